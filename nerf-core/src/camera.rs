@@ -1,0 +1,259 @@
+//! From pixels to rays: intrinsics, lens and camera-to-world pose.
+
+use crate::lens::Lens;
+use crate::ray::Ray;
+use glam::{Mat3, Vec3};
+
+/// A pinhole's intrinsics, in pixels; pixel (0, 0) is top left and its centre is (0.5, 0.5).
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Intrinsics {
+    /// Image width, pixels.
+    pub width: u32,
+    /// Image height, pixels.
+    pub height: u32,
+    /// Focal length along x, pixels.
+    pub fx: f32,
+    /// Focal length along y, pixels.
+    pub fy: f32,
+    /// Principal point, pixels from the left edge.
+    pub cx: f32,
+    /// Principal point, pixels from the top edge.
+    pub cy: f32,
+}
+
+impl Intrinsics {
+    /// A camera with square pixels and its principal point at the image centre.
+    pub fn centred(width: u32, height: u32, focal: f32) -> Self {
+        Self { width, height, fx: focal, fy: focal, cx: width as f32 / 2.0, cy: height as f32 / 2.0 }
+    }
+}
+
+/// A camera-to-world transform: the camera looks down −Z, +Y is up, +X right (OpenGL, Blender).
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Pose {
+    /// Columns are the camera's right, up and backward axes in world space, orthonormal.
+    pub rotation: Mat3,
+    /// The camera's centre, world units.
+    pub position: Vec3,
+}
+
+impl Pose {
+    /// From the upper three rows of a row-major camera-to-world matrix.
+    pub fn from_rows(c2w: [[f32; 4]; 3]) -> Self {
+        let column = |j: usize| Vec3::new(c2w[0][j], c2w[1][j], c2w[2][j]);
+        Self { rotation: Mat3::from_cols(column(0), column(1), column(2)), position: column(3) }
+    }
+
+    /// The upper three rows of the row-major camera-to-world matrix.
+    pub fn to_rows(&self) -> [[f32; 4]; 3] {
+        let (m, p) = (self.rotation, self.position);
+        [
+            [m.x_axis.x, m.y_axis.x, m.z_axis.x, p.x],
+            [m.x_axis.y, m.y_axis.y, m.z_axis.y, p.y],
+            [m.x_axis.z, m.y_axis.z, m.z_axis.z, p.z],
+        ]
+    }
+
+    /// A camera at `eye` that looks at `target`, with `up` upwards in its image.
+    ///
+    /// `None` where `eye` equals `target` or `up` is parallel to the line of sight.
+    pub fn look_at(eye: Vec3, target: Vec3, up: Vec3) -> Option<Self> {
+        let backward = (eye - target).try_normalize()?;
+        let right = up.cross(backward).try_normalize()?;
+        Some(Self { rotation: Mat3::from_cols(right, backward.cross(right), backward), position: eye })
+    }
+
+    /// The unit vector the camera looks along, in world space.
+    pub fn forward(&self) -> Vec3 {
+        -self.rotation.z_axis
+    }
+}
+
+/// A checked camera: every pixel of it has a ray.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Camera {
+    intrinsics: Intrinsics,
+    lens: Lens,
+    pose: Pose,
+}
+
+impl Camera {
+    /// Checks the parts once, so that [`Camera::ray`] cannot fail.
+    ///
+    /// # Errors
+    /// [`CameraError`] on an empty image, focal lengths that are not positive and finite, a pose
+    /// that is not finite or not a rotation within 1e-3 (scaled, sheared, reflected, singular),
+    /// and a lens that cannot be inverted at some point of the image's border.
+    pub fn new(intrinsics: Intrinsics, lens: Lens, pose: Pose) -> Result<Self, CameraError> {
+        let Intrinsics { width, height, fx, fy, cx, cy } = intrinsics;
+        if width == 0 || height == 0 {
+            return Err(CameraError::EmptyImage { width, height });
+        }
+        for (name, value) in [("fx", fx), ("fy", fy)] {
+            if !(value > 0.0 && value.is_finite() && (1.0 / value).is_finite()) {
+                return Err(CameraError::Focal { name, value });
+            }
+        }
+        for (name, value) in [("cx", cx), ("cy", cy)] {
+            if !value.is_finite() {
+                return Err(CameraError::PrincipalPoint { name, value });
+            }
+        }
+        let position_fits = pose.position.is_finite() && pose.position.abs().max_element() <= 1e9;
+        if !position_fits || !pose.rotation.is_finite() {
+            return Err(CameraError::PoseNotFinite);
+        }
+        let gram = pose.rotation.transpose() * pose.rotation;
+        let (g, i) = (gram.to_cols_array(), Mat3::IDENTITY.to_cols_array());
+        let off = g.iter().zip(i).fold(0.0f32, |worst, (a, b)| worst.max((a - b).abs()));
+        let determinant = pose.rotation.determinant();
+        if !(off <= 1e-3 && determinant > 0.0) {
+            return Err(CameraError::PoseNotRotation { off, determinant });
+        }
+        let camera = Self { intrinsics, lens, pose };
+        camera.check_lens()?;
+        Ok(camera)
+    }
+
+    /// Inverts the lens along the image border, where a fold shows first.
+    fn check_lens(&self) -> Result<(), CameraError> {
+        if self.lens == Lens::NONE {
+            return Ok(());
+        }
+        let (w, h) = (self.intrinsics.width as f32, self.intrinsics.height as f32);
+        for step in 0..=16u8 {
+            let s = f32::from(step) / 16.0;
+            for (x, y) in [(s * w, 0.0), (s * w, h), (0.0, s * h), (w, s * h)] {
+                let (u, v) = self.normalised(x, y);
+                if self.lens.undistort(u, v).is_none() {
+                    return Err(CameraError::LensNotInvertible { x, y });
+                }
+            }
+        }
+        Ok(())
+    }
+
+    /// The intrinsics this camera was made with.
+    pub fn intrinsics(&self) -> &Intrinsics {
+        &self.intrinsics
+    }
+
+    /// The lens this camera was made with.
+    pub fn lens(&self) -> &Lens {
+        &self.lens
+    }
+
+    /// The pose this camera was made with.
+    pub fn pose(&self) -> &Pose {
+        &self.pose
+    }
+
+    /// Normalised image coordinates (+y down) of the image point `(x, y)`, in pixels.
+    fn normalised(&self, x: f32, y: f32) -> (f32, f32) {
+        let i = &self.intrinsics;
+        ((x - i.cx) / i.fx, (y - i.cy) / i.fy)
+    }
+
+    /// The ray through the image point `(x, y)`, in pixels; a pixel's centre is at `+ 0.5`.
+    ///
+    /// # Examples
+    /// ```
+    /// use nerf_core::{camera::{Camera, Intrinsics, Pose}, lens::Lens};
+    /// use glam::{Mat3, Vec3};
+    /// let pose = Pose { rotation: Mat3::IDENTITY, position: Vec3::new(0.0, 0.0, 4.0) };
+    /// let camera = Camera::new(Intrinsics::centred(2, 2, 1.0), Lens::NONE, pose)?;
+    /// // The image centre is straight ahead, down −Z; a pixel to the right is at 45 degrees.
+    /// assert_eq!(camera.ray(1.0, 1.0).dir, Vec3::NEG_Z);
+    /// assert!((camera.ray(2.0, 1.0).dir - Vec3::new(0.5f32.sqrt(), 0.0, -0.5f32.sqrt())).length() < 1e-7);
+    /// # Ok::<(), nerf_core::camera::CameraError>(())
+    /// ```
+    pub fn ray(&self, x: f32, y: f32) -> Ray {
+        let (u, v) = self.normalised(x, y);
+        // The border was invertible at `new`; a fold between two checked points keeps the
+        // distorted direction, which is off but finite.
+        let (u, v) = self.lens.undistort(u, v).unwrap_or((u, v));
+        let local = Vec3::new(u, -v, -1.0);
+        let dir = self.pose.rotation * local;
+        Ray { origin: self.pose.position, dir: dir.normalize() }
+    }
+
+    /// How much `z_depth` one unit of `ray_distance` is along `ray`: the cosine to the view axis.
+    pub fn z_per_distance(&self, ray: &Ray) -> f32 {
+        ray.dir.dot(self.pose.forward())
+    }
+}
+
+/// A camera that cannot make rays.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[non_exhaustive]
+pub enum CameraError {
+    /// Width or height is zero.
+    EmptyImage {
+        /// The width that was given, pixels.
+        width: u32,
+        /// The height that was given, pixels.
+        height: u32,
+    },
+    /// A focal length is not positive and finite.
+    Focal {
+        /// `fx` or `fy`.
+        name: &'static str,
+        /// The value that was given, pixels.
+        value: f32,
+    },
+    /// The principal point is not finite.
+    PrincipalPoint {
+        /// `cx` or `cy`.
+        name: &'static str,
+        /// The value that was given, pixels.
+        value: f32,
+    },
+    /// A NaN or infinity in the pose, or a position beyond 1e9 world units.
+    PoseNotFinite,
+    /// The upper left 3×3 of the pose is no rotation.
+    PoseNotRotation {
+        /// Largest entry of |RᵀR − I|.
+        off: f32,
+        /// Its determinant: 1 for a rotation, −1 for a reflection, 0 if singular.
+        determinant: f32,
+    },
+    /// The lens model folds over inside the image.
+    LensNotInvertible {
+        /// Where, pixels from the left.
+        x: f32,
+        /// Where, pixels from the top.
+        y: f32,
+    },
+}
+
+impl core::fmt::Display for CameraError {
+    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+        match self {
+            Self::EmptyImage { width, height } => {
+                write!(f, "image size: expected at least 1x1, found {width}x{height}")
+            }
+            Self::Focal { name, value } => {
+                write!(f, "{name}: expected a positive finite focal length in pixels, found {value}")
+            }
+            Self::PrincipalPoint { name, value } => {
+                write!(f, "{name}: expected a finite principal point in pixels, found {value}")
+            }
+            Self::PoseNotFinite => {
+                write!(
+                    f,
+                    "camera-to-world pose: expected finite numbers and a position within 1e9, found otherwise"
+                )
+            }
+            Self::PoseNotRotation { off, determinant } => write!(
+                f,
+                "camera-to-world pose: expected a rotation (|RtR - I| <= 1e-3, determinant 1), \
+                 found |RtR - I| = {off}, determinant {determinant}"
+            ),
+            Self::LensNotInvertible { x, y } => {
+                write!(f, "lens: the distortion has no inverse at pixel ({x}, {y}) of the image border")
+            }
+        }
+    }
+}
+
+impl core::error::Error for CameraError {}

@@ -1,0 +1,3 @@
+//! Trains, evaluates and renders radiance fields on a CPU.
+//!
+//! The modules in the order in which data flows.

@@ -1,0 +1,2 @@
+//! The `nerf-train` command.
+fn main() {}
