@@ -1,5 +1,8 @@
 #![no_std]
 //! Radiance fields in fixed memory.
 pub mod camera;
+pub mod encoding;
+pub mod kernels;
 pub mod lens;
+pub mod network;
 pub mod ray;

@@ -1,0 +1,260 @@
+//! What a network consists of, and where each layer's parameters lie.
+
+use crate::encoding::{Encoding, MAX_LEVELS};
+use serde::{Deserialize, Serialize};
+
+/// Most trunk layers.
+pub const MAX_TRUNK: usize = 16;
+/// Most hidden layers of the colour branch.
+pub const MAX_COLOUR: usize = 4;
+/// Most layers in all: trunk, density head, colour branch, colour head.
+pub const MAX_LAYERS: usize = MAX_TRUNK + MAX_COLOUR + 2;
+/// Most outputs of one layer.
+pub const MAX_WIDTH: usize = 512;
+
+/// One dense+ReLU layer of the trunk.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct TrunkLayer {
+    /// Number of outputs.
+    pub width: u16,
+    /// Whether the encoded position is appended to the layer's input: `[h, PE(x)]`.
+    pub skip: bool,
+}
+
+/// From the density head's raw output to sigma, per world unit.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub enum DensityActivation {
+    /// `max(0, raw)`.
+    Relu,
+    /// `ln(1 + exp(raw − 1))`.
+    ShiftedSoftplus,
+}
+
+/// A network's shape; everything else about a layer follows from it.
+///
+/// The linear feature layer of the classic recipe is not here: no activation follows it, so it is
+/// folded into the first colour layer when a network is exported.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Architecture {
+    /// Encoding of the position (3 inputs), or of the image point (2 inputs).
+    pub position: Encoding,
+    /// Encoding of the viewing direction, if colour depends on it.
+    pub direction: Option<Encoding>,
+    /// The trunk, in order; the first layer takes `PE(x)` and has no skip.
+    pub trunk: heapless::Vec<TrunkLayer, MAX_TRUNK>,
+    /// The density head; absent in a 2D field.
+    pub density: Option<DensityActivation>,
+    /// Widths of the colour branch's hidden dense+ReLU layers; the first takes `[h, PE(d)]`.
+    pub colour: heapless::Vec<u16, MAX_COLOUR>,
+}
+
+/// What a layer is for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Role {
+    /// Trunk layer of this index.
+    Trunk(u8),
+    /// `h` → raw_sigma.
+    Density,
+    /// Hidden layer of the colour branch of this index.
+    Colour(u8),
+    /// → three colour channels, sigmoid.
+    Rgb,
+}
+
+/// One dense layer: `y = W [main, extra] + b`, `W` row-major `[outputs][main + extra]`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Layer {
+    /// What it is for.
+    pub role: Role,
+    /// Inputs taken from the layer before (or from `PE(x)` in the first).
+    pub main: usize,
+    /// Inputs appended to those: `PE(x)` in a skip layer, `PE(d)` where the direction joins; else 0.
+    pub extra: usize,
+    /// Number of outputs.
+    pub outputs: usize,
+    /// Index of `W[0][0]` in the parameter vector.
+    pub weights: usize,
+    /// Index of `b[0]` in the parameter vector.
+    pub bias: usize,
+}
+
+impl Layer {
+    /// Row length of `W`.
+    pub fn inputs(&self) -> usize {
+        self.main + self.extra
+    }
+
+    /// Multiply-adds of one evaluation.
+    pub fn macs(&self) -> usize {
+        self.inputs() * self.outputs
+    }
+}
+
+/// The layers of a network, in the order of their parameters: trunk, density, colour, rgb.
+pub type Layers = heapless::Vec<Layer, MAX_LAYERS>;
+
+impl Architecture {
+    /// Checks every cap and the rules that span fields.
+    ///
+    /// # Errors
+    /// [`ArchitectureError`] names the field.
+    pub fn check(&self) -> Result<(), ArchitectureError> {
+        use ArchitectureError as E;
+        let position_inputs = if self.density.is_some() { 3 } else { 2 };
+        check_encoding("position", &self.position, position_inputs)?;
+        if let Some(direction) = &self.direction {
+            check_encoding("direction", direction, 3)?;
+            if self.density.is_none() {
+                return Err(E::DirectionWithoutDensity);
+            }
+        }
+        if self.trunk.is_empty() {
+            return Err(E::NoTrunk);
+        }
+        if self.trunk[0].skip {
+            return Err(E::SkipAtFirstLayer);
+        }
+        for (index, layer) in self.trunk.iter().enumerate() {
+            check_width("trunk", index, layer.width)?;
+        }
+        for (index, &width) in self.colour.iter().enumerate() {
+            check_width("colour", index, width)?;
+        }
+        Ok(())
+    }
+
+    /// Every layer with the place of its parameters; each layer is `W` row-major, then `b`.
+    ///
+    /// Meaningful for an architecture that passes [`Architecture::check`].
+    pub fn layers(&self) -> Layers {
+        let mut layers = Layers::new();
+        let mut offset = 0;
+        let mut push = |role, main: usize, extra: usize, outputs: usize| {
+            let weights = offset;
+            let bias = weights + (main + extra) * outputs;
+            offset = bias + outputs;
+            // Cannot overflow: MAX_LAYERS is the sum of the parts' capacities.
+            let _ = layers.push(Layer { role, main, extra, outputs, weights, bias });
+        };
+        let encoded = self.position.outputs();
+        let mut width = encoded;
+        for (index, layer) in self.trunk.iter().enumerate() {
+            let extra = if layer.skip { encoded } else { 0 };
+            push(Role::Trunk(index as u8), width, extra, usize::from(layer.width));
+            width = usize::from(layer.width);
+        }
+        if self.density.is_some() {
+            push(Role::Density, width, 0, 1);
+        }
+        let mut extra = self.direction.map_or(0, |direction| direction.outputs());
+        for (index, &hidden) in self.colour.iter().enumerate() {
+            push(Role::Colour(index as u8), width, extra, usize::from(hidden));
+            width = usize::from(hidden);
+            extra = 0;
+        }
+        push(Role::Rgb, width, extra, 3);
+        layers
+    }
+
+    /// Number of parameters, weights and biases.
+    pub fn parameters(&self) -> usize {
+        self.layers().last().map_or(0, |rgb| rgb.bias + rgb.outputs)
+    }
+
+    /// Multiply-adds of one density evaluation (trunk and density head).
+    pub fn density_macs(&self) -> usize {
+        let of_density = |layer: &&Layer| matches!(layer.role, Role::Trunk(_) | Role::Density);
+        self.layers().iter().filter(of_density).map(Layer::macs).sum()
+    }
+
+    /// Multiply-adds of one colour evaluation on top of a density evaluation.
+    pub fn colour_macs(&self) -> usize {
+        let of_colour = |layer: &&Layer| matches!(layer.role, Role::Colour(_) | Role::Rgb);
+        self.layers().iter().filter(of_colour).map(Layer::macs).sum()
+    }
+
+    /// Outputs of the widest trunk layer.
+    pub fn trunk_width(&self) -> usize {
+        self.trunk.iter().map(|layer| usize::from(layer.width)).max().unwrap_or(0)
+    }
+}
+
+fn check_encoding(field: &'static str, e: &Encoding, inputs: u8) -> Result<(), ArchitectureError> {
+    if e.inputs != inputs {
+        return Err(ArchitectureError::EncodingInputs { field, expected: inputs, found: e.inputs });
+    }
+    if e.levels > MAX_LEVELS || e.outputs() == 0 {
+        return Err(ArchitectureError::EncodingLevels { field, found: e.levels });
+    }
+    Ok(())
+}
+
+fn check_width(field: &'static str, index: usize, width: u16) -> Result<(), ArchitectureError> {
+    if width == 0 || usize::from(width) > MAX_WIDTH {
+        return Err(ArchitectureError::Width { field, index, found: width });
+    }
+    Ok(())
+}
+
+/// An architecture outside the format's caps.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[non_exhaustive]
+pub enum ArchitectureError {
+    /// An encoding takes the wrong number of inputs.
+    EncodingInputs {
+        /// `position` or `direction`.
+        field: &'static str,
+        /// 3 in a scene, 2 in an image.
+        expected: u8,
+        /// What was given.
+        found: u8,
+    },
+    /// More than [`MAX_LEVELS`] levels, or neither levels nor identity.
+    EncodingLevels {
+        /// `position` or `direction`.
+        field: &'static str,
+        /// The levels that were given.
+        found: u8,
+    },
+    /// A direction branch in a network that has no density head (a 2D field).
+    DirectionWithoutDensity,
+    /// The trunk has no layer.
+    NoTrunk,
+    /// The first layer already takes `PE(x)`: a skip there would append it twice.
+    SkipAtFirstLayer,
+    /// A width of 0 or above [`MAX_WIDTH`].
+    Width {
+        /// `trunk` or `colour`.
+        field: &'static str,
+        /// Which layer.
+        index: usize,
+        /// The width that was given.
+        found: u16,
+    },
+}
+
+impl core::fmt::Display for ArchitectureError {
+    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+        match self {
+            Self::EncodingInputs { field, expected, found } => {
+                write!(f, "{field} encoding: expected {expected} inputs, found {found}")
+            }
+            Self::EncodingLevels { field, found } => {
+                write!(
+                    f,
+                    "{field} encoding: expected 1 to {MAX_LEVELS} levels (0 with identity), found {found}"
+                )
+            }
+            Self::DirectionWithoutDensity => {
+                write!(f, "direction encoding: expected none in a 2D field, found one")
+            }
+            Self::NoTrunk => write!(f, "trunk: expected 1 to {MAX_TRUNK} layers, found none"),
+            Self::SkipAtFirstLayer => write!(f, "trunk layer 0: expected no skip, found one"),
+            Self::Width { field, index, found } => {
+                write!(f, "{field} layer {index}: expected a width of 1 to {MAX_WIDTH}, found {found}")
+            }
+        }
+    }
+}
+
+impl core::error::Error for ArchitectureError {}

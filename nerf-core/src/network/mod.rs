@@ -1,0 +1,13 @@
+//! The network: described by data, borrowed from where its weights lie.
+//!
+//! ```text
+//! PE(x) ─► trunk: dense+ReLU … (a layer may take [h, PE(x)]) ─► h ─┬─► dense ─► raw_sigma
+//!                                                                  └─► [h, PE(d)] ─► dense+ReLU … ─► dense ─► rgb
+//! ```
+
+mod architecture;
+
+pub use architecture::{
+    Architecture, ArchitectureError, DensityActivation, Layer, Layers, MAX_COLOUR, MAX_LAYERS, MAX_TRUNK,
+    MAX_WIDTH, Role, TrunkLayer,
+};
