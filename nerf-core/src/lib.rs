@@ -4,5 +4,6 @@ pub mod camera;
 pub mod encoding;
 pub mod kernels;
 pub mod lens;
+pub mod math;
 pub mod network;
 pub mod ray;
