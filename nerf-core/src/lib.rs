@@ -1,5 +1,6 @@
 #![no_std]
 //! Radiance fields in fixed memory.
+pub mod blob;
 pub mod camera;
 pub mod encoding;
 pub mod kernels;
@@ -7,3 +8,4 @@ pub mod lens;
 pub mod math;
 pub mod network;
 pub mod ray;
+pub mod sampling;

@@ -51,6 +51,12 @@ impl Tier {
         Self::ALL.into_iter().find(|tier| tier.name() == name)
     }
 
+    /// As [`Tier::run`], for an op over `columns` samples: one by one where they fill no vector.
+    #[inline]
+    pub fn run_columns<O: Op>(self, columns: usize, op: O) -> O::Output {
+        if columns.is_multiple_of(16) { self.run(op) } else { op.run::<f32>() }
+    }
+
     /// Runs `op` on this tier, or on the scalar one where the machine lacks it.
     #[inline]
     pub fn run<O: Op>(self, op: O) -> O::Output {

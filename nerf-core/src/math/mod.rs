@@ -9,11 +9,11 @@
 
 pub mod lanes;
 #[cfg(feature = "libm")]
-mod libm;
+pub(crate) mod libm;
 #[cfg(feature = "micromath")]
-mod micromath;
+pub(crate) mod micromath;
 pub mod polynomial;
-mod recurrence;
+pub(crate) mod recurrence;
 
 #[cfg(test)]
 mod tests;
