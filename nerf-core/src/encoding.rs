@@ -62,7 +62,14 @@ impl Encoding {
 /// # Panics
 /// If a slice is shorter than that.
 #[inline]
-pub fn encode_block(tier: Tier, math: MathBackend, encoding: &Encoding, stride: usize, x: &[f32], out: &mut [f32]) {
+pub fn encode_block(
+    tier: Tier,
+    math: MathBackend,
+    encoding: &Encoding,
+    stride: usize,
+    x: &[f32],
+    out: &mut [f32],
+) {
     assert!(x.len() >= usize::from(encoding.inputs) * stride, "encode: x is too short");
     assert!(out.len() >= encoding.outputs() * stride, "encode: out is too short");
     with_math!(math, M => tier.run_columns(stride, Encode::<M> { encoding, stride, x, out, math: PhantomData }));

@@ -7,5 +7,8 @@ pub mod kernels;
 pub mod lens;
 pub mod math;
 pub mod network;
+pub mod plan;
 pub mod ray;
+pub mod render;
 pub mod sampling;
+pub mod volume;

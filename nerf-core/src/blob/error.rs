@@ -147,7 +147,10 @@ impl fmt::Display for BlobError {
                 write!(f, "{section}: expected {expected} bytes, found {found}")
             }
             Self::EncodingDomain { found, limit } => {
-                write!(f, "scene box: 2^levels times its coordinates reaches {found}, the encoding ends at {limit}")
+                write!(
+                    f,
+                    "scene box: 2^levels times its coordinates reaches {found}, the encoding ends at {limit}"
+                )
             }
             Self::Weight { role, index } => {
                 write!(f, "weights: layer {role:?}, parameter {index} is not finite")

@@ -5,18 +5,22 @@
 //! `[channel][BLOCK]`: a vector holds one channel of neighbouring samples.
 #![allow(unsafe_code)]
 
+mod arena;
 #[cfg(target_arch = "x86_64")]
 mod avx2;
 #[cfg(target_arch = "x86_64")]
 mod avx512;
 mod gemm;
+mod half;
 mod portable;
 mod select;
 
 #[cfg(test)]
 mod tests;
 
+pub use arena::{Arena, Line, lines_for};
 pub use gemm::{Gemm, Init, gemm};
+pub use half::{HalfInit, f16_at, gemm_f16};
 pub use select::Tier;
 
 use crate::math::lanes::Lanes;

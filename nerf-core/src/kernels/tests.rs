@@ -55,7 +55,10 @@ fn products_equal_plain_loops_on_every_tier() {
                             assert_eq!(found, expected, "case {case}");
                         }
                         for (e, f) in expected.iter().zip(&found) {
-                            assert!((e - f).abs() <= 1e-5 * e.abs().max(1.0), "{tier:?} case {case}: {e} {f}");
+                            assert!(
+                                (e - f).abs() <= 1e-5 * e.abs().max(1.0),
+                                "{tier:?} case {case}: {e} {f}"
+                            );
                         }
                     }
                 }

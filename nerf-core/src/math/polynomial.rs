@@ -4,6 +4,7 @@
 
 use super::Math;
 use super::lanes::Lanes;
+use core::f32::consts::{FRAC_2_PI, LN_2, LOG2_E, PI};
 
 /// The backend of this module's functions.
 #[derive(Clone, Copy, Debug)]
@@ -66,7 +67,7 @@ pub fn sin_cos_pi<V: Lanes>(u: V) -> (V, V) {
     let n = u.add(u).round_even();
     let r = n.mul_add(V::splat(-0.5), u); // exact; in [-1/4, 1/4]
     let z = r.mul(r);
-    let sin = horner(z, [3.141_592_7, -5.167_713, 2.550_162_6, -0.599_202_1, 0.081_001_855]).mul(r);
+    let sin = horner(z, [PI, -5.167_713, 2.550_162_6, -0.599_202_1, 0.081_001_855]).mul(r);
     let cos = horner(z, [-4.934_802, 4.058_708, -1.335_058_5, 0.231_429_55]).mul_add(z, V::splat(1.0));
     rotate(n, sin, cos)
 }
@@ -83,12 +84,12 @@ pub const SIN_COS_DOMAIN: f32 = 1e5;
 /// Cody and Waite 1980: π/2 in three parts, the first two of 8 bits each.
 #[inline(always)]
 pub fn sin_cos<V: Lanes>(x: V) -> (V, V) {
-    let n = x.mul(V::splat(core::f32::consts::FRAC_2_PI)).round_even();
+    let n = x.mul(V::splat(FRAC_2_PI)).round_even();
     let r = n.mul_add(V::splat(-1.570_312_5), x);
     let r = n.mul_add(V::splat(-254.0 / 524_288.0), r);
     let r = n.mul_add(V::splat(6.397_578_4e-7), r);
     let z = r.mul(r);
-    let sin = horner(z, [-0.166_666_55, 0.008_332_178, -0.000_195_172_99]).mul(z).mul_add(r, r);
+    let sin = horner(z, [-0.166_666_55, 0.008_332_178, -0.000_195_173]).mul(z).mul_add(r, r);
     let cos = horner(z, [0.041_666_647, -0.001_388_736_8, 2.443_844_2e-5])
         .mul_add(z, V::splat(-0.5))
         .mul_add(z, V::splat(1.0));
@@ -105,7 +106,7 @@ fn clamp_exp<V: Lanes>(x: V) -> V {
 /// `(2^n, e^r − 1)` with `x = n ln 2 + r`, `|r| <= ln 2 / 2`.
 #[inline(always)]
 fn split_exp<V: Lanes>(x: V) -> (V, V) {
-    let n = x.mul(V::splat(core::f32::consts::LOG2_E)).round_even();
+    let n = x.mul(V::splat(LOG2_E)).round_even();
     let r = n.mul_add(V::splat(-0.693_359_4), x);
     let r = n.mul_add(V::splat(2.121_944_4e-4), r);
     let q = horner(r, [0.5, 0.166_665_43, 0.041_666_28, 0.008_366_577, 0.001_394_643_9]);
@@ -146,11 +147,20 @@ fn ln_1p_unit<V: Lanes>(x: V) -> V {
     let f = m.sub(one);
     let p = horner(
         f,
-        [0.333_333_17, -0.250_008_1, 0.200_022_86, -0.166_245_54, 0.141_811_93, -0.131_287_55, 0.128_816_44, -0.078_596_07],
+        [
+            0.333_333_17,
+            -0.250_008_1,
+            0.200_022_86,
+            -0.166_245_54,
+            0.141_811_93,
+            -0.131_287_55,
+            0.128_816_44,
+            -0.078_596_07,
+        ],
     );
     let f2 = f.mul(f);
     let ln_m = p.mul(f).mul(f2).sub(f2.mul(V::splat(0.5))).add(f);
-    e.mul_add(V::splat(core::f32::consts::LN_2), ln_m).add(lost)
+    e.mul_add(V::splat(LN_2), ln_m).add(lost)
 }
 
 /// `ln(1 + e^x) = max(x, 0) + ln(1 + e^−|x|)`.

@@ -35,11 +35,17 @@ fn truth_pi(u: f64) -> (f64, f64) {
 
 fn encoding_error<M: Math>() -> (f64, f64) {
     let points = || floats(f32::MIN, f32::MAX, 9973);
-    let pi = worst_abs(points(), |u| M::sin_cos_pi(u).0, |u| truth_pi(u).0)
-        .max(worst_abs(points(), |u| M::sin_cos_pi(u).1, |u| truth_pi(u).1));
+    let pi = worst_abs(points(), |u| M::sin_cos_pi(u).0, |u| truth_pi(u).0).max(worst_abs(
+        points(),
+        |u| M::sin_cos_pi(u).1,
+        |u| truth_pi(u).1,
+    ));
     let points = || floats(-1e5, 1e5, 997);
-    let one = worst_abs(points(), |x| M::sin_cos(x).0, f64::sin)
-        .max(worst_abs(points(), |x| M::sin_cos(x).1, f64::cos));
+    let one = worst_abs(points(), |x| M::sin_cos(x).0, f64::sin).max(worst_abs(
+        points(),
+        |x| M::sin_cos(x).1,
+        f64::cos,
+    ));
     (pi, one)
 }
 
@@ -64,8 +70,11 @@ fn libm_and_micromath_stay_within_their_rows() {
 fn exponentials_stay_within_their_relative_bounds() {
     let exp = worst_rel(floats(-87.0, 88.0, 131), Polynomial::exp::<f32>, f64::exp);
     let expm1 = worst_rel(floats(-87.0, 88.0, 131), Polynomial::expm1::<f32>, f64::exp_m1);
-    let softplus = worst_rel(floats(-80.0, 1e4, 131), Polynomial::softplus::<f32>, |x| x.max(0.0) + (-x.abs()).exp().ln_1p());
-    let sigmoid = worst_rel(floats(-80.0, 1e4, 131), Polynomial::sigmoid::<f32>, |x| 1.0 / (1.0 + (-x).exp()));
+    let softplus = worst_rel(floats(-80.0, 1e4, 131), Polynomial::softplus::<f32>, |x| {
+        x.max(0.0) + (-x.abs()).exp().ln_1p()
+    });
+    let sigmoid =
+        worst_rel(floats(-80.0, 1e4, 131), Polynomial::sigmoid::<f32>, |x| 1.0 / (1.0 + (-x).exp()));
     std::println!("exp {exp:e}, expm1 {expm1:e}, softplus {softplus:e}, sigmoid {sigmoid:e}");
     assert!(exp <= 2e-7 && expm1 <= 4e-7 && softplus <= 5e-7 && sigmoid <= 4e-7);
 }
