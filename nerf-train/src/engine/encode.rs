@@ -29,7 +29,7 @@ fn encode_block(_tier: Tier, encoding: &Encoding, x: &[f32], out: &mut [f32]) {
     let mut rows = out.chunks_exact_mut(BLOCK);
     let inputs = || x.chunks_exact(BLOCK);
     if encoding.identity {
-        for (row, x) in rows.by_ref().zip(inputs()) {
+        for (x, row) in inputs().zip(rows.by_ref()) {
             row.copy_from_slice(x);
         }
     }
