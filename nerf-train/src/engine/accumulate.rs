@@ -1,0 +1,162 @@
+//! Sums of weight gradients: over the blocks of a chunk, over chunks, over accumulators.
+
+use super::graph::{Node, block_of, blocks};
+use nerf_core::kernels::{BLOCK, Gemm, Init, Tier, gemm};
+use rayon::prelude::*;
+
+/// Columns are padded to whole vectors of this many.
+const VECTOR: usize = 16;
+/// Up to this many outputs, dot products cost less than a transposition.
+const FEW_OUTPUTS: usize = 4;
+/// Rows that one task sums.
+const ROWS: usize = 32;
+
+/// One accumulator's gradient of one layer, rows padded to whole vectors.
+#[derive(Default)]
+pub(super) struct LayerSum {
+    /// Whether anything was added since [`LayerSum::clear`]; if not, the values are stale.
+    touched: bool,
+    /// `[outputs][padded main]`.
+    main: Vec<f32>,
+    /// `[outputs][padded extra]`.
+    extra: Vec<f32>,
+    /// `[outputs]`.
+    bias: Vec<f32>,
+}
+
+fn padded(columns: usize) -> usize {
+    columns.next_multiple_of(VECTOR)
+}
+
+impl LayerSum {
+    /// Forgets the sum without touching its memory.
+    pub(super) fn clear(&mut self) {
+        self.touched = false;
+    }
+
+    /// Adds `dy [main, extra, 1]ᵀ` of a chunk; `transposed` is scratch.
+    pub(super) fn add(
+        &mut self,
+        tier: Tier,
+        node: &Node,
+        dy: &[f32],
+        slots: &[Vec<f32>],
+        samples: usize,
+        transposed: &mut Vec<f32>,
+    ) {
+        let d = &node.dense;
+        if !self.touched {
+            self.main.resize(d.outputs * padded(d.main), 0.0);
+            self.extra.resize(d.outputs * padded(d.extra), 0.0);
+            self.bias.clear();
+            self.bias.resize(d.outputs, 0.0);
+        }
+        for (block, lanes) in blocks(samples) {
+            let dy = block_of(dy, d.outputs, block);
+            for (bias, dy) in self.bias.iter_mut().zip(dy.chunks_exact(BLOCK)) {
+                *bias += sum(&dy[..lanes], |i| dy[i]);
+            }
+            let parts =
+                [(&mut self.main, node.main, d.main), (&mut self.extra, node.extra, d.extra)];
+            for (gradient, slot, channels) in parts {
+                if channels == 0 {
+                    continue;
+                }
+                let x = block_of(&slots[slot], channels, block);
+                let columns = padded(channels);
+                if d.outputs <= FEW_OUTPUTS {
+                    add_dots(gradient, columns, dy, x, lanes, self.touched);
+                    continue;
+                }
+                transpose(x, channels, lanes, transposed);
+                let product = Gemm {
+                    m: d.outputs,
+                    n: columns,
+                    k: lanes,
+                    a_row: BLOCK,
+                    a_col: 1,
+                    b_row: columns,
+                    c_row: columns,
+                };
+                let init = if self.touched { Init::Accumulate } else { Init::Zero };
+                gemm(tier, product, dy, transposed, gradient, init, false);
+            }
+            self.touched = true;
+        }
+    }
+}
+
+/// Sums the accumulators' gradients of one layer in their order into `gradient`: `W`, then `b`.
+pub(super) fn reduce<'a>(
+    node: &Node,
+    sums: impl Iterator<Item = &'a LayerSum> + Clone + Sync,
+    gradient: &mut [f32],
+) {
+    let d = &node.dense;
+    let (weights, bias) = gradient.split_at_mut(d.inputs() * d.outputs);
+    let sums = || sums.clone().filter(|sum| sum.touched);
+    weights.par_chunks_mut(d.inputs() * ROWS).enumerate().for_each(|(chunk, rows)| {
+        for (row, gradient) in rows.chunks_exact_mut(d.inputs()).enumerate() {
+            let row = chunk * ROWS + row;
+            let (main, extra) = gradient.split_at_mut(d.main);
+            add_all(main, sums().map(|sum| &sum.main[row * padded(d.main)..]));
+            add_all(extra, sums().map(|sum| &sum.extra[row * padded(d.extra)..]));
+        }
+    });
+    add_all(bias, sums().map(|sum| &sum.bias[..]));
+}
+
+fn add_all<'a>(out: &mut [f32], rows: impl Iterator<Item = &'a [f32]>) {
+    out.fill(0.0);
+    for row in rows {
+        for (out, &value) in out.iter_mut().zip(row) {
+            *out += value;
+        }
+    }
+}
+
+/// `gradient[o][i] (+)= Σ_s dy[o][s] x[i][s]`.
+fn add_dots(gradient: &mut [f32], columns: usize, dy: &[f32], x: &[f32], lanes: usize, add: bool) {
+    for (row, dy) in gradient.chunks_exact_mut(columns).zip(dy.chunks_exact(BLOCK)) {
+        for (g, x) in row.iter_mut().zip(x.chunks_exact(BLOCK)) {
+            let dot = sum(&x[..lanes], |i| x[i] * dy[i]);
+            *g = if add { *g + dot } else { dot };
+        }
+    }
+}
+
+/// Sum of `term` over the lanes, in an order that vectorises.
+fn sum(lanes: &[f32], term: impl Fn(usize) -> f32) -> f32 {
+    let mut partial = [0.0; VECTOR];
+    for first in (0..lanes.len()).step_by(VECTOR) {
+        for (lane, partial) in partial.iter_mut().enumerate() {
+            *partial += term(first + lane);
+        }
+    }
+    for half in [8, 4, 2, 1] {
+        for lane in 0..half {
+            partial[lane] += partial[lane + half];
+        }
+    }
+    partial[0]
+}
+
+/// `[channels][BLOCK]` → `[lanes][padded channels]`, zeros in the padding.
+fn transpose(x: &[f32], channels: usize, lanes: usize, out: &mut Vec<f32>) {
+    let columns = padded(channels);
+    out.resize(lanes * columns, 0.0);
+    for first_lane in (0..lanes).step_by(VECTOR) {
+        for first in (0..columns).step_by(VECTOR) {
+            let mut tile = [[0.0f32; VECTOR]; VECTOR];
+            for (row, x) in tile.iter_mut().zip(x.chunks_exact(BLOCK).skip(first)) {
+                row.copy_from_slice(&x[first_lane..][..VECTOR]);
+            }
+            for lane in 0..VECTOR {
+                let out = &mut out[(first_lane + lane) * columns + first..][..VECTOR];
+                for (out, row) in out.iter_mut().zip(&tile) {
+                    *out = row[lane];
+                }
+            }
+        }
+    }
+}

@@ -1,0 +1,98 @@
+//! What one training step sees.
+
+/// One ray: what it should show, and how many samples it has.
+#[derive(Clone, Copy, Debug, PartialEq, Default)]
+pub struct BatchRay {
+    /// Unit direction, world.
+    pub dir: [f32; 3],
+    /// Target colour, display-encoded.
+    pub rgb: [f32; 3],
+    /// What shows where the ray's transmittance is left, display-encoded.
+    pub background: [f32; 3],
+    /// How many of [`Batch::positions`] are this ray's; it may have none.
+    pub samples: u32,
+}
+
+/// Rays with their live samples, ray after ray, front to back.
+///
+/// In a 2D field `positions` hold the point in their first two coordinates and every sample is
+/// opaque: one sample a ray.
+#[derive(Clone, Debug, PartialEq, Default)]
+pub struct Batch {
+    /// The rays.
+    pub rays: Vec<BatchRay>,
+    /// Sample positions, world.
+    pub positions: Vec<[f32; 3]>,
+    /// Length of each sample's bin, world units, at least 0.
+    pub deltas: Vec<f32>,
+    /// Points of culled space, whose density is pushed to zero.
+    pub empty: Vec<[f32; 3]>,
+    /// Weight of their term in the loss.
+    pub empty_weight: f32,
+}
+
+impl Batch {
+    /// Removes rays and points and keeps the memory.
+    pub fn clear(&mut self) {
+        self.rays.clear();
+        self.positions.clear();
+        self.deltas.clear();
+        self.empty.clear();
+    }
+
+    /// Checks lengths and that every number is finite.
+    ///
+    /// # Errors
+    /// [`BatchError`] names the field.
+    pub fn check(&self) -> Result<(), BatchError> {
+        let claimed: u64 = self.rays.iter().map(|ray| u64::from(ray.samples)).sum();
+        for (field, found) in [("positions", self.positions.len()), ("deltas", self.deltas.len())] {
+            if claimed != found as u64 {
+                return Err(BatchError::Length { field, expected: claimed, found });
+            }
+        }
+        let finite = |v: &[f32; 3]| v.iter().all(|x| x.is_finite());
+        let bad = |field, index| Err(BatchError::NonFinite { field, index });
+        let ray_ok = |ray: &BatchRay| finite(&ray.dir) && finite(&ray.rgb) && finite(&ray.background);
+        if let Some(index) = self.rays.iter().position(|ray| !ray_ok(ray)) {
+            return bad("rays", index);
+        }
+        if let Some(index) = self.positions.iter().position(|x| !finite(x)) {
+            return bad("positions", index);
+        }
+        if let Some(index) = self.deltas.iter().position(|d| !(d.is_finite() && *d >= 0.0)) {
+            return bad("deltas", index);
+        }
+        if let Some(index) = self.empty.iter().position(|x| !finite(x)) {
+            return bad("empty", index);
+        }
+        if !self.empty_weight.is_finite() {
+            return bad("empty_weight", 0);
+        }
+        Ok(())
+    }
+}
+
+/// A batch that contradicts itself.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+#[non_exhaustive]
+pub enum BatchError {
+    /// The rays claim another number of samples than there are.
+    #[error("{field}: the rays claim {expected} samples, found {found}")]
+    Length {
+        /// `positions` or `deltas`.
+        field: &'static str,
+        /// Sum of the rays' samples.
+        expected: u64,
+        /// What the field holds.
+        found: usize,
+    },
+    /// A number that is not finite, or a negative delta.
+    #[error("{field}[{index}] is not finite, or a negative length")]
+    NonFinite {
+        /// Which field.
+        field: &'static str,
+        /// Which entry.
+        index: usize,
+    },
+}

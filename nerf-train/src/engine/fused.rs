@@ -1,0 +1,133 @@
+//! The fast engine: explicit forward and backward passes on the product kernel.
+//!
+//! The bits of a step do not depend on the number of threads: chunk `i` of the batch is added to
+//! accumulator `i mod 16`, each accumulator takes its chunks in order, and the accumulators are
+//! summed in order. Threads decide only who does it when.
+
+use super::accumulate::reduce;
+use super::chunk::{Chunk, cut};
+use super::graph::Graph;
+use super::optimiser::{Optimiser, usable};
+use super::pass::{ChunkLoss, Job, Pass};
+use super::{Adam, Batch, Engine, EngineError, Model, OptimiserState, StepLoss, check_rate};
+use nerf_core::kernels::Tier;
+use rayon::prelude::*;
+
+/// Accumulators, hence threads a step can use.
+const ACCUMULATORS: usize = 16;
+
+/// See the [module](self).
+///
+/// Memory: parameters ×5, and per accumulator one gradient and the activations of one chunk (about
+/// 512 samples, or one longer ray): some 250 MiB for the 8×256 network, whatever the batch.
+pub struct FusedEngine {
+    graph: Graph,
+    tier: Tier,
+    optimiser: Optimiser,
+    /// The optimiser's values, in one piece.
+    parameters: Vec<f32>,
+    chunks: Vec<Chunk>,
+    passes: Vec<Pass>,
+}
+
+impl FusedEngine {
+    /// An engine on the start values of `seed`.
+    ///
+    /// # Errors
+    /// [`EngineError::Model`] if the model is out of bounds.
+    pub fn new(model: &Model, adam: Adam, seed: u64) -> Result<Self, EngineError> {
+        model.check()?;
+        Self::with_parameters(model, adam, &model.initial_parameters(seed))
+    }
+
+    /// An engine on given parameters, in the model's own order.
+    ///
+    /// # Errors
+    /// Also if they are not as many as the model's, or not finite.
+    pub fn with_parameters(model: &Model, adam: Adam, parameters: &[f32]) -> Result<Self, EngineError> {
+        let graph = Graph::new(model)?;
+        let optimiser = Optimiser::new(&model.layers(), adam, parameters)?;
+        let passes = (0..ACCUMULATORS).map(|_| Pass::new(&graph)).collect();
+        let parameters = parameters.to_vec();
+        Ok(Self { graph, tier: Tier::detect(), optimiser, parameters, chunks: Vec::new(), passes })
+    }
+
+    /// Chooses the kernel tier; [`Tier::detect`] is the default.
+    pub fn set_tier(&mut self, tier: Tier) {
+        self.tier = tier;
+    }
+
+    /// The model that is trained.
+    pub fn model(&self) -> &Model {
+        &self.graph.model
+    }
+
+    /// Loss of a checked batch; its gradients are left with the optimiser.
+    fn differentiate(&mut self, batch: &Batch) -> Result<StepLoss, EngineError> {
+        let Self { graph, tier, optimiser, parameters, chunks, passes } = self;
+        cut(batch, chunks);
+        let job = Job { graph, tier: *tier, parameters, batch };
+        passes.par_iter_mut().with_max_len(1).enumerate().for_each(|(i, pass)| {
+            pass.clear();
+            chunks.iter().skip(i).step_by(ACCUMULATORS).for_each(|chunk| pass.run(job, chunk));
+        });
+        let sum = passes.iter().fold(ChunkLoss::default(), |sum, pass| ChunkLoss {
+            squared: sum.squared + pass.loss.squared,
+            empty: sum.empty + pass.loss.empty,
+            alive: sum.alive | pass.loss.alive,
+        });
+        let diverged = EngineError::Diverged { step: optimiser.next_step() };
+        if !(sum.squared.is_finite() && sum.empty.is_finite()) {
+            return Err(diverged);
+        }
+        let layers = optimiser.parameters_mut().par_iter_mut().zip(&graph.nodes).enumerate();
+        layers.with_max_len(1).try_for_each(|(l, (parameter, node))| {
+            let gradient = parameter.gradient_mut()?;
+            reduce(node, passes.iter().map(|pass| &pass.sums[l]), gradient);
+            if usable(gradient) { Ok(()) } else { Err(diverged) }
+        })?;
+        let mean = |sum: f64, count: usize| if count == 0 { 0.0 } else { sum / count as f64 };
+        Ok(StepLoss {
+            mse: mean(sum.squared, 3 * batch.rays.len()),
+            empty: mean(sum.empty, batch.empty.len()),
+            dead: !batch.positions.is_empty() && !sum.alive,
+        })
+    }
+
+    /// Loss and gradients, in the model's own order, without a step.
+    #[cfg(test)]
+    pub(super) fn gradients(&mut self, batch: &Batch) -> Result<(StepLoss, Vec<f32>), EngineError> {
+        batch.check()?;
+        let loss = self.differentiate(batch)?;
+        let mut gradients = Vec::new();
+        for parameter in self.optimiser.parameters_mut() {
+            gradients.extend_from_slice(parameter.gradient_mut()?);
+        }
+        Ok((loss, gradients))
+    }
+}
+
+impl Engine for FusedEngine {
+    fn step(&mut self, batch: &Batch, rate: f64) -> Result<StepLoss, EngineError> {
+        check_rate(rate)?;
+        batch.check()?;
+        let loss = self.differentiate(batch)?;
+        self.optimiser.apply(rate)?;
+        self.optimiser.copy_into(&mut self.parameters);
+        Ok(loss)
+    }
+
+    fn parameters(&self) -> Vec<f32> {
+        self.parameters.clone()
+    }
+
+    fn state(&self) -> OptimiserState {
+        self.optimiser.state()
+    }
+
+    fn restore(&mut self, state: &OptimiserState) -> Result<(), EngineError> {
+        self.optimiser.restore(state)?;
+        self.optimiser.copy_into(&mut self.parameters);
+        Ok(())
+    }
+}

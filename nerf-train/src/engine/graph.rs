@@ -1,0 +1,157 @@
+//! Which layer reads what, and the product kernel applied to one layer of one chunk.
+//!
+//! Activations lie in slots, `[blocks][channels][BLOCK]`: slot 0 is PE(x), slot 1 PE(d), slot
+//! `FIRST + l` the output of layer `l`.
+
+use super::{Dense, Model, ModelError, Part};
+use nerf_core::kernels::{BLOCK, Gemm, Init, Tier, gemm};
+use std::ops::Range;
+
+pub(super) const POSITION: usize = 0;
+pub(super) const DIRECTION: usize = 1;
+pub(super) const FIRST: usize = 2;
+
+/// Lanes are computed in whole vectors of this many.
+const VECTOR: usize = 16;
+
+/// A layer with the slots it reads.
+pub(super) struct Node {
+    pub(super) dense: Dense,
+    pub(super) main: usize,
+    pub(super) extra: usize,
+    pub(super) relu: bool,
+}
+
+/// A model's layers, connected.
+pub(super) struct Graph {
+    pub(super) model: Model,
+    pub(super) nodes: Vec<Node>,
+    pub(super) trunk: Range<usize>,
+    pub(super) density: Option<usize>,
+    /// Feature, colour and rgb layers.
+    pub(super) colour: Range<usize>,
+}
+
+impl Graph {
+    pub(super) fn new(model: &Model) -> Result<Self, ModelError> {
+        model.check()?;
+        let layers = model.layers();
+        let trunk = 0..model.architecture.trunk.len();
+        let density = layers.iter().position(|layer| layer.part == Part::Density);
+        let colour = trunk.end + usize::from(density.is_some())..layers.len();
+        let trunk_out = FIRST + trunk.end - 1;
+        let nodes = layers.iter().enumerate().map(|(l, &dense)| {
+            let main = match l {
+                0 => POSITION,
+                _ if Some(l) == density || l == colour.start => trunk_out,
+                _ => FIRST + l - 1,
+            };
+            let extra = if trunk.contains(&l) { POSITION } else { DIRECTION };
+            let relu = matches!(dense.part, Part::Trunk(_) | Part::Colour(_));
+            Node { dense, main, extra, relu }
+        });
+        let nodes = nodes.collect();
+        Ok(Self { model: model.clone(), nodes, trunk, density, colour })
+    }
+
+    /// Channels of a slot.
+    pub(super) fn channels(&self, slot: usize) -> usize {
+        let architecture = &self.model.architecture;
+        match slot {
+            POSITION => architecture.position.outputs(),
+            DIRECTION => architecture.direction.map_or(0, |direction| direction.outputs()),
+            _ => self.nodes[slot - FIRST].dense.outputs,
+        }
+    }
+
+    pub(super) fn slots(&self) -> usize {
+        FIRST + self.nodes.len()
+    }
+}
+
+/// The blocks of `samples` samples, each with the number of lanes worth computing.
+pub(super) fn blocks(samples: usize) -> impl Iterator<Item = (usize, usize)> {
+    let lanes = move |block: usize| (samples - block * BLOCK).min(BLOCK).next_multiple_of(VECTOR);
+    (0..samples.div_ceil(BLOCK)).map(move |block| (block, lanes(block)))
+}
+
+/// One block of a slot with this many channels.
+pub(super) fn block_of(slot: &[f32], channels: usize, block: usize) -> &[f32] {
+    &slot[block * channels * BLOCK..][..channels * BLOCK]
+}
+
+/// See [`block_of`].
+pub(super) fn block_of_mut(slot: &mut [f32], channels: usize, block: usize) -> &mut [f32] {
+    &mut slot[block * channels * BLOCK..][..channels * BLOCK]
+}
+
+impl Node {
+    /// Computes the layer's output slot from the slots before it.
+    pub(super) fn forward(
+        &self,
+        tier: Tier,
+        parameters: &[f32],
+        slots: &[Vec<f32>],
+        out: &mut [f32],
+        samples: usize,
+    ) {
+        let d = &self.dense;
+        let (weights, bias) = (&parameters[d.weights..d.bias], &parameters[d.bias..][..d.outputs]);
+        let product = |n, k| Gemm {
+            m: d.outputs,
+            n,
+            k,
+            a_row: d.inputs(),
+            a_col: 1,
+            b_row: BLOCK,
+            c_row: BLOCK,
+        };
+        for (block, lanes) in blocks(samples) {
+            let y = block_of_mut(out, d.outputs, block);
+            let x = block_of(&slots[self.main], d.main, block);
+            let whole = d.extra == 0;
+            gemm(tier, product(lanes, d.main), weights, x, y, Init::Bias(bias), self.relu && whole);
+            if !whole {
+                let x = block_of(&slots[self.extra], d.extra, block);
+                let weights = &weights[d.main..];
+                gemm(tier, product(lanes, d.extra), weights, x, y, Init::Accumulate, self.relu);
+            }
+        }
+    }
+
+    /// `dx (+)= W_mainᵀ dy`: the gradient of the layer's main input, `[blocks][main][BLOCK]`.
+    pub(super) fn backward(
+        &self,
+        tier: Tier,
+        parameters: &[f32],
+        dy: &[f32],
+        dx: &mut [f32],
+        accumulate: bool,
+        samples: usize,
+    ) {
+        let d = &self.dense;
+        let weights = &parameters[d.weights..d.bias];
+        for (block, lanes) in blocks(samples) {
+            let product = Gemm {
+                m: d.main,
+                n: lanes,
+                k: d.outputs,
+                a_row: 1,
+                a_col: d.inputs(),
+                b_row: BLOCK,
+                c_row: BLOCK,
+            };
+            let init = if accumulate { Init::Accumulate } else { Init::Zero };
+            let (dy, dx) = (block_of(dy, d.outputs, block), block_of_mut(dx, d.main, block));
+            gemm(tier, product, weights, dy, dx, init, false);
+        }
+    }
+}
+
+/// Takes out of `dy` what a ReLU with output `y` did not let through; both `[blocks][channels][BLOCK]`.
+pub(super) fn mask_relu(dy: &mut [f32], y: &[f32], channels: usize, samples: usize) {
+    let length = samples.div_ceil(BLOCK) * channels * BLOCK;
+    for (dy, &y) in dy[..length].iter_mut().zip(&y[..length]) {
+        *dy = if y > 0.0 { *dy } else { 0.0 };
+    }
+}

@@ -1,0 +1,161 @@
+//! Optimises a network on batches of rays; the only room that knows dfdx.
+//!
+//! `Batch` → encode → network → volume rendering → loss → gradients → Adam → parameters
+//!
+//! [`ReferenceEngine`] leaves the derivatives to dfdx's tape: slow and obvious, the oracle.
+//! [`FusedEngine`] computes them with explicit backward passes on `nerf_core::kernels::gemm`; only
+//! its parameters, gradients and Adam are dfdx's. Both take the same [`Batch`] and minimise
+//!
+//! `loss = mean over rays and channels of (C − rgb)² + empty_weight · mean over empty of ln(1 + sigma)`
+//!
+//! `C = Σ_i w_i c_i + T_end · background`, `w_i = T_i · alpha_i`, `alpha_i = −expm1(−sigma_i · delta_i)`,
+//! `T_i = exp(−Σ_{j<i} sigma_j · delta_j)`.
+
+mod accumulate;
+mod batch;
+mod chunk;
+mod encode;
+mod fused;
+mod graph;
+mod model;
+mod optimiser;
+mod pass;
+mod reference;
+mod volume_grad;
+
+#[cfg(test)]
+mod tests;
+
+pub use batch::{Batch, BatchError, BatchRay};
+pub use fused::FusedEngine;
+pub use model::{Dense, Initialisation, Model, ModelError, Part};
+pub use reference::ReferenceEngine;
+
+use serde::{Deserialize, Serialize};
+
+/// Largest sigma in training, per world unit: an opaque wall at any scale, and no overflow behind it.
+pub const SIGMA_LIMIT: f32 = 1e6;
+
+/// A gradient beyond this counts as divergence: its square, which Adam keeps, would overflow.
+const GRADIENT_LIMIT: f32 = 1e18;
+
+/// Something that fits a [`Model`] to batches.
+pub trait Engine: Send {
+    /// Forward, backward, one Adam step at learning rate `rate`; returns the loss before the step.
+    ///
+    /// # Errors
+    /// [`EngineError::Batch`] and [`EngineError::Rate`] for wrong input, [`EngineError::Diverged`]
+    /// if the loss or a gradient is not finite. Parameters, moments and step count are then as
+    /// before the call.
+    fn step(&mut self, batch: &Batch, rate: f64) -> Result<StepLoss, EngineError>;
+
+    /// Parameters in the [`Model`]'s own order.
+    fn parameters(&self) -> Vec<f32>;
+
+    /// Everything a checkpoint needs: resuming from it gives the same bits as not having stopped.
+    fn state(&self) -> OptimiserState;
+
+    /// Takes up a checkpoint.
+    ///
+    /// # Errors
+    /// [`EngineError::Parameters`] if it is of a model of another size, [`EngineError::NonFinite`]
+    /// if a value in it is not finite; the engine is then unchanged.
+    fn restore(&mut self, state: &OptimiserState) -> Result<(), EngineError>;
+}
+
+/// Adam's constants; the learning rate is given step by step.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Adam {
+    /// Decay of the first and of the second moment.
+    pub betas: [f64; 2],
+    /// Added to the root of the second moment.
+    pub epsilon: f64,
+    /// L2 penalty added to the gradient, 0 for none.
+    pub weight_decay: f64,
+}
+
+impl Default for Adam {
+    /// What fitted best on a CPU budget: a short second moment and a negligible epsilon.
+    fn default() -> Self {
+        Self { betas: [0.9, 0.99], epsilon: 1e-15, weight_decay: 0.0 }
+    }
+}
+
+/// Parameters and Adam's memory.
+#[derive(Clone, Debug, PartialEq, Default, Serialize, Deserialize)]
+pub struct OptimiserState {
+    /// In the [`Model`]'s own order.
+    pub parameters: Vec<f32>,
+    /// First moments, in the same order.
+    pub moment1: Vec<f32>,
+    /// Second moments, in the same order, none negative.
+    pub moment2: Vec<f32>,
+    /// Steps taken.
+    pub steps: u64,
+}
+
+/// What a batch cost before its step.
+#[derive(Clone, Copy, Debug, PartialEq, Default)]
+pub struct StepLoss {
+    /// Mean over rays and channels of the squared error; 0 without rays.
+    pub mse: f64,
+    /// Mean over `empty` of ln(1 + sigma), not yet weighted; 0 without such points.
+    pub empty: f64,
+    /// The batch has samples on rays, and every sigma of theirs is 0: nothing reaches the network.
+    pub dead: bool,
+}
+
+/// Why a step or a restore did not happen.
+#[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
+#[non_exhaustive]
+pub enum EngineError {
+    /// The model cannot be trained.
+    #[error("model: {0}")]
+    Model(#[from] ModelError),
+    /// The batch contradicts itself.
+    #[error("batch: {0}")]
+    Batch(#[from] BatchError),
+    /// The learning rate is negative or not finite.
+    #[error("learning rate: expected a finite rate of at least 0, found {found}")]
+    Rate {
+        /// What was given.
+        found: f64,
+    },
+    /// The loss or a gradient overflowed.
+    #[error("training diverged at step {step}: lower the learning rate or take another seed")]
+    Diverged {
+        /// The step that failed, counted from 1.
+        step: u64,
+    },
+    /// A parameter vector of the wrong length.
+    #[error("{field}: expected {expected} values, found {found}")]
+    Parameters {
+        /// `parameters`, `moment1` or `moment2`.
+        field: &'static str,
+        /// What the model has.
+        expected: usize,
+        /// What was given.
+        found: usize,
+    },
+    /// A value that is not finite, or a negative second moment.
+    #[error("{field}[{index}] is not finite or has the wrong sign")]
+    NonFinite {
+        /// `parameters`, `moment1` or `moment2`.
+        field: &'static str,
+        /// Which one.
+        index: usize,
+    },
+    /// More steps than the optimiser can count.
+    #[error("step count: expected at most {limit}, found {found}", limit = i32::MAX)]
+    Steps {
+        /// What was given.
+        found: u64,
+    },
+    /// dfdx could not get memory.
+    #[error("out of memory for parameters")]
+    OutOfMemory,
+}
+
+fn check_rate(rate: f64) -> Result<(), EngineError> {
+    if rate.is_finite() && rate >= 0.0 { Ok(()) } else { Err(EngineError::Rate { found: rate }) }
+}

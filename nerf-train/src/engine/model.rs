@@ -1,0 +1,243 @@
+//! The network as it is trained: more than what is exported, and foldable into it.
+
+use nerf_core::network::{Architecture, ArchitectureError, Role};
+use serde::{Deserialize, Serialize};
+
+/// An [`Architecture`] with what exists only in training.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Model {
+    /// What is exported.
+    pub architecture: Architecture,
+    /// Whether a linear layer, as wide as the trunk, stands between trunk and first colour layer.
+    pub feature: bool,
+    /// `sigma = activation(density_scale · raw)`: lets the density learn at another pace.
+    pub density_scale: f32,
+    /// Added to the density head's start bias, in units after scaling (`raw` gets bias / scale).
+    pub density_bias: f32,
+}
+
+/// What a trained layer is for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Part {
+    /// Trunk layer of this index.
+    Trunk(u8),
+    /// `h` → raw_sigma.
+    Density,
+    /// The linear layer that is folded away.
+    Feature,
+    /// Hidden layer of the colour branch of this index.
+    Colour(u8),
+    /// → three colour channels, sigmoid.
+    Rgb,
+}
+
+/// One dense layer: `y = W [main, extra] + b`, `W` row-major `[outputs][main + extra]`, then `b`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Dense {
+    /// What it is for.
+    pub part: Part,
+    /// Inputs from the layer before.
+    pub main: usize,
+    /// Encoded inputs appended to those.
+    pub extra: usize,
+    /// Number of outputs.
+    pub outputs: usize,
+    /// Index of `W[0][0]` in the model's parameters.
+    pub weights: usize,
+    /// Index of `b[0]`.
+    pub bias: usize,
+}
+
+impl Dense {
+    /// Row length of `W`.
+    pub fn inputs(&self) -> usize {
+        self.main + self.extra
+    }
+
+    /// Number of parameters.
+    pub fn parameters(&self) -> usize {
+        (self.inputs() + 1) * self.outputs
+    }
+}
+
+/// How parameters start.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Default, Serialize, Deserialize)]
+pub enum Initialisation {
+    /// U(±1/√fan_in), weights and biases: PyTorch's `nn.Linear`, the classic recipe.
+    #[default]
+    Uniform,
+    /// Normal, std √(2/fan_in) before a ReLU and √(2/(fan_in + fan_out)) elsewhere; biases 0.
+    He,
+}
+
+/// A model that cannot be trained.
+#[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
+#[non_exhaustive]
+pub enum ModelError {
+    /// The exported part is out of bounds.
+    #[error("{0}")]
+    Architecture(ArchitectureError),
+    /// `density_scale` is not positive and finite, or `density_bias` is not finite.
+    #[error("{field}: expected a finite number (a scale above 0), found {found}")]
+    Density {
+        /// `density_scale` or `density_bias`.
+        field: &'static str,
+        /// What was given.
+        found: f32,
+    },
+}
+
+impl Model {
+    /// The model whose parameters are already in export order: no feature layer, scale 1.
+    pub fn plain(architecture: Architecture) -> Self {
+        Self { architecture, feature: false, density_scale: 1.0, density_bias: 0.0 }
+    }
+
+    /// Checks the architecture and the density's constants.
+    ///
+    /// # Errors
+    /// [`ModelError`] names the field.
+    pub fn check(&self) -> Result<(), ModelError> {
+        self.architecture.check().map_err(ModelError::Architecture)?;
+        let scale = self.density_scale;
+        if !(scale.is_finite() && scale > 0.0) {
+            return Err(ModelError::Density { field: "density_scale", found: scale });
+        }
+        let bias = self.density_bias;
+        if !(bias / scale).is_finite() {
+            return Err(ModelError::Density { field: "density_bias", found: bias });
+        }
+        Ok(())
+    }
+
+    /// The layers in the order of their parameters: trunk, density, feature, colour, rgb.
+    pub fn layers(&self) -> Vec<Dense> {
+        let mut layers = Vec::new();
+        let mut offset = 0;
+        let mut push = |part, main: usize, extra: usize, outputs: usize| {
+            let bias = offset + (main + extra) * outputs;
+            layers.push(Dense { part, main, extra, outputs, weights: offset, bias });
+            offset = bias + outputs;
+        };
+        let mut feature = self.feature;
+        for layer in &self.architecture.layers() {
+            let part = match layer.role {
+                Role::Trunk(index) => Part::Trunk(index),
+                Role::Density => Part::Density,
+                Role::Colour(index) => Part::Colour(index),
+                Role::Rgb => Part::Rgb,
+            };
+            if feature && matches!(part, Part::Colour(_) | Part::Rgb) {
+                push(Part::Feature, layer.main, 0, layer.main);
+                feature = false;
+            }
+            push(part, layer.main, layer.extra, layer.outputs);
+        }
+        layers
+    }
+
+    /// Number of parameters.
+    pub fn parameters(&self) -> usize {
+        self.layers().iter().map(Dense::parameters).sum()
+    }
+
+    /// Start values of the classic recipe, the same for the same seed on every machine.
+    pub fn initial_parameters(&self, seed: u64) -> Vec<f32> {
+        self.initial_parameters_with(seed, Initialisation::Uniform)
+    }
+
+    /// Start values; the density head's bias is shifted by `density_bias / density_scale`.
+    pub fn initial_parameters_with(&self, seed: u64, initialisation: Initialisation) -> Vec<f32> {
+        let mut parameters = vec![0.0; self.parameters()];
+        for layer in self.layers() {
+            let fan_in = layer.inputs() as f64;
+            let linear = matches!(layer.part, Part::Density | Part::Feature | Part::Rgb);
+            let fan = if linear { fan_in + layer.outputs as f64 } else { fan_in };
+            for index in layer.weights..layer.weights + layer.parameters() {
+                parameters[index] = match initialisation {
+                    Initialisation::Uniform => {
+                        ((2.0 * uniform(seed, 2 * index as u64) - 1.0) / fan_in.sqrt()) as f32
+                    }
+                    Initialisation::He if index < layer.bias => {
+                        (normal(seed, index as u64) * (2.0 / fan).sqrt()) as f32
+                    }
+                    Initialisation::He => 0.0,
+                };
+            }
+            if layer.part == Part::Density {
+                parameters[layer.bias] += self.density_bias / self.density_scale;
+            }
+        }
+        parameters
+    }
+
+    /// Parameters of [`Model::architecture`], in its order, of the network with the same outputs.
+    ///
+    /// The feature layer is multiplied into the layer behind it and `density_scale` into the
+    /// density head; sums in f64.
+    ///
+    /// # Panics
+    /// If `parameters` are not [`Model::parameters`] many.
+    pub fn fold(&self, parameters: &[f32]) -> Vec<f32> {
+        assert_eq!(parameters.len(), self.parameters(), "parameters of another model");
+        let mut folded = Vec::with_capacity(self.architecture.parameters());
+        let mut feature = None;
+        for layer in self.layers() {
+            let values = &parameters[layer.weights..][..layer.parameters()];
+            match (layer.part, feature.take()) {
+                (Part::Feature, _) => feature = Some((layer, values)),
+                (Part::Density, _) => folded.extend(values.iter().map(|v| v * self.density_scale)),
+                (_, Some((inner, inner_values))) => {
+                    fold_into(&mut folded, &layer, values, &inner, inner_values);
+                }
+                (_, None) => folded.extend_from_slice(values),
+            }
+        }
+        folded
+    }
+}
+
+/// `W [F h + f, e] + b = [W_main F, W_extra] [h, e] + (W_main f + b)`.
+fn fold_into(out: &mut Vec<f32>, outer: &Dense, values: &[f32], inner: &Dense, inner_values: &[f32]) {
+    let (weights, bias) = values.split_at(outer.inputs() * outer.outputs);
+    let (inner_weights, inner_bias) = inner_values.split_at(inner.inputs() * inner.outputs);
+    let dot = |row: &[f32], column: &mut dyn Iterator<Item = &f32>| -> f64 {
+        row.iter().zip(column).map(|(&a, &b)| f64::from(a) * f64::from(b)).sum()
+    };
+    for row in weights.chunks_exact(outer.inputs()) {
+        let (main, extra) = row.split_at(outer.main);
+        for column in 0..inner.inputs() {
+            let mut column = inner_weights[column..].iter().step_by(inner.inputs());
+            out.push(dot(main, &mut column) as f32);
+        }
+        out.extend_from_slice(extra);
+    }
+    for (row, &bias) in weights.chunks_exact(outer.inputs()).zip(bias) {
+        out.push((dot(&row[..outer.main], &mut inner_bias.iter()) + f64::from(bias)) as f32);
+    }
+}
+
+/// Counter-based random bits: splitmix64's finaliser over seed and counter.
+///
+/// # Source
+/// Steele, Lea, Flood 2014; constants of Stafford's variant 13.
+pub(super) fn random_bits(seed: u64, counter: u64) -> u64 {
+    let mix = |z: u64| {
+        let z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+        let z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
+        z ^ (z >> 31)
+    };
+    const STEP: u64 = 0x9e37_79b9_7f4a_7c15;
+    mix(mix(seed.wrapping_add(STEP)).wrapping_add(counter.wrapping_add(1).wrapping_mul(STEP)))
+}
+
+/// Uniform in [0, 1).
+pub(super) fn uniform(seed: u64, counter: u64) -> f64 {
+    (random_bits(seed, counter) >> 11) as f64 * (1.0 / (1u64 << 53) as f64)
+}
+
+/// Standard normal (Box–Muller).
+fn normal(seed: u64, counter: u64) -> f64 {
+    let radius = (-2.0 * (1.0 - uniform(seed, 2 * counter)).ln()).sqrt();
+    radius * (std::f64::consts::TAU * uniform(seed, 2 * counter + 1)).cos()
+}

@@ -1,0 +1,255 @@
+//! One accumulator's work: chunks through the network, forward and backward.
+
+use super::accumulate::LayerSum;
+use super::chunk::Chunk;
+use super::encode::encode_points;
+use super::graph::{DIRECTION, FIRST, Graph, POSITION, block_of_mut, mask_relu};
+use super::volume_grad::{Samples, Scratch, squared_error};
+use super::{Batch, SIGMA_LIMIT};
+use nerf_core::kernels::{BLOCK, Tier};
+use nerf_core::network::DensityActivation;
+
+/// Sums over an accumulator's chunks.
+#[derive(Clone, Copy, Default)]
+pub(super) struct ChunkLoss {
+    /// Of (C − rgb)² over rays and channels.
+    pub(super) squared: f64,
+    /// Of ln(1 + sigma) over points of culled space.
+    pub(super) empty: f64,
+    /// Whether a sample on a ray had a sigma other than 0.
+    pub(super) alive: bool,
+}
+
+/// What a chunk is computed from.
+#[derive(Clone, Copy)]
+pub(super) struct Job<'a> {
+    pub(super) graph: &'a Graph,
+    pub(super) tier: Tier,
+    pub(super) parameters: &'a [f32],
+    pub(super) batch: &'a Batch,
+}
+
+/// An accumulator with the buffers of its current chunk; all are reused from step to step.
+#[derive(Default)]
+pub(super) struct Pass {
+    pub(super) loss: ChunkLoss,
+    pub(super) sums: Vec<LayerSum>,
+    slots: Vec<Vec<f32>>,
+    /// Gradient of the current layer's output, `[blocks][outputs][BLOCK]`, and of its input.
+    upper: Vec<f32>,
+    lower: Vec<f32>,
+    /// `[samples]`, padded to whole blocks.
+    sigma: Vec<f32>,
+    d_sigma: Vec<f32>,
+    transposed: Vec<f32>,
+    volume: Scratch,
+    /// For each sample of the chunk, its ray in the batch.
+    ray_of: Vec<u32>,
+}
+
+impl Pass {
+    pub(super) fn new(graph: &Graph) -> Self {
+        let sums = graph.nodes.iter().map(|_| LayerSum::default()).collect();
+        Self { sums, slots: vec![Vec::new(); graph.slots()], ..Self::default() }
+    }
+
+    /// Forgets sums and loss.
+    pub(super) fn clear(&mut self) {
+        self.loss = ChunkLoss::default();
+        self.sums.iter_mut().for_each(LayerSum::clear);
+    }
+
+    /// Adds a chunk's loss and gradients.
+    pub(super) fn run(&mut self, job: Job<'_>, chunk: &Chunk) {
+        match chunk {
+            Chunk::Rays { rays, samples } => self.run_rays(job, rays.clone(), samples.clone()),
+            Chunk::Empty(points) => self.run_empty(job, points.clone()),
+        }
+    }
+
+    fn run_rays(&mut self, job: Job<'_>, rays: std::ops::Range<usize>, samples: std::ops::Range<usize>) {
+        let Job { graph, batch, .. } = job;
+        let count = samples.len();
+        self.encode_positions(job, &batch.positions[samples.clone()]);
+        if let Some(direction) = &graph.model.architecture.direction {
+            self.ray_of.clear();
+            for ray in rays.clone() {
+                self.ray_of.extend((0..batch.rays[ray].samples).map(|_| ray as u32));
+            }
+            grow(&mut self.slots[DIRECTION], direction.outputs(), count);
+            for (block, rays) in self.ray_of.chunks(BLOCK).enumerate() {
+                let out = block_of_mut(&mut self.slots[DIRECTION], direction.outputs(), block);
+                let dirs = rays.iter().map(|&ray| &batch.rays[ray as usize].dir);
+                encode_points(job.tier, direction, dirs, out);
+            }
+        }
+        for l in 0..graph.nodes.len() {
+            self.forward(job, l, count);
+        }
+        self.activate_density(job, count);
+        self.zero_padding(count);
+        let rgb = FIRST + graph.nodes.len() - 1;
+        let colour = &mut self.slots[rgb][..3 * count.next_multiple_of(BLOCK)];
+        colour.iter_mut().for_each(|c| *c = 1.0 / (1.0 + (-*c).exp()));
+        let view = Samples {
+            deltas: &batch.deltas[samples],
+            sigma: graph.density.map(|_| &self.sigma[..]),
+            colour,
+        };
+        let scale = 1.0 / (3.0 * batch.rays.len() as f64);
+        self.loss.squared += squared_error(
+            &batch.rays[rays],
+            &view,
+            scale,
+            &mut self.volume,
+            &mut self.d_sigma,
+            &mut self.upper,
+        );
+        self.loss.alive |= match graph.density {
+            Some(_) => self.sigma[..count].iter().any(|&sigma| sigma != 0.0),
+            None => count > 0,
+        };
+        if count == 0 {
+            return;
+        }
+        for (d, c) in self.upper.iter_mut().zip(colour) {
+            *d *= *c * (1.0 - *c);
+        }
+        self.backward_colour(job, count);
+        self.backward_trunk(job, count, true);
+    }
+
+    fn run_empty(&mut self, job: Job<'_>, points: std::ops::Range<usize>) {
+        let Job { graph, batch, .. } = job;
+        let Some(density) = graph.density else { return };
+        let count = points.len();
+        self.encode_positions(job, &batch.empty[points]);
+        for l in graph.trunk.clone().chain([density]) {
+            self.forward(job, l, count);
+        }
+        self.activate_density(job, count);
+        self.zero_padding(count);
+        let scale = batch.empty_weight / batch.empty.len() as f32;
+        for (d, &sigma) in self.d_sigma.iter_mut().zip(&self.sigma[..count]) {
+            self.loss.empty += f64::from(sigma.ln_1p());
+            *d = scale / (1.0 + sigma);
+        }
+        self.backward_trunk(job, count, false);
+    }
+
+    fn encode_positions(&mut self, job: Job<'_>, points: &[[f32; 3]]) {
+        let encoding = &job.graph.model.architecture.position;
+        let slot = &mut self.slots[POSITION];
+        grow(slot, encoding.outputs(), points.len());
+        for (block, points) in points.chunks(BLOCK).enumerate() {
+            let out = block_of_mut(slot, encoding.outputs(), block);
+            encode_points(job.tier, encoding, points.iter(), out);
+        }
+    }
+
+    fn forward(&mut self, job: Job<'_>, layer: usize, samples: usize) {
+        let (inputs, outputs) = self.slots.split_at_mut(FIRST + layer);
+        let out = &mut outputs[0];
+        grow(out, job.graph.channels(FIRST + layer), samples);
+        job.graph.nodes[layer].forward(job.tier, job.parameters, inputs, out, samples);
+    }
+
+    /// raw → sigma, clamped; the raw values are replaced by d sigma / d raw.
+    fn activate_density(&mut self, job: Job<'_>, samples: usize) {
+        let architecture = &job.graph.model.architecture;
+        let (Some(layer), Some(activation)) = (job.graph.density, architecture.density) else { return };
+        let scale = job.graph.model.density_scale;
+        let raw = &mut self.slots[FIRST + layer];
+        grow(&mut self.sigma, 1, samples);
+        for (raw, sigma) in raw[..samples].iter_mut().zip(&mut self.sigma) {
+            let (value, slope) = activate(activation, scale * *raw);
+            (*sigma, *raw) = (value, slope * scale);
+        }
+    }
+
+    /// Gives the lanes behind the last sample no gradient of sigma or colour.
+    fn zero_padding(&mut self, samples: usize) {
+        grow(&mut self.upper, 3, samples);
+        grow(&mut self.d_sigma, 1, samples);
+        self.d_sigma[samples..].fill(0.0);
+        if samples % BLOCK != 0 {
+            let last = block_of_mut(&mut self.upper, 3, samples / BLOCK);
+            last.chunks_exact_mut(BLOCK).for_each(|d| d[samples % BLOCK..].fill(0.0));
+        }
+    }
+
+    /// From the gradient of the rgb layer's output in `upper` to that of the trunk's output there.
+    fn backward_colour(&mut self, job: Job<'_>, samples: usize) {
+        let Graph { nodes, colour, .. } = job.graph;
+        for l in colour.clone().rev() {
+            self.weight_gradient(job, l, samples);
+            grow(&mut self.lower, nodes[l].dense.main, samples);
+            nodes[l].backward(job.tier, job.parameters, &self.upper, &mut self.lower, false, samples);
+            std::mem::swap(&mut self.upper, &mut self.lower);
+            if l > colour.start && nodes[l - 1].relu {
+                let channels = nodes[l].dense.main;
+                mask_relu(&mut self.upper, &self.slots[nodes[l].main], channels, samples);
+            }
+        }
+    }
+
+    /// From the gradient of sigma, and of the trunk's output in `upper` if `colour`, to the first layer.
+    fn backward_trunk(&mut self, job: Job<'_>, samples: usize, colour: bool) {
+        let Graph { nodes, trunk, density, .. } = job.graph;
+        if let Some(l) = *density {
+            let slopes = &self.slots[FIRST + l];
+            for (d, &slope) in self.d_sigma[..samples].iter_mut().zip(slopes) {
+                *d *= slope;
+            }
+            let node = &nodes[l];
+            let (sums, slots) = (&mut self.sums[l], &self.slots);
+            sums.add(job.tier, node, &self.d_sigma, slots, samples, &mut self.transposed);
+            grow(&mut self.upper, node.dense.main, samples);
+            node.backward(job.tier, job.parameters, &self.d_sigma, &mut self.upper, colour, samples);
+        }
+        for l in trunk.clone().rev() {
+            mask_relu(&mut self.upper, &self.slots[FIRST + l], nodes[l].dense.outputs, samples);
+            self.weight_gradient(job, l, samples);
+            if l > 0 {
+                grow(&mut self.lower, nodes[l].dense.main, samples);
+                nodes[l].backward(job.tier, job.parameters, &self.upper, &mut self.lower, false, samples);
+                std::mem::swap(&mut self.upper, &mut self.lower);
+            }
+        }
+    }
+
+    fn weight_gradient(&mut self, job: Job<'_>, layer: usize, samples: usize) {
+        let node = &job.graph.nodes[layer];
+        let slots = &self.slots;
+        self.sums[layer].add(job.tier, node, &self.upper, slots, samples, &mut self.transposed);
+    }
+}
+
+/// sigma and its derivative; NaN stays NaN, so that the loss shows it.
+fn activate(activation: DensityActivation, raw: f32) -> (f32, f32) {
+    let (value, slope) = match activation {
+        DensityActivation::Relu => {
+            if raw <= 0.0 {
+                (0.0, 0.0)
+            } else {
+                (raw, 1.0)
+            }
+        }
+        DensityActivation::ShiftedSoftplus => {
+            let y = raw - 1.0;
+            let tail = (-y.abs()).exp();
+            let slope = if y > 0.0 { 1.0 / (1.0 + tail) } else { tail / (1.0 + tail) };
+            let hinge = if y <= 0.0 { 0.0 } else { y };
+            (hinge + tail.ln_1p(), slope)
+        }
+    };
+    if value > SIGMA_LIMIT { (SIGMA_LIMIT, 0.0) } else { (value, slope) }
+}
+
+/// Makes room for `samples` samples of `channels`, in whole blocks; never shrinks.
+fn grow(buffer: &mut Vec<f32>, channels: usize, samples: usize) {
+    let length = samples.div_ceil(BLOCK) * channels * BLOCK;
+    if buffer.len() < length {
+        buffer.resize(length, 0.0);
+    }
+}

@@ -1,0 +1,99 @@
+//! Volume rendering of whole rays, its loss, and the derivative of that loss.
+
+use super::BatchRay;
+use nerf_core::kernels::BLOCK;
+
+/// What every sample has; colours `[blocks][3][BLOCK]`, the rest `[samples]`.
+pub(super) struct Samples<'a> {
+    pub(super) deltas: &'a [f32],
+    /// Per world unit; absent where every sample is opaque (a 2D field).
+    pub(super) sigma: Option<&'a [f32]>,
+    pub(super) colour: &'a [f32],
+}
+
+/// Per sample, between the way there and the way back.
+#[derive(Default)]
+pub(super) struct Scratch {
+    weights: Vec<f64>,
+    transmittance_after: Vec<f64>,
+}
+
+/// Index of channel 0 of a sample's colour.
+fn colour_index(sample: usize) -> usize {
+    sample / BLOCK * 3 * BLOCK + sample % BLOCK
+}
+
+/// Sum over rays and channels of (C − rgb)², and the gradients of `scale` times that.
+///
+/// With `g_k = 2 scale (C_k − rgb_k)` and tau = sigma · delta:
+/// `dL/dc_ik = g_k w_i`, `dL/dtau_i = Σ_k g_k (c_ik T_{i+1} − Σ_{j>i} w_j c_jk − T_end bg_k)`.
+///
+/// The optical depth is summed in f64 and exponentiated, so that no product underflows.
+/// `d_sigma`: `[samples]`, `d_colour`: as the colours; both are overwritten for these samples.
+pub(super) fn squared_error(
+    rays: &[BatchRay],
+    samples: &Samples<'_>,
+    scale: f64,
+    scratch: &mut Scratch,
+    d_sigma: &mut [f32],
+    d_colour: &mut [f32],
+) -> f64 {
+    let Scratch { weights, transmittance_after } = scratch;
+    weights.resize(samples.deltas.len(), 0.0);
+    transmittance_after.resize(samples.deltas.len(), 0.0);
+    let colour_of = |i: usize| {
+        let at = colour_index(i);
+        [0, 1, 2].map(|k| f64::from(samples.colour[at + k * BLOCK]))
+    };
+    let mut sum = 0.0;
+    let mut first = 0;
+    for ray in rays {
+        let range = first..first + ray.samples as usize;
+        first = range.end;
+
+        let mut depth = 0.0;
+        let mut transmittance = 1.0;
+        let mut rendered = [0.0; 3];
+        for i in range.clone() {
+            let tau = samples
+                .sigma
+                .map_or(f64::INFINITY, |sigma| f64::from(sigma[i]) * f64::from(samples.deltas[i]));
+            // Much of a ray is empty or hidden: neither needs an exponential.
+            let mut weight = 0.0;
+            if tau != 0.0 && transmittance > 0.0 {
+                depth += tau;
+                weight = transmittance * -(-tau).exp_m1();
+                transmittance = (-depth).exp();
+            }
+            (weights[i], transmittance_after[i]) = (weight, transmittance);
+            if weight != 0.0 {
+                let colour = colour_of(i);
+                for k in 0..3 {
+                    rendered[k] += weight * colour[k];
+                }
+            }
+        }
+
+        let mut behind = ray.background.map(|b| transmittance * f64::from(b));
+        let mut gradient = [0.0; 3];
+        for k in 0..3 {
+            let error = rendered[k] + behind[k] - f64::from(ray.rgb[k]);
+            sum += error * error;
+            gradient[k] = 2.0 * scale * error;
+        }
+
+        for i in range.rev() {
+            let (weight, after) = (weights[i], transmittance_after[i]);
+            let colour = colour_of(i);
+            let at = colour_index(i);
+            let mut d_tau = 0.0;
+            for k in 0..3 {
+                d_tau += gradient[k] * (colour[k] * after - behind[k]);
+                behind[k] += weight * colour[k];
+                d_colour[at + k * BLOCK] = (gradient[k] * weight) as f32;
+            }
+            d_sigma[i] = (d_tau * f64::from(samples.deltas[i])) as f32;
+        }
+    }
+    sum
+}
