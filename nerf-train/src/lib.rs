@@ -1,3 +1,6 @@
 //! Trains, evaluates and renders radiance fields on a CPU.
 //!
 //! The modules in the order in which data flows.
+
+pub mod output;
+pub mod report;
