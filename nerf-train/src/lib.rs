@@ -2,5 +2,12 @@
 //!
 //! The modules in the order in which data flows.
 
+pub mod config;
 pub mod dataset;
 pub mod engine;
+pub mod field;
+pub mod frame;
+pub mod occupancy;
+pub mod output;
+pub mod rays;
+pub mod report;

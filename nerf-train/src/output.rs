@@ -1,0 +1,260 @@
+//! The one way in which this project writes files: whole, or not at all.
+//!
+//! [`AtomicFile`] writes beside the final name and renames over it on [`AtomicFile::commit`]; a
+//! reader, a crash or a full disk never meets half a file. Of two processes that write the same
+//! name one wins whole. A process that is killed outright may leave a hidden `.nerf-*.tmp` behind,
+//! which is safe to delete.
+
+use std::fmt;
+use std::fs::{self, File};
+use std::io::{self, BufWriter, Seek, SeekFrom, Write};
+use std::path::{Path, PathBuf};
+use tempfile::NamedTempFile;
+
+/// A large buffer: pictures and blobs are written in small pieces.
+const BUFFER_BYTES: usize = 1 << 16;
+
+/// What was tried when an output failed.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[non_exhaustive]
+pub enum Attempt {
+    /// Creating a folder and its parents.
+    CreateFolder,
+    /// Writing a trial file into a folder.
+    ProbeFolder,
+    /// Creating the temporary file beside the final name, or opening a device.
+    Create,
+    /// Writing or flushing bytes to the disk.
+    Write,
+    /// Renaming the finished file over its final name.
+    Rename,
+}
+
+impl fmt::Display for Attempt {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::CreateFolder => "create the folder",
+            Self::ProbeFolder => "write into the folder",
+            Self::Create => "create the file",
+            Self::Write => "write the file",
+            Self::Rename => "put the finished file in place as",
+        })
+    }
+}
+
+/// A file or folder that could not be written: what was tried, where, and what the system said.
+///
+/// Reads for example `cannot write the file out/a.nerf: No space left on device (os error 28)`.
+#[derive(Debug, thiserror::Error)]
+#[error("cannot {attempt} {}: {source}", path.display())]
+pub struct OutputError {
+    /// The path the caller asked for.
+    pub path: PathBuf,
+    /// What was tried.
+    pub attempt: Attempt,
+    /// The operating system's answer.
+    pub source: io::Error,
+}
+
+impl OutputError {
+    fn new(attempt: Attempt, path: &Path, source: io::Error) -> Self {
+        Self { path: path.to_owned(), attempt, source }
+    }
+}
+
+/// Where the bytes go until the commit.
+#[derive(Debug)]
+enum Sink {
+    /// A hidden file in the target's folder.
+    Temporary(BufWriter<NamedTempFile>),
+    /// A device or pipe such as `/dev/null`, which must be written, not replaced.
+    Direct(BufWriter<File>),
+}
+
+/// A file that appears under its name only when [`commit`](Self::commit) succeeds.
+///
+/// Dropped without commit, the temporary is removed and an earlier file of that name stays intact.
+/// A symbolic link to an existing file is followed (the link stays a link), a replaced file keeps
+/// its permissions, a new one gets 0666 less the umask, and devices and pipes are written directly.
+#[derive(Debug)]
+pub struct AtomicFile {
+    sink: Sink,
+    /// The name the caller gave, for messages.
+    path: PathBuf,
+    /// The name that is replaced: `path` with symbolic links resolved.
+    target: PathBuf,
+    /// Set by the first failed write; such a file must never be committed.
+    failed: bool,
+}
+
+impl AtomicFile {
+    /// Opens a temporary in the folder of `path`, which must exist.
+    ///
+    /// # Errors
+    /// [`Attempt::Create`] where `path` is a folder or its folder is missing or not writable.
+    pub fn create(path: impl AsRef<Path>) -> Result<Self, OutputError> {
+        let path = path.as_ref();
+        let fail = |source| OutputError::new(Attempt::Create, path, source);
+        let existing = match fs::metadata(path) {
+            Ok(metadata) => Some(metadata),
+            Err(error) if error.kind() == io::ErrorKind::NotFound => None,
+            Err(error) => return Err(fail(error)),
+        };
+        if existing.as_ref().is_some_and(fs::Metadata::is_dir) {
+            return Err(fail(io::Error::new(io::ErrorKind::IsADirectory, "it is a folder")));
+        }
+        if path.file_name().is_none() {
+            return Err(fail(io::Error::new(io::ErrorKind::InvalidInput, "the path names no file")));
+        }
+        if existing.as_ref().is_some_and(|metadata| !metadata.is_file()) {
+            let device = File::options().write(true).open(path).map_err(fail)?;
+            let sink = Sink::Direct(BufWriter::with_capacity(BUFFER_BYTES, device));
+            return Ok(Self { sink, path: path.to_owned(), target: path.to_owned(), failed: false });
+        }
+        let target = match existing {
+            Some(_) => fs::canonicalize(path).map_err(fail)?,
+            None => path.to_owned(),
+        };
+        let temporary = new_temporary(folder_of(&target)).map_err(fail)?;
+        if let Some(metadata) = existing {
+            // Not every file system keeps permissions; the content matters more.
+            let _ = temporary.as_file().set_permissions(metadata.permissions());
+        }
+        let sink = Sink::Temporary(BufWriter::with_capacity(BUFFER_BYTES, temporary));
+        Ok(Self { sink, path: path.to_owned(), target, failed: false })
+    }
+
+    /// Flushes, syncs to the disk and renames over the final name.
+    ///
+    /// # Errors
+    /// [`Attempt::Write`] where the bytes did not reach the disk, also for any earlier write whose
+    /// error the caller passed over; [`Attempt::Rename`] where the name could not be replaced. In
+    /// both cases the earlier file is intact and the temporary gone.
+    pub fn commit(self) -> Result<(), OutputError> {
+        let Self { sink, path, target, failed } = self;
+        let cannot_write = |source| OutputError::new(Attempt::Write, &path, source);
+        if failed {
+            return Err(cannot_write(io::Error::other("an earlier write to it failed")));
+        }
+        match sink {
+            Sink::Direct(mut device) => device.flush().map_err(cannot_write),
+            Sink::Temporary(buffer) => {
+                let temporary = buffer.into_inner().map_err(|e| cannot_write(e.into_error()))?;
+                temporary.as_file().sync_all().map_err(cannot_write)?;
+                let cannot_rename = |source| OutputError::new(Attempt::Rename, &path, source);
+                temporary.persist(&target).map_err(|e| cannot_rename(e.error))?;
+                sync_folder(folder_of(&target)).map_err(cannot_rename)
+            }
+        }
+    }
+
+    /// The final name, as the caller gave it.
+    pub fn path(&self) -> &Path {
+        &self.path
+    }
+
+    fn writer(&mut self) -> &mut dyn Write {
+        match &mut self.sink {
+            Sink::Temporary(buffer) => buffer,
+            Sink::Direct(buffer) => buffer,
+        }
+    }
+
+    fn note<T>(&mut self, result: io::Result<T>) -> io::Result<T> {
+        // An interrupted write is repeated by every caller of std: not a failure.
+        self.failed |= result.as_ref().is_err_and(|e| e.kind() != io::ErrorKind::Interrupted);
+        result
+    }
+}
+
+impl Write for AtomicFile {
+    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+        let result = self.writer().write(bytes);
+        self.note(result)
+    }
+
+    fn flush(&mut self) -> io::Result<()> {
+        let result = self.writer().flush();
+        self.note(result)
+    }
+}
+
+impl Seek for AtomicFile {
+    fn seek(&mut self, position: SeekFrom) -> io::Result<u64> {
+        let result = match &mut self.sink {
+            Sink::Temporary(buffer) => buffer.seek(position),
+            Sink::Direct(buffer) => buffer.seek(position),
+        };
+        self.note(result)
+    }
+}
+
+/// Writes `bytes` to `path`, whole or not at all; the folder must exist.
+///
+/// # Errors
+/// As [`AtomicFile::create`] and [`AtomicFile::commit`].
+pub fn write_atomic(path: impl AsRef<Path>, bytes: &[u8]) -> Result<(), OutputError> {
+    let mut file = AtomicFile::create(path)?;
+    if let Err(source) = file.write_all(bytes) {
+        return Err(OutputError::new(Attempt::Write, &file.path, source));
+    }
+    file.commit()
+}
+
+/// Creates the folder with its parents, and makes sure now that files can be written there.
+///
+/// Called before long work, so that an hour of training does not end in "permission denied".
+///
+/// # Errors
+/// [`Attempt::CreateFolder`] or [`Attempt::ProbeFolder`].
+pub fn ensure_folder(path: impl AsRef<Path>) -> Result<(), OutputError> {
+    let path = path.as_ref();
+    let folder = if path.as_os_str().is_empty() { Path::new(".") } else { path };
+    fs::create_dir_all(folder).map_err(|e| OutputError::new(Attempt::CreateFolder, path, e))?;
+    let probe = || -> io::Result<()> {
+        let mut temporary = new_temporary(folder)?;
+        temporary.write_all(b"probe")?;
+        temporary.close()
+    };
+    probe().map_err(|e| OutputError::new(Attempt::ProbeFolder, path, e))
+}
+
+/// The folder a file lies in; "." for a bare name.
+fn folder_of(path: &Path) -> &Path {
+    match path.parent() {
+        Some(parent) if !parent.as_os_str().is_empty() => parent,
+        _ => Path::new("."),
+    }
+}
+
+/// A hidden temporary with the permissions of an ordinary new file (tempfile's own default is 0600).
+fn new_temporary(folder: &Path) -> io::Result<NamedTempFile> {
+    let mut builder = tempfile::Builder::new();
+    // A fixed short prefix: the target's name may already be as long as the file system allows.
+    builder.prefix(".nerf-").suffix(".tmp");
+    #[cfg(unix)]
+    {
+        use std::os::unix::fs::PermissionsExt;
+        builder.permissions(fs::Permissions::from_mode(0o666));
+    }
+    // tempfile appends the path of its temporary; the name that the caller gave is what counts.
+    builder.tempfile_in(folder).map_err(|error| {
+        let message = error.to_string();
+        let reason = message.split(" at path ").next().unwrap_or(&message);
+        io::Error::new(error.kind(), reason.to_owned())
+    })
+}
+
+/// Makes a rename durable; file systems that cannot sync a folder are left to their own ways.
+fn sync_folder(folder: &Path) -> io::Result<()> {
+    if cfg!(unix) {
+        match File::open(folder).and_then(|f| f.sync_all()) {
+            Err(error) if error.kind() == io::ErrorKind::StorageFull => return Err(error),
+            _ => {}
+        }
+    }
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests;

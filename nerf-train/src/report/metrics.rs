@@ -1,0 +1,122 @@
+//! How far two pictures are apart: MSE, PSNR, SSIM.
+//!
+//! Pictures are display-encoded RGB in [0, 1], row-major. Nothing is clamped here: what a network
+//! put out beyond [0, 1] counts as error unless the caller clamped it. Sums are f64 throughout.
+
+/// Side of the SSIM window, pixels; Wang et al. use 11 with the sigma below.
+const WINDOW: usize = 11;
+/// Standard deviation of the SSIM window, pixels.
+const SIGMA: f64 = 1.5;
+/// (K1 L)² with K1 = 0.01 and data range L = 1: keeps the luminance term finite in the dark.
+const C1: f64 = 0.01 * 0.01;
+/// (K2 L)² with K2 = 0.03: keeps the structure term finite where the picture is flat.
+const C2: f64 = 0.03 * 0.03;
+
+/// Mean squared error over all pixels and channels of `a` and `b`, each `[n]`.
+///
+/// NaN where the lengths differ, where there is nothing to compare, or where an input is NaN.
+pub fn mse(a: &[[f32; 3]], b: &[[f32; 3]]) -> f64 {
+    if a.len() != b.len() || a.is_empty() {
+        return f64::NAN;
+    }
+    let squared = |(p, q): (&[f32; 3], &[f32; 3])| -> f64 {
+        (0..3).map(|c| (f64::from(p[c]) - f64::from(q[c])).powi(2)).sum()
+    };
+    a.iter().zip(b).map(squared).sum::<f64>() / (3.0 * a.len() as f64)
+}
+
+/// Peak signal-to-noise ratio in dB for a peak of 1: −10 log10(MSE).
+///
+/// +inf where the pictures are equal, NaN where [`mse`] is NaN (a NaN pixel is never hidden).
+///
+/// # Examples
+/// ```
+/// // Off by 0.1 everywhere: MSE 0.01, 20 dB.
+/// let db = nerf_train::report::metrics::psnr_db(&[[0.5; 3]; 4], &[[0.6; 3]; 4]);
+/// assert!((db - 20.0).abs() < 1e-4);
+/// ```
+pub fn psnr_db(a: &[[f32; 3]], b: &[[f32; 3]]) -> f64 {
+    psnr_db_of_mse(mse(a, b))
+}
+
+/// The PSNR in dB that belongs to a mean squared error; +inf at 0, NaN at NaN.
+pub fn psnr_db_of_mse(mse: f64) -> f64 {
+    // Not 0 × −10: a plain log10(0) is −inf already, and +0.0 keeps "-0" out of the reports.
+    -10.0 * mse.log10() + 0.0
+}
+
+/// Mean structural similarity of two `width` × `height` pictures, at most 1, per channel then mean.
+///
+/// Gaussian 11×11 window of sigma 1.5, K1 = 0.01, K2 = 0.03, data range 1, population covariance,
+/// averaged over the windows that lie wholly inside ("valid"): what scikit-image computes with
+/// `gaussian_weights=True, use_sample_covariance=False`. Where a side is shorter than 11 the window
+/// shrinks along that side to its largest odd number of pixels, with the same sigma. Equal pictures,
+/// flat ones too, give 1.
+///
+/// NaN where the sizes disagree, where there is nothing to compare, or where an input is NaN.
+///
+/// # Source
+/// Wang, Bovik, Sheikh, Simoncelli 2004, "Image quality assessment: from error visibility to
+/// structural similarity", eq. 13.
+pub fn ssim(a: &[[f32; 3]], b: &[[f32; 3]], width: usize, height: usize) -> f64 {
+    let pixels = width.checked_mul(height).unwrap_or(0);
+    if pixels == 0 || a.len() != pixels || b.len() != pixels {
+        return f64::NAN;
+    }
+    let channel = |c| {
+        let plane = |p: &[[f32; 3]]| p.iter().map(|rgb| f64::from(rgb[c])).collect::<Vec<_>>();
+        ssim_of_plane(&plane(a), &plane(b), width, height)
+    };
+    (channel(0) + channel(1) + channel(2)) / 3.0
+}
+
+/// SSIM of one channel; the sizes have been checked.
+fn ssim_of_plane(a: &[f64], b: &[f64], width: usize, height: usize) -> f64 {
+    let (across, down) = (gaussian(width), gaussian(height));
+    let blur = |plane: &[f64]| blur_valid(plane, width, height, &across, &down);
+    let product = |f: fn(f64, f64) -> f64| -> Vec<f64> { a.iter().zip(b).map(|(&x, &y)| f(x, y)).collect() };
+    let (mean_a, mean_b) = (blur(a), blur(b));
+    // Only the sum of the two variances enters the formula: one blur less.
+    let squares = blur(&product(|x, y| x * x + y * y));
+    let cross = blur(&product(|x, y| x * y));
+    let mut sum = 0.0;
+    for i in 0..mean_a.len() {
+        let (ma, mb) = (mean_a[i], mean_b[i]);
+        let variances = squares[i] - ma * ma - mb * mb;
+        let covariance = cross[i] - ma * mb;
+        let luminance = (2.0 * ma * mb + C1) / (ma * ma + mb * mb + C1);
+        sum += luminance * (2.0 * covariance + C2) / (variances + C2);
+    }
+    sum / mean_a.len() as f64
+}
+
+/// Normalised Gaussian taps for a side of `length` ≥ 1 pixels: 11, or fewer where the side is short.
+fn gaussian(length: usize) -> Vec<f64> {
+    let taps = WINDOW.min(if length % 2 == 1 { length } else { length - 1 });
+    let middle = (taps / 2) as f64;
+    let raw: Vec<f64> = (0..taps).map(|i| (-0.5 * ((i as f64 - middle) / SIGMA).powi(2)).exp()).collect();
+    let sum: f64 = raw.iter().sum();
+    raw.iter().map(|w| w / sum).collect()
+}
+
+/// Separable correlation without padding: `[(height − down + 1) × (width − across + 1)]`.
+fn blur_valid(plane: &[f64], width: usize, height: usize, across: &[f64], down: &[f64]) -> Vec<f64> {
+    let (out_width, out_height) = (width + 1 - across.len(), height + 1 - down.len());
+    let mut blurred = vec![0.0; out_width * out_height];
+    let mut row = vec![0.0; width];
+    for (y, out) in blurred.chunks_exact_mut(out_width).enumerate() {
+        // Vertical first, into one row: both inner loops run over contiguous memory.
+        row.fill(0.0);
+        for (k, &weight) in down.iter().enumerate() {
+            let source = &plane[(y + k) * width..][..width];
+            row.iter_mut().zip(source).for_each(|(sum, &value)| *sum += weight * value);
+        }
+        for (k, &weight) in across.iter().enumerate() {
+            out.iter_mut().zip(&row[k..]).for_each(|(sum, &value)| *sum += weight * value);
+        }
+    }
+    blurred
+}
+
+#[cfg(test)]
+mod tests;

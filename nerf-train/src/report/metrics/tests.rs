@@ -1,0 +1,128 @@
+use super::*;
+
+/// A deterministic noise picture.
+fn noise(pixels: usize, seed: u32) -> Vec<[f32; 3]> {
+    let mut state = seed;
+    let mut next = || {
+        state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+        (state >> 8) as f32 / (1 << 24) as f32
+    };
+    (0..pixels).map(|_| [next(), next(), next()]).collect()
+}
+
+/// SSIM by its definition: every window's weighted mean, variance and covariance, two passes.
+fn ssim_brute_force(a: &[[f32; 3]], b: &[[f32; 3]], width: usize, height: usize) -> f64 {
+    let (across, down) = (gaussian(width), gaussian(height));
+    let mut sum = 0.0;
+    let mut count = 0;
+    for c in 0..3 {
+        for y0 in 0..=height - down.len() {
+            for x0 in 0..=width - across.len() {
+                let window: Vec<(f64, f64, f64)> = (0..down.len() * across.len())
+                    .map(|i| (i % across.len(), i / across.len()))
+                    .map(|(x, y)| {
+                        let i = (y0 + y) * width + x0 + x;
+                        (across[x] * down[y], f64::from(a[i][c]), f64::from(b[i][c]))
+                    })
+                    .collect();
+                let ma: f64 = window.iter().map(|(w, p, _)| w * p).sum();
+                let mb: f64 = window.iter().map(|(w, _, q)| w * q).sum();
+                let va: f64 = window.iter().map(|(w, p, _)| w * (p - ma).powi(2)).sum();
+                let vb: f64 = window.iter().map(|(w, _, q)| w * (q - mb).powi(2)).sum();
+                let cov: f64 = window.iter().map(|(w, p, q)| w * (p - ma) * (q - mb)).sum();
+                sum += (2.0 * ma * mb + C1) * (2.0 * cov + C2) / ((ma * ma + mb * mb + C1) * (va + vb + C2));
+                count += 1;
+            }
+        }
+    }
+    sum / f64::from(count)
+}
+
+#[test]
+fn mse_and_psnr_of_hand_computed_pictures() {
+    // One channel of one of two pixels is off by 0.5: 0.25 / 6.
+    let (a, b) = ([[0.0; 3], [0.0; 3]], [[0.0; 3], [0.5, 0.0, 0.0]]);
+    assert!((mse(&a, &b) - 0.25 / 6.0).abs() < 1e-15);
+    assert!((psnr_db(&a, &b) - 13.802_112_417).abs() < 1e-8);
+    // Black against white: MSE 1, 0 dB, and not "-0".
+    let db = psnr_db(&[[0.0; 3]], &[[1.0; 3]]);
+    assert_eq!(format!("{db}"), "0");
+}
+
+#[test]
+fn psnr_of_equal_pictures_is_infinite() {
+    let a = noise(50, 1);
+    assert_eq!(psnr_db(&a, &a), f64::INFINITY);
+}
+
+#[test]
+fn nan_and_mismatched_inputs_give_nan() {
+    let a = noise(169, 1);
+    let mut b = a.clone();
+    b[7][1] = f32::NAN;
+    assert!(psnr_db(&a, &b).is_nan());
+    assert!(psnr_db(&[[f32::NAN; 3]; 4], &[[f32::NAN; 3]; 4]).is_nan());
+    assert!(ssim(&a, &b, 13, 13).is_nan());
+    assert!(psnr_db(&a, &a[1..]).is_nan());
+    assert!(psnr_db(&[], &[]).is_nan());
+    assert!(ssim(&a, &a[1..], 13, 13).is_nan());
+    assert!(ssim(&a, &a, 13, 12).is_nan());
+    assert!(ssim(&[], &[], 0, 5).is_nan());
+    assert!(ssim(&a, &a, usize::MAX, 2).is_nan());
+}
+
+#[test]
+fn ssim_of_constant_pictures_is_one() {
+    for level in [0.0, 1e-6, 0.25, 1.0] {
+        let flat = vec![[level; 3]; 400];
+        let similarity = ssim(&flat, &flat, 20, 20);
+        assert!((similarity - 1.0).abs() < 1e-9, "{level}: {similarity}");
+    }
+    // Black against white: only the luminance term is left, C1 / (1 + C1).
+    let (black, white) = (vec![[0.0; 3]; 400], vec![[1.0; 3]; 400]);
+    assert!((ssim(&black, &white, 20, 20) - 1e-4 / 1.0001).abs() < 1e-9);
+}
+
+#[test]
+fn ssim_of_one_pixel_is_the_luminance_term() {
+    // (2·0.2·0.6 + 1e-4) / (0.04 + 0.36 + 1e-4), f32 inputs.
+    let expected = 0.2401 / 0.4001;
+    assert!((ssim(&[[0.2; 3]], &[[0.6; 3]], 1, 1) - expected).abs() < 1e-6);
+}
+
+#[test]
+fn ssim_equals_its_definition() {
+    for (width, height) in [(31, 17), (11, 11), (12, 30), (5, 40), (10, 10), (1, 20), (2, 2)] {
+        let a = noise(width * height, 7);
+        let b: Vec<[f32; 3]> = a
+            .iter()
+            .zip(noise(width * height, 8))
+            .map(|(p, n)| [0, 1, 2].map(|c| 0.8 * p[c] + 0.2 * n[c]))
+            .collect();
+        let (fast, slow) = (ssim(&a, &b, width, height), ssim_brute_force(&a, &b, width, height));
+        assert!((fast - slow).abs() < 1e-10, "{width}×{height}: {fast} against {slow}");
+        assert!(fast < 1.0);
+        assert!((ssim(&a, &a, width, height) - 1.0).abs() < 1e-9);
+    }
+}
+
+#[test]
+fn ssim_is_symmetric_and_falls_with_noise() {
+    let a = noise(40 * 40, 3);
+    let with_noise = |amount: f32| -> Vec<[f32; 3]> {
+        let other = noise(40 * 40, 4);
+        a.iter().zip(&other).map(|(p, n)| [0, 1, 2].map(|c| p[c] + amount * (n[c] - 0.5))).collect()
+    };
+    let (little, much) = (with_noise(0.1), with_noise(0.5));
+    assert!((ssim(&a, &much, 40, 40) - ssim(&much, &a, 40, 40)).abs() < 1e-12);
+    assert!(ssim(&a, &little, 40, 40) > ssim(&a, &much, 40, 40));
+}
+
+#[test]
+#[ignore = "a timing, for reading"]
+fn time_of_ssim() {
+    let (a, b) = (noise(40_000, 3), noise(40_000, 4));
+    let start = std::time::Instant::now();
+    let similarity = ssim(&a, &b, 200, 200);
+    println!("200×200: {similarity} in {:?}", start.elapsed());
+}

@@ -1,0 +1,9 @@
+//! What a run leaves for people to read: pictures, plots, tables, summaries, progress.
+
+pub mod axis;
+pub mod colour_map;
+pub mod contact_sheet;
+pub mod error;
+pub mod metrics;
+pub mod picture;
+pub mod text;
