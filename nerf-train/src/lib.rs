@@ -5,9 +5,12 @@
 pub mod config;
 pub mod dataset;
 pub mod engine;
+pub mod eval;
+pub mod export;
 pub mod field;
 pub mod frame;
 pub mod occupancy;
 pub mod output;
 pub mod rays;
 pub mod report;
+pub mod train;

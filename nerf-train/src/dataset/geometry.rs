@@ -196,7 +196,11 @@ fn proposed_range(look_at: &LookAt, format: Format) -> (f32, f32) {
     (near, look_at.max_distance + (look_at.mean_distance - near))
 }
 
-fn frusta_box(cameras: &[Camera], near: f32, far: f32) -> Result<SceneBox, nerf_core::ray::BoundsError> {
+/// The box around all view frusta from `near` to `far`.
+///
+/// # Errors
+/// [`nerf_core::ray::BoundsError`] without cameras.
+pub fn frusta_box(cameras: &[Camera], near: f32, far: f32) -> Result<SceneBox, nerf_core::ray::BoundsError> {
     let (mut min, mut max) = (Vec3::INFINITY, Vec3::NEG_INFINITY);
     for camera in cameras {
         let i = camera.intrinsics();

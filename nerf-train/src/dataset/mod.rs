@@ -24,9 +24,9 @@ mod transforms;
 mod view;
 
 pub use error::DatasetError;
-pub use geometry::{LookAt, SceneBounds, scene_bounds};
+pub use geometry::{LookAt, SceneBounds, frusta_box, scene_bounds};
 pub use report::Report;
-pub use view::{Background, View};
+pub use view::{Background, View, over};
 
 use nerf_core::camera::{Camera, Pose};
 use nerf_core::ray::BoundsError;

@@ -1,0 +1,360 @@
+//! What a run is made of: presets, TOML files and flags end in one [`Config`].
+
+use crate::engine::{Adam, Initialisation, Model};
+use nerf_core::encoding::{AngleScale, Encoding, MAX_LEVELS};
+use nerf_core::network::{Architecture, DensityActivation, MAX_COLOUR, MAX_TRUNK, MAX_WIDTH, TrunkLayer};
+use serde::{Deserialize, Serialize};
+
+/// Every setting of a run. Fields that a TOML file leaves out keep the preset's value.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Config {
+    /// The preset it started from.
+    pub preset: Preset,
+    /// The network.
+    pub network: NetworkConfig,
+    /// Rays and samples.
+    pub sampling: SamplingConfig,
+    /// The occupancy grid that skips empty space in training; its end state is the blob's skip grid.
+    pub grid: GridConfig,
+    /// The optimiser.
+    pub optimiser: OptimiserConfig,
+    /// Seed of everything random.
+    pub seed: u64,
+}
+
+/// A named starting point.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, clap::ValueEnum)]
+#[serde(rename_all = "kebab-case")]
+pub enum Preset {
+    /// Made for two CPU cores: a small network, empty space skipped from the first step.
+    Fast,
+    /// The classic recipe to the letter: 8×256, dense, 10,000 rays a step, Adam 5e-4.
+    Seed,
+}
+
+/// The network's shape.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct NetworkConfig {
+    /// Trunk layers.
+    pub depth: usize,
+    /// Channels of every trunk layer.
+    pub width: usize,
+    /// Trunk layers in front of the one that takes the encoded position again; 0 for none.
+    pub skip_after: usize,
+    /// Levels of the position's encoding.
+    pub position_levels: u8,
+    /// Levels of the direction's encoding; 0 for a colour that does not depend on it.
+    pub direction_levels: u8,
+    /// Whether a linear layer stands between trunk and colour branch (folded away at export).
+    pub feature: bool,
+    /// Channels of the colour branch's hidden layer; 0 for none.
+    pub colour_width: usize,
+    /// From raw density to sigma.
+    pub density: Density,
+    /// `sigma = activation(scale · raw)` in training.
+    pub density_scale: f32,
+    /// Start value added to the density, after scaling.
+    pub density_bias: f32,
+}
+
+/// From raw density to sigma.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, clap::ValueEnum)]
+#[serde(rename_all = "kebab-case")]
+pub enum Density {
+    /// max(0, raw).
+    Relu,
+    /// ln(1 + exp(raw − 1)).
+    Softplus,
+}
+
+/// Where rays and samples are drawn.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct SamplingConfig {
+    /// Samples per ray, equal bins between near and far.
+    pub samples: u16,
+    /// Share of a bin, around its start, that a sample is drawn from; or a width in world units.
+    pub jitter: Jitter,
+    /// Rays a step.
+    pub rays: usize,
+    /// Live samples a step: rays are drawn until there are as many; 0 to draw exactly `rays`.
+    pub live_samples: usize,
+    /// Draw rays image by image: this many images a step; 0 to draw over all pixels of all images.
+    pub images: usize,
+    /// Composite pictures with alpha over a random colour per ray, so that opacity is learned.
+    pub random_background: bool,
+    /// Rays begin here, world units; as the data says if absent.
+    pub near: Option<f32>,
+    /// Rays end here, world units; as the data says if absent.
+    pub far: Option<f32>,
+    /// The scene box as x0 y0 z0 x1 y1 z1; found from the data if absent.
+    pub scene_box: Option<[f32; 6]>,
+}
+
+/// How samples are perturbed in training; never in rendering.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Jitter {
+    /// In the middle of the bin.
+    None,
+    /// Anywhere in the bin.
+    Bin,
+    /// At the start of the bin plus up to this much, world units.
+    Width(f32),
+}
+
+/// The occupancy grid.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct GridConfig {
+    /// Whether empty space is skipped in training.
+    pub skip: bool,
+    /// Cells along the longest side of the scene box.
+    pub resolution: u16,
+    /// Whether a visual hull is carved where the pictures say what is empty.
+    pub hull: bool,
+    /// Steps between refreshes from the network.
+    pub every: u32,
+    /// First step at which cells may be dropped.
+    pub from: u32,
+    /// A cell is kept while its density times the bin width exceeds this.
+    pub threshold: f32,
+    /// What a cell's remembered density is multiplied with at each refresh.
+    pub decay: f32,
+    /// Points of culled space a step, as a share of the live samples, pushed to zero density.
+    pub empty_share: f32,
+    /// Weight of their term in the loss.
+    pub empty_weight: f32,
+}
+
+/// Adam and its schedule.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct OptimiserConfig {
+    /// Steps; with a limit in seconds and none in steps, time alone decides.
+    pub steps: u32,
+    /// Learning rate at the start.
+    pub rate: f64,
+    /// Learning rate at the end, as a share of `rate`; 1 keeps it constant.
+    pub final_share: f64,
+    /// Steps over which the rate rises from 0.
+    pub warm_up: u32,
+    /// Adam's decay of the second moment.
+    pub beta2: f64,
+    /// Adam's epsilon.
+    pub epsilon: f64,
+    /// Decay of the exponential average of the parameters that is exported; 0 exports the last.
+    pub average: f64,
+}
+
+impl Preset {
+    /// Its settings.
+    pub fn config(self) -> Config {
+        match self {
+            Self::Fast => Config {
+                preset: self,
+                network: NetworkConfig {
+                    depth: 4,
+                    width: 128,
+                    skip_after: 0,
+                    position_levels: 10,
+                    direction_levels: 4,
+                    feature: false,
+                    colour_width: 64,
+                    density: Density::Relu,
+                    density_scale: 20.0,
+                    density_bias: 2.0,
+                },
+                sampling: SamplingConfig {
+                    samples: 128,
+                    jitter: Jitter::Bin,
+                    rays: 1024,
+                    live_samples: 8192,
+                    images: 0,
+                    random_background: true,
+                    near: None,
+                    far: None,
+                    scene_box: None,
+                },
+                grid: GridConfig {
+                    skip: true,
+                    resolution: 96,
+                    hull: true,
+                    every: 32,
+                    from: 200,
+                    threshold: 0.01,
+                    decay: 0.8,
+                    empty_share: 0.06,
+                    empty_weight: 0.01,
+                },
+                optimiser: OptimiserConfig {
+                    steps: 6000,
+                    rate: 4e-3,
+                    final_share: 0.03,
+                    warm_up: 50,
+                    beta2: 0.99,
+                    epsilon: 1e-15,
+                    average: 0.98,
+                },
+                seed: 0,
+            },
+            Self::Seed => Config {
+                preset: self,
+                network: NetworkConfig {
+                    depth: 8,
+                    width: 256,
+                    skip_after: 4,
+                    position_levels: 10,
+                    direction_levels: 4,
+                    feature: true,
+                    colour_width: 128,
+                    density: Density::Relu,
+                    density_scale: 1.0,
+                    density_bias: 0.0,
+                },
+                sampling: SamplingConfig {
+                    samples: 64,
+                    jitter: Jitter::Bin,
+                    rays: 10_000,
+                    live_samples: 0,
+                    images: 0,
+                    random_background: false,
+                    near: None,
+                    far: None,
+                    scene_box: None,
+                },
+                grid: GridConfig {
+                    skip: false,
+                    resolution: 128,
+                    hull: false,
+                    every: 50,
+                    from: 200,
+                    threshold: 0.01,
+                    decay: 0.8,
+                    empty_share: 0.0,
+                    empty_weight: 0.0,
+                },
+                optimiser: OptimiserConfig {
+                    steps: 1500,
+                    rate: 5e-4,
+                    final_share: 1.0,
+                    warm_up: 0,
+                    beta2: 0.999,
+                    epsilon: 1e-8,
+                    average: 0.0,
+                },
+                seed: 0,
+            },
+        }
+    }
+}
+
+/// A setting outside its range.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+#[error("{field}: expected {expected}, found {found}")]
+pub struct ConfigError {
+    /// The setting, as in the TOML file.
+    pub field: &'static str,
+    /// What is allowed.
+    pub expected: String,
+    /// What was given.
+    pub found: String,
+}
+
+impl Config {
+    /// Checks every setting on its own.
+    ///
+    /// # Errors
+    /// [`ConfigError`] names the first that is out of range.
+    pub fn check(&self) -> Result<(), ConfigError> {
+        let (n, s, g, o) = (&self.network, &self.sampling, &self.grid, &self.optimiser);
+        let rules: [(&str, bool, String, String); 21] = [
+            rule("network.depth", (1..=MAX_TRUNK).contains(&n.depth), format!("1 to {MAX_TRUNK}"), n.depth),
+            rule("network.width", (1..=MAX_WIDTH).contains(&n.width), format!("1 to {MAX_WIDTH}"), n.width),
+            rule("network.skip_after", n.skip_after < n.depth, "less than the depth", n.skip_after),
+            rule("network.position_levels", n.position_levels <= MAX_LEVELS, format!("at most {MAX_LEVELS}"), n.position_levels),
+            rule("network.direction_levels", n.direction_levels <= MAX_LEVELS, format!("at most {MAX_LEVELS}"), n.direction_levels),
+            rule("network.colour_width", n.colour_width <= MAX_WIDTH, format!("at most {MAX_WIDTH}"), n.colour_width),
+            rule("network.density_scale", positive(n.density_scale.into()), "a finite number above 0", n.density_scale),
+            rule("network.density_bias", n.density_bias.is_finite(), "a finite number", n.density_bias),
+            rule("sampling.samples", (1..=4096).contains(&s.samples), "1 to 4096", s.samples),
+            rule("sampling.rays", (1..=1_000_000).contains(&s.rays), "1 to 1000000", s.rays),
+            rule("sampling.live_samples", s.live_samples <= 10_000_000, "at most 10000000", s.live_samples),
+            rule("grid.resolution", (1..=512).contains(&g.resolution), "1 to 512", g.resolution),
+            rule("grid.every", g.every > 0, "at least 1", g.every),
+            rule("grid.threshold", g.threshold >= 0.0, "at least 0", g.threshold),
+            rule("grid.decay", (0.0..=1.0).contains(&g.decay), "0 to 1", g.decay),
+            rule("grid.empty_share", (0.0..=1.0).contains(&g.empty_share), "0 to 1", g.empty_share),
+            rule("optimiser.steps", o.steps > 0, "at least 1", o.steps),
+            rule("optimiser.rate", positive(o.rate) && o.rate <= 10.0, "above 0, at most 10", o.rate),
+            rule("optimiser.final_share", positive(o.final_share) && o.final_share <= 1.0, "above 0, at most 1", o.final_share),
+            rule("optimiser.beta2", (0.0..1.0).contains(&o.beta2), "0 to 1, without 1", o.beta2),
+            rule("optimiser.average", (0.0..1.0).contains(&o.average), "0 to 1, without 1", o.average),
+        ];
+        for (field, holds, expected, found) in rules {
+            if !holds {
+                return Err(ConfigError { field, expected, found });
+            }
+        }
+        if let Jitter::Width(width) = s.jitter
+            && !(width.is_finite() && width >= 0.0)
+        {
+            let (expected, found) = ("a finite width of at least 0".into(), width.to_string());
+            return Err(ConfigError { field: "sampling.jitter", expected, found });
+        }
+        Ok(())
+    }
+
+    /// The network as it is trained.
+    pub fn model(&self) -> Model {
+        let n = &self.network;
+        let encoding = |levels| Encoding { inputs: 3, levels, scale: AngleScale::Pi, identity: true };
+        // The capacities are those that `check` holds depth and width to.
+        let trunk = (0..n.depth.min(MAX_TRUNK))
+            .map(|i| TrunkLayer { width: n.width as u16, skip: i > 0 && i == n.skip_after })
+            .collect();
+        let colour: heapless::Vec<u16, MAX_COLOUR> =
+            (n.colour_width > 0).then_some(n.colour_width as u16).into_iter().collect();
+        let architecture = Architecture {
+            position: encoding(n.position_levels),
+            direction: (n.direction_levels > 0).then(|| encoding(n.direction_levels)),
+            trunk,
+            density: Some(match n.density {
+                Density::Relu => DensityActivation::Relu,
+                Density::Softplus => DensityActivation::ShiftedSoftplus,
+            }),
+            colour,
+        };
+        Model {
+            architecture,
+            feature: n.feature,
+            density_scale: n.density_scale,
+            density_bias: n.density_bias,
+        }
+    }
+
+    /// How parameters start.
+    pub fn initialisation(&self) -> Initialisation {
+        Initialisation::Uniform
+    }
+
+    /// Adam's constants.
+    pub fn adam(&self) -> Adam {
+        Adam { betas: [0.9, self.optimiser.beta2], epsilon: self.optimiser.epsilon, weight_decay: 0.0 }
+    }
+}
+
+fn positive(x: f64) -> bool {
+    x.is_finite() && x > 0.0
+}
+
+fn rule(
+    field: &'static str,
+    holds: bool,
+    expected: impl Into<String>,
+    found: impl ToString,
+) -> (&'static str, bool, String, String) {
+    (field, holds, expected.into(), found.to_string())
+}

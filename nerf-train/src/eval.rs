@@ -1,0 +1,74 @@
+//! How good a blob is on views it was not fitted to.
+
+use crate::dataset::View;
+use crate::frame::{self, Frame};
+use crate::report::metrics::{psnr_db, ssim};
+use nerf_core::plan::Plan;
+use nerf_core::render::{Counters, RenderError, Renderer};
+use serde::Serialize;
+
+/// One view's figures.
+#[derive(Clone, Debug, Serialize)]
+pub struct ViewScore {
+    /// The view.
+    pub view: String,
+    /// dB; infinite if every pixel is equal.
+    pub psnr_db: f64,
+    /// 0..=1.
+    pub ssim: f64,
+}
+
+/// Figures of a set of views.
+#[derive(Clone, Debug)]
+pub struct Scores {
+    /// View by view.
+    pub views: Vec<ViewScore>,
+    /// The work all of them took.
+    pub counters: Counters,
+}
+
+impl Scores {
+    /// Mean PSNR over the views, dB; `None` without views.
+    pub fn psnr_db(&self) -> Option<f64> {
+        mean(self.views.iter().map(|score| score.psnr_db))
+    }
+
+    /// Mean SSIM over the views; `None` without views.
+    pub fn ssim(&self) -> Option<f64> {
+        mean(self.views.iter().map(|score| score.ssim))
+    }
+}
+
+fn mean(values: impl ExactSizeIterator<Item = f64>) -> Option<f64> {
+    let n = values.len();
+    (n > 0).then(|| values.sum::<f64>() / n as f64)
+}
+
+/// Renders every view over `background` and compares it with its picture over the same.
+///
+/// `each` sees every view with its frame and truth, in order.
+///
+/// # Errors
+/// As [`frame::render`].
+pub fn evaluate<'v>(
+    renderer: &Renderer<'_>,
+    plan: &Plan<'_>,
+    background: [f32; 3],
+    views: impl IntoIterator<Item = &'v View>,
+    mut each: impl FnMut(&'v View, &Frame, &[[f32; 3]], &ViewScore),
+) -> Result<Scores, RenderError> {
+    let mut scores = Scores { views: Vec::new(), counters: Counters::default() };
+    for view in views {
+        let frame = frame::render(renderer, plan, &view.camera)?;
+        let truth = view.composite_over(background);
+        let score = ViewScore {
+            view: view.name.clone(),
+            psnr_db: psnr_db(&frame.rgb, &truth),
+            ssim: ssim(&frame.rgb, &truth, frame.width, frame.height),
+        };
+        each(view, &frame, &truth, &score);
+        scores.counters += frame.counters;
+        scores.views.push(score);
+    }
+    Ok(scores)
+}

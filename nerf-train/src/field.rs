@@ -1,0 +1,38 @@
+//! Densities of a network at many points, on all cores.
+
+use nerf_core::kernels::{Arena, BLOCK, Line, Tier, lines_for};
+use nerf_core::math::MathBackend;
+use nerf_core::network::{Architecture, Network, Scratch, Weights};
+use rayon::prelude::*;
+
+/// sigma, 1/world unit, at each of `points`; `parameters` in the architecture's own order.
+///
+/// # Panics
+/// If the parameters do not fit the architecture.
+pub fn densities(tier: Tier, architecture: &Architecture, parameters: &[f32], points: &[[f32; 3]]) -> Vec<f32> {
+    let network = Network::new(architecture, Weights::Prepared(parameters), tier);
+    let network = network.expect("parameters fit the architecture");
+    let (encoded, rows) = (network.encoded_rows() * BLOCK, network.activation_rows() * BLOCK);
+    let lines = 2 * lines_for::<f32>(rows) + lines_for::<f32>(encoded);
+    let mut sigma = vec![0.0; points.len()];
+    sigma.par_chunks_mut(BLOCK).zip(points.par_chunks(BLOCK)).for_each_init(
+        || vec![Line::UNINIT; lines],
+        |memory, (sigma, points)| {
+            let mut arena = Arena::new(memory);
+            let mut floats = |count| arena.slice(count, 0.0f32).expect("sized above");
+            let (encoded, front, back) = (floats(encoded), floats(rows), floats(rows));
+            let mut scratch = Scratch { stride: BLOCK, encoded, front, back };
+            let mut positions = [0.0; 3 * BLOCK];
+            for (i, p) in points.iter().enumerate() {
+                for axis in 0..3 {
+                    positions[axis * BLOCK + i] = p[axis];
+                }
+            }
+            let mut block = [0.0; BLOCK];
+            network.trunk(MathBackend::Polynomial, &mut scratch, &positions);
+            network.density(MathBackend::Polynomial, &scratch, &mut block);
+            sigma.copy_from_slice(&block[..points.len()]);
+        },
+    );
+    sigma
+}

@@ -1,0 +1,82 @@
+//! Whole frames through nerf-core, tile by tile on all cores.
+
+use crate::report::picture::Picture;
+use nerf_core::camera::Camera;
+use nerf_core::kernels::Line;
+use nerf_core::plan::Plan;
+use nerf_core::render::{Counters, Rect, RenderError, Renderer};
+use nerf_core::volume::Pixel;
+use rayon::prelude::*;
+
+/// Side of the tiles that threads take, pixels.
+const TILE: u32 = 16;
+
+/// A rendered view, row by row from the top left.
+#[derive(Clone, Debug)]
+pub struct Frame {
+    /// Width, pixels.
+    pub width: usize,
+    /// Height, pixels.
+    pub height: usize,
+    /// Over the plan's background, display-encoded.
+    pub rgb: Vec<[f32; 3]>,
+    /// 0..=1.
+    pub opacity: Vec<f32>,
+    /// World units along the ray.
+    pub ray_distance: Vec<f32>,
+    /// World units along the view axis.
+    pub z_depth: Vec<f32>,
+    /// The work it took.
+    pub counters: Counters,
+}
+
+impl Frame {
+    /// Its colours as a picture.
+    pub fn picture(&self) -> Picture {
+        Picture { width: self.width, height: self.height, rgb: self.rgb.clone() }
+    }
+}
+
+/// Renders all of `camera`'s image on rayon's threads.
+///
+/// # Errors
+/// [`RenderError`], which a camera's own full rectangle and an own workspace do not cause.
+pub fn render(renderer: &Renderer<'_>, plan: &Plan<'_>, camera: &Camera) -> Result<Frame, RenderError> {
+    let full = Rect::full(camera);
+    let (width, height) = (full.width as usize, full.height as usize);
+    let lines = renderer.workspace_lines(plan);
+    let tiles: Vec<Rect> = full.tiles(TILE, TILE).collect();
+    let rendered: Result<Vec<_>, RenderError> = tiles
+        .par_iter()
+        .map_init(
+            || vec![Line::UNINIT; lines],
+            |workspace, &tile| {
+                let mut pixels = Vec::with_capacity((tile.width * tile.height) as usize);
+                let mut take = |x: u32, y: u32, pixel: &Pixel| pixels.push((x, y, *pixel));
+                let counters = renderer.render(plan, camera, tile, workspace, &mut take)?;
+                Ok((pixels, counters))
+            },
+        )
+        .collect();
+    let n = width * height;
+    let mut frame = Frame {
+        width,
+        height,
+        rgb: vec![[0.0; 3]; n],
+        opacity: vec![0.0; n],
+        ray_distance: vec![0.0; n],
+        z_depth: vec![0.0; n],
+        counters: Counters::default(),
+    };
+    for (pixels, counters) in rendered? {
+        frame.counters += counters;
+        for (x, y, pixel) in pixels {
+            let i = y as usize * width + x as usize;
+            frame.rgb[i] = pixel.rgb;
+            frame.opacity[i] = pixel.opacity;
+            frame.ray_distance[i] = pixel.ray_distance;
+            frame.z_depth[i] = pixel.z_depth;
+        }
+    }
+    Ok(frame)
+}

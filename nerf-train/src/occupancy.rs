@@ -1,0 +1,249 @@
+//! Which cells of the scene box may hold something: carved from the pictures, then learned.
+
+use crate::dataset::{Background, View};
+use crate::field::densities;
+use glam::Vec3;
+use nerf_core::blob::Grid;
+use nerf_core::camera::Camera;
+use nerf_core::kernels::Tier;
+use nerf_core::network::Architecture;
+use nerf_core::ray::SceneBox;
+use nerf_core::sampling::{Purpose, SkipGrid, uniform};
+use rayon::prelude::*;
+use serde::{Deserialize, Serialize};
+
+/// Cells asked for their density in one refresh.
+const REFRESH_CELLS: usize = 1 << 16;
+/// A refresh that would leave a smaller share of the candidates is ignored: a network whose
+/// density is dead must not take the grid with it.
+const SMALLEST_SHARE: f64 = 0.02;
+/// Density of a cell that has not been asked yet: it stays live.
+const UNKNOWN: f32 = -1.0;
+
+/// A bit per cell, with the densities behind it.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Occupancy {
+    min: [f32; 3],
+    max: [f32; 3],
+    resolution: [u16; 3],
+    bits: Vec<u8>,
+    /// Cells that the pictures do not rule out.
+    candidates: Vec<u32>,
+    /// Remembered density of each candidate, 1/world unit.
+    density: Vec<f32>,
+    refreshes: u64,
+}
+
+impl Occupancy {
+    /// A grid with every cell live, `resolution` cells along the longest side.
+    pub fn full(bounds: SceneBox, resolution: u16) -> Self {
+        let extent = bounds.max - bounds.min;
+        let cell = extent.max_element() / f32::from(resolution);
+        let sides = extent.to_array().map(|side| ((side / cell).round() as u16).clamp(1, resolution));
+        let cells = sides.iter().map(|&side| u32::from(side)).product();
+        Self::of_candidates(bounds, sides, (0..cells).collect())
+    }
+
+    fn of_candidates(bounds: SceneBox, resolution: [u16; 3], candidates: Vec<u32>) -> Self {
+        let mut bits = vec![0; Grid::bytes(resolution)];
+        for &cell in &candidates {
+            bits[cell as usize / 8] |= 1 << (cell % 8);
+        }
+        let density = vec![UNKNOWN; candidates.len()];
+        let (min, max) = (bounds.min.into(), bounds.max.into());
+        Self { min, max, resolution, bits, candidates, density, refreshes: 0 }
+    }
+
+    /// The visual hull: cells that no view sees against its empty background.
+    ///
+    /// `None` if the pictures do not say what is empty. A cell goes only if some view sees nothing
+    /// in the whole window that the cell's bounding sphere projects into.
+    pub fn carve(bounds: SceneBox, resolution: u16, views: &[View], background: Background) -> Option<Self> {
+        let silhouettes: Option<Vec<Silhouette>> =
+            views.par_iter().map(|view| Silhouette::of(view, background)).collect();
+        let silhouettes = silhouettes?;
+        let full = Self::full(bounds, resolution);
+        let radius = 0.5 * full.cell_size().length();
+        let kept = full.candidates.par_iter().copied().filter(|&cell| {
+            let centre = full.point(cell, [0.5; 3]);
+            !silhouettes.iter().any(|silhouette| silhouette.is_empty_around(centre, radius))
+        });
+        let kept: Vec<u32> = kept.collect();
+        Some(Self::of_candidates(bounds, full.resolution, kept))
+    }
+
+    /// The box around the live cells, with a margin of one cell; `None` if nothing is live.
+    pub fn tight_box(&self) -> Option<SceneBox> {
+        let (mut low, mut high) = (Vec3::INFINITY, Vec3::NEG_INFINITY);
+        for &cell in &self.candidates {
+            low = low.min(self.point(cell, [-1.0; 3]));
+            high = high.max(self.point(cell, [2.0; 3]));
+        }
+        let (min, max) = (low.max(Vec3::from(self.min)), high.min(Vec3::from(self.max)));
+        SceneBox::new(min, max).ok()
+    }
+
+    /// The box it divides.
+    pub fn bounds(&self) -> SceneBox {
+        SceneBox { min: Vec3::from(self.min), max: Vec3::from(self.max) }
+    }
+
+    /// Cells along x, y, z.
+    pub fn resolution(&self) -> [u16; 3] {
+        self.resolution
+    }
+
+    /// One bit per cell, in the blob's order.
+    pub fn bits(&self) -> &[u8] {
+        &self.bits
+    }
+
+    /// As the renderer sees it.
+    pub fn grid(&self) -> SkipGrid<'_> {
+        SkipGrid::new(self.bounds(), self.resolution, &self.bits)
+    }
+
+    fn cell_size(&self) -> Vec3 {
+        let sides = Vec3::from(self.resolution.map(f32::from));
+        (Vec3::from(self.max) - Vec3::from(self.min)) / sides
+    }
+
+    /// The point of a cell at fractions `u` of its sides.
+    fn point(&self, cell: u32, u: [f32; 3]) -> Vec3 {
+        let [_, ny, nz] = self.resolution.map(u32::from);
+        let index = [cell / (ny * nz), cell / nz % ny, cell % nz];
+        let at = Vec3::from_array(std::array::from_fn(|axis| index[axis] as f32 + u[axis]));
+        Vec3::from(self.min) + at * self.cell_size()
+    }
+
+    /// Asks the network again and, if `drop` says so, drops cells of too little density.
+    ///
+    /// `threshold`: sigma, 1/world unit, that keeps a cell. Each refresh asks at most 65,536
+    /// candidates, in turn, each at one random point; a cell remembers the larger of its answer
+    /// and `decay` times what it remembered.
+    pub fn refresh(&mut self, ask: &Ask<'_>, threshold: f32, decay: f32, drop: bool) {
+        let parts = self.candidates.len().div_ceil(REFRESH_CELLS).max(1);
+        let part = (self.refreshes % parts as u64) as usize;
+        let asked: Vec<usize> = (part..self.candidates.len()).step_by(parts).collect();
+        let sigma = self.ask(ask, &asked, |axis, cell| {
+            uniform(ask.seed, Purpose::Cell, self.refreshes, 3 * u64::from(cell) + axis)
+        });
+        for (&i, sigma) in asked.iter().zip(sigma) {
+            self.density[i] = sigma.max(self.density[i] * decay);
+        }
+        self.refreshes += 1;
+        if drop {
+            self.apply(threshold);
+        }
+    }
+
+    /// The last word before export: every candidate is asked at `2 × 2 × 2` points of its own.
+    pub fn settle(&mut self, ask: &Ask<'_>, threshold: f32) {
+        let all: Vec<usize> = (0..self.candidates.len()).collect();
+        let mut best = vec![0.0f32; all.len()];
+        for corner in 0..8u32 {
+            let half = |axis: u64| 0.25 + 0.5 * (corner >> axis & 1) as f32;
+            let sigma = self.ask(ask, &all, |axis, _| half(axis));
+            for (best, sigma) in best.iter_mut().zip(sigma) {
+                *best = best.max(sigma);
+            }
+        }
+        for (density, best) in self.density.iter_mut().zip(best) {
+            *density = density.max(best);
+        }
+        self.apply(threshold);
+    }
+
+    fn ask(&self, ask: &Ask<'_>, which: &[usize], u: impl Fn(u64, u32) -> f32 + Sync) -> Vec<f32> {
+        let point = |&i: &usize| {
+            let cell = self.candidates[i];
+            self.point(cell, std::array::from_fn(|axis| u(axis as u64, cell))).to_array()
+        };
+        let points: Vec<[f32; 3]> = which.par_iter().map(point).collect();
+        densities(ask.tier, ask.architecture, ask.parameters, &points)
+    }
+
+    /// Sets the bits from the densities, unless next to nothing would be left.
+    fn apply(&mut self, threshold: f32) {
+        let live = |&density: &f32| density == UNKNOWN || density > threshold;
+        let count = self.density.iter().filter(|density| live(density)).count();
+        if (count as f64) < SMALLEST_SHARE * self.candidates.len() as f64 {
+            return;
+        }
+        self.bits.fill(0);
+        for (&cell, density) in self.candidates.iter().zip(&self.density) {
+            if live(density) {
+                self.bits[cell as usize / 8] |= 1 << (cell % 8);
+            }
+        }
+    }
+}
+
+/// The network a grid asks.
+#[derive(Clone, Copy, Debug)]
+pub struct Ask<'a> {
+    /// Kernel tier.
+    pub tier: Tier,
+    /// Its shape.
+    pub architecture: &'a Architecture,
+    /// Its parameters, in export order.
+    pub parameters: &'a [f32],
+    /// Seed of the run.
+    pub seed: u64,
+}
+
+/// Where a view sees something, as sums over rectangles.
+struct Silhouette {
+    camera: Camera,
+    width: usize,
+    height: usize,
+    /// Summed-area table, `[(height + 1)][(width + 1)]`.
+    sums: Vec<u32>,
+}
+
+impl Silhouette {
+    fn of(view: &View, background: Background) -> Option<Self> {
+        let (width, height) = view.size();
+        let (width, height) = (width as usize, height as usize);
+        let mut sums = vec![0u32; (width + 1) * (height + 1)];
+        for y in 0..height {
+            let mut row = 0;
+            for x in 0..width {
+                row += u32::from(is_foreground(view.pixels[y * width + x], background)?);
+                sums[(y + 1) * (width + 1) + x + 1] = sums[y * (width + 1) + x + 1] + row;
+            }
+        }
+        Some(Self { camera: view.camera, width, height, sums })
+    }
+
+    /// Whether the view shows nothing wherever a ball would project to, and all of that is in view.
+    fn is_empty_around(&self, centre: Vec3, radius: f32) -> bool {
+        let pose = self.camera.pose();
+        let local = pose.rotation.transpose() * (centre - pose.position);
+        let z = -local.z;
+        if z <= 2.0 * radius {
+            return false;
+        }
+        let i = self.camera.intrinsics();
+        let (u, v) = self.camera.lens().distort(local.x / z, -local.y / z);
+        let (x, y) = (i.cx + i.fx * u, i.cy + i.fy * v);
+        // The ball's outline, and a pixel for resampling.
+        let reach = radius / (z - radius) * i.fx.max(i.fy) * (1.0 + u * u + v * v).sqrt() + 1.0;
+        let (x0, x1, y0, y1) = (x - reach, x + reach, y - reach, y + reach);
+        if !(x0 >= 0.0 && y0 >= 0.0 && x1 <= self.width as f32 && y1 <= self.height as f32) {
+            return false;
+        }
+        let (x0, y0, x1, y1) = (x0 as usize, y0 as usize, x1.ceil() as usize, y1.ceil() as usize);
+        let at = |x: usize, y: usize| self.sums[y * (self.width + 1) + x];
+        at(x1, y1) + at(x0, y0) == at(x0, y1) + at(x1, y0)
+    }
+}
+
+/// Whether a pixel shows something; `None` if the pictures do not say.
+pub fn is_foreground(pixel: [u8; 4], background: Background) -> Option<bool> {
+    match background {
+        Background::Alpha => Some(pixel[3] > 0),
+        Background::Constant(colour) => Some(pixel[..3] != colour),
+        Background::Unknown => None,
+    }
+}

@@ -1,0 +1,228 @@
+//! Batches: which pixels, which samples along their rays.
+
+use crate::config::{Config, Jitter};
+use crate::dataset::{Background, View};
+use crate::engine::{Batch, BatchRay};
+use crate::occupancy::is_foreground;
+use glam::Vec3;
+use nerf_core::camera::Camera;
+use nerf_core::ray::SceneBox;
+use nerf_core::sampling::{Bins, Purpose, SkipGrid, uniform, uniform_u32};
+use rayon::prelude::*;
+
+/// How far around the foreground rays are still drawn, pixels.
+const FOREGROUND_MARGIN: usize = 4;
+/// Rays that are walked together by one task.
+const CHUNK: usize = 128;
+
+/// All pixels a run may draw, and how their rays are sampled.
+pub struct RayBank<'d> {
+    views: &'d [View],
+    /// First pixel of each view in the numbering over all views, and the end.
+    starts: Vec<u64>,
+    /// Pixels near the foreground, where the pictures tell it; all pixels otherwise.
+    near_foreground: Option<Vec<u32>>,
+    background: Background,
+    bins: Bins,
+    bounds: SceneBox,
+    near: f32,
+    far: f32,
+    jitter: Jitter,
+    images: usize,
+    random_background: bool,
+    seed: u64,
+}
+
+/// Where the scene is.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Bounds {
+    /// Rays begin here, world units.
+    pub near: f32,
+    /// Rays end here, world units.
+    pub far: f32,
+    /// Nothing is outside of it.
+    pub scene_box: SceneBox,
+}
+
+impl<'d> RayBank<'d> {
+    /// A bank over `views`.
+    ///
+    /// # Errors
+    /// Bounds that leave no bins.
+    pub fn new(
+        views: &'d [View],
+        background: Background,
+        bounds: Bounds,
+        config: &Config,
+    ) -> Result<Self, nerf_core::ray::BoundsError> {
+        let mut starts = vec![0u64];
+        for view in views {
+            starts.push(starts[starts.len() - 1] + view.pixels.len() as u64);
+        }
+        let total = starts[views.len()];
+        // Without a grid every ray counts: the network itself must learn what is empty.
+        let near_foreground = if config.grid.skip && config.grid.hull && total <= u64::from(u32::MAX) {
+            near_foreground(views, &starts, background).filter(|pixels| !pixels.is_empty())
+        } else {
+            None
+        };
+        let Bounds { near, far, scene_box } = bounds;
+        Ok(Self {
+            views,
+            starts,
+            near_foreground,
+            background,
+            bins: Bins::new(near, far, u32::from(config.sampling.samples))?,
+            bounds: scene_box,
+            near,
+            far,
+            jitter: config.sampling.jitter,
+            images: config.sampling.images,
+            random_background: config.sampling.random_background,
+            seed: config.seed,
+        })
+    }
+
+    /// Pixels that may be drawn.
+    pub fn pixels(&self) -> u64 {
+        self.near_foreground.as_ref().map_or(self.starts[self.views.len()], |pixels| pixels.len() as u64)
+    }
+
+    /// Fills `batch` with the rays of `step`: `rays` of them, or as many as bring `live` samples.
+    ///
+    /// `grid` says where a sample is live; without it every sample inside the scene box is.
+    pub fn fill(&self, batch: &mut Batch, step: u64, rays: usize, live: usize, grid: Option<&SkipGrid<'_>>) {
+        batch.clear();
+        let chunks: Vec<Vec<(BatchRay, Vec<[f32; 3]>)>> = (0..rays.div_ceil(CHUNK))
+            .into_par_iter()
+            .map(|chunk| {
+                let range = chunk * CHUNK..rays.min((chunk + 1) * CHUNK);
+                range.map(|index| self.ray(step, index as u64, rays, grid)).collect()
+            })
+            .collect();
+        for (ray, positions) in chunks.into_iter().flatten() {
+            if live > 0 && batch.positions.len() + positions.len() > live && !batch.rays.is_empty() {
+                break;
+            }
+            batch.positions.extend(positions);
+            batch.rays.push(ray);
+        }
+        batch.deltas.resize(batch.positions.len(), self.bins.delta());
+    }
+
+    /// Adds `count` points that `grid` calls empty: half along rays of the data, half anywhere.
+    pub fn fill_empty(&self, batch: &mut Batch, step: u64, count: usize, grid: &SkipGrid<'_>) {
+        let extent = self.bounds.max - self.bounds.min;
+        for try_index in 0..4 * count as u64 {
+            if batch.empty.len() == count {
+                break;
+            }
+            let draw = |i: u64| uniform(self.seed, Purpose::Empty, step, 4 * try_index + i);
+            let p = if try_index % 2 == 0 {
+                let (view, pixel) = self.any_pixel(step, u64::MAX - try_index);
+                let ray = ray_of(&self.views[view].camera, pixel);
+                let clipped = self.bounds.clip(&ray, self.near, self.far);
+                let Some((enter, exit)) = clipped else { continue };
+                ray.at(enter + draw(0) * (exit - enter))
+            } else {
+                self.bounds.min + extent * Vec3::new(draw(0), draw(1), draw(2))
+            };
+            if self.bounds.contains(p) && !grid.occupied(p) {
+                batch.empty.push(p.to_array());
+            }
+        }
+    }
+
+    /// A pixel of all views, near foreground or not.
+    fn any_pixel(&self, step: u64, index: u64) -> (usize, usize) {
+        let total = self.starts[self.views.len()];
+        let bits = uniform_u32(self.seed, Purpose::Pixel, step, index);
+        self.locate(scale(bits, total))
+    }
+
+    fn locate(&self, pixel: u64) -> (usize, usize) {
+        let view = self.starts.partition_point(|&start| start <= pixel) - 1;
+        (view, (pixel - self.starts[view]) as usize)
+    }
+
+    /// The pixel of ray `index` of a step.
+    fn draw(&self, step: u64, index: u64, rays: usize) -> (usize, usize) {
+        let bits = uniform_u32(self.seed, Purpose::Pixel, step, index);
+        if self.images > 0 {
+            let group = index / (rays.div_ceil(self.images) as u64);
+            let chosen = uniform_u32(self.seed, Purpose::Image, step, group);
+            let view = scale(chosen, self.views.len() as u64) as usize;
+            return (view, scale(bits, self.views[view].pixels.len() as u64) as usize);
+        }
+        match &self.near_foreground {
+            Some(pixels) => self.locate(u64::from(pixels[scale(bits, pixels.len() as u64) as usize])),
+            None => self.locate(scale(bits, self.starts[self.views.len()])),
+        }
+    }
+
+    fn ray(&self, step: u64, index: u64, rays: usize, grid: Option<&SkipGrid<'_>>) -> (BatchRay, Vec<[f32; 3]>) {
+        let (view, pixel) = self.draw(step, index, rays);
+        let view = &self.views[view];
+        let ray = ray_of(&view.camera, pixel);
+        let background = match self.background {
+            Background::Alpha if self.random_background => std::array::from_fn(|c| {
+                uniform(self.seed, Purpose::Background, step, 3 * index + c as u64)
+            }),
+            Background::Constant(colour) => colour.map(|c| f32::from(c) / 255.0),
+            _ => [0.0; 3],
+        };
+        let rgb = crate::dataset::over(view.pixels[pixel], background);
+        let mut positions = Vec::new();
+        if let Some((enter, exit)) = self.bounds.clip(&ray, self.near, self.far) {
+            for bin in self.bins.overlapping(enter, exit) {
+                let u = match self.jitter {
+                    Jitter::None => 0.5,
+                    Jitter::Bin => self.jitter(step, index, bin),
+                    Jitter::Width(width) => (self.jitter(step, index, bin) * width / self.bins.delta()).min(1.0),
+                };
+                let p = ray.at(self.bins.at(bin, u));
+                if grid.map_or_else(|| self.bounds.contains(p), |grid| grid.occupied(p)) {
+                    positions.push(p.to_array());
+                }
+            }
+        }
+        let samples = positions.len() as u32;
+        (BatchRay { dir: ray.dir.to_array(), rgb, background, samples }, positions)
+    }
+
+    fn jitter(&self, step: u64, index: u64, bin: u32) -> f32 {
+        uniform(self.seed, Purpose::Jitter, step, (index << 12) + u64::from(bin))
+    }
+}
+
+/// A 32-bit random number as an index below `count`.
+fn scale(bits: u32, count: u64) -> u64 {
+    (u64::from(bits) * count) >> 32
+}
+
+fn ray_of(camera: &Camera, pixel: usize) -> nerf_core::ray::Ray {
+    let width = camera.intrinsics().width as usize;
+    camera.ray((pixel % width) as f32 + 0.5, (pixel / width) as f32 + 0.5)
+}
+
+/// Pixels within [`FOREGROUND_MARGIN`] of something, in the numbering over all views.
+fn near_foreground(views: &[View], starts: &[u64], background: Background) -> Option<Vec<u32>> {
+    let of_view = |(view, &start): (&View, &u64)| -> Option<Vec<u32>> {
+        let (width, height) = view.size();
+        let (width, height) = (width as usize, height as usize);
+        let mut mask = Vec::with_capacity(view.pixels.len());
+        for &pixel in &view.pixels {
+            mask.push(is_foreground(pixel, background)?);
+        }
+        let spread = |mask: &[bool], stride: usize, length: usize, at: usize, line: usize| {
+            let from = at.saturating_sub(FOREGROUND_MARGIN);
+            (from..(at + FOREGROUND_MARGIN + 1).min(length)).any(|i| mask[line + i * stride])
+        };
+        let rows: Vec<bool> =
+            (0..mask.len()).map(|i| spread(&mask, 1, width, i % width, i / width * width)).collect();
+        let near = (0..mask.len()).filter(|&i| spread(&rows, width, height, i / width, i % width));
+        Some(near.map(|i| (start + i as u64) as u32).collect())
+    };
+    let parts: Option<Vec<Vec<u32>>> = views.par_iter().zip(starts).map(of_view).collect();
+    Some(parts?.concat())
+}

@@ -1,0 +1,455 @@
+//! Fits a radiance field to posed pictures.
+
+pub mod checkpoint;
+pub mod schedule;
+
+use crate::config::{Config, ConfigError};
+use crate::dataset::{Background, Dataset, scene_bounds};
+use crate::engine::{Batch, Engine, EngineError, FusedEngine, Model};
+use crate::eval::{Scores, evaluate};
+use crate::export::{Contents, ExportError, Exported, export};
+use crate::occupancy::{Ask, Occupancy};
+use crate::rays::{Bounds, RayBank};
+use checkpoint::Checkpoint;
+use glam::Vec3;
+use nerf_core::blob::{Blob, BlobError, Provenance, SceneFacts};
+use nerf_core::kernels::{Line, Tier};
+use nerf_core::plan::{Batch as RenderBatch, Outputs, Plan, PlanError, Quality};
+use nerf_core::ray::{BoundsError, SceneBox};
+use nerf_core::render::{RenderError, Renderer};
+use schedule::learning_rate;
+use serde::{Deserialize, Serialize};
+
+/// Steps in a row without any density after which a run is started anew with another seed.
+const DEAD_STEPS: u32 = 100;
+/// Times a run is started anew before it is given up.
+const RESEEDS: u32 = 3;
+/// Cells along the longest side of the first, coarse hull, which only finds the scene box.
+const COARSE_HULL: u16 = 64;
+
+/// Counters of the loop.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct Progressed {
+    /// Steps done.
+    pub step: u32,
+    /// Rays drawn.
+    pub rays: u64,
+    /// Live samples trained on.
+    pub samples: u64,
+    /// Smoothed live samples a ray; decides how many rays are drawn.
+    live_per_ray: f64,
+    /// Smoothed mean squared error.
+    mse: f64,
+    /// Steps in a row without density.
+    dead_steps: u32,
+    /// Times the run was started anew.
+    pub reseeds: u32,
+}
+
+/// One point of the training curve.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct CurvePoint {
+    /// Steps done.
+    pub step: u32,
+    /// Seconds since the start, everything included.
+    pub seconds: f64,
+    /// PSNR of the rays trained on, smoothed, dB.
+    pub train_psnr_db: f64,
+    /// Mean PSNR of the validation views that were looked at, dB.
+    pub val_psnr_db: Option<f64>,
+}
+
+/// Why training could not start or go on.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum TrainError {
+    /// A setting out of range.
+    #[error("{0}")]
+    Config(#[from] ConfigError),
+    /// Neither the data nor the flags say where the scene is.
+    #[error(
+        "scene bounds: the cameras of {data} do not look at a common place; say where rays begin and end \
+         with --near and --far, and where the scene is with --box"
+    )]
+    NoBounds {
+        /// The data's name.
+        data: String,
+    },
+    /// The bounds hold nothing.
+    #[error("{0}")]
+    Bounds(#[from] BoundsError),
+    /// The optimiser stopped.
+    #[error("{0}")]
+    Engine(#[from] EngineError),
+    /// Every restart ended without density.
+    #[error(
+        "training died {restarts} times: every density became 0. Try --density softplus, a lower --rate, or \
+         check the cameras with `nerf-train show`"
+    )]
+    Dead {
+        /// Times it was started.
+        restarts: u32,
+    },
+    /// The parameters make no blob.
+    #[error("export: {0}")]
+    Export(#[from] ExportError),
+    /// The trainer's own blob cannot be opened or rendered.
+    #[error("own blob: {0}")]
+    Blob(#[from] BlobError),
+    /// As above.
+    #[error("own blob: {0}")]
+    Plan(#[from] PlanError),
+    /// As above.
+    #[error("own blob: {0}")]
+    Render(#[from] RenderError),
+}
+
+/// A run: data, settings and everything that changes from step to step.
+pub struct Trainer<'d> {
+    config: Config,
+    dataset: &'d Dataset,
+    model: Model,
+    tier: Tier,
+    bounds: Bounds,
+    bank: RayBank<'d>,
+    engine: FusedEngine,
+    occupancy: Option<Occupancy>,
+    average: Vec<f32>,
+    batch: Batch,
+    progressed: Progressed,
+    /// The curve so far.
+    pub curve: Vec<CurvePoint>,
+}
+
+impl<'d> Trainer<'d> {
+    /// Makes everything ready for the first step: bounds, hull, rays, start values.
+    ///
+    /// # Errors
+    /// [`TrainError`] on settings out of range and on data whose bounds cannot be found.
+    pub fn new(dataset: &'d Dataset, config: Config, tier: Tier) -> Result<Self, TrainError> {
+        config.check()?;
+        let (bounds, occupancy) = find_bounds(dataset, &config)?;
+        let model = config.model();
+        let bank = RayBank::new(&dataset.train, dataset.background, bounds, &config)?;
+        let engine = new_engine(&model, &config, tier, config.seed)?;
+        Ok(Self {
+            average: vec![0.0; model.parameters()],
+            dataset,
+            model,
+            tier,
+            bounds,
+            bank,
+            engine,
+            occupancy,
+            batch: Batch::default(),
+            progressed: Progressed::default(),
+            curve: Vec::new(),
+            config,
+        })
+    }
+
+    /// Takes up a checkpoint of the same run.
+    ///
+    /// # Errors
+    /// [`TrainError::Engine`] if its parameters do not fit.
+    pub fn restore(&mut self, checkpoint: Checkpoint) -> Result<(), TrainError> {
+        self.engine.restore(&checkpoint.optimiser)?;
+        self.average = checkpoint.average;
+        self.occupancy = checkpoint.occupancy;
+        self.progressed = checkpoint.progressed;
+        self.curve = checkpoint.curve;
+        Ok(())
+    }
+
+    /// Everything needed to go on after `seconds`.
+    pub fn checkpoint(&self, seconds: f64) -> Checkpoint {
+        Checkpoint {
+            config: self.config.clone(),
+            data: self.dataset.name.clone(),
+            optimiser: self.engine.state(),
+            average: self.average.clone(),
+            occupancy: self.occupancy.clone(),
+            progressed: self.progressed,
+            curve: self.curve.clone(),
+            seconds,
+        }
+    }
+
+    /// Settings.
+    pub fn config(&self) -> &Config {
+        &self.config
+    }
+
+    /// Counters.
+    pub fn progressed(&self) -> &Progressed {
+        &self.progressed
+    }
+
+    /// Where the scene is.
+    pub fn bounds(&self) -> &Bounds {
+        &self.bounds
+    }
+
+    /// Pixels that may be drawn.
+    pub fn pixels(&self) -> u64 {
+        self.bank.pixels()
+    }
+
+    /// Share of the cells that are live; 1 without a grid.
+    pub fn occupancy(&self) -> f32 {
+        self.occupancy.as_ref().map_or(1.0, |occupancy| occupancy.grid().occupancy())
+    }
+
+    /// Parameters as trained.
+    pub fn parameters(&self) -> usize {
+        self.model.parameters()
+    }
+
+    /// Smoothed PSNR of the rays trained on, dB.
+    pub fn train_psnr_db(&self) -> f64 {
+        crate::report::metrics::psnr_db_of_mse(self.progressed.mse)
+    }
+
+    /// One step at the learning rate that `share` of the budget used calls for.
+    ///
+    /// # Errors
+    /// [`TrainError::Engine`] if it diverged; the run is then as before the step.
+    /// [`TrainError::Dead`] if every restart ended without density.
+    pub fn step(&mut self, share: f64) -> Result<(), TrainError> {
+        let step = u64::from(self.progressed.step);
+        self.draw(step);
+        let rate = learning_rate(&self.config.optimiser, self.progressed.step, share);
+        let loss = self.engine.step(&self.batch, rate)?;
+        let p = &mut self.progressed;
+        p.step += 1;
+        p.rays += self.batch.rays.len() as u64;
+        p.samples += self.batch.positions.len() as u64;
+        p.mse = if step == 0 { loss.mse } else { 0.98 * p.mse + 0.02 * loss.mse };
+        p.dead_steps = if loss.dead { p.dead_steps + 1 } else { 0 };
+        if p.dead_steps >= DEAD_STEPS {
+            return self.reseed();
+        }
+        self.update_average();
+        self.refresh_grid();
+        Ok(())
+    }
+
+    fn draw(&mut self, step: u64) {
+        let s = &self.config.sampling;
+        let skip = self.config.grid.skip;
+        let grid = self.occupancy.as_ref().filter(|_| skip).map(Occupancy::grid);
+        let p = &mut self.progressed;
+        let rays = if s.live_samples > 0 && p.live_per_ray > 0.0 {
+            ((1.1 * s.live_samples as f64 / p.live_per_ray) as usize).clamp(64, 65_536)
+        } else {
+            s.rays
+        };
+        self.bank.fill(&mut self.batch, step, rays, s.live_samples, grid.as_ref());
+        let now = self.batch.positions.len() as f64 / self.batch.rays.len().max(1) as f64;
+        p.live_per_ray = if p.live_per_ray == 0.0 { now } else { 0.9 * p.live_per_ray + 0.1 * now };
+        self.batch.empty_weight = self.config.grid.empty_weight;
+        if let Some(grid) = &grid {
+            let count = self.config.grid.empty_share * self.batch.positions.len() as f32;
+            self.bank.fill_empty(&mut self.batch, step, count as usize, grid);
+        }
+    }
+
+    fn update_average(&mut self) {
+        let decay = self.config.optimiser.average as f32;
+        if decay > 0.0 {
+            let parameters = self.engine.parameters();
+            for (average, parameter) in self.average.iter_mut().zip(parameters) {
+                *average = decay * *average + (1.0 - decay) * parameter;
+            }
+        }
+    }
+
+    fn refresh_grid(&mut self) {
+        let g = &self.config.grid;
+        if !g.skip || !self.progressed.step.is_multiple_of(g.every) {
+            return;
+        }
+        let parameters = self.model.fold(&self.engine.parameters());
+        let threshold = self.threshold();
+        if let Some(occupancy) = &mut self.occupancy {
+            let architecture = &self.model.architecture;
+            let ask = Ask { tier: self.tier, architecture, parameters: &parameters, seed: self.config.seed };
+            occupancy.refresh(&ask, threshold, g.decay, self.progressed.step >= g.from);
+        }
+    }
+
+    /// sigma that keeps a cell, 1/world unit.
+    fn threshold(&self) -> f32 {
+        let bins = f32::from(self.config.sampling.samples);
+        self.config.grid.threshold * bins / (self.bounds.far - self.bounds.near)
+    }
+
+    /// Starts anew with another seed: a known failure of ReLU densities, and its known cure.
+    fn reseed(&mut self) -> Result<(), TrainError> {
+        let restarts = self.progressed.reseeds + 1;
+        if restarts > RESEEDS {
+            return Err(TrainError::Dead { restarts });
+        }
+        let seed = self.config.seed.wrapping_add(1000 * u64::from(restarts));
+        self.engine = new_engine(&self.model, &self.config, self.tier, seed)?;
+        self.occupancy = find_bounds(self.dataset, &self.config)?.1;
+        self.average.fill(0.0);
+        self.progressed = Progressed { reseeds: restarts, ..Progressed::default() };
+        self.curve.clear();
+        Ok(())
+    }
+
+    /// The parameters to export, in export order: the corrected average, or the last.
+    pub fn exported_parameters(&self) -> Vec<f32> {
+        let decay = self.config.optimiser.average;
+        let started = 1.0 - decay.powf(f64::from(self.progressed.step));
+        if decay > 0.0 && started > 0.0 {
+            let corrected = self.average.iter().map(|&a| (f64::from(a) / started) as f32);
+            self.model.fold(&corrected.collect::<Vec<_>>())
+        } else {
+            self.model.fold(&self.engine.parameters())
+        }
+    }
+
+    /// The skip grid to export: as trained, asked once more everywhere.
+    pub fn exported_grid(&self, parameters: &[f32]) -> Occupancy {
+        let g = &self.config.grid;
+        let mut occupancy = self
+            .occupancy
+            .clone()
+            .unwrap_or_else(|| Occupancy::full(self.bounds.scene_box, g.resolution));
+        let architecture = &self.model.architecture;
+        let ask = Ask { tier: self.tier, architecture, parameters, seed: self.config.seed };
+        occupancy.settle(&ask, self.threshold());
+        occupancy
+    }
+
+    /// A blob of the run as it stands.
+    ///
+    /// # Errors
+    /// [`TrainError::Export`] on parameters that do not fit f16.
+    pub fn export(&self, about: &About<'_>) -> Result<Exported, TrainError> {
+        let made_by = format!("nerf-train {}", env!("CARGO_PKG_VERSION"));
+        let b = &self.bounds;
+        let provenance = Provenance {
+            data: &self.dataset.name,
+            made_by: &made_by,
+            steps: self.progressed.step,
+            seed: self.config.seed,
+            psnr_db: about.psnr_db.map(|db| db as f32).filter(|db| db.is_finite()),
+            psnr_convention: about.convention,
+            quantisation_loss_db: about.quantisation_loss_db.map(|db| db as f32).filter(|db| db.is_finite()),
+            trained_parameters: self.parameters() as u32,
+        };
+        let scene = SceneFacts {
+            min: b.scene_box.min.into(),
+            max: b.scene_box.max.into(),
+            near: b.near,
+            far: b.far,
+            samples: self.config.sampling.samples,
+            background: self.background(),
+            grid_required: about.grid_required,
+        };
+        let exported = export(&Contents {
+            architecture: &self.model.architecture,
+            parameters: about.parameters,
+            scene: Some(scene),
+            grid: Some((about.occupancy.resolution(), about.occupancy.bits())),
+            provenance,
+        })?;
+        Ok(exported)
+    }
+
+    /// What is behind the scene, display-encoded: the data's own colour, or black.
+    pub fn background(&self) -> [f32; 3] {
+        match self.dataset.background {
+            Background::Constant(colour) => colour.map(|c| f32::from(c) / 255.0),
+            _ => [0.0; 3],
+        }
+    }
+}
+
+/// What an export says besides what the run knows.
+#[derive(Clone, Copy, Debug)]
+pub struct About<'a> {
+    /// Parameters in export order.
+    pub parameters: &'a [f32],
+    /// The skip grid.
+    pub occupancy: &'a Occupancy,
+    /// Whether the grid is part of the model.
+    pub grid_required: bool,
+    /// Mean validation PSNR, dB.
+    pub psnr_db: Option<f64>,
+    /// What the PSNR means.
+    pub convention: &'a str,
+    /// What rounding to f16 cost, dB.
+    pub quantisation_loss_db: Option<f64>,
+}
+
+/// Opens a blob and measures it on `views` over `background`.
+///
+/// `parameters` replaces the blob's rounded weights where given.
+///
+/// # Errors
+/// [`TrainError`] if the blob cannot be opened or rendered as asked.
+pub fn measure<'v>(
+    blob: &[u8],
+    parameters: Option<&[f32]>,
+    tier: Tier,
+    quality: &Quality,
+    background: [f32; 3],
+    views: impl IntoIterator<Item = &'v crate::dataset::View>,
+    each: impl FnMut(&'v crate::dataset::View, &crate::frame::Frame, &[[f32; 3]], &crate::eval::ViewScore),
+) -> Result<Scores, TrainError> {
+    let blob = Blob::open(blob)?;
+    let plan = Plan::new(&blob, quality, Outputs::ALL, RenderBatch::for_tier(tier))?;
+    let plan = plan.with_background(background)?;
+    let mut memory = vec![Line::UNINIT; Renderer::prepared_lines(&blob, tier)];
+    let renderer = match parameters {
+        Some(parameters) => Renderer::with_parameters(blob, tier, parameters)
+            .ok_or(RenderError::Memory { expected: 0, found: 0 })?,
+        None => Renderer::new(blob, tier, &mut memory)?,
+    };
+    Ok(evaluate(&renderer, &plan, background, views, each)?)
+}
+
+fn new_engine(model: &Model, config: &Config, tier: Tier, seed: u64) -> Result<FusedEngine, TrainError> {
+    let mut engine = FusedEngine::new(model, config.adam(), seed)?;
+    engine.set_tier(tier);
+    Ok(engine)
+}
+
+/// Near, far and scene box from settings and data; and the grid to start with.
+fn find_bounds(dataset: &Dataset, config: &Config) -> Result<(Bounds, Option<Occupancy>), TrainError> {
+    let (s, g) = (&config.sampling, &config.grid);
+    let proposed = scene_bounds(dataset);
+    let missing = || TrainError::NoBounds { data: dataset.name.clone() };
+    let near = s.near.or(proposed.map(|p| p.near)).ok_or_else(missing)?;
+    let far = s.far.or(proposed.map(|p| p.far)).ok_or_else(missing)?;
+    if !(near >= 0.0 && near < far && far.is_finite()) {
+        return Err(BoundsError::Range { near, far }.into());
+    }
+    let given = match s.scene_box {
+        Some([x0, y0, z0, x1, y1, z1]) => {
+            Some(SceneBox::new(Vec3::new(x0, y0, z0), Vec3::new(x1, y1, z1))?)
+        }
+        None => None,
+    };
+    let cameras: Vec<_> = dataset.cameras().copied().collect();
+    let wide = match (given, proposed) {
+        (Some(given), _) => given,
+        // Without a grid nothing is skipped: every sample of every ray is inside the box.
+        _ if !g.skip => crate::dataset::frusta_box(&cameras, near, far)?,
+        (None, proposed) => proposed.ok_or_else(missing)?.scene_box,
+    };
+    let hull = |bounds, resolution| {
+        let carved = g.skip && g.hull;
+        carved.then(|| Occupancy::carve(bounds, resolution, &dataset.train, dataset.background)).flatten()
+    };
+    let tight = || hull(wide, COARSE_HULL).and_then(|coarse| coarse.tight_box());
+    let scene_box = if given.is_some() { wide } else { tight().unwrap_or(wide) };
+    let occupancy = g
+        .skip
+        .then(|| hull(scene_box, g.resolution).unwrap_or_else(|| Occupancy::full(scene_box, g.resolution)));
+    Ok((Bounds { near, far, scene_box }, occupancy))
+}
