@@ -2,3 +2,4 @@
 //!
 //! The modules in the order in which data flows.
 pub mod dataset;
+pub mod demo_scene;
