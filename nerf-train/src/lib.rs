@@ -4,6 +4,7 @@
 
 pub mod config;
 pub mod dataset;
+pub mod demo_scene;
 pub mod engine;
 pub mod eval;
 pub mod export;

@@ -1,0 +1,239 @@
+//! The shapes: exact distances, bounding spheres, and where a ray first meets one.
+
+use glam::{DVec2, DVec3};
+
+/// The top of the plinth.
+pub(super) const FLOOR: f64 = -0.38;
+
+/// Geometry around `centre`; z is up.
+#[derive(Clone, Copy)]
+pub(super) enum Form {
+    /// Radius.
+    Sphere(f64),
+    /// Half sides after rounding, radius of the rounding, cosine and sine of the turn about z.
+    Block { half: DVec3, round: f64, turn: DVec2 },
+    /// Radius and half height, radius of the rounding.
+    Drum { radius: f64, half: f64, round: f64 },
+    /// Radius of the ring and of its tube, lying flat.
+    Ring { radius: f64, tube: f64 },
+}
+
+/// What its surface looks like.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) enum Look {
+    Plinth,
+    Marble,
+    Planks,
+    Candy,
+    Pearl,
+    Column,
+    Cherry,
+}
+
+#[derive(Clone, Copy)]
+pub(super) struct Shape {
+    pub(super) form: Form,
+    pub(super) centre: DVec3,
+    /// Radius of a sphere around `centre` that holds the shape.
+    pub(super) reach: f64,
+    pub(super) look: Look,
+}
+
+pub(super) static SCENE: [Shape; 7] = [
+    Shape {
+        form: Form::Drum { radius: 0.96, half: 0.08, round: 0.03 },
+        centre: DVec3::new(0.0, 0.0, FLOOR - 0.08),
+        reach: 0.964,
+        look: Look::Plinth,
+    },
+    Shape {
+        form: Form::Sphere(0.43),
+        centre: DVec3::new(-0.33, 0.28, FLOOR + 0.43),
+        reach: 0.43,
+        look: Look::Marble,
+    },
+    Shape {
+        form: Form::Block {
+            half: DVec3::new(0.23, 0.23, 0.31),
+            round: 0.05,
+            turn: DVec2::new(0.866_025_4, 0.5),
+        },
+        centre: DVec3::new(0.46, 0.34, FLOOR + 0.31),
+        reach: 0.45,
+        look: Look::Planks,
+    },
+    Shape {
+        form: Form::Ring { radius: 0.25, tube: 0.11 },
+        centre: DVec3::new(0.34, -0.44, FLOOR + 0.11),
+        reach: 0.36,
+        look: Look::Candy,
+    },
+    // Rests in the ring: its centre is 0.31 from the ring's circle.
+    Shape {
+        form: Form::Sphere(0.20),
+        centre: DVec3::new(0.34, -0.44, FLOOR + 0.11 + 0.183_303),
+        reach: 0.20,
+        look: Look::Pearl,
+    },
+    Shape {
+        form: Form::Drum { radius: 0.15, half: 0.22, round: 0.04 },
+        centre: DVec3::new(-0.42, -0.50, FLOOR + 0.22),
+        reach: 0.267,
+        look: Look::Column,
+    },
+    Shape {
+        form: Form::Sphere(0.15),
+        centre: DVec3::new(0.46, 0.34, FLOOR + 0.62 + 0.15),
+        reach: 0.15,
+        look: Look::Cherry,
+    },
+];
+
+/// Where a ray first meets the scene.
+pub(super) struct Found {
+    /// World units along the ray.
+    pub(super) t: f64,
+    pub(super) shape: &'static Shape,
+    /// Outward unit normal.
+    pub(super) normal: DVec3,
+}
+
+impl Shape {
+    /// Exact signed distance, negative inside.
+    pub(super) fn distance(&self, point: DVec3) -> f64 {
+        let p = point - self.centre;
+        match self.form {
+            Form::Sphere(radius) => p.length() - radius,
+            Form::Block { half, round, turn } => {
+                let local = DVec3::new(p.x * turn.x + p.y * turn.y, p.y * turn.x - p.x * turn.y, p.z);
+                let q = local.abs() - (half - round);
+                q.max(DVec3::ZERO).length() + q.max_element().min(0.0) - round
+            }
+            Form::Drum { radius, half, round } => {
+                let q = DVec2::new(p.truncate().length() - (radius - round), p.z.abs() - (half - round));
+                q.max(DVec2::ZERO).length() + q.max_element().min(0.0) - round
+            }
+            Form::Ring { radius, tube } => DVec2::new(p.truncate().length() - radius, p.z).length() - tube,
+        }
+    }
+
+    /// Where the ray enters and leaves the bounding sphere, made larger by `margin`.
+    pub(super) fn bounds(&self, origin: DVec3, dir: DVec3, margin: f64) -> Option<(f64, f64)> {
+        let to = self.centre - origin;
+        let middle = to.dot(dir);
+        let reach = self.reach + margin;
+        let half2 = reach * reach - (to - dir * middle).length_squared();
+        let half = if half2 >= 0.0 { half2.sqrt() } else { return None };
+        (middle + half > 0.0).then_some(((middle - half).max(0.0), middle + half))
+    }
+
+    /// Where a ray from outside first meets the surface, before `limit`.
+    fn hit(&self, origin: DVec3, dir: DVec3, limit: f64) -> Option<f64> {
+        const STEPS: usize = 400;
+        const CLOSE: f64 = 1e-8;
+        const SLOPE_STEP: f64 = 1e-7;
+        let (enter, leave) = self.bounds(origin, dir, 0.0)?;
+        if let Form::Sphere(_) = self.form {
+            return (enter < limit).then_some(enter);
+        }
+        let convex = !matches!(self.form, Form::Ring { .. });
+        let at = |t: f64| self.distance(origin + dir * t);
+        let (mut t, end) = (enter, leave.min(limit));
+        for _ in 0..STEPS {
+            let distance = at(t);
+            if distance < CLOSE {
+                return Some(t);
+            }
+            t += if convex {
+                // Along a ray the distance to a convex shape is a convex function: Newton's method
+                // comes to its first root from the left, and a rising slope means there is none.
+                let slope = (at(t + SLOPE_STEP) - distance) / SLOPE_STEP;
+                if slope >= 0.0 {
+                    return None;
+                }
+                distance / -slope
+            } else {
+                distance
+            };
+            if t > end {
+                return None;
+            }
+        }
+        // A ray that creeps along the surface without touching it.
+        None
+    }
+
+    fn normal(&self, point: DVec3) -> DVec3 {
+        if let Form::Sphere(_) = self.form {
+            return (point - self.centre).normalize_or(DVec3::Z);
+        }
+        const STEP: f64 = 1e-5;
+        let slope = |axis: DVec3| self.distance(point + axis * STEP) - self.distance(point - axis * STEP);
+        DVec3::new(slope(DVec3::X), slope(DVec3::Y), slope(DVec3::Z)).normalize_or(DVec3::Z)
+    }
+}
+
+/// Where the ray first meets any shape; `dir` is of unit length and `origin` outside of all.
+pub(super) fn first(origin: DVec3, dir: DVec3) -> Option<Found> {
+    let mut nearest: Option<(f64, &Shape)> = None;
+    for shape in &SCENE {
+        let limit = nearest.map_or(f64::INFINITY, |(t, _)| t);
+        if let Some(t) = shape.hit(origin, dir, limit) {
+            nearest = Some((t, shape));
+        }
+    }
+    nearest.map(|(t, shape)| Found { t, shape, normal: shape.normal(origin + dir * t) })
+}
+
+/// How much of a small round light at `dir` is seen from `point`, 0..=1.
+///
+/// # Source
+/// Quilez, "Soft shadows in raymarched SDFs": the penumbra from the narrowest miss.
+pub(super) fn lit(point: DVec3, dir: DVec3) -> f64 {
+    const SHARPNESS: f64 = 9.0;
+    const STEPS: usize = 40;
+    /// Penumbras that would reach farther than this from a shape are cut off.
+    const MARGIN: f64 = 0.2;
+    let mut light: f64 = 1.0;
+    for shape in &SCENE {
+        // The light stands above: what is level with the plinth's top is not in its shadow.
+        if shape.look == Look::Plinth && point.z >= FLOOR {
+            continue;
+        }
+        let Some((enter, leave)) = shape.bounds(point, dir, MARGIN) else { continue };
+        let mut t = enter.max(0.01);
+        for _ in 0..STEPS {
+            let distance = shape.distance(point + dir * t);
+            light = light.min(SHARPNESS * distance / t);
+            t += distance.clamp(0.015, 0.3);
+            if light <= 0.0 {
+                return 0.0;
+            }
+            if t > leave {
+                break;
+            }
+        }
+    }
+    light * light * (3.0 - 2.0 * light)
+}
+
+/// How open the hemisphere around `normal` is, 0..=1, from a few distances along it.
+pub(super) fn openness(point: DVec3, normal: DVec3) -> f64 {
+    const PROBES: u32 = 4;
+    let (mut closed, mut total) = (0.0, 0.0);
+    for step in 1..=PROBES {
+        let reach = 0.07 * f64::from(step);
+        let weight = 0.7f64.powi(step as i32);
+        let probe = point + normal * reach;
+        let mut free = reach;
+        for shape in &SCENE {
+            let far = shape.reach + free;
+            if (probe - shape.centre).length_squared() < far * far {
+                free = free.min(shape.distance(probe));
+            }
+        }
+        closed += weight * (1.0 - (free / reach).max(0.0));
+        total += weight;
+    }
+    1.0 - 0.75 * closed / total
+}
