@@ -56,8 +56,7 @@ impl LayerSum {
             for (bias, dy) in self.bias.iter_mut().zip(dy.chunks_exact(BLOCK)) {
                 *bias += sum(&dy[..lanes], |i| dy[i]);
             }
-            let parts =
-                [(&mut self.main, node.main, d.main), (&mut self.extra, node.extra, d.extra)];
+            let parts = [(&mut self.main, node.main, d.main), (&mut self.extra, node.extra, d.extra)];
             for (gradient, slot, channels) in parts {
                 if channels == 0 {
                     continue;

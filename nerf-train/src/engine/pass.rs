@@ -91,11 +91,8 @@ impl Pass {
         let rgb = FIRST + graph.nodes.len() - 1;
         let colour = &mut self.slots[rgb][..3 * count.next_multiple_of(BLOCK)];
         colour.iter_mut().for_each(|c| *c = 1.0 / (1.0 + (-*c).exp()));
-        let view = Samples {
-            deltas: &batch.deltas[samples],
-            sigma: graph.density.map(|_| &self.sigma[..]),
-            colour,
-        };
+        let view =
+            Samples { deltas: &batch.deltas[samples], sigma: graph.density.map(|_| &self.sigma[..]), colour };
         let scale = 1.0 / (3.0 * batch.rays.len() as f64);
         self.loss.squared += squared_error(
             &batch.rays[rays],

@@ -217,7 +217,8 @@ impl ReferenceEngine {
         let tau = match self.density(weights, &h)? {
             Some(sigma) => {
                 let sigma = sigma.try_reshape_like(&(rays, longest))?;
-                let live = deltas.iter().zip(sigma.as_vec()).all(|(&delta, sigma)| delta == 0.0 || sigma == 0.0);
+                let live =
+                    deltas.iter().zip(sigma.as_vec()).all(|(&delta, sigma)| delta == 0.0 || sigma == 0.0);
                 dead = live && !batch.positions.is_empty();
                 sigma.try_mul(matrix(deltas, longest)?)?
             }

@@ -19,7 +19,8 @@ fn folding_keeps_the_outputs() {
         };
         let (sigma, rgb) = outputs(&model, &parameters);
         let (folded_sigma, folded_rgb) = outputs(&exported, &folded);
-        let close = |a: &[f32], b: &[f32]| a.iter().zip(b).all(|(a, b)| (a - b).abs() < 1e-5 * (1.0 + a.abs()));
+        let close =
+            |a: &[f32], b: &[f32]| a.iter().zip(b).all(|(a, b)| (a - b).abs() < 1e-5 * (1.0 + a.abs()));
         assert!(close(&sigma, &folded_sigma), "{name}");
         assert!(close(rgb.as_flattened(), folded_rgb.as_flattened()), "{name}");
     }
@@ -60,8 +61,7 @@ fn layers_fill_the_parameter_vector_in_order() {
 #[test]
 fn start_values_are_those_of_the_recipe() {
     let model = Model { architecture: plain().architecture, ..classic() };
-    let (uniform, he) =
-        (model.initial_parameters(1), model.initial_parameters_with(1, Initialisation::He));
+    let (uniform, he) = (model.initial_parameters(1), model.initial_parameters_with(1, Initialisation::He));
     assert_eq!(bits(&uniform), bits(&model.initial_parameters(1)));
     assert_ne!(bits(&uniform), bits(&model.initial_parameters(2)));
     for d in model.layers() {
