@@ -1,5 +1,10 @@
 //! Sinusoidal positional encoding.
 
+use crate::kernels::{Op, Tier};
+use crate::math::lanes::Lanes;
+use crate::math::recurrence::double;
+use crate::math::{Math, MathBackend, with_math};
+use core::marker::PhantomData;
 use serde::{Deserialize, Serialize};
 
 /// Most levels an encoding may have.
@@ -42,5 +47,71 @@ impl Encoding {
     /// ```
     pub const fn outputs(&self) -> usize {
         self.inputs as usize * (self.identity as usize + 2 * self.levels as usize)
+    }
+}
+
+/// Encodes a block of samples.
+///
+/// `x`: `[inputs][stride]`, `out`: `[outputs][stride]`, both with `stride` samples to a channel, a
+/// multiple of 16 or any number on the scalar tier.
+///
+/// # Accuracy
+/// 1.2e-7 at every level with [`MathBackend::Polynomial`]: `2^k x` is exact, and the angle is
+/// reduced before it is multiplied by π. With `s = 1` that holds while `|2^k x| <= 1e5`.
+///
+/// # Panics
+/// If a slice is shorter than that.
+#[inline]
+pub fn encode_block(
+    tier: Tier,
+    math: MathBackend,
+    encoding: &Encoding,
+    stride: usize,
+    x: &[f32],
+    out: &mut [f32],
+) {
+    assert!(x.len() >= usize::from(encoding.inputs) * stride, "encode: x is too short");
+    assert!(out.len() >= encoding.outputs() * stride, "encode: out is too short");
+    with_math!(math, M => tier.run_columns(stride, Encode::<M> { encoding, stride, x, out, math: PhantomData }));
+}
+
+struct Encode<'a, M> {
+    encoding: &'a Encoding,
+    stride: usize,
+    x: &'a [f32],
+    out: &'a mut [f32],
+    math: PhantomData<M>,
+}
+
+impl<M: Math> Op for Encode<'_, M> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run<V: Lanes>(self) {
+        let (inputs, stride) = (usize::from(self.encoding.inputs), self.stride);
+        let first_level = if self.encoding.identity { inputs } else { 0 };
+        let pi = self.encoding.scale == AngleScale::Pi;
+        for input in 0..inputs {
+            for column in (0..stride).step_by(V::COUNT) {
+                let x = V::load(&self.x[input * stride + column..]);
+                let mut put = |channel: usize, v: V| v.store(&mut self.out[channel * stride + column..]);
+                if self.encoding.identity {
+                    put(input, x);
+                }
+                let (mut sin, mut cos) = (x, x);
+                let mut scale = 1.0;
+                for level in 0..usize::from(self.encoding.levels) {
+                    if level > 0 && M::DOUBLING {
+                        (sin, cos) = double(sin, cos);
+                    } else {
+                        let u = x.mul(V::splat(scale)); // a power of two: exact
+                        (sin, cos) = if pi { M::sin_cos_pi(u) } else { M::sin_cos(u) };
+                    }
+                    put(first_level + (2 * level) * inputs + input, sin);
+                    put(first_level + (2 * level + 1) * inputs + input, cos);
+                    scale *= 2.0;
+                }
+            }
+        }
     }
 }

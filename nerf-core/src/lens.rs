@@ -49,8 +49,7 @@ impl Lens {
             let (ex, ey) = (fx - xd, fy - yd);
             let ([a, b], [c, d]) = self.jacobian(x, y);
             let det = a * d - b * c;
-            // NaN fails both comparisons of this kind, so it ends here too.
-            if !(det > 1e-3) {
+            if det.is_nan() || det <= 1e-3 {
                 return None;
             }
             if ex.abs().max(ey.abs()) <= 1e-6 {

@@ -2,4 +2,5 @@
 //!
 //! The modules in the order in which data flows.
 
+pub mod dataset;
 pub mod engine;

@@ -1,27 +1,37 @@
 //! The inner loops; the only room with `unsafe`.
+//!
+//! An [`Op`] is written once, generic over [`Lanes`]; a leaf per instruction set
+//! compiles it for that set, and [`Tier::run`] picks the leaf. Activations are laid out
+//! `[channel][BLOCK]`: a vector holds one channel of neighbouring samples.
 #![allow(unsafe_code)]
 
+mod arena;
+#[cfg(target_arch = "x86_64")]
+mod avx2;
+#[cfg(target_arch = "x86_64")]
+mod avx512;
 mod gemm;
+mod half;
+mod portable;
+mod select;
 
+#[cfg(test)]
+mod tests;
+
+pub use arena::{Arena, Line, lines_for};
 pub use gemm::{Gemm, Init, gemm};
+pub use half::{HalfInit, f16_at, gemm_f16};
+pub use select::Tier;
+
+use crate::math::lanes::Lanes;
 
 /// Samples that go through the network together, on every tier.
 pub const BLOCK: usize = 64;
 
-/// A kernel tier: which instructions the inner loops use.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
-pub enum Tier {
-    /// Plain, unfused f32: the oracle, the same on every target.
-    Scalar,
-    /// AVX2, FMA and F16C.
-    Avx2,
-    /// AVX-512 F.
-    Avx512,
-}
-
-impl Tier {
-    /// The fastest tier this machine has.
-    pub fn detect() -> Self {
-        Self::Scalar
-    }
+/// A loop that can be compiled for every tier.
+pub trait Op {
+    /// What it returns.
+    type Output;
+    /// The loop; must be `#[inline(always)]`, or it loses the leaf's instructions.
+    fn run<V: Lanes>(self) -> Self::Output;
 }

@@ -6,8 +6,10 @@
 //! ```
 
 mod architecture;
+mod view;
 
 pub use architecture::{
     Architecture, ArchitectureError, DensityActivation, Layer, Layers, MAX_COLOUR, MAX_LAYERS, MAX_TRUNK,
     MAX_WIDTH, Role, TrunkLayer,
 };
+pub use view::{Network, Scratch, Weights, unpack};

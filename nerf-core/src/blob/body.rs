@@ -1,0 +1,84 @@
+//! What a blob says, as plain data.
+
+use crate::network::Architecture;
+use serde::{Deserialize, Serialize};
+
+/// Most samples per ray a blob may ask for.
+pub const MAX_SAMPLES: u16 = 4096;
+/// Most cells of the skip grid along one axis.
+pub const MAX_GRID_SIDE: u16 = 512;
+/// Longest text of the provenance, bytes.
+pub const MAX_TEXT: usize = 1024;
+
+/// The body of a blob, in file order.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Body<'a> {
+    /// The network's shape.
+    pub architecture: Architecture,
+    /// What makes it a scene; absent in a 2D field.
+    pub scene: Option<SceneFacts>,
+    /// Which cells of the scene box may hold something.
+    #[serde(borrow)]
+    pub grid: Option<Grid<'a>>,
+    /// Where it comes from.
+    pub provenance: Provenance<'a>,
+    /// The parameters as little-endian f16, in the order of [`Architecture::layers`].
+    pub weights: &'a [u8],
+}
+
+/// Bounds and conventions of a scene.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct SceneFacts {
+    /// Smallest corner of the scene box, world units.
+    pub min: [f32; 3],
+    /// Largest corner of the scene box, world units.
+    pub max: [f32; 3],
+    /// Where rays start, world units along the ray.
+    pub near: f32,
+    /// Where rays end, world units along the ray.
+    pub far: f32,
+    /// Samples per ray, `near..far` cut into equal bins, that the network was made for.
+    pub samples: u16,
+    /// What shows where opacity is below 1, display-encoded.
+    pub background: [f32; 3],
+    /// Whether the skip grid is part of the model: outside of it the network was never trained,
+    /// and rendering without it is refused.
+    pub grid_required: bool,
+}
+
+/// The skip grid: one bit per cell of the scene box.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Grid<'a> {
+    /// Cells along x, y, z.
+    pub resolution: [u16; 3],
+    /// Bit `(x * ny + y) * nz + z`, least significant bit of a byte first; padding bits are 0.
+    pub bits: &'a [u8],
+}
+
+impl Grid<'_> {
+    /// Bytes a grid of this resolution takes.
+    pub fn bytes(resolution: [u16; 3]) -> usize {
+        resolution.iter().map(|&side| usize::from(side)).product::<usize>().div_ceil(8)
+    }
+}
+
+/// Who made the blob, from what, and how good it is.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Provenance<'a> {
+    /// The data it was fitted to, by name.
+    pub data: &'a str,
+    /// The program and settings that made it.
+    pub made_by: &'a str,
+    /// Optimiser steps.
+    pub steps: u32,
+    /// Seed of the run.
+    pub seed: u64,
+    /// Mean PSNR over the validation views, dB, measured on this very blob; absent if there were none.
+    pub psnr_db: Option<f32>,
+    /// What the PSNR means: views, background, samples.
+    pub psnr_convention: &'a str,
+    /// What rounding to f16 cost on the same views, dB (negative: a gain); absent if not measured.
+    pub quantisation_loss_db: Option<f32>,
+    /// Parameters before folding.
+    pub trained_parameters: u32,
+}

@@ -1,0 +1,85 @@
+//! The fixed 32 bytes in front of the body.
+//!
+//! | offset | bytes | what |
+//! | --- | --- | --- |
+//! | 0 | 8 | magic |
+//! | 8 | 2 | format version |
+//! | 10 | 2 | endian tag `0xfeff` |
+//! | 12 | 4 | flags, 0 |
+//! | 16 | 8 | body length |
+//! | 24 | 4 | CRC-32 (ISO-HDLC) over the header with this field and the next at 0, then the body |
+//! | 28 | 4 | reserved, 0 |
+
+use super::BlobError;
+use crc::{CRC_32_ISO_HDLC, Crc, Table};
+
+/// First bytes of every blob; in the manner of PNG, a text-mode copy damages them.
+pub const MAGIC: [u8; 8] = *b"\x89NERF\r\n\x1a";
+/// The version this build writes, and the newest it reads.
+pub const FORMAT_VERSION: u16 = 1;
+/// Length of the header, bytes.
+pub const HEADER_LEN: usize = 32;
+
+const ENDIAN_TAG: u16 = 0xfeff;
+/// One 1 KiB table: a microcontroller carries it too.
+const CRC: Crc<u32, Table<1>> = Crc::<u32, Table<1>>::new(&CRC_32_ISO_HDLC);
+
+/// The header of `body`.
+pub(super) fn write(body: &[u8]) -> [u8; HEADER_LEN] {
+    let mut header = [0; HEADER_LEN];
+    header[..8].copy_from_slice(&MAGIC);
+    header[8..10].copy_from_slice(&FORMAT_VERSION.to_le_bytes());
+    header[10..12].copy_from_slice(&ENDIAN_TAG.to_le_bytes());
+    header[16..24].copy_from_slice(&(body.len() as u64).to_le_bytes());
+    let crc = checksum(&header, body);
+    header[24..28].copy_from_slice(&crc.to_le_bytes());
+    header
+}
+
+/// Checks the header and returns the body.
+pub(super) fn open(bytes: &[u8]) -> Result<&[u8], BlobError> {
+    let found = bytes.len() as u64;
+    let magic = bytes.len().min(MAGIC.len());
+    if bytes[..magic] != MAGIC[..magic] || bytes.is_empty() {
+        return Err(BlobError::NotABlob);
+    }
+    let Some((header, body)) = bytes.split_first_chunk::<HEADER_LEN>() else {
+        return Err(BlobError::Truncated { expected: HEADER_LEN as u64, found });
+    };
+    let [_, _, _, _, _, _, _, _, v0, v1, e0, e1, f0, f1, f2, f3, rest @ ..] = *header;
+    let endian = u16::from_le_bytes([e0, e1]);
+    if endian != ENDIAN_TAG {
+        return Err(BlobError::Endian { found: endian });
+    }
+    let version = u16::from_le_bytes([v0, v1]);
+    if version == 0 || version > FORMAT_VERSION {
+        return Err(BlobError::Version { newest: FORMAT_VERSION, found: version });
+    }
+    let flags = u32::from_le_bytes([f0, f1, f2, f3]);
+    if flags != 0 {
+        return Err(BlobError::Flags { found: flags });
+    }
+    let [l0, l1, l2, l3, l4, l5, l6, l7, c0, c1, c2, c3, r @ ..] = rest;
+    let length = u64::from_le_bytes([l0, l1, l2, l3, l4, l5, l6, l7]);
+    let expected = length.saturating_add(HEADER_LEN as u64);
+    if found < expected {
+        return Err(BlobError::Truncated { expected, found });
+    }
+    if found > expected {
+        return Err(BlobError::TrailingBytes { expected, found });
+    }
+    let stored = u32::from_le_bytes([c0, c1, c2, c3]);
+    let computed = checksum(header, body);
+    if stored != computed || r != [0; 4] {
+        return Err(BlobError::Checksum { expected: stored, found: computed });
+    }
+    Ok(body)
+}
+
+fn checksum(header: &[u8; HEADER_LEN], body: &[u8]) -> u32 {
+    let mut digest = CRC.digest();
+    digest.update(&header[..24]);
+    digest.update(&[0; 8]);
+    digest.update(body);
+    digest.finalize()
+}

@@ -1,0 +1,19 @@
+//! The `*.nerf` file: a checked header, then one postcard body that is borrowed in place.
+//!
+//! The format is specified in `docs/blob-format.md`. A [`Blob`] is checked once, in
+//! [`Blob::open`]; everything after that is infallible.
+
+mod body;
+mod error;
+mod header;
+mod view;
+mod write;
+
+#[cfg(test)]
+mod tests;
+
+pub use body::{Body, Grid, MAX_GRID_SIDE, MAX_SAMPLES, MAX_TEXT, Provenance, SceneFacts};
+pub use error::{BlobError, Section};
+pub use header::{FORMAT_VERSION, HEADER_LEN, MAGIC};
+pub use view::Blob;
+pub use write::{encoded_len, write};

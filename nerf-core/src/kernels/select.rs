@@ -1,0 +1,122 @@
+//! Which tiers this machine has, and the one place where a tier becomes a function.
+
+use super::Op;
+use super::portable::Portable;
+
+/// A kernel tier: which instructions the inner loops use.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+#[non_exhaustive]
+pub enum Tier {
+    /// Plain, unfused f32: the oracle, the same on every target.
+    Scalar,
+    /// AVX2 and FMA, eight lanes.
+    Avx2,
+    /// AVX-512 F, sixteen lanes.
+    Avx512,
+}
+
+impl Tier {
+    /// Every tier, slowest first.
+    pub const ALL: [Self; 3] = [Self::Scalar, Self::Avx2, Self::Avx512];
+
+    /// The fastest tier of this machine.
+    pub fn detect() -> Self {
+        Self::ALL.into_iter().rev().find(|tier| tier.available()).unwrap_or(Self::Scalar)
+    }
+
+    /// Whether this build and this machine have the tier.
+    pub fn available(self) -> bool {
+        match self {
+            Self::Scalar => true,
+            #[cfg(target_arch = "x86_64")]
+            Self::Avx2 => cpu::features().avx2,
+            #[cfg(target_arch = "x86_64")]
+            Self::Avx512 => cpu::features().avx512,
+            #[cfg(not(target_arch = "x86_64"))]
+            _ => false,
+        }
+    }
+
+    /// Its name in `NERF_KERNEL`, flags and reports.
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Scalar => "scalar",
+            Self::Avx2 => "avx2",
+            Self::Avx512 => "avx512",
+        }
+    }
+
+    /// The tier of that name.
+    pub fn by_name(name: &str) -> Option<Self> {
+        Self::ALL.into_iter().find(|tier| tier.name() == name)
+    }
+
+    /// As [`Tier::run`], for an op over `columns` samples: one by one where they fill no vector.
+    #[inline]
+    pub fn run_columns<O: Op>(self, columns: usize, op: O) -> O::Output {
+        if columns.is_multiple_of(16) { self.run(op) } else { op.run::<f32>() }
+    }
+
+    /// Runs `op` on this tier, or on the scalar one where the machine lacks it.
+    #[inline]
+    pub fn run<O: Op>(self, op: O) -> O::Output {
+        match self {
+            // SAFETY: the CPU and the OS have what the leaf needs; `available` asked them.
+            #[cfg(target_arch = "x86_64")]
+            Self::Avx2 if self.available() => unsafe { super::avx2::run(op) },
+            // SAFETY: as above.
+            #[cfg(target_arch = "x86_64")]
+            Self::Avx512 if self.available() => unsafe { super::avx512::run(op) },
+            _ => op.run::<Portable>(),
+        }
+    }
+}
+
+#[cfg(target_arch = "x86_64")]
+mod cpu {
+    use core::arch::x86_64::{__cpuid_count, _xgetbv};
+    use core::sync::atomic::{AtomicU8, Ordering};
+
+    pub struct Features {
+        pub avx2: bool,
+        pub avx512: bool,
+    }
+
+    /// What `cpuid` and the OS say, asked once: bit 7 marks the answer as known.
+    static KNOWN: AtomicU8 = AtomicU8::new(0);
+
+    pub fn features() -> Features {
+        let mut bits = KNOWN.load(Ordering::Relaxed);
+        if bits == 0 {
+            let asked = ask();
+            bits = 0x80 | u8::from(asked.avx2) | u8::from(asked.avx512) << 1;
+            KNOWN.store(bits, Ordering::Relaxed);
+        }
+        Features { avx2: bits & 1 != 0, avx512: bits & 2 != 0 }
+    }
+
+    fn ask() -> Features {
+        let leaf = |leaf, sub| __cpuid_count(leaf, sub);
+        if leaf(0, 0).eax < 7 {
+            return Features { avx2: false, avx512: false };
+        }
+        let (one, seven) = (leaf(1, 0), leaf(7, 0));
+        let has = |word: u32, bit: u32| word >> bit & 1 == 1;
+        // XSAVE in use by the OS: only then does the next instruction exist.
+        if !has(one.ecx, 27) {
+            return Features { avx2: false, avx512: false };
+        }
+        // SAFETY: OSXSAVE is set.
+        let saved = unsafe { xcr0() };
+        let ymm = saved & 0b110 == 0b110;
+        let zmm = saved & 0b1110_0110 == 0b1110_0110;
+        let fma = has(one.ecx, 12) && has(one.ecx, 28);
+        Features { avx2: ymm && fma && has(seven.ebx, 5), avx512: zmm && fma && has(seven.ebx, 16) }
+    }
+
+    #[target_feature(enable = "xsave")]
+    unsafe fn xcr0() -> u64 {
+        // SAFETY: the caller checked OSXSAVE.
+        unsafe { _xgetbv(0) }
+    }
+}

@@ -1,0 +1,163 @@
+//! One vector of `f32`: the interface every elementary function and kernel is written against.
+
+/// `COUNT` values of f32 that move through arithmetic together.
+///
+/// `f32` itself is the one-lane instance; the vector instances live in `kernels/`. Every operation
+/// acts on each lane alone, so that a value never depends on its neighbours.
+pub trait Lanes: Copy {
+    /// Lanes of a vector.
+    const COUNT: usize;
+    /// Rows of C a register tile of the product kernel covers.
+    const TILE_ROWS: usize;
+    /// Vectors of C a register tile of the product kernel covers.
+    const TILE_COLS: usize;
+    /// The result of a comparison.
+    type Mask: Copy;
+
+    /// `x` in every lane.
+    fn splat(x: f32) -> Self;
+    /// The first `COUNT` values of `from`.
+    ///
+    /// # Panics
+    /// If `from` is shorter than that.
+    fn load(from: &[f32]) -> Self;
+    /// Writes the lanes to the first `COUNT` values of `to`.
+    ///
+    /// # Panics
+    /// If `to` is shorter than that.
+    fn store(self, to: &mut [f32]);
+    /// `self + b`.
+    fn add(self, b: Self) -> Self;
+    /// `self - b`.
+    fn sub(self, b: Self) -> Self;
+    /// `self * b`.
+    fn mul(self, b: Self) -> Self;
+    /// `self / b`.
+    fn div(self, b: Self) -> Self;
+    /// `self * b + c`: fused on the vector tiers, two roundings on the scalar one.
+    fn mul_add(self, b: Self, c: Self) -> Self;
+    /// The larger; `self` only if it is greater, so that a NaN in `b` stays.
+    fn max_of(self, b: Self) -> Self;
+    /// The smaller; `self` only if it is less, so that a NaN in `b` stays.
+    fn min_of(self, b: Self) -> Self;
+    /// `|self|`.
+    fn abs(self) -> Self;
+    /// The nearest integer, ties to even, for every finite value.
+    fn round_even(self) -> Self;
+    /// `2^self` for an integer in `-126..=127`.
+    fn exp2_integer(self) -> Self;
+    /// Splits a positive normal number into `(m, e)` with `self = m 2^e`, `m` in `[√½, √2)`.
+    fn split_exponent(self) -> (Self, Self);
+    /// Where `self == b`.
+    fn equals(self, b: Self) -> Self::Mask;
+    /// Where `self < b`.
+    fn less(self, b: Self) -> Self::Mask;
+    /// `a` where the mask holds, else `b`.
+    fn select(mask: Self::Mask, a: Self, b: Self) -> Self;
+
+    /// `-self`.
+    #[inline(always)]
+    fn neg(self) -> Self {
+        Self::splat(-0.0).sub(self)
+    }
+
+    /// `f` of every lane, one by one.
+    #[inline(always)]
+    fn map(self, f: impl Fn(f32) -> f32) -> Self {
+        let mut lanes = [0.0; MAX_LANES];
+        self.store(&mut lanes);
+        for x in &mut lanes[..Self::COUNT] {
+            *x = f(*x);
+        }
+        Self::load(&lanes)
+    }
+}
+
+/// The widest vector of any tier.
+pub const MAX_LANES: usize = 16;
+
+/// √½ as bits: the border between the halves of `split_exponent`.
+pub(crate) const SQRT_HALF_BITS: u32 = 0x3f35_04f3;
+
+impl Lanes for f32 {
+    const COUNT: usize = 1;
+    const TILE_ROWS: usize = 4;
+    const TILE_COLS: usize = 1;
+    type Mask = bool;
+
+    #[inline(always)]
+    fn splat(x: f32) -> Self {
+        x
+    }
+    #[inline(always)]
+    fn load(from: &[f32]) -> Self {
+        from[0]
+    }
+    #[inline(always)]
+    fn store(self, to: &mut [f32]) {
+        to[0] = self;
+    }
+    #[inline(always)]
+    fn add(self, b: Self) -> Self {
+        self + b
+    }
+    #[inline(always)]
+    fn sub(self, b: Self) -> Self {
+        self - b
+    }
+    #[inline(always)]
+    fn mul(self, b: Self) -> Self {
+        self * b
+    }
+    #[inline(always)]
+    fn div(self, b: Self) -> Self {
+        self / b
+    }
+    #[inline(always)]
+    fn mul_add(self, b: Self, c: Self) -> Self {
+        self * b + c
+    }
+    #[inline(always)]
+    fn max_of(self, b: Self) -> Self {
+        if self > b { self } else { b }
+    }
+    #[inline(always)]
+    fn min_of(self, b: Self) -> Self {
+        if self < b { self } else { b }
+    }
+    #[inline(always)]
+    fn abs(self) -> Self {
+        f32::from_bits(self.to_bits() & 0x7fff_ffff)
+    }
+    #[inline(always)]
+    fn round_even(self) -> Self {
+        // Adding 2^23 leaves no room for a fraction; larger numbers have none.
+        const MAGIC: f32 = 8_388_608.0;
+        let magic = if self < 0.0 { -MAGIC } else { MAGIC };
+        let rounded = (self + magic) - magic;
+        if self.abs() < MAGIC { rounded } else { self }
+    }
+    #[inline(always)]
+    fn exp2_integer(self) -> Self {
+        f32::from_bits(((self as i32 + 127) as u32) << 23)
+    }
+    #[inline(always)]
+    fn split_exponent(self) -> (Self, Self) {
+        let shifted = self.to_bits().wrapping_sub(SQRT_HALF_BITS);
+        let exponent = (shifted as i32) >> 23;
+        let mantissa = (shifted & 0x007f_ffff).wrapping_add(SQRT_HALF_BITS);
+        (f32::from_bits(mantissa), exponent as f32)
+    }
+    #[inline(always)]
+    fn equals(self, b: Self) -> bool {
+        self == b
+    }
+    #[inline(always)]
+    fn less(self, b: Self) -> bool {
+        self < b
+    }
+    #[inline(always)]
+    fn select(mask: bool, a: Self, b: Self) -> Self {
+        if mask { a } else { b }
+    }
+}

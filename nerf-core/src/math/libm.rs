@@ -1,0 +1,33 @@
+//! The `libm` crate, lane by lane.
+
+use super::Math;
+use super::lanes::Lanes;
+
+/// See [`super::MathBackend::Libm`].
+pub struct Libm;
+
+impl Math for Libm {
+    #[inline(always)]
+    fn sin_cos_pi<V: Lanes>(u: V) -> (V, V) {
+        // Exact, as in the polynomial: libm never sees a large angle.
+        let turns = u.mul(V::splat(0.5)).round_even();
+        let u = turns.mul_add(V::splat(-2.0), u);
+        Self::sin_cos(u.mul(V::splat(core::f32::consts::PI)))
+    }
+    #[inline(always)]
+    fn sin_cos<V: Lanes>(x: V) -> (V, V) {
+        (x.map(libm::sinf), x.map(libm::cosf))
+    }
+    #[inline(always)]
+    fn exp<V: Lanes>(x: V) -> V {
+        V::splat(-87.0).max_of(V::splat(88.0).min_of(x)).map(libm::expf)
+    }
+    #[inline(always)]
+    fn expm1<V: Lanes>(x: V) -> V {
+        V::splat(-87.0).max_of(V::splat(88.0).min_of(x)).map(libm::expm1f)
+    }
+    #[inline(always)]
+    fn softplus<V: Lanes>(x: V) -> V {
+        V::splat(0.0).max_of(x).add(Self::exp(x.abs().neg()).map(libm::log1pf))
+    }
+}

@@ -1,0 +1,34 @@
+//! The `micromath` crate, lane by lane.
+
+use super::Math;
+use super::lanes::Lanes;
+use super::polynomial::Polynomial;
+use micromath::F32Ext;
+
+/// See [`super::MathBackend::Micromath`].
+pub struct Micromath;
+
+impl Math for Micromath {
+    #[inline(always)]
+    fn sin_cos_pi<V: Lanes>(u: V) -> (V, V) {
+        let turns = u.mul(V::splat(0.5)).round_even();
+        let u = turns.mul_add(V::splat(-2.0), u);
+        Self::sin_cos(u.mul(V::splat(core::f32::consts::PI)))
+    }
+    #[inline(always)]
+    fn sin_cos<V: Lanes>(x: V) -> (V, V) {
+        (x.map(F32Ext::sin), x.map(F32Ext::cos))
+    }
+    #[inline(always)]
+    fn exp<V: Lanes>(x: V) -> V {
+        V::splat(-87.0).max_of(V::splat(88.0).min_of(x)).map(F32Ext::exp)
+    }
+    #[inline(always)]
+    fn expm1<V: Lanes>(x: V) -> V {
+        Polynomial::expm1(x)
+    }
+    #[inline(always)]
+    fn softplus<V: Lanes>(x: V) -> V {
+        V::splat(0.0).max_of(x).add(Self::exp(x.abs().neg()).map(|e| F32Ext::ln(1.0 + e)))
+    }
+}

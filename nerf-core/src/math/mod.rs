@@ -1,0 +1,87 @@
+//! Elementary functions; the only room that names `libm` or `micromath`.
+//!
+//! | backend | sin/cos of the encoding | exp, softplus | expm1 |
+//! | --- | --- | --- | --- |
+//! | [`MathBackend::Polynomial`] | own f32 polynomials | own | own |
+//! | [`MathBackend::Libm`] | `libm` after exact reduction | `libm` | `libm` |
+//! | [`MathBackend::Micromath`] | `micromath` after exact reduction | `micromath` | own (it has none) |
+//! | [`MathBackend::Recurrence`] | own at level 0, then angle doubling | own | own |
+
+pub mod lanes;
+#[cfg(feature = "libm")]
+pub(crate) mod libm;
+#[cfg(feature = "micromath")]
+pub(crate) mod micromath;
+pub mod polynomial;
+pub(crate) mod recurrence;
+
+#[cfg(test)]
+mod tests;
+
+use lanes::Lanes;
+
+/// Who computes the elementary functions.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Default)]
+#[non_exhaustive]
+pub enum MathBackend {
+    /// The project's own polynomials: always built in, vectorised on every tier.
+    #[default]
+    Polynomial,
+    /// The `libm` crate, one value at a time.
+    #[cfg(feature = "libm")]
+    Libm,
+    /// The `micromath` crate: small and rough.
+    #[cfg(feature = "micromath")]
+    Micromath,
+    /// Angle doubling from level to level of the encoding; errors grow with the level.
+    Recurrence,
+}
+
+/// The elementary functions of one backend.
+pub trait Math {
+    /// Whether the encoding goes from level to level by angle doubling.
+    const DOUBLING: bool = false;
+    /// `(sin πu, cos πu)`, `u` finite.
+    fn sin_cos_pi<V: Lanes>(u: V) -> (V, V);
+    /// `(sin x, cos x)`, `|x| <= polynomial::SIN_COS_DOMAIN`.
+    fn sin_cos<V: Lanes>(x: V) -> (V, V);
+    /// `e^x`, finite and positive for every `x` that is no NaN.
+    fn exp<V: Lanes>(x: V) -> V;
+    /// `e^x − 1`.
+    fn expm1<V: Lanes>(x: V) -> V;
+    /// `ln(1 + e^x)`.
+    fn softplus<V: Lanes>(x: V) -> V;
+    /// `1 / (1 + e^−x)`.
+    #[inline(always)]
+    fn sigmoid<V: Lanes>(x: V) -> V {
+        let one = V::splat(1.0);
+        one.div(one.add(Self::exp(x.neg())))
+    }
+}
+
+/// Runs `$body` with `$M` bound to the [`Math`] of a backend.
+macro_rules! with_math {
+    ($backend:expr, $M:ident => $body:expr) => {
+        match $backend {
+            $crate::math::MathBackend::Polynomial => {
+                type $M = $crate::math::polynomial::Polynomial;
+                $body
+            }
+            #[cfg(feature = "libm")]
+            $crate::math::MathBackend::Libm => {
+                type $M = $crate::math::libm::Libm;
+                $body
+            }
+            #[cfg(feature = "micromath")]
+            $crate::math::MathBackend::Micromath => {
+                type $M = $crate::math::micromath::Micromath;
+                $body
+            }
+            $crate::math::MathBackend::Recurrence => {
+                type $M = $crate::math::recurrence::Recurrence;
+                $body
+            }
+        }
+    };
+}
+pub(crate) use with_math;

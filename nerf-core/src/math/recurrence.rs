@@ -1,0 +1,44 @@
+//! Polynomials, but the encoding's levels follow each other by angle doubling.
+
+use super::Math;
+use super::lanes::Lanes;
+use super::polynomial::{self, Polynomial};
+
+/// See [`super::MathBackend::Recurrence`].
+pub struct Recurrence;
+
+impl Math for Recurrence {
+    const DOUBLING: bool = true;
+    #[inline(always)]
+    fn sin_cos_pi<V: Lanes>(u: V) -> (V, V) {
+        polynomial::sin_cos_pi(u)
+    }
+    #[inline(always)]
+    fn sin_cos<V: Lanes>(x: V) -> (V, V) {
+        polynomial::sin_cos(x)
+    }
+    #[inline(always)]
+    fn exp<V: Lanes>(x: V) -> V {
+        Polynomial::exp(x)
+    }
+    #[inline(always)]
+    fn expm1<V: Lanes>(x: V) -> V {
+        Polynomial::expm1(x)
+    }
+    #[inline(always)]
+    fn softplus<V: Lanes>(x: V) -> V {
+        Polynomial::softplus(x)
+    }
+}
+
+/// `(sin 2a, cos 2a)` from `(sin a, cos a)`, pulled back to the unit circle to first order.
+///
+/// `cos 2a = (c − s)(c + s)` keeps the error from growing faster than it must.
+#[inline(always)]
+pub(crate) fn double<V: Lanes>(sin: V, cos: V) -> (V, V) {
+    let s = sin.add(sin).mul(cos);
+    let c = cos.sub(sin).mul(cos.add(sin));
+    let norm = s.mul_add(s, c.mul(c));
+    let fix = norm.mul_add(V::splat(-0.5), V::splat(1.5));
+    (s.mul(fix), c.mul(fix))
+}

@@ -1,0 +1,120 @@
+//! Sampled accuracy of every backend against f64.
+
+extern crate std;
+
+use super::lanes::Lanes;
+use super::polynomial::Polynomial;
+use super::recurrence::Recurrence;
+use super::{Math, libm::Libm, micromath::Micromath};
+
+/// Every `step`-th f32 between `low` and `high`.
+fn floats(low: f32, high: f32, step: usize) -> impl Iterator<Item = f32> {
+    let sided = move |limit: f32, sign: u32| {
+        (0..=limit.abs().to_bits()).step_by(step).map(move |bits| f32::from_bits(bits | sign))
+    };
+    sided(high.max(0.0), 0).chain(sided(low.min(0.0), 1 << 31)).filter(move |x| (low..=high).contains(x))
+}
+
+fn worst_abs(points: impl Iterator<Item = f32>, f: impl Fn(f32) -> f32, truth: impl Fn(f64) -> f64) -> f64 {
+    points.map(|x| (f64::from(f(x)) - truth(f64::from(x))).abs()).fold(0.0, f64::max)
+}
+
+fn worst_rel(points: impl Iterator<Item = f32>, f: impl Fn(f32) -> f32, truth: impl Fn(f64) -> f64) -> f64 {
+    let relative = |x: f32| {
+        let t = truth(f64::from(x));
+        if t == 0.0 { f64::from(f(x)).abs() } else { ((f64::from(f(x)) - t) / t).abs() }
+    };
+    points.map(relative).fold(0.0, f64::max)
+}
+
+/// sin and cos of πu in f64, by exact reduction of the f32 argument.
+fn truth_pi(u: f64) -> (f64, f64) {
+    let r = u % 2.0;
+    ((core::f64::consts::PI * r).sin(), (core::f64::consts::PI * r).cos())
+}
+
+fn encoding_error<M: Math>() -> (f64, f64) {
+    let points = || floats(f32::MIN, f32::MAX, 9973);
+    let pi = worst_abs(points(), |u| M::sin_cos_pi(u).0, |u| truth_pi(u).0).max(worst_abs(
+        points(),
+        |u| M::sin_cos_pi(u).1,
+        |u| truth_pi(u).1,
+    ));
+    let points = || floats(-1e5, 1e5, 997);
+    let one = worst_abs(points(), |x| M::sin_cos(x).0, f64::sin).max(worst_abs(
+        points(),
+        |x| M::sin_cos(x).1,
+        f64::cos,
+    ));
+    (pi, one)
+}
+
+#[test]
+fn polynomial_sin_cos_stays_within_1_2e_7_for_every_magnitude() {
+    let (pi, one) = encoding_error::<Polynomial>();
+    std::println!("polynomial: {pi:e} {one:e}");
+    assert!(pi <= 1.2e-7 && one <= 1.2e-7, "{pi:e} {one:e}");
+}
+
+#[test]
+fn libm_and_micromath_stay_within_their_rows() {
+    let (pi, one) = encoding_error::<Libm>();
+    std::println!("libm: {pi:e} {one:e}");
+    assert!(pi <= 4e-7 && one <= 1.2e-7, "{pi:e} {one:e}");
+    let (pi, one) = encoding_error::<Micromath>();
+    std::println!("micromath: {pi:e} {one:e}");
+    assert!(pi <= 2e-3, "{pi:e} {one:e}");
+}
+
+#[test]
+fn exponentials_stay_within_their_relative_bounds() {
+    let exp = worst_rel(floats(-87.0, 88.0, 131), Polynomial::exp::<f32>, f64::exp);
+    let expm1 = worst_rel(floats(-87.0, 88.0, 131), Polynomial::expm1::<f32>, f64::exp_m1);
+    let softplus = worst_rel(floats(-80.0, 1e4, 131), Polynomial::softplus::<f32>, |x| {
+        x.max(0.0) + (-x.abs()).exp().ln_1p()
+    });
+    let sigmoid =
+        worst_rel(floats(-80.0, 1e4, 131), Polynomial::sigmoid::<f32>, |x| 1.0 / (1.0 + (-x).exp()));
+    std::println!("exp {exp:e}, expm1 {expm1:e}, softplus {softplus:e}, sigmoid {sigmoid:e}");
+    assert!(exp <= 2e-7 && expm1 <= 4e-7 && softplus <= 5e-7 && sigmoid <= 4e-7);
+}
+
+#[test]
+fn extremes_are_finite() {
+    for x in [1e4, -1e4, f32::INFINITY, f32::NEG_INFINITY, f32::MAX, f32::MIN] {
+        assert!(Polynomial::exp(x) > 0.0 && Polynomial::exp(x).is_finite());
+        assert!((0.0..=1.0).contains(&Polynomial::sigmoid(x)));
+        assert!((-1.0..f32::INFINITY).contains(&Polynomial::expm1(x)));
+    }
+    assert_eq!(Polynomial::softplus(1e4), 1e4);
+    assert_eq!(Polynomial::expm1(-0.0f32).to_bits() << 1, 0);
+    assert!(Polynomial::exp(f32::NAN).is_nan() && Polynomial::expm1(f32::NAN).is_nan());
+}
+
+#[test]
+fn doubling_errs_by_its_row() {
+    let mut worst = 0.0f64;
+    for i in 0..10_000 {
+        let x = i as f32 / 5000.0 - 1.0;
+        let (mut s, mut c) = Recurrence::sin_cos_pi(x);
+        for k in 1..10 {
+            (s, c) = super::recurrence::double(s, c);
+            let (ts, tc) = truth_pi(f64::from(x) * f64::from(1 << k));
+            worst = worst.max((f64::from(s) - ts).abs()).max((f64::from(c) - tc).abs());
+        }
+    }
+    std::println!("recurrence at level 9: {worst:e}");
+    assert!(worst <= 1e-4, "{worst:e}");
+}
+
+#[test]
+fn rounding_and_exponents_are_exact() {
+    for x in [0.5, 1.5, 2.5, -0.5, -1.5, 8_388_607.5, 4_194_304.5, 1e30, -0.49, 0.0] {
+        assert_eq!(f32::round_even(x), x.round_ties_even(), "{x}");
+    }
+    for x in [1.0, 1.5, 0.75, 3e-20, 7e30] {
+        let (m, e) = f32::split_exponent(x);
+        assert!((0.707..1.4143).contains(&m), "{x}: {m}");
+        assert_eq!(m * 2f32.powi(e as i32), x);
+    }
+}

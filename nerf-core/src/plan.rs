@@ -1,0 +1,210 @@
+//! What a frame consists of: what the scene holds, met with what the caller asks for.
+
+use crate::blob::{Blob, MAX_SAMPLES};
+use crate::kernels::{BLOCK, Tier};
+use crate::math::MathBackend;
+use crate::ray::{BoundsError, SceneBox};
+use crate::sampling::{Bins, SkipGrid};
+
+/// What a pixel is asked for; what is off is not computed.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Outputs {
+    /// Colour over the background: without it the colour branch never runs.
+    pub rgb: bool,
+    /// Opacity.
+    pub opacity: bool,
+    /// Distance along the ray.
+    pub ray_distance: bool,
+    /// Distance along the view axis.
+    pub z_depth: bool,
+}
+
+impl Outputs {
+    /// Everything.
+    pub const ALL: Self = Self { rgb: true, opacity: true, ray_distance: true, z_depth: true };
+    /// Colour and opacity.
+    pub const RGB: Self = Self { rgb: true, opacity: true, ray_distance: false, z_depth: false };
+}
+
+/// The shortcuts of a frame; each costs accuracy and saves time.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Quality {
+    /// Samples per ray, between near and far; 0 for what the scene was made for.
+    pub samples: u16,
+    /// A ray ends where its transmittance falls below this; 0 never ends one.
+    pub transmittance_cut: f32,
+    /// Whether cells that the skip grid calls empty are skipped.
+    pub skip_grid: bool,
+    /// Who computes the elementary functions.
+    pub math: MathBackend,
+}
+
+impl Quality {
+    /// No shortcut: every sample inside the scene box.
+    pub const EXACT: Self =
+        Self { samples: 0, transmittance_cut: 0.0, skip_grid: false, math: MathBackend::Polynomial };
+}
+
+impl Default for Quality {
+    /// The shortcuts that cost nothing visible: the skip grid, and rays end at a transmittance of 1e-3.
+    fn default() -> Self {
+        Self { transmittance_cut: 1e-3, skip_grid: true, ..Self::EXACT }
+    }
+}
+
+/// How much goes through the renderer at once; never changes a picture, only memory and time.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Batch {
+    /// Rays in flight.
+    pub rays: usize,
+    /// Samples that go through the network together: [`BLOCK`] on the vector tiers.
+    pub samples: usize,
+}
+
+impl Batch {
+    /// One of everything: what a microcontroller has room for. Scalar tier only.
+    pub const SMALLEST: Self = Self { rays: 1, samples: 1 };
+
+    /// The batch that keeps a tier busy.
+    pub const fn for_tier(_tier: Tier) -> Self {
+        Self { rays: 256, samples: BLOCK }
+    }
+}
+
+/// The stages of a frame, decided once.
+#[derive(Clone, Copy, Debug)]
+pub struct Plan<'a> {
+    pub(crate) bounds: SceneBox,
+    pub(crate) bins: Bins,
+    pub(crate) near: f32,
+    pub(crate) far: f32,
+    pub(crate) background: [f32; 3],
+    pub(crate) grid: Option<SkipGrid<'a>>,
+    pub(crate) outputs: Outputs,
+    pub(crate) transmittance_cut: f32,
+    pub(crate) math: MathBackend,
+    pub(crate) batch: Batch,
+}
+
+impl<'a> Plan<'a> {
+    /// What `blob` holds, met with what is asked for.
+    ///
+    /// # Errors
+    /// [`PlanError`] names the setting that does not go with the scene.
+    pub fn new(
+        blob: &Blob<'a>,
+        quality: &Quality,
+        outputs: Outputs,
+        batch: Batch,
+    ) -> Result<Self, PlanError> {
+        let (Some(scene), Some(bounds)) = (blob.scene(), blob.scene_box()) else {
+            return Err(PlanError::NotAScene);
+        };
+        if scene.grid_required && !quality.skip_grid {
+            return Err(PlanError::GridRequired);
+        }
+        let samples = if quality.samples == 0 { scene.samples } else { quality.samples };
+        if samples > MAX_SAMPLES {
+            return Err(PlanError::Samples { found: samples });
+        }
+        if !(0.0..1.0).contains(&quality.transmittance_cut) {
+            return Err(PlanError::TransmittanceCut { found: quality.transmittance_cut });
+        }
+        if batch.rays == 0 || batch.samples == 0 || batch.samples > BLOCK {
+            return Err(PlanError::Batch { found: batch });
+        }
+        Ok(Self {
+            bounds,
+            bins: Bins::new(scene.near, scene.far, u32::from(samples)).map_err(PlanError::Bounds)?,
+            near: scene.near,
+            far: scene.far,
+            background: scene.background,
+            grid: if quality.skip_grid { blob.grid() } else { None },
+            outputs,
+            transmittance_cut: quality.transmittance_cut,
+            math: quality.math,
+            batch,
+        })
+    }
+
+    /// The same frame over another background.
+    ///
+    /// # Errors
+    /// [`PlanError::Background`] unless every channel is in `[0, 1]`.
+    pub fn with_background(mut self, background: [f32; 3]) -> Result<Self, PlanError> {
+        if !background.iter().all(|c| (0.0..=1.0).contains(c)) {
+            return Err(PlanError::Background { found: background });
+        }
+        self.background = background;
+        Ok(self)
+    }
+
+    /// Whether a sample at `p` is worth asking the network for.
+    #[inline]
+    pub(crate) fn live(&self, p: glam::Vec3) -> bool {
+        match &self.grid {
+            Some(grid) => grid.occupied(p),
+            None => self.bounds.contains(p),
+        }
+    }
+}
+
+/// A request that does not go with the scene.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[non_exhaustive]
+pub enum PlanError {
+    /// The blob is a 2D field.
+    NotAScene,
+    /// The skip grid is part of the model, and the request switches it off.
+    GridRequired,
+    /// More samples per ray than the format allows.
+    Samples {
+        /// What was asked for.
+        found: u16,
+    },
+    /// A transmittance cut outside `[0, 1)`.
+    TransmittanceCut {
+        /// What was asked for.
+        found: f32,
+    },
+    /// A background outside `[0, 1]`.
+    Background {
+        /// What was asked for.
+        found: [f32; 3],
+    },
+    /// A batch of nothing, or of more than [`BLOCK`] samples.
+    Batch {
+        /// What was asked for.
+        found: Batch,
+    },
+    /// Near and far leave no bins.
+    Bounds(BoundsError),
+}
+
+impl core::fmt::Display for PlanError {
+    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+        match self {
+            Self::NotAScene => write!(f, "blob: expected a scene, found a 2D field"),
+            Self::GridRequired => write!(
+                f,
+                "quality.skip_grid: this scene's grid is part of its model (outside of it the network was \
+                 never trained), so it cannot be switched off"
+            ),
+            Self::Samples { found } => {
+                write!(f, "quality.samples: expected at most {MAX_SAMPLES} a ray, found {found}")
+            }
+            Self::TransmittanceCut { found } => {
+                write!(f, "quality.transmittance_cut: expected 0 <= cut < 1, found {found}")
+            }
+            Self::Background { found } => {
+                write!(f, "background: expected channels in 0..=1, found {found:?}")
+            }
+            Self::Batch { found } => {
+                write!(f, "batch: expected at least 1 ray and 1 to {BLOCK} samples, found {found:?}")
+            }
+            Self::Bounds(error) => error.fmt(f),
+        }
+    }
+}
+
+impl core::error::Error for PlanError {}

@@ -1,0 +1,50 @@
+//! Equal bins between near and far.
+
+use crate::ray::BoundsError;
+
+/// `near..far` cut into `count` equal bins; every ray of a picture shares them.
+///
+/// `t_edges[i] = near + i delta`, `t_mid[i] = near + (i + ½) delta`, world units along the ray.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Bins {
+    near: f32,
+    delta: f32,
+    count: u32,
+}
+
+impl Bins {
+    /// `count` bins of width `(far − near) / count`.
+    ///
+    /// # Errors
+    /// [`BoundsError::Range`] unless `0 <= near < far`, both finite, and the bins have a width.
+    pub fn new(near: f32, far: f32, count: u32) -> Result<Self, BoundsError> {
+        let delta = (far - near) / count as f32;
+        let valid = near >= 0.0 && near < far && far.is_finite() && delta > 0.0 && delta.is_finite();
+        if valid { Ok(Self { near, delta, count }) } else { Err(BoundsError::Range { near, far }) }
+    }
+
+    /// Number of bins.
+    pub fn count(&self) -> u32 {
+        self.count
+    }
+
+    /// Width of a bin.
+    pub fn delta(&self) -> f32 {
+        self.delta
+    }
+
+    /// The point of bin `i` at fraction `u` in `[0, 1)`; its middle at ½.
+    #[inline]
+    pub fn at(&self, i: u32, u: f32) -> f32 {
+        self.near + (i as f32 + u) * self.delta
+    }
+
+    /// The bins that may reach into `enter..=exit`: a superset by at most one at each end.
+    pub fn overlapping(&self, enter: f32, exit: f32) -> core::ops::Range<u32> {
+        let index = |t: f32| (t - self.near) / self.delta;
+        // `as` saturates, and takes NaN to 0.
+        let first = (index(enter) - 1.0) as u32;
+        let last = (index(exit) + 2.0) as u32;
+        first.min(self.count)..last.min(self.count)
+    }
+}

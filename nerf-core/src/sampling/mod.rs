@@ -1,0 +1,9 @@
+//! Where along a ray the network is asked.
+
+mod bins;
+mod grid;
+mod random;
+
+pub use bins::Bins;
+pub use grid::SkipGrid;
+pub use random::{Purpose, uniform, uniform_u32};

@@ -1,0 +1,179 @@
+//! Volume rendering: densities and colours along a ray become one pixel.
+
+use crate::math::Math;
+use crate::math::polynomial::Polynomial;
+
+/// At or below this opacity a pixel has no surface: its distances are `far`.
+pub const OPACITY_EPSILON: f32 = 1e-4;
+
+/// Optical thickness beyond which a sample is an opaque wall; `e^-100` is 0 in any picture.
+const MAX_TAU: f32 = 100.0;
+
+/// A sum that keeps what rounding loses (Kahan 1965): 4,096 terms err like one.
+#[derive(Clone, Copy, Debug, Default)]
+struct Sum {
+    value: f32,
+    lost: f32,
+}
+
+impl Sum {
+    #[inline]
+    fn add(&mut self, x: f32) {
+        let corrected = x - self.lost;
+        let sum = self.value + corrected;
+        self.lost = (sum - self.value) - corrected;
+        self.value = sum;
+    }
+}
+
+/// One finished pixel.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Pixel {
+    /// Colour over the background, display-encoded; 0 if colour was not asked for.
+    pub rgb: [f32; 3],
+    /// Σ weights, in `[0, 1]`.
+    pub opacity: f32,
+    /// Mean distance along the ray, world units; `far` where opacity is at most [`OPACITY_EPSILON`].
+    pub ray_distance: f32,
+    /// Mean distance along the view axis, world units; `far` where opacity is at most [`OPACITY_EPSILON`].
+    pub z_depth: f32,
+}
+
+/// What a ray has gathered so far, front to back.
+///
+/// `alpha = −expm1(−sigma delta)`, `transmittance = exp(−Σ sigma delta)` summed in log space with
+/// compensation, `weight = transmittance · alpha`.
+///
+/// # Source
+/// Mildenhall et al. 2020, eq. 3; deviation: the last bin is finite.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Accumulator {
+    tau: Sum,
+    rgb: [Sum; 3],
+    opacity: Sum,
+    distance: Sum,
+}
+
+impl Accumulator {
+    /// A ray that has met nothing.
+    pub const NONE: Self = {
+        let zero = Sum { value: 0.0, lost: 0.0 };
+        Self { tau: zero, rgb: [zero; 3], opacity: zero, distance: zero }
+    };
+
+    /// What is left of the light behind everything gathered so far: `exp(−Σ sigma delta)`.
+    #[inline]
+    pub fn transmittance<M: Math>(&self) -> f32 {
+        if self.tau.value >= MAX_TAU { 0.0 } else { M::exp(-self.tau.value) }
+    }
+
+    /// Adds the sample at `t` behind everything gathered so far; returns its weight.
+    ///
+    /// `sigma`: 1/world unit, clamped to `>= 0`; `delta`, `t`: world units along the ray.
+    /// +inf is an opaque wall. A sample with a NaN in `sigma` or `rgb` is the caller's to leave out.
+    #[inline]
+    pub fn add<M: Math>(&mut self, sigma: f32, rgb: [f32; 3], t: f32, delta: f32) -> f32 {
+        let tau = (sigma.clamp(0.0, f32::MAX) * delta).min(MAX_TAU);
+        let weight = self.transmittance::<M>() * -M::expm1(-tau);
+        self.tau.add(tau);
+        for (sum, c) in self.rgb.iter_mut().zip(rgb) {
+            sum.add(weight * c);
+        }
+        self.opacity.add(weight);
+        self.distance.add(weight * t);
+        weight
+    }
+
+    /// The pixel, over `background`; `z_per_distance` is the cosine between ray and view axis.
+    pub fn finish(&self, background: [f32; 3], far: f32, z_per_distance: f32) -> Pixel {
+        let opacity = self.opacity.value.clamp(0.0, 1.0);
+        let through = 1.0 - opacity;
+        let rgb = core::array::from_fn(|c| self.rgb[c].value + through * background[c]);
+        let (ray_distance, z_depth) = if opacity > OPACITY_EPSILON {
+            let mean = self.distance.value / self.opacity.value;
+            (mean, mean * z_per_distance)
+        } else {
+            (far, far)
+        };
+        Pixel { rgb, opacity, ray_distance, z_depth }
+    }
+}
+
+/// Composites samples along one ray into colour, opacity and distance.
+///
+/// `sigma`: `[n]`, 1/world unit, >= 0.  `rgb`: `[n]`.  `t_edges`: `[n + 1]`, world units, ascending.
+/// Distances are taken at the middle of each bin. `z_depth` equals `ray_distance`: one ray has no
+/// view axis.
+///
+/// # Errors
+/// [`VolumeError`] on lengths that do not fit and on edges that are not finite and ascending.
+/// # Examples
+/// ```
+/// use nerf_core::volume::composite;
+/// // A half-transparent red bin in front of an opaque green one.
+/// let sigma = [core::f32::consts::LN_2, 1e30, 0.0];
+/// let rgb = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0; 3]];
+/// let pixel = composite(&sigma, &rgb, &[2.0, 3.0, 4.0, 5.0], [0.0; 3])?;
+/// assert!((pixel.rgb[0] - 0.5).abs() < 1e-6 && (pixel.rgb[1] - 0.5).abs() < 1e-6);
+/// assert!((pixel.opacity - 1.0).abs() < 1e-6);
+/// assert!((pixel.ray_distance - (0.5 * 2.5 + 0.5 * 3.5)).abs() < 1e-5);
+/// # Ok::<(), nerf_core::volume::VolumeError>(())
+/// ```
+pub fn composite(
+    sigma: &[f32],
+    rgb: &[[f32; 3]],
+    t_edges: &[f32],
+    background: [f32; 3],
+) -> Result<Pixel, VolumeError> {
+    let n = sigma.len();
+    if rgb.len() != n || t_edges.len() != n + 1 {
+        return Err(VolumeError::Lengths { sigma: n, rgb: rgb.len(), t_edges: t_edges.len() });
+    }
+    if let Some(bin) = t_edges.windows(2).position(|edge| !(edge[0] <= edge[1] && edge[1].is_finite())) {
+        return Err(VolumeError::Edges { bin });
+    }
+    if !t_edges[0].is_finite() {
+        return Err(VolumeError::Edges { bin: 0 });
+    }
+    let mut ray = Accumulator::default();
+    for i in 0..n {
+        let (start, end) = (t_edges[i], t_edges[i + 1]);
+        if !sigma[i].is_nan() && !rgb[i].iter().any(|c| c.is_nan()) {
+            ray.add::<Polynomial>(sigma[i], rgb[i], start + 0.5 * (end - start), end - start);
+        }
+    }
+    Ok(ray.finish(background, t_edges[n], 1.0))
+}
+
+/// Samples that make no ray.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[non_exhaustive]
+pub enum VolumeError {
+    /// `rgb` must be as long as `sigma`, `t_edges` one longer.
+    Lengths {
+        /// Length of `sigma`.
+        sigma: usize,
+        /// Length of `rgb`.
+        rgb: usize,
+        /// Length of `t_edges`.
+        t_edges: usize,
+    },
+    /// An edge is not finite or lies before the one in front of it.
+    Edges {
+        /// The bin that ends there.
+        bin: usize,
+    },
+}
+
+impl core::fmt::Display for VolumeError {
+    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+        match self {
+            Self::Lengths { sigma, rgb, t_edges } => {
+                write!(f, "samples: expected n sigma, n rgb, n + 1 t_edges, found {sigma}, {rgb}, {t_edges}")
+            }
+            Self::Edges { bin } => write!(f, "t_edges: expected finite ascending values, bin {bin} has none"),
+        }
+    }
+}
+
+impl core::error::Error for VolumeError {}

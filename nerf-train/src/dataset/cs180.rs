@@ -1,0 +1,137 @@
+//! The CS180 course's `.npz`: splits by name, OpenCV poses, one focal length.
+
+use super::npz::{Archive, Array};
+use super::{Axes, Background, Dataset, DatasetError, Format, ReadOptions, View, scene_name};
+use nerf_core::camera::{Camera, Intrinsics, Pose};
+use nerf_core::lens::Lens;
+use rayon::prelude::*;
+
+/// Reads `images_{train,val,test}`, `c2ws_{train,val,test}` and `focal`.
+///
+/// `c2ws_test` without `images_test` is a path to render.
+pub(super) fn read(archive: &mut Archive, options: &ReadOptions) -> Result<Dataset, DatasetError> {
+    let axes = options.axes.unwrap_or(Axes::Opencv);
+    let focal = archive.scalar("focal")?;
+    let train = split(archive, "images_train", "c2ws_train", focal, axes)?;
+    let mut warnings = Vec::new();
+    let val = if archive.has("images_val") {
+        split(archive, "images_val", "c2ws_val", focal, axes)?
+    } else {
+        warnings.push("no array `images_val`: no validation views".into());
+        Vec::new()
+    };
+    let mut test = Vec::new();
+    let mut test_path = Vec::new();
+    if archive.has("images_test") {
+        test = split(archive, "images_test", "c2ws_test", focal, axes)?;
+    } else if archive.has("c2ws_test")
+        && let Some(like) = train.first()
+    {
+        let (width, height) = like.size();
+        let poses = archive.matrices("c2ws_test")?;
+        test_path = cameras(archive, "c2ws_test", &poses, (width, height, focal), axes)?;
+    }
+    Ok(Dataset {
+        name: scene_name(&archive.file),
+        format: Format::Cs180,
+        axes,
+        train,
+        val,
+        test,
+        test_path,
+        near: None,
+        far: None,
+        background: Background::Unknown,
+        warnings,
+    })
+}
+
+fn split(
+    archive: &mut Archive,
+    images: &str,
+    poses: &str,
+    focal: f64,
+    axes: Axes,
+) -> Result<Vec<View>, DatasetError> {
+    let c2ws = archive.matrices(poses)?;
+    let array = archive.array(images)?;
+    views(archive, (images, &array), (poses, &c2ws), focal, axes)
+}
+
+/// Views of an array of pictures `[n, h, w, 3 or 4]` and as many poses.
+pub(super) fn views(
+    archive: &Archive,
+    (images, array): (&str, &Array),
+    (poses, c2ws): (&str, &[[[f64; 4]; 3]]),
+    focal: f64,
+    axes: Axes,
+) -> Result<Vec<View>, DatasetError> {
+    let (count, width, height, channels) = picture_shape(archive, images, array)?;
+    if c2ws.len() != count {
+        return Err(DatasetError::Value {
+            file: archive.file.clone(),
+            field: format!("array `{poses}`"),
+            expected: format!("{count} poses, one for each picture of `{images}`"),
+            found: c2ws.len().to_string(),
+        });
+    }
+    let cameras = cameras(archive, images, c2ws, (width, height, focal), axes)?;
+    let size = width as usize * height as usize * channels;
+    let decoded: Vec<Result<View, DatasetError>> = cameras
+        .into_par_iter()
+        .enumerate()
+        .map(|(index, camera)| {
+            let name = format!("{images}[{index}]");
+            let bytes = match array.display_bytes(index * size, size) {
+                Some(Ok(bytes)) => bytes,
+                Some(Err(value)) => {
+                    return Err(DatasetError::Value {
+                        file: archive.file.clone(),
+                        field: name,
+                        expected: "colours in [0, 1]".into(),
+                        found: value.to_string(),
+                    });
+                }
+                None => return Err(archive.dtype_error(images, "u1 (0..=255) or f4, f8 ([0, 1])", array)),
+            };
+            let alpha = |p: &[u8]| p.get(3).copied().unwrap_or(255);
+            let pixels = bytes.chunks_exact(channels).map(|p| [p[0], p[1], p[2], alpha(p)]).collect();
+            Ok(View { name, camera, pixels })
+        })
+        .collect();
+    decoded.into_iter().collect()
+}
+
+/// Count, width, height, channels.
+fn picture_shape(
+    archive: &Archive,
+    key: &str,
+    array: &Array,
+) -> Result<(usize, u32, u32, usize), DatasetError> {
+    if let &[count, height, width, channels @ (3 | 4)] = array.shape.as_slice()
+        && let (Ok(width @ 1..=65_535), Ok(height @ 1..=65_535)) =
+            (u32::try_from(width), u32::try_from(height))
+    {
+        return Ok((count, width, height, channels));
+    }
+    Err(archive.shape_error(key, "[n, height, width, 3 or 4]", array))
+}
+
+fn cameras(
+    archive: &Archive,
+    key: &str,
+    c2ws: &[[[f64; 4]; 3]],
+    (width, height, focal): (u32, u32, f64),
+    axes: Axes,
+) -> Result<Vec<Camera>, DatasetError> {
+    let intrinsics = Intrinsics::centred(width, height, focal as f32);
+    let make = |(index, rows): (usize, &[[f64; 4]; 3])| {
+        let pose = axes.to_opengl(Pose::from_rows(rows.map(|row| row.map(|v| v as f32))));
+        Camera::new(intrinsics, Lens::NONE, pose).map_err(|source| DatasetError::Camera {
+            file: archive.file.clone(),
+            view: format!("{key}[{index}]"),
+            source,
+        })
+    };
+    c2ws.iter().enumerate().map(make).collect()
+}

@@ -1,0 +1,212 @@
+//! What the cameras look at, and the bounds of the scene that follow from it.
+
+use super::{Dataset, Format};
+use glam::{DMat3, DVec3, Vec3};
+use nerf_core::camera::Camera;
+use nerf_core::ray::SceneBox;
+use serde::Serialize;
+
+/// Mean squared sine between the optical axes and their plane or line of best fit below which
+/// they are as good as parallel: half a degree.
+const PARALLEL: f64 = 1e-4;
+/// The same, below which a scene counts as forward-facing: eight degrees.
+const FORWARD_FACING: f64 = 0.02;
+/// Rounds of reweighting towards the least sum of distances.
+const ROUNDS: usize = 20;
+
+/// The point nearest to all optical axes, and how well they agree on it.
+///
+/// The sum of distances to the axes is minimised, not of their squares, so that a few cameras
+/// that look elsewhere do not move it. It does not depend on which way along its axis a camera
+/// looks.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct LookAt {
+    /// The point, world units.
+    pub point: [f32; 3],
+    /// Mean distance of the axes from it, world units.
+    pub mean_residual: f32,
+    /// Smallest distance of a camera from it, world units.
+    pub min_distance: f32,
+    /// Mean distance.
+    pub mean_distance: f32,
+    /// Largest distance.
+    pub max_distance: f32,
+    /// Share of the cameras that have it behind them, 0..=1.
+    pub behind: f32,
+    /// How far the axes spread: the mean squared sine to the direction they share most, 0..=2/3.
+    pub spread: f32,
+}
+
+impl LookAt {
+    /// Of these cameras; `None` where their axes are as good as parallel, or with fewer than two.
+    pub fn of(cameras: &[Camera]) -> Option<Self> {
+        let line = |camera: &Camera| {
+            (camera.pose().position.as_dvec3(), camera.pose().forward().as_dvec3().normalize_or_zero())
+        };
+        Self::of_lines(&cameras.iter().map(line).collect::<Vec<_>>())
+    }
+
+    /// Of lines, each with a point and a unit direction.
+    pub(super) fn of_lines(lines: &[(DVec3, DVec3)]) -> Option<Self> {
+        if lines.len() < 2 {
+            return None;
+        }
+        let count = lines.len() as f64;
+        // Around the mean, for the sake of scenes far from the origin.
+        let centre = lines.iter().map(|line| line.0).sum::<DVec3>() / count;
+        let across = |dir: DVec3| DMat3::IDENTITY - outer(dir);
+        let spread = smallest_eigenvalue(lines.iter().map(|l| across(l.1)).sum::<DMat3>() * (1.0 / count));
+        if spread.is_nan() || spread <= PARALLEL {
+            return None;
+        }
+        let mut weights = vec![1.0; lines.len()];
+        let mut point = DVec3::ZERO;
+        for _ in 0..ROUNDS {
+            let (mut matrix, mut right) = (DMat3::ZERO, DVec3::ZERO);
+            for ((origin, dir), weight) in lines.iter().zip(&weights) {
+                let projector = across(*dir) * *weight;
+                matrix += projector;
+                right += projector * (*origin - centre);
+            }
+            let next = matrix.inverse() * right;
+            if !next.is_finite() {
+                break;
+            }
+            point = next;
+            let scale = lines.iter().map(|l| (point + centre - l.0).length()).sum::<f64>() / count;
+            for ((origin, dir), weight) in lines.iter().zip(&mut weights) {
+                let residual = (across(*dir) * (point + centre - *origin)).length();
+                *weight = 1.0 / (residual / scale.max(f64::MIN_POSITIVE)).max(1e-3);
+            }
+        }
+        let point = point + centre;
+        let (mut residual, mut min, mut sum, mut max, mut behind) = (0.0, f64::INFINITY, 0.0, 0.0f64, 0usize);
+        for (origin, dir) in lines {
+            let to = point - *origin;
+            let distance = to.length();
+            residual += (across(*dir) * to).length();
+            (min, sum, max) = (min.min(distance), sum + distance, max.max(distance));
+            behind += usize::from(to.dot(*dir) < 0.0);
+        }
+        let look_at = Self {
+            point: point.as_vec3().into(),
+            mean_residual: (residual / count) as f32,
+            min_distance: min as f32,
+            mean_distance: (sum / count) as f32,
+            max_distance: max as f32,
+            behind: (behind as f64 / count) as f32,
+            spread: spread as f32,
+        };
+        look_at.point.iter().all(|v| v.is_finite()).then_some(look_at)
+    }
+
+    /// Whether the axes pass near the point, measured by the cameras' distances from it.
+    pub fn axes_meet(&self) -> bool {
+        self.mean_residual <= 0.3 * self.mean_distance
+    }
+
+    /// Whether all but a few cameras look at the point.
+    pub fn agrees(&self) -> bool {
+        self.axes_meet() && self.behind <= 0.1
+    }
+
+    /// Whether the cameras look much the same way, so that the point says little.
+    pub fn forward_facing(&self) -> bool {
+        f64::from(self.spread) < FORWARD_FACING
+    }
+
+    /// Whether the point can place the scene: well agreed on also along the common direction.
+    pub fn places_the_scene(&self) -> bool {
+        self.agrees() && self.mean_residual <= 0.5 * self.mean_distance * self.spread.sqrt()
+    }
+}
+
+fn outer(v: DVec3) -> DMat3 {
+    DMat3::from_cols(v * v.x, v * v.y, v * v.z)
+}
+
+/// Of a symmetric matrix with eigenvalues in 0..=1.
+///
+/// # Source
+/// Smith 1961, "Eigenvalues of a symmetric 3 × 3 matrix".
+fn smallest_eigenvalue(m: DMat3) -> f64 {
+    let mean = (m.x_axis.x + m.y_axis.y + m.z_axis.z) / 3.0;
+    let shifted = m - DMat3::from_diagonal(DVec3::splat(mean));
+    let columns = [shifted.x_axis, shifted.y_axis, shifted.z_axis];
+    let p = (columns.iter().map(|c| c.length_squared()).sum::<f64>() / 6.0).sqrt();
+    if p < 1e-12 {
+        return mean;
+    }
+    let half_determinant = ((shifted * (1.0 / p)).determinant() / 2.0).clamp(-1.0, 1.0);
+    let angle = half_determinant.acos() / 3.0;
+    mean + 2.0 * p * (angle + 2.0 * std::f64::consts::FRAC_PI_3).cos()
+}
+
+/// Where the scene is proposed to be.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct SceneBounds {
+    /// Where rays begin, world units along the ray.
+    pub near: f32,
+    /// Where rays end, world units along the ray.
+    pub far: f32,
+    /// The box the scene is in; a proposal that is wide rather than tight.
+    pub scene_box: SceneBox,
+}
+
+/// Near, far and box for a data set, or `None` where neither the data nor the cameras say.
+///
+/// `near` and `far` are the data set's own where it has them. Otherwise: 2 and 6 for cameras
+/// around 4 from what they look at in a layout whose recipe says so (NeRF-synthetic, CS180,
+/// tiny_nerf), else half the smallest camera distance, and as far behind the look-at point as
+/// `near` is in front of it. The box is a cube around the look-at point with half-size mean
+/// camera distance − near; without such a point, it is the box around all view frusta from
+/// `near` to `far`.
+pub fn scene_bounds(dataset: &Dataset) -> Option<SceneBounds> {
+    let cameras: Vec<Camera> = dataset.cameras().copied().collect();
+    bounds(&cameras, LookAt::of(&cameras).as_ref(), dataset)
+}
+
+pub(super) fn bounds(cameras: &[Camera], look_at: Option<&LookAt>, dataset: &Dataset) -> Option<SceneBounds> {
+    let look_at = look_at.filter(|look_at| look_at.places_the_scene());
+    let proposed = look_at.map(|look_at| proposed_range(look_at, dataset.format));
+    let near = dataset.near.or(proposed.map(|range| range.0))?;
+    let far = dataset.far.or(proposed.map(|range| range.1))?;
+    // One of the two may be the caller's and not fit the other.
+    if near >= far {
+        return None;
+    }
+    let scene_box = match look_at {
+        Some(look_at) if look_at.mean_distance > near => {
+            let centre = Vec3::from(look_at.point);
+            let half = Vec3::splat(look_at.mean_distance - near);
+            SceneBox::new(centre - half, centre + half)
+        }
+        _ => frusta_box(cameras, near, far),
+    };
+    Some(SceneBounds { near, far, scene_box: scene_box.ok()? })
+}
+
+fn proposed_range(look_at: &LookAt, format: Format) -> (f32, f32) {
+    let recipe = matches!(format, Format::Cs180 | Format::TinyNerf | Format::Blender);
+    let usual = look_at.min_distance > 3.0 && look_at.max_distance < 5.0;
+    if recipe && usual && (look_at.mean_distance - 4.0).abs() < 0.25 {
+        return (2.0, 6.0);
+    }
+    let near = 0.5 * look_at.min_distance;
+    (near, look_at.max_distance + (look_at.mean_distance - near))
+}
+
+fn frusta_box(cameras: &[Camera], near: f32, far: f32) -> Result<SceneBox, nerf_core::ray::BoundsError> {
+    let (mut min, mut max) = (Vec3::INFINITY, Vec3::NEG_INFINITY);
+    for camera in cameras {
+        let i = camera.intrinsics();
+        let (w, h) = (i.width as f32, i.height as f32);
+        for (x, y) in [(0.0, 0.0), (w, 0.0), (0.0, h), (w, h), (0.5 * w, 0.5 * h)] {
+            let ray = camera.ray(x, y);
+            for p in [ray.at(near), ray.at(far)] {
+                (min, max) = (min.min(p), max.max(p));
+            }
+        }
+    }
+    SceneBox::new(min, max)
+}

@@ -1,0 +1,243 @@
+//! Posed pictures, read from the layouts that are in use.
+//!
+//! One file per layout. Each converts to the project's one convention where it reads, so that
+//! nothing behind this module asks where a picture came from: camera-to-world poses that look
+//! down −Z with +Y up, pixel centres at +0.5, `fx fy cx cy` in pixels, straight alpha.
+//!
+//! | path | reader | convention of the file |
+//! | --- | --- | --- |
+//! | `*.npz` with `images_train`, `c2ws_train`, `focal` | [`Format::Cs180`] | OpenCV |
+//! | `*.npz` with `images`, `poses`, `focal` | [`Format::TinyNerf`] | OpenGL |
+//! | a folder (or file of it) with `transforms_train.json` | [`Format::Blender`] | OpenGL |
+//! | a folder with `transforms.json`, or any other `.json` | [`Format::Nerfstudio`] | OpenGL |
+
+mod blender;
+mod cs180;
+mod error;
+mod geometry;
+mod nerfstudio;
+mod npz;
+mod picture;
+pub mod report;
+mod tiny_nerf;
+mod transforms;
+mod view;
+
+pub use error::DatasetError;
+pub use geometry::{LookAt, SceneBounds, scene_bounds};
+pub use report::Report;
+pub use view::{Background, View};
+
+use nerf_core::camera::{Camera, Pose};
+use nerf_core::ray::BoundsError;
+use serde::{Deserialize, Serialize};
+use std::path::Path;
+
+/// Posed pictures of one scene, by split, in the project's conventions.
+#[derive(Clone, Debug)]
+pub struct Dataset {
+    /// What to call the scene: the file's or folder's name.
+    pub name: String,
+    /// The layout it was read from.
+    pub format: Format,
+    /// The convention its poses were taken to be in; behind the reader they are all OpenGL.
+    pub axes: Axes,
+    /// What is fitted; at least one view.
+    pub train: Vec<View>,
+    /// What the fit is watched on; may be empty.
+    pub val: Vec<View>,
+    /// What the result is judged on; may be empty.
+    pub test: Vec<View>,
+    /// Poses without pictures, such as `c2ws_test`: a path to render.
+    pub test_path: Vec<Camera>,
+    /// Where rays begin, world units along the ray; `None` where neither file nor caller says.
+    pub near: Option<f32>,
+    /// Where rays end, world units along the ray.
+    pub far: Option<f32>,
+    /// What is behind the scene.
+    pub background: Background,
+    /// What was odd but could be read, in sentences.
+    pub warnings: Vec<String>,
+}
+
+impl Dataset {
+    /// All cameras that have a picture: training, validation, test.
+    pub fn cameras(&self) -> impl Iterator<Item = &Camera> {
+        [&self.train, &self.val, &self.test].into_iter().flatten().map(|view| &view.camera)
+    }
+}
+
+/// The layouts that can be read.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+#[non_exhaustive]
+pub enum Format {
+    /// The `.npz` of the CS180 course.
+    Cs180,
+    /// `tiny_nerf_data.npz` of the original notebook.
+    TinyNerf,
+    /// `transforms_{train,val,test}.json`, as NeRF-synthetic.
+    Blender,
+    /// `transforms.json`, as nerfstudio and instant-ngp write it.
+    Nerfstudio,
+    /// The scene this crate draws itself.
+    Demo,
+}
+
+impl std::fmt::Display for Format {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str(match self {
+            Self::Cs180 => "CS180 npz",
+            Self::TinyNerf => "tiny_nerf npz",
+            Self::Blender => "Blender transforms",
+            Self::Nerfstudio => "nerfstudio transforms",
+            Self::Demo => "demo scene",
+        })
+    }
+}
+
+/// Which way a camera of a file looks.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Axes {
+    /// Looks down −Z, +Y up.
+    Opengl,
+    /// Looks down +Z, +Y down.
+    Opencv,
+}
+
+impl Axes {
+    /// The convention that this is not.
+    pub fn other(self) -> Self {
+        match self {
+            Self::Opengl => Self::Opencv,
+            Self::Opencv => Self::Opengl,
+        }
+    }
+
+    /// A pose of this convention in the project's; its own inverse.
+    pub fn to_opengl(self, pose: Pose) -> Pose {
+        let mut pose = pose;
+        if self == Self::Opencv {
+            pose.rotation.y_axis = -pose.rotation.y_axis;
+            pose.rotation.z_axis = -pose.rotation.z_axis;
+        }
+        pose
+    }
+}
+
+impl std::fmt::Display for Axes {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str(match self {
+            Self::Opengl => "opengl",
+            Self::Opencv => "opencv",
+        })
+    }
+}
+
+impl std::str::FromStr for Axes {
+    type Err = String;
+
+    fn from_str(s: &str) -> Result<Self, String> {
+        match s.to_ascii_lowercase().as_str() {
+            "opengl" => Ok(Self::Opengl),
+            "opencv" => Ok(Self::Opencv),
+            _ => Err(format!("axes: expected opengl or opencv, found {s:?}")),
+        }
+    }
+}
+
+/// What the caller knows better than the file.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct ReadOptions {
+    /// Overrides the pose convention that the layout has by custom (`--axes`).
+    pub axes: Option<Axes>,
+    /// Overrides where rays begin, world units.
+    pub near: Option<f32>,
+    /// Overrides where rays end, world units.
+    pub far: Option<f32>,
+    /// No array of an archive may unpack to more than this, bytes; a guard against zip bombs.
+    pub max_array_bytes: u64,
+}
+
+impl Default for ReadOptions {
+    fn default() -> Self {
+        Self { axes: None, near: None, far: None, max_array_bytes: 4 << 30 }
+    }
+}
+
+/// Reads the data set at `path`: a folder, a `transforms*.json` or a `.npz`.
+///
+/// # Errors
+/// [`DatasetError`] names the file, the field, what was expected and what was found. Pictures
+/// that a json names but that do not exist are no error as long as one training view is left.
+pub fn read(path: &Path, options: &ReadOptions) -> Result<Dataset, DatasetError> {
+    check_range(options.near, options.far)?;
+    let kind = std::fs::metadata(path).map_err(|source| DatasetError::io(path, source))?;
+    let mut dataset = if kind.is_dir() {
+        read_folder(path, options)?
+    } else if path.extension().is_some_and(|e| e.eq_ignore_ascii_case("json")) {
+        read_json(path, options)?
+    } else {
+        read_npz(path, options)?
+    };
+    if dataset.train.is_empty() {
+        return Err(DatasetError::Empty { path: path.into(), warnings: dataset.warnings });
+    }
+    dataset.near = options.near.or(dataset.near);
+    dataset.far = options.far.or(dataset.far);
+    check_range(dataset.near, dataset.far)?;
+    dataset.background = Background::of(&dataset.train);
+    Ok(dataset)
+}
+
+fn read_folder(path: &Path, options: &ReadOptions) -> Result<Dataset, DatasetError> {
+    if path.join(blender::TRAIN).is_file() {
+        return blender::read(path, options);
+    }
+    let single = path.join(nerfstudio::FILE);
+    if single.is_file() {
+        return nerfstudio::read(&single, options);
+    }
+    Err(DatasetError::NotADataset {
+        path: path.into(),
+        expected: format!("a folder with {} or {}", blender::TRAIN, nerfstudio::FILE),
+    })
+}
+
+fn read_json(path: &Path, options: &ReadOptions) -> Result<Dataset, DatasetError> {
+    let folder = path.parent().unwrap_or(Path::new(""));
+    let name = path.file_name().and_then(|n| n.to_str()).unwrap_or_default();
+    if blender::is_split_file(name) && folder.join(blender::TRAIN).is_file() {
+        return blender::read(folder, options);
+    }
+    nerfstudio::read(path, options)
+}
+
+fn read_npz(path: &Path, options: &ReadOptions) -> Result<Dataset, DatasetError> {
+    let mut archive = npz::Archive::open(path, options.max_array_bytes)?;
+    if archive.has("images") && archive.has("poses") && !archive.has("images_train") {
+        tiny_nerf::read(&mut archive, options)
+    } else {
+        cs180::read(&mut archive, options)
+    }
+}
+
+fn check_range(near: Option<f32>, far: Option<f32>) -> Result<(), DatasetError> {
+    let (low, high) = (near.unwrap_or(0.0), far.unwrap_or(f32::MAX));
+    if low >= 0.0 && low < high && high.is_finite() {
+        Ok(())
+    } else {
+        Err(DatasetError::Range(BoundsError::Range { near: low, far: high }))
+    }
+}
+
+/// The scene's name: the file's stem, or the folder's name where the file's says nothing.
+fn scene_name(path: &Path) -> String {
+    let path = std::path::absolute(path).unwrap_or(path.into());
+    let name = if path.is_dir() { path.file_name() } else { path.file_stem() };
+    name.map_or_else(|| "scene".into(), |n| n.to_string_lossy().into_owned())
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,125 @@
+//! Every layout and every error, on small data sets made here; and the real data where present.
+
+mod geometry;
+mod npz;
+mod real;
+mod transforms;
+
+use super::{Axes, Background, Dataset, DatasetError, Format, LookAt, ReadOptions, Report, View, read};
+use glam::Vec3;
+use nerf_core::camera::{Camera, Intrinsics, Pose};
+use nerf_core::lens::Lens;
+use std::path::Path;
+
+/// `count` poses on a golden spiral of the upper hemisphere of `radius`, looking at `target`.
+fn orbit(count: usize, radius: f32, target: Vec3) -> Vec<Pose> {
+    (0..count)
+        .map(|i| {
+            let z = 0.1 + 0.8 * (i as f32 + 0.5) / count as f32;
+            let (sin, cos) = (2.4 * i as f32).sin_cos();
+            let r = (1.0 - z * z).sqrt();
+            let eye = target + radius * Vec3::new(r * cos, r * sin, z);
+            Pose::look_at(eye, target, Vec3::Z).expect("not looking along z")
+        })
+        .collect()
+}
+
+fn camera(pose: Pose) -> Camera {
+    Camera::new(Intrinsics::centred(8, 6, 10.0), Lens::NONE, pose).expect("an orbit")
+}
+
+fn dataset_of(poses: &[Pose], axes: Axes) -> Dataset {
+    let view = |pose: &Pose| View { name: "v".into(), camera: camera(*pose), pixels: vec![[0; 4]; 48] };
+    Dataset {
+        name: "made".into(),
+        format: Format::Nerfstudio,
+        axes,
+        train: poses.iter().map(view).collect(),
+        val: Vec::new(),
+        test: Vec::new(),
+        test_path: Vec::new(),
+        near: None,
+        far: None,
+        background: Background::Alpha,
+        warnings: Vec::new(),
+    }
+}
+
+/// Row-major 4×4, as files hold it.
+fn matrix(pose: &Pose) -> [[f32; 4]; 4] {
+    let [a, b, c] = pose.to_rows();
+    [a, b, c, [0.0, 0.0, 0.0, 1.0]]
+}
+
+fn read_plain(path: &Path) -> Result<Dataset, DatasetError> {
+    read(path, &ReadOptions::default())
+}
+
+/// The error's text, which must be there.
+fn error_of(path: &Path) -> String {
+    match read_plain(path) {
+        Ok(dataset) => panic!("{} was read: {:?}", path.display(), dataset.warnings),
+        Err(error) => error.to_string(),
+    }
+}
+
+fn assert_names(text: &str, parts: &[&str]) {
+    for part in parts {
+        assert!(text.contains(part), "`{part}` is not in: {text}");
+    }
+}
+
+#[test]
+fn near_must_be_below_far() {
+    let options = ReadOptions { near: Some(3.0), far: Some(2.0), ..Default::default() };
+    let error = read(Path::new("anything"), &options).expect_err("near > far").to_string();
+    assert_names(&error, &["near 3", "far 2"]);
+    let options = ReadOptions { near: Some(f32::NAN), ..Default::default() };
+    assert!(matches!(read(Path::new("anything"), &options), Err(DatasetError::Range(_))));
+}
+
+#[test]
+fn what_is_no_data_set_is_named() {
+    let folder = tempfile::tempdir().expect("tempdir");
+    assert!(matches!(read_plain(&folder.path().join("none")), Err(DatasetError::Missing { .. })));
+    assert_names(&error_of(folder.path()), &["transforms_train.json", "transforms.json"]);
+    let file = folder.path().join("a.npz");
+    std::fs::write(&file, b"hello").expect("write");
+    assert!(matches!(read_plain(&file), Err(DatasetError::NotAnArchive { .. })));
+}
+
+#[test]
+fn axes_conversion_is_its_own_inverse() {
+    let pose = orbit(3, 4.0, Vec3::ZERO)[1];
+    assert_eq!(Axes::Opencv.to_opengl(Axes::Opencv.to_opengl(pose)), pose);
+    assert_eq!(Axes::Opengl.to_opengl(pose), pose);
+    assert_eq!(Axes::Opencv.to_opengl(pose).forward(), -pose.forward());
+    assert_eq!("OpenCV".parse(), Ok(Axes::Opencv));
+    assert!("opengl2".parse::<Axes>().is_err());
+}
+
+#[test]
+fn compositing_is_straight_alpha_in_display_space() {
+    let mut view = dataset_of(&orbit(1, 4.0, Vec3::ZERO), Axes::Opengl).train.remove(0);
+    view.pixels[1] = [255, 0, 51, 51];
+    assert_eq!(view.composite_over([1.0, 1.0, 0.5])[0], [1.0, 1.0, 0.5]);
+    let [r, g, b] = view.composite_over([1.0, 1.0, 0.5])[1];
+    assert!((r - 1.0).abs() < 1e-6 && (g - 0.8).abs() < 1e-6 && (b - 0.44).abs() < 1e-6);
+    assert_eq!((view.size(), view.pixel(1, 0)), ((8, 6), Some([255, 0, 51, 51])));
+    assert_eq!((view.pixel(8, 0), view.pixel(0, 6)), (None, None));
+}
+
+#[test]
+fn background_is_alpha_or_the_border_colour_or_unknown() {
+    let mut views = dataset_of(&orbit(2, 4.0, Vec3::ZERO), Axes::Opengl).train;
+    assert_eq!(Background::of(&views), Background::Alpha);
+    for view in &mut views {
+        view.pixels.fill([9, 8, 7, 255]);
+        view.pixels[10] = [1, 2, 3, 255];
+    }
+    assert_eq!(Background::of(&views), Background::Constant([9, 8, 7]));
+    for (i, pixel) in views.iter_mut().flat_map(|v| &mut v.pixels).enumerate() {
+        pixel[0] = i as u8;
+    }
+    assert_eq!(Background::of(&views), Background::Unknown);
+}
