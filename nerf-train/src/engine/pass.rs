@@ -169,7 +169,7 @@ impl Pass {
         grow(&mut self.upper, 3, samples);
         grow(&mut self.d_sigma, 1, samples);
         self.d_sigma[samples..].fill(0.0);
-        if samples % BLOCK != 0 {
+        if !samples.is_multiple_of(BLOCK) {
             let last = block_of_mut(&mut self.upper, 3, samples / BLOCK);
             last.chunks_exact_mut(BLOCK).for_each(|d| d[samples % BLOCK..].fill(0.0));
         }

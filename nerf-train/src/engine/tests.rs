@@ -112,6 +112,14 @@ fn reference(model: &Model, seed: u64) -> ReferenceEngine {
     ReferenceEngine::new(model, Adam::default(), seed).unwrap()
 }
 
+type NewEngine = fn(&Model, &[f32]) -> Box<dyn Engine>;
+
+/// Both engines, on given parameters.
+const ENGINES: [NewEngine; 2] = [
+    |model, p| Box::new(FusedEngine::with_parameters(model, Adam::default(), p).unwrap()),
+    |model, p| Box::new(ReferenceEngine::with_parameters(model, Adam::default(), p).unwrap()),
+];
+
 fn bits(values: &[f32]) -> Vec<u32> {
     values.iter().map(|v| v.to_bits()).collect()
 }
@@ -136,10 +144,9 @@ fn threads_do_not_change_a_bit() {
 fn resuming_gives_the_bits_of_not_stopping() {
     let model = classic();
     let batches: Vec<_> = (0..6).map(|seed| batch_of(&model, 60, 20, seed)).collect();
-    let engines: [fn(&Model, u64) -> Box<dyn Engine>; 2] =
-        [|m, s| Box::new(fused(m, s)), |m, s| Box::new(reference(m, s))];
-    for new in engines {
-        let mut engine = new(&model, 1);
+    for new in ENGINES {
+        let start = |seed| new(&model, &model.initial_parameters(seed));
+        let mut engine = start(1);
         let mut half = OptimiserState::default();
         for (i, batch) in batches.iter().enumerate() {
             if i == 3 {
@@ -147,7 +154,7 @@ fn resuming_gives_the_bits_of_not_stopping() {
             }
             engine.step(batch, 1e-2).unwrap();
         }
-        let mut resumed = new(&model, 99);
+        let mut resumed = start(99);
         resumed.restore(&half).unwrap();
         for batch in &batches[3..] {
             resumed.step(batch, 1e-2).unwrap();
@@ -219,13 +226,9 @@ fn fitting_two_discs_lowers_the_loss_tenfold() {
 fn a_step_that_diverges_changes_nothing() {
     let model = plain();
     let batch = batch_of(&model, 30, 5, 1);
-    let engines: [fn(&Model, Adam, &[f32]) -> Box<dyn Engine>; 2] = [
-        |m, a, p| Box::new(FusedEngine::with_parameters(m, a, p).unwrap()),
-        |m, a, p| Box::new(ReferenceEngine::with_parameters(m, a, p).unwrap()),
-    ];
-    for new in engines {
+    for new in ENGINES {
         let huge: Vec<f32> = model.initial_parameters(1).iter().map(|p| p * 1e30).collect();
-        let mut engine = new(&model, Adam::default(), &huge);
+        let mut engine = new(&model, &huge);
         let before = engine.state();
         assert_eq!(engine.step(&batch, 1e-3), Err(EngineError::Diverged { step: 1 }));
         assert_eq!(engine.state(), before);
@@ -233,7 +236,7 @@ fn a_step_that_diverges_changes_nothing() {
         let mut sane = OptimiserState { parameters: model.initial_parameters(1), ..before };
         sane.steps = 4;
         engine.restore(&sane).unwrap();
-        let mut fresh = new(&model, Adam::default(), &sane.parameters);
+        let mut fresh = new(&model, &sane.parameters);
         fresh.restore(&sane).unwrap();
         assert_eq!(engine.step(&batch, 1e-3).unwrap(), fresh.step(&batch, 1e-3).unwrap());
         assert_eq!(engine.state(), fresh.state());
