@@ -56,8 +56,7 @@ impl LayerSum {
             for (bias, dy) in self.bias.iter_mut().zip(dy.chunks_exact(BLOCK)) {
                 *bias += sum(&dy[..lanes], |i| dy[i]);
             }
-            let parts =
-                [(&mut self.main, node.main, d.main), (&mut self.extra, node.extra, d.extra)];
+            let parts = [(&mut self.main, node.main, d.main), (&mut self.extra, node.extra, d.extra)];
             for (gradient, slot, channels) in parts {
                 if channels == 0 {
                     continue;
@@ -145,18 +144,22 @@ fn sum(lanes: &[f32], term: impl Fn(usize) -> f32) -> f32 {
 fn transpose(x: &[f32], channels: usize, lanes: usize, out: &mut Vec<f32>) {
     let columns = padded(channels);
     out.resize(lanes * columns, 0.0);
-    for first_lane in (0..lanes).step_by(VECTOR) {
-        for first in (0..columns).step_by(VECTOR) {
-            let mut tile = [[0.0f32; VECTOR]; VECTOR];
-            for (row, x) in tile.iter_mut().zip(x.chunks_exact(BLOCK).skip(first)) {
-                row.copy_from_slice(&x[first_lane..][..VECTOR]);
-            }
-            for lane in 0..VECTOR {
-                let out = &mut out[(first_lane + lane) * columns + first..][..VECTOR];
-                for (out, row) in out.iter_mut().zip(&tile) {
-                    *out = row[lane];
-                }
+    let zeros = [0.0; BLOCK];
+    for first in (0..columns).step_by(4) {
+        let row = |i: usize| if first + i < channels { &x[(first + i) * BLOCK..][..BLOCK] } else { &zeros };
+        let rows = [row(0), row(1), row(2), row(3)];
+        for first_lane in (0..lanes).step_by(4) {
+            // Four rows at a time: the loop waits for its loads, and this keeps their streams few.
+            let [a, b, c, d] = rows.map(|row| four(row, first_lane));
+            for lane in 0..4 {
+                let out = &mut out[(first_lane + lane) * columns + first..][..4];
+                out.copy_from_slice(&[a[lane], b[lane], c[lane], d[lane]]);
             }
         }
     }
+}
+
+fn four(values: &[f32], first: usize) -> [f32; 4] {
+    let v = &values[first..][..4];
+    [v[0], v[1], v[2], v[3]]
 }

@@ -4,7 +4,7 @@ use super::{Batch, BatchRay};
 use std::ops::Range;
 
 /// Samples a chunk is filled up to; a longer ray is a chunk of its own.
-const SAMPLES: usize = 512;
+pub(super) const SAMPLES: usize = 512;
 /// Most rays of a chunk: rays without samples have a price too.
 const RAYS: usize = 2048;
 

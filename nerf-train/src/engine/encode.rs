@@ -1,7 +1,8 @@
 //! Encodes blocks of points. The only place of the engine that evaluates an encoding.
 
-use nerf_core::encoding::{AngleScale, Encoding};
+use nerf_core::encoding::{Encoding, encode_block};
 use nerf_core::kernels::{BLOCK, Tier};
+use nerf_core::math::MathBackend;
 
 /// Encodes up to [`BLOCK`] points into `out`, `[outputs][BLOCK]`; missing points are zeros.
 ///
@@ -19,36 +20,5 @@ pub(super) fn encode_points<'a>(
             x[axis * BLOCK + lane] = coordinate;
         }
     }
-    encode_block(tier, encoding, &x[..inputs * BLOCK], out);
-}
-
-/// Stand-in for `nerf_core::encoding::encode_block`, to be replaced by it.
-///
-/// `x`: `[inputs][BLOCK]`, `out`: `[outputs][BLOCK]`.
-fn encode_block(_tier: Tier, encoding: &Encoding, x: &[f32], out: &mut [f32]) {
-    let mut rows = out.chunks_exact_mut(BLOCK);
-    let inputs = || x.chunks_exact(BLOCK);
-    if encoding.identity {
-        for (x, row) in inputs().zip(rows.by_ref()) {
-            row.copy_from_slice(x);
-        }
-    }
-    for level in 0..encoding.levels {
-        for function in [f64::sin, f64::cos] {
-            for x in inputs() {
-                let Some(row) = rows.next() else { return };
-                for (y, &x) in row.iter_mut().zip(x) {
-                    *y = function(angle(encoding.scale, level, x)) as f32;
-                }
-            }
-        }
-    }
-}
-
-fn angle(scale: AngleScale, level: u8, x: f32) -> f64 {
-    let u = f64::from(x) * f64::from(1u32 << level);
-    match scale {
-        AngleScale::One => u,
-        AngleScale::Pi => (u - 2.0 * (0.5 * u).round()) * std::f64::consts::PI,
-    }
+    encode_block(tier, MathBackend::Polynomial, encoding, BLOCK, &x[..inputs * BLOCK], out);
 }

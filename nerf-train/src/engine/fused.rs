@@ -5,7 +5,7 @@
 //! summed in order. Threads decide only who does it when.
 
 use super::accumulate::reduce;
-use super::chunk::{Chunk, cut};
+use super::chunk::{Chunk, SAMPLES, cut};
 use super::graph::Graph;
 use super::optimiser::{Optimiser, usable};
 use super::pass::{ChunkLoss, Job, Pass};
@@ -19,7 +19,7 @@ const ACCUMULATORS: usize = 16;
 /// See the [module](self).
 ///
 /// Memory: parameters ×5, and per accumulator one gradient and the activations of one chunk (about
-/// 512 samples, or one longer ray): some 250 MiB for the 8×256 network, whatever the batch.
+/// 512 samples, or one longer ray): some 150 MiB for the 8×256 network, whatever the batch.
 pub struct FusedEngine {
     graph: Graph,
     tier: Tier,
@@ -62,14 +62,37 @@ impl FusedEngine {
         &self.graph.model
     }
 
+    /// sigma, per world unit, at each position: what an occupancy grid is refreshed from.
+    ///
+    /// Infinite in a 2D field, whose samples are opaque.
+    ///
+    /// # Errors
+    /// [`EngineError::Parameters`] if `sigma` is not as long as `positions`.
+    pub fn density(&mut self, positions: &[[f32; 3]], sigma: &mut [f32]) -> Result<(), EngineError> {
+        let (expected, found) = (positions.len(), sigma.len());
+        if expected != found {
+            return Err(EngineError::Parameters { field: "sigma", expected, found });
+        }
+        let Self { graph, tier, parameters, passes, .. } = self;
+        let job = Job { graph, tier: *tier, parameters };
+        let share = expected.div_ceil(ACCUMULATORS).next_multiple_of(SAMPLES).max(SAMPLES);
+        let shares = positions.par_chunks(share).zip(sigma.par_chunks_mut(share));
+        passes.par_iter_mut().zip(shares).with_max_len(1).for_each(|(pass, (positions, sigma))| {
+            for (points, sigma) in positions.chunks(SAMPLES).zip(sigma.chunks_mut(SAMPLES)) {
+                pass.density(job, points, sigma);
+            }
+        });
+        Ok(())
+    }
+
     /// Loss of a checked batch; its gradients are left with the optimiser.
     fn differentiate(&mut self, batch: &Batch) -> Result<StepLoss, EngineError> {
         let Self { graph, tier, optimiser, parameters, chunks, passes } = self;
         cut(batch, chunks);
-        let job = Job { graph, tier: *tier, parameters, batch };
+        let job = Job { graph, tier: *tier, parameters };
         passes.par_iter_mut().with_max_len(1).enumerate().for_each(|(i, pass)| {
             pass.clear();
-            chunks.iter().skip(i).step_by(ACCUMULATORS).for_each(|chunk| pass.run(job, chunk));
+            chunks.iter().skip(i).step_by(ACCUMULATORS).for_each(|chunk| pass.run(job, batch, chunk));
         });
         let sum = passes.iter().fold(ChunkLoss::default(), |sum, pass| ChunkLoss {
             squared: sum.squared + pass.loss.squared,

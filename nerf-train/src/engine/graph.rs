@@ -97,15 +97,8 @@ impl Node {
     ) {
         let d = &self.dense;
         let (weights, bias) = (&parameters[d.weights..d.bias], &parameters[d.bias..][..d.outputs]);
-        let product = |n, k| Gemm {
-            m: d.outputs,
-            n,
-            k,
-            a_row: d.inputs(),
-            a_col: 1,
-            b_row: BLOCK,
-            c_row: BLOCK,
-        };
+        let product =
+            |n, k| Gemm { m: d.outputs, n, k, a_row: d.inputs(), a_col: 1, b_row: BLOCK, c_row: BLOCK };
         for (block, lanes) in blocks(samples) {
             let y = block_of_mut(out, d.outputs, block);
             let x = block_of(&slots[self.main], d.main, block);

@@ -8,6 +8,7 @@ use super::volume_grad::{Samples, Scratch, squared_error};
 use super::{Batch, SIGMA_LIMIT};
 use nerf_core::kernels::{BLOCK, Tier};
 use nerf_core::network::DensityActivation;
+use std::ops::Range;
 
 /// Sums over an accumulator's chunks.
 #[derive(Clone, Copy, Default)]
@@ -26,7 +27,6 @@ pub(super) struct Job<'a> {
     pub(super) graph: &'a Graph,
     pub(super) tier: Tier,
     pub(super) parameters: &'a [f32],
-    pub(super) batch: &'a Batch,
 }
 
 /// An accumulator with the buffers of its current chunk; all are reused from step to step.
@@ -60,15 +60,15 @@ impl Pass {
     }
 
     /// Adds a chunk's loss and gradients.
-    pub(super) fn run(&mut self, job: Job<'_>, chunk: &Chunk) {
+    pub(super) fn run(&mut self, job: Job<'_>, batch: &Batch, chunk: &Chunk) {
         match chunk {
-            Chunk::Rays { rays, samples } => self.run_rays(job, rays.clone(), samples.clone()),
-            Chunk::Empty(points) => self.run_empty(job, points.clone()),
+            Chunk::Rays { rays, samples } => self.run_rays(job, batch, rays.clone(), samples.clone()),
+            Chunk::Empty(points) => self.run_empty(job, batch, points.clone()),
         }
     }
 
-    fn run_rays(&mut self, job: Job<'_>, rays: std::ops::Range<usize>, samples: std::ops::Range<usize>) {
-        let Job { graph, batch, .. } = job;
+    fn run_rays(&mut self, job: Job<'_>, batch: &Batch, rays: Range<usize>, samples: Range<usize>) {
+        let graph = job.graph;
         let count = samples.len();
         self.encode_positions(job, &batch.positions[samples.clone()]);
         if let Some(direction) = &graph.model.architecture.direction {
@@ -91,11 +91,8 @@ impl Pass {
         let rgb = FIRST + graph.nodes.len() - 1;
         let colour = &mut self.slots[rgb][..3 * count.next_multiple_of(BLOCK)];
         colour.iter_mut().for_each(|c| *c = 1.0 / (1.0 + (-*c).exp()));
-        let view = Samples {
-            deltas: &batch.deltas[samples],
-            sigma: graph.density.map(|_| &self.sigma[..]),
-            colour,
-        };
+        let view =
+            Samples { deltas: &batch.deltas[samples], sigma: graph.density.map(|_| &self.sigma[..]), colour };
         let scale = 1.0 / (3.0 * batch.rays.len() as f64);
         self.loss.squared += squared_error(
             &batch.rays[rays],
@@ -119,15 +116,12 @@ impl Pass {
         self.backward_trunk(job, count, true);
     }
 
-    fn run_empty(&mut self, job: Job<'_>, points: std::ops::Range<usize>) {
-        let Job { graph, batch, .. } = job;
-        let Some(density) = graph.density else { return };
-        let count = points.len();
-        self.encode_positions(job, &batch.empty[points]);
-        for l in graph.trunk.clone().chain([density]) {
-            self.forward(job, l, count);
+    fn run_empty(&mut self, job: Job<'_>, batch: &Batch, points: Range<usize>) {
+        if job.graph.density.is_none() {
+            return;
         }
-        self.activate_density(job, count);
+        let count = points.len();
+        self.evaluate_density(job, &batch.empty[points]);
         self.zero_padding(count);
         let scale = batch.empty_weight / batch.empty.len() as f32;
         for (d, &sigma) in self.d_sigma.iter_mut().zip(&self.sigma[..count]) {
@@ -135,6 +129,23 @@ impl Pass {
             *d = scale / (1.0 + sigma);
         }
         self.backward_trunk(job, count, false);
+    }
+
+    /// sigma of a few hundred points, by trunk and density head; infinite in a 2D field.
+    pub(super) fn density(&mut self, job: Job<'_>, points: &[[f32; 3]], sigma: &mut [f32]) {
+        if job.graph.density.is_none() {
+            return sigma.fill(f32::INFINITY);
+        }
+        self.evaluate_density(job, points);
+        sigma.copy_from_slice(&self.sigma[..points.len()]);
+    }
+
+    fn evaluate_density(&mut self, job: Job<'_>, points: &[[f32; 3]]) {
+        self.encode_positions(job, points);
+        for l in job.graph.trunk.clone().chain(job.graph.density) {
+            self.forward(job, l, points.len());
+        }
+        self.activate_density(job, points.len());
     }
 
     fn encode_positions(&mut self, job: Job<'_>, points: &[[f32; 3]]) {
@@ -172,7 +183,7 @@ impl Pass {
         grow(&mut self.upper, 3, samples);
         grow(&mut self.d_sigma, 1, samples);
         self.d_sigma[samples..].fill(0.0);
-        if samples % BLOCK != 0 {
+        if !samples.is_multiple_of(BLOCK) {
             let last = block_of_mut(&mut self.upper, 3, samples / BLOCK);
             last.chunks_exact_mut(BLOCK).for_each(|d| d[samples % BLOCK..].fill(0.0));
         }

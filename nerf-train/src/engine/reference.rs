@@ -14,6 +14,7 @@ use nerf_core::network::DensityActivation;
 type Matrix<T = NoneTape> = Tensor<(usize, usize), f32, Cpu, T>;
 type Vector<T = NoneTape> = Tensor<(usize,), f32, Cpu, T>;
 type Taped = OwnedTape<f32, Cpu>;
+type Scalar = Tensor<Rank0, f32, Cpu, Taped>;
 
 /// See the [module](self). Every ray is padded to the longest one, with bins of length 0.
 pub struct ReferenceEngine {
@@ -189,7 +190,7 @@ impl ReferenceEngine {
         weights: &[Weights],
         batch: &Batch,
         longest: usize,
-    ) -> Result<(Tensor<Rank0, f32, Cpu, Taped>, bool), EngineError> {
+    ) -> Result<(Scalar, bool), EngineError> {
         let rays = batch.rays.len();
         let matrix = |values, columns| self.device.try_tensor_from_vec(values, (rays, columns));
         let of_rays = |of: fn(&super::BatchRay) -> [f32; 3]| batch.rays.iter().flat_map(of).collect();
@@ -217,7 +218,8 @@ impl ReferenceEngine {
         let tau = match self.density(weights, &h)? {
             Some(sigma) => {
                 let sigma = sigma.try_reshape_like(&(rays, longest))?;
-                let live = deltas.iter().zip(sigma.as_vec()).all(|(&delta, sigma)| delta == 0.0 || sigma == 0.0);
+                let live =
+                    deltas.iter().zip(sigma.as_vec()).all(|(&delta, sigma)| delta == 0.0 || sigma == 0.0);
                 dead = live && !batch.positions.is_empty();
                 sigma.try_mul(matrix(deltas, longest)?)?
             }

@@ -19,7 +19,8 @@ fn folding_keeps_the_outputs() {
         };
         let (sigma, rgb) = outputs(&model, &parameters);
         let (folded_sigma, folded_rgb) = outputs(&exported, &folded);
-        let close = |a: &[f32], b: &[f32]| a.iter().zip(b).all(|(a, b)| (a - b).abs() < 1e-5 * (1.0 + a.abs()));
+        let close =
+            |a: &[f32], b: &[f32]| a.iter().zip(b).all(|(a, b)| (a - b).abs() < 1e-5 * (1.0 + a.abs()));
         assert!(close(&sigma, &folded_sigma), "{name}");
         assert!(close(rgb.as_flattened(), folded_rgb.as_flattened()), "{name}");
     }
@@ -60,8 +61,7 @@ fn layers_fill_the_parameter_vector_in_order() {
 #[test]
 fn start_values_are_those_of_the_recipe() {
     let model = Model { architecture: plain().architecture, ..classic() };
-    let (uniform, he) =
-        (model.initial_parameters(1), model.initial_parameters_with(1, Initialisation::He));
+    let (uniform, he) = (model.initial_parameters(1), model.initial_parameters_with(1, Initialisation::He));
     assert_eq!(bits(&uniform), bits(&model.initial_parameters(1)));
     assert_ne!(bits(&uniform), bits(&model.initial_parameters(2)));
     for d in model.layers() {
@@ -77,5 +77,24 @@ fn start_values_are_those_of_the_recipe() {
             let fan = if matches!(d.part, Part::Feature) { d.inputs() + d.outputs } else { d.inputs() };
             assert!((square(&he[d.weights..d.bias]) * fan as f32 / 2.0 - 1.0).abs() < 0.2);
         }
+    }
+}
+
+#[test]
+fn densities_for_a_grid_are_those_of_the_forward_pass() {
+    for (name, model) in models() {
+        let points = batch_of(&model, 0, 9000, 3).empty;
+        let mut sigma = vec![0.0; points.len()];
+        fused(&model, 6).density(&points, &mut sigma).unwrap();
+        let (expected, _) = reference(&model, 6).forward(&points, &points).unwrap();
+        match model.architecture.density {
+            None => assert!(expected.is_empty() && sigma.iter().all(|&s| s == f32::INFINITY)),
+            _ => {
+                let mut pairs = sigma.iter().zip(&expected);
+                assert!(pairs.all(|(a, b)| (a - b).abs() < 1e-5 * (1.0 + b)), "{name}");
+                assert!(expected.iter().any(|&s| s > 0.0), "{name}");
+            }
+        }
+        assert!(fused(&model, 6).density(&points, &mut sigma[1..]).is_err());
     }
 }
