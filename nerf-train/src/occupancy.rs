@@ -17,6 +17,9 @@ const REFRESH_CELLS: usize = 1 << 16;
 /// A refresh that would leave a smaller share of the candidates is ignored: a network whose
 /// density is dead must not take the grid with it.
 const SMALLEST_SHARE: f64 = 0.02;
+/// A cell of the hull must be seen by one in so many of the views that see the best-seen cell:
+/// what lies behind the scene from a few cameras only is not carved, and is not the scene.
+const SEEN_SHARE: u32 = 4;
 /// Density of a cell that has not been asked yet: it stays live.
 const UNKNOWN: f32 = -1.0;
 
@@ -54,21 +57,33 @@ impl Occupancy {
         Self { min, max, resolution, bits, candidates, density, refreshes: 0 }
     }
 
-    /// The visual hull: cells that no view sees against its empty background.
+    /// The visual hull: cells that many views see, and none against its empty background.
     ///
-    /// `None` if the pictures do not say what is empty. A cell goes only if some view sees nothing
-    /// in the whole window that the cell's bounding sphere projects into.
+    /// `None` if the pictures do not say what is empty. A view sees a cell if all of the window
+    /// that the cell's bounding sphere projects into is in the picture.
     pub fn carve(bounds: SceneBox, resolution: u16, views: &[View], background: Background) -> Option<Self> {
         let silhouettes: Option<Vec<Silhouette>> =
             views.par_iter().map(|view| Silhouette::of(view, background)).collect();
         let silhouettes = silhouettes?;
         let full = Self::full(bounds, resolution);
         let radius = 0.5 * full.cell_size().length();
-        let kept = full.candidates.par_iter().copied().filter(|&cell| {
+        // How many views see a cell, unless one sees it empty.
+        let seen = |&cell: &u32| {
             let centre = full.point(cell, [0.5; 3]);
-            !silhouettes.iter().any(|silhouette| silhouette.is_empty_around(centre, radius))
-        });
-        let kept: Vec<u32> = kept.collect();
+            let mut seen = 0u32;
+            for silhouette in &silhouettes {
+                match silhouette.shows(centre, radius) {
+                    Some(false) => return 0,
+                    Some(true) => seen += 1,
+                    None => {}
+                }
+            }
+            seen
+        };
+        let seen: Vec<u32> = full.candidates.par_iter().map(seen).collect();
+        let enough = seen.iter().max().map_or(1, |most| most.div_ceil(SEEN_SHARE).max(1));
+        let kept = full.candidates.iter().zip(seen).filter(|&(_, seen)| seen >= enough);
+        let kept: Vec<u32> = kept.map(|(&cell, _)| cell).collect();
         Some(Self::of_candidates(bounds, full.resolution, kept))
     }
 
@@ -216,13 +231,13 @@ impl Silhouette {
         Some(Self { camera: view.camera, width, height, sums })
     }
 
-    /// Whether the view shows nothing wherever a ball would project to, and all of that is in view.
-    fn is_empty_around(&self, centre: Vec3, radius: f32) -> bool {
+    /// Whether the view shows anything where a ball projects to; `None` if it does not see all of it.
+    fn shows(&self, centre: Vec3, radius: f32) -> Option<bool> {
         let pose = self.camera.pose();
         let local = pose.rotation.transpose() * (centre - pose.position);
         let z = -local.z;
         if z <= 2.0 * radius {
-            return false;
+            return None;
         }
         let i = self.camera.intrinsics();
         let (u, v) = self.camera.lens().distort(local.x / z, -local.y / z);
@@ -231,11 +246,11 @@ impl Silhouette {
         let reach = radius / (z - radius) * i.fx.max(i.fy) * (1.0 + u * u + v * v).sqrt() + 1.0;
         let (x0, x1, y0, y1) = (x - reach, x + reach, y - reach, y + reach);
         if !(x0 >= 0.0 && y0 >= 0.0 && x1 <= self.width as f32 && y1 <= self.height as f32) {
-            return false;
+            return None;
         }
         let (x0, y0, x1, y1) = (x0 as usize, y0 as usize, x1.ceil() as usize, y1.ceil() as usize);
         let at = |x: usize, y: usize| self.sums[y * (self.width + 1) + x];
-        at(x1, y1) + at(x0, y0) == at(x0, y1) + at(x1, y0)
+        Some(at(x1, y1) + at(x0, y0) != at(x0, y1) + at(x1, y0))
     }
 }
 

@@ -44,7 +44,7 @@ impl View {
 }
 
 /// One straight-alpha pixel over a display-encoded background, in [0, 1].
-fn over(pixel: [u8; 4], background: [f32; 3]) -> [f32; 3] {
+pub fn over(pixel: [u8; 4], background: [f32; 3]) -> [f32; 3] {
     let alpha = f32::from(pixel[3]) / 255.0;
     std::array::from_fn(|c| f32::from(pixel[c]) / 255.0 * alpha + background[c] * (1.0 - alpha))
 }
