@@ -6,4 +6,5 @@ pub mod contact_sheet;
 pub mod error;
 pub mod metrics;
 pub mod picture;
+pub mod plot;
 pub mod text;
