@@ -188,7 +188,7 @@ impl LinePlot {
             .margin_left(MARGIN)
             .margin_right(MARGIN)
             .margin_top(10)
-            .x_label_area_size(2 * TEXT_SIZE as u32 + 20)
+            .x_label_area_size(2 * TEXT_SIZE as u32 + 24)
             .y_label_area_size(label_width + TEXT_SIZE as u32 + 26)
             .build_cartesian_2d(x.clone(), y)?;
         chart
@@ -240,7 +240,8 @@ impl LinePlot {
             self.notes.iter().flat_map(|note| text::wrap(note, NOTE_SIZE, widest)).collect();
         if left_out > 0 {
             let log = if self.log_x || self.log_y { " or not above 0 on a logarithmic axis" } else { "" };
-            lines.push(format!("Left out: {left_out} points that are not finite{log}."));
+            let points = if left_out == 1 { "1 point" } else { &format!("{left_out} points") };
+            lines.push(format!("Left out, as not finite{log}: {points}."));
         }
         // Notes never take more than a third of the picture.
         let step = NOTE_SIZE as i32 + 3;

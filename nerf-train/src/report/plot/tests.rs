@@ -57,7 +57,7 @@ fn a_lone_point_of_a_line_is_a_dot_and_the_left_out_are_counted() {
     let empty = plot_of(vec![], Marker::Line).to_picture().unwrap();
     let lone = plot_of(vec![(2.0, 3.0), (f64::NAN, 1.0)], Marker::Line);
     assert!(count(&lone.to_picture().unwrap(), COLOURS[0]) > count(&empty, COLOURS[0]) + 20);
-    assert!(lone.to_svg().unwrap().contains("Left out: 1 points"));
+    assert!(lone.to_svg().unwrap().contains("Left out, as not finite: 1 point."));
 }
 
 #[test]
