@@ -109,14 +109,15 @@ impl Progress {
             }
             Display::Bar(_) => {}
         }
-        let text = self.describe(position, now.duration_since(self.started), message);
+        let elapsed = now.duration_since(self.started);
         match &self.display {
             Display::Bar(bar) => {
-                let share = self.share(position, now.duration_since(self.started)).unwrap_or(0.0);
+                let share = self.share(position, elapsed).unwrap_or(0.0);
                 bar.set_position((share * BAR_LENGTH as f64) as u64);
-                bar.set_message(text);
+                bar.set_prefix(self.standing(position, elapsed));
+                bar.set_message(details(message));
             }
-            _ => print_line(&text),
+            _ => print_line(&self.describe(position, elapsed, message)),
         }
     }
 
@@ -185,27 +186,22 @@ impl Progress {
         }
     }
 
-    /// One line: "train 1,200/5,000 · 31 k rays/s · train 24.10 dB · val 23.87 dB · 0:41, 2:10 left".
+    /// A plain line: "25 % · train 1,250/5,000 · 0:41, 2:03 left · 31.4 k rays/s · train 24.10 dB".
     fn describe(&self, position: u64, elapsed: Duration, message: &Message) -> String {
+        let mut text = self.standing(position, elapsed);
+        if let Some(share) = self.share(position, elapsed) {
+            text = format!("{:.0} % · {text}", (share * 100.0).floor());
+        }
+        let details = details(message);
+        if details.is_empty() { text } else { format!("{text} · {details}") }
+    }
+
+    /// How far the work is, in steps and time: "train 1,250/5,000 · 0:41, 2:03 left".
+    fn standing(&self, position: u64, elapsed: Duration) -> String {
         let mut text = format!("{} {}", self.what, grouped(position));
+        // Writing into a String cannot fail.
         if let Total::Steps(total) | Total::StepsOrTime(total, _) = self.total {
-            // Writing into a String cannot fail.
             let _ = write!(text, "/{}", grouped(total));
-        }
-        if let (Display::Lines { .. }, Some(share)) = (&self.display, self.share(position, elapsed)) {
-            let _ = write!(text, " ({:.0} %)", (share * 100.0).floor());
-        }
-        if let Some(rate) = message.rays_per_s {
-            let _ = write!(text, " · {} rays/s", scaled(rate));
-        }
-        if let Some(db) = message.train_psnr_db {
-            let _ = write!(text, " · train {db:.2} dB");
-        }
-        if let Some(db) = message.val_psnr_db {
-            let _ = write!(text, " · val {db:.2} dB");
-        }
-        if !message.note.is_empty() {
-            let _ = write!(text, " · {}", message.note);
         }
         let _ = write!(text, " · {}", in_words(elapsed));
         if let Some(left) = self.remaining(position, elapsed) {
@@ -213,6 +209,17 @@ impl Progress {
         }
         text
     }
+}
+
+/// What the caller knows: "31.4 k rays/s · train 24.10 dB · val 23.87 dB".
+fn details(message: &Message) -> String {
+    let parts = [
+        message.rays_per_s.map(|rate| format!("{} rays/s", scaled(rate))),
+        message.train_psnr_db.map(|db| format!("train {db:.2} dB")),
+        message.val_psnr_db.map(|db| format!("val {db:.2} dB")),
+        (!message.note.is_empty()).then(|| message.note.clone()),
+    ];
+    parts.into_iter().flatten().collect::<Vec<_>>().join(" · ")
 }
 
 impl Drop for Progress {
@@ -228,8 +235,9 @@ impl Drop for Progress {
 
 fn new_bar() -> ProgressBar {
     let bar = ProgressBar::with_draw_target(Some(BAR_LENGTH), ProgressDrawTarget::stderr());
+    // Two lines: on 80 columns one cannot hold both how long it will take and how good it is.
     // A template that does not parse would leave the default bar, which says the same less well.
-    match indicatif::ProgressStyle::with_template("{bar:24.cyan/white} {percent:>3} % {wide_msg}") {
+    match indicatif::ProgressStyle::with_template("{bar:24.cyan/white} {percent:>3} % {prefix}\n{wide_msg}") {
         Ok(style) => bar.with_style(style.progress_chars("━╸─")),
         Err(_) => bar,
     }

@@ -18,12 +18,12 @@ fn a_line_says_all_that_is_known() {
     };
     assert_eq!(
         plain(Total::Steps(5_000)).describe(1_250, seconds(41), &message),
-        "train 1,250/5,000 (25 %) · 31.4 k rays/s · train 24.10 dB · val 23.87 dB · lr 5e-4 · 0:41, 2:03 left"
+        "25 % · train 1,250/5,000 · 0:41, 2:03 left · 31.4 k rays/s · train 24.10 dB · val 23.87 dB · lr 5e-4"
     );
     assert_eq!(plain(Total::Unknown).describe(7, seconds(3), &Message::default()), "train 7 · 0:03");
     assert_eq!(
         plain(Total::Time(seconds(60))).describe(7, seconds(15), &Message::default()),
-        "train 7 (25 %) · 0:15, 0:45 left"
+        "25 % · train 7 · 0:15, 0:45 left"
     );
 }
 
