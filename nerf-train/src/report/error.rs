@@ -63,6 +63,6 @@ pub(crate) fn check_length(
     height: usize,
     found: usize,
 ) -> Result<(), ReportError> {
-    let expected = width.checked_mul(height).unwrap_or(usize::MAX);
+    let expected = width.saturating_mul(height);
     if expected == found { Ok(()) } else { Err(ReportError::Length { what, width, height, expected, found }) }
 }

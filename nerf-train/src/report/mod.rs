@@ -1,9 +1,14 @@
 //! What a run leaves for people to read: pictures, plots, tables, summaries, progress.
 
+pub mod animation;
 pub mod axis;
 pub mod colour_map;
 pub mod contact_sheet;
 pub mod error;
 pub mod metrics;
 pub mod picture;
+pub mod plot;
+pub mod progress;
+pub mod summary;
+pub mod table;
 pub mod text;
