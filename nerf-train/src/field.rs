@@ -9,7 +9,12 @@ use rayon::prelude::*;
 ///
 /// # Panics
 /// If the parameters do not fit the architecture.
-pub fn densities(tier: Tier, architecture: &Architecture, parameters: &[f32], points: &[[f32; 3]]) -> Vec<f32> {
+pub fn densities(
+    tier: Tier,
+    architecture: &Architecture,
+    parameters: &[f32],
+    points: &[[f32; 3]],
+) -> Vec<f32> {
     let network = Network::new(architecture, Weights::Prepared(parameters), tier);
     let network = network.expect("parameters fit the architecture");
     let (encoded, rows) = (network.encoded_rows() * BLOCK, network.activation_rows() * BLOCK);

@@ -2,6 +2,7 @@
 //!
 //! The modules in the order in which data flows.
 
+pub mod cli;
 pub mod config;
 pub mod dataset;
 pub mod demo_scene;
@@ -11,6 +12,7 @@ pub mod export;
 pub mod field;
 pub mod frame;
 pub mod occupancy;
+pub mod orbit;
 pub mod output;
 pub mod rays;
 pub mod report;

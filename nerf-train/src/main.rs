@@ -1,2 +1,7 @@
 //! The `nerf-train` command.
-fn main() {}
+
+use std::process::ExitCode;
+
+fn main() -> ExitCode {
+    nerf_train::cli::main()
+}

@@ -20,6 +20,8 @@ const SMALLEST_SHARE: f64 = 0.02;
 /// A cell of the hull must be seen by one in so many of the views that see the best-seen cell:
 /// what lies behind the scene from a few cameras only is not carved, and is not the scene.
 const SEEN_SHARE: u32 = 4;
+/// Multiply-adds that asking every cell at eight points may take: some seconds.
+const SETTLE_MACS: usize = 300_000_000_000;
 /// Density of a cell that has not been asked yet: it stays live.
 const UNKNOWN: f32 = -1.0;
 
@@ -153,12 +155,17 @@ impl Occupancy {
     }
 
     /// The last word before export: every candidate is asked at `2 × 2 × 2` points of its own.
+    ///
+    /// Where that would take too long (a large grid and a large network) it is asked at its centre
+    /// only, and the neighbours of live cells stay live too.
     pub fn settle(&mut self, ask: &Ask<'_>, threshold: f32) {
         let all: Vec<usize> = (0..self.candidates.len()).collect();
+        let macs = ask.architecture.density_macs() * all.len();
+        let points: &[f32] = if 8 * macs <= SETTLE_MACS { &[0.25, 0.75] } else { &[0.5] };
         let mut best = vec![0.0f32; all.len()];
-        for corner in 0..8u32 {
-            let half = |axis: u64| 0.25 + 0.5 * (corner >> axis & 1) as f32;
-            let sigma = self.ask(ask, &all, |axis, _| half(axis));
+        for corner in 0..points.len().pow(3) {
+            let u = |axis: u64| points[(corner >> axis & 1) % points.len()];
+            let sigma = self.ask(ask, &all, |axis, _| u(axis));
             for (best, sigma) in best.iter_mut().zip(sigma) {
                 *best = best.max(sigma);
             }
@@ -167,6 +174,28 @@ impl Occupancy {
             *density = density.max(best);
         }
         self.apply(threshold);
+        if points.len() == 1 {
+            self.dilate();
+        }
+    }
+
+    /// Makes the candidates next to live cells live.
+    fn dilate(&mut self) {
+        let sides = self.resolution.map(i64::from);
+        let live = self.grid();
+        let near_live = |&cell: &u32| {
+            let cell = i64::from(cell);
+            let at = [cell / (sides[1] * sides[2]), cell / sides[2] % sides[1], cell % sides[2]];
+            (0..27).any(|i| {
+                let n = [at[0] + i / 9 - 1, at[1] + i / 3 % 3 - 1, at[2] + i % 3 - 1];
+                let inside = (0..3).all(|axis| (0..sides[axis]).contains(&n[axis]));
+                inside && live.bit(((n[0] * sides[1] + n[1]) * sides[2] + n[2]) as usize)
+            })
+        };
+        let near: Vec<u32> = self.candidates.par_iter().copied().filter(near_live).collect();
+        for cell in near {
+            self.bits[cell as usize / 8] |= 1 << (cell % 8);
+        }
     }
 
     fn ask(&self, ask: &Ask<'_>, which: &[usize], u: impl Fn(u64, u32) -> f32 + Sync) -> Vec<f32> {

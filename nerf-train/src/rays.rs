@@ -160,14 +160,20 @@ impl<'d> RayBank<'d> {
         }
     }
 
-    fn ray(&self, step: u64, index: u64, rays: usize, grid: Option<&SkipGrid<'_>>) -> (BatchRay, Vec<[f32; 3]>) {
+    fn ray(
+        &self,
+        step: u64,
+        index: u64,
+        rays: usize,
+        grid: Option<&SkipGrid<'_>>,
+    ) -> (BatchRay, Vec<[f32; 3]>) {
         let (view, pixel) = self.draw(step, index, rays);
         let view = &self.views[view];
         let ray = ray_of(&view.camera, pixel);
         let background = match self.background {
-            Background::Alpha if self.random_background => std::array::from_fn(|c| {
-                uniform(self.seed, Purpose::Background, step, 3 * index + c as u64)
-            }),
+            Background::Alpha if self.random_background => {
+                std::array::from_fn(|c| uniform(self.seed, Purpose::Background, step, 3 * index + c as u64))
+            }
             Background::Constant(colour) => colour.map(|c| f32::from(c) / 255.0),
             _ => [0.0; 3],
         };
@@ -178,7 +184,9 @@ impl<'d> RayBank<'d> {
                 let u = match self.jitter {
                     Jitter::None => 0.5,
                     Jitter::Bin => self.jitter(step, index, bin),
-                    Jitter::Width(width) => (self.jitter(step, index, bin) * width / self.bins.delta()).min(1.0),
+                    Jitter::Width(width) => {
+                        (self.jitter(step, index, bin) * width / self.bins.delta()).min(1.0)
+                    }
                 };
                 let p = ray.at(self.bins.at(bin, u));
                 if grid.map_or_else(|| self.bounds.contains(p), |grid| grid.occupied(p)) {

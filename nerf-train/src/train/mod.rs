@@ -1,6 +1,7 @@
 //! Fits a radiance field to posed pictures.
 
 pub mod checkpoint;
+pub mod run;
 pub mod schedule;
 
 use crate::config::{Config, ConfigError};
@@ -311,13 +312,15 @@ impl<'d> Trainer<'d> {
         }
     }
 
+    /// The grid as it stands; full where the run has none.
+    pub fn current_grid(&self) -> Occupancy {
+        let full = || Occupancy::full(self.bounds.scene_box, self.config.grid.resolution);
+        self.occupancy.clone().unwrap_or_else(full)
+    }
+
     /// The skip grid to export: as trained, asked once more everywhere.
     pub fn exported_grid(&self, parameters: &[f32]) -> Occupancy {
-        let g = &self.config.grid;
-        let mut occupancy = self
-            .occupancy
-            .clone()
-            .unwrap_or_else(|| Occupancy::full(self.bounds.scene_box, g.resolution));
+        let mut occupancy = self.current_grid();
         let architecture = &self.model.architecture;
         let ask = Ask { tier: self.tier, architecture, parameters, seed: self.config.seed };
         occupancy.settle(&ask, self.threshold());
@@ -430,9 +433,7 @@ fn find_bounds(dataset: &Dataset, config: &Config) -> Result<(Bounds, Option<Occ
         return Err(BoundsError::Range { near, far }.into());
     }
     let given = match s.scene_box {
-        Some([x0, y0, z0, x1, y1, z1]) => {
-            Some(SceneBox::new(Vec3::new(x0, y0, z0), Vec3::new(x1, y1, z1))?)
-        }
+        Some([x0, y0, z0, x1, y1, z1]) => Some(SceneBox::new(Vec3::new(x0, y0, z0), Vec3::new(x1, y1, z1))?),
         None => None,
     };
     let cameras: Vec<_> = dataset.cameras().copied().collect();

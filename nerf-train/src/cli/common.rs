@@ -1,0 +1,181 @@
+//! What several commands share.
+
+use crate::dataset::{self, Axes, Dataset, ReadOptions, Report};
+use crate::report::progress::ProgressStyle;
+use anyhow::{Context, bail};
+use clap::Args;
+use nerf_core::blob::Blob;
+use nerf_core::kernels::Tier;
+use nerf_core::math::MathBackend;
+use nerf_core::plan::Quality;
+use std::path::{Path, PathBuf};
+
+/// Options every command takes.
+#[derive(Debug, Args)]
+pub struct Global {
+    /// Print results only, no progress.
+    #[arg(long, short, global = true)]
+    pub quiet: bool,
+    /// Threads [default: all cores].
+    #[arg(long, global = true, value_name = "N")]
+    pub threads: Option<usize>,
+    /// Kernel tier: scalar, avx2, avx512 [default: the fastest of this machine].
+    #[arg(long, global = true, value_name = "TIER", env = "NERF_KERNEL", value_parser = parse_tier)]
+    pub kernel: Option<Tier>,
+}
+
+impl Global {
+    /// Sets up the thread pool.
+    pub fn apply(&self) -> anyhow::Result<()> {
+        if let Some(threads) = self.threads {
+            if threads == 0 {
+                bail!("--threads: expected at least 1, found 0");
+            }
+            rayon::ThreadPoolBuilder::new().num_threads(threads).build_global().context("--threads")?;
+        }
+        Ok(())
+    }
+
+    /// The tier to run on.
+    pub fn tier(&self) -> Tier {
+        self.kernel.unwrap_or_else(Tier::detect)
+    }
+
+    /// How to show progress.
+    pub fn style(&self) -> ProgressStyle {
+        ProgressStyle::from_quiet(self.quiet)
+    }
+
+    /// Prints a line of what is going on, unless quiet.
+    pub fn say(&self, line: impl AsRef<str>) {
+        if !self.quiet {
+            eprintln!("{}", line.as_ref());
+        }
+    }
+}
+
+fn parse_tier(name: &str) -> Result<Tier, String> {
+    let tier = Tier::by_name(name).ok_or("expected scalar, avx2 or avx512")?;
+    if tier.available() { Ok(tier) } else { Err(format!("this machine has no {name}")) }
+}
+
+/// How to read a data set.
+#[derive(Debug, Args)]
+pub struct DataOptions {
+    /// Convention of the poses: opengl (looks down −Z) or opencv (looks down +Z) [default: as is usual
+    /// for the layout].
+    #[arg(long, value_name = "CONVENTION")]
+    pub axes: Option<Axes>,
+    /// Where rays begin, world units along the ray.
+    #[arg(long, value_name = "T")]
+    pub near: Option<f32>,
+    /// Where rays end, world units along the ray.
+    #[arg(long, value_name = "T")]
+    pub far: Option<f32>,
+}
+
+impl DataOptions {
+    /// Reads the data set.
+    pub fn read(&self, path: &Path) -> anyhow::Result<Dataset> {
+        let options =
+            ReadOptions { axes: self.axes, near: self.near, far: self.far, ..ReadOptions::default() };
+        Ok(dataset::read(path, &options)?)
+    }
+}
+
+/// Prints what was read.
+pub fn print_report(dataset: &Dataset, global: &Global) -> Report {
+    let report = Report::of(dataset);
+    global.say(report.to_string());
+    report
+}
+
+/// The shortcuts of a rendering.
+#[derive(Debug, Args)]
+pub struct QualityOptions {
+    /// Samples a ray [default: what the blob was made for].
+    #[arg(long, value_name = "N", default_value_t = 0, hide_default_value = true)]
+    pub samples: u16,
+    /// A ray ends where its transmittance falls below this.
+    #[arg(long, value_name = "T", default_value_t = Quality::default().transmittance_cut)]
+    pub transmittance_cut: f32,
+    /// Ask the network also where the skip grid says that nothing is.
+    #[arg(long)]
+    pub no_grid: bool,
+    /// No shortcut at all: same as --no-grid --transmittance-cut 0.
+    #[arg(long, conflicts_with_all = ["no_grid", "transmittance_cut"])]
+    pub exact: bool,
+    /// Elementary functions: polynomial, libm, micromath, recurrence.
+    #[arg(long, value_name = "BACKEND", default_value = "polynomial", value_parser = parse_math)]
+    pub math: MathBackend,
+}
+
+fn parse_math(name: &str) -> Result<MathBackend, String> {
+    match name {
+        "polynomial" => Ok(MathBackend::Polynomial),
+        "libm" => Ok(MathBackend::Libm),
+        "micromath" => Ok(MathBackend::Micromath),
+        "recurrence" => Ok(MathBackend::Recurrence),
+        _ => Err("expected polynomial, libm, micromath or recurrence".into()),
+    }
+}
+
+impl QualityOptions {
+    /// The shortcuts.
+    pub fn quality(&self) -> Quality {
+        let base = Quality { samples: self.samples, math: self.math, ..Quality::EXACT };
+        if self.exact {
+            base
+        } else {
+            Quality { transmittance_cut: self.transmittance_cut, skip_grid: !self.no_grid, ..base }
+        }
+    }
+}
+
+/// Reads a file, naming it in the error.
+pub fn read_file(path: &Path) -> anyhow::Result<Vec<u8>> {
+    std::fs::read(path).with_context(|| format!("cannot read {}", path.display()))
+}
+
+/// Opens a blob, naming its file in the error.
+pub fn open_blob<'a>(path: &Path, bytes: &'a [u8]) -> anyhow::Result<Blob<'a>> {
+    Blob::open(bytes).with_context(|| path.display().to_string())
+}
+
+/// `black`, `white`, `red`, or `R,G,B` with channels 0 to 255, as display-encoded values in `0..=1`.
+pub fn parse_background(text: &str) -> Result<[f32; 3], String> {
+    match text {
+        "black" => return Ok([0.0; 3]),
+        "white" => return Ok([1.0; 3]),
+        "red" => return Ok([1.0, 0.0, 0.0]),
+        _ => {}
+    }
+    let channels: Option<Vec<f32>> =
+        text.split(',').map(|c| c.trim().parse::<u8>().ok().map(|c| f32::from(c) / 255.0)).collect();
+    let channels: Option<[f32; 3]> = channels.and_then(|channels| channels.try_into().ok());
+    channels.ok_or_else(|| "expected black, white, red or R,G,B with channels from 0 to 255".into())
+}
+
+/// A background as people write it.
+pub fn background_name(background: [f32; 3]) -> String {
+    match background {
+        [0.0, 0.0, 0.0] => "black".into(),
+        [1.0, 1.0, 1.0] => "white".into(),
+        _ => background.map(|c| (c * 255.0).round().to_string()).join(","),
+    }
+}
+
+/// The folder of a report, made and tried out before any work is done.
+pub fn report_folder(folder: Option<&PathBuf>) -> anyhow::Result<()> {
+    if let Some(folder) = folder {
+        crate::output::ensure_folder(folder)?;
+    }
+    Ok(())
+}
+
+/// The CPU's name, for reports.
+pub fn cpu_name() -> String {
+    let info = std::fs::read_to_string("/proc/cpuinfo").unwrap_or_default();
+    let name = info.lines().find_map(|line| line.strip_prefix("model name")?.split_once(':'));
+    name.map_or_else(|| std::env::consts::ARCH.to_string(), |(_, name)| name.trim().to_string())
+}

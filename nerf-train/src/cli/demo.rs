@@ -1,0 +1,194 @@
+//! `nerf-train demo`
+
+use super::common::{Global, background_name, open_blob, print_report};
+use super::outcome;
+use crate::config::Preset;
+use crate::demo_scene::{self, DemoSpec, Truth};
+use crate::eval::evaluate;
+use crate::frame::{self, Frame};
+use crate::orbit::Orbit;
+use crate::output::{ensure_folder, write_atomic};
+use crate::report::animation::write_gif;
+use crate::report::colour_map::depth_picture_with_legend;
+use crate::report::contact_sheet::{Cell, contact_sheet};
+use crate::report::picture::Picture;
+use crate::report::table::Table;
+use crate::train::run::{Ended, RunOptions, run_since};
+use crate::train::schedule::{Budget, Clock};
+use clap::Args;
+use nerf_core::kernels::Line;
+use nerf_core::plan::{Batch, Outputs, Plan, Quality};
+use nerf_core::render::Renderer;
+use std::path::PathBuf;
+use std::process::ExitCode;
+use std::sync::atomic::AtomicBool;
+use std::time::Duration;
+
+/// Steps the demo trains for.
+const STEPS: u32 = 2500;
+/// Frames of the orbit.
+const ORBIT_FRAMES: usize = 36;
+
+/// The main job on a built-in scene: photograph, train, export, render, measure.
+///
+/// The scene is ray-traced in code, so its true colours and distances are known.
+#[derive(Debug, Args)]
+#[command(after_help = "Example: nerf-train demo --out out/demo")]
+pub struct Demo {
+    /// Folder for everything that is made.
+    #[arg(long, value_name = "DIR", default_value = "out/demo")]
+    out: PathBuf,
+    /// Steps to train for.
+    #[arg(long, value_name = "N", default_value_t = STEPS)]
+    steps: u32,
+    /// Seed of everything random.
+    #[arg(long, value_name = "N", default_value_t = 0)]
+    seed: u64,
+}
+
+impl Demo {
+    /// Runs the command.
+    pub fn run(&self, global: &Global) -> anyhow::Result<ExitCode> {
+        let clock = Clock::resume(Duration::ZERO);
+        ensure_folder(&self.out)?;
+        let spec = DemoSpec::default();
+        let dataset = demo_scene::dataset(&spec)?;
+        let report = print_report(&dataset, global);
+
+        let mut config = Preset::Fast.config();
+        config.seed = self.seed;
+        config.optimiser.steps = self.steps.max(1);
+        let tier = global.tier();
+        let options = RunOptions {
+            budget: Budget { steps: Some(config.optimiser.steps), seconds: None },
+            checkpoint: None,
+            checkpoint_every: f64::INFINITY,
+            resume: false,
+            report: Some(self.out.clone()),
+            snapshots: Vec::new(),
+            validate_every: None,
+            tier,
+            style: global.style(),
+        };
+        let Ended::Finished(outcome) =
+            run_since(clock, &dataset, config.clone(), &options, &AtomicBool::new(false))?
+        else {
+            unreachable!("nobody sets the flag");
+        };
+        let blob_path = self.out.join("demo.nerf");
+        write_atomic(&blob_path, &outcome.bytes)?;
+
+        let mut summary = outcome::summary(&outcome, &config, tier, clock.seconds());
+        outcome::write_curve(&self.out, &outcome)?;
+        let json = serde_json::to_string_pretty(&report)?;
+        write_atomic(self.out.join("data.json"), json.as_bytes())?;
+
+        let blob = open_blob(&blob_path, &outcome.bytes)?;
+        let plan = Plan::new(&blob, &Quality::default(), Outputs::ALL, Batch::for_tier(tier))?;
+        let (scene, bounds) = (blob.scene().cloned(), blob.scene_box());
+        let mut memory = vec![Line::UNINIT; Renderer::prepared_lines(&blob, tier)];
+        let renderer = Renderer::new(blob, tier, &mut memory)?;
+
+        let mut errors = Vec::new();
+        let mut cells = Vec::new();
+        let mut table = Table::new(["view", "PSNR dB", "SSIM", "z_depth error, median"]);
+        let mut failed = Ok(());
+        let scores =
+            evaluate(&renderer, &plan, outcome.background, &dataset.val, |view, frame, truth, score| {
+                let exact = demo_scene::render_truth(&view.camera);
+                let mut of_view = z_depth_errors(frame, &exact);
+                let median = median(&mut of_view);
+                errors.extend(of_view);
+                table.push([
+                    view.name.clone(),
+                    format!("{:.2}", score.psnr_db),
+                    format!("{:.4}", score.ssim),
+                    format!("{:.2} %", 100.0 * median),
+                ]);
+                if cells.len() < 12 && failed.is_ok() {
+                    failed = sheet_row(&mut cells, view.name.as_str(), frame, truth);
+                }
+            })?;
+        failed?;
+        contact_sheet("Held-out views: rendered, truth, z_depth", &cells, 3)
+            .write_png(self.out.join("views.png"))?;
+
+        if let (Some(scene), Some(bounds)) = (scene, bounds) {
+            let orbit = Orbit { radius: spec.radius, ..Orbit::around(bounds, scene.near, scene.far) };
+            let fov = 2.0 * (0.5 / spec.focal).atan().to_degrees();
+            let mut pictures = Vec::new();
+            for i in 0..ORBIT_FRAMES {
+                let camera = orbit.camera(i as f32 / ORBIT_FRAMES as f32, 192, 192, fov)?;
+                pictures.push(frame::render(&renderer, &plan, &camera)?.picture());
+            }
+            write_gif(self.out.join("orbit.gif"), pictures.into_iter(), 18.0)?;
+        }
+
+        let z_depth_error = median(&mut errors);
+        let (psnr, ssim) = (scores.psnr_db().unwrap_or(f64::NAN), scores.ssim().unwrap_or(f64::NAN));
+        summary
+            .number("val_psnr_db", psnr)
+            .number("val_ssim", ssim)
+            .number("z_depth_median_relative_error", z_depth_error)
+            .number("total_seconds", clock.seconds())
+            .text("data", dataset.name.clone())
+            .text("blob", blob_path.display().to_string());
+        summary.write(&self.out)?;
+
+        println!("{}", table.to_text());
+        println!(
+            "mean over {} held-out views on {}: {psnr:.2} dB PSNR, {ssim:.4} SSIM",
+            scores.views.len(),
+            background_name(outcome.background)
+        );
+        println!("z_depth of opaque pixels: {:.2} % off the true one at the median", 100.0 * z_depth_error);
+        println!(
+            "trained {} steps in {:.1} s; {:.1} s in all",
+            outcome.steps,
+            outcome.train_seconds,
+            clock.seconds()
+        );
+        let files = [
+            ("demo.nerf", "the scene: open it with nerf-core or the C ABI"),
+            ("views.png", "held-out views, their truth, and z_depth"),
+            ("orbit.gif", "a flight around the scene"),
+            ("curve.png", "PSNR while training (also .svg and .csv)"),
+            ("summary.json", "every figure, with its unit in its name"),
+        ];
+        for (name, what) in files {
+            println!("  {:<28} {what}", self.out.join(name).display().to_string());
+        }
+        Ok(ExitCode::SUCCESS)
+    }
+}
+
+/// |z_depth − truth| / truth of the pixels that are opaque in truth and in the picture's own eyes.
+fn z_depth_errors(frame: &Frame, truth: &Truth) -> Vec<f64> {
+    let pixels = frame.z_depth.iter().zip(&truth.z_depth).zip(&truth.opaque);
+    let opaque = pixels.filter(|&(_, &opaque)| opaque);
+    opaque
+        .filter_map(|((&found, exact), _)| exact.map(|exact| f64::from((found - exact).abs() / exact)))
+        .collect()
+}
+
+/// The median; NaN of nothing.
+fn median(values: &mut [f64]) -> f64 {
+    values.sort_by(f64::total_cmp);
+    values.get(values.len() / 2).copied().unwrap_or(f64::NAN)
+}
+
+fn sheet_row(cells: &mut Vec<Cell>, name: &str, frame: &Frame, truth: &[[f32; 3]]) -> anyhow::Result<()> {
+    let truth = Picture::new(frame.width, frame.height, truth.to_vec())?;
+    let z_depth = depth_picture_with_legend(
+        &frame.z_depth,
+        &frame.opacity,
+        frame.width,
+        frame.height,
+        None,
+        "z_depth, world units",
+    )?;
+    cells.push(Cell::new(frame.picture(), format!("{name}: rendered")));
+    cells.push(Cell::new(truth, format!("{name}: truth")));
+    cells.push(Cell::new(z_depth, format!("{name}: z_depth")));
+    Ok(())
+}

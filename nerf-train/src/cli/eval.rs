@@ -1,0 +1,166 @@
+//! `nerf-train eval`
+
+use super::common::{
+    DataOptions, Global, QualityOptions, background_name, cpu_name, open_blob, parse_background, read_file,
+    report_folder,
+};
+use crate::dataset::View;
+use crate::eval::evaluate;
+use crate::report::progress::{Message, Progress, Total};
+use crate::report::summary::Summary;
+use crate::report::table::Table;
+use crate::train::run::file_name;
+use anyhow::{Context, bail};
+use clap::{Args, ValueEnum};
+use nerf_core::kernels::Line;
+use nerf_core::plan::{Batch, Outputs, Plan};
+use nerf_core::render::Renderer;
+use std::path::PathBuf;
+use std::process::ExitCode;
+use std::time::Instant;
+
+/// A part of a data set.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum Split {
+    /// What was fitted.
+    Train,
+    /// What the fit was watched on.
+    Val,
+    /// What is left.
+    Test,
+}
+
+impl Split {
+    /// Its views.
+    pub fn of(self, dataset: &crate::dataset::Dataset) -> &[View] {
+        match self {
+            Self::Train => &dataset.train,
+            Self::Val => &dataset.val,
+            Self::Test => &dataset.test,
+        }
+    }
+
+    /// Its name.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Train => "train",
+            Self::Val => "val",
+            Self::Test => "test",
+        }
+    }
+}
+
+/// Measure a blob on views of a data set: PSNR and SSIM per view and their means.
+#[derive(Debug, Args)]
+#[command(
+    after_help = "Example: nerf-train eval lego.nerf lego_200x200.npz --background white --report out/eval"
+)]
+pub struct Eval {
+    /// The blob.
+    file: PathBuf,
+    /// The data set.
+    data: PathBuf,
+    /// Which views.
+    #[arg(long, value_enum, default_value = "val")]
+    split: Split,
+    /// Take every N-th view of the split only.
+    #[arg(long, value_name = "N", default_value_t = 1)]
+    every: usize,
+    /// black, white, red or R,G,B (0 to 255) [default: the blob's own].
+    #[arg(long, value_name = "COLOUR", value_parser = parse_background)]
+    background: Option<[f32; 3]>,
+    /// Folder for summary.json, the table and the pictures.
+    #[arg(long, value_name = "DIR")]
+    report: Option<PathBuf>,
+    #[command(flatten)]
+    quality: QualityOptions,
+    #[command(flatten)]
+    data_options: DataOptions,
+}
+
+impl Eval {
+    /// Runs the command.
+    pub fn run(&self, global: &Global) -> anyhow::Result<ExitCode> {
+        if self.every == 0 {
+            bail!("--every: expected at least 1, found 0");
+        }
+        report_folder(self.report.as_ref())?;
+        let bytes = read_file(&self.file)?;
+        let blob = open_blob(&self.file, &bytes)?;
+        let tier = global.tier();
+        let quality = self.quality.quality();
+        let plan = Plan::new(&blob, &quality, Outputs::ALL, Batch::for_tier(tier))
+            .with_context(|| self.file.display().to_string())?;
+        let own = blob.scene().map_or([0.0; 3], |scene| scene.background);
+        let background = self.background.unwrap_or(own);
+        let plan = plan.with_background(background)?;
+        let dataset = self.data_options.read(&self.data)?;
+        let views: Vec<&View> = self.split.of(&dataset).iter().step_by(self.every).collect();
+        if views.is_empty() {
+            bail!("{}: the split `{}` has no views", self.data.display(), self.split.name());
+        }
+        let opaque = views.iter().all(|view| !view.has_alpha());
+        if opaque && background != own {
+            global.say(
+                "note: these pictures have no alpha, so their own background stays in the truth whatever \
+                 --background says",
+            );
+        }
+        let parameters = blob.architecture().parameters();
+        let mut memory = vec![Line::UNINIT; Renderer::prepared_lines(&blob, tier)];
+        let renderer = Renderer::new(blob, tier, &mut memory)?;
+        let start = Instant::now();
+        let mut progress = Progress::new("eval", Total::Steps(views.len() as u64), global.style());
+        let mut table = Table::new(["view", "psnr_db", "ssim"]);
+        let (mut done, mut written) = (0, Ok(()));
+        let scores = evaluate(&renderer, &plan, background, views, |view, frame, _, score| {
+            done += 1;
+            progress.update(done, &Message::default());
+            table.push([score.view.clone(), format!("{:.3}", score.psnr_db), format!("{:.4}", score.ssim)]);
+            if let (Some(folder), Ok(())) = (&self.report, &written) {
+                let name = format!("{}.png", file_name(&view.name));
+                written = frame.picture().write_png(folder.join(name));
+            }
+        })?;
+        written?;
+        let seconds = start.elapsed().as_secs_f64();
+        progress.finish(format!("{done} views"));
+        println!("{}", table.to_text());
+        let (psnr, ssim) = (scores.psnr_db().unwrap_or(f64::NAN), scores.ssim().unwrap_or(f64::NAN));
+        let name = background_name(background);
+        println!("mean over {done} views on {name}: {psnr:.3} dB PSNR, {ssim:.4} SSIM");
+        let c = &scores.counters;
+        let rays = c.rays.max(1) as f64;
+        println!(
+            "{:.3} s; a ray: {:.2} density and {:.2} colour evaluations",
+            seconds,
+            c.density_evaluations as f64 / rays,
+            c.colour_evaluations as f64 / rays
+        );
+        if c.invalid_samples > 0 {
+            println!("{} samples were NaN and counted as empty", c.invalid_samples);
+        }
+        if let Some(folder) = &self.report {
+            table.write_csv(folder.join("views.csv"))?;
+            let mut summary = Summary::new();
+            summary
+                .number("val_psnr_db", psnr)
+                .number("val_ssim", ssim)
+                .integer("views", done)
+                .text("split", self.split.name())
+                .text("background", name)
+                .integer("parameters", parameters as u64)
+                .integer("blob_bytes", bytes.len() as u64)
+                .number("render_seconds", seconds)
+                .number("density_evaluations_per_ray", c.density_evaluations as f64 / rays)
+                .number("colour_evaluations_per_ray", c.colour_evaluations as f64 / rays)
+                .integer("invalid_samples", c.invalid_samples)
+                .integer("macs", c.macs)
+                .text("kernel", tier.name())
+                .integer("threads", rayon::current_num_threads() as u64)
+                .text("cpu", cpu_name());
+            summary.write(folder)?;
+        }
+        Ok(ExitCode::SUCCESS)
+    }
+}

@@ -1,0 +1,292 @@
+//! `nerf-train fit`
+
+use super::common::{DataOptions, Global, cpu_name, print_report, report_folder};
+use super::outcome;
+use crate::config::{Config, Density, Jitter, Preset};
+use crate::output::ensure_folder;
+use crate::train::run::{Ended, RunOptions, run_since};
+use crate::train::schedule::{Budget, Clock};
+use anyhow::Context;
+use clap::Args;
+use std::path::{Path, PathBuf};
+use std::process::ExitCode;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::Duration;
+
+/// Fit a radiance field to posed photographs.
+///
+/// DATA is a CS180-layout or tiny_nerf .npz, a folder with Blender transforms_{train,val,test}.json, or a
+/// nerfstudio / instant-ngp transforms.json.
+#[derive(Debug, Args)]
+#[command(
+    after_help = "Example: nerf-train fit lego_200x200.npz -o lego.nerf --report out/lego --max-seconds 60"
+)]
+pub struct Fit {
+    /// The data set.
+    data: PathBuf,
+    /// The blob to write.
+    #[arg(long, short, value_name = "FILE")]
+    output: PathBuf,
+    /// Folder for summary.json, curves, plots and pictures.
+    #[arg(long, value_name = "DIR")]
+    report: Option<PathBuf>,
+    /// Named settings to start from.
+    #[arg(long, value_enum, default_value = "fast")]
+    preset: Preset,
+    /// TOML file with settings that replace the preset's.
+    #[arg(long, value_name = "FILE")]
+    config: Option<PathBuf>,
+    /// Stop after so much time, everything included. Runs that end by time differ from each other.
+    #[arg(long, value_name = "S")]
+    max_seconds: Option<f64>,
+    /// Steps [default: the preset's; with --max-seconds, time alone decides].
+    #[arg(long, value_name = "N")]
+    steps: Option<u32>,
+    /// Go on from the checkpoint beside the output file.
+    #[arg(long)]
+    resume: bool,
+    /// Seconds between checkpoints.
+    #[arg(long, value_name = "S", default_value_t = 30.0)]
+    checkpoint_every: f64,
+    /// Steps between looks at the validation views [default: an eighth of the run].
+    #[arg(long, value_name = "N")]
+    validate_every: Option<u32>,
+    /// Steps at which a validation view is written as a picture, into the report folder.
+    #[arg(long, value_name = "N,N,…", value_delimiter = ',')]
+    snapshots: Vec<u32>,
+    #[command(flatten)]
+    data_options: DataOptions,
+    #[command(flatten)]
+    settings: Settings,
+}
+
+/// Flags for single settings; each replaces what preset and TOML file say.
+#[derive(Debug, Args)]
+#[command(next_help_heading = "Settings (replace the preset's)")]
+struct Settings {
+    /// Seed of everything random.
+    #[arg(long, value_name = "N")]
+    seed: Option<u64>,
+    /// Trunk layers.
+    #[arg(long, value_name = "N")]
+    depth: Option<usize>,
+    /// Channels of the trunk.
+    #[arg(long, value_name = "N")]
+    width: Option<usize>,
+    /// Trunk layers in front of the one that takes the encoded position again; 0 for none.
+    #[arg(long, value_name = "N")]
+    skip_after: Option<usize>,
+    /// Levels of the position's encoding.
+    #[arg(long, value_name = "L")]
+    position_levels: Option<u8>,
+    /// Levels of the direction's encoding; 0 for colours that do not depend on it.
+    #[arg(long, value_name = "L")]
+    direction_levels: Option<u8>,
+    /// Channels of the colour branch's hidden layer; 0 for none.
+    #[arg(long, value_name = "N")]
+    colour_width: Option<usize>,
+    /// From raw density to sigma.
+    #[arg(long, value_enum)]
+    density: Option<Density>,
+    /// Samples a ray.
+    #[arg(long, value_name = "N")]
+    samples: Option<u16>,
+    /// Perturbation of samples in training: none, bin, or a width in world units such as 0.02.
+    #[arg(long, value_name = "HOW", value_parser = parse_jitter)]
+    jitter: Option<Jitter>,
+    /// Rays a step.
+    #[arg(long, value_name = "N")]
+    rays: Option<usize>,
+    /// Live samples a step (then --rays is only the first guess); 0 for a fixed number of rays.
+    #[arg(long, value_name = "N")]
+    live_samples: Option<usize>,
+    /// Draw rays image by image, from so many images a step; 0 to draw over all pixels of all images.
+    #[arg(long, value_name = "N")]
+    images: Option<usize>,
+    /// Learning rate at the start.
+    #[arg(long, value_name = "RATE")]
+    rate: Option<f64>,
+    /// Learning rate at the end, as a share of the one at the start; 1 keeps it constant.
+    #[arg(long, value_name = "SHARE")]
+    final_share: Option<f64>,
+    /// Do not carve a visual hull: the grid grows from the network alone.
+    #[arg(long)]
+    no_hull: bool,
+    /// Do not skip empty space in training.
+    #[arg(long)]
+    dense: bool,
+    /// Cells of the grid along the longest side of the scene box.
+    #[arg(long, value_name = "N")]
+    grid_resolution: Option<u16>,
+    /// The scene box, world units.
+    #[arg(
+        long = "box",
+        value_name = "X0,Y0,Z0,X1,Y1,Z1",
+        value_delimiter = ',',
+        num_args = 6,
+        allow_hyphen_values = true
+    )]
+    scene_box: Option<Vec<f32>>,
+}
+
+fn parse_jitter(text: &str) -> Result<Jitter, String> {
+    match text {
+        "none" => Ok(Jitter::None),
+        "bin" => Ok(Jitter::Bin),
+        _ => {
+            text.parse().map(Jitter::Width).map_err(|_| "expected none, bin or a width in world units".into())
+        }
+    }
+}
+
+impl Settings {
+    fn apply(&self, config: &mut Config) {
+        fn set<T: Clone>(to: &mut T, from: &Option<T>) {
+            if let Some(value) = from {
+                *to = value.clone();
+            }
+        }
+        let Config { network: n, sampling: s, grid: g, optimiser: o, seed, .. } = config;
+        set(seed, &self.seed);
+        set(&mut n.depth, &self.depth);
+        set(&mut n.width, &self.width);
+        set(&mut n.skip_after, &self.skip_after);
+        set(&mut n.position_levels, &self.position_levels);
+        set(&mut n.direction_levels, &self.direction_levels);
+        set(&mut n.colour_width, &self.colour_width);
+        set(&mut n.density, &self.density);
+        set(&mut s.samples, &self.samples);
+        set(&mut s.jitter, &self.jitter);
+        set(&mut s.rays, &self.rays);
+        set(&mut s.live_samples, &self.live_samples);
+        set(&mut s.images, &self.images);
+        set(&mut o.rate, &self.rate);
+        set(&mut o.final_share, &self.final_share);
+        set(&mut g.resolution, &self.grid_resolution);
+        g.hull &= !self.no_hull;
+        g.skip &= !self.dense;
+        if let Some(&[x0, y0, z0, x1, y1, z1]) = self.scene_box.as_deref() {
+            s.scene_box = Some([x0, y0, z0, x1, y1, z1]);
+        }
+    }
+}
+
+/// The preset, with the TOML file's values put over it.
+fn read_config(preset: Preset, file: Option<&Path>) -> anyhow::Result<Config> {
+    let config = preset.config();
+    let Some(file) = file else { return Ok(config) };
+    let text = std::fs::read_to_string(file).with_context(|| format!("cannot read {}", file.display()))?;
+    let parse = || -> anyhow::Result<Config> {
+        let given: toml::Table = text.parse()?;
+        let preset = match given.get("preset") {
+            Some(named) => named.clone().try_into::<Preset>()?,
+            None => preset,
+        };
+        let mut merged = toml::Table::try_from(preset.config())?;
+        merge(&mut merged, given);
+        Ok(merged.try_into()?)
+    };
+    parse().with_context(|| file.display().to_string())
+}
+
+fn merge(into: &mut toml::Table, from: toml::Table) {
+    for (key, value) in from {
+        match (into.get_mut(&key), value) {
+            (Some(toml::Value::Table(into)), toml::Value::Table(from)) => merge(into, from),
+            (_, value) => {
+                into.insert(key, value);
+            }
+        }
+    }
+}
+
+impl Fit {
+    /// Runs the command.
+    pub fn run(&self, global: &Global) -> anyhow::Result<ExitCode> {
+        let clock = Clock::resume(Duration::ZERO);
+        let mut config = read_config(self.preset, self.config.as_deref())?;
+        self.settings.apply(&mut config);
+        config.sampling.near = self.data_options.near.or(config.sampling.near);
+        config.sampling.far = self.data_options.far.or(config.sampling.far);
+        if let Some(seconds) = self.max_seconds
+            && !(seconds.is_finite() && seconds > 0.0)
+        {
+            anyhow::bail!("--max-seconds: expected a number above 0, found {seconds}");
+        }
+        if let Some(steps) = self.steps {
+            config.optimiser.steps = steps;
+        }
+        config.check()?;
+        let steps = (self.steps.is_some() || self.max_seconds.is_none()).then_some(config.optimiser.steps);
+        let budget = Budget { steps, seconds: self.max_seconds };
+
+        // Whatever cannot be written is found out before the work, not after it.
+        let parent = self.output.parent().filter(|folder| !folder.as_os_str().is_empty());
+        ensure_folder(parent.unwrap_or(Path::new(".")))?;
+        report_folder(self.report.as_ref())?;
+        if self.report.is_some() && !self.snapshots.is_empty() {
+            ensure_folder(self.report.as_deref().unwrap_or(Path::new(".")).join("snapshots"))?;
+        }
+
+        let dataset = self.data_options.read(&self.data)?;
+        let report = print_report(&dataset, global);
+        let checkpoint = checkpoint_path(&self.output);
+        let options = RunOptions {
+            budget,
+            checkpoint: Some(checkpoint.clone()),
+            checkpoint_every: self.checkpoint_every,
+            resume: self.resume,
+            report: self.report.clone(),
+            snapshots: self.snapshots.clone(),
+            validate_every: self.validate_every,
+            tier: global.tier(),
+            style: global.style(),
+        };
+        global.say(format!(
+            "training on {} ({}, {} threads), seed {}",
+            cpu_name(),
+            options.tier.name(),
+            rayon::current_num_threads(),
+            config.seed
+        ));
+        let stop = interruption()?;
+        let outcome = match run_since(clock, &dataset, config.clone(), &options, &stop)? {
+            Ended::Finished(outcome) => outcome,
+            Ended::Interrupted { step, checkpoint } => {
+                let place = checkpoint.map_or_else(String::new, |path| path.display().to_string());
+                eprintln!("interrupted after step {step}; the checkpoint is {place}");
+                eprintln!("go on with the same command and --resume");
+                return Ok(ExitCode::from(130));
+            }
+        };
+        crate::output::write_atomic(&self.output, &outcome.bytes)?;
+        outcome::print(&outcome, &self.output);
+        if let Some(folder) = &self.report {
+            let mut summary = outcome::summary(&outcome, &config, options.tier, clock.seconds());
+            summary.text("data", dataset.name.clone()).text("blob", self.output.display().to_string());
+            outcome::write(folder, &outcome, &dataset, &mut summary, &report, options.tier)?;
+        }
+        Ok(ExitCode::SUCCESS)
+    }
+}
+
+/// Where the checkpoint of a blob lies.
+fn checkpoint_path(output: &Path) -> PathBuf {
+    let mut name = output.as_os_str().to_owned();
+    name.push(".checkpoint");
+    name.into()
+}
+
+/// A flag that Ctrl-C sets; a second Ctrl-C ends the process at once.
+fn interruption() -> anyhow::Result<Arc<AtomicBool>> {
+    let stop = Arc::new(AtomicBool::new(false));
+    let flag = Arc::clone(&stop);
+    ctrlc::set_handler(move || {
+        if flag.swap(true, Ordering::Relaxed) {
+            std::process::exit(130);
+        }
+    })
+    .context("cannot watch for Ctrl-C")?;
+    Ok(stop)
+}

@@ -1,0 +1,83 @@
+//! `nerf-train inspect`
+
+use super::common::{background_name, open_blob, read_file};
+use clap::Args;
+use nerf_core::network::Layer;
+use std::path::PathBuf;
+use std::process::ExitCode;
+
+/// Print everything a blob says of itself.
+#[derive(Debug, Args)]
+#[command(after_help = "Example: nerf-train inspect lego.nerf")]
+pub struct Inspect {
+    /// The blob.
+    file: PathBuf,
+}
+
+impl Inspect {
+    /// Runs the command.
+    pub fn run(&self) -> anyhow::Result<ExitCode> {
+        let bytes = read_file(&self.file)?;
+        let blob = open_blob(&self.file, &bytes)?;
+        let a = blob.architecture();
+        println!(
+            "file          {} ({} bytes, format {})",
+            self.file.display(),
+            bytes.len(),
+            nerf_core::blob::FORMAT_VERSION
+        );
+        println!("kind          {}", if blob.scene().is_some() { "scene" } else { "2D field" });
+        println!("position      {:?}", a.position);
+        match &a.direction {
+            Some(direction) => println!("direction     {direction:?}"),
+            None => println!("direction     none: colour does not depend on it"),
+        }
+        for layer in blob.layers() {
+            println!("layer         {}", describe(layer));
+        }
+        if let Some(density) = a.density {
+            println!("density       {density:?}");
+        }
+        println!("parameters    {} as f16 ({} bytes)", a.parameters(), blob.weights().len());
+        println!(
+            "work          {} multiply-adds for density, {} more for colour",
+            a.density_macs(),
+            a.colour_macs()
+        );
+        if let Some(scene) = blob.scene() {
+            println!("box           {:?} .. {:?}", scene.min, scene.max);
+            println!("near, far     {} .. {}, {} samples a ray", scene.near, scene.far, scene.samples);
+            println!("background    {}", background_name(scene.background));
+            let role = if scene.grid_required { "part of the model" } else { "only skips what is empty" };
+            match blob.grid() {
+                Some(grid) => println!(
+                    "skip grid     {:?} cells, {:.2} % live; {role}",
+                    grid.resolution(),
+                    100.0 * grid.occupancy()
+                ),
+                None => println!("skip grid     none"),
+            }
+        }
+        let p = blob.provenance();
+        println!("data          {}", p.data);
+        println!("made by       {}, {} steps, seed {}", p.made_by, p.steps, p.seed);
+        println!("trained       {} parameters before folding", p.trained_parameters);
+        match p.psnr_db {
+            Some(db) => println!("PSNR          {db:.3} dB ({})", p.psnr_convention),
+            None => println!("PSNR          not measured"),
+        }
+        if let Some(db) = p.quantisation_loss_db {
+            println!("f16 rounding  {db:.4} dB lost");
+        }
+        Ok(ExitCode::SUCCESS)
+    }
+}
+
+fn describe(layer: &Layer) -> String {
+    let Layer { role, main, extra, outputs, .. } = layer;
+    if *extra > 0 {
+        format!("{role:?}: {main} + {extra} → {outputs}")
+    } else {
+        format!("{role:?}: {main} → {outputs}")
+    }
+}

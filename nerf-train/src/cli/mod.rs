@@ -1,0 +1,57 @@
+//! The command line: typed options, one file per command.
+
+mod common;
+mod demo;
+mod eval;
+mod fit;
+mod inspect;
+mod outcome;
+mod render;
+
+use clap::{Parser, Subcommand};
+use std::process::ExitCode;
+
+/// Trains a radiance field on two CPU cores and keeps it as one small file that renders anywhere.
+#[derive(Debug, Parser)]
+#[command(name = "nerf-train", version, about, after_help = "Start with: nerf-train demo")]
+struct Cli {
+    #[command(subcommand)]
+    command: Command,
+    #[command(flatten)]
+    global: common::Global,
+}
+
+#[derive(Debug, Subcommand)]
+enum Command {
+    /// The main job on a built-in scene: photograph, train, export, render, measure.
+    Demo(demo::Demo),
+    /// Fit a radiance field to posed photographs.
+    Fit(Box<fit::Fit>),
+    /// Measure a blob on views of a data set.
+    Eval(eval::Eval),
+    /// Render views of a blob.
+    Render(render::Render),
+    /// Print everything a blob says of itself.
+    Inspect(inspect::Inspect),
+}
+
+/// Parses the arguments, runs the command, and turns an error into one message and a status.
+///
+/// Status 0 is success, 1 an error, 2 wrong usage, 130 an interruption.
+pub fn main() -> ExitCode {
+    let cli = Cli::parse();
+    let result = cli.global.apply().and_then(|()| match cli.command {
+        Command::Demo(demo) => demo.run(&cli.global),
+        Command::Fit(fit) => fit.run(&cli.global),
+        Command::Eval(eval) => eval.run(&cli.global),
+        Command::Render(render) => render.run(&cli.global),
+        Command::Inspect(inspect) => inspect.run(),
+    });
+    match result {
+        Ok(status) => status,
+        Err(error) => {
+            eprintln!("error: {error:#}");
+            ExitCode::FAILURE
+        }
+    }
+}
