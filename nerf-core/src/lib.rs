@@ -12,3 +12,6 @@ pub mod ray;
 pub mod render;
 pub mod sampling;
 pub mod volume;
+
+#[cfg(test)]
+mod testing;

@@ -6,6 +6,9 @@ use crate::math::MathBackend;
 use crate::ray::{BoundsError, SceneBox};
 use crate::sampling::{Bins, SkipGrid};
 
+#[cfg(test)]
+mod tests;
+
 /// What a pixel is asked for; what is off is not computed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Outputs {

@@ -15,6 +15,9 @@ use crate::ray::Ray;
 use crate::volume::{Accumulator, Pixel};
 use glam::Vec3;
 
+#[cfg(test)]
+mod tests;
+
 /// Live samples a ray contributes to a round: few are wasted beyond the cut, and the bookkeeping
 /// stays small beside the network.
 const ROUND: usize = 4;
