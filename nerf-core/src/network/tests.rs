@@ -189,7 +189,10 @@ fn a_512_wide_sum_of_the_largest_halves_is_finite() {
     let (bytes, _) = halve(&vec![65_504.0; a.parameters()]);
     let network = Network::new(&a, Weights::InPlace(&bytes), Tier::Scalar).unwrap();
     let (sigma, rgb) = evaluate(&network, 1, &[1.0; 3], &[]);
-    assert!(sigma[0].is_finite() && sigma[0] > 1e18 && rgb == [1.0; 3], "{sigma:?} {rgb:?}");
+    assert!(
+        sigma[0].is_finite() && (sigma[0] / 5.756e17 - 1.0).abs() < 1e-3 && rgb == [1.0; 3],
+        "{sigma:?} {rgb:?}"
+    );
 }
 
 #[test]
@@ -218,7 +221,7 @@ fn layers_lie_end_to_end_and_macs_add_up() {
     // The seed network with its feature layer folded: 8×256, skip after 4, L = 10/4, colour 128.
     let trunk: Vec<_> = (0..8).map(|i| (256, i == 4)).collect();
     let seed = architecture(pi(3, 10), Some(pi(3, 4)), &trunk, &[128]);
-    assert_eq!((seed.density_macs(), seed.colour_macs()), (491_264 - 256 + 256, 36_224 + 384));
+    assert_eq!((seed.density_macs(), seed.colour_macs()), (491_264, 36_608));
     assert_eq!(seed.trunk_width(), 256);
 }
 
