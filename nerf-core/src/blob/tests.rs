@@ -209,3 +209,30 @@ fn a_scene_that_opens_can_be_planned() {
     let error = scene_refused(|s| (s.near, s.far, s.samples) = (0.0, 1e-45, 64));
     assert_eq!(error, BlobError::Bounds(BoundsError::Range { near: 0.0, far: 1e-45 }));
 }
+
+/// The example of `docs/blob-format.md`, up to its weights; made there by another program.
+const EXAMPLE: &str = "
+    89 4e 45 52 46 0d 0a 1a 01 00 ff fe 00 00 00 00
+    9d 00 00 00 00 00 00 00 1a 73 3c cf 00 00 00 00
+    03 00 01 01 00 01 04 00 01 00 00 01 00 00 80 bf
+    00 00 80 bf 00 00 80 bf 00 00 80 3f 00 00 80 3f
+    00 00 80 3f 00 00 00 40 00 00 c0 40 40 00 00 80
+    3f 00 00 80 3f 00 00 80 3f 00 00 03 66 6f 67 0e
+    62 6c 6f 62 2d 66 6f 72 6d 61 74 2e 6d 64 00 00
+    00 00 00 24 48
+";
+
+#[test]
+fn the_example_of_the_specification_is_what_is_written() {
+    let a = architecture(pi(3, 0), None, &[(4, false)], &[]);
+    assert_eq!(a.parameters(), 36);
+    let mut weights = [0; 72];
+    weights[41] = 0x3c;
+    let scene = SceneFacts { samples: 64, background: [1.0; 3], ..SCENE };
+    let provenance =
+        Provenance { data: "fog", made_by: "blob-format.md", trained_parameters: 36, ..PROVENANCE };
+    let bytes = bytes(&Body { scene: Some(scene), provenance, ..body(a, None, &weights) });
+    let example = EXAMPLE.split_whitespace().map(|byte| u8::from_str_radix(byte, 16).unwrap());
+    assert!(bytes[..bytes.len() - 72].iter().copied().eq(example), "{bytes:02x?}");
+    assert_eq!(bytes[bytes.len() - 72..], weights);
+}

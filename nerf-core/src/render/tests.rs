@@ -83,8 +83,8 @@ fn a_constant_medium_has_the_closed_form() {
             let tau = f64::from(sigma) * 0.125;
             let opacity = -(-tau * inside.len() as f64).exp_m1();
             worst = worst.max((f64::from(pixel.opacity) - opacity).abs());
-            for c in 0..3 {
-                let colour = 1.0 / (1.0 + f64::from(-raw[c]).exp());
+            for (c, raw) in raw.into_iter().enumerate() {
+                let colour = 1.0 / (1.0 + f64::from(-raw).exp());
                 let seen = opacity * colour + (1.0 - opacity) * f64::from(SCENE.background[c]);
                 worst = worst.max((f64::from(pixel.rgb[c]) - seen).abs());
             }
