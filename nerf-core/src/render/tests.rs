@@ -382,3 +382,24 @@ fn every_backend_renders_about_the_same_picture() {
         assert!(worst <= limit, "{math:?}: {worst:e}");
     }
 }
+
+#[test]
+fn the_seed_network_takes_the_memory_the_docs_say() {
+    let trunk: Vec<_> = (0..8).map(|i| (256, i == 4)).collect();
+    let a = architecture(pi(3, 10), Some(pi(3, 4)), &trunk, &[128]);
+    assert_eq!(a.parameters(), 530_052);
+    let (weights, unpacked) = halve(&constant(&a, 0.0, [0.0; 3]));
+    let bytes = bytes(&body(a, None, &weights));
+    let blob = Blob::open(&bytes).unwrap();
+    let lines = |renderer: &Renderer<'_>, outputs, batch| {
+        renderer.workspace_lines(&Plan::new(&blob, &Quality::EXACT, outputs, batch).unwrap())
+    };
+    let in_place = Renderer::new(blob.clone(), Tier::Scalar, &mut []).unwrap();
+    assert_eq!(lines(&in_place, Outputs::ALL, Batch::SMALLEST) * size_of::<Line>(), 3_328);
+    let no_colour = Outputs { rgb: false, ..Outputs::ALL };
+    assert_eq!(lines(&in_place, no_colour, Batch::SMALLEST) * size_of::<Line>(), 2_816);
+    let prepared = Renderer::with_parameters(blob.clone(), Tier::Scalar, &unpacked).unwrap();
+    let batch = Batch::for_tier(Tier::Scalar);
+    assert_eq!(lines(&prepared, Outputs::ALL, batch) * size_of::<Line>(), 306_944);
+    assert_eq!(Renderer::prepared_lines(&blob, Tier::Avx2) * size_of::<Line>(), 2_120_256);
+}
