@@ -67,7 +67,7 @@ impl Accumulator {
     /// What is left of the light behind everything gathered so far: `exp(−Σ sigma delta)`.
     #[inline]
     pub fn transmittance<M: Math>(&self) -> f32 {
-        if self.tau.value >= MAX_TAU { 0.0 } else { M::exp(-self.tau.value) }
+        if self.tau.value >= MAX_TAU { 0.0 } else { M::decay(self.tau.value) }
     }
 
     /// Adds the sample at `t` behind everything gathered so far; returns its weight.

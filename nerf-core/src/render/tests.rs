@@ -128,6 +128,7 @@ fn counters_add_up_and_without_colour_only_the_density_is_paid() {
     for quality in
         [Quality::EXACT, Quality::default(), Quality { transmittance_cut: 0.9, ..Quality::default() }]
     {
+        let mut kept = None;
         for batch in [Batch::SMALLEST, Batch { rays: 9, samples: 5 }, Batch::for_tier(Tier::Scalar)] {
             let plan = |outputs| Plan::new(&blob, &quality, outputs, batch).unwrap();
             let colour = render(&renderer, &plan(Outputs::ALL), &camera);
@@ -139,6 +140,7 @@ fn counters_add_up_and_without_colour_only_the_density_is_paid() {
                 assert_eq!(c.samples_kept, c.density_evaluations);
                 assert_eq!(c.invalid_samples, 0);
             }
+            assert_eq!(*kept.get_or_insert(with.samples_kept), with.samples_kept, "in every batch");
             let density = with.density_evaluations * a.density_macs() as u64;
             assert_eq!(without.counters.colour_evaluations, 0);
             assert_eq!(without.counters.macs, density, "the trunk's share of the colour request");

@@ -251,3 +251,37 @@ fn distances_are_far_exactly_up_to_the_epsilon() {
         assert!((pixel.ray_distance - distance).abs() < 1e-5 && (pixel.z_depth - z).abs() < 1e-5);
     }
 }
+
+/// Worst `|Σw + T − 1|` and largest `Σw` of a backend.
+fn conservation<M: Math>() -> (f32, f32) {
+    let (mut worst, mut most) = (0.0f32, 0.0f32);
+    for n in [1, 64, 4096] {
+        for scale in [1e-3, 0.1, 1.0, 30.0] {
+            let mut ray = Accumulator::NONE;
+            for x in noise(n, n as u32) {
+                ray.add::<M>(x * scale, [1.0; 3], 1.0, 1.0);
+            }
+            worst = worst.max((ray.opacity.value + ray.transmittance::<M>() - 1.0).abs());
+            most = most.max(ray.opacity.value);
+            let pixel = ray.finish([0.0; 3], 2.0, 1.0);
+            assert!(pixel.opacity <= 1.0);
+            assert!(pixel.rgb.iter().all(|&c| c <= 1.0 + 1e-6), "{pixel:?}");
+        }
+    }
+    (worst, most)
+}
+
+#[test]
+fn no_backend_makes_light() {
+    let rows = [
+        ("polynomial", conservation::<Polynomial>(), 1e-6),
+        #[cfg(feature = "libm")]
+        ("libm", conservation::<crate::math::libm::Libm>(), 1e-6),
+        #[cfg(feature = "micromath")]
+        ("micromath", conservation::<crate::math::micromath::Micromath>(), 1e-6),
+    ];
+    for (name, (worst, most), limit) in rows {
+        std::println!("{name}: Σw + T − 1 {worst:e}, Σw {most}");
+        assert!(worst <= limit, "{name}: {worst:e}");
+    }
+}
