@@ -4,6 +4,12 @@ use crate::lens::Lens;
 use crate::ray::Ray;
 use glam::{Mat3, Vec3};
 
+#[cfg(test)]
+mod tests;
+
+/// Furthest image point from the principal point, in focal lengths: its square is well inside f32.
+const MAX_NORMALISED: f32 = 1e9;
+
 /// A pinhole's intrinsics, in pixels; pixel (0, 0) is top left and its centre is (0.5, 0.5).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Intrinsics {
@@ -56,16 +62,22 @@ impl Pose {
 
     /// A camera at `eye` that looks at `target`, with `up` upwards in its image.
     ///
-    /// `None` where `eye` equals `target` or `up` is parallel to the line of sight.
+    /// `None` where `eye` equals `target` or `up` is parallel to the line of sight (within 1e-4 rad,
+    /// where the cross product is rounding noise), and where either difference is no number.
     pub fn look_at(eye: Vec3, target: Vec3, up: Vec3) -> Option<Self> {
         let backward = (eye - target).try_normalize()?;
-        let right = up.cross(backward).try_normalize()?;
+        let side = up.try_normalize()?.cross(backward);
+        if side.length() < 1e-4 {
+            return None;
+        }
+        let right = side.try_normalize()?;
         Some(Self { rotation: Mat3::from_cols(right, backward.cross(right), backward), position: eye })
     }
 
     /// The unit vector the camera looks along, in world space.
     pub fn forward(&self) -> Vec3 {
-        -self.rotation.z_axis
+        // A pose is a rotation only within 1e-3; the axis is of unit length all the same.
+        (-self.rotation.z_axis).normalize_or_zero()
     }
 }
 
@@ -82,8 +94,9 @@ impl Camera {
     ///
     /// # Errors
     /// [`CameraError`] on an empty image, focal lengths that are not positive and finite, a pose
-    /// that is not finite or not a rotation within 1e-3 (scaled, sheared, reflected, singular),
-    /// and a lens that cannot be inverted at some point of the image's border.
+    /// that is not finite or not a rotation within 1e-3 (scaled, sheared, reflected, singular), an
+    /// image point more than 1e9 focal lengths off the principal point, and a lens that cannot be
+    /// inverted at some point of the image.
     pub fn new(intrinsics: Intrinsics, lens: Lens, pose: Pose) -> Result<Self, CameraError> {
         let Intrinsics { width, height, fx, fy, cx, cy } = intrinsics;
         if width == 0 || height == 0 {
@@ -111,19 +124,33 @@ impl Camera {
             return Err(CameraError::PoseNotRotation { off, determinant });
         }
         let camera = Self { intrinsics, lens, pose };
+        camera.check_view()?;
         camera.check_lens()?;
         Ok(camera)
     }
 
-    /// Inverts the lens along the image border, where a fold shows first.
+    /// Whether the image's corners, and so all of its points, have a direction.
+    fn check_view(&self) -> Result<(), CameraError> {
+        let (w, h) = (self.intrinsics.width as f32, self.intrinsics.height as f32);
+        for (x, y) in [(0.0, 0.0), (w, h)] {
+            let (u, v) = self.normalised(x, y);
+            if !(u.abs() <= MAX_NORMALISED && v.abs() <= MAX_NORMALISED) {
+                return Err(CameraError::FieldOfView { x, y });
+            }
+        }
+        Ok(())
+    }
+
+    /// Inverts the lens on a lattice over the image, border included.
     fn check_lens(&self) -> Result<(), CameraError> {
         if self.lens == Lens::NONE {
             return Ok(());
         }
         let (w, h) = (self.intrinsics.width as f32, self.intrinsics.height as f32);
         for step in 0..=16u8 {
-            let s = f32::from(step) / 16.0;
-            for (x, y) in [(s * w, 0.0), (s * w, h), (0.0, s * h), (w, s * h)] {
+            let y = f32::from(step) / 16.0 * h;
+            for step in 0..=16u8 {
+                let x = f32::from(step) / 16.0 * w;
                 let (u, v) = self.normalised(x, y);
                 if self.lens.undistort(u, v).is_none() {
                     return Err(CameraError::LensNotInvertible { x, y });
@@ -169,8 +196,8 @@ impl Camera {
     /// ```
     pub fn ray(&self, x: f32, y: f32) -> Ray {
         let (u, v) = self.normalised(x, y);
-        // The border was invertible at `new`; a fold between two checked points keeps the
-        // distorted direction, which is off but finite.
+        // A lattice was invertible at `new`; a fold between its points keeps the distorted
+        // direction, which is off but finite.
         let (u, v) = self.lens.undistort(u, v).unwrap_or((u, v));
         let local = Vec3::new(u, -v, -1.0);
         let dir = self.pose.rotation * local;
@@ -217,6 +244,13 @@ pub enum CameraError {
         /// Its determinant: 1 for a rotation, −1 for a reflection, 0 if singular.
         determinant: f32,
     },
+    /// An image point is so far off the axis that its direction leaves f32.
+    FieldOfView {
+        /// Where, pixels from the left.
+        x: f32,
+        /// Where, pixels from the top.
+        y: f32,
+    },
     /// The lens model folds over inside the image.
     LensNotInvertible {
         /// Where, pixels from the left.
@@ -249,8 +283,13 @@ impl core::fmt::Display for CameraError {
                 "camera-to-world pose: expected a rotation (|RtR - I| <= 1e-3, determinant 1), \
                  found |RtR - I| = {off}, determinant {determinant}"
             ),
+            Self::FieldOfView { x, y } => write!(
+                f,
+                "intrinsics: expected image points within {MAX_NORMALISED} focal lengths of the principal \
+                 point, found pixel ({x}, {y}) beyond"
+            ),
             Self::LensNotInvertible { x, y } => {
-                write!(f, "lens: the distortion has no inverse at pixel ({x}, {y}) of the image border")
+                write!(f, "lens: the distortion has no inverse at pixel ({x}, {y}) of the image")
             }
         }
     }

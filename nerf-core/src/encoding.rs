@@ -7,6 +7,9 @@ use crate::math::{Math, MathBackend, with_math};
 use core::marker::PhantomData;
 use serde::{Deserialize, Serialize};
 
+#[cfg(test)]
+mod tests;
+
 /// Most levels an encoding may have.
 pub const MAX_LEVELS: u8 = 16;
 

@@ -1,5 +1,8 @@
 //! Radial-tangential lens distortion and its inverse.
 
+#[cfg(test)]
+mod tests;
+
 /// Coefficients of the radial-tangential ("OpenCV") lens model on normalised image coordinates.
 ///
 /// With `r² = x² + y²` an ideal image point `(x, y)` is seen at
@@ -37,7 +40,8 @@ impl Lens {
     /// The ideal point that is seen at `(xd, yd)`, by Newton's method from `(xd, yd)` itself.
     ///
     /// `None` where the lens folds over (the Jacobian's determinant is not positive on the way)
-    /// or where 20 steps do not bring the residual below 1e-6: there the model has no inverse
+    /// or where 20 steps do not bring the residual below 1e-6 of the coordinates (1e-6 itself
+    /// within the unit circle): there the model has no inverse
     /// near the start, and a picture would show the same direction twice.
     pub fn undistort(&self, xd: f32, yd: f32) -> Option<(f32, f32)> {
         if *self == Self::NONE {
@@ -52,7 +56,9 @@ impl Lens {
             if det.is_nan() || det <= 1e-3 {
                 return None;
             }
-            if ex.abs().max(ey.abs()) <= 1e-6 {
+            // Beyond the unit circle 1e-6 is finer than f32 resolves.
+            let scale = 1.0f32.max(x.abs()).max(y.abs()).max(xd.abs()).max(yd.abs());
+            if ex.abs().max(ey.abs()) <= 1e-6 * scale {
                 return Some((x, y));
             }
             x -= (d * ex - b * ey) / det;

@@ -1,14 +1,175 @@
 #![no_std]
-//! Radiance fields in fixed memory.
-pub mod blob;
+//! Radiance fields in fixed memory: open one small file, render any view of it, allocate nothing.
+//!
+//! The crate needs neither `std` nor `alloc`, reads fp16 weights where they lie, and does all
+//! arithmetic of the hot path in f32. Memory is the caller's, asked for by size first.
+//!
+//! # The pipeline
+//!
+//! ```text
+//!  camera ──► ray ──► clip to the scene box ──► bins, skip grid        one ray at a time
+//!                                                    │
+//!                                      live samples, rounds of 4 a ray
+//!                                                    ▼
+//!             ┌──────────────── block of 64 samples, [channel][64] ───────────────┐
+//!             │ encoding ──► trunk ──► density ──► sigma                          │  one block
+//!             │                  └───► colour (only where sigma > 0, only if      │  at a time
+//!             │     PE(dir), once      asked for) ──► rgb                         │
+//!             │     a ray ──────────────┘                                         │
+//!             └─────────────────────────────────┬─────────────────────────────────┘
+//!                                               ▼
+//!                alpha, transmittance, weights ──► rgb, opacity, ray_distance, z_depth ──► Target
+//! ```
+//!
+//! Modules stand in the order data flows: [`camera`] and [`lens`] make a [`ray`], [`sampling`] says
+//! where on it the network is asked, [`encoding`] and [`network`] answer, [`volume`] adds up,
+//! [`plan`] decides which of these a frame needs, and [`render`] runs them. [`blob`] is the file;
+//! [`math`] and [`kernels`] are what the stages are made of.
+//!
+//! # Conventions
+//!
+//! | what | convention |
+//! | --- | --- |
+//! | world | right-handed; the units are the scene's own |
+//! | camera | looks down −Z, +Y up, +X right; a [`Pose`] is camera-to-world (Blender, OpenGL) |
+//! | pixels | (0, 0) is top left and its centre is (0.5, 0.5); `fx fy cx cy` in pixels |
+//! | [`ray::Ray::dir`] | unit length, so `t`, `near` and `far` are world units **along the ray** |
+//! | `ray_distance` | mean of `t` under the weights, world units along the ray |
+//! | `z_depth` | `ray_distance` times the cosine between ray and view axis |
+//! | no surface | where `opacity <=` [`volume::OPACITY_EPSILON`] both distances are `far` |
+//! | `sigma` | density, `>= 0`, per world unit |
+//! | `alpha` | `−expm1(−sigma delta)`: what one bin keeps of the light |
+//! | `transmittance` | `exp(−Σ sigma delta)` over the bins in front, summed in log space, compensated |
+//! | `weights`, `opacity` | `transmittance · alpha`; their sum, `<= 1` |
+//! | last bin | finite: it ends at `far` |
+//! | colour | display-encoded (sRGB, as the training images were), `[0, 1]`, composited in that space |
+//! | encoding | `[identity,]` then per level `k` `sin(2^k s x)` of all inputs, `cos(2^k s x)` of all inputs; `s` is π or 1 |
+//!
+//! There is no bare "depth" anywhere: it would mean three things.
+//!
+//! # Features
+//!
+//! | feature | default | adds |
+//! | --- | --- | --- |
+//! | `libm` | yes | `MathBackend::Libm` |
+//! | `micromath` | yes | `MathBackend::Micromath`: small and rough |
+//! | `train` | no | backward kernels, for trainers |
+//!
+//! The project's own polynomials ([`MathBackend::Polynomial`]) are always there.
+//!
+//! # Example
+//!
+//! A uniform grey fog in the box `[-1, 1]³`, written, opened and looked at in 2×2 pixels:
+//!
+//! ```
+//! use glam::Vec3;
+//! use nerf_core::blob::{self, Body, Provenance, SceneFacts};
+//! use nerf_core::encoding::{AngleScale, Encoding};
+//! use nerf_core::network::{Architecture, DensityActivation, TrunkLayer};
+//! use nerf_core::{
+//!     Batch, Blob, Camera, Intrinsics, Lens, Line, Outputs, Pixel, Plan, Pose, Quality, Rect, Renderer, Tier,
+//! };
+//!
+//! // The network: one trunk layer of 4, no view dependence. Parameters in file order are the trunk
+//! // (4 × 3 + 4), the density head (4 + 1) and rgb (3 × 4 + 3), all zero but the density's bias:
+//! // sigma is 1 and every colour sigmoid(0) = ½.
+//! let position = Encoding { inputs: 3, levels: 0, scale: AngleScale::Pi, identity: true };
+//! let architecture = Architecture {
+//!     position,
+//!     direction: None,
+//!     trunk: [TrunkLayer { width: 4, skip: false }].into_iter().collect(),
+//!     density: Some(DensityActivation::Relu),
+//!     colour: [].into_iter().collect(),
+//! };
+//! assert_eq!(architecture.parameters(), 36);
+//! let mut weights = [0u8; 72];
+//! weights[2 * 20..2 * 21].copy_from_slice(&0x3c00u16.to_le_bytes()); // 1 in f16
+//!
+//! // The file.
+//! let body = Body {
+//!     architecture,
+//!     scene: Some(SceneFacts {
+//!         min: [-1.0; 3],
+//!         max: [1.0; 3],
+//!         near: 2.0,
+//!         far: 6.0,
+//!         samples: 64,
+//!         background: [1.0; 3],
+//!         grid_required: false,
+//!     }),
+//!     grid: None,
+//!     provenance: Provenance {
+//!         data: "fog",
+//!         made_by: "the crate's documentation",
+//!         steps: 0,
+//!         seed: 0,
+//!         psnr_db: None,
+//!         psnr_convention: "",
+//!         quantisation_loss_db: None,
+//!         trained_parameters: 36,
+//!     },
+//!     weights: &weights,
+//! };
+//! let mut file = [0; 256];
+//! let bytes = blob::write(&body, &mut file)?;
+//!
+//! // Open and plan. The scalar tier reads the weights in place: no memory to prepare.
+//! let blob = Blob::open(bytes)?;
+//! let renderer = Renderer::new(blob.clone(), Tier::Scalar, &mut [])?;
+//! let plan = Plan::new(&blob, &Quality::EXACT, Outputs::ALL, Batch::SMALLEST)?;
+//!
+//! // A camera four units up the Z axis, and workspace of the size that was asked for.
+//! let pose = Pose::look_at(Vec3::new(0.0, 0.0, 4.0), Vec3::ZERO, Vec3::Y).ok_or("no pose")?;
+//! let camera = Camera::new(Intrinsics::centred(2, 2, 8.0), Lens::NONE, pose)?;
+//! let mut workspace = [Line::UNINIT; 64];
+//! assert!(renderer.workspace_lines(&plan) <= workspace.len());
+//!
+//! let mut picture = [[0.0; 3]; 4];
+//! let mut put = |x: u32, y: u32, pixel: &Pixel| picture[(2 * y + x) as usize] = pixel.rgb;
+//! let counters = renderer.render(&plan, &camera, Rect::full(&camera), &mut workspace, &mut put)?;
+//!
+//! // Two units of fog of density 1 on white: ½ (1 − e⁻²) + e⁻², a little more for the slanted rays.
+//! let fog = (-2.0f32).exp();
+//! let expected = 0.5 * (1.0 - fog) + fog;
+//! assert!(picture.iter().flatten().all(|c| (c - expected).abs() < 0.005));
+//! assert_eq!(counters.rays, 4);
+//! assert_eq!(counters.samples_kept + counters.samples_skipped, 4 * 64);
+//! # Ok::<(), Box<dyn std::error::Error>>(())
+//! ```
+//!
+//! # Where to read on
+//!
+//! `docs/conventions.md` (conventions with their reasons), `docs/architecture.md` (one frame step by
+//! step, memory), `docs/blob-format.md` (the file, normative) and `docs/kernels.md` (the journal of
+//! the inner loops, with measured errors).
+
 pub mod camera;
-pub mod encoding;
-pub mod kernels;
 pub mod lens;
-pub mod math;
-pub mod network;
-pub mod plan;
+
 pub mod ray;
-pub mod render;
 pub mod sampling;
+
+pub mod encoding;
+pub mod network;
+
 pub mod volume;
+
+pub mod plan;
+pub mod render;
+
+pub mod blob;
+
+pub mod kernels;
+pub mod math;
+
+#[cfg(test)]
+mod testing;
+
+pub use blob::Blob;
+pub use camera::{Camera, Intrinsics, Pose};
+pub use kernels::{Line, Tier};
+pub use lens::Lens;
+pub use math::MathBackend;
+pub use plan::{Batch, Outputs, Plan, Quality};
+pub use render::{Counters, Rect, Renderer, Target};
+pub use volume::Pixel;

@@ -6,6 +6,9 @@ use crate::math::MathBackend;
 use crate::ray::{BoundsError, SceneBox};
 use crate::sampling::{Bins, SkipGrid};
 
+#[cfg(test)]
+mod tests;
+
 /// What a pixel is asked for; what is off is not computed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Outputs {
@@ -62,6 +65,9 @@ pub struct Batch {
 }
 
 impl Batch {
+    /// Most rays in flight: more than any picture needs, few enough for 32-bit columns.
+    pub const MOST_RAYS: usize = 1 << 24;
+
     /// One of everything: what a microcontroller has room for. Scalar tier only.
     pub const SMALLEST: Self = Self { rays: 1, samples: 1 };
 
@@ -110,7 +116,8 @@ impl<'a> Plan<'a> {
         if !(0.0..1.0).contains(&quality.transmittance_cut) {
             return Err(PlanError::TransmittanceCut { found: quality.transmittance_cut });
         }
-        if batch.rays == 0 || batch.samples == 0 || batch.samples > BLOCK {
+        let rays_fit = (1..=Batch::MOST_RAYS).contains(&batch.rays);
+        if !rays_fit || batch.samples == 0 || batch.samples > BLOCK {
             return Err(PlanError::Batch { found: batch });
         }
         Ok(Self {
@@ -172,7 +179,7 @@ pub enum PlanError {
         /// What was asked for.
         found: [f32; 3],
     },
-    /// A batch of nothing, or of more than [`BLOCK`] samples.
+    /// A batch of nothing, of more than [`Batch::MOST_RAYS`] rays or of more than [`BLOCK`] samples.
     Batch {
         /// What was asked for.
         found: Batch,
@@ -200,7 +207,11 @@ impl core::fmt::Display for PlanError {
                 write!(f, "background: expected channels in 0..=1, found {found:?}")
             }
             Self::Batch { found } => {
-                write!(f, "batch: expected at least 1 ray and 1 to {BLOCK} samples, found {found:?}")
+                write!(
+                    f,
+                    "batch: expected 1 to {} rays and 1 to {BLOCK} samples, found {found:?}",
+                    Batch::MOST_RAYS
+                )
             }
             Self::Bounds(error) => error.fmt(f),
         }

@@ -2,6 +2,9 @@
 
 use glam::Vec3;
 
+#[cfg(test)]
+mod tests;
+
 /// A half line in world space.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Ray {
@@ -50,11 +53,17 @@ impl SceneBox {
     /// The part of `[near, far]` that lies inside the box, or `None` if the ray misses it.
     ///
     /// Slab by slab; a ray parallel to a slab is inside it for all `t` or for none, so that
-    /// neither 1/0 nor 0·inf ever decides. A ray on a face counts as inside.
+    /// neither 1/0 nor 0·inf ever decides. A ray on a face counts as inside; a NaN or an infinity in
+    /// the ray, or a range that is empty or NaN, meets nothing.
     ///
     /// # Source
     /// Kay and Kajiya 1986; deviation: parallel slabs are tested apart.
     pub fn clip(&self, ray: &Ray, near: f32, far: f32) -> Option<(f32, f32)> {
+        // `max` and `min` below would drop a NaN and let the other axes decide.
+        let ordered = near <= far;
+        if !(ordered && ray.origin.is_finite() && ray.dir.is_finite()) {
+            return None;
+        }
         let (mut enter, mut exit) = (near, far);
         for axis in 0..3 {
             let (origin, dir) = (ray.origin[axis], ray.dir[axis]);

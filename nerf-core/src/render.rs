@@ -15,6 +15,9 @@ use crate::ray::Ray;
 use crate::volume::{Accumulator, Pixel};
 use glam::Vec3;
 
+#[cfg(test)]
+mod tests;
+
 /// Live samples a ray contributes to a round: few are wasted beyond the cut, and the bookkeeping
 /// stays small beside the network.
 const ROUND: usize = 4;
@@ -50,14 +53,17 @@ impl Rect {
     }
 
     /// Tiles of at most `width` × `height` pixels that cover it, row by row.
+    ///
+    /// A rectangle that reaches beyond the last `u32` is cut off there.
     pub fn tiles(self, width: u32, height: u32) -> impl Iterator<Item = Self> {
-        let starts = |from: u32, length: u32, step: u32| (from..from + length).step_by(step.max(1) as usize);
-        starts(self.y, self.height, height).flat_map(move |y| {
-            starts(self.x, self.width, width).map(move |x| Self {
+        let (right, bottom) = (self.x.saturating_add(self.width), self.y.saturating_add(self.height));
+        let starts = |from: u32, end: u32, step: u32| (from..end).step_by(step.max(1) as usize);
+        starts(self.y, bottom, height).flat_map(move |y| {
+            starts(self.x, right, width).map(move |x| Self {
                 x,
                 y,
-                width: width.max(1).min(self.x + self.width - x),
-                height: height.max(1).min(self.y + self.height - y),
+                width: width.max(1).min(right - x),
+                height: height.max(1).min(bottom - y),
             })
         })
     }
@@ -90,7 +96,8 @@ pub struct Counters {
     pub colour_evaluations: u64,
     /// Multiply-adds of the network.
     pub macs: u64,
-    /// Samples whose density or colour was NaN; they count as empty.
+    /// Samples whose density was NaN, or whose colour was where there is density; they count as
+    /// empty. Without [`Outputs::rgb`](crate::plan::Outputs::rgb) no colour is there to be NaN.
     pub invalid_samples: u64,
 }
 
@@ -183,6 +190,7 @@ impl<'a> Renderer<'a> {
             return Err(RenderError::Rect { rect, width: i.width, height: i.height });
         }
         let mut frame = Frame::carve(&self.network, plan, workspace)?;
+        // Lossless: a plan has at most `Batch::MOST_RAYS`.
         let capacity = plan.batch.rays as u32;
         let width = TILE_SIDE.min(capacity);
         for tile in rect.tiles(width, capacity / width) {
@@ -194,8 +202,9 @@ impl<'a> Renderer<'a> {
     /// Asks for density and colour at points seen along directions.
     ///
     /// `positions`, `dirs` (unit): `[n]`, world space; `sigma`: `[n]`, 1/world unit; `rgb`: `[n]`,
-    /// display-encoded. Points outside the scene box or in a cell the plan's grid calls empty have
-    /// density 0 and black colour.
+    /// display-encoded. Points outside the scene box or in a cell the plan's grid calls empty, and
+    /// points where the network gives NaN ([`Counters::invalid_samples`]), have density 0 and black
+    /// colour.
     ///
     /// # Errors
     /// [`RenderError`] on lengths that differ and on too little workspace.
@@ -303,7 +312,7 @@ impl Sizes {
             + lines_for::<f32>(self.samples) * 2
             + lines_for::<f32>(self.encoded)
             + lines_for::<f32>(self.activation) * 2
-            + lines_for::<f32>(self.direction * self.ray_columns)
+            + lines_for::<f32>(self.direction.saturating_mul(self.ray_columns))
     }
 }
 
@@ -356,7 +365,7 @@ impl<'f, 'w> Frame<'f, 'w> {
             sigma: floats(sizes.samples)?,
             rgb: floats(3 * sizes.samples)?,
             dirs: floats(3 * sizes.samples)?,
-            direction: floats(sizes.direction * sizes.ray_columns)?,
+            direction: floats(sizes.direction.saturating_mul(sizes.ray_columns))?,
             scratch: Scratch {
                 stride: sizes.samples,
                 encoded: floats(sizes.encoded)?,
@@ -416,7 +425,7 @@ impl<'f, 'w> Frame<'f, 'w> {
             let out = &mut self.direction[block * rows * stride..(block + 1) * rows * stride];
             self.network.direction(self.plan.math, &mut self.scratch, self.dirs, out);
         }
-        self.counters.macs += (self.active * self.network.direction_macs()) as u64;
+        self.counters.macs += self.active as u64 * self.network.direction_macs() as u64;
     }
 
     /// A few live samples of every active ray.
@@ -466,7 +475,9 @@ impl<'f, 'w> Frame<'f, 'w> {
             }
             let sigma = self.sigma[i];
             let rgb = [self.rgb[i], self.rgb[stride + i], self.rgb[2 * stride + i]];
-            if sigma.is_nan() || rgb.iter().any(|c| c.is_nan()) {
+            // Colour counts only where there is density: elsewhere it may not have been computed,
+            // and which blocks compute it depends on the batch.
+            if sigma.is_nan() || (sigma > 0.0 && rgb.iter().any(|c| c.is_nan())) {
                 self.counters.invalid_samples += 1;
                 continue;
             }
@@ -525,7 +536,8 @@ impl<'f, 'w> Frame<'f, 'w> {
     fn finish(&mut self, state: &RayState, camera: &Camera, target: &mut impl Target) {
         self.counters.samples_skipped += u64::from(self.plan.bins.count() - state.kept);
         let cosine = camera.z_per_distance(&state.ray);
-        target.put(state.x, state.y, &state.gathered.finish(self.plan.background, self.plan.far, cosine));
+        let background = if self.plan.outputs.rgb { self.plan.background } else { [0.0; 3] };
+        target.put(state.x, state.y, &state.gathered.finish(background, self.plan.far, cosine));
     }
 
     /// Density and colour at up to one block of points.
@@ -555,9 +567,19 @@ impl<'f, 'w> Frame<'f, 'w> {
         }
         for column in 0..self.active {
             let i = self.rays[column].x as usize;
+            let colour = match self.plan.outputs.rgb {
+                true => core::array::from_fn(|c| self.rgb[c * stride + column]),
+                false => [0.0f32; 3],
+            };
+            // As in a picture: what is no number is empty, and counted.
+            let dense = self.sigma[column] > 0.0;
+            if self.sigma[column].is_nan() || (dense && colour.iter().any(|c| c.is_nan())) {
+                self.counters.invalid_samples += 1;
+                continue;
+            }
             sigma[i] = self.sigma[column];
-            if self.plan.outputs.rgb {
-                rgb[i] = core::array::from_fn(|c| self.rgb[c * stride + column]);
+            if !colour.iter().any(|c| c.is_nan()) {
+                rgb[i] = colour;
             }
         }
     }

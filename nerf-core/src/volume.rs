@@ -3,6 +3,9 @@
 use crate::math::Math;
 use crate::math::polynomial::Polynomial;
 
+#[cfg(test)]
+mod tests;
+
 /// At or below this opacity a pixel has no surface: its distances are `far`.
 pub const OPACITY_EPSILON: f32 = 1e-4;
 
@@ -64,16 +67,16 @@ impl Accumulator {
     /// What is left of the light behind everything gathered so far: `exp(−Σ sigma delta)`.
     #[inline]
     pub fn transmittance<M: Math>(&self) -> f32 {
-        if self.tau.value >= MAX_TAU { 0.0 } else { M::exp(-self.tau.value) }
+        if self.tau.value >= MAX_TAU { 0.0 } else { M::decay(self.tau.value) }
     }
 
     /// Adds the sample at `t` behind everything gathered so far; returns its weight.
     ///
-    /// `sigma`: 1/world unit, clamped to `>= 0`; `delta`, `t`: world units along the ray.
-    /// +inf is an opaque wall. A sample with a NaN in `sigma` or `rgb` is the caller's to leave out.
+    /// `sigma`: 1/world unit, clamped to `>= 0`; `delta`, `t`: world units along the ray, `t` finite.
+    /// +inf is an opaque wall, but 0 times +inf is nothing. A sample with a NaN in `sigma` or `rgb` is the caller's to leave out.
     #[inline]
     pub fn add<M: Math>(&mut self, sigma: f32, rgb: [f32; 3], t: f32, delta: f32) -> f32 {
-        let tau = (sigma.clamp(0.0, f32::MAX) * delta).min(MAX_TAU);
+        let tau = (sigma.clamp(0.0, f32::MAX) * delta.clamp(0.0, f32::MAX)).min(MAX_TAU);
         let weight = self.transmittance::<M>() * -M::expm1(-tau);
         self.tau.add(tau);
         for (sum, c) in self.rgb.iter_mut().zip(rgb) {
@@ -102,7 +105,8 @@ impl Accumulator {
 /// Composites samples along one ray into colour, opacity and distance.
 ///
 /// `sigma`: `[n]`, 1/world unit, >= 0.  `rgb`: `[n]`.  `t_edges`: `[n + 1]`, world units, ascending.
-/// Distances are taken at the middle of each bin. `z_depth` equals `ray_distance`: one ray has no
+/// Distances are taken at the middle of each bin. A sample whose density is NaN or whose colour is
+/// not finite is empty. `z_depth` equals `ray_distance`: one ray has no
 /// view axis.
 ///
 /// # Errors
@@ -138,8 +142,8 @@ pub fn composite(
     let mut ray = Accumulator::default();
     for i in 0..n {
         let (start, end) = (t_edges[i], t_edges[i + 1]);
-        if !sigma[i].is_nan() && !rgb[i].iter().any(|c| c.is_nan()) {
-            ray.add::<Polynomial>(sigma[i], rgb[i], start + 0.5 * (end - start), end - start);
+        if !sigma[i].is_nan() && rgb[i].iter().all(|c| c.is_finite()) {
+            ray.add::<Polynomial>(sigma[i], rgb[i], 0.5 * start + 0.5 * end, end - start);
         }
     }
     Ok(ray.finish(background, t_edges[n], 1.0))

@@ -92,7 +92,7 @@ pub enum BlobError {
         /// Bytes there are.
         found: u64,
     },
-    /// Scene coordinates times `2^levels` leave the encoding's domain.
+    /// Scene coordinates times `2^(levels − 1)`, the factor of the highest level, leave the encoding's domain.
     EncodingDomain {
         /// Largest scaled coordinate.
         found: f32,
@@ -149,7 +149,7 @@ impl fmt::Display for BlobError {
             Self::EncodingDomain { found, limit } => {
                 write!(
                     f,
-                    "scene box: 2^levels times its coordinates reaches {found}, the encoding ends at {limit}"
+                    "scene box: 2^(levels - 1) times its coordinates reaches {found}, the encoding ends at {limit}"
                 )
             }
             Self::Weight { role, index } => {

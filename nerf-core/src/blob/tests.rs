@@ -1,1 +1,238 @@
 extern crate std;
+
+use super::*;
+use crate::encoding::{AngleScale, Encoding};
+use crate::network::{Architecture, ArchitectureError, Role};
+use crate::ray::BoundsError;
+use crate::testing::{PROVENANCE, SCENE, architecture, body, bytes, every_kind, halve, parameters, pi};
+use std::string::ToString;
+use std::vec;
+
+/// The error of a body that cannot be written; its length cannot be asked for either.
+fn refused(body: &Body<'_>) -> BlobError {
+    let mut out = vec![0; 1 << 16];
+    let error = write(body, &mut out).map(drop).unwrap_err();
+    assert_eq!(encoded_len(body).unwrap_err().to_string(), error.to_string());
+    assert!(out.iter().all(|&byte| byte == 0), "nothing is written");
+    error
+}
+
+/// The error of the tests' scene after `change`.
+fn scene_refused(change: impl FnOnce(&mut SceneFacts)) -> BlobError {
+    let (weights, _) = halve(&parameters(&every_kind(), 1));
+    let mut scene = SCENE;
+    change(&mut scene);
+    refused(&Body { scene: Some(scene), ..body(every_kind(), None, &weights) })
+}
+
+#[test]
+fn what_is_written_is_what_is_opened() {
+    let a = every_kind();
+    let (weights, _) = halve(&parameters(&a, 1));
+    let bits = [0xa5, 0x03];
+    let provenance = Provenance {
+        data: "a scene, näher beschrieben",
+        made_by: "test",
+        steps: u32::MAX,
+        seed: u64::MAX,
+        psnr_db: Some(-3.5),
+        psnr_convention: "black",
+        quantisation_loss_db: Some(0.01),
+        trained_parameters: 7,
+    };
+    let scene = SceneFacts { grid_required: true, samples: MAX_SAMPLES, ..SCENE };
+    let grid = Some(Grid { resolution: [1, 5, 2], bits: &bits });
+    let body = Body { scene: Some(scene.clone()), provenance, ..body(a.clone(), grid, &weights) };
+    let bytes = bytes(&body);
+    assert_eq!(bytes.len(), encoded_len(&body).unwrap());
+    // At any alignment.
+    for shift in 0..4 {
+        let mut moved = vec![0; shift];
+        moved.extend(&bytes);
+        let blob = Blob::open(&moved[shift..]).unwrap();
+        assert_eq!(blob.architecture(), &a);
+        assert_eq!(blob.layers(), &a.layers());
+        assert_eq!(blob.scene(), Some(&scene));
+        assert_eq!(blob.scene_box().unwrap().max.x, 1.0);
+        assert_eq!(blob.provenance(), &body.provenance);
+        assert_eq!(blob.weights(), &weights);
+        let grid = blob.grid().unwrap();
+        assert_eq!(grid.resolution(), [1, 5, 2]);
+        assert!((0..10).all(|i| grid.bit(i) == (0x03a5 >> i & 1 == 1)));
+    }
+}
+
+#[test]
+fn a_2d_field_round_trips_without_scene_facts() {
+    let a = architecture(pi(2, 8), None, &[(16, false)], &[8]);
+    let (weights, _) = halve(&parameters(&a, 2));
+    let bytes = bytes(&Body { scene: None, ..body(a.clone(), None, &weights) });
+    let blob = Blob::open(&bytes).unwrap();
+    assert_eq!(blob.architecture(), &a);
+    assert!(blob.scene().is_none() && blob.scene_box().is_none() && blob.grid().is_none());
+}
+
+#[test]
+fn a_buffer_one_byte_short_is_refused_and_a_longer_one_is_not_filled() {
+    let (weights, _) = halve(&parameters(&every_kind(), 1));
+    let body = body(every_kind(), None, &weights);
+    let expected = encoded_len(&body).unwrap();
+    let mut out = vec![7; expected + 5];
+    let space = |found: usize| BlobError::Space { expected: expected as u64, found: found as u64 };
+    assert_eq!(write(&body, &mut out[..expected - 1]), Err(space(expected - 1)));
+    assert_eq!(write(&body, &mut []), Err(space(0)));
+    assert_eq!(write(&body, &mut out).unwrap().len(), expected);
+    assert_eq!(out[expected..], [7; 5]);
+}
+
+#[test]
+fn texts_are_limited_and_figures_finite() {
+    let (weights, _) = halve(&parameters(&every_kind(), 1));
+    let longest = "x".repeat(MAX_TEXT);
+    let longer = "x".repeat(MAX_TEXT + 1);
+    let with = |provenance| Body { provenance, ..body(every_kind(), None, &weights) };
+    let ok = with(Provenance { data: &longest, made_by: &longest, psnr_convention: &longest, ..PROVENANCE });
+    assert!(encoded_len(&ok).is_ok());
+    for provenance in [
+        Provenance { data: &longer, ..PROVENANCE },
+        Provenance { made_by: &longer, ..PROVENANCE },
+        Provenance { psnr_convention: &longer, ..PROVENANCE },
+        Provenance { psnr_db: Some(f32::INFINITY), ..PROVENANCE },
+        Provenance { quantisation_loss_db: Some(f32::NAN), ..PROVENANCE },
+    ] {
+        assert_eq!(refused(&with(provenance)), BlobError::Field(Section::Provenance));
+    }
+}
+
+#[test]
+fn scenes_that_hold_nothing_are_refused() {
+    let inverted = scene_refused(|s| s.min = [2.0; 3]);
+    assert!(matches!(inverted, BlobError::Bounds(BoundsError::Box { .. })), "{inverted}");
+    for (near, far) in [(2.0, 2.0), (-1.0, 2.0), (f32::NAN, 2.0), (0.0, f32::INFINITY)] {
+        let error = scene_refused(|s| (s.near, s.far) = (near, far));
+        assert!(matches!(error, BlobError::Bounds(BoundsError::Range { .. })), "{error}");
+    }
+    for samples in [0, MAX_SAMPLES + 1] {
+        assert_eq!(scene_refused(|s| s.samples = samples), BlobError::Field(Section::Samples));
+    }
+    for channel in [-0.1, 1.1, f32::NAN] {
+        assert_eq!(scene_refused(|s| s.background[1] = channel), BlobError::Field(Section::Background));
+    }
+    assert_eq!(scene_refused(|s| s.grid_required = true), BlobError::Field(Section::GridRequired));
+}
+
+#[test]
+fn grids_that_do_not_fit_are_refused() {
+    let (weights, _) = halve(&parameters(&every_kind(), 1));
+    let with = |resolution, bits| body(every_kind(), Some(Grid { resolution, bits }), &weights);
+    for resolution in [[0, 1, 1], [1, 513, 1], [u16::MAX; 3]] {
+        assert_eq!(refused(&with(resolution, &[])), BlobError::Field(Section::GridResolution));
+    }
+    let length = BlobError::Length { section: Section::GridBits, expected: 2, found: 1 };
+    assert_eq!(refused(&with([3, 3, 1], &[0xff])), length);
+    assert_eq!(refused(&with([3, 3, 1], &[0xff, 0x02])), BlobError::Field(Section::GridBits), "padding");
+    assert!(encoded_len(&with([3, 3, 1], &[0xff, 0x01])).is_ok());
+    let a = architecture(pi(2, 8), None, &[(16, false)], &[]);
+    let (weights, _) = halve(&parameters(&a, 2));
+    let grid = Some(Grid { resolution: [1; 3], bits: &[1] });
+    let field = Body { scene: None, ..body(a, grid, &weights) };
+    assert_eq!(refused(&field), BlobError::Field(Section::GridBits));
+}
+
+#[test]
+fn density_head_and_scene_facts_come_together() {
+    let (weights, _) = halve(&parameters(&every_kind(), 1));
+    let no_scene = Body { scene: None, ..body(every_kind(), None, &weights) };
+    assert_eq!(refused(&no_scene), BlobError::Kind { density_head: true, scene: false });
+    let a = architecture(pi(2, 8), None, &[(16, false)], &[]);
+    let (weights, _) = halve(&parameters(&a, 2));
+    assert_eq!(refused(&body(a, None, &weights)), BlobError::Kind { density_head: false, scene: true });
+}
+
+#[test]
+fn architectures_outside_the_caps_are_refused() {
+    let mut a = every_kind();
+    a.trunk[0].width = 0;
+    let width = ArchitectureError::Width { field: "trunk", index: 0, found: 0 };
+    assert_eq!(refused(&body(a, None, &[])), BlobError::Architecture(width));
+}
+
+#[test]
+fn weights_must_be_as_many_as_parameters_and_finite() {
+    let a = every_kind();
+    let (mut weights, _) = halve(&parameters(&a, 1));
+    let expected = weights.len() as u64;
+    for found in [weights.len() - 1, weights.len() - 2, 0] {
+        let length = BlobError::Length { section: Section::Weights, expected, found: found as u64 };
+        assert_eq!(refused(&body(a.clone(), None, &weights[..found])), length);
+    }
+    for layer in a.layers() {
+        for (at, index) in [(layer.weights, 0), (layer.bias, layer.macs())] {
+            let kept = [weights[2 * at], weights[2 * at + 1]];
+            for bad in [[0x00, 0x7c], [0x00, 0xfc], [0x01, 0x7e]] {
+                weights[2 * at..2 * at + 2].copy_from_slice(&bad);
+                let error = BlobError::Weight { role: layer.role, index: index as u32 };
+                assert_eq!(refused(&body(a.clone(), None, &weights)), error);
+            }
+            weights[2 * at..2 * at + 2].copy_from_slice(&kept);
+        }
+    }
+    let message = BlobError::Weight { role: Role::Density, index: 3 }.to_string();
+    assert!(message.contains("Density") && message.contains('3'));
+}
+
+/// A scene whose box reaches to ±`reach`.
+fn reaching(position: Encoding, reach: f32) -> Result<usize, BlobError> {
+    let a: Architecture = architecture(position, None, &[(4, false)], &[]);
+    let (weights, _) = halve(&parameters(&a, 1));
+    let scene = SceneFacts { max: [1.0, reach, 1.0], min: [-1.0; 3], ..SCENE };
+    encoded_len(&Body { scene: Some(scene), ..body(a, None, &weights) })
+}
+
+#[test]
+fn boxes_that_leave_the_encoding_s_domain_are_refused() {
+    let one = Encoding { inputs: 3, levels: 10, scale: AngleScale::One, identity: true };
+    // The highest level multiplies by 2^9.
+    assert!(reaching(one, 195.0).is_ok());
+    let found = reaching(one, 196.0).unwrap_err();
+    assert_eq!(found, BlobError::EncodingDomain { found: 196.0 * 512.0, limit: 1e5 });
+    assert!(found.to_string().contains("100352"), "{found}");
+    assert!(reaching(Encoding { levels: 0, ..one }, 1e5).is_ok());
+    // With π the angle is reduced exactly, but 2^9 x must be a number.
+    assert!(reaching(pi(3, 10), 1e30).is_ok());
+    let found = reaching(pi(3, 10), 1e37);
+    assert_eq!(found, Err(BlobError::EncodingDomain { found: f32::INFINITY, limit: f32::MAX }));
+}
+
+#[test]
+fn a_scene_that_opens_can_be_planned() {
+    let error = scene_refused(|s| (s.near, s.far, s.samples) = (0.0, 1e-45, 64));
+    assert_eq!(error, BlobError::Bounds(BoundsError::Range { near: 0.0, far: 1e-45 }));
+}
+
+/// The example of `docs/blob-format.md`, up to its weights; made there by another program.
+const EXAMPLE: &str = "
+    89 4e 45 52 46 0d 0a 1a 01 00 ff fe 00 00 00 00
+    9d 00 00 00 00 00 00 00 1a 73 3c cf 00 00 00 00
+    03 00 01 01 00 01 04 00 01 00 00 01 00 00 80 bf
+    00 00 80 bf 00 00 80 bf 00 00 80 3f 00 00 80 3f
+    00 00 80 3f 00 00 00 40 00 00 c0 40 40 00 00 80
+    3f 00 00 80 3f 00 00 80 3f 00 00 03 66 6f 67 0e
+    62 6c 6f 62 2d 66 6f 72 6d 61 74 2e 6d 64 00 00
+    00 00 00 24 48
+";
+
+#[test]
+fn the_example_of_the_specification_is_what_is_written() {
+    let a = architecture(pi(3, 0), None, &[(4, false)], &[]);
+    assert_eq!(a.parameters(), 36);
+    let mut weights = [0; 72];
+    weights[41] = 0x3c;
+    let scene = SceneFacts { samples: 64, background: [1.0; 3], ..SCENE };
+    let provenance =
+        Provenance { data: "fog", made_by: "blob-format.md", trained_parameters: 36, ..PROVENANCE };
+    let bytes = bytes(&Body { scene: Some(scene), provenance, ..body(a, None, &weights) });
+    let example = EXAMPLE.split_whitespace().map(|byte| u8::from_str_radix(byte, 16).unwrap());
+    assert!(bytes[..bytes.len() - 72].iter().copied().eq(example), "{bytes:02x?}");
+    assert_eq!(bytes[bytes.len() - 72..], weights);
+}

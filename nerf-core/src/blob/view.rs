@@ -7,7 +7,7 @@ use crate::encoding::AngleScale;
 use crate::math::polynomial::SIN_COS_DOMAIN;
 use crate::network::{Architecture, Layers};
 use crate::ray::{BoundsError, SceneBox};
-use crate::sampling::SkipGrid;
+use crate::sampling::{Bins, SkipGrid};
 use glam::Vec3;
 use postcard::ser_flavors::Flavor;
 
@@ -107,14 +107,17 @@ fn check_scene(scene: &SceneFacts, architecture: &Architecture) -> Result<(), Bl
     if !scene.background.iter().all(|c| (0.0..=1.0).contains(c)) {
         return Err(BlobError::Field(Section::Background));
     }
-    if architecture.position.scale == AngleScale::One {
-        let reach = bounds.min.abs().max(bounds.max.abs()).max_element();
-        let found = reach * (1u32 << architecture.position.levels) as f32;
-        if found > SIN_COS_DOMAIN {
-            return Err(BlobError::EncodingDomain { found, limit: SIN_COS_DOMAIN });
-        }
-    }
-    Ok(())
+    // Bins too narrow for f32: what opens can be planned.
+    Bins::new(near, far, u32::from(scene.samples)).map_err(BlobError::Bounds)?;
+    // The highest level multiplies by 2^(levels − 1).
+    let reach = bounds.min.abs().max(bounds.max.abs()).max_element();
+    let found = reach * (1u32 << architecture.position.levels.saturating_sub(1)) as f32;
+    let limit = match architecture.position.scale {
+        AngleScale::One => SIN_COS_DOMAIN,
+        // Reduced exactly, whatever its size, as long as it is a number.
+        AngleScale::Pi => f32::MAX,
+    };
+    if found > limit { Err(BlobError::EncodingDomain { found, limit }) } else { Ok(()) }
 }
 
 fn check_grid(grid: &Grid<'_>) -> Result<(), BlobError> {

@@ -8,7 +8,7 @@ use super::view;
 /// Bytes the blob of `body` takes.
 ///
 /// # Errors
-/// As [`write`].
+/// As [`write()`].
 pub fn encoded_len(body: &Body<'_>) -> Result<usize, BlobError> {
     view::check(body)?;
     let size = postcard::ser_flavors::Size::default();

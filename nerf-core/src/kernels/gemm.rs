@@ -48,9 +48,16 @@ pub fn gemm(tier: Tier, g: Gemm, a: &[f32], b: &[f32], c: &mut [f32], init: Init
     }
     assert!(g.n.is_multiple_of(16), "gemm: n is a multiple of 16");
     let (last_row, last_col) = (g.m - 1, g.k.saturating_sub(1));
-    assert!(g.k == 0 || a.len() > last_row * g.a_row + last_col * g.a_col, "gemm: A is too short");
-    assert!(g.k == 0 || b.len() >= last_col * g.b_row + g.n, "gemm: B is too short");
-    assert!(c.len() >= last_row * g.c_row + g.n && (g.m == 1 || g.c_row >= g.n), "gemm: C is too short");
+    // Checked arithmetic: `tile` reads A and B by address, so a wrapped product must not pass.
+    let reach =
+        |steps: usize, stride: usize, more: Option<usize>| steps.checked_mul(stride)?.checked_add(more?);
+    let a_reach = reach(last_row, g.a_row, reach(last_col, g.a_col, Some(1)));
+    assert!(g.k == 0 || a_reach.is_some_and(|end| a.len() >= end), "gemm: A is too short");
+    let b_reach = reach(last_col, g.b_row, Some(g.n));
+    assert!(g.k == 0 || b_reach.is_some_and(|end| b.len() >= end), "gemm: B is too short");
+    let c_reach = reach(last_row, g.c_row, Some(g.n));
+    let rows_apart = g.m == 1 || g.c_row >= g.n;
+    assert!(rows_apart && c_reach.is_some_and(|end| c.len() >= end), "gemm: C is too short");
     if let Init::Bias(bias) = init {
         assert!(bias.len() >= g.m, "gemm: bias is too short");
     }

@@ -85,3 +85,23 @@ fn tiers_are_named_both_ways() {
     assert_eq!(Tier::by_name("gpu"), None);
     assert!(Tier::detect().available());
 }
+
+#[test]
+fn strides_whose_reach_overflows_are_refused() {
+    let half = usize::MAX / 2 + 1;
+    // (m - 1) * a_row and (k - 1) * b_row wrap around to 0.
+    for g in [
+        Gemm { m: 3, n: 16, k: 1, a_row: half, a_col: 1, b_row: 16, c_row: 16 },
+        Gemm { m: 1, n: 16, k: 3, a_row: 3, a_col: half, b_row: 16, c_row: 16 },
+        Gemm { m: 1, n: 16, k: 3, a_row: 3, a_col: 1, b_row: half, c_row: 16 },
+        Gemm { m: 3, n: 16, k: 1, a_row: 1, a_col: 1, b_row: 16, c_row: half },
+    ] {
+        let refused = std::panic::catch_unwind(|| {
+            let (a, b, mut c) = (vec![0.0; 64], vec![0.0; 64], vec![0.0; 64]);
+            gemm(Tier::Scalar, g, &a, &b, &mut c, Init::Zero, false);
+        });
+        let message = refused.expect_err("refused");
+        let text = message.downcast_ref::<&str>().copied().unwrap_or("not the kernel's own message");
+        assert!(text.starts_with("gemm: "), "{g:?}: {text}");
+    }
+}

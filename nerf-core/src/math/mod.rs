@@ -4,7 +4,7 @@
 //! | --- | --- | --- | --- |
 //! | [`MathBackend::Polynomial`] | own f32 polynomials | own | own |
 //! | [`MathBackend::Libm`] | `libm` after exact reduction | `libm` | `libm` |
-//! | [`MathBackend::Micromath`] | `micromath` after exact reduction | `micromath` | own (it has none) |
+//! | [`MathBackend::Micromath`] | `micromath` after exact reduction | `micromath` | own (it has none); so transmittance too |
 //! | [`MathBackend::Recurrence`] | own at level 0, then angle doubling | own | own |
 
 pub mod lanes;
@@ -49,6 +49,11 @@ pub trait Math {
     fn exp<V: Lanes>(x: V) -> V;
     /// `e^x − 1`.
     fn expm1<V: Lanes>(x: V) -> V;
+    /// `e^−x`, as precise as [`Math::expm1`]: transmittance and alpha must add up to 1.
+    #[inline(always)]
+    fn decay<V: Lanes>(x: V) -> V {
+        Self::exp(x.neg())
+    }
     /// `ln(1 + e^x)`.
     fn softplus<V: Lanes>(x: V) -> V;
     /// `1 / (1 + e^−x)`.

@@ -59,7 +59,7 @@ fn rotate<V: Lanes>(n: V, sin: V, cos: V) -> (V, V) {
 /// the error does not grow with `u`.
 ///
 /// # Accuracy
-/// Max abs error 1.2e-7 over all finite f32 (`tests/encoding_accuracy.rs` checks it).
+/// Max abs error 1.2e-7 over all finite f32 (`math/tests.rs` samples them).
 #[inline(always)]
 pub fn sin_cos_pi<V: Lanes>(u: V) -> (V, V) {
     let turns = u.mul(V::splat(0.5)).round_even();

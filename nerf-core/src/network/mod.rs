@@ -8,6 +8,9 @@
 mod architecture;
 mod view;
 
+#[cfg(test)]
+mod tests;
+
 pub use architecture::{
     Architecture, ArchitectureError, DensityActivation, Layer, Layers, MAX_COLOUR, MAX_LAYERS, MAX_TRUNK,
     MAX_WIDTH, Role, TrunkLayer,

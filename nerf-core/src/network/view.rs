@@ -125,6 +125,10 @@ impl<'a> Network<'a> {
     /// Encodes a block of positions and runs the trunk; `h` is then in [`Scratch::front`].
     ///
     /// `positions`: `[inputs][stride]`, inside the scene box.
+    ///
+    /// # Panics
+    /// If a slice is shorter than its rows times [`Scratch::stride`], or if the weights are prepared and
+    /// the stride is no multiple of 16 ([`Network::whole_blocks`]). So do the three methods beside it.
     pub fn trunk(&self, math: MathBackend, scratch: &mut Scratch<'_>, positions: &[f32]) {
         let stride = scratch.stride;
         encode_block(self.tier, math, &self.architecture.position, stride, positions, scratch.encoded);

@@ -39,12 +39,16 @@ impl Bins {
         self.near + (i as f32 + u) * self.delta
     }
 
-    /// The bins that may reach into `enter..=exit`: a superset by at most one at each end.
+    /// The bins whose middle may lie in `enter..=exit`: a superset, by one or two at each end as long
+    /// as a bin is wider than the spacing of f32 at `far`.
     pub fn overlapping(&self, enter: f32, exit: f32) -> core::ops::Range<u32> {
         let index = |t: f32| (t - self.near) / self.delta;
+        // Far from the origin `at` rounds by many bins at once; so does this.
+        let far = self.near + self.count as f32 * self.delta;
+        let rounding = 2.0 * f32::EPSILON * far / self.delta;
         // `as` saturates, and takes NaN to 0.
-        let first = (index(enter) - 1.0) as u32;
-        let last = (index(exit) + 2.0) as u32;
+        let first = (index(enter) - 1.0 - rounding) as u32;
+        let last = (index(exit) + 2.0 + rounding) as u32;
         first.min(self.count)..last.min(self.count)
     }
 }

@@ -1,0 +1,85 @@
+extern crate std;
+
+use super::*;
+
+fn lenses() -> impl Iterator<Item = Lens> {
+    let k1 = [-0.1, -0.02, 0.0, 0.05, 0.3];
+    let p = [-0.005, 0.0, 0.005];
+    k1.into_iter().flat_map(move |k1| {
+        p.into_iter().flat_map(move |p1| p.into_iter().map(move |p2| Lens { k1, k2: 0.1 * k1 * k1, p1, p2 }))
+    })
+}
+
+fn distort_f64(lens: &Lens, x: f64, y: f64) -> (f64, f64) {
+    let [k1, k2, p1, p2] = [lens.k1, lens.k2, lens.p1, lens.p2].map(f64::from);
+    let r2 = x * x + y * y;
+    let radial = 1.0 + r2 * (k1 + r2 * k2);
+    (
+        x * radial + 2.0 * p1 * x * y + p2 * (r2 + 2.0 * x * x),
+        y * radial + p1 * (r2 + 2.0 * y * y) + 2.0 * p2 * x * y,
+    )
+}
+
+#[test]
+fn distort_undoes_undistort() {
+    let (mut worst, mut points) = (0.0f64, 0);
+    for lens in lenses() {
+        for i in -20..=20i8 {
+            for j in -20..=20i8 {
+                let (xd, yd) = (f32::from(i) * 0.035, f32::from(j) * 0.035);
+                let (x, y) = lens.undistort(xd, yd).unwrap_or_else(|| panic!("{lens:?} ({xd}, {yd})"));
+                let (a, b) = distort_f64(&lens, x.into(), y.into());
+                worst = worst.max((a - f64::from(xd)).abs()).max((b - f64::from(yd)).abs());
+                points += 1;
+            }
+        }
+    }
+    std::println!("lens round trip: {worst:e} over {points} points");
+    assert!(worst <= 1.5e-6, "{worst:e}");
+}
+
+#[test]
+fn undistort_undoes_distort_to_the_last_digits_even_far_from_the_axis() {
+    let lens = Lens { k1: 1e-4, k2: 1e-9, p1: 1e-5, p2: -1e-5 };
+    for r in [0.5f32, 2.0, 7.0, 12.0, 33.0] {
+        for step in 0..64 {
+            let (s, c) = (step as f32 * 0.1).sin_cos();
+            let (xd, yd) = lens.distort(r * c, r * s);
+            let (x, y) = lens.undistort(xd, yd).unwrap_or_else(|| panic!("({xd}, {yd})"));
+            assert!((x - r * c).abs().max((y - r * s).abs()) <= 4e-6 * r.max(1.0), "r {r}: ({x}, {y})");
+        }
+    }
+}
+
+#[test]
+fn no_lens_moves_nothing_bit_for_bit() {
+    for (x, y) in [(0.0, -0.0), (0.1, -3.7), (1e30, 1e-40)] {
+        assert_eq!(Lens::NONE.undistort(x, y), Some((x, y)));
+        assert_eq!(Lens::default().undistort(x, y), Some((x, y)));
+    }
+    assert_eq!(Lens::NONE.distort(0.3, -0.7), (0.3, -0.7));
+}
+
+#[test]
+fn the_jacobian_is_the_slope() {
+    let lens = Lens { k1: 0.1, k2: -0.02, p1: 0.01, p2: -0.03 };
+    let (x, y, h) = (0.4f32, -0.7f32, 1e-6f64);
+    let ([a, b], [c, d]) = lens.jacobian(x, y);
+    let (x, y) = (f64::from(x), f64::from(y));
+    let slope = |p: (f64, f64), q: (f64, f64)| ((p.0 - q.0) / (2.0 * h), (p.1 - q.1) / (2.0 * h));
+    let by_x = slope(distort_f64(&lens, x + h, y), distort_f64(&lens, x - h, y));
+    let by_y = slope(distort_f64(&lens, x, y + h), distort_f64(&lens, x, y - h));
+    for (found, truth) in [(a, by_x.0), (b, by_y.0), (c, by_x.1), (d, by_y.1)] {
+        assert!((f64::from(found) - truth).abs() < 1e-6, "{found} {truth}");
+    }
+}
+
+#[test]
+fn a_point_that_no_direction_is_seen_at_has_none() {
+    // r (1 − r²) reaches 0.385 at most.
+    let lens = Lens { k1: -1.0, ..Lens::NONE };
+    assert_eq!(lens.undistort(0.5, 0.0), None);
+    assert!(lens.undistort(0.3, 0.0).is_some());
+    assert_eq!(lens.undistort(f32::NAN, 0.0), None);
+    assert_eq!(lens.undistort(f32::INFINITY, 0.0), None);
+}

@@ -1,0 +1,270 @@
+extern crate std;
+
+use super::*;
+use crate::encoding::{AngleScale, Encoding};
+use crate::kernels::Tier;
+use crate::math::MathBackend;
+use crate::testing::{architecture, every_kind, halve, noise, parameters, pi};
+use std::string::ToString;
+use std::vec;
+use std::vec::Vec;
+
+const STRIDE: usize = 64;
+
+/// What a network gave for a block: sigma and the three colour rows.
+type Answer = (Vec<f32>, Vec<f32>);
+
+/// Everything a network can do to a block: `positions` and `dirs` are `[inputs][stride]`.
+fn evaluate(network: &Network<'_>, stride: usize, positions: &[f32], dirs: &[f32]) -> Answer {
+    let math = MathBackend::Polynomial;
+    let mut encoded = vec![0.0; network.encoded_rows() * stride];
+    let mut front = vec![0.0; network.activation_rows() * stride];
+    let mut back = front.clone();
+    let mut scratch = Scratch { stride, encoded: &mut encoded, front: &mut front, back: &mut back };
+    let mut from_direction = vec![0.0; network.direction_rows() * stride];
+    network.direction(math, &mut scratch, dirs, &mut from_direction);
+    network.trunk(math, &mut scratch, positions);
+    let (mut sigma, mut rgb) = (vec![0.0; stride], vec![0.0; 3 * stride]);
+    network.density(math, &scratch, &mut sigma);
+    network.colour(math, &mut scratch, |to| to.copy_from_slice(&from_direction), &mut rgb);
+    (sigma, rgb)
+}
+
+fn encode_f64(e: &Encoding, x: &[f64]) -> Vec<f64> {
+    let mut out = if e.identity { x.to_vec() } else { vec![] };
+    let s = if e.scale == AngleScale::Pi { core::f64::consts::PI } else { 1.0 };
+    for level in 0..i32::from(e.levels) {
+        let angle = |x: &f64| 2f64.powi(level) * s * x;
+        out.extend(x.iter().map(|x| angle(x).sin()));
+        out.extend(x.iter().map(|x| angle(x).cos()));
+    }
+    out
+}
+
+/// Sample by sample, straight from the drawing in the module's docs; parameters consumed in order.
+fn oracle(a: &Architecture, p: &[f32], x: &[f64], d: &[f64]) -> (f64, [f64; 3]) {
+    let mut rest = p;
+    let mut dense = |input: &[f64], outputs: usize, relu: bool| -> Vec<f64> {
+        let (weights, after) = rest.split_at(input.len() * outputs);
+        let (bias, after) = after.split_at(outputs);
+        rest = after;
+        let row = |(row, b): (&[f32], &f32)| {
+            let sum = row.iter().zip(input).fold(f64::from(*b), |sum, (w, x)| sum + f64::from(*w) * x);
+            if relu { sum.max(0.0) } else { sum }
+        };
+        weights.chunks(input.len()).zip(bias).map(row).collect()
+    };
+    let encoded = encode_f64(&a.position, x);
+    let mut h = encoded.clone();
+    for layer in &a.trunk {
+        if layer.skip {
+            h.extend(&encoded);
+        }
+        h = dense(&h, usize::from(layer.width), true);
+    }
+    let sigma = match a.density {
+        None => 0.0,
+        Some(DensityActivation::Relu) => dense(&h, 1, false)[0].max(0.0),
+        Some(DensityActivation::ShiftedSoftplus) => (dense(&h, 1, false)[0] - 1.0).exp().ln_1p(),
+    };
+    if let Some(direction) = &a.direction {
+        h.extend(encode_f64(direction, d));
+    }
+    for &width in &a.colour {
+        h = dense(&h, usize::from(width), true);
+    }
+    let raw = dense(&h, 3, false);
+    assert!(rest.is_empty(), "every parameter is used once");
+    (sigma, core::array::from_fn(|c| 1.0 / (1.0 + (-raw[c]).exp())))
+}
+
+fn architectures() -> Vec<(&'static str, Architecture)> {
+    let softplus = Architecture { density: Some(DensityActivation::ShiftedSoftplus), ..every_kind() };
+    let bare = Encoding { inputs: 3, levels: 3, scale: AngleScale::One, identity: false };
+    let skips = [(32, false), (32, true), (32, true)];
+    vec![
+        ("every kind of layer", every_kind()),
+        ("softplus", softplus),
+        ("one layer, no direction, no hidden colour", architecture(pi(3, 2), None, &[(16, false)], &[])),
+        (
+            "no direction, two colour layers",
+            architecture(pi(3, 6), None, &[(33, false), (31, false)], &[8, 5]),
+        ),
+        (
+            "direction straight into rgb",
+            architecture(pi(3, 4), Some(pi(3, 4)), &[(20, false), (20, true)], &[]),
+        ),
+        ("s = 1, no identity", architecture(bare, Some(bare), &skips, &[16])),
+        ("wide direction, narrow position", architecture(pi(3, 0), Some(pi(3, 6)), &[(1, false)], &[1])),
+        ("a 2D field", architecture(pi(2, 8), None, &[(40, false), (24, true)], &[16])),
+        ("four colour layers", architecture(pi(3, 4), Some(pi(3, 4)), &[(64, false)], &[32, 16, 16, 8])),
+    ]
+}
+
+/// `[3][STRIDE]` positions in [-1, 1) and unit directions.
+fn block(seed: u32) -> (Vec<f32>, Vec<f32>) {
+    let mut dirs = noise(3 * STRIDE, seed + 1);
+    for i in 0..STRIDE {
+        let length = (0..3).map(|c| dirs[c * STRIDE + i].powi(2)).sum::<f32>().sqrt();
+        (0..3).for_each(|c| dirs[c * STRIDE + i] /= length);
+    }
+    (noise(3 * STRIDE, seed), dirs)
+}
+
+fn column(rows: &[f32], inputs: usize, i: usize) -> Vec<f64> {
+    (0..inputs).map(|c| f64::from(rows[c * STRIDE + i])).collect()
+}
+
+#[test]
+fn every_architecture_is_its_drawing_on_every_tier() {
+    for (name, a) in architectures() {
+        a.check().unwrap();
+        let (bytes, parameters) = halve(&parameters(&a, 3));
+        let (positions, dirs) = block(5);
+        let (mut worst_sigma, mut worst_rgb) = (0.0f64, 0.0f64);
+        let mut networks = vec![Network::new(&a, Weights::InPlace(&bytes), Tier::Scalar).unwrap()];
+        for tier in Tier::ALL.into_iter().filter(|tier| tier.available()) {
+            networks.push(Network::new(&a, Weights::Prepared(&parameters), tier).unwrap());
+        }
+        for network in &networks {
+            let (sigma, rgb) = evaluate(network, STRIDE, &positions, &dirs);
+            for i in 0..STRIDE {
+                let x = column(&positions, usize::from(a.position.inputs), i);
+                let (s, c) = oracle(&a, &parameters, &x, &column(&dirs, 3, i));
+                worst_sigma = worst_sigma.max((f64::from(sigma[i]) - s).abs() / s.abs().max(1.0));
+                for (channel, truth) in c.into_iter().enumerate() {
+                    worst_rgb = worst_rgb.max((f64::from(rgb[channel * STRIDE + i]) - truth).abs());
+                }
+            }
+        }
+        std::println!("{name}: sigma {worst_sigma:e}, rgb {worst_rgb:e}");
+        assert!(worst_sigma <= 5e-6 && worst_rgb <= 2e-6, "{name}: {worst_sigma:e} {worst_rgb:e}");
+    }
+}
+
+#[test]
+fn weights_in_place_and_prepared_agree_bit_for_bit_on_the_scalar_tier() {
+    for (name, a) in architectures() {
+        let (bytes, parameters) = halve(&parameters(&a, 11));
+        let (positions, dirs) = block(13);
+        let in_place = Network::new(&a, Weights::InPlace(&bytes), Tier::Scalar).unwrap();
+        let prepared = Network::new(&a, Weights::Prepared(&parameters), Tier::Scalar).unwrap();
+        assert!(!in_place.whole_blocks() && prepared.whole_blocks());
+        let wide = evaluate(&in_place, STRIDE, &positions, &dirs);
+        assert_eq!(wide, evaluate(&prepared, STRIDE, &positions, &dirs), "{name}");
+        for stride in [1, 3, 16] {
+            let inputs = usize::from(a.position.inputs);
+            let cut = |rows: &[f32], inputs: usize| -> Vec<f32> {
+                (0..inputs).flat_map(|c| rows[c * STRIDE..c * STRIDE + stride].to_vec()).collect()
+            };
+            let (sigma, rgb) = evaluate(&in_place, stride, &cut(&positions, inputs), &cut(&dirs, 3));
+            assert_eq!(sigma, wide.0[..stride], "{name}, stride {stride}");
+            assert_eq!(rgb, cut(&wide.1, 3), "{name}, stride {stride}");
+        }
+    }
+}
+
+#[test]
+fn unpacking_is_exact_for_every_finite_half() {
+    let bits: Vec<u16> = (0..=u16::MAX).filter(|b| b & 0x7c00 != 0x7c00).collect();
+    // One byte in front: no alignment is needed.
+    let bytes: Vec<u8> = core::iter::once(0).chain(bits.iter().flat_map(|b| b.to_le_bytes())).collect();
+    let mut unpacked = vec![0.0; bits.len()];
+    unpack(&bytes[1..], &mut unpacked);
+    for (&b, x) in bits.iter().zip(unpacked) {
+        let (sign, exponent, mantissa) = (b >> 15, i32::from(b >> 10 & 31), f64::from(b & 1023));
+        let magnitude = if exponent == 0 {
+            mantissa * 2f64.powi(-24)
+        } else {
+            (1024.0 + mantissa) * 2f64.powi(exponent - 25)
+        };
+        assert_eq!(f64::from(x), if sign == 1 { -magnitude } else { magnitude }, "{b:#06x}");
+    }
+}
+
+#[test]
+fn a_512_wide_sum_of_the_largest_halves_is_finite() {
+    let a = architecture(pi(3, 0), None, &[(512, false), (1, false)], &[]);
+    let (bytes, _) = halve(&vec![65_504.0; a.parameters()]);
+    let network = Network::new(&a, Weights::InPlace(&bytes), Tier::Scalar).unwrap();
+    let (sigma, rgb) = evaluate(&network, 1, &[1.0; 3], &[]);
+    assert!(
+        sigma[0].is_finite() && (sigma[0] / 5.756e17 - 1.0).abs() < 1e-3 && rgb == [1.0; 3],
+        "{sigma:?} {rgb:?}"
+    );
+}
+
+#[test]
+fn parameters_that_are_too_few_make_no_network() {
+    let a = every_kind();
+    let n = a.parameters();
+    assert!(Network::new(&a, Weights::Prepared(&vec![0.0; n - 1]), Tier::Scalar).is_none());
+    assert!(Network::new(&a, Weights::InPlace(&vec![0; 2 * n - 1]), Tier::Scalar).is_none());
+    assert!(Network::new(&a, Weights::Prepared(&vec![0.0; n]), Tier::Scalar).is_some());
+    let no_trunk = Architecture { trunk: heapless::Vec::new(), ..a };
+    assert!(Network::new(&no_trunk, Weights::Prepared(&vec![0.0; n]), Tier::Scalar).is_none());
+}
+
+#[test]
+fn layers_lie_end_to_end_and_macs_add_up() {
+    for (name, a) in architectures() {
+        let layers = a.layers();
+        let mut offset = 0;
+        for layer in &layers {
+            assert_eq!((layer.weights, layer.bias), (offset, offset + layer.macs()), "{name}");
+            offset = layer.bias + layer.outputs;
+        }
+        assert_eq!(a.parameters(), offset);
+        assert_eq!(a.density_macs() + a.colour_macs(), layers.iter().map(Layer::macs).sum::<usize>());
+    }
+    // The seed network with its feature layer folded: 8×256, skip after 4, L = 10/4, colour 128.
+    let trunk: Vec<_> = (0..8).map(|i| (256, i == 4)).collect();
+    let seed = architecture(pi(3, 10), Some(pi(3, 4)), &trunk, &[128]);
+    assert_eq!((seed.density_macs(), seed.colour_macs()), (491_264, 36_608));
+    assert_eq!(seed.trunk_width(), 256);
+}
+
+#[test]
+fn every_architecture_error_is_reached_and_says_what_it_found() {
+    use ArchitectureError as E;
+    let good = every_kind();
+    assert_eq!(good.check(), Ok(()));
+    let with = |change: &dyn Fn(&mut Architecture)| {
+        let mut a = good.clone();
+        change(&mut a);
+        a.check().unwrap_err()
+    };
+    let inputs = |field, expected, found| E::EncodingInputs { field, expected, found };
+    let levels = |field, found| E::EncodingLevels { field, found };
+    let bare = Encoding { identity: false, ..pi(3, 0) };
+    let cases = [
+        (with(&|a| a.position.inputs = 2), inputs("position", 3, 2), "expected 3 inputs, found 2"),
+        (with(&|a| a.density = None), inputs("position", 2, 3), "expected 2 inputs"),
+        (with(&|a| a.direction = Some(pi(2, 4))), inputs("direction", 3, 2), "direction"),
+        (with(&|a| a.position.levels = 17), levels("position", 17), "found 17"),
+        (with(&|a| a.direction = Some(bare)), levels("direction", 0), "found 0"),
+        (
+            with(&|a| {
+                a.density = None;
+                a.position = pi(2, 4);
+            }),
+            E::DirectionWithoutDensity,
+            "2D field",
+        ),
+        (with(&|a| a.trunk.clear()), E::NoTrunk, "found none"),
+        (with(&|a| a.trunk[0].skip = true), E::SkipAtFirstLayer, "no skip"),
+        (
+            with(&|a| a.trunk[1].width = 513),
+            E::Width { field: "trunk", index: 1, found: 513 },
+            "trunk layer 1",
+        ),
+        (with(&|a| a.colour[0] = 0), E::Width { field: "colour", index: 0, found: 0 }, "found 0"),
+    ];
+    for (found, expected, text) in cases {
+        assert_eq!(found, expected);
+        assert!(found.to_string().contains(text), "{found}");
+    }
+    let most = architecture(pi(3, 16), Some(pi(3, 16)), &[(512, false); MAX_TRUNK], &[512; MAX_COLOUR]);
+    assert_eq!(most.check(), Ok(()));
+    assert_eq!(most.layers().len(), MAX_LAYERS);
+}

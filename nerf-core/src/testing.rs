@@ -1,0 +1,97 @@
+//! Small networks and blobs for the unit tests.
+
+extern crate std;
+
+use crate::blob::{self, Body, Grid, Provenance, SceneFacts};
+use crate::encoding::{AngleScale, Encoding};
+use crate::network::{Architecture, DensityActivation, TrunkLayer};
+use std::vec;
+use std::vec::Vec;
+
+/// An encoding with identity and `s = π`.
+pub const fn pi(inputs: u8, levels: u8) -> Encoding {
+    Encoding { inputs, levels, scale: AngleScale::Pi, identity: true }
+}
+
+/// A scene network; a `true` in `trunk` is a skip.
+pub fn architecture(
+    position: Encoding,
+    direction: Option<Encoding>,
+    trunk: &[(u16, bool)],
+    colour: &[u16],
+) -> Architecture {
+    Architecture {
+        position,
+        direction,
+        trunk: trunk.iter().map(|&(width, skip)| TrunkLayer { width, skip }).collect(),
+        density: (position.inputs == 3).then_some(DensityActivation::Relu),
+        colour: colour.iter().copied().collect(),
+    }
+}
+
+/// A small network with every kind of layer.
+pub fn every_kind() -> Architecture {
+    architecture(pi(3, 4), Some(pi(3, 2)), &[(24, false), (20, false), (17, true)], &[12, 9])
+}
+
+/// Repeatable values in [-1, 1).
+pub fn noise(n: usize, seed: u32) -> Vec<f32> {
+    let mut state = seed;
+    let mut next = || {
+        state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+        (state >> 8) as f32 / 8_388_608.0 - 1.0
+    };
+    (0..n).map(|_| next()).collect()
+}
+
+/// Parameters of the size a fitted network has: He's deviation, biases around 0.1.
+pub fn parameters(architecture: &Architecture, seed: u32) -> Vec<f32> {
+    let mut all = noise(architecture.parameters(), seed);
+    for layer in &architecture.layers() {
+        let scale = (6.0 / layer.inputs() as f32).sqrt();
+        all[layer.weights..layer.bias].iter_mut().for_each(|w| *w *= scale);
+        all[layer.bias..layer.bias + layer.outputs].iter_mut().for_each(|b| *b = 0.1 + 0.1 * *b);
+    }
+    all
+}
+
+/// Little-endian f16, and the same values back in f32.
+pub fn halve(parameters: &[f32]) -> (Vec<u8>, Vec<f32>) {
+    let halves = parameters.iter().map(|&p| half::f16::from_f32(p));
+    (halves.clone().flat_map(|h| h.to_le_bytes()).collect(), halves.map(|h| h.to_f32()).collect())
+}
+
+/// The scene of the tests: `[-1, 1]³` seen from 2 to 6 in 32 bins.
+pub const SCENE: SceneFacts = SceneFacts {
+    min: [-1.0; 3],
+    max: [1.0; 3],
+    near: 2.0,
+    far: 6.0,
+    samples: 32,
+    background: [0.25, 0.5, 1.0],
+    grid_required: false,
+};
+
+/// Nobody made it.
+pub const PROVENANCE: Provenance<'static> = Provenance {
+    data: "none",
+    made_by: "unit tests",
+    steps: 0,
+    seed: 0,
+    psnr_db: None,
+    psnr_convention: "",
+    quantisation_loss_db: None,
+    trained_parameters: 0,
+};
+
+/// A body of the tests' scene.
+pub fn body<'a>(architecture: Architecture, grid: Option<Grid<'a>>, weights: &'a [u8]) -> Body<'a> {
+    Body { architecture, scene: Some(SCENE), grid, provenance: PROVENANCE, weights }
+}
+
+/// The bytes of a blob.
+pub fn bytes(body: &Body<'_>) -> Vec<u8> {
+    let mut out = vec![0; blob::encoded_len(body).unwrap()];
+    blob::write(body, &mut out).unwrap();
+    out
+}
