@@ -7,22 +7,37 @@
 #![allow(unsafe_code, reason = "this crate is the boundary: it turns C's pointers into slices")]
 
 mod boundary;
-mod camera;
-mod counters;
 mod failure;
-mod open_options;
-mod pixel;
-mod progress;
-mod query;
-mod render;
-mod render_options;
-mod scene;
-mod scene_info;
 mod span;
-mod status;
-mod target;
+
+// What follows is the header's order, which is the order of use.
 mod version;
+
+mod status;
+
+mod open_options;
+
+mod scene;
+
+mod scene_info;
+
+mod camera;
+
+mod render_options;
+
+mod pixel;
+
+mod target;
+
 mod workspace;
+
+mod progress;
+
+mod counters;
+
+mod render;
+
+mod query;
 
 pub use camera::Camera;
 pub use counters::Counters;

@@ -14,7 +14,7 @@ pub enum Kind {
     /// A scene: density and colour in space.
     Scene = 1,
     /// A 2D field: an image; cannot be rendered through this interface yet.
-    Field2D = 2,
+    Field = 2,
 }
 
 /// Text inside the blob: UTF-8, `length` bytes, **not** NUL-terminated.
@@ -47,10 +47,10 @@ pub struct SceneInfo {
     pub box_min: [f32; 3],
     /// Largest corner of the scene box, world units.
     pub box_max: [f32; 3],
-    /// Where rays start, world units along the ray.
-    pub near: f32,
-    /// Where rays end, world units along the ray.
-    pub far: f32,
+    /// Near: where rays start, world units along the ray. (`near` alone is a macro on Windows.)
+    pub near_distance: f32,
+    /// Far: where rays end, world units along the ray.
+    pub far_distance: f32,
     /// Samples per ray the scene was made for.
     pub samples: u32,
     /// What shows where opacity is below 1, display-encoded.
@@ -66,11 +66,11 @@ pub struct SceneInfo {
     /// Trunk layers in use of `trunk_widths`.
     pub trunk_layers: u32,
     /// Widths of the trunk's layers.
-    pub trunk_widths: [u32; MAX_TRUNK],
+    pub trunk_widths: [u32; 16],
     /// Colour layers in use of `colour_widths`.
     pub colour_layers: u32,
     /// Widths of the colour branch's hidden layers.
-    pub colour_widths: [u32; MAX_COLOUR],
+    pub colour_widths: [u32; 4],
     /// Mean PSNR over the validation views, dB; NaN if there were none.
     pub psnr_db: f32,
     /// What rounding to f16 cost on the same views, dB; NaN if not measured.
@@ -92,6 +92,9 @@ pub struct SceneInfo {
     /// What the PSNR means: views, background, samples.
     pub psnr_convention: Text,
 }
+
+// The header spells the format's caps out.
+const _: () = assert!(MAX_TRUNK == 16 && MAX_COLOUR == 4);
 
 // SAFETY: `repr(C)`, `struct_size` comes first, and numbers and pointers have no invalid bytes.
 unsafe impl Versioned for SceneInfo {
@@ -124,12 +127,12 @@ fn describe(scene: &Scene) -> SceneInfo {
     let (facts, grid, provenance) = (blob.scene(), blob.grid(), blob.provenance());
     SceneInfo {
         struct_size: size_of::<SceneInfo>(),
-        kind: if facts.is_some() { Kind::Scene } else { Kind::Field2D } as u32,
+        kind: if facts.is_some() { Kind::Scene } else { Kind::Field } as u32,
         kernel: Kernel::of(renderer.network().tier()) as u32,
         box_min: facts.map_or([0.0; 3], |facts| facts.min),
         box_max: facts.map_or([0.0; 3], |facts| facts.max),
-        near: facts.map_or(0.0, |facts| facts.near),
-        far: facts.map_or(0.0, |facts| facts.far),
+        near_distance: facts.map_or(0.0, |facts| facts.near),
+        far_distance: facts.map_or(0.0, |facts| facts.far),
         samples: facts.map_or(0, |facts| facts.samples.into()),
         background: facts.map_or([0.0; 3], |facts| facts.background),
         view_dependent: architecture.direction.is_some().into(),
