@@ -39,6 +39,7 @@ pub(crate) enum Failure {
         found: u32,
     },
     Kernel(&'static str),
+    #[cfg(feature = "std")]
     KernelVariable,
     Stride {
         name: &'static str,
@@ -72,7 +73,9 @@ impl Failure {
             Self::Memory { .. } | Self::Render(RenderError::Memory { .. }) => Status::Memory,
             Self::Overlap { .. } => Status::Overlap,
             Self::Overflow(_) => Status::Overflow,
-            Self::Setting { .. } | Self::KernelVariable => Status::Options,
+            Self::Setting { .. } => Status::Options,
+            #[cfg(feature = "std")]
+            Self::KernelVariable => Status::Options,
             Self::Kernel(_) => Status::Kernel,
             Self::Stride { .. } | Self::Format { .. } | Self::NoPlane => Status::Target,
             Self::Direction { .. } => Status::Direction,
@@ -122,6 +125,7 @@ impl fmt::Display for Failure {
                 write!(f, "{name}: expected {expected}, found {found}")
             }
             Self::Kernel(name) => write!(f, "kernel tier {name}: not on this machine"),
+            #[cfg(feature = "std")]
             Self::KernelVariable => {
                 write!(f, "environment variable NERF_KERNEL: expected scalar, avx2 or avx512")
             }

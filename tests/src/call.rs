@@ -129,7 +129,8 @@ pub fn open(blob: Vec<u8>, tier: Tier) -> Opened {
 
 impl Opened {
     /// A workspace of exactly the size that is needed.
-    pub fn workspace(&self, options: *const ffi::RenderOptions, outputs: u32) -> Guarded {
+    pub fn workspace(&self, options: Option<&ffi::RenderOptions>, outputs: u32) -> Guarded {
+        let options = options.map_or(ptr::null(), |options| options as *const _);
         let (mut size, mut align, none) = (0, 0, ptr::null_mut());
         // SAFETY: the scene is intact and the places live until the call returns.
         let status =

@@ -30,7 +30,7 @@ impl Case {
     fn new(recipe: Recipe, tier: Tier) -> Self {
         let opened = call::open(recipe.blob(), tier);
         let options = call::render_options();
-        let workspace = opened.workspace(&options, ffi::NERF_OUTPUT_RGB);
+        let workspace = opened.workspace(Some(&options), ffi::NERF_OUTPUT_RGB);
         let mut picture = Guarded::new(PICTURE, 0);
         Self {
             camera: call::camera(&camera(SIDE, SIDE)),
@@ -83,6 +83,7 @@ impl Case {
         assert_eq!(self.counters.rays, 0, "{what}: counters were written");
         let fresh = Self::new(Recipe::GRID, Tier::Scalar);
         let Self { camera, options, target, .. } = fresh;
+        self.opened.scene = self.opened.memory.at().cast_const().cast();
         (self.camera, self.options, self.rect) = (camera, options, None);
         self.target = ffi::Target { rgb: plane(self.picture.at(), PixelFormat::RgbU8), ..target };
         self.counters = call::counters();
@@ -318,7 +319,7 @@ fn rectangles_outside_are_refused_and_empty_ones_write_nothing() {
     }
     for (width, height) in [(0, 0), (0, 5), (5, 0)] {
         let mut case = Case::new(Recipe::GRID, Tier::Scalar);
-        case.rect = Some(ffi::Rect { x: side, y: 3, width: width.min(0), height });
+        case.rect = Some(ffi::Rect { x: 3, y: 3, width, height });
         assert_eq!(case.render(), Status::Ok);
         assert!(case.picture.is_untouched() && case.counters.rays == 0);
     }
