@@ -1,1 +1,57 @@
-//! C ABI.
+//! C ABI of `nerf-core`: render radiance fields from C and C++.
+//!
+//! One file per C type, in the order a host meets them. The contract is prose, in this crate's
+//! README; `include/nerf_render.h` is generated from these files. Nothing here allocates, and
+//! nothing is owned: scene and workspace lie in memory of the caller.
+#![cfg_attr(not(feature = "std"), no_std)]
+#![allow(unsafe_code, reason = "this crate is the boundary: it turns C's pointers into slices")]
+
+mod boundary;
+mod failure;
+mod span;
+
+// What follows is the header's order, which is the order of use.
+mod version;
+
+mod status;
+
+mod open_options;
+
+mod scene;
+
+mod scene_info;
+
+mod camera;
+
+mod render_options;
+
+mod pixel;
+
+mod target;
+
+mod workspace;
+
+mod progress;
+
+mod counters;
+
+mod render;
+
+mod query;
+
+pub use camera::Camera;
+pub use counters::Counters;
+pub use open_options::{Kernel, OpenOptions};
+pub use pixel::PixelFormat;
+pub use progress::Progress;
+pub use query::nerf_query;
+pub use render::{Rect, nerf_render};
+pub use render_options::{Maths, NERF_TRANSMITTANCE_CUT_DEFAULT, RenderOptions};
+pub use scene::{Scene, nerf_scene_memory, nerf_scene_open};
+pub use scene_info::{Kind, SceneInfo, Text, nerf_scene_describe};
+pub use status::{Status, nerf_status_text};
+pub use target::{Plane, Target};
+pub use version::{NERF_ABI_VERSION, nerf_abi_version, nerf_version_text};
+pub use workspace::{
+    NERF_OUTPUT_OPACITY, NERF_OUTPUT_RAY_DISTANCE, NERF_OUTPUT_RGB, NERF_OUTPUT_Z_DEPTH, nerf_workspace_size,
+};

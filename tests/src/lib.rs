@@ -1,1 +1,8 @@
-//! Shared by the tests.
+//! What the tests that span the crates share: small scenes, C compilers, memory with canaries.
+#![allow(unsafe_code, reason = "tests call the C interface")]
+
+pub mod build;
+pub mod call;
+pub mod memory;
+pub mod paths;
+pub mod scenes;

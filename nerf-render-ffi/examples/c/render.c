@@ -1,0 +1,211 @@
+/*
+ * Renders one view of a scene: a colour picture and its z_depth.
+ *
+ *     render scene.nerf out_prefix [width height]
+ *
+ * writes out_prefix.ppm (8-bit RGB), out_prefix.pfm (float z_depth, world units) and out_prefix.pgm
+ * (8-bit z_depth, white = near). The camera looks at the middle of the scene box from half way
+ * between near and far.
+ */
+#include "nerf_render.h"
+
+#include <math.h>
+#include <stdint.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+enum { MESSAGE = 256 };
+
+static int fail(const char *what, nerf_status status, const char *message) {
+    fprintf(stderr, "render: %s: %s", what, nerf_status_text(status));
+    if (message[0] != '\0') {
+        fprintf(stderr, "\n  %s", message);
+    }
+    fputc('\n', stderr);
+    return EXIT_FAILURE;
+}
+
+/* Reads a whole file; NULL on any error. */
+static unsigned char *read_file(const char *path, size_t *size) {
+    FILE *file = fopen(path, "rb");
+    unsigned char *bytes = NULL;
+    long length = -1;
+    if (file == NULL) {
+        return NULL;
+    }
+    if (fseek(file, 0, SEEK_END) == 0 && (length = ftell(file)) > 0 && fseek(file, 0, SEEK_SET) == 0) {
+        *size = (size_t)length;
+        bytes = malloc(*size);
+    }
+    if (bytes != NULL && fread(bytes, 1, *size, file) != *size) {
+        free(bytes);
+        bytes = NULL;
+    }
+    fclose(file);
+    return bytes;
+}
+
+/* Writes "header" and then the bytes to prefix + suffix; 0 on success. */
+static int write_file(const char *prefix, const char *suffix, const char *header, const void *bytes, size_t size) {
+    char path[4096];
+    int length = snprintf(path, sizeof path, "%s%s", prefix, suffix);
+    FILE *file = length > 0 && (size_t)length < sizeof path ? fopen(path, "wb") : NULL;
+    int good = file != NULL && fputs(header, file) >= 0 && fwrite(bytes, 1, size, file) == size;
+    if (file != NULL && fclose(file) != 0) {
+        good = 0;
+    }
+    if (!good) {
+        fprintf(stderr, "render: cannot write %s%s\n", prefix, suffix);
+    }
+    return good ? 0 : -1;
+}
+
+/* A camera on an orbit around the scene box, a little above its middle. */
+static nerf_camera orbit(const nerf_scene_info *info, uint32_t width, uint32_t height) {
+    const float radius = 0.5f * (info->near_distance + info->far_distance);
+    const float azimuth = 0.6f, elevation = 0.4f;
+    const float ca = cosf(azimuth), sa = sinf(azimuth), ce = cosf(elevation), se = sinf(elevation);
+    const float backward[3] = {sa * ce, se, ca * ce};
+    const float right[3] = {ca, 0.0f, -sa};
+    const float up[3] = {-sa * se, ce, -ca * se};
+    nerf_camera camera;
+    memset(&camera, 0, sizeof camera);
+    camera.struct_size = sizeof camera;
+    camera.width = width;
+    camera.height = height;
+    camera.fx = camera.fy = 1.2f * (float)(width > height ? width : height);
+    camera.cx = 0.5f * (float)width;
+    camera.cy = 0.5f * (float)height;
+    for (int i = 0; i < 3; ++i) {
+        float *row = camera.c2w + 4 * i;
+        row[0] = right[i];
+        row[1] = up[i];
+        row[2] = backward[i];
+        row[3] = 0.5f * (info->box_min[i] + info->box_max[i]) + radius * backward[i];
+    }
+    return camera;
+}
+
+static int32_t show_progress(void *user, uint64_t done, uint64_t all) {
+    unsigned *percent = user;
+    unsigned now = all == 0 ? 100u : (unsigned)(100u * done / all);
+    if (now != *percent) {
+        *percent = now;
+        fprintf(stderr, "\rrendering %3u %%", now);
+    }
+    return 0; /* anything else cancels */
+}
+
+int main(int argc, char **argv) {
+    long width = 200, height = 200;
+    if (argc == 5) {
+        width = strtol(argv[3], NULL, 10);
+        height = strtol(argv[4], NULL, 10);
+    }
+    if ((argc != 3 && argc != 5) || width < 1 || height < 1 || width > 16384 || height > 16384) {
+        fprintf(stderr, "usage: %s scene.nerf out_prefix [width height]   (sizes: 1 to 16384)\n", argv[0]);
+        return EXIT_FAILURE;
+    }
+    if (nerf_abi_version() != NERF_ABI_VERSION) {
+        fprintf(stderr, "render: library %s has another ABI than this program\n", nerf_version_text());
+        return EXIT_FAILURE;
+    }
+
+    size_t blob_size = 0;
+    unsigned char *blob = read_file(argv[1], &blob_size);
+    if (blob == NULL) {
+        fprintf(stderr, "render: cannot read %s\n", argv[1]);
+        return EXIT_FAILURE;
+    }
+
+    /* Open the scene in our memory: it borrows the blob and is just let go of. */
+    char message[MESSAGE];
+    size_t memory_size, align;
+    nerf_status status = nerf_scene_memory(blob, blob_size, NULL, &memory_size, &align, message, MESSAGE);
+    if (status != NERF_STATUS_OK) {
+        return fail(argv[1], status, message);
+    }
+    void *memory = aligned_alloc(align, memory_size);
+    const nerf_scene *scene;
+    status = nerf_scene_open(blob, blob_size, NULL, memory, memory_size, &scene, message, MESSAGE);
+    if (status != NERF_STATUS_OK) {
+        return fail(argv[1], status, message);
+    }
+    nerf_scene_info info;
+    info.struct_size = sizeof info;
+    status = nerf_scene_describe(scene, &info);
+    if (status != NERF_STATUS_OK) {
+        return fail(argv[1], status, "");
+    }
+    printf("scene %.*s, %llu parameters, kernel %u\n", (int)info.data.length, info.data.data,
+           (unsigned long long)info.parameters, (unsigned)info.kernel);
+
+    /* Colour from the top row down; distance from the bottom row up, as PFM has it. */
+    const size_t columns = (size_t)width, rows = (size_t)height, pixels = columns * rows;
+    unsigned char *rgb = malloc(3 * pixels), *grey = malloc(pixels);
+    float *z_depth = malloc(pixels * sizeof *z_depth);
+    if (rgb == NULL || grey == NULL || z_depth == NULL) {
+        fprintf(stderr, "render: out of memory\n");
+        return EXIT_FAILURE;
+    }
+    const size_t row_bytes = columns * sizeof *z_depth;
+    nerf_target target;
+    memset(&target, 0, sizeof target);
+    target.struct_size = sizeof target;
+    target.rgb.data = rgb;
+    target.rgb.format = NERF_FORMAT_RGB_U8;
+    target.z_depth.data = z_depth + (rows - 1) * columns;
+    target.z_depth.row_stride = -(ptrdiff_t)row_bytes;
+    target.z_depth.format = NERF_FORMAT_F32;
+
+    size_t workspace_size;
+    const uint32_t outputs = NERF_OUTPUT_RGB | NERF_OUTPUT_Z_DEPTH;
+    status = nerf_workspace_size(scene, NULL, outputs, &workspace_size, &align, message, MESSAGE);
+    if (status != NERF_STATUS_OK) {
+        return fail("workspace", status, message);
+    }
+    void *workspace = aligned_alloc(align, workspace_size);
+    const nerf_camera camera = orbit(&info, (uint32_t)width, (uint32_t)height);
+    nerf_counters counters;
+    counters.struct_size = sizeof counters;
+    unsigned percent = 101;
+    status = nerf_render(scene, &camera, NULL, NULL, &target, workspace, workspace_size, show_progress, &percent,
+                         &counters, message, MESSAGE);
+    fputc('\n', stderr);
+    if (status != NERF_STATUS_OK) {
+        return fail("render", status, message);
+    }
+
+    printf("c2w");
+    for (int i = 0; i < 12; ++i) {
+        printf(" %.9g", (double)camera.c2w[i]);
+    }
+    printf("\n%llu rays, %llu samples, %llu multiply-adds\n", (unsigned long long)counters.rays,
+           (unsigned long long)counters.samples_kept, (unsigned long long)counters.macs);
+
+    const float near = info.near_distance, far = info.far_distance;
+    for (size_t i = 0; i < pixels; ++i) {
+        float brightness = (far - z_depth[(rows - 1 - i / columns) * columns + i % columns]) / (far - near);
+        brightness = brightness > 0.0f ? (brightness < 1.0f ? brightness : 1.0f) : 0.0f;
+        grey[i] = (unsigned char)(255.0f * brightness + 0.5f);
+    }
+    const uint16_t one = 1;
+    const int little = *(const unsigned char *)&one == 1;
+    char header[64];
+    int bad = 0;
+    snprintf(header, sizeof header, "P6\n%ld %ld\n255\n", width, height);
+    bad |= write_file(argv[2], ".ppm", header, rgb, 3 * pixels);
+    snprintf(header, sizeof header, "Pf\n%ld %ld\n%s\n", width, height, little ? "-1.0" : "1.0");
+    bad |= write_file(argv[2], ".pfm", header, z_depth, pixels * sizeof *z_depth);
+    snprintf(header, sizeof header, "P5\n%ld %ld\n255\n", width, height);
+    bad |= write_file(argv[2], ".pgm", header, grey, pixels);
+
+    free(workspace);
+    free(z_depth);
+    free(grey);
+    free(rgb);
+    free(memory); /* the scene ends here, */
+    free(blob);   /* before its blob */
+    return bad ? EXIT_FAILURE : EXIT_SUCCESS;
+}

@@ -1,0 +1,152 @@
+//! What every call does at its border: messages, panics, versioned structures.
+
+use crate::failure::Failure;
+use crate::span::check_aligned;
+use crate::status::Status;
+use core::ffi::c_char;
+use core::fmt::{self, Write};
+
+/// Largest `struct_size` that is believed: beyond it the field is garbage, not a later version.
+const MAX_STRUCT_SIZE: usize = 4096;
+
+/// A structure that begins with `size_t struct_size` and may grow at its end.
+///
+/// # Safety
+/// `repr(C)`, the first field is `struct_size: usize`, and any bytes are a valid value.
+pub(crate) unsafe trait Versioned: Copy {
+    /// The argument's name, for messages.
+    const NAME: &'static str;
+    /// Its size in version 1 of the ABI; stays when fields are added.
+    const SIZE_V1: usize = size_of::<Self>();
+}
+
+/// The caller's buffer for a sentence that says what was expected and found; NULL for none.
+pub(crate) struct Message {
+    pub text: *mut c_char,
+    pub capacity: usize,
+}
+
+impl Message {
+    /// No buffer.
+    pub const NONE: Self = Self { text: core::ptr::null_mut(), capacity: 0 };
+
+    /// Writes the text, cut at the capacity, always with a NUL at its end.
+    fn write(&self, text: Option<&Failure>) {
+        if self.text.is_null() || self.capacity == 0 {
+            return;
+        }
+        let mut writer = Writer { message: self, used: 0 };
+        if let Some(text) = text {
+            // An error means that the buffer is full: the text is cut.
+            let _ = write!(writer, "{text}");
+        }
+        // SAFETY: `used < capacity`, and the caller vouches for `capacity` bytes.
+        unsafe { self.text.add(writer.used).write(0) };
+    }
+}
+
+struct Writer<'a> {
+    message: &'a Message,
+    used: usize,
+}
+
+impl Write for Writer<'_> {
+    fn write_str(&mut self, text: &str) -> fmt::Result {
+        let room = self.message.capacity - 1 - self.used;
+        let mut cut = room.min(text.len());
+        while !text.is_char_boundary(cut) {
+            cut -= 1;
+        }
+        for &byte in &text.as_bytes()[..cut] {
+            // SAFETY: `used < capacity - 1`, and the caller vouches for `capacity` bytes.
+            unsafe { self.message.text.add(self.used).write(byte as c_char) };
+            self.used += 1;
+        }
+        if cut < text.len() { Err(fmt::Error) } else { Ok(()) }
+    }
+}
+
+/// Runs the body of a call: its failure becomes status and message, its panic a status.
+pub(crate) fn call(message: Message, body: impl FnOnce() -> Result<(), Failure>) -> Status {
+    #[cfg(feature = "std")]
+    let result = std::panic::catch_unwind(std::panic::AssertUnwindSafe(body)).unwrap_or_else(|payload| {
+        // A payload's own drop may panic, too; it is small, so that it is left behind.
+        core::mem::forget(payload);
+        Err(Failure::Panic)
+    });
+    #[cfg(not(feature = "std"))]
+    let result = body();
+    message.write(result.as_ref().err());
+    result.err().map_or(Status::Ok, |failure| failure.status())
+}
+
+/// Checks pointer and size of a versioned structure and returns its size.
+///
+/// # Safety
+/// `at` is NULL or points to `struct_size` readable bytes.
+unsafe fn size_of_versioned<T: Versioned>(at: *const T) -> Result<usize, Failure> {
+    if at.is_null() {
+        return Err(Failure::Null(T::NAME));
+    }
+    check_aligned(T::NAME, at as usize, align_of::<T>())?;
+    // SAFETY: not NULL, aligned, and `struct_size` comes first (`Versioned`).
+    let found = unsafe { at.cast::<usize>().read() };
+    if (T::SIZE_V1..=MAX_STRUCT_SIZE).contains(&found) {
+        Ok(found)
+    } else {
+        Err(Failure::StructSize { name: T::NAME, expected: T::SIZE_V1, found })
+    }
+}
+
+/// A copy of the caller's structure; what this build does not know of it must be zero.
+///
+/// # Safety
+/// `at` is NULL or points to `struct_size` readable bytes.
+pub(crate) unsafe fn read_versioned<T: Versioned>(at: *const T) -> Result<T, Failure> {
+    // SAFETY: the caller's promise.
+    let size = unsafe { size_of_versioned(at)? };
+    for offset in size_of::<T>()..size {
+        // SAFETY: `offset < struct_size`, all of which is readable.
+        if unsafe { at.cast::<u8>().add(offset).read() } != 0 {
+            return Err(Failure::Reserved(T::NAME));
+        }
+    }
+    // SAFETY: not NULL, aligned and long enough (`size_of_versioned`); any bytes are a value (`Versioned`).
+    Ok(unsafe { at.read() })
+}
+
+/// A checked place for a structure of results.
+pub(crate) struct Out<T> {
+    at: *mut T,
+    size: usize,
+}
+
+impl<T: Versioned> Out<T> {
+    /// Checks the place before any work is done.
+    ///
+    /// # Safety
+    /// `at` is NULL or points to `struct_size` bytes that may be read and written until the call ends.
+    pub unsafe fn new(at: *mut T) -> Result<Self, Failure> {
+        // SAFETY: the caller's promise.
+        let size = unsafe { size_of_versioned(at)? };
+        Ok(Self { at, size })
+    }
+
+    /// Writes `value`, whose `struct_size` becomes the caller's; what this build does not know is zeroed.
+    pub fn write(self, value: T) {
+        // SAFETY: `new` checked the place, and its caller vouches for `size` bytes.
+        unsafe {
+            self.at.write(value);
+            self.at.cast::<usize>().write(self.size);
+            self.at.cast::<u8>().add(size_of::<T>()).write_bytes(0, self.size - size_of::<T>());
+        }
+    }
+}
+
+/// An error unless a result can be written at `at`, as far as an address can tell.
+pub(crate) fn check_out<T>(name: &'static str, at: *mut T) -> Result<(), Failure> {
+    if at.is_null() {
+        return Err(Failure::Null(name));
+    }
+    check_aligned(name, at as usize, align_of::<T>())
+}

@@ -1,0 +1,46 @@
+//! What a call cost.
+
+use crate::boundary::Versioned;
+use nerf_core::render;
+
+/// The work a call did; exact, no clock readings.
+#[derive(Clone, Copy, Debug)]
+#[repr(C)]
+pub struct Counters {
+    /// `sizeof(nerf_counters)`, set by the caller.
+    pub struct_size: usize,
+    /// Rays.
+    pub rays: u64,
+    /// Samples the network was asked for.
+    pub samples_kept: u64,
+    /// Samples it was not asked for: outside box or grid, or behind the transmittance cut.
+    pub samples_skipped: u64,
+    /// Evaluations of trunk and density head.
+    pub density_evaluations: u64,
+    /// Evaluations of the colour branch.
+    pub colour_evaluations: u64,
+    /// Multiply-adds of the network.
+    pub macs: u64,
+    /// Samples whose density or colour was NaN; they count as empty.
+    pub invalid_samples: u64,
+}
+
+// SAFETY: `repr(C)`, `struct_size` comes first, and integers have no invalid bytes.
+unsafe impl Versioned for Counters {
+    const NAME: &'static str = "counters";
+}
+
+impl From<render::Counters> for Counters {
+    fn from(c: render::Counters) -> Self {
+        Self {
+            struct_size: size_of::<Self>(),
+            rays: c.rays,
+            samples_kept: c.samples_kept,
+            samples_skipped: c.samples_skipped,
+            density_evaluations: c.density_evaluations,
+            colour_evaluations: c.colour_evaluations,
+            macs: c.macs,
+            invalid_samples: c.invalid_samples,
+        }
+    }
+}

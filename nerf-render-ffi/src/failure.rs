@@ -1,0 +1,149 @@
+//! Why a call failed: a status for programs, a sentence for people.
+
+use crate::status::Status;
+use core::fmt;
+use nerf_core::blob::BlobError;
+use nerf_core::camera::CameraError;
+use nerf_core::plan::PlanError;
+use nerf_core::render::RenderError;
+
+/// Why a call failed; names the argument, and what was expected and found.
+#[derive(Clone, Copy, Debug)]
+pub(crate) enum Failure {
+    Null(&'static str),
+    StructSize {
+        name: &'static str,
+        expected: usize,
+        found: usize,
+    },
+    Reserved(&'static str),
+    Alignment {
+        name: &'static str,
+        expected: usize,
+        found: usize,
+    },
+    Memory {
+        name: &'static str,
+        expected: usize,
+        found: usize,
+    },
+    Overlap {
+        name: &'static str,
+        other: &'static str,
+    },
+    Overflow(&'static str),
+    /// An integer setting that is none of its named values.
+    Setting {
+        name: &'static str,
+        expected: &'static str,
+        found: u32,
+    },
+    Kernel(&'static str),
+    #[cfg(feature = "std")]
+    KernelVariable,
+    Stride {
+        name: &'static str,
+        expected: usize,
+        found: usize,
+    },
+    Format {
+        name: &'static str,
+        found: u32,
+    },
+    NoPlane,
+    Direction {
+        index: usize,
+    },
+    Cancelled,
+    #[cfg(feature = "std")]
+    Panic,
+    Blob(BlobError),
+    Camera(CameraError),
+    Plan(PlanError),
+    Render(RenderError),
+}
+
+impl Failure {
+    pub fn status(&self) -> Status {
+        match self {
+            Self::Null(_) => Status::NullPointer,
+            Self::StructSize { .. } => Status::StructSize,
+            Self::Reserved(_) => Status::Reserved,
+            Self::Alignment { .. } => Status::Alignment,
+            Self::Memory { .. } | Self::Render(RenderError::Memory { .. }) => Status::Memory,
+            Self::Overlap { .. } => Status::Overlap,
+            Self::Overflow(_) => Status::Overflow,
+            Self::Setting { .. } => Status::Options,
+            #[cfg(feature = "std")]
+            Self::KernelVariable => Status::Options,
+            Self::Kernel(_) => Status::Kernel,
+            Self::Stride { .. } | Self::Format { .. } | Self::NoPlane => Status::Target,
+            Self::Direction { .. } => Status::Direction,
+            Self::Cancelled => Status::Cancelled,
+            #[cfg(feature = "std")]
+            Self::Panic => Status::Panic,
+            Self::Blob(error) => match error {
+                BlobError::NotABlob => Status::BlobMagic,
+                BlobError::Truncated { .. } => Status::BlobTruncated,
+                BlobError::TrailingBytes { .. } => Status::BlobTrailing,
+                BlobError::Version { .. } => Status::BlobVersion,
+                BlobError::Endian { .. } => Status::BlobEndian,
+                BlobError::Flags { .. } => Status::BlobFlags,
+                BlobError::Checksum { .. } => Status::BlobChecksum,
+                _ => Status::BlobContent,
+            },
+            Self::Camera(_) => Status::Camera,
+            Self::Plan(PlanError::NotAScene) => Status::NotAScene,
+            Self::Plan(PlanError::GridRequired) => Status::GridRequired,
+            Self::Plan(_) => Status::Options,
+            Self::Render(RenderError::Rect { .. }) => Status::Rect,
+            Self::Render(_) => Status::Options,
+        }
+    }
+}
+
+impl fmt::Display for Failure {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Null(name) => write!(f, "{name}: expected an address, found NULL"),
+            Self::StructSize { name, expected, found } => {
+                write!(
+                    f,
+                    "{name}.struct_size: expected {expected} (to 4096 with a tail of zeros), found {found}"
+                )
+            }
+            Self::Reserved(name) => write!(f, "{name}: expected zeros in reserved and unknown fields"),
+            Self::Alignment { name, expected, found } => {
+                write!(f, "{name}: expected a multiple of {expected}, found {found:#x}")
+            }
+            Self::Memory { name, expected, found } => {
+                write!(f, "{name}: expected at least {expected} bytes, found {found}")
+            }
+            Self::Overlap { name, other } => write!(f, "{name}: overlaps {other}"),
+            Self::Overflow(name) => write!(f, "{name}: reaches beyond the address space"),
+            Self::Setting { name, expected, found } => {
+                write!(f, "{name}: expected {expected}, found {found}")
+            }
+            Self::Kernel(name) => write!(f, "kernel tier {name}: not on this machine"),
+            #[cfg(feature = "std")]
+            Self::KernelVariable => {
+                write!(f, "environment variable NERF_KERNEL: expected scalar, avx2 or avx512")
+            }
+            Self::Stride { name, expected, found } => {
+                write!(f, "{name}: expected a stride of at least {expected} bytes, found {found}")
+            }
+            Self::Format { name, found } => {
+                write!(f, "{name}: expected a pixel format that suits the plane, found {found}")
+            }
+            Self::NoPlane => write!(f, "target: expected at least one plane, found none"),
+            Self::Direction { index } => write!(f, "dirs[{index}]: expected a vector of unit length"),
+            Self::Cancelled => write!(f, "cancelled by the progress callback"),
+            #[cfg(feature = "std")]
+            Self::Panic => write!(f, "a defect of this library: please report it"),
+            Self::Blob(error) => error.fmt(f),
+            Self::Camera(error) => error.fmt(f),
+            Self::Plan(error) => error.fmt(f),
+            Self::Render(error) => error.fmt(f),
+        }
+    }
+}

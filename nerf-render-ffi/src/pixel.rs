@@ -1,0 +1,88 @@
+//! How a pixel lies in memory.
+
+use nerf_core::volume;
+
+/// How a pixel of a plane lies in memory; 8-bit channels are clamped and rounded half up.
+///
+/// RGB is composited over the background. RGBA is the scene alone, premultiplied by its opacity,
+/// which is the alpha: `rgb + (1 - a) * background` is what RGB gives, in display-encoded values.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[repr(u32)]
+pub enum PixelFormat {
+    /// Three bytes over the background.
+    RgbU8 = 1,
+    /// Three floats over the background.
+    RgbF32 = 2,
+    /// Four bytes, premultiplied, no background.
+    RgbaU8 = 3,
+    /// Four floats, premultiplied, no background.
+    RgbaF32 = 4,
+    /// One float: opacity and distances.
+    F32 = 5,
+}
+
+impl PixelFormat {
+    /// The colour format of that number.
+    pub(crate) fn colour(number: u32) -> Option<Self> {
+        use PixelFormat::*;
+        [RgbU8, RgbF32, RgbaU8, RgbaF32].into_iter().find(|&format| format as u32 == number)
+    }
+
+    pub(crate) fn has_alpha(self) -> bool {
+        matches!(self, Self::RgbaU8 | Self::RgbaF32)
+    }
+
+    pub(crate) fn size(self) -> usize {
+        match self {
+            Self::RgbU8 => 3,
+            Self::RgbF32 => 12,
+            Self::RgbaU8 | Self::F32 => 4,
+            Self::RgbaF32 => 16,
+        }
+    }
+
+    pub(crate) fn align(self) -> usize {
+        match self {
+            Self::RgbU8 | Self::RgbaU8 => 1,
+            Self::RgbF32 | Self::RgbaF32 | Self::F32 => 4,
+        }
+    }
+}
+
+/// What a plane takes of a pixel.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) enum Channel {
+    Colour,
+    Opacity,
+    RayDistance,
+    ZDepth,
+}
+
+/// Writes one pixel.
+///
+/// # Safety
+/// `to` is aligned for `format` and writable for its size.
+#[inline]
+pub(crate) unsafe fn put(to: *mut u8, format: PixelFormat, channel: Channel, pixel: &volume::Pixel) {
+    let [r, g, b] = pixel.rgb;
+    let value = match channel {
+        Channel::Colour | Channel::Opacity => pixel.opacity,
+        Channel::RayDistance => pixel.ray_distance,
+        Channel::ZDepth => pixel.z_depth,
+    };
+    // SAFETY: the caller's promise, format by format.
+    unsafe {
+        match format {
+            PixelFormat::RgbU8 => to.cast::<[u8; 3]>().write([r, g, b].map(byte)),
+            PixelFormat::RgbF32 => to.cast::<[f32; 3]>().write([r, g, b]),
+            PixelFormat::RgbaU8 => to.cast::<[u8; 4]>().write([r, g, b, value].map(byte)),
+            PixelFormat::RgbaF32 => to.cast::<[f32; 4]>().write([r, g, b, value]),
+            PixelFormat::F32 => to.cast::<f32>().write(value),
+        }
+    }
+}
+
+/// A channel in 8 bits, rounded half up.
+fn byte(x: f32) -> u8 {
+    (x.clamp(0.0, 1.0) * 255.0 + 0.5) as u8
+}

@@ -1,0 +1,143 @@
+//! The shortcuts of a frame.
+
+use crate::boundary::{Versioned, read_versioned};
+use crate::failure::Failure;
+use nerf_core::blob::{Blob, MAX_SAMPLES};
+use nerf_core::kernels::{BLOCK, Tier};
+use nerf_core::math::MathBackend;
+use nerf_core::plan::{Batch, Outputs, Plan, Quality};
+
+/// Most rays in flight: the pixels of one tile.
+const MAX_RAYS: u32 = 256;
+
+/// The transmittance cut that costs nothing visible.
+pub const NERF_TRANSMITTANCE_CUT_DEFAULT: f32 = 1e-3;
+
+/// Who computes the elementary functions.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[repr(u32)]
+pub enum Maths {
+    /// The library's own polynomials, vectorised.
+    Polynomial = 0,
+    /// The `libm` crate, one value at a time.
+    Libm = 1,
+    /// The `micromath` crate: small and rough.
+    Micromath = 2,
+    /// Angle doubling from level to level of the encoding; errors grow with the level.
+    Recurrence = 3,
+}
+
+/// The shortcuts of a frame.
+///
+/// All zeros (but for `struct_size`) is the exact picture: every sample that the skip grid does
+/// not call empty. NULL in its place is the same with
+/// `transmittance_cut = NERF_TRANSMITTANCE_CUT_DEFAULT`, faster and not visibly different.
+#[derive(Clone, Copy, Debug)]
+#[repr(C)]
+pub struct RenderOptions {
+    /// `sizeof(nerf_render_options)`.
+    pub struct_size: usize,
+    /// Samples per ray, between near and far, at most 4096; 0 for what the scene was made for.
+    pub samples: u32,
+    /// A ray ends where its transmittance falls below this, in `[0, 1)`; 0 never ends one.
+    pub transmittance_cut: f32,
+    /// 1: cells that the skip grid calls empty are computed, too. Else 0.
+    pub ignore_grid: u32,
+    /// A `nerf_maths`.
+    pub maths: u32,
+    /// 1: `background` replaces the scene's. Else 0.
+    pub background_set: u32,
+    /// Display-encoded, in `[0, 1]`; read only where `background_set` is 1.
+    pub background: [f32; 3],
+    /// Rays in flight, at most 256; 0 for what keeps the tier busy. Never changes a picture, only
+    /// workspace and time; tiles have no more pixels than this.
+    pub batch_rays: u32,
+    /// Samples that go through the network together, at most 64; 0 for what keeps the tier busy.
+    /// Only the scalar tier takes fewer than 64.
+    pub batch_samples: u32,
+    /// Zeros.
+    pub reserved: [u32; 6],
+}
+
+// SAFETY: `repr(C)`, `struct_size` comes first, and numbers have no invalid bytes.
+unsafe impl Versioned for RenderOptions {
+    const NAME: &'static str = "options";
+}
+
+/// Checked options.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Settings {
+    quality: Quality,
+    background: Option<[f32; 3]>,
+    pub batch: Batch,
+}
+
+impl Settings {
+    /// The options behind a pointer, or the defaults.
+    ///
+    /// # Safety
+    /// `at` is NULL or points to `struct_size` readable bytes.
+    pub unsafe fn read(at: *const RenderOptions, tier: Tier) -> Result<Self, Failure> {
+        let batch = Batch::for_tier(tier);
+        if at.is_null() {
+            let quality = Quality { transmittance_cut: NERF_TRANSMITTANCE_CUT_DEFAULT, ..Quality::default() };
+            return Ok(Self { quality, background: None, batch });
+        }
+        // SAFETY: the caller's promise.
+        let o = unsafe { read_versioned(at)? };
+        if o.reserved != [0; 6] {
+            return Err(Failure::Reserved("options.reserved"));
+        }
+        let samples = at_most("options.samples", "0 to 4096", o.samples, MAX_SAMPLES.into())?;
+        let rays = at_most("options.batch_rays", "0 to 256", o.batch_rays, MAX_RAYS)?;
+        let columns = at_most("options.batch_samples", "0 to 64", o.batch_samples, BLOCK as u32)?;
+        let or = |asked: u32, default: usize| if asked == 0 { default } else { asked as usize };
+        Ok(Self {
+            quality: Quality {
+                samples: samples as u16,
+                transmittance_cut: o.transmittance_cut,
+                skip_grid: !flag("options.ignore_grid", o.ignore_grid)?,
+                math: backend(o.maths)?,
+            },
+            background: flag("options.background_set", o.background_set)?.then_some(o.background),
+            batch: Batch {
+                rays: or(rays, batch.rays.min(MAX_RAYS as usize)),
+                samples: or(columns, batch.samples),
+            },
+        })
+    }
+
+    /// The frame these settings make of a scene; over nothing, for targets that have an alpha.
+    pub fn plan<'a>(&self, blob: &Blob<'a>, outputs: Outputs, alpha: bool) -> Result<Plan<'a>, Failure> {
+        let mut plan = Plan::new(blob, &self.quality, outputs, self.batch).map_err(Failure::Plan)?;
+        if let Some(background) = self.background {
+            plan = plan.with_background(background).map_err(Failure::Plan)?;
+        }
+        if alpha {
+            plan = plan.with_background([0.0; 3]).map_err(Failure::Plan)?;
+        }
+        Ok(plan)
+    }
+}
+
+fn at_most(name: &'static str, expected: &'static str, found: u32, most: u32) -> Result<u32, Failure> {
+    if found <= most { Ok(found) } else { Err(Failure::Setting { name, expected, found }) }
+}
+
+fn flag(name: &'static str, found: u32) -> Result<bool, Failure> {
+    at_most(name, "0 or 1", found, 1).map(|value| value == 1)
+}
+
+fn backend(found: u32) -> Result<MathBackend, Failure> {
+    const POLYNOMIAL: u32 = Maths::Polynomial as u32;
+    const LIBM: u32 = Maths::Libm as u32;
+    const MICROMATH: u32 = Maths::Micromath as u32;
+    const RECURRENCE: u32 = Maths::Recurrence as u32;
+    match found {
+        POLYNOMIAL => Ok(MathBackend::Polynomial),
+        LIBM => Ok(MathBackend::Libm),
+        MICROMATH => Ok(MathBackend::Micromath),
+        RECURRENCE => Ok(MathBackend::Recurrence),
+        _ => Err(Failure::Setting { name: "options.maths", expected: "a nerf_maths", found }),
+    }
+}

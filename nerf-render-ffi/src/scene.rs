@@ -1,0 +1,156 @@
+//! An opened scene, in the caller's memory.
+
+use crate::boundary::{Message, call, check_out};
+use crate::failure::Failure;
+use crate::open_options::{OpenOptions, read_tier};
+use crate::span::{Span, check_aligned};
+use crate::status::Status;
+use core::ffi::{c_char, c_void};
+use nerf_core::blob::Blob;
+use nerf_core::kernels::{Line, Tier, lines_for};
+use nerf_core::render::Renderer;
+
+/// An opened scene: lies at the beginning of the memory it was opened in and borrows the blob.
+///
+/// It owns nothing and never changes: threads may use it at the same time, and there is nothing to
+/// close. It ends where the caller reuses its memory or the blob's.
+#[repr(align(64))]
+pub struct Scene {
+    renderer: Renderer<'static>,
+    blob: Span,
+    memory: Span,
+}
+
+/// Threads share a scene without a lock.
+const _: () = {
+    const fn shared<T: Send + Sync>() {}
+    shared::<Scene>();
+};
+
+impl Scene {
+    /// The scene behind a handle.
+    ///
+    /// # Safety
+    /// `scene` is NULL or a handle whose memory and blob are intact during `'a`.
+    pub(crate) unsafe fn of<'a>(scene: *const Self) -> Result<&'a Self, Failure> {
+        if scene.is_null() {
+            return Err(Failure::Null("scene"));
+        }
+        check_aligned("scene", scene as usize, align_of::<Self>())?;
+        // SAFETY: not NULL, aligned, and a scene by the caller's promise; nobody writes to it.
+        Ok(unsafe { &*scene })
+    }
+
+    pub(crate) fn renderer(&self) -> &Renderer<'static> {
+        &self.renderer
+    }
+
+    /// An error where memory that will be written to holds part of the blob or of the scene.
+    pub(crate) fn check_apart(&self, name: &'static str, span: Span) -> Result<(), Failure> {
+        span.check_apart(name, self.blob, "the blob")?;
+        span.check_apart(name, self.memory, "the scene's memory")
+    }
+}
+
+/// Lines of memory a scene takes.
+fn memory_lines(blob: &Blob<'_>, tier: Tier) -> usize {
+    lines_for::<Scene>(1) + Renderer::prepared_lines(blob, tier)
+}
+
+/// Checks the blob.
+///
+/// # Safety
+/// `blob` is NULL or points to `blob_size` bytes that stay as they are during `'a`.
+unsafe fn open_blob<'a>(blob: *const c_void, blob_size: usize) -> Result<Blob<'a>, Failure> {
+    Span::of("blob", blob.cast::<u8>(), blob_size)?;
+    // SAFETY: not NULL, no longer than a slice may be, and readable by the caller's promise.
+    let bytes = unsafe { core::slice::from_raw_parts(blob.cast::<u8>(), blob_size) };
+    Blob::open(bytes).map_err(Failure::Blob)
+}
+
+/// Says how much memory `nerf_scene_open` needs for a blob, and at which alignment.
+///
+/// `blob`: `blob_size` bytes at any alignment. `options`: NULL for all zeros. `size` and `align`
+/// are written on success only. `message`: NULL, or `message_capacity` bytes for a sentence about
+/// what was expected and found; empty on success.
+///
+/// # Safety
+/// Pointers are NULL or point to what is described here.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn nerf_scene_memory(
+    blob: *const c_void,
+    blob_size: usize,
+    options: *const OpenOptions,
+    size: *mut usize,
+    align: *mut usize,
+    message: *mut c_char,
+    message_capacity: usize,
+) -> Status {
+    call(Message { text: message, capacity: message_capacity }, || {
+        check_out("size", size)?;
+        check_out("align", align)?;
+        // SAFETY: the caller's promise.
+        let tier = unsafe { read_tier(options)? };
+        // SAFETY: the caller's promise; the view ends with this call.
+        let blob = unsafe { open_blob(blob, blob_size)? };
+        let bytes = memory_lines(&blob, tier).checked_mul(size_of::<Line>());
+        let bytes = bytes.ok_or(Failure::Overflow("size"))?;
+        // SAFETY: checked above, and writable by the caller's promise.
+        unsafe {
+            size.write(bytes);
+            align.write(align_of::<Line>());
+        }
+        Ok(())
+    })
+}
+
+/// Opens a scene in the caller's memory; allocates nothing and owns nothing.
+///
+/// The scene borrows `blob` and `memory`: both stay where and as they are for as long as it is
+/// used. `memory`: at least the size and alignment that `nerf_scene_memory` says, apart from the
+/// blob. `scene` receives the handle on success only; there is nothing to close. `message`: as in
+/// `nerf_scene_memory`.
+///
+/// # Safety
+/// Pointers are NULL or point to what is described here.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn nerf_scene_open(
+    blob: *const c_void,
+    blob_size: usize,
+    options: *const OpenOptions,
+    memory: *mut c_void,
+    memory_size: usize,
+    scene: *mut *const Scene,
+    message: *mut c_char,
+    message_capacity: usize,
+) -> Status {
+    call(Message { text: message, capacity: message_capacity }, || {
+        check_out("scene", scene)?;
+        // SAFETY: the caller's promise.
+        let tier = unsafe { read_tier(options)? };
+        let blob_span = Span::of("blob", blob.cast::<u8>(), blob_size)?;
+        Span::of("memory", memory.cast::<Line>().cast_const(), 0)?;
+        let memory_span = Span::new("memory", memory, memory_size)?;
+        memory_span.check_apart("memory", blob_span, "the blob")?;
+        // SAFETY: the caller's promise, which lasts as long as the scene is used.
+        let blob = unsafe { open_blob::<'static>(blob, blob_size)? };
+        let lines = memory_lines(&blob, tier);
+        let found = memory_size / size_of::<Line>();
+        if found < lines {
+            let expected = lines.saturating_mul(size_of::<Line>());
+            return Err(Failure::Memory { name: "memory", expected, found: memory_size });
+        }
+        let own = lines_for::<Scene>(1);
+        let memory = memory.cast::<Line>();
+        // SAFETY: aligned, `lines` long, apart from the blob and the caller's to lend as long as the
+        // scene is used; a line holds any bytes.
+        let prepared = unsafe { core::slice::from_raw_parts_mut(memory.add(own), lines - own) };
+        let renderer = Renderer::new(blob, tier, prepared).map_err(Failure::Render)?;
+        let handle = memory.cast::<Scene>();
+        // SAFETY: the first `own` lines hold a scene, are aligned for it, and are not in `prepared`.
+        unsafe { handle.write(Scene { renderer, blob: blob_span, memory: memory_span }) };
+        // SAFETY: checked above, and writable by the caller's promise.
+        unsafe { scene.write(handle) };
+        Ok(())
+    })
+}

@@ -1,0 +1,157 @@
+//! What a scene says about itself.
+
+use crate::boundary::{Message, Out, Versioned, call};
+use crate::open_options::Kernel;
+use crate::scene::Scene;
+use crate::status::Status;
+use core::ffi::c_char;
+use nerf_core::network::{MAX_COLOUR, MAX_TRUNK};
+
+/// What a blob holds.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[repr(u32)]
+pub enum Kind {
+    /// A scene: density and colour in space.
+    Scene = 1,
+    /// A 2D field: an image; cannot be rendered through this interface yet.
+    Field = 2,
+}
+
+/// Text inside the blob: UTF-8, `length` bytes, **not** NUL-terminated.
+#[derive(Clone, Copy, Debug)]
+#[repr(C)]
+pub struct Text {
+    /// First byte; never NULL.
+    pub data: *const c_char,
+    /// Bytes.
+    pub length: usize,
+}
+
+impl Text {
+    fn of(text: &str) -> Self {
+        Self { data: text.as_ptr().cast(), length: text.len() }
+    }
+}
+
+/// What a scene says about itself; zeros where the blob is a 2D field.
+#[derive(Clone, Copy, Debug)]
+#[repr(C)]
+pub struct SceneInfo {
+    /// `sizeof(nerf_scene_info)`, set by the caller.
+    pub struct_size: usize,
+    /// A `nerf_kind`.
+    pub kind: u32,
+    /// The `nerf_kernel` the scene runs on; never `NERF_KERNEL_AUTO`.
+    pub kernel: u32,
+    /// Smallest corner of the scene box, world units; outside of the box density is 0.
+    pub box_min: [f32; 3],
+    /// Largest corner of the scene box, world units.
+    pub box_max: [f32; 3],
+    /// Near: where rays start, world units along the ray. (`near` alone is a macro on Windows.)
+    pub near_distance: f32,
+    /// Far: where rays end, world units along the ray.
+    pub far_distance: f32,
+    /// Samples per ray the scene was made for.
+    pub samples: u32,
+    /// What shows where opacity is below 1, display-encoded.
+    pub background: [f32; 3],
+    /// 1 if colour depends on the viewing direction.
+    pub view_dependent: u32,
+    /// 1 if the skip grid is part of the model and cannot be ignored.
+    pub grid_required: u32,
+    /// Cells of the skip grid along x, y, z; zeros without a grid.
+    pub grid_resolution: [u32; 3],
+    /// Share of the cells that may hold something; 1 without a grid.
+    pub grid_occupancy: f32,
+    /// Trunk layers in use of `trunk_widths`.
+    pub trunk_layers: u32,
+    /// Widths of the trunk's layers.
+    pub trunk_widths: [u32; 16],
+    /// Colour layers in use of `colour_widths`.
+    pub colour_layers: u32,
+    /// Widths of the colour branch's hidden layers.
+    pub colour_widths: [u32; 4],
+    /// Mean PSNR over the validation views, dB; NaN if there were none.
+    pub psnr_db: f32,
+    /// What rounding to f16 cost on the same views, dB; NaN if not measured.
+    pub quantisation_loss_db: f32,
+    /// Optimiser steps.
+    pub steps: u32,
+    /// Parameters of the network.
+    pub parameters: u64,
+    /// Multiply-adds of one density evaluation.
+    pub density_macs: u64,
+    /// Multiply-adds of one colour evaluation on top of a density evaluation.
+    pub colour_macs: u64,
+    /// Seed of the run.
+    pub seed: u64,
+    /// The data the scene was fitted to, by name.
+    pub data: Text,
+    /// The program and settings that made it.
+    pub made_by: Text,
+    /// What the PSNR means: views, background, samples.
+    pub psnr_convention: Text,
+}
+
+// The header spells the format's caps out.
+const _: () = assert!(MAX_TRUNK == 16 && MAX_COLOUR == 4);
+
+// SAFETY: `repr(C)`, `struct_size` comes first, and numbers and pointers have no invalid bytes.
+unsafe impl Versioned for SceneInfo {
+    const NAME: &'static str = "info";
+}
+
+/// Says what a scene is: where to put a camera, what it costs, where it comes from.
+///
+/// `info`: `struct_size` set by the caller, the rest is written on success; fields that a newer
+/// header has and this library does not know become zero. Its texts point into the blob.
+///
+/// # Safety
+/// `scene` is NULL or a scene whose memory and blob are intact; `info` is NULL or points to
+/// `struct_size` bytes.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn nerf_scene_describe(scene: *const Scene, info: *mut SceneInfo) -> Status {
+    call(Message::NONE, || {
+        // SAFETY: the caller's promise.
+        let scene = unsafe { Scene::of(scene)? };
+        // SAFETY: the caller's promise.
+        let out = unsafe { Out::new(info)? };
+        out.write(describe(scene));
+        Ok(())
+    })
+}
+
+fn describe(scene: &Scene) -> SceneInfo {
+    let renderer = scene.renderer();
+    let (blob, architecture) = (renderer.blob(), renderer.blob().architecture());
+    let (facts, grid, provenance) = (blob.scene(), blob.grid(), blob.provenance());
+    SceneInfo {
+        struct_size: size_of::<SceneInfo>(),
+        kind: if facts.is_some() { Kind::Scene } else { Kind::Field } as u32,
+        kernel: Kernel::of(renderer.network().tier()) as u32,
+        box_min: facts.map_or([0.0; 3], |facts| facts.min),
+        box_max: facts.map_or([0.0; 3], |facts| facts.max),
+        near_distance: facts.map_or(0.0, |facts| facts.near),
+        far_distance: facts.map_or(0.0, |facts| facts.far),
+        samples: facts.map_or(0, |facts| facts.samples.into()),
+        background: facts.map_or([0.0; 3], |facts| facts.background),
+        view_dependent: architecture.direction.is_some().into(),
+        grid_required: facts.is_some_and(|facts| facts.grid_required).into(),
+        grid_resolution: grid.map_or([0; 3], |grid| grid.resolution().map(u32::from)),
+        grid_occupancy: grid.map_or(1.0, |grid| grid.occupancy()),
+        trunk_layers: architecture.trunk.len() as u32,
+        trunk_widths: core::array::from_fn(|i| architecture.trunk.get(i).map_or(0, |l| l.width.into())),
+        colour_layers: architecture.colour.len() as u32,
+        colour_widths: core::array::from_fn(|i| architecture.colour.get(i).map_or(0, |&w| w.into())),
+        psnr_db: provenance.psnr_db.unwrap_or(f32::NAN),
+        quantisation_loss_db: provenance.quantisation_loss_db.unwrap_or(f32::NAN),
+        steps: provenance.steps,
+        parameters: architecture.parameters() as u64,
+        density_macs: architecture.density_macs() as u64,
+        colour_macs: architecture.colour_macs() as u64,
+        seed: provenance.seed,
+        data: Text::of(provenance.data),
+        made_by: Text::of(provenance.made_by),
+        psnr_convention: Text::of(provenance.psnr_convention),
+    }
+}

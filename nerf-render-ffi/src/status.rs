@@ -1,0 +1,134 @@
+//! What became of a call.
+
+use core::ffi::{CStr, c_char};
+
+/// What became of a call; the numbers never change, and later versions may add some.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[repr(i32)]
+pub enum Status {
+    /// Done.
+    Ok = 0,
+    /// A pointer that must not be NULL is.
+    NullPointer = 1,
+    /// `struct_size` is smaller than in version 1 of the structure, or absurdly large.
+    StructSize = 2,
+    /// A reserved field, or a field this library does not know, is not zero.
+    Reserved = 3,
+    /// A pointer or stride is not a multiple of the alignment it needs.
+    Alignment = 4,
+    /// Memory is smaller than the size query says.
+    Memory = 5,
+    /// Two pieces of memory overlap that must not.
+    Overlap = 6,
+    /// A size or a range of addresses overflows.
+    Overflow = 7,
+    /// A setting is outside its range.
+    Options = 8,
+    /// The kernel tier does not exist on this machine.
+    Kernel = 9,
+    /// The camera makes no rays.
+    Camera = 10,
+    /// The rectangle is not inside the camera's image.
+    Rect = 11,
+    /// No plane is wanted, or a plane's format or stride is wrong.
+    Target = 12,
+    /// The blob is a 2D field: it has nothing to render as a scene.
+    NotAScene = 13,
+    /// The scene's skip grid is part of its model and cannot be ignored.
+    GridRequired = 14,
+    /// A direction of a query is not of unit length.
+    Direction = 15,
+    /// The progress callback asked to stop; finished tiles are in the picture.
+    Cancelled = 16,
+    /// A defect of this library; the scene is unharmed.
+    Panic = 17,
+    /// The bytes do not begin as a blob does.
+    BlobMagic = 32,
+    /// The blob ends early.
+    BlobTruncated = 33,
+    /// Bytes follow the blob.
+    BlobTrailing = 34,
+    /// The blob was made by a later version of the format.
+    BlobVersion = 35,
+    /// The blob was written with the other byte order.
+    BlobEndian = 36,
+    /// The blob has flags this library does not know.
+    BlobFlags = 37,
+    /// The blob is damaged: its checksum does not match.
+    BlobChecksum = 38,
+    /// The blob's checksum matches, but its content breaks a rule of the format.
+    BlobContent = 39,
+}
+
+impl Status {
+    /// Every status.
+    pub const ALL: [Self; 26] = {
+        use Status::*;
+        [
+            Ok,
+            NullPointer,
+            StructSize,
+            Reserved,
+            Alignment,
+            Memory,
+            Overlap,
+            Overflow,
+            Options,
+            Kernel,
+            Camera,
+            Rect,
+            Target,
+            NotAScene,
+            GridRequired,
+            Direction,
+            Cancelled,
+            Panic,
+            BlobMagic,
+            BlobTruncated,
+            BlobTrailing,
+            BlobVersion,
+            BlobEndian,
+            BlobFlags,
+            BlobChecksum,
+            BlobContent,
+        ]
+    };
+
+    const fn text(self) -> &'static CStr {
+        match self {
+            Self::Ok => c"done",
+            Self::NullPointer => c"a pointer that must not be NULL is",
+            Self::StructSize => c"struct_size is none this library knows",
+            Self::Reserved => c"a reserved or unknown field is not zero",
+            Self::Alignment => c"a pointer or stride is misaligned",
+            Self::Memory => c"memory is smaller than the size query says",
+            Self::Overlap => c"two pieces of memory overlap that must not",
+            Self::Overflow => c"a size or a range of addresses overflows",
+            Self::Options => c"a setting is outside its range",
+            Self::Kernel => c"the kernel tier does not exist on this machine",
+            Self::Camera => c"the camera makes no rays",
+            Self::Rect => c"the rectangle is not inside the camera's image",
+            Self::Target => c"no plane is wanted, or a plane's format or stride is wrong",
+            Self::NotAScene => c"the blob is a 2D field, not a scene",
+            Self::GridRequired => c"the scene's skip grid is part of its model and cannot be ignored",
+            Self::Direction => c"a direction is not of unit length",
+            Self::Cancelled => c"cancelled by the progress callback",
+            Self::Panic => c"a defect of this library; the scene is unharmed",
+            Self::BlobMagic => c"not a .nerf blob",
+            Self::BlobTruncated => c"the blob ends early",
+            Self::BlobTrailing => c"bytes follow the blob",
+            Self::BlobVersion => c"the blob needs a later version of this library",
+            Self::BlobEndian => c"the blob has the other byte order",
+            Self::BlobFlags => c"the blob has unknown flags",
+            Self::BlobChecksum => c"the blob is damaged: its checksum does not match",
+            Self::BlobContent => c"the blob's content breaks a rule of the format",
+        }
+    }
+}
+
+/// What a status means, in English; static, never NULL, also for numbers that are no status.
+#[unsafe(no_mangle)]
+pub extern "C" fn nerf_status_text(status: i32) -> *const c_char {
+    let known = Status::ALL.into_iter().find(|known| *known as i32 == status);
+    known.map_or(c"unknown status", Status::text).as_ptr()
+}

@@ -1,0 +1,137 @@
+//! Memory that one call works in.
+
+use crate::boundary::{Message, call, check_out};
+use crate::failure::Failure;
+use crate::render_options::{RenderOptions, Settings};
+use crate::scene::Scene;
+use crate::span::Span;
+use crate::status::Status;
+use core::ffi::{c_char, c_void};
+use nerf_core::kernels::{Arena, Line, lines_for};
+use nerf_core::plan::{Batch, Outputs, Plan};
+use nerf_core::volume::Pixel;
+
+/// Colour is wanted.
+pub const NERF_OUTPUT_RGB: u32 = 1;
+/// Opacity is wanted.
+pub const NERF_OUTPUT_OPACITY: u32 = 2;
+/// Distance along the ray is wanted.
+pub const NERF_OUTPUT_RAY_DISTANCE: u32 = 4;
+/// Distance along the view axis is wanted.
+pub const NERF_OUTPUT_Z_DEPTH: u32 = 8;
+
+/// Longest side of a tile, pixels.
+const TILE_SIDE: usize = 16;
+
+/// Width and height of the tiles a batch is rendered in: no more pixels than rays.
+pub(crate) fn tile_size(batch: Batch) -> (u32, u32) {
+    let width = TILE_SIDE.min(batch.rays).max(1);
+    (width as u32, TILE_SIDE.min(batch.rays / width).max(1) as u32)
+}
+
+/// A pixel nobody has computed.
+const BLANK: Pixel = Pixel { rgb: [0.0; 3], opacity: 0.0, ray_distance: 0.0, z_depth: 0.0 };
+
+/// Pixels of the largest tile.
+fn tile_pixels(batch: Batch) -> usize {
+    let (width, height) = tile_size(batch);
+    (width * height) as usize
+}
+
+/// Bytes one call needs.
+fn size(scene: &Scene, batch: Batch, plan: &Plan<'_>) -> Result<usize, Failure> {
+    let lines = lines_for::<Pixel>(tile_pixels(batch)).checked_add(scene.renderer().workspace_lines(plan));
+    lines.and_then(|lines| lines.checked_mul(size_of::<Line>())).ok_or(Failure::Overflow("workspace"))
+}
+
+/// A workspace that is large enough, aligned and apart from the scene.
+pub(crate) struct Workspace {
+    at: *mut Line,
+    lines: usize,
+    span: Span,
+}
+
+impl Workspace {
+    /// Checks the memory, but not yet its size, which follows from the plan.
+    pub fn new(at: *mut c_void, size: usize, scene: &Scene) -> Result<Self, Failure> {
+        Span::of("workspace", at.cast::<Line>().cast_const(), 0)?;
+        let span = Span::new("workspace", at, size)?;
+        scene.check_apart("workspace", span)?;
+        Ok(Self { at: at.cast(), lines: size / size_of::<Line>(), span })
+    }
+
+    pub fn span(&self) -> Span {
+        self.span
+    }
+
+    /// Checks the size.
+    pub fn check_size(&self, scene: &Scene, batch: Batch, plan: &Plan<'_>) -> Result<(), Failure> {
+        let expected = size(scene, batch, plan)?;
+        let found = self.lines * size_of::<Line>();
+        if found < expected { Err(Failure::Memory { name: "workspace", expected, found }) } else { Ok(()) }
+    }
+
+    /// Room for a tile's pixels, and the rest.
+    ///
+    /// # Safety
+    /// The memory is writable, and nobody else uses it as long as the slices live.
+    pub unsafe fn split(&mut self, batch: Batch) -> Result<(&mut [Pixel], &mut [Line]), Failure> {
+        // SAFETY: aligned (`new`), a line holds any bytes, and the rest is the caller's promise.
+        let lines = unsafe { core::slice::from_raw_parts_mut(self.at, self.lines) };
+        let count = tile_pixels(batch);
+        let (first, rest) =
+            lines.split_at_mut_checked(lines_for::<Pixel>(count)).ok_or(Failure::Null("workspace"))?;
+        let pixels = Arena::new(first).slice(count, BLANK).ok_or(Failure::Null("workspace"))?;
+        Ok((pixels, rest))
+    }
+}
+
+/// Says how much workspace one `nerf_render` or `nerf_query` call needs, and at which alignment.
+///
+/// `options`: those of the call, NULL for the defaults. `outputs`: `NERF_OUTPUT_*` of the planes
+/// that will not be NULL, or-ed; for a query `NERF_OUTPUT_RGB` or 0. `size` and `align` are written
+/// on success only. `message`: NULL, or `message_capacity` bytes for a sentence about what was
+/// expected and found; empty on success.
+///
+/// # Safety
+/// Pointers are NULL or point to what is described here; `scene` is intact.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn nerf_workspace_size(
+    scene: *const Scene,
+    options: *const RenderOptions,
+    outputs: u32,
+    size: *mut usize,
+    align: *mut usize,
+    message: *mut c_char,
+    message_capacity: usize,
+) -> Status {
+    call(Message { text: message, capacity: message_capacity }, || {
+        // SAFETY: the caller's promise.
+        let scene = unsafe { Scene::of(scene)? };
+        check_out("size", size)?;
+        check_out("align", align)?;
+        // SAFETY: the caller's promise.
+        let settings = unsafe { Settings::read(options, scene.renderer().network().tier())? };
+        let plan = settings.plan(scene.renderer().blob(), read_outputs(outputs)?, false)?;
+        let bytes = self::size(scene, settings.batch, &plan)?;
+        // SAFETY: checked above, and writable by the caller's promise.
+        unsafe {
+            size.write(bytes);
+            align.write(align_of::<Line>());
+        }
+        Ok(())
+    })
+}
+
+fn read_outputs(found: u32) -> Result<Outputs, Failure> {
+    let all = NERF_OUTPUT_RGB | NERF_OUTPUT_OPACITY | NERF_OUTPUT_RAY_DISTANCE | NERF_OUTPUT_Z_DEPTH;
+    if found & !all != 0 {
+        return Err(Failure::Setting { name: "outputs", expected: "NERF_OUTPUT_* or-ed", found });
+    }
+    Ok(Outputs {
+        rgb: found & NERF_OUTPUT_RGB != 0,
+        opacity: found & NERF_OUTPUT_OPACITY != 0,
+        ray_distance: found & NERF_OUTPUT_RAY_DISTANCE != 0,
+        z_depth: found & NERF_OUTPUT_Z_DEPTH != 0,
+    })
+}

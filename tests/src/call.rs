@@ -1,0 +1,141 @@
+//! The C interface, called from Rust as a C host would.
+
+use crate::memory::Guarded;
+use nerf_core::camera;
+use nerf_core::kernels::Tier;
+use nerf_render as ffi;
+use std::ffi::{CStr, c_char, c_void};
+use std::ptr;
+
+/// A message buffer.
+pub struct Message(pub [c_char; 256]);
+
+impl Default for Message {
+    fn default() -> Self {
+        Self([0x55; 256])
+    }
+}
+
+impl Message {
+    /// What was written.
+    pub fn text(&self) -> String {
+        let bytes: Vec<u8> = self.0.iter().map(|&c| c as u8).collect();
+        CStr::from_bytes_until_nul(&bytes).expect("a NUL").to_string_lossy().into_owned()
+    }
+}
+
+/// The number of a tier in C.
+pub fn kernel(tier: Tier) -> u32 {
+    match tier {
+        Tier::Scalar => ffi::Kernel::Scalar as u32,
+        Tier::Avx2 => ffi::Kernel::Avx2 as u32,
+        _ => ffi::Kernel::Avx512 as u32,
+    }
+}
+
+/// Options that open a scene on `tier`.
+pub fn open_options(tier: Tier) -> ffi::OpenOptions {
+    let struct_size = size_of::<ffi::OpenOptions>();
+    ffi::OpenOptions { struct_size, kernel: kernel(tier), reserved: [0; 7] }
+}
+
+/// All zeros: the exact picture.
+pub fn render_options() -> ffi::RenderOptions {
+    ffi::RenderOptions {
+        struct_size: size_of::<ffi::RenderOptions>(),
+        samples: 0,
+        transmittance_cut: 0.0,
+        ignore_grid: 0,
+        maths: 0,
+        background_set: 0,
+        background: [0.0; 3],
+        batch_rays: 0,
+        batch_samples: 0,
+        reserved: [0; 6],
+    }
+}
+
+/// A camera as C has it.
+pub fn camera(camera: &camera::Camera) -> ffi::Camera {
+    let (i, lens, rows) = (camera.intrinsics(), camera.lens(), camera.pose().to_rows());
+    ffi::Camera {
+        struct_size: size_of::<ffi::Camera>(),
+        width: i.width,
+        height: i.height,
+        fx: i.fx,
+        fy: i.fy,
+        cx: i.cx,
+        cy: i.cy,
+        k1: lens.k1,
+        k2: lens.k2,
+        p1: lens.p1,
+        p2: lens.p2,
+        c2w: std::array::from_fn(|k| rows[k / 4][k % 4]),
+        reserved: [0; 6],
+    }
+}
+
+/// A plane that is not wanted.
+pub const NO_PLANE: ffi::Plane =
+    ffi::Plane { data: ptr::null_mut(), pixel_stride: 0, row_stride: 0, format: 0, reserved: 0 };
+
+/// A tightly packed plane.
+pub fn plane(data: *mut c_void, format: ffi::PixelFormat) -> ffi::Plane {
+    ffi::Plane { data, format: format as u32, ..NO_PLANE }
+}
+
+/// A target of one colour plane.
+pub fn target(rgb: ffi::Plane) -> ffi::Target {
+    let struct_size = size_of::<ffi::Target>();
+    ffi::Target { struct_size, rgb, opacity: NO_PLANE, ray_distance: NO_PLANE, z_depth: NO_PLANE }
+}
+
+/// Counters to be filled.
+pub fn counters() -> ffi::Counters {
+    ffi::Counters { struct_size: size_of::<ffi::Counters>(), ..nerf_core::render::Counters::default().into() }
+}
+
+/// An opened scene with the memory it lies in.
+pub struct Opened {
+    /// The handle.
+    pub scene: *const ffi::Scene,
+    /// The scene's memory.
+    pub memory: Guarded,
+    /// The scene's blob.
+    pub blob: Vec<u8>,
+}
+
+/// Opens a blob.
+pub fn open(blob: Vec<u8>, tier: Tier) -> Opened {
+    let (options, mut message) = (open_options(tier), Message::default());
+    let (mut size, mut align, mut scene) = (0, 0, ptr::null());
+    let (bytes, text) = (blob.as_ptr().cast(), message.0.as_mut_ptr());
+    // SAFETY: everything lives until the call returns, blob and memory as long as `Opened`.
+    let status =
+        unsafe { ffi::nerf_scene_memory(bytes, blob.len(), &options, &mut size, &mut align, text, 256) };
+    assert_eq!(status, ffi::Status::Ok, "{}", message.text());
+    assert_eq!(align, 64);
+    let mut memory = Guarded::new(size, 0);
+    let text = message.0.as_mut_ptr();
+    // SAFETY: as above.
+    let status = unsafe {
+        ffi::nerf_scene_open(bytes, blob.len(), &options, memory.at(), size, &mut scene, text, 256)
+    };
+    assert_eq!(status, ffi::Status::Ok, "{}", message.text());
+    assert_eq!(message.text(), "");
+    assert!(memory.surroundings_are_intact());
+    Opened { scene, memory, blob }
+}
+
+impl Opened {
+    /// A workspace of exactly the size that is needed.
+    pub fn workspace(&self, options: Option<&ffi::RenderOptions>, outputs: u32) -> Guarded {
+        let options = options.map_or(ptr::null(), |options| options as *const _);
+        let (mut size, mut align, none) = (0, 0, ptr::null_mut());
+        // SAFETY: the scene is intact and the places live until the call returns.
+        let status =
+            unsafe { ffi::nerf_workspace_size(self.scene, options, outputs, &mut size, &mut align, none, 0) };
+        assert_eq!((status, align), (ffi::Status::Ok, 64));
+        Guarded::new(size, 0)
+    }
+}

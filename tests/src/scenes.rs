@@ -1,0 +1,161 @@
+//! Small scenes of pseudo-random weights.
+
+use nerf_core::blob::{Body, Grid, Provenance, SceneFacts, encoded_len, write};
+use nerf_core::camera::{Camera, Intrinsics, Pose};
+use nerf_core::encoding::{AngleScale, Encoding};
+use nerf_core::kernels::Tier;
+use nerf_core::lens::Lens;
+use nerf_core::network::{Architecture, DensityActivation, TrunkLayer};
+
+/// A scene to be made.
+#[derive(Clone, Copy, Debug)]
+pub struct Recipe {
+    /// Trunk layers, and their width.
+    pub trunk: (usize, u16),
+    /// Whether the last trunk layer takes the encoded position again.
+    pub skip: bool,
+    /// Whether colour depends on direction.
+    pub view_dependent: bool,
+    /// Levels of the position's encoding.
+    pub levels: u8,
+    /// Cells of the grid along each axis, and whether all of them are set.
+    pub grid: Option<(u16, bool)>,
+    /// Whether the grid is part of the model.
+    pub grid_required: bool,
+    /// Whether there is a density head at all.
+    pub scene: bool,
+    /// Seed of the weights.
+    pub seed: u64,
+}
+
+impl Recipe {
+    /// 4×32, L = 10/4, view dependent, without skip layer and grid.
+    pub const PLAIN: Self = Self {
+        trunk: (4, 32),
+        skip: false,
+        view_dependent: true,
+        levels: 10,
+        grid: None,
+        grid_required: false,
+        scene: true,
+        seed: 1,
+    };
+    /// With a skip layer.
+    pub const SKIP: Self = Self { skip: true, seed: 2, ..Self::PLAIN };
+    /// With a grid of 8³ cells, half of them empty, and no view dependence.
+    pub const GRID: Self = Self { grid: Some((8, false)), view_dependent: false, seed: 3, ..Self::PLAIN };
+    /// With a grid that is part of the model.
+    pub const GRID_REQUIRED: Self = Self { grid_required: true, ..Self::GRID };
+    /// A 2D field.
+    pub const FIELD: Self = Self { scene: false, view_dependent: false, seed: 4, ..Self::PLAIN };
+    /// As few bytes as a scene can have, nearly.
+    pub const TINY: Self = Self {
+        trunk: (1, 2),
+        view_dependent: false,
+        levels: 0,
+        grid: Some((2, false)),
+        seed: 5,
+        ..Self::PLAIN
+    };
+
+    /// The network's shape.
+    pub fn architecture(&self) -> Architecture {
+        let encoding = |inputs, levels| Encoding { inputs, levels, scale: AngleScale::Pi, identity: true };
+        let (layers, width) = self.trunk;
+        let trunk = (0..layers).map(|i| TrunkLayer { width, skip: self.skip && i > 0 && i + 1 == layers });
+        Architecture {
+            position: encoding(if self.scene { 3 } else { 2 }, self.levels),
+            direction: self.view_dependent.then(|| encoding(3, 4)),
+            trunk: trunk.collect(),
+            density: self.scene.then_some(DensityActivation::Relu),
+            colour: self.view_dependent.then_some(width / 2).into_iter().collect(),
+        }
+    }
+
+    /// The blob.
+    pub fn blob(&self) -> Vec<u8> {
+        let architecture = self.architecture();
+        let (weights, bits) = (self.weights(&architecture), self.bits());
+        let body = Body {
+            scene: self.scene.then_some(SceneFacts {
+                min: [-1.0, -1.25, -1.0],
+                max: [1.0, 1.0, 1.5],
+                near: 2.0,
+                far: 6.0,
+                samples: 48,
+                background: [1.0, 0.5, 0.25],
+                grid_required: self.grid_required,
+            }),
+            architecture,
+            grid: self.grid.map(|(side, _)| Grid { resolution: [side; 3], bits: &bits }),
+            provenance: Provenance {
+                data: "noise",
+                made_by: "nerf-tests",
+                steps: 7,
+                seed: self.seed,
+                psnr_db: Some(12.5),
+                psnr_convention: "none",
+                quantisation_loss_db: None,
+                trained_parameters: 9,
+            },
+            weights: &weights,
+        };
+        let mut blob = vec![0; encoded_len(&body).expect("a valid body")];
+        write(&body, &mut blob).expect("a valid body");
+        blob
+    }
+
+    /// f16 weights: uniform, scaled so that a layer keeps its input's size; densities reach far
+    /// enough above 0 for pictures that are neither empty nor flat.
+    fn weights(&self, architecture: &Architecture) -> Vec<u8> {
+        let mut state = self.seed.wrapping_mul(0x9e37_79b9_7f4a_7c15) | 1;
+        let mut uniform = || {
+            state ^= state << 13;
+            state ^= state >> 7;
+            state ^= state << 17;
+            (state >> 40) as f32 / (1u64 << 23) as f32 - 1.0
+        };
+        let mut weights = Vec::new();
+        for layer in architecture.layers() {
+            let limit = (6.0 / layer.inputs() as f32).sqrt();
+            let scale = if layer.outputs == 1 { 8.0 * limit } else { limit };
+            for _ in 0..layer.inputs() * layer.outputs {
+                weights.extend(f16_bits(uniform() * scale).to_le_bytes());
+            }
+            for _ in 0..layer.outputs {
+                weights.extend(f16_bits(uniform() * 0.1).to_le_bytes());
+            }
+        }
+        weights
+    }
+
+    fn bits(&self) -> Vec<u8> {
+        let (side, full) = self.grid.unwrap_or((1, true));
+        let cells = usize::from(side).pow(3);
+        let mut bits = vec![0u8; cells.div_ceil(8)];
+        for cell in (0..cells).filter(|cell| full || cell * 7 % 13 < 7) {
+            bits[cell / 8] |= 1 << (cell % 8);
+        }
+        bits
+    }
+}
+
+/// The nearest-below f16 of a small normal number, subnormals flushed to zero.
+fn f16_bits(x: f32) -> u16 {
+    let bits = x.to_bits();
+    let (sign, exponent) = ((bits >> 16 & 0x8000) as u16, (bits >> 23 & 0xff) as i32 - 112);
+    if exponent <= 0 { sign } else { sign | (exponent as u16) << 10 | (bits >> 13 & 0x3ff) as u16 }
+}
+
+/// A camera of this size that sees the whole scene, from a corner, with a little lens.
+pub fn camera(width: u32, height: u32) -> Camera {
+    let pose = Pose::look_at([1.5, 1.2, 3.4].into(), [0.0, 0.0, 0.1].into(), [0.0, 1.0, 0.0].into());
+    let lens = Lens { k1: 0.02, k2: -0.01, p1: 0.001, p2: -0.002 };
+    let intrinsics = Intrinsics::centred(width, height, 1.2 * width as f32);
+    Camera::new(intrinsics, lens, pose.expect("a pose")).expect("a camera")
+}
+
+/// The tiers of this machine.
+pub fn tiers() -> impl Iterator<Item = Tier> {
+    Tier::ALL.into_iter().filter(|tier| tier.available())
+}

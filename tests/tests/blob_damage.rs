@@ -1,0 +1,217 @@
+//! Whatever happens to a blob's bytes: a typed error, never a panic, never a picture.
+
+use nerf_core::blob::{Blob, BlobError, HEADER_LEN, encoded_len, write};
+use nerf_tests::scenes::Recipe;
+
+/// Sets the checksum right, so that the rules behind it are met.
+fn fix_checksum(blob: &mut [u8]) {
+    let crc = crc::Crc::<u32>::new(&crc::CRC_32_ISO_HDLC);
+    let mut digest = crc.digest();
+    digest.update(&blob[..24]);
+    digest.update(&[0; 8]);
+    digest.update(&blob[HEADER_LEN..]);
+    blob[24..28].copy_from_slice(&digest.finalize().to_le_bytes());
+}
+
+/// Header and checksum for a body that may be wrong.
+fn with_body(body: &[u8]) -> Vec<u8> {
+    let mut blob = Recipe::TINY.blob()[..HEADER_LEN].to_vec();
+    blob[16..24].copy_from_slice(&(body.len() as u64).to_le_bytes());
+    blob.extend_from_slice(body);
+    fix_checksum(&mut blob);
+    blob
+}
+
+fn error(blob: &[u8]) -> BlobError {
+    let error = Blob::open(blob).expect_err("a damaged blob was opened");
+    assert!(!error.to_string().is_empty());
+    error
+}
+
+#[test]
+fn checksum_helper_agrees_with_the_writer() {
+    let blob = Recipe::TINY.blob();
+    assert_eq!(with_body(&blob[HEADER_LEN..]), blob);
+}
+
+#[test]
+fn every_truncation_is_an_error() {
+    let blob = Recipe::TINY.blob();
+    assert_eq!(error(&[]), BlobError::NotABlob);
+    for length in 1..blob.len() {
+        assert!(matches!(error(&blob[..length]), BlobError::Truncated { .. }), "{length} bytes");
+        // Cut with a header that admits it: the body itself ends early.
+        if length >= HEADER_LEN {
+            error(&with_body(&blob[HEADER_LEN..length]));
+        }
+    }
+}
+
+#[test]
+fn every_flipped_bit_is_an_error() {
+    let blob = Recipe::TINY.blob();
+    for bit in 0..8 * blob.len() {
+        let mut flipped = blob.clone();
+        flipped[bit / 8] ^= 1 << (bit % 8);
+        let error = error(&flipped);
+        if bit / 8 >= HEADER_LEN {
+            assert!(matches!(error, BlobError::Checksum { .. }), "bit {bit}: {error}");
+        }
+    }
+}
+
+#[test]
+fn flipped_bits_and_bytes_with_a_right_checksum_never_panic() {
+    let blob = Recipe::TINY.blob();
+    let (mut opened, mut refused) = (0, 0);
+    let mut open = |blob: &mut [u8]| {
+        fix_checksum(blob);
+        match Blob::open(blob) {
+            // What opens is another blob, whole and usable.
+            Ok(other) => {
+                opened += 1;
+                assert_eq!(other.weights().len(), 2 * other.architecture().parameters());
+                let (grid, bounds) = (other.grid().expect("a grid"), other.scene_box().expect("a box"));
+                assert!(grid.occupied(bounds.min) || grid.occupancy() <= 1.0);
+            }
+            Err(error) => refused += usize::from(!error.to_string().is_empty()),
+        }
+    };
+    for bit in 0..8 * blob.len() {
+        let mut flipped = blob.clone();
+        flipped[bit / 8] ^= 1 << (bit % 8);
+        open(&mut flipped);
+    }
+    for byte in HEADER_LEN..blob.len() {
+        for value in [0x00, 0x01, 0x7f, 0x80, 0xff] {
+            let mut changed = blob.clone();
+            changed[byte] = value;
+            open(&mut changed);
+            // And with the rest of the body pushed aside.
+            let mut grown = blob.clone();
+            grown.insert(byte, value);
+            let length = (grown.len() - HEADER_LEN) as u64;
+            grown[16..24].copy_from_slice(&length.to_le_bytes());
+            open(&mut grown);
+        }
+    }
+    assert!(opened > 100 && refused > 300, "{opened} opened, {refused} refused");
+}
+
+#[test]
+fn headers_are_checked_field_by_field() {
+    let blob = Recipe::TINY.blob();
+    let change = |at: usize, bytes: &[u8]| {
+        let mut changed = blob.clone();
+        changed[at..at + bytes.len()].copy_from_slice(bytes);
+        fix_checksum(&mut changed);
+        error(&changed)
+    };
+    assert_eq!(change(0, b"PK"), BlobError::NotABlob);
+    // A text-mode copy: CR LF became LF.
+    let mut text = blob.clone();
+    text.remove(5);
+    assert_eq!(error(&text), BlobError::NotABlob);
+    assert_eq!(change(8, &[2, 0]), BlobError::Version { newest: 1, found: 2 });
+    assert_eq!(change(8, &[0, 0]), BlobError::Version { newest: 1, found: 0 });
+    assert_eq!(change(10, &[0xfe, 0xff]), BlobError::Endian { found: 0xfffe });
+    assert_eq!(change(12, &[0, 0, 0, 0x80]), BlobError::Flags { found: 0x8000_0000 });
+    let (found, body) = (blob.len() as u64, (blob.len() - HEADER_LEN) as u64);
+    assert_eq!(change(16, &(body + 1).to_le_bytes()), BlobError::Truncated { expected: found + 1, found });
+    assert_eq!(
+        change(16, &(body - 1).to_le_bytes()),
+        BlobError::TrailingBytes { expected: found - 1, found }
+    );
+    assert_eq!(change(16, &[0xff; 8]), BlobError::Truncated { expected: u64::MAX, found });
+    assert!(matches!(change(28, &[1]), BlobError::Checksum { .. }));
+    let mut trailing = blob.clone();
+    trailing.push(0);
+    assert_eq!(error(&trailing), BlobError::TrailingBytes { expected: found, found: found + 1 });
+    // Bytes within the announced length, but behind the body.
+    let mut inside = blob[HEADER_LEN..].to_vec();
+    inside.push(0);
+    assert_eq!(error(&with_body(&inside)), BlobError::Body);
+}
+
+#[test]
+fn non_canonical_numbers_are_refused() {
+    let blob = Recipe::TINY.blob();
+    // The last section is the weights: a varint length, then the bytes.
+    let length = Blob::open(&blob).expect("a blob").weights().len();
+    assert!(length < 128);
+    let at = blob.len() - length - 1;
+    assert_eq!(usize::from(blob[at]), length);
+    let mut body = blob[HEADER_LEN..at].to_vec();
+    body.extend([length as u8 | 0x80, 0x00]);
+    body.extend_from_slice(&blob[at + 1..]);
+    assert_eq!(error(&with_body(&body)), BlobError::Body);
+    // A length of 2^64 - 1, and one that no varint has.
+    for prefix in [[0xff; 9].as_slice(), [0xff; 10].as_slice()] {
+        let mut body = blob[HEADER_LEN..at].to_vec();
+        body.extend_from_slice(prefix);
+        body.push(1);
+        body.extend_from_slice(&blob[at + 1..]);
+        assert_eq!(error(&with_body(&body)), BlobError::Body);
+    }
+}
+
+#[test]
+fn weights_that_are_not_finite_are_named() {
+    let blob = Recipe::TINY.blob();
+    let length = Blob::open(&blob).expect("a blob").weights().len();
+    let first = blob.len() - length;
+    let layers = Recipe::TINY.architecture().layers();
+    for (index, bits) in (0..length / 2).zip([0x7c00u16, 0xfc00, 0x7e01, 0x7fff].into_iter().cycle()) {
+        let mut changed = blob.clone();
+        changed[first + 2 * index..][..2].copy_from_slice(&bits.to_le_bytes());
+        fix_checksum(&mut changed);
+        let layer = layers.iter().rev().find(|layer| layer.weights <= index).expect("a layer");
+        let expected = BlobError::Weight { role: layer.role, index: (index - layer.weights) as u32 };
+        assert_eq!(error(&changed), expected);
+    }
+}
+
+#[test]
+fn writing_refuses_what_opening_refuses() {
+    let blob = Recipe::PLAIN.blob();
+    let opened = Blob::open(&blob).expect("a blob");
+    let body = nerf_core::blob::Body {
+        architecture: opened.architecture().clone(),
+        scene: opened.scene().cloned(),
+        grid: None,
+        provenance: opened.provenance().clone(),
+        weights: opened.weights(),
+    };
+    let mut out = vec![0; blob.len()];
+    assert_eq!(encoded_len(&body), Ok(blob.len()));
+    assert_eq!(write(&body, &mut out), Ok(blob.as_slice()));
+    let (expected, found) = (blob.len() as u64, blob.len() as u64 - 1);
+    assert_eq!(write(&body, &mut out[1..]), Err(BlobError::Space { expected, found }));
+
+    let scene = |change: &dyn Fn(&mut nerf_core::blob::SceneFacts)| {
+        let mut wrong = body.clone();
+        wrong.scene.iter_mut().for_each(change);
+        encoded_len(&wrong).expect_err("a wrong scene was written");
+    };
+    scene(&|s| s.samples = 0);
+    scene(&|s| s.samples = 4097);
+    scene(&|s| s.far = s.near);
+    scene(&|s| s.near = -1.0);
+    scene(&|s| s.far = f32::INFINITY);
+    scene(&|s| s.max[1] = s.min[1]);
+    scene(&|s| s.min[2] = f32::NAN);
+    scene(&|s| s.background[0] = 1.5);
+    scene(&|s| s.grid_required = true);
+    let mut field = body.clone();
+    field.scene = None;
+    assert!(matches!(encoded_len(&field), Err(BlobError::Kind { .. })));
+    let mut short = body.clone();
+    short.weights = &opened.weights()[2..];
+    assert!(matches!(encoded_len(&short), Err(BlobError::Length { .. })));
+    for (resolution, bytes) in [([0, 1, 1], 1), ([513, 1, 1], 65), ([2, 2, 2], 2), ([3, 1, 1], 1)] {
+        let mut wrong = body.clone();
+        let bits = vec![0xff; bytes];
+        wrong.grid = Some(nerf_core::blob::Grid { resolution, bits: &bits });
+        encoded_len(&wrong).expect_err("a wrong grid was written");
+    }
+}

@@ -1,0 +1,160 @@
+//! C and C++ programs that link the static library render what Rust renders, bit for bit.
+
+use nerf_core::blob::Blob;
+use nerf_core::camera::{Camera, Intrinsics, Pose};
+use nerf_core::kernels::{Line, Tier};
+use nerf_core::lens::Lens;
+use nerf_core::plan::{Batch, Outputs, Plan, Quality};
+use nerf_core::render::{Rect, Renderer};
+use nerf_tests::build::{Language, program, run};
+use nerf_tests::paths;
+use nerf_tests::scenes::{Recipe, tiers};
+use std::path::{Path, PathBuf};
+use std::process::Command;
+
+const WIDTH: u32 = 37;
+const HEIGHT: u32 = 29;
+
+fn example(path: &str) -> PathBuf {
+    paths::workspace().join("nerf-render-ffi/examples").join(path)
+}
+
+/// 8-bit colour, and z_depth from the top row down, by the Rust renderer.
+fn reference(blob: &[u8], tier: Tier, camera: &Camera) -> (Vec<u8>, Vec<f32>) {
+    let blob = Blob::open(blob).expect("a blob");
+    let mut memory = vec![Line::UNINIT; Renderer::prepared_lines(&blob, tier)];
+    let outputs = Outputs { opacity: false, ray_distance: false, ..Outputs::ALL };
+    let plan = Plan::new(&blob, &Quality::default(), outputs, Batch::for_tier(tier)).expect("a plan");
+    let renderer = Renderer::new(blob, tier, &mut memory).expect("a renderer");
+    let mut workspace = vec![Line::UNINIT; renderer.workspace_lines(&plan)];
+    let (width, pixels) = (camera.intrinsics().width, camera.intrinsics().width * camera.intrinsics().height);
+    let (mut rgb, mut z_depth) = (vec![0; 3 * pixels as usize], vec![0.0; pixels as usize]);
+    let mut put = |x: u32, y: u32, pixel: &nerf_core::volume::Pixel| {
+        let i = (y * width + x) as usize;
+        rgb[3 * i..3 * i + 3].copy_from_slice(&pixel.rgb.map(|c| (c.clamp(0.0, 1.0) * 255.0 + 0.5) as u8));
+        z_depth[i] = pixel.z_depth;
+    };
+    renderer.render(&plan, camera, Rect::full(camera), &mut workspace, &mut put).expect("a picture");
+    (rgb, z_depth)
+}
+
+/// The camera whose pose the program printed.
+fn printed_camera(stdout: &[u8]) -> Camera {
+    let text = String::from_utf8_lossy(stdout);
+    let line = text.lines().find_map(|line| line.strip_prefix("c2w ")).expect("a line \"c2w ...\"");
+    let c2w: Vec<f32> = line.split(' ').map(|number| number.parse().expect("a number")).collect();
+    let pose = Pose::from_rows(std::array::from_fn(|i| std::array::from_fn(|j| c2w[4 * i + j])));
+    let focal = 1.2f32 * WIDTH.max(HEIGHT) as f32;
+    Camera::new(Intrinsics::centred(WIDTH, HEIGHT, focal), Lens::NONE, pose).expect("a camera")
+}
+
+/// What follows `header` in a file.
+fn content(path: &Path, header: &str) -> Vec<u8> {
+    let bytes = std::fs::read(path).expect("the program wrote it");
+    bytes.strip_prefix(header.as_bytes()).unwrap_or_else(|| panic!("{}: header", path.display())).to_vec()
+}
+
+fn pictures_are_the_rust_renderers(language: Language, source: &str, arguments: &[&str]) {
+    let directory = paths::temporary();
+    let program = program(language, &example(source), directory.path(), &[]);
+    let size = format!("{WIDTH} {HEIGHT}\n");
+    for (name, recipe) in [("plain", Recipe::PLAIN), ("skip", Recipe::SKIP), ("grid", Recipe::GRID_REQUIRED)]
+    {
+        let (blob, file) = (recipe.blob(), directory.path().join("scene.nerf"));
+        std::fs::write(&file, &blob).expect("a temporary file");
+        for tier in tiers() {
+            let mut command = Command::new(&program);
+            command.current_dir(directory.path()).env("NERF_KERNEL", tier.name());
+            command.arg(&file).arg("out").args([WIDTH.to_string(), HEIGHT.to_string()]).args(arguments);
+            let camera = printed_camera(&run(&mut command).stdout);
+            let (rgb, z_depth) = reference(&blob, tier, &camera);
+            let what = format!("{source}, {name}, {}", tier.name());
+
+            assert_eq!(
+                content(&directory.path().join("out.ppm"), &format!("P6\n{size}255\n")),
+                rgb,
+                "{what}"
+            );
+            let upwards = z_depth.chunks(WIDTH as usize).rev().flatten();
+            let expected: Vec<u8> = upwards.flat_map(|z| z.to_ne_bytes()).collect();
+            let scale = if cfg!(target_endian = "little") { "-1.0" } else { "1.0" };
+            let header = format!("Pf\n{size}{scale}\n");
+            assert_eq!(content(&directory.path().join("out.pfm"), &header), expected, "{what}");
+            let grey = content(&directory.path().join("out.pgm"), &format!("P5\n{size}255\n"));
+            assert_eq!(grey.len(), z_depth.len(), "{what}");
+            let different = rgb.iter().collect::<std::collections::BTreeSet<_>>().len();
+            assert!(different > 50, "{what}: a flat picture proves nothing ({different} values)");
+        }
+    }
+}
+
+#[test]
+fn c_host_renders_what_rust_renders() {
+    pictures_are_the_rust_renderers(Language::C, "c/render.c", &[]);
+}
+
+#[test]
+fn cpp_host_renders_what_rust_renders_on_one_thread_and_on_three() {
+    pictures_are_the_rust_renderers(Language::Cpp, "cpp/render.cpp", &["1"]);
+    pictures_are_the_rust_renderers(Language::Cpp, "cpp/render.cpp", &["3"]);
+}
+
+#[test]
+fn hosts_say_what_is_wrong() {
+    let directory = paths::temporary();
+    let mut blob = Recipe::PLAIN.blob();
+    let last = blob.len() - 1;
+    blob[last] ^= 1;
+    std::fs::write(directory.path().join("damaged.nerf"), &blob).expect("a temporary file");
+    std::fs::write(directory.path().join("field.nerf"), Recipe::FIELD.blob()).expect("a temporary file");
+    std::fs::write(directory.path().join("good.nerf"), Recipe::PLAIN.blob()).expect("a temporary file");
+    for (language, source) in [(Language::C, "c/render.c"), (Language::Cpp, "cpp/render.cpp")] {
+        let program = program(language, &example(source), directory.path(), &[]);
+        let complains = |arguments: &[&str], kernel: &str, expected: &str| {
+            let mut command = Command::new(&program);
+            command.current_dir(directory.path()).env("NERF_KERNEL", kernel).args(arguments);
+            let output = command.output().expect("a program");
+            let said = String::from_utf8_lossy(&output.stderr);
+            assert!(!output.status.success() && said.contains(expected), "{source} {arguments:?}: {said}");
+        };
+        complains(&[], "", "usage:");
+        complains(&["good.nerf", "out", "0", "3"], "", "usage:");
+        complains(&["absent.nerf", "out"], "", "cannot read absent.nerf");
+        complains(&["damaged.nerf", "out"], "", "its checksum does not match");
+        complains(&["damaged.nerf", "out"], "", "CRC-32: expected");
+        complains(&["field.nerf", "out"], "", "2D field");
+        complains(&["good.nerf", "out"], "fast", "NERF_KERNEL");
+        complains(&["good.nerf", "absent/out", "8", "8"], "", "cannot write absent/out");
+    }
+}
+
+#[test]
+fn minimal_program_of_the_readme_works() {
+    let readme =
+        std::fs::read_to_string(paths::workspace().join("nerf-render-ffi/README.md")).expect("README");
+    let source = std::fs::read_to_string(example("c/minimal.c")).expect("minimal.c");
+    assert!(readme.contains(source.trim()), "the README's program is not examples/c/minimal.c");
+
+    let directory = paths::temporary();
+    let program = program(Language::C, &example("c/minimal.c"), directory.path(), &[]);
+    let file = directory.path().join("scene.nerf");
+    std::fs::write(&file, Recipe::PLAIN.blob()).expect("a temporary file");
+    let scene = std::fs::File::open(&file).expect("a temporary file");
+    let output = run(Command::new(program).stdin(scene));
+    assert_eq!(output.stdout.len(), "P6 64 64 255\n".len() + 64 * 64 * 3);
+    assert!(output.stdout.starts_with(b"P6 64 64 255\n"));
+}
+
+#[test]
+fn no_call_allocates() {
+    let source = paths::workspace().join("tests/c/no_allocation.c");
+    let directory = paths::temporary();
+    let wrap = ["malloc", "calloc", "realloc", "posix_memalign", "aligned_alloc"];
+    let wrap = wrap.map(|name| format!("-Wl,--wrap={name}"));
+    let wrap: Vec<&str> = wrap.iter().map(String::as_str).collect();
+    let program = program(Language::C, &source, directory.path(), &wrap);
+    let file = directory.path().join("scene.nerf");
+    std::fs::write(&file, Recipe::GRID.blob()).expect("a temporary file");
+    let scene = std::fs::File::open(&file).expect("a temporary file");
+    run(Command::new(program).env_remove("NERF_KERNEL").stdin(scene));
+}

@@ -1,0 +1,211 @@
+//! Results depend on the scene and the request, on nothing else.
+
+use nerf_core::blob::Blob;
+use nerf_core::kernels::{BLOCK, Line, Tier};
+use nerf_core::math::MathBackend;
+use nerf_core::plan::{Batch, Outputs, Plan, Quality};
+use nerf_core::render::{Counters, Rect, Renderer};
+use nerf_core::volume::Pixel;
+use nerf_tests::scenes::{Recipe, camera, tiers};
+
+const SIDE: u32 = 24;
+const RECIPES: [(&str, Recipe); 3] =
+    [("plain", Recipe::PLAIN), ("skip", Recipe::SKIP), ("grid", Recipe::GRID)];
+
+fn full() -> Rect {
+    Rect { x: 0, y: 0, width: SIDE, height: SIDE }
+}
+
+/// A pixel's numbers: r, g, b, opacity, ray_distance, z_depth.
+fn numbers(pixel: &Pixel) -> [f32; 6] {
+    let [r, g, b] = pixel.rgb;
+    [r, g, b, pixel.opacity, pixel.ray_distance, pixel.z_depth]
+}
+
+/// The picture, tile by tile of `tile` pixels.
+fn picture(
+    blob: &[u8],
+    tier: Tier,
+    quality: Quality,
+    batch: Batch,
+    tile: (u32, u32),
+) -> (Vec<[f32; 6]>, Counters) {
+    let blob = Blob::open(blob).expect("a blob");
+    let mut memory = vec![Line::UNINIT; Renderer::prepared_lines(&blob, tier)];
+    let plan = Plan::new(&blob, &quality, Outputs::ALL, batch).expect("a plan");
+    let renderer = Renderer::new(blob, tier, &mut memory).expect("a renderer");
+    let mut workspace = vec![Line::UNINIT; renderer.workspace_lines(&plan)];
+    let mut picture = vec![[f32::NAN; 6]; (SIDE * SIDE) as usize];
+    let mut work = Counters::default();
+    for rect in full().tiles(tile.0, tile.1) {
+        let mut put = |x: u32, y: u32, pixel: &Pixel| picture[(y * SIDE + x) as usize] = numbers(pixel);
+        work += renderer.render(&plan, &camera(SIDE, SIDE), rect, &mut workspace, &mut put).expect("a tile");
+    }
+    assert!(picture.iter().flatten().all(|x| x.is_finite()), "a pixel is missing or not finite");
+    (picture, work)
+}
+
+fn whole(blob: &[u8], tier: Tier, quality: Quality) -> Vec<[f32; 6]> {
+    picture(blob, tier, quality, Batch::for_tier(tier), (SIDE, SIDE)).0
+}
+
+fn bits(picture: &[[f32; 6]]) -> Vec<[u32; 6]> {
+    picture.iter().map(|pixel| pixel.map(f32::to_bits)).collect()
+}
+
+fn largest_difference(a: &[[f32; 6]], b: &[[f32; 6]], channels: std::ops::Range<usize>) -> f32 {
+    let pairs = a.iter().zip(b).flat_map(|(a, b)| channels.clone().map(move |c| (a[c], b[c])));
+    pairs.fold(0.0, |worst, (a, b)| worst.max((a - b).abs()))
+}
+
+#[test]
+fn batch_and_tile_sizes_change_no_bit() {
+    for (tier, (name, recipe)) in tiers().flat_map(|tier| RECIPES.map(|recipe| (tier, recipe))) {
+        let blob = recipe.blob();
+        let expected = bits(&whole(&blob, tier, Quality::default()));
+        let different = expected.iter().collect::<std::collections::BTreeSet<_>>().len();
+        assert!(different > 100, "{name}: a flat picture proves nothing ({different} values)");
+        let mut batches: Vec<(usize, usize)> =
+            [1, 3, 16, 17, 64, 100, 255, 256].map(|rays| (rays, BLOCK)).to_vec();
+        if tier == Tier::Scalar {
+            batches.extend([(1, 1), (1, 7), (5, 2), (100, 16), (256, 63)]);
+        }
+        for (rays, samples) in batches {
+            let small = if rays <= 3 { [(1, 1), (SIDE, 1)] } else { [(5, 3), (16, 16)] };
+            for tile in small.into_iter().chain([(SIDE, SIDE)]) {
+                let batch = Batch { rays, samples };
+                let found = bits(&picture(&blob, tier, Quality::default(), batch, tile).0);
+                assert!(found == expected, "{name}, {}, {batch:?}, tile {tile:?}", tier.name());
+            }
+        }
+    }
+}
+
+#[test]
+fn smallest_batch_of_the_scalar_tier_changes_no_bit() {
+    for (name, recipe) in RECIPES {
+        let blob = recipe.blob();
+        for quality in [Quality::default(), Quality { skip_grid: true, ..Quality::EXACT }] {
+            let expected = bits(&whole(&blob, Tier::Scalar, quality));
+            let found = picture(&blob, Tier::Scalar, quality, Batch::SMALLEST, (SIDE, SIDE)).0;
+            assert!(bits(&found) == expected, "{name}");
+        }
+    }
+}
+
+#[test]
+fn thread_count_changes_no_bit() {
+    for (tier, (name, recipe)) in tiers().flat_map(|tier| RECIPES.map(|recipe| (tier, recipe))) {
+        let bytes = recipe.blob();
+        let expected = bits(&whole(&bytes, tier, Quality::default()));
+        let blob = Blob::open(&bytes).expect("a blob");
+        let mut memory = vec![Line::UNINIT; Renderer::prepared_lines(&blob, tier)];
+        let plan =
+            Plan::new(&blob, &Quality::default(), Outputs::ALL, Batch::for_tier(tier)).expect("a plan");
+        let renderer = Renderer::new(blob, tier, &mut memory).expect("a renderer");
+        for threads in [1, 2, 3, 5] {
+            let (renderer, plan) = (&renderer, &plan);
+            let tiles: Vec<Rect> = full().tiles(7, 5).collect();
+            let parts: Vec<Vec<(usize, [u32; 6])>> = std::thread::scope(|scope| {
+                let work = |mine: Vec<Rect>| {
+                    scope.spawn(move || {
+                        let mut workspace = vec![Line::UNINIT; renderer.workspace_lines(plan)];
+                        let mut pixels = Vec::new();
+                        for rect in mine {
+                            let mut put = |x: u32, y: u32, pixel: &Pixel| {
+                                pixels.push(((y * SIDE + x) as usize, numbers(pixel).map(f32::to_bits)));
+                            };
+                            let camera = camera(SIDE, SIDE);
+                            renderer.render(plan, &camera, rect, &mut workspace, &mut put).expect("a tile");
+                        }
+                        pixels
+                    })
+                };
+                let share = |i: usize| tiles.iter().skip(i).step_by(threads).copied().collect();
+                let workers: Vec<_> = (0..threads).map(|i| work(share(i))).collect();
+                workers.into_iter().map(|worker| worker.join().expect("a worker")).collect()
+            });
+            let mut found = vec![[0; 6]; expected.len()];
+            parts.into_iter().flatten().for_each(|(i, pixel)| found[i] = pixel);
+            assert!(found == expected, "{name}, {}, {threads} threads", tier.name());
+        }
+    }
+}
+
+#[test]
+fn tiers_agree_with_the_scalar_oracle() {
+    for (name, recipe) in RECIPES {
+        let blob = recipe.blob();
+        // The cut may end a ray a sample sooner or later: that is its price, not a tier's error.
+        let quality = Quality { transmittance_cut: 0.0, ..Quality::default() };
+        let oracle = whole(&blob, Tier::Scalar, quality);
+        for tier in tiers() {
+            let found = whole(&blob, tier, quality);
+            for (i, (a, b)) in found.iter().zip(&oracle).enumerate() {
+                for (a, b) in a.iter().zip(b) {
+                    let error = (a - b).abs() / b.abs().max(1.0);
+                    assert!(error <= 1e-4, "{name}, {}, pixel {i}: {a} instead of {b}", tier.name());
+                }
+            }
+            let worst = largest_difference(&found, &oracle, 0..6);
+            println!("{name}, {}: largest difference {worst:e}", tier.name());
+        }
+    }
+}
+
+#[test]
+fn grid_of_ones_changes_no_bit_and_skips_nothing() {
+    for tier in tiers() {
+        let with = Recipe { grid: Some((8, true)), ..Recipe::PLAIN };
+        let on = Quality { skip_grid: true, ..Quality::EXACT };
+        let batch = Batch::for_tier(tier);
+        let (expected, all) = picture(&with.blob(), tier, Quality::EXACT, batch, (SIDE, SIDE));
+        let (found, kept) = picture(&with.blob(), tier, on, batch, (SIDE, SIDE));
+        let without = whole(&Recipe::PLAIN.blob(), tier, on);
+        assert!(bits(&found) == bits(&expected) && bits(&without) == bits(&expected), "{}", tier.name());
+        assert_eq!(all, kept, "{}", tier.name());
+    }
+}
+
+#[test]
+fn grid_saves_what_it_calls_empty() {
+    let (blob, batch) = (Recipe::GRID.blob(), Batch::for_tier(Tier::Scalar));
+    let on = Quality { skip_grid: true, ..Quality::EXACT };
+    let (_, all) = picture(&blob, Tier::Scalar, Quality::EXACT, batch, (SIDE, SIDE));
+    let (_, kept) = picture(&blob, Tier::Scalar, on, batch, (SIDE, SIDE));
+    assert!(kept.samples_kept < all.samples_kept * 7 / 10, "{kept:?} of {all:?}");
+    assert_eq!(kept.samples_kept + kept.samples_skipped, all.samples_kept + all.samples_skipped);
+}
+
+#[test]
+fn transmittance_cut_costs_little_and_saves_work() {
+    for (tier, (name, recipe)) in tiers().flat_map(|tier| RECIPES.map(|recipe| (tier, recipe))) {
+        let (blob, batch) = (recipe.blob(), Batch::for_tier(tier));
+        let exact = Quality { transmittance_cut: 0.0, ..Quality::default() };
+        let (a, all) = picture(&blob, tier, exact, batch, (SIDE, SIDE));
+        let (b, cut) = picture(&blob, tier, Quality::default(), batch, (SIDE, SIDE));
+        // What is behind the cut has weights that sum to less than it.
+        let colour = largest_difference(&a, &b, 0..4);
+        assert!(colour <= 1.001e-3, "{name}, {}: {colour}", tier.name());
+        // Distances are weighted by t <= 6: 1e-3 of (6 + 6), with opacity near 1.
+        let distance = largest_difference(&a, &b, 4..6);
+        assert!(distance <= 1.3e-2, "{name}, {}: {distance}", tier.name());
+        assert!(cut.density_evaluations <= all.density_evaluations, "{name}: {cut:?}, {all:?}");
+    }
+}
+
+#[test]
+fn maths_backends_agree_in_a_picture() {
+    let blob = Recipe::SKIP.blob();
+    let exact = Quality { transmittance_cut: 0.0, ..Quality::default() };
+    for tier in tiers() {
+        let reference = whole(&blob, tier, exact);
+        for (math, most) in
+            [(MathBackend::Libm, 1e-4), (MathBackend::Recurrence, 0.3), (MathBackend::Micromath, 0.3)]
+        {
+            let found = whole(&blob, tier, Quality { math, ..exact });
+            let worst = largest_difference(&found, &reference, 0..4);
+            assert!(worst <= most, "{math:?}, {}: {worst}", tier.name());
+        }
+    }
+}
