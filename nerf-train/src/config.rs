@@ -171,7 +171,7 @@ impl Preset {
                     samples: 128,
                     jitter: Jitter::Bin,
                     rays: 1024,
-                    live_samples: 8192,
+                    live_samples: 4096,
                     images: 0,
                     random_background: true,
                     near: None,
@@ -183,17 +183,17 @@ impl Preset {
                     resolution: 96,
                     hull: true,
                     every: 32,
-                    from: 200,
-                    threshold: 0.01,
+                    from: 100,
+                    threshold: 0.05,
                     decay: 0.8,
                     empty_share: 0.06,
                     empty_weight: 0.01,
                 },
                 optimiser: OptimiserConfig {
-                    steps: 6000,
-                    rate: 4e-3,
-                    final_share: 0.03,
-                    warm_up: 50,
+                    steps: 12_000,
+                    rate: 1e-2,
+                    final_share: 0.02,
+                    warm_up: 300,
                     beta2: 0.99,
                     epsilon: 1e-15,
                     average: 0.98,
@@ -330,6 +330,18 @@ impl Config {
             return Err(ConfigError { field: "sampling.jitter", expected, found });
         }
         Ok(())
+    }
+
+    /// What changes where no hull can be carved and the network itself must find the empty space:
+    /// a gentler start, or its densities die in the fog.
+    pub fn without_hull(mut self) -> Self {
+        if self.preset == Preset::Fast {
+            self.network.density_bias = 0.5;
+            self.grid.from = 400;
+            self.optimiser.rate = 5e-3;
+        }
+        self.grid.hull = false;
+        self
     }
 
     /// The network as it is trained.

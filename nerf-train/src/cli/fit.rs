@@ -3,6 +3,7 @@
 use super::common::{DataOptions, Global, cpu_name, print_report, report_folder};
 use super::outcome;
 use crate::config::{Config, Density, Jitter, Preset};
+use crate::dataset::Background;
 use crate::output::ensure_folder;
 use crate::train::run::{Ended, RunOptions, run_since};
 use crate::train::schedule::{Budget, Clock};
@@ -164,7 +165,6 @@ impl Settings {
         set(&mut o.rate, &self.rate);
         set(&mut o.final_share, &self.final_share);
         set(&mut g.resolution, &self.grid_resolution);
-        g.hull &= !self.no_hull;
         g.skip &= !self.dense;
         if let Some(&[x0, y0, z0, x1, y1, z1]) = self.scene_box.as_deref() {
             s.scene_box = Some([x0, y0, z0, x1, y1, z1]);
@@ -172,10 +172,10 @@ impl Settings {
     }
 }
 
-/// The preset, with the TOML file's values put over it.
-fn read_config(preset: Preset, file: Option<&Path>) -> anyhow::Result<Config> {
-    let config = preset.config();
-    let Some(file) = file else { return Ok(config) };
+/// The preset, with the TOML file's values put over it; `hull`: whether one can be carved.
+fn read_config(preset: Preset, file: Option<&Path>, hull: bool) -> anyhow::Result<Config> {
+    let start = |preset: Preset| if hull { preset.config() } else { preset.config().without_hull() };
+    let Some(file) = file else { return Ok(start(preset)) };
     let text = std::fs::read_to_string(file).with_context(|| format!("cannot read {}", file.display()))?;
     let parse = || -> anyhow::Result<Config> {
         let given: toml::Table = text.parse()?;
@@ -183,7 +183,7 @@ fn read_config(preset: Preset, file: Option<&Path>) -> anyhow::Result<Config> {
             Some(named) => named.clone().try_into::<Preset>()?,
             None => preset,
         };
-        let mut merged = toml::Table::try_from(preset.config())?;
+        let mut merged = toml::Table::try_from(start(preset))?;
         merge(&mut merged, given);
         Ok(merged.try_into()?)
     };
@@ -202,24 +202,29 @@ fn merge(into: &mut toml::Table, from: toml::Table) {
 }
 
 impl Fit {
-    /// Runs the command.
-    pub fn run(&self, global: &Global) -> anyhow::Result<ExitCode> {
-        let clock = Clock::resume(Duration::ZERO);
-        let mut config = read_config(self.preset, self.config.as_deref())?;
+    /// Preset, TOML file and flags, in this order; `hull`: whether one can be carved.
+    fn config(&self, hull: bool) -> anyhow::Result<Config> {
+        let mut config = read_config(self.preset, self.config.as_deref(), hull)?;
         self.settings.apply(&mut config);
         config.sampling.near = self.data_options.near.or(config.sampling.near);
         config.sampling.far = self.data_options.far.or(config.sampling.far);
+        if let Some(steps) = self.steps {
+            config.optimiser.steps = steps;
+        }
+        config.check()?;
+        Ok(config)
+    }
+
+    /// Runs the command.
+    pub fn run(&self, global: &Global) -> anyhow::Result<ExitCode> {
+        let clock = Clock::resume(Duration::ZERO);
+        // Wrong settings are found before the data is read, and once more with what it says.
+        self.config(true)?;
         if let Some(seconds) = self.max_seconds
             && !(seconds.is_finite() && seconds > 0.0)
         {
             anyhow::bail!("--max-seconds: expected a number above 0, found {seconds}");
         }
-        if let Some(steps) = self.steps {
-            config.optimiser.steps = steps;
-        }
-        config.check()?;
-        let steps = (self.steps.is_some() || self.max_seconds.is_none()).then_some(config.optimiser.steps);
-        let budget = Budget { steps, seconds: self.max_seconds };
 
         // Whatever cannot be written is found out before the work, not after it.
         let parent = self.output.parent().filter(|folder| !folder.as_os_str().is_empty());
@@ -231,6 +236,9 @@ impl Fit {
 
         let dataset = self.data_options.read(&self.data)?;
         let report = print_report(&dataset, global);
+        let config = self.config(!self.settings.no_hull && dataset.background != Background::Unknown)?;
+        let steps = (self.steps.is_some() || self.max_seconds.is_none()).then_some(config.optimiser.steps);
+        let budget = Budget { steps, seconds: self.max_seconds };
         let checkpoint = checkpoint_path(&self.output);
         let options = RunOptions {
             budget,
