@@ -88,7 +88,7 @@ impl Failure {
                 BlobError::TrailingBytes { .. } => Status::BlobTrailing,
                 BlobError::Version { .. } => Status::BlobVersion,
                 BlobError::Endian { .. } => Status::BlobEndian,
-                BlobError::Flags { .. } => Status::BlobFlags,
+                BlobError::Flags { .. } | BlobError::Reserved { .. } => Status::BlobFlags,
                 BlobError::Checksum { .. } => Status::BlobChecksum,
                 _ => Status::BlobContent,
             },

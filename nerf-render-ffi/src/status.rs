@@ -119,7 +119,7 @@ impl Status {
             Self::BlobTrailing => c"bytes follow the blob",
             Self::BlobVersion => c"the blob needs a later version of this library",
             Self::BlobEndian => c"the blob has the other byte order",
-            Self::BlobFlags => c"the blob has unknown flags",
+            Self::BlobFlags => c"the blob has unknown flags or reserved bytes",
             Self::BlobChecksum => c"the blob is damaged: its checksum does not match",
             Self::BlobContent => c"the blob's content breaks a rule of the format",
         }

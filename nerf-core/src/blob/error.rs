@@ -61,6 +61,11 @@ pub enum BlobError {
         /// The flags of the file.
         found: u32,
     },
+    /// Reserved bytes of the header that are not 0.
+    Reserved {
+        /// What they hold.
+        found: u32,
+    },
     /// A bit flipped somewhere.
     Checksum {
         /// CRC-32 stored in the header.
@@ -130,6 +135,7 @@ impl fmt::Display for BlobError {
             }
             Self::Endian { found } => write!(f, "endian tag: expected 0xfeff, found {found:#06x}"),
             Self::Flags { found } => write!(f, "flags: expected 0, found {found:#x}"),
+            Self::Reserved { found } => write!(f, "reserved header bytes: expected 0, found {found:#x}"),
             Self::Checksum { expected, found } => {
                 write!(f, "CRC-32: expected {expected:#010x}, found {found:#010x} (the file is damaged)")
             }

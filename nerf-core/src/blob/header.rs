@@ -70,8 +70,12 @@ pub(super) fn open(bytes: &[u8]) -> Result<&[u8], BlobError> {
     }
     let stored = u32::from_le_bytes([c0, c1, c2, c3]);
     let computed = checksum(header, body);
-    if stored != computed || r != [0; 4] {
+    if stored != computed {
         return Err(BlobError::Checksum { expected: stored, found: computed });
+    }
+    let reserved = u32::from_le_bytes(r);
+    if reserved != 0 {
+        return Err(BlobError::Reserved { found: reserved });
     }
     Ok(body)
 }

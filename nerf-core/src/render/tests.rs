@@ -3,6 +3,7 @@ extern crate std;
 use super::*;
 use crate::blob::Grid;
 use crate::camera::{Intrinsics, Pose};
+use crate::kernels::BLOCK;
 use crate::lens::Lens;
 use crate::math::MathBackend;
 use crate::math::polynomial::Polynomial;
@@ -11,6 +12,8 @@ use crate::plan::{Batch, Outputs, Quality};
 use crate::ray::SceneBox;
 use crate::sampling::Bins;
 use crate::testing::{SCENE, architecture, body, bytes, every_kind, halve, parameters, pi};
+use crate::volume::{Accumulator, Pixel};
+use glam::Vec3;
 use std::vec;
 use std::vec::Vec;
 

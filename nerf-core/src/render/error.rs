@@ -1,0 +1,58 @@
+//! Why nothing was rendered.
+
+use super::Rect;
+
+/// Why nothing was rendered.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[non_exhaustive]
+pub enum RenderError {
+    /// The rectangle is not inside the camera's image.
+    Rect {
+        /// What was asked for.
+        rect: Rect,
+        /// Width of the image, pixels.
+        width: u32,
+        /// Height of the image, pixels.
+        height: u32,
+    },
+    /// Too little memory, in lines of 64 bytes.
+    Memory {
+        /// Lines that are needed.
+        expected: usize,
+        /// Lines that were given.
+        found: usize,
+    },
+    /// The slices of a query differ in length.
+    Lengths {
+        /// Length of `positions`.
+        positions: usize,
+        /// Length of `dirs`.
+        dirs: usize,
+        /// Length of `sigma`.
+        sigma: usize,
+        /// Length of `rgb`.
+        rgb: usize,
+    },
+}
+
+impl core::fmt::Display for RenderError {
+    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+        match self {
+            Self::Rect { rect, width, height } => write!(
+                f,
+                "rectangle: expected it inside the {width}x{height} image, found {}x{} at ({}, {})",
+                rect.width, rect.height, rect.x, rect.y
+            ),
+            Self::Memory { expected, found } => {
+                write!(f, "workspace: expected {expected} lines of 64 bytes, found {found}")
+            }
+            Self::Lengths { positions, dirs, sigma, rgb } => write!(
+                f,
+                "query: expected slices of one length, found positions {positions}, dirs {dirs}, sigma {sigma}, \
+                 rgb {rgb}"
+            ),
+        }
+    }
+}
+
+impl core::error::Error for RenderError {}
