@@ -5,7 +5,7 @@
 //! summed in order. Threads decide only who does it when.
 
 use super::accumulate::reduce;
-use super::chunk::{Chunk, SAMPLES, cut};
+use super::chunk::{Chunk, cut};
 use super::graph::Graph;
 use super::optimiser::{Optimiser, usable};
 use super::pass::{ChunkLoss, Job, Pass};
@@ -60,29 +60,6 @@ impl FusedEngine {
     /// The model that is trained.
     pub fn model(&self) -> &Model {
         &self.graph.model
-    }
-
-    /// sigma, per world unit, at each position: what an occupancy grid is refreshed from.
-    ///
-    /// Infinite in a 2D field, whose samples are opaque.
-    ///
-    /// # Errors
-    /// [`EngineError::Parameters`] if `sigma` is not as long as `positions`.
-    pub fn density(&mut self, positions: &[[f32; 3]], sigma: &mut [f32]) -> Result<(), EngineError> {
-        let (expected, found) = (positions.len(), sigma.len());
-        if expected != found {
-            return Err(EngineError::Parameters { field: "sigma", expected, found });
-        }
-        let Self { graph, tier, parameters, passes, .. } = self;
-        let job = Job { graph, tier: *tier, parameters };
-        let share = expected.div_ceil(ACCUMULATORS).next_multiple_of(SAMPLES).max(SAMPLES);
-        let shares = positions.par_chunks(share).zip(sigma.par_chunks_mut(share));
-        passes.par_iter_mut().zip(shares).with_max_len(1).for_each(|(pass, (positions, sigma))| {
-            for (points, sigma) in positions.chunks(SAMPLES).zip(sigma.chunks_mut(SAMPLES)) {
-                pass.density(job, points, sigma);
-            }
-        });
-        Ok(())
     }
 
     /// Loss of a checked batch; its gradients are left with the optimiser.

@@ -131,15 +131,6 @@ impl Pass {
         self.backward_trunk(job, count, false);
     }
 
-    /// sigma of a few hundred points, by trunk and density head; infinite in a 2D field.
-    pub(super) fn density(&mut self, job: Job<'_>, points: &[[f32; 3]], sigma: &mut [f32]) {
-        if job.graph.density.is_none() {
-            return sigma.fill(f32::INFINITY);
-        }
-        self.evaluate_density(job, points);
-        sigma.copy_from_slice(&self.sigma[..points.len()]);
-    }
-
     fn evaluate_density(&mut self, job: Job<'_>, points: &[[f32; 3]]) {
         self.encode_positions(job, points);
         for l in job.graph.trunk.clone().chain(job.graph.density) {
