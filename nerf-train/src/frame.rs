@@ -1,5 +1,7 @@
 //! Whole frames through nerf-core, tile by tile on all cores.
 
+use crate::report::colour_map::depth_picture_with_legend;
+use crate::report::error::ReportError;
 use crate::report::picture::Picture;
 use nerf_core::camera::Camera;
 use nerf_core::kernels::Line;
@@ -31,6 +33,15 @@ pub struct Frame {
 }
 
 impl Frame {
+    /// Its z_depth in colours, with a legend, from the nearest to the farthest it shows.
+    ///
+    /// # Errors
+    /// None for a frame that was rendered.
+    pub fn z_depth_picture(&self) -> Result<Picture, ReportError> {
+        let (values, title) = (&self.z_depth, "z_depth, world units");
+        depth_picture_with_legend(values, &self.opacity, self.width, self.height, None, title)
+    }
+
     /// Its colours as a picture.
     pub fn picture(&self) -> Picture {
         Picture { width: self.width, height: self.height, rgb: self.rgb.clone() }

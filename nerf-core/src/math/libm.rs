@@ -8,13 +8,6 @@ pub struct Libm;
 
 impl Math for Libm {
     #[inline(always)]
-    fn sin_cos_pi<V: Lanes>(u: V) -> (V, V) {
-        // Exact, as in the polynomial: libm never sees a large angle.
-        let turns = u.mul(V::splat(0.5)).round_even();
-        let u = turns.mul_add(V::splat(-2.0), u);
-        Self::sin_cos(u.mul(V::splat(core::f32::consts::PI)))
-    }
-    #[inline(always)]
     fn sin_cos<V: Lanes>(x: V) -> (V, V) {
         (x.map(libm::sinf), x.map(libm::cosf))
     }

@@ -10,12 +10,6 @@ pub struct Micromath;
 
 impl Math for Micromath {
     #[inline(always)]
-    fn sin_cos_pi<V: Lanes>(u: V) -> (V, V) {
-        let turns = u.mul(V::splat(0.5)).round_even();
-        let u = turns.mul_add(V::splat(-2.0), u);
-        Self::sin_cos(u.mul(V::splat(core::f32::consts::PI)))
-    }
-    #[inline(always)]
     fn sin_cos<V: Lanes>(x: V) -> (V, V) {
         (x.map(F32Ext::sin), x.map(F32Ext::cos))
     }

@@ -41,8 +41,13 @@ pub enum MathBackend {
 pub trait Math {
     /// Whether the encoding goes from level to level by angle doubling.
     const DOUBLING: bool = false;
-    /// `(sin πu, cos πu)`, `u` finite.
-    fn sin_cos_pi<V: Lanes>(u: V) -> (V, V);
+    /// `(sin πu, cos πu)`, `u` finite: `u mod 2` is exact, so that no backend sees a large angle.
+    #[inline(always)]
+    fn sin_cos_pi<V: Lanes>(u: V) -> (V, V) {
+        let turns = u.mul(V::splat(0.5)).round_even();
+        let u = turns.mul_add(V::splat(-2.0), u);
+        Self::sin_cos(u.mul(V::splat(core::f32::consts::PI)))
+    }
     /// `(sin x, cos x)`, `|x| <= polynomial::SIN_COS_DOMAIN`.
     fn sin_cos<V: Lanes>(x: V) -> (V, V);
     /// `e^x`, finite and positive for every `x` that is no NaN.

@@ -9,7 +9,6 @@ use crate::frame::{self, Frame};
 use crate::orbit::Orbit;
 use crate::output::{ensure_folder, write_atomic};
 use crate::report::animation::write_gif;
-use crate::report::colour_map::depth_picture_with_legend;
 use crate::report::contact_sheet::{Cell, contact_sheet};
 use crate::report::picture::Picture;
 use crate::report::table::Table;
@@ -179,16 +178,8 @@ fn median(values: &mut [f64]) -> f64 {
 
 fn sheet_row(cells: &mut Vec<Cell>, name: &str, frame: &Frame, truth: &[[f32; 3]]) -> anyhow::Result<()> {
     let truth = Picture::new(frame.width, frame.height, truth.to_vec())?;
-    let z_depth = depth_picture_with_legend(
-        &frame.z_depth,
-        &frame.opacity,
-        frame.width,
-        frame.height,
-        None,
-        "z_depth, world units",
-    )?;
     cells.push(Cell::new(frame.picture(), format!("{name}: rendered")));
     cells.push(Cell::new(truth, format!("{name}: truth")));
-    cells.push(Cell::new(z_depth, format!("{name}: z_depth")));
+    cells.push(Cell::new(frame.z_depth_picture()?, format!("{name}: z_depth")));
     Ok(())
 }

@@ -3,7 +3,6 @@
 use super::common::{background_name, cpu_name};
 use crate::config::Config;
 use crate::dataset::{Dataset, Report};
-use crate::report::colour_map::depth_picture_with_legend;
 use crate::report::contact_sheet::{Cell, contact_sheet};
 use crate::report::plot::{LinePlot, Marker, Series};
 use crate::report::summary::Summary;
@@ -128,15 +127,7 @@ fn write_views(folder: &Path, outcome: &Outcome, dataset: &Dataset, tier: Tier) 
         let name = file_name(&view.name);
         let mut write = || -> anyhow::Result<()> {
             frame.picture().write_png(folder.join(format!("{name}.png")))?;
-            let z_depth = depth_picture_with_legend(
-                &frame.z_depth,
-                &frame.opacity,
-                frame.width,
-                frame.height,
-                None,
-                "z_depth, world units",
-            )?;
-            z_depth.write_png(folder.join(format!("{name}_z_depth.png")))?;
+            frame.z_depth_picture()?.write_png(folder.join(format!("{name}_z_depth.png")))?;
             let truth = crate::report::picture::Picture::new(frame.width, frame.height, truth.to_vec())?;
             cells.push(Cell::new(frame.picture(), format!("{}: {:.2} dB", view.name, score.psnr_db)));
             cells.push(Cell::new(truth, format!("{}: truth", view.name)));

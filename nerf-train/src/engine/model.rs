@@ -1,6 +1,7 @@
 //! The network as it is trained: more than what is exported, and foldable into it.
 
 use nerf_core::network::{Architecture, ArchitectureError, Role};
+use nerf_core::sampling::{Purpose, uniform_u32};
 use serde::{Deserialize, Serialize};
 
 /// An [`Architecture`] with what exists only in training.
@@ -217,23 +218,9 @@ fn fold_into(out: &mut Vec<f32>, outer: &Dense, values: &[f32], inner: &Dense, i
     }
 }
 
-/// Counter-based random bits: splitmix64's finaliser over seed and counter.
-///
-/// # Source
-/// Steele, Lea, Flood 2014; constants of Stafford's variant 13.
-pub(super) fn random_bits(seed: u64, counter: u64) -> u64 {
-    let mix = |z: u64| {
-        let z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-        let z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-        z ^ (z >> 31)
-    };
-    const STEP: u64 = 0x9e37_79b9_7f4a_7c15;
-    mix(mix(seed.wrapping_add(STEP)).wrapping_add(counter.wrapping_add(1).wrapping_mul(STEP)))
-}
-
 /// Uniform in [0, 1).
 pub(super) fn uniform(seed: u64, counter: u64) -> f64 {
-    (random_bits(seed, counter) >> 11) as f64 * (1.0 / (1u64 << 53) as f64)
+    f64::from(uniform_u32(seed, Purpose::Parameters, 0, counter)) / 4_294_967_296.0
 }
 
 /// Standard normal (Box–Muller).
