@@ -24,7 +24,7 @@ use std::sync::atomic::AtomicBool;
 use std::time::Duration;
 
 /// Steps the demo trains for.
-const STEPS: u32 = 2500;
+const STEPS: u32 = 8000;
 /// Frames of the orbit.
 const ORBIT_FRAMES: usize = 36;
 

@@ -104,7 +104,7 @@ pub fn write_curve(folder: &Path, outcome: &Outcome) -> anyhow::Result<()> {
     let mut plot = LinePlot::new("PSNR while training", "time since the start, s", "PSNR, dB");
     plot.series = vec![
         Series { name: "training rays".into(), points: train, marker: Marker::Line },
-        Series { name: "validation views".into(), points: val, marker: Marker::LineAndPoints },
+        Series { name: "two validation views".into(), points: val, marker: Marker::LineAndPoints },
     ];
     plot.notes = vec![format!(
         "Training rays are drawn near the foreground, so their PSNR is lower than that of whole views. \

@@ -126,23 +126,3 @@ fn a_bad_spec_is_an_error() {
         assert!(dataset(&spec).is_err(), "{spec:?}");
     }
 }
-
-/// Writes a contact sheet to `$DEMO_PNG`, to look at.
-#[test]
-#[ignore = "writes a picture"]
-fn contact_sheet() {
-    let Some(path) = std::env::var_os("DEMO_PNG") else { return };
-    let spec = DemoSpec { size: 400, ..Default::default() };
-    let mut sheet = image::RgbaImage::from_pixel(1200, 800, image::Rgba([255; 4]));
-    let places = [(-1.9, 0.5), (-0.8, 0.35), (0.6, 0.6), (2.2, 0.3), (3.6, 0.9), (-1.0, -0.3)];
-    for (i, (azimuth, z)) in places.into_iter().enumerate() {
-        let camera = spec.camera(azimuth, z).expect("camera");
-        let view = View { name: String::new(), camera, pixels: render(&camera) };
-        for (j, rgb) in view.composite_over([1.0; 3]).into_iter().enumerate() {
-            let [r, g, b] = rgb.map(|v| (v * 255.0).round() as u8);
-            let (x, y) = (400 * (i as u32 % 3) + j as u32 % 400, 400 * (i as u32 / 3) + j as u32 / 400);
-            sheet.put_pixel(x, y, image::Rgba([r, g, b, 255]));
-        }
-    }
-    sheet.save(path).expect("save");
-}

@@ -297,31 +297,3 @@ fn adam_is_that_of_dfdx() {
     }
     assert_eq!(bits(&ours.values()[..3]), bits(&theirs.as_vec()));
 }
-
-/// Not a law: prints what a step costs. `cargo test --release -- --ignored step_time --nocapture`.
-#[test]
-#[ignore = "a measurement"]
-fn step_time() {
-    let mut model = classic();
-    model.architecture.position = encoding(10, AngleScale::Pi);
-    model.architecture.direction = Some(encoding(4, AngleScale::Pi));
-    for (depth, width) in [(8, 256), (4, 128), (2, 64)] {
-        model.architecture.trunk = trunk(depth, width, (depth == 8).then_some(4)).collect();
-        model.architecture.colour = [width / 2].into_iter().collect();
-        let mut batch = batch_of(&model, 3300, 0, 1);
-        batch.empty.clear();
-        let macs: usize = model.layers().iter().map(|d| d.inputs() * d.outputs).sum();
-        let mut engine = fused(&model, 1);
-        for _ in 0..3 {
-            let start = std::time::Instant::now();
-            engine.step(&batch, 1e-3).unwrap();
-            let seconds = start.elapsed().as_secs_f64();
-            let samples = batch.positions.len();
-            let flop = (6 * macs * samples) as f64;
-            println!(
-                "{depth}x{width}: {samples} samples, {seconds:.3} s, {:.1} GFLOP/s",
-                flop / seconds / 1e9
-            );
-        }
-    }
-}

@@ -117,6 +117,12 @@ pub fn spread(views: &[View], count: usize) -> Vec<&View> {
     views.iter().step_by(views.len().div_ceil(count).max(1)).collect()
 }
 
+/// The views that are looked at on the way: some of those of the end, so that the curve is of a piece.
+fn watched(views: &[View]) -> Vec<&View> {
+    let all = spread(views, FINAL_VIEWS);
+    all.iter().step_by(all.len().div_ceil(WATCHED_VIEWS).max(1)).copied().collect()
+}
+
 /// Runs until the budget is used or `stop` is set; `clock` started when the command did.
 ///
 /// # Errors
@@ -275,7 +281,7 @@ impl<'a, 'd> Session<'a, 'd> {
         let parameters = self.trainer.exported_parameters();
         let occupancy = self.trainer.current_grid();
         let bytes = self.export(&parameters, &occupancy, false, None, None)?;
-        let views = spread(&self.dataset.val, WATCHED_VIEWS);
+        let views = watched(&self.dataset.val);
         let (background, step) = (self.trainer.background(), self.trainer.progressed().step);
         let folder = self.options.report.as_deref().filter(|_| snapshot);
         let mut written = Ok(());
@@ -375,8 +381,17 @@ impl<'a, 'd> Session<'a, 'd> {
             quantisation_loss_db,
         };
         let exported = self.trainer.export(&about)?;
-        self.last_val_psnr_db = psnr_db;
-        let mut point = self.point(psnr_db);
+        let names: Vec<&str> = watched(&self.dataset.val).iter().map(|view| view.name.as_str()).collect();
+        let of_watched = Scores {
+            views: scores
+                .views
+                .iter()
+                .filter(|score| names.contains(&score.view.as_str()))
+                .cloned()
+                .collect(),
+            counters: scores.counters,
+        };
+        let mut point = self.point(of_watched.psnr_db());
         point.seconds = train_seconds;
         self.trainer.curve.push(point);
         Ok(Outcome {

@@ -117,12 +117,3 @@ fn ssim_is_symmetric_and_falls_with_noise() {
     assert!((ssim(&a, &much, 40, 40) - ssim(&much, &a, 40, 40)).abs() < 1e-12);
     assert!(ssim(&a, &little, 40, 40) > ssim(&a, &much, 40, 40));
 }
-
-#[test]
-#[ignore = "a timing, for reading"]
-fn time_of_ssim() {
-    let (a, b) = (noise(40_000, 3), noise(40_000, 4));
-    let start = std::time::Instant::now();
-    let similarity = ssim(&a, &b, 200, 200);
-    println!("200×200: {similarity} in {:?}", start.elapsed());
-}
