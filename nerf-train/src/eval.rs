@@ -3,7 +3,9 @@
 use crate::dataset::View;
 use crate::frame::{self, Frame};
 use crate::report::metrics::{psnr_db, ssim};
-use nerf_core::plan::Plan;
+use nerf_core::blob::{Blob, BlobError};
+use nerf_core::kernels::{Line, Tier};
+use nerf_core::plan::{Batch, Outputs, Plan, PlanError, Quality};
 use nerf_core::render::{Counters, RenderError, Renderer};
 use serde::Serialize;
 
@@ -71,4 +73,57 @@ pub fn evaluate<'v>(
         scores.views.push(score);
     }
     Ok(scores)
+}
+
+/// Why a blob cannot be measured.
+#[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
+#[non_exhaustive]
+pub enum EvalError {
+    /// It cannot be opened.
+    #[error("{0}")]
+    Blob(#[from] BlobError),
+    /// It cannot be rendered as asked.
+    #[error("{0}")]
+    Plan(#[from] PlanError),
+    /// It could not be rendered.
+    #[error("{0}")]
+    Render(#[from] RenderError),
+    /// The parameters to measure in place of its own are too few.
+    #[error("parameters: expected {expected}, found {found}")]
+    Parameters {
+        /// What its network has.
+        expected: usize,
+        /// What was given.
+        found: usize,
+    },
+}
+
+/// Opens a blob and measures it on `views` over `background`.
+///
+/// `parameters` replaces the blob's rounded weights where given.
+///
+/// # Errors
+/// [`EvalError`] if the blob cannot be opened or rendered as asked.
+pub fn measure<'v>(
+    blob: &[u8],
+    parameters: Option<&[f32]>,
+    tier: Tier,
+    quality: &Quality,
+    background: [f32; 3],
+    views: impl IntoIterator<Item = &'v View>,
+    each: impl FnMut(&'v View, &Frame, &[[f32; 3]], &ViewScore),
+) -> Result<Scores, EvalError> {
+    let blob = Blob::open(blob)?;
+    let plan = Plan::new(&blob, quality, Outputs::ALL, Batch::for_tier(tier))?;
+    let plan = plan.with_background(background)?;
+    let mut memory = vec![Line::UNINIT; Renderer::prepared_lines(&blob, tier)];
+    let renderer = match parameters {
+        Some(parameters) => {
+            let (expected, found) = (blob.architecture().parameters(), parameters.len());
+            Renderer::with_parameters(blob, tier, parameters)
+                .ok_or(EvalError::Parameters { expected, found })?
+        }
+        None => Renderer::new(blob, tier, &mut memory)?,
+    };
+    Ok(evaluate(&renderer, &plan, background, views, each)?)
 }

@@ -3,11 +3,11 @@
 use super::common::{background_name, cpu_name};
 use crate::config::Config;
 use crate::dataset::{Dataset, Report};
+use crate::eval::measure;
 use crate::report::contact_sheet::{Cell, contact_sheet};
 use crate::report::plot::{LinePlot, Marker, Series};
 use crate::report::summary::Summary;
 use crate::report::table::Table;
-use crate::train::measure;
 use crate::train::run::{Outcome, file_name, spread};
 use nerf_core::kernels::Tier;
 use nerf_core::plan::Quality;

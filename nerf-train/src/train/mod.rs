@@ -1,23 +1,21 @@
 //! Fits a radiance field to posed pictures.
 
+mod bounds;
 pub mod checkpoint;
 pub mod run;
 pub mod schedule;
 
 use crate::config::{Config, ConfigError};
-use crate::dataset::{Background, Dataset, scene_bounds};
+use crate::dataset::{Background, Dataset};
 use crate::engine::{Batch, Engine, EngineError, FusedEngine, Model};
-use crate::eval::{Scores, evaluate};
 use crate::export::{Contents, ExportError, Exported, export};
 use crate::occupancy::{Ask, Occupancy};
 use crate::rays::{Bounds, RayBank};
+use bounds::find_bounds;
 use checkpoint::Checkpoint;
-use glam::Vec3;
-use nerf_core::blob::{Blob, BlobError, Provenance, SceneFacts};
-use nerf_core::kernels::{Line, Tier};
-use nerf_core::plan::{Batch as RenderBatch, Outputs, Plan, PlanError, Quality};
-use nerf_core::ray::{BoundsError, SceneBox};
-use nerf_core::render::{RenderError, Renderer};
+use nerf_core::blob::{Provenance, SceneFacts};
+use nerf_core::kernels::Tier;
+use nerf_core::ray::BoundsError;
 use schedule::learning_rate;
 use serde::{Deserialize, Serialize};
 
@@ -25,8 +23,6 @@ use serde::{Deserialize, Serialize};
 const DEAD_STEPS: u32 = 100;
 /// Times a run is started anew before it is given up.
 const RESEEDS: u32 = 3;
-/// Cells along the longest side of the first, coarse hull, which only finds the scene box.
-const COARSE_HULL: u16 = 64;
 
 /// Counters of the loop.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
@@ -94,15 +90,6 @@ pub enum TrainError {
     /// The parameters make no blob.
     #[error("export: {0}")]
     Export(#[from] ExportError),
-    /// The trainer's own blob cannot be opened or rendered.
-    #[error("own blob: {0}")]
-    Blob(#[from] BlobError),
-    /// As above.
-    #[error("own blob: {0}")]
-    Plan(#[from] PlanError),
-    /// As above.
-    #[error("own blob: {0}")]
-    Render(#[from] RenderError),
 }
 
 /// A run: data, settings and everything that changes from step to step.
@@ -389,68 +376,8 @@ pub struct About<'a> {
     pub quantisation_loss_db: Option<f64>,
 }
 
-/// Opens a blob and measures it on `views` over `background`.
-///
-/// `parameters` replaces the blob's rounded weights where given.
-///
-/// # Errors
-/// [`TrainError`] if the blob cannot be opened or rendered as asked.
-pub fn measure<'v>(
-    blob: &[u8],
-    parameters: Option<&[f32]>,
-    tier: Tier,
-    quality: &Quality,
-    background: [f32; 3],
-    views: impl IntoIterator<Item = &'v crate::dataset::View>,
-    each: impl FnMut(&'v crate::dataset::View, &crate::frame::Frame, &[[f32; 3]], &crate::eval::ViewScore),
-) -> Result<Scores, TrainError> {
-    let blob = Blob::open(blob)?;
-    let plan = Plan::new(&blob, quality, Outputs::ALL, RenderBatch::for_tier(tier))?;
-    let plan = plan.with_background(background)?;
-    let mut memory = vec![Line::UNINIT; Renderer::prepared_lines(&blob, tier)];
-    let renderer = match parameters {
-        Some(parameters) => Renderer::with_parameters(blob, tier, parameters)
-            .ok_or(RenderError::Memory { expected: 0, found: 0 })?,
-        None => Renderer::new(blob, tier, &mut memory)?,
-    };
-    Ok(evaluate(&renderer, &plan, background, views, each)?)
-}
-
 fn new_engine(model: &Model, config: &Config, tier: Tier, seed: u64) -> Result<FusedEngine, TrainError> {
     let mut engine = FusedEngine::new(model, config.adam(), seed)?;
     engine.set_tier(tier);
     Ok(engine)
-}
-
-/// Near, far and scene box from settings and data; and the grid to start with.
-fn find_bounds(dataset: &Dataset, config: &Config) -> Result<(Bounds, Option<Occupancy>), TrainError> {
-    let (s, g) = (&config.sampling, &config.grid);
-    let proposed = scene_bounds(dataset);
-    let missing = || TrainError::NoBounds { data: dataset.name.clone() };
-    let near = s.near.or(proposed.map(|p| p.near)).ok_or_else(missing)?;
-    let far = s.far.or(proposed.map(|p| p.far)).ok_or_else(missing)?;
-    if !(near >= 0.0 && near < far && far.is_finite()) {
-        return Err(BoundsError::Range { near, far }.into());
-    }
-    let given = match s.scene_box {
-        Some([x0, y0, z0, x1, y1, z1]) => Some(SceneBox::new(Vec3::new(x0, y0, z0), Vec3::new(x1, y1, z1))?),
-        None => None,
-    };
-    let cameras: Vec<_> = dataset.cameras().copied().collect();
-    let wide = match (given, proposed) {
-        (Some(given), _) => given,
-        // Without a grid nothing is skipped: every sample of every ray is inside the box.
-        _ if !g.skip => crate::dataset::frusta_box(&cameras, near, far)?,
-        (None, proposed) => proposed.ok_or_else(missing)?.scene_box,
-    };
-    let hull = |bounds, resolution| {
-        let carved = g.skip && g.hull;
-        carved.then(|| Occupancy::carve(bounds, resolution, &dataset.train, dataset.background)).flatten()
-    };
-    let tight = || hull(wide, COARSE_HULL).and_then(|coarse| coarse.tight_box());
-    let scene_box = if given.is_some() { wide } else { tight().unwrap_or(wide) };
-    let occupancy = g
-        .skip
-        .then(|| hull(scene_box, g.resolution).unwrap_or_else(|| Occupancy::full(scene_box, g.resolution)));
-    Ok((Bounds { near, far, scene_box }, occupancy))
 }

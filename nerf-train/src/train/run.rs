@@ -2,10 +2,10 @@
 
 use super::checkpoint::{Checkpoint, CheckpointError};
 use super::schedule::{Budget, Clock};
-use super::{About, CurvePoint, TrainError, Trainer, measure};
+use super::{About, CurvePoint, TrainError, Trainer};
 use crate::config::Config;
 use crate::dataset::{Dataset, View};
-use crate::eval::Scores;
+use crate::eval::{EvalError, Scores, measure};
 use crate::occupancy::Occupancy;
 use crate::output::OutputError;
 use crate::report::error::ReportError;
@@ -101,6 +101,9 @@ pub enum RunError {
     /// Training.
     #[error("{0}")]
     Train(#[from] TrainError),
+    /// The blob cannot be measured.
+    #[error("own blob: {0}")]
+    Eval(#[from] EvalError),
     /// A checkpoint.
     #[error("{0}")]
     Checkpoint(#[from] CheckpointError),
@@ -348,7 +351,7 @@ impl<'a, 'd> Session<'a, 'd> {
         let quality = Quality::default();
 
         let one = &self.dataset.train[..1];
-        let psnr = |quality: &Quality| -> Result<f64, TrainError> {
+        let psnr = |quality: &Quality| -> Result<f64, EvalError> {
             let scores = measure(&draft, None, tier, quality, background, one, |_, _, _, _| {})?;
             Ok(scores.psnr_db().unwrap_or(f64::NAN))
         };
@@ -416,5 +419,6 @@ impl<'a, 'd> Session<'a, 'd> {
 pub fn file_name(name: &str) -> String {
     let stem = Path::new(name).with_extension("");
     let plain = |c: char| if c.is_ascii_alphanumeric() { c } else { '_' };
-    stem.to_string_lossy().trim_start_matches("./").chars().map(plain).collect()
+    let name: String = stem.to_string_lossy().trim_start_matches("./").chars().map(plain).collect();
+    name.trim_end_matches('_').to_string()
 }

@@ -1,0 +1,48 @@
+//! Where the scene is, and which of its cells are worth a sample.
+
+use super::TrainError;
+use crate::config::Config;
+use crate::dataset::{Dataset, frusta_box, scene_bounds};
+use crate::occupancy::Occupancy;
+use crate::rays::Bounds;
+use glam::Vec3;
+use nerf_core::ray::{BoundsError, SceneBox};
+
+/// Cells along the longest side of the first, coarse hull, which only finds the scene box.
+const COARSE_HULL: u16 = 64;
+
+/// Near, far and scene box from settings and data; and the grid to start with.
+pub(super) fn find_bounds(
+    dataset: &Dataset,
+    config: &Config,
+) -> Result<(Bounds, Option<Occupancy>), TrainError> {
+    let (s, g) = (&config.sampling, &config.grid);
+    let proposed = scene_bounds(dataset);
+    let missing = || TrainError::NoBounds { data: dataset.name.clone() };
+    let near = s.near.or(proposed.map(|p| p.near)).ok_or_else(missing)?;
+    let far = s.far.or(proposed.map(|p| p.far)).ok_or_else(missing)?;
+    if !(near >= 0.0 && near < far && far.is_finite()) {
+        return Err(BoundsError::Range { near, far }.into());
+    }
+    let given = match s.scene_box {
+        Some([x0, y0, z0, x1, y1, z1]) => Some(SceneBox::new(Vec3::new(x0, y0, z0), Vec3::new(x1, y1, z1))?),
+        None => None,
+    };
+    let cameras: Vec<_> = dataset.cameras().copied().collect();
+    let wide = match (given, proposed) {
+        (Some(given), _) => given,
+        // Without a grid nothing is skipped: every sample of every ray is inside the box.
+        _ if !g.skip => frusta_box(&cameras, near, far)?,
+        (None, proposed) => proposed.ok_or_else(missing)?.scene_box,
+    };
+    let hull = |bounds, resolution| {
+        let carved = g.skip && g.hull;
+        carved.then(|| Occupancy::carve(bounds, resolution, &dataset.train, dataset.background)).flatten()
+    };
+    let tight = || hull(wide, COARSE_HULL).and_then(|coarse| coarse.tight_box());
+    let scene_box = if given.is_some() { wide } else { tight().unwrap_or(wide) };
+    let occupancy = g
+        .skip
+        .then(|| hull(scene_box, g.resolution).unwrap_or_else(|| Occupancy::full(scene_box, g.resolution)));
+    Ok((Bounds { near, far, scene_box }, occupancy))
+}
