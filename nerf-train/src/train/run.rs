@@ -203,6 +203,14 @@ impl<'a, 'd> Session<'a, 'd> {
         let mut progress = Progress::new("train", total, self.options.style)
             .resume_at(u64::from(self.trainer.progressed().step));
         let started = (Instant::now(), *self.trainer.progressed());
+        let b = self.trainer.bounds().scene_box;
+        progress.println(format!(
+            "scene box {} .. {}; {:.1} % of its cells may hold something; {} pixels to draw from",
+            b.min,
+            b.max,
+            100.0 * self.trainer.occupancy(),
+            self.trainer.pixels()
+        ));
         if self.options.snapshots.contains(&0) && self.trainer.progressed().step == 0 {
             self.look(true)?;
         }
