@@ -129,11 +129,12 @@ fn hosts_say_what_is_wrong() {
 }
 
 #[test]
-fn minimal_program_of_the_readme_works() {
-    let readme =
-        std::fs::read_to_string(paths::workspace().join("nerf-render-ffi/README.md")).expect("README");
+fn minimal_program_of_the_readmes_works() {
     let source = std::fs::read_to_string(example("c/minimal.c")).expect("minimal.c");
-    assert!(readme.contains(source.trim()), "the README's program is not examples/c/minimal.c");
+    for readme in ["README.md", "nerf-render-ffi/README.md"] {
+        let text = std::fs::read_to_string(paths::workspace().join(readme)).expect(readme);
+        assert!(text.contains(source.trim()), "the program in {readme} is not examples/c/minimal.c");
+    }
 
     let directory = paths::temporary();
     let program = program(Language::C, &example("c/minimal.c"), directory.path(), &[]);

@@ -156,6 +156,13 @@ pub fn parse_background(text: &str) -> Result<[f32; 3], String> {
     channels.ok_or_else(|| "expected black, white, red or R,G,B with channels from 0 to 255".into())
 }
 
+/// `N` numbers with commas between them, as one argument.
+pub fn parse_numbers<const N: usize>(text: &str) -> Result<[f32; N], String> {
+    let numbers: Option<Vec<f32>> = text.split(',').map(|number| number.trim().parse().ok()).collect();
+    let numbers = numbers.and_then(|numbers| numbers.try_into().ok());
+    numbers.ok_or_else(|| format!("expected {N} numbers with commas between them"))
+}
+
 /// A background as people write it.
 pub fn background_name(background: [f32; 3]) -> String {
     match background {

@@ -1,6 +1,6 @@
 //! `nerf-train fit`
 
-use super::common::{DataOptions, Global, cpu_name, print_report, report_folder};
+use super::common::{DataOptions, Global, cpu_name, parse_numbers, print_report, report_folder};
 use super::outcome;
 use crate::config::{Config, Density, Jitter, Preset};
 use crate::dataset::Background;
@@ -124,11 +124,10 @@ struct Settings {
     #[arg(
         long = "box",
         value_name = "X0,Y0,Z0,X1,Y1,Z1",
-        value_delimiter = ',',
-        num_args = 6,
-        allow_hyphen_values = true
+        allow_hyphen_values = true,
+        value_parser = parse_numbers::<6>
     )]
-    scene_box: Option<Vec<f32>>,
+    scene_box: Option<[f32; 6]>,
 }
 
 fn parse_jitter(text: &str) -> Result<Jitter, String> {
@@ -166,9 +165,8 @@ impl Settings {
         set(&mut o.final_share, &self.final_share);
         set(&mut g.resolution, &self.grid_resolution);
         g.skip &= !self.dense;
-        if let Some(&[x0, y0, z0, x1, y1, z1]) = self.scene_box.as_deref() {
-            s.scene_box = Some([x0, y0, z0, x1, y1, z1]);
-        }
+        g.hull &= !self.no_hull;
+        s.scene_box = self.scene_box.or(s.scene_box);
     }
 }
 

@@ -55,3 +55,46 @@ pub fn main() -> ExitCode {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use clap::CommandFactory;
+
+    /// The arguments behind `program` in a line of shell, up to a comment.
+    fn arguments<'l>(line: &'l str, program: &str) -> Option<Vec<&'l str>> {
+        let (_, arguments) = line.split('#').next()?.split_once(program)?;
+        Some(arguments.split_whitespace().collect())
+    }
+
+    fn assert_parses(arguments: &[&str]) {
+        let parsed = Cli::try_parse_from(["nerf-train"].iter().chain(arguments));
+        assert!(parsed.is_ok(), "{arguments:?}: {}", parsed.unwrap_err());
+    }
+
+    #[test]
+    fn commands_of_the_readme_parse() {
+        let readme = concat!(env!("CARGO_MANIFEST_DIR"), "/../README.md");
+        let text = std::fs::read_to_string(readme).expect("README.md");
+        let shell = text.split("```sh\n").skip(1).filter_map(|block| block.split("```").next());
+        let commands: Vec<_> = shell
+            .flat_map(str::lines)
+            .filter_map(|line| {
+                arguments(line, "cargo run --release -- ").or_else(|| arguments(line, "nerf-train "))
+            })
+            .collect();
+        assert!(commands.len() >= 7, "{commands:?}");
+        commands.iter().for_each(|command| assert_parses(command));
+    }
+
+    #[test]
+    fn examples_of_the_help_parse() {
+        Cli::command().debug_assert();
+        for command in Cli::command().get_subcommands() {
+            let help = command.get_after_help().expect("an example").to_string();
+            let examples: Vec<_> = help.lines().filter_map(|line| arguments(line, "nerf-train ")).collect();
+            assert!(!examples.is_empty(), "{}", command.get_name());
+            examples.iter().for_each(|example| assert_parses(example));
+        }
+    }
+}

@@ -1,6 +1,8 @@
 //! `nerf-train render`
 
-use super::common::{DataOptions, Global, QualityOptions, open_blob, parse_background, read_file};
+use super::common::{
+    DataOptions, Global, QualityOptions, open_blob, parse_background, parse_numbers, read_file,
+};
 use super::eval::Split;
 use crate::frame::{self, Frame};
 use crate::orbit::Orbit;
@@ -51,13 +53,12 @@ pub struct Render {
     /// Upper three rows of the camera-to-world matrix, row by row (looks down −Z, +Y up).
     #[arg(
         long,
-        value_name = "M",
-        value_delimiter = ',',
-        num_args = 12,
+        value_name = "M,M,…",
         allow_hyphen_values = true,
+        value_parser = parse_numbers::<12>,
         group = "what"
     )]
-    pose: Option<Vec<f32>>,
+    pose: Option<[f32; 12]>,
     /// Data set that the camera comes from.
     #[arg(long, value_name = "DATA", group = "what")]
     data: Option<PathBuf>,
@@ -194,7 +195,7 @@ impl Render {
         if let Some(data) = &self.data {
             return Ok(vec![self.camera_of(data)?]);
         }
-        match self.pose.as_deref() {
+        match &self.pose {
             Some(m) => {
                 let rows = [[m[0], m[1], m[2], m[3]], [m[4], m[5], m[6], m[7]], [m[8], m[9], m[10], m[11]]];
                 let focal = 0.5 * width as f32 / (0.5 * fov.to_radians()).tan();

@@ -16,7 +16,7 @@ use rayon::prelude::*;
 /// Accumulators, hence threads a step can use.
 const ACCUMULATORS: usize = 16;
 
-/// See the [module](self).
+/// The fast engine: explicit passes, and bits that do not depend on the number of threads.
 ///
 /// Memory: parameters ×5, and per accumulator one gradient and the activations of one chunk (about
 /// 512 samples, or one longer ray): some 150 MiB for the 8×256 network, whatever the batch.

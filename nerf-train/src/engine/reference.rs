@@ -16,7 +16,7 @@ type Vector<T = NoneTape> = Tensor<(usize,), f32, Cpu, T>;
 type Taped = OwnedTape<f32, Cpu>;
 type Scalar = Tensor<Rank0, f32, Cpu, Taped>;
 
-/// See the [module](self). Every ray is padded to the longest one, with bins of length 0.
+/// The oracle: dfdx's own derivatives. Every ray is padded to the longest one, with bins of length 0.
 pub struct ReferenceEngine {
     graph: Graph,
     device: Cpu,

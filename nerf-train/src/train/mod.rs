@@ -81,7 +81,7 @@ pub enum TrainError {
     /// Every restart ended without density.
     #[error(
         "training died {restarts} times: every density became 0. Try --density softplus, a lower --rate, or \
-         check the cameras with `nerf-train show`"
+         look at the warnings about the cameras"
     )]
     Dead {
         /// Times it was started.
