@@ -11,7 +11,7 @@ use crate::eval::{Scores, evaluate};
 use crate::export::{Contents, ExportError, Exported, export};
 use crate::occupancy::{Ask, Occupancy};
 use crate::rays::{Bounds, RayBank};
-use checkpoint::Checkpoint;
+use checkpoint::{Checkpoint, fingerprint};
 use glam::Vec3;
 use nerf_core::blob::{Blob, BlobError, Provenance, SceneFacts};
 use nerf_core::kernels::{Line, Tier};
@@ -85,7 +85,7 @@ pub enum TrainError {
     /// Every restart ended without density.
     #[error(
         "training died {restarts} times: every density became 0. Try --density softplus, a lower --rate, or \
-         check the cameras with `nerf-train show`"
+         check the cameras' convention with --axes"
     )]
     Dead {
         /// Times it was started.
@@ -118,6 +118,7 @@ pub struct Trainer<'d> {
     average: Vec<f32>,
     batch: Batch,
     progressed: Progressed,
+    fingerprint: u64,
     /// The curve so far.
     pub curve: Vec<CurvePoint>,
 }
@@ -145,6 +146,7 @@ impl<'d> Trainer<'d> {
             batch: Batch::default(),
             progressed: Progressed::default(),
             curve: Vec::new(),
+            fingerprint: fingerprint(dataset),
             config,
         })
     }
@@ -167,6 +169,7 @@ impl<'d> Trainer<'d> {
         Checkpoint {
             config: self.config.clone(),
             data: self.dataset.name.clone(),
+            fingerprint: self.fingerprint,
             optimiser: self.engine.state(),
             average: self.average.clone(),
             occupancy: self.occupancy.clone(),
@@ -184,6 +187,11 @@ impl<'d> Trainer<'d> {
     /// Counters.
     pub fn progressed(&self) -> &Progressed {
         &self.progressed
+    }
+
+    /// [`fingerprint`] of the data.
+    pub fn fingerprint(&self) -> u64 {
+        self.fingerprint
     }
 
     /// Where the scene is.

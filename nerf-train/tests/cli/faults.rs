@@ -69,7 +69,8 @@ fn bad_folders_are_refused_naming_file_and_view() {
     }
     // A picture that is not there is skipped and named.
     std::fs::remove_file(&picture).expect("removed");
-    let args: Vec<&str> = fit(&data, &file, &["--steps", "2"]).into_iter().filter(|a| *a != "-q").collect();
+    let fitted = folder.path("fitted.nerf");
+    let args: Vec<&str> = fit(&data, &fitted, &["--steps", "2"]).into_iter().filter(|a| *a != "-q").collect();
     let result = run(args);
     assert!(result.code == Some(0) && result.err.contains("r_3"), "{}", result.err);
     std::fs::write(&picture, whole).expect("written");
@@ -100,7 +101,9 @@ fn bad_folders_are_refused_naming_file_and_view() {
 fn near_beyond_far_is_refused_naming_both() {
     let folder = Folder::new();
     let (data, file) = (folder.npz("data.npz"), folder.path("a.nerf"));
-    for range in [["--near", "6", "--far", "2"], ["--near", "2", "--far", "2"], ["--near", "-1", "--far", "nan"]] {
+    for range in
+        [["--near", "6", "--far", "2"], ["--near", "2", "--far", "2"], ["--near", "-1", "--far", "nan"]]
+    {
         let args: Vec<String> = fit(&data, &file, &[]).into_iter().map(Into::into).collect();
         let flags = [format!("{}={}", range[0], range[1]), format!("{}={}", range[2], range[3])];
         fails(args.into_iter().chain(flags), &["near", "far"]);
@@ -152,7 +155,7 @@ fn bad_requests_of_a_picture_are_refused_naming_the_flag() {
         (&["--focal", "nan"], "--focal"),
         (&["--orbit", "0"], "--orbit"),
         (&["--orbit", "2", "--fps", "0"], "frames per second"),
-        (&["--width", "0"], "width"),
+        (&["--width", "0"], "image size"),
         (&["--data", &data, "--view", "2"], "--view"),
         (&["--data", &data, "--split", "test"], "--view"),
         (&["--samples", "5000"], "samples"),
@@ -175,7 +178,10 @@ fn places_that_cannot_be_written_are_found_out_before_the_work() {
     let below = format!("{plain}/below");
     let steps = ["--steps", "1000000000"];
     fails(fit(&data, &below, &steps), &["plain"]);
-    fails(fit(&data, &folder.path("b.nerf"), &[&steps[..], &["--report", &below]].concat()), &["plain/below"]);
+    fails(
+        fit(&data, &folder.path("b.nerf"), &[&steps[..], &["--report", &below]].concat()),
+        &["plain/below"],
+    );
     fails(["eval", file, &data, "--report", &below], &["plain/below"]);
     fails(["render", file, "-o", &format!("{below}/a.png"), "--width", "4"], &["plain/below"]);
     fails(["demo", "--out", &below], &["plain/below"]);
@@ -188,7 +194,9 @@ fn places_that_cannot_be_written_are_found_out_before_the_work() {
     std::fs::create_dir(&ahead).expect("a folder");
     fails(fit(&data, &folder.path("c.nerf"), &steps), &["c.nerf.checkpoint"]);
     assert_eq!(std::fs::read(&plain).expect("intact"), b"a regular file");
-    assert!(!folder.names().iter().any(|name| name.ends_with(".tmp") || name == "b.nerf" || name == "c.nerf"));
+    assert!(
+        !folder.names().iter().any(|name| name.ends_with(".tmp") || name == "b.nerf" || name == "c.nerf")
+    );
 }
 
 #[cfg(unix)]
@@ -284,15 +292,15 @@ fn odd_but_valid_pictures_end_in_a_blob_or_a_message() {
     sizes.train.extend(made(3, 7).train);
     let mut clear = made(4, 12);
     clear.train.iter_mut().chain(&mut clear.val).for_each(|view| view.pixels.fill([9, 8, 7, 0]));
-    for (name, dataset) in
-        [("one", made(1, 12)), ("pixels", made(5, 1)), ("sizes", sizes), ("clear", clear)]
+    for (name, dataset) in [("one", made(1, 12)), ("pixels", made(5, 1)), ("sizes", sizes), ("clear", clear)]
     {
         let data = folder.blender_of(name, &dataset);
         for (i, more) in [&[][..], &["--rate", "0.1"], &["--preset", "seed", "--density", "softplus"]]
             .into_iter()
             .enumerate()
         {
-            let (file, report) = (folder.path(&format!("{name}{i}.nerf")), folder.path(&format!("{name}{i}")));
+            let (file, report) =
+                (folder.path(&format!("{name}{i}.nerf")), folder.path(&format!("{name}{i}")));
             let result = run(fit(&data, &file, &[&["--steps", "30", "--report", &report], more].concat()));
             if result.code == Some(0) {
                 let picture = folder.path("picture.png");

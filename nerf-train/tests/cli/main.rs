@@ -74,6 +74,10 @@ fn fails<S: AsRef<std::ffi::OsStr>>(args: impl IntoIterator<Item = S>, words: &[
     for word in words {
         assert!(ran.err.contains(word), "{command:?}: expected `{word}` in: {}", ran.err);
     }
+    // Said once: a cause must not follow a message that already holds it.
+    let parts: Vec<&str> = ran.err.trim().split(": ").collect();
+    let repeated = (1..parts.len()).any(|i| parts[i].len() > 12 && parts[..i].contains(&parts[i]));
+    assert!(!repeated, "{command:?}: {}", ran.err);
     ran.err
 }
 

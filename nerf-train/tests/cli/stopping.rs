@@ -59,7 +59,11 @@ fn kill_9_at_any_moment_and_resume_gives_the_undisturbed_blob() {
             resumes += 1;
         }
         let mut child = start(&args);
-        std::thread::sleep(Duration::from_millis(20 + wait));
+        // Some before the first checkpoint, most while one is being written.
+        while wait > 20 && !Path::new(&checkpoint).exists() && child.try_wait().expect("a status").is_none() {
+            std::thread::sleep(Duration::from_millis(1));
+        }
+        std::thread::sleep(Duration::from_millis(wait));
         child.kill().expect("SIGKILL");
         child.wait().expect("it ends");
         if Path::new(&checkpoint).exists() {

@@ -36,6 +36,7 @@ fn tiny_seed(steps: u32) -> Config {
     let mut config = Preset::Seed.config();
     (config.network.width, config.network.colour_width) = (16, 8);
     (config.sampling.rays, config.sampling.samples, config.optimiser.steps) = (64, 16, steps);
+    config.grid.resolution = 12;
     config
 }
 

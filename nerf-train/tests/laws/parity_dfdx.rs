@@ -21,13 +21,14 @@ fn trunk(depth: usize, width: u16, skip: usize) -> impl Iterator<Item = TrunkLay
 }
 
 fn models() -> Vec<(&'static str, Model)> {
-    let plain = Model::plain(Architecture {
+    let mut plain = Model::plain(Architecture {
         position: encoding(10),
         direction: Some(encoding(4)),
         trunk: trunk(4, 128, 0).collect(),
         density: Some(DensityActivation::Relu),
         colour: [64].into_iter().collect(),
     });
+    plain.density_bias = 0.3;
     let with = |change: &dyn Fn(&mut Model)| {
         let mut model = plain.clone();
         change(&mut model);
@@ -137,7 +138,8 @@ fn points() -> (Vec<[f32; 3]>, Vec<[f32; 3]>) {
 type Answers = (Vec<f32>, Vec<[f32; 3]>);
 
 fn ask_core(renderer: &Renderer<'_>, tier: Tier) -> Answers {
-    let plan = Plan::new(renderer.blob(), &Quality::EXACT, Outputs::ALL, Batch::for_tier(tier)).expect("a plan");
+    let plan =
+        Plan::new(renderer.blob(), &Quality::EXACT, Outputs::ALL, Batch::for_tier(tier)).expect("a plan");
     let (positions, dirs) = points();
     let mut workspace = vec![Line::UNINIT; renderer.workspace_lines(&plan)];
     let (mut sigma, mut rgb) = (vec![f32::NAN; POINTS], vec![[f32::NAN; 3]; POINTS]);

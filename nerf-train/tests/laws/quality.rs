@@ -1,7 +1,7 @@
 //! What a blob promises of its own grid and weights.
 
 use crate::{fit, scene, tiny};
-use nerf_core::blob::Blob;
+use nerf_core::blob::{Blob, SceneFacts};
 use nerf_core::kernels::Tier;
 use nerf_core::network::Role;
 use nerf_core::plan::{Batch, Outputs, Plan, PlanError, Quality};
@@ -15,25 +15,20 @@ fn psnr_db<'v>(
     views: impl IntoIterator<Item = &'v View>,
     quality: &Quality,
 ) -> Option<f64> {
-    measure(
-        &outcome.bytes,
-        None,
-        Tier::detect(),
-        quality,
-        outcome.background,
-        views,
-        |_, _, _, _| {},
-    )
-    .ok()?
-    .psnr_db()
+    measure(&outcome.bytes, None, Tier::detect(), quality, outcome.background, views, |_, _, _, _| {})
+        .ok()?
+        .psnr_db()
 }
 
 #[test]
 fn a_grid_that_matters_is_part_of_the_model() {
     let dataset = scene();
+    let mut careful = tiny(600);
+    (careful.grid.threshold, careful.grid.resolution) = (0.001, 24);
     for (name, config) in [
         ("hardly fitted", tiny(20)),
         ("fitted", tiny(600)),
+        ("fitted, careful grid", careful),
         ("fitted without hull", tiny(600).without_hull()),
     ] {
         let outcome = fit(&dataset, &config).expect("a blob");
@@ -73,7 +68,7 @@ fn a_weight_beyond_f16_is_refused_naming_layer_and_index() {
         export(&Contents {
             architecture,
             parameters,
-            scene: blob.scene().cloned(),
+            scene: blob.scene().map(|scene| SceneFacts { grid_required: false, ..scene.clone() }),
             grid: None,
             provenance: blob.provenance().clone(),
         })
