@@ -12,6 +12,9 @@ use std::path::Path;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
+/// A name, and something done to a value.
+type Change<T> = (&'static str, fn(&mut T));
+
 /// Both presets, small; and the seed preset's published variants.
 fn variants(steps: u32) -> Vec<(&'static str, Config)> {
     let with = |change: fn(&mut Config)| {
@@ -119,7 +122,7 @@ fn resuming_with_other_settings_is_refused_and_keeps_the_checkpoint() {
         let trainer = Trainer::new(&dataset, config.clone(), Tier::detect()).expect("a trainer");
         trainer.checkpoint(1.0).write(&path).expect("a checkpoint");
         let before = std::fs::read(&path).expect("a checkpoint");
-        let cases: [(&str, fn(&mut Config)); 6] = [
+        let cases: [Change<Config>; 6] = [
             ("network.width", |c| c.network.width = 17),
             ("optimiser.rate", |c| c.optimiser.rate = 0.5),
             ("seed", |c| c.seed ^= 1),
@@ -148,7 +151,7 @@ fn resuming_with_other_data_is_refused_even_under_the_same_name() {
     let (config, path) = (tiny(10), folder.path().join("checkpoint"));
     let trainer = Trainer::new(&dataset, config.clone(), Tier::detect()).expect("a trainer");
     trainer.checkpoint(0.0).write(&path).expect("a checkpoint");
-    let changes: [(&str, fn(&mut Dataset)); 5] = [
+    let changes: [Change<Dataset>; 5] = [
         // The scene box is found from all cameras.
         ("no validation views", |d| d.val.clear()),
         ("a pixel", |d| d.train[2].pixels[300] = [1, 2, 3, 255]),
