@@ -270,7 +270,7 @@ impl Config {
     /// [`ConfigError`] names the first that is out of range.
     pub fn check(&self) -> Result<(), ConfigError> {
         let (n, s, g, o) = (&self.network, &self.sampling, &self.grid, &self.optimiser);
-        let rules: [(&str, bool, String, String); 21] = [
+        let rules: [(&str, bool, String, String); 23] = [
             rule("network.depth", (1..=MAX_TRUNK).contains(&n.depth), format!("1 to {MAX_TRUNK}"), n.depth),
             rule("network.width", (1..=MAX_WIDTH).contains(&n.width), format!("1 to {MAX_WIDTH}"), n.width),
             rule("network.skip_after", n.skip_after < n.depth, "less than the depth", n.skip_after),
@@ -304,7 +304,18 @@ impl Config {
             rule("sampling.live_samples", s.live_samples <= 10_000_000, "at most 10000000", s.live_samples),
             rule("grid.resolution", (1..=512).contains(&g.resolution), "1 to 512", g.resolution),
             rule("grid.every", g.every > 0, "at least 1", g.every),
-            rule("grid.threshold", g.threshold >= 0.0, "at least 0", g.threshold),
+            rule(
+                "grid.threshold",
+                g.threshold.is_finite() && g.threshold >= 0.0,
+                "a finite number of at least 0",
+                g.threshold,
+            ),
+            rule(
+                "grid.empty_weight",
+                g.empty_weight.is_finite() && g.empty_weight >= 0.0,
+                "a finite number of at least 0",
+                g.empty_weight,
+            ),
             rule("grid.decay", (0.0..=1.0).contains(&g.decay), "0 to 1", g.decay),
             rule("grid.empty_share", (0.0..=1.0).contains(&g.empty_share), "0 to 1", g.empty_share),
             rule("optimiser.steps", o.steps > 0, "at least 1", o.steps),
@@ -316,6 +327,13 @@ impl Config {
                 o.final_share,
             ),
             rule("optimiser.beta2", (0.0..1.0).contains(&o.beta2), "0 to 1, without 1", o.beta2),
+            // Adam divides by it in f32 where a gradient was always 0.
+            rule(
+                "optimiser.epsilon",
+                (o.epsilon as f32).is_finite() && o.epsilon as f32 > 0.0,
+                "above 0, in the range of f32",
+                o.epsilon,
+            ),
             rule("optimiser.average", (0.0..1.0).contains(&o.average), "0 to 1, without 1", o.average),
         ];
         for (field, holds, expected, found) in rules {

@@ -57,10 +57,12 @@ pub fn export(contents: &Contents<'_>) -> Result<Exported, ExportError> {
     for layer in &contents.architecture.layers() {
         let end = layer.bias + layer.outputs;
         for (index, &found) in contents.parameters[layer.weights..end].iter().enumerate() {
-            let rounded = f16::from_f32(found);
-            if !rounded.is_finite() {
+            // What lies just beyond would round to the largest; NaN compares false.
+            let fits = found.abs() <= f16::MAX.to_f32();
+            if !fits {
                 return Err(ExportError::Weight { role: layer.role, index, found });
             }
+            let rounded = f16::from_f32(found);
             subnormal_weights += usize::from(rounded.classify() == std::num::FpCategory::Subnormal);
             weights.extend(rounded.to_le_bytes());
         }

@@ -8,7 +8,30 @@ use nerf_core::blob::Blob;
 use nerf_core::kernels::Tier;
 use nerf_core::math::MathBackend;
 use nerf_core::plan::Quality;
+use std::io::Write;
 use std::path::{Path, PathBuf};
+
+/// Prints a line of the result; returns from the function where that fails.
+macro_rules! outln {
+    ($($arg:tt)*) => {
+        $crate::cli::common::print(format_args!($($arg)*))?
+    };
+}
+
+/// Prints a line to stdout. A reader that has seen enough and closed it is no failure.
+pub fn print(line: std::fmt::Arguments<'_>) -> anyhow::Result<()> {
+    match writeln!(std::io::stdout(), "{line}") {
+        Err(error) if error.kind() != std::io::ErrorKind::BrokenPipe => {
+            Err(error).context("cannot write to standard output")
+        }
+        _ => Ok(()),
+    }
+}
+
+/// Prints a line to stderr, if anybody listens: `eprintln!` would panic where it is closed.
+pub fn tell(line: &str) {
+    let _ = writeln!(std::io::stderr(), "{line}");
+}
 
 /// Options every command takes.
 #[derive(Debug, Args)]
@@ -49,7 +72,7 @@ impl Global {
     /// Prints a line of what is going on, unless quiet.
     pub fn say(&self, line: impl AsRef<str>) {
         if !self.quiet {
-            eprintln!("{}", line.as_ref());
+            tell(line.as_ref());
         }
     }
 }

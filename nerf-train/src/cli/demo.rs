@@ -134,14 +134,14 @@ impl Demo {
             .text("blob", blob_path.display().to_string());
         summary.write(&self.out)?;
 
-        println!("{}", table.to_text());
-        println!(
+        outln!("{}", table.to_text());
+        outln!(
             "mean over {} held-out views on {}: {psnr:.2} dB PSNR, {ssim:.4} SSIM",
             scores.views.len(),
             background_name(outcome.background)
         );
-        println!("z_depth of opaque pixels: {:.2} % off the true one at the median", 100.0 * z_depth_error);
-        println!(
+        outln!("z_depth of opaque pixels: {:.2} % off the true one at the median", 100.0 * z_depth_error);
+        outln!(
             "trained {} steps in {:.1} s; {:.1} s in all",
             outcome.steps,
             outcome.train_seconds,
@@ -155,7 +155,7 @@ impl Demo {
             ("summary.json", "every figure, with its unit in its name"),
         ];
         for (name, what) in files {
-            println!("  {:<28} {what}", self.out.join(name).display().to_string());
+            outln!("  {:<28} {what}", self.out.join(name).display().to_string());
         }
         Ok(ExitCode::SUCCESS)
     }

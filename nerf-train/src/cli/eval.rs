@@ -107,6 +107,7 @@ impl Eval {
             );
         }
         let parameters = blob.architecture().parameters();
+        let steps = blob.provenance().steps;
         let mut memory = vec![Line::UNINIT; Renderer::prepared_lines(&blob, tier)];
         let renderer = Renderer::new(blob, tier, &mut memory)?;
         let start = Instant::now();
@@ -125,20 +126,20 @@ impl Eval {
         written?;
         let seconds = start.elapsed().as_secs_f64();
         progress.finish(format!("{done} views"));
-        println!("{}", table.to_text());
+        outln!("{}", table.to_text());
         let (psnr, ssim) = (scores.psnr_db().unwrap_or(f64::NAN), scores.ssim().unwrap_or(f64::NAN));
         let name = background_name(background);
-        println!("mean over {done} views on {name}: {psnr:.3} dB PSNR, {ssim:.4} SSIM");
+        outln!("mean over {done} views on {name}: {psnr:.3} dB PSNR, {ssim:.4} SSIM");
         let c = &scores.counters;
         let rays = c.rays.max(1) as f64;
-        println!(
+        outln!(
             "{:.3} s; a ray: {:.2} density and {:.2} colour evaluations",
             seconds,
             c.density_evaluations as f64 / rays,
             c.colour_evaluations as f64 / rays
         );
         if c.invalid_samples > 0 {
-            println!("{} samples were NaN and counted as empty", c.invalid_samples);
+            outln!("{} samples were NaN and counted as empty", c.invalid_samples);
         }
         if let Some(folder) = &self.report {
             table.write_csv(folder.join("views.csv"))?;
@@ -149,6 +150,7 @@ impl Eval {
                 .integer("views", done)
                 .text("split", self.split.name())
                 .text("background", name)
+                .integer("steps", u64::from(steps))
                 .integer("parameters", parameters as u64)
                 .integer("blob_bytes", bytes.len() as u64)
                 .number("render_seconds", seconds)

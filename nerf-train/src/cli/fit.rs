@@ -1,10 +1,10 @@
 //! `nerf-train fit`
 
-use super::common::{DataOptions, Global, cpu_name, parse_numbers, print_report, report_folder};
+use super::common::{DataOptions, Global, cpu_name, parse_numbers, print_report, report_folder, tell};
 use super::outcome;
 use crate::config::{Config, Density, Jitter, Preset};
 use crate::dataset::Background;
-use crate::output::ensure_folder;
+use crate::output::{ensure_file, ensure_folder};
 use crate::train::run::{Ended, RunOptions, run_since};
 use crate::train::schedule::{Budget, Clock};
 use anyhow::Context;
@@ -124,8 +124,8 @@ struct Settings {
     #[arg(
         long = "box",
         value_name = "X0,Y0,Z0,X1,Y1,Z1",
-        allow_hyphen_values = true,
-        value_parser = parse_numbers::<6>
+        value_parser = parse_numbers::<6>,
+        allow_hyphen_values = true
     )]
     scene_box: Option<[f32; 6]>,
 }
@@ -225,8 +225,9 @@ impl Fit {
         }
 
         // Whatever cannot be written is found out before the work, not after it.
-        let parent = self.output.parent().filter(|folder| !folder.as_os_str().is_empty());
-        ensure_folder(parent.unwrap_or(Path::new(".")))?;
+        let checkpoint = checkpoint_path(&self.output);
+        ensure_file(&self.output)?;
+        ensure_file(&checkpoint)?;
         report_folder(self.report.as_ref())?;
         if self.report.is_some() && !self.snapshots.is_empty() {
             ensure_folder(self.report.as_deref().unwrap_or(Path::new(".")).join("snapshots"))?;
@@ -237,10 +238,9 @@ impl Fit {
         let config = self.config(!self.settings.no_hull && dataset.background != Background::Unknown)?;
         let steps = (self.steps.is_some() || self.max_seconds.is_none()).then_some(config.optimiser.steps);
         let budget = Budget { steps, seconds: self.max_seconds };
-        let checkpoint = checkpoint_path(&self.output);
         let options = RunOptions {
             budget,
-            checkpoint: Some(checkpoint.clone()),
+            checkpoint: Some(checkpoint),
             checkpoint_every: self.checkpoint_every,
             resume: self.resume,
             report: self.report.clone(),
@@ -261,18 +261,19 @@ impl Fit {
             Ended::Finished(outcome) => outcome,
             Ended::Interrupted { step, checkpoint } => {
                 let place = checkpoint.map_or_else(String::new, |path| path.display().to_string());
-                eprintln!("interrupted after step {step}; the checkpoint is {place}");
-                eprintln!("go on with the same command and --resume");
+                tell(&format!("interrupted after step {step}; the checkpoint is {place}"));
+                tell("go on with the same command and --resume");
                 return Ok(ExitCode::from(130));
             }
         };
         crate::output::write_atomic(&self.output, &outcome.bytes)?;
-        outcome::print(&outcome, &self.output);
+        let printed = outcome::print(&outcome, &self.output);
         if let Some(folder) = &self.report {
             let mut summary = outcome::summary(&outcome, &config, options.tier, clock.seconds());
             summary.text("data", dataset.name.clone()).text("blob", self.output.display().to_string());
             outcome::write(folder, &outcome, &dataset, &mut summary, &report, options.tier)?;
         }
+        printed?;
         Ok(ExitCode::SUCCESS)
     }
 }

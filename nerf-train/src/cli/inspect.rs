@@ -20,54 +20,54 @@ impl Inspect {
         let bytes = read_file(&self.file)?;
         let blob = open_blob(&self.file, &bytes)?;
         let a = blob.architecture();
-        println!(
+        outln!(
             "file          {} ({} bytes, format {})",
             self.file.display(),
             bytes.len(),
             nerf_core::blob::FORMAT_VERSION
         );
-        println!("kind          {}", if blob.scene().is_some() { "scene" } else { "2D field" });
-        println!("position      {:?}", a.position);
+        outln!("kind          {}", if blob.scene().is_some() { "scene" } else { "2D field" });
+        outln!("position      {:?}", a.position);
         match &a.direction {
-            Some(direction) => println!("direction     {direction:?}"),
-            None => println!("direction     none: colour does not depend on it"),
+            Some(direction) => outln!("direction     {direction:?}"),
+            None => outln!("direction     none: colour does not depend on it"),
         }
         for layer in blob.layers() {
-            println!("layer         {}", describe(layer));
+            outln!("layer         {}", describe(layer));
         }
         if let Some(density) = a.density {
-            println!("density       {density:?}");
+            outln!("density       {density:?}");
         }
-        println!("parameters    {} as f16 ({} bytes)", a.parameters(), blob.weights().len());
-        println!(
+        outln!("parameters    {} as f16 ({} bytes)", a.parameters(), blob.weights().len());
+        outln!(
             "work          {} multiply-adds for density, {} more for colour",
             a.density_macs(),
             a.colour_macs()
         );
         if let Some(scene) = blob.scene() {
-            println!("box           {:?} .. {:?}", scene.min, scene.max);
-            println!("near, far     {} .. {}, {} samples a ray", scene.near, scene.far, scene.samples);
-            println!("background    {}", background_name(scene.background));
+            outln!("box           {:?} .. {:?}", scene.min, scene.max);
+            outln!("near, far     {} .. {}, {} samples a ray", scene.near, scene.far, scene.samples);
+            outln!("background    {}", background_name(scene.background));
             let role = if scene.grid_required { "part of the model" } else { "only skips what is empty" };
             match blob.grid() {
-                Some(grid) => println!(
+                Some(grid) => outln!(
                     "skip grid     {:?} cells, {:.2} % live; {role}",
                     grid.resolution(),
                     100.0 * grid.occupancy()
                 ),
-                None => println!("skip grid     none"),
+                None => outln!("skip grid     none"),
             }
         }
         let p = blob.provenance();
-        println!("data          {}", p.data);
-        println!("made by       {}, {} steps, seed {}", p.made_by, p.steps, p.seed);
-        println!("trained       {} parameters before folding", p.trained_parameters);
+        outln!("data          {}", p.data);
+        outln!("made by       {}, {} steps, seed {}", p.made_by, p.steps, p.seed);
+        outln!("trained       {} parameters before folding", p.trained_parameters);
         match p.psnr_db {
-            Some(db) => println!("PSNR          {db:.3} dB ({})", p.psnr_convention),
-            None => println!("PSNR          not measured"),
+            Some(db) => outln!("PSNR          {db:.3} dB ({})", p.psnr_convention),
+            None => outln!("PSNR          not measured"),
         }
         if let Some(db) = p.quantisation_loss_db {
-            println!("f16 rounding  {db:.4} dB lost");
+            outln!("f16 rounding  {db:.4} dB lost");
         }
         Ok(ExitCode::SUCCESS)
     }

@@ -1,5 +1,6 @@
 //! The command line: typed options, one file per command.
 
+#[macro_use]
 mod common;
 mod demo;
 mod eval;
@@ -35,6 +36,17 @@ enum Command {
     Inspect(inspect::Inspect),
 }
 
+/// One line of an error and its causes, none said twice: many an error's text holds its cause's.
+fn message(error: &anyhow::Error) -> String {
+    let mut message = format!("error: {error}");
+    for cause in error.chain().skip(1).map(ToString::to_string) {
+        if !message.contains(&cause) {
+            message = format!("{message}: {cause}");
+        }
+    }
+    message
+}
+
 /// Parses the arguments, runs the command, and turns an error into one message and a status.
 ///
 /// Status 0 is success, 1 an error, 2 wrong usage, 130 an interruption.
@@ -50,7 +62,7 @@ pub fn main() -> ExitCode {
     match result {
         Ok(status) => status,
         Err(error) => {
-            eprintln!("error: {error:#}");
+            common::tell(&message(&error));
             ExitCode::FAILURE
         }
     }

@@ -14,37 +14,38 @@ use nerf_core::plan::Quality;
 use std::path::Path;
 
 /// Prints the result.
-pub fn print(outcome: &Outcome, output: &Path) {
+pub fn print(outcome: &Outcome, output: &Path) -> anyhow::Result<()> {
     let background = background_name(outcome.background);
     match (outcome.scores.psnr_db(), outcome.scores.ssim()) {
-        (Some(psnr), Some(ssim)) => println!(
+        (Some(psnr), Some(ssim)) => outln!(
             "validation: {psnr:.2} dB PSNR, {ssim:.4} SSIM over {} views on {background}",
             outcome.scores.views.len()
         ),
-        _ => println!("validation: no views"),
+        _ => outln!("validation: no views"),
     }
-    println!("trained: {} steps in {:.1} s", outcome.steps, outcome.train_seconds);
+    outln!("trained: {} steps in {:.1} s", outcome.steps, outcome.train_seconds);
     if let Some(loss) = outcome.quantisation_loss_db {
-        println!("f16 rounding cost {loss:.3} dB ({} subnormal weights)", outcome.subnormal_weights);
+        outln!("f16 rounding cost {loss:.3} dB ({} subnormal weights)", outcome.subnormal_weights);
     }
     if outcome.grid_required {
-        println!(
+        outln!(
             "without its skip grid the picture changes by {:.2} dB: the grid is part of the model",
             outcome.grid_loss_db
         );
     } else {
-        println!("without its skip grid the picture changes by {:.3} dB", outcome.grid_loss_db);
+        outln!("without its skip grid the picture changes by {:.3} dB", outcome.grid_loss_db);
     }
-    println!("blob: {} ({} bytes)", output.display(), outcome.bytes.len());
+    outln!("blob: {} ({} bytes)", output.display(), outcome.bytes.len());
+    Ok(())
 }
 
 /// The fields of `summary.json`.
 pub fn summary(outcome: &Outcome, config: &Config, tier: Tier, total_seconds: f64) -> Summary {
     let mut summary = Summary::new();
-    if let (Some(psnr), Some(ssim)) = (outcome.scores.psnr_db(), outcome.scores.ssim()) {
-        summary.number("val_psnr_db", psnr).number("val_ssim", ssim);
-    }
+    // Without validation views null, with a note: scripts rely on the names.
     summary
+        .number("val_psnr_db", outcome.scores.psnr_db().unwrap_or(f64::NAN))
+        .number("val_ssim", outcome.scores.ssim().unwrap_or(f64::NAN))
         .integer("views", outcome.scores.views.len() as u64)
         .text("background", background_name(outcome.background))
         .number("train_seconds", outcome.train_seconds)

@@ -33,6 +33,8 @@ enum Output {
     RayDistance,
     /// Distance along the view axis, with a legend.
     ZDepth,
+    /// All of these.
+    All,
 }
 
 /// Render views of a blob: a given pose, one view of a data set, or an orbit.
@@ -135,8 +137,8 @@ impl Render {
         };
         let mut memory = vec![Line::UNINIT; Renderer::prepared_lines(&blob, tier)];
         let renderer = Renderer::new(blob, tier, &mut memory)?;
-        if let Some(folder) = self.output.parent().filter(|folder| !folder.as_os_str().is_empty()) {
-            crate::output::ensure_folder(folder)?;
+        for output in self.outputs() {
+            crate::output::ensure_file(self.path_of(output))?;
         }
         let mut progress = Progress::new("render", Total::Steps(cameras.len() as u64), global.style());
         let mut frames = Vec::new();
@@ -145,20 +147,29 @@ impl Render {
             progress.update(frames.len() as u64, &Message::default());
         }
         progress.finish(format!("{} views", frames.len()));
-        for &output in &self.outputs {
+        for output in self.outputs() {
             let path = self.path_of(output);
             if self.orbit.is_some() {
                 write_animation(&path, &frames, output, self.fps)?;
             } else {
                 self.write_still(&path, &frames[0], output)?;
             }
-            println!("{}", path.display());
+            outln!("{}", path.display());
         }
         Ok(ExitCode::SUCCESS)
     }
 
+    /// What to write, in order.
+    fn outputs(&self) -> Vec<Output> {
+        match self.outputs.contains(&Output::All) {
+            true => vec![Output::Rgb, Output::Opacity, Output::RayDistance, Output::ZDepth],
+            false => self.outputs.clone(),
+        }
+    }
+
     fn wanted(&self) -> Outputs {
-        let has = |output| self.outputs.contains(&output);
+        let outputs = self.outputs();
+        let has = |output| outputs.contains(&output);
         Outputs {
             rgb: has(Output::Rgb),
             opacity: true,
@@ -240,18 +251,22 @@ impl Render {
 
     /// The file of an output: the first one has the name that was given.
     fn path_of(&self, output: Output) -> PathBuf {
-        if self.outputs.first() == Some(&output) {
+        if self.outputs().first() == Some(&output) {
             return self.output.clone();
         }
         let suffix = match output {
-            Output::Rgb => "rgb",
+            Output::Rgb | Output::All => "rgb",
             Output::Opacity => "opacity",
             Output::RayDistance => "ray_distance",
             Output::ZDepth => "z_depth",
         };
-        let stem = self.output.file_stem().unwrap_or_default().to_string_lossy();
-        let extension = self.output.extension().unwrap_or_default().to_string_lossy();
-        self.output.with_file_name(format!("{stem}_{suffix}.{extension}"))
+        let mut name = self.output.file_stem().unwrap_or_default().to_owned();
+        name.push(format!("_{suffix}"));
+        if let Some(extension) = self.output.extension() {
+            name.push(".");
+            name.push(extension);
+        }
+        self.output.with_file_name(name)
     }
 
     fn write_still(&self, path: &Path, frame: &Frame, output: Output) -> anyhow::Result<()> {
@@ -273,7 +288,7 @@ fn picture_of(frame: &Frame, output: Output, range: Option<(f32, f32)>) -> anyho
         depth_picture_with_legend(values, &frame.opacity, frame.width, frame.height, range, title)
     };
     Ok(match output {
-        Output::Rgb => frame.picture(),
+        Output::Rgb | Output::All => frame.picture(),
         Output::Opacity => {
             let grey = frame.opacity.iter().map(|&opacity| [opacity; 3]).collect();
             Picture::new(frame.width, frame.height, grey)?

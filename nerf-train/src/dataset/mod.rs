@@ -186,7 +186,15 @@ pub fn read(path: &Path, options: &ReadOptions) -> Result<Dataset, DatasetError>
     }
     dataset.near = options.near.or(dataset.near);
     dataset.far = options.far.or(dataset.far);
-    check_range(dataset.near, dataset.far)?;
+    if check_range(dataset.near, dataset.far).is_err() {
+        let shown = |t: Option<f32>| t.map_or_else(|| "none".into(), |t| t.to_string());
+        return Err(DatasetError::Value {
+            file: path.into(),
+            field: "near, far".into(),
+            expected: "0 <= near < far, both finite".into(),
+            found: format!("near {}, far {}", shown(dataset.near), shown(dataset.far)),
+        });
+    }
     dataset.background = Background::of(&dataset.train);
     Ok(dataset)
 }

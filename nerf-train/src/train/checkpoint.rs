@@ -2,14 +2,16 @@
 
 use super::{CurvePoint, Progressed};
 use crate::config::Config;
+use crate::dataset::Dataset;
 use crate::engine::OptimiserState;
 use crate::occupancy::Occupancy;
 use crate::output::{OutputError, write_atomic};
 use serde::{Deserialize, Serialize};
+use serde_json::Value;
 use std::path::{Path, PathBuf};
 
 /// First bytes of a checkpoint; the last is the version.
-const MAGIC: [u8; 8] = *b"NERFCKP\x01";
+const MAGIC: [u8; 8] = *b"NERFCKP\x02";
 
 /// A run, stopped between two steps.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -18,6 +20,8 @@ pub struct Checkpoint {
     pub config: Config,
     /// Name of its data.
     pub data: String,
+    /// [`fingerprint`] of its data.
+    pub fingerprint: u64,
     /// Parameters and Adam's memory.
     pub optimiser: OptimiserState,
     /// Exponential average of the parameters, not yet corrected for its start.
@@ -58,7 +62,7 @@ pub enum CheckpointError {
         /// The file.
         path: PathBuf,
         /// Which setting.
-        field: &'static str,
+        field: String,
         /// This run's.
         expected: String,
         /// The file's.
@@ -99,28 +103,71 @@ impl Checkpoint {
 
     /// Refuses a checkpoint of other data or settings.
     ///
-    /// Limits on steps and time may differ: that is how a run is continued.
+    /// `data`: its name and [`fingerprint`]. Limits on steps and time may differ: that is how a run is continued.
     ///
     /// # Errors
     /// [`CheckpointError::Other`] names the first difference.
-    pub fn check_belongs(&self, path: &Path, config: &Config, data: &str) -> Result<(), CheckpointError> {
-        let other = |field, expected: String, found: String| {
+    pub fn check_belongs(
+        &self,
+        path: &Path,
+        config: &Config,
+        data: (&str, u64),
+    ) -> Result<(), CheckpointError> {
+        let other = |field: String, expected: String, found: String| {
             Err(CheckpointError::Other { path: path.into(), field, expected, found })
         };
-        if self.data != data {
-            return other("data", data.into(), self.data.clone());
+        let (name, now) = data;
+        if self.data != name {
+            return other("data".into(), name.into(), self.data.clone());
         }
-        let text = |config: &Config| {
+        if self.fingerprint != now {
+            let text = |print: u64| format!("pictures and cameras {print:016x}");
+            return other("data".into(), text(now), text(self.fingerprint));
+        }
+        // JSON and not TOML, which has no u64 for the seed.
+        let tree = |config: &Config| {
             let mut config = config.clone();
             config.optimiser.steps = 1;
-            toml::to_string(&config).unwrap_or_default()
+            serde_json::to_value(config).expect("plain data")
         };
-        let (now, then) = (text(config), text(&self.config));
-        match now.lines().zip(then.lines()).find(|(a, b)| a != b) {
-            Some((a, b)) => other("a setting", a.into(), b.into()),
+        match difference(&tree(config), &tree(&self.config)) {
+            Some((field, now, then)) => other(field, now, then),
             None => Ok(()),
         }
     }
+}
+
+/// The first field that differs, as `network.width`, with both values.
+fn difference(now: &Value, then: &Value) -> Option<(String, String, String)> {
+    match (now, then) {
+        (Value::Object(a), Value::Object(b)) if a.keys().eq(b.keys()) => {
+            a.iter().zip(b.values()).find_map(|((key, now), then)| {
+                let (field, now, then) = difference(now, then)?;
+                Some((if field.is_empty() { key.clone() } else { format!("{key}.{field}") }, now, then))
+            })
+        }
+        _ => (now != then).then(|| (String::new(), now.to_string(), then.to_string())),
+    }
+}
+
+/// A checksum of what decides a run: training pictures, near, far, background, and the cameras of
+/// all splits, which the scene box is found from.
+pub fn fingerprint(data: &Dataset) -> u64 {
+    const CRC: crc::Crc<u64> = crc::Crc::<u64>::new(&crc::CRC_64_XZ);
+    let mut digest = CRC.digest();
+    let mut numbers = |numbers: &[f32]| numbers.iter().for_each(|x| digest.update(&x.to_le_bytes()));
+    numbers(&[data.near.unwrap_or(-1.0), data.far.unwrap_or(-1.0)]);
+    for camera in data.cameras() {
+        let (i, lens) = (camera.intrinsics(), camera.lens());
+        numbers(&[i.width as f32, i.height as f32, i.fx, i.fy, i.cx, i.cy]);
+        numbers(&[lens.k1, lens.k2, lens.p1, lens.p2]);
+        camera.pose().to_rows().iter().for_each(|row| numbers(row));
+    }
+    for view in &data.train {
+        digest.update(view.pixels.as_flattened());
+    }
+    digest.update(data.background.to_string().as_bytes());
+    digest.finalize()
 }
 
 fn crc(bytes: &[u8]) -> u32 {

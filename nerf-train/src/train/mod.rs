@@ -12,7 +12,7 @@ use crate::export::{Contents, ExportError, Exported, export};
 use crate::occupancy::{Ask, Occupancy};
 use crate::rays::{Bounds, RayBank};
 use bounds::find_bounds;
-use checkpoint::Checkpoint;
+use checkpoint::{Checkpoint, fingerprint};
 use nerf_core::blob::{Provenance, SceneFacts};
 use nerf_core::kernels::Tier;
 use nerf_core::ray::BoundsError;
@@ -81,7 +81,7 @@ pub enum TrainError {
     /// Every restart ended without density.
     #[error(
         "training died {restarts} times: every density became 0. Try --density softplus, a lower --rate, or \
-         look at the warnings about the cameras"
+         check the cameras' convention with --axes"
     )]
     Dead {
         /// Times it was started.
@@ -105,6 +105,7 @@ pub struct Trainer<'d> {
     average: Vec<f32>,
     batch: Batch,
     progressed: Progressed,
+    fingerprint: u64,
     /// The curve so far.
     pub curve: Vec<CurvePoint>,
 }
@@ -132,6 +133,7 @@ impl<'d> Trainer<'d> {
             batch: Batch::default(),
             progressed: Progressed::default(),
             curve: Vec::new(),
+            fingerprint: fingerprint(dataset),
             config,
         })
     }
@@ -154,6 +156,7 @@ impl<'d> Trainer<'d> {
         Checkpoint {
             config: self.config.clone(),
             data: self.dataset.name.clone(),
+            fingerprint: self.fingerprint,
             optimiser: self.engine.state(),
             average: self.average.clone(),
             occupancy: self.occupancy.clone(),
@@ -171,6 +174,11 @@ impl<'d> Trainer<'d> {
     /// Counters.
     pub fn progressed(&self) -> &Progressed {
         &self.progressed
+    }
+
+    /// [`fingerprint`] of the data.
+    pub fn fingerprint(&self) -> u64 {
+        self.fingerprint
     }
 
     /// Where the scene is.

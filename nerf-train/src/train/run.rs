@@ -1,7 +1,7 @@
 //! One run from first step to blob: progress, validation, snapshots, checkpoints, Ctrl-C.
 
 use super::checkpoint::{Checkpoint, CheckpointError};
-use super::schedule::{Budget, Clock};
+use super::schedule::{Budget, Clock, duration};
 use super::{About, CurvePoint, TrainError, Trainer};
 use crate::config::Config;
 use crate::dataset::{Dataset, View};
@@ -153,8 +153,8 @@ pub fn run_since(
     let mut trainer = Trainer::new(dataset, config, options.tier)?;
     if let Some(path) = options.checkpoint.as_deref().filter(|_| options.resume) {
         let checkpoint = Checkpoint::read(path)?;
-        checkpoint.check_belongs(path, trainer.config(), &dataset.name)?;
-        clock = Clock::resume(Duration::from_secs_f64(checkpoint.seconds.max(0.0)));
+        checkpoint.check_belongs(path, trainer.config(), (&dataset.name, trainer.fingerprint()))?;
+        clock = Clock::resume(duration(checkpoint.seconds));
         trainer.restore(checkpoint)?;
     }
     Session::new(trainer, dataset, options, clock).run(stop)
@@ -193,11 +193,9 @@ impl<'a, 'd> Session<'a, 'd> {
     fn run(mut self, stop: &AtomicBool) -> Result<Ended, RunError> {
         let budget = self.options.budget;
         let total = match (budget.steps, budget.seconds) {
-            (Some(steps), Some(seconds)) => {
-                Total::StepsOrTime(u64::from(steps), Duration::from_secs_f64(seconds))
-            }
+            (Some(steps), Some(seconds)) => Total::StepsOrTime(u64::from(steps), duration(seconds)),
             (Some(steps), None) => Total::Steps(u64::from(steps)),
-            (None, Some(seconds)) => Total::Time(Duration::from_secs_f64(seconds)),
+            (None, Some(seconds)) => Total::Time(duration(seconds)),
             (None, None) => Total::Unknown,
         };
         let mut progress = Progress::new("train", total, self.options.style)

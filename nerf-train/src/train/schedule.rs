@@ -13,6 +13,12 @@ pub struct Budget {
     pub seconds: Option<f64>,
 }
 
+/// Seconds as a duration: nothing below 0 or of NaN, and no more than 30 years.
+pub fn duration(seconds: f64) -> Duration {
+    const LONGEST: f64 = 1e9;
+    Duration::try_from_secs_f64(if seconds > LONGEST { LONGEST } else { seconds }).unwrap_or_default()
+}
+
 /// Wall-clock time of a run, over interruptions.
 #[derive(Clone, Copy, Debug)]
 pub struct Clock {
@@ -28,7 +34,7 @@ impl Clock {
 
     /// Seconds used.
     pub fn seconds(&self) -> f64 {
-        (self.before + self.start.elapsed()).as_secs_f64()
+        self.before.saturating_add(self.start.elapsed()).as_secs_f64()
     }
 }
 

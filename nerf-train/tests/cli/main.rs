@@ -1,0 +1,103 @@
+//! The command line from end to end, on scenes of 24×24 pixels.
+
+mod faults;
+mod made;
+mod pipeline;
+mod stopping;
+
+use made::Folder;
+use std::path::Path;
+use std::process::{Command, Stdio};
+
+/// A network of 2×16 and few samples: steps of a millisecond.
+const TINY: &[&str] = &[
+    "--depth",
+    "2",
+    "--width",
+    "16",
+    "--position-levels",
+    "4",
+    "--direction-levels",
+    "1",
+    "--colour-width",
+    "8",
+    "--samples",
+    "16",
+    "--rays",
+    "64",
+    "--live-samples",
+    "512",
+    "--grid-resolution",
+    "12",
+];
+
+/// What a command left.
+struct Ran {
+    code: Option<i32>,
+    out: String,
+    err: String,
+}
+
+fn command<S: AsRef<std::ffi::OsStr>>(args: impl IntoIterator<Item = S>) -> Command {
+    let mut command = Command::new(env!("CARGO_BIN_EXE_nerf-train"));
+    command.args(args).stdin(Stdio::null()).env_remove("NERF_KERNEL");
+    command
+}
+
+/// Runs a command to its end; none may panic.
+fn ran(command: &mut Command) -> Ran {
+    let output = command.output().expect("the command starts");
+    let text = |bytes: &[u8]| String::from_utf8_lossy(bytes).into_owned();
+    let ran = Ran { code: output.status.code(), out: text(&output.stdout), err: text(&output.stderr) };
+    assert!(!ran.err.contains("panicked") && !ran.err.contains("RUST_BACKTRACE"), "{command:?}: {}", ran.err);
+    ran
+}
+
+fn run<S: AsRef<std::ffi::OsStr>>(args: impl IntoIterator<Item = S>) -> Ran {
+    ran(&mut command(args))
+}
+
+/// Runs a command that must succeed; its stdout.
+fn ok<S: AsRef<std::ffi::OsStr>>(args: impl IntoIterator<Item = S>) -> String {
+    let mut command = command(args);
+    let ran = ran(&mut command);
+    assert_eq!(ran.code, Some(0), "{command:?}: {}", ran.err);
+    ran.out
+}
+
+/// Runs a command that must fail with one clear message, which holds all of `words`.
+fn fails<S: AsRef<std::ffi::OsStr>>(args: impl IntoIterator<Item = S>, words: &[&str]) -> String {
+    let mut command = command(args);
+    let ran = ran(&mut command);
+    assert!(matches!(ran.code, Some(1 | 2)), "{command:?}: status {:?}: {}", ran.code, ran.err);
+    assert_eq!(ran.err.matches("error:").count(), 1, "{command:?}: {}", ran.err);
+    for word in words {
+        assert!(ran.err.contains(word), "{command:?}: expected `{word}` in: {}", ran.err);
+    }
+    // Said once: a cause must not follow a message that already holds it.
+    let parts: Vec<&str> = ran.err.trim().split(": ").collect();
+    let repeated = (1..parts.len()).any(|i| parts[i].len() > 12 && parts[..i].contains(&parts[i]));
+    assert!(!repeated, "{command:?}: {}", ran.err);
+    ran.err
+}
+
+/// The arguments of a fit, quiet and tiny.
+fn fit<'a>(data: &'a str, output: &'a str, more: &[&'a str]) -> Vec<&'a str> {
+    [&["fit", data, "-o", output, "-q"], TINY, more].concat()
+}
+
+/// A blob of the built-in scene after 30 steps, made once.
+fn blob() -> &'static (Folder, String) {
+    static BLOB: std::sync::OnceLock<(Folder, String)> = std::sync::OnceLock::new();
+    BLOB.get_or_init(|| {
+        let folder = Folder::new();
+        let (data, file) = (folder.npz("scene.npz"), folder.path("scene.nerf"));
+        ok(fit(&data, &file, &["--steps", "30"]));
+        (folder, file)
+    })
+}
+
+fn json(path: impl AsRef<Path>) -> serde_json::Value {
+    let text = std::fs::read_to_string(path.as_ref()).expect("a summary");
+    serde_json::from_str(&text).expect("JSON")
+}

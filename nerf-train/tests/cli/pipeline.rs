@@ -1,0 +1,350 @@
+//! Fit, inspect, eval, render and demo on real files.
+
+use crate::made::{Folder, names};
+use crate::{blob, command, fails, fit, json, ok, ran};
+use std::path::Path;
+use std::process::Stdio;
+
+const FIELDS: &[&str] =
+    &["val_psnr_db", "val_ssim", "views", "background", "train_seconds", "steps", "parameters", "blob_bytes"];
+
+fn picture(path: &str) -> image::DynamicImage {
+    image::open(path).unwrap_or_else(|error| panic!("{path}: {error}"))
+}
+
+#[test]
+fn fit_inspect_eval_and_render_agree_on_blender_and_npz() {
+    let folder = Folder::new();
+    for (name, data) in [("blender", folder.blender("lego")), ("npz", folder.npz("lego.npz"))] {
+        let (file, report) = (folder.path(&format!("{name}.nerf")), folder.path(&format!("{name}_report")));
+        let said = ok(fit(&data, &file, &["--steps", "40", "--report", &report, "--snapshots", "0,20"]));
+        assert!(said.contains("validation:") && said.contains(&file), "{said}");
+        let fitted = json(format!("{report}/summary.json"));
+        for field in FIELDS {
+            assert!(!fitted[field].is_null(), "fit: {field}");
+        }
+        assert_eq!((fitted["steps"].as_u64(), fitted["views"].as_u64()), (Some(40), Some(2)));
+        assert_eq!(fitted["background"], "black");
+        let length = std::fs::metadata(&file).expect("a blob").len();
+        assert_eq!(fitted["blob_bytes"].as_u64(), Some(length));
+        for made in ["curve.csv", "curve.png", "curve.svg", "data.json", "views.png"] {
+            assert!(Path::new(&report).join(made).is_file(), "{made}");
+        }
+        let snapshots = names(&Path::new(&report).join("snapshots"));
+        assert_eq!(snapshots.len(), 4, "{snapshots:?}");
+
+        let said = ok(["inspect", &file]);
+        for word in ["40 steps", "seed 0", "skip grid", "PSNR", "parameters", "background    black", "lego"] {
+            assert!(said.contains(word), "{word}: {said}");
+        }
+
+        let eval_report = folder.path(&format!("{name}_eval"));
+        let said = ok(["eval", &file, &data, "-q", "--background", "black", "--report", &eval_report]);
+        assert!(said.contains("mean over 2 views on black"), "{said}");
+        let evaluated = json(format!("{eval_report}/summary.json"));
+        for field in ["val_psnr_db", "val_ssim", "views", "background", "steps", "blob_bytes"] {
+            assert_eq!(evaluated[field], fitted[field], "{name}: {field}");
+        }
+        assert_eq!(names(Path::new(&eval_report)).len(), 4, "two views, a table, a summary");
+
+        let white = folder.path(&format!("{name}_white"));
+        ok([
+            "eval",
+            &file,
+            &data,
+            "-q",
+            "--background",
+            "255,255,255",
+            "--split",
+            "train",
+            "--report",
+            &white,
+        ]);
+        let white = json(format!("{white}/summary.json"));
+        assert_eq!((white["background"].as_str(), white["views"].as_u64()), (Some("white"), Some(6)));
+        assert!(white["val_psnr_db"].as_f64() != evaluated["val_psnr_db"].as_f64());
+    }
+}
+
+#[test]
+fn render_writes_every_output_of_a_pose_a_view_and_an_orbit() {
+    let (folder, file) = blob();
+    let data = folder.path("scene.npz");
+    let still = folder.path("still.png");
+    let pose = "1,0,0,0,0,0,-1,-3.2,0,1,0,0";
+    let all = "rgb,opacity,ray-distance,z-depth";
+    ok([
+        "render",
+        file,
+        "-q",
+        "-o",
+        &still,
+        "--pose",
+        pose,
+        "--width",
+        "20",
+        "--height",
+        "10",
+        "--outputs",
+        all,
+    ]);
+    assert_eq!((picture(&still).width(), picture(&still).height()), (20, 10));
+    let opacity = picture(&folder.path("still_opacity.png"));
+    assert!(matches!(opacity, image::DynamicImage::ImageLuma16(_)), "{:?}", opacity.color());
+    for name in ["still_ray_distance.png", "still_z_depth.png"] {
+        assert!(picture(&folder.path(name)).width() >= 20, "{name}");
+    }
+
+    let shorthand = folder.path("shorthand.png");
+    ok(["render", file, "-q", "-o", &shorthand, "--pose", pose, "--width", "20", "--outputs", "all"]);
+    assert!(Path::new(&folder.path("shorthand_z_depth.png")).is_file());
+
+    let view = folder.path("view.png");
+    ok(["render", file, "-q", "-o", &view, "--data", &data, "--view", "1"]);
+    assert_eq!(picture(&view).width(), 24);
+    // The same view as eval's own picture of it.
+    let report = folder.path("eval_of_view");
+    ok(["eval", file, &data, "-q", "--report", &report]);
+    let of_eval = picture(&format!("{report}/images_val_1_.png"));
+    assert!(picture(&view).into_rgb8() == of_eval.into_rgb8());
+
+    let clear = folder.path("clear.png");
+    ok(["render", file, "-q", "-o", &clear, "--width", "24", "--transparent"]);
+    let image::DynamicImage::ImageRgba8(clear) = picture(&clear) else { panic!("no alpha") };
+    assert!(clear.pixels().any(|p| p[3] == 0), "the corners are empty");
+
+    let orbit = folder.path("orbit.gif");
+    ok(["render", file, "-q", "-o", &orbit, "--orbit", "5", "--width", "16", "--outputs", "rgb,z-depth"]);
+    for name in ["orbit.gif", "orbit_z_depth.gif"] {
+        let mut options = gif::DecodeOptions::new();
+        options.set_color_output(gif::ColorOutput::RGBA);
+        let file = std::fs::File::open(folder.path(name)).expect(name);
+        let mut decoder = options.read_info(file).expect("a GIF");
+        let mut frames = 0;
+        while decoder.read_next_frame().expect("a frame").is_some() {
+            frames += 1;
+        }
+        assert_eq!(frames, 5, "{name}");
+    }
+
+    // A name without extension gets no stray dot.
+    let bare = folder.path("bare");
+    ok(["render", file, "-q", "-o", &bare, "--width", "8", "--outputs", "rgb,opacity"]);
+    assert!(Path::new(&folder.path("bare_opacity")).is_file(), "{:?}", folder.names());
+}
+
+#[test]
+fn kernels_and_thread_counts_are_flags_that_change_no_result_file() {
+    let folder = Folder::new();
+    let data = folder.npz("data.npz");
+    let blobs = ["1", "2", "3"].map(|threads| {
+        let file = folder.path(&format!("{threads}.nerf"));
+        ok(fit(&data, &file, &["--steps", "15", "--threads", threads]));
+        std::fs::read(file).expect("a blob")
+    });
+    assert!(blobs[0] == blobs[1] && blobs[0] == blobs[2]);
+    let scalar = folder.path("scalar.nerf");
+    ok(fit(&data, &scalar, &["--steps", "2", "--kernel", "scalar"]));
+    fails(fit(&data, &scalar, &["--kernel", "mmx"]), &["--kernel", "scalar, avx2 or avx512"]);
+    fails(fit(&data, &scalar, &["--threads", "0"]), &["--threads"]);
+}
+
+#[test]
+fn seed_preset_and_its_published_variants_work_end_to_end() {
+    let folder = Folder::new();
+    let data = folder.npz("data.npz");
+    let base = [
+        "--preset",
+        "seed",
+        "--width",
+        "16",
+        "--depth",
+        "8",
+        "--colour-width",
+        "8",
+        "--rays",
+        "64",
+        "--grid-resolution",
+        "12",
+        "--steps",
+        "3",
+    ];
+    let variants: [&[&str]; 5] = [
+        &[],
+        &["--samples", "32"],
+        &["--jitter", "0.02"],
+        &["--images", "5", "--rays", "100"],
+        &["--rate", "1e-3"],
+    ];
+    for (i, variant) in variants.into_iter().enumerate() {
+        let file = folder.path(&format!("{i}.nerf"));
+        // A flag given twice is refused by clap, so a variant's own value replaces the base's.
+        let kept: Vec<&str> =
+            base.chunks_exact(2).filter(|pair| !variant.contains(&pair[0])).flatten().copied().collect();
+        ok([&["fit", &data, "-o", &file, "-q"], &kept[..], variant].concat());
+        let said = ok(["inspect", &file]);
+        let samples = if variant.contains(&"32") { "32 samples" } else { "64 samples" };
+        assert!(said.contains(samples) && said.contains("16 + 63"), "skip and samples: {said}");
+        ok(["eval", &file, &data, "-q"]);
+    }
+}
+
+#[test]
+fn without_validation_views_the_summary_keeps_its_fields() {
+    let folder = Folder::new();
+    let data = folder.npz_with("data.npz", |arrays| arrays.retain(|a| !a.key.ends_with("_val")));
+    let (file, report) = (folder.path("a.nerf"), folder.path("report"));
+    ok(fit(&data, &file, &["--steps", "3", "--report", &report]));
+    let summary = json(format!("{report}/summary.json"));
+    for field in FIELDS {
+        assert!(summary.get(field).is_some(), "{field}");
+    }
+    assert_eq!(summary["views"], 0);
+    assert!(summary["val_psnr_db"].is_null());
+    fails(["eval", &file, &data], &[&data, "`val`", "no views"]);
+}
+
+#[test]
+#[ignore = "some 40 s of CPU time: the demo has one size"]
+fn demo_measures_its_distances() {
+    let folder = Folder::new();
+    let out = folder.path("demo");
+    ok(["demo", "--out", &out, "--steps", "3", "-q"]);
+    let summary = json(format!("{out}/summary.json"));
+    for field in FIELDS.iter().chain(&["z_depth_median_relative_error"]) {
+        assert!(summary.get(field).is_some(), "{field}");
+    }
+    for name in ["demo.nerf", "views.png", "orbit.gif", "curve.png", "curve.csv"] {
+        assert!(Path::new(&out).join(name).is_file(), "{name}");
+    }
+}
+
+#[test]
+fn toml_files_set_what_flags_do() {
+    let folder = Folder::new();
+    let data = folder.npz("data.npz");
+    let text = "seed = 3\n[network]\nwidth = 24\n[optimiser]\nsteps = 4\n";
+    let (config, file) = (folder.file("run.toml", text), folder.path("a.nerf"));
+    let flags = ["fit", &data, "-o", &file, "-q", "--depth", "2", "--config", &config];
+    ok(flags);
+    let said = ok(["inspect", &file]);
+    assert!(said.contains("→ 24") && said.contains("4 steps, seed 3"), "{said}");
+    // A flag replaces the file's value.
+    ok([&flags[..], &["--width", "8", "--steps", "2"]].concat());
+    let said = ok(["inspect", &file]);
+    assert!(said.contains("→ 8") && said.contains("2 steps, seed 3"), "{said}");
+    // The file's preset replaces the flag's default.
+    let seed = folder.file("seed.toml", "preset = \"seed\"\n[optimiser]\nsteps = 1\n");
+    let more = ["--width", "8", "--rays", "16", "--colour-width", "4"];
+    ok([&["fit", &data, "-o", &file, "-q", "--config", &seed], &more[..]].concat());
+    assert!(ok(["inspect", &file]).contains("64 samples"));
+}
+
+#[test]
+fn settings_out_of_range_are_refused_naming_the_field() {
+    let folder = Folder::new();
+    let (data, file) = (folder.npz("data.npz"), folder.path("a.nerf"));
+    let cases = [
+        ("colour = 1", "colour"),
+        ("[network]\nwidht = 16", "widht"),
+        ("[optimizer]\nrate = 0.1", "optimizer"),
+        ("[network]\nwidth = \"wide\"", "width"),
+        ("[network]\nwidth = 0", "network.width"),
+        ("[network]\nwidth = -1", "width"),
+        ("[network]\ndepth = 1000", "network.depth"),
+        ("[network]\nskip_after = 4", "network.skip_after"),
+        ("[network]\nposition_levels = 40", "network.position_levels"),
+        ("[network]\ndensity = \"tanh\"", "tanh"),
+        ("[network]\ndensity_scale = nan", "network.density_scale"),
+        ("[network]\ndensity_bias = inf", "network.density_bias"),
+        ("[sampling]\nsamples = 5000", "sampling.samples"),
+        ("[sampling]\nrays = 0", "sampling.rays"),
+        ("[sampling]\njitter = { width = -1.0 }", "sampling.jitter"),
+        ("[sampling]\nnear = 6.0\nfar = 2.0", "near"),
+        ("[sampling]\nnear = -1.0", "near"),
+        ("[sampling]\nscene_box = [1.0, 0.0, 0.0, -1.0, 1.0, 1.0]", "box"),
+        ("[grid]\nresolution = 0", "grid.resolution"),
+        ("[grid]\nevery = 0", "grid.every"),
+        ("[grid]\nthreshold = nan", "grid.threshold"),
+        ("[grid]\nempty_weight = nan", "grid.empty_weight"),
+        ("[grid]\nempty_weight = -1.0", "grid.empty_weight"),
+        ("[optimiser]\nsteps = 0", "optimiser.steps"),
+        ("[optimiser]\nrate = 0.0", "optimiser.rate"),
+        ("[optimiser]\nrate = inf", "optimiser.rate"),
+        ("[optimiser]\nfinal_share = 2.0", "optimiser.final_share"),
+        ("[optimiser]\nbeta2 = 1.0", "optimiser.beta2"),
+        ("[optimiser]\nepsilon = 0.0", "optimiser.epsilon"),
+        ("[optimiser]\nepsilon = 1e-60", "optimiser.epsilon"),
+        ("[optimiser]\nepsilon = nan", "optimiser.epsilon"),
+        ("[optimiser]\naverage = 1.0", "optimiser.average"),
+        ("preset = \"best\"", "best"),
+        ("width = [", "run.toml"),
+    ];
+    for (text, field) in cases {
+        let config = folder.file("run.toml", text);
+        fails(["fit", &data, "-o", &file, "-q", "--config", &config], &[field]);
+    }
+    for (flags, field) in [
+        (["--steps", "0"], "optimiser.steps"),
+        (["--width", "100000"], "network.width"),
+        (["--rate", "nan"], "optimiser.rate"),
+        (["--jitter=-0.5", "--no-hull"], "jitter"),
+        (["--max-seconds", "0"], "--max-seconds"),
+        (["--max-seconds", "nan"], "--max-seconds"),
+        (["--preset", "best"], "--preset"),
+        (["--near", "9"], "near"),
+        (["--config", "nowhere.toml"], "nowhere.toml"),
+    ] {
+        fails([&["fit", &data, "-o", &file, "-q"], &flags[..]].concat(), &[field]);
+    }
+    assert_eq!(folder.names(), ["data.npz", "run.toml"], "nothing is left of a refused run");
+}
+
+#[test]
+fn huge_limits_of_time_are_no_limit() {
+    let folder = Folder::new();
+    let (data, file) = (folder.npz("data.npz"), folder.path("a.nerf"));
+    ok(fit(&data, &file, &["--steps", "2", "--max-seconds", "1e300"]));
+}
+
+#[test]
+fn a_run_by_time_ends_in_time() {
+    let folder = Folder::new();
+    let (data, file) = (folder.npz("data.npz"), folder.path("a.nerf"));
+    let start = std::time::Instant::now();
+    ok(fit(&data, &file, &["--max-seconds", "2"]));
+    assert!(start.elapsed().as_secs_f64() < 4.0, "{:?}", start.elapsed());
+    assert!(Path::new(&file).is_file());
+}
+
+#[test]
+fn closed_and_full_outputs_are_no_panic() {
+    let (folder, file) = blob();
+    let data = folder.path("scene.npz");
+    let full = || std::fs::File::options().write(true).open("/dev/full");
+    if full().is_err() {
+        println!("skipped: no /dev/full");
+        return;
+    }
+    let commands: [&[&str]; 4] = [
+        &["inspect", file],
+        &["eval", file, &data, "-q"],
+        &["render", file, "-q", "-o", &folder.path("to_nowhere.png"), "--width", "4"],
+        &["fit", &data, "-o", &folder.path("closed.nerf"), "--steps", "2", "--width", "8", "--depth", "1"],
+    ];
+    for args in commands {
+        // A result that nobody gets is an error; what is only said may get lost.
+        let result = ran(command(args).stdout(full().expect("/dev/full")));
+        assert_eq!(result.code, Some(1), "{args:?}: {}", result.err);
+        assert!(result.err.contains("standard output"), "{args:?}: {}", result.err);
+        let result = ran(command(args).stderr(full().expect("/dev/full")));
+        assert_eq!(result.code, Some(0), "{args:?}");
+        // A reader that has seen enough, as `| head -1`, is no failure.
+        let mut child =
+            command(args).stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().expect("the command starts");
+        drop(child.stdout.take());
+        let output = child.wait_with_output().expect("it ends");
+        let err = String::from_utf8_lossy(&output.stderr);
+        assert!(!err.contains("panicked") && output.status.success(), "{args:?}: {}: {err}", output.status);
+    }
+}

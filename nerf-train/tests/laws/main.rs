@@ -1,0 +1,62 @@
+//! Laws of training and export that need no command line, on scenes of 24×24 pixels.
+
+mod golden;
+mod parity_dfdx;
+mod quality;
+mod training;
+
+use nerf_core::kernels::Tier;
+use nerf_train::config::{Config, Preset};
+use nerf_train::dataset::Dataset;
+use nerf_train::demo_scene::{self, DemoSpec};
+use nerf_train::report::progress::ProgressStyle;
+use nerf_train::train::run::{Ended, Outcome, RunError, RunOptions, run};
+use nerf_train::train::schedule::Budget;
+use std::path::PathBuf;
+use std::sync::atomic::AtomicBool;
+
+/// Six training and two validation views of the built-in scene.
+fn scene() -> Dataset {
+    demo_scene::dataset(&DemoSpec { train: 6, val: 2, size: 24, ..DemoSpec::default() }).expect("a scene")
+}
+
+/// The fast preset, 2×16.
+fn tiny(steps: u32) -> Config {
+    let mut config = Preset::Fast.config();
+    let (n, s, g, o) = (&mut config.network, &mut config.sampling, &mut config.grid, &mut config.optimiser);
+    (n.depth, n.width, n.position_levels, n.direction_levels, n.colour_width) = (2, 16, 4, 1, 8);
+    (s.samples, s.rays, s.live_samples) = (16, 64, 512);
+    (g.resolution, g.every, g.from) = (12, 4, 8);
+    (o.steps, o.warm_up) = (steps, 5);
+    config
+}
+
+/// The seed preset, 8×16 with its skip and feature layers.
+fn tiny_seed(steps: u32) -> Config {
+    let mut config = Preset::Seed.config();
+    (config.network.width, config.network.colour_width) = (16, 8);
+    (config.sampling.rays, config.sampling.samples, config.optimiser.steps) = (64, 16, steps);
+    config.grid.resolution = 12;
+    config
+}
+
+fn options(config: &Config, checkpoint: Option<PathBuf>, resume: bool) -> RunOptions {
+    RunOptions {
+        budget: Budget { steps: Some(config.optimiser.steps), seconds: None },
+        checkpoint,
+        checkpoint_every: f64::INFINITY,
+        resume,
+        report: None,
+        snapshots: Vec::new(),
+        validate_every: None,
+        tier: Tier::detect(),
+        style: ProgressStyle::from_quiet(true),
+    }
+}
+
+fn fit(dataset: &Dataset, config: &Config) -> Result<Outcome, RunError> {
+    match run(dataset, config.clone(), &options(config, None, false), &AtomicBool::new(false))? {
+        Ended::Finished(outcome) => Ok(outcome),
+        Ended::Interrupted { .. } => unreachable!("nobody interrupts"),
+    }
+}

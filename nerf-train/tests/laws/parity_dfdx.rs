@@ -1,0 +1,198 @@
+//! nerf-core computes the network that dfdx does.
+
+use nerf_core::blob::{Blob, Provenance, SceneFacts};
+use nerf_core::encoding::{AngleScale, Encoding};
+use nerf_core::kernels::{Line, Tier};
+use nerf_core::network::{Architecture, DensityActivation, TrunkLayer};
+use nerf_core::plan::{Batch, Outputs, Plan, Quality};
+use nerf_core::render::Renderer;
+use nerf_train::engine::{Adam, Model, ReferenceEngine};
+use nerf_train::export::{Contents, export};
+
+/// Points asked: whole blocks and a rest.
+const POINTS: usize = 150;
+
+fn encoding(levels: u8) -> Encoding {
+    Encoding { inputs: 3, levels, scale: AngleScale::Pi, identity: true }
+}
+
+fn trunk(depth: usize, width: u16, skip: usize) -> impl Iterator<Item = TrunkLayer> {
+    (0..depth).map(move |i| TrunkLayer { width, skip: i > 0 && i == skip })
+}
+
+fn models() -> Vec<(&'static str, Model)> {
+    let mut plain = Model::plain(Architecture {
+        position: encoding(10),
+        direction: Some(encoding(4)),
+        trunk: trunk(4, 128, 0).collect(),
+        density: Some(DensityActivation::Relu),
+        colour: [64].into_iter().collect(),
+    });
+    plain.density_bias = 0.3;
+    let with = |change: &dyn Fn(&mut Model)| {
+        let mut model = plain.clone();
+        change(&mut model);
+        model
+    };
+    vec![
+        (
+            "seed: 8×64, skip after 4, feature",
+            with(&|m| {
+                m.architecture.trunk = trunk(8, 64, 4).collect();
+                m.architecture.colour = [32].into_iter().collect();
+                m.feature = true;
+            }),
+        ),
+        ("fast: 4×128, scaled density", with(&|m| (m.density_scale, m.density_bias) = (20.0, 2.0))),
+        (
+            "softplus, odd widths, skip into the last layer",
+            with(&|m| {
+                m.architecture.trunk = trunk(3, 19, 2).collect();
+                m.architecture.colour = [7].into_iter().collect();
+                m.architecture.density = Some(DensityActivation::ShiftedSoftplus);
+            }),
+        ),
+        (
+            "no direction, no colour layer, feature into the colours",
+            with(&|m| {
+                m.architecture.direction = None;
+                m.architecture.colour.clear();
+                m.feature = true;
+            }),
+        ),
+        (
+            "two colour layers behind a feature layer",
+            with(&|m| {
+                m.architecture.trunk = trunk(2, 33, 1).collect();
+                m.architecture.colour = [20, 12].into_iter().collect();
+                m.feature = true;
+            }),
+        ),
+        (
+            "one layer, no levels",
+            with(&|m| {
+                m.architecture.position = encoding(0);
+                m.architecture.trunk = trunk(1, 16, 0).collect();
+            }),
+        ),
+        ("L = 16", with(&|m| m.architecture.position = encoding(16))),
+    ]
+}
+
+/// Repeatable values in [-1, 1).
+fn noise(n: usize, mut state: u32) -> Vec<f32> {
+    let mut next = || {
+        state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+        (state >> 8) as f32 / 8_388_608.0 - 1.0
+    };
+    (0..n).map(|_| next()).collect()
+}
+
+/// Start values, made larger: signals of a fitted network's size, densities beyond 0.
+fn parameters(model: &Model) -> Vec<f32> {
+    let mut parameters = model.initial_parameters(7);
+    parameters.iter_mut().for_each(|p| *p *= 2.0);
+    parameters
+}
+
+fn blob(model: &Model, folded: &[f32]) -> Vec<u8> {
+    let scene = SceneFacts {
+        min: [-1.0; 3],
+        max: [1.0; 3],
+        near: 1.0,
+        far: 5.0,
+        samples: 8,
+        background: [0.0; 3],
+        grid_required: false,
+    };
+    let provenance = Provenance {
+        data: "noise",
+        made_by: "test",
+        steps: 0,
+        seed: 0,
+        psnr_db: None,
+        psnr_convention: "",
+        quantisation_loss_db: None,
+        trained_parameters: 0,
+    };
+    let contents = Contents {
+        architecture: &model.architecture,
+        parameters: folded,
+        scene: Some(scene),
+        grid: None,
+        provenance,
+    };
+    export(&contents).expect("weights of ordinary size").bytes
+}
+
+fn points() -> (Vec<[f32; 3]>, Vec<[f32; 3]>) {
+    let triples = |seed| noise(3 * POINTS, seed).chunks_exact(3).map(|p| [p[0], p[1], p[2]]).collect();
+    let (positions, mut dirs): (Vec<_>, Vec<[f32; 3]>) = (triples(1), triples(2));
+    for dir in &mut dirs {
+        let length = dir.iter().map(|c| c * c).sum::<f32>().sqrt();
+        *dir = dir.map(|c| c / length);
+    }
+    (positions, dirs)
+}
+
+type Answers = (Vec<f32>, Vec<[f32; 3]>);
+
+fn ask_core(renderer: &Renderer<'_>, tier: Tier) -> Answers {
+    let plan =
+        Plan::new(renderer.blob(), &Quality::EXACT, Outputs::ALL, Batch::for_tier(tier)).expect("a plan");
+    let (positions, dirs) = points();
+    let mut workspace = vec![Line::UNINIT; renderer.workspace_lines(&plan)];
+    let (mut sigma, mut rgb) = (vec![f32::NAN; POINTS], vec![[f32::NAN; 3]; POINTS]);
+    renderer.query(&plan, &positions, &dirs, &mut workspace, &mut sigma, &mut rgb).expect("an answer");
+    (sigma, rgb)
+}
+
+fn ask_dfdx(model: &Model, parameters: &[f32]) -> Answers {
+    let (positions, dirs) = points();
+    let engine = ReferenceEngine::with_parameters(model, Adam::default(), parameters).expect("an engine");
+    engine.forward(&positions, &dirs).expect("an answer")
+}
+
+/// |a − b| ≤ 1e-4 · max(1, |b|), channel by channel; and the answers say something.
+fn assert_equal(found: &Answers, expected: &Answers, what: &str) {
+    let flat = |a: &Answers| [a.0.clone(), a.1.iter().flatten().copied().collect()].concat();
+    for (i, (a, b)) in flat(found).into_iter().zip(flat(expected)).enumerate() {
+        assert!((a - b).abs() <= 1e-4 * b.abs().max(1.0), "{what}: value {i}: {a} instead of {b}");
+    }
+    let live = expected.0.iter().filter(|&&sigma| sigma > 0.0).count();
+    assert!(live > POINTS / 20, "{what}: only {live} densities above 0 prove little");
+}
+
+fn tiers() -> impl Iterator<Item = Tier> {
+    Tier::ALL.into_iter().filter(|tier| tier.available())
+}
+
+#[test]
+fn forward_equals_dfdx_on_the_same_rounded_weights() {
+    for (name, model) in models() {
+        let bytes = blob(&model, &model.fold(&parameters(&model)));
+        let weights = Blob::open(&bytes).expect("a blob").weights();
+        let halves = weights.chunks_exact(2).map(|b| half::f16::from_le_bytes([b[0], b[1]]).to_f32());
+        let expected = ask_dfdx(&Model::plain(model.architecture.clone()), &halves.collect::<Vec<_>>());
+        for tier in tiers() {
+            let blob = Blob::open(&bytes).expect("a blob");
+            let mut memory = vec![Line::UNINIT; Renderer::prepared_lines(&blob, tier)];
+            let renderer = Renderer::new(blob, tier, &mut memory).expect("a renderer");
+            assert_equal(&ask_core(&renderer, tier), &expected, &format!("{name}, {}", tier.name()));
+        }
+    }
+}
+
+#[test]
+fn folding_feature_layer_and_density_scale_changes_no_output() {
+    for (name, model) in models() {
+        let trained = parameters(&model);
+        let (expected, folded) = (ask_dfdx(&model, &trained), model.fold(&trained));
+        let bytes = blob(&model, &folded);
+        for tier in tiers() {
+            let blob = Blob::open(&bytes).expect("a blob");
+            let renderer = Renderer::with_parameters(blob, tier, &folded).expect("a renderer");
+            assert_equal(&ask_core(&renderer, tier), &expected, &format!("{name}, {}", tier.name()));
+        }
+    }
+}
