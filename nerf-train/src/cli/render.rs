@@ -101,7 +101,7 @@ pub struct Render {
     #[arg(long, value_name = "COLOUR", value_parser = parse_background)]
     background: Option<[f32; 3]>,
     /// Write colour as a PNG with straight alpha instead of over a background.
-    #[arg(long, conflicts_with = "background")]
+    #[arg(long, conflicts_with_all = ["background", "orbit"])]
     transparent: bool,
     #[command(flatten)]
     quality: QualityOptions,

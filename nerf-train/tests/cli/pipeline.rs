@@ -205,7 +205,6 @@ fn without_validation_views_the_summary_keeps_its_fields() {
 }
 
 #[test]
-#[ignore = "some 40 s of CPU time: the demo has one size"]
 fn demo_measures_its_distances() {
     let folder = Folder::new();
     let out = folder.path("demo");
