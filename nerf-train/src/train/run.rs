@@ -178,7 +178,7 @@ struct Session<'a, 'd> {
 
 impl<'a, 'd> Session<'a, 'd> {
     fn new(trainer: Trainer<'d>, dataset: &'d Dataset, options: &'a RunOptions, clock: Clock) -> Self {
-        let reserve = options.budget.seconds.map_or(0.0, |seconds| 0.1 * seconds);
+        let reserve = options.budget.seconds.map_or(0.0, |seconds| 0.15 * seconds);
         let last_val_psnr_db = trainer.curve.iter().rev().find_map(|point| point.val_psnr_db);
         Self {
             last_look: 0.0,
@@ -316,10 +316,14 @@ impl<'a, 'd> Session<'a, 'd> {
         self.last_val_psnr_db = scores.psnr_db();
         let point = self.point(self.last_val_psnr_db);
         self.trainer.curve.push(point);
-        if !views.is_empty() && self.options.budget.seconds.is_some() {
+        if !views.is_empty()
+            && let Some(seconds) = self.options.budget.seconds
+        {
             // Final views twice (f16 and f32), and dense views, some ten times as dear.
             let a_view = start.elapsed().as_secs_f64() / views.len() as f64;
-            self.reserve = 1.0 + a_view * (2 * FINAL_VIEWS + 11 * GRID_VIEWS) as f64;
+            let guess = 1.0 + a_view * (2 * FINAL_VIEWS + 11 * GRID_VIEWS) as f64;
+            // An untrained network's views are dear, and no guess may eat the run.
+            self.reserve = guess.min(0.15 * seconds);
         }
         Ok(())
     }

@@ -105,7 +105,7 @@ fn render_writes_every_output_of_a_pose_a_view_and_an_orbit() {
     // The same view as eval's own picture of it.
     let report = folder.path("eval_of_view");
     ok(["eval", file, &data, "-q", "--report", &report]);
-    let of_eval = picture(&format!("{report}/images_val_1_.png"));
+    let of_eval = picture(&format!("{report}/images_val_1.png"));
     assert!(picture(&view).into_rgb8() == of_eval.into_rgb8());
 
     let clear = folder.path("clear.png");
