@@ -191,6 +191,7 @@ pub fn background_name(background: [f32; 3]) -> String {
     match background {
         [0.0, 0.0, 0.0] => "black".into(),
         [1.0, 1.0, 1.0] => "white".into(),
+        [1.0, 0.0, 0.0] => "red".into(),
         _ => background.map(|c| (c * 255.0).round().to_string()).join(","),
     }
 }
