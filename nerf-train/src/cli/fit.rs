@@ -38,7 +38,8 @@ pub struct Fit {
     /// TOML file with settings that replace the preset's.
     #[arg(long, value_name = "FILE")]
     config: Option<PathBuf>,
-    /// Stop after so much time, everything included. Runs that end by time differ from each other.
+    /// Stop after so much time, everything included as far as it can be foreseen. Runs that end by time
+    /// differ from each other.
     #[arg(long, value_name = "S")]
     max_seconds: Option<f64>,
     /// Steps [default: the preset's; with --max-seconds, time alone decides].
