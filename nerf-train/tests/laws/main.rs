@@ -37,6 +37,8 @@ fn tiny_seed(steps: u32) -> Config {
     (config.network.width, config.network.colour_width) = (16, 8);
     (config.sampling.rays, config.sampling.samples, config.optimiser.steps) = (64, 16, steps);
     config.grid.resolution = 12;
+    // So narrow and deep, most seeds start without any density, and would learn nothing in a few steps.
+    config.network.density_bias = 0.5;
     config
 }
 
