@@ -1,6 +1,6 @@
 //! What a run is made of: presets, TOML files and flags end in one [`Config`].
 
-use crate::engine::{Adam, Initialisation, Model};
+use crate::engine::{Adam, Model};
 use nerf_core::encoding::{AngleScale, Encoding, MAX_LEVELS};
 use nerf_core::network::{Architecture, DensityActivation, MAX_COLOUR, MAX_TRUNK, MAX_WIDTH, TrunkLayer};
 use serde::{Deserialize, Serialize};
@@ -388,11 +388,6 @@ impl Config {
             density_scale: n.density_scale,
             density_bias: n.density_bias,
         }
-    }
-
-    /// How parameters start.
-    pub fn initialisation(&self) -> Initialisation {
-        Initialisation::Uniform
     }
 
     /// Adam's constants.
