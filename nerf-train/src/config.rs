@@ -1,5 +1,9 @@
 //! What a run is made of: presets, TOML files and flags end in one [`Config`].
 
+mod optimiser;
+
+pub use optimiser::OptimiserConfig;
+
 use crate::engine::{Adam, Model};
 use nerf_core::encoding::{AngleScale, Encoding, MAX_LEVELS};
 use nerf_core::network::{Architecture, DensityActivation, MAX_COLOUR, MAX_TRUNK, MAX_WIDTH, TrunkLayer};
@@ -129,26 +133,6 @@ pub struct GridConfig {
     pub empty_weight: f32,
 }
 
-/// Adam and its schedule.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct OptimiserConfig {
-    /// Steps; with a limit in seconds and none in steps, time alone decides.
-    pub steps: u32,
-    /// Learning rate at the start.
-    pub rate: f64,
-    /// Learning rate at the end, as a share of `rate`; 1 keeps it constant.
-    pub final_share: f64,
-    /// Steps over which the rate rises from 0.
-    pub warm_up: u32,
-    /// Adam's decay of the second moment.
-    pub beta2: f64,
-    /// Adam's epsilon.
-    pub epsilon: f64,
-    /// Decay of the exponential average of the parameters that is exported; 0 exports the last.
-    pub average: f64,
-}
-
 impl Preset {
     /// Its settings.
     pub fn config(self) -> Config {
@@ -270,77 +254,54 @@ impl Config {
     /// [`ConfigError`] names the first that is out of range.
     pub fn check(&self) -> Result<(), ConfigError> {
         let (n, s, g, o) = (&self.network, &self.sampling, &self.grid, &self.optimiser);
-        let rules: [(&str, bool, String, String); 23] = [
-            rule("network.depth", (1..=MAX_TRUNK).contains(&n.depth), format!("1 to {MAX_TRUNK}"), n.depth),
-            rule("network.width", (1..=MAX_WIDTH).contains(&n.width), format!("1 to {MAX_WIDTH}"), n.width),
-            rule("network.skip_after", n.skip_after < n.depth, "less than the depth", n.skip_after),
-            rule(
-                "network.position_levels",
-                n.position_levels <= MAX_LEVELS,
-                format!("at most {MAX_LEVELS}"),
-                n.position_levels,
-            ),
-            rule(
-                "network.direction_levels",
-                n.direction_levels <= MAX_LEVELS,
-                format!("at most {MAX_LEVELS}"),
-                n.direction_levels,
-            ),
-            rule(
-                "network.colour_width",
-                n.colour_width <= MAX_WIDTH,
-                format!("at most {MAX_WIDTH}"),
-                n.colour_width,
-            ),
-            rule(
-                "network.density_scale",
-                positive(n.density_scale.into()),
-                "a finite number above 0",
-                n.density_scale,
-            ),
-            rule("network.density_bias", n.density_bias.is_finite(), "a finite number", n.density_bias),
-            rule("sampling.samples", (1..=4096).contains(&s.samples), "1 to 4096", s.samples),
-            rule("sampling.rays", (1..=1_000_000).contains(&s.rays), "1 to 1000000", s.rays),
-            rule("sampling.live_samples", s.live_samples <= 10_000_000, "at most 10000000", s.live_samples),
-            rule("grid.resolution", (1..=512).contains(&g.resolution), "1 to 512", g.resolution),
-            rule("grid.every", g.every > 0, "at least 1", g.every),
-            rule(
-                "grid.threshold",
-                g.threshold.is_finite() && g.threshold >= 0.0,
-                "a finite number of at least 0",
-                g.threshold,
-            ),
-            rule(
-                "grid.empty_weight",
-                g.empty_weight.is_finite() && g.empty_weight >= 0.0,
-                "a finite number of at least 0",
-                g.empty_weight,
-            ),
-            rule("grid.decay", (0.0..=1.0).contains(&g.decay), "0 to 1", g.decay),
-            rule("grid.empty_share", (0.0..=1.0).contains(&g.empty_share), "0 to 1", g.empty_share),
-            rule("optimiser.steps", o.steps > 0, "at least 1", o.steps),
-            rule("optimiser.rate", positive(o.rate) && o.rate <= 10.0, "above 0, at most 10", o.rate),
-            rule(
-                "optimiser.final_share",
-                positive(o.final_share) && o.final_share <= 1.0,
-                "above 0, at most 1",
-                o.final_share,
-            ),
-            rule("optimiser.beta2", (0.0..1.0).contains(&o.beta2), "0 to 1, without 1", o.beta2),
-            // Adam divides by it in f32 where a gradient was always 0.
-            rule(
-                "optimiser.epsilon",
-                (o.epsilon as f32).is_finite() && o.epsilon as f32 > 0.0,
-                "above 0, in the range of f32",
-                o.epsilon,
-            ),
-            rule("optimiser.average", (0.0..1.0).contains(&o.average), "0 to 1, without 1", o.average),
-        ];
-        for (field, holds, expected, found) in rules {
-            if !holds {
-                return Err(ConfigError { field, expected, found });
-            }
-        }
+        rule("network.depth", (1..=MAX_TRUNK).contains(&n.depth), format!("1 to {MAX_TRUNK}"), n.depth)?;
+        rule("network.width", (1..=MAX_WIDTH).contains(&n.width), format!("1 to {MAX_WIDTH}"), n.width)?;
+        rule("network.skip_after", n.skip_after < n.depth, "less than the depth", n.skip_after)?;
+        rule(
+            "network.position_levels",
+            n.position_levels <= MAX_LEVELS,
+            format!("at most {MAX_LEVELS}"),
+            n.position_levels,
+        )?;
+        rule(
+            "network.direction_levels",
+            n.direction_levels <= MAX_LEVELS,
+            format!("at most {MAX_LEVELS}"),
+            n.direction_levels,
+        )?;
+        rule(
+            "network.colour_width",
+            n.colour_width <= MAX_WIDTH,
+            format!("at most {MAX_WIDTH}"),
+            n.colour_width,
+        )?;
+        rule(
+            "network.density_scale",
+            positive(n.density_scale.into()),
+            "a finite number above 0",
+            n.density_scale,
+        )?;
+        rule("network.density_bias", n.density_bias.is_finite(), "a finite number", n.density_bias)?;
+        rule("sampling.samples", (1..=4096).contains(&s.samples), "1 to 4096", s.samples)?;
+        rule("sampling.rays", (1..=1_000_000).contains(&s.rays), "1 to 1000000", s.rays)?;
+        rule("sampling.live_samples", s.live_samples <= 10_000_000, "at most 10000000", s.live_samples)?;
+        rule("grid.resolution", (1..=512).contains(&g.resolution), "1 to 512", g.resolution)?;
+        rule("grid.every", g.every > 0, "at least 1", g.every)?;
+        rule(
+            "grid.threshold",
+            g.threshold.is_finite() && g.threshold >= 0.0,
+            "a finite number of at least 0",
+            g.threshold,
+        )?;
+        rule(
+            "grid.empty_weight",
+            g.empty_weight.is_finite() && g.empty_weight >= 0.0,
+            "a finite number of at least 0",
+            g.empty_weight,
+        )?;
+        rule("grid.decay", (0.0..=1.0).contains(&g.decay), "0 to 1", g.decay)?;
+        rule("grid.empty_share", (0.0..=1.0).contains(&g.empty_share), "0 to 1", g.empty_share)?;
+        o.check()?;
         if let Jitter::Width(width) = s.jitter
             && !(width.is_finite() && width >= 0.0)
         {
@@ -392,19 +353,22 @@ impl Config {
 
     /// Adam's constants.
     pub fn adam(&self) -> Adam {
-        Adam { betas: [0.9, self.optimiser.beta2], epsilon: self.optimiser.epsilon, weight_decay: 0.0 }
+        self.optimiser.adam()
     }
 }
 
+/// A number above 0.
 fn positive(x: f64) -> bool {
     x.is_finite() && x > 0.0
 }
 
-fn rule(
+/// One line of a check.
+pub(crate) fn rule(
     field: &'static str,
     holds: bool,
     expected: impl Into<String>,
     found: impl ToString,
-) -> (&'static str, bool, String, String) {
-    (field, holds, expected.into(), found.to_string())
+) -> Result<(), ConfigError> {
+    let error = || ConfigError { field, expected: expected.into(), found: found.to_string() };
+    if holds { Ok(()) } else { Err(error()) }
 }

@@ -5,13 +5,16 @@ use crate::report::error::ReportError;
 use crate::report::picture::Picture;
 use nerf_core::camera::Camera;
 use nerf_core::kernels::Line;
-use nerf_core::plan::Plan;
+use nerf_core::math::MathBackend;
+use nerf_core::plan::{Batch, Plan};
 use nerf_core::render::{Counters, Rect, RenderError, Renderer};
 use nerf_core::volume::Pixel;
 use rayon::prelude::*;
 
 /// Side of the tiles that threads take, pixels.
 const TILE: u32 = 16;
+/// Rows of a picture that threads take.
+const BAND: usize = 8;
 
 /// A rendered view, row by row from the top left.
 #[derive(Clone, Debug)]
@@ -90,4 +93,38 @@ pub fn render(renderer: &Renderer<'_>, plan: &Plan<'_>, camera: &Camera) -> Resu
         }
     }
     Ok(frame)
+}
+
+/// Renders the 2D field of `renderer` as a picture of `size` (width, height) on rayon's threads.
+///
+/// # Errors
+/// [`RenderError`] if the blob is a scene, and on a size beyond the format's.
+pub fn render_picture(
+    renderer: &Renderer<'_>,
+    math: MathBackend,
+    size: [u32; 2],
+) -> Result<(Picture, Counters), RenderError> {
+    let [width, height] = size;
+    let batch = Batch::for_tier(renderer.network().tier());
+    let lines = renderer.picture_workspace_lines(batch);
+    let mut rgb = vec![[0.0; 3]; width as usize * height as usize];
+    let band = BAND * width.max(1) as usize;
+    let counters: Result<Vec<Counters>, RenderError> = rgb
+        .par_chunks_mut(band)
+        .enumerate()
+        .map_init(
+            || vec![Line::UNINIT; lines],
+            |workspace, (index, pixels)| {
+                let (y, rows) = (index * BAND, pixels.len() / width as usize);
+                let rect = Rect { x: 0, y: y as u32, width, height: rows as u32 };
+                let mut put = |px: u32, py: u32, rgb: [f32; 3]| {
+                    pixels[(py as usize - y) * width as usize + px as usize] = rgb;
+                };
+                renderer.render_picture(math, batch, size, rect, workspace, &mut put)
+            },
+        )
+        .collect();
+    let mut sum = Counters::default();
+    counters?.into_iter().for_each(|counters| sum += counters);
+    Ok((Picture { width: width as usize, height: height as usize, rgb }, sum))
 }

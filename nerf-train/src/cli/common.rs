@@ -133,7 +133,8 @@ pub struct QualityOptions {
     pub math: MathBackend,
 }
 
-fn parse_math(name: &str) -> Result<MathBackend, String> {
+/// The name of a maths backend.
+pub fn parse_math(name: &str) -> Result<MathBackend, String> {
     match name {
         "polynomial" => Ok(MathBackend::Polynomial),
         "libm" => Ok(MathBackend::Libm),

@@ -11,8 +11,6 @@ use anyhow::Context;
 use clap::Args;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
-use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
 /// Fit a radiance field to posed photographs.
@@ -172,7 +170,7 @@ impl Settings {
 }
 
 /// The preset, with the TOML file's values put over it; `hull`: whether one can be carved.
-fn read_config(preset: Preset, file: Option<&Path>, hull: bool) -> anyhow::Result<Config> {
+pub fn read_config(preset: Preset, file: Option<&Path>, hull: bool) -> anyhow::Result<Config> {
     let start = |preset: Preset| if hull { preset.config() } else { preset.config().without_hull() };
     let Some(file) = file else { return Ok(start(preset)) };
     let text = std::fs::read_to_string(file).with_context(|| format!("cannot read {}", file.display()))?;
@@ -257,7 +255,7 @@ impl Fit {
             rayon::current_num_threads(),
             config.seed
         ));
-        let stop = interruption()?;
+        let stop = super::interruption()?;
         let outcome = match run_since(clock, &dataset, config.clone(), &options, &stop)? {
             Ended::Finished(outcome) => outcome,
             Ended::Interrupted { step, checkpoint } => {
@@ -284,17 +282,4 @@ fn checkpoint_path(output: &Path) -> PathBuf {
     let mut name = output.as_os_str().to_owned();
     name.push(".checkpoint");
     name.into()
-}
-
-/// A flag that Ctrl-C sets; a second Ctrl-C ends the process at once.
-fn interruption() -> anyhow::Result<Arc<AtomicBool>> {
-    let stop = Arc::new(AtomicBool::new(false));
-    let flag = Arc::clone(&stop);
-    ctrlc::set_handler(move || {
-        if flag.swap(true, Ordering::Relaxed) {
-            std::process::exit(130);
-        }
-    })
-    .context("cannot watch for Ctrl-C")?;
-    Ok(stop)
 }

@@ -5,12 +5,17 @@ mod common;
 mod demo;
 mod eval;
 mod fit;
+mod image;
 mod inspect;
 mod outcome;
 mod render;
+mod sweep;
 
+use anyhow::Context;
 use clap::{Parser, Subcommand};
 use std::process::ExitCode;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
 
 /// Trains a radiance field on two CPU cores and keeps it as one small file that renders anywhere.
 #[derive(Debug, Parser)]
@@ -28,6 +33,12 @@ enum Command {
     Demo(demo::Demo),
     /// Fit a radiance field to posed photographs.
     Fit(Box<fit::Fit>),
+    /// Fit a 2D neural field to a picture, and render one.
+    #[command(subcommand)]
+    Image(image::Image),
+    /// Fit many times with other settings, and compare.
+    #[command(subcommand)]
+    Sweep(sweep::Sweep),
     /// Measure a blob on views of a data set.
     Eval(eval::Eval),
     /// Render views of a blob.
@@ -55,6 +66,8 @@ pub fn main() -> ExitCode {
     let result = cli.global.apply().and_then(|()| match cli.command {
         Command::Demo(demo) => demo.run(&cli.global),
         Command::Fit(fit) => fit.run(&cli.global),
+        Command::Image(image) => image.run(&cli.global),
+        Command::Sweep(sweep) => sweep.run(&cli.global),
         Command::Eval(eval) => eval.run(&cli.global),
         Command::Render(render) => render.run(&cli.global),
         Command::Inspect(inspect) => inspect.run(),
@@ -66,6 +79,19 @@ pub fn main() -> ExitCode {
             ExitCode::FAILURE
         }
     }
+}
+
+/// A flag that Ctrl-C sets; a second Ctrl-C ends the process at once.
+fn interruption() -> anyhow::Result<Arc<AtomicBool>> {
+    let stop = Arc::new(AtomicBool::new(false));
+    let flag = Arc::clone(&stop);
+    ctrlc::set_handler(move || {
+        if flag.swap(true, Ordering::Relaxed) {
+            std::process::exit(130);
+        }
+    })
+    .context("cannot watch for Ctrl-C")?;
+    Ok(stop)
 }
 
 #[cfg(test)]
@@ -102,7 +128,9 @@ mod tests {
     #[test]
     fn examples_of_the_help_parse() {
         Cli::command().debug_assert();
-        for command in Cli::command().get_subcommands() {
+        let cli = Cli::command();
+        let nested = cli.get_subcommands().flat_map(clap::Command::get_subcommands);
+        for command in cli.get_subcommands().chain(nested) {
             let help = command.get_after_help().expect("an example").to_string();
             let examples: Vec<_> = help.lines().filter_map(|line| arguments(line, "nerf-train ")).collect();
             assert!(!examples.is_empty(), "{}", command.get_name());

@@ -90,6 +90,30 @@ impl Picture {
         self.enlarged(pixels.div_ceil(self.width.max(self.height).max(1)))
     }
 
+    /// Reduced so that the longer side is at most `pixels`: every new pixel is the mean of the old ones in it.
+    pub fn reduced_to(&self, pixels: usize) -> Self {
+        let longest = self.width.max(self.height);
+        if longest <= pixels || self.rgb.len() != self.width * self.height {
+            return self.clone();
+        }
+        let side = |side: usize| (side * pixels / longest).max(1);
+        let (width, height) = (side(self.width), side(self.height));
+        let edges =
+            |i: usize, new: usize, old: usize| (i * old / new, ((i + 1) * old / new).max(i * old / new + 1));
+        let mean = |i: usize| {
+            let (left, right) = edges(i % width, width, self.width);
+            let (top, bottom) = edges(i / width, height, self.height);
+            let mut sum = [0.0; 3];
+            for row in top..bottom {
+                for rgb in &self.rgb[row * self.width + left..row * self.width + right] {
+                    (0..3).for_each(|c| sum[c] += rgb[c]);
+                }
+            }
+            sum.map(|sum| sum / ((right - left) * (bottom - top)) as f32)
+        };
+        Self { width, height, rgb: (0..width * height).map(mean).collect() }
+    }
+
     /// `[height * width * 3]` bytes: clamped, scaled by 255, rounded half up; NaN gives 0.
     pub fn to_rgb8(&self) -> Vec<u8> {
         self.rgb.iter().flatten().map(|&value| to_u8(value)).collect()

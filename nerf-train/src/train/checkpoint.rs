@@ -138,7 +138,7 @@ impl Checkpoint {
 }
 
 /// The first field that differs, as `network.width`, with both values.
-fn difference(now: &Value, then: &Value) -> Option<(String, String, String)> {
+pub(crate) fn difference(now: &Value, then: &Value) -> Option<(String, String, String)> {
     match (now, then) {
         (Value::Object(a), Value::Object(b)) if a.keys().eq(b.keys()) => {
             a.iter().zip(b.values()).find_map(|((key, now), then)| {

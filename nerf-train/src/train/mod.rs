@@ -1,5 +1,6 @@
 //! Fits a radiance field to posed pictures.
 
+pub mod average;
 mod bounds;
 pub mod checkpoint;
 pub mod run;

@@ -1,0 +1,390 @@
+//! `nerf-train image`
+
+use super::common::{Global, cpu_name, open_blob, parse_background, parse_math, read_file, report_folder};
+use super::interruption;
+use crate::frame;
+use crate::image_field::{Ended, FieldConfig, FieldPreset, Look, Outcome, Photo, RunOptions, run};
+use crate::output::{ensure_file, ensure_folder, write_atomic};
+use crate::report::contact_sheet::{Cell, contact_sheet};
+use crate::report::picture::Picture;
+use crate::report::plot::{LinePlot, Marker, Series};
+use crate::report::summary::Summary;
+use crate::report::table::Table;
+use crate::train::schedule::{Budget, Clock};
+use anyhow::{Context, bail};
+use clap::{Args, Subcommand};
+use nerf_core::kernels::Line;
+use nerf_core::math::MathBackend;
+use nerf_core::render::Renderer;
+use std::path::{Path, PathBuf};
+use std::process::ExitCode;
+use std::time::Duration;
+
+/// Fit a 2D neural field to a picture, and render one.
+#[derive(Debug, Subcommand)]
+#[command(after_help = "Examples:
+  nerf-train image fit photo.jpg -o photo.nerf --report out/photo
+  nerf-train image render photo.nerf -o large.png --width 2048")]
+pub enum Image {
+    /// Fit a 2D neural field to a picture.
+    Fit(Box<Fit>),
+    /// Render a 2D field at any size.
+    Render(Render),
+}
+
+impl Image {
+    /// Runs the command.
+    pub fn run(&self, global: &Global) -> anyhow::Result<ExitCode> {
+        match self {
+            Self::Fit(fit) => fit.run(global),
+            Self::Render(render) => render.run(global),
+        }
+    }
+}
+
+/// How to read a photograph.
+#[derive(Debug, Args)]
+pub struct PhotoOptions {
+    /// Fit a reduced picture: this share of its width and height.
+    #[arg(long, value_name = "SHARE", default_value_t = 1.0)]
+    pub scale: f64,
+    /// What shows through transparent parts: black, white, red or R,G,B (0 to 255).
+    #[arg(long, value_name = "COLOUR", default_value = "black", value_parser = parse_background)]
+    pub background: [f32; 3],
+}
+
+impl PhotoOptions {
+    /// Reads it and says what was read.
+    pub fn read(&self, file: &Path, global: &Global) -> anyhow::Result<Photo> {
+        let photo = Photo::read(file, self.background, self.scale)?;
+        let [width, height] = photo.size();
+        global.say(format!("{}: {width}x{height} pixels", photo.name));
+        photo.notes.iter().for_each(|note| global.say(format!("  {note}")));
+        Ok(photo)
+    }
+}
+
+/// Flags for single settings; each replaces what the preset says.
+#[derive(Debug, Args)]
+#[command(next_help_heading = "Settings (replace the preset's)")]
+pub struct Settings {
+    /// Named settings to start from.
+    #[arg(long, value_enum, default_value = "classic")]
+    preset: FieldPreset,
+    /// Pixels a step, drawn at random over the whole picture.
+    #[arg(long, value_name = "N")]
+    pixels: Option<usize>,
+    /// Learning rate at the end, as a share of the one at the start; 1 keeps it constant.
+    #[arg(long, value_name = "SHARE")]
+    final_share: Option<f64>,
+    /// Steps over which the learning rate rises from 0.
+    #[arg(long, value_name = "N")]
+    warm_up: Option<u32>,
+    /// Adam's decay of the second moment.
+    #[arg(long, value_name = "DECAY")]
+    beta2: Option<f64>,
+    /// Adam's epsilon.
+    #[arg(long, value_name = "EPSILON")]
+    epsilon: Option<f64>,
+    /// Decay of the average of the parameters that is exported; 0 exports the last step's.
+    #[arg(long, value_name = "DECAY")]
+    average: Option<f64>,
+    /// Steps [default: the preset's].
+    #[arg(long, value_name = "N")]
+    steps: Option<u32>,
+    /// Seed of everything random.
+    #[arg(long, value_name = "N")]
+    seed: Option<u64>,
+}
+
+impl Settings {
+    /// The preset with the flags' values.
+    pub fn config(&self) -> FieldConfig {
+        let mut config = self.preset.config();
+        let o = &mut config.optimiser;
+        o.steps = self.steps.unwrap_or(o.steps);
+        o.final_share = self.final_share.unwrap_or(o.final_share);
+        o.warm_up = self.warm_up.unwrap_or(o.warm_up);
+        o.beta2 = self.beta2.unwrap_or(o.beta2);
+        o.epsilon = self.epsilon.unwrap_or(o.epsilon);
+        o.average = self.average.unwrap_or(o.average);
+        config.pixels = self.pixels.unwrap_or(config.pixels);
+        config.seed = self.seed.unwrap_or(config.seed);
+        config
+    }
+}
+
+/// Fit a 2D neural field to a picture.
+///
+/// PHOTO is a PNG, JPEG, WebP, TIFF, BMP or GIF of any size, bit depth and number of channels.
+#[derive(Debug, Args)]
+#[command(after_help = "Examples:
+  nerf-train image fit fox.jpg -o fox.nerf --report out/fox --snapshots 0,200,400,800,1600
+  nerf-train image fit fox.jpg -o fox.nerf --preset sharp")]
+pub struct Fit {
+    /// The picture.
+    photo: PathBuf,
+    /// The blob to write.
+    #[arg(long, short, value_name = "FILE")]
+    output: PathBuf,
+    /// Folder for summary.json, curve, pictures and contact sheet.
+    #[arg(long, value_name = "DIR")]
+    report: Option<PathBuf>,
+    /// Steps at which the whole picture is kept, as a picture and on the contact sheet.
+    #[arg(long, value_name = "N,N,…", value_delimiter = ',', requires = "report")]
+    snapshots: Vec<u32>,
+    /// Steps between looks at the whole picture, for the curve [default: a tenth of the run].
+    #[arg(long, value_name = "N")]
+    look_every: Option<u32>,
+    /// Stop after so much time; with --steps, at whichever comes first.
+    #[arg(long, value_name = "S")]
+    max_seconds: Option<f64>,
+    /// Levels L of the position's encoding: 2 + 4 L inputs.
+    #[arg(long, value_name = "L")]
+    levels: Option<u8>,
+    /// Hidden layers.
+    #[arg(long, value_name = "N")]
+    layers: Option<usize>,
+    /// Channels of every hidden layer.
+    #[arg(long, value_name = "N")]
+    width: Option<usize>,
+    /// Learning rate at the start.
+    #[arg(long, value_name = "RATE")]
+    rate: Option<f64>,
+    #[command(flatten)]
+    photo_options: PhotoOptions,
+    #[command(flatten)]
+    settings: Settings,
+}
+
+impl Fit {
+    fn config(&self) -> FieldConfig {
+        let mut config = self.settings.config();
+        config.levels = self.levels.unwrap_or(config.levels);
+        config.layers = self.layers.unwrap_or(config.layers);
+        config.width = self.width.unwrap_or(config.width);
+        config.optimiser.rate = self.rate.unwrap_or(config.optimiser.rate);
+        config
+    }
+
+    fn run(&self, global: &Global) -> anyhow::Result<ExitCode> {
+        let clock = Clock::resume(Duration::ZERO);
+        let config = self.config();
+        config.check()?;
+        if let Some(seconds) = self.max_seconds
+            && !(seconds.is_finite() && seconds > 0.0)
+        {
+            bail!("--max-seconds: expected a number above 0, found {seconds}");
+        }
+        ensure_file(&self.output)?;
+        report_folder(self.report.as_ref())?;
+        let snapshots = match &self.report {
+            Some(folder) if !self.snapshots.is_empty() => {
+                ensure_folder(folder.join("snapshots"))?;
+                Some(folder.join("snapshots"))
+            }
+            _ => None,
+        };
+        let photo = self.photo_options.read(&self.photo, global)?;
+
+        let steps =
+            (self.settings.steps.is_some() || self.max_seconds.is_none()).then_some(config.optimiser.steps);
+        let options = RunOptions {
+            budget: Budget { steps, seconds: self.max_seconds },
+            snapshots: self.snapshots.clone(),
+            look_every: self.look_every,
+            tier: global.tier(),
+            style: global.style(),
+        };
+        global.say(format!(
+            "training on {} ({}, {} threads), seed {}",
+            cpu_name(),
+            options.tier.name(),
+            rayon::current_num_threads(),
+            config.seed
+        ));
+        let stop = interruption()?;
+        let mut kept: Vec<(u32, f64, Picture)> = Vec::new();
+        let mut written = Ok(());
+        let outcome = run(&photo, config.clone(), &options, clock, &stop, |look: Look<'_>| {
+            if let Some(folder) = &snapshots
+                && self.snapshots.contains(&look.step)
+            {
+                let file = folder.join(format!("step_{:06}.png", look.step));
+                if written.is_ok() {
+                    written = look.picture.write_png(file);
+                }
+                kept.push((look.step, look.psnr_db, look.picture.clone()));
+            }
+        })?;
+        written?;
+        write_atomic(&self.output, &outcome.bytes)?;
+        if let Some(folder) = &self.report {
+            write_curve(folder, &photo, &outcome)?;
+            write_sheet(folder, &photo, &outcome, &kept)?;
+            outcome.picture.write_png(folder.join("picture.png"))?;
+            let missed: Vec<String> =
+                self.snapshots.iter().filter(|&&step| step > outcome.steps).map(u32::to_string).collect();
+            if !missed.is_empty() {
+                global.say(format!("--snapshots: the run ended before step {}", missed.join(", ")));
+            }
+        }
+        let mut summary = summary(&photo, &config, &outcome, options.tier.name(), clock.seconds());
+        summary.text("blob", self.output.display().to_string());
+        if let Some(folder) = &self.report {
+            summary.write(folder)?;
+        }
+        let stopped = outcome.ended == Ended::Stopped;
+        if stopped {
+            outln!("stopped after {} steps, before the end", outcome.steps);
+        }
+        outln!("{:.2} dB PSNR over the whole picture", outcome.psnr_db);
+        outln!("trained: {} steps in {:.1} s", outcome.steps, outcome.train_seconds);
+        outln!(
+            "blob: {} ({} bytes, {} parameters)",
+            self.output.display(),
+            outcome.bytes.len(),
+            outcome.parameters
+        );
+        Ok(if stopped { ExitCode::from(130) } else { ExitCode::SUCCESS })
+    }
+}
+
+fn summary(
+    photo: &Photo,
+    config: &FieldConfig,
+    outcome: &Outcome,
+    kernel: &str,
+    total_seconds: f64,
+) -> Summary {
+    let mut summary = Summary::new();
+    summary
+        .number("psnr_db", outcome.psnr_db)
+        .text("photo", photo.name.clone())
+        .integer("width_pixels", photo.picture.width as u64)
+        .integer("height_pixels", photo.picture.height as u64)
+        .number("train_seconds", outcome.train_seconds)
+        .number("total_seconds", total_seconds)
+        .integer("steps", u64::from(outcome.steps))
+        .flag("stopped_early", outcome.ended == Ended::Stopped)
+        .integer("parameters", outcome.parameters as u64)
+        .integer("blob_bytes", outcome.bytes.len() as u64)
+        .integer("subnormal_weights", outcome.subnormal_weights as u64)
+        .number("pixels_per_second", outcome.pixels_per_second)
+        .integer("levels", u64::from(config.levels))
+        .integer("layers", config.layers as u64)
+        .integer("width", config.width as u64)
+        .number("rate", config.optimiser.rate)
+        .integer("pixels_a_step", config.pixels as u64)
+        .integer("seed", config.seed)
+        .text("kernel", kernel)
+        .integer("threads", rayon::current_num_threads() as u64)
+        .text("cpu", cpu_name());
+    summary
+}
+
+/// `curve.csv`, `curve.png` and `curve.svg`.
+fn write_curve(folder: &Path, photo: &Photo, outcome: &Outcome) -> anyhow::Result<()> {
+    let mut table = Table::new(["step", "seconds", "batch_psnr_db", "psnr_db"]);
+    let (mut batch, mut whole) = (Vec::new(), Vec::new());
+    for point in &outcome.curve {
+        table.push([
+            point.step.to_string(),
+            format!("{:.3}", point.seconds),
+            if point.step == 0 { String::new() } else { format!("{:.4}", point.train_psnr_db) },
+            point.val_psnr_db.map_or_else(String::new, |db| format!("{db:.4}")),
+        ]);
+        let step = f64::from(point.step);
+        if point.step > 0 {
+            batch.push((step, point.train_psnr_db));
+        }
+        whole.extend(point.val_psnr_db.map(|db| (step, db)));
+    }
+    table.write_csv(folder.join("curve.csv"))?;
+    let mut plot = LinePlot::new(format!("{}: PSNR while training", photo.name), "steps", "PSNR, dB");
+    plot.series = vec![
+        Series { name: "pixels of the steps, smoothed".into(), points: batch, marker: Marker::Line },
+        Series { name: "whole picture".into(), points: whole, marker: Marker::LineAndPoints },
+    ];
+    plot.notes = vec![format!("{} steps in {:.1} s of training.", outcome.steps, outcome.train_seconds)];
+    plot.write(folder.join("curve"))?;
+    Ok(())
+}
+
+/// Longest side of a picture on the contact sheet, pixels.
+const THUMBNAIL: usize = 512;
+
+/// `sheet.png`: the snapshots, the end, and the picture itself.
+fn write_sheet(
+    folder: &Path,
+    photo: &Photo,
+    outcome: &Outcome,
+    kept: &[(u32, f64, Picture)],
+) -> anyhow::Result<()> {
+    let mut cells: Vec<Cell> = kept
+        .iter()
+        .map(|(step, db, picture)| {
+            Cell::new(picture.reduced_to(THUMBNAIL), format!("step {step}: {db:.2} dB"))
+        })
+        .collect();
+    if kept.last().is_none_or(|(step, ..)| *step != outcome.steps) {
+        let caption = format!("step {}: {:.2} dB", outcome.steps, outcome.psnr_db);
+        cells.push(Cell::new(outcome.picture.reduced_to(THUMBNAIL), caption));
+    }
+    cells.push(Cell::new(photo.picture.reduced_to(THUMBNAIL), format!("target: {}", photo.name)));
+    let columns = cells.len().min(4);
+    contact_sheet(&photo.name, &cells, columns).write_png(folder.join("sheet.png"))?;
+    Ok(())
+}
+
+/// Render a 2D field at any size.
+///
+/// A size that is not given follows from the photograph's.
+#[derive(Debug, Args)]
+#[command(after_help = "Examples:
+  nerf-train image render fox.nerf -o fox.png
+  nerf-train image render fox.nerf -o large.png --width 4096")]
+pub struct Render {
+    /// The blob.
+    file: PathBuf,
+    /// The picture (.png) to write.
+    #[arg(long, short, value_name = "FILE")]
+    output: PathBuf,
+    /// Width, pixels [default: the photograph's, or as the height asks].
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=65_535))]
+    width: Option<u32>,
+    /// Height, pixels [default: the photograph's, or as the width asks].
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=65_535))]
+    height: Option<u32>,
+    /// Elementary functions: polynomial, libm, micromath, recurrence.
+    #[arg(long, value_name = "BACKEND", default_value = "polynomial", value_parser = parse_math)]
+    math: MathBackend,
+}
+
+impl Render {
+    fn run(&self, global: &Global) -> anyhow::Result<ExitCode> {
+        let bytes = read_file(&self.file)?;
+        let blob = open_blob(&self.file, &bytes)?;
+        let Some(facts) = blob.picture() else {
+            bail!("{}: expected a 2D field, found a scene: render it with `render`", self.file.display());
+        };
+        let along = |side: u32, of: u32, to: u32| {
+            // Rounded, at least 1; of u16 range as the sides are.
+            ((u64::from(side) * u64::from(to) + u64::from(of) / 2) / u64::from(of)).max(1) as u32
+        };
+        let size = match (self.width, self.height) {
+            (Some(width), Some(height)) => [width, height],
+            (Some(width), None) => [width, along(width, facts.width, facts.height)],
+            (None, Some(height)) => [along(height, facts.height, facts.width), height],
+            (None, None) => [facts.width, facts.height],
+        };
+        ensure_file(&self.output)?;
+        let mut memory = vec![Line::UNINIT; Renderer::prepared_lines(&blob, global.tier())];
+        let renderer = Renderer::new(blob, global.tier(), &mut memory)?;
+        let (picture, _) = frame::render_picture(&renderer, self.math, size)
+            .with_context(|| self.file.display().to_string())?;
+        picture.write_png(&self.output)?;
+        outln!("{} ({}x{} pixels)", self.output.display(), size[0], size[1]);
+        Ok(ExitCode::SUCCESS)
+    }
+}

@@ -1,0 +1,248 @@
+//! `nerf-train sweep`
+
+use super::common::{DataOptions, Global, cpu_name, print_report, tell};
+use super::fit::read_config;
+use super::image::{PhotoOptions, Settings};
+use super::interruption;
+use crate::config::Preset;
+use crate::dataset::Background;
+use crate::sweep::{Folder, Grid, Job, Mode, Record, Runner, Shard, Status, write_report};
+use anyhow::bail;
+use clap::{Args, Subcommand};
+use std::path::{Path, PathBuf};
+use std::process::ExitCode;
+use std::sync::atomic::Ordering;
+
+/// Fit many times with other settings, and compare.
+#[derive(Debug, Subcommand)]
+#[command(after_help = "Examples:
+  nerf-train sweep image fox.jpg -o out/sweep --levels 6,8,10,12,14 --layers 2,4,6,8,10 --scale 0.25 --steps 1000 --pixels 2500
+  nerf-train sweep scene lego_200x200.npz -o out/sweep --width 64,128 --layers 2,4 --max-seconds 30
+  nerf-train sweep merge -o out/all out/machine1 out/machine2")]
+pub enum Sweep {
+    /// Fit 2D fields to one picture.
+    Image(Box<ImageSweep>),
+    /// Fit radiance fields to one data set.
+    Scene(Box<SceneSweep>),
+    /// Put the finished runs of several folders together.
+    Merge(Merge),
+}
+
+impl Sweep {
+    /// Runs the command.
+    pub fn run(&self, global: &Global) -> anyhow::Result<ExitCode> {
+        match self {
+            Self::Image(sweep) => sweep.run(global),
+            Self::Scene(sweep) => sweep.run(global),
+            Self::Merge(merge) => merge.run(global),
+        }
+    }
+}
+
+/// What is varied, and where it is kept.
+#[derive(Debug, Args)]
+struct Lists {
+    /// Folder of the sweep: one file a finished run, table, plots, contact sheet. Runs that are finished in it
+    /// are not repeated; lists may be extended later.
+    #[arg(long, short, value_name = "DIR")]
+    output: PathBuf,
+    /// Levels L of the position's encoding. Of each of these four: a list to compare, or one value to keep to.
+    #[arg(long, value_name = "L,L,…", value_delimiter = ',', num_args = 1)]
+    levels: Vec<u8>,
+    /// Hidden layers.
+    #[arg(long, value_name = "N,N,…", value_delimiter = ',', num_args = 1)]
+    layers: Vec<usize>,
+    /// Channels of every hidden layer.
+    #[arg(long, value_name = "N,N,…", value_delimiter = ',', num_args = 1)]
+    width: Vec<usize>,
+    /// Learning rates at the start.
+    #[arg(long, value_name = "RATE,…", value_delimiter = ',', num_args = 1)]
+    rate: Vec<f64>,
+    /// Vary one list at a time around the preset, instead of every combination.
+    #[arg(long)]
+    one_at_a_time: bool,
+    /// Run only every N-th point, beginning with the I-th (from 1): one part of N, for batch schedulers. A Slurm
+    /// array of 1-25 passes $SLURM_ARRAY_TASK_ID/25.
+    #[arg(long, value_name = "I/N")]
+    shard: Option<Shard>,
+}
+
+impl Lists {
+    fn grid(&self, job: &Job<'_>) -> Grid {
+        Grid {
+            base: job.base_point(),
+            levels: self.levels.clone(),
+            layers: self.layers.clone(),
+            widths: self.width.clone(),
+            rates: self.rate.clone(),
+            mode: if self.one_at_a_time { Mode::OneAtATime } else { Mode::Full },
+        }
+    }
+
+    /// Runs what is not finished, and reports on what is.
+    fn sweep(&self, job: &Job<'_>, global: &Global) -> anyhow::Result<ExitCode> {
+        let grid = self.grid(job);
+        let points = grid.points()?;
+        points.iter().try_for_each(|point| job.check(point))?;
+        let folder = Folder::open(&self.output, job.header(grid.mode))?;
+        let shard = self.shard.unwrap_or(Shard::WHOLE);
+        let mine: Vec<_> =
+            points.iter().enumerate().filter(|&(i, _)| shard.takes(i)).map(|(_, p)| p).collect();
+        let cpu = cpu_name();
+        let stop = interruption()?;
+        let runner = Runner { tier: global.tier(), style: global.style(), cpu: &cpu, stop: &stop };
+        global.say(format!(
+            "{} points, {} of them this part's; on {cpu} ({}, {} threads)",
+            points.len(),
+            mine.len(),
+            runner.tier.name(),
+            rayon::current_num_threads()
+        ));
+        let mut ended = ExitCode::SUCCESS;
+        for (i, point) in mine.iter().enumerate() {
+            let place = format!("[{}/{}] {point}", i + 1, mine.len());
+            if let Some(record) = folder.record(point)? {
+                global.say(format!("{place}: finished before, {}", result(&record)));
+                continue;
+            }
+            global.say(format!("{place}: begins"));
+            let Some((record, picture)) = job.run(point, &runner)? else {
+                tell("interrupted: the run that was under way is lost, the finished ones are kept");
+                tell("go on with the same command");
+                ended = ExitCode::from(130);
+                break;
+            };
+            folder.keep(&record, picture.as_ref())?;
+            global.say(format!("{place}: {}", result(&record)));
+            if stop.load(Ordering::Relaxed) {
+                ended = ExitCode::from(130);
+                break;
+            }
+        }
+        finish(&folder, global)?;
+        Ok(ended)
+    }
+}
+
+fn result(record: &Record) -> String {
+    match (record.status, record.psnr_db) {
+        (Status::Ok, Some(db)) => format!("{db:.2} dB in {:.1} s", record.train_seconds),
+        _ => format!("diverged ({})", record.note),
+    }
+}
+
+/// Writes the report of all that is finished in a folder, and prints its table.
+fn finish(folder: &Folder, _global: &Global) -> anyhow::Result<()> {
+    let records = write_report(folder)?;
+    outln!("{}", crate::sweep::table(&records).to_text().trim_end());
+    outln!("report: {}", folder.path().join("report.md").display());
+    Ok(())
+}
+
+/// Fit 2D fields to one picture.
+#[derive(Debug, Args)]
+#[command(
+    after_help = "Example: nerf-train sweep image fox.jpg -o out/sweep --levels 6,8,10 --layers 2,4 --scale 0.25"
+)]
+pub struct ImageSweep {
+    /// The picture.
+    photo: PathBuf,
+    #[command(flatten)]
+    lists: Lists,
+    #[command(flatten)]
+    photo_options: PhotoOptions,
+    #[command(flatten)]
+    settings: Settings,
+}
+
+impl ImageSweep {
+    fn run(&self, global: &Global) -> anyhow::Result<ExitCode> {
+        let photo = self.photo_options.read(&self.photo, global)?;
+        self.lists.sweep(&Job::Image { photo: &photo, base: self.settings.config() }, global)
+    }
+}
+
+/// Fit radiance fields to one data set.
+#[derive(Debug, Args)]
+#[command(
+    after_help = "Example: nerf-train sweep scene lego_200x200.npz -o out/sweep --levels 6,10 --width 64,128 --max-seconds 30"
+)]
+pub struct SceneSweep {
+    /// The data set.
+    data: PathBuf,
+    #[command(flatten)]
+    lists: Lists,
+    /// Named settings to start from.
+    #[arg(long, value_enum, default_value = "fast")]
+    preset: Preset,
+    /// TOML file with settings that replace the preset's.
+    #[arg(long, value_name = "FILE")]
+    config: Option<PathBuf>,
+    /// Steps of a run [default: the preset's].
+    #[arg(long, value_name = "N", conflicts_with = "max_seconds")]
+    steps: Option<u32>,
+    /// Seconds a run may take, instead of a number of steps.
+    #[arg(long, value_name = "S")]
+    max_seconds: Option<f64>,
+    /// Seed of everything random.
+    #[arg(long, value_name = "N")]
+    seed: Option<u64>,
+    #[command(flatten)]
+    data_options: DataOptions,
+}
+
+impl SceneSweep {
+    fn run(&self, global: &Global) -> anyhow::Result<ExitCode> {
+        if let Some(seconds) = self.max_seconds
+            && !(seconds.is_finite() && seconds > 0.0)
+        {
+            bail!("--max-seconds: expected a number above 0, found {seconds}");
+        }
+        let dataset = self.data_options.read(&self.data)?;
+        print_report(&dataset, global);
+        if dataset.val.is_empty() {
+            bail!(
+                "{}: expected validation views, which a sweep compares by; found none",
+                self.data.display()
+            );
+        }
+        let hull = dataset.background != Background::Unknown;
+        let mut base = read_config(self.preset, self.config.as_deref(), hull)?;
+        base.sampling.near = self.data_options.near.or(base.sampling.near);
+        base.sampling.far = self.data_options.far.or(base.sampling.far);
+        base.optimiser.steps = self.steps.unwrap_or(base.optimiser.steps);
+        base.seed = self.seed.unwrap_or(base.seed);
+        base.check()?;
+        let job = Job::Scene { dataset: &dataset, base: Box::new(base), seconds: self.max_seconds };
+        self.lists.sweep(&job, global)
+    }
+}
+
+/// Put the finished runs of several folders together.
+#[derive(Debug, Args)]
+#[command(after_help = "Example: nerf-train sweep merge -o out/all out/machine1 out/machine2")]
+pub struct Merge {
+    /// Folders of one sweep's parts.
+    #[arg(required = true, value_name = "DIR")]
+    folders: Vec<PathBuf>,
+    /// Folder to put them into; may hold finished runs of the same sweep.
+    #[arg(long, short, value_name = "DIR")]
+    output: PathBuf,
+}
+
+impl Merge {
+    fn run(&self, global: &Global) -> anyhow::Result<ExitCode> {
+        let open = |path: &PathBuf| Folder::existing(Path::new(path));
+        let parts = self.folders.iter().map(open).collect::<Result<Vec<_>, _>>()?;
+        let Some(first) = parts.first() else { bail!("expected at least one folder") };
+        // All are checked against each other before anything is written.
+        parts.iter().try_for_each(|part| first.check_same(part.header()))?;
+        let whole = Folder::open(&self.output, first.header().clone())?;
+        for part in &parts {
+            let new = whole.take_in(part)?;
+            global.say(format!("{}: {new} new runs", part.path().display()));
+        }
+        finish(&whole, global)?;
+        Ok(ExitCode::SUCCESS)
+    }
+}

@@ -1,0 +1,312 @@
+//! One run from first step to blob.
+
+use super::{FieldConfig, Photo};
+use crate::config::ConfigError;
+use crate::engine::{Batch, BatchRay, Engine, EngineError, FusedEngine, Model};
+use crate::export::{Contents, ExportError, Exported, export};
+use crate::frame;
+use crate::report::metrics::{psnr_db, psnr_db_of_mse};
+use crate::report::picture::Picture;
+use crate::report::progress::{Message, Progress, ProgressStyle, Total};
+use crate::train::CurvePoint;
+use crate::train::average::Average;
+use crate::train::schedule::{Budget, Clock, duration, learning_rate};
+use nerf_core::blob::{Blob, BlobError, Content, PictureFacts, Provenance};
+use nerf_core::kernels::{Line, Tier};
+use nerf_core::math::MathBackend;
+use nerf_core::render::{RenderError, Renderer};
+use nerf_core::sampling::{Purpose, uniform_u32};
+use std::sync::atomic::{AtomicBool, Ordering};
+
+/// Looks at the whole picture on the way, where no interval is given.
+const LOOKS: f64 = 10.0;
+
+/// Why a field could not be fitted.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum FieldError {
+    /// A setting out of range.
+    #[error("{0}")]
+    Config(#[from] ConfigError),
+    /// The optimiser stopped.
+    #[error("{0}")]
+    Engine(#[from] EngineError),
+    /// The parameters make no blob.
+    #[error("export: {0}")]
+    Export(#[from] ExportError),
+    /// The own blob cannot be opened.
+    #[error("own blob: {0}")]
+    Blob(#[from] BlobError),
+    /// The own blob cannot be rendered.
+    #[error("own blob: {0}")]
+    Render(#[from] RenderError),
+}
+
+/// A field that is being fitted.
+pub struct FieldTrainer<'p> {
+    photo: &'p Photo,
+    config: FieldConfig,
+    model: Model,
+    tier: Tier,
+    engine: FusedEngine,
+    average: Average,
+    batch: Batch,
+    step: u32,
+    mse: f64,
+}
+
+impl<'p> FieldTrainer<'p> {
+    /// Everything ready for the first step.
+    ///
+    /// # Errors
+    /// [`FieldError::Config`] on settings out of range.
+    pub fn new(photo: &'p Photo, config: FieldConfig, tier: Tier) -> Result<Self, FieldError> {
+        config.check()?;
+        let model = config.model();
+        let mut engine = FusedEngine::new(&model, config.adam(), config.seed)?;
+        engine.set_tier(tier);
+        let average = Average::new(config.optimiser.average, model.parameters());
+        let batch = Batch::default();
+        Ok(Self { photo, config, model, tier, engine, average, batch, step: 0, mse: f64::NAN })
+    }
+
+    /// One step at the learning rate that `share` of the budget used calls for.
+    ///
+    /// # Errors
+    /// [`FieldError::Engine`] if it diverged; the run is then as before the step.
+    pub fn step(&mut self, share: f64) -> Result<(), FieldError> {
+        self.draw();
+        let rate = learning_rate(&self.config.optimiser, self.step, share);
+        let loss = self.engine.step(&self.batch, rate)?;
+        self.mse = if self.step == 0 { loss.mse } else { 0.95 * self.mse + 0.05 * loss.mse };
+        self.step += 1;
+        self.average.update(&self.engine.parameters());
+        Ok(())
+    }
+
+    /// Pixels at random over the whole picture, each at its centre.
+    fn draw(&mut self) {
+        let Picture { width, height, rgb } = &self.photo.picture;
+        let (across, down) = (1.0 / *width as f32, 1.0 / *height as f32);
+        self.batch.clear();
+        for i in 0..self.config.pixels {
+            let random = uniform_u32(self.config.seed, Purpose::Pixel, u64::from(self.step), i as u64);
+            let index = ((u64::from(random) * rgb.len() as u64) >> 32) as usize;
+            let (x, y) = ((index % width) as f32 + 0.5, (index / width) as f32 + 0.5);
+            self.batch.rays.push(BatchRay { rgb: rgb[index], samples: 1, ..BatchRay::default() });
+            self.batch.positions.push([x * across, y * down, 0.0]);
+            self.batch.deltas.push(0.0);
+        }
+    }
+
+    /// Steps done.
+    pub fn steps(&self) -> u32 {
+        self.step
+    }
+
+    /// Smoothed PSNR of the pixels trained on, dB.
+    pub fn train_psnr_db(&self) -> f64 {
+        psnr_db_of_mse(self.mse)
+    }
+
+    /// Number of parameters.
+    pub fn parameters(&self) -> usize {
+        self.model.parameters()
+    }
+
+    /// A blob of the run as it stands.
+    ///
+    /// # Errors
+    /// [`FieldError::Export`] on parameters that do not fit f16.
+    pub fn export(&self, psnr_db: Option<f64>) -> Result<Exported, FieldError> {
+        let parameters = self.average.corrected(self.step).unwrap_or_else(|| self.engine.parameters());
+        let [width, height] = self.photo.size();
+        let made_by = format!("nerf-train {}", env!("CARGO_PKG_VERSION"));
+        Ok(export(&Contents {
+            architecture: &self.model.architecture,
+            parameters: &parameters,
+            content: Content::Picture(PictureFacts { width, height }),
+            grid: None,
+            provenance: Provenance {
+                data: &self.photo.name,
+                made_by: &made_by,
+                steps: self.step,
+                seed: self.config.seed,
+                psnr_db: psnr_db.map(|db| db as f32).filter(|db| db.is_finite()),
+                psnr_convention: if psnr_db.is_some() { "over the whole picture" } else { "" },
+                quantisation_loss_db: None,
+                trained_parameters: self.model.parameters() as u32,
+            },
+        })?)
+    }
+
+    /// The picture that a blob of the run as it stands shows, at the photograph's size.
+    ///
+    /// # Errors
+    /// As [`FieldTrainer::export`].
+    pub fn picture(&self) -> Result<Picture, FieldError> {
+        let bytes = self.export(None)?.bytes;
+        render_blob(&bytes, self.tier, self.photo.size())
+    }
+}
+
+/// Renders a blob's picture at a size.
+fn render_blob(bytes: &[u8], tier: Tier, size: [u32; 2]) -> Result<Picture, FieldError> {
+    let blob = Blob::open(bytes)?;
+    let mut memory = vec![Line::UNINIT; Renderer::prepared_lines(&blob, tier)];
+    let renderer = Renderer::new(blob, tier, &mut memory)?;
+    Ok(frame::render_picture(&renderer, MathBackend::Polynomial, size)?.0)
+}
+
+/// The whole picture at some step.
+#[derive(Clone, Copy, Debug)]
+pub struct Look<'a> {
+    /// Steps done.
+    pub step: u32,
+    /// What the blob of that step shows.
+    pub picture: &'a Picture,
+    /// dB over the whole picture.
+    pub psnr_db: f64,
+}
+
+/// When to stop and when to look.
+#[derive(Clone, Debug)]
+pub struct RunOptions {
+    /// When to stop.
+    pub budget: Budget,
+    /// Steps at which [`run`] shows the picture, besides its own looks.
+    pub snapshots: Vec<u32>,
+    /// Steps between looks; a tenth of the budget if absent.
+    pub look_every: Option<u32>,
+    /// Kernel tier.
+    pub tier: Tier,
+    /// Display.
+    pub style: ProgressStyle,
+}
+
+/// What a run made.
+#[derive(Clone, Debug)]
+pub struct Outcome {
+    /// The blob.
+    pub bytes: Vec<u8>,
+    /// What that very blob shows, at the photograph's size.
+    pub picture: Picture,
+    /// dB over the whole picture.
+    pub psnr_db: f64,
+    /// Weights that became f16 subnormals.
+    pub subnormal_weights: usize,
+    /// The curve; its `val_psnr_db` is of the whole picture.
+    pub curve: Vec<CurvePoint>,
+    /// Steps.
+    pub steps: u32,
+    /// Number of parameters.
+    pub parameters: usize,
+    /// Seconds from the start until the last step, looks included.
+    pub train_seconds: f64,
+    /// Pixels trained on, a second of training.
+    pub pixels_per_second: f64,
+    /// How it ended.
+    pub ended: Ended,
+}
+
+/// How a run ended.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Ended {
+    /// Its budget is used.
+    Finished,
+    /// It was told to stop.
+    Stopped,
+}
+
+/// Fits a field until the budget is used or `stop` is set; `each` sees every look, step 0 included if asked for.
+///
+/// # Errors
+/// [`FieldError`]; [`EngineError::Diverged`] if a number overflowed.
+pub fn run(
+    photo: &Photo,
+    config: FieldConfig,
+    options: &RunOptions,
+    clock: Clock,
+    stop: &AtomicBool,
+    mut each: impl FnMut(Look<'_>),
+) -> Result<Outcome, FieldError> {
+    let mut trainer = FieldTrainer::new(photo, config, options.tier)?;
+    let budget = options.budget;
+    let total = match (budget.steps, budget.seconds) {
+        (Some(steps), Some(seconds)) => Total::StepsOrTime(u64::from(steps), duration(seconds)),
+        (Some(steps), None) => Total::Steps(u64::from(steps)),
+        (None, Some(seconds)) => Total::Time(duration(seconds)),
+        (None, None) => Total::Unknown,
+    };
+    let mut progress = Progress::new("fit", total, options.style);
+    let mut curve: Vec<CurvePoint> = Vec::new();
+    let (mut last_look, mut reserve, mut whole) = (0.0, 0.0, None);
+    let started = clock.seconds();
+    let ended = loop {
+        let step = trainer.steps();
+        let share = budget.share(step, clock.seconds(), reserve);
+        let due = match options.look_every {
+            Some(every) => step > 0 && step.is_multiple_of(every.max(1)),
+            None => share - last_look >= 1.0 / LOOKS,
+        };
+        let done = share >= 1.0;
+        if !done && (due || options.snapshots.contains(&step)) {
+            last_look = share;
+            let before = clock.seconds();
+            let picture = trainer.picture()?;
+            let psnr_db = psnr_db(&picture.rgb, &photo.picture.rgb);
+            each(Look { step, picture: &picture, psnr_db });
+            reserve = 2.0 * (clock.seconds() - before);
+            whole = Some(psnr_db);
+            curve.push(point(&trainer, clock, whole));
+        } else if step > 0 && step.is_multiple_of(20) {
+            curve.push(point(&trainer, clock, None));
+        }
+        if done {
+            break Ended::Finished;
+        }
+        if stop.load(Ordering::Relaxed) {
+            break Ended::Stopped;
+        }
+        trainer.step(share)?;
+        progress.update(
+            u64::from(trainer.steps()),
+            &Message {
+                train_psnr_db: Some(trainer.train_psnr_db()),
+                note: whole.map_or_else(String::new, |db| format!("whole picture {db:.2} dB")),
+                ..Message::default()
+            },
+        );
+    };
+    let train_seconds = clock.seconds();
+    let pixels = f64::from(trainer.steps()) * trainer.config.pixels as f64;
+    let pixels_per_second = pixels / (train_seconds - started).max(1e-9);
+    progress.finish(format!("{} steps, {:.0} thousand pixels/s", trainer.steps(), pixels_per_second / 1e3));
+
+    let picture = trainer.picture()?;
+    let psnr_db = psnr_db(&picture.rgb, &photo.picture.rgb);
+    each(Look { step: trainer.steps(), picture: &picture, psnr_db });
+    curve.push(CurvePoint { seconds: train_seconds, ..point(&trainer, clock, Some(psnr_db)) });
+    let exported = trainer.export(Some(psnr_db))?;
+    Ok(Outcome {
+        bytes: exported.bytes,
+        picture,
+        psnr_db,
+        subnormal_weights: exported.subnormal_weights,
+        curve,
+        steps: trainer.steps(),
+        parameters: trainer.parameters(),
+        train_seconds,
+        pixels_per_second,
+        ended,
+    })
+}
+
+fn point(trainer: &FieldTrainer<'_>, clock: Clock, whole: Option<f64>) -> CurvePoint {
+    CurvePoint {
+        step: trainer.steps(),
+        seconds: clock.seconds(),
+        train_psnr_db: trainer.train_psnr_db(),
+        val_psnr_db: whole,
+    }
+}

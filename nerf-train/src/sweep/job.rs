@@ -1,0 +1,294 @@
+//! One run of a sweep.
+
+use super::{Header, Kind, Mode, Point, Record, Status};
+use crate::config::{Config, ConfigError};
+use crate::dataset::{Dataset, View};
+use crate::engine::EngineError;
+use crate::eval::measure;
+use crate::frame::Frame;
+use crate::image_field::{self, Ended as FieldEnded, FieldConfig, FieldError, Photo};
+use crate::report::metrics::psnr_db;
+use crate::report::picture::Picture;
+use crate::report::progress::ProgressStyle;
+use crate::train::TrainError;
+use crate::train::checkpoint::fingerprint;
+use crate::train::run::{self, Ended, RunError, spread};
+use crate::train::schedule::{Budget, Clock};
+use nerf_core::kernels::Tier;
+use nerf_core::network::Architecture;
+use nerf_core::plan::Quality;
+use serde_json::json;
+use std::sync::atomic::AtomicBool;
+use std::time::Duration;
+
+/// What all runs of a sweep fit, and from which settings.
+#[derive(Debug)]
+pub enum Job<'a> {
+    /// A 2D field.
+    Image {
+        /// To this photograph.
+        photo: &'a Photo,
+        /// From these settings.
+        base: FieldConfig,
+    },
+    /// A radiance field.
+    Scene {
+        /// To these posed photographs.
+        dataset: &'a Dataset,
+        /// From these settings.
+        base: Box<Config>,
+        /// Seconds a run may take, instead of the settings' steps.
+        seconds: Option<f64>,
+    },
+}
+
+/// How runs are made.
+#[derive(Clone, Copy, Debug)]
+pub struct Runner<'a> {
+    /// Kernel tier.
+    pub tier: Tier,
+    /// Display.
+    pub style: ProgressStyle,
+    /// The CPU's name, for the records.
+    pub cpu: &'a str,
+    /// Set to stop.
+    pub stop: &'a AtomicBool,
+}
+
+/// A finished run, and its picture if there is one.
+pub type Run = (Record, Option<Picture>);
+
+/// A run that could not be made, for a reason that has nothing to do with its point.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum JobError {
+    /// A setting out of range.
+    #[error("{0}")]
+    Config(#[from] ConfigError),
+    /// A 2D field.
+    #[error("{0}")]
+    Field(FieldError),
+    /// A radiance field.
+    #[error("{0}")]
+    Run(RunError),
+}
+
+impl Job<'_> {
+    /// The settings that are varied, where no list says otherwise.
+    pub fn base_point(&self) -> Point {
+        match self {
+            Self::Image { base, .. } => Point {
+                levels: base.levels,
+                layers: base.layers,
+                width: base.width,
+                rate: base.optimiser.rate,
+            },
+            Self::Scene { base, .. } => Point {
+                levels: base.network.position_levels,
+                layers: base.network.depth,
+                width: base.network.width,
+                rate: base.optimiser.rate,
+            },
+        }
+    }
+
+    /// What the runs share.
+    pub fn header(&self, mode: Mode) -> Header {
+        match self {
+            Self::Image { photo, base } => Header {
+                kind: Kind::Image,
+                data: photo.name.clone(),
+                fingerprint: format!("{:016x}", photo.fingerprint()),
+                mode,
+                settings: json!(base),
+            },
+            Self::Scene { dataset, base, seconds } => Header {
+                kind: Kind::Scene,
+                data: dataset.name.clone(),
+                fingerprint: format!("{:016x}", fingerprint(dataset)),
+                mode,
+                settings: json!({ "max_seconds": seconds, "config": base }),
+            },
+        }
+    }
+
+    /// Checks the settings of a point.
+    ///
+    /// # Errors
+    /// [`ConfigError`] names the setting.
+    pub fn check(&self, point: &Point) -> Result<(), ConfigError> {
+        match self {
+            Self::Image { base, .. } => field_config(base, point).check(),
+            Self::Scene { base, .. } => scene_config(base, point).check(),
+        }
+    }
+
+    /// Runs one point; `None` if [`Runner::stop`] was set before it was finished.
+    ///
+    /// A run that diverges is a result. Its picture is the photograph's, or the first validation view's.
+    ///
+    /// # Errors
+    /// [`JobError`] for whatever is wrong besides.
+    pub fn run(&self, point: &Point, runner: &Runner<'_>) -> Result<Option<Run>, JobError> {
+        match self {
+            Self::Image { photo, base } => run_image(photo, field_config(base, point), point, runner),
+            Self::Scene { dataset, base, seconds } => {
+                let config = scene_config(base, point);
+                let steps = seconds.is_none().then_some(config.optimiser.steps);
+                let budget = Budget { steps, seconds: *seconds };
+                run_scene(dataset, config, budget, point, runner)
+            }
+        }
+    }
+}
+
+fn field_config(base: &FieldConfig, point: &Point) -> FieldConfig {
+    let mut config = base.clone();
+    (config.levels, config.layers, config.width) = (point.levels, point.layers, point.width);
+    config.optimiser.rate = point.rate;
+    config
+}
+
+fn scene_config(base: &Config, point: &Point) -> Config {
+    let mut config = base.clone();
+    let n = &mut config.network;
+    (n.position_levels, n.depth, n.width) = (point.levels, point.layers, point.width);
+    // The skip layer stays where it is, if the trunk reaches that far.
+    if n.skip_after >= n.depth {
+        n.skip_after = 0;
+    }
+    config.optimiser.rate = point.rate;
+    config
+}
+
+/// The record of a run that came to nothing.
+fn diverged(point: &Point, runner: &Runner<'_>, architecture: &Architecture, note: String) -> Record {
+    Record {
+        point: *point,
+        status: Status::Diverged,
+        note,
+        psnr_db: None,
+        steps: 0,
+        parameters: architecture.parameters(),
+        macs: macs(architecture),
+        blob_bytes: 0,
+        train_seconds: 0.0,
+        threads: rayon::current_num_threads(),
+        kernel: runner.tier.name().into(),
+        cpu: runner.cpu.into(),
+    }
+}
+
+fn macs(architecture: &Architecture) -> u64 {
+    (architecture.density_macs() + architecture.colour_macs()) as u64
+}
+
+fn run_image(
+    photo: &Photo,
+    config: FieldConfig,
+    point: &Point,
+    runner: &Runner<'_>,
+) -> Result<Option<Run>, JobError> {
+    let architecture = config.model().architecture;
+    let options = image_field::RunOptions {
+        budget: Budget { steps: Some(config.optimiser.steps), seconds: None },
+        snapshots: Vec::new(),
+        look_every: Some(u32::MAX),
+        tier: runner.tier,
+        style: runner.style,
+    };
+    let clock = Clock::resume(Duration::ZERO);
+    let outcome = match image_field::run(photo, config, &options, clock, runner.stop, |_| {}) {
+        Ok(outcome) if outcome.ended == FieldEnded::Stopped => return Ok(None),
+        Ok(outcome) => outcome,
+        Err(FieldError::Engine(error @ EngineError::Diverged { .. })) => {
+            let mut record = diverged(point, runner, &architecture, error.to_string());
+            record.train_seconds = clock.seconds();
+            return Ok(Some((record, None)));
+        }
+        Err(FieldError::Config(error)) => return Err(error.into()),
+        Err(error) => return Err(JobError::Field(error)),
+    };
+    let flat = flat_psnr_db(&photo.picture.rgb);
+    let mut record = Record {
+        psnr_db: Some(outcome.psnr_db),
+        steps: outcome.steps,
+        blob_bytes: outcome.bytes.len(),
+        train_seconds: outcome.train_seconds,
+        ..diverged(point, runner, &architecture, String::new())
+    };
+    judge(&mut record, flat);
+    Ok(Some((record, Some(outcome.picture))))
+}
+
+fn run_scene(
+    dataset: &Dataset,
+    config: Config,
+    budget: Budget,
+    point: &Point,
+    runner: &Runner<'_>,
+) -> Result<Option<Run>, JobError> {
+    let architecture = config.model().architecture;
+    let options = run::RunOptions {
+        budget,
+        checkpoint: None,
+        checkpoint_every: f64::INFINITY,
+        resume: false,
+        report: None,
+        snapshots: Vec::new(),
+        validate_every: None,
+        tier: runner.tier,
+        style: runner.style,
+    };
+    let clock = Clock::resume(Duration::ZERO);
+    let outcome = match run::run_since(clock, dataset, config, &options, runner.stop) {
+        Ok(Ended::Interrupted { .. }) => return Ok(None),
+        Ok(Ended::Finished(outcome)) => outcome,
+        Err(RunError::Train(
+            error @ (TrainError::Engine(EngineError::Diverged { .. })
+            | TrainError::Dead { .. }
+            | TrainError::Export(_)),
+        )) => {
+            let mut record = diverged(point, runner, &architecture, error.to_string());
+            record.train_seconds = clock.seconds();
+            return Ok(Some((record, None)));
+        }
+        Err(error) => return Err(JobError::Run(error)),
+    };
+    let views = spread(&dataset.val, run::FINAL_VIEWS);
+    let flats = views.iter().map(|view| flat_psnr_db(&view.composite_over(outcome.background)));
+    let flat = flats.sum::<f64>() / views.len().max(1) as f64;
+    let mut record = Record {
+        psnr_db: outcome.scores.psnr_db(),
+        steps: outcome.steps,
+        blob_bytes: outcome.bytes.len(),
+        train_seconds: outcome.train_seconds,
+        ..diverged(point, runner, &architecture, String::new())
+    };
+    judge(&mut record, flat);
+    let mut picture = None;
+    let each = |_: &View, frame: &Frame, _: &[[f32; 3]], _: &_| picture = Some(frame.picture());
+    let first = views.first().copied();
+    measure(&outcome.bytes, None, runner.tier, &Quality::default(), outcome.background, first, each)
+        .map_err(|error| JobError::Run(error.into()))?;
+    Ok(Some((record, picture)))
+}
+
+/// Whether a run that went through to the end learned anything: more than one flat colour shows.
+fn judge(record: &mut Record, flat_psnr_db: f64) {
+    // A picture of one colour has nothing more to learn.
+    let learned = !flat_psnr_db.is_finite() || record.psnr_db.is_none_or(|db| db > flat_psnr_db);
+    record.status = if learned { Status::Ok } else { Status::Diverged };
+    if !learned {
+        record.note = format!("no better than one flat colour, which has {flat_psnr_db:.2} dB");
+    }
+}
+
+/// dB of the picture's mean colour against the picture; +inf for one flat colour.
+fn flat_psnr_db(rgb: &[[f32; 3]]) -> f64 {
+    let mean: [f32; 3] = std::array::from_fn(|c| {
+        let sum: f64 = rgb.iter().map(|pixel| f64::from(pixel[c])).sum();
+        (sum / rgb.len().max(1) as f64) as f32
+    });
+    psnr_db(&vec![mean; rgb.len()], rgb)
+}

@@ -1,0 +1,68 @@
+//! What a sweep keeps: what its runs share, and what each came to.
+
+use super::{Mode, Point};
+use serde::{Deserialize, Serialize};
+
+/// What is fitted.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Kind {
+    /// A 2D field to a photograph; PSNR is over the whole picture.
+    Image,
+    /// A radiance field to posed photographs; PSNR is the mean over validation views.
+    Scene,
+}
+
+/// What all runs of a folder share; `sweep.json`.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Header {
+    /// What is fitted.
+    pub kind: Kind,
+    /// Name of the data.
+    pub data: String,
+    /// Checksum of the data.
+    pub fingerprint: String,
+    /// How values are combined.
+    pub mode: Mode,
+    /// All settings of the base; those that are varied too, and they may be varied further later.
+    pub settings: serde_json::Value,
+}
+
+/// How a run ended.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Status {
+    /// As it should.
+    Ok,
+    /// A number overflowed, every density died, or the result is no better than one flat colour.
+    Diverged,
+}
+
+/// What one run came to; `runs/NAME.json`.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Record {
+    /// Its settings.
+    pub point: Point,
+    /// How it ended.
+    pub status: Status,
+    /// Why, where it did not end as it should.
+    pub note: String,
+    /// dB, as [`Kind`] says; absent where there is no picture.
+    pub psnr_db: Option<f64>,
+    /// Steps done.
+    pub steps: u32,
+    /// Trained parameters.
+    pub parameters: usize,
+    /// Multiply-adds of one pixel or sample.
+    pub macs: u64,
+    /// Bytes of the blob.
+    pub blob_bytes: usize,
+    /// Seconds of training.
+    pub train_seconds: f64,
+    /// Threads it ran on.
+    pub threads: usize,
+    /// Kernel tier it ran on.
+    pub kernel: String,
+    /// CPU it ran on.
+    pub cpu: String,
+}
