@@ -3,7 +3,12 @@
 use nerf_core::blob::{
     Blob, BlobError, Body, Content, HEADER_LEN, PictureFacts, SceneFacts, encoded_len, write,
 };
-use nerf_tests::scenes::Recipe;
+use nerf_core::kernels::{Line, Tier};
+use nerf_core::math::MathBackend;
+use nerf_core::plan::{Batch, Outputs, Plan, Quality};
+use nerf_core::render::{Rect, Renderer};
+use nerf_core::volume::Pixel;
+use nerf_tests::scenes::{Recipe, camera};
 
 /// A scene and a picture, small enough to damage everywhere.
 const BLOBS: [Recipe; 2] = [Recipe::TINY, Recipe::TINY_PICTURE];
@@ -67,6 +72,22 @@ fn every_flipped_bit_is_an_error() {
     }
 }
 
+/// Whether one pixel of it can be drawn.
+fn draws(blob: Blob<'_>) -> bool {
+    let (batch, rect) = (Batch::SMALLEST, Rect { x: 0, y: 0, width: 1, height: 1 });
+    let renderer = Renderer::new(blob.clone(), Tier::Scalar, &mut []).expect("a renderer");
+    let mut workspace = vec![Line::UNINIT; 1 << 12];
+    let drawn = if blob.picture().is_some() {
+        let mut put = |_: u32, _: u32, _: [f32; 3]| {};
+        renderer.render_picture(MathBackend::Polynomial, batch, [1, 1], rect, &mut workspace, &mut put)
+    } else {
+        let plan = Plan::new(&blob, &Quality::default(), Outputs::ALL, batch).expect("a plan");
+        let mut put = |_: u32, _: u32, _: &Pixel| {};
+        renderer.render(&plan, &camera(1, 1), rect, &mut workspace, &mut put)
+    };
+    drawn.is_ok()
+}
+
 #[test]
 fn flipped_bits_and_bytes_with_a_right_checksum_never_panic() {
     for recipe in BLOBS {
@@ -85,6 +106,7 @@ fn damage_everywhere(blob: &[u8]) {
                 opened += 1;
                 assert_eq!(other.weights().len(), 2 * other.architecture().parameters());
                 assert_eq!((other.scene().is_some(), other.picture().is_some()), (scene, !scene));
+                assert!(draws(other));
             }
             Err(error) => refused += usize::from(!error.to_string().is_empty()),
         }
