@@ -63,7 +63,7 @@
 //!
 //! ```
 //! use glam::Vec3;
-//! use nerf_core::blob::{self, Body, Provenance, SceneFacts};
+//! use nerf_core::blob::{self, Body, Content, Provenance, SceneFacts};
 //! use nerf_core::encoding::{AngleScale, Encoding};
 //! use nerf_core::network::{Architecture, DensityActivation, TrunkLayer};
 //! use nerf_core::{
@@ -88,7 +88,7 @@
 //! // The file.
 //! let body = Body {
 //!     architecture,
-//!     scene: Some(SceneFacts {
+//!     content: Content::Scene(SceneFacts {
 //!         min: [-1.0; 3],
 //!         max: [1.0; 3],
 //!         near: 2.0,

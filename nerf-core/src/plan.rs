@@ -75,6 +75,16 @@ impl Batch {
     pub const fn for_tier(_tier: Tier) -> Self {
         Self { rays: 256, samples: BLOCK }
     }
+
+    /// Whether there is something in it, and no more than [`Batch::MOST_RAYS`] and [`BLOCK`].
+    pub(crate) fn is_valid(&self) -> bool {
+        (1..=Self::MOST_RAYS).contains(&self.rays) && (1..=BLOCK).contains(&self.samples)
+    }
+
+    /// What is wrong with a batch that is not valid.
+    pub(crate) fn write_refusal(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+        write!(f, "batch: expected 1 to {} rays and 1 to {BLOCK} samples, found {self:?}", Self::MOST_RAYS)
+    }
 }
 
 /// The stages of a frame, decided once.
@@ -116,8 +126,7 @@ impl<'a> Plan<'a> {
         if !(0.0..1.0).contains(&quality.transmittance_cut) {
             return Err(PlanError::TransmittanceCut { found: quality.transmittance_cut });
         }
-        let rays_fit = (1..=Batch::MOST_RAYS).contains(&batch.rays);
-        if !rays_fit || batch.samples == 0 || batch.samples > BLOCK {
+        if !batch.is_valid() {
             return Err(PlanError::Batch { found: batch });
         }
         Ok(Self {
@@ -206,13 +215,7 @@ impl core::fmt::Display for PlanError {
             Self::Background { found } => {
                 write!(f, "background: expected channels in 0..=1, found {found:?}")
             }
-            Self::Batch { found } => {
-                write!(
-                    f,
-                    "batch: expected 1 to {} rays and 1 to {BLOCK} samples, found {found:?}",
-                    Batch::MOST_RAYS
-                )
-            }
+            Self::Batch { found } => found.write_refusal(f),
             Self::Bounds(error) => error.fmt(f),
         }
     }

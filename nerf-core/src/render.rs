@@ -3,11 +3,13 @@
 //! A tile's rays walk front to back in rounds: each round, every ray that still sees something
 //! contributes a few live samples; full blocks go through the network; the transmittance cut is
 //! applied per sample as results are added up, so that what a round evaluated beyond the cut is
-//! thrown away and no picture depends on the size of tile, batch or round.
+//! thrown away and no picture depends on the size of tile, batch or round. A 2D field has no rays:
+//! its pixels go through the network block by block (`picture`).
 
 mod counters;
 mod error;
 mod frame;
+mod picture;
 mod rect;
 
 #[cfg(test)]
@@ -15,6 +17,7 @@ mod tests;
 
 pub use counters::Counters;
 pub use error::RenderError;
+pub use picture::MAX_RENDER_SIDE;
 pub use rect::{Rect, Target};
 
 use crate::blob::Blob;

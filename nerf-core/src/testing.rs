@@ -2,7 +2,7 @@
 
 extern crate std;
 
-use crate::blob::{self, Body, Grid, Provenance, SceneFacts};
+use crate::blob::{self, Body, Content, Grid, PictureFacts, Provenance, SceneFacts};
 use crate::encoding::{AngleScale, Encoding};
 use crate::network::{Architecture, DensityActivation, TrunkLayer};
 use std::vec;
@@ -72,6 +72,9 @@ pub const SCENE: SceneFacts = SceneFacts {
     grid_required: false,
 };
 
+/// The picture of the tests.
+pub const PICTURE: PictureFacts = PictureFacts { width: 30, height: 20 };
+
 /// Nobody made it.
 pub const PROVENANCE: Provenance<'static> = Provenance {
     data: "none",
@@ -86,7 +89,12 @@ pub const PROVENANCE: Provenance<'static> = Provenance {
 
 /// A body of the tests' scene.
 pub fn body<'a>(architecture: Architecture, grid: Option<Grid<'a>>, weights: &'a [u8]) -> Body<'a> {
-    Body { architecture, scene: Some(SCENE), grid, provenance: PROVENANCE, weights }
+    Body { architecture, content: Content::Scene(SCENE), grid, provenance: PROVENANCE, weights }
+}
+
+/// A body of the tests' picture.
+pub fn picture_body(architecture: Architecture, weights: &[u8]) -> Body<'_> {
+    Body { content: Content::Picture(PICTURE), ..body(architecture, None, weights) }
 }
 
 /// The bytes of a blob.

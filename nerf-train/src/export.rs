@@ -1,7 +1,7 @@
 //! From parameters to a blob.
 
 use half::f16;
-use nerf_core::blob::{self, BlobError, Body, Grid, Provenance, SceneFacts};
+use nerf_core::blob::{self, BlobError, Body, Content, Grid, Provenance};
 use nerf_core::network::{Architecture, Role};
 
 /// What a blob is made of besides its network.
@@ -11,8 +11,8 @@ pub struct Contents<'a> {
     pub architecture: &'a Architecture,
     /// Its parameters in export order.
     pub parameters: &'a [f32],
-    /// Bounds and conventions.
-    pub scene: Option<SceneFacts>,
+    /// What the network is a field of.
+    pub content: Content,
     /// Resolution and bits of the skip grid.
     pub grid: Option<([u16; 3], &'a [u8])>,
     /// Where it comes from.
@@ -69,7 +69,7 @@ pub fn export(contents: &Contents<'_>) -> Result<Exported, ExportError> {
     }
     let body = Body {
         architecture: contents.architecture.clone(),
-        scene: contents.scene.clone(),
+        content: contents.content.clone(),
         grid: contents.grid.map(|(resolution, bits)| Grid { resolution, bits }),
         provenance: contents.provenance.clone(),
         weights: &weights,

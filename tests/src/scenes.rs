@@ -1,6 +1,6 @@
 //! Small scenes of pseudo-random weights.
 
-use nerf_core::blob::{Body, Grid, Provenance, SceneFacts, encoded_len, write};
+use nerf_core::blob::{Body, Content, Grid, PictureFacts, Provenance, SceneFacts, encoded_len, write};
 use nerf_core::camera::{Camera, Intrinsics, Pose};
 use nerf_core::encoding::{AngleScale, Encoding};
 use nerf_core::kernels::Tier;
@@ -22,7 +22,7 @@ pub struct Recipe {
     pub grid: Option<(u16, bool)>,
     /// Whether the grid is part of the model.
     pub grid_required: bool,
-    /// Whether there is a density head at all.
+    /// Whether it is a scene, with a density head; else a picture.
     pub scene: bool,
     /// Seed of the weights.
     pub seed: u64,
@@ -46,8 +46,10 @@ impl Recipe {
     pub const GRID: Self = Self { grid: Some((8, false)), view_dependent: false, seed: 3, ..Self::PLAIN };
     /// With a grid that is part of the model.
     pub const GRID_REQUIRED: Self = Self { grid_required: true, ..Self::GRID };
-    /// A 2D field.
-    pub const FIELD: Self = Self { scene: false, view_dependent: false, seed: 4, ..Self::PLAIN };
+    /// A picture of 33x21 pixels.
+    pub const PICTURE: Self = Self { scene: false, view_dependent: false, seed: 4, ..Self::PLAIN };
+    /// As few bytes as a picture can have, nearly.
+    pub const TINY_PICTURE: Self = Self { trunk: (1, 2), levels: 0, seed: 6, ..Self::PICTURE };
     /// As few bytes as a scene can have, nearly.
     pub const TINY: Self = Self {
         trunk: (1, 2),
@@ -77,15 +79,7 @@ impl Recipe {
         let architecture = self.architecture();
         let (weights, bits) = (self.weights(&architecture), self.bits());
         let body = Body {
-            scene: self.scene.then_some(SceneFacts {
-                min: [-1.0, -1.25, -1.0],
-                max: [1.0, 1.0, 1.5],
-                near: 2.0,
-                far: 6.0,
-                samples: 48,
-                background: [1.0, 0.5, 0.25],
-                grid_required: self.grid_required,
-            }),
+            content: self.content(),
             architecture,
             grid: self.grid.map(|(side, _)| Grid { resolution: [side; 3], bits: &bits }),
             provenance: Provenance {
@@ -103,6 +97,21 @@ impl Recipe {
         let mut blob = vec![0; encoded_len(&body).expect("a valid body")];
         write(&body, &mut blob).expect("a valid body");
         blob
+    }
+
+    fn content(&self) -> Content {
+        if !self.scene {
+            return Content::Picture(PictureFacts { width: 33, height: 21 });
+        }
+        Content::Scene(SceneFacts {
+            min: [-1.0, -1.25, -1.0],
+            max: [1.0, 1.0, 1.5],
+            near: 2.0,
+            far: 6.0,
+            samples: 48,
+            background: [1.0, 0.5, 0.25],
+            grid_required: self.grid_required,
+        })
     }
 
     /// f16 weights: uniform, scaled so that a layer keeps its input's size; densities reach far

@@ -289,7 +289,7 @@ fn settings_outside_their_range_are_refused() {
     let found = case.render();
     case.refused(found, Status::GridRequired, "grid required");
 
-    let opened = call::open(Recipe::FIELD.blob(), Tier::Scalar);
+    let opened = call::open(Recipe::PICTURE.blob(), Tier::Scalar);
     let (mut size, mut align) = (0, 0);
     // SAFETY: everything lives until the call returns.
     let found =

@@ -1,7 +1,17 @@
 //! Whatever happens to a blob's bytes: a typed error, never a panic, never a picture.
 
-use nerf_core::blob::{Blob, BlobError, HEADER_LEN, encoded_len, write};
-use nerf_tests::scenes::Recipe;
+use nerf_core::blob::{
+    Blob, BlobError, Body, Content, HEADER_LEN, PictureFacts, SceneFacts, encoded_len, write,
+};
+use nerf_core::kernels::{Line, Tier};
+use nerf_core::math::MathBackend;
+use nerf_core::plan::{Batch, Outputs, Plan, Quality};
+use nerf_core::render::{Rect, Renderer};
+use nerf_core::volume::Pixel;
+use nerf_tests::scenes::{Recipe, camera};
+
+/// A scene and a picture, small enough to damage everywhere.
+const BLOBS: [Recipe; 2] = [Recipe::TINY, Recipe::TINY_PICTURE];
 
 /// Sets the checksum right, so that the rules behind it are met.
 fn fix_checksum(blob: &mut [u8]) {
@@ -36,33 +46,57 @@ fn checksum_helper_agrees_with_the_writer() {
 
 #[test]
 fn every_truncation_is_an_error() {
-    let blob = Recipe::TINY.blob();
     assert_eq!(error(&[]), BlobError::NotABlob);
-    for length in 1..blob.len() {
-        assert!(matches!(error(&blob[..length]), BlobError::Truncated { .. }), "{length} bytes");
-        // Cut with a header that admits it: the body itself ends early.
-        if length >= HEADER_LEN {
-            error(&with_body(&blob[HEADER_LEN..length]));
+    for blob in BLOBS.map(|recipe| recipe.blob()) {
+        for length in 1..blob.len() {
+            assert!(matches!(error(&blob[..length]), BlobError::Truncated { .. }), "{length} bytes");
+            // Cut with a header that admits it: the body itself ends early.
+            if length >= HEADER_LEN {
+                error(&with_body(&blob[HEADER_LEN..length]));
+            }
         }
     }
 }
 
 #[test]
 fn every_flipped_bit_is_an_error() {
-    let blob = Recipe::TINY.blob();
-    for bit in 0..8 * blob.len() {
-        let mut flipped = blob.clone();
-        flipped[bit / 8] ^= 1 << (bit % 8);
-        let error = error(&flipped);
-        if bit / 8 >= HEADER_LEN {
-            assert!(matches!(error, BlobError::Checksum { .. }), "bit {bit}: {error}");
+    for blob in BLOBS.map(|recipe| recipe.blob()) {
+        for bit in 0..8 * blob.len() {
+            let mut flipped = blob.clone();
+            flipped[bit / 8] ^= 1 << (bit % 8);
+            let error = error(&flipped);
+            if bit / 8 >= HEADER_LEN {
+                assert!(matches!(error, BlobError::Checksum { .. }), "bit {bit}: {error}");
+            }
         }
     }
 }
 
+/// Whether one pixel of it can be drawn.
+fn draws(blob: Blob<'_>) -> bool {
+    let (batch, rect) = (Batch::SMALLEST, Rect { x: 0, y: 0, width: 1, height: 1 });
+    let renderer = Renderer::new(blob.clone(), Tier::Scalar, &mut []).expect("a renderer");
+    let mut workspace = vec![Line::UNINIT; 1 << 12];
+    let drawn = if blob.picture().is_some() {
+        let mut put = |_: u32, _: u32, _: [f32; 3]| {};
+        renderer.render_picture(MathBackend::Polynomial, batch, [1, 1], rect, &mut workspace, &mut put)
+    } else {
+        let plan = Plan::new(&blob, &Quality::default(), Outputs::ALL, batch).expect("a plan");
+        let mut put = |_: u32, _: u32, _: &Pixel| {};
+        renderer.render(&plan, &camera(1, 1), rect, &mut workspace, &mut put)
+    };
+    drawn.is_ok()
+}
+
 #[test]
 fn flipped_bits_and_bytes_with_a_right_checksum_never_panic() {
-    let blob = Recipe::TINY.blob();
+    for recipe in BLOBS {
+        damage_everywhere(&recipe.blob());
+    }
+}
+
+fn damage_everywhere(blob: &[u8]) {
+    let scene = Blob::open(blob).expect("a blob").scene().is_some();
     let (mut opened, mut refused) = (0, 0);
     let mut open = |blob: &mut [u8]| {
         fix_checksum(blob);
@@ -71,24 +105,24 @@ fn flipped_bits_and_bytes_with_a_right_checksum_never_panic() {
             Ok(other) => {
                 opened += 1;
                 assert_eq!(other.weights().len(), 2 * other.architecture().parameters());
-                let (grid, bounds) = (other.grid().expect("a grid"), other.scene_box().expect("a box"));
-                assert!(grid.occupied(bounds.min) || grid.occupancy() <= 1.0);
+                assert_eq!((other.scene().is_some(), other.picture().is_some()), (scene, !scene));
+                assert!(draws(other));
             }
             Err(error) => refused += usize::from(!error.to_string().is_empty()),
         }
     };
     for bit in 0..8 * blob.len() {
-        let mut flipped = blob.clone();
+        let mut flipped = blob.to_vec();
         flipped[bit / 8] ^= 1 << (bit % 8);
         open(&mut flipped);
     }
     for byte in HEADER_LEN..blob.len() {
         for value in [0x00, 0x01, 0x7f, 0x80, 0xff] {
-            let mut changed = blob.clone();
+            let mut changed = blob.to_vec();
             changed[byte] = value;
             open(&mut changed);
             // And with the rest of the body pushed aside.
-            let mut grown = blob.clone();
+            let mut grown = blob.to_vec();
             grown.insert(byte, value);
             let length = (grown.len() - HEADER_LEN) as u64;
             grown[16..24].copy_from_slice(&length.to_le_bytes());
@@ -175,9 +209,9 @@ fn weights_that_are_not_finite_are_named() {
 fn writing_refuses_what_opening_refuses() {
     let blob = Recipe::PLAIN.blob();
     let opened = Blob::open(&blob).expect("a blob");
-    let body = nerf_core::blob::Body {
+    let body = Body {
         architecture: opened.architecture().clone(),
-        scene: opened.scene().cloned(),
+        content: Content::Scene(opened.scene().expect("a scene").clone()),
         grid: None,
         provenance: opened.provenance().clone(),
         weights: opened.weights(),
@@ -188,9 +222,10 @@ fn writing_refuses_what_opening_refuses() {
     let (expected, found) = (blob.len() as u64, blob.len() as u64 - 1);
     assert_eq!(write(&body, &mut out[1..]), Err(BlobError::Space { expected, found }));
 
-    let scene = |change: &dyn Fn(&mut nerf_core::blob::SceneFacts)| {
-        let mut wrong = body.clone();
-        wrong.scene.iter_mut().for_each(change);
+    let scene = |change: &dyn Fn(&mut SceneFacts)| {
+        let mut facts = opened.scene().expect("a scene").clone();
+        change(&mut facts);
+        let wrong = Body { content: Content::Scene(facts), ..body.clone() };
         encoded_len(&wrong).expect_err("a wrong scene was written");
     };
     scene(&|s| s.samples = 0);
@@ -202,9 +237,9 @@ fn writing_refuses_what_opening_refuses() {
     scene(&|s| s.min[2] = f32::NAN);
     scene(&|s| s.background[0] = 1.5);
     scene(&|s| s.grid_required = true);
-    let mut field = body.clone();
-    field.scene = None;
-    assert!(matches!(encoded_len(&field), Err(BlobError::Kind { .. })));
+    let picture = Content::Picture(PictureFacts { width: 1, height: 1 });
+    let picture = Body { content: picture, ..body.clone() };
+    assert!(matches!(encoded_len(&picture), Err(BlobError::Kind { .. })));
     let mut short = body.clone();
     short.weights = &opened.weights()[2..];
     assert!(matches!(encoded_len(&short), Err(BlobError::Length { .. })));

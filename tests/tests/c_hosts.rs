@@ -106,7 +106,7 @@ fn hosts_say_what_is_wrong() {
     let last = blob.len() - 1;
     blob[last] ^= 1;
     std::fs::write(directory.path().join("damaged.nerf"), &blob).expect("a temporary file");
-    std::fs::write(directory.path().join("field.nerf"), Recipe::FIELD.blob()).expect("a temporary file");
+    std::fs::write(directory.path().join("field.nerf"), Recipe::PICTURE.blob()).expect("a temporary file");
     std::fs::write(directory.path().join("good.nerf"), Recipe::PLAIN.blob()).expect("a temporary file");
     for (language, source) in [(Language::C, "c/render.c"), (Language::Cpp, "cpp/render.cpp")] {
         let program = program(language, &example(source), directory.path(), &[]);

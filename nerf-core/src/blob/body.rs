@@ -5,6 +5,8 @@ use serde::{Deserialize, Serialize};
 
 /// Most samples per ray a blob may ask for.
 pub const MAX_SAMPLES: u16 = 4096;
+/// Longest side of a picture, pixels.
+pub const MAX_PICTURE_SIDE: u32 = 65_535;
 /// Most cells of the skip grid along one axis.
 pub const MAX_GRID_SIDE: u16 = 512;
 /// Longest text of the provenance, bytes.
@@ -15,8 +17,8 @@ pub const MAX_TEXT: usize = 1024;
 pub struct Body<'a> {
     /// The network's shape.
     pub architecture: Architecture,
-    /// What makes it a scene; absent in a 2D field.
-    pub scene: Option<SceneFacts>,
+    /// What the network is a field of.
+    pub content: Content,
     /// Which cells of the scene box may hold something.
     #[serde(borrow)]
     pub grid: Option<Grid<'a>>,
@@ -24,6 +26,28 @@ pub struct Body<'a> {
     pub provenance: Provenance<'a>,
     /// The parameters as little-endian f16, in the order of [`Architecture::layers`].
     pub weights: &'a [u8],
+}
+
+/// What the network is a field of.
+///
+/// A picture goes with 2 inputs and no density head, a scene with 3 inputs and one.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub enum Content {
+    /// Colour over a plane: a 2D field.
+    Picture(PictureFacts),
+    /// Density and colour in space.
+    Scene(SceneFacts),
+}
+
+/// Size of the picture a 2D field was made of. It can be rendered at any other.
+///
+/// The network takes x to the right and y down, both 0 to 1 over the picture whatever its aspect.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct PictureFacts {
+    /// Pixels to a row, 1 to [`MAX_PICTURE_SIDE`].
+    pub width: u32,
+    /// Rows, 1 to [`MAX_PICTURE_SIDE`].
+    pub height: u32,
 }
 
 /// Bounds and conventions of a scene.

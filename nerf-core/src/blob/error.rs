@@ -1,5 +1,6 @@
 //! What can be wrong with a blob.
 
+use super::body::MAX_PICTURE_SIDE;
 use crate::network::{ArchitectureError, Role};
 use crate::ray::BoundsError;
 use core::fmt;
@@ -79,12 +80,19 @@ pub enum BlobError {
     Architecture(ArchitectureError),
     /// The scene's bounds hold nothing.
     Bounds(BoundsError),
-    /// The network has a density head but no scene facts, or the other way round.
+    /// The network has a density head but is said to be a picture, or the other way round.
     Kind {
         /// Whether the network has a density head.
         density_head: bool,
-        /// Whether the blob has scene facts.
+        /// Whether the blob says that it is a scene.
         scene: bool,
+    },
+    /// The picture has a side of 0 or beyond [`MAX_PICTURE_SIDE`].
+    PictureSize {
+        /// Pixels to a row.
+        width: u32,
+        /// Rows.
+        height: u32,
     },
     /// A value outside its range.
     Field(Section),
@@ -144,10 +152,14 @@ impl fmt::Display for BlobError {
             Self::Bounds(error) => write!(f, "scene: {error}"),
             Self::Kind { density_head, scene } => write!(
                 f,
-                "scene: a network {} density head, but scene facts are {}",
+                "content: expected a {} of a network {} density head, found a {}",
+                if *density_head { "scene" } else { "picture" },
                 if *density_head { "with a" } else { "without a" },
-                if *scene { "present" } else { "absent" }
+                if *scene { "scene" } else { "picture" }
             ),
+            Self::PictureSize { width, height } => {
+                write!(f, "picture: expected sides of 1 to {MAX_PICTURE_SIDE} pixels, found {width}x{height}")
+            }
             Self::Field(section) => write!(f, "{section}: value out of range"),
             Self::Length { section, expected, found } => {
                 write!(f, "{section}: expected {expected} bytes, found {found}")

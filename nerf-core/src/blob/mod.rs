@@ -12,7 +12,10 @@ mod write;
 #[cfg(test)]
 mod tests;
 
-pub use body::{Body, Grid, MAX_GRID_SIDE, MAX_SAMPLES, MAX_TEXT, Provenance, SceneFacts};
+pub use body::{
+    Body, Content, Grid, MAX_GRID_SIDE, MAX_PICTURE_SIDE, MAX_SAMPLES, MAX_TEXT, PictureFacts, Provenance,
+    SceneFacts,
+};
 pub use error::{BlobError, Section};
 pub use header::{FORMAT_VERSION, HEADER_LEN, MAGIC};
 pub use view::Blob;

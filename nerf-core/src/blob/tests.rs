@@ -4,7 +4,9 @@ use super::*;
 use crate::encoding::{AngleScale, Encoding};
 use crate::network::{Architecture, ArchitectureError, Role};
 use crate::ray::BoundsError;
-use crate::testing::{PROVENANCE, SCENE, architecture, body, bytes, every_kind, halve, parameters, pi};
+use crate::testing::{
+    PROVENANCE, SCENE, architecture, body, bytes, every_kind, halve, parameters, pi, picture_body,
+};
 use std::string::ToString;
 use std::vec;
 
@@ -22,7 +24,7 @@ fn scene_refused(change: impl FnOnce(&mut SceneFacts)) -> BlobError {
     let (weights, _) = halve(&parameters(&every_kind(), 1));
     let mut scene = SCENE;
     change(&mut scene);
-    refused(&Body { scene: Some(scene), ..body(every_kind(), None, &weights) })
+    refused(&Body { content: Content::Scene(scene), ..body(every_kind(), None, &weights) })
 }
 
 #[test]
@@ -42,7 +44,7 @@ fn what_is_written_is_what_is_opened() {
     };
     let scene = SceneFacts { grid_required: true, samples: MAX_SAMPLES, ..SCENE };
     let grid = Some(Grid { resolution: [1, 5, 2], bits: &bits });
-    let body = Body { scene: Some(scene.clone()), provenance, ..body(a.clone(), grid, &weights) };
+    let body = Body { content: Content::Scene(scene.clone()), provenance, ..body(a.clone(), grid, &weights) };
     let bytes = bytes(&body);
     assert_eq!(bytes.len(), encoded_len(&body).unwrap());
     // At any alignment.
@@ -52,7 +54,7 @@ fn what_is_written_is_what_is_opened() {
         let blob = Blob::open(&moved[shift..]).unwrap();
         assert_eq!(blob.architecture(), &a);
         assert_eq!(blob.layers(), &a.layers());
-        assert_eq!(blob.scene(), Some(&scene));
+        assert_eq!((blob.scene(), blob.picture()), (Some(&scene), None));
         assert_eq!(blob.scene_box().unwrap().max.x, 1.0);
         assert_eq!(blob.provenance(), &body.provenance);
         assert_eq!(blob.weights(), &weights);
@@ -63,13 +65,31 @@ fn what_is_written_is_what_is_opened() {
 }
 
 #[test]
-fn a_2d_field_round_trips_without_scene_facts() {
+fn a_picture_round_trips_without_scene_facts() {
     let a = architecture(pi(2, 8), None, &[(16, false)], &[8]);
     let (weights, _) = halve(&parameters(&a, 2));
-    let bytes = bytes(&Body { scene: None, ..body(a.clone(), None, &weights) });
-    let blob = Blob::open(&bytes).unwrap();
-    assert_eq!(blob.architecture(), &a);
-    assert!(blob.scene().is_none() && blob.scene_box().is_none() && blob.grid().is_none());
+    let most = MAX_PICTURE_SIDE;
+    for (width, height) in [(30, 20), (1, 1), (most, 1), (1, most), (most, most)] {
+        let picture = PictureFacts { width, height };
+        let content = Content::Picture(picture);
+        let bytes = bytes(&Body { content, ..picture_body(a.clone(), &weights) });
+        let blob = Blob::open(&bytes).unwrap();
+        assert_eq!((blob.architecture(), blob.picture()), (&a, Some(picture)));
+        assert!(blob.scene().is_none() && blob.scene_box().is_none() && blob.grid().is_none());
+    }
+}
+
+#[test]
+fn pictures_without_pixels_or_beyond_the_cap_are_refused() {
+    let a = architecture(pi(2, 8), None, &[(16, false)], &[8]);
+    let (weights, _) = halve(&parameters(&a, 2));
+    for (width, height) in [(0, 20), (30, 0), (65_536, 1), (1, 65_536), (u32::MAX, u32::MAX)] {
+        let content = Content::Picture(PictureFacts { width, height });
+        let error = refused(&Body { content, ..picture_body(a.clone(), &weights) });
+        assert_eq!(error, BlobError::PictureSize { width, height });
+        let text = error.to_string();
+        assert!(text.contains("65535") && text.contains(&std::format!("{width}x{height}")), "{text}");
+    }
 }
 
 #[test]
@@ -135,18 +155,28 @@ fn grids_that_do_not_fit_are_refused() {
     let a = architecture(pi(2, 8), None, &[(16, false)], &[]);
     let (weights, _) = halve(&parameters(&a, 2));
     let grid = Some(Grid { resolution: [1; 3], bits: &[1] });
-    let field = Body { scene: None, ..body(a, grid, &weights) };
-    assert_eq!(refused(&field), BlobError::Field(Section::GridBits));
+    let picture = Body { grid, ..picture_body(a, &weights) };
+    assert_eq!(refused(&picture), BlobError::Field(Section::GridBits));
 }
 
 #[test]
-fn density_head_and_scene_facts_come_together() {
+fn scenes_have_a_density_head_and_three_inputs_and_pictures_neither() {
     let (weights, _) = halve(&parameters(&every_kind(), 1));
-    let no_scene = Body { scene: None, ..body(every_kind(), None, &weights) };
-    assert_eq!(refused(&no_scene), BlobError::Kind { density_head: true, scene: false });
+    let error = refused(&picture_body(every_kind(), &weights));
+    assert_eq!(error, BlobError::Kind { density_head: true, scene: false });
+    assert!(error.to_string().contains("expected a scene of a network with a density head, found a picture"));
     let a = architecture(pi(2, 8), None, &[(16, false)], &[]);
     let (weights, _) = halve(&parameters(&a, 2));
-    assert_eq!(refused(&body(a, None, &weights)), BlobError::Kind { density_head: false, scene: true });
+    let error = refused(&body(a.clone(), None, &weights));
+    assert_eq!(error, BlobError::Kind { density_head: false, scene: true });
+    assert!(error.to_string().contains("without a density head, found a scene"), "{error}");
+    let inputs = |expected, found| {
+        BlobError::Architecture(ArchitectureError::EncodingInputs { field: "position", expected, found })
+    };
+    let solid = Architecture { position: pi(3, 8), ..a };
+    assert_eq!(refused(&picture_body(solid, &weights)), inputs(2, 3));
+    let flat = Architecture { position: pi(2, 4), ..every_kind() };
+    assert_eq!(refused(&body(flat, None, &weights)), inputs(3, 2));
 }
 
 #[test]
@@ -186,7 +216,7 @@ fn reaching(position: Encoding, reach: f32) -> Result<usize, BlobError> {
     let a: Architecture = architecture(position, None, &[(4, false)], &[]);
     let (weights, _) = halve(&parameters(&a, 1));
     let scene = SceneFacts { max: [1.0, reach, 1.0], min: [-1.0; 3], ..SCENE };
-    encoded_len(&Body { scene: Some(scene), ..body(a, None, &weights) })
+    encoded_len(&Body { content: Content::Scene(scene), ..body(a, None, &weights) })
 }
 
 #[test]
@@ -231,8 +261,20 @@ fn the_example_of_the_specification_is_what_is_written() {
     let scene = SceneFacts { samples: 64, background: [1.0; 3], ..SCENE };
     let provenance =
         Provenance { data: "fog", made_by: "blob-format.md", trained_parameters: 36, ..PROVENANCE };
-    let bytes = bytes(&Body { scene: Some(scene), provenance, ..body(a, None, &weights) });
+    let bytes = bytes(&Body { content: Content::Scene(scene), provenance, ..body(a, None, &weights) });
     let example = EXAMPLE.split_whitespace().map(|byte| u8::from_str_radix(byte, 16).unwrap());
     assert!(bytes[..bytes.len() - 72].iter().copied().eq(example), "{bytes:02x?}");
     assert_eq!(bytes[bytes.len() - 72..], weights);
+}
+
+#[test]
+fn a_picture_is_what_the_specification_says_after_the_architecture() {
+    let a = architecture(pi(2, 0), None, &[(1, false)], &[]);
+    let (weights, _) = halve(&parameters(&a, 2));
+    let content = Content::Picture(PictureFacts { width: 300, height: 20 });
+    let bytes = bytes(&Body { content, ..picture_body(a, &weights) });
+    // Position, no direction, one trunk layer of 1, no density, no colour layer; then tag 0, the
+    // varint of 300 and 20, and no grid.
+    let expected = [2, 0, 1, 1, 0, 1, 1, 0, 0, 0, 0, 0xac, 0x02, 20, 0];
+    assert_eq!(bytes[HEADER_LEN..][..expected.len()], expected);
 }

@@ -1,6 +1,9 @@
 //! Opening a blob: check once, then borrow.
 
-use super::body::{Body, Grid, MAX_GRID_SIDE, MAX_SAMPLES, MAX_TEXT, Provenance, SceneFacts};
+use super::body::{
+    Body, Content, Grid, MAX_GRID_SIDE, MAX_PICTURE_SIDE, MAX_SAMPLES, MAX_TEXT, PictureFacts, Provenance,
+    SceneFacts,
+};
 use super::error::{BlobError, Section};
 use super::header;
 use crate::encoding::AngleScale;
@@ -43,9 +46,20 @@ impl<'a> Blob<'a> {
         &self.layers
     }
 
-    /// Bounds and conventions; `None` in a 2D field.
+    /// Bounds and conventions of a scene; `None` in a 2D field.
     pub fn scene(&self) -> Option<&SceneFacts> {
-        self.body.scene.as_ref()
+        match &self.body.content {
+            Content::Scene(scene) => Some(scene),
+            Content::Picture(_) => None,
+        }
+    }
+
+    /// Size of the picture a 2D field was made of; `None` in a scene.
+    pub fn picture(&self) -> Option<PictureFacts> {
+        match self.body.content {
+            Content::Picture(picture) => Some(picture),
+            Content::Scene(_) => None,
+        }
     }
 
     /// The scene box; `None` in a 2D field.
@@ -75,16 +89,20 @@ impl<'a> Blob<'a> {
 pub(super) fn check(body: &Body<'_>) -> Result<Layers, BlobError> {
     body.architecture.check().map_err(BlobError::Architecture)?;
     let density_head = body.architecture.density.is_some();
-    if density_head != body.scene.is_some() {
-        return Err(BlobError::Kind { density_head, scene: body.scene.is_some() });
+    let scene = matches!(body.content, Content::Scene(_));
+    if density_head != scene {
+        return Err(BlobError::Kind { density_head, scene });
     }
-    if let Some(scene) = &body.scene {
-        check_scene(scene, &body.architecture)?;
+    match &body.content {
+        Content::Picture(picture) => check_picture(*picture)?,
+        Content::Scene(scene) => check_scene(scene, &body.architecture)?,
     }
-    match (&body.grid, &body.scene) {
-        (Some(_), None) => return Err(BlobError::Field(Section::GridBits)),
-        (None, Some(scene)) if scene.grid_required => return Err(BlobError::Field(Section::GridRequired)),
-        (Some(grid), Some(_)) => check_grid(grid)?,
+    match (&body.grid, &body.content) {
+        (Some(_), Content::Picture(_)) => return Err(BlobError::Field(Section::GridBits)),
+        (None, Content::Scene(scene)) if scene.grid_required => {
+            return Err(BlobError::Field(Section::GridRequired));
+        }
+        (Some(grid), Content::Scene(_)) => check_grid(grid)?,
         _ => {}
     }
     let p = &body.provenance;
@@ -93,6 +111,16 @@ pub(super) fn check(body: &Body<'_>) -> Result<Layers, BlobError> {
         return Err(BlobError::Field(Section::Provenance));
     }
     check_weights(body)
+}
+
+/// The encoding's domain needs no check: `2^(levels − 1)` times a coordinate is 2^15 at most.
+fn check_picture(PictureFacts { width, height }: PictureFacts) -> Result<(), BlobError> {
+    let sides = 1..=MAX_PICTURE_SIDE;
+    if sides.contains(&width) && sides.contains(&height) {
+        Ok(())
+    } else {
+        Err(BlobError::PictureSize { width, height })
+    }
 }
 
 fn check_scene(scene: &SceneFacts, architecture: &Architecture) -> Result<(), BlobError> {

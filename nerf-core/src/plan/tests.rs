@@ -1,16 +1,16 @@
 extern crate std;
 
 use super::*;
-use crate::blob::Grid;
-use crate::testing::{SCENE, architecture, body, bytes, every_kind, halve, parameters, pi};
+use crate::blob::{Body, Content, Grid, SceneFacts};
+use crate::testing::{SCENE, architecture, body, bytes, every_kind, halve, parameters, pi, picture_body};
 use std::string::ToString;
 use std::vec::Vec;
 
 fn scene(grid_required: bool) -> Vec<u8> {
     let (weights, _) = halve(&parameters(&every_kind(), 1));
-    let mut body = body(every_kind(), Some(Grid { resolution: [1; 3], bits: &[1] }), &weights);
-    body.scene.as_mut().unwrap().grid_required = grid_required;
-    bytes(&body)
+    let content = Content::Scene(SceneFacts { grid_required, ..SCENE });
+    let grid = Some(Grid { resolution: [1; 3], bits: &[1] });
+    bytes(&Body { content, ..body(every_kind(), grid, &weights) })
 }
 
 fn plan(bytes: &[u8], quality: Quality, batch: Batch) -> Result<Plan<'_>, PlanError> {
@@ -80,8 +80,6 @@ fn batches_of_nothing_or_of_more_than_fits_are_refused() {
 fn a_2d_field_is_not_planned() {
     let a = architecture(pi(2, 8), None, &[(16, false)], &[]);
     let (weights, _) = halve(&parameters(&a, 2));
-    let mut body = body(a, None, &weights);
-    body.scene = None;
-    let bytes = bytes(&body);
+    let bytes = bytes(&picture_body(a, &weights));
     assert_eq!(plan(&bytes, Quality::EXACT, BATCH).unwrap_err(), PlanError::NotAScene);
 }

@@ -1,6 +1,6 @@
 //! The work a render did: what makes "paid only for what was used" testable without a clock.
 
-/// The work a render did.
+/// The work a render did; of a 2D field only colour evaluations, MACs and invalid samples.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Counters {
     /// Rays.
@@ -11,12 +11,12 @@ pub struct Counters {
     pub samples_skipped: u64,
     /// Evaluations of trunk and density head.
     pub density_evaluations: u64,
-    /// Evaluations of the colour branch.
+    /// Evaluations of the colour branch; of a 2D field, of the whole network.
     pub colour_evaluations: u64,
     /// Multiply-adds of the network.
     pub macs: u64,
     /// Samples whose density was NaN, or whose colour was where there is density; they count as
-    /// empty. Without [`Outputs::rgb`](crate::plan::Outputs::rgb) no colour is there to be NaN.
+    /// empty (in a 2D field: black). Without [`Outputs::rgb`](crate::plan::Outputs::rgb) no colour is there to be NaN.
     pub invalid_samples: u64,
 }
 

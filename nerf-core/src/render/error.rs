@@ -1,12 +1,27 @@
 //! Why nothing was rendered.
 
-use super::Rect;
+use super::{MAX_RENDER_SIDE, Rect};
+use crate::plan::Batch;
 
 /// Why nothing was rendered.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[non_exhaustive]
 pub enum RenderError {
-    /// The rectangle is not inside the camera's image.
+    /// The blob is a scene, not a 2D field.
+    NotAPicture,
+    /// A picture with a side of 0 or beyond [`MAX_RENDER_SIDE`].
+    Size {
+        /// Pixels to a row.
+        width: u32,
+        /// Rows.
+        height: u32,
+    },
+    /// A batch of nothing, of more than [`Batch::MOST_RAYS`] rays or of more than [`BLOCK`](crate::kernels::BLOCK) samples.
+    Batch {
+        /// What was asked for.
+        found: Batch,
+    },
+    /// The rectangle is not inside the image.
     Rect {
         /// What was asked for.
         rect: Rect,
@@ -38,6 +53,11 @@ pub enum RenderError {
 impl core::fmt::Display for RenderError {
     fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
         match self {
+            Self::NotAPicture => write!(f, "blob: expected a 2D field, found a scene"),
+            Self::Size { width, height } => {
+                write!(f, "size: expected sides of 1 to {MAX_RENDER_SIDE} pixels, found {width}x{height}")
+            }
+            Self::Batch { found } => found.write_refusal(f),
             Self::Rect { rect, width, height } => write!(
                 f,
                 "rectangle: expected it inside the {width}x{height} image, found {}x{} at ({}, {})",

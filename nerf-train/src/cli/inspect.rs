@@ -26,11 +26,15 @@ impl Inspect {
             bytes.len(),
             nerf_core::blob::FORMAT_VERSION
         );
-        outln!("kind          {}", if blob.scene().is_some() { "scene" } else { "2D field" });
+        match blob.picture() {
+            Some(picture) => outln!("kind          picture of {}x{} pixels", picture.width, picture.height),
+            None => outln!("kind          scene"),
+        }
         outln!("position      {:?}", a.position);
         match &a.direction {
             Some(direction) => outln!("direction     {direction:?}"),
-            None => outln!("direction     none: colour does not depend on it"),
+            None if blob.scene().is_some() => outln!("direction     none: colour does not depend on it"),
+            None => {}
         }
         for layer in blob.layers() {
             outln!("layer         {}", describe(layer));
@@ -39,11 +43,11 @@ impl Inspect {
             outln!("density       {density:?}");
         }
         outln!("parameters    {} as f16 ({} bytes)", a.parameters(), blob.weights().len());
-        outln!(
-            "work          {} multiply-adds for density, {} more for colour",
-            a.density_macs(),
-            a.colour_macs()
-        );
+        let (density, colour) = (a.density_macs(), a.colour_macs());
+        match blob.picture() {
+            Some(_) => outln!("work          {} multiply-adds a pixel", density + colour),
+            None => outln!("work          {density} multiply-adds for density, {colour} more for colour"),
+        }
         if let Some(scene) = blob.scene() {
             outln!("box           {:?} .. {:?}", scene.min, scene.max);
             outln!("near, far     {} .. {}, {} samples a ray", scene.near, scene.far, scene.samples);

@@ -14,7 +14,7 @@ use crate::occupancy::{Ask, Occupancy};
 use crate::rays::{Bounds, RayBank};
 use bounds::find_bounds;
 use checkpoint::{Checkpoint, fingerprint};
-use nerf_core::blob::{Provenance, SceneFacts};
+use nerf_core::blob::{Content, Provenance, SceneFacts};
 use nerf_core::kernels::Tier;
 use nerf_core::ray::BoundsError;
 use schedule::learning_rate;
@@ -352,7 +352,7 @@ impl<'d> Trainer<'d> {
         let exported = export(&Contents {
             architecture: &self.model.architecture,
             parameters: about.parameters,
-            scene: Some(scene),
+            content: Content::Scene(scene),
             grid: Some((about.occupancy.resolution(), about.occupancy.bits())),
             provenance,
         })?;

@@ -1,6 +1,6 @@
 //! nerf-core computes the network that dfdx does.
 
-use nerf_core::blob::{Blob, Provenance, SceneFacts};
+use nerf_core::blob::{Blob, Content, Provenance, SceneFacts};
 use nerf_core::encoding::{AngleScale, Encoding};
 use nerf_core::kernels::{Line, Tier};
 use nerf_core::network::{Architecture, DensityActivation, TrunkLayer};
@@ -118,7 +118,7 @@ fn blob(model: &Model, folded: &[f32]) -> Vec<u8> {
     let contents = Contents {
         architecture: &model.architecture,
         parameters: folded,
-        scene: Some(scene),
+        content: Content::Scene(scene),
         grid: None,
         provenance,
     };

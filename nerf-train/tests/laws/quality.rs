@@ -1,7 +1,7 @@
 //! What a blob promises of its own grid and weights.
 
 use crate::{fit, scene, tiny};
-use nerf_core::blob::{Blob, SceneFacts};
+use nerf_core::blob::{Blob, Content, SceneFacts};
 use nerf_core::kernels::Tier;
 use nerf_core::network::Role;
 use nerf_core::plan::{Batch, Outputs, Plan, PlanError, Quality};
@@ -64,11 +64,12 @@ fn a_weight_beyond_f16_is_refused_naming_layer_and_index() {
     let outcome = fit(&scene(), &tiny(2)).expect("a blob");
     let blob = Blob::open(&outcome.bytes).expect("a blob");
     let architecture = blob.architecture();
+    let facts = SceneFacts { grid_required: false, ..blob.scene().expect("a scene").clone() };
     let export = |parameters: &[f32]| {
         export(&Contents {
             architecture,
             parameters,
-            scene: blob.scene().map(|scene| SceneFacts { grid_required: false, ..scene.clone() }),
+            content: Content::Scene(facts.clone()),
             grid: None,
             provenance: blob.provenance().clone(),
         })

@@ -1,0 +1,145 @@
+//! A picture of a 2D field: every pixel is one question to the network, and nothing is added up.
+
+use super::{Counters, Rect, RenderError, Renderer};
+use crate::kernels::{Arena, BLOCK, Line, lines_for};
+use crate::math::MathBackend;
+use crate::network::{Network, Scratch};
+use crate::plan::Batch;
+
+#[cfg(test)]
+mod tests;
+
+/// Longest side of a rendered picture, pixels.
+///
+/// Up to it every pixel's centre is exact in f32, no two pixels ask for the same point, and none
+/// asks for 1.
+pub const MAX_RENDER_SIDE: u32 = 1 << 23;
+
+/// Lengths of the slices a picture is worked out in; the workspace query and the carving share them.
+struct Sizes {
+    samples: usize,
+    encoded: usize,
+    activation: usize,
+}
+
+impl Sizes {
+    fn of(network: &Network<'_>, batch: Batch) -> Self {
+        let samples = if network.whole_blocks() { BLOCK } else { batch.samples };
+        Self {
+            samples,
+            encoded: network.encoded_rows().saturating_mul(samples),
+            activation: network.activation_rows().saturating_mul(samples),
+        }
+    }
+
+    fn lines(&self) -> usize {
+        lines_for::<f32>(self.samples.saturating_mul(2))
+            + lines_for::<f32>(self.samples.saturating_mul(3))
+            + lines_for::<f32>(self.encoded)
+            + lines_for::<f32>(self.activation) * 2
+    }
+}
+
+impl Renderer<'_> {
+    /// Lines of workspace one [`Renderer::render_picture`] call needs.
+    ///
+    /// Of `batch` only the samples matter, and only to weights read in place: other tiers always take
+    /// whole blocks.
+    pub fn picture_workspace_lines(&self, batch: Batch) -> usize {
+        Sizes::of(&self.network, batch).lines()
+    }
+
+    /// Renders the pixels of `rect` of the 2D field, drawn in `size[0]` × `size[1]` pixels.
+    ///
+    /// Pixel (x, y) is the field's colour at its centre, ((x + ½) / width, (y + ½) / height) with
+    /// x to the right and y down: 0 to 1 over the picture whatever its aspect. So any size shows the
+    /// whole picture, [`PictureFacts`](crate::blob::PictureFacts) has the one without distortion, and
+    /// a `rect` of a larger size is a detail of it.
+    ///
+    /// `target` takes x, y and the display-encoded colour, in `[0, 1]`; each pixel comes once, row by
+    /// row. Within one tier and maths backend it does not depend on `rect` or `batch` or on who else
+    /// renders at the same time, bit for bit. A colour that is NaN becomes black and is counted
+    /// ([`Counters::invalid_samples`]).
+    ///
+    /// # Errors
+    /// [`RenderError`] on a scene, a size of 0 or beyond [`MAX_RENDER_SIDE`], a rectangle outside
+    /// `size`, a batch that no [`Plan`](crate::plan::Plan) would take and on too little workspace;
+    /// nothing has been written then.
+    pub fn render_picture(
+        &self,
+        math: MathBackend,
+        batch: Batch,
+        size: [u32; 2],
+        rect: Rect,
+        workspace: &mut [Line],
+        target: &mut impl FnMut(u32, u32, [f32; 3]),
+    ) -> Result<Counters, RenderError> {
+        self.check_picture(batch, size, rect)?;
+        let network = &self.network;
+        let sizes = Sizes::of(network, batch);
+        let too_small = RenderError::Memory { expected: sizes.lines(), found: workspace.len() };
+        let mut arena = Arena::new(workspace);
+        let mut floats = |count| arena.slice(count, 0.0f32).ok_or(too_small);
+        let stride = sizes.samples;
+        let (positions, rgb) = (floats(2 * stride)?, floats(3 * stride)?);
+        let mut scratch = Scratch {
+            stride,
+            encoded: floats(sizes.encoded)?,
+            front: floats(sizes.activation)?,
+            back: floats(sizes.activation)?,
+        };
+
+        let architecture = network.architecture();
+        let macs = (architecture.density_macs() + architecture.colour_macs()) as u64;
+        let [width, height] = size.map(|side| side as f32);
+        let mut counters = Counters::default();
+        // Blocks run on across the ends of rows; only the last one may be short.
+        let mut pixels = row_by_row(rect);
+        loop {
+            let mut n = 0;
+            for (x, y) in pixels.clone().take(stride) {
+                positions[n] = (x as f32 + 0.5) / width;
+                positions[stride + n] = (y as f32 + 0.5) / height;
+                n += 1;
+            }
+            if n == 0 {
+                return Ok(counters);
+            }
+            network.trunk(math, &mut scratch, positions);
+            network.colour(math, &mut scratch, |_| {}, rgb);
+            counters.colour_evaluations += n as u64;
+            counters.macs += n as u64 * macs;
+            for (i, (x, y)) in pixels.by_ref().take(n).enumerate() {
+                let mut colour = [rgb[i], rgb[stride + i], rgb[2 * stride + i]];
+                if colour.iter().any(|c| c.is_nan()) {
+                    counters.invalid_samples += 1;
+                    colour = [0.0; 3];
+                }
+                target(x, y, colour);
+            }
+        }
+    }
+
+    fn check_picture(&self, batch: Batch, size: [u32; 2], rect: Rect) -> Result<(), RenderError> {
+        let [width, height] = size;
+        if self.blob.picture().is_none() {
+            return Err(RenderError::NotAPicture);
+        }
+        if !size.iter().all(|side| (1..=MAX_RENDER_SIDE).contains(side)) {
+            return Err(RenderError::Size { width, height });
+        }
+        if !rect.fits(width, height) {
+            return Err(RenderError::Rect { rect, width, height });
+        }
+        if !batch.is_valid() {
+            return Err(RenderError::Batch { found: batch });
+        }
+        Ok(())
+    }
+}
+
+/// The pixels of a rectangle that reaches to no more than the last `u32`.
+fn row_by_row(rect: Rect) -> impl Iterator<Item = (u32, u32)> + Clone {
+    let columns = rect.x..rect.x + rect.width;
+    (rect.y..rect.y + rect.height).flat_map(move |y| columns.clone().map(move |x| (x, y)))
+}
