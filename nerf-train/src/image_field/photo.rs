@@ -2,6 +2,8 @@
 
 use crate::report::picture::Picture;
 use image::{DynamicImage, ImageDecoder, ImageReader, imageops::FilterType};
+use std::fs::File;
+use std::io::BufReader;
 use std::path::{Path, PathBuf};
 
 /// Longest side of a photograph, pixels: what a blob can name as its size.
@@ -77,7 +79,9 @@ impl Photo {
         let read = |source| PhotoError::Read { file: file.into(), source };
         let damaged =
             |error: image::ImageError| PhotoError::Damaged { file: file.into(), found: error.to_string() };
-        let reader = ImageReader::open(file).and_then(ImageReader::with_guessed_format).map_err(read)?;
+        // Not `ImageReader::open`, which believes the extension where the content says nothing.
+        let reader = ImageReader::new(BufReader::new(File::open(file).map_err(read)?));
+        let reader = reader.with_guessed_format().map_err(read)?;
         if reader.format().is_none() {
             return Err(PhotoError::Format { file: file.into() });
         }

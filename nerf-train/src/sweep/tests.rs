@@ -1,1 +1,151 @@
+use super::*;
+use crate::image_field::{FieldPreset, Photo};
+use crate::report::picture::Picture;
+use crate::report::progress::ProgressStyle;
+use nerf_core::kernels::Tier;
+use std::path::Path;
+use std::sync::atomic::AtomicBool;
 
+const BASE: Point = Point { levels: 10, layers: 3, width: 256, rate: 1e-2 };
+
+fn grid(mode: Mode) -> Grid {
+    let (levels, layers, rates) = (vec![6, 8], vec![2, 4, 6], vec![1e-3]);
+    Grid { base: BASE, levels, layers, widths: Vec::new(), rates, mode }
+}
+
+#[test]
+fn a_full_grid_combines_every_value_with_every_other() {
+    let points = grid(Mode::Full).points().unwrap();
+    assert_eq!(points.len(), 6);
+    assert!(points.iter().all(|point| point.width == 256 && point.rate == 1e-3));
+    assert_eq!(points[0].name(), "L6_layers2_width256_rate0.001");
+}
+
+#[test]
+fn one_at_a_time_leaves_the_others_at_the_base() {
+    let points = grid(Mode::OneAtATime).points().unwrap();
+    // The base with its one-value list, two levels, three layers.
+    assert_eq!(points.len(), 6);
+    let base = Point { rate: 1e-3, ..BASE };
+    let changes = |point: &Point| point.values().iter().zip(base.values()).filter(|(a, b)| **a != *b).count();
+    assert!(points.iter().all(|point| changes(point) <= 1), "{points:?}");
+}
+
+#[test]
+fn a_sweep_of_nothing_is_refused() {
+    let (levels, layers, widths, rates) = Default::default();
+    let empty = Grid { base: BASE, levels, layers, widths, rates, mode: Mode::Full };
+    assert_eq!(empty.points(), Err(GridError::Empty));
+}
+
+#[test]
+fn shards_take_every_point_once() {
+    for count in 1..=5 {
+        for position in 0..12 {
+            let shards = (1..=count).map(|index| Shard { index, count });
+            assert_eq!(shards.filter(|shard| shard.takes(position)).count(), 1);
+        }
+    }
+    assert_eq!("3/25".parse(), Ok(Shard { index: 3, count: 25 }));
+    for wrong in ["", "3", "0/4", "5/4", "a/b", "1/0", "-1/3"] {
+        assert!(wrong.parse::<Shard>().is_err(), "{wrong}");
+    }
+}
+
+fn photo() -> Photo {
+    let rgb = (0..12 * 8).map(|i| [(i % 12) as f32 / 12.0, 0.5, (i / 12) as f32 / 8.0]).collect();
+    Photo { name: "p".into(), picture: Picture { width: 12, height: 8, rgb }, notes: Vec::new() }
+}
+
+fn job(photo: &Photo, steps: u32) -> Job<'_> {
+    let mut base = FieldPreset::Classic.config();
+    (base.width, base.layers, base.pixels, base.optimiser.steps) = (16, 1, 64, steps);
+    Job::Image { photo, base }
+}
+
+fn sweep(job: &Job<'_>, path: &Path, points: &[Point], shard: Shard) -> Folder {
+    let folder = Folder::open(path, job.header(Mode::Full)).unwrap();
+    let stop = AtomicBool::new(false);
+    let (tier, style) = (Tier::detect(), ProgressStyle::Quiet);
+    let runner = Runner { tier, style, cpu: "test", stop: &stop };
+    for (i, point) in points.iter().enumerate() {
+        if shard.takes(i) && folder.record(point).unwrap().is_none() {
+            let (record, picture) = job.run(point, &runner).unwrap().unwrap();
+            folder.keep(&record, picture.as_ref()).unwrap();
+        }
+    }
+    folder
+}
+
+fn points(rates: &[f64]) -> Vec<Point> {
+    let point = |&rate: &f64| Point { levels: 2, layers: 1, width: 16, rate };
+    rates.iter().map(point).collect()
+}
+
+#[test]
+fn shards_merge_to_what_one_process_finds() {
+    let (photo, root) = (photo(), tempfile::tempdir().unwrap());
+    let (job, points) = (job(&photo, 20), points(&[1e-3, 3e-3, 1e-2]));
+    let at = |name: &str| root.path().join(name);
+    let whole = sweep(&job, &at("whole"), &points, Shard::WHOLE);
+    let parts =
+        [1, 2].map(|index| sweep(&job, &at(&format!("part{index}")), &points, Shard { index, count: 2 }));
+    assert_eq!(parts.each_ref().map(|part| part.records().unwrap().len()), [2, 1]);
+    let merged = Folder::open(&at("merged"), parts[0].header().clone()).unwrap();
+    assert_eq!(parts.each_ref().map(|part| merged.take_in(part).unwrap()), [2, 1]);
+    assert_eq!(parts.each_ref().map(|part| merged.take_in(part).unwrap()), [0, 0]);
+    // Time differs from run to run, nothing else does.
+    let timeless = |folder: &Folder| -> Vec<Record> {
+        let records = folder.records().unwrap().into_iter();
+        records.map(|record| Record { train_seconds: 0.0, ..record }).collect()
+    };
+    assert_eq!(timeless(&merged), timeless(&whole));
+    assert_eq!(write_report(&merged).unwrap().len(), 3);
+    for file in [
+        "table.csv",
+        "report.md",
+        "psnr_over_rate.png",
+        "psnr_over_rate.svg",
+        "psnr_over_time.png",
+        "sheet.png",
+    ] {
+        assert!(at("merged").join(file).exists(), "{file}");
+    }
+}
+
+#[test]
+fn a_diverged_run_is_a_row_that_says_so() {
+    let (photo, root) = (photo(), tempfile::tempdir().unwrap());
+    let folder = sweep(&job(&photo, 60), root.path(), &points(&[1e-2, 10.0]), Shard::WHOLE);
+    let records = write_report(&folder).unwrap();
+    assert_eq!(records.iter().map(|r| r.status).collect::<Vec<_>>(), [Status::Ok, Status::Diverged]);
+    assert!(!records[1].note.is_empty());
+    let rows = table(&records).to_csv().unwrap();
+    let rows = String::from_utf8(rows).unwrap();
+    assert!(rows.lines().last().unwrap().contains("diverged"), "{rows}");
+}
+
+#[test]
+fn another_sweep_is_refused_and_nothing_is_changed() {
+    let (photo, root) = (photo(), tempfile::tempdir().unwrap());
+    sweep(&job(&photo, 3), root.path(), &points(&[1e-2]), Shard::WHOLE);
+    let before = std::fs::read(root.path().join("sweep.json")).unwrap();
+    let error = Folder::open(root.path(), job(&photo, 4).header(Mode::Full)).unwrap_err().to_string();
+    assert!(error.contains("optimiser.steps") && error.contains("in the folder: 3; now: 4"), "{error}");
+    assert_eq!(std::fs::read(root.path().join("sweep.json")).unwrap(), before);
+    // The same sweep goes on, also with more values in its lists.
+    let folder = sweep(&job(&photo, 3), root.path(), &points(&[1e-2, 1e-3]), Shard::WHOLE);
+    assert_eq!(folder.records().unwrap().len(), 2);
+}
+
+#[test]
+fn damaged_records_are_named() {
+    let (photo, root) = (photo(), tempfile::tempdir().unwrap());
+    let point = points(&[1e-2])[0];
+    let folder = sweep(&job(&photo, 3), root.path(), &[point], Shard::WHOLE);
+    let file = root.path().join("runs").join(format!("{}.json", point.name()));
+    std::fs::write(&file, "{\"point\":").unwrap();
+    let error = folder.record(&point).unwrap_err().to_string();
+    assert!(error.contains("L2_layers1_width16_rate0.01.json"), "{error}");
+    assert!(matches!(Folder::existing(&root.path().join("runs")), Err(SweepError::NoSweep { .. })));
+}

@@ -1,0 +1,141 @@
+//! 2D fields and sweeps.
+
+use crate::made::Folder;
+use crate::{blob, command, fails, json, ok, ran};
+use std::path::Path;
+
+/// A network of 2×16 on small pictures: steps of a millisecond.
+const TINY: &[&str] = &["--pixels", "64", "--steps", "40"];
+
+/// A picture of a few colours, 12×8.
+fn photo(folder: &Folder) -> String {
+    let path = folder.path("photo.png");
+    let pixel = |x: u32, y: u32| image::Rgb([20 * x as u8, if x > y { 200 } else { 30 }, 90u8]);
+    image::ImageBuffer::from_fn(12, 8, pixel).save(&path).expect("a picture");
+    path
+}
+
+fn image_fit<'a>(photo: &'a str, output: &'a str, more: &[&'a str]) -> Vec<&'a str> {
+    [&["image", "fit", photo, "-o", output, "-q", "--layers", "2", "--width", "16"], TINY, more].concat()
+}
+
+fn sweep<'a>(photo: &'a str, output: &'a str, more: &[&'a str]) -> Vec<&'a str> {
+    [&["sweep", "image", photo, "-o", output, "--width", "16"], TINY, more].concat()
+}
+
+#[test]
+fn a_picture_is_fitted_reported_and_rendered_at_any_size() {
+    let folder = Folder::new();
+    let (photo, file, report) = (photo(&folder), folder.path("a.nerf"), folder.path("report"));
+    let out = ok(image_fit(&photo, &file, &["--report", &report, "--snapshots", "0,20"]));
+    assert!(out.contains("dB PSNR over the whole picture"), "{out}");
+    let summary = json(Path::new(&report).join("summary.json"));
+    assert!(summary["psnr_db"].as_f64().is_some_and(|db| db > 10.0), "{summary}");
+    assert_eq!((&summary["steps"], &summary["width_pixels"]), (&40.into(), &12.into()));
+    let made =
+        ["curve.csv", "curve.png", "curve.svg", "sheet.png", "picture.png", "snapshots/step_000020.png"];
+    for name in made {
+        assert!(Path::new(&report).join(name).exists(), "{name}");
+    }
+    let size = |args: &[&str], name: &str| {
+        let output = folder.path(name);
+        ok([&["image", "render", &file, "-o", &output], args].concat());
+        image::image_dimensions(output).expect("a picture")
+    };
+    assert_eq!(size(&[], "same.png"), (12, 8));
+    assert_eq!(size(&["--width", "30"], "wide.png"), (30, 20));
+    assert_eq!(size(&["--height", "4"], "low.png"), (6, 4));
+    assert_eq!(size(&["--width", "5", "--height", "7"], "odd.png"), (5, 7));
+    // What the fit shows is what its blob shows.
+    let of = |path: &str| image::open(path).expect("a picture").into_rgb8();
+    assert_eq!(of(&folder.path("same.png")), of(&format!("{report}/picture.png")));
+}
+
+#[test]
+fn fields_and_scenes_are_not_taken_for_each_other() {
+    let folder = Folder::new();
+    let (photo, field, picture) = (photo(&folder), folder.path("a.nerf"), folder.path("a.png"));
+    ok(image_fit(&photo, &field, &[]));
+    fails(["image", "render", &blob().1, "-o", &picture], &["expected a 2D field", "scene.nerf"]);
+    fails(["render", &field, "-o", &picture], &["expected a scene", "2D field", "a.nerf"]);
+    assert!(!Path::new(&picture).exists());
+}
+
+#[test]
+fn bad_pictures_and_settings_leave_nothing() {
+    let folder = Folder::new();
+    let (photo, file) = (photo(&folder), folder.path("a.nerf"));
+    fails(image_fit("nowhere.png", &file, &[]), &["nowhere.png"]);
+    let text = folder.file("text.png", "no picture");
+    fails(image_fit(&text, &file, &[]), &["text.png", "PNG, JPEG"]);
+    fails(image_fit(&photo, &file, &["--scale", "2"]), &["--scale"]);
+    fails(image_fit(&photo, &file, &["--rate", "0"]), &["optimiser.rate"]);
+    fails(image_fit(&photo, &file, &["--levels", "40"]), &["levels: expected at most 16, found 40"]);
+    fails(image_fit(&photo, &file, &["--snapshots", "1"]), &["--report"]);
+    fails(image_fit(&photo, &file, &["--max-seconds", "0"]), &["--max-seconds"]);
+    fails(image_fit(&photo, &folder.path("no/such/a.nerf"), &[]), &["no/such"]);
+    assert!(!Path::new(&file).exists());
+}
+
+#[test]
+fn a_sweep_goes_on_where_it_stopped_and_repeats_nothing() {
+    let folder = Folder::new();
+    let (photo, output) = (photo(&folder), folder.path("sweep"));
+    ok(sweep(&photo, &output, &["--levels", "2,4", "--layers", "1,2", "--shard", "1/2", "-q"]));
+    let record = Path::new(&output).join("runs/L2_layers1_width16_rate0.01.json");
+    let before = std::fs::metadata(&record).expect("a record").modified().expect("a time");
+    let all = sweep(&photo, &output, &["--levels", "2,4", "--layers", "1,2"]);
+    let second = ran(&mut command(&all));
+    assert_eq!((second.code, second.err.matches("finished before").count()), (Some(0), 2), "{}", second.err);
+    assert_eq!(std::fs::metadata(&record).expect("a record").modified().expect("a time"), before);
+    let table = std::fs::read_to_string(format!("{output}/table.csv")).expect("a table");
+    assert_eq!(table.lines().count(), 5, "{table}");
+    for name in ["report.md", "psnr_over_L.png", "psnr_over_layers.svg", "psnr_over_time.png", "sheet.png"] {
+        assert!(Path::new(&output).join(name).exists(), "{name}");
+    }
+    // Another sweep is refused, and this one stays.
+    let other = sweep(&photo, &output, &["--levels", "2,4", "--seed", "5"]);
+    fails(other, &["seed", "in the folder: 0; now: 5"]);
+    assert_eq!(std::fs::read_to_string(format!("{output}/table.csv")).expect("a table"), table);
+}
+
+#[test]
+fn parts_of_a_sweep_are_merged() {
+    let folder = Folder::new();
+    let photo = photo(&folder);
+    let parts = ["one", "two"].map(|name| folder.path(name));
+    for (i, part) in parts.iter().enumerate() {
+        let shard = format!("{}/2", i + 1);
+        ok(sweep(&photo, part, &["--rate", "1e-3,1e-2,10", "-q", "--shard", &shard]));
+    }
+    let whole = folder.path("whole");
+    let out = ok(["sweep", "merge", "-q", "-o", &whole, &parts[0], &parts[1]]);
+    assert!(out.contains("diverged"), "{out}");
+    assert_eq!(std::fs::read_to_string(format!("{whole}/table.csv")).expect("a table").lines().count(), 4);
+    let other = folder.path("other");
+    ok(sweep(&photo, &other, &["--rate", "1e-3", "--average", "0.5", "-q"]));
+    fails(["sweep", "merge", "-o", &whole, &parts[0], &other], &["average"]);
+    fails(["sweep", "merge", "-o", &folder.path("new"), &photo], &["sweep.json"]);
+}
+
+#[test]
+fn sweeps_of_nothing_are_refused() {
+    let folder = Folder::new();
+    let (photo, output) = (photo(&folder), folder.path("sweep"));
+    fails(sweep(&photo, &output, &["--levels", ""]), &["--levels"]);
+    fails(["sweep", "image", &photo, "-o", &output], &["--levels", "--rate"]);
+    fails(sweep(&photo, &output, &["--levels", "2,99"]), &["levels", "99"]);
+    fails(sweep(&photo, &output, &["--levels", "2", "--shard", "3/2"]), &["--shard"]);
+    assert!(!Path::new(&output).exists());
+}
+
+#[test]
+fn scenes_are_swept_too() {
+    let folder = Folder::new();
+    let (data, output) = (folder.npz("scene.npz"), folder.path("sweep"));
+    let args =
+        ["sweep", "scene", &data, "-o", &output, "-q", "--steps", "20", "--width", "16,24", "--layers", "1"];
+    let out = ok(args);
+    assert!(out.contains("ok"), "{out}");
+    assert!(Path::new(&output).join("psnr_over_width.png").exists());
+}
