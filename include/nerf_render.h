@@ -104,7 +104,7 @@ enum nerf_status
      */
     NERF_STATUS_CAMERA = 10,
     /**
-     * The rectangle is not inside the camera's image.
+     * The rectangle is not inside the image.
      */
     NERF_STATUS_RECT = 11,
     /**
@@ -112,7 +112,7 @@ enum nerf_status
      */
     NERF_STATUS_TARGET = 12,
     /**
-     * The blob is a 2D field: it has nothing to render as a scene.
+     * The blob is a picture (a 2D field), not a scene: `nerf_render_picture` renders it.
      */
     NERF_STATUS_NOT_A_SCENE = 13,
     /**
@@ -131,6 +131,10 @@ enum nerf_status
      * A defect of this library; the scene is unharmed.
      */
     NERF_STATUS_PANIC = 17,
+    /**
+     * The blob is a scene, not a picture (a 2D field): `nerf_render` renders it.
+     */
+    NERF_STATUS_NOT_A_PICTURE = 18,
     /**
      * The bytes do not begin as a blob does.
      */
@@ -221,9 +225,9 @@ enum nerf_kind
      */
     NERF_KIND_SCENE = 1,
     /**
-     * A 2D field: an image; cannot be rendered through this interface yet.
+     * A picture: colour over a plane (a 2D field); `nerf_render_picture` renders it.
      */
-    NERF_KIND_FIELD = 2,
+    NERF_KIND_PICTURE = 2,
 };
 #ifndef __cplusplus
 #if __STDC_VERSION__ >= 202311L
@@ -271,6 +275,7 @@ typedef uint32_t nerf_maths;
  *
  * RGB is composited over the background. RGBA is the scene alone, premultiplied by its opacity,
  * which is the alpha: `rgb + (1 - a) * background` is what RGB gives, in display-encoded values.
+ * A picture (a 2D field) is opaque: its alpha is 1, and it shows no background.
  */
 enum nerf_format
 #if defined(__cplusplus) || __STDC_VERSION__ >= 202311L
@@ -347,7 +352,7 @@ typedef struct nerf_text {
 } nerf_text;
 
 /**
- * What a scene says about itself; zeros where the blob is a 2D field.
+ * What a scene says about itself; zeros in what a picture (a 2D field) has not.
  */
 typedef struct nerf_scene_info {
     /**
@@ -435,11 +440,11 @@ typedef struct nerf_scene_info {
      */
     uint64_t parameters;
     /**
-     * Multiply-adds of one density evaluation.
+     * Multiply-adds of one density evaluation; of a picture, of the trunk.
      */
     uint64_t density_macs;
     /**
-     * Multiply-adds of one colour evaluation on top of a density evaluation.
+     * Multiply-adds of one colour evaluation on top of that.
      */
     uint64_t colour_macs;
     /**
@@ -458,6 +463,14 @@ typedef struct nerf_scene_info {
      * What the PSNR means: views, background, samples.
      */
     struct nerf_text psnr_convention;
+    /**
+     * Size of the picture the 2D field was made of, pixels to a row; 0 in a scene.
+     */
+    uint32_t picture_width;
+    /**
+     * Size of the picture the 2D field was made of, rows; 0 in a scene.
+     */
+    uint32_t picture_height;
 } nerf_scene_info;
 
 /**
@@ -662,7 +675,8 @@ typedef int32_t (*nerf_progress)(void *user,
                                  uint64_t pixels_all);
 
 /**
- * The work a call did; exact, no clock readings.
+ * The work a call did; exact, no clock readings. A picture (a 2D field) has no rays and no samples:
+ * only its colour evaluations, multiply-adds and invalid samples count.
  */
 typedef struct nerf_counters {
     /**
@@ -686,7 +700,7 @@ typedef struct nerf_counters {
      */
     uint64_t density_evaluations;
     /**
-     * Evaluations of the colour branch.
+     * Evaluations of the colour branch; of a picture, of the whole network.
      */
     uint64_t colour_evaluations;
     /**
@@ -694,7 +708,7 @@ typedef struct nerf_counters {
      */
     uint64_t macs;
     /**
-     * Samples whose density or colour was NaN; they count as empty.
+     * Samples whose density or colour was NaN; they count as empty (in a picture: black).
      */
     uint64_t invalid_samples;
 } nerf_counters;
@@ -791,7 +805,7 @@ nerf_status nerf_workspace_size(const struct nerf_scene *scene,
                                 size_t message_capacity);
 
 /**
- * Renders a rectangle of a camera's image into the planes of a target.
+ * Renders a rectangle of a camera's image of a scene into the planes of a target.
  *
  * The pixels do not depend on the rectangle, the batch or on who else renders, bit for bit within
  * one tier. Threads may render one scene at the same time, each with a workspace of its own.
@@ -821,6 +835,53 @@ nerf_status nerf_render(const struct nerf_scene *scene,
                         struct nerf_counters *counters,
                         char *message,
                         size_t message_capacity);
+
+/**
+ * Says how much workspace one `nerf_render_picture` call needs, and at which alignment.
+ *
+ * `options`: those of the call, NULL for the defaults; neither the picture's size nor its rectangle
+ * matters. `size` and `align` are written on success only. `message`: NULL, or `message_capacity`
+ * bytes for a sentence about what was expected and found; empty on success.
+ *
+ * # Safety
+ * Pointers are NULL or point to what is described here; `scene` is intact.
+ */
+nerf_status nerf_picture_workspace_size(const struct nerf_scene *scene,
+                                        const struct nerf_render_options *options,
+                                        size_t *size,
+                                        size_t *align,
+                                        char *message,
+                                        size_t message_capacity);
+
+/**
+ * Renders a rectangle of a picture (a 2D field: `NERF_KIND_PICTURE`), drawn in `width` x `height`
+ * pixels.
+ *
+ * Pixel (x, y) is the field's colour at its centre, ((x + 0.5) / width, (y + 0.5) / height): any
+ * size from 1x1 to 8388608x8388608 shows the whole picture, `picture_width` x `picture_height` of
+ * `nerf_scene_info` without distortion, and a rectangle of a larger size is a detail of it.
+ *
+ * `options`: NULL for the defaults; only maths and batch matter. `rect`: NULL for the whole picture;
+ * an empty one is rendered with nothing written. `target`: only `rgb` may be a plane; a picture is
+ * opaque, so that the alpha of RGBA formats is 1. `workspace`: at least the size and alignment that
+ * `nerf_picture_workspace_size` says for these options. The rest, and all else: as in `nerf_render`.
+ *
+ * # Safety
+ * Pointers are NULL or point to what is described here; `scene` is intact.
+ */
+nerf_status nerf_render_picture(const struct nerf_scene *scene,
+                                uint32_t width,
+                                uint32_t height,
+                                const struct nerf_render_options *options,
+                                const struct nerf_rect *rect,
+                                const struct nerf_target *target,
+                                void *workspace,
+                                size_t workspace_size,
+                                nerf_progress progress,
+                                void *user,
+                                struct nerf_counters *counters,
+                                char *message,
+                                size_t message_capacity);
 
 /**
  * Asks for density and colour at points seen along directions.

@@ -21,6 +21,10 @@
 //!                alpha, transmittance, weights ──► rgb, opacity, ray_distance, z_depth ──► Target
 //! ```
 //!
+//! A 2D field, an image as a network, takes the short way: pixel centres go through encoding, trunk and
+//! colour branch in the same blocks, and what comes out is the pixel
+//! ([`Renderer::render_picture`]).
+//!
 //! Modules stand in the order data flows: [`camera`] and [`lens`] make a [`ray`], [`sampling`] says
 //! where on it the network is asked, [`encoding`] and [`network`] answer, [`volume`] adds up,
 //! [`plan`] decides which of these a frame needs, and [`render`] runs them. [`blob`] is the file;
@@ -43,6 +47,7 @@
 //! | `weights`, `opacity` | `transmittance · alpha`; their sum, `<= 1` |
 //! | last bin | finite: it ends at `far` |
 //! | colour | display-encoded (sRGB, as the training images were), `[0, 1]`, composited in that space |
+//! | 2D field | x right, y down, 0 to 1 over the image whatever its aspect; pixel (x, y) is ((x + ½) / width, (y + ½) / height) |
 //! | encoding | `[identity,]` then per level `k` `sin(2^k s x)` of all inputs, `cos(2^k s x)` of all inputs; `s` is π or 1 |
 //!
 //! There is no bare "depth" anywhere: it would mean three things.

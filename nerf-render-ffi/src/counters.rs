@@ -3,7 +3,8 @@
 use crate::boundary::Versioned;
 use nerf_core::render;
 
-/// The work a call did; exact, no clock readings.
+/// The work a call did; exact, no clock readings. A picture (a 2D field) has no rays and no samples:
+/// only its colour evaluations, multiply-adds and invalid samples count.
 #[derive(Clone, Copy, Debug)]
 #[repr(C)]
 pub struct Counters {
@@ -17,11 +18,11 @@ pub struct Counters {
     pub samples_skipped: u64,
     /// Evaluations of trunk and density head.
     pub density_evaluations: u64,
-    /// Evaluations of the colour branch.
+    /// Evaluations of the colour branch; of a picture, of the whole network.
     pub colour_evaluations: u64,
     /// Multiply-adds of the network.
     pub macs: u64,
-    /// Samples whose density or colour was NaN; they count as empty.
+    /// Samples whose density or colour was NaN; they count as empty (in a picture: black).
     pub invalid_samples: u64,
 }
 

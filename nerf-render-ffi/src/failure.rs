@@ -51,6 +51,8 @@ pub(crate) enum Failure {
         found: u32,
     },
     NoPlane,
+    /// A plane that a picture has not.
+    ScenePlane(&'static str),
     Direction {
         index: usize,
     },
@@ -77,7 +79,7 @@ impl Failure {
             #[cfg(feature = "std")]
             Self::KernelVariable => Status::Options,
             Self::Kernel(_) => Status::Kernel,
-            Self::Stride { .. } | Self::Format { .. } | Self::NoPlane => Status::Target,
+            Self::Stride { .. } | Self::Format { .. } | Self::NoPlane | Self::ScenePlane(_) => Status::Target,
             Self::Direction { .. } => Status::Direction,
             Self::Cancelled => Status::Cancelled,
             #[cfg(feature = "std")]
@@ -97,6 +99,7 @@ impl Failure {
             Self::Plan(PlanError::GridRequired) => Status::GridRequired,
             Self::Plan(_) => Status::Options,
             Self::Render(RenderError::Rect { .. }) => Status::Rect,
+            Self::Render(RenderError::NotAPicture) => Status::NotAPicture,
             Self::Render(_) => Status::Options,
         }
     }
@@ -136,6 +139,9 @@ impl fmt::Display for Failure {
                 write!(f, "{name}: expected a pixel format that suits the plane, found {found}")
             }
             Self::NoPlane => write!(f, "target: expected at least one plane, found none"),
+            Self::ScenePlane(name) => {
+                write!(f, "{name}: expected NULL for a picture, which has colour alone")
+            }
             Self::Direction { index } => write!(f, "dirs[{index}]: expected a vector of unit length"),
             Self::Cancelled => write!(f, "cancelled by the progress callback"),
             #[cfg(feature = "std")]

@@ -9,6 +9,7 @@
 mod boundary;
 mod failure;
 mod span;
+mod tiles;
 
 // What follows is the header's order, which is the order of use.
 mod version;
@@ -37,6 +38,8 @@ mod counters;
 
 mod render;
 
+mod render_picture;
+
 mod query;
 
 pub use camera::Camera;
@@ -47,6 +50,7 @@ pub use progress::Progress;
 pub use query::nerf_query;
 pub use render::{Rect, nerf_render};
 pub use render_options::{Maths, NERF_TRANSMITTANCE_CUT_DEFAULT, RenderOptions};
+pub use render_picture::{nerf_picture_workspace_size, nerf_render_picture};
 pub use scene::{Scene, nerf_scene_memory, nerf_scene_open};
 pub use scene_info::{Kind, SceneInfo, Text, nerf_scene_describe};
 pub use status::{Status, nerf_status_text};

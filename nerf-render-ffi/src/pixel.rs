@@ -6,6 +6,7 @@ use nerf_core::volume;
 ///
 /// RGB is composited over the background. RGBA is the scene alone, premultiplied by its opacity,
 /// which is the alpha: `rgb + (1 - a) * background` is what RGB gives, in display-encoded values.
+/// A picture (a 2D field) is opaque: its alpha is 1, and it shows no background.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(u32)]
 pub enum PixelFormat {
@@ -56,6 +57,18 @@ pub(crate) enum Channel {
     Opacity,
     RayDistance,
     ZDepth,
+}
+
+impl Channel {
+    /// The plane's name in messages.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Colour => "target.rgb",
+            Self::Opacity => "target.opacity",
+            Self::RayDistance => "target.ray_distance",
+            Self::ZDepth => "target.z_depth",
+        }
+    }
 }
 
 /// Writes one pixel.

@@ -55,7 +55,7 @@ pub unsafe extern "C" fn nerf_query(
         }
         let outputs = Outputs { rgb: colour, opacity: false, ray_distance: false, z_depth: false };
         let plan = settings.plan(scene.renderer().blob(), outputs, false)?;
-        workspace.check_size(scene, settings.batch, &plan)?;
+        workspace.check_size(settings.batch, scene.renderer().workspace_lines(&plan))?;
         // SAFETY: `check_spans` found every point inside arrays the caller vouches for; neither
         // `f32` reads nor writes make a reference to them.
         let dir_at = |i: usize| unsafe { dirs.cast::<[f32; 3]>().add(i).read() };

@@ -1,4 +1,4 @@
-//! A rectangle of a picture, tile by tile.
+//! A scene, seen by a camera.
 
 use crate::boundary::{Message, Out, call};
 use crate::camera::Camera;
@@ -10,8 +10,10 @@ use crate::scene::Scene;
 use crate::span::check_aligned;
 use crate::status::Status;
 use crate::target::{Canvas, Target};
-use crate::workspace::{Workspace, tile_size};
+use crate::tiles::{Watcher, render_tiles};
+use crate::workspace::Workspace;
 use core::ffi::{c_char, c_void};
+use nerf_core::kernels::Line;
 use nerf_core::render;
 use nerf_core::volume::Pixel;
 
@@ -30,28 +32,27 @@ pub struct Rect {
 }
 
 impl Rect {
-    /// The rectangle behind a pointer, or the whole image.
+    /// The rectangle behind a pointer, or all of a `width` × `height` image.
     ///
     /// # Safety
     /// `at` is NULL or points to a readable rectangle.
-    unsafe fn read(at: *const Self, camera: &nerf_core::camera::Camera) -> Result<render::Rect, Failure> {
+    pub(crate) unsafe fn read(at: *const Self, width: u32, height: u32) -> Result<render::Rect, Failure> {
         if at.is_null() {
-            return Ok(render::Rect::full(camera));
+            return Ok(render::Rect { x: 0, y: 0, width, height });
         }
         check_aligned("rect", at as usize, align_of::<Self>())?;
         // SAFETY: not NULL, aligned, and readable by the caller's promise.
-        let Self { x, y, width, height } = unsafe { at.read() };
-        let (rect, i) = (render::Rect { x, y, width, height }, camera.intrinsics());
-        if rect.fits(i.width, i.height) {
+        let found = unsafe { at.read() };
+        let rect = render::Rect { x: found.x, y: found.y, width: found.width, height: found.height };
+        if rect.fits(width, height) {
             Ok(rect)
         } else {
-            let outside = render::RenderError::Rect { rect, width: i.width, height: i.height };
-            Err(Failure::Render(outside))
+            Err(Failure::Render(render::RenderError::Rect { rect, width, height }))
         }
     }
 }
 
-/// Renders a rectangle of a camera's image into the planes of a target.
+/// Renders a rectangle of a camera's image of a scene into the planes of a target.
 ///
 /// The pixels do not depend on the rectangle, the batch or on who else renders, bit for bit within
 /// one tier. Threads may render one scene at the same time, each with a workspace of its own.
@@ -90,47 +91,30 @@ pub unsafe extern "C" fn nerf_render(
         let camera = unsafe { Camera::read(camera)? };
         // SAFETY: the caller's promise.
         let settings = unsafe { Settings::read(options, scene.renderer().network().tier())? };
+        let image = camera.intrinsics();
         // SAFETY: the caller's promise.
-        let rect = unsafe { Rect::read(rect, &camera)? };
+        let rect = unsafe { Rect::read(rect, image.width, image.height)? };
         // SAFETY: the caller's promise.
         let out = if counters.is_null() { None } else { Some(unsafe { Out::new(counters)? }) };
-        let mut workspace = Workspace::new(workspace, workspace_size, scene)?;
+        let workspace = Workspace::new(workspace, workspace_size, scene)?;
         // SAFETY: the caller's promise.
-        let mut canvas = unsafe { Canvas::new(target, rect, scene, workspace.span())? };
-        let plan = settings.plan(scene.renderer().blob(), canvas.outputs(), canvas.has_alpha())?;
-        workspace.check_size(scene, settings.batch, &plan)?;
+        let canvas = unsafe { Canvas::new(target, rect, scene, workspace.span())? };
+        let renderer = scene.renderer();
+        let plan = settings.plan(renderer.blob(), canvas.outputs(), canvas.has_alpha())?;
+        workspace.check_size(settings.batch, renderer.workspace_lines(&plan))?;
 
-        let all = u64::from(rect.width) * u64::from(rect.height);
-        let (mut done, mut work) = (0, render::Counters::default());
-        report(progress, user, done, all)?;
-        let (width, height) = tile_size(settings.batch);
-        for tile in rect.tiles(width, height) {
-            // A tile is finished aside and then copied, so that not even a panic leaves half of one;
-            // no slice of the workspace outlives the tile, so that the callback may use it.
-            // SAFETY: the memory is this call's own by the caller's promise.
-            let (pixels, lines) = unsafe { workspace.split(settings.batch)? };
+        let draw = |tile: render::Rect, pixels: &mut [Pixel], lines: &mut [Line]| {
             let mut put = |x: u32, y: u32, pixel: &Pixel| {
                 pixels[((y - tile.y) * tile.width + (x - tile.x)) as usize] = *pixel;
             };
-            let tile_work = scene.renderer().render(&plan, &camera, tile, lines, &mut put);
-            work += tile_work.map_err(Failure::Render)?;
-            let count = (tile.width * tile.height) as usize;
-            canvas.write(tile, &pixels[..count]);
-            done += count as u64;
-            report(progress, user, done, all)?;
-        }
+            renderer.render(&plan, &camera, tile, lines, &mut put).map_err(Failure::Render)
+        };
+        let watcher = Watcher { progress, user };
+        // SAFETY: the size was checked, and the memory is this call's own by the caller's promise.
+        let work = unsafe { render_tiles(rect, settings.batch, workspace, canvas, watcher, draw)? };
         if let Some(out) = out {
             out.write(work.into());
         }
         Ok(())
     })
-}
-
-/// Calls the caller, who may cancel.
-fn report(progress: Progress, user: *mut c_void, done: u64, all: u64) -> Result<(), Failure> {
-    // SAFETY: the caller of `nerf_render` vouches for its function.
-    match progress.map_or(0, |progress| unsafe { progress(user, done, all) }) {
-        0 => Ok(()),
-        _ => Err(Failure::Cancelled),
-    }
 }

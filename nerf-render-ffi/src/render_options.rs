@@ -67,7 +67,7 @@ unsafe impl Versioned for RenderOptions {
 /// Checked options.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Settings {
-    quality: Quality,
+    pub quality: Quality,
     background: Option<[f32; 3]>,
     pub batch: Batch,
 }

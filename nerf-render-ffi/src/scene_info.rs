@@ -13,8 +13,8 @@ use nerf_core::network::{MAX_COLOUR, MAX_TRUNK};
 pub enum Kind {
     /// A scene: density and colour in space.
     Scene = 1,
-    /// A 2D field: an image; cannot be rendered through this interface yet.
-    Field = 2,
+    /// A picture: colour over a plane (a 2D field); `nerf_render_picture` renders it.
+    Picture = 2,
 }
 
 /// Text inside the blob: UTF-8, `length` bytes, **not** NUL-terminated.
@@ -33,7 +33,7 @@ impl Text {
     }
 }
 
-/// What a scene says about itself; zeros where the blob is a 2D field.
+/// What a scene says about itself; zeros in what a picture (a 2D field) has not.
 #[derive(Clone, Copy, Debug)]
 #[repr(C)]
 pub struct SceneInfo {
@@ -79,9 +79,9 @@ pub struct SceneInfo {
     pub steps: u32,
     /// Parameters of the network.
     pub parameters: u64,
-    /// Multiply-adds of one density evaluation.
+    /// Multiply-adds of one density evaluation; of a picture, of the trunk.
     pub density_macs: u64,
-    /// Multiply-adds of one colour evaluation on top of a density evaluation.
+    /// Multiply-adds of one colour evaluation on top of that.
     pub colour_macs: u64,
     /// Seed of the run.
     pub seed: u64,
@@ -91,6 +91,10 @@ pub struct SceneInfo {
     pub made_by: Text,
     /// What the PSNR means: views, background, samples.
     pub psnr_convention: Text,
+    /// Size of the picture the 2D field was made of, pixels to a row; 0 in a scene.
+    pub picture_width: u32,
+    /// Size of the picture the 2D field was made of, rows; 0 in a scene.
+    pub picture_height: u32,
 }
 
 // The header spells the format's caps out.
@@ -127,7 +131,7 @@ fn describe(scene: &Scene) -> SceneInfo {
     let (facts, grid, provenance) = (blob.scene(), blob.grid(), blob.provenance());
     SceneInfo {
         struct_size: size_of::<SceneInfo>(),
-        kind: if facts.is_some() { Kind::Scene } else { Kind::Field } as u32,
+        kind: if facts.is_some() { Kind::Scene } else { Kind::Picture } as u32,
         kernel: Kernel::of(renderer.network().tier()) as u32,
         box_min: facts.map_or([0.0; 3], |facts| facts.min),
         box_max: facts.map_or([0.0; 3], |facts| facts.max),
@@ -153,5 +157,7 @@ fn describe(scene: &Scene) -> SceneInfo {
         data: Text::of(provenance.data),
         made_by: Text::of(provenance.made_by),
         psnr_convention: Text::of(provenance.psnr_convention),
+        picture_width: blob.picture().map_or(0, |picture| picture.width),
+        picture_height: blob.picture().map_or(0, |picture| picture.height),
     }
 }

@@ -28,11 +28,11 @@ pub enum Status {
     Kernel = 9,
     /// The camera makes no rays.
     Camera = 10,
-    /// The rectangle is not inside the camera's image.
+    /// The rectangle is not inside the image.
     Rect = 11,
     /// No plane is wanted, or a plane's format or stride is wrong.
     Target = 12,
-    /// The blob is a 2D field: it has nothing to render as a scene.
+    /// The blob is a picture (a 2D field), not a scene: `nerf_render_picture` renders it.
     NotAScene = 13,
     /// The scene's skip grid is part of its model and cannot be ignored.
     GridRequired = 14,
@@ -42,6 +42,8 @@ pub enum Status {
     Cancelled = 16,
     /// A defect of this library; the scene is unharmed.
     Panic = 17,
+    /// The blob is a scene, not a picture (a 2D field): `nerf_render` renders it.
+    NotAPicture = 18,
     /// The bytes do not begin as a blob does.
     BlobMagic = 32,
     /// The blob ends early.
@@ -62,7 +64,7 @@ pub enum Status {
 
 impl Status {
     /// Every status.
-    pub const ALL: [Self; 26] = {
+    pub const ALL: [Self; 27] = {
         use Status::*;
         [
             Ok,
@@ -83,6 +85,7 @@ impl Status {
             Direction,
             Cancelled,
             Panic,
+            NotAPicture,
             BlobMagic,
             BlobTruncated,
             BlobTrailing,
@@ -107,13 +110,14 @@ impl Status {
             Self::Options => c"a setting is outside its range",
             Self::Kernel => c"the kernel tier does not exist on this machine",
             Self::Camera => c"the camera makes no rays",
-            Self::Rect => c"the rectangle is not inside the camera's image",
+            Self::Rect => c"the rectangle is not inside the image",
             Self::Target => c"no plane is wanted, or a plane's format or stride is wrong",
-            Self::NotAScene => c"the blob is a 2D field, not a scene",
+            Self::NotAScene => c"the blob is a 2D field, not a scene: nerf_render_picture renders it",
             Self::GridRequired => c"the scene's skip grid is part of its model and cannot be ignored",
             Self::Direction => c"a direction is not of unit length",
             Self::Cancelled => c"cancelled by the progress callback",
             Self::Panic => c"a defect of this library; the scene is unharmed",
+            Self::NotAPicture => c"the blob is a scene, not a 2D field: nerf_render renders it",
             Self::BlobMagic => c"not a .nerf blob",
             Self::BlobTruncated => c"the blob ends early",
             Self::BlobTrailing => c"bytes follow the blob",

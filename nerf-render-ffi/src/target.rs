@@ -81,13 +81,14 @@ impl Canvas {
         // SAFETY: the caller's promise.
         let target = unsafe { read_versioned(at)? };
         let planes = [
-            ("target.rgb", Channel::Colour, target.rgb),
-            ("target.opacity", Channel::Opacity, target.opacity),
-            ("target.ray_distance", Channel::RayDistance, target.ray_distance),
-            ("target.z_depth", Channel::ZDepth, target.z_depth),
+            (Channel::Colour, target.rgb),
+            (Channel::Opacity, target.opacity),
+            (Channel::RayDistance, target.ray_distance),
+            (Channel::ZDepth, target.z_depth),
         ];
         let mut surfaces = [None; 4];
-        for ((name, channel, plane), surface) in planes.into_iter().zip(&mut surfaces) {
+        for ((channel, plane), surface) in planes.into_iter().zip(&mut surfaces) {
+            let name = channel.name();
             if plane.reserved != 0 {
                 return Err(Failure::Reserved(name));
             }
@@ -105,6 +106,12 @@ impl Canvas {
     pub fn outputs(&self) -> Outputs {
         let [rgb, opacity, ray_distance, z_depth] = self.surfaces.map(|surface| surface.is_some());
         Outputs { rgb, opacity, ray_distance, z_depth }
+    }
+
+    /// An error where a plane is wanted that only a scene has.
+    pub fn check_colour_only(&self) -> Result<(), Failure> {
+        let other = self.surfaces.iter().flatten().find(|surface| surface.channel != Channel::Colour);
+        other.map_or(Ok(()), |surface| Err(Failure::ScenePlane(surface.channel.name())))
     }
 
     /// Whether the colour's background is the caller's business.

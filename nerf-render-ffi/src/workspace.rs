@@ -8,7 +8,7 @@ use crate::span::Span;
 use crate::status::Status;
 use core::ffi::{c_char, c_void};
 use nerf_core::kernels::{Arena, Line, lines_for};
-use nerf_core::plan::{Batch, Outputs, Plan};
+use nerf_core::plan::{Batch, Outputs};
 use nerf_core::volume::Pixel;
 
 /// Colour is wanted.
@@ -38,9 +38,9 @@ fn tile_pixels(batch: Batch) -> usize {
     (width * height) as usize
 }
 
-/// Bytes one call needs.
-fn size(scene: &Scene, batch: Batch, plan: &Plan<'_>) -> Result<usize, Failure> {
-    let lines = lines_for::<Pixel>(tile_pixels(batch)).checked_add(scene.renderer().workspace_lines(plan));
+/// Bytes one call needs: room for a tile, and the renderer's `lines`.
+pub(crate) fn size(batch: Batch, lines: usize) -> Result<usize, Failure> {
+    let lines = lines_for::<Pixel>(tile_pixels(batch)).checked_add(lines);
     lines.and_then(|lines| lines.checked_mul(size_of::<Line>())).ok_or(Failure::Overflow("workspace"))
 }
 
@@ -64,9 +64,9 @@ impl Workspace {
         self.span
     }
 
-    /// Checks the size.
-    pub fn check_size(&self, scene: &Scene, batch: Batch, plan: &Plan<'_>) -> Result<(), Failure> {
-        let expected = size(scene, batch, plan)?;
+    /// Checks the size, of which the renderer needs `lines`.
+    pub fn check_size(&self, batch: Batch, lines: usize) -> Result<(), Failure> {
+        let expected = size(batch, lines)?;
         let found = self.lines * size_of::<Line>();
         if found < expected { Err(Failure::Memory { name: "workspace", expected, found }) } else { Ok(()) }
     }
@@ -113,7 +113,7 @@ pub unsafe extern "C" fn nerf_workspace_size(
         // SAFETY: the caller's promise.
         let settings = unsafe { Settings::read(options, scene.renderer().network().tier())? };
         let plan = settings.plan(scene.renderer().blob(), read_outputs(outputs)?, false)?;
-        let bytes = self::size(scene, settings.batch, &plan)?;
+        let bytes = self::size(settings.batch, scene.renderer().workspace_lines(&plan))?;
         // SAFETY: checked above, and writable by the caller's promise.
         unsafe {
             size.write(bytes);

@@ -42,15 +42,24 @@ int main(void) {
     good &= nerf_scene_memory(blob, length, NULL, &size, &align, message, sizeof message) == NERF_STATUS_OK;
     good &= nerf_scene_open(blob, length, NULL, memory, sizeof memory, &scene, message, sizeof message) == NERF_STATUS_OK;
     good &= nerf_scene_describe(scene, &info) == NERF_STATUS_OK;
-    good &= nerf_workspace_size(scene, NULL, NERF_OUTPUT_RGB, &size, &align, message, sizeof message) == NERF_STATUS_OK;
-    good &= nerf_render(scene, &camera, NULL, NULL, &target, workspace, sizeof workspace, NULL, NULL, &counters,
-                        message, sizeof message) == NERF_STATUS_OK;
-    good &= nerf_query(scene, NULL, 1, position, dir, &sigma, rgb, workspace, sizeof workspace, &counters,
-                       message, sizeof message) == NERF_STATUS_OK;
+    const int picture_blob = info.kind == NERF_KIND_PICTURE;
+    if (picture_blob) {
+        good &= nerf_picture_workspace_size(scene, NULL, &size, &align, message, sizeof message) == NERF_STATUS_OK;
+        good &= nerf_render_picture(scene, 32, 32, NULL, NULL, &target, workspace, sizeof workspace, NULL, NULL,
+                                    &counters, message, sizeof message) == NERF_STATUS_OK;
+    } else {
+        good &= nerf_workspace_size(scene, NULL, NERF_OUTPUT_RGB, &size, &align, message, sizeof message) == NERF_STATUS_OK;
+        good &= nerf_render(scene, &camera, NULL, NULL, &target, workspace, sizeof workspace, NULL, NULL, &counters,
+                            message, sizeof message) == NERF_STATUS_OK;
+        good &= nerf_query(scene, NULL, 1, position, dir, &sigma, rgb, workspace, sizeof workspace, &counters,
+                           message, sizeof message) == NERF_STATUS_OK;
+    }
     /* Failures do not allocate either. */
     good &= nerf_scene_open(blob, length - 1, NULL, memory, 64, &scene, message, sizeof message) == NERF_STATUS_BLOB_TRUNCATED;
     good &= nerf_render(scene, &camera, NULL, NULL, &target, workspace, 64, NULL, NULL, &counters, message,
-                        sizeof message) == NERF_STATUS_MEMORY;
+                        sizeof message) == (picture_blob ? NERF_STATUS_NOT_A_SCENE : NERF_STATUS_MEMORY);
+    good &= nerf_render_picture(scene, 32, 32, NULL, NULL, &target, workspace, 64, NULL, NULL, &counters, message,
+                                sizeof message) == (picture_blob ? NERF_STATUS_MEMORY : NERF_STATUS_NOT_A_PICTURE);
     long counted = allocations;
     /* The wrapping works: this one counts. */
     void *volatile one = malloc(1);

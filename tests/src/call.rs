@@ -138,4 +138,15 @@ impl Opened {
         assert_eq!((status, align), (ffi::Status::Ok, 64));
         Guarded::new(size, 0)
     }
+
+    /// A workspace of exactly the size that a picture needs.
+    pub fn picture_workspace(&self, options: Option<&ffi::RenderOptions>) -> Guarded {
+        let options = options.map_or(ptr::null(), |options| options as *const _);
+        let (mut size, mut align, none) = (0, 0, ptr::null_mut());
+        // SAFETY: the scene is intact and the places live until the call returns.
+        let status =
+            unsafe { ffi::nerf_picture_workspace_size(self.scene, options, &mut size, &mut align, none, 0) };
+        assert_eq!((status, align), (ffi::Status::Ok, 64));
+        Guarded::new(size, 0)
+    }
 }

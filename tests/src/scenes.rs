@@ -1,11 +1,14 @@
-//! Small scenes of pseudo-random weights.
+//! Small scenes and pictures of pseudo-random weights.
 
-use nerf_core::blob::{Body, Content, Grid, PictureFacts, Provenance, SceneFacts, encoded_len, write};
+use nerf_core::blob::{Blob, Body, Content, Grid, PictureFacts, Provenance, SceneFacts, encoded_len, write};
 use nerf_core::camera::{Camera, Intrinsics, Pose};
 use nerf_core::encoding::{AngleScale, Encoding};
-use nerf_core::kernels::Tier;
+use nerf_core::kernels::{Line, Tier};
 use nerf_core::lens::Lens;
+use nerf_core::math::MathBackend;
 use nerf_core::network::{Architecture, DensityActivation, TrunkLayer};
+use nerf_core::plan::Batch;
+use nerf_core::render::{Rect, Renderer};
 
 /// A scene to be made.
 #[derive(Clone, Copy, Debug)]
@@ -167,4 +170,17 @@ pub fn camera(width: u32, height: u32) -> Camera {
 /// The tiers of this machine.
 pub fn tiers() -> impl Iterator<Item = Tier> {
     Tier::ALL.into_iter().filter(|tier| tier.available())
+}
+
+/// The pixels of a 2D field drawn in `size`, by the Rust renderer.
+pub fn picture(blob: &[u8], tier: Tier, math: MathBackend, size: [u32; 2]) -> Vec<[f32; 3]> {
+    let blob = Blob::open(blob).expect("a blob");
+    let mut memory = vec![Line::UNINIT; Renderer::prepared_lines(&blob, tier)];
+    let renderer = Renderer::new(blob, tier, &mut memory).expect("a renderer");
+    let (batch, rect) = (Batch::for_tier(tier), Rect { x: 0, y: 0, width: size[0], height: size[1] });
+    let mut workspace = vec![Line::UNINIT; renderer.picture_workspace_lines(batch)];
+    let mut pixels = Vec::new();
+    let mut put = |_: u32, _: u32, rgb: [f32; 3]| pixels.push(rgb);
+    renderer.render_picture(math, batch, size, rect, &mut workspace, &mut put).expect("a picture");
+    pixels
 }

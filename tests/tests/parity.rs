@@ -209,3 +209,54 @@ fn maths_backends_agree_in_a_picture() {
         }
     }
 }
+
+/// A 2D field drawn in `size`, tile by tile of `tile` pixels, by `threads` threads.
+fn field(
+    renderer: &Renderer<'_>,
+    batch: Batch,
+    size: [u32; 2],
+    tile: (u32, u32),
+    threads: usize,
+) -> Vec<u32> {
+    let [width, height] = size;
+    let tiles: Vec<Rect> = Rect { x: 0, y: 0, width, height }.tiles(tile.0, tile.1).collect();
+    let draw = &|mine: usize| {
+        let (mut workspace, mut pixels) =
+            (vec![Line::UNINIT; renderer.picture_workspace_lines(batch)], Vec::new());
+        let mut put = |x: u32, y: u32, rgb: [f32; 3]| pixels.push(((y * width + x) as usize, rgb));
+        for &rect in tiles.iter().skip(mine).step_by(threads) {
+            let math = MathBackend::Polynomial;
+            renderer.render_picture(math, batch, size, rect, &mut workspace, &mut put).expect("a tile");
+        }
+        pixels
+    };
+    let mut picture = vec![[f32::NAN; 3]; (width * height) as usize];
+    std::thread::scope(|scope| {
+        let workers: Vec<_> = (0..threads).map(|mine| scope.spawn(move || draw(mine))).collect();
+        let parts = workers.into_iter().flat_map(|worker| worker.join().expect("a worker"));
+        parts.for_each(|(i, rgb)| picture[i] = rgb);
+    });
+    assert!(picture.iter().flatten().all(|c| c.is_finite()), "a pixel is missing or not finite");
+    picture.iter().flatten().map(|c| c.to_bits()).collect()
+}
+
+#[test]
+fn batches_tiles_and_threads_change_no_bit_of_a_2d_field() {
+    let bytes = Recipe { skip: true, ..Recipe::PICTURE }.blob();
+    let size = [70, 19];
+    for tier in tiers() {
+        let blob = Blob::open(&bytes).expect("a blob");
+        let mut memory = vec![Line::UNINIT; Renderer::prepared_lines(&blob, tier)];
+        let renderer = Renderer::new(blob, tier, &mut memory).expect("a renderer");
+        let expected = field(&renderer, Batch::for_tier(tier), size, (70, 19), 1);
+        let different = expected.iter().collect::<std::collections::BTreeSet<_>>().len();
+        assert!(different > 1000, "a flat picture proves nothing ({different} values)");
+        for (samples, tile, threads) in
+            [(1, (1, 1), 1), (7, (16, 16), 2), (64, (1, 19), 3), (64, (70, 1), 5), (63, (33, 4), 2)]
+        {
+            let batch = Batch { rays: 1, samples };
+            let found = field(&renderer, batch, size, tile, threads);
+            assert!(found == expected, "{}, {samples}, {tile:?}, {threads} threads", tier.name());
+        }
+    }
+}

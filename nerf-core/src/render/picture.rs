@@ -120,7 +120,11 @@ impl Renderer<'_> {
         }
     }
 
-    fn check_picture(&self, batch: Batch, size: [u32; 2], rect: Rect) -> Result<(), RenderError> {
+    /// Whether [`Renderer::render_picture`] takes these arguments; its workspace is another matter.
+    ///
+    /// # Errors
+    /// As [`Renderer::render_picture`], but for the workspace.
+    pub fn check_picture(&self, batch: Batch, size: [u32; 2], rect: Rect) -> Result<(), RenderError> {
         let [width, height] = size;
         if self.blob.picture().is_none() {
             return Err(RenderError::NotAPicture);

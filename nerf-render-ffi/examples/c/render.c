@@ -1,11 +1,12 @@
 /*
- * Renders one view of a scene: a colour picture and its z_depth.
+ * Renders one view of a scene, or a picture.
  *
  *     render scene.nerf out_prefix [width height]
  *
- * writes out_prefix.ppm (8-bit RGB), out_prefix.pfm (float z_depth, world units) and out_prefix.pgm
- * (8-bit z_depth, white = near). The camera looks at the middle of the scene box from half way
- * between near and far.
+ * Of a scene it writes out_prefix.ppm (8-bit RGB), out_prefix.pfm (float z_depth, world units) and
+ * out_prefix.pgm (8-bit z_depth, white = near), 200x200 unless told otherwise. The camera looks at the
+ * middle of the scene box from half way between near and far. Of a picture (a 2D field) it writes
+ * out_prefix.ppm, in the picture's own size unless told otherwise.
  */
 #include "nerf_render.h"
 
@@ -15,7 +16,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-enum { MESSAGE = 256 };
+enum { MESSAGE = 256, LARGEST_SIDE = 16384 };
 
 static int fail(const char *what, nerf_status status, const char *message) {
     fprintf(stderr, "render: %s: %s", what, nerf_status_text(status));
@@ -97,14 +98,127 @@ static int32_t show_progress(void *user, uint64_t done, uint64_t all) {
     return 0; /* anything else cancels */
 }
 
+/* One view of a scene: colour and z_depth. */
+static int render_scene(const nerf_scene *scene, const nerf_scene_info *info, uint32_t width, uint32_t height,
+                        const char *prefix) {
+    char message[MESSAGE];
+    /* Colour from the top row down; distance from the bottom row up, as PFM has it. */
+    const size_t columns = width, rows = height, pixels = columns * rows;
+    unsigned char *rgb = malloc(3 * pixels), *grey = malloc(pixels);
+    float *z_depth = malloc(pixels * sizeof *z_depth);
+    if (rgb == NULL || grey == NULL || z_depth == NULL) {
+        fprintf(stderr, "render: out of memory\n");
+        return EXIT_FAILURE;
+    }
+    const size_t row_bytes = columns * sizeof *z_depth;
+    nerf_target target;
+    memset(&target, 0, sizeof target);
+    target.struct_size = sizeof target;
+    target.rgb.data = rgb;
+    target.rgb.format = NERF_FORMAT_RGB_U8;
+    target.z_depth.data = z_depth + (rows - 1) * columns;
+    target.z_depth.row_stride = -(ptrdiff_t)row_bytes;
+    target.z_depth.format = NERF_FORMAT_F32;
+
+    size_t workspace_size, align;
+    const uint32_t outputs = NERF_OUTPUT_RGB | NERF_OUTPUT_Z_DEPTH;
+    nerf_status status = nerf_workspace_size(scene, NULL, outputs, &workspace_size, &align, message, MESSAGE);
+    if (status != NERF_STATUS_OK) {
+        return fail("workspace", status, message);
+    }
+    void *workspace = aligned_alloc(align, workspace_size);
+    const nerf_camera camera = orbit(info, width, height);
+    nerf_counters counters;
+    counters.struct_size = sizeof counters;
+    unsigned percent = 101;
+    status = nerf_render(scene, &camera, NULL, NULL, &target, workspace, workspace_size, show_progress, &percent,
+                         &counters, message, MESSAGE);
+    fputc('\n', stderr);
+    if (status != NERF_STATUS_OK) {
+        return fail("render", status, message);
+    }
+
+    printf("c2w");
+    for (int i = 0; i < 12; ++i) {
+        printf(" %.9g", (double)camera.c2w[i]);
+    }
+    printf("\n%llu rays, %llu samples, %llu multiply-adds\n", (unsigned long long)counters.rays,
+           (unsigned long long)counters.samples_kept, (unsigned long long)counters.macs);
+
+    const float near = info->near_distance, far = info->far_distance;
+    for (size_t i = 0; i < pixels; ++i) {
+        float brightness = (far - z_depth[(rows - 1 - i / columns) * columns + i % columns]) / (far - near);
+        brightness = brightness > 0.0f ? (brightness < 1.0f ? brightness : 1.0f) : 0.0f;
+        grey[i] = (unsigned char)(255.0f * brightness + 0.5f);
+    }
+    const uint16_t one = 1;
+    const int little = *(const unsigned char *)&one == 1;
+    char header[64];
+    int bad = 0;
+    snprintf(header, sizeof header, "P6\n%u %u\n255\n", (unsigned)width, (unsigned)height);
+    bad |= write_file(prefix, ".ppm", header, rgb, 3 * pixels);
+    snprintf(header, sizeof header, "Pf\n%u %u\n%s\n", (unsigned)width, (unsigned)height, little ? "-1.0" : "1.0");
+    bad |= write_file(prefix, ".pfm", header, z_depth, pixels * sizeof *z_depth);
+    snprintf(header, sizeof header, "P5\n%u %u\n255\n", (unsigned)width, (unsigned)height);
+    bad |= write_file(prefix, ".pgm", header, grey, pixels);
+
+    free(workspace);
+    free(z_depth);
+    free(grey);
+    free(rgb);
+    return bad ? EXIT_FAILURE : EXIT_SUCCESS;
+}
+
+/* A picture: colour alone, at any size, and no camera. */
+static int render_picture(const nerf_scene *scene, uint32_t width, uint32_t height, const char *prefix) {
+    char message[MESSAGE];
+    const size_t bytes = (size_t)3 * width * height;
+    unsigned char *rgb = malloc(bytes);
+    if (rgb == NULL) {
+        fprintf(stderr, "render: out of memory\n");
+        return EXIT_FAILURE;
+    }
+    nerf_target target;
+    memset(&target, 0, sizeof target);
+    target.struct_size = sizeof target;
+    target.rgb.data = rgb;
+    target.rgb.format = NERF_FORMAT_RGB_U8;
+
+    size_t workspace_size, align;
+    nerf_status status = nerf_picture_workspace_size(scene, NULL, &workspace_size, &align, message, MESSAGE);
+    if (status != NERF_STATUS_OK) {
+        return fail("workspace", status, message);
+    }
+    void *workspace = aligned_alloc(align, workspace_size);
+    nerf_counters counters;
+    counters.struct_size = sizeof counters;
+    unsigned percent = 101;
+    status = nerf_render_picture(scene, width, height, NULL, NULL, &target, workspace, workspace_size, show_progress,
+                                 &percent, &counters, message, MESSAGE);
+    fputc('\n', stderr);
+    if (status != NERF_STATUS_OK) {
+        return fail("render", status, message);
+    }
+    printf("%llu pixels, %llu multiply-adds\n", (unsigned long long)counters.colour_evaluations,
+           (unsigned long long)counters.macs);
+
+    char header[64];
+    snprintf(header, sizeof header, "P6\n%u %u\n255\n", (unsigned)width, (unsigned)height);
+    const int bad = write_file(prefix, ".ppm", header, rgb, bytes);
+    free(workspace);
+    free(rgb);
+    return bad ? EXIT_FAILURE : EXIT_SUCCESS;
+}
+
 int main(int argc, char **argv) {
-    long width = 200, height = 200;
+    long width = 0, height = 0; /* 0: not said */
     if (argc == 5) {
         width = strtol(argv[3], NULL, 10);
         height = strtol(argv[4], NULL, 10);
     }
-    if ((argc != 3 && argc != 5) || width < 1 || height < 1 || width > 16384 || height > 16384) {
-        fprintf(stderr, "usage: %s scene.nerf out_prefix [width height]   (sizes: 1 to 16384)\n", argv[0]);
+    if ((argc != 3 && argc != 5) || (argc == 5 && (width < 1 || height < 1)) ||
+        width > LARGEST_SIDE || height > LARGEST_SIDE) {
+        fprintf(stderr, "usage: %s scene.nerf out_prefix [width height]   (sizes: 1 to %d)\n", argv[0], LARGEST_SIDE);
         return EXIT_FAILURE;
     }
     if (nerf_abi_version() != NERF_ABI_VERSION) {
@@ -141,71 +255,20 @@ int main(int argc, char **argv) {
     printf("scene %.*s, %llu parameters, kernel %u\n", (int)info.data.length, info.data.data,
            (unsigned long long)info.parameters, (unsigned)info.kernel);
 
-    /* Colour from the top row down; distance from the bottom row up, as PFM has it. */
-    const size_t columns = (size_t)width, rows = (size_t)height, pixels = columns * rows;
-    unsigned char *rgb = malloc(3 * pixels), *grey = malloc(pixels);
-    float *z_depth = malloc(pixels * sizeof *z_depth);
-    if (rgb == NULL || grey == NULL || z_depth == NULL) {
-        fprintf(stderr, "render: out of memory\n");
-        return EXIT_FAILURE;
+    int result;
+    if (info.kind == NERF_KIND_PICTURE) {
+        const uint32_t columns = width == 0 ? info.picture_width : (uint32_t)width;
+        const uint32_t rows = height == 0 ? info.picture_height : (uint32_t)height;
+        if (columns > LARGEST_SIDE || rows > LARGEST_SIDE) {
+            fprintf(stderr, "render: %s is large: say a width and height\n", argv[1]);
+            return EXIT_FAILURE;
+        }
+        result = render_picture(scene, columns, rows, argv[2]);
+    } else {
+        const uint32_t columns = width == 0 ? 200 : (uint32_t)width, rows = height == 0 ? 200 : (uint32_t)height;
+        result = render_scene(scene, &info, columns, rows, argv[2]);
     }
-    const size_t row_bytes = columns * sizeof *z_depth;
-    nerf_target target;
-    memset(&target, 0, sizeof target);
-    target.struct_size = sizeof target;
-    target.rgb.data = rgb;
-    target.rgb.format = NERF_FORMAT_RGB_U8;
-    target.z_depth.data = z_depth + (rows - 1) * columns;
-    target.z_depth.row_stride = -(ptrdiff_t)row_bytes;
-    target.z_depth.format = NERF_FORMAT_F32;
-
-    size_t workspace_size;
-    const uint32_t outputs = NERF_OUTPUT_RGB | NERF_OUTPUT_Z_DEPTH;
-    status = nerf_workspace_size(scene, NULL, outputs, &workspace_size, &align, message, MESSAGE);
-    if (status != NERF_STATUS_OK) {
-        return fail("workspace", status, message);
-    }
-    void *workspace = aligned_alloc(align, workspace_size);
-    const nerf_camera camera = orbit(&info, (uint32_t)width, (uint32_t)height);
-    nerf_counters counters;
-    counters.struct_size = sizeof counters;
-    unsigned percent = 101;
-    status = nerf_render(scene, &camera, NULL, NULL, &target, workspace, workspace_size, show_progress, &percent,
-                         &counters, message, MESSAGE);
-    fputc('\n', stderr);
-    if (status != NERF_STATUS_OK) {
-        return fail("render", status, message);
-    }
-
-    printf("c2w");
-    for (int i = 0; i < 12; ++i) {
-        printf(" %.9g", (double)camera.c2w[i]);
-    }
-    printf("\n%llu rays, %llu samples, %llu multiply-adds\n", (unsigned long long)counters.rays,
-           (unsigned long long)counters.samples_kept, (unsigned long long)counters.macs);
-
-    const float near = info.near_distance, far = info.far_distance;
-    for (size_t i = 0; i < pixels; ++i) {
-        float brightness = (far - z_depth[(rows - 1 - i / columns) * columns + i % columns]) / (far - near);
-        brightness = brightness > 0.0f ? (brightness < 1.0f ? brightness : 1.0f) : 0.0f;
-        grey[i] = (unsigned char)(255.0f * brightness + 0.5f);
-    }
-    const uint16_t one = 1;
-    const int little = *(const unsigned char *)&one == 1;
-    char header[64];
-    int bad = 0;
-    snprintf(header, sizeof header, "P6\n%ld %ld\n255\n", width, height);
-    bad |= write_file(argv[2], ".ppm", header, rgb, 3 * pixels);
-    snprintf(header, sizeof header, "Pf\n%ld %ld\n%s\n", width, height, little ? "-1.0" : "1.0");
-    bad |= write_file(argv[2], ".pfm", header, z_depth, pixels * sizeof *z_depth);
-    snprintf(header, sizeof header, "P5\n%ld %ld\n255\n", width, height);
-    bad |= write_file(argv[2], ".pgm", header, grey, pixels);
-
-    free(workspace);
-    free(z_depth);
-    free(grey);
-    free(rgb);
     free(memory); /* the scene ends here, */
     free(blob);   /* before its blob */
-    return bad ? EXIT_FAILURE : EXIT_SUCCESS;
+    return result;
 }

@@ -1,10 +1,11 @@
-// Renders one view of a scene on all cores: threads take tiles of one picture.
+// Renders one view of a scene, or a picture, on all cores: threads take tiles.
 //
 //     render scene.nerf out_prefix [width height [threads]]
 //
-// writes out_prefix.ppm (8-bit RGB), out_prefix.pfm (float z_depth, world units) and out_prefix.pgm
-// (8-bit z_depth, white = near). The camera looks at the middle of the scene box from half way
-// between near and far.
+// Of a scene it writes out_prefix.ppm (8-bit RGB), out_prefix.pfm (float z_depth, world units) and
+// out_prefix.pgm (8-bit z_depth, white = near), 200x200 unless told otherwise. The camera looks at the
+// middle of the scene box from half way between near and far. Of a picture (a 2D field) it writes
+// out_prefix.ppm, in the picture's own size unless told otherwise.
 #include "nerf_render.h"
 
 #include <algorithm>
@@ -25,6 +26,8 @@
 #include <vector>
 
 namespace {
+
+constexpr std::uint32_t largest_side = 16384;
 
 // Memory at the alignment the library asks for.
 class Memory {
@@ -98,13 +101,13 @@ private:
     const nerf_scene *scene_ = nullptr;
 };
 
-struct Picture {
-    Picture(std::uint32_t w, std::uint32_t h)
-        : width(w), height(h), rgb(std::size_t{3} * w * h), z_depth(std::size_t{1} * w * h) {}
+struct Image {
+    Image(std::uint32_t w, std::uint32_t h, bool deep)
+        : width(w), height(h), rgb(std::size_t{3} * w * h), z_depth(deep ? std::size_t{1} * w * h : 0) {}
 
     std::uint32_t width, height;
     std::vector<unsigned char> rgb;
-    std::vector<float> z_depth;
+    std::vector<float> z_depth; // empty for a picture
 };
 
 // A camera on an orbit around the scene box, a little above its middle.
@@ -128,36 +131,59 @@ nerf_camera orbit(const nerf_scene_info &info, std::uint32_t width, std::uint32_
     return camera;
 }
 
-// One worker: takes tiles until none is left, in a workspace of its own.
-void work(const Scene &scene, const nerf_camera &camera, Picture &picture, std::atomic<std::uint32_t> &next) {
-    constexpr std::uint32_t side = 64;
-    Message message;
-    std::size_t size = 0, align = 0;
-    const std::uint32_t outputs = NERF_OUTPUT_RGB | NERF_OUTPUT_Z_DEPTH;
-    message.check("workspace", nerf_workspace_size(scene.get(), nullptr, outputs, &size, &align, message.text(),
-                                                   Message::capacity));
-    const Memory workspace(size, align);
-    const std::uint32_t across = (picture.width + side - 1) / side, down = (picture.height + side - 1) / side;
-    for (std::uint32_t tile = next++; tile < across * down; tile = next++) {
-        const std::uint32_t x = tile % across * side, y = tile / across * side;
-        const nerf_rect rect = {x, y, std::min(side, picture.width - x), std::min(side, picture.height - y)};
-        // A plane begins with the rectangle's first pixel; its rows are the picture's.
-        const std::size_t first = std::size_t{y} * picture.width + x;
+// What is drawn: a scene through a camera, or a picture, which needs none.
+struct Subject {
+    const nerf_scene *scene;
+    const nerf_camera *camera; // null for a picture
+
+    std::unique_ptr<Memory> workspace() const {
+        Message message;
+        std::size_t size = 0, align = 0;
+        const std::uint32_t outputs = NERF_OUTPUT_RGB | NERF_OUTPUT_Z_DEPTH;
+        message.check("workspace", camera == nullptr
+                                       ? nerf_picture_workspace_size(scene, nullptr, &size, &align, message.text(),
+                                                                     Message::capacity)
+                                       : nerf_workspace_size(scene, nullptr, outputs, &size, &align, message.text(),
+                                                             Message::capacity));
+        return std::make_unique<Memory>(size, align);
+    }
+
+    void draw(const nerf_rect &rect, Image &image, const Memory &workspace) const {
+        // A plane begins with the rectangle's first pixel; its rows are the image's.
+        const std::size_t first = std::size_t{rect.y} * image.width + rect.x;
         nerf_target target = {};
         target.struct_size = sizeof target;
-        target.rgb.data = picture.rgb.data() + 3 * first;
-        target.rgb.row_stride = 3 * static_cast<std::ptrdiff_t>(picture.width);
+        target.rgb.data = image.rgb.data() + 3 * first;
+        target.rgb.row_stride = 3 * static_cast<std::ptrdiff_t>(image.width);
         target.rgb.format = NERF_FORMAT_RGB_U8;
-        target.z_depth.data = picture.z_depth.data() + first;
-        target.z_depth.row_stride = static_cast<std::ptrdiff_t>(sizeof(float) * picture.width);
+        Message message;
+        if (camera == nullptr) {
+            message.check("render", nerf_render_picture(scene, image.width, image.height, nullptr, &rect, &target,
+                                                        workspace.data(), workspace.size(), nullptr, nullptr,
+                                                        nullptr, message.text(), Message::capacity));
+            return;
+        }
+        target.z_depth.data = image.z_depth.data() + first;
+        target.z_depth.row_stride = static_cast<std::ptrdiff_t>(sizeof(float) * image.width);
         target.z_depth.format = NERF_FORMAT_F32;
-        message.check("render", nerf_render(scene.get(), &camera, nullptr, &rect, &target, workspace.data(),
+        message.check("render", nerf_render(scene, camera, nullptr, &rect, &target, workspace.data(),
                                             workspace.size(), nullptr, nullptr, nullptr, message.text(),
                                             Message::capacity));
     }
+};
+
+// One worker: takes tiles until none is left, in a workspace of its own.
+void work(const Subject &subject, Image &image, std::atomic<std::uint32_t> &next) {
+    constexpr std::uint32_t side = 64;
+    const std::unique_ptr<Memory> workspace = subject.workspace();
+    const std::uint32_t across = (image.width + side - 1) / side, down = (image.height + side - 1) / side;
+    for (std::uint32_t tile = next++; tile < across * down; tile = next++) {
+        const std::uint32_t x = tile % across * side, y = tile / across * side;
+        subject.draw({x, y, std::min(side, image.width - x), std::min(side, image.height - y)}, image, *workspace);
+    }
 }
 
-void render(const Scene &scene, const nerf_camera &camera, Picture &picture, unsigned threads) {
+void render(const Subject &subject, Image &image, unsigned threads) {
     std::atomic<std::uint32_t> next{0};
     std::mutex mutex;
     std::string error;
@@ -165,7 +191,7 @@ void render(const Scene &scene, const nerf_camera &camera, Picture &picture, uns
     for (unsigned i = 0; i < threads; ++i) {
         workers.emplace_back([&] {
             try {
-                work(scene, camera, picture, next);
+                work(subject, image, next);
             } catch (const std::exception &e) {
                 const std::lock_guard<std::mutex> lock(mutex);
                 error = e.what();
@@ -190,14 +216,17 @@ void write(const std::string &path, const std::string &header, const void *bytes
     }
 }
 
-void save(const Picture &picture, const nerf_scene_info &info, const std::string &prefix) {
-    const std::string size = std::to_string(picture.width) + " " + std::to_string(picture.height) + "\n";
-    write(prefix + ".ppm", "P6\n" + size + "255\n", picture.rgb.data(), picture.rgb.size());
+void save(const Image &image, const nerf_scene_info &info, const std::string &prefix) {
+    const std::string size = std::to_string(image.width) + " " + std::to_string(image.height) + "\n";
+    write(prefix + ".ppm", "P6\n" + size + "255\n", image.rgb.data(), image.rgb.size());
+    if (info.kind == NERF_KIND_PICTURE) {
+        return;
+    }
 
     std::vector<float> upwards; // PFM begins with the bottom row
-    for (std::size_t y = picture.height; y-- > 0;) {
-        const float *row = picture.z_depth.data() + y * picture.width;
-        upwards.insert(upwards.end(), row, row + picture.width);
+    for (std::size_t y = image.height; y-- > 0;) {
+        const float *row = image.z_depth.data() + y * image.width;
+        upwards.insert(upwards.end(), row, row + image.width);
     }
     const std::uint16_t one = 1;
     const bool little = *reinterpret_cast<const unsigned char *>(&one) == 1;
@@ -205,7 +234,7 @@ void save(const Picture &picture, const nerf_scene_info &info, const std::string
           upwards.size() * sizeof(float));
 
     std::vector<unsigned char> grey;
-    for (const float z : picture.z_depth) {
+    for (const float z : image.z_depth) {
         const float brightness = (info.far_distance - z) / (info.far_distance - info.near_distance);
         grey.push_back(static_cast<unsigned char>(255.0f * std::clamp(brightness, 0.0f, 1.0f) + 0.5f));
     }
@@ -215,28 +244,37 @@ void save(const Picture &picture, const nerf_scene_info &info, const std::string
 } // namespace
 
 int main(int argc, char **argv) {
-    const long width = argc > 4 ? std::strtol(argv[3], nullptr, 10) : 200;
-    const long height = argc > 4 ? std::strtol(argv[4], nullptr, 10) : 200;
+    const bool sized = argc > 4;
+    const long width = sized ? std::strtol(argv[3], nullptr, 10) : 200;
+    const long height = sized ? std::strtol(argv[4], nullptr, 10) : 200;
     const long cores = static_cast<long>(std::max(1u, std::thread::hardware_concurrency()));
     const long threads = argc > 5 ? std::strtol(argv[5], nullptr, 10) : cores;
     if (argc < 3 || argc == 4 || argc > 6 || std::min({width, height, threads}) < 1 ||
-        std::max({width, height, threads}) > 16384) {
+        std::max({width, height, threads}) > long{largest_side}) {
         std::cerr << "usage: " << argv[0] << " scene.nerf out_prefix [width height [threads]]   (1 to 16384)\n";
         return EXIT_FAILURE;
     }
     try {
         const Scene scene(argv[1]);
         const nerf_scene_info info = scene.info();
-        Picture picture(static_cast<std::uint32_t>(width), static_cast<std::uint32_t>(height));
-        const nerf_camera camera = orbit(info, picture.width, picture.height);
-        render(scene, camera, picture, static_cast<unsigned>(threads));
-        save(picture, info, argv[2]);
-        std::cout.precision(9);
-        std::cout << "c2w";
-        for (const float number : camera.c2w) {
-            std::cout << ' ' << number;
+        const bool picture = info.kind == NERF_KIND_PICTURE;
+        const bool own_size = picture && !sized;
+        if (own_size && std::max(info.picture_width, info.picture_height) > largest_side) {
+            throw std::runtime_error(std::string(argv[1]) + " is large: say a width and height");
         }
-        std::cout << '\n';
+        Image image(own_size ? info.picture_width : static_cast<std::uint32_t>(width),
+                    own_size ? info.picture_height : static_cast<std::uint32_t>(height), !picture);
+        const nerf_camera camera = orbit(info, image.width, image.height);
+        render({scene.get(), picture ? nullptr : &camera}, image, static_cast<unsigned>(threads));
+        save(image, info, argv[2]);
+        if (!picture) {
+            std::cout.precision(9);
+            std::cout << "c2w";
+            for (const float number : camera.c2w) {
+                std::cout << ' ' << number;
+            }
+            std::cout << '\n';
+        }
     } catch (const std::exception &error) {
         std::cerr << "render: " << error.what() << '\n';
         return EXIT_FAILURE;
