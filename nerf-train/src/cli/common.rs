@@ -1,7 +1,8 @@
 //! What several commands share.
 
 use crate::dataset::{self, Axes, Dataset, ReadOptions, Report};
-use crate::report::progress::ProgressStyle;
+use crate::report::progress::{self, ProgressStyle};
+use crate::report::summary::Summary;
 use anyhow::{Context, bail};
 use clap::Args;
 use nerf_core::blob::Blob;
@@ -39,6 +40,10 @@ pub struct Global {
     /// Print results only, no progress.
     #[arg(long, short, global = true)]
     pub quiet: bool,
+    /// Print the results as one JSON object on stdout, progress as one JSON object a line on stderr; a
+    /// failure is {"error": …} on stdout and text on stderr.
+    #[arg(long, global = true)]
+    pub json: bool,
     /// Threads [default: all cores].
     #[arg(long, global = true, value_name = "N")]
     pub threads: Option<usize>,
@@ -66,14 +71,27 @@ impl Global {
 
     /// How to show progress.
     pub fn style(&self) -> ProgressStyle {
-        ProgressStyle::from_quiet(self.quiet)
+        match (self.quiet, self.json) {
+            (true, _) => ProgressStyle::Quiet,
+            (false, true) => ProgressStyle::Json,
+            (false, false) => ProgressStyle::Auto,
+        }
     }
 
     /// Prints a line of what is going on, unless quiet.
     pub fn say(&self, line: impl AsRef<str>) {
-        if !self.quiet {
-            tell(line.as_ref());
-        }
+        progress::say(self.style(), line.as_ref());
+    }
+
+    /// Prints the result, once and last: `summary` as JSON where asked for, else what `human` prints.
+    ///
+    /// With `--json` nothing else goes to stdout, so a command prints results nowhere but here.
+    pub fn finish(
+        &self,
+        summary: &Summary,
+        human: impl FnOnce() -> anyhow::Result<()>,
+    ) -> anyhow::Result<()> {
+        if self.json { print(format_args!("{}", summary.to_json()?.trim_end())) } else { human() }
     }
 }
 

@@ -134,29 +134,32 @@ impl Demo {
             .text("blob", blob_path.display().to_string());
         summary.write(&self.out)?;
 
-        outln!("{}", table.to_text());
-        outln!(
-            "mean over {} held-out views on {}: {psnr:.2} dB PSNR, {ssim:.4} SSIM",
-            scores.views.len(),
-            background_name(outcome.background)
-        );
-        outln!("z_depth of opaque pixels: {:.2} % off the true one at the median", 100.0 * z_depth_error);
-        outln!(
-            "trained {} steps in {:.1} s; {:.1} s in all",
-            outcome.steps,
-            outcome.train_seconds,
-            clock.seconds()
-        );
-        let files = [
-            ("demo.nerf", "the scene: open it with nerf-core or the C ABI"),
-            ("views.png", "held-out views, their truth, and z_depth"),
-            ("orbit.gif", "a flight around the scene"),
-            ("curve.png", "PSNR while training (also .svg and .csv)"),
-            ("summary.json", "every figure, with its unit in its name"),
-        ];
-        for (name, what) in files {
-            outln!("  {:<28} {what}", self.out.join(name).display().to_string());
-        }
+        global.finish(&summary, || {
+            outln!("{}", table.to_text());
+            outln!(
+                "mean over {} held-out views on {}: {psnr:.2} dB PSNR, {ssim:.4} SSIM",
+                scores.views.len(),
+                background_name(outcome.background)
+            );
+            outln!("z_depth of opaque pixels: {:.2} % off the true one at the median", 100.0 * z_depth_error);
+            outln!(
+                "trained {} steps in {:.1} s; {:.1} s in all",
+                outcome.steps,
+                outcome.train_seconds,
+                clock.seconds()
+            );
+            let files = [
+                ("demo.nerf", "the scene: open it with nerf-core or the C ABI"),
+                ("views.png", "held-out views, their truth, and z_depth"),
+                ("orbit.gif", "a flight around the scene"),
+                ("curve.png", "PSNR while training (also .svg and .csv)"),
+                ("summary.json", "every figure, with its unit in its name"),
+            ];
+            for (name, what) in files {
+                outln!("  {:<28} {what}", self.out.join(name).display().to_string());
+            }
+            Ok(())
+        })?;
         Ok(ExitCode::SUCCESS)
     }
 }

@@ -9,6 +9,7 @@ mod inspect;
 mod outcome;
 mod render;
 
+use crate::report::summary::Summary;
 use clap::{Parser, Subcommand};
 use std::process::ExitCode;
 
@@ -38,7 +39,7 @@ enum Command {
 
 /// One line of an error and its causes, none said twice: many an error's text holds its cause's.
 fn message(error: &anyhow::Error) -> String {
-    let mut message = format!("error: {error}");
+    let mut message = error.to_string();
     for cause in error.chain().skip(1).map(ToString::to_string) {
         if !message.contains(&cause) {
             message = format!("{message}: {cause}");
@@ -47,22 +48,47 @@ fn message(error: &anyhow::Error) -> String {
     message
 }
 
+/// The error as the one JSON object on stdout, for a program that follows.
+fn print_error(message: &str) {
+    let mut object = Summary::new();
+    object.text("error", message);
+    // Whoever closed stdout is told on stderr.
+    let _ = object.to_json().map(|json| common::print(format_args!("{}", json.trim_end())));
+}
+
+/// The arguments; wrong ones and requests for help end the process.
+fn parse() -> Cli {
+    Cli::try_parse().unwrap_or_else(|error| {
+        // There are no parsed arguments to ask.
+        if error.use_stderr() && std::env::args_os().any(|argument| argument == "--json") {
+            let text = error.to_string();
+            let first = text.split("\n\n").next().unwrap_or(&text);
+            print_error(first.trim().trim_start_matches("error: "));
+        }
+        error.exit()
+    })
+}
+
 /// Parses the arguments, runs the command, and turns an error into one message and a status.
 ///
 /// Status 0 is success, 1 an error, 2 wrong usage, 130 an interruption.
 pub fn main() -> ExitCode {
-    let cli = Cli::parse();
+    let cli = parse();
     let result = cli.global.apply().and_then(|()| match cli.command {
         Command::Demo(demo) => demo.run(&cli.global),
         Command::Fit(fit) => fit.run(&cli.global),
         Command::Eval(eval) => eval.run(&cli.global),
         Command::Render(render) => render.run(&cli.global),
-        Command::Inspect(inspect) => inspect.run(),
+        Command::Inspect(inspect) => inspect.run(&cli.global),
     });
     match result {
         Ok(status) => status,
         Err(error) => {
-            common::tell(&message(&error));
+            let message = message(&error);
+            common::tell(&format!("error: {message}"));
+            if cli.global.json {
+                print_error(&message);
+            }
             ExitCode::FAILURE
         }
     }

@@ -10,6 +10,7 @@ use crate::report::animation::write_gif;
 use crate::report::colour_map::{depth_picture_with_legend, robust_range};
 use crate::report::picture::{Picture, write_grey16_png, write_rgba_png};
 use crate::report::progress::{Message, Progress, Total};
+use crate::report::summary::Summary;
 use anyhow::{Context, bail};
 use clap::{Args, ValueEnum};
 use glam::Vec3;
@@ -147,6 +148,7 @@ impl Render {
             progress.update(frames.len() as u64, &Message::default());
         }
         progress.finish(format!("{} views", frames.len()));
+        let mut written = Vec::new();
         for output in self.outputs() {
             let path = self.path_of(output);
             if self.orbit.is_some() {
@@ -154,8 +156,18 @@ impl Render {
             } else {
                 self.write_still(&path, &frames[0], output)?;
             }
-            outln!("{}", path.display());
+            written.push(path);
         }
+        let mut summary = Summary::new();
+        summary
+            .texts("files", written.iter().map(|path| path.display().to_string()))
+            .integer("frames", frames.len() as u64);
+        global.finish(&summary, || {
+            for path in &written {
+                outln!("{}", path.display());
+            }
+            Ok(())
+        })?;
         Ok(ExitCode::SUCCESS)
     }
 

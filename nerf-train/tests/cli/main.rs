@@ -1,6 +1,7 @@
 //! The command line from end to end, on scenes of 24×24 pixels.
 
 mod faults;
+mod json;
 mod made;
 mod pipeline;
 mod stopping;
