@@ -2,6 +2,7 @@
 
 #[macro_use]
 mod common;
+mod completions;
 mod demo;
 mod eval;
 mod fit;
@@ -10,12 +11,17 @@ mod outcome;
 mod render;
 
 use crate::report::summary::Summary;
-use clap::{Parser, Subcommand};
+use clap::{CommandFactory, Parser, Subcommand};
 use std::process::ExitCode;
 
 /// Trains a radiance field on two CPU cores and keeps it as one small file that renders anywhere.
 #[derive(Debug, Parser)]
-#[command(name = "nerf-train", version, about, after_help = "Start with: nerf-train demo")]
+#[command(
+    name = "nerf-train",
+    version,
+    about,
+    after_help = "Example, and the place to start: nerf-train demo"
+)]
 struct Cli {
     #[command(subcommand)]
     command: Command,
@@ -35,6 +41,8 @@ enum Command {
     Render(render::Render),
     /// Print everything a blob says of itself.
     Inspect(inspect::Inspect),
+    /// Print a completion script for a shell.
+    Completions(completions::Completions),
 }
 
 /// One line of an error and its causes, none said twice: many an error's text holds its cause's.
@@ -80,6 +88,7 @@ pub fn main() -> ExitCode {
         Command::Eval(eval) => eval.run(&cli.global),
         Command::Render(render) => render.run(&cli.global),
         Command::Inspect(inspect) => inspect.run(&cli.global),
+        Command::Completions(completions) => completions.run(Cli::command(), &cli.global),
     });
     match result {
         Ok(status) => status,
@@ -97,11 +106,10 @@ pub fn main() -> ExitCode {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use clap::CommandFactory;
 
-    /// The arguments behind `program` in a line of shell, up to a comment.
+    /// The arguments behind `program` in a line of shell, up to a comment or a redirection.
     fn arguments<'l>(line: &'l str, program: &str) -> Option<Vec<&'l str>> {
-        let (_, arguments) = line.split('#').next()?.split_once(program)?;
+        let (_, arguments) = line.split(['#', '>']).next()?.split_once(program)?;
         Some(arguments.split_whitespace().collect())
     }
 
