@@ -153,6 +153,16 @@ impl AtomicFile {
         &self.path
     }
 
+    /// Where the bytes are until the commit, for another program to write them there.
+    ///
+    /// It must write into this file, not replace it, and be done before the commit.
+    pub fn place(&self) -> &Path {
+        match &self.sink {
+            Sink::Temporary(buffer) => buffer.get_ref().path(),
+            Sink::Direct(_) => &self.target,
+        }
+    }
+
     fn writer(&mut self) -> &mut dyn Write {
         match &mut self.sink {
             Sink::Temporary(buffer) => buffer,

@@ -1,7 +1,9 @@
 //! What several commands share.
 
 use crate::dataset::{self, Axes, Dataset, ReadOptions, Report};
-use crate::report::progress::ProgressStyle;
+use crate::report::progress::{self, ProgressStyle};
+use crate::report::summary::Summary;
+use crate::report::video::{Ffmpeg, VideoError};
 use anyhow::{Context, bail};
 use clap::Args;
 use nerf_core::blob::Blob;
@@ -39,6 +41,10 @@ pub struct Global {
     /// Print results only, no progress.
     #[arg(long, short, global = true)]
     pub quiet: bool,
+    /// Print the results as one JSON object on stdout, progress as one JSON object a line on stderr; a
+    /// failure is {"error": …} on stdout and text on stderr.
+    #[arg(long, global = true)]
+    pub json: bool,
     /// Threads [default: all cores].
     #[arg(long, global = true, value_name = "N")]
     pub threads: Option<usize>,
@@ -66,14 +72,27 @@ impl Global {
 
     /// How to show progress.
     pub fn style(&self) -> ProgressStyle {
-        ProgressStyle::from_quiet(self.quiet)
+        match (self.quiet, self.json) {
+            (true, _) => ProgressStyle::Quiet,
+            (false, true) => ProgressStyle::Json,
+            (false, false) => ProgressStyle::Auto,
+        }
     }
 
     /// Prints a line of what is going on, unless quiet.
     pub fn say(&self, line: impl AsRef<str>) {
-        if !self.quiet {
-            tell(line.as_ref());
-        }
+        progress::say(self.style(), line.as_ref());
+    }
+
+    /// Prints the result, once and last: `summary` as JSON where asked for, else what `human` prints.
+    ///
+    /// With `--json` nothing else goes to stdout, so a command prints results nowhere but here.
+    pub fn finish(
+        &self,
+        summary: &Summary,
+        human: impl FnOnce() -> anyhow::Result<()>,
+    ) -> anyhow::Result<()> {
+        if self.json { print(format_args!("{}", summary.to_json()?.trim_end())) } else { human() }
     }
 }
 
@@ -153,6 +172,56 @@ impl QualityOptions {
         } else {
             Quality { transmittance_cut: self.transmittance_cut, skip_grid: !self.no_grid, ..base }
         }
+    }
+}
+
+/// The program that makes MP4s.
+#[derive(Debug, Args)]
+pub struct Mp4Options {
+    /// The ffmpeg that makes MP4s [default: the one on PATH].
+    #[arg(long, value_name = "PROGRAM", env = "NERF_FFMPEG", hide_env_values = true)]
+    ffmpeg: Option<PathBuf>,
+    /// Write no MP4 beside a GIF.
+    #[arg(long)]
+    no_mp4: bool,
+}
+
+impl Mp4Options {
+    /// The ffmpeg for an MP4 beside a GIF, or why there is none: empty where none is wanted.
+    ///
+    /// # Errors
+    /// One that was named and cannot be used.
+    pub fn beside_a_gif(&self) -> anyhow::Result<Result<Ffmpeg, String>> {
+        if self.no_mp4 {
+            return Ok(Err(String::new()));
+        }
+        match (Ffmpeg::find(self.ffmpeg.as_deref()), &self.ffmpeg) {
+            (Ok(ffmpeg), _) => Ok(Ok(ffmpeg)),
+            (Err(error), Some(_)) => Err(error).context("--ffmpeg (or NERF_FFMPEG)"),
+            (Err(VideoError::Missing { .. }), None) => Ok(Err("no ffmpeg found".to_owned())),
+            (Err(error), None) => Ok(Err(error.to_string())),
+        }
+    }
+
+    /// The ffmpeg for an MP4 that was asked for by name.
+    pub fn alone(&self, mp4: &Path) -> anyhow::Result<Ffmpeg> {
+        if self.no_mp4 {
+            bail!("--no-mp4: expected -o with another ending than {}", mp4.display());
+        }
+        Ffmpeg::find(self.ffmpeg.as_deref()).with_context(|| {
+            format!(
+                "{}: an MP4 needs ffmpeg: install it, name it with --ffmpeg or NERF_FFMPEG, or write {}",
+                mp4.display(),
+                mp4.with_extension("gif").display()
+            )
+        })
+    }
+}
+
+/// Says why a GIF has no MP4 beside it; nothing where none was wanted.
+pub fn say_no_mp4(global: &Global, why: &str, gif: &Path) {
+    if !why.is_empty() {
+        global.say(format!("{why}: no MP4 ({} is complete)", gif.display()));
     }
 }
 

@@ -1,6 +1,6 @@
 //! `nerf-train demo`
 
-use super::common::{Global, background_name, open_blob, print_report};
+use super::common::{Global, Mp4Options, background_name, open_blob, print_report, say_no_mp4};
 use super::outcome;
 use crate::config::Preset;
 use crate::demo_scene::{self, DemoSpec, Truth};
@@ -8,9 +8,10 @@ use crate::eval::evaluate;
 use crate::frame::{self, Frame};
 use crate::orbit::Orbit;
 use crate::output::{ensure_folder, write_atomic};
-use crate::report::animation::write_gif;
 use crate::report::contact_sheet::{Cell, contact_sheet};
+use crate::report::film::{Files, Film};
 use crate::report::picture::Picture;
+use crate::report::progress::{Message, Progress, Total};
 use crate::report::table::Table;
 use crate::train::run::{Ended, RunOptions, run_since};
 use crate::train::schedule::{Budget, Clock};
@@ -43,6 +44,8 @@ pub struct Demo {
     /// Seed of everything random.
     #[arg(long, value_name = "N", default_value_t = 0)]
     seed: u64,
+    #[command(flatten)]
+    mp4: Mp4Options,
 }
 
 impl Demo {
@@ -50,6 +53,7 @@ impl Demo {
     pub fn run(&self, global: &Global) -> anyhow::Result<ExitCode> {
         let clock = Clock::resume(Duration::ZERO);
         ensure_folder(&self.out)?;
+        let ffmpeg = self.mp4.beside_a_gif()?;
         let spec = DemoSpec::default();
         let dataset = demo_scene::dataset(&spec)?;
         let report = print_report(&dataset, global);
@@ -92,6 +96,8 @@ impl Demo {
         let mut cells = Vec::new();
         let mut table = Table::new(["view", "PSNR dB", "SSIM", "z_depth error, median"]);
         let mut failed = Ok(());
+        let mut progress = Progress::new("eval", Total::Steps(dataset.val.len() as u64), global.style());
+        let mut measured = 0;
         let scores =
             evaluate(&renderer, &plan, outcome.background, &dataset.val, |view, frame, truth, score| {
                 let exact = demo_scene::render_truth(&view.camera);
@@ -107,20 +113,32 @@ impl Demo {
                 if cells.len() < 12 && failed.is_ok() {
                     failed = sheet_row(&mut cells, view.name.as_str(), frame, truth);
                 }
+                measured += 1;
+                progress.update(measured, &Message::default());
             })?;
         failed?;
+        progress.finish(format!("{measured} views"));
         contact_sheet("Held-out views: rendered, truth, z_depth", &cells, 3)
             .write_png(self.out.join("views.png"))?;
 
+        let mut has_mp4 = false;
         if let (Some(scene), Some(bounds)) = (scene, bounds) {
             let orbit = Orbit { radius: spec.radius, ..Orbit::around(bounds, scene.near, scene.far) };
             let fov = 2.0 * (0.5 / spec.focal).atan().to_degrees();
-            let mut pictures = Vec::new();
+            let path = self.out.join("orbit.gif");
+            let mut film = Film::new(Files::gif(path.clone(), ffmpeg.as_ref().ok()), 18.0)?;
+            let total = Total::Steps(ORBIT_FRAMES as u64);
+            let mut progress = Progress::new("orbit", total, global.style());
             for i in 0..ORBIT_FRAMES {
                 let camera = orbit.camera(i as f32 / ORBIT_FRAMES as f32, 192, 192, fov)?;
-                pictures.push(frame::render(&renderer, &plan, &camera)?.picture());
+                film.push(frame::render(&renderer, &plan, &camera)?.picture())?;
+                progress.update(i as u64 + 1, &Message::default());
             }
-            write_gif(self.out.join("orbit.gif"), pictures.into_iter(), 18.0)?;
+            let finished = film.finish()?;
+            progress.finish(format!("{ORBIT_FRAMES} views"));
+            let why = finished.given_up.map(|error| error.to_string());
+            say_no_mp4(global, &why.or(ffmpeg.err()).unwrap_or_default(), &path);
+            has_mp4 = finished.files.len() > 1;
         }
 
         let z_depth_error = median(&mut errors);
@@ -134,29 +152,39 @@ impl Demo {
             .text("blob", blob_path.display().to_string());
         summary.write(&self.out)?;
 
-        outln!("{}", table.to_text());
-        outln!(
-            "mean over {} held-out views on {}: {psnr:.2} dB PSNR, {ssim:.4} SSIM",
-            scores.views.len(),
-            background_name(outcome.background)
-        );
-        outln!("z_depth of opaque pixels: {:.2} % off the true one at the median", 100.0 * z_depth_error);
-        outln!(
-            "trained {} steps in {:.1} s; {:.1} s in all",
-            outcome.steps,
-            outcome.train_seconds,
-            clock.seconds()
-        );
-        let files = [
-            ("demo.nerf", "the scene: open it with nerf-core or the C ABI"),
-            ("views.png", "held-out views, their truth, and z_depth"),
-            ("orbit.gif", "a flight around the scene"),
-            ("curve.png", "PSNR while training (also .svg and .csv)"),
-            ("summary.json", "every figure, with its unit in its name"),
-        ];
-        for (name, what) in files {
-            outln!("  {:<28} {what}", self.out.join(name).display().to_string());
-        }
+        global.finish(&summary, || {
+            outln!("{}", table.to_text());
+            outln!(
+                "mean over {} held-out views on {}: {psnr:.2} dB PSNR, {ssim:.4} SSIM",
+                scores.views.len(),
+                background_name(outcome.background)
+            );
+            outln!("z_depth of opaque pixels: {:.2} % off the true one at the median", 100.0 * z_depth_error);
+            outln!(
+                "trained {} steps in {:.1} s; {:.1} s in all",
+                outcome.steps,
+                outcome.train_seconds,
+                clock.seconds()
+            );
+            let files = [
+                ("demo.nerf", "the scene: open it with nerf-core or the C ABI"),
+                ("views.png", "held-out views, their truth, and z_depth"),
+                (
+                    "orbit.gif",
+                    if has_mp4 {
+                        "a flight around the scene (also .mp4)"
+                    } else {
+                        "a flight around the scene"
+                    },
+                ),
+                ("curve.png", "PSNR while training (also .svg and .csv)"),
+                ("summary.json", "every figure, with its unit in its name"),
+            ];
+            for (name, what) in files {
+                outln!("  {:<28} {what}", self.out.join(name).display().to_string());
+            }
+            Ok(())
+        })?;
         Ok(ExitCode::SUCCESS)
     }
 }

@@ -5,7 +5,7 @@ use super::common::{
     report_folder,
 };
 use crate::dataset::View;
-use crate::eval::evaluate;
+use crate::eval::{ViewScore, evaluate};
 use crate::report::progress::{Message, Progress, Total};
 use crate::report::summary::Summary;
 use crate::report::table::Table;
@@ -126,43 +126,50 @@ impl Eval {
         written?;
         let seconds = start.elapsed().as_secs_f64();
         progress.finish(format!("{done} views"));
-        outln!("{}", table.to_text());
         let (psnr, ssim) = (scores.psnr_db().unwrap_or(f64::NAN), scores.ssim().unwrap_or(f64::NAN));
         let name = background_name(background);
-        outln!("mean over {done} views on {name}: {psnr:.3} dB PSNR, {ssim:.4} SSIM");
         let c = &scores.counters;
         let rays = c.rays.max(1) as f64;
-        outln!(
-            "{:.3} s; a ray: {:.2} density and {:.2} colour evaluations",
-            seconds,
-            c.density_evaluations as f64 / rays,
-            c.colour_evaluations as f64 / rays
-        );
-        if c.invalid_samples > 0 {
-            outln!("{} samples were NaN and counted as empty", c.invalid_samples);
-        }
+        let (density, colour) = (c.density_evaluations as f64 / rays, c.colour_evaluations as f64 / rays);
+        let mut summary = Summary::new();
+        summary
+            .number("val_psnr_db", psnr)
+            .number("val_ssim", ssim)
+            .integer("views", done)
+            .text("split", self.split.name())
+            .text("background", name.clone())
+            .integer("steps", u64::from(steps))
+            .integer("parameters", parameters as u64)
+            .integer("blob_bytes", bytes.len() as u64)
+            .number("render_seconds", seconds)
+            .number("density_evaluations_per_ray", density)
+            .number("colour_evaluations_per_ray", colour)
+            .integer("invalid_samples", c.invalid_samples)
+            .integer("macs", c.macs)
+            .text("kernel", tier.name())
+            .integer("threads", rayon::current_num_threads() as u64)
+            .text("cpu", cpu_name())
+            .sections("view_scores", scores.views.iter().map(of_view).collect());
         if let Some(folder) = &self.report {
             table.write_csv(folder.join("views.csv"))?;
-            let mut summary = Summary::new();
-            summary
-                .number("val_psnr_db", psnr)
-                .number("val_ssim", ssim)
-                .integer("views", done)
-                .text("split", self.split.name())
-                .text("background", name)
-                .integer("steps", u64::from(steps))
-                .integer("parameters", parameters as u64)
-                .integer("blob_bytes", bytes.len() as u64)
-                .number("render_seconds", seconds)
-                .number("density_evaluations_per_ray", c.density_evaluations as f64 / rays)
-                .number("colour_evaluations_per_ray", c.colour_evaluations as f64 / rays)
-                .integer("invalid_samples", c.invalid_samples)
-                .integer("macs", c.macs)
-                .text("kernel", tier.name())
-                .integer("threads", rayon::current_num_threads() as u64)
-                .text("cpu", cpu_name());
             summary.write(folder)?;
         }
+        global.finish(&summary, || {
+            outln!("{}", table.to_text());
+            outln!("mean over {done} views on {name}: {psnr:.3} dB PSNR, {ssim:.4} SSIM");
+            outln!("{seconds:.3} s; a ray: {density:.2} density and {colour:.2} colour evaluations");
+            if c.invalid_samples > 0 {
+                outln!("{} samples were NaN and counted as empty", c.invalid_samples);
+            }
+            Ok(())
+        })?;
         Ok(ExitCode::SUCCESS)
     }
+}
+
+/// One view's figures, as a section of the summary.
+fn of_view(score: &ViewScore) -> Summary {
+    let mut view = Summary::new();
+    view.text("view", score.view.clone()).number("psnr_db", score.psnr_db).number("ssim", score.ssim);
+    view
 }

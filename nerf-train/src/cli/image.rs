@@ -235,17 +235,20 @@ impl Fit {
             summary.write(folder)?;
         }
         let stopped = outcome.ended == Ended::Stopped;
-        if stopped {
-            outln!("stopped after {} steps, before the end", outcome.steps);
-        }
-        outln!("{:.2} dB PSNR over the whole picture", outcome.psnr_db);
-        outln!("trained: {} steps in {:.1} s", outcome.steps, outcome.train_seconds);
-        outln!(
-            "blob: {} ({} bytes, {} parameters)",
-            self.output.display(),
-            outcome.bytes.len(),
-            outcome.parameters
-        );
+        global.finish(&summary, || {
+            if stopped {
+                outln!("stopped after {} steps, before the end", outcome.steps);
+            }
+            outln!("{:.2} dB PSNR over the whole picture", outcome.psnr_db);
+            outln!("trained: {} steps in {:.1} s", outcome.steps, outcome.train_seconds);
+            outln!(
+                "blob: {} ({} bytes, {} parameters)",
+                self.output.display(),
+                outcome.bytes.len(),
+                outcome.parameters
+            );
+            Ok(())
+        })?;
         Ok(if stopped { ExitCode::from(130) } else { ExitCode::SUCCESS })
     }
 }
@@ -261,8 +264,8 @@ fn summary(
     summary
         .number("psnr_db", outcome.psnr_db)
         .text("photo", photo.name.clone())
-        .integer("width_pixels", photo.picture.width as u64)
-        .integer("height_pixels", photo.picture.height as u64)
+        .integer("width_px", photo.picture.width as u64)
+        .integer("height_px", photo.picture.height as u64)
         .number("train_seconds", outcome.train_seconds)
         .number("total_seconds", total_seconds)
         .integer("steps", u64::from(outcome.steps))
@@ -381,10 +384,21 @@ impl Render {
         ensure_file(&self.output)?;
         let mut memory = vec![Line::UNINIT; Renderer::prepared_lines(&blob, global.tier())];
         let renderer = Renderer::new(blob, global.tier(), &mut memory)?;
-        let (picture, _) = frame::render_picture(&renderer, self.math, size)
+        let (picture, counters) = frame::render_picture(&renderer, self.math, size)
             .with_context(|| self.file.display().to_string())?;
         picture.write_png(&self.output)?;
-        outln!("{} ({}x{} pixels)", self.output.display(), size[0], size[1]);
+        let mut summary = Summary::new();
+        summary
+            .text("file", self.output.display().to_string())
+            .integer("width_px", u64::from(size[0]))
+            .integer("height_px", u64::from(size[1]))
+            .integer("colour_evaluations", counters.colour_evaluations)
+            .integer("macs", counters.macs)
+            .integer("invalid_samples", counters.invalid_samples);
+        global.finish(&summary, || {
+            outln!("{} ({}x{} pixels)", self.output.display(), size[0], size[1]);
+            Ok(())
+        })?;
         Ok(ExitCode::SUCCESS)
     }
 }

@@ -1,9 +1,11 @@
 //! `nerf-train inspect`
 
-use super::common::{background_name, open_blob, read_file};
+use super::common::{Global, background_name, open_blob, read_file};
+use crate::report::summary::Summary;
 use clap::Args;
+use nerf_core::blob::Blob;
 use nerf_core::network::Layer;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
 /// Print everything a blob says of itself.
@@ -16,65 +18,138 @@ pub struct Inspect {
 
 impl Inspect {
     /// Runs the command.
-    pub fn run(&self) -> anyhow::Result<ExitCode> {
+    pub fn run(&self, global: &Global) -> anyhow::Result<ExitCode> {
         let bytes = read_file(&self.file)?;
         let blob = open_blob(&self.file, &bytes)?;
-        let a = blob.architecture();
-        outln!(
-            "file          {} ({} bytes, format {})",
-            self.file.display(),
-            bytes.len(),
-            nerf_core::blob::FORMAT_VERSION
-        );
-        match blob.picture() {
-            Some(picture) => outln!("kind          picture of {}x{} pixels", picture.width, picture.height),
-            None => outln!("kind          scene"),
-        }
-        outln!("position      {:?}", a.position);
-        match &a.direction {
-            Some(direction) => outln!("direction     {direction:?}"),
-            None if blob.scene().is_some() => outln!("direction     none: colour does not depend on it"),
-            None => {}
-        }
-        for layer in blob.layers() {
-            outln!("layer         {}", describe(layer));
-        }
-        if let Some(density) = a.density {
-            outln!("density       {density:?}");
-        }
-        outln!("parameters    {} as f16 ({} bytes)", a.parameters(), blob.weights().len());
-        let (density, colour) = (a.density_macs(), a.colour_macs());
-        match blob.picture() {
-            Some(_) => outln!("work          {} multiply-adds a pixel", density + colour),
-            None => outln!("work          {density} multiply-adds for density, {colour} more for colour"),
-        }
-        if let Some(scene) = blob.scene() {
-            outln!("box           {:?} .. {:?}", scene.min, scene.max);
-            outln!("near, far     {} .. {}, {} samples a ray", scene.near, scene.far, scene.samples);
-            outln!("background    {}", background_name(scene.background));
-            let role = if scene.grid_required { "part of the model" } else { "only skips what is empty" };
-            match blob.grid() {
-                Some(grid) => outln!(
-                    "skip grid     {:?} cells, {:.2} % live; {role}",
-                    grid.resolution(),
-                    100.0 * grid.occupancy()
-                ),
-                None => outln!("skip grid     none"),
-            }
-        }
-        let p = blob.provenance();
-        outln!("data          {}", p.data);
-        outln!("made by       {}, {} steps, seed {}", p.made_by, p.steps, p.seed);
-        outln!("trained       {} parameters before folding", p.trained_parameters);
-        match p.psnr_db {
-            Some(db) => outln!("PSNR          {db:.3} dB ({})", p.psnr_convention),
-            None => outln!("PSNR          not measured"),
-        }
-        if let Some(db) = p.quantisation_loss_db {
-            outln!("f16 rounding  {db:.4} dB lost");
-        }
+        global.finish(&summary(&self.file, &bytes, &blob), || print(&self.file, &bytes, &blob))?;
         Ok(ExitCode::SUCCESS)
     }
+}
+
+/// The blob's own words as lines.
+fn print(file: &Path, bytes: &[u8], blob: &Blob<'_>) -> anyhow::Result<()> {
+    let a = blob.architecture();
+    outln!(
+        "file          {} ({} bytes, format {})",
+        file.display(),
+        bytes.len(),
+        nerf_core::blob::FORMAT_VERSION
+    );
+    match blob.picture() {
+        Some(picture) => {
+            outln!("kind          {} of {}x{} pixels", kind(blob), picture.width, picture.height)
+        }
+        None => outln!("kind          {}", kind(blob)),
+    }
+    outln!("position      {:?}", a.position);
+    match &a.direction {
+        Some(direction) => outln!("direction     {direction:?}"),
+        None if blob.scene().is_some() => outln!("direction     none: colour does not depend on it"),
+        None => {}
+    }
+    for layer in blob.layers() {
+        outln!("layer         {}", describe(layer));
+    }
+    if let Some(density) = a.density {
+        outln!("density       {density:?}");
+    }
+    outln!("parameters    {} as f16 ({} bytes)", a.parameters(), blob.weights().len());
+    let (density, colour) = (a.density_macs(), a.colour_macs());
+    match blob.picture() {
+        Some(_) => outln!("work          {} multiply-adds a pixel", density + colour),
+        None => outln!("work          {density} multiply-adds for density, {colour} more for colour"),
+    }
+    if let Some(scene) = blob.scene() {
+        outln!("box           {:?} .. {:?}", scene.min, scene.max);
+        outln!("near, far     {} .. {}, {} samples a ray", scene.near, scene.far, scene.samples);
+        outln!("background    {}", background_name(scene.background));
+        let role = if scene.grid_required { "part of the model" } else { "only skips what is empty" };
+        match blob.grid() {
+            Some(grid) => outln!(
+                "skip grid     {:?} cells, {:.2} % live; {role}",
+                grid.resolution(),
+                100.0 * grid.occupancy()
+            ),
+            None => outln!("skip grid     none"),
+        }
+    }
+    let p = blob.provenance();
+    outln!("data          {}", p.data);
+    outln!("made by       {}, {} steps, seed {}", p.made_by, p.steps, p.seed);
+    outln!("trained       {} parameters before folding", p.trained_parameters);
+    match p.psnr_db {
+        Some(db) => outln!("PSNR          {db:.3} dB ({})", p.psnr_convention),
+        None => outln!("PSNR          not measured"),
+    }
+    if let Some(db) = p.quantisation_loss_db {
+        outln!("f16 rounding  {db:.4} dB lost");
+    }
+    Ok(())
+}
+
+/// The same as fields.
+fn summary(file: &Path, bytes: &[u8], blob: &Blob<'_>) -> Summary {
+    let a = blob.architecture();
+    let mut summary = Summary::new();
+    summary
+        .text("file", file.display().to_string())
+        .integer("blob_bytes", bytes.len() as u64)
+        .integer("format_version", u64::from(nerf_core::blob::FORMAT_VERSION))
+        .text("kind", kind(blob))
+        .integer("position_levels", u64::from(a.position.levels))
+        .integer("direction_levels", a.direction.as_ref().map_or(0, |d| u64::from(d.levels)))
+        .flag("view_dependent", a.direction.is_some())
+        .sections("layers", blob.layers().iter().map(layer_fields).collect())
+        .integer("parameters", a.parameters() as u64)
+        .integer("weight_bytes", blob.weights().len() as u64)
+        .integer("density_macs", a.density_macs() as u64)
+        .integer("colour_macs", a.colour_macs() as u64);
+    if let Some(scene) = blob.scene() {
+        summary
+            .numbers_f32("box_min", &scene.min)
+            .numbers_f32("box_max", &scene.max)
+            .number_f32("near", scene.near)
+            .number_f32("far", scene.far)
+            .integer("samples_per_ray", u64::from(scene.samples))
+            .text("background", background_name(scene.background))
+            .flag("grid_required", scene.grid_required);
+    }
+    if let Some(picture) = blob.picture() {
+        summary.integer("width_px", u64::from(picture.width)).integer("height_px", u64::from(picture.height));
+    }
+    if let Some(grid) = blob.grid() {
+        summary
+            .numbers("grid_resolution", &grid.resolution().map(f64::from))
+            .number_f32("grid_occupancy_share", grid.occupancy());
+    }
+    let p = blob.provenance();
+    summary
+        .text("data", p.data)
+        .text("made_by", p.made_by)
+        .integer("steps", u64::from(p.steps))
+        .integer("seed", p.seed)
+        .integer("trained_parameters", u64::from(p.trained_parameters));
+    if let Some(db) = p.psnr_db {
+        summary.number_f32("psnr_db", db).text("psnr_convention", p.psnr_convention);
+    }
+    if let Some(db) = p.quantisation_loss_db {
+        summary.number_f32("quantisation_loss_db", db);
+    }
+    summary
+}
+
+fn kind(blob: &Blob<'_>) -> &'static str {
+    if blob.scene().is_some() { "scene" } else { "2D field" }
+}
+
+fn layer_fields(layer: &Layer) -> Summary {
+    let mut fields = Summary::new();
+    fields
+        .text("role", format!("{:?}", layer.role))
+        .integer("main_inputs", layer.main as u64)
+        .integer("extra_inputs", layer.extra as u64)
+        .integer("outputs", layer.outputs as u64);
+    fields
 }
 
 fn describe(layer: &Layer) -> String {

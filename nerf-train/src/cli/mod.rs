@@ -2,6 +2,7 @@
 
 #[macro_use]
 mod common;
+mod completions;
 mod demo;
 mod eval;
 mod fit;
@@ -11,15 +12,21 @@ mod outcome;
 mod render;
 mod sweep;
 
+use crate::report::summary::Summary;
 use anyhow::Context;
-use clap::{Parser, Subcommand};
+use clap::{CommandFactory, Parser, Subcommand};
 use std::process::ExitCode;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 /// Trains a radiance field on two CPU cores and keeps it as one small file that renders anywhere.
 #[derive(Debug, Parser)]
-#[command(name = "nerf-train", version, about, after_help = "Start with: nerf-train demo")]
+#[command(
+    name = "nerf-train",
+    version,
+    about,
+    after_help = "Example, and the place to start: nerf-train demo"
+)]
 struct Cli {
     #[command(subcommand)]
     command: Command,
@@ -45,11 +52,13 @@ enum Command {
     Render(render::Render),
     /// Print everything a blob says of itself.
     Inspect(inspect::Inspect),
+    /// Print a completion script for a shell.
+    Completions(completions::Completions),
 }
 
 /// One line of an error and its causes, none said twice: many an error's text holds its cause's.
 fn message(error: &anyhow::Error) -> String {
-    let mut message = format!("error: {error}");
+    let mut message = error.to_string();
     for cause in error.chain().skip(1).map(ToString::to_string) {
         if !message.contains(&cause) {
             message = format!("{message}: {cause}");
@@ -58,11 +67,32 @@ fn message(error: &anyhow::Error) -> String {
     message
 }
 
+/// The error as the one JSON object on stdout, for a program that follows.
+fn print_error(message: &str) {
+    let mut object = Summary::new();
+    object.text("error", message);
+    // Whoever closed stdout is told on stderr.
+    let _ = object.to_json().map(|json| common::print(format_args!("{}", json.trim_end())));
+}
+
+/// The arguments; wrong ones and requests for help end the process.
+fn parse() -> Cli {
+    Cli::try_parse().unwrap_or_else(|error| {
+        // There are no parsed arguments to ask.
+        if error.use_stderr() && std::env::args_os().any(|argument| argument == "--json") {
+            let text = error.to_string();
+            let first = text.split("\n\n").next().unwrap_or(&text);
+            print_error(first.trim().trim_start_matches("error: "));
+        }
+        error.exit()
+    })
+}
+
 /// Parses the arguments, runs the command, and turns an error into one message and a status.
 ///
 /// Status 0 is success, 1 an error, 2 wrong usage, 130 an interruption.
 pub fn main() -> ExitCode {
-    let cli = Cli::parse();
+    let cli = parse();
     let result = cli.global.apply().and_then(|()| match cli.command {
         Command::Demo(demo) => demo.run(&cli.global),
         Command::Fit(fit) => fit.run(&cli.global),
@@ -70,12 +100,17 @@ pub fn main() -> ExitCode {
         Command::Sweep(sweep) => sweep.run(&cli.global),
         Command::Eval(eval) => eval.run(&cli.global),
         Command::Render(render) => render.run(&cli.global),
-        Command::Inspect(inspect) => inspect.run(),
+        Command::Inspect(inspect) => inspect.run(&cli.global),
+        Command::Completions(completions) => completions.run(Cli::command(), &cli.global),
     });
     match result {
         Ok(status) => status,
         Err(error) => {
-            common::tell(&message(&error));
+            let message = message(&error);
+            common::tell(&format!("error: {message}"));
+            if cli.global.json {
+                print_error(&message);
+            }
             ExitCode::FAILURE
         }
     }
@@ -97,11 +132,10 @@ fn interruption() -> anyhow::Result<Arc<AtomicBool>> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use clap::CommandFactory;
 
-    /// The arguments behind `program` in a line of shell, up to a comment.
+    /// The arguments behind `program` in a line of shell, up to a comment or a redirection.
     fn arguments<'l>(line: &'l str, program: &str) -> Option<Vec<&'l str>> {
-        let (_, arguments) = line.split('#').next()?.split_once(program)?;
+        let (_, arguments) = line.split(['#', '>']).next()?.split_once(program)?;
         Some(arguments.split_whitespace().collect())
     }
 

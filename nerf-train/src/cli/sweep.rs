@@ -6,6 +6,7 @@ use super::image::{PhotoOptions, Settings};
 use super::interruption;
 use crate::config::Preset;
 use crate::dataset::Background;
+use crate::report::summary::Summary;
 use crate::sweep::{Folder, Grid, Job, Mode, Record, Runner, Shard, Status, write_report};
 use anyhow::bail;
 use clap::{Args, Subcommand};
@@ -132,11 +133,32 @@ fn result(record: &Record) -> String {
 }
 
 /// Writes the report of all that is finished in a folder, and prints its table.
-fn finish(folder: &Folder, _global: &Global) -> anyhow::Result<()> {
+fn finish(folder: &Folder, global: &Global) -> anyhow::Result<()> {
     let records = write_report(folder)?;
-    outln!("{}", crate::sweep::table(&records).to_text().trim_end());
-    outln!("report: {}", folder.path().join("report.md").display());
-    Ok(())
+    let report = folder.path().join("report.md");
+    let mut summary = Summary::new();
+    summary
+        .text("report", report.display().to_string())
+        .sections("runs", records.iter().map(fields).collect());
+    global.finish(&summary, || {
+        outln!("{}", crate::sweep::table(&records).to_text().trim_end());
+        outln!("report: {}", report.display());
+        Ok(())
+    })
+}
+
+fn fields(record: &Record) -> Summary {
+    let mut fields = Summary::new();
+    fields
+        .integer("levels", u64::from(record.point.levels))
+        .integer("layers", record.point.layers as u64)
+        .integer("width", record.point.width as u64)
+        .number("rate", record.point.rate)
+        .flag("diverged", record.status == Status::Diverged)
+        .text("note", record.note.clone())
+        .number("psnr_db", record.psnr_db.unwrap_or(f64::NAN))
+        .number("train_seconds", record.train_seconds);
+    fields
 }
 
 /// Fit 2D fields to one picture.

@@ -19,65 +19,130 @@ use std::path::Path;
 /// The longest delay of a frame in a GIF, hundredths of a second.
 const LONGEST_DELAY: f64 = 65_535.0;
 
-/// Writes an endlessly looping GIF, whole or not at all.
+/// An endlessly looping GIF that is written frame by frame, whole or not at all.
 ///
-/// All frames have the size of the first. `fps`: frames per second; GIF counts time in hundredths of a
-/// second, so that delays alternate where the rate does not divide 100 and the mean rate is kept.
-/// Above 50 the file plays at 50, as viewers slow down anything faster.
+/// It holds no more than two frames a thread; without [`finish`](Self::finish) nothing is left of it.
+pub struct GifWriter {
+    encoder: Encoder<AtomicFile>,
+    width: u16,
+    height: u16,
+    fps: f64,
+    /// Frames before the waiting ones.
+    written: usize,
+    /// Frames that wait until there are enough to keep all cores busy.
+    waiting: Vec<Picture>,
+}
+
+impl GifWriter {
+    /// Opens the file. All frames have this size, pixels.
+    ///
+    /// `fps`: frames per second; GIF counts time in hundredths of a second, so that delays alternate where
+    /// the rate does not divide 100 and the mean rate is kept. Above 50 the file plays at 50, as viewers
+    /// slow down anything faster.
+    ///
+    /// # Errors
+    /// [`ReportError::Animation`] where `fps` is not a positive number; [`ReportError::Size`] without
+    /// pixels or above 65,535 a side; [`ReportError::Output`].
+    pub fn create(
+        path: impl AsRef<Path>,
+        width: usize,
+        height: usize,
+        fps: f64,
+    ) -> Result<Self, ReportError> {
+        check_rate(fps)?;
+        let side = |pixels| u16::try_from(pixels).ok().filter(|&side| side > 0);
+        let (Some(gif_width), Some(gif_height)) = (side(width), side(height)) else {
+            return Err(ReportError::Size { format: "GIF", width, height, limit: usize::from(u16::MAX) });
+        };
+        let file = AtomicFile::create(path)?;
+        let mut encoder = Encoder::new(file, gif_width, gif_height, &[]).map_err(encode_error)?;
+        encoder.set_repeat(Repeat::Infinite).map_err(encode_error)?;
+        Ok(Self { encoder, width: gif_width, height: gif_height, fps, written: 0, waiting: Vec::new() })
+    }
+
+    /// Appends a frame.
+    ///
+    /// # Errors
+    /// [`ReportError::Animation`] where its size is not that of the file, and where writing fails.
+    pub fn push(&mut self, frame: Picture) -> Result<(), ReportError> {
+        let index = self.written + self.waiting.len();
+        check_size(index, &frame, (usize::from(self.width), usize::from(self.height)))?;
+        self.waiting.push(frame);
+        if self.waiting.len() < 2 * rayon::current_num_threads().max(1) {
+            Ok(())
+        } else {
+            self.write_waiting()
+        }
+    }
+
+    /// Writes what waits and puts the file in place.
+    ///
+    /// # Errors
+    /// [`ReportError::Animation`] where there is no frame, and where writing fails.
+    pub fn finish(mut self) -> Result<(), ReportError> {
+        self.write_waiting()?;
+        if self.written == 0 {
+            return Err(ReportError::Animation("it has no frames".to_owned()));
+        }
+        Ok(self.encoder.into_inner().map_err(ReportError::encode("GIF"))?.commit()?)
+    }
+
+    fn write_waiting(&mut self) -> Result<(), ReportError> {
+        let (width, height, fps, first) = (self.width, self.height, self.fps, self.written);
+        let quantise = |(i, picture): (usize, &Picture)| {
+            let quantised = palette::quantise(&picture.to_rgb8());
+            let mut frame =
+                Frame::from_palette_pixels(width, height, quantised.indices, quantised.palette, None);
+            frame.delay = delay(first + i, fps);
+            frame.make_lzw_pre_encoded();
+            frame
+        };
+        let frames: Vec<Frame<'static>> = self.waiting.par_iter().enumerate().map(quantise).collect();
+        for frame in &frames {
+            self.encoder.write_lzw_pre_encoded_frame(frame).map_err(encode_error)?;
+        }
+        self.written += frames.len();
+        self.waiting.clear();
+        Ok(())
+    }
+}
+
+/// Writes an endlessly looping GIF of frames that have the size of the first; see [`GifWriter`].
 ///
 /// # Errors
-/// [`ReportError::Animation`] where there is no frame, where frames differ in size or where `fps` is
-/// not a positive number; [`ReportError::Size`] above 65,535 pixels a side; [`ReportError::Output`].
+/// As [`GifWriter::create`], [`GifWriter::push`] and [`GifWriter::finish`].
 pub fn write_gif(
     path: impl AsRef<Path>,
     frames: impl Iterator<Item = Picture>,
     fps: f64,
 ) -> Result<(), ReportError> {
-    if !(fps > 0.0 && fps.is_finite()) {
-        return Err(ReportError::Animation(format!("{fps} frames per second is not a rate")));
-    }
-    let mut frames = frames.enumerate().peekable();
-    let Some((width, height)) = frames.peek().map(|(_, frame)| (frame.width, frame.height)) else {
+    let mut frames = frames.peekable();
+    let Some((width, height)) = frames.peek().map(|frame| (frame.width, frame.height)) else {
         return Err(ReportError::Animation("it has no frames".to_owned()));
     };
-    let (Ok(gif_width), Ok(gif_height)) = (u16::try_from(width), u16::try_from(height)) else {
-        return Err(wrong_size(width, height));
-    };
-    if gif_width == 0 || gif_height == 0 {
-        return Err(wrong_size(width, height));
-    }
+    let mut gif = GifWriter::create(path, width, height, fps)?;
+    frames.try_for_each(|frame| gif.push(frame))?;
+    gif.finish()
+}
 
-    // The file is opened only now: a wrong call leaves no trace.
-    let file = AtomicFile::create(path)?;
-    let mut encoder = Encoder::new(file, gif_width, gif_height, &[]).map_err(encode_error)?;
-    encoder.set_repeat(Repeat::Infinite).map_err(encode_error)?;
-    let batch_size = 2 * rayon::current_num_threads().max(1);
-    loop {
-        let batch: Vec<(usize, Picture)> = frames.by_ref().take(batch_size).collect();
-        if batch.is_empty() {
-            break;
-        }
-        let quantise = |(index, picture): (usize, Picture)| -> Result<Frame<'static>, ReportError> {
-            if (picture.width, picture.height) != (width, height) {
-                return Err(ReportError::Animation(format!(
-                    "frame {index} is {}×{}, the first is {width}×{height}",
-                    picture.width, picture.height
-                )));
-            }
-            check_length("a frame", width, height, picture.rgb.len())?;
-            let quantised = palette::quantise(&picture.to_rgb8());
-            let mut frame =
-                Frame::from_palette_pixels(gif_width, gif_height, quantised.indices, quantised.palette, None);
-            frame.delay = delay(index, fps);
-            frame.make_lzw_pre_encoded();
-            Ok(frame)
-        };
-        let done: Result<Vec<_>, _> = batch.into_par_iter().map(quantise).collect();
-        for frame in done? {
-            encoder.write_lzw_pre_encoded_frame(&frame).map_err(encode_error)?;
-        }
+/// Refuses a rate that is no positive number.
+pub(crate) fn check_rate(fps: f64) -> Result<(), ReportError> {
+    if fps > 0.0 && fps.is_finite() {
+        return Ok(());
     }
-    Ok(encoder.into_inner().map_err(ReportError::encode("GIF"))?.commit()?)
+    Err(ReportError::Animation(format!("{fps} frames per second is not a rate")))
+}
+
+/// Refuses a frame of another size than `expected`, or with another number of pixels than its size says.
+pub(crate) fn check_size(index: usize, frame: &Picture, expected: (usize, usize)) -> Result<(), ReportError> {
+    if (frame.width, frame.height) != expected {
+        let (width, height) = expected;
+        return Err(ReportError::Animation(format!(
+            "frame {index} is {}×{}, the first is {width}×{height}",
+            frame.width, frame.height
+        )));
+    }
+    check_length("a frame", frame.width, frame.height, frame.rgb.len())
 }
 
 /// Hundredths of a second for which frame `index` stands.
@@ -85,10 +150,6 @@ fn delay(index: usize, fps: f64) -> u16 {
     let at = |i: usize| (i as f64 * 100.0 / fps).round();
     // From absolute times, so that rounding does not add up.
     (at(index + 1) - at(index)).clamp(2.0, LONGEST_DELAY) as u16
-}
-
-fn wrong_size(width: usize, height: usize) -> ReportError {
-    ReportError::Size { format: "GIF", width, height, limit: usize::from(u16::MAX) }
 }
 
 fn encode_error(error: gif::EncodingError) -> ReportError {

@@ -1,5 +1,6 @@
 //! What can go wrong in making and writing a report.
 
+use super::video::VideoError;
 use crate::output::OutputError;
 use std::error::Error;
 
@@ -47,6 +48,9 @@ pub enum ReportError {
     /// An animation without frames, with a wrong rate, or with frames of different sizes.
     #[error("cannot make the animation: {0}")]
     Animation(String),
+    /// `ffmpeg` is missing or failed.
+    #[error(transparent)]
+    Video(#[from] VideoError),
 }
 
 impl ReportError {

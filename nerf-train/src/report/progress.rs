@@ -1,14 +1,17 @@
-//! How long work is getting on: a bar on a terminal, plain lines elsewhere, nothing when quiet.
+//! How long work is getting on: a bar on a terminal, plain or JSON lines elsewhere, nothing when quiet.
 //!
 //! All of it goes to stderr, so that stdout stays free for results. Nothing here can fail: a closed
 //! stderr is passed over.
 
+mod event;
+
+use event::Event;
 use indicatif::{ProgressBar, ProgressDrawTarget};
 use std::fmt::Write as _;
 use std::io::{IsTerminal, Write};
 use std::time::{Duration, Instant};
 
-/// Time between plain lines, when stderr is no terminal.
+/// Time between lines, plain or JSON, where there is no bar.
 const LINE_EVERY: Duration = Duration::from_secs(5);
 /// Positions of the bar: it shows a share, not steps, as a time budget has none.
 const BAR_LENGTH: u64 = 10_000;
@@ -35,6 +38,13 @@ pub enum ProgressStyle {
     Auto,
     /// Plain lines every five seconds, also on a terminal.
     Plain,
+    /// One JSON object a line, at the pace of plain lines, for a program that follows.
+    ///
+    /// `{"event":"progress","what":"render","position":3,"total":60,"elapsed_s":5.2,"left_s":98.8}`, then
+    /// what is known of `rays_per_s`, `train_psnr_db`, `val_psnr_db` and `note`; `total` and `left_s` are
+    /// null where nobody knows. The end of a stretch is `{"event":"done","what":…,"text":…,"elapsed_s":…}`,
+    /// any other line `{"event":"note","text":…}`.
+    Json,
     /// Nothing at all.
     Quiet,
 }
@@ -73,7 +83,7 @@ pub struct Progress {
 #[derive(Debug)]
 enum Display {
     Bar(ProgressBar),
-    Lines { last: Option<Instant> },
+    Lines { last: Option<Instant>, json: bool },
     Quiet,
 }
 
@@ -84,7 +94,8 @@ impl Progress {
         let display = match style {
             ProgressStyle::Quiet => Display::Quiet,
             ProgressStyle::Auto if terminal => Display::Bar(new_bar()),
-            ProgressStyle::Auto | ProgressStyle::Plain => Display::Lines { last: None },
+            ProgressStyle::Auto | ProgressStyle::Plain => Display::Lines { last: None, json: false },
+            ProgressStyle::Json => Display::Lines { last: None, json: true },
         };
         Self { what: what.into(), total, started: Instant::now(), first: 0, display }
     }
@@ -101,7 +112,7 @@ impl Progress {
         let now = Instant::now();
         match &mut self.display {
             Display::Quiet => return,
-            Display::Lines { last } => {
+            Display::Lines { last, .. } => {
                 if last.is_some_and(|last| now.duration_since(last) < LINE_EVERY) {
                     return;
                 }
@@ -117,6 +128,7 @@ impl Progress {
                 bar.set_prefix(self.standing(position, elapsed));
                 bar.set_message(details(message));
             }
+            Display::Lines { json: true, .. } => print_line(&self.event(position, elapsed, message).line()),
             _ => print_line(&self.describe(position, elapsed, message)),
         }
     }
@@ -125,6 +137,7 @@ impl Progress {
     pub fn println(&self, line: impl AsRef<str>) {
         match &self.display {
             Display::Bar(bar) => bar.suspend(|| print_line(line.as_ref())),
+            Display::Lines { json: true, .. } => say(ProgressStyle::Json, line.as_ref()),
             Display::Lines { .. } => print_line(line.as_ref()),
             Display::Quiet => {}
         }
@@ -132,11 +145,16 @@ impl Progress {
 
     /// Takes the bar away and leaves `line` with the time that the work took; nothing when quiet.
     pub fn finish(self, line: impl AsRef<str>) {
-        let text = format!("{}: {} ({})", self.what, line.as_ref(), in_words(self.started.elapsed()));
+        let (line, elapsed) = (line.as_ref(), self.started.elapsed());
+        let text = format!("{}: {line} ({})", self.what, in_words(elapsed));
         match &self.display {
             Display::Bar(bar) => {
                 bar.finish_and_clear();
                 print_line(&text);
+            }
+            Display::Lines { json: true, .. } => {
+                let (what, elapsed_s) = (&self.what, event::seconds(elapsed));
+                print_line(&Event::Done { what, text: line, elapsed_s }.line());
             }
             Display::Lines { .. } => print_line(&text),
             Display::Quiet => {}
@@ -183,6 +201,25 @@ impl Progress {
                 Some(steps(total).map_or(time(budget), |left| left.min(time(budget))))
             }
             Total::Unknown => None,
+        }
+    }
+
+    /// The state as a JSON event.
+    fn event<'a>(&'a self, position: u64, elapsed: Duration, message: &'a Message) -> Event<'a> {
+        let total = match self.total {
+            Total::Steps(total) | Total::StepsOrTime(total, _) => Some(total),
+            Total::Time(_) | Total::Unknown => None,
+        };
+        Event::Progress {
+            what: &self.what,
+            position,
+            total,
+            elapsed_s: event::seconds(elapsed),
+            left_s: self.remaining(position, elapsed).map(event::seconds),
+            rays_per_s: message.rays_per_s,
+            train_psnr_db: message.train_psnr_db,
+            val_psnr_db: message.val_psnr_db,
+            note: &message.note,
         }
     }
 
@@ -240,6 +277,15 @@ fn new_bar() -> ProgressBar {
     match indicatif::ProgressStyle::with_template("{bar:24.cyan/white} {percent:>3} % {prefix}\n{wide_msg}") {
         Ok(style) => bar.with_style(style.progress_chars("━╸─")),
         Err(_) => bar,
+    }
+}
+
+/// Prints a line that belongs to no stretch of work, in the manner of `style`.
+pub fn say(style: ProgressStyle, line: &str) {
+    match style {
+        ProgressStyle::Quiet => {}
+        ProgressStyle::Json => print_line(&Event::Note { text: line }.line()),
+        ProgressStyle::Auto | ProgressStyle::Plain => print_line(line),
     }
 }
 

@@ -35,6 +35,7 @@ enum Field {
     Numbers(Vec<f64>),
     Integer(u64),
     Text(String),
+    Texts(Vec<String>),
     Flag(bool),
     Section(Summary),
     Sections(Vec<Summary>),
@@ -53,13 +54,17 @@ impl Summary {
 
     /// Sets an f32, written with the few digits that it needs and not as its long f64 expansion.
     pub fn number_f32(&mut self, name: &str, value: f32) -> &mut Self {
-        // The shortest decimal that reads back as this f32 is what people expect to see.
-        self.number(name, value.to_string().parse().unwrap_or(f64::from(value)))
+        self.number(name, shortest(value))
     }
 
     /// Sets a list of real numbers; entries that are not finite become `null`, named in the note.
     pub fn numbers(&mut self, name: &str, values: &[f64]) -> &mut Self {
         self.set(name, Field::Numbers(values.to_vec()))
+    }
+
+    /// Sets a list of f32, written as [`number_f32`](Self::number_f32) writes one.
+    pub fn numbers_f32(&mut self, name: &str, values: &[f32]) -> &mut Self {
+        self.set(name, Field::Numbers(values.iter().copied().map(shortest).collect()))
     }
 
     /// Sets a whole number.
@@ -70,6 +75,11 @@ impl Summary {
     /// Sets a text.
     pub fn text(&mut self, name: &str, value: impl Into<String>) -> &mut Self {
         self.set(name, Field::Text(value.into()))
+    }
+
+    /// Sets a list of texts, for example of the files that were written.
+    pub fn texts(&mut self, name: &str, values: impl IntoIterator<Item = String>) -> &mut Self {
+        self.set(name, Field::Texts(values.into_iter().collect()))
     }
 
     /// Sets a yes or no.
@@ -130,6 +140,11 @@ impl Field {
     }
 }
 
+/// The f64 that prints with the few digits an f32 needs: what people expect to see.
+fn shortest(value: f32) -> f64 {
+    value.to_string().parse().unwrap_or(f64::from(value))
+}
+
 fn not_finite(value: f64) -> Option<&'static str> {
     match value {
         f64::INFINITY => Some("+infinity"),
@@ -163,6 +178,8 @@ mod tests {
             .text("scene", "lego \"best\"\n")
             .number("train_time_s", 12.0)
             .number_f32("lr", 5e-4)
+            .numbers_f32("box", &[0.1, -0.2])
+            .texts("files", ["a.gif".to_owned()])
             .flag("resumed", false)
             .numbers("psnr_db", &[1.5, f64::NEG_INFINITY, f64::NAN])
             .section("first_view", view.clone())
@@ -177,6 +194,8 @@ mod tests {
         assert!(json.contains("\"lr\": 0.0005,") && json.contains("\"train_time_s\": 12.0"));
         let value: serde_json::Value = serde_json::from_str(&json).unwrap();
         assert_eq!(value["scene"], "replaced");
+        assert_eq!(value["box"], serde_json::json!([0.1, -0.2]));
+        assert_eq!(value["files"], serde_json::json!(["a.gif"]));
         assert_eq!(value["psnr_db"], serde_json::json!([1.5, null, null]));
         assert_eq!(value["psnr_db_note"], "[1] -infinity, [2] not a number");
         assert_eq!(value["views"][0]["aardvark"], u64::MAX);

@@ -147,14 +147,12 @@ fn what_is_no_blob_is_refused_by_every_command() {
 fn bad_requests_of_a_picture_are_refused_naming_the_flag() {
     let (folder, file) = blob();
     let (data, picture) = (folder.path("scene.npz"), folder.path("refused.png"));
-    let cases: [(&[&str], &str); 12] = [
+    let cases: [(&[&str], &str); 10] = [
         (&["--pose", "0,0,0,0,0,0,0,0,0,0,0,1"], "--pose"),
         (&["--pose", "nan,0,0,0,0,1,0,0,0,0,1,1"], "--pose"),
         (&["--pose", "1,2,3"], "--pose"),
         (&["--focal", "0"], "--focal"),
         (&["--focal", "nan"], "--focal"),
-        (&["--orbit", "0"], "--orbit"),
-        (&["--orbit", "2", "--fps", "0"], "frames per second"),
         (&["--width", "0"], "image size"),
         (&["--data", &data, "--view", "2"], "--view"),
         (&["--data", &data, "--split", "test"], "--view"),

@@ -31,7 +31,7 @@ fn a_picture_is_fitted_reported_and_rendered_at_any_size() {
     assert!(out.contains("dB PSNR over the whole picture"), "{out}");
     let summary = json(Path::new(&report).join("summary.json"));
     assert!(summary["psnr_db"].as_f64().is_some_and(|db| db > 10.0), "{summary}");
-    assert_eq!((&summary["steps"], &summary["width_pixels"]), (&40.into(), &12.into()));
+    assert_eq!((&summary["steps"], &summary["width_px"]), (&40.into(), &12.into()));
     let made =
         ["curve.csv", "curve.png", "curve.svg", "sheet.png", "picture.png", "snapshots/step_000020.png"];
     for name in made {

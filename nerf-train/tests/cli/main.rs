@@ -1,10 +1,13 @@
 //! The command line from end to end, on scenes of 24×24 pixels.
 
+mod completions;
 mod faults;
 mod fields;
+mod json;
 mod made;
 mod pipeline;
 mod stopping;
+mod video;
 
 use made::Folder;
 use std::path::Path;
@@ -41,7 +44,7 @@ struct Ran {
 
 fn command<S: AsRef<std::ffi::OsStr>>(args: impl IntoIterator<Item = S>) -> Command {
     let mut command = Command::new(env!("CARGO_BIN_EXE_nerf-train"));
-    command.args(args).stdin(Stdio::null()).env_remove("NERF_KERNEL");
+    command.args(args).stdin(Stdio::null()).env_remove("NERF_KERNEL").env_remove("NERF_FFMPEG");
     command
 }
 

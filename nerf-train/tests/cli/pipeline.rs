@@ -208,8 +208,9 @@ fn without_validation_views_the_summary_keeps_its_fields() {
 fn demo_measures_its_distances() {
     let folder = Folder::new();
     let out = folder.path("demo");
-    ok(["demo", "--out", &out, "--steps", "3", "-q"]);
+    let said = ok(["demo", "--out", &out, "--steps", "3", "--json"]);
     let summary = json(format!("{out}/summary.json"));
+    assert_eq!(serde_json::from_str::<serde_json::Value>(&said).expect("one object"), summary);
     for field in FIELDS.iter().chain(&["z_depth_median_relative_error"]) {
         assert!(summary.get(field).is_some(), "{field}");
     }

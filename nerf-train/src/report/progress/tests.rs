@@ -75,16 +75,16 @@ fn odd_totals_do_not_panic() {
 fn plain_lines_come_seldom() {
     let mut progress = plain(Total::Steps(10));
     progress.update(1, &Message::default());
-    let Display::Lines { last: Some(first) } = progress.display else { panic!("no line was shown") };
+    let Display::Lines { last: Some(first), .. } = progress.display else { panic!("no line was shown") };
     progress.update(2, &Message::default());
-    assert!(matches!(progress.display, Display::Lines { last } if last == Some(first)));
+    assert!(matches!(progress.display, Display::Lines { last, .. } if last == Some(first)));
     progress.println("a line");
     progress.finish("done");
 }
 
 #[test]
 fn every_style_runs_through() {
-    for style in [ProgressStyle::Auto, ProgressStyle::Plain, ProgressStyle::from_quiet(true)] {
+    for style in [ProgressStyle::Auto, ProgressStyle::Plain, ProgressStyle::Json, ProgressStyle::Quiet] {
         let mut progress = Progress::new("render", Total::Steps(3), style);
         (0..=3).for_each(|i| progress.update(i, &Message::default()));
         progress.println("half way");
@@ -103,4 +103,21 @@ fn numbers_and_times_read_well() {
     assert_eq!([0, 999, 1_000, 1_234_567].map(grouped), ["0", "999", "1,000", "1,234,567"]);
     assert_eq!([3.0, 99.96, 31_400.0, 2.5e6, 7e9].map(scaled), ["3.00", "100", "31.4 k", "2.50 M", "7.00 G"]);
     assert_eq!([7, 761, 11_109].map(|s| in_words(seconds(s))), ["0:07", "12:41", "3:05:09"]);
+}
+
+#[test]
+fn events_are_json_with_units_in_their_names() {
+    let message = Message { rays_per_s: Some(f64::NAN), note: "\"lr\"\n".to_owned(), ..Message::default() };
+    let known = plain(Total::Steps(60)).event(3, seconds(5), &message).line();
+    assert!(!known.contains('\n'), "{known}");
+    let known: serde_json::Value = serde_json::from_str(&known).unwrap();
+    let expected = serde_json::json!({
+        "event": "progress", "what": "train", "position": 3, "total": 60, "elapsed_s": 5.0, "left_s": 95.0,
+        "rays_per_s": null, "note": "\"lr\"\n",
+    });
+    assert_eq!(known, expected);
+    let unknown = plain(Total::Unknown).event(3, Duration::MAX, &Message::default()).line();
+    let unknown: serde_json::Value = serde_json::from_str(&unknown).unwrap();
+    assert!(unknown["total"].is_null() && unknown["left_s"].is_null() && unknown.get("note").is_none());
+    assert_eq!(Event::Note { text: "a" }.line(), r#"{"event":"note","text":"a"}"#);
 }

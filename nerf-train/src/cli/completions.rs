@@ -1,0 +1,36 @@
+//! `nerf-train completions`
+
+use super::common::Global;
+use crate::report::summary::Summary;
+use clap::{Args, Command};
+use clap_complete::{Shell, generate};
+use std::process::ExitCode;
+
+/// Print a script that lets a shell complete commands and flags.
+#[derive(Debug, Args)]
+#[command(after_help = "Examples, each for the next shell that is opened:
+  nerf-train completions bash > ~/.local/share/bash-completion/completions/nerf-train
+  nerf-train completions zsh > ~/.zfunc/_nerf-train    # with fpath+=~/.zfunc before compinit in ~/.zshrc
+  nerf-train completions fish > ~/.config/fish/completions/nerf-train.fish
+  nerf-train completions powershell >> $PROFILE")]
+pub struct Completions {
+    /// The shell.
+    #[arg(value_enum)]
+    shell: Shell,
+}
+
+impl Completions {
+    /// Runs the command; `cli` is the whole command line.
+    pub fn run(&self, mut cli: Command, global: &Global) -> anyhow::Result<ExitCode> {
+        let mut script = Vec::new();
+        generate(self.shell, &mut cli, "nerf-train", &mut script);
+        let script = String::from_utf8(script)?;
+        let mut summary = Summary::new();
+        summary.text("shell", self.shell.to_string()).text("script", script.clone());
+        global.finish(&summary, || {
+            outln!("{}", script.trim_end());
+            Ok(())
+        })?;
+        Ok(ExitCode::SUCCESS)
+    }
+}

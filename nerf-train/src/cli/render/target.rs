@@ -1,0 +1,205 @@
+//! What a rendering writes: a picture, a film, or a folder of numbered pictures.
+
+use super::Output;
+use super::Render;
+use crate::cli::common::{Global, say_no_mp4};
+use crate::frame::Frame;
+use crate::output::{ensure_file, ensure_folder};
+use crate::report::colour_map::depth_picture_with_legend;
+use crate::report::film::{Files, Film, beside};
+use crate::report::picture::{Picture, write_grey16_png, write_rgba_png};
+use crate::report::video::Ffmpeg;
+use anyhow::bail;
+use std::ffi::OsStr;
+use std::path::{Path, PathBuf};
+
+/// What `-o` names.
+pub(super) enum Target {
+    /// One picture.
+    Still,
+    /// A GIF, and an MP4 beside it where there is an ffmpeg, else why not.
+    Gif(Result<Ffmpeg, String>),
+    /// An MP4.
+    Mp4(Ffmpeg),
+    /// `frame_0000.png` and on in a folder.
+    Frames,
+}
+
+/// One output on its way to its files.
+pub(super) struct Writer {
+    output: Output,
+    /// Of a distance in a video: the range of its colours, world units.
+    range: Option<(f32, f32)>,
+    transparent: bool,
+    sink: Sink,
+}
+
+enum Sink {
+    Still(PathBuf),
+    Film(Box<Film>),
+    /// A folder, and how many frames are in it.
+    Frames(PathBuf, usize),
+}
+
+impl Render {
+    /// Whether there are frames in time.
+    pub(super) fn is_sequence(&self) -> bool {
+        self.orbit.is_some() || self.path.is_some()
+    }
+
+    /// What `-o` names; refuses what cannot be before any work is done.
+    pub(super) fn target(&self) -> anyhow::Result<Target> {
+        let name = self.output.display();
+        let extension = self.output.extension().map(OsStr::to_ascii_lowercase);
+        let extension = extension.as_deref().and_then(OsStr::to_str);
+        if !self.is_sequence() {
+            if let Some("gif" | "mp4") = extension {
+                bail!("-o: expected a picture (.png), found {name}; --orbit and --path make videos");
+            }
+            return Ok(Target::Still);
+        }
+        let ends_in_slash = self.output.as_os_str().as_encoded_bytes().ends_with(b"/");
+        let target = if ends_in_slash || self.output.is_dir() {
+            Target::Frames
+        } else {
+            match extension {
+                Some("gif") => Target::Gif(self.mp4.beside_a_gif()?),
+                Some("mp4") => Target::Mp4(self.mp4.alone(&self.output)?),
+                None => Target::Frames,
+                Some(_) => bail!("-o: expected .gif, .mp4 or a folder for frames, found {name}"),
+            }
+        };
+        if self.transparent && !matches!(target, Target::Frames) {
+            bail!(
+                "--transparent: {name} cannot hold it: expected a folder for PNG frames, for example -o {}",
+                self.output.with_extension("").join("").display()
+            );
+        }
+        Ok(target)
+    }
+
+    /// The file or folder of an output: the first one has the name that was given.
+    fn place_of(&self, output: Output) -> PathBuf {
+        if self.outputs().first() == Some(&output) {
+            return self.output.clone();
+        }
+        let mut name = self.output.file_stem().unwrap_or_default().to_owned();
+        name.push(format!("_{}", output.suffix()));
+        if let Some(extension) = self.output.extension() {
+            name.push(".");
+            name.push(extension);
+        }
+        self.output.with_file_name(name)
+    }
+
+    /// Makes sure, before any work is done, that all outputs can be written.
+    pub(super) fn ensure_places(&self, target: &Target) -> anyhow::Result<()> {
+        for output in self.outputs() {
+            let place = self.place_of(output);
+            match target {
+                Target::Frames => ensure_folder(place)?,
+                Target::Gif(Ok(_)) => {
+                    ensure_file(&place)?;
+                    ensure_file(beside(&place))?;
+                }
+                Target::Still | Target::Gif(Err(_)) | Target::Mp4(_) => ensure_file(place)?,
+            }
+        }
+        Ok(())
+    }
+
+    /// A writer for an output; `range` is that of a distance's colours, world units.
+    pub(super) fn writer(
+        &self,
+        target: &Target,
+        output: Output,
+        range: Option<(f32, f32)>,
+    ) -> anyhow::Result<Writer> {
+        let place = self.place_of(output);
+        let film = |files| Film::new(files, self.fps).map(|film| Sink::Film(Box::new(film)));
+        let sink = match target {
+            Target::Still => Sink::Still(place),
+            Target::Frames => Sink::Frames(place, 0),
+            Target::Gif(ffmpeg) => film(Files::gif(place, ffmpeg.as_ref().ok()))?,
+            Target::Mp4(ffmpeg) => film(Files::Mp4(place, ffmpeg.clone()))?,
+        };
+        Ok(Writer { output, range, transparent: self.transparent, sink })
+    }
+}
+
+impl Writer {
+    /// Takes the next frame.
+    pub(super) fn push(&mut self, frame: &Frame) -> anyhow::Result<()> {
+        let (output, range) = (self.output, self.range);
+        match &mut self.sink {
+            Sink::Still(path) => write_still(path, frame, output, range, self.transparent)?,
+            Sink::Film(film) => film.push(picture_of(frame, output, range)?)?,
+            Sink::Frames(folder, count) => {
+                write_still(&numbered(folder, *count), frame, output, range, self.transparent)?;
+                *count += 1;
+            }
+        }
+        Ok(())
+    }
+
+    /// Completes the files and names them: a folder by itself.
+    pub(super) fn finish(self, global: &Global) -> anyhow::Result<Vec<PathBuf>> {
+        match self.sink {
+            Sink::Still(path) => Ok(vec![path]),
+            Sink::Film(film) => {
+                let finished = film.finish()?;
+                if let (Some(why), Some(gif)) = (finished.given_up, finished.files.first()) {
+                    say_no_mp4(global, &why.to_string(), gif);
+                }
+                Ok(finished.files)
+            }
+            Sink::Frames(folder, count) => {
+                if numbered(&folder, count).exists() {
+                    global.say(format!(
+                        "note: {} also holds frames of an earlier run, from {count} on",
+                        folder.display()
+                    ));
+                }
+                Ok(vec![folder])
+            }
+        }
+    }
+}
+
+fn numbered(folder: &Path, index: usize) -> PathBuf {
+    folder.join(format!("frame_{index:04}.png"))
+}
+
+fn write_still(
+    path: &Path,
+    frame: &Frame,
+    output: Output,
+    range: Option<(f32, f32)>,
+    transparent: bool,
+) -> anyhow::Result<()> {
+    match output {
+        Output::Rgb if transparent => {
+            write_rgba_png(path, &frame.rgb, &frame.opacity, frame.width, frame.height)?;
+        }
+        Output::Opacity => {
+            write_grey16_png(path, &frame.opacity, frame.width, frame.height, (0.0, 1.0))?;
+        }
+        _ => picture_of(frame, output, range)?.write_png(path)?,
+    }
+    Ok(())
+}
+
+fn picture_of(frame: &Frame, output: Output, range: Option<(f32, f32)>) -> anyhow::Result<Picture> {
+    let with_legend = |values: &[f32], title| {
+        depth_picture_with_legend(values, &frame.opacity, frame.width, frame.height, range, title)
+    };
+    Ok(match output {
+        Output::Rgb | Output::All => frame.picture(),
+        Output::Opacity => {
+            let grey = frame.opacity.iter().map(|&opacity| [opacity; 3]).collect();
+            Picture::new(frame.width, frame.height, grey)?
+        }
+        Output::RayDistance => with_legend(&frame.ray_distance, "ray_distance, world units")?,
+        Output::ZDepth => with_legend(&frame.z_depth, "z_depth, world units")?,
+    })
+}

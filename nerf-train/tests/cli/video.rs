@@ -1,0 +1,178 @@
+//! Orbits and paths as GIF, MP4 and folders of frames.
+
+use crate::made::{Array, Folder, names};
+use crate::{Ran, blob, command, fails, ok, ran, run};
+use std::path::Path;
+use std::process::Command;
+
+const ORBIT: &[&str] = &["--orbit", "3", "--width", "17", "--height", "9"];
+
+/// Renders the blob of all tests to `output`.
+fn render<'a>(file: &'a str, output: &'a str, more: &[&'a str]) -> Vec<&'a str> {
+    [&["render", file, "-o", output], more].concat()
+}
+
+fn has_ffmpeg() -> bool {
+    let has = Command::new("ffmpeg").arg("-version").output().is_ok();
+    if !has {
+        println!("skipped: no ffmpeg on this machine");
+    }
+    has
+}
+
+/// On a `PATH` that holds nothing.
+fn without_ffmpeg(args: Vec<&str>) -> Ran {
+    ran(command(args).env("PATH", ""))
+}
+
+fn frames_of(gif: &str) -> usize {
+    let file = std::fs::File::open(gif).expect(gif);
+    let mut decoder = gif::DecodeOptions::new().read_info(file).expect("a GIF");
+    std::iter::from_fn(|| decoder.read_next_frame().expect("a frame").map(|_| ())).count()
+}
+
+fn picture(path: &str) -> image::DynamicImage {
+    image::open(path).unwrap_or_else(|error| panic!("{path}: {error}"))
+}
+
+#[test]
+fn a_gif_comes_with_an_mp4_beside_it() {
+    if !has_ffmpeg() {
+        return;
+    }
+    let (_, file) = blob();
+    let folder = Folder::new();
+    let (gif, mp4) = (folder.path("orbit.gif"), folder.path("orbit.mp4"));
+    let both = [ORBIT, &["--outputs", "rgb,z-depth"]].concat();
+    let said = ok(render(file, &gif, &both));
+    let depth = [folder.path("orbit_z_depth.gif"), folder.path("orbit_z_depth.mp4")];
+    assert_eq!(said.lines().collect::<Vec<_>>(), [&gif, &mp4, &depth[0], &depth[1]]);
+    assert_eq!((frames_of(&gif), frames_of(&depth[0])), (3, 3));
+    assert_eq!(folder.names().len(), 4, "{:?}", folder.names());
+    for path in [&mp4, &depth[1]] {
+        assert_eq!(&std::fs::read(path).expect("an MP4")[4..8], b"ftyp");
+    }
+    let alone = Folder::new();
+    ok(render(file, &alone.path("alone.gif"), &[ORBIT, &["--no-mp4"]].concat()));
+    ok(render(file, &alone.path("film.mp4"), ORBIT));
+    assert_eq!(alone.names(), ["alone.gif", "film.mp4"]);
+}
+
+#[test]
+fn without_ffmpeg_a_gif_is_complete_and_an_mp4_is_refused_before_the_work() {
+    let (_, file) = blob();
+    let folder = Folder::new();
+    let (gif, mp4) = (folder.path("orbit.gif"), folder.path("orbit.mp4"));
+    let refused = without_ffmpeg(render(file, &mp4, ORBIT));
+    assert_eq!(refused.code, Some(1));
+    assert!(refused.err.starts_with("error: ") && refused.err.lines().count() == 1, "{}", refused.err);
+    assert!(refused.err.contains("--ffmpeg") && refused.err.contains(&gif), "{}", refused.err);
+    assert_eq!(folder.names(), [""; 0]);
+
+    let made = without_ffmpeg(render(file, &gif, ORBIT));
+    assert_eq!((made.code, frames_of(&gif)), (Some(0), 3), "{}", made.err);
+    assert_eq!(made.out.trim(), gif);
+    let line = format!("no ffmpeg found: no MP4 ({gif} is complete)");
+    assert_eq!(made.err.lines().filter(|said| *said == line).count(), 1, "{}", made.err);
+    let silent = without_ffmpeg(render(file, &gif, &[ORBIT, &["--no-mp4"]].concat()));
+    assert!(!silent.err.contains("ffmpeg"), "{}", silent.err);
+    // One that was named must be there.
+    let other = folder.path("other.gif");
+    fails(render(file, &other, &[ORBIT, &["--ffmpeg", "nowhere/ffmpeg"]].concat()), &["nowhere/ffmpeg"]);
+    let by_name = ran(command(render(file, &other, ORBIT)).env("NERF_FFMPEG", "nowhere/ffmpeg"));
+    assert!(by_name.code == Some(1) && by_name.err.contains("NERF_FFMPEG"), "{}", by_name.err);
+    fails(render(file, &mp4, &[ORBIT, &["--no-mp4"]].concat()), &["--no-mp4"]);
+    assert_eq!(folder.names(), ["orbit.gif"]);
+}
+
+#[cfg(unix)]
+#[test]
+fn an_ffmpeg_that_fails_is_quoted_and_leaves_no_mp4() {
+    use std::os::unix::fs::PermissionsExt;
+    let (_, file) = blob();
+    let folder = Folder::new();
+    let script = "#!/bin/sh\ncase \"$*\" in *-encoders*) echo ' V....D libx264 x'; exit 0;; esac\n\
+                  echo 'the sky is falling' >&2\nexit 3\n";
+    let fake = folder.file("fake", script);
+    std::fs::set_permissions(&fake, std::fs::Permissions::from_mode(0o755)).expect("a script");
+    let named = [ORBIT, &["--ffmpeg", &fake]].concat();
+    fails(render(file, &folder.path("a.mp4"), &named), &["a.mp4", "the sky is falling"]);
+    assert_eq!(folder.names(), ["fake"]);
+    // The GIF is what was asked for.
+    let gif = folder.path("a.gif");
+    let made = run(render(file, &gif, &named));
+    assert_eq!((made.code, made.out.trim()), (Some(0), gif.as_str()), "{}", made.err);
+    assert!(made.err.contains("the sky is falling") && made.err.contains("is complete"), "{}", made.err);
+    assert_eq!(folder.names(), ["a.gif", "fake"]);
+}
+
+#[test]
+fn a_folder_gets_numbered_frames_also_transparent_ones() {
+    let (_, file) = blob();
+    let folder = Folder::new();
+    let frames = folder.path("frames");
+    let slash = format!("{frames}/");
+    let more = ["--orbit", "3", "--width", "24", "-q", "--outputs", "rgb,z-depth"];
+    let said = ok(render(file, &slash, &[&more[..], &["--transparent"]].concat()));
+    assert_eq!(said.lines().collect::<Vec<_>>(), [&slash, &folder.path("frames_z_depth")]);
+    let expected = ["frame_0000.png", "frame_0001.png", "frame_0002.png"];
+    assert_eq!(names(Path::new(&frames)), expected);
+    assert_eq!(names(Path::new(&folder.path("frames_z_depth"))), expected);
+    let image::DynamicImage::ImageRgba8(clear) = picture(&format!("{frames}/frame_0001.png")) else {
+        panic!("no alpha")
+    };
+    assert!(clear.pixels().any(|p| p[3] == 0) && clear.pixels().any(|p| p[3] > 0));
+    // Into the same folder, fewer and opaque; the old ones are pointed out.
+    let again = run(render(file, &frames, &["--orbit", "2", "--width", "24", "--background", "red"]));
+    assert!(again.code == Some(0) && again.err.contains("earlier run, from 2 on"), "{}", again.err);
+    let red = picture(&format!("{frames}/frame_0001.png")).into_rgb8();
+    assert_eq!(red.get_pixel(0, 0).0, [255, 0, 0], "the remaining transmittance is red");
+}
+
+#[test]
+fn a_path_goes_along_the_test_poses_or_another_split() {
+    let (_, file) = blob();
+    let folder = Folder::new();
+    let plain = folder.npz("plain.npz");
+    let data = folder.npz_with("data.npz", |arrays| {
+        let poses = arrays.iter().find(|array| array.key == "c2ws_train").expect("poses");
+        let data = poses.data[..4 * 16 * 8].to_vec();
+        arrays.push(Array::new("c2ws_test", "<f8", "(4, 4, 4)", data));
+    });
+    let gif = folder.path("path.gif");
+    let path = |data, more: &[&'static str]| {
+        let args = render(file, &gif, &["--path", data, "--width", "8", "--no-mp4"]);
+        [args, more.to_vec()].concat()
+    };
+    let said = ok(path(&data, &["--outputs", "z-depth", "--json"]));
+    let said: serde_json::Value = serde_json::from_str(&said).expect("one object");
+    assert_eq!((said["frames"].as_u64(), said["width_px"].as_u64()), (Some(4), Some(8)));
+    let range = |i: usize| said["z_depth_range"][i].as_f64().expect("a range");
+    assert!(range(0) < range(1), "{said}");
+    assert_eq!(frames_of(&gif), 4);
+    ok(path(&data, &["--split", "val"]));
+    assert_eq!(frames_of(&gif), 2);
+    ok(render(file, &folder.path("pose.png"), &["--data", &data, "--split", "test", "--view", "3"]));
+    fails(path(&plain, &[]), &["--path", "`test`", "plain.npz", "--split"]);
+}
+
+#[test]
+fn names_that_cannot_hold_what_is_asked_are_refused() {
+    let (_, file) = blob();
+    let folder = Folder::new();
+    let cases: [(&str, &[&str], &str); 9] = [
+        ("a.png", &["--orbit", "2"], "-o: expected .gif, .mp4"),
+        ("a.gif", &[], "--orbit"),
+        ("a.mp4", &["--width", "4"], "--orbit"),
+        ("a.gif", &["--orbit", "2", "--transparent"], "--transparent"),
+        ("a.gif", &["--orbit", "2", "--path", "b.npz"], "--path"),
+        ("a.gif", &["--orbit", "2", "--split", "val"], "--split"),
+        ("a.gif", &["--orbit", "0"], "--orbit"),
+        ("a.gif", &["--orbit", "2", "--fps", "0"], "frames per second"),
+        ("a.gif", &["--path", "nowhere.npz"], "nowhere.npz"),
+    ];
+    for (name, more, word) in cases {
+        fails(render(file, &folder.path(name), &[more, &["-q"]].concat()), &[word]);
+        assert_eq!(folder.names(), [""; 0], "{name} {more:?}");
+    }
+}
