@@ -15,6 +15,8 @@ use rayon::prelude::*;
 const TILE: u32 = 16;
 /// Rows of a picture that threads take.
 const BAND: usize = 8;
+/// Bands between two reports of progress.
+const SLAB: usize = 16;
 
 /// A rendered view, row by row from the top left.
 #[derive(Clone, Debug)]
@@ -97,34 +99,39 @@ pub fn render(renderer: &Renderer<'_>, plan: &Plan<'_>, camera: &Camera) -> Resu
 
 /// Renders the 2D field of `renderer` as a picture of `size` (width, height) on rayon's threads.
 ///
+/// `each` is told, now and then, how many rows are done.
+///
 /// # Errors
 /// [`RenderError`] if the blob is a scene, and on a size beyond the format's.
 pub fn render_picture(
     renderer: &Renderer<'_>,
     math: MathBackend,
     size: [u32; 2],
+    mut each: impl FnMut(u64),
 ) -> Result<(Picture, Counters), RenderError> {
     let [width, height] = size;
     let batch = Batch::for_tier(renderer.network().tier());
+    renderer.check_picture(batch, size, Rect { x: 0, y: 0, width, height })?;
     let lines = renderer.picture_workspace_lines(batch);
-    let mut rgb = vec![[0.0; 3]; width as usize * height as usize];
-    let band = BAND * width.max(1) as usize;
-    let counters: Result<Vec<Counters>, RenderError> = rgb
-        .par_chunks_mut(band)
-        .enumerate()
-        .map_init(
-            || vec![Line::UNINIT; lines],
-            |workspace, (index, pixels)| {
-                let (y, rows) = (index * BAND, pixels.len() / width as usize);
-                let rect = Rect { x: 0, y: y as u32, width, height: rows as u32 };
-                let mut put = |px: u32, py: u32, rgb: [f32; 3]| {
-                    pixels[(py as usize - y) * width as usize + px as usize] = rgb;
-                };
-                renderer.render_picture(math, batch, size, rect, workspace, &mut put)
-            },
-        )
-        .collect();
-    let mut sum = Counters::default();
-    counters?.into_iter().for_each(|counters| sum += counters);
-    Ok((Picture { width: width as usize, height: height as usize, rgb }, sum))
+    let row = width as usize;
+    let mut picture = Picture::filled(row, height as usize, [0.0; 3]);
+    let mut counters = Counters::default();
+    for (slab, pixels) in picture.rgb.chunks_mut(SLAB * BAND * row).enumerate() {
+        let bands: Result<Vec<Counters>, RenderError> = pixels
+            .par_chunks_mut(BAND * row)
+            .enumerate()
+            .map_init(
+                || vec![Line::UNINIT; lines],
+                |workspace, (band, pixels)| {
+                    let (y, rows) = ((slab * SLAB + band) * BAND, pixels.len() / row);
+                    let rect = Rect { x: 0, y: y as u32, width, height: rows as u32 };
+                    let mut put = |px: u32, py: u32, rgb| pixels[(py as usize - y) * row + px as usize] = rgb;
+                    renderer.render_picture(math, batch, size, rect, workspace, &mut put)
+                },
+            )
+            .collect();
+        bands?.into_iter().for_each(|band| counters += band);
+        each(((slab + 1) * SLAB * BAND).min(height as usize) as u64);
+    }
+    Ok((picture, counters))
 }

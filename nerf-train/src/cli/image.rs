@@ -8,6 +8,7 @@ use crate::output::{ensure_file, ensure_folder, write_atomic};
 use crate::report::contact_sheet::{Cell, contact_sheet};
 use crate::report::picture::Picture;
 use crate::report::plot::{LinePlot, Marker, Series};
+use crate::report::progress::{Message, Progress, Total};
 use crate::report::summary::Summary;
 use crate::report::table::Table;
 use crate::train::schedule::{Budget, Clock};
@@ -384,8 +385,12 @@ impl Render {
         ensure_file(&self.output)?;
         let mut memory = vec![Line::UNINIT; Renderer::prepared_lines(&blob, global.tier())];
         let renderer = Renderer::new(blob, global.tier(), &mut memory)?;
-        let (picture, counters) = frame::render_picture(&renderer, self.math, size)
-            .with_context(|| self.file.display().to_string())?;
+        let mut progress = Progress::new("render", Total::Steps(size[1].into()), global.style());
+        let (picture, counters) = frame::render_picture(&renderer, self.math, size, |rows| {
+            progress.update(rows, &Message { note: "rows".into(), ..Message::default() });
+        })
+        .with_context(|| self.file.display().to_string())?;
+        progress.finish(format!("{} rows", size[1]));
         picture.write_png(&self.output)?;
         let mut summary = Summary::new();
         summary

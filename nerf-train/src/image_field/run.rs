@@ -155,7 +155,7 @@ fn render_blob(bytes: &[u8], tier: Tier, size: [u32; 2]) -> Result<Picture, Fiel
     let blob = Blob::open(bytes)?;
     let mut memory = vec![Line::UNINIT; Renderer::prepared_lines(&blob, tier)];
     let renderer = Renderer::new(blob, tier, &mut memory)?;
-    Ok(frame::render_picture(&renderer, MathBackend::Polynomial, size)?.0)
+    Ok(frame::render_picture(&renderer, MathBackend::Polynomial, size, |_| {})?.0)
 }
 
 /// The whole picture at some step.
