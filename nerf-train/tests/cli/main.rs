@@ -2,6 +2,7 @@
 
 mod faults;
 mod made;
+mod picture;
 mod pipeline;
 mod stopping;
 
