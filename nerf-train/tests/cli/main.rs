@@ -5,6 +5,7 @@ mod faults;
 mod fields;
 mod json;
 mod made;
+mod picture;
 mod pipeline;
 mod stopping;
 mod video;

@@ -1,0 +1,57 @@
+//! What the commands say of the blob of a picture (a 2D field).
+
+use super::made::Folder;
+use super::{fails, ok};
+use nerf_core::blob::{Content, PictureFacts, Provenance};
+use nerf_core::encoding::{AngleScale, Encoding};
+use nerf_core::network::{Architecture, TrunkLayer};
+use nerf_train::export::{Contents, export};
+
+/// A grey picture of 30×20 pixels: 2×4 + 4 parameters in the trunk, 4×3 + 3 in rgb.
+fn blob() -> Vec<u8> {
+    let architecture = Architecture {
+        position: Encoding { inputs: 2, levels: 0, scale: AngleScale::Pi, identity: true },
+        direction: None,
+        trunk: [TrunkLayer { width: 4, skip: false }].into_iter().collect(),
+        density: None,
+        colour: [].into_iter().collect(),
+    };
+    let provenance = Provenance {
+        data: "grey",
+        made_by: "test",
+        steps: 0,
+        seed: 0,
+        psnr_db: None,
+        psnr_convention: "",
+        quantisation_loss_db: None,
+        trained_parameters: 27,
+    };
+    let contents = Contents {
+        architecture: &architecture,
+        parameters: &[0.0; 27],
+        content: Content::Picture(PictureFacts { width: 30, height: 20 }),
+        grid: None,
+        provenance,
+    };
+    export(&contents).expect("a blob").bytes
+}
+
+#[test]
+fn inspect_says_how_large_a_picture_was_and_nothing_of_scenes() {
+    let folder = Folder::new();
+    let file = folder.file("grey.nerf", blob());
+    let said = ok(["inspect", &file]);
+    for line in ["kind          picture of 30x20 pixels", "work          20 multiply-adds a pixel"] {
+        assert!(said.lines().any(|said| said == line), "{line}: {said}");
+    }
+    for word in ["direction", "density", "box", "near", "background", "grid"] {
+        assert!(!said.contains(word), "{word}: {said}");
+    }
+}
+
+#[test]
+fn a_picture_is_not_evaluated_on_views_of_a_scene() {
+    let folder = Folder::new();
+    let (file, views) = (folder.file("grey.nerf", blob()), folder.npz("scene.npz"));
+    fails(["eval", &file, &views], &["expected a scene, found a 2D field"]);
+}
