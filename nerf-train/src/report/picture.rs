@@ -90,6 +90,35 @@ impl Picture {
         self.enlarged(pixels.div_ceil(self.width.max(self.height).max(1)))
     }
 
+    /// Reduced by the smallest whole factor that makes the longer side at most `pixels`: means of squares,
+    /// in display space; at the right and lower edges of what is left of them.
+    pub fn reduced_to(&self, pixels: usize) -> Self {
+        let factor = self.width.max(self.height).div_ceil(pixels.max(1));
+        if factor <= 1 {
+            return self.clone();
+        }
+        let (width, height) = (self.width.div_ceil(factor), self.height.div_ceil(factor));
+        let mean = |i: usize| {
+            let (left, top) = (i % width * factor, i / width * factor);
+            let (mut sum, mut count) = ([0.0; 3], 0.0f32);
+            for y in top..(top + factor).min(self.height) {
+                for rgb in (left..left + factor).filter_map(|x| self.pixel(x, y)) {
+                    sum = std::array::from_fn(|c| sum[c] + rgb[c]);
+                    count += 1.0;
+                }
+            }
+            sum.map(|c: f32| c / count.max(1.0))
+        };
+        Self { width, height, rgb: (0..width * height).map(mean).collect() }
+    }
+
+    /// The colours of a picture file; `None` where there is none that can be read.
+    pub fn read(path: impl AsRef<Path>) -> Option<Self> {
+        let picture = image::open(path).ok()?.into_rgb8();
+        let rgb = picture.pixels().map(|pixel| pixel.0.map(|c| f32::from(c) / 255.0)).collect();
+        Some(Self { width: picture.width() as usize, height: picture.height() as usize, rgb })
+    }
+
     /// `[height * width * 3]` bytes: clamped, scaled by 255, rounded half up; NaN gives 0.
     pub fn to_rgb8(&self) -> Vec<u8> {
         self.rgb.iter().flatten().map(|&value| to_u8(value)).collect()
