@@ -4,9 +4,10 @@ use super::common::{DataOptions, Global, cpu_name, parse_numbers, print_report, 
 use super::outcome;
 use crate::config::{Config, Density, Jitter, Preset};
 use crate::dataset::Background;
-use crate::output::{ensure_file, ensure_folder};
+use crate::output::ensure_file;
 use crate::train::run::{Ended, RunOptions, run_since};
 use crate::train::schedule::{Budget, Clock};
+use crate::train::snapshot::SnapshotOptions;
 use anyhow::Context;
 use clap::Args;
 use std::path::{Path, PathBuf};
@@ -54,9 +55,13 @@ pub struct Fit {
     /// Steps between looks at the validation views [default: an eighth of the run].
     #[arg(long, value_name = "N")]
     validate_every: Option<u32>,
-    /// Steps at which a validation view is written as a picture, into the report folder.
-    #[arg(long, value_name = "N,N,…", value_delimiter = ',')]
+    /// Steps at which validation views are shown, as files and on a sheet in the report folder [default:
+    /// looks an eighth of the run apart].
+    #[arg(long, value_name = "N,N,…", value_delimiter = ',', requires = "report")]
     snapshots: Vec<u32>,
+    /// Which validation views are shown, counted from 0 [default: the two that the run watches].
+    #[arg(long, value_name = "I,J,…", value_delimiter = ',', requires = "report")]
+    snapshot_views: Vec<usize>,
     #[command(flatten)]
     data_options: DataOptions,
     #[command(flatten)]
@@ -214,6 +219,11 @@ impl Fit {
         Ok(config)
     }
 
+    fn snapshot_options(&self) -> Option<SnapshotOptions> {
+        let folder = self.report.clone()?;
+        Some(SnapshotOptions { folder, steps: self.snapshots.clone(), views: self.snapshot_views.clone() })
+    }
+
     /// Runs the command.
     pub fn run(&self, global: &Global) -> anyhow::Result<ExitCode> {
         let clock = Clock::resume(Duration::ZERO);
@@ -230,9 +240,6 @@ impl Fit {
         ensure_file(&self.output)?;
         ensure_file(&checkpoint)?;
         report_folder(self.report.as_ref())?;
-        if self.report.is_some() && !self.snapshots.is_empty() {
-            ensure_folder(self.report.as_deref().unwrap_or(Path::new(".")).join("snapshots"))?;
-        }
 
         let dataset = self.data_options.read(&self.data)?;
         let report = print_report(&dataset, global);
@@ -244,8 +251,7 @@ impl Fit {
             checkpoint: Some(checkpoint),
             checkpoint_every: self.checkpoint_every,
             resume: self.resume,
-            report: self.report.clone(),
-            snapshots: self.snapshots.clone(),
+            snapshots: self.snapshot_options(),
             validate_every: self.validate_every,
             tier: global.tier(),
             style: global.style(),
@@ -258,6 +264,7 @@ impl Fit {
             config.seed
         ));
         let stop = interruption()?;
+        let stop = |_| stop.load(Ordering::Relaxed);
         let outcome = match run_since(clock, &dataset, config.clone(), &options, &stop)? {
             Ended::Finished(outcome) => outcome,
             Ended::Interrupted { step, checkpoint } => {
@@ -268,6 +275,7 @@ impl Fit {
             }
         };
         crate::output::write_atomic(&self.output, &outcome.bytes)?;
+        outcome::tell_missed(&outcome);
         let printed = outcome::print(&outcome, &self.output);
         if let Some(folder) = &self.report {
             let mut summary = outcome::summary(&outcome, &config, options.tier, clock.seconds());
