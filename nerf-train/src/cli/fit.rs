@@ -177,9 +177,12 @@ impl Settings {
 }
 
 /// The preset, with the TOML file's values put over it; `hull`: whether one can be carved.
+///
+/// A file that does without a hull starts as gently as `--no-hull` does; its own values count.
 fn read_config(preset: Preset, file: Option<&Path>, hull: bool) -> anyhow::Result<Config> {
-    let start = |preset: Preset| if hull { preset.config() } else { preset.config().without_hull() };
-    let Some(file) = file else { return Ok(start(preset)) };
+    let start =
+        |preset: Preset, hull: bool| if hull { preset.config() } else { preset.config().without_hull() };
+    let Some(file) = file else { return Ok(start(preset, hull)) };
     let text = std::fs::read_to_string(file).with_context(|| format!("cannot read {}", file.display()))?;
     let parse = || -> anyhow::Result<Config> {
         let given: toml::Table = text.parse()?;
@@ -187,7 +190,8 @@ fn read_config(preset: Preset, file: Option<&Path>, hull: bool) -> anyhow::Resul
             Some(named) => named.clone().try_into::<Preset>()?,
             None => preset,
         };
-        let mut merged = toml::Table::try_from(start(preset))?;
+        let carved = given.get("grid").and_then(|grid| grid.get("hull")).and_then(toml::Value::as_bool);
+        let mut merged = toml::Table::try_from(start(preset, hull && carved != Some(false)))?;
         merge(&mut merged, given);
         Ok(merged.try_into()?)
     };
@@ -305,4 +309,31 @@ fn interruption() -> anyhow::Result<Arc<AtomicBool>> {
     })
     .context("cannot watch for Ctrl-C")?;
     Ok(stop)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_file_without_hull_starts_as_gently_as_the_flag() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let read = |text: &str| {
+            let file = folder.path().join("run.toml");
+            std::fs::write(&file, text).expect("written");
+            read_config(Preset::Fast, Some(&file), true).expect("a config")
+        };
+        let gentle = read_config(Preset::Fast, None, false).expect("a config");
+        assert_eq!(gentle, Preset::Fast.config().without_hull());
+        assert_eq!(read("[grid]\nhull = false"), gentle);
+        assert_eq!(read("[grid]\nhull = true"), Preset::Fast.config());
+        assert_eq!(read("seed = 0"), Preset::Fast.config());
+        // What the file says itself counts.
+        let mut own = gentle.clone();
+        (own.grid.from, own.optimiser.rate) = (77, 2e-3);
+        assert_eq!(read("[grid]\nhull = false\nfrom = 77\n[optimiser]\nrate = 2e-3"), own);
+        // The seed preset carves none and starts as it always does.
+        let seed = "preset = \"seed\"\n[grid]\nhull = false";
+        assert_eq!(read(seed), Preset::Seed.config());
+    }
 }
