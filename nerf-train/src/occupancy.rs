@@ -25,81 +25,16 @@ const SETTLE_MACS: usize = 300_000_000_000;
 /// Density of a cell that has not been asked yet: it stays live.
 const UNKNOWN: f32 = -1.0;
 
-/// A bit per cell, with the densities behind it.
+/// A bit per cell: the grid as the blob keeps it.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Occupancy {
+pub struct LiveCells {
     min: [f32; 3],
     max: [f32; 3],
     resolution: [u16; 3],
     bits: Vec<u8>,
-    /// Cells that the pictures do not rule out.
-    candidates: Vec<u32>,
-    /// Remembered density of each candidate, 1/world unit.
-    density: Vec<f32>,
-    refreshes: u64,
 }
 
-impl Occupancy {
-    /// A grid with every cell live, `resolution` cells along the longest side.
-    pub fn full(bounds: SceneBox, resolution: u16) -> Self {
-        let extent = bounds.max - bounds.min;
-        let cell = extent.max_element() / f32::from(resolution);
-        let sides = extent.to_array().map(|side| ((side / cell).round() as u16).clamp(1, resolution));
-        let cells = sides.iter().map(|&side| u32::from(side)).product();
-        Self::of_candidates(bounds, sides, (0..cells).collect())
-    }
-
-    fn of_candidates(bounds: SceneBox, resolution: [u16; 3], candidates: Vec<u32>) -> Self {
-        let mut bits = vec![0; Grid::bytes(resolution)];
-        for &cell in &candidates {
-            bits[cell as usize / 8] |= 1 << (cell % 8);
-        }
-        let density = vec![UNKNOWN; candidates.len()];
-        let (min, max) = (bounds.min.into(), bounds.max.into());
-        Self { min, max, resolution, bits, candidates, density, refreshes: 0 }
-    }
-
-    /// The visual hull: cells that many views see, and none against its empty background.
-    ///
-    /// `None` if the pictures do not say what is empty. A view sees a cell if all of the window
-    /// that the cell's bounding sphere projects into is in the picture.
-    pub fn carve(bounds: SceneBox, resolution: u16, views: &[View], background: Background) -> Option<Self> {
-        let silhouettes: Option<Vec<Silhouette>> =
-            views.par_iter().map(|view| Silhouette::of(view, background)).collect();
-        let silhouettes = silhouettes?;
-        let full = Self::full(bounds, resolution);
-        let radius = 0.5 * full.cell_size().length();
-        // How many views see a cell, unless one sees it empty.
-        let seen = |&cell: &u32| {
-            let centre = full.point(cell, [0.5; 3]);
-            let mut seen = 0u32;
-            for silhouette in &silhouettes {
-                match silhouette.shows(centre, radius) {
-                    Some(false) => return 0,
-                    Some(true) => seen += 1,
-                    None => {}
-                }
-            }
-            seen
-        };
-        let seen: Vec<u32> = full.candidates.par_iter().map(seen).collect();
-        let enough = seen.iter().max().map_or(1, |most| most.div_ceil(SEEN_SHARE).max(1));
-        let kept = full.candidates.iter().zip(seen).filter(|&(_, seen)| seen >= enough);
-        let kept: Vec<u32> = kept.map(|(&cell, _)| cell).collect();
-        Some(Self::of_candidates(bounds, full.resolution, kept))
-    }
-
-    /// The box around the live cells, with a margin of one cell; `None` if nothing is live.
-    pub fn tight_box(&self) -> Option<SceneBox> {
-        let (mut low, mut high) = (Vec3::INFINITY, Vec3::NEG_INFINITY);
-        for &cell in &self.candidates {
-            low = low.min(self.point(cell, [-1.0; 3]));
-            high = high.max(self.point(cell, [2.0; 3]));
-        }
-        let (min, max) = (low.max(Vec3::from(self.min)), high.min(Vec3::from(self.max)));
-        SceneBox::new(min, max).ok()
-    }
-
+impl LiveCells {
     /// The box it divides.
     pub fn bounds(&self) -> SceneBox {
         SceneBox { min: Vec3::from(self.min), max: Vec3::from(self.max) }
@@ -131,6 +66,91 @@ impl Occupancy {
         let index = [cell / (ny * nz), cell / nz % ny, cell % nz];
         let at = Vec3::from_array(std::array::from_fn(|axis| index[axis] as f32 + u[axis]));
         Vec3::from(self.min) + at * self.cell_size()
+    }
+
+    fn set(&mut self, cell: u32) {
+        self.bits[cell as usize / 8] |= 1 << (cell % 8);
+    }
+}
+
+/// The live cells, with the densities behind them.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Occupancy {
+    live: LiveCells,
+    /// Cells that the pictures do not rule out.
+    candidates: Vec<u32>,
+    /// Remembered density of each candidate, 1/world unit.
+    density: Vec<f32>,
+    refreshes: u64,
+}
+
+impl Occupancy {
+    /// A grid with every cell live, `resolution` cells along the longest side.
+    pub fn full(bounds: SceneBox, resolution: u16) -> Self {
+        let extent = bounds.max - bounds.min;
+        let cell = extent.max_element() / f32::from(resolution);
+        let sides = extent.to_array().map(|side| ((side / cell).round() as u16).clamp(1, resolution));
+        let cells = sides.iter().map(|&side| u32::from(side)).product();
+        Self::of_candidates(bounds, sides, (0..cells).collect())
+    }
+
+    fn of_candidates(bounds: SceneBox, resolution: [u16; 3], candidates: Vec<u32>) -> Self {
+        let (min, max) = (bounds.min.into(), bounds.max.into());
+        let mut live = LiveCells { min, max, resolution, bits: vec![0; Grid::bytes(resolution)] };
+        candidates.iter().for_each(|&cell| live.set(cell));
+        let density = vec![UNKNOWN; candidates.len()];
+        Self { live, candidates, density, refreshes: 0 }
+    }
+
+    /// The visual hull: cells that many views see, and none against its empty background.
+    ///
+    /// `None` if the pictures do not say what is empty. A view sees a cell if all of the window
+    /// that the cell's bounding sphere projects into is in the picture.
+    pub fn carve(bounds: SceneBox, resolution: u16, views: &[View], background: Background) -> Option<Self> {
+        let silhouettes: Option<Vec<Silhouette>> =
+            views.par_iter().map(|view| Silhouette::of(view, background)).collect();
+        let silhouettes = silhouettes?;
+        let full = Self::full(bounds, resolution);
+        let radius = 0.5 * full.live.cell_size().length();
+        // How many views see a cell, unless one sees it empty.
+        let seen = |&cell: &u32| {
+            let centre = full.live.point(cell, [0.5; 3]);
+            let mut seen = 0u32;
+            for silhouette in &silhouettes {
+                match silhouette.shows(centre, radius) {
+                    Some(false) => return 0,
+                    Some(true) => seen += 1,
+                    None => {}
+                }
+            }
+            seen
+        };
+        let seen: Vec<u32> = full.candidates.par_iter().map(seen).collect();
+        let enough = seen.iter().max().map_or(1, |most| most.div_ceil(SEEN_SHARE).max(1));
+        let kept = full.candidates.iter().zip(seen).filter(|&(_, seen)| seen >= enough);
+        let kept: Vec<u32> = kept.map(|(&cell, _)| cell).collect();
+        Some(Self::of_candidates(bounds, full.live.resolution, kept))
+    }
+
+    /// The box around the live cells, with a margin of one cell; `None` if nothing is live.
+    pub fn tight_box(&self) -> Option<SceneBox> {
+        let (mut low, mut high) = (Vec3::INFINITY, Vec3::NEG_INFINITY);
+        for &cell in &self.candidates {
+            low = low.min(self.live.point(cell, [-1.0; 3]));
+            high = high.max(self.live.point(cell, [2.0; 3]));
+        }
+        let (min, max) = (low.max(Vec3::from(self.live.min)), high.min(Vec3::from(self.live.max)));
+        SceneBox::new(min, max).ok()
+    }
+
+    /// As the renderer sees it.
+    pub fn grid(&self) -> SkipGrid<'_> {
+        self.live.grid()
+    }
+
+    /// What a blob keeps of it.
+    pub fn into_live(self) -> LiveCells {
+        self.live
     }
 
     /// Asks the network again and, if `drop` says so, drops cells of too little density.
@@ -181,7 +201,7 @@ impl Occupancy {
 
     /// Makes the candidates next to live cells live.
     fn dilate(&mut self) {
-        let sides = self.resolution.map(i64::from);
+        let sides = self.live.resolution.map(i64::from);
         let live = self.grid();
         let near_live = |&cell: &u32| {
             let cell = i64::from(cell);
@@ -193,15 +213,13 @@ impl Occupancy {
             })
         };
         let near: Vec<u32> = self.candidates.par_iter().copied().filter(near_live).collect();
-        for cell in near {
-            self.bits[cell as usize / 8] |= 1 << (cell % 8);
-        }
+        near.into_iter().for_each(|cell| self.live.set(cell));
     }
 
     fn ask(&self, ask: &Ask<'_>, which: &[usize], u: impl Fn(u64, u32) -> f32 + Sync) -> Vec<f32> {
         let point = |&i: &usize| {
             let cell = self.candidates[i];
-            self.point(cell, std::array::from_fn(|axis| u(axis as u64, cell))).to_array()
+            self.live.point(cell, std::array::from_fn(|axis| u(axis as u64, cell))).to_array()
         };
         let points: Vec<[f32; 3]> = which.par_iter().map(point).collect();
         densities(ask.tier, ask.architecture, ask.parameters, &points)
@@ -214,10 +232,10 @@ impl Occupancy {
         if (count as f64) < SMALLEST_SHARE * self.candidates.len() as f64 {
             return;
         }
-        self.bits.fill(0);
+        self.live.bits.fill(0);
         for (&cell, density) in self.candidates.iter().zip(&self.density) {
             if live(density) {
-                self.bits[cell as usize / 8] |= 1 << (cell % 8);
+                self.live.set(cell);
             }
         }
     }

@@ -15,13 +15,13 @@ use crate::report::progress::{Message, Progress, Total};
 use crate::report::table::Table;
 use crate::train::run::{Ended, RunOptions, run_since};
 use crate::train::schedule::{Budget, Clock};
+use crate::train::snapshot::SnapshotOptions;
 use clap::Args;
 use nerf_core::kernels::Line;
 use nerf_core::plan::{Batch, Outputs, Plan, Quality};
 use nerf_core::render::Renderer;
 use std::path::PathBuf;
 use std::process::ExitCode;
-use std::sync::atomic::AtomicBool;
 use std::time::Duration;
 
 /// Steps the demo trains for.
@@ -67,22 +67,25 @@ impl Demo {
             checkpoint: None,
             checkpoint_every: f64::INFINITY,
             resume: false,
-            report: Some(self.out.clone()),
-            snapshots: Vec::new(),
+            snapshots: Some(SnapshotOptions {
+                folder: self.out.clone(),
+                steps: Vec::new(),
+                views: Vec::new(),
+            }),
             validate_every: None,
             tier,
             style: global.style(),
         };
-        let Ended::Finished(outcome) =
-            run_since(clock, &dataset, config.clone(), &options, &AtomicBool::new(false))?
+        let Ended::Finished(outcome) = run_since(clock, &dataset, config.clone(), &options, &|_| false)?
         else {
-            unreachable!("nobody sets the flag");
+            unreachable!("nobody stops it");
         };
         let blob_path = self.out.join("demo.nerf");
         write_atomic(&blob_path, &outcome.bytes)?;
 
         let mut summary = outcome::summary(&outcome, &config, tier, clock.seconds());
         outcome::write_curve(&self.out, &outcome)?;
+        outcome::write_snapshots(&self.out, &outcome, &dataset)?;
         let json = serde_json::to_string_pretty(&report)?;
         write_atomic(self.out.join("data.json"), json.as_bytes())?;
 
@@ -166,6 +169,7 @@ impl Demo {
                 outcome.train_seconds,
                 clock.seconds()
             );
+            outcome::print_choice(&outcome)?;
             let files = [
                 ("demo.nerf", "the scene: open it with nerf-core or the C ABI"),
                 ("views.png", "held-out views, their truth, and z_depth"),
@@ -177,6 +181,7 @@ impl Demo {
                         "a flight around the scene"
                     },
                 ),
+                ("snapshots.png", "two held-out views while training"),
                 ("curve.png", "PSNR while training (also .svg and .csv)"),
                 ("summary.json", "every figure, with its unit in its name"),
             ];

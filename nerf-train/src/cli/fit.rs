@@ -4,13 +4,15 @@ use super::common::{DataOptions, Global, cpu_name, parse_numbers, print_report, 
 use super::outcome;
 use crate::config::{Config, Density, Jitter, Preset};
 use crate::dataset::Background;
-use crate::output::{ensure_file, ensure_folder};
+use crate::output::ensure_file;
 use crate::train::run::{Ended, RunOptions, run_since};
 use crate::train::schedule::{Budget, Clock};
+use crate::train::snapshot::SnapshotOptions;
 use anyhow::Context;
 use clap::Args;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
+use std::sync::atomic::Ordering;
 use std::time::Duration;
 
 /// Fit a radiance field to posed photographs.
@@ -52,9 +54,13 @@ pub struct Fit {
     /// Steps between looks at the validation views [default: an eighth of the run].
     #[arg(long, value_name = "N")]
     validate_every: Option<u32>,
-    /// Steps at which a validation view is written as a picture, into the report folder.
-    #[arg(long, value_name = "N,N,…", value_delimiter = ',')]
+    /// Steps at which validation views are shown, as files and on a sheet in the report folder [default:
+    /// looks an eighth of the run apart].
+    #[arg(long, value_name = "N,N,…", value_delimiter = ',', requires = "report")]
     snapshots: Vec<u32>,
+    /// Which validation views are shown, counted from 0 [default: the two that the run watches].
+    #[arg(long, value_name = "I,J,…", value_delimiter = ',', requires = "report")]
+    snapshot_views: Vec<usize>,
     #[command(flatten)]
     data_options: DataOptions,
     #[command(flatten)]
@@ -170,9 +176,12 @@ impl Settings {
 }
 
 /// The preset, with the TOML file's values put over it; `hull`: whether one can be carved.
+///
+/// A file that does without a hull starts as gently as `--no-hull` does; its own values count.
 pub fn read_config(preset: Preset, file: Option<&Path>, hull: bool) -> anyhow::Result<Config> {
-    let start = |preset: Preset| if hull { preset.config() } else { preset.config().without_hull() };
-    let Some(file) = file else { return Ok(start(preset)) };
+    let start =
+        |preset: Preset, hull: bool| if hull { preset.config() } else { preset.config().without_hull() };
+    let Some(file) = file else { return Ok(start(preset, hull)) };
     let text = std::fs::read_to_string(file).with_context(|| format!("cannot read {}", file.display()))?;
     let parse = || -> anyhow::Result<Config> {
         let given: toml::Table = text.parse()?;
@@ -180,7 +189,8 @@ pub fn read_config(preset: Preset, file: Option<&Path>, hull: bool) -> anyhow::R
             Some(named) => named.clone().try_into::<Preset>()?,
             None => preset,
         };
-        let mut merged = toml::Table::try_from(start(preset))?;
+        let carved = given.get("grid").and_then(|grid| grid.get("hull")).and_then(toml::Value::as_bool);
+        let mut merged = toml::Table::try_from(start(preset, hull && carved != Some(false)))?;
         merge(&mut merged, given);
         Ok(merged.try_into()?)
     };
@@ -212,6 +222,11 @@ impl Fit {
         Ok(config)
     }
 
+    fn snapshot_options(&self) -> Option<SnapshotOptions> {
+        let folder = self.report.clone()?;
+        Some(SnapshotOptions { folder, steps: self.snapshots.clone(), views: self.snapshot_views.clone() })
+    }
+
     /// Runs the command.
     pub fn run(&self, global: &Global) -> anyhow::Result<ExitCode> {
         let clock = Clock::resume(Duration::ZERO);
@@ -228,9 +243,6 @@ impl Fit {
         ensure_file(&self.output)?;
         ensure_file(&checkpoint)?;
         report_folder(self.report.as_ref())?;
-        if self.report.is_some() && !self.snapshots.is_empty() {
-            ensure_folder(self.report.as_deref().unwrap_or(Path::new(".")).join("snapshots"))?;
-        }
 
         let dataset = self.data_options.read(&self.data)?;
         let report = print_report(&dataset, global);
@@ -242,8 +254,7 @@ impl Fit {
             checkpoint: Some(checkpoint),
             checkpoint_every: self.checkpoint_every,
             resume: self.resume,
-            report: self.report.clone(),
-            snapshots: self.snapshots.clone(),
+            snapshots: self.snapshot_options(),
             validate_every: self.validate_every,
             tier: global.tier(),
             style: global.style(),
@@ -256,6 +267,7 @@ impl Fit {
             config.seed
         ));
         let stop = super::interruption()?;
+        let stop = |_| stop.load(Ordering::Relaxed);
         let outcome = match run_since(clock, &dataset, config.clone(), &options, &stop)? {
             Ended::Finished(outcome) => outcome,
             Ended::Interrupted { step, checkpoint } => {
@@ -266,6 +278,7 @@ impl Fit {
             }
         };
         crate::output::write_atomic(&self.output, &outcome.bytes)?;
+        outcome::tell_missed(&outcome);
         let printed = outcome::print(&outcome, &self.output);
         if let Some(folder) = &self.report {
             let mut summary = outcome::summary(&outcome, &config, options.tier, clock.seconds());
@@ -282,4 +295,31 @@ fn checkpoint_path(output: &Path) -> PathBuf {
     let mut name = output.as_os_str().to_owned();
     name.push(".checkpoint");
     name.into()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_file_without_hull_starts_as_gently_as_the_flag() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let read = |text: &str| {
+            let file = folder.path().join("run.toml");
+            std::fs::write(&file, text).expect("written");
+            read_config(Preset::Fast, Some(&file), true).expect("a config")
+        };
+        let gentle = read_config(Preset::Fast, None, false).expect("a config");
+        assert_eq!(gentle, Preset::Fast.config().without_hull());
+        assert_eq!(read("[grid]\nhull = false"), gentle);
+        assert_eq!(read("[grid]\nhull = true"), Preset::Fast.config());
+        assert_eq!(read("seed = 0"), Preset::Fast.config());
+        // What the file says itself counts.
+        let mut own = gentle.clone();
+        (own.grid.from, own.optimiser.rate) = (77, 2e-3);
+        assert_eq!(read("[grid]\nhull = false\nfrom = 77\n[optimiser]\nrate = 2e-3"), own);
+        // The seed preset carves none and starts as it always does.
+        let seed = "preset = \"seed\"\n[grid]\nhull = false";
+        assert_eq!(read(seed), Preset::Seed.config());
+    }
 }

@@ -1,6 +1,6 @@
 //! What a training run says in the end: text, summary, curves, pictures.
 
-use super::common::{background_name, cpu_name};
+use super::common::{background_name, cpu_name, tell};
 use crate::config::Config;
 use crate::dataset::{Dataset, Report};
 use crate::eval::measure;
@@ -8,7 +8,10 @@ use crate::report::contact_sheet::{Cell, contact_sheet};
 use crate::report::plot::{LinePlot, Marker, Series};
 use crate::report::summary::Summary;
 use crate::report::table::Table;
-use crate::train::run::{Outcome, file_name, spread};
+use crate::train::CurvePoint;
+use crate::train::finish::Outcome;
+use crate::train::run::{file_name, spread};
+use crate::train::snapshot;
 use nerf_core::kernels::Tier;
 use nerf_core::plan::Quality;
 use std::path::Path;
@@ -24,6 +27,7 @@ pub fn print(outcome: &Outcome, output: &Path) -> anyhow::Result<()> {
         _ => outln!("validation: no views"),
     }
     outln!("trained: {} steps in {:.1} s", outcome.steps, outcome.train_seconds);
+    print_choice(outcome)?;
     if let Some(loss) = outcome.quantisation_loss_db {
         outln!("f16 rounding cost {loss:.3} dB ({} subnormal weights)", outcome.subnormal_weights);
     }
@@ -37,6 +41,57 @@ pub fn print(outcome: &Outcome, output: &Path) -> anyhow::Result<()> {
     }
     outln!("blob: {} ({} bytes)", output.display(), outcome.bytes.len());
     Ok(())
+}
+
+/// Prints which step was exported, by what it was chosen, and whether validation stopped rising before.
+pub fn print_choice(outcome: &Outcome) -> anyhow::Result<()> {
+    outln!("exported: {}", choice(outcome));
+    if outcome.chosen.is_some() {
+        outln!("trend: {}", outcome.trend);
+    }
+    Ok(())
+}
+
+/// Which step was exported, and why.
+fn choice(outcome: &Outcome) -> String {
+    let step = outcome.exported_step;
+    let Some(chosen) = &outcome.chosen else {
+        return format!("the last step, {step}; there are no validation views to choose by");
+    };
+    let by = format!(
+        "by the mean PSNR of {} ({}) on {}: {:.2} dB",
+        count(chosen.watched.len(), "watched view"),
+        chosen.watched.join(", "),
+        background_name(outcome.background),
+        chosen.val_psnr_db
+    );
+    match (step == outcome.steps, chosen.looks) {
+        (true, 1) => format!("the last step, {step}, the only one looked at"),
+        (true, looks) => format!("the last step, {step}, the best of {looks} looks {by}"),
+        (false, looks) => format!(
+            "step {step} of {}, the best of {looks} looks {by}; the last look has {:.2} dB",
+            outcome.steps, chosen.last_val_psnr_db
+        ),
+    }
+}
+
+/// `1 view`, `2 views`.
+fn count(n: usize, what: &str) -> String {
+    if n == 1 { format!("1 {what}") } else { format!("{n} {what}s") }
+}
+
+/// Says of which steps there is no picture though one was asked for.
+pub fn tell_missed(outcome: &Outcome) {
+    let (last, missed) = (outcome.steps, &outcome.missed_snapshots);
+    let (beyond, passed): (Vec<u32>, Vec<u32>) = missed.iter().partition(|&&step| step > last);
+    let say = |steps: &[u32], why: String| {
+        if !steps.is_empty() {
+            let steps: Vec<String> = steps.iter().map(u32::to_string).collect();
+            tell(&format!("--snapshots: no picture of step {}: {why}", steps.join(", ")));
+        }
+    };
+    say(&beyond, format!("the run ended at step {last}"));
+    say(&passed, "the run had passed it when it was taken up again".into());
 }
 
 /// The fields of `summary.json`.
@@ -65,7 +120,41 @@ pub fn summary(outcome: &Outcome, config: &Config, tier: Tier, total_seconds: f6
     if let Some(loss) = outcome.quantisation_loss_db {
         summary.number("quantisation_loss_db", loss);
     }
+    summarise_choice(outcome, &mut summary);
     summary
+}
+
+/// Which step was exported, why, and when validation stopped rising.
+fn summarise_choice(outcome: &Outcome, summary: &mut Summary) {
+    let none = "there are no validation views";
+    summary
+        .integer("exported_step", u64::from(outcome.exported_step))
+        .text("exported_because", choice(outcome));
+    match &outcome.chosen {
+        Some(chosen) => summary
+            .integer("best_step", u64::from(outcome.exported_step))
+            .number("best_seconds", chosen.seconds)
+            .number("best_val_psnr_db", chosen.val_psnr_db)
+            .number("last_val_psnr_db", chosen.last_val_psnr_db)
+            .integer("watched_views", chosen.watched.len() as u64)
+            .integer("looks", chosen.looks as u64),
+        None => summary
+            .absent("best_step", none)
+            .absent("best_seconds", none)
+            .absent("best_val_psnr_db", none)
+            .absent("last_val_psnr_db", none)
+            .integer("watched_views", 0)
+            .integer("looks", 0),
+    };
+    let stop = if outcome.chosen.is_some() { outcome.trend.overfitting() } else { Err(none.into()) };
+    match stop {
+        Ok(stop) => summary
+            .integer("val_stopped_rising_step", u64::from(stop.step))
+            .number("val_stopped_rising_seconds", stop.seconds),
+        Err(why) => {
+            summary.absent("val_stopped_rising_step", why.clone()).absent("val_stopped_rising_seconds", why)
+        }
+    };
 }
 
 /// Writes summary, settings, curve, plot and validation pictures.
@@ -78,6 +167,7 @@ pub fn write(
     tier: Tier,
 ) -> anyhow::Result<()> {
     write_curve(folder, outcome)?;
+    write_snapshots(folder, outcome, dataset)?;
     write_views(folder, outcome, dataset, tier)?;
     let json = serde_json::to_string_pretty(report)?;
     crate::output::write_atomic(folder.join("data.json"), json.as_bytes())?;
@@ -85,34 +175,58 @@ pub fn write(
     Ok(())
 }
 
-/// `curve.csv`, `curve.png` and `curve.svg`.
+/// `curve.csv`; and PSNR over time as `curve.png` and `.svg`, over steps as `curve_steps.png` and `.svg`.
 pub fn write_curve(folder: &Path, outcome: &Outcome) -> anyhow::Result<()> {
     let mut table = Table::new(["step", "seconds", "train_psnr_db", "val_psnr_db"]);
-    let (mut train, mut val) = (Vec::new(), Vec::new());
     for point in &outcome.curve {
-        let shown = point.val_psnr_db.map_or_else(String::new, |db| format!("{db:.4}"));
-        let cells = [
+        table.push([
             point.step.to_string(),
             format!("{:.3}", point.seconds),
             format!("{:.4}", point.train_psnr_db),
-            shown,
-        ];
-        table.push(cells);
-        train.push((point.seconds, point.train_psnr_db));
-        val.extend(point.val_psnr_db.map(|db| (point.seconds, db)));
+            point.val_psnr_db.map_or_else(String::new, |db| format!("{db:.4}")),
+        ]);
     }
     table.write_csv(folder.join("curve.csv"))?;
-    let mut plot = LinePlot::new("PSNR while training", "time since the start, s", "PSNR, dB");
-    plot.series = vec![
-        Series { name: "training rays".into(), points: train, marker: Marker::Line },
-        Series { name: "two validation views".into(), points: val, marker: Marker::LineAndPoints },
-    ];
-    plot.notes = vec![format!(
-        "Training rays are drawn near the foreground, so their PSNR is lower than that of whole views. \
+    plot(outcome, "time since the start, s", |point| point.seconds).write(folder.join("curve"))?;
+    plot(outcome, "steps", |point| f64::from(point.step)).write(folder.join("curve_steps"))?;
+    Ok(())
+}
+
+/// Training and validation PSNR over `x`, with the exported step marked.
+fn plot(outcome: &Outcome, x_label: &str, x: impl Fn(&CurvePoint) -> f64) -> LinePlot {
+    let series = |name: String, marker, y: &dyn Fn(&CurvePoint) -> Option<f64>| {
+        let points = outcome.curve.iter().filter_map(|point| Some((x(point), y(point)?))).collect();
+        Series { name, points, marker }
+    };
+    let mut plot = LinePlot::new("PSNR while training", x_label, "PSNR, dB");
+    plot.series.push(series("training rays".into(), Marker::Line, &|point| Some(point.train_psnr_db)));
+    plot.notes.push(format!(
+        "Training rays are drawn near the foreground, where errors are larger than over whole views. \
          Background: {}.",
         background_name(outcome.background)
-    )];
-    plot.write(folder.join("curve"))?;
+    ));
+    if let Some(chosen) = &outcome.chosen {
+        let views = count(chosen.watched.len(), "validation view");
+        plot.series.push(series(views, Marker::LineAndPoints, &|point| point.val_psnr_db));
+        let exported = |point: &CurvePoint| point.val_psnr_db.filter(|_| point.step == outcome.exported_step);
+        let name = format!("exported: step {}, {:.2} dB", outcome.exported_step, chosen.val_psnr_db);
+        plot.series.push(series(name, Marker::Points, &exported));
+        plot.notes.push(format!("Trend: {}.", outcome.trend));
+    }
+    plot
+}
+
+/// `snapshots.png`: views while training, ground truth last; nothing where no pictures were taken.
+pub fn write_snapshots(folder: &Path, outcome: &Outcome, dataset: &Dataset) -> anyhow::Result<()> {
+    let (taken, background) = (&outcome.snapshots, outcome.background);
+    let title = format!(
+        "{}: validation views while training, PSNR of each on {}",
+        dataset.name,
+        background_name(background)
+    );
+    if let Some(sheet) = snapshot::sheet(&title, folder, dataset, taken, background, outcome.exported_step) {
+        sheet.write_png(folder.join("snapshots.png"))?;
+    }
     Ok(())
 }
 

@@ -32,7 +32,7 @@ pub struct FieldConfig {
 pub enum FieldPreset {
     /// The classic exercise: L = 10, 3×256, 10,000 pixels a step, Adam at a constant 1e-2, 3,000 steps.
     Classic,
-    /// What comes out sharpest in eight minutes of two cores.
+    /// What comes out sharpest in eight minutes of two cores: 4×256, and many small steps that end gently.
     Sharp,
 }
 
@@ -62,12 +62,12 @@ impl FieldPreset {
                 levels: 10,
                 layers: 4,
                 width: 256,
-                pixels: 8_192,
+                pixels: 1_024,
                 optimiser: OptimiserConfig {
-                    steps: 8_000,
-                    rate: 5e-3,
+                    steps: 40_000,
+                    rate: 7e-3,
                     final_share: 0.01,
-                    warm_up: 200,
+                    warm_up: 300,
                     beta2: 0.99,
                     epsilon: 1e-15,
                     average: 0.99,

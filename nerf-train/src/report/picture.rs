@@ -90,28 +90,33 @@ impl Picture {
         self.enlarged(pixels.div_ceil(self.width.max(self.height).max(1)))
     }
 
-    /// Reduced so that the longer side is at most `pixels`: every new pixel is the mean of the old ones in it.
+    /// Reduced by the smallest whole factor that makes the longer side at most `pixels`: means of squares,
+    /// in display space; at the right and lower edges of what is left of them.
     pub fn reduced_to(&self, pixels: usize) -> Self {
-        let longest = self.width.max(self.height);
-        if longest <= pixels || self.rgb.len() != self.width * self.height {
+        let factor = self.width.max(self.height).div_ceil(pixels.max(1));
+        if factor <= 1 {
             return self.clone();
         }
-        let side = |side: usize| (side * pixels / longest).max(1);
-        let (width, height) = (side(self.width), side(self.height));
-        let edges =
-            |i: usize, new: usize, old: usize| (i * old / new, ((i + 1) * old / new).max(i * old / new + 1));
+        let (width, height) = (self.width.div_ceil(factor), self.height.div_ceil(factor));
         let mean = |i: usize| {
-            let (left, right) = edges(i % width, width, self.width);
-            let (top, bottom) = edges(i / width, height, self.height);
-            let mut sum = [0.0; 3];
-            for row in top..bottom {
-                for rgb in &self.rgb[row * self.width + left..row * self.width + right] {
-                    (0..3).for_each(|c| sum[c] += rgb[c]);
+            let (left, top) = (i % width * factor, i / width * factor);
+            let (mut sum, mut count) = ([0.0; 3], 0.0f32);
+            for y in top..(top + factor).min(self.height) {
+                for rgb in (left..left + factor).filter_map(|x| self.pixel(x, y)) {
+                    sum = std::array::from_fn(|c| sum[c] + rgb[c]);
+                    count += 1.0;
                 }
             }
-            sum.map(|sum| sum / ((right - left) * (bottom - top)) as f32)
+            sum.map(|c: f32| c / count.max(1.0))
         };
         Self { width, height, rgb: (0..width * height).map(mean).collect() }
+    }
+
+    /// The colours of a picture file; `None` where there is none that can be read.
+    pub fn read(path: impl AsRef<Path>) -> Option<Self> {
+        let picture = image::open(path).ok()?.into_rgb8();
+        let rgb = picture.pixels().map(|pixel| pixel.0.map(|c| f32::from(c) / 255.0)).collect();
+        Some(Self { width: picture.width() as usize, height: picture.height() as usize, rgb })
     }
 
     /// `[height * width * 3]` bytes: clamped, scaled by 255, rounded half up; NaN gives 0.

@@ -37,6 +37,9 @@ enum Field {
     Text(String),
     Texts(Vec<String>),
     Flag(bool),
+    /// `null`, and why.
+    #[serde(serialize_with = "null")]
+    Absent(String),
     Section(Summary),
     Sections(Vec<Summary>),
 }
@@ -87,6 +90,11 @@ impl Summary {
         self.set(name, Field::Flag(value))
     }
 
+    /// Sets a value that there is none of: `null`, with the reason in the note.
+    pub fn absent(&mut self, name: &str, why: impl Into<String>) -> &mut Self {
+        self.set(name, Field::Absent(why.into()))
+    }
+
     /// Sets a summary within the summary.
     pub fn section(&mut self, name: &str, value: Self) -> &mut Self {
         self.set(name, Field::Section(value))
@@ -135,6 +143,7 @@ impl Field {
                 let notes: Vec<String> = values.iter().enumerate().filter_map(entry).collect();
                 (!notes.is_empty()).then(|| notes.join(", "))
             }
+            Self::Absent(why) => Some(why.clone()),
             _ => None,
         }
     }
@@ -143,6 +152,10 @@ impl Field {
 /// The f64 that prints with the few digits an f32 needs: what people expect to see.
 fn shortest(value: f32) -> f64 {
     value.to_string().parse().unwrap_or(f64::from(value))
+}
+
+fn null<S: Serializer>(_: &str, serializer: S) -> Result<S::Ok, S::Error> {
+    serializer.serialize_unit()
 }
 
 fn not_finite(value: f64) -> Option<&'static str> {
@@ -206,6 +219,8 @@ mod tests {
         let mut summary = Summary::new();
         summary.number("a", f64::NAN).number("a", 1.0);
         assert_eq!(summary.to_json().unwrap(), "{\n  \"a\": 1.0\n}\n");
+        summary.absent("a", "no views");
+        assert_eq!(summary.to_json().unwrap(), "{\n  \"a\": null,\n  \"a_note\": \"no views\"\n}\n");
         summary.number_f32("a", f32::INFINITY);
         assert!(summary.to_json().unwrap().contains("\"a_note\": \"+infinity\""));
     }

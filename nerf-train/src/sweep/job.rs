@@ -10,15 +10,15 @@ use crate::image_field::{self, Ended as FieldEnded, FieldConfig, FieldError, Pho
 use crate::report::metrics::psnr_db;
 use crate::report::picture::Picture;
 use crate::report::progress::ProgressStyle;
-use crate::train::TrainError;
 use crate::train::checkpoint::fingerprint;
 use crate::train::run::{self, Ended, RunError, spread};
 use crate::train::schedule::{Budget, Clock};
+use crate::train::{FINAL_VIEWS, TrainError};
 use nerf_core::kernels::Tier;
 use nerf_core::network::Architecture;
 use nerf_core::plan::Quality;
 use serde_json::json;
-use std::sync::atomic::AtomicBool;
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
 /// What all runs of a sweep fit, and from which settings.
@@ -234,14 +234,14 @@ fn run_scene(
         checkpoint: None,
         checkpoint_every: f64::INFINITY,
         resume: false,
-        report: None,
-        snapshots: Vec::new(),
+        snapshots: None,
         validate_every: None,
         tier: runner.tier,
         style: runner.style,
     };
     let clock = Clock::resume(Duration::ZERO);
-    let outcome = match run::run_since(clock, dataset, config, &options, runner.stop) {
+    let stop = |_| runner.stop.load(Ordering::Relaxed);
+    let outcome = match run::run_since(clock, dataset, config, &options, &stop) {
         Ok(Ended::Interrupted { .. }) => return Ok(None),
         Ok(Ended::Finished(outcome)) => outcome,
         Err(RunError::Train(
@@ -255,7 +255,7 @@ fn run_scene(
         }
         Err(error) => return Err(JobError::Run(error)),
     };
-    let views = spread(&dataset.val, run::FINAL_VIEWS);
+    let views = spread(&dataset.val, FINAL_VIEWS);
     let flats = views.iter().map(|view| flat_psnr_db(&view.composite_over(outcome.background)));
     let flat = flats.sum::<f64>() / views.len().max(1) as f64;
     let mut record = Record {

@@ -253,18 +253,11 @@ fn sheet(folder: &Folder, records: &[Record]) -> Option<Picture> {
             _ => format!("{}\ndiverged", record.point),
         };
         // A picture that was deleted leaves a blank cell, not a failed report.
-        let picture = image::open(folder.picture_path(&record.point)).ok().map(thumbnail);
+        let picture = Picture::read(folder.picture_path(&record.point));
+        let picture = picture.map(|picture| picture.reduced_to(THUMBNAIL));
         cells.push(Cell::new(picture.unwrap_or_else(|| Picture::filled(1, 1, [0.9; 3])), caption));
     }
     let columns = varied(records).last().map_or(1, |&knob| values(records, knob).len());
     let columns = if columns > 1 && columns <= 10 { columns } else { 6 };
     (!cells.is_empty()).then(|| contact_sheet(&folder.header().data, &cells, columns))
-}
-
-fn thumbnail(image: image::DynamicImage) -> Picture {
-    let side = THUMBNAIL as u32;
-    let image = if image.width().max(image.height()) > side { image.thumbnail(side, side) } else { image };
-    let rgb = image.into_rgb8();
-    let pixels = rgb.pixels().map(|pixel| pixel.0.map(|c| f32::from(c) / 255.0)).collect();
-    Picture { width: rgb.width() as usize, height: rgb.height() as usize, rgb: pixels }
 }

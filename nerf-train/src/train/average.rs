@@ -1,7 +1,9 @@
 //! The exponential average of the parameters: smoother than any single step's.
 
+use serde::{Deserialize, Serialize};
+
 /// A running average, started at 0 and corrected for that when it is read.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Average {
     decay: f64,
     values: Vec<f32>,
@@ -11,6 +13,11 @@ impl Average {
     /// An average of `parameters` values; a `decay` of 0 keeps none.
     pub fn new(decay: f64, parameters: usize) -> Self {
         Self { decay, values: vec![0.0; if decay > 0.0 { parameters } else { 0 }] }
+    }
+
+    /// Begins anew.
+    pub fn clear(&mut self) {
+        self.values.fill(0.0);
     }
 
     /// Takes a step's parameters in.

@@ -1,5 +1,8 @@
 //! Everything a run needs to go on as if it had not stopped.
 
+use super::average::Average;
+use super::candidate::Best;
+use super::snapshot::Snapshot;
 use super::{CurvePoint, Progressed};
 use crate::config::Config;
 use crate::dataset::Dataset;
@@ -11,7 +14,7 @@ use serde_json::Value;
 use std::path::{Path, PathBuf};
 
 /// First bytes of a checkpoint; the last is the version.
-const MAGIC: [u8; 8] = *b"NERFCKP\x02";
+const MAGIC: [u8; 8] = *b"NERFCKP\x03";
 
 /// A run, stopped between two steps.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -24,14 +27,18 @@ pub struct Checkpoint {
     pub fingerprint: u64,
     /// Parameters and Adam's memory.
     pub optimiser: OptimiserState,
-    /// Exponential average of the parameters, not yet corrected for its start.
-    pub average: Vec<f32>,
+    /// Exponential average of the parameters.
+    pub average: Average,
     /// The grid.
     pub occupancy: Option<Occupancy>,
     /// Counters of the loop.
     pub progressed: Progressed,
     /// The curve so far.
     pub curve: Vec<CurvePoint>,
+    /// What validation liked best so far.
+    pub best: Option<Best>,
+    /// Pictures taken so far; they themselves lie in the report's folder.
+    pub snapshots: Vec<Snapshot>,
     /// Seconds used so far.
     pub seconds: f64,
 }

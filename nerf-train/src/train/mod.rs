@@ -2,23 +2,32 @@
 
 pub mod average;
 mod bounds;
+pub mod candidate;
 pub mod checkpoint;
+pub mod finish;
+mod look;
 pub mod run;
 pub mod schedule;
+pub mod snapshot;
+pub mod trend;
+
+pub use look::FINAL_VIEWS;
 
 use crate::config::{Config, ConfigError};
-use crate::dataset::{Background, Dataset};
+use crate::dataset::Dataset;
 use crate::engine::{Batch, Engine, EngineError, FusedEngine, Model};
-use crate::export::{Contents, ExportError, Exported, export};
+use crate::export::ExportError;
 use crate::occupancy::{Ask, Occupancy};
 use crate::rays::{Bounds, RayBank};
+use average::Average;
 use bounds::find_bounds;
+use candidate::Best;
 use checkpoint::{Checkpoint, fingerprint};
-use nerf_core::blob::{Content, Provenance, SceneFacts};
 use nerf_core::kernels::Tier;
 use nerf_core::ray::BoundsError;
 use schedule::learning_rate;
 use serde::{Deserialize, Serialize};
+use snapshot::Snapshot;
 
 /// Steps in a row without any density after which a run is started anew with another seed.
 const DEAD_STEPS: u32 = 100;
@@ -103,12 +112,15 @@ pub struct Trainer<'d> {
     bank: RayBank<'d>,
     engine: FusedEngine,
     occupancy: Option<Occupancy>,
-    average: Vec<f32>,
+    average: Average,
     batch: Batch,
     progressed: Progressed,
     fingerprint: u64,
+    best: Option<Best>,
     /// The curve so far.
     pub curve: Vec<CurvePoint>,
+    /// Pictures taken so far.
+    pub snapshots: Vec<Snapshot>,
 }
 
 impl<'d> Trainer<'d> {
@@ -123,7 +135,7 @@ impl<'d> Trainer<'d> {
         let bank = RayBank::new(&dataset.train, dataset.background, bounds, &config)?;
         let engine = new_engine(&model, &config, tier, config.seed)?;
         Ok(Self {
-            average: vec![0.0; model.parameters()],
+            average: Average::new(config.optimiser.average, model.parameters()),
             dataset,
             model,
             tier,
@@ -133,7 +145,9 @@ impl<'d> Trainer<'d> {
             occupancy,
             batch: Batch::default(),
             progressed: Progressed::default(),
+            best: None,
             curve: Vec::new(),
+            snapshots: Vec::new(),
             fingerprint: fingerprint(dataset),
             config,
         })
@@ -148,7 +162,9 @@ impl<'d> Trainer<'d> {
         self.average = checkpoint.average;
         self.occupancy = checkpoint.occupancy;
         self.progressed = checkpoint.progressed;
+        self.best = checkpoint.best;
         self.curve = checkpoint.curve;
+        self.snapshots = checkpoint.snapshots;
         Ok(())
     }
 
@@ -162,7 +178,9 @@ impl<'d> Trainer<'d> {
             average: self.average.clone(),
             occupancy: self.occupancy.clone(),
             progressed: self.progressed,
+            best: self.best.clone(),
             curve: self.curve.clone(),
+            snapshots: self.snapshots.clone(),
             seconds,
         }
     }
@@ -170,6 +188,11 @@ impl<'d> Trainer<'d> {
     /// Settings.
     pub fn config(&self) -> &Config {
         &self.config
+    }
+
+    /// What validation liked best so far; `None` before the first look.
+    pub fn best(&self) -> Option<&Best> {
+        self.best.as_ref()
     }
 
     /// Counters.
@@ -226,7 +249,7 @@ impl<'d> Trainer<'d> {
         if p.dead_steps >= DEAD_STEPS {
             return self.reseed();
         }
-        self.update_average();
+        self.average.update(&self.engine.parameters());
         self.refresh_grid();
         Ok(())
     }
@@ -248,16 +271,6 @@ impl<'d> Trainer<'d> {
         if let Some(grid) = &grid {
             let count = self.config.grid.empty_share * self.batch.positions.len() as f32;
             self.bank.fill_empty(&mut self.batch, step, count as usize, grid);
-        }
-    }
-
-    fn update_average(&mut self) {
-        let decay = self.config.optimiser.average as f32;
-        if decay > 0.0 {
-            let parameters = self.engine.parameters();
-            for (average, parameter) in self.average.iter_mut().zip(parameters) {
-                *average = decay * *average + (1.0 - decay) * parameter;
-            }
         }
     }
 
@@ -290,99 +303,13 @@ impl<'d> Trainer<'d> {
         let seed = self.config.seed.wrapping_add(1000 * u64::from(restarts));
         self.engine = new_engine(&self.model, &self.config, self.tier, seed)?;
         self.occupancy = find_bounds(self.dataset, &self.config)?.1;
-        self.average.fill(0.0);
+        self.average.clear();
         self.progressed = Progressed { reseeds: restarts, ..Progressed::default() };
+        self.best = None;
         self.curve.clear();
+        self.snapshots.clear();
         Ok(())
     }
-
-    /// The parameters to export, in export order: the corrected average, or the last.
-    pub fn exported_parameters(&self) -> Vec<f32> {
-        let decay = self.config.optimiser.average;
-        let started = 1.0 - decay.powf(f64::from(self.progressed.step));
-        if decay > 0.0 && started > 0.0 {
-            let corrected = self.average.iter().map(|&a| (f64::from(a) / started) as f32);
-            self.model.fold(&corrected.collect::<Vec<_>>())
-        } else {
-            self.model.fold(&self.engine.parameters())
-        }
-    }
-
-    /// The grid as it stands; full where the run has none.
-    pub fn current_grid(&self) -> Occupancy {
-        let full = || Occupancy::full(self.bounds.scene_box, self.config.grid.resolution);
-        self.occupancy.clone().unwrap_or_else(full)
-    }
-
-    /// The skip grid to export: as trained, asked once more everywhere.
-    pub fn exported_grid(&self, parameters: &[f32]) -> Occupancy {
-        let mut occupancy = self.current_grid();
-        let architecture = &self.model.architecture;
-        let ask = Ask { tier: self.tier, architecture, parameters, seed: self.config.seed };
-        occupancy.settle(&ask, self.threshold());
-        occupancy
-    }
-
-    /// A blob of the run as it stands.
-    ///
-    /// # Errors
-    /// [`TrainError::Export`] on parameters that do not fit f16.
-    pub fn export(&self, about: &About<'_>) -> Result<Exported, TrainError> {
-        let made_by = format!("nerf-train {}", env!("CARGO_PKG_VERSION"));
-        let b = &self.bounds;
-        let provenance = Provenance {
-            data: &self.dataset.name,
-            made_by: &made_by,
-            steps: self.progressed.step,
-            seed: self.config.seed,
-            psnr_db: about.psnr_db.map(|db| db as f32).filter(|db| db.is_finite()),
-            psnr_convention: about.convention,
-            quantisation_loss_db: about.quantisation_loss_db.map(|db| db as f32).filter(|db| db.is_finite()),
-            trained_parameters: self.parameters() as u32,
-        };
-        let scene = SceneFacts {
-            min: b.scene_box.min.into(),
-            max: b.scene_box.max.into(),
-            near: b.near,
-            far: b.far,
-            samples: self.config.sampling.samples,
-            background: self.background(),
-            grid_required: about.grid_required,
-        };
-        let exported = export(&Contents {
-            architecture: &self.model.architecture,
-            parameters: about.parameters,
-            content: Content::Scene(scene),
-            grid: Some((about.occupancy.resolution(), about.occupancy.bits())),
-            provenance,
-        })?;
-        Ok(exported)
-    }
-
-    /// What is behind the scene, display-encoded: the data's own colour, or black.
-    pub fn background(&self) -> [f32; 3] {
-        match self.dataset.background {
-            Background::Constant(colour) => colour.map(|c| f32::from(c) / 255.0),
-            _ => [0.0; 3],
-        }
-    }
-}
-
-/// What an export says besides what the run knows.
-#[derive(Clone, Copy, Debug)]
-pub struct About<'a> {
-    /// Parameters in export order.
-    pub parameters: &'a [f32],
-    /// The skip grid.
-    pub occupancy: &'a Occupancy,
-    /// Whether the grid is part of the model.
-    pub grid_required: bool,
-    /// Mean validation PSNR, dB.
-    pub psnr_db: Option<f64>,
-    /// What the PSNR means.
-    pub convention: &'a str,
-    /// What rounding to f16 cost, dB.
-    pub quantisation_loss_db: Option<f64>,
 }
 
 fn new_engine(model: &Model, config: &Config, tier: Tier, seed: u64) -> Result<FusedEngine, TrainError> {

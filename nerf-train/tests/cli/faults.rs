@@ -221,7 +221,9 @@ fn a_full_device_is_reported_naming_the_file() {
     let other = folder.path("full.nerf.checkpoint.nerf");
     fails(fit(&data, &other, &["--steps", "2"]), &["full.nerf.checkpoint.nerf.checkpoint", space]);
     assert!(!Path::new(&other).exists());
-    for (i, name) in ["summary.json", "curve.csv", "curve.png", "views.png"].into_iter().enumerate() {
+    for (i, name) in
+        ["summary.json", "curve.csv", "curve.png", "snapshots.png", "views.png"].into_iter().enumerate()
+    {
         full(&format!("full{i}/{name}"));
         let report = folder.path(&format!("full{i}"));
         fails(fit(&data, &folder.path("r.nerf"), &["--steps", "2", "--report", &report]), &[name, space]);

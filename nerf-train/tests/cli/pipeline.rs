@@ -27,14 +27,24 @@ fn fit_inspect_eval_and_render_agree_on_blender_and_npz() {
         assert_eq!(fitted["background"], "black");
         let length = std::fs::metadata(&file).expect("a blob").len();
         assert_eq!(fitted["blob_bytes"].as_u64(), Some(length));
-        for made in ["curve.csv", "curve.png", "curve.svg", "data.json", "views.png"] {
+        for made in [
+            "curve.csv",
+            "curve.png",
+            "curve.svg",
+            "curve_steps.png",
+            "curve_steps.svg",
+            "data.json",
+            "snapshots.png",
+            "views.png",
+        ] {
             assert!(Path::new(&report).join(made).is_file(), "{made}");
         }
         let snapshots = names(&Path::new(&report).join("snapshots"));
         assert_eq!(snapshots.len(), 4, "{snapshots:?}");
 
+        let exported = format!("{} steps", fitted["exported_step"]);
         let said = ok(["inspect", &file]);
-        for word in ["40 steps", "seed 0", "skip grid", "PSNR", "parameters", "background    black", "lego"] {
+        for word in [&exported, "seed 0", "skip grid", "PSNR", "parameters", "background    black", "lego"] {
             assert!(said.contains(word), "{word}: {said}");
         }
 
@@ -42,9 +52,10 @@ fn fit_inspect_eval_and_render_agree_on_blender_and_npz() {
         let said = ok(["eval", &file, &data, "-q", "--background", "black", "--report", &eval_report]);
         assert!(said.contains("mean over 2 views on black"), "{said}");
         let evaluated = json(format!("{eval_report}/summary.json"));
-        for field in ["val_psnr_db", "val_ssim", "views", "background", "steps", "blob_bytes"] {
+        for field in ["val_psnr_db", "val_ssim", "views", "background", "blob_bytes"] {
             assert_eq!(evaluated[field], fitted[field], "{name}: {field}");
         }
+        assert_eq!(evaluated["steps"], fitted["exported_step"], "{name}");
         assert_eq!(names(Path::new(&eval_report)).len(), 4, "two views, a table, a summary");
 
         let white = folder.path(&format!("{name}_white"));
@@ -194,13 +205,18 @@ fn without_validation_views_the_summary_keeps_its_fields() {
     let folder = Folder::new();
     let data = folder.npz_with("data.npz", |arrays| arrays.retain(|a| !a.key.ends_with("_val")));
     let (file, report) = (folder.path("a.nerf"), folder.path("report"));
-    ok(fit(&data, &file, &["--steps", "3", "--report", &report]));
+    let said = ok(fit(&data, &file, &["--steps", "3", "--report", &report]));
+    assert!(said.contains("the last step, 3; there are no validation views to choose by"), "{said}");
     let summary = json(format!("{report}/summary.json"));
     for field in FIELDS {
         assert!(summary.get(field).is_some(), "{field}");
     }
     assert_eq!(summary["views"], 0);
-    assert!(summary["val_psnr_db"].is_null());
+    assert_eq!(summary["exported_step"], 3);
+    for field in ["val_psnr_db", "best_step", "best_val_psnr_db", "val_stopped_rising_step"] {
+        assert!(summary[field].is_null() && summary[format!("{field}_note")].is_string(), "{field}");
+    }
+    assert!(!Path::new(&report).join("snapshots.png").exists(), "nothing to show");
     fails(["eval", &file, &data], &[&data, "`val`", "no views"]);
 }
 

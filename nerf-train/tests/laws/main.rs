@@ -1,5 +1,6 @@
 //! Laws of training and export that need no command line, on scenes of 24×24 pixels.
 
+mod choice;
 mod golden;
 mod parity_dfdx;
 mod quality;
@@ -10,10 +11,10 @@ use nerf_train::config::{Config, Preset};
 use nerf_train::dataset::Dataset;
 use nerf_train::demo_scene::{self, DemoSpec};
 use nerf_train::report::progress::ProgressStyle;
-use nerf_train::train::run::{Ended, Outcome, RunError, RunOptions, run};
+use nerf_train::train::finish::Outcome;
+use nerf_train::train::run::{Ended, RunError, RunOptions, run};
 use nerf_train::train::schedule::Budget;
 use std::path::PathBuf;
-use std::sync::atomic::AtomicBool;
 
 /// Six training and two validation views of the built-in scene.
 fn scene() -> Dataset {
@@ -48,8 +49,7 @@ fn options(config: &Config, checkpoint: Option<PathBuf>, resume: bool) -> RunOpt
         checkpoint,
         checkpoint_every: f64::INFINITY,
         resume,
-        report: None,
-        snapshots: Vec::new(),
+        snapshots: None,
         validate_every: None,
         tier: Tier::detect(),
         style: ProgressStyle::from_quiet(true),
@@ -57,7 +57,7 @@ fn options(config: &Config, checkpoint: Option<PathBuf>, resume: bool) -> RunOpt
 }
 
 fn fit(dataset: &Dataset, config: &Config) -> Result<Outcome, RunError> {
-    match run(dataset, config.clone(), &options(config, None, false), &AtomicBool::new(false))? {
+    match run(dataset, config.clone(), &options(config, None, false), &|_| false)? {
         Ended::Finished(outcome) => Ok(outcome),
         Ended::Interrupted { .. } => unreachable!("nobody interrupts"),
     }

@@ -8,7 +8,7 @@ use nerf_core::plan::{Batch, Outputs, Plan, PlanError, Quality};
 use nerf_train::dataset::View;
 use nerf_train::eval::measure;
 use nerf_train::export::{Contents, ExportError, export};
-use nerf_train::train::run::Outcome;
+use nerf_train::train::finish::Outcome;
 
 fn psnr_db<'v>(
     outcome: &Outcome,

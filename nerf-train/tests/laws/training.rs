@@ -34,7 +34,7 @@ fn variants(steps: u32) -> Vec<(&'static str, Config)> {
 }
 
 fn resume(dataset: &Dataset, config: &Config, checkpoint: &Path) -> Result<Ended, RunError> {
-    run(dataset, config.clone(), &options(config, Some(checkpoint.into()), true), &AtomicBool::new(false))
+    run(dataset, config.clone(), &options(config, Some(checkpoint.into()), true), &|_| false)
 }
 
 fn bytes_of(ended: Ended) -> Vec<u8> {
@@ -74,16 +74,16 @@ fn a_run_resumed_at_any_step_gives_the_undisturbed_blob() {
     for (name, config) in [("fast", tiny(24)), ("seed", tiny_seed(24))] {
         let expected = fit(&dataset, &config).expect("a blob");
         let path = folder.path().join(name);
-        for stop_after in [0, 1, 7, 8, 20, 24] {
-            let mut trainer = Trainer::new(&dataset, config.clone(), Tier::detect()).expect("a trainer");
-            let budget = options(&config, None, false).budget;
-            for step in 0..stop_after {
-                trainer.step(budget.share(step, 0.0, 0.0)).expect("a step");
-            }
-            trainer.checkpoint(0.0).write(&path).expect("a checkpoint");
+        for stop_after in [0, 1, 7, 8, 20, 23] {
+            let options = options(&config, Some(path.clone()), false);
+            let stopped = run(&dataset, config.clone(), &options, &|step| step == stop_after).expect("a run");
+            assert!(matches!(stopped, Ended::Interrupted { step, .. } if step == stop_after));
             let resumed = bytes_of(resume(&dataset, &config, &path).expect("a run"));
             assert!(resumed == expected.bytes, "{name}, stopped after step {stop_after}");
         }
+        // A run that has ended is taken up too.
+        let again = bytes_of(resume(&dataset, &config, &path).expect("a run"));
+        assert!(again == expected.bytes, "{name}, ended");
     }
 }
 
@@ -101,7 +101,7 @@ fn interruptions_at_any_moment_change_no_byte() {
                 std::thread::sleep(Duration::from_millis(17 * (1 + interruptions)));
                 stop.store(true, Ordering::Relaxed);
             });
-            run(&dataset, config.clone(), &options, &stop).expect("a run")
+            run(&dataset, config.clone(), &options, &|_| stop.load(Ordering::Relaxed)).expect("a run")
         });
         match ended {
             Ended::Finished(outcome) => break outcome.bytes,

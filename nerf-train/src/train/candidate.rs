@@ -1,0 +1,118 @@
+//! States of a run as they would be exported, and the best of them.
+
+use super::{TrainError, Trainer};
+use crate::dataset::Background;
+use crate::engine::Engine;
+use crate::export::{Contents, Exported, export};
+use crate::occupancy::{Ask, LiveCells, Occupancy};
+use nerf_core::blob::{Content, Provenance, SceneFacts};
+use serde::{Deserialize, Serialize};
+
+/// A state of the run as it would be exported: what is measured of it is what its blob shows.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Candidate {
+    /// Steps done.
+    pub step: u32,
+    /// Averaged over steps where the run averages; in export order, not yet rounded.
+    pub parameters: Vec<f32>,
+    /// The skip grid, asked once more everywhere.
+    pub live: LiveCells,
+}
+
+/// The candidate that validation likes best.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Best {
+    /// What would be exported.
+    pub candidate: Candidate,
+    /// Mean PSNR of the watched validation views, dB.
+    pub val_psnr_db: f64,
+    /// Seconds since the start when it was looked at.
+    pub seconds: f64,
+}
+
+/// What a blob says besides what the run knows.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct About<'a> {
+    /// Whether the grid is part of the model.
+    pub grid_required: bool,
+    /// Mean validation PSNR, dB.
+    pub psnr_db: Option<f64>,
+    /// What the PSNR means.
+    pub convention: &'a str,
+    /// What rounding to f16 cost, dB.
+    pub quantisation_loss_db: Option<f64>,
+}
+
+impl Trainer<'_> {
+    /// The run as it stands. Training is not changed by asking for it.
+    pub fn candidate(&self) -> Candidate {
+        let parameters = self.averaged_parameters();
+        let full = || Occupancy::full(self.bounds.scene_box, self.config.grid.resolution);
+        let mut occupancy = self.occupancy.clone().unwrap_or_else(full);
+        let ask = Ask {
+            tier: self.tier,
+            architecture: &self.model.architecture,
+            parameters: &parameters,
+            seed: self.config.seed,
+        };
+        occupancy.settle(&ask, self.threshold());
+        Candidate { step: self.progressed.step, live: occupancy.into_live(), parameters }
+    }
+
+    /// In export order: the corrected average, or the last where the run does not average.
+    fn averaged_parameters(&self) -> Vec<f32> {
+        let average = self.average.corrected(self.progressed.step);
+        self.model.fold(&average.unwrap_or_else(|| self.engine.parameters()))
+    }
+
+    /// Keeps a candidate if none before it was better; of equals the later.
+    pub fn consider(&mut self, candidate: Candidate, val_psnr_db: f64, seconds: f64) {
+        let rank = |db: f64| if db.is_nan() { f64::NEG_INFINITY } else { db };
+        if self.best.as_ref().is_none_or(|best| rank(best.val_psnr_db) <= rank(val_psnr_db)) {
+            self.best = Some(Best { candidate, val_psnr_db, seconds });
+        }
+    }
+
+    /// A candidate's blob.
+    ///
+    /// # Errors
+    /// [`TrainError::Export`] on parameters that do not fit f16.
+    pub fn export(&self, candidate: &Candidate, about: &About<'_>) -> Result<Exported, TrainError> {
+        let made_by = format!("nerf-train {}", env!("CARGO_PKG_VERSION"));
+        let finite = |db: Option<f64>| db.map(|db| db as f32).filter(|db| db.is_finite());
+        let b = &self.bounds;
+        let exported = export(&Contents {
+            architecture: &self.model.architecture,
+            parameters: &candidate.parameters,
+            content: Content::Scene(SceneFacts {
+                min: b.scene_box.min.into(),
+                max: b.scene_box.max.into(),
+                near: b.near,
+                far: b.far,
+                samples: self.config.sampling.samples,
+                background: self.background(),
+                grid_required: about.grid_required,
+            }),
+            grid: Some((candidate.live.resolution(), candidate.live.bits())),
+            provenance: Provenance {
+                data: &self.dataset.name,
+                made_by: &made_by,
+                steps: candidate.step,
+                seed: self.config.seed,
+                psnr_db: finite(about.psnr_db),
+                psnr_convention: about.convention,
+                quantisation_loss_db: finite(about.quantisation_loss_db),
+                trained_parameters: self.parameters() as u32,
+            },
+        })?;
+        Ok(exported)
+    }
+
+    /// What is behind the scene, display-encoded: the data's own colour, or black.
+    pub fn background(&self) -> [f32; 3] {
+        match self.dataset.background {
+            Background::Constant(colour) => colour.map(|c| f32::from(c) / 255.0),
+            _ => [0.0; 3],
+        }
+    }
+}

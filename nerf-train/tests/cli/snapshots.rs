@@ -1,0 +1,85 @@
+//! Pictures of validation views on the way, and the sheet of them.
+
+use crate::made::{Folder, names};
+use crate::{command, fails, fit, json, ok, ran};
+use nerf_train::report::picture::Picture;
+use std::path::Path;
+
+/// The sheet's size, pixels.
+fn sheet(report: &str) -> (usize, usize) {
+    let sheet = Picture::read(Path::new(report).join("snapshots.png")).expect("a sheet");
+    (sheet.width, sheet.height)
+}
+
+/// Files in the folder of pictures.
+fn taken(report: &str) -> usize {
+    names(&Path::new(report).join("snapshots")).len()
+}
+
+#[test]
+fn the_sheet_shows_chosen_views_at_chosen_steps_or_the_looks() {
+    let folder = Folder::new();
+    let data = folder.npz("data.npz");
+    let fitted = |name: &str, more: &[&str]| {
+        let (file, report) = (folder.path(&format!("{name}.nerf")), folder.path(name));
+        ok(fit(&data, &file, &[&["--steps", "40", "--report", &report], more].concat()));
+        report
+    };
+    // Rows and columns of cells 192 pixels wide: views, and steps with the truth.
+    let chosen = fitted("chosen", &["--snapshots", "0,10,40", "--snapshot-views", "1"]);
+    let looks = fitted("looks", &[]);
+    assert_eq!((taken(&chosen), taken(&looks)), (3, 16));
+    let ((w4, h1), (w9, h2)) = (sheet(&chosen), sheet(&looks));
+    assert_eq!((w4 - 12, w9 - 12), (4 * (192 + 12), 9 * (192 + 12)));
+    assert!(h2 > h1 + 192, "{h1} {h2}");
+    let summary = json(format!("{looks}/summary.json"));
+    assert_eq!((summary["looks"].as_u64(), summary["watched_views"].as_u64()), (Some(8), Some(2)));
+    assert_eq!(summary["best_step"], summary["exported_step"]);
+    let best = summary["best_val_psnr_db"].as_f64().expect("a figure");
+    assert!(best >= summary["last_val_psnr_db"].as_f64().expect("a figure"));
+    // All of the split is watched here, so that the final figure is the same.
+    assert!((best - summary["val_psnr_db"].as_f64().expect("a figure")).abs() < 1e-9);
+}
+
+#[test]
+fn pictures_that_cannot_be_taken_are_refused_naming_the_flag() {
+    let folder = Folder::new();
+    let (data, file, report) = (folder.npz("data.npz"), folder.path("a.nerf"), folder.path("report"));
+    let blind = folder.npz_with("blind.npz", |arrays| arrays.retain(|a| !a.key.ends_with("_val")));
+    let args = ["--steps", "1000000000", "--report", &report];
+    fails(fit(&data, &file, &["--snapshots", "1"]), &["--report"]);
+    fails(fit(&data, &file, &["--snapshot-views", "1"]), &["--report"]);
+    fails(
+        fit(&data, &file, &[&args[..], &["--snapshot-views", "0,2"]].concat()),
+        &["--snapshot-views", "below 2", "found 2"],
+    );
+    fails(
+        fit(&blind, &file, &[&args[..], &["--snapshots", "5"]].concat()),
+        &["--snapshots", "none in blind"],
+    );
+    std::fs::write(Path::new(&report).join("snapshots"), "a file").expect("written");
+    fails(fit(&data, &file, &args), &["report/snapshots"]);
+}
+
+#[test]
+fn steps_the_run_did_not_come_by_are_told() {
+    let folder = Folder::new();
+    let (data, file, report) = (folder.npz("data.npz"), folder.path("a.nerf"), folder.path("report"));
+    let with = |steps: &'static str| ["--steps", "10", "--report", report.as_str(), "--snapshots", steps];
+    let first = ran(&mut command(fit(&data, &file, &with("5,70,10,60"))));
+    assert_eq!(first.code, Some(0), "{}", first.err);
+    assert!(
+        first.err.contains("--snapshots: no picture of step 60, 70: the run ended at step 10"),
+        "{}",
+        first.err
+    );
+    assert_eq!((taken(&report), sheet(&report).0), (4, 12 + 3 * 204));
+    // Taken up again, the sheet keeps what was there, and says what it cannot show any more.
+    std::fs::remove_file(folder.path("report/snapshots.png")).expect("removed");
+    let again = [&with("5,7,12")[..], &["--resume"]].concat();
+    let again: Vec<&str> = again.into_iter().map(|arg| if arg == "10" { "12" } else { arg }).collect();
+    let second = ran(&mut command(fit(&data, &file, &again)));
+    assert_eq!(second.code, Some(0), "{}", second.err);
+    assert!(second.err.contains("no picture of step 7: the run had passed it"), "{}", second.err);
+    assert_eq!((taken(&report), sheet(&report).0), (6, 12 + 4 * 204));
+}
