@@ -16,4 +16,5 @@ pub mod orbit;
 pub mod output;
 pub mod rays;
 pub mod report;
+pub mod show;
 pub mod train;

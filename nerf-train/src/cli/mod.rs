@@ -8,6 +8,7 @@ mod fit;
 mod inspect;
 mod outcome;
 mod render;
+mod show;
 
 use clap::{Parser, Subcommand};
 use std::process::ExitCode;
@@ -34,6 +35,8 @@ enum Command {
     Render(render::Render),
     /// Print everything a blob says of itself.
     Inspect(inspect::Inspect),
+    /// Draw a data set's cameras, and the rays and samples of one training step, in 3D.
+    Show(show::Show),
 }
 
 /// One line of an error and its causes, none said twice: many an error's text holds its cause's.
@@ -58,6 +61,7 @@ pub fn main() -> ExitCode {
         Command::Eval(eval) => eval.run(&cli.global),
         Command::Render(render) => render.run(&cli.global),
         Command::Inspect(inspect) => inspect.run(),
+        Command::Show(show) => show.run(&cli.global),
     });
     match result {
         Ok(status) => status,

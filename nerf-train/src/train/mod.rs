@@ -11,7 +11,7 @@ use crate::engine::{Batch, Engine, EngineError, FusedEngine, Model};
 use crate::export::{Contents, ExportError, Exported, export};
 use crate::occupancy::{Ask, Occupancy};
 use crate::rays::{Bounds, RayBank};
-use bounds::find_bounds;
+pub(crate) use bounds::find_bounds;
 use checkpoint::{Checkpoint, fingerprint};
 use nerf_core::blob::{Provenance, SceneFacts};
 use nerf_core::kernels::Tier;
