@@ -3,6 +3,7 @@
 mod faults;
 mod made;
 mod pipeline;
+mod show;
 mod stopping;
 
 use made::Folder;
