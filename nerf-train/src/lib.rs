@@ -17,5 +17,6 @@ pub mod orbit;
 pub mod output;
 pub mod rays;
 pub mod report;
+pub mod show;
 pub mod sweep;
 pub mod train;

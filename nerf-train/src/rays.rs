@@ -145,8 +145,8 @@ impl<'d> RayBank<'d> {
         (view, (pixel - self.starts[view]) as usize)
     }
 
-    /// The pixel of ray `index` of a step.
-    fn draw(&self, step: u64, index: u64, rays: usize) -> (usize, usize) {
+    /// The view and the pixel in it, counted row by row, of ray `index` of a step that draws `rays`.
+    pub fn source(&self, step: u64, index: u64, rays: usize) -> (usize, usize) {
         let bits = uniform_u32(self.seed, Purpose::Pixel, step, index);
         if self.images > 0 {
             let group = index / (rays.div_ceil(self.images) as u64);
@@ -167,7 +167,7 @@ impl<'d> RayBank<'d> {
         rays: usize,
         grid: Option<&SkipGrid<'_>>,
     ) -> (BatchRay, Vec<[f32; 3]>) {
-        let (view, pixel) = self.draw(step, index, rays);
+        let (view, pixel) = self.source(step, index, rays);
         let view = &self.views[view];
         let ray = ray_of(&view.camera, pixel);
         let background = match self.background {

@@ -10,6 +10,7 @@ mod image;
 mod inspect;
 mod outcome;
 mod render;
+mod show;
 mod sweep;
 
 use crate::report::summary::Summary;
@@ -52,6 +53,8 @@ enum Command {
     Render(render::Render),
     /// Print everything a blob says of itself.
     Inspect(inspect::Inspect),
+    /// Draw a data set's cameras, and the rays and samples of one training step, in 3D.
+    Show(show::Show),
     /// Print a completion script for a shell.
     Completions(completions::Completions),
 }
@@ -100,6 +103,7 @@ pub fn main() -> ExitCode {
         Command::Sweep(sweep) => sweep.run(&cli.global),
         Command::Eval(eval) => eval.run(&cli.global),
         Command::Render(render) => render.run(&cli.global),
+        Command::Show(show) => show.run(&cli.global),
         Command::Inspect(inspect) => inspect.run(&cli.global),
         Command::Completions(completions) => completions.run(Cli::command(), &cli.global),
     });

@@ -12,7 +12,7 @@ use nerf_core::ray::{BoundsError, SceneBox};
 const COARSE_HULL: u16 = 64;
 
 /// Near, far and scene box from settings and data; and the grid to start with.
-pub(super) fn find_bounds(
+pub(crate) fn find_bounds(
     dataset: &Dataset,
     config: &Config,
 ) -> Result<(Bounds, Option<Occupancy>), TrainError> {

@@ -20,7 +20,7 @@ use crate::export::ExportError;
 use crate::occupancy::{Ask, Occupancy};
 use crate::rays::{Bounds, RayBank};
 use average::Average;
-use bounds::find_bounds;
+pub(crate) use bounds::find_bounds;
 use candidate::Best;
 use checkpoint::{Checkpoint, fingerprint};
 use nerf_core::kernels::Tier;

@@ -7,6 +7,7 @@ mod json;
 mod made;
 mod picture;
 mod pipeline;
+mod show;
 mod snapshots;
 mod stopping;
 mod video;

@@ -1,0 +1,200 @@
+//! `nerf-train show`
+
+use super::common::{DataOptions, Global, parse_numbers, print_report};
+use super::eval::Split;
+use crate::config::{Config, Preset};
+use crate::dataset::Background;
+use crate::report::progress::{Message, Progress, Total};
+use crate::report::summary::Summary;
+use crate::show::{Request, Scene, page, sheet};
+use clap::builder::RangedU64ValueParser;
+use clap::{Args, ValueEnum};
+use glam::Vec3;
+use std::path::PathBuf;
+use std::process::ExitCode;
+
+/// Draw a data set's cameras, and the rays and samples of one training step, in 3D.
+///
+/// Writes show.png (two viewpoints), show.html (turn it with the mouse; needs no network) and
+/// summary.json into a folder. Rays and samples come from the code that draws training batches, with
+/// the grid that training starts with.
+#[derive(Debug, Args)]
+#[command(after_help = "Examples:
+  nerf-train show lego_200x200.npz -o out/show
+  nerf-train show lego_200x200.npz -o out/camera3 --camera 3 --rays 40
+  nerf-train show lego_200 --split val --step 500 --preset seed --up z")]
+pub struct Show {
+    /// The data set.
+    data: PathBuf,
+    /// The folder to write into.
+    #[arg(long, short, value_name = "DIR", default_value = "out/show")]
+    output: PathBuf,
+    /// Which views.
+    #[arg(long, value_enum, default_value = "train")]
+    split: Split,
+    /// One camera of the split alone: its frustum, its picture, and rays from it only.
+    #[arg(long, value_name = "I")]
+    camera: Option<usize>,
+    /// Rays to show, at most.
+    #[arg(long, value_name = "N", default_value_t = 100, value_parser = within(1, 5000))]
+    rays: usize,
+    /// Samples a ray [default: the preset's].
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=4096))]
+    samples: Option<u16>,
+    /// The training step whose rays are shown.
+    #[arg(long, value_name = "N", default_value_t = 0)]
+    step: u32,
+    /// Settings of the training whose rays are shown.
+    #[arg(long, value_enum, default_value = "fast")]
+    preset: Preset,
+    /// Seed of everything random.
+    #[arg(long, value_name = "N")]
+    seed: Option<u64>,
+    /// Distance of the pictures from their cameras, world units [default: what leaves room for all].
+    #[arg(long, value_name = "SCALE", value_parser = parse_length)]
+    frustum: Option<f32>,
+    /// World axis that is up [default: the one nearest to the cameras' own up].
+    #[arg(long, value_enum, value_name = "AXIS", allow_hyphen_values = true)]
+    up: Option<UpAxis>,
+    /// The scene box, world units [default: found from the data].
+    #[arg(
+        long = "box",
+        value_name = "X0,Y0,Z0,X1,Y1,Z1",
+        value_parser = parse_numbers::<6>,
+        allow_hyphen_values = true
+    )]
+    scene_box: Option<[f32; 6]>,
+    /// Width of the PNG, pixels.
+    #[arg(long, value_name = "N", default_value_t = 1800, value_parser = within(640, 3840))]
+    width: usize,
+    /// Height of the PNG, pixels.
+    #[arg(long, value_name = "N", default_value_t = 1060, value_parser = within(400, 2160))]
+    height: usize,
+    #[command(flatten)]
+    data_options: DataOptions,
+}
+
+/// A world axis.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+enum UpAxis {
+    X,
+    Y,
+    Z,
+    #[value(name = "-x")]
+    NegX,
+    #[value(name = "-y")]
+    NegY,
+    #[value(name = "-z")]
+    NegZ,
+}
+
+impl UpAxis {
+    fn direction(self) -> Vec3 {
+        match self {
+            Self::X => Vec3::X,
+            Self::Y => Vec3::Y,
+            Self::Z => Vec3::Z,
+            Self::NegX => Vec3::NEG_X,
+            Self::NegY => Vec3::NEG_Y,
+            Self::NegZ => Vec3::NEG_Z,
+        }
+    }
+}
+
+fn within(low: u64, high: u64) -> RangedU64ValueParser<usize> {
+    RangedU64ValueParser::new().range(low..=high)
+}
+
+fn parse_length(text: &str) -> Result<f32, String> {
+    let length = text.parse().ok().filter(|&length: &f32| length > 0.0 && length.is_finite());
+    length.ok_or_else(|| "expected a length above 0, in world units".into())
+}
+
+impl Show {
+    /// Runs the command.
+    pub fn run(&self, global: &Global) -> anyhow::Result<ExitCode> {
+        let [png, html] = ["show.png", "show.html"].map(|name| self.output.join(name));
+        for path in [&png, &html, &self.output.join("summary.json")] {
+            crate::output::ensure_file(path)?;
+        }
+        let dataset = self.data_options.read(&self.data)?;
+        print_report(&dataset, global);
+        let views = self.split.of(&dataset);
+        let request = Request {
+            views,
+            split: self.split.name(),
+            camera: self.camera,
+            rays: self.rays,
+            step: self.step,
+            up: self.up.map(UpAxis::direction),
+            frustum: self.frustum,
+        };
+        let config = self.config(dataset.background);
+        let mut progress = Progress::new("show", Total::Steps(3), global.style());
+        let mut done = 0;
+        let mut advance = |note: &str| {
+            progress.update(done, &Message { note: note.into(), ..Message::default() });
+            done += 1;
+        };
+        advance("rays and samples");
+        let scene = Scene::new(&dataset, &config, &request)?;
+        advance("show.png");
+        sheet::sheet(&scene, self.width, self.height).write_png(&png)?;
+        advance("show.html");
+        crate::output::write_atomic(&html, page::page(&scene)?.as_bytes())?;
+        progress.finish(format!("{}; {}", scene.title(), scene.facts()));
+        if self.camera.is_none() && scene.rays.len() < self.rays {
+            let (asked, found) = (self.rays, scene.rays.len());
+            global
+                .say(format!("--rays: expected {asked}, found {found} in step {}: all are shown", self.step));
+        }
+        let summary = summary(&scene).write(&self.output)?;
+        for path in [&png, &html, &summary] {
+            outln!("{}", path.display());
+        }
+        Ok(ExitCode::SUCCESS)
+    }
+
+    /// The settings that training would start from.
+    fn config(&self, background: Background) -> Config {
+        let config = self.preset.config();
+        let mut config = if background == Background::Unknown { config.without_hull() } else { config };
+        let s = &mut config.sampling;
+        s.samples = self.samples.unwrap_or(s.samples);
+        s.scene_box = self.scene_box;
+        s.near = self.data_options.near;
+        s.far = self.data_options.far;
+        config.seed = self.seed.unwrap_or(config.seed);
+        config
+    }
+}
+
+/// What was shown, for scripts.
+fn summary(scene: &Scene) -> Summary {
+    let numbers = |p: Vec3| p.to_array().map(f64::from);
+    let (s, b) = (&scene.step, &scene.bounds);
+    let mut summary = Summary::new();
+    summary
+        .text("data", scene.name.clone())
+        .text("split", scene.split)
+        .integer("cameras", scene.cameras.len() as u64);
+    if let (true, Some(only)) = (scene.alone, scene.cameras.first()) {
+        summary.integer("camera", only.index as u64).text("view", only.name.clone());
+    }
+    summary
+        .integer("step", s.step.into())
+        .integer("seed", s.seed)
+        .integer("bins_per_ray", s.bins.into())
+        .integer("rays_shown", scene.rays.len() as u64)
+        .integer("live_samples_shown", scene.live() as u64)
+        .integer("culled_samples_shown", scene.culled() as u64)
+        .integer("rays_in_step", s.rays as u64)
+        .integer("live_samples_in_step", s.live as u64)
+        .number_f32("near_world_units", b.near)
+        .number_f32("far_world_units", b.far)
+        .numbers("box_min_world_units", &numbers(b.scene_box.min))
+        .numbers("box_max_world_units", &numbers(b.scene_box.max))
+        .number_f32("frustum_world_units", scene.frustum)
+        .numbers("up", &numbers(scene.up));
+    summary
+}

@@ -1,0 +1,118 @@
+//! The rays and samples of one training step, drawn by the code that training draws them with.
+
+use super::ShowError;
+use crate::config::Config;
+use crate::dataset::{Background, View};
+use crate::engine::Batch;
+use crate::rays::{Bounds, RayBank};
+use crate::train::TrainError;
+use glam::Vec3;
+use nerf_core::sampling::SkipGrid;
+
+/// A ray with its samples.
+#[derive(Clone, Debug, PartialEq)]
+pub struct ShownRay {
+    /// Its camera: an index into [`Scene::cameras`].
+    pub camera: usize,
+    /// Start, world units.
+    pub origin: Vec3,
+    /// Unit direction, world.
+    pub dir: Vec3,
+    /// The colour it is trained towards, display-encoded.
+    pub rgb: [f32; 3],
+    /// Samples that training asks the network for: `t`, world units along the ray, ascending.
+    pub live: Vec<f32>,
+    /// Samples inside the scene box that the grid culls: `t`, ascending.
+    pub culled: Vec<f32>,
+}
+
+impl ShownRay {
+    /// The point at `t`, world units.
+    pub fn at(&self, t: f32) -> Vec3 {
+        self.origin + self.dir * t
+    }
+}
+
+/// How the rays were drawn.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct StepFacts {
+    /// The step.
+    pub step: u32,
+    /// Seed of everything random.
+    pub seed: u64,
+    /// Bins between near and far, one sample in each.
+    pub bins: u16,
+    /// Rays the step trains on; those that are shown are the first of them.
+    pub rays: usize,
+    /// Live samples it trains on.
+    pub live: usize,
+    /// Whether a grid culls samples.
+    pub grid: bool,
+}
+
+/// Training's own sampling, for some views.
+pub(super) struct Drawer<'a> {
+    pub(super) config: &'a Config,
+    pub(super) bounds: Bounds,
+    pub(super) background: Background,
+    pub(super) grid: Option<&'a SkipGrid<'a>>,
+    pub(super) step: u32,
+}
+
+impl Drawer<'_> {
+    /// The first `count` rays of the step over `views`, the first of which is camera `first`.
+    ///
+    /// `whole`: the step ends where training ends it; else it goes on to `count` rays.
+    pub(super) fn draw(
+        &self,
+        views: &[View],
+        first: usize,
+        count: usize,
+        whole: bool,
+    ) -> Result<(Vec<ShownRay>, StepFacts), ShowError> {
+        let bank =
+            RayBank::new(views, self.background, self.bounds, self.config).map_err(TrainError::from)?;
+        let s = &self.config.sampling;
+        let step = u64::from(self.step);
+        let (rays, most) = if whole { (s.rays, s.live_samples) } else { (count, 0) };
+        let (mut kept, mut all) = (Batch::default(), Batch::default());
+        bank.fill(&mut kept, step, rays, most, self.grid);
+        bank.fill(&mut all, step, rays, 0, None);
+        let facts = StepFacts {
+            step: self.step,
+            seed: self.config.seed,
+            bins: s.samples,
+            rays: kept.rays.len(),
+            live: kept.positions.len(),
+            grid: self.grid.is_some(),
+        };
+        let (mut live, mut inside) = (kept.positions.as_slice(), all.positions.as_slice());
+        let pairs = kept.rays.iter().zip(&all.rays).enumerate().take(count);
+        let shown = pairs.map(|(index, (ray, whole))| {
+            let (view, _) = bank.source(step, index as u64, rays);
+            let (origin, dir) = (views[view].camera.pose().position, Vec3::from(ray.dir));
+            let live = take(&mut live, ray.samples);
+            // Live samples are some of those inside the box, in the same order and bit for bit.
+            let mut next = live.iter().peekable();
+            let culled = take(&mut inside, whole.samples).iter().filter(|p| next.next_if_eq(p).is_none());
+            let t = |p: &[f32; 3]| (Vec3::from(*p) - origin).dot(dir);
+            let culled = culled.map(t).collect();
+            ShownRay {
+                camera: first + view,
+                origin,
+                dir,
+                rgb: ray.rgb,
+                live: live.iter().map(t).collect(),
+                culled,
+            }
+        });
+        Ok((shown.collect(), facts))
+    }
+}
+
+/// The first `count` positions, which are left out from then on.
+fn take<'p>(positions: &mut &'p [[f32; 3]], count: u32) -> &'p [[f32; 3]] {
+    let (taken, rest) = positions.split_at((count as usize).min(positions.len()));
+    *positions = rest;
+    taken
+}
