@@ -29,19 +29,14 @@ struct Cli {
     global: common::Global,
 }
 
+// Without own comments here: they would hide the longer texts of the commands.
 #[derive(Debug, Subcommand)]
 enum Command {
-    /// The main job on a built-in scene: photograph, train, export, render, measure.
     Demo(demo::Demo),
-    /// Fit a radiance field to posed photographs.
     Fit(Box<fit::Fit>),
-    /// Measure a blob on views of a data set.
     Eval(eval::Eval),
-    /// Render views of a blob.
     Render(render::Render),
-    /// Print everything a blob says of itself.
     Inspect(inspect::Inspect),
-    /// Print a completion script for a shell.
     Completions(completions::Completions),
 }
 
