@@ -1,7 +1,7 @@
 //! What several commands share.
 
-use crate::dataset::{self, Axes, Dataset, ReadOptions, Report};
-use crate::report::progress::{self, ProgressStyle};
+use crate::dataset::{self, Axes, Dataset, ReadOptions, Report, Watch};
+use crate::report::progress::{self, Message, Progress, ProgressStyle, Total};
 use crate::report::summary::Summary;
 use crate::report::video::{Ffmpeg, VideoError};
 use anyhow::{Context, bail};
@@ -12,6 +12,10 @@ use nerf_core::math::MathBackend;
 use nerf_core::plan::Quality;
 use std::io::Write;
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::mpsc::{self, Receiver, RecvTimeoutError};
+use std::time::Duration;
 
 /// Prints a line of the result; returns from the function where that fails.
 macro_rules! outln {
@@ -37,6 +41,7 @@ pub fn tell(line: &str) {
 
 /// Options every command takes.
 #[derive(Debug, Args)]
+#[command(next_help_heading = "Options of every command")]
 pub struct Global {
     /// Print results only, no progress.
     #[arg(long, short, global = true)]
@@ -49,7 +54,7 @@ pub struct Global {
     #[arg(long, global = true, value_name = "N")]
     pub threads: Option<usize>,
     /// Kernel tier: scalar, avx2, avx512 [default: the fastest of this machine].
-    #[arg(long, global = true, value_name = "TIER", env = "NERF_KERNEL", value_parser = parse_tier)]
+    #[arg(long, global = true, value_name = "TIER", env = "NERF_KERNEL", hide_env_values = true, value_parser = parse_tier)]
     pub kernel: Option<Tier>,
 }
 
@@ -103,6 +108,7 @@ fn parse_tier(name: &str) -> Result<Tier, String> {
 
 /// How to read a data set.
 #[derive(Debug, Args)]
+#[command(next_help_heading = "Data set")]
 pub struct DataOptions {
     /// Convention of the poses: opengl (looks down −Z) or opencv (looks down +Z) [default: as is usual
     /// for the layout].
@@ -119,10 +125,56 @@ pub struct DataOptions {
 impl DataOptions {
     /// Reads the data set.
     pub fn read(&self, path: &Path) -> anyhow::Result<Dataset> {
-        let options =
-            ReadOptions { axes: self.axes, near: self.near, far: self.far, ..ReadOptions::default() };
-        Ok(dataset::read(path, &options)?)
+        Ok(dataset::read(path, &self.options())?)
     }
+
+    /// Reads the data set and shows how that is getting on where it takes a while.
+    pub fn read_shown(&self, path: &Path, global: &Global) -> anyhow::Result<Dataset> {
+        let (watch, style) = (Watch::default(), global.style());
+        std::thread::scope(|scope| {
+            let (reading, ended) = mpsc::channel::<()>();
+            scope.spawn(|| show_reading(&watch, style, ended));
+            let dataset = dataset::read_watched(path, &self.options(), &watch);
+            drop(reading);
+            Ok(dataset?)
+        })
+    }
+
+    fn options(&self) -> ReadOptions {
+        ReadOptions { axes: self.axes, near: self.near, far: self.far, ..ReadOptions::default() }
+    }
+}
+
+/// Shows how many pictures are read until `ended` is hung up; nothing where that is soon.
+fn show_reading(watch: &Watch, style: ProgressStyle, ended: Receiver<()>) {
+    const SOON: Duration = Duration::from_secs(1);
+    const EVERY: Duration = Duration::from_millis(200);
+    let goes_on = |wait| ended.recv_timeout(wait) == Err(RecvTimeoutError::Timeout);
+    if !goes_on(SOON) {
+        return;
+    }
+    let total = match watch.total() {
+        0 => Total::Unknown,
+        total => Total::Steps(total),
+    };
+    let mut progress = Progress::new("read", total, style).resume_at(watch.done());
+    while goes_on(EVERY) {
+        progress.update(watch.done(), &Message::default());
+    }
+    progress.finish(format!("{} pictures", watch.done()));
+}
+
+/// A flag that Ctrl-C sets; a second Ctrl-C ends the process at once.
+pub fn interruption() -> anyhow::Result<Arc<AtomicBool>> {
+    let stop = Arc::new(AtomicBool::new(false));
+    let flag = Arc::clone(&stop);
+    ctrlc::set_handler(move || {
+        if flag.swap(true, Ordering::Relaxed) {
+            std::process::exit(130);
+        }
+    })
+    .context("cannot watch for Ctrl-C")?;
+    Ok(stop)
 }
 
 /// Prints what was read.
@@ -134,6 +186,7 @@ pub fn print_report(dataset: &Dataset, global: &Global) -> Report {
 
 /// The shortcuts of a rendering.
 #[derive(Debug, Args)]
+#[command(next_help_heading = "Quality and speed")]
 pub struct QualityOptions {
     /// Samples a ray [default: what the blob was made for].
     #[arg(long, value_name = "N", default_value_t = 0, hide_default_value = true)]
@@ -235,7 +288,8 @@ pub fn open_blob<'a>(path: &Path, bytes: &'a [u8]) -> anyhow::Result<Blob<'a>> {
     Blob::open(bytes).with_context(|| path.display().to_string())
 }
 
-/// `black`, `white`, `red`, or `R,G,B` with channels 0 to 255, as display-encoded values in `0..=1`.
+/// `black`, `white`, `red`, `R,G,B` with channels 0 to 255, or `#RRGGBB`, as display-encoded values in
+/// `0..=1`.
 pub fn parse_background(text: &str) -> Result<[f32; 3], String> {
     match text {
         "black" => return Ok([0.0; 3]),
@@ -243,10 +297,14 @@ pub fn parse_background(text: &str) -> Result<[f32; 3], String> {
         "red" => return Ok([1.0, 0.0, 0.0]),
         _ => {}
     }
+    let hex = text.strip_prefix('#').filter(|hex| hex.len() == 6 && !hex.starts_with('+'));
+    if let Some(rgb) = hex.and_then(|hex| u32::from_str_radix(hex, 16).ok()) {
+        return Ok([16, 8, 0].map(|shift| (rgb >> shift & 255) as f32 / 255.0));
+    }
     let channels: Option<Vec<f32>> =
         text.split(',').map(|c| c.trim().parse::<u8>().ok().map(|c| f32::from(c) / 255.0)).collect();
     let channels: Option<[f32; 3]> = channels.and_then(|channels| channels.try_into().ok());
-    channels.ok_or_else(|| "expected black, white, red or R,G,B with channels from 0 to 255".into())
+    channels.ok_or_else(|| "expected black, white, red, #RRGGBB, or R,G,B with channels from 0 to 255".into())
 }
 
 /// `N` numbers with commas between them, as one argument.

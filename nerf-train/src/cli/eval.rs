@@ -66,7 +66,7 @@ pub struct Eval {
     /// Take every N-th view of the split only.
     #[arg(long, value_name = "N", default_value_t = 1)]
     every: usize,
-    /// black, white, red or R,G,B (0 to 255) [default: the blob's own].
+    /// What is behind the scene: black, white, red, #RRGGBB or R,G,B (0 to 255) [default: the blob's own].
     #[arg(long, value_name = "COLOUR", value_parser = parse_background)]
     background: Option<[f32; 3]>,
     /// Folder for summary.json, the table and the pictures.
@@ -94,7 +94,7 @@ impl Eval {
         let own = blob.scene().map_or([0.0; 3], |scene| scene.background);
         let background = self.background.unwrap_or(own);
         let plan = plan.with_background(background)?;
-        let dataset = self.data_options.read(&self.data)?;
+        let dataset = self.data_options.read_shown(&self.data, global)?;
         let views: Vec<&View> = self.split.of(&dataset).iter().step_by(self.every).collect();
         if views.is_empty() {
             bail!("{}: the split `{}` has no views", self.data.display(), self.split.name());

@@ -279,10 +279,10 @@ impl Fit {
         };
         crate::output::write_atomic(&self.output, &outcome.bytes)?;
         outcome::tell_missed(&outcome);
-        let printed = outcome::print(&outcome, &self.output);
+        let mut summary = outcome::summary(&outcome, &config, options.tier, clock.seconds());
+        summary.text("data", dataset.name.clone()).text("blob", self.output.display().to_string());
+        let printed = global.finish(&summary, || outcome::print(&outcome, &self.output));
         if let Some(folder) = &self.report {
-            let mut summary = outcome::summary(&outcome, &config, options.tier, clock.seconds());
-            summary.text("data", dataset.name.clone()).text("blob", self.output.display().to_string());
             outcome::write(folder, &outcome, &dataset, &mut summary, &report, options.tier)?;
         }
         printed?;

@@ -35,27 +35,19 @@ struct Cli {
     global: common::Global,
 }
 
+// Without own comments here: they would hide the longer texts of the commands.
 #[derive(Debug, Subcommand)]
 enum Command {
-    /// The main job on a built-in scene: photograph, train, export, render, measure.
     Demo(demo::Demo),
-    /// Fit a radiance field to posed photographs.
+    Show(show::Show),
     Fit(Box<fit::Fit>),
-    /// Fit a 2D neural field to a picture, and render one.
+    Eval(eval::Eval),
+    Render(render::Render),
     #[command(subcommand)]
     Image(image::Image),
-    /// Fit many times with other settings, and compare.
     #[command(subcommand)]
     Sweep(sweep::Sweep),
-    /// Measure a blob on views of a data set.
-    Eval(eval::Eval),
-    /// Render views of a blob.
-    Render(render::Render),
-    /// Print everything a blob says of itself.
     Inspect(inspect::Inspect),
-    /// Draw a data set's cameras, and the rays and samples of one training step, in 3D.
-    Show(show::Show),
-    /// Print a completion script for a shell.
     Completions(completions::Completions),
 }
 

@@ -4,8 +4,8 @@ mod shots;
 mod target;
 
 use super::common::{
-    DataOptions, Global, Mp4Options, QualityOptions, open_blob, parse_background, parse_numbers, read_file,
-    say_no_mp4,
+    DataOptions, Global, Mp4Options, QualityOptions, interruption, open_blob, parse_background,
+    parse_numbers, read_file, say_no_mp4, tell,
 };
 use super::eval::Split;
 use crate::frame;
@@ -21,6 +21,7 @@ use nerf_core::plan::{Batch, Outputs, Plan};
 use nerf_core::render::{Counters, Renderer};
 use std::path::PathBuf;
 use std::process::ExitCode;
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Instant;
 use target::Target;
 
@@ -105,7 +106,7 @@ pub struct Render {
     /// What to write.
     #[arg(long, value_enum, value_delimiter = ',', default_value = "rgb")]
     outputs: Vec<Output>,
-    /// What is behind the scene: black, white, red or R,G,B (0 to 255) [default: the blob's own].
+    /// What is behind the scene: black, white, red, #RRGGBB or R,G,B (0 to 255) [default: the blob's own].
     #[arg(long, value_name = "COLOUR", value_parser = parse_background)]
     background: Option<[f32; 3]>,
     /// Write colour as PNGs with straight alpha instead of over a background: a view, or a folder of
@@ -119,6 +120,9 @@ pub struct Render {
     #[command(flatten)]
     data_options: DataOptions,
 }
+
+/// The range of the colours of a distance, world units.
+type Ranges = Vec<(Output, (f32, f32))>;
 
 impl Output {
     fn is_distance(self) -> bool {
@@ -154,7 +158,7 @@ impl Render {
         let bytes = read_file(&self.file)?;
         let blob = open_blob(&self.file, &bytes)?;
         let target = self.target()?;
-        let cameras = self.cameras(&blob)?;
+        let cameras = self.cameras(&blob, global)?;
         let tier = global.tier();
         let plan = Plan::new(&blob, &self.quality.quality(), self.wanted(), Batch::for_tier(tier))
             .with_context(|| self.file.display().to_string())?;
@@ -165,11 +169,14 @@ impl Render {
         };
         let mut memory = vec![Line::UNINIT; Renderer::prepared_lines(&blob, tier)];
         let renderer = Renderer::new(blob, tier, &mut memory)?;
+        let stop = interruption()?;
         self.ensure_places(&target)?;
 
         let start = Instant::now();
         let mut counters = Counters::default();
-        let ranges = self.ranges(&renderer, &plan, &cameras, global)?;
+        let Some(ranges) = self.ranges(&renderer, &plan, &cameras, global, &stop)? else {
+            return interrupted(global, 0, cameras.len());
+        };
         let writers = self.outputs().into_iter().map(|output| {
             let range = ranges.iter().find(|(of, _)| *of == output).map(|&(_, range)| range);
             self.writer(&target, output, range)
@@ -177,6 +184,10 @@ impl Render {
         let mut writers = writers.collect::<anyhow::Result<Vec<_>>>()?;
         let mut progress = Progress::new("render", Total::Steps(cameras.len() as u64), global.style());
         for (i, camera) in cameras.iter().enumerate() {
+            if stop.load(Ordering::Relaxed) {
+                // Half a film is dropped, and with it its file.
+                return interrupted(global, i, cameras.len());
+            }
             let frame = frame::render(&renderer, &plan, camera)?;
             counters += frame.counters;
             for writer in &mut writers {
@@ -223,23 +234,28 @@ impl Render {
     /// One range of colours for all frames of a video, by output, world units.
     ///
     /// From a coarse pass, a sixteenth of the work, so that no frame must be kept until the last is there.
+    /// `None` where Ctrl-C came.
     fn ranges(
         &self,
         renderer: &Renderer<'_>,
         plan: &Plan<'_>,
         cameras: &[Camera],
         global: &Global,
-    ) -> anyhow::Result<Vec<(Output, (f32, f32))>> {
+        stop: &AtomicBool,
+    ) -> anyhow::Result<Option<Ranges>> {
         let distances: Vec<Output> =
             self.outputs().into_iter().filter(|output| output.is_distance()).collect();
         if distances.is_empty() || !self.is_sequence() {
-            return Ok(Vec::new());
+            return Ok(Some(Ranges::new()));
         }
         let total = Total::Steps(cameras.len() as u64);
         let mut progress = Progress::new("range of distances", total, global.style());
         let mut opacity = Vec::new();
         let mut values = vec![Vec::new(); distances.len()];
         for (i, camera) in cameras.iter().enumerate() {
+            if stop.load(Ordering::Relaxed) {
+                return Ok(None);
+            }
             let frame = frame::render(renderer, plan, &shots::coarse(camera)?)?;
             opacity.extend_from_slice(&frame.opacity);
             for (output, values) in distances.iter().zip(&mut values) {
@@ -253,7 +269,7 @@ impl Render {
         progress.finish(format!("{} coarse views", cameras.len()));
         // Where nothing is solid no colour is shown, but the legend must not change from frame to frame.
         let range = |values: &Vec<f32>| robust_range(values, &opacity).unwrap_or((0.0, 1.0));
-        Ok(distances.into_iter().zip(values.iter().map(range)).collect())
+        Ok(Some(distances.into_iter().zip(values.iter().map(range)).collect()))
     }
 
     /// What to write, in order.
@@ -274,4 +290,14 @@ impl Render {
             z_depth: has(Output::ZDepth),
         }
     }
+}
+
+/// Says so; status 130.
+fn interrupted(global: &Global, done: usize, total: usize) -> anyhow::Result<ExitCode> {
+    let message = format!("interrupted after {done} of {total} views; no film is left of them");
+    tell(&message);
+    let mut summary = Summary::new();
+    summary.text("error", message);
+    global.finish(&summary, || Ok(()))?;
+    Ok(ExitCode::from(130))
 }

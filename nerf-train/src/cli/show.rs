@@ -148,10 +148,14 @@ impl Show {
             global
                 .say(format!("--rays: expected {asked}, found {found} in step {}: all are shown", self.step));
         }
-        let summary = summary(&scene).write(&self.output)?;
-        for path in [&png, &html, &summary] {
-            outln!("{}", path.display());
-        }
+        let summary = summary(&scene);
+        let json = summary.write(&self.output)?;
+        global.finish(&summary, || {
+            for path in [&png, &html, &json] {
+                outln!("{}", path.display());
+            }
+            Ok(())
+        })?;
         Ok(ExitCode::SUCCESS)
     }
 

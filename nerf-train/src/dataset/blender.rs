@@ -1,8 +1,8 @@
 //! A Blender (NeRF-synthetic) folder: one json for each split.
 
 use super::transforms::Transforms;
-use super::{Axes, Background, Dataset, DatasetError, Format, ReadOptions, scene_name};
-use std::path::Path;
+use super::{Axes, Background, Dataset, DatasetError, Format, ReadOptions, Watch, scene_name};
+use std::path::{Path, PathBuf};
 
 /// The file that makes a folder one of these.
 pub(super) const TRAIN: &str = "transforms_train.json";
@@ -15,21 +15,25 @@ pub(super) fn is_split_file(name: &str) -> bool {
 }
 
 /// Reads a folder with `transforms_train.json` and perhaps `_val` and `_test`.
-pub(super) fn read(folder: &Path, options: &ReadOptions) -> Result<Dataset, DatasetError> {
+pub(super) fn read(folder: &Path, options: &ReadOptions, watch: &Watch) -> Result<Dataset, DatasetError> {
     let axes = options.axes.unwrap_or(Axes::Opengl);
     let mut warnings = Vec::new();
-    let (mut near, mut far) = (None, None);
-    let mut split = |name: &str| {
+    // All of the lists before the first picture: then it is known how many there are.
+    let list = |name: &str| {
         let file = folder.join(name);
-        if name != TRAIN && !file.is_file() {
-            return Ok(Vec::new());
-        }
-        let transforms = Transforms::read(&file)?;
-        near = near.or(transforms.header.near);
-        far = far.or(transforms.header.far);
-        transforms.views(&file, axes, &mut warnings)
+        let transforms = if name == TRAIN || file.is_file() { Some(Transforms::read(&file)?) } else { None };
+        watch.expect(transforms.as_ref().map_or(0, Transforms::len));
+        Ok::<_, DatasetError>((file, transforms))
     };
-    let (train, val, test) = (split(TRAIN)?, split(VAL)?, split(TEST)?);
+    let lists = [list(TRAIN)?, list(VAL)?, list(TEST)?];
+    let headers = || lists.iter().filter_map(|(_, transforms)| transforms.as_ref()).map(|t| &t.header);
+    let near = headers().find_map(|header| header.near);
+    let far = headers().find_map(|header| header.far);
+    let mut views = |(file, transforms): &(PathBuf, Option<Transforms>)| match transforms {
+        Some(transforms) => transforms.views(file, axes, watch, &mut warnings),
+        None => Ok(Vec::new()),
+    };
+    let (train, val, test) = (views(&lists[0])?, views(&lists[1])?, views(&lists[2])?);
     if val.is_empty() {
         warnings.push(format!("no pictures of {VAL}: no validation views"));
     }

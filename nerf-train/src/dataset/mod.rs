@@ -22,11 +22,13 @@ pub mod report;
 mod tiny_nerf;
 mod transforms;
 mod view;
+mod watch;
 
 pub use error::DatasetError;
 pub use geometry::{LookAt, SceneBounds, frusta_box, scene_bounds};
 pub use report::Report;
 pub use view::{Background, View, over};
+pub use watch::Watch;
 
 use nerf_core::camera::{Camera, Pose};
 use nerf_core::ray::BoundsError;
@@ -172,12 +174,20 @@ impl Default for ReadOptions {
 /// [`DatasetError`] names the file, the field, what was expected and what was found. Pictures
 /// that a json names but that do not exist are no error as long as one training view is left.
 pub fn read(path: &Path, options: &ReadOptions) -> Result<Dataset, DatasetError> {
+    read_watched(path, options, &Watch::default())
+}
+
+/// [`read`], while another thread sees in `watch` how it is getting on.
+///
+/// # Errors
+/// As [`read`].
+pub fn read_watched(path: &Path, options: &ReadOptions, watch: &Watch) -> Result<Dataset, DatasetError> {
     check_range(options.near, options.far)?;
     let kind = std::fs::metadata(path).map_err(|source| DatasetError::io(path, source))?;
     let mut dataset = if kind.is_dir() {
-        read_folder(path, options)?
+        read_folder(path, options, watch)?
     } else if path.extension().is_some_and(|e| e.eq_ignore_ascii_case("json")) {
-        read_json(path, options)?
+        read_json(path, options, watch)?
     } else {
         read_npz(path, options)?
     };
@@ -199,13 +209,13 @@ pub fn read(path: &Path, options: &ReadOptions) -> Result<Dataset, DatasetError>
     Ok(dataset)
 }
 
-fn read_folder(path: &Path, options: &ReadOptions) -> Result<Dataset, DatasetError> {
+fn read_folder(path: &Path, options: &ReadOptions, watch: &Watch) -> Result<Dataset, DatasetError> {
     if path.join(blender::TRAIN).is_file() {
-        return blender::read(path, options);
+        return blender::read(path, options, watch);
     }
     let single = path.join(nerfstudio::FILE);
     if single.is_file() {
-        return nerfstudio::read(&single, options);
+        return nerfstudio::read(&single, options, watch);
     }
     Err(DatasetError::NotADataset {
         path: path.into(),
@@ -213,13 +223,13 @@ fn read_folder(path: &Path, options: &ReadOptions) -> Result<Dataset, DatasetErr
     })
 }
 
-fn read_json(path: &Path, options: &ReadOptions) -> Result<Dataset, DatasetError> {
+fn read_json(path: &Path, options: &ReadOptions, watch: &Watch) -> Result<Dataset, DatasetError> {
     let folder = path.parent().unwrap_or(Path::new(""));
     let name = path.file_name().and_then(|n| n.to_str()).unwrap_or_default();
     if blender::is_split_file(name) && folder.join(blender::TRAIN).is_file() {
-        return blender::read(folder, options);
+        return blender::read(folder, options, watch);
     }
-    nerfstudio::read(path, options)
+    nerfstudio::read(path, options, watch)
 }
 
 fn read_npz(path: &Path, options: &ReadOptions) -> Result<Dataset, DatasetError> {

@@ -1,7 +1,7 @@
 //! A `transforms.json` of nerfstudio or instant-ngp: all views in one file.
 
 use super::transforms::{Transforms, listed};
-use super::{Axes, Background, Dataset, DatasetError, Format, ReadOptions, View, scene_name};
+use super::{Axes, Background, Dataset, DatasetError, Format, ReadOptions, View, Watch, scene_name};
 use std::collections::HashSet;
 use std::path::Path;
 
@@ -13,11 +13,12 @@ const HOLD: usize = 8;
 
 /// Reads one json; splits by its lists, or else every eighth view (of the views sorted by file
 /// path, from the first) is validation.
-pub(super) fn read(file: &Path, options: &ReadOptions) -> Result<Dataset, DatasetError> {
+pub(super) fn read(file: &Path, options: &ReadOptions, watch: &Watch) -> Result<Dataset, DatasetError> {
     let axes = options.axes.unwrap_or(Axes::Opengl);
     let mut warnings = Vec::new();
     let transforms = Transforms::read(file)?;
-    let mut views = transforms.views(file, axes, &mut warnings)?;
+    watch.expect(transforms.len());
+    let mut views = transforms.views(file, axes, watch, &mut warnings)?;
     views.sort_by(|a, b| a.name.cmp(&b.name));
     let header = &transforms.header;
     let lists = [&header.train_filenames, &header.val_filenames, &header.test_filenames];

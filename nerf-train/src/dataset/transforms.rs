@@ -1,7 +1,7 @@
 //! What the `transforms*.json` files of Blender, nerfstudio and instant-ngp have in common.
 
 use super::picture::{self, Picture};
-use super::{Axes, DatasetError, View};
+use super::{Axes, DatasetError, View, Watch};
 use nerf_core::camera::{Camera, Intrinsics, Pose};
 use nerf_core::lens::Lens;
 use rayon::prelude::*;
@@ -78,17 +78,27 @@ impl Transforms {
         Ok(Self { header, frames, shared })
     }
 
+    /// Frames it names, with or without a picture.
+    pub(super) fn len(&self) -> usize {
+        self.frames.len()
+    }
+
     /// All views whose picture exists, in the file's order; the rest goes into `warnings`.
     pub(super) fn views(
         &self,
         file: &Path,
         axes: Axes,
+        watch: &Watch,
         warnings: &mut Vec<String>,
     ) -> Result<Vec<View>, DatasetError> {
         let folder = file.parent().unwrap_or(Path::new(""));
         let file_name = file.file_name().unwrap_or_default().to_string_lossy().into_owned();
-        let read: Vec<Result<Loaded, DatasetError>> =
-            self.frames.par_iter().map(|(frame, own)| self.view(file, folder, frame, own, axes)).collect();
+        let load = |(frame, own): &(Frame, CameraFields)| {
+            let loaded = self.view(file, folder, frame, own, axes);
+            watch.count();
+            loaded
+        };
+        let read: Vec<Result<Loaded, DatasetError>> = self.frames.par_iter().map(load).collect();
         let (mut views, mut missing, mut notes) = (Vec::new(), Vec::new(), BTreeMap::new());
         for ((frame, _), loaded) in self.frames.iter().zip(read) {
             match loaded? {

@@ -43,6 +43,25 @@ fn ctrl_c_leaves_a_checkpoint_says_how_to_go_on_and_ends_with_130() {
 }
 
 #[test]
+fn ctrl_c_leaves_nothing_of_a_film() {
+    let (_, file) = crate::blob();
+    let folder = Folder::new();
+    let gif = folder.path("orbit.gif");
+    let mut child = start(&["render", file, "-o", &gif, "--orbit", "100000", "--width", "16"]);
+    // Its temporary shows that it is at work.
+    let begun = Instant::now();
+    while folder.names().is_empty() && begun.elapsed() < Duration::from_secs(60) {
+        std::thread::sleep(Duration::from_millis(5));
+    }
+    let sent = Command::new("kill").args(["-INT", &child.id().to_string()]).status().expect("kill");
+    assert!(sent.success() && child.try_wait().expect("a status").is_none());
+    let output = child.wait_with_output().expect("it ends");
+    let err = String::from_utf8_lossy(&output.stderr);
+    assert!(output.status.code() == Some(130) && err.contains("of 100000 views"), "{err}");
+    assert_eq!(folder.names(), [""; 0]);
+}
+
+#[test]
 fn kill_9_at_any_moment_and_resume_gives_the_undisturbed_blob() {
     let folder = Folder::new();
     let data = folder.npz("data.npz");

@@ -1,6 +1,7 @@
 //! Where a rendering looks from.
 
 use super::Render;
+use crate::cli::common::Global;
 use crate::cli::eval::Split;
 use crate::dataset::Dataset;
 use crate::orbit::Orbit;
@@ -15,7 +16,7 @@ const COARSE: u32 = 64;
 
 impl Render {
     /// The cameras, in order; one unless an orbit or a path is asked for.
-    pub(super) fn cameras(&self, blob: &Blob<'_>) -> anyhow::Result<Vec<Camera>> {
+    pub(super) fn cameras(&self, blob: &Blob<'_>, global: &Global) -> anyhow::Result<Vec<Camera>> {
         let (Some(scene), Some(bounds)) = (blob.scene(), blob.scene_box()) else {
             bail!("{}: expected a scene, found a 2D field", self.file.display());
         };
@@ -41,10 +42,10 @@ impl Render {
             return Ok((0..frames).map(at).collect::<Result<_, _>>()?);
         }
         if let Some(data) = &self.path {
-            return self.path_of(data);
+            return self.path_of(data, global);
         }
         if let Some(data) = &self.data {
-            return Ok(vec![self.view_of(data)?]);
+            return Ok(vec![self.view_of(data, global)?]);
         }
         match &self.pose {
             Some(m) => {
@@ -58,8 +59,8 @@ impl Render {
     }
 
     /// All cameras of a split, in order; frames of a video have one size: that of the first camera.
-    fn path_of(&self, data: &Path) -> anyhow::Result<Vec<Camera>> {
-        let dataset = self.data_options.read(data)?;
+    fn path_of(&self, data: &Path, global: &Global) -> anyhow::Result<Vec<Camera>> {
+        let dataset = self.data_options.read_shown(data, global)?;
         let split = self.split.unwrap_or(Split::Test);
         let cameras = split.cameras(&dataset);
         let Some(first) = cameras.first() else {
@@ -77,8 +78,8 @@ impl Render {
     }
 
     /// The camera of a view, scaled to the size that was asked for.
-    fn view_of(&self, data: &Path) -> anyhow::Result<Camera> {
-        let dataset = self.data_options.read(data)?;
+    fn view_of(&self, data: &Path, global: &Global) -> anyhow::Result<Camera> {
+        let dataset = self.data_options.read_shown(data, global)?;
         let split = self.split.unwrap_or(Split::Val);
         let cameras = split.cameras(&dataset);
         let Some(camera) = cameras.get(self.view) else {
