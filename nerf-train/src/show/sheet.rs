@@ -58,7 +58,16 @@ impl Scene {
         let s = &self.step;
         let of = match self.alone {
             true => format!("{} rays that step {} draws where this camera is alone", self.rays.len(), s.step),
-            false => format!("{} of the {} rays of training step {}", self.rays.len(), s.rays, s.step),
+            false if self.split == "train" => {
+                format!("{} of the {} rays of training step {}", self.rays.len(), s.rays, s.step)
+            }
+            // Training never sees other views.
+            false => format!(
+                "{} of the {} rays that step {} would draw from these views",
+                self.rays.len(),
+                s.rays,
+                s.step
+            ),
         };
         let culled = match s.grid {
             true => format!(", {} culled by the grid that training starts with", self.culled()),

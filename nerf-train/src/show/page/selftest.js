@@ -18,6 +18,10 @@ function selfTest() {
   for (let i = 0; i < pixels.length; i += 4) inked += pixels[i] + pixels[i + 1] + pixels[i + 2] < 600;
   body.dataset.ink = (inked / (pixels.length / 4)).toFixed(4);
 
+  const fits = content().map(p => view.project(p)).every(
+    p => p && p[0] >= 0 && p[0] <= view.width && p[1] >= 0 && p[1] <= view.height);
+  check('everything is in the picture', fits);
+
   const turned = [() => drag({}), () => drag({ shiftKey: true }), () => drag({ buttons: 2 })];
   const names = ['drag turns', 'shift drag moves', 'right drag moves'];
   turned.forEach((act, i) => {

@@ -14,6 +14,8 @@ class View {
   resize(width, height) {
     this.width = width;
     this.height = height;
+    /** Where the target is, pixels from the left. */
+    this.middle = 0.5 * width;
     // 32 degrees from top to bottom.
     this.focal = 0.5 * height / Math.tan(16 * Math.PI / 180);
     this.update();
@@ -58,7 +60,7 @@ class View {
     return [dot(d, this.right), dot(d, this.above), -dot(d, this.backward)];
   }
   ofEye([x, y, z]) {
-    return [0.5 * this.width + x / z * this.focal, 0.5 * this.height - y / z * this.focal, z];
+    return [this.middle + x / z * this.focal, 0.5 * this.height - y / z * this.focal, z];
   }
   /** [x, y, depth] in pixels, or null behind the near plane. */
   project(p) {
@@ -80,6 +82,7 @@ class View {
     const radius = Math.max(1e-6, ...points.map(p => Math.hypot(...add(p, this.target, -1))));
     const width = Math.max(0.4 * this.width, this.width - margin);
     const half = [0.46 * width / this.focal, 0.46 * this.height / this.focal];
+    this.middle = 0.5 * width;
     this.closest = 0.02 * radius;
     this.furthest = 50 * radius;
     this.distance = radius / Math.sin(Math.atan(Math.min(...half)));
@@ -92,8 +95,6 @@ class View {
       const filled = Math.max(...range.map(([a, b], k) => 0.5 * (b - a) / half[k]));
       this.distance = Math.max(1.02 * radius, this.distance * (0.5 + 0.5 * filled));
     }
-    // The panel's half of the margin.
-    this.target = add(this.target, this.right, 0.5 * (this.width - width) * this.distance / this.focal);
     this.update();
   }
 }

@@ -359,7 +359,7 @@ function start() {
   element('bar').style.background = `linear-gradient(to right, ${data.colours.join(', ')})`;
   element('low').textContent = data.colour_range[0].toFixed(2);
   element('high').textContent = data.colour_range[1].toFixed(2);
-  addEventListener('resize', () => { resize(); redraw(); });
+  addEventListener('resize', () => { resize(); reset(); });
   resize();
   select(only);
   draw();
