@@ -5,7 +5,8 @@ use crate::report::progress::{self, Message, Progress, ProgressStyle, Total};
 use crate::report::summary::Summary;
 use crate::report::video::{Ffmpeg, VideoError};
 use anyhow::{Context, bail};
-use clap::Args;
+use clap::{Args, ValueEnum};
+use glam::Vec3;
 use nerf_core::blob::Blob;
 use nerf_core::kernels::Tier;
 use nerf_core::math::MathBackend;
@@ -182,6 +183,40 @@ pub fn print_report(dataset: &Dataset, global: &Global) -> Report {
     let report = Report::of(dataset);
     global.say(report.to_string());
     report
+}
+
+/// A world axis.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum UpAxis {
+    /// +X.
+    X,
+    /// +Y.
+    Y,
+    /// +Z.
+    Z,
+    /// −X.
+    #[value(name = "-x")]
+    NegX,
+    /// −Y.
+    #[value(name = "-y")]
+    NegY,
+    /// −Z.
+    #[value(name = "-z")]
+    NegZ,
+}
+
+impl UpAxis {
+    /// Its unit vector.
+    pub fn direction(self) -> Vec3 {
+        match self {
+            Self::X => Vec3::X,
+            Self::Y => Vec3::Y,
+            Self::Z => Vec3::Z,
+            Self::NegX => Vec3::NEG_X,
+            Self::NegY => Vec3::NEG_Y,
+            Self::NegZ => Vec3::NEG_Z,
+        }
+    }
 }
 
 /// The shortcuts of a rendering.

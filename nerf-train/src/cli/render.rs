@@ -14,7 +14,6 @@ use crate::report::progress::{Message, Progress, Total};
 use crate::report::summary::Summary;
 use anyhow::Context;
 use clap::{Args, ValueEnum};
-use glam::Vec3;
 use nerf_core::camera::Camera;
 use nerf_core::kernels::Line;
 use nerf_core::plan::{Batch, Outputs, Plan};
@@ -89,8 +88,8 @@ pub struct Render {
     #[arg(long, value_name = "R")]
     radius: Option<f32>,
     /// World axis that is up in an orbit.
-    #[arg(long, value_name = "AXIS", default_value = "z", value_parser = parse_axis)]
-    up: Vec3,
+    #[arg(long, value_enum, value_name = "AXIS", default_value = "z", allow_hyphen_values = true)]
+    up: UpAxis,
     /// Frames a second of a video.
     #[arg(long, value_name = "N", default_value_t = 20.0)]
     fps: f64,
@@ -137,18 +136,6 @@ impl Output {
             Self::RayDistance => "ray_distance",
             Self::ZDepth => "z_depth",
         }
-    }
-}
-
-fn parse_axis(text: &str) -> Result<Vec3, String> {
-    match text {
-        "x" => Ok(Vec3::X),
-        "y" => Ok(Vec3::Y),
-        "z" => Ok(Vec3::Z),
-        "-x" => Ok(Vec3::NEG_X),
-        "-y" => Ok(Vec3::NEG_Y),
-        "-z" => Ok(Vec3::NEG_Z),
-        _ => Err("expected x, y, z, -x, -y or -z".into()),
     }
 }
 

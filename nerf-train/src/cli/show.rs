@@ -1,14 +1,14 @@
 //! `nerf-train show`
 
-use super::common::{DataOptions, Global, parse_numbers, print_report};
+use super::common::{DataOptions, Global, UpAxis, parse_numbers, print_report};
 use super::eval::Split;
 use crate::config::{Config, Preset};
 use crate::dataset::Background;
 use crate::report::progress::{Message, Progress, Total};
 use crate::report::summary::Summary;
 use crate::show::{Request, Scene, page, sheet};
+use clap::Args;
 use clap::builder::RangedU64ValueParser;
-use clap::{Args, ValueEnum};
 use glam::Vec3;
 use std::path::PathBuf;
 use std::process::ExitCode;
@@ -72,33 +72,6 @@ pub struct Show {
     height: usize,
     #[command(flatten)]
     data_options: DataOptions,
-}
-
-/// A world axis.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-enum UpAxis {
-    X,
-    Y,
-    Z,
-    #[value(name = "-x")]
-    NegX,
-    #[value(name = "-y")]
-    NegY,
-    #[value(name = "-z")]
-    NegZ,
-}
-
-impl UpAxis {
-    fn direction(self) -> Vec3 {
-        match self {
-            Self::X => Vec3::X,
-            Self::Y => Vec3::Y,
-            Self::Z => Vec3::Z,
-            Self::NegX => Vec3::NEG_X,
-            Self::NegY => Vec3::NEG_Y,
-            Self::NegZ => Vec3::NEG_Z,
-        }
-    }
 }
 
 fn within(low: u64, high: u64) -> RangedU64ValueParser<usize> {

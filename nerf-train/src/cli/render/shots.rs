@@ -25,7 +25,7 @@ impl Render {
         let orbit = Orbit::around(bounds, scene.near, scene.far);
         let orbit = Orbit {
             elevation: self.elevation,
-            up: self.up,
+            up: self.up.direction(),
             radius: self.radius.unwrap_or(orbit.radius),
             ..orbit
         };
