@@ -4,7 +4,7 @@ mod shots;
 mod target;
 
 use super::common::{
-    DataOptions, Global, Mp4Options, QualityOptions, interruption, open_blob, parse_background,
+    DataOptions, Global, Mp4Options, QualityOptions, UpAxis, interruption, open_blob, parse_background,
     parse_numbers, read_file, say_no_mp4, tell,
 };
 use super::eval::Split;
