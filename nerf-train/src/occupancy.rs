@@ -174,24 +174,25 @@ impl Occupancy {
         }
     }
 
-    /// The last word before export: every candidate is asked at `2 × 2 × 2` points of its own.
+    /// The last word before export: every candidate not known to be live is asked at `2 × 2 × 2` points of its own.
     ///
-    /// Where that would take too long (a large grid and a large network) it is asked at its centre
-    /// only, and the neighbours of live cells stay live too.
+    /// One answer above `threshold` settles a cell, so that it is not asked further. Where asking all would
+    /// take too long (a large grid and a large network) a cell is asked at its centre only, and the
+    /// neighbours of live cells stay live too.
     pub fn settle(&mut self, ask: &Ask<'_>, threshold: f32) {
-        let all: Vec<usize> = (0..self.candidates.len()).collect();
-        let macs = ask.architecture.density_macs() * all.len();
+        let cells = self.candidates.len();
+        let macs = ask.architecture.density_macs() * cells;
         let points: &[f32] = if 8 * macs <= SETTLE_MACS { &[0.25, 0.75] } else { &[0.5] };
-        let mut best = vec![0.0f32; all.len()];
+        let mut open: Vec<usize> = (0..cells).filter(|&i| self.density[i] <= threshold).collect();
+        // What is unknown is known after this.
+        open.iter().for_each(|&i| self.density[i] = self.density[i].max(0.0));
         for corner in 0..points.len().pow(3) {
             let u = |axis: u64| points[(corner >> axis & 1) % points.len()];
-            let sigma = self.ask(ask, &all, |axis, _| u(axis));
-            for (best, sigma) in best.iter_mut().zip(sigma) {
-                *best = best.max(sigma);
+            let sigma = self.ask(ask, &open, |axis, _| u(axis));
+            for (&i, sigma) in open.iter().zip(sigma) {
+                self.density[i] = self.density[i].max(sigma);
             }
-        }
-        for (density, best) in self.density.iter_mut().zip(best) {
-            *density = density.max(best);
+            open.retain(|&i| self.density[i] <= threshold);
         }
         self.apply(threshold);
         if points.len() == 1 {
