@@ -244,7 +244,7 @@ impl Fit {
         ensure_file(&checkpoint)?;
         report_folder(self.report.as_ref())?;
 
-        let dataset = self.data_options.read(&self.data)?;
+        let dataset = self.data_options.read_shown(&self.data, global)?;
         let report = print_report(&dataset, global);
         let config = self.config(!self.settings.no_hull && dataset.background != Background::Unknown)?;
         let steps = (self.steps.is_some() || self.max_seconds.is_none()).then_some(config.optimiser.steps);
@@ -266,7 +266,7 @@ impl Fit {
             rayon::current_num_threads(),
             config.seed
         ));
-        let stop = super::interruption()?;
+        let stop = super::common::interruption()?;
         let stop = |_| stop.load(Ordering::Relaxed);
         let outcome = match run_since(clock, &dataset, config.clone(), &options, &stop)? {
             Ended::Finished(outcome) => outcome,

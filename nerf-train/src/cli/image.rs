@@ -1,7 +1,8 @@
 //! `nerf-train image`
 
-use super::common::{Global, cpu_name, open_blob, parse_background, parse_math, read_file, report_folder};
-use super::interruption;
+use super::common::{
+    Global, cpu_name, interruption, open_blob, parse_background, parse_math, read_file, report_folder,
+};
 use crate::frame;
 use crate::image_field::{Ended, FieldConfig, FieldPreset, Look, Outcome, Photo, RunOptions, run};
 use crate::output::{ensure_file, ensure_folder, write_atomic};

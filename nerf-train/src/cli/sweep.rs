@@ -1,9 +1,8 @@
 //! `nerf-train sweep`
 
-use super::common::{DataOptions, Global, cpu_name, print_report, tell};
+use super::common::{DataOptions, Global, cpu_name, interruption, print_report, tell};
 use super::fit::read_config;
 use super::image::{PhotoOptions, Settings};
-use super::interruption;
 use crate::config::Preset;
 use crate::dataset::Background;
 use crate::report::summary::Summary;
@@ -220,7 +219,7 @@ impl SceneSweep {
         {
             bail!("--max-seconds: expected a number above 0, found {seconds}");
         }
-        let dataset = self.data_options.read(&self.data)?;
+        let dataset = self.data_options.read_shown(&self.data, global)?;
         print_report(&dataset, global);
         if dataset.val.is_empty() {
             bail!(
