@@ -124,13 +124,8 @@ pub struct DataOptions {
 }
 
 impl DataOptions {
-    /// Reads the data set.
-    pub fn read(&self, path: &Path) -> anyhow::Result<Dataset> {
-        Ok(dataset::read(path, &self.options())?)
-    }
-
     /// Reads the data set and shows how that is getting on where it takes a while.
-    pub fn read_shown(&self, path: &Path, global: &Global) -> anyhow::Result<Dataset> {
+    pub fn read(&self, path: &Path, global: &Global) -> anyhow::Result<Dataset> {
         let (watch, style) = (Watch::default(), global.style());
         std::thread::scope(|scope| {
             let (reading, ended) = mpsc::channel::<()>();

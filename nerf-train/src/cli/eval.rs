@@ -94,7 +94,7 @@ impl Eval {
         let own = blob.scene().map_or([0.0; 3], |scene| scene.background);
         let background = self.background.unwrap_or(own);
         let plan = plan.with_background(background)?;
-        let dataset = self.data_options.read_shown(&self.data, global)?;
+        let dataset = self.data_options.read(&self.data, global)?;
         let views: Vec<&View> = self.split.of(&dataset).iter().step_by(self.every).collect();
         if views.is_empty() {
             bail!("{}: the split `{}` has no views", self.data.display(), self.split.name());

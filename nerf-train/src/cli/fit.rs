@@ -244,7 +244,7 @@ impl Fit {
         ensure_file(&checkpoint)?;
         report_folder(self.report.as_ref())?;
 
-        let dataset = self.data_options.read_shown(&self.data, global)?;
+        let dataset = self.data_options.read(&self.data, global)?;
         let report = print_report(&dataset, global);
         let config = self.config(!self.settings.no_hull && dataset.background != Background::Unknown)?;
         let steps = (self.steps.is_some() || self.max_seconds.is_none()).then_some(config.optimiser.steps);

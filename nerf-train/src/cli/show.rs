@@ -90,7 +90,7 @@ impl Show {
         for path in [&png, &html, &self.output.join("summary.json")] {
             crate::output::ensure_file(path)?;
         }
-        let dataset = self.data_options.read_shown(&self.data, global)?;
+        let dataset = self.data_options.read(&self.data, global)?;
         print_report(&dataset, global);
         let views = self.split.of(&dataset);
         let request = Request {

@@ -219,7 +219,7 @@ impl SceneSweep {
         {
             bail!("--max-seconds: expected a number above 0, found {seconds}");
         }
-        let dataset = self.data_options.read_shown(&self.data, global)?;
+        let dataset = self.data_options.read(&self.data, global)?;
         print_report(&dataset, global);
         if dataset.val.is_empty() {
             bail!(

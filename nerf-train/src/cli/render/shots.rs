@@ -60,7 +60,7 @@ impl Render {
 
     /// All cameras of a split, in order; frames of a video have one size: that of the first camera.
     fn path_of(&self, data: &Path, global: &Global) -> anyhow::Result<Vec<Camera>> {
-        let dataset = self.data_options.read_shown(data, global)?;
+        let dataset = self.data_options.read(data, global)?;
         let split = self.split.unwrap_or(Split::Test);
         let cameras = split.cameras(&dataset);
         let Some(first) = cameras.first() else {
@@ -79,7 +79,7 @@ impl Render {
 
     /// The camera of a view, scaled to the size that was asked for.
     fn view_of(&self, data: &Path, global: &Global) -> anyhow::Result<Camera> {
-        let dataset = self.data_options.read_shown(data, global)?;
+        let dataset = self.data_options.read(data, global)?;
         let split = self.split.unwrap_or(Split::Val);
         let cameras = split.cameras(&dataset);
         let Some(camera) = cameras.get(self.view) else {
