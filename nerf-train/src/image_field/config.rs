@@ -30,7 +30,8 @@ pub struct FieldConfig {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, clap::ValueEnum)]
 #[serde(rename_all = "kebab-case")]
 pub enum FieldPreset {
-    /// The classic exercise: L = 10, 3×256, 10,000 pixels a step, Adam at a constant 1e-2, 3,000 steps.
+    /// The classic exercise: L = 10, 3×256, 3,000 steps of 10,000 pixels, Adam from 1e-2. To the letter, with
+    /// a constant rate, it is `--warm-up 0 --final-share 1 --average 0`, and 2 dB worse.
     Classic,
     /// What comes out sharpest in eight minutes of two cores: 4×256, and many small steps that end gently.
     Sharp,
@@ -49,11 +50,11 @@ impl FieldPreset {
                 optimiser: OptimiserConfig {
                     steps: 3_000,
                     rate: 1e-2,
-                    final_share: 1.0,
-                    warm_up: 0,
+                    final_share: 0.05,
+                    warm_up: 200,
                     beta2: 0.999,
                     epsilon: 1e-8,
-                    average: 0.0,
+                    average: 0.95,
                 },
                 seed: 0,
             },
