@@ -5,6 +5,7 @@
 pub mod cli;
 pub mod config;
 pub mod dataset;
+pub mod decode;
 pub mod demo_scene;
 pub mod engine;
 pub mod eval;

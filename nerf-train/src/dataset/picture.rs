@@ -1,6 +1,7 @@
 //! One picture file to straight 8-bit sRGB and alpha.
 
 use super::DatasetError;
+use crate::decode::{DecodeError, decode as decode_file};
 use std::path::{Path, PathBuf};
 
 /// A decoded picture.
@@ -10,14 +11,16 @@ pub(super) struct Picture {
     pub(super) pixels: Vec<[u8; 4]>,
 }
 
-/// Decodes a PNG or JPEG of any depth and channel count; 16 bits round to 8.
-///
-/// The format is told from the content, whatever the extension says.
+/// Decodes a picture of any depth and channel count; 16 bits round to 8.
 pub(super) fn decode(file: &Path) -> Result<Picture, DatasetError> {
-    let reader = image::ImageReader::open(file).map_err(|source| DatasetError::io(file, source))?;
-    let reader = reader.with_guessed_format().map_err(|source| DatasetError::io(file, source))?;
     let bad = |found: String| DatasetError::Picture { file: file.into(), found };
-    let picture = reader.decode().map_err(|error| bad(error.to_string()))?.into_rgba8();
+    // Poses belong to the pixels as they are stored, so they are not turned.
+    let (picture, _) = decode_file(file).map_err(|error| match error {
+        DecodeError::Read { file, source } => DatasetError::io(&file, source),
+        DecodeError::Format { .. } => bad("another kind of file".into()),
+        DecodeError::Damaged { found, .. } => bad(found),
+    })?;
+    let picture = picture.into_rgba8();
     let (width, height) = picture.dimensions();
     if width == 0 || height == 0 || width > 65_535 || height > 65_535 {
         return Err(bad(format!("{width}x{height} pixels")));

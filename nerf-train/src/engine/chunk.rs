@@ -3,7 +3,7 @@
 use super::{Batch, BatchRay};
 use std::ops::Range;
 
-/// Samples a chunk is filled up to; a longer ray is a chunk of its own.
+/// Most samples of a chunk, but for its last ray: what fits the caches with all its activations.
 pub(super) const SAMPLES: usize = 512;
 /// Most rays of a chunk: rays without samples have a price too.
 const RAYS: usize = 2048;
@@ -17,19 +17,21 @@ pub(super) enum Chunk {
     Empty(Range<usize>),
 }
 
-/// Fills `chunks` with the batch's, in order.
+/// Fills `chunks` with the batch's, in order: an even number of about the same size, so that two threads are
+/// done at the same time.
 pub(super) fn cut(batch: &Batch, chunks: &mut Vec<Chunk>) {
     chunks.clear();
+    let total = batch.positions.len();
+    let share = total.div_ceil(total.div_ceil(SAMPLES).next_multiple_of(2).max(1));
     let (mut rays, mut samples) = (0..0, 0..0);
     for BatchRay { samples: more, .. } in &batch.rays {
-        let more = *more as usize;
-        let full = samples.len() + more > SAMPLES || rays.len() == RAYS;
+        let full = samples.len() >= share.max(1) || rays.len() == RAYS;
         if full && !rays.is_empty() {
             chunks.push(Chunk::Rays { rays: rays.clone(), samples: samples.clone() });
             (rays, samples) = (rays.end..rays.end, samples.end..samples.end);
         }
         rays.end += 1;
-        samples.end += more;
+        samples.end += *more as usize;
     }
     if !rays.is_empty() {
         chunks.push(Chunk::Rays { rays, samples });

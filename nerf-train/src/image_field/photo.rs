@@ -1,9 +1,8 @@
 //! A photograph, read and made ready: upright, opaque, three channels.
 
+use crate::decode::{DecodeError, decode};
 use crate::report::picture::Picture;
-use image::{DynamicImage, ImageDecoder, ImageReader, imageops::FilterType};
-use std::fs::File;
-use std::io::BufReader;
+use image::{DynamicImage, imageops::FilterType, metadata::Orientation};
 use std::path::{Path, PathBuf};
 
 /// Longest side of a photograph, pixels: what a blob can name as its size.
@@ -24,28 +23,9 @@ pub struct Photo {
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum PhotoError {
-    /// The file cannot be read.
-    #[error("cannot read {file}: {source}")]
-    Read {
-        /// The file.
-        file: PathBuf,
-        /// What the system said.
-        source: std::io::Error,
-    },
-    /// Its content is none of the formats that are read.
-    #[error("{file}: expected a PNG, JPEG, WebP, TIFF, BMP or GIF picture, found another kind of file")]
-    Format {
-        /// The file.
-        file: PathBuf,
-    },
-    /// It is damaged, or of a kind that its format's decoder does not know.
-    #[error("{file}: expected a whole picture, found: {found}")]
-    Damaged {
-        /// The file.
-        file: PathBuf,
-        /// What the decoder said.
-        found: String,
-    },
+    /// The file cannot be decoded.
+    #[error("{0}")]
+    Decode(#[from] DecodeError),
     /// A size that no blob can name.
     #[error("{file}: expected 1 to {MAX_SIDE} pixels a side, found {width}x{height}")]
     Size {
@@ -76,21 +56,9 @@ impl Photo {
         if !(scale > 0.0 && scale <= 1.0) {
             return Err(PhotoError::Scale { found: scale });
         }
-        let read = |source| PhotoError::Read { file: file.into(), source };
-        let damaged =
-            |error: image::ImageError| PhotoError::Damaged { file: file.into(), found: error.to_string() };
-        // Not `ImageReader::open`, which believes the extension where the content says nothing.
-        let reader = ImageReader::new(BufReader::new(File::open(file).map_err(read)?));
-        let reader = reader.with_guessed_format().map_err(read)?;
-        if reader.format().is_none() {
-            return Err(PhotoError::Format { file: file.into() });
-        }
-        let mut decoder = reader.into_decoder().map_err(damaged)?;
-        // A tag that cannot be read is no reason to refuse the picture.
-        let orientation = decoder.orientation().unwrap_or(image::metadata::Orientation::NoTransforms);
-        let mut image = DynamicImage::from_decoder(decoder).map_err(damaged)?;
+        let (mut image, orientation) = decode(file)?;
         let mut notes = Vec::new();
-        if orientation != image::metadata::Orientation::NoTransforms {
+        if orientation != Orientation::NoTransforms {
             image.apply_orientation(orientation);
             notes.push("turned as its EXIF orientation says".to_owned());
         }
