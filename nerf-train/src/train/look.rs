@@ -72,15 +72,14 @@ impl Session<'_, '_> {
         self.last_look().and_then(|point| point.val_psnr_db)
     }
 
-    /// How many eighths of the budget are used.
-    fn part(&self, share: f64) -> u32 {
-        (share * PARTS) as u32
-    }
-
-    /// The same at an earlier moment.
-    fn part_at(&self, moment: Option<(u32, f64)>) -> u32 {
-        let share = |(step, seconds)| self.options.budget.share(step, seconds, self.reserve);
-        moment.map_or(0, |moment| self.part(share(moment)))
+    /// Whether another eighth of the budget is used than at `last`.
+    ///
+    /// What is kept back for the end of a run is guessed anew at every look, and moves the eighths of a limit
+    /// in seconds a little: an eighth that was just begun must not begin again.
+    fn in_another_part(&self, share: f64, last: Option<(u32, f64)>) -> bool {
+        let then = last.map_or(0.0, |(step, seconds)| self.options.budget.share(step, seconds, self.reserve));
+        let part = |share: f64| (share * PARTS) as u32;
+        part(share) > part(then) && share - then > 0.5 / PARTS
     }
 
     fn look_is_due(&self, share: f64, ended: bool) -> bool {
@@ -92,7 +91,7 @@ impl Session<'_, '_> {
         ended
             || match self.options.validate_every {
                 Some(every) => since >= every.max(1),
-                None => self.part(share) > self.part_at(last),
+                None => self.in_another_part(share, last),
             }
     }
 
@@ -105,7 +104,7 @@ impl Session<'_, '_> {
             return false;
         }
         if options.steps.is_empty() {
-            self.look_is_due(share, ended) && (ended || self.part(share) > self.part_at(last))
+            self.look_is_due(share, ended) && (ended || self.in_another_part(share, last))
         } else {
             options.steps.contains(&step)
         }
