@@ -106,7 +106,8 @@ impl Settings {
         let o = &mut config.optimiser;
         o.steps = self.steps.unwrap_or(o.steps);
         o.final_share = self.final_share.unwrap_or(o.final_share);
-        o.warm_up = self.warm_up.unwrap_or(o.warm_up);
+        // Of a short run no more than a fifth, unless it is asked for.
+        o.warm_up = self.warm_up.unwrap_or(o.warm_up.min(o.steps / 5));
         o.beta2 = self.beta2.unwrap_or(o.beta2);
         o.epsilon = self.epsilon.unwrap_or(o.epsilon);
         o.average = self.average.unwrap_or(o.average);

@@ -127,6 +127,7 @@ impl Lists {
 fn result(record: &Record) -> String {
     match (record.status, record.psnr_db) {
         (Status::Ok, Some(db)) => format!("{db:.2} dB in {:.1} s", record.train_seconds),
+        (Status::Flat, _) => format!("flat ({})", record.note),
         _ => format!("diverged ({})", record.note),
     }
 }
@@ -154,6 +155,7 @@ fn fields(record: &Record) -> Summary {
         .integer("width", record.point.width as u64)
         .number("rate", record.point.rate)
         .flag("diverged", record.status == Status::Diverged)
+        .flag("flat", record.status == Status::Flat)
         .text("note", record.note.clone())
         .number("psnr_db", record.psnr_db.unwrap_or(f64::NAN))
         .number("train_seconds", record.train_seconds);

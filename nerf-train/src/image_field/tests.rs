@@ -131,6 +131,7 @@ fn a_wrong_file_is_named_with_what_was_found() {
 fn small_config() -> FieldConfig {
     let mut config = FieldPreset::Classic.config();
     (config.width, config.layers, config.levels, config.pixels) = (32, 2, 5, 512);
+    config.optimiser.warm_up = 20;
     config
 }
 
@@ -166,10 +167,10 @@ fn fit(photo: &Photo, config: FieldConfig, options: &RunOptions, stop: bool) -> 
 #[test]
 fn a_field_learns_its_picture_and_says_how_well() {
     let photo = test_photo(48, 32);
-    let (outcome, looks) = fit(&photo, small_config(), &options(200), false);
+    let (outcome, looks) = fit(&photo, small_config(), &options(400), false);
     assert!(looks[0].0 == 0 && looks[0].1 < 15.0, "{looks:?}");
     assert!(outcome.psnr_db > 26.0, "{}", outcome.psnr_db);
-    assert_eq!(looks.last(), Some(&(200, outcome.psnr_db)));
+    assert_eq!(looks.last(), Some(&(400, outcome.psnr_db)));
     // The noted figure is that of the very blob, at the size it names.
     let blob = Blob::open(&outcome.bytes).unwrap();
     let facts = blob.picture().unwrap();

@@ -278,7 +278,7 @@ fn run_scene(
 fn judge(record: &mut Record, flat_psnr_db: f64) {
     // A picture of one colour has nothing more to learn.
     let learned = !flat_psnr_db.is_finite() || record.psnr_db.is_none_or(|db| db > flat_psnr_db);
-    record.status = if learned { Status::Ok } else { Status::Diverged };
+    record.status = if learned { Status::Ok } else { Status::Flat };
     if !learned {
         record.note = format!("no better than one flat colour, which has {flat_psnr_db:.2} dB");
     }

@@ -34,8 +34,10 @@ pub struct Header {
 pub enum Status {
     /// As it should.
     Ok,
-    /// A number overflowed, every density died, or the result is no better than one flat colour.
+    /// A number overflowed, or every density died.
     Diverged,
+    /// It went through, and shows no more than one flat colour would: too fast a rate, or too few steps.
+    Flat,
 }
 
 /// What one run came to; `runs/NAME.json`.

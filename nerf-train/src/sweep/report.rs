@@ -55,7 +55,7 @@ fn values(records: &[Record], knob: usize) -> Vec<f64> {
 pub(super) fn ranked(records: &[Record]) -> Vec<&Record> {
     let mut ranked: Vec<&Record> = records.iter().collect();
     let key = |record: &Record| match record.status {
-        Status::Ok => record.psnr_db.unwrap_or(f64::MIN),
+        Status::Ok | Status::Flat => record.psnr_db.unwrap_or(f64::MIN),
         Status::Diverged => f64::NEG_INFINITY,
     };
     ranked.sort_by(|a, b| key(b).total_cmp(&key(a)));
@@ -92,6 +92,7 @@ fn status(record: &Record) -> &'static str {
     match record.status {
         Status::Ok => "ok",
         Status::Diverged => "diverged",
+        Status::Flat => "flat",
     }
 }
 
@@ -235,13 +236,12 @@ fn time_plot(folder: &Folder, records: &[Record]) -> LinePlot {
 }
 
 fn notes(records: &[Record]) -> Vec<String> {
-    let diverged: Vec<String> =
-        records.iter().filter(|r| r.status == Status::Diverged).map(|r| r.point.to_string()).collect();
-    if diverged.is_empty() {
-        Vec::new()
-    } else {
-        vec![format!("Diverged, not drawn: {}.", diverged.join("; "))]
-    }
+    let others: Vec<String> = records
+        .iter()
+        .filter(|r| r.status != Status::Ok)
+        .map(|r| format!("{} ({})", r.point, status(r)))
+        .collect();
+    if others.is_empty() { Vec::new() } else { vec![format!("Not drawn: {}.", others.join("; "))] }
 }
 
 /// The runs' pictures in the order of their settings; `None` if there is none.
@@ -250,7 +250,7 @@ fn sheet(folder: &Folder, records: &[Record]) -> Option<Picture> {
     for record in records {
         let caption = match (record.status, record.psnr_db) {
             (Status::Ok, Some(db)) => format!("{}\n{db:.2} dB, {:.1} s", record.point, record.train_seconds),
-            _ => format!("{}\ndiverged", record.point),
+            _ => format!("{}\n{}", record.point, status(record)),
         };
         // A picture that was deleted leaves a blank cell, not a failed report.
         let picture = Picture::read(folder.picture_path(&record.point));
