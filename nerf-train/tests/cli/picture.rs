@@ -41,7 +41,7 @@ fn inspect_says_how_large_a_picture_was_and_nothing_of_scenes() {
     let folder = Folder::new();
     let file = folder.file("grey.nerf", blob());
     let said = ok(["inspect", &file]);
-    for line in ["kind          picture of 30x20 pixels", "work          20 multiply-adds a pixel"] {
+    for line in ["kind          2D field of 30x20 pixels", "work          20 multiply-adds a pixel"] {
         assert!(said.lines().any(|said| said == line), "{line}: {said}");
     }
     for word in ["direction", "density", "box", "near", "background", "grid"] {
