@@ -152,10 +152,13 @@ fn drawn(records: &[Record]) -> impl Iterator<Item = (&Record, f64)> + Clone {
     records.iter().filter(fine).filter_map(|record| Some((record, record.psnr_db?)))
 }
 
+/// The points of a curve: x, dB.
+type Points = Vec<(f64, f64)>;
+
 /// A curve for each combination of the other settings that has more than one point.
 fn curves(records: &[Record], knob: usize, x: impl Fn(&Record) -> f64) -> Vec<Series> {
     let others: Vec<usize> = varied(records).into_iter().filter(|&other| other != knob).collect();
-    let mut curves: Vec<(Vec<f64>, Vec<(f64, f64)>)> = Vec::new();
+    let mut curves: Vec<(Vec<f64>, Points)> = Vec::new();
     for (record, db) in drawn(records) {
         let key: Vec<f64> = others.iter().map(|&other| record.point.values()[other]).collect();
         let point = (x(record), db);
