@@ -113,7 +113,7 @@ fn a_wrong_file_is_named_with_what_was_found() {
         Err(PhotoError::Decode(DecodeError::Damaged { .. }))
     ));
     // A JPEG cut short decodes to grey with most decoders, and says nothing.
-    let noise = |x: u32, y: u32| Rgb([(x * 37 ^ y * 91) as u8, (x * y) as u8, (x ^ y) as u8]);
+    let noise = |x: u32, y: u32| Rgb([((x * 37) ^ (y * 91)) as u8, (x * y) as u8, (x ^ y) as u8]);
     let mut jpeg = std::io::Cursor::new(Vec::new());
     let picture = DynamicImage::from(ImageBuffer::from_fn(64, 64, noise));
     picture.write_to(&mut jpeg, ImageFormat::Jpeg).unwrap();
