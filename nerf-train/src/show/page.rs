@@ -1,6 +1,6 @@
 //! The page to turn with the mouse: one file, which asks for nothing else.
 //!
-//! [`TEMPLATE`], its style and its script stand beside this file; here the scene becomes their data.
+//! A template, its style and its script stand beside this file; here the scene becomes their data.
 
 use super::drawing::{AXES, DISTANCE_MAP};
 use super::sampling::ShownRay;

@@ -12,7 +12,7 @@ use nerf_core::sampling::SkipGrid;
 /// A ray with its samples.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ShownRay {
-    /// Its camera: an index into [`Scene::cameras`].
+    /// Its camera: an index into the cameras of the [scene](super::Scene).
     pub camera: usize,
     /// Start, world units.
     pub origin: Vec3,

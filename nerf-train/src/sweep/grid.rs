@@ -21,7 +21,7 @@ pub struct Point {
 pub const KNOBS: [&str; 4] = ["L", "layers", "width", "rate"];
 
 impl Point {
-    /// Its settings as numbers, in the order of [`KNOBS`].
+    /// Its settings as numbers, in the order of their names in tables.
     pub fn values(&self) -> [f64; 4] {
         [f64::from(self.levels), self.layers as f64, self.width as f64, self.rate]
     }
