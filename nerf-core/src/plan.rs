@@ -36,6 +36,11 @@ pub struct Quality {
     pub samples: u16,
     /// A ray ends where its transmittance falls below this; 0 never ends one.
     pub transmittance_cut: f32,
+    /// A sample's colour is asked for where the weight that waits for one exceeds this: its own, and that
+    /// of the samples in front of it that were too light. 0 asks for every colour with a weight.
+    ///
+    /// Opacity and distances never depend on it.
+    pub colour_cut: f32,
     /// Whether cells that the skip grid calls empty are skipped.
     pub skip_grid: bool,
     /// Who computes the elementary functions.
@@ -44,14 +49,19 @@ pub struct Quality {
 
 impl Quality {
     /// No shortcut: every sample inside the scene box.
-    pub const EXACT: Self =
-        Self { samples: 0, transmittance_cut: 0.0, skip_grid: false, math: MathBackend::Polynomial };
+    pub const EXACT: Self = Self {
+        samples: 0,
+        transmittance_cut: 0.0,
+        colour_cut: 0.0,
+        skip_grid: false,
+        math: MathBackend::Polynomial,
+    };
 }
 
 impl Default for Quality {
     /// The shortcuts that cost nothing visible: the skip grid, and rays end at a transmittance of 1e-3.
     fn default() -> Self {
-        Self { transmittance_cut: 1e-3, skip_grid: true, ..Self::EXACT }
+        Self { transmittance_cut: 1e-3, colour_cut: 1e-3, skip_grid: true, ..Self::EXACT }
     }
 }
 
@@ -98,6 +108,7 @@ pub struct Plan<'a> {
     pub(crate) grid: Option<SkipGrid<'a>>,
     pub(crate) outputs: Outputs,
     pub(crate) transmittance_cut: f32,
+    pub(crate) colour_cut: f32,
     pub(crate) math: MathBackend,
     pub(crate) batch: Batch,
 }
@@ -126,6 +137,9 @@ impl<'a> Plan<'a> {
         if !(0.0..1.0).contains(&quality.transmittance_cut) {
             return Err(PlanError::TransmittanceCut { found: quality.transmittance_cut });
         }
+        if !(0.0..1.0).contains(&quality.colour_cut) {
+            return Err(PlanError::ColourCut { found: quality.colour_cut });
+        }
         if !batch.is_valid() {
             return Err(PlanError::Batch { found: batch });
         }
@@ -138,6 +152,7 @@ impl<'a> Plan<'a> {
             grid: if quality.skip_grid { blob.grid() } else { None },
             outputs,
             transmittance_cut: quality.transmittance_cut,
+            colour_cut: quality.colour_cut,
             math: quality.math,
             batch,
         })
@@ -183,6 +198,11 @@ pub enum PlanError {
         /// What was asked for.
         found: f32,
     },
+    /// A colour cut outside `[0, 1)`.
+    ColourCut {
+        /// What was asked for.
+        found: f32,
+    },
     /// A background outside `[0, 1]`.
     Background {
         /// What was asked for.
@@ -211,6 +231,9 @@ impl core::fmt::Display for PlanError {
             }
             Self::TransmittanceCut { found } => {
                 write!(f, "quality.transmittance_cut: expected 0 <= cut < 1, found {found}")
+            }
+            Self::ColourCut { found } => {
+                write!(f, "quality.colour_cut: expected 0 <= cut < 1, found {found}")
             }
             Self::Background { found } => {
                 write!(f, "background: expected channels in 0..=1, found {found:?}")

@@ -1,14 +1,15 @@
 //! One frame: rays to live samples to network to pixels, in the caller's memory.
 //!
-//! A tile's rays walk front to back in rounds: each round, every ray that still sees something
-//! contributes a few live samples; full blocks go through the network; the transmittance cut is
-//! applied per sample as results are added up, so that what a round evaluated beyond the cut is
-//! thrown away and no picture depends on the size of tile, batch or round. A 2D field has no rays:
-//! its pixels go through the network block by block (`picture`).
+//! A tile's rays walk front to back (`march`). A block takes the next live sample of as many rays as it
+//! has room for and goes through trunk and density head; rays that still see wait for another block. The
+//! samples whose colour matters are gathered over several blocks until they fill one for the colour
+//! branch. Neither pixels nor work depend on the size of tile or batch. A 2D field has no rays: its
+//! pixels go through the network block by block (`picture`).
 
 mod counters;
 mod error;
 mod frame;
+mod march;
 mod picture;
 mod rect;
 
@@ -121,8 +122,8 @@ impl<'a> Renderer<'a> {
     ///
     /// `positions`, `dirs` (unit): `[n]`, world space; `sigma`: `[n]`, 1/world unit; `rgb`: `[n]`,
     /// display-encoded. Points outside the scene box or in a cell the plan's grid calls empty, and
-    /// points where the network gives NaN ([`Counters::invalid_samples`]), have density 0 and black
-    /// colour.
+    /// points where its density is NaN, have density 0 and black colour; where its colour is NaN, it is
+    /// black ([`Counters::invalid_samples`]).
     ///
     /// # Errors
     /// [`RenderError`] on lengths that differ and on too little workspace.

@@ -55,13 +55,15 @@ pub struct Accumulator {
     rgb: [Sum; 3],
     opacity: Sum,
     distance: Sum,
+    /// Weight that no colour has been asked for yet.
+    uncoloured: f32,
 }
 
 impl Accumulator {
     /// A ray that has met nothing.
     pub const NONE: Self = {
         let zero = Sum { value: 0.0, lost: 0.0 };
-        Self { tau: zero, rgb: [zero; 3], opacity: zero, distance: zero }
+        Self { tau: zero, rgb: [zero; 3], opacity: zero, distance: zero, uncoloured: 0.0 }
     };
 
     /// What is left of the light behind everything gathered so far: `exp(−Σ sigma delta)`.
@@ -72,26 +74,59 @@ impl Accumulator {
 
     /// Adds the sample at `t` behind everything gathered so far; returns its weight.
     ///
-    /// `sigma`: 1/world unit, clamped to `>= 0`; `delta`, `t`: world units along the ray, `t` finite.
-    /// +inf is an opaque wall, but 0 times +inf is nothing. A sample with a NaN in `sigma` or `rgb` is the caller's to leave out.
+    /// [`Accumulator::add_density`] and [`Accumulator::add_colour`] in one, without a cut.
     #[inline]
     pub fn add<M: Math>(&mut self, sigma: f32, rgb: [f32; 3], t: f32, delta: f32) -> f32 {
-        let tau = (sigma.clamp(0.0, f32::MAX) * delta.clamp(0.0, f32::MAX)).min(MAX_TAU);
-        let weight = self.transmittance::<M>() * -M::expm1(-tau);
-        self.tau.add(tau);
-        for (sum, c) in self.rgb.iter_mut().zip(rgb) {
-            sum.add(weight * c);
+        let weight = self.add_density::<M>(sigma, t, delta);
+        if let Some(weight) = self.take_uncoloured(0.0) {
+            self.add_colour(weight, rgb);
         }
-        self.opacity.add(weight);
-        self.distance.add(weight * t);
         weight
     }
 
+    /// Adds the density of the sample at `t` behind everything gathered so far; returns its weight.
+    ///
+    /// `sigma`: 1/world unit, clamped to `>= 0`; `delta`, `t`: world units along the ray, `t` finite.
+    /// +inf is an opaque wall, but 0 times +inf is nothing. A NaN in `sigma` is the caller's to leave out.
+    #[inline]
+    pub fn add_density<M: Math>(&mut self, sigma: f32, t: f32, delta: f32) -> f32 {
+        let tau = (sigma.clamp(0.0, f32::MAX) * delta.clamp(0.0, f32::MAX)).min(MAX_TAU);
+        let weight = self.transmittance::<M>() * -M::expm1(-tau);
+        self.tau.add(tau);
+        self.opacity.add(weight);
+        self.distance.add(weight * t);
+        self.uncoloured += weight;
+        weight
+    }
+
+    /// The weight that still waits for a colour, if it is more than `cut`: the sample that was added last
+    /// is worth asking for its colour, which goes to [`Accumulator::add_colour`] with this weight.
+    ///
+    /// Samples too light to ask thus take the colour of the next one behind them that is asked, and never
+    /// more than `cut` of a ray is left without any. With a cut of 0 this is the last sample's own weight.
+    #[inline]
+    pub fn take_uncoloured(&mut self, cut: f32) -> Option<f32> {
+        (self.uncoloured > cut).then(|| core::mem::take(&mut self.uncoloured))
+    }
+
+    /// Adds a colour with the weight that [`Accumulator::take_uncoloured`] gave, front to back.
+    #[inline]
+    pub fn add_colour(&mut self, weight: f32, rgb: [f32; 3]) {
+        for (sum, c) in self.rgb.iter_mut().zip(rgb) {
+            sum.add(weight * c);
+        }
+    }
+
     /// The pixel, over `background`; `z_per_distance` is the cosine between ray and view axis.
+    ///
+    /// Weight that is left without a colour takes the mean of the ray's colours, as long as it is the
+    /// smaller part.
     pub fn finish(&self, background: [f32; 3], far: f32, z_per_distance: f32) -> Pixel {
         let opacity = self.opacity.value.clamp(0.0, 1.0);
         let through = 1.0 - opacity;
-        let rgb = core::array::from_fn(|c| self.rgb[c].value + through * background[c]);
+        let coloured = opacity - self.uncoloured;
+        let scale = if self.uncoloured < coloured { opacity / coloured } else { 1.0 };
+        let rgb = core::array::from_fn(|c| self.rgb[c].value * scale + through * background[c]);
         let (ray_distance, z_depth) = if opacity > OPACITY_EPSILON {
             let mean = self.distance.value / self.opacity.value;
             (mean, mean * z_per_distance)

@@ -22,7 +22,7 @@ pub struct Counters {
     pub colour_evaluations: u64,
     /// Multiply-adds of the network.
     pub macs: u64,
-    /// Samples whose density or colour was NaN; they count as empty (in a picture: black).
+    /// Samples whose density was NaN (they count as empty) or whose colour was (black).
     pub invalid_samples: u64,
 }
 

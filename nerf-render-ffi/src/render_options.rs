@@ -12,6 +12,8 @@ const MAX_RAYS: u32 = 256;
 
 /// The transmittance cut that costs nothing visible.
 pub const NERF_TRANSMITTANCE_CUT_DEFAULT: f32 = 1e-3;
+/// The colour cut that costs nothing visible.
+pub const NERF_COLOUR_CUT_DEFAULT: f32 = 1e-3;
 
 /// Who computes the elementary functions.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -31,7 +33,8 @@ pub enum Maths {
 ///
 /// All zeros (but for `struct_size`) is the exact picture: every sample that the skip grid does
 /// not call empty. NULL in its place is the same with
-/// `transmittance_cut = NERF_TRANSMITTANCE_CUT_DEFAULT`, faster and not visibly different.
+/// `transmittance_cut = NERF_TRANSMITTANCE_CUT_DEFAULT` and `colour_cut = NERF_COLOUR_CUT_DEFAULT`,
+/// faster and not visibly different.
 #[derive(Clone, Copy, Debug)]
 #[repr(C)]
 pub struct RenderOptions {
@@ -55,8 +58,11 @@ pub struct RenderOptions {
     /// Samples that go through the network together, at most 64; 0 for what keeps the tier busy.
     /// Only the scalar tier takes fewer than 64.
     pub batch_samples: u32,
+    /// Samples whose weight is at most this take the colour of one behind them, in `[0, 1)`; 0 asks the
+    /// network for every colour. Opacity and distances never depend on it.
+    pub colour_cut: f32,
     /// Zeros.
-    pub reserved: [u32; 6],
+    pub reserved: [u32; 5],
 }
 
 // SAFETY: `repr(C)`, `struct_size` comes first, and numbers have no invalid bytes.
@@ -80,12 +86,16 @@ impl Settings {
     pub unsafe fn read(at: *const RenderOptions, tier: Tier) -> Result<Self, Failure> {
         let batch = Batch::for_tier(tier);
         if at.is_null() {
-            let quality = Quality { transmittance_cut: NERF_TRANSMITTANCE_CUT_DEFAULT, ..Quality::default() };
+            let quality = Quality {
+                transmittance_cut: NERF_TRANSMITTANCE_CUT_DEFAULT,
+                colour_cut: NERF_COLOUR_CUT_DEFAULT,
+                ..Quality::default()
+            };
             return Ok(Self { quality, background: None, batch });
         }
         // SAFETY: the caller's promise.
         let o = unsafe { read_versioned(at)? };
-        if o.reserved != [0; 6] {
+        if o.reserved != [0; 5] {
             return Err(Failure::Reserved("options.reserved"));
         }
         let samples = at_most("options.samples", "0 to 4096", o.samples, MAX_SAMPLES.into())?;
@@ -96,6 +106,7 @@ impl Settings {
             quality: Quality {
                 samples: samples as u16,
                 transmittance_cut: o.transmittance_cut,
+                colour_cut: o.colour_cut,
                 skip_grid: !flag("options.ignore_grid", o.ignore_grid)?,
                 math: backend(o.maths)?,
             },

@@ -51,7 +51,8 @@ pub fn render_options() -> ffi::RenderOptions {
         background: [0.0; 3],
         batch_rays: 0,
         batch_samples: 0,
-        reserved: [0; 6],
+        colour_cut: 0.0,
+        reserved: [0; 5],
     }
 }
 

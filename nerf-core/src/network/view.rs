@@ -96,6 +96,11 @@ impl<'a> Network<'a> {
         self.layers.iter().map(|layer| layer.outputs).max().unwrap_or(0)
     }
 
+    /// Rows of `h`, what [`Network::trunk`] leaves in [`Scratch::front`].
+    pub fn trunk_rows(&self) -> usize {
+        self.architecture.trunk.last().map_or(0, |layer| usize::from(layer.width))
+    }
+
     /// Outputs of the layer where the direction joins; 0 without view dependence.
     pub fn direction_rows(&self) -> usize {
         self.direction_layer().map_or(0, |layer| layer.outputs)

@@ -1,5 +1,7 @@
 //! The work a render did: what makes "paid only for what was used" testable without a clock.
 
+use crate::network::Network;
+
 /// The work a render did; of a 2D field only colour evaluations, MACs and invalid samples.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Counters {
@@ -15,9 +17,24 @@ pub struct Counters {
     pub colour_evaluations: u64,
     /// Multiply-adds of the network.
     pub macs: u64,
-    /// Samples whose density was NaN, or whose colour was where there is density; they count as
-    /// empty (in a 2D field: black). Without [`Outputs::rgb`](crate::plan::Outputs::rgb) no colour is there to be NaN.
+    /// Samples whose density was NaN, which count as empty, and samples whose colour was asked for and
+    /// was NaN, which count as black.
     pub invalid_samples: u64,
+}
+
+impl Counters {
+    /// `n` samples through trunk and density head.
+    pub(super) fn add_density(&mut self, network: &Network<'_>, n: usize) {
+        self.samples_kept += n as u64;
+        self.density_evaluations += n as u64;
+        self.macs += (n * network.architecture().density_macs()) as u64;
+    }
+
+    /// `n` samples through the colour branch; the direction's share was paid once per ray.
+    pub(super) fn add_colour(&mut self, network: &Network<'_>, n: usize) {
+        self.colour_evaluations += n as u64;
+        self.macs += (n * (network.architecture().colour_macs() - network.direction_macs())) as u64;
+    }
 }
 
 impl core::ops::AddAssign for Counters {

@@ -1,5 +1,6 @@
-//! The state of one call: a tile's rays in rounds, blocks of samples through the network.
+//! The state of one call: its memory, a tile's rays from pixel to pixel, the network's blocks.
 
+use super::march::{Block, ColourQueue, Picks, RayState, Waiting};
 use super::{Counters, Rect, RenderError, Target};
 use crate::camera::Camera;
 use crate::kernels::{Arena, BLOCK, Line, lines_for};
@@ -7,63 +8,22 @@ use crate::math::Math;
 use crate::network::{Network, Scratch};
 use crate::plan::Plan;
 use crate::ray::Ray;
-use crate::volume::Accumulator;
 use glam::Vec3;
 
-/// Live samples a ray contributes to a round: few are wasted beyond the cut, and the bookkeeping
-/// stays small beside the network.
-const ROUND: usize = 4;
-
-/// What one ray carries from round to round.
-#[derive(Clone, Copy)]
-struct RayState {
-    ray: Ray,
-    x: u32,
-    y: u32,
-    /// The next bin to look at, and the end of the bins.
-    next: u32,
-    end: u32,
-    /// Samples the network was asked for.
-    kept: u32,
-    /// Column of the ray in [`Frame::direction`].
-    column: u32,
-    done: bool,
-    gathered: Accumulator,
-}
-
-impl RayState {
-    const NONE: Self = Self {
-        ray: Ray { origin: Vec3::ZERO, dir: Vec3::NEG_Z },
-        x: 0,
-        y: 0,
-        next: 0,
-        end: 0,
-        kept: 0,
-        column: 0,
-        done: true,
-        gathered: Accumulator::NONE,
-    };
-
-    /// Moves `next` to the first live bin at or after it; `false` if there is none.
-    #[inline]
-    fn seek(&mut self, plan: &Plan<'_>) -> bool {
-        while self.next < self.end {
-            if plan.live(self.ray.at(plan.bins.at(self.next, 0.5))) {
-                return true;
-            }
-            self.next += 1;
-        }
-        false
-    }
-}
+/// Columns of the widest vector: a block of prepared weights has a multiple of it.
+const VECTOR: usize = 16;
 
 /// Lengths of the slices a frame works in; the workspace query and the carving share them.
 pub(super) struct Sizes {
     rays: usize,
     samples: usize,
-    ray_columns: usize,
     encoded: usize,
     activation: usize,
+    /// Colours worked out at once: 0 where none is asked for.
+    colours: usize,
+    /// Samples that may wait for their colour: 0 where one is a block.
+    queue: usize,
+    queued_activation: usize,
     direction: usize,
 }
 
@@ -71,47 +31,56 @@ impl Sizes {
     pub(super) fn of(network: &Network<'_>, plan: &Plan<'_>) -> Self {
         let samples = if network.whole_blocks() { BLOCK } else { plan.batch.samples };
         let rays = plan.batch.rays;
-        let colour = plan.outputs.rgb;
+        let colours = if plan.outputs.rgb { samples } else { 0 };
+        let queue = if colours > 1 { colours } else { 0 };
+        let direction_rows = if plan.outputs.rgb { network.direction_rows() } else { 0 };
         Self {
             rays,
             samples,
-            ray_columns: if colour { rays.next_multiple_of(samples) } else { 0 },
             encoded: network.encoded_rows() * samples,
             activation: network.activation_rows() * samples,
-            direction: if colour { network.direction_rows() } else { 0 },
+            colours,
+            queue,
+            queued_activation: network.activation_rows() * queue,
+            direction: direction_rows.saturating_mul(rays.next_multiple_of(samples)),
         }
     }
 
     pub(super) fn lines(&self) -> usize {
         lines_for::<RayState>(self.rays)
-            + lines_for::<f32>(3 * self.samples) * 3
+            + lines_for::<u32>(self.rays)
             + lines_for::<u32>(self.samples)
             + lines_for::<f32>(self.samples) * 2
+            + lines_for::<f32>(3 * self.samples) * 2
             + lines_for::<f32>(self.encoded)
             + lines_for::<f32>(self.activation) * 2
-            + lines_for::<f32>(self.direction.saturating_mul(self.ray_columns))
+            + lines_for::<u32>(self.colours) * 2
+            + lines_for::<f32>(self.colours)
+            + lines_for::<f32>(3 * self.colours)
+            + lines_for::<u32>(self.queue)
+            + lines_for::<f32>(self.queue)
+            + lines_for::<f32>(self.queued_activation)
+            + lines_for::<f32>(self.direction)
     }
 }
 
 /// The state of one `render` call.
 pub(super) struct Frame<'f, 'w> {
-    plan: &'f Plan<'f>,
-    network: &'f Network<'f>,
-    rays: &'w mut [RayState],
-    /// Rays of the tile that hit something.
-    active: usize,
-    /// The block being filled: `[3][samples]`, `[samples]`, `[samples]`.
-    positions: &'w mut [f32],
-    owner: &'w mut [u32],
-    t: &'w mut [f32],
-    queued: usize,
-    sigma: &'w mut [f32],
-    rgb: &'w mut [f32],
-    /// `[3][samples]`: directions of a block of rays.
+    pub(super) plan: &'f Plan<'f>,
+    pub(super) network: &'f Network<'f>,
+    /// The tile's rays that meet something live; they stay where they are until the tile is done.
+    pub(super) rays: &'w mut [RayState],
+    pub(super) waiting: Waiting<'w>,
+    pub(super) block: Block<'w>,
+    pub(super) picks: Picks<'w>,
+    pub(super) queue: ColourQueue<'w>,
+    /// `[3][stride]`: positions, directions and colours of a block.
+    pub(super) positions: &'w mut [f32],
     dirs: &'w mut [f32],
-    /// The direction's share of the colour branch: `[ray_columns / samples][rows][samples]`.
-    direction: &'w mut [f32],
-    scratch: Scratch<'w>,
+    pub(super) rgb: &'w mut [f32],
+    pub(super) shares: Shares<'w>,
+    /// `stride` is that of the block at work: no more columns than its samples need.
+    pub(super) scratch: Scratch<'w>,
     pub(super) counters: Counters,
 }
 
@@ -128,21 +97,28 @@ impl<'f, 'w> Frame<'f, 'w> {
         }
         let mut arena = Arena::new(lines);
         let rays = arena.slice(sizes.rays, RayState::NONE).ok_or(too_small)?;
-        let owner = arena.slice(sizes.samples, 0u32).ok_or(too_small)?;
+        let mut numbers = |count| arena.slice(count, 0u32).ok_or(too_small);
+        let (ring, owner) = (numbers(sizes.rays)?, numbers(sizes.samples)?);
+        let (column, picked_owner) = (numbers(sizes.colours)?, numbers(sizes.colours)?);
+        let queued_owner = numbers(sizes.queue)?;
         let mut floats = |count| arena.slice(count, 0.0f32).ok_or(too_small);
         Ok(Self {
             plan,
             network,
             rays,
-            active: 0,
-            owner,
+            waiting: Waiting::new(ring),
+            block: Block { owner, t: floats(sizes.samples)?, sigma: floats(sizes.samples)? },
+            picks: Picks { column, owner: picked_owner, weight: floats(sizes.colours)? },
+            queue: ColourQueue {
+                h: floats(sizes.queued_activation)?,
+                owner: queued_owner,
+                weight: floats(sizes.queue)?,
+                count: 0,
+            },
             positions: floats(3 * sizes.samples)?,
-            t: floats(sizes.samples)?,
-            queued: 0,
-            sigma: floats(sizes.samples)?,
-            rgb: floats(3 * sizes.samples)?,
             dirs: floats(3 * sizes.samples)?,
-            direction: floats(sizes.direction.saturating_mul(sizes.ray_columns))?,
+            rgb: floats(3 * sizes.colours)?,
+            shares: Shares { values: floats(sizes.direction)?, block: sizes.samples },
             scratch: Scratch {
                 stride: sizes.samples,
                 encoded: floats(sizes.encoded)?,
@@ -155,18 +131,19 @@ impl<'f, 'w> Frame<'f, 'w> {
 
     /// Renders one tile of at most `plan.batch.rays` pixels.
     pub(super) fn tile<M: Math>(&mut self, camera: &Camera, tile: Rect, target: &mut impl Target) {
-        self.start(camera, tile, target);
-        self.directions();
-        while self.active > 0 {
-            self.round::<M>();
-            self.retire(camera, target);
+        let hits = self.start(camera, tile, target);
+        self.directions(hits);
+        while self.step::<M>() {}
+        self.flush_colour();
+        for i in 0..hits {
+            self.finish(&self.rays[i].clone(), camera, target);
         }
     }
 
-    /// Makes the tile's rays; those that meet nothing are finished at once.
-    fn start(&mut self, camera: &Camera, tile: Rect, target: &mut impl Target) {
+    /// Makes the tile's rays; those that meet nothing are finished at once. Returns how many do.
+    fn start(&mut self, camera: &Camera, tile: Rect, target: &mut impl Target) -> usize {
         let plan = self.plan;
-        self.active = 0;
+        let mut hits = 0;
         for y in tile.y..tile.y + tile.height {
             for x in tile.x..tile.x + tile.width {
                 self.counters.rays += 1;
@@ -175,139 +152,50 @@ impl<'f, 'w> Frame<'f, 'w> {
                     Some((enter, exit)) => plan.bins.overlapping(enter, exit),
                     None => 0..0,
                 };
-                let column = self.active as u32;
                 let (next, end) = (bins.start, bins.end);
-                let mut state = RayState { ray, x, y, next, end, column, done: false, ..RayState::NONE };
+                let mut state = RayState { ray, x, y, next, end, done: false, ..RayState::NONE };
                 if state.seek(plan) {
-                    self.rays[self.active] = state;
-                    self.active += 1;
+                    self.rays[hits] = state;
+                    self.waiting.push(hits as u32);
+                    hits += 1;
                 } else {
                     self.finish(&state, camera, target);
                 }
             }
         }
+        hits
     }
 
-    /// The direction's share of the colour branch, for every active ray.
-    fn directions(&mut self) {
-        let rows = self.network.direction_rows();
-        if self.direction.is_empty() {
+    /// The direction's share of the colour branch, for the first `count` rays.
+    fn directions(&mut self, count: usize) {
+        if self.shares.values.is_empty() {
             return;
         }
-        let stride = self.scratch.stride;
-        for (block, states) in self.rays[..self.active].chunks(stride).enumerate() {
+        let (rows, stride) = (self.network.direction_rows(), self.shares.block);
+        self.scratch.stride = stride;
+        let shares = self.shares.values.chunks_exact_mut(rows * stride);
+        for (states, out) in self.rays[..count].chunks(stride).zip(shares) {
             for (column, state) in states.iter().enumerate() {
                 put_column(self.dirs, stride, column, state.ray.dir);
             }
-            let out = &mut self.direction[block * rows * stride..(block + 1) * rows * stride];
             self.network.direction(self.plan.math, &mut self.scratch, self.dirs, out);
         }
-        self.counters.macs += self.active as u64 * self.network.direction_macs() as u64;
+        self.counters.macs += count as u64 * self.network.direction_macs() as u64;
     }
 
-    /// A few live samples of every active ray.
-    fn round<M: Math>(&mut self) {
-        let plan = self.plan;
-        for i in 0..self.active {
-            for _ in 0..ROUND {
-                let state = &mut self.rays[i];
-                if !state.seek(plan) {
-                    break;
-                }
-                let t = plan.bins.at(state.next, 0.5);
-                state.next += 1;
-                state.kept += 1;
-                let p = state.ray.at(t);
-                put_column(self.positions, self.scratch.stride, self.queued, p);
-                self.t[self.queued] = t;
-                self.owner[self.queued] = i as u32;
-                self.queued += 1;
-                if self.queued == self.scratch.stride {
-                    self.flush::<M>();
-                }
-            }
-        }
-        self.flush::<M>();
-    }
-
-    /// Sends the queued samples through the network and adds them to their rays.
-    fn flush<M: Math>(&mut self) {
-        let (n, plan) = (self.queued, self.plan);
-        if n == 0 {
-            return;
-        }
-        self.queued = 0;
-        self.evaluate_density(n);
-        let seen = |i: usize| self.sigma[i] > 0.0 && !self.rays[self.owner[i] as usize].done;
-        if plan.outputs.rgb && (0..n).any(seen) {
-            self.evaluate_colour(n);
-        } else {
-            self.rgb.fill(0.0);
-        }
-        let stride = self.scratch.stride;
-        for i in 0..n {
-            let state = &mut self.rays[self.owner[i] as usize];
-            if state.done {
-                continue;
-            }
-            let sigma = self.sigma[i];
-            let rgb = [self.rgb[i], self.rgb[stride + i], self.rgb[2 * stride + i]];
-            // Colour counts only where there is density: elsewhere it may not have been computed,
-            // and which blocks compute it depends on the batch.
-            if sigma.is_nan() || (sigma > 0.0 && rgb.iter().any(|c| c.is_nan())) {
-                self.counters.invalid_samples += 1;
-                continue;
-            }
-            if sigma > 0.0 {
-                state.gathered.add::<M>(sigma, rgb, self.t[i], plan.bins.delta());
-                state.done = state.gathered.transmittance::<M>() < plan.transmittance_cut;
-            }
-        }
-    }
-
-    /// Trunk and density of the block's first `n` samples.
-    fn evaluate_density(&mut self, n: usize) {
+    /// Trunk and density of the block's `n` samples; its positions have the stride of `n`.
+    pub(super) fn evaluate_density(&mut self, n: usize) {
+        self.scratch.stride = columns_of(self.network, n);
         self.network.trunk(self.plan.math, &mut self.scratch, self.positions);
-        self.network.density(self.plan.math, &self.scratch, self.sigma);
-        self.counters.samples_kept += n as u64;
-        self.counters.density_evaluations += n as u64;
-        self.counters.macs += (n * self.network.architecture().density_macs()) as u64;
+        self.network.density(self.plan.math, &self.scratch, self.block.sigma);
+        self.counters.add_density(self.network, n);
     }
 
-    /// Colours of the block whose trunk has just run.
-    fn evaluate_colour(&mut self, n: usize) {
-        let (stride, rows) = (self.scratch.stride, self.network.direction_rows());
-        let (direction, rays, owner) = (&*self.direction, &*self.rays, &*self.owner);
-        let spread = |to: &mut [f32]| {
-            for i in 0..n {
-                let column = rays[owner[i] as usize].column as usize;
-                let from = &direction[column / stride * rows * stride + column % stride..];
-                for row in 0..rows {
-                    to[row * stride + i] = from[row * stride];
-                }
-            }
-        };
-        self.network.colour(self.plan.math, &mut self.scratch, spread, self.rgb);
-        self.counters.colour_evaluations += n as u64;
-        let architecture = self.network.architecture();
-        self.counters.macs += (n * architecture.colour_macs()) as u64;
-        // The direction's share was paid once per ray.
-        self.counters.macs -= (n * self.network.direction_macs()) as u64;
-    }
-
-    /// Finishes the rays that see nothing more and closes their ranks.
-    fn retire(&mut self, camera: &Camera, target: &mut impl Target) {
-        let mut kept = 0;
-        for i in 0..self.active {
-            let mut state = self.rays[i];
-            if state.done || !state.seek(self.plan) {
-                self.finish(&state, camera, target);
-            } else {
-                self.rays[kept] = state;
-                kept += 1;
-            }
-        }
-        self.active = kept;
+    /// Colours of the block whose trunk has just run; its first `n` columns are the picks, in order.
+    pub(super) fn evaluate_colour(&mut self, n: usize) {
+        let owner = &self.picks.owner[..n];
+        self.shares.colour(self.network, self.plan, &mut self.scratch, owner, self.rgb);
+        self.counters.add_colour(self.network, n);
     }
 
     fn finish(&mut self, state: &RayState, camera: &Camera, target: &mut impl Target) {
@@ -325,52 +213,95 @@ impl<'f, 'w> Frame<'f, 'w> {
         sigma: &mut [f32],
         rgb: &mut [[f32; 3]],
     ) {
-        let stride = self.scratch.stride;
         sigma.fill(0.0);
         rgb.fill([0.0; 3]);
-        self.active = 0;
+        let mut n = 0;
         for (i, (&p, &dir)) in positions.iter().zip(dirs).enumerate() {
-            let (p, dir) = (Vec3::from(p), Vec3::from(dir));
-            if self.plan.live(p) {
-                let column = self.active;
-                let ray = Ray { origin: p, dir };
-                self.rays[column] = RayState { ray, x: i as u32, column: column as u32, ..RayState::NONE };
-                put_column(self.positions, stride, column, p);
-                self.owner[column] = column as u32;
-                self.active += 1;
+            let (origin, dir) = (Vec3::from(p), Vec3::from(dir));
+            if self.plan.live(origin) {
+                self.rays[n] = RayState { ray: Ray { origin, dir }, x: i as u32, ..RayState::NONE };
+                n += 1;
             }
         }
-        if self.active == 0 {
+        if n == 0 {
             return;
         }
-        self.directions();
-        self.evaluate_density(self.active);
-        if self.plan.outputs.rgb {
-            self.evaluate_colour(self.active);
+        self.directions(n);
+        let stride = columns_of(self.network, n);
+        for column in 0..stride {
+            put_column(self.positions, stride, column, self.rays[column.min(n - 1)].ray.origin);
         }
-        for column in 0..self.active {
+        self.evaluate_density(n);
+        if self.plan.outputs.rgb {
+            for (column, owner) in self.picks.owner[..n].iter_mut().enumerate() {
+                *owner = column as u32;
+            }
+            self.evaluate_colour(n);
+        }
+        for column in 0..n {
             let i = self.rays[column].x as usize;
             let colour = match self.plan.outputs.rgb {
                 true => core::array::from_fn(|c| self.rgb[c * stride + column]),
                 false => [0.0f32; 3],
             };
-            // As in a picture: what is no number is empty, and counted.
-            let dense = self.sigma[column] > 0.0;
-            if self.sigma[column].is_nan() || (dense && colour.iter().any(|c| c.is_nan())) {
+            // As in a picture: without a number there is no density, and no colour; both are counted.
+            let density = self.block.sigma[column];
+            if density.is_nan() {
                 self.counters.invalid_samples += 1;
                 continue;
             }
-            sigma[i] = self.sigma[column];
-            if !colour.iter().any(|c| c.is_nan()) {
+            sigma[i] = density;
+            if colour.iter().any(|c| c.is_nan()) {
+                self.counters.invalid_samples += u64::from(density > 0.0);
+            } else {
                 rgb[i] = colour;
             }
         }
     }
 }
 
+/// The direction's share of the colour branch, once a ray: `[rays / block][direction_rows][block]`.
+pub(super) struct Shares<'w> {
+    values: &'w mut [f32],
+    block: usize,
+}
+
+impl Shares<'_> {
+    /// Colours of the samples whose `h` is in `scratch.front`; `owner` says whose they are.
+    ///
+    /// `rgb`: `[3][scratch.stride]`.
+    pub fn colour(
+        &self,
+        network: &Network<'_>,
+        plan: &Plan<'_>,
+        scratch: &mut Scratch<'_>,
+        owner: &[u32],
+        rgb: &mut [f32],
+    ) {
+        let (stride, rows, block) = (scratch.stride, network.direction_rows(), self.block);
+        let spread = |to: &mut [f32]| {
+            for (column, &ray) in owner.iter().enumerate() {
+                let ray = ray as usize;
+                let from = &self.values[ray / block * rows * block + ray % block..];
+                for row in 0..rows {
+                    to[row * stride + column] = from[row * block];
+                }
+            }
+        };
+        network.colour(plan.math, scratch, spread, rgb);
+    }
+}
+
+/// Columns that `n` samples take: as many as they are, or whole vectors on the tiers that need them.
+///
+/// A column's result does not depend on how many stand beside it.
+pub(super) fn columns_of(network: &Network<'_>, n: usize) -> usize {
+    if network.whole_blocks() { n.next_multiple_of(VECTOR) } else { n }
+}
+
 /// Writes `v` into column `column` of a `[3][stride]` block.
 #[inline]
-fn put_column(block: &mut [f32], stride: usize, column: usize, v: Vec3) {
+pub(super) fn put_column(block: &mut [f32], stride: usize, column: usize, v: Vec3) {
     block[column] = v.x;
     block[stride + column] = v.y;
     block[2 * stride + column] = v.z;

@@ -148,7 +148,7 @@ fn counters_add_up_and_without_colour_only_the_density_is_paid() {
             assert_eq!(without.counters.colour_evaluations, 0);
             assert_eq!(without.counters.macs, density, "the trunk's share of the colour request");
             assert_eq!(without.counters.density_evaluations, with.density_evaluations);
-            // All samples are dense, so every block asks for colour; PE(d)'s share is per ray.
+            // PE(d)'s share is per ray.
             let per_ray = renderer.network().direction_macs() as u64;
             let per_sample = a.colour_macs() as u64 - per_ray;
             let rays = (with.macs - density - with.colour_evaluations * per_sample) / per_ray;
@@ -183,39 +183,85 @@ fn a_full_grid_changes_nothing() {
     assert_eq!(a.counters, b.counters);
 }
 
+/// A frame without blocks, rays in flight or queues: sample by sample, from what a query gives.
+fn sample_by_sample(
+    renderer: &Renderer<'_>,
+    quality: &Quality,
+    camera: &Camera,
+    size: (u32, u32),
+) -> (Vec<Pixel>, u64, u64) {
+    let bins = Bins::new(2.0, 6.0, 32).unwrap();
+    let batch = Batch { rays: 50, samples: BLOCK };
+    let plan = Plan::new(renderer.blob(), quality, Outputs::ALL, batch).unwrap();
+    let mut memory = vec![Line::UNINIT; renderer.workspace_lines(&plan)];
+    let (mut pixels, mut densities, mut colours) = (vec![], 0, 0);
+    for i in 0..size.0 * size.1 {
+        let ray = camera.ray((i % size.0) as f32 + 0.5, (i / size.0) as f32 + 0.5);
+        let mut gathered = Accumulator::NONE;
+        for t in (0..32).map(|i| bins.at(i, 0.5)).filter(|&t| plan.live(ray.at(t))) {
+            let (mut sigma, mut rgb) = ([f32::NAN], [[f32::NAN; 3]]);
+            let dirs = [ray.dir.into()];
+            renderer.query(&plan, &[ray.at(t).into()], &dirs, &mut memory, &mut sigma, &mut rgb).unwrap();
+            densities += 1;
+            gathered.add_density::<Polynomial>(sigma[0], t, bins.delta());
+            if let Some(weight) = gathered.take_uncoloured(quality.colour_cut) {
+                colours += 1;
+                gathered.add_colour(weight, rgb[0]);
+            }
+            if gathered.transmittance::<Polynomial>() < quality.transmittance_cut {
+                break;
+            }
+        }
+        pixels.push(gathered.finish(SCENE.background, 6.0, camera.z_per_distance(&ray)));
+    }
+    (pixels, densities, colours)
+}
+
 #[test]
-fn query_gives_the_samples_a_render_adds_up() {
+fn every_batch_gives_the_pixels_and_the_work_of_one_sample_at_a_time() {
     let a = every_kind();
     let (weights, unpacked) = halve(&parameters(&a, 31));
-    let bytes = bytes(&body(a, None, &weights));
+    let bits = [0b1110_1011];
+    let bytes = bytes(&body(a, Some(Grid { resolution: [2; 3], bits: &bits }), &weights));
     let blob = Blob::open(&bytes).unwrap();
-    let camera = camera(5, 4);
-    let bins = Bins::new(2.0, 6.0, 32).unwrap();
+    let camera = camera(9, 7);
     for tier in tiers() {
         let renderer = Renderer::with_parameters(blob.clone(), tier, &unpacked).unwrap();
-        let batch = Batch { rays: 50, samples: BLOCK };
-        let plan = Plan::new(&blob, &Quality::EXACT, Outputs::ALL, batch).unwrap();
-        let picture = render(&renderer, &plan, &camera);
-        let mut memory = vec![Line::UNINIT; renderer.workspace_lines(&plan)];
-        let mut kept = 0;
-        for (i, pixel) in picture.pixels.iter().enumerate() {
-            let ray = camera.ray((i % 5) as f32 + 0.5, (i / 5) as f32 + 0.5);
-            let ts: Vec<f32> = (0..32).map(|i| bins.at(i, 0.5)).collect();
-            let positions: Vec<[f32; 3]> = ts.iter().map(|&t| ray.at(t).into()).collect();
-            let (mut sigma, mut rgb) = (vec![f32::NAN; 32], vec![[f32::NAN; 3]; 32]);
-            let dirs = vec![ray.dir.into(); 32];
-            let counters =
-                renderer.query(&plan, &positions, &dirs, &mut memory, &mut sigma, &mut rgb).unwrap();
-            kept += counters.density_evaluations;
-            let mut gathered = Accumulator::NONE;
-            for ((&sigma, &rgb), &t) in sigma.iter().zip(&rgb).zip(&ts) {
-                gathered.add::<Polynomial>(sigma, rgb, t, bins.delta());
+        for (transmittance_cut, colour_cut) in [(0.0, 0.0), (1e-2, 1e-3), (0.0, 0.02), (0.3, 0.0), (0.3, 0.2)]
+        {
+            let quality =
+                Quality { transmittance_cut, colour_cut, skip_grid: colour_cut > 0.0, ..Quality::EXACT };
+            let (pixels, densities, colours) = sample_by_sample(&renderer, &quality, &camera, (9, 7));
+            assert!(pixels.iter().any(|pixel| pixel.opacity > 0.5) && colours > 0);
+            for rays in [1, 2, 7, 63, 64, 256] {
+                let batch = Batch { rays, samples: BLOCK };
+                let plan = Plan::new(&blob, &quality, Outputs::ALL, batch).unwrap();
+                let found = render(&renderer, &plan, &camera);
+                assert_eq!(found.pixels, pixels, "{tier:?} {quality:?} {rays} rays");
+                let c = found.counters;
+                assert_eq!((c.density_evaluations, c.colour_evaluations), (densities, colours));
+                assert!(c.colour_evaluations <= c.density_evaluations);
             }
-            let found = gathered.finish(SCENE.background, 6.0, camera.z_per_distance(&ray));
-            assert_eq!(found, *pixel, "{tier:?} pixel {i}");
         }
-        assert_eq!(kept, picture.counters.density_evaluations);
-        assert!(picture.pixels.iter().any(|pixel| pixel.opacity > 0.5));
+    }
+}
+
+#[test]
+fn weights_read_in_place_take_batches_of_any_size() {
+    let a = every_kind();
+    let (weights, _) = halve(&parameters(&a, 31));
+    let bytes = bytes(&body(a, None, &weights));
+    let blob = Blob::open(&bytes).unwrap();
+    let renderer = Renderer::new(blob.clone(), Tier::Scalar, &mut []).unwrap();
+    let camera = camera(9, 7);
+    let quality = Quality { transmittance_cut: 0.05, colour_cut: 0.02, ..Quality::EXACT };
+    let (pixels, densities, colours) = sample_by_sample(&renderer, &quality, &camera, (9, 7));
+    for (rays, samples) in [(1, 1), (5, 1), (1, 7), (3, 2), (64, 5), (256, 63)] {
+        let plan = Plan::new(&blob, &quality, Outputs::ALL, Batch { rays, samples }).unwrap();
+        let found = render(&renderer, &plan, &camera);
+        assert_eq!(found.pixels, pixels, "{rays} rays, {samples} samples");
+        let c = found.counters;
+        assert_eq!((c.density_evaluations, c.colour_evaluations), (densities, colours));
     }
 }
 
@@ -260,7 +306,18 @@ fn samples_that_are_no_numbers_are_counted_the_same_in_every_batch() {
     {
         let plan = Plan::new(&blob, &Quality::EXACT, Outputs::ALL, batch).unwrap();
         let picture = render(&renderer, &plan, &camera(12, 12));
-        assert!(picture.pixels.iter().all(|pixel| pixel.rgb == SCENE.background && pixel.opacity == 0.0));
+        // Black where there is density, whose opacity does not hang on whether colour was asked for.
+        for pixel in &picture.pixels {
+            assert_eq!(pixel.rgb, SCENE.background.map(|c| (1.0 - pixel.opacity) * c));
+        }
+        let no_colour = Outputs { rgb: false, ..Outputs::ALL };
+        let plan = Plan::new(&blob, &Quality::EXACT, no_colour, batch).unwrap();
+        let shape = render(&renderer, &plan, &camera(12, 12));
+        assert_eq!(shape.counters.invalid_samples, 0);
+        for (a, b) in picture.pixels.iter().zip(&shape.pixels) {
+            assert_eq!((a.opacity, a.ray_distance), (b.opacity, b.ray_distance));
+        }
+        assert!(picture.pixels.iter().any(|pixel| pixel.opacity > 0.1));
         seen.push(picture.counters.invalid_samples);
     }
     assert!(seen[0] > 0 && seen.iter().all(|&n| n == seen[0]), "{seen:?}");
@@ -271,8 +328,8 @@ fn samples_that_are_no_numbers_are_counted_the_same_in_every_batch() {
     let (mut sigma, mut rgb) = (vec![9.0; 100], vec![[9.0; 3]; 100]);
     let dirs = vec![[0.0, 0.0, 1.0]; 100];
     let counters = renderer.query(&plan, &points, &dirs, &mut memory, &mut sigma, &mut rgb).unwrap();
-    assert!(sigma.iter().all(|&s| s == 0.0) && rgb.iter().all(|&c| c == [0.0; 3]));
-    assert!(counters.invalid_samples > 0);
+    assert!(sigma.iter().any(|&s| s > 0.0) && rgb.iter().all(|&c| c == [0.0; 3]));
+    assert_eq!(counters.invalid_samples, sigma.iter().filter(|&&s| s > 0.0).count() as u64);
 }
 
 #[test]
@@ -400,11 +457,11 @@ fn the_seed_network_takes_the_memory_the_docs_say() {
         renderer.workspace_lines(&Plan::new(&blob, &Quality::EXACT, outputs, batch).unwrap())
     };
     let in_place = Renderer::new(blob.clone(), Tier::Scalar, &mut []).unwrap();
-    assert_eq!(lines(&in_place, Outputs::ALL, Batch::SMALLEST) * size_of::<Line>(), 3_328);
+    assert_eq!(lines(&in_place, Outputs::ALL, Batch::SMALLEST) * size_of::<Line>(), 3_584);
     let no_colour = Outputs { rgb: false, ..Outputs::ALL };
     assert_eq!(lines(&in_place, no_colour, Batch::SMALLEST) * size_of::<Line>(), 2_816);
     let prepared = Renderer::with_parameters(blob.clone(), Tier::Scalar, &unpacked).unwrap();
     let batch = Batch::for_tier(Tier::Scalar);
-    assert_eq!(lines(&prepared, Outputs::ALL, batch) * size_of::<Line>(), 306_944);
+    assert_eq!(lines(&prepared, Outputs::ALL, batch) * size_of::<Line>(), 374_784);
     assert_eq!(Renderer::prepared_lines(&blob, Tier::Avx2) * size_of::<Line>(), 2_120_256);
 }

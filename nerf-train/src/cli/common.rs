@@ -224,11 +224,14 @@ pub struct QualityOptions {
     /// A ray ends where its transmittance falls below this.
     #[arg(long, value_name = "T", default_value_t = Quality::default().transmittance_cut)]
     pub transmittance_cut: f32,
+    /// Samples whose weight is at most this take the colour of one behind them; 0 asks for every colour.
+    #[arg(long, value_name = "W", default_value_t = Quality::default().colour_cut)]
+    pub colour_cut: f32,
     /// Ask the network also where the skip grid says that nothing is.
     #[arg(long)]
     pub no_grid: bool,
-    /// No shortcut at all: same as --no-grid --transmittance-cut 0.
-    #[arg(long, conflicts_with_all = ["no_grid", "transmittance_cut"])]
+    /// No shortcut at all: same as --no-grid --transmittance-cut 0 --colour-cut 0.
+    #[arg(long, conflicts_with_all = ["no_grid", "transmittance_cut", "colour_cut"])]
     pub exact: bool,
     /// Elementary functions: polynomial, libm, micromath, recurrence.
     #[arg(long, value_name = "BACKEND", default_value = "polynomial", value_parser = parse_math)]
@@ -253,7 +256,12 @@ impl QualityOptions {
         if self.exact {
             base
         } else {
-            Quality { transmittance_cut: self.transmittance_cut, skip_grid: !self.no_grid, ..base }
+            Quality {
+                transmittance_cut: self.transmittance_cut,
+                colour_cut: self.colour_cut,
+                skip_grid: !self.no_grid,
+                ..base
+            }
         }
     }
 }

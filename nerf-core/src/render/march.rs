@@ -1,0 +1,266 @@
+//! Rays walk front to back, one sample at a time, through blocks that are full as long as there are rays.
+//!
+//! A ray is in one block at a time: whether its next sample is worth the network is known before it is
+//! asked. So no sample behind the transmittance cut is ever evaluated, and the work of a frame depends on
+//! the scene and the request alone, as its pixels do.
+
+use super::Counters;
+use super::frame::{Frame, columns_of, put_column};
+use crate::math::Math;
+use crate::network::Scratch;
+use crate::plan::Plan;
+use crate::ray::Ray;
+use crate::volume::Accumulator;
+use glam::Vec3;
+
+/// What one ray carries from sample to sample.
+#[derive(Clone, Copy)]
+pub(super) struct RayState {
+    pub ray: Ray,
+    pub x: u32,
+    pub y: u32,
+    /// The next bin to look at, and the end of the bins.
+    pub next: u32,
+    pub end: u32,
+    /// Samples the network was asked for.
+    pub kept: u32,
+    /// Whether the transmittance is below the cut.
+    pub done: bool,
+    pub gathered: Accumulator,
+}
+
+impl RayState {
+    pub const NONE: Self = Self {
+        ray: Ray { origin: Vec3::ZERO, dir: Vec3::NEG_Z },
+        x: 0,
+        y: 0,
+        next: 0,
+        end: 0,
+        kept: 0,
+        done: true,
+        gathered: Accumulator::NONE,
+    };
+
+    /// Moves `next` to the first live bin at or after it; `false` if there is none.
+    #[inline]
+    pub fn seek(&mut self, plan: &Plan<'_>) -> bool {
+        while self.next < self.end {
+            if plan.live(self.ray.at(plan.bins.at(self.next, 0.5))) {
+                return true;
+            }
+            self.next += 1;
+        }
+        false
+    }
+}
+
+/// The rays whose next sample is live, first in, first out; each at most once.
+pub(super) struct Waiting<'w> {
+    ring: &'w mut [u32],
+    first: usize,
+    count: usize,
+}
+
+impl<'w> Waiting<'w> {
+    /// Nobody waits; `ring` is as long as there are rays.
+    pub fn new(ring: &'w mut [u32]) -> Self {
+        Self { ring, first: 0, count: 0 }
+    }
+
+    pub fn push(&mut self, ray: u32) {
+        let (capacity, end) = (self.ring.len(), self.first + self.count);
+        self.ring[if end < capacity { end } else { end - capacity }] = ray;
+        self.count += 1;
+    }
+
+    fn pop(&mut self) -> Option<u32> {
+        self.count = self.count.checked_sub(1)?;
+        let ray = self.ring[self.first];
+        self.first = if self.first + 1 < self.ring.len() { self.first + 1 } else { 0 };
+        Some(ray)
+    }
+}
+
+/// The block that goes through trunk and density head: `[samples]` each.
+pub(super) struct Block<'w> {
+    /// Whose sample it is, and where on the ray; the samples of a ray are neighbours, in order.
+    pub owner: &'w mut [u32],
+    pub t: &'w mut [f32],
+    pub sigma: &'w mut [f32],
+}
+
+/// The samples of a block whose colour is worth asking for, in order: `[samples]` each, or empty where no
+/// colour is asked for.
+pub(super) struct Picks<'w> {
+    pub column: &'w mut [u32],
+    pub owner: &'w mut [u32],
+    pub weight: &'w mut [f32],
+}
+
+/// Picks of several blocks, until there are enough for a block of their own: `[samples]` each, or empty
+/// where a block of picks is full at once.
+pub(super) struct ColourQueue<'w> {
+    /// What the trunk made of them, `[activation_rows][samples]`: the colour branch uses it up.
+    pub h: &'w mut [f32],
+    pub owner: &'w mut [u32],
+    pub weight: &'w mut [f32],
+    pub count: usize,
+}
+
+impl Frame<'_, '_> {
+    /// One block of samples, front to back; `false` if no ray has any left.
+    pub(super) fn step<M: Math>(&mut self) -> bool {
+        let n = self.fill();
+        if n == 0 {
+            return false;
+        }
+        self.evaluate_density(n);
+        let picked = self.gather::<M>(n);
+        if picked == self.block.owner.len() {
+            self.flush_colour();
+            self.colour_of_block(picked);
+        } else {
+            self.queue_colour(picked);
+        }
+        true
+    }
+
+    /// Takes the next sample of as many rays as a block has room for; without a transmittance cut, all
+    /// samples of as many as it takes. Returns their number.
+    fn fill(&mut self) -> usize {
+        let plan = self.plan;
+        let room = self.block.owner.len();
+        let burst = if plan.transmittance_cut > 0.0 { 1 } else { room };
+        let mut n = 0;
+        while n < room {
+            let Some(i) = self.waiting.pop() else { break };
+            let state = &mut self.rays[i as usize];
+            for _ in 0..burst.min(room - n) {
+                if !state.seek(plan) {
+                    break;
+                }
+                self.block.owner[n] = i;
+                self.block.t[n] = plan.bins.at(state.next, 0.5);
+                state.next += 1;
+                state.kept += 1;
+                n += 1;
+            }
+        }
+        let stride = columns_of(self.network, n);
+        for column in 0..stride {
+            // What only fills the block up is a copy of its last sample.
+            let from = column.min(n.saturating_sub(1));
+            let p = self.rays[self.block.owner[from] as usize].ray.at(self.block.t[from]);
+            put_column(self.positions, stride, column, p);
+        }
+        n
+    }
+
+    /// Adds the densities of the block's `n` samples to their rays, picks those whose colour is worth
+    /// asking for, and sends the rays that see on back to wait. Returns how many were picked.
+    fn gather<M: Math>(&mut self, n: usize) -> usize {
+        let plan = self.plan;
+        let mut picked = 0;
+        for column in 0..n {
+            let owner = self.block.owner[column];
+            let state = &mut self.rays[owner as usize];
+            let sigma = self.block.sigma[column];
+            if sigma.is_nan() {
+                self.counters.invalid_samples += 1;
+            } else if sigma > 0.0 {
+                state.gathered.add_density::<M>(sigma, self.block.t[column], plan.bins.delta());
+                state.done = state.gathered.transmittance::<M>() < plan.transmittance_cut;
+                if plan.outputs.rgb
+                    && let Some(weight) = state.gathered.take_uncoloured(plan.colour_cut)
+                {
+                    self.picks.column[picked] = column as u32;
+                    self.picks.owner[picked] = owner;
+                    self.picks.weight[picked] = weight;
+                    picked += 1;
+                }
+            }
+            let last = column + 1 == n || self.block.owner[column + 1] != owner;
+            if last && !state.done && state.seek(plan) {
+                self.waiting.push(owner);
+            }
+        }
+        picked
+    }
+
+    /// Sends a block that was picked whole through the colour branch, from where it lies.
+    fn colour_of_block(&mut self, n: usize) {
+        self.evaluate_colour(n);
+        let stride = self.scratch.stride;
+        let (owner, weight) = (&self.picks.owner[..n], &self.picks.weight[..n]);
+        add_colours(self.rays, owner, weight, self.rgb, stride, &mut self.counters);
+    }
+
+    /// Puts the block's picks into the colour queue, and that through the colour branch whenever it is full.
+    fn queue_colour(&mut self, picked: usize) {
+        let rows = self.network.trunk_rows();
+        let (room, stride) = (self.queue.owner.len(), self.scratch.stride);
+        let mut from = 0;
+        while from < picked {
+            let start = self.queue.count;
+            let to = picked.min(from + room - start);
+            let end = start + (to - from);
+            self.queue.owner[start..end].copy_from_slice(&self.picks.owner[from..to]);
+            self.queue.weight[start..end].copy_from_slice(&self.picks.weight[from..to]);
+            for row in 0..rows {
+                let h = &self.scratch.front[row * stride..][..stride];
+                let queued = &mut self.queue.h[row * room..][start..end];
+                for (queued, &column) in queued.iter_mut().zip(&self.picks.column[from..to]) {
+                    *queued = h[column as usize];
+                }
+            }
+            self.queue.count = end;
+            if end == room {
+                self.flush_colour();
+            }
+            from = to;
+        }
+    }
+
+    /// Sends the colour queue through the colour branch; the block's `h` stays as it is.
+    pub(super) fn flush_colour(&mut self) {
+        let n = core::mem::take(&mut self.queue.count);
+        if n == 0 {
+            return;
+        }
+        let (room, stride) = (self.queue.owner.len(), columns_of(self.network, n));
+        if stride < room {
+            for row in 1..self.network.trunk_rows() {
+                self.queue.h.copy_within(row * room..row * room + n, row * stride);
+            }
+        }
+        let mut scratch = Scratch {
+            stride,
+            encoded: &mut *self.scratch.encoded,
+            front: &mut *self.queue.h,
+            back: &mut *self.scratch.back,
+        };
+        let (owner, weight) = (&self.queue.owner[..n], &self.queue.weight[..n]);
+        self.shares.colour(self.network, self.plan, &mut scratch, owner, self.rgb);
+        self.counters.add_colour(self.network, n);
+        add_colours(self.rays, owner, weight, self.rgb, stride, &mut self.counters);
+    }
+}
+
+/// Adds colours to their rays; `rgb`: `[3][stride]`.
+fn add_colours(
+    rays: &mut [RayState],
+    owner: &[u32],
+    weight: &[f32],
+    rgb: &[f32],
+    stride: usize,
+    counters: &mut Counters,
+) {
+    for (column, (&owner, &weight)) in owner.iter().zip(weight).enumerate() {
+        let mut colour = [rgb[column], rgb[stride + column], rgb[2 * stride + column]];
+        if colour.iter().any(|c| c.is_nan()) {
+            counters.invalid_samples += 1;
+            colour = [0.0; 3];
+        }
+        rays[owner as usize].gathered.add_colour(weight, colour);
+    }
+}
