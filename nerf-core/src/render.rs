@@ -8,6 +8,7 @@
 
 mod counters;
 mod error;
+mod explain;
 mod frame;
 mod march;
 mod picture;
@@ -18,6 +19,7 @@ mod tests;
 
 pub use counters::Counters;
 pub use error::RenderError;
+pub use explain::{Explanation, Shares, Stage, Switch};
 pub use picture::MAX_RENDER_SIDE;
 pub use rect::{Rect, Target};
 
@@ -27,6 +29,7 @@ use crate::kernels::{Arena, Line, Tier, lines_for};
 use crate::math::with_math;
 use crate::network::{Network, Weights, unpack};
 use crate::plan::Plan;
+use crate::ray::SceneBox;
 use frame::{Frame, Sizes};
 
 /// Width of the squares a rectangle is rendered in, pixels: neighbouring rays end together.
@@ -37,6 +40,8 @@ const TILE_SIDE: u32 = 16;
 pub struct Renderer<'a> {
     blob: Blob<'a>,
     network: Network<'a>,
+    /// A box around what the skip grid has.
+    occupied: Option<SceneBox>,
 }
 
 impl<'a> Renderer<'a> {
@@ -62,7 +67,7 @@ impl<'a> Renderer<'a> {
             Weights::Prepared(unpacked)
         };
         let network = Network::new(blob.architecture(), weights, tier).ok_or(too_small)?;
-        Ok(Self { blob, network })
+        Ok(Self { occupied: blob.grid().and_then(|grid| grid.occupied_box()), blob, network })
     }
 
     /// The scene of `blob` with other parameters, f32 in the same order: what rounding costs.
@@ -70,7 +75,7 @@ impl<'a> Renderer<'a> {
     /// `None` if they are too few.
     pub fn with_parameters(blob: Blob<'a>, tier: Tier, parameters: &'a [f32]) -> Option<Self> {
         let network = Network::new(blob.architecture(), Weights::Prepared(parameters), tier)?;
-        Some(Self { blob, network })
+        Some(Self { occupied: blob.grid().and_then(|grid| grid.occupied_box()), blob, network })
     }
 
     /// The scene.
@@ -108,7 +113,7 @@ impl<'a> Renderer<'a> {
         if !rect.fits(i.width, i.height) {
             return Err(RenderError::Rect { rect, width: i.width, height: i.height });
         }
-        let mut frame = Frame::carve(&self.network, plan, workspace)?;
+        let mut frame = Frame::carve(&self.network, plan, self.occupied, workspace)?;
         // Lossless: a plan has at most `Batch::MOST_RAYS`.
         let capacity = plan.batch.rays as u32;
         let width = TILE_SIDE.min(capacity);
@@ -145,7 +150,7 @@ impl<'a> Renderer<'a> {
                 rgb: rgb.len(),
             });
         }
-        let mut frame = Frame::carve(&self.network, plan, workspace)?;
+        let mut frame = Frame::carve(&self.network, plan, self.occupied, workspace)?;
         let capacity = plan.batch.rays.min(plan.batch.samples);
         for start in (0..n).step_by(capacity) {
             let range = start..n.min(start + capacity);

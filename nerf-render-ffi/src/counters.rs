@@ -31,6 +31,20 @@ unsafe impl Versioned for Counters {
     const NAME: &'static str = "counters";
 }
 
+impl From<Counters> for render::Counters {
+    fn from(c: Counters) -> Self {
+        Self {
+            rays: c.rays,
+            samples_kept: c.samples_kept,
+            samples_skipped: c.samples_skipped,
+            density_evaluations: c.density_evaluations,
+            colour_evaluations: c.colour_evaluations,
+            macs: c.macs,
+            invalid_samples: c.invalid_samples,
+        }
+    }
+}
+
 impl From<render::Counters> for Counters {
     fn from(c: render::Counters) -> Self {
         Self {

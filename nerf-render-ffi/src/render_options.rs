@@ -11,7 +11,7 @@ use nerf_core::plan::{Batch, Outputs, Plan, Quality};
 const MAX_RAYS: u32 = 256;
 
 /// The transmittance cut that costs nothing visible.
-pub const NERF_TRANSMITTANCE_CUT_DEFAULT: f32 = 1e-3;
+pub const NERF_TRANSMITTANCE_CUT_DEFAULT: f32 = 1e-2;
 /// The colour cut that costs nothing visible.
 pub const NERF_COLOUR_CUT_DEFAULT: f32 = 1e-3;
 

@@ -123,7 +123,7 @@ pub unsafe extern "C" fn nerf_workspace_size(
     })
 }
 
-fn read_outputs(found: u32) -> Result<Outputs, Failure> {
+pub(crate) fn read_outputs(found: u32) -> Result<Outputs, Failure> {
     let all = NERF_OUTPUT_RGB | NERF_OUTPUT_OPACITY | NERF_OUTPUT_RAY_DISTANCE | NERF_OUTPUT_Z_DEPTH;
     if found & !all != 0 {
         return Err(Failure::Setting { name: "outputs", expected: "NERF_OUTPUT_* or-ed", found });

@@ -9,6 +9,9 @@ use nerf_core::volume::Pixel;
 use nerf_tests::scenes::{Recipe, camera, tiers};
 
 const SIDE: u32 = 24;
+/// The cuts a picture is checked under: the default's, none, and ones that drop a lot.
+const CUTS: [(f32, f32); 4] =
+    [(Quality::TRANSMITTANCE_CUT, Quality::COLOUR_CUT), (0.0, 0.0), (0.0, 0.05), (0.3, 0.1)];
 const RECIPES: [(&str, Recipe); 3] =
     [("plain", Recipe::PLAIN), ("skip", Recipe::SKIP), ("grid", Recipe::GRID)];
 
@@ -60,9 +63,13 @@ fn largest_difference(a: &[[f32; 6]], b: &[[f32; 6]], channels: std::ops::Range<
 
 #[test]
 fn batch_and_tile_sizes_change_no_bit() {
-    for (tier, (name, recipe)) in tiers().flat_map(|tier| RECIPES.map(|recipe| (tier, recipe))) {
+    let cases = tiers().flat_map(|tier| RECIPES.map(|recipe| (tier, recipe)));
+    for ((tier, (name, recipe)), cuts) in cases.flat_map(|case| CUTS.map(|cuts| (case, cuts))) {
         let blob = recipe.blob();
-        let expected = bits(&whole(&blob, tier, Quality::default()));
+        let (transmittance_cut, colour_cut) = cuts;
+        let quality = Quality { transmittance_cut, colour_cut, ..Quality::default() };
+        let (expected, work) = picture(&blob, tier, quality, Batch::for_tier(tier), (SIDE, SIDE));
+        let expected = bits(&expected);
         let different = expected.iter().collect::<std::collections::BTreeSet<_>>().len();
         assert!(different > 100, "{name}: a flat picture proves nothing ({different} values)");
         let mut batches: Vec<(usize, usize)> =
@@ -74,8 +81,9 @@ fn batch_and_tile_sizes_change_no_bit() {
             let small = if rays <= 3 { [(1, 1), (SIDE, 1)] } else { [(5, 3), (16, 16)] };
             for tile in small.into_iter().chain([(SIDE, SIDE)]) {
                 let batch = Batch { rays, samples };
-                let found = bits(&picture(&blob, tier, Quality::default(), batch, tile).0);
-                assert!(found == expected, "{name}, {}, {batch:?}, tile {tile:?}", tier.name());
+                let (found, same_work) = picture(&blob, tier, quality, batch, tile);
+                assert!(bits(&found) == expected, "{name}, {}, {batch:?}, tile {tile:?}", tier.name());
+                assert_eq!(same_work, work, "{name}, {}, {batch:?}, tile {tile:?}", tier.name());
             }
         }
     }
@@ -137,7 +145,7 @@ fn tiers_agree_with_the_scalar_oracle() {
     for (name, recipe) in RECIPES {
         let blob = recipe.blob();
         // The cut may end a ray a sample sooner or later: that is its price, not a tier's error.
-        let quality = Quality { transmittance_cut: 0.0, ..Quality::default() };
+        let quality = Quality { transmittance_cut: 0.0, colour_cut: 0.0, ..Quality::default() };
         let oracle = whole(&blob, Tier::Scalar, quality);
         for tier in tiers() {
             let found = whole(&blob, tier, quality);
@@ -181,9 +189,10 @@ fn grid_saves_what_it_calls_empty() {
 fn transmittance_cut_costs_little_and_saves_work() {
     for (tier, (name, recipe)) in tiers().flat_map(|tier| RECIPES.map(|recipe| (tier, recipe))) {
         let (blob, batch) = (recipe.blob(), Batch::for_tier(tier));
-        let exact = Quality { transmittance_cut: 0.0, ..Quality::default() };
+        let exact = Quality { transmittance_cut: 0.0, colour_cut: 0.0, ..Quality::default() };
         let (a, all) = picture(&blob, tier, exact, batch, (SIDE, SIDE));
-        let (b, cut) = picture(&blob, tier, Quality::default(), batch, (SIDE, SIDE));
+        let (b, cut) =
+            picture(&blob, tier, Quality { transmittance_cut: 1e-3, ..exact }, batch, (SIDE, SIDE));
         // What is behind the cut has weights that sum to less than it.
         let colour = largest_difference(&a, &b, 0..4);
         assert!(colour <= 1.001e-3, "{name}, {}: {colour}", tier.name());
@@ -191,6 +200,54 @@ fn transmittance_cut_costs_little_and_saves_work() {
         let distance = largest_difference(&a, &b, 4..6);
         assert!(distance <= 1.3e-2, "{name}, {}: {distance}", tier.name());
         assert!(cut.density_evaluations <= all.density_evaluations, "{name}: {cut:?}, {all:?}");
+    }
+}
+
+#[test]
+fn colour_cut_costs_little_saves_work_and_never_touches_the_shape() {
+    for (tier, (name, recipe)) in tiers().flat_map(|tier| RECIPES.map(|recipe| (tier, recipe))) {
+        let (blob, batch) = (recipe.blob(), Batch::for_tier(tier));
+        let exact = Quality { transmittance_cut: 0.0, colour_cut: 0.0, ..Quality::default() };
+        let (a, all) = picture(&blob, tier, exact, batch, (SIDE, SIDE));
+        let mut before = all;
+        for colour_cut in [1e-3, 1e-2, 0.1, 0.5] {
+            let (b, cut) = picture(&blob, tier, Quality { colour_cut, ..exact }, batch, (SIDE, SIDE));
+            assert_eq!(largest_difference(&a, &b, 3..6), 0.0, "{name}: opacity or a distance");
+            assert_eq!(cut.density_evaluations, all.density_evaluations);
+            assert!(cut.colour_evaluations <= before.colour_evaluations, "{name}: {cut:?}, {before:?}");
+            if colour_cut <= 1e-2 {
+                // Noise is the worst case: no colour has anything to do with the one behind it.
+                let worst = largest_difference(&a, &b, 0..3);
+                println!("{name}, {}, {colour_cut}: {worst:e}", tier.name());
+                assert!(worst <= 20.0 * colour_cut, "{name}, {}: {worst}", tier.name());
+            }
+            before = cut;
+        }
+        assert!(before.colour_evaluations < all.colour_evaluations, "{name}: nothing was saved");
+    }
+}
+
+#[test]
+fn without_colour_its_branch_is_never_asked_and_the_rest_is_the_same() {
+    for (tier, (name, recipe)) in tiers().flat_map(|tier| RECIPES.map(|recipe| (tier, recipe))) {
+        let bytes = recipe.blob();
+        let blob = Blob::open(&bytes).expect("a blob");
+        let mut memory = vec![Line::UNINIT; Renderer::prepared_lines(&blob, tier)];
+        let renderer = Renderer::new(blob.clone(), tier, &mut memory).expect("a renderer");
+        let work = |rgb| {
+            let outputs = Outputs { rgb, ..Outputs::ALL };
+            let plan = Plan::new(&blob, &Quality::default(), outputs, Batch::for_tier(tier)).expect("a plan");
+            let mut workspace = vec![Line::UNINIT; renderer.workspace_lines(&plan)];
+            let mut put = |_: u32, _: u32, _: &Pixel| {};
+            let found = renderer.render(&plan, &camera(SIDE, SIDE), full(), &mut workspace, &mut put);
+            (found.expect("a picture"), workspace.len())
+        };
+        let ((with, large), (without, small)) = (work(true), work(false));
+        assert_eq!((without.colour_evaluations, without.samples_kept), (0, with.samples_kept), "{name}");
+        let shares = without.shares(renderer.network());
+        assert_eq!((shares.direction, shares.colour, shares.density), (0, 0, without.macs), "{name}");
+        assert_eq!(with.shares(renderer.network()).density, without.macs, "{name}");
+        assert!(small < large, "{name}: no memory for colours either");
     }
 }
 

@@ -7,7 +7,7 @@ use crate::kernels::{Arena, BLOCK, Line, lines_for};
 use crate::math::Math;
 use crate::network::{Network, Scratch};
 use crate::plan::Plan;
-use crate::ray::Ray;
+use crate::ray::{Ray, SceneBox};
 use glam::Vec3;
 
 /// Columns of the widest vector: a block of prepared weights has a multiple of it.
@@ -68,6 +68,8 @@ impl Sizes {
 pub(super) struct Frame<'f, 'w> {
     pub(super) plan: &'f Plan<'f>,
     pub(super) network: &'f Network<'f>,
+    /// A box around what the skip grid has.
+    occupied: Option<SceneBox>,
     /// The tile's rays that meet something live; they stay where they are until the tile is done.
     pub(super) rays: &'w mut [RayState],
     pub(super) waiting: Waiting<'w>,
@@ -88,6 +90,7 @@ impl<'f, 'w> Frame<'f, 'w> {
     pub(super) fn carve(
         network: &'f Network<'f>,
         plan: &'f Plan<'f>,
+        occupied: Option<SceneBox>,
         lines: &'w mut [Line],
     ) -> Result<Self, RenderError> {
         let sizes = Sizes::of(network, plan);
@@ -105,6 +108,7 @@ impl<'f, 'w> Frame<'f, 'w> {
         Ok(Self {
             plan,
             network,
+            occupied,
             rays,
             waiting: Waiting::new(ring),
             block: Block { owner, t: floats(sizes.samples)?, sigma: floats(sizes.samples)? },
@@ -144,11 +148,13 @@ impl<'f, 'w> Frame<'f, 'w> {
     fn start(&mut self, camera: &Camera, tile: Rect, target: &mut impl Target) -> usize {
         let plan = self.plan;
         let mut hits = 0;
+        // Nothing outside is live, so that most rays of most pictures end here.
+        let around = if plan.grid.is_some() { self.occupied } else { Some(plan.bounds) };
         for y in tile.y..tile.y + tile.height {
             for x in tile.x..tile.x + tile.width {
                 self.counters.rays += 1;
                 let ray = camera.ray(x as f32 + 0.5, y as f32 + 0.5);
-                let bins = match plan.bounds.clip(&ray, plan.near, plan.far) {
+                let bins = match around.and_then(|bounds| bounds.clip(&ray, plan.near, plan.far)) {
                     Some((enter, exit)) => plan.bins.overlapping(enter, exit),
                     None => 0..0,
                 };

@@ -44,13 +44,8 @@ impl RayState {
     /// Moves `next` to the first live bin at or after it; `false` if there is none.
     #[inline]
     pub fn seek(&mut self, plan: &Plan<'_>) -> bool {
-        while self.next < self.end {
-            if plan.live(self.ray.at(plan.bins.at(self.next, 0.5))) {
-                return true;
-            }
-            self.next += 1;
-        }
-        false
+        self.next = plan.first_live(&self.ray, self.next, self.end);
+        self.next < self.end
     }
 }
 

@@ -1,7 +1,7 @@
 extern crate std;
 
 use super::*;
-use crate::ray::{BoundsError, SceneBox};
+use crate::ray::{BoundsError, Ray, SceneBox};
 use glam::Vec3;
 use std::vec;
 
@@ -247,4 +247,70 @@ fn a_walk_through_a_corner_meets_both_diagonal_cells() {
     assert!(grid.occupied(Vec3::splat(-1.0)) && grid.occupied(Vec3::ZERO) && grid.occupied(Vec3::ONE));
     assert!(!grid.occupied(Vec3::new(-1.0, 0.0, 0.0)) && !grid.occupied(Vec3::new(1.0, 1.0, -1.0)));
     assert_eq!(grid.occupancy(), 0.25);
+}
+
+/// Rays that are random, parallel to axes, in a plane of cell borders, or start on one.
+fn walking_rays(bounds: &SceneBox, resolution: [u16; 3]) -> vec::Vec<Ray> {
+    let noise = crate::testing::noise(6 * 400, 77);
+    let size = (bounds.max - bounds.min) / Vec3::from(resolution.map(f32::from));
+    let mut rays = vec![];
+    for (i, n) in noise.chunks(6).enumerate() {
+        let centre = 0.5 * (bounds.min + bounds.max);
+        let mut origin = centre + Vec3::new(n[0], n[1], n[2]) * (bounds.max - bounds.min);
+        let mut dir = Vec3::new(n[3], n[4], n[5]);
+        if i % 3 == 1 {
+            dir[i / 3 % 3] = [0.0, -0.0, 1e-30, 1e-8][i / 9 % 4];
+        }
+        if i % 3 == 2 {
+            dir = Vec3::ZERO;
+            dir[i / 3 % 3] = if i / 9 % 2 == 0 { 1.0 } else { -1.0 };
+        }
+        if i % 2 == 0 {
+            // On a corner of cells.
+            origin = bounds.min + ((origin - bounds.min) / size).round() * size;
+        }
+        rays.push(Ray { origin, dir: dir.normalize() });
+    }
+    rays
+}
+
+#[test]
+fn a_walk_meets_the_bins_that_asking_at_each_meets() {
+    let boxes = [
+        SceneBox { min: Vec3::splat(-1.5), max: Vec3::splat(1.5) },
+        SceneBox { min: Vec3::new(-0.3, 7.0, -1e3), max: Vec3::new(0.4, 8.1, 1e3) },
+        SceneBox { min: Vec3::splat(1e6), max: Vec3::splat(1e6 + 4.0) },
+    ];
+    let (mut live, mut asked) = (0u32, 0u32);
+    for (k, bounds) in boxes.iter().enumerate() {
+        for resolution in [[1, 1, 1], [5, 3, 8], [32, 32, 32]] {
+            let cells: usize = resolution.iter().map(|&side| usize::from(side)).product();
+            for every in [1, 3, 29, usize::MAX] {
+                let mut bits = vec![0u8; cells.div_ceil(8)];
+                (0..cells).filter(|cell| cell % every == every / 2).for_each(|c| bits[c / 8] |= 1 << (c % 8));
+                let grid = SkipGrid::new(*bounds, resolution, &bits);
+                let around = grid.occupied_box();
+                let far = 3.0 * (bounds.max - bounds.min).max_element();
+                for count in [7, 64, 1000] {
+                    let bins = Bins::new(0.0, far, count).unwrap();
+                    for ray in walking_rays(bounds, resolution).iter().skip(k).step_by(7) {
+                        let mut next = 0;
+                        for bin in 0..count {
+                            let p = ray.at(bins.at(bin, 0.5));
+                            asked += 1;
+                            if grid.occupied(p) {
+                                live += 1;
+                                assert!(around.is_some_and(|around| around.contains(p)), "{p} of {around:?}");
+                                next = grid.first_live(ray, &bins, next, count);
+                                assert_eq!(next, bin, "{bounds:?} {resolution:?} {ray:?}");
+                                next += 1;
+                            }
+                        }
+                        assert_eq!(grid.first_live(ray, &bins, next, count), count, "{ray:?}");
+                    }
+                }
+            }
+        }
+    }
+    assert!(live > 10_000 && live < asked / 4, "{live} of {asked}");
 }

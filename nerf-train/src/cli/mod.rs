@@ -5,6 +5,7 @@ mod common;
 mod completions;
 mod demo;
 mod eval;
+mod explain;
 mod fit;
 mod image;
 mod inspect;
@@ -45,6 +46,7 @@ enum Command {
     #[command(subcommand)]
     Sweep(sweep::Sweep),
     Inspect(inspect::Inspect),
+    Explain(explain::Explain),
     Completions(completions::Completions),
 }
 
@@ -94,6 +96,7 @@ pub fn main() -> ExitCode {
         Command::Render(render) => render.run(&cli.global),
         Command::Show(show) => show.run(&cli.global),
         Command::Inspect(inspect) => inspect.run(&cli.global),
+        Command::Explain(explain) => explain.run(&cli.global),
         Command::Completions(completions) => completions.run(Cli::command(), &cli.global),
     });
     match result {

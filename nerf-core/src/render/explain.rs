@@ -1,0 +1,198 @@
+//! What a frame does and what not, and why; with counters, where its work went.
+
+use super::{Counters, Renderer};
+use crate::kernels::Line;
+use crate::network::Network;
+use crate::plan::Plan;
+use core::fmt;
+
+/// Whether a stage is part of a frame, and why not.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Switch {
+    /// It is.
+    On,
+    /// The scene has nothing for it to do.
+    AbsentInScene,
+    /// No output needs it.
+    NotAskedFor,
+    /// The request's [`Quality`](crate::plan::Quality) switches it off.
+    SwitchedOff,
+}
+
+impl Switch {
+    /// Its name in reports.
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::On => "on",
+            Self::AbsentInScene => "off: absent in the scene",
+            Self::NotAskedFor => "off: not asked for",
+            Self::SwitchedOff => "off: switched off by the request",
+        }
+    }
+
+    fn asked(asked: bool) -> Self {
+        if asked { Self::On } else { Self::NotAskedFor }
+    }
+
+    /// On as long as `self` is; else for a reason of its own.
+    fn and(self, other: Self) -> Self {
+        if self == Self::On { other } else { self }
+    }
+}
+
+/// A stage of a frame that may be absent.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Stage {
+    /// What it is called.
+    pub name: &'static str,
+    /// Whether it is there.
+    pub switch: Switch,
+}
+
+/// A frame in words: its [`Display`](fmt::Display) is a table of lines, and allocates nothing.
+#[derive(Clone, Copy, Debug)]
+pub struct Explanation<'e> {
+    plan: &'e Plan<'e>,
+    renderer: &'e Renderer<'e>,
+    workspace: usize,
+    counters: Option<Counters>,
+}
+
+impl<'p> Plan<'p> {
+    /// Says which stages the frame has, which not, and why.
+    pub fn explain<'e>(&'e self, renderer: &'e Renderer<'e>) -> Explanation<'e> {
+        let workspace = renderer.workspace_lines(self).saturating_mul(size_of::<Line>());
+        Explanation { plan: self, renderer, workspace, counters: None }
+    }
+}
+
+impl Explanation<'_> {
+    /// The same with the work of a frame that was rendered so.
+    pub fn with_counters(self, counters: Counters) -> Self {
+        Self { counters: Some(counters), ..self }
+    }
+
+    /// The same for a host that needs `bytes` of workspace, its own among them.
+    pub fn with_workspace(self, bytes: usize) -> Self {
+        Self { workspace: bytes, ..self }
+    }
+
+    /// The stages that may be absent, in the order of the frame.
+    pub fn stages(&self) -> [Stage; 10] {
+        let plan = self.plan;
+        let cut = |value: f32| if value > 0.0 { Switch::On } else { Switch::SwitchedOff };
+        let grid = match (plan.grid, self.renderer.blob().grid()) {
+            (Some(_), _) => Switch::On,
+            (None, Some(_)) => Switch::SwitchedOff,
+            (None, None) => Switch::AbsentInScene,
+        };
+        let colour = Switch::asked(plan.outputs.rgb);
+        let directional = self.renderer.network().architecture().direction.is_some();
+        let view = if directional { Switch::On } else { Switch::AbsentInScene };
+        [
+            ("skip grid", grid),
+            ("density", Switch::On),
+            ("transmittance cut", cut(plan.transmittance_cut)),
+            ("colour", colour),
+            ("view dependence", colour.and(view)),
+            ("colour cut", colour.and(cut(plan.colour_cut))),
+            ("background", colour),
+            ("opacity", Switch::asked(plan.outputs.opacity)),
+            ("ray_distance", Switch::asked(plan.outputs.ray_distance)),
+            ("z_depth", Switch::asked(plan.outputs.z_depth)),
+        ]
+        .map(|(name, switch)| Stage { name, switch })
+    }
+
+    /// Bytes of workspace the frame needs.
+    pub fn workspace_bytes(&self) -> usize {
+        self.workspace
+    }
+
+    fn write_setting(&self, name: &str, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let (plan, network) = (self.plan, self.renderer.network());
+        let a = network.architecture();
+        match name {
+            "skip grid" => {
+                let Some(grid) = &plan.grid else { return Ok(()) };
+                let [x, y, z] = grid.resolution();
+                write!(f, ", {x}x{y}x{z} cells, {:.2} % live", 100.0 * grid.occupancy())
+            }
+            "density" => write!(f, ", {} multiply-adds an evaluation", a.density_macs()),
+            "transmittance cut" => write!(f, ", a ray ends below {}", plan.transmittance_cut),
+            "colour" => {
+                write!(f, ", {} multiply-adds an evaluation", a.colour_macs() - network.direction_macs())
+            }
+            "view dependence" => write!(f, ", {} multiply-adds a ray", network.direction_macs()),
+            "colour cut" => write!(f, ", asked where a weight exceeds {}", plan.colour_cut),
+            "background" => write!(f, ", {:?}", plan.background),
+            _ => Ok(()),
+        }
+    }
+}
+
+impl fmt::Display for Explanation<'_> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let (plan, network) = (self.plan, self.renderer.network());
+        let (count, delta) = (plan.bins.count(), plan.bins.delta());
+        writeln!(f, "samples            {count} a ray from {} to {}, one each {delta}", plan.near, plan.far)?;
+        for Stage { name, switch } in self.stages() {
+            write!(f, "{name:<18} {}", switch.name())?;
+            if switch == Switch::On {
+                self.write_setting(name, f)?;
+            }
+            writeln!(f)?;
+        }
+        writeln!(f, "maths              {:?}", plan.math)?;
+        let batch = plan.batch;
+        writeln!(f, "kernel             {}, {} rays in flight", network.tier().name(), batch.rays)?;
+        writeln!(f, "workspace          {} bytes", self.workspace_bytes())?;
+        let Some(c) = &self.counters else { return Ok(()) };
+        let rays = c.rays.max(1) as f32;
+        let per_ray = |n: u64| n as f32 / rays;
+        let (kept, skipped) = (per_ray(c.samples_kept), per_ray(c.samples_skipped));
+        writeln!(f, "rays               {}", c.rays)?;
+        writeln!(f, "samples a ray      {kept:.3} kept, {skipped:.3} skipped")?;
+        let shares = c.shares(network);
+        let share = |macs: u64| 100.0 * macs as f32 / c.macs.max(1) as f32;
+        let (density, colour) = (per_ray(c.density_evaluations), per_ray(c.colour_evaluations));
+        writeln!(f, "direction          {:.2} % of the work", share(shares.direction))?;
+        writeln!(
+            f,
+            "density            {:.2} % of the work, {density:.3} evaluations a ray",
+            share(shares.density)
+        )?;
+        writeln!(
+            f,
+            "colour             {:.2} % of the work, {colour:.3} evaluations a ray",
+            share(shares.colour)
+        )?;
+        writeln!(f, "work               {} multiply-adds, {:.0} a ray", c.macs, per_ray(c.macs))?;
+        match c.invalid_samples {
+            0 => Ok(()),
+            n => writeln!(f, "invalid samples    {n}"),
+        }
+    }
+}
+
+/// Multiply-adds of a frame by stage; they add up to [`Counters::macs`].
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Shares {
+    /// The directions' share of the colour layer, once a ray.
+    pub direction: u64,
+    /// Trunk and density head.
+    pub density: u64,
+    /// Colour branch.
+    pub colour: u64,
+}
+
+impl Counters {
+    /// Where the work of a scene's frames went.
+    pub fn shares(&self, network: &Network<'_>) -> Shares {
+        let a = network.architecture();
+        let density = self.density_evaluations.saturating_mul(a.density_macs() as u64);
+        let per_colour = (a.colour_macs() - network.direction_macs()) as u64;
+        let colour = self.colour_evaluations.saturating_mul(per_colour);
+        Shares { direction: self.macs.saturating_sub(density.saturating_add(colour)), density, colour }
+    }
+}

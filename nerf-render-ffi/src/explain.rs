@@ -1,0 +1,98 @@
+//! A frame in words.
+
+use crate::boundary::{Message, call, check_out, read_versioned};
+use crate::counters::Counters;
+use crate::failure::Failure;
+use crate::render_options::{RenderOptions, Settings};
+use crate::scene::Scene;
+use crate::status::Status;
+use crate::workspace;
+use core::ffi::c_char;
+use core::fmt::{self, Write};
+use nerf_core::render;
+
+/// Counts a text's bytes and keeps as many as there is room for, never half a character.
+struct Cut {
+    text: *mut c_char,
+    /// Bytes that may be written, without the NUL.
+    room: usize,
+    kept: usize,
+    all: usize,
+}
+
+impl Write for Cut {
+    fn write_str(&mut self, text: &str) -> fmt::Result {
+        // Once something was left out, nothing more is kept.
+        let room = if self.kept == self.all { self.room - self.kept } else { 0 };
+        let mut cut = room.min(text.len());
+        while !text.is_char_boundary(cut) {
+            cut -= 1;
+        }
+        for &byte in &text.as_bytes()[..cut] {
+            // SAFETY: `kept < room`, and the caller vouches for `room + 1` bytes.
+            unsafe { self.text.add(self.kept).write(byte as c_char) };
+            self.kept += 1;
+        }
+        self.all += text.len();
+        Ok(())
+    }
+}
+
+/// Says in English which stages a frame has, which not, and why; with counters, where its work went.
+///
+/// For people: the wording may change from version to version.
+///
+/// `options`: those of the call, NULL for the defaults. `outputs`: `NERF_OUTPUT_*`, or-ed. `counters`:
+/// NULL, or what `nerf_render` wrote for such a frame. `text`: NULL, or `capacity` bytes, which get the
+/// text, cut where it does not fit, always with a NUL. `needed`: NULL, or the bytes of the whole text with
+/// its NUL. Text and `needed` are written on success only; a text that was cut is a success. `message`:
+/// NULL, or `message_capacity` bytes for a sentence about what was expected and found; empty on success.
+///
+/// # Safety
+/// Pointers are NULL or point to what is described here; `scene` is intact.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn nerf_explain(
+    scene: *const Scene,
+    options: *const RenderOptions,
+    outputs: u32,
+    counters: *const Counters,
+    text: *mut c_char,
+    capacity: usize,
+    needed: *mut usize,
+    message: *mut c_char,
+    message_capacity: usize,
+) -> Status {
+    call(Message { text: message, capacity: message_capacity }, || {
+        // SAFETY: the caller's promise.
+        let scene = unsafe { Scene::of(scene)? };
+        if !needed.is_null() {
+            check_out("needed", needed)?;
+        }
+        let renderer = scene.renderer();
+        // SAFETY: the caller's promise.
+        let settings = unsafe { Settings::read(options, renderer.network().tier())? };
+        let plan = settings.plan(renderer.blob(), workspace::read_outputs(outputs)?, false)?;
+        let bytes = workspace::size(settings.batch, renderer.workspace_lines(&plan))?;
+        let mut explanation = plan.explain(renderer).with_workspace(bytes);
+        if !counters.is_null() {
+            // SAFETY: the caller's promise.
+            let found = unsafe { read_versioned(counters)? };
+            explanation = explanation.with_counters(render::Counters::from(found));
+        }
+        let writes = !text.is_null() && capacity > 0;
+        let room = if writes { capacity - 1 } else { 0 };
+        let mut cut = Cut { text, room, kept: 0, all: 0 };
+        // Nothing fails: the text is cut.
+        let _ = write!(cut, "{explanation}");
+        // SAFETY: `kept < capacity`, `needed` was checked, and the rest is the caller's promise.
+        unsafe {
+            if writes {
+                text.add(cut.kept).write(0);
+            }
+            if !needed.is_null() {
+                needed.write(cut.all + 1);
+            }
+        }
+        Ok::<(), Failure>(())
+    })
+}
