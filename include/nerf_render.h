@@ -29,7 +29,12 @@
 /**
  * The transmittance cut that costs nothing visible.
  */
-#define NERF_TRANSMITTANCE_CUT_DEFAULT 1e-3
+#define NERF_TRANSMITTANCE_CUT_DEFAULT 1e-2
+
+/**
+ * The colour cut that costs nothing visible.
+ */
+#define NERF_COLOUR_CUT_DEFAULT 1e-3
 
 /**
  * Colour is wanted.
@@ -478,7 +483,8 @@ typedef struct nerf_scene_info {
  *
  * All zeros (but for `struct_size`) is the exact picture: every sample that the skip grid does
  * not call empty. NULL in its place is the same with
- * `transmittance_cut = NERF_TRANSMITTANCE_CUT_DEFAULT`, faster and not visibly different.
+ * `transmittance_cut = NERF_TRANSMITTANCE_CUT_DEFAULT` and `colour_cut = NERF_COLOUR_CUT_DEFAULT`,
+ * faster and not visibly different.
  */
 typedef struct nerf_render_options {
     /**
@@ -520,9 +526,14 @@ typedef struct nerf_render_options {
      */
     uint32_t batch_samples;
     /**
+     * Samples whose weight is at most this take the colour of one behind them, in `[0, 1)`; 0 asks the
+     * network for every colour. Opacity and distances never depend on it.
+     */
+    float colour_cut;
+    /**
      * Zeros.
      */
-    uint32_t reserved[6];
+    uint32_t reserved[5];
 } nerf_render_options;
 
 /**
@@ -708,7 +719,7 @@ typedef struct nerf_counters {
      */
     uint64_t macs;
     /**
-     * Samples whose density or colour was NaN; they count as empty (in a picture: black).
+     * Samples whose density was NaN (they count as empty) or whose colour was (black).
      */
     uint64_t invalid_samples;
 } nerf_counters;
@@ -908,6 +919,30 @@ nerf_status nerf_query(const struct nerf_scene *scene,
                        struct nerf_counters *counters,
                        char *message,
                        size_t message_capacity);
+
+/**
+ * Says in English which stages a frame has, which not, and why; with counters, where its work went.
+ *
+ * For people: the wording may change from version to version.
+ *
+ * `options`: those of the call, NULL for the defaults. `outputs`: `NERF_OUTPUT_*`, or-ed. `counters`:
+ * NULL, or what `nerf_render` wrote for such a frame. `text`: NULL, or `capacity` bytes, which get the
+ * text, cut where it does not fit, always with a NUL. `needed`: NULL, or the bytes of the whole text with
+ * its NUL. Text and `needed` are written on success only; a text that was cut is a success. `message`:
+ * NULL, or `message_capacity` bytes for a sentence about what was expected and found; empty on success.
+ *
+ * # Safety
+ * Pointers are NULL or point to what is described here; `scene` is intact.
+ */
+nerf_status nerf_explain(const struct nerf_scene *scene,
+                         const struct nerf_render_options *options,
+                         uint32_t outputs,
+                         const struct nerf_counters *counters,
+                         char *text,
+                         size_t capacity,
+                         size_t *needed,
+                         char *message,
+                         size_t message_capacity);
 
 #ifdef __cplusplus
 }  // extern "C"

@@ -9,16 +9,17 @@
 //! ```text
 //!  camera ──► ray ──► clip to the scene box ──► bins, skip grid        one ray at a time
 //!                                                    │
-//!                                      live samples, rounds of 4 a ray
-//!                                                    ▼
-//!             ┌──────────────── block of 64 samples, [channel][64] ───────────────┐
-//!             │ encoding ──► trunk ──► density ──► sigma                          │  one block
-//!             │                  └───► colour (only where sigma > 0, only if      │  at a time
-//!             │     PE(dir), once      asked for) ──► rgb                         │
-//!             │     a ray ──────────────┘                                         │
-//!             └─────────────────────────────────┬─────────────────────────────────┘
-//!                                               ▼
-//!                alpha, transmittance, weights ──► rgb, opacity, ray_distance, z_depth ──► Target
+//!                                next live sample of each ray ◄────────────────────┐
+//!                                                    ▼                             │
+//!   blocks of 64, [channel][64]:       encoding ──► trunk ──► density ──► sigma    │ rays that
+//!                                                     │                     ▼      │ still see
+//!                                                     │    alpha, transmittance, weights
+//!                                                     ▼                     │
+//!                        h of the samples whose weight is above the cut ◄───┤
+//!                                                     ▼                     │
+//!   blocks of 64:     PE(dir), once a ray ──► colour (if asked for) ──► rgb │
+//!                                                                       ▼   ▼
+//!                                        rgb, opacity, ray_distance, z_depth ──► Target
 //! ```
 //!
 //! A 2D field, an image as a network, takes the short way: pixel centres go through encoding, trunk and

@@ -272,6 +272,7 @@ fn settings_outside_their_range_are_refused() {
     refuses(Status::Options, "samples beyond u16", |case| case.options.samples = 65537);
     for cut in [-0.1, 1.0, f32::NAN, f32::INFINITY] {
         refuses(Status::Options, "cut", |case| case.options.transmittance_cut = cut);
+        refuses(Status::Options, "colour cut", |case| case.options.colour_cut = cut);
     }
     refuses(Status::Options, "ignore_grid", |case| case.options.ignore_grid = 2);
     refuses(Status::Options, "maths", |case| case.options.maths = 4);
