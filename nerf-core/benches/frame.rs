@@ -1,0 +1,118 @@
+//! Whole frames of the seed network at 64 samples a ray, and a file's way to its first tile.
+//!
+//! `NERF_BENCH_BLOB=scene.nerf` takes another scene.
+
+mod support;
+
+use nerf_core::kernels::{Line, Tier};
+use nerf_core::{Batch, Blob, Camera, Intrinsics, Lens, Outputs, Pixel, Plan, Pose, Quality, Rect, Renderer};
+use std::hint::black_box;
+use std::process::Command;
+use std::sync::Mutex;
+use std::sync::atomic::{AtomicUsize, Ordering};
+use support::{Table, networks, tiers};
+
+/// Pixels along each side.
+const SIDE: u32 = 64;
+/// Side of the tiles threads take.
+const TILE: u32 = 16;
+/// The argument with which this program is its own fresh process: a file follows.
+const FIRST_TILE: &str = "--first-tile";
+
+fn main() {
+    let arguments: Vec<String> = std::env::args().collect();
+    if let [_, flag, path] = &arguments[..]
+        && flag == FIRST_TILE
+    {
+        let file = std::fs::read(path).expect("the file");
+        first_tile(&file, Tier::detect());
+        return;
+    }
+    let file = match std::env::var_os("NERF_BENCH_BLOB") {
+        Some(path) => std::fs::read(path).expect("NERF_BENCH_BLOB: a file"),
+        None => networks::file(),
+    };
+    let mut table = Table::new();
+    let blob = Blob::open(&file).expect("a blob");
+    for tier in tiers() {
+        let mut memory = vec![Line::UNINIT; Renderer::prepared_lines(&blob, tier)];
+        let renderer = Renderer::new(blob.clone(), tier, &mut memory).expect("a renderer");
+        for (what, quality) in [("dense", Quality::EXACT), ("grid and cut", Quality::default())] {
+            // A dense frame of the scalar tier takes minutes and says nothing the kernels do not.
+            if tier == Tier::Scalar && what == "dense" {
+                continue;
+            }
+            let quality = Quality { samples: 64, ..quality };
+            let plan = Plan::new(&blob, &quality, Outputs::ALL, Batch::for_tier(tier)).expect("a plan");
+            let flop = 2.0 * frame(&renderer, &plan, 1) as f64;
+            for threads in [1, 2] {
+                let plural = if threads == 1 { "" } else { "s" };
+                let name = format!("frame {SIDE}×{SIDE}, {what}, {}, {threads} thread{plural}", tier.name());
+                table.line(&name, tier, threads, flop, || {
+                    black_box(frame(&renderer, &plan, threads));
+                });
+            }
+        }
+    }
+    for tier in tiers().filter(|&tier| tier != Tier::Scalar) {
+        let name = format!("open to first tile, same process, {}", tier.name());
+        let flop = 2.0 * first_tile(&file, tier) as f64;
+        table.line(&name, tier, 1, flop, || {
+            black_box(first_tile(&file, tier));
+        });
+    }
+    let path = std::env::temp_dir().join(format!("nerf-bench-{}.nerf", std::process::id()));
+    std::fs::write(&path, &file).expect("a temporary file");
+    let program = std::env::current_exe().expect("this program");
+    let tier = Tier::detect();
+    let flop = 2.0 * first_tile(&file, tier) as f64;
+    table.line("open to first tile, fresh process", tier, 1, flop, || {
+        let status = Command::new(&program).arg(FIRST_TILE).arg(&path).status().expect("a process");
+        assert!(status.success());
+    });
+    std::fs::remove_file(&path).expect("the temporary file");
+}
+
+fn camera(side: u32) -> Camera {
+    let pose = Pose::look_at([2.4, 1.6, 2.8].into(), [0.0; 3].into(), [0.0, 1.0, 0.0].into());
+    let intrinsics = Intrinsics::centred(side, side, 1.39 * side as f32);
+    Camera::new(intrinsics, Lens::NONE, pose.expect("a pose")).expect("a camera")
+}
+
+/// Renders a frame on `threads` threads that take tiles in turn; gives its multiply-adds.
+fn frame(renderer: &Renderer<'_>, plan: &Plan<'_>, threads: usize) -> u64 {
+    let camera = camera(SIDE);
+    let tiles: Vec<Rect> = Rect::full(&camera).tiles(TILE, TILE).collect();
+    let (next, macs) = (AtomicUsize::new(0), Mutex::new(0));
+    let work = || {
+        let mut workspace = vec![Line::UNINIT; renderer.workspace_lines(plan)];
+        let mut put = |_: u32, _: u32, pixel: &Pixel| {
+            black_box(pixel);
+        };
+        while let Some(&tile) = tiles.get(next.fetch_add(1, Ordering::Relaxed)) {
+            let counters = renderer.render(plan, &camera, tile, &mut workspace, &mut put);
+            *macs.lock().expect("no panic") += counters.expect("a tile").macs;
+        }
+    };
+    if threads == 1 {
+        work();
+    } else {
+        std::thread::scope(|scope| (0..threads).for_each(|_| drop(scope.spawn(work))));
+    }
+    macs.into_inner().expect("no panic")
+}
+
+/// Opens `file` and renders the 16×16 pixels in the middle of a 200×200 view; gives its multiply-adds.
+fn first_tile(file: &[u8], tier: Tier) -> u64 {
+    let blob = Blob::open(file).expect("a blob");
+    let mut memory = vec![Line::UNINIT; Renderer::prepared_lines(&blob, tier)];
+    let batch = Batch::for_tier(tier);
+    let plan = Plan::new(&blob, &Quality::default(), Outputs::ALL, batch).expect("a plan");
+    let renderer = Renderer::new(blob.clone(), tier, &mut memory).expect("a renderer");
+    let mut workspace = vec![Line::UNINIT; renderer.workspace_lines(&plan)];
+    let tile = Rect { x: 92, y: 92, width: TILE, height: TILE };
+    let mut put = |_: u32, _: u32, pixel: &Pixel| {
+        black_box(pixel);
+    };
+    renderer.render(&plan, &camera(200), tile, &mut workspace, &mut put).expect("a tile").macs
+}

@@ -1,0 +1,56 @@
+//! Products with fused bias and ReLU on every tier, and the trunk they make up.
+
+mod support;
+
+use nerf_core::MathBackend;
+use nerf_core::kernels::{BLOCK, Gemm, Init, gemm};
+use nerf_core::network::{Network, Weights};
+use std::hint::black_box;
+use support::networks::{Activations, parameters, seed};
+use support::{Table, noise, tiers};
+
+const WIDTHS: [usize; 4] = [64, 128, 256, 512];
+const BATCHES: [usize; 5] = [16, 64, 512, 4096, 8192];
+
+fn main() {
+    let mut table = Table::new();
+    for tier in tiers() {
+        for width in WIDTHS {
+            for batch in BATCHES {
+                // As the network runs it: blocks of at most 64 samples, `[channel][block]` each.
+                let n = batch.min(BLOCK);
+                let g = Gemm { m: width, n, k: width, a_row: width, a_col: 1, b_row: n, c_row: n };
+                let (a, bias) = (noise(width * width, 1), noise(width, 2));
+                let b = noise(width * batch, 3);
+                let mut c = vec![0.0; width * batch];
+                let name = format!("product {}, {width}×{width}, {batch} samples", tier.name());
+                table.line(&name, tier, 1, 2.0 * (width * width * batch) as f64, || {
+                    for (b, c) in b.chunks(width * n).zip(c.chunks_mut(width * n)) {
+                        gemm(tier, g, &a, b, c, Init::Bias(&bias), true);
+                    }
+                    black_box(&mut c);
+                });
+            }
+        }
+    }
+    // What a sample costs: encoding, eight layers with bias and ReLU, density head and its activation.
+    let architecture = seed();
+    let parameters = parameters(&architecture);
+    for tier in tiers() {
+        let network = Network::new(&architecture, Weights::Prepared(&parameters), tier).expect("they fit");
+        for batch in [4096, 16384] {
+            let positions = noise(3 * batch, 4);
+            let mut sigma = vec![0.0; batch];
+            let mut memory = Activations::new(BLOCK, network.encoded_rows(), network.activation_rows());
+            let name = format!("trunk 8×256 {}, {batch} samples", tier.name());
+            table.line(&name, tier, 1, 2.0 * (architecture.density_macs() * batch) as f64, || {
+                for (positions, sigma) in positions.chunks(3 * BLOCK).zip(sigma.chunks_mut(BLOCK)) {
+                    let mut scratch = memory.scratch();
+                    network.trunk(MathBackend::Polynomial, &mut scratch, positions);
+                    network.density(MathBackend::Polynomial, &scratch, sigma);
+                }
+                black_box(&mut sigma);
+            });
+        }
+    }
+}

@@ -1,0 +1,122 @@
+//! What the benchmarks share: a clock that runs against the FMA peak, and networks to run.
+//!
+//! A share of the peak only means something if both were measured under the same conditions, and a
+//! machine's clock drifts by more than kernels differ. So every line alternates short bursts of pure
+//! multiply-adds with bursts of the work, and reports the median of the ratios: what neither criterion
+//! nor divan can print, and why this harness is its own.
+#![allow(dead_code, reason = "every benchmark uses its own part")]
+
+pub mod networks;
+pub mod peak;
+
+use nerf_core::Tier;
+use peak::Peak;
+use std::hint::black_box;
+use std::time::Instant;
+
+/// Pairs of bursts behind a line.
+const ROUNDS: usize = 15;
+/// Length of a burst of the work, seconds, where one call is shorter.
+const BURST: f64 = 4e-3;
+/// A call longer than this is measured in fewer rounds.
+const LONG: f64 = 0.1;
+
+/// The lines of one benchmark, as a Markdown table on standard output.
+///
+/// Arguments: words, of which a line's name must contain one; `--smoke` runs everything once and
+/// measures nothing worth reading.
+pub struct Table {
+    filters: Vec<String>,
+    smoke: bool,
+    peaks: Vec<((Tier, usize), Peak)>,
+}
+
+impl Table {
+    /// Reads the arguments and prints the head of the table.
+    pub fn new() -> Self {
+        let arguments: Vec<String> = std::env::args().skip(1).collect();
+        let filters = arguments.iter().filter(|word| !word.starts_with('-')).cloned().collect();
+        println!("| what | time a call | GFLOP/s | peak | share (quartiles) |");
+        println!("| --- | ---: | ---: | ---: | ---: |");
+        Self { filters, smoke: arguments.iter().any(|word| word == "--smoke"), peaks: Vec::new() }
+    }
+
+    /// Measures `work`, `flop` operations a call, against the peak of `tier` on `threads` threads.
+    pub fn line(&mut self, name: &str, tier: Tier, threads: usize, flop: f64, mut work: impl FnMut()) {
+        let wanted = self.filters.is_empty() || self.filters.iter().any(|word| name.contains(word));
+        if !wanted || !tier.available() {
+            return;
+        }
+        let mut time = |calls: u32| {
+            let start = Instant::now();
+            (0..calls).for_each(|_| work());
+            start.elapsed().as_secs_f64() / f64::from(calls)
+        };
+        if self.smoke {
+            return println!("| {name} | {} | | | |", seconds(time(1)));
+        }
+        let peak = self.peak(tier, threads);
+        time(1); // caches, pages and branch predictors
+        let once = time(1);
+        let calls = (BURST / once).ceil().clamp(1.0, 1e6) as u32;
+        let rounds = if once > LONG { 3 } else { ROUNDS };
+        let (mut times, mut peaks, mut shares) = (vec![], vec![], vec![]);
+        for _ in 0..rounds {
+            // The peak on both sides of the work: a drift during the burst cancels.
+            let before = peak.rate();
+            let call = time(calls);
+            let rate = 0.5 * (before + peak.rate());
+            times.push(call);
+            peaks.push(rate);
+            shares.push(flop / call / rate);
+        }
+        let (call, rate) = (quantile(&mut times, 0.5), quantile(&mut peaks, 0.5));
+        let [low, middle, high] = [0.25, 0.5, 0.75].map(|q| 100.0 * quantile(&mut shares, q));
+        println!(
+            "| {name} | {} | {:.1} | {:.1} | {middle:.1} % ({low:.1}–{high:.1}) |",
+            seconds(call),
+            flop / call * 1e-9,
+            rate * 1e-9,
+        );
+    }
+
+    fn peak(&mut self, tier: Tier, threads: usize) -> Peak {
+        let known = self.peaks.iter().find(|(of, _)| *of == (tier, threads)).map(|(_, peak)| *peak);
+        known.unwrap_or_else(|| {
+            let peak = Peak::of(tier, threads);
+            self.peaks.push(((tier, threads), peak));
+            peak
+        })
+    }
+}
+
+/// The tiers of this machine.
+pub fn tiers() -> impl Iterator<Item = Tier> {
+    Tier::ALL.into_iter().filter(|tier| tier.available())
+}
+
+/// Repeatable values in [-1, 1).
+pub fn noise(n: usize, seed: u32) -> Vec<f32> {
+    let mut state = seed;
+    let mut next = || {
+        state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+        (state >> 8) as f32 / 8_388_608.0 - 1.0
+    };
+    black_box((0..n).map(|_| next()).collect())
+}
+
+/// The value below which the fraction `q` of `values` lies.
+fn quantile(values: &mut [f64], q: f64) -> f64 {
+    values.sort_by(f64::total_cmp);
+    values[((values.len() - 1) as f64 * q).round() as usize]
+}
+
+/// A duration in the unit that suits it.
+fn seconds(s: f64) -> String {
+    match s {
+        s if s < 1e-6 => format!("{:.1} ns", s * 1e9),
+        s if s < 1e-3 => format!("{:.2} µs", s * 1e6),
+        s if s < 1.0 => format!("{:.2} ms", s * 1e3),
+        s => format!("{s:.2} s"),
+    }
+}

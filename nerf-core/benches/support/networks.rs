@@ -1,0 +1,113 @@
+//! The seed network with random weights, and a scene around it. A dense frame's time does not depend on
+//! weights; a culled frame's depends on the grid.
+
+use super::noise;
+use nerf_core::blob::{self, Body, Content, Grid, Provenance, SceneFacts};
+use nerf_core::encoding::{AngleScale, Encoding};
+use nerf_core::network::{Architecture, DensityActivation, Scratch, TrunkLayer};
+
+/// Cells of the grid along each axis.
+const CELLS: u16 = 96;
+
+/// An encoding with identity and `s = π`.
+pub const fn pi(levels: u8) -> Encoding {
+    Encoding { inputs: 3, levels, scale: AngleScale::Pi, identity: true }
+}
+
+/// 8×256 with the encoded position appended after four layers, L = 10/4, a colour layer of 128.
+pub fn seed() -> Architecture {
+    Architecture {
+        position: pi(10),
+        direction: Some(pi(4)),
+        trunk: (0..8).map(|i| TrunkLayer { width: 256, skip: i == 4 }).collect(),
+        density: Some(DensityActivation::Relu),
+        colour: [128].into_iter().collect(),
+    }
+}
+
+/// Parameters of the size a fitted network has: He's deviation, biases around 0.1.
+pub fn parameters(architecture: &Architecture) -> Vec<f32> {
+    let mut all = noise(architecture.parameters(), 1);
+    for layer in &architecture.layers() {
+        let scale = (6.0 / layer.inputs() as f32).sqrt();
+        all[layer.weights..layer.bias].iter_mut().for_each(|w| *w *= scale);
+        all[layer.bias..layer.bias + layer.outputs].iter_mut().for_each(|b| *b = 0.1 + 0.1 * *b);
+    }
+    all
+}
+
+/// The file of the seed network: every sample of every ray lies in its box, and in 4 of 100 cells of its
+/// grid, a spherical shell, as in a scene fitted behind a grid.
+pub fn file() -> Vec<u8> {
+    let architecture = seed();
+    let halves = parameters(&architecture).into_iter().map(half::f16::from_f32);
+    let weights: Vec<u8> = halves.flat_map(|h| h.to_le_bytes()).collect();
+    let side = usize::from(CELLS);
+    let mut bits = vec![0u8; Grid::bytes([CELLS; 3])];
+    for cell in 0..side.pow(3) {
+        let centre = |i: usize| (i as f32 + 0.5) / f32::from(CELLS) * 2.0 - 1.0;
+        let (x, y, z) = (centre(cell / side / side), centre(cell / side % side), centre(cell % side));
+        let radius = (x * x + y * y + z * z).sqrt();
+        if (0.33..0.46).contains(&radius) {
+            bits[cell / 8] |= 1 << (cell % 8);
+        }
+    }
+    let body = Body {
+        content: Content::Scene(SceneFacts {
+            min: [-6.0; 3],
+            max: [6.0; 3],
+            near: 2.0,
+            far: 6.0,
+            samples: 64,
+            background: [0.0; 3],
+            grid_required: false,
+        }),
+        grid: Some(Grid { resolution: [CELLS; 3], bits: &bits }),
+        provenance: Provenance {
+            data: "noise",
+            made_by: "benches",
+            steps: 0,
+            seed: 1,
+            psnr_db: None,
+            psnr_convention: "",
+            quantisation_loss_db: None,
+            trained_parameters: architecture.parameters() as u32,
+        },
+        architecture,
+        weights: &weights,
+    };
+    let mut file = vec![0; blob::encoded_len(&body).expect("a valid body")];
+    blob::write(&body, &mut file).expect("a valid body");
+    file
+}
+
+/// Activations of one block of `stride` samples.
+pub struct Activations {
+    stride: usize,
+    encoded: Vec<f32>,
+    front: Vec<f32>,
+    back: Vec<f32>,
+}
+
+impl Activations {
+    /// Memory for a block of a network that needs so many rows.
+    pub fn new(stride: usize, encoded_rows: usize, activation_rows: usize) -> Self {
+        let activation = vec![0.0; activation_rows * stride];
+        Self {
+            stride,
+            encoded: vec![0.0; encoded_rows * stride],
+            front: activation.clone(),
+            back: activation,
+        }
+    }
+
+    /// As the network takes it.
+    pub fn scratch(&mut self) -> Scratch<'_> {
+        Scratch {
+            stride: self.stride,
+            encoded: &mut self.encoded,
+            front: &mut self.front,
+            back: &mut self.back,
+        }
+    }
+}
