@@ -192,8 +192,8 @@ enum nerf_kernel
 #endif // defined(__cplusplus) || __STDC_VERSION__ >= 202311L
  {
     /**
-     * The fastest of this machine, or the one named by the environment variable `NERF_KERNEL`
-     * ("scalar", "avx2", "avx512") where the library was built with std.
+     * The fastest of this machine that computes in f32, or the one named by the environment variable
+     * `NERF_KERNEL` ("scalar", "avx2", "avx512", "avx512bf16") where the library was built with std.
      */
     NERF_KERNEL_AUTO = 0,
     /**
@@ -208,6 +208,11 @@ enum nerf_kernel
      * AVX-512 F.
      */
     NERF_KERNEL_AVX512 = 3,
+    /**
+     * AVX-512 BF16: faster, with weights and activations rounded to 8 significant bits; never chosen by
+     * itself.
+     */
+    NERF_KERNEL_AVX512_BF16 = 4,
 };
 #ifndef __cplusplus
 #if __STDC_VERSION__ >= 202311L

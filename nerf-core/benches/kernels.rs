@@ -3,10 +3,10 @@
 mod support;
 
 use nerf_core::MathBackend;
-use nerf_core::kernels::{BLOCK, Gemm, Init, gemm};
+use nerf_core::kernels::{BLOCK, Gemm, Init, PairedInput, PairedOutput, dense_bf16, gemm, pairs};
 use nerf_core::network::{Network, Weights};
 use std::hint::black_box;
-use support::networks::{Activations, parameters, seed};
+use support::networks::{Activations, halves, seed};
 use support::{Table, noise, tiers};
 
 const WIDTHS: [usize; 4] = [64, 128, 256, 512];
@@ -24,9 +24,17 @@ fn main() {
                 let b = noise(width * batch, 3);
                 let mut c = vec![0.0; width * batch];
                 let name = format!("product {}, {width}×{width}, {batch} samples", tier.name());
+                let init = Init::Bias(&bias);
                 table.line(&name, tier, 1, 2.0 * (width * width * batch) as f64, || {
-                    for (b, c) in b.chunks(width * n).zip(c.chunks_mut(width * n)) {
-                        gemm(tier, g, &a, b, c, Init::Bias(&bias), true);
+                    for (inputs, c) in b.chunks(width * n).zip(c.chunks_mut(width * n)) {
+                        if tier.rounds() {
+                            let (row, pairs) = (pairs(width), pairs(width));
+                            let main = PairedInput { weights: &a, row, pairs, inputs };
+                            let none = PairedInput { pairs: 0, ..main };
+                            dense_bf16(tier, [main, none], width, n, init, c, true, PairedOutput::Pairs);
+                        } else {
+                            gemm(tier, g, &a, inputs, c, init, true);
+                        }
                     }
                     black_box(&mut c);
                 });
@@ -35,9 +43,11 @@ fn main() {
     }
     // What a sample costs: encoding, eight layers with bias and ReLU, density head and its activation.
     let architecture = seed();
-    let parameters = parameters(&architecture);
+    let halves = halves(&architecture);
     for tier in tiers() {
-        let network = Network::new(&architecture, Weights::Prepared(&parameters), tier).expect("they fit");
+        let mut memory = vec![0.0; architecture.parameters()];
+        let weights = Weights::prepare(&architecture, tier, &halves, &mut memory);
+        let network = Network::new(&architecture, weights, tier).expect("they fit");
         for batch in [4096, 16384] {
             let positions = noise(3 * batch, 4);
             let mut sigma = vec![0.0; batch];

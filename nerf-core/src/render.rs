@@ -27,7 +27,7 @@ use crate::blob::Blob;
 use crate::camera::Camera;
 use crate::kernels::{Arena, Line, Tier, lines_for};
 use crate::math::with_math;
-use crate::network::{Network, Weights, unpack};
+use crate::network::{Network, Weights};
 use crate::plan::Plan;
 use crate::ray::SceneBox;
 use frame::{Frame, Sizes};
@@ -63,8 +63,7 @@ impl<'a> Renderer<'a> {
         } else {
             let parameters = blob.architecture().parameters();
             let unpacked = Arena::new(memory).slice(parameters, 0.0f32).ok_or(too_small)?;
-            unpack(blob.weights(), unpacked);
-            Weights::Prepared(unpacked)
+            Weights::prepare(blob.architecture(), tier, blob.weights(), unpacked)
         };
         let network = Network::new(blob.architecture(), weights, tier).ok_or(too_small)?;
         Ok(Self { occupied: blob.grid().and_then(|grid| grid.occupied_box()), blob, network })

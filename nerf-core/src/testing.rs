@@ -4,6 +4,7 @@ extern crate std;
 
 use crate::blob::{self, Body, Content, Grid, PictureFacts, Provenance, SceneFacts};
 use crate::encoding::{AngleScale, Encoding};
+use crate::kernels::Tier;
 use crate::network::{Architecture, DensityActivation, TrunkLayer};
 use std::vec;
 use std::vec::Vec;
@@ -32,6 +33,12 @@ pub fn architecture(
 /// A small network with every kind of layer.
 pub fn every_kind() -> Architecture {
     architecture(pi(3, 4), Some(pi(3, 2)), &[(24, false), (20, false), (17, true)], &[12, 9])
+}
+
+/// How far `tier` may be off where the f32 tiers stay below `exact`: 1% where weights and activations are
+/// rounded to bf16's 8 bits.
+pub fn tolerance(tier: Tier, exact: f64) -> f64 {
+    if tier.rounds() { exact.max(1e-2) } else { exact }
 }
 
 /// Repeatable values in [-1, 1).

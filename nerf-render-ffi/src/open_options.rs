@@ -10,8 +10,8 @@ use nerf_core::kernels::Tier;
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(u32)]
 pub enum Kernel {
-    /// The fastest of this machine, or the one named by the environment variable `NERF_KERNEL`
-    /// ("scalar", "avx2", "avx512") where the library was built with std.
+    /// The fastest of this machine that computes in f32, or the one named by the environment variable
+    /// `NERF_KERNEL` ("scalar", "avx2", "avx512", "avx512bf16") where the library was built with std.
     Auto = 0,
     /// Plain f32: on every machine; weights are read in place and take no memory.
     Scalar = 1,
@@ -19,6 +19,9 @@ pub enum Kernel {
     Avx2 = 2,
     /// AVX-512 F.
     Avx512 = 3,
+    /// AVX-512 BF16: faster, with weights and activations rounded to 8 significant bits; never chosen by
+    /// itself.
+    Avx512Bf16 = 4,
 }
 
 impl Kernel {
@@ -26,6 +29,7 @@ impl Kernel {
         match tier {
             Tier::Avx2 => Self::Avx2,
             Tier::Avx512 => Self::Avx512,
+            Tier::Avx512Bf16 => Self::Avx512Bf16,
             _ => Self::Scalar,
         }
     }
@@ -65,11 +69,13 @@ pub(crate) unsafe fn read_tier(options: *const OpenOptions) -> Result<Tier, Fail
     const SCALAR: u32 = Kernel::Scalar as u32;
     const AVX2: u32 = Kernel::Avx2 as u32;
     const AVX512: u32 = Kernel::Avx512 as u32;
+    const AVX512_BF16: u32 = Kernel::Avx512Bf16 as u32;
     match options.kernel {
         AUTO => automatic(),
         SCALAR => available(Tier::Scalar),
         AVX2 => available(Tier::Avx2),
         AVX512 => available(Tier::Avx512),
+        AVX512_BF16 => available(Tier::Avx512Bf16),
         found => Err(Failure::Setting { name: "options.kernel", expected: "a nerf_kernel", found }),
     }
 }

@@ -302,7 +302,7 @@ fn settings_outside_their_range_are_refused() {
     assert_eq!(found, Status::Options);
     let blob = Recipe::TINY.blob();
     let mut options = call::open_options(Tier::Scalar);
-    options.kernel = 4;
+    options.kernel = 5;
     let bytes = blob.as_ptr().cast();
     // SAFETY: as above.
     let found =

@@ -36,12 +36,17 @@ pub fn parameters(architecture: &Architecture) -> Vec<f32> {
     all
 }
 
+/// The same as little-endian f16.
+pub fn halves(architecture: &Architecture) -> Vec<u8> {
+    let halves = parameters(architecture).into_iter().map(half::f16::from_f32);
+    halves.flat_map(|h| h.to_le_bytes()).collect()
+}
+
 /// The file of the seed network: every sample of every ray lies in its box, and in 4 of 100 cells of its
 /// grid, a spherical shell, as in a scene fitted behind a grid.
 pub fn file() -> Vec<u8> {
     let architecture = seed();
-    let halves = parameters(&architecture).into_iter().map(half::f16::from_f32);
-    let weights: Vec<u8> = halves.flat_map(|h| h.to_le_bytes()).collect();
+    let weights = halves(&architecture);
     let side = usize::from(CELLS);
     let mut bits = vec![0u8; Grid::bytes([CELLS; 3])];
     for cell in 0..side.pow(3) {

@@ -10,6 +10,7 @@ mod arena;
 mod avx2;
 #[cfg(target_arch = "x86_64")]
 mod avx512;
+mod bf16;
 mod gemm;
 mod half;
 mod portable;
@@ -19,6 +20,7 @@ mod select;
 mod tests;
 
 pub use arena::{Arena, Line, lines_for};
+pub use bf16::{PairedInput, PairedOutput, dense_bf16, pair, pair_rows, pairs};
 pub use gemm::{Gemm, Init, gemm};
 pub use half::{HalfInit, f16_at, gemm_f16};
 pub use select::Tier;

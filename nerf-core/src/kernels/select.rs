@@ -13,15 +13,24 @@ pub enum Tier {
     Avx2,
     /// AVX-512 F, sixteen lanes.
     Avx512,
+    /// AVX-512 BF16: weights and activations are rounded to bf16 and summed in f32. Only by name:
+    /// [`Tier::detect`] never chooses a tier that rounds.
+    Avx512Bf16,
 }
 
 impl Tier {
     /// Every tier, slowest first.
-    pub const ALL: [Self; 3] = [Self::Scalar, Self::Avx2, Self::Avx512];
+    pub const ALL: [Self; 4] = [Self::Scalar, Self::Avx2, Self::Avx512, Self::Avx512Bf16];
 
-    /// The fastest tier of this machine.
+    /// The fastest tier of this machine that computes in f32.
     pub fn detect() -> Self {
-        Self::ALL.into_iter().rev().find(|tier| tier.available()).unwrap_or(Self::Scalar)
+        let wanted = |tier: &Self| !tier.rounds() && tier.available();
+        Self::ALL.into_iter().rev().find(wanted).unwrap_or(Self::Scalar)
+    }
+
+    /// Whether weights and activations are rounded to fewer bits than f32 has.
+    pub const fn rounds(self) -> bool {
+        matches!(self, Self::Avx512Bf16)
     }
 
     /// Whether this build and this machine have the tier.
@@ -32,6 +41,8 @@ impl Tier {
             Self::Avx2 => cpu::features().avx2,
             #[cfg(target_arch = "x86_64")]
             Self::Avx512 => cpu::features().avx512,
+            #[cfg(target_arch = "x86_64")]
+            Self::Avx512Bf16 => cpu::features().avx512_bf16,
             #[cfg(not(target_arch = "x86_64"))]
             _ => false,
         }
@@ -43,6 +54,7 @@ impl Tier {
             Self::Scalar => "scalar",
             Self::Avx2 => "avx2",
             Self::Avx512 => "avx512",
+            Self::Avx512Bf16 => "avx512bf16",
         }
     }
 
@@ -66,7 +78,7 @@ impl Tier {
             Self::Avx2 if self.available() => unsafe { super::avx2::run(op) },
             // SAFETY: as above.
             #[cfg(target_arch = "x86_64")]
-            Self::Avx512 if self.available() => unsafe { super::avx512::run(op) },
+            Self::Avx512 | Self::Avx512Bf16 if self.available() => unsafe { super::avx512::run(op) },
             _ => op.run::<Portable>(),
         }
     }
@@ -80,7 +92,11 @@ mod cpu {
     pub struct Features {
         pub avx2: bool,
         pub avx512: bool,
+        /// AVX-512 F and BF16.
+        pub avx512_bf16: bool,
     }
+
+    const NONE: Features = Features { avx2: false, avx512: false, avx512_bf16: false };
 
     /// What `cpuid` and the OS say, asked once: bit 7 marks the answer as known.
     static KNOWN: AtomicU8 = AtomicU8::new(0);
@@ -89,29 +105,33 @@ mod cpu {
         let mut bits = KNOWN.load(Ordering::Relaxed);
         if bits == 0 {
             let asked = ask();
-            bits = 0x80 | u8::from(asked.avx2) | u8::from(asked.avx512) << 1;
+            bits =
+                0x80 | u8::from(asked.avx2) | u8::from(asked.avx512) << 1 | u8::from(asked.avx512_bf16) << 2;
             KNOWN.store(bits, Ordering::Relaxed);
         }
-        Features { avx2: bits & 1 != 0, avx512: bits & 2 != 0 }
+        Features { avx2: bits & 1 != 0, avx512: bits & 2 != 0, avx512_bf16: bits & 4 != 0 }
     }
 
     fn ask() -> Features {
         let leaf = |leaf, sub| __cpuid_count(leaf, sub);
         if leaf(0, 0).eax < 7 {
-            return Features { avx2: false, avx512: false };
+            return NONE;
         }
         let (one, seven) = (leaf(1, 0), leaf(7, 0));
         let has = |word: u32, bit: u32| word >> bit & 1 == 1;
         // XSAVE in use by the OS: only then does the next instruction exist.
         if !has(one.ecx, 27) {
-            return Features { avx2: false, avx512: false };
+            return NONE;
         }
         // SAFETY: OSXSAVE is set.
         let saved = unsafe { xcr0() };
         let ymm = saved & 0b110 == 0b110;
         let zmm = saved & 0b1110_0110 == 0b1110_0110;
         let fma = has(one.ecx, 12) && has(one.ecx, 28);
-        Features { avx2: ymm && fma && has(seven.ebx, 5), avx512: zmm && fma && has(seven.ebx, 16) }
+        let avx512 = zmm && fma && has(seven.ebx, 16);
+        // The subleaf exists where the first says so.
+        let bf16 = seven.eax >= 1 && has(leaf(7, 1).eax, 5);
+        Features { avx2: ymm && fma && has(seven.ebx, 5), avx512, avx512_bf16: avx512 && bf16 }
     }
 
     #[target_feature(enable = "xsave")]

@@ -3,6 +3,7 @@
 extern crate std;
 
 use super::*;
+use std::format;
 use std::vec;
 use std::vec::Vec;
 
@@ -103,5 +104,76 @@ fn strides_whose_reach_overflows_are_refused() {
         let message = refused.expect_err("refused");
         let text = message.downcast_ref::<&str>().copied().unwrap_or("not the kernel's own message");
         assert!(text.starts_with("gemm: "), "{g:?}: {text}");
+    }
+}
+
+#[test]
+fn paired_layers_equal_the_oracle_on_every_tier() {
+    for (outputs, stride, main, extra) in
+        [(1, 16, 1, 0), (6, 64, 63, 0), (13, 80, 64, 27), (128, 64, 255, 1), (3, 64, 128, 0), (4, 128, 7, 2)]
+    {
+        // Rows of [main, extra] in f32, and the same rounded and paired.
+        let paired = |values: &[f32]| -> Vec<f32> {
+            values.chunks(2).map(|two| pair(two[0], two.get(1).copied().unwrap_or(0.0))).collect()
+        };
+        let round = |x: &f32| ::half::bf16::from_f32(*x).to_f32();
+        let weights: Vec<Vec<f32>> = (0..outputs).map(|row| noise(main + extra, 1 + row as u32)).collect();
+        let words: Vec<f32> =
+            weights.iter().flat_map(|row| [paired(&row[..main]), paired(&row[main..])].concat()).collect();
+        let rows = [noise(main * stride, 1000), noise(extra * stride, 1001)];
+        let [front, side] = [(0, main), (1, extra)].map(|(i, count)| {
+            let mut values = rows[i].clone();
+            pair_rows(&mut values, count, stride);
+            values
+        });
+        let row = pairs(main) + pairs(extra);
+        let parts = [
+            PairedInput { weights: &words, row, pairs: pairs(main), inputs: &front },
+            PairedInput { weights: &words[pairs(main)..], row, pairs: pairs(extra), inputs: &side },
+        ];
+        let (bias, start) = (noise(outputs, 1002), noise(outputs * stride, 1003));
+        for init in [Init::Zero, Init::Bias(&bias), Init::Accumulate] {
+            for relu in [false, true] {
+                for tier in [Tier::Scalar, Tier::Avx512Bf16].into_iter().filter(|tier| tier.available()) {
+                    let mut found = start.clone();
+                    dense_bf16(tier, parts, outputs, stride, init, &mut found, relu, PairedOutput::Floats);
+                    let mut words = start.clone();
+                    dense_bf16(tier, parts, outputs, stride, init, &mut words, relu, PairedOutput::Pairs);
+                    for i in 0..outputs {
+                        for j in 0..stride {
+                            let mut sum = match init {
+                                Init::Zero => 0.0,
+                                Init::Bias(bias) => f64::from(bias[i]),
+                                Init::Accumulate => f64::from(start[i * stride + j]),
+                            };
+                            for (p, w) in weights[i].iter().enumerate() {
+                                let x = if p < main {
+                                    &rows[0][p * stride + j]
+                                } else {
+                                    &rows[1][(p - main) * stride + j]
+                                };
+                                sum += f64::from(round(w)) * f64::from(round(x));
+                            }
+                            let expected = if relu { sum.max(0.0) } else { sum };
+                            let value = found[i * stride + j];
+                            let what = format!("{tier:?} {outputs}x{stride}x{main}+{extra} {init:?} row {i}");
+                            assert!(
+                                (f64::from(value) - expected).abs() <= 2e-5,
+                                "{what}: {value} {expected}"
+                            );
+                            // Pairs are the same sums, rounded.
+                            let word = words[i / 2 * stride + j].to_bits();
+                            let bits = if i % 2 == 0 { word & 0xffff } else { word >> 16 };
+                            assert_eq!(bits, u32::from(::half::bf16::from_f32(value).to_bits()), "{what}");
+                        }
+                    }
+                    if outputs % 2 == 1 {
+                        assert!(
+                            words[outputs / 2 * stride..][..stride].iter().all(|w| w.to_bits() >> 16 == 0)
+                        );
+                    }
+                }
+            }
+        }
     }
 }

@@ -1,8 +1,11 @@
 //! A network at work: weights where they lie, samples in blocks.
 
 use super::architecture::{Architecture, DensityActivation, Layer, Layers, Role};
-use crate::encoding::encode_block;
-use crate::kernels::{Gemm, HalfInit, Init, Op, Tier, f16_at, gemm, gemm_f16};
+use crate::encoding::{Encoding, encode_block};
+use crate::kernels::{
+    Gemm, HalfInit, Init, Op, PairedInput, PairedOutput, Tier, dense_bf16, f16_at, gemm, gemm_f16, pair,
+    pair_rows, pairs,
+};
 use crate::math::lanes::Lanes;
 use crate::math::{Math, MathBackend, with_math};
 use core::marker::PhantomData;
@@ -14,6 +17,38 @@ pub enum Weights<'a> {
     InPlace(&'a [u8]),
     /// f32, for the vector tiers.
     Prepared(&'a [f32]),
+    /// Pairs of bf16, each layer where its f32 would be: [`Weights::prepare`] makes them.
+    Paired(&'a [f32]),
+}
+
+impl<'a> Weights<'a> {
+    /// Unpacks little-endian f16 `bytes` once, into what `tier` multiplies best.
+    ///
+    /// `memory`: one value for each parameter of the `architecture`.
+    ///
+    /// # Panics
+    /// If `bytes` or `memory` is shorter than that.
+    pub fn prepare(architecture: &Architecture, tier: Tier, bytes: &[u8], memory: &'a mut [f32]) -> Self {
+        unpack(bytes, memory);
+        if tier != Tier::Avx512Bf16 {
+            return Self::Prepared(memory);
+        }
+        for layer in &architecture.layers() {
+            // Rows of words are no longer than the rows they are made of, and trail them.
+            let mut to = layer.weights;
+            for row in 0..layer.outputs {
+                let row = layer.weights + row * layer.inputs();
+                for part in [row..row + layer.main, row + layer.main..row + layer.inputs()] {
+                    for from in part.clone().step_by(2) {
+                        let odd = if from + 1 < part.end { memory[from + 1] } else { 0.0 };
+                        memory[to] = pair(memory[from], odd);
+                        to += 1;
+                    }
+                }
+            }
+        }
+        Self::Paired(memory)
+    }
 }
 
 /// A network that can be evaluated: shape, parameters, tier and maths backend.
@@ -38,18 +73,20 @@ pub struct Scratch<'w> {
     pub back: &'w mut [f32],
 }
 
-/// The two matrices a layer's weights may be cut into.
-#[derive(Clone, Copy, PartialEq)]
-enum Part {
-    Main,
-    Extra,
-}
-
 /// What a layer's sum starts from.
 #[derive(Clone, Copy, PartialEq)]
 enum Start {
     Bias,
     Output,
+}
+
+impl Start {
+    fn of(self, bias: &[f32]) -> Init<'_> {
+        match self {
+            Self::Bias => Init::Bias(bias),
+            Self::Output => Init::Accumulate,
+        }
+    }
 }
 
 impl<'a> Network<'a> {
@@ -60,7 +97,7 @@ impl<'a> Network<'a> {
         architecture.check().ok()?;
         let have = match weights {
             Weights::InPlace(bytes) => bytes.len() / 2,
-            Weights::Prepared(parameters) => parameters.len(),
+            Weights::Prepared(parameters) | Weights::Paired(parameters) => parameters.len(),
         };
         (have >= architecture.parameters()).then(|| Self {
             layers: architecture.layers(),
@@ -82,7 +119,7 @@ impl<'a> Network<'a> {
 
     /// Whether [`Scratch::stride`] must be a multiple of 16: only weights read in place take any.
     pub fn whole_blocks(&self) -> bool {
-        matches!(self.weights, Weights::Prepared(_))
+        !matches!(self.weights, Weights::InPlace(_))
     }
 
     /// Rows of [`Scratch::encoded`].
@@ -122,8 +159,8 @@ impl<'a> Network<'a> {
     /// `dirs`: `[3][stride]`, unit; `out`: `[direction_rows][stride]`.
     pub fn direction(&self, math: MathBackend, scratch: &mut Scratch<'_>, dirs: &[f32], out: &mut [f32]) {
         if let (Some(encoding), Some(layer)) = (&self.architecture.direction, self.direction_layer()) {
-            encode_block(self.tier, math, encoding, scratch.stride, dirs, scratch.encoded);
-            self.dense(layer, Part::Extra, scratch.stride, scratch.encoded, out, Start::Bias, false);
+            self.encode(math, encoding, scratch, dirs);
+            self.dense(layer, [None, Some(&*scratch.encoded)], scratch.stride, out, Start::Bias, false);
         }
     }
 
@@ -135,18 +172,13 @@ impl<'a> Network<'a> {
     /// If a slice is shorter than its rows times [`Scratch::stride`], or if the weights are prepared and
     /// the stride is no multiple of 16 ([`Network::whole_blocks`]). So do the three methods beside it.
     pub fn trunk(&self, math: MathBackend, scratch: &mut Scratch<'_>, positions: &[f32]) {
-        let stride = scratch.stride;
-        encode_block(self.tier, math, &self.architecture.position, stride, positions, scratch.encoded);
+        self.encode(math, &self.architecture.position, scratch, positions);
         for layer in &self.layers {
             let Role::Trunk(index) = layer.role else { break };
             let (from, to) = (&*scratch.front, &mut *scratch.back);
             let from = if index == 0 { &*scratch.encoded } else { from };
-            if layer.extra == 0 {
-                self.dense(layer, Part::Main, stride, from, to, Start::Bias, true);
-            } else {
-                self.dense(layer, Part::Main, stride, from, to, Start::Bias, false);
-                self.dense(layer, Part::Extra, stride, scratch.encoded, to, Start::Output, true);
-            }
+            let extra = (layer.extra > 0).then_some(&*scratch.encoded);
+            self.dense(layer, [Some(from), extra], scratch.stride, to, Start::Bias, true);
             core::mem::swap(&mut scratch.front, &mut scratch.back);
         }
     }
@@ -156,7 +188,7 @@ impl<'a> Network<'a> {
         let layer = self.layers.iter().find(|layer| layer.role == Role::Density);
         if let (Some(layer), Some(activation)) = (layer, self.architecture.density) {
             let stride = scratch.stride;
-            self.dense(layer, Part::Main, stride, scratch.front, sigma, Start::Bias, false);
+            self.dense(layer, [Some(&*scratch.front), None], stride, sigma, Start::Bias, false);
             let values = &mut sigma[..stride];
             with_math!(math, M => self.tier.run_columns(stride, Density::<M> { activation, values, math: PhantomData }));
         }
@@ -188,7 +220,7 @@ impl<'a> Network<'a> {
                 }
                 None => Start::Bias,
             };
-            self.dense(layer, Part::Main, stride, scratch.front, to, start, hidden);
+            self.dense(layer, [Some(&*scratch.front), None], stride, to, start, hidden);
             if hidden {
                 core::mem::swap(&mut scratch.front, &mut scratch.back);
             }
@@ -197,40 +229,76 @@ impl<'a> Network<'a> {
         with_math!(math, M => self.tier.run_columns(stride, Sigmoid::<M> { values, math: PhantomData }));
     }
 
-    /// `to = act(start + W_part from)`.
-    #[allow(clippy::too_many_arguments, reason = "one product, called from this file only")]
+    /// Encodes a block of inputs into [`Scratch::encoded`], as the products take them.
+    fn encode(&self, math: MathBackend, encoding: &Encoding, scratch: &mut Scratch<'_>, inputs: &[f32]) {
+        encode_block(self.tier, math, encoding, scratch.stride, inputs, scratch.encoded);
+        if let Weights::Paired(_) = self.weights {
+            pair_rows(scratch.encoded, encoding.outputs(), scratch.stride);
+        }
+    }
+
+    /// `to = act(start + W [main, extra])` over the `inputs` that are there, in this order.
+    ///
+    /// A hidden layer has a ReLU, and its outputs are in the form that the next layer takes.
     fn dense(
         &self,
         layer: &Layer,
-        part: Part,
+        inputs: [Option<&[f32]>; 2],
         stride: usize,
-        from: &[f32],
         to: &mut [f32],
         start: Start,
-        relu: bool,
+        hidden: bool,
     ) {
-        let (offset, k) = match part {
-            Part::Main => (layer.weights, layer.main),
-            Part::Extra => (layer.weights + layer.main, layer.extra),
-        };
         let (m, n, a_row) = (layer.outputs, stride, layer.inputs());
-        let g = Gemm { m, n, k, a_row, a_col: 1, b_row: stride, c_row: stride };
-        match self.weights {
-            Weights::Prepared(parameters) => {
-                let init = match start {
-                    Start::Bias => Init::Bias(&parameters[layer.bias..]),
-                    Start::Output => Init::Accumulate,
-                };
-                gemm(self.tier, g, &parameters[offset..], from, to, init, relu);
+        let mut start = start;
+        for (i, (offset, k)) in [(0, layer.main), (layer.main, layer.extra)].into_iter().enumerate() {
+            let Some(from) = inputs[i] else { continue };
+            let g = Gemm { m, n, k, a_row, a_col: 1, b_row: stride, c_row: stride };
+            let (offset, last) = (layer.weights + offset, i == 1 || inputs[1].is_none());
+            match self.weights {
+                Weights::Prepared(parameters) => {
+                    let init = start.of(&parameters[layer.bias..]);
+                    gemm(self.tier, g, &parameters[offset..], from, to, init, hidden && last);
+                }
+                Weights::InPlace(bytes) => {
+                    let init = match start {
+                        Start::Bias => HalfInit::Bias(&bytes[2 * layer.bias..]),
+                        Start::Output => HalfInit::Accumulate,
+                    };
+                    gemm_f16(g, &bytes[2 * offset..], from, to, init, hidden && last);
+                }
+                // Both parts at once: what lies between them is not rounded.
+                Weights::Paired(words) => {
+                    return self.dense_paired(words, layer, inputs, stride, to, start, hidden);
+                }
             }
-            Weights::InPlace(bytes) => {
-                let init = match start {
-                    Start::Bias => HalfInit::Bias(&bytes[2 * layer.bias..]),
-                    Start::Output => HalfInit::Accumulate,
-                };
-                gemm_f16(g, &bytes[2 * offset..], from, to, init, relu);
-            }
+            start = Start::Output;
         }
+    }
+
+    /// As [`Network::dense`], with pairs of bf16.
+    #[allow(clippy::too_many_arguments, reason = "as the method it is half of")]
+    fn dense_paired(
+        &self,
+        words: &[f32],
+        layer: &Layer,
+        inputs: [Option<&[f32]>; 2],
+        stride: usize,
+        to: &mut [f32],
+        start: Start,
+        hidden: bool,
+    ) {
+        let (main, extra) = (pairs(layer.main), pairs(layer.extra));
+        let part = |offset: usize, pairs: usize, inputs: Option<_>| PairedInput {
+            weights: &words[layer.weights + offset..],
+            row: main + extra,
+            pairs: if inputs.is_some() { pairs } else { 0 },
+            inputs: inputs.unwrap_or_default(),
+        };
+        let parts = [part(0, main, inputs[0]), part(main, extra, inputs[1])];
+        let output = if hidden { PairedOutput::Pairs } else { PairedOutput::Floats };
+        let init = start.of(&words[layer.bias..]);
+        dense_bf16(self.tier, parts, layer.outputs, stride, init, to, hidden, output);
     }
 }
 

@@ -54,7 +54,8 @@ pub struct Global {
     /// Threads [default: all cores].
     #[arg(long, global = true, value_name = "N")]
     pub threads: Option<usize>,
-    /// Kernel tier: scalar, avx2, avx512 [default: the fastest of this machine].
+    /// Kernel tier: scalar, avx2, avx512, avx512bf16 [default: the fastest that computes in f32]. avx512bf16
+    /// renders with numbers rounded to bf16.
     #[arg(long, global = true, value_name = "TIER", env = "NERF_KERNEL", hide_env_values = true, value_parser = parse_tier)]
     pub kernel: Option<Tier>,
 }
@@ -103,7 +104,7 @@ impl Global {
 }
 
 fn parse_tier(name: &str) -> Result<Tier, String> {
-    let tier = Tier::by_name(name).ok_or("expected scalar, avx2 or avx512")?;
+    let tier = Tier::by_name(name).ok_or("expected scalar, avx2, avx512 or avx512bf16")?;
     if tier.available() { Ok(tier) } else { Err(format!("this machine has no {name}")) }
 }
 
