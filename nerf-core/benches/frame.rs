@@ -1,6 +1,6 @@
 //! Whole frames of the seed network at 64 samples a ray, and a file's way to its first tile.
 //!
-//! `NERF_BENCH_BLOB=scene.nerf` takes another scene.
+//! `NERF_BENCH_BLOB=scene.nerf` takes another scene, `NERF_BENCH_SIDE=200` another number of pixels.
 
 mod support;
 
@@ -12,7 +12,7 @@ use std::sync::Mutex;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use support::{Table, networks, tiers};
 
-/// Pixels along each side.
+/// Pixels along each side, where nobody says otherwise.
 const SIDE: u32 = 64;
 /// Side of the tiles threads take.
 const TILE: u32 = 16;
@@ -32,6 +32,8 @@ fn main() {
         Some(path) => std::fs::read(path).expect("NERF_BENCH_BLOB: a file"),
         None => networks::file(),
     };
+    let side =
+        std::env::var("NERF_BENCH_SIDE").map_or(SIDE, |side| side.parse().expect("NERF_BENCH_SIDE: pixels"));
     let mut table = Table::new();
     let blob = Blob::open(&file).expect("a blob");
     for tier in tiers() {
@@ -44,12 +46,12 @@ fn main() {
             }
             let quality = Quality { samples: 64, ..quality };
             let plan = Plan::new(&blob, &quality, Outputs::ALL, Batch::for_tier(tier)).expect("a plan");
-            let flop = 2.0 * frame(&renderer, &plan, 1) as f64;
+            let flop = 2.0 * frame(&renderer, &plan, side, 1) as f64;
             for threads in [1, 2] {
                 let plural = if threads == 1 { "" } else { "s" };
-                let name = format!("frame {SIDE}×{SIDE}, {what}, {}, {threads} thread{plural}", tier.name());
+                let name = format!("frame {side}×{side}, {what}, {}, {threads} thread{plural}", tier.name());
                 table.line(&name, tier, threads, flop, || {
-                    black_box(frame(&renderer, &plan, threads));
+                    black_box(frame(&renderer, &plan, side, threads));
                 });
             }
         }
@@ -80,8 +82,8 @@ fn camera(side: u32) -> Camera {
 }
 
 /// Renders a frame on `threads` threads that take tiles in turn; gives its multiply-adds.
-fn frame(renderer: &Renderer<'_>, plan: &Plan<'_>, threads: usize) -> u64 {
-    let camera = camera(SIDE);
+fn frame(renderer: &Renderer<'_>, plan: &Plan<'_>, side: u32, threads: usize) -> u64 {
+    let camera = camera(side);
     let tiles: Vec<Rect> = Rect::full(&camera).tiles(TILE, TILE).collect();
     let (next, macs) = (AtomicUsize::new(0), Mutex::new(0));
     let work = || {

@@ -3,7 +3,7 @@
 mod support;
 
 use nerf_core::MathBackend;
-use nerf_core::kernels::{BLOCK, Gemm, Init, PairedInput, PairedOutput, dense_bf16, gemm, pairs};
+use nerf_core::kernels::{BLOCK, Gemm, Init, PairedInput, PairedOutput, dense_bf16, gemm, pair, pairs};
 use nerf_core::network::{Network, Weights};
 use std::hint::black_box;
 use support::networks::{Activations, halves, seed};
@@ -20,8 +20,12 @@ fn main() {
                 // As the network runs it: blocks of at most 64 samples, `[channel][block]` each.
                 let n = batch.min(BLOCK);
                 let g = Gemm { m: width, n, k: width, a_row: width, a_col: 1, b_row: n, c_row: n };
-                let (a, bias) = (noise(width * width, 1), noise(width, 2));
-                let b = noise(width * batch, 3);
+                let (mut a, bias) = (noise(width * width, 1), noise(width, 2));
+                let mut b = noise(width * batch, 3);
+                if tier.rounds() {
+                    // As many words as the pairs need, and more.
+                    a.iter_mut().chain(&mut b).for_each(|x| *x = pair(*x, -*x));
+                }
                 let mut c = vec![0.0; width * batch];
                 let name = format!("product {}, {width}×{width}, {batch} samples", tier.name());
                 let init = Init::Bias(&bias);
