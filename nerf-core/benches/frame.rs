@@ -13,7 +13,7 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 use support::{Table, networks, tiers};
 
 /// Pixels along each side, where nobody says otherwise.
-const SIDE: u32 = 64;
+const SIDE: u32 = 32;
 /// Side of the tiles threads take.
 const TILE: u32 = 16;
 /// The argument with which this program is its own fresh process: a file follows.
