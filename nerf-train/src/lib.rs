@@ -13,6 +13,7 @@ pub mod export;
 pub mod field;
 pub mod frame;
 pub mod image_field;
+pub mod import;
 pub mod occupancy;
 pub mod orbit;
 pub mod output;

@@ -68,6 +68,17 @@ impl LiveCells {
         Vec3::from(self.min) + at * self.cell_size()
     }
 
+    /// A grid of `resolution` over `bounds` in which the cells `live` (indices in the blob's order) may hold something.
+    ///
+    /// # Panics
+    /// If a cell lies beyond the grid.
+    pub fn of(bounds: SceneBox, resolution: [u16; 3], live: impl IntoIterator<Item = u32>) -> Self {
+        let (min, max) = (bounds.min.into(), bounds.max.into());
+        let mut cells = Self { min, max, resolution, bits: vec![0; Grid::bytes(resolution)] };
+        live.into_iter().for_each(|cell| cells.set(cell));
+        cells
+    }
+
     fn set(&mut self, cell: u32) {
         self.bits[cell as usize / 8] |= 1 << (cell % 8);
     }
@@ -95,9 +106,7 @@ impl Occupancy {
     }
 
     fn of_candidates(bounds: SceneBox, resolution: [u16; 3], candidates: Vec<u32>) -> Self {
-        let (min, max) = (bounds.min.into(), bounds.max.into());
-        let mut live = LiveCells { min, max, resolution, bits: vec![0; Grid::bytes(resolution)] };
-        candidates.iter().for_each(|&cell| live.set(cell));
+        let live = LiveCells::of(bounds, resolution, candidates.iter().copied());
         let density = vec![UNKNOWN; candidates.len()];
         Self { live, candidates, density, refreshes: 0 }
     }
@@ -170,7 +179,7 @@ impl Occupancy {
         }
         self.refreshes += 1;
         if drop {
-            self.apply(threshold);
+            self.apply(threshold, SMALLEST_SHARE);
         }
     }
 
@@ -180,6 +189,18 @@ impl Occupancy {
     /// take too long (a large grid and a large network) a cell is asked at its centre only, and the
     /// neighbours of live cells stay live too.
     pub fn settle(&mut self, ask: &Ask<'_>, threshold: f32) {
+        self.settle_to(ask, threshold, SMALLEST_SHARE);
+    }
+
+    /// The grid of a network that is finished, `resolution` cells along the longest side: as [`Self::settle`],
+    /// but however few cells are left.
+    pub fn asked(bounds: SceneBox, resolution: u16, ask: &Ask<'_>, threshold: f32) -> Self {
+        let mut grid = Self::full(bounds, resolution);
+        grid.settle_to(ask, threshold, 0.0);
+        grid
+    }
+
+    fn settle_to(&mut self, ask: &Ask<'_>, threshold: f32, smallest_share: f64) {
         let cells = self.candidates.len();
         let macs = ask.architecture.density_macs() * cells;
         let points: &[f32] = if 8 * macs <= SETTLE_MACS { &[0.25, 0.75] } else { &[0.5] };
@@ -194,7 +215,7 @@ impl Occupancy {
             }
             open.retain(|&i| self.density[i] <= threshold);
         }
-        self.apply(threshold);
+        self.apply(threshold, smallest_share);
         if points.len() == 1 {
             self.dilate();
         }
@@ -226,11 +247,11 @@ impl Occupancy {
         densities(ask.tier, ask.architecture, ask.parameters, &points)
     }
 
-    /// Sets the bits from the densities, unless next to nothing would be left.
-    fn apply(&mut self, threshold: f32) {
+    /// Sets the bits from the densities, unless less than that share of the candidates would be left.
+    fn apply(&mut self, threshold: f32, smallest_share: f64) {
         let live = |&density: &f32| density == UNKNOWN || density > threshold;
         let count = self.density.iter().filter(|density| live(density)).count();
-        if (count as f64) < SMALLEST_SHARE * self.candidates.len() as f64 {
+        if (count as f64) < smallest_share * self.candidates.len() as f64 {
             return;
         }
         self.live.bits.fill(0);

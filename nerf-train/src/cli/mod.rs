@@ -8,6 +8,7 @@ mod eval;
 mod explain;
 mod fit;
 mod image;
+mod import;
 mod inspect;
 mod outcome;
 mod render;
@@ -45,6 +46,7 @@ enum Command {
     Image(image::Image),
     #[command(subcommand)]
     Sweep(sweep::Sweep),
+    Import(Box<import::Import>),
     Inspect(inspect::Inspect),
     Explain(explain::Explain),
     Completions(completions::Completions),
@@ -95,6 +97,7 @@ pub fn main() -> ExitCode {
         Command::Eval(eval) => eval.run(&cli.global),
         Command::Render(render) => render.run(&cli.global),
         Command::Show(show) => show.run(&cli.global),
+        Command::Import(import) => import.run(&cli.global),
         Command::Inspect(inspect) => inspect.run(&cli.global),
         Command::Explain(explain) => explain.run(&cli.global),
         Command::Completions(completions) => completions.run(Cli::command(), &cli.global),

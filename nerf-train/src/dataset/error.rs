@@ -190,7 +190,7 @@ pub enum DatasetError {
 
 impl DatasetError {
     /// [`Self::Missing`] or [`Self::Io`].
-    pub(super) fn io(path: &Path, source: std::io::Error) -> Self {
+    pub(crate) fn io(path: &Path, source: std::io::Error) -> Self {
         match source.kind() {
             std::io::ErrorKind::NotFound => Self::Missing { path: path.into() },
             _ => Self::Io { path: path.into(), source },

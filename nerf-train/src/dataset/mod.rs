@@ -16,7 +16,7 @@ mod cs180;
 mod error;
 mod geometry;
 mod nerfstudio;
-mod npz;
+pub(crate) mod npz;
 mod picture;
 pub mod report;
 mod tiny_nerf;

@@ -1,4 +1,4 @@
-//! Arrays out of an untrusted `.npz`.
+//! Arrays out of an untrusted `.npz` or `.npy`.
 //!
 //! `npyz` unpacks the archive; the array headers are parsed here, because npyz multiplies shapes
 //! unchecked and allocates what a header asks for. Nothing is allocated on a header's word alone.
@@ -9,15 +9,15 @@ use std::io::{BufReader, Read};
 use std::path::{Path, PathBuf};
 
 /// An open archive.
-pub(super) struct Archive {
+pub(crate) struct Archive {
     pub(super) file: PathBuf,
     zip: npyz::npz::NpzArchive<BufReader<File>>,
     max_array_bytes: u64,
 }
 
 /// One array in C order.
-pub(super) struct Array {
-    pub(super) shape: Vec<usize>,
+pub(crate) struct Array {
+    pub(crate) shape: Vec<usize>,
     dtype: Dtype,
     data: Vec<u8>,
 }
@@ -33,10 +33,10 @@ struct Dtype {
 const MAX_HEADER: usize = 1 << 16;
 /// Most dimensions of an array; numpy's own limit.
 const MAX_DIMENSIONS: usize = 32;
-const NUMBERS: &str = "u1, f4, f8 or a plain integer";
+const NUMBERS: &str = "f2, f4, f8, b1 or a plain integer";
 
 impl Archive {
-    pub(super) fn open(file: &Path, max_array_bytes: u64) -> Result<Self, DatasetError> {
+    pub(crate) fn open(file: &Path, max_array_bytes: u64) -> Result<Self, DatasetError> {
         let stream = File::open(file).map_err(|source| DatasetError::io(file, source))?;
         let zip = npyz::npz::NpzArchive::new(BufReader::new(stream)).map_err(|error| {
             DatasetError::NotAnArchive {
@@ -47,50 +47,37 @@ impl Archive {
         Ok(Self { file: file.into(), zip, max_array_bytes })
     }
 
+    /// The names of its arrays as they stand in the archive: a name that is there twice is here twice.
+    pub(crate) fn names(&mut self) -> Result<Vec<String>, DatasetError> {
+        let zip = self.zip.zip_archive();
+        let mut names = Vec::new();
+        for index in 0..zip.len() {
+            let entry = zip.by_index_raw(index).map_err(|error| DatasetError::NotAnArchive {
+                file: self.file.clone(),
+                found: format!("damage ({error})"),
+            })?;
+            names.extend(npyz::npz::array_name_from_file_name(entry.name()).map(str::to_owned));
+        }
+        Ok(names)
+    }
+
     pub(super) fn has(&self, key: &str) -> bool {
         self.zip.array_names().any(|name| name == key)
     }
 
     /// The array `key`, whole.
-    pub(super) fn array(&mut self, key: &str) -> Result<Array, DatasetError> {
+    pub(crate) fn array(&mut self, key: &str) -> Result<Array, DatasetError> {
         if !self.has(key) {
             let mut present: Vec<String> = self.zip.array_names().map(Into::into).collect();
             present.sort();
             return Err(DatasetError::MissingKey { file: self.file.clone(), key: key.into(), present });
         }
         let (file, limit) = (self.file.clone(), self.max_array_bytes);
-        let bad = |expected: &str, found: String| DatasetError::Array {
-            file: file.clone(),
-            key: key.into(),
-            expected: expected.into(),
-            found,
-        };
-        let mut entry = self
-            .zip
-            .zip_archive()
-            .by_name(&format!("{key}.npy"))
-            .map_err(|error| bad("a readable zip entry", error.to_string()))?;
-        let (dtype, fortran, shape) =
-            read_header(&mut entry).map_err(|found| bad("a .npy header of plain numbers", found))?;
-        let too_large = |bytes| DatasetError::TooLarge { file: file.clone(), key: key.into(), bytes, limit };
-        let bytes = shape
-            .iter()
-            .try_fold(dtype.size, |bytes, &side| bytes.checked_mul(side))
-            .ok_or_else(|| too_large(u64::MAX))?;
-        if bytes as u64 > limit {
-            return Err(too_large(bytes as u64));
-        }
-        let whole = format!("{bytes} bytes for shape {shape:?}");
-        let mut data = Vec::new();
-        // One byte more than announced, to notice trailing data; grows with what really arrives.
-        let read = entry.by_ref().take(bytes as u64 + 1).read_to_end(&mut data);
-        read.map_err(|error| bad(&whole, format!("{} bytes, then: {error}", data.len())))?;
-        if data.len() != bytes {
-            let found = if data.len() > bytes { "more".into() } else { data.len().to_string() };
-            return Err(bad(&whole, found));
-        }
-        let data = if fortran { to_c_order(&data, &shape, dtype.size) } else { data };
-        Ok(Array { shape, dtype, data })
+        let mut entry = self.zip.zip_archive().by_name(&format!("{key}.npy")).map_err(|error| {
+            let expected = "a readable zip entry".into();
+            DatasetError::Array { file: file.clone(), key: key.into(), expected, found: error.to_string() }
+        })?;
+        read_array(&mut entry, &file, key, limit)
     }
 
     /// The single number `key`, of shape `()` or of one element.
@@ -119,7 +106,7 @@ impl Archive {
         array.numbers().ok_or_else(|| self.dtype_error(key, NUMBERS, array))
     }
 
-    pub(super) fn dtype_error(&self, key: &str, expected: &'static str, array: &Array) -> DatasetError {
+    pub(crate) fn dtype_error(&self, key: &str, expected: &'static str, array: &Array) -> DatasetError {
         DatasetError::Dtype { file: self.file.clone(), key: key.into(), expected, found: array.dtype.name() }
     }
 
@@ -127,6 +114,43 @@ impl Archive {
         let (file, found) = (self.file.clone(), array.shape.clone());
         DatasetError::Shape { file, key: key.into(), expected: expected.into(), found }
     }
+}
+
+/// The one array of a `.npy` file, which messages call by the file's stem.
+pub(crate) fn read_npy(file: &Path, max_array_bytes: u64) -> Result<Array, DatasetError> {
+    let stream = File::open(file).map_err(|source| DatasetError::io(file, source))?;
+    let key = file.file_stem().unwrap_or_default().to_string_lossy();
+    read_array(&mut BufReader::new(stream), file, &key, max_array_bytes)
+}
+
+fn read_array(stream: &mut impl Read, file: &Path, key: &str, limit: u64) -> Result<Array, DatasetError> {
+    let bad = |expected: &str, found: String| DatasetError::Array {
+        file: file.into(),
+        key: key.into(),
+        expected: expected.into(),
+        found,
+    };
+    let (dtype, fortran, shape) =
+        read_header(stream).map_err(|found| bad("a .npy header of plain numbers", found))?;
+    let too_large = |bytes| DatasetError::TooLarge { file: file.into(), key: key.into(), bytes, limit };
+    let bytes = shape
+        .iter()
+        .try_fold(dtype.size, |bytes, &side| bytes.checked_mul(side))
+        .ok_or_else(|| too_large(u64::MAX))?;
+    if bytes as u64 > limit {
+        return Err(too_large(bytes as u64));
+    }
+    let whole = format!("{bytes} bytes for shape {shape:?}");
+    let mut data = Vec::new();
+    // One byte more than announced, to notice trailing data; grows with what really arrives.
+    let read = stream.take(bytes as u64 + 1).read_to_end(&mut data);
+    read.map_err(|error| bad(&whole, format!("{} bytes, then: {error}", data.len())))?;
+    if data.len() != bytes {
+        let found = if data.len() > bytes { "more".into() } else { data.len().to_string() };
+        return Err(bad(&whole, found));
+    }
+    let data = if fortran { to_c_order(&data, &shape, dtype.size) } else { data };
+    Ok(Array { shape, dtype, data })
 }
 
 impl Array {
@@ -154,7 +178,13 @@ impl Array {
         }
     }
 
-    fn numbers(&self) -> Option<Vec<f64>> {
+    /// Whether it holds floats.
+    pub(crate) fn is_float(&self) -> bool {
+        self.dtype.kind == b'f'
+    }
+
+    /// Its elements in C order, truth as 0 and 1; `None` on a dtype that is no number.
+    pub(crate) fn numbers(&self) -> Option<Vec<f64>> {
         self.data.chunks_exact(self.dtype.size).map(|chunk| self.dtype.value(chunk)).collect()
     }
 }
@@ -162,17 +192,19 @@ impl Array {
 impl Dtype {
     /// From numpy's name, such as `<f4`.
     fn parse(name: &str) -> Option<Self> {
-        let &[order, kind @ (b'u' | b'i' | b'f'), ref digits @ ..] = name.as_bytes() else { return None };
+        let &[order, kind @ (b'u' | b'i' | b'f' | b'b'), ref digits @ ..] = name.as_bytes() else {
+            return None;
+        };
         let big_endian = match order {
             b'<' | b'|' | b'=' => false,
             b'>' => true,
             _ => return None,
         };
         let size = match (kind, digits) {
-            (b'u' | b'i', b"1") => 1,
-            (_, b"2") => 2,
-            (_, b"4") => 4,
-            (_, b"8") => 8,
+            (b'u' | b'i' | b'b', b"1") => 1,
+            (b'u' | b'i' | b'f', b"2") => 2,
+            (b'u' | b'i' | b'f', b"4") => 4,
+            (b'u' | b'i' | b'f', b"8") => 8,
             _ => return None,
         };
         Some(Self { kind, size, big_endian })
@@ -193,6 +225,7 @@ impl Dtype {
         let unused = 64 - 8 * self.size as u32;
         match (self.kind, self.size) {
             (b'u', _) => Some(bits as f64),
+            (b'b', _) => Some(f64::from(u8::from(bits != 0))),
             (b'i', _) => Some(((bits << unused) as i64 >> unused) as f64),
             (b'f', 2) => Some(half::f16::from_bits(bits as u16).to_f64()),
             (b'f', 4) => Some(f64::from(f32::from_bits(bits as u32))),

@@ -11,7 +11,7 @@ use nerf_core::plan::Quality;
 
 /// A grid is part of the model if leaving it out changes training views by more than this, dB: a little
 /// less than the 0.1 dB that a blob promises for views nobody has seen.
-const GRID_LOSS_DB: f64 = 0.08;
+pub const GRID_LOSS_DB: f64 = 0.08;
 
 /// What a run made.
 #[derive(Clone, Debug)]

@@ -1,0 +1,263 @@
+//! `nerf-train import`
+
+mod options;
+mod outcome;
+
+use super::common::{DataOptions, Global, background_name, tell};
+use crate::dataset::{Axes, View};
+use crate::export::{Contents, Exported, export};
+use crate::import::check::{Draft, SUSPICIOUS_DB, VIEWS, check, renderings, split, thinned};
+use crate::import::probe::{Probe, probe};
+use crate::import::{Check, Imported, Settings, Tensors, grid, network};
+use crate::occupancy::{Ask, LiveCells};
+use crate::output::{ensure_file, write_atomic};
+use crate::report::progress::{Message, Progress, Total};
+use crate::train::run::spread;
+use anyhow::bail;
+use clap::Args;
+use nerf_core::blob::{Content, Provenance};
+use nerf_core::kernels::Tier;
+use options::Guesses;
+use outcome::{GridSource, Outcome};
+use std::path::{Path, PathBuf};
+use std::process::ExitCode;
+
+/// Make a blob of a network trained elsewhere, in nerf-pytorch's names.
+///
+/// CKPT is a .npz or .safetensors file with pts_linears.0.weight, … of one network, or of a coarse and a fine one
+/// (then the fine one is taken).
+#[derive(Debug, Args)]
+#[command(after_help = "Examples:\n  \
+    nerf-train import lego_200k_fine.npz -o lego.nerf --background white --check lego_200\n  \
+    nerf-train import lego.safetensors -o lego.nerf --angle-scale pi --samples 64 --grid grid96.npy")]
+pub struct Import {
+    /// The network: .npz or .safetensors.
+    #[arg(value_name = "CKPT")]
+    checkpoint: PathBuf,
+    /// The blob to write.
+    #[arg(long, short, value_name = "FILE")]
+    output: PathBuf,
+    /// What stands in front of the tensors' names, such as network_fine. [default: as the file has it].
+    #[arg(long, value_name = "PREFIX")]
+    prefix: Option<String>,
+    /// TOML file with what the file cannot say; flags win.
+    #[arg(long, value_name = "FILE")]
+    config: Option<PathBuf>,
+    /// Render views of a data set, print their PSNR, what f16 costs, and whether the grid is part of the
+    /// model.
+    #[arg(long, value_name = "DATA")]
+    check: Option<PathBuf>,
+    /// Which validation views, counted from 0 [default: up to ten of them].
+    #[arg(long = "view", value_name = "I,J,…", value_delimiter = ',', requires = "check")]
+    views: Vec<usize>,
+    /// Skip grid of the box that the network was trained with: a .npy array [x, y, z] of truths.
+    #[arg(long, value_name = "FILE", conflicts_with = "no_grid")]
+    grid: Option<PathBuf>,
+    /// The grid of --grid is no part of the model: the picture is the same without it.
+    #[arg(long, requires = "grid")]
+    grid_optional: bool,
+    /// Build no skip grid: every sample asks the network.
+    #[arg(long)]
+    no_grid: bool,
+    #[command(flatten)]
+    guesses: Guesses,
+}
+
+/// Views to check with.
+struct Data {
+    name: String,
+    axes: Axes,
+    views: Vec<View>,
+}
+
+impl Import {
+    /// Runs the command.
+    pub fn run(&self, global: &Global) -> anyhow::Result<ExitCode> {
+        let guesses = match &self.config {
+            Some(file) => self.guesses.clone().or(Guesses::read(file)?),
+            None => self.guesses.clone(),
+        };
+        let (settings, tier) = (guesses.settings(), global.tier());
+        settings.check()?;
+        ensure_file(&self.output)?;
+        let tensors = Tensors::read(&self.checkpoint, self.prefix.as_deref())?;
+        let network = network(&tensors, &settings)?;
+        let parameters = network.folded();
+        let given = self.grid.as_deref().map(|file| grid::read(file, &settings)).transpose()?;
+        let data = self.data(&guesses, &settings, global)?;
+        let ask = Ask { tier, architecture: &network.model.architecture, parameters: &parameters, seed: 0 };
+        let (cells, source) = match given {
+            Some(cells) => (Some(cells), GridSource::Given),
+            None if self.no_grid => (None, GridSource::None),
+            None => {
+                global.say("asking the network which cells of the scene box hold something");
+                (grid::build(&settings, &ask), GridSource::Built)
+            }
+        };
+        let work = Work {
+            network: &network,
+            parameters: &parameters,
+            settings: &settings,
+            cells,
+            file: &self.checkpoint,
+        };
+        let draft = work.export(&About::default())?;
+        let check = data.as_ref().map(|data| work.check(&draft.bytes, tier, data, global)).transpose()?;
+        let grid_required = work.cells.is_some()
+            && match (source, &check) {
+                (GridSource::Given, _) if self.grid_optional => false,
+                (GridSource::Given, Some(check)) => check.grid_matters(),
+                (GridSource::Given, None) => true,
+                // What a network that was trained without it loses by it is no reason to require it.
+                (_, check) => check.as_ref().is_some_and(|c| c.grid_matters() && !c.grid_harms()),
+            };
+        let about = About {
+            grid_required,
+            check: check.as_ref(),
+            data: data.as_ref().map(|data| data.name.as_str()),
+        };
+        let exported = work.export(&about)?;
+        write_atomic(&self.output, &exported.bytes)?;
+        let probes = match (&check, &data) {
+            (Some(check), Some(data)) if check.is_suspicious() => {
+                global.say("that is no picture of the scene; trying other guesses");
+                probe(&tensors, &settings, data.axes, tier, &data.views)?
+            }
+            _ => Vec::new(),
+        };
+        let outcome = Outcome {
+            tensors: &tensors,
+            network: &network,
+            settings: &settings,
+            exported: &exported,
+            grid: source,
+            cells: work.cells.as_ref(),
+            grid_required,
+            check: check.as_ref(),
+            probes: &probes,
+            output: &self.output,
+        };
+        warn(&outcome);
+        global.finish(&outcome.summary(tier), || outcome.print())?;
+        Ok(ExitCode::SUCCESS)
+    }
+
+    /// The views of `--check`, thinned.
+    fn data(&self, guesses: &Guesses, settings: &Settings, global: &Global) -> anyhow::Result<Option<Data>> {
+        let Some(path) = &self.check else { return Ok(None) };
+        let options = DataOptions { axes: guesses.axes, near: Some(settings.near), far: Some(settings.far) };
+        let dataset = options.read(path, global)?;
+        let all = split(&dataset);
+        let views: Vec<&View> = if self.views.is_empty() {
+            spread(all, VIEWS)
+        } else {
+            let view = |&i: &usize| all.get(i).ok_or(i);
+            match self.views.iter().map(view).collect() {
+                Ok(views) => views,
+                Err(i) => bail!("--view: expected 0 to {}, found {i}", all.len().saturating_sub(1)),
+            }
+        };
+        let opaque = views.iter().all(|view| !view.has_alpha());
+        if opaque && settings.background != [0.0; 3] {
+            global.say("note: these pictures have no alpha: their own background stays in the truth");
+        }
+        let views = views.into_iter().map(thinned).collect();
+        Ok(Some(Data { name: dataset.name, axes: dataset.axes, views }))
+    }
+}
+
+/// Everything that goes into the blob but what is measured on it.
+struct Work<'a> {
+    network: &'a Imported,
+    parameters: &'a [f32],
+    settings: &'a Settings,
+    cells: Option<LiveCells>,
+    file: &'a Path,
+}
+
+/// What is measured.
+#[derive(Default)]
+struct About<'a> {
+    grid_required: bool,
+    check: Option<&'a Check>,
+    data: Option<&'a str>,
+}
+
+impl Work<'_> {
+    fn export(&self, about: &About<'_>) -> anyhow::Result<Exported> {
+        let finite = |db: f64| Some(db as f32).filter(|db| db.is_finite());
+        let name = self.file.file_name().unwrap_or_default().to_string_lossy();
+        let made_by = format!("nerf-train {}, imported from {name}", env!("CARGO_PKG_VERSION"));
+        let convention = about.check.map_or_else(String::new, |check| {
+            format!(
+                "mean over {} views, every third pixel and row, background {}, {} samples a ray",
+                check.scores.views.len(),
+                background_name(self.settings.background),
+                self.settings.samples
+            )
+        });
+        let stem = self.file.file_stem().unwrap_or_default().to_string_lossy();
+        let exported = export(&Contents {
+            architecture: &self.network.model.architecture,
+            parameters: self.parameters,
+            content: Content::Scene(self.settings.facts(about.grid_required)),
+            grid: self.cells.as_ref().map(|cells| (cells.resolution(), cells.bits())),
+            provenance: Provenance {
+                data: about.data.unwrap_or(&stem),
+                made_by: &made_by,
+                steps: 0,
+                seed: 0,
+                psnr_db: about.check.and_then(|check| finite(check.psnr_db())),
+                psnr_convention: &convention,
+                quantisation_loss_db: about.check.and_then(|check| finite(check.quantisation_loss_db)),
+                trained_parameters: self.network.parameters.len() as u32,
+            },
+        })?;
+        Ok(exported)
+    }
+
+    fn check(&self, blob: &[u8], tier: Tier, data: &Data, global: &Global) -> anyhow::Result<Check> {
+        let has_grid = self.cells.is_some();
+        let total = renderings(has_grid) * data.views.len() as u64;
+        let mut progress = Progress::new("check", Total::Steps(total), global.style());
+        let mut done = 0;
+        let background = self.settings.background;
+        let draft = Draft { blob, parameters: self.parameters, has_grid, background };
+        let check = check(&draft, tier, &data.views, || {
+            done += 1;
+            progress.update(done, &Message::default());
+        })?;
+        progress.finish(format!("{} views", data.views.len()));
+        Ok(check)
+    }
+}
+
+/// Says on stderr, also when quiet, what must not be overlooked.
+fn warn(outcome: &Outcome<'_>) {
+    let Some(check) = outcome.check else {
+        if outcome.grid == GridSource::Built && outcome.cells.is_none() {
+            tell("warning: the network's density is nowhere above the threshold: nothing would be seen");
+        }
+        return;
+    };
+    if check.is_suspicious() {
+        tell(&format!(
+            "warning: {:.2} dB is no picture of the scene (expected at least {SUSPICIOUS_DB} dB). What the file \
+             cannot say was guessed wrong: --angle-scale, --order, --identity, --axes, --background, --near, \
+             --far, --box, --density, or the data set is another scene's",
+            check.psnr_db()
+        ));
+        if let Some(Probe { flag, psnr_db }) = outcome.probes.first()
+            && *psnr_db > check.psnr_db() + 1.0
+        {
+            tell(&format!("try {flag}: {psnr_db:.1} dB on a few pixels"));
+        }
+    }
+    if outcome.grid == GridSource::Built && check.grid_harms() {
+        tell(&format!(
+            "warning: the skip grid costs {:.2} dB: raise --grid-resolution, lower --grid-threshold, or take \
+             --no-grid",
+            -check.grid_gain_db.unwrap_or(0.0)
+        ));
+    }
+}

@@ -1,0 +1,181 @@
+//! What an import says in the end.
+
+use crate::cli::common::background_name;
+use crate::engine::{Dense, Part};
+use crate::export::Exported;
+use crate::import::probe::{Probe, name};
+use crate::import::{Check, Imported, Settings, Tensors};
+use crate::occupancy::LiveCells;
+use crate::report::summary::Summary;
+use nerf_core::encoding::Encoding;
+use nerf_core::kernels::Tier;
+use std::path::Path;
+
+/// Where the skip grid comes from.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum GridSource {
+    /// A file.
+    Given,
+    /// The network.
+    Built,
+    /// There is to be none.
+    None,
+}
+
+/// Everything there is to say.
+pub struct Outcome<'a> {
+    pub tensors: &'a Tensors,
+    pub network: &'a Imported,
+    pub settings: &'a Settings,
+    pub exported: &'a Exported,
+    pub grid: GridSource,
+    pub cells: Option<&'a LiveCells>,
+    pub grid_required: bool,
+    pub check: Option<&'a Check>,
+    pub probes: &'a [Probe],
+    pub output: &'a Path,
+}
+
+impl Outcome<'_> {
+    /// As lines.
+    pub fn print(&self) -> anyhow::Result<()> {
+        let (s, a) = (self.settings, &self.network.model.architecture);
+        outln!("read         {} tensors of {}", self.tensors.tensors.len(), self.tensors.file.display());
+        if !self.tensors.prefix.is_empty() {
+            outln!("network      {}", self.tensors.prefix);
+        }
+        for other in &self.tensors.others {
+            outln!("left out     {other}");
+        }
+        for unused in &self.network.unused {
+            outln!("not used     {unused}: no output depends on it");
+        }
+        for layer in self.network.model.layers() {
+            outln!("layer        {}", describe(&layer));
+        }
+        outln!("position     {}", encoding(&a.position, s));
+        match &a.direction {
+            Some(direction) => outln!("direction    {}", encoding(direction, s)),
+            None => outln!("direction    none: colour does not depend on it"),
+        }
+        outln!("taken as     density {}, background {}", name(s.density), background_name(s.background));
+        outln!(
+            "             near {}, far {}, {} samples a ray, box {:?}",
+            s.near,
+            s.far,
+            s.samples,
+            s.scene_box
+        );
+        self.print_grid()?;
+        if let Some(check) = self.check {
+            outln!(
+                "check        {:.3} dB PSNR, mean over {} views on {}, every third pixel and row",
+                check.psnr_db(),
+                check.scores.views.len(),
+                background_name(s.background)
+            );
+            outln!(
+                "             f16 rounding cost {:.4} dB ({} subnormal weights)",
+                check.quantisation_loss_db,
+                self.exported.subnormal_weights
+            );
+            if let Some(gain) = check.grid_gain_db {
+                outln!("             the skip grid brings {gain:.3} dB");
+            }
+        }
+        for Probe { flag, psnr_db } in self.probes {
+            outln!("             {psnr_db:6.2} dB on a few pixels with {flag}");
+        }
+        outln!("wrote        {} ({} bytes)", self.output.display(), self.exported.bytes.len());
+        Ok(())
+    }
+
+    fn print_grid(&self) -> anyhow::Result<()> {
+        let Some(cells) = self.cells else {
+            let why = if self.grid == GridSource::Built { ": the network is empty everywhere" } else { "" };
+            outln!("skip grid    none{why}");
+            return Ok(());
+        };
+        let origin = if self.grid == GridSource::Built { "asked of the network" } else { "as given" };
+        let role = if self.grid_required { "part of the model" } else { "only skips what is empty" };
+        let live = 100.0 * cells.grid().occupancy();
+        outln!("skip grid    {:?} cells, {live:.2} % live, {origin}; {role}", cells.resolution());
+        Ok(())
+    }
+
+    /// As fields.
+    pub fn summary(&self, tier: Tier) -> Summary {
+        let (s, a) = (self.settings, &self.network.model.architecture);
+        let mut summary = Summary::new();
+        summary
+            .text("checkpoint", self.tensors.file.display().to_string())
+            .integer("tensors", self.tensors.tensors.len() as u64)
+            .text("prefix", self.tensors.prefix.clone())
+            .texts("networks_left_out", self.tensors.others.clone())
+            .texts("unused_tensors", self.network.unused.clone())
+            .integer("trunk_layers", a.trunk.len() as u64)
+            .integer("trunk_width", a.trunk_width() as u64)
+            .integer("position_levels", u64::from(a.position.levels))
+            .integer("direction_levels", a.direction.as_ref().map_or(0, |d| u64::from(d.levels)))
+            .flag("view_dependent", a.direction.is_some())
+            .text("angle_scale", name(s.angle))
+            .text("order", name(s.order))
+            .text("density", name(s.density))
+            .text("background", background_name(s.background))
+            .number_f32("near", s.near)
+            .number_f32("far", s.far)
+            .numbers_f32("box", &s.scene_box)
+            .integer("samples_per_ray", u64::from(s.samples))
+            .integer("trained_parameters", self.network.parameters.len() as u64)
+            .integer("parameters", a.parameters() as u64)
+            .integer("subnormal_weights", self.exported.subnormal_weights as u64)
+            .flag("grid_required", self.grid_required);
+        let skips = a.trunk.iter().enumerate().filter(|(_, layer)| layer.skip);
+        summary.numbers("skip_layers", &skips.map(|(i, _)| i as f64).collect::<Vec<_>>());
+        if let Some(cells) = self.cells {
+            summary
+                .numbers("grid_resolution", &cells.resolution().map(f64::from))
+                .number_f32("grid_occupancy_share", cells.grid().occupancy());
+        }
+        if let Some(check) = self.check {
+            summary
+                .number("check_psnr_db", check.psnr_db())
+                .integer("check_views", check.scores.views.len() as u64)
+                .flag("suspicious", check.is_suspicious())
+                .number("quantisation_loss_db", check.quantisation_loss_db);
+            if let Some(gain) = check.grid_gain_db {
+                summary.number("grid_gain_db", gain);
+            }
+        }
+        if !self.probes.is_empty() {
+            let fields = |probe: &Probe| {
+                let mut fields = Summary::new();
+                fields.text("flag", probe.flag.clone()).number("psnr_db", probe.psnr_db);
+                fields
+            };
+            summary.sections("other_guesses", self.probes.iter().map(fields).collect());
+        }
+        summary
+            .text("kernel", tier.name())
+            .text("blob", self.output.display().to_string())
+            .integer("blob_bytes", self.exported.bytes.len() as u64);
+        summary
+    }
+}
+
+fn encoding(encoding: &Encoding, settings: &Settings) -> String {
+    let identity = if encoding.identity { "with" } else { "without" };
+    format!(
+        "{} levels, {identity} the inputs themselves, s = {}, order {}",
+        encoding.levels,
+        name(settings.angle),
+        name(settings.order)
+    )
+}
+
+fn describe(layer: &Dense) -> String {
+    let Dense { part, main, extra, outputs, .. } = *layer;
+    let inputs = if extra > 0 { format!("{main} + {extra}") } else { main.to_string() };
+    let folded = if part == Part::Feature { ", folded away" } else { "" };
+    format!("{part:?}: {inputs} → {outputs}{folded}")
+}

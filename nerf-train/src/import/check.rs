@@ -1,0 +1,142 @@
+//! What an imported network shows of a data set: whether the guesses about it were right.
+
+use crate::dataset::{Dataset, View};
+use crate::eval::{EvalError, Scores, measure};
+use crate::train::finish::GRID_LOSS_DB;
+use nerf_core::camera::{Camera, Intrinsics};
+use nerf_core::kernels::Tier;
+use nerf_core::plan::Quality;
+
+/// Every so many pixels of a row, and rows, are measured. Odd: the middle of a block of so many is a pixel's centre.
+pub const STRIDE: u32 = 3;
+/// Views that are measured where none are named.
+pub const VIEWS: usize = 10;
+/// Below this something about the network was guessed wrong, dB.
+pub const SUSPICIOUS_DB: f64 = 15.0;
+
+/// Figures of some views, over every third pixel of every third row.
+#[derive(Clone, Debug)]
+pub struct Check {
+    /// Of the blob's own rounded weights.
+    pub scores: Scores,
+    /// dB that rounding to f16 cost.
+    pub quantisation_loss_db: f64,
+    /// dB by which the skip grid makes the picture better (below 0: worse); `None` without one.
+    pub grid_gain_db: Option<f64>,
+}
+
+impl Check {
+    /// Mean PSNR over the views, dB.
+    pub fn psnr_db(&self) -> f64 {
+        self.scores.psnr_db().unwrap_or(f64::NAN)
+    }
+
+    /// Whether the picture is not the same without the grid.
+    pub fn grid_matters(&self) -> bool {
+        self.grid_gain_db.is_some_and(|gain| gain.is_nan() || gain.abs() > GRID_LOSS_DB)
+    }
+
+    /// Whether the picture is worse with the grid.
+    pub fn grid_harms(&self) -> bool {
+        self.grid_gain_db.is_some_and(|gain| gain < -GRID_LOSS_DB)
+    }
+
+    /// Whether the picture is that of another scene, or of none.
+    pub fn is_suspicious(&self) -> bool {
+        let psnr_db = self.psnr_db();
+        psnr_db.is_nan() || psnr_db < SUSPICIOUS_DB
+    }
+}
+
+/// What a network is measured as.
+#[derive(Clone, Copy, Debug)]
+pub struct Draft<'a> {
+    /// Its blob, in which no grid is required.
+    pub blob: &'a [u8],
+    /// Its parameters before rounding, in export order.
+    pub parameters: &'a [f32],
+    /// Whether the blob has a skip grid.
+    pub has_grid: bool,
+    /// What the views are composited over, display-encoded.
+    pub background: [f32; 3],
+}
+
+/// Renders `views` with rounded weights, with f32 weights, and without the grid if there is one.
+///
+/// `each` is called after every view that was rendered.
+///
+/// # Errors
+/// [`EvalError`] if the blob cannot be opened or rendered.
+pub fn check(
+    draft: &Draft<'_>,
+    tier: Tier,
+    views: &[View],
+    mut each: impl FnMut(),
+) -> Result<Check, EvalError> {
+    let mut score = |parameters, quality: &Quality| {
+        measure(draft.blob, parameters, tier, quality, draft.background, views, |_, _, _, _| each())
+    };
+    let with_grid = Quality::default();
+    let scores = score(None, &with_grid)?;
+    let db = |scores: &Scores| scores.psnr_db().unwrap_or(f64::NAN);
+    let quantisation_loss_db = db(&score(Some(draft.parameters), &with_grid)?) - db(&scores);
+    let grid_gain_db = if draft.has_grid {
+        let without = score(None, &Quality { skip_grid: false, ..with_grid })?;
+        Some(db(&scores) - db(&without))
+    } else {
+        None
+    };
+    Ok(Check { scores, quantisation_loss_db, grid_gain_db })
+}
+
+/// Number of renderings [`check`] makes of each view.
+pub fn renderings(has_grid: bool) -> u64 {
+    if has_grid { 3 } else { 2 }
+}
+
+/// The views that can be asked for: those of validation, or else of training.
+pub fn split(dataset: &Dataset) -> &[View] {
+    if dataset.val.is_empty() { &dataset.train } else { &dataset.val }
+}
+
+/// Every [`STRIDE`]-th pixel of a view, with a camera that has exactly their rays.
+///
+/// Pixel `i` of the result is pixel `3 i + 1` of the view. A picture smaller than that stays as it is.
+pub fn thinned(view: &View) -> View {
+    let i = *view.camera.intrinsics();
+    let (width, height) = (i.width / STRIDE, i.height / STRIDE);
+    let by = STRIDE as f32;
+    let (fx, fy, cx, cy) = (i.fx / by, i.fy / by, i.cx / by, i.cy / by);
+    let small = Intrinsics { width, height, fx, fy, cx, cy };
+    let Ok(camera) = Camera::new(small, *view.camera.lens(), *view.camera.pose()) else {
+        return view.clone();
+    };
+    let middle = |x: u32| x * STRIDE + STRIDE / 2;
+    let pixels = (0..height).flat_map(|y| (0..width).map(move |x| (middle(x), middle(y))));
+    let pixels = pixels.filter_map(|(x, y)| view.pixel(x, y)).collect();
+    View { name: view.name.clone(), camera, pixels }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::demo_scene::{self, DemoSpec};
+
+    #[test]
+    fn a_thinned_view_has_pixels_and_rays_of_the_whole_one() {
+        let spec = DemoSpec { train: 2, val: 1, size: 20, ..DemoSpec::default() };
+        let dataset = demo_scene::dataset(&spec).expect("a scene");
+        let (whole, thin) = (&dataset.val[0], thinned(&dataset.val[0]));
+        assert_eq!((thin.size(), thin.pixels.len()), ((6, 6), 36));
+        for (x, y) in [(0, 0), (3, 1), (5, 5)] {
+            assert_eq!(thin.pixel(x, y), whole.pixel(3 * x + 1, 3 * y + 1));
+            let ray = |view: &View, x: u32, y: u32| view.camera.ray(x as f32 + 0.5, y as f32 + 0.5);
+            let (a, b) = (ray(&thin, x, y), ray(whole, 3 * x + 1, 3 * y + 1));
+            assert!((a.dir - b.dir).length() < 1e-6 && a.origin == b.origin);
+        }
+        let mut tiny = spec;
+        tiny.size = 2;
+        let dataset = demo_scene::dataset(&tiny).expect("a scene");
+        assert_eq!(thinned(&dataset.val[0]).size(), (2, 2));
+    }
+}

@@ -1,0 +1,113 @@
+//! In which order an encoding lists its values: from the orders in use to this project's.
+
+use nerf_core::encoding::Encoding;
+use serde::{Deserialize, Serialize};
+
+/// Where sines and cosines stand in an encoded input; `k` counts levels, `x y z` are the inputs.
+///
+/// A network that was trained with one order shows nothing with another: its columns are permuted.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, clap::ValueEnum)]
+#[serde(rename_all = "kebab-case")]
+pub enum Order {
+    /// Per level sin x y z, cos x y z: the original code, nerf-pytorch, and this project.
+    #[default]
+    Level,
+    /// Per level sin x, cos x, sin y, cos y, sin z, cos z.
+    Pairs,
+    /// Per input, per level sin, cos: tiny-cuda-nn.
+    Input,
+    /// All sines (per level x y z), then all cosines: JaxNeRF, mip-NeRF.
+    Halves,
+    /// All sines (per input, level by level), then all cosines: nerfstudio.
+    HalvesByInput,
+}
+
+/// Where the inputs themselves stand.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, clap::ValueEnum)]
+#[serde(rename_all = "kebab-case")]
+pub enum Identity {
+    /// In front.
+    First,
+    /// Behind the sines and cosines.
+    Last,
+    /// Nowhere.
+    None,
+}
+
+impl Order {
+    /// For each channel of `encoding`, in this project's order, the column where it is found in this one.
+    ///
+    /// ```
+    /// use nerf_core::encoding::{AngleScale, Encoding};
+    /// use nerf_train::import::{Identity, Order};
+    /// let encoding = Encoding { inputs: 2, levels: 1, scale: AngleScale::One, identity: true };
+    /// // x y, sin x, sin y, cos x, cos y out of: sin x, cos x, sin y, cos y, x y
+    /// assert_eq!(Order::Pairs.columns(&encoding, Identity::Last), [4, 5, 0, 2, 1, 3]);
+    /// ```
+    pub fn columns(self, encoding: &Encoding, identity: Identity) -> Vec<usize> {
+        let (inputs, levels) = (usize::from(encoding.inputs), usize::from(encoding.levels));
+        let (own, waves) = match identity {
+            Identity::First => (0..inputs, inputs),
+            Identity::Last => (2 * levels * inputs..(2 * levels + 1) * inputs, 0),
+            Identity::None => (0..0, 0),
+        };
+        let mut columns: Vec<usize> = own.collect();
+        for k in 0..levels {
+            for cosine in 0..2 {
+                columns.extend((0..inputs).map(|i| {
+                    waves
+                        + match self {
+                            Self::Level => (2 * k + cosine) * inputs + i,
+                            Self::Pairs => (k * inputs + i) * 2 + cosine,
+                            Self::Input => (i * levels + k) * 2 + cosine,
+                            Self::Halves => (cosine * levels + k) * inputs + i,
+                            Self::HalvesByInput => (cosine * inputs + i) * levels + k,
+                        }
+                }));
+            }
+        }
+        columns
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use clap::ValueEnum;
+    use nerf_core::encoding::AngleScale;
+
+    #[test]
+    fn every_order_is_a_permutation_and_level_is_our_own() {
+        for (inputs, levels) in [(3, 0), (3, 1), (3, 10), (2, 4)] {
+            for identity in [Identity::First, Identity::Last, Identity::None] {
+                let is = identity != Identity::None;
+                let encoding = Encoding { inputs, levels, scale: AngleScale::One, identity: is };
+                for &order in Order::value_variants() {
+                    let mut columns = order.columns(&encoding, identity);
+                    let own: Vec<usize> = (0..encoding.outputs()).collect();
+                    if (order, identity) != (Order::Level, Identity::Last) && order == Order::Level {
+                        assert_eq!(columns, own);
+                    }
+                    columns.sort_unstable();
+                    assert_eq!(columns, own, "{order:?}, {identity:?}");
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn orders_written_out_for_two_inputs_and_two_levels() {
+        // s0x: sin of x at level 0. Each list is what a trainer's encoding gives.
+        let ours = ["x", "y", "s0x", "s0y", "c0x", "c0y", "s1x", "s1y", "c1x", "c1y"];
+        let encoding = Encoding { inputs: 2, levels: 2, scale: AngleScale::Pi, identity: true };
+        for (order, theirs) in [
+            (Order::Pairs, ["x", "y", "s0x", "c0x", "s0y", "c0y", "s1x", "c1x", "s1y", "c1y"]),
+            (Order::Input, ["x", "y", "s0x", "c0x", "s1x", "c1x", "s0y", "c0y", "s1y", "c1y"]),
+            (Order::Halves, ["x", "y", "s0x", "s0y", "s1x", "s1y", "c0x", "c0y", "c1x", "c1y"]),
+            (Order::HalvesByInput, ["x", "y", "s0x", "s1x", "s0y", "s1y", "c0x", "c1x", "c0y", "c1y"]),
+        ] {
+            let found = order.columns(&encoding, Identity::First).into_iter().map(|column| theirs[column]);
+            assert_eq!(found.collect::<Vec<_>>(), ours, "{order:?}");
+        }
+    }
+}

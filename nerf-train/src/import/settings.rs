@@ -1,0 +1,155 @@
+//! What a checkpoint cannot say of itself.
+
+use super::error::ImportError;
+use super::order::{Identity, Order};
+use nerf_core::blob::{MAX_GRID_SIDE, MAX_SAMPLES, SceneFacts};
+use nerf_core::encoding::AngleScale;
+use nerf_core::ray::SceneBox;
+use serde::{Deserialize, Serialize};
+
+/// The factor `s` in `sin(2^k s x)`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, clap::ValueEnum)]
+pub enum AngleFactor {
+    /// 1: the original code, nerf-pytorch.
+    #[value(name = "1")]
+    #[serde(rename = "1")]
+    One,
+    /// π: the paper's formula.
+    #[value(name = "pi")]
+    #[serde(rename = "pi")]
+    Pi,
+}
+
+impl AngleFactor {
+    /// As an encoding has it.
+    pub fn scale(self) -> AngleScale {
+        match self {
+            Self::One => AngleScale::One,
+            Self::Pi => AngleScale::Pi,
+        }
+    }
+}
+
+/// From the density head's output to sigma.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, clap::ValueEnum)]
+#[serde(rename_all = "kebab-case")]
+pub enum RawDensity {
+    /// max(0, raw): the original code, nerf-pytorch.
+    Relu,
+    /// ln(1 + exp(raw)).
+    Softplus,
+    /// ln(1 + exp(raw − 1)): mip-NeRF.
+    ShiftedSoftplus,
+}
+
+/// What a checkpoint cannot say of itself.
+///
+/// The default is what nerf-pytorch does for the synthetic scenes, on black.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Settings {
+    /// The factor of the encodings.
+    pub angle: AngleFactor,
+    /// The order within the encodings.
+    pub order: Order,
+    /// Where the inputs stand in the encodings; in front if `None` and the widths say that they are there.
+    pub identity: Option<Identity>,
+    /// Levels of the position's encoding, to be checked against its width.
+    pub position_levels: Option<u8>,
+    /// Levels of the direction's encoding, to be checked against its width.
+    pub direction_levels: Option<u8>,
+    /// From the density head's output to sigma.
+    pub density: RawDensity,
+    /// What is behind the scene, display-encoded.
+    pub background: [f32; 3],
+    /// Where rays begin, world units along the ray.
+    pub near: f32,
+    /// Where rays end, world units along the ray.
+    pub far: f32,
+    /// The scene box as x0 y0 z0 x1 y1 z1, world units; outside of it density is 0.
+    pub scene_box: [f32; 6],
+    /// Samples a ray.
+    pub samples: u16,
+    /// Cells of a skip grid along the longest side of the box, where one is built.
+    pub grid_resolution: u16,
+    /// A cell of such a grid is kept where density times bin width exceeds this.
+    pub grid_threshold: f32,
+}
+
+impl Default for Settings {
+    fn default() -> Self {
+        Self {
+            angle: AngleFactor::One,
+            order: Order::Level,
+            identity: None,
+            position_levels: None,
+            direction_levels: None,
+            density: RawDensity::Relu,
+            background: [0.0; 3],
+            near: 2.0,
+            far: 6.0,
+            scene_box: [-1.5, -1.5, -1.5, 1.5, 1.5, 1.5],
+            // 64 and 128: where the fine network is asked along a ray.
+            samples: 192,
+            grid_resolution: 128,
+            grid_threshold: 0.01,
+        }
+    }
+}
+
+impl Settings {
+    /// Checks every setting; the blob's own rules are checked again when it is written.
+    ///
+    /// # Errors
+    /// [`ImportError::Setting`] names the flag.
+    pub fn check(&self) -> Result<(), ImportError> {
+        let fail =
+            |field, expected: String, found: String| Err(ImportError::Setting { field, expected, found });
+        let (near, far) = (self.near, self.far);
+        if !(near >= 0.0 && near < far && far.is_finite()) {
+            let found = format!("near {near}, far {far}");
+            return fail("near, far", "0 <= near < far, both finite".into(), found);
+        }
+        if SceneBox::new(self.min().into(), self.max().into()).is_err() {
+            let expected = "finite corners, the smaller first, on every axis".into();
+            return fail("box", expected, format!("{:?}", self.scene_box));
+        }
+        if !(1..=MAX_SAMPLES).contains(&self.samples) {
+            return fail("samples", format!("1 to {MAX_SAMPLES}"), self.samples.to_string());
+        }
+        if !self.background.iter().all(|channel| (0.0..=1.0).contains(channel)) {
+            return fail("background", "channels in [0, 1]".into(), format!("{:?}", self.background));
+        }
+        if !(1..=MAX_GRID_SIDE).contains(&self.grid_resolution) {
+            let found = self.grid_resolution.to_string();
+            return fail("grid_resolution", format!("1 to {MAX_GRID_SIDE}"), found);
+        }
+        let threshold = self.grid_threshold;
+        if !(threshold.is_finite() && threshold >= 0.0) {
+            return fail("grid_threshold", "a finite number of at least 0".into(), threshold.to_string());
+        }
+        Ok(())
+    }
+
+    /// Smallest corner of the scene box.
+    pub fn min(&self) -> [f32; 3] {
+        let [x, y, z, ..] = self.scene_box;
+        [x, y, z]
+    }
+
+    /// Largest corner of the scene box.
+    pub fn max(&self) -> [f32; 3] {
+        let [.., x, y, z] = self.scene_box;
+        [x, y, z]
+    }
+
+    /// sigma that keeps a cell of a built grid, 1/world unit.
+    pub fn sigma_threshold(&self) -> f32 {
+        self.grid_threshold * f32::from(self.samples) / (self.far - self.near)
+    }
+
+    /// What the blob says of the scene.
+    pub fn facts(&self, grid_required: bool) -> SceneFacts {
+        let Self { near, far, samples, background, .. } = *self;
+        SceneFacts { min: self.min(), max: self.max(), near, far, samples, background, grid_required }
+    }
+}
