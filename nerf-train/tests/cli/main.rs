@@ -1,8 +1,11 @@
 //! The command line from end to end, on scenes of 24×24 pixels.
 
+#[path = "../laws/import/made.rs"]
+mod checkpoint;
 mod completions;
 mod faults;
 mod fields;
+mod import;
 mod json;
 mod made;
 mod picture;

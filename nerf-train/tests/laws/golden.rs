@@ -4,7 +4,7 @@ use nerf_core::volume::composite;
 use std::path::{Path, PathBuf};
 
 /// The data folder: `$NERF_DATA`, or `../shared/data` beside the workspace.
-fn data() -> PathBuf {
+pub fn data() -> PathBuf {
     let beside = || Path::new(env!("CARGO_MANIFEST_DIR")).join("../../shared/data");
     std::env::var_os("NERF_DATA").map_or_else(beside, PathBuf::from)
 }

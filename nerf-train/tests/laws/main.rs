@@ -2,6 +2,7 @@
 
 mod choice;
 mod golden;
+mod import;
 mod parity_dfdx;
 mod quality;
 mod training;

@@ -85,21 +85,25 @@ impl Import {
         let parameters = network.folded();
         let given = self.grid.as_deref().map(|file| grid::read(file, &settings)).transpose()?;
         let data = self.data(&guesses, &settings, global)?;
-        let ask = Ask { tier, architecture: &network.model.architecture, parameters: &parameters, seed: 0 };
-        let (cells, source) = match given {
+        let mut work = Work {
+            network: &network,
+            parameters: &parameters,
+            settings: &settings,
+            cells: None,
+            file: &self.checkpoint,
+        };
+        // What the format refuses is found out before the work.
+        work.export(&About::default())?;
+        let source;
+        (work.cells, source) = match given {
             Some(cells) => (Some(cells), GridSource::Given),
             None if self.no_grid => (None, GridSource::None),
             None => {
                 global.say("asking the network which cells of the scene box hold something");
+                let architecture = &network.model.architecture;
+                let ask = Ask { tier, architecture, parameters: &parameters, seed: 0 };
                 (grid::build(&settings, &ask), GridSource::Built)
             }
-        };
-        let work = Work {
-            network: &network,
-            parameters: &parameters,
-            settings: &settings,
-            cells,
-            file: &self.checkpoint,
         };
         let draft = work.export(&About::default())?;
         let check = data.as_ref().map(|data| work.check(&draft.bytes, tier, data, global)).transpose()?;

@@ -1,0 +1,173 @@
+//! `import`: networks from elsewhere through the command line.
+
+use crate::checkpoint::{Checkpoint, Shape, npy};
+use crate::{blob, fails, ok, ran};
+use nerf_core::blob::Blob;
+use nerf_core::network::{Role, unpack};
+use std::path::Path;
+
+/// The fitted blob's network in nerf-pytorch's names, with a feature layer that changes nothing.
+fn checkpoint_of(blob: &Blob<'_>) -> Checkpoint {
+    let mut parameters = vec![0.0; blob.architecture().parameters()];
+    unpack(blob.weights(), &mut parameters);
+    let mut made = Checkpoint::default();
+    let mut put = |name: &str, outputs: usize, weight: Vec<f64>, bias: Vec<f64>| {
+        made.0.insert(format!("{name}.weight"), (vec![outputs, weight.len() / outputs], weight));
+        made.0.insert(format!("{name}.bias"), (vec![outputs], bias));
+    };
+    let width = blob.architecture().trunk_width();
+    let identity = (0..width * width).map(|i| if i % (width + 1) == 0 { 1.0 } else { 0.0 });
+    put("feature_linear", width, identity.collect(), vec![0.0; width]);
+    for layer in blob.layers() {
+        let values = |from: usize, count: usize| parameters[from..][..count].iter().map(|&v| f64::from(v));
+        let name = match layer.role {
+            Role::Trunk(i) => format!("pts_linears.{i}"),
+            Role::Density => "alpha_linear".into(),
+            Role::Colour(i) => format!("views_linears.{i}"),
+            Role::Rgb => "rgb_linear".into(),
+        };
+        let weight = values(layer.weights, layer.macs()).collect();
+        put(&name, layer.outputs, weight, values(layer.bias, layer.outputs).collect());
+    }
+    made
+}
+
+#[test]
+fn a_network_that_goes_out_and_comes_back_is_the_same() {
+    let (folder, file) = blob();
+    let data = folder.path("scene.npz");
+    let bytes = std::fs::read(file).expect("a blob");
+    let fitted = Blob::open(&bytes).expect("a blob");
+    let scene = fitted.scene().expect("a scene");
+    let path = folder.path("out.npz");
+    checkpoint_of(&fitted).prefixed("module.").npz(Path::new(&path), "<f4");
+    let grid = fitted.grid().expect("a grid");
+    let sides = grid.resolution().map(usize::from);
+    let cells: Vec<f64> = (0..sides.iter().product()).map(|i| f64::from(u8::from(grid.bit(i)))).collect();
+    let grid_file = folder.file("out_grid.npy", npy("|b1", &sides, &cells));
+    let comma = |values: &[f32]| values.iter().map(f32::to_string).collect::<Vec<_>>().join(",");
+    let toml = format!(
+        "angle_scale = \"pi\"\nsamples = {}\nnear = {}\nfar = {}\nbox = [{}, {}]\nposition_levels = 4\n",
+        scene.samples,
+        scene.near,
+        scene.far,
+        comma(&scene.min),
+        comma(&scene.max)
+    );
+    let config = folder.file("out.toml", toml);
+    let back = folder.path("back.nerf");
+    let args = ["import", &path, "-o", &back, "--config", &config, "--grid", &grid_file];
+    let text = ok(args);
+    for word in ["Feature: 16 → 16, folded away", "module.", "s = pi", "part of the model", "wrote"] {
+        assert!(text.contains(word), "expected `{word}` in: {text}");
+    }
+    let bytes = std::fs::read(&back).expect("a blob");
+    let imported = Blob::open(&bytes).expect("a blob");
+    assert_eq!(imported.weights(), fitted.weights());
+    assert_eq!(imported.architecture(), fitted.architecture());
+    assert!(imported.scene().expect("a scene").grid_required);
+    assert!(imported.provenance().made_by.contains("imported from out.npz"));
+    for (cell, live) in cells.iter().enumerate() {
+        assert_eq!(imported.grid().expect("a grid").bit(cell), *live == 1.0);
+    }
+    // Said otherwise, it is not.
+    let text = ok(args.into_iter().chain(["--grid-optional", "--samples", "8"]));
+    assert!(text.contains("only skips what is empty") && text.contains("8 samples a ray"), "{text}");
+
+    // Checked on every third pixel, over what is behind the scene.
+    let output = ok(args.into_iter().chain(["--check", &data, "--json", "--quiet"]));
+    let object: serde_json::Value = serde_json::from_str(&output).expect("an object");
+    let psnr = object["check_psnr_db"].as_f64().expect("a number");
+    let whole = ok(["eval", &back, &data, "--json", "--quiet"]);
+    let whole: serde_json::Value = serde_json::from_str(&whole).expect("an object");
+    let expected = whole["val_psnr_db"].as_f64().expect("a number");
+    assert!((psnr - expected).abs() < 1.5, "{psnr}, {expected}");
+    assert_eq!(object["check_views"].as_u64(), Some(2));
+    assert!(object["quantisation_loss_db"].as_f64().is_some_and(|db| db.abs() < 0.01), "{object}");
+    assert!(object["grid_gain_db"].is_number() && object["suspicious"].is_boolean());
+    assert_eq!(
+        object["trained_parameters"].as_u64().expect("n"),
+        imported.architecture().parameters() as u64 + 272
+    );
+    let described = ok(["inspect", &back]);
+    assert!(described.contains("mean over 2 views, every third pixel"), "{described}");
+    let one = ok(args.into_iter().chain(["--check", &data, "--view", "1"]));
+    assert!(one.contains("mean over 1 views"), "{one}");
+}
+
+#[test]
+fn what_shows_no_scene_is_said_to() {
+    let (folder, _) = blob();
+    let data = folder.path("scene.npz");
+    // Opaque and white all over.
+    let mut white = Shape::small().checkpoint(1);
+    white.0.get_mut("alpha_linear.bias").expect("a tensor").1[0] = 1000.0;
+    white.0.get_mut("rgb_linear.bias").expect("a tensor").1.fill(1000.0);
+    let path = folder.path("white.safetensors");
+    white.safetensors(Path::new(&path), safetensors::Dtype::F32);
+    let output = folder.path("white.nerf");
+    let mut command =
+        crate::command(["import", &path, "-o", &output, "--check", &data, "--grid-resolution", "8"]);
+    let ran = ran(&mut command);
+    assert_eq!(ran.code, Some(0), "{}", ran.err);
+    for word in ["warning", "no picture of the scene", "--angle-scale", "--axes", "--order", "--background"] {
+        assert!(ran.err.contains(word), "expected `{word}` in: {}", ran.err);
+    }
+    for word in
+        ["with --angle-scale pi", "with --order pairs", "with --axes opengl", "with --background white"]
+    {
+        assert!(ran.out.contains(word), "expected `{word}` in: {}", ran.out);
+    }
+    assert!(Path::new(&output).exists());
+    // Nothing anywhere: no grid, and that is said.
+    let mut empty = Shape::small().checkpoint(1);
+    empty.0.get_mut("alpha_linear.bias").expect("a tensor").1[0] = -1000.0;
+    let path = folder.path("empty.safetensors");
+    empty.safetensors(Path::new(&path), safetensors::Dtype::F32);
+    let mut command = crate::command(["import", &path, "-o", &output, "--grid-resolution", "8", "--quiet"]);
+    let ran = crate::ran(&mut command);
+    assert!(ran.code == Some(0) && ran.err.contains("nowhere above the threshold"), "{}", ran.err);
+    assert!(ran.out.contains("empty everywhere"), "{}", ran.out);
+}
+
+#[test]
+fn wrong_arguments_and_files_leave_nothing_behind() {
+    let (folder, file) = blob();
+    let (data, output) = (folder.path("scene.npz"), folder.path("refused.nerf"));
+    let path = folder.path("small.npz");
+    Shape::small().checkpoint(2).npz(Path::new(&path), "<f4");
+    let bad = folder.file("bad.toml", "near = 1\nfarr = 2\n");
+    let grid = folder.file("flat.npy", npy("|b1", &[2, 2], &[1.0; 4]));
+    for (args, words) in [
+        (&["nowhere.npz"][..], &["nowhere.npz", "no such file"][..]),
+        (&[file], &["scene.nerf", ".npz or .safetensors"]),
+        (&[&data], &["scene.npz", "pts_linears.0.weight"]),
+        (&[&path, "--prefix", "other."], &["small.npz", "pts_linears"]),
+        (&[&path, "--position-levels", "10"], &["small.npz", "pts_linears.0.weight", "63 (10 levels)"]),
+        (&[&path, "--near", "5", "--far", "4"], &["near, far", "near 5, far 4"]),
+        (&[&path, "--box", "0,0,0,0,1,1"], &["box"]),
+        (&[&path, "--box", "0,0,1"], &["--box", "6 numbers"]),
+        (&[&path, "--samples", "5000"], &["samples", "4096", "5000"]),
+        (&[&path, "--angle-scale", "2"], &["--angle-scale", "2"]),
+        (&[&path, "--order", "mine"], &["--order", "halves-by-input"]),
+        (&[&path, "--background", "beige"], &["--background", "beige"]),
+        (&[&path, "--config", &bad], &["bad.toml", "farr"]),
+        (&[&path, "--config", "nowhere.toml"], &["nowhere.toml"]),
+        (&[&path, "--grid", &grid], &["flat.npy", "[x, y, z]", "[2, 2]"]),
+        (&[&path, "--grid", &grid, "--no-grid"], &["--grid", "--no-grid"]),
+        (&[&path, "--grid-optional"], &["--grid"]),
+        (&[&path, "--view", "1"], &["--check"]),
+        (&[&path, "--check", &data, "--view", "9"], &["--view", "0 to 1", "9"]),
+        (&[&path, "--check", "nowhere"], &["nowhere"]),
+        (&[&path, "--box", "-1e5,-1,-1,1e5,1,1"], &["scene box"]),
+    ] {
+        fails([&["import", "-o", &output], args].concat(), words);
+        assert!(!Path::new(&output).exists(), "{args:?}");
+    }
+    let mut wide = Shape::small().checkpoint(2);
+    wide.0.get_mut("pts_linears.0.bias").expect("a tensor").1[3] = 70_000.0;
+    wide.npz(Path::new(&path), "<f4");
+    fails(["import", &path, "-o", &output], &["Trunk(0)", "65504", "70000"]);
+    fails(["import", &path, "-o", &folder.path("")], &["folder"]);
+    assert!(!Path::new(&output).exists());
+}
