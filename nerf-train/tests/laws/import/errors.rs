@@ -79,11 +79,10 @@ fn wrong_shapes_are_named_with_what_was_expected() {
         ("pts_linears.2.weight", &[10, 8, 1], "[width, 8]"),
         ("pts_linears.2.bias", &[9], "[10]"),
         ("pts_linears.2.bias", &[10, 1], "[10]"),
-        ("alpha_linear.weight", &[2, 10], "[1, 10]"),
-        ("feature_linear.weight", &[9, 10], "[10, 10]"),
         ("views_linears.0.weight", &[6, 9], "[width, 10 + encoded direction]"),
         ("views_linears.0.weight", &[6, 15], "6 for each level"),
-        ("rgb_linear.weight", &[4, 6], "[3, 6]"),
+        ("alpha_linear.weight", &[1, 11], "[1, 10]"),
+        ("feature_linear.weight", &[10, 9], "[10, 10]"),
         ("rgb_linear.weight", &[3, 7], "[3, 6]"),
     ] {
         assert_refused(set(name, shape), &wide(), &[expected]);

@@ -57,7 +57,11 @@ impl Shape {
                 weight[row..].iter_mut().for_each(|weight| *weight = weight.abs());
             }
             made.0.insert(format!("{name}.weight"), (vec![outputs, inputs], weight));
-            made.0.insert(format!("{name}.bias"), (vec![outputs], (0..outputs).map(|_| next()).collect()));
+            let mut bias: Vec<f64> = (0..outputs).map(|_| next()).collect();
+            if name == "alpha_linear" || name == "output_linear" {
+                bias[outputs - 1] = bias[outputs - 1].abs();
+            }
+            made.0.insert(format!("{name}.bias"), (vec![outputs], bias));
         };
         let mut inputs = self.position;
         for (i, &width) in self.trunk.iter().enumerate() {
