@@ -12,7 +12,7 @@ fn error_of(file: &Path, settings: &Settings) -> ImportError {
         Ok(tensors) => tensors,
         Err(error) => return error,
     };
-    network(&tensors, settings).err().expect("an error")
+    network(&tensors, settings).expect_err("an error")
 }
 
 fn assert_says(error: &ImportError, words: &[&str]) {
