@@ -157,7 +157,6 @@ type Points = Vec<(f64, f64)>;
 
 /// A curve for each combination of the other settings that has more than one point.
 fn curves(records: &[Record], knob: usize, x: impl Fn(&Record) -> f64) -> Vec<Series> {
-    type Points = Vec<(f64, f64)>;
     let others: Vec<usize> = varied(records).into_iter().filter(|&other| other != knob).collect();
     let mut curves: Vec<(Vec<f64>, Points)> = Vec::new();
     for (record, db) in drawn(records) {
