@@ -91,6 +91,12 @@ impl Global {
         progress::say(self.style(), line.as_ref());
     }
 
+    /// Says what a training runs on.
+    pub fn say_training(&self, seed: u64) {
+        let (cpu, kernel, threads) = (cpu_name(), self.tier().name(), rayon::current_num_threads());
+        self.say(format!("training on {cpu} ({kernel}, {threads} threads), seed {seed}"));
+    }
+
     /// Prints the result, once and last: `summary` as JSON where asked for, else what `human` prints.
     ///
     /// With `--json` nothing else goes to stdout, so a command prints results nowhere but here.
@@ -360,6 +366,16 @@ pub fn background_name(background: [f32; 3]) -> String {
         [1.0, 1.0, 1.0] => "white".into(),
         [1.0, 0.0, 0.0] => "red".into(),
         _ => background.map(|c| (c * 255.0).round().to_string()).join(","),
+    }
+}
+
+/// Refuses a limit in seconds that is none.
+pub fn check_max_seconds(seconds: Option<f64>) -> anyhow::Result<()> {
+    match seconds {
+        Some(seconds) if !(seconds.is_finite() && seconds > 0.0) => {
+            bail!("--max-seconds: expected a number above 0, found {seconds}")
+        }
+        _ => Ok(()),
     }
 }
 

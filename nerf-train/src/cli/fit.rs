@@ -1,6 +1,8 @@
 //! `nerf-train fit`
 
-use super::common::{DataOptions, Global, cpu_name, parse_numbers, print_report, report_folder, tell};
+use super::common::{
+    DataOptions, Global, check_max_seconds, parse_numbers, print_report, report_folder, tell,
+};
 use super::outcome;
 use crate::config::{Config, Density, Jitter, Preset};
 use crate::dataset::Background;
@@ -232,11 +234,7 @@ impl Fit {
         let clock = Clock::resume(Duration::ZERO);
         // Wrong settings are found before the data is read, and once more with what it says.
         self.config(true)?;
-        if let Some(seconds) = self.max_seconds
-            && !(seconds.is_finite() && seconds > 0.0)
-        {
-            anyhow::bail!("--max-seconds: expected a number above 0, found {seconds}");
-        }
+        check_max_seconds(self.max_seconds)?;
 
         // Whatever cannot be written is found out before the work, not after it.
         let checkpoint = checkpoint_path(&self.output);
@@ -259,13 +257,7 @@ impl Fit {
             tier: global.tier(),
             style: global.style(),
         };
-        global.say(format!(
-            "training on {} ({}, {} threads), seed {}",
-            cpu_name(),
-            options.tier.name(),
-            rayon::current_num_threads(),
-            config.seed
-        ));
+        global.say_training(config.seed);
         let stop = super::common::interruption()?;
         let stop = |_| stop.load(Ordering::Relaxed);
         let outcome = match run_since(clock, &dataset, config.clone(), &options, &stop)? {

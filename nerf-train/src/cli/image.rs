@@ -1,7 +1,8 @@
 //! `nerf-train image`
 
 use super::common::{
-    Global, cpu_name, interruption, open_blob, parse_background, parse_math, read_file, report_folder,
+    Global, check_max_seconds, cpu_name, interruption, open_blob, parse_background, parse_math, read_file,
+    report_folder,
 };
 use crate::frame;
 use crate::image_field::{Ended, FieldConfig, FieldPreset, Look, Outcome, Photo, RunOptions, run};
@@ -174,11 +175,7 @@ impl Fit {
         let clock = Clock::resume(Duration::ZERO);
         let config = self.config();
         config.check()?;
-        if let Some(seconds) = self.max_seconds
-            && !(seconds.is_finite() && seconds > 0.0)
-        {
-            bail!("--max-seconds: expected a number above 0, found {seconds}");
-        }
+        check_max_seconds(self.max_seconds)?;
         ensure_file(&self.output)?;
         report_folder(self.report.as_ref())?;
         let snapshots = match &self.report {
@@ -199,13 +196,7 @@ impl Fit {
             tier: global.tier(),
             style: global.style(),
         };
-        global.say(format!(
-            "training on {} ({}, {} threads), seed {}",
-            cpu_name(),
-            options.tier.name(),
-            rayon::current_num_threads(),
-            config.seed
-        ));
+        global.say_training(config.seed);
         let stop = interruption()?;
         let mut kept: Vec<(u32, f64, Picture)> = Vec::new();
         let mut written = Ok(());

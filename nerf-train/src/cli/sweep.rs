@@ -1,6 +1,6 @@
 //! `nerf-train sweep`
 
-use super::common::{DataOptions, Global, cpu_name, interruption, print_report, tell};
+use super::common::{DataOptions, Global, check_max_seconds, cpu_name, interruption, print_report, tell};
 use super::fit::read_config;
 use super::image::{PhotoOptions, Settings};
 use crate::config::Preset;
@@ -216,11 +216,7 @@ pub struct SceneSweep {
 
 impl SceneSweep {
     fn run(&self, global: &Global) -> anyhow::Result<ExitCode> {
-        if let Some(seconds) = self.max_seconds
-            && !(seconds.is_finite() && seconds > 0.0)
-        {
-            bail!("--max-seconds: expected a number above 0, found {seconds}");
-        }
+        check_max_seconds(self.max_seconds)?;
         let dataset = self.data_options.read(&self.data, global)?;
         print_report(&dataset, global);
         if dataset.val.is_empty() {

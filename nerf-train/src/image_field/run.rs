@@ -7,10 +7,10 @@ use crate::export::{Contents, ExportError, Exported, export};
 use crate::frame;
 use crate::report::metrics::{psnr_db, psnr_db_of_mse};
 use crate::report::picture::Picture;
-use crate::report::progress::{Message, Progress, ProgressStyle, Total};
+use crate::report::progress::{Message, Progress, ProgressStyle};
 use crate::train::CurvePoint;
 use crate::train::average::Average;
-use crate::train::schedule::{Budget, Clock, duration, learning_rate};
+use crate::train::schedule::{Budget, Clock, learning_rate};
 use nerf_core::blob::{Blob, BlobError, Content, PictureFacts, Provenance};
 use nerf_core::kernels::{Line, Tier};
 use nerf_core::math::MathBackend;
@@ -80,7 +80,7 @@ impl<'p> FieldTrainer<'p> {
         let loss = self.engine.step(&self.batch, rate)?;
         self.mse = if self.step == 0 { loss.mse } else { 0.95 * self.mse + 0.05 * loss.mse };
         self.step += 1;
-        self.average.update(&self.engine.parameters());
+        self.average.update(|| self.engine.parameters());
         Ok(())
     }
 
@@ -232,13 +232,7 @@ pub fn run(
 ) -> Result<Outcome, FieldError> {
     let mut trainer = FieldTrainer::new(photo, config, options.tier)?;
     let budget = options.budget;
-    let total = match (budget.steps, budget.seconds) {
-        (Some(steps), Some(seconds)) => Total::StepsOrTime(u64::from(steps), duration(seconds)),
-        (Some(steps), None) => Total::Steps(u64::from(steps)),
-        (None, Some(seconds)) => Total::Time(duration(seconds)),
-        (None, None) => Total::Unknown,
-    };
-    let mut progress = Progress::new("fit", total, options.style);
+    let mut progress = Progress::new("fit", budget.total(), options.style);
     let mut curve: Vec<CurvePoint> = Vec::new();
     let (mut last_look, mut reserve, mut whole) = (0.0, 0.0, None);
     let started = clock.seconds();

@@ -20,10 +20,13 @@ impl Average {
         self.values.fill(0.0);
     }
 
-    /// Takes a step's parameters in.
-    pub fn update(&mut self, parameters: &[f32]) {
+    /// Takes a step's parameters in; they are not asked for where no average is kept.
+    pub fn update(&mut self, parameters: impl FnOnce() -> Vec<f32>) {
+        if self.values.is_empty() {
+            return;
+        }
         let decay = self.decay as f32;
-        for (average, parameter) in self.values.iter_mut().zip(parameters) {
+        for (average, parameter) in self.values.iter_mut().zip(parameters()) {
             *average = decay * *average + (1.0 - decay) * parameter;
         }
     }

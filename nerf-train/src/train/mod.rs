@@ -249,7 +249,7 @@ impl<'d> Trainer<'d> {
         if p.dead_steps >= DEAD_STEPS {
             return self.reseed();
         }
-        self.average.update(&self.engine.parameters());
+        self.average.update(|| self.engine.parameters());
         self.refresh_grid();
         Ok(())
     }

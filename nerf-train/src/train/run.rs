@@ -11,7 +11,7 @@ use crate::dataset::{Dataset, View};
 use crate::eval::EvalError;
 use crate::output::{OutputError, ensure_folder};
 use crate::report::error::ReportError;
-use crate::report::progress::{Message, Progress, ProgressStyle, Total};
+use crate::report::progress::{Message, Progress, ProgressStyle};
 use nerf_core::kernels::Tier;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
@@ -190,14 +190,8 @@ impl Session<'_, '_> {
 
     fn progress(&self) -> Progress {
         let budget = self.options.budget;
-        let total = match (budget.steps, budget.seconds) {
-            (Some(steps), Some(seconds)) => Total::StepsOrTime(u64::from(steps), duration(seconds)),
-            (Some(steps), None) => Total::Steps(u64::from(steps)),
-            (None, Some(seconds)) => Total::Time(duration(seconds)),
-            (None, None) => Total::Unknown,
-        };
-        let progress =
-            Progress::new("train", total, self.options.style).resume_at(u64::from(self.started.step));
+        let progress = Progress::new("train", budget.total(), self.options.style)
+            .resume_at(u64::from(self.started.step));
         let b = self.trainer.bounds().scene_box;
         progress.println(format!(
             "scene box {} .. {}; {:.1} % of its cells may hold something; {} pixels to draw from",

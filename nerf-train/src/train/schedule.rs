@@ -1,6 +1,7 @@
 //! When to stop, and how fast to learn until then.
 
 use crate::config::OptimiserConfig;
+use crate::report::progress::Total;
 use serde::{Deserialize, Serialize};
 use std::time::{Duration, Instant};
 
@@ -39,6 +40,16 @@ impl Clock {
 }
 
 impl Budget {
+    /// The same, for the display of progress.
+    pub fn total(&self) -> Total {
+        match (self.steps, self.seconds) {
+            (Some(steps), Some(seconds)) => Total::StepsOrTime(u64::from(steps), duration(seconds)),
+            (Some(steps), None) => Total::Steps(u64::from(steps)),
+            (None, Some(seconds)) => Total::Time(duration(seconds)),
+            (None, None) => Total::Unknown,
+        }
+    }
+
     /// Share of the budget that is used, `0..=1`; `reserve` seconds at the end belong to others.
     pub fn share(&self, step: u32, seconds: f64, reserve: f64) -> f64 {
         let of_steps = self.steps.map_or(0.0, |steps| f64::from(step) / f64::from(steps));
