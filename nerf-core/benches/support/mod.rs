@@ -42,10 +42,14 @@ impl Table {
         Self { filters, smoke: arguments.iter().any(|word| word == "--smoke"), peaks: Vec::new() }
     }
 
+    /// Whether the arguments ask for the line of that name.
+    pub fn wants(&self, name: &str) -> bool {
+        self.filters.is_empty() || self.filters.iter().any(|word| name.contains(word))
+    }
+
     /// Measures `work`, `flop` operations a call, against the peak of `tier` on `threads` threads.
     pub fn line(&mut self, name: &str, tier: Tier, threads: usize, flop: f64, mut work: impl FnMut()) {
-        let wanted = self.filters.is_empty() || self.filters.iter().any(|word| name.contains(word));
-        if !wanted || !tier.available() {
+        if !self.wants(name) || !tier.available() {
             return;
         }
         let mut time = |calls: u32| {

@@ -6,6 +6,7 @@ use super::common::{
 };
 use crate::dataset::View;
 use crate::eval::{ViewScore, evaluate};
+use crate::report::metrics::psnr_db;
 use crate::report::progress::{Message, Progress, Total};
 use crate::report::summary::Summary;
 use crate::report::table::Table;
@@ -66,6 +67,10 @@ pub struct Eval {
     /// Take every N-th view of the split only.
     #[arg(long, value_name = "N", default_value_t = 1)]
     every: usize,
+    /// Print the PSNR over every N-th pixel of every N-th row too, from the first: many a published figure is
+    /// of such a lattice, and differs from that of all pixels.
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(2..))]
+    lattice: Option<u32>,
     /// What is behind the scene: black, white, red, #RRGGBB or R,G,B (0 to 255) [default: the blob's own].
     #[arg(long, value_name = "COLOUR", value_parser = parse_background)]
     background: Option<[f32; 3]>,
@@ -114,8 +119,13 @@ impl Eval {
         let mut progress = Progress::new("eval", Total::Steps(views.len() as u64), global.style());
         let mut table = Table::new(["view", "psnr_db", "ssim"]);
         let (mut done, mut written) = (0, Ok(()));
-        let scores = evaluate(&renderer, &plan, background, views, |view, frame, _, score| {
+        let mut lattice_db = Vec::new();
+        let scores = evaluate(&renderer, &plan, background, views, |view, frame, truth, score| {
             done += 1;
+            if let Some(step) = self.lattice {
+                let on = |picture| lattice(picture, frame.width as usize, step as usize);
+                lattice_db.push(psnr_db(&on(&frame.rgb), &on(truth)));
+            }
             progress.update(done, &Message::default());
             table.push([score.view.clone(), format!("{:.3}", score.psnr_db), format!("{:.4}", score.ssim)]);
             if let (Some(folder), Ok(())) = (&self.report, &written) {
@@ -150,6 +160,11 @@ impl Eval {
             .integer("threads", rayon::current_num_threads() as u64)
             .text("cpu", cpu_name())
             .sections("view_scores", scores.views.iter().map(of_view).collect());
+        let lattice_db =
+            (!lattice_db.is_empty()).then(|| lattice_db.iter().sum::<f64>() / lattice_db.len() as f64);
+        if let Some(mean) = lattice_db {
+            summary.number("lattice_psnr_db", mean);
+        }
         if let Some(folder) = &self.report {
             table.write_csv(folder.join("views.csv"))?;
             summary.write(folder)?;
@@ -157,6 +172,9 @@ impl Eval {
         global.finish(&summary, || {
             outln!("{}", table.to_text());
             outln!("mean over {done} views on {name}: {psnr:.3} dB PSNR, {ssim:.4} SSIM");
+            if let (Some(step), Some(mean)) = (self.lattice, lattice_db) {
+                outln!("over every pixel number 0, {step}, {}, … of such rows: {mean:.3} dB PSNR", 2 * step);
+            }
             outln!("{seconds:.3} s; a ray: {density:.2} density and {colour:.2} colour evaluations");
             if c.invalid_samples > 0 {
                 outln!("{} samples were NaN and counted as empty", c.invalid_samples);
@@ -165,6 +183,12 @@ impl Eval {
         })?;
         Ok(ExitCode::SUCCESS)
     }
+}
+
+/// The pixels whose column and row are multiples of `step`.
+fn lattice(picture: &[[f32; 3]], width: usize, step: usize) -> Vec<[f32; 3]> {
+    let rows = picture.chunks_exact(width).step_by(step);
+    rows.flat_map(|row| row.iter().step_by(step)).copied().collect()
 }
 
 /// One view's figures, as a section of the summary.
