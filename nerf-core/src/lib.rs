@@ -104,6 +104,8 @@
 //!         grid_required: false,
 //!     }),
 //!     grid: None,
+//!     front: Default::default(),
+//!     proposal: None,
 //!     provenance: Provenance {
 //!         data: "fog",
 //!         made_by: "the crate's documentation",
@@ -176,6 +178,6 @@ pub use camera::{Camera, Intrinsics, Pose};
 pub use kernels::{Line, Tier};
 pub use lens::Lens;
 pub use math::MathBackend;
-pub use plan::{Batch, Outputs, Plan, Quality};
+pub use plan::{Batch, Choice, Outputs, Plan, Preset, Quality};
 pub use render::{Counters, Rect, Renderer, Target};
 pub use volume::Pixel;

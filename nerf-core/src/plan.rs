@@ -6,8 +6,12 @@ use crate::math::MathBackend;
 use crate::ray::{BoundsError, Ray, SceneBox};
 use crate::sampling::{Bins, SkipGrid};
 
+mod quality;
+
 #[cfg(test)]
 mod tests;
+
+pub use quality::{Choice, Preset, Quality};
 
 /// What a pixel is asked for; what is off is not computed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -27,54 +31,6 @@ impl Outputs {
     pub const ALL: Self = Self { rgb: true, opacity: true, ray_distance: true, z_depth: true };
     /// Colour and opacity.
     pub const RGB: Self = Self { rgb: true, opacity: true, ray_distance: false, z_depth: false };
-}
-
-/// The shortcuts of a frame; each costs accuracy and saves time.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Quality {
-    /// Samples per ray, between near and far; 0 for what the scene was made for.
-    pub samples: u16,
-    /// A ray ends where its transmittance falls below this; 0 never ends one.
-    pub transmittance_cut: f32,
-    /// A sample's colour is asked for where the weight that waits for one exceeds this: its own, and that
-    /// of the samples in front of it that were too light. 0 asks for every colour with a weight.
-    ///
-    /// Opacity and distances never depend on it.
-    pub colour_cut: f32,
-    /// Whether cells that the skip grid calls empty are skipped.
-    pub skip_grid: bool,
-    /// Who computes the elementary functions.
-    pub math: MathBackend,
-}
-
-impl Quality {
-    /// The default transmittance cut: on the 8×256 network of the seed 0.0005 dB against no cut, and less
-    /// than half the evaluations (`docs/architecture.md`).
-    pub const TRANSMITTANCE_CUT: f32 = 1e-2;
-    /// The default colour cut: no loss that four decimals of a dB show, beside the transmittance cut.
-    pub const COLOUR_CUT: f32 = 1e-3;
-
-    /// No shortcut: every sample inside the scene box.
-    pub const EXACT: Self = Self {
-        samples: 0,
-        transmittance_cut: 0.0,
-        colour_cut: 0.0,
-        skip_grid: false,
-        math: MathBackend::Polynomial,
-    };
-}
-
-impl Default for Quality {
-    /// The shortcuts that cost nothing visible: the skip grid, the cuts at the values of
-    /// [`Quality::TRANSMITTANCE_CUT`] and [`Quality::COLOUR_CUT`].
-    fn default() -> Self {
-        Self {
-            transmittance_cut: Self::TRANSMITTANCE_CUT,
-            colour_cut: Self::COLOUR_CUT,
-            skip_grid: true,
-            ..Self::EXACT
-        }
-    }
 }
 
 /// How much goes through the renderer at once; never changes a picture, only memory and time.

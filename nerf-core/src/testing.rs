@@ -2,7 +2,7 @@
 
 extern crate std;
 
-use crate::blob::{self, Body, Content, Grid, PictureFacts, Provenance, SceneFacts};
+use crate::blob::{self, Body, Content, Front, Grid, PictureFacts, Provenance, SceneFacts};
 use crate::encoding::{AngleScale, Encoding};
 use crate::kernels::Tier;
 use crate::network::{Architecture, DensityActivation, TrunkLayer};
@@ -96,7 +96,15 @@ pub const PROVENANCE: Provenance<'static> = Provenance {
 
 /// A body of the tests' scene.
 pub fn body<'a>(architecture: Architecture, grid: Option<Grid<'a>>, weights: &'a [u8]) -> Body<'a> {
-    Body { architecture, content: Content::Scene(SCENE), grid, provenance: PROVENANCE, weights }
+    Body {
+        architecture,
+        content: Content::Scene(SCENE),
+        grid,
+        front: Front::new(),
+        proposal: None,
+        provenance: PROVENANCE,
+        weights,
+    }
 }
 
 /// A body of the tests' picture.

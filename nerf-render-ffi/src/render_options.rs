@@ -109,6 +109,7 @@ impl Settings {
                 colour_cut: o.colour_cut,
                 skip_grid: !flag("options.ignore_grid", o.ignore_grid)?,
                 math: backend(o.maths)?,
+                ..Quality::EXACT
             },
             background: flag("options.background_set", o.background_set)?.then_some(o.background),
             batch: Batch {

@@ -71,6 +71,8 @@ pub fn export(contents: &Contents<'_>) -> Result<Exported, ExportError> {
         architecture: contents.architecture.clone(),
         content: contents.content.clone(),
         grid: contents.grid.map(|(resolution, bits)| Grid { resolution, bits }),
+        front: Default::default(),
+        proposal: None,
         provenance: contents.provenance.clone(),
         weights: &weights,
     };

@@ -1,6 +1,9 @@
 //! Small scenes and pictures of pseudo-random weights.
 
-use nerf_core::blob::{Blob, Body, Content, Grid, PictureFacts, Provenance, SceneFacts, encoded_len, write};
+use nerf_core::blob::{
+    Blob, Body, Content, Front, FrontPoint, Grid, PictureFacts, Proposal, Provenance, SceneFacts,
+    encoded_len, write,
+};
 use nerf_core::camera::{Camera, Intrinsics, Pose};
 use nerf_core::encoding::{AngleScale, Encoding};
 use nerf_core::kernels::{Line, Tier};
@@ -25,6 +28,8 @@ pub struct Recipe {
     pub grid: Option<(u16, bool)>,
     /// Whether the grid is part of the model.
     pub grid_required: bool,
+    /// Samples of the coarse proposal network, and a front of two points; absent without.
+    pub proposal: Option<u16>,
     /// Whether it is a scene, with a density head; else a picture.
     pub scene: bool,
     /// Seed of the weights.
@@ -40,6 +45,7 @@ impl Recipe {
         levels: 10,
         grid: None,
         grid_required: false,
+        proposal: None,
         scene: true,
         seed: 1,
     };
@@ -62,6 +68,8 @@ impl Recipe {
         seed: 5,
         ..Self::PLAIN
     };
+    /// The same with a proposal and a front.
+    pub const TINY_PROPOSAL: Self = Self { proposal: Some(8), ..Self::TINY };
 
     /// The network's shape.
     pub fn architecture(&self) -> Architecture {
@@ -81,10 +89,24 @@ impl Recipe {
     pub fn blob(&self) -> Vec<u8> {
         let architecture = self.architecture();
         let (weights, bits) = (self.weights(&architecture), self.bits());
+        let coarse = Self { trunk: (2, self.trunk.1), seed: self.seed + 100, skip: true, ..*self };
+        let coarse_shape =
+            Architecture { direction: None, colour: [].into_iter().collect(), ..coarse.architecture() };
+        let mut coarse_weights = coarse.weights(&coarse_shape);
+        coarse_weights.truncate(2 * coarse_shape.density_parameters());
+        let proposal = self.proposal.map(|samples| Proposal {
+            position: coarse_shape.position,
+            trunk: coarse_shape.trunk.clone(),
+            density: DensityActivation::Relu,
+            samples,
+            weights: &coarse_weights,
+        });
         let body = Body {
             content: self.content(),
             architecture,
             grid: self.grid.map(|(side, _)| Grid { resolution: [side; 3], bits: &bits }),
+            front: if self.proposal.is_some() { front(self.grid.is_some()) } else { Default::default() },
+            proposal,
             provenance: Provenance {
                 data: "noise",
                 made_by: "nerf-tests",
@@ -150,6 +172,22 @@ impl Recipe {
         }
         bits
     }
+}
+
+/// Two points: the exact rendering, and one with every shortcut.
+fn front(skip_grid: bool) -> Front {
+    let exact = FrontPoint {
+        samples: 48,
+        transmittance_cut: 0.0,
+        colour_cut: 0.0,
+        skip_grid,
+        math: MathBackend::Polynomial.tag(),
+        proposal: false,
+        loss_db: 0.0,
+        cost: 1.0,
+    };
+    let cuts = FrontPoint { transmittance_cut: 0.01, colour_cut: 0.001, ..exact };
+    [exact, FrontPoint { proposal: true, loss_db: 0.5, cost: 0.25, ..cuts }].into_iter().collect()
 }
 
 /// The nearest-below f16 of a small normal number, subnormals flushed to zero.

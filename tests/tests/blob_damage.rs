@@ -1,7 +1,7 @@
 //! Whatever happens to a blob's bytes: a typed error, never a panic, never a picture.
 
 use nerf_core::blob::{
-    Blob, BlobError, Body, Content, HEADER_LEN, PictureFacts, SceneFacts, encoded_len, write,
+    Blob, BlobError, Body, Content, HEADER_LEN, PictureFacts, SceneFacts, Section, encoded_len, write,
 };
 use nerf_core::kernels::{Line, Tier};
 use nerf_core::math::MathBackend;
@@ -10,8 +10,8 @@ use nerf_core::render::{Rect, Renderer};
 use nerf_core::volume::Pixel;
 use nerf_tests::scenes::{Recipe, camera};
 
-/// A scene and a picture, small enough to damage everywhere.
-const BLOBS: [Recipe; 2] = [Recipe::TINY, Recipe::TINY_PICTURE];
+/// Two scenes and a picture, small enough to damage everywhere.
+const BLOBS: [Recipe; 3] = [Recipe::TINY, Recipe::TINY_PROPOSAL, Recipe::TINY_PICTURE];
 
 /// Sets the checksum right, so that the rules behind it are met.
 fn fix_checksum(blob: &mut [u8]) {
@@ -146,8 +146,11 @@ fn headers_are_checked_field_by_field() {
     let mut text = blob.clone();
     text.remove(5);
     assert_eq!(error(&text), BlobError::NotABlob);
-    assert_eq!(change(8, &[2, 0]), BlobError::Version { newest: 1, found: 2 });
-    assert_eq!(change(8, &[0, 0]), BlobError::Version { newest: 1, found: 0 });
+    for found in [0, 1, 3, u16::MAX] {
+        assert_eq!(change(8, &found.to_le_bytes()), BlobError::Version { expected: 2, found });
+    }
+    let old = change(8, &[1, 0]).to_string();
+    assert!(old.contains("reads version 2, found 1 (make the file anew)"), "{old}");
     assert_eq!(change(10, &[0xfe, 0xff]), BlobError::Endian { found: 0xfffe });
     assert_eq!(change(12, &[0, 0, 0, 0x80]), BlobError::Flags { found: 0x8000_0000 });
     let (found, body) = (blob.len() as u64, (blob.len() - HEADER_LEN) as u64);
@@ -200,7 +203,11 @@ fn weights_that_are_not_finite_are_named() {
         changed[first + 2 * index..][..2].copy_from_slice(&bits.to_le_bytes());
         fix_checksum(&mut changed);
         let layer = layers.iter().rev().find(|layer| layer.weights <= index).expect("a layer");
-        let expected = BlobError::Weight { role: layer.role, index: (index - layer.weights) as u32 };
+        let expected = BlobError::Weight {
+            section: Section::Weights,
+            role: layer.role,
+            index: (index - layer.weights) as u32,
+        };
         assert_eq!(error(&changed), expected);
     }
 }
@@ -213,6 +220,8 @@ fn writing_refuses_what_opening_refuses() {
         architecture: opened.architecture().clone(),
         content: Content::Scene(opened.scene().expect("a scene").clone()),
         grid: None,
+        front: Default::default(),
+        proposal: None,
         provenance: opened.provenance().clone(),
         weights: opened.weights(),
     };

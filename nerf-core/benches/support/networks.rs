@@ -68,6 +68,8 @@ pub fn file() -> Vec<u8> {
             grid_required: false,
         }),
         grid: Some(Grid { resolution: [CELLS; 3], bits: &bits }),
+        front: Default::default(),
+        proposal: None,
         provenance: Provenance {
             data: "noise",
             made_by: "benches",

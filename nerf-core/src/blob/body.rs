@@ -1,5 +1,7 @@
 //! What a blob says, as plain data.
 
+use super::front::Front;
+use super::proposal::Proposal;
 use crate::network::Architecture;
 use serde::{Deserialize, Serialize};
 
@@ -22,6 +24,11 @@ pub struct Body<'a> {
     /// Which cells of the scene box may hold something.
     #[serde(borrow)]
     pub grid: Option<Grid<'a>>,
+    /// What accuracy costs in this scene, as a study measured it: dearest point first; empty without one.
+    pub front: Front,
+    /// A second, cheaper network that says where on a ray the scene's own is asked.
+    #[serde(borrow)]
+    pub proposal: Option<Proposal<'a>>,
     /// Where it comes from.
     pub provenance: Provenance<'a>,
     /// The parameters as little-endian f16, in the order of [`Architecture::layers`].
@@ -61,7 +68,8 @@ pub struct SceneFacts {
     pub near: f32,
     /// Where rays end, world units along the ray.
     pub far: f32,
-    /// Samples per ray, `near..far` cut into equal bins, that the network was made for.
+    /// Samples per ray that the network was made for: `near..far` cut into equal bins, or with a
+    /// proposal the samples drawn from it.
     pub samples: u16,
     /// What shows where opacity is below 1, display-encoded.
     pub background: [f32; 3],

@@ -1,6 +1,7 @@
 //! What can be wrong with a blob.
 
-use super::body::MAX_PICTURE_SIDE;
+use super::body::{MAX_PICTURE_SIDE, MAX_SAMPLES};
+use crate::math::MathBackend;
 use crate::network::{ArchitectureError, Role};
 use crate::ray::BoundsError;
 use core::fmt;
@@ -19,11 +20,110 @@ pub enum Section {
     GridResolution,
     /// `grid.bits`
     GridBits,
+    /// `front`
+    Front,
+    /// `proposal`
+    Proposal,
+    /// `proposal.samples`
+    ProposalSamples,
+    /// `proposal.weights`
+    ProposalWeights,
     /// `provenance`
     Provenance,
     /// `weights`
     Weights,
 }
+
+/// What is wrong with a point of the front.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[non_exhaustive]
+pub enum FrontFault {
+    /// No samples, more than [`MAX_SAMPLES`], or bins too narrow for the scene.
+    Samples {
+        /// What the point says.
+        found: u16,
+    },
+    /// A transmittance cut outside `[0, 1)`.
+    TransmittanceCut {
+        /// What the point says.
+        found: f32,
+    },
+    /// A colour cut outside `[0, 1)`.
+    ColourCut {
+        /// What the point says.
+        found: f32,
+    },
+    /// A skip grid the scene has not, or none where it is part of the model.
+    SkipGrid {
+        /// What the point says.
+        found: bool,
+    },
+    /// A tag that names no maths backend.
+    Math {
+        /// What the point says.
+        found: u8,
+    },
+    /// A proposal the scene has not.
+    Proposal,
+    /// A loss that is not finite.
+    LossDb {
+        /// What the point says.
+        found: f32,
+    },
+    /// A cost that is not finite and above 0.
+    Cost {
+        /// What the point says.
+        found: f32,
+    },
+    /// A cost that is not below that of the point before.
+    CostOrder {
+        /// Cost of the point before.
+        before: f32,
+        /// What the point says.
+        found: f32,
+    },
+    /// A loss below that of the point before, which is thus neither cheaper nor better.
+    LossOrder {
+        /// Loss of the point before, dB.
+        before: f32,
+        /// What the point says.
+        found: f32,
+    },
+}
+
+impl fmt::Display for FrontFault {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Samples { found } => {
+                write!(f, "samples: expected 1 to {MAX_SAMPLES} bins of some width, found {found}")
+            }
+            Self::TransmittanceCut { found } => {
+                write!(f, "transmittance_cut: expected 0 <= cut < 1, found {found}")
+            }
+            Self::ColourCut { found } => write!(f, "colour_cut: expected 0 <= cut < 1, found {found}"),
+            Self::SkipGrid { found: true } => {
+                write!(f, "skip_grid: expected false in a scene without a grid")
+            }
+            Self::SkipGrid { found: false } => {
+                write!(f, "skip_grid: expected true in a scene whose grid is part of its model")
+            }
+            Self::Math { found } => {
+                write!(f, "math: expected a tag below {}, found {found}", MathBackend::TAGS)
+            }
+            Self::Proposal => write!(f, "proposal: expected false in a scene without one"),
+            Self::LossDb { found } => write!(f, "loss_db: expected a finite value, found {found}"),
+            Self::Cost { found } => write!(f, "cost: expected a finite value above 0, found {found}"),
+            Self::CostOrder { before, found } => {
+                write!(f, "cost: expected less than the {before} of the point before, found {found}")
+            }
+            Self::LossOrder { before, found } => {
+                write!(f, "loss_db: expected at least the {before} of the point before, found {found}")
+            }
+        }
+    }
+}
+
+impl core::error::Error for FrontFault {}
 
 /// Why bytes are no blob this version can open.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -45,10 +145,10 @@ pub enum BlobError {
         /// Bytes there are.
         found: u64,
     },
-    /// Made by a later version of the format.
+    /// Made by another version of the format.
     Version {
-        /// The newest version this build reads.
-        newest: u16,
+        /// The version this build reads.
+        expected: u16,
         /// The version of the file.
         found: u16,
     },
@@ -78,6 +178,15 @@ pub enum BlobError {
     Body,
     /// The architecture is outside the format's caps.
     Architecture(ArchitectureError),
+    /// The proposal network is outside the format's caps.
+    ProposalArchitecture(ArchitectureError),
+    /// A point of the front that cannot be rendered, or makes it no front.
+    Front {
+        /// Which point.
+        index: u8,
+        /// What is wrong with it.
+        fault: FrontFault,
+    },
     /// The scene's bounds hold nothing.
     Bounds(BoundsError),
     /// The network has a density head but is said to be a picture, or the other way round.
@@ -114,6 +223,8 @@ pub enum BlobError {
     },
     /// A weight is infinite or NaN.
     Weight {
+        /// Of the scene's network or of the proposal.
+        section: Section,
         /// Layer.
         role: Role,
         /// Index among the layer's parameters, weights first.
@@ -138,8 +249,9 @@ impl fmt::Display for BlobError {
             Self::TrailingBytes { expected, found } => {
                 write!(f, "trailing bytes: expected {expected} bytes, found {found}")
             }
-            Self::Version { newest, found } => {
-                write!(f, "format version: this build reads up to {newest}, found {found}")
+            Self::Version { expected, found } => {
+                let advice = if found < expected { "make the file anew" } else { "a newer build is needed" };
+                write!(f, "format version: this build reads version {expected}, found {found} ({advice})")
             }
             Self::Endian { found } => write!(f, "endian tag: expected 0xfeff, found {found:#06x}"),
             Self::Flags { found } => write!(f, "flags: expected 0, found {found:#x}"),
@@ -149,6 +261,8 @@ impl fmt::Display for BlobError {
             }
             Self::Body => write!(f, "body: no canonical postcard of this format's shape"),
             Self::Architecture(error) => write!(f, "architecture: {error}"),
+            Self::ProposalArchitecture(error) => write!(f, "proposal: {error}"),
+            Self::Front { index, fault } => write!(f, "front point {index}: {fault}"),
             Self::Bounds(error) => write!(f, "scene: {error}"),
             Self::Kind { density_head, scene } => write!(
                 f,
@@ -170,8 +284,8 @@ impl fmt::Display for BlobError {
                     "scene box: 2^(levels - 1) times its coordinates reaches {found}, the encoding ends at {limit}"
                 )
             }
-            Self::Weight { role, index } => {
-                write!(f, "weights: layer {role:?}, parameter {index} is not finite")
+            Self::Weight { section, role, index } => {
+                write!(f, "{section}: layer {role:?}, parameter {index} is not finite")
             }
             Self::Space { expected, found } => {
                 write!(f, "output buffer: expected {expected} bytes, found {found}")
@@ -188,6 +302,10 @@ impl fmt::Display for Section {
             Self::GridRequired => "scene.grid_required",
             Self::GridResolution => "grid.resolution",
             Self::GridBits => "grid.bits",
+            Self::Front => "front",
+            Self::Proposal => "proposal",
+            Self::ProposalSamples => "proposal.samples",
+            Self::ProposalWeights => "proposal.weights",
             Self::Provenance => "provenance",
             Self::Weights => "weights",
         })

@@ -15,8 +15,8 @@ use crc::{CRC_32_ISO_HDLC, Crc, Table};
 
 /// First bytes of every blob; in the manner of PNG, a text-mode copy damages them.
 pub const MAGIC: [u8; 8] = *b"\x89NERF\r\n\x1a";
-/// The version this build writes, and the newest it reads.
-pub const FORMAT_VERSION: u16 = 1;
+/// The version this build writes, and the only one it reads: none before it was released.
+pub const FORMAT_VERSION: u16 = 2;
 /// Length of the header, bytes.
 pub const HEADER_LEN: usize = 32;
 
@@ -52,8 +52,8 @@ pub(super) fn open(bytes: &[u8]) -> Result<&[u8], BlobError> {
         return Err(BlobError::Endian { found: endian });
     }
     let version = u16::from_le_bytes([v0, v1]);
-    if version == 0 || version > FORMAT_VERSION {
-        return Err(BlobError::Version { newest: FORMAT_VERSION, found: version });
+    if version != FORMAT_VERSION {
+        return Err(BlobError::Version { expected: FORMAT_VERSION, found: version });
     }
     let flags = u32::from_le_bytes([f0, f1, f2, f3]);
     if flags != 0 {

@@ -4,8 +4,11 @@
 //! [`Blob::open`]; everything after that is infallible.
 
 mod body;
+mod check;
 mod error;
+mod front;
 mod header;
+mod proposal;
 mod view;
 mod write;
 
@@ -16,7 +19,9 @@ pub use body::{
     Body, Content, Grid, MAX_GRID_SIDE, MAX_PICTURE_SIDE, MAX_SAMPLES, MAX_TEXT, PictureFacts, Provenance,
     SceneFacts,
 };
-pub use error::{BlobError, Section};
+pub use error::{BlobError, FrontFault, Section};
+pub use front::{Front, FrontPoint, MAX_FRONT};
 pub use header::{FORMAT_VERSION, HEADER_LEN, MAGIC};
+pub use proposal::Proposal;
 pub use view::Blob;
 pub use write::{encoded_len, write};

@@ -10,6 +10,9 @@ use crate::testing::{
 use std::string::ToString;
 use std::vec;
 
+mod front;
+mod proposal;
+
 /// The error of a body that cannot be written; its length cannot be asked for either.
 fn refused(body: &Body<'_>) -> BlobError {
     let mut out = vec![0; 1 << 16];
@@ -201,13 +204,14 @@ fn weights_must_be_as_many_as_parameters_and_finite() {
             let kept = [weights[2 * at], weights[2 * at + 1]];
             for bad in [[0x00, 0x7c], [0x00, 0xfc], [0x01, 0x7e]] {
                 weights[2 * at..2 * at + 2].copy_from_slice(&bad);
-                let error = BlobError::Weight { role: layer.role, index: index as u32 };
+                let error =
+                    BlobError::Weight { section: Section::Weights, role: layer.role, index: index as u32 };
                 assert_eq!(refused(&body(a.clone(), None, &weights)), error);
             }
             weights[2 * at..2 * at + 2].copy_from_slice(&kept);
         }
     }
-    let message = BlobError::Weight { role: Role::Density, index: 3 }.to_string();
+    let message = BlobError::Weight { section: Section::Weights, role: Role::Density, index: 3 }.to_string();
     assert!(message.contains("Density") && message.contains('3'));
 }
 
@@ -242,14 +246,14 @@ fn a_scene_that_opens_can_be_planned() {
 
 /// The example of `docs/blob-format.md`, up to its weights; made there by another program.
 const EXAMPLE: &str = "
-    89 4e 45 52 46 0d 0a 1a 01 00 ff fe 00 00 00 00
-    9d 00 00 00 00 00 00 00 1a 73 3c cf 00 00 00 00
+    89 4e 45 52 46 0d 0a 1a 02 00 ff fe 00 00 00 00
+    9f 00 00 00 00 00 00 00 f1 b7 a3 0c 00 00 00 00
     03 00 01 01 00 01 04 00 01 00 00 01 00 00 80 bf
     00 00 80 bf 00 00 80 bf 00 00 80 3f 00 00 80 3f
     00 00 80 3f 00 00 00 40 00 00 c0 40 40 00 00 80
-    3f 00 00 80 3f 00 00 80 3f 00 00 03 66 6f 67 0e
-    62 6c 6f 62 2d 66 6f 72 6d 61 74 2e 6d 64 00 00
-    00 00 00 24 48
+    3f 00 00 80 3f 00 00 80 3f 00 00 00 00 03 66 6f
+    67 0e 62 6c 6f 62 2d 66 6f 72 6d 61 74 2e 6d 64
+    00 00 00 00 00 24 48
 ";
 
 #[test]
@@ -274,7 +278,7 @@ fn a_picture_is_what_the_specification_says_after_the_architecture() {
     let content = Content::Picture(PictureFacts { width: 300, height: 20 });
     let bytes = bytes(&Body { content, ..picture_body(a, &weights) });
     // Position, no direction, one trunk layer of 1, no density, no colour layer; then tag 0, the
-    // varint of 300 and 20, and no grid.
-    let expected = [2, 0, 1, 1, 0, 1, 1, 0, 0, 0, 0, 0xac, 0x02, 20, 0];
+    // varint of 300 and 20; no grid, no points of a front, no proposal.
+    let expected = [2, 0, 1, 1, 0, 1, 1, 0, 0, 0, 0, 0xac, 0x02, 20, 0, 0, 0];
     assert_eq!(bytes[HEADER_LEN..][..expected.len()], expected);
 }

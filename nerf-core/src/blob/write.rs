@@ -1,16 +1,16 @@
 //! Writing a blob into the caller's buffer.
 
 use super::body::Body;
+use super::check::check;
 use super::error::BlobError;
 use super::header::{self, HEADER_LEN};
-use super::view;
 
 /// Bytes the blob of `body` takes.
 ///
 /// # Errors
 /// As [`write()`].
 pub fn encoded_len(body: &Body<'_>) -> Result<usize, BlobError> {
-    view::check(body)?;
+    check(body)?;
     let size = postcard::ser_flavors::Size::default();
     let length = postcard::serialize_with_flavor(body, size).map_err(|_| BlobError::Body)?;
     Ok(HEADER_LEN + length)

@@ -37,6 +37,36 @@ pub enum MathBackend {
     Recurrence,
 }
 
+impl MathBackend {
+    /// Tags there are; which of them this build has is [`MathBackend::from_tag`]'s to say.
+    pub const TAGS: u8 = 4;
+
+    /// The number by which files name the backend, the same in every build.
+    pub const fn tag(self) -> u8 {
+        match self {
+            Self::Polynomial => 0,
+            #[cfg(feature = "libm")]
+            Self::Libm => 1,
+            #[cfg(feature = "micromath")]
+            Self::Micromath => 2,
+            Self::Recurrence => 3,
+        }
+    }
+
+    /// The backend of a tag; `None` where this build is without it.
+    pub const fn from_tag(tag: u8) -> Option<Self> {
+        match tag {
+            0 => Some(Self::Polynomial),
+            #[cfg(feature = "libm")]
+            1 => Some(Self::Libm),
+            #[cfg(feature = "micromath")]
+            2 => Some(Self::Micromath),
+            3 => Some(Self::Recurrence),
+            _ => None,
+        }
+    }
+}
+
 /// The elementary functions of one backend.
 pub trait Math {
     /// Whether the encoding goes from level to level by angle doubling.

@@ -2,7 +2,6 @@
 
 extern crate std;
 
-use super::Math;
 use super::lanes::Lanes;
 #[cfg(feature = "libm")]
 use super::libm::Libm;
@@ -10,6 +9,7 @@ use super::libm::Libm;
 use super::micromath::Micromath;
 use super::polynomial::Polynomial;
 use super::recurrence::Recurrence;
+use super::{Math, MathBackend};
 
 /// Every `step`-th f32 between `low` and `high`.
 fn floats(low: f32, high: f32, step: usize) -> impl Iterator<Item = f32> {
@@ -127,4 +127,15 @@ fn rounding_and_exponents_are_exact() {
         assert!((0.707..1.4143).contains(&m), "{x}: {m}");
         assert_eq!(m * 2f32.powi(e as i32), x);
     }
+}
+
+#[test]
+fn tags_name_one_backend_each_and_the_same_in_every_build() {
+    for tag in 0..=u8::MAX {
+        if let Some(backend) = MathBackend::from_tag(tag) {
+            assert!(backend.tag() == tag && tag < MathBackend::TAGS);
+        }
+    }
+    assert_eq!(MathBackend::from_tag(0), Some(MathBackend::Polynomial));
+    assert_eq!(MathBackend::from_tag(3), Some(MathBackend::Recurrence));
 }

@@ -161,6 +161,12 @@ impl Architecture {
         self.layers().last().map_or(0, |rgb| rgb.bias + rgb.outputs)
     }
 
+    /// Number of parameters of trunk and density head, which come first.
+    pub fn density_parameters(&self) -> usize {
+        let colour = |layer: &&Layer| matches!(layer.role, Role::Colour(_) | Role::Rgb);
+        self.layers().iter().find(colour).map_or(0, |layer| layer.weights)
+    }
+
     /// Multiply-adds of one density evaluation (trunk and density head).
     pub fn density_macs(&self) -> usize {
         let of_density = |layer: &&Layer| matches!(layer.role, Role::Trunk(_) | Role::Density);

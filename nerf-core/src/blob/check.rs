@@ -1,0 +1,156 @@
+//! The rules of the format, met in one pass over the opened or unwritten body.
+
+use super::body::{
+    Body, Content, Grid, MAX_GRID_SIDE, MAX_PICTURE_SIDE, MAX_SAMPLES, MAX_TEXT, PictureFacts, SceneFacts,
+};
+use super::error::{BlobError, Section};
+use super::front;
+use super::proposal::Proposal;
+use crate::encoding::{AngleScale, Encoding};
+use crate::math::polynomial::SIN_COS_DOMAIN;
+use crate::network::{Architecture, Layers};
+use crate::ray::{BoundsError, SceneBox};
+use crate::sampling::Bins;
+use glam::Vec3;
+
+/// Every rule of the format but the ones of header and encoding.
+pub(super) fn check(body: &Body<'_>) -> Result<Layers, BlobError> {
+    body.architecture.check().map_err(BlobError::Architecture)?;
+    let density_head = body.architecture.density.is_some();
+    let scene = matches!(body.content, Content::Scene(_));
+    if density_head != scene {
+        return Err(BlobError::Kind { density_head, scene });
+    }
+    match &body.content {
+        Content::Picture(picture) => check_picture(*picture)?,
+        Content::Scene(scene) => check_scene(scene, &body.architecture)?,
+    }
+    match (&body.grid, &body.content) {
+        (Some(_), Content::Picture(_)) => return Err(BlobError::Field(Section::GridBits)),
+        (None, Content::Scene(scene)) if scene.grid_required => {
+            return Err(BlobError::Field(Section::GridRequired));
+        }
+        (Some(grid), Content::Scene(_)) => check_grid(grid)?,
+        _ => {}
+    }
+    match &body.content {
+        Content::Picture(_) if !body.front.is_empty() => return Err(BlobError::Field(Section::Front)),
+        Content::Picture(_) if body.proposal.is_some() => return Err(BlobError::Field(Section::Proposal)),
+        Content::Picture(_) => {}
+        Content::Scene(scene) => {
+            front::check(&body.front, scene, body.grid.is_some(), body.proposal.is_some())
+                .map_err(|(index, fault)| BlobError::Front { index: index as u8, fault })?;
+            if let Some(proposal) = &body.proposal {
+                check_proposal(proposal, scene)?;
+            }
+        }
+    }
+    let p = &body.provenance;
+    let finite = [p.psnr_db, p.quantisation_loss_db].into_iter().flatten().all(f32::is_finite);
+    if [p.data, p.made_by, p.psnr_convention].iter().any(|text| text.len() > MAX_TEXT) || !finite {
+        return Err(BlobError::Field(Section::Provenance));
+    }
+    check_weights(body)
+}
+
+/// The encoding's domain needs no check: `2^(levels − 1)` times a coordinate is 2^15 at most.
+fn check_picture(PictureFacts { width, height }: PictureFacts) -> Result<(), BlobError> {
+    let sides = 1..=MAX_PICTURE_SIDE;
+    if sides.contains(&width) && sides.contains(&height) {
+        Ok(())
+    } else {
+        Err(BlobError::PictureSize { width, height })
+    }
+}
+
+fn check_scene(scene: &SceneFacts, architecture: &Architecture) -> Result<(), BlobError> {
+    let bounds = SceneBox::new(Vec3::from(scene.min), Vec3::from(scene.max)).map_err(BlobError::Bounds)?;
+    let (near, far) = (scene.near, scene.far);
+    if !(near >= 0.0 && near < far && far.is_finite()) {
+        return Err(BlobError::Bounds(BoundsError::Range { near, far }));
+    }
+    if !(1..=MAX_SAMPLES).contains(&scene.samples) {
+        return Err(BlobError::Field(Section::Samples));
+    }
+    if !scene.background.iter().all(|c| (0.0..=1.0).contains(c)) {
+        return Err(BlobError::Field(Section::Background));
+    }
+    // Bins too narrow for f32: what opens can be planned.
+    Bins::new(near, far, u32::from(scene.samples)).map_err(BlobError::Bounds)?;
+    check_domain(&bounds, &architecture.position)
+}
+
+/// Whether rays can be cut into `samples` bins, so that what opens can be planned.
+pub(super) fn samples_fit(scene: &SceneFacts, samples: u16) -> bool {
+    (1..=MAX_SAMPLES).contains(&samples) && Bins::new(scene.near, scene.far, u32::from(samples)).is_ok()
+}
+
+/// Whether every point of the box can be encoded.
+fn check_domain(bounds: &SceneBox, position: &Encoding) -> Result<(), BlobError> {
+    // The highest level multiplies by 2^(levels − 1).
+    let reach = bounds.min.abs().max(bounds.max.abs()).max_element();
+    let found = reach * (1u32 << position.levels.saturating_sub(1)) as f32;
+    let limit = match position.scale {
+        AngleScale::One => SIN_COS_DOMAIN,
+        // Reduced exactly, whatever its size, as long as it is a number.
+        AngleScale::Pi => f32::MAX,
+    };
+    if found > limit { Err(BlobError::EncodingDomain { found, limit }) } else { Ok(()) }
+}
+
+fn check_grid(grid: &Grid<'_>) -> Result<(), BlobError> {
+    if grid.resolution.iter().any(|&side| side == 0 || side > MAX_GRID_SIDE) {
+        return Err(BlobError::Field(Section::GridResolution));
+    }
+    let (expected, found) = (Grid::bytes(grid.resolution), grid.bits.len());
+    if expected != found {
+        let (expected, found) = (expected as u64, found as u64);
+        return Err(BlobError::Length { section: Section::GridBits, expected, found });
+    }
+    let cells: usize = grid.resolution.iter().map(|&side| usize::from(side)).product();
+    let padding = grid.bits.last().map_or(0, |last| last.checked_shr(cells as u32 % 8).unwrap_or(0));
+    if !cells.is_multiple_of(8) && padding != 0 {
+        return Err(BlobError::Field(Section::GridBits));
+    }
+    Ok(())
+}
+
+/// As the scene's own network, but for the heads it has not.
+fn check_proposal(proposal: &Proposal<'_>, scene: &SceneFacts) -> Result<(), BlobError> {
+    let architecture = proposal.architecture();
+    architecture.check().map_err(BlobError::ProposalArchitecture)?;
+    if !samples_fit(scene, proposal.samples) {
+        return Err(BlobError::Field(Section::ProposalSamples));
+    }
+    let bounds = SceneBox { min: Vec3::from(scene.min), max: Vec3::from(scene.max) };
+    check_domain(&bounds, &proposal.position)?;
+    let parameters = architecture.density_parameters();
+    check_values(&architecture.layers(), parameters, proposal.weights, Section::ProposalWeights)
+}
+
+fn check_weights(body: &Body<'_>) -> Result<Layers, BlobError> {
+    let layers = body.architecture.layers();
+    check_values(&layers, body.architecture.parameters(), body.weights, Section::Weights)?;
+    Ok(layers)
+}
+
+/// Whether `weights` are the `parameters` of these layers, and finite.
+fn check_values(
+    layers: &Layers,
+    parameters: usize,
+    weights: &[u8],
+    section: Section,
+) -> Result<(), BlobError> {
+    let (expected, found) = (parameters as u64 * 2, weights.len() as u64);
+    if expected != found {
+        return Err(BlobError::Length { section, expected, found });
+    }
+    // An f16 is finite unless its five exponent bits are all set.
+    let finite = |pair: &[u8]| pair[1] & 0x7c != 0x7c;
+    let Some(at) = weights.chunks_exact(2).position(|pair| !finite(pair)) else { return Ok(()) };
+    let owner = layers.iter().rev().find(|layer| layer.weights <= at);
+    Err(match owner {
+        Some(layer) => BlobError::Weight { section, role: layer.role, index: (at - layer.weights) as u32 },
+        None => BlobError::Field(section),
+    })
+}

@@ -1,0 +1,38 @@
+//! The coarse network that says where on a ray the scene's own is worth asking.
+
+use crate::encoding::Encoding;
+use crate::network::{Architecture, DensityActivation, MAX_TRUNK, TrunkLayer};
+use serde::{Deserialize, Serialize};
+
+/// A network of densities alone: encoding, trunk and density head over the scene's own box.
+///
+/// # Source
+/// Mildenhall et al. 2020, section 5.2: the coarse network, of which rendering uses only the weights
+/// along the ray. Its colours are not in the file.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Proposal<'a> {
+    /// Encoding of the position; it may differ from the scene's own.
+    pub position: Encoding,
+    /// The trunk, in order; the first layer takes `PE(x)` and has no skip.
+    pub trunk: heapless::Vec<TrunkLayer, MAX_TRUNK>,
+    /// The density head.
+    pub density: DensityActivation,
+    /// Samples per ray the proposal is asked at, `near..far` cut into equal bins.
+    pub samples: u16,
+    /// The parameters as little-endian f16, in the order of [`Architecture::layers`]: trunk, density head.
+    pub weights: &'a [u8],
+}
+
+impl Proposal<'_> {
+    /// Its shape as that of a scene's network; the rgb head that every one of those has is not in
+    /// [`Proposal::weights`], which end after [`Architecture::density_parameters`].
+    pub fn architecture(&self) -> Architecture {
+        Architecture {
+            position: self.position,
+            direction: None,
+            trunk: self.trunk.clone(),
+            density: Some(self.density),
+            colour: heapless::Vec::new(),
+        }
+    }
+}

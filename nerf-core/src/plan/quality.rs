@@ -1,0 +1,188 @@
+//! The shortcuts of a frame, and which of them a scene's front offers at what price.
+
+use crate::blob::{Blob, FrontPoint};
+use crate::math::MathBackend;
+
+#[cfg(test)]
+mod tests;
+
+/// The shortcuts of a frame; each costs accuracy and saves time.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Quality {
+    /// Samples per ray, between near and far; 0 for what the scene was made for.
+    pub samples: u16,
+    /// A ray ends where its transmittance falls below this; 0 never ends one.
+    pub transmittance_cut: f32,
+    /// A sample's colour is asked for where the weight that waits for one exceeds this: its own, and that
+    /// of the samples in front of it that were too light. 0 asks for every colour with a weight.
+    ///
+    /// Opacity and distances never depend on it.
+    pub colour_cut: f32,
+    /// Whether cells that the skip grid calls empty are skipped.
+    pub skip_grid: bool,
+    /// Who computes the elementary functions.
+    pub math: MathBackend,
+    /// Whether samples are drawn from the scene's proposal network, if it has one.
+    pub proposal: bool,
+}
+
+impl Quality {
+    /// The default transmittance cut: on the 8×256 network of the seed 0.0005 dB against no cut, and less
+    /// than half the evaluations (`docs/architecture.md`).
+    pub const TRANSMITTANCE_CUT: f32 = 1e-2;
+    /// The default colour cut: no loss that four decimals of a dB show, beside the transmittance cut.
+    pub const COLOUR_CUT: f32 = 1e-3;
+
+    /// No shortcut: every sample inside the scene box, drawn as the scene was made for.
+    pub const EXACT: Self = Self {
+        samples: 0,
+        transmittance_cut: 0.0,
+        colour_cut: 0.0,
+        skip_grid: false,
+        math: MathBackend::Polynomial,
+        proposal: true,
+    };
+
+    /// [`Quality::EXACT`] in this scene: behind its grid where that is part of the model.
+    pub fn exact(blob: &Blob<'_>) -> Self {
+        let grid_required = blob.scene().is_some_and(|scene| scene.grid_required);
+        Self { skip_grid: grid_required, ..Self::EXACT }
+    }
+
+    /// The cheapest settings of the blob's front that lose at most `db` against the exact rendering.
+    ///
+    /// Where every point loses more, the one that loses least. `None` without a front, or with one that
+    /// needs maths backends this build is without.
+    pub fn within_loss(blob: &Blob<'_>, db: f32) -> Option<Choice> {
+        // Dearest first, and so from the least loss to the most.
+        let last = choices(blob).take_while(|choice| choice.loss_db <= db).last();
+        last.map(|choice| Choice { within: true, ..choice }).or_else(|| choices(blob).next())
+    }
+
+    /// The settings of the blob's front that lose least at no more than `ratio` of the exact rendering's
+    /// multiply-adds; of two that lose the same, the cheaper.
+    ///
+    /// Where every point costs more, the cheapest. `None` as with [`Quality::within_loss`].
+    pub fn within_cost(blob: &Blob<'_>, ratio: f32) -> Option<Choice> {
+        let mut affordable = choices(blob).filter(|choice| choice.cost <= ratio);
+        let Some(first) = affordable.next() else { return choices(blob).last() };
+        let best = affordable.take_while(|choice| choice.loss_db <= first.loss_db).last().unwrap_or(first);
+        Some(Choice { within: true, ..best })
+    }
+
+    /// The settings of a preset in this scene; they lose no more than [`Preset::loss_db`] says.
+    ///
+    /// The front decides. Where even its best point loses too much, [`Quality::exact`], which loses
+    /// nothing by definition. Without a front nothing is known: `Preset::Exact` is [`Quality::exact`], and
+    /// every other is [`Quality::default`].
+    pub fn preset(blob: &Blob<'_>, preset: Preset) -> Self {
+        match Self::within_loss(blob, preset.loss_db()) {
+            Some(choice) if choice.within => choice.quality,
+            Some(_) => Self::exact(blob),
+            None if preset == Preset::Exact => Self::exact(blob),
+            None => Self::default(),
+        }
+    }
+
+    /// These settings as a point of the blob's front, for who measured them.
+    ///
+    /// `loss_db`: PSNR of [`Quality::exact`] minus that of these settings, against ground truth.
+    /// `cost`: their multiply-adds over those of the exact rendering. What the scene has not is off, and
+    /// its own number of samples is spelt out, as a file has them; [`crate::blob::write()`] checks the rest.
+    pub fn front_point(&self, blob: &Blob<'_>, loss_db: f32, cost: f32) -> FrontPoint {
+        let own = blob.scene().map_or(0, |scene| scene.samples);
+        FrontPoint {
+            samples: if self.samples == 0 { own } else { self.samples },
+            transmittance_cut: self.transmittance_cut,
+            colour_cut: self.colour_cut,
+            skip_grid: self.skip_grid && blob.grid().is_some(),
+            math: self.math.tag(),
+            proposal: self.proposal && blob.proposal().is_some(),
+            loss_db,
+            cost,
+        }
+    }
+}
+
+impl Default for Quality {
+    /// The shortcuts that cost nothing visible: the skip grid, the cuts at the values of
+    /// [`Quality::TRANSMITTANCE_CUT`] and [`Quality::COLOUR_CUT`].
+    fn default() -> Self {
+        Self {
+            transmittance_cut: Self::TRANSMITTANCE_CUT,
+            colour_cut: Self::COLOUR_CUT,
+            skip_grid: true,
+            ..Self::EXACT
+        }
+    }
+}
+
+/// What the blob's front offers for a wish.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Choice {
+    /// The settings.
+    pub quality: Quality,
+    /// dB they lose against the exact rendering, as it was measured; below 0 a gain.
+    pub loss_db: f32,
+    /// Their multiply-adds relative to the exact rendering's.
+    pub cost: f32,
+    /// Whether they are what was wished for, or only the nearest there is.
+    pub within: bool,
+}
+
+/// The front of `blob`, dearest first, as far as this build can render it.
+fn choices<'b>(blob: &'b Blob<'_>) -> impl Iterator<Item = Choice> + 'b {
+    blob.front().iter().filter_map(|point| {
+        let quality = Quality {
+            samples: point.samples,
+            transmittance_cut: point.transmittance_cut,
+            colour_cut: point.colour_cut,
+            skip_grid: point.skip_grid,
+            math: MathBackend::from_tag(point.math)?,
+            proposal: point.proposal,
+        };
+        Some(Choice { quality, loss_db: point.loss_db, cost: point.cost, within: false })
+    })
+}
+
+/// Settings by what they may lose, dB against the exact rendering; the scene's front says what they are.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Preset {
+    /// Nothing: 0 dB.
+    Exact,
+    /// Nothing that any picture shows: 0.01 dB.
+    High,
+    /// 0.1 dB.
+    Balanced,
+    /// 0.3 dB.
+    Fast,
+    /// 1 dB: to look around in.
+    Preview,
+}
+
+impl Preset {
+    /// All of them, best first.
+    pub const ALL: [Self; 5] = [Self::Exact, Self::High, Self::Balanced, Self::Fast, Self::Preview];
+
+    /// The most it may lose, dB.
+    pub const fn loss_db(self) -> f32 {
+        match self {
+            Self::Exact => 0.0,
+            Self::High => 0.01,
+            Self::Balanced => 0.1,
+            Self::Fast => 0.3,
+            Self::Preview => 1.0,
+        }
+    }
+
+    /// Its name in options and reports.
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Exact => "exact",
+            Self::High => "high",
+            Self::Balanced => "balanced",
+            Self::Fast => "fast",
+            Self::Preview => "preview",
+        }
+    }
+}
