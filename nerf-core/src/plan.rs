@@ -20,13 +20,45 @@ pub struct Outputs {
     pub ray_distance: bool,
     /// Distance along the view axis.
     pub z_depth: bool,
+    /// Distance along the ray at which half of the light is gone (feature `median`).
+    pub median_distance: bool,
+    /// Normals, by the gradient of the density: about one [`Architecture::gradient_macs`] a ray that meets
+    /// something (feature `normals`).
+    ///
+    /// [`Architecture::gradient_macs`]: crate::network::Architecture::gradient_macs
+    pub normals: bool,
 }
 
 impl Outputs {
-    /// Everything.
-    pub const ALL: Self = Self { rgb: true, opacity: true, ray_distance: true, z_depth: true };
+    /// Nothing: what others are made of.
+    pub const NONE: Self = Self {
+        rgb: false,
+        opacity: false,
+        ray_distance: false,
+        z_depth: false,
+        median_distance: false,
+        normals: false,
+    };
     /// Colour and opacity.
-    pub const RGB: Self = Self { rgb: true, opacity: true, ray_distance: false, z_depth: false };
+    pub const RGB: Self = Self { rgb: true, opacity: true, ..Self::NONE };
+    /// Colour, opacity and both mean distances, what every build has. Median distance and normals are asked
+    /// for by name.
+    pub const ALL: Self = Self { ray_distance: true, z_depth: true, ..Self::RGB };
+
+    /// Whether single samples are picked for more than their density.
+    pub(crate) const fn picks(&self) -> bool {
+        self.rgb || (cfg!(feature = "normals") && self.normals)
+    }
+
+    /// An output that is asked for and that this build lacks.
+    fn not_built(&self) -> Option<&'static str> {
+        [
+            ("median_distance", self.median_distance, cfg!(feature = "median")),
+            ("normals", self.normals, cfg!(feature = "normals")),
+        ]
+        .into_iter()
+        .find_map(|(effect, asked, built)| (asked && !built).then_some(effect))
+    }
 }
 
 /// The shortcuts of a frame; each costs accuracy and saves time.
@@ -37,7 +69,8 @@ pub struct Quality {
     /// A ray ends where its transmittance falls below this; 0 never ends one.
     pub transmittance_cut: f32,
     /// A sample's colour is asked for where the weight that waits for one exceeds this: its own, and that
-    /// of the samples in front of it that were too light. 0 asks for every colour with a weight.
+    /// of the samples in front of it that were too light. 0 asks for every colour with a weight. A sample's
+    /// normal is asked for in the same way.
     ///
     /// Opacity and distances never depend on it.
     pub colour_cut: f32,
@@ -139,6 +172,9 @@ impl<'a> Plan<'a> {
         let (Some(scene), Some(bounds)) = (blob.scene(), blob.scene_box()) else {
             return Err(PlanError::NotAScene);
         };
+        if let Some(effect) = outputs.not_built() {
+            return Err(PlanError::NotBuilt { effect });
+        }
         if scene.grid_required && !quality.skip_grid {
             return Err(PlanError::GridRequired);
         }
@@ -148,6 +184,9 @@ impl<'a> Plan<'a> {
         }
         if !(0.0..1.0).contains(&quality.transmittance_cut) {
             return Err(PlanError::TransmittanceCut { found: quality.transmittance_cut });
+        }
+        if outputs.median_distance && quality.transmittance_cut > 0.5 {
+            return Err(PlanError::MedianBehindCut { found: quality.transmittance_cut });
         }
         if !(0.0..1.0).contains(&quality.colour_cut) {
             return Err(PlanError::ColourCut { found: quality.colour_cut });
@@ -221,6 +260,16 @@ pub enum PlanError {
         /// What was asked for.
         found: f32,
     },
+    /// The median distance with a transmittance cut above one half: rays would end in front of it.
+    MedianBehindCut {
+        /// The cut that was asked for.
+        found: f32,
+    },
+    /// An output or effect that this build has no code for.
+    NotBuilt {
+        /// Its name.
+        effect: &'static str,
+    },
     /// A colour cut outside `[0, 1)`.
     ColourCut {
         /// What was asked for.
@@ -254,6 +303,14 @@ impl core::fmt::Display for PlanError {
             }
             Self::TransmittanceCut { found } => {
                 write!(f, "quality.transmittance_cut: expected 0 <= cut < 1, found {found}")
+            }
+            Self::MedianBehindCut { found } => write!(
+                f,
+                "quality.transmittance_cut: expected at most 0.5, since median_distance is asked for and rays \
+                 would end in front of it, found {found}"
+            ),
+            Self::NotBuilt { effect } => {
+                write!(f, "{effect}: not built in: expected a build with its feature, found one without")
             }
             Self::ColourCut { found } => {
                 write!(f, "quality.colour_cut: expected 0 <= cut < 1, found {found}")

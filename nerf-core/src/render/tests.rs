@@ -42,7 +42,7 @@ struct Picture {
 
 fn render(renderer: &Renderer<'_>, plan: &Plan<'_>, camera: &Camera) -> Picture {
     let rect = Rect::full(camera);
-    let none = Pixel { rgb: [f32::NAN; 3], opacity: f32::NAN, ray_distance: 0.0, z_depth: 0.0 };
+    let none = Pixel { rgb: [f32::NAN; 3], opacity: f32::NAN, ..Pixel::BLANK };
     let mut pixels = vec![none; (rect.width * rect.height) as usize];
     let mut memory = vec![Line::UNINIT; renderer.workspace_lines(plan)];
     let mut put = |x: u32, y: u32, pixel: &Pixel| pixels[(y * rect.width + x) as usize] = *pixel;
@@ -78,7 +78,13 @@ fn a_constant_medium_has_the_closed_form() {
                 .map(f64::from)
                 .collect();
             if inside.is_empty() {
-                let empty = Pixel { rgb: SCENE.background, opacity: 0.0, ray_distance: 6.0, z_depth: 6.0 };
+                let empty = Pixel {
+                    rgb: SCENE.background,
+                    opacity: 0.0,
+                    ray_distance: 6.0,
+                    z_depth: 6.0,
+                    ..Pixel::BLANK
+                };
                 assert_eq!(*pixel, empty);
                 continue;
             }
@@ -112,7 +118,7 @@ fn no_density_is_background_at_far_and_no_colour_is_computed() {
     let plan = Plan::new(&blob, &Quality::EXACT, Outputs::ALL, Batch::SMALLEST).unwrap();
     for background in [SCENE.background, [0.0; 3], [1.0, 0.0, 0.125]] {
         let picture = render(&renderer, &plan.with_background(background).unwrap(), &camera(6, 5));
-        let empty = Pixel { rgb: background, opacity: 0.0, ray_distance: 6.0, z_depth: 6.0 };
+        let empty = Pixel { rgb: background, opacity: 0.0, ray_distance: 6.0, z_depth: 6.0, ..Pixel::BLANK };
         assert!(picture.pixels.iter().all(|pixel| *pixel == empty));
         assert_eq!(picture.counters.colour_evaluations, 0);
         assert!(picture.counters.samples_kept > 0);
