@@ -209,6 +209,11 @@ impl<'a> Plan<'a> {
         })
     }
 
+    /// What a pixel is asked for.
+    pub fn outputs(&self) -> Outputs {
+        self.outputs
+    }
+
     /// The same frame over another background.
     ///
     /// # Errors

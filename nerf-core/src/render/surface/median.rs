@@ -5,6 +5,9 @@ use crate::math::Math;
 use crate::plan::Plan;
 use crate::volume::{Accumulator, median_in_bin};
 
+#[cfg(test)]
+mod tests;
+
 /// No half of the light is gone yet.
 const NOT_YET: f32 = f32::INFINITY;
 

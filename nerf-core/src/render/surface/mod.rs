@@ -8,5 +8,8 @@ mod median;
 #[cfg_attr(not(feature = "normals"), path = "normals_off.rs")]
 mod normals;
 
+#[cfg(test)]
+mod tests;
+
 pub(super) use median::Medians;
 pub(super) use normals::Normals;

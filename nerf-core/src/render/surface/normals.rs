@@ -7,6 +7,9 @@ use crate::render::frame::{Frame, block_samples, columns_of, put_column};
 use crate::volume::NormalSum;
 use glam::Vec3;
 
+#[cfg(test)]
+mod tests;
+
 /// The rays' normals, and the samples that wait for their gradient; all empty where nobody asks.
 pub(in crate::render) struct Normals<'w> {
     /// `[rays]`.
