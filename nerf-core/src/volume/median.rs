@@ -5,8 +5,8 @@ use core::f32::consts::LN_2;
 /// Where in a bin the transmittance falls to one half, world units along the ray.
 ///
 /// `thickness`: Σ sigma·delta of the bins in front, below ln 2 up to rounding. `sigma`: the bin's density,
-/// > 0. `t`: its middle, `delta`: its width, world units along the ray. Density is constant within a bin,
-/// so that there
+/// not 0. `t`: its middle, `delta`: its width, world units along the ray. Density is constant within a
+/// bin, so that there
 ///
 /// `t_edge + (ln 2 − thickness) / sigma`
 ///
