@@ -156,9 +156,13 @@ pub struct Plan<'a> {
     pub(crate) colour_cut: f32,
     pub(crate) math: MathBackend,
     pub(crate) batch: Batch,
+    pub(crate) normal_blur: f32,
 }
 
 impl<'a> Plan<'a> {
+    /// The default blur of normals: one bin, the finest that the samples of a ray tell apart.
+    pub const NORMAL_BLUR: f32 = 1.0;
+
     /// What `blob` holds, met with what is asked for.
     ///
     /// # Errors
@@ -206,7 +210,31 @@ impl<'a> Plan<'a> {
             colour_cut: quality.colour_cut,
             math: quality.math,
             batch,
+            normal_blur: Self::NORMAL_BLUR,
         })
+    }
+
+    /// The same frame with normals of another blur, in bins; 0 for the density's gradient itself.
+    ///
+    /// A field that was fitted through samples a bin apart has ripples far finer than a bin, which no sum along a
+    /// ray shows, but which are most of its gradient: 2^9 π for the tenth level of an encoding. A blur of
+    /// one bin takes the gradient's mean over a Gaussian as wide as a bin (deviation: a bin's width / √12).
+    ///
+    /// # Errors
+    /// [`PlanError::NormalBlur`] unless it is finite and at least 0.
+    pub fn with_normal_blur(mut self, bins: f32) -> Result<Self, PlanError> {
+        if !(0.0..=f32::MAX).contains(&bins) {
+            return Err(PlanError::NormalBlur { found: bins });
+        }
+        self.normal_blur = bins;
+        Ok(self)
+    }
+
+    /// The deviation of the normals' blur, world units.
+    pub(crate) fn normal_deviation(&self) -> f32 {
+        // 1/√12: the deviation of what is spread evenly over a bin.
+        const EVEN: f32 = 0.288_675_13;
+        self.normal_blur * self.bins.delta() * EVEN
     }
 
     /// What a pixel is asked for.
@@ -270,6 +298,11 @@ pub enum PlanError {
         /// The cut that was asked for.
         found: f32,
     },
+    /// A blur of normals that is no finite number of bins, or less than none.
+    NormalBlur {
+        /// What was asked for.
+        found: f32,
+    },
     /// An output or effect that this build has no code for.
     NotBuilt {
         /// Its name.
@@ -314,6 +347,9 @@ impl core::fmt::Display for PlanError {
                 "quality.transmittance_cut: expected at most 0.5, since median_distance is asked for and rays \
                  would end in front of it, found {found}"
             ),
+            Self::NormalBlur { found } => {
+                write!(f, "normal_blur: expected a finite number of bins, at least 0, found {found}")
+            }
             Self::NotBuilt { effect } => {
                 write!(f, "{effect}: not built in: expected a build with its feature, found one without")
             }

@@ -298,7 +298,7 @@ fn settings_outside_their_range_are_refused() {
     assert_eq!((found, size), (Status::NotAScene, 0));
     // SAFETY: as above.
     let found =
-        unsafe { ffi::nerf_workspace_size(opened.scene, null(), 16, &mut size, &mut align, null_mut(), 0) };
+        unsafe { ffi::nerf_workspace_size(opened.scene, null(), 64, &mut size, &mut align, null_mut(), 0) };
     assert_eq!(found, Status::Options);
     let blob = Recipe::TINY.blob();
     let mut options = call::open_options(Tier::Scalar);

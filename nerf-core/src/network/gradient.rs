@@ -46,17 +46,23 @@ impl Network<'_> {
     /// `positions`: `[3][stride]`, inside the scene box; `gradient`: `[3][stride]`, 1/world unit². What
     /// `scratch` held is lost.
     ///
+    /// `blur`: deviation, world units, of the Gaussian over whose ripples the gradient is a mean: levels of
+    /// the encoding finer than that are damped, with the network taken as linear around each sample. 0 for
+    /// the gradient itself.
+    ///
     /// Where a unit's sum is exactly 0, it is off. All of it is f32, with the units that the tier's own
     /// forward pass found on; on the tier that rounds, weights are bf16 on the way back, too.
     ///
     /// # Panics
     /// If a slice is shorter than its rows times [`Scratch::stride`], as [`Network::trunk`] does.
+    #[allow(clippy::too_many_arguments, reason = "as the methods beside it, and a blur")]
     pub fn gradient(
         &self,
         math: MathBackend,
         scratch: &mut Scratch<'_>,
         memory: &mut GradientScratch<'_>,
         positions: &[f32],
+        blur: f32,
         gradient: &mut [f32],
     ) {
         let stride = scratch.stride;
@@ -95,7 +101,7 @@ impl Network<'_> {
             self.back(layer, 0..layer.main, stride, from, scratch.back, false);
             core::mem::swap(&mut scratch.front, &mut scratch.back);
         }
-        encode_gradient_block(self.tier, encoding, stride, scratch.encoded, memory.encoded, gradient);
+        encode_gradient_block(self.tier, encoding, stride, scratch.encoded, memory.encoded, blur, gradient);
     }
 
     fn trunk_layers(&self) -> impl DoubleEndedIterator<Item = &Layer> {

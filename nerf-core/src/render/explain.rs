@@ -135,7 +135,10 @@ impl Explanation<'_> {
             }
             "view dependence" => write!(f, ", {} multiply-adds a ray", network.direction_macs()),
             "colour cut" => write!(f, ", asked where a weight exceeds {}", plan.colour_cut),
-            "normals" => write!(f, ", {} multiply-adds an evaluation", a.gradient_macs()),
+            "normals" => {
+                let (macs, blur) = (a.gradient_macs(), plan.normal_deviation());
+                write!(f, ", {macs} multiply-adds an evaluation, blurred by {blur} world units")
+            }
             "background" => write!(f, ", {:?}", plan.background),
             _ => Ok(()),
         }

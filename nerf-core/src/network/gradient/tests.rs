@@ -192,6 +192,17 @@ fn architectures() -> Vec<(&'static str, Architecture)> {
 
 /// The gradients of a block: `[3][stride]`.
 fn gradients(network: &Network<'_>, math: MathBackend, stride: usize, positions: &[f32]) -> Vec<f32> {
+    blurred(network, math, stride, positions, 0.0)
+}
+
+/// The same over a blur.
+fn blurred(
+    network: &Network<'_>,
+    math: MathBackend,
+    stride: usize,
+    positions: &[f32],
+    blur: f32,
+) -> Vec<f32> {
     let mut encoded = vec![f32::NAN; network.encoded_rows() * stride];
     let mut front = vec![f32::NAN; network.activation_rows() * stride];
     let mut back = front.clone();
@@ -200,7 +211,7 @@ fn gradients(network: &Network<'_>, math: MathBackend, stride: usize, positions:
     let mut of_encoded = vec![f32::NAN; network.gradient_rows() * stride];
     let mut memory = GradientScratch { signs: &mut signs, encoded: &mut of_encoded };
     let mut gradient = vec![f32::NAN; 3 * stride];
-    network.gradient(math, &mut scratch, &mut memory, positions, &mut gradient);
+    network.gradient(math, &mut scratch, &mut memory, positions, blur, &mut gradient);
     gradient
 }
 
@@ -373,6 +384,61 @@ fn the_gradient_of_a_linear_density_is_exact() {
         let found = gradients_of(form, &a, &bytes, &noise(3 * STRIDE, 23));
         for (axis, slope) in slope.into_iter().enumerate() {
             assert!(found[axis * STRIDE..][..STRIDE].iter().all(|&x| x == slope), "{form:?}");
+        }
+    }
+}
+
+/// raw = Σ_c w_c PE_c(x), all units on: linear in the encoding.
+fn linear_in_the_encoding(encoding: Encoding) -> (Architecture, Vec<f32>) {
+    let a = architecture(encoding, None, &[(1, false)], &[]);
+    let mut all = vec![0.0; a.parameters()];
+    let layers = a.layers();
+    all[..encoding.outputs()].copy_from_slice(&noise(encoding.outputs(), 37));
+    // More than the encoded values can take away.
+    all[layers[0].bias] = encoding.outputs() as f32 + 8.0;
+    all[layers[1].weights] = 1.0;
+    (a, all)
+}
+
+#[test]
+fn a_blurred_gradient_is_the_gradient_s_mean_over_a_gaussian() {
+    for encoding in [pi(3, 10), Encoding { scale: AngleScale::One, identity: false, ..pi(3, 7) }] {
+        let (a, all) = linear_in_the_encoding(encoding);
+        let (bytes, unpacked) = halve(&all);
+        let network = Network::new(&a, Weights::InPlace(&bytes), Tier::Scalar).unwrap();
+        let positions = noise(3 * STRIDE, 41);
+        let sharp = gradients(&network, MathBackend::Polynomial, STRIDE, &positions);
+        for blur in [0.0f32, 0.002, 0.01, 0.1] {
+            let found = blurred(&network, MathBackend::Polynomial, STRIDE, &positions, blur);
+            if blur == 0.0 {
+                assert_eq!(found, sharp);
+            }
+            for i in (0..STRIDE).step_by(7) {
+                for axis in 0..3 {
+                    // 40,001 points over ±8 deviations: far finer than the finest ripple.
+                    let (mut mean, mut mass, mut size) = (0.0, 0.0, 0.0f64);
+                    for step in -20_000i32..=20_000 {
+                        let off = 8.0 * f64::from(step) / 20_000.0;
+                        let weight = (-0.5 * off * off).exp();
+                        let x = f64::from(positions[axis * STRIDE + i]) + off * f64::from(blur);
+                        let of = |channel: usize| f64::from(unpacked[channel]);
+                        let first = if encoding.identity { 3 } else { 0 };
+                        let mut slope = if encoding.identity { of(axis) } else { 0.0 };
+                        for level in 0..usize::from(encoding.levels) {
+                            let s = 2f64.powi(level as i32) * scale_of(&encoding);
+                            let (sin, cos) = sin_cos(&encoding, level, x);
+                            let at = first + 6 * level + axis;
+                            slope += s * (of(at) * cos - of(at + 3) * sin);
+                            size = size.max(s * (of(at).abs() + of(at + 3).abs()));
+                        }
+                        mean += weight * slope;
+                        mass += weight;
+                    }
+                    let off = (f64::from(found[axis * STRIDE + i]) - mean / mass).abs();
+                    // Sines to 1.2e-7, damping to 4e-7 and a dozen roundings, of the finest level's size.
+                    assert!(off <= 2e-6 * size, "{blur}: {off:e} of {size:e}");
+                }
+            }
         }
     }
 }

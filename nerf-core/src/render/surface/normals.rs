@@ -126,7 +126,8 @@ impl Frame<'_, '_> {
             front: &mut *self.scratch.front,
             back: &mut *self.scratch.back,
         };
-        self.network.gradient(self.plan.math, &mut scratch, memory, self.positions, gradient);
+        let blur = self.plan.normal_deviation();
+        self.network.gradient(self.plan.math, &mut scratch, memory, self.positions, blur, gradient);
         self.counters.add_normals(self.network, n);
         for (column, (&owner, &weight)) in queue.owner[..n].iter().zip(&*queue.weight).enumerate() {
             let [x, y, z] = [0, 1, 2].map(|axis| gradient[axis * stride + column]);

@@ -6,7 +6,7 @@ use crate::kernels::{BLOCK, Line, Tier};
 use crate::math::MathBackend;
 use crate::math::polynomial::Polynomial;
 use crate::network::{Architecture, GradientScratch, Network, Scratch, Weights};
-use crate::plan::{Batch, Outputs, Plan, Quality};
+use crate::plan::{Batch, Outputs, Plan, PlanError, Quality};
 use crate::render::Renderer;
 use crate::render::tests::{camera, constant, render, tiers};
 use crate::sampling::Bins;
@@ -111,6 +111,8 @@ fn sample_by_sample(
     let batch = Batch { rays: 1, samples: BLOCK };
     let plan = Plan::new(renderer.blob(), quality, Outputs::NONE, batch).unwrap();
     let mut memory = vec![Line::UNINIT; renderer.workspace_lines(&plan)];
+    // One bin of 1/8, spread evenly.
+    let blur = 0.125 * 0.288_675_13;
     let (mut normals, mut evaluations) = (vec![], 0);
     for i in 0..width * height {
         let ray = camera.ray((i % width) as f32 + 0.5, (i / width) as f32 + 0.5);
@@ -122,7 +124,7 @@ fn sample_by_sample(
             gathered.add_density::<Polynomial>(sigma[0], t, bins.delta());
             if let Some(weight) = gathered.take_uncoloured(quality.colour_cut) {
                 evaluations += 1;
-                sum.add(weight, gradient(network, p));
+                sum.add(weight, gradient(network, p, blur));
             }
             if gathered.transmittance::<Polynomial>() < quality.transmittance_cut {
                 break;
@@ -134,7 +136,7 @@ fn sample_by_sample(
 }
 
 /// The gradient at one point, in a block that it fills.
-fn gradient(network: &Network<'_>, p: Vec3) -> Vec3 {
+fn gradient(network: &Network<'_>, p: Vec3, blur: f32) -> Vec3 {
     let stride = if network.whole_blocks() { 16 } else { 1 };
     let mut encoded = vec![0.0; network.encoded_rows() * stride];
     let mut front = vec![0.0; network.activation_rows() * stride];
@@ -145,7 +147,7 @@ fn gradient(network: &Network<'_>, p: Vec3) -> Vec3 {
     let mut memory = GradientScratch { signs: &mut signs, encoded: &mut of_encoded };
     let positions: Vec<f32> = p.to_array().into_iter().flat_map(|x| vec![x; stride]).collect();
     let mut found = vec![0.0; 3 * stride];
-    network.gradient(MathBackend::Polynomial, &mut scratch, &mut memory, &positions, &mut found);
+    network.gradient(MathBackend::Polynomial, &mut scratch, &mut memory, &positions, blur, &mut found);
     Vec3::new(found[0], found[stride], found[2 * stride])
 }
 
@@ -216,6 +218,32 @@ fn tiers_agree_about_normals() {
         let median = off[off.len() / 2];
         std::println!("{tier:?}: {median:e} of {}", off.len());
         assert!(off.len() > 50 && f64::from(median) <= 5.0 * tolerance(tier, 2e-6), "{tier:?}: {median:e}");
+    }
+}
+
+#[test]
+fn a_blur_takes_ripples_away_and_none_gives_the_gradient_itself() {
+    // A plane with a ripple on it that no sample sees: 64 x + 0.5 sin(2^9 π z).
+    let a = architecture(pi(3, 10), None, &[(1, false)], &[]);
+    let mut all = vec![0.0; a.parameters()];
+    let layers = a.layers();
+    (all[0], all[3 + 6 * 9 + 2], all[layers[0].bias]) = (64.0, 0.5, 0.0);
+    all[layers[1].weights] = 1.0;
+    let (weights, _) = halve(&all);
+    let bytes = bytes(&body(a, None, &weights));
+    let blob = Blob::open(&bytes).unwrap();
+    let renderer = Renderer::new(blob.clone(), Tier::Scalar, &mut []).unwrap();
+    let tilt = |blur| {
+        let plan = Plan::new(&blob, &Quality::default(), NORMALS, Batch::SMALLEST).unwrap();
+        let picture = render(&renderer, &plan.with_normal_blur(blur).unwrap(), &camera(16, 16));
+        let solid = picture.pixels.iter().filter(|pixel| pixel.opacity > 0.5);
+        solid.fold(0.0f32, |most, pixel| most.max((Vec3::from(pixel.normal) - Vec3::NEG_X).length()))
+    };
+    assert!(tilt(0.0) > 0.5, "the ripple's slope is 804 beside the plane's 64");
+    assert!(tilt(Plan::NORMAL_BLUR) < 1e-6, "a bin holds 32 of its waves");
+    let plan = Plan::new(&blob, &Quality::default(), NORMALS, Batch::SMALLEST).unwrap();
+    for bad in [-1.0, f32::INFINITY, f32::NAN] {
+        assert!(matches!(plan.with_normal_blur(bad), Err(PlanError::NormalBlur { .. })), "{bad}");
     }
 }
 
