@@ -57,6 +57,16 @@
 #define NERF_OUTPUT_Z_DEPTH 8
 
 /**
+ * Distance along the ray at which half of the light is gone is wanted.
+ */
+#define NERF_OUTPUT_MEDIAN_DISTANCE 16
+
+/**
+ * Normals are wanted.
+ */
+#define NERF_OUTPUT_NORMALS 32
+
+/**
  * What became of a call; the numbers never change, and later versions may add some.
  */
 enum nerf_status
@@ -312,6 +322,10 @@ enum nerf_format
      * One float: opacity and distances.
      */
     NERF_FORMAT_F32 = 5,
+    /**
+     * Three floats, x, y, z: normals.
+     */
+    NERF_FORMAT_VEC3_F32 = 6,
 };
 #ifndef __cplusplus
 #if __STDC_VERSION__ >= 202311L
@@ -641,7 +655,7 @@ typedef struct nerf_plane {
      */
     ptrdiff_t row_stride;
     /**
-     * A `nerf_format`: RGB or RGBA for `rgb`, F32 for the others.
+     * A `nerf_format`: RGB or RGBA for `rgb`, VEC3_F32 for `normals`, F32 for the others.
      */
     uint32_t format;
     /**
@@ -651,7 +665,7 @@ typedef struct nerf_plane {
 } nerf_plane;
 
 /**
- * Where a picture goes: what is NULL is not computed.
+ * Where a picture goes: what is NULL is not computed, and takes no workspace.
  *
  * Planes may share memory as channels of one structure; what lies between their pixels is never
  * touched.
@@ -677,6 +691,17 @@ typedef struct nerf_target {
      * Mean distance along the view axis, world units; `far` where opacity is 1e-4 or less.
      */
     struct nerf_plane z_depth;
+    /**
+     * First distance along the ray at which less than half of the light is left, world units; `far` where
+     * there is none. Needs a `transmittance_cut` of at most 0.5.
+     */
+    struct nerf_plane median_distance;
+    /**
+     * Where the surface faces, the mean of -grad(density)/|grad(density)| along the ray: world space, unit
+     * length, or 0 where opacity is 1e-4 or less or directions cancel. Costs about as much as two more
+     * samples a ray.
+     */
+    struct nerf_plane normals;
 } nerf_target;
 
 /**
@@ -724,9 +749,14 @@ typedef struct nerf_counters {
      */
     uint64_t macs;
     /**
-     * Samples whose density was NaN (they count as empty) or whose colour was (black).
+     * Samples whose density was NaN (they count as empty), whose colour was (black) or whose gradient was
+     * no finite vector (they have no normal).
      */
     uint64_t invalid_samples;
+    /**
+     * Gradients of the density, for normals.
+     */
+    uint64_t normal_evaluations;
 } nerf_counters;
 
 

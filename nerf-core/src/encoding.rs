@@ -7,8 +7,14 @@ use crate::math::{Math, MathBackend, with_math};
 use core::marker::PhantomData;
 use serde::{Deserialize, Serialize};
 
+#[cfg(feature = "normals")]
+mod gradient;
+
 #[cfg(test)]
 mod tests;
+
+#[cfg(feature = "normals")]
+pub(crate) use gradient::encode_gradient_block;
 
 /// Most levels an encoding may have.
 pub const MAX_LEVELS: u8 = 16;

@@ -20,6 +20,7 @@
 //!   blocks of 64:     PE(dir), once a ray ──► colour (if asked for) ──► rgb │
 //!                                                                       ▼   ▼
 //!                                        rgb, opacity, ray_distance, z_depth ──► Target
+//!                                        (median_distance, normal, if asked for)
 //! ```
 //!
 //! A 2D field, an image as a network, takes the short way: pixel centres go through encoding, trunk and
@@ -41,7 +42,9 @@
 //! | [`ray::Ray::dir`] | unit length, so `t`, `near` and `far` are world units **along the ray** |
 //! | `ray_distance` | mean of `t` under the weights, world units along the ray |
 //! | `z_depth` | `ray_distance` times the cosine between ray and view axis |
-//! | no surface | where `opacity <=` [`volume::OPACITY_EPSILON`] both distances are `far` |
+//! | `median_distance` | first `t` at which the transmittance is below one half, `far` where there is none |
+//! | `normal` | mean of −∇sigma/\|∇sigma\| under the weights, world space, unit length: it points out of what is dense |
+//! | no surface | where `opacity <=` [`volume::OPACITY_EPSILON`] both mean distances are `far`, and the normal is 0 |
 //! | `sigma` | density, `>= 0`, per world unit |
 //! | `alpha` | `−expm1(−sigma delta)`: what one bin keeps of the light |
 //! | `transmittance` | `exp(−Σ sigma delta)` over the bins in front, summed in log space, compensated |
@@ -59,9 +62,12 @@
 //! | --- | --- | --- |
 //! | `libm` | yes | `MathBackend::Libm` |
 //! | `micromath` | yes | `MathBackend::Micromath`: small and rough |
+//! | `median` | yes | the output `median_distance` |
+//! | `normals` | yes | the output `normals`: the gradient of the density, backward through the network |
 //! | `train` | no | backward kernels, for trainers |
 //!
-//! The project's own polynomials ([`MathBackend::Polynomial`]) are always there.
+//! The project's own polynomials ([`MathBackend::Polynomial`]) are always there. A plan that asks for an
+//! output whose feature is off is refused ([`plan::PlanError::NotBuilt`]).
 //!
 //! # Example
 //!

@@ -24,13 +24,45 @@ pub struct Outputs {
     pub ray_distance: bool,
     /// Distance along the view axis.
     pub z_depth: bool,
+    /// Distance along the ray at which half of the light is gone (feature `median`).
+    pub median_distance: bool,
+    /// Normals, by the gradient of the density: about one [`Architecture::gradient_macs`] a ray that meets
+    /// something (feature `normals`).
+    ///
+    /// [`Architecture::gradient_macs`]: crate::network::Architecture::gradient_macs
+    pub normals: bool,
 }
 
 impl Outputs {
-    /// Everything.
-    pub const ALL: Self = Self { rgb: true, opacity: true, ray_distance: true, z_depth: true };
+    /// Nothing: what others are made of.
+    pub const NONE: Self = Self {
+        rgb: false,
+        opacity: false,
+        ray_distance: false,
+        z_depth: false,
+        median_distance: false,
+        normals: false,
+    };
     /// Colour and opacity.
-    pub const RGB: Self = Self { rgb: true, opacity: true, ray_distance: false, z_depth: false };
+    pub const RGB: Self = Self { rgb: true, opacity: true, ..Self::NONE };
+    /// Colour, opacity and both mean distances, what every build has. Median distance and normals are asked
+    /// for by name.
+    pub const ALL: Self = Self { ray_distance: true, z_depth: true, ..Self::RGB };
+
+    /// Whether single samples are picked for more than their density.
+    pub(crate) const fn picks(&self) -> bool {
+        self.rgb || (cfg!(feature = "normals") && self.normals)
+    }
+
+    /// An output that is asked for and that this build lacks.
+    fn not_built(&self) -> Option<&'static str> {
+        [
+            ("median_distance", self.median_distance, cfg!(feature = "median")),
+            ("normals", self.normals, cfg!(feature = "normals")),
+        ]
+        .into_iter()
+        .find_map(|(effect, asked, built)| (asked && !built).then_some(effect))
+    }
 }
 
 /// How much goes through the renderer at once; never changes a picture, only memory and time.
@@ -79,9 +111,13 @@ pub struct Plan<'a> {
     pub(crate) colour_cut: f32,
     pub(crate) math: MathBackend,
     pub(crate) batch: Batch,
+    pub(crate) normal_blur: f32,
 }
 
 impl<'a> Plan<'a> {
+    /// The default blur of normals: one bin, the finest that the samples of a ray tell apart.
+    pub const NORMAL_BLUR: f32 = 1.0;
+
     /// What `blob` holds, met with what is asked for.
     ///
     /// # Errors
@@ -95,6 +131,9 @@ impl<'a> Plan<'a> {
         let (Some(scene), Some(bounds)) = (blob.scene(), blob.scene_box()) else {
             return Err(PlanError::NotAScene);
         };
+        if let Some(effect) = outputs.not_built() {
+            return Err(PlanError::NotBuilt { effect });
+        }
         if scene.grid_required && !quality.skip_grid {
             return Err(PlanError::GridRequired);
         }
@@ -104,6 +143,9 @@ impl<'a> Plan<'a> {
         }
         if !(0.0..1.0).contains(&quality.transmittance_cut) {
             return Err(PlanError::TransmittanceCut { found: quality.transmittance_cut });
+        }
+        if outputs.median_distance && quality.transmittance_cut > 0.5 {
+            return Err(PlanError::MedianBehindCut { found: quality.transmittance_cut });
         }
         if !(0.0..1.0).contains(&quality.colour_cut) {
             return Err(PlanError::ColourCut { found: quality.colour_cut });
@@ -123,7 +165,36 @@ impl<'a> Plan<'a> {
             colour_cut: quality.colour_cut,
             math: quality.math,
             batch,
+            normal_blur: Self::NORMAL_BLUR,
         })
+    }
+
+    /// The same frame with normals of another blur, in bins; 0 for the density's gradient itself.
+    ///
+    /// A field that was fitted through samples a bin apart has ripples far finer than a bin, which no sum along a
+    /// ray shows, but which are most of its gradient: 2^9 π for the tenth level of an encoding. A blur of
+    /// one bin takes the gradient's mean over a Gaussian as wide as a bin (deviation: a bin's width / √12).
+    ///
+    /// # Errors
+    /// [`PlanError::NormalBlur`] unless it is finite and at least 0.
+    pub fn with_normal_blur(mut self, bins: f32) -> Result<Self, PlanError> {
+        if !(0.0..=f32::MAX).contains(&bins) {
+            return Err(PlanError::NormalBlur { found: bins });
+        }
+        self.normal_blur = bins;
+        Ok(self)
+    }
+
+    /// The deviation of the normals' blur, world units.
+    pub(crate) fn normal_deviation(&self) -> f32 {
+        // 1/√12: the deviation of what is spread evenly over a bin.
+        const EVEN: f32 = 0.288_675_13;
+        self.normal_blur * self.bins.delta() * EVEN
+    }
+
+    /// What a pixel is asked for.
+    pub fn outputs(&self) -> Outputs {
+        self.outputs
     }
 
     /// The same frame over another background.
@@ -177,6 +248,21 @@ pub enum PlanError {
         /// What was asked for.
         found: f32,
     },
+    /// The median distance with a transmittance cut above one half: rays would end in front of it.
+    MedianBehindCut {
+        /// The cut that was asked for.
+        found: f32,
+    },
+    /// A blur of normals that is no finite number of bins, or less than none.
+    NormalBlur {
+        /// What was asked for.
+        found: f32,
+    },
+    /// An output or effect that this build has no code for.
+    NotBuilt {
+        /// Its name.
+        effect: &'static str,
+    },
     /// A colour cut outside `[0, 1)`.
     ColourCut {
         /// What was asked for.
@@ -210,6 +296,17 @@ impl core::fmt::Display for PlanError {
             }
             Self::TransmittanceCut { found } => {
                 write!(f, "quality.transmittance_cut: expected 0 <= cut < 1, found {found}")
+            }
+            Self::MedianBehindCut { found } => write!(
+                f,
+                "quality.transmittance_cut: expected at most 0.5, since median_distance is asked for and rays \
+                 would end in front of it, found {found}"
+            ),
+            Self::NormalBlur { found } => {
+                write!(f, "normal_blur: expected a finite number of bins, at least 0, found {found}")
+            }
+            Self::NotBuilt { effect } => {
+                write!(f, "{effect}: not built in: expected a build with its feature, found one without")
             }
             Self::ColourCut { found } => {
                 write!(f, "quality.colour_cut: expected 0 <= cut < 1, found {found}")

@@ -13,6 +13,7 @@ mod frame;
 mod march;
 mod picture;
 mod rect;
+mod surface;
 
 #[cfg(test)]
 mod tests;

@@ -3,8 +3,18 @@
 use crate::math::Math;
 use crate::math::polynomial::Polynomial;
 
+#[cfg(feature = "median")]
+mod median;
+#[cfg(feature = "normals")]
+mod normal;
+
 #[cfg(test)]
 mod tests;
+
+#[cfg(feature = "median")]
+pub use median::median_in_bin;
+#[cfg(feature = "normals")]
+pub use normal::NormalSum;
 
 /// At or below this opacity a pixel has no surface: its distances are `far`.
 pub const OPACITY_EPSILON: f32 = 1e-4;
@@ -40,6 +50,24 @@ pub struct Pixel {
     pub ray_distance: f32,
     /// Mean distance along the view axis, world units; `far` where opacity is at most [`OPACITY_EPSILON`].
     pub z_depth: f32,
+    /// First distance along the ray at which the transmittance is below one half, world units; `far` where
+    /// there is none, 0 if it was not asked for.
+    pub median_distance: f32,
+    /// Mean of −∇sigma/|∇sigma| under the weights, world space, unit length; 0 where opacity is at most
+    /// [`OPACITY_EPSILON`], where the directions cancel, and if it was not asked for.
+    pub normal: [f32; 3],
+}
+
+impl Pixel {
+    /// A pixel nobody has computed.
+    pub const BLANK: Self = Self {
+        rgb: [0.0; 3],
+        opacity: 0.0,
+        ray_distance: 0.0,
+        z_depth: 0.0,
+        median_distance: 0.0,
+        normal: [0.0; 3],
+    };
 }
 
 /// What a ray has gathered so far, front to back.
@@ -65,6 +93,12 @@ impl Accumulator {
         let zero = Sum { value: 0.0, lost: 0.0 };
         Self { tau: zero, rgb: [zero; 3], opacity: zero, distance: zero, uncoloured: 0.0 }
     };
+
+    /// `Σ sigma delta` of everything gathered so far.
+    #[inline]
+    pub fn optical_thickness(&self) -> f32 {
+        self.tau.value
+    }
 
     /// What is left of the light behind everything gathered so far: `exp(−Σ sigma delta)`.
     #[inline]
@@ -120,7 +154,7 @@ impl Accumulator {
     /// The pixel, over `background`; `z_per_distance` is the cosine between ray and view axis.
     ///
     /// Weight that is left without a colour takes the mean of the ray's colours, as long as it is the
-    /// smaller part.
+    /// smaller part. Median distance and normal are not its business: they stay 0.
     pub fn finish(&self, background: [f32; 3], far: f32, z_per_distance: f32) -> Pixel {
         let opacity = self.opacity.value.clamp(0.0, 1.0);
         let through = 1.0 - opacity;
@@ -133,7 +167,7 @@ impl Accumulator {
         } else {
             (far, far)
         };
-        Pixel { rgb, opacity, ray_distance, z_depth }
+        Pixel { rgb, opacity, ray_distance, z_depth, ..Pixel::BLANK }
     }
 }
 
@@ -142,7 +176,7 @@ impl Accumulator {
 /// `sigma`: `[n]`, 1/world unit, >= 0.  `rgb`: `[n]`.  `t_edges`: `[n + 1]`, world units, ascending.
 /// Distances are taken at the middle of each bin. A sample whose density is NaN or whose colour is
 /// not finite is empty. `z_depth` equals `ray_distance`: one ray has no
-/// view axis.
+/// view axis. Median distance and normal stay 0.
 ///
 /// # Errors
 /// [`VolumeError`] on lengths that do not fit and on edges that are not finite and ascending.

@@ -5,6 +5,7 @@ use crate::span::check_aligned;
 use crate::status::Status;
 use core::ffi::c_char;
 use core::fmt::{self, Write};
+use core::mem::MaybeUninit;
 
 /// Largest `struct_size` that is believed: beyond it the field is garbage, not a later version.
 const MAX_STRUCT_SIZE: usize = 4096;
@@ -111,8 +112,14 @@ pub(crate) unsafe fn read_versioned<T: Versioned>(at: *const T) -> Result<T, Fai
             return Err(Failure::Reserved(T::NAME));
         }
     }
-    // SAFETY: not NULL, aligned and long enough (`size_of_versioned`); any bytes are a value (`Versioned`).
-    Ok(unsafe { at.read() })
+    let mut value = MaybeUninit::<T>::zeroed();
+    let known = size.min(size_of::<T>());
+    // SAFETY: not NULL and readable for `known` bytes (`size_of_versioned`); what an older caller's structure
+    // does not have stays zero, and any bytes are a value (`Versioned`).
+    unsafe {
+        at.cast::<u8>().copy_to_nonoverlapping(value.as_mut_ptr().cast(), known);
+        Ok(value.assume_init())
+    }
 }
 
 /// A checked place for a structure of results.
@@ -132,13 +139,16 @@ impl<T: Versioned> Out<T> {
         Ok(Self { at, size })
     }
 
-    /// Writes `value`, whose `struct_size` becomes the caller's; what this build does not know is zeroed.
+    /// Writes as much of `value` as the caller's structure has, whose `struct_size` stays; what this build
+    /// does not know is zeroed.
     pub fn write(self, value: T) {
+        let known = self.size.min(size_of::<T>());
+        let (from, to) = ((&raw const value).cast::<u8>(), self.at.cast::<u8>());
         // SAFETY: `new` checked the place, and its caller vouches for `size` bytes.
         unsafe {
-            self.at.write(value);
+            to.copy_from_nonoverlapping(from, known);
             self.at.cast::<usize>().write(self.size);
-            self.at.cast::<u8>().add(size_of::<T>()).write_bytes(0, self.size - size_of::<T>());
+            to.add(known).write_bytes(0, self.size - known);
         }
     }
 }

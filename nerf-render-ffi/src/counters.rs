@@ -22,13 +22,17 @@ pub struct Counters {
     pub colour_evaluations: u64,
     /// Multiply-adds of the network.
     pub macs: u64,
-    /// Samples whose density was NaN (they count as empty) or whose colour was (black).
+    /// Samples whose density was NaN (they count as empty), whose colour was (black) or whose gradient was
+    /// no finite vector (they have no normal).
     pub invalid_samples: u64,
+    /// Gradients of the density, for normals.
+    pub normal_evaluations: u64,
 }
 
 // SAFETY: `repr(C)`, `struct_size` comes first, and integers have no invalid bytes.
 unsafe impl Versioned for Counters {
     const NAME: &'static str = "counters";
+    const SIZE_V1: usize = core::mem::offset_of!(Self, normal_evaluations);
 }
 
 impl From<Counters> for render::Counters {
@@ -41,6 +45,7 @@ impl From<Counters> for render::Counters {
             colour_evaluations: c.colour_evaluations,
             macs: c.macs,
             invalid_samples: c.invalid_samples,
+            normal_evaluations: c.normal_evaluations,
         }
     }
 }
@@ -56,6 +61,7 @@ impl From<render::Counters> for Counters {
             colour_evaluations: c.colour_evaluations,
             macs: c.macs,
             invalid_samples: c.invalid_samples,
+            normal_evaluations: c.normal_evaluations,
         }
     }
 }

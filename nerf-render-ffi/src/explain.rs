@@ -72,7 +72,7 @@ pub unsafe extern "C" fn nerf_explain(
         // SAFETY: the caller's promise.
         let settings = unsafe { Settings::read(options, renderer.network().tier())? };
         let plan = settings.plan(renderer.blob(), workspace::read_outputs(outputs)?, false)?;
-        let bytes = workspace::size(settings.batch, renderer.workspace_lines(&plan))?;
+        let bytes = workspace::size(settings.batch, plan.outputs(), renderer.workspace_lines(&plan))?;
         let mut explanation = plan.explain(renderer).with_workspace(bytes);
         if !counters.is_null() {
             // SAFETY: the caller's promise.

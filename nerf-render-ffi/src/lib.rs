@@ -9,6 +9,7 @@
 mod boundary;
 mod failure;
 mod span;
+mod tile_pixels;
 mod tiles;
 
 // What follows is the header's order, which is the order of use.
@@ -60,5 +61,6 @@ pub use status::{Status, nerf_status_text};
 pub use target::{Plane, Target};
 pub use version::{NERF_ABI_VERSION, nerf_abi_version, nerf_version_text};
 pub use workspace::{
-    NERF_OUTPUT_OPACITY, NERF_OUTPUT_RAY_DISTANCE, NERF_OUTPUT_RGB, NERF_OUTPUT_Z_DEPTH, nerf_workspace_size,
+    NERF_OUTPUT_MEDIAN_DISTANCE, NERF_OUTPUT_NORMALS, NERF_OUTPUT_OPACITY, NERF_OUTPUT_RAY_DISTANCE,
+    NERF_OUTPUT_RGB, NERF_OUTPUT_Z_DEPTH, nerf_workspace_size,
 };

@@ -20,11 +20,13 @@ pub enum PixelFormat {
     RgbaF32 = 4,
     /// One float: opacity and distances.
     F32 = 5,
+    /// Three floats, x, y, z: normals.
+    Vec3F32 = 6,
 }
 
 impl PixelFormat {
     /// The colour format of that number.
-    pub(crate) fn colour(number: u32) -> Option<Self> {
+    fn colour(number: u32) -> Option<Self> {
         use PixelFormat::*;
         [RgbU8, RgbF32, RgbaU8, RgbaF32].into_iter().find(|&format| format as u32 == number)
     }
@@ -36,7 +38,7 @@ impl PixelFormat {
     pub(crate) fn size(self) -> usize {
         match self {
             Self::RgbU8 => 3,
-            Self::RgbF32 => 12,
+            Self::RgbF32 | Self::Vec3F32 => 12,
             Self::RgbaU8 | Self::F32 => 4,
             Self::RgbaF32 => 16,
         }
@@ -45,7 +47,7 @@ impl PixelFormat {
     pub(crate) fn align(self) -> usize {
         match self {
             Self::RgbU8 | Self::RgbaU8 => 1,
-            Self::RgbF32 | Self::RgbaF32 | Self::F32 => 4,
+            Self::RgbF32 | Self::RgbaF32 | Self::F32 | Self::Vec3F32 => 4,
         }
     }
 }
@@ -57,6 +59,8 @@ pub(crate) enum Channel {
     Opacity,
     RayDistance,
     ZDepth,
+    MedianDistance,
+    Normal,
 }
 
 impl Channel {
@@ -67,7 +71,19 @@ impl Channel {
             Self::Opacity => "target.opacity",
             Self::RayDistance => "target.ray_distance",
             Self::ZDepth => "target.z_depth",
+            Self::MedianDistance => "target.median_distance",
+            Self::Normal => "target.normals",
         }
+    }
+
+    /// The format of that number, if it suits.
+    pub fn format(self, number: u32) -> Option<PixelFormat> {
+        let only = match self {
+            Self::Colour => return PixelFormat::colour(number),
+            Self::Normal => PixelFormat::Vec3F32,
+            Self::Opacity | Self::RayDistance | Self::ZDepth | Self::MedianDistance => PixelFormat::F32,
+        };
+        (number == only as u32).then_some(only)
     }
 }
 
@@ -79,9 +95,10 @@ impl Channel {
 pub(crate) unsafe fn put(to: *mut u8, format: PixelFormat, channel: Channel, pixel: &volume::Pixel) {
     let [r, g, b] = pixel.rgb;
     let value = match channel {
-        Channel::Colour | Channel::Opacity => pixel.opacity,
+        Channel::Colour | Channel::Opacity | Channel::Normal => pixel.opacity,
         Channel::RayDistance => pixel.ray_distance,
         Channel::ZDepth => pixel.z_depth,
+        Channel::MedianDistance => pixel.median_distance,
     };
     // SAFETY: the caller's promise, format by format.
     unsafe {
@@ -91,6 +108,7 @@ pub(crate) unsafe fn put(to: *mut u8, format: PixelFormat, channel: Channel, pix
             PixelFormat::RgbaU8 => to.cast::<[u8; 4]>().write([r, g, b, value].map(byte)),
             PixelFormat::RgbaF32 => to.cast::<[f32; 4]>().write([r, g, b, value]),
             PixelFormat::F32 => to.cast::<f32>().write(value),
+            PixelFormat::Vec3F32 => to.cast::<[f32; 3]>().write(pixel.normal),
         }
     }
 }

@@ -53,9 +53,9 @@ pub unsafe extern "C" fn nerf_query(
         if n > 0 {
             check_spans(scene, workspace.span(), n, positions, dirs, sigma, rgb)?;
         }
-        let outputs = Outputs { rgb: colour, opacity: false, ray_distance: false, z_depth: false };
+        let outputs = Outputs { rgb: colour, ..Outputs::NONE };
         let plan = settings.plan(scene.renderer().blob(), outputs, false)?;
-        workspace.check_size(settings.batch, scene.renderer().workspace_lines(&plan))?;
+        workspace.check_size(settings.batch, outputs, scene.renderer().workspace_lines(&plan))?;
         // SAFETY: `check_spans` found every point inside arrays the caller vouches for; neither
         // `f32` reads nor writes make a reference to them.
         let dir_at = |i: usize| unsafe { dirs.cast::<[f32; 3]>().add(i).read() };
@@ -76,7 +76,7 @@ pub unsafe extern "C" fn nerf_query(
                 }
             }
             // SAFETY: the memory is this call's own by the caller's promise.
-            let (_, lines) = unsafe { workspace.split(settings.batch)? };
+            let (_, lines) = unsafe { workspace.split(settings.batch, outputs)? };
             let renderer = scene.renderer();
             work += renderer
                 .query(&plan, &p[..count], &d[..count], lines, &mut s[..count], &mut c[..count])

@@ -10,6 +10,7 @@ use crate::scene::Scene;
 use crate::span::check_aligned;
 use crate::status::Status;
 use crate::target::{Canvas, Target};
+use crate::tile_pixels::TilePixels;
 use crate::tiles::{Watcher, render_tiles};
 use crate::workspace::Workspace;
 use core::ffi::{c_char, c_void};
@@ -101,11 +102,11 @@ pub unsafe extern "C" fn nerf_render(
         let canvas = unsafe { Canvas::new(target, rect, scene, workspace.span())? };
         let renderer = scene.renderer();
         let plan = settings.plan(renderer.blob(), canvas.outputs(), canvas.has_alpha())?;
-        workspace.check_size(settings.batch, renderer.workspace_lines(&plan))?;
+        workspace.check_size(settings.batch, plan.outputs(), renderer.workspace_lines(&plan))?;
 
-        let draw = |tile: render::Rect, pixels: &mut [Pixel], lines: &mut [Line]| {
+        let draw = |tile: render::Rect, pixels: &mut TilePixels<'_>, lines: &mut [Line]| {
             let mut put = |x: u32, y: u32, pixel: &Pixel| {
-                pixels[((y - tile.y) * tile.width + (x - tile.x)) as usize] = *pixel;
+                pixels.put(((y - tile.y) * tile.width + (x - tile.x)) as usize, pixel);
             };
             renderer.render(&plan, &camera, tile, lines, &mut put).map_err(Failure::Render)
         };

@@ -9,10 +9,12 @@ use crate::render_options::{RenderOptions, Settings};
 use crate::scene::Scene;
 use crate::status::Status;
 use crate::target::{Canvas, Target};
+use crate::tile_pixels::TilePixels;
 use crate::tiles::{Watcher, render_tiles};
 use crate::workspace::{Workspace, size};
 use core::ffi::{c_char, c_void};
 use nerf_core::kernels::Line;
+use nerf_core::plan::Outputs;
 use nerf_core::render::{self, RenderError, Renderer};
 use nerf_core::volume::Pixel;
 
@@ -52,7 +54,7 @@ pub unsafe extern "C" fn nerf_picture_workspace_size(
         // SAFETY: the caller's promise.
         let settings = unsafe { Settings::read(options, renderer.network().tier())? };
         let lines = renderer.picture_workspace_lines(settings.batch);
-        let bytes = self::size(settings.batch, lines)?;
+        let bytes = self::size(settings.batch, Outputs::NONE, lines)?;
         // SAFETY: checked above, and writable by the caller's promise.
         unsafe {
             size.write(bytes);
@@ -109,12 +111,12 @@ pub unsafe extern "C" fn nerf_render_picture(
         // SAFETY: the caller's promise.
         let canvas = unsafe { Canvas::new(target, rect, scene, workspace.span())? };
         canvas.check_colour_only()?;
-        workspace.check_size(batch, renderer.picture_workspace_lines(batch))?;
+        workspace.check_size(batch, Outputs::NONE, renderer.picture_workspace_lines(batch))?;
 
-        let draw = |tile: render::Rect, pixels: &mut [Pixel], lines: &mut [Line]| {
+        let draw = |tile: render::Rect, pixels: &mut TilePixels<'_>, lines: &mut [Line]| {
             let mut put = |x: u32, y: u32, rgb: [f32; 3]| {
-                let pixel = Pixel { rgb, opacity: 1.0, ray_distance: 0.0, z_depth: 0.0 };
-                pixels[((y - tile.y) * tile.width + (x - tile.x)) as usize] = pixel;
+                let pixel = Pixel { rgb, opacity: 1.0, ..Pixel::BLANK };
+                pixels.put(((y - tile.y) * tile.width + (x - tile.x)) as usize, &pixel);
             };
             let drawn = renderer.render_picture(quality.math, batch, [width, height], tile, lines, &mut put);
             drawn.map_err(Failure::Render)

@@ -5,10 +5,10 @@ use crate::failure::Failure;
 use crate::pixel::{Channel, PixelFormat, put};
 use crate::scene::Scene;
 use crate::span::{Span, check_aligned};
+use crate::tile_pixels::TilePixels;
 use core::ffi::c_void;
 use nerf_core::plan::Outputs;
 use nerf_core::render::Rect;
-use nerf_core::volume::Pixel;
 
 /// One plane of a picture, in the caller's memory; it begins with the **rectangle's** top left pixel.
 #[derive(Clone, Copy, Debug)]
@@ -20,13 +20,13 @@ pub struct Plane {
     pub pixel_stride: usize,
     /// From a pixel to the one below, bytes; negative where rows go up; 0 for rows without a gap.
     pub row_stride: isize,
-    /// A `nerf_format`: RGB or RGBA for `rgb`, F32 for the others.
+    /// A `nerf_format`: RGB or RGBA for `rgb`, VEC3_F32 for `normals`, F32 for the others.
     pub format: u32,
     /// Zero.
     pub reserved: u32,
 }
 
-/// Where a picture goes: what is NULL is not computed.
+/// Where a picture goes: what is NULL is not computed, and takes no workspace.
 ///
 /// Planes may share memory as channels of one structure; what lies between their pixels is never
 /// touched.
@@ -43,11 +43,19 @@ pub struct Target {
     pub ray_distance: Plane,
     /// Mean distance along the view axis, world units; `far` where opacity is 1e-4 or less.
     pub z_depth: Plane,
+    /// First distance along the ray at which less than half of the light is left, world units; `far` where
+    /// there is none. Needs a `transmittance_cut` of at most 0.5.
+    pub median_distance: Plane,
+    /// Where the surface faces, the mean of -grad(density)/|grad(density)| along the ray: world space, unit
+    /// length, or 0 where opacity is 1e-4 or less or directions cancel. Costs about as much as two more
+    /// samples a ray.
+    pub normals: Plane,
 }
 
 // SAFETY: `repr(C)`, `struct_size` comes first, and numbers and pointers have no invalid bytes.
 unsafe impl Versioned for Target {
     const NAME: &'static str = "target";
+    const SIZE_V1: usize = core::mem::offset_of!(Self, median_distance);
 }
 
 /// A plane that can be written to without a further check.
@@ -63,7 +71,7 @@ struct Surface {
 /// A checked target for the pixels of one rectangle.
 pub(crate) struct Canvas {
     rect: Rect,
-    surfaces: [Option<Surface>; 4],
+    surfaces: [Option<Surface>; 6],
 }
 
 impl Canvas {
@@ -85,8 +93,10 @@ impl Canvas {
             (Channel::Opacity, target.opacity),
             (Channel::RayDistance, target.ray_distance),
             (Channel::ZDepth, target.z_depth),
+            (Channel::MedianDistance, target.median_distance),
+            (Channel::Normal, target.normals),
         ];
-        let mut surfaces = [None; 4];
+        let mut surfaces = [None; 6];
         for ((channel, plane), surface) in planes.into_iter().zip(&mut surfaces) {
             let name = channel.name();
             if plane.reserved != 0 {
@@ -104,8 +114,9 @@ impl Canvas {
 
     /// What the planes ask for.
     pub fn outputs(&self) -> Outputs {
-        let [rgb, opacity, ray_distance, z_depth] = self.surfaces.map(|surface| surface.is_some());
-        Outputs { rgb, opacity, ray_distance, z_depth }
+        let [rgb, opacity, ray_distance, z_depth, median_distance, normals] =
+            self.surfaces.map(|surface| surface.is_some());
+        Outputs { rgb, opacity, ray_distance, z_depth, median_distance, normals }
     }
 
     /// An error where a plane is wanted that only a scene has.
@@ -120,10 +131,12 @@ impl Canvas {
     }
 
     /// Writes a finished tile, row by row; it lies in the rectangle.
-    pub fn write(&mut self, tile: Rect, pixels: &[Pixel]) {
+    pub fn write(&mut self, tile: Rect, pixels: &TilePixels<'_>) {
         for surface in self.surfaces.iter().flatten() {
-            for (y, row) in (tile.y - self.rect.y..).zip(pixels.chunks(tile.width as usize)) {
-                for (x, pixel) in (tile.x - self.rect.x..).zip(row) {
+            for row in 0..tile.height {
+                for column in 0..tile.width {
+                    let (x, y) = (tile.x - self.rect.x + column, tile.y - self.rect.y + row);
+                    let pixel = &pixels.get((row * tile.width + column) as usize);
                     // SAFETY: `check` found that the plane's span holds every pixel of the rectangle
                     // at its alignment; it is writable by the promise of `new`.
                     unsafe {
@@ -144,11 +157,7 @@ fn check(
     plane: &Plane,
     rect: Rect,
 ) -> Result<(Surface, Span), Failure> {
-    let format = match channel {
-        Channel::Colour => PixelFormat::colour(plane.format),
-        _ => (plane.format == PixelFormat::F32 as u32).then_some(PixelFormat::F32),
-    };
-    let format = format.ok_or(Failure::Format { name, found: plane.format })?;
+    let format = channel.format(plane.format).ok_or(Failure::Format { name, found: plane.format })?;
     let overflow = Failure::Overflow(name);
     let (columns, rows) = (rect.width.saturating_sub(1) as usize, rect.height.saturating_sub(1) as usize);
     let pixel_stride = if plane.pixel_stride == 0 { format.size() } else { plane.pixel_stride };

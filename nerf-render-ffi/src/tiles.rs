@@ -3,12 +3,12 @@
 use crate::failure::Failure;
 use crate::progress::Progress;
 use crate::target::Canvas;
+use crate::tile_pixels::TilePixels;
 use crate::workspace::{Workspace, tile_size};
 use core::ffi::c_void;
 use nerf_core::kernels::Line;
 use nerf_core::plan::Batch;
 use nerf_core::render::{Counters, Rect};
-use nerf_core::volume::Pixel;
 
 /// The caller's progress function with its argument.
 #[derive(Clone, Copy)]
@@ -30,17 +30,17 @@ impl Watcher {
 
 /// Renders `rect`, the canvas' own, tile by tile.
 ///
-/// `render` puts every pixel of the tile it is given into the slice, row by row, and may work in the lines.
+/// `render` puts every pixel of the tile it is given, row by row, and may work in the lines.
 ///
 /// # Safety
-/// The workspace is large enough for `batch` and the call's own.
+/// The workspace is large enough for `batch`, the canvas' outputs and the call's own.
 pub(crate) unsafe fn render_tiles(
     rect: Rect,
     batch: Batch,
     mut workspace: Workspace,
     mut canvas: Canvas,
     watcher: Watcher,
-    render: impl Fn(Rect, &mut [Pixel], &mut [Line]) -> Result<Counters, Failure>,
+    render: impl Fn(Rect, &mut TilePixels<'_>, &mut [Line]) -> Result<Counters, Failure>,
 ) -> Result<Counters, Failure> {
     let all = u64::from(rect.width) * u64::from(rect.height);
     let (mut done, mut work) = (0, Counters::default());
@@ -50,11 +50,10 @@ pub(crate) unsafe fn render_tiles(
         // A tile is finished aside and then copied, so that not even a panic leaves half of one;
         // no slice of the workspace outlives the tile, so that the callback may use it.
         // SAFETY: the memory is this call's own by the caller's promise.
-        let (pixels, lines) = unsafe { workspace.split(batch)? };
-        work += render(tile, pixels, lines)?;
-        let count = (tile.width * tile.height) as usize;
-        canvas.write(tile, &pixels[..count]);
-        done += count as u64;
+        let (mut pixels, lines) = unsafe { workspace.split(batch, canvas.outputs())? };
+        work += render(tile, &mut pixels, lines)?;
+        canvas.write(tile, &pixels);
+        done += u64::from(tile.width * tile.height);
         watcher.report(done, all)?;
     }
     Ok(work)

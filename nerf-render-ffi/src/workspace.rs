@@ -6,10 +6,10 @@ use crate::render_options::{RenderOptions, Settings};
 use crate::scene::Scene;
 use crate::span::Span;
 use crate::status::Status;
+use crate::tile_pixels::TilePixels;
 use core::ffi::{c_char, c_void};
-use nerf_core::kernels::{Arena, Line, lines_for};
+use nerf_core::kernels::{Arena, Line};
 use nerf_core::plan::{Batch, Outputs};
-use nerf_core::volume::Pixel;
 
 /// Colour is wanted.
 pub const NERF_OUTPUT_RGB: u32 = 1;
@@ -19,6 +19,10 @@ pub const NERF_OUTPUT_OPACITY: u32 = 2;
 pub const NERF_OUTPUT_RAY_DISTANCE: u32 = 4;
 /// Distance along the view axis is wanted.
 pub const NERF_OUTPUT_Z_DEPTH: u32 = 8;
+/// Distance along the ray at which half of the light is gone is wanted.
+pub const NERF_OUTPUT_MEDIAN_DISTANCE: u32 = 16;
+/// Normals are wanted.
+pub const NERF_OUTPUT_NORMALS: u32 = 32;
 
 /// Longest side of a tile, pixels.
 const TILE_SIDE: usize = 16;
@@ -29,18 +33,15 @@ pub(crate) fn tile_size(batch: Batch) -> (u32, u32) {
     (width as u32, TILE_SIDE.min(batch.rays / width).max(1) as u32)
 }
 
-/// A pixel nobody has computed.
-const BLANK: Pixel = Pixel { rgb: [0.0; 3], opacity: 0.0, ray_distance: 0.0, z_depth: 0.0 };
-
 /// Pixels of the largest tile.
 fn tile_pixels(batch: Batch) -> usize {
     let (width, height) = tile_size(batch);
     (width * height) as usize
 }
 
-/// Bytes one call needs: room for a tile, and the renderer's `lines`.
-pub(crate) fn size(batch: Batch, lines: usize) -> Result<usize, Failure> {
-    let lines = lines_for::<Pixel>(tile_pixels(batch)).checked_add(lines);
+/// Bytes one call needs: room for a tile's `outputs`, and the renderer's `lines`.
+pub(crate) fn size(batch: Batch, outputs: Outputs, lines: usize) -> Result<usize, Failure> {
+    let lines = TilePixels::lines(tile_pixels(batch), outputs).checked_add(lines);
     lines.and_then(|lines| lines.checked_mul(size_of::<Line>())).ok_or(Failure::Overflow("workspace"))
 }
 
@@ -65,8 +66,8 @@ impl Workspace {
     }
 
     /// Checks the size, of which the renderer needs `lines`.
-    pub fn check_size(&self, batch: Batch, lines: usize) -> Result<(), Failure> {
-        let expected = size(batch, lines)?;
+    pub fn check_size(&self, batch: Batch, outputs: Outputs, lines: usize) -> Result<(), Failure> {
+        let expected = size(batch, outputs, lines)?;
         let found = self.lines * size_of::<Line>();
         if found < expected { Err(Failure::Memory { name: "workspace", expected, found }) } else { Ok(()) }
     }
@@ -75,13 +76,18 @@ impl Workspace {
     ///
     /// # Safety
     /// The memory is writable, and nobody else uses it as long as the slices live.
-    pub unsafe fn split(&mut self, batch: Batch) -> Result<(&mut [Pixel], &mut [Line]), Failure> {
+    pub unsafe fn split(
+        &mut self,
+        batch: Batch,
+        outputs: Outputs,
+    ) -> Result<(TilePixels<'_>, &mut [Line]), Failure> {
         // SAFETY: aligned (`new`), a line holds any bytes, and the rest is the caller's promise.
         let lines = unsafe { core::slice::from_raw_parts_mut(self.at, self.lines) };
         let count = tile_pixels(batch);
-        let (first, rest) =
-            lines.split_at_mut_checked(lines_for::<Pixel>(count)).ok_or(Failure::Null("workspace"))?;
-        let pixels = Arena::new(first).slice(count, BLANK).ok_or(Failure::Null("workspace"))?;
+        let first = TilePixels::lines(count, outputs);
+        let (first, rest) = lines.split_at_mut_checked(first).ok_or(Failure::Null("workspace"))?;
+        let pixels = TilePixels::carve(&mut Arena::new(first), count, outputs);
+        let pixels = pixels.ok_or(Failure::Null("workspace"))?;
         Ok((pixels, rest))
     }
 }
@@ -113,7 +119,8 @@ pub unsafe extern "C" fn nerf_workspace_size(
         // SAFETY: the caller's promise.
         let settings = unsafe { Settings::read(options, scene.renderer().network().tier())? };
         let plan = settings.plan(scene.renderer().blob(), read_outputs(outputs)?, false)?;
-        let bytes = self::size(settings.batch, scene.renderer().workspace_lines(&plan))?;
+        let lines = scene.renderer().workspace_lines(&plan);
+        let bytes = self::size(settings.batch, plan.outputs(), lines)?;
         // SAFETY: checked above, and writable by the caller's promise.
         unsafe {
             size.write(bytes);
@@ -124,7 +131,12 @@ pub unsafe extern "C" fn nerf_workspace_size(
 }
 
 pub(crate) fn read_outputs(found: u32) -> Result<Outputs, Failure> {
-    let all = NERF_OUTPUT_RGB | NERF_OUTPUT_OPACITY | NERF_OUTPUT_RAY_DISTANCE | NERF_OUTPUT_Z_DEPTH;
+    let all = NERF_OUTPUT_RGB
+        | NERF_OUTPUT_OPACITY
+        | NERF_OUTPUT_RAY_DISTANCE
+        | NERF_OUTPUT_Z_DEPTH
+        | NERF_OUTPUT_MEDIAN_DISTANCE
+        | NERF_OUTPUT_NORMALS;
     if found & !all != 0 {
         return Err(Failure::Setting { name: "outputs", expected: "NERF_OUTPUT_* or-ed", found });
     }
@@ -133,5 +145,7 @@ pub(crate) fn read_outputs(found: u32) -> Result<Outputs, Failure> {
         opacity: found & NERF_OUTPUT_OPACITY != 0,
         ray_distance: found & NERF_OUTPUT_RAY_DISTANCE != 0,
         z_depth: found & NERF_OUTPUT_Z_DEPTH != 0,
+        median_distance: found & NERF_OUTPUT_MEDIAN_DISTANCE != 0,
+        normals: found & NERF_OUTPUT_NORMALS != 0,
     })
 }

@@ -33,6 +33,10 @@ pub struct Frame {
     pub ray_distance: Vec<f32>,
     /// World units along the view axis.
     pub z_depth: Vec<f32>,
+    /// World units along the ray; empty if the plan does not ask for it.
+    pub median_distance: Vec<f32>,
+    /// World space, unit length or 0; empty if the plan does not ask for them.
+    pub normals: Vec<[f32; 3]>,
     /// The work it took.
     pub counters: Counters,
 }
@@ -74,7 +78,7 @@ pub fn render(renderer: &Renderer<'_>, plan: &Plan<'_>, camera: &Camera) -> Resu
             },
         )
         .collect();
-    let n = width * height;
+    let (n, outputs) = (width * height, plan.outputs());
     let mut frame = Frame {
         width,
         height,
@@ -82,6 +86,8 @@ pub fn render(renderer: &Renderer<'_>, plan: &Plan<'_>, camera: &Camera) -> Resu
         opacity: vec![0.0; n],
         ray_distance: vec![0.0; n],
         z_depth: vec![0.0; n],
+        median_distance: vec![0.0; if outputs.median_distance { n } else { 0 }],
+        normals: vec![[0.0; 3]; if outputs.normals { n } else { 0 }],
         counters: Counters::default(),
     };
     for (pixels, counters) in rendered? {
@@ -92,6 +98,12 @@ pub fn render(renderer: &Renderer<'_>, plan: &Plan<'_>, camera: &Camera) -> Resu
             frame.opacity[i] = pixel.opacity;
             frame.ray_distance[i] = pixel.ray_distance;
             frame.z_depth[i] = pixel.z_depth;
+            if let Some(median_distance) = frame.median_distance.get_mut(i) {
+                *median_distance = pixel.median_distance;
+            }
+            if let Some(normal) = frame.normals.get_mut(i) {
+                *normal = pixel.normal;
+            }
         }
     }
     Ok(frame)

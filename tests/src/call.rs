@@ -89,7 +89,15 @@ pub fn plane(data: *mut c_void, format: ffi::PixelFormat) -> ffi::Plane {
 /// A target of one colour plane.
 pub fn target(rgb: ffi::Plane) -> ffi::Target {
     let struct_size = size_of::<ffi::Target>();
-    ffi::Target { struct_size, rgb, opacity: NO_PLANE, ray_distance: NO_PLANE, z_depth: NO_PLANE }
+    ffi::Target {
+        struct_size,
+        rgb,
+        opacity: NO_PLANE,
+        ray_distance: NO_PLANE,
+        z_depth: NO_PLANE,
+        median_distance: NO_PLANE,
+        normals: NO_PLANE,
+    }
 }
 
 /// Counters to be filled.

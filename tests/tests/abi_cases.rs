@@ -298,7 +298,7 @@ fn settings_outside_their_range_are_refused() {
     assert_eq!((found, size), (Status::NotAScene, 0));
     // SAFETY: as above.
     let found =
-        unsafe { ffi::nerf_workspace_size(opened.scene, null(), 16, &mut size, &mut align, null_mut(), 0) };
+        unsafe { ffi::nerf_workspace_size(opened.scene, null(), 64, &mut size, &mut align, null_mut(), 0) };
     assert_eq!(found, Status::Options);
     let blob = Recipe::TINY.blob();
     let mut options = call::open_options(Tier::Scalar);
@@ -333,7 +333,17 @@ fn planes_that_do_not_fit_are_refused() {
     refuses(Status::Target, "row stride", |case| case.target.rgb.row_stride = row as isize - 1);
     refuses(Status::Target, "row stride upwards", |case| case.target.rgb.row_stride = 1 - row as isize);
     refuses(Status::Target, "format 0", |case| case.target.rgb.format = 0);
-    refuses(Status::Target, "format 6", |case| case.target.rgb.format = 6);
+    refuses(Status::Target, "format 7", |case| case.target.rgb.format = 7);
+    refuses(Status::Target, "normals as colour", |case| {
+        case.target.rgb.format = PixelFormat::Vec3F32 as u32;
+    });
+    refuses(Status::Target, "colour as normals", |case| {
+        case.target.rgb.format = PixelFormat::RgbF32 as u32;
+        case.target.normals = case.target.rgb;
+    });
+    refuses(Status::Target, "normals as a distance", |case| {
+        case.target.median_distance = plane(case.target.rgb.data, PixelFormat::Vec3F32);
+    });
     refuses(Status::Target, "f32 as colour", |case| case.target.rgb.format = PixelFormat::F32 as u32);
     refuses(Status::Target, "colour as distance", |case| case.target.z_depth = case.target.rgb);
     refuses(Status::Overflow, "rows", |case| case.target.rgb.row_stride = isize::MAX / 2);

@@ -79,7 +79,7 @@ fn counters_add_where_the_work_went_and_wrong_arguments_write_nothing() {
     let mut wrong = call::render_options();
     wrong.colour_cut = 1.0;
     assert_eq!(explain(&opened, Some(&wrong), RGB, None, &mut page), (Status::Options, usize::MAX));
-    assert_eq!(explain(&opened, None, 16, None, &mut page), (Status::Options, usize::MAX));
+    assert_eq!(explain(&opened, None, 64, None, &mut page), (Status::Options, usize::MAX));
     counters.struct_size = 1;
     assert_eq!(explain(&opened, None, RGB, Some(&counters), &mut page).0, Status::StructSize);
     assert!(page.is_untouched());

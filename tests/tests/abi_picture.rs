@@ -310,6 +310,12 @@ fn only_colour_has_a_plane_and_it_is_opaque() {
         let elsewhere = plane(case.picture.at(), PixelFormat::F32);
         (case.target.rgb, case.target.ray_distance) = (NO_PLANE, elsewhere);
     });
+    refuses(Status::Target, "target.median_distance", |case| {
+        case.target.median_distance = plane(case.picture.at(), PixelFormat::F32);
+    });
+    refuses(Status::Target, "target.normals", |case| {
+        case.target.normals = plane(case.picture.at(), PixelFormat::Vec3F32);
+    });
     refuses(Status::Target, "target.z_depth", |case| {
         case.target.z_depth = plane(case.picture.at(), PixelFormat::F32);
     });

@@ -43,7 +43,7 @@ pub fn pair(low: f32, high: f32) -> f32 {
 
 /// The two values of a word.
 #[inline]
-fn unpair(word: f32) -> [f32; 2] {
+pub fn unpair(word: f32) -> [f32; 2] {
     [f32::from_bits(word.to_bits() << 16), f32::from_bits(word.to_bits() & 0xffff_0000)]
 }
 

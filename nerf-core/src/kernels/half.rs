@@ -18,6 +18,8 @@ pub fn gemm_f16(g: Gemm, a: &[u8], b: &[f32], c: &mut [f32], init: HalfInit<'_>,
 pub enum HalfInit<'a> {
     /// `bias[i]` in the whole row `i`; `[2 m]` bytes.
     Bias(&'a [u8]),
+    /// 0.
+    Zero,
     /// What C holds.
     Accumulate,
 }
@@ -48,6 +50,7 @@ impl Op for Product<'_> {
                 let to = &mut self.c[row * g.c_row + col..];
                 let mut sum = match self.init {
                     HalfInit::Bias(bias) => V::splat(f16_at(bias, row)),
+                    HalfInit::Zero => V::splat(0.0),
                     HalfInit::Accumulate => V::load(to),
                 };
                 for p in 0..g.k {

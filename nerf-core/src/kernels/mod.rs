@@ -11,6 +11,8 @@ mod avx2;
 #[cfg(target_arch = "x86_64")]
 mod avx512;
 mod bf16;
+#[cfg(feature = "normals")]
+mod bf16_transposed;
 mod gemm;
 mod half;
 mod portable;
@@ -24,6 +26,8 @@ pub use bf16::{PairedInput, PairedOutput, dense_bf16, pair, pair_rows, pairs};
 pub use gemm::{Gemm, Init, gemm};
 pub use half::{HalfInit, f16_at, gemm_f16};
 pub use select::Tier;
+#[cfg(feature = "normals")]
+pub use {bf16::unpair, bf16_transposed::transposed_bf16};
 
 use crate::math::lanes::Lanes;
 

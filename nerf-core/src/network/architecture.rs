@@ -179,6 +179,14 @@ impl Architecture {
         self.layers().iter().filter(of_colour).map(Layer::macs).sum()
     }
 
+    /// Multiply-adds of one gradient of the raw density: the trunk forward, and back.
+    ///
+    /// The density head costs none: its row of weights is where the way back begins.
+    pub fn gradient_macs(&self) -> usize {
+        let of_trunk = |layer: &&Layer| matches!(layer.role, Role::Trunk(_));
+        2 * self.layers().iter().filter(of_trunk).map(Layer::macs).sum::<usize>()
+    }
+
     /// Outputs of the widest trunk layer.
     pub fn trunk_width(&self) -> usize {
         self.trunk.iter().map(|layer| usize::from(layer.width)).max().unwrap_or(0)

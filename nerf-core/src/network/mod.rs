@@ -6,6 +6,8 @@
 //! ```
 
 mod architecture;
+#[cfg(feature = "normals")]
+mod gradient;
 mod view;
 
 #[cfg(test)]
@@ -15,4 +17,6 @@ pub use architecture::{
     Architecture, ArchitectureError, DensityActivation, Layer, Layers, MAX_COLOUR, MAX_LAYERS, MAX_TRUNK,
     MAX_WIDTH, Role, TrunkLayer,
 };
+#[cfg(feature = "normals")]
+pub use gradient::GradientScratch;
 pub use view::{Network, Scratch, Weights, unpack};

@@ -54,10 +54,10 @@ impl<'a> Weights<'a> {
 /// A network that can be evaluated: shape, parameters, tier and maths backend.
 #[derive(Clone, Debug)]
 pub struct Network<'a> {
-    architecture: Architecture,
-    layers: Layers,
-    weights: Weights<'a>,
-    tier: Tier,
+    pub(super) architecture: Architecture,
+    pub(super) layers: Layers,
+    pub(super) weights: Weights<'a>,
+    pub(super) tier: Tier,
 }
 
 /// Memory for one block of samples, `[channel][stride]` each.
@@ -172,6 +172,18 @@ impl<'a> Network<'a> {
     /// If a slice is shorter than its rows times [`Scratch::stride`], or if the weights are prepared and
     /// the stride is no multiple of 16 ([`Network::whole_blocks`]). So do the three methods beside it.
     pub fn trunk(&self, math: MathBackend, scratch: &mut Scratch<'_>, positions: &[f32]) {
+        self.trunk_with(math, scratch, positions, |_, _| {});
+    }
+
+    /// As [`Network::trunk`]; `each` sees every layer with its outputs.
+    #[inline]
+    pub(super) fn trunk_with(
+        &self,
+        math: MathBackend,
+        scratch: &mut Scratch<'_>,
+        positions: &[f32],
+        mut each: impl FnMut(&Layer, &[f32]),
+    ) {
         self.encode(math, &self.architecture.position, scratch, positions);
         for layer in &self.layers {
             let Role::Trunk(index) = layer.role else { break };
@@ -179,6 +191,7 @@ impl<'a> Network<'a> {
             let from = if index == 0 { &*scratch.encoded } else { from };
             let extra = (layer.extra > 0).then_some(&*scratch.encoded);
             self.dense(layer, [Some(from), extra], scratch.stride, to, Start::Bias, true);
+            each(layer, to);
             core::mem::swap(&mut scratch.front, &mut scratch.back);
         }
     }

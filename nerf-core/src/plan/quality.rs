@@ -14,7 +14,8 @@ pub struct Quality {
     /// A ray ends where its transmittance falls below this; 0 never ends one.
     pub transmittance_cut: f32,
     /// A sample's colour is asked for where the weight that waits for one exceeds this: its own, and that
-    /// of the samples in front of it that were too light. 0 asks for every colour with a weight.
+    /// of the samples in front of it that were too light. 0 asks for every colour with a weight. A sample's
+    /// normal is asked for in the same way.
     ///
     /// Opacity and distances never depend on it.
     pub colour_cut: f32,

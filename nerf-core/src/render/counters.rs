@@ -15,10 +15,12 @@ pub struct Counters {
     pub density_evaluations: u64,
     /// Evaluations of the colour branch; of a 2D field, of the whole network.
     pub colour_evaluations: u64,
+    /// Gradients of the density: trunk forward and back.
+    pub normal_evaluations: u64,
     /// Multiply-adds of the network.
     pub macs: u64,
     /// Samples whose density was NaN, which count as empty, and samples whose colour was asked for and
-    /// was NaN, which count as black.
+    /// was NaN, which count as black, or whose gradient was and is not finite, which have no normal.
     pub invalid_samples: u64,
 }
 
@@ -35,6 +37,13 @@ impl Counters {
         self.colour_evaluations += n as u64;
         self.macs += (n * (network.architecture().colour_macs() - network.direction_macs())) as u64;
     }
+
+    /// `n` samples through the trunk and back.
+    #[cfg(feature = "normals")]
+    pub(super) fn add_normals(&mut self, network: &Network<'_>, n: usize) {
+        self.normal_evaluations += n as u64;
+        self.macs += (n * network.architecture().gradient_macs()) as u64;
+    }
 }
 
 impl core::ops::AddAssign for Counters {
@@ -44,6 +53,7 @@ impl core::ops::AddAssign for Counters {
         self.samples_skipped += b.samples_skipped;
         self.density_evaluations += b.density_evaluations;
         self.colour_evaluations += b.colour_evaluations;
+        self.normal_evaluations += b.normal_evaluations;
         self.macs += b.macs;
         self.invalid_samples += b.invalid_samples;
     }

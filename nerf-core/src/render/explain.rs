@@ -17,6 +17,8 @@ pub enum Switch {
     NotAskedFor,
     /// The request's [`Quality`](crate::plan::Quality) switches it off.
     SwitchedOff,
+    /// This build has no code for it.
+    NotBuilt,
 }
 
 impl Switch {
@@ -27,11 +29,17 @@ impl Switch {
             Self::AbsentInScene => "off: absent in the scene",
             Self::NotAskedFor => "off: not asked for",
             Self::SwitchedOff => "off: switched off by the request",
+            Self::NotBuilt => "off: not built in",
         }
     }
 
     fn asked(asked: bool) -> Self {
         if asked { Self::On } else { Self::NotAskedFor }
+    }
+
+    /// Of a stage that only some builds have.
+    fn built(built: bool, asked: bool) -> Self {
+        if built { Self::asked(asked) } else { Self::NotBuilt }
     }
 
     /// On as long as `self` is; else for a reason of its own.
@@ -78,7 +86,7 @@ impl Explanation<'_> {
     }
 
     /// The stages that may be absent, in the order of the frame.
-    pub fn stages(&self) -> [Stage; 10] {
+    pub fn stages(&self) -> [Stage; 12] {
         let plan = self.plan;
         let cut = |value: f32| if value > 0.0 { Switch::On } else { Switch::SwitchedOff };
         let grid = match (plan.grid, self.renderer.blob().grid()) {
@@ -95,11 +103,13 @@ impl Explanation<'_> {
             ("transmittance cut", cut(plan.transmittance_cut)),
             ("colour", colour),
             ("view dependence", colour.and(view)),
-            ("colour cut", colour.and(cut(plan.colour_cut))),
+            ("colour cut", Switch::asked(plan.outputs.picks()).and(cut(plan.colour_cut))),
             ("background", colour),
             ("opacity", Switch::asked(plan.outputs.opacity)),
             ("ray_distance", Switch::asked(plan.outputs.ray_distance)),
             ("z_depth", Switch::asked(plan.outputs.z_depth)),
+            ("median_distance", Switch::built(cfg!(feature = "median"), plan.outputs.median_distance)),
+            ("normals", Switch::built(cfg!(feature = "normals"), plan.outputs.normals)),
         ]
         .map(|(name, switch)| Stage { name, switch })
     }
@@ -125,6 +135,10 @@ impl Explanation<'_> {
             }
             "view dependence" => write!(f, ", {} multiply-adds a ray", network.direction_macs()),
             "colour cut" => write!(f, ", asked where a weight exceeds {}", plan.colour_cut),
+            "normals" => {
+                let (macs, blur) = (a.gradient_macs(), plan.normal_deviation());
+                write!(f, ", {macs} multiply-adds an evaluation, blurred by {blur} world units")
+            }
             "background" => write!(f, ", {:?}", plan.background),
             _ => Ok(()),
         }
@@ -167,6 +181,14 @@ impl fmt::Display for Explanation<'_> {
             "colour             {:.2} % of the work, {colour:.3} evaluations a ray",
             share(shares.colour)
         )?;
+        if plan.outputs.normals {
+            let normals = per_ray(c.normal_evaluations);
+            writeln!(
+                f,
+                "normals            {:.2} % of the work, {normals:.3} evaluations a ray",
+                share(shares.normals)
+            )?;
+        }
         writeln!(f, "work               {} multiply-adds, {:.0} a ray", c.macs, per_ray(c.macs))?;
         match c.invalid_samples {
             0 => Ok(()),
@@ -184,6 +206,8 @@ pub struct Shares {
     pub density: u64,
     /// Colour branch.
     pub colour: u64,
+    /// Gradients of the density.
+    pub normals: u64,
 }
 
 impl Counters {
@@ -193,6 +217,8 @@ impl Counters {
         let density = self.density_evaluations.saturating_mul(a.density_macs() as u64);
         let per_colour = (a.colour_macs() - network.direction_macs()) as u64;
         let colour = self.colour_evaluations.saturating_mul(per_colour);
-        Shares { direction: self.macs.saturating_sub(density.saturating_add(colour)), density, colour }
+        let normals = self.normal_evaluations.saturating_mul(a.gradient_macs() as u64);
+        let of_samples = density.saturating_add(colour).saturating_add(normals);
+        Shares { direction: self.macs.saturating_sub(of_samples), density, colour, normals }
     }
 }

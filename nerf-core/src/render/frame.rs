@@ -1,6 +1,7 @@
 //! The state of one call: its memory, a tile's rays from pixel to pixel, the network's blocks.
 
 use super::march::{Block, ColourQueue, Picks, RayState, Waiting};
+use super::surface::{Medians, Normals};
 use super::{Counters, Rect, RenderError, Target};
 use crate::camera::Camera;
 use crate::kernels::{Arena, BLOCK, Line, lines_for};
@@ -8,6 +9,7 @@ use crate::math::Math;
 use crate::network::{Network, Scratch};
 use crate::plan::Plan;
 use crate::ray::{Ray, SceneBox};
+use crate::volume::Pixel;
 use glam::Vec3;
 
 /// Columns of the widest vector: a block of prepared weights has a multiple of it.
@@ -19,17 +21,21 @@ pub(super) struct Sizes {
     samples: usize,
     encoded: usize,
     activation: usize,
+    /// Samples picked out of a block: 0 where a density is all that is asked of one.
+    picks: usize,
     /// Colours worked out at once: 0 where none is asked for.
     colours: usize,
     /// Samples that may wait for their colour: 0 where one is a block.
     queue: usize,
     queued_activation: usize,
     direction: usize,
+    /// Lines of what median distances and normals need.
+    surface: usize,
 }
 
 impl Sizes {
     pub(super) fn of(network: &Network<'_>, plan: &Plan<'_>) -> Self {
-        let samples = if network.whole_blocks() { BLOCK } else { plan.batch.samples };
+        let samples = block_samples(network, plan);
         let rays = plan.batch.rays;
         let colours = if plan.outputs.rgb { samples } else { 0 };
         let queue = if colours > 1 { colours } else { 0 };
@@ -39,10 +45,12 @@ impl Sizes {
             samples,
             encoded: network.encoded_rows() * samples,
             activation: network.activation_rows() * samples,
+            picks: if plan.outputs.picks() { samples } else { 0 },
             colours,
             queue,
             queued_activation: network.activation_rows() * queue,
             direction: direction_rows.saturating_mul(rays.next_multiple_of(samples)),
+            surface: Medians::lines(plan) + Normals::lines(network, plan),
         }
     }
 
@@ -54,13 +62,14 @@ impl Sizes {
             + lines_for::<f32>(3 * self.samples) * 2
             + lines_for::<f32>(self.encoded)
             + lines_for::<f32>(self.activation) * 2
-            + lines_for::<u32>(self.colours) * 2
-            + lines_for::<f32>(self.colours)
+            + lines_for::<u32>(self.picks) * 2
+            + lines_for::<f32>(self.picks)
             + lines_for::<f32>(3 * self.colours)
             + lines_for::<u32>(self.queue)
             + lines_for::<f32>(self.queue)
             + lines_for::<f32>(self.queued_activation)
             + lines_for::<f32>(self.direction)
+            + self.surface
     }
 }
 
@@ -76,6 +85,8 @@ pub(super) struct Frame<'f, 'w> {
     pub(super) block: Block<'w>,
     pub(super) picks: Picks<'w>,
     pub(super) queue: ColourQueue<'w>,
+    pub(super) medians: Medians<'w>,
+    pub(super) normals: Normals<'w>,
     /// `[3][stride]`: positions, directions and colours of a block.
     pub(super) positions: &'w mut [f32],
     dirs: &'w mut [f32],
@@ -100,9 +111,11 @@ impl<'f, 'w> Frame<'f, 'w> {
         }
         let mut arena = Arena::new(lines);
         let rays = arena.slice(sizes.rays, RayState::NONE).ok_or(too_small)?;
+        let medians = Medians::carve(&mut arena, plan).ok_or(too_small)?;
+        let normals = Normals::carve(&mut arena, network, plan).ok_or(too_small)?;
         let mut numbers = |count| arena.slice(count, 0u32).ok_or(too_small);
         let (ring, owner) = (numbers(sizes.rays)?, numbers(sizes.samples)?);
-        let (column, picked_owner) = (numbers(sizes.colours)?, numbers(sizes.colours)?);
+        let (column, picked_owner) = (numbers(sizes.picks)?, numbers(sizes.picks)?);
         let queued_owner = numbers(sizes.queue)?;
         let mut floats = |count| arena.slice(count, 0.0f32).ok_or(too_small);
         Ok(Self {
@@ -112,13 +125,15 @@ impl<'f, 'w> Frame<'f, 'w> {
             rays,
             waiting: Waiting::new(ring),
             block: Block { owner, t: floats(sizes.samples)?, sigma: floats(sizes.samples)? },
-            picks: Picks { column, owner: picked_owner, weight: floats(sizes.colours)? },
+            picks: Picks { column, owner: picked_owner, weight: floats(sizes.picks)? },
             queue: ColourQueue {
                 h: floats(sizes.queued_activation)?,
                 owner: queued_owner,
                 weight: floats(sizes.queue)?,
                 count: 0,
             },
+            medians,
+            normals,
             positions: floats(3 * sizes.samples)?,
             dirs: floats(3 * sizes.samples)?,
             rgb: floats(3 * sizes.colours)?,
@@ -139,8 +154,9 @@ impl<'f, 'w> Frame<'f, 'w> {
         self.directions(hits);
         while self.step::<M>() {}
         self.flush_colour();
+        self.flush_normals();
         for i in 0..hits {
-            self.finish(&self.rays[i].clone(), camera, target);
+            self.finish(&self.rays[i].clone(), Some(i), camera, target);
         }
     }
 
@@ -162,10 +178,12 @@ impl<'f, 'w> Frame<'f, 'w> {
                 let mut state = RayState { ray, x, y, next, end, done: false, ..RayState::NONE };
                 if state.seek(plan) {
                     self.rays[hits] = state;
+                    self.medians.begin(hits);
+                    self.normals.begin(hits);
                     self.waiting.push(hits as u32);
                     hits += 1;
                 } else {
-                    self.finish(&state, camera, target);
+                    self.finish(&state, None, camera, target);
                 }
             }
         }
@@ -204,11 +222,15 @@ impl<'f, 'w> Frame<'f, 'w> {
         self.counters.add_colour(self.network, n);
     }
 
-    fn finish(&mut self, state: &RayState, camera: &Camera, target: &mut impl Target) {
+    /// Hands over a ray's pixel; `place` is where it stood, if it met something.
+    fn finish(&mut self, state: &RayState, place: Option<usize>, camera: &Camera, target: &mut impl Target) {
         self.counters.samples_skipped += u64::from(self.plan.bins.count() - state.kept);
         let cosine = camera.z_per_distance(&state.ray);
         let background = if self.plan.outputs.rgb { self.plan.background } else { [0.0; 3] };
-        target.put(state.x, state.y, &state.gathered.finish(background, self.plan.far, cosine));
+        let pixel = state.gathered.finish(background, self.plan.far, cosine);
+        let median_distance = self.medians.finish(place, self.plan);
+        let normal = self.normals.finish(place, pixel.opacity);
+        target.put(state.x, state.y, &Pixel { median_distance, normal, ..pixel });
     }
 
     /// Density and colour at up to one block of points.
@@ -296,6 +318,11 @@ impl Shares<'_> {
         };
         network.colour(plan.math, scratch, spread, rgb);
     }
+}
+
+/// Samples of a block.
+pub(super) fn block_samples(network: &Network<'_>, plan: &Plan<'_>) -> usize {
+    if network.whole_blocks() { BLOCK } else { plan.batch.samples }
 }
 
 /// Columns that `n` samples take: as many as they are, or whole vectors on the tiers that need them.

@@ -84,8 +84,8 @@ pub(super) struct Block<'w> {
     pub sigma: &'w mut [f32],
 }
 
-/// The samples of a block whose colour is worth asking for, in order: `[samples]` each, or empty where no
-/// colour is asked for.
+/// The samples of a block whose colour or normal is worth asking for, in order: `[samples]` each, or empty
+/// where neither is asked for.
 pub(super) struct Picks<'w> {
     pub column: &'w mut [u32],
     pub owner: &'w mut [u32],
@@ -111,12 +111,15 @@ impl Frame<'_, '_> {
         }
         self.evaluate_density(n);
         let picked = self.gather::<M>(n);
-        if picked == self.block.owner.len() {
-            self.flush_colour();
-            self.colour_of_block(picked);
-        } else {
-            self.queue_colour(picked);
+        if self.plan.outputs.rgb {
+            if picked == self.block.owner.len() {
+                self.flush_colour();
+                self.colour_of_block(picked);
+            } else {
+                self.queue_colour(picked);
+            }
         }
+        self.queue_normals(picked);
         true
     }
 
@@ -151,8 +154,8 @@ impl Frame<'_, '_> {
         n
     }
 
-    /// Adds the densities of the block's `n` samples to their rays, picks those whose colour is worth
-    /// asking for, and sends the rays that see on back to wait. Returns how many were picked.
+    /// Adds the densities of the block's `n` samples to their rays, picks those whose colour or normal is
+    /// worth asking for, and sends the rays that see on back to wait. Returns how many were picked.
     fn gather<M: Math>(&mut self, n: usize) -> usize {
         let plan = self.plan;
         let mut picked = 0;
@@ -163,9 +166,12 @@ impl Frame<'_, '_> {
             if sigma.is_nan() {
                 self.counters.invalid_samples += 1;
             } else if sigma > 0.0 {
-                state.gathered.add_density::<M>(sigma, self.block.t[column], plan.bins.delta());
+                let (t, delta) = (self.block.t[column], plan.bins.delta());
+                let thickness = state.gathered.optical_thickness();
+                state.gathered.add_density::<M>(sigma, t, delta);
+                self.medians.look::<M>(owner, thickness, &state.gathered, sigma, t, delta);
                 state.done = state.gathered.transmittance::<M>() < plan.transmittance_cut;
-                if plan.outputs.rgb
+                if plan.outputs.picks()
                     && let Some(weight) = state.gathered.take_uncoloured(plan.colour_cut)
                 {
                     self.picks.column[picked] = column as u32;

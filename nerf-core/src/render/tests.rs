@@ -17,13 +17,13 @@ use glam::Vec3;
 use std::vec;
 use std::vec::Vec;
 
-fn camera(width: u32, height: u32) -> Camera {
+pub(super) fn camera(width: u32, height: u32) -> Camera {
     let pose = Pose::look_at(Vec3::new(1.0, 2.0, 3.3), Vec3::new(0.1, 0.0, -0.1), Vec3::Y).unwrap();
     Camera::new(Intrinsics::centred(width, height, width.max(height) as f32), Lens::NONE, pose).unwrap()
 }
 
 /// Zero weights: density `sigma` and colour `sigmoid(raw)` everywhere.
-fn constant(a: &Architecture, sigma: f32, raw: [f32; 3]) -> Vec<f32> {
+pub(super) fn constant(a: &Architecture, sigma: f32, raw: [f32; 3]) -> Vec<f32> {
     let mut all = vec![0.0; a.parameters()];
     for layer in &a.layers() {
         match layer.role {
@@ -35,14 +35,14 @@ fn constant(a: &Architecture, sigma: f32, raw: [f32; 3]) -> Vec<f32> {
     all
 }
 
-struct Picture {
-    pixels: Vec<Pixel>,
-    counters: Counters,
+pub(super) struct Picture {
+    pub pixels: Vec<Pixel>,
+    pub counters: Counters,
 }
 
-fn render(renderer: &Renderer<'_>, plan: &Plan<'_>, camera: &Camera) -> Picture {
+pub(super) fn render(renderer: &Renderer<'_>, plan: &Plan<'_>, camera: &Camera) -> Picture {
     let rect = Rect::full(camera);
-    let none = Pixel { rgb: [f32::NAN; 3], opacity: f32::NAN, ray_distance: 0.0, z_depth: 0.0 };
+    let none = Pixel { rgb: [f32::NAN; 3], opacity: f32::NAN, ..Pixel::BLANK };
     let mut pixels = vec![none; (rect.width * rect.height) as usize];
     let mut memory = vec![Line::UNINIT; renderer.workspace_lines(plan)];
     let mut put = |x: u32, y: u32, pixel: &Pixel| pixels[(y * rect.width + x) as usize] = *pixel;
@@ -50,7 +50,7 @@ fn render(renderer: &Renderer<'_>, plan: &Plan<'_>, camera: &Camera) -> Picture 
     Picture { pixels, counters }
 }
 
-fn tiers() -> impl Iterator<Item = Tier> {
+pub(super) fn tiers() -> impl Iterator<Item = Tier> {
     Tier::ALL.into_iter().filter(|tier| tier.available())
 }
 
@@ -78,7 +78,13 @@ fn a_constant_medium_has_the_closed_form() {
                 .map(f64::from)
                 .collect();
             if inside.is_empty() {
-                let empty = Pixel { rgb: SCENE.background, opacity: 0.0, ray_distance: 6.0, z_depth: 6.0 };
+                let empty = Pixel {
+                    rgb: SCENE.background,
+                    opacity: 0.0,
+                    ray_distance: 6.0,
+                    z_depth: 6.0,
+                    ..Pixel::BLANK
+                };
                 assert_eq!(*pixel, empty);
                 continue;
             }
@@ -112,7 +118,7 @@ fn no_density_is_background_at_far_and_no_colour_is_computed() {
     let plan = Plan::new(&blob, &Quality::EXACT, Outputs::ALL, Batch::SMALLEST).unwrap();
     for background in [SCENE.background, [0.0; 3], [1.0, 0.0, 0.125]] {
         let picture = render(&renderer, &plan.with_background(background).unwrap(), &camera(6, 5));
-        let empty = Pixel { rgb: background, opacity: 0.0, ray_distance: 6.0, z_depth: 6.0 };
+        let empty = Pixel { rgb: background, opacity: 0.0, ray_distance: 6.0, z_depth: 6.0, ..Pixel::BLANK };
         assert!(picture.pixels.iter().all(|pixel| *pixel == empty));
         assert_eq!(picture.counters.colour_evaluations, 0);
         assert!(picture.counters.samples_kept > 0);
@@ -493,8 +499,13 @@ fn an_explanation_says_what_is_off_and_why() {
     let switch = |plan: &Plan<'_>, name| {
         plan.explain(&renderer).stages().into_iter().find(|stage| stage.name == name).unwrap().switch
     };
-    let full = plan(Quality::default(), Outputs::ALL);
-    assert!(full.explain(&renderer).stages().iter().all(|stage| stage.switch == Switch::On));
+    let (median_distance, normals) = (cfg!(feature = "median"), cfg!(feature = "normals"));
+    let full = plan(Quality::default(), Outputs { median_distance, normals, ..Outputs::ALL });
+    for Stage { name, switch } in full.explain(&renderer).stages() {
+        let built = ![("median_distance", false), ("normals", false)]
+            .contains(&(name, if name == "normals" { normals } else { median_distance }));
+        assert_eq!(switch, if built { Switch::On } else { Switch::NotBuilt }, "{name}");
+    }
     let exact = plan(Quality::EXACT, Outputs { z_depth: false, ..Outputs::ALL });
     for name in ["skip grid", "transmittance cut", "colour cut"] {
         assert_eq!(switch(&exact, name), Switch::SwitchedOff, "{name}");
@@ -504,10 +515,18 @@ fn an_explanation_says_what_is_off_and_why() {
     for name in ["colour", "view dependence", "colour cut", "background"] {
         assert_eq!(switch(&shape, name), Switch::NotAskedFor, "{name}");
     }
+    for (name, built) in [("median_distance", median_distance), ("normals", normals)] {
+        let off = if built { Switch::NotAskedFor } else { Switch::NotBuilt };
+        assert_eq!(switch(&shape, name), off, "{name}");
+    }
+    if normals {
+        let outputs = Outputs { normals, ..Outputs::NONE };
+        assert_eq!(switch(&plan(Quality::default(), outputs), "colour cut"), Switch::On);
+    }
 
     let counters = render(&renderer, &full, &camera(8, 8)).counters;
     let shares = counters.shares(renderer.network());
-    assert_eq!(shares.direction + shares.density + shares.colour, counters.macs);
+    assert_eq!(shares.direction + shares.density + shares.colour + shares.normals, counters.macs);
     assert!(shares.direction > 0 && shares.colour > 0);
     let mut page = Page { bytes: [0; 2048], used: 0 };
     core::fmt::write(&mut page, format_args!("{}", full.explain(&renderer).with_counters(counters))).unwrap();

@@ -198,7 +198,8 @@ fn lengths_that_do_not_fit_are_refused() {
 fn an_empty_ray_is_background_at_far() {
     let t = edges(8, 2.0, 6.0);
     let pixel = composite(&[0.0; 8], &[[1.0; 3]; 8], &t, [0.25, 0.5, 0.75]).unwrap();
-    let empty = Pixel { rgb: [0.25, 0.5, 0.75], opacity: 0.0, ray_distance: 6.0, z_depth: 6.0 };
+    let empty =
+        Pixel { rgb: [0.25, 0.5, 0.75], opacity: 0.0, ray_distance: 6.0, z_depth: 6.0, ..Pixel::BLANK };
     assert_eq!(pixel, empty);
     assert_eq!(composite(&[], &[], &[6.0], [0.25, 0.5, 0.75]).unwrap(), empty);
     let negative = composite(&[-5.0; 8], &[[1.0; 3]; 8], &t, [0.25, 0.5, 0.75]).unwrap();
@@ -211,9 +212,15 @@ fn an_opaque_wall_hides_what_is_behind_it() {
     let rgb = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [1.0; 3]];
     for wall in [1e10, f32::MAX, f32::INFINITY] {
         let first = composite(&[wall, 5.0, 5.0, 5.0], &rgb, &t, [1.0; 3]).unwrap();
-        assert_eq!(first, Pixel { rgb: [1.0, 0.0, 0.0], opacity: 1.0, ray_distance: 2.5, z_depth: 2.5 });
+        assert_eq!(
+            first,
+            Pixel { rgb: [1.0, 0.0, 0.0], opacity: 1.0, ray_distance: 2.5, z_depth: 2.5, ..Pixel::BLANK }
+        );
         let last = composite(&[0.0, 0.0, 0.0, wall], &rgb, &t, [0.0; 3]).unwrap();
-        assert_eq!(last, Pixel { rgb: [1.0; 3], opacity: 1.0, ray_distance: 5.5, z_depth: 5.5 });
+        assert_eq!(
+            last,
+            Pixel { rgb: [1.0; 3], opacity: 1.0, ray_distance: 5.5, z_depth: 5.5, ..Pixel::BLANK }
+        );
     }
 }
 

@@ -40,6 +40,12 @@ pub struct Explain {
     /// Ask for opacity and distances only.
     #[arg(long)]
     no_colour: bool,
+    /// Ask for the median distance, too.
+    #[arg(long)]
+    median_distance: bool,
+    /// Ask for normals, too.
+    #[arg(long)]
+    normals: bool,
     #[command(flatten)]
     quality: QualityOptions,
     #[command(flatten)]
@@ -52,7 +58,12 @@ impl Explain {
         let bytes = read_file(&self.file)?;
         let blob = open_blob(&self.file, &bytes)?;
         let tier = global.tier();
-        let outputs = Outputs { rgb: !self.no_colour, ..Outputs::ALL };
+        let outputs = Outputs {
+            rgb: !self.no_colour,
+            median_distance: self.median_distance,
+            normals: self.normals,
+            ..Outputs::ALL
+        };
         let plan = Plan::new(&blob, &self.quality.quality(), outputs, Batch::for_tier(tier))
             .with_context(|| self.file.display().to_string())?;
         let camera = self.camera(&blob, global)?;
@@ -73,15 +84,18 @@ impl Explain {
                 "macs_per_colour_evaluation",
                 (a.colour_macs() - renderer.network().direction_macs()) as u64,
             )
+            .integer("macs_per_normal_evaluation", a.gradient_macs() as u64)
             .integer("rays", counters.rays)
             .number("samples_kept_per_ray", counters.samples_kept as f64 / rays)
             .number("samples_skipped_per_ray", counters.samples_skipped as f64 / rays)
             .number("density_evaluations_per_ray", counters.density_evaluations as f64 / rays)
             .number("colour_evaluations_per_ray", counters.colour_evaluations as f64 / rays)
+            .number("normal_evaluations_per_ray", counters.normal_evaluations as f64 / rays)
             .integer("macs", counters.macs)
             .number("direction_share", share(shares.direction))
             .number("density_share", share(shares.density))
             .number("colour_share", share(shares.colour))
+            .number("normals_share", share(shares.normals))
             .integer("invalid_samples", counters.invalid_samples);
         global.finish(&summary, || {
             outln!("{}", explanation.to_string().trim_end());

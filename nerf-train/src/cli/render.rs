@@ -35,6 +35,10 @@ enum Output {
     RayDistance,
     /// Distance along the view axis, with a legend.
     ZDepth,
+    /// Distance along the ray at which half of the light is gone, with a legend.
+    MedianDistance,
+    /// Normals in world space: red, green, blue are (x, y, z) / 2 + 1/2.
+    Normals,
     /// All of these.
     All,
 }
@@ -125,7 +129,7 @@ type Ranges = Vec<(Output, (f32, f32))>;
 
 impl Output {
     fn is_distance(self) -> bool {
-        matches!(self, Self::RayDistance | Self::ZDepth)
+        matches!(self, Self::RayDistance | Self::ZDepth | Self::MedianDistance)
     }
 
     /// What is appended to the name of a further file.
@@ -135,6 +139,8 @@ impl Output {
             Self::Opacity => "opacity",
             Self::RayDistance => "ray_distance",
             Self::ZDepth => "z_depth",
+            Self::MedianDistance => "median_distance",
+            Self::Normals => "normals",
         }
     }
 }
@@ -205,6 +211,7 @@ impl Render {
             .number("total_seconds", start.elapsed().as_secs_f64())
             .number("density_evaluations_per_ray", counters.density_evaluations as f64 / rays)
             .number("colour_evaluations_per_ray", counters.colour_evaluations as f64 / rays)
+            .number("normal_evaluations_per_ray", counters.normal_evaluations as f64 / rays)
             .integer("invalid_samples", counters.invalid_samples);
         for (output, (near, far)) in &ranges {
             summary.numbers_f32(&format!("{}_range", output.suffix()), &[*near, *far]);
@@ -248,6 +255,7 @@ impl Render {
             for (output, values) in distances.iter().zip(&mut values) {
                 values.extend_from_slice(match output {
                     Output::ZDepth => &frame.z_depth,
+                    Output::MedianDistance => &frame.median_distance,
                     _ => &frame.ray_distance,
                 });
             }
@@ -262,7 +270,14 @@ impl Render {
     /// What to write, in order.
     fn outputs(&self) -> Vec<Output> {
         match self.outputs.contains(&Output::All) {
-            true => vec![Output::Rgb, Output::Opacity, Output::RayDistance, Output::ZDepth],
+            true => vec![
+                Output::Rgb,
+                Output::Opacity,
+                Output::RayDistance,
+                Output::ZDepth,
+                Output::MedianDistance,
+                Output::Normals,
+            ],
             false => self.outputs.clone(),
         }
     }
@@ -275,6 +290,8 @@ impl Render {
             opacity: true,
             ray_distance: has(Output::RayDistance),
             z_depth: has(Output::ZDepth),
+            median_distance: has(Output::MedianDistance),
+            normals: has(Output::Normals),
         }
     }
 }

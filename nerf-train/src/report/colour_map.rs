@@ -143,6 +143,27 @@ pub fn depth_picture_with_legend(
     Ok(with_legend(&picture, ColourMap::Viridis, range, title))
 }
 
+/// Normals in colour: red, green, blue are (x, y, z) / 2 + 1/2 of the unit vector.
+///
+/// `normals`, `opacity`: `[height * width]`. As in [`depth_picture`], pixels of opacity ≤ 0.5 are [`EMPTY`],
+/// and so are those whose normal is 0.
+///
+/// # Errors
+/// [`ReportError::Length`].
+pub fn normal_picture(
+    normals: &[[f32; 3]],
+    opacity: &[f32],
+    width: usize,
+    height: usize,
+) -> Result<Picture, ReportError> {
+    check_length("the normals of a picture", width, height, normals.len())?;
+    check_length("the opacity of a picture", width, height, opacity.len())?;
+    let colour = |(&normal, &opacity): (&[f32; 3], &f32)| {
+        if opacity > SOLID && normal != [0.0; 3] { normal.map(|x| 0.5 * x + 0.5) } else { EMPTY }
+    };
+    Picture::new(width, height, normals.iter().zip(opacity).map(colour).collect())
+}
+
 /// `picture` with a bar of the map's colours on its right, ticks in the unit of `range`, and `title`
 /// running up beside them. Small pictures are enlarged to 256 pixels by a whole factor.
 pub fn with_legend(picture: &Picture, map: ColourMap, range: (f32, f32), title: &str) -> Picture {

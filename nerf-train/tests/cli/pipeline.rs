@@ -83,7 +83,7 @@ fn render_writes_every_output_of_a_pose_a_view_and_an_orbit() {
     let data = folder.path("scene.npz");
     let still = folder.path("still.png");
     let pose = "1,0,0,0,0,0,-1,-3.2,0,1,0,0";
-    let all = "rgb,opacity,ray-distance,z-depth";
+    let all = "rgb,opacity,ray-distance,z-depth,median-distance,normals";
     ok([
         "render",
         file,
@@ -102,13 +102,24 @@ fn render_writes_every_output_of_a_pose_a_view_and_an_orbit() {
     assert_eq!((picture(&still).width(), picture(&still).height()), (20, 10));
     let opacity = picture(&folder.path("still_opacity.png"));
     assert!(matches!(opacity, image::DynamicImage::ImageLuma16(_)), "{:?}", opacity.color());
-    for name in ["still_ray_distance.png", "still_z_depth.png"] {
+    for name in ["still_ray_distance.png", "still_z_depth.png", "still_median_distance.png"] {
         assert!(picture(&folder.path(name)).width() >= 20, "{name}");
     }
+    // The picture of normals has no legend, and the colours of unit vectors where it is not empty.
+    let normals = picture(&folder.path("still_normals.png")).into_rgb8();
+    assert_eq!((normals.width(), normals.height()), (20, 10));
+    let vector = |p: &image::Rgb<u8>| p.0.map(|c| f32::from(c) / 127.5 - 1.0);
+    let length = |[x, y, z]: [f32; 3]| (x * x + y * y + z * z).sqrt();
+    // One step of a byte is 1/127.5 of an axis.
+    let unit = normals.pixels().filter(|p| (length(vector(p)) - 1.0).abs() < 0.01).count();
+    let empty = normals.pixels().filter(|p| p.0 == [219; 3]).count();
+    assert!(unit > 10 && unit + empty == 200, "{unit} normals, {empty} empty pixels");
 
     let shorthand = folder.path("shorthand.png");
     ok(["render", file, "-q", "-o", &shorthand, "--pose", pose, "--width", "20", "--outputs", "all"]);
-    assert!(Path::new(&folder.path("shorthand_z_depth.png")).is_file());
+    for name in ["shorthand_z_depth.png", "shorthand_median_distance.png", "shorthand_normals.png"] {
+        assert!(Path::new(&folder.path(name)).is_file(), "{name}");
+    }
 
     let view = folder.path("view.png");
     ok(["render", file, "-q", "-o", &view, "--data", &data, "--view", "1"]);

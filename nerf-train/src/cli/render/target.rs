@@ -5,7 +5,7 @@ use super::Render;
 use crate::cli::common::{Global, say_no_mp4};
 use crate::frame::Frame;
 use crate::output::{ensure_file, ensure_folder};
-use crate::report::colour_map::depth_picture_with_legend;
+use crate::report::colour_map::{depth_picture_with_legend, normal_picture};
 use crate::report::film::{Files, Film, beside};
 use crate::report::picture::{Picture, write_grey16_png, write_rgba_png};
 use crate::report::video::Ffmpeg;
@@ -201,5 +201,7 @@ fn picture_of(frame: &Frame, output: Output, range: Option<(f32, f32)>) -> anyho
         }
         Output::RayDistance => with_legend(&frame.ray_distance, "ray_distance, world units")?,
         Output::ZDepth => with_legend(&frame.z_depth, "z_depth, world units")?,
+        Output::MedianDistance => with_legend(&frame.median_distance, "median_distance, world units")?,
+        Output::Normals => normal_picture(&frame.normals, &frame.opacity, frame.width, frame.height)?,
     })
 }

@@ -60,6 +60,15 @@ fn empty_pixels_are_grey_and_solid_ones_coloured() {
 }
 
 #[test]
+fn normals_are_colours_around_grey_and_nothing_is_empty() {
+    let normals = [[1.0, 0.0, 0.0], [0.0, -1.0, 0.0], [0.0; 3], [0.0, 0.0, 1.0]];
+    let picture = normal_picture(&normals, &[1.0, 0.6, 1.0, 0.5], 2, 2).unwrap();
+    assert_eq!(picture.rgb, [[1.0, 0.5, 0.5], [0.5, 0.0, 0.5], EMPTY, EMPTY]);
+    assert!(normal_picture(&normals, &[1.0; 3], 2, 2).is_err());
+    assert!(normal_picture(&normals[..3], &[1.0; 4], 2, 2).is_err());
+}
+
+#[test]
 fn flat_empty_and_extreme_ranges_are_drawn() {
     for value in [0.0, 4.0, -4.0, 1e-40, f32::MAX, f32::MIN, f32::NAN] {
         for range in [None, Some((4.0, 4.0)), Some((5.0, 1.0)), Some((f32::NAN, 1.0))] {

@@ -1,0 +1,192 @@
+//! The gradient of the raw density in space, by reverse mode: forward through the trunk, and back.
+//!
+//! ```text
+//! ∂raw/∂h = w of the density head ─► ReLU: 0 where the unit was off ─► Wᵀ … ─► ∂raw/∂PE(x) ─► ∂raw/∂x
+//!                                                                    └─ a skip layer's share of it ─┘
+//! ```
+//!
+//! The raw density's gradient points as sigma's does, since both activations increase, and is not lost
+//! where sigma is flat.
+
+use super::architecture::{Layer, Role};
+use super::view::{Network, Scratch, Weights};
+use crate::encoding::{encode_block, encode_gradient_block};
+use crate::kernels::{Gemm, HalfInit, Init, f16_at, gemm, gemm_f16, pairs, transposed_bf16, unpair};
+use crate::math::MathBackend;
+use core::ops::Range;
+
+#[cfg(test)]
+mod tests;
+
+/// Units whose signs share a word.
+const SIGNS: usize = 16;
+
+/// Memory for one block's way back, beside its [`Scratch`].
+#[derive(Debug)]
+pub struct GradientScratch<'w> {
+    /// Which units were on, a bit each: [`Network::sign_words`].
+    pub signs: &'w mut [u16],
+    /// ∂raw/∂PE(x): `[gradient_rows][stride]`.
+    pub encoded: &'w mut [f32],
+}
+
+impl Network<'_> {
+    /// Words of [`GradientScratch::signs`] for blocks of up to `samples`.
+    pub fn sign_words(&self, samples: usize) -> usize {
+        self.trunk_layers().map(|layer| sign_words(layer, samples)).sum()
+    }
+
+    /// Rows of [`GradientScratch::encoded`].
+    pub fn gradient_rows(&self) -> usize {
+        self.architecture.position.outputs()
+    }
+
+    /// ∂raw_sigma/∂x of a block of samples; 0 in a 2D field, which has no density.
+    ///
+    /// `positions`: `[3][stride]`, inside the scene box; `gradient`: `[3][stride]`, 1/world unit². What
+    /// `scratch` held is lost.
+    ///
+    /// `blur`: deviation, world units, of the Gaussian over whose ripples the gradient is a mean: levels of
+    /// the encoding finer than that are damped, with the network taken as linear around each sample. 0 for
+    /// the gradient itself.
+    ///
+    /// Where a unit's sum is exactly 0, it is off. All of it is f32, with the units that the tier's own
+    /// forward pass found on; on the tier that rounds, weights are bf16 on the way back, too.
+    ///
+    /// # Panics
+    /// If a slice is shorter than its rows times [`Scratch::stride`], as [`Network::trunk`] does.
+    #[allow(clippy::too_many_arguments, reason = "as the methods beside it, and a blur")]
+    pub fn gradient(
+        &self,
+        math: MathBackend,
+        scratch: &mut Scratch<'_>,
+        memory: &mut GradientScratch<'_>,
+        positions: &[f32],
+        blur: f32,
+        gradient: &mut [f32],
+    ) {
+        let stride = scratch.stride;
+        let encoding = &self.architecture.position;
+        let Some(head) = self.layers.iter().find(|layer| layer.role == Role::Density) else {
+            gradient[..usize::from(encoding.inputs) * stride].fill(0.0);
+            return;
+        };
+        let mut end = 0;
+        let paired = matches!(self.weights, Weights::Paired(_));
+        self.trunk_with(math, scratch, positions, |layer, outputs| {
+            let signs = &mut memory.signs[end..end + sign_words(layer, stride)];
+            record(signs, outputs, layer.outputs, stride, paired);
+            end += signs.len();
+        });
+        if paired {
+            // The trunk took them as pairs of bf16; the derivative takes them as they were.
+            encode_block(self.tier, math, encoding, stride, positions, scratch.encoded);
+        }
+        for (row, of_h) in scratch.front.chunks_exact_mut(stride).take(head.main).enumerate() {
+            of_h.fill(self.weight(head, row));
+        }
+        memory.encoded[..encoding.outputs() * stride].fill(0.0);
+        for layer in self.trunk_layers().rev() {
+            let start = end - sign_words(layer, stride);
+            silence(&mut scratch.front[..layer.outputs * stride], &memory.signs[start..end]);
+            end = start;
+            let from = &*scratch.front;
+            if layer.role == Role::Trunk(0) {
+                self.back(layer, 0..layer.main, stride, from, memory.encoded, true);
+                break;
+            }
+            if layer.extra > 0 {
+                self.back(layer, layer.main..layer.inputs(), stride, from, memory.encoded, true);
+            }
+            self.back(layer, 0..layer.main, stride, from, scratch.back, false);
+            core::mem::swap(&mut scratch.front, &mut scratch.back);
+        }
+        encode_gradient_block(self.tier, encoding, stride, scratch.encoded, memory.encoded, blur, gradient);
+    }
+
+    fn trunk_layers(&self) -> impl DoubleEndedIterator<Item = &Layer> {
+        self.layers.iter().filter(|layer| matches!(layer.role, Role::Trunk(_)))
+    }
+
+    /// Weight `i` of a layer of one output, whose inputs are all of one part.
+    fn weight(&self, layer: &Layer, i: usize) -> f32 {
+        match self.weights {
+            Weights::Prepared(parameters) => parameters[layer.weights + i],
+            Weights::InPlace(bytes) => f16_at(bytes, layer.weights + i),
+            Weights::Paired(words) => unpair(words[layer.weights + i / 2])[i % 2],
+        }
+    }
+
+    /// `to = start + Wᵀ from` over those columns of W that are `inputs`: all of one of its two parts.
+    ///
+    /// `from`: `[outputs][stride]`, `to`: `[inputs][stride]`; it starts from what it holds if `accumulate`,
+    /// else from 0.
+    fn back(
+        &self,
+        layer: &Layer,
+        inputs: Range<usize>,
+        stride: usize,
+        from: &[f32],
+        to: &mut [f32],
+        accumulate: bool,
+    ) {
+        let (m, k, a_col) = (inputs.len(), layer.outputs, layer.inputs());
+        let g = Gemm { m, n: stride, k, a_row: 1, a_col, b_row: stride, c_row: stride };
+        let at = layer.weights + inputs.start;
+        match self.weights {
+            Weights::Prepared(parameters) => {
+                let init = if accumulate { Init::Accumulate } else { Init::Zero };
+                gemm(self.tier, g, &parameters[at..], from, to, init, false);
+            }
+            Weights::InPlace(bytes) => {
+                let init = if accumulate { HalfInit::Accumulate } else { HalfInit::Zero };
+                gemm_f16(g, &bytes[2 * at..], from, to, init, false);
+            }
+            Weights::Paired(words) => {
+                let row = pairs(layer.main) + pairs(layer.extra);
+                let first = if inputs.start == 0 { 0 } else { pairs(layer.main) };
+                let weights = &words[layer.weights + first..];
+                transposed_bf16(self.tier, weights, row, [k, m], stride, from, to, accumulate);
+            }
+        }
+    }
+}
+
+/// Words that the signs of a layer's outputs take.
+fn sign_words(layer: &Layer, samples: usize) -> usize {
+    (layer.outputs * samples).div_ceil(SIGNS)
+}
+
+/// Sets the bits of the units that are on.
+///
+/// `outputs`: `[rows][stride]` behind the ReLU, or pairs of rows if `paired`, where `stride` is a multiple
+/// of [`SIGNS`]. `signs`: sample after sample, row after row.
+fn record(signs: &mut [u16], outputs: &[f32], rows: usize, stride: usize, paired: bool) {
+    if !paired {
+        for (sign, outputs) in signs.iter_mut().zip(outputs[..rows * stride].chunks(SIGNS)) {
+            *sign = word(outputs, |x| x);
+        }
+        return;
+    }
+    for (row, signs) in signs.chunks_exact_mut(stride / SIGNS).enumerate() {
+        let outputs = &outputs[row / 2 * stride..][..stride];
+        for (sign, outputs) in signs.iter_mut().zip(outputs.chunks(SIGNS)) {
+            *sign = word(outputs, |pair| unpair(pair)[row % 2]);
+        }
+    }
+}
+
+/// The signs of up to [`SIGNS`] values.
+#[inline]
+fn word(outputs: &[f32], value: impl Fn(f32) -> f32) -> u16 {
+    outputs.iter().enumerate().fold(0, |word, (i, &x)| word | u16::from(value(x) > 0.0) << i)
+}
+
+/// Sets to 0 what belongs to units that are off: the derivative of the ReLU.
+fn silence(values: &mut [f32], signs: &[u16]) {
+    for (values, &signs) in values.chunks_mut(SIGNS).zip(signs) {
+        for (i, value) in values.iter_mut().enumerate() {
+            *value = if signs >> i & 1 == 1 { *value } else { 0.0 };
+        }
+    }
+}

@@ -1,0 +1,29 @@
+//! No median distances: this build was made without the feature `median`.
+
+use crate::kernels::Arena;
+use crate::math::Math;
+use crate::plan::Plan;
+use crate::volume::Accumulator;
+use core::marker::PhantomData;
+
+/// Nothing.
+pub(in crate::render) struct Medians<'w>(PhantomData<&'w mut [f32]>);
+
+impl<'w> Medians<'w> {
+    pub fn lines(_: &Plan<'_>) -> usize {
+        0
+    }
+
+    pub fn carve(_: &mut Arena<'w>, _: &Plan<'_>) -> Option<Self> {
+        Some(Self(PhantomData))
+    }
+
+    pub fn begin(&mut self, _: usize) {}
+
+    #[inline]
+    pub fn look<M: Math>(&mut self, _: u32, _: f32, _: &Accumulator, _: f32, _: f32, _: f32) {}
+
+    pub fn finish(&self, _: Option<usize>, _: &Plan<'_>) -> f32 {
+        0.0
+    }
+}

@@ -1,0 +1,32 @@
+//! No normals: this build was made without the feature `normals`.
+
+use crate::kernels::Arena;
+use crate::network::Network;
+use crate::plan::Plan;
+use crate::render::frame::Frame;
+use core::marker::PhantomData;
+
+/// Nothing.
+pub(in crate::render) struct Normals<'w>(PhantomData<&'w mut [f32]>);
+
+impl<'w> Normals<'w> {
+    pub fn lines(_: &Network<'_>, _: &Plan<'_>) -> usize {
+        0
+    }
+
+    pub fn carve(_: &mut Arena<'w>, _: &Network<'_>, _: &Plan<'_>) -> Option<Self> {
+        Some(Self(PhantomData))
+    }
+
+    pub fn begin(&mut self, _: usize) {}
+
+    pub fn finish(&self, _: Option<usize>, _: f32) -> [f32; 3] {
+        [0.0; 3]
+    }
+}
+
+impl Frame<'_, '_> {
+    pub(in crate::render) fn queue_normals(&mut self, _: usize) {}
+
+    pub(in crate::render) fn flush_normals(&mut self) {}
+}

@@ -1,0 +1,68 @@
+//! A tile's pixels, finished aside.
+
+use nerf_core::kernels::{Arena, lines_for};
+use nerf_core::plan::Outputs;
+use nerf_core::volume::Pixel;
+
+/// What every tile holds of a pixel.
+#[derive(Clone, Copy)]
+struct Plain {
+    rgb: [f32; 3],
+    opacity: f32,
+    ray_distance: f32,
+    z_depth: f32,
+}
+
+impl Plain {
+    const BLANK: Self = Self { rgb: [0.0; 3], opacity: 0.0, ray_distance: 0.0, z_depth: 0.0 };
+}
+
+/// A tile's pixels, row by row; what only some calls ask for has no memory in the others.
+pub(crate) struct TilePixels<'w> {
+    plain: &'w mut [Plain],
+    /// `[pixels]`, or empty.
+    median_distance: &'w mut [f32],
+    /// `[pixels]`, or empty.
+    normals: &'w mut [[f32; 3]],
+}
+
+/// `pixels` if they are asked for.
+fn if_asked(asked: bool, pixels: usize) -> usize {
+    if asked { pixels } else { 0 }
+}
+
+impl<'w> TilePixels<'w> {
+    /// Lines that `pixels` take.
+    pub fn lines(pixels: usize, outputs: Outputs) -> usize {
+        lines_for::<Plain>(pixels)
+            + lines_for::<f32>(if_asked(outputs.median_distance, pixels))
+            + lines_for::<[f32; 3]>(if_asked(outputs.normals, pixels))
+    }
+
+    /// Blank pixels; `None` if the memory is used up.
+    pub fn carve(arena: &mut Arena<'w>, pixels: usize, outputs: Outputs) -> Option<Self> {
+        Some(Self {
+            plain: arena.slice(pixels, Plain::BLANK)?,
+            median_distance: arena.slice(if_asked(outputs.median_distance, pixels), 0.0f32)?,
+            normals: arena.slice(if_asked(outputs.normals, pixels), [0.0f32; 3])?,
+        })
+    }
+
+    pub fn put(&mut self, i: usize, pixel: &Pixel) {
+        let Pixel { rgb, opacity, ray_distance, z_depth, .. } = *pixel;
+        self.plain[i] = Plain { rgb, opacity, ray_distance, z_depth };
+        if let Some(median_distance) = self.median_distance.get_mut(i) {
+            *median_distance = pixel.median_distance;
+        }
+        if let Some(normal) = self.normals.get_mut(i) {
+            *normal = pixel.normal;
+        }
+    }
+
+    pub fn get(&self, i: usize) -> Pixel {
+        let Plain { rgb, opacity, ray_distance, z_depth } = self.plain[i];
+        let median_distance = self.median_distance.get(i).copied().unwrap_or_default();
+        let normal = self.normals.get(i).copied().unwrap_or_default();
+        Pixel { rgb, opacity, ray_distance, z_depth, median_distance, normal }
+    }
+}

@@ -1,0 +1,186 @@
+//! Median distance and normals over the C interface, and callers whose headers do not know them.
+#![allow(unsafe_code, reason = "tests call the C interface")]
+
+use nerf_core::blob::Blob;
+use nerf_core::kernels::{Line, Tier};
+use nerf_core::plan::{Batch, Outputs, Plan, Quality};
+use nerf_core::render::{Counters, Rect, Renderer};
+use nerf_core::volume::Pixel;
+use nerf_render as ffi;
+use nerf_render::{PixelFormat, Status};
+use nerf_tests::call::{self, Message, NO_PLANE, Opened, plane};
+use nerf_tests::memory::Guarded;
+use nerf_tests::scenes::{Recipe, camera, tiers};
+use std::mem::offset_of;
+use std::ptr::{null, null_mut};
+
+const SIDE: u32 = 24;
+const COUNT: usize = (SIDE * SIDE) as usize;
+const PLAIN: u32 = ffi::NERF_OUTPUT_RGB
+    | ffi::NERF_OUTPUT_OPACITY
+    | ffi::NERF_OUTPUT_RAY_DISTANCE
+    | ffi::NERF_OUTPUT_Z_DEPTH;
+
+/// A pixel of a host with planes of its own kind between the new ones.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[repr(C)]
+struct Interleaved {
+    normal: [f32; 3],
+    between: u32,
+    median_distance: f32,
+}
+
+/// Renders all of the camera's image in exactly as much memory as `outputs` need.
+fn render(
+    opened: &Opened,
+    options: Option<&ffi::RenderOptions>,
+    outputs: u32,
+    target: *const ffi::Target,
+    counters: *mut ffi::Counters,
+) -> (Status, String) {
+    let mut workspace = opened.workspace(None, outputs);
+    let (mut message, camera) = (Message::default(), call::camera(&camera(SIDE, SIDE)));
+    let options = options.map_or(null(), |options| options as *const _);
+    let (at, size, text) = (workspace.at(), workspace.size(), message.0.as_mut_ptr());
+    let (rect, none) = (null(), null_mut());
+    // SAFETY: everything lives until the call returns.
+    let status = unsafe {
+        ffi::nerf_render(
+            opened.scene,
+            &camera,
+            options,
+            rect,
+            target,
+            at,
+            size,
+            None,
+            none,
+            counters,
+            text,
+            256,
+        )
+    };
+    assert!(workspace.surroundings_are_intact());
+    (status, message.text())
+}
+
+/// The same by the Rust renderer.
+fn reference(blob: &[u8], tier: Tier, outputs: Outputs) -> (Vec<Pixel>, Counters) {
+    let blob = Blob::open(blob).expect("a blob");
+    let plan = Plan::new(&blob, &Quality::default(), outputs, Batch::for_tier(tier)).expect("a plan");
+    let mut memory = vec![Line::UNINIT; Renderer::prepared_lines(&blob, tier)];
+    let renderer = Renderer::new(blob, tier, &mut memory).expect("a renderer");
+    let mut lines = vec![Line::UNINIT; renderer.workspace_lines(&plan)];
+    let mut pixels = vec![Pixel::BLANK; COUNT];
+    let mut put = |x: u32, y: u32, pixel: &Pixel| pixels[(y * SIDE + x) as usize] = *pixel;
+    let rect = Rect { x: 0, y: 0, width: SIDE, height: SIDE };
+    let counters = renderer.render(&plan, &camera(SIDE, SIDE), rect, &mut lines, &mut put).expect("pixels");
+    (pixels, counters)
+}
+
+#[test]
+fn planes_of_medians_and_normals_are_the_rust_renderers() {
+    for tier in tiers() {
+        let opened = call::open(Recipe::PLAIN.blob(), tier);
+        let blank = Interleaved { between: 77, ..Interleaved::default() };
+        let mut pixels = vec![blank; COUNT];
+        let first = pixels.as_mut_ptr().cast::<u8>();
+        let at = |offset: usize, format| ffi::Plane {
+            pixel_stride: size_of::<Interleaved>(),
+            ..plane(first.wrapping_add(offset).cast(), format)
+        };
+        let target = ffi::Target {
+            median_distance: at(offset_of!(Interleaved, median_distance), PixelFormat::F32),
+            normals: at(offset_of!(Interleaved, normal), PixelFormat::Vec3F32),
+            ..call::target(NO_PLANE)
+        };
+        let mut counters = call::counters();
+        let outputs = ffi::NERF_OUTPUT_MEDIAN_DISTANCE | ffi::NERF_OUTPUT_NORMALS;
+        let found = render(&opened, None, outputs, &target, &mut counters);
+        assert_eq!(found, (Status::Ok, String::new()));
+
+        let asked = Outputs { median_distance: true, normals: true, ..Outputs::NONE };
+        let (expected, work) = reference(&opened.blob, tier, asked);
+        assert_eq!((counters.normal_evaluations, counters.macs), (work.normal_evaluations, work.macs));
+        assert!(counters.normal_evaluations > 0 && counters.colour_evaluations == 0);
+        let mut surfaces = 0;
+        for (pixel, expected) in pixels.iter().zip(&expected) {
+            assert_eq!(pixel.between, 77);
+            assert_eq!(pixel.normal, expected.normal, "{}", tier.name());
+            assert_eq!(pixel.median_distance, expected.median_distance, "{}", tier.name());
+            surfaces += usize::from(pixel.normal != [0.0; 3] && pixel.median_distance < 6.0);
+        }
+        assert!(surfaces > COUNT / 10, "{surfaces} pixels with a surface prove nothing");
+    }
+}
+
+#[test]
+fn a_caller_s_older_structures_are_neither_read_nor_written_beyond_their_end() {
+    let opened = call::open(Recipe::PLAIN.blob(), Tier::detect());
+    let mut rgb = vec![[0u8; 3]; COUNT];
+    let (old_target, old_counters) =
+        (offset_of!(ffi::Target, median_distance), offset_of!(ffi::Counters, normal_evaluations));
+    let mut target = call::target(plane(rgb.as_mut_ptr().cast(), PixelFormat::RgbU8));
+    target.struct_size = old_target;
+    let mut counters = Guarded::new(old_counters, 0);
+    // What lies behind an old structure is not the library's: here, pointers to nowhere.
+    target.normals = plane(usize::MAX as *mut _, PixelFormat::F32);
+    target.median_distance = target.normals;
+    // SAFETY: there is room for a size.
+    unsafe { counters.at().cast::<usize>().write(old_counters) };
+    let found = render(&opened, None, ffi::NERF_OUTPUT_RGB, &target, counters.at().cast());
+    assert_eq!(found, (Status::Ok, String::new()));
+    assert!(counters.surroundings_are_intact());
+    // SAFETY: the fields of an old structure are there.
+    let (size, rays) = unsafe {
+        let at = counters.at().cast::<ffi::Counters>();
+        ((&raw const (*at).struct_size).read(), (&raw const (*at).rays).read())
+    };
+    assert_eq!((size, rays), (old_counters, u64::from(SIDE * SIDE)), "its size stays the caller's");
+    assert!(rgb.iter().any(|pixel| *pixel != [0; 3]));
+
+    // Between the two sizes, what is there counts and the rest does not.
+    let mut median = vec![9.0f32; COUNT];
+    target.median_distance = plane(median.as_mut_ptr().cast(), PixelFormat::F32);
+    target.struct_size = old_target + size_of::<ffi::Plane>();
+    let outputs = ffi::NERF_OUTPUT_RGB | ffi::NERF_OUTPUT_MEDIAN_DISTANCE;
+    assert_eq!(render(&opened, None, outputs, &target, null_mut()), (Status::Ok, String::new()));
+    assert!(median.iter().all(|&t| (2.0..=6.0).contains(&t)));
+}
+
+#[test]
+fn planes_that_are_not_asked_for_take_no_workspace() {
+    for tier in tiers() {
+        let opened = call::open(Recipe::PLAIN.blob(), tier);
+        let bytes = |outputs| opened.workspace(None, outputs).size();
+        let (plain, line) = (bytes(PLAIN), 64);
+        // A tile's and the renderer's 256 floats.
+        let median = 2 * (256 * 4usize).next_multiple_of(line);
+        assert_eq!(bytes(PLAIN | ffi::NERF_OUTPUT_MEDIAN_DISTANCE), plain + median, "{}", tier.name());
+        assert!(bytes(PLAIN | ffi::NERF_OUTPUT_NORMALS) > plain);
+        // What a pixel of a tile had before either existed.
+        let blob = Blob::open(&opened.blob).expect("a blob");
+        let plan =
+            Plan::new(&blob, &Quality::default(), Outputs::ALL, Batch::for_tier(tier)).expect("a plan");
+        let mut memory = vec![Line::UNINIT; Renderer::prepared_lines(&blob, tier)];
+        let renderer = Renderer::new(blob, tier, &mut memory).expect("a renderer");
+        assert_eq!(plain, 64 * renderer.workspace_lines(&plan) + 256 * 24);
+    }
+}
+
+#[test]
+fn a_median_behind_the_cut_is_refused_by_name() {
+    let opened = call::open(Recipe::PLAIN.blob(), Tier::Scalar);
+    let mut median = vec![9.0f32; COUNT];
+    let mut options = call::render_options();
+    options.transmittance_cut = 0.6;
+    let target = ffi::Target {
+        median_distance: plane(median.as_mut_ptr().cast(), PixelFormat::F32),
+        ..call::target(NO_PLANE)
+    };
+    let outputs = ffi::NERF_OUTPUT_MEDIAN_DISTANCE;
+    let (status, message) = render(&opened, Some(&options), outputs, &target, null_mut());
+    assert_eq!(status, Status::Options);
+    assert!(message.contains("transmittance_cut") && message.contains("0.6"), "{message}");
+    assert!(median.iter().all(|&t| t == 9.0));
+}
