@@ -59,9 +59,15 @@
 //! | --- | --- | --- |
 //! | `libm` | yes | `MathBackend::Libm` |
 //! | `micromath` | yes | `MathBackend::Micromath`: small and rough |
+//! | `jitter` | yes | [`effects::Jitter`]: samples at random places in their bins |
+//! | `anti-aliasing` | yes | several rays a pixel |
+//! | `depth-of-field` | yes | [`effects::ThinLens`]: an aperture that is no pinhole |
+//! | `tone-map` | yes | [`effects::Tone`]: exposure, tone curve, linear output |
+//! | `lens` | yes | lens distortion ([`Lens`]) |
 //! | `train` | no | backward kernels, for trainers |
 //!
-//! The project's own polynomials ([`MathBackend::Polynomial`]) are always there.
+//! The project's own polynomials ([`MathBackend::Polynomial`]) are always there. An effect whose feature is
+//! off has no code in the build; asking for it is an error that names the feature.
 //!
 //! # Example
 //!
@@ -160,6 +166,8 @@ pub mod network;
 
 pub mod volume;
 
+pub mod effects;
+
 pub mod plan;
 pub mod render;
 
@@ -173,6 +181,7 @@ mod testing;
 
 pub use blob::Blob;
 pub use camera::{Camera, Intrinsics, Pose};
+pub use effects::Effects;
 pub use kernels::{Line, Tier};
 pub use lens::Lens;
 pub use math::MathBackend;

@@ -1,6 +1,8 @@
 //! What a frame consists of: what the scene holds, met with what the caller asks for.
 
 use crate::blob::{Blob, MAX_SAMPLES};
+use crate::effects::jitter::Place;
+use crate::effects::{EffectError, Effects, Tone};
 use crate::kernels::{BLOCK, Tier};
 use crate::math::MathBackend;
 use crate::ray::{BoundsError, Ray, SceneBox};
@@ -123,6 +125,7 @@ pub struct Plan<'a> {
     pub(crate) colour_cut: f32,
     pub(crate) math: MathBackend,
     pub(crate) batch: Batch,
+    pub(crate) effects: Effects,
 }
 
 impl<'a> Plan<'a> {
@@ -167,6 +170,7 @@ impl<'a> Plan<'a> {
             colour_cut: quality.colour_cut,
             math: quality.math,
             batch,
+            effects: Effects::NONE,
         })
     }
 
@@ -182,14 +186,28 @@ impl<'a> Plan<'a> {
         Ok(self)
     }
 
-    /// The first live bin of `from..end` on a ray, or `end`.
+    /// The same frame with effects; in place of those it had.
+    ///
+    /// What asks for nothing is left out: a lens without aperture, and the tone stage of a frame without
+    /// colour.
+    ///
+    /// # Errors
+    /// [`PlanError::Effects`] on a setting that is out of range or not in this build.
+    pub fn with_effects(mut self, effects: Effects) -> Result<Self, PlanError> {
+        self.effects = effects.checked().map_err(PlanError::Effects)?;
+        if !self.outputs.rgb {
+            self.effects.tone = Tone::NONE;
+        }
+        Ok(self)
+    }
+
+    /// The first live bin of `from..end` on a ray whose samples lie at `place`, or `end`.
     #[inline]
-    pub(crate) fn first_live(&self, ray: &Ray, from: u32, end: u32) -> u32 {
+    pub(crate) fn first_live(&self, ray: &Ray, place: Place, from: u32, end: u32) -> u32 {
+        let t = |bin| place.t(&self.bins, bin);
         match &self.grid {
-            Some(grid) => grid.first_live(ray, &self.bins, from, end),
-            None => {
-                (from..end).find(|&bin| self.bounds.contains(ray.at(self.bins.at(bin, 0.5)))).unwrap_or(end)
-            }
+            Some(grid) => grid.first_live_at(ray, &self.bins, from, end, t),
+            None => (from..end).find(|&bin| self.bounds.contains(ray.at(t(bin)))).unwrap_or(end),
         }
     }
 
@@ -238,6 +256,8 @@ pub enum PlanError {
     },
     /// Near and far leave no bins.
     Bounds(BoundsError),
+    /// An effect that is out of range or not in this build.
+    Effects(EffectError),
 }
 
 impl core::fmt::Display for PlanError {
@@ -263,6 +283,7 @@ impl core::fmt::Display for PlanError {
             }
             Self::Batch { found } => found.write_refusal(f),
             Self::Bounds(error) => error.fmt(f),
+            Self::Effects(error) => error.fmt(f),
         }
     }
 }

@@ -3,6 +3,9 @@
 use super::march::{Block, ColourQueue, Picks, RayState, Waiting};
 use super::{Counters, Rect, RenderError, Target};
 use crate::camera::Camera;
+use crate::effects::anti_aliasing::{self, Sums};
+use crate::effects::depth_of_field;
+use crate::effects::tone;
 use crate::kernels::{Arena, BLOCK, Line, lines_for};
 use crate::math::Math;
 use crate::network::{Network, Scratch};
@@ -25,6 +28,8 @@ pub(super) struct Sizes {
     queue: usize,
     queued_activation: usize,
     direction: usize,
+    /// Lines of the pixels' sums: 0 where a pixel is one ray.
+    sums: usize,
 }
 
 impl Sizes {
@@ -43,6 +48,7 @@ impl Sizes {
             queue,
             queued_activation: network.activation_rows() * queue,
             direction: direction_rows.saturating_mul(rays.next_multiple_of(samples)),
+            sums: Sums::lines(&plan.effects, rays),
         }
     }
 
@@ -61,6 +67,7 @@ impl Sizes {
             + lines_for::<f32>(self.queue)
             + lines_for::<f32>(self.queued_activation)
             + lines_for::<f32>(self.direction)
+            + self.sums
     }
 }
 
@@ -84,6 +91,10 @@ pub(super) struct Frame<'f, 'w> {
     /// `stride` is that of the block at work: no more columns than its samples need.
     pub(super) scratch: Scratch<'w>,
     pub(super) counters: Counters,
+    sums: Sums<'w>,
+    /// Which of their pixels' rays are in flight: the first, the second, and on.
+    pub(super) turn: u32,
+    tile: Rect,
 }
 
 impl<'f, 'w> Frame<'f, 'w> {
@@ -100,6 +111,7 @@ impl<'f, 'w> Frame<'f, 'w> {
         }
         let mut arena = Arena::new(lines);
         let rays = arena.slice(sizes.rays, RayState::NONE).ok_or(too_small)?;
+        let sums = Sums::carve(&mut arena, &plan.effects, sizes.rays).ok_or(too_small)?;
         let mut numbers = |count| arena.slice(count, 0u32).ok_or(too_small);
         let (ring, owner) = (numbers(sizes.rays)?, numbers(sizes.samples)?);
         let (column, picked_owner) = (numbers(sizes.colours)?, numbers(sizes.colours)?);
@@ -130,42 +142,52 @@ impl<'f, 'w> Frame<'f, 'w> {
                 back: floats(sizes.activation)?,
             },
             counters: Counters::default(),
+            sums,
+            turn: 0,
+            tile: Rect { x: 0, y: 0, width: 0, height: 0 },
         })
     }
 
-    /// Renders one tile of at most `plan.batch.rays` pixels.
+    /// Renders one tile of at most `plan.batch.rays` pixels, a ray of every pixel at a time.
     pub(super) fn tile<M: Math>(&mut self, camera: &Camera, tile: Rect, target: &mut impl Target) {
-        let hits = self.start(camera, tile, target);
-        self.directions(hits);
-        while self.step::<M>() {}
-        self.flush_colour();
-        for i in 0..hits {
-            self.finish(&self.rays[i].clone(), camera, target);
+        self.tile = tile;
+        for turn in 0..anti_aliasing::rays(&self.plan.effects) {
+            self.turn = turn;
+            let hits = self.start::<M>(camera, target);
+            self.directions(hits);
+            while self.step::<M>() {}
+            self.flush_colour();
+            for i in 0..hits {
+                self.finish::<M>(&self.rays[i].clone(), camera, target);
+            }
         }
     }
 
     /// Makes the tile's rays; those that meet nothing are finished at once. Returns how many do.
-    fn start(&mut self, camera: &Camera, tile: Rect, target: &mut impl Target) -> usize {
-        let plan = self.plan;
+    fn start<M: Math>(&mut self, camera: &Camera, target: &mut impl Target) -> usize {
+        let (plan, tile, turn) = (self.plan, self.tile, self.turn);
+        let (right, down) = anti_aliasing::offset(&plan.effects, turn);
+        let area = depth_of_field::area(&plan.effects, turn);
         let mut hits = 0;
         // Nothing outside is live, so that most rays of most pictures end here.
         let around = if plan.grid.is_some() { self.occupied } else { Some(plan.bounds) };
         for y in tile.y..tile.y + tile.height {
             for x in tile.x..tile.x + tile.width {
                 self.counters.rays += 1;
-                let ray = camera.ray(x as f32 + 0.5, y as f32 + 0.5);
+                let ray = camera.ray(x as f32 + right, y as f32 + down);
+                let ray = depth_of_field::through_lens(&plan.effects, camera.pose(), ray, (x, y), area);
                 let bins = match around.and_then(|bounds| bounds.clip(&ray, plan.near, plan.far)) {
                     Some((enter, exit)) => plan.bins.overlapping(enter, exit),
                     None => 0..0,
                 };
                 let (next, end) = (bins.start, bins.end);
                 let mut state = RayState { ray, x, y, next, end, done: false, ..RayState::NONE };
-                if state.seek(plan) {
+                if state.seek(plan, turn) {
                     self.rays[hits] = state;
                     self.waiting.push(hits as u32);
                     hits += 1;
                 } else {
-                    self.finish(&state, camera, target);
+                    self.finish::<M>(&state, camera, target);
                 }
             }
         }
@@ -204,11 +226,19 @@ impl<'f, 'w> Frame<'f, 'w> {
         self.counters.add_colour(self.network, n);
     }
 
-    fn finish(&mut self, state: &RayState, camera: &Camera, target: &mut impl Target) {
-        self.counters.samples_skipped += u64::from(self.plan.bins.count() - state.kept);
+    /// Adds a finished ray to its pixel, and hands that on after its last.
+    fn finish<M: Math>(&mut self, state: &RayState, camera: &Camera, target: &mut impl Target) {
+        let (plan, tile) = (self.plan, self.tile);
+        self.counters.samples_skipped += u64::from(plan.bins.count() - state.kept);
         let cosine = camera.z_per_distance(&state.ray);
-        let background = if self.plan.outputs.rgb { self.plan.background } else { [0.0; 3] };
-        target.put(state.x, state.y, &state.gathered.finish(background, self.plan.far, cosine));
+        let background = if plan.outputs.rgb { plan.background } else { [0.0; 3] };
+        let mut seen = state.gathered.finish(background, plan.far, cosine);
+        seen.rgb = tone::to_light::<M>(&plan.effects.tone, seen.rgb);
+        let index = (state.y - tile.y) as usize * tile.width as usize + (state.x - tile.x) as usize;
+        if let Some(mut pixel) = self.sums.add(&plan.effects, index, self.turn, seen, plan.far) {
+            pixel.rgb = tone::to_display::<M>(&plan.effects.tone, pixel.rgb);
+            target.put(state.x, state.y, &pixel);
+        }
     }
 
     /// Density and colour at up to one block of points.

@@ -1,5 +1,7 @@
 extern crate std;
 
+mod effects;
+
 use super::*;
 use crate::blob::Grid;
 use crate::camera::{Intrinsics, Pose};
@@ -468,7 +470,7 @@ fn the_seed_network_takes_the_memory_the_docs_say() {
 
 /// Text in fixed memory: an explanation needs no heap.
 struct Page {
-    bytes: [u8; 2048],
+    bytes: [u8; 4096],
     used: usize,
 }
 
@@ -494,7 +496,12 @@ fn an_explanation_says_what_is_off_and_why() {
         plan.explain(&renderer).stages().into_iter().find(|stage| stage.name == name).unwrap().switch
     };
     let full = plan(Quality::default(), Outputs::ALL);
-    assert!(full.explain(&renderer).stages().iter().all(|stage| stage.switch == Switch::On));
+    let stages = full.explain(&renderer).stages();
+    let of_effects = ["anti-aliasing", "depth of field", "jitter", "tone"];
+    let (effects, rest): (Vec<_>, Vec<_>) =
+        stages.into_iter().partition(|stage| of_effects.contains(&stage.name));
+    assert!(effects.len() == 4 && rest.iter().all(|stage| stage.switch == Switch::On));
+    assert!(effects.iter().all(|stage| matches!(stage.switch, Switch::NotAskedFor | Switch::NotBuilt)));
     let exact = plan(Quality::EXACT, Outputs { z_depth: false, ..Outputs::ALL });
     for name in ["skip grid", "transmittance cut", "colour cut"] {
         assert_eq!(switch(&exact, name), Switch::SwitchedOff, "{name}");
@@ -509,7 +516,7 @@ fn an_explanation_says_what_is_off_and_why() {
     let shares = counters.shares(renderer.network());
     assert_eq!(shares.direction + shares.density + shares.colour, counters.macs);
     assert!(shares.direction > 0 && shares.colour > 0);
-    let mut page = Page { bytes: [0; 2048], used: 0 };
+    let mut page = Page { bytes: [0; 4096], used: 0 };
     core::fmt::write(&mut page, format_args!("{}", full.explain(&renderer).with_counters(counters))).unwrap();
     let text = core::str::from_utf8(&page.bytes[..page.used]).unwrap();
     std::println!("{text}");
