@@ -98,7 +98,8 @@ unsafe fn size_of_versioned<T: Versioned>(at: *const T) -> Result<usize, Failure
     }
 }
 
-/// A copy of the caller's structure; what this build does not know of it must be zero.
+/// A copy of the caller's structure; what this build does not know of it must be zero, and what the caller's
+/// header did not know is zero.
 ///
 /// # Safety
 /// `at` is NULL or points to `struct_size` readable bytes.
@@ -111,8 +112,13 @@ pub(crate) unsafe fn read_versioned<T: Versioned>(at: *const T) -> Result<T, Fai
             return Err(Failure::Reserved(T::NAME));
         }
     }
-    // SAFETY: not NULL, aligned and long enough (`size_of_versioned`); any bytes are a value (`Versioned`).
-    Ok(unsafe { at.read() })
+    let mut copy = core::mem::MaybeUninit::<T>::zeroed();
+    let known = size.min(size_of::<T>());
+    // SAFETY: `known` bytes are readable (`size_of_versioned`) and fit; any bytes are a value (`Versioned`).
+    unsafe {
+        copy.as_mut_ptr().cast::<u8>().copy_from_nonoverlapping(at.cast(), known);
+        Ok(copy.assume_init())
+    }
 }
 
 /// A checked place for a structure of results.

@@ -24,6 +24,8 @@ mod scene_info;
 
 mod camera;
 
+mod effects;
+
 mod render_options;
 
 mod pixel;
@@ -46,6 +48,7 @@ mod explain;
 
 pub use camera::Camera;
 pub use counters::Counters;
+pub use effects::{Effects, ToneMap};
 pub use explain::nerf_explain;
 pub use open_options::{Kernel, OpenOptions};
 pub use pixel::PixelFormat;
