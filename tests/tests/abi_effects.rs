@@ -29,10 +29,8 @@ fn options(effects: impl FnOnce(&mut ffi::Effects)) -> ffi::RenderOptions {
 fn render(opened: &Opened, options: &ffi::RenderOptions, format: PixelFormat) -> (Status, String, Vec<f32>) {
     let channels = if format == PixelFormat::RgbaF32 { 4 } else { 3 };
     let mut picture = vec![f32::NAN; (SIDE * SIDE * channels) as usize];
-    let (seen, target) = (
-        call::camera(&camera(SIDE, SIDE)),
-        call::target(plane(picture.as_mut_ptr().cast(), format)),
-    );
+    let (seen, target) =
+        (call::camera(&camera(SIDE, SIDE)), call::target(plane(picture.as_mut_ptr().cast(), format)));
     let (mut workspace, mut message) = (Guarded::new(1 << 20, 0), Message::default());
     let (at, size, text) = (workspace.at(), workspace.size(), message.0.as_mut_ptr());
     // SAFETY: everything lives until the call returns.

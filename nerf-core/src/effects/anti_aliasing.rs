@@ -115,11 +115,11 @@ impl<'w> Sums<'w> {
         far: f32,
     ) -> Option<Pixel> {
         let rays = rays(effects);
-        if rays == 1 { Some(pixel) } else { self.add_to(index, ray, rays, &pixel, far) }
+        if rays == 1 { Some(pixel) } else { self.add_ray(index, ray, rays, &pixel, far) }
     }
 
     #[inline(never)]
-    fn add_to(&mut self, index: usize, ray: u32, rays: u32, pixel: &Pixel, far: f32) -> Option<Pixel> {
+    fn add_ray(&mut self, index: usize, ray: u32, rays: u32, pixel: &Pixel, far: f32) -> Option<Pixel> {
         let sum = &mut self.sums[index];
         if ray == 0 {
             *sum = PixelSum::NONE;

@@ -28,6 +28,7 @@ impl Lens {
     /// `2/3 / √(−3 k1)`, to the last hundredth; with `k1, k2 >= 0` and no tangential part there is no fold, and
     /// 20 steps reach every point that is seen at up to 10 times its own radius. Elsewhere only the answer
     /// tells; [`Camera::new`](crate::camera::Camera::new) asks on a lattice over the image.
+    #[inline(never)]
     pub fn undistort(&self, xd: f32, yd: f32) -> Option<(f32, f32)> {
         if *self == Self::NONE {
             return Some((xd, yd));

@@ -1,6 +1,7 @@
 //! `nerf-train explain`
 
 use super::common::{DataOptions, Global, QualityOptions, open_blob, read_file};
+use super::effects::EffectOptions;
 use super::eval::Split;
 use crate::frame;
 use crate::orbit::Orbit;
@@ -43,6 +44,8 @@ pub struct Explain {
     #[command(flatten)]
     quality: QualityOptions,
     #[command(flatten)]
+    effects: EffectOptions,
+    #[command(flatten)]
     data_options: DataOptions,
 }
 
@@ -55,6 +58,7 @@ impl Explain {
         let outputs = Outputs { rgb: !self.no_colour, ..Outputs::ALL };
         let plan = Plan::new(&blob, &self.quality.quality(), outputs, Batch::for_tier(tier))
             .with_context(|| self.file.display().to_string())?;
+        let plan = self.effects.of(plan)?;
         let camera = self.camera(&blob, global)?;
         let mut memory = vec![Line::UNINIT; Renderer::prepared_lines(&blob, tier)];
         let renderer = Renderer::new(blob, tier, &mut memory)?;
