@@ -336,6 +336,35 @@ typedef uint32_t nerf_format;
 #endif // __cplusplus
 
 /**
+ * What brings light beyond 1 back into the picture: a curve on each linear channel.
+ */
+enum nerf_tone_map
+#if defined(__cplusplus) || __STDC_VERSION__ >= 202311L
+  : uint32_t
+#endif // defined(__cplusplus) || __STDC_VERSION__ >= 202311L
+ {
+    /**
+     * None: what is beyond 1 is cut off where the colour is encoded.
+     */
+    NERF_TONE_MAP_NONE = 0,
+    /**
+     * `x / (1 + x)` (Reinhard et al. 2002).
+     */
+    NERF_TONE_MAP_REINHARD = 1,
+    /**
+     * A film's shoulder and toe (Narkowicz 2016's fit to the ACES curve).
+     */
+    NERF_TONE_MAP_FILMIC = 2,
+};
+#ifndef __cplusplus
+#if __STDC_VERSION__ >= 202311L
+typedef enum nerf_tone_map nerf_tone_map;
+#else
+typedef uint32_t nerf_tone_map;
+#endif // __STDC_VERSION__ >= 202311L
+#endif // __cplusplus
+
+/**
  * An opened scene: lies at the beginning of the memory it was opened in and borrows the blob.
  *
  * It owns nothing and never changes: threads may use it at the same time, and there is nothing to
@@ -498,6 +527,51 @@ typedef struct nerf_scene_info {
 } nerf_scene_info;
 
 /**
+ * What a frame does beyond one ray through each pixel's centre. All zeros is nothing, and costs nothing.
+ *
+ * An effect that this build of the library lacks is `NERF_STATUS_OPTIONS`.
+ */
+typedef struct nerf_effects {
+    /**
+     * 1: samples lie at random places in their bins, by `seed`. Else 0.
+     */
+    uint32_t jitter;
+    /**
+     * Rays a pixel, at most 256; 0 and 1 are one through its centre. More take more workspace.
+     */
+    uint32_t anti_aliasing;
+    /**
+     * Read only where `jitter` is 1; places on the aperture depend on it, too.
+     */
+    uint64_t seed;
+    /**
+     * Radius of a thin lens' aperture, world units, at most 1e9; 0 is a pinhole.
+     */
+    float aperture_radius;
+    /**
+     * From the camera to its plane of focus along the view axis, world units, 1e-6 to 1e9; read only where
+     * there is an aperture.
+     */
+    float focus_distance;
+    /**
+     * Doublings of the light, -32 to 32; 0 leaves it as it is.
+     */
+    float exposure;
+    /**
+     * A `nerf_tone_map`.
+     */
+    uint32_t tone_map;
+    /**
+     * 1: colour is linear light, unbounded above, in place of display-encoded. Else 0.
+     */
+    uint32_t linear;
+    /**
+     * Zeros.
+     */
+    uint32_t reserved[5];
+} nerf_effects;
+
+/**
  * The shortcuts of a frame.
  *
  * All zeros (but for `struct_size`) is the exact picture: every sample that the skip grid does
@@ -553,6 +627,10 @@ typedef struct nerf_render_options {
      * Zeros.
      */
     uint32_t reserved[5];
+    /**
+     * Effects: all zeros is none.
+     */
+    struct nerf_effects effects;
 } nerf_render_options;
 
 /**

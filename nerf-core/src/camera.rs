@@ -96,7 +96,7 @@ impl Camera {
     /// [`CameraError`] on an empty image, focal lengths that are not positive and finite, a pose
     /// that is not finite or not a rotation within 1e-3 (scaled, sheared, reflected, singular), an
     /// image point more than 1e9 focal lengths off the principal point, and a lens that cannot be
-    /// inverted at some point of the image.
+    /// inverted at some point of the image, or that this build lacks (feature `lens`).
     pub fn new(intrinsics: Intrinsics, lens: Lens, pose: Pose) -> Result<Self, CameraError> {
         let Intrinsics { width, height, fx, fy, cx, cy } = intrinsics;
         if width == 0 || height == 0 {
@@ -146,13 +146,16 @@ impl Camera {
         if self.lens == Lens::NONE {
             return Ok(());
         }
+        if !Lens::BUILT {
+            return Err(CameraError::LensNotBuilt { lens: self.lens });
+        }
         let (w, h) = (self.intrinsics.width as f32, self.intrinsics.height as f32);
         for step in 0..=16u8 {
             let y = f32::from(step) / 16.0 * h;
             for step in 0..=16u8 {
                 let x = f32::from(step) / 16.0 * w;
                 let (u, v) = self.normalised(x, y);
-                if self.lens.undistort(u, v).is_none() {
+                if !self.lens.is_invertible(u, v) {
                     return Err(CameraError::LensNotInvertible { x, y });
                 }
             }
@@ -196,9 +199,7 @@ impl Camera {
     /// ```
     pub fn ray(&self, x: f32, y: f32) -> Ray {
         let (u, v) = self.normalised(x, y);
-        // A lattice was invertible at `new`; a fold between its points keeps the distorted
-        // direction, which is off but finite.
-        let (u, v) = self.lens.undistort(u, v).unwrap_or((u, v));
+        let (u, v) = self.lens.straighten(u, v);
         let local = Vec3::new(u, -v, -1.0);
         let dir = self.pose.rotation * local;
         Ray { origin: self.pose.position, dir: dir.normalize() }
@@ -258,6 +259,11 @@ pub enum CameraError {
         /// Where, pixels from the top.
         y: f32,
     },
+    /// Lens distortion, in a build without the feature `lens`.
+    LensNotBuilt {
+        /// The lens that was given.
+        lens: Lens,
+    },
 }
 
 impl core::fmt::Display for CameraError {
@@ -290,6 +296,9 @@ impl core::fmt::Display for CameraError {
             ),
             Self::LensNotInvertible { x, y } => {
                 write!(f, "lens: the distortion has no inverse at pixel ({x}, {y}) of the image")
+            }
+            Self::LensNotBuilt { lens } => {
+                write!(f, "lens: expected a build with the feature lens, or zeros, found {lens:?}")
             }
         }
     }

@@ -62,12 +62,17 @@
 //! | --- | --- | --- |
 //! | `libm` | yes | `MathBackend::Libm` |
 //! | `micromath` | yes | `MathBackend::Micromath`: small and rough |
+//! | `jitter` | yes | [`effects::Jitter`]: samples at random places in their bins |
+//! | `anti-aliasing` | yes | several rays a pixel |
+//! | `depth-of-field` | yes | [`effects::ThinLens`]: an aperture that is no pinhole |
+//! | `tone-map` | yes | [`effects::Tone`]: exposure, tone curve, linear output |
+//! | `lens` | yes | lens distortion ([`Lens`]) |
 //! | `median` | yes | the output `median_distance` |
 //! | `normals` | yes | the output `normals`: the gradient of the density, backward through the network |
 //! | `train` | no | backward kernels, for trainers |
 //!
-//! The project's own polynomials ([`MathBackend::Polynomial`]) are always there. A plan that asks for an
-//! output whose feature is off is refused ([`plan::PlanError::NotBuilt`]).
+//! The project's own polynomials ([`MathBackend::Polynomial`]) are always there. An effect or output whose
+//! feature is off has no code in the build; asking for it is an error that names the feature.
 //!
 //! # Example
 //!
@@ -168,6 +173,8 @@ pub mod network;
 
 pub mod volume;
 
+pub mod effects;
+
 pub mod plan;
 pub mod render;
 
@@ -181,6 +188,7 @@ mod testing;
 
 pub use blob::Blob;
 pub use camera::{Camera, Intrinsics, Pose};
+pub use effects::Effects;
 pub use kernels::{Line, Tier};
 pub use lens::Lens;
 pub use math::MathBackend;

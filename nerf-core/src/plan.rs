@@ -1,6 +1,8 @@
 //! What a frame consists of: what the scene holds, met with what the caller asks for.
 
 use crate::blob::{Blob, MAX_SAMPLES};
+use crate::effects::jitter::Place;
+use crate::effects::{EffectError, Effects, Tone};
 use crate::kernels::{BLOCK, Tier};
 use crate::math::MathBackend;
 use crate::ray::{BoundsError, Ray, SceneBox};
@@ -52,6 +54,11 @@ impl Outputs {
     /// Whether single samples are picked for more than their density.
     pub(crate) const fn picks(&self) -> bool {
         self.rgb || (cfg!(feature = "normals") && self.normals)
+    }
+
+    /// Whether something is asked for that only the samples near a surface say.
+    pub(crate) const fn surface(&self) -> bool {
+        self.median_distance || self.normals
     }
 
     /// An output that is asked for and that this build lacks.
@@ -112,6 +119,7 @@ pub struct Plan<'a> {
     pub(crate) math: MathBackend,
     pub(crate) batch: Batch,
     pub(crate) normal_blur: f32,
+    pub(crate) effects: Effects,
 }
 
 impl<'a> Plan<'a> {
@@ -166,6 +174,7 @@ impl<'a> Plan<'a> {
             math: quality.math,
             batch,
             normal_blur: Self::NORMAL_BLUR,
+            effects: Effects::NONE,
         })
     }
 
@@ -209,14 +218,28 @@ impl<'a> Plan<'a> {
         Ok(self)
     }
 
-    /// The first live bin of `from..end` on a ray, or `end`.
+    /// The same frame with effects; in place of those it had.
+    ///
+    /// What asks for nothing is left out: a lens without aperture, and the tone stage of a frame without
+    /// colour.
+    ///
+    /// # Errors
+    /// [`PlanError::Effects`] on a setting that is out of range or not in this build.
+    pub fn with_effects(mut self, effects: Effects) -> Result<Self, PlanError> {
+        self.effects = effects.checked().map_err(PlanError::Effects)?;
+        if !self.outputs.rgb {
+            self.effects.tone = Tone::NONE;
+        }
+        Ok(self)
+    }
+
+    /// The first live bin of `from..end` on a ray whose samples lie at `place`, or `end`.
     #[inline]
-    pub(crate) fn first_live(&self, ray: &Ray, from: u32, end: u32) -> u32 {
+    pub(crate) fn first_live(&self, ray: &Ray, place: Place, from: u32, end: u32) -> u32 {
+        let t = |bin| place.t(&self.bins, bin);
         match &self.grid {
-            Some(grid) => grid.first_live(ray, &self.bins, from, end),
-            None => {
-                (from..end).find(|&bin| self.bounds.contains(ray.at(self.bins.at(bin, 0.5)))).unwrap_or(end)
-            }
+            Some(grid) => grid.first_live_at(ray, &self.bins, from, end, t),
+            None => (from..end).find(|&bin| self.bounds.contains(ray.at(t(bin)))).unwrap_or(end),
         }
     }
 
@@ -280,6 +303,8 @@ pub enum PlanError {
     },
     /// Near and far leave no bins.
     Bounds(BoundsError),
+    /// An effect that is out of range or not in this build.
+    Effects(EffectError),
 }
 
 impl core::fmt::Display for PlanError {
@@ -316,6 +341,7 @@ impl core::fmt::Display for PlanError {
             }
             Self::Batch { found } => found.write_refusal(f),
             Self::Bounds(error) => error.fmt(f),
+            Self::Effects(error) => error.fmt(f),
         }
     }
 }

@@ -24,14 +24,16 @@ const MAX_TAU: f32 = 100.0;
 
 /// A sum that keeps what rounding loses (Kahan 1965): 4,096 terms err like one.
 #[derive(Clone, Copy, Debug, Default)]
-struct Sum {
-    value: f32,
+pub(crate) struct Sum {
+    pub value: f32,
     lost: f32,
 }
 
 impl Sum {
+    pub const ZERO: Self = Self { value: 0.0, lost: 0.0 };
+
     #[inline]
-    fn add(&mut self, x: f32) {
+    pub fn add(&mut self, x: f32) {
         let corrected = x - self.lost;
         let sum = self.value + corrected;
         self.lost = (sum - self.value) - corrected;
@@ -42,7 +44,8 @@ impl Sum {
 /// One finished pixel.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Pixel {
-    /// Colour over the background, display-encoded; 0 if colour was not asked for.
+    /// Colour over the background, display-encoded unless the frame's
+    /// [`Tone`](crate::effects::Tone) is linear; 0 if colour was not asked for.
     pub rgb: [f32; 3],
     /// Σ weights, in `[0, 1]`.
     pub opacity: f32,
@@ -90,7 +93,7 @@ pub struct Accumulator {
 impl Accumulator {
     /// A ray that has met nothing.
     pub const NONE: Self = {
-        let zero = Sum { value: 0.0, lost: 0.0 };
+        let zero = Sum::ZERO;
         Self { tau: zero, rgb: [zero; 3], opacity: zero, distance: zero, uncoloured: 0.0 }
     };
 

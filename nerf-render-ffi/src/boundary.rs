@@ -99,7 +99,8 @@ unsafe fn size_of_versioned<T: Versioned>(at: *const T) -> Result<usize, Failure
     }
 }
 
-/// A copy of the caller's structure; what this build does not know of it must be zero.
+/// A copy of the caller's structure; what this build does not know of it must be zero, and what the caller's
+/// header did not know is zero.
 ///
 /// # Safety
 /// `at` is NULL or points to `struct_size` readable bytes.

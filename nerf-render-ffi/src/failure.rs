@@ -51,6 +51,8 @@ pub(crate) enum Failure {
         found: u32,
     },
     NoPlane,
+    /// Exposure, tone map or linear output of an RGBA plane.
+    ToneOfAlpha,
     /// A plane that a picture has not.
     ScenePlane(&'static str),
     Direction {
@@ -79,7 +81,11 @@ impl Failure {
             #[cfg(feature = "std")]
             Self::KernelVariable => Status::Options,
             Self::Kernel(_) => Status::Kernel,
-            Self::Stride { .. } | Self::Format { .. } | Self::NoPlane | Self::ScenePlane(_) => Status::Target,
+            Self::Stride { .. }
+            | Self::Format { .. }
+            | Self::NoPlane
+            | Self::ScenePlane(_)
+            | Self::ToneOfAlpha => Status::Target,
             Self::Direction { .. } => Status::Direction,
             Self::Cancelled => Status::Cancelled,
             #[cfg(feature = "std")]
@@ -139,6 +145,11 @@ impl fmt::Display for Failure {
                 write!(f, "{name}: expected a pixel format that suits the plane, found {found}")
             }
             Self::NoPlane => write!(f, "target: expected at least one plane, found none"),
+            Self::ToneOfAlpha => write!(
+                f,
+                "target.rgb: expected an RGB format where options.effects has exposure, tone_map or linear, \
+                 found RGBA, whose premultiplied values are display-encoded"
+            ),
             Self::ScenePlane(name) => {
                 write!(f, "{name}: expected NULL for a picture, which has colour alone")
             }

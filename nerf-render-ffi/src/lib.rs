@@ -25,6 +25,8 @@ mod scene_info;
 
 mod camera;
 
+mod effects;
+
 mod render_options;
 
 mod pixel;
@@ -47,6 +49,7 @@ mod explain;
 
 pub use camera::Camera;
 pub use counters::Counters;
+pub use effects::{Effects, ToneMap};
 pub use explain::nerf_explain;
 pub use open_options::{Kernel, OpenOptions};
 pub use pixel::PixelFormat;

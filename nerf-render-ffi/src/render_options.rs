@@ -1,8 +1,10 @@
 //! The shortcuts of a frame.
 
 use crate::boundary::{Versioned, read_versioned};
+use crate::effects::Effects;
 use crate::failure::Failure;
 use nerf_core::blob::{Blob, MAX_SAMPLES};
+use nerf_core::effects::{self, Tone};
 use nerf_core::kernels::{BLOCK, Tier};
 use nerf_core::math::MathBackend;
 use nerf_core::plan::{Batch, Outputs, Plan, Quality};
@@ -63,11 +65,14 @@ pub struct RenderOptions {
     pub colour_cut: f32,
     /// Zeros.
     pub reserved: [u32; 5],
+    /// Effects: all zeros is none.
+    pub effects: Effects,
 }
 
 // SAFETY: `repr(C)`, `struct_size` comes first, and numbers have no invalid bytes.
 unsafe impl Versioned for RenderOptions {
     const NAME: &'static str = "options";
+    const SIZE_V1: usize = core::mem::offset_of!(RenderOptions, effects);
 }
 
 /// Checked options.
@@ -76,6 +81,7 @@ pub(crate) struct Settings {
     pub quality: Quality,
     background: Option<[f32; 3]>,
     pub batch: Batch,
+    effects: effects::Effects,
 }
 
 impl Settings {
@@ -91,7 +97,7 @@ impl Settings {
                 colour_cut: NERF_COLOUR_CUT_DEFAULT,
                 ..Quality::default()
             };
-            return Ok(Self { quality, background: None, batch });
+            return Ok(Self { quality, background: None, batch, effects: Effects::NONE.read()? });
         }
         // SAFETY: the caller's promise.
         let o = unsafe { read_versioned(at)? };
@@ -116,14 +122,21 @@ impl Settings {
                 rays: or(rays, batch.rays.min(MAX_RAYS as usize)),
                 samples: or(columns, batch.samples),
             },
+            effects: o.effects.read()?,
         })
     }
 
     /// The frame these settings make of a scene; over nothing, for targets that have an alpha.
+    ///
+    /// Those have no tone stage: what is premultiplied in display-encoded values is no light.
     pub fn plan<'a>(&self, blob: &Blob<'a>, outputs: Outputs, alpha: bool) -> Result<Plan<'a>, Failure> {
         let mut plan = Plan::new(blob, &self.quality, outputs, self.batch).map_err(Failure::Plan)?;
         if let Some(background) = self.background {
             plan = plan.with_background(background).map_err(Failure::Plan)?;
+        }
+        plan = plan.with_effects(self.effects).map_err(Failure::Plan)?;
+        if alpha && self.effects.tone != Tone::NONE {
+            return Err(Failure::ToneOfAlpha);
         }
         if alpha {
             plan = plan.with_background([0.0; 3]).map_err(Failure::Plan)?;
@@ -132,11 +145,16 @@ impl Settings {
     }
 }
 
-fn at_most(name: &'static str, expected: &'static str, found: u32, most: u32) -> Result<u32, Failure> {
+pub(crate) fn at_most(
+    name: &'static str,
+    expected: &'static str,
+    found: u32,
+    most: u32,
+) -> Result<u32, Failure> {
     if found <= most { Ok(found) } else { Err(Failure::Setting { name, expected, found }) }
 }
 
-fn flag(name: &'static str, found: u32) -> Result<bool, Failure> {
+pub(crate) fn flag(name: &'static str, found: u32) -> Result<bool, Failure> {
     at_most(name, "0 or 1", found, 1).map(|value| value == 1)
 }
 

@@ -25,19 +25,44 @@ fn build() -> Libraries {
     let mut command = Command::new(cargo);
     command.current_dir(paths::workspace());
     command.args(["build", "--release", "--offline", "-p", "nerf-render-ffi", "--message-format=json"]);
-    let output = run(&mut command);
-    let names: Vec<PathBuf> = String::from_utf8_lossy(&output.stdout)
+    let names = files(&mut command);
+    let with = |name: &str| names.iter().find(|file| file.ends_with(name));
+    Libraries {
+        archive: with("libnerf_render.a").expect("cargo built a static library").clone(),
+        shared: with("libnerf_render.so").expect("cargo built a shared library").clone(),
+    }
+}
+
+/// Builds one thing with the features of `arguments` alone; what the build left, by cargo's word.
+///
+/// In a target directory and a profile of its own: nothing else waits for it, and no optimisation across crates
+/// makes it slow.
+pub fn build_alone(arguments: &[&str]) -> Vec<PathBuf> {
+    let cargo = std::env::var_os("CARGO").unwrap_or_else(|| env!("CARGO").into());
+    let mut command = Command::new(cargo);
+    command.current_dir(paths::workspace());
+    command.env("CARGO_PROFILE_DEV_DEBUG", "0").env("CARGO_PROFILE_DEV_OPT_LEVEL", "1");
+    command.args(["build", "--offline", "--no-default-features", "--message-format=json"]).args(arguments);
+    // Beside the executable that runs: target/release/deps/test-0123.
+    let own = std::env::current_exe().expect("a path");
+    let target = own.ancestors().nth(3).expect("cargo's target directory");
+    files(command.arg("--target-dir").arg(target.join("features")))
+}
+
+/// Files a cargo command leaves for the packages of this workspace.
+fn files(command: &mut Command) -> Vec<PathBuf> {
+    let output = run(command);
+    let root = paths::workspace();
+    String::from_utf8_lossy(&output.stdout)
         .lines()
         .filter_map(|line| serde_json::from_str::<serde_json::Value>(line).ok())
-        .filter(|message| message["target"]["name"] == "nerf_render")
+        .filter(|message| {
+            let manifest = message["manifest_path"].as_str();
+            manifest.is_some_and(|manifest| Path::new(manifest).starts_with(&root))
+        })
         .flat_map(|message| message["filenames"].as_array().cloned().unwrap_or_default())
         .filter_map(|name| name.as_str().map(PathBuf::from))
-        .collect();
-    let with = |extension: &str| names.iter().find(|name| name.extension().is_some_and(|e| e == extension));
-    Libraries {
-        archive: with("a").expect("cargo built a static library").clone(),
-        shared: with("so").expect("cargo built a shared library").clone(),
-    }
+        .collect()
 }
 
 /// A language of hosts.

@@ -54,6 +54,17 @@ pub fn render_options() -> ffi::RenderOptions {
         batch_samples: 0,
         colour_cut: 0.0,
         reserved: [0; 5],
+        effects: ffi::Effects {
+            jitter: 0,
+            anti_aliasing: 0,
+            seed: 0,
+            aperture_radius: 0.0,
+            focus_distance: 0.0,
+            exposure: 0.0,
+            tone_map: 0,
+            linear: 0,
+            reserved: [0; 5],
+        },
     }
 }
 

@@ -155,6 +155,17 @@ fn z_depth_does_not_take_up_a_pose_rounding() {
     assert!((camera.z_per_distance(&camera.ray(2.0, 2.0)) - 1.0).abs() < 2e-7);
 }
 
+#[cfg(not(feature = "lens"))]
+#[test]
+fn a_build_without_lenses_has_pinholes_alone() {
+    let lens = Lens { k1: 1e-9, ..Lens::NONE };
+    let error = Camera::new(Intrinsics::centred(4, 4, 4.0), lens, IDENTITY).unwrap_err();
+    assert_eq!(error, CameraError::LensNotBuilt { lens });
+    assert!(format!("{error}").contains("feature lens"), "{error}");
+    assert!(camera(4, 4, 4.0).is_ok());
+}
+
+#[cfg(feature = "lens")]
 #[test]
 fn a_folded_lens_is_refused() {
     for lens in [
@@ -184,7 +195,7 @@ fn images_of_one_pixel_and_of_one_column_have_rays() {
     for y in [0.5, 32_767.5, 65_534.5] {
         assert!((column.ray(0.5, y).dir.length() - 1.0).abs() < 3e-7);
     }
-    let lens = Lens { k1: 1e-6, ..Lens::NONE };
+    let lens = if Lens::BUILT { Lens { k1: 1e-6, ..Lens::NONE } } else { Lens::NONE };
     let wide = Camera::new(Intrinsics::centred(1, 65_535, 3000.0), lens, IDENTITY);
     assert!(wide.is_ok(), "{wide:?}");
 }
@@ -215,6 +226,7 @@ fn messages_name_what_was_expected_and_found() {
         (CameraError::PoseNotRotation { off: 0.5, determinant: -1.0 }, "determinant -1"),
         (CameraError::FieldOfView { x: 8.0, y: 9.0 }, "(8, 9)"),
         (CameraError::LensNotInvertible { x: 3.0, y: 4.0 }, "(3, 4)"),
+        (CameraError::LensNotBuilt { lens: Lens { k1: 0.5, ..Lens::NONE } }, "k1: 0.5"),
     ] {
         assert!(format!("{error}").contains(part), "{error}");
     }

@@ -83,3 +83,31 @@ fn a_point_that_no_direction_is_seen_at_has_none() {
     assert_eq!(lens.undistort(f32::NAN, 0.0), None);
     assert_eq!(lens.undistort(f32::INFINITY, 0.0), None);
 }
+
+#[test]
+fn the_domain_reaches_to_the_fold_and_without_one_to_ten_radii() {
+    for k1 in [-0.01f32, -0.1, -0.7] {
+        let lens = Lens { k1, ..Lens::NONE };
+        let fold = 2.0 / 3.0 / (-3.0 * k1).sqrt();
+        for step in 0..=99 {
+            let seen = fold * step as f32 / 100.0;
+            for (xd, yd) in [(seen, 0.0), (-0.6 * seen, 0.8 * seen)] {
+                let (x, y) = lens.undistort(xd, yd).unwrap_or_else(|| panic!("k1 {k1}: {step} % of the way"));
+                let (a, b) = lens.distort(x, y);
+                assert!((a - xd).abs().max((b - yd).abs()) <= 2e-6 * fold.max(1.0));
+            }
+        }
+        assert_eq!(lens.undistort(1.001 * fold, 0.0), None, "k1 {k1}: beyond the fold");
+    }
+    for (k1, k2) in [(1.0, 0.0), (0.0, 1.0), (0.3, 0.01)] {
+        let lens = Lens { k1, k2, ..Lens::NONE };
+        for r in [0.1, 1.0, 3.0, 10.0, 30.0] {
+            let (seen, _) = lens.distort(r, 0.0);
+            if seen <= 10.0 * r {
+                let (x, _) =
+                    lens.undistort(seen, 0.0).unwrap_or_else(|| panic!("k1 {k1} k2 {k2}: radius {r}"));
+                assert!((x - r).abs() <= 3e-6 * r.max(1.0), "k1 {k1} k2 {k2}: {x} for {r}");
+            }
+        }
+    }
+}

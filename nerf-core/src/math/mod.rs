@@ -1,11 +1,11 @@
 //! Elementary functions; the only room that names `libm` or `micromath`.
 //!
-//! | backend | sin/cos of the encoding | exp, softplus | expm1 |
-//! | --- | --- | --- | --- |
-//! | [`MathBackend::Polynomial`] | own f32 polynomials | own | own |
-//! | [`MathBackend::Libm`] | `libm` after exact reduction | `libm` | `libm` |
-//! | [`MathBackend::Micromath`] | `micromath` after exact reduction | `micromath` | own (it has none); so transmittance too |
-//! | [`MathBackend::Recurrence`] | own at level 0, then angle doubling | own | own |
+//! | backend | sin/cos of the encoding | exp, softplus | expm1 | powers (tone stage) |
+//! | --- | --- | --- | --- | --- |
+//! | [`MathBackend::Polynomial`] | own f32 polynomials | own | own | own |
+//! | [`MathBackend::Libm`] | `libm` after exact reduction | `libm` | `libm` | `libm` |
+//! | [`MathBackend::Micromath`] | `micromath` after exact reduction | `micromath` | own (it has none); so transmittance too | own |
+//! | [`MathBackend::Recurrence`] | own at level 0, then angle doubling | own | own | own |
 
 pub mod lanes;
 #[cfg(feature = "libm")]
@@ -91,12 +91,24 @@ pub trait Math {
     }
     /// `ln(1 + e^x)`.
     fn softplus<V: Lanes>(x: V) -> V;
+    /// `x^p` for a positive normal `x` and a result that is one, too.
+    #[inline(always)]
+    fn pow<V: Lanes>(x: V, p: f32) -> V {
+        Self::exp(polynomial::ln(x).mul(V::splat(p)))
+    }
     /// `1 / (1 + e^−x)`.
     #[inline(always)]
     fn sigmoid<V: Lanes>(x: V) -> V {
         let one = V::splat(1.0);
         one.div(one.add(Self::exp(x.neg())))
     }
+}
+
+/// `√x` for `x >= 0`, correctly rounded.
+#[cfg(feature = "depth-of-field")]
+#[inline]
+pub(crate) fn sqrt(x: f32) -> f32 {
+    ::libm::sqrtf(x)
 }
 
 /// Runs `$body` with `$M` bound to the [`Math`] of a backend.

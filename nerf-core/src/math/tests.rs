@@ -90,6 +90,21 @@ fn exponentials_stay_within_their_relative_bounds() {
 }
 
 #[test]
+fn logarithms_and_powers_stay_within_their_bounds() {
+    let points = || floats(f32::MIN_POSITIVE, f32::MAX, 9973);
+    let ln = points()
+        .map(|x| {
+            let truth = f64::from(x).ln();
+            (f64::from(super::polynomial::ln(x)) - truth).abs() / truth.abs().max(1.0)
+        })
+        .fold(0.0, f64::max);
+    let power = |p: f32| worst_rel(floats(0.05, 1.0, 131), |x| Polynomial::pow(x, p), |x| x.powf(p.into()));
+    let (up, down) = (power(2.4), power(1.0 / 2.4));
+    std::println!("ln {ln:e}, x^2.4 {up:e}, x^(1/2.4) {down:e}");
+    assert!(ln <= 2e-7 && up <= 2e-6 && down <= 5e-7);
+}
+
+#[test]
 fn extremes_are_finite() {
     for x in [1e4, -1e4, f32::INFINITY, f32::NEG_INFINITY, f32::MAX, f32::MIN] {
         assert!(Polynomial::exp(x) > 0.0 && Polynomial::exp(x).is_finite());

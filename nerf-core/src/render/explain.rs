@@ -1,7 +1,9 @@
 //! What a frame does and what not, and why; with counters, where its work went.
 
 use super::{Counters, Renderer};
+use crate::effects::{self, ThinLens, Tone, ToneMap};
 use crate::kernels::Line;
+use crate::lens::Lens;
 use crate::network::Network;
 use crate::plan::Plan;
 use core::fmt;
@@ -13,12 +15,12 @@ pub enum Switch {
     On,
     /// The scene has nothing for it to do.
     AbsentInScene,
-    /// No output needs it.
+    /// Nobody asked for it, and no output needs it.
     NotAskedFor,
+    /// This build has no code for it: a cargo feature is off.
+    NotBuilt,
     /// The request's [`Quality`](crate::plan::Quality) switches it off.
     SwitchedOff,
-    /// This build has no code for it.
-    NotBuilt,
 }
 
 impl Switch {
@@ -28,8 +30,8 @@ impl Switch {
             Self::On => "on",
             Self::AbsentInScene => "off: absent in the scene",
             Self::NotAskedFor => "off: not asked for",
-            Self::SwitchedOff => "off: switched off by the request",
             Self::NotBuilt => "off: not built in",
+            Self::SwitchedOff => "off: switched off by the request",
         }
     }
 
@@ -86,7 +88,7 @@ impl Explanation<'_> {
     }
 
     /// The stages that may be absent, in the order of the frame.
-    pub fn stages(&self) -> [Stage; 12] {
+    pub fn stages(&self) -> [Stage; 16] {
         let plan = self.plan;
         let cut = |value: f32| if value > 0.0 { Switch::On } else { Switch::SwitchedOff };
         let grid = match (plan.grid, self.renderer.blob().grid()) {
@@ -97,7 +99,12 @@ impl Explanation<'_> {
         let colour = Switch::asked(plan.outputs.rgb);
         let directional = self.renderer.network().architecture().direction.is_some();
         let view = if directional { Switch::On } else { Switch::AbsentInScene };
+        let asked = &plan.effects;
+        let lens = Switch::built(effects::depth_of_field::BUILT, asked.depth_of_field.is_some());
         [
+            ("anti-aliasing", Switch::built(effects::anti_aliasing::BUILT, asked.anti_aliasing > 1)),
+            ("depth of field", lens),
+            ("jitter", Switch::built(effects::jitter::BUILT, asked.jitter.is_some())),
             ("skip grid", grid),
             ("density", Switch::On),
             ("transmittance cut", cut(plan.transmittance_cut)),
@@ -110,6 +117,7 @@ impl Explanation<'_> {
             ("z_depth", Switch::asked(plan.outputs.z_depth)),
             ("median_distance", Switch::built(cfg!(feature = "median"), plan.outputs.median_distance)),
             ("normals", Switch::built(cfg!(feature = "normals"), plan.outputs.normals)),
+            ("tone", Switch::built(effects::tone::BUILT, asked.tone != Tone::NONE)),
         ]
         .map(|(name, switch)| Stage { name, switch })
     }
@@ -140,9 +148,29 @@ impl Explanation<'_> {
                 write!(f, ", {macs} multiply-adds an evaluation, blurred by {blur} world units")
             }
             "background" => write!(f, ", {:?}", plan.background),
+            "anti-aliasing" => write!(f, ", {} rays a pixel", plan.effects.anti_aliasing),
+            "depth of field" => {
+                let Some(ThinLens { aperture_radius, focus_distance }) = plan.effects.depth_of_field else {
+                    return Ok(());
+                };
+                write!(f, ", aperture radius {aperture_radius}, in focus at {focus_distance}")
+            }
+            "jitter" => match plan.effects.jitter {
+                Some(jitter) => write!(f, ", seed {}", jitter.seed),
+                None => Ok(()),
+            },
+            "tone" => write_tone(&plan.effects.tone, f),
             _ => Ok(()),
         }
     }
+}
+
+fn write_tone(tone: &Tone, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+    write!(f, ", exposure {:+} stops", tone.exposure)?;
+    if tone.map != ToneMap::None {
+        write!(f, ", curve {}", tone.map.name())?;
+    }
+    write!(f, ", {} output", if tone.linear { "linear" } else { "display-encoded" })
 }
 
 impl fmt::Display for Explanation<'_> {
@@ -157,6 +185,9 @@ impl fmt::Display for Explanation<'_> {
             }
             writeln!(f)?;
         }
+        // What it does is the camera's, which a plan does not know.
+        let lens = if Lens::BUILT { "as the camera has it" } else { Switch::NotBuilt.name() };
+        writeln!(f, "lens distortion    {lens}")?;
         writeln!(f, "maths              {:?}", plan.math)?;
         let batch = plan.batch;
         writeln!(f, "kernel             {}, {} rays in flight", network.tier().name(), batch.rays)?;

@@ -4,12 +4,14 @@ use super::march::{Block, ColourQueue, Picks, RayState, Waiting};
 use super::surface::{Medians, Normals};
 use super::{Counters, Rect, RenderError, Target};
 use crate::camera::Camera;
+use crate::effects::anti_aliasing::{self, Sums};
+use crate::effects::depth_of_field;
+use crate::effects::tone;
 use crate::kernels::{Arena, BLOCK, Line, lines_for};
 use crate::math::Math;
 use crate::network::{Network, Scratch};
 use crate::plan::Plan;
 use crate::ray::{Ray, SceneBox};
-use crate::volume::Pixel;
 use glam::Vec3;
 
 /// Columns of the widest vector: a block of prepared weights has a multiple of it.
@@ -31,6 +33,8 @@ pub(super) struct Sizes {
     direction: usize,
     /// Lines of what median distances and normals need.
     surface: usize,
+    /// Lines of the pixels' sums: 0 where a pixel is one ray.
+    sums: usize,
 }
 
 impl Sizes {
@@ -51,6 +55,7 @@ impl Sizes {
             queued_activation: network.activation_rows() * queue,
             direction: direction_rows.saturating_mul(rays.next_multiple_of(samples)),
             surface: Medians::lines(plan) + Normals::lines(network, plan),
+            sums: Sums::lines(&plan.effects, plan.outputs.surface(), rays),
         }
     }
 
@@ -70,6 +75,7 @@ impl Sizes {
             + lines_for::<f32>(self.queued_activation)
             + lines_for::<f32>(self.direction)
             + self.surface
+            + self.sums
     }
 }
 
@@ -95,6 +101,10 @@ pub(super) struct Frame<'f, 'w> {
     /// `stride` is that of the block at work: no more columns than its samples need.
     pub(super) scratch: Scratch<'w>,
     pub(super) counters: Counters,
+    sums: Sums<'w>,
+    /// Which of their pixels' rays are in flight: the first, the second, and on.
+    pub(super) turn: u32,
+    tile: Rect,
 }
 
 impl<'f, 'w> Frame<'f, 'w> {
@@ -113,6 +123,8 @@ impl<'f, 'w> Frame<'f, 'w> {
         let rays = arena.slice(sizes.rays, RayState::NONE).ok_or(too_small)?;
         let medians = Medians::carve(&mut arena, plan).ok_or(too_small)?;
         let normals = Normals::carve(&mut arena, network, plan).ok_or(too_small)?;
+        let sums =
+            Sums::carve(&mut arena, &plan.effects, plan.outputs.surface(), sizes.rays).ok_or(too_small)?;
         let mut numbers = |count| arena.slice(count, 0u32).ok_or(too_small);
         let (ring, owner) = (numbers(sizes.rays)?, numbers(sizes.samples)?);
         let (column, picked_owner) = (numbers(sizes.picks)?, numbers(sizes.picks)?);
@@ -145,45 +157,55 @@ impl<'f, 'w> Frame<'f, 'w> {
                 back: floats(sizes.activation)?,
             },
             counters: Counters::default(),
+            sums,
+            turn: 0,
+            tile: Rect { x: 0, y: 0, width: 0, height: 0 },
         })
     }
 
-    /// Renders one tile of at most `plan.batch.rays` pixels.
+    /// Renders one tile of at most `plan.batch.rays` pixels, a ray of every pixel at a time.
     pub(super) fn tile<M: Math>(&mut self, camera: &Camera, tile: Rect, target: &mut impl Target) {
-        let hits = self.start(camera, tile, target);
-        self.directions(hits);
-        while self.step::<M>() {}
-        self.flush_colour();
-        self.flush_normals();
-        for i in 0..hits {
-            self.finish(&self.rays[i].clone(), Some(i), camera, target);
+        self.tile = tile;
+        for turn in 0..anti_aliasing::rays(&self.plan.effects) {
+            self.turn = turn;
+            let hits = self.start::<M>(camera, target);
+            self.directions(hits);
+            while self.step::<M>() {}
+            self.flush_colour();
+            self.flush_normals();
+            for i in 0..hits {
+                self.finish::<M>(&self.rays[i].clone(), Some(i), camera, target);
+            }
         }
     }
 
     /// Makes the tile's rays; those that meet nothing are finished at once. Returns how many do.
-    fn start(&mut self, camera: &Camera, tile: Rect, target: &mut impl Target) -> usize {
-        let plan = self.plan;
+    fn start<M: Math>(&mut self, camera: &Camera, target: &mut impl Target) -> usize {
+        let (plan, tile, turn) = (self.plan, self.tile, self.turn);
+        let (right, down) = anti_aliasing::offset(&plan.effects, turn);
+        let area = depth_of_field::area(&plan.effects, turn);
         let mut hits = 0;
         // Nothing outside is live, so that most rays of most pictures end here.
         let around = if plan.grid.is_some() { self.occupied } else { Some(plan.bounds) };
         for y in tile.y..tile.y + tile.height {
             for x in tile.x..tile.x + tile.width {
                 self.counters.rays += 1;
-                let ray = camera.ray(x as f32 + 0.5, y as f32 + 0.5);
+                let ray = camera.ray(x as f32 + right, y as f32 + down);
+                let ray = depth_of_field::through_lens(&plan.effects, camera.pose(), ray, (x, y), area);
                 let bins = match around.and_then(|bounds| bounds.clip(&ray, plan.near, plan.far)) {
                     Some((enter, exit)) => plan.bins.overlapping(enter, exit),
                     None => 0..0,
                 };
                 let (next, end) = (bins.start, bins.end);
                 let mut state = RayState { ray, x, y, next, end, done: false, ..RayState::NONE };
-                if state.seek(plan) {
+                if state.seek(plan, turn) {
                     self.rays[hits] = state;
                     self.medians.begin(hits);
                     self.normals.begin(hits);
                     self.waiting.push(hits as u32);
                     hits += 1;
                 } else {
-                    self.finish(&state, None, camera, target);
+                    self.finish::<M>(&state, None, camera, target);
                 }
             }
         }
@@ -222,15 +244,28 @@ impl<'f, 'w> Frame<'f, 'w> {
         self.counters.add_colour(self.network, n);
     }
 
-    /// Hands over a ray's pixel; `place` is where it stood, if it met something.
-    fn finish(&mut self, state: &RayState, place: Option<usize>, camera: &Camera, target: &mut impl Target) {
-        self.counters.samples_skipped += u64::from(self.plan.bins.count() - state.kept);
+    /// Adds a finished ray to its pixel, and hands that on after its last; `place` is where the ray stood, if
+    /// it met something.
+    fn finish<M: Math>(
+        &mut self,
+        state: &RayState,
+        place: Option<usize>,
+        camera: &Camera,
+        target: &mut impl Target,
+    ) {
+        let (plan, tile) = (self.plan, self.tile);
+        self.counters.samples_skipped += u64::from(plan.bins.count() - state.kept);
         let cosine = camera.z_per_distance(&state.ray);
-        let background = if self.plan.outputs.rgb { self.plan.background } else { [0.0; 3] };
-        let pixel = state.gathered.finish(background, self.plan.far, cosine);
-        let median_distance = self.medians.finish(place, self.plan);
-        let normal = self.normals.finish(place, pixel.opacity);
-        target.put(state.x, state.y, &Pixel { median_distance, normal, ..pixel });
+        let background = if plan.outputs.rgb { plan.background } else { [0.0; 3] };
+        let mut seen = state.gathered.finish(background, plan.far, cosine);
+        seen.rgb = tone::to_light::<M>(&plan.effects.tone, seen.rgb);
+        seen.median_distance = self.medians.finish(place, plan);
+        seen.normal = self.normals.finish(place, seen.opacity);
+        let index = (state.y - tile.y) as usize * tile.width as usize + (state.x - tile.x) as usize;
+        if let Some(mut pixel) = self.sums.add(&plan.effects, index, self.turn, seen, plan.far) {
+            pixel.rgb = tone::to_display::<M>(&plan.effects.tone, pixel.rgb);
+            target.put(state.x, state.y, &pixel);
+        }
     }
 
     /// Density and colour at up to one block of points.

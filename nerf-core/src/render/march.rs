@@ -6,6 +6,7 @@
 
 use super::Counters;
 use super::frame::{Frame, columns_of, put_column};
+use crate::effects::jitter::Place;
 use crate::math::Math;
 use crate::network::Scratch;
 use crate::plan::Plan;
@@ -41,10 +42,16 @@ impl RayState {
         gathered: Accumulator::NONE,
     };
 
+    /// Where its samples lie, if it is the `turn`-th ray of its pixel.
+    #[inline]
+    fn place(&self, plan: &Plan<'_>, turn: u32) -> Place {
+        Place::of(&plan.effects, self.x, self.y, turn)
+    }
+
     /// Moves `next` to the first live bin at or after it; `false` if there is none.
     #[inline]
-    pub fn seek(&mut self, plan: &Plan<'_>) -> bool {
-        self.next = plan.first_live(&self.ray, self.next, self.end);
+    pub fn seek(&mut self, plan: &Plan<'_>, turn: u32) -> bool {
+        self.next = plan.first_live(&self.ray, self.place(plan, turn), self.next, self.end);
         self.next < self.end
     }
 }
@@ -134,11 +141,11 @@ impl Frame<'_, '_> {
             let Some(i) = self.waiting.pop() else { break };
             let state = &mut self.rays[i as usize];
             for _ in 0..burst.min(room - n) {
-                if !state.seek(plan) {
+                if !state.seek(plan, self.turn) {
                     break;
                 }
                 self.block.owner[n] = i;
-                self.block.t[n] = plan.bins.at(state.next, 0.5);
+                self.block.t[n] = state.place(plan, self.turn).t(&plan.bins, state.next);
                 state.next += 1;
                 state.kept += 1;
                 n += 1;
@@ -181,7 +188,7 @@ impl Frame<'_, '_> {
                 }
             }
             let last = column + 1 == n || self.block.owner[column + 1] != owner;
-            if last && !state.done && state.seek(plan) {
+            if last && !state.done && state.seek(plan, self.turn) {
                 self.waiting.push(owner);
             }
         }

@@ -39,8 +39,8 @@ impl Bins {
         self.near + (i as f32 + u) * self.delta
     }
 
-    /// The bins whose middle may lie in `enter..=exit`: a superset, by one or two at each end as long
-    /// as a bin is wider than the spacing of f32 at `far`.
+    /// The bins that may have a point in `enter..=exit`, the middle or another: a superset, by one or two
+    /// at each end as long as a bin is wider than the spacing of f32 at `far`.
     pub fn overlapping(&self, enter: f32, exit: f32) -> core::ops::Range<u32> {
         let index = |t: f32| (t - self.near) / self.delta;
         // Far from the origin `at` rounds by many bins at once; so does this.

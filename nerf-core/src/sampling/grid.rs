@@ -69,18 +69,27 @@ impl<'a> SkipGrid<'a> {
     /// so that all bins between two in one cell are in it.
     #[inline]
     pub fn first_live(&self, ray: &Ray, bins: &Bins, from: u32, end: u32) -> u32 {
+        self.first_live_at(ray, bins, from, end, |bin| bins.at(bin, 0.5))
+    }
+
+    /// As [`SkipGrid::first_live`] for samples that lie elsewhere in their bins: that of `bin` at `t(bin)`.
+    ///
+    /// Exact as well: `t` must not fall from bin to bin, and the estimate of how many bins a cell has, off by
+    /// one where samples lie anywhere, is never believed without a look.
+    #[inline]
+    pub fn first_live_at(&self, ray: &Ray, bins: &Bins, from: u32, end: u32, t: impl Fn(u32) -> f32) -> u32 {
         let cells_per_bin = ray.dir.abs() * self.cells_per_unit * bins.delta();
         let passes_cells = cells_per_bin.max_element() >= 1.0;
         let mut bin = from;
         while bin < end {
-            let p = ray.at(bins.at(bin, 0.5));
+            let p = ray.at(t(bin));
             if let Some(cell) = self.cell_of(p) {
                 if self.bit(self.index_of(cell)) {
                     return bin;
                 }
                 if !passes_cells {
                     let last = bin + self.bins_to_exit(p, cell, ray.dir, cells_per_bin).min(end - 1 - bin);
-                    if self.cell_of(ray.at(bins.at(last, 0.5))) == Some(cell) {
+                    if self.cell_of(ray.at(t(last))) == Some(cell) {
                         bin = last;
                     }
                 }

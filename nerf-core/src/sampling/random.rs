@@ -18,6 +18,8 @@ pub enum Purpose {
     Empty = 6,
     /// Where in a cell the skip grid asks for density.
     Cell = 7,
+    /// Where a ray goes through the aperture.
+    Aperture = 8,
 }
 
 /// 32 random bits for the `index`-th number of `stream` (a step, a pixel) in a run.

@@ -1,6 +1,7 @@
 //! `nerf-train explain`
 
 use super::common::{DataOptions, Global, QualityOptions, open_blob, read_file};
+use super::effects::EffectOptions;
 use super::eval::Split;
 use crate::frame;
 use crate::orbit::Orbit;
@@ -49,6 +50,8 @@ pub struct Explain {
     #[command(flatten)]
     quality: QualityOptions,
     #[command(flatten)]
+    effects: EffectOptions,
+    #[command(flatten)]
     data_options: DataOptions,
 }
 
@@ -66,6 +69,7 @@ impl Explain {
         };
         let plan = Plan::new(&blob, &self.quality.quality(), outputs, Batch::for_tier(tier))
             .with_context(|| self.file.display().to_string())?;
+        let plan = self.effects.of(plan)?;
         let camera = self.camera(&blob, global)?;
         let mut memory = vec![Line::UNINIT; Renderer::prepared_lines(&blob, tier)];
         let renderer = Renderer::new(blob, tier, &mut memory)?;

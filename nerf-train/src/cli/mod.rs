@@ -4,6 +4,7 @@
 mod common;
 mod completions;
 mod demo;
+mod effects;
 mod eval;
 mod explain;
 mod fit;

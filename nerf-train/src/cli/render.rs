@@ -7,6 +7,7 @@ use super::common::{
     DataOptions, Global, Mp4Options, QualityOptions, UpAxis, interruption, open_blob, parse_background,
     parse_numbers, read_file, say_no_mp4, tell,
 };
+use super::effects::EffectOptions;
 use super::eval::Split;
 use crate::frame;
 use crate::report::colour_map::robust_range;
@@ -54,6 +55,7 @@ enum Output {
   nerf-train render lego.nerf -o orbit.gif --orbit 60 --width 200 --background red
   nerf-train render lego.nerf -o path.gif --path lego_200x200.npz --outputs rgb,z-depth
   nerf-train render lego.nerf -o frames/ --orbit 120 --transparent
+  nerf-train render lego.nerf -o view.png --antialias 64 --aperture 0.1 --focus 4 --tone-map filmic
   nerf-train render lego.nerf -o view.png --pose 1,0,0,0,0,1,0,0,0,0,1,4 --focal 277")]
 pub struct Render {
     /// The blob.
@@ -114,12 +116,14 @@ pub struct Render {
     background: Option<[f32; 3]>,
     /// Write colour as PNGs with straight alpha instead of over a background: a view, or a folder of
     /// frames.
-    #[arg(long, conflicts_with = "background")]
+    #[arg(long, conflicts_with_all = ["background", "exposure", "tone_map", "linear"])]
     transparent: bool,
     #[command(flatten)]
     mp4: Mp4Options,
     #[command(flatten)]
     quality: QualityOptions,
+    #[command(flatten)]
+    effects: EffectOptions,
     #[command(flatten)]
     data_options: DataOptions,
 }
@@ -160,6 +164,7 @@ impl Render {
             None if self.transparent => plan.with_background([0.0; 3])?,
             None => plan,
         };
+        let plan = self.effects.of(plan)?;
         let mut memory = vec![Line::UNINIT; Renderer::prepared_lines(&blob, tier)];
         let renderer = Renderer::new(blob, tier, &mut memory)?;
         let stop = interruption()?;

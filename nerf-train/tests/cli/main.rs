@@ -3,6 +3,7 @@
 #[path = "../laws/import/made.rs"]
 mod checkpoint;
 mod completions;
+mod effects;
 mod explain;
 mod faults;
 mod fields;

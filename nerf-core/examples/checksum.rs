@@ -1,0 +1,77 @@
+//! Renders a blob without effects, then with each, and prints a checksum of every bit of the pixels.
+//!
+//! `cargo run -p nerf-core --example checksum -- scene.nerf`. A line is a kernel tier, the name of the effect, the
+//! checksum, bytes of workspace and the work; or `not built`. `tests/tests/effects_cost.rs` compares the lines of
+//! builds with and without the features.
+
+use nerf_core::blob::Blob;
+use nerf_core::camera::{Camera, CameraError, Intrinsics, Pose};
+use nerf_core::effects::{EffectError, Effects, Jitter, ThinLens, Tone, ToneMap};
+use nerf_core::kernels::{Line, Tier};
+use nerf_core::lens::Lens;
+use nerf_core::plan::{Batch, Outputs, Plan, PlanError, Quality};
+use nerf_core::render::{Rect, Renderer};
+use nerf_core::volume::Pixel;
+use std::error::Error;
+
+/// What a line is printed for, by the name of its feature.
+fn cases() -> [(&'static str, Effects, Lens); 6] {
+    let (none, lens) = (Effects::NONE, Some(ThinLens { aperture_radius: 0.1, focus_distance: 4.0 }));
+    let tone = Tone { exposure: 0.5, map: ToneMap::Filmic, linear: false };
+    [
+        ("off", none, Lens::NONE),
+        ("jitter", Effects { jitter: Some(Jitter { seed: 1 }), ..none }, Lens::NONE),
+        ("anti-aliasing", Effects { anti_aliasing: 4, ..none }, Lens::NONE),
+        ("depth-of-field", Effects { depth_of_field: lens, ..none }, Lens::NONE),
+        ("tone-map", Effects { tone, ..none }, Lens::NONE),
+        ("lens", none, Lens { k1: 0.02, k2: -0.01, p1: 0.001, p2: -0.002 }),
+    ]
+}
+
+/// One step of FNV-1a a byte.
+fn mix(hash: &mut u64, bits: u32) {
+    for byte in bits.to_le_bytes() {
+        *hash = (*hash ^ u64::from(byte)).wrapping_mul(0x100_0000_01b3);
+    }
+}
+
+/// A line, but for its name.
+fn line(renderer: &Renderer<'_>, effects: Effects, lens: Lens) -> Result<String, Box<dyn Error>> {
+    let eye = [1.5, 1.2, 3.4].into();
+    let pose = Pose::look_at(eye, [0.0, 0.0, 0.1].into(), [0.0, 1.0, 0.0].into()).ok_or("no pose")?;
+    let camera = match Camera::new(Intrinsics::centred(24, 20, 28.0), lens, pose) {
+        Err(CameraError::LensNotBuilt { .. }) => return Ok("not built".into()),
+        camera => camera?,
+    };
+    let batch = Batch::for_tier(renderer.network().tier());
+    let plan = Plan::new(renderer.blob(), &Quality::default(), Outputs::ALL, batch)?;
+    let plan = match plan.with_effects(effects) {
+        Err(PlanError::Effects(EffectError::NotBuilt { .. })) => return Ok("not built".into()),
+        plan => plan?,
+    };
+    let mut workspace = vec![Line::UNINIT; renderer.workspace_lines(&plan)];
+    let mut hash = 0xcbf2_9ce4_8422_2325;
+    let mut put = |x: u32, y: u32, pixel: &Pixel| {
+        mix(&mut hash, y << 16 | x);
+        let [r, g, b] = pixel.rgb;
+        for value in [r, g, b, pixel.opacity, pixel.ray_distance, pixel.z_depth] {
+            mix(&mut hash, value.to_bits());
+        }
+    };
+    let work = renderer.render(&plan, &camera, Rect::full(&camera), &mut workspace, &mut put)?;
+    Ok(format!("{hash:016x}, {} bytes, {work:?}", size_of_val(&*workspace)))
+}
+
+fn main() -> Result<(), Box<dyn Error>> {
+    let file = std::env::args_os().nth(1).ok_or("usage: checksum SCENE.nerf")?;
+    let bytes = std::fs::read(file)?;
+    for tier in [Tier::Scalar, Tier::detect()] {
+        let blob = Blob::open(&bytes)?;
+        let mut memory = vec![Line::UNINIT; Renderer::prepared_lines(&blob, tier)];
+        let renderer = Renderer::new(blob, tier, &mut memory)?;
+        for (name, effects, lens) in cases() {
+            println!("{} {name}: {}", tier.name(), line(&renderer, effects, lens)?);
+        }
+    }
+    Ok(())
+}

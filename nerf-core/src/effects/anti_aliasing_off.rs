@@ -1,0 +1,44 @@
+//! In place of `anti_aliasing.rs` in a build without it: one ray through each pixel's centre.
+
+use super::Effects;
+use crate::kernels::Arena;
+use crate::volume::Pixel;
+use core::marker::PhantomData;
+
+/// Whether this build has the effect.
+pub(crate) const BUILT: bool = false;
+
+/// Rays a pixel.
+#[inline(always)]
+pub(crate) fn rays(_: &Effects) -> u32 {
+    1
+}
+
+/// Where in its pixel a ray lies, right and down: in the middle.
+#[inline(always)]
+pub(crate) fn offset(_: &Effects, _ray: u32) -> (f32, f32) {
+    (0.5, 0.5)
+}
+
+/// The sums of a tile's pixels: none.
+pub(crate) struct Sums<'w>(PhantomData<&'w ()>);
+
+impl<'w> Sums<'w> {
+    /// Lines of memory they take.
+    #[inline(always)]
+    pub fn lines(_: &Effects, _surface: bool, _pixels: usize) -> usize {
+        0
+    }
+
+    /// Takes them from `arena`.
+    #[inline(always)]
+    pub fn carve(_: &mut Arena<'w>, _: &Effects, _surface: bool, _pixels: usize) -> Option<Self> {
+        Some(Self(PhantomData))
+    }
+
+    /// The pixel of its only ray.
+    #[inline(always)]
+    pub fn add(&mut self, _: &Effects, _index: usize, _ray: u32, pixel: Pixel, _far: f32) -> Option<Pixel> {
+        Some(pixel)
+    }
+}

@@ -1,0 +1,20 @@
+//! In place of `depth_of_field.rs` in a build without it: every lens is a pinhole.
+
+use super::Effects;
+use crate::camera::Pose;
+use crate::ray::Ray;
+
+/// Whether this build has the effect.
+pub(crate) const BUILT: bool = false;
+
+/// Which of the aperture's areas the `ray`-th ray of every pixel goes through.
+#[inline(always)]
+pub(crate) fn area(_: &Effects, _ray: u32) -> u32 {
+    0
+}
+
+/// The ray of pixel `(x, y)` whose pinhole's ray is `pinhole`: that one.
+#[inline(always)]
+pub(crate) fn through_lens(_: &Effects, _: &Pose, pinhole: Ray, (_x, _y): (u32, u32), _area: u32) -> Ray {
+    pinhole
+}

@@ -1,0 +1,40 @@
+//! Where in their bins a ray's samples lie.
+
+use super::Effects;
+use crate::sampling::{Bins, Purpose, uniform};
+
+/// Whether this build has the effect.
+pub(crate) const BUILT: bool = true;
+
+/// Where the samples of one ray lie.
+#[derive(Clone, Copy)]
+pub(crate) struct Place {
+    seed: Option<u64>,
+    stream: u64,
+    /// The ray's number in its pixel, in the upper half.
+    first: u64,
+}
+
+impl Place {
+    /// Of the `ray`-th ray of pixel `(x, y)`.
+    #[inline]
+    pub fn of(effects: &Effects, x: u32, y: u32, ray: u32) -> Self {
+        let seed = effects.jitter.map(|jitter| jitter.seed);
+        Self { seed, stream: Effects::stream(x, y), first: u64::from(ray) << 32 }
+    }
+
+    /// The sample of `bin`, world units along the ray; never falls from bin to bin.
+    #[inline]
+    pub fn t(&self, bins: &Bins, bin: u32) -> f32 {
+        match self.seed {
+            None => bins.at(bin, 0.5),
+            Some(seed) => jittered(seed, self.stream, self.first | u64::from(bin), bins, bin),
+        }
+    }
+}
+
+/// A point of `bin` that is a function of what it is for, not of who asks when.
+#[inline(never)]
+fn jittered(seed: u64, stream: u64, index: u64, bins: &Bins, bin: u32) -> f32 {
+    bins.at(bin, uniform(seed, Purpose::Jitter, stream, index))
+}

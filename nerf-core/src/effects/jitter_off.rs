@@ -1,0 +1,25 @@
+//! In place of `jitter.rs` in a build without it: samples lie in the middle of their bins.
+
+use super::Effects;
+use crate::sampling::Bins;
+
+/// Whether this build has the effect.
+pub(crate) const BUILT: bool = false;
+
+/// Where the samples of one ray lie.
+#[derive(Clone, Copy)]
+pub(crate) struct Place;
+
+impl Place {
+    /// Of the `ray`-th ray of pixel `(x, y)`.
+    #[inline(always)]
+    pub fn of(_: &Effects, _x: u32, _y: u32, _ray: u32) -> Self {
+        Self
+    }
+
+    /// The sample of `bin`, world units along the ray.
+    #[inline(always)]
+    pub fn t(&self, bins: &Bins, bin: u32) -> f32 {
+        bins.at(bin, 0.5)
+    }
+}

@@ -1,0 +1,89 @@
+//! What a rendering does beyond one ray through each pixel's centre.
+
+use anyhow::Context;
+use clap::{Args, ValueEnum, value_parser};
+use nerf_core::effects::{self, EffectError, Effects, Jitter, ThinLens, Tone};
+use nerf_core::plan::{Plan, PlanError};
+
+/// The effects of a rendering: none unless asked for.
+#[derive(Debug, Args)]
+#[command(next_help_heading = "Effects")]
+pub struct EffectOptions {
+    /// Anti-aliasing: rays a pixel, 1 to 256.
+    #[arg(
+        long,
+        value_name = "N",
+        default_value_t = 1,
+        hide_default_value = true,
+        value_parser = value_parser!(u16).range(1..=256)
+    )]
+    antialias: u16,
+    /// Let samples lie at random places in their bins: noise in place of bands; another seed is another noise.
+    #[arg(long, value_name = "SEED")]
+    jitter: Option<u64>,
+    /// Depth of field: radius of the lens' aperture, world units; wants --antialias 16 or more, with fewer rays
+    /// the blur is noise.
+    #[arg(long, value_name = "R", requires = "focus")]
+    aperture: Option<f32>,
+    /// Distance of the plane of focus along the view axis, world units.
+    #[arg(long, value_name = "T", requires = "aperture")]
+    focus: Option<f32>,
+    /// Exposure: doublings of the light, on linear values.
+    #[arg(
+        long,
+        value_name = "STOPS",
+        default_value_t = 0.0,
+        hide_default_value = true,
+        allow_hyphen_values = true
+    )]
+    exposure: f32,
+    /// Curve that brings bright light back into the picture, on linear values.
+    #[arg(long, value_enum, value_name = "NAME", default_value = "none")]
+    tone_map: ToneMap,
+    /// Write linear light in place of sRGB: the files' numbers are then no display values and look dark; what is
+    /// beyond 1 is cut off.
+    #[arg(long)]
+    linear: bool,
+}
+
+/// A tone curve.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+enum ToneMap {
+    /// None.
+    None,
+    /// x / (1 + x).
+    Reinhard,
+    /// A film's shoulder and toe (Narkowicz' fit to the ACES curve).
+    Filmic,
+}
+
+impl EffectOptions {
+    /// The plan with these effects.
+    ///
+    /// # Errors
+    /// A setting out of range, by the name of its flag.
+    pub fn of<'a>(&self, plan: Plan<'a>) -> anyhow::Result<Plan<'a>> {
+        let lens = |aperture_radius| ThinLens { aperture_radius, focus_distance: self.focus.unwrap_or(0.0) };
+        let effects = Effects {
+            jitter: self.jitter.map(|seed| Jitter { seed }),
+            anti_aliasing: self.antialias,
+            depth_of_field: self.aperture.map(lens),
+            tone: Tone {
+                exposure: self.exposure,
+                map: match self.tone_map {
+                    ToneMap::None => effects::ToneMap::None,
+                    ToneMap::Reinhard => effects::ToneMap::Reinhard,
+                    ToneMap::Filmic => effects::ToneMap::Filmic,
+                },
+                linear: self.linear,
+            },
+        };
+        let planned = plan.with_effects(effects);
+        let flag = match planned {
+            Err(PlanError::Effects(EffectError::Aperture { .. })) => "--aperture",
+            Err(PlanError::Effects(EffectError::Focus { .. })) => "--focus",
+            _ => "--exposure",
+        };
+        planned.context(flag)
+    }
+}

@@ -1,0 +1,118 @@
+//! What is off costs nothing: no evaluation, no workspace, no bit of the picture, and no code in a build without.
+
+use nerf_tests::build::{build_alone, run};
+use nerf_tests::paths;
+use nerf_tests::scenes::Recipe;
+use std::collections::BTreeMap;
+use std::path::Path;
+use std::process::Command;
+
+/// Each feature, with functions that are there for it alone.
+const EFFECTS: [(&str, &[&str]); 5] = [
+    ("jitter", &["jittered"]),
+    ("anti-aliasing", &["place_in_pixel", "add_ray"]),
+    ("depth-of-field", &["lens_ray"]),
+    ("tone-map", &["decode_srgb", "develop"]),
+    ("lens", &["undistort"]),
+];
+
+/// A program that was built with some of the features.
+struct Build {
+    /// Lines of `nerf-core/examples/checksum.rs` by tier and effect: checksum, workspace and work.
+    lines: BTreeMap<(String, String), String>,
+    /// Bytes of machine code.
+    text: u64,
+    /// Names of its functions, as the linker has them.
+    symbols: String,
+}
+
+fn build(features: &str, scene: &Path) -> Build {
+    let program = build_alone(&["-p", "nerf-core", "--example", "checksum", "--features", features]);
+    let program = program.iter().find(|file| file.ends_with("checksum")).expect("the example");
+    let output = run(Command::new(program).arg(scene)).stdout;
+    let line = |line: &str| {
+        let (name, rest) = line.split_once(": ").expect("a name");
+        let (tier, effect) = name.split_once(' ').expect("tier and effect");
+        ((tier.to_owned(), effect.to_owned()), rest.to_owned())
+    };
+    let lines = String::from_utf8(output).expect("UTF-8").lines().map(line).collect();
+    let size = String::from_utf8(run(Command::new("size").arg(program)).stdout).expect("UTF-8");
+    let text = size.lines().nth(1).and_then(|line| line.split_whitespace().next()?.parse().ok());
+    let symbols = String::from_utf8(run(Command::new("nm").arg(program)).stdout).expect("UTF-8");
+    Build { lines, text: text.expect("the size of the text"), symbols }
+}
+
+impl Build {
+    /// Whether it has a function of this name in `nerf_core`; both of Rust's manglings write the name's length
+    /// in front of it.
+    fn has(&self, function: &str) -> bool {
+        let mangled = format!("{}{function}", function.len());
+        self.symbols.lines().any(|line| line.contains("nerf_core") && line.contains(&mangled))
+    }
+
+    /// The lines of one effect, by tier.
+    fn of(&self, effect: &str) -> Vec<(&str, &str)> {
+        let lines = self.lines.iter().filter(|((_, name), _)| name == effect);
+        lines.map(|((tier, _), line)| (tier.as_str(), line.as_str())).collect()
+    }
+}
+
+#[test]
+fn a_build_without_an_effect_has_none_of_its_code_and_draws_the_same_bits() {
+    let directory = paths::temporary();
+    let scene = directory.path().join("scene.nerf");
+    std::fs::write(&scene, Recipe::GRID.blob()).expect("a temporary file");
+    let none = build("", &scene);
+    let all = build(&EFFECTS.map(|(feature, _)| feature).join(","), &scene);
+    println!("text: {} bytes without effects, {} with all", none.text, all.text);
+    assert!(none.text < all.text);
+    assert_eq!(
+        none.of("off"),
+        all.of("off"),
+        "off is the picture, the workspace and the work of a build without"
+    );
+    assert!(!none.of("off").is_empty());
+    for (feature, functions) in EFFECTS {
+        let alone = build(feature, &scene);
+        println!("text: {} bytes with {feature} alone", alone.text);
+        assert!(none.text < alone.text && alone.text < all.text, "{feature}");
+        assert_eq!(none.of("off"), alone.of("off"), "{feature}");
+        // What it adds is its own, and no other's business.
+        assert_eq!(alone.of(feature), all.of(feature), "{feature}");
+        for (tier, line) in all.of(feature) {
+            assert!(line != "not built" && !all.of("off").contains(&(tier, line)), "{feature} must be seen");
+        }
+        for (other, its_functions) in EFFECTS {
+            if other != feature {
+                assert!(alone.of(other).iter().all(|(_, line)| *line == "not built"), "{other} in {feature}");
+            }
+            for function in its_functions {
+                assert_eq!(
+                    alone.has(function),
+                    other == feature,
+                    "{function} in a build with {feature} alone"
+                );
+            }
+        }
+        for function in functions {
+            assert!(all.has(function) && !none.has(function), "{function}");
+        }
+    }
+}
+
+#[test]
+fn the_c_library_without_effects_has_none_of_their_code() {
+    let files = build_alone(&["-p", "nerf-render-ffi", "--lib", "--features", "std"]);
+    let without = files.iter().find(|file| file.ends_with("libnerf_render.a")).expect("a static library");
+    let with = nerf_tests::build::libraries().archive;
+    let symbols = |library: &Path| {
+        // GNU nm would hand the objects to an LTO plugin, which may be too old for their bitcode.
+        let nm = Command::new("nm").args(["--plugin", "/none"]).arg(library).output().expect("nm");
+        Build { lines: BTreeMap::new(), text: 0, symbols: String::from_utf8_lossy(&nm.stdout).into_owned() }
+    };
+    let (without, with) = (symbols(without), symbols(&with));
+    assert!(without.symbols.contains("nerf_render") && with.symbols.contains("nerf_render"));
+    for function in EFFECTS.iter().flat_map(|(_, functions)| *functions) {
+        assert!(with.has(function) && !without.has(function), "{function}");
+    }
+}
