@@ -17,14 +17,25 @@ pub struct Libraries {
 /// The libraries, built once per test program.
 pub fn libraries() -> Libraries {
     static BUILT: OnceLock<Libraries> = OnceLock::new();
-    BUILT.get_or_init(build).clone()
+    BUILT.get_or_init(|| build(&[])).clone()
 }
 
-fn build() -> Libraries {
+/// The libraries without any output or effect that is a feature, built once per test program; they lie in
+/// a folder of their own.
+pub fn lean_libraries() -> Libraries {
+    static BUILT: OnceLock<Libraries> = OnceLock::new();
+    let into = paths::workspace().join("target/lean");
+    let into = into.to_str().expect("a path in UTF-8");
+    let more = ["--no-default-features", "--features", "std", "--target-dir", into];
+    BUILT.get_or_init(|| build(&more)).clone()
+}
+
+fn build(more: &[&str]) -> Libraries {
     let cargo = std::env::var_os("CARGO").unwrap_or_else(|| env!("CARGO").into());
     let mut command = Command::new(cargo);
     command.current_dir(paths::workspace());
     command.args(["build", "--release", "--offline", "-p", "nerf-render-ffi", "--message-format=json"]);
+    command.args(more);
     let output = run(&mut command);
     let names: Vec<PathBuf> = String::from_utf8_lossy(&output.stdout)
         .lines()
@@ -51,6 +62,17 @@ pub enum Language {
 
 /// Compiles `source`, without a single warning, and links the static library.
 pub fn program(language: Language, source: &Path, into: &Path, more: &[&str]) -> PathBuf {
+    program_with(&libraries(), language, source, into, more)
+}
+
+/// The same with other libraries.
+pub fn program_with(
+    libraries: &Libraries,
+    language: Language,
+    source: &Path,
+    into: &Path,
+    more: &[&str],
+) -> PathBuf {
     let program = into.join(source.file_stem().expect("a file name"));
     let (variable, default, standard) = match language {
         Language::C => ("CC", "cc", "-std=c11"),
@@ -59,7 +81,7 @@ pub fn program(language: Language, source: &Path, into: &Path, more: &[&str]) ->
     let mut command = Command::new(std::env::var_os(variable).unwrap_or_else(|| default.into()));
     command.args([standard, "-O1", "-Wall", "-Wextra", "-Wpedantic", "-Wconversion", "-Werror"]);
     command.arg("-I").arg(paths::workspace().join("include"));
-    command.arg("-o").arg(&program).arg(source).arg(libraries().archive);
+    command.arg("-o").arg(&program).arg(source).arg(&libraries.archive);
     command.args(["-lpthread", "-ldl", "-lm"]).args(more);
     run(&mut command);
     program
