@@ -37,6 +37,11 @@
 #define NERF_COLOUR_CUT_DEFAULT 1e-3
 
 /**
+ * The blur of normals that shows what samples a bin apart can tell.
+ */
+#define NERF_NORMAL_BLUR_DEFAULT 1.0
+
+/**
  * Colour is wanted.
  */
 #define NERF_OUTPUT_RGB 1
@@ -577,7 +582,7 @@ typedef struct nerf_effects {
  * All zeros (but for `struct_size`) is the exact picture: every sample that the skip grid does
  * not call empty. NULL in its place is the same with
  * `transmittance_cut = NERF_TRANSMITTANCE_CUT_DEFAULT` and `colour_cut = NERF_COLOUR_CUT_DEFAULT`,
- * faster and not visibly different.
+ * faster and not visibly different, and `normal_blur = NERF_NORMAL_BLUR_DEFAULT`.
  */
 typedef struct nerf_render_options {
     /**
@@ -624,9 +629,14 @@ typedef struct nerf_render_options {
      */
     float colour_cut;
     /**
+     * Bins whose finer ripples normals do not show, at least 0; 0 for the density's gradient itself, most
+     * of which is such ripples.
+     */
+    float normal_blur;
+    /**
      * Zeros.
      */
-    uint32_t reserved[5];
+    uint32_t reserved[4];
     /**
      * Effects: all zeros is none.
      */

@@ -15,16 +15,19 @@ use nerf_core::volume::Pixel;
 use std::error::Error;
 
 /// What a line is printed for, by the name of its feature.
-fn cases() -> [(&'static str, Effects, Lens); 6] {
+fn cases() -> [(&'static str, Effects, Lens, Outputs); 8] {
     let (none, lens) = (Effects::NONE, Some(ThinLens { aperture_radius: 0.1, focus_distance: 4.0 }));
+    let all = Outputs::ALL;
     let tone = Tone { exposure: 0.5, map: ToneMap::Filmic, linear: false };
     [
-        ("off", none, Lens::NONE),
-        ("jitter", Effects { jitter: Some(Jitter { seed: 1 }), ..none }, Lens::NONE),
-        ("anti-aliasing", Effects { anti_aliasing: 4, ..none }, Lens::NONE),
-        ("depth-of-field", Effects { depth_of_field: lens, ..none }, Lens::NONE),
-        ("tone-map", Effects { tone, ..none }, Lens::NONE),
-        ("lens", none, Lens { k1: 0.02, k2: -0.01, p1: 0.001, p2: -0.002 }),
+        ("off", none, Lens::NONE, all),
+        ("jitter", Effects { jitter: Some(Jitter { seed: 1 }), ..none }, Lens::NONE, all),
+        ("anti-aliasing", Effects { anti_aliasing: 4, ..none }, Lens::NONE, all),
+        ("depth-of-field", Effects { depth_of_field: lens, ..none }, Lens::NONE, all),
+        ("tone-map", Effects { tone, ..none }, Lens::NONE, all),
+        ("lens", none, Lens { k1: 0.02, k2: -0.01, p1: 0.001, p2: -0.002 }, all),
+        ("median", none, Lens::NONE, Outputs { median_distance: true, ..all }),
+        ("normals", none, Lens::NONE, Outputs { normals: true, ..all }),
     ]
 }
 
@@ -36,7 +39,12 @@ fn mix(hash: &mut u64, bits: u32) {
 }
 
 /// A line, but for its name.
-fn line(renderer: &Renderer<'_>, effects: Effects, lens: Lens) -> Result<String, Box<dyn Error>> {
+fn line(
+    renderer: &Renderer<'_>,
+    effects: Effects,
+    lens: Lens,
+    outputs: Outputs,
+) -> Result<String, Box<dyn Error>> {
     let eye = [1.5, 1.2, 3.4].into();
     let pose = Pose::look_at(eye, [0.0, 0.0, 0.1].into(), [0.0, 1.0, 0.0].into()).ok_or("no pose")?;
     let camera = match Camera::new(Intrinsics::centred(24, 20, 28.0), lens, pose) {
@@ -44,17 +52,20 @@ fn line(renderer: &Renderer<'_>, effects: Effects, lens: Lens) -> Result<String,
         camera => camera?,
     };
     let batch = Batch::for_tier(renderer.network().tier());
-    let plan = Plan::new(renderer.blob(), &Quality::default(), Outputs::ALL, batch)?;
-    let plan = match plan.with_effects(effects) {
-        Err(PlanError::Effects(EffectError::NotBuilt { .. })) => return Ok("not built".into()),
+    let plan = Plan::new(renderer.blob(), &Quality::default(), outputs, batch);
+    let plan = match plan.and_then(|plan| plan.with_effects(effects)) {
+        Err(PlanError::Effects(EffectError::NotBuilt { .. }) | PlanError::NotBuilt { .. }) => {
+            return Ok("not built".into());
+        }
         plan => plan?,
     };
     let mut workspace = vec![Line::UNINIT; renderer.workspace_lines(&plan)];
     let mut hash = 0xcbf2_9ce4_8422_2325;
     let mut put = |x: u32, y: u32, pixel: &Pixel| {
         mix(&mut hash, y << 16 | x);
-        let [r, g, b] = pixel.rgb;
-        for value in [r, g, b, pixel.opacity, pixel.ray_distance, pixel.z_depth] {
+        let Pixel { rgb, opacity, ray_distance, z_depth, median_distance, normal } = *pixel;
+        let values = [opacity, ray_distance, z_depth, median_distance];
+        for value in rgb.into_iter().chain(values).chain(normal) {
             mix(&mut hash, value.to_bits());
         }
     };
@@ -69,8 +80,8 @@ fn main() -> Result<(), Box<dyn Error>> {
         let blob = Blob::open(&bytes)?;
         let mut memory = vec![Line::UNINIT; Renderer::prepared_lines(&blob, tier)];
         let renderer = Renderer::new(blob, tier, &mut memory)?;
-        for (name, effects, lens) in cases() {
-            println!("{} {name}: {}", tier.name(), line(&renderer, effects, lens)?);
+        for (name, effects, lens, outputs) in cases() {
+            println!("{} {name}: {}", tier.name(), line(&renderer, effects, lens, outputs)?);
         }
     }
     Ok(())

@@ -56,7 +56,9 @@ pub use pixel::PixelFormat;
 pub use progress::Progress;
 pub use query::nerf_query;
 pub use render::{Rect, nerf_render};
-pub use render_options::{Maths, NERF_COLOUR_CUT_DEFAULT, NERF_TRANSMITTANCE_CUT_DEFAULT, RenderOptions};
+pub use render_options::{
+    Maths, NERF_COLOUR_CUT_DEFAULT, NERF_NORMAL_BLUR_DEFAULT, NERF_TRANSMITTANCE_CUT_DEFAULT, RenderOptions,
+};
 pub use render_picture::{nerf_picture_workspace_size, nerf_render_picture};
 pub use scene::{Scene, nerf_scene_memory, nerf_scene_open};
 pub use scene_info::{Kind, SceneInfo, Text, nerf_scene_describe};

@@ -16,6 +16,8 @@ const MAX_RAYS: u32 = 256;
 pub const NERF_TRANSMITTANCE_CUT_DEFAULT: f32 = 1e-2;
 /// The colour cut that costs nothing visible.
 pub const NERF_COLOUR_CUT_DEFAULT: f32 = 1e-3;
+/// The blur of normals that shows what samples a bin apart can tell.
+pub const NERF_NORMAL_BLUR_DEFAULT: f32 = 1.0;
 
 /// Who computes the elementary functions.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -36,7 +38,7 @@ pub enum Maths {
 /// All zeros (but for `struct_size`) is the exact picture: every sample that the skip grid does
 /// not call empty. NULL in its place is the same with
 /// `transmittance_cut = NERF_TRANSMITTANCE_CUT_DEFAULT` and `colour_cut = NERF_COLOUR_CUT_DEFAULT`,
-/// faster and not visibly different.
+/// faster and not visibly different, and `normal_blur = NERF_NORMAL_BLUR_DEFAULT`.
 #[derive(Clone, Copy, Debug)]
 #[repr(C)]
 pub struct RenderOptions {
@@ -63,8 +65,11 @@ pub struct RenderOptions {
     /// Samples whose weight is at most this take the colour of one behind them, in `[0, 1)`; 0 asks the
     /// network for every colour. Opacity and distances never depend on it.
     pub colour_cut: f32,
+    /// Bins whose finer ripples normals do not show, at least 0; 0 for the density's gradient itself, most
+    /// of which is such ripples.
+    pub normal_blur: f32,
     /// Zeros.
-    pub reserved: [u32; 5],
+    pub reserved: [u32; 4],
     /// Effects: all zeros is none.
     pub effects: Effects,
 }
@@ -80,6 +85,7 @@ unsafe impl Versioned for RenderOptions {
 pub(crate) struct Settings {
     pub quality: Quality,
     background: Option<[f32; 3]>,
+    normal_blur: f32,
     pub batch: Batch,
     effects: effects::Effects,
 }
@@ -97,11 +103,17 @@ impl Settings {
                 colour_cut: NERF_COLOUR_CUT_DEFAULT,
                 ..Quality::default()
             };
-            return Ok(Self { quality, background: None, batch, effects: Effects::NONE.read()? });
+            return Ok(Self {
+                quality,
+                background: None,
+                normal_blur: NERF_NORMAL_BLUR_DEFAULT,
+                batch,
+                effects: Effects::NONE.read()?,
+            });
         }
         // SAFETY: the caller's promise.
         let o = unsafe { read_versioned(at)? };
-        if o.reserved != [0; 5] {
+        if o.reserved != [0; 4] {
             return Err(Failure::Reserved("options.reserved"));
         }
         let samples = at_most("options.samples", "0 to 4096", o.samples, MAX_SAMPLES.into())?;
@@ -118,6 +130,7 @@ impl Settings {
                 ..Quality::EXACT
             },
             background: flag("options.background_set", o.background_set)?.then_some(o.background),
+            normal_blur: o.normal_blur,
             batch: Batch {
                 rays: or(rays, batch.rays.min(MAX_RAYS as usize)),
                 samples: or(columns, batch.samples),
@@ -130,7 +143,9 @@ impl Settings {
     ///
     /// Those have no tone stage: what is premultiplied in display-encoded values is no light.
     pub fn plan<'a>(&self, blob: &Blob<'a>, outputs: Outputs, alpha: bool) -> Result<Plan<'a>, Failure> {
-        let mut plan = Plan::new(blob, &self.quality, outputs, self.batch).map_err(Failure::Plan)?;
+        let mut plan = Plan::new(blob, &self.quality, outputs, self.batch)
+            .and_then(|plan| plan.with_normal_blur(self.normal_blur))
+            .map_err(Failure::Plan)?;
         if let Some(background) = self.background {
             plan = plan.with_background(background).map_err(Failure::Plan)?;
         }

@@ -76,6 +76,17 @@ pub enum Language {
 
 /// Compiles `source`, without a single warning, and links the static library.
 pub fn program(language: Language, source: &Path, into: &Path, more: &[&str]) -> PathBuf {
+    program_with(&libraries(), language, source, into, more)
+}
+
+/// The same with other libraries.
+pub fn program_with(
+    libraries: &Libraries,
+    language: Language,
+    source: &Path,
+    into: &Path,
+    more: &[&str],
+) -> PathBuf {
     let program = into.join(source.file_stem().expect("a file name"));
     let (variable, default, standard) = match language {
         Language::C => ("CC", "cc", "-std=c11"),
@@ -84,7 +95,7 @@ pub fn program(language: Language, source: &Path, into: &Path, more: &[&str]) ->
     let mut command = Command::new(std::env::var_os(variable).unwrap_or_else(|| default.into()));
     command.args([standard, "-O1", "-Wall", "-Wextra", "-Wpedantic", "-Wconversion", "-Werror"]);
     command.arg("-I").arg(paths::workspace().join("include"));
-    command.arg("-o").arg(&program).arg(source).arg(libraries().archive);
+    command.arg("-o").arg(&program).arg(source).arg(&libraries.archive);
     command.args(["-lpthread", "-ldl", "-lm"]).args(more);
     run(&mut command);
     program

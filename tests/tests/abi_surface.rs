@@ -169,6 +169,29 @@ fn planes_that_are_not_asked_for_take_no_workspace() {
 }
 
 #[test]
+fn the_blur_of_normals_is_the_caller_s() {
+    let opened = call::open(Recipe::PLAIN.blob(), Tier::detect());
+    let draw = |options: Option<&ffi::RenderOptions>| {
+        let mut normals = vec![[9.0f32; 3]; COUNT];
+        let to = plane(normals.as_mut_ptr().cast(), PixelFormat::Vec3F32);
+        let target = ffi::Target { normals: to, ..call::target(NO_PLANE) };
+        let (status, message) = render(&opened, options, ffi::NERF_OUTPUT_NORMALS, &target, null_mut());
+        (status, message, normals)
+    };
+    let mut options = call::render_options();
+    options.transmittance_cut = ffi::NERF_TRANSMITTANCE_CUT_DEFAULT;
+    options.colour_cut = ffi::NERF_COLOUR_CUT_DEFAULT;
+    let sharp = draw(Some(&options)).2;
+    options.normal_blur = ffi::NERF_NORMAL_BLUR_DEFAULT;
+    assert_eq!(draw(Some(&options)), draw(None));
+    assert!(draw(None).2 != sharp, "ten levels have ripples");
+    options.normal_blur = -1.0;
+    let (status, message, untouched) = draw(Some(&options));
+    assert_eq!(status, Status::Options);
+    assert!(message.contains("normal_blur") && untouched.iter().all(|n| *n == [9.0; 3]), "{message}");
+}
+
+#[test]
 fn a_median_behind_the_cut_is_refused_by_name() {
     let opened = call::open(Recipe::PLAIN.blob(), Tier::Scalar);
     let mut median = vec![9.0f32; COUNT];

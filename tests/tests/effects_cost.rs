@@ -8,12 +8,14 @@ use std::path::Path;
 use std::process::Command;
 
 /// Each feature, with functions that are there for it alone.
-const EFFECTS: [(&str, &[&str]); 5] = [
+const EFFECTS: [(&str, &[&str]); 7] = [
     ("jitter", &["jittered"]),
     ("anti-aliasing", &["place_in_pixel", "add_ray"]),
     ("depth-of-field", &["lens_ray"]),
     ("tone-map", &["decode_srgb", "develop"]),
     ("lens", &["undistort"]),
+    ("median", &["median_in_bin"]),
+    ("normals", &["flush_normals", "gradient"]),
 ];
 
 /// A program that was built with some of the features.

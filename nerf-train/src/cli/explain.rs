@@ -47,6 +47,9 @@ pub struct Explain {
     /// Ask for normals, too.
     #[arg(long)]
     normals: bool,
+    /// Bins whose finer ripples normals do not show; 0 for the density's gradient itself.
+    #[arg(long, value_name = "BINS", default_value_t = Plan::NORMAL_BLUR)]
+    normal_blur: f32,
     #[command(flatten)]
     quality: QualityOptions,
     #[command(flatten)]
@@ -68,6 +71,7 @@ impl Explain {
             ..Outputs::ALL
         };
         let plan = Plan::new(&blob, &self.quality.quality(), outputs, Batch::for_tier(tier))
+            .and_then(|plan| plan.with_normal_blur(self.normal_blur))
             .with_context(|| self.file.display().to_string())?;
         let plan = self.effects.of(plan)?;
         let camera = self.camera(&blob, global)?;

@@ -118,6 +118,9 @@ pub struct Render {
     /// frames.
     #[arg(long, conflicts_with_all = ["background", "exposure", "tone_map", "linear"])]
     transparent: bool,
+    /// Bins whose finer ripples normals do not show; 0 for the density's gradient itself.
+    #[arg(long, value_name = "BINS", default_value_t = Plan::NORMAL_BLUR)]
+    normal_blur: f32,
     #[command(flatten)]
     mp4: Mp4Options,
     #[command(flatten)]
@@ -158,6 +161,7 @@ impl Render {
         let cameras = self.cameras(&blob, global)?;
         let tier = global.tier();
         let plan = Plan::new(&blob, &self.quality.quality(), self.wanted(), Batch::for_tier(tier))
+            .and_then(|plan| plan.with_normal_blur(self.normal_blur))
             .with_context(|| self.file.display().to_string())?;
         let plan = match self.background {
             Some(background) => plan.with_background(background)?,
