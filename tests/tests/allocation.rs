@@ -4,6 +4,7 @@
 #![allow(unsafe_code, reason = "a global allocator is unsafe to implement")]
 
 use nerf_core::blob::Blob;
+use nerf_core::effects::{Effects, Jitter, ThinLens, Tone, ToneMap};
 use nerf_core::kernels::Line;
 use nerf_core::math::MathBackend;
 use nerf_core::plan::{Batch, Outputs, Plan, Quality};
@@ -66,6 +67,14 @@ fn the_counter_counts() {
     assert_eq!(allocations(|| ()), 0);
 }
 
+/// All of them.
+const EFFECTS: Effects = Effects {
+    jitter: Some(Jitter { seed: 1 }),
+    anti_aliasing: 2,
+    depth_of_field: Some(ThinLens { aperture_radius: 0.1, focus_distance: 4.0 }),
+    tone: Tone { exposure: 0.5, map: ToneMap::Filmic, linear: false },
+};
+
 #[test]
 fn a_scene_is_opened_rendered_and_queried_without_allocating() {
     let camera = camera(24, 16);
@@ -76,6 +85,7 @@ fn a_scene_is_opened_rendered_and_queried_without_allocating() {
             let blob = Blob::open(&file).expect("a blob");
             let quality = Quality { samples: 16, ..Quality::default() };
             let plan = Plan::new(&blob, &quality, Outputs::ALL, Batch::for_tier(tier)).expect("a plan");
+            let plan = plan.with_effects(EFFECTS).expect("effects in range");
             let mut prepared = vec![Line::UNINIT; Renderer::prepared_lines(&blob, tier)];
             let mut again = prepared.clone();
             let renderer = Renderer::new(blob, tier, &mut prepared).expect("a renderer");
@@ -88,6 +98,7 @@ fn a_scene_is_opened_rendered_and_queried_without_allocating() {
             let counted = allocations(|| {
                 let blob = Blob::open(&file).expect("a blob");
                 let plan = Plan::new(&blob, &quality, Outputs::ALL, Batch::for_tier(tier)).expect("a plan");
+                let plan = plan.with_effects(EFFECTS).expect("effects in range");
                 let renderer = Renderer::new(blob, tier, &mut again).expect("a renderer");
                 assert_eq!(renderer.workspace_lines(&plan), lines);
                 let mut put = |x: u32, y: u32, pixel: &Pixel| picture[(y * 24 + x) as usize] = pixel.rgb;
