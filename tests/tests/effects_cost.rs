@@ -15,7 +15,7 @@ const EFFECTS: [(&str, &[&str]); 7] = [
     ("tone-map", &["decode_srgb", "develop"]),
     ("lens", &["undistort"]),
     ("median", &["median_in_bin"]),
-    ("normals", &["flush_normals", "gradient"]),
+    ("normals", &["gradient"]),
 ];
 
 /// A program that was built with some of the features.

@@ -19,7 +19,7 @@ use core::f32::consts::LN_2;
 /// let t = median_in_bin(0.5, 1.0, 2.75, 0.5);
 /// assert!((t - (2.0 + core::f32::consts::LN_2)).abs() < 1e-6);
 /// ```
-#[inline]
+#[inline(never)]
 pub fn median_in_bin(thickness: f32, sigma: f32, t: f32, delta: f32) -> f32 {
     // Neither operand of the clamp is NaN: sigma is not 0, and the difference is finite.
     let inside = ((LN_2 - thickness) / sigma).clamp(0.0, delta.max(0.0));
