@@ -13,6 +13,7 @@ mod inspect;
 mod outcome;
 mod render;
 mod show;
+mod study;
 mod sweep;
 
 use crate::report::summary::Summary;
@@ -41,6 +42,7 @@ enum Command {
     Show(show::Show),
     Fit(Box<fit::Fit>),
     Eval(eval::Eval),
+    Study(Box<study::Study>),
     Render(render::Render),
     #[command(subcommand)]
     Image(image::Image),
@@ -95,6 +97,7 @@ pub fn main() -> ExitCode {
         Command::Image(image) => image.run(&cli.global),
         Command::Sweep(sweep) => sweep.run(&cli.global),
         Command::Eval(eval) => eval.run(&cli.global),
+        Command::Study(study) => study.run(&cli.global),
         Command::Render(render) => render.run(&cli.global),
         Command::Show(show) => show.run(&cli.global),
         Command::Import(import) => import.run(&cli.global),
