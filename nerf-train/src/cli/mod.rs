@@ -2,6 +2,7 @@
 
 #[macro_use]
 mod common;
+mod audit;
 mod completions;
 mod demo;
 mod eval;
@@ -43,6 +44,7 @@ enum Command {
     Fit(Box<fit::Fit>),
     Eval(eval::Eval),
     Study(Box<study::Study>),
+    Audit(audit::Audit),
     Render(render::Render),
     #[command(subcommand)]
     Image(image::Image),
@@ -98,6 +100,7 @@ pub fn main() -> ExitCode {
         Command::Sweep(sweep) => sweep.run(&cli.global),
         Command::Eval(eval) => eval.run(&cli.global),
         Command::Study(study) => study.run(&cli.global),
+        Command::Audit(audit) => audit.run(&cli.global),
         Command::Render(render) => render.run(&cli.global),
         Command::Show(show) => show.run(&cli.global),
         Command::Import(import) => import.run(&cli.global),

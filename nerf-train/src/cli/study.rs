@@ -1,5 +1,7 @@
 //! `nerf-train study`
 
+mod train;
+
 use super::common::{
     DataOptions, Global, background_name, cpu_name, open_blob, read_file, report_folder, tell,
 };
@@ -12,8 +14,8 @@ use crate::study::{
 };
 use crate::train::run::spread;
 use anyhow::bail;
-use clap::Args;
-use std::path::PathBuf;
+use clap::{Args, Subcommand};
+use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::time::{Duration, Instant};
 
@@ -28,11 +30,16 @@ const GRIDS: [(u16, f32); 5] = [(32, 0.01), (64, 0.01), (96, 0.01), (96, 0.1), (
 #[command(
     after_help = "Example: nerf-train study lego.nerf lego_200x200.npz --report out/study -o lego_front.nerf"
 )]
+#[command(args_conflicts_with_subcommands = true, subcommand_negates_reqs = true)]
 pub struct Study {
+    #[command(subcommand)]
+    of: Option<Of>,
     /// The blob.
-    file: PathBuf,
+    #[arg(required = true)]
+    file: Option<PathBuf>,
     /// The data set.
-    data: PathBuf,
+    #[arg(required = true)]
+    data: Option<PathBuf>,
     /// Folder for points.csv, report.md, the plot of the front, pictures of its ends, summary.json.
     #[arg(long, value_name = "DIR")]
     report: Option<PathBuf>,
@@ -71,9 +78,24 @@ pub struct Study {
     data_options: DataOptions,
 }
 
+/// What else can be studied.
+#[derive(Debug, Subcommand)]
+enum Of {
+    Train(train::StudyTrain),
+}
+
 impl Study {
     /// Runs the command.
     pub fn run(&self, global: &Global) -> anyhow::Result<ExitCode> {
+        match (&self.of, &self.file, &self.data) {
+            (Some(Of::Train(train)), ..) => train.run(global),
+            (None, Some(file), Some(data)) => self.measure(file, data, global),
+            // The parser lets nothing else through.
+            _ => bail!("expected FILE and DATA, found neither"),
+        }
+    }
+
+    fn measure(&self, file: &Path, data: &Path, global: &Global) -> anyhow::Result<ExitCode> {
         for (flag, count) in
             [("--views", self.views), ("--timing-views", self.timing_views), ("--repeats", self.repeats)]
         {
@@ -91,19 +113,19 @@ impl Study {
         }
         let start = Instant::now();
         report_folder(self.report.as_ref())?;
-        let output = if self.write { Some(&self.file) } else { self.output.as_ref() };
+        let output = if self.write { Some(file) } else { self.output.as_deref() };
         output.map_or(Ok(()), ensure_file)?;
-        let bytes = read_file(&self.file)?;
-        let blob = open_blob(&self.file, &bytes)?;
+        let bytes = read_file(file)?;
+        let blob = open_blob(file, &bytes)?;
         let mut lab = Lab::new(&bytes)?;
         if let Some(source) = &self.source {
             lab.set_source(unrounded(source, &blob)?);
         }
-        let dataset = self.data_options.read(&self.data, global)?;
+        let dataset = self.data_options.read(data, global)?;
         let split = self.split.of(&dataset);
         let views: Vec<&View> = spread(split, self.views);
         if views.is_empty() {
-            bail!("{}: the split `{}` has no views", self.data.display(), self.split.name());
+            bail!("{}: the split `{}` has no views", data.display(), self.split.name());
         }
         if !self.no_grids && lab.has_grid(0) {
             global.say("asking the network which cells hold something, for other skip grids");
@@ -130,7 +152,7 @@ impl Study {
         })?;
         let findings = Findings::of(&study);
         let setting = Setting {
-            blob: self.file.display().to_string(),
+            blob: file.display().to_string(),
             data: &dataset.name,
             split: self.split.name(),
             background: background_name(study.background),

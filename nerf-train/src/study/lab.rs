@@ -62,11 +62,7 @@ impl<'b> Lab<'b> {
         let blob = Blob::open(bytes)?;
         let scene = blob.scene().ok_or(StudyError::NotAScene)?.clone();
         let variants = vec![Variant { name: "the blob".into(), bytes: bytes.to_vec() }];
-        let cells = blob.grid().zip(blob.scene_box()).map(|(grid, bounds)| {
-            let count: u32 = grid.resolution().iter().map(|&side| u32::from(side)).product();
-            let live = (0..count).filter(|&cell| grid.bit(cell as usize));
-            LiveCells::of(bounds, grid.resolution(), live)
-        });
+        let cells = cells(&blob);
         Ok(Self { blob, scene, cells, variants, source: None })
     }
 
@@ -262,6 +258,14 @@ impl Bench<'_, '_> {
         debug_assert!(place.is_some() && self.lab.variants() > key.variant, "not prepared: {key:?}");
         &self.renderers[place.unwrap_or(0)]
     }
+}
+
+/// The skip grid of a blob, if it has one.
+pub fn cells(blob: &Blob<'_>) -> Option<LiveCells> {
+    let (grid, bounds) = blob.grid().zip(blob.scene_box())?;
+    let count: u32 = grid.resolution().iter().map(|&side| u32::from(side)).product();
+    let live = (0..count).filter(|&cell| grid.bit(cell as usize));
+    Some(LiveCells::of(bounds, grid.resolution(), live))
 }
 
 /// A body as a file.

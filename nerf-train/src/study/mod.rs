@@ -12,6 +12,8 @@
 //! behind the grid only where the blob says that its grid is part of the model. *Base* is what a renderer
 //! does when nobody asks for anything. Knobs are turned one at a time from the base.
 
+mod audit;
+mod average;
 mod combine;
 mod error;
 mod front;
@@ -24,7 +26,12 @@ mod run;
 mod settings;
 mod size;
 mod source;
+pub mod training;
 
+pub use audit::{
+    Audit, AuditOptions, EFFECTS, Effect, THRESHOLD_DB, Verdict, Without, Worth, audit, table as audit_table,
+};
+pub use average::{averaged, mean_encoding, without_direction};
 pub use error::StudyError;
 pub use front::{Price, cheapest_within, pareto, thin};
 pub use knobs::{KNOBS, Knob};

@@ -230,7 +230,8 @@ impl<'a, 'b> Study<'a, 'b> {
             order.extend(wanted.map(|i| (view, i)));
         }
         for point in &mut self.points {
-            point.rounds.push(vec![None; self.timing.len()]);
+            // Those that are new have no part in the passes before.
+            point.rounds.resize(self.passes, vec![None; self.timing.len()]);
         }
         let lab = self.lab;
         lab.prepared(&settings, |bench| {

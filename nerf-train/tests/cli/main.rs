@@ -13,6 +13,7 @@ mod pipeline;
 mod show;
 mod snapshots;
 mod stopping;
+mod study;
 mod video;
 
 use made::Folder;
