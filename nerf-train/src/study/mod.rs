@@ -13,31 +13,27 @@
 //! does when nobody asks for anything. Knobs are turned one at a time from the base.
 
 mod audit;
-mod average;
 mod combine;
 mod error;
 mod front;
 mod knobs;
 mod lab;
-mod pictures;
 mod point;
 mod report;
 mod run;
 mod settings;
-mod size;
-mod source;
 pub mod training;
 
 pub use audit::{
-    Audit, AuditOptions, EFFECTS, Effect, THRESHOLD_DB, Verdict, Without, Worth, audit, table as audit_table,
+    Audit, AuditOptions, EFFECTS, Effect, THRESHOLD_DB, Verdict, Without, Worth, audit, averaged, flattened,
+    mean_encoding, table as audit_table, without_direction,
 };
-pub use average::{averaged, mean_encoding, without_direction};
 pub use error::StudyError;
 pub use front::{Price, cheapest_within, pareto, thin};
 pub use knobs::{KNOBS, Knob};
+pub use lab::source::unrounded;
 pub use lab::{Bench, Clocked, Lab, Memory, Variant};
 pub use point::{Clock, Origin, Point, Seconds, Totals, ViewErrors};
 pub use report::{Findings, SPAN_LOSS_DB, Setting};
 pub use run::{Effort, Progressed, Study};
 pub use settings::{Precision, Settings};
-pub use source::unrounded;

@@ -115,7 +115,8 @@ fn a_study_of_training_has_a_curve_for_each_fit() {
         assert!(text.contains(word), "expected `{word}` in: {text}");
     }
     let there = names(Path::new(&report));
-    let all = ["curves.csv", "psnr_over_time_depth.png", "psnr_over_time_width.svg", "report.md", "table.csv"];
+    let all =
+        ["curves.csv", "psnr_over_time_depth.png", "psnr_over_time_width.svg", "report.md", "table.csv"];
     for name in all {
         assert!(there.contains(&name.to_owned()), "{name} in {there:?}");
     }

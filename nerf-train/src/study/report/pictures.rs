@@ -1,10 +1,10 @@
 //! Both ends of a front as pictures, and how far they are from the truth and from the exact rendering.
 
-use super::error::StudyError;
-use super::report::{Findings, SPAN_LOSS_DB};
+use super::{Findings, SPAN_LOSS_DB};
 use crate::report::colour_map::{ColourMap, with_legend};
 use crate::report::contact_sheet::{Cell, contact_sheet};
 use crate::report::picture::Picture;
+use crate::study::error::StudyError;
 use std::path::Path;
 
 /// Difference that is drawn in the brightest colour.

@@ -1,7 +1,7 @@
 //! Pictures rendered smaller and enlarged again.
 
-use super::error::StudyError;
 use crate::frame::Frame;
+use crate::study::error::StudyError;
 use nerf_core::camera::{Camera, Intrinsics};
 
 /// The camera of a picture whose sides are `quarters` quarters of this one's, at least a pixel.

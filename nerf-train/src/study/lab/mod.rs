@@ -1,8 +1,10 @@
 //! Where frames are rendered: the blob, its variants, and the clocks.
 
+pub mod size;
+pub mod source;
+
 use super::error::StudyError;
 use super::settings::{Precision, Settings};
-use super::size;
 use crate::frame::{self, Frame};
 use crate::import::grid;
 use crate::occupancy::{Ask, LiveCells};

@@ -1,10 +1,11 @@
 //! A scene without view dependence, out of one with it: the direction's share becomes its mean.
 
-use super::error::StudyError;
 use crate::dataset::View;
 use crate::export::{Contents, Exported, export};
-use nerf_core::blob::Blob;
-use nerf_core::encoding::Encoding;
+use crate::study::error::StudyError;
+use crate::study::lab::cells;
+use nerf_core::blob::{Blob, Content};
+use nerf_core::encoding::{Encoding, encode_block};
 use nerf_core::kernels::Tier;
 use nerf_core::math::MathBackend;
 use nerf_core::network::{Architecture, Layer, Role, unpack};
@@ -14,11 +15,9 @@ const RAYS: usize = 4096;
 /// Directions that are encoded together.
 const BLOCK: usize = 64;
 
-/// Mean of PE(d) over rays of `views` that are spread evenly over their pictures; `[outputs]`.
-///
-/// # Errors
-/// [`StudyError::NoViews`].
-pub fn mean_encoding(encoding: &Encoding, views: &[&View]) -> Result<Vec<f64>, StudyError> {
+/// Mean of PE(d) over rays of `views` that are spread evenly over their pictures; `[outputs]`. `None` without
+/// views.
+pub fn mean_encoding(encoding: &Encoding, views: &[&View]) -> Option<Vec<f64>> {
     let mut dirs: Vec<[f32; 3]> = Vec::new();
     for view in views {
         let (width, height) = view.size();
@@ -31,7 +30,7 @@ pub fn mean_encoding(encoding: &Encoding, views: &[&View]) -> Result<Vec<f64>, S
         }
     }
     if dirs.is_empty() {
-        return Err(StudyError::NoViews);
+        return None;
     }
     let mut sums = vec![0.0; encoding.outputs()];
     let mut encoded = vec![0.0; encoding.outputs() * BLOCK];
@@ -41,12 +40,12 @@ pub fn mean_encoding(encoding: &Encoding, views: &[&View]) -> Result<Vec<f64>, S
             (0..3).for_each(|axis| x[axis * BLOCK + i] = dir[axis]);
         }
         let math = MathBackend::Polynomial;
-        nerf_core::encoding::encode_block(Tier::Scalar, math, encoding, BLOCK, &x, &mut encoded);
+        encode_block(Tier::Scalar, math, encoding, BLOCK, &x, &mut encoded);
         for (sum, channel) in sums.iter_mut().zip(encoded.chunks_exact(BLOCK)) {
             *sum += channel[..block.len()].iter().map(|&v| f64::from(v)).sum::<f64>();
         }
     }
-    Ok(sums.into_iter().map(|sum| sum / dirs.len() as f64).collect())
+    Some(sums.into_iter().map(|sum| sum / dirs.len() as f64).collect())
 }
 
 /// The network without its direction: `mean` in the place of PE(d), folded into the bias, in f64.
@@ -78,6 +77,19 @@ pub fn without_direction(
     Some((folded, result))
 }
 
+/// The network without its direction, in the place of which stands the mean over the rays of `views`.
+///
+/// `parameters` and the result are in export order. `None` if colour does not depend on the direction, and
+/// without views.
+pub fn flattened(
+    architecture: &Architecture,
+    parameters: &[f32],
+    views: &[&View],
+) -> Option<(Architecture, Vec<f32>)> {
+    let mean = mean_encoding(architecture.direction.as_ref()?, views)?;
+    without_direction(architecture, parameters, &mean)
+}
+
 /// Whether it is the layer that takes `[h, PE(d)]`, in a network that has a direction.
 fn takes_direction(layer: &Layer) -> bool {
     matches!(layer.role, Role::Colour(_) | Role::Rgb) && layer.extra > 0
@@ -90,19 +102,20 @@ fn takes_direction(layer: &Layer) -> bool {
 /// # Errors
 /// [`StudyError::NotAScene`], [`StudyError::NoViews`], [`StudyError::Export`] on a bias beyond f16.
 pub fn averaged(blob: &Blob<'_>, views: &[&View]) -> Result<Option<Exported>, StudyError> {
+    let scene = blob.scene().ok_or(StudyError::NotAScene)?;
     let architecture = blob.architecture();
-    let (Some(direction), Some(scene)) = (&architecture.direction, blob.scene()) else { return Ok(None) };
+    if architecture.direction.is_none() {
+        return Ok(None);
+    }
     let mut parameters = vec![0.0; architecture.parameters()];
     unpack(blob.weights(), &mut parameters);
-    let mean = mean_encoding(direction, views)?;
-    let Some((architecture, parameters)) = without_direction(architecture, &parameters, &mean) else {
-        return Ok(None);
-    };
-    let cells = super::lab::cells(blob);
+    let (architecture, parameters) =
+        flattened(architecture, &parameters, views).ok_or(StudyError::NoViews)?;
+    let cells = cells(blob);
     let exported = export(&Contents {
         architecture: &architecture,
         parameters: &parameters,
-        content: nerf_core::blob::Content::Scene(scene.clone()),
+        content: Content::Scene(scene.clone()),
         grid: cells.as_ref().map(|cells| (cells.resolution(), cells.bits())),
         provenance: blob.provenance().clone(),
     })?;

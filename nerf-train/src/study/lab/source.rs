@@ -1,7 +1,7 @@
 //! The weights a blob was rounded from, where their file is at hand.
 
-use super::error::StudyError;
 use crate::import::{AngleFactor, Order, RawDensity, Settings, Tensors, network};
+use crate::study::error::StudyError;
 use half::f16;
 use nerf_core::blob::Blob;
 use nerf_core::encoding::AngleScale;

@@ -1,10 +1,13 @@
 //! What each effect of a scene is worth: the scene with it and without it.
 
-use super::average::averaged;
+mod average;
+
 use super::error::StudyError;
 use super::lab::{Lab, Variant};
 use super::point::{Clock, Origin, Point, ViewErrors};
 use super::settings::Settings;
+pub use average::{averaged, flattened, mean_encoding, without_direction};
+
 use crate::dataset::View;
 use crate::report::table::Table;
 use nerf_core::plan::Quality;
