@@ -24,7 +24,7 @@ pub struct Audit {
     /// The data set.
     data: PathBuf,
     /// What an effect must gain to be kept, dB; one that spares a tenth of the work may lose as much.
-    #[arg(long, value_name = "DB", default_value_t = THRESHOLD_DB)]
+    #[arg(long, value_name = "DB", default_value_t = THRESHOLD_DB, allow_hyphen_values = true)]
     effect_threshold: f64,
     /// Which views.
     #[arg(long, value_enum, default_value = "val")]

@@ -1,10 +1,12 @@
 //! `nerf-train fit`
 
+use super::audit::check_threshold;
 use super::common::{DataOptions, Global, cpu_name, parse_numbers, print_report, report_folder, tell};
 use super::outcome;
 use crate::config::{Config, Density, Jitter, Preset};
 use crate::dataset::Background;
 use crate::output::ensure_file;
+use crate::study::THRESHOLD_DB;
 use crate::train::run::{Ended, RunOptions, run_since};
 use crate::train::schedule::{Budget, Clock};
 use crate::train::snapshot::SnapshotOptions;
@@ -54,6 +56,10 @@ pub struct Fit {
     /// Steps between looks at the validation views [default: an eighth of the run].
     #[arg(long, value_name = "N")]
     validate_every: Option<u32>,
+    /// Leave view dependence out of the blob if it gains less than this on validation views, dB: its mean over the
+    /// training rays takes its place.
+    #[arg(long, value_name = "DB", default_value_t = THRESHOLD_DB, allow_hyphen_values = true)]
+    effect_threshold: f64,
     /// Steps at which validation views are shown, as files and on a sheet in the report folder [default:
     /// looks an eighth of the run apart].
     #[arg(long, value_name = "N,N,…", value_delimiter = ',', requires = "report")]
@@ -232,6 +238,7 @@ impl Fit {
         let clock = Clock::resume(Duration::ZERO);
         // Wrong settings are found before the data is read, and once more with what it says.
         self.config(true)?;
+        check_threshold(self.effect_threshold)?;
         if let Some(seconds) = self.max_seconds
             && !(seconds.is_finite() && seconds > 0.0)
         {
@@ -256,6 +263,7 @@ impl Fit {
             resume: self.resume,
             snapshots: self.snapshot_options(),
             validate_every: self.validate_every,
+            effect_threshold_db: Some(self.effect_threshold),
             tier: global.tier(),
             style: global.style(),
         };

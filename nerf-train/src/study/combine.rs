@@ -4,7 +4,7 @@ use super::front::{Price, pareto, thin};
 use super::knobs::{KNOBS, Knob};
 use super::settings::Settings;
 
-/// Values of one knob that are cheaper than the base, and what each was found to lose and to cost.
+/// Values of one knob beside the base's, and what each was found to lose and to cost.
 #[derive(Clone, Debug, Default)]
 pub struct Choices {
     /// Index of the knob in the table.
@@ -13,7 +13,7 @@ pub struct Choices {
     pub rows: Vec<(Settings, Price)>,
 }
 
-/// Combinations that may be on the front, at most `most`, cheapest last.
+/// Combinations that may be on the front, dearest first, at most `most`.
 ///
 /// Losses are taken to add up and costs to multiply, which is rough and good enough to choose by: what is
 /// chosen is measured. `limit_db`: largest predicted loss against the base. Only multiply-adds count as cost,

@@ -25,6 +25,8 @@ use std::time::{Duration, Instant};
 
 /// Loss against the base beyond which combinations are not looked for, dB.
 const COMBINATION_LOSS_DB: f64 = 2.5;
+/// Loss against the exact rendering beyond which a blob's front has no points, dB: nobody wants them.
+pub const BLOB_LOSS_DB: f64 = 3.0;
 /// Combinations of all knobs, and of those that a blob's front can hold.
 const COMBINATIONS: usize = 12;
 /// Side of the square that the scalar oracle renders, pixels.
@@ -164,7 +166,7 @@ impl<'a, 'b> Study<'a, 'b> {
         }
     }
 
-    /// What each knob's cheaper values lose and cost against the base.
+    /// What each knob's values lose and cost against the base.
     fn choices(&self, in_blob: bool) -> Vec<Choices> {
         let base = self.points[1].totals(&self.points[0]);
         let of_knob = |index: usize| {
@@ -174,8 +176,7 @@ impl<'a, 'b> Study<'a, 'b> {
                 let cost = totals.counters.macs as f64 / base.counters.macs as f64;
                 (point.settings, Price { loss_db: totals.loss_db - base.loss_db, cost })
             };
-            let cheaper = |(_, price): &(Settings, Price)| price.cost < 0.99;
-            self.points.iter().filter(row).map(price).filter(cheaper).collect()
+            self.points.iter().filter(row).map(price).collect()
         };
         let knobs = KNOBS.iter().enumerate();
         let wanted = knobs.filter(|(_, knob)| knob.combines && (knob.in_blob || !in_blob));
@@ -297,13 +298,15 @@ impl<'a, 'b> Study<'a, 'b> {
     }
 
     /// The front over multiply-adds of what a blob can hold: indices of points, dearest first, at most
-    /// [`MAX_FRONT`], and the price of every point.
+    /// [`MAX_FRONT`] that lose no more than [`BLOB_LOSS_DB`], and the price of every point.
     pub fn blob_front(&self) -> (Vec<usize>, Vec<Price>) {
         let base = Settings::base();
         let price = |point: &Point| {
             let totals = point.totals(&self.points[0]);
             // Losses on other views do not compare.
-            let fits = fits_blob(self.lab, &base, &point.settings) && totals.views == self.views.len();
+            let fits = fits_blob(self.lab, &base, &point.settings)
+                && totals.views == self.views.len()
+                && totals.loss_db <= BLOB_LOSS_DB;
             let cost = if fits { totals.relative_macs } else { f64::NAN };
             // As the file will have them: what is equal there must not count as different.
             Price { loss_db: f64::from(totals.loss_db as f32), cost: f64::from(cost as f32) }

@@ -123,6 +123,7 @@ pub fn fit(
         resume: false,
         snapshots: None,
         validate_every: None,
+        effect_threshold_db: None,
         tier,
         style,
     };

@@ -106,6 +106,34 @@ fn an_audit_says_what_each_effect_is_worth() {
 }
 
 #[test]
+fn what_does_not_earn_its_cost_is_left_out_and_said_to_be() {
+    let (folder, file) = blob();
+    let (data, output) = (folder.path("scene.npz"), folder.path("flat.nerf"));
+    let with = std::fs::read(file).expect("a blob");
+    let with = Blob::open(&with).expect("a blob");
+    assert!(with.architecture().direction.is_some());
+    let report = folder.path("flat");
+    let more = ["--steps", "30", "--effect-threshold", "1000", "--report", &report];
+    let args = crate::fit(&data, &output, &more);
+    // The last of a flag that comes twice would be refused: only the own threshold.
+    let args = [&args[..5], &args[7..]].concat();
+    let text = ok(args);
+    assert!(text.contains("left out, its mean is in its place"), "{text}");
+    let flat = std::fs::read(&output).expect("a blob");
+    let flat = Blob::open(&flat).expect("a blob");
+    assert_eq!(flat.architecture().direction, None);
+    let rows = |blob: &Blob<'_>| blob.layers().iter().map(|layer| layer.outputs).collect::<Vec<_>>();
+    assert_eq!(rows(&flat), rows(&with));
+    let summary = json(Path::new(&report).join("summary.json"));
+    assert_eq!(summary["view_dependence_left_out"].as_bool(), Some(true));
+    // The same trunk: nothing else was left out.
+    let trunk = 2 * flat.architecture().density_parameters();
+    assert_eq!(flat.weights()[..trunk], with.weights()[..trunk]);
+    let text = ok(["audit", &output, &data, "--repeats", "1", "--quiet"]);
+    assert!(text.contains("colour does not depend on direction"), "{text}");
+}
+
+#[test]
 fn a_study_of_training_has_a_curve_for_each_fit() {
     let (folder, _) = blob();
     let (data, report) = (folder.path("scene.npz"), folder.path("training"));

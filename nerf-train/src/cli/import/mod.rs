@@ -57,7 +57,7 @@ pub struct Import {
     views: Vec<usize>,
     /// Leave view dependence out if it gains less than this on the views of --check, dB: its mean over directions
     /// takes its place.
-    #[arg(long, value_name = "DB", default_value_t = THRESHOLD_DB, requires = "check")]
+    #[arg(long, value_name = "DB", default_value_t = THRESHOLD_DB, allow_hyphen_values = true, requires = "check")]
     effect_threshold: f64,
     /// Skip grid of the box that the network was trained with: a .npy array [x, y, z] of truths.
     #[arg(long, value_name = "FILE", conflicts_with = "no_grid")]

@@ -3,6 +3,7 @@
 use super::{Findings, SPAN_LOSS_DB, Setting, whole, whole_f32};
 use crate::study::knobs::KNOBS;
 use crate::study::point::{Clock, Origin};
+use crate::study::run::BLOB_LOSS_DB;
 use nerf_core::blob::MAX_FRONT;
 use std::fmt::Write as _;
 
@@ -47,8 +48,8 @@ impl Findings<'_, '_, '_> {
         ));
         line(format_args!(
             "## The front in the blob\n\nOver multiply-adds, which are the same on every machine, and without what a \
-             caller cannot ask a blob for (kernel, size, another grid). Where there are more than {MAX_FRONT} \
-             points, the inner one that adds least goes, again and again: least is the area between it and the \
+             caller cannot ask a blob for (kernel, size, another grid). Points that lose more than {BLOB_LOSS_DB} dB are left out. Where there are \
+             more than {MAX_FRONT} points, the inner one that adds least goes, again and again: least is the area between it and the \
              staircase of its neighbours, dB times the logarithm of cost.\n\n{}",
             self.short_table(&self.blob_front).to_markdown().trim_end()
         ));

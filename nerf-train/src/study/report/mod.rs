@@ -213,16 +213,20 @@ impl<'s, 'a, 'b> Findings<'s, 'a, 'b> {
         };
         let single = |p: &Point| matches!(p.origin, Origin::Knob(_));
         plot.series = vec![
-            series("front", self.front.clone(), Marker::LineAndPoints),
             series("one knob", of(&single), Marker::Points),
             series("combination", of(&|p| p.origin == Origin::Combination), Marker::Points),
             series("exact", vec![0], Marker::Points),
             series("base", vec![1], Marker::Points),
+            series("front", self.front.clone(), Marker::LineAndPoints),
         ];
         plot.log_x = true;
-        let marked = [0, 1].into_iter().chain(self.front.iter().copied().filter(|&i| i > 1));
-        plot.labels =
-            marked.map(|i| Label { text: self.study.points[i].label.clone(), at: place(i) }).collect();
+        // Names would cover the points: the front's have the numbers of the tables, and a legend below.
+        let label = |text: String, i: usize| Label { text, at: place(i) };
+        plot.labels = [0, 1].map(|i| label(self.study.points[i].label.clone(), i)).to_vec();
+        let numbered = || self.front.iter().copied().filter(|&i| i > 1);
+        plot.labels.extend(numbered().map(|i| label(i.to_string(), i)));
+        let named: Vec<String> = numbered().map(|i| format!("{i}: {}", self.study.points[i].label)).collect();
+        plot.notes = vec![named.join("; ")];
         plot.references = vec![Reference {
             label: format!("exact less {SPAN_LOSS_DB} dB"),
             y: self.totals[0].psnr_db - SPAN_LOSS_DB,
