@@ -6,6 +6,8 @@
 //! pass 3…  timing views:    everything, as often as time allows
 //! ```
 //!
+//! Of a scene without a skip grid everything is slow: then the timing views are all there are.
+//!
 //! Within a pass all points are rendered view by view, in turned order, so that a machine that slows down
 //! slows all of them. Errors come from the first rendering of a view, times from all on the timing views.
 
@@ -101,7 +103,13 @@ impl<'a, 'b> Study<'a, 'b> {
         let background = lab.scene().background;
         let count = effort.timing_views.clamp(1, views.len());
         // The middles of as many equal parts.
-        let timing: Vec<usize> = (0..count).map(|i| (2 * i + 1) * views.len() / (2 * count)).collect();
+        let mut timing: Vec<usize> = (0..count).map(|i| (2 * i + 1) * views.len() / (2 * count)).collect();
+        let mut views = views;
+        if Settings::base().is_slow(lab.has_grid(0)) {
+            // Without a grid everything is slow: the views that times are taken on have to do for all of it.
+            views = timing.iter().map(|&view| views[view]).collect();
+            timing = (0..count).collect();
+        }
         let truth = views.iter().map(|view| view.composite_over(background)).collect();
         let mut study = Self {
             lab,
@@ -185,10 +193,6 @@ impl<'a, 'b> Study<'a, 'b> {
 
     fn add_combinations(&mut self) {
         let base = Settings::base();
-        if self.is_slow(&base) {
-            // Nothing is cheap enough for every view: the rows have to do.
-            return;
-        }
         let found = |in_blob| combinations(base, &self.choices(in_blob), COMBINATION_LOSS_DB, COMBINATIONS);
         let (all, plain) = (found(false), found(true));
         let rounding = Tier::ALL.into_iter().filter(|tier| tier.rounds() && tier.available());
@@ -201,7 +205,8 @@ impl<'a, 'b> Study<'a, 'b> {
     }
 
     fn is_slow(&self, settings: &Settings) -> bool {
-        settings.is_slow(self.lab.has_grid(settings.variant))
+        // Where times are taken on every view, nothing is spared by leaving some out.
+        self.timing.len() < self.views.len() && settings.is_slow(self.lab.has_grid(settings.variant))
     }
 
     /// Whether a point is rendered on a view in this pass.

@@ -45,8 +45,8 @@ pub const EFFECTS: &[Effect] = &[
             let Some(exported) = averaged(lab.blob(), rays)? else {
                 return Ok(Err("colour does not depend on direction"));
             };
-            let name = "without view dependence".into();
-            let variant = lab.add(Variant { name, bytes: exported.bytes });
+            let (name, has_grid) = ("without view dependence".into(), lab.has_grid(0));
+            let variant = lab.add(Variant { name, bytes: exported.bytes, has_grid });
             Ok(Ok(Without { settings: Settings { variant, ..with.settings }, ..with }))
         },
     },

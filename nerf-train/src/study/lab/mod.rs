@@ -25,6 +25,8 @@ pub struct Variant {
     pub name: String,
     /// Its file.
     pub bytes: Vec<u8>,
+    /// Whether it has a skip grid.
+    pub has_grid: bool,
 }
 
 /// A blob, its variants, and the weights it was rounded from where they are at hand.
@@ -63,8 +65,9 @@ impl<'b> Lab<'b> {
     pub fn new(bytes: &'b [u8]) -> Result<Self, StudyError> {
         let blob = Blob::open(bytes)?;
         let scene = blob.scene().ok_or(StudyError::NotAScene)?.clone();
-        let variants = vec![Variant { name: "the blob".into(), bytes: bytes.to_vec() }];
         let cells = cells(&blob);
+        let variants =
+            vec![Variant { name: "the blob".into(), bytes: bytes.to_vec(), has_grid: cells.is_some() }];
         Ok(Self { blob, scene, cells, variants, source: None })
     }
 
@@ -100,8 +103,7 @@ impl<'b> Lab<'b> {
 
     /// Whether a variant has a skip grid.
     pub fn has_grid(&self, variant: usize) -> bool {
-        // Variants beside the blob are made with one, or with the blob's.
-        variant > 0 || self.blob.grid().is_some()
+        self.variants[variant].has_grid
     }
 
     /// Adds a variant; its number.
@@ -136,7 +138,7 @@ impl<'b> Lab<'b> {
         let Some(cells) = grid::asked(bounds, resolution, &ask, sigma) else { return Ok(None) };
         let bytes = self.with_grid(&cells)?;
         let name = format!("{resolution} cells, density above {threshold}");
-        Ok(Some(self.add(Variant { name, bytes })))
+        Ok(Some(self.add(Variant { name, bytes, has_grid: true })))
     }
 
     fn with_grid(&self, cells: &LiveCells) -> Result<Vec<u8>, StudyError> {

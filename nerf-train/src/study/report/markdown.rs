@@ -90,7 +90,8 @@ impl Findings<'_, '_, '_> {
         line(format_args!(
             "- Times are of whole frames on {} (of all cores together: {}). In each round all points are rendered \
              view by view in turned order; *s a view* is the median over the rounds, *times faster* the median of \
-             the ratios within a round. Slow points (no grid, or the scalar tier) are rendered on these views only.",
+             the ratios within a round. Slow points (no grid, or the scalar tier) are rendered on these views only; \
+             in a scene without a grid all points are.",
             names(&mut study.timing.iter().copied()),
             if study.effort.clock == Clock::Cpu { "yes, CPU seconds" } else { "no, seconds on the clock" },
         ));
