@@ -92,7 +92,7 @@ impl<'a, 'b> Study<'a, 'b> {
     /// [`StudyError`].
     pub fn run(
         lab: &'a Lab<'b>,
-        views: Vec<&'a View>,
+        mut views: Vec<&'a View>,
         effort: Effort,
         start: Instant,
         each: &mut dyn FnMut(Progressed<'_>),
@@ -104,7 +104,6 @@ impl<'a, 'b> Study<'a, 'b> {
         let count = effort.timing_views.clamp(1, views.len());
         // The middles of as many equal parts.
         let mut timing: Vec<usize> = (0..count).map(|i| (2 * i + 1) * views.len() / (2 * count)).collect();
-        let mut views = views;
         if Settings::base().is_slow(lab.has_grid(0)) {
             // Without a grid everything is slow: the views that times are taken on have to do for all of it.
             views = timing.iter().map(|&view| views[view]).collect();

@@ -88,12 +88,16 @@ impl Findings<'_, '_, '_> {
              against the exact rendering."
         ));
         line(format_args!(
-            "- Times are of whole frames on {} (of all cores together: {}). In each round all points are rendered \
+            "- Times are {} for whole frames of {}. In each round all points are rendered \
              view by view in turned order; *s a view* is the median over the rounds, *times faster* the median of \
              the ratios within a round. Slow points (no grid, or the scalar tier) are rendered on these views only; \
              in a scene without a grid all points are.",
+            if study.effort.clock == Clock::Cpu {
+                "CPU seconds of all cores together"
+            } else {
+                "seconds on the clock"
+            },
             names(&mut study.timing.iter().copied()),
-            if study.effort.clock == Clock::Cpu { "yes, CPU seconds" } else { "no, seconds on the clock" },
         ));
         if study.rounds_left_out > 0 {
             line(format_args!(

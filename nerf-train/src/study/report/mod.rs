@@ -2,15 +2,14 @@
 
 mod markdown;
 mod pictures;
+mod tables;
 
 use super::error::StudyError;
-use super::knobs::KNOBS;
 use super::point::{Clock, Origin, Point, Totals};
 use super::run::Study;
 use crate::output::write_atomic;
 use crate::report::plot::{Label, LinePlot, Marker, Reference, Series};
 use crate::report::summary::Summary;
-use crate::report::table::Table;
 use std::path::Path;
 
 /// The loss within which the front's span is told, dB.
@@ -60,138 +59,6 @@ impl<'s, 'a, 'b> Findings<'s, 'a, 'b> {
     pub fn span(&self, keep: impl Fn(&Point) -> bool) -> Option<(f64, usize)> {
         let point = self.study.cheapest(SPAN_LOSS_DB, keep)?;
         Some((1.0 / self.times[point], point))
-    }
-
-    /// Every point as a row.
-    pub fn table(&self) -> Table {
-        let knobs = KNOBS.iter().map(|knob| knob.name);
-        let columns = std::iter::once("origin").chain(std::iter::once("label")).chain(knobs).chain([
-            "views",
-            "psnr_db",
-            "loss_db",
-            "ssim",
-            "psnr_to_exact_db",
-            "max_error_to_exact",
-            "mean_ray_distance_error",
-            "max_ray_distance_error",
-            "wall_s_median",
-            "wall_s_low",
-            "wall_s_high",
-            "cpu_s_median",
-            "rounds",
-            "relative_time",
-            "rays",
-            "samples_kept",
-            "samples_skipped",
-            "density_evaluations",
-            "colour_evaluations",
-            "macs",
-            "relative_macs",
-            "invalid_samples",
-            "workspace_bytes_a_thread",
-            "prepared_bytes",
-            "on_front",
-            "in_blob",
-        ]);
-        let mut table = Table::new(columns);
-        for i in 0..self.study.points.len() {
-            table.push(self.row(i));
-        }
-        table
-    }
-
-    fn row(&self, i: usize) -> Vec<String> {
-        let (point, t, lab) = (&self.study.points[i], &self.totals[i], self.study.lab);
-        let origin = match point.origin {
-            Origin::Exact => "exact",
-            Origin::Base => "base",
-            Origin::Knob(knob) => KNOBS[knob].name,
-            Origin::Combination => "combination",
-        };
-        let mut row = vec![origin.to_owned(), point.label.clone()];
-        row.extend(KNOBS.iter().map(|knob| (knob.read)(lab, &point.settings)));
-        let wall = point.seconds(Clock::Wall);
-        let seconds = |of: fn(&super::point::Seconds) -> f64| {
-            wall.as_ref().map_or_else(String::new, |s| of(s).to_string())
-        };
-        let cpu = point.seconds(Clock::Cpu).map_or_else(String::new, |s| s.median.to_string());
-        let c = &t.counters;
-        row.extend([
-            t.views.to_string(),
-            t.psnr_db.to_string(),
-            t.loss_db.to_string(),
-            t.ssim.to_string(),
-            t.exact_psnr_db.to_string(),
-            t.exact_max.to_string(),
-            t.distance_mean.to_string(),
-            t.distance_max.to_string(),
-            seconds(|s| s.median),
-            seconds(|s| s.low),
-            seconds(|s| s.high),
-            cpu,
-            wall.map_or(0, |s| s.rounds).to_string(),
-            self.times[i].to_string(),
-        ]);
-        row.extend(
-            [c.rays, c.samples_kept, c.samples_skipped, c.density_evaluations, c.colour_evaluations, c.macs]
-                .map(|count| count.to_string()),
-        );
-        row.extend([
-            t.relative_macs.to_string(),
-            c.invalid_samples.to_string(),
-            point.memory.workspace.to_string(),
-            point.memory.prepared.to_string(),
-            self.front.contains(&i).to_string(),
-            self.blob_front.contains(&i).to_string(),
-        ]);
-        row
-    }
-
-    /// Some points with what matters most.
-    pub fn short_table(&self, which: &[usize]) -> Table {
-        let columns = [
-            "#",
-            "settings",
-            "PSNR, dB",
-            "lost, dB",
-            "SSIM",
-            "to exact, dB",
-            "max error",
-            "ray distance error",
-            "s a view",
-            "min – max",
-            "times faster",
-            "MACs",
-            "density/ray",
-            "colour/ray",
-            "workspace, KiB",
-        ];
-        let mut table = Table::new(columns);
-        for &i in which {
-            let (point, t) = (&self.study.points[i], &self.totals[i]);
-            let seconds = point.seconds(self.study.effort.clock);
-            let rays = t.counters.rays.max(1) as f64;
-            let only = self.study.views.len() - t.views;
-            let fewer = if only > 0 { format!(" ({} views)", t.views) } else { String::new() };
-            table.push([
-                i.to_string(),
-                format!("{}{fewer}", point.label),
-                format!("{:.3}", t.psnr_db),
-                format!("{:.3}", t.loss_db + 0.0),
-                format!("{:.4}", t.ssim),
-                format!("{:.1}", t.exact_psnr_db),
-                format!("{:.3}", t.exact_max),
-                format!("{:.4}", t.distance_mean),
-                seconds.map_or_else(|| "–".into(), |s| format!("{:.3}", s.median)),
-                seconds.map_or_else(|| "–".into(), |s| format!("{:.3} – {:.3}", s.low, s.high)),
-                format!("{:.1}", 1.0 / self.times[i]),
-                format!("{:.4}", t.relative_macs),
-                format!("{:.2}", t.counters.density_evaluations as f64 / rays),
-                format!("{:.2}", t.counters.colour_evaluations as f64 / rays),
-                format!("{:.0}", point.memory.workspace as f64 / 1024.0),
-            ]);
-        }
-        table
     }
 
     /// PSNR over seconds: all points, and the front through its numbered ones.
