@@ -25,7 +25,7 @@ mod settings;
 pub mod training;
 
 pub use audit::{
-    Audit, AuditOptions, EFFECTS, Effect, THRESHOLD_DB, Verdict, Without, Worth, audit, averaged, flattened,
+    Asked, Audit, AuditOptions, EFFECTS, Effect, THRESHOLD_DB, Verdict, Without, Worth, audit, flattened,
     mean_encoding, table as audit_table, without_direction,
 };
 pub use error::StudyError;

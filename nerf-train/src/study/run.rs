@@ -134,15 +134,19 @@ impl<'a, 'b> Study<'a, 'b> {
             study.pass("combinations", &which, false, each)?;
         }
         for round in 1..effort.repeats {
-            let before = Instant::now();
-            study.pass("timing", &study.all(), true, each)?;
-            let (took, left) = (before.elapsed(), effort.limit.saturating_sub(start.elapsed()));
-            if took > left {
-                study.rounds_left_out = effort.repeats - 1 - round;
+            if start.elapsed().as_secs_f64() + study.round_seconds() > effort.limit.as_secs_f64() {
+                study.rounds_left_out = effort.repeats - round;
                 break;
             }
+            study.pass("timing", &study.all(), true, each)?;
         }
         Ok(study)
+    }
+
+    /// What a round of timing is going to take, on the clock.
+    fn round_seconds(&self) -> f64 {
+        let medians = self.points.iter().filter_map(|point| Some(point.seconds(Clock::Wall)?.median));
+        medians.sum::<f64>() * self.timing.len() as f64
     }
 
     fn all(&self) -> Vec<usize> {

@@ -1,14 +1,10 @@
 //! A scene without view dependence, out of one with it: the direction's share becomes its mean.
 
 use crate::dataset::View;
-use crate::export::{Contents, Exported, export};
-use crate::study::error::StudyError;
-use crate::study::lab::cells;
-use nerf_core::blob::{Blob, Content};
 use nerf_core::encoding::{Encoding, encode_block};
 use nerf_core::kernels::Tier;
 use nerf_core::math::MathBackend;
-use nerf_core::network::{Architecture, Layer, Role, unpack};
+use nerf_core::network::{Architecture, Layer, Role};
 
 /// Rays a view adds to the mean, at most: they lie close to each other.
 const RAYS: usize = 4096;
@@ -93,33 +89,6 @@ pub fn flattened(
 /// Whether it is the layer that takes `[h, PE(d)]`, in a network that has a direction.
 fn takes_direction(layer: &Layer) -> bool {
     matches!(layer.role, Role::Colour(_) | Role::Rgb) && layer.extra > 0
-}
-
-/// The blob without view dependence; `None` if it has none.
-///
-/// `views`: whose rays the mean is taken over. The front, which was measured with it, is left out.
-///
-/// # Errors
-/// [`StudyError::NotAScene`], [`StudyError::NoViews`], [`StudyError::Export`] on a bias beyond f16.
-pub fn averaged(blob: &Blob<'_>, views: &[&View]) -> Result<Option<Exported>, StudyError> {
-    let scene = blob.scene().ok_or(StudyError::NotAScene)?;
-    let architecture = blob.architecture();
-    if architecture.direction.is_none() {
-        return Ok(None);
-    }
-    let mut parameters = vec![0.0; architecture.parameters()];
-    unpack(blob.weights(), &mut parameters);
-    let (architecture, parameters) =
-        flattened(architecture, &parameters, views).ok_or(StudyError::NoViews)?;
-    let cells = cells(blob);
-    let exported = export(&Contents {
-        architecture: &architecture,
-        parameters: &parameters,
-        content: Content::Scene(scene.clone()),
-        grid: cells.as_ref().map(|cells| (cells.resolution(), cells.bits())),
-        provenance: blob.provenance().clone(),
-    })?;
-    Ok(Some(exported))
 }
 
 #[cfg(test)]

@@ -3,10 +3,10 @@
 mod average;
 
 use super::error::StudyError;
-use super::lab::{Lab, Variant};
+use super::lab::Lab;
 use super::point::{Clock, Origin, Point, ViewErrors};
 use super::settings::Settings;
-pub use average::{averaged, flattened, mean_encoding, without_direction};
+pub use average::{flattened, mean_encoding, without_direction};
 
 use crate::dataset::View;
 use crate::report::table::Table;
@@ -26,14 +26,17 @@ pub struct Without {
     pub background: [f32; 3],
 }
 
+/// How to render without an effect, or why there is nothing to leave out.
+pub type Asked = Result<Result<Without, &'static str>, StudyError>;
+
 /// An effect that a scene may have: one entry of the table.
 pub struct Effect {
     /// Its name.
     pub name: &'static str,
     /// What stands in its place.
     pub instead: &'static str,
-    /// How to render without it; `Err` says why there is nothing to leave out.
-    pub without: fn(&mut Lab<'_>, Without, &[&View]) -> Result<Result<Without, &'static str>, StudyError>,
+    /// How to render without it, given how to render with it; it may add a variant to the laboratory.
+    pub without: fn(&mut Lab<'_>, Without, &[&View]) -> Asked,
 }
 
 /// All effects, in the order of the report. An effect of the scene joins the audit by an entry here.
@@ -42,11 +45,11 @@ pub const EFFECTS: &[Effect] = &[
         name: "view dependence",
         instead: "the mean over directions",
         without: |lab, with, rays| {
-            let Some(exported) = averaged(lab.blob(), rays)? else {
+            let parameters = lab.parameters();
+            let Some((flat, parameters)) = flattened(lab.blob().architecture(), &parameters, rays) else {
                 return Ok(Err("colour does not depend on direction"));
             };
-            let (name, has_grid) = ("without view dependence".into(), lab.has_grid(0));
-            let variant = lab.add(Variant { name, bytes: exported.bytes, has_grid });
+            let variant = lab.add_network("without view dependence", &flat, &parameters)?;
             Ok(Ok(Without { settings: Settings { variant, ..with.settings }, ..with }))
         },
     },

@@ -5,6 +5,7 @@ pub mod source;
 
 use super::error::StudyError;
 use super::settings::{Precision, Settings};
+use crate::export::{Contents, export};
 use crate::frame::{self, Frame};
 use crate::import::grid;
 use crate::occupancy::{Ask, LiveCells};
@@ -13,7 +14,7 @@ use nerf_core::blob::{
 };
 use nerf_core::camera::Camera;
 use nerf_core::kernels::{Line, Tier};
-use nerf_core::network::unpack;
+use nerf_core::network::{Architecture, unpack};
 use nerf_core::plan::{Batch, Outputs, Plan};
 use nerf_core::render::Renderer;
 use std::time::Instant;
@@ -129,8 +130,7 @@ impl<'b> Lab<'b> {
     /// # Errors
     /// [`StudyError::Blob`].
     pub fn add_grid(&mut self, resolution: u16, threshold: f32) -> Result<Option<usize>, StudyError> {
-        let mut parameters = vec![0.0; self.blob.architecture().parameters()];
-        unpack(self.blob.weights(), &mut parameters);
+        let parameters = self.parameters();
         let (architecture, tier) = (self.blob.architecture(), Tier::detect());
         let ask = Ask { tier, architecture, parameters: &parameters, seed: 0 };
         let Some(bounds) = self.blob.scene_box() else { return Err(StudyError::NotAScene) };
@@ -139,6 +139,37 @@ impl<'b> Lab<'b> {
         let bytes = self.with_grid(&cells)?;
         let name = format!("{resolution} cells, density above {threshold}");
         Ok(Some(self.add(Variant { name, bytes, has_grid: true })))
+    }
+
+    /// The blob's weights as f32, in export order.
+    pub fn parameters(&self) -> Vec<f32> {
+        let mut parameters = vec![0.0; self.blob.architecture().parameters()];
+        unpack(self.blob.weights(), &mut parameters);
+        parameters
+    }
+
+    /// Adds the blob with another network, rounded to f16; its number.
+    ///
+    /// # Errors
+    /// [`StudyError::Export`] on parameters beyond f16.
+    pub fn add_network(
+        &mut self,
+        name: &str,
+        architecture: &Architecture,
+        parameters: &[f32],
+    ) -> Result<usize, StudyError> {
+        let alone = export(&Contents {
+            architecture,
+            parameters,
+            content: Content::Scene(SceneFacts { grid_required: false, ..self.scene.clone() }),
+            grid: None,
+            provenance: self.blob.provenance().clone(),
+        })?;
+        let rounded = Blob::open(&alone.bytes)?;
+        // Grid and whatever else the scene has stay.
+        let body = Body { architecture: architecture.clone(), weights: rounded.weights(), ..self.body() };
+        let (name, bytes, has_grid) = (name.to_owned(), written(&body)?, self.has_grid(0));
+        Ok(self.add(Variant { name, bytes, has_grid }))
     }
 
     fn with_grid(&self, cells: &LiveCells) -> Result<Vec<u8>, StudyError> {
@@ -265,7 +296,7 @@ impl Bench<'_, '_> {
 }
 
 /// The skip grid of a blob, if it has one.
-pub fn cells(blob: &Blob<'_>) -> Option<LiveCells> {
+fn cells(blob: &Blob<'_>) -> Option<LiveCells> {
     let (grid, bounds) = blob.grid().zip(blob.scene_box())?;
     let count: u32 = grid.resolution().iter().map(|&side| u32::from(side)).product();
     let live = (0..count).filter(|&cell| grid.bit(cell as usize));
