@@ -20,5 +20,6 @@ pub mod output;
 pub mod rays;
 pub mod report;
 pub mod show;
+pub mod study;
 pub mod sweep;
 pub mod train;

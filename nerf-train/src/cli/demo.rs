@@ -73,6 +73,7 @@ impl Demo {
                 views: Vec::new(),
             }),
             validate_every: None,
+            effect_threshold_db: None,
             tier,
             style: global.style(),
         };

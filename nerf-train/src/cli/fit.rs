@@ -1,5 +1,6 @@
 //! `nerf-train fit`
 
+use super::audit::check_threshold;
 use super::common::{
     DataOptions, Global, check_max_seconds, parse_numbers, print_report, report_folder, tell,
 };
@@ -7,6 +8,7 @@ use super::outcome;
 use crate::config::{Config, Density, Jitter, Preset};
 use crate::dataset::Background;
 use crate::output::ensure_file;
+use crate::study::THRESHOLD_DB;
 use crate::train::run::{Ended, RunOptions, run_since};
 use crate::train::schedule::{Budget, Clock};
 use crate::train::snapshot::SnapshotOptions;
@@ -56,6 +58,10 @@ pub struct Fit {
     /// Steps between looks at the validation views [default: an eighth of the run].
     #[arg(long, value_name = "N")]
     validate_every: Option<u32>,
+    /// Leave view dependence out of the blob if it gains less than this on validation views, dB: its mean over the
+    /// training rays takes its place.
+    #[arg(long, value_name = "DB", default_value_t = THRESHOLD_DB, allow_hyphen_values = true)]
+    effect_threshold: f64,
     /// Steps at which validation views are shown, as files and on a sheet in the report folder [default:
     /// looks an eighth of the run apart].
     #[arg(long, value_name = "N,N,…", value_delimiter = ',', requires = "report")]
@@ -235,6 +241,7 @@ impl Fit {
         // Wrong settings are found before the data is read, and once more with what it says.
         self.config(true)?;
         check_max_seconds(self.max_seconds)?;
+        check_threshold(self.effect_threshold)?;
 
         // Whatever cannot be written is found out before the work, not after it.
         let checkpoint = checkpoint_path(&self.output);
@@ -254,6 +261,7 @@ impl Fit {
             resume: self.resume,
             snapshots: self.snapshot_options(),
             validate_every: self.validate_every,
+            effect_threshold_db: Some(self.effect_threshold),
             tier: global.tier(),
             style: global.style(),
         };

@@ -2,6 +2,7 @@
 
 #[macro_use]
 mod common;
+mod audit;
 mod completions;
 mod demo;
 mod effects;
@@ -14,6 +15,7 @@ mod inspect;
 mod outcome;
 mod render;
 mod show;
+mod study;
 mod sweep;
 
 use crate::report::summary::Summary;
@@ -42,6 +44,8 @@ enum Command {
     Show(show::Show),
     Fit(Box<fit::Fit>),
     Eval(eval::Eval),
+    Study(Box<study::Study>),
+    Audit(audit::Audit),
     Render(render::Render),
     #[command(subcommand)]
     Image(image::Image),
@@ -96,6 +100,8 @@ pub fn main() -> ExitCode {
         Command::Image(image) => image.run(&cli.global),
         Command::Sweep(sweep) => sweep.run(&cli.global),
         Command::Eval(eval) => eval.run(&cli.global),
+        Command::Study(study) => study.run(&cli.global),
+        Command::Audit(audit) => audit.run(&cli.global),
         Command::Render(render) => render.run(&cli.global),
         Command::Show(show) => show.run(&cli.global),
         Command::Import(import) => import.run(&cli.global),

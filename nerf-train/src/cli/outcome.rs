@@ -9,6 +9,7 @@ use crate::report::plot::{LinePlot, Marker, Series};
 use crate::report::summary::Summary;
 use crate::report::table::Table;
 use crate::train::CurvePoint;
+use crate::train::direction::ViewDependence;
 use crate::train::finish::Outcome;
 use crate::train::run::{file_name, spread};
 use crate::train::snapshot;
@@ -30,6 +31,10 @@ pub fn print(outcome: &Outcome, output: &Path) -> anyhow::Result<()> {
     print_choice(outcome)?;
     if let Some(loss) = outcome.quantisation_loss_db {
         outln!("f16 rounding cost {loss:.3} dB ({} subnormal weights)", outcome.subnormal_weights);
+    }
+    if let Some(ViewDependence { gain_db, left_out }) = outcome.view_dependence {
+        let what = if left_out { ": left out, its mean is in its place" } else { "" };
+        outln!("view dependence gains {gain_db:.3} dB{what}");
     }
     if outcome.grid_required {
         outln!(
@@ -117,6 +122,9 @@ pub fn summary(outcome: &Outcome, config: &Config, tier: Tier, total_seconds: f6
         .text("kernel", tier.name())
         .integer("threads", rayon::current_num_threads() as u64)
         .text("cpu", cpu_name());
+    if let Some(ViewDependence { gain_db, left_out }) = outcome.view_dependence {
+        summary.number("view_dependence_gain_db", gain_db).flag("view_dependence_left_out", left_out);
+    }
     if let Some(loss) = outcome.quantisation_loss_db {
         summary.number("quantisation_loss_db", loss);
     }

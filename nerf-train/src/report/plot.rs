@@ -1,6 +1,7 @@
 //! Line plots as PNG and SVG.
 
 mod backend;
+mod label;
 mod scale;
 
 use super::error::ReportError;
@@ -8,6 +9,7 @@ use super::picture::Picture;
 use super::text;
 use crate::output::write_atomic;
 use backend::PictureBackend;
+pub use label::Label;
 use plotters::coord::Shift;
 use plotters::prelude::*;
 use plotters::style::text_anchor::{HPos, Pos, VPos};
@@ -92,6 +94,8 @@ pub struct LinePlot {
     pub log_y: bool,
     /// Dashed horizontal lines; the axis always reaches them.
     pub references: Vec<Reference>,
+    /// Names beside points.
+    pub labels: Vec<Label>,
     /// Small print below the plot, a paragraph each.
     pub notes: Vec<String>,
 }
@@ -218,6 +222,12 @@ impl LinePlot {
                 chart.draw_series(points.iter().map(|&p| Circle::new(p, 4, colour.filled())))?;
             }
         }
+        let placed = |at: (f64, f64)| {
+            let at = (scale::place(at.0, self.log_x)?, scale::place(at.1, self.log_y)?);
+            Some(chart.plotting_area().map_coordinate(&at))
+        };
+        let labels = self.labels.iter().filter_map(|l| Some((clean(&l.text), placed(l.at)?)));
+        label::draw(root, &chart.plotting_area().get_pixel_range(), &labels.collect::<Vec<_>>())?;
         if points.iter().all(Vec::is_empty) {
             let (left, right) = chart.plotting_area().get_pixel_range();
             let middle = ((left.start + left.end) / 2, (right.start + right.end) / 2);

@@ -236,6 +236,7 @@ fn run_scene(
         resume: false,
         snapshots: None,
         validate_every: None,
+        effect_threshold_db: None,
         tier: runner.tier,
         style: runner.style,
     };

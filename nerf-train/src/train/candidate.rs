@@ -6,6 +6,7 @@ use crate::engine::Engine;
 use crate::export::{Contents, Exported, export};
 use crate::occupancy::{Ask, LiveCells, Occupancy};
 use nerf_core::blob::{Content, Provenance, SceneFacts};
+use nerf_core::network::Architecture;
 use serde::{Deserialize, Serialize};
 
 /// A state of the run as it would be exported: what is measured of it is what its blob shows.
@@ -17,6 +18,9 @@ pub struct Candidate {
     pub parameters: Vec<f32>,
     /// The skip grid, asked once more everywhere.
     pub live: LiveCells,
+    /// The shape of its network where that is not the trained one's: without its direction.
+    #[serde(skip)]
+    pub architecture: Option<Architecture>,
 }
 
 /// The candidate that validation likes best.
@@ -56,7 +60,7 @@ impl Trainer<'_> {
             seed: self.config.seed,
         };
         occupancy.settle(&ask, self.threshold());
-        Candidate { step: self.progressed.step, live: occupancy.into_live(), parameters }
+        Candidate { step: self.progressed.step, live: occupancy.into_live(), parameters, architecture: None }
     }
 
     /// In export order: the corrected average, or the last where the run does not average.
@@ -82,7 +86,7 @@ impl Trainer<'_> {
         let finite = |db: Option<f64>| db.map(|db| db as f32).filter(|db| db.is_finite());
         let b = &self.bounds;
         let exported = export(&Contents {
-            architecture: &self.model.architecture,
+            architecture: candidate.architecture.as_ref().unwrap_or(&self.model.architecture),
             parameters: &candidate.parameters,
             content: Content::Scene(SceneFacts {
                 min: b.scene_box.min.into(),

@@ -2,6 +2,7 @@
 
 use super::CurvePoint;
 use super::candidate::About;
+use super::direction::ViewDependence;
 use super::look::{FINAL_VIEWS, GRID_VIEWS};
 use super::run::{RunError, Session, spread};
 use super::snapshot::Snapshot;
@@ -28,6 +29,8 @@ pub struct Outcome {
     pub grid_loss_db: f64,
     /// Whether the grid is part of the model.
     pub grid_required: bool,
+    /// What view dependence is worth; `None` if that was not asked.
+    pub view_dependence: Option<ViewDependence>,
     /// Weights that became f16 subnormals.
     pub subnormal_weights: usize,
     /// The curve.
@@ -72,10 +75,11 @@ pub struct Chosen {
 impl Session<'_, '_> {
     /// Exports what validation liked best, or the last, and measures the very blob that is exported.
     pub(super) fn finish(self, train_seconds: f64, samples_per_second: f64) -> Result<Outcome, RunError> {
-        let candidate = match self.trainer.best() {
+        let mut candidate = match self.trainer.best() {
             Some(best) => best.candidate.clone(),
             None => self.trainer.candidate(),
         };
+        let view_dependence = self.ask_direction(&mut candidate)?;
         let (tier, background) = (self.options.tier, self.trainer.background());
         let draft = self.trainer.export(&candidate, &About::default())?.bytes;
         let quality = Quality::default();
@@ -106,6 +110,7 @@ impl Session<'_, '_> {
             quantisation_loss_db,
             grid_loss_db,
             grid_required,
+            view_dependence,
             subnormal_weights: exported.subnormal_weights,
             trend: Trend::of(&self.trainer.curve),
             chosen: self.chosen(),

@@ -133,8 +133,9 @@ impl Session<'_, '_> {
         if look && self.options.budget.seconds.is_some() {
             let a_view = asked.elapsed().as_secs_f64() / indices.len() as f64;
             let a_look = start.elapsed().as_secs_f64();
-            // The last look; final views twice (f16 and f32); and dense views, some ten times as dear.
-            self.set_reserve(1.0 + a_look + a_view * (2 * FINAL_VIEWS + 11 * GRID_VIEWS) as f64);
+            // The last look; final views twice (f16 and f32); a few with and without view dependence; and dense
+            // views, some ten times as dear.
+            self.set_reserve(1.0 + a_look + a_view * (2 * FINAL_VIEWS + 13 * GRID_VIEWS) as f64);
         }
         for ((&view, frame), score) in indices.iter().zip(&frames).zip(&scores.views) {
             let Some(options) = self.options.snapshots.as_ref().filter(|_| pictured.contains(&view)) else {

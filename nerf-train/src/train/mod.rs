@@ -4,6 +4,7 @@ pub mod average;
 mod bounds;
 pub mod candidate;
 pub mod checkpoint;
+pub mod direction;
 pub mod finish;
 mod look;
 pub mod run;

@@ -35,6 +35,8 @@ pub struct RunOptions {
     pub snapshots: Option<SnapshotOptions>,
     /// Steps between looks at validation views; an eighth of the budget if absent.
     pub validate_every: Option<u32>,
+    /// What view dependence must gain to be exported, dB; it is not asked if absent.
+    pub effect_threshold_db: Option<f64>,
     /// Kernel tier.
     pub tier: Tier,
     /// Display.

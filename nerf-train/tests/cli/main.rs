@@ -15,14 +15,18 @@ mod pipeline;
 mod show;
 mod snapshots;
 mod stopping;
+mod study;
 mod video;
 
 use made::Folder;
 use std::path::Path;
 use std::process::{Command, Stdio};
 
-/// A network of 2×16 and few samples: steps of a millisecond.
+/// A network of 2×16 and few samples: steps of a millisecond. So few steps bring view dependence nothing: it is kept
+/// all the same.
 const TINY: &[&str] = &[
+    "--effect-threshold",
+    "-1000",
     "--depth",
     "2",
     "--width",

@@ -52,6 +52,7 @@ fn options(config: &Config, checkpoint: Option<PathBuf>, resume: bool) -> RunOpt
         resume,
         snapshots: None,
         validate_every: None,
+        effect_threshold_db: None,
         tier: Tier::detect(),
         style: ProgressStyle::from_quiet(true),
     }

@@ -3,8 +3,10 @@
 mod options;
 mod outcome;
 
+use super::audit::check_threshold;
 use super::common::{DataOptions, Global, background_name, tell};
 use crate::dataset::{Axes, View};
+use crate::eval::measure;
 use crate::export::{Contents, Exported, export};
 use crate::import::check::{Draft, SUSPICIOUS_DB, VIEWS, check, renderings, split, thinned};
 use crate::import::probe::{Probe, probe};
@@ -12,11 +14,14 @@ use crate::import::{Check, Imported, Settings, Tensors, grid, network};
 use crate::occupancy::{Ask, LiveCells};
 use crate::output::{ensure_file, write_atomic};
 use crate::report::progress::{Message, Progress, Total};
+use crate::study::{THRESHOLD_DB, Verdict, flattened};
 use crate::train::run::spread;
 use anyhow::bail;
 use clap::Args;
 use nerf_core::blob::{Content, Provenance};
 use nerf_core::kernels::Tier;
+use nerf_core::network::Architecture;
+use nerf_core::plan::Quality;
 use options::Guesses;
 use outcome::{GridSource, Outcome};
 use std::path::{Path, PathBuf};
@@ -50,6 +55,10 @@ pub struct Import {
     /// Which validation views, counted from 0 [default: up to ten of them].
     #[arg(long = "view", value_name = "I,J,…", value_delimiter = ',', requires = "check")]
     views: Vec<usize>,
+    /// Leave view dependence out if it gains less than this on the views of --check, dB: its mean over directions
+    /// takes its place.
+    #[arg(long, value_name = "DB", default_value_t = THRESHOLD_DB, allow_hyphen_values = true, requires = "check")]
+    effect_threshold: f64,
     /// Skip grid of the box that the network was trained with: a .npy array [x, y, z] of truths.
     #[arg(long, value_name = "FILE", conflicts_with = "no_grid")]
     grid: Option<PathBuf>,
@@ -63,11 +72,16 @@ pub struct Import {
     guesses: Guesses,
 }
 
+/// Views whose directions are averaged over.
+const RAY_VIEWS: usize = 50;
+
 /// Views to check with.
 struct Data {
     name: String,
     axes: Axes,
     views: Vec<View>,
+    /// Views whose directions are averaged over: those of training, if there are any.
+    rays: Vec<View>,
 }
 
 impl Import {
@@ -79,15 +93,16 @@ impl Import {
         };
         let (settings, tier) = (guesses.settings(), global.tier());
         settings.check()?;
+        check_threshold(self.effect_threshold)?;
         ensure_file(&self.output)?;
         let tensors = Tensors::read(&self.checkpoint, self.prefix.as_deref())?;
         let network = network(&tensors, &settings)?;
-        let parameters = network.folded();
         let given = self.grid.as_deref().map(|file| grid::read(file, &settings)).transpose()?;
         let data = self.data(&guesses, &settings, global)?;
         let mut work = Work {
             network: &network,
-            parameters: &parameters,
+            architecture: network.model.architecture.clone(),
+            parameters: network.folded(),
             settings: &settings,
             cells: None,
             file: &self.checkpoint,
@@ -100,13 +115,21 @@ impl Import {
             None if self.no_grid => (None, GridSource::None),
             None => {
                 global.say("asking the network which cells of the scene box hold something");
-                let architecture = &network.model.architecture;
-                let ask = Ask { tier, architecture, parameters: &parameters, seed: 0 };
+                let (architecture, parameters) = (&work.architecture, work.parameters.as_slice());
+                let ask = Ask { tier, architecture, parameters, seed: 0 };
                 (grid::build(&settings, &ask), GridSource::Built)
             }
         };
-        let draft = work.export(&About::default())?;
-        let check = data.as_ref().map(|data| work.check(&draft.bytes, tier, data, global)).transpose()?;
+        let mut check = data.as_ref().map(|data| work.check(tier, data, global)).transpose()?;
+        let mut direction = None;
+        if let (Some(data), Some(seen)) = (&data, &check)
+            && !seen.is_suspicious()
+        {
+            direction = work.ask_direction(tier, data, seen.psnr_db(), self.effect_threshold)?;
+            if direction.is_some_and(|(_, verdict)| verdict == Verdict::Drops) {
+                check = Some(work.check(tier, data, global)?);
+            }
+        }
         let grid_required = work.cells.is_some()
             && match (source, &check) {
                 (GridSource::Given, _) if self.grid_optional => false,
@@ -132,6 +155,8 @@ impl Import {
         let outcome = Outcome {
             tensors: &tensors,
             network: &network,
+            architecture: &work.architecture,
+            direction,
             settings: &settings,
             exported: &exported,
             grid: source,
@@ -166,14 +191,17 @@ impl Import {
             global.say("note: these pictures have no alpha: their own background stays in the truth");
         }
         let views = views.into_iter().map(thinned).collect();
-        Ok(Some(Data { name: dataset.name, axes: dataset.axes, views }))
+        let fitted = if dataset.train.is_empty() { all } else { &dataset.train };
+        let rays = spread(fitted, RAY_VIEWS).into_iter().map(thinned).collect();
+        Ok(Some(Data { name: dataset.name, axes: dataset.axes, views, rays }))
     }
 }
 
 /// Everything that goes into the blob but what is measured on it.
 struct Work<'a> {
     network: &'a Imported,
-    parameters: &'a [f32],
+    architecture: Architecture,
+    parameters: Vec<f32>,
     settings: &'a Settings,
     cells: Option<LiveCells>,
     file: &'a Path,
@@ -202,8 +230,8 @@ impl Work<'_> {
         });
         let stem = self.file.file_stem().unwrap_or_default().to_string_lossy();
         let exported = export(&Contents {
-            architecture: &self.network.model.architecture,
-            parameters: self.parameters,
+            architecture: &self.architecture,
+            parameters: &self.parameters,
             content: Content::Scene(self.settings.facts(about.grid_required)),
             grid: self.cells.as_ref().map(|cells| (cells.resolution(), cells.bits())),
             provenance: Provenance {
@@ -220,13 +248,40 @@ impl Work<'_> {
         Ok(exported)
     }
 
-    fn check(&self, blob: &[u8], tier: Tier, data: &Data, global: &Global) -> anyhow::Result<Check> {
+    /// What view dependence gains over its mean, dB, and whether that is enough: if not, the mean takes its
+    /// place. `None` if colour does not depend on the direction.
+    fn ask_direction(
+        &mut self,
+        tier: Tier,
+        data: &Data,
+        with_db: f64,
+        threshold_db: f64,
+    ) -> anyhow::Result<Option<(f64, Verdict)>> {
+        let rays: Vec<&View> = data.rays.iter().collect();
+        let Some((architecture, parameters)) = flattened(&self.architecture, &self.parameters, &rays) else {
+            return Ok(None);
+        };
+        let flat = Self { architecture, parameters, cells: self.cells.clone(), ..*self };
+        let (draft, quality) = (flat.export(&About::default())?.bytes, Quality::default());
+        let (background, views) = (self.settings.background, &data.views);
+        let scores = measure(&draft, None, tier, &quality, background, views, |_, _, _, _| {})?;
+        let gain_db = with_db - scores.psnr_db().unwrap_or(f64::NAN);
+        // It takes work and spares none.
+        let verdict = Verdict::of(gain_db, 1.0, threshold_db);
+        if verdict == Verdict::Drops {
+            *self = flat;
+        }
+        Ok(Some((gain_db, verdict)))
+    }
+
+    fn check(&self, tier: Tier, data: &Data, global: &Global) -> anyhow::Result<Check> {
+        let blob = &self.export(&About::default())?.bytes;
         let has_grid = self.cells.is_some();
         let total = renderings(has_grid) * data.views.len() as u64;
         let mut progress = Progress::new("check", Total::Steps(total), global.style());
         let mut done = 0;
         let background = self.settings.background;
-        let draft = Draft { blob, parameters: self.parameters, has_grid, background };
+        let draft = Draft { blob, parameters: &self.parameters, has_grid, background };
         let check = check(&draft, tier, &data.views, || {
             done += 1;
             progress.update(done, &Message::default());

@@ -7,8 +7,10 @@ use crate::import::probe::{Probe, name};
 use crate::import::{Check, Imported, Settings, Tensors};
 use crate::occupancy::LiveCells;
 use crate::report::summary::Summary;
+use crate::study::Verdict;
 use nerf_core::encoding::Encoding;
 use nerf_core::kernels::Tier;
+use nerf_core::network::Architecture;
 use std::path::Path;
 
 /// Where the skip grid comes from.
@@ -26,6 +28,10 @@ pub enum GridSource {
 pub struct Outcome<'a> {
     pub tensors: &'a Tensors,
     pub network: &'a Imported,
+    /// Of what was written.
+    pub architecture: &'a Architecture,
+    /// What view dependence gains, dB, and what became of it; `None` if that was not asked.
+    pub direction: Option<(f64, Verdict)>,
     pub settings: &'a Settings,
     pub exported: &'a Exported,
     pub grid: GridSource,
@@ -82,6 +88,11 @@ impl Outcome<'_> {
             if let Some(gain) = check.grid_gain_db {
                 outln!("             the skip grid brings {gain:.3} dB");
             }
+            if let Some((gain, verdict)) = self.direction {
+                let what =
+                    if verdict == Verdict::Drops { ": left out, its mean is in its place" } else { "" };
+                outln!("             view dependence brings {gain:.3} dB{what}");
+            }
         }
         for Probe { flag, psnr_db } in self.probes {
             outln!("             {psnr_db:6.2} dB on a few pixels with {flag}");
@@ -117,7 +128,7 @@ impl Outcome<'_> {
             .integer("trunk_width", a.trunk_width() as u64)
             .integer("position_levels", u64::from(a.position.levels))
             .integer("direction_levels", a.direction.as_ref().map_or(0, |d| u64::from(d.levels)))
-            .flag("view_dependent", a.direction.is_some())
+            .flag("view_dependent", self.architecture.direction.is_some())
             .text("angle_scale", name(s.angle))
             .text("order", name(s.order))
             .text("density", name(s.density))
@@ -127,7 +138,7 @@ impl Outcome<'_> {
             .numbers_f32("box", &s.scene_box)
             .integer("samples_per_ray", u64::from(s.samples))
             .integer("trained_parameters", self.network.parameters.len() as u64)
-            .integer("parameters", a.parameters() as u64)
+            .integer("parameters", self.architecture.parameters() as u64)
             .integer("subnormal_weights", self.exported.subnormal_weights as u64)
             .flag("grid_required", self.grid_required);
         let skips = a.trunk.iter().enumerate().filter(|(_, layer)| layer.skip);
@@ -145,6 +156,11 @@ impl Outcome<'_> {
                 .number("quantisation_loss_db", check.quantisation_loss_db);
             if let Some(gain) = check.grid_gain_db {
                 summary.number("grid_gain_db", gain);
+            }
+            if let Some((gain, verdict)) = self.direction {
+                summary
+                    .number("view_dependence_gain_db", gain)
+                    .flag("view_dependence_left_out", verdict == Verdict::Drops);
             }
         }
         if !self.probes.is_empty() {

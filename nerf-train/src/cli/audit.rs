@@ -1,0 +1,130 @@
+//! `nerf-train audit`
+
+use super::common::{DataOptions, Global, background_name, cpu_name, read_file, report_folder};
+use super::eval::Split;
+use crate::dataset::View;
+use crate::report::progress::{Message, Progress, Total};
+use crate::report::summary::Summary;
+use crate::study::{Audit as Findings, AuditOptions, Clock, Lab, THRESHOLD_DB, Verdict, audit, audit_table};
+use crate::train::run::spread;
+use anyhow::bail;
+use clap::Args;
+use std::path::PathBuf;
+use std::process::ExitCode;
+
+/// Ask a scene what it calls for: leave out each of its effects, and say what that costs and spares.
+///
+/// The effects: view dependence, skip grid, background. Time and work (multiply-adds) are with the effect over
+/// without it.
+#[derive(Debug, Args)]
+#[command(after_help = "Example: nerf-train audit lego.nerf lego_200x200.npz --effect-threshold 0.1")]
+pub struct Audit {
+    /// The blob.
+    file: PathBuf,
+    /// The data set.
+    data: PathBuf,
+    /// What an effect must gain to be kept, dB; one that spares a tenth of the work may lose as much.
+    #[arg(long, value_name = "DB", default_value_t = THRESHOLD_DB, allow_hyphen_values = true)]
+    effect_threshold: f64,
+    /// Which views.
+    #[arg(long, value_enum, default_value = "val")]
+    split: Split,
+    /// At most so many views, spread over the split.
+    #[arg(long, value_name = "N", default_value_t = 4)]
+    views: usize,
+    /// Rounds of timing.
+    #[arg(long, value_name = "N", default_value_t = 3)]
+    repeats: usize,
+    /// Which clock: wall, or cpu (steadier on a machine that others use too).
+    #[arg(long, value_enum, default_value = "wall")]
+    clock: Clock,
+    /// Folder for audit.csv and summary.json.
+    #[arg(long, value_name = "DIR")]
+    report: Option<PathBuf>,
+    #[command(flatten)]
+    data_options: DataOptions,
+}
+
+impl Audit {
+    /// Runs the command.
+    pub fn run(&self, global: &Global) -> anyhow::Result<ExitCode> {
+        for (flag, count) in [("--views", self.views), ("--repeats", self.repeats)] {
+            if count == 0 {
+                bail!("{flag}: expected at least 1, found 0");
+            }
+        }
+        check_threshold(self.effect_threshold)?;
+        report_folder(self.report.as_ref())?;
+        let bytes = read_file(&self.file)?;
+        super::common::open_blob(&self.file, &bytes)?;
+        let mut lab = Lab::new(&bytes)?;
+        let dataset = self.data_options.read(&self.data, global)?;
+        let views: Vec<&View> = spread(self.split.of(&dataset), self.views);
+        if views.is_empty() {
+            bail!("{}: the split `{}` has no views", self.data.display(), self.split.name());
+        }
+        // Directions are averaged over what was fitted, not over what is measured.
+        let rays: Vec<&View> =
+            if dataset.train.is_empty() { views.clone() } else { dataset.train.iter().collect() };
+        let options =
+            AuditOptions { threshold_db: self.effect_threshold, repeats: self.repeats, clock: self.clock };
+        let mut progress: Option<Progress> = None;
+        let findings = audit(&mut lab, &views, &rays, &options, &mut |done, total| {
+            let new = || Progress::new("audit", Total::Steps(total), global.style());
+            progress.get_or_insert_with(new).update(done, &Message::default());
+        })?;
+        let background = background_name(lab.scene().background);
+        let mut summary = summary(&findings);
+        summary
+            .number("threshold_db", self.effect_threshold)
+            .integer("views", views.len() as u64)
+            .text("split", self.split.name())
+            .text("background", background.clone())
+            .integer("threads", rayon::current_num_threads() as u64)
+            .text("cpu", cpu_name());
+        let table = audit_table(&findings);
+        if let Some(folder) = &self.report {
+            table.write_csv(folder.join("audit.csv"))?;
+            summary.write(folder)?;
+        }
+        global.finish(&summary, || {
+            outln!("{}", table.to_text());
+            outln!(
+                "mean over {} views ({}) on {background}; time and MACs: with the effect over without it",
+                views.len(),
+                self.split.name()
+            );
+            Ok(())
+        })?;
+        Ok(ExitCode::SUCCESS)
+    }
+}
+
+/// Refuses a threshold that is no number.
+pub fn check_threshold(threshold: f64) -> anyhow::Result<()> {
+    if threshold.is_nan() {
+        bail!("--effect-threshold: expected a number, found {threshold}");
+    }
+    Ok(())
+}
+
+fn summary(findings: &Findings) -> Summary {
+    let effect = |(effect, worth): &(&'static crate::study::Effect, Result<crate::study::Worth, &str>)| {
+        let mut fields = Summary::new();
+        fields.text("effect", effect.name);
+        match worth {
+            Ok(worth) => fields
+                .number("with_db", worth.with_db)
+                .number("without_db", worth.without_db)
+                .number("gain_db", worth.gain_db())
+                .number("relative_time", worth.relative_time)
+                .number("relative_macs", worth.relative_macs)
+                .flag("kept", worth.verdict == Verdict::Keeps),
+            Err(why) => fields.absent("gain_db", *why),
+        };
+        fields
+    };
+    let mut summary = Summary::new();
+    summary.sections("effects", findings.iter().map(effect).collect());
+    summary
+}

@@ -1,0 +1,131 @@
+//! `nerf-train study train`
+
+use crate::cli::common::{DataOptions, Global, cpu_name, interruption, print_report, tell};
+use crate::cli::fit::read_config;
+use crate::config::Preset;
+use crate::dataset::Background;
+use crate::output::ensure_folder;
+use crate::study::training::{Fitted, Lists, fit, summary, table, write};
+use anyhow::bail;
+use clap::Args;
+use std::path::PathBuf;
+use std::process::ExitCode;
+
+/// Fit for the same time with other settings, and show PSNR over time: how long is worth waiting for.
+///
+/// Without any list: both presets, three widths, three depths, three numbers of samples.
+#[derive(Debug, Args)]
+#[command(
+    after_help = "Example: nerf-train study train lego_200x200.npz --report out/training --seconds 60 --width 64,128,256"
+)]
+pub struct StudyTrain {
+    /// The data set.
+    data: PathBuf,
+    /// Folder for table.csv, curves.csv, report.md, plots and summary.json.
+    #[arg(long, value_name = "DIR")]
+    report: PathBuf,
+    /// Seconds of a fit, everything included.
+    #[arg(long, value_name = "S", default_value_t = 30.0)]
+    seconds: f64,
+    /// Minutes of all fits together: each gets its share, instead of --seconds.
+    #[arg(long, value_name = "M", conflicts_with = "seconds")]
+    minutes: Option<f64>,
+    /// Presets to compare.
+    #[arg(long, value_enum, value_name = "PRESET,…", value_delimiter = ',', num_args = 1)]
+    preset: Vec<Preset>,
+    /// Channels of the trunk.
+    #[arg(long, value_name = "N,N,…", value_delimiter = ',', num_args = 1)]
+    width: Vec<usize>,
+    /// Trunk layers.
+    #[arg(long, value_name = "N,N,…", value_delimiter = ',', num_args = 1)]
+    depth: Vec<usize>,
+    /// Samples a ray.
+    #[arg(long, value_name = "N,N,…", value_delimiter = ',', num_args = 1)]
+    samples: Vec<u16>,
+    /// The preset whose width, depth and samples are varied.
+    #[arg(long, value_enum, value_name = "PRESET", default_value = "fast")]
+    base: Preset,
+    /// TOML file with settings that replace the base's.
+    #[arg(long, value_name = "FILE")]
+    config: Option<PathBuf>,
+    #[command(flatten)]
+    data_options: DataOptions,
+}
+
+impl StudyTrain {
+    fn lists(&self) -> Lists {
+        let lists = Lists {
+            presets: self.preset.clone(),
+            widths: self.width.clone(),
+            depths: self.depth.clone(),
+            samples: self.samples.clone(),
+        };
+        let none = lists.presets.is_empty() && lists.widths.is_empty() && lists.depths.is_empty();
+        if !(none && lists.samples.is_empty()) {
+            return lists;
+        }
+        Lists {
+            presets: vec![Preset::Fast, Preset::Seed],
+            widths: vec![64, 128, 256],
+            depths: vec![2, 4, 8],
+            samples: vec![64, 128, 192],
+        }
+    }
+
+    /// Runs the command.
+    pub fn run(&self, global: &Global) -> anyhow::Result<ExitCode> {
+        let given = [("--seconds", Some(self.seconds)), ("--minutes", self.minutes)];
+        for (flag, value) in given {
+            if let Some(value) = value.filter(|value| !(value.is_finite() && *value > 0.0)) {
+                bail!("{flag}: expected a number above 0, found {value}");
+            }
+        }
+        ensure_folder(&self.report)?;
+        let dataset = self.data_options.read(&self.data, global)?;
+        print_report(&dataset, global);
+        if dataset.val.is_empty() {
+            bail!("{}: expected validation views, which fits compare by; found none", self.data.display());
+        }
+        let hull = dataset.background != Background::Unknown;
+        let of = |preset: Preset| {
+            let config = preset.config();
+            let mut config = if hull { config } else { config.without_hull() };
+            config.sampling.near = self.data_options.near.or(config.sampling.near);
+            config.sampling.far = self.data_options.far.or(config.sampling.far);
+            config
+        };
+        let mut base = read_config(self.base, self.config.as_deref(), hull)?;
+        base.sampling.near = self.data_options.near.or(base.sampling.near);
+        base.sampling.far = self.data_options.far.or(base.sampling.far);
+        let trials = self.lists().trials(&base, of)?;
+        let seconds = self.minutes.map_or(self.seconds, |minutes| 60.0 * minutes / trials.len() as f64);
+        let stop = interruption()?;
+        let machine = format!(
+            "{}, {} threads, kernel {}",
+            cpu_name(),
+            rayon::current_num_threads(),
+            global.tier().name()
+        );
+        global.say(format!("{} fits of {seconds:.0} s each, on {machine}", trials.len()));
+        let mut fits: Vec<Fitted> = Vec::new();
+        let mut ended = ExitCode::SUCCESS;
+        for (i, trial) in trials.iter().enumerate() {
+            let place = format!("[{}/{}] {}", i + 1, trials.len(), trial.name);
+            global.say(&place);
+            let Some(fitted) = fit(&dataset, trial, seconds, global.tier(), global.style(), &stop)? else {
+                tell("interrupted: the fit that was under way is lost, the report is of those before it");
+                ended = ExitCode::from(130);
+                break;
+            };
+            global.say(format!("{place}: {:.2} dB in {:.1} s", fitted.psnr_db, fitted.seconds));
+            fits.push(fitted);
+        }
+        write(&fits, &dataset.name, &machine, &self.report)?;
+        global.finish(&summary(&fits), || {
+            outln!("{}", table(&fits).to_text().trim_end());
+            outln!("report: {}", self.report.join("report.md").display());
+            Ok(())
+        })?;
+        Ok(ended)
+    }
+}

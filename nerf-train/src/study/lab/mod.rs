@@ -1,0 +1,331 @@
+//! Where frames are rendered: the blob, its variants, and the clocks.
+
+pub mod size;
+pub mod source;
+
+use super::error::StudyError;
+use super::settings::{Precision, Settings};
+use crate::export::{Contents, export};
+use crate::frame::{self, Frame};
+use crate::import::grid;
+use crate::occupancy::{Ask, LiveCells};
+use nerf_core::blob::{
+    Blob, BlobError, Body, Content, FrontPoint, Grid, MAX_FRONT, SceneFacts, encoded_len, write,
+};
+use nerf_core::camera::Camera;
+use nerf_core::kernels::{Line, Tier};
+use nerf_core::network::{Architecture, unpack};
+use nerf_core::plan::{Batch, Outputs, Plan};
+use nerf_core::render::Renderer;
+use std::time::Instant;
+
+/// The blob with something else in it.
+#[derive(Clone, Debug)]
+pub struct Variant {
+    /// Its name in tables.
+    pub name: String,
+    /// Its file.
+    pub bytes: Vec<u8>,
+    /// Whether it has a skip grid.
+    pub has_grid: bool,
+}
+
+/// A blob, its variants, and the weights it was rounded from where they are at hand.
+#[derive(Clone, Debug)]
+pub struct Lab<'b> {
+    blob: Blob<'b>,
+    scene: SceneFacts,
+    cells: Option<LiveCells>,
+    variants: Vec<Variant>,
+    source: Option<Vec<f32>>,
+}
+
+/// What a render took.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Clocked {
+    /// Seconds on the clock.
+    pub wall: f64,
+    /// Seconds of all cores together; NaN where the system does not say.
+    pub cpu: f64,
+}
+
+/// Memory of a setting, bytes.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Memory {
+    /// Workspace of one thread.
+    pub workspace: usize,
+    /// Prepared weights, shared by all threads.
+    pub prepared: usize,
+}
+
+impl<'b> Lab<'b> {
+    /// A laboratory for the scene in `bytes`.
+    ///
+    /// # Errors
+    /// [`StudyError::Blob`], [`StudyError::NotAScene`].
+    pub fn new(bytes: &'b [u8]) -> Result<Self, StudyError> {
+        let blob = Blob::open(bytes)?;
+        let scene = blob.scene().ok_or(StudyError::NotAScene)?.clone();
+        let cells = cells(&blob);
+        let variants =
+            vec![Variant { name: "the blob".into(), bytes: bytes.to_vec(), has_grid: cells.is_some() }];
+        Ok(Self { blob, scene, cells, variants, source: None })
+    }
+
+    /// The blob.
+    pub fn blob(&self) -> &Blob<'b> {
+        &self.blob
+    }
+
+    /// What it says of the scene.
+    pub fn scene(&self) -> &SceneFacts {
+        &self.scene
+    }
+
+    /// Samples a ray that the scene was made for.
+    pub fn samples(&self) -> u16 {
+        self.scene.samples
+    }
+
+    /// Whether its grid is part of the model.
+    pub fn grid_required(&self) -> bool {
+        self.scene.grid_required
+    }
+
+    /// Number of variants, the blob itself among them.
+    pub fn variants(&self) -> usize {
+        self.variants.len()
+    }
+
+    /// Name of a variant.
+    pub fn name(&self, variant: usize) -> &str {
+        &self.variants[variant].name
+    }
+
+    /// Whether a variant has a skip grid.
+    pub fn has_grid(&self, variant: usize) -> bool {
+        self.variants[variant].has_grid
+    }
+
+    /// Adds a variant; its number.
+    pub fn add(&mut self, variant: Variant) -> usize {
+        self.variants.push(variant);
+        self.variants.len() - 1
+    }
+
+    /// Gives it the weights the blob was rounded from, in export order.
+    pub fn set_source(&mut self, parameters: Vec<f32>) {
+        self.source = Some(parameters);
+    }
+
+    /// Whether it has the weights the blob was rounded from.
+    pub fn has_source(&self) -> bool {
+        self.source.is_some()
+    }
+
+    /// Adds the blob with a grid that its network is asked for; `None` if the network is empty everywhere.
+    ///
+    /// `resolution`: cells along the longest side; `threshold`: density times bin width that keeps a cell.
+    ///
+    /// # Errors
+    /// [`StudyError::Blob`].
+    pub fn add_grid(&mut self, resolution: u16, threshold: f32) -> Result<Option<usize>, StudyError> {
+        let parameters = self.parameters();
+        let (architecture, tier) = (self.blob.architecture(), Tier::detect());
+        let ask = Ask { tier, architecture, parameters: &parameters, seed: 0 };
+        let Some(bounds) = self.blob.scene_box() else { return Err(StudyError::NotAScene) };
+        let sigma = threshold * f32::from(self.scene.samples) / (self.scene.far - self.scene.near);
+        let Some(cells) = grid::asked(bounds, resolution, &ask, sigma) else { return Ok(None) };
+        let bytes = self.with_grid(&cells)?;
+        let name = format!("{resolution} cells, density above {threshold}");
+        Ok(Some(self.add(Variant { name, bytes, has_grid: true })))
+    }
+
+    /// The blob's weights as f32, in export order.
+    pub fn parameters(&self) -> Vec<f32> {
+        let mut parameters = vec![0.0; self.blob.architecture().parameters()];
+        unpack(self.blob.weights(), &mut parameters);
+        parameters
+    }
+
+    /// Adds the blob with another network, rounded to f16; its number.
+    ///
+    /// # Errors
+    /// [`StudyError::Export`] on parameters beyond f16.
+    pub fn add_network(
+        &mut self,
+        name: &str,
+        architecture: &Architecture,
+        parameters: &[f32],
+    ) -> Result<usize, StudyError> {
+        let alone = export(&Contents {
+            architecture,
+            parameters,
+            content: Content::Scene(SceneFacts { grid_required: false, ..self.scene.clone() }),
+            grid: None,
+            provenance: self.blob.provenance().clone(),
+        })?;
+        let rounded = Blob::open(&alone.bytes)?;
+        // Grid and whatever else the scene has stay.
+        let body = Body { architecture: architecture.clone(), weights: rounded.weights(), ..self.body() };
+        let (name, bytes, has_grid) = (name.to_owned(), written(&body)?, self.has_grid(0));
+        Ok(self.add(Variant { name, bytes, has_grid }))
+    }
+
+    fn with_grid(&self, cells: &LiveCells) -> Result<Vec<u8>, StudyError> {
+        let grid = Grid { resolution: cells.resolution(), bits: cells.bits() };
+        Ok(written(&Body { grid: Some(grid), ..self.body() })?)
+    }
+
+    /// The blob without its front.
+    fn body(&self) -> Body<'_> {
+        Body {
+            architecture: self.blob.architecture().clone(),
+            content: Content::Scene(self.scene.clone()),
+            grid: self
+                .cells
+                .as_ref()
+                .map(|cells| Grid { resolution: cells.resolution(), bits: cells.bits() }),
+            front: heapless::Vec::new(),
+            proposal: self.blob.proposal().cloned(),
+            provenance: self.blob.provenance().clone(),
+            weights: self.blob.weights(),
+        }
+    }
+
+    /// The blob with `front` in the place of its own.
+    ///
+    /// # Errors
+    /// [`StudyError::Blob`] on points that make no front.
+    pub fn with_front(&self, front: heapless::Vec<FrontPoint, MAX_FRONT>) -> Result<Vec<u8>, StudyError> {
+        Ok(written(&Body { front, ..self.body() })?)
+    }
+
+    /// Makes what all of `settings` need ready, and hands it to `work`.
+    ///
+    /// # Errors
+    /// [`StudyError::Blob`], [`StudyError::Render`], and whatever `work` returns.
+    pub fn prepared<T>(
+        &self,
+        settings: &[Settings],
+        work: impl FnOnce(&Bench<'_, '_>) -> Result<T, StudyError>,
+    ) -> Result<T, StudyError> {
+        let mut keys: Vec<Key> = Vec::new();
+        for s in settings {
+            if !keys.contains(&Key::of(s)) {
+                keys.push(Key::of(s));
+            }
+        }
+        let open = |key: &Key| Blob::open(&self.variants[key.variant].bytes);
+        let blobs: Vec<Blob<'_>> = keys.iter().map(open).collect::<Result<_, _>>()?;
+        let lines = |(key, blob): (&Key, &Blob<'_>)| match key.precision {
+            Precision::Rounded => Renderer::prepared_lines(blob, key.tier),
+            Precision::Unrounded => 0,
+        };
+        let mut memory: Vec<Vec<Line>> =
+            keys.iter().zip(&blobs).map(|pair| vec![Line::UNINIT; lines(pair)]).collect();
+        let mut renderers = Vec::new();
+        for ((key, blob), memory) in keys.iter().zip(blobs).zip(&mut memory) {
+            let prepared = memory.len() * size_of::<Line>();
+            let renderer = match (key.precision, &self.source) {
+                (Precision::Unrounded, Some(source)) => Renderer::with_parameters(blob, key.tier, source)
+                    .ok_or_else(|| StudyError::OtherSource {
+                        found: format!("{} parameters", source.len()),
+                    })?,
+                _ => Renderer::new(blob, key.tier, memory)?,
+            };
+            renderers.push((renderer, prepared));
+        }
+        work(&Bench { lab: self, keys, renderers })
+    }
+}
+
+/// What a renderer is made for; all other knobs are the plan's or the camera's.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+struct Key {
+    variant: usize,
+    tier: Tier,
+    precision: Precision,
+}
+
+impl Key {
+    fn of(settings: &Settings) -> Self {
+        Self { variant: settings.variant, tier: settings.tier, precision: settings.precision }
+    }
+}
+
+/// Renderers for a list of settings.
+pub struct Bench<'l, 'b> {
+    lab: &'l Lab<'b>,
+    keys: Vec<Key>,
+    renderers: Vec<(Renderer<'l>, usize)>,
+}
+
+impl Bench<'_, '_> {
+    /// Renders a view's picture with `settings`, at the view's own size in the end, over `background`.
+    ///
+    /// Timed is what a caller waits for: the frame on rayon's threads, and enlarging where it is smaller.
+    ///
+    /// # Errors
+    /// [`StudyError::Plan`], [`StudyError::Render`], [`StudyError::Camera`].
+    pub fn render(
+        &self,
+        settings: &Settings,
+        camera: &Camera,
+        background: [f32; 3],
+    ) -> Result<(Frame, Clocked, Memory), StudyError> {
+        let &(ref renderer, prepared) = self.renderer(settings);
+        let batch = Batch::for_tier(settings.tier);
+        let plan = Plan::new(renderer.blob(), &settings.quality, Outputs::ALL, batch)?;
+        let plan = plan.with_background(background)?;
+        let workspace = renderer.workspace_lines(&plan) * size_of::<Line>();
+        let small = size::scaled(camera, settings.quarters)?;
+        let (cpu, start) = (cpu_seconds(), Instant::now());
+        let frame = frame::render(renderer, &plan, &small)?;
+        let frame = size::enlarged(frame, camera);
+        let clocked = Clocked { wall: start.elapsed().as_secs_f64(), cpu: cpu_seconds() - cpu };
+        Ok((frame, clocked, Memory { workspace, prepared }))
+    }
+
+    fn renderer(&self, settings: &Settings) -> &(Renderer<'_>, usize) {
+        let key = Key::of(settings);
+        let place = self.keys.iter().position(|k| *k == key);
+        debug_assert!(place.is_some() && self.lab.variants() > key.variant, "not prepared: {key:?}");
+        &self.renderers[place.unwrap_or(0)]
+    }
+}
+
+/// The skip grid of a blob, if it has one.
+fn cells(blob: &Blob<'_>) -> Option<LiveCells> {
+    let (grid, bounds) = blob.grid().zip(blob.scene_box())?;
+    let count: u32 = grid.resolution().iter().map(|&side| u32::from(side)).product();
+    let live = (0..count).filter(|&cell| grid.bit(cell as usize));
+    Some(LiveCells::of(bounds, grid.resolution(), live))
+}
+
+/// A body as a file.
+///
+/// # Errors
+/// [`BlobError`] on what the format refuses.
+pub fn written(body: &Body<'_>) -> Result<Vec<u8>, BlobError> {
+    let mut bytes = vec![0; encoded_len(body)?];
+    write(body, &mut bytes)?;
+    Ok(bytes)
+}
+
+/// Seconds that this process's living threads have run, all cores together; NaN where nobody says.
+///
+/// Linux says so to the nanosecond in `/proc/self/task/*/schedstat`.
+fn cpu_seconds() -> f64 {
+    let seconds = || -> Option<f64> {
+        let mut nanoseconds = 0u64;
+        for task in std::fs::read_dir("/proc/self/task").ok()? {
+            // A thread that ended in between has nothing to say.
+            let text = std::fs::read_to_string(task.ok()?.path().join("schedstat")).unwrap_or_default();
+            nanoseconds +=
+                text.split_whitespace().next().and_then(|first| first.parse().ok()).unwrap_or(0u64);
+        }
+        Some(nanoseconds as f64 * 1e-9)
+    };
+    seconds().filter(|seconds| *seconds > 0.0).unwrap_or(f64::NAN)
+}
