@@ -29,6 +29,9 @@ const TRANSMITTANCE: [f32; 6] = [0.0, 1e-3, 3e-2, 0.1, 0.2, 0.3];
 /// Colour cuts.
 const COLOUR: [f32; 5] = [0.0, 1e-2, 3e-2, 0.1, 0.2];
 
+/// Rays a pixel.
+const RAYS: [u16; 2] = [2, 4];
+
 /// All knobs, in the order of the report. A knob of the renderer joins the study by an entry here.
 pub const KNOBS: &[Knob] = &[
     Knob {
@@ -124,6 +127,14 @@ pub const KNOBS: &[Knob] = &[
             quarters => format!("{quarters}/4"),
         },
         values: |_, base| vary(base, [3, 2, 1], |s, quarters| s.quarters = quarters),
+    },
+    Knob {
+        name: "rays a pixel",
+        in_blob: false,
+        combines: true,
+        copy: |from, to| to.rays = from.rays,
+        read: |_, s| s.rays.to_string(),
+        values: |_, base| vary(base, RAYS, |s, rays| s.rays = rays),
     },
 ];
 

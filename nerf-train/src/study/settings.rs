@@ -27,6 +27,8 @@ pub struct Settings {
     pub precision: Precision,
     /// Sides of the rendered picture in quarters of the view's own; what is smaller is enlarged again.
     pub quarters: u32,
+    /// Rays a pixel.
+    pub rays: u16,
 }
 
 impl Settings {
@@ -44,6 +46,7 @@ impl Settings {
             variant: 0,
             precision: Precision::Rounded,
             quarters: 4,
+            rays: 1,
         }
     }
 

@@ -13,6 +13,7 @@ use nerf_core::blob::{
     Blob, BlobError, Body, Content, FrontPoint, Grid, MAX_FRONT, SceneFacts, encoded_len, write,
 };
 use nerf_core::camera::Camera;
+use nerf_core::effects::Effects;
 use nerf_core::kernels::{Line, Tier};
 use nerf_core::network::{Architecture, unpack};
 use nerf_core::plan::{Batch, Outputs, Plan};
@@ -277,7 +278,8 @@ impl Bench<'_, '_> {
         let &(ref renderer, prepared) = self.renderer(settings);
         let batch = Batch::for_tier(settings.tier);
         let plan = Plan::new(renderer.blob(), &settings.quality, Outputs::ALL, batch)?;
-        let plan = plan.with_background(background)?;
+        let effects = Effects { anti_aliasing: settings.rays, ..Effects::NONE };
+        let plan = plan.with_background(background)?.with_effects(effects)?;
         let workspace = renderer.workspace_lines(&plan) * size_of::<Line>();
         let small = size::scaled(camera, settings.quarters)?;
         let (cpu, start) = (cpu_seconds(), Instant::now());
