@@ -20,10 +20,12 @@ pub struct Counters {
     pub density_evaluations: u64,
     /// Evaluations of the colour branch; of a picture, of the whole network.
     pub colour_evaluations: u64,
-    /// Multiply-adds of the network.
+    /// Multiply-adds of the network and of its proposal.
     pub macs: u64,
     /// Samples whose density was NaN (they count as empty) or whose colour was (black).
     pub invalid_samples: u64,
+    /// Evaluations of the coarse proposal network, which are no samples.
+    pub proposal_evaluations: u64,
 }
 
 // SAFETY: `repr(C)`, `struct_size` comes first, and integers have no invalid bytes.
@@ -41,6 +43,7 @@ impl From<Counters> for render::Counters {
             colour_evaluations: c.colour_evaluations,
             macs: c.macs,
             invalid_samples: c.invalid_samples,
+            proposal_evaluations: c.proposal_evaluations,
         }
     }
 }
@@ -56,6 +59,7 @@ impl From<render::Counters> for Counters {
             colour_evaluations: c.colour_evaluations,
             macs: c.macs,
             invalid_samples: c.invalid_samples,
+            proposal_evaluations: c.proposal_evaluations,
         }
     }
 }

@@ -40,7 +40,8 @@ pub enum Maths {
 pub struct RenderOptions {
     /// `sizeof(nerf_render_options)`.
     pub struct_size: usize,
-    /// Samples per ray, between near and far, at most 4096; 0 for what the scene was made for.
+    /// Samples per ray, between near and far, at most 4096; 0 for what the scene was made for. With a
+    /// proposal network these are drawn from it, and its own come on top.
     pub samples: u32,
     /// A ray ends where its transmittance falls below this, in `[0, 1)`; 0 never ends one.
     pub transmittance_cut: f32,
@@ -61,8 +62,10 @@ pub struct RenderOptions {
     /// Samples whose weight is at most this take the colour of one behind them, in `[0, 1)`; 0 asks the
     /// network for every colour. Opacity and distances never depend on it.
     pub colour_cut: f32,
+    /// 1: samples are even where the scene would draw them from its proposal network. Else 0.
+    pub ignore_proposal: u32,
     /// Zeros.
-    pub reserved: [u32; 5],
+    pub reserved: [u32; 4],
 }
 
 // SAFETY: `repr(C)`, `struct_size` comes first, and numbers have no invalid bytes.
@@ -95,7 +98,7 @@ impl Settings {
         }
         // SAFETY: the caller's promise.
         let o = unsafe { read_versioned(at)? };
-        if o.reserved != [0; 5] {
+        if o.reserved != [0; 4] {
             return Err(Failure::Reserved("options.reserved"));
         }
         let samples = at_most("options.samples", "0 to 4096", o.samples, MAX_SAMPLES.into())?;
@@ -109,7 +112,7 @@ impl Settings {
                 colour_cut: o.colour_cut,
                 skip_grid: !flag("options.ignore_grid", o.ignore_grid)?,
                 math: backend(o.maths)?,
-                ..Quality::EXACT
+                proposal: !flag("options.ignore_proposal", o.ignore_proposal)?,
             },
             background: flag("options.background_set", o.background_set)?.then_some(o.background),
             batch: Batch {

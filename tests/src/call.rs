@@ -53,7 +53,8 @@ pub fn render_options() -> ffi::RenderOptions {
         batch_rays: 0,
         batch_samples: 0,
         colour_cut: 0.0,
-        reserved: [0; 5],
+        ignore_proposal: 0,
+        reserved: [0; 4],
     }
 }
 

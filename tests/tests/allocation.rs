@@ -70,7 +70,7 @@ fn the_counter_counts() {
 fn a_scene_is_opened_rendered_and_queried_without_allocating() {
     let camera = camera(24, 16);
     let full = Rect::full(&camera);
-    for recipe in [Recipe::PLAIN, Recipe::SKIP, Recipe::GRID_REQUIRED] {
+    for recipe in [Recipe::PLAIN, Recipe::SKIP, Recipe::GRID_REQUIRED, Recipe::PROPOSAL] {
         let file = recipe.blob();
         for tier in tiers() {
             let blob = Blob::open(&file).expect("a blob");

@@ -1,6 +1,7 @@
 //! The state of one call: its memory, a tile's rays from pixel to pixel, the network's blocks.
 
 use super::march::{Block, ColourQueue, Picks, RayState, Waiting};
+use super::proposal::{Drawn, Proposer};
 use super::{Counters, Rect, RenderError, Target};
 use crate::camera::Camera;
 use crate::kernels::{Arena, BLOCK, Line, lines_for};
@@ -25,24 +26,29 @@ pub(super) struct Sizes {
     queue: usize,
     queued_activation: usize,
     direction: usize,
+    /// Samples of a ray that are kept because they were drawn: 0 without a proposal.
+    row: usize,
 }
 
 impl Sizes {
-    pub(super) fn of(network: &Network<'_>, plan: &Plan<'_>) -> Self {
+    pub(super) fn of(network: &Network<'_>, proposer: &Proposer<'_>, plan: &Plan<'_>) -> Self {
         let samples = if network.whole_blocks() { BLOCK } else { plan.batch.samples };
         let rays = plan.batch.rays;
         let colours = if plan.outputs.rgb { samples } else { 0 };
         let queue = if colours > 1 { colours } else { 0 };
         let direction_rows = if plan.outputs.rgb { network.direction_rows() } else { 0 };
+        let row = proposer.row(plan);
+        let (encoded, activation) = if row > 0 { proposer.rows() } else { (0, 0) };
         Self {
             rays,
             samples,
-            encoded: network.encoded_rows() * samples,
-            activation: network.activation_rows() * samples,
+            encoded: network.encoded_rows().max(encoded) * samples,
+            activation: network.activation_rows().max(activation) * samples,
             colours,
             queue,
             queued_activation: network.activation_rows() * queue,
             direction: direction_rows.saturating_mul(rays.next_multiple_of(samples)),
+            row,
         }
     }
 
@@ -61,6 +67,7 @@ impl Sizes {
             + lines_for::<f32>(self.queue)
             + lines_for::<f32>(self.queued_activation)
             + lines_for::<f32>(self.direction)
+            + Drawn::lines([self.rays, self.samples, self.row])
     }
 }
 
@@ -73,6 +80,7 @@ pub(super) struct Frame<'f, 'w> {
     /// The tile's rays that meet something live; they stay where they are until the tile is done.
     pub(super) rays: &'w mut [RayState],
     pub(super) waiting: Waiting<'w>,
+    pub(super) drawn: Drawn<'f, 'w>,
     pub(super) block: Block<'w>,
     pub(super) picks: Picks<'w>,
     pub(super) queue: ColourQueue<'w>,
@@ -89,17 +97,20 @@ pub(super) struct Frame<'f, 'w> {
 impl<'f, 'w> Frame<'f, 'w> {
     pub(super) fn carve(
         network: &'f Network<'f>,
+        proposer: &'f Proposer<'f>,
         plan: &'f Plan<'f>,
         occupied: Option<SceneBox>,
         lines: &'w mut [Line],
     ) -> Result<Self, RenderError> {
-        let sizes = Sizes::of(network, plan);
+        let sizes = Sizes::of(network, proposer, plan);
         let too_small = RenderError::Memory { expected: sizes.lines(), found: lines.len() };
         if lines.len() < sizes.lines() {
             return Err(too_small);
         }
         let mut arena = Arena::new(lines);
         let rays = arena.slice(sizes.rays, RayState::NONE).ok_or(too_small)?;
+        let drawn =
+            Drawn::carve(proposer, &mut arena, [sizes.rays, sizes.samples, sizes.row]).ok_or(too_small)?;
         let mut numbers = |count| arena.slice(count, 0u32).ok_or(too_small);
         let (ring, owner) = (numbers(sizes.rays)?, numbers(sizes.samples)?);
         let (column, picked_owner) = (numbers(sizes.colours)?, numbers(sizes.colours)?);
@@ -111,6 +122,7 @@ impl<'f, 'w> Frame<'f, 'w> {
             occupied,
             rays,
             waiting: Waiting::new(ring),
+            drawn,
             block: Block { owner, t: floats(sizes.samples)?, sigma: floats(sizes.samples)? },
             picks: Picks { column, owner: picked_owner, weight: floats(sizes.colours)? },
             queue: ColourQueue {
@@ -135,7 +147,10 @@ impl<'f, 'w> Frame<'f, 'w> {
 
     /// Renders one tile of at most `plan.batch.rays` pixels.
     pub(super) fn tile<M: Math>(&mut self, camera: &Camera, tile: Rect, target: &mut impl Target) {
-        let hits = self.start(camera, tile, target);
+        let mut hits = self.start(camera, tile, target);
+        if self.drawn.is_on() {
+            hits = self.propose::<M>(hits, camera, target);
+        }
         self.directions(hits);
         while self.step::<M>() {}
         self.flush_colour();
@@ -149,20 +164,25 @@ impl<'f, 'w> Frame<'f, 'w> {
         let plan = self.plan;
         let mut hits = 0;
         // Nothing outside is live, so that most rays of most pictures end here.
+        let walk = plan.proposal.as_ref().unwrap_or(&plan.bins);
         let around = if plan.grid.is_some() { self.occupied } else { Some(plan.bounds) };
         for y in tile.y..tile.y + tile.height {
             for x in tile.x..tile.x + tile.width {
                 self.counters.rays += 1;
                 let ray = camera.ray(x as f32 + 0.5, y as f32 + 0.5);
                 let bins = match around.and_then(|bounds| bounds.clip(&ray, plan.near, plan.far)) {
-                    Some((enter, exit)) => plan.bins.overlapping(enter, exit),
+                    Some((enter, exit)) => walk.overlapping(enter, exit),
                     None => 0..0,
                 };
                 let (next, end) = (bins.start, bins.end);
                 let mut state = RayState { ray, x, y, next, end, done: false, ..RayState::NONE };
-                if state.seek(plan) {
+                let live = state.seek(plan, walk);
+                // Between the proposal's samples there may be drawn ones that are live.
+                if live || (self.drawn.is_on() && next < end) {
                     self.rays[hits] = state;
-                    self.waiting.push(hits as u32);
+                    if live {
+                        self.waiting.push(hits as u32);
+                    }
                     hits += 1;
                 } else {
                     self.finish(&state, camera, target);
@@ -204,8 +224,8 @@ impl<'f, 'w> Frame<'f, 'w> {
         self.counters.add_colour(self.network, n);
     }
 
-    fn finish(&mut self, state: &RayState, camera: &Camera, target: &mut impl Target) {
-        self.counters.samples_skipped += u64::from(self.plan.bins.count() - state.kept);
+    pub(super) fn finish(&mut self, state: &RayState, camera: &Camera, target: &mut impl Target) {
+        self.counters.samples_skipped += u64::from(self.plan.samples_per_ray() - state.kept);
         let cosine = camera.z_per_distance(&state.ray);
         let background = if self.plan.outputs.rgb { self.plan.background } else { [0.0; 3] };
         target.put(state.x, state.y, &state.gathered.finish(background, self.plan.far, cosine));

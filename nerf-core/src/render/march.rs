@@ -10,6 +10,7 @@ use crate::math::Math;
 use crate::network::Scratch;
 use crate::plan::Plan;
 use crate::ray::Ray;
+use crate::sampling::Bins;
 use crate::volume::Accumulator;
 use glam::Vec3;
 
@@ -19,7 +20,7 @@ pub(super) struct RayState {
     pub ray: Ray,
     pub x: u32,
     pub y: u32,
-    /// The next bin to look at, and the end of the bins.
+    /// The next bin or drawn sample to look at, and the end of them.
     pub next: u32,
     pub end: u32,
     /// Samples the network was asked for.
@@ -41,10 +42,10 @@ impl RayState {
         gathered: Accumulator::NONE,
     };
 
-    /// Moves `next` to the first live bin at or after it; `false` if there is none.
+    /// Moves `next` to the first live one of `bins` at or after it; `false` if there is none.
     #[inline]
-    pub fn seek(&mut self, plan: &Plan<'_>) -> bool {
-        self.next = plan.first_live(&self.ray, self.next, self.end);
+    pub fn seek(&mut self, plan: &Plan<'_>, bins: &Bins) -> bool {
+        self.next = plan.first_live(bins, &self.ray, self.next, self.end);
         self.next < self.end
     }
 }
@@ -68,7 +69,7 @@ impl<'w> Waiting<'w> {
         self.count += 1;
     }
 
-    fn pop(&mut self) -> Option<u32> {
+    pub fn pop(&mut self) -> Option<u32> {
         self.count = self.count.checked_sub(1)?;
         let ray = self.ring[self.first];
         self.first = if self.first + 1 < self.ring.len() { self.first + 1 } else { 0 };
@@ -131,16 +132,22 @@ impl Frame<'_, '_> {
             let Some(i) = self.waiting.pop() else { break };
             let state = &mut self.rays[i as usize];
             for _ in 0..burst.min(room - n) {
-                if !state.seek(plan) {
+                if !self.drawn.seek(plan, i, state) {
                     break;
                 }
                 self.block.owner[n] = i;
-                self.block.t[n] = plan.bins.at(state.next, 0.5);
+                self.block.t[n] = self.drawn.take(plan, i, state.next, n);
                 state.next += 1;
                 state.kept += 1;
                 n += 1;
             }
         }
+        self.place(n);
+        n
+    }
+
+    /// Puts the positions of the block's `n` samples where the network takes them.
+    pub(super) fn place(&mut self, n: usize) {
         let stride = columns_of(self.network, n);
         for column in 0..stride {
             // What only fills the block up is a copy of its last sample.
@@ -148,7 +155,6 @@ impl Frame<'_, '_> {
             let p = self.rays[self.block.owner[from] as usize].ray.at(self.block.t[from]);
             put_column(self.positions, stride, column, p);
         }
-        n
     }
 
     /// Adds the densities of the block's `n` samples to their rays, picks those whose colour is worth
@@ -163,7 +169,8 @@ impl Frame<'_, '_> {
             if sigma.is_nan() {
                 self.counters.invalid_samples += 1;
             } else if sigma > 0.0 {
-                state.gathered.add_density::<M>(sigma, self.block.t[column], plan.bins.delta());
+                let delta = self.drawn.delta(plan, owner, column);
+                state.gathered.add_density::<M>(sigma, self.block.t[column], delta);
                 state.done = state.gathered.transmittance::<M>() < plan.transmittance_cut;
                 if plan.outputs.rgb
                     && let Some(weight) = state.gathered.take_uncoloured(plan.colour_cut)
@@ -175,7 +182,7 @@ impl Frame<'_, '_> {
                 }
             }
             let last = column + 1 == n || self.block.owner[column + 1] != owner;
-            if last && !state.done && state.seek(plan) {
+            if last && !state.done && self.drawn.seek(plan, owner, state) {
                 self.waiting.push(owner);
             }
         }

@@ -494,7 +494,9 @@ fn an_explanation_says_what_is_off_and_why() {
         plan.explain(&renderer).stages().into_iter().find(|stage| stage.name == name).unwrap().switch
     };
     let full = plan(Quality::default(), Outputs::ALL);
-    assert!(full.explain(&renderer).stages().iter().all(|stage| stage.switch == Switch::On));
+    assert_eq!(switch(&full, "proposal"), Switch::AbsentInScene);
+    let stages = full.explain(&renderer).stages();
+    assert!(stages.iter().all(|stage| stage.switch == Switch::On || stage.name == "proposal"));
     let exact = plan(Quality::EXACT, Outputs { z_depth: false, ..Outputs::ALL });
     for name in ["skip grid", "transmittance cut", "colour cut"] {
         assert_eq!(switch(&exact, name), Switch::SwitchedOff, "{name}");
@@ -506,7 +508,7 @@ fn an_explanation_says_what_is_off_and_why() {
     }
 
     let counters = render(&renderer, &full, &camera(8, 8)).counters;
-    let shares = counters.shares(renderer.network());
+    let shares = counters.shares(&renderer);
     assert_eq!(shares.direction + shares.density + shares.colour, counters.macs);
     assert!(shares.direction > 0 && shares.colour > 0);
     let mut page = Page { bytes: [0; 2048], used: 0 };

@@ -62,7 +62,7 @@ impl Explain {
         let explanation = plan.explain(&renderer).with_counters(counters);
 
         let mut summary = stages(&explanation);
-        let (rays, shares) = (counters.rays.max(1) as f64, counters.shares(renderer.network()));
+        let (rays, shares) = (counters.rays.max(1) as f64, counters.shares(&renderer));
         let share = |macs: u64| macs as f64 / counters.macs.max(1) as f64;
         let a = renderer.network().architecture();
         summary
