@@ -79,6 +79,8 @@ impl Explain {
             .number("density_evaluations_per_ray", counters.density_evaluations as f64 / rays)
             .number("colour_evaluations_per_ray", counters.colour_evaluations as f64 / rays)
             .integer("macs", counters.macs)
+            .number("proposal_evaluations_per_ray", counters.proposal_evaluations as f64 / rays)
+            .number("proposal_share", share(shares.proposal))
             .number("direction_share", share(shares.direction))
             .number("density_share", share(shares.density))
             .number("colour_share", share(shares.colour))
