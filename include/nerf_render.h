@@ -168,7 +168,7 @@ enum nerf_status
      */
     NERF_STATUS_BLOB_TRAILING = 34,
     /**
-     * The blob was made by a later version of the format.
+     * The blob is of another version of the format.
      */
     NERF_STATUS_BLOB_VERSION = 35,
     /**
@@ -529,6 +529,18 @@ typedef struct nerf_scene_info {
      * Size of the picture the 2D field was made of, rows; 0 in a scene.
      */
     uint32_t picture_height;
+    /**
+     * Samples per ray of the coarse proposal network; 0 without one.
+     */
+    uint32_t proposal_samples;
+    /**
+     * Points of the front that a study measured: settings, what they lose and what they cost. 0 without one.
+     */
+    uint32_t front_points;
+    /**
+     * Multiply-adds of one evaluation of the proposal network; 0 without one.
+     */
+    uint64_t proposal_macs;
 } nerf_scene_info;
 
 /**
@@ -590,7 +602,8 @@ typedef struct nerf_render_options {
      */
     size_t struct_size;
     /**
-     * Samples per ray, between near and far, at most 4096; 0 for what the scene was made for.
+     * Samples per ray, between near and far, at most 4096; 0 for what the scene was made for. With a
+     * proposal network these are drawn from it, and its own come on top.
      */
     uint32_t samples;
     /**
@@ -633,6 +646,10 @@ typedef struct nerf_render_options {
      * of which is such ripples.
      */
     float normal_blur;
+    /**
+     * 1: samples are even where the scene would draw them from its proposal network. Else 0.
+     */
+    uint32_t ignore_proposal;
     /**
      * Zeros.
      */
@@ -833,7 +850,7 @@ typedef struct nerf_counters {
      */
     uint64_t colour_evaluations;
     /**
-     * Multiply-adds of the network.
+     * Multiply-adds of the network and of its proposal.
      */
     uint64_t macs;
     /**
@@ -845,6 +862,10 @@ typedef struct nerf_counters {
      * Gradients of the density, for normals.
      */
     uint64_t normal_evaluations;
+    /**
+     * Evaluations of the coarse proposal network, which are no samples.
+     */
+    uint64_t proposal_evaluations;
 } nerf_counters;
 
 

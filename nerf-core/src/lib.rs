@@ -69,6 +69,7 @@
 //! | `lens` | yes | lens distortion ([`Lens`]) |
 //! | `median` | yes | the output `median_distance` |
 //! | `normals` | yes | the output `normals`: the gradient of the density, backward through the network |
+//! | `proposal` | yes | samples drawn from a coarse proposal network, where a scene has one |
 //! | `train` | no | backward kernels, for trainers |
 //!
 //! The project's own polynomials ([`MathBackend::Polynomial`]) are always there. An effect or output whose

@@ -108,7 +108,10 @@ impl Batch {
 #[derive(Clone, Copy, Debug)]
 pub struct Plan<'a> {
     pub(crate) bounds: SceneBox,
+    /// The samples of a ray; with a proposal only their number counts.
     pub(crate) bins: Bins,
+    /// Where the proposal is asked, if samples are drawn from one.
+    pub(crate) proposal: Option<Bins>,
     pub(crate) near: f32,
     pub(crate) far: f32,
     pub(crate) background: [f32; 3],
@@ -161,9 +164,13 @@ impl<'a> Plan<'a> {
         if !batch.is_valid() {
             return Err(PlanError::Batch { found: batch });
         }
+        let bins =
+            |samples: u16| Bins::new(scene.near, scene.far, u32::from(samples)).map_err(PlanError::Bounds);
+        let proposal = blob.proposal().filter(|_| quality.proposal && cfg!(feature = "proposal"));
         Ok(Self {
             bounds,
-            bins: Bins::new(scene.near, scene.far, u32::from(samples)).map_err(PlanError::Bounds)?,
+            bins: bins(samples)?,
+            proposal: proposal.map(|proposal| bins(proposal.samples)).transpose()?,
             near: scene.near,
             far: scene.far,
             background: scene.background,
@@ -233,12 +240,17 @@ impl<'a> Plan<'a> {
         Ok(self)
     }
 
-    /// The first live bin of `from..end` on a ray whose samples lie at `place`, or `end`.
+    /// Samples of a ray: its bins, or with a proposal those drawn and the proposal's own.
+    pub(crate) fn samples_per_ray(&self) -> u32 {
+        self.bins.count() + self.proposal.map_or(0, |coarse| coarse.count())
+    }
+
+    /// The first live one of the bins `from..end` on a ray whose samples lie at `place`, or `end`.
     #[inline]
-    pub(crate) fn first_live(&self, ray: &Ray, place: Place, from: u32, end: u32) -> u32 {
-        let t = |bin| place.t(&self.bins, bin);
+    pub(crate) fn first_live(&self, bins: &Bins, ray: &Ray, place: Place, from: u32, end: u32) -> u32 {
+        let t = |bin| place.t(bins, bin);
         match &self.grid {
-            Some(grid) => grid.first_live_at(ray, &self.bins, from, end, t),
+            Some(grid) => grid.first_live_at(ray, bins, from, end, t),
             None => (from..end).find(|&bin| self.bounds.contains(ray.at(t(bin)))).unwrap_or(end),
         }
     }

@@ -12,6 +12,11 @@ mod explain;
 mod frame;
 mod march;
 mod picture;
+#[cfg(feature = "proposal")]
+mod proposal;
+#[cfg(not(feature = "proposal"))]
+#[path = "render/proposal_absent.rs"]
+mod proposal;
 mod rect;
 mod surface;
 
@@ -32,6 +37,7 @@ use crate::network::{Network, Weights};
 use crate::plan::Plan;
 use crate::ray::SceneBox;
 use frame::{Frame, Sizes};
+use proposal::Proposer;
 
 /// Width of the squares a rectangle is rendered in, pixels: neighbouring rays end together.
 const TILE_SIDE: u32 = 16;
@@ -41,6 +47,7 @@ const TILE_SIDE: u32 = 16;
 pub struct Renderer<'a> {
     blob: Blob<'a>,
     network: Network<'a>,
+    proposer: Proposer<'a>,
     /// A box around what the skip grid has.
     occupied: Option<SceneBox>,
 }
@@ -48,7 +55,11 @@ pub struct Renderer<'a> {
 impl<'a> Renderer<'a> {
     /// Lines of memory [`Renderer::new`] needs: 0 on the scalar tier, which reads the blob in place.
     pub fn prepared_lines(blob: &Blob<'_>, tier: Tier) -> usize {
-        if tier == Tier::Scalar { 0 } else { lines_for::<f32>(blob.architecture().parameters()) }
+        if tier == Tier::Scalar {
+            0
+        } else {
+            lines_for::<f32>(blob.architecture().parameters()) + Proposer::prepared_lines(blob)
+        }
     }
 
     /// Prepares a scene for `tier`, unpacking its weights once into `memory`.
@@ -59,23 +70,27 @@ impl<'a> Renderer<'a> {
         let expected = Self::prepared_lines(&blob, tier);
         let found = memory.len();
         let too_small = RenderError::Memory { expected, found };
-        let weights = if tier == Tier::Scalar {
-            Weights::InPlace(blob.weights())
+        let (weights, proposer) = if tier == Tier::Scalar {
+            (Weights::InPlace(blob.weights()), Proposer::in_place(&blob, tier))
         } else {
             let parameters = blob.architecture().parameters();
-            let unpacked = Arena::new(memory).slice(parameters, 0.0f32).ok_or(too_small)?;
-            Weights::prepare(blob.architecture(), tier, blob.weights(), unpacked)
+            let mut arena = Arena::new(memory);
+            let unpacked = arena.slice(parameters, 0.0f32).ok_or(too_small)?;
+            let weights = Weights::prepare(blob.architecture(), tier, blob.weights(), unpacked);
+            (weights, Proposer::prepare(&blob, tier, &mut arena).ok_or(too_small)?)
         };
         let network = Network::new(blob.architecture(), weights, tier).ok_or(too_small)?;
-        Ok(Self { occupied: blob.grid().and_then(|grid| grid.occupied_box()), blob, network })
+        Ok(Self { occupied: blob.grid().and_then(|grid| grid.occupied_box()), blob, network, proposer })
     }
 
-    /// The scene of `blob` with other parameters, f32 in the same order: what rounding costs.
+    /// The scene of `blob` with other parameters, f32 in the same order: what rounding costs. Its proposal
+    /// keeps its own.
     ///
     /// `None` if they are too few.
     pub fn with_parameters(blob: Blob<'a>, tier: Tier, parameters: &'a [f32]) -> Option<Self> {
         let network = Network::new(blob.architecture(), Weights::Prepared(parameters), tier)?;
-        Some(Self { occupied: blob.grid().and_then(|grid| grid.occupied_box()), blob, network })
+        let proposer = Proposer::in_place(&blob, tier);
+        Some(Self { occupied: blob.grid().and_then(|grid| grid.occupied_box()), blob, network, proposer })
     }
 
     /// The scene.
@@ -90,7 +105,7 @@ impl<'a> Renderer<'a> {
 
     /// Lines of workspace one [`Renderer::render`] or [`Renderer::query`] call needs under `plan`.
     pub fn workspace_lines(&self, plan: &Plan<'_>) -> usize {
-        Sizes::of(&self.network, plan).lines()
+        Sizes::of(&self.network, &self.proposer, plan).lines()
     }
 
     /// Renders the pixels of `rect`.
@@ -113,7 +128,7 @@ impl<'a> Renderer<'a> {
         if !rect.fits(i.width, i.height) {
             return Err(RenderError::Rect { rect, width: i.width, height: i.height });
         }
-        let mut frame = Frame::carve(&self.network, plan, self.occupied, workspace)?;
+        let mut frame = Frame::carve(&self.network, &self.proposer, plan, self.occupied, workspace)?;
         // Lossless: a plan has at most `Batch::MOST_RAYS`.
         let capacity = plan.batch.rays as u32;
         let width = TILE_SIDE.min(capacity);
@@ -150,7 +165,7 @@ impl<'a> Renderer<'a> {
                 rgb: rgb.len(),
             });
         }
-        let mut frame = Frame::carve(&self.network, plan, self.occupied, workspace)?;
+        let mut frame = Frame::carve(&self.network, &self.proposer, plan, self.occupied, workspace)?;
         let capacity = plan.batch.rays.min(plan.batch.samples);
         for start in (0..n).step_by(capacity) {
             let range = start..n.min(start + capacity);

@@ -20,13 +20,15 @@ pub struct Counters {
     pub density_evaluations: u64,
     /// Evaluations of the colour branch; of a picture, of the whole network.
     pub colour_evaluations: u64,
-    /// Multiply-adds of the network.
+    /// Multiply-adds of the network and of its proposal.
     pub macs: u64,
     /// Samples whose density was NaN (they count as empty), whose colour was (black) or whose gradient was
     /// no finite vector (they have no normal).
     pub invalid_samples: u64,
     /// Gradients of the density, for normals.
     pub normal_evaluations: u64,
+    /// Evaluations of the coarse proposal network, which are no samples.
+    pub proposal_evaluations: u64,
 }
 
 // SAFETY: `repr(C)`, `struct_size` comes first, and integers have no invalid bytes.
@@ -46,6 +48,7 @@ impl From<Counters> for render::Counters {
             macs: c.macs,
             invalid_samples: c.invalid_samples,
             normal_evaluations: c.normal_evaluations,
+            proposal_evaluations: c.proposal_evaluations,
         }
     }
 }
@@ -62,6 +65,7 @@ impl From<render::Counters> for Counters {
             macs: c.macs,
             invalid_samples: c.invalid_samples,
             normal_evaluations: c.normal_evaluations,
+            proposal_evaluations: c.proposal_evaluations,
         }
     }
 }

@@ -44,7 +44,8 @@ pub enum Maths {
 pub struct RenderOptions {
     /// `sizeof(nerf_render_options)`.
     pub struct_size: usize,
-    /// Samples per ray, between near and far, at most 4096; 0 for what the scene was made for.
+    /// Samples per ray, between near and far, at most 4096; 0 for what the scene was made for. With a
+    /// proposal network these are drawn from it, and its own come on top.
     pub samples: u32,
     /// A ray ends where its transmittance falls below this, in `[0, 1)`; 0 never ends one.
     pub transmittance_cut: f32,
@@ -68,6 +69,8 @@ pub struct RenderOptions {
     /// Bins whose finer ripples normals do not show, at least 0; 0 for the density's gradient itself, most
     /// of which is such ripples.
     pub normal_blur: f32,
+    /// 1: samples are even where the scene would draw them from its proposal network. Else 0.
+    pub ignore_proposal: u32,
     /// Zeros.
     pub reserved: [u32; 4],
     /// Effects: all zeros is none.
@@ -127,7 +130,7 @@ impl Settings {
                 colour_cut: o.colour_cut,
                 skip_grid: !flag("options.ignore_grid", o.ignore_grid)?,
                 math: backend(o.maths)?,
-                ..Quality::EXACT
+                proposal: !flag("options.ignore_proposal", o.ignore_proposal)?,
             },
             background: flag("options.background_set", o.background_set)?.then_some(o.background),
             normal_blur: o.normal_blur,

@@ -95,6 +95,12 @@ pub struct SceneInfo {
     pub picture_width: u32,
     /// Size of the picture the 2D field was made of, rows; 0 in a scene.
     pub picture_height: u32,
+    /// Samples per ray of the coarse proposal network; 0 without one.
+    pub proposal_samples: u32,
+    /// Points of the front that a study measured: settings, what they lose and what they cost. 0 without one.
+    pub front_points: u32,
+    /// Multiply-adds of one evaluation of the proposal network; 0 without one.
+    pub proposal_macs: u64,
 }
 
 // The header spells the format's caps out.
@@ -159,5 +165,8 @@ fn describe(scene: &Scene) -> SceneInfo {
         psnr_convention: Text::of(provenance.psnr_convention),
         picture_width: blob.picture().map_or(0, |picture| picture.width),
         picture_height: blob.picture().map_or(0, |picture| picture.height),
+        proposal_samples: blob.proposal().map_or(0, |it| it.samples.into()),
+        front_points: blob.front().len() as u32,
+        proposal_macs: blob.proposal().map_or(0, |it| it.architecture().density_macs() as u64),
     }
 }

@@ -50,7 +50,7 @@ pub enum Status {
     BlobTruncated = 33,
     /// Bytes follow the blob.
     BlobTrailing = 34,
-    /// The blob was made by a later version of the format.
+    /// The blob is of another version of the format.
     BlobVersion = 35,
     /// The blob was written with the other byte order.
     BlobEndian = 36,
@@ -121,7 +121,7 @@ impl Status {
             Self::BlobMagic => c"not a .nerf blob",
             Self::BlobTruncated => c"the blob ends early",
             Self::BlobTrailing => c"bytes follow the blob",
-            Self::BlobVersion => c"the blob needs a later version of this library",
+            Self::BlobVersion => c"the blob is of another version of the format",
             Self::BlobEndian => c"the blob has the other byte order",
             Self::BlobFlags => c"the blob has unknown flags or reserved bytes",
             Self::BlobChecksum => c"the blob is damaged: its checksum does not match",

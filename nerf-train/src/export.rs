@@ -1,8 +1,8 @@
 //! From parameters to a blob.
 
 use half::f16;
-use nerf_core::blob::{self, BlobError, Body, Content, Grid, Provenance};
-use nerf_core::network::{Architecture, Role};
+use nerf_core::blob::{self, BlobError, Body, Content, Grid, Proposal, Provenance};
+use nerf_core::network::{Architecture, DensityActivation, Layer, Role};
 
 /// What a blob is made of besides its network.
 #[derive(Clone, Debug)]
@@ -17,6 +17,17 @@ pub struct Contents<'a> {
     pub grid: Option<([u16; 3], &'a [u8])>,
     /// Where it comes from.
     pub provenance: Provenance<'a>,
+}
+
+/// The coarse network that goes with a scene.
+#[derive(Clone, Copy, Debug)]
+pub struct Coarse<'a> {
+    /// Its shape; of its heads only the density is used.
+    pub architecture: &'a Architecture,
+    /// Its parameters in export order.
+    pub parameters: &'a [f32],
+    /// Samples a ray.
+    pub samples: u16,
 }
 
 /// A blob, and what rounding did to its weights.
@@ -42,6 +53,19 @@ pub enum ExportError {
         /// The weight.
         found: f32,
     },
+    /// A weight of the coarse network does not fit f16.
+    #[error(
+        "coarse network: layer {role:?}, parameter {index}: expected a finite number within ±65504 (f16), found \
+         {found}"
+    )]
+    CoarseWeight {
+        /// Layer.
+        role: Role,
+        /// Index among the layer's parameters, weights first.
+        index: usize,
+        /// The weight.
+        found: f32,
+    },
     /// Something else the format refuses.
     #[error("{0}")]
     Blob(BlobError),
@@ -52,31 +76,74 @@ pub enum ExportError {
 /// # Errors
 /// [`ExportError`] on a weight beyond f16, and on whatever the format refuses.
 pub fn export(contents: &Contents<'_>) -> Result<Exported, ExportError> {
-    let mut weights = Vec::with_capacity(2 * contents.parameters.len());
-    let mut subnormal_weights = 0;
-    for layer in &contents.architecture.layers() {
-        let end = layer.bias + layer.outputs;
-        for (index, &found) in contents.parameters[layer.weights..end].iter().enumerate() {
-            // What lies just beyond would round to the largest; NaN compares false.
-            let fits = found.abs() <= f16::MAX.to_f32();
-            if !fits {
-                return Err(ExportError::Weight { role: layer.role, index, found });
-            }
-            let rounded = f16::from_f32(found);
-            subnormal_weights += usize::from(rounded.classify() == std::num::FpCategory::Subnormal);
-            weights.extend(rounded.to_le_bytes());
-        }
+    export_with(contents, None)
+}
+
+/// As [`export`], with the densities of a coarse network as the scene's proposal.
+///
+/// # Errors
+/// As [`export`], of either network.
+pub fn export_with(contents: &Contents<'_>, coarse: Option<&Coarse<'_>>) -> Result<Exported, ExportError> {
+    let layers = contents.architecture.layers();
+    let mut rounded = Rounded::default();
+    rounded.round(&layers, contents.parameters).map_err(|(role, index, found)| ExportError::Weight {
+        role,
+        index,
+        found,
+    })?;
+    let mut coarse_rounded = Rounded::default();
+    if let Some(Coarse { architecture, parameters, .. }) = coarse {
+        let layers = architecture.layers();
+        let heads = layers.iter().position(|layer| matches!(layer.role, Role::Colour(_) | Role::Rgb));
+        coarse_rounded
+            .round(&layers[..heads.unwrap_or(layers.len())], parameters)
+            .map_err(|(role, index, found)| ExportError::CoarseWeight { role, index, found })?;
     }
+    let proposal = coarse.map(|coarse| Proposal {
+        position: coarse.architecture.position,
+        trunk: coarse.architecture.trunk.clone(),
+        density: coarse.architecture.density.unwrap_or(DensityActivation::Relu),
+        samples: coarse.samples,
+        weights: &coarse_rounded.weights,
+    });
     let body = Body {
         architecture: contents.architecture.clone(),
         content: contents.content.clone(),
         grid: contents.grid.map(|(resolution, bits)| Grid { resolution, bits }),
         front: Default::default(),
-        proposal: None,
+        proposal,
         provenance: contents.provenance.clone(),
-        weights: &weights,
+        weights: &rounded.weights,
     };
     let mut bytes = vec![0; blob::encoded_len(&body).map_err(ExportError::Blob)?];
     blob::write(&body, &mut bytes).map_err(ExportError::Blob)?;
-    Ok(Exported { bytes, subnormal_weights })
+    Ok(Exported { bytes, subnormal_weights: rounded.subnormal + coarse_rounded.subnormal })
+}
+
+/// Parameters in f16.
+#[derive(Default)]
+struct Rounded {
+    weights: Vec<u8>,
+    subnormal: usize,
+}
+
+impl Rounded {
+    /// Appends the parameters of the layers; the first that does not fit is the error.
+    fn round(&mut self, layers: &[Layer], parameters: &[f32]) -> Result<(), (Role, usize, f32)> {
+        self.weights.reserve(2 * parameters.len());
+        for layer in layers {
+            let end = layer.bias + layer.outputs;
+            for (index, &found) in parameters[layer.weights..end].iter().enumerate() {
+                // What lies just beyond would round to the largest; NaN compares false.
+                let fits = found.abs() <= f16::MAX.to_f32();
+                if !fits {
+                    return Err((layer.role, index, found));
+                }
+                let rounded = f16::from_f32(found);
+                self.subnormal += usize::from(rounded.classify() == std::num::FpCategory::Subnormal);
+                self.weights.extend(rounded.to_le_bytes());
+            }
+        }
+        Ok(())
+    }
 }

@@ -54,6 +54,7 @@ pub fn render_options() -> ffi::RenderOptions {
         batch_samples: 0,
         colour_cut: 0.0,
         normal_blur: 0.0,
+        ignore_proposal: 0,
         reserved: [0; 4],
         effects: ffi::Effects {
             jitter: 0,

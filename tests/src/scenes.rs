@@ -55,6 +55,8 @@ impl Recipe {
     pub const GRID: Self = Self { grid: Some((8, false)), view_dependent: false, seed: 3, ..Self::PLAIN };
     /// With a grid that is part of the model.
     pub const GRID_REQUIRED: Self = Self { grid_required: true, ..Self::GRID };
+    /// With a coarse proposal network besides.
+    pub const PROPOSAL: Self = Self { proposal: Some(12), seed: 7, ..Self::GRID };
     /// A picture of 33x21 pixels.
     pub const PICTURE: Self = Self { scene: false, view_dependent: false, seed: 4, ..Self::PLAIN };
     /// As few bytes as a picture can have, nearly.

@@ -59,8 +59,12 @@ fn pictures_are_the_rust_renderers(language: Language, source: &str, arguments: 
     let directory = paths::temporary();
     let program = program(language, &example(source), directory.path(), &[]);
     let size = format!("{WIDTH} {HEIGHT}\n");
-    for (name, recipe) in [("plain", Recipe::PLAIN), ("skip", Recipe::SKIP), ("grid", Recipe::GRID_REQUIRED)]
-    {
+    for (name, recipe) in [
+        ("plain", Recipe::PLAIN),
+        ("skip", Recipe::SKIP),
+        ("grid", Recipe::GRID_REQUIRED),
+        ("proposal", Recipe::PROPOSAL),
+    ] {
         let (blob, file) = (recipe.blob(), directory.path().join("scene.nerf"));
         std::fs::write(&file, &blob).expect("a temporary file");
         for tier in tiers() {

@@ -16,11 +16,24 @@ pub(crate) struct Place {
 }
 
 impl Place {
+    /// The middle of each bin.
+    pub const MIDDLE: Self = Self { seed: None, stream: 0, first: 0 };
+
     /// Of the `ray`-th ray of pixel `(x, y)`.
     #[inline]
     pub fn of(effects: &Effects, x: u32, y: u32, ray: u32) -> Self {
         let seed = effects.jitter.map(|jitter| jitter.seed);
         Self { seed, stream: Effects::stream(x, y), first: u64::from(ray) << 32 }
+    }
+
+    /// Where in the `k`-th of equal parts a ray's drawn sample lies, in `[0, 1)`.
+    #[cfg_attr(not(feature = "proposal"), allow(dead_code, reason = "only proposals draw samples"))]
+    #[inline]
+    pub fn within(&self, k: u32) -> f32 {
+        match self.seed {
+            None => 0.5,
+            Some(seed) => uniform(seed, Purpose::Jitter, self.stream, self.first | u64::from(k)),
+        }
     }
 
     /// The sample of `bin`, world units along the ray; never falls from bin to bin.

@@ -24,7 +24,8 @@ pub enum Weights<'a> {
 impl<'a> Weights<'a> {
     /// Unpacks little-endian f16 `bytes` once, into what `tier` multiplies best.
     ///
-    /// `memory`: one value for each parameter of the `architecture`.
+    /// `memory`: one value for each parameter of the `architecture`, or for its trunk and density head
+    /// alone ([`Architecture::density_parameters`]) where no colour will be asked for.
     ///
     /// # Panics
     /// If `bytes` or `memory` is shorter than that.
@@ -33,7 +34,8 @@ impl<'a> Weights<'a> {
         if tier != Tier::Avx512Bf16 {
             return Self::Prepared(memory);
         }
-        for layer in &architecture.layers() {
+        let parameters = memory.len();
+        for layer in architecture.layers().iter().filter(|layer| layer.bias + layer.outputs <= parameters) {
             // Rows of words are no longer than the rows they are made of, and trail them.
             let mut to = layer.weights;
             for row in 0..layer.outputs {
@@ -94,17 +96,31 @@ impl<'a> Network<'a> {
     ///
     /// `None` if the architecture breaks a cap or the parameters are too few.
     pub fn new(architecture: &Architecture, weights: Weights<'a>, tier: Tier) -> Option<Self> {
+        Self::of_layers(architecture, architecture.layers(), weights, tier)
+    }
+
+    /// The same without the colour branch, over the parameters of trunk and density head
+    /// ([`Architecture::density_parameters`]); [`Network::colour`] must not be called.
+    #[cfg(feature = "proposal")]
+    pub(crate) fn of_density(architecture: &Architecture, weights: Weights<'a>, tier: Tier) -> Option<Self> {
+        let of_density = |layer: &Layer| matches!(layer.role, Role::Trunk(_) | Role::Density);
+        let layers = architecture.layers().into_iter().filter(of_density).collect();
+        Self::of_layers(architecture, layers, weights, tier)
+    }
+
+    fn of_layers(
+        architecture: &Architecture,
+        layers: Layers,
+        weights: Weights<'a>,
+        tier: Tier,
+    ) -> Option<Self> {
         architecture.check().ok()?;
         let have = match weights {
             Weights::InPlace(bytes) => bytes.len() / 2,
             Weights::Prepared(parameters) | Weights::Paired(parameters) => parameters.len(),
         };
-        (have >= architecture.parameters()).then(|| Self {
-            layers: architecture.layers(),
-            architecture: architecture.clone(),
-            weights,
-            tier,
-        })
+        let needed = layers.last().map_or(0, |layer| layer.bias + layer.outputs);
+        (have >= needed).then(|| Self { architecture: architecture.clone(), layers, weights, tier })
     }
 
     /// Its shape.

@@ -9,7 +9,8 @@ mod tests;
 /// The shortcuts of a frame; each costs accuracy and saves time.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Quality {
-    /// Samples per ray, between near and far; 0 for what the scene was made for.
+    /// Samples per ray, between near and far; 0 for what the scene was made for. With a proposal these
+    /// are drawn from it, and the proposal's own, whose number is the scene's, come on top.
     pub samples: u16,
     /// A ray ends where its transmittance falls below this; 0 never ends one.
     pub transmittance_cut: f32,
@@ -23,7 +24,8 @@ pub struct Quality {
     pub skip_grid: bool,
     /// Who computes the elementary functions.
     pub math: MathBackend,
-    /// Whether samples are drawn from the scene's proposal network, if it has one.
+    /// Whether samples are drawn from the scene's proposal network, if it has one; else they are even.
+    /// No shortcut: it is how such a scene was made, and may cost more or less than even samples.
     pub proposal: bool,
 }
 

@@ -11,16 +11,19 @@ pub struct Counters {
     pub samples_kept: u64,
     /// Samples of the rays that it was not asked for: outside box or grid, or behind the cut.
     pub samples_skipped: u64,
+    /// Evaluations of the proposal network, which are no samples.
+    pub proposal_evaluations: u64,
     /// Evaluations of trunk and density head.
     pub density_evaluations: u64,
     /// Evaluations of the colour branch; of a 2D field, of the whole network.
     pub colour_evaluations: u64,
     /// Gradients of the density: trunk forward and back.
     pub normal_evaluations: u64,
-    /// Multiply-adds of the network.
+    /// Multiply-adds of the network and of its proposal.
     pub macs: u64,
-    /// Samples whose density was NaN, which count as empty, and samples whose colour was asked for and
-    /// was NaN, which count as black, or whose gradient was and is not finite, which have no normal.
+    /// Samples whose density was NaN, which count as empty (the proposal's among them), and samples whose
+    /// colour was asked for and was NaN, which count as black, or whose gradient was and is not finite, which
+    /// have no normal.
     pub invalid_samples: u64,
 }
 
@@ -51,6 +54,7 @@ impl core::ops::AddAssign for Counters {
         self.rays += b.rays;
         self.samples_kept += b.samples_kept;
         self.samples_skipped += b.samples_skipped;
+        self.proposal_evaluations += b.proposal_evaluations;
         self.density_evaluations += b.density_evaluations;
         self.colour_evaluations += b.colour_evaluations;
         self.normal_evaluations += b.normal_evaluations;

@@ -4,7 +4,6 @@ use super::{Counters, Renderer};
 use crate::effects::{self, ThinLens, Tone, ToneMap};
 use crate::kernels::Line;
 use crate::lens::Lens;
-use crate::network::Network;
 use crate::plan::Plan;
 use core::fmt;
 
@@ -88,13 +87,19 @@ impl Explanation<'_> {
     }
 
     /// The stages that may be absent, in the order of the frame.
-    pub fn stages(&self) -> [Stage; 16] {
+    pub fn stages(&self) -> [Stage; 17] {
         let plan = self.plan;
         let cut = |value: f32| if value > 0.0 { Switch::On } else { Switch::SwitchedOff };
         let grid = match (plan.grid, self.renderer.blob().grid()) {
             (Some(_), _) => Switch::On,
             (None, Some(_)) => Switch::SwitchedOff,
             (None, None) => Switch::AbsentInScene,
+        };
+        let proposal = match (plan.proposal, self.renderer.blob().proposal()) {
+            (Some(_), _) => Switch::On,
+            (None, None) => Switch::AbsentInScene,
+            (None, Some(_)) if !cfg!(feature = "proposal") => Switch::NotBuilt,
+            (None, Some(_)) => Switch::SwitchedOff,
         };
         let colour = Switch::asked(plan.outputs.rgb);
         let directional = self.renderer.network().architecture().direction.is_some();
@@ -106,6 +111,7 @@ impl Explanation<'_> {
             ("depth of field", lens),
             ("jitter", Switch::built(effects::jitter::BUILT, asked.jitter.is_some())),
             ("skip grid", grid),
+            ("proposal", proposal),
             ("density", Switch::On),
             ("transmittance cut", cut(plan.transmittance_cut)),
             ("colour", colour),
@@ -135,6 +141,11 @@ impl Explanation<'_> {
                 let Some(grid) = &plan.grid else { return Ok(()) };
                 let [x, y, z] = grid.resolution();
                 write!(f, ", {x}x{y}x{z} cells, {:.2} % live", 100.0 * grid.occupancy())
+            }
+            "proposal" => {
+                let Some(coarse) = &plan.proposal else { return Ok(()) };
+                let macs = self.renderer.proposer.macs();
+                write!(f, ", {} samples a ray, {macs} multiply-adds an evaluation", coarse.count())
             }
             "density" => write!(f, ", {} multiply-adds an evaluation", a.density_macs()),
             "transmittance cut" => write!(f, ", a ray ends below {}", plan.transmittance_cut),
@@ -176,8 +187,19 @@ fn write_tone(tone: &Tone, f: &mut fmt::Formatter<'_>) -> fmt::Result {
 impl fmt::Display for Explanation<'_> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let (plan, network) = (self.plan, self.renderer.network());
-        let (count, delta) = (plan.bins.count(), plan.bins.delta());
-        writeln!(f, "samples            {count} a ray from {} to {}, one each {delta}", plan.near, plan.far)?;
+        write!(
+            f,
+            "samples            {} a ray from {} to {}, ",
+            plan.samples_per_ray(),
+            plan.near,
+            plan.far
+        )?;
+        match &plan.proposal {
+            Some(coarse) => {
+                writeln!(f, "{} drawn from the proposal, {} its own", plan.bins.count(), coarse.count())?;
+            }
+            None => writeln!(f, "one each {}", plan.bins.delta())?,
+        }
         for Stage { name, switch } in self.stages() {
             write!(f, "{name:<18} {}", switch.name())?;
             if switch == Switch::On {
@@ -198,9 +220,17 @@ impl fmt::Display for Explanation<'_> {
         let (kept, skipped) = (per_ray(c.samples_kept), per_ray(c.samples_skipped));
         writeln!(f, "rays               {}", c.rays)?;
         writeln!(f, "samples a ray      {kept:.3} kept, {skipped:.3} skipped")?;
-        let shares = c.shares(network);
+        let shares = c.shares(self.renderer);
         let share = |macs: u64| 100.0 * macs as f32 / c.macs.max(1) as f32;
         let (density, colour) = (per_ray(c.density_evaluations), per_ray(c.colour_evaluations));
+        if plan.proposal.is_some() {
+            let proposal = per_ray(c.proposal_evaluations);
+            writeln!(
+                f,
+                "proposal           {:.2} % of the work, {proposal:.3} evaluations a ray",
+                share(shares.proposal)
+            )?;
+        }
         writeln!(f, "direction          {:.2} % of the work", share(shares.direction))?;
         writeln!(
             f,
@@ -231,6 +261,8 @@ impl fmt::Display for Explanation<'_> {
 /// Multiply-adds of a frame by stage; they add up to [`Counters::macs`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Shares {
+    /// The proposal network.
+    pub proposal: u64,
     /// The directions' share of the colour layer, once a ray.
     pub direction: u64,
     /// Trunk and density head.
@@ -243,13 +275,16 @@ pub struct Shares {
 
 impl Counters {
     /// Where the work of a scene's frames went.
-    pub fn shares(&self, network: &Network<'_>) -> Shares {
+    pub fn shares(&self, renderer: &Renderer<'_>) -> Shares {
+        let network = renderer.network();
         let a = network.architecture();
+        let proposal = self.proposal_evaluations.saturating_mul(renderer.proposer.macs());
         let density = self.density_evaluations.saturating_mul(a.density_macs() as u64);
         let per_colour = (a.colour_macs() - network.direction_macs()) as u64;
         let colour = self.colour_evaluations.saturating_mul(per_colour);
         let normals = self.normal_evaluations.saturating_mul(a.gradient_macs() as u64);
         let of_samples = density.saturating_add(colour).saturating_add(normals);
-        Shares { direction: self.macs.saturating_sub(of_samples), density, colour, normals }
+        let known = proposal.saturating_add(of_samples);
+        Shares { proposal, direction: self.macs.saturating_sub(known), density, colour, normals }
     }
 }

@@ -1,11 +1,13 @@
 //! The state of one call: its memory, a tile's rays from pixel to pixel, the network's blocks.
 
 use super::march::{Block, ColourQueue, Picks, RayState, Waiting};
+use super::proposal::{Drawn, Proposer};
 use super::surface::{Medians, Normals};
 use super::{Counters, Rect, RenderError, Target};
 use crate::camera::Camera;
 use crate::effects::anti_aliasing::{self, Sums};
 use crate::effects::depth_of_field;
+use crate::effects::jitter::Place;
 use crate::effects::tone;
 use crate::kernels::{Arena, BLOCK, Line, lines_for};
 use crate::math::Math;
@@ -35,20 +37,24 @@ pub(super) struct Sizes {
     surface: usize,
     /// Lines of the pixels' sums: 0 where a pixel is one ray.
     sums: usize,
+    /// Samples of a ray that are kept because they were drawn: 0 without a proposal.
+    row: usize,
 }
 
 impl Sizes {
-    pub(super) fn of(network: &Network<'_>, plan: &Plan<'_>) -> Self {
+    pub(super) fn of(network: &Network<'_>, proposer: &Proposer<'_>, plan: &Plan<'_>) -> Self {
         let samples = block_samples(network, plan);
         let rays = plan.batch.rays;
         let colours = if plan.outputs.rgb { samples } else { 0 };
         let queue = if colours > 1 { colours } else { 0 };
         let direction_rows = if plan.outputs.rgb { network.direction_rows() } else { 0 };
+        let row = proposer.row(plan);
+        let (encoded, activation) = if row > 0 { proposer.rows() } else { (0, 0) };
         Self {
             rays,
             samples,
-            encoded: network.encoded_rows() * samples,
-            activation: network.activation_rows() * samples,
+            encoded: network.encoded_rows().max(encoded) * samples,
+            activation: network.activation_rows().max(activation) * samples,
             picks: if plan.outputs.picks() { samples } else { 0 },
             colours,
             queue,
@@ -56,6 +62,7 @@ impl Sizes {
             direction: direction_rows.saturating_mul(rays.next_multiple_of(samples)),
             surface: Medians::lines(plan) + Normals::lines(network, plan),
             sums: Sums::lines(&plan.effects, plan.outputs.surface(), rays),
+            row,
         }
     }
 
@@ -76,6 +83,7 @@ impl Sizes {
             + lines_for::<f32>(self.direction)
             + self.surface
             + self.sums
+            + Drawn::lines([self.rays, self.samples, self.row])
     }
 }
 
@@ -88,6 +96,7 @@ pub(super) struct Frame<'f, 'w> {
     /// The tile's rays that meet something live; they stay where they are until the tile is done.
     pub(super) rays: &'w mut [RayState],
     pub(super) waiting: Waiting<'w>,
+    pub(super) drawn: Drawn<'f, 'w>,
     pub(super) block: Block<'w>,
     pub(super) picks: Picks<'w>,
     pub(super) queue: ColourQueue<'w>,
@@ -110,11 +119,12 @@ pub(super) struct Frame<'f, 'w> {
 impl<'f, 'w> Frame<'f, 'w> {
     pub(super) fn carve(
         network: &'f Network<'f>,
+        proposer: &'f Proposer<'f>,
         plan: &'f Plan<'f>,
         occupied: Option<SceneBox>,
         lines: &'w mut [Line],
     ) -> Result<Self, RenderError> {
-        let sizes = Sizes::of(network, plan);
+        let sizes = Sizes::of(network, proposer, plan);
         let too_small = RenderError::Memory { expected: sizes.lines(), found: lines.len() };
         if lines.len() < sizes.lines() {
             return Err(too_small);
@@ -125,6 +135,8 @@ impl<'f, 'w> Frame<'f, 'w> {
         let normals = Normals::carve(&mut arena, network, plan).ok_or(too_small)?;
         let sums =
             Sums::carve(&mut arena, &plan.effects, plan.outputs.surface(), sizes.rays).ok_or(too_small)?;
+        let drawn =
+            Drawn::carve(proposer, &mut arena, [sizes.rays, sizes.samples, sizes.row]).ok_or(too_small)?;
         let mut numbers = |count| arena.slice(count, 0u32).ok_or(too_small);
         let (ring, owner) = (numbers(sizes.rays)?, numbers(sizes.samples)?);
         let (column, picked_owner) = (numbers(sizes.picks)?, numbers(sizes.picks)?);
@@ -136,6 +148,7 @@ impl<'f, 'w> Frame<'f, 'w> {
             occupied,
             rays,
             waiting: Waiting::new(ring),
+            drawn,
             block: Block { owner, t: floats(sizes.samples)?, sigma: floats(sizes.samples)? },
             picks: Picks { column, owner: picked_owner, weight: floats(sizes.picks)? },
             queue: ColourQueue {
@@ -168,7 +181,10 @@ impl<'f, 'w> Frame<'f, 'w> {
         self.tile = tile;
         for turn in 0..anti_aliasing::rays(&self.plan.effects) {
             self.turn = turn;
-            let hits = self.start::<M>(camera, target);
+            let mut hits = self.start::<M>(camera, target);
+            if self.drawn.is_on() {
+                hits = self.propose::<M>(hits, camera, target);
+            }
             self.directions(hits);
             while self.step::<M>() {}
             self.flush_colour();
@@ -186,6 +202,7 @@ impl<'f, 'w> Frame<'f, 'w> {
         let area = depth_of_field::area(&plan.effects, turn);
         let mut hits = 0;
         // Nothing outside is live, so that most rays of most pictures end here.
+        let walk = plan.proposal.as_ref().unwrap_or(&plan.bins);
         let around = if plan.grid.is_some() { self.occupied } else { Some(plan.bounds) };
         for y in tile.y..tile.y + tile.height {
             for x in tile.x..tile.x + tile.width {
@@ -193,16 +210,22 @@ impl<'f, 'w> Frame<'f, 'w> {
                 let ray = camera.ray(x as f32 + right, y as f32 + down);
                 let ray = depth_of_field::through_lens(&plan.effects, camera.pose(), ray, (x, y), area);
                 let bins = match around.and_then(|bounds| bounds.clip(&ray, plan.near, plan.far)) {
-                    Some((enter, exit)) => plan.bins.overlapping(enter, exit),
+                    Some((enter, exit)) => walk.overlapping(enter, exit),
                     None => 0..0,
                 };
                 let (next, end) = (bins.start, bins.end);
                 let mut state = RayState { ray, x, y, next, end, done: false, ..RayState::NONE };
-                if state.seek(plan, turn) {
+                // A proposal is asked in the middle of its bins.
+                let place = if self.drawn.is_on() { Place::MIDDLE } else { state.place(plan, turn) };
+                let live = state.seek(plan, walk, place);
+                // Between the proposal's samples there may be drawn ones that are live.
+                if live || (self.drawn.is_on() && next < end) {
                     self.rays[hits] = state;
                     self.medians.begin(hits);
                     self.normals.begin(hits);
-                    self.waiting.push(hits as u32);
+                    if live {
+                        self.waiting.push(hits as u32);
+                    }
                     hits += 1;
                 } else {
                     self.finish::<M>(&state, None, camera, target);
@@ -246,7 +269,7 @@ impl<'f, 'w> Frame<'f, 'w> {
 
     /// Adds a finished ray to its pixel, and hands that on after its last; `place` is where the ray stood, if
     /// it met something.
-    fn finish<M: Math>(
+    pub(super) fn finish<M: Math>(
         &mut self,
         state: &RayState,
         place: Option<usize>,
@@ -254,7 +277,7 @@ impl<'f, 'w> Frame<'f, 'w> {
         target: &mut impl Target,
     ) {
         let (plan, tile) = (self.plan, self.tile);
-        self.counters.samples_skipped += u64::from(plan.bins.count() - state.kept);
+        self.counters.samples_skipped += u64::from(plan.samples_per_ray() - state.kept);
         let cosine = camera.z_per_distance(&state.ray);
         let background = if plan.outputs.rgb { plan.background } else { [0.0; 3] };
         let mut seen = state.gathered.finish(background, plan.far, cosine);

@@ -11,6 +11,7 @@ use crate::math::Math;
 use crate::network::Scratch;
 use crate::plan::Plan;
 use crate::ray::Ray;
+use crate::sampling::Bins;
 use crate::volume::Accumulator;
 use glam::Vec3;
 
@@ -20,7 +21,7 @@ pub(super) struct RayState {
     pub ray: Ray,
     pub x: u32,
     pub y: u32,
-    /// The next bin to look at, and the end of the bins.
+    /// The next bin or drawn sample to look at, and the end of them.
     pub next: u32,
     pub end: u32,
     /// Samples the network was asked for.
@@ -44,14 +45,14 @@ impl RayState {
 
     /// Where its samples lie, if it is the `turn`-th ray of its pixel.
     #[inline]
-    fn place(&self, plan: &Plan<'_>, turn: u32) -> Place {
+    pub fn place(&self, plan: &Plan<'_>, turn: u32) -> Place {
         Place::of(&plan.effects, self.x, self.y, turn)
     }
 
-    /// Moves `next` to the first live bin at or after it; `false` if there is none.
+    /// Moves `next` to the first live one of `bins` at or after it; `false` if there is none.
     #[inline]
-    pub fn seek(&mut self, plan: &Plan<'_>, turn: u32) -> bool {
-        self.next = plan.first_live(&self.ray, self.place(plan, turn), self.next, self.end);
+    pub fn seek(&mut self, plan: &Plan<'_>, bins: &Bins, place: Place) -> bool {
+        self.next = plan.first_live(bins, &self.ray, place, self.next, self.end);
         self.next < self.end
     }
 }
@@ -75,7 +76,7 @@ impl<'w> Waiting<'w> {
         self.count += 1;
     }
 
-    fn pop(&mut self) -> Option<u32> {
+    pub fn pop(&mut self) -> Option<u32> {
         self.count = self.count.checked_sub(1)?;
         let ray = self.ring[self.first];
         self.first = if self.first + 1 < self.ring.len() { self.first + 1 } else { 0 };
@@ -141,16 +142,23 @@ impl Frame<'_, '_> {
             let Some(i) = self.waiting.pop() else { break };
             let state = &mut self.rays[i as usize];
             for _ in 0..burst.min(room - n) {
-                if !state.seek(plan, self.turn) {
+                let place = state.place(plan, self.turn);
+                if !self.drawn.seek(plan, i, state, place) {
                     break;
                 }
                 self.block.owner[n] = i;
-                self.block.t[n] = state.place(plan, self.turn).t(&plan.bins, state.next);
+                self.block.t[n] = self.drawn.take(plan, i, state.next, place, n);
                 state.next += 1;
                 state.kept += 1;
                 n += 1;
             }
         }
+        self.put_positions(n);
+        n
+    }
+
+    /// Puts the positions of the block's `n` samples where the network takes them.
+    pub(super) fn put_positions(&mut self, n: usize) {
         let stride = columns_of(self.network, n);
         for column in 0..stride {
             // What only fills the block up is a copy of its last sample.
@@ -158,7 +166,6 @@ impl Frame<'_, '_> {
             let p = self.rays[self.block.owner[from] as usize].ray.at(self.block.t[from]);
             put_column(self.positions, stride, column, p);
         }
-        n
     }
 
     /// Adds the densities of the block's `n` samples to their rays, picks those whose colour or normal is
@@ -173,10 +180,11 @@ impl Frame<'_, '_> {
             if sigma.is_nan() {
                 self.counters.invalid_samples += 1;
             } else if sigma > 0.0 {
-                let (t, delta) = (self.block.t[column], plan.bins.delta());
+                let (t, stretch) = (self.block.t[column], self.drawn.stretch(plan, owner, column));
+                let (middle, delta) = stretch.unwrap_or((t, plan.bins.delta()));
                 let thickness = state.gathered.optical_thickness();
                 state.gathered.add_density::<M>(sigma, t, delta);
-                self.medians.look::<M>(owner, thickness, &state.gathered, sigma, t, delta);
+                self.medians.look::<M>(owner, thickness, &state.gathered, sigma, middle, delta);
                 state.done = state.gathered.transmittance::<M>() < plan.transmittance_cut;
                 if plan.outputs.picks()
                     && let Some(weight) = state.gathered.take_uncoloured(plan.colour_cut)
@@ -188,7 +196,8 @@ impl Frame<'_, '_> {
                 }
             }
             let last = column + 1 == n || self.block.owner[column + 1] != owner;
-            if last && !state.done && state.seek(plan, self.turn) {
+            let place = state.place(plan, self.turn);
+            if last && !state.done && self.drawn.seek(plan, owner, state, place) {
                 self.waiting.push(owner);
             }
         }

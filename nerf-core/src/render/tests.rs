@@ -516,6 +516,7 @@ fn an_explanation_says_what_is_off_and_why() {
             "anti-aliasing" | "depth of field" | "jitter" | "tone" => {
                 assert!(matches!(switch, Switch::NotAskedFor | Switch::NotBuilt), "{name}");
             }
+            "proposal" => assert_eq!(switch, Switch::AbsentInScene),
             _ => assert_eq!(switch, if missing { Switch::NotBuilt } else { Switch::On }, "{name}"),
         }
     }
@@ -538,7 +539,8 @@ fn an_explanation_says_what_is_off_and_why() {
     }
 
     let counters = render(&renderer, &full, &camera(8, 8)).counters;
-    let shares = counters.shares(renderer.network());
+    let shares = counters.shares(&renderer);
+    assert_eq!(shares.proposal, 0);
     assert_eq!(shares.direction + shares.density + shares.colour + shares.normals, counters.macs);
     assert!(shares.direction > 0 && shares.colour > 0);
     let mut page = Page { bytes: [0; 4096], used: 0 };

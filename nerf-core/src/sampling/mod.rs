@@ -2,6 +2,8 @@
 
 mod bins;
 mod grid;
+#[cfg(feature = "proposal")]
+mod importance;
 mod random;
 
 #[cfg(test)]
@@ -9,4 +11,6 @@ mod tests;
 
 pub use bins::Bins;
 pub use grid::SkipGrid;
+#[cfg(feature = "proposal")]
+pub use importance::{WEIGHT_FLOOR, draw, stretch};
 pub use random::{Purpose, uniform, uniform_u32};

@@ -237,6 +237,9 @@ pub struct QualityOptions {
     /// Ask the network also where the skip grid says that nothing is.
     #[arg(long)]
     pub no_grid: bool,
+    /// Take even samples where the scene would draw them from its proposal network.
+    #[arg(long)]
+    pub no_proposal: bool,
     /// No shortcut at all: same as --no-grid --transmittance-cut 0 --colour-cut 0.
     #[arg(long, conflicts_with_all = ["no_grid", "transmittance_cut", "colour_cut"])]
     pub exact: bool,
@@ -259,7 +262,8 @@ pub fn parse_math(name: &str) -> Result<MathBackend, String> {
 impl QualityOptions {
     /// The shortcuts.
     pub fn quality(&self) -> Quality {
-        let base = Quality { samples: self.samples, math: self.math, ..Quality::EXACT };
+        let base =
+            Quality { samples: self.samples, math: self.math, proposal: !self.no_proposal, ..Quality::EXACT };
         if self.exact {
             base
         } else {

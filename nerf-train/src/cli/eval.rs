@@ -141,6 +141,7 @@ impl Eval {
         let c = &scores.counters;
         let rays = c.rays.max(1) as f64;
         let (density, colour) = (c.density_evaluations as f64 / rays, c.colour_evaluations as f64 / rays);
+        let proposal = c.proposal_evaluations as f64 / rays;
         let mut summary = Summary::new();
         summary
             .number("val_psnr_db", psnr)
@@ -154,6 +155,7 @@ impl Eval {
             .number("render_seconds", seconds)
             .number("density_evaluations_per_ray", density)
             .number("colour_evaluations_per_ray", colour)
+            .number("proposal_evaluations_per_ray", proposal)
             .integer("invalid_samples", c.invalid_samples)
             .integer("macs", c.macs)
             .text("kernel", tier.name())
@@ -176,6 +178,9 @@ impl Eval {
                 outln!("over every pixel number 0, {step}, {}, … of such rows: {mean:.3} dB PSNR", 2 * step);
             }
             outln!("{seconds:.3} s; a ray: {density:.2} density and {colour:.2} colour evaluations");
+            if c.proposal_evaluations > 0 {
+                outln!("a ray: {proposal:.2} evaluations of the proposal");
+            }
             if c.invalid_samples > 0 {
                 outln!("{} samples were NaN and counted as empty", c.invalid_samples);
             }

@@ -81,7 +81,7 @@ impl Explain {
         let explanation = plan.explain(&renderer).with_counters(counters);
 
         let mut summary = stages(&explanation);
-        let (rays, shares) = (counters.rays.max(1) as f64, counters.shares(renderer.network()));
+        let (rays, shares) = (counters.rays.max(1) as f64, counters.shares(&renderer));
         let share = |macs: u64| macs as f64 / counters.macs.max(1) as f64;
         let a = renderer.network().architecture();
         summary
@@ -100,6 +100,8 @@ impl Explain {
             .number("colour_evaluations_per_ray", counters.colour_evaluations as f64 / rays)
             .number("normal_evaluations_per_ray", counters.normal_evaluations as f64 / rays)
             .integer("macs", counters.macs)
+            .number("proposal_evaluations_per_ray", counters.proposal_evaluations as f64 / rays)
+            .number("proposal_share", share(shares.proposal))
             .number("direction_share", share(shares.direction))
             .number("density_share", share(shares.density))
             .number("colour_share", share(shares.colour))

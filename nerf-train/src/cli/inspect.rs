@@ -3,7 +3,7 @@
 use super::common::{Global, background_name, open_blob, read_file};
 use crate::report::summary::Summary;
 use clap::Args;
-use nerf_core::blob::Blob;
+use nerf_core::blob::{Blob, FrontPoint};
 use nerf_core::network::Layer;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
@@ -72,6 +72,19 @@ fn print(file: &Path, bytes: &[u8], blob: &Blob<'_>) -> anyhow::Result<()> {
             ),
             None => outln!("skip grid     none"),
         }
+        if let Some(proposal) = blob.proposal() {
+            let a = proposal.architecture();
+            outln!(
+                "proposal      {} samples a ray, {} layers, {} multiply-adds for density ({} bytes)",
+                proposal.samples,
+                a.trunk.len(),
+                a.density_macs(),
+                proposal.weights.len()
+            );
+        }
+        for point in blob.front() {
+            outln!("front         {}", front_point(point));
+        }
     }
     let p = blob.provenance();
     outln!("data          {}", p.data);
@@ -122,6 +135,15 @@ fn summary(file: &Path, bytes: &[u8], blob: &Blob<'_>) -> Summary {
             .numbers("grid_resolution", &grid.resolution().map(f64::from))
             .number_f32("grid_occupancy_share", grid.occupancy());
     }
+    if let Some(proposal) = blob.proposal() {
+        summary
+            .integer("proposal_samples_per_ray", u64::from(proposal.samples))
+            .integer("proposal_macs", proposal.architecture().density_macs() as u64)
+            .integer("proposal_weight_bytes", proposal.weights.len() as u64);
+    }
+    if !blob.front().is_empty() {
+        summary.sections("front", blob.front().iter().map(point_fields).collect());
+    }
     let p = blob.provenance();
     summary
         .text("data", p.data)
@@ -136,6 +158,37 @@ fn summary(file: &Path, bytes: &[u8], blob: &Blob<'_>) -> Summary {
         summary.number_f32("quantisation_loss_db", db);
     }
     summary
+}
+
+/// A point of the front in words.
+fn front_point(p: &FrontPoint) -> String {
+    let switch = |on: bool, name: &str| if on { format!(", {name}") } else { String::new() };
+    format!(
+        "{:+.3} dB lost at {:.4} of the work: {} samples, cuts {} and {}, maths {}{}{}",
+        p.loss_db,
+        p.cost,
+        p.samples,
+        p.transmittance_cut,
+        p.colour_cut,
+        p.math,
+        switch(p.skip_grid, "skip grid"),
+        switch(p.proposal, "proposal")
+    )
+}
+
+/// The same as fields.
+fn point_fields(p: &FrontPoint) -> Summary {
+    let mut fields = Summary::new();
+    fields
+        .integer("samples_per_ray", u64::from(p.samples))
+        .number_f32("transmittance_cut", p.transmittance_cut)
+        .number_f32("colour_cut", p.colour_cut)
+        .flag("skip_grid", p.skip_grid)
+        .integer("math", u64::from(p.math))
+        .flag("proposal", p.proposal)
+        .number_f32("loss_db", p.loss_db)
+        .number_f32("cost", p.cost);
+    fields
 }
 
 fn kind(blob: &Blob<'_>) -> &'static str {

@@ -16,6 +16,8 @@
 //! | `rgb_linear.weight` | `[3, V]` | rgb |
 //! | `output_linear.weight` | `[4, W]` | without view directions: rgb, then sigma, in place of all the four above |
 //!
+//! Of a coarse network (`--coarse`) the same is read, and what leads to its densities becomes the scene's proposal.
+//!
 //! Each has a `.bias` as long as its weight has rows. What stands in front of the names, such as `module.` or
 //! `network_fine.`, is passed over.
 //!

@@ -89,7 +89,7 @@ impl<'t> Reader<'t> {
     fn trunk(&mut self) -> Result<(Encoding, heapless::Vec<TrunkLayer, MAX_TRUNK>), Fault> {
         let depth = self.count("pts_linears", MAX_TRUNK)?;
         let mut trunk = heapless::Vec::new();
-        let first = self.linear("pts_linears.0", "[width, encoded position]", |_| true)?;
+        let first = self.linear("pts_linears.0", "[width, encoded position]", |_, _| true)?;
         let encoded = first.inputs;
         let (position, columns) = self.encoding("position", "pts_linears.0.weight", encoded)?;
         let mut width = first.outputs;
@@ -100,7 +100,7 @@ impl<'t> Reader<'t> {
         for i in 1..depth {
             let expected =
                 format!("[width, {width}] or, where [PE(x), h] enters, [width, {}]", encoded + width);
-            let fits = |inputs| inputs == width || inputs == encoded + width;
+            let fits = |_, inputs| inputs == width || inputs == encoded + width;
             let layer = self.linear(&format!("pts_linears.{i}"), &expected, fits)?;
             let skip = layer.inputs != width;
             // [PE(x), h] there, [h, PE(x)] here.
@@ -127,7 +127,7 @@ impl<'t> Reader<'t> {
         self.put(feature, feature.rows(), &straight[..width]);
         let hidden = self.count("views_linears", MAX_COLOUR)?;
         let expected = format!("[width, {width} + encoded direction]");
-        let first = self.linear("views_linears.0", &expected, |inputs| inputs >= width)?;
+        let first = self.linear("views_linears.0", &expected, |_, inputs| inputs >= width)?;
         let (direction, of_direction) = match first.inputs - width {
             0 => (None, Vec::new()),
             encoded => {
@@ -142,7 +142,9 @@ impl<'t> Reader<'t> {
         let mut inputs = first.outputs;
         for i in 1..hidden {
             let layer =
-                self.linear(&format!("views_linears.{i}"), &format!("[width, {inputs}]"), |n| n == inputs)?;
+                self.linear(&format!("views_linears.{i}"), &format!("[width, {inputs}]"), |_, n| {
+                    n == inputs
+                })?;
             self.put(layer, layer.rows(), &straight[..inputs]);
             // Cannot overflow: `count` holds their number to the capacity.
             let _ = colour.push(layer.outputs as u16);
@@ -177,21 +179,15 @@ impl<'t> Reader<'t> {
     fn exactly(&mut self, layer: &str, outputs: &[usize], inputs: usize) -> Result<Linear<'t>, Fault> {
         let rows = outputs.iter().map(usize::to_string).collect::<Vec<_>>().join(" or ");
         let expected = format!("[{rows}, {inputs}]");
-        let linear = self.linear(layer, &expected, |found| found == inputs)?;
-        if outputs.contains(&linear.outputs) {
-            Ok(linear)
-        } else {
-            let found = vec![linear.outputs, linear.inputs];
-            Err(Fault::Shape { tensor: format!("{layer}.weight"), expected, found })
-        }
+        self.linear(layer, &expected, |rows, found| outputs.contains(&rows) && found == inputs)
     }
 
-    /// The layer of this name, whose number of inputs `fits`.
+    /// The layer of this name, whose numbers of rows and of inputs `fits`.
     fn linear(
         &mut self,
         layer: &str,
         expected: &str,
-        fits: impl Fn(usize) -> bool,
+        fits: impl Fn(usize, usize) -> bool,
     ) -> Result<Linear<'t>, Fault> {
         let (name, weight) = self.tensor(layer, "weight", expected)?;
         let shape = |tensor, expected: &str, found: &[usize]| Fault::Shape {
@@ -200,7 +196,7 @@ impl<'t> Reader<'t> {
             found: found.into(),
         };
         let (outputs, inputs) = match weight.shape[..] {
-            [outputs, inputs] if fits(inputs) => (outputs, inputs),
+            [outputs, inputs] if fits(outputs, inputs) => (outputs, inputs),
             _ => return Err(shape(name, expected, &weight.shape)),
         };
         if !(1..=MAX_WIDTH).contains(&outputs) {

@@ -67,8 +67,10 @@ pub struct Settings {
     pub far: f32,
     /// The scene box as x0 y0 z0 x1 y1 z1, world units; outside of it density is 0.
     pub scene_box: [f32; 6],
-    /// Samples a ray.
+    /// Samples a ray; with a coarse network those drawn from it.
     pub samples: u16,
+    /// Samples a ray of the coarse network, if there is one.
+    pub coarse_samples: Option<u16>,
     /// Cells of a skip grid along the longest side of the box, where one is built.
     pub grid_resolution: u16,
     /// A cell of such a grid is kept where density times bin width exceeds this.
@@ -88,8 +90,8 @@ impl Default for Settings {
             near: 2.0,
             far: 6.0,
             scene_box: [-1.5, -1.5, -1.5, 1.5, 1.5, 1.5],
-            // 64 and 128: where the fine network is asked along a ray.
-            samples: 192,
+            samples: Self::EVEN_SAMPLES,
+            coarse_samples: None,
             grid_resolution: 128,
             grid_threshold: 0.01,
         }
@@ -97,6 +99,13 @@ impl Default for Settings {
 }
 
 impl Settings {
+    /// Samples a ray of the coarse network, as nerf-pytorch has it.
+    pub const COARSE_SAMPLES: u16 = 64;
+    /// Samples a ray that are drawn from it.
+    pub const DRAWN_SAMPLES: u16 = 128;
+    /// Samples a ray without a coarse network: as many as the fine one is asked at with it.
+    pub const EVEN_SAMPLES: u16 = Self::COARSE_SAMPLES + Self::DRAWN_SAMPLES;
+
     /// Checks every setting; the blob's own rules are checked again when it is written.
     ///
     /// # Errors
@@ -115,6 +124,9 @@ impl Settings {
         }
         if !(1..=MAX_SAMPLES).contains(&self.samples) {
             return fail("samples", format!("1 to {MAX_SAMPLES}"), self.samples.to_string());
+        }
+        if let Some(samples) = self.coarse_samples.filter(|samples| !(1..=MAX_SAMPLES).contains(samples)) {
+            return fail("coarse_samples", format!("1 to {MAX_SAMPLES}"), samples.to_string());
         }
         if !self.background.iter().all(|channel| (0.0..=1.0).contains(channel)) {
             return fail("background", "channels in [0, 1]".into(), format!("{:?}", self.background));
@@ -144,7 +156,8 @@ impl Settings {
 
     /// sigma that keeps a cell of a built grid, 1/world unit.
     pub fn sigma_threshold(&self) -> f32 {
-        self.grid_threshold * f32::from(self.samples) / (self.far - self.near)
+        let samples = f32::from(self.samples) + f32::from(self.coarse_samples.unwrap_or(0));
+        self.grid_threshold * samples / (self.far - self.near)
     }
 
     /// What the blob says of the scene.

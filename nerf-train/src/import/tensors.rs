@@ -55,10 +55,22 @@ impl Tensors {
     /// # Errors
     /// [`ImportError`] on a file that is damaged, holds no such network, or numbers that are not finite floats.
     pub fn read(file: &Path, prefix: Option<&str>) -> Result<Self, ImportError> {
+        Self::read_where(file, prefix, |prefix| prefix.contains("fine"))
+    }
+
+    /// The same of a coarse network: without `prefix`, the file's only one, or its only one that is not fine.
+    ///
+    /// # Errors
+    /// As [`Tensors::read`].
+    pub fn read_coarse(file: &Path, prefix: Option<&str>) -> Result<Self, ImportError> {
+        Self::read_where(file, prefix, |prefix| !prefix.contains("fine"))
+    }
+
+    fn read_where(file: &Path, prefix: Option<&str>, wanted: fn(&str) -> bool) -> Result<Self, ImportError> {
         let fail = |fault| ImportError::Checkpoint { file: file.into(), fault };
         let ending = file.extension().unwrap_or_default().to_string_lossy().to_ascii_lowercase();
         match ending.as_str() {
-            "npz" => Self::of(file, prefix, &mut Npz(Archive::open(file, MAX_ARRAY_BYTES)?)),
+            "npz" => Self::of(file, (prefix, wanted), &mut Npz(Archive::open(file, MAX_ARRAY_BYTES)?)),
             "safetensors" => {
                 let io = |source| DatasetError::io(file, source);
                 let bytes = std::fs::metadata(file).map_err(io)?.len();
@@ -69,18 +81,22 @@ impl Tensors {
                 let bytes = std::fs::read(file).map_err(io)?;
                 let tensors = SafeTensors::deserialize(&bytes)
                     .map_err(|error| fail(Fault::Format { found: format!("a damaged one ({error})") }))?;
-                Self::of(file, prefix, &mut Safe { file, tensors })
+                Self::of(file, (prefix, wanted), &mut Safe { file, tensors })
             }
             "" => Err(fail(Fault::Format { found: "a name without ending".into() })),
             other => Err(fail(Fault::Format { found: format!("a name that ends in .{other}") })),
         }
     }
 
-    fn of(file: &Path, prefix: Option<&str>, source: &mut dyn Source) -> Result<Self, ImportError> {
+    fn of(
+        file: &Path,
+        (prefix, wanted): (Option<&str>, fn(&str) -> bool),
+        source: &mut dyn Source,
+    ) -> Result<Self, ImportError> {
         let fail = |fault| ImportError::Checkpoint { file: file.into(), fault };
         let mut names = source.names()?;
         names.sort_unstable();
-        let (prefix, others) = choose(&names, prefix).map_err(fail)?;
+        let (prefix, others) = choose(&names, prefix, wanted).map_err(fail)?;
         let own = names.iter().filter(|name| prefix_of(name).is_none_or(|own| own == prefix));
         let named: Vec<(&str, &str)> =
             own.filter_map(|name| Some((name.as_str(), name.strip_prefix(&prefix)?))).collect();
@@ -109,12 +125,16 @@ fn prefix_of(name: &str) -> Option<&str> {
     places.filter(begins_a_part).min().map(|at| &name[..at])
 }
 
-/// What stands in front of the names of the network that is wanted, and of the others.
-fn choose(names: &[String], wanted: Option<&str>) -> Result<(String, Vec<String>), Fault> {
+/// What stands in front of the names of the network that is asked for, or else `wanted`, and of the others.
+fn choose(
+    names: &[String],
+    asked: Option<&str>,
+    wanted: fn(&str) -> bool,
+) -> Result<(String, Vec<String>), Fault> {
     let found: BTreeSet<&str> = names.iter().filter_map(|name| prefix_of(name)).collect();
-    let fine: Vec<&str> = found.iter().copied().filter(|prefix| prefix.contains("fine")).collect();
-    let chosen = match (wanted, &fine[..]) {
-        (Some(wanted), _) => found.get(wanted).copied(),
+    let fitting: Vec<&str> = found.iter().copied().filter(|prefix| wanted(prefix)).collect();
+    let chosen = match (asked, &fitting[..]) {
+        (Some(asked), _) => found.get(asked).copied(),
         (None, _) if found.len() <= 1 => found.first().copied(),
         (None, [only]) => Some(*only),
         (None, _) => {

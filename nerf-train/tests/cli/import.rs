@@ -137,6 +137,7 @@ fn wrong_arguments_and_files_leave_nothing_behind() {
     let path = folder.path("small.npz");
     Shape::small().checkpoint(2).npz(Path::new(&path), "<f4");
     let bad = folder.file("bad.toml", "near = 1\nfarr = 2\n");
+    let coarse = folder.file("coarse.toml", "coarse_samples = 32\n");
     let grid = folder.file("flat.npy", npy("|b1", &[2, 2], &[1.0; 4]));
     for (args, words) in [
         (&["nowhere.npz"][..], &["nowhere.npz", "no such file"][..]),
@@ -148,6 +149,12 @@ fn wrong_arguments_and_files_leave_nothing_behind() {
         (&[&path, "--box", "0,0,0,0,1,1"], &["box"]),
         (&[&path, "--box", "0,0,1"], &["--box", "6 numbers"]),
         (&[&path, "--samples", "5000"], &["samples", "4096", "5000"]),
+        (&[&path, "--coarse-samples", "8"], &["--coarse"]),
+        (&[&path, "--coarse-prefix", "a."], &["--coarse"]),
+        (&[&path, "--config", &coarse], &["coarse_samples", "--coarse"]),
+        (&[&path, "--coarse", &path, "--coarse-samples", "0"], &["coarse_samples", "4096"]),
+        (&[&path, "--coarse", "nowhere.npz"], &["nowhere.npz", "no such file"]),
+        (&[&path, "--coarse", &data], &["scene.npz", "pts_linears.0.weight"]),
         (&[&path, "--angle-scale", "2"], &["--angle-scale", "2"]),
         (&[&path, "--order", "mine"], &["--order", "halves-by-input"]),
         (&[&path, "--background", "beige"], &["--background", "beige"]),
@@ -170,4 +177,36 @@ fn wrong_arguments_and_files_leave_nothing_behind() {
     fails(["import", &path, "-o", &output], &["Trunk(0)", "65504", "70000"]);
     fails(["import", &path, "-o", &folder.path("")], &["folder"]);
     assert!(!Path::new(&output).exists());
+}
+
+#[test]
+fn a_coarse_network_becomes_the_proposal_and_is_measured_with_it() {
+    let (folder, _) = blob();
+    let data = folder.path("scene.npz");
+    let path = |name: &str| folder.path(name);
+    let (fine, coarse, output) = (path("fine.npz"), path("coarse.npz"), path("both.nerf"));
+    Shape::small().checkpoint(3).npz(Path::new(&fine), "<f4");
+    Shape { trunk: vec![9, 7], ..Shape::small() }.checkpoint(4).npz(Path::new(&coarse), "<f4");
+    let args = ["import", &fine, "--coarse", &coarse, "-o", &output, "--grid-resolution", "8"];
+    let text = ok(args.into_iter().chain(["--coarse-samples", "10", "--samples", "20"]));
+    assert!(text.contains("proposal     2 layers") && text.contains("10 samples a ray; the 20"), "{text}");
+    let described = ok(["inspect", &output]);
+    assert!(described.contains("proposal      10 samples a ray, 2 layers"), "{described}");
+    let json = |args: &[&str]| -> serde_json::Value {
+        serde_json::from_str(&ok(args.iter().copied().chain(["--json", "--quiet"]))).expect("an object")
+    };
+    let [on, off] = [
+        json(&["eval", &output, &data, "--every", "2", "--exact"]),
+        json(&["eval", &output, &data, "--every", "2", "--exact", "--no-proposal"]),
+    ];
+    let number = |object: &serde_json::Value, name| object[name].as_f64().expect("a number");
+    assert!(number(&on, "proposal_evaluations_per_ray") > 0.0);
+    assert_eq!(number(&off, "proposal_evaluations_per_ray"), 0.0);
+    assert!(number(&on, "macs") > number(&off, "macs"));
+    // As the original has it where nothing is said.
+    ok(args);
+    let described = ok(["inspect", &output]);
+    for word in ["proposal      64 samples a ray", "128 samples a ray"] {
+        assert!(described.contains(word), "expected `{word}` in: {described}");
+    }
 }

@@ -99,13 +99,13 @@ fn depth_alone_is_trunk_and_density_and_exactly_those_of_the_colour_frame() {
                 assert_eq!(alone.colour_evaluations, 0);
                 assert_eq!(alone.macs, alone.density_evaluations * a.density_macs() as u64);
                 assert_eq!(alone.density_evaluations, colour.density_evaluations);
-                assert_eq!(alone.macs, colour.shares(renderer.network()).density);
+                assert_eq!(alone.macs, colour.shares(&renderer).density);
             }
             if cfg!(feature = "normals") {
                 let alone = go(Outputs { normals: true, ..Outputs::NONE }).counters;
-                let shares = alone.shares(renderer.network());
+                let shares = alone.shares(&renderer);
                 assert_eq!((alone.colour_evaluations, shares.colour, shares.direction), (0, 0, 0));
-                assert_eq!(shares.density, colour.shares(renderer.network()).density);
+                assert_eq!(shares.density, colour.shares(&renderer).density);
                 assert_eq!(shares.normals, alone.normal_evaluations * a.gradient_macs() as u64);
                 // Asked of the samples whose colour is.
                 assert_eq!(alone.normal_evaluations, colour.colour_evaluations);

@@ -7,7 +7,7 @@ use super::audit::check_threshold;
 use super::common::{DataOptions, Global, background_name, tell};
 use crate::dataset::{Axes, View};
 use crate::eval::measure;
-use crate::export::{Contents, Exported, export};
+use crate::export::{Coarse, Contents, Exported, export_with};
 use crate::import::check::{Draft, SUSPICIOUS_DB, VIEWS, check, renderings, split, thinned};
 use crate::import::probe::{Probe, probe};
 use crate::import::{Check, Imported, Settings, Tensors, grid, network};
@@ -34,6 +34,7 @@ use std::process::ExitCode;
 #[derive(Debug, Args)]
 #[command(after_help = "Examples:\n  \
     nerf-train import lego_200k_fine.npz -o lego.nerf --background white --check lego_200\n  \
+    nerf-train import lego_200k_fine.npz -o lego.nerf --coarse lego_200k_coarse.npz --background white\n  \
     nerf-train import lego.safetensors -o lego.nerf --angle-scale pi --samples 64 --grid grid96.npy")]
 pub struct Import {
     /// The network: .npz or .safetensors.
@@ -45,6 +46,13 @@ pub struct Import {
     /// What stands in front of the tensors' names, such as network_fine. [default: as the file has it].
     #[arg(long, value_name = "PREFIX")]
     prefix: Option<String>,
+    /// The coarse network that goes with it: its densities say where on a ray CKPT is asked. A file of both may
+    /// be named twice.
+    #[arg(long, value_name = "CKPT")]
+    coarse: Option<PathBuf>,
+    /// What stands in front of its tensors' names [default: as the file has it].
+    #[arg(long, value_name = "PREFIX", requires = "coarse")]
+    coarse_prefix: Option<String>,
     /// TOML file with what the file cannot say; flags win.
     #[arg(long, value_name = "FILE")]
     config: Option<PathBuf>,
@@ -91,18 +99,23 @@ impl Import {
             Some(file) => self.guesses.clone().or(Guesses::read(file)?),
             None => self.guesses.clone(),
         };
-        let (settings, tier) = (guesses.settings(), global.tier());
+        if guesses.coarse_samples.is_some() && self.coarse.is_none() {
+            bail!("coarse_samples: expected only with --coarse");
+        }
+        let (settings, tier) = (guesses.settings(self.coarse.is_some()), global.tier());
         settings.check()?;
         check_threshold(self.effect_threshold)?;
         ensure_file(&self.output)?;
         let tensors = Tensors::read(&self.checkpoint, self.prefix.as_deref())?;
         let network = network(&tensors, &settings)?;
+        let coarse = self.coarse(&settings)?;
         let given = self.grid.as_deref().map(|file| grid::read(file, &settings)).transpose()?;
         let data = self.data(&guesses, &settings, global)?;
         let mut work = Work {
             network: &network,
             architecture: network.model.architecture.clone(),
             parameters: network.folded(),
+            coarse: coarse.as_ref(),
             settings: &settings,
             cells: None,
             file: &self.checkpoint,
@@ -157,6 +170,7 @@ impl Import {
             network: &network,
             architecture: &work.architecture,
             direction,
+            coarse: coarse.as_ref().map(|coarse| &coarse.network),
             settings: &settings,
             exported: &exported,
             grid: source,
@@ -169,6 +183,14 @@ impl Import {
         warn(&outcome);
         global.finish(&outcome.summary(tier), || outcome.print())?;
         Ok(ExitCode::SUCCESS)
+    }
+
+    /// The network of `--coarse`.
+    fn coarse(&self, settings: &Settings) -> anyhow::Result<Option<CoarseNetwork>> {
+        let Some(file) = &self.coarse else { return Ok(None) };
+        let tensors = Tensors::read_coarse(file, self.coarse_prefix.as_deref())?;
+        let network = network(&tensors, settings)?;
+        Ok(Some(CoarseNetwork { parameters: network.folded(), network }))
     }
 
     /// The views of `--check`, thinned.
@@ -197,11 +219,18 @@ impl Import {
     }
 }
 
+/// The network of `--coarse`, and its parameters in export order.
+struct CoarseNetwork {
+    network: Imported,
+    parameters: Vec<f32>,
+}
+
 /// Everything that goes into the blob but what is measured on it.
 struct Work<'a> {
     network: &'a Imported,
     architecture: Architecture,
     parameters: Vec<f32>,
+    coarse: Option<&'a CoarseNetwork>,
     settings: &'a Settings,
     cells: Option<LiveCells>,
     file: &'a Path,
@@ -220,16 +249,23 @@ impl Work<'_> {
         let finite = |db: f64| Some(db as f32).filter(|db| db.is_finite());
         let name = self.file.file_name().unwrap_or_default().to_string_lossy();
         let made_by = format!("nerf-train {}, imported from {name}", env!("CARGO_PKG_VERSION"));
+        let s = self.settings;
+        let drawn = s.coarse_samples.map_or_else(String::new, |coarse| format!("{coarse} + "));
         let convention = about.check.map_or_else(String::new, |check| {
             format!(
-                "mean over {} views, every third pixel and row, background {}, {} samples a ray",
+                "mean over {} views, every third pixel and row, background {}, {drawn}{} samples a ray",
                 check.scores.views.len(),
                 background_name(self.settings.background),
                 self.settings.samples
             )
         });
         let stem = self.file.file_stem().unwrap_or_default().to_string_lossy();
-        let exported = export(&Contents {
+        let coarse = self.coarse.zip(s.coarse_samples).map(|(coarse, samples)| Coarse {
+            architecture: &coarse.network.model.architecture,
+            parameters: &coarse.parameters,
+            samples,
+        });
+        let contents = Contents {
             architecture: &self.architecture,
             parameters: &self.parameters,
             content: Content::Scene(self.settings.facts(about.grid_required)),
@@ -244,8 +280,8 @@ impl Work<'_> {
                 quantisation_loss_db: about.check.and_then(|check| finite(check.quantisation_loss_db)),
                 trained_parameters: self.network.parameters.len() as u32,
             },
-        })?;
-        Ok(exported)
+        };
+        Ok(export_with(&contents, coarse.as_ref())?)
     }
 
     /// What view dependence gains over its mean, dB, and whether that is enough: if not, the mean takes its

@@ -51,9 +51,12 @@ pub struct Guesses {
     )]
     #[serde(rename = "box")]
     pub scene_box: Option<[f32; 6]>,
-    /// Samples a ray [default: 192].
+    /// Samples a ray [default: 192; with --coarse 128, which are drawn from it].
     #[arg(long, value_name = "N")]
     pub samples: Option<u16>,
+    /// Samples a ray of the network of --coarse [default: 64].
+    #[arg(long, value_name = "N", requires = "coarse")]
+    pub coarse_samples: Option<u16>,
     /// Convention of the poses of --check: opengl or opencv [default: as is usual for the layout].
     #[arg(long, value_name = "CONVENTION")]
     pub axes: Option<Axes>,
@@ -94,15 +97,23 @@ impl Guesses {
             far: self.far.or(other.far),
             scene_box: self.scene_box.or(other.scene_box),
             samples: self.samples.or(other.samples),
+            coarse_samples: self.coarse_samples.or(other.coarse_samples),
             axes: self.axes.or(other.axes),
             grid_resolution: self.grid_resolution.or(other.grid_resolution),
             grid_threshold: self.grid_threshold.or(other.grid_threshold),
         }
     }
 
-    /// The settings of the import.
-    pub fn settings(&self) -> Settings {
-        let base = Settings::default();
+    /// The settings of the import, with or without a coarse network.
+    pub fn settings(&self, coarse: bool) -> Settings {
+        let base = match coarse {
+            true => Settings {
+                samples: Settings::DRAWN_SAMPLES,
+                coarse_samples: Some(self.coarse_samples.unwrap_or(Settings::COARSE_SAMPLES)),
+                ..Settings::default()
+            },
+            false => Settings::default(),
+        };
         Settings {
             angle: self.angle_scale.unwrap_or(base.angle),
             order: self.order.unwrap_or(base.order),
@@ -115,6 +126,7 @@ impl Guesses {
             far: self.far.unwrap_or(base.far),
             scene_box: self.scene_box.unwrap_or(base.scene_box),
             samples: self.samples.unwrap_or(base.samples),
+            coarse_samples: base.coarse_samples,
             grid_resolution: self.grid_resolution.unwrap_or(base.grid_resolution),
             grid_threshold: self.grid_threshold.unwrap_or(base.grid_threshold),
         }
@@ -144,7 +156,11 @@ mod tests {
             scene_box: [-1.0, -2.0, -3.0, 1.0, 2.0, 3.0],
             ..Settings::default()
         };
-        assert_eq!(all.settings(), expected);
+        assert_eq!(all.settings(false), expected);
+        let drawn = Settings { samples: 128, coarse_samples: Some(64), ..expected };
+        assert_eq!(all.settings(true), drawn);
+        let fewer = Guesses { samples: Some(32), coarse_samples: Some(16), ..all };
+        assert_eq!(fewer.settings(true), Settings { samples: 32, coarse_samples: Some(16), ..drawn });
         for (wrong, word) in [("backgruond = \"white\"", "backgruond"), ("background = \"beige\"", "beige")] {
             let error = toml::from_str::<Guesses>(wrong).expect_err("wrong").to_string();
             assert!(error.contains(word), "{error}");

@@ -32,6 +32,7 @@ pub struct Outcome<'a> {
     pub architecture: &'a Architecture,
     /// What view dependence gains, dB, and what became of it; `None` if that was not asked.
     pub direction: Option<(f64, Verdict)>,
+    pub coarse: Option<&'a Imported>,
     pub settings: &'a Settings,
     pub exported: &'a Exported,
     pub grid: GridSource,
@@ -72,6 +73,16 @@ impl Outcome<'_> {
             s.samples,
             s.scene_box
         );
+        if let (Some(coarse), Some(samples)) = (self.coarse, s.coarse_samples) {
+            let a = &coarse.model.architecture;
+            outln!(
+                "proposal     {} layers, {} parameters of densities, {samples} samples a ray; the {} are drawn \
+                 from it",
+                a.trunk.len(),
+                a.density_parameters(),
+                s.samples
+            );
+        }
         self.print_grid()?;
         if let Some(check) = self.check {
             outln!(
@@ -141,6 +152,11 @@ impl Outcome<'_> {
             .integer("parameters", self.architecture.parameters() as u64)
             .integer("subnormal_weights", self.exported.subnormal_weights as u64)
             .flag("grid_required", self.grid_required);
+        if let (Some(coarse), Some(samples)) = (self.coarse, s.coarse_samples) {
+            summary
+                .integer("coarse_samples_per_ray", u64::from(samples))
+                .integer("coarse_parameters", coarse.model.architecture.density_parameters() as u64);
+        }
         let skips = a.trunk.iter().enumerate().filter(|(_, layer)| layer.skip);
         summary.numbers("skip_layers", &skips.map(|(i, _)| i as f64).collect::<Vec<_>>());
         if let Some(cells) = self.cells {

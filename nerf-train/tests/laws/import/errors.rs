@@ -84,6 +84,10 @@ fn wrong_shapes_are_named_with_what_was_expected() {
         ("alpha_linear.weight", &[1, 11], "[1, 10]"),
         ("feature_linear.weight", &[10, 9], "[10, 10]"),
         ("rgb_linear.weight", &[3, 7], "[3, 6]"),
+        // Rows before the bias, which would be short of them, too.
+        ("alpha_linear.weight", &[2, 10], "[1, 10]"),
+        ("feature_linear.weight", &[9, 10], "[10, 10]"),
+        ("rgb_linear.weight", &[4, 6], "[3, 6]"),
     ] {
         assert_refused(set(name, shape), &wide(), &[expected]);
         if !expected.contains("levels") {
@@ -239,6 +243,8 @@ fn settings_out_of_range_name_their_flag() {
         ("box", Settings { scene_box: [f32::NAN, 0.0, 0.0, 1.0, 1.0, 1.0], ..base() }),
         ("samples", Settings { samples: 0, ..base() }),
         ("samples", Settings { samples: 4097, ..base() }),
+        ("coarse_samples", Settings { coarse_samples: Some(0), ..base() }),
+        ("coarse_samples", Settings { coarse_samples: Some(4097), ..base() }),
         ("background", Settings { background: [0.0, 0.0, 1.5], ..base() }),
         ("grid_resolution", Settings { grid_resolution: 513, ..base() }),
         ("grid_threshold", Settings { grid_threshold: f32::NAN, ..base() }),

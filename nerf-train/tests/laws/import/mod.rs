@@ -1,5 +1,6 @@
 //! Networks from elsewhere: what is imported is the function that was trained.
 
+mod coarse;
 mod errors;
 pub mod made;
 mod oracle;

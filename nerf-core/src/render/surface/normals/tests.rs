@@ -183,7 +183,7 @@ fn every_batch_gives_the_normals_and_the_work_of_one_sample_at_a_time() {
                     // The picks are the colour's, if there is one.
                     let colours = if outputs.rgb { evaluations } else { 0 };
                     assert_eq!(c.colour_evaluations, colours, "{what}");
-                    let shares = c.shares(renderer.network());
+                    let shares = c.shares(&renderer);
                     assert_eq!(shares.normals, evaluations * a.gradient_macs() as u64, "{what}");
                     assert_eq!(shares.direction > 0, outputs.rgb, "{what}");
                 }

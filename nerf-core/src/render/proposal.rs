@@ -1,0 +1,234 @@
+//! The coarse pass of a scene with a proposal network: where on its rays the scene's own is asked.
+//!
+//! The rays of a tile walk the proposal's bins as they walk the scene's (`march`), through a network of
+//! densities alone. From the weights they gather, each ray draws its samples, which take the weights'
+//! place; from there on the frame is any other. Without the feature `proposal`, `proposal_absent.rs`
+//! stands here.
+
+use super::Target;
+use super::frame::{Frame, columns_of};
+use super::march::RayState;
+use crate::blob::Blob;
+use crate::camera::Camera;
+use crate::effects::jitter::Place;
+use crate::kernels::{Arena, Tier, lines_for};
+use crate::math::Math;
+use crate::network::{Network, Weights};
+use crate::plan::Plan;
+use crate::sampling::{draw, stretch};
+use crate::volume::Accumulator;
+
+#[cfg(test)]
+mod tests;
+
+/// Where a ray's walk through the proposal ends: what is left of the light, and so of the weights, would
+/// draw less than a thousandth of the samples. It is no setting: where samples lie does not depend on
+/// [`Quality::transmittance_cut`](crate::plan::Quality::transmittance_cut), whose price stays what it is.
+const DARK: f32 = 1e-3;
+
+/// The proposal network of a scene, if it has one.
+#[derive(Clone, Debug)]
+pub(super) struct Proposer<'a> {
+    network: Option<Network<'a>>,
+}
+
+impl<'a> Proposer<'a> {
+    /// Lines of memory [`Proposer::prepare`] needs.
+    pub fn prepared_lines(blob: &Blob<'_>) -> usize {
+        blob.proposal().map_or(0, |it| lines_for::<f32>(it.architecture().density_parameters()))
+    }
+
+    /// The weights where they lie in the blob.
+    pub fn in_place(blob: &Blob<'a>, tier: Tier) -> Self {
+        let network = blob
+            .proposal()
+            .and_then(|it| Network::of_density(&it.architecture(), Weights::InPlace(it.weights), tier));
+        Self { network }
+    }
+
+    /// The weights as `tier` multiplies them; `None` if the memory is used up.
+    pub fn prepare(blob: &Blob<'a>, tier: Tier, arena: &mut Arena<'a>) -> Option<Self> {
+        let Some(proposal) = blob.proposal() else { return Some(Self { network: None }) };
+        let architecture = proposal.architecture();
+        let unpacked = arena.slice(architecture.density_parameters(), 0.0f32)?;
+        let weights = Weights::prepare(&architecture, tier, proposal.weights, unpacked);
+        Some(Self { network: Some(Network::of_density(&architecture, weights, tier)?) })
+    }
+
+    /// Multiply-adds of an evaluation; 0 without a network.
+    pub fn macs(&self) -> u64 {
+        self.network.as_ref().map_or(0, |network| network.architecture().density_macs() as u64)
+    }
+
+    /// Samples of a ray that are drawn or the proposal's own; 0 where none are.
+    pub fn row(&self, plan: &Plan<'_>) -> usize {
+        if self.network.is_some() && plan.proposal.is_some() { plan.samples_per_ray() as usize } else { 0 }
+    }
+
+    /// Rows of encoded inputs and of activations that an evaluation needs.
+    pub fn rows(&self) -> (usize, usize) {
+        self.network.as_ref().map_or((0, 0), |network| (network.encoded_rows(), network.activation_rows()))
+    }
+}
+
+/// The samples of the rays in flight, where they are drawn; else nothing, and the plan's bins are meant.
+pub(super) struct Drawn<'f, 'w> {
+    proposer: &'f Proposer<'f>,
+    /// `[rays][row]`: `t`, ascending; before they are drawn, a row's last values are the proposal's weights.
+    t: &'w mut [f32],
+    row: usize,
+    /// Which of its ray's samples, or of the proposal's bins, the block's are: `[samples]`.
+    index: &'w mut [u32],
+}
+
+impl<'f, 'w> Drawn<'f, 'w> {
+    /// Lines of memory [`Drawn::carve`] needs.
+    pub fn lines([rays, samples, row]: [usize; 3]) -> usize {
+        if row == 0 { 0 } else { lines_for::<f32>(rays.saturating_mul(row)) + lines_for::<u32>(samples) }
+    }
+
+    /// `row` samples for each of the `rays`; nothing where `row` is 0.
+    pub fn carve(
+        proposer: &'f Proposer<'f>,
+        arena: &mut Arena<'w>,
+        [rays, samples, row]: [usize; 3],
+    ) -> Option<Self> {
+        let index = if row == 0 { 0 } else { samples };
+        Some(Self {
+            proposer,
+            t: arena.slice(rays.saturating_mul(row), 0.0f32)?,
+            row,
+            index: arena.slice(index, 0u32)?,
+        })
+    }
+
+    /// Whether samples are drawn.
+    #[inline]
+    pub fn is_on(&self) -> bool {
+        self.row > 0
+    }
+
+    /// Moves `state.next` to the first live sample of ray `ray` at or after it; `false` if there is none.
+    #[inline]
+    pub fn seek(&self, plan: &Plan<'_>, ray: u32, state: &mut RayState, place: Place) -> bool {
+        if self.row == 0 {
+            return state.seek(plan, &plan.bins, place);
+        }
+        let row = self.row_of(ray);
+        while state.next < state.end && !plan.live(state.ray.at(row[state.next as usize])) {
+            state.next += 1;
+        }
+        state.next < state.end
+    }
+
+    /// Where sample `next` of ray `ray` is, which goes into column `column` of the block.
+    #[inline]
+    pub fn take(&mut self, plan: &Plan<'_>, ray: u32, next: u32, place: Place, column: usize) -> f32 {
+        if self.row == 0 {
+            return place.t(&plan.bins, next);
+        }
+        self.index[column] = next;
+        self.row_of(ray)[next as usize]
+    }
+
+    /// Middle and width of what the sample in column `column` of the block stands for, world units along its
+    /// ray; `None` for a bin.
+    #[inline]
+    pub fn stretch(&self, plan: &Plan<'_>, ray: u32, column: usize) -> Option<(f32, f32)> {
+        if self.row == 0 {
+            return None;
+        }
+        Some(stretch(plan.near, plan.far, self.row_of(ray), self.index[column] as usize))
+    }
+
+    fn row_of(&self, ray: u32) -> &[f32] {
+        &self.t[ray as usize * self.row..][..self.row]
+    }
+}
+
+impl Frame<'_, '_> {
+    /// Asks the proposal where the samples of the tile's first `hits` rays should be, and draws them.
+    ///
+    /// Rays of which none is live are finished; those left move together. Returns their number.
+    pub(super) fn propose<M: Math>(
+        &mut self,
+        hits: usize,
+        camera: &Camera,
+        target: &mut impl Target,
+    ) -> usize {
+        let (plan, row, proposer) = (self.plan, self.drawn.row, self.drawn.proposer);
+        let (Some(network), Some(coarse)) = (&proposer.network, &plan.proposal) else { return hits };
+        self.drawn.t[..hits * row].fill(0.0);
+        loop {
+            let n = self.fill_coarse();
+            if n == 0 {
+                break;
+            }
+            self.scratch.stride = columns_of(self.network, n);
+            network.trunk(plan.math, &mut self.scratch, self.positions);
+            network.density(plan.math, &self.scratch, self.block.sigma);
+            self.counters.proposal_evaluations += n as u64;
+            self.counters.macs += n as u64 * proposer.macs();
+            self.gather_coarse::<M>(n);
+        }
+        let mut left = 0;
+        for from in 0..hits {
+            let place = self.rays[from].place(plan, self.turn);
+            draw(coarse, &mut self.drawn.t[from * row..][..row], |k| place.within(k));
+            self.drawn.t.copy_within(from * row..(from + 1) * row, left * row);
+            let mut state = self.rays[from];
+            (state.next, state.end, state.done) = (0, row as u32, false);
+            state.gathered = Accumulator::NONE;
+            if self.drawn.seek(plan, left as u32, &mut state, place) {
+                self.rays[left] = state;
+                self.waiting.push(left as u32);
+                left += 1;
+            } else {
+                self.finish::<M>(&state, None, camera, target);
+            }
+        }
+        left
+    }
+
+    /// Takes the next bin of as many rays as a block has room for. Returns their number.
+    fn fill_coarse(&mut self) -> usize {
+        let plan = self.plan;
+        let Some(coarse) = &plan.proposal else { return 0 };
+        let mut n = 0;
+        // Who waits has a live bin: a ray is sent to wait only where it has found one.
+        while n < self.block.owner.len()
+            && let Some(i) = self.waiting.pop()
+        {
+            let state = &mut self.rays[i as usize];
+            self.block.owner[n] = i;
+            self.block.t[n] = coarse.at(state.next, 0.5);
+            self.drawn.index[n] = state.next;
+            state.next += 1;
+            n += 1;
+        }
+        self.put_positions(n);
+        n
+    }
+
+    /// Notes the weights of the block's `n` samples, and sends the rays that see on back to wait.
+    fn gather_coarse<M: Math>(&mut self, n: usize) {
+        let plan = self.plan;
+        let Some(coarse) = &plan.proposal else { return };
+        let (row, drawn) = (self.drawn.row, plan.bins.count() as usize);
+        for column in 0..n {
+            let owner = self.block.owner[column];
+            let state = &mut self.rays[owner as usize];
+            let sigma = self.block.sigma[column];
+            if sigma.is_nan() {
+                self.counters.invalid_samples += 1;
+            } else if sigma > 0.0 {
+                let weight = state.gathered.add_density::<M>(sigma, self.block.t[column], coarse.delta());
+                self.drawn.t[owner as usize * row + drawn + self.drawn.index[column] as usize] = weight;
+                state.done = state.gathered.transmittance::<M>() < DARK;
+            }
+            if !state.done && state.seek(plan, coarse, Place::MIDDLE) {
+                self.waiting.push(owner);
+            }
+        }
+    }
+}

@@ -1,0 +1,320 @@
+extern crate std;
+
+use super::DARK;
+use crate::blob::{Blob, Body, Front, Grid, Proposal};
+use crate::camera::{Camera, Intrinsics, Pose};
+use crate::encoding::{AngleScale, Encoding};
+use crate::kernels::{Line, Tier};
+use crate::lens::Lens;
+use crate::math::polynomial::Polynomial;
+use crate::network::{Architecture, DensityActivation, TrunkLayer};
+use crate::plan::{Batch, Outputs, Plan, Quality};
+use crate::render::{Counters, Rect, RenderError, Renderer, Switch};
+use crate::sampling::{Bins, draw, stretch};
+use crate::testing::{SCENE, body, bytes, every_kind, halve, noise, parameters};
+use crate::volume::{Accumulator, Pixel};
+use glam::Vec3;
+use std::string::ToString;
+use std::vec;
+use std::vec::Vec;
+
+const COARSE: u32 = 20;
+const DRAWN: u32 = 32;
+const ROW: u64 = (COARSE + DRAWN) as u64;
+
+/// A proposal of another shape than the scene's network, and wider than that.
+fn coarse_architecture() -> Architecture {
+    Architecture {
+        position: Encoding { inputs: 3, levels: 3, scale: AngleScale::One, identity: true },
+        direction: None,
+        trunk: [(40, false), (28, true)]
+            .map(|(width, skip)| TrunkLayer { width, skip })
+            .into_iter()
+            .collect(),
+        density: Some(DensityActivation::Relu),
+        colour: [].into_iter().collect(),
+    }
+}
+
+/// The proposal's parameters, with densities that are steep.
+fn coarse_parameters(seed: u32) -> Vec<f32> {
+    let a = coarse_architecture();
+    let mut all = parameters(&a, seed);
+    all[a.layers()[2].weights..a.density_parameters()].iter_mut().for_each(|w| *w *= 6.0);
+    all
+}
+
+/// The tests' scene, with or without a grid and a proposal of these parameters.
+fn scene(grid: Option<Grid<'_>>, coarse: Option<&[f32]>) -> Vec<u8> {
+    let shape = coarse_architecture();
+    scene_of(grid, coarse.map(|coarse| (&shape, coarse)))
+}
+
+fn scene_of(grid: Option<Grid<'_>>, coarse: Option<(&Architecture, &[f32])>) -> Vec<u8> {
+    let a = every_kind();
+    let (weights, _) = halve(&parameters(&a, 7));
+    let (coarse_weights, _) = halve(coarse.map_or(&[], |(_, parameters)| parameters));
+    let proposal = coarse.map(|(shape, _)| Proposal {
+        position: shape.position,
+        trunk: shape.trunk.clone(),
+        density: DensityActivation::Relu,
+        samples: COARSE as u16,
+        weights: &coarse_weights[..2 * shape.density_parameters()],
+    });
+    bytes(&Body { proposal, front: Front::new(), ..body(a, grid, &weights) })
+}
+
+fn camera(width: u32, height: u32) -> Camera {
+    let pose = Pose::look_at(Vec3::new(1.0, 2.0, 3.3), Vec3::new(0.1, 0.0, -0.1), Vec3::Y).unwrap();
+    Camera::new(Intrinsics::centred(width, height, width.max(height) as f32), Lens::NONE, pose).unwrap()
+}
+
+fn tiers() -> impl Iterator<Item = Tier> {
+    Tier::ALL.into_iter().filter(|tier| tier.available())
+}
+
+/// The picture of a blob, its counters and the lines of workspace it took.
+fn render(bytes: &[u8], tier: Tier, quality: Quality, batch: Batch) -> (Vec<Pixel>, Counters, usize) {
+    let blob = Blob::open(bytes).unwrap();
+    let mut memory = vec![Line::UNINIT; Renderer::prepared_lines(&blob, tier)];
+    let plan = Plan::new(&blob, &quality, Outputs::ALL, batch).unwrap();
+    let renderer = Renderer::new(blob, tier, &mut memory).unwrap();
+    let camera = camera(23, 19);
+    let none = Pixel { rgb: [f32::NAN; 3], opacity: f32::NAN, ..Pixel::BLANK };
+    let mut pixels = vec![none; 23 * 19];
+    let mut workspace = vec![Line::UNINIT; renderer.workspace_lines(&plan)];
+    let mut put = |x: u32, y: u32, pixel: &Pixel| pixels[(y * 23 + x) as usize] = *pixel;
+    let counters = renderer.render(&plan, &camera, Rect::full(&camera), &mut workspace, &mut put).unwrap();
+    (pixels, counters, workspace.len())
+}
+
+/// Densities and colours at points of a ray, by `Renderer::query`, one at a time.
+fn ask(renderer: &Renderer<'_>, plan: &Plan<'_>, p: Vec3, dir: Vec3) -> (f32, [f32; 3]) {
+    let mut workspace = vec![Line::UNINIT; renderer.workspace_lines(plan)];
+    let (mut sigma, mut rgb) = ([0.0], [[0.0; 3]]);
+    let (p, dir) = ([p.to_array()], [dir.to_array()]);
+    renderer.query(plan, &p, &dir, &mut workspace, &mut sigma, &mut rgb).unwrap();
+    (sigma[0], rgb[0])
+}
+
+#[test]
+fn a_picture_is_the_composite_of_the_drawn_samples_bit_for_bit() {
+    let grid = [0b0111_1011];
+    let coarse = coarse_parameters(11);
+    // The proposal as a scene of its own: its densities, by another way.
+    let (coarse_weights, _) = halve(&coarse);
+    for grid in [None, Some(Grid { resolution: [2; 3], bits: &grid })] {
+        let (bytes, alone) = (
+            scene(grid.clone(), Some(&coarse)),
+            crate::testing::bytes(&body(coarse_architecture(), grid.clone(), &coarse_weights)),
+        );
+        for (tier, cut) in tiers().flat_map(|tier| [(tier, 0.0), (tier, 0.3)]) {
+            let skip_grid = grid.is_some();
+            let quality = Quality { transmittance_cut: cut, skip_grid, ..Quality::EXACT };
+            let (found, ..) = render(&bytes, tier, quality, Batch::for_tier(tier));
+            let (fine, coarse) = (Blob::open(&bytes).unwrap(), Blob::open(&alone).unwrap());
+            let plain = Quality { proposal: false, ..quality };
+            let plans = [&fine, &coarse]
+                .map(|blob| Plan::new(blob, &plain, Outputs::RGB, Batch::for_tier(tier)).unwrap());
+            let mut memory =
+                [&fine, &coarse].map(|blob| vec![Line::UNINIT; Renderer::prepared_lines(blob, tier)]);
+            let [fine_memory, coarse_memory] = &mut memory;
+            let fine = Renderer::new(fine, tier, fine_memory).unwrap();
+            let coarse = Renderer::new(coarse, tier, coarse_memory).unwrap();
+            let (camera, bins) = (camera(23, 19), Bins::new(2.0, 6.0, COARSE).unwrap());
+            let mut hits = 0;
+            for (i, found) in found.iter().enumerate().step_by(5) {
+                let ray = camera.ray((i % 23) as f32 + 0.5, (i / 23) as f32 + 0.5);
+                let mut row = vec![0.0; ROW as usize];
+                let mut seen = Accumulator::NONE;
+                for bin in 0..COARSE {
+                    let t = bins.at(bin, 0.5);
+                    let (sigma, _) = ask(&coarse, &plans[1], ray.at(t), ray.dir);
+                    if sigma > 0.0 && seen.transmittance::<Polynomial>() >= DARK {
+                        row[(DRAWN + bin) as usize] = seen.add_density::<Polynomial>(sigma, t, bins.delta());
+                    }
+                }
+                draw(&bins, &mut row, |_| 0.5);
+                let mut ray_sum = Accumulator::NONE;
+                for k in 0..row.len() {
+                    let (sigma, rgb) = ask(&fine, &plans[0], ray.at(row[k]), ray.dir);
+                    if sigma > 0.0 && ray_sum.transmittance::<Polynomial>() >= cut {
+                        hits += 1;
+                        ray_sum.add::<Polynomial>(sigma, rgb, row[k], stretch(2.0, 6.0, &row, k).1);
+                    }
+                }
+                let expected = ray_sum.finish(SCENE.background, 6.0, camera.z_per_distance(&ray));
+                assert_eq!(*found, expected, "{tier:?}, cut {cut}, pixel {i}");
+            }
+            assert!(hits > 200, "{hits}");
+        }
+    }
+}
+
+#[test]
+fn a_picture_does_not_depend_on_the_batch() {
+    let bytes = scene(None, Some(&coarse_parameters(11)));
+    for quality in [Quality::EXACT, Quality::default()] {
+        let (expected, work, _) = render(&bytes, Tier::Scalar, quality, Batch::for_tier(Tier::Scalar));
+        for (rays, samples) in [(1, 1), (3, 1), (7, 5), (400, 64)] {
+            let (found, counters, _) = render(&bytes, Tier::Scalar, quality, Batch { rays, samples });
+            assert_eq!(found, expected, "{rays} rays, {samples} samples");
+            assert_eq!(counters, work);
+        }
+    }
+}
+
+#[test]
+fn without_it_bits_work_and_memory_are_those_of_a_scene_that_has_none() {
+    let bits = [0b0110_1011];
+    let grid = Some(Grid { resolution: [2; 3], bits: &bits });
+    let (with, without) = (scene(grid.clone(), Some(&coarse_parameters(11))), scene(grid, None));
+    for quality in [Quality::EXACT, Quality::default()] {
+        let off = Quality { proposal: false, ..quality };
+        for tier in tiers() {
+            let expected = render(&without, tier, quality, Batch::for_tier(tier));
+            assert_eq!(render(&with, tier, off, Batch::for_tier(tier)), expected, "{tier:?}");
+            let (_, on, memory) = render(&with, tier, quality, Batch::for_tier(tier));
+            assert!(on.proposal_evaluations > 0 && memory > expected.2);
+            assert_eq!(expected.1.proposal_evaluations, 0);
+        }
+    }
+}
+
+#[test]
+fn counters_add_up() {
+    let bits = [0b0110_1011];
+    let bytes = scene(Some(Grid { resolution: [2; 3], bits: &bits }), Some(&coarse_parameters(11)));
+    let blob = Blob::open(&bytes).unwrap();
+    let renderer = Renderer::new(blob, Tier::Scalar, &mut []).unwrap();
+    let batch = Batch { rays: 9, samples: 4 };
+    let (_, exact, _) = render(&bytes, Tier::Scalar, Quality::EXACT, batch);
+    for quality in [Quality::EXACT, Quality::default()] {
+        let (_, c, _) = render(&bytes, Tier::Scalar, quality, batch);
+        assert_eq!(c.samples_kept + c.samples_skipped, c.rays * ROW);
+        assert_eq!(c.density_evaluations, c.samples_kept);
+        assert!(c.proposal_evaluations <= exact.proposal_evaluations);
+        let shares = c.shares(&renderer);
+        let macs = coarse_architecture().density_macs() as u64;
+        assert_eq!(shares.proposal, c.proposal_evaluations * macs);
+        assert_eq!(shares.proposal + shares.direction + shares.density + shares.colour, c.macs);
+        assert!(shares.direction > 0 && shares.direction % renderer.network().direction_macs() as u64 == 0);
+    }
+}
+
+#[test]
+fn a_full_grid_changes_no_bit() {
+    let coarse = coarse_parameters(11);
+    let bits = [0xff];
+    let full = scene(Some(Grid { resolution: [2; 3], bits: &bits }), Some(&coarse));
+    let batch = Batch { rays: 30, samples: 16 };
+    let gated = Quality { skip_grid: true, ..Quality::EXACT };
+    let (found, expected) =
+        (render(&full, Tier::Scalar, gated, batch), render(&full, Tier::Scalar, Quality::EXACT, batch));
+    assert_eq!((found.0, found.1), (expected.0, expected.1));
+}
+
+#[test]
+fn a_proposal_that_sees_nothing_gives_even_samples() {
+    let a = coarse_architecture();
+    let mut blind = vec![0.0; a.parameters()];
+    blind[a.density_parameters() - 1] = -1.0;
+    let bytes = scene(None, Some(&blind));
+    let batch = Batch { rays: 30, samples: 16 };
+    let (found, counters, _) = render(&bytes, Tier::Scalar, Quality::EXACT, batch);
+    assert!(counters.proposal_evaluations > 0 && counters.samples_kept > 0);
+    // Dense even samples are what it comes to.
+    let dense = Quality { samples: 4096, proposal: false, ..Quality::EXACT };
+    let (expected, ..) = render(&bytes, Tier::Scalar, dense, batch);
+    let even = Quality { samples: ROW as u16, proposal: false, ..Quality::EXACT };
+    let (even, ..) = render(&bytes, Tier::Scalar, even, batch);
+    let error = |pixels: &[Pixel]| -> f64 {
+        let square = |(a, b): (&Pixel, &Pixel)| f64::from(a.opacity - b.opacity).powi(2);
+        pixels.iter().zip(&expected).map(square).sum()
+    };
+    let (drawn, even) = (error(&found), error(&even));
+    std::println!("squared error {drawn:e}, evenly {even:e}");
+    // Two even combs, one over the other, are as good as one to a factor.
+    assert!(drawn < 16.0 * even, "{drawn} {even}");
+}
+
+#[test]
+fn densities_that_are_no_numbers_are_counted_and_never_seen() {
+    // Ten layers of such weights go beyond f32, and what adds infinities of both signs is NaN.
+    let layer = TrunkLayer { width: 8, skip: false };
+    let deep = Architecture { trunk: [layer; 10].into_iter().collect(), ..coarse_architecture() };
+    let wild: Vec<f32> = noise(deep.parameters(), 5).iter().map(|w| w * 60_000.0).collect();
+    let bytes = scene_of(None, Some((&deep, &wild)));
+    let (pixels, counters, _) = render(&bytes, Tier::Scalar, Quality::EXACT, Batch { rays: 5, samples: 8 });
+    let (_, without, _) =
+        render(&bytes, Tier::Scalar, Quality { proposal: false, ..Quality::EXACT }, Batch::SMALLEST);
+    assert!(counters.invalid_samples > 0 && without.invalid_samples == 0);
+    assert!(pixels.iter().all(|p| p.rgb.iter().all(|c| c.is_finite()) && p.opacity <= 1.0));
+    assert_eq!(counters.samples_kept + counters.samples_skipped, counters.rays * ROW);
+}
+
+#[test]
+fn a_workspace_one_line_short_is_refused() {
+    let bytes = scene(None, Some(&coarse_parameters(11)));
+    let blob = Blob::open(&bytes).unwrap();
+    for tier in tiers() {
+        let lines = Renderer::prepared_lines(&blob, tier);
+        if lines > 0 {
+            let mut short = vec![Line::UNINIT; lines - 1];
+            let error = Renderer::new(blob.clone(), tier, &mut short).map(drop).unwrap_err();
+            assert_eq!(error, RenderError::Memory { expected: lines, found: lines - 1 });
+        }
+        let mut memory = vec![Line::UNINIT; lines];
+        let renderer = Renderer::new(blob.clone(), tier, &mut memory).unwrap();
+        let plan = Plan::new(&blob, &Quality::EXACT, Outputs::ALL, Batch::for_tier(tier)).unwrap();
+        let expected = renderer.workspace_lines(&plan);
+        let mut short = vec![Line::UNINIT; expected - 1];
+        let mut put = |_: u32, _: u32, _: &Pixel| panic!("a pixel was written");
+        let camera = camera(4, 4);
+        let error = renderer.render(&plan, &camera, Rect::full(&camera), &mut short, &mut put).unwrap_err();
+        assert_eq!(error, RenderError::Memory { expected, found: expected - 1 });
+    }
+}
+
+#[test]
+fn what_drawing_needs_in_memory_is_a_row_a_ray() {
+    let bytes = scene(None, Some(&coarse_parameters(11)));
+    let blob = Blob::open(&bytes).unwrap();
+    let renderer = Renderer::new(blob.clone(), Tier::Scalar, &mut []).unwrap();
+    let lines = |quality: Quality, rays| {
+        let batch = Batch { rays, samples: 16 };
+        renderer.workspace_lines(&Plan::new(&blob, &quality, Outputs::ALL, batch).unwrap())
+    };
+    let off = Quality { proposal: false, ..Quality::EXACT };
+    let extra = |rays| lines(Quality::EXACT, rays) - lines(off, rays);
+    // 208 bytes a ray; 1,600 rays more make whole lines.
+    assert_eq!(extra(1616) - extra(16), 1600 * 4 * ROW as usize / 64);
+}
+
+#[test]
+fn an_explanation_names_the_proposal_and_why_it_is_off() {
+    let bytes = scene(None, Some(&coarse_parameters(11)));
+    let blob = Blob::open(&bytes).unwrap();
+    let renderer = Renderer::new(blob.clone(), Tier::Scalar, &mut []).unwrap();
+    let explain = |proposal| {
+        let quality = Quality { proposal, ..Quality::EXACT };
+        let plan = Plan::new(&blob, &quality, Outputs::ALL, Batch::SMALLEST).unwrap();
+        let (_, counters, _) = render(&bytes, Tier::Scalar, quality, Batch::SMALLEST);
+        let explanation = plan.explain(&renderer).with_counters(counters);
+        let stage = explanation.stages().into_iter().find(|stage| stage.name == "proposal").unwrap();
+        (stage.switch, explanation.to_string())
+    };
+    let (switch, text) = explain(true);
+    assert_eq!(switch, Switch::On);
+    let macs = coarse_architecture().density_macs();
+    for line in [
+        "samples            52 a ray from 2 to 6, 32 drawn from the proposal, 20 its own",
+        &std::format!("proposal           on, 20 samples a ray, {macs} multiply-adds an evaluation"),
+        "% of the work",
+    ] {
+        assert!(text.contains(line), "{line}: {text}");
+    }
+    let (switch, text) = explain(false);
+    assert_eq!(switch, Switch::SwitchedOff);
+    assert!(text.contains("proposal           off: switched off by the request"), "{text}");
+}

@@ -1,0 +1,82 @@
+//! In the place of `proposal.rs` where the feature is off: no samples are drawn, and no code says how.
+
+use super::Target;
+use super::frame::Frame;
+use super::march::RayState;
+use crate::blob::Blob;
+use crate::camera::Camera;
+use crate::effects::jitter::Place;
+use crate::kernels::{Arena, Tier};
+use crate::math::Math;
+use crate::plan::Plan;
+use core::marker::PhantomData;
+
+/// No proposal network, whatever the scene has.
+#[derive(Clone, Debug)]
+pub(super) struct Proposer<'a>(PhantomData<&'a ()>);
+
+impl<'a> Proposer<'a> {
+    pub fn prepared_lines(_: &Blob<'_>) -> usize {
+        0
+    }
+
+    pub fn in_place(_: &Blob<'a>, _: Tier) -> Self {
+        Self(PhantomData)
+    }
+
+    pub fn prepare(_: &Blob<'a>, _: Tier, _: &mut Arena<'a>) -> Option<Self> {
+        Some(Self(PhantomData))
+    }
+
+    pub fn macs(&self) -> u64 {
+        0
+    }
+
+    pub fn row(&self, _: &Plan<'_>) -> usize {
+        0
+    }
+
+    pub fn rows(&self) -> (usize, usize) {
+        (0, 0)
+    }
+}
+
+/// The plan's bins are always meant.
+pub(super) struct Drawn<'f, 'w>(PhantomData<(&'f (), &'w ())>);
+
+impl<'f, 'w> Drawn<'f, 'w> {
+    pub fn lines(_: [usize; 3]) -> usize {
+        0
+    }
+
+    pub fn carve(_: &'f Proposer<'f>, _: &mut Arena<'w>, _: [usize; 3]) -> Option<Self> {
+        Some(Self(PhantomData))
+    }
+
+    #[inline]
+    pub fn is_on(&self) -> bool {
+        false
+    }
+
+    #[inline]
+    pub fn seek(&self, plan: &Plan<'_>, _: u32, state: &mut RayState, place: Place) -> bool {
+        state.seek(plan, &plan.bins, place)
+    }
+
+    #[inline]
+    pub fn take(&mut self, plan: &Plan<'_>, _: u32, next: u32, place: Place, _: usize) -> f32 {
+        place.t(&plan.bins, next)
+    }
+
+    #[inline]
+    pub fn stretch(&self, _: &Plan<'_>, _: u32, _: usize) -> Option<(f32, f32)> {
+        None
+    }
+}
+
+impl Frame<'_, '_> {
+    #[allow(clippy::extra_unused_type_parameters, reason = "the signature is that of `proposal.rs`")]
+    pub(super) fn propose<M: Math>(&mut self, hits: usize, _: &Camera, _: &mut impl Target) -> usize {
+        hits
+    }
+}
