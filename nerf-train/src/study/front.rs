@@ -80,8 +80,12 @@ mod tests {
             let z = (i * 2 + salt).wrapping_mul(0x9e37_79b9_7f4a_7c15);
             f64::from(((z ^ (z >> 29)) % 40) as u32)
         };
-        let points: Vec<Price> =
-            (0..200).map(|i| Price { cost: 1.0 + noise(i, 0), loss_db: noise(i, 1) - 5.0 }).collect();
+        // Dearer is better, more or less; some are equal.
+        let point = |i: u64| {
+            let cost = 1.0 + noise(i, 0);
+            Price { cost, loss_db: (60.0 / cost).round() + 0.5 * noise(i, 1) - 5.0 }
+        };
+        let points: Vec<Price> = (0..200).map(point).collect();
         let front = pareto(&points);
         let beats = |a: &Price, b: &Price| {
             a.cost <= b.cost && a.loss_db <= b.loss_db && (a.cost < b.cost || a.loss_db < b.loss_db)

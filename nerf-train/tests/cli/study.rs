@@ -21,7 +21,7 @@ fn a_study_reports_its_points_and_writes_a_front() {
         assert!(text.contains(word), "expected `{word}` in: {text}");
     }
     let all = [
-        "difference_cheapest_exact.png",
+        "difference_dearest_exact.png",
         "ends.png",
         "front.png",
         "front.svg",
