@@ -165,6 +165,40 @@ fn a_picture_does_not_depend_on_the_batch() {
 }
 
 #[test]
+#[cfg(all(feature = "jitter", feature = "anti-aliasing", feature = "median"))]
+fn effects_and_medians_of_drawn_samples_do_not_depend_on_the_batch() {
+    use crate::effects::{Effects, Jitter};
+    let bytes = scene(None, Some(&coarse_parameters(11)));
+    let blob = Blob::open(&bytes).unwrap();
+    let renderer = Renderer::new(blob.clone(), Tier::Scalar, &mut []).unwrap();
+    let outputs = Outputs { median_distance: true, ..Outputs::ALL };
+    let go = |effects: Effects, batch: Batch| {
+        let plan = Plan::new(&blob, &Quality::EXACT, outputs, batch).unwrap();
+        let plan = plan.with_effects(effects).unwrap();
+        let (camera, mut pixels) = (camera(23, 19), vec![Pixel::BLANK; 23 * 19]);
+        let mut workspace = vec![Line::UNINIT; renderer.workspace_lines(&plan)];
+        let mut put = |x: u32, y: u32, pixel: &Pixel| pixels[(y * 23 + x) as usize] = *pixel;
+        renderer.render(&plan, &camera, Rect::full(&camera), &mut workspace, &mut put).unwrap();
+        pixels
+    };
+    let large = Batch::for_tier(Tier::Scalar);
+    let plain = go(Effects::NONE, large);
+    let halved = plain.iter().filter(|pixel| pixel.median_distance < 6.0).count();
+    assert!(halved > 20 && halved < 400, "{halved}");
+    for pixel in &plain {
+        // What keeps half of the light lies somewhere; 1e-5 is beyond the rounding of either sum.
+        let margin = (pixel.opacity - 0.5).abs() > 1e-5;
+        assert!(!margin || (pixel.opacity > 0.5) == (pixel.median_distance < 6.0), "{pixel:?}");
+    }
+    let effects = Effects { jitter: Some(Jitter { seed: 7 }), anti_aliasing: 3, ..Effects::NONE };
+    let jittered = go(effects, large);
+    assert!(jittered != plain && jittered != go(Effects { jitter: None, ..effects }, large));
+    for (rays, samples) in [(1, 1), (7, 5)] {
+        assert_eq!(go(effects, Batch { rays, samples }), jittered, "{rays} rays, {samples} samples");
+    }
+}
+
+#[test]
 fn without_it_bits_work_and_memory_are_those_of_a_scene_that_has_none() {
     let bits = [0b0110_1011];
     let grid = Some(Grid { resolution: [2; 3], bits: &bits });
