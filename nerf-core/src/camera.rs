@@ -205,6 +205,24 @@ impl Camera {
         Ray { origin: self.pose.position, dir: dir.normalize() }
     }
 
+    /// Every `step`-th pixel of every `step`-th row, as an image of its own: pixels as large as `step` by `step`
+    /// of them, seen through their middles. At least one, and none beyond the edges.
+    pub fn thinned(&self, step: u32) -> Self {
+        let step = step.max(1);
+        let Intrinsics { width, height, fx, fy, cx, cy } = self.intrinsics;
+        let by = step as f32;
+        let intrinsics = Intrinsics {
+            width: (width / step).max(1),
+            height: (height / step).max(1),
+            fx: fx / by,
+            fy: fy / by,
+            cx: cx / by,
+            cy: cy / by,
+        };
+        // The same directions, all of which were checked.
+        Self { intrinsics, ..*self }
+    }
+
     /// How much `z_depth` one unit of `ray_distance` is along `ray`: the cosine to the view axis.
     pub fn z_per_distance(&self, ray: &Ray) -> f32 {
         ray.dir.dot(self.pose.forward())

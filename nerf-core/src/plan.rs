@@ -185,6 +185,16 @@ impl<'a> Plan<'a> {
         })
     }
 
+    /// The same frame of `blob` with other shortcuts.
+    ///
+    /// # Errors
+    /// As [`Plan::new`].
+    pub fn at(&self, blob: &Blob<'a>, quality: &Quality) -> Result<Self, PlanError> {
+        let plan = Self::new(blob, quality, self.outputs, self.batch)?;
+        let Self { background, normal_blur, effects, .. } = *self;
+        Ok(Self { background, normal_blur, effects, ..plan })
+    }
+
     /// The same frame with normals of another blur, in bins; 0 for the density's gradient itself.
     ///
     /// A field that was fitted through samples a bin apart has ripples far finer than a bin, which no sum along a

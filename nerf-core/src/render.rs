@@ -11,6 +11,7 @@ mod error;
 mod explain;
 mod frame;
 mod march;
+mod pace;
 mod picture;
 #[cfg(feature = "proposal")]
 mod proposal;
@@ -26,6 +27,7 @@ mod tests;
 pub use counters::Counters;
 pub use error::RenderError;
 pub use explain::{Explanation, Shares, Stage, Switch};
+pub use pace::Pace;
 pub use picture::MAX_RENDER_SIDE;
 pub use rect::{Rect, Target};
 

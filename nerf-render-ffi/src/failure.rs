@@ -4,6 +4,7 @@ use crate::status::Status;
 use core::fmt;
 use nerf_core::blob::BlobError;
 use nerf_core::camera::CameraError;
+use nerf_core::kernels::Line;
 use nerf_core::plan::PlanError;
 use nerf_core::render::RenderError;
 
@@ -55,6 +56,8 @@ pub(crate) enum Failure {
     ToneOfAlpha,
     /// A plane that a picture has not.
     ScenePlane(&'static str),
+    /// A wish that only a measured front can answer.
+    NoFront,
     Direction {
         index: usize,
     },
@@ -68,6 +71,18 @@ pub(crate) enum Failure {
 }
 
 impl Failure {
+    /// The renderer's word on a workspace, in bytes.
+    pub fn of_workspace(error: RenderError) -> Self {
+        match error {
+            RenderError::Memory { expected, found } => Self::Memory {
+                name: "workspace",
+                expected: expected.saturating_mul(size_of::<Line>()),
+                found: found.saturating_mul(size_of::<Line>()),
+            },
+            other => Self::Render(other),
+        }
+    }
+
     pub fn status(&self) -> Status {
         match self {
             Self::Null(_) => Status::NullPointer,
@@ -87,6 +102,7 @@ impl Failure {
             | Self::ScenePlane(_)
             | Self::ToneOfAlpha => Status::Target,
             Self::Direction { .. } => Status::Direction,
+            Self::NoFront => Status::NoFront,
             Self::Cancelled => Status::Cancelled,
             #[cfg(feature = "std")]
             Self::Panic => Status::Panic,
@@ -152,6 +168,9 @@ impl fmt::Display for Failure {
             ),
             Self::ScenePlane(name) => {
                 write!(f, "{name}: expected NULL for a picture, which has colour alone")
+            }
+            Self::NoFront => {
+                write!(f, "scene: expected a front of accuracy against work (nerf-train study), found none")
             }
             Self::Direction { index } => write!(f, "dirs[{index}]: expected a vector of unit length"),
             Self::Cancelled => write!(f, "cancelled by the progress callback"),

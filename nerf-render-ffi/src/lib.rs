@@ -45,6 +45,8 @@ mod render_picture;
 
 mod query;
 
+mod quality;
+
 mod explain;
 
 pub use camera::Camera;
@@ -54,6 +56,10 @@ pub use explain::nerf_explain;
 pub use open_options::{Kernel, OpenOptions};
 pub use pixel::PixelFormat;
 pub use progress::Progress;
+pub use quality::{
+    Choice, Clock, Pace, Preset, nerf_pace_measure, nerf_pace_workspace_size, nerf_quality_preset,
+    nerf_quality_within_cost, nerf_quality_within_loss, nerf_quality_within_time,
+};
 pub use query::nerf_query;
 pub use render::{Rect, nerf_render};
 pub use render_options::{

@@ -83,6 +83,27 @@ unsafe impl Versioned for RenderOptions {
     const SIZE_V1: usize = core::mem::offset_of!(RenderOptions, effects);
 }
 
+impl RenderOptions {
+    /// The same with other shortcuts.
+    pub(crate) fn with(self, quality: &Quality) -> Self {
+        let maths = match quality.math {
+            MathBackend::Libm => Maths::Libm,
+            MathBackend::Micromath => Maths::Micromath,
+            MathBackend::Recurrence => Maths::Recurrence,
+            _ => Maths::Polynomial,
+        };
+        Self {
+            samples: quality.samples.into(),
+            transmittance_cut: quality.transmittance_cut,
+            colour_cut: quality.colour_cut,
+            ignore_grid: (!quality.skip_grid).into(),
+            maths: maths as u32,
+            ignore_proposal: (!quality.proposal).into(),
+            ..self
+        }
+    }
+}
+
 /// Checked options.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Settings {

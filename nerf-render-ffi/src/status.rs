@@ -44,6 +44,8 @@ pub enum Status {
     Panic = 17,
     /// The blob is a scene, not a picture (a 2D field): `nerf_render` renders it.
     NotAPicture = 18,
+    /// The scene has no front of accuracy against work: `nerf-train study` measures one.
+    NoFront = 19,
     /// The bytes do not begin as a blob does.
     BlobMagic = 32,
     /// The blob ends early.
@@ -64,7 +66,7 @@ pub enum Status {
 
 impl Status {
     /// Every status.
-    pub const ALL: [Self; 27] = {
+    pub const ALL: [Self; 28] = {
         use Status::*;
         [
             Ok,
@@ -86,6 +88,7 @@ impl Status {
             Cancelled,
             Panic,
             NotAPicture,
+            NoFront,
             BlobMagic,
             BlobTruncated,
             BlobTrailing,
@@ -118,6 +121,7 @@ impl Status {
             Self::Cancelled => c"cancelled by the progress callback",
             Self::Panic => c"a defect of this library; the scene is unharmed",
             Self::NotAPicture => c"the blob is a scene, not a 2D field: nerf_render renders it",
+            Self::NoFront => c"the scene has no front of accuracy against work",
             Self::BlobMagic => c"not a .nerf blob",
             Self::BlobTruncated => c"the blob ends early",
             Self::BlobTrailing => c"bytes follow the blob",

@@ -72,6 +72,15 @@ impl Workspace {
         if found < expected { Err(Failure::Memory { name: "workspace", expected, found }) } else { Ok(()) }
     }
 
+    /// All of it.
+    ///
+    /// # Safety
+    /// The memory is writable, and nobody else uses it as long as the slice lives.
+    pub unsafe fn lines(&mut self) -> &mut [Line] {
+        // SAFETY: aligned (`new`), a line holds any bytes, and the rest is the caller's promise.
+        unsafe { core::slice::from_raw_parts_mut(self.at, self.lines) }
+    }
+
     /// Room for a tile's pixels, and the rest.
     ///
     /// # Safety

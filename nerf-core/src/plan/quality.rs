@@ -135,17 +135,25 @@ pub struct Choice {
 
 /// The front of `blob`, dearest first, as far as this build can render it.
 fn choices<'b>(blob: &'b Blob<'_>) -> impl Iterator<Item = Choice> + 'b {
-    blob.front().iter().filter_map(|point| {
-        let quality = Quality {
-            samples: point.samples,
-            transmittance_cut: point.transmittance_cut,
-            colour_cut: point.colour_cut,
-            skip_grid: point.skip_grid,
-            math: MathBackend::from_tag(point.math)?,
-            proposal: point.proposal,
-        };
-        Some(Choice { quality, loss_db: point.loss_db, cost: point.cost, within: false })
-    })
+    Quality::front(blob).map(|(_, choice)| choice)
+}
+
+impl Quality {
+    /// Every point of the blob's front that this build can render, with its index: dearest first, none of them
+    /// chosen.
+    pub fn front<'b>(blob: &'b Blob<'_>) -> impl Iterator<Item = (usize, Choice)> + 'b {
+        blob.front().iter().enumerate().filter_map(|(index, point)| {
+            let quality = Quality {
+                samples: point.samples,
+                transmittance_cut: point.transmittance_cut,
+                colour_cut: point.colour_cut,
+                skip_grid: point.skip_grid,
+                math: MathBackend::from_tag(point.math)?,
+                proposal: point.proposal,
+            };
+            Some((index, Choice { quality, loss_db: point.loss_db, cost: point.cost, within: false }))
+        })
+    }
 }
 
 /// Settings by what they may lose, dB against the exact rendering; the scene's front says what they are.

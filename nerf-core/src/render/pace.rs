@@ -1,0 +1,123 @@
+//! What a frame takes on this host: the measurement that turns a wish in milliseconds into settings.
+
+use super::{Rect, RenderError, Renderer};
+use crate::blob::{Blob, MAX_FRONT};
+use crate::camera::Camera;
+use crate::kernels::Line;
+use crate::plan::{Choice, Plan, Quality};
+use crate::volume::Pixel;
+
+#[cfg(test)]
+mod tests;
+
+/// Most rays of a sample of a view, about: a few per cent of a small picture's, and enough to fill blocks.
+const SAMPLED_RAYS: u64 = 2048;
+
+/// Milliseconds of a frame at each point of a scene's front, in the front's order.
+///
+/// True of one host, camera and number of threads; [`Renderer::pace`] measures it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Pace {
+    /// Where nothing was measured, infinity.
+    pub milliseconds: [f32; MAX_FRONT],
+}
+
+impl Pace {
+    /// Nothing is known.
+    pub const UNKNOWN: Self = Self { milliseconds: [f32::INFINITY; MAX_FRONT] };
+
+    /// The pace of `threads` threads that share the tiles of a frame, from that of one.
+    pub fn shared_by(self, threads: u32) -> Self {
+        let threads = threads.max(1) as f32;
+        Self { milliseconds: self.milliseconds.map(|one| one / threads) }
+    }
+}
+
+impl Quality {
+    /// The settings of the blob's front that lose least in a frame of at most `milliseconds`, at the pace that
+    /// was measured, and how long they take; of two that lose the same, the cheaper.
+    ///
+    /// Where every point takes longer, the fastest, and [`Choice::within`] says so. `None` without a front,
+    /// or where nothing was measured.
+    pub fn within_time(blob: &Blob<'_>, milliseconds: f32, pace: &Pace) -> Option<(Choice, f32)> {
+        let timed = || {
+            let known = |(choice, time): &(Choice, f32)| time.is_finite() && choice.cost > 0.0;
+            Self::front(blob).map(|(index, choice)| (choice, pace.milliseconds[index])).filter(known)
+        };
+        // Dearest first: of equal losses the last is the cheapest.
+        let least = |a: (Choice, f32), b: (Choice, f32)| if b.0.loss_db <= a.0.loss_db { b } else { a };
+        match timed().filter(|(_, time)| *time <= milliseconds).reduce(least) {
+            Some((choice, time)) => Some((Choice { within: true, ..choice }, time)),
+            None => timed().reduce(|a, b| if b.1 < a.1 { b } else { a }),
+        }
+    }
+}
+
+impl Renderer<'_> {
+    /// Lines of workspace that [`Renderer::pace`] needs for frames like `plan`.
+    pub fn pace_lines(&self, plan: &Plan<'_>) -> usize {
+        let points = Quality::front(self.blob());
+        let lines = points.filter_map(|(_, choice)| {
+            Some(self.workspace_lines(&plan.at(self.blob(), &choice.quality).ok()?))
+        });
+        lines.max().unwrap_or(0)
+    }
+
+    /// Measures what a frame takes on one thread at each point of the scene's front.
+    ///
+    /// `plan`: what a frame consists of; its shortcuts are replaced by each point's. `clock`: microseconds
+    /// since any moment, never falling. Every n-th pixel of every n-th row is rendered, about 2,048 of them
+    /// over the whole view, since single tiles may be empty; the cheapest point first, each twice, of which
+    /// the shorter counts. Once a frame would take more than `limit_milliseconds`, dearer points stay
+    /// unknown: so the whole takes little longer than one such frame. A scene without a front has no pace.
+    ///
+    /// # Errors
+    /// [`RenderError::Memory`] on less workspace than [`Renderer::pace_lines`] says.
+    pub fn pace(
+        &self,
+        plan: &Plan<'_>,
+        camera: &Camera,
+        limit_milliseconds: f32,
+        workspace: &mut [Line],
+        clock: &mut impl FnMut() -> u64,
+    ) -> Result<Pace, RenderError> {
+        let (expected, found) = (self.pace_lines(plan), workspace.len());
+        if found < expected {
+            return Err(RenderError::Memory { expected, found });
+        }
+        let all = pixels(camera);
+        let mut step = 1;
+        while all / (step * step) > SAMPLED_RAYS {
+            step += 1;
+        }
+        // Lossless: a square root of 64 bits.
+        let sample = camera.thinned(step as u32);
+        let scale = all as f32 / pixels(&sample) as f32;
+        let mut pace = Pace::UNKNOWN;
+        let mut warm = false;
+        for index in (0..MAX_FRONT).rev() {
+            let Some((_, choice)) = Quality::front(self.blob()).find(|(i, _)| *i == index) else { continue };
+            let Ok(plan) = plan.at(self.blob(), &choice.quality) else { continue };
+            let mut time = || -> Result<f32, RenderError> {
+                let start = clock();
+                self.render(&plan, &sample, Rect::full(&sample), workspace, &mut |_, _, _: &Pixel| {})?;
+                Ok(clock().saturating_sub(start) as f32 / 1000.0 * scale)
+            };
+            if !core::mem::replace(&mut warm, true) {
+                time()?;
+            }
+            let frame = time()?.min(time()?);
+            pace.milliseconds[index] = frame;
+            if frame > limit_milliseconds {
+                break;
+            }
+        }
+        Ok(pace)
+    }
+}
+
+/// Pixels of a camera's image.
+fn pixels(camera: &Camera) -> u64 {
+    let i = camera.intrinsics();
+    u64::from(i.width) * u64::from(i.height)
+}

@@ -1,0 +1,325 @@
+//! Settings by what they may lose, cost or take.
+
+use crate::boundary::{Message, Out, Versioned, call, check_out, read_versioned};
+use crate::camera::Camera;
+use crate::failure::Failure;
+use crate::render_options::{RenderOptions, Settings};
+use crate::scene::Scene;
+use crate::status::Status;
+use crate::workspace::{Workspace, read_outputs};
+use core::ffi::{c_char, c_void};
+use nerf_core::blob::MAX_FRONT;
+use nerf_core::kernels::Line;
+use nerf_core::plan::{self, Plan, Quality};
+use nerf_core::render;
+
+/// Settings by what they may lose, dB against the exact rendering; the scene's front says what they are.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[repr(u32)]
+pub enum Preset {
+    /// Nothing: 0 dB.
+    Exact = 0,
+    /// Nothing that any picture shows: 0.01 dB.
+    High = 1,
+    /// 0.1 dB.
+    Balanced = 2,
+    /// 0.3 dB.
+    Fast = 3,
+    /// 1 dB: to look around in.
+    Preview = 4,
+}
+
+/// What a scene's front offers for a wish.
+#[derive(Clone, Copy, Debug)]
+#[repr(C)]
+pub struct Choice {
+    /// `sizeof(nerf_choice)`, set by the caller.
+    pub struct_size: usize,
+    /// dB the settings lose against the exact rendering, as a study measured; below 0 a gain.
+    pub loss_db: f32,
+    /// Their multiply-adds relative to the exact rendering's.
+    pub cost: f32,
+    /// Milliseconds a frame is expected to take; NaN where time was not asked for.
+    pub milliseconds: f32,
+    /// 1 if they are what was wished for, 0 if only the nearest there is.
+    pub within: u32,
+}
+
+/// What a frame takes at each point of a scene's front, on one thread of this host.
+#[derive(Clone, Copy, Debug)]
+#[repr(C)]
+pub struct Pace {
+    /// `sizeof(nerf_pace)`, set by the caller.
+    pub struct_size: usize,
+    /// Milliseconds, in the front's order; infinity where nothing was measured. A host that renders tiles on
+    /// n threads divides by n.
+    pub milliseconds: [f32; 16],
+}
+
+// The header spells the format's cap out.
+const _: () = assert!(MAX_FRONT == 16);
+
+// SAFETY: `repr(C)`, `struct_size` comes first, and numbers have no invalid bytes.
+unsafe impl Versioned for Choice {
+    const NAME: &'static str = "choice";
+}
+
+// SAFETY: as above.
+unsafe impl Versioned for Pace {
+    const NAME: &'static str = "pace";
+}
+
+/// Microseconds since any moment, never falling.
+pub type Clock = Option<unsafe extern "C-unwind" fn(user: *mut c_void) -> u64>;
+
+/// Writes the settings of a choice into the caller's options, and the choice itself.
+///
+/// # Safety
+/// Pointers are NULL or point to what the callers of this describe.
+unsafe fn answer(
+    scene: *const Scene,
+    options: *mut RenderOptions,
+    choice: *mut Choice,
+    choose: impl FnOnce(&Scene) -> Result<Option<(plan::Choice, f32)>, Failure>,
+) -> Result<(), Failure> {
+    // SAFETY: the caller's promise.
+    let scene = unsafe { Scene::of(scene)? };
+    // SAFETY: the caller's promise.
+    let (read, place) = unsafe { (read_versioned(options.cast_const())?, Out::new(options)?) };
+    // SAFETY: the caller's promise.
+    let out = if choice.is_null() { None } else { Some(unsafe { Out::new(choice)? }) };
+    let Some((found, milliseconds)) = choose(scene)? else { return Err(Failure::NoFront) };
+    place.write(read.with(&found.quality));
+    if let Some(out) = out {
+        out.write(Choice {
+            struct_size: size_of::<Choice>(),
+            loss_db: found.loss_db,
+            cost: found.cost,
+            milliseconds,
+            within: found.within.into(),
+        });
+    }
+    Ok(())
+}
+
+/// Sets the cheapest settings that lose at most `loss_db` against the exact rendering.
+///
+/// `options`: `struct_size` set by the caller; its shortcuts (samples, cuts, grid, maths, proposal) are
+/// replaced, the rest stays. `choice`: NULL, or written. Where every point of the scene's front loses more, the
+/// one that loses least is set, and `choice->within` is 0. A scene without a front is
+/// `NERF_STATUS_NO_FRONT`, and nothing is written. `message`: NULL, or `message_capacity` bytes for a sentence
+/// about what was expected and found; empty on success.
+///
+/// # Safety
+/// Pointers are NULL or point to what is described here; `scene` is intact.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn nerf_quality_within_loss(
+    scene: *const Scene,
+    loss_db: f32,
+    options: *mut RenderOptions,
+    choice: *mut Choice,
+    message: *mut c_char,
+    message_capacity: usize,
+) -> Status {
+    call(Message { text: message, capacity: message_capacity }, || {
+        let choose = |scene: &Scene| {
+            Ok(Quality::within_loss(scene.renderer().blob(), loss_db).map(|choice| (choice, f32::NAN)))
+        };
+        // SAFETY: the caller's promise.
+        unsafe { answer(scene, options, choice, choose) }
+    })
+}
+
+/// Sets the settings that lose least at no more than `ratio` of the exact rendering's multiply-adds.
+///
+/// Where every point of the scene's front costs more, the cheapest. The rest as in
+/// `nerf_quality_within_loss`.
+///
+/// # Safety
+/// Pointers are NULL or point to what is described there; `scene` is intact.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn nerf_quality_within_cost(
+    scene: *const Scene,
+    ratio: f32,
+    options: *mut RenderOptions,
+    choice: *mut Choice,
+    message: *mut c_char,
+    message_capacity: usize,
+) -> Status {
+    call(Message { text: message, capacity: message_capacity }, || {
+        let choose = |scene: &Scene| {
+            Ok(Quality::within_cost(scene.renderer().blob(), ratio).map(|choice| (choice, f32::NAN)))
+        };
+        // SAFETY: the caller's promise.
+        unsafe { answer(scene, options, choice, choose) }
+    })
+}
+
+/// Sets the settings that lose least in a frame of at most `milliseconds`, at a pace that `nerf_pace_measure`
+/// found.
+///
+/// Where every point of the scene's front takes longer, the fastest. The rest as in
+/// `nerf_quality_within_loss`; `choice->milliseconds` is what a frame should take.
+///
+/// # Safety
+/// Pointers are NULL or point to what is described there, `pace` to a pace; `scene` is intact.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn nerf_quality_within_time(
+    scene: *const Scene,
+    milliseconds: f32,
+    pace: *const Pace,
+    options: *mut RenderOptions,
+    choice: *mut Choice,
+    message: *mut c_char,
+    message_capacity: usize,
+) -> Status {
+    call(Message { text: message, capacity: message_capacity }, || {
+        // SAFETY: the caller's promise.
+        let pace = render::Pace { milliseconds: unsafe { read_versioned(pace)? }.milliseconds };
+        let choose = |scene: &Scene| Ok(Quality::within_time(scene.renderer().blob(), milliseconds, &pace));
+        // SAFETY: the caller's promise.
+        unsafe { answer(scene, options, choice, choose) }
+    })
+}
+
+/// Sets the settings of a `nerf_preset`, which lose no more than it says.
+///
+/// Of a scene without a front nothing is known: `NERF_PRESET_EXACT` is every sample inside the scene box, every
+/// other preset the defaults. `options` and `message` as in `nerf_quality_within_loss`.
+///
+/// # Safety
+/// Pointers are NULL or point to what is described here; `scene` is intact.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn nerf_quality_preset(
+    scene: *const Scene,
+    preset: u32,
+    options: *mut RenderOptions,
+    message: *mut c_char,
+    message_capacity: usize,
+) -> Status {
+    call(Message { text: message, capacity: message_capacity }, || {
+        let Some(&preset) = plan::Preset::ALL.get(preset as usize) else {
+            return Err(Failure::Setting { name: "preset", expected: "a nerf_preset", found: preset });
+        };
+        // SAFETY: the caller's promise.
+        let scene = unsafe { Scene::of(scene)? };
+        // SAFETY: the caller's promise.
+        let (read, place) = unsafe { (read_versioned(options.cast_const())?, Out::new(options)?) };
+        place.write(read.with(&Quality::preset(scene.renderer().blob(), preset)));
+        Ok(())
+    })
+}
+
+/// Says how much workspace `nerf_pace_measure` needs, and at which alignment.
+///
+/// `options`, `outputs`, `size`, `align` and `message` as in `nerf_workspace_size`.
+///
+/// # Safety
+/// Pointers are NULL or point to what is described there; `scene` is intact.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn nerf_pace_workspace_size(
+    scene: *const Scene,
+    options: *const RenderOptions,
+    outputs: u32,
+    size: *mut usize,
+    align: *mut usize,
+    message: *mut c_char,
+    message_capacity: usize,
+) -> Status {
+    call(Message { text: message, capacity: message_capacity }, || {
+        check_out("size", size)?;
+        check_out("align", align)?;
+        // SAFETY: the caller's promise.
+        let (scene, plan) = unsafe { planned(scene, options, outputs)? };
+        let lines = scene.renderer().pace_lines(&plan);
+        // SAFETY: checked above, and writable by the caller's promise.
+        unsafe {
+            size.write(lines * size_of::<Line>());
+            align.write(align_of::<Line>());
+        }
+        Ok(())
+    })
+}
+
+/// Measures what a frame takes on this thread at each point of the scene's front.
+///
+/// Renders about 2,048 pixels over the whole view at each point, cheapest first, and stops behind the first whose
+/// frame would take more than `limit_milliseconds`; dearer ones stay at infinity. Measure on an idle host.
+///
+/// `options`: what `nerf_render` will get; its shortcuts do not matter. `outputs`: `NERF_OUTPUT_*` of the
+/// planes that will not be NULL. `clock`: called with `user`; NULL for the library's own, which a build
+/// without std has not. `workspace`: of the size and alignment that `nerf_pace_workspace_size` says, apart
+/// from scene and blob. `pace`: `struct_size` set by the caller; written on success. A scene without a front
+/// is `NERF_STATUS_NO_FRONT`. `message`: NULL, or `message_capacity` bytes for a sentence about what was
+/// expected and found; empty on success.
+///
+/// # Safety
+/// Pointers are NULL or point to what is described here; `scene` is intact.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn nerf_pace_measure(
+    scene: *const Scene,
+    camera: *const Camera,
+    options: *const RenderOptions,
+    outputs: u32,
+    limit_milliseconds: f32,
+    clock: Clock,
+    user: *mut c_void,
+    workspace: *mut c_void,
+    workspace_size: usize,
+    pace: *mut Pace,
+    message: *mut c_char,
+    message_capacity: usize,
+) -> Status {
+    call(Message { text: message, capacity: message_capacity }, || {
+        // SAFETY: the caller's promise.
+        let (scene, plan) = unsafe { planned(scene, options, outputs)? };
+        // SAFETY: the caller's promise.
+        let (camera, out) = unsafe { (Camera::read(camera)?, Out::new(pace)?) };
+        if scene.renderer().blob().front().is_empty() {
+            return Err(Failure::NoFront);
+        }
+        let mut workspace = Workspace::new(workspace, workspace_size, scene)?;
+        let mut now = time(clock, user)?;
+        // SAFETY: the caller's promise.
+        let lines = unsafe { workspace.lines() };
+        let found = scene.renderer().pace(&plan, &camera, limit_milliseconds, lines, &mut now);
+        let found = found.map_err(Failure::of_workspace)?;
+        out.write(Pace { struct_size: size_of::<Pace>(), milliseconds: found.milliseconds });
+        Ok(())
+    })
+}
+
+/// A scene, and what its frames consist of.
+///
+/// # Safety
+/// As [`nerf_pace_measure`].
+unsafe fn planned<'s>(
+    scene: *const Scene,
+    options: *const RenderOptions,
+    outputs: u32,
+) -> Result<(&'s Scene, Plan<'s>), Failure> {
+    // SAFETY: the caller's promise.
+    let scene = unsafe { Scene::of(scene)? };
+    // SAFETY: the caller's promise.
+    let settings = unsafe { Settings::read(options, scene.renderer().network().tier())? };
+    let plan = settings.plan(scene.renderer().blob(), read_outputs(outputs)?, false)?;
+    Ok((scene, plan))
+}
+
+/// The caller's clock, or the library's own.
+fn time(clock: Clock, user: *mut c_void) -> Result<impl FnMut() -> u64, Failure> {
+    #[cfg(feature = "std")]
+    let start = std::time::Instant::now();
+    #[cfg(not(feature = "std"))]
+    if clock.is_none() {
+        return Err(Failure::Null("clock"));
+    }
+    Ok(move || match clock {
+        // SAFETY: the caller's function, with what the caller gave it.
+        Some(clock) => unsafe { clock(user) },
+        #[cfg(feature = "std")]
+        None => start.elapsed().as_micros() as u64,
+        #[cfg(not(feature = "std"))]
+        None => 0,
+    })
+}
