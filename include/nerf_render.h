@@ -156,6 +156,10 @@ enum nerf_status
      */
     NERF_STATUS_NOT_A_PICTURE = 18,
     /**
+     * The scene has no front of accuracy against work: `nerf-train study` measures one.
+     */
+    NERF_STATUS_NO_FRONT = 19,
+    /**
      * The bytes do not begin as a blob does.
      */
     NERF_STATUS_BLOB_MAGIC = 32,
@@ -337,6 +341,43 @@ enum nerf_format
 typedef enum nerf_format nerf_format;
 #else
 typedef uint32_t nerf_format;
+#endif // __STDC_VERSION__ >= 202311L
+#endif // __cplusplus
+
+/**
+ * Settings by what they may lose, dB against the exact rendering; the scene's front says what they are.
+ */
+enum nerf_preset
+#if defined(__cplusplus) || __STDC_VERSION__ >= 202311L
+  : uint32_t
+#endif // defined(__cplusplus) || __STDC_VERSION__ >= 202311L
+ {
+    /**
+     * Nothing: 0 dB.
+     */
+    NERF_PRESET_EXACT = 0,
+    /**
+     * Nothing that any picture shows: 0.01 dB.
+     */
+    NERF_PRESET_HIGH = 1,
+    /**
+     * 0.1 dB.
+     */
+    NERF_PRESET_BALANCED = 2,
+    /**
+     * 0.3 dB.
+     */
+    NERF_PRESET_FAST = 3,
+    /**
+     * 1 dB: to look around in.
+     */
+    NERF_PRESET_PREVIEW = 4,
+};
+#ifndef __cplusplus
+#if __STDC_VERSION__ >= 202311L
+typedef enum nerf_preset nerf_preset;
+#else
+typedef uint32_t nerf_preset;
 #endif // __STDC_VERSION__ >= 202311L
 #endif // __cplusplus
 
@@ -868,6 +909,52 @@ typedef struct nerf_counters {
     uint64_t proposal_evaluations;
 } nerf_counters;
 
+/**
+ * What a scene's front offers for a wish.
+ */
+typedef struct nerf_choice {
+    /**
+     * `sizeof(nerf_choice)`, set by the caller.
+     */
+    size_t struct_size;
+    /**
+     * dB the settings lose against the exact rendering, as a study measured; below 0 a gain.
+     */
+    float loss_db;
+    /**
+     * Their multiply-adds relative to the exact rendering's.
+     */
+    float cost;
+    /**
+     * Milliseconds a frame is expected to take; NaN where time was not asked for.
+     */
+    float milliseconds;
+    /**
+     * 1 if they are what was wished for, 0 if only the nearest there is.
+     */
+    uint32_t within;
+} nerf_choice;
+
+/**
+ * What a frame takes at each point of a scene's front, on one thread of this host.
+ */
+typedef struct nerf_pace {
+    /**
+     * `sizeof(nerf_pace)`, set by the caller.
+     */
+    size_t struct_size;
+    /**
+     * Milliseconds, in the front's order; infinity where nothing was measured. A host that renders tiles on
+     * n threads divides by n.
+     */
+    float milliseconds[16];
+} nerf_pace;
+
+/**
+ * Microseconds since any moment, never falling.
+ */
+typedef uint64_t (*nerf_clock)(void *user);
+
 
 
 #ifdef __cplusplus
@@ -1063,6 +1150,119 @@ nerf_status nerf_query(const struct nerf_scene *scene,
                        struct nerf_counters *counters,
                        char *message,
                        size_t message_capacity);
+
+/**
+ * Sets the cheapest settings that lose at most `loss_db` against the exact rendering.
+ *
+ * `options`: `struct_size` set by the caller; its shortcuts (samples, cuts, grid, maths, proposal) are
+ * replaced, the rest stays. `choice`: NULL, or written. Where every point of the scene's front loses more, the
+ * one that loses least is set, and `choice->within` is 0. A scene without a front is
+ * `NERF_STATUS_NO_FRONT`, and nothing is written. `message`: NULL, or `message_capacity` bytes for a sentence
+ * about what was expected and found; empty on success.
+ *
+ * # Safety
+ * Pointers are NULL or point to what is described here; `scene` is intact.
+ */
+nerf_status nerf_quality_within_loss(const struct nerf_scene *scene,
+                                     float loss_db,
+                                     struct nerf_render_options *options,
+                                     struct nerf_choice *choice,
+                                     char *message,
+                                     size_t message_capacity);
+
+/**
+ * Sets the settings that lose least at no more than `ratio` of the exact rendering's multiply-adds.
+ *
+ * Where every point of the scene's front costs more, the cheapest. The rest as in
+ * `nerf_quality_within_loss`.
+ *
+ * # Safety
+ * Pointers are NULL or point to what is described there; `scene` is intact.
+ */
+nerf_status nerf_quality_within_cost(const struct nerf_scene *scene,
+                                     float ratio,
+                                     struct nerf_render_options *options,
+                                     struct nerf_choice *choice,
+                                     char *message,
+                                     size_t message_capacity);
+
+/**
+ * Sets the settings that lose least in a frame of at most `milliseconds`, at a pace that `nerf_pace_measure`
+ * found.
+ *
+ * Where every point of the scene's front takes longer, the fastest. The rest as in
+ * `nerf_quality_within_loss`; `choice->milliseconds` is what a frame should take.
+ *
+ * # Safety
+ * Pointers are NULL or point to what is described there, `pace` to a pace; `scene` is intact.
+ */
+nerf_status nerf_quality_within_time(const struct nerf_scene *scene,
+                                     float milliseconds,
+                                     const struct nerf_pace *pace,
+                                     struct nerf_render_options *options,
+                                     struct nerf_choice *choice,
+                                     char *message,
+                                     size_t message_capacity);
+
+/**
+ * Sets the settings of a `nerf_preset`, which lose no more than it says.
+ *
+ * Of a scene without a front nothing is known: `NERF_PRESET_EXACT` is every sample inside the scene box, every
+ * other preset the defaults. `options` and `message` as in `nerf_quality_within_loss`.
+ *
+ * # Safety
+ * Pointers are NULL or point to what is described here; `scene` is intact.
+ */
+nerf_status nerf_quality_preset(const struct nerf_scene *scene,
+                                uint32_t preset,
+                                struct nerf_render_options *options,
+                                char *message,
+                                size_t message_capacity);
+
+/**
+ * Says how much workspace `nerf_pace_measure` needs, and at which alignment.
+ *
+ * `options`, `outputs`, `size`, `align` and `message` as in `nerf_workspace_size`.
+ *
+ * # Safety
+ * Pointers are NULL or point to what is described there; `scene` is intact.
+ */
+nerf_status nerf_pace_workspace_size(const struct nerf_scene *scene,
+                                     const struct nerf_render_options *options,
+                                     uint32_t outputs,
+                                     size_t *size,
+                                     size_t *align,
+                                     char *message,
+                                     size_t message_capacity);
+
+/**
+ * Measures what a frame takes on this thread at each point of the scene's front.
+ *
+ * Renders about 2,048 pixels over the whole view at each point, cheapest first, and stops behind the first whose
+ * frame would take more than `limit_milliseconds`; dearer ones stay at infinity. Measure on an idle host.
+ *
+ * `options`: what `nerf_render` will get; its shortcuts do not matter. `outputs`: `NERF_OUTPUT_*` of the
+ * planes that will not be NULL. `clock`: called with `user`; NULL for the library's own, which a build
+ * without std has not. `workspace`: of the size and alignment that `nerf_pace_workspace_size` says, apart
+ * from scene and blob. `pace`: `struct_size` set by the caller; written on success. A scene without a front
+ * is `NERF_STATUS_NO_FRONT`. `message`: NULL, or `message_capacity` bytes for a sentence about what was
+ * expected and found; empty on success.
+ *
+ * # Safety
+ * Pointers are NULL or point to what is described here; `scene` is intact.
+ */
+nerf_status nerf_pace_measure(const struct nerf_scene *scene,
+                              const struct nerf_camera *camera,
+                              const struct nerf_render_options *options,
+                              uint32_t outputs,
+                              float limit_milliseconds,
+                              nerf_clock clock,
+                              void *user,
+                              void *workspace,
+                              size_t workspace_size,
+                              struct nerf_pace *pace,
+                              char *message,
+                              size_t message_capacity);
 
 /**
  * Says in English which stages a frame has, which not, and why; with counters, where its work went.

@@ -123,7 +123,7 @@ impl Eval {
         let scores = evaluate(&renderer, &plan, background, views, |view, frame, truth, score| {
             done += 1;
             if let Some(step) = self.lattice {
-                let on = |picture| lattice(picture, frame.width as usize, step as usize);
+                let on = |picture| lattice(picture, frame.width, step as usize);
                 lattice_db.push(psnr_db(&on(&frame.rgb), &on(truth)));
             }
             progress.update(done, &Message::default());

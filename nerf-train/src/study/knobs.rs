@@ -77,6 +77,14 @@ pub const KNOBS: &[Knob] = &[
         },
     },
     Knob {
+        name: "proposal",
+        in_blob: true,
+        combines: true,
+        copy: |from, to| to.quality.proposal = from.quality.proposal,
+        read: |lab, s| if lab.has_proposal() && s.quality.proposal { "on" } else { "off" }.into(),
+        values: |lab, base| vary(base, lab.has_proposal().then_some(false), |s, on| s.quality.proposal = on),
+    },
+    Knob {
         name: "grid of",
         in_blob: false,
         combines: true,

@@ -108,6 +108,11 @@ impl<'b> Lab<'b> {
         self.variants[variant].has_grid
     }
 
+    /// Whether its samples can be drawn from a proposal network.
+    pub fn has_proposal(&self) -> bool {
+        self.blob.proposal().is_some()
+    }
+
     /// Adds a variant; its number.
     pub fn add(&mut self, variant: Variant) -> usize {
         self.variants.push(variant);
