@@ -306,7 +306,7 @@ impl<'a, 'b> Study<'a, 'b> {
     }
 
     /// The front over multiply-adds of what a blob can hold: indices of points, dearest first, at most
-    /// [`MAX_FRONT`] that lose no more than [`BLOB_LOSS_DB`], and the price of every point.
+    /// [`MAX_FRONT`] that lose no more than `BLOB_LOSS_DB`, and the price of every point.
     pub fn blob_front(&self) -> (Vec<usize>, Vec<Price>) {
         let base = Settings::base();
         let price = |point: &Point| {
