@@ -5,7 +5,7 @@
 mod support;
 
 use nerf_core::kernels::{Line, Tier};
-use nerf_core::{Batch, Blob, Camera, Intrinsics, Lens, Outputs, Pixel, Plan, Pose, Quality, Rect, Renderer};
+use nerf_core::{Batch, Blob, Outputs, Pixel, Plan, Quality, Rect, Renderer};
 use std::hint::black_box;
 use std::process::Command;
 use std::sync::Mutex;
@@ -81,15 +81,9 @@ fn main() {
     std::fs::remove_file(&path).expect("the temporary file");
 }
 
-fn camera(side: u32) -> Camera {
-    let pose = Pose::look_at([2.4, 1.6, 2.8].into(), [0.0; 3].into(), [0.0, 1.0, 0.0].into());
-    let intrinsics = Intrinsics::centred(side, side, 1.39 * side as f32);
-    Camera::new(intrinsics, Lens::NONE, pose.expect("a pose")).expect("a camera")
-}
-
 /// Renders a frame on `threads` threads that take tiles in turn; gives its multiply-adds.
 fn frame(renderer: &Renderer<'_>, plan: &Plan<'_>, side: u32, threads: usize) -> u64 {
-    let camera = camera(side);
+    let camera = networks::camera(side);
     let tiles: Vec<Rect> = Rect::full(&camera).tiles(TILE, TILE).collect();
     let (next, macs) = (AtomicUsize::new(0), Mutex::new(0));
     let work = || {
@@ -122,5 +116,5 @@ fn first_tile(file: &[u8], tier: Tier) -> u64 {
     let mut put = |_: u32, _: u32, pixel: &Pixel| {
         black_box(pixel);
     };
-    renderer.render(&plan, &camera(200), tile, &mut workspace, &mut put).expect("a tile").macs
+    renderer.render(&plan, &networks::camera(200), tile, &mut workspace, &mut put).expect("a tile").macs
 }

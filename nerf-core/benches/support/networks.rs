@@ -2,9 +2,10 @@
 //! weights; a culled frame's depends on the grid.
 
 use super::noise;
-use nerf_core::blob::{self, Body, Content, Grid, Provenance, SceneFacts};
+use nerf_core::blob::{self, Body, Content, FrontPoint, Grid, Provenance, SceneFacts};
 use nerf_core::encoding::{AngleScale, Encoding};
 use nerf_core::network::{Architecture, DensityActivation, Scratch, TrunkLayer};
+use nerf_core::{Camera, Intrinsics, Lens, Pose};
 
 /// Cells of the grid along each axis.
 const CELLS: u16 = 96;
@@ -68,7 +69,7 @@ pub fn file() -> Vec<u8> {
             grid_required: false,
         }),
         grid: Some(Grid { resolution: [CELLS; 3], bits: &bits }),
-        front: Default::default(),
+        front: [(64, 0.0, 1.0), (32, 1.0, 0.5), (16, 3.0, 0.25)].map(point).into_iter().collect(),
         proposal: None,
         provenance: Provenance {
             data: "noise",
@@ -86,6 +87,27 @@ pub fn file() -> Vec<u8> {
     let mut file = vec![0; blob::encoded_len(&body).expect("a valid body")];
     blob::write(&body, &mut file).expect("a valid body");
     file
+}
+
+/// A point of a front that nobody measured: samples, dB lost, cost.
+fn point((samples, loss_db, cost): (u16, f32, f32)) -> FrontPoint {
+    FrontPoint {
+        samples,
+        transmittance_cut: 1e-2,
+        colour_cut: 1e-3,
+        skip_grid: true,
+        math: 0,
+        proposal: false,
+        loss_db,
+        cost,
+    }
+}
+
+/// The bench's view of it, in `side`×`side` pixels.
+pub fn camera(side: u32) -> Camera {
+    let pose = Pose::look_at([2.4, 1.6, 2.8].into(), [0.0; 3].into(), [0.0, 1.0, 0.0].into());
+    let intrinsics = Intrinsics::centred(side, side, 1.39 * side as f32);
+    Camera::new(intrinsics, Lens::NONE, pose.expect("a pose")).expect("a camera")
 }
 
 /// Activations of one block of `stride` samples.

@@ -1,0 +1,80 @@
+//! Whether a frame takes the time that was asked for: `Renderer::pace`, `Quality::within_time`, and a clock.
+//!
+//! `NERF_BENCH_BLOB=scene.nerf` takes a scene whose front a study measured (`nerf-train study -o`),
+//! `NERF_BENCH_SIDE=200` another number of pixels. One thread, AVX-512 or what the machine has.
+
+mod support;
+
+use nerf_core::kernels::{Line, Tier};
+use nerf_core::{Batch, Blob, Camera, Outputs, Pixel, Plan, Quality, Rect, Renderer};
+use std::hint::black_box;
+use std::time::Instant;
+use support::networks;
+
+/// Pixels along each side, where nobody says otherwise.
+const SIDE: u32 = 64;
+/// Frames of which the median counts.
+const FRAMES: usize = 5;
+
+fn main() {
+    let file = match std::env::var_os("NERF_BENCH_BLOB") {
+        Some(path) => std::fs::read(path).expect("NERF_BENCH_BLOB: a file"),
+        None => networks::file(),
+    };
+    let side =
+        std::env::var("NERF_BENCH_SIDE").map_or(SIDE, |side| side.parse().expect("NERF_BENCH_SIDE: pixels"));
+    let smoke = std::env::args().any(|word| word == "--smoke");
+    let blob = Blob::open(&file).expect("a blob");
+    let tier = Tier::detect();
+    let mut memory = vec![Line::UNINIT; Renderer::prepared_lines(&blob, tier)];
+    let renderer = Renderer::new(blob.clone(), tier, &mut memory).expect("a renderer");
+    let batch = Batch::for_tier(tier);
+    let plan = Plan::new(&blob, &Quality::default(), Outputs::ALL, batch).expect("a plan");
+    let camera = networks::camera(side);
+    let mut workspace = vec![Line::UNINIT; renderer.pace_lines(&plan).max(renderer.workspace_lines(&plan))];
+    let start = Instant::now();
+    let mut clock = || start.elapsed().as_micros() as u64;
+    let limit = if smoke { 0.0 } else { f32::INFINITY };
+    let pace = renderer.pace(&plan, &camera, limit, &mut workspace, &mut clock).expect("enough memory");
+    println!(
+        "calibration: {:.0} ms, {} pixels, {}",
+        start.elapsed().as_secs_f64() * 1e3,
+        side * side,
+        tier.name()
+    );
+    println!("| asked for, ms | settings | foreseen, ms | measured, ms | measured / foreseen |");
+    println!("| ---: | --- | ---: | ---: | ---: |");
+    for (index, choice) in Quality::front(&blob) {
+        let foreseen = pace.milliseconds[index];
+        if foreseen.is_infinite() {
+            continue;
+        }
+        // Exactly what the point takes: the dearest that is within.
+        let (chosen, _) = Quality::within_time(&blob, foreseen, &pace).expect("a point within its own time");
+        let plan = plan.at(&blob, &chosen.quality).expect("a plan");
+        let mut frames: Vec<f64> = (0..if smoke { 1 } else { FRAMES })
+            .map(|_| frame(&renderer, &plan, &camera, &mut workspace))
+            .collect();
+        frames.sort_by(f64::total_cmp);
+        let median = frames[frames.len() / 2];
+        let q = choice.quality;
+        println!(
+            "| {foreseen:.1} | {} samples, cuts {} and {}, {:.2} dB lost | {foreseen:.1} | {median:.1} | {:.2} |",
+            q.samples,
+            q.transmittance_cut,
+            q.colour_cut,
+            choice.loss_db,
+            median / f64::from(foreseen),
+        );
+    }
+}
+
+/// Milliseconds of a frame.
+fn frame(renderer: &Renderer<'_>, plan: &Plan<'_>, camera: &Camera, workspace: &mut [Line]) -> f64 {
+    let mut put = |_: u32, _: u32, pixel: &Pixel| {
+        black_box(pixel);
+    };
+    let start = Instant::now();
+    renderer.render(plan, camera, Rect::full(camera), workspace, &mut put).expect("a frame");
+    start.elapsed().as_secs_f64() * 1e3
+}
