@@ -822,7 +822,7 @@ typedef struct nerf_target {
      */
     size_t struct_size;
     /**
-     * Colour, display-encoded.
+     * Colour, display-encoded unless `options.effects.linear` is 1.
      */
     struct nerf_plane rgb;
     /**
@@ -1133,7 +1133,7 @@ nerf_status nerf_render_picture(const struct nerf_scene *scene,
  * camera to the point; may be NULL where `rgb` is. `sigma`: receives `n` densities per world unit.
  * `rgb`: receives `n` times r, g, b, display-encoded; NULL if not wanted. The four may be NULL if
  * `n` is 0, and the results must not overlap the others. The rest: as in `nerf_render`; of the
- * options only grid, maths and batch matter.
+ * options only grid, maths and batch matter to the results; the workspace is that of all of them.
  *
  * # Safety
  * Pointers are NULL or point to what is described here; `scene` is intact.
@@ -1156,8 +1156,9 @@ nerf_status nerf_query(const struct nerf_scene *scene,
  *
  * `options`: `struct_size` set by the caller; its shortcuts (samples, cuts, grid, maths, proposal) are
  * replaced, the rest stays. `choice`: NULL, or written. Where every point of the scene's front loses more, the
- * one that loses least is set, and `choice->within` is 0. A scene without a front is
- * `NERF_STATUS_NO_FRONT`, and nothing is written. `message`: NULL, or `message_capacity` bytes for a sentence
+ * one that loses least is set, and `choice->within` is 0. A scene without a front, or with none that this build
+ * can render, is `NERF_STATUS_NO_FRONT`, and nothing is written. A point may cut transmittance above one half,
+ * which a frame with a median distance refuses. `message`: NULL, or `message_capacity` bytes for a sentence
  * about what was expected and found; empty on success.
  *
  * # Safety
@@ -1242,7 +1243,7 @@ nerf_status nerf_pace_workspace_size(const struct nerf_scene *scene,
  * frame would take more than `limit_milliseconds`; dearer ones stay at infinity. Measure on an idle host.
  *
  * `options`: what `nerf_render` will get; its shortcuts do not matter. `outputs`: `NERF_OUTPUT_*` of the
- * planes that will not be NULL. `clock`: called with `user`; NULL for the library's own, which a build
+ * planes that will not be NULL. `clock`: called with `user`, must not touch the workspace; NULL for the library's own, which a build
  * without std has not. `workspace`: of the size and alignment that `nerf_pace_workspace_size` says, apart
  * from scene and blob. `pace`: `struct_size` set by the caller; written on success. A scene without a front
  * is `NERF_STATUS_NO_FRONT`. `message`: NULL, or `message_capacity` bytes for a sentence about what was

@@ -1,4 +1,5 @@
-//! Whole frames of the seed network, with as many samples a ray as the file says (64), and a file's way to its first tile.
+//! Whole frames of the seed network, with as many samples a ray as the file says (64), and a file's way to its
+//! first tile.
 //!
 //! `NERF_BENCH_BLOB=scene.nerf` takes another scene, `NERF_BENCH_SIDE=200` another number of pixels.
 

@@ -205,19 +205,19 @@ impl Camera {
         Ray { origin: self.pose.position, dir: dir.normalize() }
     }
 
-    /// Every `step`-th pixel of every `step`-th row, as an image of its own: pixels as large as `step` by `step`
-    /// of them, seen through their middles. At least one, and none beyond the edges.
-    pub fn thinned(&self, step: u32) -> Self {
-        let step = step.max(1);
+    /// One pixel for each `right` by `down` of them, as an image of its own, seen through their middles; at
+    /// least one along each side, and none beyond the edges.
+    pub fn thinned(&self, right: u32, down: u32) -> Self {
         let Intrinsics { width, height, fx, fy, cx, cy } = self.intrinsics;
-        let by = step as f32;
+        let (right, down) = (right.clamp(1, width), down.clamp(1, height));
+        let (x, y) = (right as f32, down as f32);
         let intrinsics = Intrinsics {
-            width: (width / step).max(1),
-            height: (height / step).max(1),
-            fx: fx / by,
-            fy: fy / by,
-            cx: cx / by,
-            cy: cy / by,
+            width: width / right,
+            height: height / down,
+            fx: fx / x,
+            fy: fy / y,
+            cx: cx / x,
+            cy: cy / y,
         };
         // The same directions, all of which were checked.
         Self { intrinsics, ..*self }

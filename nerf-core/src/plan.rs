@@ -215,7 +215,12 @@ impl<'a> Plan<'a> {
     pub(crate) fn normal_deviation(&self) -> f32 {
         // 1/√12: the deviation of what is spread evenly over a bin.
         const EVEN: f32 = 0.288_675_13;
-        self.normal_blur * self.bins.delta() * EVEN
+        // Drawn samples have no bins: their mean distance stands in.
+        let width = match self.proposal {
+            Some(_) => (self.far - self.near) / self.samples_per_ray() as f32,
+            None => self.bins.delta(),
+        };
+        self.normal_blur * width * EVEN
     }
 
     /// What a pixel is asked for.

@@ -15,6 +15,7 @@ mod tests;
 pub use median::median_in_bin;
 #[cfg(feature = "normals")]
 pub use normal::NormalSum;
+pub(crate) use normal::mean_direction;
 
 /// At or below this opacity a pixel has no surface: its distances are `far`.
 pub const OPACITY_EPSILON: f32 = 1e-4;

@@ -170,7 +170,11 @@ impl fmt::Display for Failure {
                 write!(f, "{name}: expected NULL for a picture, which has colour alone")
             }
             Self::NoFront => {
-                write!(f, "scene: expected a front of accuracy against work (nerf-train study), found none")
+                write!(
+                    f,
+                    "scene: expected a front of accuracy against work (nerf-train study) that this build can \
+                     render, with a time where time is asked for, found none"
+                )
             }
             Self::Direction { index } => write!(f, "dirs[{index}]: expected a vector of unit length"),
             Self::Cancelled => write!(f, "cancelled by the progress callback"),

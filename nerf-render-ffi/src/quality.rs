@@ -106,8 +106,9 @@ unsafe fn answer(
 ///
 /// `options`: `struct_size` set by the caller; its shortcuts (samples, cuts, grid, maths, proposal) are
 /// replaced, the rest stays. `choice`: NULL, or written. Where every point of the scene's front loses more, the
-/// one that loses least is set, and `choice->within` is 0. A scene without a front is
-/// `NERF_STATUS_NO_FRONT`, and nothing is written. `message`: NULL, or `message_capacity` bytes for a sentence
+/// one that loses least is set, and `choice->within` is 0. A scene without a front, or with none that this build
+/// can render, is `NERF_STATUS_NO_FRONT`, and nothing is written. A point may cut transmittance above one half,
+/// which a frame with a median distance refuses. `message`: NULL, or `message_capacity` bytes for a sentence
 /// about what was expected and found; empty on success.
 ///
 /// # Safety
@@ -247,7 +248,7 @@ pub unsafe extern "C" fn nerf_pace_workspace_size(
 /// frame would take more than `limit_milliseconds`; dearer ones stay at infinity. Measure on an idle host.
 ///
 /// `options`: what `nerf_render` will get; its shortcuts do not matter. `outputs`: `NERF_OUTPUT_*` of the
-/// planes that will not be NULL. `clock`: called with `user`; NULL for the library's own, which a build
+/// planes that will not be NULL. `clock`: called with `user`, must not touch the workspace; NULL for the library's own, which a build
 /// without std has not. `workspace`: of the size and alignment that `nerf_pace_workspace_size` says, apart
 /// from scene and blob. `pace`: `struct_size` set by the caller; written on success. A scene without a front
 /// is `NERF_STATUS_NO_FRONT`. `message`: NULL, or `message_capacity` bytes for a sentence about what was
@@ -275,7 +276,7 @@ pub unsafe extern "C" fn nerf_pace_measure(
         let (scene, plan) = unsafe { planned(scene, options, outputs)? };
         // SAFETY: the caller's promise.
         let (camera, out) = unsafe { (Camera::read(camera)?, Out::new(pace)?) };
-        if scene.renderer().blob().front().is_empty() {
+        if Quality::front(scene.renderer().blob()).next().is_none() {
             return Err(Failure::NoFront);
         }
         let mut workspace = Workspace::new(workspace, workspace_size, scene)?;
@@ -301,7 +302,9 @@ unsafe fn planned<'s>(
     // SAFETY: the caller's promise.
     let scene = unsafe { Scene::of(scene)? };
     // SAFETY: the caller's promise.
-    let settings = unsafe { Settings::read(options, scene.renderer().network().tier())? };
+    let mut settings = unsafe { Settings::read(options, scene.renderer().network().tier())? };
+    // Each point brings its own; what the caller's are is no reason to refuse.
+    settings.quality = Quality::exact(scene.renderer().blob());
     let plan = settings.plan(scene.renderer().blob(), read_outputs(outputs)?, false)?;
     Ok((scene, plan))
 }

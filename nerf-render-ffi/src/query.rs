@@ -22,7 +22,7 @@ const CHUNK: usize = 64;
 /// camera to the point; may be NULL where `rgb` is. `sigma`: receives `n` densities per world unit.
 /// `rgb`: receives `n` times r, g, b, display-encoded; NULL if not wanted. The four may be NULL if
 /// `n` is 0, and the results must not overlap the others. The rest: as in `nerf_render`; of the
-/// options only grid, maths and batch matter.
+/// options only grid, maths and batch matter to the results; the workspace is that of all of them.
 ///
 /// # Safety
 /// Pointers are NULL or point to what is described here; `scene` is intact.

@@ -184,3 +184,19 @@ fn a_scene_without_a_front_says_so_and_writes_nothing() {
     };
     assert_eq!(status, Status::NullPointer);
 }
+
+#[test]
+fn a_host_of_an_older_header_is_described_its_scene() {
+    let opened = call::open(Recipe::PROPOSAL.blob(), Tier::Scalar);
+    let old = std::mem::offset_of!(ffi::SceneInfo, proposal_samples);
+    let mut words = vec![0xa5a5_a5a5_a5a5_a5a5u64; size_of::<ffi::SceneInfo>().div_ceil(8)];
+    let at = words.as_mut_ptr().cast::<ffi::SceneInfo>();
+    // SAFETY: `old` bytes lie there, aligned to words, and live until the call returns.
+    let status = unsafe {
+        at.cast::<usize>().write(old);
+        ffi::nerf_scene_describe(opened.scene, at)
+    };
+    assert_eq!(status, Status::Ok);
+    let bytes: Vec<u8> = words.iter().flat_map(|word| word.to_ne_bytes()).collect();
+    assert!(bytes[old..].iter().all(|byte| *byte == 0xa5), "nothing behind what it knows is written");
+}

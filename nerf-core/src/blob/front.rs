@@ -12,7 +12,8 @@ pub const MAX_FRONT: usize = 16;
 /// The points of a scene, dearest first.
 pub type Front = heapless::Vec<FrontPoint, MAX_FRONT>;
 
-/// A setting, as [`Quality`](crate::plan::Quality) has it, and its price. Of a front's points none is both cheaper and better than another.
+/// A setting, as [`Quality`](crate::plan::Quality) has it, and its price. Of a front's points none is both cheaper
+/// and better than another.
 ///
 /// There is no time in it: what a multiply-add takes is the host's to measure.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]

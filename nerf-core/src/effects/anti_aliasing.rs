@@ -2,8 +2,7 @@
 
 use super::Effects;
 use crate::kernels::{Arena, lines_for};
-use crate::volume::{OPACITY_EPSILON, Pixel, Sum};
-use glam::Vec3;
+use crate::volume::{OPACITY_EPSILON, Pixel, Sum, mean_direction};
 
 /// Whether this build has the effect.
 pub(crate) const BUILT: bool = true;
@@ -72,9 +71,9 @@ impl PixelSum {
     fn mean(&self, rays: u32, far: f32) -> Pixel {
         let rays = rays as f32;
         let opacity = self.opacity.value / rays;
-        // More than the epsilon on average: at least one ray has a surface.
-        let distance =
-            |sum: Sum| if opacity > OPACITY_EPSILON { sum.value / self.surface.value } else { far };
+        // More than the epsilon on average, but for rounding: at least one ray has a surface.
+        let seen = opacity > OPACITY_EPSILON && self.surface.value > 0.0;
+        let distance = |sum: Sum| if seen { sum.value / self.surface.value } else { far };
         Pixel {
             rgb: self.rgb.map(|sum| sum.value / rays),
             opacity,
@@ -109,14 +108,15 @@ impl SurfaceSum {
 
     /// The mean of the medians where at least half of the rays have one, and of the normals by opacity; what
     /// was not asked for is 0 on every ray, and stays so.
-    fn mean(&self, rays: u32, far: f32) -> ([f32; 3], f32) {
-        let normal = Vec3::from(self.normal.map(|sum| sum.value)).normalize_or_zero();
+    fn mean(&self, rays: u32, far: f32, opacity: f32) -> ([f32; 3], f32) {
+        let sum = self.normal.map(|sum| sum.value);
+        let normal = mean_direction(sum, opacity * rays as f32, opacity);
         let median_distance = if 2 * u32::from(self.halved) >= rays {
             self.median_distance.value / f32::from(self.halved)
         } else {
             far
         };
-        (normal.into(), median_distance)
+        (normal, median_distance)
     }
 }
 
@@ -180,7 +180,7 @@ impl<'w> Sums<'w> {
         }
         let mut mean = sum.mean(rays, far);
         if let Some(surface) = surface {
-            (mean.normal, mean.median_distance) = surface.mean(rays, far);
+            (mean.normal, mean.median_distance) = surface.mean(rays, far, mean.opacity);
         }
         Some(mean)
     }

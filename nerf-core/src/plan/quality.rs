@@ -55,7 +55,8 @@ impl Quality {
     /// The cheapest settings of the blob's front that lose at most `db` against the exact rendering.
     ///
     /// Where every point loses more, the one that loses least. `None` without a front, or with one that
-    /// needs maths backends this build is without.
+    /// needs maths backends or a proposal this build is without. The settings may cut beyond one half, which a
+    /// frame with a median distance refuses.
     pub fn within_loss(blob: &Blob<'_>, db: f32) -> Option<Choice> {
         // Dearest first, and so from the least loss to the most.
         let last = choices(blob).take_while(|choice| choice.loss_db <= db).last();
@@ -142,7 +143,8 @@ impl Quality {
     /// Every point of the blob's front that this build can render, with its index: dearest first, none of them
     /// chosen.
     pub fn front<'b>(blob: &'b Blob<'_>) -> impl Iterator<Item = (usize, Choice)> + 'b {
-        blob.front().iter().enumerate().filter_map(|(index, point)| {
+        let built = |point: &FrontPoint| !point.proposal || cfg!(feature = "proposal");
+        blob.front().iter().enumerate().filter(move |(_, point)| built(point)).filter_map(|(index, point)| {
             let quality = Quality {
                 samples: point.samples,
                 transmittance_cut: point.transmittance_cut,

@@ -181,7 +181,10 @@ impl Frame<'_, '_> {
                 self.counters.invalid_samples += 1;
             } else if sigma > 0.0 {
                 let (t, stretch) = (self.block.t[column], self.drawn.stretch(plan, owner, column));
-                let (middle, delta) = stretch.unwrap_or((t, plan.bins.delta()));
+                // A jittered sample lies anywhere in its bin, which stays where it is.
+                let jittered = plan.outputs.median_distance && plan.effects.jitter.is_some();
+                let middle = if jittered { plan.bins.middle_around(t) } else { t };
+                let (middle, delta) = stretch.unwrap_or((middle, plan.bins.delta()));
                 let thickness = state.gathered.optical_thickness();
                 state.gathered.add_density::<M>(sigma, t, delta);
                 self.medians.look::<M>(owner, thickness, &state.gathered, sigma, middle, delta);

@@ -41,7 +41,7 @@ impl Quality {
     /// or where nothing was measured.
     pub fn within_time(blob: &Blob<'_>, milliseconds: f32, pace: &Pace) -> Option<(Choice, f32)> {
         let timed = || {
-            let known = |(choice, time): &(Choice, f32)| time.is_finite() && choice.cost > 0.0;
+            let known = |(_, time): &(Choice, f32)| time.is_finite();
             Self::front(blob).map(|(index, choice)| (choice, pace.milliseconds[index])).filter(known)
         };
         // Dearest first: of equal losses the last is the cheapest.
@@ -69,7 +69,7 @@ impl Renderer<'_> {
     /// since any moment, never falling. Every n-th pixel of every n-th row is rendered, about 2,048 of them
     /// over the whole view, since single tiles may be empty; the cheapest point first, each twice, of which
     /// the shorter counts. Once a frame would take more than `limit_milliseconds`, dearer points stay
-    /// unknown: so the whole takes little longer than one such frame. A scene without a front has no pace.
+    /// unknown: where a picture is far larger than the sample, the whole takes little longer than such a frame. A scene without a front has no pace.
     ///
     /// # Errors
     /// [`RenderError::Memory`] on less workspace than [`Renderer::pace_lines`] says.
@@ -85,14 +85,9 @@ impl Renderer<'_> {
         if found < expected {
             return Err(RenderError::Memory { expected, found });
         }
-        let all = pixels(camera);
-        let mut step = 1;
-        while all / (step * step) > SAMPLED_RAYS {
-            step += 1;
-        }
-        // Lossless: a square root of 64 bits.
-        let sample = camera.thinned(step as u32);
-        let scale = all as f32 / pixels(&sample) as f32;
+        let (right, down) = steps(camera);
+        let sample = camera.thinned(right, down);
+        let scale = pixels(camera) as f32 / pixels(&sample) as f32;
         let mut pace = Pace::UNKNOWN;
         let mut warm = false;
         for index in (0..MAX_FRONT).rev() {
@@ -114,6 +109,19 @@ impl Renderer<'_> {
         }
         Ok(pace)
     }
+}
+
+/// Pixels along each axis of which one is sampled: as many, unless a side has fewer.
+fn steps(camera: &Camera) -> (u32, u32) {
+    let i = camera.intrinsics();
+    let (width, height) = (u64::from(i.width), u64::from(i.height));
+    let all = width * height;
+    let step = if all > SAMPLED_RAYS { (all / SAMPLED_RAYS).isqrt() + 1 } else { 1 };
+    // A side that is shorter than a step has one sample, and the other all the rest.
+    let right = if step > height { width.div_ceil(SAMPLED_RAYS) } else { step.min(width) };
+    let down = if step > width { height.div_ceil(SAMPLED_RAYS) } else { step.min(height) };
+    // Lossless: no more than the sides.
+    (right as u32, down as u32)
 }
 
 /// Pixels of a camera's image.

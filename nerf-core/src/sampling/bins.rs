@@ -39,6 +39,14 @@ impl Bins {
         self.near + (i as f32 + u) * self.delta
     }
 
+    /// The middle of the bin that `t` lies in; of the first or last beyond them.
+    #[inline]
+    pub fn middle_around(&self, t: f32) -> f32 {
+        // `as` saturates, and takes NaN to 0.
+        let bin = ((t - self.near) / self.delta) as u32;
+        self.at(bin.min(self.count - 1), 0.5)
+    }
+
     /// The bins that may have a point in `enter..=exit`, the middle or another: a superset, by one or two
     /// at each end as long as a bin is wider than the spacing of f32 at `far`.
     pub fn overlapping(&self, enter: f32, exit: f32) -> core::ops::Range<u32> {

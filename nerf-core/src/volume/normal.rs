@@ -35,12 +35,18 @@ impl NormalSum {
     /// The mean's direction, unit length; 0 where `opacity`, Σ weights, is at most [`OPACITY_EPSILON`], and
     /// where the directions cancel.
     pub fn finish(&self, opacity: f32) -> [f32; 3] {
-        let sum = Vec3::from(self.0.map(|sum| sum.value));
-        let length = sum.length();
-        if opacity > OPACITY_EPSILON && length > MEAN_EPSILON * opacity {
-            (sum / length).to_array()
-        } else {
-            [0.0; 3]
-        }
+        mean_direction(self.0.map(|sum| sum.value), opacity, opacity)
+    }
+}
+
+/// The direction of `sum`, of normals whose weights add up to `weight`; 0 where `opacity` is at most
+/// [`OPACITY_EPSILON`], and where the directions cancel.
+pub(crate) fn mean_direction(sum: [f32; 3], weight: f32, opacity: f32) -> [f32; 3] {
+    let sum = Vec3::from(sum);
+    let length = sum.length();
+    if opacity > OPACITY_EPSILON && length > MEAN_EPSILON * weight {
+        (sum / length).to_array()
+    } else {
+        [0.0; 3]
     }
 }

@@ -100,14 +100,29 @@ fn a_pace_is_read_from_the_caller_s_clock_cheapest_point_first() {
 
 #[test]
 fn a_thinned_camera_sees_the_middles_of_its_larger_pixels() {
-    for (width, height, step) in [(200, 100, 4), (201, 103, 4), (3, 2, 5), (7, 7, 1)] {
+    for (width, height, right, down) in [(200, 100, 4, 4), (201, 103, 4, 7), (3, 2, 3, 1), (7, 7, 1, 1)] {
         let camera = camera(width, height);
-        let thin = camera.thinned(step);
+        let thin = camera.thinned(right, down);
         let i = thin.intrinsics();
-        assert_eq!((i.width, i.height), ((width / step).max(1), (height / step).max(1)));
+        assert_eq!((i.width, i.height), (width / right, height / down));
         for (x, y) in [(0.5, 0.5), (i.width as f32 - 0.5, i.height as f32 - 0.5)] {
-            let (a, b) = (thin.ray(x, y), camera.ray(x * step as f32, y * step as f32));
+            let (a, b) = (thin.ray(x, y), camera.ray(x * right as f32, y * down as f32));
             assert!((a.dir - b.dir).length() < 1e-6 && a.origin == b.origin);
         }
+    }
+}
+
+#[test]
+fn a_view_of_any_shape_is_sampled_all_over_by_about_as_many_rays() {
+    let sides = [1, 2, 3, 40, 57, 200, 4096, 65_536, u32::MAX];
+    for (width, height) in sides.into_iter().flat_map(|w| sides.map(|h| (w, h))) {
+        let pose = Pose::look_at(Vec3::new(0.0, 0.0, 4.0), Vec3::ZERO, Vec3::Y).unwrap();
+        let intrinsics = Intrinsics::centred(width, height, width.max(height) as f32);
+        let camera = Camera::new(intrinsics, Lens::NONE, pose).unwrap();
+        let (right, down) = steps(&camera);
+        assert!((1..=width).contains(&right) && (1..=height).contains(&down));
+        let (all, sample) = (pixels(&camera), pixels(&camera.thinned(right, down)));
+        assert!(sample <= SAMPLED_RAYS, "{width}x{height}: {sample}");
+        assert!(sample == all || sample >= SAMPLED_RAYS / 8, "{width}x{height}: {sample}");
     }
 }

@@ -133,3 +133,36 @@ fn what_this_build_lacks_is_refused_by_name() {
         }
     }
 }
+
+#[test]
+#[cfg(all(feature = "median", feature = "jitter"))]
+fn a_median_stays_in_the_bin_of_a_jittered_sample() {
+    use crate::effects::{Effects, Jitter};
+    // Opaque from the first bin on: half of the light is gone at its very beginning, wherever the sample lies.
+    let a = every_kind();
+    let mut all = vec![0.0; a.parameters()];
+    let layers = a.layers();
+    let density = layers.iter().find(|layer| layer.role == crate::network::Role::Density).unwrap();
+    all[density.bias] = 6e4;
+    let (weights, _) = halve(&all);
+    let bytes = bytes(&body(a, None, &weights));
+    let blob = Blob::open(&bytes).unwrap();
+    let renderer = Renderer::new(blob.clone(), crate::kernels::Tier::Scalar, &mut []).unwrap();
+    let camera = camera(13, 11);
+    let outputs = Outputs { median_distance: true, ..Outputs::NONE };
+    let go = |jitter| {
+        let plan = Plan::new(&blob, &Quality::EXACT, outputs, Batch::SMALLEST).unwrap();
+        let plan = plan.with_effects(Effects { jitter, ..Effects::NONE }).unwrap();
+        render(&renderer, &plan, &camera).pixels
+    };
+    let (plain, mut seen) = (go(None), 0);
+    for pixel in (0..20).flat_map(|seed| go(Some(Jitter { seed }))).filter(|pixel| pixel.opacity > 0.5) {
+        let scene = blob.scene().unwrap();
+        let bin = (scene.far - scene.near) / f32::from(scene.samples);
+        let offset = (pixel.median_distance - scene.near) / bin;
+        assert!((offset - offset.round()).abs() < 1e-2, "a bin's beginning, found {offset}");
+        assert!((scene.near..scene.far).contains(&pixel.median_distance));
+        seen += 1;
+    }
+    assert!(seen > 1000 && plain.iter().any(|pixel| pixel.opacity > 0.5), "{seen}");
+}
