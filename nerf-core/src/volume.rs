@@ -15,7 +15,6 @@ mod tests;
 pub use median::median_in_bin;
 #[cfg(feature = "normals")]
 pub use normal::NormalSum;
-pub(crate) use normal::mean_direction;
 
 /// At or below this opacity a pixel has no surface: its distances are `far`.
 pub const OPACITY_EPSILON: f32 = 1e-4;
@@ -39,6 +38,23 @@ impl Sum {
         let sum = self.value + corrected;
         self.lost = (sum - self.value) - corrected;
         self.value = sum;
+    }
+}
+
+/// Directions whose weighted mean is no longer than this cancel: what is left of them is rounding.
+#[cfg(any(feature = "normals", feature = "anti-aliasing"))]
+const MEAN_EPSILON: f32 = 1e-6;
+
+/// The direction of `sum`, of normals whose weights add up to `weight`; 0 where `opacity` is at most
+/// [`OPACITY_EPSILON`], and where the directions cancel.
+#[cfg(any(feature = "normals", feature = "anti-aliasing"))]
+pub(crate) fn mean_direction(sum: [f32; 3], weight: f32, opacity: f32) -> [f32; 3] {
+    let sum = glam::Vec3::from(sum);
+    let length = sum.length();
+    if opacity > OPACITY_EPSILON && length > MEAN_EPSILON * weight {
+        (sum / length).to_array()
+    } else {
+        [0.0; 3]
     }
 }
 

@@ -1,10 +1,7 @@
 //! The normal of the surface a ray sees: the mean of its samples' directions.
 
-use super::{OPACITY_EPSILON, Sum};
+use super::{Sum, mean_direction};
 use glam::Vec3;
-
-/// Directions whose weighted mean is no longer than this cancel: what is left of them is rounding.
-const MEAN_EPSILON: f32 = 1e-6;
 
 /// The sum of a ray's normals, front to back: `Σ weight · −∇sigma/|∇sigma|`.
 ///
@@ -32,21 +29,9 @@ impl NormalSum {
         }
     }
 
-    /// The mean's direction, unit length; 0 where `opacity`, Σ weights, is at most [`OPACITY_EPSILON`], and
+    /// The mean's direction, unit length; 0 where `opacity`, Σ weights, is at most [`super::OPACITY_EPSILON`], and
     /// where the directions cancel.
     pub fn finish(&self, opacity: f32) -> [f32; 3] {
         mean_direction(self.0.map(|sum| sum.value), opacity, opacity)
-    }
-}
-
-/// The direction of `sum`, of normals whose weights add up to `weight`; 0 where `opacity` is at most
-/// [`OPACITY_EPSILON`], and where the directions cancel.
-pub(crate) fn mean_direction(sum: [f32; 3], weight: f32, opacity: f32) -> [f32; 3] {
-    let sum = Vec3::from(sum);
-    let length = sum.length();
-    if opacity > OPACITY_EPSILON && length > MEAN_EPSILON * weight {
-        (sum / length).to_array()
-    } else {
-        [0.0; 3]
     }
 }
