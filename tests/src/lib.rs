@@ -4,5 +4,6 @@
 pub mod build;
 pub mod call;
 pub mod memory;
+pub mod oracle;
 pub mod paths;
 pub mod scenes;
