@@ -5,6 +5,7 @@
  *
  * - Every call that can fail returns a nerf_status, NERF_STATUS_OK = 0, and never aborts or throws.
  * - The library owns nothing and allocates nothing: ask for sizes, lend memory, just let go of it.
+ *   (nerf_scene_open_file is the exception, for hosts with a heap.)
  * - Structures begin with struct_size: set it to sizeof, everything unused to zero.
  * - Scalars and handles are written on success only, pictures only in whole tiles.
  * - A scene never changes: threads may use it at the same time, each with its own workspace.
@@ -159,6 +160,14 @@ enum nerf_status
      * The scene has no front of accuracy against work: `nerf-train study` measures one.
      */
     NERF_STATUS_NO_FRONT = 19,
+    /**
+     * The file cannot be read.
+     */
+    NERF_STATUS_FILE = 20,
+    /**
+     * The system has no memory left for what the library was asked to own.
+     */
+    NERF_STATUS_OUT_OF_MEMORY = 21,
     /**
      * The bytes do not begin as a blob does.
      */
@@ -414,7 +423,8 @@ typedef uint32_t nerf_tone_map;
  * An opened scene: lies at the beginning of the memory it was opened in and borrows the blob.
  *
  * It owns nothing and never changes: threads may use it at the same time, and there is nothing to
- * close. It ends where the caller reuses its memory or the blob's.
+ * close. It ends where the caller reuses its memory or the blob's. (One from `nerf_scene_open_file` lies in
+ * memory of the library's own and ends with `nerf_scene_close`.)
  */
 typedef struct nerf_scene nerf_scene;
 
@@ -1013,6 +1023,32 @@ nerf_status nerf_scene_open(const void *blob,
                             const struct nerf_scene **scene,
                             char *message,
                             size_t message_capacity);
+
+/**
+ * Opens a scene from a file, in memory of the library's own: `nerf_scene_close` frees it.
+ *
+ * For hosts with a heap; only in a library built with `std`. `path`: UTF-8 on Windows, the system's bytes
+ * elsewhere, NUL-terminated. `options`: NULL for all zeros. `scene` receives the handle on success only;
+ * nothing is left behind otherwise. `message`: as in `nerf_scene_memory`, with the path in front.
+ *
+ * # Safety
+ * Pointers are NULL or point to what is described here.
+ */
+nerf_status nerf_scene_open_file(const char *path,
+                                 const struct nerf_open_options *options,
+                                 const struct nerf_scene **scene,
+                                 char *message,
+                                 size_t message_capacity);
+
+/**
+ * Frees a scene that `nerf_scene_open_file` opened; NULL, and a scene in the caller's memory, are left alone.
+ *
+ * Only in a library built with `std`.
+ *
+ * # Safety
+ * `scene` is NULL or an intact handle that no thread uses now or later.
+ */
+void nerf_scene_close(const struct nerf_scene *scene);
 
 /**
  * Says what a scene is: where to put a camera, what it costs, where it comes from.

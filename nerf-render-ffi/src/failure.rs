@@ -1,5 +1,6 @@
 //! Why a call failed: a status for programs, a sentence for people.
 
+use crate::boundary::Reason;
 use crate::status::Status;
 use core::fmt;
 use nerf_core::blob::BlobError;
@@ -82,8 +83,21 @@ impl Failure {
             other => Self::Render(other),
         }
     }
+}
 
-    pub fn status(&self) -> Status {
+impl From<BlobError> for Failure {
+    fn from(error: BlobError) -> Self {
+        Self::Blob(error)
+    }
+}
+
+impl Reason for Failure {
+    #[cfg(feature = "std")]
+    fn panic() -> Self {
+        Self::Panic
+    }
+
+    fn status(&self) -> Status {
         match self {
             Self::Null(_) => Status::NullPointer,
             Self::StructSize { .. } => Status::StructSize,

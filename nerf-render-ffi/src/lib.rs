@@ -2,7 +2,8 @@
 //!
 //! One file per C type, in the order a host meets them. The contract is prose, in this crate's
 //! README; `include/nerf_render.h` is generated from these files. Nothing here allocates, and
-//! nothing is owned: scene and workspace lie in memory of the caller.
+//! nothing is owned: scene and workspace lie in memory of the caller. The one exception has a room
+//! of its own, `scene_file.rs`, and needs the feature `std`.
 #![cfg_attr(not(feature = "std"), no_std)]
 #![allow(unsafe_code, reason = "this crate is the boundary: it turns C's pointers into slices")]
 
@@ -20,6 +21,9 @@ mod status;
 mod open_options;
 
 mod scene;
+
+#[cfg(feature = "std")]
+mod scene_file;
 
 mod scene_info;
 
@@ -67,6 +71,8 @@ pub use render_options::{
 };
 pub use render_picture::{nerf_picture_workspace_size, nerf_render_picture};
 pub use scene::{Scene, nerf_scene_memory, nerf_scene_open};
+#[cfg(feature = "std")]
+pub use scene_file::{nerf_scene_close, nerf_scene_open_file};
 pub use scene_info::{Kind, SceneInfo, Text, nerf_scene_describe};
 pub use status::{Status, nerf_status_text};
 pub use target::{Plane, Target};
