@@ -179,12 +179,12 @@ class memory {
 public:
     memory() noexcept = default;
 
-    /// Memory from the heap; NERF_STATUS_MEMORY where there is not enough.
+    /// Memory from the heap; NERF_STATUS_OUT_OF_MEMORY where there is not enough.
     static result<memory> allocate(const layout &needed) noexcept {
         memory owned;
         owned.data_ = ::operator new(needed.size, std::align_val_t{needed.align}, std::nothrow);
         if (owned.data_ == nullptr) {
-            return detail::failed(NERF_STATUS_MEMORY, "memory: the heap has not as much as is needed");
+            return detail::failed(NERF_STATUS_OUT_OF_MEMORY, "memory: the heap has not as much as is needed");
         }
         owned.size_ = needed.size;
         owned.align_ = needed.align;
@@ -568,6 +568,23 @@ public:
         return home ? open(blob, std::move(*home), kernel) : result<scene>(home.error());
     }
 
+    /// Opens a file, in memory of the library's own; only with a library that was built with `std`.
+    static result<scene> open_file(const char *path, nerf_kernel kernel = NERF_KERNEL_AUTO) noexcept {
+        const nerf_open_options how = opening(kernel);
+        return detail::checked(scene(), [&](scene &to, char *message, std::size_t capacity) {
+            const nerf_status status = nerf_scene_open_file(path, &how, &to.handle_, message, capacity);
+            if (status == NERF_STATUS_OK) {
+                to.close_ = nerf_scene_close;
+            }
+            return status == NERF_STATUS_OK ? to.describe() : status;
+        });
+    }
+
+    ~scene() {
+        if (close_ != nullptr) {
+            close_(handle_);
+        }
+    }
     scene(scene &&other) noexcept { swap(other); }
     scene &operator=(scene &&other) noexcept {
         scene(std::move(other)).swap(*this);
@@ -576,6 +593,7 @@ public:
     void swap(scene &other) noexcept {
         home_.swap(other.home_);
         std::swap(handle_, other.handle_);
+        std::swap(close_, other.close_);
         std::swap(info_, other.info_);
     }
 
@@ -754,6 +772,7 @@ private:
 
     memory home_;
     const nerf_scene *handle_ = nullptr;
+    void (*close_)(const nerf_scene *) = nullptr; // a pointer, as in nerf::memory
     nerf_scene_info info_ = {};
 };
 
