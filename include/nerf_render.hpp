@@ -75,6 +75,10 @@ public:
     constexpr bytes(const C &container) noexcept
         : data_(std::data(container)), size_(std::size(container) * sizeof(E)) {}
 
+    /// Not of a temporary that owns its bytes: they would be gone.
+    template <class C, class = std::enable_if_t<!std::is_lvalue_reference_v<C> && !std::is_trivially_copyable_v<C>>>
+    bytes(C &&container) = delete;
+
     constexpr const void *data() const noexcept { return data_; }
     constexpr std::size_t size() const noexcept { return size_; }
 
@@ -236,6 +240,7 @@ private:
 
 // --------------------------------------------------------------------------------------- camera
 
+/// Just enough for cameras.
 struct vec3 {
     float x = 0.0f, y = 0.0f, z = 0.0f;
 
@@ -304,7 +309,7 @@ struct camera : nerf_camera {
 
 using rect = nerf_rect;
 
-/// An image cut into rectangles of at most side x side pixels, row by row.
+/// An image cut into rectangles of at most side x side pixels (side > 0), row by row.
 struct tiles {
     std::uint32_t width, height, side;
 
@@ -355,7 +360,7 @@ private:
 
     template <class T>
     plane(nerf_format f, span<T> s, std::ptrdiff_t rows, std::size_t pixels) noexcept
-        : nerf_plane{s.data(), pixels, rows, f, 0}, bytes(s.size() * sizeof(T)) {}
+        : nerf_plane{s.data(), pixels, rows, f, 0}, extent(s.size() * sizeof(T)) {}
 
     static std::size_t pixel_size(std::uint32_t format) noexcept {
         switch (format) {
@@ -367,7 +372,7 @@ private:
         }
     }
 
-    std::size_t bytes = std::numeric_limits<std::size_t>::max(); // of the view it was made of
+    std::size_t extent = std::numeric_limits<std::size_t>::max(); // bytes of the view it was made of
 };
 
 /// Planes of an image, or of a window of it: any rectangle in there can be rendered into its place.
@@ -430,9 +435,9 @@ private:
         }
         const std::int64_t first = row * (part.y - all.y) + step * (part.x - all.x);
         const std::int64_t last = first + row * (part.height - 1) + step * (part.width - 1);
-        const bool known = from.bytes != std::numeric_limits<std::size_t>::max();
-        if (known && (first < 0 || last < 0 || from.bytes < size ||
-                      static_cast<std::uint64_t>(last) > from.bytes - size)) {
+        const bool known = from.extent != std::numeric_limits<std::size_t>::max();
+        if (known && (first < 0 || last < 0 || from.extent < size ||
+                      static_cast<std::uint64_t>(last) > from.extent - size)) {
             return false;
         }
         to.data = static_cast<unsigned char *>(from.data) + static_cast<std::ptrdiff_t>(first);

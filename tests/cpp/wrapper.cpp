@@ -68,6 +68,7 @@ void views_are_made_of_what_lies_side_by_side() {
     CHECK(nerf::bytes(vector).size() == sizeof(float) && nerf::bytes(raw).data() == raw);
     static_assert(!std::is_constructible_v<nerf::span<float>, const std::vector<float> &>);
     static_assert(!std::is_constructible_v<nerf::span<float>, std::vector<int> &>);
+    static_assert(!std::is_constructible_v<nerf::bytes, std::vector<char>>); // would dangle
 }
 
 void memory_is_owned_or_lent_and_moves() {
@@ -90,7 +91,8 @@ void scenes_open_in_any_memory(const std::vector<char> &blob, const char *path, 
     const auto lent = nerf::scene::open(blob, nerf::memory::lend(nerf::span(first, needed->size)), NERF_KERNEL_SCALAR);
     CHECK(lent && lent->get() != nullptr && lent->info().kernel == NERF_KERNEL_SCALAR && lent->info().samples == 48);
     CHECK(nerf::view(lent->info().data) == "noise");
-    const auto small = nerf::scene::open(blob, nerf::memory::lend(nerf::span(first, needed->size - 1)), NERF_KERNEL_SCALAR);
+    const nerf::span one_less(first, needed->size - 1);
+    const auto small = nerf::scene::open(blob, nerf::memory::lend(one_less), NERF_KERNEL_SCALAR);
     CHECK(!small && small.status() == NERF_STATUS_MEMORY && says(small.error(), "expected"));
 
     const auto file = nerf::scene::open_file(path);
@@ -109,7 +111,7 @@ void what_was_moved_from_is_empty(const char *path) {
     nerf::scene other;
     other = std::move(scene);
     CHECK(other.get() != nullptr && other.info().samples == 48);
-    for (const nerf::scene *const empty : {static_cast<const nerf::scene *>(&*opened), static_cast<const nerf::scene *>(&scene)}) {
+    for (const nerf::scene *const empty : {&*opened, &scene}) {
         nerf::memory nowhere;
         nerf::options options;
         std::array<float, 3> point{};
@@ -127,7 +129,8 @@ void what_was_moved_from_is_empty(const char *path) {
         CHECK(empty->within_cost(0.1f, options).status() == NERF_STATUS_NULL_POINTER);
         CHECK(empty->within_time(1.0f, {}, options).status() == NERF_STATUS_NULL_POINTER);
         CHECK(empty->preset(NERF_PRESET_FAST, options).status() == NERF_STATUS_NULL_POINTER);
-        CHECK(empty->measure_pace(camera_of(other), NERF_OUTPUT_RGB, 1.0f, nowhere).status() == NERF_STATUS_NULL_POINTER);
+        const auto pace = empty->measure_pace(camera_of(other), NERF_OUTPUT_RGB, 1.0f, nowhere);
+        CHECK(pace.status() == NERF_STATUS_NULL_POINTER);
         CHECK(empty->explain(text, NERF_OUTPUT_RGB).status() == NERF_STATUS_NULL_POINTER);
     }
 }
@@ -139,12 +142,14 @@ void cameras_look_where_they_are_told(const nerf::scene &scene) {
     camera.look_at({1.0f, 2.0f, 3.0f}, {4.0f, 2.0f, 3.0f});
     CHECK(close(dot(camera.backward(), {-1.0f, 0.0f, 0.0f}), 1.0f) && close(camera.up().z, 1.0f));
     CHECK(close(camera.right().y, -1.0f) && camera.centre().z == 3.0f);
-    for (const nerf::vec3 up : {nerf::vec3{0.0f, 0.0f, 1.0f}, {0.0f, 1.0f, 0.0f}, {1.0f, 0.0f, 0.0f}, {0.0f, 0.0f, -1.0f}}) {
+    const nerf::vec3 ups[] = {{0.0f, 0.0f, 1.0f}, {0.0f, 1.0f, 0.0f}, {1.0f, 0.0f, 0.0f}, {0.0f, 0.0f, -1.0f}};
+    for (const nerf::vec3 up : ups) {
         const nerf::vec3 target{0.5f, -1.0f, 2.0f};
         camera.orbit(target, 3.0f, 2.2f, 0.4f, up);
         const nerf::vec3 there = camera.centre() - target;
         CHECK(close(dot(there, there), 9.0f) && close(dot(there, up), 3.0f * std::sin(0.4f)));
-        CHECK(close(dot(there, camera.backward()), 3.0f) && close(dot(camera.right(), up), 0.0f) && dot(camera.up(), up) > 0.0f);
+        CHECK(close(dot(there, camera.backward()), 3.0f) && close(dot(camera.right(), up), 0.0f));
+        CHECK(dot(camera.up(), up) > 0.0f);
         CHECK(close(dot(cross(camera.right(), camera.up()), camera.backward()), 1.0f));
     }
     // The tangent of half the field of view is half the height over the focal length.
@@ -259,7 +264,8 @@ void targets_may_be_any_shape(const nerf::scene &scene) {
     CHECK(scene.render(camera, colour, *workspace));
     for (std::size_t i = 0; i < pixels; ++i) {
         const auto alpha = static_cast<std::uint8_t>(rgba[4 * i + 3] * 255.0f + 0.5f);
-        equal = equal && bytes[3 * i] == static_cast<std::uint8_t>(rgb[3 * i] * 255.0f + 0.5f) && bytes4[4 * i + 3] == alpha;
+        const auto red = static_cast<std::uint8_t>(rgb[3 * i] * 255.0f + 0.5f);
+        equal = equal && bytes[3 * i] == red && bytes4[4 * i + 3] == alpha;
     }
     CHECK(equal);
 }
@@ -364,7 +370,8 @@ void quality_has_a_price(const nerf::scene &scene, const nerf::scene &without) {
 
     auto workspace = scene.pace_workspace(NERF_OUTPUT_RGB);
     std::uint64_t now = 0;
-    const auto pace = scene.measure_pace(camera_of(scene), NERF_OUTPUT_RGB, 1e9f, *workspace, {}, [&now] { return now += 1000; });
+    const auto clock = [&now] { return now += 1000; };
+    const auto pace = scene.measure_pace(camera_of(scene), NERF_OUTPUT_RGB, 1e9f, *workspace, {}, clock);
     CHECK(pace && now > 0 && pace->milliseconds[0] > 0.0f && std::isinf(pace->milliseconds[15]));
     CHECK(pace->shared_among(4).milliseconds[0] == pace->milliseconds[0] / 4.0f);
     const auto timed = scene.within_time(1e9f, *pace, options);
@@ -417,7 +424,8 @@ int main(int argc, char **argv) {
     memory_is_owned_or_lent_and_moves();
     scenes_open_in_any_memory(blob, argv[2], argv[4]);
     what_was_moved_from_is_empty(argv[2]);
-    const auto front = nerf::scene::open(with_front), plain = nerf::scene::open(blob), picture = nerf::scene::open_file(argv[3]);
+    const auto front = nerf::scene::open(with_front), plain = nerf::scene::open(blob);
+    const auto picture = nerf::scene::open_file(argv[3]);
     if (!front || !plain || !picture) {
         std::fprintf(stderr, "%s %s %s\n", front.error().text(), plain.error().text(), picture.error().text());
         return 3;

@@ -87,6 +87,22 @@ fn cpp_compiles_with_each_compiler_and_standard_with_and_without_exceptions() {
 }
 
 #[test]
+fn a_program_that_lends_its_memory_links_no_heap_and_no_file_system() {
+    let directory = paths::temporary();
+    let (source, object) = (paths::workspace().join("tests/cpp/lent.cpp"), directory.path().join("lent.o"));
+    let mut command = Command::new(std::env::var_os("CXX").unwrap_or_else(|| "c++".into()));
+    command.args(["-std=c++17", "-O0", "-DNDEBUG", "-c", "-o"]).arg(&object).args(WARNINGS).args(LEAN);
+    run(command.arg("-I").arg(paths::workspace().join("include")).arg(source));
+    let names = run(Command::new("nm").arg("-u").arg(object)).stdout;
+    let names = String::from_utf8(names).expect("UTF-8");
+    let names: Vec<&str> = names.split_whitespace().filter(|word| word.len() > 1).collect();
+    assert!(names.contains(&"nerf_render") && names.contains(&"nerf_scene_open"), "{names:?}");
+    let allowed = ["blob", "blob_size", "memcpy", "memset", "sinf", "cosf", "sqrtf", "_GLOBAL_OFFSET_TABLE_"];
+    let own = ["nerf_render", "nerf_scene_open", "nerf_scene_describe"];
+    assert!(names.iter().all(|name| allowed.contains(name) || own.contains(name)), "{names:?}");
+}
+
+#[test]
 fn every_wrapper_keeps_its_word() {
     let directory = paths::temporary();
     let source = paths::workspace().join("tests/cpp/wrapper.cpp");

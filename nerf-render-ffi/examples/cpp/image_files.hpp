@@ -37,7 +37,8 @@ inline std::string pnm(std::uint32_t width, std::uint32_t height, const std::vec
 inline std::string pfm(std::uint32_t width, std::uint32_t height, const std::vector<float> &pixels) {
     const std::uint16_t one = 1;
     const bool little = *reinterpret_cast<const unsigned char *>(&one) == 1;
-    std::string file = "Pf\n" + std::to_string(width) + " " + std::to_string(height) + (little ? "\n-1.0\n" : "\n1.0\n");
+    std::string file = "Pf\n" + std::to_string(width) + " " + std::to_string(height);
+    file += little ? "\n-1.0\n" : "\n1.0\n";
     for (std::size_t y = height; y-- > 0;) {
         file += text_of(pixels.data() + y * width, width * sizeof(float));
     }

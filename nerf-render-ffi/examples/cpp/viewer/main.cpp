@@ -24,7 +24,8 @@ struct Arguments {
 constexpr const char usage[] =
     "usage: viewer scene.nerf [--size WxH] [--threads N] [--moving-ms T] [--resting-ms T] [--up x|y|z]\n"
     "                         [--screenshot FILE.png|ppm] [--headless [--script \"turn 0.1 0; rest; ...\"]]\n"
-    "  --moving-ms, --resting-ms  what a frame may take while the camera moves (60), and the first of full size (3000)\n"
+    "  --moving-ms, --resting-ms  what a frame may take while the camera moves (60), and the first of full size\n"
+    "                             once it rests (3000)\n"
     "  --headless                 no window: runs the script, rests, writes the screenshot\n";
 
 // Whether `text` is a whole number from 1 to `most`.

@@ -64,10 +64,9 @@ bool run(Session &session, std::istream &command) {
 
 bool write_screenshot(const Session &session, const std::string &path) {
     const bool ppm = path.size() > 4 && path.compare(path.size() - 4, 4, ".ppm") == 0;
-    const auto encode = ppm ? image_files::pnm : [](std::uint32_t w, std::uint32_t h, const std::vector<std::uint8_t> &p) {
-        return image_files::png_rgb8(w, h, p);
-    };
-    const bool written = image_files::write(path, encode(session.width(), session.height(), session.display()));
+    const std::uint32_t width = session.width(), height = session.height();
+    const bool written = image_files::write(path, ppm ? image_files::pnm(width, height, session.display())
+                                                      : image_files::png_rgb8(width, height, session.display()));
     if (!written) {
         std::cerr << "viewer: cannot write " << path << '\n';
     }
@@ -82,9 +81,9 @@ std::string line_about(const Report &report) {
          << report.camera.width << ' ' << report.camera.height << " divisor " << report.plan.divisor << " samples "
          << options.samples << " transmittance_cut " << options.transmittance_cut << " colour_cut "
          << options.colour_cut << " ignore_grid " << options.ignore_grid << " ignore_proposal "
-         << options.ignore_proposal << " maths " << options.maths << " macs " << report.outcome.work.macs << " foreseen "
-         << report.plan.milliseconds << " took " << report.outcome.milliseconds << " focal " << report.camera.fx
-         << " c2w";
+         << options.ignore_proposal << " maths " << options.maths << " macs " << report.outcome.work.macs
+         << " foreseen " << report.plan.milliseconds << " took " << report.outcome.milliseconds << " focal "
+         << report.camera.fx << " c2w";
     for (const float number : report.camera.c2w) {
         line << ' ' << number;
     }

@@ -224,7 +224,8 @@ void Session::develop(const nerf::rect &part) {
             const float u = std::clamp((static_cast<float>(x) + 0.5f) * scale - 0.5f, 0.0f, last_x);
             const float v = std::clamp((static_cast<float>(y) + 0.5f) * scale - 0.5f, 0.0f, last_y);
             const auto left = static_cast<std::uint32_t>(u), top = static_cast<std::uint32_t>(v);
-            const std::uint32_t right = std::min(left + 1, camera_.width - 1), bottom = std::min(top + 1, camera_.height - 1);
+            const std::uint32_t right = std::min(left + 1, camera_.width - 1);
+            const std::uint32_t bottom = std::min(top + 1, camera_.height - 1);
             const float s = u - static_cast<float>(left), t = v - static_cast<float>(top);
             const auto a = picture_.pixel(left, top), b = picture_.pixel(right, top);
             const auto c = picture_.pixel(left, bottom), d = picture_.pixel(right, bottom);

@@ -41,7 +41,8 @@ public:
         while (open && session_.error().empty()) {
             SDL_Event event;
             // While something is drawn look every 10 ms, else sleep until something happens.
-            bool some = session_.done() && resting_ ? SDL_WaitEvent(&event) == 1 : SDL_WaitEventTimeout(&event, 10) == 1;
+            const int patience = session_.done() && resting_ ? -1 : 10;
+            bool some = SDL_WaitEventTimeout(&event, patience) == 1;
             for (; some; some = SDL_PollEvent(&event) == 1) {
                 open = open && event.type != SDL_QUIT;
                 if (handle(event)) {
@@ -71,7 +72,8 @@ private:
             return true;
         }
         session_.resize(columns, rows);
-        texture_.reset(SDL_CreateTexture(renderer_.get(), SDL_PIXELFORMAT_RGB24, SDL_TEXTUREACCESS_STREAMING, width, height));
+        texture_.reset(SDL_CreateTexture(renderer_.get(), SDL_PIXELFORMAT_RGB24, SDL_TEXTUREACCESS_STREAMING, width,
+                                         height));
         return static_cast<bool>(texture_);
     }
 
