@@ -62,6 +62,10 @@ pub(crate) enum Failure {
     Direction {
         index: usize,
     },
+    /// An eye, a target and an up that make no camera.
+    NoView,
+    /// An image point without a direction.
+    NoRay,
     Cancelled,
     #[cfg(feature = "std")]
     Panic,
@@ -130,7 +134,7 @@ impl Reason for Failure {
                 BlobError::Checksum { .. } => Status::BlobChecksum,
                 _ => Status::BlobContent,
             },
-            Self::Camera(_) => Status::Camera,
+            Self::Camera(_) | Self::NoView | Self::NoRay => Status::Camera,
             Self::Plan(PlanError::NotAScene) => Status::NotAScene,
             Self::Plan(PlanError::GridRequired) => Status::GridRequired,
             Self::Plan(_) => Status::Options,
@@ -191,6 +195,14 @@ impl fmt::Display for Failure {
                 )
             }
             Self::Direction { index } => write!(f, "dirs[{index}]: expected a vector of unit length"),
+            Self::NoView => write!(
+                f,
+                "eye, target, up: expected finite numbers, an eye apart from the target and an up that is not along \
+                 the view, found otherwise"
+            ),
+            Self::NoRay => {
+                write!(f, "x, y: expected an image point that the lens maps to a direction, found none")
+            }
             Self::Cancelled => write!(f, "cancelled by the progress callback"),
             #[cfg(feature = "std")]
             Self::Panic => write!(f, "a defect of this library: please report it"),

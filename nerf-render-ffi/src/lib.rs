@@ -49,20 +49,23 @@ mod render_picture;
 
 mod query;
 
+mod pace;
+
 mod quality;
 
 mod explain;
 
-pub use camera::Camera;
+pub use camera::{Camera, nerf_camera_look_at, nerf_camera_ray};
 pub use counters::Counters;
 pub use effects::{Effects, ToneMap};
 pub use explain::nerf_explain;
 pub use open_options::{Kernel, OpenOptions};
+pub use pace::{Clock, Pace, nerf_pace_measure, nerf_pace_workspace_size};
 pub use pixel::PixelFormat;
 pub use progress::Progress;
 pub use quality::{
-    Choice, Clock, Pace, Preset, nerf_pace_measure, nerf_pace_workspace_size, nerf_quality_preset,
-    nerf_quality_within_cost, nerf_quality_within_loss, nerf_quality_within_time,
+    Choice, Preset, nerf_quality_point, nerf_quality_preset, nerf_quality_within_cost,
+    nerf_quality_within_loss, nerf_quality_within_time,
 };
 pub use query::nerf_query;
 pub use render::{Rect, nerf_render};

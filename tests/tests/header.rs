@@ -53,7 +53,18 @@ fn header_and_libraries_name_the_same_functions() {
     assert_eq!(archive, declared);
     // The shared library exports nothing else at all.
     assert_eq!(exported(&["-D", "--defined-only"], &libraries.shared), declared);
-    assert!(declared.contains("nerf_render") && declared.len() == 20, "{declared:?}");
+    assert!(declared.contains("nerf_render") && declared.len() == 23, "{declared:?}");
+}
+
+#[test]
+fn table_of_capabilities_names_every_function() {
+    let readme =
+        std::fs::read_to_string(paths::workspace().join("nerf-render-ffi/README.md")).expect("the README");
+    let table = readme.split("## What Rust has, C has").nth(1).and_then(|rest| rest.split("\n## ").next());
+    let table = table.expect("the table");
+    for name in declared() {
+        assert!(table.contains(&format!("`{name}`")), "{name} is not in the table");
+    }
 }
 
 #[test]
