@@ -6,3 +6,5 @@ pub mod call;
 pub mod memory;
 pub mod paths;
 pub mod scenes;
+pub mod symbols;
+pub mod tools;
