@@ -75,12 +75,11 @@ fn by_cmake(name: &str, libdir: &str) -> PathBuf {
     prefix
 }
 
-/// A prefix that cargo-c installed; without the slow part of its profile, which CMake's has shown.
+/// A prefix that cargo-c installed.
 fn by_cargo_c(name: &str) -> PathBuf {
     let prefix = fresh(name);
     let mut command = Command::new("cargo");
     command.current_dir(ffi_crate());
-    command.env("CARGO_PROFILE_LEAN_LTO", "off").env("CARGO_PROFILE_LEAN_CODEGEN_UNITS", "16");
     command.args(["cinstall", "--offline", "--profile", "lean", "--libdir", "lib"]);
     run(command.arg("--target-dir").arg(target().join("cargo-c")).arg("--prefix").arg(&prefix));
     prefix
@@ -337,5 +336,31 @@ fn libraries_show_the_headers_functions_and_nothing_else() {
             archive.retain(|name| name.starts_with("nerf_"));
         }
         assert_eq!(archive, declared, "{by}");
+    }
+}
+
+#[test]
+fn another_rust_library_may_stand_beside_the_static_one() {
+    for (by, prefix) in installed() {
+        if *by == "cargo-c" {
+            // Its archive shows std's functions, and the other's are the same: the linker refuses both.
+            continue;
+        }
+        let into = fresh("beside");
+        let (library, program) = (into.join("libbeside.a"), into.join("beside"));
+        let mut command = Command::new("rustc");
+        command.args(["--edition", "2024", "-O", "--crate-type", "staticlib", "-o"]).arg(&library);
+        run(command.arg(outside().join("beside.rs")));
+        let archive = prefix.join("lib/libnerf_render.a");
+        // Whichever comes first.
+        for libraries in [[&archive, &library], [&library, &archive]] {
+            let mut command = Command::new("gcc");
+            command
+                .args(["-std=c11", "-Wall", "-Wextra", "-Wpedantic", "-Werror", "-I"])
+                .arg(prefix.join("include"));
+            command.arg(outside().join("beside.c")).args(libraries).args(["-lpthread", "-ldl", "-lm", "-o"]);
+            run(command.arg(&program));
+            run(&mut Command::new(&program));
+        }
     }
 }
