@@ -40,7 +40,6 @@ if(NOT TARGET nerf_render::nerf_render)
         add_library(nerf_render::nerf_render SHARED IMPORTED)
         set_target_properties(nerf_render::nerf_render PROPERTIES
             IMPORTED_LOCATION "${_nerf_render_shared}"
-            IMPORTED_SONAME libnerf_render.so.1
             INTERFACE_INCLUDE_DIRECTORIES "${_nerf_render_include}")
     else()
         add_library(nerf_render::nerf_render INTERFACE IMPORTED)
