@@ -7,3 +7,5 @@ pub mod memory;
 pub mod oracle;
 pub mod paths;
 pub mod scenes;
+pub mod symbols;
+pub mod tools;
