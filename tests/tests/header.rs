@@ -1,6 +1,7 @@
 //! The committed header is what the sources say, and names what the library exports.
 #![allow(unsafe_code, reason = "tests call the C interface")]
 
+use nerf_tests::header::declared;
 use nerf_tests::{build, paths};
 use std::collections::BTreeSet;
 use std::path::Path;
@@ -24,15 +25,6 @@ fn header_is_current() {
     }
     let committed = std::fs::read_to_string(&path).unwrap_or_default();
     assert!(committed == header, "{} is not current: NERF_BLESS=1 cargo test renews it", path.display());
-}
-
-/// Functions the header declares: names before a parenthesis.
-fn declared() -> BTreeSet<String> {
-    let header = std::fs::read_to_string(paths::header()).expect("include/nerf_render.h");
-    let code: String =
-        header.split("/*").map(|part| part.split_once("*/").map_or(part, |(_, c)| c)).collect();
-    let before = code.split('(').map(|part| part.rsplit(|c: char| !(c == '_' || c.is_alphanumeric())).next());
-    before.flatten().filter(|name| name.starts_with("nerf_")).map(String::from).collect()
 }
 
 /// What `nm` finds defined in a library.

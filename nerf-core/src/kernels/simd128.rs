@@ -19,8 +19,8 @@ pub fn run<O: Op>(op: O) -> O::Output {
 
 impl Lanes for F32x4 {
     const COUNT: usize = 4;
-    const TILE_ROWS: usize = 4;
-    const TILE_COLS: usize = 2;
+    const TILE_ROWS: usize = 2;
+    const TILE_COLS: usize = 4;
     type Mask = v128;
 
     #[inline(always)]
