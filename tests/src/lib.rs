@@ -1,6 +1,7 @@
 //! What the tests that span the crates share: small scenes, C compilers, memory with canaries.
 #![allow(unsafe_code, reason = "tests call the C interface")]
 
+pub mod browser;
 pub mod build;
 pub mod call;
 pub mod memory;

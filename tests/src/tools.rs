@@ -3,19 +3,25 @@
 use std::io::Write;
 use std::process::Command;
 
-/// Whether all of them run; says which does not, past the capture of a test's output.
-///
-/// # Panics
-/// Where one is missing and the environment variable CI is set: CI must not pass by leaving out.
+/// Whether all of them run; if not, as [`there_is`].
 pub fn all_here(tools: &[&str]) -> bool {
     let missing: Vec<_> = tools.iter().copied().filter(|tool| !runs(&[tool])).collect();
     if missing.is_empty() {
         return true;
     }
-    let missing = missing.join(", ");
-    assert!(std::env::var_os("CI").is_none(), "missing in CI: {missing}");
-    say_skipped(&format!("no {missing} on this machine"));
-    false
+    there_is(&missing.join(", "), false)
+}
+
+/// Whether something was found that a test needs; says so where it was not, past the capture of a test's output.
+///
+/// # Panics
+/// Where it was not and the environment variable CI is set: CI must not pass by leaving out.
+pub fn there_is(what: &str, found: bool) -> bool {
+    if !found {
+        assert!(std::env::var_os("CI").is_none(), "missing in CI: {what}");
+        say_skipped(&format!("no {what} on this machine"));
+    }
+    found
 }
 
 /// Whether `command --version` works.

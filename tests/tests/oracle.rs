@@ -6,6 +6,7 @@ use nerf_tests::oracle::network::{Dense, Encoding, Network, f16, sigmoid, softpl
 use nerf_tests::oracle::sampling::{clip, inverse_cdf, middles};
 use nerf_tests::oracle::volume::composite;
 use nerf_tests::paths;
+use nerf_tests::tools::say_skipped;
 use npyz::npz::NpzArchive;
 use std::fs::File;
 use std::io::BufReader;
@@ -137,7 +138,7 @@ fn array(archive: &mut NpzArchive<BufReader<File>>, key: &str) -> Vec<f64> {
 
 #[test]
 fn volume_rendering_is_the_course_s_to_four_decimals() {
-    let Some(data) = paths::data() else { return eprintln!("skipped: no data") };
+    let Some(data) = paths::data() else { return say_skipped("no data") };
     let mut file = NpzArchive::open(data.join("golden/cs180_volrender.npz")).expect("an archive");
     let mut get = |key: &str| array(&mut file, key);
     let (sigmas, rgbs, step, expected) =
@@ -182,7 +183,7 @@ fn original(file: &Path) -> Network {
 
 #[test]
 fn the_original_network_says_what_the_original_code_computed() {
-    let Some(data) = paths::data() else { return eprintln!("skipped: no data") };
+    let Some(data) = paths::data() else { return say_skipped("no data") };
     let text = std::fs::read_to_string(data.join("nets/tf_reference_samples.json")).expect("the samples");
     let json: serde_json::Value = serde_json::from_str(&text).expect("JSON");
     let numbers = |value: &serde_json::Value| -> Vec<f64> {
