@@ -89,6 +89,8 @@ private:
 
 /// Whether the library speaks the ABI this header was written for.
 inline bool abi_matches() noexcept { return nerf_abi_version() == NERF_ABI_VERSION; }
+/// The library's version, "0.1.0".
+inline std::string_view version() noexcept { return nerf_version_text(); }
 
 /// A text inside a blob; it lives as long as the blob.
 inline std::string_view view(const nerf_text &text) noexcept { return {text.data, text.length}; }

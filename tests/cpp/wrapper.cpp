@@ -433,7 +433,7 @@ int main(int argc, char **argv) {
     if (argc != 5) {
         return 2;
     }
-    CHECK(nerf::abi_matches());
+    CHECK(nerf::abi_matches() && nerf::version() == nerf_version_text() && !nerf::version().empty());
     CHECK(std::strcmp(nerf::error{}.text(), nerf_status_text(NERF_STATUS_OK)) == 0);
     const std::vector<char> blob = read(argv[2]), with_front = read(argv[1]);
     views_are_made_of_what_lies_side_by_side();
