@@ -89,6 +89,8 @@ private:
 
 /// Whether the library speaks the ABI this header was written for.
 inline bool abi_matches() noexcept { return nerf_abi_version() == NERF_ABI_VERSION; }
+/// The library's version, "0.1.0".
+inline std::string_view version() noexcept { return nerf_version_text(); }
 
 /// A text inside a blob; it lives as long as the blob.
 inline std::string_view view(const nerf_text &text) noexcept { return {text.data, text.length}; }
@@ -253,8 +255,12 @@ inline float dot(vec3 a, vec3 b) noexcept { return a.x * b.x + a.y * b.y + a.z *
 inline vec3 cross(vec3 a, vec3 b) noexcept {
     return {a.y * b.z - a.z * b.y, a.z * b.x - a.x * b.z, a.x * b.y - a.y * b.x};
 }
-/// Of unit length; NaN of a vector without one.
-inline vec3 normalised(vec3 a) noexcept { return (1.0f / std::sqrt(dot(a, a))) * a; }
+
+/// What a point of an image sees: `dir` is of unit length, and `z_depth` = z_per_distance * `ray_distance`.
+struct ray {
+    vec3 origin, dir;
+    float z_per_distance = 0.0f;
+};
 
 /// A pinhole camera; every field of nerf_camera is there, lens included. Looks down -Z, +Y up, +X right.
 struct camera : nerf_camera {
@@ -277,12 +283,9 @@ struct camera : nerf_camera {
     /// Puts it at `eye`, looking at `target`, with `up` upwards in its image. Where there is no such view
     /// (they coincide, or `up` is the line of sight), rendering says NERF_STATUS_CAMERA.
     camera &look_at(vec3 eye, vec3 target, vec3 up = {0.0f, 0.0f, 1.0f}) noexcept {
-        const vec3 backward = normalised(eye - target), right = normalised(cross(up, backward));
-        const vec3 upward = cross(backward, right);
-        const float rows[12] = {right.x, upward.x, backward.x, eye.x, right.y, upward.y,
-                                backward.y, eye.y, right.z, upward.z, backward.z, eye.z};
-        for (int i = 0; i < 12; ++i) {
-            c2w[i] = rows[i];
+        const float e[3] = {eye.x, eye.y, eye.z}, t[3] = {target.x, target.y, target.z}, u[3] = {up.x, up.y, up.z};
+        if (nerf_camera_look_at(this, e, t, u, nullptr, 0) != NERF_STATUS_OK) {
+            c2w[0] = std::numeric_limits<float>::quiet_NaN();
         }
         return *this;
     }
@@ -297,6 +300,18 @@ struct camera : nerf_camera {
         const vec3 ahead{b, sign + up.y * up.y * a, -up.y};
         const vec3 flat = std::cos(azimuth) * side + std::sin(azimuth) * ahead;
         return look_at(target + radius * (std::cos(elevation) * flat + std::sin(elevation) * up), target, up);
+    }
+
+    /// The ray through an image point, pixels from the left and the top; a pixel's centre is at + 0.5.
+    result<nerf::ray> ray(float x, float y) const noexcept {
+        return detail::checked(nerf::ray(), [&](nerf::ray &to, char *message, std::size_t capacity) {
+            float from[3] = {}, along[3] = {};
+            const nerf_status status =
+                nerf_camera_ray(this, x, y, from, along, &to.z_per_distance, message, capacity);
+            to.origin = {from[0], from[1], from[2]};
+            to.dir = {along[0], along[1], along[2]};
+            return status;
+        });
     }
 
     vec3 right() const noexcept { return {c2w[0], c2w[4], c2w[8]}; }
@@ -325,42 +340,36 @@ private:
     std::uint32_t across() const noexcept { return count(width); }
 };
 
-/// Where one output goes: every pixel of the target's window, at strides in bytes; 0 is side by side, and a
-/// negative row stride goes up. One that is left out is not computed.
+/// From a pixel to the one below (negative where rows go up) and to its right neighbour, bytes; 0 is side by side.
+struct strides {
+    std::ptrdiff_t row = 0;
+    std::size_t pixel = 0;
+};
+
+/// Where one output goes: every pixel of the target's window. One that is left out is not computed.
 struct plane : nerf_plane {
     plane() noexcept : nerf_plane() {}
 
     /// Raw, for rows that go up and for whatever the others cannot say; nobody checks where it ends.
-    plane(nerf_format f, void *first_pixel, std::ptrdiff_t rows = 0, std::size_t pixels = 0) noexcept
-        : nerf_plane{first_pixel, pixels, rows, f, 0} {}
+    plane(nerf_format f, void *first_pixel, strides by = {}) noexcept
+        : nerf_plane{first_pixel, by.pixel, by.row, f, 0} {}
 
-    static plane rgb_u8(span<std::uint8_t> s, std::ptrdiff_t rows = 0, std::size_t pixels = 0) noexcept {
-        return {NERF_FORMAT_RGB_U8, s, rows, pixels};
-    }
-    static plane rgba_u8(span<std::uint8_t> s, std::ptrdiff_t rows = 0, std::size_t pixels = 0) noexcept {
-        return {NERF_FORMAT_RGBA_U8, s, rows, pixels};
-    }
-    static plane rgb_f32(span<float> s, std::ptrdiff_t rows = 0, std::size_t pixels = 0) noexcept {
-        return {NERF_FORMAT_RGB_F32, s, rows, pixels};
-    }
-    static plane rgba_f32(span<float> s, std::ptrdiff_t rows = 0, std::size_t pixels = 0) noexcept {
-        return {NERF_FORMAT_RGBA_F32, s, rows, pixels};
-    }
-    /// Opacity and distances.
-    static plane f32(span<float> s, std::ptrdiff_t rows = 0, std::size_t pixels = 0) noexcept {
-        return {NERF_FORMAT_F32, s, rows, pixels};
-    }
-    /// Normals.
-    static plane vec3_f32(span<float> s, std::ptrdiff_t rows = 0, std::size_t pixels = 0) noexcept {
-        return {NERF_FORMAT_VEC3_F32, s, rows, pixels};
-    }
+    // Colour.
+    static plane rgb_u8(span<std::uint8_t> s, strides by = {}) noexcept { return {NERF_FORMAT_RGB_U8, s, by}; }
+    static plane rgba_u8(span<std::uint8_t> s, strides by = {}) noexcept { return {NERF_FORMAT_RGBA_U8, s, by}; }
+    static plane rgb_f32(span<float> s, strides by = {}) noexcept { return {NERF_FORMAT_RGB_F32, s, by}; }
+    static plane rgba_f32(span<float> s, strides by = {}) noexcept { return {NERF_FORMAT_RGBA_F32, s, by}; }
+    // Opacity and distances.
+    static plane f32(span<float> s, strides by = {}) noexcept { return {NERF_FORMAT_F32, s, by}; }
+    // Normals.
+    static plane vec3_f32(span<float> s, strides by = {}) noexcept { return {NERF_FORMAT_VEC3_F32, s, by}; }
 
 private:
     friend struct target;
 
     template <class T>
-    plane(nerf_format f, span<T> s, std::ptrdiff_t rows, std::size_t pixels) noexcept
-        : nerf_plane{s.data(), pixels, rows, f, 0}, extent(s.size() * sizeof(T)) {}
+    plane(nerf_format f, span<T> s, strides by) noexcept
+        : nerf_plane{s.data(), by.pixel, by.row, f, 0}, extent(s.size() * sizeof(T)) {}
 
     static std::size_t pixel_size(std::uint32_t format) noexcept {
         switch (format) {
@@ -405,43 +414,38 @@ struct target {
         nerf_plane *const into[6] = {&to.rgb,     &to.opacity,         &to.ray_distance,
                                      &to.z_depth, &to.median_distance, &to.normals};
         for (int i = 0; i < 6; ++i) {
-            if (from[i]->data == nullptr) {
-                continue;
-            }
-            if (from[i]->pixel_stride > stride_limit || from[i]->row_stride > std::ptrdiff_t{stride_limit} ||
-                from[i]->row_stride < -std::ptrdiff_t{stride_limit}) {
-                return detail::failed(NERF_STATUS_OVERFLOW, "target: expected strides of at most 1 GiB");
-            }
-            if (!place(*from[i], part, all, *into[i])) {
-                return detail::failed(NERF_STATUS_MEMORY, "target: a view ends before its last pixel");
+            const error wrong = from[i]->data == nullptr ? error() : place(*from[i], part, all, *into[i]);
+            if (wrong.status != NERF_STATUS_OK) {
+                return wrong;
             }
         }
         return to;
     }
 
 private:
-    // Times a 32-bit side it is still a 64-bit number.
-    static constexpr std::int32_t stride_limit = 1 << 30;
-
-    static bool place(const plane &from, const rect &part, const rect &all, nerf_plane &to) noexcept {
+    static error place(const plane &from, const rect &part, const rect &all, nerf_plane &to) noexcept {
+        constexpr std::int64_t limit = 1 << 30; // times a 32-bit side it is still a 64-bit number
         const std::size_t size = plane::pixel_size(from.format);
         to = from;
         to.pixel_stride = from.pixel_stride == 0 ? size : from.pixel_stride;
-        const auto step = static_cast<std::int64_t>(to.pixel_stride);
+        const std::int64_t step = to.pixel_stride > std::size_t{limit} ? limit + 1 : std::int64_t(to.pixel_stride);
         const std::int64_t row = from.row_stride == 0 ? step * all.width : from.row_stride;
+        if (step > limit || row > limit || row < -limit) {
+            return detail::failed(NERF_STATUS_OVERFLOW, "target: expected strides of at most 1 GiB");
+        }
         to.row_stride = static_cast<std::ptrdiff_t>(row);
         if (part.width == 0 || part.height == 0) {
-            return true;
+            return {};
         }
         const std::int64_t first = row * (part.y - all.y) + step * (part.x - all.x);
-        const std::int64_t last = first + row * (part.height - 1) + step * (part.width - 1);
+        const std::int64_t right = step * (part.width - 1), down = row * (part.height - 1);
+        const std::int64_t lowest = first + (down < 0 ? down : 0), highest = first + right + (down < 0 ? 0 : down);
         const bool known = from.extent != std::numeric_limits<std::size_t>::max();
-        if (known && (first < 0 || last < 0 || from.extent < size ||
-                      static_cast<std::uint64_t>(last) > from.extent - size)) {
-            return false;
+        if (known && (lowest < 0 || from.extent < size || std::uint64_t(highest) > from.extent - size)) {
+            return detail::failed(NERF_STATUS_MEMORY, "target: a view ends before its last pixel");
         }
         to.data = static_cast<unsigned char *>(from.data) + static_cast<std::ptrdiff_t>(first);
-        return true;
+        return {};
     }
 };
 
@@ -686,7 +690,7 @@ public:
         });
     }
 
-    // The four below set the shortcuts of `how` (samples, cuts, grid, maths, proposal); the rest of it stays.
+    // The five below set the shortcuts of `how` (samples, cuts, grid, maths, proposal); the rest of it stays.
 
     /// The cheapest settings that lose at most `loss_db` against the exact rendering.
     result<choice> within_loss(float loss_db, options &how) const noexcept {
@@ -704,6 +708,12 @@ public:
     result<choice> within_time(float milliseconds, const pace &at, options &how) const noexcept {
         return detail::checked(choice(), [&](choice &to, char *message, std::size_t capacity) {
             return nerf_quality_within_time(handle_, milliseconds, &at, &how, &to, message, capacity);
+        });
+    }
+    /// Those of one point of the front, dearest first; info().front_points says how many there are.
+    result<choice> point(std::uint32_t index, options &how) const noexcept {
+        return detail::checked(choice(), [&](choice &to, char *message, std::size_t capacity) {
+            return nerf_quality_point(handle_, index, &how, &to, message, capacity);
         });
     }
     /// Those of a preset, which lose no more than it says.

@@ -128,6 +128,7 @@ void what_was_moved_from_is_empty(const char *path) {
         CHECK(empty->within_loss(0.1f, options).status() == NERF_STATUS_NULL_POINTER);
         CHECK(empty->within_cost(0.1f, options).status() == NERF_STATUS_NULL_POINTER);
         CHECK(empty->within_time(1.0f, {}, options).status() == NERF_STATUS_NULL_POINTER);
+        CHECK(empty->point(0, options).status() == NERF_STATUS_NULL_POINTER);
         CHECK(empty->preset(NERF_PRESET_FAST, options).status() == NERF_STATUS_NULL_POINTER);
         const auto pace = empty->measure_pace(camera_of(other), NERF_OUTPUT_RGB, 1.0f, nowhere);
         CHECK(pace.status() == NERF_STATUS_NULL_POINTER);
@@ -152,6 +153,12 @@ void cameras_look_where_they_are_told(const nerf::scene &scene) {
         CHECK(dot(camera.up(), up) > 0.0f);
         CHECK(close(dot(cross(camera.right(), camera.up()), camera.backward()), 1.0f));
     }
+    // The middle of the image looks along the view axis; a corner's ray is longer than deep.
+    const auto middle = camera.ray(0.5f * width, 0.5f * height), corner = camera.ray(0.0f, 0.0f);
+    CHECK(middle && corner && middle->origin.x == camera.centre().x);
+    CHECK(close(dot(middle->dir, camera.backward()), -1.0f));
+    CHECK(close(middle->z_per_distance, 1.0f) && close(corner->z_per_distance, -dot(corner->dir, camera.backward())));
+    CHECK(dot(corner->dir, camera.up()) > 0.0f && dot(corner->dir, camera.right()) < 0.0f);
     // The tangent of half the field of view is half the height over the focal length.
     CHECK(close(nerf::camera::from_vertical_fov(7, 100, 1.5707963f).fy, 50.0f));
 
@@ -161,6 +168,7 @@ void cameras_look_where_they_are_told(const nerf::scene &scene) {
     auto workspace = scene.workspace(target.outputs());
     camera.look_at({0.0f, 0.0f, 4.0f}, {}, {0.0f, 0.0f, 1.0f}); // along `up`: no such view
     CHECK(scene.render(camera, target, *workspace).status() == NERF_STATUS_CAMERA);
+    CHECK(camera.ray(1.0f, 1.0f).status() == NERF_STATUS_CAMERA);
 }
 
 struct Pixel {
@@ -191,12 +199,12 @@ void targets_may_be_any_shape(const nerf::scene &scene) {
     float *const first = structures[0].rgba;
     const auto channel = [&](std::size_t at) { return nerf::span(first + at, floats - at); };
     nerf::target strided;
-    strided.rgb = nerf::plane::rgba_f32(channel(0), 0, stride);
-    strided.opacity = nerf::plane::f32(channel(4), 0, stride);
-    strided.ray_distance = nerf::plane::f32(channel(5), width * stride, stride);
-    strided.z_depth = nerf::plane::f32(channel(6), 0, stride);
-    strided.median_distance = nerf::plane::f32(channel(7), 0, stride);
-    strided.normals = nerf::plane::vec3_f32(channel(8), 0, stride);
+    strided.rgb = nerf::plane::rgba_f32(channel(0), {0, stride});
+    strided.opacity = nerf::plane::f32(channel(4), {0, stride});
+    strided.ray_distance = nerf::plane::f32(channel(5), {width * stride, stride});
+    strided.z_depth = nerf::plane::f32(channel(6), {0, stride});
+    strided.median_distance = nerf::plane::f32(channel(7), {0, stride});
+    strided.normals = nerf::plane::vec3_f32(channel(8), {0, stride});
     const nerf::tiles tiles{width, height, 16};
     CHECK(tiles.size() == 12 && tiles[11].width == 2 && tiles[11].height == 9);
     nerf::counters sum;
@@ -218,7 +226,7 @@ void targets_may_be_any_shape(const nerf::scene &scene) {
     // Rows that go up, from the last row of the memory.
     std::vector<float> upwards(pixels);
     nerf::target up;
-    up.z_depth = nerf::plane(NERF_FORMAT_F32, &upwards[pixels - width], -std::ptrdiff_t{width * sizeof(float)});
+    up.z_depth = nerf::plane(NERF_FORMAT_F32, &upwards[pixels - width], {-std::ptrdiff_t{width * sizeof(float)}, 0});
     CHECK(scene.render(camera, up, *workspace));
     for (std::size_t y = 0; y < height; ++y) {
         equal = equal && std::memcmp(&upwards[(height - 1 - y) * width], &z[y * width], width * sizeof(float)) == 0;
@@ -246,10 +254,15 @@ void targets_may_be_any_shape(const nerf::scene &scene) {
     short_one.window = window;
     CHECK(scene.render(camera, short_one, *workspace, {}, window).status() == NERF_STATUS_MEMORY);
     CHECK(scene.render(camera, short_one, *workspace, {}, nerf::rect{11, 7, 20, 9}));
-    short_one.z_depth = nerf::plane::f32(small, -80);
+    short_one.z_depth = nerf::plane::f32(small, {-80, 0});
     CHECK(scene.render(camera, short_one, *workspace, {}, window).status() == NERF_STATUS_MEMORY);
-    short_one.z_depth = nerf::plane::f32(small, 0, std::size_t{1} << 31);
+    short_one.z_depth = nerf::plane::f32(small, {0, std::size_t{1} << 31});
     CHECK(scene.render(camera, short_one, *workspace, {}, window).status() == NERF_STATUS_OVERFLOW);
+    short_one.z_depth = nerf::plane::f32(small, {0, std::size_t{1} << 29}); // and so a row of twenty such
+    CHECK(scene.render(camera, short_one, *workspace, {}, window).status() == NERF_STATUS_OVERFLOW);
+    // Rows that go up by one pixel each: the last pixel is inside, but not the first row's end.
+    short_one.z_depth = nerf::plane::f32(nerf::span(small.data(), 11), {-4, 0});
+    CHECK(scene.render(camera, short_one, *workspace, {}, window).status() == NERF_STATUS_MEMORY);
     CHECK(scene.render(camera, {}, *workspace).status() == NERF_STATUS_TARGET);
 
     // Eight bits, and colour over the background.
@@ -365,6 +378,9 @@ void quality_has_a_price(const nerf::scene &scene, const nerf::scene &without) {
     CHECK(least && most && most->within == 1 && most->cost <= least->cost && cheap.effects.anti_aliasing == 3);
     const auto cost = scene.within_cost(most->cost, cheap);
     CHECK(cost && cost->cost == most->cost && std::isnan(cost->milliseconds));
+    const auto point = scene.point(1, options);
+    CHECK(scene.info().front_points == 2 && point && point->loss_db == 0.5f && options.transmittance_cut == 0.01f);
+    CHECK(scene.point(2, options).status() == NERF_STATUS_OPTIONS);
     CHECK(scene.preset(NERF_PRESET_PREVIEW, options));
     CHECK(scene.preset(static_cast<nerf_preset>(99), options).status() == NERF_STATUS_OPTIONS);
 
@@ -417,7 +433,7 @@ int main(int argc, char **argv) {
     if (argc != 5) {
         return 2;
     }
-    CHECK(nerf::abi_matches());
+    CHECK(nerf::abi_matches() && nerf::version() == nerf_version_text() && !nerf::version().empty());
     CHECK(std::strcmp(nerf::error{}.text(), nerf_status_text(NERF_STATUS_OK)) == 0);
     const std::vector<char> blob = read(argv[2]), with_front = read(argv[1]);
     views_are_made_of_what_lies_side_by_side();
