@@ -12,12 +12,13 @@ pub fn chromium() -> Option<PathBuf> {
     named.into_iter().chain(in_path).find(|program| program.is_file())
 }
 
-/// The page's document once it is loaded, with `more` arguments; its profile lies in `folder`.
-pub fn document(browser: &Path, folder: &Path, page: &Path, hash: &str, more: &[String]) -> String {
+/// The page's document once it is loaded, and a picture of the window in `screenshot`; the browser's profile
+/// lies in `folder`.
+pub fn document(browser: &Path, folder: &Path, page: &Path, hash: &str, screenshot: &Path) -> String {
     let output = Command::new(browser)
         .args(["--headless=new", "--no-sandbox", "--disable-gpu", "--disable-dev-shm-usage"])
         .args(["--window-size=1000,700", "--timeout=120000", "--dump-dom"])
-        .args(more)
+        .arg(format!("--screenshot={}", screenshot.display()))
         .arg(format!("--user-data-dir={}", folder.join("browser").display()))
         .arg(format!("file://{}#{hash}", page.display()))
         .output()

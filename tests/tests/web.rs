@@ -109,11 +109,15 @@ fn the_page_turns_and_draws_the_scalar_tiers_bits() {
     for (name, recipe) in [("skip", Recipe::SKIP), ("proposal", Recipe::PROPOSAL)] {
         let (folder, blob) = (paths::temporary(), recipe.blob());
         let Some((page, browser)) = page(&blob, folder.path()) else { return };
-        let document = document(&browser, folder.path(), &page, "selftest", &[]);
+        let screenshot = Path::new(env!("CARGO_TARGET_TMPDIR")).join(format!("web-{name}.png"));
+        let document = document(&browser, folder.path(), &page, "selftest", &screenshot);
         assert_eq!(noted(&document, "errors"), "0", "{name}");
         assert_eq!(noted(&document, "selftest"), "passed", "{name}");
         let different: u32 = noted(&document, "different").parse().expect("a number");
         assert!(different > 300, "{name}: a flat picture proves nothing ({different} colours)");
+        let png = std::fs::read(&screenshot).expect("a screenshot");
+        println!("{}: {} bytes", screenshot.display(), png.len());
+        assert!(png.starts_with(b"\x89PNG") && png.len() > 40_000, "{name}: nothing is painted");
 
         let exports: BTreeSet<String> = noted(&document, "exports").split(' ').map(String::from).collect();
         let linker = ["memory", "__heap_base", "__data_end", "__indirect_function_table"].map(String::from);
@@ -149,6 +153,7 @@ fn a_broken_page_is_noticed() {
     let (from, to) = ("view.turn(dx, dy); change();", "change();");
     assert!(text.contains(from));
     std::fs::write(&page, text.replace(from, to)).expect("written");
-    let document = document(&browser, folder.path(), &page, "selftest", &[]);
+    let screenshot = folder.path().join("page.png");
+    let document = document(&browser, folder.path(), &page, "selftest", &screenshot);
     assert!(noted(&document, "selftest").starts_with("failed: drag turns"));
 }
