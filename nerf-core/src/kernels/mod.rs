@@ -17,6 +17,7 @@ mod gemm;
 mod half;
 mod portable;
 mod select;
+mod slices;
 
 #[cfg(test)]
 mod tests;
@@ -25,7 +26,8 @@ pub use arena::{Arena, Line, lines_for};
 pub use bf16::{PairedInput, PairedOutput, dense_bf16, pair, pair_rows, pairs};
 pub use gemm::{Gemm, Init, gemm};
 pub use half::{HalfInit, f16_at, gemm_f16};
-pub use select::Tier;
+pub use select::{Tier, VECTORS};
+pub(crate) use slices::{at, column, head, head_mut, put, put_column, tail, tail_mut};
 #[cfg(feature = "normals")]
 pub use {bf16::unpair, bf16_transposed::transposed_bf16};
 

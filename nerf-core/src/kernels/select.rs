@@ -18,6 +18,12 @@ pub enum Tier {
     Avx512Bf16,
 }
 
+/// Whether a target of this architecture has vectors, the compiler's or a tier's own.
+///
+/// Where there are none, as on microcontrollers, every tier is the scalar one, weights are read in place, and
+/// a build has no code for anything else.
+pub const VECTORS: bool = cfg!(any(target_arch = "x86_64", target_arch = "aarch64", target_arch = "wasm32"));
+
 impl Tier {
     /// Every tier, slowest first.
     pub const ALL: [Self; 4] = [Self::Scalar, Self::Avx2, Self::Avx512, Self::Avx512Bf16];
@@ -66,7 +72,7 @@ impl Tier {
     /// As [`Tier::run`], for an op over `columns` samples: one by one where they fill no vector.
     #[inline]
     pub fn run_columns<O: Op>(self, columns: usize, op: O) -> O::Output {
-        if columns.is_multiple_of(16) { self.run(op) } else { op.run::<f32>() }
+        if VECTORS && columns.is_multiple_of(16) { self.run(op) } else { op.run::<f32>() }
     }
 
     /// Runs `op` on this tier, or on the scalar one where the machine lacks it.
@@ -79,6 +85,8 @@ impl Tier {
             // SAFETY: as above.
             #[cfg(target_arch = "x86_64")]
             Self::Avx512 | Self::Avx512Bf16 if self.available() => unsafe { super::avx512::run(op) },
+            // Bit for bit the same; sixteen lanes of code are many where no vector holds them.
+            _ if !VECTORS => op.run::<f32>(),
             _ => op.run::<Portable>(),
         }
     }
