@@ -39,7 +39,7 @@ impl Message {
         let mut writer = Writer { message: self, used: 0 };
         if let Some(text) = text {
             // An error means that the buffer is full: the text is cut.
-            let _ = write!(writer, "{text}");
+            let _ = text.say(&mut writer);
         }
         // SAFETY: `used < capacity`, and the caller vouches for `capacity` bytes.
         unsafe { self.text.add(writer.used).write(0) };
@@ -58,7 +58,7 @@ impl Write for Writer<'_> {
         while !text.is_char_boundary(cut) {
             cut -= 1;
         }
-        for &byte in &text.as_bytes()[..cut] {
+        for &byte in text.as_bytes().iter().take(cut) {
             // SAFETY: `used < capacity - 1`, and the caller vouches for `capacity` bytes.
             unsafe { self.message.text.add(self.used).write(byte as c_char) };
             self.used += 1;

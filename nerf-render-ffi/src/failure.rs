@@ -83,6 +83,15 @@ impl Failure {
         }
     }
 
+    /// Writes the sentence, or in a build without the feature `messages` the status' text.
+    pub fn say(&self, to: &mut impl fmt::Write) -> fmt::Result {
+        if cfg!(feature = "messages") {
+            write!(to, "{self}")
+        } else {
+            to.write_str(self.status().text().to_str().unwrap_or_default())
+        }
+    }
+
     pub fn status(&self) -> Status {
         match self {
             Self::Null(_) => Status::NullPointer,

@@ -12,6 +12,9 @@ mod span;
 mod tile_pixels;
 mod tiles;
 
+#[cfg(all(feature = "no-panic", target_os = "none"))]
+mod no_panic;
+
 // What follows is the header's order, which is the order of use.
 mod version;
 
