@@ -1,9 +1,9 @@
 //! Sinusoidal positional encoding.
 
-use crate::kernels::{Op, Tier};
+use crate::kernels::{Op, Tier, head, head_mut, tail, tail_mut};
 use crate::math::lanes::Lanes;
 use crate::math::recurrence::double;
-use crate::math::{Math, MathBackend, with_math};
+use crate::math::{Math, MathBackend, with_encoding_math};
 use core::marker::PhantomData;
 use serde::{Deserialize, Serialize};
 
@@ -69,7 +69,7 @@ impl Encoding {
 /// reduced before it is multiplied by π. With `s = 1` that holds while `|2^k x| <= 1e5`.
 ///
 /// # Panics
-/// If a slice is shorter than that.
+/// With debug assertions, if a slice is shorter than that.
 #[inline]
 pub fn encode_block(
     tier: Tier,
@@ -79,9 +79,9 @@ pub fn encode_block(
     x: &[f32],
     out: &mut [f32],
 ) {
-    assert!(x.len() >= usize::from(encoding.inputs) * stride, "encode: x is too short");
-    assert!(out.len() >= encoding.outputs() * stride, "encode: out is too short");
-    with_math!(math, M => tier.run_columns(stride, Encode::<M> { encoding, stride, x, out, math: PhantomData }));
+    let x = head(x, usize::from(encoding.inputs) * stride);
+    let out = head_mut(out, encoding.outputs() * stride);
+    with_encoding_math!(math, M => tier.run_columns(stride, Encode::<M> { encoding, stride, x, out, math: PhantomData }));
 }
 
 struct Encode<'a, M> {
@@ -102,8 +102,8 @@ impl<M: Math> Op for Encode<'_, M> {
         let pi = self.encoding.scale == AngleScale::Pi;
         for input in 0..inputs {
             for column in (0..stride).step_by(V::COUNT) {
-                let x = V::load(&self.x[input * stride + column..]);
-                let mut put = |channel: usize, v: V| v.store(&mut self.out[channel * stride + column..]);
+                let x = V::load(tail(self.x, input * stride + column));
+                let mut put = |channel: usize, v: V| v.store(tail_mut(self.out, channel * stride + column));
                 if self.encoding.identity {
                     put(input, x);
                 }

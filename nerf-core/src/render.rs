@@ -33,7 +33,7 @@ pub use rect::{Rect, Target};
 
 use crate::blob::Blob;
 use crate::camera::Camera;
-use crate::kernels::{Arena, Line, Tier, lines_for};
+use crate::kernels::{Arena, Line, Tier, VECTORS, lines_for};
 use crate::math::with_math;
 use crate::network::{Network, Weights};
 use crate::plan::Plan;
@@ -57,7 +57,7 @@ pub struct Renderer<'a> {
 impl<'a> Renderer<'a> {
     /// Lines of memory [`Renderer::new`] needs: 0 on the scalar tier, which reads the blob in place.
     pub fn prepared_lines(blob: &Blob<'_>, tier: Tier) -> usize {
-        if tier == Tier::Scalar {
+        if tier == Tier::Scalar || !VECTORS {
             0
         } else {
             lines_for::<f32>(blob.architecture().parameters()) + Proposer::prepared_lines(blob)
@@ -72,7 +72,7 @@ impl<'a> Renderer<'a> {
         let expected = Self::prepared_lines(&blob, tier);
         let found = memory.len();
         let too_small = RenderError::Memory { expected, found };
-        let (weights, proposer) = if tier == Tier::Scalar {
+        let (weights, proposer) = if tier == Tier::Scalar || !VECTORS {
             (Weights::InPlace(blob.weights()), Proposer::in_place(&blob, tier))
         } else {
             let parameters = blob.architecture().parameters();
@@ -88,7 +88,7 @@ impl<'a> Renderer<'a> {
     /// The scene of `blob` with other parameters, f32 in the same order: what rounding costs. Its proposal
     /// keeps its own.
     ///
-    /// `None` if they are too few.
+    /// `None` if they are too few, and where there are no [`VECTORS`].
     pub fn with_parameters(blob: Blob<'a>, tier: Tier, parameters: &'a [f32]) -> Option<Self> {
         let network = Network::new(blob.architecture(), Weights::Prepared(parameters), tier)?;
         let proposer = Proposer::in_place(&blob, tier);
@@ -134,7 +134,7 @@ impl<'a> Renderer<'a> {
         // Lossless: a plan has at most `Batch::MOST_RAYS`.
         let capacity = plan.batch.rays as u32;
         let width = TILE_SIDE.min(capacity);
-        for tile in rect.tiles(width, capacity / width) {
+        for tile in rect.tiles(width, capacity / width.max(1)) {
             with_math!(plan.math, M => frame.tile::<M>(camera, tile, target));
         }
         Ok(frame.counters)
@@ -168,11 +168,11 @@ impl<'a> Renderer<'a> {
             });
         }
         let mut frame = Frame::carve(&self.network, &self.proposer, plan, self.occupied, workspace)?;
-        let capacity = plan.batch.rays.min(plan.batch.samples);
-        for start in (0..n).step_by(capacity) {
-            let range = start..n.min(start + capacity);
-            let points = &positions[range.clone()];
-            frame.points(points, &dirs[range.clone()], &mut sigma[range.clone()], &mut rgb[range]);
+        let capacity = plan.batch.rays.min(plan.batch.samples).max(1);
+        let points = positions.chunks(capacity).zip(dirs.chunks(capacity));
+        let answers = sigma.chunks_mut(capacity).zip(rgb.chunks_mut(capacity));
+        for ((positions, dirs), (sigma, rgb)) in points.zip(answers) {
+            frame.points(positions, dirs, sigma, rgb);
         }
         Ok(frame.counters)
     }

@@ -32,14 +32,14 @@ impl Message {
     pub const NONE: Self = Self { text: core::ptr::null_mut(), capacity: 0 };
 
     /// Writes the text, cut at the capacity, always with a NUL at its end.
-    fn write(&self, text: Option<&impl fmt::Display>) {
+    fn write(&self, text: Option<&impl Reason>) {
         if self.text.is_null() || self.capacity == 0 {
             return;
         }
         let mut writer = Writer { message: self, used: 0 };
         if let Some(text) = text {
             // An error means that the buffer is full: the text is cut.
-            let _ = write!(writer, "{text}");
+            let _ = text.say(&mut writer);
         }
         // SAFETY: `used < capacity`, and the caller vouches for `capacity` bytes.
         unsafe { self.text.add(writer.used).write(0) };
@@ -58,7 +58,7 @@ impl Write for Writer<'_> {
         while !text.is_char_boundary(cut) {
             cut -= 1;
         }
-        for &byte in &text.as_bytes()[..cut] {
+        for &byte in text.as_bytes().iter().take(cut) {
             // SAFETY: `used < capacity - 1`, and the caller vouches for `capacity` bytes.
             unsafe { self.message.text.add(self.used).write(byte as c_char) };
             self.used += 1;
@@ -73,6 +73,14 @@ pub(crate) trait Reason: fmt::Display {
     #[cfg(feature = "std")]
     fn panic() -> Self;
     fn status(&self) -> Status;
+    /// Writes the sentence, or in a build without the feature `messages` the status' text.
+    fn say(&self, to: &mut impl Write) -> fmt::Result {
+        if cfg!(feature = "messages") {
+            write!(to, "{self}")
+        } else {
+            to.write_str(self.status().text().to_str().unwrap_or_default())
+        }
+    }
 }
 
 /// Runs the body of a call: its failure becomes status and message, its panic a status.

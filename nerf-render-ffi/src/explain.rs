@@ -82,8 +82,10 @@ pub unsafe extern "C" fn nerf_explain(
         let writes = !text.is_null() && capacity > 0;
         let room = if writes { capacity - 1 } else { 0 };
         let mut cut = Cut { text, room, kept: 0, all: 0 };
-        // Nothing fails: the text is cut.
-        let _ = write!(cut, "{explanation}");
+        if cfg!(feature = "messages") {
+            // Nothing fails: the text is cut.
+            let _ = write!(cut, "{explanation}");
+        }
         // SAFETY: `kept < capacity`, `needed` was checked, and the rest is the caller's promise.
         unsafe {
             if writes {

@@ -2,6 +2,10 @@
 
 use core::ffi::c_void;
 
+/// A callback of this library's caller, for a build without std.
+#[cfg(not(feature = "std"))]
+type Bare = unsafe extern "C" fn(user: *mut c_void, pixels_done: u64, pixels_all: u64) -> i32;
+
 /// Called before the first tile and after each tile, on the thread that renders, with the pixels
 /// done so far, which only grow, of all; a return value other than 0 cancels.
 ///
@@ -9,3 +13,19 @@ use core::ffi::c_void;
 /// let a C++ exception escape.
 pub type Progress =
     Option<unsafe extern "C-unwind" fn(user: *mut c_void, pixels_done: u64, pixels_all: u64) -> i32>;
+
+/// Calls the caller; whether it goes on.
+///
+/// # Safety
+/// `progress` may be called with `user`.
+pub(crate) unsafe fn call(progress: Progress, user: *mut c_void, done: u64, all: u64) -> bool {
+    let Some(progress) = progress else { return true };
+    // Where nothing unwinds, a call that might would need a panic at the border it must not cross.
+    #[cfg(not(feature = "std"))]
+    // SAFETY: the two ABIs pass the same arguments in the same way, and there are no exceptions.
+    let progress = unsafe {
+        core::mem::transmute::<unsafe extern "C-unwind" fn(*mut c_void, u64, u64) -> i32, Bare>(progress)
+    };
+    // SAFETY: the caller's promise.
+    unsafe { progress(user, done, all) == 0 }
+}

@@ -87,7 +87,9 @@ impl RenderOptions {
     /// The same with other shortcuts.
     pub(crate) fn with(self, quality: &Quality) -> Self {
         let maths = match quality.math {
+            #[cfg(feature = "libm")]
             MathBackend::Libm => Maths::Libm,
+            #[cfg(feature = "micromath")]
             MathBackend::Micromath => Maths::Micromath,
             MathBackend::Recurrence => Maths::Recurrence,
             _ => Maths::Polynomial,
@@ -199,14 +201,18 @@ pub(crate) fn flag(name: &'static str, found: u32) -> Result<bool, Failure> {
 
 fn backend(found: u32) -> Result<MathBackend, Failure> {
     const POLYNOMIAL: u32 = Maths::Polynomial as u32;
+    #[cfg(feature = "libm")]
     const LIBM: u32 = Maths::Libm as u32;
+    #[cfg(feature = "micromath")]
     const MICROMATH: u32 = Maths::Micromath as u32;
     const RECURRENCE: u32 = Maths::Recurrence as u32;
     match found {
         POLYNOMIAL => Ok(MathBackend::Polynomial),
+        #[cfg(feature = "libm")]
         LIBM => Ok(MathBackend::Libm),
+        #[cfg(feature = "micromath")]
         MICROMATH => Ok(MathBackend::Micromath),
         RECURRENCE => Ok(MathBackend::Recurrence),
-        _ => Err(Failure::Setting { name: "options.maths", expected: "a nerf_maths", found }),
+        _ => Err(Failure::Setting { name: "options.maths", expected: "a nerf_maths of this build", found }),
     }
 }

@@ -106,7 +106,7 @@ impl Status {
         ]
     };
 
-    const fn text(self) -> &'static CStr {
+    pub(crate) const fn text(self) -> &'static CStr {
         match self {
             Self::Ok => c"done",
             Self::NullPointer => c"a pointer that must not be NULL is",

@@ -48,9 +48,12 @@ impl<'w> TilePixels<'w> {
         })
     }
 
+    /// Keeps the tile's pixel `i`.
     pub fn put(&mut self, i: usize, pixel: &Pixel) {
         let Pixel { rgb, opacity, ray_distance, z_depth, .. } = *pixel;
-        self.plain[i] = Plain { rgb, opacity, ray_distance, z_depth };
+        if let Some(plain) = self.plain.get_mut(i) {
+            *plain = Plain { rgb, opacity, ray_distance, z_depth };
+        }
         if let Some(median_distance) = self.median_distance.get_mut(i) {
             *median_distance = pixel.median_distance;
         }
@@ -59,8 +62,10 @@ impl<'w> TilePixels<'w> {
         }
     }
 
+    /// The tile's pixel `i`; blank beyond the last.
     pub fn get(&self, i: usize) -> Pixel {
-        let Plain { rgb, opacity, ray_distance, z_depth } = self.plain[i];
+        let plain = self.plain.get(i).copied().unwrap_or(Plain::BLANK);
+        let Plain { rgb, opacity, ray_distance, z_depth } = plain;
         let median_distance = self.median_distance.get(i).copied().unwrap_or_default();
         let normal = self.normals.get(i).copied().unwrap_or_default();
         Pixel { rgb, opacity, ray_distance, z_depth, median_distance, normal }

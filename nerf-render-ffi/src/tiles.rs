@@ -1,7 +1,7 @@
 //! A rectangle, tile by tile: what the calls that make pictures share.
 
 use crate::failure::Failure;
-use crate::progress::Progress;
+use crate::progress::{self, Progress};
 use crate::target::Canvas;
 use crate::tile_pixels::TilePixels;
 use crate::workspace::{Workspace, tile_size};
@@ -21,10 +21,8 @@ impl Watcher {
     /// Calls the caller, who may cancel.
     fn report(&self, done: u64, all: u64) -> Result<(), Failure> {
         // SAFETY: whoever passes a function over the border vouches for it.
-        match self.progress.map_or(0, |progress| unsafe { progress(self.user, done, all) }) {
-            0 => Ok(()),
-            _ => Err(Failure::Cancelled),
-        }
+        let on = unsafe { progress::call(self.progress, self.user, done, all) };
+        if on { Ok(()) } else { Err(Failure::Cancelled) }
     }
 }
 

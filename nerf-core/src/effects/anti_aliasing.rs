@@ -163,7 +163,7 @@ impl<'w> Sums<'w> {
 
     #[inline(never)]
     fn add_ray(&mut self, index: usize, ray: u32, rays: u32, pixel: &Pixel, far: f32) -> Option<Pixel> {
-        let sum = &mut self.pixels[index];
+        let sum = self.pixels.get_mut(index)?;
         let mut surface = self.surfaces.get_mut(index);
         if ray == 0 {
             *sum = PixelSum::NONE;

@@ -1,7 +1,7 @@
 //! The encoding's derivative, from what the encoding gave.
 
 use super::{AngleScale, Encoding, MAX_LEVELS};
-use crate::kernels::{Op, Tier};
+use crate::kernels::{Op, Tier, head, head_mut, tail, tail_mut};
 use crate::math::lanes::Lanes;
 use crate::math::polynomial::exp;
 use core::f32::consts::PI;
@@ -22,7 +22,7 @@ use core::f32::consts::PI;
 /// Barron et al. 2021 (mip-NeRF), eq. 13: the encoding's mean over a Gaussian.
 ///
 /// # Panics
-/// If a slice is shorter than that.
+/// With debug assertions, if a slice is shorter than that.
 pub(crate) fn encode_gradient_block(
     tier: Tier,
     encoding: &Encoding,
@@ -33,8 +33,8 @@ pub(crate) fn encode_gradient_block(
     of_x: &mut [f32],
 ) {
     let outputs = encoding.outputs() * stride;
-    assert!(encoded.len() >= outputs && of_encoded.len() >= outputs, "encoding: encoded is too short");
-    assert!(of_x.len() >= usize::from(encoding.inputs) * stride, "encoding: of_x is too short");
+    let (encoded, of_encoded) = (head(encoded, outputs), head(of_encoded, outputs));
+    let of_x = head_mut(of_x, usize::from(encoding.inputs) * stride);
     let s = if encoding.scale == AngleScale::Pi { PI } else { 1.0 };
     let (mut factors, mut scale) = ([0.0; MAX_LEVELS as usize], 1.0);
     for factor in &mut factors {
@@ -65,8 +65,8 @@ impl Op for Gradient<'_> {
         let first_level = if self.encoding.identity { inputs } else { 0 };
         for input in 0..inputs {
             for column in (0..stride).step_by(V::COUNT) {
-                let value = |channel: usize| V::load(&self.encoded[channel * stride + column..]);
-                let of = |channel: usize| V::load(&self.of_encoded[channel * stride + column..]);
+                let value = |channel: usize| V::load(tail(self.encoded, channel * stride + column));
+                let of = |channel: usize| V::load(tail(self.of_encoded, channel * stride + column));
                 let mut of_angle = V::splat(0.0);
                 let levels = usize::from(self.encoding.levels);
                 for (level, &factor) in self.factors.iter().enumerate().take(levels) {
@@ -78,7 +78,7 @@ impl Op for Gradient<'_> {
                 let of_itself = if self.encoding.identity { of(input) } else { V::splat(0.0) };
                 of_angle
                     .mul_add(V::splat(self.s), of_itself)
-                    .store(&mut self.of_x[input * stride + column..]);
+                    .store(tail_mut(self.of_x, input * stride + column));
             }
         }
     }

@@ -1,14 +1,14 @@
 //! Dense layers whose f16 weights are read where they lie: the scalar tier and microcontrollers.
 
-use super::{Gemm, Op, Tier};
+use super::{Gemm, Op, Tier, at, tail, tail_mut};
 use crate::math::lanes::Lanes;
 use half::f16;
 
 /// As [`super::gemm`] on the scalar tier, with A as little-endian f16 at any alignment, and any
-/// number of columns.
+/// number of columns; `c_row` is at least `n`.
 ///
 /// # Panics
-/// If a slice is shorter than sizes and strides say.
+/// With debug assertions, if a slice is shorter than sizes and strides say; without, what is not there is 0.
 pub fn gemm_f16(g: Gemm, a: &[u8], b: &[f32], c: &mut [f32], init: HalfInit<'_>, relu: bool) {
     Tier::Scalar.run_columns(g.n, Product { g, a, b, c, init, relu });
 }
@@ -27,7 +27,15 @@ pub enum HalfInit<'a> {
 /// The `i`-th little-endian f16 of `bytes`.
 #[inline(always)]
 pub fn f16_at(bytes: &[u8], i: usize) -> f32 {
-    f16::from_bits(u16::from_le_bytes([bytes[2 * i], bytes[2 * i + 1]])).to_f32()
+    let pair = tail(bytes, 2 * i).first_chunk();
+    debug_assert!(pair.is_some(), "expected more than {i} f16, found {} bytes", bytes.len());
+    widen(pair.copied().unwrap_or_default())
+}
+
+/// A little-endian f16.
+#[inline(always)]
+fn widen(bytes: [u8; 2]) -> f32 {
+    f16::from_bits(u16::from_le_bytes(bytes)).to_f32()
 }
 
 struct Product<'a> {
@@ -45,17 +53,18 @@ impl Op for Product<'_> {
     #[inline(always)]
     fn run<V: Lanes>(self) {
         let g = &self.g;
-        for row in 0..g.m {
+        for (row, to) in self.c.chunks_mut(g.c_row.max(1)).take(g.m).enumerate() {
+            let weights = tail(self.a, 2 * row * g.a_row).as_chunks().0;
             for col in (0..g.n).step_by(V::COUNT) {
-                let to = &mut self.c[row * g.c_row + col..];
+                let to = tail_mut(to, col);
                 let mut sum = match self.init {
                     HalfInit::Bias(bias) => V::splat(f16_at(bias, row)),
                     HalfInit::Zero => V::splat(0.0),
                     HalfInit::Accumulate => V::load(to),
                 };
                 for p in 0..g.k {
-                    let weight = V::splat(f16_at(self.a, row * g.a_row + p * g.a_col));
-                    sum = weight.mul_add(V::load(&self.b[p * g.b_row + col..]), sum);
+                    let weight = V::splat(widen(at(weights, p * g.a_col)));
+                    sum = weight.mul_add(V::load(tail(self.b, p * g.b_row + col)), sum);
                 }
                 let sum = if self.relu { V::splat(0.0).max_of(sum) } else { sum };
                 sum.store(to);

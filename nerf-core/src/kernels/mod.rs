@@ -19,6 +19,7 @@ mod portable;
 mod select;
 #[cfg(all(target_arch = "wasm32", target_feature = "simd128"))]
 mod simd128;
+mod slices;
 
 #[cfg(test)]
 mod tests;
@@ -27,7 +28,8 @@ pub use arena::{Arena, Line, lines_for};
 pub use bf16::{PairedInput, PairedOutput, dense_bf16, pair, pair_rows, pairs};
 pub use gemm::{Gemm, Init, gemm};
 pub use half::{HalfInit, f16_at, gemm_f16};
-pub use select::Tier;
+pub use select::{Tier, VECTORS};
+pub(crate) use slices::{at, column, head, head_mut, put, put_column, tail, tail_mut};
 #[cfg(feature = "normals")]
 pub use {bf16::unpair, bf16_transposed::transposed_bf16};
 

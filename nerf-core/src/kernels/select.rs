@@ -21,6 +21,12 @@ pub enum Tier {
     Simd128,
 }
 
+/// Whether a target of this architecture has vectors, the compiler's or a tier's own.
+///
+/// Where there are none, as on microcontrollers, every tier is the scalar one, weights are read in place, and
+/// a build has no code for anything else.
+pub const VECTORS: bool = cfg!(any(target_arch = "x86_64", target_arch = "aarch64", target_arch = "wasm32"));
+
 impl Tier {
     /// Every tier, slowest first among those of one machine.
     pub const ALL: [Self; 5] = [Self::Scalar, Self::Avx2, Self::Avx512, Self::Avx512Bf16, Self::Simd128];
@@ -71,7 +77,7 @@ impl Tier {
     /// As [`Tier::run`], for an op over `columns` samples: one by one where they fill no vector.
     #[inline]
     pub fn run_columns<O: Op>(self, columns: usize, op: O) -> O::Output {
-        if columns.is_multiple_of(16) { self.run(op) } else { op.run::<f32>() }
+        if VECTORS && columns.is_multiple_of(16) { self.run(op) } else { op.run::<f32>() }
     }
 
     /// Runs `op` on this tier, or on the scalar one where the machine lacks it.
@@ -86,6 +92,8 @@ impl Tier {
             Self::Avx512 | Self::Avx512Bf16 if self.available() => unsafe { super::avx512::run(op) },
             #[cfg(all(target_arch = "wasm32", target_feature = "simd128"))]
             Self::Simd128 => super::simd128::run(op),
+            // Bit for bit the same; sixteen lanes of code are many where no vector holds them.
+            _ if !VECTORS => op.run::<f32>(),
             _ => op.run::<Portable>(),
         }
     }

@@ -19,12 +19,12 @@ pub trait Lanes: Copy {
     /// The first `COUNT` values of `from`.
     ///
     /// # Panics
-    /// If `from` is shorter than that.
+    /// If `from` is shorter than that; one lane only with debug assertions, else it is 0.
     fn load(from: &[f32]) -> Self;
     /// Writes the lanes to the first `COUNT` values of `to`.
     ///
     /// # Panics
-    /// If `to` is shorter than that.
+    /// If `to` is shorter than that; one lane only with debug assertions, else it is lost.
     fn store(self, to: &mut [f32]);
     /// `self + b`.
     fn add(self, b: Self) -> Self;
@@ -91,11 +91,15 @@ impl Lanes for f32 {
     }
     #[inline(always)]
     fn load(from: &[f32]) -> Self {
-        from[0]
+        debug_assert!(!from.is_empty(), "expected a value, found none");
+        from.first().copied().unwrap_or_default()
     }
     #[inline(always)]
     fn store(self, to: &mut [f32]) {
-        to[0] = self;
+        debug_assert!(!to.is_empty(), "expected room for a value, found none");
+        if let Some(first) = to.first_mut() {
+            *first = self;
+        }
     }
     #[inline(always)]
     fn add(self, b: Self) -> Self {

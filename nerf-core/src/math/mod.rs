@@ -114,11 +114,12 @@ pub(crate) fn sqrt(x: f32) -> f32 {
     ::libm::sqrtf(x)
 }
 
-/// Runs `$body` with `$M` bound to the [`Math`] of a backend.
+/// Runs `$body` with `$M` bound to the [`Math`] of a backend, for what is no encoding: there the recurrence is the
+/// polynomials, and needs no code of its own.
 macro_rules! with_math {
     ($backend:expr, $M:ident => $body:expr) => {
         match $backend {
-            $crate::math::MathBackend::Polynomial => {
+            $crate::math::MathBackend::Polynomial | $crate::math::MathBackend::Recurrence => {
                 type $M = $crate::math::polynomial::Polynomial;
                 $body
             }
@@ -132,11 +133,21 @@ macro_rules! with_math {
                 type $M = $crate::math::micromath::Micromath;
                 $body
             }
-            $crate::math::MathBackend::Recurrence => {
-                type $M = $crate::math::recurrence::Recurrence;
-                $body
-            }
         }
     };
 }
 pub(crate) use with_math;
+
+/// The same for an encoding.
+macro_rules! with_encoding_math {
+    ($backend:expr, $M:ident => $body:expr) => {
+        match $backend {
+            $crate::math::MathBackend::Recurrence => {
+                type $M = $crate::math::recurrence::Recurrence;
+                $body
+            }
+            backend => $crate::math::with_math!(backend, $M => $body),
+        }
+    };
+}
+pub(crate) use with_encoding_math;

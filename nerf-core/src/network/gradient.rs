@@ -11,7 +11,10 @@
 use super::architecture::{Layer, Role};
 use super::view::{Network, Scratch, Weights};
 use crate::encoding::{encode_block, encode_gradient_block};
-use crate::kernels::{Gemm, HalfInit, Init, f16_at, gemm, gemm_f16, pairs, transposed_bf16, unpair};
+use crate::kernels::{
+    Gemm, HalfInit, Init, f16_at, gemm, gemm_f16, head, head_mut, pairs, tail, tail_mut, transposed_bf16,
+    unpair,
+};
 use crate::math::MathBackend;
 use core::ops::Range;
 
@@ -67,13 +70,13 @@ impl Network<'_> {
         let stride = scratch.stride;
         let encoding = &self.architecture.position;
         let Some(head) = self.layers.iter().find(|layer| layer.role == Role::Density) else {
-            gradient[..usize::from(encoding.inputs) * stride].fill(0.0);
+            head_mut(gradient, usize::from(encoding.inputs) * stride).fill(0.0);
             return;
         };
         let mut end = 0;
-        let paired = matches!(self.weights, Weights::Paired(_));
+        let paired = matches!(self.weights(), Weights::Paired(_));
         self.trunk_with(math, scratch, positions, |layer, outputs| {
-            let signs = &mut memory.signs[end..end + sign_words(layer, stride)];
+            let signs = head_mut(tail_mut(memory.signs, end), sign_words(layer, stride));
             record(signs, outputs, layer.outputs, stride, paired);
             end += signs.len();
         });
@@ -81,14 +84,13 @@ impl Network<'_> {
             // The trunk took them as pairs of bf16; the derivative takes them as they were.
             encode_block(self.tier, math, encoding, stride, positions, scratch.encoded);
         }
-        for (row, of_h) in scratch.front.chunks_exact_mut(stride).take(head.main).enumerate() {
+        for (row, of_h) in scratch.front.chunks_exact_mut(stride.max(1)).take(head.main).enumerate() {
             of_h.fill(self.weight(head, row));
         }
-        memory.encoded[..encoding.outputs() * stride].fill(0.0);
+        head_mut(memory.encoded, encoding.outputs() * stride).fill(0.0);
         for layer in self.trunk_layers().rev() {
-            let start = end - sign_words(layer, stride);
-            silence(&mut scratch.front[..layer.outputs * stride], &memory.signs[start..end]);
-            end = start;
+            end -= sign_words(layer, stride);
+            silence(head_mut(scratch.front, layer.outputs * stride), tail(memory.signs, end));
             let from = &*scratch.front;
             if layer.role == Role::Trunk(0) {
                 self.back(layer, 0..layer.main, stride, from, memory.encoded, true);
@@ -109,7 +111,7 @@ impl Network<'_> {
 
     /// Weight `i` of a layer of one output, whose inputs are all of one part.
     fn weight(&self, layer: &Layer, i: usize) -> f32 {
-        match self.weights {
+        match self.weights() {
             Weights::Prepared(parameters) => parameters[layer.weights + i],
             Weights::InPlace(bytes) => f16_at(bytes, layer.weights + i),
             Weights::Paired(words) => unpair(words[layer.weights + i / 2])[i % 2],
@@ -132,14 +134,14 @@ impl Network<'_> {
         let (m, k, a_col) = (inputs.len(), layer.outputs, layer.inputs());
         let g = Gemm { m, n: stride, k, a_row: 1, a_col, b_row: stride, c_row: stride };
         let at = layer.weights + inputs.start;
-        match self.weights {
+        match self.weights() {
             Weights::Prepared(parameters) => {
                 let init = if accumulate { Init::Accumulate } else { Init::Zero };
                 gemm(self.tier, g, &parameters[at..], from, to, init, false);
             }
             Weights::InPlace(bytes) => {
                 let init = if accumulate { HalfInit::Accumulate } else { HalfInit::Zero };
-                gemm_f16(g, &bytes[2 * at..], from, to, init, false);
+                gemm_f16(g, tail(bytes, 2 * at), from, to, init, false);
             }
             Weights::Paired(words) => {
                 let row = pairs(layer.main) + pairs(layer.extra);
@@ -162,7 +164,7 @@ fn sign_words(layer: &Layer, samples: usize) -> usize {
 /// of [`SIGNS`]. `signs`: sample after sample, row after row.
 fn record(signs: &mut [u16], outputs: &[f32], rows: usize, stride: usize, paired: bool) {
     if !paired {
-        for (sign, outputs) in signs.iter_mut().zip(outputs[..rows * stride].chunks(SIGNS)) {
+        for (sign, outputs) in signs.iter_mut().zip(head(outputs, rows * stride).chunks(SIGNS)) {
             *sign = word(outputs, |x| x);
         }
         return;

@@ -3,8 +3,8 @@
 use super::architecture::{Architecture, DensityActivation, Layer, Layers, Role};
 use crate::encoding::{Encoding, encode_block};
 use crate::kernels::{
-    Gemm, HalfInit, Init, Op, PairedInput, PairedOutput, Tier, dense_bf16, f16_at, gemm, gemm_f16, pair,
-    pair_rows, pairs,
+    Gemm, HalfInit, Init, Op, PairedInput, PairedOutput, Tier, VECTORS, dense_bf16, f16_at, gemm, gemm_f16,
+    head_mut, pair, pair_rows, pairs, tail,
 };
 use crate::math::lanes::Lanes;
 use crate::math::{Math, MathBackend, with_math};
@@ -58,7 +58,7 @@ impl<'a> Weights<'a> {
 pub struct Network<'a> {
     pub(super) architecture: Architecture,
     pub(super) layers: Layers,
-    pub(super) weights: Weights<'a>,
+    weights: Weights<'a>,
     pub(super) tier: Tier,
 }
 
@@ -94,7 +94,8 @@ impl Start {
 impl<'a> Network<'a> {
     /// A network over parameters that fit its architecture.
     ///
-    /// `None` if the architecture breaks a cap or the parameters are too few.
+    /// `None` if the architecture breaks a cap or the parameters are too few, and where
+    /// there are no [`VECTORS`] for any but those read in place.
     pub fn new(architecture: &Architecture, weights: Weights<'a>, tier: Tier) -> Option<Self> {
         Self::of_layers(architecture, architecture.layers(), weights, tier)
     }
@@ -103,8 +104,8 @@ impl<'a> Network<'a> {
     /// ([`Architecture::density_parameters`]); [`Network::colour`] must not be called.
     #[cfg(feature = "proposal")]
     pub(crate) fn of_density(architecture: &Architecture, weights: Weights<'a>, tier: Tier) -> Option<Self> {
-        let of_density = |layer: &Layer| matches!(layer.role, Role::Trunk(_) | Role::Density);
-        let layers = architecture.layers().into_iter().filter(of_density).collect();
+        let mut layers = architecture.layers();
+        layers.retain(|layer| matches!(layer.role, Role::Trunk(_) | Role::Density));
         Self::of_layers(architecture, layers, weights, tier)
     }
 
@@ -117,6 +118,7 @@ impl<'a> Network<'a> {
         architecture.check().ok()?;
         let have = match weights {
             Weights::InPlace(bytes) => bytes.len() / 2,
+            Weights::Prepared(_) | Weights::Paired(_) if !VECTORS => return None,
             Weights::Prepared(parameters) | Weights::Paired(parameters) => parameters.len(),
         };
         let needed = layers.last().map_or(0, |layer| layer.bias + layer.outputs);
@@ -133,9 +135,19 @@ impl<'a> Network<'a> {
         self.tier
     }
 
+    /// Where its parameters lie; says so in a way that leaves a build without [`VECTORS`] but one answer.
+    #[inline(always)]
+    pub(super) fn weights(&self) -> Weights<'a> {
+        match self.weights {
+            weights if VECTORS => weights,
+            Weights::InPlace(bytes) => Weights::InPlace(bytes),
+            Weights::Prepared(_) | Weights::Paired(_) => Weights::InPlace(&[]),
+        }
+    }
+
     /// Whether [`Scratch::stride`] must be a multiple of 16: only weights read in place take any.
     pub fn whole_blocks(&self) -> bool {
-        !matches!(self.weights, Weights::InPlace(_))
+        !matches!(self.weights(), Weights::InPlace(_))
     }
 
     /// Rows of [`Scratch::encoded`].
@@ -185,8 +197,9 @@ impl<'a> Network<'a> {
     /// `positions`: `[inputs][stride]`, inside the scene box.
     ///
     /// # Panics
-    /// If a slice is shorter than its rows times [`Scratch::stride`], or if the weights are prepared and
-    /// the stride is no multiple of 16 ([`Network::whole_blocks`]). So do the three methods beside it.
+    /// If a slice is shorter than its rows times [`Scratch::stride`] (where weights are read in place, only with
+    /// debug assertions), or if the weights are prepared and the stride is no multiple of 16
+    /// ([`Network::whole_blocks`]). So do the three methods beside it.
     pub fn trunk(&self, math: MathBackend, scratch: &mut Scratch<'_>, positions: &[f32]) {
         self.trunk_with(math, scratch, positions, |_, _| {});
     }
@@ -218,7 +231,7 @@ impl<'a> Network<'a> {
         if let (Some(layer), Some(activation)) = (layer, self.architecture.density) {
             let stride = scratch.stride;
             self.dense(layer, [Some(&*scratch.front), None], stride, sigma, Start::Bias, false);
-            let values = &mut sigma[..stride];
+            let values = head_mut(sigma, stride);
             with_math!(math, M => self.tier.run_columns(stride, Density::<M> { activation, values, math: PhantomData }));
         }
     }
@@ -244,7 +257,7 @@ impl<'a> Network<'a> {
             let to = if hidden { &mut *scratch.back } else { &mut *rgb };
             let start = match direction.take() {
                 Some(fill) => {
-                    fill(&mut to[..layer.outputs * stride]);
+                    fill(head_mut(to, layer.outputs * stride));
                     Start::Output
                 }
                 None => Start::Bias,
@@ -254,14 +267,14 @@ impl<'a> Network<'a> {
                 core::mem::swap(&mut scratch.front, &mut scratch.back);
             }
         }
-        let values = &mut rgb[..3 * stride];
+        let values = head_mut(rgb, 3 * stride);
         with_math!(math, M => self.tier.run_columns(stride, Sigmoid::<M> { values, math: PhantomData }));
     }
 
     /// Encodes a block of inputs into [`Scratch::encoded`], as the products take them.
     fn encode(&self, math: MathBackend, encoding: &Encoding, scratch: &mut Scratch<'_>, inputs: &[f32]) {
         encode_block(self.tier, math, encoding, scratch.stride, inputs, scratch.encoded);
-        if let Weights::Paired(_) = self.weights {
+        if let Weights::Paired(_) = self.weights() {
             pair_rows(scratch.encoded, encoding.outputs(), scratch.stride);
         }
     }
@@ -280,21 +293,23 @@ impl<'a> Network<'a> {
     ) {
         let (m, n, a_row) = (layer.outputs, stride, layer.inputs());
         let mut start = start;
-        for (i, (offset, k)) in [(0, layer.main), (layer.main, layer.extra)].into_iter().enumerate() {
-            let Some(from) = inputs[i] else { continue };
+        let last_part = if inputs[1].is_some() { 1 } else { 0 };
+        let parts = [(0, layer.main), (layer.main, layer.extra)].into_iter().zip(inputs);
+        for (i, ((offset, k), from)) in parts.enumerate() {
+            let Some(from) = from else { continue };
             let g = Gemm { m, n, k, a_row, a_col: 1, b_row: stride, c_row: stride };
-            let (offset, last) = (layer.weights + offset, i == 1 || inputs[1].is_none());
-            match self.weights {
+            let (offset, last) = (layer.weights + offset, i == last_part);
+            match self.weights() {
                 Weights::Prepared(parameters) => {
                     let init = start.of(&parameters[layer.bias..]);
                     gemm(self.tier, g, &parameters[offset..], from, to, init, hidden && last);
                 }
                 Weights::InPlace(bytes) => {
                     let init = match start {
-                        Start::Bias => HalfInit::Bias(&bytes[2 * layer.bias..]),
+                        Start::Bias => HalfInit::Bias(tail(bytes, 2 * layer.bias)),
                         Start::Output => HalfInit::Accumulate,
                     };
-                    gemm_f16(g, &bytes[2 * offset..], from, to, init, hidden && last);
+                    gemm_f16(g, tail(bytes, 2 * offset), from, to, init, hidden && last);
                 }
                 // Both parts at once: what lies between them is not rounded.
                 Weights::Paired(words) => {

@@ -9,7 +9,7 @@ use crate::effects::anti_aliasing::{self, Sums};
 use crate::effects::depth_of_field;
 use crate::effects::jitter::Place;
 use crate::effects::tone;
-use crate::kernels::{Arena, BLOCK, Line, lines_for};
+use crate::kernels::{Arena, BLOCK, Line, at, column, head, head_mut, lines_for, put, put_column, tail};
 use crate::math::Math;
 use crate::network::{Network, Scratch};
 use crate::plan::Plan;
@@ -59,7 +59,7 @@ impl Sizes {
             colours,
             queue,
             queued_activation: network.activation_rows() * queue,
-            direction: direction_rows.saturating_mul(rays.next_multiple_of(samples)),
+            direction: direction_rows.saturating_mul(rays.div_ceil(samples.max(1)) * samples),
             surface: Medians::lines(plan) + Normals::lines(network, plan),
             sums: Sums::lines(&plan.effects, plan.outputs.surface(), rays),
             row,
@@ -190,7 +190,8 @@ impl<'f, 'w> Frame<'f, 'w> {
             self.flush_colour();
             self.flush_normals();
             for i in 0..hits {
-                self.finish::<M>(&self.rays[i].clone(), Some(i), camera, target);
+                let Some(&state) = self.rays.get(i) else { break };
+                self.finish::<M>(&state, Some(i), camera, target);
             }
         }
     }
@@ -219,8 +220,10 @@ impl<'f, 'w> Frame<'f, 'w> {
                 let place = if self.drawn.is_on() { Place::MIDDLE } else { state.place(plan, turn) };
                 let live = state.seek(plan, walk, place);
                 // Between the proposal's samples there may be drawn ones that are live.
-                if live || (self.drawn.is_on() && next < end) {
-                    self.rays[hits] = state;
+                if (live || (self.drawn.is_on() && next < end))
+                    && let Some(place) = self.rays.get_mut(hits)
+                {
+                    *place = state;
                     self.medians.begin(hits);
                     self.normals.begin(hits);
                     if live {
@@ -242,10 +245,10 @@ impl<'f, 'w> Frame<'f, 'w> {
         }
         let (rows, stride) = (self.network.direction_rows(), self.shares.block);
         self.scratch.stride = stride;
-        let shares = self.shares.values.chunks_exact_mut(rows * stride);
-        for (states, out) in self.rays[..count].chunks(stride).zip(shares) {
+        let shares = self.shares.values.chunks_exact_mut((rows * stride).max(1));
+        for (states, out) in head(self.rays, count).chunks(stride.max(1)).zip(shares) {
             for (column, state) in states.iter().enumerate() {
-                put_column(self.dirs, stride, column, state.ray.dir);
+                put_column(self.dirs, stride, column, state.ray.dir.to_array());
             }
             self.network.direction(self.plan.math, &mut self.scratch, self.dirs, out);
         }
@@ -262,7 +265,7 @@ impl<'f, 'w> Frame<'f, 'w> {
 
     /// Colours of the block whose trunk has just run; its first `n` columns are the picks, in order.
     pub(super) fn evaluate_colour(&mut self, n: usize) {
-        let owner = &self.picks.owner[..n];
+        let owner = head(self.picks.owner, n);
         self.shares.colour(self.network, self.plan, &mut self.scratch, owner, self.rgb);
         self.counters.add_colour(self.network, n);
     }
@@ -304,8 +307,10 @@ impl<'f, 'w> Frame<'f, 'w> {
         let mut n = 0;
         for (i, (&p, &dir)) in positions.iter().zip(dirs).enumerate() {
             let (origin, dir) = (Vec3::from(p), Vec3::from(dir));
-            if self.plan.live(origin) {
-                self.rays[n] = RayState { ray: Ray { origin, dir }, x: i as u32, ..RayState::NONE };
+            if self.plan.live(origin)
+                && let Some(place) = self.rays.get_mut(n)
+            {
+                *place = RayState { ray: Ray { origin, dir }, x: i as u32, ..RayState::NONE };
                 n += 1;
             }
         }
@@ -315,32 +320,32 @@ impl<'f, 'w> Frame<'f, 'w> {
         self.directions(n);
         let stride = columns_of(self.network, n);
         for column in 0..stride {
-            put_column(self.positions, stride, column, self.rays[column.min(n - 1)].ray.origin);
+            let state = at(self.rays, column.min(n - 1));
+            put_column(self.positions, stride, column, state.ray.origin.to_array());
         }
         self.evaluate_density(n);
         if self.plan.outputs.rgb {
-            for (column, owner) in self.picks.owner[..n].iter_mut().enumerate() {
+            for (column, owner) in head_mut(self.picks.owner, n).iter_mut().enumerate() {
                 *owner = column as u32;
             }
             self.evaluate_colour(n);
         }
-        for column in 0..n {
-            let i = self.rays[column].x as usize;
+        for (i, state) in head(self.rays, n).iter().enumerate() {
             let colour = match self.plan.outputs.rgb {
-                true => core::array::from_fn(|c| self.rgb[c * stride + column]),
+                true => column(self.rgb, stride, i),
                 false => [0.0f32; 3],
             };
             // As in a picture: without a number there is no density, and no colour; both are counted.
-            let density = self.block.sigma[column];
+            let density = at(self.block.sigma, i);
             if density.is_nan() {
                 self.counters.invalid_samples += 1;
                 continue;
             }
-            sigma[i] = density;
+            put(sigma, state.x as usize, density);
             if colour.iter().any(|c| c.is_nan()) {
                 self.counters.invalid_samples += u64::from(density > 0.0);
             } else {
-                rgb[i] = colour;
+                put(rgb, state.x as usize, colour);
             }
         }
     }
@@ -364,13 +369,13 @@ impl Shares<'_> {
         owner: &[u32],
         rgb: &mut [f32],
     ) {
-        let (stride, rows, block) = (scratch.stride, network.direction_rows(), self.block);
+        let (stride, rows, block) = (scratch.stride, network.direction_rows(), self.block.max(1));
         let spread = |to: &mut [f32]| {
             for (column, &ray) in owner.iter().enumerate() {
                 let ray = ray as usize;
-                let from = &self.values[ray / block * rows * block + ray % block..];
+                let from = tail(self.values, ray / block * rows * block + ray % block);
                 for row in 0..rows {
-                    to[row * stride + column] = from[row * block];
+                    put(to, row * stride + column, at(from, row * block));
                 }
             }
         };
@@ -388,12 +393,4 @@ pub(super) fn block_samples(network: &Network<'_>, plan: &Plan<'_>) -> usize {
 /// A column's result does not depend on how many stand beside it.
 pub(super) fn columns_of(network: &Network<'_>, n: usize) -> usize {
     if network.whole_blocks() { n.next_multiple_of(VECTOR) } else { n }
-}
-
-/// Writes `v` into column `column` of a `[3][stride]` block.
-#[inline]
-pub(super) fn put_column(block: &mut [f32], stride: usize, column: usize, v: Vec3) {
-    block[column] = v.x;
-    block[stride + column] = v.y;
-    block[2 * stride + column] = v.z;
 }

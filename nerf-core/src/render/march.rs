@@ -5,8 +5,9 @@
 //! the scene and the request alone, as its pixels do.
 
 use super::Counters;
-use super::frame::{Frame, columns_of, put_column};
+use super::frame::{Frame, columns_of};
 use crate::effects::jitter::Place;
+use crate::kernels::{at, column, head, put, put_column, tail, tail_mut};
 use crate::math::Math;
 use crate::network::Scratch;
 use crate::plan::Plan;
@@ -29,6 +30,12 @@ pub(super) struct RayState {
     /// Whether the transmittance is below the cut.
     pub done: bool,
     pub gathered: Accumulator,
+}
+
+impl Default for RayState {
+    fn default() -> Self {
+        Self::NONE
+    }
 }
 
 impl RayState {
@@ -72,13 +79,13 @@ impl<'w> Waiting<'w> {
 
     pub fn push(&mut self, ray: u32) {
         let (capacity, end) = (self.ring.len(), self.first + self.count);
-        self.ring[if end < capacity { end } else { end - capacity }] = ray;
+        put(self.ring, if end < capacity { end } else { end - capacity }, ray);
         self.count += 1;
     }
 
     pub fn pop(&mut self) -> Option<u32> {
         self.count = self.count.checked_sub(1)?;
-        let ray = self.ring[self.first];
+        let ray = at(self.ring, self.first);
         self.first = if self.first + 1 < self.ring.len() { self.first + 1 } else { 0 };
         Some(ray)
     }
@@ -140,14 +147,14 @@ impl Frame<'_, '_> {
         let mut n = 0;
         while n < room {
             let Some(i) = self.waiting.pop() else { break };
-            let state = &mut self.rays[i as usize];
+            let Some(state) = self.rays.get_mut(i as usize) else { break };
             for _ in 0..burst.min(room - n) {
                 let place = state.place(plan, self.turn);
                 if !self.drawn.seek(plan, i, state, place) {
                     break;
                 }
-                self.block.owner[n] = i;
-                self.block.t[n] = self.drawn.take(plan, i, state.next, place, n);
+                put(self.block.owner, n, i);
+                put(self.block.t, n, self.drawn.take(plan, i, state.next, place, n));
                 state.next += 1;
                 state.kept += 1;
                 n += 1;
@@ -163,8 +170,9 @@ impl Frame<'_, '_> {
         for column in 0..stride {
             // What only fills the block up is a copy of its last sample.
             let from = column.min(n.saturating_sub(1));
-            let p = self.rays[self.block.owner[from] as usize].ray.at(self.block.t[from]);
-            put_column(self.positions, stride, column, p);
+            let owner = at(self.block.owner, from) as usize;
+            let p = at(self.rays, owner).ray.at(at(self.block.t, from));
+            put_column(self.positions, stride, column, p.to_array());
         }
     }
 
@@ -174,13 +182,13 @@ impl Frame<'_, '_> {
         let plan = self.plan;
         let mut picked = 0;
         for column in 0..n {
-            let owner = self.block.owner[column];
-            let state = &mut self.rays[owner as usize];
-            let sigma = self.block.sigma[column];
+            let owner = at(self.block.owner, column);
+            let Some(state) = self.rays.get_mut(owner as usize) else { break };
+            let sigma = at(self.block.sigma, column);
             if sigma.is_nan() {
                 self.counters.invalid_samples += 1;
             } else if sigma > 0.0 {
-                let (t, stretch) = (self.block.t[column], self.drawn.stretch(plan, owner, column));
+                let (t, stretch) = (at(self.block.t, column), self.drawn.stretch(plan, owner, column));
                 // A jittered sample lies anywhere in its bin, which stays where it is.
                 let jittered = plan.outputs.median_distance && plan.effects.jitter.is_some();
                 let middle = if jittered { plan.bins.middle_around(t) } else { t };
@@ -192,13 +200,13 @@ impl Frame<'_, '_> {
                 if plan.outputs.picks()
                     && let Some(weight) = state.gathered.take_uncoloured(plan.colour_cut)
                 {
-                    self.picks.column[picked] = column as u32;
-                    self.picks.owner[picked] = owner;
-                    self.picks.weight[picked] = weight;
+                    put(self.picks.column, picked, column as u32);
+                    put(self.picks.owner, picked, owner);
+                    put(self.picks.weight, picked, weight);
                     picked += 1;
                 }
             }
-            let last = column + 1 == n || self.block.owner[column + 1] != owner;
+            let last = column + 1 == n || at(self.block.owner, column + 1) != owner;
             let place = state.place(plan, self.turn);
             if last && !state.done && self.drawn.seek(plan, owner, state, place) {
                 self.waiting.push(owner);
@@ -211,30 +219,30 @@ impl Frame<'_, '_> {
     fn colour_of_block(&mut self, n: usize) {
         self.evaluate_colour(n);
         let stride = self.scratch.stride;
-        let (owner, weight) = (&self.picks.owner[..n], &self.picks.weight[..n]);
+        let (owner, weight) = (head(self.picks.owner, n), head(self.picks.weight, n));
         add_colours(self.rays, owner, weight, self.rgb, stride, &mut self.counters);
     }
 
     /// Puts the block's picks into the colour queue, and that through the colour branch whenever it is full.
     fn queue_colour(&mut self, picked: usize) {
-        let rows = self.network.trunk_rows();
         let (room, stride) = (self.queue.owner.len(), self.scratch.stride);
         let mut from = 0;
         while from < picked {
             let start = self.queue.count;
             let to = picked.min(from + room - start);
-            let end = start + (to - from);
-            self.queue.owner[start..end].copy_from_slice(&self.picks.owner[from..to]);
-            self.queue.weight[start..end].copy_from_slice(&self.picks.weight[from..to]);
-            for row in 0..rows {
-                let h = &self.scratch.front[row * stride..][..stride];
-                let queued = &mut self.queue.h[row * room..][start..end];
-                for (queued, &column) in queued.iter_mut().zip(&self.picks.column[from..to]) {
-                    *queued = h[column as usize];
+            let count = to - from;
+            copy(tail_mut(self.queue.owner, start), head(tail(self.picks.owner, from), count));
+            copy(tail_mut(self.queue.weight, start), head(tail(self.picks.weight, from), count));
+            let columns = head(tail(self.picks.column, from), count);
+            let from_rows = self.scratch.front.chunks_exact(stride.max(1));
+            let rows = from_rows.zip(self.queue.h.chunks_exact_mut(room.max(1)));
+            for (h, queued) in rows.take(self.network.trunk_rows()) {
+                for (queued, &column) in tail_mut(queued, start).iter_mut().zip(columns) {
+                    *queued = at(h, column as usize);
                 }
             }
-            self.queue.count = end;
-            if end == room {
+            self.queue.count = start + count;
+            if self.queue.count == room {
                 self.flush_colour();
             }
             from = to;
@@ -250,7 +258,10 @@ impl Frame<'_, '_> {
         let (room, stride) = (self.queue.owner.len(), columns_of(self.network, n));
         if stride < room {
             for row in 1..self.network.trunk_rows() {
-                self.queue.h.copy_within(row * room..row * room + n, row * stride);
+                for column in 0..n {
+                    let value = at(self.queue.h, row * room + column);
+                    put(self.queue.h, row * stride + column, value);
+                }
             }
         }
         let mut scratch = Scratch {
@@ -259,7 +270,7 @@ impl Frame<'_, '_> {
             front: &mut *self.queue.h,
             back: &mut *self.scratch.back,
         };
-        let (owner, weight) = (&self.queue.owner[..n], &self.queue.weight[..n]);
+        let (owner, weight) = (head(self.queue.owner, n), head(self.queue.weight, n));
         self.shares.colour(self.network, self.plan, &mut scratch, owner, self.rgb);
         self.counters.add_colour(self.network, n);
         add_colours(self.rays, owner, weight, self.rgb, stride, &mut self.counters);
@@ -275,12 +286,20 @@ fn add_colours(
     stride: usize,
     counters: &mut Counters,
 ) {
-    for (column, (&owner, &weight)) in owner.iter().zip(weight).enumerate() {
-        let mut colour = [rgb[column], rgb[stride + column], rgb[2 * stride + column]];
+    for (i, (&owner, &weight)) in owner.iter().zip(weight).enumerate() {
+        let mut colour = column(rgb, stride, i);
         if colour.iter().any(|c| c.is_nan()) {
             counters.invalid_samples += 1;
             colour = [0.0; 3];
         }
-        rays[owner as usize].gathered.add_colour(weight, colour);
+        if let Some(state) = rays.get_mut(owner as usize) {
+            state.gathered.add_colour(weight, colour);
+        }
     }
+}
+
+/// Copies all of `from` to the front of `to`.
+fn copy<T: Copy>(to: &mut [T], from: &[T]) {
+    debug_assert!(from.len() <= to.len(), "expected room for {} values, found {}", from.len(), to.len());
+    to.iter_mut().zip(from).for_each(|(to, &from)| *to = from);
 }

@@ -1,7 +1,7 @@
 //! A picture of a 2D field: every pixel is one question to the network, and nothing is added up.
 
 use super::{Counters, Rect, RenderError, Renderer};
-use crate::kernels::{Arena, BLOCK, Line, lines_for};
+use crate::kernels::{Arena, BLOCK, Line, column, lines_for, put_column};
 use crate::math::MathBackend;
 use crate::network::{Network, Scratch};
 use crate::plan::Batch;
@@ -98,8 +98,7 @@ impl Renderer<'_> {
         loop {
             let mut n = 0;
             for (x, y) in pixels.clone().take(stride) {
-                positions[n] = (x as f32 + 0.5) / width;
-                positions[stride + n] = (y as f32 + 0.5) / height;
+                put_column(positions, stride, n, [(x as f32 + 0.5) / width, (y as f32 + 0.5) / height]);
                 n += 1;
             }
             if n == 0 {
@@ -110,7 +109,7 @@ impl Renderer<'_> {
             counters.colour_evaluations += n as u64;
             counters.macs += n as u64 * macs;
             for (i, (x, y)) in pixels.by_ref().take(n).enumerate() {
-                let mut colour = [rgb[i], rgb[stride + i], rgb[2 * stride + i]];
+                let mut colour: [f32; 3] = column(rgb, stride, i);
                 if colour.iter().any(|c| c.is_nan()) {
                     counters.invalid_samples += 1;
                     colour = [0.0; 3];

@@ -11,7 +11,7 @@ use super::march::RayState;
 use crate::blob::Blob;
 use crate::camera::Camera;
 use crate::effects::jitter::Place;
-use crate::kernels::{Arena, Tier, lines_for};
+use crate::kernels::{Arena, Tier, at, head, head_mut, lines_for, put, tail, tail_mut};
 use crate::math::Math;
 use crate::network::{Network, Weights};
 use crate::plan::Plan;
@@ -115,7 +115,7 @@ impl<'f, 'w> Drawn<'f, 'w> {
             return state.seek(plan, &plan.bins, place);
         }
         let row = self.row_of(ray);
-        while state.next < state.end && !plan.live(state.ray.at(row[state.next as usize])) {
+        while state.next < state.end && !plan.live(state.ray.at(at(row, state.next as usize))) {
             state.next += 1;
         }
         state.next < state.end
@@ -127,8 +127,8 @@ impl<'f, 'w> Drawn<'f, 'w> {
         if self.row == 0 {
             return place.t(&plan.bins, next);
         }
-        self.index[column] = next;
-        self.row_of(ray)[next as usize]
+        put(self.index, column, next);
+        at(self.row_of(ray), next as usize)
     }
 
     /// Middle and width of what the sample in column `column` of the block stands for, world units along its
@@ -138,11 +138,20 @@ impl<'f, 'w> Drawn<'f, 'w> {
         if self.row == 0 {
             return None;
         }
-        Some(stretch(plan.near, plan.far, self.row_of(ray), self.index[column] as usize))
+        Some(stretch(plan.near, plan.far, self.row_of(ray), at(self.index, column) as usize))
+    }
+
+    /// Moves the row of one ray to the place of an earlier one, or its own.
+    fn move_row(&mut self, from: usize, to: usize) {
+        debug_assert!(to <= from, "expected a row at or before {from}, found {to}");
+        for i in 0..self.row {
+            let t = at(self.t, from * self.row + i);
+            put(self.t, to * self.row + i, t);
+        }
     }
 
     fn row_of(&self, ray: u32) -> &[f32] {
-        &self.t[ray as usize * self.row..][..self.row]
+        head(tail(self.t, ray as usize * self.row), self.row)
     }
 }
 
@@ -158,7 +167,7 @@ impl Frame<'_, '_> {
     ) -> usize {
         let (plan, row, proposer) = (self.plan, self.drawn.row, self.drawn.proposer);
         let (Some(network), Some(coarse)) = (&proposer.network, &plan.proposal) else { return hits };
-        self.drawn.t[..hits * row].fill(0.0);
+        head_mut(self.drawn.t, hits * row).fill(0.0);
         loop {
             let n = self.fill_coarse();
             if n == 0 {
@@ -173,14 +182,14 @@ impl Frame<'_, '_> {
         }
         let mut left = 0;
         for from in 0..hits {
-            let place = self.rays[from].place(plan, self.turn);
-            draw(coarse, &mut self.drawn.t[from * row..][..row], |k| place.within(k));
-            self.drawn.t.copy_within(from * row..(from + 1) * row, left * row);
-            let mut state = self.rays[from];
+            let mut state = at(self.rays, from);
+            let place = state.place(plan, self.turn);
+            draw(coarse, head_mut(tail_mut(self.drawn.t, from * row), row), |k| place.within(k));
+            self.drawn.move_row(from, left);
             (state.next, state.end, state.done) = (0, row as u32, false);
             state.gathered = Accumulator::NONE;
             if self.drawn.seek(plan, left as u32, &mut state, place) {
-                self.rays[left] = state;
+                put(self.rays, left, state);
                 self.waiting.push(left as u32);
                 left += 1;
             } else {
@@ -199,10 +208,10 @@ impl Frame<'_, '_> {
         while n < self.block.owner.len()
             && let Some(i) = self.waiting.pop()
         {
-            let state = &mut self.rays[i as usize];
-            self.block.owner[n] = i;
-            self.block.t[n] = coarse.at(state.next, 0.5);
-            self.drawn.index[n] = state.next;
+            let Some(state) = self.rays.get_mut(i as usize) else { break };
+            put(self.block.owner, n, i);
+            put(self.block.t, n, coarse.at(state.next, 0.5));
+            put(self.drawn.index, n, state.next);
             state.next += 1;
             n += 1;
         }
@@ -216,14 +225,15 @@ impl Frame<'_, '_> {
         let Some(coarse) = &plan.proposal else { return };
         let (row, drawn) = (self.drawn.row, plan.bins.count() as usize);
         for column in 0..n {
-            let owner = self.block.owner[column];
-            let state = &mut self.rays[owner as usize];
-            let sigma = self.block.sigma[column];
+            let owner = at(self.block.owner, column);
+            let Some(state) = self.rays.get_mut(owner as usize) else { break };
+            let sigma = at(self.block.sigma, column);
             if sigma.is_nan() {
                 self.counters.invalid_samples += 1;
             } else if sigma > 0.0 {
-                let weight = state.gathered.add_density::<M>(sigma, self.block.t[column], coarse.delta());
-                self.drawn.t[owner as usize * row + drawn + self.drawn.index[column] as usize] = weight;
+                let weight = state.gathered.add_density::<M>(sigma, at(self.block.t, column), coarse.delta());
+                let bin = at(self.drawn.index, column) as usize;
+                put(self.drawn.t, owner as usize * row + drawn + bin, weight);
                 state.done = state.gathered.transmittance::<M>() < DARK;
             }
             if !state.done && state.seek(plan, coarse, Place::MIDDLE) {

@@ -117,7 +117,9 @@ impl<'a> SkipGrid<'a> {
         for (i, &byte) in self.bits.iter().enumerate().filter(|(_, byte)| **byte != 0) {
             for bit in (0..8).filter(|bit| byte >> bit & 1 == 1) {
                 let index = 8 * i + bit;
-                let cell = [index / (ny * nz), index / nz % ny, index % nz];
+                // No 0 among them, or there are no bits.
+                let (ny, nz) = (ny.max(1), nz.max(1));
+                let cell = [index / nz / ny, index / nz % ny, index % nz];
                 for axis in 0..3 {
                     low[axis] = low[axis].min(cell[axis]);
                     high[axis] = high[axis].max(cell[axis]);

@@ -1,6 +1,7 @@
 //! Samples where the weights are: the fine samples of a ray with a coarse network.
 
 use super::Bins;
+use crate::kernels::{at, put, tail};
 
 #[cfg(test)]
 mod tests;
@@ -45,18 +46,18 @@ pub fn draw(bins: &Bins, row: &mut [f32], within: impl Fn(u32) -> f32) {
     let count = bins.count() as usize;
     let Some(drawn) = row.len().checked_sub(count) else { return };
     let mut total = Mass::default();
-    row[drawn..].iter().for_each(|&weight| total.add(mass(weight)));
+    tail(row, drawn).iter().for_each(|&weight| total.add(mass(weight)));
     let step = total.sum / drawn.max(1) as f32;
     // Behind a bin there are at most its middle, those in front and what has been drawn so far: the
     // weights that are still to be read lie behind that.
     let (mut written, mut k) = (0, 0);
-    let mut put = |row: &mut [f32], t: f32| {
-        row[written] = t;
+    let mut push = |row: &mut [f32], t: f32| {
+        put(row, written, t);
         written += 1;
     };
     let mut reached = Mass::default();
     for bin in 0..count {
-        let (before, own) = (reached.sum, mass(row[drawn + bin]));
+        let (before, own) = (reached.sum, mass(at(row, drawn + bin)));
         reached.add(own);
         let (last, index) = (bin + 1 == count, bin as u32);
         let mut middle = Some(bins.at(index, 0.5));
@@ -69,13 +70,13 @@ pub fn draw(bins: &Bins, row: &mut [f32], within: impl Fn(u32) -> f32) {
             if fraction > 0.5
                 && let Some(t) = middle.take()
             {
-                put(row, t);
+                push(row, t);
             }
-            put(row, bins.at(index, fraction));
+            push(row, bins.at(index, fraction));
             k += 1;
         }
         if let Some(t) = middle {
-            put(row, t);
+            push(row, t);
         }
     }
 }
@@ -88,8 +89,8 @@ pub fn draw(bins: &Bins, row: &mut [f32], within: impl Fn(u32) -> f32) {
 #[inline]
 pub fn stretch(near: f32, far: f32, row: &[f32], k: usize) -> (f32, f32) {
     let between = |a: f32, b: f32| 0.5 * a + 0.5 * b;
-    let start = if k == 0 { near } else { between(row[k - 1], row[k]) };
-    let end = if k + 1 == row.len() { far } else { between(row[k], row[k + 1]) };
+    let start = if k == 0 { near } else { between(at(row, k - 1), at(row, k)) };
+    let end = if k + 1 == row.len() { far } else { between(at(row, k), at(row, k + 1)) };
     (between(start, end), end - start)
 }
 

@@ -1,6 +1,7 @@
 //! `nerf-train demo`
 
 use super::common::{Global, Mp4Options, background_name, open_blob, print_report, say_no_mp4};
+use super::fit::read_config;
 use super::outcome;
 use crate::config::Preset;
 use crate::demo_scene::{self, DemoSpec, Truth};
@@ -38,6 +39,9 @@ pub struct Demo {
     /// Folder for everything that is made.
     #[arg(long, value_name = "DIR", default_value = "out/demo")]
     out: PathBuf,
+    /// TOML file with settings that replace those of the preset `fast`.
+    #[arg(long, value_name = "FILE")]
+    config: Option<PathBuf>,
     /// Steps to train for.
     #[arg(long, value_name = "N", default_value_t = STEPS)]
     steps: u32,
@@ -52,13 +56,15 @@ impl Demo {
     /// Runs the command.
     pub fn run(&self, global: &Global) -> anyhow::Result<ExitCode> {
         let clock = Clock::resume(Duration::ZERO);
+        // First, so that what is wrong in the file costs no time.
+        let mut config = read_config(Preset::Fast, self.config.as_deref(), true)?;
+        config.check()?;
         ensure_folder(&self.out)?;
         let ffmpeg = self.mp4.beside_a_gif()?;
         let spec = DemoSpec::default();
         let dataset = demo_scene::dataset(&spec)?;
         let report = print_report(&dataset, global);
 
-        let mut config = Preset::Fast.config();
         config.seed = self.seed;
         config.optimiser.steps = self.steps.max(1);
         let tier = global.tier();

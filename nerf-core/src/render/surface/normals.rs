@@ -1,9 +1,9 @@
 //! Normals of the rays in flight: gradients of the samples that count, in blocks of their own.
 
-use crate::kernels::{Arena, lines_for};
+use crate::kernels::{Arena, at, column, head, lines_for, put, put_column};
 use crate::network::{GradientScratch, Network, Scratch};
 use crate::plan::Plan;
-use crate::render::frame::{Frame, block_samples, columns_of, put_column};
+use crate::render::frame::{Frame, block_samples, columns_of};
 use crate::volume::NormalSum;
 use glam::Vec3;
 
@@ -96,9 +96,9 @@ impl Frame<'_, '_> {
         }
         for i in 0..picked {
             let queue = &mut self.normals.queue;
-            queue.owner[queue.count] = self.picks.owner[i];
-            queue.t[queue.count] = self.block.t[self.picks.column[i] as usize];
-            queue.weight[queue.count] = self.picks.weight[i];
+            put(queue.owner, queue.count, at(self.picks.owner, i));
+            put(queue.t, queue.count, at(self.block.t, at(self.picks.column, i) as usize));
+            put(queue.weight, queue.count, at(self.picks.weight, i));
             queue.count += 1;
             if queue.count == queue.owner.len() {
                 self.flush_normals();
@@ -117,8 +117,8 @@ impl Frame<'_, '_> {
         for column in 0..stride {
             // What only fills the block up is a copy of its last sample.
             let from = column.min(n - 1);
-            let p = self.rays[queue.owner[from] as usize].ray.at(queue.t[from]);
-            put_column(self.positions, stride, column, p);
+            let p = at(self.rays, at(queue.owner, from) as usize).ray.at(at(queue.t, from));
+            put_column(self.positions, stride, column, p.to_array());
         }
         let mut scratch = Scratch {
             stride,
@@ -129,11 +129,12 @@ impl Frame<'_, '_> {
         let blur = self.plan.normal_deviation();
         self.network.gradient(self.plan.math, &mut scratch, memory, self.positions, blur, gradient);
         self.counters.add_normals(self.network, n);
-        for (column, (&owner, &weight)) in queue.owner[..n].iter().zip(&*queue.weight).enumerate() {
-            let [x, y, z] = [0, 1, 2].map(|axis| gradient[axis * stride + column]);
-            let gradient = Vec3::new(x, y, z);
+        for (i, (&owner, &weight)) in head(queue.owner, n).iter().zip(&*queue.weight).enumerate() {
+            let gradient = Vec3::from(column(gradient, stride, i));
             self.counters.invalid_samples += u64::from(!gradient.is_finite());
-            sums[owner as usize].add(weight, gradient);
+            if let Some(sum) = sums.get_mut(owner as usize) {
+                sum.add(weight, gradient);
+            }
         }
     }
 }

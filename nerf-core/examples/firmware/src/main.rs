@@ -1,0 +1,110 @@
+//! Draws a radiance field on a microcontroller, and says what that took.
+//!
+//! The scene lies in flash and is read there, f16 as it is; RAM holds a workspace of the size that was asked
+//! for, and the stack. See the README beside this crate, and `run`, which builds, runs and checks.
+#![no_std]
+#![no_main]
+
+#[cfg(target_arch = "arm")]
+mod board;
+mod picture;
+
+use core::hint::black_box;
+use core::panic::PanicInfo;
+use nerf_core::kernels::Line;
+use picture::{Checksums, View, draw};
+
+/// The scene; what is known of it at run time alone must not be known to the optimiser.
+static SCENE: &[u8] = include_bytes!(env!("NERF_SCENE"));
+/// Lines of workspace: what `Renderer::workspace_lines` says of the scene and view, which `run` checks.
+const LINES: usize = match (cfg!(feature = "large"), cfg!(feature = "effects")) {
+    (false, false) => 40,
+    (false, true) => 60,
+    (true, _) => 100,
+};
+const VIEW: View = View {
+    side: if cfg!(feature = "large") { 2 } else { 32 },
+    math: if cfg!(feature = "libm") {
+        1
+    } else if cfg!(feature = "micromath") {
+        2
+    } else {
+        0
+    },
+    effects: cfg!(feature = "effects"),
+};
+
+/// What the link check must find: an index that only the run time knows.
+#[cfg(feature = "panic")]
+fn may_panic() -> u8 {
+    SCENE[black_box(0)]
+}
+
+/// A machine that is only linked for: the picture's checksum is all of it that is used.
+#[cfg(not(target_arch = "arm"))]
+#[unsafe(no_mangle)]
+extern "C" fn _start() -> ! {
+    let mut workspace = [Line::UNINIT; LINES];
+    let mut checksums = Checksums::NONE;
+    let drawn = draw(black_box(SCENE), VIEW, &mut workspace, &mut |pixel| checksums.add(VIEW, pixel));
+    loop {
+        black_box((&drawn, &checksums));
+    }
+}
+
+#[cfg(target_arch = "arm")]
+#[cortex_m_rt::entry]
+fn main() -> ! {
+    static mut WORKSPACE: [Line; LINES] = [Line::UNINIT; LINES];
+    use picture::shade;
+
+    let mut console = board::Console::open();
+    #[cfg(feature = "panic")]
+    black_box(may_panic());
+    let mut checksums = Checksums::NONE;
+    // A row of colour and, beside it, of depth.
+    const SIDE: usize = VIEW.side as usize;
+    let (mut row, mut x) = ([b' '; 2 * SIDE + 3], 0);
+    let mut put = |pixel: &nerf_core::volume::Pixel| {
+        checksums.add(VIEW, pixel);
+        let [r, g, b] = pixel.rgb;
+        let near = if pixel.opacity > 0.5 { 1.45 - 0.25 * pixel.z_depth } else { 0.0 };
+        for (place, value) in [(x, 0.3 * r + 0.6 * g + 0.1 * b), (SIDE + 2 + x, near)] {
+            if let Some(character) = row.get_mut(place) {
+                *character = shade(value);
+            }
+        }
+        x += 1;
+        if x == SIDE {
+            x = 0;
+            if let Some(end) = row.last_mut() {
+                *end = b'\n';
+            }
+            console.write(&row);
+        }
+    };
+    board::start_clock();
+    let drawn = draw(black_box(SCENE), VIEW, WORKSPACE, &mut put);
+    let ticks = board::ticks();
+    match &drawn {
+        Ok(work) => {
+            console.bits("colour", checksums.colour.value());
+            console.bits("depth", checksums.depth.value());
+            console.number("samples", work.samples);
+            console.number("ticks", ticks.into());
+            console.number("workspace", work.workspace as u64);
+            console.number("stack", board::stack_used() as u64);
+        }
+        Err(why) => console.line("error:", why.as_bytes()),
+    }
+    board::exit(drawn.is_ok())
+}
+
+/// Does not exist: a build in which a panic can be reached does not link.
+#[panic_handler]
+fn panic(_: &PanicInfo<'_>) -> ! {
+    unsafe extern "C" {
+        safe fn nerf_panicked() -> !;
+    }
+    nerf_panicked()
+}

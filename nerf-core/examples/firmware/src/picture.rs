@@ -1,0 +1,133 @@
+//! The picture: one view of a scene, pixel by pixel in the order of reading, and what identifies it.
+//!
+//! `tests/tests/firmware.rs` includes this file and compares the host's picture with the microcontroller's.
+
+use nerf_core::blob::Blob;
+use nerf_core::camera::{Camera, Intrinsics, Pose};
+use nerf_core::effects::{Effects, Jitter, ThinLens, Tone, ToneMap};
+use nerf_core::kernels::{Line, Tier};
+use nerf_core::lens::Lens;
+use nerf_core::math::MathBackend;
+use nerf_core::plan::{Batch, Outputs, Plan, Quality};
+use nerf_core::render::{Rect, Renderer};
+use nerf_core::volume::Pixel;
+
+/// Camera-to-world: 3.2 from the origin, which is straight ahead, and +Z is up. `c/main.c` has the same.
+const C2W: [[f32; 4]; 3] = [
+    [0.661622, -0.315121, 0.680408, 2.176],
+    [0.749838, 0.278048, -0.60036, -1.92],
+    [0.0, 0.907407, 0.420252, 1.344],
+];
+
+/// What is drawn of a scene.
+#[derive(Clone, Copy, Debug)]
+pub struct View {
+    /// Pixels along each side.
+    pub side: u16,
+    /// [`MathBackend::tag`] of who computes the elementary functions.
+    pub math: u8,
+    /// Whether every effect and output is asked for.
+    pub effects: bool,
+}
+
+/// What a picture took.
+#[derive(Clone, Copy, Debug)]
+pub struct Work {
+    /// Samples the network was asked for.
+    pub samples: u64,
+    /// Bytes of workspace.
+    pub workspace: usize,
+}
+
+/// Draws the scene of `blob` and hands every pixel to `put`, row by row: one ray is in flight, and a sample is a
+/// block.
+///
+/// # Errors
+/// Which step refused. The sentence of `nerf-core`'s own error would take the formatting of numbers along.
+pub fn draw(
+    blob: &[u8],
+    view: View,
+    workspace: &mut [Line],
+    put: &mut impl FnMut(&Pixel),
+) -> Result<Work, &'static str> {
+    // Matched, not mapped: what is as large as these would lie on the stack twice.
+    let Ok(blob) = Blob::open(blob) else { return Err("the blob does not open") };
+    let (math, side) = (MathBackend::from_tag(view.math).ok_or("no such maths")?, f32::from(view.side));
+    let quality = Quality { math, ..Quality::default() };
+    let (mut outputs, mut effects, mut lens) = (Outputs::ALL, Effects::NONE, Lens::NONE);
+    if view.effects {
+        outputs = Outputs { median_distance: true, normals: true, ..outputs };
+        effects = Effects {
+            jitter: Some(Jitter { seed: 1 }),
+            anti_aliasing: 2,
+            depth_of_field: Some(ThinLens { aperture_radius: 0.02, focus_distance: 3.2 }),
+            tone: Tone { exposure: 0.5, map: ToneMap::Filmic, linear: false },
+        };
+        lens = Lens { k1: 0.02, k2: -0.01, p1: 0.001, p2: -0.002 };
+    }
+    let plan = Plan::new(&blob, &quality, outputs, Batch::SMALLEST).map_err(|_| "no plan")?;
+    let plan = plan.with_effects(effects).map_err(|_| "an effect is not built in")?;
+    let intrinsics = Intrinsics::centred(view.side.into(), view.side.into(), 1.3 * side);
+    let camera = Camera::new(intrinsics, lens, Pose::from_rows(C2W)).map_err(|_| "no camera")?;
+
+    let Ok(renderer) = Renderer::new(blob, Tier::Scalar, &mut []) else { return Err("no renderer") };
+    let lines = renderer.workspace_lines(&plan);
+    let mut put = |_: u32, _: u32, pixel: &Pixel| put(pixel);
+    let work = renderer.render(&plan, &camera, Rect::full(&camera), workspace, &mut put);
+    let work = work.map_err(|_| "the workspace is too small")?;
+    Ok(Work { samples: work.samples_kept, workspace: lines * size_of::<Line>() })
+}
+
+/// CRC-32 (ISO-HDLC) of 32-bit words, least significant byte first; without a table.
+#[derive(Clone, Copy, Debug)]
+pub struct Checksum(u32);
+
+impl Checksum {
+    /// Of nothing.
+    pub const NONE: Self = Self(!0);
+
+    /// Takes one more word.
+    pub fn add(&mut self, word: u32) {
+        self.0 ^= word;
+        for _ in 0..32 {
+            self.0 = self.0 >> 1 ^ if self.0 & 1 == 1 { 0xedb8_8320 } else { 0 };
+        }
+    }
+
+    /// Of everything so far.
+    pub fn value(self) -> u32 {
+        !self.0
+    }
+}
+
+/// The checksums of a picture: every bit of colour, and of everything else that was asked for.
+#[derive(Clone, Copy, Debug)]
+pub struct Checksums {
+    /// Of `rgb`.
+    pub colour: Checksum,
+    /// Of `z_depth`; with effects of `median_distance` and `normal`, too.
+    pub depth: Checksum,
+}
+
+impl Checksums {
+    /// Of no pixel.
+    pub const NONE: Self = Self { colour: Checksum::NONE, depth: Checksum::NONE };
+
+    /// Takes one more pixel.
+    pub fn add(&mut self, view: View, pixel: &Pixel) {
+        pixel.rgb.into_iter().for_each(|c| self.colour.add(c.to_bits()));
+        self.depth.add(pixel.z_depth.to_bits());
+        if view.effects {
+            let [x, y, z] = pixel.normal;
+            [pixel.median_distance, x, y, z].into_iter().for_each(|value| self.depth.add(value.to_bits()));
+        }
+    }
+}
+
+/// A character as dark as `value` in 0 to 1 is small.
+pub fn shade(value: f32) -> u8 {
+    const RAMP: &[u8] = b" .:-=+*#%@";
+    // `as` saturates, and takes NaN to 0.
+    let step = (value * RAMP.len() as f32) as usize;
+    RAMP.get(step).or(RAMP.last()).copied().unwrap_or(b' ')
+}

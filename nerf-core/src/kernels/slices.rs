@@ -1,0 +1,64 @@
+//! Slicing without a panic: what the stages between the kernels are cut with.
+//!
+//! A length that does not fit is a defect. Builds with debug assertions stop there; in others the slice is as
+//! long as there is memory, so that a microcontroller's build has no panic, and no code for one.
+
+/// The first `n` values.
+#[inline(always)]
+pub fn head<T>(all: &[T], n: usize) -> &[T] {
+    debug_assert!(n <= all.len(), "expected {n} values, found {}", all.len());
+    all.get(..n).unwrap_or(all)
+}
+
+/// The first `n` values.
+#[inline(always)]
+pub fn head_mut<T>(all: &mut [T], n: usize) -> &mut [T] {
+    let found = all.len();
+    debug_assert!(n <= found, "expected {n} values, found {found}");
+    &mut all[..n.min(found)]
+}
+
+/// What is left behind the first `n` values.
+#[inline(always)]
+pub fn tail<T>(all: &[T], n: usize) -> &[T] {
+    debug_assert!(n <= all.len(), "expected {n} values, found {}", all.len());
+    all.get(n..).unwrap_or_default()
+}
+
+/// What is left behind the first `n` values.
+#[inline(always)]
+pub fn tail_mut<T>(all: &mut [T], n: usize) -> &mut [T] {
+    debug_assert!(n <= all.len(), "expected {n} values, found {}", all.len());
+    all.get_mut(n..).unwrap_or_default()
+}
+
+/// Column `column` of a block of `N` rows, `[N][stride]`.
+#[inline]
+pub fn column<const N: usize>(block: &[f32], stride: usize, column: usize) -> [f32; N] {
+    debug_assert!((N - 1) * stride + column < block.len(), "column {column} of {stride}");
+    core::array::from_fn(|row| block.get(row * stride + column).copied().unwrap_or_default())
+}
+
+/// Writes `values` into column `column` of a block of `N` rows, `[N][stride]`.
+#[inline]
+pub fn put_column<const N: usize>(block: &mut [f32], stride: usize, column: usize, values: [f32; N]) {
+    for (row, value) in values.into_iter().enumerate() {
+        put(block, row * stride + column, value);
+    }
+}
+
+/// Value `i`.
+#[inline(always)]
+pub fn at<T: Copy + Default>(all: &[T], i: usize) -> T {
+    debug_assert!(i < all.len(), "expected more than {i} values, found {}", all.len());
+    all.get(i).copied().unwrap_or_default()
+}
+
+/// Writes value `i`.
+#[inline(always)]
+pub fn put<T>(all: &mut [T], i: usize, value: T) {
+    debug_assert!(i < all.len(), "expected more than {i} values, found {}", all.len());
+    if let Some(place) = all.get_mut(i) {
+        *place = value;
+    }
+}
