@@ -5,6 +5,7 @@
  *
  * - Every call that can fail returns a nerf_status, NERF_STATUS_OK = 0, and never aborts or throws.
  * - The library owns nothing and allocates nothing: ask for sizes, lend memory, just let go of it.
+ *   (nerf_scene_open_file is the exception, for hosts with a heap.)
  * - Structures begin with struct_size: set it to sizeof, everything unused to zero.
  * - Scalars and handles are written on success only, pictures only in whole tiles.
  * - A scene never changes: threads may use it at the same time, each with its own workspace.
@@ -160,6 +161,14 @@ enum nerf_status
      */
     NERF_STATUS_NO_FRONT = 19,
     /**
+     * The file cannot be read.
+     */
+    NERF_STATUS_FILE = 20,
+    /**
+     * The system has no memory left for what the library was asked to own.
+     */
+    NERF_STATUS_OUT_OF_MEMORY = 21,
+    /**
      * The bytes do not begin as a blob does.
      */
     NERF_STATUS_BLOB_MAGIC = 32,
@@ -212,7 +221,7 @@ enum nerf_kernel
  {
     /**
      * The fastest of this machine that computes in f32, or the one named by the environment variable
-     * `NERF_KERNEL` ("scalar", "avx2", "avx512", "avx512bf16") where the library was built with std.
+     * `NERF_KERNEL` ("scalar", "avx2", "avx512", "avx512bf16", "simd128") where the library was built with std.
      */
     NERF_KERNEL_AUTO = 0,
     /**
@@ -232,6 +241,10 @@ enum nerf_kernel
      * itself.
      */
     NERF_KERNEL_AVX512_BF16 = 4,
+    /**
+     * WebAssembly SIMD: the scalar tier's bits, faster; there in a library built with `simd128`.
+     */
+    NERF_KERNEL_SIMD128 = 5,
 };
 #ifndef __cplusplus
 #if __STDC_VERSION__ >= 202311L
@@ -414,7 +427,8 @@ typedef uint32_t nerf_tone_map;
  * An opened scene: lies at the beginning of the memory it was opened in and borrows the blob.
  *
  * It owns nothing and never changes: threads may use it at the same time, and there is nothing to
- * close. It ends where the caller reuses its memory or the blob's.
+ * close. It ends where the caller reuses its memory or the blob's. (One from `nerf_scene_open_file` lies in
+ * memory of the library's own and ends with `nerf_scene_close`.)
  */
 typedef struct nerf_scene nerf_scene;
 
@@ -585,6 +599,67 @@ typedef struct nerf_scene_info {
 } nerf_scene_info;
 
 /**
+ * A pinhole camera with an optional lens; looks down −Z, +Y is up, +X right, as in OpenGL.
+ *
+ * Pixel (0, 0) is top left and its centre is at (0.5, 0.5).
+ */
+typedef struct nerf_camera {
+    /**
+     * `sizeof(nerf_camera)`.
+     */
+    size_t struct_size;
+    /**
+     * Image width, pixels.
+     */
+    uint32_t width;
+    /**
+     * Image height, pixels.
+     */
+    uint32_t height;
+    /**
+     * Focal length along x, pixels.
+     */
+    float fx;
+    /**
+     * Focal length along y, pixels.
+     */
+    float fy;
+    /**
+     * Principal point, pixels from the left edge; usually width / 2.
+     */
+    float cx;
+    /**
+     * Principal point, pixels from the top edge; usually height / 2.
+     */
+    float cy;
+    /**
+     * Radial distortion, second order, as in OpenCV; 0 for none.
+     */
+    float k1;
+    /**
+     * Radial distortion, fourth order.
+     */
+    float k2;
+    /**
+     * Tangential distortion.
+     */
+    float p1;
+    /**
+     * Tangential distortion.
+     */
+    float p2;
+    /**
+     * Camera-to-world, the upper three rows of the 4x4 matrix, row-major: a rotation (columns
+     * right, up, backward) and in `c2w[3]`, `c2w[7]`, `c2w[11]` the camera's centre.
+     */
+    float c2w[12];
+    /**
+     * Zeros.
+     */
+    uint32_t reserved[6];
+} nerf_camera;
+
+/**
  * What a frame does beyond one ray through each pixel's centre. All zeros is nothing, and costs nothing.
  *
  * An effect that this build of the library lacks is `NERF_STATUS_OPTIONS`.
@@ -700,67 +775,6 @@ typedef struct nerf_render_options {
      */
     struct nerf_effects effects;
 } nerf_render_options;
-
-/**
- * A pinhole camera with an optional lens; looks down −Z, +Y is up, +X right, as in OpenGL.
- *
- * Pixel (0, 0) is top left and its centre is at (0.5, 0.5).
- */
-typedef struct nerf_camera {
-    /**
-     * `sizeof(nerf_camera)`.
-     */
-    size_t struct_size;
-    /**
-     * Image width, pixels.
-     */
-    uint32_t width;
-    /**
-     * Image height, pixels.
-     */
-    uint32_t height;
-    /**
-     * Focal length along x, pixels.
-     */
-    float fx;
-    /**
-     * Focal length along y, pixels.
-     */
-    float fy;
-    /**
-     * Principal point, pixels from the left edge; usually width / 2.
-     */
-    float cx;
-    /**
-     * Principal point, pixels from the top edge; usually height / 2.
-     */
-    float cy;
-    /**
-     * Radial distortion, second order, as in OpenCV; 0 for none.
-     */
-    float k1;
-    /**
-     * Radial distortion, fourth order.
-     */
-    float k2;
-    /**
-     * Tangential distortion.
-     */
-    float p1;
-    /**
-     * Tangential distortion.
-     */
-    float p2;
-    /**
-     * Camera-to-world, the upper three rows of the 4x4 matrix, row-major: a rotation (columns
-     * right, up, backward) and in `c2w[3]`, `c2w[7]`, `c2w[11]` the camera's centre.
-     */
-    float c2w[12];
-    /**
-     * Zeros.
-     */
-    uint32_t reserved[6];
-} nerf_camera;
 
 /**
  * Pixels of an image, `x..x + width`, `y..y + height`.
@@ -910,6 +924,26 @@ typedef struct nerf_counters {
 } nerf_counters;
 
 /**
+ * Microseconds since any moment, never falling.
+ */
+typedef uint64_t (*nerf_clock)(void *user);
+
+/**
+ * What a frame takes at each point of a scene's front, on one thread of this host.
+ */
+typedef struct nerf_pace {
+    /**
+     * `sizeof(nerf_pace)`, set by the caller.
+     */
+    size_t struct_size;
+    /**
+     * Milliseconds, in the front's order; infinity where nothing was measured. A host that renders tiles on
+     * n threads divides by n.
+     */
+    float milliseconds[16];
+} nerf_pace;
+
+/**
  * What a scene's front offers for a wish.
  */
 typedef struct nerf_choice {
@@ -934,26 +968,6 @@ typedef struct nerf_choice {
      */
     uint32_t within;
 } nerf_choice;
-
-/**
- * What a frame takes at each point of a scene's front, on one thread of this host.
- */
-typedef struct nerf_pace {
-    /**
-     * `sizeof(nerf_pace)`, set by the caller.
-     */
-    size_t struct_size;
-    /**
-     * Milliseconds, in the front's order; infinity where nothing was measured. A host that renders tiles on
-     * n threads divides by n.
-     */
-    float milliseconds[16];
-} nerf_pace;
-
-/**
- * Microseconds since any moment, never falling.
- */
-typedef uint64_t (*nerf_clock)(void *user);
 
 
 
@@ -1015,6 +1029,32 @@ nerf_status nerf_scene_open(const void *blob,
                             size_t message_capacity);
 
 /**
+ * Opens a scene from a file, in memory of the library's own: `nerf_scene_close` frees it.
+ *
+ * For hosts with a heap; only in a library built with `std`. `path`: UTF-8 on Windows, the system's bytes
+ * elsewhere, NUL-terminated. `options`: NULL for all zeros. `scene` receives the handle on success only;
+ * nothing is left behind otherwise. `message`: as in `nerf_scene_memory`, with the path in front.
+ *
+ * # Safety
+ * Pointers are NULL or point to what is described here.
+ */
+nerf_status nerf_scene_open_file(const char *path,
+                                 const struct nerf_open_options *options,
+                                 const struct nerf_scene **scene,
+                                 char *message,
+                                 size_t message_capacity);
+
+/**
+ * Frees a scene that `nerf_scene_open_file` opened; NULL, and a scene in the caller's memory, are left alone.
+ *
+ * Only in a library built with `std`.
+ *
+ * # Safety
+ * `scene` is NULL or an intact handle that no thread uses now or later.
+ */
+void nerf_scene_close(const struct nerf_scene *scene);
+
+/**
  * Says what a scene is: where to put a camera, what it costs, where it comes from.
  *
  * `info`: `struct_size` set by the caller, the rest is written on success; fields that a newer
@@ -1026,6 +1066,44 @@ nerf_status nerf_scene_open(const void *blob,
  */
 nerf_status nerf_scene_describe(const struct nerf_scene *scene,
                                 struct nerf_scene_info *info);
+
+/**
+ * Turns a camera so that it stands at `eye` and looks at `target`, with `up` upwards in its image.
+ *
+ * `camera`: `struct_size` set by the caller; its `c2w` is written, on success only, the rest stays. `eye`,
+ * `target`, `up`: three floats each, world units; `up` of any length. Where `eye` is `target`, or `up` points along
+ * the view, there is no such camera: `NERF_STATUS_CAMERA`. `message`: NULL, or `message_capacity` bytes for a
+ * sentence about what was expected and found; empty on success.
+ *
+ * # Safety
+ * Pointers are NULL or point to what is described here.
+ */
+nerf_status nerf_camera_look_at(struct nerf_camera *camera,
+                                const float *eye,
+                                const float *target,
+                                const float *up,
+                                char *message,
+                                size_t message_capacity);
+
+/**
+ * The ray through an image point: what is seen there, and where to ask `nerf_query`.
+ *
+ * `x`, `y`: pixels from the left and the top, fractions too; a pixel's centre is at + 0.5. `origin`, `dir`: three
+ * floats each, world space, `dir` of unit length, the lens taken into account. `z_per_distance`: NULL, or one
+ * float: how much `z_depth` one unit of `ray_distance` is along this ray. Written on success only. `message`: as in
+ * `nerf_camera_look_at`.
+ *
+ * # Safety
+ * Pointers are NULL or point to what is described here.
+ */
+nerf_status nerf_camera_ray(const struct nerf_camera *camera,
+                            float x,
+                            float y,
+                            float *origin,
+                            float *dir,
+                            float *z_per_distance,
+                            char *message,
+                            size_t message_capacity);
 
 /**
  * Says how much workspace one `nerf_render` or `nerf_query` call needs, and at which alignment.
@@ -1152,6 +1230,51 @@ nerf_status nerf_query(const struct nerf_scene *scene,
                        size_t message_capacity);
 
 /**
+ * Says how much workspace `nerf_pace_measure` needs, and at which alignment.
+ *
+ * `options`, `outputs`, `size`, `align` and `message` as in `nerf_workspace_size`.
+ *
+ * # Safety
+ * Pointers are NULL or point to what is described there; `scene` is intact.
+ */
+nerf_status nerf_pace_workspace_size(const struct nerf_scene *scene,
+                                     const struct nerf_render_options *options,
+                                     uint32_t outputs,
+                                     size_t *size,
+                                     size_t *align,
+                                     char *message,
+                                     size_t message_capacity);
+
+/**
+ * Measures what a frame takes on this thread at each point of the scene's front.
+ *
+ * Renders about 2,048 pixels over the whole view at each point, cheapest first, and stops behind the first whose
+ * frame would take more than `limit_milliseconds`; dearer ones stay at infinity. Measure on an idle host.
+ *
+ * `options`: what `nerf_render` will get; its shortcuts do not matter. `outputs`: `NERF_OUTPUT_*` of the
+ * planes that will not be NULL. `clock`: called with `user`, must not touch the workspace; NULL for the
+ * library's own, which a build without std has not. `workspace`: of the size and alignment that `nerf_pace_workspace_size` says, apart
+ * from scene and blob. `pace`: `struct_size` set by the caller; written on success. A scene without a front
+ * is `NERF_STATUS_NO_FRONT`. `message`: NULL, or `message_capacity` bytes for a sentence about what was
+ * expected and found; empty on success.
+ *
+ * # Safety
+ * Pointers are NULL or point to what is described here; `scene` is intact.
+ */
+nerf_status nerf_pace_measure(const struct nerf_scene *scene,
+                              const struct nerf_camera *camera,
+                              const struct nerf_render_options *options,
+                              uint32_t outputs,
+                              float limit_milliseconds,
+                              nerf_clock clock,
+                              void *user,
+                              void *workspace,
+                              size_t workspace_size,
+                              struct nerf_pace *pace,
+                              char *message,
+                              size_t message_capacity);
+
+/**
  * Sets the cheapest settings that lose at most `loss_db` against the exact rendering.
  *
  * `options`: `struct_size` set by the caller; its shortcuts (samples, cuts, grid, maths, proposal) are
@@ -1206,6 +1329,23 @@ nerf_status nerf_quality_within_time(const struct nerf_scene *scene,
                                      size_t message_capacity);
 
 /**
+ * Sets the settings of one point of the scene's front, of which `nerf_scene_info` says how many there are.
+ *
+ * `point`: from 0, dearest first. For hosts that show the whole trade or choose by rules of their own. A point
+ * that does not exist is `NERF_STATUS_OPTIONS`, one that this build cannot render `NERF_STATUS_NO_FRONT`. The
+ * rest as in `nerf_quality_within_loss`; `choice->within` is 1.
+ *
+ * # Safety
+ * Pointers are NULL or point to what is described there; `scene` is intact.
+ */
+nerf_status nerf_quality_point(const struct nerf_scene *scene,
+                               uint32_t point,
+                               struct nerf_render_options *options,
+                               struct nerf_choice *choice,
+                               char *message,
+                               size_t message_capacity);
+
+/**
  * Sets the settings of a `nerf_preset`, which lose no more than it says.
  *
  * Of a scene without a front nothing is known: `NERF_PRESET_EXACT` is every sample inside the scene box, every
@@ -1219,51 +1359,6 @@ nerf_status nerf_quality_preset(const struct nerf_scene *scene,
                                 struct nerf_render_options *options,
                                 char *message,
                                 size_t message_capacity);
-
-/**
- * Says how much workspace `nerf_pace_measure` needs, and at which alignment.
- *
- * `options`, `outputs`, `size`, `align` and `message` as in `nerf_workspace_size`.
- *
- * # Safety
- * Pointers are NULL or point to what is described there; `scene` is intact.
- */
-nerf_status nerf_pace_workspace_size(const struct nerf_scene *scene,
-                                     const struct nerf_render_options *options,
-                                     uint32_t outputs,
-                                     size_t *size,
-                                     size_t *align,
-                                     char *message,
-                                     size_t message_capacity);
-
-/**
- * Measures what a frame takes on this thread at each point of the scene's front.
- *
- * Renders about 2,048 pixels over the whole view at each point, cheapest first, and stops behind the first whose
- * frame would take more than `limit_milliseconds`; dearer ones stay at infinity. Measure on an idle host.
- *
- * `options`: what `nerf_render` will get; its shortcuts do not matter. `outputs`: `NERF_OUTPUT_*` of the
- * planes that will not be NULL. `clock`: called with `user`, must not touch the workspace; NULL for the library's own, which a build
- * without std has not. `workspace`: of the size and alignment that `nerf_pace_workspace_size` says, apart
- * from scene and blob. `pace`: `struct_size` set by the caller; written on success. A scene without a front
- * is `NERF_STATUS_NO_FRONT`. `message`: NULL, or `message_capacity` bytes for a sentence about what was
- * expected and found; empty on success.
- *
- * # Safety
- * Pointers are NULL or point to what is described here; `scene` is intact.
- */
-nerf_status nerf_pace_measure(const struct nerf_scene *scene,
-                              const struct nerf_camera *camera,
-                              const struct nerf_render_options *options,
-                              uint32_t outputs,
-                              float limit_milliseconds,
-                              nerf_clock clock,
-                              void *user,
-                              void *workspace,
-                              size_t workspace_size,
-                              struct nerf_pace *pace,
-                              char *message,
-                              size_t message_capacity);
 
 /**
  * Says in English which stages a frame has, which not, and why; with counters, where its work went.

@@ -32,7 +32,7 @@ impl Message {
     pub const NONE: Self = Self { text: core::ptr::null_mut(), capacity: 0 };
 
     /// Writes the text, cut at the capacity, always with a NUL at its end.
-    fn write(&self, text: Option<&Failure>) {
+    fn write(&self, text: Option<&impl Reason>) {
         if self.text.is_null() || self.capacity == 0 {
             return;
         }
@@ -67,18 +67,39 @@ impl Write for Writer<'_> {
     }
 }
 
+/// Why a call failed: a sentence and a status.
+pub(crate) trait Reason: fmt::Display {
+    /// A defect of this library.
+    #[cfg(feature = "std")]
+    fn panic() -> Self;
+    fn status(&self) -> Status;
+    /// Writes the sentence, or in a build without the feature `messages` the status' text.
+    fn say(&self, to: &mut impl Write) -> fmt::Result {
+        if cfg!(feature = "messages") {
+            write!(to, "{self}")
+        } else {
+            to.write_str(self.status().text().to_str().unwrap_or_default())
+        }
+    }
+}
+
 /// Runs the body of a call: its failure becomes status and message, its panic a status.
 pub(crate) fn call(message: Message, body: impl FnOnce() -> Result<(), Failure>) -> Status {
+    call_with_reason(message, body)
+}
+
+/// The same for a call that has more to say than a [`Failure`].
+pub(crate) fn call_with_reason<R: Reason>(message: Message, body: impl FnOnce() -> Result<(), R>) -> Status {
     #[cfg(feature = "std")]
     let result = std::panic::catch_unwind(std::panic::AssertUnwindSafe(body)).unwrap_or_else(|payload| {
         // A payload's own drop may panic, too; it is small, so that it is left behind.
         core::mem::forget(payload);
-        Err(Failure::Panic)
+        Err(R::panic())
     });
     #[cfg(not(feature = "std"))]
     let result = body();
     message.write(result.as_ref().err());
-    result.err().map_or(Status::Ok, |failure| failure.status())
+    result.err().map_or(Status::Ok, |reason| reason.status())
 }
 
 /// Checks pointer and size of a versioned structure and returns its size.

@@ -1,7 +1,11 @@
 //! Where a picture is taken from.
 
-use crate::boundary::{Versioned, read_versioned};
+use crate::boundary::{Message, Out, Versioned, call, check_out, read_versioned};
 use crate::failure::Failure;
+use crate::span::Span;
+use crate::status::Status;
+use core::ffi::c_char;
+use glam::Vec3;
 use nerf_core::camera::{self, Intrinsics, Pose};
 use nerf_core::lens::Lens;
 
@@ -62,4 +66,90 @@ impl Camera {
         let intrinsics = Intrinsics { width, height, fx, fy, cx, cy };
         camera::Camera::new(intrinsics, Lens { k1, k2, p1, p2 }, pose).map_err(Failure::Camera)
     }
+}
+
+/// Three numbers behind a pointer.
+///
+/// # Safety
+/// `at` is NULL or points to three floats.
+unsafe fn read_vec3(name: &'static str, at: *const f32) -> Result<Vec3, Failure> {
+    Span::of(name, at, 3)?;
+    // SAFETY: not NULL, aligned, and readable by the caller's promise.
+    Ok(Vec3::from_array(unsafe { at.cast::<[f32; 3]>().read() }))
+}
+
+/// Turns a camera so that it stands at `eye` and looks at `target`, with `up` upwards in its image.
+///
+/// `camera`: `struct_size` set by the caller; its `c2w` is written, on success only, the rest stays. `eye`,
+/// `target`, `up`: three floats each, world units; `up` of any length. Where `eye` is `target`, or `up` points along
+/// the view, there is no such camera: `NERF_STATUS_CAMERA`. `message`: NULL, or `message_capacity` bytes for a
+/// sentence about what was expected and found; empty on success.
+///
+/// # Safety
+/// Pointers are NULL or point to what is described here.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn nerf_camera_look_at(
+    camera: *mut Camera,
+    eye: *const f32,
+    target: *const f32,
+    up: *const f32,
+    message: *mut c_char,
+    message_capacity: usize,
+) -> Status {
+    call(Message { text: message, capacity: message_capacity }, || {
+        // SAFETY: the caller's promise.
+        let (mut turned, place) = unsafe { (read_versioned(camera.cast_const())?, Out::new(camera)?) };
+        // SAFETY: the caller's promise.
+        let [eye, target, up] =
+            unsafe { [read_vec3("eye", eye)?, read_vec3("target", target)?, read_vec3("up", up)?] };
+        let rows = Pose::look_at(eye, target, up).ok_or(Failure::NoView)?.to_rows();
+        turned.c2w = core::array::from_fn(|k| rows[k / 4][k % 4]);
+        place.write(turned);
+        Ok(())
+    })
+}
+
+/// The ray through an image point: what is seen there, and where to ask `nerf_query`.
+///
+/// `x`, `y`: pixels from the left and the top, fractions too; a pixel's centre is at + 0.5. `origin`, `dir`: three
+/// floats each, world space, `dir` of unit length, the lens taken into account. `z_per_distance`: NULL, or one
+/// float: how much `z_depth` one unit of `ray_distance` is along this ray. Written on success only. `message`: as in
+/// `nerf_camera_look_at`.
+///
+/// # Safety
+/// Pointers are NULL or point to what is described here.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn nerf_camera_ray(
+    camera: *const Camera,
+    x: f32,
+    y: f32,
+    origin: *mut f32,
+    dir: *mut f32,
+    z_per_distance: *mut f32,
+    message: *mut c_char,
+    message_capacity: usize,
+) -> Status {
+    call(Message { text: message, capacity: message_capacity }, || {
+        // SAFETY: the caller's promise.
+        let camera = unsafe { Camera::read(camera)? };
+        check_out("origin", origin)?;
+        check_out("dir", dir)?;
+        if !z_per_distance.is_null() {
+            check_out("z_per_distance", z_per_distance)?;
+        }
+        let ray = camera.ray(x, y);
+        if !ray.dir.is_finite() {
+            return Err(Failure::NoRay);
+        }
+        // SAFETY: checked above, and writable by the caller's promise.
+        unsafe {
+            origin.cast::<[f32; 3]>().write(ray.origin.to_array());
+            dir.cast::<[f32; 3]>().write(ray.dir.to_array());
+        }
+        if !z_per_distance.is_null() {
+            // SAFETY: as above.
+            unsafe { z_per_distance.write(camera.z_per_distance(&ray)) };
+        }
+        Ok(())
+    })
 }

@@ -1,5 +1,6 @@
 //! Why a call failed: a status for programs, a sentence for people.
 
+use crate::boundary::Reason;
 use crate::status::Status;
 use core::fmt;
 use nerf_core::blob::BlobError;
@@ -61,6 +62,10 @@ pub(crate) enum Failure {
     Direction {
         index: usize,
     },
+    /// An eye, a target and an up that make no camera.
+    NoView,
+    /// An image point without a direction.
+    NoRay,
     Cancelled,
     #[cfg(feature = "std")]
     Panic,
@@ -82,17 +87,21 @@ impl Failure {
             other => Self::Render(other),
         }
     }
+}
 
-    /// Writes the sentence, or in a build without the feature `messages` the status' text.
-    pub fn say(&self, to: &mut impl fmt::Write) -> fmt::Result {
-        if cfg!(feature = "messages") {
-            write!(to, "{self}")
-        } else {
-            to.write_str(self.status().text().to_str().unwrap_or_default())
-        }
+impl From<BlobError> for Failure {
+    fn from(error: BlobError) -> Self {
+        Self::Blob(error)
+    }
+}
+
+impl Reason for Failure {
+    #[cfg(feature = "std")]
+    fn panic() -> Self {
+        Self::Panic
     }
 
-    pub fn status(&self) -> Status {
+    fn status(&self) -> Status {
         match self {
             Self::Null(_) => Status::NullPointer,
             Self::StructSize { .. } => Status::StructSize,
@@ -125,7 +134,7 @@ impl Failure {
                 BlobError::Checksum { .. } => Status::BlobChecksum,
                 _ => Status::BlobContent,
             },
-            Self::Camera(_) => Status::Camera,
+            Self::Camera(_) | Self::NoView | Self::NoRay => Status::Camera,
             Self::Plan(PlanError::NotAScene) => Status::NotAScene,
             Self::Plan(PlanError::GridRequired) => Status::GridRequired,
             Self::Plan(_) => Status::Options,
@@ -161,7 +170,10 @@ impl fmt::Display for Failure {
             Self::Kernel(name) => write!(f, "kernel tier {name}: not on this machine"),
             #[cfg(feature = "std")]
             Self::KernelVariable => {
-                write!(f, "environment variable NERF_KERNEL: expected scalar, avx2, avx512 or avx512bf16")
+                write!(
+                    f,
+                    "environment variable NERF_KERNEL: expected scalar, avx2, avx512, avx512bf16 or simd128"
+                )
             }
             Self::Stride { name, expected, found } => {
                 write!(f, "{name}: expected a stride of at least {expected} bytes, found {found}")
@@ -186,6 +198,14 @@ impl fmt::Display for Failure {
                 )
             }
             Self::Direction { index } => write!(f, "dirs[{index}]: expected a vector of unit length"),
+            Self::NoView => write!(
+                f,
+                "eye, target, up: expected finite numbers, an eye apart from the target and an up that is not along \
+                 the view, found otherwise"
+            ),
+            Self::NoRay => {
+                write!(f, "x, y: expected an image point that the lens maps to a direction, found none")
+            }
             Self::Cancelled => write!(f, "cancelled by the progress callback"),
             #[cfg(feature = "std")]
             Self::Panic => write!(f, "a defect of this library: please report it"),

@@ -2,18 +2,18 @@
 //!
 //! One file per C type, in the order a host meets them. The contract is prose, in this crate's
 //! README; `include/nerf_render.h` is generated from these files. Nothing here allocates, and
-//! nothing is owned: scene and workspace lie in memory of the caller.
+//! nothing is owned: scene and workspace lie in memory of the caller. The one exception has a room
+//! of its own, `scene_file.rs`, and needs the feature `std`.
 #![cfg_attr(not(feature = "std"), no_std)]
 #![allow(unsafe_code, reason = "this crate is the boundary: it turns C's pointers into slices")]
 
 mod boundary;
 mod failure;
+#[cfg(all(feature = "panic-handler", not(feature = "std")))]
+mod panic_handler;
 mod span;
 mod tile_pixels;
 mod tiles;
-
-#[cfg(all(feature = "no-panic", target_os = "none"))]
-mod no_panic;
 
 // What follows is the header's order, which is the order of use.
 mod version;
@@ -23,6 +23,9 @@ mod status;
 mod open_options;
 
 mod scene;
+
+#[cfg(feature = "std")]
+mod scene_file;
 
 mod scene_info;
 
@@ -48,20 +51,23 @@ mod render_picture;
 
 mod query;
 
+mod pace;
+
 mod quality;
 
 mod explain;
 
-pub use camera::Camera;
+pub use camera::{Camera, nerf_camera_look_at, nerf_camera_ray};
 pub use counters::Counters;
 pub use effects::{Effects, ToneMap};
 pub use explain::nerf_explain;
 pub use open_options::{Kernel, OpenOptions};
+pub use pace::{Clock, Pace, nerf_pace_measure, nerf_pace_workspace_size};
 pub use pixel::PixelFormat;
 pub use progress::Progress;
 pub use quality::{
-    Choice, Clock, Pace, Preset, nerf_pace_measure, nerf_pace_workspace_size, nerf_quality_preset,
-    nerf_quality_within_cost, nerf_quality_within_loss, nerf_quality_within_time,
+    Choice, Preset, nerf_quality_point, nerf_quality_preset, nerf_quality_within_cost,
+    nerf_quality_within_loss, nerf_quality_within_time,
 };
 pub use query::nerf_query;
 pub use render::{Rect, nerf_render};
@@ -70,6 +76,8 @@ pub use render_options::{
 };
 pub use render_picture::{nerf_picture_workspace_size, nerf_render_picture};
 pub use scene::{Scene, nerf_scene_memory, nerf_scene_open};
+#[cfg(feature = "std")]
+pub use scene_file::{nerf_scene_close, nerf_scene_open_file};
 pub use scene_info::{Kind, SceneInfo, Text, nerf_scene_describe};
 pub use status::{Status, nerf_status_text};
 pub use target::{Plane, Target};

@@ -13,12 +13,15 @@ use nerf_core::render::Renderer;
 /// An opened scene: lies at the beginning of the memory it was opened in and borrows the blob.
 ///
 /// It owns nothing and never changes: threads may use it at the same time, and there is nothing to
-/// close. It ends where the caller reuses its memory or the blob's.
+/// close. It ends where the caller reuses its memory or the blob's. (One from `nerf_scene_open_file` lies in
+/// memory of the library's own and ends with `nerf_scene_close`.)
 #[repr(align(64))]
 pub struct Scene {
     renderer: Renderer<'static>,
     blob: Span,
     memory: Span,
+    #[cfg(feature = "std")]
+    pub(crate) owned: Option<crate::scene_file::Owned>,
 }
 
 /// Threads share a scene without a lock.
@@ -53,7 +56,7 @@ impl Scene {
 }
 
 /// Lines of memory a scene takes.
-fn memory_lines(blob: &Blob<'_>, tier: Tier) -> usize {
+pub(crate) fn memory_lines(blob: &Blob<'_>, tier: Tier) -> usize {
     lines_for::<Scene>(1) + Renderer::prepared_lines(blob, tier)
 }
 
@@ -128,29 +131,51 @@ pub unsafe extern "C" fn nerf_scene_open(
         check_out("scene", scene)?;
         // SAFETY: the caller's promise.
         let tier = unsafe { read_tier(options)? };
-        let blob_span = Span::of("blob", blob.cast::<u8>(), blob_size)?;
+        Span::of("blob", blob.cast::<u8>(), blob_size)?;
         Span::of("memory", memory.cast::<Line>().cast_const(), 0)?;
-        let memory_span = Span::new("memory", memory, memory_size)?;
-        memory_span.check_apart("memory", blob_span, "the blob")?;
-        // SAFETY: the caller's promise, which lasts as long as the scene is used.
-        let blob = unsafe { open_blob::<'static>(blob, blob_size)? };
-        let lines = memory_lines(&blob, tier);
-        let found = memory_size / size_of::<Line>();
-        if found < lines {
-            let expected = lines.saturating_mul(size_of::<Line>());
-            return Err(Failure::Memory { name: "memory", expected, found: memory_size });
-        }
-        let own = lines_for::<Scene>(1);
-        let memory = memory.cast::<Line>();
-        // SAFETY: aligned, `lines` long, apart from the blob and the caller's to lend as long as the
-        // scene is used; a line holds any bytes.
-        let prepared = unsafe { core::slice::from_raw_parts_mut(memory.add(own), lines - own) };
-        let renderer = Renderer::new(blob, tier, prepared).map_err(Failure::Render)?;
-        let handle = memory.cast::<Scene>();
-        // SAFETY: the first `own` lines hold a scene, are aligned for it, and are not in `prepared`.
-        unsafe { handle.write(Scene { renderer, blob: blob_span, memory: memory_span }) };
+        let bytes = core::ptr::slice_from_raw_parts(blob.cast::<u8>(), blob_size);
+        // SAFETY: not NULL, aligned, no longer than a slice may be, and lent by the caller's promise.
+        let handle = unsafe { open_in(bytes, memory, memory_size, tier)? };
         // SAFETY: checked above, and writable by the caller's promise.
         unsafe { scene.write(handle) };
         Ok(())
     })
+}
+
+/// Opens a scene at the beginning of `memory`.
+///
+/// # Safety
+/// `blob` and the `memory_size` bytes at `memory`, which is aligned for a line, are apart from each other and the
+/// caller's to lend for as long as the scene is used.
+pub(crate) unsafe fn open_in(
+    blob: *const [u8],
+    memory: *mut c_void,
+    memory_size: usize,
+    tier: Tier,
+) -> Result<*mut Scene, Failure> {
+    let blob_span = Span::new("blob", blob.cast(), blob.len())?;
+    let memory_span = Span::new("memory", memory, memory_size)?;
+    memory_span.check_apart("memory", blob_span, "the blob")?;
+    // SAFETY: the caller's promise.
+    let blob = Blob::open(unsafe { &*blob })?;
+    let lines = memory_lines(&blob, tier);
+    if memory_size / size_of::<Line>() < lines {
+        let expected = lines.saturating_mul(size_of::<Line>());
+        return Err(Failure::Memory { name: "memory", expected, found: memory_size });
+    }
+    let (own, memory) = (lines_for::<Scene>(1), memory.cast::<Line>());
+    // SAFETY: aligned, `lines` long, apart from the blob and lent; a line holds any bytes.
+    let prepared = unsafe { core::slice::from_raw_parts_mut(memory.add(own), lines - own) };
+    let renderer = Renderer::new(blob, tier, prepared).map_err(Failure::Render)?;
+    let handle = memory.cast::<Scene>();
+    let scene = Scene {
+        renderer,
+        blob: blob_span,
+        memory: memory_span,
+        #[cfg(feature = "std")]
+        owned: None,
+    };
+    // SAFETY: the first `own` lines hold a scene, are aligned for it, and are not in `prepared`.
+    unsafe { handle.write(scene) };
+    Ok(handle)
 }

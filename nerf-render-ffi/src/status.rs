@@ -46,6 +46,10 @@ pub enum Status {
     NotAPicture = 18,
     /// The scene has no front of accuracy against work: `nerf-train study` measures one.
     NoFront = 19,
+    /// The file cannot be read.
+    File = 20,
+    /// The system has no memory left for what the library was asked to own.
+    OutOfMemory = 21,
     /// The bytes do not begin as a blob does.
     BlobMagic = 32,
     /// The blob ends early.
@@ -66,7 +70,7 @@ pub enum Status {
 
 impl Status {
     /// Every status.
-    pub const ALL: [Self; 28] = {
+    pub const ALL: [Self; 30] = {
         use Status::*;
         [
             Ok,
@@ -89,6 +93,8 @@ impl Status {
             Panic,
             NotAPicture,
             NoFront,
+            File,
+            OutOfMemory,
             BlobMagic,
             BlobTruncated,
             BlobTrailing,
@@ -122,6 +128,8 @@ impl Status {
             Self::Panic => c"a defect of this library; the scene is unharmed",
             Self::NotAPicture => c"the blob is a scene, not a 2D field: nerf_render renders it",
             Self::NoFront => c"the scene has no front of accuracy against work",
+            Self::File => c"the file cannot be read",
+            Self::OutOfMemory => c"out of memory",
             Self::BlobMagic => c"not a .nerf blob",
             Self::BlobTruncated => c"the blob ends early",
             Self::BlobTrailing => c"bytes follow the blob",

@@ -1,6 +1,7 @@
 //! Building the library and programs that link it, as a host would.
 
 use crate::paths;
+use std::ffi::OsString;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
 use std::sync::OnceLock;
@@ -49,6 +50,69 @@ pub fn build_alone(arguments: &[&str]) -> Vec<PathBuf> {
     files(command.arg("--target-dir").arg(target.join("features")))
 }
 
+/// What watches every memory access of a program.
+#[derive(Clone, Copy, Debug)]
+pub enum Sanitizer {
+    /// Out of bounds, use after free, leaks.
+    Address,
+    /// Unsynchronised accesses of several threads.
+    Thread,
+}
+
+impl Sanitizer {
+    /// Its name for compilers, and the name of its runtime.
+    fn names(self) -> (&'static str, &'static str) {
+        match self {
+            Self::Address => ("address", "asan"),
+            Self::Thread => ("thread", "tsan"),
+        }
+    }
+}
+
+/// Whether a nightly toolchain, which sanitizers need, is on this machine.
+pub fn has_nightly() -> bool {
+    nightly(&["rustc", "--version"]).output().is_ok_and(|output| output.status.success())
+}
+
+fn nightly(arguments: &[&str]) -> Command {
+    let mut command = Command::new("rustup");
+    command.args(["run", "nightly"]).args(arguments).current_dir(paths::workspace());
+    command
+}
+
+/// Compiles `source` and links the library, both under a sanitizer.
+///
+/// The library's own code is instrumented, the standard library's is not. The runtime is the nightly toolchain's,
+/// for the host's code as well.
+pub fn sanitized_program(sanitizer: Sanitizer, language: Language, source: &Path, into: &Path) -> PathBuf {
+    let (name, runtime) = sanitizer.names();
+    let text = |command: &mut Command| String::from_utf8_lossy(&run(command).stdout).into_owned();
+    let about = text(&mut nightly(&["rustc", "-vV"]));
+    let host = about.lines().find_map(|line| line.strip_prefix("host: ")).expect("a host");
+    let libraries = text(&mut nightly(&["rustc", "--print", "target-libdir"]));
+    let runtime_archive = Path::new(libraries.trim()).join(format!("librustc-nightly_rt.{runtime}.a"));
+    // The folder that `.ci/run` uses, too.
+    let own = std::env::current_exe().expect("a path");
+    let target = own.ancestors().nth(3).expect("cargo's target directory").join(runtime);
+    let mut command = nightly(&["cargo", "build", "--offline", "-p", "nerf-render-ffi", "--target", host]);
+    let allowed = if runtime == "tsan" { " -Cunsafe-allow-abi-mismatch=sanitizer" } else { "" };
+    command.env("RUSTFLAGS", format!("-Zsanitizer={name}{allowed}"));
+    run(command.arg("--target-dir").arg(&target));
+    let archive = target.join(host).join("debug/libnerf_render.a");
+
+    let object = into.join(format!("{runtime}.o"));
+    let program = into.join(runtime);
+    let (compiler, standard) = language.compiler();
+    let mut command = Command::new(&compiler);
+    command.arg(standard).args(["-g", "-c", &format!("-fsanitize={name}")]);
+    command.arg("-I").arg(paths::workspace().join("include"));
+    run(command.arg(source).arg("-o").arg(&object));
+    let mut command = Command::new(&compiler);
+    command.arg(&object).arg(&archive).arg("-Wl,--whole-archive").arg(&runtime_archive);
+    run(command.args(["-Wl,--no-whole-archive", "-lpthread", "-ldl", "-lm", "-lrt", "-o"]).arg(&program));
+    program
+}
+
 /// Files a cargo command leaves for the packages of this workspace.
 fn files(command: &mut Command) -> Vec<PathBuf> {
     let output = run(command);
@@ -74,6 +138,17 @@ pub enum Language {
     Cpp,
 }
 
+impl Language {
+    /// The compiler and its flag for the standard.
+    fn compiler(self) -> (OsString, &'static str) {
+        let (variable, default, standard) = match self {
+            Self::C => ("CC", "cc", "-std=c11"),
+            Self::Cpp => ("CXX", "c++", "-std=c++17"),
+        };
+        (std::env::var_os(variable).unwrap_or_else(|| default.into()), standard)
+    }
+}
+
 /// Compiles `source`, without a single warning, and links the static library.
 pub fn program(language: Language, source: &Path, into: &Path, more: &[&str]) -> PathBuf {
     program_with(&libraries(), language, source, into, more)
@@ -88,11 +163,8 @@ pub fn program_with(
     more: &[&str],
 ) -> PathBuf {
     let program = into.join(source.file_stem().expect("a file name"));
-    let (variable, default, standard) = match language {
-        Language::C => ("CC", "cc", "-std=c11"),
-        Language::Cpp => ("CXX", "c++", "-std=c++17"),
-    };
-    let mut command = Command::new(std::env::var_os(variable).unwrap_or_else(|| default.into()));
+    let (compiler, standard) = language.compiler();
+    let mut command = Command::new(compiler);
     command.args([standard, "-O1", "-Wall", "-Wextra", "-Wpedantic", "-Wconversion", "-Werror"]);
     command.arg("-I").arg(paths::workspace().join("include"));
     command.arg("-o").arg(&program).arg(source).arg(&libraries.archive);

@@ -78,6 +78,31 @@ fn wishes_are_answered_as_in_rust_and_leave_the_rest_of_the_options() {
 }
 
 /// A clock that ticks by what stands behind `user`.
+#[test]
+fn each_point_of_a_front_can_be_had() {
+    let opened = call::open(Recipe::PROPOSAL.blob(), Tier::Scalar);
+    let blob = Blob::open(&opened.blob).expect("a blob");
+    let ask = |point, options: &mut ffi::RenderOptions, seen: &mut ffi::Choice| {
+        let mut message = Message::default();
+        let text = message.0.as_mut_ptr();
+        // SAFETY: everything lives until the call returns.
+        let status = unsafe { ffi::nerf_quality_point(opened.scene, point, options, seen, text, 256) };
+        (status, message.text())
+    };
+    for (index, rust) in Quality::front(&blob) {
+        let (mut options, mut seen) = (call::render_options(), choice());
+        options.batch_rays = 17;
+        assert_eq!(ask(index as u32, &mut options, &mut seen), (Status::Ok, String::new()));
+        assert_eq!(quality_of(&options), expected(&rust.quality));
+        assert_eq!((seen.loss_db, seen.cost, seen.within), (rust.loss_db, rust.cost, 1));
+        assert!(seen.milliseconds.is_nan() && options.batch_rays == 17);
+    }
+    let (mut options, mut seen) = (call::render_options(), choice());
+    let (status, message) = ask(blob.front().len() as u32, &mut options, &mut seen);
+    assert_eq!((status, seen.within), (Status::Options, 9));
+    assert!(message.contains("front_points"), "{message}");
+}
+
 unsafe extern "C-unwind" fn ticking(user: *mut c_void) -> u64 {
     // SAFETY: the test passes two numbers: the time and the tick.
     let [now, tick] = unsafe { &mut *user.cast::<[u64; 2]>() };

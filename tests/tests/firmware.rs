@@ -4,6 +4,7 @@ use nerf_core::kernels::Line;
 use nerf_tests::build::run;
 use nerf_tests::paths;
 use nerf_tests::scenes::Recipe;
+use nerf_tests::tools::all_here;
 use std::process::Command;
 
 #[allow(dead_code, reason = "shared with the firmware, which shows the picture")]
@@ -35,20 +36,10 @@ fn host(blob: &[u8], view: View) -> String {
     format!("{:08x} | {:08x}", sums.colour.value(), sums.depth.value())
 }
 
-/// Whether a program is there; in CI all are.
-fn there(program: &str) -> bool {
-    let found = Command::new(program).arg("--version").output().is_ok();
-    assert!(found || std::env::var_os("CI").is_none_or(|ci| ci != "true"), "{program} is missing");
-    found
-}
-
 #[test]
 fn a_microcontroller_draws_the_hosts_bits_within_its_budgets_and_without_a_panic() {
-    for program in ["qemu-system-arm", "arm-none-eabi-gcc"] {
-        if !there(program) {
-            eprintln!("skipped: no {program}");
-            return;
-        }
+    if !all_here(&["qemu-system-arm", "arm-none-eabi-gcc"]) {
+        return;
     }
     let folder = paths::workspace().join("nerf-core/examples/firmware");
     let small = std::fs::read(folder.join("scene.nerf")).expect("the scene");

@@ -107,7 +107,7 @@ fn main() -> ! {
 #[panic_handler]
 fn panic(_: &PanicInfo<'_>) -> ! {
     unsafe extern "C" {
-        safe fn a_panic_can_be_reached() -> !;
+        safe fn nerf_panicked() -> !;
     }
-    a_panic_can_be_reached()
+    nerf_panicked()
 }

@@ -1,0 +1,796 @@
+// nerf_render: render radiance fields from C++17.
+//
+// What nerf_render.h says in C, with memory that frees itself, views that know their length, and errors
+// that are values: nothing here throws, and -fno-exceptions -fno-rtti is fine. Header only.
+//
+//     auto scene = nerf::scene::open_file("scene.nerf");
+//     if (!scene) return complain(scene.error().text());
+//     auto camera = nerf::camera::from_vertical_fov(640, 480, 0.7f);
+//     camera.orbit(scene->centre(), scene->orbit_radius(), 0.0f, 0.4f);
+//
+//     std::vector<std::uint8_t> pixels(640 * 480 * 3);
+//     nerf::target target;
+//     target.rgb = nerf::plane::rgb_u8(pixels);
+//     auto workspace = scene->workspace(target.outputs());
+//     if (!workspace) return complain(workspace.error().text());
+//     auto counters = scene->render(camera, target, *workspace);
+//
+// - Names, units and rules are those of nerf_render.h: a wrapper begins where C needs a struct_size.
+// - nerf::memory is owned or lent by the caller: without a heap, lend everything.
+// - A scene never changes: threads may share it, each with a workspace of its own.
+// - What was moved from is empty: calls on it are NERF_STATUS_NULL_POINTER, not undefined.
+#ifndef NERF_RENDER_HPP
+#define NERF_RENDER_HPP
+
+#include "nerf_render.h"
+
+#include <cassert>
+#include <cmath>
+#include <cstddef>
+#include <cstdint>
+#include <iterator>
+#include <limits>
+#include <memory>
+#include <new>
+#include <optional>
+#include <string_view>
+#include <type_traits>
+#include <utility>
+
+namespace nerf {
+
+// ---------------------------------------------------------------------------------------- views
+
+/// Elements that lie side by side in somebody else's memory; made of arrays, std::vector, std::array,
+/// std::span and whatever else has data and size.
+template <class T>
+class span {
+public:
+    constexpr span() noexcept = default;
+    constexpr span(T *data, std::size_t size) noexcept : data_(data), size_(size) {}
+
+    template <class C, class E = std::remove_pointer_t<decltype(std::data(std::declval<C &>()))>,
+              class = std::enable_if_t<std::is_convertible_v<E (*)[], T (*)[]>>>
+    constexpr span(C &&container) noexcept : data_(std::data(container)), size_(std::size(container)) {}
+
+    constexpr T *data() const noexcept { return data_; }
+    constexpr std::size_t size() const noexcept { return size_; }
+    constexpr bool empty() const noexcept { return size_ == 0; }
+    constexpr T *begin() const noexcept { return data_; }
+    constexpr T *end() const noexcept { return data_ + size_; }
+    constexpr T &operator[](std::size_t i) const noexcept { return assert(i < size_), data_[i]; }
+
+private:
+    T *data_ = nullptr;
+    std::size_t size_ = 0;
+};
+
+/// Bytes of anything that lies side by side: a blob in a std::vector<char>, an array in flash, a mapped file.
+class bytes {
+public:
+    constexpr bytes(const void *data, std::size_t size) noexcept : data_(data), size_(size) {}
+
+    template <class C, class E = std::remove_pointer_t<decltype(std::data(std::declval<const C &>()))>,
+              class = std::enable_if_t<std::is_trivially_copyable_v<E>>>
+    constexpr bytes(const C &container) noexcept
+        : data_(std::data(container)), size_(std::size(container) * sizeof(E)) {}
+
+    /// Not of a temporary that owns its bytes: they would be gone.
+    template <class C, class = std::enable_if_t<!std::is_lvalue_reference_v<C> && !std::is_trivially_copyable_v<C>>>
+    bytes(C &&container) = delete;
+
+    constexpr const void *data() const noexcept { return data_; }
+    constexpr std::size_t size() const noexcept { return size_; }
+
+private:
+    const void *data_;
+    std::size_t size_;
+};
+
+/// Whether the library speaks the ABI this header was written for.
+inline bool abi_matches() noexcept { return nerf_abi_version() == NERF_ABI_VERSION; }
+/// The library's version, "0.1.0".
+inline std::string_view version() noexcept { return nerf_version_text(); }
+
+/// A text inside a blob; it lives as long as the blob.
+inline std::string_view view(const nerf_text &text) noexcept { return {text.data, text.length}; }
+
+// --------------------------------------------------------------------------------------- errors
+
+/// What went wrong: a status, and a sentence about what was expected and found.
+struct error {
+    nerf_status status = NERF_STATUS_OK;
+    char message[256] = {};
+
+    /// The sentence, or what the status means where there is none; never null.
+    const char *text() const noexcept { return message[0] == '\0' ? nerf_status_text(status) : message; }
+};
+
+/// A value, or why there is none. Test it before using it.
+template <class T>
+class [[nodiscard]] result {
+public:
+    result(T &&value) noexcept : value_(std::move(value)) {}
+    result(const nerf::error &error) noexcept : error_(error) {}
+
+    explicit operator bool() const noexcept { return value_.has_value(); }
+    T &operator*() noexcept { return assert(value_), *value_; }
+    const T &operator*() const noexcept { return assert(value_), *value_; }
+    T *operator->() noexcept { return &**this; }
+    const T *operator->() const noexcept { return &**this; }
+
+    /// Status 0 where there is a value.
+    const nerf::error &error() const noexcept { return error_; }
+    nerf_status status() const noexcept { return error_.status; }
+
+private:
+    std::optional<T> value_;
+    nerf::error error_;
+};
+
+/// Done, or why not.
+template <>
+class [[nodiscard]] result<void> {
+public:
+    result(const nerf::error &error = {}) noexcept : error_(error) {}
+
+    explicit operator bool() const noexcept { return error_.status == NERF_STATUS_OK; }
+    const nerf::error &error() const noexcept { return error_; }
+    nerf_status status() const noexcept { return error_.status; }
+
+private:
+    nerf::error error_;
+};
+
+namespace detail {
+
+/// `call(message, capacity)` is a call of the C library; `value` its result.
+template <class T, class Call>
+result<T> checked(T value, Call &&call) noexcept {
+    error why;
+    why.status = call(value, why.message, sizeof why.message);
+    return why.status == NERF_STATUS_OK ? result<T>(std::move(value)) : result<T>(why);
+}
+
+template <class Call>
+result<void> checked(Call &&call) noexcept {
+    error why;
+    why.status = call(why.message, sizeof why.message);
+    return why;
+}
+
+template <std::size_t length>
+error failed(nerf_status status, const char (&message)[length]) noexcept {
+    error why;
+    static_assert(length <= sizeof why.message);
+    why.status = status;
+    for (std::size_t i = 0; i < length; ++i) {
+        why.message[i] = message[i];
+    }
+    return why;
+}
+
+} // namespace detail
+
+// --------------------------------------------------------------------------------------- memory
+
+/// How much memory a call needs, bytes, and at which alignment.
+struct layout {
+    std::size_t size = 0;
+    std::size_t align = 1;
+};
+
+/// Bytes for a scene or a workspace: owned and freed, or lent by the caller. Movable.
+class memory {
+public:
+    memory() noexcept = default;
+
+    /// Memory from the heap; NERF_STATUS_OUT_OF_MEMORY where there is not enough.
+    static result<memory> allocate(const layout &needed) noexcept {
+        memory owned;
+        owned.data_ = ::operator new(needed.size, std::align_val_t{needed.align}, std::nothrow);
+        if (owned.data_ == nullptr) {
+            return detail::failed(NERF_STATUS_OUT_OF_MEMORY, "memory: the heap has not as much as is needed");
+        }
+        owned.size_ = needed.size;
+        owned.align_ = needed.align;
+        owned.release_ = [](void *data, std::size_t align) noexcept {
+            ::operator delete(data, std::align_val_t{align});
+        };
+        return owned;
+    }
+
+    /// Memory of the caller's, which stays where it is for as long as it is used; never freed.
+    template <class C>
+    static memory lend(C &&container) noexcept {
+        using element = std::remove_pointer_t<decltype(std::data(container))>;
+        static_assert(std::is_trivially_copyable_v<element> && !std::is_const_v<element>);
+        memory lent;
+        lent.data_ = std::data(container);
+        lent.size_ = std::size(container) * sizeof(element);
+        return lent;
+    }
+
+    ~memory() {
+        if (release_ != nullptr) {
+            release_(data_, align_);
+        }
+    }
+    memory(memory &&other) noexcept { swap(other); }
+    memory &operator=(memory &&other) noexcept {
+        memory(std::move(other)).swap(*this);
+        return *this;
+    }
+
+    void *data() const noexcept { return data_; }
+    std::size_t size() const noexcept { return size_; }
+
+    void swap(memory &other) noexcept {
+        std::swap(data_, other.data_);
+        std::swap(size_, other.size_);
+        std::swap(align_, other.align_);
+        std::swap(release_, other.release_);
+    }
+
+private:
+    void *data_ = nullptr;
+    std::size_t size_ = 0;
+    std::size_t align_ = 1;
+    // A pointer, so that a program that only lends links no heap.
+    void (*release_)(void *, std::size_t) noexcept = nullptr;
+};
+
+// --------------------------------------------------------------------------------------- camera
+
+/// Just enough for cameras.
+struct vec3 {
+    float x = 0.0f, y = 0.0f, z = 0.0f;
+
+    friend vec3 operator+(vec3 a, vec3 b) noexcept { return {a.x + b.x, a.y + b.y, a.z + b.z}; }
+    friend vec3 operator-(vec3 a, vec3 b) noexcept { return {a.x - b.x, a.y - b.y, a.z - b.z}; }
+    friend vec3 operator*(float s, vec3 a) noexcept { return {s * a.x, s * a.y, s * a.z}; }
+};
+
+inline float dot(vec3 a, vec3 b) noexcept { return a.x * b.x + a.y * b.y + a.z * b.z; }
+inline vec3 cross(vec3 a, vec3 b) noexcept {
+    return {a.y * b.z - a.z * b.y, a.z * b.x - a.x * b.z, a.x * b.y - a.y * b.x};
+}
+
+/// What a point of an image sees: `dir` is of unit length, and `z_depth` = z_per_distance * `ray_distance`.
+struct ray {
+    vec3 origin, dir;
+    float z_per_distance = 0.0f;
+};
+
+/// A pinhole camera; every field of nerf_camera is there, lens included. Looks down -Z, +Y up, +X right.
+struct camera : nerf_camera {
+    /// At the world's origin, with the principal point in the middle; `focal` in pixels.
+    camera(std::uint32_t columns, std::uint32_t rows, float focal) noexcept : nerf_camera() {
+        struct_size = sizeof(nerf_camera);
+        width = columns;
+        height = rows;
+        fx = fy = focal;
+        cx = 0.5f * static_cast<float>(columns);
+        cy = 0.5f * static_cast<float>(rows);
+        c2w[0] = c2w[5] = c2w[10] = 1.0f;
+    }
+
+    /// With `fov` radians from the bottom of the image to its top.
+    static camera from_vertical_fov(std::uint32_t columns, std::uint32_t rows, float fov) noexcept {
+        return {columns, rows, 0.5f * static_cast<float>(rows) / std::tan(0.5f * fov)};
+    }
+
+    /// Puts it at `eye`, looking at `target`, with `up` upwards in its image. Where there is no such view
+    /// (they coincide, or `up` is the line of sight), rendering says NERF_STATUS_CAMERA.
+    camera &look_at(vec3 eye, vec3 target, vec3 up = {0.0f, 0.0f, 1.0f}) noexcept {
+        const float e[3] = {eye.x, eye.y, eye.z}, t[3] = {target.x, target.y, target.z}, u[3] = {up.x, up.y, up.z};
+        if (nerf_camera_look_at(this, e, t, u, nullptr, 0) != NERF_STATUS_OK) {
+            c2w[0] = std::numeric_limits<float>::quiet_NaN();
+        }
+        return *this;
+    }
+
+    /// Puts it on a sphere around `target`: `azimuth` turns around `up`, `elevation` rises towards it, both in
+    /// radians. `up`: of unit length, a world axis or any other direction.
+    camera &orbit(vec3 target, float radius, float azimuth, float elevation,
+                  vec3 up = {0.0f, 0.0f, 1.0f}) noexcept {
+        // Two directions across `up`: Duff et al. 2017, as in nerf-train's orbits.
+        const float sign = std::copysign(1.0f, up.z), a = -1.0f / (sign + up.z), b = up.x * up.y * a;
+        const vec3 side{1.0f + sign * up.x * up.x * a, sign * b, -sign * up.x};
+        const vec3 ahead{b, sign + up.y * up.y * a, -up.y};
+        const vec3 flat = std::cos(azimuth) * side + std::sin(azimuth) * ahead;
+        return look_at(target + radius * (std::cos(elevation) * flat + std::sin(elevation) * up), target, up);
+    }
+
+    /// The ray through an image point, pixels from the left and the top; a pixel's centre is at + 0.5.
+    result<nerf::ray> ray(float x, float y) const noexcept {
+        return detail::checked(nerf::ray(), [&](nerf::ray &to, char *message, std::size_t capacity) {
+            float from[3] = {}, along[3] = {};
+            const nerf_status status =
+                nerf_camera_ray(this, x, y, from, along, &to.z_per_distance, message, capacity);
+            to.origin = {from[0], from[1], from[2]};
+            to.dir = {along[0], along[1], along[2]};
+            return status;
+        });
+    }
+
+    vec3 right() const noexcept { return {c2w[0], c2w[4], c2w[8]}; }
+    vec3 up() const noexcept { return {c2w[1], c2w[5], c2w[9]}; }
+    vec3 backward() const noexcept { return {c2w[2], c2w[6], c2w[10]}; }
+    vec3 centre() const noexcept { return {c2w[3], c2w[7], c2w[11]}; }
+};
+
+// -------------------------------------------------------------------------------------- targets
+
+using rect = nerf_rect;
+
+/// An image cut into rectangles of at most side x side pixels (side > 0), row by row.
+struct tiles {
+    std::uint32_t width, height, side;
+
+    std::size_t size() const noexcept { return std::size_t{across()} * count(height); }
+    rect operator[](std::size_t i) const noexcept {
+        const auto x = static_cast<std::uint32_t>(i % across()) * side;
+        const auto y = static_cast<std::uint32_t>(i / across()) * side;
+        return {x, y, width - x < side ? width - x : side, height - y < side ? height - y : side};
+    }
+
+private:
+    std::uint32_t count(std::uint32_t length) const noexcept { return length / side + (length % side != 0); }
+    std::uint32_t across() const noexcept { return count(width); }
+};
+
+/// From a pixel to the one below (negative where rows go up) and to its right neighbour, bytes; 0 is side by side.
+struct strides {
+    std::ptrdiff_t row = 0;
+    std::size_t pixel = 0;
+};
+
+/// Where one output goes: every pixel of the target's window. One that is left out is not computed.
+struct plane : nerf_plane {
+    plane() noexcept : nerf_plane() {}
+
+    /// Raw, for rows that go up and for whatever the others cannot say; nobody checks where it ends.
+    plane(nerf_format f, void *first_pixel, strides by = {}) noexcept
+        : nerf_plane{first_pixel, by.pixel, by.row, f, 0} {}
+
+    // Colour.
+    static plane rgb_u8(span<std::uint8_t> s, strides by = {}) noexcept { return {NERF_FORMAT_RGB_U8, s, by}; }
+    static plane rgba_u8(span<std::uint8_t> s, strides by = {}) noexcept { return {NERF_FORMAT_RGBA_U8, s, by}; }
+    static plane rgb_f32(span<float> s, strides by = {}) noexcept { return {NERF_FORMAT_RGB_F32, s, by}; }
+    static plane rgba_f32(span<float> s, strides by = {}) noexcept { return {NERF_FORMAT_RGBA_F32, s, by}; }
+    // Opacity and distances.
+    static plane f32(span<float> s, strides by = {}) noexcept { return {NERF_FORMAT_F32, s, by}; }
+    // Normals.
+    static plane vec3_f32(span<float> s, strides by = {}) noexcept { return {NERF_FORMAT_VEC3_F32, s, by}; }
+
+private:
+    friend struct target;
+
+    template <class T>
+    plane(nerf_format f, span<T> s, strides by) noexcept
+        : nerf_plane{s.data(), by.pixel, by.row, f, 0}, extent(s.size() * sizeof(T)) {}
+
+    static std::size_t pixel_size(std::uint32_t format) noexcept {
+        switch (format) {
+        case NERF_FORMAT_RGB_U8: return 3;
+        case NERF_FORMAT_RGBA_U8:
+        case NERF_FORMAT_F32: return 4;
+        case NERF_FORMAT_RGBA_F32: return 16;
+        default: return 12;
+        }
+    }
+
+    std::size_t extent = std::numeric_limits<std::size_t>::max(); // bytes of the view it was made of
+};
+
+/// Planes of an image, or of a window of it: any rectangle in there can be rendered into its place.
+struct target {
+    plane rgb, opacity, ray_distance, z_depth, median_distance, normals;
+    /// The part of the image that the planes hold; empty for all of it.
+    rect window = {};
+
+    /// NERF_OUTPUT_* of the planes that are there, or-ed.
+    std::uint32_t outputs() const noexcept {
+        const auto bit = [](const plane &p, std::uint32_t output) { return p.data == nullptr ? 0u : output; };
+        return bit(rgb, NERF_OUTPUT_RGB) | bit(opacity, NERF_OUTPUT_OPACITY) |
+               bit(ray_distance, NERF_OUTPUT_RAY_DISTANCE) | bit(z_depth, NERF_OUTPUT_Z_DEPTH) |
+               bit(median_distance, NERF_OUTPUT_MEDIAN_DISTANCE) | bit(normals, NERF_OUTPUT_NORMALS);
+    }
+
+    /// The C target of a rectangle of a width x height image, checked against the views' ends.
+    result<nerf_target> at(const rect &part, std::uint32_t width, std::uint32_t height) const noexcept {
+        const bool whole = window.width == 0 || window.height == 0;
+        const rect all = whole ? rect{0, 0, width, height} : window;
+        const auto inside = [](std::uint32_t begin, std::uint32_t length, std::uint32_t from, std::uint32_t all_of) {
+            return begin >= from && length <= all_of && begin - from <= all_of - length;
+        };
+        if (!inside(part.x, part.width, all.x, all.width) || !inside(part.y, part.height, all.y, all.height)) {
+            return detail::failed(NERF_STATUS_RECT, "rect: expected one inside the target's window");
+        }
+        nerf_target to = {};
+        to.struct_size = sizeof to;
+        const plane *const from[6] = {&rgb, &opacity, &ray_distance, &z_depth, &median_distance, &normals};
+        nerf_plane *const into[6] = {&to.rgb,     &to.opacity,         &to.ray_distance,
+                                     &to.z_depth, &to.median_distance, &to.normals};
+        for (int i = 0; i < 6; ++i) {
+            const error wrong = from[i]->data == nullptr ? error() : place(*from[i], part, all, *into[i]);
+            if (wrong.status != NERF_STATUS_OK) {
+                return wrong;
+            }
+        }
+        return to;
+    }
+
+private:
+    static error place(const plane &from, const rect &part, const rect &all, nerf_plane &to) noexcept {
+        constexpr std::int64_t limit = 1 << 30; // times a 32-bit side it is still a 64-bit number
+        const std::size_t size = plane::pixel_size(from.format);
+        to = from;
+        to.pixel_stride = from.pixel_stride == 0 ? size : from.pixel_stride;
+        const std::int64_t step = to.pixel_stride > std::size_t{limit} ? limit + 1 : std::int64_t(to.pixel_stride);
+        const std::int64_t row = from.row_stride == 0 ? step * all.width : from.row_stride;
+        if (step > limit || row > limit || row < -limit) {
+            return detail::failed(NERF_STATUS_OVERFLOW, "target: expected strides of at most 1 GiB");
+        }
+        to.row_stride = static_cast<std::ptrdiff_t>(row);
+        if (part.width == 0 || part.height == 0) {
+            return {};
+        }
+        const std::int64_t first = row * (part.y - all.y) + step * (part.x - all.x);
+        const std::int64_t right = step * (part.width - 1), down = row * (part.height - 1);
+        const std::int64_t lowest = first + (down < 0 ? down : 0), highest = first + right + (down < 0 ? 0 : down);
+        const bool known = from.extent != std::numeric_limits<std::size_t>::max();
+        if (known && (lowest < 0 || from.extent < size || std::uint64_t(highest) > from.extent - size)) {
+            return detail::failed(NERF_STATUS_MEMORY, "target: a view ends before its last pixel");
+        }
+        to.data = static_cast<unsigned char *>(from.data) + static_cast<std::ptrdiff_t>(first);
+        return {};
+    }
+};
+
+// ------------------------------------------------------------------------------ settings, figures
+
+/// How a frame is rendered: fields of nerf_render_options, `effects` among them.
+struct options : nerf_render_options {
+    /// The defaults: cuts that cost nothing visible.
+    options() noexcept : nerf_render_options() {
+        struct_size = sizeof(nerf_render_options);
+        transmittance_cut = static_cast<float>(NERF_TRANSMITTANCE_CUT_DEFAULT);
+        colour_cut = static_cast<float>(NERF_COLOUR_CUT_DEFAULT);
+        normal_blur = static_cast<float>(NERF_NORMAL_BLUR_DEFAULT);
+    }
+
+    /// No cut, no blur: all zeros in C.
+    static options uncut() noexcept {
+        options all;
+        all.transmittance_cut = all.colour_cut = all.normal_blur = 0.0f;
+        return all;
+    }
+};
+
+/// The work of a call, exact; += adds up tiles.
+struct counters : nerf_counters {
+    counters() noexcept : nerf_counters() { struct_size = sizeof(nerf_counters); }
+
+    counters &operator+=(const nerf_counters &other) noexcept {
+        rays += other.rays;
+        samples_kept += other.samples_kept;
+        samples_skipped += other.samples_skipped;
+        density_evaluations += other.density_evaluations;
+        colour_evaluations += other.colour_evaluations;
+        macs += other.macs;
+        invalid_samples += other.invalid_samples;
+        normal_evaluations += other.normal_evaluations;
+        proposal_evaluations += other.proposal_evaluations;
+        return *this;
+    }
+};
+
+/// What a scene's front offered for a wish.
+struct choice : nerf_choice {
+    choice() noexcept : nerf_choice() { struct_size = sizeof(nerf_choice); }
+};
+
+/// What frames take on one thread of this host, point by point of the scene's front.
+struct pace : nerf_pace {
+    pace() noexcept : nerf_pace() { struct_size = sizeof(nerf_pace); }
+
+    /// The same where `threads` threads share a frame's tiles.
+    pace shared_among(unsigned threads) const noexcept {
+        pace all = *this;
+        for (float &frame : all.milliseconds) {
+            frame /= static_cast<float>(threads);
+        }
+        return all;
+    }
+};
+
+namespace detail {
+
+/// Stands for no progress callback and for the library's clock.
+struct none {};
+
+/// `F(done, all)` or `F()`, giving whether to go on, or nothing. Nothing it throws may come out: noexcept.
+template <class F>
+int32_t progress(void *user, std::uint64_t done, std::uint64_t all) noexcept {
+    F &f = *static_cast<F *>(user);
+    const auto call = [&] {
+        if constexpr (std::is_invocable_v<F &, std::uint64_t, std::uint64_t>) {
+            return f(done, all);
+        } else {
+            return f();
+        }
+    };
+    if constexpr (std::is_void_v<decltype(call())>) {
+        call();
+        return 0;
+    } else {
+        static_assert(std::is_same_v<decltype(call()), bool>, "a progress callback says whether to go on, or nothing");
+        return call() ? 0 : 1;
+    }
+}
+
+template <class F>
+std::uint64_t clock(void *user) noexcept {
+    return (*static_cast<F *>(user))();
+}
+
+} // namespace detail
+
+// ---------------------------------------------------------------------------------------- scene
+
+/// An opened scene, or an opened picture (a 2D field), with the memory it lies in. Movable.
+class scene {
+public:
+    /// An empty one.
+    scene() noexcept = default;
+
+    /// How much memory a blob's scene lies in.
+    static result<layout> memory_layout(bytes blob, nerf_kernel kernel = NERF_KERNEL_AUTO) noexcept {
+        const nerf_open_options how = opening(kernel);
+        return detail::checked(layout{}, [&](layout &to, char *message, std::size_t capacity) {
+            return nerf_scene_memory(blob.data(), blob.size(), &how, &to.size, &to.align, message, capacity);
+        });
+    }
+
+    /// Opens a blob in the caller's memory, or owned one. `blob` is borrowed: it stays as it is for as long as
+    /// the scene is used.
+    static result<scene> open(bytes blob, memory home, nerf_kernel kernel = NERF_KERNEL_AUTO) noexcept {
+        const nerf_open_options how = opening(kernel);
+        scene opened;
+        opened.home_ = std::move(home);
+        return detail::checked(std::move(opened), [&](scene &to, char *message, std::size_t capacity) {
+            const nerf_status status = nerf_scene_open(blob.data(), blob.size(), &how, to.home_.data(),
+                                                       to.home_.size(), &to.handle_, message, capacity);
+            return status == NERF_STATUS_OK ? to.describe() : status;
+        });
+    }
+
+    /// Opens a blob in memory from the heap. `blob` is borrowed, as above.
+    static result<scene> open(bytes blob, nerf_kernel kernel = NERF_KERNEL_AUTO) noexcept {
+        const result<layout> needed = memory_layout(blob, kernel);
+        if (!needed) {
+            return needed.error();
+        }
+        result<memory> home = memory::allocate(*needed);
+        return home ? open(blob, std::move(*home), kernel) : result<scene>(home.error());
+    }
+
+    /// Opens a file, in memory of the library's own; only with a library that was built with `std`.
+    static result<scene> open_file(const char *path, nerf_kernel kernel = NERF_KERNEL_AUTO) noexcept {
+        const nerf_open_options how = opening(kernel);
+        return detail::checked(scene(), [&](scene &to, char *message, std::size_t capacity) {
+            const nerf_status status = nerf_scene_open_file(path, &how, &to.handle_, message, capacity);
+            if (status == NERF_STATUS_OK) {
+                to.close_ = nerf_scene_close;
+            }
+            return status == NERF_STATUS_OK ? to.describe() : status;
+        });
+    }
+
+    ~scene() {
+        if (close_ != nullptr) {
+            close_(handle_);
+        }
+    }
+    scene(scene &&other) noexcept { swap(other); }
+    scene &operator=(scene &&other) noexcept {
+        scene(std::move(other)).swap(*this);
+        return *this;
+    }
+    void swap(scene &other) noexcept {
+        home_.swap(other.home_);
+        std::swap(handle_, other.handle_);
+        std::swap(close_, other.close_);
+        std::swap(info_, other.info_);
+    }
+
+    /// For calls of the C library; null if empty.
+    const nerf_scene *get() const noexcept { return handle_; }
+
+    /// What it says about itself; all zeros if empty.
+    const nerf_scene_info &info() const noexcept { return info_; }
+    bool is_picture() const noexcept { return info_.kind == NERF_KIND_PICTURE; }
+
+    /// The middle of the scene box.
+    vec3 centre() const noexcept {
+        const float *const a = info_.box_min, *const b = info_.box_max;
+        return 0.5f * (vec3{a[0], a[1], a[2]} + vec3{b[0], b[1], b[2]});
+    }
+    /// From where a camera sees it: half way between near and far.
+    float orbit_radius() const noexcept { return 0.5f * (info_.near_distance + info_.far_distance); }
+
+    /// How much workspace a frame needs; of a scene also how much a query does (NERF_OUTPUT_RGB or 0).
+    result<layout> workspace_layout(std::uint32_t outputs, const options &how = {}) const noexcept {
+        return detail::checked(layout{}, [&](layout &to, char *message, std::size_t capacity) {
+            return is_picture()
+                       ? nerf_picture_workspace_size(handle_, &how, &to.size, &to.align, message, capacity)
+                       : nerf_workspace_size(handle_, &how, outputs, &to.size, &to.align, message, capacity);
+        });
+    }
+    /// That much of the heap. One for each thread.
+    result<memory> workspace(std::uint32_t outputs, const options &how = {}) const noexcept {
+        return allocated(workspace_layout(outputs, how));
+    }
+
+    /// Renders a camera's image of a scene, or a rectangle of it.
+    ///
+    /// `progress`: called as (pixels done, all) or () before the first tile of at most 16x16 pixels and after
+    /// each, on this thread; it says whether to go on, or nothing. Must not throw. After NERF_STATUS_CANCELLED
+    /// each such tile is finished or untouched.
+    template <class F = detail::none>
+    result<counters> render(const nerf_camera &camera, const target &to, memory &workspace, const options &how = {},
+                            const std::optional<rect> &part = std::nullopt, F &&progress = {}) const noexcept {
+        const rect all = part.value_or(rect{0, 0, camera.width, camera.height});
+        const result<nerf_target> planes = to.at(all, camera.width, camera.height);
+        if (!planes) {
+            return planes.error();
+        }
+        return detail::checked(counters(), [&](counters &work, char *message, std::size_t capacity) {
+            const auto [call, user] = hook(progress);
+            return nerf_render(handle_, &camera, &how, &all, &*planes, workspace.data(), workspace.size(), call, user,
+                               &work, message, capacity);
+        });
+    }
+
+    /// Renders a picture (a 2D field) at width x height pixels, or a rectangle of that; the rest as above.
+    template <class F = detail::none>
+    result<counters> render_picture(std::uint32_t width, std::uint32_t height, const target &to, memory &workspace,
+                                    const options &how = {}, const std::optional<rect> &part = std::nullopt,
+                                    F &&progress = {}) const noexcept {
+        const rect all = part.value_or(rect{0, 0, width, height});
+        const result<nerf_target> planes = to.at(all, width, height);
+        if (!planes) {
+            return planes.error();
+        }
+        return detail::checked(counters(), [&](counters &work, char *message, std::size_t capacity) {
+            const auto [call, user] = hook(progress);
+            return nerf_render_picture(handle_, width, height, &how, &all, &*planes, workspace.data(),
+                                       workspace.size(), call, user, &work, message, capacity);
+        });
+    }
+
+    /// Density, and where `rgb` is not empty colour, at points seen along unit directions.
+    ///
+    /// `positions`, `dirs`: x, y, z, world space; `sigma`: as many as points; `rgb`: r, g, b, display-encoded.
+    /// `dirs` may be empty where `rgb` is.
+    result<counters> query(span<const float> positions, span<const float> dirs, span<float> sigma, span<float> rgb,
+                           memory &workspace, const options &how = {}) const noexcept {
+        const std::size_t n = sigma.size();
+        const auto fits = [n](std::size_t length, bool optional) {
+            return (optional && length == 0) || (length / 3 == n && length % 3 == 0);
+        };
+        if (!fits(positions.size(), false) || !fits(dirs.size(), rgb.empty()) || !fits(rgb.size(), true)) {
+            return detail::failed(NERF_STATUS_MEMORY, "query: expected views of 3 n floats, and of n for sigma");
+        }
+        return detail::checked(counters(), [&](counters &work, char *message, std::size_t capacity) {
+            return nerf_query(handle_, &how, n, positions.data(), dirs.data(), sigma.data(), rgb.data(),
+                              workspace.data(), workspace.size(), &work, message, capacity);
+        });
+    }
+
+    // The five below set the shortcuts of `how` (samples, cuts, grid, maths, proposal); the rest of it stays.
+
+    /// The cheapest settings that lose at most `loss_db` against the exact rendering.
+    result<choice> within_loss(float loss_db, options &how) const noexcept {
+        return detail::checked(choice(), [&](choice &to, char *message, std::size_t capacity) {
+            return nerf_quality_within_loss(handle_, loss_db, &how, &to, message, capacity);
+        });
+    }
+    /// Those that lose least at `ratio` of the exact rendering's multiply-adds.
+    result<choice> within_cost(float ratio, options &how) const noexcept {
+        return detail::checked(choice(), [&](choice &to, char *message, std::size_t capacity) {
+            return nerf_quality_within_cost(handle_, ratio, &how, &to, message, capacity);
+        });
+    }
+    /// Those that lose least in `milliseconds` a frame, at a pace that was measured.
+    result<choice> within_time(float milliseconds, const pace &at, options &how) const noexcept {
+        return detail::checked(choice(), [&](choice &to, char *message, std::size_t capacity) {
+            return nerf_quality_within_time(handle_, milliseconds, &at, &how, &to, message, capacity);
+        });
+    }
+    /// Those of one point of the front, dearest first; info().front_points says how many there are.
+    result<choice> point(std::uint32_t index, options &how) const noexcept {
+        return detail::checked(choice(), [&](choice &to, char *message, std::size_t capacity) {
+            return nerf_quality_point(handle_, index, &how, &to, message, capacity);
+        });
+    }
+    /// Those of a preset, which lose no more than it says.
+    result<void> preset(nerf_preset wish, options &how) const noexcept {
+        return detail::checked([&](char *message, std::size_t capacity) {
+            return nerf_quality_preset(handle_, wish, &how, message, capacity);
+        });
+    }
+
+    /// How much workspace measuring the pace needs.
+    result<layout> pace_layout(std::uint32_t outputs, const options &how = {}) const noexcept {
+        return detail::checked(layout{}, [&](layout &to, char *message, std::size_t capacity) {
+            return nerf_pace_workspace_size(handle_, &how, outputs, &to.size, &to.align, message, capacity);
+        });
+    }
+    result<memory> pace_workspace(std::uint32_t outputs, const options &how = {}) const noexcept {
+        return allocated(pace_layout(outputs, how));
+    }
+    /// Renders some pixels at each point of the front on this thread, cheapest first, until a frame would take
+    /// more than `limit` milliseconds. `clock`: microseconds since any moment; the library's own if left out.
+    template <class F = detail::none>
+    result<pace> measure_pace(const nerf_camera &camera, std::uint32_t outputs, float limit, memory &workspace,
+                              const options &how = {}, F &&clock = {}) const noexcept {
+        return detail::checked(pace(), [&](pace &to, char *message, std::size_t capacity) {
+            nerf_clock call = nullptr;
+            void *user = nullptr;
+            if constexpr (!std::is_same_v<std::decay_t<F>, detail::none>) {
+                call = detail::clock<std::remove_reference_t<F>>;
+                user = address(clock);
+            }
+            return nerf_pace_measure(handle_, &camera, &how, outputs, limit, call, user, workspace.data(),
+                                     workspace.size(), &to, message, capacity);
+        });
+    }
+
+    /// Says in English which stages a frame has and why; with counters, where its work went. Gives the bytes
+    /// of the whole text with its NUL; `text` gets what fits.
+    result<std::size_t> explain(span<char> text, std::uint32_t outputs, const options &how = {},
+                                const nerf_counters *work = nullptr) const noexcept {
+        return detail::checked(std::size_t{0}, [&](std::size_t &needed, char *message, std::size_t capacity) {
+            return nerf_explain(handle_, &how, outputs, work, text.data(), text.size(), &needed, message, capacity);
+        });
+    }
+
+private:
+    static nerf_open_options opening(nerf_kernel kernel) noexcept {
+        nerf_open_options how = {};
+        how.struct_size = sizeof how;
+        how.kernel = kernel;
+        return how;
+    }
+    static result<memory> allocated(const result<layout> &needed) noexcept {
+        return needed ? memory::allocate(*needed) : result<memory>(needed.error());
+    }
+    template <class F>
+    static void *address(F &f) noexcept {
+        return const_cast<void *>(static_cast<const void *>(std::addressof(f)));
+    }
+    template <class F>
+    static std::pair<nerf_progress, void *> hook(F &f) noexcept {
+        if constexpr (std::is_same_v<std::decay_t<F>, detail::none>) {
+            return {nullptr, nullptr};
+        } else {
+            return {detail::progress<F>, address(f)};
+        }
+    }
+    nerf_status describe() noexcept {
+        info_.struct_size = sizeof info_;
+        return nerf_scene_describe(handle_, &info_);
+    }
+
+    memory home_;
+    const nerf_scene *handle_ = nullptr;
+    void (*close_)(const nerf_scene *) = nullptr; // a pointer, as in nerf::memory
+    nerf_scene_info info_ = {};
+};
+
+} // namespace nerf
+
+#endif // NERF_RENDER_HPP

@@ -1,0 +1,21 @@
+// The two ways to drive a session: a window, and a script.
+#ifndef VIEWER_FRONTENDS_HPP
+#define VIEWER_FRONTENDS_HPP
+
+#include "session.hpp"
+
+#include <string>
+
+/// Writes the display: PNG, or PPM where `path` ends so.
+bool write_screenshot(const Session &session, const std::string &path);
+
+/// A line about a frame, for people and for tests: names and numbers.
+std::string line_about(const Report &report);
+
+/// Runs the commands of a script without a window; gives the program's exit code.
+int run_script(Session &session, const std::string &script);
+
+/// Shows a window until it is closed. `screenshot`: where the key `s` writes to.
+int run_window(Session &session, const std::string &title, const std::string &screenshot);
+
+#endif // VIEWER_FRONTENDS_HPP

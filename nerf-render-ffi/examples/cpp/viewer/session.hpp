@@ -1,0 +1,111 @@
+// What is drawn when: cheap frames while the camera moves, better ones while it rests.
+#ifndef VIEWER_SESSION_HPP
+#define VIEWER_SESSION_HPP
+
+#include "orbit.hpp"
+#include "painter.hpp"
+#include "picture.hpp"
+
+#include <cstddef>
+#include <cstdint>
+#include <functional>
+#include <limits>
+#include <optional>
+#include <string>
+#include <vector>
+
+struct Settings {
+    unsigned threads = 1;
+    float moving_ms = 60.0f;    // what a frame may take while the camera moves
+    float resting_ms = 3000.0f; // and the first of full size, once it rests
+    nerf::vec3 up{0.0f, 0.0f, 1.0f};
+};
+
+/// Settings of a frame, and what is foreseen of it.
+struct Plan {
+    nerf::options options;
+    std::uint32_t divisor = 1;     // of the window's sides
+    double milliseconds = 0.0;     // foreseen; 0 where nothing is known yet
+    std::optional<float> loss_db;  // by the scene's front
+};
+
+/// A frame that ended.
+struct Report {
+    Plan plan;
+    nerf::camera camera;
+    Outcome outcome;
+    bool moving;
+};
+
+class Session {
+public:
+    /// Measures the pace of the scene's front, if it has one. error() says what is wrong.
+    Session(const nerf::scene &scene, const Settings &settings, std::uint32_t width, std::uint32_t height);
+
+    Orbit orbit; // after a change: moved()
+
+    /// The camera moved: a frame for a resting one is cancelled, within a tile.
+    void moved();
+    /// The camera rests: quality may rise.
+    void rest() { resting_ = true; }
+    void resize(std::uint32_t width, std::uint32_t height);
+    void show(View view);
+    View view() const { return view_; }
+
+    /// Takes what was finished into the display and begins what is next; whether the display changed.
+    bool update();
+    /// Whether there is nothing to draw until something happens.
+    bool done();
+    /// Until the frame that is being drawn ends.
+    void wait() { painter_.wait(); }
+    /// For scripts: the next frame of full size cancels itself after so many tiles.
+    void interrupt_after(std::size_t tiles) { stop_after_ = tiles; }
+
+    std::uint32_t width() const { return width_; }
+    std::uint32_t height() const { return height_; }
+    const std::vector<std::uint8_t> &display() const { return display_; } // width x height, RGB
+    const std::string &error() const { return error_; }
+    bool has_front() const { return pace_.has_value(); }
+    std::uint32_t samples() const { return scene_.info().samples; }
+
+    /// Called for each frame that ends.
+    std::function<void(const Report &)> on_frame;
+
+private:
+    // Frames of one view, each better than the one before: while the camera moves; in few pixels still; in all
+    // of them; and with nothing lost that any picture shows.
+    static constexpr int moving = 0, better = 1, full = 2, finest = 3;
+
+    Plan within(float budget, bool full_size) const;
+    Plan plan(int stage) const;
+    void begin(int stage);
+    void end();
+    void learn(const Report &report);
+    void develop(const nerf::rect &tile);
+
+    const nerf::scene &scene_;
+    Settings settings_;
+    std::uint32_t width_, height_;
+    View view_ = View::colour;
+    std::vector<std::uint8_t> display_;
+    Picture picture_;
+    std::string error_;
+
+    std::optional<nerf::pace> pace_; // of all threads together
+    double pace_pixels_ = 1.0;       // of the frame it was measured for
+    // What frames taught, for each view.
+    struct Known {
+        double slowness = 1.0;     // of this machine now, against the pace
+        double us_per_pixel = 0.0; // without a front; 0 before the first frame
+    } known_[3];
+
+    int stage_ = moving, drawn_ = -1; // what is begun, what is on the display
+    Plan plan_, drawn_plan_;
+    nerf::camera camera_;
+    bool running_ = false, dirty_ = true, resting_ = false;
+    std::size_t stop_after_ = std::numeric_limits<std::size_t>::max();
+
+    Painter painter_; // last: it stops before what it draws into ends
+};
+
+#endif // VIEWER_SESSION_HPP

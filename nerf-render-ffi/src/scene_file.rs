@@ -1,0 +1,217 @@
+//! A scene from a file, for hosts with a heap and a file system: the one place where the library allocates.
+
+use crate::boundary::{Message, Reason, call, call_with_reason, check_out};
+use crate::failure::Failure;
+use crate::open_options::{OpenOptions, read_tier};
+use crate::scene::{Scene, memory_lines, open_in};
+use crate::status::Status;
+use core::ffi::{CStr, c_char};
+use core::fmt;
+use core::ptr::NonNull;
+use nerf_core::blob::{Blob, BlobError, HEADER_LEN};
+use nerf_core::kernels::Line;
+use std::fs::File;
+use std::io::{self, Read};
+
+/// Blob and memory of a scene that was opened from a file; they end in `nerf_scene_close`.
+///
+/// Pointers and no boxes, since the scene borrows both, and lies in one of them itself.
+pub(crate) struct Owned {
+    blob: NonNull<[u8]>,
+    memory: NonNull<[Line]>,
+}
+
+// SAFETY: plain memory, which nobody writes to between opening and closing.
+unsafe impl Send for Owned {}
+// SAFETY: as above.
+unsafe impl Sync for Owned {}
+
+impl Owned {
+    fn new(blob: Vec<u8>, memory: Vec<Line>) -> Self {
+        let (blob, memory) = (Box::leak(blob.into_boxed_slice()), Box::leak(memory.into_boxed_slice()));
+        Self { blob: NonNull::from(blob), memory: NonNull::from(memory) }
+    }
+
+    /// # Safety
+    /// Nobody uses the blob or the memory any more.
+    unsafe fn free(self) {
+        // SAFETY: both come from boxes (`new`), and are freed once: `self` is not `Copy`.
+        drop(unsafe { (Box::from_raw(self.blob.as_ptr()), Box::from_raw(self.memory.as_ptr())) });
+    }
+}
+
+/// Why a file did not become a scene.
+struct FileFailure<'a> {
+    path: &'a CStr,
+    cause: Cause,
+}
+
+enum Cause {
+    Read(io::Error),
+    NotRegular,
+    OutOfMemory { bytes: usize },
+    Scene(Failure),
+}
+
+impl Reason for FileFailure<'_> {
+    fn panic() -> Self {
+        Self { path: c"", cause: Cause::Scene(Failure::Panic) }
+    }
+
+    fn status(&self) -> Status {
+        match &self.cause {
+            Cause::Read(_) | Cause::NotRegular => Status::File,
+            Cause::OutOfMemory { .. } => Status::OutOfMemory,
+            Cause::Scene(failure) => failure.status(),
+        }
+    }
+}
+
+impl fmt::Display for FileFailure<'_> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        if !self.path.is_empty() {
+            write!(f, "{}: ", self.path.to_string_lossy())?;
+        }
+        match &self.cause {
+            Cause::Read(error) => write!(f, "expected a file that can be read, found: {error}"),
+            Cause::NotRegular => write!(f, "expected a file, found a folder or a device"),
+            Cause::OutOfMemory { bytes } => write!(f, "expected {bytes} bytes of free memory, found less"),
+            Cause::Scene(failure) => failure.fmt(f),
+        }
+    }
+}
+
+impl<T: Into<Failure>> From<T> for Cause {
+    fn from(failure: T) -> Self {
+        Self::Scene(failure.into())
+    }
+}
+
+impl From<io::Error> for Cause {
+    fn from(error: io::Error) -> Self {
+        Self::Read(error)
+    }
+}
+
+/// Opens a scene from a file, in memory of the library's own: `nerf_scene_close` frees it.
+///
+/// For hosts with a heap; only in a library built with `std`. `path`: UTF-8 on Windows, the system's bytes
+/// elsewhere, NUL-terminated. `options`: NULL for all zeros. `scene` receives the handle on success only;
+/// nothing is left behind otherwise. `message`: as in `nerf_scene_memory`, with the path in front.
+///
+/// # Safety
+/// Pointers are NULL or point to what is described here.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn nerf_scene_open_file(
+    path: *const c_char,
+    options: *const OpenOptions,
+    scene: *mut *const Scene,
+    message: *mut c_char,
+    message_capacity: usize,
+) -> Status {
+    call_with_reason(Message { text: message, capacity: message_capacity }, || {
+        let unnamed = |failure| FileFailure { path: c"", cause: Cause::Scene(failure) };
+        check_out("scene", scene).map_err(unnamed)?;
+        // SAFETY: the caller's promise.
+        let tier = unsafe { read_tier(options) }.map_err(unnamed)?;
+        if path.is_null() {
+            return Err(unnamed(Failure::Null("path")));
+        }
+        // SAFETY: not NULL, and NUL-terminated by the caller's promise.
+        let path = unsafe { CStr::from_ptr(path) };
+        let named = |cause| FileFailure { path, cause };
+        let blob = read(path).map_err(named)?;
+        let lines = {
+            let blob = Blob::open(&blob).map_err(|error| named(error.into()))?;
+            memory_lines(&blob, tier)
+        };
+        let memory = filled(lines, Line::UNINIT).map_err(named)?;
+        let owned = Owned::new(blob, memory);
+        let (memory, size) = (owned.memory.as_ptr().cast(), lines * size_of::<Line>());
+        // SAFETY: both are alive, apart, and nobody else's until `nerf_scene_close`.
+        let opened = unsafe { open_in(owned.blob.as_ptr(), memory, size, tier) };
+        match opened {
+            Ok(handle) => {
+                // SAFETY: just written by `open_in`, and known to nobody yet.
+                unsafe { (*handle).owned = Some(owned) };
+                // SAFETY: checked above, and writable by the caller's promise.
+                unsafe { scene.write(handle) };
+                Ok(())
+            }
+            Err(failure) => {
+                // SAFETY: no scene came of it.
+                unsafe { owned.free() };
+                Err(named(Cause::Scene(failure)))
+            }
+        }
+    })
+}
+
+/// Frees a scene that `nerf_scene_open_file` opened; NULL, and a scene in the caller's memory, are left alone.
+///
+/// Only in a library built with `std`.
+///
+/// # Safety
+/// `scene` is NULL or an intact handle that no thread uses now or later.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn nerf_scene_close(scene: *const Scene) {
+    call(Message::NONE, || {
+        if !scene.is_null() {
+            // SAFETY: an intact scene by the caller's promise, and nobody else's any more.
+            let owned = unsafe { (*scene.cast_mut()).owned.take() };
+            if let Some(owned) = owned {
+                // SAFETY: the scene, which borrows both, is not used any more.
+                unsafe { owned.free() };
+            }
+        }
+        Ok(())
+    });
+}
+
+/// The bytes of a file, unless its first ones already say that it is no blob, or is cut.
+fn read(path: &CStr) -> Result<Vec<u8>, Cause> {
+    let mut file = File::open(as_path(path)?)?;
+    let about = file.metadata()?;
+    if !about.is_file() {
+        return Err(Cause::NotRegular);
+    }
+    let found = about.len();
+    let mut bytes = Vec::new();
+    (&mut file).take(HEADER_LEN as u64).read_to_end(&mut bytes)?;
+    if let Err(error) = Blob::open(&bytes) {
+        match error {
+            BlobError::Truncated { expected, .. } if expected == found => {}
+            BlobError::Truncated { expected, .. } if expected > found => {
+                return Err(BlobError::Truncated { expected, found }.into());
+            }
+            BlobError::Truncated { expected, .. } => {
+                return Err(BlobError::TrailingBytes { expected, found }.into());
+            }
+            error => return Err(error.into()),
+        }
+    }
+    let whole = usize::try_from(found).map_err(|_| Failure::Overflow("path"))?;
+    bytes.try_reserve_exact(whole - bytes.len()).map_err(|_| Cause::OutOfMemory { bytes: whole })?;
+    // No further than it was long when it was opened: a file that grows meanwhile is refused by its checksum.
+    file.take(found - bytes.len() as u64).read_to_end(&mut bytes)?;
+    Ok(bytes)
+}
+
+#[cfg(unix)]
+fn as_path(path: &CStr) -> Result<&std::ffi::OsStr, Cause> {
+    Ok(std::os::unix::ffi::OsStrExt::from_bytes(path.to_bytes()))
+}
+
+#[cfg(not(unix))]
+fn as_path(path: &CStr) -> Result<&str, Cause> {
+    path.to_str().map_err(|error| io::Error::new(io::ErrorKind::InvalidInput, error).into())
+}
+
+/// `count` values, or what it would have taken.
+fn filled<T: Clone>(count: usize, value: T) -> Result<Vec<T>, Cause> {
+    let mut values = Vec::new();
+    let bytes = count.saturating_mul(size_of::<T>());
+    values.try_reserve_exact(count).map_err(|_| Cause::OutOfMemory { bytes })?;
+    values.resize(count, value);
+    Ok(values)
+}

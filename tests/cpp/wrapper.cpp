@@ -1,0 +1,458 @@
+// Every wrapper of nerf_render.hpp, in a program without exceptions and without type information.
+//
+//     wrapper front.nerf plain.nerf picture.nerf damaged.nerf
+#include "nerf_render.hpp"
+
+#include <array>
+#include <cstdint>
+#include <cstdio>
+#include <cstring>
+#include <vector>
+#if __cplusplus >= 202002L
+#include <span>
+#endif
+
+namespace {
+
+int failures = 0;
+
+#define CHECK(condition)                                                                                               \
+    do {                                                                                                               \
+        if (!(condition)) {                                                                                            \
+            std::fprintf(stderr, "%s:%d: %s\n", __FILE__, __LINE__, #condition);                                       \
+            ++failures;                                                                                                \
+        }                                                                                                              \
+    } while (false)
+
+constexpr std::uint32_t width = 50, height = 41;
+constexpr std::size_t pixels = std::size_t{width} * height;
+
+std::vector<char> read(const char *path) {
+    std::vector<char> bytes;
+    std::FILE *const file = std::fopen(path, "rb");
+    for (int c = file == nullptr ? EOF : std::fgetc(file); c != EOF; c = std::fgetc(file)) {
+        bytes.push_back(static_cast<char>(c));
+    }
+    if (file != nullptr) {
+        std::fclose(file);
+    }
+    return bytes;
+}
+
+bool says(const nerf::error &error, const char *what) { return std::strstr(error.text(), what) != nullptr; }
+
+nerf::camera camera_of(const nerf::scene &scene) {
+    auto camera = nerf::camera::from_vertical_fov(width, height, 0.8f);
+    return camera.orbit(scene.centre(), scene.orbit_radius(), 0.5f, 0.3f);
+}
+
+float total(nerf::span<const float> values) {
+    float sum = 0.0f;
+    for (const float value : values) {
+        sum += value;
+    }
+    return sum;
+}
+
+void views_are_made_of_what_lies_side_by_side() {
+    float raw[3] = {1.0f, 2.0f, 3.0f};
+    std::array<float, 2> array{4.0f, 5.0f};
+    const std::vector<float> vector{6.0f};
+    nerf::span<float> writable = raw;
+    CHECK(total(raw) == 6.0f && total(array) == 9.0f && total(vector) == 6.0f && total(writable) == 6.0f);
+    writable[1] = 0.0f;
+    CHECK(raw[1] == 0.0f && writable.size() == 3 && !writable.empty() && nerf::span<float>().empty());
+#if __cplusplus >= 202002L
+    CHECK(total(std::span<const float>(vector)) == 6.0f);
+#endif
+    CHECK(nerf::bytes(vector).size() == sizeof(float) && nerf::bytes(raw).data() == raw);
+    static_assert(!std::is_constructible_v<nerf::span<float>, const std::vector<float> &>);
+    static_assert(!std::is_constructible_v<nerf::span<float>, std::vector<int> &>);
+    static_assert(!std::is_constructible_v<nerf::bytes, std::vector<char>>); // would dangle
+}
+
+void memory_is_owned_or_lent_and_moves() {
+    auto owned = nerf::memory::allocate({1000, 64});
+    CHECK(owned && owned->size() == 1000 && reinterpret_cast<std::uintptr_t>(owned->data()) % 64 == 0);
+    nerf::memory home = std::move(*owned);
+    CHECK(home.size() == 1000 && owned->size() == 0 && owned->data() == nullptr);
+    alignas(64) static unsigned char buffer[128];
+    home = nerf::memory::lend(buffer);
+    CHECK(home.data() == buffer && home.size() == sizeof buffer);
+    const auto none = nerf::memory::allocate({std::numeric_limits<std::size_t>::max() / 2, 64});
+    CHECK(!none && none.status() == NERF_STATUS_OUT_OF_MEMORY && says(none.error(), "heap"));
+}
+
+void scenes_open_in_any_memory(const std::vector<char> &blob, const char *path, const char *damaged) {
+    const auto needed = nerf::scene::memory_layout(blob, NERF_KERNEL_SCALAR);
+    CHECK(needed && needed->size > 0 && needed->align == 64);
+    auto home = nerf::memory::allocate(*needed);
+    unsigned char *const first = static_cast<unsigned char *>(home->data());
+    const auto lent = nerf::scene::open(blob, nerf::memory::lend(nerf::span(first, needed->size)), NERF_KERNEL_SCALAR);
+    CHECK(lent && lent->get() != nullptr && lent->info().kernel == NERF_KERNEL_SCALAR && lent->info().samples == 48);
+    CHECK(nerf::view(lent->info().data) == "noise");
+    const nerf::span one_less(first, needed->size - 1);
+    const auto small = nerf::scene::open(blob, nerf::memory::lend(one_less), NERF_KERNEL_SCALAR);
+    CHECK(!small && small.status() == NERF_STATUS_MEMORY && says(small.error(), "expected"));
+
+    const auto file = nerf::scene::open_file(path);
+    CHECK(file && file->info().parameters == lent->info().parameters && !file->is_picture());
+    const auto absent = nerf::scene::open_file("absent.nerf");
+    CHECK(!absent && absent.status() == NERF_STATUS_FILE && says(absent.error(), "absent.nerf"));
+    const auto broken = nerf::scene::open_file(damaged);
+    CHECK(!broken && broken.status() == NERF_STATUS_BLOB_CHECKSUM);
+    const auto nothing = nerf::scene::open(nerf::bytes(nullptr, 0));
+    CHECK(!nothing && nothing.status() != NERF_STATUS_OK);
+}
+
+void what_was_moved_from_is_empty(const char *path) {
+    auto opened = nerf::scene::open_file(path);
+    nerf::scene scene = std::move(*opened);
+    nerf::scene other;
+    other = std::move(scene);
+    CHECK(other.get() != nullptr && other.info().samples == 48);
+    for (const nerf::scene *const empty : {&*opened, &scene}) {
+        nerf::memory nowhere;
+        nerf::options options;
+        std::array<float, 3> point{};
+        std::vector<std::uint8_t> rgb(3 * pixels);
+        nerf::target target;
+        target.rgb = nerf::plane::rgb_u8(rgb);
+        char text[8];
+        CHECK(empty->get() == nullptr && empty->info().kind == 0 && !empty->is_picture());
+        CHECK(empty->workspace(NERF_OUTPUT_RGB).status() == NERF_STATUS_NULL_POINTER);
+        CHECK(empty->pace_workspace(NERF_OUTPUT_RGB).status() == NERF_STATUS_NULL_POINTER);
+        CHECK(empty->render(camera_of(other), target, nowhere).status() == NERF_STATUS_NULL_POINTER);
+        CHECK(empty->render_picture(width, height, target, nowhere).status() == NERF_STATUS_NULL_POINTER);
+        CHECK(empty->query(point, {}, nerf::span(point.data(), 1), {}, nowhere).status() == NERF_STATUS_NULL_POINTER);
+        CHECK(empty->within_loss(0.1f, options).status() == NERF_STATUS_NULL_POINTER);
+        CHECK(empty->within_cost(0.1f, options).status() == NERF_STATUS_NULL_POINTER);
+        CHECK(empty->within_time(1.0f, {}, options).status() == NERF_STATUS_NULL_POINTER);
+        CHECK(empty->point(0, options).status() == NERF_STATUS_NULL_POINTER);
+        CHECK(empty->preset(NERF_PRESET_FAST, options).status() == NERF_STATUS_NULL_POINTER);
+        const auto pace = empty->measure_pace(camera_of(other), NERF_OUTPUT_RGB, 1.0f, nowhere);
+        CHECK(pace.status() == NERF_STATUS_NULL_POINTER);
+        CHECK(empty->explain(text, NERF_OUTPUT_RGB).status() == NERF_STATUS_NULL_POINTER);
+    }
+}
+
+void cameras_look_where_they_are_told(const nerf::scene &scene) {
+    const auto close = [](float a, float b) { return std::fabs(a - b) < 1e-5f; };
+    nerf::camera camera(width, height, 60.0f);
+    CHECK(camera.fx == 60.0f && camera.cx == 0.5f * width && close(dot(camera.backward(), {0.0f, 0.0f, 1.0f}), 1.0f));
+    camera.look_at({1.0f, 2.0f, 3.0f}, {4.0f, 2.0f, 3.0f});
+    CHECK(close(dot(camera.backward(), {-1.0f, 0.0f, 0.0f}), 1.0f) && close(camera.up().z, 1.0f));
+    CHECK(close(camera.right().y, -1.0f) && camera.centre().z == 3.0f);
+    const nerf::vec3 ups[] = {{0.0f, 0.0f, 1.0f}, {0.0f, 1.0f, 0.0f}, {1.0f, 0.0f, 0.0f}, {0.0f, 0.0f, -1.0f}};
+    for (const nerf::vec3 up : ups) {
+        const nerf::vec3 target{0.5f, -1.0f, 2.0f};
+        camera.orbit(target, 3.0f, 2.2f, 0.4f, up);
+        const nerf::vec3 there = camera.centre() - target;
+        CHECK(close(dot(there, there), 9.0f) && close(dot(there, up), 3.0f * std::sin(0.4f)));
+        CHECK(close(dot(there, camera.backward()), 3.0f) && close(dot(camera.right(), up), 0.0f));
+        CHECK(dot(camera.up(), up) > 0.0f);
+        CHECK(close(dot(cross(camera.right(), camera.up()), camera.backward()), 1.0f));
+    }
+    // The middle of the image looks along the view axis; a corner's ray is longer than deep.
+    const auto middle = camera.ray(0.5f * width, 0.5f * height), corner = camera.ray(0.0f, 0.0f);
+    CHECK(middle && corner && middle->origin.x == camera.centre().x);
+    CHECK(close(dot(middle->dir, camera.backward()), -1.0f));
+    CHECK(close(middle->z_per_distance, 1.0f) && close(corner->z_per_distance, -dot(corner->dir, camera.backward())));
+    CHECK(dot(corner->dir, camera.up()) > 0.0f && dot(corner->dir, camera.right()) < 0.0f);
+    // The tangent of half the field of view is half the height over the focal length.
+    CHECK(close(nerf::camera::from_vertical_fov(7, 100, 1.5707963f).fy, 50.0f));
+
+    std::vector<std::uint8_t> rgb(3 * pixels);
+    nerf::target target;
+    target.rgb = nerf::plane::rgb_u8(rgb);
+    auto workspace = scene.workspace(target.outputs());
+    camera.look_at({0.0f, 0.0f, 4.0f}, {}, {0.0f, 0.0f, 1.0f}); // along `up`: no such view
+    CHECK(scene.render(camera, target, *workspace).status() == NERF_STATUS_CAMERA);
+    CHECK(camera.ray(1.0f, 1.0f).status() == NERF_STATUS_CAMERA);
+}
+
+struct Pixel {
+    float rgba[4], opacity, ray_distance, z_depth, median_distance, normal[3];
+    std::uint32_t untouched;
+};
+
+// One rendering of all planes into vectors, and the same in strides, upside down, in tiles and in windows.
+void targets_may_be_any_shape(const nerf::scene &scene) {
+    const nerf::camera camera = camera_of(scene);
+    std::vector<float> rgba(4 * pixels), opacity(pixels), ray(pixels), z(pixels), median(pixels), normals(3 * pixels);
+    nerf::target target;
+    target.rgb = nerf::plane::rgba_f32(rgba);
+    target.opacity = nerf::plane::f32(opacity);
+    target.ray_distance = nerf::plane::f32(ray);
+    target.z_depth = nerf::plane::f32(z);
+    target.median_distance = nerf::plane::f32(median);
+    target.normals = nerf::plane::vec3_f32(normals);
+    CHECK(target.outputs() == 63);
+    auto workspace = scene.workspace(target.outputs());
+    const auto whole = scene.render(camera, target, *workspace);
+    CHECK(whole && whole->rays == pixels && whole->normal_evaluations > 0);
+    CHECK(total(opacity) > 1.0f && total(opacity) < static_cast<float>(pixels));
+
+    // Channels of one structure, tile by tile; the counters of the tiles add up.
+    std::vector<Pixel> structures(pixels, Pixel{{}, 0, 0, 0, 0, {}, 77});
+    const std::size_t stride = sizeof(Pixel), floats = pixels * stride / sizeof(float);
+    float *const first = structures[0].rgba;
+    const auto channel = [&](std::size_t at) { return nerf::span(first + at, floats - at); };
+    nerf::target strided;
+    strided.rgb = nerf::plane::rgba_f32(channel(0), {0, stride});
+    strided.opacity = nerf::plane::f32(channel(4), {0, stride});
+    strided.ray_distance = nerf::plane::f32(channel(5), {width * stride, stride});
+    strided.z_depth = nerf::plane::f32(channel(6), {0, stride});
+    strided.median_distance = nerf::plane::f32(channel(7), {0, stride});
+    strided.normals = nerf::plane::vec3_f32(channel(8), {0, stride});
+    const nerf::tiles tiles{width, height, 16};
+    CHECK(tiles.size() == 12 && tiles[11].width == 2 && tiles[11].height == 9);
+    nerf::counters sum;
+    for (std::size_t i = 0; i < tiles.size(); ++i) {
+        const auto part = scene.render(camera, strided, *workspace, {}, tiles[i]);
+        CHECK(part);
+        sum += *part;
+    }
+    CHECK(std::memcmp(&sum, &*whole, sizeof sum) == 0);
+    bool equal = true;
+    for (std::size_t i = 0; i < pixels; ++i) {
+        const Pixel &p = structures[i];
+        equal = equal && std::memcmp(p.rgba, &rgba[4 * i], sizeof p.rgba) == 0 && p.opacity == opacity[i] &&
+                p.ray_distance == ray[i] && p.z_depth == z[i] && p.median_distance == median[i] &&
+                std::memcmp(p.normal, &normals[3 * i], sizeof p.normal) == 0 && p.untouched == 77;
+    }
+    CHECK(equal);
+
+    // Rows that go up, from the last row of the memory.
+    std::vector<float> upwards(pixels);
+    nerf::target up;
+    up.z_depth = nerf::plane(NERF_FORMAT_F32, &upwards[pixels - width], {-std::ptrdiff_t{width * sizeof(float)}, 0});
+    CHECK(scene.render(camera, up, *workspace));
+    for (std::size_t y = 0; y < height; ++y) {
+        equal = equal && std::memcmp(&upwards[(height - 1 - y) * width], &z[y * width], width * sizeof(float)) == 0;
+    }
+    CHECK(equal);
+
+    // A window has memory for itself alone.
+    const nerf::rect window{11, 7, 20, 10};
+    std::vector<float> small(200, -1.0f);
+    nerf::target in_window;
+    in_window.z_depth = nerf::plane::f32(small);
+    in_window.window = window;
+    CHECK(scene.render(camera, in_window, *workspace, {}, nerf::rect{11, 7, 20, 5}));
+    CHECK(scene.render(camera, in_window, *workspace, {}, nerf::rect{11, 12, 20, 5}));
+    for (std::size_t y = 0; y < 10; ++y) {
+        equal = equal && std::memcmp(&small[y * 20], &z[(7 + y) * width + 11], 20 * sizeof(float)) == 0;
+    }
+    CHECK(equal);
+
+    // Nothing is written outside of a view.
+    CHECK(scene.render(camera, in_window, *workspace, {}, nerf::rect{10, 7, 1, 1}).status() == NERF_STATUS_RECT);
+    CHECK(scene.render(camera, in_window, *workspace).status() == NERF_STATUS_RECT);
+    nerf::target short_one;
+    short_one.z_depth = nerf::plane::f32(nerf::span(small.data(), 199));
+    short_one.window = window;
+    CHECK(scene.render(camera, short_one, *workspace, {}, window).status() == NERF_STATUS_MEMORY);
+    CHECK(scene.render(camera, short_one, *workspace, {}, nerf::rect{11, 7, 20, 9}));
+    short_one.z_depth = nerf::plane::f32(small, {-80, 0});
+    CHECK(scene.render(camera, short_one, *workspace, {}, window).status() == NERF_STATUS_MEMORY);
+    short_one.z_depth = nerf::plane::f32(small, {0, std::size_t{1} << 31});
+    CHECK(scene.render(camera, short_one, *workspace, {}, window).status() == NERF_STATUS_OVERFLOW);
+    short_one.z_depth = nerf::plane::f32(small, {0, std::size_t{1} << 29}); // and so a row of twenty such
+    CHECK(scene.render(camera, short_one, *workspace, {}, window).status() == NERF_STATUS_OVERFLOW);
+    // Rows that go up by one pixel each: the last pixel is inside, but not the first row's end.
+    short_one.z_depth = nerf::plane::f32(nerf::span(small.data(), 11), {-4, 0});
+    CHECK(scene.render(camera, short_one, *workspace, {}, window).status() == NERF_STATUS_MEMORY);
+    CHECK(scene.render(camera, {}, *workspace).status() == NERF_STATUS_TARGET);
+
+    // Eight bits, and colour over the background.
+    std::vector<std::uint8_t> bytes(3 * pixels), bytes4(4 * pixels);
+    std::vector<float> rgb(3 * pixels);
+    nerf::target colour;
+    colour.rgb = nerf::plane::rgb_f32(rgb);
+    CHECK(scene.render(camera, colour, *workspace));
+    colour.rgb = nerf::plane::rgb_u8(bytes);
+    CHECK(scene.render(camera, colour, *workspace));
+    colour.rgb = nerf::plane::rgba_u8(bytes4);
+    CHECK(scene.render(camera, colour, *workspace));
+    for (std::size_t i = 0; i < pixels; ++i) {
+        const auto alpha = static_cast<std::uint8_t>(rgba[4 * i + 3] * 255.0f + 0.5f);
+        const auto red = static_cast<std::uint8_t>(rgb[3 * i] * 255.0f + 0.5f);
+        equal = equal && bytes[3 * i] == red && bytes4[4 * i + 3] == alpha;
+    }
+    CHECK(equal);
+}
+
+bool go_on(std::uint64_t, std::uint64_t) { return true; }
+
+void progress_may_be_any_callable_and_cancels_whole_tiles(const nerf::scene &scene) {
+    const nerf::camera camera = camera_of(scene);
+    std::vector<float> z(pixels, -1.0f), all(pixels);
+    nerf::target target;
+    target.z_depth = nerf::plane::f32(all);
+    auto workspace = scene.workspace(target.outputs());
+    std::uint64_t last = 0;
+    int calls = 0;
+    CHECK(scene.render(camera, target, *workspace, {}, std::nullopt, [&](std::uint64_t done, std::uint64_t of) {
+        CHECK(done >= last && of == pixels);
+        last = done;
+    }));
+    CHECK(last == pixels);
+    CHECK(scene.render(camera, target, *workspace, {}, std::nullopt, [&calls] { ++calls; }));
+    CHECK(calls == 13);
+    struct Counting {
+        int left;
+        bool operator()() { return left-- > 0; }
+    } counting{5};
+    target.z_depth = nerf::plane::f32(z);
+    const auto cancelled = scene.render(camera, target, *workspace, {}, std::nullopt, counting);
+    CHECK(!cancelled && cancelled.status() == NERF_STATUS_CANCELLED && says(cancelled.error(), "cancel"));
+    CHECK(counting.left == -1);
+    const nerf::tiles tiles{width, height, 16};
+    std::size_t finished = 0;
+    for (std::size_t i = 0; i < tiles.size(); ++i) {
+        const nerf::rect tile = tiles[i];
+        std::size_t equal = 0, untouched = 0;
+        for (std::uint32_t y = tile.y; y < tile.y + tile.height; ++y) {
+            for (std::uint32_t x = tile.x; x < tile.x + tile.width; ++x) {
+                equal += z[y * width + x] == all[y * width + x];
+                untouched += z[y * width + x] == -1.0f;
+            }
+        }
+        const std::size_t size = std::size_t{tile.width} * tile.height;
+        CHECK(equal == size || untouched == size);
+        finished += equal == size;
+    }
+    CHECK(finished == 5);
+    CHECK(scene.render(camera, target, *workspace, {}, std::nullopt, &go_on));
+    CHECK(std::memcmp(z.data(), all.data(), pixels * sizeof(float)) == 0);
+}
+
+void effects_and_settings_reach_the_frame(const nerf::scene &scene) {
+    const nerf::camera camera = camera_of(scene);
+    std::vector<float> rgb(3 * pixels), other(3 * pixels);
+    nerf::target target;
+    target.rgb = nerf::plane::rgb_f32(rgb);
+    nerf::options options;
+    options.effects.anti_aliasing = 4;
+    auto workspace = scene.workspace(target.outputs(), options);
+    const auto four = scene.render(camera, target, *workspace, options);
+    CHECK(four && four->rays == 4 * pixels);
+    target.rgb = nerf::plane::rgb_f32(other);
+    const auto cut = scene.render(camera, target, *workspace);
+    const auto uncut = scene.render(camera, target, *workspace, nerf::options::uncut());
+    CHECK(cut && uncut && uncut->colour_evaluations > cut->colour_evaluations && rgb != other);
+    options.effects.anti_aliasing = 257;
+    const auto wrong = scene.workspace(target.outputs(), options);
+    CHECK(!wrong && wrong.status() == NERF_STATUS_OPTIONS && says(wrong.error(), "anti_aliasing"));
+
+    // Memory that is too small, or lies askew.
+    const auto needed = scene.workspace_layout(target.outputs());
+    auto *const first = static_cast<unsigned char *>(workspace->data());
+    auto small = nerf::memory::lend(nerf::span(first, needed->size - 1));
+    CHECK(scene.render(camera, target, small).status() == NERF_STATUS_MEMORY);
+    auto askew = nerf::memory::lend(nerf::span(first + 4, workspace->size() - 4));
+    CHECK(scene.render(camera, target, askew).status() == NERF_STATUS_ALIGNMENT);
+}
+
+void points_can_be_asked(const nerf::scene &scene) {
+    auto workspace = scene.workspace(NERF_OUTPUT_RGB);
+    const nerf::vec3 middle = scene.centre();
+    const std::vector<float> positions{middle.x, middle.y, middle.z, 9.0f, 9.0f, 9.0f};
+    const std::array<float, 6> dirs{0.0f, 0.0f, 1.0f, 1.0f, 0.0f, 0.0f};
+    float sigma[2] = {-1.0f, -1.0f}, rgb[6], again[2];
+    CHECK(scene.query(positions, dirs, sigma, rgb, *workspace));
+    CHECK(sigma[0] >= 0.0f && sigma[1] == 0.0f && rgb[3] == 0.0f);
+    CHECK(scene.query(positions, {}, again, {}, *workspace) && again[0] == sigma[0]);
+    CHECK(scene.query(positions, {}, sigma, rgb, *workspace).status() == NERF_STATUS_MEMORY);
+    CHECK(scene.query(nerf::span(positions.data(), 5), {}, sigma, {}, *workspace).status() == NERF_STATUS_MEMORY);
+    const std::array<float, 6> long_dirs{0.0f, 0.0f, 2.0f, 1.0f, 0.0f, 0.0f};
+    CHECK(scene.query(positions, long_dirs, sigma, rgb, *workspace).status() == NERF_STATUS_DIRECTION);
+    CHECK(scene.query({}, {}, {}, {}, *workspace));
+}
+
+void quality_has_a_price(const nerf::scene &scene, const nerf::scene &without) {
+    nerf::options options, cheap;
+    options.effects.anti_aliasing = cheap.effects.anti_aliasing = 3;
+    const auto least = scene.within_loss(0.0f, options), most = scene.within_loss(100.0f, cheap);
+    CHECK(least && most && most->within == 1 && most->cost <= least->cost && cheap.effects.anti_aliasing == 3);
+    const auto cost = scene.within_cost(most->cost, cheap);
+    CHECK(cost && cost->cost == most->cost && std::isnan(cost->milliseconds));
+    const auto point = scene.point(1, options);
+    CHECK(scene.info().front_points == 2 && point && point->loss_db == 0.5f && options.transmittance_cut == 0.01f);
+    CHECK(scene.point(2, options).status() == NERF_STATUS_OPTIONS);
+    CHECK(scene.preset(NERF_PRESET_PREVIEW, options));
+    CHECK(scene.preset(static_cast<nerf_preset>(99), options).status() == NERF_STATUS_OPTIONS);
+
+    auto workspace = scene.pace_workspace(NERF_OUTPUT_RGB);
+    std::uint64_t now = 0;
+    const auto clock = [&now] { return now += 1000; };
+    const auto pace = scene.measure_pace(camera_of(scene), NERF_OUTPUT_RGB, 1e9f, *workspace, {}, clock);
+    CHECK(pace && now > 0 && pace->milliseconds[0] > 0.0f && std::isinf(pace->milliseconds[15]));
+    CHECK(pace->shared_among(4).milliseconds[0] == pace->milliseconds[0] / 4.0f);
+    const auto timed = scene.within_time(1e9f, *pace, options);
+    CHECK(timed && timed->within == 1 && timed->milliseconds > 0.0f);
+    CHECK(scene.measure_pace(camera_of(scene), NERF_OUTPUT_RGB, 1e9f, *workspace)); // the library's clock
+    CHECK(without.within_loss(0.1f, options).status() == NERF_STATUS_NO_FRONT);
+}
+
+void frames_explain_themselves(const nerf::scene &scene) {
+    const auto needed = scene.explain({}, NERF_OUTPUT_RGB);
+    CHECK(needed && *needed > 100);
+    std::vector<char> text(*needed);
+    char cut[10];
+    const nerf::counters work;
+    CHECK(scene.explain(text, NERF_OUTPUT_RGB) && std::strlen(text.data()) + 1 == *needed);
+    CHECK(scene.explain(cut, NERF_OUTPUT_RGB) && std::strlen(cut) == 9 && std::memcmp(cut, text.data(), 9) == 0);
+    const auto more = scene.explain({}, NERF_OUTPUT_RGB, {}, &work);
+    CHECK(more && *more > *needed);
+}
+
+void pictures_are_drawn_without_a_camera(const nerf::scene &picture, const nerf::scene &scene) {
+    CHECK(picture.is_picture() && picture.info().picture_width == 33);
+    std::vector<std::uint8_t> rgb(3 * pixels), tiled(3 * pixels);
+    nerf::target target;
+    target.rgb = nerf::plane::rgb_u8(rgb);
+    auto workspace = picture.workspace(target.outputs());
+    const auto whole = picture.render_picture(width, height, target, *workspace);
+    CHECK(whole && whole->colour_evaluations == pixels);
+    target.rgb = nerf::plane::rgb_u8(tiled);
+    const nerf::tiles tiles{width, height, 30};
+    int calls = 0;
+    for (std::size_t i = 0; i < tiles.size(); ++i) {
+        CHECK(picture.render_picture(width, height, target, *workspace, {}, tiles[i], [&calls] { ++calls; }));
+    }
+    CHECK(rgb == tiled && calls > 4);
+    CHECK(picture.render(camera_of(scene), target, *workspace).status() == NERF_STATUS_NOT_A_SCENE);
+    CHECK(scene.render_picture(width, height, target, *workspace).status() == NERF_STATUS_NOT_A_PICTURE);
+}
+
+} // namespace
+
+int main(int argc, char **argv) {
+    if (argc != 5) {
+        return 2;
+    }
+    CHECK(nerf::abi_matches() && nerf::version() == nerf_version_text() && !nerf::version().empty());
+    CHECK(std::strcmp(nerf::error{}.text(), nerf_status_text(NERF_STATUS_OK)) == 0);
+    const std::vector<char> blob = read(argv[2]), with_front = read(argv[1]);
+    views_are_made_of_what_lies_side_by_side();
+    memory_is_owned_or_lent_and_moves();
+    scenes_open_in_any_memory(blob, argv[2], argv[4]);
+    what_was_moved_from_is_empty(argv[2]);
+    const auto front = nerf::scene::open(with_front), plain = nerf::scene::open(blob);
+    const auto picture = nerf::scene::open_file(argv[3]);
+    if (!front || !plain || !picture) {
+        std::fprintf(stderr, "%s %s %s\n", front.error().text(), plain.error().text(), picture.error().text());
+        return 3;
+    }
+    cameras_look_where_they_are_told(*plain);
+    targets_may_be_any_shape(*plain);
+    progress_may_be_any_callable_and_cancels_whole_tiles(*plain);
+    effects_and_settings_reach_the_frame(*plain);
+    points_can_be_asked(*plain);
+    quality_has_a_price(*front, *plain);
+    frames_explain_themselves(*plain);
+    pictures_are_drawn_without_a_camera(*picture, *plain);
+    return failures == 0 ? 0 : 1;
+}

@@ -1,0 +1,120 @@
+//! C and C++ hosts under valgrind, AddressSanitizer and ThreadSanitizer: nothing to report, and proof that each
+//! would report.
+//!
+//! The sanitizers need a nightly toolchain; they instrument this project's code and the host's, not the standard
+//! library's. ThreadSanitizer therefore sees every access the library makes, and the host's own synchronisation
+//! (pthread is intercepted), but not synchronisation inside the standard library; the library uses none: a scene
+//! never changes, and its one atomic, which remembers what the CPU can, is its own code.
+
+use nerf_tests::build::{self, Language, Sanitizer, has_nightly, sanitized_program};
+use nerf_tests::paths;
+use nerf_tests::scenes::{Recipe, tiers};
+use nerf_tests::tools::{all_here, say_skipped};
+use std::path::{Path, PathBuf};
+use std::process::{Command, Output};
+
+/// Every tier, and a scene with and without a grid, without a report.
+fn is_clean(mut command: impl FnMut() -> Command, directory: &Path, watchable: impl Fn(&str) -> bool) {
+    for (name, recipe) in [("plain.nerf", Recipe::PLAIN), ("grid.nerf", Recipe::GRID)] {
+        std::fs::write(directory.join(name), recipe.blob()).expect("a temporary file");
+        for tier in tiers().map(|tier| tier.name()).filter(|name| watchable(name)) {
+            let output = run(command().env("NERF_KERNEL", tier).args(["good", name]), directory);
+            assert!(output.status.success(), "{name}, {tier}: {}", said(&output));
+        }
+    }
+}
+
+/// What is wrong on purpose is found, in the library's own code.
+fn is_found(command: &mut Command, directory: &Path, wrong: &str, report: &str, place: &str) {
+    std::fs::write(directory.join("plain.nerf"), Recipe::PLAIN.blob()).expect("a temporary file");
+    let output = run(command.env("NERF_KERNEL", "scalar").args([wrong, "plain.nerf"]), directory);
+    let text = said(&output);
+    assert!(!output.status.success() && text.contains(report) && text.contains(place), "{wrong}: {text}");
+}
+
+fn run(command: &mut Command, directory: &Path) -> Output {
+    command.current_dir(directory).output().expect("a program")
+}
+
+fn said(output: &Output) -> String {
+    String::from_utf8_lossy(&output.stderr).into_owned()
+}
+
+fn watched() -> PathBuf {
+    paths::workspace().join("tests/c/watched.c")
+}
+
+/// The C++ example on three threads.
+fn example_is_clean(mut command: Command, directory: &Path) {
+    std::fs::write(directory.join("scene.nerf"), Recipe::GRID.blob()).expect("a temporary file");
+    let output = run(command.args(["scene.nerf", "out", "24", "20", "3"]), directory);
+    assert!(output.status.success(), "{}", said(&output));
+}
+
+fn cpp_example() -> PathBuf {
+    paths::workspace().join("nerf-render-ffi/examples/cpp/render.cpp")
+}
+
+#[test]
+fn valgrind_has_nothing_to_report() {
+    if !all_here(&["valgrind"]) {
+        return;
+    }
+    let directory = paths::temporary();
+    let valgrind = |program: &Path| {
+        let mut command = Command::new("valgrind");
+        command.args([
+            "--quiet",
+            "--error-exitcode=99",
+            "--leak-check=full",
+            "--errors-for-leak-kinds=definite",
+        ]);
+        command.arg(program);
+        command
+    };
+    let program = build::program(Language::C, &watched(), directory.path(), &[]);
+    // It has no AVX-512.
+    is_clean(|| valgrind(&program), directory.path(), |tier| !tier.starts_with("avx512"));
+    is_found(&mut valgrind(&program), directory.path(), "leak", "definitely lost", "nerf_scene_open_file");
+    is_found(&mut valgrind(&program), directory.path(), "short", "Invalid write", "nerf_render");
+
+    let program = build::program(Language::Cpp, &cpp_example(), directory.path(), &[]);
+    let mut command = valgrind(&program);
+    command.env("NERF_KERNEL", "scalar");
+    example_is_clean(command, directory.path());
+}
+
+#[test]
+fn address_sanitizer_has_nothing_to_report() {
+    if !has_nightly() {
+        return say_skipped("no nightly toolchain");
+    }
+    let directory = paths::temporary();
+    let program = sanitized_program(Sanitizer::Address, Language::C, &watched(), directory.path());
+    is_clean(|| Command::new(&program), directory.path(), |_| true);
+    is_found(&mut Command::new(&program), directory.path(), "leak", "LeakSanitizer", "nerf_scene_open_file");
+    is_found(&mut Command::new(&program), directory.path(), "short", "heap-buffer-overflow", "nerf_core::");
+
+    let program = sanitized_program(Sanitizer::Address, Language::Cpp, &cpp_example(), directory.path());
+    example_is_clean(Command::new(program), directory.path());
+}
+
+#[test]
+fn thread_sanitizer_has_nothing_to_report() {
+    if !has_nightly() {
+        return say_skipped("no nightly toolchain");
+    }
+    let directory = paths::temporary();
+    let program = sanitized_program(Sanitizer::Thread, Language::C, &watched(), directory.path());
+    // The longest memory of accesses: a race with one it has forgotten is not reported.
+    let under = |program: &Path| {
+        let mut command = Command::new(program);
+        command.env("TSAN_OPTIONS", "history_size=7");
+        command
+    };
+    is_clean(|| under(&program), directory.path(), |_| true);
+    is_found(&mut under(&program), directory.path(), "race", "data race", "nerf_render::target");
+
+    let program = sanitized_program(Sanitizer::Thread, Language::Cpp, &cpp_example(), directory.path());
+    example_is_clean(under(&program), directory.path());
+}
