@@ -209,7 +209,8 @@ impl Camera {
     /// least one along each side, and none beyond the edges.
     pub fn thinned(&self, right: u32, down: u32) -> Self {
         let Intrinsics { width, height, fx, fy, cx, cy } = self.intrinsics;
-        let (right, down) = (right.clamp(1, width), down.clamp(1, height));
+        // Neither side is 0 (`new`).
+        let (right, down) = (right.clamp(1, width.max(1)), down.clamp(1, height.max(1)));
         let (x, y) = (right as f32, down as f32);
         let intrinsics = Intrinsics {
             width: width / right,

@@ -140,6 +140,10 @@ fn time(clock: Clock, user: *mut c_void) -> Result<impl FnMut() -> u64, Failure>
     if clock.is_none() {
         return Err(Failure::Null("clock"));
     }
+    // As with a progress function: where nothing unwinds, a call that might would need a panic.
+    #[cfg(not(feature = "std"))]
+    // SAFETY: the two ABIs pass the same arguments in the same way, and there are no exceptions.
+    let clock: Option<unsafe extern "C" fn(*mut c_void) -> u64> = unsafe { core::mem::transmute(clock) };
     Ok(move || match clock {
         // SAFETY: the caller's function, with what the caller gave it.
         Some(clock) => unsafe { clock(user) },

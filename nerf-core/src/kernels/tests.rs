@@ -217,3 +217,11 @@ fn transposed_paired_weights_equal_plain_loops_on_every_tier() {
         }
     }
 }
+
+#[test]
+fn every_f16_widens_to_what_half_says() {
+    for bits in 0..=u16::MAX {
+        let (found, expected) = (f16_at(&bits.to_le_bytes(), 0), ::half::f16::from_bits(bits).to_f32());
+        assert!(found.to_bits() == expected.to_bits() || found.is_nan() && expected.is_nan(), "{bits:#06x}");
+    }
+}

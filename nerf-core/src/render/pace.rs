@@ -3,7 +3,7 @@
 use super::{Rect, RenderError, Renderer};
 use crate::blob::{Blob, MAX_FRONT};
 use crate::camera::Camera;
-use crate::kernels::Line;
+use crate::kernels::{Line, put};
 use crate::plan::{Choice, Plan, Quality};
 use crate::volume::Pixel;
 
@@ -42,7 +42,8 @@ impl Quality {
     pub fn within_time(blob: &Blob<'_>, milliseconds: f32, pace: &Pace) -> Option<(Choice, f32)> {
         let timed = || {
             let known = |(_, time): &(Choice, f32)| time.is_finite();
-            Self::front(blob).map(|(index, choice)| (choice, pace.milliseconds[index])).filter(known)
+            let of = |(index, choice)| Some((choice, *pace.milliseconds.get::<usize>(index)?));
+            Self::front(blob).filter_map(of).filter(known)
         };
         // Dearest first: of equal losses the last is the cheapest.
         let least = |a: (Choice, f32), b: (Choice, f32)| if b.0.loss_db <= a.0.loss_db { b } else { a };
@@ -102,7 +103,7 @@ impl Renderer<'_> {
                 time()?;
             }
             let frame = time()?.min(time()?);
-            pace.milliseconds[index] = frame;
+            put(&mut pace.milliseconds, index, frame);
             if frame > limit_milliseconds {
                 break;
             }

@@ -88,6 +88,9 @@ fn main() -> ! {
     let ticks = board::ticks();
     match &drawn {
         Ok(work) => {
+            if VIEW.effects {
+                checksums.depth.add(work.density.to_bits());
+            }
             console.bits("colour", checksums.colour.value());
             console.bits("depth", checksums.depth.value());
             console.number("samples", work.samples);

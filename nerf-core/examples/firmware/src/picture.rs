@@ -37,6 +37,8 @@ pub struct Work {
     pub samples: u64,
     /// Bytes of workspace.
     pub workspace: usize,
+    /// Density at the origin, 1/world unit, where `View::effects` asks for all there is; else 0.
+    pub density: f32,
 }
 
 /// Draws the scene of `blob` and hands every pixel to `put`, row by row: one ray is in flight, and a sample is a
@@ -75,7 +77,13 @@ pub fn draw(
     let mut put = |_: u32, _: u32, pixel: &Pixel| put(pixel);
     let work = renderer.render(&plan, &camera, Rect::full(&camera), workspace, &mut put);
     let work = work.map_err(|_| "the workspace is too small")?;
-    Ok(Work { samples: work.samples_kept, workspace: lines * size_of::<Line>() })
+    let (mut density, mut colour) = ([0.0], [[0.0; 3]]);
+    if view.effects {
+        let asked =
+            renderer.query(&plan, &[[0.0; 3]], &[[0.0, 0.0, -1.0]], workspace, &mut density, &mut colour);
+        asked.map_err(|_| "no answer")?;
+    }
+    Ok(Work { samples: work.samples_kept, workspace: lines * size_of::<Line>(), density: density[0] })
 }
 
 /// CRC-32 (ISO-HDLC) of 32-bit words, least significant byte first; without a table.
