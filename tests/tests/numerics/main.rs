@@ -2,6 +2,9 @@
 
 mod elementary;
 mod encoding;
+mod geometry;
+mod network;
+mod sampling;
 mod table;
 mod volume;
 
@@ -9,7 +12,10 @@ mod volume;
 fn sections() -> Vec<(&'static str, &'static [&'static table::Case])> {
     vec![
         ("Elementary functions", elementary::CASES),
+        ("Geometry", geometry::CASES),
+        ("Sampling", sampling::CASES),
         ("Encoding", encoding::CASES),
+        ("Network", network::CASES),
         ("Volume rendering", volume::CASES),
     ]
 }

@@ -1,0 +1,122 @@
+//! The network at exact points, on every tier, by every backend; sums of extremes.
+
+use crate::table::{BACKENDS, Row, Worst, cases, exact_tiers};
+use nerf_core::blob::Blob;
+use nerf_core::kernels::{Gemm, Init, Line, Tier, gemm};
+use nerf_core::math::MathBackend;
+use nerf_core::plan::{Batch, Outputs, Plan, Quality};
+use nerf_core::render::Renderer;
+use nerf_tests::oracle::network::{Network, f16};
+use nerf_tests::scenes::{Recipe, tiers};
+
+cases! {
+    densities_of_random_networks: "error of sigma, relative above 1" => || queries(0);
+    colours_of_random_networks: "absolute error of rgb" => || queries(1);
+    a_dot_product_of_512_extremes_of_f16: "error over the sum of magnitudes" => extremes;
+}
+
+/// A number of either sign.
+fn noise(state: &mut u64) -> f32 {
+    *state ^= *state << 13;
+    *state ^= *state >> 7;
+    *state ^= *state << 17;
+    (*state >> 40) as f32 / (1u64 << 23) as f32 - 1.0
+}
+
+const POINTS: usize = 640;
+
+/// Worst error of sigma (0) or rgb (1) by each backend, and by the tier that rounds.
+fn queries(output: usize) -> Vec<Row> {
+    let mut worst = vec![Worst::default(); BACKENDS.len() + 1];
+    let wide = Recipe { trunk: (8, 256), skip: true, seed: 21, ..Recipe::PLAIN };
+    for (name, recipe) in [("4x32", Recipe::PLAIN), ("skip", Recipe::SKIP), ("8x256", wide)] {
+        let bytes = recipe.blob();
+        let blob = Blob::open(&bytes).expect("a blob");
+        let weights: Vec<f64> =
+            blob.weights().chunks_exact(2).map(|b| f16(u16::from_le_bytes([b[0], b[1]]))).collect();
+        let oracle = Network::of_file(blob.architecture(), &weights);
+        let mut state = 5;
+        let positions: Vec<[f32; 3]> = (0..POINTS).map(|_| [0; 3].map(|_| noise(&mut state))).collect();
+        let dirs: Vec<[f32; 3]> = positions.iter().map(|_| unit([0; 3].map(|_| noise(&mut state)))).collect();
+        let double = |v: &[f32; 3]| v.map(f64::from);
+        let truth: Vec<(f64, [f64; 3])> = positions
+            .iter()
+            .zip(&dirs)
+            .map(|(p, d)| (oracle.sigma(&double(p)), oracle.rgb(&double(p), &double(d))))
+            .collect();
+        let mut compare = |tier: Tier, math: MathBackend, worst: &mut Worst| {
+            let (sigma, rgb) = ask(&bytes, tier, math, &positions, &dirs);
+            for (i, (s, c)) in truth.iter().enumerate() {
+                let error = match output {
+                    0 => (f64::from(sigma[i]) - s).abs() / s.max(1.0),
+                    _ => (0..3).map(|k| (f64::from(rgb[i][k]) - c[k]).abs()).fold(0.0, f64::max),
+                };
+                worst.see(error, || format!("{name}, point {i}, {}", tier.name()));
+            }
+        };
+        for (&(_, math), worst) in BACKENDS.iter().zip(&mut worst) {
+            exact_tiers().for_each(|tier| compare(tier, math, worst));
+        }
+        for tier in tiers().filter(|tier| tier.rounds()) {
+            compare(tier, MathBackend::Polynomial, &mut worst[BACKENDS.len()]);
+        }
+    }
+    // The rough backends' errors at the input go through eight layers.
+    let bounds = [[2e-5, 2e-5, 5e-2, 5e-3, 2e-1], [1e-5, 1e-5, 2e-2, 2e-3, 1e-1]][output];
+    let mut rows: Vec<Row> = Vec::new();
+    for (i, worst) in worst.into_iter().enumerate() {
+        match BACKENDS.get(i) {
+            Some(&(name, _)) => rows.push(worst.row(name, "f32 tiers", bounds[i])),
+            None if worst.at.is_empty() => {}
+            None => rows.push(worst.row("polynomial", "avx512bf16", bounds[i])),
+        }
+    }
+    rows
+}
+
+fn unit(v: [f32; 3]) -> [f32; 3] {
+    let length = v.iter().map(|x| x * x).sum::<f32>().sqrt();
+    v.map(|x| x / length)
+}
+
+/// What the renderer says of points.
+fn ask(
+    bytes: &[u8],
+    tier: Tier,
+    math: MathBackend,
+    positions: &[[f32; 3]],
+    dirs: &[[f32; 3]],
+) -> (Vec<f32>, Vec<[f32; 3]>) {
+    let blob = Blob::open(bytes).expect("a blob");
+    let quality = Quality { math, ..Quality::default() };
+    let plan = Plan::new(&blob, &quality, Outputs::RGB, Batch::for_tier(tier)).expect("a plan");
+    let mut memory = vec![Line::UNINIT; Renderer::prepared_lines(&blob, tier)];
+    let renderer = Renderer::new(blob.clone(), tier, &mut memory).expect("a renderer");
+    let mut workspace = vec![Line::UNINIT; renderer.workspace_lines(&plan)];
+    let (mut sigma, mut rgb) = (vec![0.0; positions.len()], vec![[0.0; 3]; positions.len()]);
+    renderer.query(&plan, positions, dirs, &mut workspace, &mut sigma, &mut rgb).expect("an answer");
+    (sigma, rgb)
+}
+
+/// Rows of ±65,504 and the least subnormals of f16 against inputs of as different sizes.
+fn extremes() -> Vec<Row> {
+    let (k, n) = (512, 16);
+    let mut worst = Worst::default();
+    let sizes = [65_504.0f32, 5.960_464_5e-8, 1.0, 6.103_515_6e-5, 0.999_511_7];
+    let mut state = 9;
+    let a: Vec<f32> =
+        (0..k).map(|i| sizes[i % 5] * if noise(&mut state) < 0.0 { -1.0 } else { 1.0 }).collect();
+    let b: Vec<f32> = (0..k * n).map(|i| noise(&mut state) * [1.0, 1e4, 1e-4][i % 3]).collect();
+    let g = Gemm { m: 1, n, k, a_row: k, a_col: 1, b_row: n, c_row: n };
+    for tier in exact_tiers() {
+        let mut c = vec![0.0f32; n];
+        gemm(tier, g, &a, &b, &mut c, Init::Zero, false);
+        for (column, &found) in c.iter().enumerate() {
+            let terms = (0..k).map(|p| f64::from(a[p]) * f64::from(b[p * n + column]));
+            let (truth, all) = terms.fold((0.0, 0.0), |(sum, all), term| (sum + term, all + term.abs()));
+            worst.see((f64::from(found) - truth).abs() / all, || format!("column {column}, {}", tier.name()));
+        }
+    }
+    // Higham 2002, eq. 3.5: n u, with u = 2^-24 and a product and a sum for each of 512 terms.
+    vec![worst.row("any", "f32 tiers", 513.0 * 2f64.powi(-24))]
+}
