@@ -170,7 +170,10 @@ impl fmt::Display for Failure {
             Self::Kernel(name) => write!(f, "kernel tier {name}: not on this machine"),
             #[cfg(feature = "std")]
             Self::KernelVariable => {
-                write!(f, "environment variable NERF_KERNEL: expected scalar, avx2, avx512 or avx512bf16")
+                write!(
+                    f,
+                    "environment variable NERF_KERNEL: expected scalar, avx2, avx512, avx512bf16 or simd128"
+                )
             }
             Self::Stride { name, expected, found } => {
                 write!(f, "{name}: expected a stride of at least {expected} bytes, found {found}")

@@ -9,6 +9,8 @@
 
 mod boundary;
 mod failure;
+#[cfg(all(feature = "panic-handler", not(feature = "std")))]
+mod panic_handler;
 mod span;
 mod tile_pixels;
 mod tiles;

@@ -11,7 +11,7 @@ use nerf_core::kernels::Tier;
 #[repr(u32)]
 pub enum Kernel {
     /// The fastest of this machine that computes in f32, or the one named by the environment variable
-    /// `NERF_KERNEL` ("scalar", "avx2", "avx512", "avx512bf16") where the library was built with std.
+    /// `NERF_KERNEL` ("scalar", "avx2", "avx512", "avx512bf16", "simd128") where the library was built with std.
     Auto = 0,
     /// Plain f32: on every machine; weights are read in place and take no memory.
     Scalar = 1,
@@ -22,6 +22,8 @@ pub enum Kernel {
     /// AVX-512 BF16: faster, with weights and activations rounded to 8 significant bits; never chosen by
     /// itself.
     Avx512Bf16 = 4,
+    /// WebAssembly SIMD: the scalar tier's bits, faster; there in a library built with `simd128`.
+    Simd128 = 5,
 }
 
 impl Kernel {
@@ -30,6 +32,7 @@ impl Kernel {
             Tier::Avx2 => Self::Avx2,
             Tier::Avx512 => Self::Avx512,
             Tier::Avx512Bf16 => Self::Avx512Bf16,
+            Tier::Simd128 => Self::Simd128,
             _ => Self::Scalar,
         }
     }
@@ -70,12 +73,14 @@ pub(crate) unsafe fn read_tier(options: *const OpenOptions) -> Result<Tier, Fail
     const AVX2: u32 = Kernel::Avx2 as u32;
     const AVX512: u32 = Kernel::Avx512 as u32;
     const AVX512_BF16: u32 = Kernel::Avx512Bf16 as u32;
+    const SIMD128: u32 = Kernel::Simd128 as u32;
     match options.kernel {
         AUTO => automatic(),
         SCALAR => available(Tier::Scalar),
         AVX2 => available(Tier::Avx2),
         AVX512 => available(Tier::Avx512),
         AVX512_BF16 => available(Tier::Avx512Bf16),
+        SIMD128 => available(Tier::Simd128),
         found => Err(Failure::Setting { name: "options.kernel", expected: "a nerf_kernel", found }),
     }
 }

@@ -1,8 +1,12 @@
 //! What the tests that span the crates share: small scenes, C compilers, memory with canaries.
 #![allow(unsafe_code, reason = "tests call the C interface")]
 
+pub mod browser;
 pub mod build;
 pub mod call;
 pub mod memory;
+pub mod oracle;
 pub mod paths;
 pub mod scenes;
+pub mod symbols;
+pub mod tools;

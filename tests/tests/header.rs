@@ -1,10 +1,7 @@
 //! The committed header is what the sources say, and names what the library exports.
 #![allow(unsafe_code, reason = "tests call the C interface")]
 
-use nerf_tests::{build, paths};
-use std::collections::BTreeSet;
-use std::path::Path;
-use std::process::Command;
+use nerf_tests::{build, paths, symbols};
 
 fn generated() -> String {
     let ffi = paths::workspace().join("nerf-render-ffi");
@@ -26,33 +23,15 @@ fn header_is_current() {
     assert!(committed == header, "{} is not current: NERF_BLESS=1 cargo test renews it", path.display());
 }
 
-/// Functions the header declares: names before a parenthesis.
-fn declared() -> BTreeSet<String> {
-    let header = std::fs::read_to_string(paths::header()).expect("include/nerf_render.h");
-    let code: String =
-        header.split("/*").map(|part| part.split_once("*/").map_or(part, |(_, c)| c)).collect();
-    let before = code.split('(').map(|part| part.rsplit(|c: char| !(c == '_' || c.is_alphanumeric())).next());
-    before.flatten().filter(|name| name.starts_with("nerf_")).map(String::from).collect()
-}
-
-/// What `nm` finds defined in a library.
-fn exported(arguments: &[&str], library: &Path) -> BTreeSet<String> {
-    let nm = Command::new("nm").args(arguments).arg(library).output().expect("nm");
-    let lines = String::from_utf8_lossy(&nm.stdout).into_owned();
-    // "address kind name"; an archive has headings, too.
-    let name = |line: &str| line.split_whitespace().nth(2).map(String::from);
-    lines.lines().filter_map(name).collect()
-}
-
 #[test]
 fn header_and_libraries_name_the_same_functions() {
-    let (libraries, declared) = (build::libraries(), declared());
-    // GNU nm would hand the objects to an LTO plugin, which may be too old for their bitcode.
-    let mut archive = exported(&["-g", "--defined-only", "--plugin", "/none"], &libraries.archive);
+    let header = std::fs::read_to_string(paths::header()).expect("include/nerf_render.h");
+    let (libraries, declared) = (build::libraries(), symbols::declared(&header));
+    let mut archive = symbols::of_archive(&libraries.archive);
     archive.retain(|name| name.starts_with("nerf_"));
     assert_eq!(archive, declared);
     // The shared library exports nothing else at all.
-    assert_eq!(exported(&["-D", "--defined-only"], &libraries.shared), declared);
+    assert_eq!(symbols::of_shared(&libraries.shared), declared);
     assert!(declared.contains("nerf_render") && declared.len() == 23, "{declared:?}");
 }
 
@@ -62,7 +41,7 @@ fn table_of_capabilities_names_every_function() {
         std::fs::read_to_string(paths::workspace().join("nerf-render-ffi/README.md")).expect("the README");
     let table = readme.split("## What Rust has, C has").nth(1).and_then(|rest| rest.split("\n## ").next());
     let table = table.expect("the table");
-    for name in declared() {
+    for name in symbols::declared(&std::fs::read_to_string(paths::header()).expect("include/nerf_render.h")) {
         assert!(table.contains(&format!("`{name}`")), "{name} is not in the table");
     }
 }

@@ -9,6 +9,7 @@
 use nerf_tests::build::{self, Language, Sanitizer, has_nightly, sanitized_program};
 use nerf_tests::paths;
 use nerf_tests::scenes::{Recipe, tiers};
+use nerf_tests::tools::{all_here, say_skipped};
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
 
@@ -56,9 +57,7 @@ fn cpp_example() -> PathBuf {
 
 #[test]
 fn valgrind_has_nothing_to_report() {
-    if Command::new("valgrind").arg("--version").output().is_err() {
-        assert!(std::env::var_os("CI").is_none(), "CI installs valgrind");
-        eprintln!("skipped: no valgrind");
+    if !all_here(&["valgrind"]) {
         return;
     }
     let directory = paths::temporary();
@@ -88,8 +87,7 @@ fn valgrind_has_nothing_to_report() {
 #[test]
 fn address_sanitizer_has_nothing_to_report() {
     if !has_nightly() {
-        eprintln!("skipped: no nightly toolchain");
-        return;
+        return say_skipped("no nightly toolchain");
     }
     let directory = paths::temporary();
     let program = sanitized_program(Sanitizer::Address, Language::C, &watched(), directory.path());
@@ -104,8 +102,7 @@ fn address_sanitizer_has_nothing_to_report() {
 #[test]
 fn thread_sanitizer_has_nothing_to_report() {
     if !has_nightly() {
-        eprintln!("skipped: no nightly toolchain");
-        return;
+        return say_skipped("no nightly toolchain");
     }
     let directory = paths::temporary();
     let program = sanitized_program(Sanitizer::Thread, Language::C, &watched(), directory.path());

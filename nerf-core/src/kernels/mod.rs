@@ -17,6 +17,8 @@ mod gemm;
 mod half;
 mod portable;
 mod select;
+#[cfg(all(target_arch = "wasm32", target_feature = "simd128"))]
+mod simd128;
 
 #[cfg(test)]
 mod tests;

@@ -16,11 +16,14 @@ pub enum Tier {
     /// AVX-512 BF16: weights and activations are rounded to bf16 and summed in f32. Only by name:
     /// [`Tier::detect`] never chooses a tier that rounds.
     Avx512Bf16,
+    /// WebAssembly SIMD, four lanes, unfused: the scalar tier's bits. There if the build has the target
+    /// feature `simd128`, since a module cannot ask.
+    Simd128,
 }
 
 impl Tier {
-    /// Every tier, slowest first.
-    pub const ALL: [Self; 4] = [Self::Scalar, Self::Avx2, Self::Avx512, Self::Avx512Bf16];
+    /// Every tier, slowest first among those of one machine.
+    pub const ALL: [Self; 5] = [Self::Scalar, Self::Avx2, Self::Avx512, Self::Avx512Bf16, Self::Simd128];
 
     /// The fastest tier of this machine that computes in f32.
     pub fn detect() -> Self {
@@ -37,6 +40,7 @@ impl Tier {
     pub fn available(self) -> bool {
         match self {
             Self::Scalar => true,
+            Self::Simd128 => cfg!(all(target_arch = "wasm32", target_feature = "simd128")),
             #[cfg(target_arch = "x86_64")]
             Self::Avx2 => cpu::features().avx2,
             #[cfg(target_arch = "x86_64")]
@@ -55,6 +59,7 @@ impl Tier {
             Self::Avx2 => "avx2",
             Self::Avx512 => "avx512",
             Self::Avx512Bf16 => "avx512bf16",
+            Self::Simd128 => "simd128",
         }
     }
 
@@ -79,6 +84,8 @@ impl Tier {
             // SAFETY: as above.
             #[cfg(target_arch = "x86_64")]
             Self::Avx512 | Self::Avx512Bf16 if self.available() => unsafe { super::avx512::run(op) },
+            #[cfg(all(target_arch = "wasm32", target_feature = "simd128"))]
+            Self::Simd128 => super::simd128::run(op),
             _ => op.run::<Portable>(),
         }
     }

@@ -34,7 +34,7 @@ pub trait Lanes: Copy {
     fn mul(self, b: Self) -> Self;
     /// `self / b`.
     fn div(self, b: Self) -> Self;
-    /// `self * b + c`: fused on the vector tiers, two roundings on the scalar one.
+    /// `self * b + c`: fused on x86's vector tiers, two roundings on the scalar and the WebAssembly one.
     fn mul_add(self, b: Self, c: Self) -> Self;
     /// The larger; `self` only if it is greater, so that a NaN in `b` stays.
     fn max_of(self, b: Self) -> Self;

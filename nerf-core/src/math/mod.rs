@@ -7,6 +7,7 @@
 //! | [`MathBackend::Micromath`] | `micromath` after exact reduction | `micromath` | own (it has none); so transmittance too | own |
 //! | [`MathBackend::Recurrence`] | own at level 0, then angle doubling | own | own | own |
 
+mod elementary;
 pub mod lanes;
 #[cfg(feature = "libm")]
 pub(crate) mod libm;
@@ -17,6 +18,8 @@ pub(crate) mod recurrence;
 
 #[cfg(test)]
 mod tests;
+
+pub use elementary::Elementary;
 
 use lanes::Lanes;
 

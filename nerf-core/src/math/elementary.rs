@@ -1,0 +1,73 @@
+//! One elementary function over a slice, on a tier: what tests and benchmarks of the backends call.
+
+use super::lanes::Lanes;
+use super::{Math, MathBackend, with_math};
+use crate::kernels::{Op, Tier};
+use core::marker::PhantomData;
+
+/// A function of [`Math`].
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[non_exhaustive]
+pub enum Elementary {
+    /// `sin πx`, as in the encoding with `s = π`; `x` finite.
+    SinPi,
+    /// `cos πx`.
+    CosPi,
+    /// `sin x`, as in the encoding with `s = 1`; `|x| <= 1e5`.
+    Sin,
+    /// `cos x`.
+    Cos,
+    /// `e^x`, of arguments clamped to `[-87, 88]`.
+    Exp,
+    /// `e^x − 1`, clamped likewise.
+    Expm1,
+    /// `e^−x`, as in transmittance.
+    Decay,
+    /// `ln(1 + e^x)`.
+    Softplus,
+    /// `1 / (1 + e^−x)`.
+    Sigmoid,
+}
+
+impl Elementary {
+    /// `out[i] = f(x[i])` by a backend on a tier; what is left beyond the shorter slice, or beyond the last whole
+    /// vector of 16, is computed one by one.
+    pub fn apply(self, tier: Tier, math: MathBackend, x: &[f32], out: &mut [f32]) {
+        let whole = x.len().min(out.len()) / 16 * 16;
+        let ((x, rest), (out, rest_out)) = (x.split_at(whole), out.split_at_mut(whole));
+        with_math!(math, M => {
+            tier.run(Apply::<M> { function: self, x, out, math: PhantomData });
+            Apply::<M> { function: self, x: rest, out: rest_out, math: PhantomData }.run::<f32>();
+        });
+    }
+}
+
+struct Apply<'a, M> {
+    function: Elementary,
+    x: &'a [f32],
+    out: &'a mut [f32],
+    math: PhantomData<M>,
+}
+
+impl<M: Math> Op for Apply<'_, M> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run<V: Lanes>(self) {
+        for (x, out) in self.x.chunks_exact(V::COUNT).zip(self.out.chunks_exact_mut(V::COUNT)) {
+            let x = V::load(x);
+            let y = match self.function {
+                Elementary::SinPi => M::sin_cos_pi(x).0,
+                Elementary::CosPi => M::sin_cos_pi(x).1,
+                Elementary::Sin => M::sin_cos(x).0,
+                Elementary::Cos => M::sin_cos(x).1,
+                Elementary::Exp => M::exp(x),
+                Elementary::Expm1 => M::expm1(x),
+                Elementary::Decay => M::decay(x),
+                Elementary::Softplus => M::softplus(x),
+                Elementary::Sigmoid => M::sigmoid(x),
+            };
+            y.store(out);
+        }
+    }
+}

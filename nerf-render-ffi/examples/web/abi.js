@@ -1,0 +1,246 @@
+'use strict';
+
+/** A C type of wasm32: bytes, and what a DataView calls it. */
+const TYPES = {
+  u32: [4, 'Uint32'], f32: [4, 'Float32'], u64: [8, 'BigUint64'], size: [4, 'Uint32'], pointer: [4, 'Uint32'],
+};
+
+/** Structures of include/nerf_render.h, as `name: type`, `[type, count]` or `[structure, count]`. */
+const STRUCTURES = {};
+
+/** Lays the fields of a structure out as C does. */
+function structure(name, fields) {
+  const made = { size: 0, align: 4, fields: {} };
+  for (const [field, type] of Object.entries(fields)) {
+    const [of, count] = Array.isArray(type) ? type : [type, 1];
+    const inner = STRUCTURES[of];
+    const [size, align] = inner ? [inner.size, inner.align] : [TYPES[of][0], TYPES[of][0]];
+    const at = Math.ceil(made.size / align) * align;
+    made.fields[field] = { at, of, size, count, many: Array.isArray(type) };
+    made.size = at + size * count;
+    made.align = Math.max(made.align, align);
+  }
+  made.size = Math.ceil(made.size / made.align) * made.align;
+  STRUCTURES[name] = made;
+}
+
+structure('nerf_open_options', { struct_size: 'size', kernel: 'u32', reserved: ['u32', 7] });
+structure('nerf_text', { data: 'pointer', length: 'size' });
+structure('nerf_scene_info', {
+  struct_size: 'size', kind: 'u32', kernel: 'u32', box_min: ['f32', 3], box_max: ['f32', 3],
+  near_distance: 'f32', far_distance: 'f32', samples: 'u32', background: ['f32', 3], view_dependent: 'u32',
+  grid_required: 'u32', grid_resolution: ['u32', 3], grid_occupancy: 'f32', trunk_layers: 'u32',
+  trunk_widths: ['u32', 16], colour_layers: 'u32', colour_widths: ['u32', 4], psnr_db: 'f32',
+  quantisation_loss_db: 'f32', steps: 'u32', parameters: 'u64', density_macs: 'u64', colour_macs: 'u64',
+  seed: 'u64', data: 'nerf_text', made_by: 'nerf_text', psnr_convention: 'nerf_text', picture_width: 'u32',
+  picture_height: 'u32', proposal_samples: 'u32', front_points: 'u32', proposal_macs: 'u64',
+});
+structure('nerf_camera', {
+  struct_size: 'size', width: 'u32', height: 'u32', fx: 'f32', fy: 'f32', cx: 'f32', cy: 'f32', k1: 'f32',
+  k2: 'f32', p1: 'f32', p2: 'f32', c2w: ['f32', 12], reserved: ['u32', 6],
+});
+structure('nerf_effects', {
+  jitter: 'u32', anti_aliasing: 'u32', seed: 'u64', aperture_radius: 'f32', focus_distance: 'f32',
+  exposure: 'f32', tone_map: 'u32', linear: 'u32', reserved: ['u32', 5],
+});
+structure('nerf_render_options', {
+  struct_size: 'size', samples: 'u32', transmittance_cut: 'f32', ignore_grid: 'u32', maths: 'u32',
+  background_set: 'u32', background: ['f32', 3], batch_rays: 'u32', batch_samples: 'u32', colour_cut: 'f32',
+  normal_blur: 'f32', ignore_proposal: 'u32', reserved: ['u32', 4], effects: 'nerf_effects',
+});
+structure('nerf_plane', { data: 'pointer', pixel_stride: 'size', row_stride: 'size', format: 'u32', reserved: 'u32' });
+structure('nerf_target', {
+  struct_size: 'size', rgb: 'nerf_plane', opacity: 'nerf_plane', ray_distance: 'nerf_plane',
+  z_depth: 'nerf_plane', median_distance: 'nerf_plane', normals: 'nerf_plane',
+});
+structure('nerf_rect', { x: 'u32', y: 'u32', width: 'u32', height: 'u32' });
+structure('nerf_counters', {
+  struct_size: 'size', rays: 'u64', samples_kept: 'u64', samples_skipped: 'u64', density_evaluations: 'u64',
+  colour_evaluations: 'u64', macs: 'u64', invalid_samples: 'u64', normal_evaluations: 'u64',
+  proposal_evaluations: 'u64',
+});
+structure('nerf_choice', { struct_size: 'size', loss_db: 'f32', cost: 'f32', milliseconds: 'f32', within: 'u32' });
+structure('nerf_pace', { struct_size: 'size', milliseconds: ['f32', 16] });
+
+const KERNELS = ['auto', 'scalar', 'avx2', 'avx512', 'avx512bf16', 'simd128'];
+const FORMAT_RGB_F32 = 2, FORMAT_F32 = 5, FORMAT_VEC3_F32 = 6;
+/** Planes of a target: the bit of `NERF_OUTPUT_*`, the format, and floats of a pixel. */
+const PLANES = {
+  rgb: [1, FORMAT_RGB_F32, 3], opacity: [2, FORMAT_F32, 1], ray_distance: [4, FORMAT_F32, 1],
+  z_depth: [8, FORMAT_F32, 1], median_distance: [16, FORMAT_F32, 1], normals: [32, FORMAT_VEC3_F32, 3],
+};
+
+/** A module `(import "h" "f" (func (param i32) (result i64))) (export "f")`: JavaScript in C's function table. */
+const CLOCK_TYPE = Uint8Array.of(
+  0, 97, 115, 109, 1, 0, 0, 0, 1, 6, 1, 96, 1, 127, 1, 126, 2, 7, 1, 1, 104, 1, 102, 0, 0, 7, 5, 1, 1, 102, 0, 0);
+
+/** An instance of the library and the memory it works in, all of which is handed out here, from `__heap_base` on. */
+class Library {
+  constructor(module) {
+    const nerf_panicked = () => { throw new Error('the library panicked'); };
+    this.exports = new WebAssembly.Instance(module, { env: { nerf_panicked } }).exports;
+    this.top = this.exports.__heap_base.value;
+    this.rooms = {};
+    this.message = this.place(512);
+    this.out = this.place(16);
+  }
+
+  get memory() { return this.exports.memory.buffer; }
+
+  /** The address of new memory, for as long as the instance lives. */
+  place(size, align = 64) {
+    const at = Math.ceil(this.top / align) * align;
+    this.top = at + size;
+    const missing = this.top - this.memory.byteLength;
+    if (missing > 0) this.exports.memory.grow(Math.ceil(missing / 65536));
+    return at;
+  }
+
+  /** Memory of at least this size under a name, which forgets what was there. */
+  room(name, size) {
+    const room = this.rooms[name];
+    if (room && room.size >= size) return room.at;
+    this.rooms[name] = { at: this.place(size), size };
+    return this.rooms[name].at;
+  }
+
+  /** Writes `values` at an address; numbers, arrays of numbers, or objects for structures. */
+  write(name, at, values) {
+    const view = new DataView(this.memory);
+    for (const [field, value] of Object.entries(values)) {
+      const { at: offset, of, size, count, many } = STRUCTURES[name].fields[field];
+      for (let i = 0; i < count; i++) {
+        const one = many ? value[i] : value, place = at + offset + i * size;
+        if (STRUCTURES[of]) this.write(of, place, one); else view[`set${TYPES[of][1]}`](place, one, true);
+      }
+    }
+  }
+
+  /** A structure at an address of its own, zeroed but for its size and `values`. */
+  structure(name, values = {}) {
+    const { size, fields } = STRUCTURES[name];
+    const at = this.room(name, size);
+    new Uint8Array(this.memory, at, size).fill(0);
+    this.write(name, at, fields.struct_size ? { struct_size: size, ...values } : values);
+    return at;
+  }
+
+  /** The structure at an address. */
+  read(name, at) {
+    const view = new DataView(this.memory);
+    const one = (of, place) => STRUCTURES[of] ? this.read(of, place) : view[`get${TYPES[of][1]}`](place, true);
+    const entries = Object.entries(STRUCTURES[name].fields).map(([field, { at: offset, of, size, count, many }]) => {
+      const all = Array.from({ length: count }, (_, i) => one(of, at + offset + i * size));
+      return [field, many ? all : all[0]];
+    });
+    return Object.fromEntries(entries);
+  }
+
+  /** The two sizes that a query wrote to `out`. */
+  answer() { return new Uint32Array(this.memory, this.out, 2); }
+
+  text(at, length) { return new TextDecoder().decode(new Uint8Array(this.memory, at, length)); }
+
+  /** Calls a function whose last arguments are the message buffer; throws what the library says. */
+  call(name, ...more) {
+    const status = this.exports[name](...more, this.message, 512);
+    if (status === 0) return;
+    const bytes = new Uint8Array(this.memory, this.message, 512);
+    throw new Error(`${name}: status ${status}: ${this.text(this.message, bytes.indexOf(0))}`);
+  }
+
+  /** A function of the page as a `nerf_clock`. */
+  clock(microseconds) {
+    const made = new WebAssembly.Instance(new WebAssembly.Module(CLOCK_TYPE), { h: { f: microseconds } });
+    const table = this.exports.__indirect_function_table;
+    const at = table.grow(1);
+    table.set(at, made.exports.f);
+    return at;
+  }
+}
+
+/** An opened scene. */
+class Scene {
+  constructor(module, blob, kernel) {
+    const library = this.library = new Library(module);
+    const at = library.place(blob.byteLength);
+    new Uint8Array(library.memory).set(blob, at);
+    const options = library.structure('nerf_open_options', { kernel: KERNELS.indexOf(kernel) });
+    library.call('nerf_scene_memory', at, blob.byteLength, options, library.out, library.out + 4);
+    const size = library.answer()[0];
+    const memory = library.place(size);
+    library.call('nerf_scene_open', at, blob.byteLength, options, memory, size, library.out);
+    this.handle = library.answer()[0];
+  }
+
+  describe() {
+    const { library } = this;
+    const at = library.structure('nerf_scene_info');
+    const status = library.exports.nerf_scene_describe(this.handle, at);
+    if (status) throw new Error(`nerf_scene_describe: status ${status}`);
+    const info = library.read('nerf_scene_info', at);
+    for (const name of ['data', 'made_by', 'psnr_convention']) info[name] = library.text(info[name].data, info[name].length);
+    return { ...info, kernel: KERNELS[info.kernel] };
+  }
+
+  /** Options at their place; 0, the defaults, for null. */
+  options(values) {
+    return values ? this.library.structure('nerf_render_options', values) : 0;
+  }
+
+  workspace(query, options, outputs) {
+    const { library } = this;
+    library.call(query, this.handle, options, outputs, library.out, library.out + 4);
+    const size = library.answer()[0];
+    return [library.room('workspace', size), size];
+  }
+
+  /** Renders a rectangle; its planes as floats, and the work. */
+  render({ camera, options = null, rect, planes }) {
+    const { library } = this;
+    const outputs = planes.reduce((bits, name) => bits | PLANES[name][0], 0);
+    const pixels = rect.width * rect.height;
+    const at = planes.map(name => library.room(name, 4 * pixels * PLANES[name][2]));
+    const target = planes.map((name, i) => [name, { data: at[i], format: PLANES[name][1] }]);
+    const settings = this.options(options);
+    const workspace = this.workspace('nerf_workspace_size', settings, outputs);
+    const counters = library.structure('nerf_counters');
+    library.call('nerf_render', this.handle, library.structure('nerf_camera', camera), settings,
+      library.structure('nerf_rect', rect), library.structure('nerf_target', Object.fromEntries(target)),
+      ...workspace, 0, 0, counters);
+    const floats = planes.map((name, i) => [name, new Float32Array(library.memory, at[i], pixels * PLANES[name][2]).slice()]);
+    return { planes: Object.fromEntries(floats), counters: library.read('nerf_counters', counters) };
+  }
+
+  /** Milliseconds at each point of the front, on this thread. */
+  pace({ camera, planes, limit }) {
+    const { library } = this;
+    const outputs = planes.reduce((bits, name) => bits | PLANES[name][0], 0);
+    this.clock ??= library.clock(() => BigInt(Math.round(1000 * performance.now())));
+    const workspace = this.workspace('nerf_pace_workspace_size', 0, outputs);
+    const pace = library.structure('nerf_pace');
+    library.call('nerf_pace_measure', this.handle, library.structure('nerf_camera', camera), 0, outputs, limit,
+      this.clock, 0, ...workspace, pace);
+    return library.read('nerf_pace', pace).milliseconds;
+  }
+
+  /** The settings that lose least in that time at a pace, and what they lose. */
+  within({ milliseconds, pace }) {
+    const { library } = this;
+    const options = library.structure('nerf_render_options', {});
+    const choice = library.structure('nerf_choice');
+    library.call('nerf_quality_within_time', this.handle, milliseconds,
+      library.structure('nerf_pace', { milliseconds: pace }), options, choice);
+    return { options: library.read('nerf_render_options', options), choice: library.read('nerf_choice', choice) };
+  }
+
+  /** A frame in words. */
+  explain({ options = null, planes, counters }) {
+    const { library } = this;
+    const outputs = planes.reduce((bits, name) => bits | PLANES[name][0], 0);
+    const [text, capacity] = [library.room('text', 8192), 8192];
+    library.call('nerf_explain', this.handle, this.options(options), outputs,
+      library.structure('nerf_counters', { ...counters, struct_size: STRUCTURES.nerf_counters.size }), text, capacity, 0);
+    return library.text(text, new Uint8Array(library.memory, text, capacity).indexOf(0));
+  }
+}

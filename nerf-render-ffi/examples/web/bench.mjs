@@ -1,0 +1,33 @@
+// The kernels of a module against each other, outside a browser: the fastest of some frames, in turn, by the
+// processor's time, since other programs run too.
+//   node bench.mjs target/web/wasm32-unknown-unknown/web/nerf_render.wasm scene.nerf [pixels a side] [frames]
+import { readFileSync } from 'node:fs';
+
+const [file, blob, side = '100', frames = '10'] = process.argv.slice(2);
+const source = name => readFileSync(new URL(name, import.meta.url), 'utf8');
+const { Scene, Orbit } = new Function(`${source('abi.js')}${source('view.js')}; return { Scene, Orbit };`)();
+const module = new WebAssembly.Module(readFileSync(file));
+const kernels = ['scalar', 'simd128'].map(kernel => ({ kernel, fastest: Infinity, scene: new Scene(module, readFileSync(blob), kernel) }));
+
+const info = kernels[0].scene.describe();
+const centre = info.box_min.map((low, i) => 0.5 * (low + info.box_max[i]));
+const view = new Orbit(centre, 0.5 * (info.near_distance + info.far_distance), [0, 0, 1], [[1, 0, 0], [0, 1, 0]]);
+const camera = view.camera(Number(side), Number(side), 40 * Math.PI / 180);
+const request = { camera, rect: { x: 0, y: 0, width: camera.width, height: camera.height }, planes: ['rgb', 'z_depth'] };
+let bits = null;
+for (let i = 0; i <= Number(frames); i++) {
+  for (const one of kernels) {
+    const began = process.cpuUsage();
+    const { planes, counters } = one.scene.render(request);
+    // The first frame is the engine's: it compiles.
+    const { user, system } = process.cpuUsage(began);
+    if (i > 0) one.fastest = Math.min(one.fastest, (user + system) / 1000);
+    one.flop = 2 * Number(counters.macs);
+    const found = Buffer.from(planes.rgb.buffer).toString('hex');
+    if (found !== (bits ??= found)) throw new Error(`${one.kernel}: other bits`);
+  }
+}
+for (const { kernel, fastest, flop } of kernels) {
+  console.log(`${kernel}: ${fastest.toFixed(1)} ms, ${(flop / fastest / 1e6).toFixed(1)} GFLOP/s`);
+}
+console.log(`simd128 is ${(kernels[0].fastest / kernels[1].fastest).toFixed(2)} times scalar, bit for bit the same picture`);

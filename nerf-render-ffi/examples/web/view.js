@@ -1,0 +1,44 @@
+
+const add = (a, b, s = 1) => a.map((x, i) => x + s * b[i]);
+const scaled = (a, s) => a.map(x => s * x);
+const cross = (a, b) => [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]];
+const unit = a => scaled(a, 1 / Math.hypot(...a));
+
+/** A camera that goes around a point; angles in radians, distance in world units. */
+class Orbit {
+  /** `across`: two axes in the plane of the ground, right-handed with `up`. */
+  constructor(centre, distance, up, across) {
+    Object.assign(this, { centre, home: distance, up, across });
+    this.reset();
+  }
+
+  reset() {
+    Object.assign(this, { azimuth: -0.9, elevation: 0.45, distance: this.home });
+  }
+
+  turn(dx, dy) {
+    this.azimuth -= 0.008 * dx;
+    this.elevation = Math.max(-1.5, Math.min(1.5, this.elevation + 0.008 * dy));
+  }
+
+  dolly(factor) {
+    this.distance = Math.max(0.1 * this.home, Math.min(4 * this.home, this.distance * factor));
+  }
+
+  /** From the centre to the eye, unit length. */
+  backward() {
+    const flat = add(scaled(this.across[0], Math.cos(this.azimuth)), this.across[1], Math.sin(this.azimuth));
+    return add(scaled(flat, Math.cos(this.elevation)), this.up, Math.sin(this.elevation));
+  }
+
+  /** A `nerf_camera` of this size, whose shorter side sees `angle`. */
+  camera(width, height, angle) {
+    const backward = this.backward();
+    const right = unit(cross(this.up, backward));
+    const top = cross(backward, right);
+    const eye = add(this.centre, backward, this.distance);
+    const focal = 0.5 * Math.min(width, height) / Math.tan(0.5 * angle);
+    const c2w = [0, 1, 2].flatMap(i => [right[i], top[i], backward[i], eye[i]]);
+    return { width, height, fx: focal, fy: focal, cx: 0.5 * width, cy: 0.5 * height, c2w };
+  }
+}

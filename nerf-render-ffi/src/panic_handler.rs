@@ -1,0 +1,16 @@
+//! What a panic does in a library without std whose host is no Rust program.
+
+use core::panic::PanicInfo;
+
+#[cfg_attr(target_arch = "wasm32", link(wasm_import_module = "env"))]
+unsafe extern "C" {
+    /// Defined by the host; must not return. A library that refers to it can panic: it is missing at link
+    /// time, or among a module's imports.
+    fn nerf_panicked() -> !;
+}
+
+#[panic_handler]
+fn panicked(_: &PanicInfo<'_>) -> ! {
+    // SAFETY: the host defines it with this signature.
+    unsafe { nerf_panicked() }
+}

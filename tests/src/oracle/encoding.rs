@@ -1,0 +1,35 @@
+//! Sinusoidal positional encoding (Mildenhall et al. 2020, eq. 4).
+
+use std::f64::consts::PI;
+
+/// `(sin πu, cos πu)` of a number that is exactly `u`.
+///
+/// `u mod 2` is exact in binary, and so is the distance to the nearest multiple of ½: π enters last, when the angle
+/// is at most a quarter turn.
+pub fn sin_cos_pi(u: f64) -> (f64, f64) {
+    let turn = u % 2.0;
+    let quarters = (2.0 * turn).round();
+    let (s, c) = (PI * (turn - 0.5 * quarters)).sin_cos();
+    match quarters.rem_euclid(4.0) as u8 {
+        0 => (s, c),
+        1 => (c, -s),
+        2 => (-s, -c),
+        _ => (-c, s),
+    }
+}
+
+/// `sin` and `cos` of level `k`: `(sin 2^k s x, cos 2^k s x)` with `s` = π or 1.
+pub fn level(x: f64, k: i32, pi: bool) -> (f64, f64) {
+    let u = x * 2f64.powi(k);
+    if pi { sin_cos_pi(u) } else { u.sin_cos() }
+}
+
+/// `[x,] sin 2^0 s x, cos 2^0 s x, sin 2^1 s x, …`, each for all inputs before the next.
+pub fn encode(x: &[f64], levels: u8, pi: bool, identity: bool) -> Vec<f64> {
+    let mut out = if identity { x.to_vec() } else { Vec::new() };
+    for k in 0..i32::from(levels) {
+        out.extend(x.iter().map(|&x| level(x, k, pi).0));
+        out.extend(x.iter().map(|&x| level(x, k, pi).1));
+    }
+    out
+}

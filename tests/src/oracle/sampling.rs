@@ -1,0 +1,49 @@
+//! Where a ray is sampled.
+
+/// The middles of `n` equal bins of `near..far`.
+pub fn middles(near: f64, far: f64, n: usize) -> Vec<f64> {
+    (0..n).map(|i| near + (far - near) * (i as f64 + 0.5) / n as f64).collect()
+}
+
+/// `drawn` samples of a density that is constant in each of the equal bins of `near..far`, by the inverse of its
+/// distribution function at `(k + ½)/drawn`; each weight counts 1e-5 more than it is, and what is no weight 0.
+pub fn inverse_cdf(near: f64, far: f64, weights: &[f64], drawn: usize) -> Vec<f64> {
+    let weight = |w: f64| if w.is_nan() { 0.0 } else { w.clamp(0.0, 1.0) } + 1e-5;
+    let total: f64 = weights.iter().map(|&w| weight(w)).sum();
+    let width = (far - near) / weights.len() as f64;
+    (0..drawn)
+        .map(|k| {
+            let mut left = (k as f64 + 0.5) / drawn as f64 * total;
+            for (bin, &w) in weights.iter().enumerate() {
+                if left < weight(w) {
+                    return near + width * (bin as f64 + left / weight(w));
+                }
+                left -= weight(w);
+            }
+            far
+        })
+        .collect()
+}
+
+/// Where a ray lies in a closed box: the least and the greatest `t` in `near..far`, by cutting at each face.
+pub fn clip(
+    origin: [f64; 3],
+    dir: [f64; 3],
+    min: [f64; 3],
+    max: [f64; 3],
+    near: f64,
+    far: f64,
+) -> Option<(f64, f64)> {
+    let (mut enter, mut exit) = (near, far);
+    for axis in 0..3 {
+        if dir[axis] == 0.0 {
+            if origin[axis] < min[axis] || origin[axis] > max[axis] {
+                return None;
+            }
+            continue;
+        }
+        let (a, b) = ((min[axis] - origin[axis]) / dir[axis], (max[axis] - origin[axis]) / dir[axis]);
+        (enter, exit) = (enter.max(a.min(b)), exit.min(a.max(b)));
+    }
+    (enter <= exit).then_some((enter, exit))
+}

@@ -1,0 +1,66 @@
+//! The encoding at every level, on every tier, by every backend.
+
+use crate::table::{BACKENDS, Row, Worst, cases, exact_tiers};
+use nerf_core::encoding::{AngleScale, Encoding, encode_block};
+use nerf_tests::oracle;
+
+cases! {
+    sixteen_levels_up_to_1e4_with_pi: "absolute error of sin and cos" =>
+        || levels(AngleScale::Pi, 16, 1e4, [1.2e-7, 4e-7, 2e-3, 5e-3]);
+    ten_levels_up_to_1e4_with_pi: "absolute error of sin and cos" =>
+        || levels(AngleScale::Pi, 10, 1e4, [1.2e-7, 4e-7, 2e-3, 1e-4]);
+    ten_levels_up_to_190_without_pi: "absolute error of sin and cos" =>
+        || levels(AngleScale::One, 10, 190.0, [1.2e-7, 1.2e-7, 1e-2, 1e-4]);
+}
+
+/// Values that hurt: ±0, subnormals, multiples of 2^-k and their neighbours, decades, and noise.
+fn hard(limit: f32) -> Vec<f32> {
+    let mut all = vec![0.0, 1e-45, 1e-40, f32::MIN_POSITIVE, 1.0, 0.5f32.next_up(), 1.0 / 3.0, limit];
+    for k in 0..=18 {
+        for n in [1.0, 3.0, 5.0, 1023.0] {
+            let x = n * 0.5f32.powi(k);
+            all.extend([x, x.next_up(), x.next_down()]);
+        }
+    }
+    for e in -12..=4 {
+        all.extend([1.0, 1.234_567, 3.3, 9.876_543].map(|m| m * 10f32.powi(e)));
+    }
+    let mut state = 1u32;
+    for _ in 0..200_000 {
+        state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+        let unit = (state >> 8) as f32 / (1 << 24) as f32;
+        all.extend([unit, unit * limit]);
+    }
+    let negative: Vec<f32> = all.iter().map(|x| -x).collect();
+    all.extend(negative);
+    all.retain(|x| x.abs() <= limit);
+    all.truncate(all.len() / 64 * 64);
+    all
+}
+
+fn levels(scale: AngleScale, levels: u8, limit: f32, bounds: [f64; 4]) -> Vec<Row> {
+    let encoding = Encoding { inputs: 1, levels, scale, identity: true };
+    let points = hard(limit);
+    let mut worst = vec![Worst::default(); BACKENDS.len()];
+    let mut out = vec![0.0; encoding.outputs() * 64];
+    for x in points.chunks_exact(64) {
+        let truth: Vec<Vec<f64>> = x
+            .iter()
+            .map(|&x| oracle::encoding::encode(&[f64::from(x)], levels, scale == AngleScale::Pi, true))
+            .collect();
+        for (&(_, math), worst) in BACKENDS.iter().zip(&mut worst) {
+            for tier in exact_tiers() {
+                encode_block(tier, math, &encoding, 64, x, &mut out);
+                for (row, values) in out.chunks_exact(64).enumerate() {
+                    for (column, &found) in values.iter().enumerate() {
+                        let error = (f64::from(found) - truth[column][row]).abs();
+                        let at = || format!("x = {:e}, level {}, {}", x[column], (row - 1) / 2, tier.name());
+                        worst.see(error, at);
+                    }
+                }
+            }
+        }
+    }
+    let rows = worst.into_iter().zip(BACKENDS).zip(bounds);
+    rows.map(|((worst, (name, _)), bound)| worst.row(name, "f32 tiers", bound)).collect()
+}

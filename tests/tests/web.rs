@@ -1,0 +1,154 @@
+//! The WebAssembly module in a page of its own: same exports, same layouts, and the scalar tier's bits.
+
+use nerf_core::blob::Blob;
+use nerf_core::camera::{Camera, Intrinsics, Pose};
+use nerf_core::kernels::{Line, Tier};
+use nerf_core::lens::Lens;
+use nerf_core::plan::{Batch, Outputs, Plan, Quality};
+use nerf_core::render::{Rect, Renderer};
+use nerf_core::volume::Pixel;
+use nerf_tests::browser::{chromium, document, left, noted};
+use nerf_tests::scenes::Recipe;
+use nerf_tests::tools::{all_here, there_is};
+use nerf_tests::{build, paths, symbols};
+use serde_json::Value;
+use std::collections::BTreeSet;
+use std::path::{Path, PathBuf};
+use std::process::Command;
+
+/// The page of a blob; `None` without the compiler's target or a browser.
+fn page(blob: &[u8], folder: &Path) -> Option<(PathBuf, PathBuf)> {
+    let (scene, page) = (folder.join("scene.nerf"), folder.join("page.html"));
+    std::fs::write(&scene, blob).expect("a temporary file");
+    let script = paths::workspace().join("nerf-render-ffi/examples/web/build");
+    let built = Command::new("bash").arg(script).arg(&scene).arg(&page).output().expect("bash");
+    let said = String::from_utf8_lossy(&built.stderr);
+    if !there_is("target wasm32-unknown-unknown", !said.contains("error: no target")) {
+        return None;
+    }
+    assert!(built.status.success(), "{said}");
+    print!("{}", String::from_utf8_lossy(&built.stdout));
+    let browser = chromium();
+    there_is("chromium (set CHROMIUM, or put it into PATH)", browser.is_some()).then_some(())?;
+    Some((page, browser?))
+}
+
+/// Bits of the six planes that the page drew, in the order of [`reference`].
+fn drawn(dump: &Value) -> Vec<(&'static str, Vec<u32>)> {
+    let plane = |name: &'static str| {
+        let hex = dump["planes"][name].as_str().expect("a plane");
+        let word = |i: usize| u32::from_str_radix(&hex[8 * i..8 * i + 8], 16).expect("eight digits");
+        (name, (0..hex.len() / 8).map(word).collect())
+    };
+    ["rgb", "opacity", "ray_distance", "z_depth", "median_distance", "normals"].map(plane).into()
+}
+
+/// The same planes by the scalar tier of this machine, and its multiply-adds.
+fn reference(blob: &[u8], camera: &Value) -> (Vec<Vec<u32>>, u64) {
+    let number = |name: &str| camera[name].as_f64().expect("a number") as f32;
+    let c2w: Vec<f32> =
+        camera["c2w"].as_array().expect("c2w").iter().map(|x| x.as_f64().expect("a number") as f32).collect();
+    let pose = Pose::from_rows(std::array::from_fn(|i| std::array::from_fn(|j| c2w[4 * i + j])));
+    let intrinsics = Intrinsics {
+        width: number("width") as u32,
+        height: number("height") as u32,
+        fx: number("fx"),
+        fy: number("fy"),
+        cx: number("cx"),
+        cy: number("cy"),
+    };
+    let camera = Camera::new(intrinsics, Lens::NONE, pose).expect("a camera");
+    let blob = Blob::open(blob).expect("a blob");
+    let quality = Quality { transmittance_cut: 0.01, colour_cut: 0.001, ..Quality::default() };
+    let outputs = Outputs { median_distance: true, normals: true, ..Outputs::ALL };
+    let plan = Plan::new(&blob, &quality, outputs, Batch::for_tier(Tier::Scalar)).expect("a plan");
+    let plan = plan.with_normal_blur(1.0).expect("a plan");
+    let renderer = Renderer::new(blob, Tier::Scalar, &mut []).expect("a renderer");
+    let mut workspace = vec![Line::UNINIT; renderer.workspace_lines(&plan)];
+    let mut planes = vec![Vec::new(); 6];
+    let width = intrinsics.width;
+    let mut pixels = vec![None; (width * intrinsics.height) as usize];
+    let mut put = |x: u32, y: u32, pixel: &Pixel| pixels[(y * width + x) as usize] = Some(*pixel);
+    let work = renderer.render(&plan, &camera, Rect::full(&camera), &mut workspace, &mut put);
+    for pixel in pixels.into_iter().flatten() {
+        planes[0].extend(pixel.rgb.map(f32::to_bits));
+        planes[1].push(pixel.opacity.to_bits());
+        planes[2].push(pixel.ray_distance.to_bits());
+        planes[3].push(pixel.z_depth.to_bits());
+        planes[4].push(pixel.median_distance.to_bits());
+        planes[5].extend(pixel.normal.map(f32::to_bits));
+    }
+    (planes, work.expect("a picture").macs)
+}
+
+/// Every size and offset the page believes in is the compiler's for wasm32.
+fn layouts_are_the_headers(layouts: &Value, folder: &Path) {
+    if !all_here(&["clang"]) {
+        return;
+    }
+    let mut source = String::from("#include \"nerf_render.h\"\n");
+    for (name, layout) in layouts.as_object().expect("structures") {
+        source += &format!("_Static_assert(sizeof({name}) == {}, \"{name}\");\n", layout["size"]);
+        for (field, place) in layout["fields"].as_object().expect("fields") {
+            let (at, bytes) = (&place["at"], format!("{} * {}", place["size"], place["count"]));
+            source += &format!("_Static_assert(offsetof({name}, {field}) == {at}, \"{name}.{field}\");\n");
+            source +=
+                &format!("_Static_assert(sizeof((({name} *)0)->{field}) == {bytes}, \"{name}.{field}\");\n");
+        }
+    }
+    assert!(source.lines().count() > 150, "{source}");
+    let file = folder.join("layouts.c");
+    std::fs::write(&file, source).expect("a temporary file");
+    let mut clang = Command::new("clang");
+    clang.args(["--target=wasm32-unknown-unknown", "-ffreestanding", "-fsyntax-only", "-std=c11", "-I"]);
+    build::run(clang.arg(paths::workspace().join("include")).arg(file));
+}
+
+#[test]
+fn the_page_turns_and_draws_the_scalar_tiers_bits() {
+    for (name, recipe) in [("skip", Recipe::SKIP), ("proposal", Recipe::PROPOSAL)] {
+        let (folder, blob) = (paths::temporary(), recipe.blob());
+        let Some((page, browser)) = page(&blob, folder.path()) else { return };
+        let document = document(&browser, folder.path(), &page, "selftest", &[]);
+        assert_eq!(noted(&document, "errors"), "0", "{name}");
+        assert_eq!(noted(&document, "selftest"), "passed", "{name}");
+        let different: u32 = noted(&document, "different").parse().expect("a number");
+        assert!(different > 300, "{name}: a flat picture proves nothing ({different} colours)");
+
+        let exports: BTreeSet<String> = noted(&document, "exports").split(' ').map(String::from).collect();
+        let linker = ["memory", "__heap_base", "__data_end", "__indirect_function_table"].map(String::from);
+        let header = std::fs::read_to_string(paths::header()).expect("include/nerf_render.h");
+        let mut declared = symbols::declared(&header);
+        // A module has no files.
+        declared.retain(|name| !["nerf_scene_open_file", "nerf_scene_close"].contains(&name.as_str()));
+        assert_eq!(exports, declared.into_iter().chain(linker).collect(), "{name}");
+        let imports = noted(&document, "imports");
+        assert!(imports.is_empty() || imports == "nerf_panicked", "{name}: {imports}");
+
+        // Tolerance row: simd128 against scalar, and wasm's scalar against the host's, 0. Nothing is fused.
+        for kernel in ["simd128", "scalar"] {
+            let dump = left(&document, &format!("dump-{kernel}"));
+            let (expected, macs) = reference(&blob, &dump["camera"]);
+            for ((plane, found), expected) in drawn(&dump).iter().zip(&expected) {
+                assert_eq!(found.len(), expected.len(), "{name}, {kernel}: {plane}");
+                let off = found.iter().zip(expected).find(|(a, b)| a != b);
+                let off = off.map(|(&a, &b)| (f32::from_bits(a), f32::from_bits(b)));
+                assert_eq!(off, None, "{name}, {kernel}: {plane}, the first that differs");
+            }
+            assert_eq!(dump["macs"], macs.to_string(), "{name}, {kernel}");
+        }
+        layouts_are_the_headers(&left(&document, "layouts"), folder.path());
+    }
+}
+
+#[test]
+fn a_broken_page_is_noticed() {
+    let folder = paths::temporary();
+    let Some((page, browser)) = page(&Recipe::GRID.blob(), folder.path()) else { return };
+    let text = std::fs::read_to_string(&page).expect("a page");
+    let (from, to) = ("view.turn(dx, dy); change();", "change();");
+    assert!(text.contains(from));
+    std::fs::write(&page, text.replace(from, to)).expect("written");
+    let document = document(&browser, folder.path(), &page, "selftest", &[]);
+    assert!(noted(&document, "selftest").starts_with("failed: drag turns"));
+}
