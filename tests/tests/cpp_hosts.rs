@@ -10,6 +10,7 @@ use nerf_core::volume::Pixel;
 use nerf_tests::build::{Language, libraries, program, run};
 use nerf_tests::paths;
 use nerf_tests::scenes::{Recipe, tiers};
+use nerf_tests::tools::all_here;
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 use std::process::Command;
@@ -20,16 +21,6 @@ const LEAN: [&str; 2] = ["-fno-exceptions", "-fno-rtti"];
 
 fn examples() -> PathBuf {
     paths::workspace().join("nerf-render-ffi/examples/cpp")
-}
-
-/// Whether a tool is on this machine; CI is to have all of them.
-fn present(tool: &str) -> bool {
-    let there = Command::new(tool).arg("--version").output().is_ok_and(|output| output.status.success());
-    assert!(there || std::env::var("CI").as_deref() != Ok("true"), "CI needs {tool}");
-    if !there {
-        eprintln!("skipped: no {tool} on this machine");
-    }
-    there
 }
 
 /// The pixels of a camera's image, row by row, by the Rust renderer.
@@ -74,7 +65,7 @@ fn content(path: &Path, header: &str) -> Vec<u8> {
 fn cpp_compiles_with_each_compiler_and_standard_with_and_without_exceptions() {
     let source = paths::workspace().join("tests/cpp/wrapper.cpp");
     for compiler in ["g++", "clang++"] {
-        if !present(compiler) {
+        if !all_here(&[compiler]) {
             continue;
         }
         for standard in ["-std=c++17", "-std=c++20"] {
@@ -356,7 +347,7 @@ fn viewer_says_what_is_wrong() {
 
 #[test]
 fn viewer_with_a_window_is_built_by_cmake() {
-    if !present("cmake") || !present("sdl2-config") {
+    if !all_here(&["cmake", "sdl2-config"]) {
         return;
     }
     let directory = paths::temporary();
