@@ -24,6 +24,7 @@
 
 #include "nerf_render.h"
 
+#include <algorithm>
 #include <cassert>
 #include <cmath>
 #include <cstddef>
@@ -164,9 +165,7 @@ error failed(nerf_status status, const char (&message)[length]) noexcept {
     error why;
     static_assert(length <= sizeof why.message);
     why.status = status;
-    for (std::size_t i = 0; i < length; ++i) {
-        why.message[i] = message[i];
-    }
+    std::copy_n(message, length, why.message);
     return why;
 }
 
@@ -324,6 +323,9 @@ struct camera : nerf_camera {
 
 using rect = nerf_rect;
 
+/// Stands for all of an image.
+inline constexpr rect whole{0, 0, std::numeric_limits<std::uint32_t>::max(), std::numeric_limits<std::uint32_t>::max()};
+
 /// An image cut into rectangles of at most side x side pixels (side > 0), row by row.
 struct tiles {
     std::uint32_t width, height, side;
@@ -374,8 +376,7 @@ private:
     static std::size_t pixel_size(std::uint32_t format) noexcept {
         switch (format) {
         case NERF_FORMAT_RGB_U8: return 3;
-        case NERF_FORMAT_RGBA_U8:
-        case NERF_FORMAT_F32: return 4;
+        case NERF_FORMAT_RGBA_U8: case NERF_FORMAT_F32: return 4;
         case NERF_FORMAT_RGBA_F32: return 16;
         default: return 12;
         }
@@ -400,8 +401,7 @@ struct target {
 
     /// The C target of a rectangle of a width x height image, checked against the views' ends.
     result<nerf_target> at(const rect &part, std::uint32_t width, std::uint32_t height) const noexcept {
-        const bool whole = window.width == 0 || window.height == 0;
-        const rect all = whole ? rect{0, 0, width, height} : window;
+        const rect all = window.width == 0 || window.height == 0 ? rect{0, 0, width, height} : window;
         const auto inside = [](std::uint32_t begin, std::uint32_t length, std::uint32_t from, std::uint32_t all_of) {
             return begin >= from && length <= all_of && begin - from <= all_of - length;
         };
@@ -641,8 +641,8 @@ public:
     /// each such tile is finished or untouched.
     template <class F = detail::none>
     result<counters> render(const nerf_camera &camera, const target &to, memory &workspace, const options &how = {},
-                            const std::optional<rect> &part = std::nullopt, F &&progress = {}) const noexcept {
-        const rect all = part.value_or(rect{0, 0, camera.width, camera.height});
+                            const rect &part = whole, F &&progress = {}) const noexcept {
+        const rect all = resolved(part, camera.width, camera.height);
         const result<nerf_target> planes = to.at(all, camera.width, camera.height);
         if (!planes) {
             return planes.error();
@@ -657,9 +657,9 @@ public:
     /// Renders a picture (a 2D field) at width x height pixels, or a rectangle of that; the rest as above.
     template <class F = detail::none>
     result<counters> render_picture(std::uint32_t width, std::uint32_t height, const target &to, memory &workspace,
-                                    const options &how = {}, const std::optional<rect> &part = std::nullopt,
+                                    const options &how = {}, const rect &part = whole,
                                     F &&progress = {}) const noexcept {
-        const rect all = part.value_or(rect{0, 0, width, height});
+        const rect all = resolved(part, width, height);
         const result<nerf_target> planes = to.at(all, width, height);
         if (!planes) {
             return planes.error();
@@ -759,6 +759,9 @@ public:
     }
 
 private:
+    static rect resolved(const rect &part, std::uint32_t width, std::uint32_t height) noexcept {
+        return part.width == whole.width && part.height == whole.height ? rect{0, 0, width, height} : part;
+    }
     static nerf_open_options opening(nerf_kernel kernel) noexcept {
         nerf_open_options how = {};
         how.struct_size = sizeof how;

@@ -293,19 +293,19 @@ void progress_may_be_any_callable_and_cancels_whole_tiles(const nerf::scene &sce
     auto workspace = scene.workspace(target.outputs());
     std::uint64_t last = 0;
     int calls = 0;
-    CHECK(scene.render(camera, target, *workspace, {}, std::nullopt, [&](std::uint64_t done, std::uint64_t of) {
+    CHECK(scene.render(camera, target, *workspace, {}, nerf::whole, [&](std::uint64_t done, std::uint64_t of) {
         CHECK(done >= last && of == pixels);
         last = done;
     }));
     CHECK(last == pixels);
-    CHECK(scene.render(camera, target, *workspace, {}, std::nullopt, [&calls] { ++calls; }));
+    CHECK(scene.render(camera, target, *workspace, {}, nerf::whole, [&calls] { ++calls; }));
     CHECK(calls == 13);
     struct Counting {
         int left;
         bool operator()() { return left-- > 0; }
     } counting{5};
     target.z_depth = nerf::plane::f32(z);
-    const auto cancelled = scene.render(camera, target, *workspace, {}, std::nullopt, counting);
+    const auto cancelled = scene.render(camera, target, *workspace, {}, nerf::whole, counting);
     CHECK(!cancelled && cancelled.status() == NERF_STATUS_CANCELLED && says(cancelled.error(), "cancel"));
     CHECK(counting.left == -1);
     const nerf::tiles tiles{width, height, 16};
@@ -324,7 +324,7 @@ void progress_may_be_any_callable_and_cancels_whole_tiles(const nerf::scene &sce
         finished += equal == size;
     }
     CHECK(finished == 5);
-    CHECK(scene.render(camera, target, *workspace, {}, std::nullopt, &go_on));
+    CHECK(scene.render(camera, target, *workspace, {}, nerf::whole, &go_on));
     CHECK(std::memcmp(z.data(), all.data(), pixels * sizeof(float)) == 0);
 }
 

@@ -74,7 +74,7 @@ int main(int argc, char **argv) {
     const auto progress = [](std::uint64_t done, std::uint64_t all) {
         std::cerr << "\r" << 100 * done / all << " %" << std::flush;
     };
-    const auto counters = scene->render(camera, target, *workspace, options, std::nullopt, progress);
+    const auto counters = scene->render(camera, target, *workspace, options, nerf::whole, progress);
     std::cerr << '\n';
     if (!counters) {
         return fail(counters.error().text());

@@ -65,7 +65,6 @@ public:
     std::uint32_t height() const { return height_; }
     const std::vector<std::uint8_t> &display() const { return display_; } // width x height, RGB
     const std::string &error() const { return error_; }
-    bool has_front() const { return pace_.has_value(); }
     std::uint32_t samples() const { return scene_.info().samples; }
 
     /// Called for each frame that ends.
