@@ -1,7 +1,7 @@
 //! Renders a blob without effects, then with each, and prints a checksum of every bit of the pixels.
 //!
 //! `cargo run -p nerf-core --example checksum -- scene.nerf`. A line is a kernel tier, the name of the effect, the
-//! checksum, bytes of workspace and the work; or `not built`. `tests/tests/effects_cost.rs` compares the lines of
+//! checksum, bytes of workspace and the work; or `not built`. `tests/tests/laws/effects_cost.rs` compares the lines of
 //! builds with and without the features.
 
 use nerf_core::blob::Blob;

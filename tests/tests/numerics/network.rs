@@ -44,7 +44,7 @@ fn queries(output: usize) -> Vec<Row> {
             .zip(&dirs)
             .map(|(p, d)| (oracle.sigma(&double(p)), oracle.rgb(&double(p), &double(d))))
             .collect();
-        let mut compare = |tier: Tier, math: MathBackend, worst: &mut Worst| {
+        let compare = |tier: Tier, math: MathBackend, worst: &mut Worst| {
             let (sigma, rgb) = ask(&bytes, tier, math, &positions, &dirs);
             for (i, (s, c)) in truth.iter().enumerate() {
                 let error = match output {

@@ -98,7 +98,7 @@ impl Worst {
     /// Shows it an error and where it is.
     pub fn see(&mut self, error: f64, at: impl FnOnce() -> String) {
         // A NaN is the worst there is.
-        if !(error <= self.error) && !self.error.is_nan() {
+        if error > self.error || (error.is_nan() && !self.error.is_nan()) {
             (self.error, self.at) = (error, at());
         }
     }

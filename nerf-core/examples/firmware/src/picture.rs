@@ -1,6 +1,6 @@
 //! The picture: one view of a scene, pixel by pixel in the order of reading, and what identifies it.
 //!
-//! `tests/tests/firmware.rs` includes this file and compares the host's picture with the microcontroller's.
+//! `tests/tests/hosts/firmware.rs` includes this file and compares the host's picture with the microcontroller's.
 
 use nerf_core::blob::Blob;
 use nerf_core::camera::{Camera, Intrinsics, Pose};

@@ -8,7 +8,7 @@ use nerf_tests::tools::all_here;
 use std::process::Command;
 
 #[allow(dead_code, reason = "shared with the firmware, which shows the picture")]
-#[path = "../../nerf-core/examples/firmware/src/picture.rs"]
+#[path = "../../../nerf-core/examples/firmware/src/picture.rs"]
 mod picture;
 
 use picture::{Checksums, View, draw};

@@ -1,5 +1,4 @@
 //! What the C interface refuses, and that it then has written nothing.
-#![allow(unsafe_code, reason = "tests call the C interface")]
 
 use nerf_core::kernels::Tier;
 use nerf_render as ffi;

@@ -5,12 +5,12 @@
 //! integer constants: debug information of every structure, argument, callback and number that a host is built
 //! with, and nothing of Rust. Rust's own would name the types differently and bring std along. The way from the
 //! header to the library is closed by other tests: the header is generated from the sources (`header.rs`), the
-//! library shows its functions exactly (`packages.rs`), and C programs get Rust's pictures (`c_hosts.rs`).
+//! library shows its functions exactly (`packages.rs`), and C programs get Rust's pictures (`c.rs`).
 //!
 //! New functions, enumerators and constants pass. A structure that grows does not, although the ABI promise
 //! allows growth at the end: somebody must look whether `Versioned::SIZE_V1` kept the old size. Then, and when a
 //! new NERF_ABI_VERSION breaks things on purpose, the baseline is renewed by
-//! `NERF_BLESS=abi cargo test --release -p nerf-tests --test abi_baseline`.
+//! `NERF_BLESS=abi cargo test --release -p nerf-tests --test hosts baseline`.
 #![cfg(all(target_arch = "x86_64", target_os = "linux"))]
 
 use nerf_tests::build::run;

@@ -1,5 +1,4 @@
 //! Effects over the C interface: those of Rust, refused by the name of their field.
-#![allow(unsafe_code, reason = "tests call the C interface")]
 
 use nerf_core::blob::Blob;
 use nerf_core::effects::{Effects, Jitter, ThinLens, Tone, ToneMap};

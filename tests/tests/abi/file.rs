@@ -1,5 +1,4 @@
 //! `nerf_scene_open_file` and `nerf_scene_close`: the one place where the library owns something.
-#![allow(unsafe_code, reason = "tests call the C interface")]
 
 use nerf_core::kernels::Tier;
 use nerf_render as ffi;

@@ -1,5 +1,4 @@
 //! Median distance and normals over the C interface, and callers whose headers do not know them.
-#![allow(unsafe_code, reason = "tests call the C interface")]
 
 use nerf_core::blob::Blob;
 use nerf_core::kernels::{Line, Tier};

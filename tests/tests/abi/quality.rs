@@ -1,5 +1,4 @@
 //! Settings by loss, cost, time and preset, through the C ABI.
-#![allow(unsafe_code, reason = "tests call the C interface")]
 
 use nerf_core::blob::Blob;
 use nerf_core::kernels::Tier;

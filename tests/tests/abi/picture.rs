@@ -1,5 +1,4 @@
 //! Pictures (2D fields) at the C interface: what is drawn, and what is refused with nothing written.
-#![allow(unsafe_code, reason = "tests call the C interface")]
 
 use nerf_core::kernels::Tier;
 use nerf_core::math::MathBackend;

@@ -1,5 +1,4 @@
 //! Threads, callbacks and panics at the C interface; formats and strides of its pictures.
-#![allow(unsafe_code, reason = "tests call the C interface")]
 
 use nerf_core::kernels::Tier;
 use nerf_render as ffi;

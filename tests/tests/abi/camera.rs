@@ -1,5 +1,4 @@
 //! Cameras and their rays through the C ABI.
-#![allow(unsafe_code, reason = "tests call the C interface")]
 
 use nerf_core::camera::Pose;
 use nerf_render::{self as ffi, Status};

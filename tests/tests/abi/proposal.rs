@@ -1,5 +1,4 @@
 //! A proposal network over the C interface.
-#![allow(unsafe_code, reason = "tests call the C interface")]
 
 use nerf_core::kernels::Tier;
 use nerf_render as ffi;

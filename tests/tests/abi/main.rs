@@ -1,0 +1,15 @@
+//! The C interface, called from Rust as a C host would: one file per part of the contract.
+//!
+//! One program, like its neighbours: each that is linked costs CI seconds.
+#![allow(unsafe_code, reason = "tests call the C interface")]
+
+mod camera;
+mod cases;
+mod effects;
+mod explain;
+mod file;
+mod picture;
+mod proposal;
+mod quality;
+mod surface;
+mod threads;

@@ -1,0 +1,10 @@
+//! Programs that embed the library: C, C++, a browser, a microcontroller; what they link, and who watches them.
+
+mod baseline;
+mod c;
+mod cpp;
+mod firmware;
+mod header;
+mod packages;
+mod watched;
+mod web;
