@@ -2,7 +2,9 @@
 //! Radiance fields in fixed memory: open one small file, render any view of it, allocate nothing.
 //!
 //! The crate needs neither `std` nor `alloc`, reads fp16 weights where they lie, and does all
-//! arithmetic of the hot path in f32. Memory is the caller's, asked for by size first.
+//! arithmetic of the hot path in f32. Memory is the caller's, asked for by size first. On microcontrollers
+//! nothing panics from blob to pixel in a build without debug assertions; `examples/firmware` lets the linker
+//! prove it.
 //!
 //! # The pipeline
 //!

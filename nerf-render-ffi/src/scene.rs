@@ -166,7 +166,10 @@ pub(crate) unsafe fn open_in(
     let (own, memory) = (lines_for::<Scene>(1), memory.cast::<Line>());
     // SAFETY: aligned, `lines` long, apart from the blob and lent; a line holds any bytes.
     let prepared = unsafe { core::slice::from_raw_parts_mut(memory.add(own), lines - own) };
-    let renderer = Renderer::new(blob, tier, prepared).map_err(Failure::Render)?;
+    let renderer = match Renderer::new(blob, tier, prepared) {
+        Ok(renderer) => renderer,
+        Err(error) => return Err(Failure::Render(error)),
+    };
     let handle = memory.cast::<Scene>();
     let scene = Scene {
         renderer,

@@ -14,7 +14,7 @@ use crate::sampling::Bins;
 use glam::Vec3;
 
 /// Every rule of the format but the ones of header and encoding.
-pub(super) fn check(body: &Body<'_>) -> Result<Layers, BlobError> {
+pub(super) fn check(body: &Body<'_>) -> Result<(), BlobError> {
     body.architecture.check().map_err(BlobError::Architecture)?;
     let density_head = body.architecture.density.is_some();
     let scene = matches!(body.content, Content::Scene(_));
@@ -128,10 +128,9 @@ fn check_proposal(proposal: &Proposal<'_>, scene: &SceneFacts) -> Result<(), Blo
     check_values(&architecture.layers(), parameters, proposal.weights, Section::ProposalWeights)
 }
 
-fn check_weights(body: &Body<'_>) -> Result<Layers, BlobError> {
+fn check_weights(body: &Body<'_>) -> Result<(), BlobError> {
     let layers = body.architecture.layers();
-    check_values(&layers, body.architecture.parameters(), body.weights, Section::Weights)?;
-    Ok(layers)
+    check_values(&layers, body.architecture.parameters(), body.weights, Section::Weights)
 }
 
 /// Whether `weights` are the `parameters` of these layers, and finite.

@@ -56,7 +56,7 @@ fn what_is_written_is_what_is_opened() {
         moved.extend(&bytes);
         let blob = Blob::open(&moved[shift..]).unwrap();
         assert_eq!(blob.architecture(), &a);
-        assert_eq!(blob.layers(), &a.layers());
+        assert_eq!(blob.layers(), a.layers());
         assert_eq!((blob.scene(), blob.picture()), (Some(&scene), None));
         assert_eq!(blob.scene_box().unwrap().max.x, 1.0);
         assert_eq!(blob.provenance(), &body.provenance);

@@ -16,7 +16,6 @@ use postcard::ser_flavors::Flavor;
 #[derive(Clone, Debug)]
 pub struct Blob<'a> {
     body: Body<'a>,
-    layers: Layers,
 }
 
 impl<'a> Blob<'a> {
@@ -30,8 +29,8 @@ impl<'a> Blob<'a> {
         if !rest.is_empty() || !is_canonical(&body, bytes) {
             return Err(BlobError::Body);
         }
-        let layers = check(&body)?;
-        Ok(Self { body, layers })
+        check(&body)?;
+        Ok(Self { body })
     }
 
     /// The network's shape.
@@ -39,9 +38,9 @@ impl<'a> Blob<'a> {
         &self.body.architecture
     }
 
-    /// The network's layers, in the order of their parameters.
-    pub fn layers(&self) -> &Layers {
-        &self.layers
+    /// The network's layers, in the order of their parameters; made anew, since a renderer has its own.
+    pub fn layers(&self) -> Layers {
+        self.body.architecture.layers()
     }
 
     /// Bounds and conventions of a scene; `None` in a 2D field.

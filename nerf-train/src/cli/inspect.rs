@@ -47,7 +47,7 @@ fn print(file: &Path, bytes: &[u8], blob: &Blob<'_>) -> anyhow::Result<()> {
         None if blob.scene().is_some() => outln!("direction     none: colour does not depend on it"),
         None => {}
     }
-    for layer in blob.layers() {
+    for layer in &blob.layers() {
         outln!("layer         {}", describe(layer));
     }
     if let Some(density) = a.density {

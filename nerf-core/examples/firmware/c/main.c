@@ -10,7 +10,7 @@ enum { SIDE = 32 };
 extern const unsigned char scene_begin[], scene_end[];
 extern uint32_t stack_bottom[], stack_top[];
 
-static _Alignas(64) unsigned char memory[2560], workspace[2048];
+static _Alignas(64) unsigned char memory[2048], workspace[2048];
 static float rgb[SIDE][3], z_depth[SIDE], opacity[SIDE];
 
 /* Text to the debugger's console (semihosting). */

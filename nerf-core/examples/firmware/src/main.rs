@@ -7,6 +7,7 @@
 
 #[cfg(target_arch = "arm")]
 mod board;
+#[cfg_attr(not(target_arch = "arm"), allow(dead_code, reason = "what is only linked shows nothing"))]
 mod picture;
 
 use core::hint::black_box;
@@ -16,11 +17,11 @@ use picture::{Checksums, View, draw};
 
 /// The scene; what is known of it at run time alone must not be known to the optimiser.
 static SCENE: &[u8] = include_bytes!(env!("NERF_SCENE"));
-/// Lines of workspace: what `Renderer::workspace_lines` says of the scene and view, which `run` checks.
+/// Lines of workspace: what `Renderer::workspace_lines` says of scene and view; fewer are an error when it runs.
 const LINES: usize = match (cfg!(feature = "large"), cfg!(feature = "effects")) {
-    (false, false) => 40,
-    (false, true) => 60,
-    (true, _) => 100,
+    (false, false) => 25,
+    (false, true) => 37,
+    (true, _) => 56,
 };
 const VIEW: View = View {
     side: if cfg!(feature = "large") { 2 } else { 32 },
