@@ -25,7 +25,11 @@ pub enum Tier {
 ///
 /// Where there are none, as on microcontrollers, every tier is the scalar one, weights are read in place, and
 /// a build has no code for anything else.
-pub const VECTORS: bool = cfg!(any(target_arch = "x86_64", target_arch = "aarch64", target_arch = "wasm32"));
+pub const VECTORS: bool = cfg!(any(
+    target_arch = "x86_64",
+    target_arch = "aarch64",
+    all(target_arch = "wasm32", target_feature = "simd128")
+));
 
 impl Tier {
     /// Every tier, slowest first among those of one machine.
