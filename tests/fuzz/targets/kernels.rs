@@ -2,7 +2,7 @@
 //!
 //! The bound follows from the number formats alone (Higham 2002, section 3.1): a sum of `n` products
 //! in f32, in any order, fused or not, is off by at most `γ_n Σ|w||x|`, `γ_n = n u / (1 − n u)`,
-//! `u = 2⁻²⁴`; errors of the inputs pass through `Σ|w|`. The rounding tier adds 2⁻⁹ for each operand.
+//! `u = 2⁻²⁴`; errors of the inputs pass through `Σ|w|`. The rounding tier adds 2⁻⁸ for each operand.
 #![no_main]
 
 use arbitrary::{Result, Unstructured};
@@ -223,7 +223,7 @@ fn product(weights: &[f64], inputs: &[Bounded], bias: f64, rounds: bool) -> Boun
     let gamma = 1.01 * n * U;
     let (mut value, mut passed, mut size) = (bias, 0.0, bias.abs());
     // What the rounding tier makes of a product: both operands to 8 bits, an accumulator that flushes.
-    let rounded = if rounds { 2.01 / 512.0 } else { 0.0 };
+    let rounded = if rounds { 2.01 / 256.0 } else { 0.0 };
     let mut fits = true;
     for (w, x) in weights.iter().zip(inputs) {
         let reach = x.value.abs() + x.error;
