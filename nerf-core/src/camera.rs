@@ -65,8 +65,8 @@ impl Pose {
     /// `None` where `eye` equals `target` or `up` is parallel to the line of sight (within 1e-4 rad,
     /// where the cross product is rounding noise), and where either difference is no number.
     pub fn look_at(eye: Vec3, target: Vec3, up: Vec3) -> Option<Self> {
-        let backward = (eye - target).try_normalize()?;
-        let side = up.try_normalize()?.cross(backward);
+        let backward = unit(eye - target)?;
+        let side = unit(up)?.cross(backward);
         if side.length() < 1e-4 {
             return None;
         }
@@ -79,6 +79,22 @@ impl Pose {
         // A pose is a rotation only within 1e-3; the axis is of unit length all the same.
         (-self.rotation.z_axis).normalize_or_zero()
     }
+}
+
+/// `v` at unit length; `None` for 0 and for what is no number.
+fn unit(v: Vec3) -> Option<Vec3> {
+    // Its square leaves f32 long before `v` does; a power of two changes no digit.
+    const UP: f32 = 1.267_650_6e30; // 2^100
+    const DOWN: f32 = 8.271_806e-25; // 2^-80
+    let size = v.abs().max_element();
+    let scale = if size < 1e-15 {
+        UP
+    } else if size > 1e15 {
+        DOWN
+    } else {
+        1.0
+    };
+    (v * scale).try_normalize()
 }
 
 /// A checked camera: every pixel of it has a ray.

@@ -138,7 +138,8 @@ pub unsafe extern "C" fn nerf_camera_ray(
             check_out("z_per_distance", z_per_distance)?;
         }
         let ray = camera.ray(x, y);
-        if !ray.dir.is_finite() {
+        // Beyond the image nobody has checked: the length may leave f32, and then nothing is left of `dir`.
+        if !ray.dir.is_normalized() {
             return Err(Failure::NoRay);
         }
         // SAFETY: checked above, and writable by the caller's promise.

@@ -6,6 +6,9 @@ use std::path::{Path, PathBuf};
 use zune_jpeg::errors::DecodeErrors;
 use zune_jpeg::zune_core::options::DecoderOptions;
 
+/// Most pixels of a picture, 16,384 × 16,384: a few bytes of header may ask for any number.
+const MOST_PIXELS: u64 = 1 << 28;
+
 /// A picture file that cannot be decoded.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
@@ -48,16 +51,23 @@ pub fn decode(file: &Path) -> Result<(DynamicImage, Orientation), DecodeError> {
     if !format.reading_enabled() {
         return Err(DecodeError::Format { file: file.into() });
     }
-    if format == ImageFormat::Jpeg {
-        check_jpeg(&bytes).map_err(damaged)?;
-    }
-    let picture = |bytes: &[u8]| -> Result<_, image::ImageError> {
-        let mut decoder = ImageReader::with_format(Cursor::new(bytes), format).into_decoder()?;
+    let picture = |bytes: &[u8]| -> Result<_, String> {
+        let text = |error: image::ImageError| error.to_string();
+        let mut decoder =
+            ImageReader::with_format(Cursor::new(bytes), format).into_decoder().map_err(text)?;
+        // What follows allocates all that the header asks for.
+        let (width, height) = decoder.dimensions();
+        if u64::from(width) * u64::from(height) > MOST_PIXELS {
+            return Err(format!("{width}x{height} pixels, where at most {MOST_PIXELS} are read"));
+        }
+        if format == ImageFormat::Jpeg {
+            check_jpeg(bytes)?;
+        }
         // A tag that cannot be read is no reason to refuse the picture.
         let orientation = decoder.orientation().unwrap_or(Orientation::NoTransforms);
-        Ok((DynamicImage::from_decoder(decoder)?, orientation))
+        Ok((DynamicImage::from_decoder(decoder).map_err(text)?, orientation))
     };
-    picture(&bytes).map_err(|error| damaged(error.to_string()))
+    picture(&bytes).map_err(damaged)
 }
 
 /// Decodes a JPEG once more, strictly.
@@ -71,5 +81,34 @@ fn check_jpeg(bytes: &[u8]) -> Result<(), String> {
         // Against the letter of the standard, but nothing is lost.
         Err(DecodeErrors::FormatStatic(text)) if text.contains("Extra bytes between headers") => Ok(()),
         Err(error) => Err(format!("{error:?}")),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// The header of a BMP of 24 bits a pixel, and nothing behind it.
+    fn bmp(width: i32, height: i32) -> Vec<u8> {
+        let sizes = [54i32, 40, width, height].map(i32::to_le_bytes).concat();
+        [&b"BM\x36\0\0\0\0\0\0\0"[..], &sizes, &[1, 0, 24, 0], &[0; 24]].concat()
+    }
+
+    #[test]
+    fn pictures_of_a_few_bytes_take_no_memory_on_their_headers_word() {
+        let folder = tempfile::tempdir().expect("a folder");
+        for (width, height, expected) in [
+            (1 << 14, (1 << 14) + 1, "16384x16385 pixels"),
+            (60_000, 60_000, "60000x60000 pixels"),
+            (1, 1, ""),
+        ] {
+            let file = folder.path().join("picture.png");
+            std::fs::write(&file, bmp(width, height)).expect("room");
+            let error = decode(&file).expect_err("a picture without pixels").to_string();
+            assert!(
+                error.contains("picture.png: expected a whole picture") && error.contains(expected),
+                "{error}"
+            );
+        }
     }
 }

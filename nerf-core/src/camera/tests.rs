@@ -89,6 +89,16 @@ fn whatever_look_at_gives_is_a_camera() {
 }
 
 #[test]
+fn size_of_what_is_looked_at_turns_no_camera() {
+    let at = |size: f32| Pose::look_at(Vec3::new(3.0, 4.0, 5.0) * size, Vec3::ZERO, Vec3::Y * size).unwrap();
+    // 3e-22 was found by tests/fuzz: squares of differences that small have a few bits left, or none.
+    for size in [1e-37, 3e-22, 1e-15, 1e-3, 1e15, 1e18, 1e37] {
+        let off = (at(size).rotation - at(1.0).rotation).to_cols_array();
+        assert!(off.iter().all(|x| x.abs() < 1e-6), "{size}: {off:?}");
+    }
+}
+
+#[test]
 fn rows_round_trip() {
     let rows = [[0.0, 0.0, 1.0, 5.0], [1.0, 0.0, 0.0, 6.0], [0.0, 1.0, 0.0, 7.0]];
     let pose = Pose::from_rows(rows);

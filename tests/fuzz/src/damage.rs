@@ -1,0 +1,187 @@
+//! Blobs that are wrong in their content, but not in their checksum.
+
+use arbitrary::{Result, Unstructured};
+use nerf_core::blob::{Body, Content, FrontPoint, Grid, HEADER_LEN, PictureFacts, Proposal};
+use nerf_core::encoding::{AngleScale, Encoding};
+use nerf_core::network::{Architecture, DensityActivation, TrunkLayer};
+use nerf_tests::scenes::Recipe;
+
+use crate::values::{any_f32, any_vec3};
+
+/// Small blobs of every kind.
+pub const RECIPES: [Recipe; 6] = [
+    Recipe::TINY,
+    Recipe::TINY_PROPOSAL,
+    Recipe::TINY_PICTURE,
+    Recipe { trunk: (2, 5), skip: true, levels: 3, ..Recipe::PLAIN },
+    Recipe { trunk: (2, 16), levels: 2, ..Recipe::PROPOSAL },
+    Recipe { trunk: (3, 17), levels: 4, skip: true, ..Recipe::PICTURE },
+];
+
+/// Weights at the edges of f16.
+const EDGES: [u16; 8] = [0x0000, 0x8000, 0x0001, 0x03ff, 0x7bff, 0xfbff, 0x3c00, 0x7c00];
+
+/// Sets length and checksum right, so that the rules behind them are met.
+pub fn fix_header(blob: &mut [u8]) {
+    let Some(length) = blob.len().checked_sub(HEADER_LEN) else { return };
+    blob[16..24].copy_from_slice(&(length as u64).to_le_bytes());
+    let crc = crc::Crc::<u32>::new(&crc::CRC_32_ISO_HDLC);
+    let mut digest = crc.digest();
+    digest.update(&blob[..24]);
+    digest.update(&[0; 8]);
+    digest.update(&blob[HEADER_LEN..]);
+    blob[24..28].copy_from_slice(&digest.finalize().to_le_bytes());
+}
+
+/// The blob of any body, sound or not, under a sound header.
+pub fn blob_of(body: &Body<'_>) -> Option<Vec<u8>> {
+    let mut blob = Recipe::TINY.blob()[..HEADER_LEN].to_vec();
+    blob.extend(postcard::to_allocvec(body).ok()?);
+    fix_header(&mut blob);
+    Some(blob)
+}
+
+/// The body of a blob whose rules nobody has checked.
+pub fn body_of(blob: &[u8]) -> Option<Body<'_>> {
+    let (body, rest) = postcard::take_from_bytes(blob.get(HEADER_LEN..)?).ok()?;
+    rest.is_empty().then_some(body)
+}
+
+/// Another blob: a few fields changed, the bytes of weights and grids made to fit their sizes again.
+pub fn edit(blob: &[u8], u: &mut Unstructured<'_>) -> Option<Vec<u8>> {
+    let mut body = body_of(blob)?;
+    let (mut weights, mut bits, mut coarse) = (body.weights.to_vec(), Vec::new(), Vec::new());
+    if let Some(grid) = &body.grid {
+        bits = grid.bits.to_vec();
+    }
+    if let Some(proposal) = &body.proposal {
+        coarse = proposal.weights.to_vec();
+    }
+    // What bytes are left over changes nothing more.
+    let _ = change(&mut body, &mut weights, u);
+    // Shapes beyond these are the format's to refuse, not this process's to allocate.
+    let sound = |a: &Architecture| a.trunk.iter().all(|layer| layer.width <= 64) && a.trunk.len() <= 6;
+    if sound(&body.architecture) {
+        refill(&mut weights, 2 * body.architecture.parameters());
+    }
+    if let Some(grid) = &mut body.grid {
+        if Grid::bytes(grid.resolution) <= 1 << 12 {
+            refill(&mut bits, Grid::bytes(grid.resolution));
+            let cells = grid.resolution.iter().map(|&side| u32::from(side)).product::<u32>();
+            if let Some(last) = bits.last_mut().filter(|_| cells % 8 != 0) {
+                *last &= (1 << (cells % 8)) - 1;
+            }
+        }
+        grid.bits = &bits;
+    }
+    if let Some(proposal) = &mut body.proposal {
+        let shape = proposal.architecture();
+        if sound(&shape) {
+            refill(&mut coarse, 2 * shape.density_parameters());
+        }
+        proposal.weights = &coarse;
+    }
+    body.weights = &weights;
+    blob_of(&body)
+}
+
+/// Repeats what is there to a new length.
+fn refill(bytes: &mut Vec<u8>, length: usize) {
+    let old = bytes.len();
+    if old == 0 {
+        bytes.resize(length, 0x2a);
+    } else {
+        bytes.truncate(length);
+        (old..length).for_each(|i| bytes.push(bytes[i % old]));
+    }
+}
+
+fn any_encoding(u: &mut Unstructured<'_>, inputs: u8) -> Result<Encoding> {
+    let levels = *u.choose(&[0, 1, 2, 4, 10, 16, 17])?;
+    let scale = if u.arbitrary()? { AngleScale::Pi } else { AngleScale::One };
+    Ok(Encoding { inputs, levels, scale, identity: u.arbitrary()? })
+}
+
+fn change(body: &mut Body<'_>, weights: &mut [u8], u: &mut Unstructured<'_>) -> Result<()> {
+    const WIDTHS: [u16; 9] = [0, 1, 2, 3, 16, 17, 33, 64, 513];
+    const SAMPLES: [u16; 8] = [0, 1, 2, 3, 48, 1000, 4096, 4097];
+    let inputs = if matches!(body.content, Content::Scene(_)) { 3 } else { 2 };
+    for _ in 0..u.int_in_range(1..=3u8)? {
+        let shape = &mut body.architecture;
+        match u.int_in_range(0..=15u8)? {
+            0 => shape.position = any_encoding(u, inputs)?,
+            1 => shape.direction = if u.arbitrary()? { Some(any_encoding(u, 3)?) } else { None },
+            2 => {
+                let _ = shape.trunk.push(TrunkLayer { width: *u.choose(&WIDTHS)?, skip: u.arbitrary()? });
+            }
+            3 => {
+                let at = u.choose_index(shape.trunk.len().max(1))?;
+                if let Some(layer) = shape.trunk.get_mut(at) {
+                    *layer = TrunkLayer { width: *u.choose(&WIDTHS)?, skip: u.arbitrary()? };
+                }
+            }
+            4 => drop(shape.trunk.pop()),
+            5 => drop(shape.colour.push(*u.choose(&WIDTHS)?)),
+            6 => drop(shape.colour.pop()),
+            7 => {
+                shape.density = *u.choose(&[
+                    None,
+                    Some(DensityActivation::Relu),
+                    Some(DensityActivation::ShiftedSoftplus),
+                    Some(DensityActivation::ShiftedSoftplus),
+                ])?;
+            }
+            8 | 9 => match &mut body.content {
+                Content::Picture(picture) => {
+                    *picture = PictureFacts { width: u.arbitrary()?, height: u.arbitrary()? }
+                }
+                Content::Scene(scene) => match u.int_in_range(0..=6u8)? {
+                    0 => scene.min = any_vec3(u)?,
+                    1 => scene.max = any_vec3(u)?,
+                    2 => scene.near = any_f32(u)?,
+                    3 => scene.far = any_f32(u)?,
+                    4 => scene.samples = *u.choose(&SAMPLES)?,
+                    5 => scene.background = any_vec3(u)?,
+                    _ => scene.grid_required = u.arbitrary()?,
+                },
+            },
+            10 => {
+                let side = |u: &mut Unstructured<'_>| u.choose(&[0u16, 1, 2, 3, 8, 19, 512, 513]).copied();
+                let resolution = [side(u)?, side(u)?, side(u)?];
+                body.grid = if u.ratio(3, 4)? { Some(Grid { resolution, bits: &[] }) } else { None };
+            }
+            11 => {
+                body.proposal = if u.ratio(3, 4)? {
+                    let layer =
+                        |skip, u: &mut Unstructured<'_>| Ok(TrunkLayer { width: *u.choose(&WIDTHS)?, skip });
+                    let trunk = [layer(false, u)?, layer(u.arbitrary()?, u)?].into_iter().collect();
+                    let (position, density) = (any_encoding(u, 3)?, DensityActivation::Relu);
+                    Some(Proposal { position, trunk, density, samples: *u.choose(&SAMPLES)?, weights: &[] })
+                } else {
+                    None
+                };
+            }
+            12 => drop(body.front.push(FrontPoint {
+                samples: *u.choose(&SAMPLES)?,
+                transmittance_cut: any_f32(u)?,
+                colour_cut: any_f32(u)?,
+                skip_grid: u.arbitrary()?,
+                math: u.int_in_range(0..=5)?,
+                proposal: u.arbitrary()?,
+                loss_db: any_f32(u)?,
+                cost: any_f32(u)?,
+            })),
+            13 => body.provenance.psnr_db = Some(any_f32(u)?),
+            _ => {
+                for _ in 0..u.int_in_range(1..=8u8)? {
+                    let at = u.choose_index((weights.len() / 2).max(1))?;
+                    let bits = if u.arbitrary()? { *u.choose(&EDGES)? } else { u.arbitrary()? };
+                    if let Some(weight) = weights.get_mut(2 * at..2 * at + 2) {
+                        weight.copy_from_slice(&bits.to_le_bytes());
+                    }
+                }
+            }
+        }
+    }
+    Ok(())
+}
