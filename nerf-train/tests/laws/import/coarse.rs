@@ -52,7 +52,8 @@ fn assert_proposal(fine: &Imported, coarse: &Imported, what: &str) {
         (expected.position, &expected.trunk, expected.density)
     );
     assert_eq!((found.direction, found.colour.len()), (None, 0));
-    let density = alone.layers().iter().find(|layer| layer.role == Role::Density).expect("a head");
+    let layers = alone.layers();
+    let density = layers.iter().find(|layer| layer.role == Role::Density).expect("a head");
     assert_eq!(proposal.weights, &alone.weights()[..2 * (density.bias + 1)], "{what}");
     let fine = exported(fine, None, &wide()).expect("a blob").bytes;
     let fine = Blob::open(&fine).expect("a blob");
