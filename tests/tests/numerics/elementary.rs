@@ -24,6 +24,11 @@ cases! {
         || sweep(Elementary::Sigmoid, f32::MAX, sigmoid, absolute, [1.2e-7, 1.2e-7, 1e-3]);
 }
 
+/// Whether every f32 is asked for.
+pub fn exhaustive() -> bool {
+    std::env::var_os("NERF_EXHAUSTIVE").is_some()
+}
+
 fn absolute(found: f64, truth: f64) -> f64 {
     (found - truth).abs()
 }
@@ -47,7 +52,7 @@ fn sweep(
     error: fn(f64, f64) -> f64,
     bounds: [f64; 3],
 ) -> Vec<Row> {
-    let step = if std::env::var_os("NERF_EXHAUSTIVE").is_some() { 1 } else { 1009 };
+    let step = if exhaustive() { 1 } else { 1009 };
     let threads = std::thread::available_parallelism().map_or(1, usize::from);
     let last = limit.to_bits() as usize;
     let chunks = (last / step + 1).div_ceil(CHUNK);

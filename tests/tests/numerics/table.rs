@@ -112,6 +112,8 @@ impl Worst {
 /// The page, of what this run measures.
 pub fn page(sections: &[(&str, &[&Case])]) -> String {
     let mut page = String::from(HEAD);
+    let step = if crate::elementary::exhaustive() { "every f32" } else { "every 1,009th f32" };
+    page += &format!("This page is of a run with {step}.\n");
     for (title, cases) in sections {
         page += &format!(
             "\n## {title}\n\n| case | backend | tiers | worst | bound | where |\n| --- | --- | --- | --- | --- | --- |\n"
@@ -134,8 +136,8 @@ Every case below is a test of its own in `tests/tests/numerics/`, against the f6
 `worst` is what the run that wrote this page saw on one machine; `bound` is what the test allows. 0 means: no
 error at all, or a law that holds without exception.
 
-Written by `NERF_BLESS=1 NERF_EXHAUSTIVE=1 cargo test --release -p nerf-tests --test numerics` (without the second
-variable, every 1,009th f32 in place of all); the same command without `NERF_BLESS` checks it.
+Written by `NERF_BLESS=1 cargo test --release -p nerf-tests --test numerics`; the same command without `NERF_BLESS`
+checks it. Elementary functions take every 1,009th f32 of their domain, or with `NERF_EXHAUSTIVE=1` every one.
 ";
 
 /// The page in the repository.
