@@ -42,6 +42,17 @@ namespace nerf {
 
 // ---------------------------------------------------------------------------------------- views
 
+namespace detail {
+
+/// Whether C (as deduced for a C &&) can lend its elements: it is named, or it is a view, whose elements are as
+/// constant as they are, however constant the view. A temporary that owns them would take them along.
+template <class C>
+inline constexpr bool lends =
+    std::is_lvalue_reference_v<C> || std::is_same_v<decltype(std::data(std::declval<C &>())),
+                                                    decltype(std::data(std::declval<const C &>()))>;
+
+} // namespace detail
+
 /// Elements that lie side by side in somebody else's memory; made of arrays, std::vector, std::array,
 /// std::span and whatever else has data and size.
 template <class T>
@@ -51,7 +62,8 @@ public:
     constexpr span(T *data, std::size_t size) noexcept : data_(data), size_(size) {}
 
     template <class C, class E = std::remove_pointer_t<decltype(std::data(std::declval<C &>()))>,
-              class = std::enable_if_t<std::is_convertible_v<E (*)[], T (*)[]>>>
+              class = std::enable_if_t<std::is_convertible_v<E (*)[], T (*)[]> &&
+                                       (std::is_const_v<T> || detail::lends<C>)>>
     constexpr span(C &&container) noexcept : data_(std::data(container)), size_(std::size(container)) {}
 
     constexpr T *data() const noexcept { return data_; }
@@ -77,7 +89,7 @@ public:
         : data_(std::data(container)), size_(std::size(container) * sizeof(E)) {}
 
     /// Not of a temporary that owns its bytes: they would be gone.
-    template <class C, class = std::enable_if_t<!std::is_lvalue_reference_v<C> && !std::is_trivially_copyable_v<C>>>
+    template <class C, class = std::enable_if_t<!detail::lends<C>>>
     bytes(C &&container) = delete;
 
     constexpr const void *data() const noexcept { return data_; }
@@ -204,6 +216,7 @@ public:
     static memory lend(C &&container) noexcept {
         using element = std::remove_pointer_t<decltype(std::data(container))>;
         static_assert(std::is_trivially_copyable_v<element> && !std::is_const_v<element>);
+        static_assert(detail::lends<C>, "a temporary takes its memory along");
         memory lent;
         lent.data_ = std::data(container);
         lent.size_ = std::size(container) * sizeof(element);
@@ -393,7 +406,7 @@ struct target {
 
     /// NERF_OUTPUT_* of the planes that are there, or-ed.
     std::uint32_t outputs() const noexcept {
-        const auto bit = [](const plane &p, std::uint32_t output) { return p.data == nullptr ? 0u : output; };
+        const auto bit = [](const plane &p, std::uint32_t output) { return wanted(p) ? output : 0u; };
         return bit(rgb, NERF_OUTPUT_RGB) | bit(opacity, NERF_OUTPUT_OPACITY) |
                bit(ray_distance, NERF_OUTPUT_RAY_DISTANCE) | bit(z_depth, NERF_OUTPUT_Z_DEPTH) |
                bit(median_distance, NERF_OUTPUT_MEDIAN_DISTANCE) | bit(normals, NERF_OUTPUT_NORMALS);
@@ -414,7 +427,7 @@ struct target {
         nerf_plane *const into[6] = {&to.rgb,     &to.opacity,         &to.ray_distance,
                                      &to.z_depth, &to.median_distance, &to.normals};
         for (int i = 0; i < 6; ++i) {
-            const error wrong = from[i]->data == nullptr ? error() : place(*from[i], part, all, *into[i]);
+            const error wrong = !wanted(*from[i]) ? error() : place(*from[i], part, all, *into[i]);
             if (wrong.status != NERF_STATUS_OK) {
                 return wrong;
             }
@@ -423,6 +436,9 @@ struct target {
     }
 
 private:
+    /// An empty view is wanted, too, and too short.
+    static bool wanted(const plane &from) noexcept { return from.data != nullptr || from.extent == 0; }
+
     static error place(const plane &from, const rect &part, const rect &all, nerf_plane &to) noexcept {
         constexpr std::int64_t limit = 1 << 30; // times a 32-bit side it is still a 64-bit number
         const std::size_t size = plane::pixel_size(from.format);
@@ -529,6 +545,16 @@ int32_t progress(void *user, std::uint64_t done, std::uint64_t all) noexcept {
         static_assert(std::is_same_v<decltype(call()), bool>, "a progress callback says whether to go on, or nothing");
         return call() ? 0 : 1;
     }
+}
+
+/// A function as a pointer to it, which lies somewhere; any other callable as it is.
+template <class F>
+std::enable_if_t<std::is_function_v<F>, F *> object(F &f) noexcept {
+    return &f;
+}
+template <class F>
+std::enable_if_t<!std::is_function_v<F>, F &> object(F &f) noexcept {
+    return f;
 }
 
 template <class F>
@@ -648,7 +674,8 @@ public:
             return planes.error();
         }
         return detail::checked(counters(), [&](counters &work, char *message, std::size_t capacity) {
-            const auto [call, user] = hook(progress);
+            auto &&callable = detail::object(progress);
+            const auto [call, user] = hook(callable);
             return nerf_render(handle_, &camera, &how, &all, &*planes, workspace.data(), workspace.size(), call, user,
                                &work, message, capacity);
         });
@@ -665,7 +692,8 @@ public:
             return planes.error();
         }
         return detail::checked(counters(), [&](counters &work, char *message, std::size_t capacity) {
-            const auto [call, user] = hook(progress);
+            auto &&callable = detail::object(progress);
+            const auto [call, user] = hook(callable);
             return nerf_render_picture(handle_, width, height, &how, &all, &*planes, workspace.data(),
                                        workspace.size(), call, user, &work, message, capacity);
         });
@@ -737,12 +765,13 @@ public:
     template <class F = detail::none>
     result<pace> measure_pace(const nerf_camera &camera, std::uint32_t outputs, float limit, memory &workspace,
                               const options &how = {}, F &&clock = {}) const noexcept {
+        auto &&callable = detail::object(clock);
         return detail::checked(pace(), [&](pace &to, char *message, std::size_t capacity) {
             nerf_clock call = nullptr;
             void *user = nullptr;
             if constexpr (!std::is_same_v<std::decay_t<F>, detail::none>) {
-                call = detail::clock<std::remove_reference_t<F>>;
-                user = address(clock);
+                call = detail::clock<std::remove_reference_t<decltype(callable)>>;
+                user = address(callable);
             }
             return nerf_pace_measure(handle_, &camera, &how, outputs, limit, call, user, workspace.data(),
                                      workspace.size(), &to, message, capacity);

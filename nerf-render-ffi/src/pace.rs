@@ -55,10 +55,11 @@ pub unsafe extern "C" fn nerf_pace_workspace_size(
         check_out("align", align)?;
         // SAFETY: the caller's promise.
         let (scene, plan) = unsafe { planned(scene, options, outputs)? };
-        let lines = scene.renderer().pace_lines(&plan);
+        let bytes = scene.renderer().pace_lines(&plan).checked_mul(size_of::<Line>());
+        let bytes = bytes.ok_or(Failure::Overflow("workspace"))?;
         // SAFETY: checked above, and writable by the caller's promise.
         unsafe {
-            size.write(lines * size_of::<Line>());
+            size.write(bytes);
             align.write(align_of::<Line>());
         }
         Ok(())

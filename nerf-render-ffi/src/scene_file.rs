@@ -4,6 +4,7 @@ use crate::boundary::{Message, Reason, call, call_with_reason, check_out};
 use crate::failure::Failure;
 use crate::open_options::{OpenOptions, read_tier};
 use crate::scene::{Scene, memory_lines, open_in};
+use crate::span::check_aligned;
 use crate::status::Status;
 use core::ffi::{CStr, c_char};
 use core::fmt;
@@ -74,7 +75,7 @@ impl fmt::Display for FileFailure<'_> {
         }
         match &self.cause {
             Cause::Read(error) => write!(f, "expected a file that can be read, found: {error}"),
-            Cause::NotRegular => write!(f, "expected a file, found a folder or a device"),
+            Cause::NotRegular => write!(f, "expected a file, found a folder, a device or a pipe"),
             Cause::OutOfMemory { bytes } => write!(f, "expected {bytes} bytes of free memory, found less"),
             Cause::Scene(failure) => failure.fmt(f),
         }
@@ -157,6 +158,7 @@ pub unsafe extern "C" fn nerf_scene_open_file(
 pub unsafe extern "C" fn nerf_scene_close(scene: *const Scene) {
     call(Message::NONE, || {
         if !scene.is_null() {
+            check_aligned("scene", scene as usize, align_of::<Scene>())?;
             // SAFETY: an intact scene by the caller's promise, and nobody else's any more.
             let owned = unsafe { (*scene.cast_mut()).owned.take() };
             if let Some(owned) = owned {
@@ -170,7 +172,12 @@ pub unsafe extern "C" fn nerf_scene_close(scene: *const Scene) {
 
 /// The bytes of a file, unless its first ones already say that it is no blob, or is cut.
 fn read(path: &CStr) -> Result<Vec<u8>, Cause> {
-    let mut file = File::open(as_path(path)?)?;
+    let path = as_path(path)?;
+    // Before it is opened, since opening a pipe waits for somebody to write.
+    if !std::fs::metadata(path)?.is_file() {
+        return Err(Cause::NotRegular);
+    }
+    let mut file = File::open(path)?;
     let about = file.metadata()?;
     if !about.is_file() {
         return Err(Cause::NotRegular);

@@ -68,7 +68,15 @@ void views_are_made_of_what_lies_side_by_side() {
     CHECK(nerf::bytes(vector).size() == sizeof(float) && nerf::bytes(raw).data() == raw);
     static_assert(!std::is_constructible_v<nerf::span<float>, const std::vector<float> &>);
     static_assert(!std::is_constructible_v<nerf::span<float>, std::vector<int> &>);
-    static_assert(!std::is_constructible_v<nerf::bytes, std::vector<char>>); // would dangle
+    // These would dangle.
+    static_assert(!std::is_constructible_v<nerf::bytes, std::vector<char>>);
+    static_assert(!std::is_constructible_v<nerf::bytes, std::array<char, 4>>);
+    static_assert(!std::is_constructible_v<nerf::span<float>, std::vector<float>>);
+    static_assert(!std::is_constructible_v<nerf::span<float>, std::array<float, 4>>);
+    // These are views themselves, or last as long as the call they are an argument of.
+    static_assert(std::is_constructible_v<nerf::bytes, nerf::span<const char>>);
+    static_assert(std::is_constructible_v<nerf::span<float>, nerf::span<float>>);
+    static_assert(std::is_constructible_v<nerf::span<const float>, std::vector<float>>);
 }
 
 void memory_is_owned_or_lent_and_moves() {
@@ -325,6 +333,12 @@ void progress_may_be_any_callable_and_cancels_whole_tiles(const nerf::scene &sce
     }
     CHECK(finished == 5);
     CHECK(scene.render(camera, target, *workspace, {}, nerf::whole, &go_on));
+    CHECK(scene.render(camera, target, *workspace, {}, nerf::whole, go_on));
+    // An empty view is no plane that was left out.
+    std::vector<float> nothing;
+    nerf::target short_of = target;
+    short_of.opacity = nerf::plane::f32(nothing);
+    CHECK(scene.render(camera, short_of, *workspace).status() == NERF_STATUS_MEMORY);
     CHECK(std::memcmp(z.data(), all.data(), pixels * sizeof(float)) == 0);
 }
 

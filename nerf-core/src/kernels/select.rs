@@ -21,15 +21,16 @@ pub enum Tier {
     Simd128,
 }
 
-/// Whether a target of this architecture has vectors, the compiler's or a tier's own.
+/// Whether this target is taken to have vectors, the compiler's or a tier's own.
 ///
-/// Where there are none, as on microcontrollers, every tier is the scalar one, weights are read in place, and
+/// Where there are none, as on microcontrollers and in WebAssembly without `simd128`, every tier is the scalar one, weights are read in place, and
 /// a build has no code for anything else.
-pub const VECTORS: bool = cfg!(any(
-    target_arch = "x86_64",
-    target_arch = "aarch64",
-    all(target_arch = "wasm32", target_feature = "simd128")
-));
+pub const VECTORS: bool = if cfg!(target_arch = "wasm32") {
+    cfg!(target_feature = "simd128")
+} else {
+    // Machines with an operating system, where trainers keep their weights in f32, too.
+    !cfg!(target_os = "none") || cfg!(any(target_arch = "x86_64", target_arch = "aarch64"))
+};
 
 impl Tier {
     /// Every tier, slowest first among those of one machine.

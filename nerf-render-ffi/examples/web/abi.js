@@ -90,9 +90,9 @@ class Library {
   /** The address of new memory, for as long as the instance lives. */
   place(size, align = 64) {
     const at = Math.ceil(this.top / align) * align;
+    const missing = at + size - this.memory.byteLength;
+    if (missing > 0) this.exports.memory.grow(Math.ceil(missing / 65536)); // may throw, and then nothing is placed
     this.top = at + size;
-    const missing = this.top - this.memory.byteLength;
-    if (missing > 0) this.exports.memory.grow(Math.ceil(missing / 65536));
     return at;
   }
 

@@ -188,7 +188,11 @@ async function draw() {
     if (info.front_points && !pace) {
       // Only now, since nothing else may run; it decides the next quick picture.
       const camera = view.camera(canvas.width, canvas.height, ANGLE);
-      pace = await threads[0].ask('pace', { camera, planes: MODES.colour, limit: 4 * MOVING_MS * threads.length });
+      const limit = 4 * MOVING_MS * threads.length;
+      const found = await threads[0].ask('pace', { camera, planes: MODES.colour, limit });
+      // Of another size or kernel by now, perhaps.
+      if (generation !== now) continue;
+      pace = found;
       pixelMs = null;
       body.dataset.pace = pace.map(x => Number.isFinite(x) ? x.toFixed(1) : '').join(' ').trim();
     }

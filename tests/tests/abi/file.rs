@@ -100,6 +100,9 @@ fn files_that_are_no_scene_are_named_with_the_reason() {
     let (all, cut) = (blob.len(), blob.len() - 1);
     refused("absent.nerf", None, Status::File, "No such file");
     refused(".", None, Status::File, "found a folder");
+    let pipe = std::process::Command::new("mkfifo").arg(directory.path().join("pipe")).status();
+    assert!(pipe.is_ok_and(|status| status.success()));
+    refused("pipe", None, Status::File, "a pipe");
     refused("empty.nerf", Some(b""), Status::BlobMagic, "");
     refused("text.nerf", Some(b"a letter to my mother, who knows"), Status::BlobMagic, "");
     refused("head.nerf", Some(&blob[..20]), Status::BlobTruncated, "32");

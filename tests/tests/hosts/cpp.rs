@@ -348,7 +348,7 @@ fn viewer_says_what_is_wrong() {
 
 #[test]
 fn viewer_with_a_window_is_built_by_cmake() {
-    if !all_here(&["cmake", "sdl2-config"]) {
+    if !all_here(&["cmake", "make", "sdl2-config"]) {
         return;
     }
     let directory = paths::temporary();

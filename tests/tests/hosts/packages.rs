@@ -18,7 +18,7 @@ use std::path::{Path, PathBuf};
 use std::process::Command;
 use std::sync::OnceLock;
 
-const TOOLS: [&str; 6] = ["cmake", "pkg-config", "gcc", "g++", "clang", "clang++"];
+const TOOLS: [&str; 7] = ["cmake", "make", "pkg-config", "gcc", "g++", "clang", "clang++"];
 /// Compilers of C and of C++.
 const COMPILERS: [[&str; 2]; 2] = [["gcc", "g++"], ["clang", "clang++"]];
 const SONAME: &str = "libnerf_render.so.1";

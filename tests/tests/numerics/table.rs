@@ -136,7 +136,7 @@ Every case below is a test of its own in `tests/tests/numerics/`, against the f6
 `worst` is what the run that wrote this page saw on one machine; `bound` is what the test allows. 0 means: no
 error at all, or a law that holds without exception.
 
-Written by `NERF_BLESS=1 cargo test --release -p nerf-tests --test numerics`; the same command without `NERF_BLESS`
+Written by `NERF_BLESS=numerics cargo test --release -p nerf-tests --test numerics`; the same command without `NERF_BLESS`
 checks it. Elementary functions take every 1,009th f32 of their domain, or with `NERF_EXHAUSTIVE=1` every one.
 ";
 
