@@ -1253,10 +1253,10 @@ nerf_status nerf_pace_workspace_size(const struct nerf_scene *scene,
  *
  * `options`: what `nerf_render` will get; its shortcuts do not matter. `outputs`: `NERF_OUTPUT_*` of the
  * planes that will not be NULL. `clock`: called with `user`, must not touch the workspace; NULL for the
- * library's own, which a build without std has not. `workspace`: of the size and alignment that `nerf_pace_workspace_size` says, apart
- * from scene and blob. `pace`: `struct_size` set by the caller; written on success. A scene without a front
- * is `NERF_STATUS_NO_FRONT`. `message`: NULL, or `message_capacity` bytes for a sentence about what was
- * expected and found; empty on success.
+ * library's own, which a build without std has not. `workspace`: of the size and alignment that
+ * `nerf_pace_workspace_size` says, apart from scene and blob. `pace`: `struct_size` set by the caller; written
+ * on success. A scene without a front is `NERF_STATUS_NO_FRONT`. `message`: NULL, or `message_capacity` bytes
+ * for a sentence about what was expected and found; empty on success.
  *
  * # Safety
  * Pointers are NULL or point to what is described here; `scene` is intact.

@@ -163,7 +163,8 @@
 //!
 //! `docs/conventions.md` (conventions with their reasons), `docs/architecture.md` (one frame step by
 //! step, memory), `docs/blob-format.md` (the file, normative) and `docs/kernels.md` (the journal of
-//! the inner loops, with measured errors).
+//! the inner loops, with measured errors) and `docs/numerics.md` (worst errors, case by case, beside their
+//! bounds).
 
 pub mod camera;
 pub mod lens;

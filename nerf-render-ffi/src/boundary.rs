@@ -6,6 +6,7 @@ use crate::status::Status;
 use core::ffi::c_char;
 use core::fmt::{self, Write};
 use core::mem::MaybeUninit;
+use nerf_core::kernels::Line;
 
 /// Largest `struct_size` that is believed: beyond it the field is garbage, not a later version.
 const MAX_STRUCT_SIZE: usize = 4096;
@@ -171,6 +172,32 @@ impl<T: Versioned> Out<T> {
             to.copy_from_nonoverlapping(from, known);
             self.at.cast::<usize>().write(self.size);
             to.add(known).write_bytes(0, self.size - known);
+        }
+    }
+}
+
+/// A checked pair of places for what a size query says: bytes, and the alignment of a line.
+pub(crate) struct LayoutOut {
+    size: *mut usize,
+    align: *mut usize,
+}
+
+impl LayoutOut {
+    /// Checks the places before any work is done.
+    ///
+    /// # Safety
+    /// Each is NULL, or may be written until the call ends.
+    pub unsafe fn new(size: *mut usize, align: *mut usize) -> Result<Self, Failure> {
+        check_out("size", size)?;
+        check_out("align", align)?;
+        Ok(Self { size, align })
+    }
+
+    pub fn write(self, bytes: usize) {
+        // SAFETY: `new` checked both, and its caller vouches for them.
+        unsafe {
+            self.size.write(bytes);
+            self.align.write(align_of::<Line>());
         }
     }
 }

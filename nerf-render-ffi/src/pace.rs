@@ -1,6 +1,6 @@
 //! What a frame takes on this host, measured.
 
-use crate::boundary::{Message, Out, Versioned, call, check_out};
+use crate::boundary::{LayoutOut, Message, Out, Versioned, call};
 use crate::camera::Camera;
 use crate::failure::Failure;
 use crate::render_options::{RenderOptions, Settings};
@@ -51,17 +51,13 @@ pub unsafe extern "C" fn nerf_pace_workspace_size(
     message_capacity: usize,
 ) -> Status {
     call(Message { text: message, capacity: message_capacity }, || {
-        check_out("size", size)?;
-        check_out("align", align)?;
+        // SAFETY: the caller's promise.
+        let layout = unsafe { LayoutOut::new(size, align)? };
         // SAFETY: the caller's promise.
         let (scene, plan) = unsafe { planned(scene, options, outputs)? };
         let bytes = scene.renderer().pace_lines(&plan).checked_mul(size_of::<Line>());
         let bytes = bytes.ok_or(Failure::Overflow("workspace"))?;
-        // SAFETY: checked above, and writable by the caller's promise.
-        unsafe {
-            size.write(bytes);
-            align.write(align_of::<Line>());
-        }
+        layout.write(bytes);
         Ok(())
     })
 }
@@ -73,10 +69,10 @@ pub unsafe extern "C" fn nerf_pace_workspace_size(
 ///
 /// `options`: what `nerf_render` will get; its shortcuts do not matter. `outputs`: `NERF_OUTPUT_*` of the
 /// planes that will not be NULL. `clock`: called with `user`, must not touch the workspace; NULL for the
-/// library's own, which a build without std has not. `workspace`: of the size and alignment that `nerf_pace_workspace_size` says, apart
-/// from scene and blob. `pace`: `struct_size` set by the caller; written on success. A scene without a front
-/// is `NERF_STATUS_NO_FRONT`. `message`: NULL, or `message_capacity` bytes for a sentence about what was
-/// expected and found; empty on success.
+/// library's own, which a build without std has not. `workspace`: of the size and alignment that
+/// `nerf_pace_workspace_size` says, apart from scene and blob. `pace`: `struct_size` set by the caller; written
+/// on success. A scene without a front is `NERF_STATUS_NO_FRONT`. `message`: NULL, or `message_capacity` bytes
+/// for a sentence about what was expected and found; empty on success.
 ///
 /// # Safety
 /// Pointers are NULL or point to what is described here; `scene` is intact.

@@ -1,6 +1,6 @@
 //! A 2D field, drawn at any size.
 
-use crate::boundary::{Message, Out, call, check_out};
+use crate::boundary::{LayoutOut, Message, Out, call};
 use crate::counters::Counters;
 use crate::failure::Failure;
 use crate::progress::Progress;
@@ -48,18 +48,14 @@ pub unsafe extern "C" fn nerf_picture_workspace_size(
     call(Message { text: message, capacity: message_capacity }, || {
         // SAFETY: the caller's promise.
         let scene = unsafe { Scene::of(scene)? };
-        check_out("size", size)?;
-        check_out("align", align)?;
+        // SAFETY: the caller's promise.
+        let layout = unsafe { LayoutOut::new(size, align)? };
         let renderer = picture_of(scene)?;
         // SAFETY: the caller's promise.
         let settings = unsafe { Settings::read(options, renderer.network().tier())? };
         let lines = renderer.picture_workspace_lines(settings.batch);
         let bytes = self::size(settings.batch, Outputs::NONE, lines)?;
-        // SAFETY: checked above, and writable by the caller's promise.
-        unsafe {
-            size.write(bytes);
-            align.write(align_of::<Line>());
-        }
+        layout.write(bytes);
         Ok(())
     })
 }

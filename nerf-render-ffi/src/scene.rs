@@ -1,6 +1,6 @@
 //! An opened scene, in the caller's memory.
 
-use crate::boundary::{Message, call, check_out};
+use crate::boundary::{LayoutOut, Message, call, check_out};
 use crate::failure::Failure;
 use crate::open_options::{OpenOptions, read_tier};
 use crate::span::{Span, check_aligned};
@@ -90,19 +90,15 @@ pub unsafe extern "C" fn nerf_scene_memory(
     message_capacity: usize,
 ) -> Status {
     call(Message { text: message, capacity: message_capacity }, || {
-        check_out("size", size)?;
-        check_out("align", align)?;
+        // SAFETY: the caller's promise.
+        let layout = unsafe { LayoutOut::new(size, align)? };
         // SAFETY: the caller's promise.
         let tier = unsafe { read_tier(options)? };
         // SAFETY: the caller's promise; the view ends with this call.
         let blob = unsafe { open_blob(blob, blob_size)? };
         let bytes = memory_lines(&blob, tier).checked_mul(size_of::<Line>());
         let bytes = bytes.ok_or(Failure::Overflow("size"))?;
-        // SAFETY: checked above, and writable by the caller's promise.
-        unsafe {
-            size.write(bytes);
-            align.write(align_of::<Line>());
-        }
+        layout.write(bytes);
         Ok(())
     })
 }

@@ -1,6 +1,6 @@
 //! Memory that one call works in.
 
-use crate::boundary::{Message, call, check_out};
+use crate::boundary::{LayoutOut, Message, call};
 use crate::failure::Failure;
 use crate::render_options::{RenderOptions, Settings};
 use crate::scene::Scene;
@@ -123,18 +123,14 @@ pub unsafe extern "C" fn nerf_workspace_size(
     call(Message { text: message, capacity: message_capacity }, || {
         // SAFETY: the caller's promise.
         let scene = unsafe { Scene::of(scene)? };
-        check_out("size", size)?;
-        check_out("align", align)?;
+        // SAFETY: the caller's promise.
+        let layout = unsafe { LayoutOut::new(size, align)? };
         // SAFETY: the caller's promise.
         let settings = unsafe { Settings::read(options, scene.renderer().network().tier())? };
         let plan = settings.plan(scene.renderer().blob(), read_outputs(outputs)?, false)?;
         let lines = scene.renderer().workspace_lines(&plan);
         let bytes = self::size(settings.batch, plan.outputs(), lines)?;
-        // SAFETY: checked above, and writable by the caller's promise.
-        unsafe {
-            size.write(bytes);
-            align.write(align_of::<Line>());
-        }
+        layout.write(bytes);
         Ok(())
     })
 }
