@@ -609,11 +609,11 @@ typedef struct nerf_camera {
      */
     size_t struct_size;
     /**
-     * Image width, pixels.
+     * Image width, pixels, at most 8,388,608 (2^23).
      */
     uint32_t width;
     /**
-     * Image height, pixels.
+     * Image height, pixels, at most 8,388,608 (2^23).
      */
     uint32_t height;
     /**

@@ -7,6 +7,8 @@ use glam::{Mat3, Vec3};
 #[cfg(test)]
 mod tests;
 
+/// Longest side of an image, pixels: up to it every pixel's centre is exact in f32, so that no two are one.
+pub const MAX_IMAGE_SIDE: u32 = 1 << 23;
 /// Furthest image point from the principal point, in focal lengths: its square is well inside f32.
 const MAX_NORMALISED: f32 = 1e9;
 
@@ -109,14 +111,15 @@ impl Camera {
     /// Checks the parts once, so that [`Camera::ray`] cannot fail.
     ///
     /// # Errors
-    /// [`CameraError`] on an empty image, focal lengths that are not positive and finite, a pose
-    /// that is not finite or not a rotation within 1e-3 (scaled, sheared, reflected, singular), an
-    /// image point more than 1e9 focal lengths off the principal point, and a lens that cannot be
-    /// inverted at some point of the image, or that this build lacks (feature `lens`).
+    /// [`CameraError`] on sides of 0 or beyond [`MAX_IMAGE_SIDE`], focal lengths that are not positive and
+    /// finite, a pose that is not finite or not a rotation within 1e-3 (scaled, sheared, reflected, singular), an
+    /// image point more than 1e9 focal lengths off the principal point, and a lens that cannot be inverted at
+    /// some point of the image, that turns back on the way there from the axis, or that this build lacks
+    /// (feature `lens`).
     pub fn new(intrinsics: Intrinsics, lens: Lens, pose: Pose) -> Result<Self, CameraError> {
         let Intrinsics { width, height, fx, fy, cx, cy } = intrinsics;
-        if width == 0 || height == 0 {
-            return Err(CameraError::EmptyImage { width, height });
+        if ![width, height].iter().all(|side| (1..=MAX_IMAGE_SIDE).contains(side)) {
+            return Err(CameraError::ImageSize { width, height });
         }
         for (name, value) in [("fx", fx), ("fy", fy)] {
             if !(value > 0.0 && value.is_finite() && (1.0 / value).is_finite()) {
@@ -157,7 +160,8 @@ impl Camera {
         Ok(())
     }
 
-    /// Inverts the lens on a lattice over the image, border included.
+    /// Inverts the lens on a lattice over the image; that no fold lies in front of a point is asked along the border,
+    /// which is behind all others.
     fn check_lens(&self) -> Result<(), CameraError> {
         if self.lens == Lens::NONE {
             return Ok(());
@@ -171,7 +175,8 @@ impl Camera {
             for step in 0..=16u8 {
                 let x = f32::from(step) / 16.0 * w;
                 let (u, v) = self.normalised(x, y);
-                if !self.lens.is_invertible(u, v) {
+                let border = [0.0, w].contains(&x) || [0.0, h].contains(&y);
+                if !self.lens.is_invertible(u, v, border) {
                     return Err(CameraError::LensNotInvertible { x, y });
                 }
             }
@@ -250,8 +255,8 @@ impl Camera {
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[non_exhaustive]
 pub enum CameraError {
-    /// Width or height is zero.
-    EmptyImage {
+    /// Width or height is 0 or beyond [`MAX_IMAGE_SIDE`].
+    ImageSize {
         /// The width that was given, pixels.
         width: u32,
         /// The height that was given, pixels.
@@ -287,7 +292,7 @@ pub enum CameraError {
         /// Where, pixels from the top.
         y: f32,
     },
-    /// The lens model folds over inside the image.
+    /// The lens model has no inverse at an image point, or turns back on the way to it from the axis.
     LensNotInvertible {
         /// Where, pixels from the left.
         x: f32,
@@ -304,8 +309,11 @@ pub enum CameraError {
 impl core::fmt::Display for CameraError {
     fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
         match self {
-            Self::EmptyImage { width, height } => {
-                write!(f, "image size: expected at least 1x1, found {width}x{height}")
+            Self::ImageSize { width, height } => {
+                write!(
+                    f,
+                    "image size: expected sides of 1 to {MAX_IMAGE_SIDE} pixels, found {width}x{height}"
+                )
             }
             Self::Focal { name, value } => {
                 write!(f, "{name}: expected a positive finite focal length in pixels, found {value}")
@@ -330,7 +338,10 @@ impl core::fmt::Display for CameraError {
                  point, found pixel ({x}, {y}) beyond"
             ),
             Self::LensNotInvertible { x, y } => {
-                write!(f, "lens: the distortion has no inverse at pixel ({x}, {y}) of the image")
+                write!(
+                    f,
+                    "lens: expected a distortion that does not turn back up to pixel ({x}, {y}) of the image"
+                )
             }
             Self::LensNotBuilt { lens } => {
                 write!(f, "lens: expected a build with the feature lens, or zeros, found {lens:?}")

@@ -39,10 +39,14 @@ use crate::network::{Network, Weights};
 use crate::plan::Plan;
 use crate::ray::SceneBox;
 use frame::{Frame, Sizes};
+use glam::Vec3;
 use proposal::Proposer;
 
 /// Width of the squares a rectangle is rendered in, pixels: neighbouring rays end together.
 const TILE_SIDE: u32 = 16;
+
+/// How far the square of a unit vector's length may be off 1: sloppy roots pass, what is no direction does not.
+const NEARLY_UNIT: f32 = 1e-3;
 
 /// A scene made ready for one kernel tier.
 #[derive(Clone, Debug)]
@@ -148,7 +152,8 @@ impl<'a> Renderer<'a> {
     /// black ([`Counters::invalid_samples`]).
     ///
     /// # Errors
-    /// [`RenderError`] on lengths that differ and on too little workspace.
+    /// [`RenderError`] on lengths that differ, on a direction that is not of unit length where colour is asked for,
+    /// and on too little workspace.
     pub fn query(
         &self,
         plan: &Plan<'_>,
@@ -166,6 +171,13 @@ impl<'a> Renderer<'a> {
                 sigma: sigma.len(),
                 rgb: rgb.len(),
             });
+        }
+        // A position outside the box is never encoded, nor is what is no direction.
+        let unit = |dir: &[f32; 3]| (Vec3::from(*dir).length_squared() - 1.0).abs() <= NEARLY_UNIT;
+        if plan.outputs.rgb
+            && let Some((index, &found)) = dirs.iter().enumerate().find(|(_, dir)| !unit(dir))
+        {
+            return Err(RenderError::Direction { index, found });
         }
         let mut frame = Frame::carve(&self.network, &self.proposer, plan, self.occupied, workspace)?;
         let capacity = plan.batch.rays.min(plan.batch.samples).max(1);

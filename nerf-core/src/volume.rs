@@ -1,7 +1,6 @@
 //! Volume rendering: densities and colours along a ray become one pixel.
 
-use crate::math::Math;
-use crate::math::polynomial::Polynomial;
+use crate::math::{Math, MathBackend, with_math};
 
 #[cfg(feature = "median")]
 mod median;
@@ -114,7 +113,7 @@ impl Accumulator {
         Self { tau: zero, rgb: [zero; 3], opacity: zero, distance: zero, uncoloured: 0.0 }
     };
 
-    /// `Σ sigma delta` of everything gathered so far.
+    /// `Σ sigma delta` of everything gathered so far that had a weight.
     #[inline]
     pub fn optical_thickness(&self) -> f32 {
         self.tau.value
@@ -146,6 +145,11 @@ impl Accumulator {
     pub fn add_density<M: Math>(&mut self, sigma: f32, t: f32, delta: f32) -> f32 {
         let tau = (sigma.clamp(0.0, f32::MAX) * delta.clamp(0.0, f32::MAX)).min(MAX_TAU);
         let weight = self.transmittance::<M>() * -M::expm1(-tau);
+        // Behind a term that was larger than all before it, Kahan's sum may move by an ulp when 0 is added: what
+        // weighs nothing changes no bit.
+        if weight == 0.0 {
+            return weight;
+        }
         self.tau.add(tau);
         self.opacity.add(weight);
         self.distance.add(weight * t);
@@ -196,7 +200,8 @@ impl Accumulator {
 /// `sigma`: `[n]`, 1/world unit, >= 0.  `rgb`: `[n]`.  `t_edges`: `[n + 1]`, world units, ascending.
 /// Distances are taken at the middle of each bin. A sample whose density is NaN or whose colour is
 /// not finite is empty. `z_depth` equals `ray_distance`: one ray has no
-/// view axis. Median distance and normal stay 0.
+/// view axis. Median distance and normal stay 0. Exponentials are the project's own;
+/// [`composite_with`] takes another backend's.
 ///
 /// # Errors
 /// [`VolumeError`] on lengths that do not fit and on edges that are not finite and ascending.
@@ -218,6 +223,20 @@ pub fn composite(
     t_edges: &[f32],
     background: [f32; 3],
 ) -> Result<Pixel, VolumeError> {
+    composite_with(MathBackend::Polynomial, sigma, rgb, t_edges, background)
+}
+
+/// As [`composite`], with the exponentials of a maths backend: what a frame of it does with a ray's samples.
+///
+/// # Errors
+/// As [`composite`].
+pub fn composite_with(
+    math: MathBackend,
+    sigma: &[f32],
+    rgb: &[[f32; 3]],
+    t_edges: &[f32],
+    background: [f32; 3],
+) -> Result<Pixel, VolumeError> {
     let n = sigma.len();
     if rgb.len() != n || t_edges.len() != n + 1 {
         return Err(VolumeError::Lengths { sigma: n, rgb: rgb.len(), t_edges: t_edges.len() });
@@ -229,12 +248,12 @@ pub fn composite(
         return Err(VolumeError::Edges { bin: 0 });
     }
     let mut ray = Accumulator::default();
-    for i in 0..n {
-        let (start, end) = (t_edges[i], t_edges[i + 1]);
-        if !sigma[i].is_nan() && rgb[i].iter().all(|c| c.is_finite()) {
-            ray.add::<Polynomial>(sigma[i], rgb[i], 0.5 * start + 0.5 * end, end - start);
+    let bins = t_edges.iter().zip(t_edges.iter().skip(1));
+    with_math!(math, M => for ((&sigma, &rgb), (start, end)) in sigma.iter().zip(rgb).zip(bins) {
+        if !sigma.is_nan() && rgb.iter().all(|c| c.is_finite()) {
+            ray.add::<M>(sigma, rgb, 0.5 * start + 0.5 * end, end - start);
         }
-    }
+    });
     Ok(ray.finish(background, t_edges[n], 1.0))
 }
 

@@ -17,9 +17,9 @@ use nerf_core::lens::Lens;
 pub struct Camera {
     /// `sizeof(nerf_camera)`.
     pub struct_size: usize,
-    /// Image width, pixels.
+    /// Image width, pixels, at most 8,388,608 (2^23).
     pub width: u32,
-    /// Image height, pixels.
+    /// Image height, pixels, at most 8,388,608 (2^23).
     pub height: u32,
     /// Focal length along x, pixels.
     pub fx: f32,

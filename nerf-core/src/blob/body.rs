@@ -88,9 +88,10 @@ pub struct Grid<'a> {
 }
 
 impl Grid<'_> {
-    /// Bytes a grid of this resolution takes.
+    /// Bytes a grid of this resolution takes; the most there can be where `usize` does not count that far.
     pub fn bytes(resolution: [u16; 3]) -> usize {
-        resolution.iter().map(|&side| usize::from(side)).product::<usize>().div_ceil(8)
+        let cells: u64 = resolution.iter().map(|&side| u64::from(side)).product();
+        usize::try_from(cells.div_ceil(8)).unwrap_or(usize::MAX)
     }
 }
 

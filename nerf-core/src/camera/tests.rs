@@ -108,10 +108,13 @@ fn rows_round_trip() {
 }
 
 #[test]
-fn an_empty_image_is_refused() {
-    for (width, height) in [(0, 4), (4, 0), (0, 0)] {
-        assert_eq!(camera(width, height, 4.0), Err(CameraError::EmptyImage { width, height }));
+fn images_without_pixels_or_with_pixels_that_would_share_a_ray_are_refused() {
+    for (width, height) in [(0, 4), (4, 0), (0, 0), (MAX_IMAGE_SIDE + 1, 1), (1, u32::MAX)] {
+        assert_eq!(camera(width, height, 4.0), Err(CameraError::ImageSize { width, height }));
     }
+    let widest = camera(MAX_IMAGE_SIDE, 1, MAX_IMAGE_SIDE as f32).unwrap();
+    let last = MAX_IMAGE_SIDE as f32 - 0.5;
+    assert!(widest.ray(last, 0.5).dir.x > widest.ray(last - 1.0, 0.5).dir.x);
 }
 
 #[test]
@@ -193,6 +196,23 @@ fn a_folded_lens_is_refused() {
     assert!((-8..=8).all(|s| border(s).is_some()));
     let found = Camera::new(Intrinsics::centred(104, 104, 10.0), lens, IDENTITY);
     assert!(matches!(found, Err(CameraError::LensNotInvertible { .. })), "{found:?}");
+    // The same fold between the points at which the lens is asked: 5.2 apart. And one that is all but a fold.
+    for (lens, focal) in [(lens, 1.25), (Lens { k1: -1.0, k2: 0.452, ..Lens::NONE }, 10.0)] {
+        let found = Camera::new(Intrinsics::centred(104, 104, focal), lens, IDENTITY);
+        assert!(matches!(found, Err(CameraError::LensNotInvertible { .. })), "{found:?}");
+    }
+    // Bending outwards: where Newton's method would start behind the fold, or leap over the axis from before it.
+    let pincushion = Lens { k1: 0.389, k2: -0.0057, ..Lens::NONE };
+    for (lens, focal) in [(Lens { k1: 0.3, k2: -0.2, ..Lens::NONE }, 45.0), (pincushion, 10.0)] {
+        let found = Camera::new(Intrinsics::centred(104, 104, focal), lens, IDENTITY);
+        assert!(matches!(found, Err(CameraError::LensNotInvertible { .. })), "{found:?}");
+    }
+    let close = Camera::new(
+        Intrinsics::centred(1920, 1080, 800.0),
+        Lens { k1: 0.1, k2: -0.05, ..Lens::NONE },
+        IDENTITY,
+    );
+    assert!(close.is_ok(), "the corner lies in front of the fold: {close:?}");
     let gentle = Lens { k1: -0.1, k2: 0.01, p1: 1e-3, p2: -1e-3 };
     assert!(Camera::new(Intrinsics::centred(20, 20, 10.0), gentle, IDENTITY).is_ok());
 }
@@ -229,7 +249,7 @@ fn every_pixel_of_a_camera_has_a_unit_ray() {
 #[test]
 fn messages_name_what_was_expected_and_found() {
     for (error, part) in [
-        (CameraError::EmptyImage { width: 0, height: 7 }, "0x7"),
+        (CameraError::ImageSize { width: 0, height: 7 }, "0x7"),
         (CameraError::Focal { name: "fy", value: -2.0 }, "fy: expected"),
         (CameraError::PrincipalPoint { name: "cx", value: f32::NAN }, "cx: expected"),
         (CameraError::PoseNotFinite, "finite"),

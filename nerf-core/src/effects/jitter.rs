@@ -49,5 +49,5 @@ impl Place {
 /// A point of `bin` that is a function of what it is for, not of who asks when.
 #[inline(never)]
 fn jittered(seed: u64, stream: u64, index: u64, bins: &Bins, bin: u32) -> f32 {
-    bins.at(bin, uniform(seed, Purpose::Jitter, stream, index))
+    bins.within(bin, uniform(seed, Purpose::Jitter, stream, index))
 }

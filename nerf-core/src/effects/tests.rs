@@ -93,8 +93,9 @@ mod jittered {
                 let t: Vec<f32> = (0..count).map(|bin| place.t(&bins, bin)).collect();
                 assert!(t.is_sorted());
                 for (bin, &t) in t.iter().enumerate() {
-                    // A fraction of nearly 1 may round to the next bin's beginning.
-                    assert!((bins.at(bin as u32, 0.0)..=bins.at(bin as u32 + 1, 0.0)).contains(&t));
+                    let bin_of_it = bin as u32;
+                    assert!((bins.at(bin_of_it, 0.0)..bins.at(bin_of_it + 1, 0.0)).contains(&t));
+                    assert_eq!(bins.middle_around(t), bins.at(bin_of_it, 0.5));
                     sum += f64::from((t - 2.0) / bins.delta()) - bin as f64;
                     n += 1;
                 }
@@ -102,6 +103,23 @@ mod jittered {
             // The mean of n uniform numbers is within 5 deviations of ½; t itself rounds.
             let off = (sum / f64::from(n) - 0.5).abs();
             assert!(off < 5.0 / (12.0 * f64::from(n)).sqrt() + 1e-3, "{count} bins: {off}");
+        }
+    }
+
+    #[test]
+    fn a_fraction_of_nearly_one_stays_in_its_bin() {
+        // (bin + u) rounds to bin + 1 from some 64 bins on, and what lies on an edge is of the next bin.
+        for (near, far, count) in
+            [(2.0, 6.0, 4096), (2.0, 6.1, 4096), (0.0, 217.78308, 473), (6.5900173, 109.108185, 399)]
+        {
+            let bins = Bins::new(near, far, count).unwrap();
+            for bin in 0..count {
+                for u in [0.0, 0.5, 1.0f32.next_down()] {
+                    let t = bins.within(bin, u);
+                    assert!((bins.at(bin, 0.0)..bins.at(bin + 1, 0.0)).contains(&t), "{u} of {bin}: {t}");
+                    assert_eq!(bins.middle_around(t), bins.at(bin, 0.5), "{u} of {bin}");
+                }
+            }
         }
     }
 

@@ -2,6 +2,12 @@
 
 use super::Lens;
 
+/// The model folds over where its slope, or its Jacobian's determinant, is no more than this.
+const FOLD: f32 = 1e-3;
+/// Where the slope falls to no more than this and rises again, Newton's method may leap over what is between
+/// (measured: up to 0.01).
+const TURN: f32 = 2e-2;
+
 impl Lens {
     /// Whether this build has lens distortion.
     pub(crate) const BUILT: bool = true;
@@ -39,7 +45,7 @@ impl Lens {
             let (ex, ey) = (fx - xd, fy - yd);
             let ([a, b], [c, d]) = self.jacobian(x, y);
             let det = a * d - b * c;
-            if det.is_nan() || det <= 1e-3 {
+            if det.is_nan() || det <= FOLD {
                 return None;
             }
             // Beyond the unit circle 1e-6 is finer than f32 resolves.
@@ -53,13 +59,57 @@ impl Lens {
         None
     }
 
-    /// Whether the ideal point that is seen at `(xd, yd)` can be found.
-    pub(crate) fn is_invertible(&self, xd: f32, yd: f32) -> bool {
-        self.undistort(xd, yd).is_some()
+    /// Whether the ideal point that is seen at `(xd, yd)` can be found, and, `from_axis`, lies in front of every fold.
+    pub(crate) fn is_invertible(&self, xd: f32, yd: f32, from_axis: bool) -> bool {
+        self.undistort(xd, yd).is_some_and(|(x, y)| {
+            let starts_inside = xd * xd + yd * yd <= x * x + y * y;
+            !from_axis || (starts_inside || self.starts_well(xd, yd)) && !self.folds_before(x, y)
+        })
     }
 
-    /// [`Lens::undistort`] for a camera, which was invertible on a lattice when it was made: a fold between
-    /// its points keeps the distorted direction, which is off but finite.
+    /// Whether Newton's method may start at `(xd, yd)`, beyond the point it looks for: in front of every fold, and
+    /// with a first step that cannot leap over the axis to what is behind it.
+    fn starts_well(&self, xd: f32, yd: f32) -> bool {
+        let (fx, fy) = self.distort(xd, yd);
+        let (ex, ey) = (fx - xd, fy - yd);
+        let ([a, b], [c, d]) = self.jacobian(xd, yd);
+        let det = a * d - b * c;
+        let step = ((d * ex - b * ey) / det, (a * ey - c * ex) / det);
+        step.0 * step.0 + step.1 * step.1 <= xd * xd + yd * yd && !self.folds_before(xd, yd)
+    }
+
+    /// Whether the model turns back on the way from the axis to the ideal point `(x, y)`.
+    ///
+    /// Newton's method, started behind a fold, finds the point behind it: one of the directions that are seen
+    /// there, and not the one that a lens shows.
+    fn folds_before(&self, x: f32, y: f32) -> bool {
+        let r2 = x * x + y * y;
+        // `distort(s x, s y)` is s + tilt/2 s² + second/3 s³ + fourth/5 s⁵, along (x, y) and in units of it.
+        let (second, fourth) = (3.0 * self.k1 * r2, 5.0 * self.k2 * r2 * r2);
+        let tilt = 6.0 * (self.p2 * x + self.p1 * y);
+        let slope = |s: f32| 1.0 + s * (tilt + s * (second + s * s * fourth));
+        // Without the tilt it is least at s² = turn, which steps could pass over, or else at an end.
+        let turn = -second / (2.0 * fourth);
+        if fourth > 0.0 && turn > 0.0 && turn < 1.0 && 1.0 + 0.5 * second * turn <= TURN {
+            return true;
+        }
+        let last = slope(1.0);
+        if last.is_nan() || last <= FOLD {
+            return true;
+        }
+        if self.p1 == 0.0 && self.p2 == 0.0 {
+            return false;
+        }
+        let least = TURN.min(last);
+        (1..=64u8).any(|step| {
+            let s = f32::from(step) / 64.0;
+            let ([a, b], [c, d]) = self.jacobian(s * x, s * y);
+            slope(s) < least || a * d - b * c <= FOLD
+        })
+    }
+
+    /// [`Lens::undistort`] for a camera, which was invertible on a lattice when it was made: where a strong
+    /// tangential part folds between its points, the distorted direction stays, which is off but finite.
     #[inline]
     pub(crate) fn straighten(&self, xd: f32, yd: f32) -> (f32, f32) {
         self.undistort(xd, yd).unwrap_or((xd, yd))

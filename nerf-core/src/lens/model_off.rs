@@ -14,7 +14,7 @@ impl Lens {
 
     /// Whether nothing moves.
     #[inline(always)]
-    pub(crate) fn is_invertible(&self, _xd: f32, _yd: f32) -> bool {
+    pub(crate) fn is_invertible(&self, _xd: f32, _yd: f32, _from_axis: bool) -> bool {
         true
     }
 }

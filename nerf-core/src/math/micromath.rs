@@ -15,7 +15,9 @@ impl Math for Micromath {
     }
     #[inline(always)]
     fn exp<V: Lanes>(x: V) -> V {
-        V::splat(-87.0).max_of(V::splat(88.0).min_of(x)).map(F32Ext::exp)
+        let e = V::splat(-87.0).max_of(V::splat(88.0).min_of(x)).map(F32Ext::exp);
+        // The crate makes a number of a NaN, and nobody would count it.
+        V::select(x.equals(x), e, x)
     }
     #[inline(always)]
     fn expm1<V: Lanes>(x: V) -> V {

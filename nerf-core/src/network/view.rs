@@ -383,7 +383,8 @@ impl<M: Math> Op for Density<'_, M> {
         for values in self.values.chunks_exact_mut(V::COUNT) {
             let raw = V::load(values);
             let sigma = match self.activation {
-                DensityActivation::Relu => V::splat(0.0).max_of(raw),
+                // Of −0 the maximum may be −0; nobody should divide by that.
+                DensityActivation::Relu => V::splat(0.0).max_of(raw).add(V::splat(0.0)),
                 DensityActivation::ShiftedSoftplus => M::softplus(raw.sub(V::splat(1.0))),
             };
             sigma.store(values);

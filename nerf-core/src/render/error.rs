@@ -48,6 +48,13 @@ pub enum RenderError {
         /// Length of `rgb`.
         rgb: usize,
     },
+    /// A direction of a query for colour that is not of unit length.
+    Direction {
+        /// Which one.
+        index: usize,
+        /// What was given.
+        found: [f32; 3],
+    },
 }
 
 impl core::fmt::Display for RenderError {
@@ -71,6 +78,9 @@ impl core::fmt::Display for RenderError {
                 "query: expected slices of one length, found positions {positions}, dirs {dirs}, sigma {sigma}, \
                  rgb {rgb}"
             ),
+            Self::Direction { index, found } => {
+                write!(f, "dirs[{index}]: expected a vector of unit length, found {found:?}")
+            }
         }
     }
 }

@@ -1,6 +1,7 @@
 //! A picture of a 2D field: every pixel is one question to the network, and nothing is added up.
 
 use super::{Counters, Rect, RenderError, Renderer};
+use crate::camera::MAX_IMAGE_SIDE;
 use crate::kernels::{Arena, BLOCK, Line, column, lines_for, put_column};
 use crate::math::MathBackend;
 use crate::network::{Network, Scratch};
@@ -9,11 +10,10 @@ use crate::plan::Batch;
 #[cfg(test)]
 mod tests;
 
-/// Longest side of a rendered picture, pixels.
+/// Longest side of a rendered picture, pixels: that of an image.
 ///
-/// Up to it every pixel's centre is exact in f32, no two pixels ask for the same point, and none
-/// asks for 1.
-pub const MAX_RENDER_SIDE: u32 = 1 << 23;
+/// Up to it no two pixels ask for the same point, and none asks for 1.
+pub const MAX_RENDER_SIDE: u32 = MAX_IMAGE_SIDE;
 
 /// Lengths of the slices a picture is worked out in; the workspace query and the carving share them.
 struct Sizes {

@@ -293,6 +293,16 @@ fn query_refuses_lengths_and_ignores_points_outside() {
     let found = renderer.query(&plan, &points, &dirs[..4], &mut memory, &mut sigma, &mut rgb);
     assert_eq!(found, Err(lengths));
     assert_eq!(renderer.query(&plan, &[], &[], &mut memory, &mut [], &mut []), Ok(Counters::default()));
+    // What is no direction is not encoded; without colour nobody looks at it.
+    let mut dirs = dirs;
+    dirs[3] = [0.0, 1e30, 0.0];
+    let error = RenderError::Direction { index: 3, found: dirs[3] };
+    assert_eq!(renderer.query(&plan, &points, &dirs, &mut memory, &mut sigma, &mut rgb), Err(error));
+    assert!(std::format!("{error}").contains("dirs[3]: expected a vector of unit length"));
+    let shape = Outputs { rgb: false, ..Outputs::ALL };
+    let plan = Plan::new(&blob, &Quality::EXACT, shape, Batch::SMALLEST).unwrap();
+    let found = renderer.query(&plan, &points, &dirs, &mut memory, &mut sigma, &mut rgb);
+    assert_eq!(found.unwrap().density_evaluations, 2);
 }
 
 #[test]

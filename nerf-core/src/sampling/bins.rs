@@ -8,6 +8,7 @@ use crate::ray::BoundsError;
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Bins {
     near: f32,
+    far: f32,
     delta: f32,
     count: u32,
 }
@@ -20,7 +21,7 @@ impl Bins {
     pub fn new(near: f32, far: f32, count: u32) -> Result<Self, BoundsError> {
         let delta = (far - near) / count as f32;
         let valid = near >= 0.0 && near < far && far.is_finite() && delta > 0.0 && delta.is_finite();
-        if valid { Ok(Self { near, delta, count }) } else { Err(BoundsError::Range { near, far }) }
+        if valid { Ok(Self { near, far, delta, count }) } else { Err(BoundsError::Range { near, far }) }
     }
 
     /// Number of bins.
@@ -33,18 +34,37 @@ impl Bins {
         self.delta
     }
 
-    /// The point of bin `i` at fraction `u` in `[0, 1)`; its middle at ½.
+    /// The point of bin `i` at fraction `u` in `[0, 1]`; its middle at ½. Never beyond `far`, as rounding may be.
     #[inline]
     pub fn at(&self, i: u32, u: f32) -> f32 {
-        self.near + (i as f32 + u) * self.delta
+        let t = self.near + (i as f32 + u) * self.delta;
+        if t < self.far { t } else { self.far }
     }
 
-    /// The middle of the bin that `t` lies in; of the first or last beyond them.
+    /// The point of bin `i` at fraction `u` in `[0, 1)`, never on the edge where the next bin begins: rounding may
+    /// put [`Bins::at`] there.
+    #[cfg(feature = "jitter")]
+    #[inline]
+    pub(crate) fn within(&self, i: u32, u: f32) -> f32 {
+        let (start, end) = (self.at(i, 0.0), self.at(i, 1.0));
+        // Bins without a number in between are all edge.
+        self.at(i, u).min(end.next_down()).max(start)
+    }
+
+    /// The middle of the bin that `t` lies in, from its front edge up to the next; of the first or last beyond them.
     #[inline]
     pub fn middle_around(&self, t: f32) -> f32 {
-        // `as` saturates, and takes NaN to 0.
-        let bin = ((t - self.near) / self.delta) as u32;
-        self.at(bin.min(self.count - 1), 0.5)
+        let last = self.count - 1;
+        // `as` saturates, and takes NaN to 0. Near an edge the quotient may round to the bin beside it.
+        let bin = (((t - self.near) / self.delta) as u32).min(last);
+        let bin = if t < self.at(bin, 0.0) {
+            bin.saturating_sub(1)
+        } else if bin < last && t >= self.at(bin + 1, 0.0) {
+            bin + 1
+        } else {
+            bin
+        };
+        self.at(bin, 0.5)
     }
 
     /// The bins that may have a point in `enter..=exit`, the middle or another: a superset, by one or two

@@ -16,10 +16,12 @@ pub struct SkipGrid<'a> {
 impl<'a> SkipGrid<'a> {
     /// A grid of `resolution` cells over `bounds`; bit `(x * ny + y) * nz + z`, LSB first.
     ///
-    /// A cell without a bit counts as empty, and so does everything where `resolution` has a 0.
+    /// A cell without a bit counts as empty, and so does everything where `resolution` has a 0 or more cells
+    /// than `usize` counts.
     pub fn new(bounds: SceneBox, resolution: [u16; 3], bits: &'a [u8]) -> Self {
         let sides = Vec3::from(resolution.map(f32::from));
-        let bits = if resolution.contains(&0) { &[] } else { bits };
+        let cells: u64 = resolution.iter().map(|&side| u64::from(side)).product();
+        let bits = if cells > 0 && usize::try_from(cells).is_ok() { bits } else { &[] };
         Self { bounds, cells_per_unit: sides / (bounds.max - bounds.min), resolution, bits }
     }
 
@@ -54,7 +56,8 @@ impl<'a> SkipGrid<'a> {
     #[inline]
     fn index_of(&self, [x, y, z]: [usize; 3]) -> usize {
         let [_, ny, nz] = self.resolution.map(usize::from);
-        (x * ny + y) * nz + z
+        // Where more cells are than `usize` counts there is no bit (`new`).
+        x.wrapping_mul(ny).wrapping_add(y).wrapping_mul(nz).wrapping_add(z)
     }
 
     /// The first bin of `from..end` whose middle lies in an occupied cell, or `end`.
@@ -142,7 +145,7 @@ impl<'a> SkipGrid<'a> {
 
     /// Share of the cells that may hold something.
     pub fn occupancy(&self) -> f32 {
-        let cells: usize = self.resolution.iter().map(|&side| usize::from(side)).product();
+        let cells: u64 = self.resolution.iter().map(|&side| u64::from(side)).product();
         let set: u32 = self.bits.iter().map(|byte| byte.count_ones()).sum();
         set as f32 / cells.max(1) as f32
     }

@@ -1,6 +1,7 @@
 extern crate std;
 
 use super::*;
+use crate::math::polynomial::Polynomial;
 use std::format;
 use std::vec;
 use std::vec::Vec;

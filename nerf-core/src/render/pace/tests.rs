@@ -114,7 +114,7 @@ fn a_thinned_camera_sees_the_middles_of_its_larger_pixels() {
 
 #[test]
 fn a_view_of_any_shape_is_sampled_all_over_by_about_as_many_rays() {
-    let sides = [1, 2, 3, 40, 57, 200, 4096, 65_536, u32::MAX];
+    let sides = [1, 2, 3, 40, 57, 200, 4096, 65_536, 1 << 23];
     for (width, height) in sides.into_iter().flat_map(|w| sides.map(|h| (w, h))) {
         let pose = Pose::look_at(Vec3::new(0.0, 0.0, 4.0), Vec3::ZERO, Vec3::Y).unwrap();
         let intrinsics = Intrinsics::centred(width, height, width.max(height) as f32);
