@@ -9,6 +9,9 @@ use nerf_core::encoding::{AngleScale, Encoding, MAX_LEVELS};
 use nerf_core::network::{Architecture, DensityActivation, MAX_COLOUR, MAX_TRUNK, MAX_WIDTH, TrunkLayer};
 use serde::{Deserialize, Serialize};
 
+/// Samples a step may draw: some gigabytes of positions, where none is skipped; a first step may skip none.
+const MAX_STEP_SAMPLES: usize = 1 << 27;
+
 /// Every setting of a run. Fields that a TOML file leaves out keep the preset's value.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -81,7 +84,8 @@ pub struct SamplingConfig {
     pub samples: u16,
     /// Share of a bin, around its start, that a sample is drawn from; or a width in world units.
     pub jitter: Jitter,
-    /// Rays a step.
+    /// Rays a step; times `samples` at most 2^27. With `live_samples` the rays of the first step, all of which are
+    /// drawn before any is left out: the same limit holds.
     pub rays: usize,
     /// Live samples a step: rays are drawn until there are as many; 0 to draw exactly `rays`.
     pub live_samples: usize,
@@ -284,6 +288,13 @@ impl Config {
         rule("network.density_bias", n.density_bias.is_finite(), "a finite number", n.density_bias)?;
         rule("sampling.samples", (1..=4096).contains(&s.samples), "1 to 4096", s.samples)?;
         rule("sampling.rays", (1..=1_000_000).contains(&s.rays), "1 to 1000000", s.rays)?;
+        let samples = s.rays * usize::from(s.samples);
+        rule(
+            "sampling.rays",
+            samples <= MAX_STEP_SAMPLES,
+            format!("at most {MAX_STEP_SAMPLES} samples a step"),
+            format!("{} rays of {} samples", s.rays, s.samples),
+        )?;
         rule("sampling.live_samples", s.live_samples <= 10_000_000, "at most 10000000", s.live_samples)?;
         rule("grid.resolution", (1..=512).contains(&g.resolution), "1 to 512", g.resolution)?;
         rule("grid.every", g.every > 0, "at least 1", g.every)?;

@@ -40,6 +40,12 @@ impl LiveCells {
         SceneBox { min: Vec3::from(self.min), max: Vec3::from(self.max) }
     }
 
+    /// Whether the cells of both are the same ones.
+    pub(crate) fn is_like(&self, other: &Self) -> bool {
+        let shape = |cells: &Self| (cells.min, cells.max, cells.resolution, cells.bits.len());
+        shape(self) == shape(other)
+    }
+
     /// Cells along x, y, z.
     pub fn resolution(&self) -> [u16; 3] {
         self.resolution
@@ -152,9 +158,20 @@ impl Occupancy {
         SceneBox::new(min, max).ok()
     }
 
+    /// Whether this may be the same grid after other steps.
+    pub(crate) fn is_like(&self, other: &Self) -> bool {
+        let candidates = self.candidates == other.candidates && self.density.len() == other.density.len();
+        candidates && self.live.is_like(&other.live) && self.refreshes <= u64::MAX / 2
+    }
+
     /// As the renderer sees it.
     pub fn grid(&self) -> SkipGrid<'_> {
         self.live.grid()
+    }
+
+    /// The cells that are live.
+    pub(crate) fn live(&self) -> &LiveCells {
+        &self.live
     }
 
     /// What a blob keeps of it.

@@ -211,6 +211,34 @@ pub fn write_atomic(path: impl AsRef<Path>, bytes: &[u8]) -> Result<(), OutputEr
     file.commit()
 }
 
+/// Writes `bytes` to `path`, whole, unless there is a file of that name; returns whether it did.
+///
+/// Of several processes that try this with one name, exactly one is told that it did. File systems that can neither
+/// rename without replacing nor link get the file as from [`write_atomic`]: there, more than one may be told so.
+///
+/// # Errors
+/// As [`AtomicFile::create`] and [`AtomicFile::commit`].
+pub fn write_new(path: impl AsRef<Path>, bytes: &[u8]) -> Result<bool, OutputError> {
+    let path = path.as_ref();
+    let fail = |attempt| move |source| OutputError::new(attempt, path, source);
+    let mut temporary = new_temporary(folder_of(path)).map_err(fail(Attempt::Create))?;
+    temporary.write_all(bytes).map_err(fail(Attempt::Write))?;
+    temporary.as_file().sync_all().map_err(fail(Attempt::Write))?;
+    match temporary.persist_noclobber(path) {
+        Ok(_) => sync_folder(folder_of(path)).map_err(fail(Attempt::Rename)).map(|()| true),
+        Err(error) if error.error.kind() == io::ErrorKind::AlreadyExists => Ok(false),
+        Err(error) if cannot_link(error.error.kind()) && !path.exists() => {
+            write_atomic(path, bytes).map(|()| true)
+        }
+        Err(error) => Err(fail(Attempt::Rename)(error.error)),
+    }
+}
+
+/// Whether a file system without links may have said so: link(2) has EPERM for it, others EINVAL or ENOSYS.
+fn cannot_link(kind: io::ErrorKind) -> bool {
+    matches!(kind, io::ErrorKind::Unsupported | io::ErrorKind::InvalidInput | io::ErrorKind::PermissionDenied)
+}
+
 /// Creates the folder with its parents, and makes sure now that files can be written there.
 ///
 /// Called before long work, so that an hour of training does not end in "permission denied".

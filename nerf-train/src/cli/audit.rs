@@ -45,6 +45,9 @@ pub struct Audit {
     data_options: DataOptions,
 }
 
+/// More rounds than any measurement takes; each has its own place in memory.
+const MAX_REPEATS: usize = 10_000;
+
 impl Audit {
     /// Runs the command.
     pub fn run(&self, global: &Global) -> anyhow::Result<ExitCode> {
@@ -52,6 +55,9 @@ impl Audit {
             if count == 0 {
                 bail!("{flag}: expected at least 1, found 0");
             }
+        }
+        if self.repeats > MAX_REPEATS {
+            bail!("--repeats: expected at most {MAX_REPEATS}, found {}", self.repeats);
         }
         check_threshold(self.effect_threshold)?;
         report_folder(self.report.as_ref())?;

@@ -18,6 +18,9 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{self, Receiver, RecvTimeoutError};
 use std::time::Duration;
 
+/// Tens of thousands of threads take minutes to start.
+const MAX_THREADS: usize = 4096;
+
 /// Prints a line of the result; returns from the function where that fails.
 macro_rules! outln {
     ($($arg:tt)*) => {
@@ -64,8 +67,8 @@ impl Global {
     /// Sets up the thread pool.
     pub fn apply(&self) -> anyhow::Result<()> {
         if let Some(threads) = self.threads {
-            if threads == 0 {
-                bail!("--threads: expected at least 1, found 0");
+            if !(1..=MAX_THREADS).contains(&threads) {
+                bail!("--threads: expected 1 to {MAX_THREADS}, found {threads}");
             }
             rayon::ThreadPoolBuilder::new().num_threads(threads).build_global().context("--threads")?;
         }
@@ -178,6 +181,21 @@ pub fn interruption() -> anyhow::Result<Arc<AtomicBool>> {
     })
     .context("cannot watch for Ctrl-C")?;
     Ok(stop)
+}
+
+/// Makes a write beyond a limit of file sizes (`ulimit -f`) an error like that of a full disk: by default the signal
+/// that comes with it ends the process without a word.
+///
+/// To be called before there are threads: these inherit it, and so do programs that are started, such as ffmpeg.
+pub fn survive_file_size_limits() {
+    #[cfg(unix)]
+    {
+        use nix::sys::signal::{SigSet, Signal};
+        let mut signals = SigSet::empty();
+        signals.add(Signal::SIGXFSZ);
+        // Where that cannot be, a limit ends the process as it does any other.
+        let _ = signals.thread_block();
+    }
 }
 
 /// Prints what was read.
@@ -381,6 +399,14 @@ pub fn check_max_seconds(seconds: Option<f64>) -> anyhow::Result<()> {
         }
         _ => Ok(()),
     }
+}
+
+/// Refuses an interval between checkpoints that is none; an infinite one writes none on the way.
+pub fn check_checkpoint_every(seconds: f64) -> anyhow::Result<()> {
+    if seconds.is_nan() || seconds < 0.0 {
+        bail!("--checkpoint-every: expected seconds of at least 0, found {seconds}");
+    }
+    Ok(())
 }
 
 /// The folder of a report, made and tried out before any work is done.

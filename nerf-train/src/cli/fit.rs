@@ -2,7 +2,8 @@
 
 use super::audit::check_threshold;
 use super::common::{
-    DataOptions, Global, check_max_seconds, parse_numbers, print_report, report_folder, tell,
+    DataOptions, Global, check_checkpoint_every, check_max_seconds, parse_numbers, print_report,
+    report_folder, tell,
 };
 use super::outcome;
 use crate::config::{Config, Density, Jitter, Preset};
@@ -109,7 +110,7 @@ struct Settings {
     /// Perturbation of samples in training: none, bin, or a width in world units such as 0.02.
     #[arg(long, value_name = "HOW", value_parser = parse_jitter)]
     jitter: Option<Jitter>,
-    /// Rays a step.
+    /// Rays a step; times --samples at most 2^27, also where it is only the first guess.
     #[arg(long, value_name = "N")]
     rays: Option<usize>,
     /// Live samples a step (then --rays is only the first guess); 0 for a fixed number of rays.
@@ -241,6 +242,7 @@ impl Fit {
         // Wrong settings are found before the data is read, and once more with what it says.
         self.config(true)?;
         check_max_seconds(self.max_seconds)?;
+        check_checkpoint_every(self.checkpoint_every)?;
         check_threshold(self.effect_threshold)?;
 
         // Whatever cannot be written is found out before the work, not after it.

@@ -93,6 +93,7 @@ fn parse() -> Cli {
 ///
 /// Status 0 is success, 1 an error, 2 wrong usage, 130 an interruption.
 pub fn main() -> ExitCode {
+    common::survive_file_size_limits();
     let cli = parse();
     let result = cli.global.apply().and_then(|()| match cli.command {
         Command::Demo(demo) => demo.run(&cli.global),

@@ -27,7 +27,19 @@ pub fn print(outcome: &Outcome, output: &Path) -> anyhow::Result<()> {
         ),
         _ => outln!("validation: no views"),
     }
+    if outcome.flat {
+        let views = if outcome.scores.views.is_empty() { "training" } else { "validation" };
+        outln!(
+            "nothing was learned: a flat colour has {:.2} dB on {views} views; lower --rate, or give it more \
+             --steps",
+            outcome.flat_psnr_db
+        );
+    }
     outln!("trained: {} steps in {:.1} s", outcome.steps, outcome.train_seconds);
+    if outcome.reseeds > 0 {
+        let times = count(outcome.reseeds as usize, "time");
+        outln!("started anew {times} with another seed: every density had become 0");
+    }
     print_choice(outcome)?;
     if let Some(loss) = outcome.quantisation_loss_db {
         outln!("f16 rounding cost {loss:.3} dB ({} subnormal weights)", outcome.subnormal_weights);
@@ -107,10 +119,13 @@ pub fn summary(outcome: &Outcome, config: &Config, tier: Tier, total_seconds: f6
         .number("val_psnr_db", outcome.scores.psnr_db().unwrap_or(f64::NAN))
         .number("val_ssim", outcome.scores.ssim().unwrap_or(f64::NAN))
         .integer("views", outcome.scores.views.len() as u64)
+        .flag("flat", outcome.flat)
+        .number("flat_psnr_db", outcome.flat_psnr_db)
         .text("background", background_name(outcome.background))
         .number("train_seconds", outcome.train_seconds)
         .number("total_seconds", total_seconds)
         .integer("steps", u64::from(outcome.steps))
+        .integer("reseeds", u64::from(outcome.reseeds))
         .integer("parameters", outcome.parameters as u64)
         .integer("blob_bytes", outcome.bytes.len() as u64)
         .number("grid_loss_db", outcome.grid_loss_db)

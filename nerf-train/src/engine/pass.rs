@@ -228,7 +228,7 @@ impl Pass {
 }
 
 /// sigma and its derivative; NaN stays NaN, so that the loss shows it.
-fn activate(activation: DensityActivation, raw: f32) -> (f32, f32) {
+pub(super) fn activate(activation: DensityActivation, raw: f32) -> (f32, f32) {
     let (value, slope) = match activation {
         DensityActivation::Relu => {
             if raw <= 0.0 {

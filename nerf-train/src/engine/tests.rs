@@ -1,5 +1,6 @@
 //! The laws both engines keep, on small networks.
 
+mod extremes;
 mod gradients;
 mod model;
 mod oracle;

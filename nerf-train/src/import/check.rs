@@ -2,6 +2,7 @@
 
 use crate::dataset::{Dataset, View};
 use crate::eval::{EvalError, Scores, measure};
+use crate::report::metrics::gain_db;
 use crate::train::finish::GRID_LOSS_DB;
 use nerf_core::camera::{Camera, Intrinsics};
 use nerf_core::kernels::Tier;
@@ -79,10 +80,10 @@ pub fn check(
     let with_grid = Quality::default();
     let scores = score(None, &with_grid)?;
     let db = |scores: &Scores| scores.psnr_db().unwrap_or(f64::NAN);
-    let quantisation_loss_db = db(&score(Some(draft.parameters), &with_grid)?) - db(&scores);
+    let quantisation_loss_db = gain_db(db(&score(Some(draft.parameters), &with_grid)?), db(&scores));
     let grid_gain_db = if draft.has_grid {
         let without = score(None, &Quality { skip_grid: false, ..with_grid })?;
-        Some(db(&scores) - db(&without))
+        Some(gain_db(db(&scores), db(&without)))
     } else {
         None
     };

@@ -45,6 +45,42 @@ pub fn psnr_db_of_mse(mse: f64) -> f64 {
     -10.0 * mse.log10() + 0.0
 }
 
+/// dB by which one PSNR is above another; 0 for two of equal pictures, whose PSNR is infinite.
+pub fn gain_db(psnr_db: f64, over: f64) -> f64 {
+    if psnr_db == over { 0.0 } else { psnr_db - over }
+}
+
+/// PSNR in dB of a picture's mean colour against the picture; +inf for one flat colour.
+///
+/// What a network shows that has learned nothing.
+pub fn flat_psnr_db(rgb: &[[f32; 3]]) -> f64 {
+    let mean: [f32; 3] = std::array::from_fn(|c| {
+        let sum: f64 = rgb.iter().map(|pixel| f64::from(pixel[c])).sum();
+        (sum / rgb.len().max(1) as f64) as f32
+    });
+    psnr_db(&vec![mean; rgb.len()], rgb)
+}
+
+/// Whether a PSNR is no better than that of a flat colour. A truth of one flat colour has nothing more to show.
+pub fn is_flat(psnr_db: f64, flat_psnr_db: f64) -> bool {
+    let better = psnr_db > flat_psnr_db;
+    flat_psnr_db.is_finite() && !better
+}
+
+/// Mean PSNR of views, and of a flat colour for each of them, dB, from both of every view.
+///
+/// Views of one flat colour (+inf) have nothing more to show, and are left out: one of them would hide what the others
+/// say. NaN and +inf where none is left.
+pub fn beside_flat(psnr_and_flat_db: impl IntoIterator<Item = (f64, f64)>) -> (f64, f64) {
+    let telling: Vec<_> = psnr_and_flat_db.into_iter().filter(|(_, flat)| flat.is_finite()).collect();
+    if telling.is_empty() {
+        return (f64::NAN, f64::INFINITY);
+    }
+    let n = telling.len() as f64;
+    let (psnr, flat) = telling.iter().fold((0.0, 0.0), |sum, of| (sum.0 + of.0, sum.1 + of.1));
+    (psnr / n, flat / n)
+}
+
 /// Mean structural similarity of two `width` × `height` pictures, at most 1, per channel then mean.
 ///
 /// Gaussian 11×11 window of sigma 1.5, K1 = 0.01, K2 = 0.03, data range 1, population covariance,

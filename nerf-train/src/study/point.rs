@@ -3,7 +3,7 @@
 use super::lab::{Clocked, Memory};
 use super::settings::Settings;
 use crate::frame::Frame;
-use crate::report::metrics::{mse, psnr_db, psnr_db_of_mse, ssim};
+use crate::report::metrics::{gain_db, mse, psnr_db, psnr_db_of_mse, ssim};
 use nerf_core::render::Counters;
 
 /// Opacity of the exact picture above which a pixel's distance is compared.
@@ -149,14 +149,19 @@ impl Point {
         Totals {
             views: pairs.len(),
             psnr_db,
-            loss_db: pairs.iter().map(|(_, exact)| exact.psnr_db).sum::<f64>() / n - psnr_db,
+            loss_db: gain_db(pairs.iter().map(|(_, exact)| exact.psnr_db).sum::<f64>() / n, psnr_db),
             ssim: sum(&|v| v.ssim) / n,
             exact_psnr_db: psnr_db_of_mse(sum(&|v| v.exact_mse) / n),
             exact_max: largest(&|v| v.exact_max),
             distance_mean: sum(&|v| v.distance_sum) / sum(&|v| v.solid as f64),
             distance_max: largest(&|v| v.distance_max),
             counters,
-            relative_macs: counters.macs as f64 / dense.macs as f64,
+            // Where a scene is empty neither has anything to do.
+            relative_macs: if counters.macs == dense.macs {
+                1.0
+            } else {
+                counters.macs as f64 / dense.macs as f64
+            },
         }
     }
 

@@ -1,7 +1,7 @@
 //! A sweep on disk.
 
 use super::{Header, Point, Record};
-use crate::output::{OutputError, ensure_folder, write_atomic};
+use crate::output::{OutputError, ensure_folder, write_atomic, write_new};
 use crate::report::error::ReportError;
 use crate::report::picture::Picture;
 use serde::de::DeserializeOwned;
@@ -72,14 +72,13 @@ impl Folder {
     /// [`SweepError::Other`] if the folder holds a sweep with other settings; nothing is changed then.
     pub fn open(path: &Path, header: Header) -> Result<Self, SweepError> {
         let folder = Self { path: path.into(), header };
-        match Self::existing(path) {
-            Ok(there) => there.check_same(&folder.header)?,
-            Err(SweepError::NoSweep { .. }) => {
-                ensure_folder(folder.path.join("runs"))?;
-                write_json(&folder.path.join("sweep.json"), &folder.header)?;
-            }
-            Err(error) => return Err(error),
+        let file = path.join("sweep.json");
+        if !file.exists() {
+            ensure_folder(folder.path.join("runs"))?;
+            // Another process may begin one here at this very moment: then it is that one's.
+            write_new(file, json(&folder.header)?.as_bytes())?;
         }
+        Self::existing(path)?.check_same(&folder.header)?;
         ensure_folder(folder.path.join("runs"))?;
         Ok(folder)
     }
@@ -209,7 +208,11 @@ fn read_json<T: DeserializeOwned>(path: &Path, what: &'static str) -> Result<T, 
     })
 }
 
-fn write_json(path: &Path, value: &impl serde::Serialize) -> Result<(), SweepError> {
+fn json(value: &impl serde::Serialize) -> Result<String, SweepError> {
     let text = serde_json::to_string_pretty(value).map_err(ReportError::encode("sweep record"))?;
-    Ok(write_atomic(path, (text + "\n").as_bytes())?)
+    Ok(text + "\n")
+}
+
+fn write_json(path: &Path, value: &impl serde::Serialize) -> Result<(), SweepError> {
+    Ok(write_atomic(path, json(value)?.as_bytes())?)
 }

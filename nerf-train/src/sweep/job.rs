@@ -7,7 +7,7 @@ use crate::engine::EngineError;
 use crate::eval::measure;
 use crate::frame::Frame;
 use crate::image_field::{self, Ended as FieldEnded, FieldConfig, FieldError, Photo};
-use crate::report::metrics::psnr_db;
+use crate::report::metrics::{flat_psnr_db, is_flat};
 use crate::report::picture::Picture;
 use crate::report::progress::ProgressStyle;
 use crate::train::checkpoint::fingerprint;
@@ -257,8 +257,6 @@ fn run_scene(
         Err(error) => return Err(JobError::Run(error)),
     };
     let views = spread(&dataset.val, FINAL_VIEWS);
-    let flats = views.iter().map(|view| flat_psnr_db(&view.composite_over(outcome.background)));
-    let flat = flats.sum::<f64>() / views.len().max(1) as f64;
     let mut record = Record {
         psnr_db: outcome.scores.psnr_db(),
         steps: outcome.steps,
@@ -266,7 +264,7 @@ fn run_scene(
         train_seconds: outcome.train_seconds,
         ..diverged(point, runner, &architecture, String::new())
     };
-    judge(&mut record, flat);
+    judge(&mut record, outcome.flat_psnr_db);
     let mut picture = None;
     let each = |_: &View, frame: &Frame, _: &[[f32; 3]], _: &_| picture = Some(frame.picture());
     let first = views.first().copied();
@@ -277,19 +275,9 @@ fn run_scene(
 
 /// Whether a run that went through to the end learned anything: more than one flat colour shows.
 fn judge(record: &mut Record, flat_psnr_db: f64) {
-    // A picture of one colour has nothing more to learn.
-    let learned = !flat_psnr_db.is_finite() || record.psnr_db.is_none_or(|db| db > flat_psnr_db);
-    record.status = if learned { Status::Ok } else { Status::Flat };
-    if !learned {
+    let flat = record.psnr_db.is_some_and(|db| is_flat(db, flat_psnr_db));
+    record.status = if flat { Status::Flat } else { Status::Ok };
+    if flat {
         record.note = format!("no better than one flat colour, which has {flat_psnr_db:.2} dB");
     }
-}
-
-/// dB of the picture's mean colour against the picture; +inf for one flat colour.
-fn flat_psnr_db(rgb: &[[f32; 3]]) -> f64 {
-    let mean: [f32; 3] = std::array::from_fn(|c| {
-        let sum: f64 = rgb.iter().map(|pixel| f64::from(pixel[c])).sum();
-        (sum / rgb.len().max(1) as f64) as f32
-    });
-    psnr_db(&vec![mean; rgb.len()], rgb)
 }

@@ -141,6 +141,32 @@ fn another_sweep_is_refused_and_nothing_is_changed() {
 }
 
 #[test]
+fn of_two_sweeps_that_begin_at_once_one_wins_whole() {
+    let (photo, root) = (photo(), tempfile::tempdir().unwrap());
+    for round in 0..20 {
+        let path = root.path().join(round.to_string());
+        let barrier = std::sync::Barrier::new(4);
+        // Two threads each of two sweeps.
+        let opened = std::thread::scope(|scope| {
+            let open = |steps: u32| {
+                let (photo, path, barrier) = (&photo, &path, &barrier);
+                scope.spawn(move || {
+                    let header = job(photo, steps).header(Mode::Full);
+                    barrier.wait();
+                    Folder::open(path, header).map(|_| steps)
+                })
+            };
+            [3, 4, 3, 4].map(open).map(|thread| thread.join().unwrap())
+        });
+        let won: Vec<u32> = opened.iter().filter_map(|folder| folder.as_ref().ok().copied()).collect();
+        assert!(won.len() == 2 && won[0] == won[1], "{opened:?}");
+        let lost = opened.iter().filter(|folder| matches!(folder, Err(SweepError::Other { .. })));
+        assert_eq!(lost.count(), 2, "{opened:?}");
+        assert!(Folder::existing(&path).unwrap().header() == &job(&photo, won[0]).header(Mode::Full));
+    }
+}
+
+#[test]
 fn damaged_records_are_named() {
     let (photo, root) = (photo(), tempfile::tempdir().unwrap());
     let point = points(&[1e-2])[0];

@@ -15,6 +15,12 @@ impl Average {
         Self { decay, values: vec![0.0; if decay > 0.0 { parameters } else { 0 }] }
     }
 
+    /// Whether this is the same average of other steps.
+    pub(super) fn is_like(&self, other: &Self) -> bool {
+        let finite = self.values.iter().all(|value| value.is_finite());
+        finite && (self.decay, self.values.len()) == (other.decay, other.values.len())
+    }
+
     /// Begins anew.
     pub fn clear(&mut self) {
         self.values.fill(0.0);

@@ -1,4 +1,7 @@
 //! Everything a run needs to go on as if it had not stopped.
+//!
+//! Two runs with one output share their checkpoint's name too. The last to write it wins whole, and
+//! [`Checkpoint::check_belongs`] keeps the other from going on from it: no run is ever a mix of two.
 
 use super::average::Average;
 use super::candidate::Best;
@@ -56,12 +59,15 @@ pub enum CheckpointError {
         source: std::io::Error,
     },
     /// It is no checkpoint of this version, or damaged.
-    #[error("checkpoint {path}: expected a whole checkpoint of this version, found {found}")]
+    #[error(
+        "checkpoint {path}: expected a whole checkpoint of this version, found {found}; without --resume the run \
+         starts anew and replaces it"
+    )]
     Format {
         /// The file.
         path: PathBuf,
         /// What was there.
-        found: &'static str,
+        found: String,
     },
     /// It belongs to another run.
     #[error("checkpoint {path}: {field} differs from this run's (in the file: {found}; now: {expected})")]
@@ -99,13 +105,16 @@ impl Checkpoint {
     pub fn read(path: &Path) -> Result<Self, CheckpointError> {
         let bytes =
             std::fs::read(path).map_err(|source| CheckpointError::Read { path: path.into(), source })?;
-        let format = |found| CheckpointError::Format { path: path.into(), found };
+        let format = |found: &str| CheckpointError::Format { path: path.into(), found: found.into() };
         let rest = bytes.strip_prefix(&MAGIC).ok_or_else(|| format("another kind of file or version"))?;
         let (stored, body) = rest.split_first_chunk::<4>().ok_or_else(|| format("a truncated file"))?;
         if u32::from_le_bytes(*stored) != crc(body) {
             return Err(format("a damaged file (checksum)"));
         }
-        postcard::from_bytes(body).map_err(|_| format("a body of another shape"))
+        match postcard::take_from_bytes(body) {
+            Ok((checkpoint, [])) => Ok(checkpoint),
+            _ => Err(format("a body of another shape")),
+        }
     }
 
     /// Refuses a checkpoint of other data or settings.

@@ -4,6 +4,7 @@ use super::candidate::{About, Candidate};
 use super::look::GRID_VIEWS;
 use super::run::{RunError, Session, spread};
 use crate::eval::measure;
+use crate::report::metrics::gain_db;
 use crate::study::{Verdict, flattened};
 use nerf_core::plan::Quality;
 
@@ -43,7 +44,7 @@ impl Session<'_, '_> {
             let scores = measure(&draft, None, tier, &quality, background, views, |_, _, _, _| {})?;
             Ok(scores.psnr_db().unwrap_or(f64::NAN))
         };
-        let gain_db = psnr_db(candidate)? - psnr_db(&flat)?;
+        let gain_db = gain_db(psnr_db(candidate)?, psnr_db(&flat)?);
         // It takes work and spares none.
         let left_out = Verdict::of(gain_db, 1.0, threshold_db) == Verdict::Drops;
         if left_out {

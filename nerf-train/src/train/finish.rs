@@ -8,6 +8,7 @@ use super::run::{RunError, Session, spread};
 use super::snapshot::Snapshot;
 use super::trend::Trend;
 use crate::eval::{EvalError, Scores, measure};
+use crate::report::metrics::{beside_flat, flat_psnr_db, gain_db, is_flat};
 use nerf_core::plan::Quality;
 
 /// A grid is part of the model if leaving it out changes training views by more than this, dB: a little
@@ -23,6 +24,11 @@ pub struct Outcome {
     pub scores: Scores,
     /// The background of the scores, display-encoded.
     pub background: [f32; 3],
+    /// PSNR that a flat colour would have on the same views, each its own, dB; on training views without any. Views
+    /// that are flat themselves do not count.
+    pub flat_psnr_db: f64,
+    /// Whether the blob shows no more than that: too fast a rate, or too few steps.
+    pub flat: bool,
     /// dB that rounding to f16 cost on the same views.
     pub quantisation_loss_db: Option<f64>,
     /// dB that leaving the grid out cost on training views.
@@ -47,6 +53,8 @@ pub struct Outcome {
     pub missed_snapshots: Vec<u32>,
     /// Steps.
     pub steps: u32,
+    /// Times the run was started anew with another seed because every density had become 0.
+    pub reseeds: u32,
     /// Parameters as trained.
     pub parameters: usize,
     /// Live share of the exported grid.
@@ -84,12 +92,15 @@ impl Session<'_, '_> {
         let draft = self.trainer.export(&candidate, &About::default())?.bytes;
         let quality = Quality::default();
 
-        let psnr = |quality: &Quality| -> Result<f64, EvalError> {
-            let views = spread(&self.dataset.train, GRID_VIEWS);
-            let scores = measure(&draft, None, tier, quality, background, views, |_, _, _, _| {})?;
-            Ok(scores.psnr_db().unwrap_or(f64::NAN))
+        let trained = spread(&self.dataset.train, GRID_VIEWS);
+        let on_trained = |quality: &Quality| -> Result<Scores, EvalError> {
+            let views = trained.iter().copied();
+            measure(&draft, None, tier, quality, background, views, |_, _, _, _| {})
         };
-        let grid_loss_db = psnr(&quality)? - psnr(&Quality { skip_grid: false, ..quality })?;
+        let trained_scores = on_trained(&quality)?;
+        let without_grid = on_trained(&Quality { skip_grid: false, ..quality })?;
+        let db = |scores: &Scores| scores.psnr_db().unwrap_or(f64::NAN);
+        let grid_loss_db = gain_db(db(&trained_scores), db(&without_grid));
         let grid_required = grid_loss_db.is_nan() || grid_loss_db.abs() > GRID_LOSS_DB;
 
         let views = spread(&self.dataset.val, FINAL_VIEWS);
@@ -99,7 +110,13 @@ impl Session<'_, '_> {
         let scores = score(None)?;
         let unrounded = score(Some(&candidate.parameters))?.psnr_db();
         let psnr_db = scores.psnr_db();
-        let quantisation_loss_db = unrounded.zip(psnr_db).map(|(unrounded, rounded)| unrounded - rounded);
+        let quantisation_loss_db =
+            unrounded.zip(psnr_db).map(|(unrounded, rounded)| gain_db(unrounded, rounded));
+        let (judged, judged_scores) =
+            if views.is_empty() { (&trained, &trained_scores) } else { (&views, &scores) };
+        let flats = judged.iter().map(|view| flat_psnr_db(&view.composite_over(background)));
+        let (judged_db, flat_psnr_db) =
+            beside_flat(judged_scores.views.iter().map(|score| score.psnr_db).zip(flats));
         let convention = self.convention(views.len());
         let about = About { grid_required, psnr_db, convention: &convention, quantisation_loss_db };
         let exported = self.trainer.export(&candidate, &about)?;
@@ -107,6 +124,8 @@ impl Session<'_, '_> {
             bytes: exported.bytes,
             scores,
             background,
+            flat_psnr_db,
+            flat: is_flat(judged_db, flat_psnr_db),
             quantisation_loss_db,
             grid_loss_db,
             grid_required,
@@ -117,6 +136,7 @@ impl Session<'_, '_> {
             exported_step: candidate.step,
             missed_snapshots: self.missed_snapshots(),
             steps: self.trainer.progressed().step,
+            reseeds: self.trainer.progressed().reseeds,
             parameters: self.trainer.parameters(),
             occupancy: candidate.live.grid().occupancy(),
             train_seconds,

@@ -14,11 +14,11 @@ pub mod trend;
 
 pub use look::FINAL_VIEWS;
 
-use crate::config::{Config, ConfigError};
+use crate::config::{Config, ConfigError, Density};
 use crate::dataset::Dataset;
 use crate::engine::{Batch, Engine, EngineError, FusedEngine, Model};
 use crate::export::ExportError;
-use crate::occupancy::{Ask, Occupancy};
+use crate::occupancy::{Ask, LiveCells, Occupancy};
 use crate::rays::{Bounds, RayBank};
 use average::Average;
 pub(crate) use bounds::find_bounds;
@@ -91,12 +91,21 @@ pub enum TrainError {
     Engine(#[from] EngineError),
     /// Every restart ended without density.
     #[error(
-        "training died {restarts} times: every density became 0. Try --density softplus, a lower --rate, or \
-         check the cameras' convention with --axes"
+        "training died {restarts} times: every density became 0. Try {}a lower --rate, or check the cameras' \
+         convention with --axes",
+        if *relu { "--density softplus, " } else { "" }
     )]
     Dead {
         /// Times it was started.
         restarts: u32,
+        /// Whether its density was a ReLU's.
+        relu: bool,
+    },
+    /// Parts of a checkpoint that do not belong together.
+    #[error("{part} that do not fit the rest")]
+    Parts {
+        /// Which.
+        part: &'static str,
     },
     /// The parameters make no blob.
     #[error("export: {0}")]
@@ -157,8 +166,10 @@ impl<'d> Trainer<'d> {
     /// Takes up a checkpoint of the same run.
     ///
     /// # Errors
-    /// [`TrainError::Engine`] if its parameters do not fit.
+    /// [`TrainError::Engine`] if its parameters do not fit, [`TrainError::Parts`] if anything else does not; the run
+    /// is then as before.
     pub fn restore(&mut self, checkpoint: Checkpoint) -> Result<(), TrainError> {
+        self.check_parts(&checkpoint)?;
         self.engine.restore(&checkpoint.optimiser)?;
         self.average = checkpoint.average;
         self.occupancy = checkpoint.occupancy;
@@ -167,6 +178,41 @@ impl<'d> Trainer<'d> {
         self.curve = checkpoint.curve;
         self.snapshots = checkpoint.snapshots;
         Ok(())
+    }
+
+    /// Whether a checkpoint, whose checksum says nothing of who wrote it, can be computed with.
+    fn check_parts(&self, checkpoint: &Checkpoint) -> Result<(), TrainError> {
+        let Checkpoint { progressed: p, average, occupancy, best, curve, .. } = checkpoint;
+        let counted =
+            u64::from(p.step) == checkpoint.optimiser.steps && p.rays.max(p.samples) <= u64::MAX / 2;
+        let alive = p.dead_steps < DEAD_STEPS && p.reseeds <= RESEEDS;
+        let cells = match (occupancy, &self.occupancy) {
+            (Some(theirs), Some(ours)) => theirs.is_like(ours),
+            (theirs, ours) => theirs.is_none() && ours.is_none(),
+        };
+        let ascending = curve.is_sorted_by_key(|point| point.step);
+        let curve = ascending && curve.last().is_none_or(|point| point.step <= p.step);
+        let best = best.as_ref().is_none_or(|best| {
+            let parameters = best.candidate.parameters.len() == self.model.architecture.parameters();
+            parameters && self.has_cells_like(&best.candidate.live) && best.candidate.step <= p.step
+        });
+        let parts = [
+            ("counters", counted && alive),
+            ("averaged parameters", average.is_like(&self.average)),
+            ("grid cells", cells),
+            ("points of the curve", curve),
+            ("parameters of the best look", best),
+        ];
+        match parts.into_iter().find(|&(_, fits)| !fits) {
+            Some((part, _)) => Err(TrainError::Parts { part }),
+            None => Ok(()),
+        }
+    }
+
+    /// Whether the cells are the same ones: the grid's, or all of them where there is none.
+    fn has_cells_like(&self, live: &LiveCells) -> bool {
+        let full = || Occupancy::full(self.bounds.scene_box, self.config.grid.resolution);
+        self.occupancy.as_ref().map_or_else(|| full().live().is_like(live), |grid| grid.live().is_like(live))
     }
 
     /// Everything needed to go on after `seconds`.
@@ -299,7 +345,8 @@ impl<'d> Trainer<'d> {
     fn reseed(&mut self) -> Result<(), TrainError> {
         let restarts = self.progressed.reseeds + 1;
         if restarts > RESEEDS {
-            return Err(TrainError::Dead { restarts });
+            let relu = self.config.network.density == Density::Relu;
+            return Err(TrainError::Dead { restarts, relu });
         }
         let seed = self.config.seed.wrapping_add(1000 * u64::from(restarts));
         self.engine = new_engine(&self.model, &self.config, self.tier, seed)?;

@@ -122,7 +122,11 @@ pub fn run_since(
         let checkpoint = Checkpoint::read(path)?;
         checkpoint.check_belongs(path, trainer.config(), (&dataset.name, trainer.fingerprint()))?;
         clock = Clock::resume(duration(checkpoint.seconds));
-        trainer.restore(checkpoint)?;
+        let damaged = |error: TrainError| CheckpointError::Format {
+            path: path.into(),
+            found: format!("a damaged one ({error})"),
+        };
+        trainer.restore(checkpoint).map_err(damaged)?;
     }
     let started = *trainer.progressed();
     let reserve = options.budget.seconds.map_or(0.0, |seconds| RESERVE_SHARE * seconds);

@@ -18,6 +18,11 @@ impl Folder {
         Self(tempfile::tempdir().expect("a folder"))
     }
 
+    /// One in memory where there is such a place: a checkpoint after every step waits for a disk each time.
+    pub fn in_memory() -> Self {
+        tempfile::tempdir_in("/dev/shm").map_or_else(|_| Self::new(), Self)
+    }
+
     /// A path in it.
     pub fn path(&self, name: &str) -> String {
         self.0.path().join(name).to_str().expect("UTF-8").to_owned()

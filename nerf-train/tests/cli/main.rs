@@ -15,6 +15,7 @@ mod pipeline;
 mod show;
 mod snapshots;
 mod stopping;
+mod storage;
 mod study;
 mod video;
 

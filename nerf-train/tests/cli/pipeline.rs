@@ -12,6 +12,16 @@ fn picture(path: &str) -> image::DynamicImage {
     image::open(path).unwrap_or_else(|error| panic!("{path}: {error}"))
 }
 
+/// Weights of a blob that are f16 subnormals.
+fn subnormal_weights(path: &str) -> u64 {
+    let bytes = std::fs::read(path).expect("a blob");
+    let blob = nerf_core::blob::Blob::open(&bytes).expect("a blob");
+    let halves = blob.weights().chunks_exact(2).map(|half| u16::from_le_bytes([half[0], half[1]]));
+    let count = halves.filter(|half| half & 0x7c00 == 0 && half & 0x03ff != 0).count() as u64;
+    println!("{count} subnormal weights");
+    count
+}
+
 #[test]
 fn fit_inspect_eval_and_render_agree_on_blender_and_npz() {
     let folder = Folder::new();
@@ -27,6 +37,7 @@ fn fit_inspect_eval_and_render_agree_on_blender_and_npz() {
         assert_eq!(fitted["background"], "black");
         let length = std::fs::metadata(&file).expect("a blob").len();
         assert_eq!(fitted["blob_bytes"].as_u64(), Some(length));
+        assert_eq!(fitted["subnormal_weights"].as_u64(), Some(subnormal_weights(&file)), "{name}");
         for made in [
             "curve.csv",
             "curve.png",
@@ -286,6 +297,8 @@ fn settings_out_of_range_are_refused_naming_the_field() {
         ("[network]\ndensity_bias = inf", "network.density_bias"),
         ("[sampling]\nsamples = 5000", "sampling.samples"),
         ("[sampling]\nrays = 0", "sampling.rays"),
+        // As many positions would take tens of gigabytes.
+        ("[sampling]\nrays = 1000000\nsamples = 4096", "sampling.rays"),
         ("[sampling]\njitter = { width = -1.0 }", "sampling.jitter"),
         ("[sampling]\nnear = 6.0\nfar = 2.0", "near"),
         ("[sampling]\nnear = -1.0", "near"),
@@ -313,6 +326,9 @@ fn settings_out_of_range_are_refused_naming_the_field() {
     }
     for (flags, field) in [
         (["--steps", "0"], "optimiser.steps"),
+        (["--checkpoint-every", "nan"], "--checkpoint-every"),
+        (["--checkpoint-every=-1", "--no-hull"], "--checkpoint-every"),
+        (["--threads", "4097"], "--threads"),
         (["--width", "100000"], "network.width"),
         (["--rate", "nan"], "optimiser.rate"),
         (["--jitter=-0.5", "--no-hull"], "jitter"),

@@ -2,19 +2,61 @@
 
 use crate::made::{Folder, scene};
 use crate::{command, fails, fit, ok};
+use nerf_core::sampling::{Purpose, uniform};
 use nerf_train::train::checkpoint::Checkpoint;
 use std::path::Path;
-use std::process::{Child, Command, Stdio};
+use std::process::{Child, Command, ExitStatus, Output, Stdio};
 use std::time::{Duration, Instant};
 
-fn start(args: &[&str]) -> Child {
-    command(args).stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().expect("the command starts")
+/// A command at work; killed when dropped, so that a test that fails leaves nothing running.
+pub struct Running(Option<Child>);
+
+impl Running {
+    pub fn start(args: &[&str]) -> Self {
+        let child = command(args).stdout(Stdio::piped()).stderr(Stdio::piped()).spawn();
+        Self(Some(child.expect("the command starts")))
+    }
+
+    fn child(&mut self) -> &mut Child {
+        self.0.as_mut().expect("taken only by `output`")
+    }
+
+    pub fn is_running(&mut self) -> bool {
+        self.child().try_wait().expect("a status").is_none()
+    }
+
+    fn interrupt(&mut self) {
+        let sent = Command::new("kill").args(["-INT", &self.child().id().to_string()]).status();
+        assert!(sent.expect("kill").success());
+    }
+
+    fn kill(&mut self) {
+        self.child().kill().expect("SIGKILL");
+    }
+
+    fn wait(&mut self) -> ExitStatus {
+        self.child().wait().expect("it ends")
+    }
+
+    /// What it leaves when it has ended.
+    pub fn output(mut self) -> Output {
+        self.0.take().expect("taken only here").wait_with_output().expect("it ends")
+    }
 }
 
-fn wait_for(path: &Path, child: &mut Child) {
+impl Drop for Running {
+    fn drop(&mut self) {
+        if let Some(child) = &mut self.0 {
+            let _ = child.kill();
+            let _ = child.wait();
+        }
+    }
+}
+
+pub fn wait_for(path: &Path, running: &mut Running) {
     let start = Instant::now();
     while !path.exists() {
-        assert!(child.try_wait().expect("a status").is_none(), "it ended before it wrote {}", path.display());
+        assert!(running.is_running(), "it ended before it wrote {}", path.display());
         assert!(start.elapsed() < Duration::from_secs(60), "no {} after a minute", path.display());
         std::thread::sleep(Duration::from_millis(2));
     }
@@ -26,11 +68,10 @@ fn ctrl_c_leaves_a_checkpoint_says_how_to_go_on_and_ends_with_130() {
     let (data, file) = (folder.npz("data.npz"), folder.path("a.nerf"));
     let checkpoint = folder.path("a.nerf.checkpoint");
     let args = fit(&data, &file, &["--steps", "1000000", "--checkpoint-every", "0"]);
-    let mut child = start(&args);
-    wait_for(Path::new(&checkpoint), &mut child);
-    let sent = Command::new("kill").args(["-INT", &child.id().to_string()]).status().expect("kill");
-    assert!(sent.success());
-    let output = child.wait_with_output().expect("it ends");
+    let mut running = Running::start(&args);
+    wait_for(Path::new(&checkpoint), &mut running);
+    running.interrupt();
+    let output = running.output();
     let err = String::from_utf8_lossy(&output.stderr);
     assert_eq!(output.status.code(), Some(130), "{err}");
     assert!(err.contains("--resume") && err.contains(&checkpoint) && err.contains("step"), "{err}");
@@ -47,51 +88,89 @@ fn ctrl_c_leaves_nothing_of_a_film() {
     let (_, file) = crate::blob();
     let folder = Folder::new();
     let gif = folder.path("orbit.gif");
-    let mut child = start(&["render", file, "-o", &gif, "--orbit", "100000", "--width", "16"]);
+    let mut running = Running::start(&["render", file, "-o", &gif, "--orbit", "100000", "--width", "16"]);
     // Its temporary shows that it is at work.
     let begun = Instant::now();
     while folder.names().is_empty() && begun.elapsed() < Duration::from_secs(60) {
         std::thread::sleep(Duration::from_millis(5));
     }
-    let sent = Command::new("kill").args(["-INT", &child.id().to_string()]).status().expect("kill");
-    assert!(sent.success() && child.try_wait().expect("a status").is_none());
-    let output = child.wait_with_output().expect("it ends");
+    running.interrupt();
+    assert!(running.is_running());
+    let output = running.output();
     let err = String::from_utf8_lossy(&output.stderr);
     assert!(output.status.code() == Some(130) && err.contains("of 100000 views"), "{err}");
     assert_eq!(folder.names(), [""; 0]);
 }
 
+/// Kills that must hit a run.
+const KILLS: usize = 20;
+
 #[test]
-fn kill_9_at_any_moment_and_resume_gives_the_undisturbed_blob() {
-    let folder = Folder::new();
+fn killed_at_20_random_moments_and_resumed_a_run_gives_the_undisturbed_blob() {
+    let folder = Folder::in_memory();
     let data = folder.npz("data.npz");
-    let (calm, killed) = (folder.path("calm.nerf"), folder.path("killed.nerf"));
+    let (calm, file) = (folder.path("calm.nerf"), folder.path("killed.nerf"));
     let checkpoint = folder.path("killed.nerf.checkpoint");
-    let steps = ["--steps", "250"];
-    ok(fit(&data, &calm, &steps));
-    let mut resumes = 0;
-    for wait in [3u64, 31, 57, 11, 83, 23, 41, 67] {
-        let mut args = fit(&data, &killed, &steps);
-        args.extend(["--checkpoint-every", "0"]);
-        if Path::new(&checkpoint).exists() {
-            args.push("--resume");
-            resumes += 1;
+    // Looks keep a best candidate in the checkpoint; a checkpoint after every step.
+    let run = ["--steps", "200", "--validate-every", "10", "--checkpoint-every", "0"];
+    let begun = Instant::now();
+    ok(fit(&data, &calm, &run));
+    let whole = begun.elapsed();
+    let expected = std::fs::read(&calm).expect("a blob");
+    let args = fit(&data, &file, &run);
+    let at = |name: &str| Path::new(name).exists();
+    let reached = || {
+        let read = || Checkpoint::read(Path::new(&checkpoint)).expect("a whole checkpoint");
+        if at(&checkpoint) { read().progressed.step } else { 0 }
+    };
+    let temporaries = || folder.names().iter().filter(|name| name.ends_with(".tmp")).count();
+
+    let (mut attempt, mut ended, mut moments) = (0, 0, Vec::new());
+    while moments.len() < KILLS {
+        attempt += 1;
+        assert!(attempt < 10 * KILLS as u64, "{ended} runs ended before they were killed: {moments:?}");
+        let (before, left) = (reached(), temporaries());
+        let resume: &[&str] = if at(&checkpoint) { &["--resume"] } else { &[] };
+        let mut running = Running::start(&[&args[..], resume].concat());
+        // A run that was killed after its last step ends undisturbed.
+        let through = before == 200;
+        if through {
+            running.wait();
         }
-        let mut child = start(&args);
-        // Some before the first checkpoint, most while one is being written.
-        while wait > 20 && !Path::new(&checkpoint).exists() && child.try_wait().expect("a status").is_none() {
+        // Half at any moment, a quarter after a step of their own, a quarter after the last, where it is exported.
+        let (from, longest) = [(200, 0.1), (0, 0.8), (before + 1, 0.4), (0, 0.8)][attempt as usize % 4];
+        while !through && reached() < from && running.is_running() {
             std::thread::sleep(Duration::from_millis(1));
         }
-        std::thread::sleep(Duration::from_millis(wait));
-        child.kill().expect("SIGKILL");
-        child.wait().expect("it ends");
-        if Path::new(&checkpoint).exists() {
-            Checkpoint::read(Path::new(&checkpoint)).expect("a whole checkpoint");
+        let share = longest * uniform(1, Purpose::Jitter, attempt, 0);
+        std::thread::sleep(if through { Duration::ZERO } else { whole.mul_f32(share) });
+        running.kill();
+        let code = running.wait().code();
+        assert!(matches!(code, None | Some(0)), "neither killed nor through: {code:?}");
+        if code == Some(0) {
+            // The next begins anew.
+            ended += usize::from(!through);
+            assert!(std::fs::read(&file).expect("a blob") == expected);
+            std::fs::remove_file(&file).expect("removed");
+            std::fs::remove_file(&checkpoint).expect("removed");
+            continue;
         }
+        let (after, writing) = (reached(), temporaries() > left);
+        let whole_blob = at(&file).then(|| std::fs::read(&file).expect("a blob"));
+        assert!(whole_blob.is_none_or(|blob| blob == expected), "half a blob");
+        moments.push((before, after, writing));
     }
-    assert!(resumes > 2, "killed before the first checkpoint all but {resumes} times");
-    ok([&fit(&data, &killed, &steps)[..], &["--resume"]].concat());
-    assert!(std::fs::read(calm).expect("a blob") == std::fs::read(killed).expect("a blob"));
+    println!("{ended} ended before; steps before, steps after, writing: {moments:?}");
+    let under_way = moments.iter().filter(|&&(before, after, _)| before < after).count();
+    assert!(under_way >= KILLS / 5, "only {under_way} were killed between their first and their last step");
+    ok([&args[..], if at(&checkpoint) { &["--resume"] } else { &[] }].concat());
+    assert!(std::fs::read(&file).expect("a blob") == expected);
+    assert!(Checkpoint::read(Path::new(&checkpoint)).expect("whole").best.is_some());
+    // What a killed process leaves behind besides is hidden.
+    let names = folder.names();
+    let visible: Vec<&String> = names.iter().filter(|name| !name.starts_with(".nerf-")).collect();
+    let expected = ["calm.nerf", "calm.nerf.checkpoint", "data.npz", "killed.nerf", "killed.nerf.checkpoint"];
+    assert_eq!(visible, expected);
 }
 
 #[test]
@@ -121,9 +200,13 @@ fn resuming_another_run_or_a_damaged_checkpoint_is_refused() {
     let twin = folder.npz_with("sub/data.npz", |arrays| arrays[0].data.reverse());
     fails(fit(&twin, &file, &["--steps", "5", "--resume"]), &["a.nerf.checkpoint", "data"]);
     intact();
-    std::fs::write(&checkpoint, &before.0[..before.0.len() / 2]).expect("written");
-    fails(fit(&data, &file, &["--steps", "5", "--resume"]), &["a.nerf.checkpoint", "damaged"]);
-    std::fs::write(&checkpoint, b"something else").expect("written");
-    fails(fit(&data, &file, &["--steps", "5", "--resume"]), &["a.nerf.checkpoint"]);
+    // Damage is named with what to do, and left for whoever can mend it.
+    let half = &before.0[..before.0.len() / 2];
+    for (damaged, word) in [(half, "damaged"), (b"something else", "another kind"), (b"", "another kind")] {
+        std::fs::write(&checkpoint, damaged).expect("written");
+        let words = ["a.nerf.checkpoint", word, "without --resume the run starts anew"];
+        fails(fit(&data, &file, &["--steps", "5", "--resume"]), &words);
+        assert!(std::fs::read(&checkpoint).expect("left") == damaged);
+    }
     assert!(before.1 == std::fs::read(&file).expect("a blob"));
 }

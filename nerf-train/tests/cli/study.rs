@@ -176,4 +176,5 @@ fn what_cannot_be_studied_is_said() {
     fails(["study", "train", &data, "--report", &folder.path("t"), "--seconds", "0"], &["--seconds"]);
     fails(["audit", file, &data, "--effect-threshold", "nan"], &["--effect-threshold"]);
     fails(["audit", file, &data, "--views", "0"], &["--views"]);
+    fails(["audit", file, &data, "--repeats", "18446744073709551615"], &["--repeats", "at most"]);
 }

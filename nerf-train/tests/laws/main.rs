@@ -1,5 +1,6 @@
 //! Laws of training and export that need no command line, on scenes of 24×24 pixels.
 
+mod checkpoints;
 mod choice;
 mod golden;
 mod import;

@@ -1,6 +1,6 @@
 //! What a blob promises of its own grid and weights.
 
-use crate::{fit, scene, tiny};
+use crate::{fit, options, scene, tiny};
 use nerf_core::blob::{Blob, Content, SceneFacts};
 use nerf_core::kernels::Tier;
 use nerf_core::network::Role;
@@ -8,7 +8,9 @@ use nerf_core::plan::{Batch, Outputs, Plan, PlanError, Quality};
 use nerf_train::dataset::View;
 use nerf_train::eval::measure;
 use nerf_train::export::{Contents, ExportError, export};
+use nerf_train::train::Trainer;
 use nerf_train::train::finish::Outcome;
+use nerf_train::train::run::{Ended, RunOptions, run};
 
 fn psnr_db<'v>(
     outcome: &Outcome,
@@ -85,11 +87,80 @@ fn a_weight_beyond_f16_is_refused_naming_layer_and_index() {
         }
         let mut parameters = whole.clone();
         parameters[layer.bias] = f32::NAN;
-        assert!(export(&parameters).is_err());
+        // NaN equals nothing, itself included.
+        let bias = layer.bias - layer.weights;
+        assert!(matches!(
+            export(&parameters).expect_err("not a number"),
+            ExportError::Weight { role, index, found } if (role, index) == (layer.role, bias) && found.is_nan()
+        ));
     }
-    let mut parameters = whole.clone();
-    parameters[0] = f32::INFINITY;
-    let text = export(&parameters).expect_err("infinite").to_string();
-    assert!(text.contains("Trunk(0)") && text.contains("parameter 0") && text.contains("inf"), "{text}");
+    for (found, word) in [(f32::INFINITY, "inf"), (f32::NAN, "NaN"), (-65505.0, "-65505")] {
+        let mut parameters = whole.clone();
+        parameters[0] = found;
+        let text = export(&parameters).expect_err(word).to_string();
+        assert!(text.contains("Trunk(0)") && text.contains("parameter 0") && text.contains(word), "{text}");
+    }
     assert!(matches!(architecture.layers().iter().next().map(|l| l.role), Some(Role::Trunk(0))));
+}
+
+#[test]
+fn weights_that_become_f16_subnormals_are_counted_and_keep_their_nearest_value() {
+    let outcome = fit(&scene(), &tiny(2)).expect("a blob");
+    let blob = Blob::open(&outcome.bytes).expect("a blob");
+    let architecture = blob.architecture();
+    let smallest = half::f16::MIN_POSITIVE.to_f32();
+    let tick = half::f16::MIN_POSITIVE_SUBNORMAL.to_f32();
+    // The largest subnormal, the smallest, and what rounds to it; then 0, what rounds to 0, and to a normal number.
+    let subnormal = [smallest - tick, tick, -tick, 0.51 * tick, smallest - 0.51 * tick];
+    let others = [0.0, -0.0, 0.49 * tick, smallest, -smallest, smallest - 0.49 * tick, 1.0, 65504.0];
+    let mut parameters = vec![0.25; architecture.parameters()];
+    parameters[100..100 + subnormal.len()].copy_from_slice(&subnormal);
+    parameters[200..200 + others.len()].copy_from_slice(&others);
+    let exported = export(&Contents {
+        architecture,
+        parameters: &parameters,
+        content: Content::Scene(SceneFacts {
+            grid_required: false,
+            ..blob.scene().expect("a scene").clone()
+        }),
+        grid: None,
+        provenance: blob.provenance().clone(),
+    })
+    .expect("a blob");
+    assert_eq!(exported.subnormal_weights, subnormal.len());
+    let blob = Blob::open(&exported.bytes).expect("a blob");
+    let stored = blob.weights().chunks_exact(2).map(|b| half::f16::from_le_bytes([b[0], b[1]]).to_f32());
+    for (found, expected) in stored.zip(&parameters) {
+        let step = if expected.abs() < smallest { tick } else { expected.abs() / 1024.0 };
+        assert!((found - expected).abs() <= 0.5 * step, "{expected}: {found}");
+    }
+}
+
+#[test]
+fn what_rounding_costs_is_measured_and_written_into_the_blob() {
+    let (dataset, config) = (scene(), tiny(100));
+    // One look, at the end: the last step is exported.
+    let options = RunOptions { validate_every: Some(u32::MAX), ..options(&config, None, false) };
+    let Ended::Finished(outcome) = run(&dataset, config.clone(), &options, &|_| false).expect("a run") else {
+        unreachable!("nobody interrupts")
+    };
+    let loss_db = outcome.quantisation_loss_db.expect("validation views");
+    let blob = Blob::open(&outcome.bytes).expect("a blob");
+    assert_eq!(blob.provenance().quantisation_loss_db, Some(loss_db as f32));
+    // Once more by hand: the same parameters, rounded and not, on the same views.
+    let mut trainer = Trainer::new(&dataset, config, Tier::detect()).expect("a trainer");
+    for step in 0..100 {
+        trainer.step(f64::from(step) / 100.0).expect("a step");
+    }
+    let parameters = trainer.candidate().parameters;
+    let psnr_db = |parameters| {
+        let (tier, quality) = (Tier::detect(), Quality::default());
+        measure(&outcome.bytes, parameters, tier, &quality, outcome.background, &dataset.val, |_, _, _, _| {})
+            .expect("rendered")
+            .psnr_db()
+            .expect("views")
+    };
+    assert_eq!(loss_db, psnr_db(Some(&parameters[..])) - psnr_db(None));
+    assert!(loss_db != 0.0, "rounding changed no pixel");
+    println!("{loss_db:.5} dB");
 }

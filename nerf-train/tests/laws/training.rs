@@ -1,19 +1,13 @@
-//! Same seed, same blob; damage and dead ends are reported.
+//! Same seed, same blob; dead ends are reported.
 
-use crate::{fit, options, scene, tiny, tiny_seed};
+use crate::{fit, scene, tiny, tiny_seed};
 use nerf_core::blob::Blob;
 use nerf_core::kernels::Tier;
 use nerf_train::config::{Config, Density, Jitter};
 use nerf_train::dataset::{Background, Dataset};
-use nerf_train::train::checkpoint::Checkpoint;
-use nerf_train::train::run::{Ended, RunError, run};
+use nerf_train::report::metrics::psnr_db;
+use nerf_train::train::run::RunError;
 use nerf_train::train::{TrainError, Trainer};
-use std::path::Path;
-use std::sync::atomic::{AtomicBool, Ordering};
-use std::time::Duration;
-
-/// A name, and something done to a value.
-type Change<T> = (&'static str, fn(&mut T));
 
 /// Both presets, small; and the seed preset's published variants.
 fn variants(steps: u32) -> Vec<(&'static str, Config)> {
@@ -31,17 +25,6 @@ fn variants(steps: u32) -> Vec<(&'static str, Config)> {
         ("seed, rays by image", with(|c| (c.sampling.images, c.sampling.rays) = (5, 100))),
         ("seed, rate 1e-3", with(|c| c.optimiser.rate = 1e-3)),
     ]
-}
-
-fn resume(dataset: &Dataset, config: &Config, checkpoint: &Path) -> Result<Ended, RunError> {
-    run(dataset, config.clone(), &options(config, Some(checkpoint.into()), true), &|_| false)
-}
-
-fn bytes_of(ended: Ended) -> Vec<u8> {
-    match ended {
-        Ended::Finished(outcome) => outcome.bytes,
-        Ended::Interrupted { step, .. } => panic!("interrupted after step {step}"),
-    }
 }
 
 #[test]
@@ -69,133 +52,54 @@ fn variants_and_seeds_differ_from_each_other() {
 }
 
 #[test]
-fn a_run_resumed_at_any_step_gives_the_undisturbed_blob() {
-    let (dataset, folder) = (scene(), tempfile::tempdir().expect("a folder"));
-    for (name, config) in [("fast", tiny(24)), ("seed", tiny_seed(24))] {
-        let expected = fit(&dataset, &config).expect("a blob");
-        let path = folder.path().join(name);
-        for stop_after in [0, 1, 7, 8, 20, 23] {
-            let options = options(&config, Some(path.clone()), false);
-            let stopped = run(&dataset, config.clone(), &options, &|step| step == stop_after).expect("a run");
-            assert!(matches!(stopped, Ended::Interrupted { step, .. } if step == stop_after));
-            let resumed = bytes_of(resume(&dataset, &config, &path).expect("a run"));
-            assert!(resumed == expected.bytes, "{name}, stopped after step {stop_after}");
-        }
-        // A run that has ended is taken up too.
-        let again = bytes_of(resume(&dataset, &config, &path).expect("a run"));
-        assert!(again == expected.bytes, "{name}, ended");
+fn a_batch_larger_than_the_data_draws_its_pixels_again() {
+    let mut dataset = scene();
+    dataset.train.truncate(1);
+    let pixels = dataset.train[0].pixels.len();
+    for (name, images, mut config) in
+        [("fast", 0, tiny(10)), ("seed", 0, tiny_seed(10)), ("seed, by image", 1000, tiny_seed(10))]
+    {
+        (config.sampling.rays, config.sampling.live_samples) = (10 * pixels, 0);
+        config.sampling.images = images;
+        let outcome = fit(&dataset, &config).expect(name);
+        assert!(Blob::open(&outcome.bytes).is_ok());
+        let mut trainer = Trainer::new(&dataset, config, Tier::detect()).expect("a trainer");
+        trainer.step(0.0).expect("a step");
+        assert_eq!(trainer.progressed().rays, 10 * pixels as u64, "{name}");
+        assert!(trainer.pixels() <= pixels as u64);
     }
 }
 
 #[test]
-fn interruptions_at_any_moment_change_no_byte() {
-    let (dataset, folder) = (scene(), tempfile::tempdir().expect("a folder"));
-    let (config, path) = (tiny(300), folder.path().join("checkpoint"));
-    let expected = fit(&dataset, &config).expect("a blob").bytes;
-    let mut interruptions = 0;
-    let found = loop {
-        let (stop, first) = (AtomicBool::new(interruptions == 0), interruptions == 0);
-        let options = options(&config, Some(path.clone()), !first);
-        let ended = std::thread::scope(|scope| {
-            scope.spawn(|| {
-                std::thread::sleep(Duration::from_millis(17 * (1 + interruptions)));
-                stop.store(true, Ordering::Relaxed);
-            });
-            run(&dataset, config.clone(), &options, &|_| stop.load(Ordering::Relaxed)).expect("a run")
-        });
-        match ended {
-            Ended::Finished(outcome) => break outcome.bytes,
-            Ended::Interrupted { checkpoint, .. } => assert_eq!(checkpoint.as_deref(), Some(path.as_path())),
-        }
-        interruptions += 1;
-    };
-    assert!(interruptions > 0 && found == expected, "after {interruptions} interruptions");
+fn a_perfect_picture_has_no_loss_and_needs_no_grid() {
+    // Nothing to see, and a network that shows nothing: every PSNR is infinite, and no difference of two is NaN.
+    let mut dataset = scene();
+    dataset.train.iter_mut().chain(&mut dataset.val).for_each(|view| view.pixels.fill([0, 0, 0, 255]));
+    dataset.background = Background::Constant([0; 3]);
+    let mut config = tiny(10);
+    config.sampling.scene_box = Some([-1.0, -1.0, -1.0, 1.0, 1.0, 1.0]);
+    config.network.density_bias = -100.0;
+    let outcome = fit(&dataset, &config).expect("a blob");
+    assert_eq!(outcome.scores.psnr_db(), Some(f64::INFINITY));
+    assert_eq!((outcome.grid_loss_db, outcome.quantisation_loss_db), (0.0, Some(0.0)));
+    assert!(!outcome.grid_required && !outcome.flat);
+    let blob = Blob::open(&outcome.bytes).expect("a blob");
+    // A blob holds no infinity.
+    assert_eq!((blob.provenance().psnr_db, blob.provenance().quantisation_loss_db), (None, Some(0.0)));
 }
 
 #[test]
-fn resuming_with_other_settings_is_refused_and_keeps_the_checkpoint() {
-    let (dataset, folder) = (scene(), tempfile::tempdir().expect("a folder"));
-    let path = folder.path().join("checkpoint");
-    // A seed beyond i64 is one that TOML cannot write.
-    for seed in [0, u64::MAX] {
-        let config = Config { seed, ..tiny(10) };
-        let trainer = Trainer::new(&dataset, config.clone(), Tier::detect()).expect("a trainer");
-        trainer.checkpoint(1.0).write(&path).expect("a checkpoint");
-        let before = std::fs::read(&path).expect("a checkpoint");
-        let cases: [Change<Config>; 6] = [
-            ("network.width", |c| c.network.width = 17),
-            ("optimiser.rate", |c| c.optimiser.rate = 0.5),
-            ("seed", |c| c.seed ^= 1),
-            ("sampling.near", |c| c.sampling.near = Some(1.0)),
-            ("sampling.scene_box", |c| c.sampling.scene_box = Some([-1.0, -1.0, -1.0, 1.0, 1.0, 1.0])),
-            ("sampling.jitter", |c| c.sampling.jitter = Jitter::None),
-        ];
-        for (field, change) in cases {
-            let mut other = config.clone();
-            change(&mut other);
-            if other == config {
-                continue;
-            }
-            let error = resume(&dataset, &other, &path).expect_err(field).to_string();
-            assert!(error.contains(field) && error.contains("checkpoint"), "{field}: {error}");
-        }
-        assert!(std::fs::read(&path).expect("a checkpoint") == before);
-        // More steps are no other run.
-        assert!(resume(&dataset, &Config { optimiser: tiny(12).optimiser, ..config }, &path).is_ok());
-    }
-}
-
-#[test]
-fn resuming_with_other_data_is_refused_even_under_the_same_name() {
-    let (dataset, folder) = (scene(), tempfile::tempdir().expect("a folder"));
-    let (config, path) = (tiny(10), folder.path().join("checkpoint"));
-    let trainer = Trainer::new(&dataset, config.clone(), Tier::detect()).expect("a trainer");
-    trainer.checkpoint(0.0).write(&path).expect("a checkpoint");
-    let changes: [Change<Dataset>; 5] = [
-        // The scene box is found from all cameras.
-        ("no validation views", |d| d.val.clear()),
-        ("a pixel", |d| d.train[2].pixels[300] = [1, 2, 3, 255]),
-        ("a view less", |d| d.train.truncate(5)),
-        ("another camera", |d| d.train[0].camera = d.val[0].camera),
-        ("another name", |d| d.name = "other".into()),
-    ];
-    for (what, change) in changes {
-        let mut other = dataset.clone();
-        change(&mut other);
-        let error = resume(&other, &config, &path).expect_err(what).to_string();
-        assert!(error.contains("data"), "{what}: {error}");
-    }
-    // Pictures of validation views are only looked at.
-    let mut watched = dataset.clone();
-    watched.val[0].pixels.fill([0; 4]);
-    assert!(resume(&watched, &config, &path).is_ok());
-}
-
-#[test]
-fn every_damage_to_a_checkpoint_is_an_error_naming_the_file() {
-    let (dataset, folder) = (scene(), tempfile::tempdir().expect("a folder"));
-    let (config, path) = (tiny(10), folder.path().join("lego.checkpoint"));
-    let trainer = Trainer::new(&dataset, config.clone(), Tier::detect()).expect("a trainer");
-    trainer.checkpoint(0.0).write(&path).expect("a checkpoint");
-    let whole = std::fs::read(&path).expect("a checkpoint");
-    let mut damaged: Vec<Vec<u8>> = [0, 1, 7, 8, 11, 12, 13, whole.len() / 2, whole.len() - 1]
-        .into_iter()
-        .map(|length| whole[..length].to_vec())
-        .collect();
-    for place in (0..whole.len()).step_by(whole.len() / 200) {
-        let mut flipped = whole.clone();
-        flipped[place] ^= 1 << (place % 8);
-        damaged.push(flipped);
-    }
-    damaged.push([&whole[..], &[0]].concat());
-    for bytes in damaged {
-        std::fs::write(&path, &bytes).expect("written");
-        let error = Checkpoint::read(&path).expect_err("damage").to_string();
-        assert!(error.contains("lego.checkpoint"), "{error}");
-    }
-    std::fs::remove_file(&path).expect("removed");
-    let error = resume(&dataset, &config, &path).expect_err("nothing there").to_string();
-    assert!(error.contains("lego.checkpoint"), "{error}");
+fn a_blank_view_does_not_hide_that_nothing_was_learned() {
+    let mut dataset = scene();
+    // After one step nothing is learned yet.
+    assert!(fit(&dataset, &tiny(1)).expect("a blob").flat);
+    dataset.val[0].pixels.fill([0; 4]);
+    assert!(fit(&dataset, &tiny(1)).expect("a blob").flat);
+    // On training views, where there are no others.
+    dataset.val.clear();
+    dataset.train[0].pixels.fill([0; 4]);
+    let outcome = fit(&dataset, &tiny(1)).expect("a blob");
+    assert!(outcome.flat && outcome.flat_psnr_db.is_finite());
 }
 
 #[test]
@@ -207,6 +111,9 @@ fn a_network_that_stays_dead_is_given_up_with_advice() {
     assert!(matches!(error, RunError::Train(TrainError::Dead { .. })), "{error}");
     let error = error.to_string();
     assert!(error.contains("--density softplus") && !error.contains("nerf-train show"), "{error}");
+    // What is done already is no advice.
+    let error = TrainError::Dead { restarts: 4, relu: false }.to_string();
+    assert!(!error.contains("softplus") && error.contains("--rate"), "{error}");
 }
 
 #[test]
@@ -232,17 +139,37 @@ fn a_network_that_died_is_started_anew_and_still_reproducible() {
         }
         if trainer.progressed().step == config.optimiser.steps && trainer.progressed().reseeds > 0 {
             cured += 1;
-            let blobs = [0, 1].map(|_| fit(&dataset, &config).expect("a blob").bytes);
-            assert!(blobs[0] == blobs[1]);
+            let outcomes = [0, 1].map(|_| fit(&dataset, &config).expect("a blob"));
+            assert!(outcomes[0].bytes == outcomes[1].bytes);
+            assert!(outcomes[0].reseeds > 0 && outcomes[0].reseeds == trainer.progressed().reseeds);
             break;
         }
     }
     assert!(cured > 0, "no seed among these was cured");
 }
 
-/// The run ends with a blob whose every view is finite, or with a message.
+/// The run ends with a blob whose every view is finite, and which is said to be flat if it is, or with a message.
 fn ends_well(dataset: &Dataset, config: &Config) -> Result<f64, String> {
     let outcome = fit(dataset, config).map_err(|error| error.to_string())?;
+    for db in [Some(outcome.grid_loss_db), outcome.quantisation_loss_db].into_iter().flatten() {
+        assert!(!db.is_nan(), "{outcome:?}");
+    }
+    // What a flat colour has on each view; views that are flat themselves do not count.
+    let both: Vec<(f64, f64)> = (dataset.val.iter().zip(&outcome.scores.views))
+        .map(|(view, score)| {
+            let truth = view.composite_over(outcome.background);
+            let mean: [f32; 3] = std::array::from_fn(|c| {
+                (truth.iter().map(|p| f64::from(p[c])).sum::<f64>() / truth.len() as f64) as f32
+            });
+            (score.psnr_db, psnr_db(&vec![mean; truth.len()], &truth))
+        })
+        .filter(|(_, flat)| flat.is_finite())
+        .collect();
+    if !both.is_empty() {
+        let mean = |of: fn(&(f64, f64)) -> f64| both.iter().map(of).sum::<f64>() / both.len() as f64;
+        let (db, flat) = (mean(|both| both.0), mean(|both| both.1));
+        assert_eq!(outcome.flat, db <= flat, "{db} dB, a flat colour {flat} dB");
+    }
     let blob = Blob::open(&outcome.bytes).expect("the trainer's own blob");
     let finite = |b: &[u8]| half::f16::from_le_bytes([b[0], b[1]]).is_finite();
     assert!(blob.weights().chunks_exact(2).all(finite));
@@ -301,6 +228,10 @@ fn strange_pictures_end_in_a_message_or_a_finite_blob() {
     for i in 1..4 {
         duplicates.train[i] = duplicates.train[0].clone();
     }
+    let mut contradictory = made(4, 12);
+    for i in 1..4 {
+        contradictory.train[i].camera = contradictory.train[0].camera;
+    }
     let mut sizes = made(4, 12);
     sizes.train.extend(made(3, 7).train);
     sizes.val.extend(made(3, 1).val);
@@ -314,6 +245,7 @@ fn strange_pictures_end_in_a_message_or_a_finite_blob() {
         ("opaque white all over", painted([255; 4], Background::Constant([255; 3]))),
         ("opaque grey, nothing known", painted([128, 128, 128, 255], Background::Unknown)),
         ("one pose many times", duplicates),
+        ("one pose with other pictures", contradictory),
         ("many sizes", sizes),
     ];
     for (name, dataset) in cases {

@@ -13,6 +13,7 @@ use crate::import::probe::{Probe, probe};
 use crate::import::{Check, Imported, Settings, Tensors, grid, network};
 use crate::occupancy::{Ask, LiveCells};
 use crate::output::{ensure_file, write_atomic};
+use crate::report::metrics::gain_db;
 use crate::report::progress::{Message, Progress, Total};
 use crate::study::{THRESHOLD_DB, Verdict, flattened};
 use crate::train::run::spread;
@@ -301,7 +302,7 @@ impl Work<'_> {
         let (draft, quality) = (flat.export(&About::default())?.bytes, Quality::default());
         let (background, views) = (self.settings.background, &data.views);
         let scores = measure(&draft, None, tier, &quality, background, views, |_, _, _, _| {})?;
-        let gain_db = with_db - scores.psnr_db().unwrap_or(f64::NAN);
+        let gain_db = gain_db(with_db, scores.psnr_db().unwrap_or(f64::NAN));
         // It takes work and spares none.
         let verdict = Verdict::of(gain_db, 1.0, threshold_db);
         if verdict == Verdict::Drops {

@@ -217,7 +217,7 @@ fn cameras_that_cannot_be_done_are_refused() {
     );
     assert_names(&error_with(&json!({ "is_fisheye": true })), &["is_fisheye"]);
     assert_names(&error_with(&json!({ "k3": 50.0 })), &["k3", "move a corner by"]);
-    assert_names(&error_with(&json!({ "k1": -5.0 })), &["images/000.png", "no inverse"]);
+    assert_names(&error_with(&json!({ "k1": -5.0 })), &["images/000.png", "turn back"]);
     assert_names(&error_with(&json!({ "k1": 1e300 })), &["k1", "finite"]);
     assert_names(&error_with(&json!({ "fl_x": 0.0 })), &["fx", "found 0"]);
     assert_names(&error_with(&json!({ "fl_x": null })), &["fl_x (or camera_angle_x)"]);

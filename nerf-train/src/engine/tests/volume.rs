@@ -5,10 +5,15 @@ use crate::engine::chunk::{Chunk, cut};
 use crate::engine::volume_grad::{Samples, Scratch, squared_error};
 use nerf_core::kernels::BLOCK;
 
-const RAY: BatchRay =
+pub(super) const RAY: BatchRay =
     BatchRay { dir: [0.0, 0.0, -1.0], rgb: [0.2, 0.5, 0.9], background: [1.0, 0.5, 0.0], samples: 3 };
 
-fn error_of(ray: &BatchRay, sigma: &[f32], deltas: &[f32], colour: &[f32]) -> (f64, Vec<f32>, Vec<f32>) {
+pub(super) fn error_of(
+    ray: &BatchRay,
+    sigma: &[f32],
+    deltas: &[f32],
+    colour: &[f32],
+) -> (f64, Vec<f32>, Vec<f32>) {
     let mut d_sigma = vec![0.0; sigma.len()];
     let mut d_colour = vec![0.0; colour.len()];
     let samples = Samples { deltas, sigma: Some(sigma), colour };

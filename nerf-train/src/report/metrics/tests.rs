@@ -56,6 +56,41 @@ fn psnr_of_equal_pictures_is_infinite() {
 }
 
 #[test]
+fn differences_of_infinite_psnrs_are_no_nan() {
+    let inf = f64::INFINITY;
+    assert_eq!((gain_db(inf, inf), gain_db(inf, 30.0), gain_db(30.0, inf)), (0.0, inf, -inf));
+    assert_eq!(gain_db(30.5, 30.0), 0.5);
+    assert!(gain_db(f64::NAN, f64::NAN).is_nan() && gain_db(inf, f64::NAN).is_nan());
+}
+
+#[test]
+fn no_better_than_the_mean_colour_is_flat() {
+    // Half black, half white against grey: MSE 0.25.
+    let picture = [[0.0; 3], [1.0; 3]];
+    let flat = flat_psnr_db(&picture);
+    assert!((flat - psnr_db_of_mse(0.25)).abs() < 1e-12);
+    assert!(is_flat(flat, flat) && is_flat(3.0, flat) && is_flat(f64::NAN, flat) && !is_flat(7.0, flat));
+    // One colour has nothing more to show; nothing has nothing to show.
+    assert_eq!(flat_psnr_db(&[[0.5; 3]; 4]), f64::INFINITY);
+    assert!(!is_flat(30.0, f64::INFINITY) && !is_flat(30.0, flat_psnr_db(&[])));
+}
+
+#[test]
+fn a_view_of_one_colour_does_not_hide_that_the_others_are_flat() {
+    let (psnr, flat) =
+        beside_flat([(30.0, f64::INFINITY), (4.0, 5.0), (f64::INFINITY, f64::INFINITY), (5.0, 6.0)]);
+    assert_eq!((psnr, flat), (4.5, 5.5));
+    assert!(is_flat(psnr, flat));
+    // What cannot be measured is not left out.
+    let (psnr, flat) = beside_flat([(f64::NAN, 5.0), (9.0, 6.0)]);
+    assert!(psnr.is_nan() && flat == 5.5 && is_flat(psnr, flat));
+    for nothing in [&[][..], &[(30.0, f64::INFINITY)]] {
+        let (psnr, flat) = beside_flat(nothing.iter().copied());
+        assert!(psnr.is_nan() && flat == f64::INFINITY && !is_flat(psnr, flat));
+    }
+}
+
+#[test]
 fn nan_and_mismatched_inputs_give_nan() {
     let a = noise(169, 1);
     let mut b = a.clone();

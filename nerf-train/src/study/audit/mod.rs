@@ -9,6 +9,7 @@ use super::settings::Settings;
 pub use average::{flattened, mean_encoding, without_direction};
 
 use crate::dataset::View;
+use crate::report::metrics::gain_db;
 use crate::report::table::Table;
 use nerf_core::plan::Quality;
 
@@ -123,7 +124,7 @@ pub struct Worth {
 impl Worth {
     /// What it gains, dB.
     pub fn gain_db(&self) -> f64 {
-        self.with_db - self.without_db
+        gain_db(self.with_db, self.without_db)
     }
 }
 
@@ -169,7 +170,7 @@ pub fn audit(
     let worth = |place: usize| {
         let (with, without) = (points[0].totals(&points[0]), points[place].totals(&points[0]));
         let relative_macs = 1.0 / without.relative_macs;
-        let gain_db = with.psnr_db - without.psnr_db;
+        let gain_db = gain_db(with.psnr_db, without.psnr_db);
         Worth {
             with_db: with.psnr_db,
             without_db: without.psnr_db,

@@ -100,7 +100,7 @@ impl Findings<'_, '_, '_> {
                 format!("{:.4}", t.ssim),
                 format!("{:.1}", t.exact_psnr_db),
                 format!("{:.3}", t.exact_max),
-                format!("{:.4}", t.distance_mean),
+                if t.distance_mean.is_nan() { "–".into() } else { format!("{:.4}", t.distance_mean) },
                 seconds.map_or_else(|| "–".into(), |s| format!("{:.3}", s.median)),
                 seconds.map_or_else(|| "–".into(), |s| format!("{:.3} – {:.3}", s.low, s.high)),
                 format!("{:.1}", 1.0 / self.times[i]),
