@@ -174,7 +174,8 @@ impl<'b> Evaluation<'b> {
         };
         let position = encoded(p, &shape.position);
         let direction = shape.direction.as_ref().map_or(Vec::new(), |e| encoded(dir, e));
-        let mut layers = self.blob.layers().iter();
+        let layers = self.blob.layers();
+        let mut layers = layers.iter();
         let mut dense = |main: &[Bounded], extra: &[Bounded], rectify: bool| -> Vec<Bounded> {
             let layer = layers.next().expect("a layer");
             let inputs: Vec<Bounded> = main.iter().chain(extra).copied().collect();
