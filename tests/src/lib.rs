@@ -1,9 +1,10 @@
-//! What the tests that span the crates share: small scenes, C compilers, memory with canaries.
+//! What the tests that span the crates share: small scenes, C compilers, memory with canaries, memory between fences.
 #![allow(unsafe_code, reason = "tests call the C interface")]
 
 pub mod browser;
 pub mod build;
 pub mod call;
+pub mod fence;
 pub mod memory;
 pub mod oracle;
 pub mod paths;

@@ -35,3 +35,8 @@ pub fn say_skipped(why: &str) {
     // Not eprintln!, which a test that passes keeps to itself.
     let _ = writeln!(std::io::stderr(), "skipped: {why}");
 }
+
+/// Whether tests are to take the minutes that the whole of what they check takes: `NERF_LONG=1`.
+pub fn long() -> bool {
+    std::env::var_os("NERF_LONG").is_some_and(|value| value == "1")
+}

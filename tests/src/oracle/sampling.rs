@@ -8,12 +8,23 @@ pub fn middles(near: f64, far: f64, n: usize) -> Vec<f64> {
 /// `drawn` samples of a density that is constant in each of the equal bins of `near..far`, by the inverse of its
 /// distribution function at `(k + ½)/drawn`; each weight counts 1e-5 more than it is, and what is no weight 0.
 pub fn inverse_cdf(near: f64, far: f64, weights: &[f64], drawn: usize) -> Vec<f64> {
+    inverse_cdf_at(near, far, weights, drawn, |_| 0.5)
+}
+
+/// The same at `(k + within(k))/drawn`.
+pub fn inverse_cdf_at(
+    near: f64,
+    far: f64,
+    weights: &[f64],
+    drawn: usize,
+    within: impl Fn(usize) -> f64,
+) -> Vec<f64> {
     let weight = |w: f64| if w.is_nan() { 0.0 } else { w.clamp(0.0, 1.0) } + 1e-5;
     let total: f64 = weights.iter().map(|&w| weight(w)).sum();
     let width = (far - near) / weights.len() as f64;
     (0..drawn)
         .map(|k| {
-            let mut left = (k as f64 + 0.5) / drawn as f64 * total;
+            let mut left = (k as f64 + within(k)) / drawn as f64 * total;
             for (bin, &w) in weights.iter().enumerate() {
                 if left < weight(w) {
                     return near + width * (bin as f64 + left / weight(w));

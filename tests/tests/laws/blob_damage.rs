@@ -14,7 +14,7 @@ use nerf_tests::scenes::{Recipe, camera};
 const BLOBS: [Recipe; 3] = [Recipe::TINY, Recipe::TINY_PROPOSAL, Recipe::TINY_PICTURE];
 
 /// Sets the checksum right, so that the rules behind it are met.
-fn fix_checksum(blob: &mut [u8]) {
+pub(crate) fn fix_checksum(blob: &mut [u8]) {
     let crc = crc::Crc::<u32>::new(&crc::CRC_32_ISO_HDLC);
     let mut digest = crc.digest();
     digest.update(&blob[..24]);

@@ -1,16 +1,30 @@
 //! The encoding at every level, on every tier, by every backend.
 
+mod domain;
+mod laws;
+
+pub use {domain::CASES as DOMAIN, laws::CASES as LAWS};
+
 use crate::table::{BACKENDS, Row, Worst, cases, exact_tiers};
 use nerf_core::encoding::{AngleScale, Encoding, encode_block};
 use nerf_tests::oracle;
 
+/// Three roundings of the largest angle among [`least`], 2^15 π 2^-126; cosines are 1.
+const TINY: f64 = 2.2e-40;
+
 cases! {
     sixteen_levels_up_to_1e4_with_pi: "absolute error of sin and cos" =>
-        || levels(AngleScale::Pi, 16, 1e4, [1.2e-7, 4e-7, 2e-3, 5e-3]);
+        || levels(AngleScale::Pi, 16, &hard(1e4), [1.2e-7, 4e-7, 2e-3, 5e-3]);
     ten_levels_up_to_1e4_with_pi: "absolute error of sin and cos" =>
-        || levels(AngleScale::Pi, 10, 1e4, [1.2e-7, 4e-7, 2e-3, 1e-4]);
+        || levels(AngleScale::Pi, 10, &hard(1e4), [1.2e-7, 4e-7, 2e-3, 1e-4]);
     ten_levels_up_to_190_without_pi: "absolute error of sin and cos" =>
-        || levels(AngleScale::One, 10, 190.0, [1.2e-7, 1.2e-7, 1e-2, 1e-4]);
+        || levels(AngleScale::One, 10, &hard(190.0), [1.2e-7, 1.2e-7, 1e-2, 1e-4]);
+    sixteen_levels_of_multiples_of_powers_of_two: "absolute error of sin and cos, of which those of quarter turns are 0 and ±1" =>
+        || levels(AngleScale::Pi, 16, &multiples(), [1.2e-7, 4e-7, 2e-3, 5e-3]);
+    sixteen_levels_of_zeros_and_subnormals: "absolute error of sin and cos" =>
+        || levels(AngleScale::Pi, 16, &least(), [TINY, TINY, 2e-3, TINY]);
+    sixteen_levels_of_zeros_and_subnormals_without_pi: "absolute error of sin and cos" =>
+        || levels(AngleScale::One, 16, &least(), [TINY, TINY, 2e-3, TINY]);
 }
 
 /// Values that hurt: ±0, subnormals, multiples of 2^-k and their neighbours, decades, and noise.
@@ -38,9 +52,20 @@ fn hard(limit: f32) -> Vec<f32> {
     all
 }
 
-fn levels(scale: AngleScale, levels: u8, limit: f32, bounds: [f64; 4]) -> Vec<Row> {
+/// `n 2^-k`, which is a multiple of a quarter turn from some level on.
+fn multiples() -> Vec<f32> {
+    let all = (0..=18).flat_map(|k| (0..64).map(move |n| n as f32 * 0.5f32.powi(k)));
+    all.flat_map(|x| [x, -x]).collect()
+}
+
+/// ±0 and what is next to nothing: 2^15 π times it is less than an ulp of 1 can show.
+fn least() -> Vec<f32> {
+    let all = (0..32).map(|i| f32::from_bits(if i == 0 { 0 } else { (1 << (i % 24)) | (i * 7 % 16) }));
+    all.flat_map(|x| [x, -x]).collect()
+}
+
+fn levels(scale: AngleScale, levels: u8, points: &[f32], bounds: [f64; 4]) -> Vec<Row> {
     let encoding = Encoding { inputs: 1, levels, scale, identity: true };
-    let points = hard(limit);
     let mut worst = vec![Worst::default(); BACKENDS.len()];
     let mut out = vec![0.0; encoding.outputs() * 64];
     for x in points.chunks_exact(64) {
@@ -54,7 +79,8 @@ fn levels(scale: AngleScale, levels: u8, limit: f32, bounds: [f64; 4]) -> Vec<Ro
                 for (row, values) in out.chunks_exact(64).enumerate() {
                     for (column, &found) in values.iter().enumerate() {
                         let error = (f64::from(found) - truth[column][row]).abs();
-                        let at = || format!("x = {:e}, level {}, {}", x[column], (row - 1) / 2, tier.name());
+                        let level = row.saturating_sub(1) / 2;
+                        let at = || format!("x = {:e}, level {level}, {}", x[column], tier.name());
                         worst.see(error, at);
                     }
                 }

@@ -1,11 +1,15 @@
 //! The network at exact points, on every tier, by every backend; sums of extremes.
 
+mod activations;
+
+pub use activations::CASES as ACTIVATIONS;
+
 use crate::table::{BACKENDS, Row, Worst, cases, exact_tiers};
 use nerf_core::blob::Blob;
 use nerf_core::kernels::{Gemm, Init, Line, Tier, gemm};
 use nerf_core::math::MathBackend;
 use nerf_core::plan::{Batch, Outputs, Plan, Quality};
-use nerf_core::render::Renderer;
+use nerf_core::render::{Counters, Renderer};
 use nerf_tests::oracle::network::{Network, f16};
 use nerf_tests::scenes::{Recipe, tiers};
 
@@ -45,7 +49,7 @@ fn queries(output: usize) -> Vec<Row> {
             .map(|(p, d)| (oracle.sigma(&double(p)), oracle.rgb(&double(p), &double(d))))
             .collect();
         let compare = |tier: Tier, math: MathBackend, worst: &mut Worst| {
-            let (sigma, rgb) = ask(&bytes, tier, math, &positions, &dirs);
+            let (sigma, rgb, _) = ask(&bytes, tier, math, &positions, &dirs);
             for (i, (s, c)) in truth.iter().enumerate() {
                 let error = match output {
                     0 => (f64::from(sigma[i]) - s).abs() / s.max(1.0),
@@ -80,13 +84,13 @@ fn unit(v: [f32; 3]) -> [f32; 3] {
 }
 
 /// What the renderer says of points.
-fn ask(
+pub(crate) fn ask(
     bytes: &[u8],
     tier: Tier,
     math: MathBackend,
     positions: &[[f32; 3]],
     dirs: &[[f32; 3]],
-) -> (Vec<f32>, Vec<[f32; 3]>) {
+) -> (Vec<f32>, Vec<[f32; 3]>, Counters) {
     let blob = Blob::open(bytes).expect("a blob");
     let quality = Quality { math, ..Quality::default() };
     let plan = Plan::new(&blob, &quality, Outputs::RGB, Batch::for_tier(tier)).expect("a plan");
@@ -94,8 +98,9 @@ fn ask(
     let renderer = Renderer::new(blob.clone(), tier, &mut memory).expect("a renderer");
     let mut workspace = vec![Line::UNINIT; renderer.workspace_lines(&plan)];
     let (mut sigma, mut rgb) = (vec![0.0; positions.len()], vec![[0.0; 3]; positions.len()]);
-    renderer.query(&plan, positions, dirs, &mut workspace, &mut sigma, &mut rgb).expect("an answer");
-    (sigma, rgb)
+    let counters =
+        renderer.query(&plan, positions, dirs, &mut workspace, &mut sigma, &mut rgb).expect("an answer");
+    (sigma, rgb, counters)
 }
 
 /// Rows of ±65,504 and the least subnormals of f16 against inputs of as different sizes.

@@ -1,8 +1,12 @@
 //! Importance sampling against the oracle.
 
+mod laws;
+
+pub use laws::CASES as LAWS;
+
 use crate::table::{Row, Worst, cases};
 use nerf_core::sampling::{Bins, draw};
-use nerf_tests::oracle::sampling::{inverse_cdf, middles};
+use nerf_tests::oracle::sampling::{inverse_cdf_at, middles};
 
 cases! {
     samples_of_every_kind_of_weights: "error of the distribution function at the drawn samples, over what `draw` promises" => drawn;
@@ -33,39 +37,54 @@ fn weights() -> Vec<(String, Vec<f32>)> {
 
 fn row(weights: &[f32], count: usize) -> Vec<f32> {
     let bins = Bins::new(2.0, 6.0, weights.len() as u32).expect("bins");
-    let mut row = vec![0.0; count];
+    row_of(&bins, weights, count, |_| 0.5)
+}
+
+/// The samples of `bins` with these weights.
+fn row_of(bins: &Bins, weights: &[f32], drawn: usize, within: impl Fn(u32) -> f32) -> Vec<f32> {
+    let mut row = vec![f32::NAN; drawn];
     row.extend(weights);
-    draw(&bins, &mut row, |_| 0.5);
+    draw(bins, &mut row, within);
     row
+}
+
+/// How far the distribution function at the samples of a row is off, over what `draw` promises.
+fn off(near: f32, far: f32, weights: &[f32], drawn: usize, within: impl Fn(u32) -> f32) -> f64 {
+    let (n, [low, high]) = (weights.len(), [near, far].map(f64::from));
+    let bins = Bins::new(near, far, n as u32).expect("bins");
+    // What an infinity counts is said in the docs of `draw`: 1, as all above 1.
+    let exact: Vec<f64> = weights.iter().map(|&w| f64::from(w)).collect();
+    let mut truth = inverse_cdf_at(low, high, &exact, drawn, |k| f64::from(within(k as u32)));
+    truth.extend(middles(low, high, n));
+    truth.sort_by(f64::total_cmp);
+    // Heavy bins tell t apart, light ones do not: compared is the share of the weight in front of t.
+    let mass = |w: f64| if w.is_nan() { 0.0 } else { w.clamp(0.0, 1.0) } + 1e-5;
+    let mut before = vec![0.0];
+    exact.iter().for_each(|&w| before.push(before[before.len() - 1] + mass(w)));
+    let total = before[n];
+    let share = |t: f64| {
+        let place = (t - low) / (high - low) * n as f64;
+        let bin = (place.max(0.0) as usize).min(n - 1);
+        (before[bin] + mass(exact[bin]) * (place - bin as f64)) / total
+    };
+    // What `draw` promises: 4 ulp of 1, and what rounding t moves the share by the density there. t is near +
+    // (bin + u) delta, and delta (far - near)/n: half an ulp of far, and of the range for each of four roundings.
+    let densest = exact.iter().map(|&w| mass(w)).fold(0.0, f64::max) / total * n as f64;
+    // Among the subnormal numbers an ulp is no smaller part of them: that of delta counts in every bin.
+    let least = (n + 4) as f64 * 2f64.powi(-150);
+    let rounding = (2f64.powi(-24) * (high + 4.0 * (high - low)) + least) / (high - low);
+    let allowed = 4.0 * f64::from(f32::EPSILON) + densest * rounding;
+    let row = row_of(&bins, weights, drawn, within);
+    let errors =
+        row.iter().zip(&truth).map(|(&found, &t)| (share(f64::from(found)) - share(t)).abs() / allowed);
+    errors.fold(0.0, |a, b| if a > b || a.is_nan() { a } else { b })
 }
 
 fn drawn() -> Vec<Row> {
     let mut worst = Worst::default();
     for (name, weights) in weights() {
         for count in [1, 64, 128] {
-            // What an infinity counts is said in the docs of `draw`: 1, as all above 1.
-            let exact: Vec<f64> = weights.iter().map(|&w| f64::from(w)).collect();
-            let n = weights.len();
-            let mut truth = inverse_cdf(2.0, 6.0, &exact, count);
-            truth.extend(middles(2.0, 6.0, n));
-            truth.sort_by(f64::total_cmp);
-            // Heavy bins tell t apart, light ones do not: compared is the share of the weight in front of t.
-            let mass = |w: f64| if w.is_nan() { 0.0 } else { w.clamp(0.0, 1.0) } + 1e-5;
-            let total: f64 = exact.iter().map(|&w| mass(w)).sum();
-            let share = |t: f64| {
-                let place = (t - 2.0) / 4.0 * n as f64;
-                let bin = (place.max(0.0) as usize).min(n - 1);
-                let before: f64 = exact[..bin].iter().map(|&w| mass(w)).sum();
-                (before + mass(exact[bin]) * (place - bin as f64)) / total
-            };
-            for (&found, &t) in row(&weights, count).iter().zip(&truth) {
-                // What `draw` promises: 4 ulp of 1, and what rounding t moves the share by the density there. t is
-                // near + (bin + u) delta: three roundings, half an ulp of 8, of 64 bins and of 4; an ulp of 4 in all.
-                let densest = exact.iter().map(|&w| mass(w)).fold(0.0, f64::max) / total * n as f64;
-                let allowed = 4.0 * f64::from(f32::EPSILON) + densest * 2f64.powi(-21) / 4.0;
-                let off = (share(f64::from(found)) - share(t)).abs() / allowed;
-                worst.see(off, || format!("{name}, {count} drawn"));
-            }
+            worst.see(off(2.0, 6.0, &weights, count, |_| 0.5), || format!("{name}, {count} drawn"));
         }
     }
     vec![worst.row("any", "any", 1.0)]

@@ -109,25 +109,63 @@ impl Worst {
     }
 }
 
-/// The page, of what this run measures.
-pub fn page(sections: &[(&str, &[&Case])]) -> String {
+/// What of a line stays from machine to machine: case, backend, tiers and bound; `None` of other lines.
+pub fn fixed_cells(line: &str) -> Option<[&str; 4]> {
+    if !line.starts_with("| ") || line.starts_with("| ---") || line.matches(" | ").count() != 5 {
+        return None;
+    }
+    let cells: Vec<&str> = line.trim_matches(['|', ' ']).split(" | ").collect();
+    Some([cells[0], cells[1], cells[2], cells[4]])
+}
+
+/// The page, of what this run measures; `old` is the page as it was.
+pub fn page(sections: &[(&str, &[&Case])], old: &str) -> String {
     let mut page = String::from(HEAD);
-    let step = if crate::elementary::exhaustive() { "every f32" } else { "every 1,009th f32" };
-    page += &format!("This page is of a run with {step}.\n");
     for (title, cases) in sections {
-        page += &format!(
-            "\n## {title}\n\n| case | backend | tiers | worst | bound | where |\n| --- | --- | --- | --- | --- | --- |\n"
-        );
-        for case in *cases {
-            for row in case.check() {
-                let Row { backend, tier, observed, bound, at } = row;
-                let what = format!("{}: {}", case.name.replace('_', " "), case.what);
-                page += &format!("| {what} | {backend} | {tier} | {observed:.1e} | {bound:.1e} | {at} |\n");
+        let mut lines = lines(cases);
+        page += &format!("\n## {title}\n\n");
+        if *title == ELEMENTARY {
+            let mut every = crate::elementary::exhaustive();
+            // What took minutes is kept where nothing but the step has changed.
+            if let Some(kept) = exhaustive_lines(old).filter(|kept| !every && alike(kept, &lines)) {
+                (lines, every) = (kept, true);
             }
+            page += if every { EVERY } else { "Of a run with every 1,009th f32 of the domain.\n" };
+            page += "\n";
         }
+        page += "| case | backend | tiers | worst | bound | where |\n| --- | --- | --- | --- | --- | --- |\n";
+        lines.iter().for_each(|line| page += &format!("{line}\n"));
     }
     page
 }
+
+/// A section's lines.
+fn lines(cases: &[&Case]) -> Vec<String> {
+    let mut lines = Vec::new();
+    for case in cases {
+        for Row { backend, tier, observed, bound, at } in case.check() {
+            let what = format!("{}: {}", case.name.replace('_', " "), case.what);
+            lines.push(format!("| {what} | {backend} | {tier} | {observed:.1e} | {bound:.1e} | {at} |"));
+        }
+    }
+    lines
+}
+
+/// The lines of elementary functions of a page that took every f32.
+fn exhaustive_lines(page: &str) -> Option<Vec<String>> {
+    let section = page.split("\n## ").find(|section| section.starts_with(ELEMENTARY))?;
+    let lines = || section.lines().filter(|line| fixed_cells(line).is_some_and(|cells| cells[0] != "case"));
+    page.contains("run with every f32").then(|| lines().map(String::from).collect())
+}
+
+/// Whether they are of the same cases and bounds.
+fn alike(a: &[String], b: &[String]) -> bool {
+    a.iter().map(|line| fixed_cells(line)).eq(b.iter().map(|line| fixed_cells(line)))
+}
+
+/// The section whose cases may take minutes.
+pub const ELEMENTARY: &str = "Elementary functions";
+const EVERY: &str = "Of a run with every f32 of the domain.\n";
 
 const HEAD: &str = "\
 # Numerics
@@ -137,10 +175,30 @@ Every case below is a test of its own in `tests/tests/numerics/`, against the f6
 error at all, or a law that holds without exception.
 
 Written by `NERF_BLESS=numerics cargo test --release -p nerf-tests --test numerics`; the same command without `NERF_BLESS`
-checks it. Elementary functions take every 1,009th f32 of their domain, or with `NERF_EXHAUSTIVE=1` every one.
+checks it. Elementary functions take every 1,009th f32 of their domain, or with `NERF_EXHAUSTIVE=1` every one; a page
+that has those of every one keeps them until their cases or bounds change. Laws are checked on inputs that proptest
+draws, the same in every run, behind those that once broke them; `PROPTEST_CASES` asks for more. The last section says
+where each hard case of the list this system was tested against is.
 ";
 
 /// The page in the repository.
 pub fn path() -> std::path::PathBuf {
     paths::workspace().join("nerf-core/docs/numerics.md")
+}
+
+#[test]
+fn a_quick_page_keeps_what_took_minutes_until_a_case_changes() {
+    let line = |bound: &str| format!("| sin: error | libm | scalar | 3.0e-8 | {bound} | 2.5e2, scalar |");
+    let page = |step: &str| {
+        let table =
+            "| case | backend | tiers | worst | bound | where |\n| --- | --- | --- | --- | --- | --- |";
+        format!(
+            "# Numerics\n\n## {ELEMENTARY}\n\n{step}\n{table}\n{}\n\n## Sampling\n\n{table}\n",
+            line("1.2e-7")
+        )
+    };
+    let kept = exhaustive_lines(&page(EVERY)).expect("lines");
+    assert_eq!(kept, [line("1.2e-7")]);
+    assert!(alike(&kept, &[line("1.2e-7").replace("3.0e-8", "2.9e-8")]) && !alike(&kept, &[line("4.0e-7")]));
+    assert_eq!(exhaustive_lines(&page("Of a run with every 1,009th f32 of the domain.")), None);
 }

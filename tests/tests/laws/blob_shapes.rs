@@ -1,0 +1,114 @@
+//! Bodies that describe what no renderer could hold: refused by name, whatever they say of their size.
+
+use crate::blob_damage::fix_checksum;
+use nerf_core::blob::{Blob, BlobError, HEADER_LEN, Section};
+use nerf_core::network::ArchitectureError;
+use nerf_tests::scenes::Recipe;
+
+/// The blob of [`Recipe::TINY`] with `count` bytes of its body from `at` on in another form, its header right.
+fn with(at: usize, count: usize, bytes: &[u8]) -> Vec<u8> {
+    let right = Recipe::TINY.blob();
+    let mut body = right[HEADER_LEN..].to_vec();
+    body.splice(at..at + count, bytes.iter().copied());
+    let mut blob = right[..HEADER_LEN].to_vec();
+    blob[16..24].copy_from_slice(&(body.len() as u64).to_le_bytes());
+    blob.extend_from_slice(&body);
+    fix_checksum(&mut blob);
+    blob
+}
+
+fn refused(at: usize, count: usize, bytes: &[u8]) -> BlobError {
+    let error = Blob::open(&with(at, count, bytes)).expect_err("a body beyond every cap was opened");
+    assert!(!error.to_string().is_empty());
+    error
+}
+
+/// A number as postcard writes it.
+fn varint(mut number: u64) -> Vec<u8> {
+    let mut bytes = vec![];
+    while number >= 0x80 {
+        bytes.push(number as u8 | 0x80);
+        number >>= 7;
+    }
+    bytes.push(number as u8);
+    bytes
+}
+
+/// Where the trunk begins: its number of layers, then width and skip of each. Where the grid does: its resolution.
+const TRUNK: usize = 5;
+const GRID: usize = 59;
+/// The first text of the provenance, behind a grid of eight cells, no front and no proposal.
+const TEXT: usize = 66;
+
+#[test]
+fn the_bytes_are_where_the_specification_has_them() {
+    let blob = Recipe::TINY.blob();
+    let body = &blob[HEADER_LEN..];
+    assert_eq!(body[TRUNK..TRUNK + 3], [1, 2, 0]);
+    assert_eq!(body[GRID - 1..GRID + 4], [1, 2, 2, 2, 1]);
+    assert_eq!(body[TEXT..TEXT + 6], *b"\x05noise");
+    assert_eq!(with(TRUNK, 3, &[1, 2, 0]), blob);
+}
+
+#[test]
+fn networks_of_300_layers_of_none_and_of_odd_widths_are_refused() {
+    let layers =
+        |count: usize, layer: &[u8]| [&varint(count as u64), layer.repeat(count).as_slice()].concat();
+    for count in [17, 300, 70_000] {
+        assert_eq!(refused(TRUNK, 3, &layers(count, &[2, 0])), BlobError::Body, "{count} layers");
+        // As many are announced, and none is there.
+        assert_eq!(refused(TRUNK, 3, &varint(count as u64)), BlobError::Body, "{count} layers");
+    }
+    assert_eq!(refused(TRUNK, 1, &varint(u64::MAX)), BlobError::Body);
+    // The format's most: only the weights are too few.
+    let most = [&[16, 2, 0], [2, 1].repeat(15).as_slice()].concat();
+    let short = refused(TRUNK, 3, &most);
+    assert!(matches!(short, BlobError::Length { section: Section::Weights, .. }), "{short}");
+    let architecture = BlobError::Architecture;
+    assert_eq!(refused(TRUNK, 3, &[0]), architecture(ArchitectureError::NoTrunk));
+    for found in [0u16, 513, u16::MAX] {
+        let width = ArchitectureError::Width { field: "trunk", index: 0, found };
+        assert_eq!(refused(TRUNK + 1, 1, &varint(u64::from(found))), architecture(width));
+    }
+    assert_eq!(refused(TRUNK + 1, 1, &varint(1 << 16)), BlobError::Body, "no u16");
+}
+
+#[test]
+fn skips_are_a_flag_that_the_first_layer_has_not() {
+    let first = BlobError::Architecture(ArchitectureError::SkipAtFirstLayer);
+    assert_eq!(refused(TRUNK + 2, 1, &[1]), first);
+    // Which layer it comes from or goes to cannot be said: 2 or more is no flag.
+    for later in 2..=u8::MAX {
+        assert_eq!(refused(TRUNK + 2, 1, &[later]), BlobError::Body, "{later}");
+    }
+}
+
+#[test]
+fn grids_of_2_to_the_20_cells_a_side_are_refused_unmeasured() {
+    for side in [1 << 16, 1 << 20, 1 << 32, u64::MAX] {
+        assert_eq!(refused(GRID, 3, &varint(side).repeat(3)), BlobError::Body, "{side}");
+    }
+    for side in [0, 513, 65_535] {
+        let error = refused(GRID, 3, &varint(side).repeat(3));
+        assert_eq!(error, BlobError::Field(Section::GridResolution), "{side}");
+    }
+    let length = BlobError::Length { section: Section::GridBits, expected: 1 << 24, found: 1 };
+    assert_eq!(refused(GRID, 3, &varint(512).repeat(3)), length);
+}
+
+#[test]
+fn lengths_up_to_2_to_the_64_reach_nothing() {
+    let blob = Recipe::TINY.blob();
+    let weights = blob.len() - HEADER_LEN - Blob::open(&blob).expect("a blob").weights().len() - 1;
+    for at in [GRID + 3, TEXT, weights] {
+        let found = u64::from(blob[HEADER_LEN + at]);
+        let left = (blob.len() - HEADER_LEN - at) as u64;
+        for length in (0..64).flat_map(|k| [(1 << k) - 1, 1 << k, u64::MAX - (1 << k), u64::MAX]) {
+            if length != found {
+                let error = refused(at, 1, &varint(length));
+                // What ends within the body may have another meaning; what does not is no body.
+                assert!(length < left || error == BlobError::Body, "{length} at {at}: {error}");
+            }
+        }
+    }
+}

@@ -1,0 +1,57 @@
+//! Blobs of networks that a case makes itself.
+
+use nerf_core::blob::{Body, Content, Front, Provenance, SceneFacts, encoded_len, write};
+use nerf_core::network::Architecture;
+
+/// The box of [`body`], and what its rays are.
+pub const SCENE: SceneFacts = SceneFacts {
+    min: [-1.0; 3],
+    max: [1.0; 3],
+    near: 2.0,
+    far: 6.0,
+    samples: 32,
+    background: [0.25, 0.5, 1.0],
+    grid_required: false,
+};
+
+/// A scene without grid and proposal.
+pub fn body<'a>(architecture: Architecture, weights: &'a [u8]) -> Body<'a> {
+    Body {
+        content: Content::Scene(SCENE),
+        architecture,
+        grid: None,
+        front: Front::new(),
+        proposal: None,
+        provenance: Provenance {
+            data: "none",
+            made_by: "nerf-tests",
+            steps: 0,
+            seed: 0,
+            psnr_db: None,
+            psnr_convention: "",
+            quantisation_loss_db: None,
+            trained_parameters: 0,
+        },
+        weights,
+    }
+}
+
+/// Its bytes.
+pub fn bytes(architecture: &Architecture, weights: &[u8]) -> Vec<u8> {
+    let body = body(architecture.clone(), weights);
+    let mut blob = vec![0; encoded_len(&body).expect("a valid body")];
+    write(&body, &mut blob).expect("a valid body");
+    blob
+}
+
+/// Little-endian f16 of what one value makes of each parameter's place: layer, row and column, or row and the bias.
+pub fn weights(shape: &Architecture, value: impl Fn(usize, usize, Option<usize>) -> u16) -> Vec<u8> {
+    let mut all = Vec::new();
+    for (index, layer) in shape.layers().iter().enumerate() {
+        for row in 0..layer.outputs {
+            (0..layer.inputs()).for_each(|column| all.extend(value(index, row, Some(column)).to_le_bytes()));
+        }
+        (0..layer.outputs).for_each(|row| all.extend(value(index, row, None).to_le_bytes()));
+    }
+    all
+}

@@ -1,0 +1,256 @@
+//! Whole rays, from a sample's point to the pixel, against the oracle's network and sums: rays, points and widths of
+//! bins are the renderer's own, and have cases of their own; and networks that leave the numbers on the way.
+
+mod hostile;
+
+pub use hostile::CASES as HOSTILE;
+
+use crate::blob::{SCENE, bytes, weights};
+use crate::table::{BACKENDS, Row, Worst, cases, exact_tiers};
+use nerf_core::blob::Blob;
+use nerf_core::camera::Camera;
+use nerf_core::encoding::{AngleScale, Encoding};
+use nerf_core::kernels::{Line, Tier};
+use nerf_core::math::MathBackend;
+use nerf_core::network::{Architecture, DensityActivation, TrunkLayer};
+use nerf_core::plan::{Batch, Outputs, Plan, Quality};
+use nerf_core::ray::SceneBox;
+use nerf_core::render::{Counters, Rect, Renderer};
+use nerf_core::sampling::Bins;
+use nerf_core::volume::{OPACITY_EPSILON, Pixel};
+use nerf_tests::oracle;
+use nerf_tests::oracle::network::f16;
+use nerf_tests::scenes::{Recipe, camera, tiers};
+use std::sync::OnceLock;
+
+cases! {
+    frames_of_4096_samples_a_ray: "error of opacity, closed form of a constant medium" => medium;
+    colours_of_whole_rays: "absolute error of colour and opacity" => || whole(|scene, truth, found| scene.light(truth, found), 0);
+    distances_of_whole_rays: "error of distance and z-depth, times opacity, over `far`" => || whole(|scene, truth, found| scene.distance(truth, found), 1);
+    medians_of_whole_rays: "error of the optical thickness in front, which is ln 2" => || whole(|scene, truth, found| scene.median(truth, found), 2);
+    frames_are_the_sums_of_what_a_query_says: "absolute error of colour and opacity" => sums;
+}
+
+/// Image of the cases, pixels.
+const SIZE: [u32; 2] = [13, 11];
+
+/// What each backend's colours, distances and medians may err by: four to nine times what was seen. Added up along a
+/// ray, what the network's own cases allow a sample would be a hundred times as much: errors of either sign cancel.
+const BOUNDS: [[f64; 3]; 4] =
+    [[2e-6, 5e-7, 2e-5], [2e-6, 5e-7, 2e-5], [5e-3, 1e-3, 2e-2], [4e-5, 5e-6, 8e-5]];
+
+/// A scene and its rays: of each pixel, the live samples' distances along it.
+struct Scene {
+    bytes: Vec<u8>,
+    camera: Camera,
+    bins: Bins,
+    background: [f64; 3],
+    far: f64,
+}
+
+/// One ray's samples: sigma, rgb and t.
+struct Samples {
+    sigma: Vec<f64>,
+    rgb: Vec<[f64; 3]>,
+    t: Vec<f64>,
+}
+
+impl Scene {
+    fn new() -> Self {
+        let bytes = Recipe::SKIP.blob();
+        let blob = Blob::open(&bytes).expect("a blob");
+        let facts = blob.scene().expect("a scene");
+        let bins = Bins::new(facts.near, facts.far, facts.samples.into()).expect("bins");
+        let (background, far) = (facts.background.map(f64::from), f64::from(facts.far));
+        Self { camera: camera(SIZE[0], SIZE[1]), bins, background, far, bytes }
+    }
+
+    fn pixels(&self) -> impl Iterator<Item = [u32; 2]> {
+        (0..SIZE[1]).flat_map(|y| (0..SIZE[0]).map(move |x| [x, y]))
+    }
+
+    /// The points of a pixel's ray that are asked for, with their t and the ray's direction. They are the
+    /// renderer's own, in f32: what rounding a point costs is a matter of the scene's finest wave.
+    fn points(&self, [x, y]: [u32; 2]) -> (Vec<f32>, Vec<[f32; 3]>, [f32; 3]) {
+        let blob = Blob::open(&self.bytes).expect("a blob");
+        let bounds: SceneBox = blob.scene_box().expect("a box");
+        let ray = self.camera.ray(x as f32 + 0.5, y as f32 + 0.5);
+        let t = (0..self.bins.count()).map(|i| self.bins.at(i, 0.5));
+        let t: Vec<f32> = t.filter(|&t| bounds.contains(ray.at(t))).collect();
+        let points = t.iter().map(|&t| ray.at(t).to_array()).collect();
+        (t, points, ray.dir.to_array())
+    }
+
+    /// The oracle's pixel of samples.
+    fn composite(&self, samples: &Samples) -> oracle::volume::Pixel {
+        let delta = vec![f64::from(self.bins.delta()); samples.t.len()];
+        oracle::volume::composite(&samples.sigma, &samples.rgb, &samples.t, &delta, self.background)
+    }
+
+    /// What a network in f64 says of every pixel.
+    fn truth() -> &'static (Self, Vec<Samples>) {
+        static TRUTH: OnceLock<(Scene, Vec<Samples>)> = OnceLock::new();
+        TRUTH.get_or_init(|| {
+            let scene = Self::new();
+            let blob = Blob::open(&scene.bytes).expect("a blob");
+            let weights: Vec<f64> =
+                blob.weights().chunks_exact(2).map(|b| f16(u16::from_le_bytes([b[0], b[1]]))).collect();
+            let network = oracle::network::Network::of_file(blob.architecture(), &weights);
+            let rays = scene.pixels().map(|pixel| {
+                let (t, points, dir) = scene.points(pixel);
+                let points: Vec<[f64; 3]> = points.iter().map(|p| p.map(f64::from)).collect();
+                Samples {
+                    sigma: points.iter().map(|p| network.sigma(p)).collect(),
+                    rgb: points.iter().map(|p| network.rgb(p, &dir.map(f64::from))).collect(),
+                    t: t.into_iter().map(f64::from).collect(),
+                }
+            });
+            let rays: Vec<Samples> = rays.collect();
+            let seen = rays.iter().map(|ray| scene.composite(ray).opacity);
+            let (some, opaque) = seen.fold((0, 0), |(some, opaque), opacity| {
+                (some + usize::from(opacity > 0.05), opaque + usize::from(opacity > 0.95))
+            });
+            assert!(some > 50 && opaque > 10 && opaque < some, "{some} rays meet something, {opaque} a wall");
+            (scene, rays)
+        })
+    }
+
+    /// The frame of one tier and backend.
+    fn frame(&self, tier: Tier, math: MathBackend, outputs: Outputs) -> (Vec<Pixel>, Counters) {
+        frame(&self.bytes, &self.camera, tier, math, 0, outputs)
+    }
+
+    fn light(&self, samples: &Samples, found: &Pixel) -> f64 {
+        super::volume::off(found, &self.composite(samples))
+    }
+
+    fn distance(&self, samples: &Samples, found: &Pixel) -> f64 {
+        let truth = self.composite(samples);
+        // Where rounding decides whether there is a surface, either answer is right.
+        if truth.opacity <= 2.0 * f64::from(OPACITY_EPSILON) {
+            return if truth.opacity == 0.0 && found.opacity > OPACITY_EPSILON { f64::NAN } else { 0.0 };
+        }
+        let mean = truth.distance_sum / truth.opacity;
+        let cosine = f64::from(found.z_depth) / f64::from(found.ray_distance);
+        let off = (f64::from(found.ray_distance) - mean).abs() * truth.opacity / self.far;
+        if (0.0..=1.0 + 1e-6).contains(&cosine) { off } else { f64::NAN }
+    }
+
+    fn median(&self, samples: &Samples, found: &Pixel) -> f64 {
+        let (median, half) = (f64::from(found.median_distance), f64::from(self.bins.delta()) / 2.0);
+        // The optical thickness in front of where the renderer says: density is constant in a bin.
+        let in_front = |t: f64| (t - (median.min(t + half)) + half).clamp(0.0, 2.0 * half);
+        let thickness: f64 = samples
+            .sigma
+            .iter()
+            .zip(&samples.t)
+            .map(|(sigma, &t)| sigma * (2.0 * half - in_front(t)).max(0.0))
+            .sum();
+        let ln_2 = std::f64::consts::LN_2;
+        // `far` is what a ray says that half of the light passes.
+        if median == self.far { (thickness - ln_2).max(0.0) } else { (thickness - ln_2).abs() }
+    }
+}
+
+/// A frame of a blob, every sample of it; `samples` a ray, or 0 for the scene's.
+fn frame(
+    bytes: &[u8],
+    camera: &Camera,
+    tier: Tier,
+    math: MathBackend,
+    samples: u16,
+    outputs: Outputs,
+) -> (Vec<Pixel>, Counters) {
+    let blob = Blob::open(bytes).expect("a blob");
+    let quality = Quality { math, samples, ..Quality::EXACT };
+    let plan = Plan::new(&blob, &quality, outputs, Batch::for_tier(tier)).expect("a plan");
+    let mut memory = vec![Line::UNINIT; Renderer::prepared_lines(&blob, tier)];
+    let renderer = Renderer::new(blob.clone(), tier, &mut memory).expect("a renderer");
+    let mut workspace = vec![Line::UNINIT; renderer.workspace_lines(&plan)];
+    let width = camera.intrinsics().width;
+    let mut pixels = vec![Pixel::BLANK; (width * camera.intrinsics().height) as usize];
+    let mut put = |x: u32, y: u32, pixel: &Pixel| pixels[(y * width + x) as usize] = *pixel;
+    let counters =
+        renderer.render(&plan, camera, Rect::full(camera), &mut workspace, &mut put).expect("a frame");
+    (pixels, counters)
+}
+
+/// A medium of one density: opacity is `1 − exp(−sigma delta n)` behind n samples.
+fn medium() -> Vec<Row> {
+    const SAMPLES: u16 = 4096;
+    let shape = Architecture {
+        position: Encoding { inputs: 3, levels: 0, scale: AngleScale::Pi, identity: true },
+        direction: None,
+        trunk: [TrunkLayer { width: 1, skip: false }].into_iter().collect(),
+        density: Some(DensityActivation::Relu),
+        colour: [].into_iter().collect(),
+    };
+    let camera = camera(4, 3);
+    let bins = Bins::new(SCENE.near, SCENE.far, SAMPLES.into()).expect("bins");
+    let bounds = SceneBox { min: SCENE.min.into(), max: SCENE.max.into() };
+    let row = |&(name, math): &(&'static str, MathBackend)| {
+        let mut worst = Worst::default();
+        // f16 of 2^-10, ½ and 8.
+        for (bits, sigma) in [(0x1400, 2f64.powi(-10)), (0x3800, 0.5), (0x4800, 8.0)] {
+            let all = weights(&shape, |layer, _, column| if (layer, column) == (1, None) { bits } else { 0 });
+            let blob = bytes(&shape, &all);
+            for tier in tiers() {
+                let (pixels, _) = frame(&blob, &camera, tier, math, SAMPLES, OUTPUTS);
+                for (i, pixel) in pixels.iter().enumerate() {
+                    let ray = camera.ray((i % 4) as f32 + 0.5, (i / 4) as f32 + 0.5);
+                    let inside = |bin: &u32| bounds.contains(ray.at(bins.at(*bin, 0.5)));
+                    let n = (0..u32::from(SAMPLES)).filter(inside).count();
+                    let truth = -(-sigma * f64::from(bins.delta()) * n as f64).exp_m1();
+                    let error = (f64::from(pixel.opacity) - truth).abs();
+                    worst.see(error, || format!("sigma {sigma}, {n} samples, {}", tier.name()));
+                }
+            }
+        }
+        worst.row(name, "any", super::volume::RAY)
+    };
+    BACKENDS.iter().map(row).collect()
+}
+
+/// Everything but normals, which the gradient's cases have.
+const OUTPUTS: Outputs = Outputs { median_distance: true, ..Outputs::ALL };
+
+/// The errors of one of the three outputs of [`BOUNDS`].
+fn whole(measure: fn(&Scene, &Samples, &Pixel) -> f64, output: usize) -> Vec<Row> {
+    let (scene, rays) = Scene::truth();
+    let row = |(&(name, math), bounds): (&(&'static str, MathBackend), [f64; 3])| {
+        let mut worst = Worst::default();
+        for tier in exact_tiers() {
+            let (pixels, _) = scene.frame(tier, math, OUTPUTS);
+            for ((pixel, samples), at) in pixels.iter().zip(rays).zip(scene.pixels()) {
+                worst.see(measure(scene, samples, pixel), || format!("pixel {at:?}, {}", tier.name()));
+            }
+        }
+        worst.row(name, "f32 tiers", bounds[output])
+    };
+    BACKENDS.iter().zip(BOUNDS).map(row).collect()
+}
+
+/// On every tier, the one that rounds among them: a frame is the oracle's sum of what the same network says of the
+/// same points.
+fn sums() -> Vec<Row> {
+    let (scene, _) = Scene::truth();
+    let row = |&(name, math): &(&'static str, MathBackend)| {
+        let mut worst = Worst::default();
+        for tier in tiers() {
+            let (pixels, _) = scene.frame(tier, math, OUTPUTS);
+            for (pixel, at) in pixels.iter().zip(scene.pixels()) {
+                let (t, points, dir) = scene.points(at);
+                let (sigma, rgb, _) =
+                    super::network::ask(&scene.bytes, tier, math, &points, &vec![dir; t.len()]);
+                let samples = Samples {
+                    sigma: sigma.into_iter().map(f64::from).collect(),
+                    rgb: rgb.into_iter().map(|c| c.map(f64::from)).collect(),
+                    t: t.into_iter().map(f64::from).collect(),
+                };
+                worst.see(scene.light(&samples, pixel), || format!("pixel {at:?}, {}", tier.name()));
+            }
+        }
+        worst.row(name, "any", super::volume::RAY)
+    };
+    BACKENDS.iter().map(row).collect()
+}
