@@ -72,7 +72,7 @@ impl Lent {
 pub fn workspace(u: &mut Unstructured<'_>, asked: Option<usize>) -> Result<(Guarded, bool)> {
     let size = asked.unwrap_or(1 << 14);
     let given = match u.int_in_range(0..=15u8)? {
-        0 => size - 1,
+        0 => size.saturating_sub(1),
         1 => u.int_in_range(0..=size)?,
         2 => size + u.int_in_range(0..=200usize)?,
         _ => size,
