@@ -2,7 +2,7 @@
 
 use crate::lens::Lens;
 use crate::ray::Ray;
-use glam::{Mat3, Vec3};
+use glam::{Mat3, Vec2, Vec3};
 
 #[cfg(test)]
 mod tests;
@@ -160,7 +160,7 @@ impl Camera {
         Ok(())
     }
 
-    /// Inverts the lens on a lattice over the image; that no fold lies in front of a point is asked along the border,
+    /// Inverts the lens on a lattice over the image, unless it bends too little to fail; that no fold lies in front of a point is asked along the border,
     /// which is behind all others.
     fn check_lens(&self) -> Result<(), CameraError> {
         if self.lens == Lens::NONE {
@@ -170,6 +170,10 @@ impl Camera {
             return Err(CameraError::LensNotBuilt { lens: self.lens });
         }
         let (w, h) = (self.intrinsics.width as f32, self.intrinsics.height as f32);
+        let [first, last] = [self.normalised(0.0, 0.0), self.normalised(w, h)].map(Vec2::from);
+        if self.lens.is_gentle(first.abs().max(last.abs()).length()) {
+            return Ok(());
+        }
         for step in 0..=16u8 {
             let y = f32::from(step) / 16.0 * h;
             for step in 0..=16u8 {
@@ -224,6 +228,17 @@ impl Camera {
         let local = Vec3::new(u, -v, -1.0);
         let dir = self.pose.rotation * local;
         Ray { origin: self.pose.position, dir: dir.normalize() }
+    }
+
+    /// [`Camera::ray`] through a point that may lie beyond the image, where [`Camera::new`] has not asked; `None` where
+    /// the lens has no inverse or folds on the way there, and where the direction leaves f32.
+    pub fn try_ray(&self, x: f32, y: f32) -> Option<Ray> {
+        let (u, v) = self.normalised(x, y);
+        if self.lens != Lens::NONE && !self.lens.is_invertible(u, v, true) {
+            return None;
+        }
+        let ray = self.ray(x, y);
+        ray.dir.is_normalized().then_some(ray)
     }
 
     /// One pixel for each `right` by `down` of them, as an image of its own, seen through their middles; at

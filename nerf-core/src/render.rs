@@ -37,16 +37,13 @@ use crate::kernels::{Arena, Line, Tier, VECTORS, lines_for};
 use crate::math::with_math;
 use crate::network::{Network, Weights};
 use crate::plan::Plan;
-use crate::ray::SceneBox;
+use crate::ray::{SceneBox, is_unit};
 use frame::{Frame, Sizes};
 use glam::Vec3;
 use proposal::Proposer;
 
 /// Width of the squares a rectangle is rendered in, pixels: neighbouring rays end together.
 const TILE_SIDE: u32 = 16;
-
-/// How far the square of a unit vector's length may be off 1: sloppy roots pass, what is no direction does not.
-const NEARLY_UNIT: f32 = 1e-3;
 
 /// A scene made ready for one kernel tier.
 #[derive(Clone, Debug)]
@@ -173,9 +170,9 @@ impl<'a> Renderer<'a> {
             });
         }
         // A position outside the box is never encoded, nor is what is no direction.
-        let unit = |dir: &[f32; 3]| (Vec3::from(*dir).length_squared() - 1.0).abs() <= NEARLY_UNIT;
         if plan.outputs.rgb
-            && let Some((index, &found)) = dirs.iter().enumerate().find(|(_, dir)| !unit(dir))
+            && let Some((index, &found)) =
+                dirs.iter().enumerate().find(|(_, dir)| !is_unit(Vec3::from(**dir)))
         {
             return Err(RenderError::Direction { index, found });
         }

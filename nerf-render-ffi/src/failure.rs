@@ -59,9 +59,6 @@ pub(crate) enum Failure {
     ScenePlane(&'static str),
     /// A wish that only a measured front can answer.
     NoFront,
-    Direction {
-        index: usize,
-    },
     /// An eye, a target and an up that make no camera.
     NoView,
     /// An image point without a direction.
@@ -119,7 +116,6 @@ impl Reason for Failure {
             | Self::NoPlane
             | Self::ScenePlane(_)
             | Self::ToneOfAlpha => Status::Target,
-            Self::Direction { .. } => Status::Direction,
             Self::NoFront => Status::NoFront,
             Self::Cancelled => Status::Cancelled,
             #[cfg(feature = "std")]
@@ -140,6 +136,7 @@ impl Reason for Failure {
             Self::Plan(_) => Status::Options,
             Self::Render(RenderError::Rect { .. }) => Status::Rect,
             Self::Render(RenderError::NotAPicture) => Status::NotAPicture,
+            Self::Render(RenderError::Direction { .. }) => Status::Direction,
             Self::Render(_) => Status::Options,
         }
     }
@@ -197,7 +194,6 @@ impl fmt::Display for Failure {
                      render, with a time where time is asked for, found none"
                 )
             }
-            Self::Direction { index } => write!(f, "dirs[{index}]: expected a vector of unit length"),
             Self::NoView => write!(
                 f,
                 "eye, target, up: expected finite numbers, an eye apart from the target and an up that is not along \

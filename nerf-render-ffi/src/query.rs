@@ -9,8 +9,10 @@ use crate::span::Span;
 use crate::status::Status;
 use crate::workspace::Workspace;
 use core::ffi::{c_char, c_void};
+use glam::Vec3;
 use nerf_core::plan::Outputs;
-use nerf_core::render;
+use nerf_core::ray::is_unit;
+use nerf_core::render::{self, RenderError};
 
 /// Points that are copied in and out together.
 const CHUNK: usize = 64;
@@ -59,8 +61,9 @@ pub unsafe extern "C" fn nerf_query(
         // SAFETY: `check_spans` found every point inside arrays the caller vouches for; neither
         // `f32` reads nor writes make a reference to them.
         let dir_at = |i: usize| unsafe { dirs.cast::<[f32; 3]>().add(i).read() };
-        if colour && let Some(index) = (0..n).find(|&i| !is_unit(dir_at(i))) {
-            return Err(Failure::Direction { index });
+        // All of them before the first result is written, and numbered as the caller has them.
+        if colour && let Some(index) = (0..n).find(|&i| !is_unit(Vec3::from(dir_at(i)))) {
+            return Err(Failure::Render(RenderError::Direction { index, found: dir_at(index) }));
         }
 
         let mut work = render::Counters::default();
@@ -96,11 +99,6 @@ pub unsafe extern "C" fn nerf_query(
         }
         Ok(())
     })
-}
-
-fn is_unit(dir: [f32; 3]) -> bool {
-    let square: f32 = dir.iter().map(|x| x * x).sum();
-    (square - 1.0).abs() <= 1e-3
 }
 
 /// Arrays that are there, aligned, and apart where they are written to.

@@ -10,12 +10,18 @@ use core::fmt;
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[non_exhaustive]
 pub enum Section {
+    /// `architecture`
+    Architecture,
+    /// `content`
+    Content,
     /// `scene.samples`
     Samples,
     /// `scene.background`
     Background,
     /// `scene.grid_required`
     GridRequired,
+    /// `grid`
+    Grid,
     /// `grid.resolution`
     GridResolution,
     /// `grid.bits`
@@ -174,8 +180,14 @@ pub enum BlobError {
         /// CRC-32 of header and body.
         found: u32,
     },
-    /// The body is no postcard of this format's shape, or not its one canonical form.
-    Body,
+    /// A section of the body is no postcard of this format's shape: a list beyond its cap, a tag without a meaning,
+    /// an end too early.
+    Body(Section),
+    /// The body is not the one form of what it says: a number in more bytes than it takes, bytes behind the last.
+    Form {
+        /// Where it differs, bytes behind the header.
+        at: u64,
+    },
     /// The architecture is outside the format's caps.
     Architecture(ArchitectureError),
     /// The proposal network is outside the format's caps.
@@ -259,7 +271,15 @@ impl fmt::Display for BlobError {
             Self::Checksum { expected, found } => {
                 write!(f, "CRC-32: expected {expected:#010x}, found {found:#010x} (the file is damaged)")
             }
-            Self::Body => write!(f, "body: no canonical postcard of this format's shape"),
+            Self::Body(section) => {
+                write!(
+                    f,
+                    "{section}: expected lists within their caps, known tags and an end, found otherwise"
+                )
+            }
+            Self::Form { at } => {
+                write!(f, "body: expected canonical postcard, found another form at byte {at}")
+            }
             Self::Architecture(error) => write!(f, "architecture: {error}"),
             Self::ProposalArchitecture(error) => write!(f, "proposal: {error}"),
             Self::Front { index, fault } => write!(f, "front point {index}: {fault}"),
@@ -297,9 +317,12 @@ impl fmt::Display for BlobError {
 impl fmt::Display for Section {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str(match self {
+            Self::Architecture => "architecture",
+            Self::Content => "content",
             Self::Samples => "scene.samples",
             Self::Background => "scene.background",
             Self::GridRequired => "scene.grid_required",
+            Self::Grid => "grid",
             Self::GridResolution => "grid.resolution",
             Self::GridBits => "grid.bits",
             Self::Front => "front",

@@ -2,7 +2,7 @@
 
 use super::body::{Body, Content, PictureFacts, Provenance, SceneFacts};
 use super::check::check;
-use super::error::BlobError;
+use super::error::{BlobError, Section};
 use super::front::FrontPoint;
 use super::header;
 use super::proposal::Proposal;
@@ -10,7 +10,10 @@ use crate::network::{Architecture, Layers};
 use crate::ray::SceneBox;
 use crate::sampling::SkipGrid;
 use glam::Vec3;
+use postcard::Deserializer;
+use postcard::de_flavors::Slice;
 use postcard::ser_flavors::Flavor;
+use serde::Deserialize;
 
 /// An opened blob: a view of the caller's bytes in which everything has been checked.
 #[derive(Clone, Debug)]
@@ -25,10 +28,18 @@ impl<'a> Blob<'a> {
     /// [`BlobError`] says what was expected and found. No input panics or is read out of bounds.
     pub fn open(bytes: &'a [u8]) -> Result<Self, BlobError> {
         let bytes = header::open(bytes)?;
-        let (body, rest) = postcard::take_from_bytes::<Body<'a>>(bytes).map_err(|_| BlobError::Body)?;
-        if !rest.is_empty() || !is_canonical(&body, bytes) {
-            return Err(BlobError::Body);
-        }
+        let mut input = Deserializer::from_bytes(bytes);
+        // Section by section, so that an error can say which one.
+        let body = Body {
+            architecture: read(&mut input, Section::Architecture)?,
+            content: read(&mut input, Section::Content)?,
+            grid: read(&mut input, Section::Grid)?,
+            front: read(&mut input, Section::Front)?,
+            proposal: read(&mut input, Section::Proposal)?,
+            provenance: read(&mut input, Section::Provenance)?,
+            weights: read(&mut input, Section::Weights)?,
+        };
+        check_form(&body, bytes)?;
         check(&body)?;
         Ok(Self { body })
     }
@@ -92,29 +103,42 @@ impl<'a> Blob<'a> {
     }
 }
 
+/// The next section.
+fn read<'a, T: Deserialize<'a>>(
+    input: &mut Deserializer<'a, Slice<'a>>,
+    section: Section,
+) -> Result<T, BlobError> {
+    T::deserialize(input).map_err(|_| BlobError::Body(section))
+}
+
 /// Whether `bytes` is what writing `body` gives: one meaning, one form.
-fn is_canonical(body: &Body<'_>, bytes: &[u8]) -> bool {
-    postcard::serialize_with_flavor(body, Compare { rest: bytes }).is_ok_and(|rest: &[u8]| rest.is_empty())
+fn check_form(body: &Body<'_>, bytes: &[u8]) -> Result<(), BlobError> {
+    let mut rest = bytes;
+    match postcard::serialize_with_flavor(body, Compare { rest: &mut rest }) {
+        Ok(()) if rest.is_empty() => Ok(()),
+        _ => Err(BlobError::Form { at: (bytes.len() - rest.len()) as u64 }),
+    }
 }
 
 /// Compares what is serialised with bytes that are already there.
-struct Compare<'a> {
-    rest: &'a [u8],
+struct Compare<'c, 'a> {
+    /// What was not compared yet.
+    rest: &'c mut &'a [u8],
 }
 
-impl<'a> Flavor for Compare<'a> {
-    type Output = &'a [u8];
+impl Flavor for Compare<'_, '_> {
+    type Output = ();
 
     fn try_push(&mut self, byte: u8) -> postcard::Result<()> {
         self.try_extend(&[byte])
     }
 
     fn try_extend(&mut self, bytes: &[u8]) -> postcard::Result<()> {
-        self.rest = self.rest.strip_prefix(bytes).ok_or(postcard::Error::DeserializeBadEncoding)?;
+        *self.rest = self.rest.strip_prefix(bytes).ok_or(postcard::Error::DeserializeBadEncoding)?;
         Ok(())
     }
 
-    fn finalize(self) -> postcard::Result<Self::Output> {
-        Ok(self.rest)
+    fn finalize(self) -> postcard::Result<()> {
+        Ok(())
     }
 }

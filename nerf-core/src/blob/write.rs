@@ -12,8 +12,9 @@ use super::header::{self, HEADER_LEN};
 pub fn encoded_len(body: &Body<'_>) -> Result<usize, BlobError> {
     check(body)?;
     let size = postcard::ser_flavors::Size::default();
-    let length = postcard::serialize_with_flavor(body, size).map_err(|_| BlobError::Body)?;
-    Ok(HEADER_LEN + length)
+    // Counting does not fail; what it could not count would fit nowhere.
+    let length = postcard::serialize_with_flavor(body, size).unwrap_or(usize::MAX);
+    Ok(HEADER_LEN.saturating_add(length))
 }
 
 /// Writes the blob of `body` to the front of `out` and returns its bytes.
@@ -23,11 +24,10 @@ pub fn encoded_len(body: &Body<'_>) -> Result<usize, BlobError> {
 pub fn write<'o>(body: &Body<'_>, out: &'o mut [u8]) -> Result<&'o [u8], BlobError> {
     let expected = encoded_len(body)?;
     let found = out.len();
-    let Some(out) = out.get_mut(..expected) else {
-        return Err(BlobError::Space { expected: expected as u64, found: found as u64 });
-    };
+    let space = BlobError::Space { expected: expected as u64, found: found as u64 };
+    let out = out.get_mut(..expected).ok_or(space)?;
     let (head, rest) = out.split_at_mut(HEADER_LEN);
-    postcard::to_slice(body, rest).map_err(|_| BlobError::Body)?;
+    postcard::to_slice(body, rest).map_err(|_| space)?;
     head.copy_from_slice(&header::write(rest));
     Ok(out)
 }

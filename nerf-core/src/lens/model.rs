@@ -1,6 +1,7 @@
 //! The lens model.
 
 use super::Lens;
+use glam::Vec2;
 
 /// The model folds over where its slope, or its Jacobian's determinant, is no more than this.
 const FOLD: f32 = 1e-3;
@@ -59,6 +60,25 @@ impl Lens {
         None
     }
 
+    /// Bound on how far [`Self::jacobian`] is from the identity (operator norm) anywhere within `r` of the axis.
+    ///
+    /// The radial part's slopes are `3 k1 r² + 5 k2 r⁴` along `r` and less across; the tangential part's Jacobian is
+    /// `2 (p·q) I + 2 (p qᵀ + q pᵀ)` with `p = (p2, p1)` and `q` the point.
+    pub(super) fn bend(&self, r: f32) -> f32 {
+        let r2 = r * r;
+        r2 * (3.0 * self.k1.abs() + 5.0 * self.k2.abs() * r2) + 6.0 * (self.p1.abs() + self.p2.abs()) * r
+    }
+
+    /// Whether the model bends so little that for every point seen within `radius` of the axis
+    /// [`Self::undistort`] finds the ideal point, with no fold before it: a camera need ask no further.
+    ///
+    /// With a bend `b` of at most 1/8 within 9/7 of `radius`, `x ↦ seen − (distort(x) − x)` contracts the disc of
+    /// 8/7 `radius` into itself, so that it holds one ideal point. Newton's method starts within 1/7 `radius` of it
+    /// and keeps at most `2b / (1 − b)`, 2/7, of the distance a step, without leaving the larger disc.
+    pub(crate) fn is_gentle(&self, radius: f32) -> bool {
+        self.bend(9.0 / 7.0 * radius) <= 0.125
+    }
+
     /// Whether the ideal point that is seen at `(xd, yd)` can be found, and, `from_axis`, lies in front of every fold.
     pub(crate) fn is_invertible(&self, xd: f32, yd: f32, from_axis: bool) -> bool {
         self.undistort(xd, yd).is_some_and(|(x, y)| {
@@ -84,6 +104,10 @@ impl Lens {
     /// there, and not the one that a lens shows.
     fn folds_before(&self, x: f32, y: f32) -> bool {
         let r2 = x * x + y * y;
+        // No slope below 0.1 and no determinant below its square.
+        if self.bend(Vec2::new(x, y).length()) <= 0.9 {
+            return false;
+        }
         // `distort(s x, s y)` is s + tilt/2 s² + second/3 s³ + fourth/5 s⁵, along (x, y) and in units of it.
         let (second, fourth) = (3.0 * self.k1 * r2, 5.0 * self.k2 * r2 * r2);
         let tilt = 6.0 * (self.p2 * x + self.p1 * y);

@@ -14,6 +14,12 @@ impl Lens {
 
     /// Whether nothing moves.
     #[inline(always)]
+    pub(crate) fn is_gentle(&self, _radius: f32) -> bool {
+        true
+    }
+
+    /// Whether nothing moves.
+    #[inline(always)]
     pub(crate) fn is_invertible(&self, _xd: f32, _yd: f32, _from_axis: bool) -> bool {
         true
     }

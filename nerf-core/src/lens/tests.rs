@@ -111,3 +111,63 @@ fn the_domain_reaches_to_the_fold_and_without_one_to_ten_radii() {
         }
     }
 }
+
+/// A number of [-1, 1), and the next state.
+fn noise(state: &mut u32) -> f32 {
+    *state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+    (*state >> 8) as f32 / (1 << 23) as f32 - 1.0
+}
+
+/// Lenses of every sign and size, each with a radius at which its bend is `bend`.
+fn lenses_of_bend(bend: f32) -> impl Iterator<Item = (Lens, f32)> {
+    let mut state = 5;
+    (0..4_000).map(move |i| {
+        let mut part = |on| if on { noise(&mut state) * 10f32.powf(3.0 * noise(&mut state)) } else { 0.0 };
+        let lens = Lens {
+            k1: part(i & 1 == 0),
+            k2: part(i & 2 == 0),
+            p1: part(i & 4 == 0),
+            p2: 0.1 + part(i & 8 == 0),
+        };
+        // The bend grows with the radius.
+        let (mut low, mut high) = (0.0f32, 1e3f32);
+        for _ in 0..60 {
+            let middle = 0.5 * (low + high);
+            if lens.bend(middle) <= bend { low = middle } else { high = middle }
+        }
+        (lens, low)
+    })
+}
+
+#[test]
+fn the_bend_bounds_the_slopes() {
+    let (mut state, mut most) = (7, 0.0f32);
+    for (lens, radius) in lenses_of_bend(0.9) {
+        for _ in 0..16 {
+            let (s, c) = (3.15 * noise(&mut state)).sin_cos();
+            let r = radius * noise(&mut state).abs().sqrt();
+            let ([a, b], [c, d]) = lens.jacobian(r * c, r * s);
+            // The larger eigenvalue, in size, of a symmetric matrix.
+            let norm = 0.5 * ((a + d - 2.0).abs() + ((a - d) * (a - d) + 4.0 * b * c).sqrt());
+            assert!(norm <= 0.9 + 1e-6, "{lens:?} within {radius}: {norm}");
+            most = most.max(norm);
+        }
+    }
+    assert!(most > 0.85, "a bound nothing comes near: {most}");
+}
+
+#[test]
+fn a_gentle_lens_has_an_answer_to_every_question() {
+    let mut state = 9;
+    for (lens, reach) in lenses_of_bend(0.125) {
+        let radius = reach * 7.0 / 9.0 * (1.0 - 1e-6);
+        assert!(lens.is_gentle(radius) && !lens.is_gentle(radius * 1.01), "{lens:?} within {radius}");
+        for _ in 0..16 {
+            let (s, c) = (3.15 * noise(&mut state)).sin_cos();
+            let r = radius * noise(&mut state).abs().sqrt();
+            assert!(lens.is_invertible(r * c, r * s, true), "{lens:?} at {r} of {radius}");
+        }
+    }
+    let nan = Lens { k2: f32::NAN, ..Lens::NONE };
+    assert!(!nan.is_gentle(1.0) && !Lens { p1: 1e-9, ..Lens::NONE }.is_gentle(f32::NAN));
+}

@@ -85,6 +85,20 @@ fn rays_are_the_renderers() {
         assert_eq!((status, origin, dir), (Status::Camera, [9.0; 3], [9.0; 3]));
         assert!(message.text().starts_with("x, y: expected"), "{}", message.text());
     }
+    // A lens that folds at 0.667 of a focal length from the axis, as it is seen: beyond this image, whose edge is
+    // at 0.5.
+    let bent = ffi::Camera { k1: -0.3333, fx: 31.0, fy: 31.0, ..camera };
+    let (mut origin, mut dir) = ([9.0f32; 3], [9.0f32; 3]);
+    for (x, expected) in
+        [(31.0, Status::Ok), (34.0, Status::Ok), (37.0, Status::Camera), (-80.0, Status::Camera)]
+    {
+        // SAFETY: as above.
+        let status = unsafe {
+            let (origin, dir) = (origin.as_mut_ptr(), dir.as_mut_ptr());
+            ffi::nerf_camera_ray(&bent, x, 8.5, origin, dir, null_mut(), none, 0)
+        };
+        assert_eq!(status, expected, "{x}");
+    }
     // SAFETY: NULL is refused.
     let status =
         unsafe { ffi::nerf_camera_ray(&camera, 1.0, 1.0, null_mut(), null_mut(), null_mut(), none, 0) };

@@ -55,11 +55,19 @@ fn networks_of_300_layers_of_none_and_of_odd_widths_are_refused() {
     let layers =
         |count: usize, layer: &[u8]| [&varint(count as u64), layer.repeat(count).as_slice()].concat();
     for count in [17, 300, 70_000] {
-        assert_eq!(refused(TRUNK, 3, &layers(count, &[2, 0])), BlobError::Body, "{count} layers");
+        assert_eq!(
+            refused(TRUNK, 3, &layers(count, &[2, 0])),
+            BlobError::Body(Section::Architecture),
+            "{count} layers"
+        );
         // As many are announced, and none is there.
-        assert_eq!(refused(TRUNK, 3, &varint(count as u64)), BlobError::Body, "{count} layers");
+        assert_eq!(
+            refused(TRUNK, 3, &varint(count as u64)),
+            BlobError::Body(Section::Architecture),
+            "{count} layers"
+        );
     }
-    assert_eq!(refused(TRUNK, 1, &varint(u64::MAX)), BlobError::Body);
+    assert_eq!(refused(TRUNK, 1, &varint(u64::MAX)), BlobError::Body(Section::Architecture));
     // The format's most: only the weights are too few.
     let most = [&[16, 2, 0], [2, 1].repeat(15).as_slice()].concat();
     let short = refused(TRUNK, 3, &most);
@@ -70,7 +78,7 @@ fn networks_of_300_layers_of_none_and_of_odd_widths_are_refused() {
         let width = ArchitectureError::Width { field: "trunk", index: 0, found };
         assert_eq!(refused(TRUNK + 1, 1, &varint(u64::from(found))), architecture(width));
     }
-    assert_eq!(refused(TRUNK + 1, 1, &varint(1 << 16)), BlobError::Body, "no u16");
+    assert_eq!(refused(TRUNK + 1, 1, &varint(1 << 16)), BlobError::Body(Section::Architecture), "no u16");
 }
 
 #[test]
@@ -79,14 +87,14 @@ fn skips_are_a_flag_that_the_first_layer_has_not() {
     assert_eq!(refused(TRUNK + 2, 1, &[1]), first);
     // Which layer it comes from or goes to cannot be said: 2 or more is no flag.
     for later in 2..=u8::MAX {
-        assert_eq!(refused(TRUNK + 2, 1, &[later]), BlobError::Body, "{later}");
+        assert_eq!(refused(TRUNK + 2, 1, &[later]), BlobError::Body(Section::Architecture), "{later}");
     }
 }
 
 #[test]
 fn grids_of_2_to_the_20_cells_a_side_are_refused_unmeasured() {
     for side in [1 << 16, 1 << 20, 1 << 32, u64::MAX] {
-        assert_eq!(refused(GRID, 3, &varint(side).repeat(3)), BlobError::Body, "{side}");
+        assert_eq!(refused(GRID, 3, &varint(side).repeat(3)), BlobError::Body(Section::Grid), "{side}");
     }
     for side in [0, 513, 65_535] {
         let error = refused(GRID, 3, &varint(side).repeat(3));
@@ -107,7 +115,7 @@ fn lengths_up_to_2_to_the_64_reach_nothing() {
             if length != found {
                 let error = refused(at, 1, &varint(length));
                 // What ends within the body may have another meaning; what does not is no body.
-                assert!(length < left || error == BlobError::Body, "{length} at {at}: {error}");
+                assert!(length < left || matches!(error, BlobError::Body(_)), "{length} at {at}: {error}");
             }
         }
     }

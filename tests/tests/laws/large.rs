@@ -1,7 +1,7 @@
 //! What the format allows most of: 4,096 samples a ray, 16 layers of 512, on every tier; and one more than that.
 
 use crate::blob_damage::fix_checksum;
-use nerf_core::blob::{Blob, BlobError, HEADER_LEN, MAX_SAMPLES};
+use nerf_core::blob::{Blob, BlobError, HEADER_LEN, MAX_SAMPLES, Section};
 use nerf_core::camera::Camera;
 use nerf_core::kernels::{Line, Tier};
 use nerf_core::network::{ArchitectureError, MAX_TRUNK, MAX_WIDTH};
@@ -159,5 +159,5 @@ fn a_layer_more_and_a_unit_more_than_the_format_allows_are_refused() {
     let mut deep = bytes;
     deep[at] = 17;
     deep.splice(at + 1..at + 1, [0x80, 0x04, 0]);
-    assert_eq!(open(&mut deep), Err(BlobError::Body));
+    assert_eq!(open(&mut deep), Err(BlobError::Body(Section::Architecture)));
 }

@@ -77,7 +77,7 @@ fn a_seventeenth_point_is_no_body_of_this_format() {
     longer.extend_from_slice(&body[end - 20..]);
     let mut file = header::write(&longer).to_vec();
     file.extend(longer);
-    assert_eq!(Blob::open(&file).unwrap_err(), BlobError::Body);
+    assert_eq!(Blob::open(&file).unwrap_err(), BlobError::Body(Section::Front));
 }
 
 #[test]
