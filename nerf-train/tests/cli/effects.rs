@@ -41,6 +41,14 @@ fn an_effect_is_seen_and_what_asks_for_nothing_is_not() {
 }
 
 #[test]
+fn an_evaluation_and_a_study_take_no_jitter() {
+    let (folder, file) = blob();
+    for command in ["eval", "study"] {
+        fails([command, file, &folder.path("scene.npz"), "--jitter", "1"], &["--jitter"]);
+    }
+}
+
+#[test]
 fn explain_names_each_effect_that_is_on() {
     let said =
         ok(["explain", &blob().1, "--antialias", "3", "--aperture", "0.1", "--focus", "4", "--jitter", "7"]);

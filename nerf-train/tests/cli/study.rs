@@ -56,6 +56,11 @@ fn a_study_reports_its_points_and_writes_a_front() {
     for knob in ["samples", "transmittance cut", "colour cut", "maths", "kernel", "size"] {
         assert!(rows.iter().any(|row| &row[0] == knob), "{knob}");
     }
+    // What each maths backend costs, and takes, is a row.
+    for math in ["libm", "micromath", "recurrence"] {
+        let row = rows.iter().find(|row| row[place("label")] == *format!("maths {math}")).expect(math);
+        assert!(number(row, "max_error_to_exact") > 0.0, "{row:?}");
+    }
     // For the others the report says why they have none.
     let words = std::fs::read_to_string(Path::new(&report).join("report.md")).expect("a report");
     assert!(words.contains("One knob: weights") && words.contains("--source names their file"), "{words}");

@@ -18,6 +18,7 @@ const VOLUME_TESTS: &str = "nerf-core/src/volume/tests.rs";
 const RENDER_TESTS: &str = "nerf-core/src/render/tests.rs";
 const BLOB_TESTS: &str = "nerf-core/src/blob/tests.rs";
 const ORACLE: &str = "tests/tests/laws/oracle.rs";
+const STUDY: &str = "nerf-train/tests/cli/study.rs";
 const TRAIN_GRADIENTS: &str = "nerf-train/src/engine/tests/gradients.rs";
 const TRAIN_EXTREMES: &str = "nerf-train/src/engine/tests/extremes.rs";
 const TRAIN_VOLUME: &str = "nerf-train/src/engine/tests/volume.rs";
@@ -69,6 +70,11 @@ pub const ENCODING: &[Hard] = &[
             (ENCODING_TESTS, &["other_backends_err_by_their_rows"]),
             (MATH_TESTS, &["doubling_errs_by_its_row"]),
         ],
+    ),
+    hard(
+        "the price of each backend",
+        "a row of the study",
+        &[(STUDY, &["a_study_reports_its_points_and_writes_a_front"])],
     ),
     hard(
         "coordinates outside of the domain: 1e30, inf, NaN",
