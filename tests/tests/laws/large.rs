@@ -132,8 +132,8 @@ fn sixteen_layers_of_512_are_the_oracle_s_on_every_tier() {
     // About seven times what was seen between two tiers, 3.1e-6 and 1.4e-2: sums of 512 in another order, 16 deep.
     compare(&bytes, 8, &camera(3, 2), &[(0, 0), (1, 1)], 2e-5, 1e-1);
     if tools::long() {
-        // Both at once: 4,096 samples of the largest network.
-        compare(&bytes, MAX_SAMPLES, &camera(2, 1), &[(0, 0)], 1e-4, 1e-1);
+        // Both at once: 4,096 samples of the largest network, whose errors cancel. Eight times 1.2e-7 and 1.7e-3.
+        compare(&bytes, MAX_SAMPLES, &camera(2, 1), &[(0, 0)], 1e-6, 1.4e-2);
     }
 }
 
