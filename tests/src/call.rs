@@ -119,6 +119,27 @@ pub fn counters() -> ffi::Counters {
     ffi::Counters { struct_size: size_of::<ffi::Counters>(), ..nerf_core::render::Counters::default().into() }
 }
 
+/// Draws a whole frame at the exact quality, without callback, counters or message.
+///
+/// # Safety
+/// As `nerf_render`.
+pub unsafe fn frame(
+    scene: *const ffi::Scene,
+    camera: &ffi::Camera,
+    target: &ffi::Target,
+    workspace: *mut c_void,
+    size: usize,
+) -> ffi::Status {
+    let (options, rect, user) = (ptr::null(), ptr::null(), ptr::null_mut());
+    let (counters, message) = (ptr::null_mut(), ptr::null_mut());
+    // SAFETY: the caller's promise.
+    unsafe {
+        ffi::nerf_render(
+            scene, camera, options, rect, target, workspace, size, None, user, counters, message, 0,
+        )
+    }
+}
+
 /// An opened scene with the memory it lies in.
 pub struct Opened {
     /// The handle.

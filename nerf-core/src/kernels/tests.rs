@@ -3,19 +3,10 @@
 extern crate std;
 
 use super::*;
+use crate::testing::noise;
 use std::format;
 use std::vec;
 use std::vec::Vec;
-
-/// Repeatable values in [-1, 1).
-fn noise(n: usize, seed: u32) -> Vec<f32> {
-    let mut state = seed;
-    let mut next = || {
-        state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
-        (state >> 8) as f32 / 8_388_608.0 - 1.0
-    };
-    (0..n).map(|_| next()).collect()
-}
 
 fn naive(g: Gemm, a: &[f32], b: &[f32], c: &mut [f32], init: Init<'_>, relu: bool) {
     for i in 0..g.m {

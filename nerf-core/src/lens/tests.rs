@@ -1,6 +1,8 @@
 extern crate std;
 
 use super::*;
+use crate::testing::noise;
+use std::vec::Vec;
 
 fn lenses() -> impl Iterator<Item = Lens> {
     let k1 = [-0.1, -0.02, 0.0, 0.05, 0.3];
@@ -112,41 +114,33 @@ fn the_domain_reaches_to_the_fold_and_without_one_to_ten_radii() {
     }
 }
 
-/// A number of [-1, 1), and the next state.
-fn noise(state: &mut u32) -> f32 {
-    *state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
-    (*state >> 8) as f32 / (1 << 23) as f32 - 1.0
-}
-
-/// Lenses of every sign and size, each with a radius at which its bend is `bend`.
-fn lenses_of_bend(bend: f32) -> impl Iterator<Item = (Lens, f32)> {
-    let mut state = 5;
+/// Lenses of every sign and size, each with a radius at which its bend is `bend` and points within it.
+fn lenses_of_bend(bend: f32) -> impl Iterator<Item = (Lens, f32, Vec<(f32, f32)>)> {
+    let (signs, sizes) = (noise(16_000, 5), noise(16_000, 6));
     (0..4_000).map(move |i| {
-        let mut part = |on| if on { noise(&mut state) * 10f32.powf(3.0 * noise(&mut state)) } else { 0.0 };
-        let lens = Lens {
-            k1: part(i & 1 == 0),
-            k2: part(i & 2 == 0),
-            p1: part(i & 4 == 0),
-            p2: 0.1 + part(i & 8 == 0),
-        };
+        let part = |k: usize| signs[4 * i + k] * 10f32.powf(3.0 * sizes[4 * i + k]) * ((i >> k) & 1) as f32;
+        let lens = Lens { k1: part(0), k2: part(1), p1: part(2), p2: 0.1 + part(3) };
         // The bend grows with the radius.
-        let (mut low, mut high) = (0.0f32, 1e3f32);
+        let (mut low, mut radius) = (0.0f32, 1e3f32);
         for _ in 0..60 {
-            let middle = 0.5 * (low + high);
-            if lens.bend(middle) <= bend { low = middle } else { high = middle }
+            let middle = 0.5 * (low + radius);
+            if lens.bend(middle) <= bend { low = middle } else { radius = middle }
         }
-        (lens, low)
+        let places = noise(32, i as u32);
+        let points = places.chunks(2).map(|place| {
+            let ((s, c), r) = ((3.15 * place[0]).sin_cos(), low * place[1].abs().sqrt());
+            (r * c, r * s)
+        });
+        (lens, low, points.collect())
     })
 }
 
 #[test]
 fn the_bend_bounds_the_slopes() {
-    let (mut state, mut most) = (7, 0.0f32);
-    for (lens, radius) in lenses_of_bend(0.9) {
-        for _ in 0..16 {
-            let (s, c) = (3.15 * noise(&mut state)).sin_cos();
-            let r = radius * noise(&mut state).abs().sqrt();
-            let ([a, b], [c, d]) = lens.jacobian(r * c, r * s);
+    let mut most = 0.0f32;
+    for (lens, radius, points) in lenses_of_bend(0.9) {
+        for (x, y) in points {
+            let ([a, b], [c, d]) = lens.jacobian(x, y);
             // The larger eigenvalue, in size, of a symmetric matrix.
             let norm = 0.5 * ((a + d - 2.0).abs() + ((a - d) * (a - d) + 4.0 * b * c).sqrt());
             assert!(norm <= 0.9 + 1e-6, "{lens:?} within {radius}: {norm}");
@@ -158,14 +152,12 @@ fn the_bend_bounds_the_slopes() {
 
 #[test]
 fn a_gentle_lens_has_an_answer_to_every_question() {
-    let mut state = 9;
-    for (lens, reach) in lenses_of_bend(0.125) {
-        let radius = reach * 7.0 / 9.0 * (1.0 - 1e-6);
+    for (lens, reach, points) in lenses_of_bend(0.125) {
+        let within = 7.0 / 9.0 * (1.0 - 1e-6);
+        let radius = reach * within;
         assert!(lens.is_gentle(radius) && !lens.is_gentle(radius * 1.01), "{lens:?} within {radius}");
-        for _ in 0..16 {
-            let (s, c) = (3.15 * noise(&mut state)).sin_cos();
-            let r = radius * noise(&mut state).abs().sqrt();
-            assert!(lens.is_invertible(r * c, r * s, true), "{lens:?} at {r} of {radius}");
+        for (x, y) in points {
+            assert!(lens.is_invertible(x * within, y * within, true), "{lens:?} at ({x}, {y})");
         }
     }
     let nan = Lens { k2: f32::NAN, ..Lens::NONE };

@@ -7,6 +7,9 @@ use crate::lens::Lens;
 use crate::plan::Plan;
 use core::fmt;
 
+#[cfg(test)]
+mod tests;
+
 /// Whether a stage is part of a frame, and why not.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Switch {

@@ -3,6 +3,9 @@
 use crate::camera::Camera;
 use crate::volume::Pixel;
 
+#[cfg(test)]
+mod tests;
+
 /// Pixels of an image, `x..x + width`, `y..y + height`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Rect {

@@ -1,5 +1,6 @@
 extern crate std;
 
+mod batches;
 mod effects;
 
 use super::*;
@@ -8,13 +9,12 @@ use crate::camera::{Intrinsics, Pose};
 use crate::kernels::BLOCK;
 use crate::lens::Lens;
 use crate::math::MathBackend;
-use crate::math::polynomial::Polynomial;
 use crate::network::{Architecture, Role};
 use crate::plan::{Batch, Outputs, Quality};
 use crate::ray::SceneBox;
 use crate::sampling::Bins;
 use crate::testing::{SCENE, architecture, body, bytes, every_kind, halve, parameters, pi};
-use crate::volume::{Accumulator, Pixel};
+use crate::volume::Pixel;
 use glam::Vec3;
 use std::vec;
 use std::vec::Vec;
@@ -191,88 +191,6 @@ fn a_full_grid_changes_nothing() {
     assert_eq!(a.counters, b.counters);
 }
 
-/// A frame without blocks, rays in flight or queues: sample by sample, from what a query gives.
-fn sample_by_sample(
-    renderer: &Renderer<'_>,
-    quality: &Quality,
-    camera: &Camera,
-    size: (u32, u32),
-) -> (Vec<Pixel>, u64, u64) {
-    let bins = Bins::new(2.0, 6.0, 32).unwrap();
-    let batch = Batch { rays: 50, samples: BLOCK };
-    let plan = Plan::new(renderer.blob(), quality, Outputs::ALL, batch).unwrap();
-    let mut memory = vec![Line::UNINIT; renderer.workspace_lines(&plan)];
-    let (mut pixels, mut densities, mut colours) = (vec![], 0, 0);
-    for i in 0..size.0 * size.1 {
-        let ray = camera.ray((i % size.0) as f32 + 0.5, (i / size.0) as f32 + 0.5);
-        let mut gathered = Accumulator::NONE;
-        for t in (0..32).map(|i| bins.at(i, 0.5)).filter(|&t| plan.live(ray.at(t))) {
-            let (mut sigma, mut rgb) = ([f32::NAN], [[f32::NAN; 3]]);
-            let dirs = [ray.dir.into()];
-            renderer.query(&plan, &[ray.at(t).into()], &dirs, &mut memory, &mut sigma, &mut rgb).unwrap();
-            densities += 1;
-            gathered.add_density::<Polynomial>(sigma[0], t, bins.delta());
-            if let Some(weight) = gathered.take_uncoloured(quality.colour_cut) {
-                colours += 1;
-                gathered.add_colour(weight, rgb[0]);
-            }
-            if gathered.transmittance::<Polynomial>() < quality.transmittance_cut {
-                break;
-            }
-        }
-        pixels.push(gathered.finish(SCENE.background, 6.0, camera.z_per_distance(&ray)));
-    }
-    (pixels, densities, colours)
-}
-
-#[test]
-fn every_batch_gives_the_pixels_and_the_work_of_one_sample_at_a_time() {
-    let a = every_kind();
-    let (weights, unpacked) = halve(&parameters(&a, 31));
-    let bits = [0b1110_1011];
-    let bytes = bytes(&body(a, Some(Grid { resolution: [2; 3], bits: &bits }), &weights));
-    let blob = Blob::open(&bytes).unwrap();
-    let camera = camera(9, 7);
-    for tier in tiers() {
-        let renderer = Renderer::with_parameters(blob.clone(), tier, &unpacked).unwrap();
-        for (transmittance_cut, colour_cut) in [(0.0, 0.0), (1e-2, 1e-3), (0.0, 0.02), (0.3, 0.0), (0.3, 0.2)]
-        {
-            let quality =
-                Quality { transmittance_cut, colour_cut, skip_grid: colour_cut > 0.0, ..Quality::EXACT };
-            let (pixels, densities, colours) = sample_by_sample(&renderer, &quality, &camera, (9, 7));
-            assert!(pixels.iter().any(|pixel| pixel.opacity > 0.5) && colours > 0);
-            for rays in [1, 2, 7, 63, 64, 256] {
-                let batch = Batch { rays, samples: BLOCK };
-                let plan = Plan::new(&blob, &quality, Outputs::ALL, batch).unwrap();
-                let found = render(&renderer, &plan, &camera);
-                assert_eq!(found.pixels, pixels, "{tier:?} {quality:?} {rays} rays");
-                let c = found.counters;
-                assert_eq!((c.density_evaluations, c.colour_evaluations), (densities, colours));
-                assert!(c.colour_evaluations <= c.density_evaluations);
-            }
-        }
-    }
-}
-
-#[test]
-fn weights_read_in_place_take_batches_of_any_size() {
-    let a = every_kind();
-    let (weights, _) = halve(&parameters(&a, 31));
-    let bytes = bytes(&body(a, None, &weights));
-    let blob = Blob::open(&bytes).unwrap();
-    let renderer = Renderer::new(blob.clone(), Tier::Scalar, &mut []).unwrap();
-    let camera = camera(9, 7);
-    let quality = Quality { transmittance_cut: 0.05, colour_cut: 0.02, ..Quality::EXACT };
-    let (pixels, densities, colours) = sample_by_sample(&renderer, &quality, &camera, (9, 7));
-    for (rays, samples) in [(1, 1), (5, 1), (1, 7), (3, 2), (64, 5), (256, 63)] {
-        let plan = Plan::new(&blob, &quality, Outputs::ALL, Batch { rays, samples }).unwrap();
-        let found = render(&renderer, &plan, &camera);
-        assert_eq!(found.pixels, pixels, "{rays} rays, {samples} samples");
-        let c = found.counters;
-        assert_eq!((c.density_evaluations, c.colour_evaluations), (densities, colours));
-    }
-}
-
 #[test]
 fn query_refuses_lengths_and_ignores_points_outside() {
     let a = every_kind();
@@ -404,36 +322,6 @@ fn the_most_rays_a_plan_allows_can_be_asked_for_their_workspace() {
 }
 
 #[test]
-fn tiles_cover_a_rectangle_once() {
-    for (rect, width, height) in [
-        (Rect { x: 3, y: 5, width: 33, height: 17 }, 16, 16),
-        (Rect { x: 0, y: 0, width: 1, height: 40 }, 16, 7),
-        (Rect { x: 0, y: 0, width: 5, height: 4 }, 0, 0),
-        (Rect { x: 0, y: 0, width: 5, height: 4 }, u32::MAX, u32::MAX),
-    ] {
-        let mut seen = vec![0u8; (rect.width * rect.height) as usize];
-        for tile in rect.tiles(width, height) {
-            assert!(tile.width > 0 && tile.width <= width.max(1) && tile.height <= height.max(1));
-            for y in tile.y..tile.y + tile.height {
-                for x in tile.x..tile.x + tile.width {
-                    seen[((y - rect.y) * rect.width + x - rect.x) as usize] += 1;
-                }
-            }
-        }
-        assert!(seen.iter().all(|&n| n == 1), "{rect:?} {width}x{height}");
-    }
-    assert_eq!(Rect { x: 9, y: 9, width: 0, height: 3 }.tiles(4, 4).count(), 0);
-}
-
-#[test]
-fn tiles_at_the_end_of_the_numbers_do_not_wrap() {
-    let last = u32::MAX - 2;
-    let found: Vec<Rect> = Rect { x: last, y: last, width: 10, height: 1 }.tiles(2, 2).collect();
-    // What lies beyond the last pixel that has a number is left out.
-    assert_eq!(found, [Rect { x: last, y: last, width: 2, height: 1 }]);
-}
-
-#[test]
 fn every_backend_renders_about_the_same_picture() {
     let a = every_kind();
     let (weights, _) = halve(&parameters(&a, 51));
@@ -489,75 +377,4 @@ fn the_seed_network_takes_the_memory_the_docs_say() {
         assert_eq!(prepared.workspace_lines(&plan) * size_of::<Line>(), 389_120);
     }
     assert_eq!(Renderer::prepared_lines(&blob, Tier::Avx2) * size_of::<Line>(), 2_120_256);
-}
-
-/// Text in fixed memory: an explanation needs no heap.
-struct Page {
-    bytes: [u8; 4096],
-    used: usize,
-}
-
-impl core::fmt::Write for Page {
-    fn write_str(&mut self, text: &str) -> core::fmt::Result {
-        let room = self.bytes.get_mut(self.used..self.used + text.len()).ok_or(core::fmt::Error)?;
-        room.copy_from_slice(text.as_bytes());
-        self.used += text.len();
-        Ok(())
-    }
-}
-
-#[test]
-fn an_explanation_says_what_is_off_and_why() {
-    let a = every_kind();
-    let (weights, _) = halve(&parameters(&a, 31));
-    let bits = [0b1110_1011];
-    let bytes = bytes(&body(a, Some(Grid { resolution: [2; 3], bits: &bits }), &weights));
-    let blob = Blob::open(&bytes).unwrap();
-    let renderer = Renderer::new(blob.clone(), Tier::Scalar, &mut []).unwrap();
-    let plan = |quality, outputs| Plan::new(&blob, &quality, outputs, Batch::SMALLEST).unwrap();
-    let switch = |plan: &Plan<'_>, name| {
-        plan.explain(&renderer).stages().into_iter().find(|stage| stage.name == name).unwrap().switch
-    };
-    let (median_distance, normals) = (cfg!(feature = "median"), cfg!(feature = "normals"));
-    let full = plan(Quality::default(), Outputs { median_distance, normals, ..Outputs::ALL });
-    for Stage { name, switch } in full.explain(&renderer).stages() {
-        let missing = (name == "median_distance" && !median_distance) || (name == "normals" && !normals);
-        match name {
-            "anti-aliasing" | "depth of field" | "jitter" | "tone" => {
-                assert!(matches!(switch, Switch::NotAskedFor | Switch::NotBuilt), "{name}");
-            }
-            "proposal" => assert_eq!(switch, Switch::AbsentInScene),
-            _ => assert_eq!(switch, if missing { Switch::NotBuilt } else { Switch::On }, "{name}"),
-        }
-    }
-    let exact = plan(Quality::EXACT, Outputs { z_depth: false, ..Outputs::ALL });
-    for name in ["skip grid", "transmittance cut", "colour cut"] {
-        assert_eq!(switch(&exact, name), Switch::SwitchedOff, "{name}");
-    }
-    assert_eq!(switch(&exact, "z_depth"), Switch::NotAskedFor);
-    let shape = plan(Quality::default(), Outputs { rgb: false, ..Outputs::ALL });
-    for name in ["colour", "view dependence", "colour cut", "background"] {
-        assert_eq!(switch(&shape, name), Switch::NotAskedFor, "{name}");
-    }
-    for (name, built) in [("median_distance", median_distance), ("normals", normals)] {
-        let off = if built { Switch::NotAskedFor } else { Switch::NotBuilt };
-        assert_eq!(switch(&shape, name), off, "{name}");
-    }
-    if normals {
-        let outputs = Outputs { normals, ..Outputs::NONE };
-        assert_eq!(switch(&plan(Quality::default(), outputs), "colour cut"), Switch::On);
-    }
-
-    let counters = render(&renderer, &full, &camera(8, 8)).counters;
-    let shares = counters.shares(&renderer);
-    assert_eq!(shares.proposal, 0);
-    assert_eq!(shares.direction + shares.density + shares.colour + shares.normals, counters.macs);
-    assert!(shares.direction > 0 && shares.colour > 0);
-    let mut page = Page { bytes: [0; 4096], used: 0 };
-    core::fmt::write(&mut page, format_args!("{}", full.explain(&renderer).with_counters(counters))).unwrap();
-    let text = core::str::from_utf8(&page.bytes[..page.used]).unwrap();
-    std::println!("{text}");
-    for word in ["skip grid          on, 2x2x2", "rays               64", "workspace", "evaluations a ray"] {
-        assert!(text.contains(word), "{word}: {text}");
-    }
 }

@@ -34,24 +34,8 @@ fn picture(scene: *const ffi::Scene) -> Vec<[f32; 3]> {
     };
     assert_eq!(status, Status::Ok);
     let mut workspace = nerf_tests::memory::Guarded::new(size, 0);
-    let at = workspace.at();
     // SAFETY: as above.
-    let status = unsafe {
-        ffi::nerf_render(
-            scene,
-            &camera,
-            null(),
-            null(),
-            &target,
-            at,
-            size,
-            None,
-            null_mut(),
-            null_mut(),
-            none,
-            0,
-        )
-    };
+    let status = unsafe { call::frame(scene, &camera, &target, workspace.at(), size) };
     assert_eq!(status, Status::Ok);
     pixels
 }

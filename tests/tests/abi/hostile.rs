@@ -13,25 +13,9 @@ const SIDE: u32 = 8;
 
 /// Draws a frame of `SIDE` x `SIDE` into `target`.
 fn draw(opened: &Opened, target: &ffi::Target, workspace: &mut Guarded) -> Status {
-    let (at, size, none) = (workspace.at(), workspace.size(), null_mut());
     let seen = call::camera(&camera(SIDE, SIDE));
     // SAFETY: everything lives until the call returns; planes that reach elsewhere must be refused unwritten.
-    unsafe {
-        ffi::nerf_render(
-            opened.scene,
-            &seen,
-            null(),
-            null(),
-            target,
-            at,
-            size,
-            None,
-            none,
-            null_mut(),
-            null_mut(),
-            0,
-        )
-    }
+    unsafe { call::frame(opened.scene, &seen, target, workspace.at(), workspace.size()) }
 }
 
 #[test]
@@ -55,7 +39,26 @@ fn null_in_each_argument_of_the_smaller_functions_is_refused() {
     pace.struct_size = size_of::<ffi::Pace>();
     let pace_at = &raw mut pace;
     let rgb = ffi::NERF_OUTPUT_RGB;
-    // SAFETY: every pointer is NULL or lives until the calls return.
+    let measure = |scene, seen, at, pace| {
+        // SAFETY: every pointer is NULL or lives until the call returns.
+        unsafe {
+            ffi::nerf_pace_measure(
+                scene,
+                seen,
+                null(),
+                rgb,
+                9.0,
+                None,
+                null_mut(),
+                at,
+                room,
+                pace,
+                message,
+                0,
+            )
+        }
+    };
+    // SAFETY: as above.
     let found = unsafe {
         [
             ffi::nerf_camera_look_at(null_mut(), e, t, u, message, 0),
@@ -80,62 +83,10 @@ fn null_in_each_argument_of_the_smaller_functions_is_refused() {
             ffi::nerf_pace_workspace_size(null(), null(), rgb, pace_size, pace_align, message, 0),
             ffi::nerf_pace_workspace_size(scene, null(), rgb, null_mut(), pace_align, message, 0),
             ffi::nerf_pace_workspace_size(scene, null(), rgb, pace_size, null_mut(), message, 0),
-            ffi::nerf_pace_measure(
-                null(),
-                &seen,
-                null(),
-                rgb,
-                9.0,
-                None,
-                null_mut(),
-                at,
-                room,
-                pace_at,
-                message,
-                0,
-            ),
-            ffi::nerf_pace_measure(
-                scene,
-                null(),
-                null(),
-                rgb,
-                9.0,
-                None,
-                null_mut(),
-                at,
-                room,
-                pace_at,
-                message,
-                0,
-            ),
-            ffi::nerf_pace_measure(
-                scene,
-                &seen,
-                null(),
-                rgb,
-                9.0,
-                None,
-                null_mut(),
-                null_mut(),
-                room,
-                pace_at,
-                message,
-                0,
-            ),
-            ffi::nerf_pace_measure(
-                scene,
-                &seen,
-                null(),
-                rgb,
-                9.0,
-                None,
-                null_mut(),
-                at,
-                room,
-                null_mut(),
-                message,
-                0,
-            ),
+            measure(null(), &seen, at, pace_at),
+            measure(scene, null(), at, pace_at),
+            measure(scene, &seen, null_mut(), pace_at),
+            measure(scene, &seen, at, null_mut()),
             ffi::nerf_query(null(), null(), 1, e, u, s, null_mut(), at, room, null_mut(), message, 0),
             ffi::nerf_query(scene, null(), 1, null(), u, s, null_mut(), at, room, null_mut(), message, 0),
             ffi::nerf_query(scene, null(), 1, e, null(), s, o, at, room, null_mut(), message, 0),
@@ -239,23 +190,7 @@ fn overlap_is_found_to_the_last_pixel() {
     let seen = call::camera(&camera(SIDE, SIDE));
     let drawn = |target: &ffi::Target| {
         // SAFETY: as above; planes that reach where they must not are refused unwritten.
-        unsafe {
-            let (at, size, none) = (workspace.cast(), sizes[0], null_mut());
-            ffi::nerf_render(
-                scene,
-                &seen,
-                null(),
-                null(),
-                target,
-                at,
-                size,
-                None,
-                none,
-                null_mut(),
-                none.cast(),
-                0,
-            )
-        }
+        unsafe { call::frame(scene, &seen, target, workspace.cast(), sizes[0]) }
     };
     for (start, size) in starts.into_iter().zip(sizes) {
         for (at, overlaps) in edges(start, size, length) {
@@ -318,20 +253,7 @@ fn lengths_that_no_memory_has_are_refused_unread() {
                 ffi::nerf_scene_memory(blob, length, null(), &mut size, &mut align, none, 0),
                 ffi::nerf_scene_open(blob, length, null(), at, room, &mut scene, none, 0),
                 ffi::nerf_scene_open(blob, opened.blob.len(), null(), at, length, &mut scene, none, 0),
-                ffi::nerf_render(
-                    opened.scene,
-                    &seen,
-                    null(),
-                    null(),
-                    &target,
-                    lines,
-                    length,
-                    None,
-                    none.cast(),
-                    null_mut(),
-                    none,
-                    0,
-                ),
+                call::frame(opened.scene, &seen, &target, lines, length),
             ]
         };
         assert_eq!(found, [Status::Overflow; 4], "{length}");

@@ -215,24 +215,8 @@ fn formats_and_strides_agree() {
     let mut workspace = opened.workspace(None, ALL);
     let (at, size) = (workspace.at(), workspace.size());
     let draw = |target: &ffi::Target| {
-        let none = null_mut();
         // SAFETY: everything lives until the call returns.
-        let status = unsafe {
-            ffi::nerf_render(
-                opened.scene,
-                &camera,
-                null(),
-                null(),
-                target,
-                at,
-                size,
-                None,
-                none,
-                null_mut(),
-                null_mut(),
-                0,
-            )
-        };
+        let status = unsafe { call::frame(opened.scene, &camera, target, at, size) };
         assert_eq!(status, Status::Ok);
     };
 

@@ -1,6 +1,7 @@
 //! Cameras and lenses against the oracle.
 
-use crate::geometry::{noise, somewhere};
+use crate::geometry::somewhere;
+use crate::noise::signed_f64;
 use crate::table::{Row, Worst, cases};
 use glam::{Mat3, Vec3};
 use nerf_core::camera::{Camera, CameraError, Intrinsics, Pose};
@@ -34,7 +35,7 @@ fn each_ray(mut see: impl FnMut(&Camera, f32, f32, Ray)) {
     for camera in cameras(&mut state) {
         let i = *camera.intrinsics();
         for _ in 0..500 {
-            let (u, v) = (0.5 + 0.5 * noise(&mut state), 0.5 + 0.5 * noise(&mut state));
+            let (u, v) = (0.5 + 0.5 * signed_f64(&mut state), 0.5 + 0.5 * signed_f64(&mut state));
             let (x, y) = ((u * f64::from(i.width)) as f32, (v * f64::from(i.height)) as f32);
             see(&camera, x, y, camera.ray(x, y));
         }
@@ -82,7 +83,7 @@ fn lenses() -> Vec<Row> {
     ];
     for lens in lenses {
         for _ in 0..5_000 {
-            let (x, y) = (0.8 * noise(&mut state), 0.8 * noise(&mut state));
+            let (x, y) = (0.8 * signed_f64(&mut state), 0.8 * signed_f64(&mut state));
             let Some((u, v)) = lens.undistort(x as f32, y as f32) else { continue };
             let (u, v) = (f64::from(u), f64::from(v));
             let (found, _) = seen_at(&lens, u, v);
@@ -104,7 +105,7 @@ fn poses() -> Vec<Row> {
         let straight = Pose::look_at(somewhere(&mut state), 3.0 * somewhere(&mut state), Vec3::Y);
         let straight = straight.expect("a pose").rotation;
         // From rounding to far beyond what is allowed.
-        let size = 10f64.powf(-3.0 + 4.0 * noise(&mut state)) as f32;
+        let size = 10f64.powf(-3.0 + 4.0 * signed_f64(&mut state)) as f32;
         let other = Mat3::from_cols(somewhere(&mut state), somewhere(&mut state), somewhere(&mut state));
         let odd = [0.0, -0.0, 1e-45, 1e30, f32::NAN, f32::INFINITY, f32::NEG_INFINITY, f32::MAX];
         let mut rotation = match i % 5 {
@@ -169,24 +170,24 @@ fn each_lens(mut see: impl FnMut(&Camera, [f64; 2], [f64; 2])) {
     let lenses = 3_000;
     for i in 0..lenses {
         let mut part = |most: f64| {
-            (noise(&mut state).signum() * 10f64.powf(most - 1.5 + 1.5 * noise(&mut state))) as f32
+            (signed_f64(&mut state).signum() * 10f64.powf(most - 1.5 + 1.5 * signed_f64(&mut state))) as f32
         };
         let tangential = if i % 3 == 0 { 0.0 } else { -2.5 };
         let mut lens = Lens { k1: part(0.0), k2: part(0.0), p1: part(tangential), p2: part(tangential) };
         // Half of them bend inwards and out again: a fold that ends, mostly well inside the image.
         if i % 2 == 0 {
             lens.k1 = -lens.k1.abs();
-            lens.k2 = lens.k1 * lens.k1 * (0.25 + 0.25 * noise(&mut state)) as f32;
+            lens.k2 = lens.k1 * lens.k1 * (0.25 + 0.25 * signed_f64(&mut state)) as f32;
         }
         let (width, height) = [(40, 30), (1, 200), (7, 1), (640, 480)][i / 2 % 4];
-        let reach = 10f64.powf(0.3 + 1.2 * noise(&mut state)) as f32 / lens.k1.abs().sqrt().max(0.3);
+        let reach = 10f64.powf(0.3 + 1.2 * signed_f64(&mut state)) as f32 / lens.k1.abs().sqrt().max(0.3);
         let mut intrinsics = Intrinsics::centred(width, height, width.max(height) as f32 / reach);
-        intrinsics.cx += 0.2 * width as f32 * noise(&mut state) as f32;
+        intrinsics.cx += 0.2 * width as f32 * signed_f64(&mut state) as f32;
         let pose = Pose { rotation: Mat3::IDENTITY, position: Vec3::ZERO };
         let Ok(camera) = Camera::new(intrinsics, lens, pose) else { continue };
         accepted += 1;
         for _ in 0..400 {
-            let (x, y) = (0.5 + 0.5 * noise(&mut state), 0.5 + 0.5 * noise(&mut state));
+            let (x, y) = (0.5 + 0.5 * signed_f64(&mut state), 0.5 + 0.5 * signed_f64(&mut state));
             let (x, y) = ((x * f64::from(width)) as f32, (y * f64::from(height)) as f32);
             let [u, v, w] = camera.ray(x, y).dir.to_array().map(f64::from);
             let wanted = [(x - intrinsics.cx) / intrinsics.fx, (y - intrinsics.cy) / intrinsics.fy];
@@ -235,9 +236,9 @@ fn folds() -> Vec<Row> {
 fn sound() -> Vec<Row> {
     let (mut state, mut all, mut refused, mut at) = (29, 0, 0, String::new());
     while all < 2_000 {
-        let [k1, k2] = [0; 2].map(|_| (0.6 * noise(&mut state)) as f32);
+        let [k1, k2] = [0; 2].map(|_| (0.6 * signed_f64(&mut state)) as f32);
         let lens = Lens { k1, k2, ..Lens::NONE };
-        let corner = 0.2 + 0.8 * (1.0 + noise(&mut state));
+        let corner = 0.2 + 0.8 * (1.0 + signed_f64(&mut state));
         let slope = |r: f64| 1.0 + r * r * (3.0 * f64::from(k1) + 5.0 * f64::from(k2) * r * r);
         let ([seen, _], _) = seen_at(&lens, corner, 0.0);
         if (1..=256).any(|step| slope(f64::from(step) / 256.0 * corner.max(seen)) < 0.05) {

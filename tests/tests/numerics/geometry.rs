@@ -1,5 +1,6 @@
 //! Rays and boxes against the oracle.
 
+use crate::noise::signed_f64;
 use crate::table::{Row, Worst, cases};
 use glam::Vec3;
 use nerf_core::ray::{Ray, SceneBox};
@@ -10,17 +11,9 @@ cases! {
     numbers_of_every_size_in_a_ray: "error of t, relative to t itself; a hit where there is none is 1" => sizes;
 }
 
-/// A number of either sign.
-pub fn noise(state: &mut u64) -> f64 {
-    *state ^= *state << 13;
-    *state ^= *state >> 7;
-    *state ^= *state << 17;
-    (*state >> 11) as f64 / (1u64 << 52) as f64 - 1.0
-}
-
 /// A point of the cube of side 2 around the origin.
 pub fn somewhere(state: &mut u64) -> Vec3 {
-    Vec3::from_array([0; 3].map(|_| noise(state) as f32))
+    Vec3::from_array([0; 3].map(|_| signed_f64(state) as f32))
 }
 
 /// Origins and directions that hurt: on faces, edges and corners, parallel, along diagonals, from inside.

@@ -1,5 +1,6 @@
 //! Gradients of the density in space, as normals take them: against differences of the oracle's f64 network.
 
+use crate::noise::signed;
 use crate::table::{BACKENDS, Row, Worst, cases, exact_tiers};
 use nerf_core::encoding::{AngleScale, Encoding};
 use nerf_core::kernels::Tier;
@@ -19,14 +20,6 @@ cases! {
 
 /// Samples of a block.
 const STRIDE: usize = 64;
-
-/// A number of either sign.
-fn noise(state: &mut u64) -> f32 {
-    *state ^= *state << 13;
-    *state ^= *state >> 7;
-    *state ^= *state << 17;
-    (*state >> 40) as f32 / (1u64 << 23) as f32 - 1.0
-}
 
 /// A network by its parts: parameters are f16 to the bit, so that f32 and f64 mean the same one.
 struct Case {
@@ -67,7 +60,7 @@ impl Case {
         for layer in &shape.layers() {
             let scale = (6.0 / layer.inputs() as f32).sqrt();
             for w in &mut all[layer.weights..layer.bias] {
-                *w = half(scale * noise(&mut state));
+                *w = half(scale * signed(&mut state));
             }
             let mut most = 0.0f32;
             for row in 0..layer.outputs {
@@ -205,7 +198,7 @@ fn half(x: f32) -> f32 {
 /// Points, among them ±0, subnormals and multiples of powers of two: `[3][STRIDE]`.
 fn points() -> Vec<f32> {
     let mut state = 11;
-    let mut all: Vec<f32> = (0..3 * STRIDE).map(|_| noise(&mut state)).collect();
+    let mut all: Vec<f32> = (0..3 * STRIDE).map(|_| signed(&mut state)).collect();
     for (i, x) in [0.0, -0.0, 1e-45, -1e-40, 0.5, -0.25, 1.0, -1.0, 0.125].into_iter().enumerate() {
         all[i % 3 * STRIDE + i] = x;
     }
@@ -263,7 +256,7 @@ fn bound(cases: &[Known], sine: f64, weights: f64) -> f64 {
 
 /// Units switch where they like: micromath's sines and 8 bits leave none without doubt.
 fn random() -> Vec<Row> {
-    let bias = |state: &mut u64, _: f32| 0.1 + 0.1 * noise(state);
+    let bias = |state: &mut u64, _: f32| 0.1 + 0.1 * signed(state);
     let mut rows = Vec::new();
     for (i, doubt) in [(0, 1e-5), (1, 1e-5), (3, 1e-3)] {
         let (cases, (name, math)) = (known(bias, doubt), BACKENDS[i]);
@@ -276,7 +269,7 @@ fn random() -> Vec<Row> {
 
 /// Every unit is on everywhere, or off.
 fn certain() -> Vec<Row> {
-    let bias = |state: &mut u64, most: f32| (1.1 * most + 0.1) * (noise(state) + 0.25).signum();
+    let bias = |state: &mut u64, most: f32| (1.1 * most + 0.1) * (signed(state) + 0.25).signum();
     let cases = known(bias, 0.0);
     let mut rows = Vec::new();
     for (&(name, math), sine) in BACKENDS.iter().zip(SINES) {

@@ -9,6 +9,7 @@ mod geometry;
 mod gradient;
 mod index;
 mod network;
+mod noise;
 mod property;
 mod sampling;
 mod table;

@@ -4,6 +4,7 @@ mod activations;
 
 pub use activations::CASES as ACTIVATIONS;
 
+use crate::noise::signed;
 use crate::table::{BACKENDS, Row, Worst, cases, exact_tiers};
 use nerf_core::blob::Blob;
 use nerf_core::kernels::{Gemm, Init, Line, Tier, gemm};
@@ -19,14 +20,6 @@ cases! {
     a_dot_product_of_512_extremes_of_f16: "error over the sum of magnitudes" => extremes;
 }
 
-/// A number of either sign.
-fn noise(state: &mut u64) -> f32 {
-    *state ^= *state << 13;
-    *state ^= *state >> 7;
-    *state ^= *state << 17;
-    (*state >> 40) as f32 / (1u64 << 23) as f32 - 1.0
-}
-
 const POINTS: usize = 640;
 
 /// Worst error of sigma (0) or rgb (1) by each backend, and by the tier that rounds.
@@ -40,8 +33,9 @@ fn queries(output: usize) -> Vec<Row> {
             blob.weights().chunks_exact(2).map(|b| f16(u16::from_le_bytes([b[0], b[1]]))).collect();
         let oracle = Network::of_file(blob.architecture(), &weights);
         let mut state = 5;
-        let positions: Vec<[f32; 3]> = (0..POINTS).map(|_| [0; 3].map(|_| noise(&mut state))).collect();
-        let dirs: Vec<[f32; 3]> = positions.iter().map(|_| unit([0; 3].map(|_| noise(&mut state)))).collect();
+        let positions: Vec<[f32; 3]> = (0..POINTS).map(|_| [0; 3].map(|_| signed(&mut state))).collect();
+        let dirs: Vec<[f32; 3]> =
+            positions.iter().map(|_| unit([0; 3].map(|_| signed(&mut state)))).collect();
         let double = |v: &[f32; 3]| v.map(f64::from);
         let truth: Vec<(f64, [f64; 3])> = positions
             .iter()
@@ -110,8 +104,8 @@ fn extremes() -> Vec<Row> {
     let sizes = [65_504.0f32, 5.960_464_5e-8, 1.0, 6.103_515_6e-5, 0.999_511_7];
     let mut state = 9;
     let a: Vec<f32> =
-        (0..k).map(|i| sizes[i % 5] * if noise(&mut state) < 0.0 { -1.0 } else { 1.0 }).collect();
-    let b: Vec<f32> = (0..k * n).map(|i| noise(&mut state) * [1.0, 1e4, 1e-4][i % 3]).collect();
+        (0..k).map(|i| sizes[i % 5] * if signed(&mut state) < 0.0 { -1.0 } else { 1.0 }).collect();
+    let b: Vec<f32> = (0..k * n).map(|i| signed(&mut state) * [1.0, 1e4, 1e-4][i % 3]).collect();
     let g = Gemm { m: 1, n, k, a_row: k, a_col: 1, b_row: n, c_row: n };
     for tier in exact_tiers() {
         let mut c = vec![0.0f32; n];

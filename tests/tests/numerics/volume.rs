@@ -4,6 +4,7 @@ mod laws;
 
 pub use laws::CASES as LAWS;
 
+use crate::noise::share;
 use crate::table::{BACKENDS, Row, Worst, cases};
 use nerf_core::math::MathBackend;
 use nerf_core::volume::{OPACITY_EPSILON, Pixel, composite_with};
@@ -33,13 +34,6 @@ cases! {
     empty_rays: "pixels that are not background, opacity 0 and `far`" => empty;
     white_on_white: "light above 1" => white;
     splitting_a_bin_in_two: "change of colour and opacity" => splitting;
-}
-
-fn noise(state: &mut u64) -> f32 {
-    *state ^= *state << 13;
-    *state ^= *state >> 7;
-    *state ^= *state << 17;
-    (*state >> 40) as f32 / (1u64 << 24) as f32
 }
 
 /// The oracle's pixel of bins between edges.
@@ -78,8 +72,8 @@ fn random_rays(n: usize, density: f32) -> Vec<Row> {
     let rays: Vec<_> = (0..200)
         .map(|_| {
             let sigma: Vec<f32> =
-                (0..n).map(|_| density * (4.0 * noise(&mut state) - 1.0).max(0.0)).collect();
-            let rgb: Vec<[f32; 3]> = (0..n).map(|_| [0; 3].map(|_| noise(&mut state))).collect();
+                (0..n).map(|_| density * (4.0 * share(&mut state) - 1.0).max(0.0)).collect();
+            let rgb: Vec<[f32; 3]> = (0..n).map(|_| [0; 3].map(|_| share(&mut state))).collect();
             (sigma, rgb)
         })
         .collect();
@@ -268,7 +262,7 @@ fn white() -> Vec<Row> {
             let edges: Vec<f32> = (0..=n).map(|i| 2.0 + 4.0 * i as f32 / n as f32).collect();
             let mut state = n as u64;
             for density in [1e-3, 0.1, 1.0, 3.0, 30.0, 1e3, f32::INFINITY] {
-                let sigma: Vec<f32> = (0..n).map(|_| density * (0.5 + noise(&mut state))).collect();
+                let sigma: Vec<f32> = (0..n).map(|_| density * (0.5 + share(&mut state))).collect();
                 let found =
                     composite_with(math, &sigma, &vec![[1.0; 3]; n], &edges, [1.0; 3]).expect("a ray");
                 let at = || format!("{n} of {density:e}: {found:?}");
@@ -285,8 +279,8 @@ fn splitting() -> Vec<Row> {
         let mut state = 3;
         for ray in 0..200 {
             let n = 64;
-            let sigma: Vec<f32> = (0..n).map(|_| 3.0 * noise(&mut state)).collect();
-            let rgb: Vec<[f32; 3]> = (0..n).map(|_| [0; 3].map(|_| noise(&mut state))).collect();
+            let sigma: Vec<f32> = (0..n).map(|_| 3.0 * share(&mut state)).collect();
+            let rgb: Vec<[f32; 3]> = (0..n).map(|_| [0; 3].map(|_| share(&mut state))).collect();
             let edges: Vec<f32> = (0..=n).map(|i| 2.0 + i as f32 / 16.0).collect();
             let whole = composite_with(math, &sigma, &rgb, &edges, [1.0; 3]).expect("a ray");
             let halves: Vec<f32> = (0..=2 * n).map(|i| 2.0 + i as f32 / 32.0).collect();

@@ -1,6 +1,7 @@
 //! The walk through the skip grid against exact coordinates: through corners, along faces, far from the origin.
 
-use crate::geometry::{noise, somewhere};
+use crate::geometry::somewhere;
+use crate::noise::signed_f64;
 use crate::table::{Row, Worst, cases};
 use glam::Vec3;
 use nerf_core::ray::{Ray, SceneBox};
@@ -117,7 +118,9 @@ fn fillings(cells: &Cells) -> Vec<Vec<u8>> {
     let shares = [2.0, 0.0, -0.96, -2.0];
     let filling = |share: &f64| {
         let mut bits = vec![0u8; count.div_ceil(8)];
-        (0..count).filter(|_| noise(&mut state) < *share).for_each(|cell| bits[cell / 8] |= 1 << (cell % 8));
+        (0..count)
+            .filter(|_| signed_f64(&mut state) < *share)
+            .for_each(|cell| bits[cell / 8] |= 1 << (cell % 8));
         bits
     };
     shares.iter().map(filling).collect()
