@@ -160,8 +160,8 @@ impl Camera {
         Ok(())
     }
 
-    /// Inverts the lens on a lattice over the image, unless it bends too little to fail; that no fold lies in front of a point is asked along the border,
-    /// which is behind all others.
+    /// Inverts the lens on a lattice over the image, unless it bends too little to fail; that no fold lies in front of a
+    /// point is asked along the border, which is behind all others.
     fn check_lens(&self) -> Result<(), CameraError> {
         if self.lens == Lens::NONE {
             return Ok(());

@@ -23,8 +23,8 @@ pub enum Tier {
 
 /// Whether this target is taken to have vectors, the compiler's or a tier's own.
 ///
-/// Where there are none, as on microcontrollers and in WebAssembly without `simd128`, every tier is the scalar one, weights are read in place, and
-/// a build has no code for anything else.
+/// Where there are none, as on microcontrollers and in WebAssembly without `simd128`, every tier is the scalar one,
+/// weights are read in place, and a build has no code for anything else.
 pub const VECTORS: bool = if cfg!(target_arch = "wasm32") {
     cfg!(target_feature = "simd128")
 } else {

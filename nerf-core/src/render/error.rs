@@ -16,7 +16,8 @@ pub enum RenderError {
         /// Rows.
         height: u32,
     },
-    /// A batch of nothing, of more than [`Batch::MOST_RAYS`] rays or of more than [`BLOCK`](crate::kernels::BLOCK) samples.
+    /// A batch of nothing, of more than [`Batch::MOST_RAYS`] rays or of more than [`BLOCK`](crate::kernels::BLOCK)
+    /// samples.
     Batch {
         /// What was asked for.
         found: Batch,

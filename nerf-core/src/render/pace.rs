@@ -70,7 +70,8 @@ impl Renderer<'_> {
     /// since any moment, never falling. Every n-th pixel of every n-th row is rendered, about 2,048 of them
     /// over the whole view, since single tiles may be empty; the cheapest point first, each twice, of which
     /// the shorter counts. Once a frame would take more than `limit_milliseconds`, dearer points stay
-    /// unknown: where a picture is far larger than the sample, the whole takes little longer than such a frame. A scene without a front has no pace.
+    /// unknown: where a picture is far larger than the sample, the whole takes little longer than such a frame. A scene
+    /// without a front has no pace.
     ///
     /// # Errors
     /// [`RenderError::Memory`] on less workspace than [`Renderer::pace_lines`] says.

@@ -1,4 +1,4 @@
-//! Disks that fill up or turn read-only in the middle of a run, limits of file sizes, and two processes with one output.
+//! Disks that fill up or turn read-only during a run, limits of file sizes, and two processes with one output.
 
 use crate::made::{Folder, names};
 use crate::stopping::{Running, wait_for};

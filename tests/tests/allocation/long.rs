@@ -112,8 +112,8 @@ fn draw_and_measure(file: &Path, checks: [usize; 3]) {
         });
         Memory::now()
     };
-    // Every stretch takes memory in the same way, threads, scenes and workspaces of its own; the first is long enough for
-    // every request and tier.
+    // Every stretch takes memory in the same way, threads, scenes and workspaces of its own; the first is long enough
+    // for every request and tier.
     let mut from = 0;
     let seen_at = checks.map(|until| {
         let memory = run(from..until);
