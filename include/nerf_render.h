@@ -1089,7 +1089,8 @@ nerf_status nerf_camera_look_at(struct nerf_camera *camera,
  * The ray through an image point: what is seen there, and where to ask `nerf_query`.
  *
  * `x`, `y`: pixels from the left and the top, fractions too; a pixel's centre is at + 0.5. They may lie beyond the
- * image; where the lens maps no direction to them, it is `NERF_STATUS_CAMERA`. `origin`, `dir`: three
+ * image; where no direction of f32 is seen, or none in front of every fold of the lens, it is `NERF_STATUS_CAMERA`.
+ * `origin`, `dir`: three
  * floats each, world space, `dir` of unit length, the lens taken into account. `z_per_distance`: NULL, or one
  * float: how much `z_depth` one unit of `ray_distance` is along this ray. Written on success only. `message`: as in
  * `nerf_camera_look_at`.

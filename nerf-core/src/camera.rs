@@ -112,7 +112,7 @@ impl Camera {
     ///
     /// # Errors
     /// [`CameraError`] on sides of 0 or beyond [`MAX_IMAGE_SIDE`], focal lengths that are not positive and
-    /// finite, a pose that is not finite or not a rotation within 1e-3 (scaled, sheared, reflected, singular), an
+    /// finite, a principal point or a lens that is no number, a pose that is not finite or not a rotation within 1e-3 (scaled, sheared, reflected, singular), an
     /// image point more than 1e9 focal lengths off the principal point, and a lens that cannot be inverted at
     /// some point of the image, that turns back on the way there from the axis, or that this build lacks
     /// (feature `lens`).
@@ -129,6 +129,11 @@ impl Camera {
         for (name, value) in [("cx", cx), ("cy", cy)] {
             if !value.is_finite() {
                 return Err(CameraError::PrincipalPoint { name, value });
+            }
+        }
+        for (name, value) in [("k1", lens.k1), ("k2", lens.k2), ("p1", lens.p1), ("p2", lens.p2)] {
+            if !value.is_finite() {
+                return Err(CameraError::LensNotFinite { name, value });
             }
         }
         let position_fits = pose.position.is_finite() && pose.position.abs().max_element() <= 1e9;
@@ -307,6 +312,13 @@ pub enum CameraError {
         /// Where, pixels from the top.
         y: f32,
     },
+    /// A coefficient of the lens is no finite number.
+    LensNotFinite {
+        /// `k1`, `k2`, `p1` or `p2`.
+        name: &'static str,
+        /// The value that was given.
+        value: f32,
+    },
     /// The lens model has no inverse at an image point, or turns back on the way to it from the axis.
     LensNotInvertible {
         /// Where, pixels from the left.
@@ -352,6 +364,9 @@ impl core::fmt::Display for CameraError {
                 "intrinsics: expected image points within {MAX_NORMALISED} focal lengths of the principal \
                  point, found pixel ({x}, {y}) beyond"
             ),
+            Self::LensNotFinite { name, value } => {
+                write!(f, "lens {name}: expected a finite number, found {value}")
+            }
             Self::LensNotInvertible { x, y } => {
                 write!(
                     f,

@@ -41,6 +41,32 @@ pub fn tolerance(tier: Tier, exact: f64) -> f64 {
     if tier.rounds() { exact.max(1e-2) } else { exact }
 }
 
+/// The worse of two errors.
+pub trait Worse {
+    /// The larger one; what is no number is worse than any, where `max` would drop it.
+    fn worse(self, other: Self) -> Self;
+}
+
+impl Worse for f32 {
+    fn worse(self, other: Self) -> Self {
+        if other > self || other.is_nan() { other } else { self }
+    }
+}
+
+impl Worse for f64 {
+    fn worse(self, other: Self) -> Self {
+        if other > self || other.is_nan() { other } else { self }
+    }
+}
+
+#[test]
+fn what_is_no_number_is_worst() {
+    assert_eq!([1.0f32, 3.0, 2.0].into_iter().fold(0.0, Worse::worse), 3.0);
+    for all in [[f64::NAN, 1.0, 2.0], [1.0, f64::NAN, 2.0], [1.0, 2.0, f64::NAN]] {
+        assert!(all.into_iter().fold(0.0, Worse::worse).is_nan(), "{all:?}");
+    }
+}
+
 /// Repeatable values in [-1, 1).
 pub fn noise(n: usize, seed: u32) -> Vec<f32> {
     let mut state = seed;

@@ -112,7 +112,8 @@ pub unsafe extern "C" fn nerf_camera_look_at(
 /// The ray through an image point: what is seen there, and where to ask `nerf_query`.
 ///
 /// `x`, `y`: pixels from the left and the top, fractions too; a pixel's centre is at + 0.5. They may lie beyond the
-/// image; where the lens maps no direction to them, it is `NERF_STATUS_CAMERA`. `origin`, `dir`: three
+/// image; where no direction of f32 is seen, or none in front of every fold of the lens, it is `NERF_STATUS_CAMERA`.
+/// `origin`, `dir`: three
 /// floats each, world space, `dir` of unit length, the lens taken into account. `z_per_distance`: NULL, or one
 /// float: how much `z_depth` one unit of `ray_distance` is along this ray. Written on success only. `message`: as in
 /// `nerf_camera_look_at`.
@@ -138,7 +139,7 @@ pub unsafe extern "C" fn nerf_camera_ray(
         if !z_per_distance.is_null() {
             check_out("z_per_distance", z_per_distance)?;
         }
-        let ray = camera.try_ray(x, y).ok_or(Failure::NoRay)?;
+        let ray = camera.try_ray(x, y).ok_or(Failure::NoRay { x, y })?;
         // SAFETY: checked above, and writable by the caller's promise.
         unsafe {
             origin.cast::<[f32; 3]>().write(ray.origin.to_array());

@@ -62,7 +62,10 @@ pub(crate) enum Failure {
     /// An eye, a target and an up that make no camera.
     NoView,
     /// An image point without a direction.
-    NoRay,
+    NoRay {
+        x: f32,
+        y: f32,
+    },
     Cancelled,
     #[cfg(feature = "std")]
     Panic,
@@ -130,7 +133,7 @@ impl Reason for Failure {
                 BlobError::Checksum { .. } => Status::BlobChecksum,
                 _ => Status::BlobContent,
             },
-            Self::Camera(_) | Self::NoView | Self::NoRay => Status::Camera,
+            Self::Camera(_) | Self::NoView | Self::NoRay { .. } => Status::Camera,
             Self::Plan(PlanError::NotAScene) => Status::NotAScene,
             Self::Plan(PlanError::GridRequired) => Status::GridRequired,
             Self::Plan(_) => Status::Options,
@@ -199,9 +202,10 @@ impl fmt::Display for Failure {
                 "eye, target, up: expected finite numbers, an eye apart from the target and an up that is not along \
                  the view, found otherwise"
             ),
-            Self::NoRay => {
-                write!(f, "x, y: expected an image point that the lens maps to a direction, found none")
-            }
+            Self::NoRay { x, y } => write!(
+                f,
+                "x, y: expected a point with a direction in f32 and in front of every fold of the lens, found ({x}, {y})"
+            ),
             Self::Cancelled => write!(f, "cancelled by the progress callback"),
             #[cfg(feature = "std")]
             Self::Panic => write!(f, "a defect of this library: please report it"),

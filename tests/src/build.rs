@@ -67,34 +67,36 @@ impl Sanitizer {
             Self::Thread => ("thread", "tsan"),
         }
     }
+
+    /// The toolchain's runtime of it, where its host has one.
+    pub fn runtime(self) -> Option<PathBuf> {
+        let libraries = output(Command::new("rustc").args(["--print", "target-libdir"]));
+        let ending = format!("_rt.{}.a", self.names().1);
+        let mut files = std::fs::read_dir(libraries.trim()).ok()?.filter_map(|file| Some(file.ok()?.path()));
+        files.find(|file| file.to_string_lossy().ends_with(&ending))
+    }
 }
 
-/// Whether a nightly toolchain, which sanitizers need, is on this machine.
-pub fn has_nightly() -> bool {
-    nightly(&["rustc", "--version"]).output().is_ok_and(|output| output.status.success())
-}
-
-fn nightly(arguments: &[&str]) -> Command {
-    let mut command = Command::new("rustup");
-    command.args(["run", "nightly"]).args(arguments).current_dir(paths::workspace());
-    command
+/// What a command that must succeed says.
+fn output(command: &mut Command) -> String {
+    String::from_utf8_lossy(&run(command).stdout).into_owned()
 }
 
 /// Compiles `source` and links the library, both under a sanitizer.
 ///
-/// The library's own code is instrumented, the standard library's is not. The runtime is the nightly toolchain's,
-/// for the host's code as well.
+/// The library's own code is instrumented, the standard library's is not. The runtime is the toolchain's, for the
+/// host's code as well. `RUSTC_BOOTSTRAP`: sanitizers are not stable flags yet.
 pub fn sanitized_program(sanitizer: Sanitizer, language: Language, source: &Path, into: &Path) -> PathBuf {
     let (name, runtime) = sanitizer.names();
-    let text = |command: &mut Command| String::from_utf8_lossy(&run(command).stdout).into_owned();
-    let about = text(&mut nightly(&["rustc", "-vV"]));
+    let about = output(Command::new("rustc").arg("-vV"));
     let host = about.lines().find_map(|line| line.strip_prefix("host: ")).expect("a host");
-    let libraries = text(&mut nightly(&["rustc", "--print", "target-libdir"]));
-    let runtime_archive = Path::new(libraries.trim()).join(format!("librustc-nightly_rt.{runtime}.a"));
+    let runtime_archive = sanitizer.runtime().expect("a runtime");
     // The folder that `.ci/run` uses, too.
     let own = std::env::current_exe().expect("a path");
     let target = own.ancestors().nth(3).expect("cargo's target directory").join(runtime);
-    let mut command = nightly(&["cargo", "build", "--offline", "-p", "nerf-render-ffi", "--target", host]);
+    let mut command = Command::new("cargo");
+    command.args(["build", "--offline", "-p", "nerf-render-ffi", "--target", host]);
+    command.current_dir(paths::workspace()).env("RUSTC_BOOTSTRAP", "1");
     let allowed = if runtime == "tsan" { " -Cunsafe-allow-abi-mismatch=sanitizer" } else { "" };
     command.env("RUSTFLAGS", format!("-Zsanitizer={name}{allowed}"));
     run(command.arg("--target-dir").arg(&target));

@@ -180,8 +180,8 @@ pub enum BlobError {
         /// CRC-32 of header and body.
         found: u32,
     },
-    /// A section of the body is no postcard of this format's shape: a list beyond its cap, a tag without a meaning,
-    /// an end too early.
+    /// A section of the body is no postcard of this format's shape: a list beyond its cap, a number beyond its type, a
+    /// tag without a meaning, text that is not UTF-8, an end too early.
     Body(Section),
     /// The body is not the one form of what it says: a number in more bytes than it takes, bytes behind the last.
     Form {
@@ -274,7 +274,7 @@ impl fmt::Display for BlobError {
             Self::Body(section) => {
                 write!(
                     f,
-                    "{section}: expected lists within their caps, known tags and an end, found otherwise"
+                    "{section}: expected this format's lists, numbers, tags and texts and an end, found others"
                 )
             }
             Self::Form { at } => {
@@ -294,7 +294,7 @@ impl fmt::Display for BlobError {
             Self::PictureSize { width, height } => {
                 write!(f, "picture: expected sides of 1 to {MAX_PICTURE_SIDE} pixels, found {width}x{height}")
             }
-            Self::Field(section) => write!(f, "{section}: value out of range"),
+            Self::Field(section) => write!(f, "{section}: expected {}, found otherwise", section.range()),
             Self::Length { section, expected, found } => {
                 write!(f, "{section}: expected {expected} bytes, found {found}")
             }
@@ -310,6 +310,22 @@ impl fmt::Display for BlobError {
             Self::Space { expected, found } => {
                 write!(f, "output buffer: expected {expected} bytes, found {found}")
             }
+        }
+    }
+}
+
+impl Section {
+    /// What a value of it may be.
+    const fn range(self) -> &'static str {
+        match self {
+            Self::Samples | Self::ProposalSamples => "1 to 4096 samples, in bins that f32 tells apart",
+            Self::Background => "0 to 1",
+            Self::GridRequired => "false without a grid",
+            Self::GridResolution => "1 to 512 cells a side",
+            Self::GridBits => "none in a picture, and padding of zeros",
+            Self::Front | Self::Proposal => "none in a picture",
+            Self::Provenance => "texts of at most 1024 bytes and finite numbers",
+            _ => "a value in its range",
         }
     }
 }

@@ -111,7 +111,7 @@ fn read<'a, T: Deserialize<'a>>(
     T::deserialize(input).map_err(|_| BlobError::Body(section))
 }
 
-/// Whether `bytes` is what writing `body` gives: one meaning, one form.
+/// Refuses `bytes` unless they are what writing `body` gives, and says where they differ: one meaning, one form.
 fn check_form(body: &Body<'_>, bytes: &[u8]) -> Result<(), BlobError> {
     let mut rest = bytes;
     match postcard::serialize_with_flavor(body, Compare { rest: &mut rest }) {

@@ -2,6 +2,7 @@ extern crate std;
 
 use super::*;
 use crate::math::polynomial::SIN_COS_DOMAIN;
+use crate::testing::Worse;
 use std::vec;
 use std::vec::Vec;
 
@@ -62,7 +63,7 @@ fn worst(tier: Tier, math: MathBackend, encoding: Encoding, points: &[f32]) -> f
                     let row = rows.next().unwrap();
                     for (&found, &x) in row.iter().zip(&block[input * stride..]) {
                         let (sin, cos) = truth(encoding.scale, level, x);
-                        worst = worst.max((f64::from(found) - if cosine { cos } else { sin }).abs());
+                        worst = worst.worse((f64::from(found) - if cosine { cos } else { sin }).abs());
                     }
                 }
             }

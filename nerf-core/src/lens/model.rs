@@ -34,7 +34,8 @@ impl Lens {
     /// The finite points around the axis up to the fold. With `k1 < 0` alone that is the circle of radius
     /// `2/3 / √(−3 k1)`, to the last hundredth; with `k1, k2 >= 0` and no tangential part there is no fold, and
     /// 20 steps reach every point that is seen at up to 10 times its own radius. Elsewhere only the answer
-    /// tells; [`Camera::new`](crate::camera::Camera::new) asks on a lattice over the image.
+    /// tells; [`Camera::new`](crate::camera::Camera::new) asks on a lattice over the image, unless the lens is too
+    /// gentle to fail there.
     #[inline(never)]
     pub fn undistort(&self, xd: f32, yd: f32) -> Option<(f32, f32)> {
         if *self == Self::NONE {
@@ -112,9 +113,10 @@ impl Lens {
         let (second, fourth) = (3.0 * self.k1 * r2, 5.0 * self.k2 * r2 * r2);
         let tilt = 6.0 * (self.p2 * x + self.p1 * y);
         let slope = |s: f32| 1.0 + s * (tilt + s * (second + s * s * fourth));
-        // Without the tilt it is least at s² = turn, which steps could pass over, or else at an end.
+        // Without the tilt it is least at s² = turn, which steps could pass over, or else at an end; a tilt below 0
+        // takes more from it, one above may lift it.
         let turn = -second / (2.0 * fourth);
-        if fourth > 0.0 && turn > 0.0 && turn < 1.0 && 1.0 + 0.5 * second * turn <= TURN {
+        if tilt <= 0.0 && fourth > 0.0 && turn > 0.0 && turn < 1.0 && 1.0 + 0.5 * second * turn <= TURN {
             return true;
         }
         let last = slope(1.0);
@@ -132,7 +134,7 @@ impl Lens {
         })
     }
 
-    /// [`Lens::undistort`] for a camera, which was invertible on a lattice when it was made: where a strong
+    /// [`Lens::undistort`] for a camera, whose lens was gentle or invertible on a lattice when it was made: where a strong
     /// tangential part folds between its points, the distorted direction stays, which is off but finite.
     #[inline]
     pub(crate) fn straighten(&self, xd: f32, yd: f32) -> (f32, f32) {

@@ -10,6 +10,7 @@ use super::micromath::Micromath;
 use super::polynomial::Polynomial;
 use super::recurrence::Recurrence;
 use super::{Math, MathBackend};
+use crate::testing::Worse;
 
 /// Every `step`-th f32 between `low` and `high`.
 fn floats(low: f32, high: f32, step: usize) -> impl Iterator<Item = f32> {
@@ -20,7 +21,7 @@ fn floats(low: f32, high: f32, step: usize) -> impl Iterator<Item = f32> {
 }
 
 fn worst_abs(points: impl Iterator<Item = f32>, f: impl Fn(f32) -> f32, truth: impl Fn(f64) -> f64) -> f64 {
-    points.map(|x| (f64::from(f(x)) - truth(f64::from(x))).abs()).fold(0.0, f64::max)
+    points.map(|x| (f64::from(f(x)) - truth(f64::from(x))).abs()).fold(0.0, Worse::worse)
 }
 
 fn worst_rel(points: impl Iterator<Item = f32>, f: impl Fn(f32) -> f32, truth: impl Fn(f64) -> f64) -> f64 {
@@ -28,7 +29,7 @@ fn worst_rel(points: impl Iterator<Item = f32>, f: impl Fn(f32) -> f32, truth: i
         let t = truth(f64::from(x));
         if t == 0.0 { f64::from(f(x)).abs() } else { ((f64::from(f(x)) - t) / t).abs() }
     };
-    points.map(relative).fold(0.0, f64::max)
+    points.map(relative).fold(0.0, Worse::worse)
 }
 
 /// sin and cos of πu in f64, by exact reduction of the f32 argument.
@@ -97,7 +98,7 @@ fn logarithms_and_powers_stay_within_their_bounds() {
             let truth = f64::from(x).ln();
             (f64::from(super::polynomial::ln(x)) - truth).abs() / truth.abs().max(1.0)
         })
-        .fold(0.0, f64::max);
+        .fold(0.0, Worse::worse);
     let power = |p: f32| worst_rel(floats(0.05, 1.0, 131), |x| Polynomial::pow(x, p), |x| x.powf(p.into()));
     let (up, down) = (power(2.4), power(1.0 / 2.4));
     std::println!("ln {ln:e}, x^2.4 {up:e}, x^(1/2.4) {down:e}");
@@ -125,7 +126,7 @@ fn doubling_errs_by_its_row() {
         for k in 1..10 {
             (s, c) = super::recurrence::double(s, c);
             let (ts, tc) = truth_pi(f64::from(x) * f64::from(1 << k));
-            worst = worst.max((f64::from(s) - ts).abs()).max((f64::from(c) - tc).abs());
+            worst = worst.worse((f64::from(s) - ts).abs()).worse((f64::from(c) - tc).abs());
         }
     }
     std::println!("recurrence at level 9: {worst:e}");

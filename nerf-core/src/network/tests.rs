@@ -4,7 +4,7 @@ use super::*;
 use crate::encoding::{AngleScale, Encoding};
 use crate::kernels::Tier;
 use crate::math::MathBackend;
-use crate::testing::{architecture, every_kind, halve, noise, parameters, pi};
+use crate::testing::{Worse, architecture, every_kind, halve, noise, parameters, pi};
 use std::string::ToString;
 use std::vec;
 use std::vec::Vec;
@@ -136,9 +136,9 @@ fn every_architecture_is_its_drawing_on_every_tier() {
             for i in 0..STRIDE {
                 let x = column(&positions, usize::from(a.position.inputs), i);
                 let (s, c) = oracle(&a, &parameters, &x, &column(&dirs, 3, i));
-                *worst_sigma = worst_sigma.max((f64::from(sigma[i]) - s).abs() / s.abs().max(1.0));
+                *worst_sigma = worst_sigma.worse((f64::from(sigma[i]) - s).abs() / s.abs().max(1.0));
                 for (channel, truth) in c.into_iter().enumerate() {
-                    *worst_rgb = worst_rgb.max((f64::from(rgb[channel * STRIDE + i]) - truth).abs());
+                    *worst_rgb = worst_rgb.worse((f64::from(rgb[channel * STRIDE + i]) - truth).abs());
                 }
             }
         }

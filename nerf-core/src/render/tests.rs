@@ -13,7 +13,7 @@ use crate::network::{Architecture, Role};
 use crate::plan::{Batch, Outputs, Quality};
 use crate::ray::SceneBox;
 use crate::sampling::Bins;
-use crate::testing::{SCENE, architecture, body, bytes, every_kind, halve, parameters, pi};
+use crate::testing::{SCENE, Worse, architecture, body, bytes, every_kind, halve, parameters, pi};
 use crate::volume::Pixel;
 use glam::Vec3;
 use std::vec;
@@ -93,17 +93,17 @@ fn a_constant_medium_has_the_closed_form() {
             hits += 1;
             let tau = f64::from(sigma) * 0.125;
             let opacity = -(-tau * inside.len() as f64).exp_m1();
-            worst = worst.max((f64::from(pixel.opacity) - opacity).abs());
+            worst = worst.worse((f64::from(pixel.opacity) - opacity).abs());
             for (c, raw) in raw.into_iter().enumerate() {
                 let colour = 1.0 / (1.0 + f64::from(-raw).exp());
                 let seen = opacity * colour + (1.0 - opacity) * f64::from(SCENE.background[c]);
-                worst = worst.max((f64::from(pixel.rgb[c]) - seen).abs());
+                worst = worst.worse((f64::from(pixel.rgb[c]) - seen).abs());
             }
             let weight = |(i, t): (usize, &f64)| (-tau * i as f64).exp() * -(-tau).exp_m1() * t;
             let distance = inside.iter().enumerate().map(weight).sum::<f64>() / opacity;
             let z = distance * f64::from(camera.z_per_distance(&ray));
-            worst_distance = worst_distance.max((f64::from(pixel.ray_distance) - distance).abs());
-            worst_distance = worst_distance.max((f64::from(pixel.z_depth) - z).abs());
+            worst_distance = worst_distance.worse((f64::from(pixel.ray_distance) - distance).abs());
+            worst_distance = worst_distance.worse((f64::from(pixel.z_depth) - z).abs());
         }
         std::println!("{tier:?}: {hits} hits, {worst:e}, distances {worst_distance:e}");
         assert!(hits > 50 && hits < 260 && worst <= 1e-6 && worst_distance <= 4e-6);
@@ -344,7 +344,7 @@ fn every_backend_renders_about_the_same_picture() {
     for (math, limit) in rows {
         let worst = go(math).iter().zip(&exact).fold(0.0f32, |worst, (a, b)| {
             let off = a.rgb.iter().zip(&b.rgb).map(|(a, b)| (a - b).abs());
-            off.fold(worst, f32::max).max((a.opacity - b.opacity).abs())
+            off.fold(worst, Worse::worse).worse((a.opacity - b.opacity).abs())
         });
         std::println!("{math:?}: {worst:e}");
         assert!(worst <= limit, "{math:?}: {worst:e}");

@@ -2,6 +2,7 @@ extern crate std;
 
 use super::*;
 use crate::math::polynomial::Polynomial;
+use crate::testing::Worse;
 use std::format;
 use std::vec;
 use std::vec::Vec;
@@ -101,7 +102,7 @@ fn weights_plus_final_transmittance_is_one() {
             }
             let sum = f64::from(ray.opacity.value);
             let through = f64::from(ray.transmittance::<Polynomial>());
-            worst = worst.max((sum + through - 1.0).abs());
+            worst = worst.worse((sum + through - 1.0).abs());
             assert!((sum - exact).abs() <= 1.2e-7, "the sum of the weights itself");
         }
     }
@@ -120,10 +121,10 @@ fn composite_is_the_f64_oracle() {
         let pixel = composite(&sigma, &rgb, &t, [0.0; 3]).unwrap();
         let (colour, opacity, distance) = oracle(&sigma, &rgb, &t);
         for (found, truth) in pixel.rgb.iter().chain([&pixel.opacity]).zip(colour.iter().chain([&opacity])) {
-            worst = worst.max((f64::from(*found) - truth).abs());
+            worst = worst.worse((f64::from(*found) - truth).abs());
         }
         if opacity > 1e-3 {
-            worst_distance = worst_distance.max((f64::from(pixel.ray_distance) - distance).abs());
+            worst_distance = worst_distance.worse((f64::from(pixel.ray_distance) - distance).abs());
         }
     }
     std::println!("colour and opacity {worst:e}, distance {worst_distance:e}");
@@ -138,7 +139,7 @@ fn thin_samples_keep_their_relative_precision() {
             let tau = mantissa * 10f32.powi(exponent);
             let weight = Accumulator::default().add::<Polynomial>(tau, [0.0; 3], 1.0, 1.0);
             let truth = -(-f64::from(tau)).exp_m1();
-            worst = worst.max((f64::from(weight) / truth - 1.0).abs());
+            worst = worst.worse((f64::from(weight) / truth - 1.0).abs());
         }
     }
     std::println!("alpha, relative: {worst:e}");
@@ -163,7 +164,7 @@ fn splitting_a_bin_changes_nothing() {
             for (a, b) in
                 split.rgb.iter().chain([&split.opacity]).zip(whole.rgb.iter().chain([&whole.opacity]))
             {
-                worst = worst.max((a - b).abs());
+                worst = worst.worse((a - b).abs());
             }
         }
     }
@@ -269,7 +270,7 @@ fn conservation<M: Math>() -> (f32, f32) {
             for x in noise(n, n as u32) {
                 ray.add::<M>(x * scale, [1.0; 3], 1.0, 1.0);
             }
-            worst = worst.max((ray.opacity.value + ray.transmittance::<M>() - 1.0).abs());
+            worst = worst.worse((ray.opacity.value + ray.transmittance::<M>() - 1.0).abs());
             most = most.max(ray.opacity.value);
             let pixel = ray.finish([0.0; 3], 2.0, 1.0);
             assert!(pixel.opacity <= 1.0);

@@ -1,15 +1,15 @@
 //! C and C++ hosts under valgrind, AddressSanitizer and ThreadSanitizer: nothing to report, and proof that each
 //! would report.
 //!
-//! The sanitizers need a nightly toolchain; they instrument this project's code and the host's, not the standard
+//! The sanitizers instrument this project's code and the host's, not the standard
 //! library's. ThreadSanitizer therefore sees every access the library makes, and the host's own synchronisation
 //! (pthread is intercepted), but not synchronisation inside the standard library; the library uses none: a scene
 //! never changes, and its one atomic, which remembers what the CPU can, is its own code.
 
-use nerf_tests::build::{self, Language, Sanitizer, has_nightly, sanitized_program};
+use nerf_tests::build::{self, Language, Sanitizer, sanitized_program};
 use nerf_tests::paths;
 use nerf_tests::scenes::{Recipe, tiers};
-use nerf_tests::tools::{all_here, say_skipped};
+use nerf_tests::tools::{all_here, there_is};
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
 
@@ -86,8 +86,8 @@ fn valgrind_has_nothing_to_report() {
 
 #[test]
 fn address_sanitizer_has_nothing_to_report() {
-    if !has_nightly() {
-        return say_skipped("no nightly toolchain");
+    if !there_is("runtime of AddressSanitizer", Sanitizer::Address.runtime().is_some()) {
+        return;
     }
     let directory = paths::temporary();
     let program = sanitized_program(Sanitizer::Address, Language::C, &watched(), directory.path());
@@ -101,8 +101,8 @@ fn address_sanitizer_has_nothing_to_report() {
 
 #[test]
 fn thread_sanitizer_has_nothing_to_report() {
-    if !has_nightly() {
-        return say_skipped("no nightly toolchain");
+    if !there_is("runtime of ThreadSanitizer", Sanitizer::Thread.runtime().is_some()) {
+        return;
     }
     let directory = paths::temporary();
     let program = sanitized_program(Sanitizer::Thread, Language::C, &watched(), directory.path());

@@ -65,7 +65,10 @@ fn samples_of_a_proposal_can_be_planned() {
     for samples in [0, MAX_SAMPLES + 1] {
         let error = refused_with(Proposal { samples, ..coarse(&weights) });
         assert_eq!(error, BlobError::Field(Section::ProposalSamples));
-        assert_eq!(error.to_string(), "proposal.samples: value out of range");
+        assert_eq!(
+            error.to_string(),
+            "proposal.samples: expected 1 to 4096 samples, in bins that f32 tells apart, found otherwise"
+        );
     }
 }
 

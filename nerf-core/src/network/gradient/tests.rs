@@ -6,7 +6,7 @@ use super::*;
 use crate::encoding::{AngleScale, Encoding};
 use crate::kernels::Tier;
 use crate::network::{Architecture, DensityActivation};
-use crate::testing::{architecture, every_kind, halve, noise, parameters, pi};
+use crate::testing::{Worse, architecture, every_kind, halve, noise, parameters, pi};
 use std::vec;
 use std::vec::Vec;
 
@@ -259,7 +259,7 @@ fn gradients_are_the_oracle_s_on_every_tier() {
                 for (axis, truth) in o.gradient.into_iter().enumerate() {
                     let off = (f64::from(found[axis * STRIDE + i]) - truth.value).abs();
                     assert!(off <= truth.error, "{name} {form:?}: {off:e} > {:e}", truth.error);
-                    (worst, size) = (worst.max(off / truth.error), size.max(truth.value.abs()));
+                    (worst, size) = (worst.worse(off / truth.error), size.max(truth.value.abs()));
                 }
             }
             std::println!("{name} {form:?}: {checked} points, {worst:.3} of the bound, size {size:.1}");

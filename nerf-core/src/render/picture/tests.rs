@@ -4,7 +4,9 @@ use super::*;
 use crate::blob::Blob;
 use crate::kernels::Tier;
 use crate::network::{Architecture, Role};
-use crate::testing::{architecture, body, bytes, every_kind, halve, parameters, pi, picture_body, tolerance};
+use crate::testing::{
+    Worse, architecture, body, bytes, every_kind, halve, parameters, pi, picture_body, tolerance,
+};
 use std::string::ToString;
 use std::vec;
 use std::vec::Vec;
@@ -92,7 +94,7 @@ fn a_pixel_is_the_field_at_its_centre() {
             let x = at(rect.x, i as u32 % rect.width, size[0]);
             let y = at(rect.y, i as u32 / rect.width, size[1]);
             for (found, raw) in pixel.iter().zip([4.0 * x - 2.0, 4.0 * y - 2.0, x - y]) {
-                worst = worst.max((f64::from(*found) - 1.0 / (1.0 + (-raw).exp())).abs());
+                worst = worst.worse((f64::from(*found) - 1.0 / (1.0 + (-raw).exp())).abs());
             }
         }
         std::println!("{tier:?} {size:?}: {worst:e}");
@@ -150,7 +152,7 @@ fn tiers_and_backends_agree_with_the_scalar_oracle() {
         let batch = Batch::for_tier(tier);
         let (found, _) = on(&bytes, tier, |renderer| draw(renderer, math, batch, size, full(size)));
         let pairs = found.iter().flatten().zip(oracle.iter().flatten());
-        let worst = pairs.fold(0.0f32, |worst, (a, b)| worst.max((a - b).abs()));
+        let worst = pairs.fold(0.0f32, |worst, (a, b)| worst.worse((a - b).abs()));
         std::println!("{tier:?} {math:?}: {worst:e}");
         assert!(f64::from(worst) <= tolerance(tier, limit), "{tier:?} {math:?}: {worst:e}");
     }

@@ -6,7 +6,7 @@ use crate::plan::{Batch, Outputs, Plan, PlanError, Quality};
 use crate::render::Renderer;
 use crate::render::tests::{camera, constant, render, tiers};
 use crate::sampling::Bins;
-use crate::testing::{architecture, body, bytes, every_kind, halve, parameters, pi};
+use crate::testing::{Worse, architecture, body, bytes, every_kind, halve, parameters, pi};
 use crate::volume::median_in_bin;
 use core::f32::consts::LN_2;
 use std::string::ToString;
@@ -40,7 +40,7 @@ fn half_of_a_constant_medium_s_light_is_gone_after_ln_2_over_sigma() {
                 }
                 // The medium begins with the first live bin.
                 let expected = 2.0 + delta * f64::from(live[0]) + f64::from(LN_2) / f64::from(sigma);
-                worst = worst.max((f64::from(pixel.median_distance) - expected).abs());
+                worst = worst.worse((f64::from(pixel.median_distance) - expected).abs());
                 reached += 1;
             }
             std::println!("{sigma} {tier:?}: {reached} reached, {missed} not, {worst:e}");
