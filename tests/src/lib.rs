@@ -4,6 +4,7 @@
 pub mod browser;
 pub mod build;
 pub mod call;
+pub mod error;
 pub mod fence;
 pub mod memory;
 pub mod oracle;

@@ -9,6 +9,7 @@ use nerf_core::plan::{Batch, Outputs, Plan, PlanError, Quality};
 use nerf_core::render::{Rect, RenderError, Renderer};
 use nerf_core::sampling::Bins;
 use nerf_core::volume::Pixel;
+use nerf_tests::error::worst_of;
 use nerf_tests::fence::{Fenced, Flush};
 use nerf_tests::oracle::network::{Network, f16};
 use nerf_tests::oracle::{sampling, volume};
@@ -93,13 +94,15 @@ fn compare(
     assert!(different.len() > scalar.len() / 2, "a flat picture proves nothing");
     let truth: Vec<_> = pixels.iter().map(|&(x, y)| oracle(bytes, samples, camera, x, y)).collect();
     for (tier, picture) in &found {
+        // A picture starts as NaNs.
+        assert!(picture.iter().flatten().all(|x| x.is_finite()), "{tier:?}: a pixel is missing or no number");
         let bound = if tier.rounds() { bf16_bound } else { f32_bound };
         let errors = picture.iter().flatten().zip(scalar.iter().flatten());
-        let apart = errors.map(|(a, b)| f64::from((a - b).abs())).fold(0.0, f64::max);
+        let apart = worst_of(errors.map(|(a, b)| f64::from((a - b).abs())));
         let at = |&(x, y): &(u32, u32)| picture[(y * camera.intrinsics().width + x) as usize];
         let errors = pixels.iter().map(at).zip(&truth);
         let errors = errors.flat_map(|(a, b)| (0..4).map(move |c| (f64::from(a[c]) - b[c]).abs()));
-        let off = errors.fold(0.0, f64::max);
+        let off = worst_of(errors);
         println!("{}: {apart:.1e} from the scalar tier, {off:.1e} from the oracle", tier.name());
         assert!(apart <= bound && off <= bound, "{tier:?}: {apart}, {off}, bound {bound}");
     }

@@ -1,5 +1,6 @@
 //! The f64 oracle against numbers from elsewhere: worked out by hand, the CS180 course's, the original code's.
 
+use nerf_tests::error::worse;
 use nerf_tests::oracle::encoding::{encode, sin_cos_pi};
 use nerf_tests::oracle::gradient::{derivative, gradient};
 use nerf_tests::oracle::network::{Dense, Encoding, Network, f16, sigmoid, softplus};
@@ -200,9 +201,9 @@ fn the_original_network_says_what_the_original_code_computed() {
                 let point: Vec<f64> =
                     (0..3).map(|c| f64::from(o[c] as f32 + d[c] as f32 * z as f32)).collect();
                 let sigma = network.sigma(&point);
-                worst[0] = worst[0].max((sigma - sigmas[i]).abs() / sigmas[i].max(1.0));
+                worst[0] = worse(worst[0], (sigma - sigmas[i]).abs() / sigmas[i].max(1.0));
                 for (found, expected) in network.rgb(&point, &view).iter().zip(numbers(&rgbs[i])) {
-                    worst[1] = worst[1].max((found - expected).abs());
+                    worst[1] = worse(worst[1], (found - expected).abs());
                 }
                 checked += 1;
             }

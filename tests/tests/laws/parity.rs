@@ -6,6 +6,7 @@ use nerf_core::math::MathBackend;
 use nerf_core::plan::{Batch, Outputs, Plan, Quality};
 use nerf_core::render::{Counters, Rect, Renderer, Shares};
 use nerf_core::volume::Pixel;
+use nerf_tests::error::worst_of;
 use nerf_tests::scenes::{Recipe, camera, tiers};
 
 const SIDE: u32 = 24;
@@ -60,9 +61,9 @@ fn bits(picture: &[[f32; 6]]) -> Vec<[u32; 6]> {
     picture.iter().map(|pixel| pixel.map(f32::to_bits)).collect()
 }
 
-fn largest_difference(a: &[[f32; 6]], b: &[[f32; 6]], channels: std::ops::Range<usize>) -> f32 {
+fn largest_difference(a: &[[f32; 6]], b: &[[f32; 6]], channels: std::ops::Range<usize>) -> f64 {
     let pairs = a.iter().zip(b).flat_map(|(a, b)| channels.clone().map(move |c| (a[c], b[c])));
-    pairs.fold(0.0, |worst, (a, b)| worst.max((a - b).abs()))
+    worst_of(pairs.map(|(a, b)| f64::from((a - b).abs())))
 }
 
 #[test]
@@ -243,7 +244,7 @@ fn colour_cut_costs_little_saves_work_and_never_touches_the_shape() {
                 // Noise is the worst case: no colour has anything to do with the one behind it.
                 let worst = largest_difference(&a, &b, 0..3);
                 println!("{name}, {}, {colour_cut}: {worst:e}", tier.name());
-                assert!(worst <= 20.0 * colour_cut, "{name}, {}: {worst}", tier.name());
+                assert!(worst <= f64::from(20.0 * colour_cut), "{name}, {}: {worst}", tier.name());
             }
             before = cut;
         }

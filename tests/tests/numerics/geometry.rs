@@ -4,6 +4,7 @@ use crate::noise::signed_f64;
 use crate::table::{Row, Worst, cases};
 use glam::Vec3;
 use nerf_core::ray::{Ray, SceneBox};
+use nerf_tests::error::excess;
 use nerf_tests::oracle;
 
 cases! {
@@ -113,7 +114,7 @@ fn see_range(worst: &mut Worst, ray: &Ray, near: f32, far: f32) {
             for (found, truth) in [(enter, a), (exit, b)] {
                 // What is no normal number has an absolute error, half of the least.
                 let off = (f64::from(found) - truth).abs() - f64::from(1e-45f32);
-                worst.see(off.max(0.0) / truth.abs().max(1e-300), at);
+                worst.see(excess(off) / truth.abs().max(1e-300), at);
             }
         }
         // Nearly touched: the interval may close by its own rounding.

@@ -8,6 +8,7 @@ use nerf_core::math::MathBackend;
 use nerf_core::network::{
     Architecture, DensityActivation, GradientScratch, Network, Scratch, TrunkLayer, Weights,
 };
+use nerf_tests::error::worst_of;
 use nerf_tests::oracle;
 use nerf_tests::oracle::network::f16;
 use nerf_tests::scenes::tiers;
@@ -251,7 +252,7 @@ const SINES: [f64; 4] = [1.2e-7, 4e-7, 1e-2, 1e-4];
 
 /// The bound of these cases where sines are off by so much and weights are rounded so.
 fn bound(cases: &[Known], sine: f64, weights: f64) -> f64 {
-    sine + cases.iter().map(|known| known.case.roundings(weights)).fold(0.0, f64::max)
+    sine + worst_of(cases.iter().map(|known| known.case.roundings(weights)))
 }
 
 /// Units switch where they like: micromath's sines and 8 bits leave none without doubt.

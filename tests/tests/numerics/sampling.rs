@@ -6,6 +6,7 @@ pub use laws::CASES as LAWS;
 
 use crate::table::{Row, Worst, cases};
 use nerf_core::sampling::{Bins, draw};
+use nerf_tests::error::worst_of;
 use nerf_tests::oracle::sampling::{inverse_cdf_at, middles};
 
 cases! {
@@ -77,7 +78,7 @@ fn off(near: f32, far: f32, weights: &[f32], drawn: usize, within: impl Fn(u32) 
     let row = row_of(&bins, weights, drawn, within);
     let errors =
         row.iter().zip(&truth).map(|(&found, &t)| (share(f64::from(found)) - share(t)).abs() / allowed);
-    errors.fold(0.0, |a, b| if a > b || a.is_nan() { a } else { b })
+    worst_of(errors)
 }
 
 fn drawn() -> Vec<Row> {
