@@ -18,6 +18,7 @@ use nerf_core::ray::SceneBox;
 use nerf_core::render::{Counters, Rect, Renderer};
 use nerf_core::sampling::Bins;
 use nerf_core::volume::{OPACITY_EPSILON, Pixel};
+use nerf_tests::error::{excess, worse};
 use nerf_tests::oracle;
 use nerf_tests::oracle::network::f16;
 use nerf_tests::scenes::{Recipe, camera, tiers};
@@ -48,11 +49,12 @@ struct Scene {
     far: f64,
 }
 
-/// One ray's samples: sigma, rgb and t.
+/// One ray's samples: sigma, rgb and t; and the cosine between ray and view axis.
 struct Samples {
     sigma: Vec<f64>,
     rgb: Vec<[f64; 3]>,
     t: Vec<f64>,
+    cosine: f64,
 }
 
 impl Scene {
@@ -81,6 +83,14 @@ impl Scene {
         (t, points, ray.dir.to_array())
     }
 
+    /// The cosine between a ray and the view axis, the pose's -z.
+    fn cosine(&self, dir: [f32; 3]) -> f64 {
+        let rows = self.camera.pose().to_rows();
+        let (axis, dir) = ([0, 1, 2].map(|row| -f64::from(rows[row][2])), dir.map(f64::from));
+        let dot = |a: [f64; 3], b: [f64; 3]| a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
+        dot(axis, dir) / (dot(axis, axis) * dot(dir, dir)).sqrt()
+    }
+
     /// The oracle's pixel of samples.
     fn composite(&self, samples: &Samples) -> oracle::volume::Pixel {
         let delta = vec![f64::from(self.bins.delta()); samples.t.len()];
@@ -103,14 +113,18 @@ impl Scene {
                     sigma: points.iter().map(|p| network.sigma(p)).collect(),
                     rgb: points.iter().map(|p| network.rgb(p, &dir.map(f64::from))).collect(),
                     t: t.into_iter().map(f64::from).collect(),
+                    cosine: scene.cosine(dir),
                 }
             });
             let rays: Vec<Samples> = rays.collect();
-            let seen = rays.iter().map(|ray| scene.composite(ray).opacity);
-            let (some, opaque) = seen.fold((0, 0), |(some, opaque), opacity| {
-                (some + usize::from(opacity > 0.05), opaque + usize::from(opacity > 0.95))
-            });
-            assert!(some > 50 && opaque > 10 && opaque < some, "{some} rays meet something, {opaque} a wall");
+            let seen: Vec<f64> = rays.iter().map(|ray| scene.composite(ray).opacity).collect();
+            let above = |least: f64| seen.iter().filter(|&&opacity| opacity > least).count();
+            let (any, some, opaque) = (above(0.0), above(0.05), above(0.95));
+            assert!(
+                any < seen.len() && some > 50 && opaque > 10 && opaque < some,
+                "of {} rays {any} meet anything, {some} something, {opaque} a wall",
+                seen.len()
+            );
             (scene, rays)
         })
     }
@@ -126,18 +140,26 @@ impl Scene {
 
     fn distance(&self, samples: &Samples, found: &Pixel) -> f64 {
         let truth = self.composite(samples);
+        let [ray_distance, z_depth] = [found.ray_distance, found.z_depth].map(f64::from);
+        let (none, least) = ((ray_distance, z_depth) == (self.far, self.far), f64::from(OPACITY_EPSILON));
+        if truth.opacity < 0.5 * least {
+            return if none { 0.0 } else { f64::INFINITY };
+        }
         // Where rounding decides whether there is a surface, either answer is right.
-        if truth.opacity <= 2.0 * f64::from(OPACITY_EPSILON) {
-            return if truth.opacity == 0.0 && found.opacity > OPACITY_EPSILON { f64::NAN } else { 0.0 };
+        if truth.opacity < 2.0 * least && none {
+            return 0.0;
         }
         let mean = truth.distance_sum / truth.opacity;
-        let cosine = f64::from(found.z_depth) / f64::from(found.ray_distance);
-        let off = (f64::from(found.ray_distance) - mean).abs() * truth.opacity / self.far;
-        if (0.0..=1.0 + 1e-6).contains(&cosine) { off } else { f64::NAN }
+        let off = worse((ray_distance - mean).abs(), (z_depth - mean * samples.cosine).abs());
+        off * truth.opacity / self.far
     }
 
     fn median(&self, samples: &Samples, found: &Pixel) -> f64 {
         let (median, half) = (f64::from(found.median_distance), f64::from(self.bins.delta()) / 2.0);
+        // `min` and `max` would lose it.
+        if median.is_nan() {
+            return median;
+        }
         // The optical thickness in front of where the renderer says: density is constant in a bin.
         let in_front = |t: f64| (t - (median.min(t + half)) + half).clamp(0.0, 2.0 * half);
         let thickness: f64 = samples
@@ -148,7 +170,7 @@ impl Scene {
             .sum();
         let ln_2 = std::f64::consts::LN_2;
         // `far` is what a ray says that half of the light passes.
-        if median == self.far { (thickness - ln_2).max(0.0) } else { (thickness - ln_2).abs() }
+        if median == self.far { excess(thickness - ln_2) } else { (thickness - ln_2).abs() }
     }
 }
 
@@ -246,6 +268,7 @@ fn sums() -> Vec<Row> {
                     sigma: sigma.into_iter().map(f64::from).collect(),
                     rgb: rgb.into_iter().map(|c| c.map(f64::from)).collect(),
                     t: t.into_iter().map(f64::from).collect(),
+                    cosine: scene.cosine(dir),
                 };
                 worst.see(scene.light(&samples, pixel), || format!("pixel {at:?}, {}", tier.name()));
             }
