@@ -14,5 +14,6 @@ mod large;
 mod picture;
 mod proposal;
 mod quality;
+mod struct_size;
 mod surface;
 mod threads;
