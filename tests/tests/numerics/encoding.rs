@@ -22,9 +22,9 @@ cases! {
     sixteen_levels_of_multiples_of_powers_of_two: "absolute error of sin and cos, of which those of quarter turns are 0 and ±1" =>
         || levels(AngleScale::Pi, 16, &multiples(), [1.2e-7, 4e-7, 2e-3, 5e-3]);
     sixteen_levels_of_zeros_and_subnormals: "absolute error of sin and cos" =>
-        || levels(AngleScale::Pi, 16, &least(), [TINY, TINY, 2e-3, TINY]);
+        || levels(AngleScale::Pi, 16, &least(), [TINY, TINY, 1e-32, TINY]);
     sixteen_levels_of_zeros_and_subnormals_without_pi: "absolute error of sin and cos" =>
-        || levels(AngleScale::One, 16, &least(), [TINY, TINY, 2e-3, TINY]);
+        || levels(AngleScale::One, 16, &least(), [TINY, TINY, 3e-33, TINY]);
 }
 
 /// Values that hurt: ±0, subnormals, multiples of 2^-k and their neighbours, decades, and noise.

@@ -8,10 +8,11 @@ use crate::noise::share;
 use crate::table::{BACKENDS, Row, Worst, cases};
 use nerf_core::math::MathBackend;
 use nerf_core::volume::{OPACITY_EPSILON, Pixel, composite_with};
+use nerf_tests::error::{excess, worse};
 use nerf_tests::oracle;
 
 /// What breaks volume renderers (camp_zipnerf's `render_test.py`).
-const SIZES: [f32; 7] = [0.0, 1e-30, 1e-10, 1.0, 1e10, 1e30, f32::INFINITY];
+static SIZES: [f32; 7] = [0.0, 1e-30, 1e-10, 1.0, 1e10, 1e30, f32::INFINITY];
 
 /// The exponentials there are: of the recurrence they are the polynomials.
 const EXPONENTIALS: &[(&str, MathBackend)] = BACKENDS.split_at(3).0;
@@ -25,7 +26,7 @@ cases! {
     a_ray_of_4096_thin_samples: "absolute error of colour and opacity" => || random_rays(4096, 1e-4);
     a_ray_of_64_random_samples: "absolute error of colour and opacity" => || random_rays(64, 1.0);
     thin_samples_keep_their_precision: "relative error of a single sample's opacity" => thin;
-    every_size_of_density_and_bin: "absolute error of opacity; colour and distance finite" => sizes;
+    every_size_of_density_and_bin: "absolute error of opacity; distances outside of near to far, over `far`; colours in [0, 1]" => sizes;
     every_size_of_density_and_bin_weighs: "error of Σw + T = 1, with each weight by itself; weights in [0, 1]" => weighed;
     walls_in_the_first_and_the_last_bin: "error of colour, opacity and distance" => walls;
     bins_of_no_width: "pixels they change" => no_width;
@@ -50,11 +51,6 @@ fn truth(sigma: &[f32], rgb: &[[f32; 3]], edges: &[f32], background: [f32; 3]) -
 pub fn off(found: &Pixel, truth: &oracle::volume::Pixel) -> f64 {
     let colour = (0..3).map(|c| (f64::from(found.rgb[c]) - truth.rgb[c]).abs());
     colour.fold((f64::from(found.opacity) - truth.opacity).abs(), worse)
-}
-
-/// The larger; NaN if one is.
-fn worse(a: f64, b: f64) -> f64 {
-    if a > b || a.is_nan() { a } else { b }
 }
 
 /// The row of each backend.
@@ -102,14 +98,24 @@ fn thin() -> Vec<Row> {
     })
 }
 
-/// Two samples of any density each, in bins of any width that edges can have.
+/// Two samples of any density each, in bins of any width that edges can have, any way off.
 fn every_size(mut see: impl FnMut([f32; 2], [f32; 3], &dyn Fn() -> String)) {
-    for (a, b) in SIZES.into_iter().flat_map(|a| SIZES.map(|b| (a, b))) {
-        for (first, second) in SIZES[..6].iter().flat_map(|a| SIZES[..6].iter().map(move |b| (*a, *b))) {
-            let at = || format!("sigma {a:e}, {b:e}, bins {first:e}, {second:e}");
-            see([a, b], [0.0, first, first + second], &at);
+    let pairs = |sizes: &'static [f32]| sizes.iter().flat_map(move |a| sizes.iter().map(move |b| (*a, *b)));
+    let finite = SIZES.split_at(6).0;
+    for ((a, b), near) in pairs(&SIZES).flat_map(|pair| finite.iter().map(move |near| (pair, *near))) {
+        for (first, second) in pairs(finite) {
+            let edges = [near, near + first, near + first + second];
+            assert!(edges[2].is_finite(), "{edges:?}");
+            see([a, b], edges, &|| format!("sigma {a:e}, {b:e}, bins {first:e}, {second:e} from {near:e}"));
         }
     }
+}
+
+/// How far outside of near to far a pixel's distances are, over `far`.
+fn beyond(found: &Pixel, near: f32, far: f32) -> f64 {
+    let [near, far] = [near, far].map(f64::from);
+    let outside = |t: f32| excess(worse(near - f64::from(t), f64::from(t) - far)) / far.max(1e-30);
+    worse(outside(found.ray_distance), outside(found.z_depth))
 }
 
 fn sizes() -> Vec<Row> {
@@ -119,8 +125,9 @@ fn sizes() -> Vec<Row> {
             let found = composite_with(math, &sigma, &rgb, &edges, [0.25; 3]).expect("a ray");
             let truth = truth(&sigma, &rgb, &edges, [0.25; 3]);
             worst.see((f64::from(found.opacity) - truth.opacity).abs(), at);
-            let finite = found.rgb.iter().all(|c| (0.0..=1.0).contains(c)) && found.ray_distance.is_finite();
-            worst.see(if finite && (0.0..=1.0).contains(&found.opacity) { 0.0 } else { f64::INFINITY }, at);
+            let colour = found.rgb.iter().all(|c| (0.0..=1.0).contains(c));
+            worst.see(if colour && (0.0..=1.0).contains(&found.opacity) { 0.0 } else { f64::INFINITY }, at);
+            worst.see(beyond(&found, edges[0], edges[2]), at);
         });
     })
 }

@@ -10,6 +10,7 @@ const HEADER: &str = "tests/tests/laws/blob_header.rs";
 const SHAPES: &str = "tests/tests/laws/blob_shapes.rs";
 const SIZES: &str = "tests/tests/laws/sizes.rs";
 const ABI_HOSTILE: &str = "tests/tests/abi/hostile.rs";
+const ABI_STRUCT_SIZE: &str = "tests/tests/abi/struct_size.rs";
 const ABI_THREADS: &str = "tests/tests/abi/threads.rs";
 const ABI_PICTURE: &str = "tests/tests/abi/picture.rs";
 
@@ -112,8 +113,21 @@ pub const BLOBS_AND_ABI: &[Hard] = &[
     ),
     hard(
         "struct_size too small and too large",
-        "status",
-        &[(ABI_CASES, &["structures_of_wrong_size_are_refused_and_larger_ones_need_zeros"])],
+        "status; nothing written",
+        &[
+            (ABI_CASES, &["structures_of_wrong_size_are_refused_and_larger_ones_need_zeros"]),
+            (
+                ABI_STRUCT_SIZE,
+                &[
+                    "structures_of_open_options_of_no_version_s_size_open_nothing",
+                    "structures_of_scene_info_of_no_version_s_size_are_not_filled",
+                    "structures_of_pace_of_no_version_s_size_measure_and_buy_nothing",
+                    "structures_of_choice_of_no_version_s_size_choose_nothing",
+                    "structures_of_render_options_of_no_version_s_size_plan_and_choose_nothing",
+                    "structures_of_camera_of_no_version_s_size_turn_and_see_nothing",
+                ],
+            ),
+        ],
     ),
     hard(
         "a stride smaller than a row",

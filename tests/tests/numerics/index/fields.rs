@@ -121,6 +121,7 @@ pub const VOLUME: &[Hard] = &[
         "1e-6",
         &[
             (VOLUME_TESTS, &["weights_plus_final_transmittance_is_one"]),
+            (N_ELEMENTARY, &["decay_of_everything", "expm1_of_everything"]),
             (N_VOLUME, &["a_ray_of_4096_random_samples", "a_ray_of_4096_thin_samples"]),
             (N_VOLUME_LAWS, &["weights_and_what_is_left_make_one", "any_ray_is_the_oracle_s"]),
             (N_FRAME, &["frames_of_4096_samples_a_ray", "frames_are_the_sums_of_what_a_query_says"]),

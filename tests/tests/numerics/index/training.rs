@@ -51,8 +51,8 @@ pub const FORMATS: &[Hard] = &[
         &[(QUALITY_LAWS, &["what_rounding_costs_is_measured_and_written_into_the_blob"])],
     ),
     hard(
-        "sums of 512 products of f16 extremes, in f32",
-        "n u of the magnitudes",
+        "sums of 512 products of f16 extremes: in f32, in place, in bf16",
+        "6e-7 of the magnitudes",
         &[
             (N_NETWORK, &["a_dot_product_of_512_extremes_of_f16"]),
             (NETWORK_TESTS, &["a_512_wide_sum_of_the_largest_halves_is_finite"]),

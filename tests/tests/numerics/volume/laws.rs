@@ -1,10 +1,11 @@
 //! Laws of volume rendering on rays that proptest draws.
 
-use super::{EXPONENTIALS, RAY, change, off, truth, worse};
+use super::{EXPONENTIALS, RAY, beyond, change, off, truth};
 use crate::property::law;
 use crate::table::{Row, cases};
 use nerf_core::math::MathBackend;
 use nerf_core::volume::{OPACITY_EPSILON, Pixel, composite_with};
+use nerf_tests::error::{excess, worse, worst_of};
 use proptest::collection::vec;
 use proptest::prelude::{Just, Strategy, any, prop_oneof};
 use std::fmt;
@@ -130,7 +131,7 @@ fn rays(bounds: [f64; 3], measure: fn(&Ray, MathBackend) -> f64) -> Vec<Row> {
 
 fn conservation(ray: &Ray, math: MathBackend) -> f64 {
     let (pixel, left) = (ray.pixel(math), ray.left(math));
-    let light = pixel.rgb.iter().map(|&c| f64::from(c) - 1.0).fold(0.0, worse);
+    let light = worst_of(pixel.rgb.iter().map(|&c| f64::from(c) - 1.0));
     let valid = (0.0..=1.0).contains(&pixel.opacity) && (0.0..=1.0).contains(&left);
     let sum = (f64::from(pixel.opacity) + f64::from(left) - 1.0).abs();
     if valid { worse(sum, light) } else { f64::INFINITY }
@@ -154,9 +155,7 @@ fn distance(ray: &Ray, math: MathBackend) -> f64 {
 }
 
 fn outside(ray: &Ray, math: MathBackend) -> f64 {
-    let (near, far) = (f64::from(ray.edges[0]), f64::from(ray.edges[ray.sigma.len()]));
-    let t = f64::from(ray.pixel(math).ray_distance);
-    if t.is_nan() { t } else { (near - t).max(t - far).max(0.0) / far.max(1e-30) }
+    beyond(&ray.pixel(math), ray.edges[0], ray.edges[ray.sigma.len()])
 }
 
 fn split(ray: &Ray, math: MathBackend) -> f64 {
@@ -222,7 +221,7 @@ fn behind(ray: &Ray, math: MathBackend) -> f64 {
 fn monotone(ray: &Ray, math: MathBackend) -> f64 {
     let (mut denser, bin) = (ray.clone(), ray.bin());
     denser.sigma[bin] = (denser.sigma[bin] * (1.0 + ray.within)).max(ray.within * 1e-3);
-    f64::from((ray.pixel(math).opacity - denser.pixel(math).opacity).max(0.0))
+    excess(f64::from(ray.pixel(math).opacity) - f64::from(denser.pixel(math).opacity))
 }
 
 fn scaled(ray: &Ray, math: MathBackend) -> f64 {
@@ -259,7 +258,7 @@ fn layered(ray: &Ray, math: MathBackend) -> f64 {
     let back = part(bin, ray.sigma.len(), ray.background).pixel(math);
     let front = part(0, bin, back.rgb).pixel(math);
     let whole = ray.pixel(math);
-    (0..3).map(|c| f64::from((front.rgb[c] - whole.rgb[c]).abs())).fold(0.0, worse)
+    worst_of((0..3).map(|c| f64::from((front.rgb[c] - whole.rgb[c]).abs())))
 }
 
 /// Any bits for densities and edges, any colour that a network can have.
