@@ -109,7 +109,7 @@ pub enum Jitter {
     None,
     /// Anywhere in the bin.
     Bin,
-    /// At the start of the bin plus up to this much, world units.
+    /// At the start of the bin plus up to this much, world units; anywhere in a bin that is no wider.
     Width(f32),
 }
 

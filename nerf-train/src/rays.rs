@@ -185,14 +185,7 @@ impl<'d> RayBank<'d> {
         let mut positions = Vec::new();
         if let Some((enter, exit)) = self.bounds.clip(&ray, self.near, self.far) {
             for bin in self.bins.overlapping(enter, exit) {
-                let u = match self.jitter {
-                    Jitter::None => 0.5,
-                    Jitter::Bin => self.jitter(step, index, bin),
-                    Jitter::Width(width) => {
-                        (self.jitter(step, index, bin) * width / self.bins.delta()).min(1.0)
-                    }
-                };
-                let p = ray.at(self.bins.at(bin, u));
+                let p = ray.at(self.t(step, index, bin));
                 if grid.map_or_else(|| self.bounds.contains(p), |grid| grid.occupied(p)) {
                     positions.push(p.to_array());
                 }
@@ -202,8 +195,19 @@ impl<'d> RayBank<'d> {
         (BatchRay { dir: ray.dir.to_array(), rgb, background, samples }, positions)
     }
 
-    fn jitter(&self, step: u64, index: u64, bin: u32) -> f32 {
-        uniform(self.seed, Purpose::Jitter, step, (index << 12) + u64::from(bin))
+    /// Where the sample of `bin` lies on ray `index` of `step`, world units along it; never falls from bin to bin.
+    fn t(&self, step: u64, index: u64, bin: u32) -> f32 {
+        let draw = || uniform(self.seed, Purpose::Jitter, step, (index << 12) + u64::from(bin));
+        match self.jitter {
+            Jitter::None => self.bins.at(bin, 0.5),
+            Jitter::Bin => self.bins.within(bin, draw()),
+            Jitter::Width(width) => {
+                // A width beyond the bin is the bin's: evenly over it, none of it piled up at the end.
+                let delta = self.bins.delta();
+                let u = draw() * width.min(delta) / delta;
+                self.bins.within(bin, u.min(1f32.next_down()))
+            }
+        }
     }
 }
 
@@ -238,3 +242,6 @@ fn near_foreground(views: &[View], starts: &[u64], background: Background) -> Op
     let parts: Option<Vec<Vec<u32>>> = views.par_iter().zip(starts).map(of_view).collect();
     Some(parts?.concat())
 }
+
+#[cfg(test)]
+mod tests;

@@ -43,9 +43,8 @@ impl Bins {
 
     /// The point of bin `i` at fraction `u` in `[0, 1)`, never on the edge where the next bin begins: rounding may
     /// put [`Bins::at`] there.
-    #[cfg(feature = "jitter")]
     #[inline]
-    pub(crate) fn within(&self, i: u32, u: f32) -> f32 {
+    pub fn within(&self, i: u32, u: f32) -> f32 {
         let (start, end) = (self.at(i, 0.0), self.at(i, 1.0));
         // Bins without a number in between are all edge.
         self.at(i, u).min(end.next_down()).max(start)
