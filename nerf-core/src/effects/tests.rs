@@ -125,17 +125,20 @@ mod jittered {
 
     #[test]
     fn every_pixel_ray_bin_and_seed_has_a_number_of_its_own() {
-        let bins = Bins::new(0.0, 1.0, 1).unwrap();
+        // A bin is 1 long: the fraction is what is left of t.
+        let bins = Bins::new(0.0, 64.0, 64).unwrap();
         let mut seen: Vec<u32> = Vec::new();
         for seed in [0, 1, u64::MAX] {
             for (x, y, ray) in [(0, 0, 0), (1, 0, 0), (0, 1, 0), (0, 0, 1), (1 << 20, 3, 255)] {
-                seen.push(place(seed, x, y, ray).t(&bins, 0).to_bits());
+                let place = place(seed, x, y, ray);
+                seen.extend((0..64).map(|bin| (place.t(&bins, bin) - bin as f32).to_bits()));
             }
         }
         let count = seen.len();
         seen.sort_unstable();
         seen.dedup();
-        assert_eq!(seen.len(), count);
+        // Of 2^18 numbers that a fraction behind 32 can be, 960 meet once or twice by chance.
+        assert!(100 * seen.len() >= 99 * count, "{} of {count}", seen.len());
     }
 
     #[test]

@@ -2,9 +2,12 @@
 
 use crate::{fit, options, scene, tiny};
 use nerf_core::blob::{Blob, Content, SceneFacts};
-use nerf_core::kernels::Tier;
+use nerf_core::effects::Effects;
+use nerf_core::kernels::{Line, Tier};
 use nerf_core::network::Role;
 use nerf_core::plan::{Batch, Outputs, Plan, PlanError, Quality};
+use nerf_core::render::{Rect, Renderer};
+use nerf_train::config::Jitter;
 use nerf_train::dataset::View;
 use nerf_train::eval::measure;
 use nerf_train::export::{Contents, ExportError, export};
@@ -163,4 +166,49 @@ fn what_rounding_costs_is_measured_and_written_into_the_blob() {
     assert_eq!(loss_db, psnr_db(Some(&parameters[..])) - psnr_db(None));
     assert!(loss_db != 0.0, "rounding changed no pixel");
     println!("{loss_db:.5} dB");
+}
+
+#[test]
+fn what_is_fitted_with_jitter_is_measured_in_the_middle_of_the_bins() {
+    let (dataset, mut config) = (scene(), tiny(100));
+    config.sampling.jitter = Jitter::Bin;
+    let outcome = fit(&dataset, &config).expect("a blob");
+    let (tier, quality) = (Tier::detect(), Quality::default());
+    let blob = Blob::open(&outcome.bytes).expect("a blob");
+    let still = Plan::new(&blob, &quality, Outputs::ALL, Batch::for_tier(tier)).expect("a plan");
+    let still = still.with_background(outcome.background).expect("a colour");
+    let jitter = Some(nerf_core::effects::Jitter { seed: config.seed });
+    let jittered = still.with_effects(Effects { jitter, ..Effects::NONE }).expect("built in");
+    let mut memory = vec![Line::UNINIT; Renderer::prepared_lines(&blob, tier)];
+    let renderer = Renderer::new(blob, tier, &mut memory).expect("a renderer");
+    let rendered = |plan: &Plan<'_>, view: &View| {
+        let full = Rect::full(&view.camera);
+        let mut workspace = vec![Line::UNINIT; renderer.workspace_lines(plan)];
+        let mut rgb = vec![[f32::NAN; 3]; view.pixels.len()];
+        let mut put = |x: u32, y: u32, pixel: &nerf_core::volume::Pixel| {
+            rgb[(y * full.width + x) as usize] = pixel.rgb;
+        };
+        renderer.render(plan, &view.camera, full, &mut workspace, &mut put).expect("rendered");
+        rgb
+    };
+    let mut views = 0;
+    let scores = measure(
+        &outcome.bytes,
+        None,
+        tier,
+        &quality,
+        outcome.background,
+        &dataset.val,
+        |view, frame, truth, score| {
+            let bits = |rgb: &[[f32; 3]]| rgb.iter().flatten().map(|c| c.to_bits()).collect::<Vec<_>>();
+            let (middle, anywhere) = (rendered(&still, view), rendered(&jittered, view));
+            assert!(bits(&frame.rgb) == bits(&middle), "{}", view.name);
+            assert!(bits(&frame.rgb) != bits(&anywhere), "{}: jitter changes nothing", view.name);
+            assert_eq!(score.psnr_db, nerf_train::report::metrics::psnr_db(&middle, truth));
+            views += 1;
+        },
+    )
+    .expect("measured");
+    // The figures of the fit are these.
+    assert_eq!((views, scores.psnr_db()), (dataset.val.len(), outcome.scores.psnr_db()));
 }
