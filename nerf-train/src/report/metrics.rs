@@ -61,24 +61,20 @@ pub fn flat_psnr_db(rgb: &[[f32; 3]]) -> f64 {
     psnr_db(&vec![mean; rgb.len()], rgb)
 }
 
-/// Whether a PSNR is no better than that of a flat colour. A truth of one flat colour has nothing more to show.
-pub fn is_flat(psnr_db: f64, flat_psnr_db: f64) -> bool {
-    let better = psnr_db > flat_psnr_db;
-    flat_psnr_db.is_finite() && !better
+/// Whether no view shows more than one flat colour would: from its PSNR and [`flat_psnr_db`], dB, of every view.
+///
+/// No one colour is better for a view than its mean: a view that is above it proves that something was learned,
+/// whatever the others have. Views of one flat colour (+inf) have nothing more to show, and prove nothing; where there
+/// are no others, nothing is flat.
+pub fn is_flat(psnr_and_flat_db: impl IntoIterator<Item = (f64, f64)>) -> bool {
+    let mut telling = psnr_and_flat_db.into_iter().filter(|(_, flat)| flat.is_finite()).peekable();
+    telling.peek().is_some() && !telling.any(|(psnr, flat)| psnr > flat)
 }
 
-/// Mean PSNR of views, and of a flat colour for each of them, dB, from both of every view.
-///
-/// Views of one flat colour (+inf) have nothing more to show, and are left out: one of them would hide what the others
-/// say. NaN and +inf where none is left.
-pub fn beside_flat(psnr_and_flat_db: impl IntoIterator<Item = (f64, f64)>) -> (f64, f64) {
-    let telling: Vec<_> = psnr_and_flat_db.into_iter().filter(|(_, flat)| flat.is_finite()).collect();
-    if telling.is_empty() {
-        return (f64::NAN, f64::INFINITY);
-    }
-    let n = telling.len() as f64;
-    let (psnr, flat) = telling.iter().fold((0.0, 0.0), |sum, of| (sum.0 + of.0, sum.1 + of.1));
-    (psnr / n, flat / n)
+/// Mean of [`flat_psnr_db`] over views, dB, without those of one flat colour; +inf where none is left.
+pub fn mean_flat_psnr_db(flat_db: impl IntoIterator<Item = f64>) -> f64 {
+    let telling: Vec<f64> = flat_db.into_iter().filter(|flat| flat.is_finite()).collect();
+    if telling.is_empty() { f64::INFINITY } else { telling.iter().sum::<f64>() / telling.len() as f64 }
 }
 
 /// Mean structural similarity of two `width` × `height` pictures, at most 1, per channel then mean.

@@ -217,7 +217,7 @@ fn run_image(
         train_seconds: outcome.train_seconds,
         ..diverged(point, runner, &architecture, String::new())
     };
-    judge(&mut record, flat);
+    judge(&mut record, is_flat([(outcome.psnr_db, flat)]), flat);
     Ok(Some((record, Some(outcome.picture))))
 }
 
@@ -264,7 +264,7 @@ fn run_scene(
         train_seconds: outcome.train_seconds,
         ..diverged(point, runner, &architecture, String::new())
     };
-    judge(&mut record, outcome.flat_psnr_db);
+    judge(&mut record, outcome.flat, outcome.flat_psnr_db);
     let mut picture = None;
     let each = |_: &View, frame: &Frame, _: &[[f32; 3]], _: &_| picture = Some(frame.picture());
     let first = views.first().copied();
@@ -273,9 +273,8 @@ fn run_scene(
     Ok(Some((record, picture)))
 }
 
-/// Whether a run that went through to the end learned anything: more than one flat colour shows.
-fn judge(record: &mut Record, flat_psnr_db: f64) {
-    let flat = record.psnr_db.is_some_and(|db| is_flat(db, flat_psnr_db));
+/// Marks a run that went through to the end, and shows no more than a flat colour would, which has `flat_psnr_db`.
+fn judge(record: &mut Record, flat: bool, flat_psnr_db: f64) {
     record.status = if flat { Status::Flat } else { Status::Ok };
     if flat {
         record.note = format!("no better than one flat colour, which has {flat_psnr_db:.2} dB");

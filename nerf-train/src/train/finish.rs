@@ -8,7 +8,7 @@ use super::run::{RunError, Session, spread};
 use super::snapshot::Snapshot;
 use super::trend::Trend;
 use crate::eval::{EvalError, Scores, measure};
-use crate::report::metrics::{beside_flat, flat_psnr_db, gain_db, is_flat};
+use crate::report::metrics::{flat_psnr_db, gain_db, is_flat, mean_flat_psnr_db};
 use nerf_core::plan::Quality;
 
 /// A grid is part of the model if leaving it out changes training views by more than this, dB: a little
@@ -24,10 +24,10 @@ pub struct Outcome {
     pub scores: Scores,
     /// The background of the scores, display-encoded.
     pub background: [f32; 3],
-    /// PSNR that a flat colour would have on the same views, each its own, dB; on training views without any. Views
-    /// that are flat themselves do not count.
+    /// Mean PSNR that a flat colour would have on the same views, each its own, dB; on training views without any.
+    /// Views that are flat themselves do not count.
     pub flat_psnr_db: f64,
-    /// Whether the blob shows no more than that: too fast a rate, or too few steps.
+    /// Whether the blob shows no more than that on any of them: too fast a rate, or too few steps.
     pub flat: bool,
     /// dB that rounding to f16 cost on the same views.
     pub quantisation_loss_db: Option<f64>,
@@ -114,9 +114,10 @@ impl Session<'_, '_> {
             unrounded.zip(psnr_db).map(|(unrounded, rounded)| gain_db(unrounded, rounded));
         let (judged, judged_scores) =
             if views.is_empty() { (&trained, &trained_scores) } else { (&views, &scores) };
-        let flats = judged.iter().map(|view| flat_psnr_db(&view.composite_over(background)));
-        let (judged_db, flat_psnr_db) =
-            beside_flat(judged_scores.views.iter().map(|score| score.psnr_db).zip(flats));
+        let flats: Vec<f64> =
+            judged.iter().map(|view| flat_psnr_db(&view.composite_over(background))).collect();
+        let judged_db = judged_scores.views.iter().map(|score| score.psnr_db);
+        let flat = is_flat(judged_db.zip(flats.iter().copied()));
         let convention = self.convention(views.len());
         let about = About { grid_required, psnr_db, convention: &convention, quantisation_loss_db };
         let exported = self.trainer.export(&candidate, &about)?;
@@ -124,8 +125,8 @@ impl Session<'_, '_> {
             bytes: exported.bytes,
             scores,
             background,
-            flat_psnr_db,
-            flat: is_flat(judged_db, flat_psnr_db),
+            flat_psnr_db: mean_flat_psnr_db(flats),
+            flat,
             quantisation_loss_db,
             grid_loss_db,
             grid_required,
