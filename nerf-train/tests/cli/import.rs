@@ -96,6 +96,36 @@ fn a_network_that_goes_out_and_comes_back_is_the_same() {
 }
 
 #[test]
+fn weights_that_become_f16_subnormals_are_counted_in_text_and_summary() {
+    let (folder, _) = blob();
+    let (data, path, output) =
+        (folder.path("scene.npz"), folder.path("subnormal.npz"), folder.path("subnormal.nerf"));
+    for expected in [0, 300] {
+        let mut made = Shape::small().checkpoint(6);
+        // The first layer's 180 weights, and 120 of the second's.
+        let layers = [("pts_linears.0.weight", 0), ("pts_linears.1.weight", 180)];
+        for (name, before) in layers {
+            let weights = &mut made.0.get_mut(name).expect("a tensor").1;
+            let count = weights.len().min(expected - before.min(expected));
+            weights[..count].fill(1e-6);
+        }
+        made.npz(Path::new(&path), "<f4");
+        let args = ["import", &path, "-o", &output, "--grid-resolution", "8", "--check", &data];
+        let text = ok(args);
+        assert!(text.contains(&format!("({expected} subnormal weights)")), "{text}");
+        let object = ok(args.into_iter().chain(["--json", "--quiet"]));
+        let object: serde_json::Value = serde_json::from_str(&object).expect("an object");
+        assert_eq!(object["subnormal_weights"].as_u64(), Some(expected as u64), "{object}");
+        // So many there are in the blob.
+        let bytes = std::fs::read(&output).expect("a blob");
+        let imported = Blob::open(&bytes).expect("a blob");
+        let halves = imported.weights().chunks_exact(2).map(|b| half::f16::from_le_bytes([b[0], b[1]]));
+        let found = halves.filter(|half| half.classify() == std::num::FpCategory::Subnormal).count();
+        assert_eq!(found, expected);
+    }
+}
+
+#[test]
 fn what_shows_no_scene_is_said_to() {
     let (folder, _) = blob();
     let data = folder.path("scene.npz");
