@@ -105,6 +105,16 @@ fn batch_of(model: &Model, rays: usize, empty: usize, seed: u64) -> Batch {
     batch
 }
 
+/// The larger of two errors; NaN is worse than any number, where `f64::max` would leave it out.
+fn worse(a: f64, b: f64) -> f64 {
+    if a.is_nan() || a > b { a } else { b }
+}
+
+/// The largest magnitude among `gradients`, at least `floor`; NaN if one of them is.
+fn largest(gradients: &[f32], floor: f64) -> f64 {
+    gradients.iter().fold(floor, |m, g| worse(m, f64::from(g.abs())))
+}
+
 fn fused(model: &Model, seed: u64) -> FusedEngine {
     FusedEngine::new(model, Adam::default(), seed).unwrap()
 }

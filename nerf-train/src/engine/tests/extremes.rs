@@ -219,11 +219,11 @@ fn gradients_of_walls_and_haze_are_finite_differences_on_every_tier() {
                 let (_, found) = engine.gradients(&batch).unwrap();
                 for (d, expected) in model.layers().iter().zip(&expected) {
                     let range = d.weights..d.weights + d.parameters();
-                    let largest = found[range].iter().fold(1e-6f32, |m, g| m.max(g.abs()));
+                    let largest = largest(&found[range], 1e-6);
                     for (index, expected) in chosen(d).into_iter().zip(expected) {
-                        let error = (f64::from(found[index]) - expected).abs() / f64::from(largest);
+                        let error = (f64::from(found[index]) - expected).abs() / largest;
                         assert!(error.is_finite(), "{kind}, {name}, {}", tier.name());
-                        *worst = worst.max(error);
+                        *worst = worse(*worst, error);
                     }
                 }
             }

@@ -4,14 +4,27 @@ use super::oracle;
 use super::*;
 
 /// Largest difference within a layer, over the layer's largest gradient; the worst layer's.
-fn worst_layer(model: &Model, found: &[f32], expected: &[f32]) -> f32 {
+fn worst_layer(model: &Model, found: &[f32], expected: &[f32]) -> f64 {
     let of_layer = |d: Dense| {
         let range = d.weights..d.weights + d.parameters();
-        let largest = expected[range.clone()].iter().fold(1e-12f32, |m, g| m.max(g.abs()));
-        let pairs = found[range.clone()].iter().zip(&expected[range]);
-        pairs.fold(0.0f32, |m, (a, b)| m.max((a - b).abs())) / largest
+        let pairs = found[range.clone()].iter().zip(&expected[range.clone()]);
+        let error = pairs.fold(0.0, |m, (a, b)| worse(m, f64::from((a - b).abs())));
+        error / largest(&expected[range], 1e-12)
     };
-    model.layers().into_iter().map(of_layer).fold(0.0, f32::max)
+    model.layers().into_iter().map(of_layer).fold(0.0, worse)
+}
+
+#[test]
+fn a_gradient_that_is_not_a_number_is_the_worst() {
+    let model = plain();
+    let expected = vec![1.0; model.parameters()];
+    assert_eq!(worst_layer(&model, &expected, &expected), 0.0);
+    for index in [0, 7, expected.len() - 1] {
+        let mut broken = expected.clone();
+        broken[index] = f32::NAN;
+        assert!(worst_layer(&model, &broken, &expected).is_nan(), "{index}");
+        assert!(worst_layer(&model, &expected, &broken).is_nan(), "{index}");
+    }
 }
 
 #[test]
@@ -44,7 +57,7 @@ fn fused_gradients_are_finite_differences() {
         let mut worst = 0.0f64;
         for d in model.layers() {
             let range = d.weights..d.weights + d.parameters();
-            let largest = found[range.clone()].iter().fold(1e-9f32, |m, g| m.max(g.abs()));
+            let largest = largest(&found[range], 1e-9);
             // The first and last weight, the biases' ends, and some in between.
             let some = (0..9).map(|i| d.weights + i * (d.parameters() - 1) / 8);
             for index in some.chain([d.bias]) {
@@ -54,7 +67,7 @@ fn fused_gradients_are_finite_differences() {
                     oracle::loss(&model, &p, &batch)
                 };
                 let difference = (at(1e-6) - at(-1e-6)) / 2e-6;
-                worst = worst.max((difference - f64::from(found[index])).abs() / f64::from(largest));
+                worst = worse(worst, (difference - f64::from(found[index])).abs() / largest);
             }
         }
         println!("{name}: {worst:.1e}");

@@ -22,9 +22,10 @@ struct Example {
     fine_rgb: Vec<[f64; 3]>,
 }
 
-/// |a − b| / max(1, |b|).
-fn error(a: f32, b: f64) -> f64 {
-    (f64::from(a) - b).abs() / b.abs().max(1.0)
+/// The larger of `worst` and |a − b| / max(1, |b|); infinite where that is no number, which `max` would leave out.
+fn worse(worst: f64, a: f32, b: f64) -> f64 {
+    let error = (f64::from(a) - b).abs() / b.abs().max(1.0);
+    if error.is_nan() { f64::INFINITY } else { worst.max(error) }
 }
 
 #[test]
@@ -59,11 +60,11 @@ fn the_original_network_answers_as_the_original_code_did() {
                 let worst = ask(&imported, &wide(), tier, &points, &dirs).map(|answers| {
                     let mut worst = [0.0f64; 2];
                     for (&(sigma, rgb), &(expected_sigma, expected_rgb)) in answers.iter().zip(&expected) {
-                        worst[0] = worst[0].max(error(sigma, expected_sigma));
+                        worst[0] = worse(worst[0], sigma, expected_sigma);
                         // Where nothing is, no colour is asked for.
                         if sigma > 0.0 {
                             for (found, expected) in rgb.into_iter().zip(expected_rgb) {
-                                worst[1] = worst[1].max(error(found, expected));
+                                worst[1] = worse(worst[1], found, expected);
                             }
                         }
                     }
