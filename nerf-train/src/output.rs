@@ -140,7 +140,7 @@ impl AtomicFile {
             Sink::Direct(mut device) => device.flush().map_err(cannot_write),
             Sink::Temporary(buffer) => {
                 let temporary = buffer.into_inner().map_err(|e| cannot_write(e.into_error()))?;
-                temporary.as_file().sync_all().map_err(cannot_write)?;
+                sync(temporary.as_file()).map_err(cannot_write)?;
                 let cannot_rename = |source| OutputError::new(Attempt::Rename, &path, source);
                 temporary.persist(&target).map_err(|e| cannot_rename(e.error))?;
                 sync_folder(folder_of(&target)).map_err(cannot_rename)
@@ -223,7 +223,7 @@ pub fn write_new(path: impl AsRef<Path>, bytes: &[u8]) -> Result<bool, OutputErr
     let fail = |attempt| move |source| OutputError::new(attempt, path, source);
     let mut temporary = new_temporary(folder_of(path)).map_err(fail(Attempt::Create))?;
     temporary.write_all(bytes).map_err(fail(Attempt::Write))?;
-    temporary.as_file().sync_all().map_err(fail(Attempt::Write))?;
+    sync(temporary.as_file()).map_err(fail(Attempt::Write))?;
     match temporary.persist_noclobber(path) {
         Ok(_) => sync_folder(folder_of(path)).map_err(fail(Attempt::Rename)).map(|()| true),
         Err(error) if error.error.kind() == io::ErrorKind::AlreadyExists => Ok(false),
@@ -296,10 +296,17 @@ fn new_temporary(folder: &Path) -> io::Result<NamedTempFile> {
     })
 }
 
+/// Waits until all of a file or folder is on the disk.
+fn sync(file: &File) -> io::Result<()> {
+    #[cfg(test)]
+    tests::at_sync(file);
+    file.sync_all()
+}
+
 /// Makes a rename durable; file systems that cannot sync a folder are left to their own ways.
 fn sync_folder(folder: &Path) -> io::Result<()> {
     if cfg!(unix) {
-        match File::open(folder).and_then(|f| f.sync_all()) {
+        match File::open(folder).and_then(|folder| sync(&folder)) {
             Err(error) if error.kind() == io::ErrorKind::StorageFull => return Err(error),
             _ => {}
         }

@@ -1,5 +1,16 @@
 use super::*;
+use std::cell::RefCell;
+use std::rc::Rc;
 use std::sync::Barrier;
+
+thread_local! {
+    /// Looks at what is about to be synced on this thread.
+    static AT_SYNC: RefCell<Option<Box<dyn Fn(&File)>>> = const { RefCell::new(None) };
+}
+
+pub(super) fn at_sync(file: &File) {
+    AT_SYNC.with_borrow(|look| look.iter().for_each(|look| look(file)));
+}
 
 fn names_in(folder: &Path) -> Vec<String> {
     let mut names: Vec<String> = fs::read_dir(folder)
@@ -165,4 +176,35 @@ fn a_symbolic_link_stays_a_link() {
     write_atomic(&link, b"new").unwrap();
     assert_eq!(fs::read(&real).unwrap(), b"new");
     assert!(fs::symlink_metadata(&link).unwrap().file_type().is_symlink());
+}
+
+#[cfg(unix)]
+#[test]
+fn all_bytes_are_synced_before_the_rename_and_the_folder_after_it() {
+    use std::os::unix::fs::MetadataExt;
+    let folder = tempfile::tempdir().unwrap();
+    let (replaced, new) = (folder.path().join("replaced"), folder.path().join("new"));
+    write_atomic(&replaced, b"old").unwrap();
+    let atomic = |path: &Path| write_atomic(path, b"whole").map(|()| true);
+    let once = |path: &Path| write_new(path, b"whole");
+    let cases: [(&Path, &dyn Fn(&Path) -> Result<bool, OutputError>, Option<&[u8]>); 3] =
+        [(&replaced, &atomic, Some(b"old")), (&new, &once, None), (&folder.path().join("c"), &atomic, None)];
+    for (path, write, before) in cases {
+        // Of every sync: whether it is the folder's, how many bytes the file holds, and what the name shows then.
+        let seen = Rc::new(RefCell::new(Vec::new()));
+        let look = {
+            let (seen, path, inode) =
+                (seen.clone(), path.to_owned(), folder.path().metadata().unwrap().ino());
+            move |file: &File| {
+                let metadata = file.metadata().unwrap();
+                let bytes = (!metadata.is_dir()).then_some(metadata.len());
+                seen.borrow_mut().push((metadata.ino() == inode, bytes, fs::read(&path).ok()));
+            }
+        };
+        AT_SYNC.set(Some(Box::new(look)));
+        assert!(write(path).unwrap());
+        AT_SYNC.set(None);
+        let file = (false, Some(5), before.map(<[u8]>::to_vec));
+        assert_eq!(*seen.borrow(), [file, (true, None, Some(b"whole".to_vec()))], "{}", path.display());
+    }
 }
