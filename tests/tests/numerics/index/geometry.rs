@@ -16,6 +16,8 @@ const EFFECT_TESTS: &str = "nerf-core/src/effects/tests.rs";
 const BLOB_TESTS: &str = "nerf-core/src/blob/tests.rs";
 const ABI_CASES: &str = "tests/tests/abi/cases.rs";
 const ABI_EFFECTS: &str = "tests/tests/abi/effects.rs";
+const RAYS_TESTS: &str = "nerf-train/src/rays/tests.rs";
+const QUALITY_LAWS: &str = "nerf-train/tests/laws/quality.rs";
 const TRAIN_EFFECTS: &str = "nerf-train/tests/cli/effects.rs";
 const FAULTS: &str = "nerf-train/tests/cli/faults.rs";
 const TRANSFORMS: &str = "nerf-train/src/dataset/tests/transforms.rs";
@@ -173,6 +175,14 @@ pub const SAMPLING: &[Hard] = &[
                     "every_pixel_ray_bin_and_seed_has_a_number_of_its_own",
                 ],
             ),
+            (
+                RAYS_TESTS,
+                &[
+                    "samples_of_training_lie_in_their_bins_and_evenly_over_the_jitter_s_width",
+                    "a_sample_lies_where_its_fraction_says_and_without_jitter_in_the_middle",
+                    "every_step_ray_and_bin_of_training_has_a_fraction_of_its_own",
+                ],
+            ),
         ],
     ),
     hard(
@@ -180,6 +190,7 @@ pub const SAMPLING: &[Hard] = &[
         "bit for bit",
         &[
             (ABI_EFFECTS, &["effects_in_c_are_those_of_rust_bit_for_bit"]),
+            (QUALITY_LAWS, &["what_is_fitted_with_jitter_is_measured_in_the_middle_of_the_bins"]),
             (TRAIN_EFFECTS, &["an_evaluation_and_a_study_take_no_jitter"]),
         ],
     ),

@@ -13,13 +13,14 @@ const N_NETWORK: &str = "tests/tests/numerics/network.rs";
 const NETWORK_TESTS: &str = "nerf-core/src/network/tests.rs";
 const KERNEL_TESTS: &str = "nerf-core/src/kernels/tests.rs";
 const DAMAGE: &str = "tests/tests/laws/blob_damage.rs";
+const OUTPUT_TESTS: &str = "nerf-train/src/output/tests.rs";
+const TRAIN_IMPORT: &str = "nerf-train/tests/cli/import.rs";
 const STOPPING: &str = "nerf-train/tests/cli/stopping.rs";
 const TRAINING_LAWS: &str = "nerf-train/tests/laws/training.rs";
 const CHECKPOINT_LAWS: &str = "nerf-train/tests/laws/checkpoints.rs";
 const CHOICE_LAWS: &str = "nerf-train/tests/laws/choice.rs";
 const QUALITY_LAWS: &str = "nerf-train/tests/laws/quality.rs";
 const METRICS: &str = "nerf-train/src/report/metrics/tests.rs";
-const OUTPUT_TESTS: &str = "nerf-train/src/output/tests.rs";
 const STORAGE: &str = "nerf-train/tests/cli/storage.rs";
 const SWEEPS: &str = "nerf-train/src/sweep/tests.rs";
 const SUMMARY: &str = "nerf-train/src/report/summary.rs";
@@ -36,10 +37,11 @@ pub const FORMATS: &[Hard] = &[
         ],
     ),
     hard(
-        "f16 subnormals keep their value, and are counted",
+        "f16 subnormals keep their value, are counted and reported",
         "exact",
         &[
             (QUALITY_LAWS, &["weights_that_become_f16_subnormals_are_counted_and_keep_their_nearest_value"]),
+            (TRAIN_IMPORT, &["weights_that_become_f16_subnormals_are_counted_in_text_and_summary"]),
             (KERNEL_TESTS, &["every_f16_widens_to_what_half_says"]),
             (NETWORK_TESTS, &["unpacking_is_exact_for_every_finite_half"]),
             (ORACLE, &["numbers_of_16_bits_are_ieee_s"]),
@@ -145,6 +147,7 @@ pub const TRAINING: &[Hard] = &[
         "kill −9 at any moment",
         "the undisturbed run's bytes",
         &[
+            (OUTPUT_TESTS, &["all_bytes_are_synced_before_the_rename_and_the_folder_after_it"]),
             (STOPPING, &["killed_at_20_random_moments_and_resumed_a_run_gives_the_undisturbed_blob"]),
             (
                 CHECKPOINT_LAWS,
