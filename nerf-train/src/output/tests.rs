@@ -3,9 +3,11 @@ use std::cell::RefCell;
 use std::rc::Rc;
 use std::sync::Barrier;
 
+type Look = Box<dyn Fn(&File)>;
+
 thread_local! {
     /// Looks at what is about to be synced on this thread.
-    static AT_SYNC: RefCell<Option<Box<dyn Fn(&File)>>> = const { RefCell::new(None) };
+    static AT_SYNC: RefCell<Option<Look>> = const { RefCell::new(None) };
 }
 
 pub(super) fn at_sync(file: &File) {
@@ -187,7 +189,8 @@ fn all_bytes_are_synced_before_the_rename_and_the_folder_after_it() {
     write_atomic(&replaced, b"old").unwrap();
     let atomic = |path: &Path| write_atomic(path, b"whole").map(|()| true);
     let once = |path: &Path| write_new(path, b"whole");
-    let cases: [(&Path, &dyn Fn(&Path) -> Result<bool, OutputError>, Option<&[u8]>); 3] =
+    type Way<'a> = &'a dyn Fn(&Path) -> Result<bool, OutputError>;
+    let cases: [(&Path, Way<'_>, Option<&[u8]>); 3] =
         [(&replaced, &atomic, Some(b"old")), (&new, &once, None), (&folder.path().join("c"), &atomic, None)];
     for (path, write, before) in cases {
         // Of every sync: whether it is the folder's, how many bytes the file holds, and what the name shows then.
