@@ -174,11 +174,12 @@ Every case below is a test of its own in `tests/tests/numerics/`, against the f6
 `worst` is what the run that wrote this page saw on one machine; `bound` is what the test allows. 0 means: no
 error at all, or a law that holds without exception.
 
-Written by `NERF_BLESS=numerics cargo test --release -p nerf-tests --test numerics`; the same command without `NERF_BLESS`
-checks it. Elementary functions take every 1,009th f32 of their domain, or with `NERF_EXHAUSTIVE=1` every one; a page
-that has those of every one keeps them until their cases or bounds change. Laws are checked on inputs that proptest
-draws, the same in every run, behind those that once broke them; `PROPTEST_CASES` asks for more. The last section says
-where each hard case of the list this system was tested against is.
+Written by `NERF_BLESS=numerics cargo test --release -p nerf-tests --test numerics`; the same command without
+`NERF_BLESS` checks it. Elementary functions take every 1,009th f32 of their domain, or with `NERF_EXHAUSTIVE=1` every
+one; a page that has those of every one keeps them until their cases or bounds change, and whoever changes the
+functions themselves runs it again. Laws are checked on inputs that proptest draws, the same in every run, behind those
+that once broke them; `PROPTEST_CASES` asks for more. The last section says where each hard case of the
+list this system was tested against is.
 ";
 
 /// The page in the repository.

@@ -196,7 +196,7 @@ pub const BLOBS_AND_ABI: &[Hard] = &[
     ),
     hard(
         "frames without end; frames of 2^28 pixels; the format's caps",
-        "no growth; each pixel; 1e-4",
+        "no growth; each pixel; 2e-5",
         &[
             (
                 "tests/tests/allocation/long.rs",
