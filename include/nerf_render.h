@@ -1090,10 +1090,9 @@ nerf_status nerf_camera_look_at(struct nerf_camera *camera,
  *
  * `x`, `y`: pixels from the left and the top, fractions too; a pixel's centre is at + 0.5. They may lie beyond the
  * image; where no direction of f32 is seen, or none in front of every fold of the lens, it is `NERF_STATUS_CAMERA`.
- * `origin`, `dir`: three
- * floats each, world space, `dir` of unit length, the lens taken into account. `z_per_distance`: NULL, or one
- * float: how much `z_depth` one unit of `ray_distance` is along this ray. Written on success only. `message`: as in
- * `nerf_camera_look_at`.
+ * `origin`, `dir`: three floats each, world space, `dir` of unit length, the lens taken into account.
+ * `z_per_distance`: NULL, or one float: how much `z_depth` one unit of `ray_distance` is along this ray. Written on
+ * success only. `message`: as in `nerf_camera_look_at`.
  *
  * # Safety
  * Pointers are NULL or point to what is described here.

@@ -112,10 +112,10 @@ impl Camera {
     ///
     /// # Errors
     /// [`CameraError`] on sides of 0 or beyond [`MAX_IMAGE_SIDE`], focal lengths that are not positive and
-    /// finite, a principal point or a lens that is no number, a pose that is not finite or not a rotation within 1e-3 (scaled, sheared, reflected, singular), an
-    /// image point more than 1e9 focal lengths off the principal point, and a lens that cannot be inverted at
-    /// some point of the image, that turns back on the way there from the axis, or that this build lacks
-    /// (feature `lens`).
+    /// finite, a principal point or a lens that is no number, a pose that is not finite or not a rotation within
+    /// 1e-3 (scaled, sheared, reflected, singular), an image point more than 1e9 focal lengths off the principal
+    /// point, and a lens that cannot be inverted at some point of the image, that turns back on the way there from
+    /// the axis, or that this build lacks (feature `lens`).
     pub fn new(intrinsics: Intrinsics, lens: Lens, pose: Pose) -> Result<Self, CameraError> {
         let Intrinsics { width, height, fx, fy, cx, cy } = intrinsics;
         if ![width, height].iter().all(|side| (1..=MAX_IMAGE_SIDE).contains(side)) {
@@ -165,8 +165,8 @@ impl Camera {
         Ok(())
     }
 
-    /// Inverts the lens on a lattice over the image, unless it bends too little to fail; that no fold lies in front of a
-    /// point is asked along the border, which is behind all others.
+    /// Inverts the lens on a lattice over the image, unless it bends too little to fail; that no fold lies in front of
+    /// a point is asked along the border, which is behind all others.
     fn check_lens(&self) -> Result<(), CameraError> {
         if self.lens == Lens::NONE {
             return Ok(());
