@@ -185,7 +185,7 @@ impl Camera {
                 let x = f32::from(step) / 16.0 * w;
                 let (u, v) = self.normalised(x, y);
                 let border = [0.0, w].contains(&x) || [0.0, h].contains(&y);
-                if !self.lens.is_invertible(u, v, border) {
+                if self.lens.invert(u, v, border).is_none() {
                     return Err(CameraError::LensNotInvertible { x, y });
                 }
             }
@@ -229,7 +229,11 @@ impl Camera {
     /// ```
     pub fn ray(&self, x: f32, y: f32) -> Ray {
         let (u, v) = self.normalised(x, y);
-        let (u, v) = self.lens.straighten(u, v);
+        self.towards(self.lens.straighten(u, v))
+    }
+
+    /// The ray through an ideal point, in normalised image coordinates.
+    fn towards(&self, (u, v): (f32, f32)) -> Ray {
         let local = Vec3::new(u, -v, -1.0);
         let dir = self.pose.rotation * local;
         Ray { origin: self.pose.position, dir: dir.normalize() }
@@ -239,10 +243,7 @@ impl Camera {
     /// the lens has no inverse or folds on the way there, and where the direction leaves f32.
     pub fn try_ray(&self, x: f32, y: f32) -> Option<Ray> {
         let (u, v) = self.normalised(x, y);
-        if self.lens != Lens::NONE && !self.lens.is_invertible(u, v, true) {
-            return None;
-        }
-        let ray = self.ray(x, y);
+        let ray = self.towards(self.lens.invert(u, v, true)?);
         ray.dir.is_normalized().then_some(ray)
     }
 

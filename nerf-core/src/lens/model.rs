@@ -80,9 +80,9 @@ impl Lens {
         self.bend(9.0 / 7.0 * radius) <= 0.125
     }
 
-    /// Whether the ideal point that is seen at `(xd, yd)` can be found, and, `from_axis`, lies in front of every fold.
-    pub(crate) fn is_invertible(&self, xd: f32, yd: f32, from_axis: bool) -> bool {
-        self.undistort(xd, yd).is_some_and(|(x, y)| {
+    /// The ideal point that is seen at `(xd, yd)`, if it can be found and, `from_axis`, lies in front of every fold.
+    pub(crate) fn invert(&self, xd: f32, yd: f32, from_axis: bool) -> Option<(f32, f32)> {
+        self.undistort(xd, yd).filter(|&(x, y)| {
             let starts_inside = xd * xd + yd * yd <= x * x + y * y;
             !from_axis || (starts_inside || self.starts_well(xd, yd)) && !self.folds_before(x, y)
         })

@@ -18,9 +18,9 @@ impl Lens {
         true
     }
 
-    /// Whether nothing moves.
+    /// The ideal point that is seen at `(xd, yd)`: the same.
     #[inline(always)]
-    pub(crate) fn is_invertible(&self, _xd: f32, _yd: f32, _from_axis: bool) -> bool {
-        true
+    pub(crate) fn invert(&self, xd: f32, yd: f32, _from_axis: bool) -> Option<(f32, f32)> {
+        Some((xd, yd))
     }
 }
