@@ -20,6 +20,7 @@ pub mod output;
 pub mod rays;
 pub mod report;
 pub mod show;
+pub mod stop;
 pub mod study;
 pub mod sweep;
 pub mod train;

@@ -13,8 +13,6 @@ use nerf_core::math::MathBackend;
 use nerf_core::plan::Quality;
 use std::io::Write;
 use std::path::{Path, PathBuf};
-use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{self, Receiver, RecvTimeoutError};
 use std::time::Duration;
 
@@ -168,19 +166,6 @@ fn show_reading(watch: &Watch, style: ProgressStyle, ended: Receiver<()>) {
         progress.update(watch.done(), &Message::default());
     }
     progress.finish(format!("{} pictures", watch.done()));
-}
-
-/// A flag that Ctrl-C sets; a second Ctrl-C ends the process at once.
-pub fn interruption() -> anyhow::Result<Arc<AtomicBool>> {
-    let stop = Arc::new(AtomicBool::new(false));
-    let flag = Arc::clone(&stop);
-    ctrlc::set_handler(move || {
-        if flag.swap(true, Ordering::Relaxed) {
-            std::process::exit(130);
-        }
-    })
-    .context("cannot watch for Ctrl-C")?;
-    Ok(stop)
 }
 
 /// Makes a write beyond a limit of file sizes (`ulimit -f`) an error like that of a full disk: by default the signal

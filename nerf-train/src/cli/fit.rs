@@ -9,6 +9,7 @@ use super::outcome;
 use crate::config::{Config, Density, Jitter, Preset};
 use crate::dataset::Background;
 use crate::output::ensure_file;
+use crate::stop;
 use crate::study::THRESHOLD_DB;
 use crate::train::run::{Ended, RunOptions, run_since};
 use crate::train::schedule::{Budget, Clock};
@@ -17,7 +18,6 @@ use anyhow::Context;
 use clap::Args;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
-use std::sync::atomic::Ordering;
 use std::time::Duration;
 
 /// Fit a radiance field to posed photographs.
@@ -268,8 +268,7 @@ impl Fit {
             style: global.style(),
         };
         global.say_training(config.seed);
-        let stop = super::common::interruption()?;
-        let stop = |_| stop.load(Ordering::Relaxed);
+        let stop = |_| stop::requested();
         let outcome = match run_since(clock, &dataset, config.clone(), &options, &stop)? {
             Ended::Finished(outcome) => outcome,
             Ended::Interrupted { step, checkpoint } => {

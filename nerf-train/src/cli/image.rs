@@ -1,8 +1,7 @@
 //! `nerf-train image`
 
 use super::common::{
-    Global, check_max_seconds, cpu_name, interruption, open_blob, parse_background, parse_math, read_file,
-    report_folder,
+    Global, check_max_seconds, cpu_name, open_blob, parse_background, parse_math, read_file, report_folder,
 };
 use crate::frame;
 use crate::image_field::{Ended, FieldConfig, FieldPreset, Look, Outcome, Photo, RunOptions, run};
@@ -13,6 +12,7 @@ use crate::report::plot::{LinePlot, Marker, Series};
 use crate::report::progress::{Message, Progress, Total};
 use crate::report::summary::Summary;
 use crate::report::table::Table;
+use crate::stop;
 use crate::train::schedule::{Budget, Clock};
 use anyhow::{Context, bail};
 use clap::{Args, Subcommand};
@@ -197,10 +197,9 @@ impl Fit {
             style: global.style(),
         };
         global.say_training(config.seed);
-        let stop = interruption()?;
         let mut kept: Vec<(u32, f64, Picture)> = Vec::new();
         let mut written = Ok(());
-        let outcome = run(&photo, config.clone(), &options, clock, &stop, |look: Look<'_>| {
+        let outcome = run(&photo, config.clone(), &options, clock, stop::flag(), |look: Look<'_>| {
             if let Some(folder) = &snapshots
                 && self.snapshots.contains(&look.step)
             {

@@ -18,6 +18,8 @@ mod show;
 mod study;
 mod sweep;
 
+pub(crate) use common::tell;
+
 use crate::report::summary::Summary;
 use clap::{CommandFactory, Parser, Subcommand};
 use std::process::ExitCode;
@@ -95,6 +97,9 @@ fn parse() -> Cli {
 pub fn main() -> ExitCode {
     common::survive_file_size_limits();
     let cli = parse();
+    if let Err(error) = crate::stop::watch() {
+        common::tell(&format!("warning: signals end this command without saving: {error}"));
+    }
     let result = cli.global.apply().and_then(|()| match cli.command {
         Command::Demo(demo) => demo.run(&cli.global),
         Command::Fit(fit) => fit.run(&cli.global),

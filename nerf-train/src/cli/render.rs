@@ -4,8 +4,8 @@ mod shots;
 mod target;
 
 use super::common::{
-    DataOptions, Global, Mp4Options, QualityOptions, UpAxis, interruption, open_blob, parse_background,
-    parse_numbers, read_file, say_no_mp4, tell,
+    DataOptions, Global, Mp4Options, QualityOptions, UpAxis, open_blob, parse_background, parse_numbers,
+    read_file, say_no_mp4, tell,
 };
 use super::effects::EffectOptions;
 use super::eval::Split;
@@ -13,6 +13,7 @@ use crate::frame;
 use crate::report::colour_map::robust_range;
 use crate::report::progress::{Message, Progress, Total};
 use crate::report::summary::Summary;
+use crate::stop;
 use anyhow::Context;
 use clap::{Args, ValueEnum};
 use nerf_core::camera::Camera;
@@ -21,7 +22,6 @@ use nerf_core::plan::{Batch, Outputs, Plan};
 use nerf_core::render::{Counters, Renderer};
 use std::path::PathBuf;
 use std::process::ExitCode;
-use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Instant;
 use target::Target;
 
@@ -171,12 +171,11 @@ impl Render {
         let plan = self.effects.of(plan)?;
         let mut memory = vec![Line::UNINIT; Renderer::prepared_lines(&blob, tier)];
         let renderer = Renderer::new(blob, tier, &mut memory)?;
-        let stop = interruption()?;
         self.ensure_places(&target)?;
 
         let start = Instant::now();
         let mut counters = Counters::default();
-        let Some(ranges) = self.ranges(&renderer, &plan, &cameras, global, &stop)? else {
+        let Some(ranges) = self.ranges(&renderer, &plan, &cameras, global)? else {
             return interrupted(global, 0, cameras.len());
         };
         let writers = self.outputs().into_iter().map(|output| {
@@ -186,7 +185,7 @@ impl Render {
         let mut writers = writers.collect::<anyhow::Result<Vec<_>>>()?;
         let mut progress = Progress::new("render", Total::Steps(cameras.len() as u64), global.style());
         for (i, camera) in cameras.iter().enumerate() {
-            if stop.load(Ordering::Relaxed) {
+            if stop::requested() {
                 // Half a film is dropped, and with it its file.
                 return interrupted(global, i, cameras.len());
             }
@@ -244,7 +243,6 @@ impl Render {
         plan: &Plan<'_>,
         cameras: &[Camera],
         global: &Global,
-        stop: &AtomicBool,
     ) -> anyhow::Result<Option<Ranges>> {
         let distances: Vec<Output> =
             self.outputs().into_iter().filter(|output| output.is_distance()).collect();
@@ -256,7 +254,7 @@ impl Render {
         let mut opacity = Vec::new();
         let mut values = vec![Vec::new(); distances.len()];
         for (i, camera) in cameras.iter().enumerate() {
-            if stop.load(Ordering::Relaxed) {
+            if stop::requested() {
                 return Ok(None);
             }
             let frame = frame::render(renderer, plan, &shots::coarse(camera)?)?;

@@ -1,17 +1,17 @@
 //! `nerf-train sweep`
 
-use super::common::{DataOptions, Global, check_max_seconds, cpu_name, interruption, print_report, tell};
+use super::common::{DataOptions, Global, check_max_seconds, cpu_name, print_report, tell};
 use super::fit::read_config;
 use super::image::{PhotoOptions, Settings};
 use crate::config::Preset;
 use crate::dataset::Background;
 use crate::report::summary::Summary;
+use crate::stop;
 use crate::sweep::{Folder, Grid, Job, Mode, Record, Runner, Shard, Status, write_report};
 use anyhow::bail;
 use clap::{Args, Subcommand};
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
-use std::sync::atomic::Ordering;
 
 /// Fit many times with other settings, and compare.
 #[derive(Debug, Subcommand)]
@@ -89,8 +89,7 @@ impl Lists {
         let mine: Vec<_> =
             points.iter().enumerate().filter(|&(i, _)| shard.takes(i)).map(|(_, p)| p).collect();
         let cpu = cpu_name();
-        let stop = interruption()?;
-        let runner = Runner { tier: global.tier(), style: global.style(), cpu: &cpu, stop: &stop };
+        let runner = Runner { tier: global.tier(), style: global.style(), cpu: &cpu, stop: stop::flag() };
         global.say(format!(
             "{} points, {} of them this part's; on {cpu} ({}, {} threads)",
             points.len(),
@@ -114,7 +113,7 @@ impl Lists {
             };
             folder.keep(&record, picture.as_ref())?;
             global.say(format!("{place}: {}", result(&record)));
-            if stop.load(Ordering::Relaxed) {
+            if stop::requested() {
                 ended = ExitCode::from(130);
                 break;
             }

@@ -1,10 +1,11 @@
 //! `nerf-train study train`
 
-use crate::cli::common::{DataOptions, Global, cpu_name, interruption, print_report, tell};
+use crate::cli::common::{DataOptions, Global, cpu_name, print_report, tell};
 use crate::cli::fit::read_config;
 use crate::config::Preset;
 use crate::dataset::Background;
 use crate::output::ensure_folder;
+use crate::stop;
 use crate::study::training::{Fitted, Lists, fit, summary, table, write};
 use anyhow::bail;
 use clap::Args;
@@ -99,7 +100,6 @@ impl StudyTrain {
         base.sampling.far = self.data_options.far.or(base.sampling.far);
         let trials = self.lists().trials(&base, of)?;
         let seconds = self.minutes.map_or(self.seconds, |minutes| 60.0 * minutes / trials.len() as f64);
-        let stop = interruption()?;
         let machine = format!(
             "{}, {} threads, kernel {}",
             cpu_name(),
@@ -112,7 +112,8 @@ impl StudyTrain {
         for (i, trial) in trials.iter().enumerate() {
             let place = format!("[{}/{}] {}", i + 1, trials.len(), trial.name);
             global.say(&place);
-            let Some(fitted) = fit(&dataset, trial, seconds, global.tier(), global.style(), &stop)? else {
+            let Some(fitted) = fit(&dataset, trial, seconds, global.tier(), global.style(), stop::flag())?
+            else {
                 tell("interrupted: the fit that was under way is lost, the report is of those before it");
                 ended = ExitCode::from(130);
                 break;
