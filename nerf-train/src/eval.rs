@@ -35,6 +35,11 @@ impl Scores {
         mean(self.views.iter().map(|score| score.psnr_db))
     }
 
+    /// PSNR of the worst view, dB; `None` without views.
+    pub fn worst_psnr_db(&self) -> Option<f64> {
+        self.views.iter().map(|score| score.psnr_db).min_by(f64::total_cmp)
+    }
+
     /// Mean SSIM over the views; `None` without views.
     pub fn ssim(&self) -> Option<f64> {
         mean(self.views.iter().map(|score| score.ssim))

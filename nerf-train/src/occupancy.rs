@@ -169,11 +169,6 @@ impl Occupancy {
         self.live.grid()
     }
 
-    /// The cells that are live.
-    pub(crate) fn live(&self) -> &LiveCells {
-        &self.live
-    }
-
     /// What a blob keeps of it.
     pub fn into_live(self) -> LiveCells {
         self.live

@@ -78,6 +78,7 @@ impl Demo {
                 steps: Vec::new(),
                 views: Vec::new(),
             }),
+            report: false,
             validate_every: None,
             effect_threshold_db: None,
             tier,
@@ -176,7 +177,7 @@ impl Demo {
                 outcome.train_seconds,
                 clock.seconds()
             );
-            outcome::print_choice(&outcome)?;
+            outln!("trend: {}", outcome.trend);
             let files = [
                 ("demo.nerf", "the scene: open it with nerf-core or the C ABI"),
                 ("views.png", "held-out views, their truth, and z_depth"),

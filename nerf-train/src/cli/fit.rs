@@ -11,7 +11,7 @@ use crate::dataset::Background;
 use crate::output::ensure_file;
 use crate::stop;
 use crate::study::THRESHOLD_DB;
-use crate::train::run::{Ended, RunOptions, run_since};
+use crate::train::run::{Ended, RunOptions, interrupted, run_since};
 use crate::train::schedule::{Budget, Clock};
 use crate::train::snapshot::SnapshotOptions;
 use anyhow::Context;
@@ -43,8 +43,8 @@ pub struct Fit {
     /// TOML file with settings that replace the preset's.
     #[arg(long, value_name = "FILE")]
     config: Option<PathBuf>,
-    /// Stop after so much time, everything included as far as it can be foreseen. Runs that end by time
-    /// differ from each other.
+    /// End the whole command after so much time: reading, training, validation, evaluation and files. Runs that end
+    /// by time differ from each other.
     #[arg(long, value_name = "S")]
     max_seconds: Option<f64>,
     /// Steps [default: the preset's; with --max-seconds, time alone decides].
@@ -56,15 +56,16 @@ pub struct Fit {
     /// Seconds between checkpoints.
     #[arg(long, value_name = "S", default_value_t = 30.0)]
     checkpoint_every: f64,
-    /// Steps between looks at the validation views [default: an eighth of the run].
+    /// Steps between validations on the way [default: an eighth of the run]; with --max-seconds they take at most
+    /// a tenth of the time.
     #[arg(long, value_name = "N")]
     validate_every: Option<u32>,
-    /// Leave view dependence out of the blob if it gains less than this on validation views, dB: its mean over the
+    /// Leave view dependence out of the blob if it gains less than this on training views, dB: its mean over the
     /// training rays takes its place.
     #[arg(long, value_name = "DB", default_value_t = THRESHOLD_DB, allow_hyphen_values = true)]
     effect_threshold: f64,
     /// Steps at which validation views are shown, as files and on a sheet in the report folder [default:
-    /// looks an eighth of the run apart].
+    /// validations an eighth of the run apart].
     #[arg(long, value_name = "N,N,…", value_delimiter = ',', requires = "report")]
     snapshots: Vec<u32>,
     /// Which validation views are shown, counted from 0 [default: the two that the run watches].
@@ -262,6 +263,7 @@ impl Fit {
             checkpoint_every: self.checkpoint_every,
             resume: self.resume,
             snapshots: self.snapshot_options(),
+            report: self.report.is_some(),
             validate_every: self.validate_every,
             effect_threshold_db: Some(self.effect_threshold),
             tier: global.tier(),
@@ -272,9 +274,7 @@ impl Fit {
         let outcome = match run_since(clock, &dataset, config.clone(), &options, &stop)? {
             Ended::Finished(outcome) => outcome,
             Ended::Interrupted { step, checkpoint } => {
-                let place = checkpoint.map_or_else(String::new, |path| path.display().to_string());
-                tell(&format!("interrupted after step {step}; the checkpoint is {place}"));
-                tell("go on with the same command and --resume");
+                tell(&interrupted(step, checkpoint.as_ref()));
                 return Ok(ExitCode::from(130));
             }
         };
@@ -284,7 +284,7 @@ impl Fit {
         summary.text("data", dataset.name.clone()).text("blob", self.output.display().to_string());
         let printed = global.finish(&summary, || outcome::print(&outcome, &self.output));
         if let Some(folder) = &self.report {
-            outcome::write(folder, &outcome, &dataset, &mut summary, &report, options.tier)?;
+            outcome::write(folder, &outcome, &dataset, &mut summary, &report)?;
         }
         printed?;
         Ok(ExitCode::SUCCESS)

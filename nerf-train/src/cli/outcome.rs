@@ -3,18 +3,17 @@
 use super::common::{background_name, cpu_name, tell};
 use crate::config::Config;
 use crate::dataset::{Dataset, Report};
-use crate::eval::measure;
 use crate::report::contact_sheet::{Cell, contact_sheet};
+use crate::report::picture::Picture;
 use crate::report::plot::{LinePlot, Marker, Series};
 use crate::report::summary::Summary;
 use crate::report::table::Table;
 use crate::train::CurvePoint;
 use crate::train::direction::ViewDependence;
-use crate::train::finish::Outcome;
-use crate::train::run::{file_name, spread};
+use crate::train::finish::{Outcome, Shown};
+use crate::train::run::file_name;
 use crate::train::snapshot;
 use nerf_core::kernels::Tier;
-use nerf_core::plan::Quality;
 use std::path::Path;
 
 /// Prints the result.
@@ -22,8 +21,10 @@ pub fn print(outcome: &Outcome, output: &Path) -> anyhow::Result<()> {
     let background = background_name(outcome.background);
     match (outcome.scores.psnr_db(), outcome.scores.ssim()) {
         (Some(psnr), Some(ssim)) => outln!(
-            "validation: {psnr:.2} dB PSNR, {ssim:.4} SSIM over {} views on {background}",
-            outcome.scores.views.len()
+            "validation: {psnr:.2} dB PSNR, {ssim:.4} SSIM over {}{} on {background}; worst view {:.2} dB",
+            count(outcome.scores.views.len(), "view"),
+            on_lattice(outcome.lattice),
+            outcome.scores.worst_psnr_db().unwrap_or(f64::NAN)
         ),
         _ => outln!("validation: no views"),
     }
@@ -40,7 +41,9 @@ pub fn print(outcome: &Outcome, output: &Path) -> anyhow::Result<()> {
         let times = count(outcome.reseeds as usize, "time");
         outln!("started anew {times} with another seed: every density had become 0");
     }
-    print_choice(outcome)?;
+    if !outcome.watched.is_empty() {
+        outln!("trend: {}", outcome.trend);
+    }
     if let Some(loss) = outcome.quantisation_loss_db {
         outln!("f16 rounding cost {loss:.3} dB ({} subnormal weights)", outcome.subnormal_weights);
     }
@@ -60,41 +63,14 @@ pub fn print(outcome: &Outcome, output: &Path) -> anyhow::Result<()> {
     Ok(())
 }
 
-/// Prints which step was exported, by what it was chosen, and whether validation stopped rising before.
-pub fn print_choice(outcome: &Outcome) -> anyhow::Result<()> {
-    outln!("exported: {}", choice(outcome));
-    if outcome.chosen.is_some() {
-        outln!("trend: {}", outcome.trend);
-    }
-    Ok(())
-}
-
-/// Which step was exported, and why.
-fn choice(outcome: &Outcome) -> String {
-    let step = outcome.exported_step;
-    let Some(chosen) = &outcome.chosen else {
-        return format!("the last step, {step}; there are no validation views to choose by");
-    };
-    let by = format!(
-        "by the mean PSNR of {} ({}) on {}: {:.2} dB",
-        count(chosen.watched.len(), "watched view"),
-        chosen.watched.join(", "),
-        background_name(outcome.background),
-        chosen.val_psnr_db
-    );
-    match (step == outcome.steps, chosen.looks) {
-        (true, 1) => format!("the last step, {step}, the only one looked at"),
-        (true, looks) => format!("the last step, {step}, the best of {looks} looks {by}"),
-        (false, looks) => format!(
-            "step {step} of {}, the best of {looks} looks {by}; the last look has {:.2} dB",
-            outcome.steps, chosen.last_val_psnr_db
-        ),
-    }
-}
-
 /// `1 view`, `2 views`.
 fn count(n: usize, what: &str) -> String {
     if n == 1 { format!("1 {what}") } else { format!("{n} {what}s") }
+}
+
+/// ` (one pixel of 3x3)` where not every pixel was measured.
+fn on_lattice(lattice: u32) -> String {
+    if lattice == 1 { String::new() } else { format!(" (one pixel of {lattice}x{lattice})") }
 }
 
 /// Says of which steps there is no picture though one was asked for.
@@ -117,6 +93,8 @@ pub fn summary(outcome: &Outcome, config: &Config, tier: Tier, total_seconds: f6
     // Without validation views null, with a note: scripts rely on the names.
     summary
         .number("val_psnr_db", outcome.scores.psnr_db().unwrap_or(f64::NAN))
+        .number("val_worst_psnr_db", outcome.scores.worst_psnr_db().unwrap_or(f64::NAN))
+        .integer("val_lattice", u64::from(outcome.lattice))
         .number("val_ssim", outcome.scores.ssim().unwrap_or(f64::NAN))
         .integer("views", outcome.scores.views.len() as u64)
         .flag("flat", outcome.flat)
@@ -143,33 +121,22 @@ pub fn summary(outcome: &Outcome, config: &Config, tier: Tier, total_seconds: f6
     if let Some(loss) = outcome.quantisation_loss_db {
         summary.number("quantisation_loss_db", loss);
     }
-    summarise_choice(outcome, &mut summary);
+    summarise_trend(outcome, &mut summary);
     summary
 }
 
-/// Which step was exported, why, and when validation stopped rising.
-fn summarise_choice(outcome: &Outcome, summary: &mut Summary) {
+/// Validation on the way, and when it stopped rising.
+fn summarise_trend(outcome: &Outcome, summary: &mut Summary) {
     let none = "there are no validation views";
+    let validations: Vec<f64> = outcome.curve.iter().filter_map(|point| point.val_psnr_db).collect();
     summary
-        .integer("exported_step", u64::from(outcome.exported_step))
-        .text("exported_because", choice(outcome));
-    match &outcome.chosen {
-        Some(chosen) => summary
-            .integer("best_step", u64::from(outcome.exported_step))
-            .number("best_seconds", chosen.seconds)
-            .number("best_val_psnr_db", chosen.val_psnr_db)
-            .number("last_val_psnr_db", chosen.last_val_psnr_db)
-            .integer("watched_views", chosen.watched.len() as u64)
-            .integer("looks", chosen.looks as u64),
-        None => summary
-            .absent("best_step", none)
-            .absent("best_seconds", none)
-            .absent("best_val_psnr_db", none)
-            .absent("last_val_psnr_db", none)
-            .integer("watched_views", 0)
-            .integer("looks", 0),
+        .integer("watched_views", outcome.watched.len() as u64)
+        .integer("validations", validations.len() as u64);
+    match validations.last() {
+        Some(&last) => summary.number("last_watched_psnr_db", last),
+        None => summary.absent("last_watched_psnr_db", none),
     };
-    let stop = if outcome.chosen.is_some() { outcome.trend.overfitting() } else { Err(none.into()) };
+    let stop = if outcome.watched.is_empty() { Err(none.into()) } else { outcome.trend.overfitting() };
     match stop {
         Ok(stop) => summary
             .integer("val_stopped_rising_step", u64::from(stop.step))
@@ -187,11 +154,10 @@ pub fn write(
     dataset: &Dataset,
     summary: &mut Summary,
     report: &Report,
-    tier: Tier,
 ) -> anyhow::Result<()> {
     write_curve(folder, outcome)?;
     write_snapshots(folder, outcome, dataset)?;
-    write_views(folder, outcome, dataset, tier)?;
+    write_views(folder, outcome)?;
     let json = serde_json::to_string_pretty(report)?;
     crate::output::write_atomic(folder.join("data.json"), json.as_bytes())?;
     summary.write(folder)?;
@@ -200,13 +166,18 @@ pub fn write(
 
 /// `curve.csv`; and PSNR over time as `curve.png` and `.svg`, over steps as `curve_steps.png` and `.svg`.
 pub fn write_curve(folder: &Path, outcome: &Outcome) -> anyhow::Result<()> {
-    let mut table = Table::new(["step", "seconds", "train_psnr_db", "val_psnr_db"]);
+    let mut table =
+        Table::new(["step", "seconds", "train_psnr_db", "val_psnr_db", "val_views", "val_lattice"]);
     for point in &outcome.curve {
+        // Empty cells where the run was not validated.
+        let measured = |text: String| if point.val_psnr_db.is_some() { text } else { String::new() };
         table.push([
             point.step.to_string(),
             format!("{:.3}", point.seconds),
             format!("{:.4}", point.train_psnr_db),
             point.val_psnr_db.map_or_else(String::new, |db| format!("{db:.4}")),
+            measured(point.val_views.to_string()),
+            measured(point.val_lattice.to_string()),
         ]);
     }
     table.write_csv(folder.join("curve.csv"))?;
@@ -215,7 +186,7 @@ pub fn write_curve(folder: &Path, outcome: &Outcome) -> anyhow::Result<()> {
     Ok(())
 }
 
-/// Training and validation PSNR over `x`, with the exported step marked.
+/// Training and validation PSNR over `x`.
 fn plot(outcome: &Outcome, x_label: &str, x: impl Fn(&CurvePoint) -> f64) -> LinePlot {
     let series = |name: String, marker, y: &dyn Fn(&CurvePoint) -> Option<f64>| {
         let points = outcome.curve.iter().filter_map(|point| Some((x(point), y(point)?))).collect();
@@ -228,12 +199,9 @@ fn plot(outcome: &Outcome, x_label: &str, x: impl Fn(&CurvePoint) -> f64) -> Lin
          Background: {}.",
         background_name(outcome.background)
     ));
-    if let Some(chosen) = &outcome.chosen {
-        let views = count(chosen.watched.len(), "validation view");
+    if !outcome.watched.is_empty() {
+        let views = count(outcome.watched.len(), "validation view");
         plot.series.push(series(views, Marker::LineAndPoints, &|point| point.val_psnr_db));
-        let exported = |point: &CurvePoint| point.val_psnr_db.filter(|_| point.step == outcome.exported_step);
-        let name = format!("exported: step {}, {:.2} dB", outcome.exported_step, chosen.val_psnr_db);
-        plot.series.push(series(name, Marker::Points, &exported));
         plot.notes.push(format!("Trend: {}.", outcome.trend));
     }
     plot
@@ -247,36 +215,23 @@ pub fn write_snapshots(folder: &Path, outcome: &Outcome, dataset: &Dataset) -> a
         dataset.name,
         background_name(background)
     );
-    if let Some(sheet) = snapshot::sheet(&title, folder, dataset, taken, background, outcome.exported_step) {
+    if let Some(sheet) = snapshot::sheet(&title, folder, dataset, taken, background) {
         sheet.write_png(folder.join("snapshots.png"))?;
     }
     Ok(())
 }
 
 /// Pictures of a few validation views with their truth and their z_depth, and a sheet of them.
-fn write_views(folder: &Path, outcome: &Outcome, dataset: &Dataset, tier: Tier) -> anyhow::Result<()> {
-    let views = spread(&dataset.val, 4);
+fn write_views(folder: &Path, outcome: &Outcome) -> anyhow::Result<()> {
     let mut cells = Vec::new();
-    let mut written = Ok(());
-    let each = |view: &crate::dataset::View,
-                frame: &crate::frame::Frame,
-                truth: &[[f32; 3]],
-                score: &crate::eval::ViewScore| {
-        let name = file_name(&view.name);
-        let mut write = || -> anyhow::Result<()> {
-            frame.picture().write_png(folder.join(format!("{name}.png")))?;
-            frame.z_depth_picture()?.write_png(folder.join(format!("{name}_z_depth.png")))?;
-            let truth = crate::report::picture::Picture::new(frame.width, frame.height, truth.to_vec())?;
-            cells.push(Cell::new(frame.picture(), format!("{}: {:.2} dB", view.name, score.psnr_db)));
-            cells.push(Cell::new(truth, format!("{}: truth", view.name)));
-            Ok(())
-        };
-        if written.is_ok() {
-            written = write();
-        }
-    };
-    measure(&outcome.bytes, None, tier, &Quality::default(), outcome.background, views, each)?;
-    written?;
+    for Shown { name, frame, truth, psnr_db } in &outcome.shown {
+        let file = file_name(name);
+        frame.picture().write_png(folder.join(format!("{file}.png")))?;
+        frame.z_depth_picture()?.write_png(folder.join(format!("{file}_z_depth.png")))?;
+        let truth = Picture::new(frame.width, frame.height, truth.clone())?;
+        cells.push(Cell::new(frame.picture(), format!("{name}: {psnr_db:.2} dB")));
+        cells.push(Cell::new(truth, format!("{name}: truth")));
+    }
     if !cells.is_empty() {
         contact_sheet("Validation views", &cells, 4).write_png(folder.join("views.png"))?;
     }

@@ -2,6 +2,7 @@
 
 use nerf_core::camera::Camera;
 use serde::{Deserialize, Serialize};
+use std::borrow::Cow;
 use std::collections::HashMap;
 
 /// One posed picture.
@@ -28,6 +29,33 @@ impl View {
         let (width, height) = self.size();
         let index = y as usize * width as usize + x as usize;
         if x < width && y < height { self.pixels.get(index).copied() } else { None }
+    }
+
+    /// A lattice of its pixels, one of `step` by `step`, with a camera that has exactly their rays; itself where
+    /// `step` is 1.
+    ///
+    /// `step` is odd: pixel `i` of the result is pixel `step i + step / 2` of the view. A picture smaller than
+    /// that along one side keeps one pixel of it there.
+    pub fn thinned(&self, step: u32) -> Cow<'_, Self> {
+        if step <= 1 {
+            return Cow::Borrowed(self);
+        }
+        let (width, height) = self.size();
+        let [right, down] = [width, height].map(|side| step.min(side - 1 + side % 2));
+        let camera = self.camera.thinned(right, down);
+        let small = camera.intrinsics();
+        let middle = |i: u32, step: u32| i * step + step / 2;
+        let pixels = (0..small.height)
+            .flat_map(|y| (0..small.width).map(move |x| (middle(x, right), middle(y, down))))
+            .filter_map(|(x, y)| self.pixel(x, y))
+            .collect();
+        Cow::Owned(Self { name: self.name.clone(), camera, pixels })
+    }
+
+    /// Number of its pixels.
+    pub fn pixel_count(&self) -> u64 {
+        let (width, height) = self.size();
+        u64::from(width) * u64::from(height)
     }
 
     /// Whether some pixel is not fully opaque.
@@ -94,5 +122,34 @@ impl std::fmt::Display for Background {
             Self::Constant([r, g, b]) => write!(f, "constant sRGB ({r}, {g}, {b})"),
             Self::Unknown => f.write_str("part of the pictures"),
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use crate::demo_scene::{self, DemoSpec};
+
+    #[test]
+    fn a_thinned_view_has_pixels_and_rays_of_the_whole_one() {
+        let spec = DemoSpec { train: 2, val: 1, size: 20, ..DemoSpec::default() };
+        let dataset = demo_scene::dataset(&spec).expect("a scene");
+        let whole = &dataset.val[0];
+        assert!(whole.thinned(1).pixels == whole.pixels);
+        for (step, side) in [(3, 6), (5, 4), (19, 1), (21, 1), (65_535, 1)] {
+            let thin = whole.thinned(step);
+            assert_eq!((thin.size(), thin.pixels.len()), ((side, side), (side * side) as usize));
+            let step = step.min(19);
+            for i in [0, side - 1] {
+                let at = step * i + step / 2;
+                assert_eq!(thin.pixel(i, i), whole.pixel(at, at));
+                let (a, b) = (
+                    thin.camera.ray(i as f32 + 0.5, 0.5),
+                    whole.camera.ray(at as f32 + 0.5, (step / 2) as f32 + 0.5),
+                );
+                assert!((a.dir - b.dir).length() < 1e-6 && a.origin == b.origin);
+            }
+        }
+        let tiny = demo_scene::dataset(&DemoSpec { size: 2, ..spec }).expect("a scene");
+        assert_eq!(tiny.val[0].thinned(3).size(), (2, 2));
     }
 }

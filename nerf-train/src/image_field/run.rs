@@ -302,5 +302,6 @@ fn point(trainer: &FieldTrainer<'_>, clock: Clock, whole: Option<f64>) -> CurveP
         seconds: clock.seconds(),
         train_psnr_db: trainer.train_psnr_db(),
         val_psnr_db: whole,
+        ..CurvePoint::default()
     }
 }

@@ -4,7 +4,6 @@ use crate::dataset::{Dataset, View};
 use crate::eval::{EvalError, Scores, measure};
 use crate::report::metrics::gain_db;
 use crate::train::finish::GRID_LOSS_DB;
-use nerf_core::camera::{Camera, Intrinsics};
 use nerf_core::kernels::Tier;
 use nerf_core::plan::Quality;
 
@@ -100,44 +99,7 @@ pub fn split(dataset: &Dataset) -> &[View] {
     if dataset.val.is_empty() { &dataset.train } else { &dataset.val }
 }
 
-/// Every [`STRIDE`]-th pixel of a view, with a camera that has exactly their rays.
-///
-/// Pixel `i` of the result is pixel `3 i + 1` of the view. A picture smaller than that stays as it is.
+/// A lattice of every [`STRIDE`]-th pixel of a view.
 pub fn thinned(view: &View) -> View {
-    let i = *view.camera.intrinsics();
-    let (width, height) = (i.width / STRIDE, i.height / STRIDE);
-    let by = STRIDE as f32;
-    let (fx, fy, cx, cy) = (i.fx / by, i.fy / by, i.cx / by, i.cy / by);
-    let small = Intrinsics { width, height, fx, fy, cx, cy };
-    let Ok(camera) = Camera::new(small, *view.camera.lens(), *view.camera.pose()) else {
-        return view.clone();
-    };
-    let middle = |x: u32| x * STRIDE + STRIDE / 2;
-    let pixels = (0..height).flat_map(|y| (0..width).map(move |x| (middle(x), middle(y))));
-    let pixels = pixels.filter_map(|(x, y)| view.pixel(x, y)).collect();
-    View { name: view.name.clone(), camera, pixels }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::demo_scene::{self, DemoSpec};
-
-    #[test]
-    fn a_thinned_view_has_pixels_and_rays_of_the_whole_one() {
-        let spec = DemoSpec { train: 2, val: 1, size: 20, ..DemoSpec::default() };
-        let dataset = demo_scene::dataset(&spec).expect("a scene");
-        let (whole, thin) = (&dataset.val[0], thinned(&dataset.val[0]));
-        assert_eq!((thin.size(), thin.pixels.len()), ((6, 6), 36));
-        for (x, y) in [(0, 0), (3, 1), (5, 5)] {
-            assert_eq!(thin.pixel(x, y), whole.pixel(3 * x + 1, 3 * y + 1));
-            let ray = |view: &View, x: u32, y: u32| view.camera.ray(x as f32 + 0.5, y as f32 + 0.5);
-            let (a, b) = (ray(&thin, x, y), ray(whole, 3 * x + 1, 3 * y + 1));
-            assert!((a.dir - b.dir).length() < 1e-6 && a.origin == b.origin);
-        }
-        let mut tiny = spec;
-        tiny.size = 2;
-        let dataset = demo_scene::dataset(&tiny).expect("a scene");
-        assert_eq!(thinned(&dataset.val[0]).size(), (2, 2));
-    }
+    view.thinned(STRIDE).into_owned()
 }

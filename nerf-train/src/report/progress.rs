@@ -143,6 +143,14 @@ impl Progress {
         }
     }
 
+    /// Prints a line that must be seen, also when quiet.
+    pub fn warn(&self, line: impl AsRef<str>) {
+        match &self.display {
+            Display::Quiet => print_line(line.as_ref()),
+            _ => self.println(line),
+        }
+    }
+
     /// Takes the bar away and leaves `line` with the time that the work took; nothing when quiet.
     pub fn finish(self, line: impl AsRef<str>) {
         let (line, elapsed) = (line.as_ref(), self.started.elapsed());

@@ -122,6 +122,7 @@ pub fn fit(
         checkpoint_every: f64::INFINITY,
         resume: false,
         snapshots: None,
+        report: false,
         validate_every: None,
         effect_threshold_db: None,
         tier,
@@ -201,7 +202,7 @@ pub fn write(fits: &[Fitted], data: &str, machine: &str, folder: &Path) -> Resul
     let _ = writeln!(
         text,
         "Curves are means over the few validation views that a fit watches; the table's PSNR is the exported blob's, \
-         over at most ten. A fit follows its schedule to the end of its time: a curve is not what a longer fit \
+         over all of them. A fit follows its schedule to the end of its time: a curve is not what a longer fit \
          shows on its way."
     );
     write_atomic(folder.join("report.md"), text.as_bytes())?;

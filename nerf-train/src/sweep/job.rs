@@ -235,6 +235,7 @@ fn run_scene(
         checkpoint_every: f64::INFINITY,
         resume: false,
         snapshots: None,
+        report: false,
         validate_every: None,
         effect_threshold_db: None,
         tier: runner.tier,

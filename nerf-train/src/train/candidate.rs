@@ -1,4 +1,4 @@
-//! States of a run as they would be exported, and the best of them.
+//! The state of a run as it would be exported.
 
 use super::{TrainError, Trainer};
 use crate::dataset::Background;
@@ -7,10 +7,9 @@ use crate::export::{Contents, Exported, export};
 use crate::occupancy::{Ask, LiveCells, Occupancy};
 use nerf_core::blob::{Content, Provenance, SceneFacts};
 use nerf_core::network::Architecture;
-use serde::{Deserialize, Serialize};
 
 /// A state of the run as it would be exported: what is measured of it is what its blob shows.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct Candidate {
     /// Steps done.
     pub step: u32,
@@ -19,19 +18,7 @@ pub struct Candidate {
     /// The skip grid, asked once more everywhere.
     pub live: LiveCells,
     /// The shape of its network where that is not the trained one's: without its direction.
-    #[serde(skip)]
     pub architecture: Option<Architecture>,
-}
-
-/// The candidate that validation likes best.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Best {
-    /// What would be exported.
-    pub candidate: Candidate,
-    /// Mean PSNR of the watched validation views, dB.
-    pub val_psnr_db: f64,
-    /// Seconds since the start when it was looked at.
-    pub seconds: f64,
 }
 
 /// What a blob says besides what the run knows.
@@ -67,14 +54,6 @@ impl Trainer<'_> {
     fn averaged_parameters(&self) -> Vec<f32> {
         let average = self.average.corrected(self.progressed.step);
         self.model.fold(&average.unwrap_or_else(|| self.engine.parameters()))
-    }
-
-    /// Keeps a candidate if none before it was better; of equals the later.
-    pub fn consider(&mut self, candidate: Candidate, val_psnr_db: f64, seconds: f64) {
-        let rank = |db: f64| if db.is_nan() { f64::NEG_INFINITY } else { db };
-        if self.best.as_ref().is_none_or(|best| rank(best.val_psnr_db) <= rank(val_psnr_db)) {
-            self.best = Some(Best { candidate, val_psnr_db, seconds });
-        }
     }
 
     /// A candidate's blob.

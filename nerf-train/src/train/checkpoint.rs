@@ -4,7 +4,6 @@
 //! [`Checkpoint::check_belongs`] keeps the other from going on from it: no run is ever a mix of two.
 
 use super::average::Average;
-use super::candidate::Best;
 use super::snapshot::Snapshot;
 use super::{CurvePoint, Progressed};
 use crate::config::Config;
@@ -17,7 +16,7 @@ use serde_json::Value;
 use std::path::{Path, PathBuf};
 
 /// First bytes of a checkpoint; the last is the version.
-const MAGIC: [u8; 8] = *b"NERFCKP\x03";
+const MAGIC: [u8; 8] = *b"NERFCKP\x04";
 
 /// A run, stopped between two steps.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -38,8 +37,6 @@ pub struct Checkpoint {
     pub progressed: Progressed,
     /// The curve so far.
     pub curve: Vec<CurvePoint>,
-    /// What validation liked best so far.
-    pub best: Option<Best>,
     /// Pictures taken so far; they themselves lie in the report's folder.
     pub snapshots: Vec<Snapshot>,
     /// Seconds used so far.
@@ -89,13 +86,18 @@ impl Checkpoint {
     /// # Errors
     /// As [`write_atomic`].
     pub fn write(&self, path: &Path) -> Result<(), OutputError> {
+        write_atomic(path, &self.to_bytes())
+    }
+
+    /// The file's bytes.
+    pub fn to_bytes(&self) -> Vec<u8> {
         // Serialising plain data to memory has no way to fail.
         let body = postcard::to_stdvec(self).expect("plain data");
         let mut bytes = Vec::with_capacity(body.len() + 12);
         bytes.extend(MAGIC);
         bytes.extend(crc(&body).to_le_bytes());
         bytes.extend(body);
-        write_atomic(path, &bytes)
+        bytes
     }
 
     /// Reads one back.

@@ -1,27 +1,37 @@
 //! The end of a run: what is exported, and how good it is.
 
 use super::CurvePoint;
-use super::candidate::About;
+use super::candidate::{About, Candidate};
 use super::direction::ViewDependence;
-use super::look::{FINAL_VIEWS, GRID_VIEWS};
+use super::pace::{FINAL_SHARE, Pace, QUESTION_SHARE};
 use super::run::{RunError, Session, spread};
 use super::snapshot::Snapshot;
 use super::trend::Trend;
-use crate::eval::{EvalError, Scores, measure};
+use super::validation::{ASKED_VIEWS, FINAL_VIEWS, pixels_of, spread_indices};
+use crate::dataset::View;
+use crate::eval::{EvalError, Scores, ViewScore, measure};
+use crate::frame::Frame;
 use crate::report::metrics::{flat_psnr_db, gain_db, is_flat, mean_flat_psnr_db};
 use nerf_core::plan::Quality;
+use std::time::Instant;
 
 /// A grid is part of the model if leaving it out changes training views by more than this, dB: a little
 /// less than the 0.1 dB that a blob promises for views nobody has seen.
 pub const GRID_LOSS_DB: f64 = 0.08;
+/// Validation views whose pictures a report shows.
+const SHOWN_VIEWS: usize = 4;
 
 /// What a run made.
 #[derive(Clone, Debug)]
 pub struct Outcome {
-    /// The blob.
+    /// The blob: the run as its last step left it.
     pub bytes: Vec<u8>,
-    /// Validation scores of that very blob, over `background`; empty without validation views.
+    /// Scores of that very blob over `background` on all validation views; empty without any.
     pub scores: Scores,
+    /// Of every so many rows and columns of a view one pixel is in the scores: 1 is every pixel.
+    pub lattice: u32,
+    /// Some of those views as rendered, if the run was to keep them.
+    pub shown: Vec<Shown>,
     /// The background of the scores, display-encoded.
     pub background: [f32; 3],
     /// Mean PSNR that a flat colour would have on the same views, each its own, dB; on training views without any.
@@ -29,7 +39,7 @@ pub struct Outcome {
     pub flat_psnr_db: f64,
     /// Whether the blob shows no more than that on any of them: too fast a rate, or too few steps.
     pub flat: bool,
-    /// dB that rounding to f16 cost on the same views.
+    /// dB that rounding to f16 cost, on at most ten of the views and the same lattice.
     pub quantisation_loss_db: Option<f64>,
     /// dB that leaving the grid out cost on training views.
     pub grid_loss_db: f64,
@@ -43,10 +53,8 @@ pub struct Outcome {
     pub curve: Vec<CurvePoint>,
     /// What the curve says of the end of the run.
     pub trend: Trend,
-    /// How the exported step was chosen; `None` without validation views.
-    pub chosen: Option<Chosen>,
-    /// The step that was exported: the one chosen, or the last.
-    pub exported_step: u32,
+    /// Names of the views that validation on the way was of.
+    pub watched: Vec<String>,
     /// Pictures that were taken on the way.
     pub snapshots: Vec<Snapshot>,
     /// Steps that pictures were asked for and that the run did not come by.
@@ -65,65 +73,54 @@ pub struct Outcome {
     pub samples_per_second: f64,
 }
 
-/// How validation chose the step that is exported.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Chosen {
-    /// Names of the watched views that it was chosen by; they are among those of the final scores.
-    pub watched: Vec<String>,
-    /// Looks it was chosen from.
-    pub looks: usize,
-    /// Seconds since the start when it was looked at.
-    pub seconds: f64,
-    /// Mean PSNR of the watched views at that look and from the blob, dB.
-    pub val_psnr_db: f64,
-    /// The same at the last look, dB.
-    pub last_val_psnr_db: f64,
+/// A validation view as the blob shows it.
+#[derive(Clone, Debug)]
+pub struct Shown {
+    /// The view's name.
+    pub name: String,
+    /// What the blob shows.
+    pub frame: Frame,
+    /// What the picture shows, over the same background, on the same lattice.
+    pub truth: Vec<[f32; 3]>,
+    /// dB.
+    pub psnr_db: f64,
 }
 
 impl Session<'_, '_> {
-    /// Exports what validation liked best, or the last, and measures the very blob that is exported.
-    pub(super) fn finish(self, train_seconds: f64, samples_per_second: f64) -> Result<Outcome, RunError> {
-        let mut candidate = match self.trainer.best() {
-            Some(best) => best.candidate.clone(),
-            None => self.trainer.candidate(),
-        };
+    /// Exports the last step, and measures the very blob that is exported.
+    pub(super) fn finish(
+        &mut self,
+        train_seconds: f64,
+        samples_per_second: f64,
+    ) -> Result<Outcome, RunError> {
+        let mut candidate = self.trainer.candidate();
         let view_dependence = self.ask_direction(&mut candidate)?;
-        let (tier, background) = (self.options.tier, self.trainer.background());
         let draft = self.trainer.export(&candidate, &About::default())?.bytes;
-        let quality = Quality::default();
-
-        let trained = spread(&self.dataset.train, GRID_VIEWS);
-        let on_trained = |quality: &Quality| -> Result<Scores, EvalError> {
-            let views = trained.iter().copied();
-            measure(&draft, None, tier, quality, background, views, |_, _, _, _| {})
-        };
-        let trained_scores = on_trained(&quality)?;
-        let without_grid = on_trained(&Quality { skip_grid: false, ..quality })?;
-        let db = |scores: &Scores| scores.psnr_db().unwrap_or(f64::NAN);
-        let grid_loss_db = gain_db(db(&trained_scores), db(&without_grid));
+        let (grid_loss_db, trained) = self.ask_grid(&draft)?;
         let grid_required = grid_loss_db.is_nan() || grid_loss_db.abs() > GRID_LOSS_DB;
 
-        let views = spread(&self.dataset.val, FINAL_VIEWS);
-        let score = |parameters| {
-            measure(&draft, parameters, tier, &quality, background, views.iter().copied(), |_, _, _, _| {})
-        };
-        let scores = score(None)?;
-        let unrounded = score(Some(&candidate.parameters))?.psnr_db();
+        let background = self.trainer.background();
+        let (scores, lattice, shown) = self.evaluate(&draft)?;
+        let quantisation_loss_db = self.ask_rounding(&candidate, &draft, &scores, lattice)?;
         let psnr_db = scores.psnr_db();
-        let quantisation_loss_db =
-            unrounded.zip(psnr_db).map(|(unrounded, rounded)| gain_db(unrounded, rounded));
-        let (judged, judged_scores) =
-            if views.is_empty() { (&trained, &trained_scores) } else { (&views, &scores) };
-        let flats: Vec<f64> =
-            judged.iter().map(|view| flat_psnr_db(&view.composite_over(background))).collect();
+        let asked = spread(&self.dataset.train, ASKED_VIEWS);
+        let all: Vec<&View> = self.dataset.val.iter().collect();
+        let (judged, judged_scores) = if all.is_empty() { (&asked, &trained) } else { (&all, &scores) };
+        let flats: Vec<f64> = judged
+            .iter()
+            .map(|view| flat_psnr_db(&view.thinned(lattice).composite_over(background)))
+            .collect();
         let judged_db = judged_scores.views.iter().map(|score| score.psnr_db);
         let flat = is_flat(judged_db.zip(flats.iter().copied()));
-        let convention = self.convention(views.len());
+        let convention = self.convention(all.len(), lattice);
         let about = About { grid_required, psnr_db, convention: &convention, quantisation_loss_db };
         let exported = self.trainer.export(&candidate, &about)?;
+        let watched = self.watched.iter().filter_map(|&view| self.dataset.val.get(view));
         Ok(Outcome {
             bytes: exported.bytes,
             scores,
+            lattice,
+            shown,
             background,
             flat_psnr_db: mean_flat_psnr_db(flats),
             flat,
@@ -133,8 +130,7 @@ impl Session<'_, '_> {
             view_dependence,
             subnormal_weights: exported.subnormal_weights,
             trend: Trend::of(&self.trainer.curve),
-            chosen: self.chosen(),
-            exported_step: candidate.step,
+            watched: watched.map(|view| view.name.clone()).collect(),
             missed_snapshots: self.missed_snapshots(),
             steps: self.trainer.progressed().step,
             reseeds: self.trainer.progressed().reseeds,
@@ -142,30 +138,117 @@ impl Session<'_, '_> {
             occupancy: candidate.live.grid().occupancy(),
             train_seconds,
             samples_per_second,
-            snapshots: self.trainer.snapshots,
-            curve: self.trainer.curve,
+            snapshots: self.trainer.snapshots.clone(),
+            curve: self.trainer.curve.clone(),
         })
+    }
+
+    /// Scores of several renderings of the same views, all on one lattice: as fine as their share of the time allows.
+    pub(super) fn compare(
+        &self,
+        views: &[&View],
+        renderings: &[(&[u8], Quality)],
+    ) -> Result<Vec<Scores>, EvalError> {
+        let (pixels, largest) = pixels_of(views.iter().copied());
+        let on = |lattice: u32| -> Result<Vec<Scores>, EvalError> {
+            let views: Vec<_> = views.iter().map(|view| view.thinned(lattice)).collect();
+            let measured = |&(bytes, quality): &(&[u8], Quality)| {
+                let (tier, background) = (self.options.tier, self.trainer.background());
+                let views = views.iter().map(|view| &**view);
+                measure(bytes, None, tier, &quality, background, views, |_, _, _, _| {})
+            };
+            renderings.iter().map(measured).collect()
+        };
+        // The price is these renderings' own: without a grid, a scene is asked in many more places.
+        let mut pace = Pace::new(self.options.budget.seconds, false);
+        let everything = pace.lattice_on_the_way(pixels, largest, f64::INFINITY);
+        if !pace.is_limited() {
+            return on(everything);
+        }
+        let (probe, begun) = (pace.probe(largest).max(everything), Instant::now());
+        let scores = on(probe)?;
+        pace.measured(pixels / u64::from(probe).pow(2), begun.elapsed().as_secs_f64());
+        let allowed = pace.share(QUESTION_SHARE) * renderings.len() as f64;
+        let lattice = pace.lattice_on_the_way(pixels, largest, allowed);
+        if lattice < probe { on(lattice) } else { Ok(scores) }
+    }
+
+    /// dB that leaving the grid out costs on training views, and their scores with it.
+    fn ask_grid(&self, draft: &[u8]) -> Result<(f64, Scores), EvalError> {
+        let views = spread(&self.dataset.train, ASKED_VIEWS);
+        let with = Quality::default();
+        let without = Quality { skip_grid: false, ..with };
+        let mut scores = self.compare(&views, &[(draft, with), (draft, without)])?;
+        let db = |scores: Option<&Scores>| scores.and_then(Scores::psnr_db).unwrap_or(f64::NAN);
+        let loss_db = gain_db(db(scores.first()), db(scores.last()));
+        Ok((loss_db, scores.swap_remove(0)))
+    }
+
+    /// Scores of the blob on all validation views, their lattice, and the views that are shown.
+    fn evaluate(&mut self, draft: &[u8]) -> Result<(Scores, u32, Vec<Shown>), RunError> {
+        let views: Vec<&View> = self.dataset.val.iter().collect();
+        let (pixels, largest) = pixels_of(views.iter().copied());
+        if self.pace.is_limited() && !self.pace.knows() {
+            let some = spread(&self.dataset.val, ASKED_VIEWS);
+            self.measure_priced(draft, &some, self.pace.probe(largest), |_| {})?;
+        }
+        let lattice = self.pace.lattice(pixels, largest, self.pace.share(FINAL_SHARE));
+        let names: Vec<&str> =
+            spread(&self.dataset.val, SHOWN_VIEWS).iter().map(|view| view.name.as_str()).collect();
+        let mut shown = Vec::new();
+        let (tier, background) = (self.options.tier, self.trainer.background());
+        let thinned: Vec<_> = views.iter().map(|view| view.thinned(lattice)).collect();
+        let views = thinned.iter().map(|view| &**view);
+        let each = |view: &View, frame: &Frame, truth: &[[f32; 3]], score: &ViewScore| {
+            if self.options.report && names.contains(&view.name.as_str()) {
+                let (name, psnr_db) = (view.name.clone(), score.psnr_db);
+                shown.push(Shown { name, frame: frame.clone(), truth: truth.to_vec(), psnr_db });
+            }
+        };
+        let scores = measure(draft, None, tier, &Quality::default(), background, views, each)?;
+        Ok((scores, lattice, shown))
+    }
+
+    /// dB that rounding to f16 costs, on some of the views that `scores` are of; `None` without any.
+    fn ask_rounding(
+        &self,
+        candidate: &Candidate,
+        draft: &[u8],
+        scores: &Scores,
+        lattice: u32,
+    ) -> Result<Option<f64>, EvalError> {
+        let views = &self.dataset.val;
+        let (pixels, _) = pixels_of(views);
+        let taken = self.pace.seconds_of(pixels / u64::from(lattice).pow(2)) / views.len().max(1) as f64;
+        let count = ((self.pace.share(QUESTION_SHARE) / taken) as usize).clamp(1, FINAL_VIEWS);
+        let indices: Vec<usize> = spread_indices(views.len(), count).collect();
+        let thinned: Vec<_> = indices.iter().map(|&view| views[view].thinned(lattice)).collect();
+        let (tier, background) = (self.options.tier, self.trainer.background());
+        let unrounded = measure(
+            draft,
+            Some(&candidate.parameters),
+            tier,
+            &Quality::default(),
+            background,
+            thinned.iter().map(|view| &**view),
+            |_, _, _, _| {},
+        )?;
+        let rounded = indices.iter().map(|&view| scores.views[view].clone()).collect();
+        let rounded = Scores { views: rounded, counters: scores.counters };
+        Ok(unrounded.psnr_db().zip(rounded.psnr_db()).map(|(unrounded, rounded)| gain_db(unrounded, rounded)))
     }
 
     /// What the final scores mean.
-    fn convention(&self, views: usize) -> String {
+    fn convention(&self, views: usize, lattice: u32) -> String {
         let [r, g, b] = self.trainer.background().map(|c| (c * 255.0).round());
         let samples = self.trainer.config().sampling.samples;
+        let pixels = match lattice {
+            1 => String::new(),
+            step => format!("one pixel of {step}x{step}, "),
+        };
         format!(
-            "mean over {views} validation views, background sRGB ({r}, {g}, {b}), {samples} samples a ray"
+            "mean over {views} validation views, {pixels}background sRGB ({r}, {g}, {b}), {samples} samples a ray"
         )
-    }
-
-    fn chosen(&self) -> Option<Chosen> {
-        let best = self.trainer.best()?;
-        let names = self.watched.iter().filter_map(|&view| self.dataset.val.get(view));
-        Some(Chosen {
-            watched: names.map(|view| view.name.clone()).collect(),
-            looks: self.trainer.curve.iter().filter(|point| point.val_psnr_db.is_some()).count(),
-            seconds: best.seconds,
-            val_psnr_db: best.val_psnr_db,
-            last_val_psnr_db: self.last_val_psnr_db()?,
-        })
     }
 
     fn missed_snapshots(&self) -> Vec<u32> {

@@ -6,23 +6,23 @@ pub mod candidate;
 pub mod checkpoint;
 pub mod direction;
 pub mod finish;
-mod look;
+pub mod pace;
 pub mod run;
 pub mod schedule;
 pub mod snapshot;
 pub mod trend;
+mod validation;
 
-pub use look::FINAL_VIEWS;
+pub use validation::FINAL_VIEWS;
 
 use crate::config::{Config, ConfigError, Density};
 use crate::dataset::Dataset;
 use crate::engine::{Batch, Engine, EngineError, FusedEngine, Model};
 use crate::export::ExportError;
-use crate::occupancy::{Ask, LiveCells, Occupancy};
+use crate::occupancy::{Ask, Occupancy};
 use crate::rays::{Bounds, RayBank};
 use average::Average;
 pub(crate) use bounds::find_bounds;
-use candidate::Best;
 use checkpoint::{Checkpoint, fingerprint};
 use nerf_core::kernels::Tier;
 use nerf_core::ray::BoundsError;
@@ -55,7 +55,7 @@ pub struct Progressed {
 }
 
 /// One point of the training curve.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct CurvePoint {
     /// Steps done.
     pub step: u32,
@@ -63,8 +63,12 @@ pub struct CurvePoint {
     pub seconds: f64,
     /// PSNR of the rays trained on, smoothed, dB.
     pub train_psnr_db: f64,
-    /// Mean PSNR of the validation views that were looked at, dB.
+    /// Mean PSNR of some validation views, dB; none where the run was not validated.
     pub val_psnr_db: Option<f64>,
+    /// How many views that is of.
+    pub val_views: u32,
+    /// Of every so many rows and columns of a view one pixel was measured: 1 is every pixel.
+    pub val_lattice: u32,
 }
 
 /// Why training could not start or go on.
@@ -126,7 +130,6 @@ pub struct Trainer<'d> {
     batch: Batch,
     progressed: Progressed,
     fingerprint: u64,
-    best: Option<Best>,
     /// The curve so far.
     pub curve: Vec<CurvePoint>,
     /// Pictures taken so far.
@@ -155,7 +158,6 @@ impl<'d> Trainer<'d> {
             occupancy,
             batch: Batch::default(),
             progressed: Progressed::default(),
-            best: None,
             curve: Vec::new(),
             snapshots: Vec::new(),
             fingerprint: fingerprint(dataset),
@@ -174,7 +176,6 @@ impl<'d> Trainer<'d> {
         self.average = checkpoint.average;
         self.occupancy = checkpoint.occupancy;
         self.progressed = checkpoint.progressed;
-        self.best = checkpoint.best;
         self.curve = checkpoint.curve;
         self.snapshots = checkpoint.snapshots;
         Ok(())
@@ -182,7 +183,7 @@ impl<'d> Trainer<'d> {
 
     /// Whether a checkpoint, whose checksum says nothing of who wrote it, can be computed with.
     fn check_parts(&self, checkpoint: &Checkpoint) -> Result<(), TrainError> {
-        let Checkpoint { progressed: p, average, occupancy, best, curve, .. } = checkpoint;
+        let Checkpoint { progressed: p, average, occupancy, curve, .. } = checkpoint;
         let counted =
             u64::from(p.step) == checkpoint.optimiser.steps && p.rays.max(p.samples) <= u64::MAX / 2;
         let alive = p.dead_steps < DEAD_STEPS && p.reseeds <= RESEEDS;
@@ -192,27 +193,16 @@ impl<'d> Trainer<'d> {
         };
         let ascending = curve.is_sorted_by_key(|point| point.step);
         let curve = ascending && curve.last().is_none_or(|point| point.step <= p.step);
-        let best = best.as_ref().is_none_or(|best| {
-            let parameters = best.candidate.parameters.len() == self.model.architecture.parameters();
-            parameters && self.has_cells_like(&best.candidate.live) && best.candidate.step <= p.step
-        });
         let parts = [
             ("counters", counted && alive),
             ("averaged parameters", average.is_like(&self.average)),
             ("grid cells", cells),
             ("points of the curve", curve),
-            ("parameters of the best look", best),
         ];
         match parts.into_iter().find(|&(_, fits)| !fits) {
             Some((part, _)) => Err(TrainError::Parts { part }),
             None => Ok(()),
         }
-    }
-
-    /// Whether the cells are the same ones: the grid's, or all of them where there is none.
-    fn has_cells_like(&self, live: &LiveCells) -> bool {
-        let full = || Occupancy::full(self.bounds.scene_box, self.config.grid.resolution);
-        self.occupancy.as_ref().map_or_else(|| full().live().is_like(live), |grid| grid.live().is_like(live))
     }
 
     /// Everything needed to go on after `seconds`.
@@ -225,7 +215,6 @@ impl<'d> Trainer<'d> {
             average: self.average.clone(),
             occupancy: self.occupancy.clone(),
             progressed: self.progressed,
-            best: self.best.clone(),
             curve: self.curve.clone(),
             snapshots: self.snapshots.clone(),
             seconds,
@@ -235,11 +224,6 @@ impl<'d> Trainer<'d> {
     /// Settings.
     pub fn config(&self) -> &Config {
         &self.config
-    }
-
-    /// What validation liked best so far; `None` before the first look.
-    pub fn best(&self) -> Option<&Best> {
-        self.best.as_ref()
     }
 
     /// Counters.
@@ -353,7 +337,6 @@ impl<'d> Trainer<'d> {
         self.occupancy = find_bounds(self.dataset, &self.config)?.1;
         self.average.clear();
         self.progressed = Progressed { reseeds: restarts, ..Progressed::default() };
-        self.best = None;
         self.curve.clear();
         self.snapshots.clear();
         Ok(())

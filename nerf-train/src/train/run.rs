@@ -2,9 +2,10 @@
 
 use super::checkpoint::{Checkpoint, CheckpointError};
 use super::finish::Outcome;
-use super::look::{spread_indices, watched};
+use super::pace::Pace;
 use super::schedule::{Budget, Clock, duration};
 use super::snapshot::{SnapshotError, SnapshotOptions};
+use super::validation::{ASKED_VIEWS, pixels_of, spread_indices, watched};
 use super::{Progressed, TrainError, Trainer};
 use crate::config::Config;
 use crate::dataset::{Dataset, View};
@@ -12,13 +13,13 @@ use crate::eval::EvalError;
 use crate::output::{OutputError, ensure_folder};
 use crate::report::error::ReportError;
 use crate::report::progress::{Message, Progress, ProgressStyle};
+use crate::stop::{Claim, Cover};
 use nerf_core::kernels::Tier;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
-/// Share of a limit in seconds that is kept for the work after the last step, until looks tell how long it takes;
-/// and the most that is.
-const RESERVE_SHARE: f64 = 0.15;
+/// Seconds that a step may take without a checkpoint at hand for a signal that comes meanwhile.
+const LONG_STEP: f64 = 0.3;
 
 /// How a run is conducted.
 #[derive(Clone, Debug)]
@@ -33,7 +34,9 @@ pub struct RunOptions {
     pub resume: bool,
     /// Pictures of validation views on the way; none are taken without.
     pub snapshots: Option<SnapshotOptions>,
-    /// Steps between looks at validation views; an eighth of the budget if absent.
+    /// Whether a report is written afterwards, which takes pictures and time.
+    pub report: bool,
+    /// Steps between validations on the way; an eighth of the budget if absent.
     pub validate_every: Option<u32>,
     /// What view dependence must gain to be exported, dB; it is not asked if absent.
     pub effect_threshold_db: Option<f64>,
@@ -129,7 +132,9 @@ pub fn run_since(
         trainer.restore(checkpoint).map_err(damaged)?;
     }
     let started = *trainer.progressed();
-    let reserve = options.budget.seconds.map_or(0.0, |seconds| RESERVE_SHARE * seconds);
+    let pace = Pace::new(options.budget.seconds, options.report);
+    let asked = spread(&dataset.train, ASKED_VIEWS);
+    let pixels = [pixels_of(&dataset.val).0, pixels_of(asked).0];
     let (taken_up, last_checkpoint) = (Instant::now(), Instant::now());
     let session = Session {
         trainer,
@@ -140,8 +145,12 @@ pub fn run_since(
         clock,
         started,
         taken_up,
-        reserve,
+        pace,
+        pixels,
         last_checkpoint,
+        last_step: 0.0,
+        claim: options.checkpoint.is_some().then(Claim::new),
+        warned: false,
     };
     session.run(stop)
 }
@@ -151,28 +160,39 @@ pub(super) struct Session<'a, 'd> {
     pub(super) trainer: Trainer<'d>,
     pub(super) dataset: &'d Dataset,
     pub(super) options: &'a RunOptions,
-    /// Validation views that decide what is exported.
+    /// Validation views that are measured on the way.
     pub(super) watched: Vec<usize>,
     /// Validation views that pictures are taken of.
     pub(super) pictured: Vec<usize>,
     pub(super) clock: Clock,
-    /// Seconds that the work after the last step is expected to take.
-    pub(super) reserve: f64,
+    /// What validation and the work after the last step may take.
+    pub(super) pace: Pace,
+    /// Pixels of all validation views, and of the training views that questions are asked of.
+    pixels: [u64; 2],
     /// Counters at the start, or when the run was taken up again.
     started: Progressed,
     taken_up: Instant,
     last_checkpoint: Instant,
+    /// Seconds that the last step took.
+    last_step: f64,
+    /// Makes signals wait for the checkpoint.
+    claim: Option<Claim>,
+    /// Whether it was said that checkpoints cannot be written.
+    warned: bool,
 }
 
 impl Session<'_, '_> {
     fn run(mut self, stop: &dyn Fn(u32) -> bool) -> Result<Ended, RunError> {
-        let budget = self.options.budget;
         let mut progress = self.progress();
         let train_seconds = loop {
             let (step, seconds) = (self.trainer.progressed().step, self.clock.seconds());
-            let share = budget.share(step, seconds, self.reserve);
+            let share = self.share(step, seconds + self.last_step);
             let ended = share >= 1.0;
-            self.observe(share, ended)?;
+            let due = self.due(share, ended);
+            if due.any() {
+                self.covered(|session| session.validate(due))?;
+            }
+            self.note(ended);
             if ended {
                 break seconds;
             }
@@ -183,15 +203,41 @@ impl Session<'_, '_> {
             }
             let due = self.last_checkpoint.elapsed().as_secs_f64() >= self.options.checkpoint_every;
             if due && step > self.started.step {
-                self.save()?;
+                self.save_on_the_way(&progress);
             }
-            self.step(share, &mut progress)?;
+            if self.last_step > LONG_STEP {
+                self.covered(|session| session.step(share, &mut progress))?;
+            } else {
+                self.step(share, &mut progress)?;
+            }
         };
         let p = *self.trainer.progressed();
         let samples = p.samples.saturating_sub(self.started.samples) as f64 / self.seconds_here();
+        self.save_on_the_way(&progress);
         progress.finish(format!("{} steps, {:.0} thousand live samples/s", p.step, samples / 1e3));
-        self.save()?;
-        self.finish(train_seconds, samples).map(Ended::Finished)
+        self.covered(|session| session.finish(train_seconds, samples)).map(Ended::Finished)
+    }
+
+    /// Share of the budget that is used, what is kept for the end left out.
+    pub(super) fn share(&self, step: u32, seconds: f64) -> f64 {
+        self.options.budget.share(step, seconds, self.pace.reserve(self.pixels[0], self.pixels[1]))
+    }
+
+    /// Does what may take long; a signal meanwhile leaves a checkpoint of the run as it stands.
+    fn covered<T>(&mut self, work: impl FnOnce(&mut Self) -> T) -> T {
+        let Some(claim) = self.claim.take() else { return work(self) };
+        let cover = self.cover();
+        let done = claim.cover(cover, || work(self));
+        self.claim = Some(claim);
+        done
+    }
+
+    /// What a signal writes and says while the run is busy.
+    fn cover(&self) -> Cover {
+        let step = self.trainer.progressed().step;
+        let Some(path) = &self.options.checkpoint else { return Cover::default() };
+        let bytes = self.trainer.checkpoint(self.clock.seconds()).to_bytes();
+        Cover { file: Some((path.clone(), bytes)), message: interrupted(step, Some(path)) }
     }
 
     fn progress(&self) -> Progress {
@@ -215,8 +261,10 @@ impl Session<'_, '_> {
     }
 
     fn step(&mut self, share: f64, progress: &mut Progress) -> Result<(), RunError> {
+        let begun = Instant::now();
         let before = self.trainer.progressed().reseeds;
         self.trainer.step(share)?;
+        self.last_step = begun.elapsed().as_secs_f64();
         let p = *self.trainer.progressed();
         if p.reseeds != before {
             self.started = p;
@@ -239,20 +287,32 @@ impl Session<'_, '_> {
         Ok(())
     }
 
-    /// Keeps so many seconds for the work after the last step.
-    pub(super) fn set_reserve(&mut self, guess: f64) {
-        if let Some(seconds) = self.options.budget.seconds {
-            // An untrained network's views are dear, and no guess may eat the run.
-            self.reserve = guess.min(RESERVE_SHARE * seconds);
-        }
-    }
-
     /// Writes a checkpoint if there is a place for it.
     fn save(&mut self) -> Result<Option<PathBuf>, RunError> {
         self.last_checkpoint = Instant::now();
         let Some(path) = &self.options.checkpoint else { return Ok(None) };
         self.trainer.checkpoint(self.clock.seconds()).write(path)?;
         Ok(Some(path.clone()))
+    }
+
+    /// As [`Session::save`]; where it cannot be written, the one before stays, and that is said once.
+    fn save_on_the_way(&mut self, progress: &Progress) {
+        if let Err(error) = self.save()
+            && !std::mem::replace(&mut self.warned, true)
+        {
+            progress.warn(format!("warning: checkpoint: {error}; the one before stays, and the run goes on"));
+        }
+    }
+}
+
+/// What a run says that was interrupted.
+pub fn interrupted(step: u32, checkpoint: Option<&PathBuf>) -> String {
+    match checkpoint {
+        Some(path) => format!(
+            "interrupted after step {step}; the checkpoint is {}\ngo on with the same command and --resume",
+            path.display()
+        ),
+        None => format!("interrupted after step {step}"),
     }
 }
 

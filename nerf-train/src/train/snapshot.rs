@@ -18,7 +18,7 @@ const NOTHING: [f32; 3] = [0.88; 3];
 pub struct SnapshotOptions {
     /// The report's folder; pictures go into `snapshots` in it.
     pub folder: PathBuf,
-    /// Steps to take them at; if empty, looks at the validation views an eighth of the run apart.
+    /// Steps to take them at; if empty, with every validation on the way.
     pub steps: Vec<u32>,
     /// Indices into the validation split; if empty, the views that the run watches anyway.
     pub views: Vec<usize>,
@@ -108,7 +108,6 @@ pub fn sheet(
     dataset: &Dataset,
     snapshots: &[Snapshot],
     background: [f32; 3],
-    exported_step: u32,
 ) -> Option<Picture> {
     let steps: BTreeSet<u32> = snapshots.iter().map(|snapshot| snapshot.step).collect();
     let views: BTreeSet<usize> = snapshots.iter().map(|snapshot| snapshot.view).collect();
@@ -121,14 +120,15 @@ pub fn sheet(
             let taken = snapshots.iter().find(|taken| (taken.step, taken.view) == (step, index));
             let stored = taken.and_then(|taken| {
                 let picture = Picture::read(taken.path(folder, view))?;
-                ((picture.width, picture.height) == (width, height)).then_some((picture, taken.psnr_db))
+                // On a lattice of pixels it is smaller, and shown as large as the others.
+                let fits = picture.width <= width && picture.height <= height;
+                fits.then(|| (picture.enlarged(width / picture.width.max(1)), taken.psnr_db))
             });
             let (picture, said) = match stored {
                 Some((picture, psnr_db)) => (picture, format!("{psnr_db:.2} dB")),
                 None => (Picture::filled(width, height, NOTHING), "no picture".to_owned()),
             };
-            let exported = if step == exported_step { " (exported)" } else { "" };
-            let caption = format!("{}\nstep {step}{exported}\n{said}", view.name);
+            let caption = format!("{}\nstep {step}\n{said}", view.name);
             cells.push(Cell::new(picture.reduced_to(SHEET_SIDE), caption));
         }
         cells.push(Cell::new(truth.reduced_to(SHEET_SIDE), format!("{}\nground truth", view.name)));
@@ -168,14 +168,14 @@ mod tests {
     fn a_sheet_has_a_row_a_view_and_the_truth_last() {
         let (dataset, folder) = (scene(), tempfile::tempdir().expect("a folder"));
         std::fs::create_dir(folder.path().join("snapshots")).expect("a folder");
-        assert!(sheet("a title", folder.path(), &dataset, &[], [0.0; 3], 0).is_none());
+        assert!(sheet("a title", folder.path(), &dataset, &[], [0.0; 3]).is_none());
         let red = Picture::filled(24, 24, [1.0, 0.0, 0.0]);
         let taken = |step, view| Snapshot { step, seconds: 0.0, view, psnr_db: 10.0 };
         let snapshots = [taken(10, 0), taken(10, 2), taken(30, 2)];
         for snapshot in &snapshots[..2] {
             red.write_png(snapshot.path(folder.path(), &dataset.val[snapshot.view])).expect("written");
         }
-        let sheet = sheet("a title", folder.path(), &dataset, &snapshots, [0.0; 3], 30).expect("a sheet");
+        let sheet = sheet("a title", folder.path(), &dataset, &snapshots, [0.0; 3]).expect("a sheet");
         let count = |colour: [f32; 3]| sheet.rgb.iter().filter(|rgb| **rgb == colour).count();
         // Enlarged eight times: two that are there, two that are not, and two truths.
         assert_eq!((count([1.0, 0.0, 0.0]), count(NOTHING)), (2 * 192 * 192, 2 * 192 * 192));

@@ -61,6 +61,7 @@ impl Trend {
     ///     seconds: 1.0,
     ///     train_psnr_db: 17.0 + 3.0 * f64::from(i),
     ///     val_psnr_db: Some(val),
+    ///     ..CurvePoint::default()
     /// };
     /// let trend = Trend::of(&[look(1, 20.0), look(2, 22.0), look(3, 21.0), look(4, 20.0)]);
     /// assert!(matches!(trend, Trend::Overfitting(stop) if stop.step == 200));
@@ -133,8 +134,13 @@ mod tests {
     /// Looks 100 steps apart, with points between them that are no looks.
     fn curve(looks: &[(f64, f64)]) -> Vec<CurvePoint> {
         let points = looks.iter().zip(1u32..).flat_map(|(&(train_psnr_db, val), i)| {
-            let look =
-                CurvePoint { step: 100 * i, seconds: f64::from(i), train_psnr_db, val_psnr_db: Some(val) };
+            let look = CurvePoint {
+                step: 100 * i,
+                seconds: f64::from(i),
+                train_psnr_db,
+                val_psnr_db: Some(val),
+                ..CurvePoint::default()
+            };
             [CurvePoint { step: look.step - 50, val_psnr_db: None, ..look }, look]
         });
         points.collect()

@@ -53,7 +53,7 @@ fn fit_inspect_eval_and_render_agree_on_blender_and_npz() {
         let snapshots = names(&Path::new(&report).join("snapshots"));
         assert_eq!(snapshots.len(), 4, "{snapshots:?}");
 
-        let exported = format!("{} steps", fitted["exported_step"]);
+        let exported = format!("{} steps", fitted["steps"]);
         let said = ok(["inspect", &file]);
         for word in [&exported, "seed 0", "skip grid", "PSNR", "parameters", "background    black", "lego"] {
             assert!(said.contains(word), "{word}: {said}");
@@ -66,7 +66,7 @@ fn fit_inspect_eval_and_render_agree_on_blender_and_npz() {
         for field in ["val_psnr_db", "val_ssim", "views", "background", "blob_bytes"] {
             assert_eq!(evaluated[field], fitted[field], "{name}: {field}");
         }
-        assert_eq!(evaluated["steps"], fitted["exported_step"], "{name}");
+        assert_eq!(evaluated["steps"], fitted["steps"], "{name}");
         assert_eq!(names(Path::new(&eval_report)).len(), 4, "two views, a table, a summary");
 
         let white = folder.path(&format!("{name}_white"));
@@ -228,14 +228,14 @@ fn without_validation_views_the_summary_keeps_its_fields() {
     let data = folder.npz_with("data.npz", |arrays| arrays.retain(|a| !a.key.ends_with("_val")));
     let (file, report) = (folder.path("a.nerf"), folder.path("report"));
     let said = ok(fit(&data, &file, &["--steps", "3", "--report", &report]));
-    assert!(said.contains("the last step, 3; there are no validation views to choose by"), "{said}");
+    assert!(said.contains("validation: no views"), "{said}");
     let summary = json(format!("{report}/summary.json"));
     for field in FIELDS {
         assert!(summary.get(field).is_some(), "{field}");
     }
     assert_eq!(summary["views"], 0);
-    assert_eq!(summary["exported_step"], 3);
-    for field in ["val_psnr_db", "best_step", "best_val_psnr_db", "val_stopped_rising_step"] {
+    assert_eq!(summary["steps"], 3);
+    for field in ["val_psnr_db", "val_worst_psnr_db", "last_watched_psnr_db", "val_stopped_rising_step"] {
         assert!(summary[field].is_null() && summary[format!("{field}_note")].is_string(), "{field}");
     }
     assert!(!Path::new(&report).join("snapshots.png").exists(), "nothing to show");

@@ -7,7 +7,6 @@ use nerf_train::dataset::Dataset;
 use nerf_train::occupancy::Occupancy;
 use nerf_train::train::Trainer;
 use nerf_train::train::average::Average;
-use nerf_train::train::candidate::Candidate;
 use nerf_train::train::checkpoint::Checkpoint;
 use nerf_train::train::run::{Ended, RunError, run};
 use std::path::Path;
@@ -178,21 +177,12 @@ fn wrong_checkpoints(whole: &Checkpoint) -> Vec<(&'static str, Checkpoint)> {
     with("averaged parameters", &|c| c.average = Average::new(0.0, 0));
     with("grid cells", &|c| c.occupancy = None);
     let finer = |c: &Checkpoint| {
-        let bounds = c.best.as_ref().expect("a look").candidate.live.bounds();
+        let bounds = c.occupancy.clone().expect("a grid").into_live().bounds();
         Occupancy::full(bounds, 13)
     };
     with("grid cells", &|c| c.occupancy = Some(finer(c)));
     with("points of the curve", &|c| c.curve.reverse());
     with("points of the curve", &|c| c.curve.iter_mut().for_each(|point| point.step += 1000));
-    let best = |change: fn(&mut Candidate)| {
-        move |c: &mut Checkpoint| change(&mut c.best.as_mut().expect("a look").candidate)
-    };
-    with("best look", &best(|candidate| candidate.parameters.truncate(9)));
-    with("best look", &best(|candidate| candidate.step = u32::MAX));
-    with("best look", &|c| {
-        let cells = finer(c).into_live();
-        c.best.as_mut().expect("a look").candidate.live = cells;
-    });
     wrong
 }
 

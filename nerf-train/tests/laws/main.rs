@@ -52,6 +52,7 @@ fn options(config: &Config, checkpoint: Option<PathBuf>, resume: bool) -> RunOpt
         checkpoint_every: f64::INFINITY,
         resume,
         snapshots: None,
+        report: false,
         validate_every: None,
         effect_threshold_db: None,
         tier: Tier::detect(),

@@ -1,0 +1,247 @@
+//! How a limit in seconds is kept: what validation may take on the way, and what is kept for the end.
+//!
+//! Pictures are measured on a lattice of pixels, as fine as the time allows: its price is known from what was
+//! measured before, or asked of a very coarse one first. All of it is arithmetic on seconds that the caller measures,
+//! so that tests need no clock.
+
+/// Share of the time that validation on the way may take.
+pub const VALIDATION_SHARE: f64 = 0.10;
+/// Share of the time that the final evaluation over all validation views may take.
+pub const FINAL_SHARE: f64 = 0.10;
+/// Share of the time that each rendering for a question about the export may take: with and without view dependence,
+/// with and without the grid, and without rounding.
+pub const QUESTION_SHARE: f64 = 0.015;
+/// Such renderings.
+const QUESTIONS: usize = 5;
+/// Seconds kept for writing files, without and with a report.
+const WRITING: [f64; 2] = [0.2, 1.2];
+/// Pixels of a view that is measured on the way, where there is no limit or more time than that takes.
+const PIXELS_A_VIEW: u64 = 40_000;
+/// Pixels of a view that a price is asked of.
+const PROBED_PIXELS: u64 = 400;
+/// Estimates are of work done before; the next may take a little longer.
+const MARGIN: f64 = 1.15;
+
+/// What measuring takes, and what may be taken.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Pace {
+    /// The limit; none if steps alone decide.
+    seconds: Option<f64>,
+    /// Seconds spent on validation so far.
+    validated: f64,
+    /// Seconds of making a file of the run as it stands, before any pixel is rendered.
+    overhead: Option<f64>,
+    /// Seconds a pixel.
+    per_pixel: Option<f64>,
+    /// Whether a report with pictures is written.
+    report: bool,
+}
+
+/// The smallest odd step of a lattice that leaves at most `count` of `pixels`; at least 1.
+///
+/// Odd, so that the lattice's rays go through the middles of pixels.
+pub fn lattice_of(pixels: u64, count: f64) -> u32 {
+    let step = (pixels as f64 / count.max(1.0)).sqrt().ceil().max(1.0) as u32;
+    step | 1
+}
+
+impl Pace {
+    /// The pace of a run with this limit.
+    pub fn new(seconds: Option<f64>, report: bool) -> Self {
+        Self { seconds, report, ..Self::default() }
+    }
+
+    /// Whether a limit is to be kept.
+    pub fn is_limited(&self) -> bool {
+        self.seconds.is_some()
+    }
+
+    /// A share of the limit in seconds; infinite without one.
+    pub fn share(&self, share: f64) -> f64 {
+        self.seconds.map_or(f64::INFINITY, |seconds| share * seconds)
+    }
+
+    /// Seconds that validation may take at `now`, so that all of it stays below its share of the time so far.
+    pub fn allowance(&self, now: f64) -> f64 {
+        self.seconds.map_or(f64::INFINITY, |_| VALIDATION_SHARE * now - self.validated)
+    }
+
+    /// Whether validation of views of so many pixels is affordable at `now`, on the coarsest lattice at least.
+    pub fn affords(&self, now: f64, views: usize) -> bool {
+        let coarsest = (views as u64 * PROBED_PIXELS) as f64 * self.per_pixel.unwrap_or(0.0);
+        MARGIN * (self.overhead.unwrap_or(0.0) + coarsest) <= self.allowance(now)
+    }
+
+    /// The lattice that a price is asked of.
+    pub fn probe(&self, largest: u64) -> u32 {
+        lattice_of(largest, PROBED_PIXELS as f64)
+    }
+
+    /// Whether the price of a pixel is known.
+    pub fn knows(&self) -> bool {
+        self.per_pixel.is_some()
+    }
+
+    /// The lattice of validation on the way for views of `pixels` in all, the largest of `largest`, in `seconds`.
+    pub fn lattice_on_the_way(&self, pixels: u64, largest: u64, seconds: f64) -> u32 {
+        lattice_of(largest, PIXELS_A_VIEW as f64).max(self.lattice(pixels, largest, seconds))
+    }
+
+    /// The finest lattice on which views of `pixels` in all are expected to take at most `seconds`.
+    pub fn lattice(&self, pixels: u64, largest: u64, seconds: f64) -> u32 {
+        let coarsest = self.probe(largest);
+        match self.per_pixel {
+            Some(price) if seconds.is_finite() => {
+                lattice_of(pixels, seconds / (MARGIN * price)).min(coarsest)
+            }
+            _ => 1,
+        }
+    }
+
+    /// Seconds that rendering so many pixels is expected to take; 0 where no price is known.
+    pub fn seconds_of(&self, pixels: u64) -> f64 {
+        MARGIN * self.per_pixel.unwrap_or(0.0) * pixels as f64
+    }
+
+    /// Takes in what making a file took.
+    pub fn made(&mut self, seconds: f64) {
+        self.overhead = Some(seconds);
+    }
+
+    /// Takes in what measuring took.
+    pub fn measured(&mut self, pixels: u64, seconds: f64) {
+        self.per_pixel = Some(seconds / pixels.max(1) as f64);
+    }
+
+    /// Takes in what validation took on the way, everything included.
+    pub fn validated(&mut self, seconds: f64) {
+        self.validated += seconds;
+    }
+
+    /// Seconds to keep for the work after the last step, of views with so many pixels: the last validation, the
+    /// export, its questions over `asked` pixels each, the final evaluation over `validation` pixels, and files.
+    pub fn reserve(&self, validation: u64, asked: u64) -> f64 {
+        let Some(seconds) = self.seconds else { return 0.0 };
+        let price = |pixels: u64, share: f64| match self.per_pixel {
+            Some(price) => (MARGIN * price * pixels as f64).min(share * seconds),
+            None => share * seconds,
+        };
+        // Without its grid a scene is asked in many more places: that question takes all it may.
+        let questions = (QUESTIONS - 1) as f64 * price(asked, QUESTION_SHARE) + QUESTION_SHARE * seconds;
+        // The last validation, and the export.
+        let files = 2.0 * self.overhead.unwrap_or(0.01 * seconds);
+        let last = (VALIDATION_SHARE * seconds - self.validated).clamp(0.0, 0.02 * seconds);
+        let known = last + files + questions + price(validation, FINAL_SHARE);
+        (known + WRITING[usize::from(self.report)]).min(0.5 * seconds)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A machine that takes so long for everything, and a clock that only its work moves.
+    struct Machine {
+        now: f64,
+        reading: f64,
+        step: f64,
+        file: f64,
+        pixel: f64,
+        /// How much more a pixel takes without the grid.
+        dense: f64,
+    }
+
+    /// A view of 200×200 pixels, one of a phone.
+    const SMALL: u64 = 40_000;
+    const LARGE: u64 = 1080 * 1920;
+
+    /// Runs through a fit of `views` validation views; the time of everything and of validation on the way.
+    fn run(mut machine: Machine, seconds: f64, view: u64, views: u64) -> (f64, f64, usize) {
+        let mut pace = Pace::new(Some(seconds), true);
+        machine.now += machine.reading;
+        let (asked, watched, mut validations) = (3 * view, 2u64, 0);
+        let render = |machine: &mut Machine, pace: &mut Pace, pixels: u64, step: u32, dense: f64| {
+            let taken = pixels / u64::from(step).pow(2);
+            machine.now += taken as f64 * machine.pixel * dense;
+            if dense == 1.0 {
+                pace.measured(taken, taken as f64 * machine.pixel);
+            }
+        };
+        let (mut last, mut way) = (0.0, 0.0);
+        while machine.now + machine.step < seconds - pace.reserve(views * view, asked) {
+            if machine.now - last > seconds / 8.0 && pace.affords(machine.now, 2) {
+                let (from, allowed) = (machine.now, pace.allowance(machine.now));
+                machine.now += machine.file;
+                pace.made(machine.file);
+                if !pace.knows() {
+                    let step = pace.probe(view);
+                    render(&mut machine, &mut pace, watched * view, step, 1.0);
+                }
+                let left = allowed - (machine.now - from);
+                if left > 0.0 {
+                    let step = pace.lattice_on_the_way(watched * view, view, left);
+                    render(&mut machine, &mut pace, watched * view, step, 1.0);
+                }
+                pace.validated(machine.now - from);
+                (last, way, validations) = (machine.now, way + machine.now - from, validations + 1);
+            }
+            machine.now += machine.step;
+        }
+        machine.now += machine.file;
+        for (pixels, share, dense) in [
+            (asked, QUESTION_SHARE, 1.0),
+            (asked, QUESTION_SHARE, 1.0),
+            (asked, QUESTION_SHARE, 1.0),
+            (asked, QUESTION_SHARE, machine.dense),
+            (views * view, FINAL_SHARE, 1.0),
+            (asked, QUESTION_SHARE, 1.0),
+        ] {
+            // What a question without the grid costs is asked first.
+            let mut asked = if dense == 1.0 && pace.knows() { pace } else { Pace::new(Some(seconds), true) };
+            if !asked.knows() {
+                let step = asked.probe(view);
+                let from = machine.now;
+                render(&mut machine, &mut pace, pixels, step, dense);
+                asked.measured(pixels / u64::from(step).pow(2), machine.now - from);
+            }
+            let step = asked.lattice(pixels, view, pace.share(share));
+            render(&mut machine, &mut pace, pixels, step, dense);
+        }
+        (machine.now + WRITING[1], way, validations)
+    }
+
+    #[test]
+    fn a_limit_in_seconds_is_kept_whatever_work_costs() {
+        for seconds in [10.0, 30.0, 120.0, 600.0] {
+            for (view, views) in [(SMALL, 10), (SMALL, 100), (LARGE, 7)] {
+                for pixel in [1e-7, 1e-6, 1e-5, 5e-5] {
+                    for (step, file) in [(1e-3, 5e-3), (0.05, 0.1), (0.5, 0.02)] {
+                        for dense in [1.0, 10.0, 30.0] {
+                            let machine = Machine { now: 0.0, reading: 1.0, step, file, pixel, dense };
+                            let (total, way, validations) = run(machine, seconds, view, views);
+                            let case = format!(
+                                "{seconds} s, {views}×{view} pixels of {pixel}, steps of {step}, dense {dense}: \
+                                 {total:.2} s, validation {way:.2} s in {validations}"
+                            );
+                            assert!(total <= seconds + (0.05 * seconds).max(2.0), "{case}");
+                            assert!(way <= 1.02 * VALIDATION_SHARE * seconds + 0.01, "{case}");
+                            // And time is used, not given away.
+                            assert!(total >= 0.7 * seconds, "{case}");
+                        }
+                    }
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn lattices_are_odd_and_no_coarser_than_asked() {
+        assert_eq!([1.0, 1e9, 0.0].map(|count| lattice_of(1, count)), [1, 1, 1]);
+        assert_eq!(lattice_of(40_000, 40_000.0), 1);
+        assert_eq!(lattice_of(40_000, 39_999.0), 3);
+        assert_eq!(lattice_of(LARGE, 40_000.0), 9);
+        assert_eq!(Pace::new(None, true).reserve(1 << 30, 1 << 20), 0.0);
+        assert_eq!(Pace::new(None, false).lattice(1 << 40, 1 << 30, f64::INFINITY), 1);
+        assert!(Pace::new(None, false).affords(0.0, 2));
+    }
+}
