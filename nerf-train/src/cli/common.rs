@@ -1,6 +1,8 @@
 //! What several commands share.
 
 use crate::dataset::{self, Axes, Dataset, ReadOptions, Report, Watch};
+use crate::input::{MAX_BLOB_BYTES, read_limited};
+use crate::printable;
 use crate::report::progress::{self, Message, Progress, ProgressStyle, Total};
 use crate::report::summary::Summary;
 use crate::report::video::{Ffmpeg, VideoError};
@@ -30,7 +32,7 @@ macro_rules! outln {
 
 /// Prints a line to stdout. A reader that has seen enough and closed it is no failure.
 pub fn print(line: std::fmt::Arguments<'_>) -> anyhow::Result<()> {
-    match writeln!(std::io::stdout(), "{line}") {
+    match writeln!(std::io::stdout(), "{}", printable::lines(&line.to_string())) {
         Err(error) if error.kind() != std::io::ErrorKind::BrokenPipe => {
             Err(error).context("cannot write to standard output")
         }
@@ -40,7 +42,7 @@ pub fn print(line: std::fmt::Arguments<'_>) -> anyhow::Result<()> {
 
 /// Prints a line to stderr, if anybody listens: `eprintln!` would panic where it is closed.
 pub fn tell(line: &str) {
-    let _ = writeln!(std::io::stderr(), "{line}");
+    let _ = writeln!(std::io::stderr(), "{}", printable::lines(line));
 }
 
 /// Options every command takes.
@@ -131,6 +133,9 @@ pub struct DataOptions {
     /// Where rays end, world units along the ray.
     #[arg(long, value_name = "T")]
     pub far: Option<f32>,
+    /// Read pictures also where the data set's `file_path` leads out of its folder: `..`, absolute paths, links.
+    #[arg(long)]
+    pub outside_files: bool,
 }
 
 impl DataOptions {
@@ -147,7 +152,13 @@ impl DataOptions {
     }
 
     fn options(&self) -> ReadOptions {
-        ReadOptions { axes: self.axes, near: self.near, far: self.far, ..ReadOptions::default() }
+        ReadOptions {
+            axes: self.axes,
+            near: self.near,
+            far: self.far,
+            outside_files: self.outside_files,
+            ..ReadOptions::default()
+        }
     }
 }
 
@@ -345,9 +356,9 @@ pub fn say_no_mp4(global: &Global, why: &str, gif: &Path) {
     }
 }
 
-/// Reads a file, naming it in the error.
+/// Reads a blob, from a file or a pipe, naming it in the error.
 pub fn read_file(path: &Path) -> anyhow::Result<Vec<u8>> {
-    std::fs::read(path).with_context(|| format!("cannot read {}", path.display()))
+    read_limited(path, MAX_BLOB_BYTES).with_context(|| format!("cannot read {}", path.display()))
 }
 
 /// Opens a blob, naming its file in the error.

@@ -18,6 +18,7 @@ mod show;
 mod study;
 mod sweep;
 
+use crate::printable;
 use crate::report::summary::Summary;
 use clap::{CommandFactory, Parser, Subcommand};
 use std::process::ExitCode;
@@ -114,7 +115,7 @@ pub fn main() -> ExitCode {
         Ok(status) => status,
         Err(error) => {
             let message = message(&error);
-            common::tell(&format!("error: {message}"));
+            common::tell(&format!("error: {}", printable::line(&message)));
             if cli.global.json {
                 print_error(&message);
             }

@@ -8,6 +8,7 @@ use super::error::ReportError;
 use super::picture::Picture;
 use super::text;
 use crate::output::write_atomic;
+use crate::printable;
 use backend::PictureBackend;
 pub use label::Label;
 use plotters::coord::Shift;
@@ -125,7 +126,8 @@ impl LinePlot {
         let mut svg = String::new();
         let size = (WIDTH as u32, HEIGHT as u32);
         self.draw(SVGBackend::with_string(&mut svg, size).into_drawing_area())?;
-        Ok(svg)
+        // In the markup itself there is none of what is escaped; in texts the library escapes what is markup.
+        Ok(printable::lines(&svg).into_owned())
     }
 
     /// Writes `<stem>.png` and `<stem>.svg`, for example `out/psnr` → `out/psnr.png`, and returns both.

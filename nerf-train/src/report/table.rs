@@ -2,6 +2,7 @@
 
 use super::error::ReportError;
 use crate::output::write_atomic;
+use crate::printable;
 use std::path::Path;
 
 /// Named columns and rows of texts; every row has as many cells as there are columns.
@@ -14,12 +15,12 @@ pub struct Table {
 impl Table {
     /// A table without rows; names carry their unit: "time, s".
     pub fn new<S: Into<String>>(columns: impl IntoIterator<Item = S>) -> Self {
-        Self { columns: columns.into_iter().map(Into::into).collect(), rows: Vec::new() }
+        Self { columns: columns.into_iter().map(cell).collect(), rows: Vec::new() }
     }
 
     /// Adds a row. Missing cells are empty; cells beyond the last column get columns without a name.
     pub fn push<S: Into<String>>(&mut self, cells: impl IntoIterator<Item = S>) -> &mut Self {
-        let mut row: Vec<String> = cells.into_iter().map(Into::into).collect();
+        let mut row: Vec<String> = cells.into_iter().map(cell).collect();
         if row.len() > self.columns.len() {
             self.columns.resize(row.len(), String::new());
             let width = self.columns.len();
@@ -69,7 +70,7 @@ impl Table {
     /// The table in Markdown (GitHub's), aligned in its source too; every line ends in "\n".
     pub fn to_markdown(&self) -> String {
         let tidy = |cell: &String| {
-            let cell = cell.replace('\\', "\\\\").replace('|', "\\|");
+            let cell = cell.replace('\\', "\\\\").replace('|', "\\|").replace('<', "&lt;");
             cell.lines().map(str::trim).collect::<Vec<_>>().join("<br>")
         };
         self.lines(tidy, "| ", " | ", " |", |right, width| {
@@ -116,6 +117,11 @@ impl Table {
         lines.insert(1, write((0..widths.len()).map(|c| rule(numeric[c], widths[c])).collect()));
         lines.iter().map(|line| format!("{}\n", line.trim_end())).collect()
     }
+}
+
+/// The text of a cell, which may be a name out of a file; it may have several lines.
+fn cell(text: impl Into<String>) -> String {
+    printable::lines(&text.into()).into_owned()
 }
 
 /// Whether a cell reads as a number, with an optional unit or sign in front or behind: "27.3",

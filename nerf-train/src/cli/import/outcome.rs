@@ -6,6 +6,7 @@ use crate::export::Exported;
 use crate::import::probe::{Probe, name};
 use crate::import::{Check, Imported, Settings, Tensors};
 use crate::occupancy::LiveCells;
+use crate::printable::line;
 use crate::report::summary::Summary;
 use crate::study::Verdict;
 use nerf_core::encoding::Encoding;
@@ -49,13 +50,13 @@ impl Outcome<'_> {
         let (s, a) = (self.settings, &self.network.model.architecture);
         outln!("read         {} tensors of {}", self.tensors.tensors.len(), self.tensors.file.display());
         if !self.tensors.prefix.is_empty() {
-            outln!("network      {}", self.tensors.prefix);
+            outln!("network      {}", line(&self.tensors.prefix));
         }
         for other in &self.tensors.others {
-            outln!("left out     {other}");
+            outln!("left out     {}", line(other));
         }
         for unused in &self.network.unused {
-            outln!("not used     {unused}: no output depends on it");
+            outln!("not used     {}: no output depends on it", line(unused));
         }
         for layer in self.network.model.layers() {
             outln!("layer        {}", describe(&layer));
