@@ -6,8 +6,9 @@
 //!
 //! | way out | where | with |
 //! | --- | --- | --- |
-//! | results on stdout, progress and messages on stderr | `cli::common::{print, tell}`, `report::progress` | [`lines`] |
-//! | error messages, names within a longer text | `cli::main`, `dataset::Report`, `inspect` | [`line()`] |
+//! | a line of results, of progress, of an error | `outln!`, `cli::common::tell`, `report::progress` | [`line()`] |
+//! | lines of results, such as a table | `outlines!`, `report::progress::say_lines` | [`lines`] |
+//! | names in such lines | `dataset::Report` | [`line()`] |
 //! | tables: CSV, Markdown, terminal | `report::table::Table` | [`lines`] |
 //! | prose of Markdown reports | `study::report`, `sweep::report` | [`markdown`] |
 //! | pages and SVG plots | `show::page`, `report::plot` | [`line()`], [`lines`] |

@@ -23,16 +23,23 @@ use std::time::Duration;
 /// Tens of thousands of threads take minutes to start.
 const MAX_THREADS: usize = 4096;
 
-/// Prints a line of the result; returns from the function where that fails.
+/// Prints a line of the result, which stays one line whatever is in it; returns from the function where that fails.
 macro_rules! outln {
     ($($arg:tt)*) => {
-        $crate::cli::common::print(format_args!($($arg)*))?
+        $crate::cli::common::print(&$crate::printable::line(&format!($($arg)*)))?
     };
 }
 
-/// Prints a line to stdout. A reader that has seen enough and closed it is no failure.
-pub fn print(line: std::fmt::Arguments<'_>) -> anyhow::Result<()> {
-    match writeln!(std::io::stdout(), "{}", printable::lines(&line.to_string())) {
+/// Prints lines of the result, such as a table; returns from the function where that fails.
+macro_rules! outlines {
+    ($text:expr) => {
+        $crate::cli::common::print(&$text)?
+    };
+}
+
+/// Prints lines to stdout. A reader that has seen enough and closed it is no failure.
+pub fn print(lines: &str) -> anyhow::Result<()> {
+    match writeln!(std::io::stdout(), "{}", printable::lines(lines)) {
         Err(error) if error.kind() != std::io::ErrorKind::BrokenPipe => {
             Err(error).context("cannot write to standard output")
         }
@@ -42,7 +49,7 @@ pub fn print(line: std::fmt::Arguments<'_>) -> anyhow::Result<()> {
 
 /// Prints a line to stderr, if anybody listens: `eprintln!` would panic where it is closed.
 pub fn tell(line: &str) {
-    let _ = writeln!(std::io::stderr(), "{}", printable::lines(line));
+    let _ = writeln!(std::io::stderr(), "{}", printable::line(line));
 }
 
 /// Options every command takes.
@@ -110,7 +117,7 @@ impl Global {
         summary: &Summary,
         human: impl FnOnce() -> anyhow::Result<()>,
     ) -> anyhow::Result<()> {
-        if self.json { print(format_args!("{}", summary.to_json()?.trim_end())) } else { human() }
+        if self.json { print(summary.to_json()?.trim_end()) } else { human() }
     }
 }
 
@@ -212,7 +219,7 @@ pub fn survive_file_size_limits() {
 /// Prints what was read.
 pub fn print_report(dataset: &Dataset, global: &Global) -> Report {
     let report = Report::of(dataset);
-    global.say(report.to_string());
+    progress::say_lines(global.style(), &report.to_string());
     report
 }
 

@@ -61,7 +61,7 @@ impl PhotoOptions {
     pub fn read(&self, file: &Path, global: &Global) -> anyhow::Result<Photo> {
         let photo = Photo::read(file, self.background, self.scale)?;
         let [width, height] = photo.size();
-        global.say(format!("{}: {width}x{height} pixels", crate::printable::line(&photo.name)));
+        global.say(format!("{}: {width}x{height} pixels", photo.name));
         photo.notes.iter().for_each(|note| global.say(format!("  {note}")));
         Ok(photo)
     }

@@ -1,7 +1,6 @@
 //! `nerf-train inspect`
 
 use super::common::{Global, background_name, open_blob, read_file};
-use crate::printable::line;
 use crate::report::summary::Summary;
 use clap::Args;
 use nerf_core::blob::{Blob, FrontPoint};
@@ -88,11 +87,11 @@ fn print(file: &Path, bytes: &[u8], blob: &Blob<'_>) -> anyhow::Result<()> {
         }
     }
     let p = blob.provenance();
-    outln!("data          {}", line(p.data));
-    outln!("made by       {}, {} steps, seed {}", line(p.made_by), p.steps, p.seed);
+    outln!("data          {}", p.data);
+    outln!("made by       {}, {} steps, seed {}", p.made_by, p.steps, p.seed);
     outln!("trained       {} parameters before folding", p.trained_parameters);
     match p.psnr_db {
-        Some(db) => outln!("PSNR          {db:.3} dB ({})", line(p.psnr_convention)),
+        Some(db) => outln!("PSNR          {db:.3} dB ({})", p.psnr_convention),
         None => outln!("PSNR          not measured"),
     }
     if let Some(db) = p.quantisation_loss_db {

@@ -18,7 +18,6 @@ mod show;
 mod study;
 mod sweep;
 
-use crate::printable;
 use crate::report::summary::Summary;
 use clap::{CommandFactory, Parser, Subcommand};
 use std::process::ExitCode;
@@ -74,7 +73,7 @@ fn print_error(message: &str) {
     let mut object = Summary::new();
     object.text("error", message);
     // Whoever closed stdout is told on stderr.
-    let _ = object.to_json().map(|json| common::print(format_args!("{}", json.trim_end())));
+    let _ = object.to_json().map(|json| common::print(json.trim_end()));
 }
 
 /// The arguments; wrong ones and requests for help end the process.
@@ -115,7 +114,7 @@ pub fn main() -> ExitCode {
         Ok(status) => status,
         Err(error) => {
             let message = message(&error);
-            common::tell(&format!("error: {}", printable::line(&message)));
+            common::tell(&format!("error: {message}"));
             if cli.global.json {
                 print_error(&message);
             }

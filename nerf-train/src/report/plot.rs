@@ -104,7 +104,10 @@ pub struct LinePlot {
 impl LinePlot {
     /// A plot without series, with linear axes.
     pub fn new(title: impl Into<String>, x_label: impl Into<String>, y_label: impl Into<String>) -> Self {
-        let (title, x_label, y_label) = (title.into(), x_label.into(), y_label.into());
+        let (title, x_label, y_label): (String, String, String) =
+            (title.into(), x_label.into(), y_label.into());
+        // Titles name data sets: a line end in such a name breaks no line.
+        let title = printable::line(&title).into_owned();
         Self { title, x_label, y_label, ..Self::default() }
     }
 

@@ -41,14 +41,17 @@ impl Table {
         &self.rows
     }
 
-    /// The table as CSV (RFC 4180, lines end in "\n"): the column names first, quoted where needed.
+    /// The table as CSV (RFC 4180, lines end in "\n"): the column names first, quoted where needed; a line end in a
+    /// cell is escaped, as many a reader takes a file line by line.
     ///
     /// # Errors
     /// [`ReportError::Encode`], which no table is known to cause.
     pub fn to_csv(&self) -> Result<Vec<u8>, ReportError> {
         let mut writer = csv::Writer::from_writer(Vec::new());
         for row in std::iter::once(&self.columns).chain(&self.rows).filter(|row| !row.is_empty()) {
-            writer.write_record(row).map_err(ReportError::encode("CSV"))?;
+            writer
+                .write_record(row.iter().map(|cell| printable::line(cell).into_owned()))
+                .map_err(ReportError::encode("CSV"))?;
         }
         writer.into_inner().map_err(|e| ReportError::encode("CSV")(e.into_error()))
     }
@@ -153,7 +156,8 @@ mod tests {
         let mut reader = csv::Reader::from_reader(bytes.as_slice());
         assert_eq!(reader.headers().unwrap(), table.columns());
         let rows: Vec<Vec<String>> = reader.deserialize().map(Result::unwrap).collect();
-        assert_eq!(rows, table.rows());
+        assert_eq!(rows[..2], table.rows()[..2]);
+        assert_eq!(rows[2][0], r"two\nlines");
         let folder = tempfile::tempdir().unwrap();
         table.write_csv(folder.path().join("a.csv")).unwrap();
         assert_eq!(std::fs::read(folder.path().join("a.csv")).unwrap(), bytes);

@@ -212,7 +212,7 @@ fn read_json<T: DeserializeOwned>(path: &Path, what: &'static str) -> Result<T, 
 
 fn json(value: &impl serde::Serialize) -> Result<String, SweepError> {
     let text = serde_json::to_string_pretty(value).map_err(ReportError::encode("sweep record"))?;
-    Ok(text + "\n")
+    Ok(crate::printable::json(&text).into_owned() + "\n")
 }
 
 fn write_json(path: &Path, value: &impl serde::Serialize) -> Result<(), SweepError> {

@@ -143,6 +143,7 @@ fn markdown(folder: &Folder, records: &[Record]) -> String {
     }
     let _ = writeln!(text, "![PSNR over time](psnr_over_time.png)\n\n![Pictures](sheet.png)\n");
     let settings = serde_json::to_string_pretty(&header.settings).unwrap_or_default();
+    let settings = crate::printable::json(&settings);
     let _ = writeln!(text, "All other settings:\n\n```json\n{settings}\n```");
     text
 }

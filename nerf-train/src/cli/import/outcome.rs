@@ -6,7 +6,6 @@ use crate::export::Exported;
 use crate::import::probe::{Probe, name};
 use crate::import::{Check, Imported, Settings, Tensors};
 use crate::occupancy::LiveCells;
-use crate::printable::line;
 use crate::report::summary::Summary;
 use crate::study::Verdict;
 use nerf_core::encoding::Encoding;
@@ -50,13 +49,13 @@ impl Outcome<'_> {
         let (s, a) = (self.settings, &self.network.model.architecture);
         outln!("read         {} tensors of {}", self.tensors.tensors.len(), self.tensors.file.display());
         if !self.tensors.prefix.is_empty() {
-            outln!("network      {}", line(&self.tensors.prefix));
+            outln!("network      {}", self.tensors.prefix);
         }
         for other in &self.tensors.others {
-            outln!("left out     {}", line(other));
+            outln!("left out     {other}");
         }
         for unused in &self.network.unused {
-            outln!("not used     {}: no output depends on it", line(unused));
+            outln!("not used     {unused}: no output depends on it");
         }
         for layer in self.network.model.layers() {
             outln!("layer        {}", describe(&layer));
