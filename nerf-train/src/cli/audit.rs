@@ -94,7 +94,7 @@ impl Audit {
             summary.write(folder)?;
         }
         global.finish(&summary, || {
-            outln!("{}", table.to_text());
+            outlines!(table.to_text());
             outln!(
                 "mean over {} views ({}) on {background}; time and MACs: with the effect over without it",
                 views.len(),

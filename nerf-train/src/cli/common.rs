@@ -1,6 +1,8 @@
 //! What several commands share.
 
 use crate::dataset::{self, Axes, Dataset, ReadOptions, Report, Watch};
+use crate::input::{MAX_BLOB_BYTES, read_limited};
+use crate::printable;
 use crate::report::progress::{self, Message, Progress, ProgressStyle, Total};
 use crate::report::summary::Summary;
 use crate::report::video::{Ffmpeg, VideoError};
@@ -19,16 +21,23 @@ use std::time::Duration;
 /// Tens of thousands of threads take minutes to start.
 const MAX_THREADS: usize = 4096;
 
-/// Prints a line of the result; returns from the function where that fails.
+/// Prints a line of the result, which stays one line whatever is in it; returns from the function where that fails.
 macro_rules! outln {
     ($($arg:tt)*) => {
-        $crate::cli::common::print(format_args!($($arg)*))?
+        $crate::cli::common::print(&$crate::printable::line(&format!($($arg)*)))?
     };
 }
 
-/// Prints a line to stdout. A reader that has seen enough and closed it is no failure.
-pub fn print(line: std::fmt::Arguments<'_>) -> anyhow::Result<()> {
-    match writeln!(std::io::stdout(), "{line}") {
+/// Prints lines of the result, such as a table; returns from the function where that fails.
+macro_rules! outlines {
+    ($text:expr) => {
+        $crate::cli::common::print(&$text)?
+    };
+}
+
+/// Prints lines to stdout. A reader that has seen enough and closed it is no failure.
+pub fn print(lines: &str) -> anyhow::Result<()> {
+    match writeln!(std::io::stdout(), "{}", printable::lines(lines)) {
         Err(error) if error.kind() != std::io::ErrorKind::BrokenPipe => {
             Err(error).context("cannot write to standard output")
         }
@@ -38,7 +47,7 @@ pub fn print(line: std::fmt::Arguments<'_>) -> anyhow::Result<()> {
 
 /// Prints a line to stderr, if anybody listens: `eprintln!` would panic where it is closed.
 pub fn tell(line: &str) {
-    let _ = writeln!(std::io::stderr(), "{line}");
+    let _ = writeln!(std::io::stderr(), "{}", printable::line(line));
 }
 
 /// Options every command takes.
@@ -106,7 +115,7 @@ impl Global {
         summary: &Summary,
         human: impl FnOnce() -> anyhow::Result<()>,
     ) -> anyhow::Result<()> {
-        if self.json { print(format_args!("{}", summary.to_json()?.trim_end())) } else { human() }
+        if self.json { print(summary.to_json()?.trim_end()) } else { human() }
     }
 }
 
@@ -129,6 +138,9 @@ pub struct DataOptions {
     /// Where rays end, world units along the ray.
     #[arg(long, value_name = "T")]
     pub far: Option<f32>,
+    /// Read pictures also where the data set's `file_path` leads out of its folder: `..`, absolute paths, links.
+    #[arg(long)]
+    pub outside_files: bool,
 }
 
 impl DataOptions {
@@ -145,7 +157,13 @@ impl DataOptions {
     }
 
     fn options(&self) -> ReadOptions {
-        ReadOptions { axes: self.axes, near: self.near, far: self.far, ..ReadOptions::default() }
+        ReadOptions {
+            axes: self.axes,
+            near: self.near,
+            far: self.far,
+            outside_files: self.outside_files,
+            ..ReadOptions::default()
+        }
     }
 }
 
@@ -186,7 +204,7 @@ pub fn survive_file_size_limits() {
 /// Prints what was read.
 pub fn print_report(dataset: &Dataset, global: &Global) -> Report {
     let report = Report::of(dataset);
-    global.say(report.to_string());
+    progress::say_lines(global.style(), &report.to_string());
     report
 }
 
@@ -330,9 +348,9 @@ pub fn say_no_mp4(global: &Global, why: &str, gif: &Path) {
     }
 }
 
-/// Reads a file, naming it in the error.
+/// Reads a blob, from a file or a pipe, naming it in the error.
 pub fn read_file(path: &Path) -> anyhow::Result<Vec<u8>> {
-    std::fs::read(path).with_context(|| format!("cannot read {}", path.display()))
+    read_limited(path, MAX_BLOB_BYTES).with_context(|| format!("cannot read {}", path.display()))
 }
 
 /// Opens a blob, naming its file in the error.

@@ -95,7 +95,7 @@ impl Demo {
         outcome::write_curve(&self.out, &outcome)?;
         outcome::write_snapshots(&self.out, &outcome, &dataset)?;
         let json = serde_json::to_string_pretty(&report)?;
-        write_atomic(self.out.join("data.json"), json.as_bytes())?;
+        write_atomic(self.out.join("data.json"), crate::printable::json(&json).as_bytes())?;
 
         let blob = open_blob(&blob_path, &outcome.bytes)?;
         let plan = Plan::new(&blob, &Quality::default(), Outputs::ALL, Batch::for_tier(tier))?;
@@ -164,7 +164,7 @@ impl Demo {
         summary.write(&self.out)?;
 
         global.finish(&summary, || {
-            outln!("{}", table.to_text());
+            outlines!(table.to_text());
             outln!(
                 "mean over {} held-out views on {}: {psnr:.2} dB PSNR, {ssim:.4} SSIM",
                 scores.views.len(),

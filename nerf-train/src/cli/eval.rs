@@ -172,7 +172,7 @@ impl Eval {
             summary.write(folder)?;
         }
         global.finish(&summary, || {
-            outln!("{}", table.to_text());
+            outlines!(table.to_text());
             outln!("mean over {done} views on {name}: {psnr:.3} dB PSNR, {ssim:.4} SSIM");
             if let (Some(step), Some(mean)) = (self.lattice, lattice_db) {
                 outln!("over every pixel number 0, {step}, {}, … of such rows: {mean:.3} dB PSNR", 2 * step);

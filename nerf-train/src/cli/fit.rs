@@ -8,6 +8,7 @@ use super::common::{
 use super::outcome;
 use crate::config::{Config, Density, Jitter, Preset};
 use crate::dataset::Background;
+use crate::input;
 use crate::output::ensure_file;
 use crate::stop;
 use crate::study::THRESHOLD_DB;
@@ -192,7 +193,8 @@ pub fn read_config(preset: Preset, file: Option<&Path>, hull: bool) -> anyhow::R
     let start =
         |preset: Preset, hull: bool| if hull { preset.config() } else { preset.config().without_hull() };
     let Some(file) = file else { return Ok(start(preset, hull)) };
-    let text = std::fs::read_to_string(file).with_context(|| format!("cannot read {}", file.display()))?;
+    let text = input::read_text(file, input::MAX_TOML_BYTES)
+        .with_context(|| format!("cannot read {}", file.display()))?;
     let parse = || -> anyhow::Result<Config> {
         let given: toml::Table = text.parse()?;
         let preset = match given.get("preset") {
@@ -204,7 +206,10 @@ pub fn read_config(preset: Preset, file: Option<&Path>, hull: bool) -> anyhow::R
         merge(&mut merged, given);
         Ok(merged.try_into()?)
     };
-    parse().with_context(|| file.display().to_string())
+    parse().map_err(|error| match error.downcast_ref::<toml::de::Error>() {
+        Some(toml) => anyhow::anyhow!("{}: {}", file.display(), input::toml_message(&text, toml)),
+        None => error.context(file.display().to_string()),
+    })
 }
 
 fn merge(into: &mut toml::Table, from: toml::Table) {

@@ -75,7 +75,7 @@ fn print_error(message: &str) {
     let mut object = Summary::new();
     object.text("error", message);
     // Whoever closed stdout is told on stderr.
-    let _ = object.to_json().map(|json| common::print(format_args!("{}", json.trim_end())));
+    let _ = object.to_json().map(|json| common::print(json.trim_end()));
 }
 
 /// The arguments; wrong ones and requests for help end the process.

@@ -159,7 +159,7 @@ pub fn write(
     write_snapshots(folder, outcome, dataset)?;
     write_views(folder, outcome)?;
     let json = serde_json::to_string_pretty(report)?;
-    crate::output::write_atomic(folder.join("data.json"), json.as_bytes())?;
+    crate::output::write_atomic(folder.join("data.json"), crate::printable::json(&json).as_bytes())?;
     summary.write(folder)?;
     Ok(())
 }

@@ -176,7 +176,7 @@ impl Study {
             summary.text("blob", output.display().to_string());
         }
         global.finish(&summary, || {
-            outln!("{}", findings.short_table(&findings.front).to_text());
+            outlines!(findings.short_table(&findings.front).to_text());
             if let Some((span, point)) = findings.span(|_| true) {
                 let label = &study.points[point].label;
                 outln!("within {SPAN_LOSS_DB} dB of exact, {span:.1} times faster: {label}");

@@ -140,7 +140,7 @@ fn finish(folder: &Folder, global: &Global) -> anyhow::Result<()> {
         .text("report", report.display().to_string())
         .sections("runs", records.iter().map(fields).collect());
     global.finish(&summary, || {
-        outln!("{}", crate::sweep::table(&records).to_text().trim_end());
+        outlines!(crate::sweep::table(&records).to_text().trim_end());
         outln!("report: {}", report.display());
         Ok(())
     })

@@ -114,7 +114,7 @@ impl Picture {
 
     /// The colours of a picture file; `None` where there is none that can be read.
     pub fn read(path: impl AsRef<Path>) -> Option<Self> {
-        let picture = image::open(path).ok()?.into_rgb8();
+        let picture = crate::decode::decode(path.as_ref()).ok()?.0.into_rgb8();
         let rgb = picture.pixels().map(|pixel| pixel.0.map(|c| f32::from(c) / 255.0)).collect();
         Some(Self { width: picture.width() as usize, height: picture.height() as usize, rgb })
     }

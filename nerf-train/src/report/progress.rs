@@ -5,6 +5,7 @@
 
 mod event;
 
+use crate::printable;
 use event::Event;
 use indicatif::{ProgressBar, ProgressDrawTarget};
 use std::fmt::Write as _;
@@ -125,8 +126,8 @@ impl Progress {
             Display::Bar(bar) => {
                 let share = self.share(position, elapsed).unwrap_or(0.0);
                 bar.set_position((share * BAR_LENGTH as f64) as u64);
-                bar.set_prefix(self.standing(position, elapsed));
-                bar.set_message(details(message));
+                bar.set_prefix(printable::line(&self.standing(position, elapsed)).into_owned());
+                bar.set_message(printable::line(&details(message)).into_owned());
             }
             Display::Lines { json: true, .. } => print_line(&self.event(position, elapsed, message).line()),
             _ => print_line(&self.describe(position, elapsed, message)),
@@ -291,15 +292,27 @@ fn new_bar() -> ProgressBar {
 /// Prints a line that belongs to no stretch of work, in the manner of `style`.
 pub fn say(style: ProgressStyle, line: &str) {
     match style {
+        ProgressStyle::Json => say_lines(style, line),
+        _ => say_lines(style, &printable::line(line)),
+    }
+}
+
+/// The same of a text that this program set in lines, in which names are [`printable::line`] already.
+pub fn say_lines(style: ProgressStyle, lines: &str) {
+    match style {
         ProgressStyle::Quiet => {}
-        ProgressStyle::Json => print_line(&Event::Note { text: line }.line()),
-        ProgressStyle::Auto | ProgressStyle::Plain => print_line(line),
+        ProgressStyle::Json => print_lines(&Event::Note { text: lines }.line()),
+        ProgressStyle::Auto | ProgressStyle::Plain => print_lines(lines),
     }
 }
 
 fn print_line(line: &str) {
+    print_lines(&printable::line(line));
+}
+
+fn print_lines(lines: &str) {
     // eprintln! would panic where stderr is closed.
-    let _ = writeln!(std::io::stderr(), "{line}");
+    let _ = writeln!(std::io::stderr(), "{}", printable::lines(lines));
 }
 
 /// 1234567 as "1,234,567".

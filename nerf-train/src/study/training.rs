@@ -5,6 +5,7 @@ use crate::config::{Config, ConfigError, Preset};
 use crate::dataset::Dataset;
 use crate::engine::EngineError;
 use crate::output::write_atomic;
+use crate::printable::markdown;
 use crate::report::plot::{LinePlot, Marker, Series};
 use crate::report::progress::{ProgressStyle, say};
 use crate::report::summary::Summary;
@@ -192,7 +193,7 @@ pub fn write(fits: &[Fitted], data: &str, machine: &str, folder: &Path) -> Resul
         }
     }
     curves.write_csv(folder.join("curves.csv"))?;
-    let mut text = format!("# PSNR over the time of a fit: {data}\n\n");
+    let mut text = format!("# PSNR over the time of a fit: {}\n\n", markdown(data));
     // Writing into a String cannot fail.
     let _ = writeln!(text, "Every fit had the same time; on {machine}.\n\n{}", table(fits).to_markdown());
     for group in groups(fits) {

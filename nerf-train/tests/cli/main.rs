@@ -17,6 +17,7 @@ mod snapshots;
 mod stopping;
 mod storage;
 mod study;
+mod untrusted;
 mod video;
 
 use made::Folder;

@@ -64,6 +64,9 @@ pub struct Import {
     /// Which validation views, counted from 0 [default: up to ten of them].
     #[arg(long = "view", value_name = "I,J,…", value_delimiter = ',', requires = "check")]
     views: Vec<usize>,
+    /// Read pictures of --check also where its `file_path` leads out of its folder.
+    #[arg(long, requires = "check")]
+    outside_files: bool,
     /// Leave view dependence out if it gains less than this on the views of --check, dB: its mean over directions
     /// takes its place.
     #[arg(long, value_name = "DB", default_value_t = THRESHOLD_DB, allow_hyphen_values = true, requires = "check")]
@@ -197,7 +200,12 @@ impl Import {
     /// The views of `--check`, thinned.
     fn data(&self, guesses: &Guesses, settings: &Settings, global: &Global) -> anyhow::Result<Option<Data>> {
         let Some(path) = &self.check else { return Ok(None) };
-        let options = DataOptions { axes: guesses.axes, near: Some(settings.near), far: Some(settings.far) };
+        let options = DataOptions {
+            axes: guesses.axes,
+            near: Some(settings.near),
+            far: Some(settings.far),
+            outside_files: self.outside_files,
+        };
         let dataset = options.read(path, global)?;
         let all = split(&dataset);
         let views: Vec<&View> = if self.views.is_empty() {

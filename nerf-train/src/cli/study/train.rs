@@ -123,7 +123,7 @@ impl StudyTrain {
         }
         write(&fits, &dataset.name, &machine, &self.report)?;
         global.finish(&summary(&fits), || {
-            outln!("{}", table(&fits).to_text().trim_end());
+            outlines!(table(&fits).to_text().trim_end());
             outln!("report: {}", self.report.join("report.md").display());
             Ok(())
         })?;
