@@ -14,6 +14,7 @@ pub mod field;
 pub mod frame;
 pub mod image_field;
 pub mod import;
+pub mod memory;
 pub mod occupancy;
 pub mod orbit;
 pub mod output;
