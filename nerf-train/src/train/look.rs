@@ -142,7 +142,7 @@ impl Session<'_, '_> {
                 continue;
             };
             let snapshot = Snapshot { step: candidate.step, seconds, view, psnr_db: score.psnr_db };
-            frame.write_png(snapshot.path(&options.folder, &self.dataset.val[view]))?;
+            frame.write_png(snapshot.path(&options.folder, self.dataset))?;
             self.trainer.snapshots.push(snapshot);
         }
         scores.views.truncate(watched.len());

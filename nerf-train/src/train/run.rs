@@ -13,7 +13,7 @@ use crate::output::{OutputError, ensure_folder};
 use crate::report::error::ReportError;
 use crate::report::progress::{Message, Progress, ProgressStyle};
 use nerf_core::kernels::Tier;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::time::{Duration, Instant};
 
 /// Share of a limit in seconds that is kept for the work after the last step, until looks tell how long it takes;
@@ -254,12 +254,4 @@ impl Session<'_, '_> {
         self.trainer.checkpoint(self.clock.seconds()).write(path)?;
         Ok(Some(path.clone()))
     }
-}
-
-/// A view's name as part of a file name.
-pub fn file_name(name: &str) -> String {
-    let stem = Path::new(name).with_extension("");
-    let plain = |c: char| if c.is_ascii_alphanumeric() { c } else { '_' };
-    let name: String = stem.to_string_lossy().trim_start_matches("./").chars().map(plain).collect();
-    name.trim_end_matches('_').to_string()
 }
