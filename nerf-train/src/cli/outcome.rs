@@ -5,13 +5,14 @@ use crate::config::Config;
 use crate::dataset::{Dataset, Report};
 use crate::eval::measure;
 use crate::report::contact_sheet::{Cell, contact_sheet};
+use crate::report::names::FileNames;
 use crate::report::plot::{LinePlot, Marker, Series};
 use crate::report::summary::Summary;
 use crate::report::table::Table;
 use crate::train::CurvePoint;
 use crate::train::direction::ViewDependence;
 use crate::train::finish::Outcome;
-use crate::train::run::{file_name, spread};
+use crate::train::run::spread;
 use crate::train::snapshot;
 use nerf_core::kernels::Tier;
 use nerf_core::plan::Quality;
@@ -255,14 +256,14 @@ pub fn write_snapshots(folder: &Path, outcome: &Outcome, dataset: &Dataset) -> a
 
 /// Pictures of a few validation views with their truth and their z_depth, and a sheet of them.
 fn write_views(folder: &Path, outcome: &Outcome, dataset: &Dataset, tier: Tier) -> anyhow::Result<()> {
-    let views = spread(&dataset.val, 4);
+    let (views, names) = (spread(&dataset.val, 4), FileNames::of(&dataset.val));
     let mut cells = Vec::new();
     let mut written = Ok(());
     let each = |view: &crate::dataset::View,
                 frame: &crate::frame::Frame,
                 truth: &[[f32; 3]],
                 score: &crate::eval::ViewScore| {
-        let name = file_name(&view.name);
+        let name = names.stem(view);
         let mut write = || -> anyhow::Result<()> {
             frame.picture().write_png(folder.join(format!("{name}.png")))?;
             frame.z_depth_picture()?.write_png(folder.join(format!("{name}_z_depth.png")))?;
