@@ -139,7 +139,10 @@ struct Input {
 #[derive(Debug)]
 struct Output {
     flag: String,
+    /// As it was given.
     path: PathBuf,
+    /// Where that is: `new/../a` is `a` once there is a folder `new`.
+    place: PathBuf,
     kind: Kind,
 }
 
@@ -269,7 +272,8 @@ impl Claims {
     }
 
     fn output(mut self, flag: &str, path: &Path, kind: Kind) -> Self {
-        self.outputs.push(Output { flag: flag.to_owned(), path: path.to_owned(), kind });
+        let place = if path.exists() { path.to_owned() } else { resolved(path) };
+        self.outputs.push(Output { flag: flag.to_owned(), path: path.to_owned(), place, kind });
         self
     }
 
@@ -282,8 +286,8 @@ impl Claims {
         for output in &self.outputs {
             self.check_output(output)?;
             if matches!(output.kind, Kind::File(_)) && !is_device(&output.path) {
-                let identity =
-                    Identity::of(&output.path).unwrap_or_else(|| Identity::Path(resolved(&output.path)));
+                let identity = Identity::of(&output.place);
+                let identity = identity.unwrap_or_else(|| Identity::Path(output.place.clone()));
                 if let Some(other) = taken.insert(identity, &output.flag) {
                     let (path, other) = (output.path.clone(), other.to_owned());
                     return Err(ClaimError::Twice { output: output.flag.clone(), path, other });
@@ -300,7 +304,7 @@ impl Claims {
     pub fn settle(&self) -> Result<(), ClaimError> {
         self.check()?;
         let mut tried = BTreeSet::new();
-        for Output { flag, path, kind } in &self.outputs {
+        for Output { flag, path, kind, .. } in &self.outputs {
             let folder = match kind {
                 Kind::Folder(true) => path.clone(),
                 // A link is followed: what counts is the folder of the file it stands for.
@@ -320,17 +324,17 @@ impl Claims {
         match output.kind {
             Kind::File(existing) => {
                 check_name(output)?;
-                self.check_input(output, &output.path)?;
+                self.check_input(output, &output.place)?;
                 self.check_inside(output)?;
-                check_existing(output, &output.path, existing)
+                check_existing(output, &output.place, existing)
             }
             Kind::Folder(_) => {
-                self.check_input(output, &output.path)?;
+                self.check_input(output, &output.place)?;
                 self.check_inside(output)
             }
             Kind::Any(prefix, extension, existing) => {
                 // A folder that is not there holds nothing; one that cannot be read says so when it is tried out.
-                let entries = fs::read_dir(&output.path).into_iter().flatten().flatten();
+                let entries = fs::read_dir(&output.place).into_iter().flatten().flatten();
                 for path in entries.map(|entry| entry.path()).filter(|path| is_like(path, prefix, extension))
                 {
                     self.check_input(output, &path)?;
@@ -368,10 +372,10 @@ impl Claims {
 
 /// Refuses folders and names that are too long.
 fn check_name(output: &Output) -> Result<(), ClaimError> {
-    let Output { flag, path, .. } = output;
+    let Output { flag, path, place, .. } = output;
     let ends_in_slash =
         path.as_os_str().as_encoded_bytes().last().is_some_and(|&last| std::path::is_separator(last.into()));
-    if ends_in_slash || path.file_name().is_none() || path.is_dir() {
+    if ends_in_slash || path.file_name().is_none() || place.is_dir() {
         return Err(ClaimError::Folder { output: flag.clone(), path: path.clone() });
     }
     let found = path.file_name().map_or(0, |name| name.as_encoded_bytes().len());

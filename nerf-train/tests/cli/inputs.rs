@@ -50,7 +50,14 @@ fn names_of(folder: &Path, file: &str) -> Vec<String> {
     let path = folder.join(file);
     let absolute = path.to_str().expect("UTF-8").to_owned();
     let (stem, extension) = file.rsplit_once('.').expect("an extension");
-    let mut names = vec![file.to_owned(), format!("./sub/../{file}"), format!("sub/./..//{file}"), absolute];
+    let mut names = vec![
+        file.to_owned(),
+        format!("./sub/../{file}"),
+        format!("./sub/../{file}"),
+        format!("./absent/../{file}"),
+        format!("sub/./..//{file}"),
+        absolute,
+    ];
     std::fs::create_dir_all(folder.join("sub")).expect("a folder");
     let hard = format!("{stem}_hard.{extension}");
     std::fs::hard_link(&path, folder.join(&hard)).expect("a hard link");
@@ -284,7 +291,7 @@ fn nothing_is_written_into_a_data_set_that_is_a_folder() {
             if args.contains(&"scene/transforms_train.json") && *place != "scene/train" {
                 continue;
             }
-            refused(root, &[args, &[place]].concat(), place.trim_end_matches('/'));
+            refused(root, &[*args, &[*place]].concat(), place.trim_end_matches('/'));
         }
     }
     let files: &[(&[&str], &str)] = &[
@@ -297,7 +304,7 @@ fn nothing_is_written_into_a_data_set_that_is_a_folder() {
     for (args, extension) in files {
         for place in &places {
             let output = format!("{}/a.{extension}", place.trim_end_matches('/'));
-            refused(root, &[args, &["-o", &output]].concat(), &output);
+            refused(root, &[*args, &["-o", output.as_str()]].concat(), &output);
         }
     }
     // Pictures of it, also by another name, where its list is what was named, or they lie elsewhere.
