@@ -8,6 +8,7 @@ use super::outcome;
 use super::places;
 use crate::config::{Config, Density, Jitter, Preset};
 use crate::dataset::Background;
+use crate::memory;
 use crate::output::claims::{Claims, Existing, is_device};
 use crate::study::THRESHOLD_DB;
 use crate::train::run::{Ended, RunOptions, run_since};
@@ -221,6 +222,9 @@ fn merge(into: &mut toml::Table, from: toml::Table) {
     }
 }
 
+/// What a sample of a step takes: measured with 130 million of them.
+const BYTES_PER_SAMPLE: u64 = 32;
+
 impl Fit {
     /// Preset, TOML file and flags, in this order; `hull`: whether one can be carved.
     fn config(&self, hull: bool) -> anyhow::Result<Config> {
@@ -232,6 +236,9 @@ impl Fit {
             config.optimiser.steps = steps;
         }
         config.check()?;
+        let (rays, samples) = (config.sampling.rays as u64, u64::from(config.sampling.samples));
+        let what = format!("a step of {rays} rays with {samples} samples");
+        memory::check(what, rays * samples, BYTES_PER_SAMPLE, "lower --rays")?;
         Ok(config)
     }
 
