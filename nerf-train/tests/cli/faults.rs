@@ -92,7 +92,9 @@ fn bad_folders_are_refused_naming_file_and_view() {
     value["frames"] = serde_json::json!([]);
     std::fs::write(&json, value.to_string()).expect("written");
     fails(fit(&data, &file, &[]), &["scene", "at least one training view"]);
-    fails(fit(&folder.path(""), &file, &[]), &["transforms"]);
+    let empty = folder.path("empty");
+    std::fs::create_dir(&empty).expect("a folder");
+    fails(fit(&empty, &file, &[]), &["transforms"]);
     assert!(!Path::new(&file).exists());
 }
 

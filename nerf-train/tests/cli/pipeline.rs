@@ -373,7 +373,19 @@ fn closed_and_full_outputs_are_no_panic() {
         &["inspect", file],
         &["eval", file, &data, "-q"],
         &["render", file, "-q", "-o", &folder.path("to_nowhere.png"), "--width", "4"],
-        &["fit", &data, "-o", &folder.path("closed.nerf"), "--steps", "2", "--width", "8", "--depth", "1"],
+        &[
+            "fit",
+            &data,
+            "-o",
+            &folder.path("closed.nerf"),
+            "--steps",
+            "2",
+            "--width",
+            "8",
+            "--depth",
+            "1",
+            "--restart",
+        ],
     ];
     for args in commands {
         // A result that nobody gets is an error; what is only said may get lost.
