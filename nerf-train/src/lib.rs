@@ -15,6 +15,7 @@ pub mod frame;
 pub mod image_field;
 pub mod import;
 pub mod input;
+pub mod memory;
 pub mod occupancy;
 pub mod orbit;
 pub mod output;

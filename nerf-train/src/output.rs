@@ -5,6 +5,9 @@
 //! name one wins whole. A process that is killed outright may leave a hidden `.nerf-*.tmp` behind,
 //! which is safe to delete.
 
+pub mod claims;
+pub mod mark;
+
 use std::fmt;
 use std::fs::{self, File};
 use std::io::{self, BufWriter, Seek, SeekFrom, Write};

@@ -18,8 +18,8 @@ use std::path::{Path, PathBuf};
 use std::sync::mpsc::{self, Receiver, RecvTimeoutError};
 use std::time::Duration;
 
-/// Tens of thousands of threads take minutes to start.
-const MAX_THREADS: usize = 4096;
+/// Threads a core beyond which more only cost memory.
+const THREADS_PER_CORE: usize = 4;
 
 /// Prints a line of the result, which stays one line whatever is in it; returns from the function where that fails.
 macro_rules! outln {
@@ -61,7 +61,7 @@ pub struct Global {
     /// failure is {"error": …} on stdout and text on stderr.
     #[arg(long, global = true)]
     pub json: bool,
-    /// Threads [default: all cores].
+    /// Threads, at most four for each core [default: all cores].
     #[arg(long, global = true, value_name = "N")]
     pub threads: Option<usize>,
     /// Kernel tier: scalar, avx2, avx512, avx512bf16 [default: the fastest that computes in f32]. avx512bf16
@@ -74,9 +74,16 @@ impl Global {
     /// Sets up the thread pool.
     pub fn apply(&self) -> anyhow::Result<()> {
         if let Some(threads) = self.threads {
-            if !(1..=MAX_THREADS).contains(&threads) {
-                bail!("--threads: expected 1 to {MAX_THREADS}, found {threads}");
+            if threads == 0 {
+                bail!("--threads: expected at least 1, found 0");
             }
+            let most = THREADS_PER_CORE * std::thread::available_parallelism().map_or(1, usize::from);
+            if threads > most {
+                self.say(format!(
+                    "--threads: {threads} would only cost memory; taking {most}, {THREADS_PER_CORE} for each core"
+                ));
+            }
+            let threads = threads.min(most);
             rayon::ThreadPoolBuilder::new().num_threads(threads).build_global().context("--threads")?;
         }
         Ok(())
@@ -304,12 +311,17 @@ pub struct Mp4Options {
     /// The ffmpeg that makes MP4s [default: the one on PATH].
     #[arg(long, value_name = "PROGRAM", env = "NERF_FFMPEG", hide_env_values = true)]
     ffmpeg: Option<PathBuf>,
-    /// Write no MP4 beside a GIF.
+    /// Write no MP4 beside a GIF. (One that nerf-train did not make is never replaced.)
     #[arg(long)]
     no_mp4: bool,
 }
 
 impl Mp4Options {
+    /// The program, where it was named.
+    pub fn program(&self) -> Option<&Path> {
+        self.ffmpeg.as_deref()
+    }
+
     /// The ffmpeg for an MP4 beside a GIF, or why there is none: empty where none is wanted.
     ///
     /// # Errors
@@ -408,14 +420,6 @@ pub fn check_max_seconds(seconds: Option<f64>) -> anyhow::Result<()> {
 pub fn check_checkpoint_every(seconds: f64) -> anyhow::Result<()> {
     if seconds.is_nan() || seconds < 0.0 {
         bail!("--checkpoint-every: expected seconds of at least 0, found {seconds}");
-    }
-    Ok(())
-}
-
-/// The folder of a report, made and tried out before any work is done.
-pub fn report_folder(folder: Option<&PathBuf>) -> anyhow::Result<()> {
-    if let Some(folder) = folder {
-        crate::output::ensure_folder(folder)?;
     }
     Ok(())
 }

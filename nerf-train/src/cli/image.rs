@@ -1,11 +1,14 @@
 //! `nerf-train image`
 
 use super::common::{
-    Global, check_max_seconds, cpu_name, open_blob, parse_background, parse_math, read_file, report_folder,
+    Global, check_max_seconds, cpu_name, open_blob, parse_background, parse_math, read_file,
 };
+use super::places;
 use crate::frame;
 use crate::image_field::{Ended, FieldConfig, FieldPreset, Look, Outcome, Photo, RunOptions, run};
-use crate::output::{ensure_file, ensure_folder, write_atomic};
+use crate::memory;
+use crate::output::claims::Claims;
+use crate::output::{ensure_folder, write_atomic};
 use crate::report::contact_sheet::{Cell, contact_sheet};
 use crate::report::picture::Picture;
 use crate::report::plot::{LinePlot, Marker, Series};
@@ -128,7 +131,7 @@ impl Settings {
 pub struct Fit {
     /// The picture.
     photo: PathBuf,
-    /// The blob to write.
+    /// The blob to write (.nerf).
     #[arg(long, short, value_name = "FILE")]
     output: PathBuf,
     /// Folder for summary.json, curve, pictures and contact sheet.
@@ -176,8 +179,13 @@ impl Fit {
         let config = self.config();
         config.check()?;
         check_max_seconds(self.max_seconds)?;
-        ensure_file(&self.output)?;
-        report_folder(self.report.as_ref())?;
+        places::check_extension("-o", &self.output, places::BLOB)?;
+        places::check_report(self.report.as_ref())?;
+        Claims::new()
+            .reads("the picture", &self.photo)
+            .writes("-o", &self.output)
+            .writes_folder_if("--report", self.report.as_deref(), &places::IMAGE_FIT)
+            .settle()?;
         let snapshots = match &self.report {
             Some(folder) if !self.snapshots.is_empty() => {
                 ensure_folder(folder.join("snapshots"))?;
@@ -357,8 +365,13 @@ pub struct Render {
     math: MathBackend,
 }
 
+/// What a pixel takes until its picture is written: its colour as f32 and as bytes, and these encoded.
+const BYTES_PER_PIXEL: u64 = 12 + 3 + 2 * 4;
+
 impl Render {
     fn run(&self, global: &Global) -> anyhow::Result<ExitCode> {
+        places::check_extension("-o", &self.output, places::PICTURE)?;
+        Claims::new().reads("the blob", &self.file).writes("-o", &self.output).settle()?;
         let bytes = read_file(&self.file)?;
         let blob = open_blob(&self.file, &bytes)?;
         let Some(facts) = blob.picture() else {
@@ -374,7 +387,9 @@ impl Render {
             (None, Some(height)) => [along(height, facts.height, facts.width), height],
             (None, None) => [facts.width, facts.height],
         };
-        ensure_file(&self.output)?;
+        let [width, height] = size.map(u64::from);
+        let what = format!("{}: a picture of {width}x{height} pixels", self.file.display());
+        memory::check(what, width * height, BYTES_PER_PIXEL, "choose a smaller --width")?;
         let mut memory = vec![Line::UNINIT; Renderer::prepared_lines(&blob, global.tier())];
         let renderer = Renderer::new(blob, global.tier(), &mut memory)?;
         let mut progress = Progress::new("render", Total::Steps(size[1].into()), global.style());

@@ -13,6 +13,7 @@ mod image;
 mod import;
 mod inspect;
 mod outcome;
+mod places;
 mod render;
 mod show;
 mod study;

@@ -10,6 +10,7 @@ use super::common::{
 use super::effects::EffectOptions;
 use super::eval::Split;
 use crate::frame;
+use crate::memory;
 use crate::report::colour_map::robust_range;
 use crate::report::progress::{Message, Progress, Total};
 use crate::report::summary::Summary;
@@ -49,6 +50,9 @@ enum Output {
 /// A view becomes a PNG. A video becomes what the name says: `orbit.gif` a GIF, and beside it orbit.mp4 where
 /// ffmpeg is installed; `orbit.mp4` an MP4 alone; a folder (`frames/`) numbered PNGs. Further outputs get
 /// their name appended: with -o view.png, z-depth goes to view_z_depth.png.
+///
+/// The file that -o names is replaced. Files it does not name (an MP4 beside a GIF, further outputs, frames in a folder)
+/// are replaced where nerf-train made them; anybody else's are kept, and the command is refused.
 #[derive(Debug, Args)]
 #[command(after_help = "Examples:
   nerf-train render lego.nerf -o view.png --data lego_200x200.npz --split val --view 3 --outputs rgb,z-depth
@@ -84,7 +88,7 @@ pub struct Render {
     /// View of the split, counted from 0.
     #[arg(long, value_name = "I", default_value_t = 0, requires = "data")]
     view: usize,
-    /// Video of a full circle around the scene in so many frames.
+    /// Video of a full circle around the scene in so many frames, at most a million.
     #[arg(long, value_name = "FRAMES", group = "what")]
     orbit: Option<usize>,
     /// Height of the orbit above the scene's middle, degrees.
@@ -131,6 +135,12 @@ pub struct Render {
     data_options: DataOptions,
 }
 
+/// What a pixel of a frame takes: all of its values, and those of its tile.
+const BYTES_PER_PIXEL: u64 = 40 + 60;
+/// What it takes for each output: its colour as f32 and as bytes, twice, and these encoded; of a film, two frames a
+/// thread wait.
+const BYTES_PER_OUTPUT: u64 = 2 * (12 + 4) + 8;
+
 /// The range of the colours of a distance, world units.
 type Ranges = Vec<(Output, (f32, f32))>;
 
@@ -155,10 +165,12 @@ impl Output {
 impl Render {
     /// Runs the command.
     pub fn run(&self, global: &Global) -> anyhow::Result<ExitCode> {
+        let target = self.target()?;
+        self.claims(&target).settle()?;
         let bytes = read_file(&self.file)?;
         let blob = open_blob(&self.file, &bytes)?;
-        let target = self.target()?;
         let cameras = self.cameras(&blob, global)?;
+        self.check_memory(&cameras)?;
         let tier = global.tier();
         let plan = Plan::new(&blob, &self.quality.quality(), self.wanted(), Batch::for_tier(tier))
             .and_then(|plan| plan.with_normal_blur(self.normal_blur))
@@ -171,7 +183,6 @@ impl Render {
         let plan = self.effects.of(plan)?;
         let mut memory = vec![Line::UNINIT; Renderer::prepared_lines(&blob, tier)];
         let renderer = Renderer::new(blob, tier, &mut memory)?;
-        self.ensure_places(&target)?;
 
         let start = Instant::now();
         let mut counters = Counters::default();
@@ -285,8 +296,34 @@ impl Render {
                 Output::MedianDistance,
                 Output::Normals,
             ],
-            false => self.outputs.clone(),
+            // Each once: it has one file.
+            false => self.outputs.iter().fold(Vec::new(), |mut outputs, output| {
+                if !outputs.contains(output) {
+                    outputs.push(*output);
+                }
+                outputs
+            }),
         }
+    }
+
+    /// Refuses what does not fit: a frame on its way to its files, and the distances that a video's range is of.
+    fn check_memory(&self, cameras: &[Camera]) -> anyhow::Result<()> {
+        let pixels = |camera: &Camera| {
+            let size = camera.intrinsics();
+            u64::from(size.width) * u64::from(size.height)
+        };
+        let Some(largest) = cameras.iter().max_by_key(|camera| pixels(camera)) else { return Ok(()) };
+        let size = largest.intrinsics();
+        let what = format!("a picture of {}x{} pixels", size.width, size.height);
+        let each = BYTES_PER_PIXEL + BYTES_PER_OUTPUT * self.outputs().len() as u64;
+        memory::check(what, pixels(largest), each, "choose a smaller --width")?;
+        let distances = self.outputs().into_iter().filter(|output| output.is_distance()).count() as u64;
+        if distances > 0 && self.is_sequence() {
+            let coarse = shots::coarse(largest).map_or(0, |camera| pixels(&camera)) * cameras.len() as u64;
+            let what = format!("the range of distances of {} frames", cameras.len());
+            memory::check(what, coarse, 2 * 4 * (1 + distances), "choose fewer frames, or colour alone")?;
+        }
+        Ok(())
     }
 
     fn wanted(&self) -> Outputs {

@@ -3,8 +3,10 @@
 use super::common::{DataOptions, Global, check_max_seconds, cpu_name, print_report, tell};
 use super::fit::read_config;
 use super::image::{PhotoOptions, Settings};
+use super::places;
 use crate::config::Preset;
 use crate::dataset::Background;
+use crate::output::claims::Claims;
 use crate::report::summary::Summary;
 use crate::stop;
 use crate::sweep::{Folder, Grid, Job, Mode, Record, Runner, Shard, Status, write_report};
@@ -68,6 +70,12 @@ struct Lists {
 }
 
 impl Lists {
+    /// Refuses a folder that holds what is read.
+    fn claim(&self, inputs: Claims) -> anyhow::Result<()> {
+        places::check_folder("-o", &self.output)?;
+        Ok(inputs.writes_folder("-o", &self.output, &places::SWEEP).check()?)
+    }
+
     fn grid(&self, job: &Job<'_>) -> Grid {
         Grid {
             base: job.base_point(),
@@ -179,6 +187,7 @@ pub struct ImageSweep {
 
 impl ImageSweep {
     fn run(&self, global: &Global) -> anyhow::Result<ExitCode> {
+        self.lists.claim(Claims::new().reads("the picture", &self.photo))?;
         let photo = self.photo_options.read(&self.photo, global)?;
         self.lists.sweep(&Job::Image { photo: &photo, base: self.settings.config() }, global)
     }
@@ -216,6 +225,8 @@ pub struct SceneSweep {
 impl SceneSweep {
     fn run(&self, global: &Global) -> anyhow::Result<ExitCode> {
         check_max_seconds(self.max_seconds)?;
+        let claims = Claims::new().reads_data(&self.data);
+        self.lists.claim(claims.reads_if("the file of settings", self.config.as_deref()))?;
         let dataset = self.data_options.read(&self.data, global)?;
         print_report(&dataset, global);
         if dataset.val.is_empty() {
@@ -250,6 +261,9 @@ pub struct Merge {
 
 impl Merge {
     fn run(&self, global: &Global) -> anyhow::Result<ExitCode> {
+        places::check_folder("-o", &self.output)?;
+        let claims = self.folders.iter().fold(Claims::new(), |claims, part| claims.reads("the sweep", part));
+        claims.writes_folder("-o", &self.output, &places::SWEEP).check()?;
         let open = |path: &PathBuf| Folder::existing(Path::new(path));
         let parts = self.folders.iter().map(open).collect::<Result<Vec<_>, _>>()?;
         let Some(first) = parts.first() else { bail!("expected at least one folder") };

@@ -9,10 +9,12 @@ use std::path::{Path, PathBuf};
 pub(super) const TRAIN: &str = "transforms_train.json";
 const VAL: &str = "transforms_val.json";
 const TEST: &str = "transforms_test.json";
+/// The lists of all splits.
+pub(super) const SPLITS: [&str; 3] = [TRAIN, VAL, TEST];
 
 /// Whether a file of this name stands for its folder.
 pub(super) fn is_split_file(name: &str) -> bool {
-    [TRAIN, VAL, TEST].contains(&name)
+    SPLITS.contains(&name)
 }
 
 /// Reads a folder with `transforms_train.json` and perhaps `_val` and `_test`.

@@ -14,6 +14,7 @@
 mod blender;
 mod cs180;
 mod error;
+mod files;
 mod found;
 mod geometry;
 mod nerfstudio;
@@ -27,6 +28,7 @@ mod view;
 mod watch;
 
 pub use error::DatasetError;
+pub use files::files;
 pub use geometry::{LookAt, SceneBounds, frusta_box, scene_bounds};
 pub use report::Report;
 pub use view::{Background, View, over};

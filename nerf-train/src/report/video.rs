@@ -9,6 +9,7 @@ use super::animation::{check_rate, check_size};
 use super::error::ReportError;
 use super::picture::Picture;
 use crate::output::AtomicFile;
+use crate::output::mark::MARK;
 use std::ffi::OsString;
 use std::fs;
 use std::io::{self, Read, Write};
@@ -151,6 +152,7 @@ impl Mp4Writer {
             Encoder::X264 => ["-c:v", "libx264", "-crf", "16"],
             Encoder::Mpeg4 => ["-c:v", "mpeg4", "-q:v", "2"],
         });
+        command.arg("-metadata").arg(format!("comment={MARK}"));
         command.args(["-pix_fmt", "yuv420p", "-movflags", "+faststart", "-f", "mp4"]);
         // `file:` keeps a name with a colon or a leading dash a name.
         let mut place = OsString::from("file:");

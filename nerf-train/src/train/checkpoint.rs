@@ -58,8 +58,8 @@ pub enum CheckpointError {
     },
     /// It is no checkpoint of this version, or damaged.
     #[error(
-        "checkpoint {path}: expected a whole checkpoint of this version, found {found}; without --resume the run \
-         starts anew and replaces it"
+        "checkpoint {path}: expected a whole checkpoint of this version, found {found}; --restart in place of \
+         --resume begins anew and replaces it"
     )]
     Format {
         /// The file.

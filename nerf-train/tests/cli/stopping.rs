@@ -204,7 +204,7 @@ fn resuming_another_run_or_a_damaged_checkpoint_is_refused() {
     let half = &before.0[..before.0.len() / 2];
     for (damaged, word) in [(half, "damaged"), (b"something else", "another kind"), (b"", "another kind")] {
         std::fs::write(&checkpoint, damaged).expect("written");
-        let words = ["a.nerf.checkpoint", word, "without --resume the run starts anew"];
+        let words = ["a.nerf.checkpoint", word, "--restart in place of --resume begins anew"];
         fails(fit(&data, &file, &["--steps", "5", "--resume"]), &words);
         assert!(std::fs::read(&checkpoint).expect("left") == damaged);
     }

@@ -199,7 +199,7 @@ fn of_two_runs_with_one_output_one_wins_whole() {
     let data = folder.npz("data.npz");
     let seeds = ["5", "6"];
     let run = |file: &'static str, seed: usize| {
-        let more = ["--steps", "10", "--checkpoint-every", "0", "--seed", seeds[seed]];
+        let more = ["--steps", "10", "--checkpoint-every", "0", "--seed", seeds[seed], "--restart"];
         (folder.path(file), more)
     };
     let alone = [0, 1].map(|seed| {
@@ -221,7 +221,7 @@ fn of_two_runs_with_one_output_one_wins_whole() {
         let owner = usize::from(kept.config.seed == 6);
         checkpoints[owner] += 1;
         let resume =
-            |seed: usize| [&fit(&data, &file, &run("both.nerf", seed).1)[..], &["--resume"]].concat();
+            |seed: usize| [&fit(&data, &file, &run("both.nerf", seed).1[..6])[..], &["--resume"]].concat();
         fails(resume(1 - owner), &["both.nerf.checkpoint", "seed"]);
         assert!(read(&file) == found);
         ok(resume(owner));

@@ -5,6 +5,7 @@ mod outcome;
 
 use super::audit::check_threshold;
 use super::common::{DataOptions, Global, background_name, tell};
+use super::places;
 use crate::dataset::{Axes, View};
 use crate::eval::measure;
 use crate::export::{Coarse, Contents, Exported, export_with};
@@ -12,7 +13,8 @@ use crate::import::check::{Draft, SUSPICIOUS_DB, VIEWS, check, renderings, split
 use crate::import::probe::{Probe, probe};
 use crate::import::{Check, Imported, Settings, Tensors, grid, network};
 use crate::occupancy::{Ask, LiveCells};
-use crate::output::{ensure_file, write_atomic};
+use crate::output::claims::Claims;
+use crate::output::write_atomic;
 use crate::report::metrics::gain_db;
 use crate::report::progress::{Message, Progress, Total};
 use crate::study::{THRESHOLD_DB, Verdict, flattened};
@@ -109,7 +111,15 @@ impl Import {
         let (settings, tier) = (guesses.settings(self.coarse.is_some()), global.tier());
         settings.check()?;
         check_threshold(self.effect_threshold)?;
-        ensure_file(&self.output)?;
+        places::check_extension("-o", &self.output, places::BLOB)?;
+        Claims::new()
+            .reads("the network", &self.checkpoint)
+            .reads_if("the coarse network", self.coarse.as_deref())
+            .reads_if("the file of settings", self.config.as_deref())
+            .reads_if("the grid", self.grid.as_deref())
+            .reads_data_if(self.check.as_deref())
+            .writes("-o", &self.output)
+            .settle()?;
         let tensors = Tensors::read(&self.checkpoint, self.prefix.as_deref())?;
         let network = network(&tensors, &settings)?;
         let coarse = self.coarse(&settings)?;

@@ -2,9 +2,10 @@
 
 use crate::cli::common::{DataOptions, Global, cpu_name, print_report, tell};
 use crate::cli::fit::read_config;
+use crate::cli::places;
 use crate::config::Preset;
 use crate::dataset::Background;
-use crate::output::ensure_folder;
+use crate::output::claims::Claims;
 use crate::stop;
 use crate::study::training::{Fitted, Lists, fit, summary, table, write};
 use anyhow::bail;
@@ -81,7 +82,12 @@ impl StudyTrain {
                 bail!("{flag}: expected a number above 0, found {value}");
             }
         }
-        ensure_folder(&self.report)?;
+        places::check_report(Some(&self.report))?;
+        Claims::new()
+            .reads_data(&self.data)
+            .reads_if("the file of settings", self.config.as_deref())
+            .writes_folder("--report", &self.report, &places::STUDY_TRAIN)
+            .settle()?;
         let dataset = self.data_options.read(&self.data, global)?;
         print_report(&dataset, global);
         if dataset.val.is_empty() {
