@@ -13,6 +13,8 @@ mod made;
 mod picture;
 mod pipeline;
 mod show;
+#[cfg(unix)]
+mod signals;
 mod snapshots;
 mod stopping;
 mod storage;
