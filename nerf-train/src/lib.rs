@@ -2,6 +2,7 @@
 //!
 //! The modules in the order in which data flows.
 
+pub mod child;
 pub mod cli;
 pub mod config;
 pub mod dataset;

@@ -114,6 +114,11 @@ impl Global {
         self.say(format!("training on {cpu} ({kernel}, {threads} threads), seed {seed}"));
     }
 
+    /// Says that a signal ended the command, and what is left of its work.
+    pub fn interrupted(&self, message: &str) {
+        if self.json { super::interrupted_json(message) } else { super::interrupted(message) }
+    }
+
     /// Prints the result, once and last: `summary` as JSON where asked for, else what `human` prints.
     ///
     /// With `--json` nothing else goes to stdout, so a command prints results nowhere but here.

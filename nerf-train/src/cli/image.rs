@@ -5,10 +5,10 @@ use super::common::{
 };
 use super::places;
 use crate::frame;
-use crate::image_field::{Ended, FieldConfig, FieldPreset, Look, Outcome, Photo, RunOptions, run};
+use crate::image_field::{Ended, FieldConfig, FieldPreset, Look, Outcome, Photo, RunOptions, kept, run};
 use crate::memory;
 use crate::output::claims::Claims;
-use crate::output::{ensure_folder, write_atomic};
+use crate::output::ensure_folder;
 use crate::report::contact_sheet::{Cell, contact_sheet};
 use crate::report::picture::Picture;
 use crate::report::plot::{LinePlot, Marker, Series};
@@ -199,15 +199,17 @@ impl Fit {
             (self.settings.steps.is_some() || self.max_seconds.is_none()).then_some(config.optimiser.steps);
         let options = RunOptions {
             budget: Budget { steps, seconds: self.max_seconds },
+            output: Some(self.output.clone()),
             snapshots: self.snapshots.clone(),
             look_every: self.look_every,
             tier: global.tier(),
             style: global.style(),
         };
         global.say_training(config.seed);
-        let mut kept: Vec<(u32, f64, Picture)> = Vec::new();
+        let mut kept_looks: Vec<(u32, f64, Picture)> = Vec::new();
         let mut written = Ok(());
-        let outcome = run(&photo, config.clone(), &options, clock, stop::flag(), |look: Look<'_>| {
+        let stop = |_| stop::requested();
+        let ended = run(&photo, config.clone(), &options, clock, &stop, |look: Look<'_>| {
             if let Some(folder) = &snapshots
                 && self.snapshots.contains(&look.step)
             {
@@ -215,14 +217,22 @@ impl Fit {
                 if written.is_ok() {
                     written = look.picture.write_png(file);
                 }
-                kept.push((look.step, look.psnr_db, look.picture.clone()));
+                kept_looks.push((look.step, look.psnr_db, look.picture.clone()));
             }
         })?;
+        let outcome = match ended {
+            Ended::Finished(outcome) => outcome,
+            Ended::Stopped { steps } => {
+                global.interrupted(&kept(steps, &self.output));
+                return Ok(stop::status());
+            }
+        };
+        let place = self.output.display();
+        let _note = stop::Note::new(format!("interrupted: {place} is complete, its report is not"));
         written?;
-        write_atomic(&self.output, &outcome.bytes)?;
         if let Some(folder) = &self.report {
             write_curve(folder, &photo, &outcome)?;
-            write_sheet(folder, &photo, &outcome, &kept)?;
+            write_sheet(folder, &photo, &outcome, &kept_looks)?;
             outcome.picture.write_png(folder.join("picture.png"))?;
             let missed: Vec<String> =
                 self.snapshots.iter().filter(|&&step| step > outcome.steps).map(u32::to_string).collect();
@@ -235,11 +245,7 @@ impl Fit {
         if let Some(folder) = &self.report {
             summary.write(folder)?;
         }
-        let stopped = outcome.ended == Ended::Stopped;
         global.finish(&summary, || {
-            if stopped {
-                outln!("stopped after {} steps, before the end", outcome.steps);
-            }
             outln!("{:.2} dB PSNR over the whole picture", outcome.psnr_db);
             outln!("trained: {} steps in {:.1} s", outcome.steps, outcome.train_seconds);
             outln!(
@@ -250,7 +256,7 @@ impl Fit {
             );
             Ok(())
         })?;
-        Ok(if stopped { ExitCode::from(130) } else { ExitCode::SUCCESS })
+        Ok(ExitCode::SUCCESS)
     }
 }
 
@@ -270,7 +276,6 @@ fn summary(
         .number("train_seconds", outcome.train_seconds)
         .number("total_seconds", total_seconds)
         .integer("steps", u64::from(outcome.steps))
-        .flag("stopped_early", outcome.ended == Ended::Stopped)
         .integer("parameters", outcome.parameters as u64)
         .integer("blob_bytes", outcome.bytes.len() as u64)
         .integer("subnormal_weights", outcome.subnormal_weights as u64)

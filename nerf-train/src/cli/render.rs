@@ -5,7 +5,7 @@ mod target;
 
 use super::common::{
     DataOptions, Global, Mp4Options, QualityOptions, UpAxis, open_blob, parse_background, parse_numbers,
-    read_file, say_no_mp4, tell,
+    read_file, say_no_mp4,
 };
 use super::effects::EffectOptions;
 use super::eval::Split;
@@ -14,7 +14,7 @@ use crate::memory;
 use crate::report::colour_map::robust_range;
 use crate::report::progress::{Message, Progress, Total};
 use crate::report::summary::Summary;
-use crate::stop;
+use crate::stop::Note;
 use anyhow::Context;
 use clap::{Args, ValueEnum};
 use nerf_core::camera::Camera;
@@ -186,9 +186,8 @@ impl Render {
 
         let start = Instant::now();
         let mut counters = Counters::default();
-        let Some(ranges) = self.ranges(&renderer, &plan, &cameras, global)? else {
-            return interrupted(global, 0, cameras.len());
-        };
+        let note = Note::new("interrupted before the first view");
+        let ranges = self.ranges(&renderer, &plan, &cameras, global)?;
         let writers = self.outputs().into_iter().map(|output| {
             let range = ranges.iter().find(|(of, _)| *of == output).map(|&(_, range)| range);
             self.writer(&target, output, range)
@@ -196,10 +195,11 @@ impl Render {
         let mut writers = writers.collect::<anyhow::Result<Vec<_>>>()?;
         let mut progress = Progress::new("render", Total::Steps(cameras.len() as u64), global.style());
         for (i, camera) in cameras.iter().enumerate() {
-            if stop::requested() {
-                // Half a film is dropped, and with it its file.
-                return interrupted(global, i, cameras.len());
-            }
+            note.say(format!(
+                "interrupted after {i} of {} views; {}",
+                cameras.len(),
+                target.left(&self.output)
+            ));
             let frame = frame::render(&renderer, &plan, camera)?;
             counters += frame.counters;
             for writer in &mut writers {
@@ -247,27 +247,23 @@ impl Render {
     /// One range of colours for all frames of a video, by output, world units.
     ///
     /// From a coarse pass, a sixteenth of the work, so that no frame must be kept until the last is there.
-    /// `None` where Ctrl-C came.
     fn ranges(
         &self,
         renderer: &Renderer<'_>,
         plan: &Plan<'_>,
         cameras: &[Camera],
         global: &Global,
-    ) -> anyhow::Result<Option<Ranges>> {
+    ) -> anyhow::Result<Ranges> {
         let distances: Vec<Output> =
             self.outputs().into_iter().filter(|output| output.is_distance()).collect();
         if distances.is_empty() || !self.is_sequence() {
-            return Ok(Some(Ranges::new()));
+            return Ok(Ranges::new());
         }
         let total = Total::Steps(cameras.len() as u64);
         let mut progress = Progress::new("range of distances", total, global.style());
         let mut opacity = Vec::new();
         let mut values = vec![Vec::new(); distances.len()];
         for (i, camera) in cameras.iter().enumerate() {
-            if stop::requested() {
-                return Ok(None);
-            }
             let frame = frame::render(renderer, plan, &shots::coarse(camera)?)?;
             opacity.extend_from_slice(&frame.opacity);
             for (output, values) in distances.iter().zip(&mut values) {
@@ -282,7 +278,7 @@ impl Render {
         progress.finish(format!("{} coarse views", cameras.len()));
         // Where nothing is solid no colour is shown, but the legend must not change from frame to frame.
         let range = |values: &Vec<f32>| robust_range(values, &opacity).unwrap_or((0.0, 1.0));
-        Ok(Some(distances.into_iter().zip(values.iter().map(range)).collect()))
+        Ok(distances.into_iter().zip(values.iter().map(range)).collect())
     }
 
     /// What to write, in order.
@@ -338,14 +334,4 @@ impl Render {
             normals: has(Output::Normals),
         }
     }
-}
-
-/// Says so; status 130.
-fn interrupted(global: &Global, done: usize, total: usize) -> anyhow::Result<ExitCode> {
-    let message = format!("interrupted after {done} of {total} views; no film is left of them");
-    tell(&message);
-    let mut summary = Summary::new();
-    summary.text("error", message);
-    global.finish(&summary, || Ok(()))?;
-    Ok(ExitCode::from(130))
 }

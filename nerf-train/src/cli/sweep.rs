@@ -1,6 +1,6 @@
 //! `nerf-train sweep`
 
-use super::common::{DataOptions, Global, check_max_seconds, cpu_name, print_report, tell};
+use super::common::{DataOptions, Global, check_max_seconds, cpu_name, print_report};
 use super::fit::read_config;
 use super::image::{PhotoOptions, Settings};
 use super::places;
@@ -8,7 +8,7 @@ use crate::config::Preset;
 use crate::dataset::Background;
 use crate::output::claims::Claims;
 use crate::report::summary::Summary;
-use crate::stop;
+use crate::stop::Note;
 use crate::sweep::{Folder, Grid, Job, Mode, Record, Runner, Shard, Status, write_report};
 use anyhow::bail;
 use clap::{Args, Subcommand};
@@ -97,7 +97,7 @@ impl Lists {
         let mine: Vec<_> =
             points.iter().enumerate().filter(|&(i, _)| shard.takes(i)).map(|(_, p)| p).collect();
         let cpu = cpu_name();
-        let runner = Runner { tier: global.tier(), style: global.style(), cpu: &cpu, stop: stop::flag() };
+        let runner = Runner { tier: global.tier(), style: global.style(), cpu: &cpu };
         global.say(format!(
             "{} points, {} of them this part's; on {cpu} ({}, {} threads)",
             points.len(),
@@ -105,7 +105,13 @@ impl Lists {
             runner.tier.name(),
             rayon::current_num_threads()
         ));
-        let mut ended = ExitCode::SUCCESS;
+        let note = Note::new(
+            "interrupted: the run that was under way is lost, the finished ones are kept; go on with the same command",
+        );
+        let finished = folder.clone();
+        note.before("the report", move || {
+            write_report(&finished).map(drop).map_err(|error| error.to_string())
+        });
         for (i, point) in mine.iter().enumerate() {
             let place = format!("[{}/{}] {point}", i + 1, mine.len());
             if let Some(record) = folder.record(point)? {
@@ -113,21 +119,13 @@ impl Lists {
                 continue;
             }
             global.say(format!("{place}: begins"));
-            let Some((record, picture)) = job.run(point, &runner)? else {
-                tell("interrupted: the run that was under way is lost, the finished ones are kept");
-                tell("go on with the same command");
-                ended = ExitCode::from(130);
-                break;
-            };
+            let (record, picture) = job.run(point, &runner)?;
             folder.keep(&record, picture.as_ref())?;
             global.say(format!("{place}: {}", result(&record)));
-            if stop::requested() {
-                ended = ExitCode::from(130);
-                break;
-            }
         }
+        drop(note);
         finish(&folder, global)?;
-        Ok(ended)
+        Ok(ExitCode::SUCCESS)
     }
 }
 

@@ -10,6 +10,7 @@ use event::Event;
 use indicatif::{ProgressBar, ProgressDrawTarget};
 use std::fmt::Write as _;
 use std::io::{IsTerminal, Write};
+use std::sync::{Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
 /// Time between lines, plain or JSON, where there is no bar.
@@ -94,7 +95,11 @@ impl Progress {
         let terminal = std::io::stderr().is_terminal();
         let display = match style {
             ProgressStyle::Quiet => Display::Quiet,
-            ProgressStyle::Auto if terminal => Display::Bar(new_bar()),
+            ProgressStyle::Auto if terminal => {
+                let bar = new_bar();
+                *BAR.lock().unwrap_or_else(PoisonError::into_inner) = Some(bar.clone());
+                Display::Bar(bar)
+            }
             ProgressStyle::Auto | ProgressStyle::Plain => Display::Lines { last: None, json: false },
             ProgressStyle::Json => Display::Lines { last: None, json: true },
         };
@@ -266,6 +271,20 @@ fn details(message: &Message) -> String {
         (!message.note.is_empty()).then(|| message.note.clone()),
     ];
     parts.into_iter().flatten().collect::<Vec<_>>().join(" · ")
+}
+
+/// The bar that was begun last, for a signal, which nobody takes away on its way out.
+static BAR: Mutex<Option<ProgressBar>> = Mutex::new(None);
+
+/// Leaves a bar that is under way as it is, with the cursor on a new line: what is said next ends the process.
+pub fn abandon() {
+    if let Some(bar) = BAR.lock().unwrap_or_else(PoisonError::into_inner).take()
+        && !bar.is_finished()
+    {
+        bar.abandon();
+        // Whoever still works would draw over what is said next.
+        bar.set_draw_target(ProgressDrawTarget::hidden());
+    }
 }
 
 impl Drop for Progress {

@@ -15,6 +15,8 @@ mod picture;
 mod pipeline;
 mod places;
 mod show;
+#[cfg(unix)]
+mod signals;
 mod snapshots;
 mod stopping;
 mod storage;

@@ -25,6 +25,17 @@ pub(super) enum Target {
     Frames,
 }
 
+impl Target {
+    /// What a signal leaves of it, where `-o` is `output`.
+    pub(super) fn left(&self, output: &Path) -> String {
+        match self {
+            Self::Still => "no picture is written".to_owned(),
+            Self::Gif(_) | Self::Mp4(_) => "no film is left of them".to_owned(),
+            Self::Frames => format!("their pictures are in {}", output.display()),
+        }
+    }
+}
+
 /// One output on its way to its files.
 pub(super) struct Writer {
     output: Output,
