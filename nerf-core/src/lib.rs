@@ -54,7 +54,7 @@
 //! | last bin | finite: it ends at `far` |
 //! | colour | display-encoded (sRGB, as the training images were), `[0, 1]`, composited in that space |
 //! | 2D field | x right, y down, 0 to 1 over the image whatever its aspect; pixel (x, y) is ((x + ½) / width, (y + ½) / height) |
-//! | encoding | `[identity,]` then per level `k` `sin(2^k s x)` of all inputs, `cos(2^k s x)` of all inputs; `s` is π or 1 |
+//! | sinusoidal encoding | `[identity,]` then per level `k` `sin(2^k s x)` of all inputs, `cos(2^k s x)` of all inputs; `s` is π or 1 |
 //!
 //! There is no bare "depth" anywhere: it would mean three things.
 //!
@@ -72,6 +72,7 @@
 //! | `median` | yes | the output `median_distance` |
 //! | `normals` | yes | the output `normals`: the gradient of the density, backward through the network |
 //! | `proposal` | yes | samples drawn from a coarse proposal network, where a scene has one |
+//! | `grid` | yes | learned multiresolution grids as the encoding of positions ([`encoding::GridEncoding`]) |
 //! | `train` | no | backward kernels, for trainers |
 //!
 //! The project's own polynomials ([`MathBackend::Polynomial`]) are always there. An effect or output whose
@@ -84,7 +85,7 @@
 //! ```
 //! use glam::Vec3;
 //! use nerf_core::blob::{self, Body, Content, Provenance, SceneFacts};
-//! use nerf_core::encoding::{AngleScale, Encoding};
+//! use nerf_core::encoding::{AngleScale, SinusoidalEncoding};
 //! use nerf_core::network::{Architecture, DensityActivation, TrunkLayer};
 //! use nerf_core::{
 //!     Batch, Blob, Camera, Intrinsics, Lens, Line, Outputs, Pixel, Plan, Pose, Quality, Rect, Renderer, Tier,
@@ -93,7 +94,7 @@
 //! // The network: one trunk layer of 4, no view dependence. Parameters in file order are the trunk
 //! // (4 × 3 + 4), the density head (4 + 1) and rgb (3 × 4 + 3), all zero but the density's bias:
 //! // sigma is 1 and every colour sigmoid(0) = ½.
-//! let position = Encoding { inputs: 3, levels: 0, scale: AngleScale::Pi, identity: true };
+//! let position = SinusoidalEncoding { inputs: 3, levels: 0, scale: AngleScale::Pi, identity: true }.into();
 //! let architecture = Architecture {
 //!     position,
 //!     direction: None,
@@ -131,6 +132,7 @@
 //!         trained_parameters: 36,
 //!     },
 //!     weights: &weights,
+//!     tables: None,
 //! };
 //! let mut file = [0; 256];
 //! let bytes = blob::write(&body, &mut file)?;

@@ -33,6 +33,28 @@ pub struct Body<'a> {
     pub provenance: Provenance<'a>,
     /// The parameters as little-endian f16, in the order of [`Architecture::layers`].
     pub weights: &'a [u8],
+    /// The entries of the position's grid; present exactly if it is one.
+    #[serde(borrow)]
+    pub tables: Option<StoredTables<'a>>,
+}
+
+/// The entries of a grid as a file has them.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct StoredTables<'a> {
+    /// What an entry's values are.
+    pub storage: TableStorage,
+    /// Level by level, entry by entry, feature by feature.
+    pub bytes: &'a [u8],
+}
+
+/// What the values of a grid's entries are.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[non_exhaustive]
+pub enum TableStorage {
+    /// Little-endian f16.
+    F16,
+    /// Signed bytes, with a scale a level: foreseen, and refused by this version.
+    Int8,
 }
 
 /// What the network is a field of.

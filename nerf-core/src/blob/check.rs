@@ -1,12 +1,14 @@
 //! The rules of the format, met in one pass over the opened or unwritten body.
 
+#[cfg(feature = "grid")]
+use super::body::TableStorage;
 use super::body::{
     Body, Content, Grid, MAX_GRID_SIDE, MAX_PICTURE_SIDE, MAX_SAMPLES, MAX_TEXT, PictureFacts, SceneFacts,
 };
 use super::error::{BlobError, Section};
 use super::front;
 use super::proposal::Proposal;
-use crate::encoding::{AngleScale, Encoding};
+use crate::encoding::{AngleScale, SinusoidalEncoding};
 use crate::math::polynomial::SIN_COS_DOMAIN;
 use crate::network::{Architecture, Layers};
 use crate::ray::{BoundsError, SceneBox};
@@ -50,7 +52,8 @@ pub(super) fn check(body: &Body<'_>) -> Result<(), BlobError> {
     if [p.data, p.made_by, p.psnr_convention].iter().any(|text| text.len() > MAX_TEXT) || !finite {
         return Err(BlobError::Field(Section::Provenance));
     }
-    check_weights(body)
+    check_weights(body)?;
+    check_tables(body)
 }
 
 /// The encoding's domain needs no check: `2^(levels − 1)` times a coordinate is 2^15 at most.
@@ -77,7 +80,11 @@ fn check_scene(scene: &SceneFacts, architecture: &Architecture) -> Result<(), Bl
     }
     // Bins too narrow for f32: what opens can be planned.
     Bins::new(near, far, u32::from(scene.samples)).map_err(BlobError::Bounds)?;
-    check_domain(&bounds, &architecture.position)
+    match architecture.position.sinusoidal() {
+        Some(encoding) => check_domain(&bounds, encoding),
+        // A grid spans the box, wherever that is.
+        None => Ok(()),
+    }
 }
 
 /// Whether rays can be cut into `samples` bins, so that what opens can be planned.
@@ -86,7 +93,7 @@ pub(super) fn samples_fit(scene: &SceneFacts, samples: u16) -> bool {
 }
 
 /// Whether every point of the box can be encoded.
-fn check_domain(bounds: &SceneBox, position: &Encoding) -> Result<(), BlobError> {
+fn check_domain(bounds: &SceneBox, position: &SinusoidalEncoding) -> Result<(), BlobError> {
     // The highest level multiplies by 2^(levels − 1).
     let reach = bounds.min.abs().max(bounds.max.abs()).max_element();
     let found = reach * (1u32 << position.levels.saturating_sub(1)) as f32;
@@ -133,6 +140,39 @@ fn check_weights(body: &Body<'_>) -> Result<(), BlobError> {
     check_values(&layers, body.architecture.parameters(), body.weights, Section::Weights)
 }
 
+#[cfg(not(feature = "grid"))]
+fn check_tables(body: &Body<'_>) -> Result<(), BlobError> {
+    if body.tables.is_some() { Err(BlobError::Field(Section::Tables)) } else { Ok(()) }
+}
+
+/// Whether there are tables where there is a grid, as many values as that has, and all finite.
+#[cfg(feature = "grid")]
+fn check_tables(body: &Body<'_>) -> Result<(), BlobError> {
+    let (grid, tables) = match (body.architecture.position.grid(), &body.tables) {
+        (None, None) => return Ok(()),
+        (Some(grid), Some(tables)) => (grid, tables),
+        _ => return Err(BlobError::Field(Section::Tables)),
+    };
+    if tables.storage != TableStorage::F16 {
+        return Err(BlobError::Field(Section::TableStorage));
+    }
+    let (expected, found) = (grid.values() as u64 * 2, tables.bytes.len() as u64);
+    if expected != found {
+        return Err(BlobError::Length { section: Section::Tables, expected, found });
+    }
+    let Some(at) = first_not_finite(tables.bytes) else { return Ok(()) };
+    let features = usize::from(grid.features);
+    let owner = grid.levels().take_while(|level| level.first * features <= at).last();
+    let (level, first) = owner.map_or((0, 0), |level| (level.index as u8, level.first * features));
+    Err(BlobError::TableValue { level, index: (at - first) as u32 })
+}
+
+/// The first f16 that is infinite or NaN.
+fn first_not_finite(bytes: &[u8]) -> Option<usize> {
+    // An f16 is finite unless its five exponent bits are all set.
+    bytes.as_chunks().0.iter().position(|&[_, high]| high & 0x7c == 0x7c)
+}
+
 /// Whether `weights` are the `parameters` of these layers, and finite.
 fn check_values(
     layers: &Layers,
@@ -144,9 +184,7 @@ fn check_values(
     if expected != found {
         return Err(BlobError::Length { section, expected, found });
     }
-    // An f16 is finite unless its five exponent bits are all set.
-    let finite = |pair: &[u8]| pair[1] & 0x7c != 0x7c;
-    let Some(at) = weights.chunks_exact(2).position(|pair| !finite(pair)) else { return Ok(()) };
+    let Some(at) = first_not_finite(weights) else { return Ok(()) };
     let owner = layers.iter().rev().find(|layer| layer.weights <= at);
     Err(match owner {
         Some(layer) => BlobError::Weight { section, role: layer.role, index: (at - layer.weights) as u32 },

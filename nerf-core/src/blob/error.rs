@@ -10,6 +10,10 @@ use core::fmt;
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[non_exhaustive]
 pub enum Section {
+    /// `architecture.position`
+    Position,
+    /// `architecture.direction`
+    Direction,
     /// `architecture`
     Architecture,
     /// `content`
@@ -38,6 +42,10 @@ pub enum Section {
     Provenance,
     /// `weights`
     Weights,
+    /// `tables`
+    Tables,
+    /// `tables.storage`
+    TableStorage,
 }
 
 /// What is wrong with a point of the front.
@@ -242,6 +250,18 @@ pub enum BlobError {
         /// Index among the layer's parameters, weights first.
         index: u32,
     },
+    /// A value of the grid's tables is infinite or NaN.
+    TableValue {
+        /// Level.
+        level: u8,
+        /// Index among the level's values.
+        index: u32,
+    },
+    /// The file needs what this build has no code for.
+    NotBuilt {
+        /// The cargo feature that has it.
+        feature: &'static str,
+    },
     /// The output buffer of a write is too small.
     Space {
         /// Bytes the blob takes.
@@ -262,7 +282,10 @@ impl fmt::Display for BlobError {
                 write!(f, "trailing bytes: expected {expected} bytes, found {found}")
             }
             Self::Version { expected, found } => {
-                let advice = if found < expected { "make the file anew" } else { "a newer build is needed" };
+                let advice = match found < expected {
+                    true => "older: fit or import the scene again with this build",
+                    false => "newer: open it with a newer build",
+                };
                 write!(f, "format version: this build reads version {expected}, found {found} ({advice})")
             }
             Self::Endian { found } => write!(f, "endian tag: expected 0xfeff, found {found:#06x}"),
@@ -307,6 +330,12 @@ impl fmt::Display for BlobError {
             Self::Weight { section, role, index } => {
                 write!(f, "{section}: layer {role:?}, parameter {index} is not finite")
             }
+            Self::TableValue { level, index } => {
+                write!(f, "tables: level {level}, value {index} is not finite")
+            }
+            Self::NotBuilt { feature } => {
+                write!(f, "position grid: expected a build with the feature `{feature}`, found one without")
+            }
             Self::Space { expected, found } => {
                 write!(f, "output buffer: expected {expected} bytes, found {found}")
             }
@@ -324,6 +353,8 @@ impl Section {
             Self::GridResolution => "1 to 512 cells a side",
             Self::GridBits => "none in a picture, and padding of zeros",
             Self::Front | Self::Proposal => "none in a picture",
+            Self::Tables => "tables exactly where the position is a grid",
+            Self::TableStorage => "f16 (int8 is not yet read)",
             Self::Provenance => "texts of at most 1024 bytes and finite numbers",
             _ => "a value in its range",
         }
@@ -333,6 +364,8 @@ impl Section {
 impl fmt::Display for Section {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str(match self {
+            Self::Position => "architecture.position",
+            Self::Direction => "architecture.direction",
             Self::Architecture => "architecture",
             Self::Content => "content",
             Self::Samples => "scene.samples",
@@ -347,6 +380,8 @@ impl fmt::Display for Section {
             Self::ProposalWeights => "proposal.weights",
             Self::Provenance => "provenance",
             Self::Weights => "weights",
+            Self::Tables => "tables",
+            Self::TableStorage => "tables.storage",
         })
     }
 }

@@ -17,7 +17,7 @@ mod tests;
 
 pub use body::{
     Body, Content, Grid, MAX_GRID_SIDE, MAX_PICTURE_SIDE, MAX_SAMPLES, MAX_TEXT, PictureFacts, Provenance,
-    SceneFacts,
+    SceneFacts, StoredTables, TableStorage,
 };
 pub use error::{BlobError, FrontFault, Section};
 pub use front::{Front, FrontPoint, MAX_FRONT};

@@ -1,7 +1,9 @@
 //! AVX2 + FMA leaf: eight lanes.
 
 use super::Op;
-use crate::math::lanes::{Lanes, SQRT_HALF_BITS};
+use super::gather::last_row;
+use crate::math::gather::{Table, weighted_rows_by_lane};
+use crate::math::lanes::{Lanes, MAX_LANES, SQRT_HALF_BITS};
 use core::arch::x86_64::*;
 
 /// Eight f32 in a `ymm` register. Made only inside [`run`], where the instructions are known to exist.
@@ -11,8 +13,8 @@ pub struct F32x8(__m256);
 /// Runs `op` with eight lanes.
 ///
 /// # Safety
-/// The CPU has AVX2 and FMA, and the OS saves their registers.
-#[target_feature(enable = "avx2,fma")]
+/// The CPU has AVX2, FMA and F16C, and the OS saves their registers.
+#[target_feature(enable = "avx2,fma,f16c")]
 pub unsafe fn run<O: Op>(op: O) -> O::Output {
     op.run::<F32x8>()
 }
@@ -20,7 +22,7 @@ pub unsafe fn run<O: Op>(op: O) -> O::Output {
 /// An intrinsic that needs what [`run`]'s contract promises.
 macro_rules! avx2 {
     ($e:expr) => {
-        // SAFETY: F32x8 exists only inside `run`, whose caller vouches for AVX2 and FMA.
+        // SAFETY: F32x8 exists only inside `run`, whose caller vouches for AVX2, FMA and F16C.
         unsafe { $e }
     };
 }
@@ -113,4 +115,101 @@ impl Lanes for F32x8 {
     fn select(mask: __m256, a: Self, b: Self) -> Self {
         Self(avx2!(_mm256_blendv_ps(b.0, a.0, mask)))
     }
+    #[inline(always)]
+    fn from_f16(bits: &[u16; MAX_LANES]) -> Self {
+        // SAFETY: sixteen values are in bounds, of which eight are read. Features as above.
+        Self(unsafe { _mm256_cvtph_ps(_mm_loadu_si128(bits.as_ptr().cast())) })
+    }
+    #[inline(always)]
+    fn weighted_rows<T: Table, const ROWS: usize>(
+        table: T,
+        rows: &[[u32; MAX_LANES]; ROWS],
+        weights: &[Self; ROWS],
+        features: usize,
+    ) -> [Self; 8] {
+        let Some(last) = last_row(table, features) else {
+            return weighted_rows_by_lane(table, rows, weights, features);
+        };
+        let mut offsets = *rows;
+        for row in &mut offsets {
+            for at in &mut row[..Self::COUNT] {
+                *at = (*at).min(last).wrapping_mul(features as u32);
+            }
+        }
+        let zero = Self::splat(0.0);
+        let [a, b, c, d] = four::<T, ROWS>(table, &offsets, weights, 0);
+        if features == 2 {
+            return [a, b, c, d, zero, zero, zero, zero];
+        }
+        let [e, f, g, h] = four::<T, ROWS>(table, &offsets, weights, 4);
+        [a, b, c, d, e, f, g, h]
+    }
+}
+
+/// Four weighted values of each lane, from `plus` behind each of the `offsets` on.
+///
+/// Two lanes' four values lie in one register while they are summed; lanes and values change places after.
+#[inline(always)]
+fn four<T: Table, const ROWS: usize>(
+    table: T,
+    offsets: &[[u32; MAX_LANES]; ROWS],
+    weights: &[F32x8; ROWS],
+    plus: usize,
+) -> [F32x8; 4] {
+    let s0 = pair::<T, ROWS, 0>(table, offsets, weights, plus);
+    let s1 = pair::<T, ROWS, 1>(table, offsets, weights, plus);
+    let s2 = pair::<T, ROWS, 2>(table, offsets, weights, plus);
+    let s3 = pair::<T, ROWS, 3>(table, offsets, weights, plus);
+    avx2!({
+        let (a, b) = (_mm256_unpacklo_ps(s0, s1), _mm256_unpackhi_ps(s0, s1));
+        let (c, d) = (_mm256_unpacklo_ps(s2, s3), _mm256_unpackhi_ps(s2, s3));
+        let (a, b) = (_mm256_castps_pd(a), _mm256_castps_pd(b));
+        let (c, d) = (_mm256_castps_pd(c), _mm256_castps_pd(d));
+        [
+            _mm256_unpacklo_pd(a, c),
+            _mm256_unpackhi_pd(a, c),
+            _mm256_unpacklo_pd(b, d),
+            _mm256_unpackhi_pd(b, d),
+        ]
+        .map(|x| F32x8(_mm256_castpd_ps(x)))
+    })
+}
+
+/// Lanes `LANE` and `4 + LANE`, four values of each.
+#[inline(always)]
+fn pair<T: Table, const ROWS: usize, const LANE: usize>(
+    table: T,
+    offsets: &[[u32; MAX_LANES]; ROWS],
+    weights: &[F32x8; ROWS],
+    plus: usize,
+) -> __m256 {
+    let mut sum = avx2!(_mm256_setzero_ps());
+    for (offsets, weight) in offsets.iter().zip(weights) {
+        let [low, high] = [offsets[LANE], offsets[4 + LANE]].map(|at| at as usize + plus);
+        let values = if T::HALF {
+            // SAFETY: `last_row` keeps each row, and with it four values from `plus` on, inside the table.
+            let (low, high) = unsafe { (table.start().add(2 * low), table.start().add(2 * high)) };
+            // SAFETY: eight bytes are in bounds at either; unaligned reads. Features as above.
+            unsafe {
+                let bits = |at: *const u8| at.cast::<i64>().read_unaligned();
+                _mm256_cvtph_ps(_mm_set_epi64x(bits(high), bits(low)))
+            }
+        } else {
+            // SAFETY: as above, with values of four bytes.
+            let (low, high) = unsafe { (table.start().add(4 * low), table.start().add(4 * high)) };
+            // SAFETY: sixteen bytes are in bounds at either; unaligned loads are allowed. Features as above.
+            unsafe { _mm256_set_m128(_mm_loadu_ps(high.cast()), _mm_loadu_ps(low.cast())) }
+        };
+        sum = avx2!(_mm256_fmadd_ps(
+            match LANE {
+                0 => _mm256_permute_ps::<0x00>(weight.0),
+                1 => _mm256_permute_ps::<0x55>(weight.0),
+                2 => _mm256_permute_ps::<0xaa>(weight.0),
+                _ => _mm256_permute_ps::<0xff>(weight.0),
+            },
+            values,
+            sum
+        ));
+    }
+    sum
 }

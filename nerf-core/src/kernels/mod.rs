@@ -13,6 +13,8 @@ mod avx512;
 mod bf16;
 #[cfg(feature = "normals")]
 mod bf16_transposed;
+#[cfg(target_arch = "x86_64")]
+mod gather;
 mod gemm;
 mod half;
 mod portable;

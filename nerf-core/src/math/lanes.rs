@@ -1,5 +1,7 @@
 //! One vector of `f32`: the interface every elementary function and kernel is written against.
 
+use super::gather::{Table, weighted_rows_by_lane, widen_finite};
+
 /// `COUNT` values of f32 that move through arithmetic together.
 ///
 /// `f32` itself is the one-lane instance; the vector instances live in `kernels/`. Every operation
@@ -54,6 +56,30 @@ pub trait Lanes: Copy {
     fn less(self, b: Self) -> Self::Mask;
     /// `a` where the mask holds, else `b`.
     fn select(mask: Self::Mask, a: Self, b: Self) -> Self;
+
+    /// Finite f16, the first `COUNT` of `bits`.
+    #[inline(always)]
+    fn from_f16(bits: &[u16; MAX_LANES]) -> Self {
+        let mut values = [0.0; MAX_LANES];
+        for lane in 0..Self::COUNT {
+            values[lane] = widen_finite(bits[lane]);
+        }
+        Self::load(&values)
+    }
+
+    /// `Σ_r weights[r] · row r` of each lane, of rows of two neighbouring entries of 1, 2 or 4 `features`, summed
+    /// from 0 in ascending `r`; the first `2 · features` results count.
+    ///
+    /// `rows`: the number of each row's first entry. Where that is beyond the table, it is any entry, or 0.
+    #[inline(always)]
+    fn weighted_rows<T: Table, const ROWS: usize>(
+        table: T,
+        rows: &[[u32; MAX_LANES]; ROWS],
+        weights: &[Self; ROWS],
+        features: usize,
+    ) -> [Self; 8] {
+        weighted_rows_by_lane(table, rows, weights, features)
+    }
 
     /// `-self`.
     #[inline(always)]

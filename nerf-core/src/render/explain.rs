@@ -150,7 +150,13 @@ impl Explanation<'_> {
                 let macs = self.renderer.proposer.macs();
                 write!(f, ", {} samples a ray, {macs} multiply-adds an evaluation", coarse.count())
             }
-            "density" => write!(f, ", {} multiply-adds an evaluation", a.density_macs()),
+            "density" => {
+                write!(f, ", {} multiply-adds an evaluation", a.density_macs())?;
+                match a.table_reads() {
+                    0 => Ok(()),
+                    reads => write!(f, ", {reads} table entries"),
+                }
+            }
             "transmittance cut" => write!(f, ", a ray ends below {}", plan.transmittance_cut),
             "colour" => {
                 write!(f, ", {} multiply-adds an evaluation", a.colour_macs() - network.direction_macs())

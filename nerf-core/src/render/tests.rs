@@ -2,6 +2,8 @@ extern crate std;
 
 mod batches;
 mod effects;
+#[cfg(feature = "grid")]
+mod learned_grid;
 
 use super::*;
 use crate::blob::Grid;

@@ -7,7 +7,7 @@ use std::vec::Vec;
 /// A proposal network of another shape than the scene's, with weights of its own.
 fn coarse(weights: &[u8]) -> Proposal<'_> {
     Proposal {
-        position: Encoding { inputs: 3, levels: 6, scale: AngleScale::One, identity: false },
+        position: SinusoidalEncoding { inputs: 3, levels: 6, scale: AngleScale::One, identity: false },
         trunk: [(8, false), (12, true)].map(|(width, skip)| TrunkLayer { width, skip }).into_iter().collect(),
         density: DensityActivation::ShiftedSoftplus,
         samples: 24,
