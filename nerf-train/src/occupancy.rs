@@ -12,8 +12,6 @@ use nerf_core::sampling::{Purpose, SkipGrid, uniform};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
-/// Cells asked for their density in one refresh.
-const REFRESH_CELLS: usize = 1 << 16;
 /// A refresh that would leave a smaller share of the candidates is ignored: a network whose
 /// density is dead must not take the grid with it.
 const SMALLEST_SHARE: f64 = 0.02;
@@ -176,11 +174,11 @@ impl Occupancy {
 
     /// Asks the network again and, if `drop` says so, drops cells of too little density.
     ///
-    /// `threshold`: sigma, 1/world unit, that keeps a cell. Each refresh asks at most 65,536
+    /// `threshold`: sigma, 1/world unit, that keeps a cell. Each refresh asks at most `cells`
     /// candidates, in turn, each at one random point; a cell remembers the larger of its answer
     /// and `decay` times what it remembered.
-    pub fn refresh(&mut self, ask: &Ask<'_>, threshold: f32, decay: f32, drop: bool) {
-        let parts = self.candidates.len().div_ceil(REFRESH_CELLS).max(1);
+    pub fn refresh(&mut self, ask: &Ask<'_>, cells: usize, threshold: f32, decay: f32, drop: bool) {
+        let parts = self.candidates.len().div_ceil(cells.max(1)).max(1);
         let part = (self.refreshes % parts as u64) as usize;
         let asked: Vec<usize> = (part..self.candidates.len()).step_by(parts).collect();
         let sigma = self.ask(ask, &asked, |axis, cell| {
@@ -256,7 +254,7 @@ impl Occupancy {
             self.live.point(cell, std::array::from_fn(|axis| u(axis as u64, cell))).to_array()
         };
         let points: Vec<[f32; 3]> = which.par_iter().map(point).collect();
-        densities(ask.tier, ask.architecture, ask.parameters, &points)
+        densities(ask.tier, ask.architecture, ask.parameters, &self.live.bounds(), &points)
     }
 
     /// Sets the bits from the densities, unless less than that share of the candidates would be left.

@@ -57,7 +57,7 @@ impl Demo {
     pub fn run(&self, global: &Global) -> anyhow::Result<ExitCode> {
         let clock = Clock::resume(Duration::ZERO);
         // First, so that what is wrong in the file costs no time.
-        let mut config = read_config(Preset::Fast, self.config.as_deref(), true)?;
+        let mut config = read_config(Preset::Grid, self.config.as_deref(), true)?;
         config.check()?;
         ensure_folder(&self.out)?;
         let ffmpeg = self.mp4.beside_a_gif()?;

@@ -38,7 +38,7 @@ pub struct Fit {
     #[arg(long, value_name = "DIR")]
     report: Option<PathBuf>,
     /// Named settings to start from.
-    #[arg(long, value_enum, default_value = "fast")]
+    #[arg(long, value_enum, default_value = "grid")]
     preset: Preset,
     /// TOML file with settings that replace the preset's.
     #[arg(long, value_name = "FILE")]
@@ -308,13 +308,13 @@ mod tests {
         let read = |text: &str| {
             let file = folder.path().join("run.toml");
             std::fs::write(&file, text).expect("written");
-            read_config(Preset::Fast, Some(&file), true).expect("a config")
+            read_config(Preset::Small, Some(&file), true).expect("a config")
         };
-        let gentle = read_config(Preset::Fast, None, false).expect("a config");
-        assert_eq!(gentle, Preset::Fast.config().without_hull());
+        let gentle = read_config(Preset::Small, None, false).expect("a config");
+        assert_eq!(gentle, Preset::Small.config().without_hull());
         assert_eq!(read("[grid]\nhull = false"), gentle);
-        assert_eq!(read("[grid]\nhull = true"), Preset::Fast.config());
-        assert_eq!(read("seed = 0"), Preset::Fast.config());
+        assert_eq!(read("[grid]\nhull = true"), Preset::Small.config());
+        assert_eq!(read("seed = 0"), Preset::Small.config());
         // What the file says itself counts.
         let mut own = gentle.clone();
         (own.grid.from, own.optimiser.rate) = (77, 2e-3);

@@ -51,13 +51,12 @@ pub fn print(outcome: &Outcome, output: &Path) -> anyhow::Result<()> {
         let what = if left_out { ": left out, its mean is in its place" } else { "" };
         outln!("view dependence gains {gain_db:.3} dB{what}");
     }
-    if outcome.grid_required {
-        outln!(
-            "without its skip grid the picture changes by {:.2} dB: the grid is part of the model",
-            outcome.grid_loss_db
-        );
-    } else {
-        outln!("without its skip grid the picture changes by {:.3} dB", outcome.grid_loss_db);
+    match outcome.grid_loss_db {
+        Some(loss) if outcome.grid_required => outln!(
+            "without its skip grid the picture changes by {loss:.2} dB: the grid is part of the model"
+        ),
+        Some(loss) => outln!("without its skip grid the picture changes by {loss:.3} dB"),
+        None => {}
     }
     outln!("blob: {} ({} bytes)", output.display(), outcome.bytes.len());
     Ok(())
@@ -106,7 +105,6 @@ pub fn summary(outcome: &Outcome, config: &Config, tier: Tier, total_seconds: f6
         .integer("reseeds", u64::from(outcome.reseeds))
         .integer("parameters", outcome.parameters as u64)
         .integer("blob_bytes", outcome.bytes.len() as u64)
-        .number("grid_loss_db", outcome.grid_loss_db)
         .flag("grid_required", outcome.grid_required)
         .number_f32("grid_occupancy_share", outcome.occupancy)
         .integer("subnormal_weights", outcome.subnormal_weights as u64)
@@ -118,6 +116,10 @@ pub fn summary(outcome: &Outcome, config: &Config, tier: Tier, total_seconds: f6
     if let Some(ViewDependence { gain_db, left_out }) = outcome.view_dependence {
         summary.number("view_dependence_gain_db", gain_db).flag("view_dependence_left_out", left_out);
     }
+    match outcome.grid_loss_db {
+        Some(loss) => summary.number("grid_loss_db", loss),
+        None => summary.absent("grid_loss_db", "a grid field is not asked outside of its occupancy"),
+    };
     if let Some(loss) = outcome.quantisation_loss_db {
         summary.number("quantisation_loss_db", loss);
     }

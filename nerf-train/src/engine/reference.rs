@@ -7,9 +7,10 @@ use super::{
     Adam, Batch, Dense, Engine, EngineError, Model, OptimiserState, SIGMA_LIMIT, StepLoss, check_rate,
 };
 use dfdx::prelude::*;
-use nerf_core::encoding::Encoding;
+use nerf_core::encoding::SinusoidalEncoding;
+use std::borrow::Cow;
 use nerf_core::kernels::{BLOCK, Tier};
-use nerf_core::network::DensityActivation;
+use nerf_core::network::{DensityActivation, EXPONENTIAL_LIMIT};
 
 type Matrix<T = NoneTape> = Tensor<(usize, usize), f32, Cpu, T>;
 type Vector<T = NoneTape> = Tensor<(usize,), f32, Cpu, T>;
@@ -99,10 +100,11 @@ impl ReferenceEngine {
     /// `[points][channels]` of the position or direction encoding.
     fn encode(&self, slot: usize, points: &[[f32; 3]]) -> Result<Matrix, EngineError> {
         let architecture = &self.graph.model.architecture;
-        let no_encoding = Encoding { levels: 0, identity: false, ..architecture.position };
+        let position = *architecture.position.sinusoidal().expect("checked by the graph");
+        let no_encoding = SinusoidalEncoding { levels: 0, identity: false, ..position };
         let encoding = match slot {
-            POSITION => architecture.position,
-            _ => architecture.direction.unwrap_or(no_encoding),
+            POSITION => position,
+            _ => architecture.direction.and_then(|d| d.sinusoidal().copied()).unwrap_or(no_encoding),
         };
         let channels = encoding.outputs();
         let mut block = vec![0.0; channels * BLOCK];
@@ -164,6 +166,7 @@ impl ReferenceEngine {
                 let tail = y.with_empty_tape().try_abs()?.try_negate()?.try_exp()?;
                 y.try_relu()?.try_add(tail.try_add(1.0)?.try_ln()?)?
             }
+            DensityActivation::Exponential => raw.try_clamp(-87.0, EXPONENTIAL_LIMIT)?.try_exp()?,
         };
         Ok(Some(sigma.try_clamp(0.0, SIGMA_LIMIT)?))
     }
@@ -318,8 +321,8 @@ impl Engine for ReferenceEngine {
         Ok(loss)
     }
 
-    fn parameters(&self) -> Vec<f32> {
-        self.optimiser.values()
+    fn parameters(&self) -> Cow<'_, [f32]> {
+        Cow::Owned(self.optimiser.values())
     }
 
     fn state(&self) -> OptimiserState {

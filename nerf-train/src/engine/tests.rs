@@ -8,12 +8,12 @@ mod volume;
 
 use super::model::uniform;
 use super::*;
-use nerf_core::encoding::{AngleScale, Encoding};
+use nerf_core::encoding::{AngleScale, SinusoidalEncoding};
 use nerf_core::network::{Architecture, DensityActivation, TrunkLayer};
 
-/// Encoding of 3 inputs, identity first.
-fn encoding(levels: u8, scale: AngleScale) -> Encoding {
-    Encoding { inputs: 3, levels, scale, identity: true }
+/// SinusoidalEncoding of 3 inputs, identity first.
+fn encoding(levels: u8, scale: AngleScale) -> SinusoidalEncoding {
+    SinusoidalEncoding { inputs: 3, levels, scale, identity: true }
 }
 
 fn trunk(depth: usize, width: u16, skip: Option<usize>) -> impl Iterator<Item = TrunkLayer> {
@@ -61,7 +61,7 @@ fn softplus() -> Model {
 /// An image: two inputs, no density.
 fn field() -> Model {
     let mut model = plain();
-    model.architecture.position = Encoding { inputs: 2, ..encoding(4, AngleScale::Pi) };
+    model.architecture.position = SinusoidalEncoding { inputs: 2, ..encoding(4, AngleScale::Pi) };
     model.architecture.direction = None;
     model.architecture.density = None;
     model

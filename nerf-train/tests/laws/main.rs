@@ -25,7 +25,7 @@ fn scene() -> Dataset {
 
 /// The fast preset, 2×16.
 fn tiny(steps: u32) -> Config {
-    let mut config = Preset::Fast.config();
+    let mut config = Preset::Small.config();
     let (n, s, g, o) = (&mut config.network, &mut config.sampling, &mut config.grid, &mut config.optimiser);
     (n.depth, n.width, n.position_levels, n.direction_levels, n.colour_width) = (2, 16, 4, 1, 8);
     (s.samples, s.rays, s.live_samples) = (16, 64, 512);

@@ -1,7 +1,7 @@
 //! nerf-core computes the network that dfdx does.
 
 use nerf_core::blob::{Blob, Content, Provenance, SceneFacts};
-use nerf_core::encoding::{AngleScale, Encoding};
+use nerf_core::encoding::{AngleScale, SinusoidalEncoding};
 use nerf_core::kernels::{Line, Tier};
 use nerf_core::network::{Architecture, DensityActivation, TrunkLayer};
 use nerf_core::plan::{Batch, Outputs, Plan, Quality};
@@ -12,8 +12,8 @@ use nerf_train::export::{Contents, export};
 /// Points asked: whole blocks and a rest.
 const POINTS: usize = 150;
 
-fn encoding(levels: u8) -> Encoding {
-    Encoding { inputs: 3, levels, scale: AngleScale::Pi, identity: true }
+fn encoding(levels: u8) -> SinusoidalEncoding {
+    SinusoidalEncoding { inputs: 3, levels, scale: AngleScale::Pi, identity: true }
 }
 
 fn trunk(depth: usize, width: u16, skip: usize) -> impl Iterator<Item = TrunkLayer> {

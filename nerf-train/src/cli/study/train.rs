@@ -66,7 +66,7 @@ impl StudyTrain {
             return lists;
         }
         Lists {
-            presets: vec![Preset::Fast, Preset::Seed],
+            presets: vec![Preset::Small, Preset::Seed],
             widths: vec![64, 128, 256],
             depths: vec![2, 4, 8],
             samples: vec![64, 128, 192],

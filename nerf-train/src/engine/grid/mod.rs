@@ -33,6 +33,7 @@ use nerf_core::ray::SceneBox;
 use pass::{Job, Pass, Totals};
 use rayon::prelude::*;
 use scatter::LevelGradient;
+use std::borrow::Cow;
 
 /// Accumulators, hence threads that a step can use before the tables.
 const ACCUMULATORS: usize = 16;
@@ -165,8 +166,8 @@ impl Engine for GridEngine {
         Ok(loss)
     }
 
-    fn parameters(&self) -> Vec<f32> {
-        self.parameters.clone()
+    fn parameters(&self) -> Cow<'_, [f32]> {
+        Cow::Borrowed(&self.parameters)
     }
 
     fn state(&self) -> OptimiserState {

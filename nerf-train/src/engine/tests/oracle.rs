@@ -15,7 +15,7 @@ fn dense(d: &Dense, p: &[f64], x: &[f64], extra: &[f64], relu: bool) -> Vec<f64>
         .collect()
 }
 
-fn encode(e: &Encoding, x: &[f32; 3]) -> Vec<f64> {
+fn encode(e: &SinusoidalEncoding, x: &[f32; 3]) -> Vec<f64> {
     let x = || x.iter().take(e.inputs as usize).map(|&x| f64::from(x));
     let s = if e.scale == AngleScale::Pi { std::f64::consts::PI } else { 1.0 };
     let mut out: Vec<f64> = if e.identity { x().collect() } else { Vec::new() };

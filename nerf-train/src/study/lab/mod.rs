@@ -154,6 +154,14 @@ impl<'b> Lab<'b> {
         parameters
     }
 
+    /// The values of the blob's tables as f32; none of a sinusoidal network.
+    fn tables(&self) -> Vec<f32> {
+        let bytes = self.blob.tables().map_or(&[][..], |tables| tables.bytes);
+        let mut values = vec![0.0; bytes.len() / 2];
+        unpack(bytes, &mut values);
+        values
+    }
+
     /// Adds the blob with another network, rounded to f16; its number.
     ///
     /// # Errors
@@ -167,6 +175,7 @@ impl<'b> Lab<'b> {
         let alone = export(&Contents {
             architecture,
             parameters,
+            tables: &self.tables(),
             content: Content::Scene(SceneFacts { grid_required: false, ..self.scene.clone() }),
             grid: None,
             provenance: self.blob.provenance().clone(),
@@ -196,6 +205,7 @@ impl<'b> Lab<'b> {
             proposal: self.blob.proposal().cloned(),
             provenance: self.blob.provenance().clone(),
             weights: self.blob.weights(),
+            tables: self.blob.tables(),
         }
     }
 
