@@ -1,5 +1,6 @@
 //! A picture file, decoded whole or refused.
 
+use crate::input::{MAX_PICTURE_BYTES, read_limited};
 use image::{DynamicImage, ImageDecoder, ImageFormat, ImageReader, metadata::Orientation};
 use std::io::Cursor;
 use std::path::{Path, PathBuf};
@@ -45,7 +46,8 @@ pub enum DecodeError {
 /// [`DecodeError`] names the file. A JPEG that ends early or whose data is damaged is refused too: most
 /// decoders fill the rest with grey and say nothing.
 pub fn decode(file: &Path) -> Result<(DynamicImage, Orientation), DecodeError> {
-    let bytes = std::fs::read(file).map_err(|source| DecodeError::Read { file: file.into(), source })?;
+    let bytes = read_limited(file, MAX_PICTURE_BYTES)
+        .map_err(|source| DecodeError::Read { file: file.into(), source })?;
     let damaged = |found: String| DecodeError::Damaged { file: file.into(), found };
     let format = image::guess_format(&bytes).map_err(|_| DecodeError::Format { file: file.into() })?;
     if !format.reading_enabled() {

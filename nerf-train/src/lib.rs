@@ -2,6 +2,7 @@
 //!
 //! The modules in the order in which data flows.
 
+pub mod child;
 pub mod cli;
 pub mod config;
 pub mod dataset;
@@ -14,9 +15,12 @@ pub mod field;
 pub mod frame;
 pub mod image_field;
 pub mod import;
+pub mod input;
+pub mod memory;
 pub mod occupancy;
 pub mod orbit;
 pub mod output;
+pub mod printable;
 pub mod rays;
 pub mod report;
 pub mod show;

@@ -2,13 +2,18 @@
 //!
 //! [`AtomicFile`] writes beside the final name and renames over it on [`AtomicFile::commit`]; a
 //! reader, a crash or a full disk never meets half a file. Of two processes that write the same
-//! name one wins whole. A process that is killed outright may leave a hidden `.nerf-*.tmp` behind,
-//! which is safe to delete.
+//! name one wins whole. A signal removes what is not committed ([`crate::stop`]); a process that is
+//! killed outright may leave a hidden `.nerf-*.tmp` behind, which is safe to delete.
 
+pub mod claims;
+pub mod mark;
+
+use std::collections::BTreeSet;
 use std::fmt;
 use std::fs::{self, File};
 use std::io::{self, BufWriter, Seek, SeekFrom, Write};
 use std::path::{Path, PathBuf};
+use std::sync::{Mutex, MutexGuard, PoisonError};
 use tempfile::NamedTempFile;
 
 /// A large buffer: pictures and blobs are written in small pieces.
@@ -65,8 +70,8 @@ impl OutputError {
 /// Where the bytes go until the commit.
 #[derive(Debug)]
 enum Sink {
-    /// A hidden file in the target's folder.
-    Temporary(BufWriter<NamedTempFile>),
+    /// A hidden file in the target's folder, which is listed as long as it is there.
+    Temporary(BufWriter<NamedTempFile>, Listed),
     /// A device or pipe such as `/dev/null`, which must be written, not replaced.
     Direct(BufWriter<File>),
 }
@@ -115,12 +120,12 @@ impl AtomicFile {
             Some(_) => fs::canonicalize(path).map_err(fail)?,
             None => path.to_owned(),
         };
-        let temporary = new_temporary(folder_of(&target)).map_err(fail)?;
+        let (temporary, listed) = new_temporary(folder_of(&target)).map_err(fail)?;
         if let Some(metadata) = existing {
             // Not every file system keeps permissions; the content matters more.
             let _ = temporary.as_file().set_permissions(metadata.permissions());
         }
-        let sink = Sink::Temporary(BufWriter::with_capacity(BUFFER_BYTES, temporary));
+        let sink = Sink::Temporary(BufWriter::with_capacity(BUFFER_BYTES, temporary), listed);
         Ok(Self { sink, path: path.to_owned(), target, failed: false })
     }
 
@@ -138,7 +143,7 @@ impl AtomicFile {
         }
         match sink {
             Sink::Direct(mut device) => device.flush().map_err(cannot_write),
-            Sink::Temporary(buffer) => {
+            Sink::Temporary(buffer, _listed) => {
                 let temporary = buffer.into_inner().map_err(|e| cannot_write(e.into_error()))?;
                 sync(temporary.as_file()).map_err(cannot_write)?;
                 let cannot_rename = |source| OutputError::new(Attempt::Rename, &path, source);
@@ -158,14 +163,14 @@ impl AtomicFile {
     /// It must write into this file, not replace it, and be done before the commit.
     pub fn place(&self) -> &Path {
         match &self.sink {
-            Sink::Temporary(buffer) => buffer.get_ref().path(),
+            Sink::Temporary(buffer, _) => buffer.get_ref().path(),
             Sink::Direct(_) => &self.target,
         }
     }
 
     fn writer(&mut self) -> &mut dyn Write {
         match &mut self.sink {
-            Sink::Temporary(buffer) => buffer,
+            Sink::Temporary(buffer, _) => buffer,
             Sink::Direct(buffer) => buffer,
         }
     }
@@ -192,7 +197,7 @@ impl Write for AtomicFile {
 impl Seek for AtomicFile {
     fn seek(&mut self, position: SeekFrom) -> io::Result<u64> {
         let result = match &mut self.sink {
-            Sink::Temporary(buffer) => buffer.seek(position),
+            Sink::Temporary(buffer, _) => buffer.seek(position),
             Sink::Direct(buffer) => buffer.seek(position),
         };
         self.note(result)
@@ -221,7 +226,7 @@ pub fn write_atomic(path: impl AsRef<Path>, bytes: &[u8]) -> Result<(), OutputEr
 pub fn write_new(path: impl AsRef<Path>, bytes: &[u8]) -> Result<bool, OutputError> {
     let path = path.as_ref();
     let fail = |attempt| move |source| OutputError::new(attempt, path, source);
-    let mut temporary = new_temporary(folder_of(path)).map_err(fail(Attempt::Create))?;
+    let (mut temporary, _listed) = new_temporary(folder_of(path)).map_err(fail(Attempt::Create))?;
     temporary.write_all(bytes).map_err(fail(Attempt::Write))?;
     sync(temporary.as_file()).map_err(fail(Attempt::Write))?;
     match temporary.persist_noclobber(path) {
@@ -250,7 +255,7 @@ pub fn ensure_folder(path: impl AsRef<Path>) -> Result<(), OutputError> {
     let folder = if path.as_os_str().is_empty() { Path::new(".") } else { path };
     fs::create_dir_all(folder).map_err(|e| OutputError::new(Attempt::CreateFolder, path, e))?;
     let probe = || -> io::Result<()> {
-        let mut temporary = new_temporary(folder)?;
+        let (mut temporary, _listed) = new_temporary(folder)?;
         temporary.write_all(b"probe")?;
         temporary.close()
     };
@@ -278,8 +283,37 @@ fn folder_of(path: &Path) -> &Path {
     }
 }
 
+/// The temporaries that there are now.
+static TEMPORARIES: Mutex<BTreeSet<PathBuf>> = Mutex::new(BTreeSet::new());
+
+fn temporaries() -> MutexGuard<'static, BTreeSet<PathBuf>> {
+    // A panic elsewhere leaves the list whole.
+    TEMPORARIES.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+/// A temporary's place on the list; taken off when dropped, after the file was renamed or removed.
+#[derive(Debug)]
+struct Listed(PathBuf);
+
+impl Drop for Listed {
+    fn drop(&mut self) {
+        temporaries().remove(&self.0);
+    }
+}
+
+/// Removes all temporaries, and lets no further one appear: to be called when the process ends.
+pub fn remove_temporaries() {
+    let listed = temporaries();
+    for path in &*listed {
+        // One that is in place by now has no such name any more.
+        let _ = fs::remove_file(path);
+    }
+    // Whoever wants to make another waits for the end.
+    std::mem::forget(listed);
+}
+
 /// A hidden temporary with the permissions of an ordinary new file (tempfile's own default is 0600).
-fn new_temporary(folder: &Path) -> io::Result<NamedTempFile> {
+fn new_temporary(folder: &Path) -> io::Result<(NamedTempFile, Listed)> {
     let mut builder = tempfile::Builder::new();
     // A fixed short prefix: the target's name may already be as long as the file system allows.
     builder.prefix(".nerf-").suffix(".tmp");
@@ -289,11 +323,15 @@ fn new_temporary(folder: &Path) -> io::Result<NamedTempFile> {
         builder.permissions(fs::Permissions::from_mode(0o666));
     }
     // tempfile appends the path of its temporary; the name that the caller gave is what counts.
-    builder.tempfile_in(folder).map_err(|error| {
+    let mut listed = temporaries();
+    let temporary = builder.tempfile_in(folder).map_err(|error| {
         let message = error.to_string();
         let reason = message.split(" at path ").next().unwrap_or(&message);
         io::Error::new(error.kind(), reason.to_owned())
-    })
+    })?;
+    let path = temporary.path().to_owned();
+    listed.insert(path.clone());
+    Ok((temporary, Listed(path)))
 }
 
 /// Waits until all of a file or folder is on the disk.

@@ -1,8 +1,10 @@
 //! `nerf-train audit`
 
-use super::common::{DataOptions, Global, background_name, cpu_name, read_file, report_folder};
+use super::common::{DataOptions, Global, background_name, cpu_name, read_file};
 use super::eval::Split;
+use super::places;
 use crate::dataset::View;
+use crate::output::claims::Claims;
 use crate::report::progress::{Message, Progress, Total};
 use crate::report::summary::Summary;
 use crate::study::{Audit as Findings, AuditOptions, Clock, Lab, THRESHOLD_DB, Verdict, audit, audit_table};
@@ -60,7 +62,12 @@ impl Audit {
             bail!("--repeats: expected at most {MAX_REPEATS}, found {}", self.repeats);
         }
         check_threshold(self.effect_threshold)?;
-        report_folder(self.report.as_ref())?;
+        places::check_report(self.report.as_ref())?;
+        Claims::new()
+            .reads("the blob", &self.file)
+            .reads_data(&self.data)
+            .writes_folder_if("--report", self.report.as_deref(), &places::AUDIT)
+            .settle()?;
         let bytes = read_file(&self.file)?;
         super::common::open_blob(&self.file, &bytes)?;
         let mut lab = Lab::new(&bytes)?;
@@ -94,7 +101,7 @@ impl Audit {
             summary.write(folder)?;
         }
         global.finish(&summary, || {
-            outln!("{}", table.to_text());
+            outlines!(table.to_text());
             outln!(
                 "mean over {} views ({}) on {background}; time and MACs: with the effect over without it",
                 views.len(),

@@ -1,6 +1,8 @@
 //! What several commands share.
 
 use crate::dataset::{self, Axes, Dataset, ReadOptions, Report, Watch};
+use crate::input::{MAX_BLOB_BYTES, read_limited};
+use crate::printable;
 use crate::report::progress::{self, Message, Progress, ProgressStyle, Total};
 use crate::report::summary::Summary;
 use crate::report::video::{Ffmpeg, VideoError};
@@ -16,19 +18,26 @@ use std::path::{Path, PathBuf};
 use std::sync::mpsc::{self, Receiver, RecvTimeoutError};
 use std::time::Duration;
 
-/// Tens of thousands of threads take minutes to start.
-const MAX_THREADS: usize = 4096;
+/// Threads a core beyond which more only cost memory.
+const THREADS_PER_CORE: usize = 4;
 
-/// Prints a line of the result; returns from the function where that fails.
+/// Prints a line of the result, which stays one line whatever is in it; returns from the function where that fails.
 macro_rules! outln {
     ($($arg:tt)*) => {
-        $crate::cli::common::print(format_args!($($arg)*))?
+        $crate::cli::common::print(&$crate::printable::line(&format!($($arg)*)))?
     };
 }
 
-/// Prints a line to stdout. A reader that has seen enough and closed it is no failure.
-pub fn print(line: std::fmt::Arguments<'_>) -> anyhow::Result<()> {
-    match writeln!(std::io::stdout(), "{line}") {
+/// Prints lines of the result, such as a table; returns from the function where that fails.
+macro_rules! outlines {
+    ($text:expr) => {
+        $crate::cli::common::print(&$text)?
+    };
+}
+
+/// Prints lines to stdout. A reader that has seen enough and closed it is no failure.
+pub fn print(lines: &str) -> anyhow::Result<()> {
+    match writeln!(std::io::stdout(), "{}", printable::lines(lines)) {
         Err(error) if error.kind() != std::io::ErrorKind::BrokenPipe => {
             Err(error).context("cannot write to standard output")
         }
@@ -38,7 +47,7 @@ pub fn print(line: std::fmt::Arguments<'_>) -> anyhow::Result<()> {
 
 /// Prints a line to stderr, if anybody listens: `eprintln!` would panic where it is closed.
 pub fn tell(line: &str) {
-    let _ = writeln!(std::io::stderr(), "{line}");
+    let _ = writeln!(std::io::stderr(), "{}", printable::line(line));
 }
 
 /// Options every command takes.
@@ -52,7 +61,7 @@ pub struct Global {
     /// failure is {"error": …} on stdout and text on stderr.
     #[arg(long, global = true)]
     pub json: bool,
-    /// Threads [default: all cores].
+    /// Threads, at most four for each core [default: all cores].
     #[arg(long, global = true, value_name = "N")]
     pub threads: Option<usize>,
     /// Kernel tier: scalar, avx2, avx512, avx512bf16 [default: the fastest that computes in f32]. avx512bf16
@@ -65,9 +74,16 @@ impl Global {
     /// Sets up the thread pool.
     pub fn apply(&self) -> anyhow::Result<()> {
         if let Some(threads) = self.threads {
-            if !(1..=MAX_THREADS).contains(&threads) {
-                bail!("--threads: expected 1 to {MAX_THREADS}, found {threads}");
+            if threads == 0 {
+                bail!("--threads: expected at least 1, found 0");
             }
+            let most = THREADS_PER_CORE * std::thread::available_parallelism().map_or(1, usize::from);
+            if threads > most {
+                self.say(format!(
+                    "--threads: {threads} would only cost memory; taking {most}, {THREADS_PER_CORE} for each core"
+                ));
+            }
+            let threads = threads.min(most);
             rayon::ThreadPoolBuilder::new().num_threads(threads).build_global().context("--threads")?;
         }
         Ok(())
@@ -98,6 +114,11 @@ impl Global {
         self.say(format!("training on {cpu} ({kernel}, {threads} threads), seed {seed}"));
     }
 
+    /// Says that a signal ended the command, and what is left of its work.
+    pub fn interrupted(&self, message: &str) {
+        if self.json { super::interrupted_json(message) } else { super::interrupted(message) }
+    }
+
     /// Prints the result, once and last: `summary` as JSON where asked for, else what `human` prints.
     ///
     /// With `--json` nothing else goes to stdout, so a command prints results nowhere but here.
@@ -106,7 +127,7 @@ impl Global {
         summary: &Summary,
         human: impl FnOnce() -> anyhow::Result<()>,
     ) -> anyhow::Result<()> {
-        if self.json { print(format_args!("{}", summary.to_json()?.trim_end())) } else { human() }
+        if self.json { print(summary.to_json()?.trim_end()) } else { human() }
     }
 }
 
@@ -129,6 +150,9 @@ pub struct DataOptions {
     /// Where rays end, world units along the ray.
     #[arg(long, value_name = "T")]
     pub far: Option<f32>,
+    /// Read pictures also where the data set's `file_path` leads out of its folder: `..`, absolute paths, links.
+    #[arg(long)]
+    pub outside_files: bool,
 }
 
 impl DataOptions {
@@ -145,7 +169,13 @@ impl DataOptions {
     }
 
     fn options(&self) -> ReadOptions {
-        ReadOptions { axes: self.axes, near: self.near, far: self.far, ..ReadOptions::default() }
+        ReadOptions {
+            axes: self.axes,
+            near: self.near,
+            far: self.far,
+            outside_files: self.outside_files,
+            ..ReadOptions::default()
+        }
     }
 }
 
@@ -186,7 +216,7 @@ pub fn survive_file_size_limits() {
 /// Prints what was read.
 pub fn print_report(dataset: &Dataset, global: &Global) -> Report {
     let report = Report::of(dataset);
-    global.say(report.to_string());
+    progress::say_lines(global.style(), &report.to_string());
     report
 }
 
@@ -286,12 +316,17 @@ pub struct Mp4Options {
     /// The ffmpeg that makes MP4s [default: the one on PATH].
     #[arg(long, value_name = "PROGRAM", env = "NERF_FFMPEG", hide_env_values = true)]
     ffmpeg: Option<PathBuf>,
-    /// Write no MP4 beside a GIF.
+    /// Write no MP4 beside a GIF. (One that nerf-train did not make is never replaced.)
     #[arg(long)]
     no_mp4: bool,
 }
 
 impl Mp4Options {
+    /// The program, where it was named.
+    pub fn program(&self) -> Option<&Path> {
+        self.ffmpeg.as_deref()
+    }
+
     /// The ffmpeg for an MP4 beside a GIF, or why there is none: empty where none is wanted.
     ///
     /// # Errors
@@ -330,9 +365,9 @@ pub fn say_no_mp4(global: &Global, why: &str, gif: &Path) {
     }
 }
 
-/// Reads a file, naming it in the error.
+/// Reads a blob, from a file or a pipe, naming it in the error.
 pub fn read_file(path: &Path) -> anyhow::Result<Vec<u8>> {
-    std::fs::read(path).with_context(|| format!("cannot read {}", path.display()))
+    read_limited(path, MAX_BLOB_BYTES).with_context(|| format!("cannot read {}", path.display()))
 }
 
 /// Opens a blob, naming its file in the error.
@@ -390,14 +425,6 @@ pub fn check_max_seconds(seconds: Option<f64>) -> anyhow::Result<()> {
 pub fn check_checkpoint_every(seconds: f64) -> anyhow::Result<()> {
     if seconds.is_nan() || seconds < 0.0 {
         bail!("--checkpoint-every: expected seconds of at least 0, found {seconds}");
-    }
-    Ok(())
-}
-
-/// The folder of a report, made and tried out before any work is done.
-pub fn report_folder(folder: Option<&PathBuf>) -> anyhow::Result<()> {
-    if let Some(folder) = folder {
-        crate::output::ensure_folder(folder)?;
     }
     Ok(())
 }

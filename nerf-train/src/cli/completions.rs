@@ -28,7 +28,7 @@ impl Completions {
         let mut summary = Summary::new();
         summary.text("shell", self.shell.to_string()).text("script", script.clone());
         global.finish(&summary, || {
-            outln!("{}", script.trim_end());
+            outlines!(script.trim_end());
             Ok(())
         })?;
         Ok(ExitCode::SUCCESS)

@@ -3,12 +3,14 @@
 use super::common::{Global, Mp4Options, background_name, open_blob, print_report, say_no_mp4};
 use super::fit::read_config;
 use super::outcome;
+use super::places;
 use crate::config::Preset;
 use crate::demo_scene::{self, DemoSpec, Truth};
 use crate::eval::evaluate;
 use crate::frame::{self, Frame};
 use crate::orbit::Orbit;
-use crate::output::{ensure_folder, write_atomic};
+use crate::output::claims::{Claims, Existing};
+use crate::output::write_atomic;
 use crate::report::contact_sheet::{Cell, contact_sheet};
 use crate::report::film::{Files, Film};
 use crate::report::picture::Picture;
@@ -59,8 +61,18 @@ impl Demo {
         // First, so that what is wrong in the file costs no time.
         let mut config = read_config(Preset::Grid, self.config.as_deref(), true)?;
         config.check()?;
-        ensure_folder(&self.out)?;
+        places::check_folder("--out", &self.out)?;
         let ffmpeg = self.mp4.beside_a_gif()?;
+        let claims = Claims::new()
+            .reads_if("the file of settings", self.config.as_deref())
+            .reads_if("the program", self.mp4.program())
+            .writes_folder("--out", &self.out, &places::DEMO);
+        match &ffmpeg {
+            Ok(_) => claims
+                .derives("the MP4 beside a GIF", &self.out.join("orbit.mp4"), Existing::ReplaceOwn)
+                .settle()?,
+            Err(_) => claims.settle()?,
+        }
         let spec = DemoSpec::default();
         let dataset = demo_scene::dataset(&spec)?;
         let report = print_report(&dataset, global);
@@ -95,7 +107,7 @@ impl Demo {
         outcome::write_curve(&self.out, &outcome)?;
         outcome::write_snapshots(&self.out, &outcome, &dataset)?;
         let json = serde_json::to_string_pretty(&report)?;
-        write_atomic(self.out.join("data.json"), json.as_bytes())?;
+        write_atomic(self.out.join("data.json"), crate::printable::json(&json).as_bytes())?;
 
         let blob = open_blob(&blob_path, &outcome.bytes)?;
         let plan = Plan::new(&blob, &Quality::default(), Outputs::ALL, Batch::for_tier(tier))?;
@@ -164,7 +176,7 @@ impl Demo {
         summary.write(&self.out)?;
 
         global.finish(&summary, || {
-            outln!("{}", table.to_text());
+            outlines!(table.to_text());
             outln!(
                 "mean over {} held-out views on {}: {psnr:.2} dB PSNR, {ssim:.4} SSIM",
                 scores.views.len(),

@@ -2,15 +2,16 @@
 
 use super::common::{
     DataOptions, Global, QualityOptions, background_name, cpu_name, open_blob, parse_background, read_file,
-    report_folder,
 };
+use super::places;
 use crate::dataset::View;
 use crate::eval::{ViewScore, evaluate};
+use crate::output::claims::Claims;
 use crate::report::metrics::psnr_db;
+use crate::report::names::FileNames;
 use crate::report::progress::{Message, Progress, Total};
 use crate::report::summary::Summary;
 use crate::report::table::Table;
-use crate::train::run::file_name;
 use anyhow::{Context, bail};
 use clap::{Args, ValueEnum};
 use nerf_core::kernels::Line;
@@ -89,7 +90,12 @@ impl Eval {
         if self.every == 0 {
             bail!("--every: expected at least 1, found 0");
         }
-        report_folder(self.report.as_ref())?;
+        places::check_report(self.report.as_ref())?;
+        Claims::new()
+            .reads("the blob", &self.file)
+            .reads_data(&self.data)
+            .writes_folder_if("--report", self.report.as_deref(), &places::EVAL)
+            .settle()?;
         let bytes = read_file(&self.file)?;
         let blob = open_blob(&self.file, &bytes)?;
         let tier = global.tier();
@@ -100,7 +106,9 @@ impl Eval {
         let background = self.background.unwrap_or(own);
         let plan = plan.with_background(background)?;
         let dataset = self.data_options.read(&self.data, global)?;
-        let views: Vec<&View> = self.split.of(&dataset).iter().step_by(self.every).collect();
+        let split = self.split.of(&dataset);
+        let (views, names): (Vec<&View>, _) =
+            (split.iter().step_by(self.every).collect(), FileNames::of(split));
         if views.is_empty() {
             bail!("{}: the split `{}` has no views", self.data.display(), self.split.name());
         }
@@ -129,7 +137,7 @@ impl Eval {
             progress.update(done, &Message::default());
             table.push([score.view.clone(), format!("{:.3}", score.psnr_db), format!("{:.4}", score.ssim)]);
             if let (Some(folder), Ok(())) = (&self.report, &written) {
-                let name = format!("{}.png", file_name(&view.name));
+                let name = format!("{}.png", names.stem(view));
                 written = frame.picture().write_png(folder.join(name));
             }
         })?;
@@ -172,7 +180,7 @@ impl Eval {
             summary.write(folder)?;
         }
         global.finish(&summary, || {
-            outln!("{}", table.to_text());
+            outlines!(table.to_text());
             outln!("mean over {done} views on {name}: {psnr:.3} dB PSNR, {ssim:.4} SSIM");
             if let (Some(step), Some(mean)) = (self.lattice, lattice_db) {
                 outln!("over every pixel number 0, {step}, {}, … of such rows: {mean:.3} dB PSNR", 2 * step);

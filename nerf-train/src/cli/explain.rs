@@ -108,7 +108,7 @@ impl Explain {
             .number("normals_share", share(shares.normals))
             .integer("invalid_samples", counters.invalid_samples);
         global.finish(&summary, || {
-            outln!("{}", explanation.to_string().trim_end());
+            outlines!(explanation.to_string().trim_end());
             Ok(())
         })?;
         Ok(ExitCode::SUCCESS)

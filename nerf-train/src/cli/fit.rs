@@ -2,19 +2,21 @@
 
 use super::audit::check_threshold;
 use super::common::{
-    DataOptions, Global, check_checkpoint_every, check_max_seconds, parse_numbers, print_report,
-    report_folder, tell,
+    DataOptions, Global, check_checkpoint_every, check_max_seconds, parse_numbers, print_report, tell,
 };
 use super::outcome;
+use super::places;
 use crate::config::{Config, Density, Jitter, Preset};
 use crate::dataset::Background;
-use crate::output::ensure_file;
+use crate::input;
+use crate::memory;
+use crate::output::claims::{Claims, Existing, is_device};
 use crate::stop;
 use crate::study::THRESHOLD_DB;
 use crate::train::run::{Ended, RunOptions, interrupted, run_since};
 use crate::train::schedule::{Budget, Clock};
 use crate::train::snapshot::SnapshotOptions;
-use anyhow::Context;
+use anyhow::{Context, bail};
 use clap::Args;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
@@ -31,10 +33,10 @@ use std::time::Duration;
 pub struct Fit {
     /// The data set.
     data: PathBuf,
-    /// The blob to write.
+    /// The blob to write (.nerf); FILE.checkpoint is written beside it.
     #[arg(long, short, value_name = "FILE")]
     output: PathBuf,
-    /// Folder for summary.json, curves, plots and pictures.
+    /// Folder for summary.json, curves, plots and pictures; not within the data set.
     #[arg(long, value_name = "DIR")]
     report: Option<PathBuf>,
     /// Named settings to start from.
@@ -53,6 +55,10 @@ pub struct Fit {
     /// Go on from the checkpoint beside the output file.
     #[arg(long)]
     resume: bool,
+    /// Begin anew and replace the checkpoint beside the output file: without this or --resume a fit that finds one
+    /// is refused.
+    #[arg(long, conflicts_with = "resume")]
+    restart: bool,
     /// Seconds between checkpoints.
     #[arg(long, value_name = "S", default_value_t = 30.0)]
     checkpoint_every: f64,
@@ -192,7 +198,8 @@ pub fn read_config(preset: Preset, file: Option<&Path>, hull: bool) -> anyhow::R
     let start =
         |preset: Preset, hull: bool| if hull { preset.config() } else { preset.config().without_hull() };
     let Some(file) = file else { return Ok(start(preset, hull)) };
-    let text = std::fs::read_to_string(file).with_context(|| format!("cannot read {}", file.display()))?;
+    let text = input::read_text(file, input::MAX_TOML_BYTES)
+        .with_context(|| format!("cannot read {}", file.display()))?;
     let parse = || -> anyhow::Result<Config> {
         let given: toml::Table = text.parse()?;
         let preset = match given.get("preset") {
@@ -204,7 +211,10 @@ pub fn read_config(preset: Preset, file: Option<&Path>, hull: bool) -> anyhow::R
         merge(&mut merged, given);
         Ok(merged.try_into()?)
     };
-    parse().with_context(|| file.display().to_string())
+    parse().map_err(|error| match error.downcast_ref::<toml::de::Error>() {
+        Some(toml) => anyhow::anyhow!("{}: {}", file.display(), input::toml_message(&text, toml)),
+        None => error.context(file.display().to_string()),
+    })
 }
 
 fn merge(into: &mut toml::Table, from: toml::Table) {
@@ -218,6 +228,9 @@ fn merge(into: &mut toml::Table, from: toml::Table) {
     }
 }
 
+/// What a sample of a step takes: measured with 130 million of them.
+const BYTES_PER_SAMPLE: u64 = 32;
+
 impl Fit {
     /// Preset, TOML file and flags, in this order; `hull`: whether one can be carved.
     fn config(&self, hull: bool) -> anyhow::Result<Config> {
@@ -229,12 +242,32 @@ impl Fit {
             config.optimiser.steps = steps;
         }
         config.check()?;
+        let (rays, samples) = (config.sampling.rays as u64, u64::from(config.sampling.samples));
+        let what = format!("a step of {rays} rays with {samples} samples");
+        memory::check(what, rays * samples, BYTES_PER_SAMPLE, "lower --rays")?;
         Ok(config)
     }
 
     fn snapshot_options(&self) -> Option<SnapshotOptions> {
         let folder = self.report.clone()?;
         Some(SnapshotOptions { folder, steps: self.snapshots.clone(), views: self.snapshot_views.clone() })
+    }
+
+    /// What it reads and writes.
+    fn claims(&self) -> Claims {
+        let existing = match self.resume || self.restart {
+            true => Existing::Replace,
+            false => Existing::Refuse(": --resume goes on from it, --restart replaces it"),
+        };
+        let claims = Claims::new()
+            .reads_data(&self.data)
+            .reads_if("the file of settings", self.config.as_deref())
+            .writes("-o", &self.output)
+            .writes_folder_if("--report", self.report.as_deref(), &places::FIT);
+        match checkpoint_path(&self.output) {
+            Some(checkpoint) => claims.derives("the checkpoint beside -o", &checkpoint, existing),
+            None => claims,
+        }
     }
 
     /// Runs the command.
@@ -246,11 +279,14 @@ impl Fit {
         check_checkpoint_every(self.checkpoint_every)?;
         check_threshold(self.effect_threshold)?;
 
-        // Whatever cannot be written is found out before the work, not after it.
+        // Whatever cannot be written, or must not, is found out before the work, not after it.
+        places::check_extension("-o", &self.output, places::BLOB)?;
+        places::check_report(self.report.as_ref())?;
+        self.claims().settle()?;
         let checkpoint = checkpoint_path(&self.output);
-        ensure_file(&self.output)?;
-        ensure_file(&checkpoint)?;
-        report_folder(self.report.as_ref())?;
+        if self.resume && checkpoint.is_none() {
+            bail!("--resume: {} is a device, which has no checkpoint beside it", self.output.display());
+        }
 
         let dataset = self.data_options.read(&self.data, global)?;
         let report = print_report(&dataset, global);
@@ -259,7 +295,7 @@ impl Fit {
         let budget = Budget { steps, seconds: self.max_seconds };
         let options = RunOptions {
             budget,
-            checkpoint: Some(checkpoint),
+            checkpoint,
             checkpoint_every: self.checkpoint_every,
             resume: self.resume,
             snapshots: self.snapshot_options(),
@@ -291,11 +327,11 @@ impl Fit {
     }
 }
 
-/// Where the checkpoint of a blob lies.
-fn checkpoint_path(output: &Path) -> PathBuf {
+/// Where the checkpoint of a blob lies; a device has none.
+fn checkpoint_path(output: &Path) -> Option<PathBuf> {
     let mut name = output.as_os_str().to_owned();
     name.push(".checkpoint");
-    name.into()
+    (!is_device(output)).then_some(name.into())
 }
 
 #[cfg(test)]

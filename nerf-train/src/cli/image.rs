@@ -1,11 +1,14 @@
 //! `nerf-train image`
 
 use super::common::{
-    Global, check_max_seconds, cpu_name, open_blob, parse_background, parse_math, read_file, report_folder,
+    Global, check_max_seconds, cpu_name, open_blob, parse_background, parse_math, read_file,
 };
+use super::places;
 use crate::frame;
-use crate::image_field::{Ended, FieldConfig, FieldPreset, Look, Outcome, Photo, RunOptions, run};
-use crate::output::{ensure_file, ensure_folder, write_atomic};
+use crate::image_field::{Ended, FieldConfig, FieldPreset, Look, Outcome, Photo, RunOptions, kept, run};
+use crate::memory;
+use crate::output::claims::Claims;
+use crate::output::ensure_folder;
 use crate::report::contact_sheet::{Cell, contact_sheet};
 use crate::report::picture::Picture;
 use crate::report::plot::{LinePlot, Marker, Series};
@@ -128,7 +131,7 @@ impl Settings {
 pub struct Fit {
     /// The picture.
     photo: PathBuf,
-    /// The blob to write.
+    /// The blob to write (.nerf).
     #[arg(long, short, value_name = "FILE")]
     output: PathBuf,
     /// Folder for summary.json, curve, pictures and contact sheet.
@@ -176,8 +179,13 @@ impl Fit {
         let config = self.config();
         config.check()?;
         check_max_seconds(self.max_seconds)?;
-        ensure_file(&self.output)?;
-        report_folder(self.report.as_ref())?;
+        places::check_extension("-o", &self.output, places::BLOB)?;
+        places::check_report(self.report.as_ref())?;
+        Claims::new()
+            .reads("the picture", &self.photo)
+            .writes("-o", &self.output)
+            .writes_folder_if("--report", self.report.as_deref(), &places::IMAGE_FIT)
+            .settle()?;
         let snapshots = match &self.report {
             Some(folder) if !self.snapshots.is_empty() => {
                 ensure_folder(folder.join("snapshots"))?;
@@ -191,15 +199,17 @@ impl Fit {
             (self.settings.steps.is_some() || self.max_seconds.is_none()).then_some(config.optimiser.steps);
         let options = RunOptions {
             budget: Budget { steps, seconds: self.max_seconds },
+            output: Some(self.output.clone()),
             snapshots: self.snapshots.clone(),
             look_every: self.look_every,
             tier: global.tier(),
             style: global.style(),
         };
         global.say_training(config.seed);
-        let mut kept: Vec<(u32, f64, Picture)> = Vec::new();
+        let mut kept_looks: Vec<(u32, f64, Picture)> = Vec::new();
         let mut written = Ok(());
-        let outcome = run(&photo, config.clone(), &options, clock, stop::flag(), |look: Look<'_>| {
+        let stop = |_| stop::requested();
+        let ended = run(&photo, config.clone(), &options, clock, &stop, |look: Look<'_>| {
             if let Some(folder) = &snapshots
                 && self.snapshots.contains(&look.step)
             {
@@ -207,14 +217,22 @@ impl Fit {
                 if written.is_ok() {
                     written = look.picture.write_png(file);
                 }
-                kept.push((look.step, look.psnr_db, look.picture.clone()));
+                kept_looks.push((look.step, look.psnr_db, look.picture.clone()));
             }
         })?;
+        let outcome = match ended {
+            Ended::Finished(outcome) => outcome,
+            Ended::Stopped { steps } => {
+                global.interrupted(&kept(steps, &self.output));
+                return Ok(stop::status());
+            }
+        };
+        let place = self.output.display();
+        let _note = stop::Note::new(format!("interrupted: {place} is complete, its report is not"));
         written?;
-        write_atomic(&self.output, &outcome.bytes)?;
         if let Some(folder) = &self.report {
             write_curve(folder, &photo, &outcome)?;
-            write_sheet(folder, &photo, &outcome, &kept)?;
+            write_sheet(folder, &photo, &outcome, &kept_looks)?;
             outcome.picture.write_png(folder.join("picture.png"))?;
             let missed: Vec<String> =
                 self.snapshots.iter().filter(|&&step| step > outcome.steps).map(u32::to_string).collect();
@@ -227,11 +245,7 @@ impl Fit {
         if let Some(folder) = &self.report {
             summary.write(folder)?;
         }
-        let stopped = outcome.ended == Ended::Stopped;
         global.finish(&summary, || {
-            if stopped {
-                outln!("stopped after {} steps, before the end", outcome.steps);
-            }
             outln!("{:.2} dB PSNR over the whole picture", outcome.psnr_db);
             outln!("trained: {} steps in {:.1} s", outcome.steps, outcome.train_seconds);
             outln!(
@@ -242,7 +256,7 @@ impl Fit {
             );
             Ok(())
         })?;
-        Ok(if stopped { ExitCode::from(130) } else { ExitCode::SUCCESS })
+        Ok(ExitCode::SUCCESS)
     }
 }
 
@@ -262,7 +276,6 @@ fn summary(
         .number("train_seconds", outcome.train_seconds)
         .number("total_seconds", total_seconds)
         .integer("steps", u64::from(outcome.steps))
-        .flag("stopped_early", outcome.ended == Ended::Stopped)
         .integer("parameters", outcome.parameters as u64)
         .integer("blob_bytes", outcome.bytes.len() as u64)
         .integer("subnormal_weights", outcome.subnormal_weights as u64)
@@ -357,8 +370,13 @@ pub struct Render {
     math: MathBackend,
 }
 
+/// What a pixel takes until its picture is written: its colour as f32 and as bytes, and these encoded.
+const BYTES_PER_PIXEL: u64 = 12 + 3 + 2 * 4;
+
 impl Render {
     fn run(&self, global: &Global) -> anyhow::Result<ExitCode> {
+        places::check_extension("-o", &self.output, places::PICTURE)?;
+        Claims::new().reads("the blob", &self.file).writes("-o", &self.output).settle()?;
         let bytes = read_file(&self.file)?;
         let blob = open_blob(&self.file, &bytes)?;
         let Some(facts) = blob.picture() else {
@@ -374,7 +392,9 @@ impl Render {
             (None, Some(height)) => [along(height, facts.height, facts.width), height],
             (None, None) => [facts.width, facts.height],
         };
-        ensure_file(&self.output)?;
+        let [width, height] = size.map(u64::from);
+        let what = format!("{}: a picture of {width}x{height} pixels", self.file.display());
+        memory::check(what, width * height, BYTES_PER_PIXEL, "choose a smaller --width")?;
         let mut memory = vec![Line::UNINIT; Renderer::prepared_lines(&blob, global.tier())];
         let renderer = Renderer::new(blob, global.tier(), &mut memory)?;
         let mut progress = Progress::new("render", Total::Steps(size[1].into()), global.style());

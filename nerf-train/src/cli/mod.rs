@@ -13,12 +13,11 @@ mod image;
 mod import;
 mod inspect;
 mod outcome;
+mod places;
 mod render;
 mod show;
 mod study;
 mod sweep;
-
-pub(crate) use common::tell;
 
 use crate::report::summary::Summary;
 use clap::{CommandFactory, Parser, Subcommand};
@@ -30,7 +29,10 @@ use std::process::ExitCode;
     name = "nerf-train",
     version,
     about,
-    after_help = "Example, and the place to start: nerf-train demo"
+    after_help = "Example, and the place to start: nerf-train demo\n\n\
+        Ctrl-C, SIGTERM and SIGHUP end a command at once, and leave no half-written file. `fit` writes its checkpoint \
+        first, `image fit` its blob, `sweep` and `study train` the report of the runs that are finished.\n\
+        Status: 0 success, 1 an error, 2 wrong usage, 128 + N the end by signal N (130 after Ctrl-C)."
 )]
 struct Cli {
     #[command(subcommand)]
@@ -75,7 +77,19 @@ fn print_error(message: &str) {
     let mut object = Summary::new();
     object.text("error", message);
     // Whoever closed stdout is told on stderr.
-    let _ = object.to_json().map(|json| common::print(format_args!("{}", json.trim_end())));
+    let _ = object.to_json().map(|json| common::print(json.trim_end()));
+}
+
+/// Says on stderr that a signal ended the command, and what is left of its work.
+pub(crate) fn interrupted(message: &str) {
+    crate::report::progress::abandon();
+    common::tell(message);
+}
+
+/// As [`interrupted`], and on stdout as the one JSON object.
+pub(crate) fn interrupted_json(message: &str) {
+    interrupted(message);
+    print_error(message);
 }
 
 /// The arguments; wrong ones and requests for help end the process.
@@ -93,11 +107,12 @@ fn parse() -> Cli {
 
 /// Parses the arguments, runs the command, and turns an error into one message and a status.
 ///
-/// Status 0 is success, 1 an error, 2 wrong usage, 130 an interruption.
+/// Status 0 is success, 1 an error, 2 wrong usage, 128 + N the end by signal N: 130 after Ctrl-C.
 pub fn main() -> ExitCode {
     common::survive_file_size_limits();
     let cli = parse();
-    if let Err(error) = crate::stop::watch() {
+    let say = if cli.global.json { interrupted_json } else { interrupted };
+    if let Err(error) = crate::stop::watch(say) {
         common::tell(&format!("warning: signals end this command without saving: {error}"));
     }
     let result = cli.global.apply().and_then(|()| match cli.command {
@@ -115,6 +130,7 @@ pub fn main() -> ExitCode {
         Command::Explain(explain) => explain.run(&cli.global),
         Command::Completions(completions) => completions.run(Cli::command(), &cli.global),
     });
+    crate::stop::leave_to_signal();
     match result {
         Ok(status) => status,
         Err(error) => {

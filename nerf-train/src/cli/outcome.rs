@@ -4,6 +4,7 @@ use super::common::{background_name, cpu_name, tell};
 use crate::config::Config;
 use crate::dataset::{Dataset, Report};
 use crate::report::contact_sheet::{Cell, contact_sheet};
+use crate::report::names::FileNames;
 use crate::report::picture::Picture;
 use crate::report::plot::{LinePlot, Marker, Series};
 use crate::report::summary::Summary;
@@ -11,7 +12,6 @@ use crate::report::table::Table;
 use crate::train::CurvePoint;
 use crate::train::direction::ViewDependence;
 use crate::train::finish::{Outcome, Shown};
-use crate::train::run::file_name;
 use crate::train::snapshot;
 use nerf_core::kernels::Tier;
 use std::path::Path;
@@ -159,9 +159,9 @@ pub fn write(
 ) -> anyhow::Result<()> {
     write_curve(folder, outcome)?;
     write_snapshots(folder, outcome, dataset)?;
-    write_views(folder, outcome)?;
+    write_views(folder, outcome, dataset)?;
     let json = serde_json::to_string_pretty(report)?;
-    crate::output::write_atomic(folder.join("data.json"), json.as_bytes())?;
+    crate::output::write_atomic(folder.join("data.json"), crate::printable::json(&json).as_bytes())?;
     summary.write(folder)?;
     Ok(())
 }
@@ -224,10 +224,12 @@ pub fn write_snapshots(folder: &Path, outcome: &Outcome, dataset: &Dataset) -> a
 }
 
 /// Pictures of a few validation views with their truth and their z_depth, and a sheet of them.
-fn write_views(folder: &Path, outcome: &Outcome) -> anyhow::Result<()> {
+fn write_views(folder: &Path, outcome: &Outcome, dataset: &Dataset) -> anyhow::Result<()> {
+    let names = FileNames::of(&dataset.val);
     let mut cells = Vec::new();
-    for Shown { name, frame, truth, psnr_db } in &outcome.shown {
-        let file = file_name(name);
+    for Shown { view, frame, truth, psnr_db } in &outcome.shown {
+        let view = &dataset.val[*view];
+        let (file, name) = (names.stem(view), &view.name);
         frame.picture().write_png(folder.join(format!("{file}.png")))?;
         frame.z_depth_picture()?.write_png(folder.join(format!("{file}_z_depth.png")))?;
         let truth = Picture::new(frame.width, frame.height, truth.clone())?;

@@ -5,15 +5,16 @@ mod target;
 
 use super::common::{
     DataOptions, Global, Mp4Options, QualityOptions, UpAxis, open_blob, parse_background, parse_numbers,
-    read_file, say_no_mp4, tell,
+    read_file, say_no_mp4,
 };
 use super::effects::EffectOptions;
 use super::eval::Split;
 use crate::frame;
+use crate::memory;
 use crate::report::colour_map::robust_range;
 use crate::report::progress::{Message, Progress, Total};
 use crate::report::summary::Summary;
-use crate::stop;
+use crate::stop::Note;
 use anyhow::Context;
 use clap::{Args, ValueEnum};
 use nerf_core::camera::Camera;
@@ -49,6 +50,9 @@ enum Output {
 /// A view becomes a PNG. A video becomes what the name says: `orbit.gif` a GIF, and beside it orbit.mp4 where
 /// ffmpeg is installed; `orbit.mp4` an MP4 alone; a folder (`frames/`) numbered PNGs. Further outputs get
 /// their name appended: with -o view.png, z-depth goes to view_z_depth.png.
+///
+/// The file that -o names is replaced. Files it does not name (an MP4 beside a GIF, further outputs, frames in a folder)
+/// are replaced where nerf-train made them; anybody else's are kept, and the command is refused.
 #[derive(Debug, Args)]
 #[command(after_help = "Examples:
   nerf-train render lego.nerf -o view.png --data lego_200x200.npz --split val --view 3 --outputs rgb,z-depth
@@ -84,7 +88,7 @@ pub struct Render {
     /// View of the split, counted from 0.
     #[arg(long, value_name = "I", default_value_t = 0, requires = "data")]
     view: usize,
-    /// Video of a full circle around the scene in so many frames.
+    /// Video of a full circle around the scene in so many frames, at most a million.
     #[arg(long, value_name = "FRAMES", group = "what")]
     orbit: Option<usize>,
     /// Height of the orbit above the scene's middle, degrees.
@@ -131,6 +135,12 @@ pub struct Render {
     data_options: DataOptions,
 }
 
+/// What a pixel of a frame takes: all of its values, and those of its tile.
+const BYTES_PER_PIXEL: u64 = 40 + 60;
+/// What it takes for each output: its colour as f32 and as bytes, twice, and these encoded; of a film, two frames a
+/// thread wait.
+const BYTES_PER_OUTPUT: u64 = 2 * (12 + 4) + 8;
+
 /// The range of the colours of a distance, world units.
 type Ranges = Vec<(Output, (f32, f32))>;
 
@@ -155,10 +165,12 @@ impl Output {
 impl Render {
     /// Runs the command.
     pub fn run(&self, global: &Global) -> anyhow::Result<ExitCode> {
+        let target = self.target()?;
+        self.claims(&target).settle()?;
         let bytes = read_file(&self.file)?;
         let blob = open_blob(&self.file, &bytes)?;
-        let target = self.target()?;
         let cameras = self.cameras(&blob, global)?;
+        self.check_memory(&cameras)?;
         let tier = global.tier();
         let plan = Plan::new(&blob, &self.quality.quality(), self.wanted(), Batch::for_tier(tier))
             .and_then(|plan| plan.with_normal_blur(self.normal_blur))
@@ -171,13 +183,11 @@ impl Render {
         let plan = self.effects.of(plan)?;
         let mut memory = vec![Line::UNINIT; Renderer::prepared_lines(&blob, tier)];
         let renderer = Renderer::new(blob, tier, &mut memory)?;
-        self.ensure_places(&target)?;
 
         let start = Instant::now();
         let mut counters = Counters::default();
-        let Some(ranges) = self.ranges(&renderer, &plan, &cameras, global)? else {
-            return interrupted(global, 0, cameras.len());
-        };
+        let note = Note::new("interrupted before the first view");
+        let ranges = self.ranges(&renderer, &plan, &cameras, global)?;
         let writers = self.outputs().into_iter().map(|output| {
             let range = ranges.iter().find(|(of, _)| *of == output).map(|&(_, range)| range);
             self.writer(&target, output, range)
@@ -185,10 +195,11 @@ impl Render {
         let mut writers = writers.collect::<anyhow::Result<Vec<_>>>()?;
         let mut progress = Progress::new("render", Total::Steps(cameras.len() as u64), global.style());
         for (i, camera) in cameras.iter().enumerate() {
-            if stop::requested() {
-                // Half a film is dropped, and with it its file.
-                return interrupted(global, i, cameras.len());
-            }
+            note.say(format!(
+                "interrupted after {i} of {} views; {}",
+                cameras.len(),
+                target.left(&self.output)
+            ));
             let frame = frame::render(&renderer, &plan, camera)?;
             counters += frame.counters;
             for writer in &mut writers {
@@ -236,27 +247,23 @@ impl Render {
     /// One range of colours for all frames of a video, by output, world units.
     ///
     /// From a coarse pass, a sixteenth of the work, so that no frame must be kept until the last is there.
-    /// `None` where Ctrl-C came.
     fn ranges(
         &self,
         renderer: &Renderer<'_>,
         plan: &Plan<'_>,
         cameras: &[Camera],
         global: &Global,
-    ) -> anyhow::Result<Option<Ranges>> {
+    ) -> anyhow::Result<Ranges> {
         let distances: Vec<Output> =
             self.outputs().into_iter().filter(|output| output.is_distance()).collect();
         if distances.is_empty() || !self.is_sequence() {
-            return Ok(Some(Ranges::new()));
+            return Ok(Ranges::new());
         }
         let total = Total::Steps(cameras.len() as u64);
         let mut progress = Progress::new("range of distances", total, global.style());
         let mut opacity = Vec::new();
         let mut values = vec![Vec::new(); distances.len()];
         for (i, camera) in cameras.iter().enumerate() {
-            if stop::requested() {
-                return Ok(None);
-            }
             let frame = frame::render(renderer, plan, &shots::coarse(camera)?)?;
             opacity.extend_from_slice(&frame.opacity);
             for (output, values) in distances.iter().zip(&mut values) {
@@ -271,7 +278,7 @@ impl Render {
         progress.finish(format!("{} coarse views", cameras.len()));
         // Where nothing is solid no colour is shown, but the legend must not change from frame to frame.
         let range = |values: &Vec<f32>| robust_range(values, &opacity).unwrap_or((0.0, 1.0));
-        Ok(Some(distances.into_iter().zip(values.iter().map(range)).collect()))
+        Ok(distances.into_iter().zip(values.iter().map(range)).collect())
     }
 
     /// What to write, in order.
@@ -285,8 +292,34 @@ impl Render {
                 Output::MedianDistance,
                 Output::Normals,
             ],
-            false => self.outputs.clone(),
+            // Each once: it has one file.
+            false => self.outputs.iter().fold(Vec::new(), |mut outputs, output| {
+                if !outputs.contains(output) {
+                    outputs.push(*output);
+                }
+                outputs
+            }),
         }
+    }
+
+    /// Refuses what does not fit: a frame on its way to its files, and the distances that a video's range is of.
+    fn check_memory(&self, cameras: &[Camera]) -> anyhow::Result<()> {
+        let pixels = |camera: &Camera| {
+            let size = camera.intrinsics();
+            u64::from(size.width) * u64::from(size.height)
+        };
+        let Some(largest) = cameras.iter().max_by_key(|camera| pixels(camera)) else { return Ok(()) };
+        let size = largest.intrinsics();
+        let what = format!("a picture of {}x{} pixels", size.width, size.height);
+        let each = BYTES_PER_PIXEL + BYTES_PER_OUTPUT * self.outputs().len() as u64;
+        memory::check(what, pixels(largest), each, "choose a smaller --width")?;
+        let distances = self.outputs().into_iter().filter(|output| output.is_distance()).count() as u64;
+        if distances > 0 && self.is_sequence() {
+            let coarse = shots::coarse(largest).map_or(0, |camera| pixels(&camera)) * cameras.len() as u64;
+            let what = format!("the range of distances of {} frames", cameras.len());
+            memory::check(what, coarse, 2 * 4 * (1 + distances), "choose fewer frames, or colour alone")?;
+        }
+        Ok(())
     }
 
     fn wanted(&self) -> Outputs {
@@ -301,14 +334,4 @@ impl Render {
             normals: has(Output::Normals),
         }
     }
-}
-
-/// Says so; status 130.
-fn interrupted(global: &Global, done: usize, total: usize) -> anyhow::Result<ExitCode> {
-    let message = format!("interrupted after {done} of {total} views; no film is left of them");
-    tell(&message);
-    let mut summary = Summary::new();
-    summary.text("error", message);
-    global.finish(&summary, || Ok(()))?;
-    Ok(ExitCode::from(130))
 }

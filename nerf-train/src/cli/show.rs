@@ -2,8 +2,10 @@
 
 use super::common::{DataOptions, Global, UpAxis, parse_numbers, print_report};
 use super::eval::Split;
+use super::places;
 use crate::config::{Config, Preset};
 use crate::dataset::Background;
+use crate::output::claims::Claims;
 use crate::report::progress::{Message, Progress, Total};
 use crate::report::summary::Summary;
 use crate::show::{Request, Scene, page, sheet};
@@ -87,9 +89,8 @@ impl Show {
     /// Runs the command.
     pub fn run(&self, global: &Global) -> anyhow::Result<ExitCode> {
         let [png, html] = ["show.png", "show.html"].map(|name| self.output.join(name));
-        for path in [&png, &html, &self.output.join("summary.json")] {
-            crate::output::ensure_file(path)?;
-        }
+        places::check_folder("-o", &self.output)?;
+        Claims::new().reads_data(&self.data).writes_folder("-o", &self.output, &places::SHOW).settle()?;
         let dataset = self.data_options.read(&self.data, global)?;
         print_report(&dataset, global);
         let views = self.split.of(&dataset);

@@ -2,12 +2,12 @@
 
 mod train;
 
-use super::common::{
-    DataOptions, Global, background_name, cpu_name, open_blob, read_file, report_folder, tell,
-};
+use super::common::{DataOptions, Global, background_name, cpu_name, open_blob, read_file, tell};
 use super::eval::Split;
+use super::places;
 use crate::dataset::View;
-use crate::output::{ensure_file, write_atomic};
+use crate::output::claims::Claims;
+use crate::output::write_atomic;
 use crate::report::progress::{Message, Progress, Total};
 use crate::study::{
     Clock, Effort, Findings, Lab, Progressed, SPAN_LOSS_DB, Setting, Study as Measured, unrounded,
@@ -112,9 +112,21 @@ impl Study {
             );
         }
         let start = Instant::now();
-        report_folder(self.report.as_ref())?;
+        places::check_report(self.report.as_ref())?;
         let output = if self.write { Some(file) } else { self.output.as_deref() };
-        output.map_or(Ok(()), ensure_file)?;
+        let mut claims = Claims::new()
+            .reads_data(data)
+            .reads_if("the checkpoint", self.source.as_deref())
+            .writes_folder_if("--report", self.report.as_deref(), &places::STUDY);
+        if let Some(output) = output {
+            claims = claims.writes(if self.write { "--write" } else { "-o" }, output);
+        }
+        // With --write the blob is meant to be replaced.
+        if !self.write {
+            output.map_or(Ok(()), |output| places::check_extension("-o", output, places::BLOB))?;
+            claims = claims.reads("the blob", file);
+        }
+        claims.settle()?;
         let bytes = read_file(file)?;
         let blob = open_blob(file, &bytes)?;
         let mut lab = Lab::new(&bytes)?;
@@ -176,7 +188,7 @@ impl Study {
             summary.text("blob", output.display().to_string());
         }
         global.finish(&summary, || {
-            outln!("{}", findings.short_table(&findings.front).to_text());
+            outlines!(findings.short_table(&findings.front).to_text());
             if let Some((span, point)) = findings.span(|_| true) {
                 let label = &study.points[point].label;
                 outln!("within {SPAN_LOSS_DB} dB of exact, {span:.1} times faster: {label}");

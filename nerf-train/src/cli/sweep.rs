@@ -1,12 +1,14 @@
 //! `nerf-train sweep`
 
-use super::common::{DataOptions, Global, check_max_seconds, cpu_name, print_report, tell};
+use super::common::{DataOptions, Global, check_max_seconds, cpu_name, print_report};
 use super::fit::read_config;
 use super::image::{PhotoOptions, Settings};
+use super::places;
 use crate::config::Preset;
 use crate::dataset::Background;
+use crate::output::claims::Claims;
 use crate::report::summary::Summary;
-use crate::stop;
+use crate::stop::Note;
 use crate::sweep::{Folder, Grid, Job, Mode, Record, Runner, Shard, Status, write_report};
 use anyhow::bail;
 use clap::{Args, Subcommand};
@@ -68,6 +70,12 @@ struct Lists {
 }
 
 impl Lists {
+    /// Refuses a folder that holds what is read.
+    fn claim(&self, inputs: Claims) -> anyhow::Result<()> {
+        places::check_folder("-o", &self.output)?;
+        Ok(inputs.writes_folder("-o", &self.output, &places::SWEEP).check()?)
+    }
+
     fn grid(&self, job: &Job<'_>) -> Grid {
         Grid {
             base: job.base_point(),
@@ -89,7 +97,7 @@ impl Lists {
         let mine: Vec<_> =
             points.iter().enumerate().filter(|&(i, _)| shard.takes(i)).map(|(_, p)| p).collect();
         let cpu = cpu_name();
-        let runner = Runner { tier: global.tier(), style: global.style(), cpu: &cpu, stop: stop::flag() };
+        let runner = Runner { tier: global.tier(), style: global.style(), cpu: &cpu };
         global.say(format!(
             "{} points, {} of them this part's; on {cpu} ({}, {} threads)",
             points.len(),
@@ -97,7 +105,13 @@ impl Lists {
             runner.tier.name(),
             rayon::current_num_threads()
         ));
-        let mut ended = ExitCode::SUCCESS;
+        let note = Note::new(
+            "interrupted: the run that was under way is lost, the finished ones are kept; go on with the same command",
+        );
+        let finished = folder.clone();
+        note.before("the report", move || {
+            write_report(&finished).map(drop).map_err(|error| error.to_string())
+        });
         for (i, point) in mine.iter().enumerate() {
             let place = format!("[{}/{}] {point}", i + 1, mine.len());
             if let Some(record) = folder.record(point)? {
@@ -105,21 +119,13 @@ impl Lists {
                 continue;
             }
             global.say(format!("{place}: begins"));
-            let Some((record, picture)) = job.run(point, &runner)? else {
-                tell("interrupted: the run that was under way is lost, the finished ones are kept");
-                tell("go on with the same command");
-                ended = ExitCode::from(130);
-                break;
-            };
+            let (record, picture) = job.run(point, &runner)?;
             folder.keep(&record, picture.as_ref())?;
             global.say(format!("{place}: {}", result(&record)));
-            if stop::requested() {
-                ended = ExitCode::from(130);
-                break;
-            }
         }
+        drop(note);
         finish(&folder, global)?;
-        Ok(ended)
+        Ok(ExitCode::SUCCESS)
     }
 }
 
@@ -140,7 +146,7 @@ fn finish(folder: &Folder, global: &Global) -> anyhow::Result<()> {
         .text("report", report.display().to_string())
         .sections("runs", records.iter().map(fields).collect());
     global.finish(&summary, || {
-        outln!("{}", crate::sweep::table(&records).to_text().trim_end());
+        outlines!(crate::sweep::table(&records).to_text().trim_end());
         outln!("report: {}", report.display());
         Ok(())
     })
@@ -179,6 +185,7 @@ pub struct ImageSweep {
 
 impl ImageSweep {
     fn run(&self, global: &Global) -> anyhow::Result<ExitCode> {
+        self.lists.claim(Claims::new().reads("the picture", &self.photo))?;
         let photo = self.photo_options.read(&self.photo, global)?;
         self.lists.sweep(&Job::Image { photo: &photo, base: self.settings.config() }, global)
     }
@@ -216,6 +223,8 @@ pub struct SceneSweep {
 impl SceneSweep {
     fn run(&self, global: &Global) -> anyhow::Result<ExitCode> {
         check_max_seconds(self.max_seconds)?;
+        let claims = Claims::new().reads_data(&self.data);
+        self.lists.claim(claims.reads_if("the file of settings", self.config.as_deref()))?;
         let dataset = self.data_options.read(&self.data, global)?;
         print_report(&dataset, global);
         if dataset.val.is_empty() {
@@ -250,6 +259,9 @@ pub struct Merge {
 
 impl Merge {
     fn run(&self, global: &Global) -> anyhow::Result<ExitCode> {
+        places::check_folder("-o", &self.output)?;
+        let claims = self.folders.iter().fold(Claims::new(), |claims, part| claims.reads("the sweep", part));
+        claims.writes_folder("-o", &self.output, &places::SWEEP).check()?;
         let open = |path: &PathBuf| Folder::existing(Path::new(path));
         let parts = self.folders.iter().map(open).collect::<Result<Vec<_>, _>>()?;
         let Some(first) = parts.first() else { bail!("expected at least one folder") };

@@ -1,5 +1,6 @@
 //! A Blender (NeRF-synthetic) folder: one json for each split.
 
+use super::found::Found;
 use super::transforms::Transforms;
 use super::{Axes, Background, Dataset, DatasetError, Format, ReadOptions, Watch, scene_name};
 use std::path::{Path, PathBuf};
@@ -8,16 +9,18 @@ use std::path::{Path, PathBuf};
 pub(super) const TRAIN: &str = "transforms_train.json";
 const VAL: &str = "transforms_val.json";
 const TEST: &str = "transforms_test.json";
+/// The lists of all splits.
+pub(super) const SPLITS: [&str; 3] = [TRAIN, VAL, TEST];
 
 /// Whether a file of this name stands for its folder.
 pub(super) fn is_split_file(name: &str) -> bool {
-    [TRAIN, VAL, TEST].contains(&name)
+    SPLITS.contains(&name)
 }
 
 /// Reads a folder with `transforms_train.json` and perhaps `_val` and `_test`.
 pub(super) fn read(folder: &Path, options: &ReadOptions, watch: &Watch) -> Result<Dataset, DatasetError> {
     let axes = options.axes.unwrap_or(Axes::Opengl);
-    let mut warnings = Vec::new();
+    let mut found = Found::default();
     // All of the lists before the first picture: then it is known how many there are.
     let list = |name: &str| {
         let file = folder.join(name);
@@ -30,10 +33,11 @@ pub(super) fn read(folder: &Path, options: &ReadOptions, watch: &Watch) -> Resul
     let near = headers().find_map(|header| header.near);
     let far = headers().find_map(|header| header.far);
     let mut views = |(file, transforms): &(PathBuf, Option<Transforms>)| match transforms {
-        Some(transforms) => transforms.views(file, axes, watch, &mut warnings),
+        Some(transforms) => transforms.views(file, options, watch, &mut found),
         None => Ok(Vec::new()),
     };
     let (train, val, test) = (views(&lists[0])?, views(&lists[1])?, views(&lists[2])?);
+    let mut warnings = found.into_warnings();
     if val.is_empty() {
         warnings.push(format!("no pictures of {VAL}: no validation views"));
     }

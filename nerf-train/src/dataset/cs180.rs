@@ -31,6 +31,15 @@ pub(super) fn read(archive: &mut Archive, options: &ReadOptions) -> Result<Datas
         let poses = archive.matrices("c2ws_test")?;
         test_path = cameras(archive, "c2ws_test", &poses, (width, height, focal), axes)?;
     }
+    let alpha = |views: &[View]| views.iter().any(View::has_alpha);
+    let splits = [("images_train", &train), ("images_val", &val), ("images_test", &test)];
+    let read = || splits.iter().filter(|(_, views)| !views.is_empty());
+    if read().any(|(_, views)| alpha(views)) {
+        for (array, _) in read().filter(|(_, views)| !alpha(views)) {
+            warnings
+                .push(format!("alpha in only some of the arrays: `{array}` has none and counts as opaque"));
+        }
+    }
     Ok(Dataset {
         name: scene_name(&archive.file),
         format: Format::Cs180,

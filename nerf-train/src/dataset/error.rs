@@ -142,6 +142,21 @@ pub enum DatasetError {
         /// Its own width and height, pixels.
         found: (u32, u32),
     },
+    /// A `file_path` that leads out of the data folder.
+    #[error(
+        "{}: view `{view}`: expected a picture inside of {}, found {}; --outside-files reads it all the same",
+        file.display(), folder.display(), found.display()
+    )]
+    Outside {
+        /// The json.
+        file: PathBuf,
+        /// The view's name, which is its `file_path`.
+        view: String,
+        /// The data folder, its links resolved.
+        folder: PathBuf,
+        /// The picture, its links resolved.
+        found: PathBuf,
+    },
     /// No training view is left.
     #[error("{}: expected at least one training view, found none{}", path.display(), listed(warnings))]
     Empty {

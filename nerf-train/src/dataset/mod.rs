@@ -14,10 +14,13 @@
 mod blender;
 mod cs180;
 mod error;
+mod files;
+mod found;
 mod geometry;
 mod nerfstudio;
 pub(crate) mod npz;
 mod picture;
+mod pose;
 pub mod report;
 mod tiny_nerf;
 mod transforms;
@@ -25,6 +28,7 @@ mod view;
 mod watch;
 
 pub use error::DatasetError;
+pub use files::files;
 pub use geometry::{LookAt, SceneBounds, frusta_box, scene_bounds};
 pub use report::Report;
 pub use view::{Background, View, over};
@@ -160,11 +164,14 @@ pub struct ReadOptions {
     pub far: Option<f32>,
     /// No array of an archive may unpack to more than this, bytes; a guard against zip bombs.
     pub max_array_bytes: u64,
+    /// Whether pictures that a json names outside of its folder are read (`--outside-files`): by `..`, by an absolute
+    /// path, or through a link that leads out.
+    pub outside_files: bool,
 }
 
 impl Default for ReadOptions {
     fn default() -> Self {
-        Self { axes: None, near: None, far: None, max_array_bytes: 4 << 30 }
+        Self { axes: None, near: None, far: None, max_array_bytes: 4 << 30, outside_files: false }
     }
 }
 

@@ -1,5 +1,6 @@
 //! A `transforms.json` of nerfstudio or instant-ngp: all views in one file.
 
+use super::found::Found;
 use super::transforms::{Transforms, listed};
 use super::{Axes, Background, Dataset, DatasetError, Format, ReadOptions, View, Watch, scene_name};
 use std::collections::HashSet;
@@ -15,10 +16,11 @@ const HOLD: usize = 8;
 /// path, from the first) is validation.
 pub(super) fn read(file: &Path, options: &ReadOptions, watch: &Watch) -> Result<Dataset, DatasetError> {
     let axes = options.axes.unwrap_or(Axes::Opengl);
-    let mut warnings = Vec::new();
+    let mut found = Found::default();
     let transforms = Transforms::read(file)?;
     watch.expect(transforms.len());
-    let mut views = transforms.views(file, axes, watch, &mut warnings)?;
+    let mut views = transforms.views(file, options, watch, &mut found)?;
+    let mut warnings = found.into_warnings();
     views.sort_by(|a, b| a.name.cmp(&b.name));
     let header = &transforms.header;
     let lists = [&header.train_filenames, &header.val_filenames, &header.test_filenames];

@@ -4,6 +4,8 @@
 //! unchecked and allocates what a header asks for. Nothing is allocated on a header's word alone.
 
 use super::DatasetError;
+use super::pose::{BOTTOM_ROW, bottom_row_fault};
+use crate::input::open_regular;
 use std::fs::File;
 use std::io::{BufReader, Read};
 use std::path::{Path, PathBuf};
@@ -37,7 +39,7 @@ const NUMBERS: &str = "f2, f4, f8, b1 or a plain integer";
 
 impl Archive {
     pub(crate) fn open(file: &Path, max_array_bytes: u64) -> Result<Self, DatasetError> {
-        let stream = File::open(file).map_err(|source| DatasetError::io(file, source))?;
+        let stream = open_regular(file).map_err(|source| DatasetError::io(file, source))?;
         let zip = npyz::npz::NpzArchive::new(BufReader::new(stream)).map_err(|error| {
             DatasetError::NotAnArchive {
                 file: file.into(),
@@ -96,6 +98,17 @@ impl Archive {
             return Err(self.shape_error(key, "[n, 4, 4] or [n, 3, 4]", &array));
         };
         let numbers = self.numbers(key, &array)?;
+        for (index, matrix) in numbers.chunks_exact(rows * 4).enumerate() {
+            let rows: Vec<&[f64]> = matrix.chunks_exact(4).collect();
+            if let Some(found) = bottom_row_fault(&rows) {
+                return Err(DatasetError::Value {
+                    file: self.file.clone(),
+                    field: format!("view `{key}[{index}]`"),
+                    expected: BOTTOM_ROW.into(),
+                    found,
+                });
+            }
+        }
         Ok(numbers
             .chunks_exact(rows * 4)
             .map(|m| std::array::from_fn(|i| std::array::from_fn(|j| m[4 * i + j])))
@@ -118,7 +131,7 @@ impl Archive {
 
 /// The one array of a `.npy` file, which messages call by the file's stem.
 pub(crate) fn read_npy(file: &Path, max_array_bytes: u64) -> Result<Array, DatasetError> {
-    let stream = File::open(file).map_err(|source| DatasetError::io(file, source))?;
+    let stream = open_regular(file).map_err(|source| DatasetError::io(file, source))?;
     let key = file.file_stem().unwrap_or_default().to_string_lossy();
     read_array(&mut BufReader::new(stream), file, &key, max_array_bytes)
 }

@@ -2,6 +2,7 @@
 
 use super::geometry::bounds;
 use super::{Axes, Background, Dataset, Format, LookAt};
+use crate::printable::line;
 use glam::DVec3;
 use nerf_core::camera::Camera;
 use serde::Serialize;
@@ -139,7 +140,7 @@ fn inverse_meets(cameras: &[Camera]) -> bool {
 
 impl std::fmt::Display for Report {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        writeln!(f, "{}: {}, poses read as {}", self.name, self.format, self.axes)?;
+        writeln!(f, "{}: {}, poses read as {}", line(&self.name), self.format, self.axes)?;
         write!(f, "  views       {} train, {} val, {} test", self.train, self.val, self.test)?;
         match self.test_path {
             0 => writeln!(f)?,
@@ -168,7 +169,7 @@ impl std::fmt::Display for Report {
             writeln!(f, "  box         {} .. {}", corner(min), corner(max))?;
         }
         for warning in &self.warnings {
-            writeln!(f, "  warning: {warning}")?;
+            writeln!(f, "  warning: {}", line(warning))?;
         }
         Ok(())
     }

@@ -1,13 +1,16 @@
 //! What the `transforms*.json` files of Blender, nerfstudio and instant-ngp have in common.
 
+use super::found::Found;
 use super::picture::{self, Picture};
-use super::{Axes, DatasetError, View, Watch};
+use super::pose::{BOTTOM_ROW, angle_fault, bottom_row_fault};
+use super::{Axes, DatasetError, ReadOptions, View, Watch};
+use crate::input::{MAX_JSON_BYTES, read_limited, without_mark};
 use nerf_core::camera::{Camera, Intrinsics, Pose};
 use nerf_core::lens::Lens;
 use rayon::prelude::*;
 use serde::Deserialize;
 use std::collections::BTreeMap;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 /// A file: one JSON read three times, so that every error has its own line.
 pub(super) struct Transforms {
@@ -69,11 +72,12 @@ const NEGLIGIBLE_SHIFT: f64 = 0.5;
 
 impl Transforms {
     pub(super) fn read(file: &Path) -> Result<Self, DatasetError> {
-        let bytes = std::fs::read(file).map_err(|source| DatasetError::io(file, source))?;
+        let bytes = read_limited(file, MAX_JSON_BYTES).map_err(|source| DatasetError::io(file, source))?;
+        let bytes = without_mark(&bytes);
         let json = |error| DatasetError::json(file, &error);
-        let mut header: Header = serde_json::from_slice(&bytes).map_err(json)?;
-        let cameras: FrameCameras = serde_json::from_slice(&bytes).map_err(json)?;
-        let shared = serde_json::from_slice(&bytes).map_err(json)?;
+        let mut header: Header = serde_json::from_slice(bytes).map_err(json)?;
+        let cameras: FrameCameras = serde_json::from_slice(bytes).map_err(json)?;
+        let shared = serde_json::from_slice(bytes).map_err(json)?;
         let frames = std::mem::take(&mut header.frames).into_iter().zip(cameras.frames).collect();
         Ok(Self { header, frames, shared })
     }
@@ -83,18 +87,18 @@ impl Transforms {
         self.frames.len()
     }
 
-    /// All views whose picture exists, in the file's order; the rest goes into `warnings`.
+    /// All views whose picture exists, in the file's order; what is to be said of the rest goes into `found`.
     pub(super) fn views(
         &self,
         file: &Path,
-        axes: Axes,
+        options: &ReadOptions,
         watch: &Watch,
-        warnings: &mut Vec<String>,
+        found: &mut Found,
     ) -> Result<Vec<View>, DatasetError> {
-        let folder = file.parent().unwrap_or(Path::new(""));
         let file_name = file.file_name().unwrap_or_default().to_string_lossy().into_owned();
+        let folder = Folder::of(file, options)?;
         let load = |(frame, own): &(Frame, CameraFields)| {
-            let loaded = self.view(file, folder, frame, own, axes);
+            let loaded = self.view(file, &folder, frame, own);
             watch.count();
             loaded
         };
@@ -103,16 +107,17 @@ impl Transforms {
         for ((frame, _), loaded) in self.frames.iter().zip(read) {
             match loaded? {
                 Loaded::Missing => missing.push(frame.file_path.as_str()),
-                Loaded::View(view, found) => {
+                Loaded::View { view, alpha, notes: own } => {
+                    found.count_alpha(&view, alpha);
                     views.push(view);
-                    for note in found {
+                    for note in own {
                         *notes.entry(note).or_insert(0usize) += 1;
                     }
                 }
             }
         }
         if !missing.is_empty() {
-            warnings.push(format!(
+            found.warnings.push(format!(
                 "{file_name}: skipped {} of {} frames, whose picture is missing: {}",
                 missing.len(),
                 self.frames.len(),
@@ -120,31 +125,52 @@ impl Transforms {
             ));
         }
         if self.frames.iter().any(|(frame, _)| frame.mask_path.is_some()) {
-            warnings.push(format!("{file_name}: masks (mask_path) are ignored"));
+            found.warnings.push(format!("{file_name}: masks (mask_path) are ignored"));
         }
-        warnings.extend(notes.iter().map(|(note, count)| format!("{file_name}: {count} views: {note}")));
+        let notes = notes.iter().map(|(note, count)| format!("{file_name}: {count} views: {note}"));
+        found.warnings.extend(notes);
         Ok(views)
     }
 
     fn view(
         &self,
         file: &Path,
-        folder: &Path,
+        folder: &Folder<'_>,
         frame: &Frame,
         own: &CameraFields,
-        axes: Axes,
     ) -> Result<Loaded, DatasetError> {
         let name = &frame.file_path;
         let at = Place { file, view: name };
-        let Some(path) = picture::locate(folder, name) else { return Ok(Loaded::Missing) };
+        let Some(path) = picture::locate(folder.path, name) else { return Ok(Loaded::Missing) };
+        at.check_inside(folder, &path)?;
         let pose = at.pose(&frame.transform_matrix)?;
-        let decoded = picture::decode(&path)?;
+        let mut picture = picture::decode(&path)?;
         let mut notes = Vec::new();
         let fields = own.over(&self.shared);
-        let (intrinsics, lens) = at.intrinsics(&fields, &path, &decoded, &mut notes)?;
-        let camera = Camera::new(intrinsics, lens, axes.to_opengl(pose))
+        let stated = at.size(&fields)?;
+        notes.extend(picture.turn_to(stated));
+        let (intrinsics, lens) = at.intrinsics(&fields, stated, &path, &picture, &mut notes)?;
+        let camera = Camera::new(intrinsics, lens, folder.axes.to_opengl(pose))
             .map_err(|source| DatasetError::Camera { file: file.into(), view: name.clone(), source })?;
-        Ok(Loaded::View(View { name: name.clone(), camera, pixels: decoded.pixels }, notes))
+        let Picture { pixels, alpha, .. } = picture;
+        Ok(Loaded::View { view: View { name: name.clone(), camera, pixels }, alpha, notes })
+    }
+}
+
+/// Where pictures are looked for, and how their poses are read.
+struct Folder<'a> {
+    path: &'a Path,
+    /// The same with its links resolved; `None` where pictures may lie anywhere.
+    bounds: Option<PathBuf>,
+    axes: Axes,
+}
+
+impl<'a> Folder<'a> {
+    fn of(file: &'a Path, options: &ReadOptions) -> Result<Self, DatasetError> {
+        let path = file.parent().filter(|path| !path.as_os_str().is_empty()).unwrap_or(Path::new("."));
+        let resolve = || std::fs::canonicalize(path).map_err(|source| DatasetError::io(path, source));
+        let bounds = if options.outside_files { None } else { Some(resolve()?) };
+        Ok(Self { path, bounds, axes: options.axes.unwrap_or(Axes::Opengl) })
     }
 }
 
@@ -158,7 +184,12 @@ pub(super) fn listed(names: &[impl AsRef<str>]) -> String {
 
 enum Loaded {
     Missing,
-    View(View, Vec<String>),
+    View {
+        view: View,
+        /// Whether the file has an alpha channel.
+        alpha: bool,
+        notes: Vec<String>,
+    },
 }
 
 impl CameraFields {
@@ -219,6 +250,9 @@ impl Place<'_> {
             let found = format!("rows of lengths {found:?}");
             return Err(self.value("transform_matrix", "4 (or 3) rows of 4 numbers", found));
         }
+        if let Some(found) = bottom_row_fault(matrix) {
+            return Err(self.value("transform_matrix", BOTTOM_ROW, found));
+        }
         for (row, source) in rows.iter_mut().zip(matrix) {
             for (value, &number) in row.iter_mut().zip(source) {
                 *value = number as f32;
@@ -227,10 +261,32 @@ impl Place<'_> {
         Ok(Pose::from_rows(rows))
     }
 
+    /// Refuses a picture that lies outside of the data folder, whatever leads there.
+    fn check_inside(&self, folder: &Folder<'_>, path: &Path) -> Result<(), DatasetError> {
+        let Some(bounds) = &folder.bounds else { return Ok(()) };
+        let found = std::fs::canonicalize(path).map_err(|source| DatasetError::io(path, source))?;
+        if found.starts_with(bounds) {
+            return Ok(());
+        }
+        let (file, view) = (self.file.into(), self.view.to_owned());
+        Err(DatasetError::Outside { file, view, folder: bounds.clone(), found })
+    }
+
+    /// The picture's width and height as far as the json says them, pixels.
+    fn size(&self, fields: &CameraFields) -> Result<(Option<f64>, Option<f64>), DatasetError> {
+        for (name, side) in [("w", fields.w), ("h", fields.h)] {
+            if side.is_some_and(|side| !(1.0..=1e6).contains(&side)) {
+                return Err(self.value(name, "1 to 1000000 pixels", side.unwrap_or_default()));
+            }
+        }
+        Ok((fields.w, fields.h))
+    }
+
     /// Intrinsics for the picture as it is, and what to say about them.
     fn intrinsics(
         &self,
         fields: &CameraFields,
+        stated: (Option<f64>, Option<f64>),
         path: &Path,
         picture: &Picture,
         notes: &mut Vec<String>,
@@ -238,25 +294,30 @@ impl Place<'_> {
         self.check_model(fields)?;
         let found = (picture.width, picture.height);
         let size = (f64::from(found.0), f64::from(found.1));
-        for (name, side) in [("w", fields.w), ("h", fields.h)] {
-            if side.is_some_and(|side| !(1.0..=1e6).contains(&side)) {
-                return Err(self.value(name, "1 to 1000000 pixels", side.unwrap_or_default()));
-            }
-        }
-        let (w, h) = (fields.w.unwrap_or(size.0), fields.h.unwrap_or(size.1));
+        let (w, h) = (stated.0.unwrap_or(size.0), stated.1.unwrap_or(size.1));
         let (sx, sy) = (size.0 / w, size.1 / h);
-        // Each side of a scaled picture is rounded by less than a pixel.
-        let even = (h * sx - size.1).abs() < 1.0 || (w * sy - size.0).abs() < 1.0;
-        if !even {
+        if !picture::fits(found, stated) {
             return Err(DatasetError::PictureSize { file: path.into(), expected: (w, h), found });
         }
         if (w, h) != size {
             let (a, b) = found;
             notes.push(format!("pictures are {a}x{b} where the json says {w}x{h}: intrinsics scaled to fit"));
         }
-        let from_angle = |side: f64, angle: Option<f64>| angle.map(|angle| 0.5 * side / (0.5 * angle).tan());
-        let focal_x = fields.fl_x.or(from_angle(w, fields.camera_angle_x));
-        let focal_y = fields.fl_y.or(from_angle(h, fields.camera_angle_y));
+        let from_angle = |field: &str, side: f64, angle: Option<f64>| match angle {
+            Some(angle) => match angle_fault(angle) {
+                Some(found) => Err(self.value(field, "radians above 0 and below π", found)),
+                None => Ok(Some(0.5 * side / (0.5 * angle).tan())),
+            },
+            None => Ok(None),
+        };
+        let focal_x = match fields.fl_x {
+            None => from_angle("camera_angle_x", w, fields.camera_angle_x)?,
+            given => given,
+        };
+        let focal_y = match fields.fl_y {
+            None => from_angle("camera_angle_y", h, fields.camera_angle_y)?,
+            given => given,
+        };
         let (Some(fx), Some(fy)) = (focal_x.or(focal_y), focal_y.or(focal_x)) else {
             return Err(DatasetError::MissingField {
                 file: self.file.into(),

@@ -15,4 +15,4 @@ mod tests;
 
 pub use config::{FieldConfig, FieldPreset};
 pub use photo::{Photo, PhotoError};
-pub use run::{Ended, FieldError, FieldTrainer, Look, Outcome, RunOptions, run};
+pub use run::{Ended, FieldError, FieldTrainer, Look, Outcome, RunOptions, kept, run};

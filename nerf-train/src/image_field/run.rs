@@ -5,9 +5,11 @@ use crate::config::ConfigError;
 use crate::engine::{Batch, BatchRay, Engine, EngineError, FusedEngine, Model};
 use crate::export::{Contents, ExportError, Exported, export};
 use crate::frame;
+use crate::output::{OutputError, write_atomic};
 use crate::report::metrics::{psnr_db, psnr_db_of_mse};
 use crate::report::picture::Picture;
 use crate::report::progress::{Message, Progress, ProgressStyle};
+use crate::stop::{Claim, Cover};
 use crate::train::CurvePoint;
 use crate::train::average::Average;
 use crate::train::schedule::{Budget, Clock, learning_rate};
@@ -16,7 +18,8 @@ use nerf_core::kernels::{Line, Tier};
 use nerf_core::math::MathBackend;
 use nerf_core::render::{RenderError, Renderer};
 use nerf_core::sampling::{Purpose, uniform_u32};
-use std::sync::atomic::{AtomicBool, Ordering};
+use std::path::{Path, PathBuf};
+use std::time::{Duration, Instant};
 
 /// Looks at the whole picture on the way, where no interval is given.
 const LOOKS: f64 = 10.0;
@@ -40,6 +43,9 @@ pub enum FieldError {
     /// The own blob cannot be rendered.
     #[error("own blob: {0}")]
     Render(#[from] RenderError),
+    /// The own blob cannot be written.
+    #[error("{0}")]
+    Output(#[from] OutputError),
 }
 
 /// A field that is being fitted.
@@ -114,7 +120,7 @@ impl<'p> FieldTrainer<'p> {
         self.model.parameters()
     }
 
-    /// A blob of the run as it stands.
+    /// A blob of the run as it stands; `psnr_db` is noted in it, if it is known.
     ///
     /// # Errors
     /// [`FieldError::Export`] on parameters that do not fit f16.
@@ -139,15 +145,6 @@ impl<'p> FieldTrainer<'p> {
                 trained_parameters: self.model.parameters() as u32,
             },
         })?)
-    }
-
-    /// The picture that a blob of the run as it stands shows, at the photograph's size.
-    ///
-    /// # Errors
-    /// As [`FieldTrainer::export`].
-    pub fn picture(&self) -> Result<Picture, FieldError> {
-        let bytes = self.export(None)?.bytes;
-        render_blob(&bytes, self.tier, self.photo.size())
     }
 }
 
@@ -175,6 +172,8 @@ pub struct Look<'a> {
 pub struct RunOptions {
     /// When to stop.
     pub budget: Budget,
+    /// Where the blob goes, at the end or when a signal ends the run; without it a signal leaves nothing of the run.
+    pub output: Option<PathBuf>,
     /// Steps at which [`run`] shows the picture, besides its own looks.
     pub snapshots: Vec<u32>,
     /// Steps between looks; a tenth of the budget if absent.
@@ -206,20 +205,66 @@ pub struct Outcome {
     pub train_seconds: f64,
     /// Pixels trained on, a second of training.
     pub pixels_per_second: f64,
-    /// How it ended.
-    pub ended: Ended,
 }
 
 /// How a run ended.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug)]
+#[allow(clippy::large_enum_variant, reason = "made once a run")]
 pub enum Ended {
     /// Its budget is used.
-    Finished,
-    /// It was told to stop.
-    Stopped,
+    Finished(Outcome),
+    /// It was told to stop; the blob as it stood is written if there is a place for it.
+    Stopped {
+        /// Steps done.
+        steps: u32,
+    },
 }
 
-/// Fits a field until the budget is used or `stop` is set; `each` sees every look, step 0 included if asked for.
+/// A step that takes longer than this is not waited for: a signal writes the blob from before it.
+const LONG_STEP: Duration = Duration::from_millis(300);
+
+/// What keeps a run's blob from being lost to a signal.
+struct Keeper<'o> {
+    output: Option<&'o Path>,
+    /// There is nothing to keep before the first step.
+    claim: Option<Claim>,
+}
+
+impl Keeper<'_> {
+    /// From now on there is something to keep.
+    fn begin(&mut self) {
+        if self.output.is_some() && self.claim.is_none() {
+            self.claim = Some(Claim::new());
+        }
+    }
+
+    /// Runs `work`, which may take long; a signal on the way writes `blob`, that of `steps` steps.
+    fn during<T>(&self, steps: u32, blob: &[u8], work: impl FnOnce() -> T) -> T {
+        match (&self.claim, self.output) {
+            (Some(claim), Some(path)) => {
+                let cover = Cover { file: Some((path.into(), blob.into())), message: kept(steps, path) };
+                claim.cover(cover, work)
+            }
+            _ => work(),
+        }
+    }
+
+    /// Writes the blob, if there is a place for it.
+    fn write(&self, blob: &[u8]) -> Result<(), FieldError> {
+        Ok(self.output.map_or(Ok(()), |path| write_atomic(path, blob))?)
+    }
+}
+
+/// What there is to say when a signal ended a run after so many steps.
+pub fn kept(steps: u32, output: &Path) -> String {
+    format!(
+        "interrupted: {} holds the field after step {steps}; its PSNR over the whole picture was not measured",
+        output.display()
+    )
+}
+
+/// Fits a field until the budget is used or `stop` says so, which is asked between steps with the steps done; `each`
+/// sees every look, step 0 included if asked for.
 ///
 /// # Errors
 /// [`FieldError`]; [`EngineError::Diverged`] if a number overflowed.
@@ -228,16 +273,28 @@ pub fn run(
     config: FieldConfig,
     options: &RunOptions,
     clock: Clock,
-    stop: &AtomicBool,
+    stop: &dyn Fn(u32) -> bool,
     mut each: impl FnMut(Look<'_>),
-) -> Result<Outcome, FieldError> {
+) -> Result<Ended, FieldError> {
     let mut trainer = FieldTrainer::new(photo, config, options.tier)?;
+    let mut keeper = Keeper { output: options.output.as_deref(), claim: None };
     let budget = options.budget;
     let mut progress = Progress::new("fit", budget.total(), options.style);
     let mut curve: Vec<CurvePoint> = Vec::new();
     let (mut last_look, mut reserve, mut whole) = (0.0, 0.0, None);
+    let mut last_step = Duration::ZERO;
     let started = clock.seconds();
-    let ended = loop {
+    // Looks at the whole picture as the run stands; its PSNR, dB.
+    let mut look = |trainer: &FieldTrainer<'_>, keeper: &Keeper<'_>| -> Result<(Picture, f64), FieldError> {
+        let (step, bytes) = (trainer.steps(), trainer.export(None)?.bytes);
+        keeper.during(step, &bytes, || {
+            let picture = render_blob(&bytes, trainer.tier, photo.size())?;
+            let psnr_db = psnr_db(&picture.rgb, &photo.picture.rgb);
+            each(Look { step, picture: &picture, psnr_db });
+            Ok((picture, psnr_db))
+        })
+    };
+    loop {
         let step = trainer.steps();
         let share = budget.share(step, clock.seconds(), reserve);
         let due = match options.look_every {
@@ -248,22 +305,29 @@ pub fn run(
         if !done && (due || options.snapshots.contains(&step)) {
             last_look = share;
             let before = clock.seconds();
-            let picture = trainer.picture()?;
-            let psnr_db = psnr_db(&picture.rgb, &photo.picture.rgb);
-            each(Look { step, picture: &picture, psnr_db });
+            whole = Some(look(&trainer, &keeper)?.1);
             reserve = 2.0 * (clock.seconds() - before);
-            whole = Some(psnr_db);
             curve.push(point(&trainer, clock, whole));
         } else if step > 0 && step.is_multiple_of(20) {
             curve.push(point(&trainer, clock, None));
         }
         if done {
-            break Ended::Finished;
+            break;
         }
-        if stop.load(Ordering::Relaxed) {
-            break Ended::Stopped;
+        if stop(step) {
+            keeper.write(&trainer.export(None)?.bytes)?;
+            progress.finish(format!("interrupted after step {step}"));
+            return Ok(Ended::Stopped { steps: step });
         }
-        trainer.step(share)?;
+        let begun = Instant::now();
+        if last_step > LONG_STEP {
+            let bytes = trainer.export(None)?.bytes;
+            keeper.during(step, &bytes, || trainer.step(share))?;
+        } else {
+            trainer.step(share)?;
+        }
+        last_step = begun.elapsed();
+        keeper.begin();
         progress.update(
             u64::from(trainer.steps()),
             &Message {
@@ -272,18 +336,17 @@ pub fn run(
                 ..Message::default()
             },
         );
-    };
+    }
     let train_seconds = clock.seconds();
     let pixels = f64::from(trainer.steps()) * trainer.config.pixels as f64;
     let pixels_per_second = pixels / (train_seconds - started).max(1e-9);
     progress.finish(format!("{} steps, {:.0} thousand pixels/s", trainer.steps(), pixels_per_second / 1e3));
 
-    let picture = trainer.picture()?;
-    let psnr_db = psnr_db(&picture.rgb, &photo.picture.rgb);
-    each(Look { step: trainer.steps(), picture: &picture, psnr_db });
+    let (picture, psnr_db) = look(&trainer, &keeper)?;
     curve.push(CurvePoint { seconds: train_seconds, ..point(&trainer, clock, Some(psnr_db)) });
     let exported = trainer.export(Some(psnr_db))?;
-    Ok(Outcome {
+    keeper.write(&exported.bytes)?;
+    Ok(Ended::Finished(Outcome {
         bytes: exported.bytes,
         picture,
         psnr_db,
@@ -293,8 +356,7 @@ pub fn run(
         parameters: trainer.parameters(),
         train_seconds,
         pixels_per_second,
-        ended,
-    })
+    }))
 }
 
 fn point(trainer: &FieldTrainer<'_>, clock: Clock, whole: Option<f64>) -> CurvePoint {

@@ -7,7 +7,6 @@ use image::{DynamicImage, ImageBuffer, ImageFormat, Luma, Rgb, Rgba};
 use nerf_core::blob::Blob;
 use nerf_core::kernels::Tier;
 use std::path::PathBuf;
-use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 use tempfile::TempDir;
 
@@ -138,6 +137,7 @@ fn small_config() -> FieldConfig {
 fn options(steps: u32) -> RunOptions {
     RunOptions {
         budget: Budget { steps: Some(steps), seconds: None },
+        output: None,
         snapshots: vec![0],
         look_every: None,
         tier: Tier::detect(),
@@ -155,19 +155,18 @@ fn test_photo(width: usize, height: usize) -> Photo {
     Photo { name: "test".into(), picture, notes: Vec::new() }
 }
 
-fn fit(photo: &Photo, config: FieldConfig, options: &RunOptions, stop: bool) -> (Outcome, Vec<(u32, f64)>) {
+fn fit(photo: &Photo, config: FieldConfig, options: &RunOptions) -> (Outcome, Vec<(u32, f64)>) {
     let mut looks = Vec::new();
-    let stop = AtomicBool::new(stop);
     let clock = Clock::resume(Duration::ZERO);
-    let outcome = run(photo, config, options, clock, &stop, |look| looks.push((look.step, look.psnr_db)));
-    assert_eq!(stop.load(Ordering::Relaxed), matches!(&outcome, Ok(o) if o.ended == Ended::Stopped));
-    (outcome.unwrap(), looks)
+    let ended = run(photo, config, options, clock, &|_| false, |look| looks.push((look.step, look.psnr_db)));
+    let Ended::Finished(outcome) = ended.unwrap() else { panic!("nobody stops it") };
+    (outcome, looks)
 }
 
 #[test]
 fn a_field_learns_its_picture_and_says_how_well() {
     let photo = test_photo(48, 32);
-    let (outcome, looks) = fit(&photo, small_config(), &options(400), false);
+    let (outcome, looks) = fit(&photo, small_config(), &options(400));
     assert!(looks[0].0 == 0 && looks[0].1 < 15.0, "{looks:?}");
     assert!(outcome.psnr_db > 26.0, "{}", outcome.psnr_db);
     assert_eq!(looks.last(), Some(&(400, outcome.psnr_db)));
@@ -183,11 +182,11 @@ fn a_field_learns_its_picture_and_says_how_well() {
 #[test]
 fn the_same_seed_gives_the_same_bytes_and_another_gives_others() {
     let photo = test_photo(20, 20);
-    let (a, _) = fit(&photo, small_config(), &options(30), false);
+    let (a, _) = fit(&photo, small_config(), &options(30));
     let pool = rayon::ThreadPoolBuilder::new().num_threads(3).build().unwrap();
-    let (b, _) = pool.install(|| fit(&photo, small_config(), &options(30), false));
+    let (b, _) = pool.install(|| fit(&photo, small_config(), &options(30)));
     assert_eq!(a.bytes, b.bytes);
-    let (c, _) = fit(&photo, FieldConfig { seed: 1, ..small_config() }, &options(30), false);
+    let (c, _) = fit(&photo, FieldConfig { seed: 1, ..small_config() }, &options(30));
     assert_ne!(a.bytes, c.bytes);
 }
 
@@ -195,16 +194,24 @@ fn the_same_seed_gives_the_same_bytes_and_another_gives_others() {
 fn pictures_of_odd_sizes_can_be_fitted() {
     for (width, height) in [(1, 1), (3_000, 1), (1, 7)] {
         let photo = test_photo(width, height);
-        let (outcome, _) = fit(&photo, small_config(), &options(3), false);
+        let (outcome, _) = fit(&photo, small_config(), &options(3));
         assert_eq!((outcome.picture.width, outcome.picture.height), (width, height));
     }
 }
 
 #[test]
 fn a_run_that_is_stopped_keeps_what_it_has() {
-    let (outcome, _) = fit(&test_photo(8, 8), small_config(), &options(1_000_000), true);
-    assert_eq!((outcome.ended, outcome.steps), (Ended::Stopped, 0));
-    assert!(Blob::open(&outcome.bytes).is_ok());
+    let (photo, folder) = (test_photo(8, 8), tempfile::tempdir().unwrap());
+    let output = folder.path().join("a.nerf");
+    for at in [0, 7] {
+        let options = RunOptions { output: Some(output.clone()), ..options(1_000_000) };
+        let clock = Clock::resume(Duration::ZERO);
+        let ended = run(&photo, small_config(), &options, clock, &|step| step == at, |_| {}).unwrap();
+        assert!(matches!(ended, Ended::Stopped { steps } if steps == at));
+        let bytes = std::fs::read(&output).unwrap();
+        let blob = Blob::open(&bytes).unwrap();
+        assert_eq!((blob.provenance().steps, blob.provenance().psnr_db), (at, None));
+    }
 }
 
 #[test]

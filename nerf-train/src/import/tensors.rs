@@ -3,6 +3,7 @@
 use super::error::{Fault, ImportError};
 use crate::dataset::DatasetError;
 use crate::dataset::npz::Archive;
+use crate::input::read_limited;
 use half::{bf16, f16};
 use nerf_core::network::{MAX_COLOUR, MAX_TRUNK};
 use safetensors::{Dtype, SafeTensors};
@@ -73,12 +74,7 @@ impl Tensors {
             "npz" => Self::of(file, (prefix, wanted), &mut Npz(Archive::open(file, MAX_ARRAY_BYTES)?)),
             "safetensors" => {
                 let io = |source| DatasetError::io(file, source);
-                let bytes = std::fs::metadata(file).map_err(io)?.len();
-                if bytes > MAX_FILE_BYTES {
-                    let found = format!("{bytes} bytes, where at most {MAX_FILE_BYTES} are read");
-                    return Err(fail(Fault::Format { found }));
-                }
-                let bytes = std::fs::read(file).map_err(io)?;
+                let bytes = read_limited(file, MAX_FILE_BYTES).map_err(io)?;
                 let tensors = SafeTensors::deserialize(&bytes)
                     .map_err(|error| fail(Fault::Format { found: format!("a damaged one ({error})") }))?;
                 Self::of(file, (prefix, wanted), &mut Safe { file, tensors })

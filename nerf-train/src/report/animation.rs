@@ -12,7 +12,8 @@ mod palette;
 use super::error::{ReportError, check_length};
 use super::picture::Picture;
 use crate::output::AtomicFile;
-use gif::{Encoder, Frame, Repeat};
+use crate::output::mark::MARK;
+use gif::{AnyExtension, Encoder, Extension, Frame, Repeat};
 use rayon::prelude::*;
 use std::path::Path;
 
@@ -57,6 +58,8 @@ impl GifWriter {
         let file = AtomicFile::create(path)?;
         let mut encoder = Encoder::new(file, gif_width, gif_height, &[]).map_err(encode_error)?;
         encoder.set_repeat(Repeat::Infinite).map_err(encode_error)?;
+        let comment = AnyExtension(Extension::Comment as u8);
+        encoder.write_raw_extension(comment, &[MARK.as_bytes()]).map_err(encode_error)?;
         Ok(Self { encoder, width: gif_width, height: gif_height, fps, written: 0, waiting: Vec::new() })
     }
 

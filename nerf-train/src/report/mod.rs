@@ -7,6 +7,7 @@ pub mod contact_sheet;
 pub mod error;
 pub mod film;
 pub mod metrics;
+pub mod names;
 pub mod picture;
 pub mod plot;
 pub mod progress;

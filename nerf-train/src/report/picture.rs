@@ -1,6 +1,7 @@
 //! Pictures in memory and as PNG files.
 
 use super::error::{ReportError, check_length};
+use crate::output::mark::MARK;
 use crate::output::write_atomic;
 use image::codecs::png::PngEncoder;
 use image::{ExtendedColorType, ImageEncoder};
@@ -114,7 +115,7 @@ impl Picture {
 
     /// The colours of a picture file; `None` where there is none that can be read.
     pub fn read(path: impl AsRef<Path>) -> Option<Self> {
-        let picture = image::open(path).ok()?.into_rgb8();
+        let picture = crate::decode::decode(path.as_ref()).ok()?.0.into_rgb8();
         let rgb = picture.pixels().map(|pixel| pixel.0.map(|c| f32::from(c) / 255.0)).collect();
         Some(Self { width: picture.width() as usize, height: picture.height() as usize, rgb })
     }
@@ -222,7 +223,20 @@ fn encode_png(
     PngEncoder::new(&mut png)
         .write_image(bytes, width as u32, height as u32, colour)
         .map_err(ReportError::encode("PNG"))?;
+    let comment = comment_chunk();
+    png.splice(HEADER_BYTES..HEADER_BYTES, comment);
     Ok(png)
+}
+
+/// Signature and header of a PNG, behind which other chunks stand, bytes.
+const HEADER_BYTES: usize = 8 + 25;
+
+/// A tEXt chunk that says who made the picture: length, kind, text, checksum of kind and text.
+fn comment_chunk() -> Vec<u8> {
+    let body = [b"tEXtComment\0", MARK.as_bytes()].concat();
+    let length = (body.len() - 4) as u32;
+    let crc = crc::Crc::<u32>::new(&crc::CRC_32_ISO_HDLC).checksum(&body);
+    [&length.to_be_bytes()[..], &body, &crc.to_be_bytes()].concat()
 }
 
 #[cfg(test)]

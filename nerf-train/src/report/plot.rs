@@ -8,6 +8,7 @@ use super::error::ReportError;
 use super::picture::Picture;
 use super::text;
 use crate::output::write_atomic;
+use crate::printable;
 use backend::PictureBackend;
 pub use label::Label;
 use plotters::coord::Shift;
@@ -103,7 +104,10 @@ pub struct LinePlot {
 impl LinePlot {
     /// A plot without series, with linear axes.
     pub fn new(title: impl Into<String>, x_label: impl Into<String>, y_label: impl Into<String>) -> Self {
-        let (title, x_label, y_label) = (title.into(), x_label.into(), y_label.into());
+        let (title, x_label, y_label): (String, String, String) =
+            (title.into(), x_label.into(), y_label.into());
+        // Titles name data sets: a line end in such a name breaks no line.
+        let title = printable::line(&title).into_owned();
         Self { title, x_label, y_label, ..Self::default() }
     }
 
@@ -125,7 +129,8 @@ impl LinePlot {
         let mut svg = String::new();
         let size = (WIDTH as u32, HEIGHT as u32);
         self.draw(SVGBackend::with_string(&mut svg, size).into_drawing_area())?;
-        Ok(svg)
+        // In the markup itself there is none of what is escaped; in texts the library escapes what is markup.
+        Ok(printable::lines(&svg).into_owned())
     }
 
     /// Writes `<stem>.png` and `<stem>.svg`, for example `out/psnr` → `out/psnr.png`, and returns both.

@@ -5,10 +5,12 @@
 
 mod event;
 
+use crate::printable;
 use event::Event;
 use indicatif::{ProgressBar, ProgressDrawTarget};
 use std::fmt::Write as _;
 use std::io::{IsTerminal, Write};
+use std::sync::{Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
 /// Time between lines, plain or JSON, where there is no bar.
@@ -93,7 +95,11 @@ impl Progress {
         let terminal = std::io::stderr().is_terminal();
         let display = match style {
             ProgressStyle::Quiet => Display::Quiet,
-            ProgressStyle::Auto if terminal => Display::Bar(new_bar()),
+            ProgressStyle::Auto if terminal => {
+                let bar = new_bar();
+                *BAR.lock().unwrap_or_else(PoisonError::into_inner) = Some(bar.clone());
+                Display::Bar(bar)
+            }
             ProgressStyle::Auto | ProgressStyle::Plain => Display::Lines { last: None, json: false },
             ProgressStyle::Json => Display::Lines { last: None, json: true },
         };
@@ -125,8 +131,8 @@ impl Progress {
             Display::Bar(bar) => {
                 let share = self.share(position, elapsed).unwrap_or(0.0);
                 bar.set_position((share * BAR_LENGTH as f64) as u64);
-                bar.set_prefix(self.standing(position, elapsed));
-                bar.set_message(details(message));
+                bar.set_prefix(printable::line(&self.standing(position, elapsed)).into_owned());
+                bar.set_message(printable::line(&details(message)).into_owned());
             }
             Display::Lines { json: true, .. } => print_line(&self.event(position, elapsed, message).line()),
             _ => print_line(&self.describe(position, elapsed, message)),
@@ -267,6 +273,20 @@ fn details(message: &Message) -> String {
     parts.into_iter().flatten().collect::<Vec<_>>().join(" · ")
 }
 
+/// The bar that was begun last, for a signal, which nobody takes away on its way out.
+static BAR: Mutex<Option<ProgressBar>> = Mutex::new(None);
+
+/// Leaves a bar that is under way as it is, with the cursor on a new line: what is said next ends the process.
+pub fn abandon() {
+    if let Some(bar) = BAR.lock().unwrap_or_else(PoisonError::into_inner).take()
+        && !bar.is_finished()
+    {
+        bar.abandon();
+        // Whoever still works would draw over what is said next.
+        bar.set_draw_target(ProgressDrawTarget::hidden());
+    }
+}
+
 impl Drop for Progress {
     fn drop(&mut self) {
         // Also on an error's way out: the bar's last state stays, the cursor is on a new line.
@@ -291,15 +311,27 @@ fn new_bar() -> ProgressBar {
 /// Prints a line that belongs to no stretch of work, in the manner of `style`.
 pub fn say(style: ProgressStyle, line: &str) {
     match style {
+        ProgressStyle::Json => say_lines(style, line),
+        _ => say_lines(style, &printable::line(line)),
+    }
+}
+
+/// The same of a text that this program set in lines, in which names are [`printable::line`] already.
+pub fn say_lines(style: ProgressStyle, lines: &str) {
+    match style {
         ProgressStyle::Quiet => {}
-        ProgressStyle::Json => print_line(&Event::Note { text: line }.line()),
-        ProgressStyle::Auto | ProgressStyle::Plain => print_line(line),
+        ProgressStyle::Json => print_lines(&Event::Note { text: lines }.line()),
+        ProgressStyle::Auto | ProgressStyle::Plain => print_lines(lines),
     }
 }
 
 fn print_line(line: &str) {
+    print_lines(&printable::line(line));
+}
+
+fn print_lines(lines: &str) {
     // eprintln! would panic where stderr is closed.
-    let _ = writeln!(std::io::stderr(), "{line}");
+    let _ = writeln!(std::io::stderr(), "{}", printable::lines(lines));
 }
 
 /// 1234567 as "1,234,567".

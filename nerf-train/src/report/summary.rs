@@ -121,7 +121,7 @@ impl Summary {
     /// [`ReportError::Encode`], which no value of this type is known to cause.
     pub fn to_json(&self) -> Result<String, ReportError> {
         let text = serde_json::to_string_pretty(self).map_err(ReportError::encode("summary"))?;
-        Ok(text + "\n")
+        Ok(crate::printable::json(&text).into_owned() + "\n")
     }
 
     fn set(&mut self, name: &str, value: Field) -> &mut Self {

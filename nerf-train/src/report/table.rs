@@ -2,6 +2,7 @@
 
 use super::error::ReportError;
 use crate::output::write_atomic;
+use crate::printable;
 use std::path::Path;
 
 /// Named columns and rows of texts; every row has as many cells as there are columns.
@@ -14,12 +15,12 @@ pub struct Table {
 impl Table {
     /// A table without rows; names carry their unit: "time, s".
     pub fn new<S: Into<String>>(columns: impl IntoIterator<Item = S>) -> Self {
-        Self { columns: columns.into_iter().map(Into::into).collect(), rows: Vec::new() }
+        Self { columns: columns.into_iter().map(cell).collect(), rows: Vec::new() }
     }
 
     /// Adds a row. Missing cells are empty; cells beyond the last column get columns without a name.
     pub fn push<S: Into<String>>(&mut self, cells: impl IntoIterator<Item = S>) -> &mut Self {
-        let mut row: Vec<String> = cells.into_iter().map(Into::into).collect();
+        let mut row: Vec<String> = cells.into_iter().map(cell).collect();
         if row.len() > self.columns.len() {
             self.columns.resize(row.len(), String::new());
             let width = self.columns.len();
@@ -40,14 +41,17 @@ impl Table {
         &self.rows
     }
 
-    /// The table as CSV (RFC 4180, lines end in "\n"): the column names first, quoted where needed.
+    /// The table as CSV (RFC 4180, lines end in "\n"): the column names first, quoted where needed; a line end in a
+    /// cell is escaped, as many a reader takes a file line by line.
     ///
     /// # Errors
     /// [`ReportError::Encode`], which no table is known to cause.
     pub fn to_csv(&self) -> Result<Vec<u8>, ReportError> {
         let mut writer = csv::Writer::from_writer(Vec::new());
         for row in std::iter::once(&self.columns).chain(&self.rows).filter(|row| !row.is_empty()) {
-            writer.write_record(row).map_err(ReportError::encode("CSV"))?;
+            writer
+                .write_record(row.iter().map(|cell| printable::line(cell).into_owned()))
+                .map_err(ReportError::encode("CSV"))?;
         }
         writer.into_inner().map_err(|e| ReportError::encode("CSV")(e.into_error()))
     }
@@ -69,7 +73,7 @@ impl Table {
     /// The table in Markdown (GitHub's), aligned in its source too; every line ends in "\n".
     pub fn to_markdown(&self) -> String {
         let tidy = |cell: &String| {
-            let cell = cell.replace('\\', "\\\\").replace('|', "\\|");
+            let cell = cell.replace('\\', "\\\\").replace('|', "\\|").replace('<', "&lt;");
             cell.lines().map(str::trim).collect::<Vec<_>>().join("<br>")
         };
         self.lines(tidy, "| ", " | ", " |", |right, width| {
@@ -118,6 +122,11 @@ impl Table {
     }
 }
 
+/// The text of a cell, which may be a name out of a file; it may have several lines.
+fn cell(text: impl Into<String>) -> String {
+    printable::lines(&text.into()).into_owned()
+}
+
 /// Whether a cell reads as a number, with an optional unit or sign in front or behind: "27.3",
 /// "1,024", "12 %", "−0.02", "inf", "–".
 fn is_number(cell: &str) -> bool {
@@ -147,7 +156,8 @@ mod tests {
         let mut reader = csv::Reader::from_reader(bytes.as_slice());
         assert_eq!(reader.headers().unwrap(), table.columns());
         let rows: Vec<Vec<String>> = reader.deserialize().map(Result::unwrap).collect();
-        assert_eq!(rows, table.rows());
+        assert_eq!(rows[..2], table.rows()[..2]);
+        assert_eq!(rows[2][0], r"two\nlines");
         let folder = tempfile::tempdir().unwrap();
         table.write_csv(folder.path().join("a.csv")).unwrap();
         assert_eq!(std::fs::read(folder.path().join("a.csv")).unwrap(), bytes);

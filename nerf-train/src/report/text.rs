@@ -1,6 +1,7 @@
 //! Text in pictures, with the fonts that are compiled in: no system fonts are needed.
 
 use super::picture::Picture;
+use crate::printable;
 use ab_glyph::{Font, FontRef, GlyphId, PxScale, ScaleFont, point};
 use std::sync::LazyLock;
 
@@ -50,7 +51,7 @@ struct Placed {
 fn layout(text: &str, size: f32) -> (Vec<Placed>, f32) {
     let mut placed: Vec<Placed> = Vec::new();
     let mut x = 0.0;
-    for character in text.chars().filter(|c| !c.is_control()).take(LONGEST) {
+    for character in printable::line(text).chars().take(LONGEST) {
         let Some(font) = FONTS.iter().find(|f| f.glyph_id(character).0 != 0).or(FONTS.first()) else {
             break;
         };
@@ -78,7 +79,7 @@ pub fn line_height(size: f32) -> usize {
     sane(size).ceil() as usize
 }
 
-/// Rasterises one line of text of `size` pixels line height; control characters are left out.
+/// Rasterises one line of text of `size` pixels line height; control characters are drawn escaped.
 pub fn rasterise(text: &str, size: f32) -> Line {
     let size = sane(size);
     let (placed, advance) = layout(text, size);

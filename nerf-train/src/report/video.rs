@@ -3,19 +3,30 @@
 //! Frames go to ffmpeg's standard input as raw RGB; what it writes appears under the final name only
 //! when it has ended well. The choices: H.264 at CRF 16 (mpeg4 where this ffmpeg has no libx264), 4:2:0
 //! chroma because players show nothing else, and the BT.709 matrix, named in the file, because an
-//! unnamed one is guessed from the picture's size.
+//! unnamed one is guessed from the picture's size. An ffmpeg that hangs is ended after [`PATIENCE`].
 
 use super::animation::{check_rate, check_size};
 use super::error::ReportError;
 use super::picture::Picture;
+use crate::child::{Heard, Helper};
 use crate::output::AtomicFile;
+use crate::output::mark::MARK;
 use std::ffi::OsString;
 use std::fs;
-use std::io::{self, Read, Write};
+use std::io;
 use std::path::{Path, PathBuf};
-use std::process::{Child, ChildStdin, Command, ExitStatus, Stdio};
-use std::thread::JoinHandle;
+use std::process::{ChildStdin, Command, ExitStatus, Stdio};
+use std::time::{Duration, Instant};
 
+/// An ffmpeg that has taken nothing of a frame, or after the last frame has written nothing, for this long hangs: it
+/// is ended.
+pub const PATIENCE: Duration = Duration::from_secs(60);
+/// How long it may take to list its encoders.
+const LISTING_PATIENCE: Duration = Duration::from_secs(10);
+/// How long an ffmpeg that no longer takes frames has to say why.
+const LAST_WORDS: Duration = Duration::from_millis(200);
+/// What is kept of the list of encoders, bytes: it has about 20 KB.
+const LISTING_BYTES: usize = 1 << 20;
 /// What is kept of ffmpeg's messages, bytes: the last ones say why it failed.
 const KEPT_BYTES: usize = 8 << 10;
 /// Lines of them that an error shows.
@@ -57,6 +68,23 @@ pub enum VideoError {
         /// How it ended.
         status: String,
     },
+    /// It hung, and was ended.
+    #[error(
+        "`{}` hangs and was ended: it {why} for {seconds} s; {} is not written: {said}",
+        program.display(), path.display()
+    )]
+    Hangs {
+        /// What was run.
+        program: PathBuf,
+        /// The file it was to become.
+        path: PathBuf,
+        /// Which sign of life was missing.
+        why: &'static str,
+        /// For how long, s.
+        seconds: f64,
+        /// Its last messages.
+        said: String,
+    },
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -70,6 +98,8 @@ enum Encoder {
 pub struct Ffmpeg {
     program: PathBuf,
     encoder: Encoder,
+    /// How long it may take nothing and write nothing.
+    patience: Duration,
 }
 
 impl Ffmpeg {
@@ -78,27 +108,47 @@ impl Ffmpeg {
     /// # Errors
     /// [`VideoError::Missing`], [`VideoError::Unusable`], [`VideoError::NoEncoder`].
     pub fn find(program: Option<&Path>) -> Result<Self, VideoError> {
+        Self::find_within(program, LISTING_PATIENCE)
+    }
+
+    /// As [`find`](Self::find); how long it may take to answer.
+    fn find_within(program: Option<&Path>, patience: Duration) -> Result<Self, VideoError> {
         let program = program.unwrap_or(Path::new("ffmpeg")).to_owned();
         let unusable = |reason| VideoError::Unusable { program: program.clone(), reason };
-        let listed = Command::new(&program).args(["-hide_banner", "-encoders"]).stdin(Stdio::null()).output();
-        let listed = match listed {
-            Ok(listed) => listed,
+        let mut command = Command::new(&program);
+        command.args(["-hide_banner", "-encoders"]);
+        command.stdin(Stdio::null()).stdout(Stdio::piped()).stderr(Stdio::piped());
+        let listing = match Helper::spawn(&mut command) {
+            Ok(listing) => listing,
             Err(error) if error.kind() == io::ErrorKind::NotFound => {
                 return Err(VideoError::Missing { program });
             }
             Err(error) => return Err(unusable(error.to_string())),
         };
-        if !listed.status.success() {
-            return Err(unusable(format!("{} ({})", last_lines(&listed.stderr), listed.status)));
+        let (_, stdout, stderr) = listing.pipes();
+        let (listed, said) = (Heard::of(stdout, LISTING_BYTES), Heard::of(stderr, KEPT_BYTES));
+        let Some(status) = listing.wait(patience) else {
+            listing.kill();
+            let seconds = patience.as_secs_f64();
+            return Err(unusable(format!("it did not list its encoders within {seconds} s")));
+        };
+        if !status.success() {
+            return Err(unusable(format!("{} ({status})", last_lines(&said.text()))));
         }
-        let text = String::from_utf8_lossy(&listed.stdout);
+        let listed = listed.text();
+        let text = String::from_utf8_lossy(&listed);
         // " V....D libx264    libx264 H.264 / AVC …"
         let has = |name| text.lines().any(|line| line.split_whitespace().nth(1) == Some(name));
         match (has("libx264"), has("mpeg4")) {
-            (true, _) => Ok(Self { program, encoder: Encoder::X264 }),
-            (false, true) => Ok(Self { program, encoder: Encoder::Mpeg4 }),
+            (true, _) => Ok(Self { program, encoder: Encoder::X264, patience: PATIENCE }),
+            (false, true) => Ok(Self { program, encoder: Encoder::Mpeg4, patience: PATIENCE }),
             (false, false) => Err(VideoError::NoEncoder { program }),
         }
+    }
+
+    /// The same, given up when it shows no sign of life for this long instead of [`PATIENCE`].
+    pub fn with_patience(self, patience: Duration) -> Self {
+        Self { patience, ..self }
     }
 }
 
@@ -107,12 +157,11 @@ impl Ffmpeg {
 /// Without [`finish`](Self::finish) ffmpeg is ended and nothing is left.
 #[derive(Debug)]
 pub struct Mp4Writer {
-    program: PathBuf,
-    child: Child,
+    ffmpeg: Ffmpeg,
+    helper: Helper,
     /// Closed to say that there are no more frames.
     stdin: Option<ChildStdin>,
-    /// Reads ffmpeg's messages all the time, so that it never waits for somebody to do so.
-    messages: Option<JoinHandle<Vec<u8>>>,
+    messages: Heard,
     /// `None` once in place.
     file: Option<AtomicFile>,
     size: (usize, usize),
@@ -151,31 +200,38 @@ impl Mp4Writer {
             Encoder::X264 => ["-c:v", "libx264", "-crf", "16"],
             Encoder::Mpeg4 => ["-c:v", "mpeg4", "-q:v", "2"],
         });
+        command.arg("-metadata").arg(format!("comment={MARK}"));
         command.args(["-pix_fmt", "yuv420p", "-movflags", "+faststart", "-f", "mp4"]);
         // `file:` keeps a name with a colon or a leading dash a name.
         let mut place = OsString::from("file:");
         place.push(file.place());
         command.arg(place).stdin(Stdio::piped()).stdout(Stdio::null()).stderr(Stdio::piped());
-        let program = ffmpeg.program.clone();
-        let mut child = command
-            .spawn()
-            .map_err(|error| VideoError::Unusable { program: program.clone(), reason: error.to_string() })?;
-        let stdin = child.stdin.take();
-        let messages = child.stderr.take().map(|stderr| std::thread::spawn(move || tail(stderr)));
-        Ok(Self { program, child, stdin, messages, file: Some(file), size: (width, height), written: 0 })
+        let unusable = |error: io::Error| VideoError::Unusable {
+            program: ffmpeg.program.clone(),
+            reason: error.to_string(),
+        };
+        let helper = Helper::spawn(&mut command).map_err(unusable)?;
+        let (stdin, _, stderr) = helper.pipes();
+        let messages = Heard::of(stderr, KEPT_BYTES);
+        let (ffmpeg, size) = (ffmpeg.clone(), (width, height));
+        Ok(Self { ffmpeg, helper, stdin, messages, file: Some(file), size, written: 0 })
     }
 
     /// Appends a frame.
     ///
     /// # Errors
     /// [`ReportError::Animation`] where its size is not that of the file; [`VideoError::Failed`] where
-    /// ffmpeg no longer takes frames.
+    /// ffmpeg no longer takes frames, [`VideoError::Hangs`] where it neither takes them nor ends.
     pub fn push(&mut self, frame: &Picture) -> Result<(), ReportError> {
         check_size(self.written, frame, self.size)?;
         let bytes = even_rgb8(frame);
-        let taken = self.stdin.as_mut().is_some_and(|stdin| stdin.write_all(&bytes).is_ok());
-        if !taken {
-            return Err(self.failure().into());
+        let Some(stdin) = &mut self.stdin else { return Err(self.failure().into()) };
+        match self.helper.feed(stdin, &bytes, self.ffmpeg.patience) {
+            Ok(()) => {}
+            Err(error) if error.kind() == io::ErrorKind::TimedOut => {
+                return Err(self.hangs("took nothing of a frame").into());
+            }
+            Err(_) => return Err(self.failure().into()),
         }
         self.written += 1;
         Ok(())
@@ -184,17 +240,20 @@ impl Mp4Writer {
     /// Waits for ffmpeg and puts the file in place.
     ///
     /// # Errors
-    /// [`ReportError::Animation`] where there is no frame; [`VideoError::Failed`]; [`ReportError::Output`].
+    /// [`ReportError::Animation`] where there is no frame; [`VideoError::Failed`], [`VideoError::Hangs`];
+    /// [`ReportError::Output`].
     pub fn finish(mut self) -> Result<(), ReportError> {
         if self.written == 0 {
             return Err(ReportError::Animation("it has no frames".to_owned()));
         }
         drop(self.stdin.take());
-        let ended = self.child.wait();
+        let Some(ended) = self.wait() else {
+            return Err(self.hangs("wrote nothing after its last frame, and did not end,").into());
+        };
         let wrote = self.file.as_ref().is_some_and(|file| {
             fs::metadata(file.place()).is_ok_and(|metadata| !metadata.is_file() || metadata.len() > 0)
         });
-        if !(wrote && ended.is_ok_and(|status| status.success())) {
+        if !(wrote && ended.success()) {
             return Err(self.failure().into());
         }
         match self.file.take() {
@@ -203,40 +262,54 @@ impl Mp4Writer {
         }
     }
 
-    /// Ends ffmpeg; how it ended and the last it said.
-    fn stop(&mut self) -> (Option<ExitStatus>, Vec<u8>) {
-        drop(self.stdin.take());
-        // One that is about to say why it failed gets the time to do so.
-        let mut status = self.child.try_wait().ok().flatten();
-        for _ in 0..20 {
+    /// Waits as long as its file changes: a long film takes a while to put its index in front.
+    fn wait(&self) -> Option<ExitStatus> {
+        /// Between two looks at the file.
+        const LOOK_EVERY: Duration = Duration::from_millis(100);
+        let state = || {
+            let metadata = self.file.as_ref().and_then(|file| fs::metadata(file.place()).ok());
+            metadata.map(|metadata| (metadata.len(), metadata.modified().ok()))
+        };
+        let (mut last, mut changed) = (state(), Instant::now());
+        loop {
+            let status = self.helper.wait(LOOK_EVERY.min(self.ffmpeg.patience));
             if status.is_some() {
-                break;
+                return status;
             }
-            std::thread::sleep(std::time::Duration::from_millis(10));
-            status = self.child.try_wait().ok().flatten();
+            let now = state();
+            if now != last {
+                (last, changed) = (now, Instant::now());
+            } else if changed.elapsed() >= self.ffmpeg.patience {
+                return None;
+            }
         }
-        if status.is_none() {
-            let _ = self.child.kill();
-            status = self.child.wait().ok();
-        }
-        let said = self.messages.take().and_then(|thread| thread.join().ok()).unwrap_or_default();
-        (status, said)
     }
 
+    /// The file's name, for messages.
+    fn path(&self) -> PathBuf {
+        self.file.as_ref().map_or_else(PathBuf::new, |file| file.path().to_owned())
+    }
+
+    /// Ends it: it has failed, and is about to say why if it has not done so.
     fn failure(&mut self) -> VideoError {
-        let (status, said) = self.stop();
-        let path = self.file.as_ref().map_or_else(PathBuf::new, |file| file.path().to_owned());
-        let status = status.map_or_else(|| "no status".to_owned(), |status| status.to_string());
-        VideoError::Failed { program: self.program.clone(), path, said: last_lines(&said), status }
+        drop(self.stdin.take());
+        let status = self.helper.wait(LAST_WORDS).or_else(|| self.helper.kill());
+        VideoError::Failed {
+            program: self.ffmpeg.program.clone(),
+            path: self.path(),
+            said: last_lines(&self.messages.text()),
+            status: status.map_or_else(|| "no status".to_owned(), |status| status.to_string()),
+        }
     }
-}
 
-impl Drop for Mp4Writer {
-    fn drop(&mut self) {
-        // Also after an end without a failure: nobody waits for it twice.
-        if self.messages.is_some() {
-            let _ = self.child.kill();
-            let _ = self.child.wait();
+    fn hangs(&mut self, why: &'static str) -> VideoError {
+        self.helper.kill();
+        VideoError::Hangs {
+            program: self.ffmpeg.program.clone(),
+            path: self.path(),
+            why,
+            seconds: self.ffmpeg.patience.as_secs_f64(),
+            said: last_lines(&self.messages.text()),
         }
     }
 }
@@ -262,19 +335,6 @@ fn even_rgb8(frame: &Picture) -> Vec<u8> {
         padded.extend_from_within(padded.len() - even(frame.width) * 3..);
     }
     padded
-}
-
-/// Reads to the end, keeps the last bytes.
-fn tail(mut stream: impl Read) -> Vec<u8> {
-    let (mut kept, mut buffer) = (Vec::new(), [0; 4096]);
-    loop {
-        match stream.read(&mut buffer) {
-            Ok(count @ 1..) => kept.extend_from_slice(&buffer[..count]),
-            Err(error) if error.kind() == io::ErrorKind::Interrupted => {}
-            Ok(0) | Err(_) => return kept,
-        }
-        kept.drain(..kept.len().saturating_sub(KEPT_BYTES));
-    }
 }
 
 /// The last lines that are not empty, on one line.

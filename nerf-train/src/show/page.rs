@@ -5,9 +5,11 @@
 use super::drawing::{AXES, DISTANCE_MAP};
 use super::sampling::ShownRay;
 use super::scene::{Scene, ShowError, ShownCamera};
+use crate::printable::{self, line};
 use crate::rays::Bounds;
 use glam::Vec3;
 use serde::Serialize;
+use std::borrow::Cow;
 
 const TEMPLATE: &str = include_str!("page/page.html");
 const STYLE: &str = include_str!("page/page.css");
@@ -56,7 +58,7 @@ struct Axis {
 #[derive(Serialize)]
 struct CameraData<'s> {
     index: usize,
-    name: &'s str,
+    name: Cow<'s, str>,
     origin: [f32; 3],
     /// From the centre to the picture's corners at distance 1 along the view axis, from top left.
     corners: [[f32; 3]; 4],
@@ -77,7 +79,7 @@ impl<'s> CameraData<'s> {
         let origin = camera.camera.pose().position;
         Ok(Self {
             index: camera.index,
-            name: &camera.name,
+            name: line(&camera.name),
             origin: origin.to_array(),
             corners: camera.corners(1.0).map(|corner| (corner - origin).to_array()),
             image: camera.thumbnail.data_uri()?,
@@ -111,8 +113,8 @@ pub fn page(scene: &Scene) -> Result<String, ShowError> {
         Axis { name, colour: css(*colour), from, to }
     };
     let data = Data {
-        title: scene.title(),
-        facts: scene.facts(),
+        title: line(&scene.title()).into_owned(),
+        facts: line(&scene.facts()).into_owned(),
         alone: scene.alone,
         near: b.near,
         far: b.far,
@@ -173,7 +175,7 @@ fn escaped(text: &str) -> String {
 
 /// JSON that cannot end the script element that holds it: `<` occurs in strings only.
 fn in_script(json: &str) -> String {
-    json.replace('<', "\\u003c")
+    printable::json(json).replace('<', "\\u003c")
 }
 
 /// A display-encoded colour as `#rrggbb`.

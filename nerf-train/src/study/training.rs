@@ -5,6 +5,7 @@ use crate::config::{Config, ConfigError, Preset};
 use crate::dataset::Dataset;
 use crate::engine::EngineError;
 use crate::output::write_atomic;
+use crate::printable::markdown;
 use crate::report::plot::{LinePlot, Marker, Series};
 use crate::report::progress::{ProgressStyle, say};
 use crate::report::summary::Summary;
@@ -15,7 +16,6 @@ use crate::train::schedule::{Budget, Clock};
 use nerf_core::kernels::Tier;
 use std::fmt::Write as _;
 use std::path::Path;
-use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
 /// Curves of a plot that can be told apart.
@@ -102,7 +102,7 @@ impl Lists {
     }
 }
 
-/// Fits `trial` for `seconds`; `None` if `stop` was set before it was done.
+/// Fits `trial` for `seconds`, to its end: a signal leaves nothing of it.
 ///
 /// A fit that diverges is a result.
 ///
@@ -114,8 +114,7 @@ pub fn fit(
     seconds: f64,
     tier: Tier,
     style: ProgressStyle,
-    stop: &AtomicBool,
-) -> Result<Option<Fitted>, StudyError> {
+) -> Result<Fitted, StudyError> {
     let options = RunOptions {
         budget: Budget { steps: None, seconds: Some(seconds) },
         checkpoint: None,
@@ -129,7 +128,6 @@ pub fn fit(
         style,
     };
     let clock = Clock::resume(Duration::ZERO);
-    let asked = |_| stop.load(Ordering::Relaxed);
     let nothing = |note: String| Fitted {
         trial: trial.clone(),
         curve: Vec::new(),
@@ -139,22 +137,22 @@ pub fn fit(
         parameters: trial.config.model().parameters(),
         note,
     };
-    match run_since(clock, dataset, trial.config.clone(), &options, &asked) {
-        Ok(Ended::Interrupted { .. }) => Ok(None),
-        Ok(Ended::Finished(outcome)) => Ok(Some(Fitted {
+    match run_since(clock, dataset, trial.config.clone(), &options, &|_| false) {
+        Ok(Ended::Interrupted { .. }) => unreachable!("nobody stops it"),
+        Ok(Ended::Finished(outcome)) => Ok(Fitted {
             curve: outcome.curve.iter().filter_map(|p| Some((p.seconds, p.val_psnr_db?))).collect(),
             psnr_db: outcome.scores.psnr_db().unwrap_or(f64::NAN),
             seconds: outcome.train_seconds,
             steps: outcome.steps,
             ..nothing(String::new())
-        })),
+        }),
         Err(RunError::Train(
             error @ (TrainError::Engine(EngineError::Diverged { .. })
             | TrainError::Dead { .. }
             | TrainError::Export(_)),
         )) => {
             say(style, &format!("{}: {error}", trial.name));
-            Ok(Some(nothing(error.to_string())))
+            Ok(nothing(error.to_string()))
         }
         Err(error) => Err(error.into()),
     }
@@ -192,7 +190,7 @@ pub fn write(fits: &[Fitted], data: &str, machine: &str, folder: &Path) -> Resul
         }
     }
     curves.write_csv(folder.join("curves.csv"))?;
-    let mut text = format!("# PSNR over the time of a fit: {data}\n\n");
+    let mut text = format!("# PSNR over the time of a fit: {}\n\n", markdown(data));
     // Writing into a String cannot fail.
     let _ = writeln!(text, "Every fit had the same time; on {machine}.\n\n{}", table(fits).to_markdown());
     for group in groups(fits) {

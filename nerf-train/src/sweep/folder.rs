@@ -1,6 +1,7 @@
 //! A sweep on disk.
 
 use super::{Header, Point, Record};
+use crate::input;
 use crate::output::{OutputError, ensure_folder, write_atomic, write_new};
 use crate::report::error::ReportError;
 use crate::report::picture::Picture;
@@ -188,7 +189,8 @@ impl Folder {
             }
             let path = other.picture_path(&record.point);
             if path.exists() {
-                let bytes = std::fs::read(&path).map_err(|source| SweepError::Read { path, source })?;
+                let bytes = input::read_limited(&path, input::MAX_PICTURE_BYTES)
+                    .map_err(|source| SweepError::Read { path, source })?;
                 write_atomic(self.picture_path(&record.point), &bytes)?;
             }
             write_json(&self.record_path(&record.point), &record)?;
@@ -199,8 +201,8 @@ impl Folder {
 }
 
 fn read_json<T: DeserializeOwned>(path: &Path, what: &'static str) -> Result<T, SweepError> {
-    let text =
-        std::fs::read_to_string(path).map_err(|source| SweepError::Read { path: path.into(), source })?;
+    let text = input::read_text(path, input::MAX_JSON_BYTES)
+        .map_err(|source| SweepError::Read { path: path.into(), source })?;
     serde_json::from_str(&text).map_err(|error| SweepError::Format {
         path: path.into(),
         what,
@@ -210,7 +212,7 @@ fn read_json<T: DeserializeOwned>(path: &Path, what: &'static str) -> Result<T, 
 
 fn json(value: &impl serde::Serialize) -> Result<String, SweepError> {
     let text = serde_json::to_string_pretty(value).map_err(ReportError::encode("sweep record"))?;
-    Ok(text + "\n")
+    Ok(crate::printable::json(&text).into_owned() + "\n")
 }
 
 fn write_json(path: &Path, value: &impl serde::Serialize) -> Result<(), SweepError> {

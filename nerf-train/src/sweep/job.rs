@@ -18,7 +18,6 @@ use nerf_core::kernels::Tier;
 use nerf_core::network::Architecture;
 use nerf_core::plan::Quality;
 use serde_json::json;
-use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
 /// What all runs of a sweep fit, and from which settings.
@@ -51,8 +50,6 @@ pub struct Runner<'a> {
     pub style: ProgressStyle,
     /// The CPU's name, for the records.
     pub cpu: &'a str,
-    /// Set to stop.
-    pub stop: &'a AtomicBool,
 }
 
 /// A finished run, and its picture if there is one.
@@ -123,13 +120,13 @@ impl Job<'_> {
         }
     }
 
-    /// Runs one point; `None` if [`Runner::stop`] was set before it was finished.
+    /// Runs one point, to its end: a signal leaves nothing of it.
     ///
     /// A run that diverges is a result. Its picture is the photograph's, or the first validation view's.
     ///
     /// # Errors
     /// [`JobError`] for whatever is wrong besides.
-    pub fn run(&self, point: &Point, runner: &Runner<'_>) -> Result<Option<Run>, JobError> {
+    pub fn run(&self, point: &Point, runner: &Runner<'_>) -> Result<Run, JobError> {
         match self {
             Self::Image { photo, base } => run_image(photo, field_config(base, point), point, runner),
             Self::Scene { dataset, base, seconds } => {
@@ -188,23 +185,24 @@ fn run_image(
     config: FieldConfig,
     point: &Point,
     runner: &Runner<'_>,
-) -> Result<Option<Run>, JobError> {
+) -> Result<Run, JobError> {
     let architecture = config.model().architecture;
     let options = image_field::RunOptions {
         budget: Budget { steps: Some(config.optimiser.steps), seconds: None },
+        output: None,
         snapshots: Vec::new(),
         look_every: Some(u32::MAX),
         tier: runner.tier,
         style: runner.style,
     };
     let clock = Clock::resume(Duration::ZERO);
-    let outcome = match image_field::run(photo, config, &options, clock, runner.stop, |_| {}) {
-        Ok(outcome) if outcome.ended == FieldEnded::Stopped => return Ok(None),
-        Ok(outcome) => outcome,
+    let outcome = match image_field::run(photo, config, &options, clock, &|_| false, |_| {}) {
+        Ok(FieldEnded::Finished(outcome)) => outcome,
+        Ok(FieldEnded::Stopped { .. }) => unreachable!("nobody stops it"),
         Err(FieldError::Engine(error @ EngineError::Diverged { .. })) => {
             let mut record = diverged(point, runner, &architecture, error.to_string());
             record.train_seconds = clock.seconds();
-            return Ok(Some((record, None)));
+            return Ok((record, None));
         }
         Err(FieldError::Config(error)) => return Err(error.into()),
         Err(error) => return Err(JobError::Field(error)),
@@ -218,7 +216,7 @@ fn run_image(
         ..diverged(point, runner, &architecture, String::new())
     };
     judge(&mut record, is_flat([(outcome.psnr_db, flat)]), flat);
-    Ok(Some((record, Some(outcome.picture))))
+    Ok((record, Some(outcome.picture)))
 }
 
 fn run_scene(
@@ -227,7 +225,7 @@ fn run_scene(
     budget: Budget,
     point: &Point,
     runner: &Runner<'_>,
-) -> Result<Option<Run>, JobError> {
+) -> Result<Run, JobError> {
     let architecture = config.model().architecture;
     let options = run::RunOptions {
         budget,
@@ -242,10 +240,9 @@ fn run_scene(
         style: runner.style,
     };
     let clock = Clock::resume(Duration::ZERO);
-    let stop = |_| runner.stop.load(Ordering::Relaxed);
-    let outcome = match run::run_since(clock, dataset, config, &options, &stop) {
-        Ok(Ended::Interrupted { .. }) => return Ok(None),
+    let outcome = match run::run_since(clock, dataset, config, &options, &|_| false) {
         Ok(Ended::Finished(outcome)) => outcome,
+        Ok(Ended::Interrupted { .. }) => unreachable!("nobody stops it"),
         Err(RunError::Train(
             error @ (TrainError::Engine(EngineError::Diverged { .. })
             | TrainError::Dead { .. }
@@ -253,7 +250,7 @@ fn run_scene(
         )) => {
             let mut record = diverged(point, runner, &architecture, error.to_string());
             record.train_seconds = clock.seconds();
-            return Ok(Some((record, None)));
+            return Ok((record, None));
         }
         Err(error) => return Err(JobError::Run(error)),
     };
@@ -271,7 +268,7 @@ fn run_scene(
     let first = views.first().copied();
     measure(&outcome.bytes, None, runner.tier, &Quality::default(), outcome.background, first, each)
         .map_err(|error| JobError::Run(error.into()))?;
-    Ok(Some((record, picture)))
+    Ok((record, picture))
 }
 
 /// Marks a run that went through to the end, and shows no more than a flat colour would, which has `flat_psnr_db`.

@@ -3,6 +3,7 @@
 use super::grid::KNOBS;
 use super::{Folder, Kind, Record, Status, SweepError};
 use crate::output::write_atomic;
+use crate::printable::markdown as markdown_text;
 use crate::report::contact_sheet::{Cell, contact_sheet};
 use crate::report::picture::Picture;
 use crate::report::plot::{LinePlot, Marker, Series};
@@ -125,7 +126,7 @@ fn measured(kind: Kind) -> &'static str {
 
 fn markdown(folder: &Folder, records: &[Record]) -> String {
     let header = folder.header();
-    let mut text = format!("# Sweep of {}\n\n", header.data);
+    let mut text = format!("# Sweep of {}\n\n", markdown_text(&header.data));
     // Writing into a String cannot fail.
     let _ = writeln!(text, "{} finished runs. PSNR: {}.\n", records.len(), measured(header.kind));
     if let Some(matrix) = matrix(records) {
@@ -136,12 +137,13 @@ fn markdown(folder: &Folder, records: &[Record]) -> String {
         records.iter().map(|r| format!("{}, {} threads, kernel {}", r.cpu, r.threads, r.kernel)).collect();
     machines.sort();
     machines.dedup();
-    let _ = writeln!(text, "Run on: {}.\n", machines.join("; "));
+    let _ = writeln!(text, "Run on: {}.\n", markdown_text(&machines.join("; ")));
     for knob in varied(records) {
         let _ = writeln!(text, "![PSNR over {0}](psnr_over_{0}.png)\n", KNOBS[knob]);
     }
     let _ = writeln!(text, "![PSNR over time](psnr_over_time.png)\n\n![Pictures](sheet.png)\n");
     let settings = serde_json::to_string_pretty(&header.settings).unwrap_or_default();
+    let settings = crate::printable::json(&settings);
     let _ = writeln!(text, "All other settings:\n\n```json\n{settings}\n```");
     text
 }

@@ -4,7 +4,6 @@ use crate::report::picture::Picture;
 use crate::report::progress::ProgressStyle;
 use nerf_core::kernels::Tier;
 use std::path::Path;
-use std::sync::atomic::AtomicBool;
 
 const BASE: Point = Point { levels: 10, layers: 3, width: 256, rate: 1e-2 };
 
@@ -66,12 +65,11 @@ fn job(photo: &Photo, steps: u32) -> Job<'_> {
 
 fn sweep(job: &Job<'_>, path: &Path, points: &[Point], shard: Shard) -> Folder {
     let folder = Folder::open(path, job.header(Mode::Full)).unwrap();
-    let stop = AtomicBool::new(false);
     let (tier, style) = (Tier::detect(), ProgressStyle::Quiet);
-    let runner = Runner { tier, style, cpu: "test", stop: &stop };
+    let runner = Runner { tier, style, cpu: "test" };
     for (i, point) in points.iter().enumerate() {
         if shard.takes(i) && folder.record(point).unwrap().is_none() {
-            let (record, picture) = job.run(point, &runner).unwrap().unwrap();
+            let (record, picture) = job.run(point, &runner).unwrap();
             folder.keep(&record, picture.as_ref()).unwrap();
         }
     }

@@ -9,6 +9,7 @@ use super::{CurvePoint, Progressed};
 use crate::config::Config;
 use crate::dataset::Dataset;
 use crate::engine::OptimiserState;
+use crate::input::{MAX_CHECKPOINT_BYTES, read_limited};
 use crate::occupancy::Occupancy;
 use crate::output::{OutputError, write_atomic};
 use serde::{Deserialize, Serialize};
@@ -57,8 +58,8 @@ pub enum CheckpointError {
     },
     /// It is no checkpoint of this version, or damaged.
     #[error(
-        "checkpoint {path}: expected a whole checkpoint of this version, found {found}; without --resume the run \
-         starts anew and replaces it"
+        "checkpoint {path}: expected a whole checkpoint of this version, found {found}; --restart in place of \
+         --resume begins anew and replaces it"
     )]
     Format {
         /// The file.
@@ -105,8 +106,8 @@ impl Checkpoint {
     /// # Errors
     /// [`CheckpointError`] names the file.
     pub fn read(path: &Path) -> Result<Self, CheckpointError> {
-        let bytes =
-            std::fs::read(path).map_err(|source| CheckpointError::Read { path: path.into(), source })?;
+        let bytes = read_limited(path, MAX_CHECKPOINT_BYTES)
+            .map_err(|source| CheckpointError::Read { path: path.into(), source })?;
         let format = |found: &str| CheckpointError::Format { path: path.into(), found: found.into() };
         let rest = bytes.strip_prefix(&MAGIC).ok_or_else(|| format("another kind of file or version"))?;
         let (stored, body) = rest.split_first_chunk::<4>().ok_or_else(|| format("a truncated file"))?;

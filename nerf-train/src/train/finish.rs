@@ -77,8 +77,8 @@ pub struct Outcome {
 /// A validation view as the blob shows it.
 #[derive(Clone, Debug)]
 pub struct Shown {
-    /// The view's name.
-    pub name: String,
+    /// Which validation view.
+    pub view: usize,
     /// What the blob shows.
     pub frame: Frame,
     /// What the picture shows, over the same background, on the same lattice.
@@ -197,17 +197,17 @@ impl Session<'_, '_> {
             self.measure_priced(draft, &some, self.pace.probe(largest), |_| {})?;
         }
         let lattice = self.pace.lattice(pixels, largest, self.pace.share(FINAL_SHARE));
-        let names: Vec<&str> =
-            spread(&self.dataset.val, SHOWN_VIEWS).iter().map(|view| view.name.as_str()).collect();
-        let mut shown = Vec::new();
+        let kept: Vec<usize> = spread_indices(views.len(), SHOWN_VIEWS).collect();
+        let (mut index, mut shown) = (0, Vec::new());
         let (tier, background) = (self.options.tier, self.trainer.background());
         let thinned: Vec<_> = views.iter().map(|view| view.thinned(lattice)).collect();
         let views = thinned.iter().map(|view| &**view);
-        let each = |view: &View, frame: &Frame, truth: &[[f32; 3]], score: &ViewScore| {
-            if self.options.report && names.contains(&view.name.as_str()) {
-                let (name, psnr_db) = (view.name.clone(), score.psnr_db);
-                shown.push(Shown { name, frame: frame.clone(), truth: truth.to_vec(), psnr_db });
+        let each = |_: &View, frame: &Frame, truth: &[[f32; 3]], score: &ViewScore| {
+            if self.options.report && kept.contains(&index) {
+                let (frame, truth, psnr_db) = (frame.clone(), truth.to_vec(), score.psnr_db);
+                shown.push(Shown { view: index, frame, truth, psnr_db });
             }
+            index += 1;
         };
         let scores = measure(draft, None, tier, &Quality::default(), background, views, each)?;
         Ok((scores, lattice, shown))

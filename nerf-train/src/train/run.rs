@@ -15,7 +15,7 @@ use crate::report::error::ReportError;
 use crate::report::progress::{Message, Progress, ProgressStyle};
 use crate::stop::{Claim, Cover};
 use nerf_core::kernels::Tier;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::time::{Duration, Instant};
 
 /// Seconds that a step may take without a checkpoint at hand for a signal that comes meanwhile.
@@ -314,12 +314,4 @@ pub fn interrupted(step: u32, checkpoint: Option<&PathBuf>) -> String {
         ),
         None => format!("interrupted after step {step}"),
     }
-}
-
-/// A view's name as part of a file name.
-pub fn file_name(name: &str) -> String {
-    let stem = Path::new(name).with_extension("");
-    let plain = |c: char| if c.is_ascii_alphanumeric() { c } else { '_' };
-    let name: String = stem.to_string_lossy().trim_start_matches("./").chars().map(plain).collect();
-    name.trim_end_matches('_').to_string()
 }

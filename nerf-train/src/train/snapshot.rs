@@ -1,8 +1,8 @@
 //! Pictures of validation views on the way, and the sheet of them.
 
-use super::run::file_name;
-use crate::dataset::{Dataset, View};
+use crate::dataset::Dataset;
 use crate::report::contact_sheet::{Cell, contact_sheet};
+use crate::report::names::FileNames;
 use crate::report::picture::Picture;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeSet;
@@ -92,9 +92,10 @@ impl SnapshotOptions {
 }
 
 impl Snapshot {
-    /// Its file in the report's `folder`.
-    pub fn path(&self, folder: &Path, view: &View) -> PathBuf {
-        folder.join("snapshots").join(format!("step_{:06}_{}.png", self.step, file_name(&view.name)))
+    /// Its file in the report's `folder`; `dataset` is the one it was taken of.
+    pub fn path(&self, folder: &Path, dataset: &Dataset) -> PathBuf {
+        let names = FileNames::of(&dataset.val);
+        folder.join("snapshots").join(format!("step_{:06}_{}.png", self.step, names.at(self.view)))
     }
 }
 
@@ -119,7 +120,7 @@ pub fn sheet(
         for &step in &steps {
             let taken = snapshots.iter().find(|taken| (taken.step, taken.view) == (step, index));
             let stored = taken.and_then(|taken| {
-                let picture = Picture::read(taken.path(folder, view))?;
+                let picture = Picture::read(taken.path(folder, dataset))?;
                 // On a lattice of pixels it is smaller, and shown as large as the others.
                 let fits = picture.width <= width && picture.height <= height;
                 fits.then(|| (picture.enlarged(width / picture.width.max(1)), taken.psnr_db))
@@ -173,7 +174,7 @@ mod tests {
         let taken = |step, view| Snapshot { step, seconds: 0.0, view, psnr_db: 10.0 };
         let snapshots = [taken(10, 0), taken(10, 2), taken(30, 2)];
         for snapshot in &snapshots[..2] {
-            red.write_png(snapshot.path(folder.path(), &dataset.val[snapshot.view])).expect("written");
+            red.write_png(snapshot.path(folder.path(), &dataset)).expect("written");
         }
         let sheet = sheet("a title", folder.path(), &dataset, &snapshots, [0.0; 3]).expect("a sheet");
         let count = |colour: [f32; 3]| sheet.rgb.iter().filter(|rgb| **rgb == colour).count();

@@ -166,7 +166,7 @@ impl Session<'_, '_> {
             };
             let (step, seconds) = (candidate.step, point.seconds);
             let snapshot = Snapshot { step, seconds, view, psnr_db: score.psnr_db };
-            frame.write_png(snapshot.path(&options.folder, &dataset.val[view]))?;
+            frame.write_png(snapshot.path(&options.folder, dataset))?;
             self.trainer.snapshots.push(snapshot);
         }
         scores.views.truncate(watched.len());

@@ -92,7 +92,9 @@ fn bad_folders_are_refused_naming_file_and_view() {
     value["frames"] = serde_json::json!([]);
     std::fs::write(&json, value.to_string()).expect("written");
     fails(fit(&data, &file, &[]), &["scene", "at least one training view"]);
-    fails(fit(&folder.path(""), &file, &[]), &["transforms"]);
+    let empty = folder.path("empty");
+    std::fs::create_dir(&empty).expect("a folder");
+    fails(fit(&empty, &file, &[]), &["transforms"]);
     assert!(!Path::new(&file).exists());
 }
 
@@ -173,8 +175,9 @@ fn places_that_cannot_be_written_are_found_out_before_the_work() {
     let data = folder.path("scene.npz");
     let plain = folder.file("plain", "a regular file");
     let below = format!("{plain}/below");
+    let blob_below = format!("{plain}/below.nerf");
     let steps = ["--steps", "1000000000"];
-    fails(fit(&data, &below, &steps), &["plain"]);
+    fails(fit(&data, &blob_below, &steps), &["plain"]);
     fails(
         fit(&data, &folder.path("b.nerf"), &[&steps[..], &["--report", &below]].concat()),
         &["plain/below"],
@@ -186,7 +189,9 @@ fn places_that_cannot_be_written_are_found_out_before_the_work() {
     let taken = folder.path("taken.nerf");
     std::fs::create_dir(&taken).expect("a folder");
     fails(fit(&data, &taken, &steps), &["taken.nerf"]);
-    fails(["render", file, "-o", &taken, "--width", "4"], &["taken.nerf"]);
+    let picture = folder.path("taken.png");
+    std::fs::create_dir(&picture).expect("a folder");
+    fails(["render", file, "-o", &picture, "--width", "4"], &["taken.png"]);
     let ahead = folder.path("c.nerf.checkpoint");
     std::fs::create_dir(&ahead).expect("a folder");
     fails(fit(&data, &folder.path("c.nerf"), &steps), &["c.nerf.checkpoint"]);
@@ -225,7 +230,10 @@ fn a_full_device_is_reported_naming_the_file() {
     {
         full(&format!("full{i}/{name}"));
         let report = folder.path(&format!("full{i}"));
-        fails(fit(&data, &folder.path("r.nerf"), &["--steps", "2", "--report", &report]), &[name, space]);
+        fails(
+            fit(&data, &folder.path("r.nerf"), &["--steps", "2", "--restart", "--report", &report]),
+            &[name, space],
+        );
     }
     full("eval/summary.json");
     fails(["eval", file, &data, "-q", "--report", &folder.path("eval")], &["summary.json", space]);
@@ -244,7 +252,9 @@ fn what_was_not_learned_and_what_was_started_anew_is_said() {
         assert!(said.contains(word), "{word}: {said}");
         crate::json(report.path("summary.json"))
     };
-    let run = |more: &[&str]| crate::ok(fit(&data, &file, &[&["--report", &report.path("")], more].concat()));
+    let run = |more: &[&str]| {
+        crate::ok(fit(&data, &file, &[&["--restart", "--report", &report.path("")], more].concat()))
+    };
     // One step shows nothing yet.
     let untrained = summary(&run(&["--steps", "1"]), "nothing was learned: a flat colour has");
     assert_eq!(untrained["flat"], true);
@@ -261,8 +271,19 @@ fn what_was_not_learned_and_what_was_started_anew_is_said() {
         "--preset seed --width 16 --colour-width 8 --rays 16 --samples 4 --grid-resolution 12 --steps 130";
     let restarted = (0..12).find_map(|seed| {
         let seed = format!("--seed={seed}");
-        let files =
-            ["fit", &data, "-o", &file, "-q", "--config", &config, "--report", &report.path(""), &seed];
+        let files = [
+            "fit",
+            &data,
+            "-o",
+            &file,
+            "-q",
+            "--config",
+            &config,
+            "--report",
+            &report.path(""),
+            "--restart",
+            &seed,
+        ];
         let ran = crate::run(files.into_iter().chain(dying.split(' ')));
         (ran.code == Some(0) && ran.out.contains("started anew")).then_some(ran.out)
     });

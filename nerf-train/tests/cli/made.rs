@@ -78,7 +78,11 @@ impl Folder {
 
     /// The same after a change of its arrays.
     pub fn npz_with(&self, name: &str, change: impl FnOnce(&mut Vec<Array>)) -> String {
-        let dataset = scene();
+        self.npz_of(name, &scene(), change)
+    }
+
+    /// These views, as an archive, after a change of its arrays.
+    pub fn npz_of(&self, name: &str, dataset: &Dataset, change: impl FnOnce(&mut Vec<Array>)) -> String {
         let mut arrays = vec![
             images("images_train", &dataset.train),
             poses("c2ws_train", &dataset.train),

@@ -8,15 +8,20 @@ mod explain;
 mod faults;
 mod fields;
 mod import;
+mod inputs;
 mod json;
 mod made;
 mod picture;
 mod pipeline;
+mod places;
 mod show;
+#[cfg(unix)]
+mod signals;
 mod snapshots;
 mod stopping;
 mod storage;
 mod study;
+mod untrusted;
 mod video;
 
 use made::Folder;

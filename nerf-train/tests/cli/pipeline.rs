@@ -268,12 +268,12 @@ fn toml_files_set_what_flags_do() {
     let said = ok(["inspect", &file]);
     assert!(said.contains("→ 24") && said.contains("4 steps, seed 3"), "{said}");
     // A flag replaces the file's value.
-    ok([&flags[..], &["--width", "8", "--steps", "2"]].concat());
+    ok([&flags[..], &["--width", "8", "--steps", "2", "--restart"]].concat());
     let said = ok(["inspect", &file]);
     assert!(said.contains("→ 8") && said.contains("2 steps, seed 3"), "{said}");
     // The file's preset replaces the flag's default.
     let seed = folder.file("seed.toml", "preset = \"seed\"\n[optimiser]\nsteps = 1\n");
-    let more = ["--width", "8", "--rays", "16", "--colour-width", "4"];
+    let more = ["--width", "8", "--rays", "16", "--colour-width", "4", "--restart"];
     ok([&["fit", &data, "-o", &file, "-q", "--config", &seed], &more[..]].concat());
     assert!(ok(["inspect", &file]).contains("64 samples"));
 }
@@ -328,7 +328,7 @@ fn settings_out_of_range_are_refused_naming_the_field() {
         (["--steps", "0"], "optimiser.steps"),
         (["--checkpoint-every", "nan"], "--checkpoint-every"),
         (["--checkpoint-every=-1", "--no-hull"], "--checkpoint-every"),
-        (["--threads", "4097"], "--threads"),
+        (["--threads", "0"], "--threads"),
         (["--width", "100000"], "network.width"),
         (["--rate", "nan"], "optimiser.rate"),
         (["--jitter=-0.5", "--no-hull"], "jitter"),
@@ -373,7 +373,19 @@ fn closed_and_full_outputs_are_no_panic() {
         &["inspect", file],
         &["eval", file, &data, "-q"],
         &["render", file, "-q", "-o", &folder.path("to_nowhere.png"), "--width", "4"],
-        &["fit", &data, "-o", &folder.path("closed.nerf"), "--steps", "2", "--width", "8", "--depth", "1"],
+        &[
+            "fit",
+            &data,
+            "-o",
+            &folder.path("closed.nerf"),
+            "--steps",
+            "2",
+            "--width",
+            "8",
+            "--depth",
+            "1",
+            "--restart",
+        ],
     ];
     for args in commands {
         // A result that nobody gets is an error; what is only said may get lost.

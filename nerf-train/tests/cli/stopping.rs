@@ -1,4 +1,4 @@
-//! Ctrl-C, kill −9 and going on.
+//! Ctrl-C, kill −9 and going on; signals at any moment of any command are in `signals.rs`.
 
 use crate::made::{Folder, scene};
 use crate::{command, fails, fit, ok};
@@ -13,7 +13,11 @@ pub struct Running(Option<Child>);
 
 impl Running {
     pub fn start(args: &[&str]) -> Self {
-        let child = command(args).stdout(Stdio::piped()).stderr(Stdio::piped()).spawn();
+        Self::of(&mut command(args))
+    }
+
+    pub fn of(command: &mut Command) -> Self {
+        let child = command.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn();
         Self(Some(child.expect("the command starts")))
     }
 
@@ -25,9 +29,13 @@ impl Running {
         self.child().try_wait().expect("a status").is_none()
     }
 
-    fn interrupt(&mut self) {
-        let sent = Command::new("kill").args(["-INT", &self.child().id().to_string()]).status();
+    pub fn signal(&mut self, name: &str) {
+        let sent = Command::new("kill").args([&format!("-{name}"), &self.child().id().to_string()]).status();
         assert!(sent.expect("kill").success());
+    }
+
+    fn interrupt(&mut self) {
+        self.signal("INT");
     }
 
     fn kill(&mut self) {
@@ -95,10 +103,9 @@ fn ctrl_c_leaves_nothing_of_a_film() {
         std::thread::sleep(Duration::from_millis(5));
     }
     running.interrupt();
-    assert!(running.is_running());
     let output = running.output();
     let err = String::from_utf8_lossy(&output.stderr);
-    assert!(output.status.code() == Some(130) && err.contains("of 100000 views"), "{err}");
+    assert!(output.status.code() == Some(130) && err.contains("of 100000 views; no film"), "{err}");
     assert_eq!(folder.names(), [""; 0]);
 }
 
@@ -204,7 +211,7 @@ fn resuming_another_run_or_a_damaged_checkpoint_is_refused() {
     let half = &before.0[..before.0.len() / 2];
     for (damaged, word) in [(half, "damaged"), (b"something else", "another kind"), (b"", "another kind")] {
         std::fs::write(&checkpoint, damaged).expect("written");
-        let words = ["a.nerf.checkpoint", word, "without --resume the run starts anew"];
+        let words = ["a.nerf.checkpoint", word, "--restart in place of --resume begins anew"];
         fails(fit(&data, &file, &["--steps", "5", "--resume"]), &words);
         assert!(std::fs::read(&checkpoint).expect("left") == damaged);
     }

@@ -10,7 +10,6 @@ use nerf_train::report::progress::ProgressStyle;
 use nerf_train::sweep::{Job, Runner, Status};
 use nerf_train::train::run::RunError;
 use nerf_train::train::{TrainError, Trainer};
-use std::sync::atomic::AtomicBool;
 
 /// Both presets, small; and the seed preset's published variants.
 fn variants(steps: u32) -> Vec<(&'static str, Config)> {
@@ -123,9 +122,9 @@ fn a_sweep_calls_flat_what_a_fit_calls_flat() {
         let fitted = fit(dataset, &config).expect("a blob");
         assert_eq!(fitted.flat, flat, "{name}: {:?}", fitted.scores.views);
         let job = Job::Scene { dataset, base: Box::new(config), seconds: None };
-        let (style, stop) = (ProgressStyle::from_quiet(true), AtomicBool::new(false));
-        let runner = Runner { tier: Tier::detect(), style, cpu: "test", stop: &stop };
-        let (record, _) = job.run(&job.base_point(), &runner).expect("a run").expect("nobody interrupts");
+        let style = ProgressStyle::from_quiet(true);
+        let runner = Runner { tier: Tier::detect(), style, cpu: "test" };
+        let (record, _) = job.run(&job.base_point(), &runner).expect("a run");
         assert_eq!(record.status == Status::Flat, flat, "{name}: {record:?}");
         assert_eq!(record.psnr_db, fitted.scores.psnr_db(), "{name}");
     }

@@ -5,6 +5,7 @@ mod outcome;
 
 use super::audit::check_threshold;
 use super::common::{DataOptions, Global, background_name, tell};
+use super::places;
 use crate::dataset::{Axes, View};
 use crate::eval::measure;
 use crate::export::{Coarse, Contents, Exported, export_with};
@@ -12,7 +13,8 @@ use crate::import::check::{Draft, SUSPICIOUS_DB, VIEWS, check, renderings, split
 use crate::import::probe::{Probe, probe};
 use crate::import::{Check, Imported, Settings, Tensors, grid, network};
 use crate::occupancy::{Ask, LiveCells};
-use crate::output::{ensure_file, write_atomic};
+use crate::output::claims::Claims;
+use crate::output::write_atomic;
 use crate::report::metrics::gain_db;
 use crate::report::progress::{Message, Progress, Total};
 use crate::study::{THRESHOLD_DB, Verdict, flattened};
@@ -64,6 +66,9 @@ pub struct Import {
     /// Which validation views, counted from 0 [default: up to ten of them].
     #[arg(long = "view", value_name = "I,J,…", value_delimiter = ',', requires = "check")]
     views: Vec<usize>,
+    /// Read pictures of --check also where its `file_path` leads out of its folder.
+    #[arg(long, requires = "check")]
+    outside_files: bool,
     /// Leave view dependence out if it gains less than this on the views of --check, dB: its mean over directions
     /// takes its place.
     #[arg(long, value_name = "DB", default_value_t = THRESHOLD_DB, allow_hyphen_values = true, requires = "check")]
@@ -106,7 +111,15 @@ impl Import {
         let (settings, tier) = (guesses.settings(self.coarse.is_some()), global.tier());
         settings.check()?;
         check_threshold(self.effect_threshold)?;
-        ensure_file(&self.output)?;
+        places::check_extension("-o", &self.output, places::BLOB)?;
+        Claims::new()
+            .reads("the network", &self.checkpoint)
+            .reads_if("the coarse network", self.coarse.as_deref())
+            .reads_if("the file of settings", self.config.as_deref())
+            .reads_if("the grid", self.grid.as_deref())
+            .reads_data_if(self.check.as_deref())
+            .writes("-o", &self.output)
+            .settle()?;
         let tensors = Tensors::read(&self.checkpoint, self.prefix.as_deref())?;
         let network = network(&tensors, &settings)?;
         let coarse = self.coarse(&settings)?;
@@ -197,7 +210,12 @@ impl Import {
     /// The views of `--check`, thinned.
     fn data(&self, guesses: &Guesses, settings: &Settings, global: &Global) -> anyhow::Result<Option<Data>> {
         let Some(path) = &self.check else { return Ok(None) };
-        let options = DataOptions { axes: guesses.axes, near: Some(settings.near), far: Some(settings.far) };
+        let options = DataOptions {
+            axes: guesses.axes,
+            near: Some(settings.near),
+            far: Some(settings.far),
+            outside_files: self.outside_files,
+        };
         let dataset = options.read(path, global)?;
         let all = split(&dataset);
         let views: Vec<&View> = if self.views.is_empty() {

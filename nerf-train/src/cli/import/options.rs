@@ -3,6 +3,7 @@
 use crate::cli::common::{parse_background, parse_numbers};
 use crate::dataset::Axes;
 use crate::import::{AngleFactor, Identity, Order, RawDensity, Settings};
+use crate::input;
 use anyhow::Context;
 use clap::Args;
 use serde::{Deserialize, Deserializer};
@@ -78,9 +79,10 @@ fn background<'de, D: Deserializer<'de>>(deserializer: D) -> Result<Option<[f32;
 impl Guesses {
     /// Reads a TOML file.
     pub fn read(file: &Path) -> anyhow::Result<Self> {
-        let text =
-            std::fs::read_to_string(file).with_context(|| format!("cannot read {}", file.display()))?;
-        toml::from_str(&text).with_context(|| file.display().to_string())
+        let text = input::read_text(file, input::MAX_TOML_BYTES)
+            .with_context(|| format!("cannot read {}", file.display()))?;
+        toml::from_str(&text)
+            .map_err(|error| anyhow::anyhow!("{}: {}", file.display(), input::toml_message(&text, &error)))
     }
 
     /// These, and where they say nothing `other`.

@@ -13,6 +13,8 @@ use std::path::Path;
 
 /// A coarse pass has a quarter of the sides, but no less than this, pixels.
 const COARSE: u32 = 64;
+/// Frames of an orbit: half a day at 20 a second.
+const MAX_FRAMES: usize = 1_000_000;
 
 impl Render {
     /// The cameras, in order; one unless an orbit or a path is asked for.
@@ -37,6 +39,9 @@ impl Render {
         if let Some(frames) = self.orbit {
             if frames == 0 {
                 bail!("--orbit: expected at least 1 frame, found 0");
+            }
+            if frames > MAX_FRAMES {
+                bail!("--orbit: expected at most {MAX_FRAMES} frames, found {frames}");
             }
             let at = |i| orbit.camera(i as f32 / frames as f32, width, height, fov);
             return Ok((0..frames).map(at).collect::<Result<_, _>>()?);

@@ -3,14 +3,14 @@
 use super::Output;
 use super::Render;
 use crate::cli::common::{Global, say_no_mp4};
+use crate::cli::places;
 use crate::frame::Frame;
-use crate::output::{ensure_file, ensure_folder};
+use crate::output::claims::{Claims, Existing};
 use crate::report::colour_map::{depth_picture_with_legend, normal_picture};
 use crate::report::film::{Files, Film, beside};
 use crate::report::picture::{Picture, write_grey16_png, write_rgba_png};
 use crate::report::video::Ffmpeg;
 use anyhow::bail;
-use std::ffi::OsStr;
 use std::path::{Path, PathBuf};
 
 /// What `-o` names.
@@ -23,6 +23,17 @@ pub(super) enum Target {
     Mp4(Ffmpeg),
     /// `frame_0000.png` and on in a folder.
     Frames,
+}
+
+impl Target {
+    /// What a signal leaves of it, where `-o` is `output`.
+    pub(super) fn left(&self, output: &Path) -> String {
+        match self {
+            Self::Still => "no picture is written".to_owned(),
+            Self::Gif(_) | Self::Mp4(_) => "no film is left of them".to_owned(),
+            Self::Frames => format!("their pictures are in {}", output.display()),
+        }
+    }
 }
 
 /// One output on its way to its files.
@@ -50,12 +61,13 @@ impl Render {
     /// What `-o` names; refuses what cannot be before any work is done.
     pub(super) fn target(&self) -> anyhow::Result<Target> {
         let name = self.output.display();
-        let extension = self.output.extension().map(OsStr::to_ascii_lowercase);
-        let extension = extension.as_deref().and_then(OsStr::to_str);
+        let extension = places::extension(&self.output);
+        let extension = extension.as_deref();
         if !self.is_sequence() {
             if let Some("gif" | "mp4") = extension {
                 bail!("-o: expected a picture (.png), found {name}; --orbit and --path make videos");
             }
+            places::check_extension("-o", &self.output, places::PICTURE)?;
             return Ok(Target::Still);
         }
         let ends_in_slash = self.output.as_os_str().as_encoded_bytes().ends_with(b"/");
@@ -92,20 +104,29 @@ impl Render {
         self.output.with_file_name(name)
     }
 
-    /// Makes sure, before any work is done, that all outputs can be written.
-    pub(super) fn ensure_places(&self, target: &Target) -> anyhow::Result<()> {
-        for output in self.outputs() {
+    /// What it reads and writes.
+    pub(super) fn claims(&self, target: &Target) -> Claims {
+        let claims = Claims::new()
+            .reads("the blob", &self.file)
+            .reads_if("the program", self.mp4.program())
+            .reads_data_if(self.data.as_deref())
+            .reads_data_if(self.path.as_deref());
+        self.outputs().into_iter().fold(claims, |claims, output| {
             let place = self.place_of(output);
+            let named = place == self.output;
+            let flag = if named { "-o".to_owned() } else { format!("{} beside -o", output.suffix()) };
+            let claims = match target {
+                Target::Frames => return claims.writes_frames(&flag, &place, &places::FRAME),
+                _ if named => claims.writes(&flag, &place),
+                _ => claims.derives(&flag, &place, Existing::ReplaceOwn),
+            };
             match target {
-                Target::Frames => ensure_folder(place)?,
                 Target::Gif(Ok(_)) => {
-                    ensure_file(&place)?;
-                    ensure_file(beside(&place))?;
+                    claims.derives("the MP4 beside a GIF", &beside(&place), Existing::ReplaceOwn)
                 }
-                Target::Still | Target::Gif(Err(_)) | Target::Mp4(_) => ensure_file(place)?,
+                _ => claims,
             }
-        }
-        Ok(())
+        })
     }
 
     /// A writer for an output; `range` is that of a distance's colours, world units.

@@ -1,11 +1,12 @@
 //! `nerf-train study train`
 
-use crate::cli::common::{DataOptions, Global, cpu_name, print_report, tell};
+use crate::cli::common::{DataOptions, Global, cpu_name, print_report};
 use crate::cli::fit::read_config;
+use crate::cli::places;
 use crate::config::Preset;
 use crate::dataset::Background;
-use crate::output::ensure_folder;
-use crate::stop;
+use crate::output::claims::Claims;
+use crate::stop::Note;
 use crate::study::training::{Fitted, Lists, fit, summary, table, write};
 use anyhow::bail;
 use clap::Args;
@@ -81,7 +82,12 @@ impl StudyTrain {
                 bail!("{flag}: expected a number above 0, found {value}");
             }
         }
-        ensure_folder(&self.report)?;
+        places::check_report(Some(&self.report))?;
+        Claims::new()
+            .reads_data(&self.data)
+            .reads_if("the file of settings", self.config.as_deref())
+            .writes_folder("--report", &self.report, &places::STUDY_TRAIN)
+            .settle()?;
         let dataset = self.data_options.read(&self.data, global)?;
         print_report(&dataset, global);
         if dataset.val.is_empty() {
@@ -108,25 +114,26 @@ impl StudyTrain {
         );
         global.say(format!("{} fits of {seconds:.0} s each, on {machine}", trials.len()));
         let mut fits: Vec<Fitted> = Vec::new();
-        let mut ended = ExitCode::SUCCESS;
+        let note = Note::new("interrupted: the fit that was under way is lost");
         for (i, trial) in trials.iter().enumerate() {
             let place = format!("[{}/{}] {}", i + 1, trials.len(), trial.name);
             global.say(&place);
-            let Some(fitted) = fit(&dataset, trial, seconds, global.tier(), global.style(), stop::flag())?
-            else {
-                tell("interrupted: the fit that was under way is lost, the report is of those before it");
-                ended = ExitCode::from(130);
-                break;
-            };
+            let fitted = fit(&dataset, trial, seconds, global.tier(), global.style())?;
             global.say(format!("{place}: {:.2} dB in {:.1} s", fitted.psnr_db, fitted.seconds));
             fits.push(fitted);
+            let (done, data, machine) = (fits.clone(), dataset.name.clone(), machine.clone());
+            let folder = self.report.clone();
+            note.before("the report of those before it", move || {
+                write(&done, &data, &machine, &folder).map_err(|error| error.to_string())
+            });
         }
+        drop(note);
         write(&fits, &dataset.name, &machine, &self.report)?;
         global.finish(&summary(&fits), || {
-            outln!("{}", table(&fits).to_text().trim_end());
+            outlines!(table(&fits).to_text().trim_end());
             outln!("report: {}", self.report.join("report.md").display());
             Ok(())
         })?;
-        Ok(ended)
+        Ok(ExitCode::SUCCESS)
     }
 }

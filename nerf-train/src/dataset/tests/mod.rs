@@ -4,6 +4,7 @@ mod geometry;
 mod npz;
 mod real;
 mod transforms;
+mod untrusted;
 
 use super::{Axes, Background, Dataset, DatasetError, Format, LookAt, ReadOptions, Report, View, read};
 use glam::Vec3;

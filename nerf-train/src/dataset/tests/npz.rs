@@ -145,9 +145,9 @@ fn wrong_arrays_are_named_with_what_was_expected() {
         ("images_train", whole(Made("<c8", "(3,)", vec![])), &["plain numbers", "c8"]),
         ("images_train", b"PNG".to_vec(), &["`images_train`", ".npy header"]),
         ("c2ws_train", whole(Made("<f8", "(3, 3, 3)", f8([0.0; 27]))), &["[n, 4, 4]", "[3, 3, 3]"]),
-        ("c2ws_train", whole(Made("<f8", "(3, 4, 4)", f8([0.0; 48]))), &["images_train[0]", "determinant 0"]),
-        ("c2ws_train", whole(Made("<f8", "(3, 4, 4)", f8([f64::NAN; 48]))), &["images_train[0]", "finite"]),
-        ("c2ws_train", whole(Made("<f8", "(3, 4, 4)", f8([1e300; 48]))), &["images_train[0]", "finite"]),
+        ("c2ws_train", whole(Made("<f8", "(3, 3, 4)", f8([0.0; 36]))), &["images_train[0]", "determinant 0"]),
+        ("c2ws_train", whole(Made("<f8", "(3, 3, 4)", f8([f64::NAN; 36]))), &["images_train[0]", "finite"]),
+        ("c2ws_train", whole(Made("<f8", "(3, 3, 4)", f8([1e300; 36]))), &["images_train[0]", "finite"]),
         ("focal", whole(Made("<f8", "(2,)", f8([1.0, 1.0]))), &["`focal`", "[2]"]),
         ("focal", whole(Made("<f8", "()", f8([-1.0]))), &["fx", "-1"]),
     ];
@@ -216,4 +216,37 @@ fn no_bit_flip_in_an_array_header_panics() {
         flipped[bit / 8] ^= 1 << (bit % 8);
         let _ = read_plain(&npz(folder.path(), &with("images_train", flipped)));
     }
+}
+
+#[test]
+fn matrices_must_end_with_0_0_0_1() {
+    let mut numbers: Vec<f64> = poses(3, Axes::Opencv).collect();
+    numbers[2 * 16 + 15] = 2.0;
+    let error = error_with("c2ws_train", whole(Made("<f8", "(3, 4, 4)", f8(numbers.clone()))));
+    assert_names(&error, &["view `c2ws_train[2]`: expected a bottom row of 0 0 0 1, found 0 0 0 2"]);
+    numbers[2 * 16 + 15] = f64::NAN;
+    let error = error_with("c2ws_test", whole(Made("<f8", "(3, 4, 4)", f8(numbers.clone()))));
+    assert_names(&error, &["view `c2ws_test[2]`", "NaN"]);
+    let folder = tempfile::tempdir().expect("tempdir");
+    let images = Made("<f4", "(3, 2, 4, 3)", f4([0.5; 72]));
+    let arrays = [
+        ("images", whole(images)),
+        ("poses", whole(Made("<f8", "(3, 4, 4)", f8(numbers.clone())))),
+        ("focal", whole(Made("<f8", "()", f8([5.5])))),
+    ];
+    assert_names(&error_of(&npz(folder.path(), &arrays)), &["view `poses[2]`", "bottom row"]);
+    // Without that row there is none to be wrong.
+    let rows = numbers.chunks_exact(16).flat_map(|m| m[..12].to_vec());
+    let path = npz(folder.path(), &with("c2ws_train", whole(Made("<f8", "(3, 3, 4)", f8(rows)))));
+    read_plain(&path).expect("3 x 4");
+}
+
+#[test]
+fn alpha_in_only_some_arrays_is_said() {
+    let folder = tempfile::tempdir().expect("tempdir");
+    let clear = whole(Made("|u1", "(3, 2, 4, 4)", vec![7; 96]));
+    let data = read_plain(&npz(folder.path(), &with("images_train", clear))).expect("a data set");
+    assert_names(&data.warnings.join("\n"), &["alpha in only some of the arrays: `images_val`"]);
+    let data = read_plain(&npz(folder.path(), &cs180())).expect("a data set");
+    assert!(!data.warnings.join("\n").contains("alpha"));
 }

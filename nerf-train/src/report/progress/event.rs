@@ -34,7 +34,8 @@ impl Event<'_> {
     /// The JSON, without a line end.
     pub fn line(&self) -> String {
         // Strings and numbers alone: nothing that could fail.
-        serde_json::to_string(self).unwrap_or_default()
+        let json = serde_json::to_string(self).unwrap_or_default();
+        crate::printable::json(&json).into_owned()
     }
 }
 

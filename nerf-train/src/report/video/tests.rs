@@ -116,10 +116,55 @@ fn an_ffmpeg_that_fails_is_quoted_and_leaves_nothing() {
 }
 
 #[test]
-fn the_last_messages_are_kept() {
-    let long: Vec<u8> = (0..20_000u32).flat_map(|i| format!("line {i}\n").into_bytes()).collect();
-    let kept = tail(&long[..]);
-    assert!(kept.len() == KEPT_BYTES && long.ends_with(&kept));
+fn the_last_messages_are_shown() {
     assert_eq!(last_lines(b"a\n\nb\nc\nd\ne\n"), "b; c; d; e");
     assert_eq!(last_lines(b" \n"), "it said nothing");
+}
+
+#[cfg(unix)]
+#[test]
+fn an_ffmpeg_that_hangs_is_ended_after_a_stated_time() {
+    let folder = tempfile::tempdir().unwrap();
+    let (path, frame) = (folder.path().join("a.mp4"), ball(400, 400, 0));
+    // Takes nothing, by itself or by what it starts; takes all and writes nothing; writes some.
+    let place = "for place; do :; done; place=${place#file:}";
+    let cases = [
+        ("exec sleep 1000", "took nothing of a frame for 0.3 s"),
+        ("sleep 1000", "took nothing of a frame for 0.3 s"),
+        ("cat > /dev/null; sleep 1000", "wrote nothing after its last frame"),
+        (&*format!("{place}; cat > \"$place\"; echo busy >&2; sleep 1000"), "busy"),
+    ];
+    for (body, words) in cases {
+        let ffmpeg = fake(folder.path(), body).with_patience(Duration::from_millis(300));
+        let mut mp4 = Mp4Writer::create(&ffmpeg, &path, 400, 400, 10.0).unwrap();
+        let begun = Instant::now();
+        let pushed = (0..4).try_for_each(|_| mp4.push(&frame));
+        let error = pushed.and_then(|()| mp4.finish()).unwrap_err().to_string();
+        assert!(
+            error.contains(words) && error.contains("a.mp4") && error.contains("0.3 s"),
+            "{body}: {error}"
+        );
+        assert!(begun.elapsed() < Duration::from_secs(10), "{body}: {:?}", begun.elapsed());
+        assert_eq!(names(folder.path()), ["fake-ffmpeg"], "{body}");
+    }
+    // The GIF beside it is what was asked for.
+    let ffmpeg = fake(folder.path(), "sleep 1000").with_patience(Duration::from_millis(300));
+    let files = crate::report::film::Files::gif(folder.path().join("a.gif"), Some(&ffmpeg));
+    let mut film = crate::report::film::Film::new(files, 10.0).unwrap();
+    (0..4).for_each(|_| film.push(frame.clone()).unwrap());
+    let finished = film.finish().unwrap();
+    assert!(finished.given_up.unwrap().to_string().contains("hangs and was ended"));
+    assert_eq!(names(folder.path()), ["a.gif", "fake-ffmpeg"]);
+}
+
+#[cfg(unix)]
+#[test]
+fn an_ffmpeg_that_does_not_list_its_encoders_is_ended() {
+    use std::os::unix::fs::PermissionsExt;
+    let folder = tempfile::tempdir().unwrap();
+    let program = folder.path().join("hangs");
+    fs::write(&program, "#!/bin/sh\nsleep 1000\n").unwrap();
+    fs::set_permissions(&program, fs::Permissions::from_mode(0o755)).unwrap();
+    let error = Ffmpeg::find_within(Some(&program), Duration::from_millis(200)).unwrap_err().to_string();
+    assert!(error.contains("hangs` cannot be used") && error.contains("within 0.2 s"), "{error}");
 }

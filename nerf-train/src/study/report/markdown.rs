@@ -1,6 +1,7 @@
 //! report.md: the findings in words and tables.
 
 use super::{Findings, SPAN_LOSS_DB, Setting, whole, whole_f32};
+use crate::printable;
 use crate::study::knobs::KNOBS;
 use crate::study::point::{Clock, Origin};
 use crate::study::run::BLOB_LOSS_DB;
@@ -11,16 +12,16 @@ impl Findings<'_, '_, '_> {
     /// The text of report.md.
     pub(super) fn markdown(&self, setting: &Setting<'_>) -> String {
         let study = self.study;
-        let mut text = format!("# What accuracy costs in time: {}\n\n", setting.blob);
+        let mut text = format!("# What accuracy costs in time: {}\n\n", printable::markdown(&setting.blob));
         // Writing into a String cannot fail.
         let mut line = |words: std::fmt::Arguments<'_>| _ = writeln!(text, "{words}\n");
         let names = |which: &mut dyn Iterator<Item = usize>| {
-            which.map(|i| study.views[i].name.clone()).collect::<Vec<_>>().join(", ")
+            which.map(|i| printable::markdown(&study.views[i].name)).collect::<Vec<_>>().join(", ")
         };
         line(format_args!(
             "{} views of {} ({}), over {}; {}, {} threads; the study took {:.0} s.",
             study.views.len(),
-            setting.data,
+            printable::markdown(setting.data),
             setting.split,
             setting.background,
             setting.cpu,
@@ -79,7 +80,7 @@ impl Findings<'_, '_, '_> {
             if study.lab.grid_required() { " and its grid, which is part of the model" } else { "" },
             study.points[0].settings.tier.name(),
             study.oracle_max,
-            study.views[0].name
+            printable::markdown(&study.views[0].name)
         ));
         line(format_args!(
             "- *lost*: the exact rendering's PSNR against ground truth less the point's, means over the same views. \

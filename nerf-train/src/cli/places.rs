@@ -1,0 +1,144 @@
+//! What outputs may be called, and what folders of results hold.
+//!
+//! | command | `-o` |
+//! | --- | --- |
+//! | `fit`, `image fit`, `import`, `study` | [`BLOB`] |
+//! | `image render`, `render` of one view | [`PICTURE`] |
+//! | `render` of a video | `.gif`, `.mp4`, or a folder of frames |
+//! | `show`, `sweep`, `demo`, `--report` | a folder |
+//!
+//! A name without an extension, and a device such as `/dev/null`, is taken for whatever the command writes.
+
+use crate::output::claims::{Contents, Pattern, is_device};
+use anyhow::bail;
+use std::ffi::OsStr;
+use std::path::{Path, PathBuf};
+
+/// Blobs.
+pub const BLOB: &[&str] = &["nerf"];
+/// Pictures.
+pub const PICTURE: &[&str] = &["png"];
+/// Extensions that are no part of a folder's name.
+const FILES: &[&str] = &[
+    "nerf",
+    "png",
+    "gif",
+    "mp4",
+    "jpg",
+    "jpeg",
+    "exr",
+    "webp",
+    "tif",
+    "tiff",
+    "bmp",
+    "npz",
+    "npy",
+    "json",
+    "csv",
+    "svg",
+    "html",
+    "md",
+    "toml",
+    "safetensors",
+];
+
+/// Refuses a name whose extension means another format than `accepted`.
+pub fn check_extension(flag: &str, path: &Path, accepted: &[&str]) -> anyhow::Result<()> {
+    match extension(path) {
+        Some(found) if !accepted.contains(&found.as_str()) && !is_device(path) => {
+            let accepted: Vec<String> = accepted.iter().map(|extension| format!(".{extension}")).collect();
+            bail!("{flag}: expected a name that ends in {}, found {}", accepted.join(" or "), path.display())
+        }
+        _ => Ok(()),
+    }
+}
+
+/// Refuses a folder that is called like a file, unless there is one.
+pub fn check_folder(flag: &str, path: &Path) -> anyhow::Result<()> {
+    match extension(path) {
+        Some(found) if FILES.contains(&found.as_str()) && !path.is_dir() => {
+            bail!("{flag}: expected the name of a folder, found {}", path.display())
+        }
+        _ => Ok(()),
+    }
+}
+
+/// As [`check_folder`], where a report was asked for.
+pub fn check_report(path: Option<&PathBuf>) -> anyhow::Result<()> {
+    path.map_or(Ok(()), |path| check_folder("--report", path))
+}
+
+/// The extension in small letters.
+pub fn extension(path: &Path) -> Option<String> {
+    path.extension().map(OsStr::to_ascii_lowercase).map(|extension| extension.to_string_lossy().into_owned())
+}
+
+const fn any(folder: &'static str, prefix: &'static str, extension: &'static str) -> Pattern {
+    Pattern { folder, prefix, extension }
+}
+
+/// A numbered frame of a video.
+pub const FRAME: Pattern = any("", "frame_", "png");
+
+/// The report of `fit`.
+pub const FIT: Contents = Contents {
+    files: &["summary.json", "data.json", "curve.csv", "curve.svg", "curve_steps.svg"],
+    patterns: &[any("", "", "png"), any("snapshots", "step_", "png")],
+};
+
+/// The folder of `demo`.
+pub const DEMO: Contents = Contents {
+    files: &[
+        "demo.nerf",
+        "orbit.gif",
+        "summary.json",
+        "data.json",
+        "curve.csv",
+        "curve.png",
+        "curve.svg",
+        "curve_steps.png",
+        "curve_steps.svg",
+        "snapshots.png",
+        "views.png",
+    ],
+    patterns: &[any("snapshots", "step_", "png")],
+};
+
+/// The report of `image fit`.
+pub const IMAGE_FIT: Contents = Contents {
+    files: &["summary.json", "curve.csv", "curve.png", "curve.svg", "sheet.png", "picture.png"],
+    patterns: &[any("snapshots", "step_", "png")],
+};
+
+/// The report of `eval`.
+pub const EVAL: Contents =
+    Contents { files: &["summary.json", "views.csv"], patterns: &[any("", "", "png")] };
+
+/// The report of `audit`.
+pub const AUDIT: Contents = Contents { files: &["summary.json", "audit.csv"], patterns: &[] };
+
+/// The report of `study`.
+pub const STUDY: Contents = Contents {
+    files: &["summary.json", "points.csv", "report.md", "front.png", "front.svg", "ends.png"],
+    patterns: &[any("", "difference_", "png")],
+};
+
+/// The report of `study train`.
+pub const STUDY_TRAIN: Contents = Contents {
+    files: &["summary.json", "table.csv", "curves.csv", "report.md"],
+    patterns: &[any("", "psnr_over_time_", "png"), any("", "psnr_over_time_", "svg")],
+};
+
+/// The folder of `show`.
+pub const SHOW: Contents = Contents { files: &["show.png", "show.html", "summary.json"], patterns: &[] };
+
+/// The folder of a sweep.
+pub const SWEEP: Contents = Contents {
+    files: &["sweep.json", "table.csv", "report.md", "sheet.png"],
+    patterns: &[
+        any("", "psnr_over_", "png"),
+        any("", "psnr_over_", "svg"),
+        any("runs", "", "json"),
+        any("runs", "", "png"),
+    ],
+};

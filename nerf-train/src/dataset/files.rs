@@ -1,0 +1,57 @@
+//! Which files a data set consists of, without reading its pictures.
+
+use super::{blender, nerfstudio, picture};
+use serde::Deserialize;
+use std::fs::File;
+use std::io::Read;
+use std::path::{Path, PathBuf};
+
+/// A list of views larger than this is not searched for names, bytes.
+const MAX_LIST_BYTES: u64 = 256 << 20;
+
+#[derive(Deserialize)]
+struct List {
+    frames: Vec<Frame>,
+}
+
+#[derive(Deserialize)]
+struct Frame {
+    file_path: Option<String>,
+    mask_path: Option<String>,
+    depth_file_path: Option<String>,
+}
+
+/// The data set's own file, its lists of views, and the files that they name, as far as they exist.
+///
+/// A list that is damaged names nothing: whoever reads the data set says so.
+pub fn files(path: &Path) -> Vec<PathBuf> {
+    let folder = if path.is_dir() { path } else { path.parent().unwrap_or(Path::new("")) };
+    let name = path.file_name().and_then(|name| name.to_str()).unwrap_or_default();
+    let lists: Vec<PathBuf> = if path.is_dir() || blender::is_split_file(name) {
+        let names = blender::SPLITS.into_iter().chain([nerfstudio::FILE]);
+        names.map(|name| folder.join(name)).chain([path.to_owned()]).filter(|list| list.is_file()).collect()
+    } else {
+        vec![path.to_owned()]
+    };
+    let named = lists.iter().filter(|list| list.extension().is_some_and(|e| e.eq_ignore_ascii_case("json")));
+    let named: Vec<PathBuf> = named.flat_map(|list| named_in(list, folder)).collect();
+    lists.into_iter().chain(named).collect()
+}
+
+fn named_in(list: &Path, folder: &Path) -> Vec<PathBuf> {
+    let mut bytes = Vec::new();
+    // A pipe would be empty for its reader afterwards.
+    let read = list.is_file().then(|| File::open(list)?.take(MAX_LIST_BYTES).read_to_end(&mut bytes));
+    if !matches!(read, Some(Ok(_))) {
+        return Vec::new();
+    }
+    let bytes = bytes.strip_prefix(b"\xef\xbb\xbf").unwrap_or(&bytes);
+    let Ok(List { frames }) = serde_json::from_slice(bytes) else { return Vec::new() };
+    let of = |frame: Frame| {
+        let others =
+            [frame.mask_path, frame.depth_file_path].into_iter().flatten().map(|name| folder.join(name));
+        let picture = frame.file_path.and_then(|name| picture::locate(folder, &name));
+        picture.into_iter().chain(others.filter(|path| path.is_file()))
+    };
+    frames.into_iter().flat_map(of).collect()
+}

@@ -1,0 +1,204 @@
+//! The one way in which this project reads whole files: at most a stated number of bytes.
+//!
+//! What a command is pointed at may be a device without end, a pipe, a file that grows, or a sparse terabyte. A read
+//! here ends with an error that states the limit, before the memory does. Archives (`.npz`) and arrays (`.npy`) are not
+//! read whole: `dataset::npz` limits what each array unpacks to. The kernel's own files under `/proc` have no limit.
+
+use std::fs::File;
+use std::io::{self, Read};
+use std::path::Path;
+use std::sync::mpsc::{self, RecvTimeoutError};
+use std::time::Duration;
+
+/// A blob. The format's caps (22 layers of 512, a grid of 512³ bits) come to a sixth of it.
+pub const MAX_BLOB_BYTES: u64 = 256 << 20;
+/// A JSON file: some 400,000 frames of a `transforms.json`.
+pub const MAX_JSON_BYTES: u64 = 256 << 20;
+/// A TOML file of settings.
+pub const MAX_TOML_BYTES: u64 = 1 << 20;
+/// A picture file: 16,384² pixels of three bytes, not compressed, fit.
+pub const MAX_PICTURE_BYTES: u64 = 1 << 30;
+/// A checkpoint of a fit.
+pub const MAX_CHECKPOINT_BYTES: u64 = 1 << 30;
+
+/// How long a pipe or device may stay silent, also before its first byte.
+const MAX_SILENCE: Duration = Duration::from_secs(60);
+/// A piece of a pipe.
+const PIECE_BYTES: usize = 1 << 16;
+
+/// The bytes of a file, pipe or device, where it has at most `limit`.
+///
+/// Of a pipe or device no more than one byte beyond `limit` is taken, once: it need not be readable twice.
+///
+/// # Errors
+/// The system's; [`io::ErrorKind::FileTooLarge`] states the limit; [`io::ErrorKind::TimedOut`] where a pipe is silent
+/// for a minute. None of them names the file: the caller does.
+pub fn read_limited(path: &Path, limit: u64) -> io::Result<Vec<u8>> {
+    let metadata = std::fs::metadata(path)?;
+    if !metadata.is_file() && !metadata.is_dir() {
+        return read_stream(path, limit, MAX_SILENCE);
+    }
+    if metadata.is_file() && metadata.len() > limit {
+        return Err(too_large(limit, &format!("{} bytes", metadata.len())));
+    }
+    read_to_limit(File::open(path)?, limit)
+}
+
+/// The text of a UTF-8 file, without the byte order mark that some editors put in front.
+///
+/// # Errors
+/// As [`read_limited`]; [`io::ErrorKind::InvalidData`] where it is no UTF-8.
+pub fn read_text(path: &Path, limit: u64) -> io::Result<String> {
+    let mut bytes = read_limited(path, limit)?;
+    let mark = bytes.len() - without_mark(&bytes).len();
+    bytes.drain(..mark);
+    String::from_utf8(bytes).map_err(|error| {
+        let found = error.utf8_error().valid_up_to() + mark;
+        io::Error::new(io::ErrorKind::InvalidData, format!("expected UTF-8, found another byte at {found}"))
+    })
+}
+
+/// `bytes` behind a UTF-8 byte order mark.
+pub fn without_mark(bytes: &[u8]) -> &[u8] {
+    bytes.strip_prefix(b"\xef\xbb\xbf").unwrap_or(bytes)
+}
+
+/// Opens a file to be read in any order.
+///
+/// # Errors
+/// The system's; [`io::ErrorKind::InvalidInput`] on a pipe, which would be waited for, or a device.
+pub fn open_regular(path: &Path) -> io::Result<File> {
+    let metadata = std::fs::metadata(path)?;
+    if metadata.is_file() || metadata.is_dir() {
+        return File::open(path);
+    }
+    let text = "expected a file that can be read in any order, found a pipe or device";
+    Err(io::Error::new(io::ErrorKind::InvalidInput, text))
+}
+
+/// An error of TOML on one line: the parser's own draws the place in several.
+pub fn toml_message(text: &str, error: &toml::de::Error) -> String {
+    let said = error.message().lines().map(str::trim).collect::<Vec<_>>().join("; ");
+    let Some(before) = error.span().and_then(|span| text.get(..span.start)) else {
+        // Of a value that was put together from several: the names of its tables.
+        return error.to_string().lines().map(str::trim).collect::<Vec<_>>().join(" ").trim().to_owned();
+    };
+    let start = before.rfind('\n').map_or(0, |end| end + 1);
+    let (row, column) = (before.matches('\n').count() + 1, before[start..].chars().count() + 1);
+    let shown: String = text[start..].lines().next().unwrap_or_default().chars().take(80).collect();
+    format!("line {row}, column {column}: {said} (in `{}`)", shown.trim())
+}
+
+/// Another thread opens and reads, as both may wait for ever; where it is given up, it ends with the process.
+fn read_stream(path: &Path, limit: u64, silence: Duration) -> io::Result<Vec<u8>> {
+    let (sender, pieces) = mpsc::sync_channel::<io::Result<Vec<u8>>>(16);
+    let path = path.to_owned();
+    std::thread::Builder::new().name("pipe".into()).spawn(move || {
+        let mut file = match File::open(path) {
+            Ok(file) => file,
+            Err(error) => return drop(sender.send(Err(error))),
+        };
+        let mut piece = vec![0; PIECE_BYTES];
+        loop {
+            let read = match file.read(&mut piece) {
+                Ok(0) => return,
+                Ok(count) => Ok(piece[..count].to_vec()),
+                Err(error) if error.kind() == io::ErrorKind::Interrupted => continue,
+                Err(error) => Err(error),
+            };
+            let failed = read.is_err();
+            // Nobody listens any more where the limit is reached.
+            if sender.send(read).is_err() || failed {
+                return;
+            }
+        }
+    })?;
+    let mut bytes = Vec::new();
+    loop {
+        match pieces.recv_timeout(silence) {
+            Ok(piece) => bytes.extend(piece?),
+            Err(RecvTimeoutError::Disconnected) => return Ok(bytes),
+            Err(RecvTimeoutError::Timeout) => {
+                let text = format!(
+                    "expected a pipe that somebody writes, found none: {} bytes, then nothing for {} s",
+                    bytes.len(),
+                    silence.as_secs_f64()
+                );
+                return Err(io::Error::new(io::ErrorKind::TimedOut, text));
+            }
+        }
+        if bytes.len() as u64 > limit {
+            return Err(too_large(limit, "more"));
+        }
+    }
+}
+
+/// A file may have grown since its size was asked for.
+fn read_to_limit(file: File, limit: u64) -> io::Result<Vec<u8>> {
+    let mut bytes = Vec::new();
+    let length = file.metadata()?.len().min(limit) as usize;
+    bytes.try_reserve_exact(length + 1).map_err(|_| io::Error::from(io::ErrorKind::OutOfMemory))?;
+    file.take(limit.saturating_add(1)).read_to_end(&mut bytes)?;
+    if bytes.len() as u64 > limit { Err(too_large(limit, "more")) } else { Ok(bytes) }
+}
+
+fn too_large(limit: u64, found: &str) -> io::Error {
+    let limit = match limit {
+        limit if limit.is_multiple_of(1 << 30) => format!("{} GiB", limit >> 30),
+        limit if limit.is_multiple_of(1 << 20) => format!("{} MiB", limit >> 20),
+        limit => format!("{limit} bytes"),
+    };
+    io::Error::new(io::ErrorKind::FileTooLarge, format!("expected at most {limit}, found {found}"))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_file_is_read_up_to_its_limit_and_no_further() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let path = folder.path().join("a");
+        std::fs::write(&path, b"\xef\xbb\xbfhello").expect("written");
+        assert_eq!(read_limited(&path, 8).expect("whole"), b"\xef\xbb\xbfhello");
+        assert_eq!(read_text(&path, 8).expect("text"), "hello");
+        let error = read_limited(&path, 7).expect_err("a byte too long");
+        assert_eq!(
+            (error.kind(), error.to_string().as_str()),
+            (io::ErrorKind::FileTooLarge, "expected at most 7 bytes, found 8 bytes")
+        );
+        std::fs::write(&path, b"a\xff").expect("written");
+        assert!(read_text(&path, 8).expect_err("no UTF-8").to_string().contains("another byte at 1"));
+        // A terabyte of nothing.
+        File::create(&path).and_then(|file| file.set_len(1 << 40)).expect("a sparse file");
+        let error = read_limited(&path, MAX_JSON_BYTES).expect_err("too long").to_string();
+        assert_eq!(error, "expected at most 256 MiB, found 1099511627776 bytes");
+        assert!(
+            read_limited(folder.path(), 8).is_err() && read_limited(&folder.path().join("b"), 8).is_err()
+        );
+    }
+
+    #[cfg(unix)]
+    #[test]
+    fn a_device_without_end_and_a_pipe_without_writer_are_given_up() {
+        let error = read_limited(Path::new("/dev/zero"), 1 << 20).expect_err("no end").to_string();
+        assert_eq!(error, "expected at most 1 MiB, found more");
+        assert_eq!(read_limited(Path::new("/dev/null"), 8).expect("empty"), b"");
+        assert!(open_regular(Path::new("/dev/zero")).is_err());
+        let folder = tempfile::tempdir().expect("a folder");
+        let pipe = folder.path().join("pipe");
+        let made = std::process::Command::new("mkfifo").arg(&pipe).status().expect("mkfifo");
+        assert!(made.success() && open_regular(&pipe).is_err());
+        let error = read_stream(&pipe, 8, Duration::from_millis(50)).expect_err("silence");
+        assert!(error.kind() == io::ErrorKind::TimedOut && error.to_string().contains("0 bytes"), "{error}");
+    }
+
+    #[test]
+    fn errors_of_toml_are_one_line_with_their_place() {
+        let text = "seed = 1\n  steps = = 2\n";
+        let error = toml::from_str::<toml::Table>(text).expect_err("no TOML");
+        let said = toml_message(text, &error);
+        assert!(said.starts_with("line 2, column ") && said.ends_with("(in `steps = = 2`)"), "{said}");
+        assert!(!said.contains('\n'));
+    }
+}

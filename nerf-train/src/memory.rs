@@ -1,0 +1,81 @@
+//! Whether a request fits the memory of this machine, asked before anything is allocated.
+
+use std::fmt;
+
+/// Share of the memory that is free now that one command may plan with.
+const SHARE: f64 = 0.8;
+/// What is planned with where the system does not say how much is free, bytes.
+const UNKNOWN: u64 = 8 << 30;
+
+/// A request that does not fit.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+#[error("{what}: needs about {} of memory, and {} can be had; {advice}", Size(*needed), Size(*limit))]
+pub struct TooLarge {
+    /// The request.
+    pub what: String,
+    /// Bytes it takes, saturated.
+    pub needed: u64,
+    /// Bytes that can be had.
+    pub limit: u64,
+    /// What to do.
+    pub advice: &'static str,
+}
+
+/// Bytes as a person reads them.
+struct Size(u64);
+
+impl fmt::Display for Size {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let giga = self.0 as f64 / 1e9;
+        if giga < 1000.0 { write!(f, "{giga:.1} GB") } else { write!(f, "{:.0} TB", giga / 1000.0) }
+    }
+}
+
+/// Refuses what needs more than can be had: `items` of `bytes_each`.
+///
+/// # Errors
+/// [`TooLarge`].
+pub fn check(
+    what: impl Into<String>,
+    items: u64,
+    bytes_each: u64,
+    advice: &'static str,
+) -> Result<(), TooLarge> {
+    let (needed, limit) = (items.saturating_mul(bytes_each), limit());
+    if needed <= limit { Ok(()) } else { Err(TooLarge { what: what.into(), needed, limit, advice }) }
+}
+
+/// Bytes that a command may plan with: most of what is free, within the control group's limit.
+pub fn limit() -> u64 {
+    let read = |file: &str| std::fs::read_to_string(file).ok();
+    let number = |file: &str| read(file)?.trim().parse::<u64>().ok();
+    let free = read("/proc/meminfo").as_deref().and_then(available);
+    let group = number("/sys/fs/cgroup/memory.max")
+        .map(|max| max.saturating_sub(number("/sys/fs/cgroup/memory.current").unwrap_or(0)));
+    let free = free.into_iter().chain(group).min().unwrap_or(UNKNOWN);
+    (free as f64 * SHARE) as u64
+}
+
+/// `MemAvailable` of /proc/meminfo, bytes.
+fn available(meminfo: &str) -> Option<u64> {
+    let line = meminfo.lines().find_map(|line| line.strip_prefix("MemAvailable:"))?;
+    line.split_whitespace().next()?.parse::<u64>().ok()?.checked_mul(1024)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_kernels_figure_is_read_and_what_exceeds_it_is_refused_with_both() {
+        assert_eq!(available("MemTotal: 9 kB\nMemAvailable:    2048 kB\n"), Some(2 << 20));
+        assert_eq!(available("MemTotal: 9 kB\n"), None);
+        assert!(check("a picture", 1, 1, "").is_ok());
+        let error = check("--width", u64::MAX, 2, "make it smaller").expect_err("too large");
+        assert_eq!(error.needed, u64::MAX);
+        assert!(
+            error.to_string().contains("18446744 TB") && error.to_string().ends_with("make it smaller"),
+            "{error}"
+        );
+    }
+}

@@ -1,0 +1,160 @@
+//! Text that came from a file, made safe to show.
+//!
+//! Names of views and arrays, provenance, messages of decoders and of child processes are anybody's. A terminal obeys
+//! the control characters in them: they move the cursor, retitle the window, answer for the user; bidirectional
+//! overrides make a name read as another. Each way out of this program escapes them, once, where text leaves it:
+//!
+//! | way out | where | with |
+//! | --- | --- | --- |
+//! | a line of results, of progress, of an error | `outln!`, `cli::common::tell`, `report::progress` | [`line()`] |
+//! | lines of results, such as a table | `outlines!`, `report::progress::say_lines` | [`lines`] |
+//! | names in such lines | `dataset::Report` | [`line()`] |
+//! | tables: CSV, Markdown, terminal | `report::table::Table` | [`lines`] |
+//! | prose of Markdown reports | `study::report`, `sweep::report` | [`markdown`] |
+//! | pages and SVG plots | `show::page`, `report::plot` | [`line()`], [`lines`] |
+//! | text drawn into pictures | `report::text` | [`line()`] |
+//! | JSON | `report::summary`, `report::progress`, `show::page` | [`json`], the same values when read back |
+//!
+//! Blobs, data sets and errors themselves keep the text as it is.
+
+use std::borrow::Cow;
+use std::fmt::Write;
+
+/// Whether `character` acts on what surrounds it, or hides.
+///
+/// Controls (C0, DEL, C1), line and paragraph separators, bidirectional marks, embeddings, overrides and isolates, the
+/// zero-width space, word joiner and byte order mark, soft hyphen, interlinear annotations, and tags. The zero-width
+/// joiner and non-joiner stay: Persian, Indic scripts and emoji need them.
+fn acts(character: char) -> bool {
+    character.is_control()
+        || matches!(
+            character,
+            '\u{ad}'
+                | '\u{61c}'
+                | '\u{180e}'
+                | '\u{200b}'
+                | '\u{200e}'
+                | '\u{200f}'
+                | '\u{2028}'..='\u{202e}'
+                | '\u{2060}'..='\u{206f}'
+                | '\u{feff}'
+                | '\u{fff9}'..='\u{fffb}'
+                | '\u{e0000}'..='\u{e007f}'
+        )
+}
+
+/// `text` with each character for which `found` holds replaced by what `escape` writes.
+fn replaced(
+    text: &str,
+    found: impl Fn(char) -> bool,
+    escape: impl Fn(&mut String, char) -> std::fmt::Result,
+) -> Cow<'_, str> {
+    if !text.contains(&found) {
+        return Cow::Borrowed(text);
+    }
+    let mut safe = String::with_capacity(text.len() + 16);
+    for character in text.chars() {
+        if found(character) {
+            // Writing into a String cannot fail.
+            let _ = escape(&mut safe, character);
+        } else {
+            safe.push(character);
+        }
+    }
+    Cow::Owned(safe)
+}
+
+/// `text` on one line: what [acts](self) is shown as Rust writes it, `\n`, `\t` or `\u{1b}`.
+///
+/// # Examples
+/// ```
+/// use nerf_train::printable::line;
+/// assert_eq!(line("a\x1b[2Jb\nc\u{202e}d"), r"a\u{1b}[2Jb\nc\u{202e}d");
+/// assert_eq!(line("照片/Ågq 👩‍🚀"), "照片/Ågq 👩‍🚀");
+/// ```
+pub fn line(text: &str) -> Cow<'_, str> {
+    // `escape_unicode` for the few that `escape_debug` shows as they are.
+    replaced(text, acts, |safe, c| match c {
+        '\n' | '\r' | '\t' => write!(safe, "{}", c.escape_default()),
+        _ => write!(safe, "{}", c.escape_unicode()),
+    })
+}
+
+/// [`line()`] of text that this program set in lines: line ends and tabs stay.
+///
+/// A line end in a name stays too: where one could pass for a line of this program's own, the name alone goes through
+/// [`line()`] first.
+pub fn lines(text: &str) -> Cow<'_, str> {
+    replaced(text, |c| acts(c) && !matches!(c, '\n' | '\t'), |safe, c| write!(safe, "{}", c.escape_unicode()))
+}
+
+/// A name in the prose of a Markdown report: [`line()`], and neither markup nor HTML.
+///
+/// # Examples
+/// ```
+/// assert_eq!(nerf_train::printable::markdown("a[b](c)<i>\x1b"), r"a\[b\](c)&lt;i>\\u{1b}");
+/// ```
+pub fn markdown(text: &str) -> String {
+    let safe = line(text);
+    let marked = |c| matches!(c, '\\' | '`' | '*' | '[' | ']' | '<' | '&' | '#' | '|');
+    let escaped = replaced(&safe, marked, |safe, c| match c {
+        '<' => safe.write_str("&lt;"),
+        '&' => safe.write_str("&amp;"),
+        _ => write!(safe, "\\{c}"),
+    });
+    escaped.into_owned()
+}
+
+/// JSON in which what acts stands as `\u001b`: the same values for whoever parses it, and safe on a terminal.
+///
+/// Outside of strings JSON has none of these characters but line ends and tabs, which stay; within, writers of JSON
+/// escape C0 themselves.
+pub fn json(text: &str) -> Cow<'_, str> {
+    replaced(
+        text,
+        |c| acts(c) && !matches!(c, '\n' | '\r' | '\t'),
+        |safe, c| c.encode_utf16(&mut [0; 2]).iter().try_for_each(|unit| write!(safe, "\\u{unit:04x}")),
+    )
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const HOSTILE: &str =
+        "a\0\x07\x1b]0;title\x07\r\n\t\x7f\u{85}\u{9b}31m\u{202e}\u{2066}\u{200b}\u{feff}\u{e0041}";
+
+    #[test]
+    fn nothing_that_acts_is_left_in_a_line() {
+        let safe = line(HOSTILE);
+        assert!(
+            !safe.chars().any(acts) && safe.starts_with(r"a\u{0}\u{7}\u{1b}]0;title\u{7}\r\n\t\u{7f}"),
+            "{safe}"
+        );
+        let kept: String = lines(HOSTILE).chars().filter(|&c| acts(c)).collect();
+        assert_eq!(kept, "\n\t");
+        assert!(!markdown(HOSTILE).chars().any(acts));
+        for point in (0..0x20).chain(0x7f..0xa0).chain(0x202a..=0x202e).chain(0x2066..=0x2069) {
+            let character = char::from_u32(point).expect("a character").to_string();
+            assert!(line(&character).starts_with('\\') && line(&character).is_ascii(), "{point:x}");
+        }
+    }
+
+    #[test]
+    fn ordinary_text_is_not_even_copied() {
+        for text in
+            ["", "images/0001.jpg", "照片/一.png", "naïve Ω ≤ 1×", "می\u{200c}خواهم", "👩\u{200d}🚀", r"a\b"]
+        {
+            assert!(matches!(line(text), Cow::Borrowed(same) if same == text), "{text}");
+            assert!(matches!(lines(text), Cow::Borrowed(_)) && matches!(json(text), Cow::Borrowed(_)));
+        }
+    }
+
+    #[test]
+    fn json_means_the_same() {
+        let plain = serde_json::to_string(HOSTILE).expect("text");
+        let safe = json(&plain);
+        assert!(!safe.chars().any(acts), "{safe}");
+        assert_eq!(serde_json::from_str::<String>(&safe).expect("JSON"), HOSTILE);
+    }
+}
