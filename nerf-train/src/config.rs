@@ -5,7 +5,7 @@ mod optimiser;
 pub use optimiser::OptimiserConfig;
 
 use crate::engine::{Adam, Model};
-use nerf_core::encoding::{AngleScale, Encoding, MAX_LEVELS};
+use nerf_core::encoding::{AngleScale, MAX_LEVELS, SinusoidalEncoding};
 use nerf_core::network::{Architecture, DensityActivation, MAX_COLOUR, MAX_TRUNK, MAX_WIDTH, TrunkLayer};
 use serde::{Deserialize, Serialize};
 
@@ -337,7 +337,8 @@ impl Config {
     /// The network as it is trained.
     pub fn model(&self) -> Model {
         let n = &self.network;
-        let encoding = |levels| Encoding { inputs: 3, levels, scale: AngleScale::Pi, identity: true };
+        let encoding =
+            |levels| SinusoidalEncoding { inputs: 3, levels, scale: AngleScale::Pi, identity: true };
         // The capacities are those that `check` holds depth and width to.
         let trunk = (0..n.depth.min(MAX_TRUNK))
             .map(|i| TrunkLayer { width: n.width as u16, skip: i > 0 && i == n.skip_after })
@@ -345,8 +346,8 @@ impl Config {
         let colour: heapless::Vec<u16, MAX_COLOUR> =
             (n.colour_width > 0).then_some(n.colour_width as u16).into_iter().collect();
         let architecture = Architecture {
-            position: encoding(n.position_levels),
-            direction: (n.direction_levels > 0).then(|| encoding(n.direction_levels)),
+            position: encoding(n.position_levels).into(),
+            direction: (n.direction_levels > 0).then(|| encoding(n.direction_levels).into()),
             trunk,
             density: Some(match n.density {
                 Density::Relu => DensityActivation::Relu,

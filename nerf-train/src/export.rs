@@ -100,7 +100,7 @@ pub fn export_with(contents: &Contents<'_>, coarse: Option<&Coarse<'_>>) -> Resu
             .map_err(|(role, index, found)| ExportError::CoarseWeight { role, index, found })?;
     }
     let proposal = coarse.map(|coarse| Proposal {
-        position: coarse.architecture.position,
+        position: *coarse.architecture.position.sinusoidal().expect("a proposal has a sinusoidal encoding"),
         trunk: coarse.architecture.trunk.clone(),
         density: coarse.architecture.density.unwrap_or(DensityActivation::Relu),
         samples: coarse.samples,
@@ -114,6 +114,7 @@ pub fn export_with(contents: &Contents<'_>, coarse: Option<&Coarse<'_>>) -> Resu
         proposal,
         provenance: contents.provenance.clone(),
         weights: &rounded.weights,
+        tables: None,
     };
     let mut bytes = vec![0; blob::encoded_len(&body).map_err(ExportError::Blob)?];
     blob::write(&body, &mut bytes).map_err(ExportError::Blob)?;

@@ -1,15 +1,31 @@
 //! Encodes blocks of points. The only place of the engine that evaluates an encoding.
 
-use nerf_core::encoding::{Encoding, encode_block};
+use nerf_core::encoding::{DirectionEncoding, PositionEncoding, SinusoidalEncoding, encode_block};
 use nerf_core::kernels::{BLOCK, Tier};
 use nerf_core::math::MathBackend;
+
+/// The encoding of positions.
+///
+/// # Panics
+/// If it is a grid: this engine has no tables to train.
+pub(super) fn of_position(encoding: &PositionEncoding) -> &SinusoidalEncoding {
+    encoding.sinusoidal().expect("a sinusoidal encoding of positions: this engine does not train grids")
+}
+
+/// The encoding of directions.
+///
+/// # Panics
+/// If it is not sinusoidal.
+pub(super) fn of_direction(encoding: &DirectionEncoding) -> &SinusoidalEncoding {
+    encoding.sinusoidal().expect("a sinusoidal encoding of directions: this engine has no other")
+}
 
 /// Encodes up to [`BLOCK`] points into `out`, `[outputs][BLOCK]`; missing points are zeros.
 ///
 /// Of each point the first `encoding.inputs` coordinates are used.
 pub(super) fn encode_points<'a>(
     tier: Tier,
-    encoding: &Encoding,
+    encoding: &SinusoidalEncoding,
     points: impl Iterator<Item = &'a [f32; 3]>,
     out: &mut [f32],
 ) {

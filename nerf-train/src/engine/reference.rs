@@ -1,15 +1,15 @@
 //! The reference engine: the loss written with dfdx tensors, its derivative left to dfdx's tape.
 
-use super::encode::encode_points;
+use super::encode::{encode_points, of_direction, of_position};
 use super::graph::{DIRECTION, Graph, POSITION};
 use super::optimiser::{Optimiser, usable};
 use super::{
     Adam, Batch, Dense, Engine, EngineError, Model, OptimiserState, SIGMA_LIMIT, StepLoss, check_rate,
 };
 use dfdx::prelude::*;
-use nerf_core::encoding::Encoding;
+use nerf_core::encoding::SinusoidalEncoding;
 use nerf_core::kernels::{BLOCK, Tier};
-use nerf_core::network::DensityActivation;
+use nerf_core::network::{DensityActivation, EXPONENTIAL_LIMIT};
 
 type Matrix<T = NoneTape> = Tensor<(usize, usize), f32, Cpu, T>;
 type Vector<T = NoneTape> = Tensor<(usize,), f32, Cpu, T>;
@@ -99,10 +99,11 @@ impl ReferenceEngine {
     /// `[points][channels]` of the position or direction encoding.
     fn encode(&self, slot: usize, points: &[[f32; 3]]) -> Result<Matrix, EngineError> {
         let architecture = &self.graph.model.architecture;
-        let no_encoding = Encoding { levels: 0, identity: false, ..architecture.position };
+        let position = *of_position(&architecture.position);
+        let no_encoding = SinusoidalEncoding { levels: 0, identity: false, ..position };
         let encoding = match slot {
-            POSITION => architecture.position,
-            _ => architecture.direction.unwrap_or(no_encoding),
+            POSITION => position,
+            _ => architecture.direction.as_ref().map_or(no_encoding, |direction| *of_direction(direction)),
         };
         let channels = encoding.outputs();
         let mut block = vec![0.0; channels * BLOCK];
@@ -158,6 +159,7 @@ impl ReferenceEngine {
         let raw = raw.try_reshape_like(&(points,))?.try_mul(model.density_scale)?;
         let sigma = match activation {
             DensityActivation::Relu => raw.try_relu()?,
+            DensityActivation::Exponential => raw.try_clamp(f32::MIN, EXPONENTIAL_LIMIT)?.try_exp()?,
             DensityActivation::ShiftedSoftplus => {
                 // ln(1 + e^y) = max(0, y) + ln(1 + e^−|y|)
                 let y = raw.try_sub(1.0)?;

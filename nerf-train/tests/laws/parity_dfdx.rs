@@ -1,7 +1,7 @@
 //! nerf-core computes the network that dfdx does.
 
 use nerf_core::blob::{Blob, Content, Provenance, SceneFacts};
-use nerf_core::encoding::{AngleScale, Encoding};
+use nerf_core::encoding::{AngleScale, SinusoidalEncoding};
 use nerf_core::kernels::{Line, Tier};
 use nerf_core::network::{Architecture, DensityActivation, TrunkLayer};
 use nerf_core::plan::{Batch, Outputs, Plan, Quality};
@@ -12,8 +12,8 @@ use nerf_train::export::{Contents, export};
 /// Points asked: whole blocks and a rest.
 const POINTS: usize = 150;
 
-fn encoding(levels: u8) -> Encoding {
-    Encoding { inputs: 3, levels, scale: AngleScale::Pi, identity: true }
+fn encoding(levels: u8) -> SinusoidalEncoding {
+    SinusoidalEncoding { inputs: 3, levels, scale: AngleScale::Pi, identity: true }
 }
 
 fn trunk(depth: usize, width: u16, skip: usize) -> impl Iterator<Item = TrunkLayer> {
@@ -22,8 +22,8 @@ fn trunk(depth: usize, width: u16, skip: usize) -> impl Iterator<Item = TrunkLay
 
 fn models() -> Vec<(&'static str, Model)> {
     let mut plain = Model::plain(Architecture {
-        position: encoding(10),
-        direction: Some(encoding(4)),
+        position: encoding(10).into(),
+        direction: Some(encoding(4).into()),
         trunk: trunk(4, 128, 0).collect(),
         density: Some(DensityActivation::Relu),
         colour: [64].into_iter().collect(),
@@ -71,11 +71,11 @@ fn models() -> Vec<(&'static str, Model)> {
         (
             "one layer, no levels",
             with(&|m| {
-                m.architecture.position = encoding(0);
+                m.architecture.position = encoding(0).into();
                 m.architecture.trunk = trunk(1, 16, 0).collect();
             }),
         ),
-        ("L = 16", with(&|m| m.architecture.position = encoding(16))),
+        ("L = 16", with(&|m| m.architecture.position = encoding(16).into())),
     ]
 }
 

@@ -1,7 +1,7 @@
 //! A scene without view dependence, out of one with it: the direction's share becomes its mean.
 
 use crate::dataset::View;
-use nerf_core::encoding::{Encoding, encode_block};
+use nerf_core::encoding::{DirectionEncoding, encode_block, encode_harmonics_block};
 use nerf_core::kernels::Tier;
 use nerf_core::math::MathBackend;
 use nerf_core::network::{Architecture, Layer, Role};
@@ -13,7 +13,7 @@ const BLOCK: usize = 64;
 
 /// Mean of PE(d) over rays of `views` that are spread evenly over their pictures; `[outputs]`. `None` without
 /// views.
-pub fn mean_encoding(encoding: &Encoding, views: &[&View]) -> Option<Vec<f64>> {
+pub fn mean_encoding(encoding: &DirectionEncoding, views: &[&View]) -> Option<Vec<f64>> {
     let mut dirs: Vec<[f32; 3]> = Vec::new();
     for view in views {
         let (width, height) = view.size();
@@ -36,7 +36,12 @@ pub fn mean_encoding(encoding: &Encoding, views: &[&View]) -> Option<Vec<f64>> {
             (0..3).for_each(|axis| x[axis * BLOCK + i] = dir[axis]);
         }
         let math = MathBackend::Polynomial;
-        encode_block(Tier::Scalar, math, encoding, BLOCK, &x, &mut encoded);
+        match encoding {
+            DirectionEncoding::Sinusoidal(e) => encode_block(Tier::Scalar, math, e, BLOCK, &x, &mut encoded),
+            DirectionEncoding::SphericalHarmonics { degree } => {
+                encode_harmonics_block(Tier::Scalar, *degree, BLOCK, &x, &mut encoded);
+            }
+        }
         for (sum, channel) in sums.iter_mut().zip(encoded.chunks_exact(BLOCK)) {
             *sum += channel[..block.len()].iter().map(|&v| f64::from(v)).sum::<f64>();
         }

@@ -196,6 +196,7 @@ impl<'b> Lab<'b> {
             proposal: self.blob.proposal().cloned(),
             provenance: self.blob.provenance().clone(),
             weights: self.blob.weights(),
+            tables: self.blob.tables(),
         }
     }
 
