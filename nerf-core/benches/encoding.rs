@@ -54,7 +54,7 @@ fn main() {
 fn grids(table: &mut Table) {
     let unit: Vec<f32> = noise(3 * SAMPLES, 1).iter().map(|x| 0.5 + 0.5 * x).collect();
     let sides = [16u16, 24, 37, 57, 88, 135, 208, 320];
-    for log2_entries in [14, 16] {
+    for log2_entries in [6, 14, 16] {
         let resolutions = sides.iter().map(|&n| [n; 3]).collect();
         let grid = GridEncoding { inputs: 3, features: 2, log2_entries, resolutions };
         let values = noise(grid.values(), 2);

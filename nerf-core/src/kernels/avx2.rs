@@ -2,7 +2,7 @@
 
 use super::Op;
 use super::gather::last_row;
-use crate::math::gather::{Table, weighted_rows_by_lane};
+use crate::math::gather::{Indices, Table, weighted_rows_by_lane};
 use crate::math::lanes::{Lanes, MAX_LANES, SQRT_HALF_BITS};
 use core::arch::x86_64::*;
 
@@ -32,6 +32,7 @@ impl Lanes for F32x8 {
     const TILE_ROWS: usize = 6;
     const TILE_COLS: usize = 2;
     type Mask = __m256;
+    type Indices = U32x8;
 
     #[inline(always)]
     fn splat(x: f32) -> Self {
@@ -116,6 +117,10 @@ impl Lanes for F32x8 {
         Self(avx2!(_mm256_blendv_ps(b.0, a.0, mask)))
     }
     #[inline(always)]
+    fn to_indices(self) -> U32x8 {
+        U32x8(avx2!(_mm256_cvtps_epi32(self.0)))
+    }
+    #[inline(always)]
     fn from_f16(bits: &[u16; MAX_LANES]) -> Self {
         // SAFETY: sixteen values are in bounds, of which eight are read. Features as above.
         Self(unsafe { _mm256_cvtph_ps(_mm_loadu_si128(bits.as_ptr().cast())) })
@@ -123,25 +128,26 @@ impl Lanes for F32x8 {
     #[inline(always)]
     fn weighted_rows<T: Table, const ROWS: usize>(
         table: T,
-        rows: &[[u32; MAX_LANES]; ROWS],
+        rows: &[U32x8; ROWS],
         weights: &[Self; ROWS],
         features: usize,
     ) -> [Self; 8] {
         let Some(last) = last_row(table, features) else {
             return weighted_rows_by_lane(table, rows, weights, features);
         };
-        let mut offsets = *rows;
-        for row in &mut offsets {
-            for at in &mut row[..Self::COUNT] {
-                *at = (*at).min(last).wrapping_mul(features as u32);
-            }
+        let (last, features_of_each) = (U32x8::splat(last), U32x8::splat(features as u32));
+        let mut offsets = [[0; MAX_LANES]; ROWS];
+        for (offsets, row) in offsets.iter_mut().zip(rows) {
+            row.min(last).mul(features_of_each).store(offsets);
         }
+        // Through memory, from where each is an address at once: taking lanes out of registers is slower.
+        let offsets = core::hint::black_box(&offsets);
         let zero = Self::splat(0.0);
-        let [a, b, c, d] = four::<T, ROWS>(table, &offsets, weights, 0);
+        let [a, b, c, d] = four::<T, ROWS>(table, offsets, weights, 0);
         if features == 2 {
             return [a, b, c, d, zero, zero, zero, zero];
         }
-        let [e, f, g, h] = four::<T, ROWS>(table, &offsets, weights, 4);
+        let [e, f, g, h] = four::<T, ROWS>(table, offsets, weights, 4);
         [a, b, c, d, e, f, g, h]
     }
 }
@@ -166,12 +172,11 @@ fn four<T: Table, const ROWS: usize>(
         let (a, b) = (_mm256_castps_pd(a), _mm256_castps_pd(b));
         let (c, d) = (_mm256_castps_pd(c), _mm256_castps_pd(d));
         [
-            _mm256_unpacklo_pd(a, c),
-            _mm256_unpackhi_pd(a, c),
-            _mm256_unpacklo_pd(b, d),
-            _mm256_unpackhi_pd(b, d),
+            F32x8(_mm256_castpd_ps(_mm256_unpacklo_pd(a, c))),
+            F32x8(_mm256_castpd_ps(_mm256_unpackhi_pd(a, c))),
+            F32x8(_mm256_castpd_ps(_mm256_unpacklo_pd(b, d))),
+            F32x8(_mm256_castpd_ps(_mm256_unpackhi_pd(b, d))),
         ]
-        .map(|x| F32x8(_mm256_castpd_ps(x)))
     })
 }
 
@@ -183,21 +188,17 @@ fn pair<T: Table, const ROWS: usize, const LANE: usize>(
     weights: &[F32x8; ROWS],
     plus: usize,
 ) -> __m256 {
+    let size = if T::HALF { 2 } else { 4 };
     let mut sum = avx2!(_mm256_setzero_ps());
     for (offsets, weight) in offsets.iter().zip(weights) {
-        let [low, high] = [offsets[LANE], offsets[4 + LANE]].map(|at| at as usize + plus);
+        let at = |lane: usize| table.start().wrapping_add(size * (offsets[lane] as usize + plus));
+        let (low, high) = (at(LANE), at(4 + LANE));
         let values = if T::HALF {
-            // SAFETY: `last_row` keeps each row, and with it four values from `plus` on, inside the table.
-            let (low, high) = unsafe { (table.start().add(2 * low), table.start().add(2 * high)) };
-            // SAFETY: eight bytes are in bounds at either; unaligned reads. Features as above.
-            unsafe {
-                let bits = |at: *const u8| at.cast::<i64>().read_unaligned();
-                _mm256_cvtph_ps(_mm_set_epi64x(bits(high), bits(low)))
-            }
+            // SAFETY: `last_row` keeps each row, and with it four values from `plus` on, inside the table; unaligned
+            // reads. Features as above.
+            unsafe { _mm256_cvtph_ps(_mm_castpd_si128(_mm_loadh_pd(_mm_load_sd(low.cast()), high.cast()))) }
         } else {
             // SAFETY: as above, with values of four bytes.
-            let (low, high) = unsafe { (table.start().add(4 * low), table.start().add(4 * high)) };
-            // SAFETY: sixteen bytes are in bounds at either; unaligned loads are allowed. Features as above.
             unsafe { _mm256_set_m128(_mm_loadu_ps(high.cast()), _mm_loadu_ps(low.cast())) }
         };
         sum = avx2!(_mm256_fmadd_ps(
@@ -212,4 +213,44 @@ fn pair<T: Table, const ROWS: usize, const LANE: usize>(
         ));
     }
     sum
+}
+
+/// Eight u32 in a `ymm` register. Made only where `F32x8` is.
+#[derive(Clone, Copy)]
+pub struct U32x8(__m256i);
+
+impl Indices for U32x8 {
+    #[inline(always)]
+    fn splat(x: u32) -> Self {
+        Self(avx2!(_mm256_set1_epi32(x as i32)))
+    }
+    #[inline(always)]
+    fn add(self, b: Self) -> Self {
+        Self(avx2!(_mm256_add_epi32(self.0, b.0)))
+    }
+    #[inline(always)]
+    fn mul(self, b: Self) -> Self {
+        Self(avx2!(_mm256_mullo_epi32(self.0, b.0)))
+    }
+    #[inline(always)]
+    fn xor(self, b: Self) -> Self {
+        Self(avx2!(_mm256_xor_si256(self.0, b.0)))
+    }
+    #[inline(always)]
+    fn and(self, b: Self) -> Self {
+        Self(avx2!(_mm256_and_si256(self.0, b.0)))
+    }
+    #[inline(always)]
+    fn min(self, b: Self) -> Self {
+        Self(avx2!(_mm256_min_epu32(self.0, b.0)))
+    }
+    #[inline(always)]
+    fn shift_right_15(self) -> Self {
+        Self(avx2!(_mm256_srli_epi32::<15>(self.0)))
+    }
+    #[inline(always)]
+    fn store(self, to: &mut [u32; MAX_LANES]) {
+        // SAFETY: sixteen values are in bounds, of which eight are written; unaligned stores are allowed. Features as above.
+        unsafe { _mm256_storeu_si256(to.as_mut_ptr().cast(), self.0) }
+    }
 }

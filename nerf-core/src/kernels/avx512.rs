@@ -2,7 +2,7 @@
 
 use super::Op;
 use super::gather::last_row;
-use crate::math::gather::{Table, weighted_rows_by_lane};
+use crate::math::gather::{Indices, Table, weighted_rows_by_lane};
 use crate::math::lanes::{Lanes, MAX_LANES, SQRT_HALF_BITS};
 use core::arch::x86_64::*;
 
@@ -32,6 +32,7 @@ impl Lanes for F32x16 {
     const TILE_ROWS: usize = 6;
     const TILE_COLS: usize = 4;
     type Mask = __mmask16;
+    type Indices = U32x16;
 
     #[inline(always)]
     fn splat(x: f32) -> Self {
@@ -116,6 +117,10 @@ impl Lanes for F32x16 {
         Self(avx512!(_mm512_mask_blend_ps(mask, b.0, a.0)))
     }
     #[inline(always)]
+    fn to_indices(self) -> U32x16 {
+        U32x16(avx512!(_mm512_cvtps_epi32(self.0)))
+    }
+    #[inline(always)]
     fn from_f16(bits: &[u16; MAX_LANES]) -> Self {
         // SAFETY: sixteen values are in bounds. Features as above.
         Self(unsafe { _mm512_cvtph_ps(_mm256_loadu_si256(bits.as_ptr().cast())) })
@@ -123,25 +128,26 @@ impl Lanes for F32x16 {
     #[inline(always)]
     fn weighted_rows<T: Table, const ROWS: usize>(
         table: T,
-        rows: &[[u32; MAX_LANES]; ROWS],
+        rows: &[U32x16; ROWS],
         weights: &[Self; ROWS],
         features: usize,
     ) -> [Self; 8] {
         let Some(last) = last_row(table, features) else {
             return weighted_rows_by_lane(table, rows, weights, features);
         };
-        let mut offsets = *rows;
-        for row in &mut offsets {
-            for at in row {
-                *at = (*at).min(last).wrapping_mul(features as u32);
-            }
+        let (last, features_of_each) = (U32x16::splat(last), U32x16::splat(features as u32));
+        let mut offsets = [[0; MAX_LANES]; ROWS];
+        for (offsets, row) in offsets.iter_mut().zip(rows) {
+            row.min(last).mul(features_of_each).store(offsets);
         }
+        // Through memory, from where each is an address at once: taking lanes out of registers is slower.
+        let offsets = core::hint::black_box(&offsets);
         let zero = Self::splat(0.0);
-        let [a, b, c, d] = four::<T, ROWS>(table, &offsets, weights, 0);
+        let [a, b, c, d] = four::<T, ROWS>(table, offsets, weights, 0);
         if features == 2 {
             return [a, b, c, d, zero, zero, zero, zero];
         }
-        let [e, f, g, h] = four::<T, ROWS>(table, &offsets, weights, 4);
+        let [e, f, g, h] = four::<T, ROWS>(table, offsets, weights, 4);
         [a, b, c, d, e, f, g, h]
     }
 }
@@ -166,12 +172,11 @@ fn four<T: Table, const ROWS: usize>(
         let (a, b) = (_mm512_castps_pd(a), _mm512_castps_pd(b));
         let (c, d) = (_mm512_castps_pd(c), _mm512_castps_pd(d));
         [
-            _mm512_unpacklo_pd(a, c),
-            _mm512_unpackhi_pd(a, c),
-            _mm512_unpacklo_pd(b, d),
-            _mm512_unpackhi_pd(b, d),
+            F32x16(_mm512_castpd_ps(_mm512_unpacklo_pd(a, c))),
+            F32x16(_mm512_castpd_ps(_mm512_unpackhi_pd(a, c))),
+            F32x16(_mm512_castpd_ps(_mm512_unpacklo_pd(b, d))),
+            F32x16(_mm512_castpd_ps(_mm512_unpackhi_pd(b, d))),
         ]
-        .map(|x| F32x16(_mm512_castpd_ps(x)))
     })
 }
 
@@ -186,17 +191,18 @@ fn quad<T: Table, const ROWS: usize, const LANE: usize>(
     let size = if T::HALF { 2 } else { 4 };
     let mut sum = avx512!(_mm512_setzero_ps());
     for (offsets, weight) in offsets.iter().zip(weights) {
-        let lanes = [offsets[LANE], offsets[4 + LANE], offsets[8 + LANE], offsets[12 + LANE]];
-        // SAFETY: `last_row` keeps each row, and with it four values from `plus` on, inside the table.
-        let [a, b, c, d] = lanes.map(|at| unsafe { table.start().add(size * (at as usize + plus)) });
+        let at = |lane: usize| table.start().wrapping_add(size * (offsets[lane] as usize + plus));
+        let (a, b, c, d) = (at(LANE), at(4 + LANE), at(8 + LANE), at(12 + LANE));
         let values = if T::HALF {
-            // SAFETY: eight bytes are in bounds at each; unaligned reads. Features as above.
+            // SAFETY: `last_row` keeps each row, and with it four values from `plus` on, inside the table; unaligned
+            // reads. Features as above.
             unsafe {
-                let bits = |at: *const u8| at.cast::<i64>().read_unaligned();
-                _mm512_cvtph_ps(_mm256_set_epi64x(bits(d), bits(c), bits(b), bits(a)))
+                let low = _mm_loadh_pd(_mm_load_sd(a.cast()), b.cast());
+                let high = _mm_loadh_pd(_mm_load_sd(c.cast()), d.cast());
+                _mm512_cvtph_ps(_mm256_castpd_si256(_mm256_set_m128d(high, low)))
             }
         } else {
-            // SAFETY: sixteen bytes are in bounds at each; unaligned loads are allowed. Features as above.
+            // SAFETY: as above, with values of four bytes.
             unsafe {
                 let low = _mm512_castps128_ps512(_mm_loadu_ps(a.cast()));
                 let low = _mm512_insertf32x4::<1>(low, _mm_loadu_ps(b.cast()));
@@ -216,4 +222,44 @@ fn quad<T: Table, const ROWS: usize, const LANE: usize>(
         ));
     }
     sum
+}
+
+/// Sixteen u32 in a `zmm` register. Made only where `F32x16` is.
+#[derive(Clone, Copy)]
+pub struct U32x16(__m512i);
+
+impl Indices for U32x16 {
+    #[inline(always)]
+    fn splat(x: u32) -> Self {
+        Self(avx512!(_mm512_set1_epi32(x as i32)))
+    }
+    #[inline(always)]
+    fn add(self, b: Self) -> Self {
+        Self(avx512!(_mm512_add_epi32(self.0, b.0)))
+    }
+    #[inline(always)]
+    fn mul(self, b: Self) -> Self {
+        Self(avx512!(_mm512_mullo_epi32(self.0, b.0)))
+    }
+    #[inline(always)]
+    fn xor(self, b: Self) -> Self {
+        Self(avx512!(_mm512_xor_si512(self.0, b.0)))
+    }
+    #[inline(always)]
+    fn and(self, b: Self) -> Self {
+        Self(avx512!(_mm512_and_si512(self.0, b.0)))
+    }
+    #[inline(always)]
+    fn min(self, b: Self) -> Self {
+        Self(avx512!(_mm512_min_epu32(self.0, b.0)))
+    }
+    #[inline(always)]
+    fn shift_right_15(self) -> Self {
+        Self(avx512!(_mm512_srli_epi32::<15>(self.0)))
+    }
+    #[inline(always)]
+    fn store(self, to: &mut [u32; MAX_LANES]) {
+        // SAFETY: sixteen values are in bounds; unaligned stores are allowed. Features as above.
+        unsafe { _mm512_storeu_si512(to.as_mut_ptr().cast(), self.0) }
+    }
 }

@@ -6,9 +6,10 @@ use crate::math::gather::Table;
 /// of four values; `None` where it is not, or where nothing fits.
 #[inline(always)]
 pub fn last_row<T: Table>(table: T, features: usize) -> Option<u32> {
-    if features != 2 && features != 4 {
-        return None;
-    }
-    let entries = table.len() / features;
+    let entries = match features {
+        2 => table.len() / 2,
+        4 => table.len() / 4,
+        _ => return None,
+    };
     u32::try_from(entries.checked_sub(2)?).ok()
 }

@@ -2,6 +2,61 @@
 
 use super::lanes::{Lanes, MAX_LANES};
 
+/// A `u32` a lane: what table entries are counted by. Arithmetic wraps.
+pub trait Indices: Copy {
+    /// `x` in every lane.
+    fn splat(x: u32) -> Self;
+    /// `self + b`.
+    fn add(self, b: Self) -> Self;
+    /// `self · b`.
+    fn mul(self, b: Self) -> Self;
+    /// The bits that differ.
+    fn xor(self, b: Self) -> Self;
+    /// The bits that both have.
+    fn and(self, b: Self) -> Self;
+    /// The smaller.
+    fn min(self, b: Self) -> Self;
+    /// The upper 17 bits.
+    fn shift_right_15(self) -> Self;
+    /// Writes the lanes to the first of `to`.
+    fn store(self, to: &mut [u32; MAX_LANES]);
+}
+
+impl Indices for u32 {
+    #[inline(always)]
+    fn splat(x: u32) -> Self {
+        x
+    }
+    #[inline(always)]
+    fn add(self, b: Self) -> Self {
+        self.wrapping_add(b)
+    }
+    #[inline(always)]
+    fn mul(self, b: Self) -> Self {
+        self.wrapping_mul(b)
+    }
+    #[inline(always)]
+    fn xor(self, b: Self) -> Self {
+        self ^ b
+    }
+    #[inline(always)]
+    fn and(self, b: Self) -> Self {
+        self & b
+    }
+    #[inline(always)]
+    fn min(self, b: Self) -> Self {
+        Ord::min(self, b)
+    }
+    #[inline(always)]
+    fn shift_right_15(self) -> Self {
+        self >> 15
+    }
+    #[inline(always)]
+    fn store(self, to: &mut [u32; MAX_LANES]) {
+        to[0] = self;
+    }
+}
+
 mod sealed {
     pub trait Sealed {}
     impl Sealed for super::F16Table<'_> {}
@@ -105,20 +160,16 @@ impl Table for F32Table<'_> {
 #[inline(always)]
 pub fn weighted_rows_by_lane<V: Lanes, T: Table, const ROWS: usize>(
     table: T,
-    rows: &[[u32; MAX_LANES]; ROWS],
+    rows: &[V::Indices; ROWS],
     weights: &[V; ROWS],
     features: usize,
 ) -> [V; 8] {
-    let mut at = *rows;
-    for row in &mut at {
-        for lane in 0..V::COUNT {
-            row[lane] = row[lane].wrapping_mul(features as u32);
-        }
-    }
     let mut sums = [V::splat(0.0); 8];
-    for (plus, sum) in sums.iter_mut().enumerate().take(2 * features) {
-        for (row, &weight) in at.iter().zip(weights) {
-            *sum = weight.mul_add(table.lanes(row, plus), *sum);
+    for (row, &weight) in rows.iter().zip(weights) {
+        let mut at = [0; MAX_LANES];
+        row.mul(V::Indices::splat(features as u32)).store(&mut at);
+        for (plus, sum) in sums.iter_mut().enumerate().take(2 * features) {
+            *sum = weight.mul_add(table.lanes(&at, plus), *sum);
         }
     }
     sums

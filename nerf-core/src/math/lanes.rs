@@ -1,6 +1,6 @@
 //! One vector of `f32`: the interface every elementary function and kernel is written against.
 
-use super::gather::{Table, weighted_rows_by_lane, widen_finite};
+use super::gather::{Indices, Table, weighted_rows_by_lane, widen_finite};
 
 /// `COUNT` values of f32 that move through arithmetic together.
 ///
@@ -15,6 +15,8 @@ pub trait Lanes: Copy {
     const TILE_COLS: usize;
     /// The result of a comparison.
     type Mask: Copy;
+    /// As many `u32`.
+    type Indices: Indices;
 
     /// `x` in every lane.
     fn splat(x: f32) -> Self;
@@ -57,6 +59,9 @@ pub trait Lanes: Copy {
     /// `a` where the mask holds, else `b`.
     fn select(mask: Self::Mask, a: Self, b: Self) -> Self;
 
+    /// A whole number in `0..=2^23` in each lane, as `u32`.
+    fn to_indices(self) -> Self::Indices;
+
     /// Finite f16, the first `COUNT` of `bits`.
     #[inline(always)]
     fn from_f16(bits: &[u16; MAX_LANES]) -> Self {
@@ -74,7 +79,7 @@ pub trait Lanes: Copy {
     #[inline(always)]
     fn weighted_rows<T: Table, const ROWS: usize>(
         table: T,
-        rows: &[[u32; MAX_LANES]; ROWS],
+        rows: &[Self::Indices; ROWS],
         weights: &[Self; ROWS],
         features: usize,
     ) -> [Self; 8] {
@@ -110,6 +115,7 @@ impl Lanes for f32 {
     const TILE_ROWS: usize = 4;
     const TILE_COLS: usize = 1;
     type Mask = bool;
+    type Indices = u32;
 
     #[inline(always)]
     fn splat(x: f32) -> Self {
@@ -189,5 +195,9 @@ impl Lanes for f32 {
     #[inline(always)]
     fn select(mask: bool, a: Self, b: Self) -> Self {
         if mask { a } else { b }
+    }
+    #[inline(always)]
+    fn to_indices(self) -> u32 {
+        self as u32
     }
 }

@@ -4,6 +4,7 @@ use super::common::{Global, background_name, open_blob, read_file};
 use crate::report::summary::Summary;
 use clap::Args;
 use nerf_core::blob::{Blob, FrontPoint};
+use nerf_core::encoding::PositionEncoding;
 use nerf_core::network::Layer;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
@@ -109,8 +110,17 @@ fn summary(file: &Path, bytes: &[u8], blob: &Blob<'_>) -> Summary {
         .integer("blob_bytes", bytes.len() as u64)
         .integer("format_version", u64::from(nerf_core::blob::FORMAT_VERSION))
         .text("kind", kind(blob))
-        .integer("position_levels", a.position.sinusoidal().map_or(0, |e| u64::from(e.levels)))
-        .integer("direction_levels", a.direction.as_ref().and_then(|d| d.sinusoidal()).map_or(0, |e| u64::from(e.levels)))
+        .integer(
+            "position_levels",
+            match &a.position {
+                PositionEncoding::Sinusoidal(encoding) => u64::from(encoding.levels),
+                PositionEncoding::Grid(grid) => grid.resolutions.len() as u64,
+            },
+        )
+        .integer(
+            "direction_levels",
+            a.direction.and_then(|d| d.sinusoidal().copied()).map_or(0, |e| u64::from(e.levels)),
+        )
         .flag("view_dependent", a.direction.is_some())
         .sections("layers", blob.layers().iter().map(layer_fields).collect())
         .integer("parameters", a.parameters() as u64)

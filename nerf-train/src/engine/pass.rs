@@ -237,21 +237,16 @@ pub(super) fn activate(activation: DensityActivation, raw: f32) -> (f32, f32) {
                 (raw, 1.0)
             }
         }
+        DensityActivation::Exponential => {
+            let value = if raw > EXPONENTIAL_LIMIT { EXPONENTIAL_LIMIT } else { raw }.exp();
+            (value, if raw > EXPONENTIAL_LIMIT { 0.0 } else { value })
+        }
         DensityActivation::ShiftedSoftplus => {
             let y = raw - 1.0;
             let tail = (-y.abs()).exp();
             let slope = if y > 0.0 { 1.0 / (1.0 + tail) } else { tail / (1.0 + tail) };
             let hinge = if y <= 0.0 { 0.0 } else { y };
             (hinge + tail.ln_1p(), slope)
-        }
-        DensityActivation::Exponential => {
-            let value = raw.min(EXPONENTIAL_LIMIT).exp();
-            // min takes the number beside a NaN.
-            if raw.is_nan() {
-                (raw, raw)
-            } else {
-                (value, if raw < EXPONENTIAL_LIMIT { value } else { 0.0 })
-            }
         }
     };
     if value > SIGMA_LIMIT { (SIGMA_LIMIT, 0.0) } else { (value, slope) }

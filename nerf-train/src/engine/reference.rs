@@ -160,13 +160,13 @@ impl ReferenceEngine {
         let raw = raw.try_reshape_like(&(points,))?.try_mul(model.density_scale)?;
         let sigma = match activation {
             DensityActivation::Relu => raw.try_relu()?,
+            DensityActivation::Exponential => raw.try_clamp(f32::MIN, EXPONENTIAL_LIMIT)?.try_exp()?,
             DensityActivation::ShiftedSoftplus => {
                 // ln(1 + e^y) = max(0, y) + ln(1 + e^−|y|)
                 let y = raw.try_sub(1.0)?;
                 let tail = y.with_empty_tape().try_abs()?.try_negate()?.try_exp()?;
                 y.try_relu()?.try_add(tail.try_add(1.0)?.try_ln()?)?
             }
-            DensityActivation::Exponential => raw.try_clamp(-87.0, EXPONENTIAL_LIMIT)?.try_exp()?,
         };
         Ok(Some(sigma.try_clamp(0.0, SIGMA_LIMIT)?))
     }

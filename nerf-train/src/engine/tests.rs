@@ -23,8 +23,8 @@ fn trunk(depth: usize, width: u16, skip: Option<usize>) -> impl Iterator<Item = 
 /// 4×32, neither skip nor feature layer; the bias keeps the start alive.
 fn plain() -> Model {
     let architecture = Architecture {
-        position: encoding(6, AngleScale::Pi),
-        direction: Some(encoding(2, AngleScale::Pi)),
+        position: encoding(6, AngleScale::Pi).into(),
+        direction: Some(encoding(2, AngleScale::Pi).into()),
         trunk: trunk(4, 32, None).collect(),
         density: Some(DensityActivation::Relu),
         colour: [16].into_iter().collect(),
@@ -35,7 +35,7 @@ fn plain() -> Model {
 /// 3×24 with skip, feature layer, two colour layers and scaled density.
 fn classic() -> Model {
     let mut model = plain();
-    model.architecture.position = encoding(5, AngleScale::One);
+    model.architecture.position = encoding(5, AngleScale::One).into();
     model.architecture.trunk = trunk(3, 24, Some(2)).collect();
     model.architecture.colour = [20, 12].into_iter().collect();
     Model { feature: true, density_scale: 10.0, density_bias: 2.0, ..model }

@@ -22,8 +22,8 @@ fn trunk(depth: usize, width: u16, skip: usize) -> impl Iterator<Item = TrunkLay
 
 fn models() -> Vec<(&'static str, Model)> {
     let mut plain = Model::plain(Architecture {
-        position: encoding(10),
-        direction: Some(encoding(4)),
+        position: encoding(10).into(),
+        direction: Some(encoding(4).into()),
         trunk: trunk(4, 128, 0).collect(),
         density: Some(DensityActivation::Relu),
         colour: [64].into_iter().collect(),
@@ -71,11 +71,11 @@ fn models() -> Vec<(&'static str, Model)> {
         (
             "one layer, no levels",
             with(&|m| {
-                m.architecture.position = encoding(0);
+                m.architecture.position = encoding(0).into();
                 m.architecture.trunk = trunk(1, 16, 0).collect();
             }),
         ),
-        ("L = 16", with(&|m| m.architecture.position = encoding(16))),
+        ("L = 16", with(&|m| m.architecture.position = encoding(16).into())),
     ]
 }
 

@@ -224,6 +224,7 @@ fn writing_refuses_what_opening_refuses() {
         proposal: None,
         provenance: opened.provenance().clone(),
         weights: opened.weights(),
+        tables: None,
     };
     let mut out = vec![0; blob.len()];
     assert_eq!(encoded_len(&body), Ok(blob.len()));

@@ -33,6 +33,7 @@ pub fn body<'a>(architecture: Architecture, weights: &'a [u8]) -> Body<'a> {
             trained_parameters: 0,
         },
         weights,
+        tables: None,
     }
 }
 

@@ -2,8 +2,9 @@
 
 use super::cell::{Cells, unit_positions};
 use super::{GridEncoding, GridLevel, GridTables};
-use crate::kernels::{Op, Tier, head, head_mut, put, tail_mut};
-use crate::math::lanes::Lanes;
+use crate::kernels::{Op, Tier, head, head_mut, tail_mut};
+use crate::math::gather::Indices;
+use crate::math::lanes::{Lanes, MAX_LANES};
 
 /// The corners of a block's cells at one level, in rows along x: 2 in two dimensions, 4 in three.
 ///
@@ -68,12 +69,14 @@ impl Corners<'_, '_> {
             let unit = unit_positions::<V>(self.tables, self.inputs, stride, self.x, column);
             let cells = Cells::of(self.level, unit);
             let rows = cells.rows::<ROWS>(self.level);
-            let first = self.level.first as u32;
+            let first = V::Indices::splat(self.level.first as u32);
             for (r, weights) in cells.row_weights::<ROWS>().into_iter().enumerate() {
                 weights.store(tail_mut(weight, r * stride + column));
-                let entries = head_mut(tail_mut(entry, r * stride + column), V::COUNT);
-                for (lane, &row) in rows[r].iter().enumerate().take(V::COUNT) {
-                    put(entries, lane, first.wrapping_add(row));
+                let mut entries = [0; MAX_LANES];
+                rows[r].add(first).store(&mut entries);
+                let to = head_mut(tail_mut(entry, r * stride + column), V::COUNT);
+                for (to, &entry) in to.iter_mut().zip(&entries) {
+                    *to = entry;
                 }
             }
             cells.weights[0].store(tail_mut(x, column));

@@ -1,7 +1,7 @@
 //! The encoding of a block.
 
 use super::cell::{Cells, unit_positions};
-use super::{GridEncoding, GridTables, TableValues};
+use super::{GridEncoding, GridLevel, GridTables, TableValues};
 use crate::kernels::{Op, Tier, head, head_mut, tail_mut};
 use crate::math::gather::{F16Table, F32Table, Table};
 use crate::math::lanes::Lanes;
@@ -59,28 +59,60 @@ impl<T: Table> Op for Encode<'_, T> {
 
     #[inline(always)]
     fn run<V: Lanes>(self) {
-        if self.grid.inputs == 2 { self.encode::<V, 2>() } else { self.encode::<V, 4>() }
+        match (self.grid.inputs, self.grid.features) {
+            (2, 1) => self.encode::<V, 2, 1>(),
+            (2, 2) => self.encode::<V, 2, 2>(),
+            (2, 4) => self.encode::<V, 2, 4>(),
+            (3, 1) => self.encode::<V, 4, 1>(),
+            (3, 2) => self.encode::<V, 4, 2>(),
+            (3, 4) => self.encode::<V, 4, 4>(),
+            // There are no others.
+            _ => {}
+        }
     }
 }
 
 impl<T: Table> Encode<'_, T> {
     #[inline(always)]
-    fn encode<V: Lanes, const ROWS: usize>(self) {
-        let (stride, features) = (self.stride, usize::from(self.grid.features));
+    fn encode<V: Lanes, const ROWS: usize, const FEATURES: usize>(self) {
+        let stride = self.stride;
         for column in (0..stride).step_by(V::COUNT) {
             let inputs = usize::from(self.grid.inputs);
             let unit = unit_positions::<V>(self.tables, inputs, stride, self.x, column);
-            for level in self.grid.levels() {
-                let cells = Cells::of(&level, unit);
-                let rows = cells.rows::<ROWS>(&level);
-                let table = self.table.part(level.first * features, level.entries * features);
-                let sums = V::weighted_rows(table, &rows, &cells.row_weights::<ROWS>(), features);
-                for feature in 0..features.min(4) {
-                    let (near, far) = (sums[feature], sums[features.min(4) + feature]);
-                    let value = cells.weights[0].mul_add(far.sub(near), near);
-                    value.store(tail_mut(self.out, (level.index * features + feature) * stride + column));
+            // A level's entries are found while the values of the one before are on their way.
+            let mut levels = self.grid.levels();
+            let mut next = levels.next();
+            let Some(first) = &next else { break };
+            let mut read = Read::<V, ROWS>::of(first, unit);
+            while let Some(level) = next {
+                let Read { rows, weights, far } = read;
+                next = levels.next();
+                if let Some(level) = &next {
+                    read = Read::of(level, unit);
+                }
+                let table = self.table.part(level.first * FEATURES, level.entries * FEATURES);
+                let sums = V::weighted_rows(table, &rows, &weights, FEATURES);
+                for feature in 0..FEATURES {
+                    let value = far.mul_add(sums[FEATURES + feature].sub(sums[feature]), sums[feature]);
+                    value.store(tail_mut(self.out, (level.index * FEATURES + feature) * stride + column));
                 }
             }
         }
+    }
+}
+
+/// What a vector of samples reads at one level.
+struct Read<V: Lanes, const ROWS: usize> {
+    rows: [V::Indices; ROWS],
+    weights: [V; ROWS],
+    /// Weight of the far side of x.
+    far: V,
+}
+
+impl<V: Lanes, const ROWS: usize> Read<V, ROWS> {
+    #[inline(always)]
+    fn of(level: &GridLevel, unit: [V; 3]) -> Self {
+        let cells = Cells::of(level, unit);
+        Self { rows: cells.rows(level), weights: cells.row_weights(), far: cells.weights[0] }
     }
 }

@@ -61,14 +61,23 @@ impl<T: Table> Op for Gradient<'_, T> {
 
     #[inline(always)]
     fn run<V: Lanes>(self) {
-        if self.grid.inputs == 2 { self.gradient::<V, 2>() } else { self.gradient::<V, 4>() }
+        match (self.grid.inputs, self.grid.features) {
+            (2, 1) => self.gradient::<V, 2, 1>(),
+            (2, 2) => self.gradient::<V, 2, 2>(),
+            (2, 4) => self.gradient::<V, 2, 4>(),
+            (3, 1) => self.gradient::<V, 4, 1>(),
+            (3, 2) => self.gradient::<V, 4, 2>(),
+            (3, 4) => self.gradient::<V, 4, 4>(),
+            // There are no others.
+            _ => {}
+        }
     }
 }
 
 impl<T: Table> Gradient<'_, T> {
     #[inline(always)]
-    fn gradient<V: Lanes, const ROWS: usize>(self) {
-        let (stride, features) = (self.stride, usize::from(self.grid.features));
+    fn gradient<V: Lanes, const ROWS: usize, const FEATURES: usize>(self) {
+        let (stride, features) = (self.stride, FEATURES);
         let inputs = usize::from(self.grid.inputs);
         for column in (0..stride).step_by(V::COUNT) {
             let unit = unit_positions::<V>(self.tables, inputs, stride, self.x, column);
@@ -82,8 +91,8 @@ impl<T: Table> Gradient<'_, T> {
                 let by_y = along(cells.row_weights_by_y::<ROWS>());
                 let mut of_cell = [V::splat(0.0); 3];
                 let by_z = if ROWS == 4 { along(cells.row_weights_by_z::<ROWS>()) } else { by_y };
-                for feature in 0..features.min(4) {
-                    let far = features.min(4) + feature;
+                for feature in 0..FEATURES {
+                    let far = FEATURES + feature;
                     let channel = level.index * features + feature;
                     let of = V::load(tail(self.of_encoded, channel * stride + column));
                     let at_x =

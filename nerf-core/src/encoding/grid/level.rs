@@ -2,6 +2,10 @@
 
 use super::{GridEncoding, MAX_LOG2_ENTRIES};
 
+/// What a hashed row's y and z are multiplied by: Müller et al.'s second and third prime.
+pub(super) const HASH_Y: u32 = 2_654_435_761;
+pub(super) const HASH_Z: u32 = 805_459_861;
+
 /// One level of a [`GridEncoding`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct GridLevel {
@@ -38,7 +42,7 @@ impl GridLevel {
 
 #[inline(always)]
 fn hash(y: u32, z: u32) -> u32 {
-    let h = y.wrapping_mul(2_654_435_761) ^ z.wrapping_mul(805_459_861);
+    let h = y.wrapping_mul(HASH_Y) ^ z.wrapping_mul(HASH_Z);
     h ^ h >> 15
 }
 

@@ -60,12 +60,11 @@ impl Outcome<'_> {
         for layer in self.network.model.layers() {
             outln!("layer        {}", describe(&layer));
         }
-        outln!("position     {}", a.position.sinusoidal().map_or_else(String::new, |e| encoding(e, s)));
-        match &a.direction {
-            Some(direction) => outln!(
-                "direction    {}",
-                direction.sinusoidal().map_or_else(String::new, |e| encoding(e, s))
-            ),
+        if let Some(position) = a.position.sinusoidal() {
+            outln!("position     {}", encoding(position, s));
+        }
+        match a.direction.as_ref().and_then(|direction| direction.sinusoidal()) {
+            Some(direction) => outln!("direction    {}", encoding(direction, s)),
             None => outln!("direction    none: colour does not depend on it"),
         }
         outln!("taken as     density {}, background {}", name(s.density), background_name(s.background));
@@ -141,7 +140,10 @@ impl Outcome<'_> {
             .integer("trunk_layers", a.trunk.len() as u64)
             .integer("trunk_width", a.trunk_width() as u64)
             .integer("position_levels", a.position.sinusoidal().map_or(0, |e| u64::from(e.levels)))
-            .integer("direction_levels", a.direction.as_ref().and_then(|d| d.sinusoidal()).map_or(0, |e| u64::from(e.levels)))
+            .integer(
+                "direction_levels",
+                a.direction.and_then(|d| d.sinusoidal().copied()).map_or(0, |e| u64::from(e.levels)),
+            )
             .flag("view_dependent", self.architecture.direction.is_some())
             .text("angle_scale", name(s.angle))
             .text("order", name(s.order))
