@@ -262,19 +262,6 @@ pub fn ensure_folder(path: impl AsRef<Path>) -> Result<(), OutputError> {
     probe().map_err(|e| OutputError::new(Attempt::ProbeFolder, path, e))
 }
 
-/// Creates the folder of `path`, tries it out, and makes sure that no folder has the file's name.
-///
-/// # Errors
-/// As [`ensure_folder`]; [`Attempt::Create`] where `path` is a folder.
-pub fn ensure_file(path: impl AsRef<Path>) -> Result<(), OutputError> {
-    let path = path.as_ref();
-    if path.is_dir() {
-        let source = io::Error::new(io::ErrorKind::IsADirectory, "it is a folder");
-        return Err(OutputError::new(Attempt::Create, path, source));
-    }
-    ensure_folder(folder_of(path))
-}
-
 /// The folder a file lies in; "." for a bare name.
 fn folder_of(path: &Path) -> &Path {
     match path.parent() {

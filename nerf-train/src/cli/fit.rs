@@ -2,7 +2,7 @@
 
 use super::audit::check_threshold;
 use super::common::{
-    DataOptions, Global, check_checkpoint_every, check_max_seconds, parse_numbers, print_report, tell,
+    DataOptions, Global, check_checkpoint_every, check_max_seconds, parse_numbers, print_report,
 };
 use super::outcome;
 use super::places;
@@ -310,8 +310,8 @@ impl Fit {
         let outcome = match run_since(clock, &dataset, config.clone(), &options, &stop)? {
             Ended::Finished(outcome) => outcome,
             Ended::Interrupted { step, checkpoint } => {
-                tell(&interrupted(step, checkpoint.as_ref()));
-                return Ok(ExitCode::from(130));
+                global.interrupted(&interrupted(step, checkpoint.as_ref()));
+                return Ok(stop::status());
             }
         };
         crate::output::write_atomic(&self.output, &outcome.bytes)?;

@@ -12,6 +12,7 @@ use crate::report::progress::{Message, Progress, ProgressStyle};
 use crate::stop::{Claim, Cover};
 use crate::train::CurvePoint;
 use crate::train::average::Average;
+use crate::train::pace::VALIDATION_SHARE;
 use crate::train::schedule::{Budget, Clock, learning_rate};
 use nerf_core::blob::{Blob, BlobError, Content, PictureFacts, Provenance};
 use nerf_core::kernels::{Line, Tier};
@@ -146,6 +147,18 @@ impl<'p> FieldTrainer<'p> {
             },
         })?)
     }
+
+    /// Seconds that rendering the whole picture is expected to take, asked of a smaller one.
+    fn look_seconds(&self) -> Result<f64, FieldError> {
+        const SMALLER: u32 = 8;
+        let size = self.photo.size();
+        let small = size.map(|side| side.div_ceil(SMALLER));
+        let bytes = self.export(None)?.bytes;
+        let begun = Instant::now();
+        render_blob(&bytes, self.tier, small)?;
+        let pixels = |size: [u32; 2]| f64::from(size[0]) * f64::from(size[1]);
+        Ok(begun.elapsed().as_secs_f64() * pixels(size) / pixels(small))
+    }
 }
 
 /// Renders a blob's picture at a size.
@@ -176,7 +189,7 @@ pub struct RunOptions {
     pub output: Option<PathBuf>,
     /// Steps at which [`run`] shows the picture, besides its own looks.
     pub snapshots: Vec<u32>,
-    /// Steps between looks; a tenth of the budget if absent.
+    /// Steps between looks; a tenth of the budget if absent. With a limit in seconds they take at most a tenth of it.
     pub look_every: Option<u32>,
     /// Kernel tier.
     pub tier: Tier,
@@ -222,6 +235,32 @@ pub enum Ended {
 
 /// A step that takes longer than this is not waited for: a signal writes the blob from before it.
 const LONG_STEP: Duration = Duration::from_millis(300);
+
+/// What looks at the whole picture take, and may take of a limit in seconds.
+#[derive(Clone, Copy, Debug, Default)]
+struct LookTime {
+    /// Seconds of one, once that is known.
+    look: Option<f64>,
+    /// Seconds of all so far.
+    looked: f64,
+}
+
+impl LookTime {
+    fn took(&mut self, seconds: f64) {
+        self.look = Some(seconds);
+        self.looked += seconds;
+    }
+
+    /// Whether a look at `now` keeps all of them within their share.
+    fn affords(&self, now: f64) -> bool {
+        self.look.is_some_and(|look| self.looked + look <= VALIDATION_SHARE * now)
+    }
+
+    /// Seconds to keep for the last look, and for files.
+    fn reserve(&self, budget: &Budget) -> f64 {
+        budget.seconds.map_or(0.0, |seconds| (1.2 * self.look.unwrap_or(0.0) + 0.5).min(0.5 * seconds))
+    }
+}
 
 /// What keeps a run's blob from being lost to a signal.
 struct Keeper<'o> {
@@ -281,7 +320,8 @@ pub fn run(
     let budget = options.budget;
     let mut progress = Progress::new("fit", budget.total(), options.style);
     let mut curve: Vec<CurvePoint> = Vec::new();
-    let (mut last_look, mut reserve, mut whole) = (0.0, 0.0, None);
+    let (mut last_look, mut whole) = (0.0, None);
+    let mut time = LookTime::default();
     let mut last_step = Duration::ZERO;
     let started = clock.seconds();
     // Looks at the whole picture as the run stands; its PSNR, dB.
@@ -296,17 +336,20 @@ pub fn run(
     };
     loop {
         let step = trainer.steps();
-        let share = budget.share(step, clock.seconds(), reserve);
+        if budget.seconds.is_some() && time.look.is_none() && step > 0 {
+            time.look = Some(trainer.look_seconds()?);
+        }
+        let share = budget.share(step, clock.seconds() + last_step.as_secs_f64(), time.reserve(&budget));
         let due = match options.look_every {
             Some(every) => step > 0 && step.is_multiple_of(every.max(1)),
             None => share - last_look >= 1.0 / LOOKS,
-        };
+        } && (budget.seconds.is_none() || time.affords(clock.seconds()));
         let done = share >= 1.0;
         if !done && (due || options.snapshots.contains(&step)) {
             last_look = share;
             let before = clock.seconds();
             whole = Some(look(&trainer, &keeper)?.1);
-            reserve = 2.0 * (clock.seconds() - before);
+            time.took(clock.seconds() - before);
             curve.push(point(&trainer, clock, whole));
         } else if step > 0 && step.is_multiple_of(20) {
             curve.push(point(&trainer, clock, None));

@@ -1,10 +1,8 @@
 //! Whether the scene calls for view dependence, or would look the same without it.
 
 use super::candidate::{About, Candidate};
-use super::pace::lattice_of;
 use super::run::{RunError, Session, spread};
-use super::validation::{ASKED_VIEWS, pixels_of};
-use crate::dataset::View;
+use super::validation::ASKED_VIEWS;
 use crate::eval::Scores;
 use crate::report::metrics::gain_db;
 use crate::study::{Verdict, flattened};
@@ -12,8 +10,6 @@ use nerf_core::plan::Quality;
 
 /// Training views whose directions are averaged over.
 const RAY_VIEWS: usize = 50;
-/// Rays of each of them, about.
-const RAYS_A_VIEW: f64 = 40_000.0;
 
 /// What view dependence was found to be worth.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -35,10 +31,7 @@ impl Session<'_, '_> {
     ) -> Result<Option<ViewDependence>, RunError> {
         let Some(threshold_db) = self.options.effect_threshold_db else { return Ok(None) };
         let views = spread(&self.dataset.train, ASKED_VIEWS);
-        let rays: Vec<_> = spread(&self.dataset.train, RAY_VIEWS);
-        let (_, largest) = pixels_of(rays.iter().copied());
-        let rays: Vec<_> = rays.iter().map(|view| view.thinned(lattice_of(largest, RAYS_A_VIEW))).collect();
-        let rays: Vec<&View> = rays.iter().map(|view| &**view).collect();
+        let rays = spread(&self.dataset.train, RAY_VIEWS);
         let with = &self.trainer.model.architecture;
         let Some((architecture, parameters)) = flattened(with, &candidate.parameters, &rays) else {
             return Ok(None);

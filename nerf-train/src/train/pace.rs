@@ -18,7 +18,7 @@ const WRITING: [f64; 2] = [0.2, 1.2];
 /// Pixels of a view that is measured on the way, where there is no limit or more time than that takes.
 const PIXELS_A_VIEW: u64 = 40_000;
 /// Pixels of a view that a price is asked of.
-const PROBED_PIXELS: u64 = 400;
+const PROBED_PIXELS: u64 = 100;
 /// Estimates are of work done before; the next may take a little longer.
 const MARGIN: f64 = 1.15;
 

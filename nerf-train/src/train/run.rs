@@ -309,7 +309,7 @@ impl Session<'_, '_> {
 pub fn interrupted(step: u32, checkpoint: Option<&PathBuf>) -> String {
     match checkpoint {
         Some(path) => format!(
-            "interrupted after step {step}; the checkpoint is {}\ngo on with the same command and --resume",
+            "interrupted after step {step}; the checkpoint is {}: go on with the same command and --resume",
             path.display()
         ),
         None => format!("interrupted after step {step}"),

@@ -66,6 +66,15 @@ fn command<S: AsRef<std::ffi::OsStr>>(args: impl IntoIterator<Item = S>) -> Comm
     command
 }
 
+/// As [`command`], with signals as a terminal has them: whoever runs the tests in the background may have them
+/// ignored, which programs inherit.
+fn interruptible<S: AsRef<std::ffi::OsStr>>(args: impl IntoIterator<Item = S>) -> Command {
+    let mut command = Command::new("env");
+    command.args(["--default-signal=INT,TERM,HUP", env!("CARGO_BIN_EXE_nerf-train")]).args(args);
+    command.stdin(Stdio::null()).env_remove("NERF_KERNEL").env_remove("NERF_FFMPEG");
+    command
+}
+
 /// Runs a command to its end; none may panic.
 fn ran(command: &mut Command) -> Ran {
     let output = command.output().expect("the command starts");

@@ -4,7 +4,7 @@
 use crate::checkpoint::Shape;
 use crate::made::{Folder, scene};
 use crate::stopping::{Running, wait_for};
-use crate::{blob, command, fit, ok};
+use crate::{blob, fit, interruptible, ok};
 use nerf_core::blob::Blob;
 use nerf_core::sampling::{Purpose, uniform};
 use nerf_train::demo_scene::{self, DemoSpec};
@@ -42,7 +42,7 @@ impl Inputs {
         image::ImageBuffer::from_fn(900, 600, pixel).save(&photo).expect("a picture");
         let checkpoint = folder.path("network.npz");
         Shape::small().checkpoint(1).npz(Path::new(&checkpoint), "<f4");
-        let fifo = folder.path("fifo.npz");
+        let fifo = folder.path("fifo.json");
         assert!(Command::new("mkfifo").arg(&fifo).status().expect("mkfifo").success());
         let data = folder.npz_of("data.npz", &scene(), |_| {});
         Self { data, large, photo, blob: blob().1.clone(), checkpoint, fifo, folder }
@@ -184,7 +184,7 @@ struct Answer {
 
 /// Starts a command, sends it a signal after a while, and waits for its end.
 fn signalled(args: &[String], wait: Duration, signal: &str) -> Answer {
-    let mut running = Running::of(&mut command(args));
+    let mut running = Running::of(&mut interruptible(args));
     std::thread::sleep(wait);
     let sent = Instant::now();
     running.signal(signal);

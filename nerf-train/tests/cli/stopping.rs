@@ -1,7 +1,7 @@
 //! Ctrl-C, kill −9 and going on; signals at any moment of any command are in `signals.rs`.
 
 use crate::made::{Folder, scene};
-use crate::{command, fails, fit, ok};
+use crate::{fails, fit, interruptible, ok};
 use nerf_core::sampling::{Purpose, uniform};
 use nerf_train::train::checkpoint::Checkpoint;
 use std::path::Path;
@@ -13,7 +13,7 @@ pub struct Running(Option<Child>);
 
 impl Running {
     pub fn start(args: &[&str]) -> Self {
-        Self::of(&mut command(args))
+        Self::of(&mut interruptible(args))
     }
 
     pub fn of(command: &mut Command) -> Self {
