@@ -4,7 +4,7 @@
 //! | --- | --- | --- |
 //! | position, direction | [`SinusoidalEncoding`] | sines and cosines of each coordinate |
 //! | position | [`GridEncoding`] (feature `grid`) | interpolated entries of tables that were learned |
-//! | direction | [`DirectionEncoding::SphericalHarmonics`] | the first `degree²` real spherical harmonics |
+//! | direction | [`DirectionEncoding::SphericalHarmonics`] (feature `grid`) | the first `degree²` real spherical harmonics |
 
 #[cfg(feature = "grid")]
 mod grid;
@@ -12,6 +12,10 @@ mod grid;
 #[path = "grid_off.rs"]
 mod grid;
 mod sinusoidal;
+#[cfg(feature = "grid")]
+mod spherical_harmonics;
+#[cfg(not(feature = "grid"))]
+#[path = "spherical_harmonics_off.rs"]
 mod spherical_harmonics;
 
 #[cfg(all(feature = "grid", feature = "train"))]
@@ -25,7 +29,12 @@ pub use grid::{
 #[cfg(feature = "normals")]
 pub(crate) use sinusoidal::encode_gradient_block;
 pub use sinusoidal::{AngleScale, MAX_LEVELS, SinusoidalEncoding, encode_block};
-pub use spherical_harmonics::{MAX_HARMONICS_DEGREE, encode_harmonics_block};
+pub(crate) use spherical_harmonics::BUILT as HARMONICS_BUILT;
+pub use spherical_harmonics::MAX_HARMONICS_DEGREE;
+#[cfg(not(feature = "grid"))]
+pub(crate) use spherical_harmonics::encode_harmonics_block;
+#[cfg(feature = "grid")]
+pub use spherical_harmonics::encode_harmonics_block;
 
 use serde::{Deserialize, Serialize};
 
@@ -84,7 +93,7 @@ impl From<SinusoidalEncoding> for PositionEncoding {
 pub enum DirectionEncoding {
     /// Sines and cosines.
     Sinusoidal(SinusoidalEncoding),
-    /// Real spherical harmonics, see [`encode_harmonics_block`].
+    /// Real spherical harmonics. Without the feature `grid` no network has them.
     SphericalHarmonics {
         /// Bands, 1 to [`MAX_HARMONICS_DEGREE`]; they have `degree²` functions together.
         degree: u8,

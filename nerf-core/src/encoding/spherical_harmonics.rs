@@ -6,6 +6,9 @@ use crate::math::lanes::Lanes;
 #[cfg(test)]
 mod tests;
 
+/// Whether this build has spherical harmonics.
+pub(crate) const BUILT: bool = true;
+
 /// Most bands of spherical harmonics.
 pub const MAX_HARMONICS_DEGREE: u8 = 4;
 

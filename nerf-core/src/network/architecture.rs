@@ -1,7 +1,8 @@
 //! What a network consists of, and where each layer's parameters lie.
 
 use crate::encoding::{
-    DirectionEncoding, MAX_HARMONICS_DEGREE, MAX_LEVELS, PositionEncoding, SinusoidalEncoding,
+    DirectionEncoding, HARMONICS_BUILT, MAX_HARMONICS_DEGREE, MAX_LEVELS, PositionEncoding,
+    SinusoidalEncoding,
 };
 use serde::{Deserialize, Serialize};
 
@@ -124,6 +125,9 @@ impl Architecture {
                 DirectionEncoding::Sinusoidal(encoding) => {
                     check_inputs("direction", encoding.inputs, 3)?;
                     check_levels("direction", encoding)?;
+                }
+                DirectionEncoding::SphericalHarmonics { .. } if !HARMONICS_BUILT => {
+                    return Err(E::HarmonicsNotBuilt);
                 }
                 DirectionEncoding::SphericalHarmonics { degree } => {
                     if !(1..=MAX_HARMONICS_DEGREE).contains(degree) {
@@ -301,6 +305,8 @@ pub enum ArchitectureError {
         /// What was given.
         found: u8,
     },
+    /// Spherical harmonics in a build without the feature `grid`.
+    HarmonicsNotBuilt,
     /// A direction branch in a network that has no density head (a 2D field).
     DirectionWithoutDensity,
     /// The trunk has no layer.
@@ -352,6 +358,10 @@ impl core::fmt::Display for ArchitectureError {
                 f,
                 "direction encoding: expected spherical harmonics of degree 1 to {MAX_HARMONICS_DEGREE}, \
                  found {found}"
+            ),
+            Self::HarmonicsNotBuilt => write!(
+                f,
+                "direction encoding: expected a build with the feature `grid` for spherical harmonics, found one without"
             ),
             Self::DirectionWithoutDensity => {
                 write!(f, "direction encoding: expected none in a 2D field, found one")

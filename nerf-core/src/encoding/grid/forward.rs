@@ -16,8 +16,8 @@ use crate::math::lanes::Lanes;
 /// same bits. Which cell a sample falls into is the same on every tier.
 ///
 /// # Accuracy
-/// Against the same sum in f64: `cells · 2^-23` of the largest difference between neighbouring entries, which
-/// is what rounding moves a position by, and `2^-21` of the largest entry.
+/// Against the same sum in f64: `2^-24 (n (6 cells + 6) + 12)` of the largest entry around a sample, with n axes,
+/// which is what rounding the position and the sum can do.
 ///
 /// # Panics
 /// With debug assertions, if a slice is shorter than that. Of tables that are too short, entries that are not

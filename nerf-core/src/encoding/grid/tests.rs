@@ -82,7 +82,7 @@ fn vertices(grid: &GridEncoding, level: usize, bounds: &SceneBox, x: &[f32]) -> 
             let entry = if count <= most {
                 (v[2] * u64::from(cells[1] + 1) + v[1]) * u64::from(cells[0] + 1) + v[0]
             } else {
-                let h = (v[1] * 2_654_435_761 & 0xffff_ffff) ^ (v[2] * 805_459_861 & 0xffff_ffff);
+                let h = ((v[1] * 2_654_435_761) & 0xffff_ffff) ^ ((v[2] * 805_459_861) & 0xffff_ffff);
                 ((h ^ h >> 15) & (most - 1)) + v[0]
             };
             (entry as usize, weight)
@@ -168,7 +168,7 @@ fn hard_points(grid: &GridEncoding, bounds: &SceneBox) -> Vec<f32> {
             }
         }
     }
-    while points.len() % 64 != 0 {
+    while !points.len().is_multiple_of(64) {
         points.push(points[0].clone());
     }
     (0..inputs).flat_map(|axis| points.iter().map(move |p| p[axis]).collect::<Vec<_>>()).collect()
@@ -378,7 +378,7 @@ fn a_level_that_just_fits_is_dense_and_one_more_vertex_is_hashed() {
     assert_eq!((grid.entries(), grid.values()), (196, 196));
     // Written out by hand from the specification.
     let row = |y: u64, z: u64| {
-        let h = (y * 2_654_435_761 & 0xffff_ffff) ^ (z * 805_459_861 & 0xffff_ffff);
+        let h = ((y * 2_654_435_761) & 0xffff_ffff) ^ ((z * 805_459_861) & 0xffff_ffff);
         ((h ^ h >> 15) & 63) as u32
     };
     for (y, z) in [(0, 0), (1, 0), (0, 1), (3, 3), (16_384, 16_384)] {
