@@ -167,6 +167,11 @@ impl Occupancy {
         self.live.grid()
     }
 
+    /// The cells that may hold something.
+    pub(crate) fn live(&self) -> &LiveCells {
+        &self.live
+    }
+
     /// What a blob keeps of it.
     pub fn into_live(self) -> LiveCells {
         self.live

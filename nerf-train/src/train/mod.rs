@@ -125,6 +125,8 @@ pub struct Trainer<'d> {
     tier: Tier,
     bounds: Bounds,
     bank: RayBank<'d>,
+    /// Width of the steps that rays are marched in; none where they are cut into bins between near and far.
+    step_width: Option<f32>,
     engine: Box<dyn Engine>,
     occupancy: Option<Occupancy>,
     average: Average,
@@ -148,8 +150,10 @@ impl<'d> Trainer<'d> {
         let extent = bounds.scene_box.max - bounds.scene_box.min;
         let model = config.model_of(extent);
         let mut config = config;
+        let mut step_width = None;
         if config.network.grid.is_some() {
             config.sampling.samples = bins_across(&bounds, config.sampling.steps_across);
+            step_width = Some(extent.max_element() / f32::from(config.sampling.steps_across));
         }
         let bank = RayBank::new(&dataset.train, dataset.background, bounds, &config)?;
         let engine = new_engine(&model, &bounds, &config, tier, config.seed)?;
@@ -160,6 +164,7 @@ impl<'d> Trainer<'d> {
             tier,
             bounds,
             bank,
+            step_width,
             engine,
             occupancy,
             batch: Batch::default(),
@@ -309,7 +314,11 @@ impl<'d> Trainer<'d> {
         } else {
             s.rays
         };
-        self.bank.fill(&mut self.batch, step, rays, limit, grid.as_ref());
+        if let (Some(width), Some(occupancy)) = (self.step_width, &self.occupancy) {
+            self.bank.fill_marched(self.tier, &mut self.batch, step, rays, occupancy.live(), width);
+        } else {
+            self.bank.fill(&mut self.batch, step, rays, limit, grid.as_ref());
+        }
         if !counted_after {
             let now = self.batch.positions.len() as f64 / self.batch.rays.len().max(1) as f64;
             p.live_per_ray = if p.live_per_ray == 0.0 { now } else { 0.9 * p.live_per_ray + 0.1 * now };
@@ -338,7 +347,8 @@ impl<'d> Trainer<'d> {
     /// sigma that keeps a cell, 1/world unit.
     fn threshold(&self) -> f32 {
         let bins = f32::from(self.config.sampling.samples);
-        self.config.grid.threshold * bins / (self.bounds.far - self.bounds.near)
+        let width = self.step_width.unwrap_or((self.bounds.far - self.bounds.near) / bins);
+        self.config.grid.threshold / width
     }
 
     /// Starts anew with another seed: a known failure of ReLU densities, and its known cure.

@@ -30,10 +30,11 @@ use layers::{LayerSums, Layers};
 use nerf_core::encoding::{GridEncoding, GridTables, TableValues};
 use nerf_core::kernels::Tier;
 use nerf_core::ray::SceneBox;
-use pass::{Job, Pass, Totals};
+use pass::{Job, Pass, Scratch, Totals};
 use rayon::prelude::*;
 use scatter::LevelGradient;
 use std::borrow::Cow;
+use std::sync::{Mutex, PoisonError};
 
 /// Accumulators, hence threads that a step can use before the tables.
 const ACCUMULATORS: usize = 16;
@@ -54,6 +55,7 @@ pub struct GridEngine {
     moment2: Vec<f32>,
     layers: Layers,
     passes: Vec<Pass>,
+    scratch: Vec<Mutex<Scratch>>,
     levels: Vec<LevelGradient>,
     gradient: Vec<f32>,
 }
@@ -79,6 +81,7 @@ impl GridEngine {
             moment1: vec![0.0; parameters.len()],
             moment2: vec![0.0; parameters.len()],
             passes: (0..ACCUMULATORS).map(|_| Pass::new(&layers)).collect(),
+            scratch: Vec::new(),
             levels: grid.levels().map(|level| LevelGradient::new(&grid, level)).collect(),
             gradient: vec![0.0; layers.parameters()],
             grid,
@@ -104,11 +107,18 @@ impl GridEngine {
             firsts.push(first);
             first += chunk.iter().map(|ray| ray.samples as usize).sum::<usize>();
         }
+        let threads = rayon::current_num_threads().max(1);
+        let layers = &self.layers;
+        self.scratch.resize_with(threads, || Mutex::new(Scratch::new(layers)));
+        let scratch = &self.scratch;
         self.passes.par_iter_mut().with_max_len(1).enumerate().for_each(|(i, pass)| {
+            // Each thread has its own: nobody waits for the lock.
+            let own = rayon::current_thread_index().unwrap_or(0) % threads;
+            let mut scratch = scratch[own].lock().unwrap_or_else(PoisonError::into_inner);
             pass.clear();
             for (chunk, &first) in firsts.iter().enumerate().skip(i).step_by(ACCUMULATORS) {
                 let rays = chunk * CHUNK_RAYS..batch.rays.len().min((chunk + 1) * CHUNK_RAYS);
-                pass.run(&job, batch, rays, first);
+                scratch.run(&job, batch, rays, first, pass);
             }
         });
         let totals = self.passes.iter().fold(Totals::default(), |sum, pass| sum + pass.totals);

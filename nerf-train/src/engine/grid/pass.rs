@@ -66,12 +66,17 @@ struct RayState {
     left: f32,
 }
 
-/// An accumulator with the buffers of its current chunk; all are reused from step to step.
+/// What an accumulator adds up.
 #[derive(Default)]
 pub(super) struct Pass {
     pub totals: Totals,
     pub sums: LayerSums,
     pub kept: Kept,
+}
+
+/// A thread's buffers for the chunk under way; all are reused from step to step.
+#[derive(Default)]
+pub(super) struct Scratch {
     rays: Vec<RayState>,
     alive: Vec<usize>,
     /// For each sample of the chunk, in the batch's order, its row among those evaluated.
@@ -114,8 +119,20 @@ fn grow(buffer: &mut Vec<f32>, length: usize) {
 
 impl Pass {
     pub fn new(layers: &Layers) -> Self {
+        Self { sums: LayerSums::new(layers), ..Self::default() }
+    }
+
+    /// Forgets sums, totals and kept samples.
+    pub fn clear(&mut self) {
+        self.totals = Totals::default();
+        pass.sums.clear();
+        pass.kept.clear();
+    }
+}
+
+impl Scratch {
+    pub fn new(layers: &Layers) -> Self {
         Self {
-            sums: LayerSums::new(layers),
             hidden: vec![Vec::new(); layers.trunk.len()],
             kept_hidden: vec![Vec::new(); layers.trunk.len()],
             coloured: vec![Vec::new(); layers.colour.len()],
@@ -123,26 +140,19 @@ impl Pass {
         }
     }
 
-    /// Forgets sums, totals and kept samples.
-    pub fn clear(&mut self) {
-        self.totals = Totals::default();
-        self.sums.clear();
-        self.kept.clear();
-    }
-
     /// Adds the loss and gradients of `rays`, whose first sample is `first`.
-    pub fn run(&mut self, job: &Job<'_>, batch: &Batch, rays: Range<usize>, first: usize) {
+    pub fn run(&mut self, job: &Job<'_>, batch: &Batch, rays: Range<usize>, first: usize, pass: &mut Pass) {
         let evaluated = self.evaluate(job, batch, rays.clone(), first);
-        self.totals.evaluated += evaluated;
+        pass.totals.evaluated += evaluated;
         self.keep(job, evaluated, first);
         let kept = self.kept_row.len();
-        self.totals.kept += kept;
+        pass.totals.kept += kept;
         if kept > 0 {
             self.colour(job, batch, rays.clone());
         }
-        self.loss(batch, rays);
+        pass.totals.squared += self.loss(batch, rays);
         if kept > 0 {
-            self.backward(job, batch);
+            self.backward(job, batch, pass);
         }
     }
 
@@ -333,8 +343,9 @@ impl Pass {
         extra.forward(job.tier, count, &self.dir_rows, width, &mut self.shares, Init::Zero, false);
     }
 
-    /// Pixels and their loss; the gradients of colours before their sigmoid in `upper`, of raw densities in `d_raw`.
-    fn loss(&mut self, batch: &Batch, rays: Range<usize>) {
+    /// Sum of the pixels' squared errors; the gradients of colours before their sigmoid in `upper`, of raw densities in `d_raw`.
+    fn loss(&mut self, batch: &Batch, rays: Range<usize>) -> f64 {
+        let mut squared = 0.0;
         let kept = self.kept_row.len();
         grow(&mut self.upper, padded(kept) * VECTOR);
         self.upper[..kept * VECTOR].fill(0.0);
@@ -352,7 +363,7 @@ impl Pass {
                 }
             }
             let error: [f32; 3] = std::array::from_fn(|k| seen[k] - ray.rgb[k]);
-            self.totals.squared += error.iter().map(|&e| f64::from(e) * f64::from(e)).sum::<f64>();
+            squared += error.iter().map(|&e| f64::from(e) * f64::from(e)).sum::<f64>();
             let gradient = error.map(|e| scale * e);
             let mut behind = ray.background.map(|c| c * state.left);
             for i in range.rev() {
@@ -370,10 +381,11 @@ impl Pass {
                 self.d_raw[i * VECTOR] = slope * self.deltas[row] * of_depth;
             }
         }
+        squared
     }
 
     /// From `upper` and `d_raw` to the layers' sums and the tables' samples.
-    fn backward(&mut self, job: &Job<'_>, batch: &Batch) {
+    fn backward(&mut self, job: &Job<'_>, batch: &Batch, pass: &mut Pass) {
         let (tier, kept) = (job.tier, self.kept_row.len());
         let (trunk, layers) = (job.layers.trunk.len(), job.layers);
         let h = &self.kept_hidden[trunk - 1];
@@ -381,7 +393,7 @@ impl Pass {
             let at = trunk + 1 + l;
             let x = if l == 0 { h } else { &self.coloured[l - 1] };
             let x_row = padded(layer.main.inputs);
-            layer.main.add_gradient(tier, kept, x, x_row, &self.upper, &mut self.sums.main[at]);
+            layer.main.add_gradient(tier, kept, x, x_row, &self.upper, &mut pass.sums.main[at]);
             if let Some(extra) = &layer.extra {
                 // A ray's samples have its direction: their gradients are summed first.
                 let across = padded(extra.outputs);
@@ -392,7 +404,7 @@ impl Pass {
                     share.iter_mut().zip(row).for_each(|(share, row)| *share += row);
                 }
                 let width = padded(extra.inputs);
-                extra.add_gradient(tier, rays, &self.dir_rows, width, &self.shares, &mut self.sums.extra[at]);
+                extra.add_gradient(tier, rays, &self.dir_rows, width, &self.shares, &mut pass.sums.extra[at]);
             }
             grow(&mut self.lower, padded(kept) * x_row);
             layer.main.backward(tier, kept, &self.upper, &mut self.lower, Init::Zero);
@@ -403,7 +415,7 @@ impl Pass {
         }
         let density = &layers.density.main;
         let across = padded(density.inputs);
-        density.add_gradient(tier, kept, h, across, &self.d_raw, &mut self.sums.main[trunk]);
+        density.add_gradient(tier, kept, h, across, &self.d_raw, &mut pass.sums.main[trunk]);
         density.backward(tier, kept, &self.d_raw, &mut self.upper, Init::Accumulate);
         for (l, layer) in layers.trunk.iter().enumerate().rev() {
             let across = padded(layer.main.outputs);
@@ -412,16 +424,16 @@ impl Pass {
                 0 => (&self.kept_encoded, padded(layer.main.inputs)),
                 _ => (&self.kept_hidden[l - 1], padded(layer.main.inputs)),
             };
-            layer.main.add_gradient(tier, kept, x, x_row, &self.upper, &mut self.sums.main[l]);
+            layer.main.add_gradient(tier, kept, x, x_row, &self.upper, &mut pass.sums.main[l]);
             grow(&mut self.lower, padded(kept) * x_row);
             layer.main.backward(tier, kept, &self.upper, &mut self.lower, Init::Zero);
             std::mem::swap(&mut self.upper, &mut self.lower);
         }
-        self.kept.width = padded(job.grid.outputs());
-        self.kept.gradients.extend_from_slice(&self.upper[..kept * self.kept.width]);
+        pass.kept.width = padded(job.grid.outputs());
+        pass.kept.gradients.extend_from_slice(&self.upper[..kept * pass.kept.width]);
         for &row in &self.kept_row {
             let position = batch.positions[self.index_of[row as usize] as usize];
-            for (positions, x) in self.kept.positions.iter_mut().zip(position) {
+            for (positions, x) in pass.kept.positions.iter_mut().zip(position) {
                 positions.push(x);
             }
         }
