@@ -84,7 +84,7 @@
 //!
 //! ```
 //! use glam::Vec3;
-//! use nerf_core::blob::{self, Body, Content, Provenance, SceneFacts};
+//! use nerf_core::blob::{self, Body, Content, Provenance, SceneFacts, SceneSampling};
 //! use nerf_core::encoding::{AngleScale, SinusoidalEncoding};
 //! use nerf_core::network::{Architecture, DensityActivation, TrunkLayer};
 //! use nerf_core::{
@@ -114,7 +114,7 @@
 //!         max: [1.0; 3],
 //!         near: 2.0,
 //!         far: 6.0,
-//!         samples: 64,
+//!         sampling: SceneSampling::Bins(64),
 //!         background: [1.0; 3],
 //!         grid_required: false,
 //!     }),

@@ -2,7 +2,7 @@
 
 extern crate std;
 
-use crate::blob::{self, Body, Content, Front, Grid, PictureFacts, Provenance, SceneFacts};
+use crate::blob::{self, Body, Content, Front, Grid, PictureFacts, Provenance, SceneFacts, SceneSampling};
 use crate::encoding::{AngleScale, PositionEncoding, SinusoidalEncoding};
 use crate::kernels::Tier;
 use crate::network::{Architecture, DensityActivation, TrunkLayer};
@@ -101,7 +101,7 @@ pub const SCENE: SceneFacts = SceneFacts {
     max: [1.0; 3],
     near: 2.0,
     far: 6.0,
-    samples: 32,
+    sampling: SceneSampling::Bins(32),
     background: [0.25, 0.5, 1.0],
     grid_required: false,
 };

@@ -121,7 +121,8 @@ pub fn measure<'v>(
 ) -> Result<Scores, EvalError> {
     let blob = Blob::open(blob)?;
     let plan = Plan::new(&blob, quality, Outputs::ALL, Batch::for_tier(tier))?;
-    let plan = plan.with_background(background)?;
+    // Of the bins that the network was trained on: a figure is theirs.
+    let plan = plan.with_background(background)?.with_own_bins();
     let mut memory = vec![Line::UNINIT; Renderer::prepared_lines(&blob, tier)];
     let renderer = match parameters {
         Some(parameters) => {

@@ -2,7 +2,7 @@
 
 use nerf_core::blob::{
     Blob, Body, Content, Front, FrontPoint, Grid, PictureFacts, Proposal, Provenance, SceneFacts,
-    StoredTables, TableStorage, encoded_len, write,
+    SceneSampling, StoredTables, TableStorage, encoded_len, write,
 };
 use nerf_core::camera::{Camera, Intrinsics, Pose};
 use nerf_core::encoding::{
@@ -157,7 +157,10 @@ impl Recipe {
             max: [1.0, 1.0, 1.5],
             near: 2.0,
             far: 6.0,
-            samples: 48,
+            sampling: match self.features {
+                0 => SceneSampling::Bins(48),
+                _ => SceneSampling::March(0.08),
+            },
             background: [1.0, 0.5, 0.25],
             grid_required: self.grid_required,
         })

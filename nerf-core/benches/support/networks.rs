@@ -2,7 +2,7 @@
 //! weights; a culled frame's depends on the grid.
 
 use super::noise;
-use nerf_core::blob::{self, Body, Content, FrontPoint, Grid, Provenance, SceneFacts};
+use nerf_core::blob::{self, Body, Content, FrontPoint, Grid, Provenance, SceneFacts, SceneSampling};
 use nerf_core::encoding::{AngleScale, SinusoidalEncoding};
 use nerf_core::network::{Architecture, DensityActivation, Scratch, TrunkLayer};
 use nerf_core::{Camera, Intrinsics, Lens, Pose};
@@ -64,7 +64,7 @@ pub fn file() -> Vec<u8> {
             max: [6.0; 3],
             near: 2.0,
             far: 6.0,
-            samples: 64,
+            sampling: SceneSampling::Bins(64),
             background: [0.0; 3],
             grid_required: false,
         }),

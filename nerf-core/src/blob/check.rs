@@ -4,6 +4,7 @@
 use super::body::TableStorage;
 use super::body::{
     Body, Content, Grid, MAX_GRID_SIDE, MAX_PICTURE_SIDE, MAX_SAMPLES, MAX_TEXT, PictureFacts, SceneFacts,
+    SceneSampling, steps,
 };
 use super::error::{BlobError, Section};
 use super::front;
@@ -72,14 +73,24 @@ fn check_scene(scene: &SceneFacts, architecture: &Architecture) -> Result<(), Bl
     if !(near >= 0.0 && near < far && far.is_finite()) {
         return Err(BlobError::Bounds(BoundsError::Range { near, far }));
     }
-    if !(1..=MAX_SAMPLES).contains(&scene.samples) {
-        return Err(BlobError::Field(Section::Samples));
+    match scene.sampling {
+        SceneSampling::Bins(samples) if !(1..=MAX_SAMPLES).contains(&samples) => {
+            return Err(BlobError::Field(Section::Samples));
+        }
+        // Bins too narrow for f32: what opens can be planned.
+        SceneSampling::Bins(samples) => {
+            Bins::new(near, far, u32::from(samples)).map_err(BlobError::Bounds)?;
+        }
+        SceneSampling::March(step) => {
+            let fits = step > 0.0 && step.is_finite() && steps(scene.diagonal(), step) <= MAX_SAMPLES.into();
+            if !fits {
+                return Err(BlobError::Step { found: step });
+            }
+        }
     }
     if !scene.background.iter().all(|c| (0.0..=1.0).contains(c)) {
         return Err(BlobError::Field(Section::Background));
     }
-    // Bins too narrow for f32: what opens can be planned.
-    Bins::new(near, far, u32::from(scene.samples)).map_err(BlobError::Bounds)?;
     match architecture.position.sinusoidal() {
         Some(encoding) => check_domain(&bounds, encoding),
         // A grid spans the box, wherever that is.
@@ -87,9 +98,13 @@ fn check_scene(scene: &SceneFacts, architecture: &Architecture) -> Result<(), Bl
     }
 }
 
-/// Whether rays can be cut into `samples` bins, so that what opens can be planned.
+/// Whether rays can have so many samples, so that what opens can be planned.
 pub(super) fn samples_fit(scene: &SceneFacts, samples: u16) -> bool {
-    (1..=MAX_SAMPLES).contains(&samples) && Bins::new(scene.near, scene.far, u32::from(samples)).is_ok()
+    (1..=MAX_SAMPLES).contains(&samples)
+        && match scene.sampling {
+            SceneSampling::Bins(_) => Bins::new(scene.near, scene.far, u32::from(samples)).is_ok(),
+            SceneSampling::March(_) => scene.diagonal() / f32::from(samples) > 0.0,
+        }
 }
 
 /// Whether every point of the box can be encoded.
@@ -126,7 +141,9 @@ fn check_grid(grid: &Grid<'_>) -> Result<(), BlobError> {
 fn check_proposal(proposal: &Proposal<'_>, scene: &SceneFacts) -> Result<(), BlobError> {
     let architecture = proposal.architecture();
     architecture.check().map_err(BlobError::ProposalArchitecture)?;
-    if !samples_fit(scene, proposal.samples) {
+    // Samples are drawn between near and far.
+    let bins = matches!(scene.sampling, SceneSampling::Bins(_));
+    if !(bins && samples_fit(scene, proposal.samples)) {
         return Err(BlobError::Field(Section::ProposalSamples));
     }
     let bounds = SceneBox { min: Vec3::from(scene.min), max: Vec3::from(scene.max) };

@@ -18,7 +18,7 @@ pub enum Section {
     Architecture,
     /// `content`
     Content,
-    /// `scene.samples`
+    /// `scene.sampling`, of a scene with bins
     Samples,
     /// `scene.background`
     Background,
@@ -223,6 +223,11 @@ pub enum BlobError {
         /// Rows.
         height: u32,
     },
+    /// The step of a scene's march is no number above 0, or too small for its box.
+    Step {
+        /// What the scene says, world units.
+        found: f32,
+    },
     /// A value outside its range.
     Field(Section),
     /// A section of the wrong length.
@@ -317,6 +322,11 @@ impl fmt::Display for BlobError {
             Self::PictureSize { width, height } => {
                 write!(f, "picture: expected sides of 1 to {MAX_PICTURE_SIDE} pixels, found {width}x{height}")
             }
+            Self::Step { found } => write!(
+                f,
+                "scene.sampling: expected a finite step above 0, at most {MAX_SAMPLES} of them to the box's \
+                 diagonal, found {found}"
+            ),
             Self::Field(section) => write!(f, "{section}: expected {}, found otherwise", section.range()),
             Self::Length { section, expected, found } => {
                 write!(f, "{section}: expected {expected} bytes, found {found}")
@@ -347,7 +357,8 @@ impl Section {
     /// What a value of it may be.
     const fn range(self) -> &'static str {
         match self {
-            Self::Samples | Self::ProposalSamples => "1 to 4096 samples, in bins that f32 tells apart",
+            Self::Samples => "1 to 4096 samples, in bins that f32 tells apart",
+            Self::ProposalSamples => "1 to 4096 samples, in bins that f32 tells apart, of a scene with bins",
             Self::Background => "0 to 1",
             Self::GridRequired => "false without a grid",
             Self::GridResolution => "1 to 512 cells a side",
@@ -368,7 +379,7 @@ impl fmt::Display for Section {
             Self::Direction => "architecture.direction",
             Self::Architecture => "architecture",
             Self::Content => "content",
-            Self::Samples => "scene.samples",
+            Self::Samples => "scene.sampling",
             Self::Background => "scene.background",
             Self::GridRequired => "scene.grid_required",
             Self::Grid => "grid",

@@ -47,7 +47,7 @@ fn what_is_written_is_what_is_opened() {
         quantisation_loss_db: Some(0.01),
         trained_parameters: 7,
     };
-    let scene = SceneFacts { grid_required: true, samples: MAX_SAMPLES, ..SCENE };
+    let scene = SceneFacts { grid_required: true, sampling: SceneSampling::Bins(MAX_SAMPLES), ..SCENE };
     let grid = Some(Grid { resolution: [1, 5, 2], bits: &bits });
     let body = Body { content: Content::Scene(scene.clone()), provenance, ..body(a.clone(), grid, &weights) };
     let bytes = bytes(&body);
@@ -138,7 +138,17 @@ fn scenes_that_hold_nothing_are_refused() {
         assert!(matches!(error, BlobError::Bounds(BoundsError::Range { .. })), "{error}");
     }
     for samples in [0, MAX_SAMPLES + 1] {
-        assert_eq!(scene_refused(|s| s.samples = samples), BlobError::Field(Section::Samples));
+        let error = scene_refused(|s| s.sampling = SceneSampling::Bins(samples));
+        assert_eq!(error, BlobError::Field(Section::Samples));
+    }
+    // The box's diagonal is 3.46: 4096 steps of 8.5e-4 are 3.48.
+    let weights = halve(&parameters(&every_kind(), 1)).0;
+    let scene = SceneFacts { sampling: SceneSampling::March(8.5e-4), ..SCENE };
+    bytes(&Body { content: Content::Scene(scene), ..body(every_kind(), None, &weights) });
+    for found in [0.0, -0.1, 8.4e-4, 1e-45, f32::INFINITY, f32::NAN] {
+        let error = scene_refused(|s| s.sampling = SceneSampling::March(found));
+        assert!(matches!(error, BlobError::Step { .. }), "{found}: {error}");
+        assert!(error.to_string().contains("scene.sampling: expected a finite step above 0, at most 4096"));
     }
     for channel in [-0.1, 1.1, f32::NAN] {
         assert_eq!(scene_refused(|s| s.background[1] = channel), BlobError::Field(Section::Background));
@@ -242,20 +252,20 @@ fn boxes_that_leave_the_encoding_s_domain_are_refused() {
 
 #[test]
 fn a_scene_that_opens_can_be_planned() {
-    let error = scene_refused(|s| (s.near, s.far, s.samples) = (0.0, 1e-45, 64));
+    let error = scene_refused(|s| (s.near, s.far, s.sampling) = (0.0, 1e-45, SceneSampling::Bins(64)));
     assert_eq!(error, BlobError::Bounds(BoundsError::Range { near: 0.0, far: 1e-45 }));
 }
 
 /// The example of `docs/blob-format.md`, up to its weights; made there by another program.
 const EXAMPLE: &str = "
     89 4e 45 52 46 0d 0a 1a 03 00 ff fe 00 00 00 00
-    a1 00 00 00 00 00 00 00 53 35 08 d2 00 00 00 00
+    a2 00 00 00 00 00 00 00 e8 ff c7 d1 00 00 00 00
     00 03 00 01 01 00 01 04 00 01 00 00 01 00 00 80
     bf 00 00 80 bf 00 00 80 bf 00 00 80 3f 00 00 80
-    3f 00 00 80 3f 00 00 00 40 00 00 c0 40 40 00 00
-    80 3f 00 00 80 3f 00 00 80 3f 00 00 00 00 03 66
-    6f 67 0e 62 6c 6f 62 2d 66 6f 72 6d 61 74 2e 6d
-    64 00 00 00 00 00 24 48
+    3f 00 00 80 3f 00 00 00 40 00 00 c0 40 00 40 00
+    00 80 3f 00 00 80 3f 00 00 80 3f 00 00 00 00 03
+    66 6f 67 0e 62 6c 6f 62 2d 66 6f 72 6d 61 74 2e
+    6d 64 00 00 00 00 00 24 48
 ";
 
 #[test]
@@ -264,7 +274,7 @@ fn the_example_of_the_specification_is_what_is_written() {
     assert_eq!(a.parameters(), 36);
     let mut weights = [0; 72];
     weights[41] = 0x3c;
-    let scene = SceneFacts { samples: 64, background: [1.0; 3], ..SCENE };
+    let scene = SceneFacts { sampling: SceneSampling::Bins(64), background: [1.0; 3], ..SCENE };
     let provenance =
         Provenance { data: "fog", made_by: "blob-format.md", trained_parameters: 36, ..PROVENANCE };
     let bytes = bytes(&Body { content: Content::Scene(scene), provenance, ..body(a, None, &weights) });

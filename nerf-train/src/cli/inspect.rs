@@ -3,7 +3,7 @@
 use super::common::{Global, background_name, open_blob, read_file};
 use crate::report::summary::Summary;
 use clap::Args;
-use nerf_core::blob::{Blob, FrontPoint};
+use nerf_core::blob::{Blob, FrontPoint, SceneSampling};
 use nerf_core::encoding::PositionEncoding;
 use nerf_core::network::Layer;
 use std::path::{Path, PathBuf};
@@ -62,7 +62,15 @@ fn print(file: &Path, bytes: &[u8], blob: &Blob<'_>) -> anyhow::Result<()> {
     }
     if let Some(scene) = blob.scene() {
         outln!("box           {:?} .. {:?}", scene.min, scene.max);
-        outln!("near, far     {} .. {}, {} samples a ray", scene.near, scene.far, scene.samples);
+        match scene.sampling {
+            SceneSampling::Bins(samples) => {
+                outln!("near, far     {} .. {}, {samples} samples a ray", scene.near, scene.far);
+            }
+            SceneSampling::March(step) => {
+                outln!("near, far     {} .. {} of the cameras it was fitted to", scene.near, scene.far);
+                outln!("march         steps of {step} in the box, {} at most", scene.samples());
+            }
+        }
         outln!("background    {}", background_name(scene.background));
         let role = if scene.grid_required { "part of the model" } else { "only skips what is empty" };
         match blob.grid() {
@@ -133,7 +141,8 @@ fn summary(file: &Path, bytes: &[u8], blob: &Blob<'_>) -> Summary {
             .numbers_f32("box_max", &scene.max)
             .number_f32("near", scene.near)
             .number_f32("far", scene.far)
-            .integer("samples_per_ray", u64::from(scene.samples))
+            .integer("samples_per_ray", u64::from(scene.samples()))
+            .number_f32("step", scene.step())
             .text("background", background_name(scene.background))
             .flag("grid_required", scene.grid_required);
     }

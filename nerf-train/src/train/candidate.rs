@@ -4,7 +4,7 @@ use super::{TrainError, Trainer};
 use crate::dataset::Background;
 use crate::export::{Contents, Exported, export};
 use crate::occupancy::{Ask, LiveCells, Occupancy};
-use nerf_core::blob::{Content, Provenance, SceneFacts};
+use nerf_core::blob::{Content, Provenance, SceneFacts, SceneSampling};
 use nerf_core::network::Architecture;
 use std::borrow::Cow;
 
@@ -81,7 +81,10 @@ impl Trainer<'_> {
                 max: b.scene_box.max.into(),
                 near: b.near,
                 far: b.far,
-                samples: self.config.sampling.samples,
+                sampling: match self.step_width {
+                    Some(step) => SceneSampling::March(step),
+                    None => SceneSampling::Bins(self.config.sampling.samples),
+                },
                 background: self.background(),
                 grid_required: about.grid_required,
             }),

@@ -1,6 +1,6 @@
 //! nerf-core computes the network that dfdx does.
 
-use nerf_core::blob::{Blob, Content, Provenance, SceneFacts};
+use nerf_core::blob::{Blob, Content, Provenance, SceneFacts, SceneSampling};
 use nerf_core::encoding::{AngleScale, SinusoidalEncoding};
 use nerf_core::kernels::{Line, Tier};
 use nerf_core::network::{Architecture, DensityActivation, TrunkLayer};
@@ -101,7 +101,7 @@ fn blob(model: &Model, folded: &[f32]) -> Vec<u8> {
         max: [1.0; 3],
         near: 1.0,
         far: 5.0,
-        samples: 8,
+        sampling: SceneSampling::Bins(8),
         background: [0.0; 3],
         grid_required: false,
     };

@@ -1,7 +1,9 @@
 //! Blobs that are wrong in their content, but not in their checksum.
 
 use arbitrary::{Result, Unstructured};
-use nerf_core::blob::{Body, Content, FrontPoint, Grid, HEADER_LEN, PictureFacts, Proposal, StoredTables, TableStorage};
+use nerf_core::blob::{
+    Body, Content, FrontPoint, Grid, HEADER_LEN, PictureFacts, Proposal, SceneSampling, StoredTables, TableStorage,
+};
 use nerf_core::encoding::{
     AngleScale, DirectionEncoding, GridEncoding, PositionEncoding, SinusoidalEncoding,
 };
@@ -172,7 +174,8 @@ fn change(body: &mut Body<'_>, weights: &mut [u8], u: &mut Unstructured<'_>) -> 
                     1 => scene.max = any_vec3(u)?,
                     2 => scene.near = any_f32(u)?,
                     3 => scene.far = any_f32(u)?,
-                    4 => scene.samples = *u.choose(&SAMPLES)?,
+                    4 if u.arbitrary()? => scene.sampling = SceneSampling::March(any_f32(u)?),
+                    4 => scene.sampling = SceneSampling::Bins(*u.choose(&SAMPLES)?),
                     5 => scene.background = any_vec3(u)?,
                     _ => scene.grid_required = u.arbitrary()?,
                 },

@@ -1,7 +1,7 @@
 //! Whatever happens to a blob's bytes: a typed error, never a panic, never a picture.
 
 use nerf_core::blob::{
-    Blob, BlobError, Body, Content, HEADER_LEN, PictureFacts, SceneFacts, Section, encoded_len, write,
+    Blob, BlobError, Body, Content, HEADER_LEN, PictureFacts, SceneFacts, SceneSampling, Section, encoded_len, write,
 };
 use nerf_core::kernels::{Line, Tier};
 use nerf_core::math::MathBackend;
@@ -238,8 +238,10 @@ fn writing_refuses_what_opening_refuses() {
         let wrong = Body { content: Content::Scene(facts), ..body.clone() };
         encoded_len(&wrong).expect_err("a wrong scene was written");
     };
-    scene(&|s| s.samples = 0);
-    scene(&|s| s.samples = 4097);
+    scene(&|s| s.sampling = SceneSampling::Bins(0));
+    scene(&|s| s.sampling = SceneSampling::Bins(4097));
+    scene(&|s| s.sampling = SceneSampling::March(0.0));
+    scene(&|s| s.sampling = SceneSampling::March(1e-4));
     scene(&|s| s.far = s.near);
     scene(&|s| s.near = -1.0);
     scene(&|s| s.far = f32::INFINITY);

@@ -62,7 +62,7 @@ impl Scene {
         let bytes = Recipe::SKIP.blob();
         let blob = Blob::open(&bytes).expect("a blob");
         let facts = blob.scene().expect("a scene");
-        let bins = Bins::new(facts.near, facts.far, facts.samples.into()).expect("bins");
+        let bins = Bins::new(facts.near, facts.far, facts.samples().into()).expect("bins");
         let (background, far) = (facts.background.map(f64::from), f64::from(facts.far));
         Self { camera: camera(SIZE[0], SIZE[1]), bins, background, far, bytes }
     }

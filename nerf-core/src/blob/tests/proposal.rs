@@ -67,7 +67,7 @@ fn samples_of_a_proposal_can_be_planned() {
         assert_eq!(error, BlobError::Field(Section::ProposalSamples));
         assert_eq!(
             error.to_string(),
-            "proposal.samples: expected 1 to 4096 samples, in bins that f32 tells apart, found otherwise"
+            "proposal.samples: expected 1 to 4096 samples, in bins that f32 tells apart, of a scene with bins, found otherwise"
         );
     }
 }
