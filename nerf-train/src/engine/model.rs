@@ -177,8 +177,9 @@ impl Model {
                 Part::Trunk(_) | Part::Colour(_) => layer.inputs(),
             };
             let reach = (6.0 / fan as f64).sqrt();
-            for index in layer.weights..layer.bias {
-                parameters[index] = (reach * (2.0 * uniform(seed, 2 * index as u64) - 1.0)) as f32;
+            for (i, weight) in parameters[layer.weights..layer.bias].iter_mut().enumerate() {
+                let index = (layer.weights + i) as u64;
+                *weight = (reach * (2.0 * uniform(seed, 2 * index) - 1.0)) as f32;
             }
             if layer.part == Part::Density {
                 parameters[layer.bias] = self.density_bias;

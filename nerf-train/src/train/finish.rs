@@ -161,7 +161,7 @@ impl Session<'_, '_> {
             renderings.iter().map(measured).collect()
         };
         // The price is these renderings' own: without a grid, a scene is asked in many more places.
-        let mut pace = Pace::new(self.options.budget.seconds, false);
+        let mut pace = Pace::new(self.options.budget.seconds, false, false);
         let everything = pace.lattice_on_the_way(pixels, largest, f64::INFINITY);
         if !pace.is_limited() {
             return on(everything);

@@ -45,6 +45,7 @@ impl Product {
     }
 
     /// `y = act(init + x Wᵀ)` of `rows` samples; `x`: `[rows][x_row]`, `y`: `[rows][padded outputs]`.
+    #[allow(clippy::too_many_arguments, reason = "a product's")]
     pub fn forward(&self, tier: Tier, rows: usize, x: &[f32], x_row: usize, y: &mut [f32], init: Init<'_>, relu: bool) {
         let n = padded(self.outputs);
         let g = Gemm { m: rows, n, k: self.inputs, a_row: x_row, a_col: 1, b_row: n, c_row: n };

@@ -125,8 +125,8 @@ impl Pass {
     /// Forgets sums, totals and kept samples.
     pub fn clear(&mut self) {
         self.totals = Totals::default();
-        pass.sums.clear();
-        pass.kept.clear();
+        self.sums.clear();
+        self.kept.clear();
     }
 }
 
@@ -205,8 +205,8 @@ impl Scratch {
         grow(&mut self.deltas, range.end.next_multiple_of(VECTOR) + VECTOR);
         for (i, &sample) in self.index_of[range.clone()].iter().enumerate() {
             let position = batch.positions[sample as usize];
-            for axis in 0..3 {
-                self.points[axis * stride + i] = position[axis];
+            for (axis, &x) in position.iter().enumerate() {
+                self.points[axis * stride + i] = x;
             }
             self.deltas[range.start + i] = batch.deltas[sample as usize];
         }
@@ -266,7 +266,7 @@ impl Scratch {
                 let passed = self.passed[row as usize];
                 let (weight, after) = (left * (1.0 - passed), left * passed);
                 // NaN is kept, so that the loss shows it.
-                if !(weight <= GATE) {
+                if weight > GATE || weight.is_nan() {
                     self.kept_row.push(row);
                     self.kept_ray.push(ray as u32);
                     self.weight.push(weight);

@@ -3,7 +3,7 @@
 use super::adam::AdamStep;
 use crate::engine::GRADIENT_LIMIT;
 use nerf_core::encoding::{GridCorners, GridEncoding, GridLevel, GridTables, grid_corners_block};
-use nerf_core::kernels::{BLOCK, Tier};
+use nerf_core::kernels::{BLOCK, Tier, prefetch};
 
 /// Values of a part of a level whose gradient is looked at together.
 const PART: usize = 64;
@@ -85,6 +85,10 @@ impl LevelGradient {
     fn add<const F: usize>(&mut self, gradients: &[f32], width: usize) {
         let (entry, weight, across) = &self.corners;
         let base = self.level.first;
+        // The gradient outgrows the caches; which entries are next is known.
+        for row in entry.chunks_exact(BLOCK) {
+            row.iter().for_each(|&entry| prefetch(&self.values, (entry as usize - base) * F));
+        }
         for (i, gradient) in gradients.chunks_exact(width).enumerate() {
             let gradient: &[f32; F] = gradient[self.level.index * F..].first_chunk().expect("a level's values");
             let far = gradient.map(|g| g * across[i]);
