@@ -125,8 +125,8 @@ impl Pass {
     /// Forgets sums, totals and kept samples.
     pub fn clear(&mut self) {
         self.totals = Totals::default();
-        pass.sums.clear();
-        pass.kept.clear();
+        self.sums.clear();
+        self.kept.clear();
     }
 }
 
