@@ -7,14 +7,17 @@ pub use optimiser::OptimiserConfig;
 use crate::engine::{Adam, Model};
 use glam::Vec3;
 use nerf_core::encoding::{
-    AngleScale, DirectionEncoding, GridEncoding, MAX_GRID_LEVELS, MAX_GRID_RESOLUTION, MAX_LEVELS, MAX_LOG2_ENTRIES,
-    PositionEncoding, SinusoidalEncoding,
+    AngleScale, DirectionEncoding, GridEncoding, MAX_GRID_LEVELS, MAX_GRID_RESOLUTION, MAX_HARMONICS_DEGREE, MAX_LEVELS,
+    MAX_LOG2_ENTRIES, PositionEncoding, SinusoidalEncoding,
 };
 use nerf_core::network::{Architecture, DensityActivation, MAX_COLOUR, MAX_TRUNK, MAX_WIDTH, TrunkLayer};
 use serde::{Deserialize, Serialize};
 
 /// Samples a step may draw: some gigabytes of positions, where none is skipped; a first step may skip none.
 const MAX_STEP_SAMPLES: usize = 1 << 27;
+/// Values of the tables of a grid that is trained, half of what the format holds: a checkpoint, which has each value
+/// with two moments, then stays within what is read of one.
+const MAX_TABLE_VALUES: usize = 1 << 26;
 
 /// Every setting of a run. Fields that a TOML file leaves out keep the preset's value.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -128,7 +131,11 @@ impl TableConfig {
         rule("network.grid.log2_entries", (1..=MAX_LOG2_ENTRIES).contains(&log2_entries), most, log2_entries)?;
         rule("network.grid.coarsest", coarsest >= 1, "at least 1", coarsest)?;
         let most = format!("the coarsest level's {coarsest} to {MAX_GRID_RESOLUTION}");
-        rule("network.grid.finest", (coarsest..=MAX_GRID_RESOLUTION).contains(&finest), most, finest)
+        rule("network.grid.finest", (coarsest..=MAX_GRID_RESOLUTION).contains(&finest), most, finest)?;
+        // A box that is no cube has no more.
+        let values = self.encoding(Vec3::ONE).values();
+        let most = format!("tables of at most {MAX_TABLE_VALUES} values over a cube: fewer entries, levels or features");
+        rule("network.grid.log2_entries", values <= MAX_TABLE_VALUES, most, format!("{values} values"))
     }
 }
 
@@ -410,11 +417,18 @@ impl Config {
         rule("network.density_bias", n.density_bias.is_finite(), "a finite number", n.density_bias)?;
         if let Some(grid) = &n.grid {
             grid.check()?;
+            let levels = n.position_levels;
+            rule("network.position_levels", levels == 0, "0 beside a grid, which takes their place", levels)?;
             rule("network.skip_after", n.skip_after == 0, "0 beside a grid", n.skip_after)?;
-            rule("network.feature", !n.feature, "none beside a grid", n.feature)?;
-            rule("network.direction_levels", n.direction_levels <= 4, "at most degree 4", n.direction_levels)?;
+            rule("network.feature", !n.feature, "false beside a grid", n.feature)?;
+            let degree = n.direction_levels;
+            let most = format!("at most degree {MAX_HARMONICS_DEGREE} beside a grid");
+            rule("network.direction_levels", degree <= MAX_HARMONICS_DEGREE, most, degree)?;
             let density = n.density == Density::Exponential;
             rule("network.density", density, "exponential beside a grid", format!("{:?}", n.density))?;
+            rule("network.density_scale", n.density_scale == 1.0, "1 beside a grid", n.density_scale)?;
+            // Its samples are trained where light reaches them, which culled space is not.
+            rule("grid.empty_share", g.empty_share == 0.0, "0 beside a grid", g.empty_share)?;
         }
         rule("sampling.steps_across", s.steps_across > 0, "at least 1", s.steps_across)?;
         rule("sampling.samples", (1..=4096).contains(&s.samples), "1 to 4096", s.samples)?;

@@ -1,10 +1,11 @@
 //! `nerf-train inspect`
 
 use super::common::{Global, background_name, open_blob, read_file};
+use super::learned_grid;
 use crate::report::summary::Summary;
 use clap::Args;
 use nerf_core::blob::{Blob, FrontPoint, SceneSampling};
-use nerf_core::encoding::PositionEncoding;
+use nerf_core::encoding::DirectionEncoding;
 use nerf_core::network::Layer;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
@@ -42,8 +43,14 @@ fn print(file: &Path, bytes: &[u8], blob: &Blob<'_>) -> anyhow::Result<()> {
         }
         None => outln!("kind          {}", kind(blob)),
     }
-    outln!("position      {:?}", a.position);
+    match learned_grid::describe(blob) {
+        Some(grid) => outln!("learned grid  {grid}"),
+        None => outln!("position      {:?}", a.position),
+    }
     match &a.direction {
+        Some(DirectionEncoding::SphericalHarmonics { degree }) => {
+            outln!("direction     spherical harmonics of degree {degree}")
+        }
         Some(direction) => outln!("direction     {direction:?}"),
         None if blob.scene().is_some() => outln!("direction     none: colour does not depend on it"),
         None => {}
@@ -118,13 +125,7 @@ fn summary(file: &Path, bytes: &[u8], blob: &Blob<'_>) -> Summary {
         .integer("blob_bytes", bytes.len() as u64)
         .integer("format_version", u64::from(nerf_core::blob::FORMAT_VERSION))
         .text("kind", kind(blob))
-        .integer(
-            "position_levels",
-            match &a.position {
-                PositionEncoding::Sinusoidal(encoding) => u64::from(encoding.levels),
-                PositionEncoding::Grid(grid) => grid.resolutions.len() as u64,
-            },
-        )
+        .integer("position_levels", a.position.sinusoidal().map_or(0, |encoding| u64::from(encoding.levels)))
         .integer(
             "direction_levels",
             a.direction.and_then(|d| d.sinusoidal().copied()).map_or(0, |e| u64::from(e.levels)),
@@ -135,6 +136,10 @@ fn summary(file: &Path, bytes: &[u8], blob: &Blob<'_>) -> Summary {
         .integer("weight_bytes", blob.weights().len() as u64)
         .integer("density_macs", a.density_macs() as u64)
         .integer("colour_macs", a.colour_macs() as u64);
+    if let Some(DirectionEncoding::SphericalHarmonics { degree }) = a.direction {
+        summary.integer("harmonics_degree", u64::from(degree));
+    }
+    learned_grid::summarise(blob, &mut summary);
     if let Some(scene) = blob.scene() {
         summary
             .numbers_f32("box_min", &scene.min)

@@ -1,6 +1,7 @@
 //! What a training run says in the end: text, summary, curves, pictures.
 
 use super::common::{background_name, cpu_name, tell};
+use super::learned_grid;
 use crate::config::Config;
 use crate::dataset::{Dataset, Report};
 use crate::report::contact_sheet::{Cell, contact_sheet};
@@ -13,6 +14,7 @@ use crate::train::CurvePoint;
 use crate::train::direction::ViewDependence;
 use crate::train::finish::{Outcome, Shown};
 use crate::train::snapshot;
+use nerf_core::blob::Blob;
 use nerf_core::kernels::Tier;
 use std::path::Path;
 
@@ -57,6 +59,9 @@ pub fn print(outcome: &Outcome, output: &Path) -> anyhow::Result<()> {
         ),
         Some(loss) => outln!("without its skip grid the picture changes by {loss:.3} dB"),
         None => {}
+    }
+    if let Some(grid) = Blob::open(&outcome.bytes).ok().and_then(|blob| learned_grid::describe(&blob)) {
+        outln!("learned grid: {grid}");
     }
     outln!("blob: {} ({} bytes)", output.display(), outcome.bytes.len());
     Ok(())
@@ -122,6 +127,9 @@ pub fn summary(outcome: &Outcome, config: &Config, tier: Tier, total_seconds: f6
     };
     if let Some(loss) = outcome.quantisation_loss_db {
         summary.number("quantisation_loss_db", loss);
+    }
+    if let Ok(blob) = Blob::open(&outcome.bytes) {
+        learned_grid::summarise(&blob, &mut summary);
     }
     summarise_trend(outcome, &mut summary);
     summary

@@ -7,6 +7,7 @@ mod effects;
 mod explain;
 mod faults;
 mod fields;
+mod grid_fit;
 mod import;
 mod inputs;
 mod json;
@@ -31,6 +32,8 @@ use std::process::{Command, Stdio};
 /// A network of 2×16 and few samples: steps of a millisecond. So few steps bring view dependence nothing: it is kept
 /// all the same.
 const TINY: &[&str] = &[
+    "--preset",
+    "small",
     "--effect-threshold",
     "-1000",
     "--depth",
@@ -115,6 +118,39 @@ fn fails<S: AsRef<std::ffi::OsStr>>(args: impl IntoIterator<Item = S>, words: &[
 /// The arguments of a fit, quiet and tiny.
 fn fit<'a>(data: &'a str, output: &'a str, more: &[&'a str]) -> Vec<&'a str> {
     [&["fit", data, "-o", output, "-q"], TINY, more].concat()
+}
+
+/// A grid of few entries, as tiny.
+const TINY_GRID: &[&str] = &[
+    "--effect-threshold",
+    "-1000",
+    "--table",
+    "8",
+    "--grid-levels",
+    "4",
+    "--coarsest",
+    "4",
+    "--finest",
+    "24",
+    "--steps-across",
+    "24",
+    "--width",
+    "16",
+    "--colour-width",
+    "16",
+    "--direction-levels",
+    "2",
+    "--rays",
+    "64",
+    "--live-samples",
+    "512",
+    "--grid-resolution",
+    "12",
+];
+
+/// The arguments of a fit of a grid, quiet and tiny.
+fn fit_grid<'a>(data: &'a str, output: &'a str, more: &[&'a str]) -> Vec<&'a str> {
+    [&["fit", data, "-o", output, "-q"], TINY_GRID, more].concat()
 }
 
 /// A blob of the built-in scene after 30 steps, made once.

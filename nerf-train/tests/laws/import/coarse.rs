@@ -20,6 +20,7 @@ fn exported(
     let contents = Contents {
         architecture: &fine.model.architecture,
         parameters: &parameters,
+        tables: &[],
         content: Content::Scene(settings.facts(false)),
         grid: None,
         provenance: Provenance {
