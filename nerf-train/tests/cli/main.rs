@@ -24,6 +24,7 @@ mod storage;
 mod study;
 mod untrusted;
 mod video;
+mod views;
 
 use made::Folder;
 use std::path::Path;
