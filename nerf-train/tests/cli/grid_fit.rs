@@ -25,7 +25,7 @@ fn flags_set_what_inspect_and_summary_say() {
     let inspected = ok(["inspect", &file]);
     assert!(said.contains(&format!("learned grid: {line}")), "{said}");
     assert!(inspected.contains(&format!("learned grid  {line}")), "{inspected}");
-    assert!(inspected.contains("spherical harmonics of degree 2") && inspected.contains("8 + 16"), "{inspected}");
+    assert!(inspected.contains("spherical harmonics of degree 2") && inspected.contains("16 + 4 → 16"), "{inspected}");
     let fields: serde_json::Value = serde_json::from_str(&ok(["inspect", &file, "--json"])).expect("JSON");
     for of in [&summary, &fields] {
         for (field, expected) in [

@@ -33,8 +33,6 @@ use std::process::{Command, Stdio};
 /// A network of 2×16 and few samples: steps of a millisecond. So few steps bring view dependence nothing: it is kept
 /// all the same.
 const TINY: &[&str] = &[
-    "--preset",
-    "small",
     "--effect-threshold",
     "-1000",
     "--depth",
@@ -55,6 +53,8 @@ const TINY: &[&str] = &[
     "512",
     "--grid-resolution",
     "12",
+    "--preset",
+    "small",
 ];
 
 /// What a command left.
