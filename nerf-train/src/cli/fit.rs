@@ -221,7 +221,9 @@ impl TableSettings {
         let preset = preset_name(config.preset);
         let Some(grid) = &mut config.network.grid else {
             let Some(flag) = given(flags) else { return Ok(()) };
-            bail!("{flag}: the preset `{preset}` has no learned grid, which this is a setting of; --preset grid has");
+            bail!(
+                "{flag}: the preset `{preset}` has no learned grid, which this is a setting of; --preset grid has"
+            );
         };
         set(&mut grid.log2_entries, &self.table);
         set(&mut grid.levels, &self.grid_levels);

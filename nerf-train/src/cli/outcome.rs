@@ -54,9 +54,9 @@ pub fn print(outcome: &Outcome, output: &Path) -> anyhow::Result<()> {
         outln!("view dependence gains {gain_db:.3} dB{what}");
     }
     match outcome.grid_loss_db {
-        Some(loss) if outcome.grid_required => outln!(
-            "without its skip grid the picture changes by {loss:.2} dB: the grid is part of the model"
-        ),
+        Some(loss) if outcome.grid_required => {
+            outln!("without its skip grid the picture changes by {loss:.2} dB: the grid is part of the model")
+        }
         Some(loss) => outln!("without its skip grid the picture changes by {loss:.3} dB"),
         None => {}
     }

@@ -241,7 +241,9 @@ impl SceneSweep {
         base.seed = self.seed.unwrap_or(base.seed);
         base.check()?;
         if base.network.grid.is_some() {
-            bail!("a sweep varies a sinusoidal network, and these settings have a learned grid: take --preset small or seed");
+            bail!(
+                "a sweep varies a sinusoidal network, and these settings have a learned grid: take --preset small or seed"
+            );
         }
         let job = Job::Scene { dataset: &dataset, base: Box::new(base), seconds: self.max_seconds };
         self.lists.sweep(&job, global)

@@ -25,7 +25,10 @@ fn flags_set_what_inspect_and_summary_say() {
     let inspected = ok(["inspect", &file]);
     assert!(said.contains(&format!("learned grid: {line}")), "{said}");
     assert!(inspected.contains(&format!("learned grid  {line}")), "{inspected}");
-    assert!(inspected.contains("spherical harmonics of degree 2") && inspected.contains("16 + 4 → 16"), "{inspected}");
+    assert!(
+        inspected.contains("spherical harmonics of degree 2") && inspected.contains("16 + 4 → 16"),
+        "{inspected}"
+    );
     let fields: serde_json::Value = serde_json::from_str(&ok(["inspect", &file, "--json"])).expect("JSON");
     for of in [&summary, &fields] {
         for (field, expected) in [
@@ -64,7 +67,10 @@ fn flags_of_the_other_kind_of_network_are_refused_with_a_sentence() {
     for flag in of_sinusoidal {
         fails(fit_grid(&data, &file, &flag), &[flag[0], "`grid`", "--preset small"]);
     }
-    fails(["sweep", "scene", &data, "-o", &folder.path("s"), "--width", "8", "--preset", "grid"], &["--preset small"]);
+    fails(
+        ["sweep", "scene", &data, "-o", &folder.path("s"), "--width", "8", "--preset", "grid"],
+        &["--preset small"],
+    );
     let report = folder.path("r");
     let study = ["study", "train", &data, "--report", &report, "--base", "grid", "--samples", "8"];
     fails(study, &["--samples", "--base small"]);
@@ -120,7 +126,8 @@ fn toml_files_set_what_flags_do() {
     let folder = Folder::new();
     let data = folder.npz("data.npz");
     let text = "[network]\nwidth = 16\n[network.grid]\nlevels = 3\nlog2_entries = 9\nfinest = 40\n[optimiser]\nsteps = 3\n";
-    let (config, by_file, by_flags) = (folder.file("run.toml", text), folder.path("a.nerf"), folder.path("b.nerf"));
+    let (config, by_file, by_flags) =
+        (folder.file("run.toml", text), folder.path("a.nerf"), folder.path("b.nerf"));
     ok(["fit", &data, "-o", &by_file, "-q", "--config", &config]);
     let flags = ["--width", "16", "--grid-levels", "3", "--table", "9", "--finest", "40", "--steps", "3"];
     ok([&["fit", &data, "-o", &by_flags, "-q"], &flags[..]].concat());

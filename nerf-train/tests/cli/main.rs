@@ -53,8 +53,6 @@ const TINY: &[&str] = &[
     "512",
     "--grid-resolution",
     "12",
-    "--preset",
-    "small",
 ];
 
 /// What a command left.
@@ -116,9 +114,10 @@ fn fails<S: AsRef<std::ffi::OsStr>>(args: impl IntoIterator<Item = S>, words: &[
     ran.err
 }
 
-/// The arguments of a fit, quiet and tiny.
+/// The arguments of a fit of a sinusoidal network, quiet and tiny: of the preset `small` unless `more` names one.
 fn fit<'a>(data: &'a str, output: &'a str, more: &[&'a str]) -> Vec<&'a str> {
-    [&["fit", data, "-o", output, "-q"], TINY, more].concat()
+    let preset: &[&str] = if more.contains(&"--preset") { &[] } else { &["--preset", "small"] };
+    [&["fit", data, "-o", output, "-q"], TINY, preset, more].concat()
 }
 
 /// A grid of few entries, as tiny.

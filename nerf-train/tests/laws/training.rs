@@ -77,14 +77,12 @@ fn a_batch_larger_than_the_data_draws_its_pixels_again() {
     let mut dataset = scene();
     dataset.train.truncate(1);
     let pixels = dataset.train[0].pixels.len();
-    for (name, images, mut config) in
-        [
-            ("small", 0, tiny(10)),
-            ("grid", 0, tiny_grid(10)),
-            ("seed", 0, tiny_seed(10)),
-            ("seed, by image", 1000, tiny_seed(10)),
-        ]
-    {
+    for (name, images, mut config) in [
+        ("small", 0, tiny(10)),
+        ("grid", 0, tiny_grid(10)),
+        ("seed", 0, tiny_seed(10)),
+        ("seed, by image", 1000, tiny_seed(10)),
+    ] {
         (config.sampling.rays, config.sampling.live_samples) = (10 * pixels, 0);
         config.sampling.images = images;
         let outcome = fit(&dataset, &config).expect(name);

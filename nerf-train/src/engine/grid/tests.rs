@@ -120,9 +120,9 @@ fn groups(model: &Model) -> Vec<std::ops::Range<usize>> {
     let features = usize::from(grid.features);
     let first = model.layer_parameters();
     let weights = model.layers().into_iter().map(|d| d.weights..d.bias);
-    let levels = grid.levels().map(|level| {
-        first + level.first * features..first + (level.first + level.entries) * features
-    });
+    let levels = grid
+        .levels()
+        .map(|level| first + level.first * features..first + (level.first + level.entries) * features);
     weights.chain(levels).collect()
 }
 
@@ -210,7 +210,8 @@ fn gradients_of_the_layers_are_those_of_autodiff() {
                 if ours.extra > 0 {
                     parameters[theirs.bias + o] += constant * state.parameters[from + ours.main];
                     for (harmonic, axis, scale) in dir_of {
-                        parameters[to + theirs.main + axis] = scale * state.parameters[from + ours.main + harmonic];
+                        parameters[to + theirs.main + axis] =
+                            scale * state.parameters[from + ours.main + harmonic];
                     }
                 }
             }
@@ -237,7 +238,10 @@ fn gradients_of_the_layers_are_those_of_autodiff() {
                 if ours.extra > 0 {
                     compare(found[from + ours.main], constant * expected[theirs.bias + o]);
                     for (harmonic, axis, scale) in dir_of {
-                        compare(found[from + ours.main + harmonic], scale * expected[to + theirs.main + axis]);
+                        compare(
+                            found[from + ours.main + harmonic],
+                            scale * expected[to + theirs.main + axis],
+                        );
                     }
                 }
                 // The engine trains no biases.
@@ -295,7 +299,15 @@ fn positions_on_faces_corners_and_outside_of_the_box_have_finite_gradients_withi
         let mut batch = batch_of(60, 43);
         for (i, position) in batch.positions.iter_mut().enumerate() {
             let places = |axis: usize| {
-                [min[axis], max[axis], min[axis].next_down(), max[axis].next_up(), 0.5 * (min[axis] + max[axis]), 1e30, -1e30]
+                [
+                    min[axis],
+                    max[axis],
+                    min[axis].next_down(),
+                    max[axis].next_up(),
+                    0.5 * (min[axis] + max[axis]),
+                    1e30,
+                    -1e30,
+                ]
             };
             *position = std::array::from_fn(|axis| places(axis)[i / 7usize.pow(axis as u32) % 7]);
         }
@@ -311,12 +323,18 @@ fn samples_below_the_gate_or_behind_what_is_opaque_have_no_gradient() {
     let ray = BatchRay { dir: [0.0, 0.0, 1.0], rgb: [0.9, 0.1, 0.4], background: [0.0; 3], samples: 3 };
     let places = [[0.0, 1.0, 0.0], [1.0, 2.0, 0.5], [-0.8, 0.7, 0.6]];
     let touched = |deltas: [f32; 3]| {
-        let batch = Batch { rays: vec![ray], positions: places.to_vec(), deltas: deltas.to_vec(), ..Batch::default() };
+        let batch = Batch {
+            rays: vec![ray],
+            positions: places.to_vec(),
+            deltas: deltas.to_vec(),
+            ..Batch::default()
+        };
         gradients(&mut engine(model, BARE, 4), &batch)
     };
     let alone = |place: [f32; 3], delta: f32| {
         let ray = BatchRay { samples: 1, ..ray };
-        let batch = Batch { rays: vec![ray], positions: vec![place], deltas: vec![delta], ..Batch::default() };
+        let batch =
+            Batch { rays: vec![ray], positions: vec![place], deltas: vec![delta], ..Batch::default() };
         gradients(&mut engine(model, BARE, 4), &batch).1
     };
     let tables = model.layer_parameters();

@@ -90,7 +90,8 @@ fn densities_for_a_grid_are_those_of_the_forward_pass() {
         let parameters = model.fold(model.initial_parameters(6).into());
         // Sinusoidal encodings take positions as they are: of which box these are does not matter.
         let bounds = SceneBox::new(Vec3::ZERO, Vec3::ONE).expect("a box");
-        let found = crate::field::densities(Tier::detect(), &model.architecture, &parameters, &bounds, &points);
+        let found =
+            crate::field::densities(Tier::detect(), &model.architecture, &parameters, &bounds, &points);
         let (expected, _) = reference(&model, 6).forward(&points, &points).unwrap();
         let mut pairs = found.iter().zip(&expected);
         assert!(pairs.all(|(a, b)| (a - b).abs() < 1e-5 * (1.0 + b)), "{name}");

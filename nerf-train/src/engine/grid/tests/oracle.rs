@@ -37,8 +37,9 @@ fn encode(grid: &GridEncoding, bounds: &SceneBox, p: &[f64], x: &[f32; 3]) -> Ve
             let mut sum = 0.0;
             for corner in 0..8u64 {
                 let corner = [corner & 1, corner >> 1 & 1, corner >> 2];
-                let weight: f64 =
-                    (0..3).map(|axis| if corner[axis] == 1 { at[axis].1 } else { 1.0 - at[axis].1 }).product();
+                let weight: f64 = (0..3)
+                    .map(|axis| if corner[axis] == 1 { at[axis].1 } else { 1.0 - at[axis].1 })
+                    .product();
                 sum += weight * p[first + entry(corner) as usize * features + feature];
             }
             out.push(sum);
