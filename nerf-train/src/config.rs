@@ -475,6 +475,10 @@ impl Config {
             self.grid.from = 400;
             self.optimiser.rate = 5e-3;
         }
+        if self.network.grid.is_some() {
+            // Opaque from the start, each view would be painted onto the shell of the box.
+            self.network.density_bias = 0.0;
+        }
         self.grid.hull = false;
         self
     }

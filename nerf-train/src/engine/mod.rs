@@ -122,6 +122,9 @@ pub enum EngineError {
     /// A model without the grid that this engine trains.
     #[error("model: expected a position encoded by a grid, found a sinusoidal encoding")]
     NoGrid,
+    /// A grid model with parts that its engine does not train.
+    #[error("model: expected an exponential density of scale 1 and no feature layer beside a grid")]
+    NotPlain,
     /// The batch contradicts itself.
     #[error("batch: {0}")]
     Batch(#[from] BatchError),

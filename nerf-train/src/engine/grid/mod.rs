@@ -29,6 +29,7 @@ use adam::AdamStep;
 use layers::{LayerSums, Layers};
 use nerf_core::encoding::{GridEncoding, GridTables, TableValues};
 use nerf_core::kernels::Tier;
+use nerf_core::network::DensityActivation;
 use nerf_core::ray::SceneBox;
 use pass::{Job, Pass, Scratch, Totals};
 use rayon::prelude::*;
@@ -70,6 +71,10 @@ impl GridEngine {
         let Some(grid) = model.architecture.position.grid().cloned() else {
             return Err(EngineError::NoGrid);
         };
+        let exponential = model.architecture.density == Some(DensityActivation::Exponential);
+        if model.feature || model.density_scale != 1.0 || !exponential {
+            return Err(EngineError::NotPlain);
+        }
         let parameters = model.initial_parameters(seed);
         let layers = Layers::new(model);
         Ok(Self {

@@ -353,7 +353,7 @@ impl Scratch {
         self.d_raw[..kept * VECTOR].fill(0.0);
         let empty = Vec::new();
         let rgb = if kept > 0 { self.coloured.last().unwrap_or(&empty) } else { &empty };
-        let scale = 2.0 / batch.rays.len() as f32;
+        let scale = 2.0 / (3 * batch.rays.len()) as f32;
         for (state, ray) in self.rays.iter().zip(&batch.rays[rays]) {
             let mut seen = ray.background.map(|c| c * state.left);
             let range = state.kept.0..state.kept.1;
@@ -378,7 +378,8 @@ impl Scratch {
                 // sigma' = sigma below the limit of the exponential, and 0 above.
                 let sigma = self.sigma[row];
                 let slope = if sigma < EXPONENTIAL_LIMIT.exp() { sigma } else { 0.0 };
-                self.d_raw[i * VECTOR] = slope * self.deltas[row] * of_depth;
+                // In this order: a density times a wide bin may overflow where nothing is left to be seen.
+                self.d_raw[i * VECTOR] = slope * of_depth * self.deltas[row];
             }
         }
         squared

@@ -38,10 +38,6 @@ fn models() -> [(&'static str, Model); 5] {
     ]
 }
 
-/// The engine's gradients are those of the squared error summed over the channels, three times those of the loss that
-/// it says, which is their mean. Adam moves the same way by either.
-const CHANNELS: f32 = 3.0;
-
 /// With this first decay, a first moment is the last gradient itself.
 const BARE: Adam = Adam { betas: [0.0, 0.99], epsilon: 1e-15, weight_decay: 0.0 };
 
@@ -56,7 +52,7 @@ fn engine(model: &Model, adam: Adam, seed: u64) -> GridEngine {
     engine
 }
 
-/// The loss and its gradient, in the order of the parameters: a step of rate 0 leaves [`CHANNELS`] times as much in the
+/// The loss and its gradient, in the order of the parameters: a step of rate 0 leaves it in the
 /// first moments.
 fn gradients(engine: &mut GridEngine, batch: &Batch) -> (StepLoss, Vec<f32>) {
     assert_eq!(engine.adam.betas[0], 0.0);
@@ -64,7 +60,7 @@ fn gradients(engine: &mut GridEngine, batch: &Batch) -> (StepLoss, Vec<f32>) {
     state.moment1.fill(0.0);
     engine.restore(&state).unwrap();
     let loss = engine.step(batch, 0.0).unwrap();
-    (loss, engine.state().moment1.into_iter().map(|g| g / CHANNELS).collect())
+    (loss, engine.state().moment1.into_iter().collect())
 }
 
 /// Rays of 0 to 5 samples so thin that none weighs less than the gate.
