@@ -230,10 +230,8 @@ impl<'a> Plan<'a> {
     /// that were measured so are reproduced with. A scene that names a step is not changed.
     #[must_use]
     pub fn with_own_bins(mut self) -> Self {
-        if self.lattice == Lattice::Extended
-            && let Ok(bins) = Bins::new(self.near, self.far, self.samples.into())
-        {
-            (self.lattice, self.bins) = (Lattice::Own, bins);
+        if self.lattice == Lattice::Extended {
+            self.lattice = Lattice::Own;
         }
         self
     }
@@ -327,26 +325,21 @@ impl<'a> Plan<'a> {
 /// The bins of a frame, and how rays use them.
 fn lattice(scene: &SceneFacts, samples: u16, proposal: bool) -> Result<(Lattice, Bins), BoundsError> {
     let diagonal = scene.diagonal();
-    // Rounding may make a ray longer than the diagonal, and bins begin in front of the box.
-    let across = |step: f32| steps(diagonal, step).saturating_add(3);
-    match scene.sampling {
-        SceneSampling::March(own) => {
-            let step = if samples == scene.samples() { own } else { diagonal / f32::from(samples) };
-            Ok((Lattice::March, Bins::of_width(0.0, step, across(step))))
-        }
+    let (mut lattice, near, step) = match scene.sampling {
+        SceneSampling::March(own) if samples == scene.samples() => (Lattice::March, 0.0, own),
+        SceneSampling::March(_) => (Lattice::March, 0.0, diagonal / f32::from(samples)),
         SceneSampling::Bins(_) => {
             let own = Bins::new(scene.near, scene.far, samples.into())?;
-            let count = across(own.delta()).max(own.count());
-            // More of them would take longer than any scene was meant to.
-            if proposal || count > u32::from(MAX_SAMPLES) {
-                Ok((Lattice::Own, own))
-            } else if count == own.count() {
-                Ok((Lattice::Extended, own))
-            } else {
-                Ok((Lattice::Extended, Bins::of_width(scene.near, own.delta(), count)))
-            }
+            (Lattice::Extended, scene.near, own.delta())
         }
+    };
+    // Rounding may make a ray longer than the diagonal, and bins begin in front of the box.
+    let mut count = steps(diagonal, step).saturating_add(3).max(samples.into());
+    // More of them would take longer than any scene was meant to.
+    if lattice == Lattice::Extended && (proposal || count > u32::from(MAX_SAMPLES)) {
+        (lattice, count) = (Lattice::Own, samples.into());
     }
+    Ok((lattice, Bins::of_width(near, step, count)))
 }
 
 /// A request that does not go with the scene.

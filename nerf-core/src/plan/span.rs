@@ -71,8 +71,13 @@ impl Plan<'_> {
     /// The distance of pixels without a surface in a frame seen from `eye`: at least that of anything in the scene, and
     /// the same for all of them.
     pub fn far_from(&self, eye: Vec3) -> f32 {
-        let reach = (eye - self.bounds.min).abs().max((eye - self.bounds.max).abs()).length();
-        let far = if self.lattice == Lattice::Own { self.far } else { self.far.max(reach) };
-        far.min(self.t_max)
+        if self.lattice == Lattice::Own {
+            return self.far.min(self.t_max);
+        }
+        let reach: [f32; 3] = core::array::from_fn(|axis| {
+            let (eye, low, high) = (eye[axis], self.bounds.min[axis], self.bounds.max[axis]);
+            (eye - low).abs().max((eye - high).abs())
+        });
+        self.far.max(Vec3::from(reach).length()).min(self.t_max)
     }
 }

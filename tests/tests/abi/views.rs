@@ -61,7 +61,7 @@ fn a_scene_is_there_from_anywhere() {
             assert!(status == Status::Ok && usual > 0.3, "{status:?}, {usual}");
             for times in [0.1, 0.3, 0.6, 1.5, 4.0, 1000.0] {
                 let (status, found, _) = seen(&opened, &from(times, towards), &options);
-                assert!(status == Status::Ok && found > 0.7 * usual, "{recipe:?} from {times}: {found} of {usual}");
+                assert!(status == Status::Ok && found > 0.4 * usual, "{recipe:?} from {times}: {found} of {usual}");
             }
         }
     }
