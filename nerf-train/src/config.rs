@@ -7,8 +7,8 @@ pub use optimiser::OptimiserConfig;
 use crate::engine::{Adam, Model};
 use glam::Vec3;
 use nerf_core::encoding::{
-    AngleScale, DirectionEncoding, GridEncoding, MAX_GRID_LEVELS, MAX_GRID_RESOLUTION, MAX_HARMONICS_DEGREE, MAX_LEVELS,
-    MAX_LOG2_ENTRIES, PositionEncoding, SinusoidalEncoding,
+    AngleScale, DirectionEncoding, GridEncoding, MAX_GRID_LEVELS, MAX_GRID_RESOLUTION, MAX_HARMONICS_DEGREE,
+    MAX_LEVELS, MAX_LOG2_ENTRIES, PositionEncoding, SinusoidalEncoding,
 };
 use nerf_core::network::{Architecture, DensityActivation, MAX_COLOUR, MAX_TRUNK, MAX_WIDTH, TrunkLayer};
 use serde::{Deserialize, Serialize};
@@ -128,13 +128,20 @@ impl TableConfig {
         rule(field, (1..=MAX_GRID_LEVELS).contains(&levels), format!("1 to {MAX_GRID_LEVELS}"), levels)?;
         rule("network.grid.features", matches!(features, 1 | 2 | 4), "1, 2 or 4", features)?;
         let most = format!("1 to {MAX_LOG2_ENTRIES}");
-        rule("network.grid.log2_entries", (1..=MAX_LOG2_ENTRIES).contains(&log2_entries), most, log2_entries)?;
+        rule(
+            "network.grid.log2_entries",
+            (1..=MAX_LOG2_ENTRIES).contains(&log2_entries),
+            most,
+            log2_entries,
+        )?;
         rule("network.grid.coarsest", coarsest >= 1, "at least 1", coarsest)?;
         let most = format!("the coarsest level's {coarsest} to {MAX_GRID_RESOLUTION}");
         rule("network.grid.finest", (coarsest..=MAX_GRID_RESOLUTION).contains(&finest), most, finest)?;
         // A box that is no cube has no more.
         let values = self.encoding(Vec3::ONE).values();
-        let most = format!("tables of at most {MAX_TABLE_VALUES} values over a cube: fewer entries, levels or features");
+        let most = format!(
+            "tables of at most {MAX_TABLE_VALUES} values over a cube: fewer entries, levels or features"
+        );
         rule("network.grid.log2_entries", values <= MAX_TABLE_VALUES, most, format!("{values} values"))
     }
 }
@@ -491,7 +498,8 @@ impl Config {
     /// The network as it is trained, over a scene box of this extent.
     pub fn model_of(&self, extent: Vec3) -> Model {
         let n = &self.network;
-        let sinusoidal = |levels| SinusoidalEncoding { inputs: 3, levels, scale: AngleScale::Pi, identity: true };
+        let sinusoidal =
+            |levels| SinusoidalEncoding { inputs: 3, levels, scale: AngleScale::Pi, identity: true };
         let position = match &n.grid {
             Some(grid) => PositionEncoding::Grid(grid.encoding(extent)),
             None => sinusoidal(n.position_levels).into(),

@@ -7,8 +7,8 @@ use crate::dataset::{Background, View};
 use crate::engine::{Batch, BatchRay};
 use crate::occupancy::{LiveCells, is_foreground};
 use glam::Vec3;
-use nerf_core::camera::Camera;
 use march::{Cells, march};
+use nerf_core::camera::Camera;
 use nerf_core::kernels::Tier;
 use nerf_core::ray::{Ray, SceneBox};
 use nerf_core::sampling::{Bins, Purpose, SkipGrid, uniform, uniform_u32};
@@ -133,7 +133,8 @@ impl<'d> RayBank<'d> {
             .into_par_iter()
             .map(|chunk| {
                 let range = chunk * CHUNK..rays.min((chunk + 1) * CHUNK);
-                let (mut rays_of, mut positions) = (Vec::with_capacity(CHUNK), Vec::with_capacity(16 * CHUNK));
+                let (mut rays_of, mut positions) =
+                    (Vec::with_capacity(CHUNK), Vec::with_capacity(16 * CHUNK));
                 for index in range {
                     let before = positions.len();
                     let (ray, mut batch_ray) = self.target(step, index as u64, rays);

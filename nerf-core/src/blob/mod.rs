@@ -15,11 +15,11 @@ mod write;
 #[cfg(test)]
 mod tests;
 
+pub(crate) use body::steps;
 pub use body::{
     Body, Content, Grid, MAX_GRID_SIDE, MAX_PICTURE_SIDE, MAX_SAMPLES, MAX_TEXT, PictureFacts, Provenance,
     SceneFacts, SceneSampling, StoredTables, TableStorage,
 };
-pub(crate) use body::steps;
 pub use error::{BlobError, FrontFault, Section};
 pub use front::{Front, FrontPoint, MAX_FRONT};
 pub use header::{FORMAT_VERSION, HEADER_LEN, MAGIC};

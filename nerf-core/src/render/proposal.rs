@@ -123,14 +123,7 @@ impl<'f, 'w> Drawn<'f, 'w> {
 
     /// Where the next sample of ray `ray` is, which goes into column `column` of the block.
     #[inline]
-    pub fn take(
-        &mut self,
-        plan: &Plan<'_>,
-        ray: u32,
-        state: &RayState,
-        place: Place,
-        column: usize,
-    ) -> f32 {
+    pub fn take(&mut self, plan: &Plan<'_>, ray: u32, state: &RayState, place: Place, column: usize) -> f32 {
         if self.row == 0 {
             return place.t(&plan.bins.with(state.ends), state.next);
         }
@@ -145,8 +138,7 @@ impl<'f, 'w> Drawn<'f, 'w> {
         if self.row == 0 {
             return None;
         }
-        let (middle, width) =
-            stretch(plan.near, plan.far, self.row_of(ray), at(self.index, column) as usize);
+        let (middle, width) = stretch(plan.near, plan.far, self.row_of(ray), at(self.index, column) as usize);
         if plan.t_min <= plan.near && plan.t_max >= plan.far {
             return Some((middle, width));
         }

@@ -1,7 +1,8 @@
 //! `nerf-train eval`
 
 use super::common::{
-    DataOptions, Global, QualityOptions, WhichBins, background_name, cpu_name, open_blob, parse_background, read_file,
+    DataOptions, Global, QualityOptions, WhichBins, background_name, cpu_name, open_blob, parse_background,
+    read_file,
 };
 use super::places;
 use crate::dataset::View;

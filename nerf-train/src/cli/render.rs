@@ -4,8 +4,8 @@ mod shots;
 mod target;
 
 use super::common::{
-    DataOptions, Global, Mp4Options, QualityOptions, UpAxis, WhichBins, open_blob, parse_background, parse_numbers,
-    read_file, say_no_mp4,
+    DataOptions, Global, Mp4Options, QualityOptions, UpAxis, WhichBins, open_blob, parse_background,
+    parse_numbers, read_file, say_no_mp4,
 };
 use super::effects::EffectOptions;
 use super::eval::Split;

@@ -8,9 +8,9 @@ use super::{
 };
 use dfdx::prelude::*;
 use nerf_core::encoding::SinusoidalEncoding;
-use std::borrow::Cow;
 use nerf_core::kernels::{BLOCK, Tier};
 use nerf_core::network::{DensityActivation, EXPONENTIAL_LIMIT};
+use std::borrow::Cow;
 
 type Matrix<T = NoneTape> = Tensor<(usize, usize), f32, Cpu, T>;
 type Vector<T = NoneTape> = Tensor<(usize,), f32, Cpu, T>;

@@ -126,7 +126,8 @@ impl<'p> FieldTrainer<'p> {
     /// # Errors
     /// [`FieldError::Export`] on parameters that do not fit f16.
     pub fn export(&self, psnr_db: Option<f64>) -> Result<Exported, FieldError> {
-        let parameters = self.average.corrected(self.step).unwrap_or_else(|| self.engine.parameters().into_owned());
+        let parameters =
+            self.average.corrected(self.step).unwrap_or_else(|| self.engine.parameters().into_owned());
         let [width, height] = self.photo.size();
         let made_by = format!("nerf-train {}", env!("CARGO_PKG_VERSION"));
         Ok(export(&Contents {

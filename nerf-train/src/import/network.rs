@@ -158,7 +158,10 @@ impl<'t> Reader<'t> {
 
     /// Density and rgb of a network that does not: rows r, g, b, sigma, and one that nerf-pytorch never reads.
     #[allow(clippy::type_complexity, reason = "two fields of an architecture")]
-    fn output(&mut self, width: usize) -> Result<(Option<SinusoidalEncoding>, heapless::Vec<u16, MAX_COLOUR>), Fault> {
+    fn output(
+        &mut self,
+        width: usize,
+    ) -> Result<(Option<SinusoidalEncoding>, heapless::Vec<u16, MAX_COLOUR>), Fault> {
         let straight: Vec<usize> = (0..width).collect();
         let output = self.exactly("output_linear", &[4, 5], width)?;
         self.put_density(output, 3, &straight);

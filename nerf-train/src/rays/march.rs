@@ -104,7 +104,8 @@ mod tests {
         let grid = SkipGrid::new(bounds, resolution, &bits);
         let (mut found, mut expected, mut apart) = (0, 0, 0);
         for i in 0..200u64 {
-            let v = |j: u64| Vec3::new(draw(1000 + 6 * i + j), draw(2000 + 6 * i + j), draw(3000 + 6 * i + j));
+            let v =
+                |j: u64| Vec3::new(draw(1000 + 6 * i + j), draw(2000 + 6 * i + j), draw(3000 + 6 * i + j));
             let origin = bounds.min + (bounds.max - bounds.min) * v(0);
             let Some(dir) = (v(1) - Vec3::splat(0.5)).try_normalize() else { continue };
             let ray = Ray { origin, dir };

@@ -201,7 +201,8 @@ mod tests {
             (asked, QUESTION_SHARE, 1.0),
         ] {
             // What a question without the grid costs is asked first.
-            let mut asked = if dense == 1.0 && pace.knows() { pace } else { Pace::new(Some(seconds), true, true) };
+            let mut asked =
+                if dense == 1.0 && pace.knows() { pace } else { Pace::new(Some(seconds), true, true) };
             if !asked.knows() {
                 let step = asked.probe(view);
                 let from = machine.now;

@@ -111,12 +111,12 @@ fn ctrl_c_leaves_nothing_of_a_film() {
 
 #[test]
 fn killed_at_20_random_moments_and_resumed_a_run_gives_the_undisturbed_blob() {
-    killed_and_resumed(20, |data, file, run| fit(data, file, run));
+    killed_and_resumed(20, fit);
 }
 
 #[test]
 fn a_grid_killed_at_8_random_moments_and_resumed_gives_the_undisturbed_blob() {
-    killed_and_resumed(8, |data, file, run| fit_grid(data, file, run));
+    killed_and_resumed(8, fit_grid);
 }
 
 /// The arguments of a fit of data to a file.

@@ -1,8 +1,8 @@
 //! Views from anywhere over the C interface, and a caller's own near and far.
 
 use nerf_core::camera::{Camera, Intrinsics, Pose};
-use nerf_core::lens::Lens;
 use nerf_core::kernels::Tier;
+use nerf_core::lens::Lens;
 use nerf_render as ffi;
 use nerf_render::{PixelFormat, Status};
 use nerf_tests::call::{self, Message, Opened, plane};
@@ -54,14 +54,20 @@ fn a_scene_is_there_from_anywhere() {
     for (recipe, step, samples) in [(Recipe::PLAIN, 0.0, 48), (Recipe::LEARNED, 0.08, 49)] {
         let opened = call::open(recipe.blob(), Tier::Scalar);
         let info = info(&opened);
-        assert_eq!((info.step, info.samples, info.near_distance, info.far_distance), (step, samples, 2.0, 6.0));
+        assert_eq!(
+            (info.step, info.samples, info.near_distance, info.far_distance),
+            (step, samples, 2.0, 6.0)
+        );
         let options = call::render_options();
         for towards in [[0.3, 0.5, 0.8], [-0.3, -0.5, -0.8], [0.0, 0.01, 1.0]] {
             let (status, usual, _) = seen(&opened, &from(1.0, towards), &options);
             assert!(status == Status::Ok && usual > 0.3, "{status:?}, {usual}");
             for times in [0.1, 0.3, 0.6, 1.5, 4.0, 1000.0] {
                 let (status, found, _) = seen(&opened, &from(times, towards), &options);
-                assert!(status == Status::Ok && found > 0.4 * usual, "{recipe:?} from {times}: {found} of {usual}");
+                assert!(
+                    status == Status::Ok && found > 0.4 * usual,
+                    "{recipe:?} from {times}: {found} of {usual}"
+                );
             }
         }
     }

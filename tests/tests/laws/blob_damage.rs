@@ -1,7 +1,8 @@
 //! Whatever happens to a blob's bytes: a typed error, never a panic, never a picture.
 
 use nerf_core::blob::{
-    Blob, BlobError, Body, Content, HEADER_LEN, PictureFacts, SceneFacts, SceneSampling, Section, encoded_len, write,
+    Blob, BlobError, Body, Content, HEADER_LEN, PictureFacts, SceneFacts, SceneSampling, Section,
+    encoded_len, write,
 };
 use nerf_core::kernels::{Line, Tier};
 use nerf_core::math::MathBackend;

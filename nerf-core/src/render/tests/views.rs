@@ -272,7 +272,9 @@ fn a_range_cuts_bins_and_never_drops_them() {
     let bytes = scene(WAYS[0], false);
     let blob = Blob::open(&bytes).unwrap();
     let plan = Plan::new(&blob, &Quality::EXACT, Outputs::ALL, Batch::SMALLEST).unwrap();
-    for (t_min, t_max) in [(-1.0, 2.0), (2.0, 1.0), (f32::NAN, 1.0), (0.0, f32::NAN), (f32::INFINITY, f32::INFINITY)] {
+    for (t_min, t_max) in
+        [(-1.0, 2.0), (2.0, 1.0), (f32::NAN, 1.0), (0.0, f32::NAN), (f32::INFINITY, f32::INFINITY)]
+    {
         assert!(matches!(plan.with_range(t_min, t_max), Err(PlanError::Range { .. })), "{t_min}..{t_max}");
     }
 }
@@ -351,7 +353,9 @@ fn tiles_and_batches_change_no_bit_of_any_view() {
             let mut parts = vec![Pixel::BLANK; whole.pixels.len()];
             let plan = plan(31);
             let mut workspace = vec![Line::UNINIT; renderer.workspace_lines(&plan)];
-            for rect in [Rect { x: 0, y: 0, width: 11, height: SIDE }, Rect { x: 11, y: 0, width: 13, height: SIDE }] {
+            for rect in
+                [Rect { x: 0, y: 0, width: 11, height: SIDE }, Rect { x: 11, y: 0, width: 13, height: SIDE }]
+            {
                 let mut put = |x: u32, y: u32, p: &Pixel| parts[(y * SIDE + x) as usize] = *p;
                 renderer.render(&plan, &camera, rect, &mut workspace, &mut put).unwrap();
             }

@@ -106,7 +106,9 @@ impl StudyTrain {
         base.sampling.near = self.data_options.near.or(base.sampling.near);
         base.sampling.far = self.data_options.far.or(base.sampling.far);
         if base.network.grid.is_some() && !self.samples.is_empty() {
-            bail!("--samples: a setting of sinusoidal networks, and the base has a learned grid: take --base small or seed");
+            bail!(
+                "--samples: a setting of sinusoidal networks, and the base has a learned grid: take --base small or seed"
+            );
         }
         let trials = self.lists().trials(&base, of)?;
         let seconds = self.minutes.map_or(self.seconds, |minutes| 60.0 * minutes / trials.len() as f64);

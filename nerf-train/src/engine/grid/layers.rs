@@ -46,7 +46,16 @@ impl Product {
 
     /// `y = act(init + x Wᵀ)` of `rows` samples; `x`: `[rows][x_row]`, `y`: `[rows][padded outputs]`.
     #[allow(clippy::too_many_arguments, reason = "a product's")]
-    pub fn forward(&self, tier: Tier, rows: usize, x: &[f32], x_row: usize, y: &mut [f32], init: Init<'_>, relu: bool) {
+    pub fn forward(
+        &self,
+        tier: Tier,
+        rows: usize,
+        x: &[f32],
+        x_row: usize,
+        y: &mut [f32],
+        init: Init<'_>,
+        relu: bool,
+    ) {
         let n = padded(self.outputs);
         let g = Gemm { m: rows, n, k: self.inputs, a_row: x_row, a_col: 1, b_row: n, c_row: n };
         gemm(tier, g, x, &self.forward, y, init, relu);
@@ -55,12 +64,21 @@ impl Product {
     /// `dx = init + dy W`; `dy`: `[rows][padded outputs]`, `dx`: `[rows][padded inputs]`.
     pub fn backward(&self, tier: Tier, rows: usize, dy: &[f32], dx: &mut [f32], init: Init<'_>) {
         let n = padded(self.inputs);
-        let g = Gemm { m: rows, n, k: self.outputs, a_row: padded(self.outputs), a_col: 1, b_row: n, c_row: n };
+        let g =
+            Gemm { m: rows, n, k: self.outputs, a_row: padded(self.outputs), a_col: 1, b_row: n, c_row: n };
         gemm(tier, g, dy, &self.backward, dx, init, false);
     }
 
     /// `sum += xᵀ dy`, `[inputs][padded outputs]`.
-    pub fn add_gradient(&self, tier: Tier, rows: usize, x: &[f32], x_row: usize, dy: &[f32], sum: &mut [f32]) {
+    pub fn add_gradient(
+        &self,
+        tier: Tier,
+        rows: usize,
+        x: &[f32],
+        x_row: usize,
+        dy: &[f32],
+        sum: &mut [f32],
+    ) {
         let n = padded(self.outputs);
         let g = Gemm { m: self.inputs, n, k: rows, a_row: 1, a_col: x_row, b_row: n, c_row: n };
         gemm(tier, g, x, dy, sum, Init::Accumulate, false);

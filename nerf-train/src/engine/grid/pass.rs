@@ -4,7 +4,9 @@ use super::layers::{LayerSums, Layers, padded};
 use super::scatter::Kept;
 use super::vector::{VECTOR, exponentials, mask, sigmoids, to_rows, transmitted};
 use crate::engine::{Batch, Model};
-use nerf_core::encoding::{DirectionEncoding, GridEncoding, GridTables, encode_block, encode_grid_block, encode_harmonics_block};
+use nerf_core::encoding::{
+    DirectionEncoding, GridEncoding, GridTables, encode_block, encode_grid_block, encode_harmonics_block,
+};
 use nerf_core::kernels::{Init, Tier};
 use nerf_core::math::MathBackend;
 use nerf_core::network::EXPONENTIAL_LIMIT;
@@ -216,7 +218,14 @@ impl Scratch {
         }
         let outputs = job.grid.outputs();
         grow(&mut self.channels, outputs * stride);
-        encode_grid_block(job.tier, job.grid, &job.tables, stride, &self.points[..3 * stride], &mut self.channels);
+        encode_grid_block(
+            job.tier,
+            job.grid,
+            &job.tables,
+            stride,
+            &self.points[..3 * stride],
+            &mut self.channels,
+        );
         let width = padded(outputs);
         grow(&mut self.encoded, (range.start + stride) * width);
         let rows = &mut self.encoded[range.start * width..][..count * width];

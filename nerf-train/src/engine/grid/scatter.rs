@@ -90,7 +90,8 @@ impl LevelGradient {
             row.iter().for_each(|&entry| prefetch(&self.values, (entry as usize - base) * F));
         }
         for (i, gradient) in gradients.chunks_exact(width).enumerate() {
-            let gradient: &[f32; F] = gradient[self.level.index * F..].first_chunk().expect("a level's values");
+            let gradient: &[f32; F] =
+                gradient[self.level.index * F..].first_chunk().expect("a level's values");
             let far = gradient.map(|g| g * across[i]);
             let near: [f32; F] = std::array::from_fn(|f| gradient[f] - far[f]);
             for row in 0..4 {

@@ -60,7 +60,7 @@ fn gradients(engine: &mut GridEngine, batch: &Batch) -> (StepLoss, Vec<f32>) {
     state.moment1.fill(0.0);
     engine.restore(&state).unwrap();
     let loss = engine.step(batch, 0.0).unwrap();
-    (loss, engine.state().moment1.into_iter().collect())
+    (loss, engine.state().moment1)
 }
 
 /// Rays of 0 to 5 samples so thin that none weighs less than the gate.
@@ -199,9 +199,8 @@ fn gradients_of_the_layers_are_those_of_autodiff() {
         for (ours, theirs) in &pairs {
             for o in 0..ours.outputs {
                 let (from, to) = (ours.weights + o * ours.inputs(), theirs.weights + o * theirs.inputs());
-                for i in 0..theirs.main {
-                    parameters[to + i] = state.parameters[from + i];
-                }
+                let row = &state.parameters[from..from + theirs.main];
+                parameters[to..to + theirs.main].copy_from_slice(row);
                 parameters[theirs.bias + o] = state.parameters[ours.bias + o];
                 if ours.extra > 0 {
                     parameters[theirs.bias + o] += constant * state.parameters[from + ours.main];
