@@ -198,7 +198,7 @@ impl Frame<'_, '_> {
             } else if sigma > 0.0 {
                 let t = at(self.block.t, column);
                 let (t, middle, delta) = match self.drawn.stretch(plan, owner, column) {
-                    Some((middle, delta)) => (t.clamp(plan.t_min, plan.t_max), middle, delta),
+                    Some((middle, delta)) => (t.max(plan.t_min).min(plan.t_max), middle, delta),
                     None => {
                         let bins = plan.bins.with(state.ends);
                         // A jittered sample lies anywhere in its bin, which stays where it is.
