@@ -202,7 +202,8 @@ fn what_is_fitted_with_jitter_is_measured_in_the_middle_of_the_bins() {
     let (tier, quality) = (Tier::detect(), Quality::default());
     let blob = Blob::open(&outcome.bytes).expect("a blob");
     let still = Plan::new(&blob, &quality, Outputs::ALL, Batch::for_tier(tier)).expect("a plan");
-    let still = still.with_background(outcome.background).expect("a colour");
+    // As scenes are measured: on the bins that they were fitted on.
+    let still = still.with_background(outcome.background).expect("a colour").with_own_bins();
     let jitter = Some(nerf_core::effects::Jitter { seed: config.seed });
     let jittered = still.with_effects(Effects { jitter, ..Effects::NONE }).expect("built in");
     let mut memory = vec![Line::UNINIT; Renderer::prepared_lines(&blob, tier)];

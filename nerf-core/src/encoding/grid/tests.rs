@@ -1,7 +1,9 @@
 extern crate std;
 
 use super::*;
-use crate::testing::{Worse, halve, noise};
+#[cfg(feature = "normals")]
+use crate::testing::Worse;
+use crate::testing::{halve, noise};
 use glam::Vec3;
 use std::vec;
 use std::vec::Vec;

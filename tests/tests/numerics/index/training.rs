@@ -156,7 +156,10 @@ pub const TRAINING: &[Hard] = &[
                     "interruptions_at_any_moment_change_no_byte",
                 ],
             ),
-            (CHOICE_LAWS, &["a_run_that_overfits_says_so_and_exports_its_last_step_however_it_is_interrupted"]),
+            (
+                CHOICE_LAWS,
+                &["a_run_that_overfits_says_so_and_exports_its_last_step_however_it_is_interrupted"],
+            ),
             (OUTPUT_TESTS, &["a_file_appears_only_on_commit"]),
         ],
     ),
