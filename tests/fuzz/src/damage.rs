@@ -2,7 +2,8 @@
 
 use arbitrary::{Result, Unstructured};
 use nerf_core::blob::{
-    Body, Content, FrontPoint, Grid, HEADER_LEN, PictureFacts, Proposal, SceneSampling, StoredTables, TableStorage,
+    Body, Content, FrontPoint, Grid, HEADER_LEN, PictureFacts, Proposal, SceneSampling, StoredTables,
+    TableStorage,
 };
 use nerf_core::encoding::{
     AngleScale, DirectionEncoding, GridEncoding, PositionEncoding, SinusoidalEncoding,

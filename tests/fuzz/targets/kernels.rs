@@ -173,7 +173,10 @@ impl<'b> Evaluation<'b> {
             values.into_iter().enumerate().map(bounded).collect()
         };
         let position = encoded(p, shape.position.sinusoidal().expect("as it was made"));
-        let direction = shape.direction.as_ref().map_or(Vec::new(), |e| encoded(dir, e.sinusoidal().expect("as it was made")));
+        let direction = shape
+            .direction
+            .as_ref()
+            .map_or(Vec::new(), |e| encoded(dir, e.sinusoidal().expect("as it was made")));
         let layers = self.blob.layers();
         let mut layers = layers.iter();
         let mut dense = |main: &[Bounded], extra: &[Bounded], rectify: bool| -> Vec<Bounded> {
