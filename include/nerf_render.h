@@ -489,15 +489,16 @@ typedef struct nerf_scene_info {
      */
     float box_max[3];
     /**
-     * Near: where rays start, world units along the ray. (`near` alone is a macro on Windows.)
+     * Near: where the scene began on the rays of the cameras it was made from, world units. Half way between it and far is
+     * a good place for a camera; any other is as well. (`near` alone is a macro on Windows.)
      */
     float near_distance;
     /**
-     * Far: where rays end, world units along the ray.
+     * Far: where the scene ended on them.
      */
     float far_distance;
     /**
-     * Samples per ray the scene was made for.
+     * Samples per ray the scene was made for: between near and far, or where it is marched (`step`) the most in its box.
      */
     uint32_t samples;
     /**
@@ -596,6 +597,15 @@ typedef struct nerf_scene_info {
      * Multiply-adds of one evaluation of the proposal network; 0 without one.
      */
     uint64_t proposal_macs;
+    /**
+     * World units from sample to sample, of a scene that is marched where a ray is in its box; 0 where rays have bins
+     * between near and far.
+     */
+    float step;
+    /**
+     * Zero.
+     */
+    uint32_t reserved;
 } nerf_scene_info;
 
 /**
@@ -718,8 +728,9 @@ typedef struct nerf_render_options {
      */
     size_t struct_size;
     /**
-     * Samples per ray, between near and far, at most 4096; 0 for what the scene was made for. With a
-     * proposal network these are drawn from it, and its own come on top.
+     * Samples per ray, at most 4096; 0 for what the scene was made for. Of a scene that is marched (`step` of
+     * `nerf_scene_info` is not 0) so many steps to the diagonal of its box; of another so many between its near and far.
+     * With a proposal network these are drawn from it, and its own come on top.
      */
     uint32_t samples;
     /**
@@ -767,9 +778,22 @@ typedef struct nerf_render_options {
      */
     uint32_t ignore_proposal;
     /**
-     * Zeros.
+     * What is nearer on a ray than this is not seen, world units, at least 0.
      */
-    uint32_t reserved[4];
+    float near_distance;
+    /**
+     * What is farther on a ray than this is not seen, world units; 0 for no end.
+     */
+    float far_distance;
+    /**
+     * 1: a scene that is not marched has no samples but those between its own near and far, which it was trained on,
+     * wherever the camera is: to reproduce figures that were measured so. Else 0: as many more as its box needs.
+     */
+    uint32_t own_bins;
+    /**
+     * Zero.
+     */
+    uint32_t reserved;
     /**
      * Effects: all zeros is none.
      */

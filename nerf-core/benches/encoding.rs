@@ -1,18 +1,21 @@
-//! Positional encoding, 63 values of a position, with every maths backend on every tier.
+//! Positional encoding: 63 sines and cosines with every maths backend, and learned grids, on every tier.
 //!
 //! The share counts the polynomial's operations on every line, whatever a backend really does: it says
-//! how fast the same encoding is made.
+//! how fast the same encoding is made. A grid's counts the multiply-adds of its interpolation alone; what it costs
+//! is reading tables, so that its lines say ns a sample.
 
 mod support;
 
 use nerf_core::MathBackend;
-use nerf_core::encoding::encode_block;
+use nerf_core::encoding::{GridEncoding, GridTables, TableValues, encode_block, encode_grid_block};
 use nerf_core::kernels::BLOCK;
 use std::hint::black_box;
 use support::networks::pi;
 use support::{Table, noise, tiers};
 
 const SAMPLES: usize = 4096;
+/// Operations of one interpolated feature: weights of four rows, two ends of x, and between them.
+const FLOP_PER_FEATURE: usize = 2 * 4 * 2 + 3;
 /// Operations of one `(sin πu, cos πu)` in `math/polynomial.rs`: reduction 9, polynomials 19, quadrant 4,
 /// and 1 to scale.
 const FLOP_PER_PAIR: usize = 33;
@@ -27,6 +30,7 @@ fn main() {
         ("micromath", MathBackend::Micromath),
         ("recurrence", MathBackend::Recurrence),
     ];
+    grids(&mut table);
     let encoding = pi(10);
     let rows = encoding.outputs();
     let pairs = usize::from(encoding.inputs) * usize::from(encoding.levels);
@@ -41,6 +45,34 @@ fn main() {
                     black_box(&mut encoded);
                 }
             });
+        }
+    }
+}
+
+/// Eight levels of two features from 16 to 320 cells, at random positions: every level of every sample is
+/// somewhere else in the tables.
+fn grids(table: &mut Table) {
+    let unit: Vec<f32> = noise(3 * SAMPLES, 1).iter().map(|x| 0.5 + 0.5 * x).collect();
+    let sides = [16u16, 24, 37, 57, 88, 135, 208, 320];
+    for log2_entries in [6, 14, 16] {
+        let resolutions = sides.iter().map(|&n| [n; 3]).collect();
+        let grid = GridEncoding { inputs: 3, features: 2, log2_entries, resolutions };
+        let values = noise(grid.values(), 2);
+        let half: Vec<u8> = values.iter().flat_map(|&v| half::f16::from_f32(v).to_le_bytes()).collect();
+        let mut encoded = vec![0.0; grid.outputs() * BLOCK];
+        for (storage, values) in [("f16", TableValues::F16(&half)), ("f32", TableValues::F32(&values))] {
+            let tables = GridTables::new(values, None);
+            for tier in tiers() {
+                let name =
+                    format!("grid 8x2, 2^{log2_entries}, {storage}, {}, {SAMPLES} samples", tier.name());
+                let flop = (FLOP_PER_FEATURE * grid.outputs() * SAMPLES) as f64;
+                table.line(&name, tier, 1, flop, || {
+                    for positions in unit.chunks(3 * BLOCK) {
+                        encode_grid_block(tier, &grid, &tables, BLOCK, positions, &mut encoded);
+                        black_box(&mut encoded);
+                    }
+                });
+            }
         }
     }
 }

@@ -51,10 +51,12 @@
 //! | `alpha` | `−expm1(−sigma delta)`: what one bin keeps of the light |
 //! | `transmittance` | `exp(−Σ sigma delta)` over the bins in front, summed in log space, compensated |
 //! | `weights`, `opacity` | `transmittance · alpha`; their sum, `<= 1` |
-//! | last bin | finite: it ends at `far` |
+//! | samples | where a ray is in the scene box, wherever the camera is: at the step the scene names, or in its bins from near to far and as many more as the box needs |
+//! | `far` | one number for all pixels of a camera: the scene's far, or the farthest corner of its box if that is farther ([`Plan::far_from`]) |
+//! | last bin | finite: a march's ends where the ray leaves the box |
 //! | colour | display-encoded (sRGB, as the training images were), `[0, 1]`, composited in that space |
 //! | 2D field | x right, y down, 0 to 1 over the image whatever its aspect; pixel (x, y) is ((x + ½) / width, (y + ½) / height) |
-//! | encoding | `[identity,]` then per level `k` `sin(2^k s x)` of all inputs, `cos(2^k s x)` of all inputs; `s` is π or 1 |
+//! | sinusoidal encoding | `[identity,]` then per level `k` `sin(2^k s x)` of all inputs, `cos(2^k s x)` of all inputs; `s` is π or 1 |
 //!
 //! There is no bare "depth" anywhere: it would mean three things.
 //!
@@ -72,6 +74,7 @@
 //! | `median` | yes | the output `median_distance` |
 //! | `normals` | yes | the output `normals`: the gradient of the density, backward through the network |
 //! | `proposal` | yes | samples drawn from a coarse proposal network, where a scene has one |
+//! | `grid` | yes | learned multiresolution grids ([`encoding::GridEncoding`]), and spherical harmonics |
 //! | `train` | no | backward kernels, for trainers |
 //!
 //! The project's own polynomials ([`MathBackend::Polynomial`]) are always there. An effect or output whose
@@ -83,8 +86,8 @@
 //!
 //! ```
 //! use glam::Vec3;
-//! use nerf_core::blob::{self, Body, Content, Provenance, SceneFacts};
-//! use nerf_core::encoding::{AngleScale, Encoding};
+//! use nerf_core::blob::{self, Body, Content, Provenance, SceneFacts, SceneSampling};
+//! use nerf_core::encoding::{AngleScale, SinusoidalEncoding};
 //! use nerf_core::network::{Architecture, DensityActivation, TrunkLayer};
 //! use nerf_core::{
 //!     Batch, Blob, Camera, Intrinsics, Lens, Line, Outputs, Pixel, Plan, Pose, Quality, Rect, Renderer, Tier,
@@ -93,7 +96,7 @@
 //! // The network: one trunk layer of 4, no view dependence. Parameters in file order are the trunk
 //! // (4 × 3 + 4), the density head (4 + 1) and rgb (3 × 4 + 3), all zero but the density's bias:
 //! // sigma is 1 and every colour sigmoid(0) = ½.
-//! let position = Encoding { inputs: 3, levels: 0, scale: AngleScale::Pi, identity: true };
+//! let position = SinusoidalEncoding { inputs: 3, levels: 0, scale: AngleScale::Pi, identity: true }.into();
 //! let architecture = Architecture {
 //!     position,
 //!     direction: None,
@@ -113,7 +116,7 @@
 //!         max: [1.0; 3],
 //!         near: 2.0,
 //!         far: 6.0,
-//!         samples: 64,
+//!         sampling: SceneSampling::Bins(64),
 //!         background: [1.0; 3],
 //!         grid_required: false,
 //!     }),
@@ -131,6 +134,7 @@
 //!         trained_parameters: 36,
 //!     },
 //!     weights: &weights,
+//!     tables: None,
 //! };
 //! let mut file = [0; 256];
 //! let bytes = blob::write(&body, &mut file)?;

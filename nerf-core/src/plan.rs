@@ -1,6 +1,6 @@
 //! What a frame consists of: what the scene holds, met with what the caller asks for.
 
-use crate::blob::{Blob, MAX_SAMPLES};
+use crate::blob::{Blob, MAX_SAMPLES, SceneFacts, SceneSampling, steps};
 use crate::effects::jitter::Place;
 use crate::effects::{EffectError, Effects, Tone};
 use crate::kernels::{BLOCK, Tier};
@@ -9,11 +9,13 @@ use crate::ray::{BoundsError, Ray, SceneBox};
 use crate::sampling::{Bins, SkipGrid};
 
 mod quality;
+mod span;
 
 #[cfg(test)]
 mod tests;
 
 pub use quality::{Choice, Preset, Quality};
+pub(crate) use span::Lattice;
 
 /// What a pixel is asked for; what is off is not computed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -108,8 +110,15 @@ impl Batch {
 #[derive(Clone, Copy, Debug)]
 pub struct Plan<'a> {
     pub(crate) bounds: SceneBox,
+    /// How the samples of a ray are found from `bins`.
+    pub(crate) lattice: Lattice,
     /// The samples of a ray; with a proposal only their number counts.
     pub(crate) bins: Bins,
+    /// Samples a ray that were asked for.
+    samples: u16,
+    /// What the caller wants to see of a ray, world units along it.
+    pub(crate) t_min: f32,
+    pub(crate) t_max: f32,
     /// Where the proposal is asked, if samples are drawn from one.
     pub(crate) proposal: Option<Bins>,
     pub(crate) near: f32,
@@ -148,7 +157,7 @@ impl<'a> Plan<'a> {
         if scene.grid_required && !quality.skip_grid {
             return Err(PlanError::GridRequired);
         }
-        let samples = if quality.samples == 0 { scene.samples } else { quality.samples };
+        let samples = if quality.samples == 0 { scene.samples() } else { quality.samples };
         if samples > MAX_SAMPLES {
             return Err(PlanError::Samples { found: samples });
         }
@@ -164,13 +173,19 @@ impl<'a> Plan<'a> {
         if !batch.is_valid() {
             return Err(PlanError::Batch { found: batch });
         }
-        let bins =
-            |samples: u16| Bins::new(scene.near, scene.far, u32::from(samples)).map_err(PlanError::Bounds);
         let proposal = blob.proposal().filter(|_| quality.proposal && cfg!(feature = "proposal"));
+        let coarse = |samples: u16| Bins::new(scene.near, scene.far, u32::from(samples));
+        let proposal = proposal.map(|proposal| coarse(proposal.samples)).transpose();
+        let proposal = proposal.map_err(PlanError::Bounds)?;
+        let (lattice, bins) = lattice(scene, samples, proposal.is_some()).map_err(PlanError::Bounds)?;
         Ok(Self {
             bounds,
-            bins: bins(samples)?,
-            proposal: proposal.map(|proposal| bins(proposal.samples)).transpose()?,
+            lattice,
+            bins,
+            samples,
+            t_min: 0.0,
+            t_max: f32::MAX,
+            proposal,
             near: scene.near,
             far: scene.far,
             background: scene.background,
@@ -191,8 +206,34 @@ impl<'a> Plan<'a> {
     /// As [`Plan::new`].
     pub fn at(&self, blob: &Blob<'a>, quality: &Quality) -> Result<Self, PlanError> {
         let plan = Self::new(blob, quality, self.outputs, self.batch)?;
-        let Self { background, normal_blur, effects, .. } = *self;
-        Ok(Self { background, normal_blur, effects, ..plan })
+        let plan = if self.lattice == Lattice::Own { plan.with_own_bins() } else { plan };
+        let Self { background, normal_blur, effects, t_min, t_max, .. } = *self;
+        Ok(Self { background, normal_blur, effects, t_min, t_max, ..plan })
+    }
+
+    /// The same frame of what lies between these distances on a ray, world units; by default 0 and no end.
+    ///
+    /// They cut the bins they lie in: opacity goes continuously with both. Whatever is marched behind `t_max` is
+    /// as if it were not there, and a pixel without a surface has no larger distance.
+    ///
+    /// # Errors
+    /// [`PlanError::Range`] unless `0 <= t_min <= t_max`; `t_max` may be infinite.
+    pub fn with_range(mut self, t_min: f32, t_max: f32) -> Result<Self, PlanError> {
+        if !(t_min >= 0.0 && t_min <= t_max && t_min.is_finite()) {
+            return Err(PlanError::Range { t_min, t_max });
+        }
+        (self.t_min, self.t_max) = (t_min, t_max.min(f32::MAX));
+        Ok(self)
+    }
+
+    /// The same frame with no bins but those the scene's network was trained on, from its near to its far: what figures
+    /// that were measured so are reproduced with. A scene that names a step is not changed.
+    #[must_use]
+    pub fn with_own_bins(mut self) -> Self {
+        if self.lattice == Lattice::Extended {
+            self.lattice = Lattice::Own;
+        }
+        self
     }
 
     /// The same frame with normals of another blur, in bins; 0 for the density's gradient itself.
@@ -255,9 +296,10 @@ impl<'a> Plan<'a> {
         Ok(self)
     }
 
-    /// Samples of a ray: its bins, or with a proposal those drawn and the proposal's own.
+    /// Samples of a ray: the scene's bins or the steps through its box, or with a proposal those drawn and the
+    /// proposal's own. A ray that needs more bins than the scene has takes more.
     pub(crate) fn samples_per_ray(&self) -> u32 {
-        self.bins.count() + self.proposal.map_or(0, |coarse| coarse.count())
+        u32::from(self.samples) + self.proposal.map_or(0, |coarse| coarse.count())
     }
 
     /// The first live one of the bins `from..end` on a ray whose samples lie at `place`, or `end`.
@@ -278,6 +320,26 @@ impl<'a> Plan<'a> {
             None => self.bounds.contains(p),
         }
     }
+}
+
+/// The bins of a frame, and how rays use them.
+fn lattice(scene: &SceneFacts, samples: u16, proposal: bool) -> Result<(Lattice, Bins), BoundsError> {
+    let diagonal = scene.diagonal();
+    let (mut lattice, near, step) = match scene.sampling {
+        SceneSampling::March(own) if samples == scene.samples() => (Lattice::March, 0.0, own),
+        SceneSampling::March(_) => (Lattice::March, 0.0, diagonal / f32::from(samples)),
+        SceneSampling::Bins(_) => {
+            let own = Bins::new(scene.near, scene.far, samples.into())?;
+            (Lattice::Extended, scene.near, own.delta())
+        }
+    };
+    // Rounding may make a ray longer than the diagonal, and bins begin in front of the box.
+    let mut count = steps(diagonal, step).saturating_add(3).max(samples.into());
+    // More of them would take longer than any scene was meant to.
+    if lattice == Lattice::Extended && (proposal || count > u32::from(MAX_SAMPLES)) {
+        (lattice, count) = (Lattice::Own, samples.into());
+    }
+    Ok((lattice, Bins::of_width(near, step, count)))
 }
 
 /// A request that does not go with the scene.
@@ -302,6 +364,13 @@ pub enum PlanError {
     MedianBehindCut {
         /// The cut that was asked for.
         found: f32,
+    },
+    /// A range of distances that is none: not `0 <= t_min <= t_max`.
+    Range {
+        /// The least distance that was asked for.
+        t_min: f32,
+        /// The largest distance that was asked for.
+        t_max: f32,
     },
     /// A blur of normals that is no finite number of bins, or less than none.
     NormalBlur {
@@ -354,6 +423,9 @@ impl core::fmt::Display for PlanError {
                 "quality.transmittance_cut: expected at most 0.5, since median_distance is asked for and rays \
                  would end in front of it, found {found}"
             ),
+            Self::Range { t_min, t_max } => {
+                write!(f, "near/far: expected 0 <= near <= far, found near {t_min}, far {t_max}")
+            }
             Self::NormalBlur { found } => {
                 write!(f, "normal_blur: expected a finite number of bins, at least 0, found {found}")
             }

@@ -33,6 +33,7 @@ pub use rect::{Rect, Target};
 
 use crate::blob::Blob;
 use crate::camera::Camera;
+use crate::encoding::GridTables;
 use crate::kernels::{Arena, Line, Tier, VECTORS, lines_for};
 use crate::math::with_math;
 use crate::network::{Network, Weights};
@@ -82,16 +83,35 @@ impl<'a> Renderer<'a> {
             let weights = Weights::prepare(blob.architecture(), tier, blob.weights(), unpacked);
             (weights, Proposer::prepare(&blob, tier, &mut arena).ok_or(too_small)?)
         };
-        let network = Network::new(blob.architecture(), weights, tier).ok_or(too_small)?;
+        let tables = Self::tables_of(&blob);
+        let network = Network::with_grid(blob.architecture(), weights, tables, tier).ok_or(too_small)?;
         Ok(Self { occupied: blob.grid().and_then(|grid| grid.occupied_box()), blob, network, proposer })
     }
 
-    /// The scene of `blob` with other parameters, f32 in the same order: what rounding costs. Its proposal
-    /// keeps its own.
+    /// The tables of the blob's grid, where they lie.
+    fn tables_of(blob: &Blob<'a>) -> GridTables<'a> {
+        let bytes = blob.tables().map_or(&[][..], |tables| tables.bytes);
+        GridTables::in_place(bytes, blob.scene_box().as_ref())
+    }
+
+    /// The scene of `blob` with other parameters, f32 in the same order: what rounding costs. Its proposal and its
+    /// tables keep their own.
     ///
     /// `None` if they are too few, and where there are no [`VECTORS`].
     pub fn with_parameters(blob: Blob<'a>, tier: Tier, parameters: &'a [f32]) -> Option<Self> {
-        let network = Network::new(blob.architecture(), Weights::Prepared(parameters), tier)?;
+        let tables = Self::tables_of(&blob);
+        Self::with_parameters_and_tables(blob, tier, parameters, tables)
+    }
+
+    /// As [`Renderer::with_parameters`], with other tables for the grid, too.
+    pub fn with_parameters_and_tables(
+        blob: Blob<'a>,
+        tier: Tier,
+        parameters: &'a [f32],
+        tables: GridTables<'a>,
+    ) -> Option<Self> {
+        let weights = Weights::Prepared(parameters);
+        let network = Network::with_grid(blob.architecture(), weights, tables, tier)?;
         let proposer = Proposer::in_place(&blob, tier);
         Some(Self { occupied: blob.grid().and_then(|grid| grid.occupied_box()), blob, network, proposer })
     }

@@ -2,30 +2,31 @@
 
 extern crate std;
 
-use crate::blob::{self, Body, Content, Front, Grid, PictureFacts, Provenance, SceneFacts};
-use crate::encoding::{AngleScale, Encoding};
+use crate::blob::{self, Body, Content, Front, Grid, PictureFacts, Provenance, SceneFacts, SceneSampling};
+use crate::encoding::{AngleScale, PositionEncoding, SinusoidalEncoding};
 use crate::kernels::Tier;
 use crate::network::{Architecture, DensityActivation, TrunkLayer};
 use std::vec;
 use std::vec::Vec;
 
 /// An encoding with identity and `s = π`.
-pub const fn pi(inputs: u8, levels: u8) -> Encoding {
-    Encoding { inputs, levels, scale: AngleScale::Pi, identity: true }
+pub const fn pi(inputs: u8, levels: u8) -> SinusoidalEncoding {
+    SinusoidalEncoding { inputs, levels, scale: AngleScale::Pi, identity: true }
 }
 
 /// A scene network; a `true` in `trunk` is a skip.
 pub fn architecture(
-    position: Encoding,
-    direction: Option<Encoding>,
+    position: impl Into<PositionEncoding>,
+    direction: Option<SinusoidalEncoding>,
     trunk: &[(u16, bool)],
     colour: &[u16],
 ) -> Architecture {
+    let position = position.into();
     Architecture {
+        density: (position.inputs() == 3).then_some(DensityActivation::Relu),
         position,
-        direction,
+        direction: direction.map(Into::into),
         trunk: trunk.iter().map(|&(width, skip)| TrunkLayer { width, skip }).collect(),
-        density: (position.inputs == 3).then_some(DensityActivation::Relu),
         colour: colour.iter().copied().collect(),
     }
 }
@@ -100,7 +101,7 @@ pub const SCENE: SceneFacts = SceneFacts {
     max: [1.0; 3],
     near: 2.0,
     far: 6.0,
-    samples: 32,
+    sampling: SceneSampling::Bins(32),
     background: [0.25, 0.5, 1.0],
     grid_required: false,
 };
@@ -130,6 +131,7 @@ pub fn body<'a>(architecture: Architecture, grid: Option<Grid<'a>>, weights: &'a
         proposal: None,
         provenance: PROVENANCE,
         weights,
+        tables: None,
     }
 }
 

@@ -180,13 +180,25 @@ impl Accumulator {
     /// Weight that is left without a colour takes the mean of the ray's colours, as long as it is the
     /// smaller part. Median distance and normal are not its business: they stay 0.
     pub fn finish(&self, background: [f32; 3], far: f32, z_per_distance: f32) -> Pixel {
+        self.finish_from(0.0, background, far, z_per_distance)
+    }
+
+    /// As [`Accumulator::finish`], of samples whose `t` were counted from `start` along the ray. No distance is beyond
+    /// `far`.
+    pub(crate) fn finish_from(
+        &self,
+        start: f32,
+        background: [f32; 3],
+        far: f32,
+        z_per_distance: f32,
+    ) -> Pixel {
         let opacity = self.opacity.value.clamp(0.0, 1.0);
         let through = 1.0 - opacity;
         let coloured = opacity - self.uncoloured;
         let scale = if self.uncoloured < coloured { opacity / coloured } else { 1.0 };
         let rgb = core::array::from_fn(|c| self.rgb[c].value * scale + through * background[c]);
         let (ray_distance, z_depth) = if opacity > OPACITY_EPSILON {
-            let mean = self.distance.value / self.opacity.value;
+            let mean = (start + self.distance.value / self.opacity.value).min(far);
             (mean, mean * z_per_distance)
         } else {
             (far, far)

@@ -44,8 +44,9 @@ pub enum Maths {
 pub struct RenderOptions {
     /// `sizeof(nerf_render_options)`.
     pub struct_size: usize,
-    /// Samples per ray, between near and far, at most 4096; 0 for what the scene was made for. With a
-    /// proposal network these are drawn from it, and its own come on top.
+    /// Samples per ray, at most 4096; 0 for what the scene was made for. Of a scene that is marched (`step` of
+    /// `nerf_scene_info` is not 0) so many steps to the diagonal of its box; of another so many between its near and far.
+    /// With a proposal network these are drawn from it, and its own come on top.
     pub samples: u32,
     /// A ray ends where its transmittance falls below this, in `[0, 1)`; 0 never ends one.
     pub transmittance_cut: f32,
@@ -71,8 +72,15 @@ pub struct RenderOptions {
     pub normal_blur: f32,
     /// 1: samples are even where the scene would draw them from its proposal network. Else 0.
     pub ignore_proposal: u32,
-    /// Zeros.
-    pub reserved: [u32; 4],
+    /// What is nearer on a ray than this is not seen, world units, at least 0.
+    pub near_distance: f32,
+    /// What is farther on a ray than this is not seen, world units; 0 for no end.
+    pub far_distance: f32,
+    /// 1: a scene that is not marched has no samples but those between its own near and far, which it was trained on,
+    /// wherever the camera is: to reproduce figures that were measured so. Else 0: as many more as its box needs.
+    pub own_bins: u32,
+    /// Zero.
+    pub reserved: u32,
     /// Effects: all zeros is none.
     pub effects: Effects,
 }
@@ -112,6 +120,8 @@ pub(crate) struct Settings {
     pub quality: Quality,
     background: Option<[f32; 3]>,
     normal_blur: f32,
+    range: (f32, f32),
+    own_bins: bool,
     pub batch: Batch,
     effects: effects::Effects,
 }
@@ -133,13 +143,15 @@ impl Settings {
                 quality,
                 background: None,
                 normal_blur: NERF_NORMAL_BLUR_DEFAULT,
+                range: (0.0, f32::MAX),
+                own_bins: false,
                 batch,
                 effects: Effects::NONE.read()?,
             });
         }
         // SAFETY: the caller's promise.
         let o = unsafe { read_versioned(at)? };
-        if o.reserved != [0; 4] {
+        if o.reserved != 0 {
             return Err(Failure::Reserved("options.reserved"));
         }
         let samples = at_most("options.samples", "0 to 4096", o.samples, MAX_SAMPLES.into())?;
@@ -157,6 +169,8 @@ impl Settings {
             },
             background: flag("options.background_set", o.background_set)?.then_some(o.background),
             normal_blur: o.normal_blur,
+            range: (o.near_distance, if o.far_distance == 0.0 { f32::MAX } else { o.far_distance }),
+            own_bins: flag("options.own_bins", o.own_bins)?,
             batch: Batch {
                 rays: or(rays, batch.rays.min(MAX_RAYS as usize)),
                 samples: or(columns, batch.samples),
@@ -171,7 +185,11 @@ impl Settings {
     pub fn plan<'a>(&self, blob: &Blob<'a>, outputs: Outputs, alpha: bool) -> Result<Plan<'a>, Failure> {
         let mut plan = Plan::new(blob, &self.quality, outputs, self.batch)
             .and_then(|plan| plan.with_normal_blur(self.normal_blur))
+            .and_then(|plan| plan.with_range(self.range.0, self.range.1))
             .map_err(Failure::Plan)?;
+        if self.own_bins {
+            plan = plan.with_own_bins();
+        }
         if let Some(background) = self.background {
             plan = plan.with_background(background).map_err(Failure::Plan)?;
         }

@@ -5,6 +5,7 @@ use crate::open_options::Kernel;
 use crate::scene::Scene;
 use crate::status::Status;
 use core::ffi::c_char;
+use nerf_core::blob::SceneSampling;
 use nerf_core::network::{MAX_COLOUR, MAX_TRUNK};
 
 /// What a blob holds.
@@ -47,11 +48,12 @@ pub struct SceneInfo {
     pub box_min: [f32; 3],
     /// Largest corner of the scene box, world units.
     pub box_max: [f32; 3],
-    /// Near: where rays start, world units along the ray. (`near` alone is a macro on Windows.)
+    /// Near: where the scene began on the rays of the cameras it was made from, world units. Half way between it and far is
+    /// a good place for a camera; any other is as well. (`near` alone is a macro on Windows.)
     pub near_distance: f32,
-    /// Far: where rays end, world units along the ray.
+    /// Far: where the scene ended on them.
     pub far_distance: f32,
-    /// Samples per ray the scene was made for.
+    /// Samples per ray the scene was made for: between near and far, or where it is marched (`step`) the most in its box.
     pub samples: u32,
     /// What shows where opacity is below 1, display-encoded.
     pub background: [f32; 3],
@@ -101,6 +103,11 @@ pub struct SceneInfo {
     pub front_points: u32,
     /// Multiply-adds of one evaluation of the proposal network; 0 without one.
     pub proposal_macs: u64,
+    /// World units from sample to sample, of a scene that is marched where a ray is in its box; 0 where rays have bins
+    /// between near and far.
+    pub step: f32,
+    /// Zero.
+    pub reserved: u32,
 }
 
 // The header spells the format's caps out.
@@ -144,7 +151,7 @@ fn describe(scene: &Scene) -> SceneInfo {
         box_max: facts.map_or([0.0; 3], |facts| facts.max),
         near_distance: facts.map_or(0.0, |facts| facts.near),
         far_distance: facts.map_or(0.0, |facts| facts.far),
-        samples: facts.map_or(0, |facts| facts.samples.into()),
+        samples: facts.map_or(0, |facts| facts.samples().into()),
         background: facts.map_or([0.0; 3], |facts| facts.background),
         view_dependent: architecture.direction.is_some().into(),
         grid_required: facts.is_some_and(|facts| facts.grid_required).into(),
@@ -169,5 +176,10 @@ fn describe(scene: &Scene) -> SceneInfo {
         proposal_samples: blob.proposal().map_or(0, |it| it.samples.into()),
         front_points: blob.front().len() as u32,
         proposal_macs: blob.proposal().map_or(0, |it| it.architecture().density_macs() as u64),
+        step: match facts.map(|facts| facts.sampling) {
+            Some(SceneSampling::March(step)) => step,
+            _ => 0.0,
+        },
+        reserved: 0,
     }
 }

@@ -5,12 +5,19 @@ mod optimiser;
 pub use optimiser::OptimiserConfig;
 
 use crate::engine::{Adam, Model};
-use nerf_core::encoding::{AngleScale, Encoding, MAX_LEVELS};
+use glam::Vec3;
+use nerf_core::encoding::{
+    AngleScale, DirectionEncoding, GridEncoding, MAX_GRID_LEVELS, MAX_GRID_RESOLUTION, MAX_HARMONICS_DEGREE,
+    MAX_LEVELS, MAX_LOG2_ENTRIES, PositionEncoding, SinusoidalEncoding,
+};
 use nerf_core::network::{Architecture, DensityActivation, MAX_COLOUR, MAX_TRUNK, MAX_WIDTH, TrunkLayer};
 use serde::{Deserialize, Serialize};
 
 /// Samples a step may draw: some gigabytes of positions, where none is skipped; a first step may skip none.
 const MAX_STEP_SAMPLES: usize = 1 << 27;
+/// Values of the tables of a grid that is trained, half of what the format holds: a checkpoint, which has each value
+/// with two moments, then stays within what is read of one.
+const MAX_TABLE_VALUES: usize = 1 << 26;
 
 /// Every setting of a run. Fields that a TOML file leaves out keep the preset's value.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -34,8 +41,10 @@ pub struct Config {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, clap::ValueEnum)]
 #[serde(rename_all = "kebab-case")]
 pub enum Preset {
-    /// Made for two CPU cores: a small network, empty space skipped from the first step.
-    Fast,
+    /// A learned grid and two small layers: seconds to fit, milliseconds to draw.
+    Grid,
+    /// A small sinusoidal network, empty space skipped from the first step: the smallest files.
+    Small,
     /// The classic recipe to the letter: 8×256, dense, 10,000 rays a step, Adam 5e-4.
     Seed,
 }
@@ -50,9 +59,12 @@ pub struct NetworkConfig {
     pub width: usize,
     /// Trunk layers in front of the one that takes the encoded position again; 0 for none.
     pub skip_after: usize,
-    /// Levels of the position's encoding.
+    /// The grid that encodes positions; the sinusoidal encoding if absent.
+    pub grid: Option<TableConfig>,
+    /// Levels of the position's sinusoidal encoding.
     pub position_levels: u8,
-    /// Levels of the direction's encoding; 0 for a colour that does not depend on it.
+    /// Levels of the direction's sinusoidal encoding, or beside a grid the degree of its spherical harmonics; 0 for a
+    /// colour that does not depend on it.
     pub direction_levels: u8,
     /// Whether a linear layer stands between trunk and colour branch (folded away at export).
     pub feature: bool,
@@ -62,7 +74,8 @@ pub struct NetworkConfig {
     pub density: Density,
     /// `sigma = activation(scale · raw)` in training.
     pub density_scale: f32,
-    /// Start value added to the density, after scaling.
+    /// Start value added to the density, after scaling; of an exponential density, the logarithm of the optical depth
+    /// of the scene box's longest side at the start.
     pub density_bias: f32,
 }
 
@@ -74,14 +87,73 @@ pub enum Density {
     Relu,
     /// ln(1 + exp(raw − 1)).
     Softplus,
+    /// exp(raw), up to the core's limit.
+    Exponential,
+}
+
+/// The multiresolution grid that encodes positions.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct TableConfig {
+    /// Levels.
+    pub levels: usize,
+    /// Features of an entry: 1, 2 or 4.
+    pub features: u8,
+    /// Binary logarithm of the most entries a level has.
+    pub log2_entries: u8,
+    /// Cells of the first level along the longest side of the scene box.
+    pub coarsest: u16,
+    /// Cells of the last level.
+    pub finest: u16,
+}
+
+impl TableConfig {
+    /// The grid over a box of this extent: resolutions grow geometrically, and cells are cubes as far as whole
+    /// numbers of them allow.
+    pub fn encoding(&self, extent: Vec3) -> GridEncoding {
+        let (first, last) = (f64::from(self.coarsest), f64::from(self.finest));
+        let longest = extent.max_element();
+        let level = |level: usize| {
+            let share = if self.levels > 1 { level as f64 / (self.levels - 1) as f64 } else { 0.0 };
+            let cells = (first * (last / first).powf(share)).round();
+            extent.to_array().map(|side| ((f64::from(side / longest) * cells).round() as u16).max(1))
+        };
+        let resolutions = (0..self.levels.min(MAX_GRID_LEVELS)).map(level).collect();
+        GridEncoding { inputs: 3, features: self.features, log2_entries: self.log2_entries, resolutions }
+    }
+
+    fn check(&self) -> Result<(), ConfigError> {
+        let Self { levels, features, log2_entries, coarsest, finest } = *self;
+        let field = "network.grid.levels";
+        rule(field, (1..=MAX_GRID_LEVELS).contains(&levels), format!("1 to {MAX_GRID_LEVELS}"), levels)?;
+        rule("network.grid.features", matches!(features, 1 | 2 | 4), "1, 2 or 4", features)?;
+        let most = format!("1 to {MAX_LOG2_ENTRIES}");
+        rule(
+            "network.grid.log2_entries",
+            (1..=MAX_LOG2_ENTRIES).contains(&log2_entries),
+            most,
+            log2_entries,
+        )?;
+        rule("network.grid.coarsest", coarsest >= 1, "at least 1", coarsest)?;
+        let most = format!("the coarsest level's {coarsest} to {MAX_GRID_RESOLUTION}");
+        rule("network.grid.finest", (coarsest..=MAX_GRID_RESOLUTION).contains(&finest), most, finest)?;
+        // A box that is no cube has no more.
+        let values = self.encoding(Vec3::ONE).values();
+        let most = format!(
+            "tables of at most {MAX_TABLE_VALUES} values over a cube: fewer entries, levels or features"
+        );
+        rule("network.grid.log2_entries", values <= MAX_TABLE_VALUES, most, format!("{values} values"))
+    }
 }
 
 /// Where rays and samples are drawn.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct SamplingConfig {
-    /// Samples per ray, equal bins between near and far.
+    /// Samples per ray, equal bins between near and far; beside a grid they follow from `steps_across`.
     pub samples: u16,
+    /// Steps that a ray takes across the longest side of the scene box, beside a grid.
+    pub steps_across: u16,
     /// Share of a bin, around its start, that a sample is drawn from; or a width in world units.
     pub jitter: Jitter,
     /// Rays a step; times `samples` at most 2^27. With `live_samples` the rays of the first step, all of which are
@@ -125,6 +197,8 @@ pub struct GridConfig {
     pub hull: bool,
     /// Steps between refreshes from the network.
     pub every: u32,
+    /// Most cells that a refresh asks.
+    pub cells: usize,
     /// First step at which cells may be dropped.
     pub from: u32,
     /// A cell is kept while its density times the bin width exceeds this.
@@ -141,12 +215,69 @@ impl Preset {
     /// Its settings.
     pub fn config(self) -> Config {
         match self {
-            Self::Fast => Config {
+            Self::Grid => Config {
+                preset: self,
+                network: NetworkConfig {
+                    depth: 1,
+                    width: 32,
+                    skip_after: 0,
+                    grid: Some(TableConfig {
+                        levels: 8,
+                        features: 2,
+                        log2_entries: 16,
+                        coarsest: 16,
+                        finest: 320,
+                    }),
+                    position_levels: 0,
+                    direction_levels: 4,
+                    feature: false,
+                    colour_width: 32,
+                    density: Density::Exponential,
+                    density_scale: 1.0,
+                    density_bias: 3.8,
+                },
+                sampling: SamplingConfig {
+                    samples: 128,
+                    steps_across: 150,
+                    jitter: Jitter::Bin,
+                    rays: 400,
+                    live_samples: 4096,
+                    images: 0,
+                    random_background: true,
+                    near: None,
+                    far: None,
+                    scene_box: None,
+                },
+                grid: GridConfig {
+                    skip: true,
+                    resolution: 128,
+                    hull: true,
+                    every: 16,
+                    cells: 8192,
+                    from: 0,
+                    threshold: 0.01,
+                    decay: 0.5,
+                    empty_share: 0.0,
+                    empty_weight: 0.0,
+                },
+                optimiser: OptimiserConfig {
+                    steps: 12_000,
+                    rate: 1.5e-2,
+                    final_share: 0.13,
+                    warm_up: 0,
+                    beta2: 0.99,
+                    epsilon: 1e-15,
+                    average: 0.0,
+                },
+                seed: 0,
+            },
+            Self::Small => Config {
                 preset: self,
                 network: NetworkConfig {
                     depth: 4,
                     width: 128,
                     skip_after: 0,
+                    grid: None,
                     position_levels: 10,
                     direction_levels: 4,
                     feature: false,
@@ -157,6 +288,7 @@ impl Preset {
                 },
                 sampling: SamplingConfig {
                     samples: 128,
+                    steps_across: 150,
                     jitter: Jitter::Bin,
                     rays: 1024,
                     live_samples: 4096,
@@ -171,6 +303,7 @@ impl Preset {
                     resolution: 96,
                     hull: true,
                     every: 32,
+                    cells: 1 << 16,
                     from: 100,
                     threshold: 0.05,
                     decay: 0.8,
@@ -194,6 +327,7 @@ impl Preset {
                     depth: 8,
                     width: 256,
                     skip_after: 4,
+                    grid: None,
                     position_levels: 10,
                     direction_levels: 4,
                     feature: true,
@@ -204,6 +338,7 @@ impl Preset {
                 },
                 sampling: SamplingConfig {
                     samples: 64,
+                    steps_across: 150,
                     jitter: Jitter::Bin,
                     rays: 10_000,
                     live_samples: 0,
@@ -218,6 +353,7 @@ impl Preset {
                     resolution: 128,
                     hull: false,
                     every: 50,
+                    cells: 1 << 16,
                     from: 200,
                     threshold: 0.01,
                     decay: 0.8,
@@ -286,6 +422,22 @@ impl Config {
             n.density_scale,
         )?;
         rule("network.density_bias", n.density_bias.is_finite(), "a finite number", n.density_bias)?;
+        if let Some(grid) = &n.grid {
+            grid.check()?;
+            let levels = n.position_levels;
+            rule("network.position_levels", levels == 0, "0 beside a grid, which takes their place", levels)?;
+            rule("network.skip_after", n.skip_after == 0, "0 beside a grid", n.skip_after)?;
+            rule("network.feature", !n.feature, "false beside a grid", n.feature)?;
+            let degree = n.direction_levels;
+            let most = format!("at most degree {MAX_HARMONICS_DEGREE} beside a grid");
+            rule("network.direction_levels", degree <= MAX_HARMONICS_DEGREE, most, degree)?;
+            let density = n.density == Density::Exponential;
+            rule("network.density", density, "exponential beside a grid", format!("{:?}", n.density))?;
+            rule("network.density_scale", n.density_scale == 1.0, "1 beside a grid", n.density_scale)?;
+            // Its samples are trained where light reaches them, which culled space is not.
+            rule("grid.empty_share", g.empty_share == 0.0, "0 beside a grid", g.empty_share)?;
+        }
+        rule("sampling.steps_across", s.steps_across > 0, "at least 1", s.steps_across)?;
         rule("sampling.samples", (1..=4096).contains(&s.samples), "1 to 4096", s.samples)?;
         rule("sampling.rays", (1..=1_000_000).contains(&s.rays), "1 to 1000000", s.rays)?;
         let samples = s.rays * usize::from(s.samples);
@@ -325,19 +477,37 @@ impl Config {
     /// What changes where no hull can be carved and the network itself must find the empty space:
     /// a gentler start, or its densities die in the fog.
     pub fn without_hull(mut self) -> Self {
-        if self.preset == Preset::Fast {
+        if self.preset == Preset::Small {
             self.network.density_bias = 0.5;
             self.grid.from = 400;
             self.optimiser.rate = 5e-3;
+        }
+        if self.network.grid.is_some() {
+            // Opaque from the start, each view would be painted onto the shell of the box.
+            self.network.density_bias = 0.0;
         }
         self.grid.hull = false;
         self
     }
 
-    /// The network as it is trained.
+    /// The network as it is trained, over a cube of side 1.
     pub fn model(&self) -> Model {
+        self.model_of(Vec3::ONE)
+    }
+
+    /// The network as it is trained, over a scene box of this extent.
+    pub fn model_of(&self, extent: Vec3) -> Model {
         let n = &self.network;
-        let encoding = |levels| Encoding { inputs: 3, levels, scale: AngleScale::Pi, identity: true };
+        let sinusoidal =
+            |levels| SinusoidalEncoding { inputs: 3, levels, scale: AngleScale::Pi, identity: true };
+        let position = match &n.grid {
+            Some(grid) => PositionEncoding::Grid(grid.encoding(extent)),
+            None => sinusoidal(n.position_levels).into(),
+        };
+        let direction = match &n.grid {
+            Some(_) => DirectionEncoding::SphericalHarmonics { degree: n.direction_levels },
+            None => sinusoidal(n.direction_levels).into(),
+        };
         // The capacities are those that `check` holds depth and width to.
         let trunk = (0..n.depth.min(MAX_TRUNK))
             .map(|i| TrunkLayer { width: n.width as u16, skip: i > 0 && i == n.skip_after })
@@ -345,20 +515,26 @@ impl Config {
         let colour: heapless::Vec<u16, MAX_COLOUR> =
             (n.colour_width > 0).then_some(n.colour_width as u16).into_iter().collect();
         let architecture = Architecture {
-            position: encoding(n.position_levels),
-            direction: (n.direction_levels > 0).then(|| encoding(n.direction_levels)),
+            position,
+            direction: (n.direction_levels > 0).then_some(direction),
             trunk,
             density: Some(match n.density {
                 Density::Relu => DensityActivation::Relu,
                 Density::Softplus => DensityActivation::ShiftedSoftplus,
+                Density::Exponential => DensityActivation::Exponential,
             }),
             colour,
+        };
+        // An exponential density starts at the same optical depth whatever the unit of length is.
+        let per_unit = match n.density {
+            Density::Exponential => extent.max_element().ln(),
+            Density::Relu | Density::Softplus => 0.0,
         };
         Model {
             architecture,
             feature: n.feature,
             density_scale: n.density_scale,
-            density_bias: n.density_bias,
+            density_bias: n.density_bias - per_unit,
         }
     }
 

@@ -4,6 +4,7 @@ use crate::dataset::View;
 use crate::frame::{self, Frame};
 use crate::report::metrics::{psnr_db, ssim};
 use nerf_core::blob::{Blob, BlobError};
+use nerf_core::encoding::{GridEncoding, GridTables, TableValues};
 use nerf_core::kernels::{Line, Tier};
 use nerf_core::plan::{Batch, Outputs, Plan, PlanError, Quality};
 use nerf_core::render::{Counters, RenderError, Renderer};
@@ -120,13 +121,18 @@ pub fn measure<'v>(
 ) -> Result<Scores, EvalError> {
     let blob = Blob::open(blob)?;
     let plan = Plan::new(&blob, quality, Outputs::ALL, Batch::for_tier(tier))?;
-    let plan = plan.with_background(background)?;
+    // Of the bins that the network was trained on: a figure is theirs.
+    let plan = plan.with_background(background)?.with_own_bins();
     let mut memory = vec![Line::UNINIT; Renderer::prepared_lines(&blob, tier)];
     let renderer = match parameters {
         Some(parameters) => {
-            let (expected, found) = (blob.architecture().parameters(), parameters.len());
-            Renderer::with_parameters(blob, tier, parameters)
-                .ok_or(EvalError::Parameters { expected, found })?
+            let layers = blob.architecture().parameters();
+            let expected = layers + blob.architecture().position.grid().map_or(0, GridEncoding::values);
+            let fault = EvalError::Parameters { expected, found: parameters.len() };
+            let (layers, tables) = parameters.split_at_checked(layers).ok_or(fault)?;
+            let bounds = blob.scene_box();
+            let tables = GridTables::new(TableValues::F32(tables), bounds.as_ref());
+            Renderer::with_parameters_and_tables(blob, tier, layers, tables).ok_or(fault)?
         }
         None => Renderer::new(blob, tier, &mut memory)?,
     };

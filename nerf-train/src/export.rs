@@ -1,7 +1,9 @@
 //! From parameters to a blob.
 
 use half::f16;
-use nerf_core::blob::{self, BlobError, Body, Content, Grid, Proposal, Provenance};
+use nerf_core::blob::{
+    self, BlobError, Body, Content, Grid, Proposal, Provenance, StoredTables, TableStorage,
+};
 use nerf_core::network::{Architecture, DensityActivation, Layer, Role};
 
 /// What a blob is made of besides its network.
@@ -11,6 +13,8 @@ pub struct Contents<'a> {
     pub architecture: &'a Architecture,
     /// Its parameters in export order.
     pub parameters: &'a [f32],
+    /// The values of its grid's tables; empty without one.
+    pub tables: &'a [f32],
     /// What the network is a field of.
     pub content: Content,
     /// Resolution and bits of the skip grid.
@@ -51,6 +55,14 @@ pub enum ExportError {
         /// Index among the layer's parameters, weights first.
         index: usize,
         /// The weight.
+        found: f32,
+    },
+    /// A value of the grid's tables does not fit f16.
+    #[error("grid: value {index} of its tables: expected a finite number within ±65504 (f16), found {found}")]
+    Table {
+        /// Index among the values of all levels.
+        index: usize,
+        /// The value.
         found: f32,
     },
     /// A weight of the coarse network does not fit f16.
@@ -100,12 +112,15 @@ pub fn export_with(contents: &Contents<'_>, coarse: Option<&Coarse<'_>>) -> Resu
             .map_err(|(role, index, found)| ExportError::CoarseWeight { role, index, found })?;
     }
     let proposal = coarse.map(|coarse| Proposal {
-        position: coarse.architecture.position,
+        position: *coarse.architecture.position.sinusoidal().expect("coarse networks are imported"),
         trunk: coarse.architecture.trunk.clone(),
         density: coarse.architecture.density.unwrap_or(DensityActivation::Relu),
         samples: coarse.samples,
         weights: &coarse_rounded.weights,
     });
+    let mut tables = Rounded::default();
+    tables.push(contents.tables).map_err(|(index, found)| ExportError::Table { index, found })?;
+    let grid = contents.architecture.position.grid();
     let body = Body {
         architecture: contents.architecture.clone(),
         content: contents.content.clone(),
@@ -114,6 +129,7 @@ pub fn export_with(contents: &Contents<'_>, coarse: Option<&Coarse<'_>>) -> Resu
         proposal,
         provenance: contents.provenance.clone(),
         weights: &rounded.weights,
+        tables: grid.map(|_| StoredTables { storage: TableStorage::F16, bytes: &tables.weights }),
     };
     let mut bytes = vec![0; blob::encoded_len(&body).map_err(ExportError::Blob)?];
     blob::write(&body, &mut bytes).map_err(ExportError::Blob)?;
@@ -133,16 +149,23 @@ impl Rounded {
         self.weights.reserve(2 * parameters.len());
         for layer in layers {
             let end = layer.bias + layer.outputs;
-            for (index, &found) in parameters[layer.weights..end].iter().enumerate() {
-                // What lies just beyond would round to the largest; NaN compares false.
-                let fits = found.abs() <= f16::MAX.to_f32();
-                if !fits {
-                    return Err((layer.role, index, found));
-                }
-                let rounded = f16::from_f32(found);
-                self.subnormal += usize::from(rounded.classify() == std::num::FpCategory::Subnormal);
-                self.weights.extend(rounded.to_le_bytes());
+            self.push(&parameters[layer.weights..end])
+                .map_err(|(index, found)| (layer.role, index, found))?;
+        }
+        Ok(())
+    }
+
+    /// Appends values; the first that does not fit is the error.
+    fn push(&mut self, values: &[f32]) -> Result<(), (usize, f32)> {
+        for (index, &found) in values.iter().enumerate() {
+            // What lies just beyond would round to the largest; NaN compares false.
+            let fits = found.abs() <= f16::MAX.to_f32();
+            if !fits {
+                return Err((index, found));
             }
+            let rounded = f16::from_f32(found);
+            self.subnormal += usize::from(rounded.classify() == std::num::FpCategory::Subnormal);
+            self.weights.extend(rounded.to_le_bytes());
         }
         Ok(())
     }

@@ -1,11 +1,14 @@
 //! Densities of a network at many points, on all cores.
 
+use nerf_core::encoding::{GridTables, TableValues};
 use nerf_core::kernels::{Arena, BLOCK, Line, Tier, lines_for};
 use nerf_core::math::MathBackend;
 use nerf_core::network::{Architecture, Network, Scratch, Weights};
+use nerf_core::ray::SceneBox;
 use rayon::prelude::*;
 
-/// sigma, 1/world unit, at each of `points`; `parameters` in the architecture's own order.
+/// sigma, 1/world unit, at each of `points`; `parameters` in the architecture's own order, and behind them the values
+/// of its grid over `bounds`, if it has one.
 ///
 /// # Panics
 /// If the parameters do not fit the architecture.
@@ -13,9 +16,12 @@ pub fn densities(
     tier: Tier,
     architecture: &Architecture,
     parameters: &[f32],
+    bounds: &SceneBox,
     points: &[[f32; 3]],
 ) -> Vec<f32> {
-    let network = Network::new(architecture, Weights::Prepared(parameters), tier);
+    let (layers, tables) = parameters.split_at(architecture.parameters());
+    let tables = GridTables::new(TableValues::F32(tables), Some(bounds));
+    let network = Network::with_grid(architecture, Weights::Prepared(layers), tables, tier);
     let network = network.expect("parameters fit the architecture");
     let (encoded, rows) = (network.encoded_rows() * BLOCK, network.activation_rows() * BLOCK);
     let lines = 2 * lines_for::<f32>(rows) + lines_for::<f32>(encoded);

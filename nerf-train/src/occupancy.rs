@@ -12,8 +12,6 @@ use nerf_core::sampling::{Purpose, SkipGrid, uniform};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
-/// Cells asked for their density in one refresh.
-const REFRESH_CELLS: usize = 1 << 16;
 /// A refresh that would leave a smaller share of the candidates is ignored: a network whose
 /// density is dead must not take the grid with it.
 const SMALLEST_SHARE: f64 = 0.02;
@@ -111,6 +109,19 @@ impl Occupancy {
         Self::of_candidates(bounds, sides, (0..cells).collect())
     }
 
+    /// The same cells halved along each side: each becomes eight, live or not as it was.
+    pub fn halved(&self) -> Self {
+        let [_, ny, nz] = self.live.resolution.map(u32::from);
+        let resolution = self.live.resolution.map(|side| 2 * side);
+        let eight = |&cell: &u32| {
+            let [x, y, z] = [cell / (ny * nz), cell / nz % ny, cell % nz].map(|at| 2 * at);
+            (0..8u32).map(move |i| ((x + (i >> 2)) * 2 * ny + y + (i >> 1 & 1)) * 2 * nz + z + (i & 1))
+        };
+        let mut cells: Vec<u32> = self.candidates.iter().flat_map(eight).collect();
+        cells.sort_unstable();
+        Self::of_candidates(self.live.bounds(), resolution, cells)
+    }
+
     fn of_candidates(bounds: SceneBox, resolution: [u16; 3], candidates: Vec<u32>) -> Self {
         let live = LiveCells::of(bounds, resolution, candidates.iter().copied());
         let density = vec![UNKNOWN; candidates.len()];
@@ -169,6 +180,11 @@ impl Occupancy {
         self.live.grid()
     }
 
+    /// The cells that may hold something.
+    pub(crate) fn live(&self) -> &LiveCells {
+        &self.live
+    }
+
     /// What a blob keeps of it.
     pub fn into_live(self) -> LiveCells {
         self.live
@@ -176,11 +192,11 @@ impl Occupancy {
 
     /// Asks the network again and, if `drop` says so, drops cells of too little density.
     ///
-    /// `threshold`: sigma, 1/world unit, that keeps a cell. Each refresh asks at most 65,536
+    /// `threshold`: sigma, 1/world unit, that keeps a cell. Each refresh asks at most `cells`
     /// candidates, in turn, each at one random point; a cell remembers the larger of its answer
     /// and `decay` times what it remembered.
-    pub fn refresh(&mut self, ask: &Ask<'_>, threshold: f32, decay: f32, drop: bool) {
-        let parts = self.candidates.len().div_ceil(REFRESH_CELLS).max(1);
+    pub fn refresh(&mut self, ask: &Ask<'_>, cells: usize, threshold: f32, decay: f32, drop: bool) {
+        let parts = self.candidates.len().div_ceil(cells.max(1)).max(1);
         let part = (self.refreshes % parts as u64) as usize;
         let asked: Vec<usize> = (part..self.candidates.len()).step_by(parts).collect();
         let sigma = self.ask(ask, &asked, |axis, cell| {
@@ -256,7 +272,7 @@ impl Occupancy {
             self.live.point(cell, std::array::from_fn(|axis| u(axis as u64, cell))).to_array()
         };
         let points: Vec<[f32; 3]> = which.par_iter().map(point).collect();
-        densities(ask.tier, ask.architecture, ask.parameters, &points)
+        densities(ask.tier, ask.architecture, ask.parameters, &self.live.bounds(), &points)
     }
 
     /// Sets the bits from the densities, unless less than that share of the candidates would be left.

@@ -1,12 +1,16 @@
 //! Batches: which pixels, which samples along their rays.
 
+mod march;
+
 use crate::config::{Config, Jitter};
 use crate::dataset::{Background, View};
 use crate::engine::{Batch, BatchRay};
-use crate::occupancy::is_foreground;
+use crate::occupancy::{LiveCells, is_foreground};
 use glam::Vec3;
+use march::{Cells, march};
 use nerf_core::camera::Camera;
-use nerf_core::ray::SceneBox;
+use nerf_core::kernels::Tier;
+use nerf_core::ray::{Ray, SceneBox};
 use nerf_core::sampling::{Bins, Purpose, SkipGrid, uniform, uniform_u32};
 use rayon::prelude::*;
 
@@ -110,6 +114,48 @@ impl<'d> RayBank<'d> {
         batch.deltas.resize(batch.positions.len(), self.bins.delta());
     }
 
+    /// Fills `batch` with `rays` rays of `step`: of each the samples in `cells`, `width` apart, from a random place in
+    /// the first of these steps on.
+    ///
+    /// Where the training cameras stood does not matter: what is marched is the ray within the scene box.
+    pub fn fill_marched(
+        &self,
+        tier: Tier,
+        batch: &mut Batch,
+        step: u64,
+        rays: usize,
+        cells: &LiveCells,
+        width: f32,
+    ) {
+        batch.clear();
+        let cells = Cells { bounds: cells.bounds(), resolution: cells.resolution(), bits: cells.bits() };
+        let chunks: Vec<(Vec<BatchRay>, Vec<[f32; 3]>)> = (0..rays.div_ceil(CHUNK))
+            .into_par_iter()
+            .map(|chunk| {
+                let range = chunk * CHUNK..rays.min((chunk + 1) * CHUNK);
+                let (mut rays_of, mut positions) =
+                    (Vec::with_capacity(CHUNK), Vec::with_capacity(16 * CHUNK));
+                for index in range {
+                    let before = positions.len();
+                    let (ray, mut batch_ray) = self.target(step, index as u64, rays);
+                    if let Some((enter, exit)) = self.bounds.clip(&ray, 0.0, f32::MAX) {
+                        let u = uniform(self.seed, Purpose::Jitter, step, index as u64);
+                        let (first, count) = (enter + u * width, ((exit - enter) / width).ceil() as u32);
+                        march(tier, &cells, &ray, first, width, count, &mut positions);
+                    }
+                    batch_ray.samples = (positions.len() - before) as u32;
+                    rays_of.push(batch_ray);
+                }
+                (rays_of, positions)
+            })
+            .collect();
+        for (rays, positions) in chunks {
+            batch.rays.extend(rays);
+            batch.positions.extend(positions);
+        }
+        batch.deltas.resize(batch.positions.len(), width);
+    }
+
     /// Adds `count` points that `grid` calls empty: half along rays of the data, half anywhere.
     pub fn fill_empty(&self, batch: &mut Batch, step: u64, count: usize, grid: &SkipGrid<'_>) {
         let extent = self.bounds.max - self.bounds.min;
@@ -160,13 +206,8 @@ impl<'d> RayBank<'d> {
         }
     }
 
-    fn ray(
-        &self,
-        step: u64,
-        index: u64,
-        rays: usize,
-        grid: Option<&SkipGrid<'_>>,
-    ) -> (BatchRay, Vec<[f32; 3]>) {
+    /// Ray `index` of a step that draws `rays`, and what it should show; without samples.
+    fn target(&self, step: u64, index: u64, rays: usize) -> (Ray, BatchRay) {
         let (view, pixel) = self.source(step, index, rays);
         let view = &self.views[view];
         let ray = ray_of(&view.camera, pixel);
@@ -182,6 +223,17 @@ impl<'d> RayBank<'d> {
             _ => [0.0; 3],
         };
         let rgb = crate::dataset::over(view.pixels[pixel], background);
+        (ray, BatchRay { dir: ray.dir.to_array(), rgb, background, samples: 0 })
+    }
+
+    fn ray(
+        &self,
+        step: u64,
+        index: u64,
+        rays: usize,
+        grid: Option<&SkipGrid<'_>>,
+    ) -> (BatchRay, Vec<[f32; 3]>) {
+        let (ray, batch_ray) = self.target(step, index, rays);
         let mut positions = Vec::new();
         if let Some((enter, exit)) = self.bounds.clip(&ray, self.near, self.far) {
             for bin in self.bins.overlapping(enter, exit) {
@@ -191,8 +243,7 @@ impl<'d> RayBank<'d> {
                 }
             }
         }
-        let samples = positions.len() as u32;
-        (BatchRay { dir: ray.dir.to_array(), rgb, background, samples }, positions)
+        (BatchRay { samples: positions.len() as u32, ..batch_ray }, positions)
     }
 
     /// Where the sample of `bin` lies on ray `index` of `step`, world units along it; never falls from bin to bin.
@@ -216,7 +267,7 @@ fn scale(bits: u32, count: u64) -> u64 {
     (u64::from(bits) * count) >> 32
 }
 
-fn ray_of(camera: &Camera, pixel: usize) -> nerf_core::ray::Ray {
+fn ray_of(camera: &Camera, pixel: usize) -> Ray {
     let width = camera.intrinsics().width as usize;
     camera.ray((pixel % width) as f32 + 0.5, (pixel / width) as f32 + 0.5)
 }

@@ -56,7 +56,10 @@ pub fn render_options() -> ffi::RenderOptions {
         colour_cut: 0.0,
         normal_blur: 0.0,
         ignore_proposal: 0,
-        reserved: [0; 4],
+        near_distance: 0.0,
+        far_distance: 0.0,
+        own_bins: 0,
+        reserved: 0,
         effects: ffi::Effects {
             jitter: 0,
             anti_aliasing: 0,

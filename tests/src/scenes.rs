@@ -2,10 +2,12 @@
 
 use nerf_core::blob::{
     Blob, Body, Content, Front, FrontPoint, Grid, PictureFacts, Proposal, Provenance, SceneFacts,
-    encoded_len, write,
+    SceneSampling, StoredTables, TableStorage, encoded_len, write,
 };
 use nerf_core::camera::{Camera, Intrinsics, Pose};
-use nerf_core::encoding::{AngleScale, Encoding};
+use nerf_core::encoding::{
+    AngleScale, DirectionEncoding, GridEncoding, PositionEncoding, SinusoidalEncoding,
+};
 use nerf_core::kernels::{Line, Tier};
 use nerf_core::lens::Lens;
 use nerf_core::math::MathBackend;
@@ -24,6 +26,8 @@ pub struct Recipe {
     pub view_dependent: bool,
     /// Levels of the position's encoding.
     pub levels: u8,
+    /// Features of an entry, if positions are encoded by a learned grid; 0 if by sines and cosines.
+    pub features: u8,
     /// Cells of the grid along each axis, and whether all of them are set.
     pub grid: Option<(u16, bool)>,
     /// Whether the grid is part of the model.
@@ -43,6 +47,7 @@ impl Recipe {
         skip: false,
         view_dependent: true,
         levels: 10,
+        features: 0,
         grid: None,
         grid_required: false,
         proposal: None,
@@ -57,6 +62,10 @@ impl Recipe {
     pub const GRID_REQUIRED: Self = Self { grid_required: true, ..Self::GRID };
     /// With a coarse proposal network besides.
     pub const PROPOSAL: Self = Self { proposal: Some(12), seed: 7, ..Self::GRID };
+    /// With a learned grid of 4 levels, spherical harmonics and an exponential density.
+    pub const LEARNED: Self = Self { features: 2, levels: 4, trunk: (1, 32), seed: 8, ..Self::PLAIN };
+    /// A picture by a learned grid.
+    pub const LEARNED_PICTURE: Self = Self { features: 1, levels: 3, seed: 9, ..Self::PICTURE };
     /// A picture of 33x21 pixels.
     pub const PICTURE: Self = Self { scene: false, view_dependent: false, seed: 4, ..Self::PLAIN };
     /// As few bytes as a picture can have, nearly.
@@ -75,14 +84,24 @@ impl Recipe {
 
     /// The network's shape.
     pub fn architecture(&self) -> Architecture {
-        let encoding = |inputs, levels| Encoding { inputs, levels, scale: AngleScale::Pi, identity: true };
+        let encoding =
+            |inputs, levels| SinusoidalEncoding { inputs, levels, scale: AngleScale::Pi, identity: true };
         let (layers, width) = self.trunk;
         let trunk = (0..layers).map(|i| TrunkLayer { width, skip: self.skip && i > 0 && i + 1 == layers });
         Architecture {
-            position: encoding(if self.scene { 3 } else { 2 }, self.levels),
-            direction: self.view_dependent.then(|| encoding(3, 4)),
+            position: match self.learned() {
+                Some(grid) => PositionEncoding::Grid(grid),
+                None => encoding(if self.scene { 3 } else { 2 }, self.levels).into(),
+            },
+            direction: self.view_dependent.then(|| match self.features {
+                0 => encoding(3, 4).into(),
+                _ => DirectionEncoding::SphericalHarmonics { degree: 4 },
+            }),
             trunk: trunk.collect(),
-            density: self.scene.then_some(DensityActivation::Relu),
+            density: self.scene.then_some(match self.features {
+                0 => DensityActivation::Relu,
+                _ => DensityActivation::Exponential,
+            }),
             colour: self.view_dependent.then_some(width / 2).into_iter().collect(),
         }
     }
@@ -91,13 +110,15 @@ impl Recipe {
     pub fn blob(&self) -> Vec<u8> {
         let architecture = self.architecture();
         let (weights, bits) = (self.weights(&architecture), self.bits());
-        let coarse = Self { trunk: (2, self.trunk.1), seed: self.seed + 100, skip: true, ..*self };
+        let tables = architecture.position.grid().map(|grid| self.tables(grid));
+        let coarse =
+            Self { features: 0, trunk: (2, self.trunk.1), seed: self.seed + 100, skip: true, ..*self };
         let coarse_shape =
             Architecture { direction: None, colour: [].into_iter().collect(), ..coarse.architecture() };
         let mut coarse_weights = coarse.weights(&coarse_shape);
         coarse_weights.truncate(2 * coarse_shape.density_parameters());
         let proposal = self.proposal.map(|samples| Proposal {
-            position: coarse_shape.position,
+            position: *coarse_shape.position.sinusoidal().expect("no grid, as below"),
             trunk: coarse_shape.trunk.clone(),
             density: DensityActivation::Relu,
             samples,
@@ -120,6 +141,7 @@ impl Recipe {
                 trained_parameters: 9,
             },
             weights: &weights,
+            tables: tables.as_deref().map(|bytes| StoredTables { storage: TableStorage::F16, bytes }),
         };
         let mut blob = vec![0; encoded_len(&body).expect("a valid body")];
         write(&body, &mut blob).expect("a valid body");
@@ -135,7 +157,10 @@ impl Recipe {
             max: [1.0, 1.0, 1.5],
             near: 2.0,
             far: 6.0,
-            samples: 48,
+            sampling: match self.features {
+                0 => SceneSampling::Bins(48),
+                _ => SceneSampling::March(0.08),
+            },
             background: [1.0, 0.5, 0.25],
             grid_required: self.grid_required,
         })
@@ -163,6 +188,31 @@ impl Recipe {
             }
         }
         weights
+    }
+
+    /// The learned grid, if there is one: finer by half from level to level, hashed from the second on.
+    fn learned(&self) -> Option<GridEncoding> {
+        let inputs = if self.scene { 3 } else { 2 };
+        let cells = (0..self.levels).map(|level| 6 + 3 * u16::from(level));
+        let resolutions = cells.map(|n| [n, n + 1, if self.scene { n } else { 0 }]).collect();
+        let log2_entries = if self.scene { 9 } else { 6 };
+        (self.features > 0).then_some(GridEncoding {
+            inputs,
+            features: self.features,
+            log2_entries,
+            resolutions,
+        })
+    }
+
+    fn tables(&self, grid: &GridEncoding) -> Vec<u8> {
+        let mut state = self.seed | 1;
+        let values = (0..grid.values()).map(|_| {
+            state ^= state << 13;
+            state ^= state >> 7;
+            state ^= state << 17;
+            f16_bits((state >> 40) as f32 / (1u64 << 23) as f32 - 1.0)
+        });
+        values.flat_map(u16::to_le_bytes).collect()
     }
 
     fn bits(&self) -> Vec<u8> {
@@ -193,7 +243,7 @@ fn front(skip_grid: bool) -> Front {
 }
 
 /// The nearest-below f16 of a small normal number, subnormals flushed to zero.
-fn f16_bits(x: f32) -> u16 {
+pub fn f16_bits(x: f32) -> u16 {
     let bits = x.to_bits();
     let (sign, exponent) = ((bits >> 16 & 0x8000) as u16, (bits >> 23 & 0xff) as i32 - 112);
     if exponent <= 0 { sign } else { sign | (exponent as u16) << 10 | (bits >> 13 & 0x3ff) as u16 }

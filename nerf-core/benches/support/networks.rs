@@ -2,8 +2,8 @@
 //! weights; a culled frame's depends on the grid.
 
 use super::noise;
-use nerf_core::blob::{self, Body, Content, FrontPoint, Grid, Provenance, SceneFacts};
-use nerf_core::encoding::{AngleScale, Encoding};
+use nerf_core::blob::{self, Body, Content, FrontPoint, Grid, Provenance, SceneFacts, SceneSampling};
+use nerf_core::encoding::{AngleScale, SinusoidalEncoding};
 use nerf_core::network::{Architecture, DensityActivation, Scratch, TrunkLayer};
 use nerf_core::{Camera, Intrinsics, Lens, Pose};
 
@@ -11,15 +11,15 @@ use nerf_core::{Camera, Intrinsics, Lens, Pose};
 const CELLS: u16 = 96;
 
 /// An encoding with identity and `s = π`.
-pub const fn pi(levels: u8) -> Encoding {
-    Encoding { inputs: 3, levels, scale: AngleScale::Pi, identity: true }
+pub const fn pi(levels: u8) -> SinusoidalEncoding {
+    SinusoidalEncoding { inputs: 3, levels, scale: AngleScale::Pi, identity: true }
 }
 
 /// 8×256 with the encoded position appended after four layers, L = 10/4, a colour layer of 128.
 pub fn seed() -> Architecture {
     Architecture {
-        position: pi(10),
-        direction: Some(pi(4)),
+        position: pi(10).into(),
+        direction: Some(pi(4).into()),
         trunk: (0..8).map(|i| TrunkLayer { width: 256, skip: i == 4 }).collect(),
         density: Some(DensityActivation::Relu),
         colour: [128].into_iter().collect(),
@@ -64,7 +64,7 @@ pub fn file() -> Vec<u8> {
             max: [6.0; 3],
             near: 2.0,
             far: 6.0,
-            samples: 64,
+            sampling: SceneSampling::Bins(64),
             background: [0.0; 3],
             grid_required: false,
         }),
@@ -83,6 +83,7 @@ pub fn file() -> Vec<u8> {
         },
         architecture,
         weights: &weights,
+        tables: None,
     };
     let mut file = vec![0; blob::encoded_len(&body).expect("a valid body")];
     blob::write(&body, &mut file).expect("a valid body");

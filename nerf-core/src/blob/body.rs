@@ -3,6 +3,7 @@
 use super::front::Front;
 use super::proposal::Proposal;
 use crate::network::Architecture;
+use glam::Vec3;
 use serde::{Deserialize, Serialize};
 
 /// Most samples per ray a blob may ask for.
@@ -33,6 +34,28 @@ pub struct Body<'a> {
     pub provenance: Provenance<'a>,
     /// The parameters as little-endian f16, in the order of [`Architecture::layers`].
     pub weights: &'a [u8],
+    /// The entries of the position's grid; present exactly if it is one.
+    #[serde(borrow)]
+    pub tables: Option<StoredTables<'a>>,
+}
+
+/// The entries of a grid as a file has them.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct StoredTables<'a> {
+    /// What an entry's values are.
+    pub storage: TableStorage,
+    /// Level by level, entry by entry, feature by feature.
+    pub bytes: &'a [u8],
+}
+
+/// What the values of a grid's entries are.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[non_exhaustive]
+pub enum TableStorage {
+    /// Little-endian f16.
+    F16,
+    /// Signed bytes, with a scale a level: foreseen, and refused by this version.
+    Int8,
 }
 
 /// What the network is a field of.
@@ -64,18 +87,59 @@ pub struct SceneFacts {
     pub min: [f32; 3],
     /// Largest corner of the scene box, world units.
     pub max: [f32; 3],
-    /// Where rays start, world units along the ray.
+    /// Where the scene begins on the rays of the cameras it was made from, world units along the ray.
     pub near: f32,
-    /// Where rays end, world units along the ray.
+    /// Where it ends on them.
     pub far: f32,
-    /// Samples per ray that the network was made for: `near..far` cut into equal bins, or with a
-    /// proposal the samples drawn from it.
-    pub samples: u16,
+    /// Where on a ray the field is asked.
+    pub sampling: SceneSampling,
     /// What shows where opacity is below 1, display-encoded.
     pub background: [f32; 3],
     /// Whether the skip grid is part of the model: outside of it the network was never trained,
     /// and rendering without it is refused.
     pub grid_required: bool,
+}
+
+/// Where on a ray a scene's field is asked.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub enum SceneSampling {
+    /// In the middles of so many equal bins of `near..far`: the network was trained on these alone. With a proposal,
+    /// so many samples drawn from it. 1 to [`MAX_SAMPLES`].
+    Bins(u16),
+    /// At even steps of so many world units from where the ray enters the scene box to where it leaves it. Finite, above
+    /// 0, and at most [`MAX_SAMPLES`] of them to the box's diagonal.
+    March(f32),
+}
+
+impl SceneFacts {
+    /// Samples a ray: bins of `near..far`, or steps that the longest ray through the box takes.
+    pub fn samples(&self) -> u16 {
+        match self.sampling {
+            SceneSampling::Bins(samples) => samples,
+            SceneSampling::March(step) => steps(self.diagonal(), step).min(MAX_SAMPLES.into()) as u16,
+        }
+    }
+
+    /// World units from sample to sample.
+    pub fn step(&self) -> f32 {
+        match self.sampling {
+            SceneSampling::Bins(samples) => (self.far - self.near) / f32::from(samples),
+            SceneSampling::March(step) => step,
+        }
+    }
+
+    /// The longest way through the scene box.
+    pub(crate) fn diagonal(&self) -> f32 {
+        (Vec3::from(self.max) - Vec3::from(self.min)).length()
+    }
+}
+
+/// Steps that a way of `length` takes, the last one whole or not; at least 1.
+pub(crate) fn steps(length: f32, step: f32) -> u32 {
+    let steps = length / step;
+    // `as` saturates, and takes NaN to 0.
+    let whole = steps as u32;
+    if (whole as f32) < steps { whole.saturating_add(1) } else { whole.max(1) }
 }
 
 /// The skip grid: one bit per cell of the scene box.

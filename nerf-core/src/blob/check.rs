@@ -1,12 +1,15 @@
 //! The rules of the format, met in one pass over the opened or unwritten body.
 
+#[cfg(feature = "grid")]
+use super::body::TableStorage;
 use super::body::{
     Body, Content, Grid, MAX_GRID_SIDE, MAX_PICTURE_SIDE, MAX_SAMPLES, MAX_TEXT, PictureFacts, SceneFacts,
+    SceneSampling, steps,
 };
 use super::error::{BlobError, Section};
 use super::front;
 use super::proposal::Proposal;
-use crate::encoding::{AngleScale, Encoding};
+use crate::encoding::{AngleScale, SinusoidalEncoding};
 use crate::math::polynomial::SIN_COS_DOMAIN;
 use crate::network::{Architecture, Layers};
 use crate::ray::{BoundsError, SceneBox};
@@ -50,7 +53,8 @@ pub(super) fn check(body: &Body<'_>) -> Result<(), BlobError> {
     if [p.data, p.made_by, p.psnr_convention].iter().any(|text| text.len() > MAX_TEXT) || !finite {
         return Err(BlobError::Field(Section::Provenance));
     }
-    check_weights(body)
+    check_weights(body)?;
+    check_tables(body)
 }
 
 /// The encoding's domain needs no check: `2^(levels − 1)` times a coordinate is 2^15 at most.
@@ -69,24 +73,42 @@ fn check_scene(scene: &SceneFacts, architecture: &Architecture) -> Result<(), Bl
     if !(near >= 0.0 && near < far && far.is_finite()) {
         return Err(BlobError::Bounds(BoundsError::Range { near, far }));
     }
-    if !(1..=MAX_SAMPLES).contains(&scene.samples) {
-        return Err(BlobError::Field(Section::Samples));
+    match scene.sampling {
+        SceneSampling::Bins(samples) if !(1..=MAX_SAMPLES).contains(&samples) => {
+            return Err(BlobError::Field(Section::Samples));
+        }
+        // Bins too narrow for f32: what opens can be planned.
+        SceneSampling::Bins(samples) => {
+            Bins::new(near, far, u32::from(samples)).map_err(BlobError::Bounds)?;
+        }
+        SceneSampling::March(step) => {
+            let fits = step > 0.0 && step.is_finite() && steps(scene.diagonal(), step) <= MAX_SAMPLES.into();
+            if !fits {
+                return Err(BlobError::Step { found: step });
+            }
+        }
     }
     if !scene.background.iter().all(|c| (0.0..=1.0).contains(c)) {
         return Err(BlobError::Field(Section::Background));
     }
-    // Bins too narrow for f32: what opens can be planned.
-    Bins::new(near, far, u32::from(scene.samples)).map_err(BlobError::Bounds)?;
-    check_domain(&bounds, &architecture.position)
+    match architecture.position.sinusoidal() {
+        Some(encoding) => check_domain(&bounds, encoding),
+        // A grid spans the box, wherever that is.
+        None => Ok(()),
+    }
 }
 
-/// Whether rays can be cut into `samples` bins, so that what opens can be planned.
+/// Whether rays can have so many samples, so that what opens can be planned.
 pub(super) fn samples_fit(scene: &SceneFacts, samples: u16) -> bool {
-    (1..=MAX_SAMPLES).contains(&samples) && Bins::new(scene.near, scene.far, u32::from(samples)).is_ok()
+    (1..=MAX_SAMPLES).contains(&samples)
+        && match scene.sampling {
+            SceneSampling::Bins(_) => Bins::new(scene.near, scene.far, u32::from(samples)).is_ok(),
+            SceneSampling::March(_) => scene.diagonal() / f32::from(samples) > 0.0,
+        }
 }
 
 /// Whether every point of the box can be encoded.
-fn check_domain(bounds: &SceneBox, position: &Encoding) -> Result<(), BlobError> {
+fn check_domain(bounds: &SceneBox, position: &SinusoidalEncoding) -> Result<(), BlobError> {
     // The highest level multiplies by 2^(levels − 1).
     let reach = bounds.min.abs().max(bounds.max.abs()).max_element();
     let found = reach * (1u32 << position.levels.saturating_sub(1)) as f32;
@@ -119,7 +141,9 @@ fn check_grid(grid: &Grid<'_>) -> Result<(), BlobError> {
 fn check_proposal(proposal: &Proposal<'_>, scene: &SceneFacts) -> Result<(), BlobError> {
     let architecture = proposal.architecture();
     architecture.check().map_err(BlobError::ProposalArchitecture)?;
-    if !samples_fit(scene, proposal.samples) {
+    // Samples are drawn between near and far.
+    let bins = matches!(scene.sampling, SceneSampling::Bins(_));
+    if !(bins && samples_fit(scene, proposal.samples)) {
         return Err(BlobError::Field(Section::ProposalSamples));
     }
     let bounds = SceneBox { min: Vec3::from(scene.min), max: Vec3::from(scene.max) };
@@ -133,6 +157,39 @@ fn check_weights(body: &Body<'_>) -> Result<(), BlobError> {
     check_values(&layers, body.architecture.parameters(), body.weights, Section::Weights)
 }
 
+#[cfg(not(feature = "grid"))]
+fn check_tables(body: &Body<'_>) -> Result<(), BlobError> {
+    if body.tables.is_some() { Err(BlobError::Field(Section::Tables)) } else { Ok(()) }
+}
+
+/// Whether there are tables where there is a grid, as many values as that has, and all finite.
+#[cfg(feature = "grid")]
+fn check_tables(body: &Body<'_>) -> Result<(), BlobError> {
+    let (grid, tables) = match (body.architecture.position.grid(), &body.tables) {
+        (None, None) => return Ok(()),
+        (Some(grid), Some(tables)) => (grid, tables),
+        _ => return Err(BlobError::Field(Section::Tables)),
+    };
+    if tables.storage != TableStorage::F16 {
+        return Err(BlobError::Field(Section::TableStorage));
+    }
+    let (expected, found) = (grid.values() as u64 * 2, tables.bytes.len() as u64);
+    if expected != found {
+        return Err(BlobError::Length { section: Section::Tables, expected, found });
+    }
+    let Some(at) = first_not_finite(tables.bytes) else { return Ok(()) };
+    let features = usize::from(grid.features);
+    let owner = grid.levels().take_while(|level| level.first * features <= at).last();
+    let (level, first) = owner.map_or((0, 0), |level| (level.index as u8, level.first * features));
+    Err(BlobError::TableValue { level, index: (at - first) as u32 })
+}
+
+/// The first f16 that is infinite or NaN.
+fn first_not_finite(bytes: &[u8]) -> Option<usize> {
+    // An f16 is finite unless its five exponent bits are all set.
+    bytes.as_chunks().0.iter().position(|&[_, high]| high & 0x7c == 0x7c)
+}
+
 /// Whether `weights` are the `parameters` of these layers, and finite.
 fn check_values(
     layers: &Layers,
@@ -144,9 +201,7 @@ fn check_values(
     if expected != found {
         return Err(BlobError::Length { section, expected, found });
     }
-    // An f16 is finite unless its five exponent bits are all set.
-    let finite = |pair: &[u8]| pair[1] & 0x7c != 0x7c;
-    let Some(at) = weights.chunks_exact(2).position(|pair| !finite(pair)) else { return Ok(()) };
+    let Some(at) = first_not_finite(weights) else { return Ok(()) };
     let owner = layers.iter().rev().find(|layer| layer.weights <= at);
     Err(match owner {
         Some(layer) => BlobError::Weight { section, role: layer.role, index: (at - layer.weights) as u32 },

@@ -10,11 +10,15 @@ use core::fmt;
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[non_exhaustive]
 pub enum Section {
+    /// `architecture.position`
+    Position,
+    /// `architecture.direction`
+    Direction,
     /// `architecture`
     Architecture,
     /// `content`
     Content,
-    /// `scene.samples`
+    /// `scene.sampling`, of a scene with bins
     Samples,
     /// `scene.background`
     Background,
@@ -38,6 +42,10 @@ pub enum Section {
     Provenance,
     /// `weights`
     Weights,
+    /// `tables`
+    Tables,
+    /// `tables.storage`
+    TableStorage,
 }
 
 /// What is wrong with a point of the front.
@@ -215,6 +223,11 @@ pub enum BlobError {
         /// Rows.
         height: u32,
     },
+    /// The step of a scene's march is no number above 0, or too small for its box.
+    Step {
+        /// What the scene says, world units.
+        found: f32,
+    },
     /// A value outside its range.
     Field(Section),
     /// A section of the wrong length.
@@ -242,6 +255,18 @@ pub enum BlobError {
         /// Index among the layer's parameters, weights first.
         index: u32,
     },
+    /// A value of the grid's tables is infinite or NaN.
+    TableValue {
+        /// Level.
+        level: u8,
+        /// Index among the level's values.
+        index: u32,
+    },
+    /// The file needs what this build has no code for.
+    NotBuilt {
+        /// The cargo feature that has it.
+        feature: &'static str,
+    },
     /// The output buffer of a write is too small.
     Space {
         /// Bytes the blob takes.
@@ -262,7 +287,10 @@ impl fmt::Display for BlobError {
                 write!(f, "trailing bytes: expected {expected} bytes, found {found}")
             }
             Self::Version { expected, found } => {
-                let advice = if found < expected { "make the file anew" } else { "a newer build is needed" };
+                let advice = match found < expected {
+                    true => "older: fit or import the scene again with this build",
+                    false => "newer: open it with a newer build",
+                };
                 write!(f, "format version: this build reads version {expected}, found {found} ({advice})")
             }
             Self::Endian { found } => write!(f, "endian tag: expected 0xfeff, found {found:#06x}"),
@@ -294,6 +322,11 @@ impl fmt::Display for BlobError {
             Self::PictureSize { width, height } => {
                 write!(f, "picture: expected sides of 1 to {MAX_PICTURE_SIDE} pixels, found {width}x{height}")
             }
+            Self::Step { found } => write!(
+                f,
+                "scene.sampling: expected a finite step above 0, at most {MAX_SAMPLES} of them to the box's \
+                 diagonal, found {found}"
+            ),
             Self::Field(section) => write!(f, "{section}: expected {}, found otherwise", section.range()),
             Self::Length { section, expected, found } => {
                 write!(f, "{section}: expected {expected} bytes, found {found}")
@@ -307,6 +340,12 @@ impl fmt::Display for BlobError {
             Self::Weight { section, role, index } => {
                 write!(f, "{section}: layer {role:?}, parameter {index} is not finite")
             }
+            Self::TableValue { level, index } => {
+                write!(f, "tables: level {level}, value {index} is not finite")
+            }
+            Self::NotBuilt { feature } => {
+                write!(f, "position grid: expected a build with the feature `{feature}`, found one without")
+            }
             Self::Space { expected, found } => {
                 write!(f, "output buffer: expected {expected} bytes, found {found}")
             }
@@ -318,12 +357,15 @@ impl Section {
     /// What a value of it may be.
     const fn range(self) -> &'static str {
         match self {
-            Self::Samples | Self::ProposalSamples => "1 to 4096 samples, in bins that f32 tells apart",
+            Self::Samples => "1 to 4096 samples, in bins that f32 tells apart",
+            Self::ProposalSamples => "1 to 4096 samples, in bins that f32 tells apart, of a scene with bins",
             Self::Background => "0 to 1",
             Self::GridRequired => "false without a grid",
             Self::GridResolution => "1 to 512 cells a side",
             Self::GridBits => "none in a picture, and padding of zeros",
             Self::Front | Self::Proposal => "none in a picture",
+            Self::Tables => "tables exactly where the position is a grid",
+            Self::TableStorage => "f16 (int8 is not yet read)",
             Self::Provenance => "texts of at most 1024 bytes and finite numbers",
             _ => "a value in its range",
         }
@@ -333,9 +375,11 @@ impl Section {
 impl fmt::Display for Section {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str(match self {
+            Self::Position => "architecture.position",
+            Self::Direction => "architecture.direction",
             Self::Architecture => "architecture",
             Self::Content => "content",
-            Self::Samples => "scene.samples",
+            Self::Samples => "scene.sampling",
             Self::Background => "scene.background",
             Self::GridRequired => "scene.grid_required",
             Self::Grid => "grid",
@@ -347,6 +391,8 @@ impl fmt::Display for Section {
             Self::ProposalWeights => "proposal.weights",
             Self::Provenance => "provenance",
             Self::Weights => "weights",
+            Self::Tables => "tables",
+            Self::TableStorage => "tables.storage",
         })
     }
 }

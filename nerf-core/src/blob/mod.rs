@@ -15,9 +15,10 @@ mod write;
 #[cfg(test)]
 mod tests;
 
+pub(crate) use body::steps;
 pub use body::{
     Body, Content, Grid, MAX_GRID_SIDE, MAX_PICTURE_SIDE, MAX_SAMPLES, MAX_TEXT, PictureFacts, Provenance,
-    SceneFacts,
+    SceneFacts, SceneSampling, StoredTables, TableStorage,
 };
 pub use error::{BlobError, FrontFault, Section};
 pub use front::{Front, FrontPoint, MAX_FRONT};

@@ -1,6 +1,6 @@
 //! The coarse network that says where on a ray the scene's own is worth asking.
 
-use crate::encoding::Encoding;
+use crate::encoding::SinusoidalEncoding;
 use crate::network::{Architecture, DensityActivation, MAX_TRUNK, TrunkLayer};
 use serde::{Deserialize, Serialize};
 
@@ -12,7 +12,7 @@ use serde::{Deserialize, Serialize};
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Proposal<'a> {
     /// Encoding of the position; it may differ from the scene's own.
-    pub position: Encoding,
+    pub position: SinusoidalEncoding,
     /// The trunk, in order; the first layer takes `PE(x)` and has no skip.
     pub trunk: heapless::Vec<TrunkLayer, MAX_TRUNK>,
     /// The density head.
@@ -28,7 +28,7 @@ impl Proposal<'_> {
     /// [`Proposal::weights`], which end after [`Architecture::density_parameters`].
     pub fn architecture(&self) -> Architecture {
         Architecture {
-            position: self.position,
+            position: self.position.into(),
             direction: None,
             trunk: self.trunk.clone(),
             density: Some(self.density),

@@ -1,7 +1,7 @@
 extern crate std;
 
 use super::*;
-use crate::encoding::{AngleScale, Encoding};
+use crate::encoding::{AngleScale, SinusoidalEncoding};
 use crate::network::{Architecture, ArchitectureError, Role};
 use crate::ray::BoundsError;
 use crate::testing::{
@@ -11,6 +11,8 @@ use std::string::ToString;
 use std::vec;
 
 mod front;
+#[cfg(feature = "grid")]
+mod learned_grid;
 mod proposal;
 
 /// The error of a body that cannot be written; its length cannot be asked for either.
@@ -45,7 +47,7 @@ fn what_is_written_is_what_is_opened() {
         quantisation_loss_db: Some(0.01),
         trained_parameters: 7,
     };
-    let scene = SceneFacts { grid_required: true, samples: MAX_SAMPLES, ..SCENE };
+    let scene = SceneFacts { grid_required: true, sampling: SceneSampling::Bins(MAX_SAMPLES), ..SCENE };
     let grid = Some(Grid { resolution: [1, 5, 2], bits: &bits });
     let body = Body { content: Content::Scene(scene.clone()), provenance, ..body(a.clone(), grid, &weights) };
     let bytes = bytes(&body);
@@ -136,7 +138,17 @@ fn scenes_that_hold_nothing_are_refused() {
         assert!(matches!(error, BlobError::Bounds(BoundsError::Range { .. })), "{error}");
     }
     for samples in [0, MAX_SAMPLES + 1] {
-        assert_eq!(scene_refused(|s| s.samples = samples), BlobError::Field(Section::Samples));
+        let error = scene_refused(|s| s.sampling = SceneSampling::Bins(samples));
+        assert_eq!(error, BlobError::Field(Section::Samples));
+    }
+    // The box's diagonal is 3.46: 4096 steps of 8.5e-4 are 3.48.
+    let weights = halve(&parameters(&every_kind(), 1)).0;
+    let scene = SceneFacts { sampling: SceneSampling::March(8.5e-4), ..SCENE };
+    bytes(&Body { content: Content::Scene(scene), ..body(every_kind(), None, &weights) });
+    for found in [0.0, -0.1, 8.4e-4, 1e-45, f32::INFINITY, f32::NAN] {
+        let error = scene_refused(|s| s.sampling = SceneSampling::March(found));
+        assert!(matches!(error, BlobError::Step { .. }), "{found}: {error}");
+        assert!(error.to_string().contains("scene.sampling: expected a finite step above 0, at most 4096"));
     }
     for channel in [-0.1, 1.1, f32::NAN] {
         assert_eq!(scene_refused(|s| s.background[1] = channel), BlobError::Field(Section::Background));
@@ -176,9 +188,9 @@ fn scenes_have_a_density_head_and_three_inputs_and_pictures_neither() {
     let inputs = |expected, found| {
         BlobError::Architecture(ArchitectureError::EncodingInputs { field: "position", expected, found })
     };
-    let solid = Architecture { position: pi(3, 8), ..a };
+    let solid = Architecture { position: pi(3, 8).into(), ..a };
     assert_eq!(refused(&picture_body(solid, &weights)), inputs(2, 3));
-    let flat = Architecture { position: pi(2, 4), ..every_kind() };
+    let flat = Architecture { position: pi(2, 4).into(), ..every_kind() };
     assert_eq!(refused(&body(flat, None, &weights)), inputs(3, 2));
 }
 
@@ -216,7 +228,7 @@ fn weights_must_be_as_many_as_parameters_and_finite() {
 }
 
 /// A scene whose box reaches to ±`reach`.
-fn reaching(position: Encoding, reach: f32) -> Result<usize, BlobError> {
+fn reaching(position: SinusoidalEncoding, reach: f32) -> Result<usize, BlobError> {
     let a: Architecture = architecture(position, None, &[(4, false)], &[]);
     let (weights, _) = halve(&parameters(&a, 1));
     let scene = SceneFacts { max: [1.0, reach, 1.0], min: [-1.0; 3], ..SCENE };
@@ -225,13 +237,13 @@ fn reaching(position: Encoding, reach: f32) -> Result<usize, BlobError> {
 
 #[test]
 fn boxes_that_leave_the_encoding_s_domain_are_refused() {
-    let one = Encoding { inputs: 3, levels: 10, scale: AngleScale::One, identity: true };
+    let one = SinusoidalEncoding { inputs: 3, levels: 10, scale: AngleScale::One, identity: true };
     // The highest level multiplies by 2^9.
     assert!(reaching(one, 195.0).is_ok());
     let found = reaching(one, 196.0).unwrap_err();
     assert_eq!(found, BlobError::EncodingDomain { found: 196.0 * 512.0, limit: 1e5 });
     assert!(found.to_string().contains("100352"), "{found}");
-    assert!(reaching(Encoding { levels: 0, ..one }, 1e5).is_ok());
+    assert!(reaching(SinusoidalEncoding { levels: 0, ..one }, 1e5).is_ok());
     // With π the angle is reduced exactly, but 2^9 x must be a number.
     assert!(reaching(pi(3, 10), 1e30).is_ok());
     let found = reaching(pi(3, 10), 1e37);
@@ -240,20 +252,20 @@ fn boxes_that_leave_the_encoding_s_domain_are_refused() {
 
 #[test]
 fn a_scene_that_opens_can_be_planned() {
-    let error = scene_refused(|s| (s.near, s.far, s.samples) = (0.0, 1e-45, 64));
+    let error = scene_refused(|s| (s.near, s.far, s.sampling) = (0.0, 1e-45, SceneSampling::Bins(64)));
     assert_eq!(error, BlobError::Bounds(BoundsError::Range { near: 0.0, far: 1e-45 }));
 }
 
 /// The example of `docs/blob-format.md`, up to its weights; made there by another program.
 const EXAMPLE: &str = "
-    89 4e 45 52 46 0d 0a 1a 02 00 ff fe 00 00 00 00
-    9f 00 00 00 00 00 00 00 f1 b7 a3 0c 00 00 00 00
-    03 00 01 01 00 01 04 00 01 00 00 01 00 00 80 bf
-    00 00 80 bf 00 00 80 bf 00 00 80 3f 00 00 80 3f
-    00 00 80 3f 00 00 00 40 00 00 c0 40 40 00 00 80
-    3f 00 00 80 3f 00 00 80 3f 00 00 00 00 03 66 6f
-    67 0e 62 6c 6f 62 2d 66 6f 72 6d 61 74 2e 6d 64
-    00 00 00 00 00 24 48
+    89 4e 45 52 46 0d 0a 1a 03 00 ff fe 00 00 00 00
+    a2 00 00 00 00 00 00 00 e8 ff c7 d1 00 00 00 00
+    00 03 00 01 01 00 01 04 00 01 00 00 01 00 00 80
+    bf 00 00 80 bf 00 00 80 bf 00 00 80 3f 00 00 80
+    3f 00 00 80 3f 00 00 00 40 00 00 c0 40 00 40 00
+    00 80 3f 00 00 80 3f 00 00 80 3f 00 00 00 00 03
+    66 6f 67 0e 62 6c 6f 62 2d 66 6f 72 6d 61 74 2e
+    6d 64 00 00 00 00 00 24 48
 ";
 
 #[test]
@@ -262,13 +274,14 @@ fn the_example_of_the_specification_is_what_is_written() {
     assert_eq!(a.parameters(), 36);
     let mut weights = [0; 72];
     weights[41] = 0x3c;
-    let scene = SceneFacts { samples: 64, background: [1.0; 3], ..SCENE };
+    let scene = SceneFacts { sampling: SceneSampling::Bins(64), background: [1.0; 3], ..SCENE };
     let provenance =
         Provenance { data: "fog", made_by: "blob-format.md", trained_parameters: 36, ..PROVENANCE };
     let bytes = bytes(&Body { content: Content::Scene(scene), provenance, ..body(a, None, &weights) });
     let example = EXAMPLE.split_whitespace().map(|byte| u8::from_str_radix(byte, 16).unwrap());
-    assert!(bytes[..bytes.len() - 72].iter().copied().eq(example), "{bytes:02x?}");
-    assert_eq!(bytes[bytes.len() - 72..], weights);
+    let (head, tail) = bytes.split_at(bytes.len() - 73);
+    assert!(head.iter().copied().eq(example), "{bytes:02x?}");
+    assert_eq!((&tail[..72], tail[72]), (&weights[..], 0), "weights, and no tables");
 }
 
 #[test]
@@ -277,8 +290,8 @@ fn a_picture_is_what_the_specification_says_after_the_architecture() {
     let (weights, _) = halve(&parameters(&a, 2));
     let content = Content::Picture(PictureFacts { width: 300, height: 20 });
     let bytes = bytes(&Body { content, ..picture_body(a, &weights) });
-    // Position, no direction, one trunk layer of 1, no density, no colour layer; then tag 0, the
+    // Position (sinusoidal), no direction, one trunk layer of 1, no density, no colour layer; then tag 0, the
     // varint of 300 and 20; no grid, no points of a front, no proposal.
-    let expected = [2, 0, 1, 1, 0, 1, 1, 0, 0, 0, 0, 0xac, 0x02, 20, 0, 0, 0];
+    let expected = [0, 2, 0, 1, 1, 0, 1, 1, 0, 0, 0, 0, 0xac, 0x02, 20, 0, 0, 0];
     assert_eq!(bytes[HEADER_LEN..][..expected.len()], expected);
 }

@@ -1,6 +1,6 @@
 //! Opening a blob: check once, then borrow.
 
-use super::body::{Body, Content, PictureFacts, Provenance, SceneFacts};
+use super::body::{Body, Content, PictureFacts, Provenance, SceneFacts, StoredTables};
 use super::check::check;
 use super::error::{BlobError, Section};
 use super::front::FrontPoint;
@@ -15,6 +15,10 @@ use postcard::de_flavors::Slice;
 use postcard::ser_flavors::Flavor;
 use serde::Deserialize;
 
+/// The first byte of a body whose position is a grid.
+#[cfg(not(feature = "grid"))]
+const GRID_TAG: u8 = 1;
+
 /// An opened blob: a view of the caller's bytes in which everything has been checked.
 #[derive(Clone, Debug)]
 pub struct Blob<'a> {
@@ -28,16 +32,27 @@ impl<'a> Blob<'a> {
     /// [`BlobError`] says what was expected and found. No input panics or is read out of bounds.
     pub fn open(bytes: &'a [u8]) -> Result<Self, BlobError> {
         let bytes = header::open(bytes)?;
+        #[cfg(not(feature = "grid"))]
+        if bytes.first() == Some(&GRID_TAG) {
+            return Err(BlobError::NotBuilt { feature: "grid" });
+        }
         let mut input = Deserializer::from_bytes(bytes);
         // Section by section, so that an error can say which one.
         let body = Body {
-            architecture: read(&mut input, Section::Architecture)?,
+            architecture: Architecture {
+                position: read(&mut input, Section::Position)?,
+                direction: read(&mut input, Section::Direction)?,
+                trunk: read(&mut input, Section::Architecture)?,
+                density: read(&mut input, Section::Architecture)?,
+                colour: read(&mut input, Section::Architecture)?,
+            },
             content: read(&mut input, Section::Content)?,
             grid: read(&mut input, Section::Grid)?,
             front: read(&mut input, Section::Front)?,
             proposal: read(&mut input, Section::Proposal)?,
             provenance: read(&mut input, Section::Provenance)?,
             weights: read(&mut input, Section::Weights)?,
+            tables: read(&mut input, Section::Tables)?,
         };
         check_form(&body, bytes)?;
         check(&body)?;
@@ -100,6 +115,11 @@ impl<'a> Blob<'a> {
     /// The parameters, little-endian f16.
     pub fn weights(&self) -> &'a [u8] {
         self.body.weights
+    }
+
+    /// The entries of the position's grid, if it is one.
+    pub fn tables(&self) -> Option<StoredTables<'a>> {
+        self.body.tables
     }
 }
 

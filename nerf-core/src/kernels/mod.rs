@@ -13,9 +13,13 @@ mod avx512;
 mod bf16;
 #[cfg(feature = "normals")]
 mod bf16_transposed;
+#[cfg(target_arch = "x86_64")]
+mod gather;
 mod gemm;
 mod half;
 mod portable;
+#[cfg(feature = "train")]
+mod prefetch;
 mod select;
 #[cfg(all(target_arch = "wasm32", target_feature = "simd128"))]
 mod simd128;
@@ -28,6 +32,8 @@ pub use arena::{Arena, Line, lines_for};
 pub use bf16::{PairedInput, PairedOutput, dense_bf16, pair, pair_rows, pairs};
 pub use gemm::{Gemm, Init, gemm};
 pub use half::{HalfInit, f16_at, gemm_f16};
+#[cfg(feature = "train")]
+pub use prefetch::prefetch;
 pub use select::{Tier, VECTORS};
 pub(crate) use slices::{at, column, head, head_mut, put, put_column, tail, tail_mut};
 #[cfg(feature = "normals")]

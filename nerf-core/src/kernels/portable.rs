@@ -3,6 +3,7 @@
 //! Bit for bit what one lane at a time gives; the compiler vectorises it with whatever the target
 //! has.
 
+use crate::math::gather::Indices;
 use crate::math::lanes::Lanes;
 
 /// Sixteen f32 in an array.
@@ -21,6 +22,7 @@ impl Lanes for Portable {
     const TILE_ROWS: usize = 2;
     const TILE_COLS: usize = 1;
     type Mask = [bool; 16];
+    type Indices = PortableIndices;
 
     #[inline(always)]
     fn splat(x: f32) -> Self {
@@ -91,5 +93,55 @@ impl Lanes for Portable {
     #[inline(always)]
     fn select(mask: [bool; 16], a: Self, b: Self) -> Self {
         Self(core::array::from_fn(|i| if mask[i] { a.0[i] } else { b.0[i] }))
+    }
+    #[inline(always)]
+    fn to_indices(self) -> PortableIndices {
+        PortableIndices(self.0.map(|x| x as u32))
+    }
+}
+
+/// Sixteen u32 in an array.
+#[derive(Clone, Copy)]
+pub struct PortableIndices([u32; 16]);
+
+impl PortableIndices {
+    #[inline(always)]
+    fn each(self, b: Self, f: impl Fn(u32, u32) -> u32) -> Self {
+        Self(core::array::from_fn(|i| f(self.0[i], b.0[i])))
+    }
+}
+
+impl Indices for PortableIndices {
+    #[inline(always)]
+    fn splat(x: u32) -> Self {
+        Self([x; 16])
+    }
+    #[inline(always)]
+    fn add(self, b: Self) -> Self {
+        self.each(b, u32::wrapping_add)
+    }
+    #[inline(always)]
+    fn mul(self, b: Self) -> Self {
+        self.each(b, u32::wrapping_mul)
+    }
+    #[inline(always)]
+    fn xor(self, b: Self) -> Self {
+        self.each(b, |a, b| a ^ b)
+    }
+    #[inline(always)]
+    fn and(self, b: Self) -> Self {
+        self.each(b, |a, b| a & b)
+    }
+    #[inline(always)]
+    fn min(self, b: Self) -> Self {
+        self.each(b, Ord::min)
+    }
+    #[inline(always)]
+    fn shift_right_15(self) -> Self {
+        Self(self.0.map(|x| x >> 15))
+    }
+    #[inline(always)]
+    fn store(self, to: &mut [u32; 16]) {
+        *to = self.0;
     }
 }

@@ -9,7 +9,7 @@ use super::portable::Portable;
 pub enum Tier {
     /// Plain, unfused f32: the oracle, the same on every target.
     Scalar,
-    /// AVX2 and FMA, eight lanes.
+    /// AVX2, FMA and F16C, eight lanes.
     Avx2,
     /// AVX-512 F, sixteen lanes.
     Avx512,
@@ -147,7 +147,8 @@ mod cpu {
         let saved = unsafe { xcr0() };
         let ymm = saved & 0b110 == 0b110;
         let zmm = saved & 0b1110_0110 == 0b1110_0110;
-        let fma = has(one.ecx, 12) && has(one.ecx, 28);
+        // FMA, AVX and F16C.
+        let fma = has(one.ecx, 12) && has(one.ecx, 28) && has(one.ecx, 29);
         let avx512 = zmm && fma && has(seven.ebx, 16);
         // The subleaf exists where the first says so.
         let bf16 = seven.eax >= 1 && has(leaf(7, 1).eax, 5);

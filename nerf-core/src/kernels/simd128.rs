@@ -5,7 +5,8 @@
 //! to the engine.
 
 use super::Op;
-use crate::math::lanes::{Lanes, SQRT_HALF_BITS};
+use crate::math::gather::Indices;
+use crate::math::lanes::{Lanes, MAX_LANES, SQRT_HALF_BITS};
 use core::arch::wasm32::*;
 
 /// Four f32 in a `v128`.
@@ -22,6 +23,7 @@ impl Lanes for F32x4 {
     const TILE_ROWS: usize = 2;
     const TILE_COLS: usize = 4;
     type Mask = v128;
+    type Indices = U32x4;
 
     #[inline(always)]
     fn splat(x: f32) -> Self {
@@ -100,5 +102,49 @@ impl Lanes for F32x4 {
     #[inline(always)]
     fn select(mask: v128, a: Self, b: Self) -> Self {
         Self(v128_bitselect(a.0, b.0, mask))
+    }
+    #[inline(always)]
+    fn to_indices(self) -> U32x4 {
+        U32x4(u32x4_trunc_sat_f32x4(self.0))
+    }
+}
+
+/// Four u32 in a `v128`. Made only where `F32x4` is.
+#[derive(Clone, Copy)]
+pub struct U32x4(v128);
+
+impl Indices for U32x4 {
+    #[inline(always)]
+    fn splat(x: u32) -> Self {
+        Self(u32x4_splat(x))
+    }
+    #[inline(always)]
+    fn add(self, b: Self) -> Self {
+        Self(i32x4_add(self.0, b.0))
+    }
+    #[inline(always)]
+    fn mul(self, b: Self) -> Self {
+        Self(i32x4_mul(self.0, b.0))
+    }
+    #[inline(always)]
+    fn xor(self, b: Self) -> Self {
+        Self(v128_xor(self.0, b.0))
+    }
+    #[inline(always)]
+    fn and(self, b: Self) -> Self {
+        Self(v128_and(self.0, b.0))
+    }
+    #[inline(always)]
+    fn min(self, b: Self) -> Self {
+        Self(u32x4_min(self.0, b.0))
+    }
+    #[inline(always)]
+    fn shift_right_15(self) -> Self {
+        Self(u32x4_shr(self.0, 15))
+    }
+    #[inline(always)]
+    fn store(self, to: &mut [u32; MAX_LANES]) {
+        // SAFETY: sixteen values are in bounds, of which four are written; unaligned stores are allowed.
+        unsafe { v128_store(to.as_mut_ptr().cast(), self.0) }
     }
 }

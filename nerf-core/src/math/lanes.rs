@@ -1,5 +1,7 @@
 //! One vector of `f32`: the interface every elementary function and kernel is written against.
 
+use super::gather::{Indices, Table, weighted_rows_by_lane, widen_finite};
+
 /// `COUNT` values of f32 that move through arithmetic together.
 ///
 /// `f32` itself is the one-lane instance; the vector instances live in `kernels/`. Every operation
@@ -13,6 +15,8 @@ pub trait Lanes: Copy {
     const TILE_COLS: usize;
     /// The result of a comparison.
     type Mask: Copy;
+    /// As many `u32`.
+    type Indices: Indices;
 
     /// `x` in every lane.
     fn splat(x: f32) -> Self;
@@ -55,6 +59,33 @@ pub trait Lanes: Copy {
     /// `a` where the mask holds, else `b`.
     fn select(mask: Self::Mask, a: Self, b: Self) -> Self;
 
+    /// A whole number in `0..=2^23` in each lane, as `u32`.
+    fn to_indices(self) -> Self::Indices;
+
+    /// Finite f16, the first `COUNT` of `bits`.
+    #[inline(always)]
+    fn from_f16(bits: &[u16; MAX_LANES]) -> Self {
+        let mut values = [0.0; MAX_LANES];
+        for lane in 0..Self::COUNT {
+            values[lane] = widen_finite(bits[lane]);
+        }
+        Self::load(&values)
+    }
+
+    /// `Σ_r weights[r] · row r` of each lane, of rows of two neighbouring entries of 1, 2 or 4 `features`, summed
+    /// from 0 in ascending `r`; the first `2 · features` results count.
+    ///
+    /// `rows`: the number of each row's first entry. Where that is beyond the table, it is any entry, or 0.
+    #[inline(always)]
+    fn weighted_rows<T: Table, const ROWS: usize>(
+        table: T,
+        rows: &[Self::Indices; ROWS],
+        weights: &[Self; ROWS],
+        features: usize,
+    ) -> [Self; 8] {
+        weighted_rows_by_lane(table, rows, weights, features)
+    }
+
     /// `-self`.
     #[inline(always)]
     fn neg(self) -> Self {
@@ -84,6 +115,7 @@ impl Lanes for f32 {
     const TILE_ROWS: usize = 4;
     const TILE_COLS: usize = 1;
     type Mask = bool;
+    type Indices = u32;
 
     #[inline(always)]
     fn splat(x: f32) -> Self {
@@ -163,5 +195,9 @@ impl Lanes for f32 {
     #[inline(always)]
     fn select(mask: bool, a: Self, b: Self) -> Self {
         if mask { a } else { b }
+    }
+    #[inline(always)]
+    fn to_indices(self) -> u32 {
+        self as u32
     }
 }

@@ -8,6 +8,7 @@
 //! | [`MathBackend::Recurrence`] | own at level 0, then angle doubling | own | own | own |
 
 mod elementary;
+pub mod gather;
 pub mod lanes;
 #[cfg(feature = "libm")]
 pub(crate) mod libm;

@@ -1,6 +1,9 @@
 //! What a network consists of, and where each layer's parameters lie.
 
-use crate::encoding::{Encoding, MAX_LEVELS};
+use crate::encoding::{
+    DirectionEncoding, HARMONICS_BUILT, MAX_HARMONICS_DEGREE, MAX_LEVELS, PositionEncoding,
+    SinusoidalEncoding,
+};
 use serde::{Deserialize, Serialize};
 
 /// Most trunk layers.
@@ -28,7 +31,13 @@ pub enum DensityActivation {
     Relu,
     /// `ln(1 + exp(raw − 1))`.
     ShiftedSoftplus,
+    /// `exp(min(raw, 20))`, 20 being [`EXPONENTIAL_LIMIT`]; its derivative is 0 above.
+    Exponential,
 }
+
+/// The raw density from which on an [exponential](DensityActivation::Exponential) one grows no more: what is as
+/// dense is opaque within 1e-7 world units.
+pub const EXPONENTIAL_LIMIT: f32 = 20.0;
 
 /// A network's shape; everything else about a layer follows from it.
 ///
@@ -37,9 +46,9 @@ pub enum DensityActivation {
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Architecture {
     /// Encoding of the position (3 inputs), or of the image point (2 inputs).
-    pub position: Encoding,
+    pub position: PositionEncoding,
     /// Encoding of the viewing direction, if colour depends on it.
-    pub direction: Option<Encoding>,
+    pub direction: Option<DirectionEncoding>,
     /// The trunk, in order; the first layer takes `PE(x)` and has no skip.
     pub trunk: heapless::Vec<TrunkLayer, MAX_TRUNK>,
     /// The density head; absent in a 2D field.
@@ -101,9 +110,31 @@ impl Architecture {
     pub fn check(&self) -> Result<(), ArchitectureError> {
         use ArchitectureError as E;
         let position_inputs = if self.density.is_some() { 3 } else { 2 };
-        check_encoding("position", &self.position, position_inputs)?;
+        check_inputs("position", self.position.inputs(), position_inputs)?;
+        match &self.position {
+            PositionEncoding::Sinusoidal(encoding) => check_levels("position", encoding)?,
+            PositionEncoding::Grid(grid) => {
+                grid.check()?;
+                if let Some(layer) = self.trunk.iter().position(|layer| layer.skip) {
+                    return Err(E::SkipBesideGrid { layer });
+                }
+            }
+        }
         if let Some(direction) = &self.direction {
-            check_encoding("direction", direction, 3)?;
+            match direction {
+                DirectionEncoding::Sinusoidal(encoding) => {
+                    check_inputs("direction", encoding.inputs, 3)?;
+                    check_levels("direction", encoding)?;
+                }
+                DirectionEncoding::SphericalHarmonics { .. } if !HARMONICS_BUILT => {
+                    return Err(E::HarmonicsNotBuilt);
+                }
+                DirectionEncoding::SphericalHarmonics { degree } => {
+                    if !(1..=MAX_HARMONICS_DEGREE).contains(degree) {
+                        return Err(E::HarmonicsDegree { found: *degree });
+                    }
+                }
+            }
             if self.density.is_none() {
                 return Err(E::DirectionWithoutDensity);
             }
@@ -187,16 +218,23 @@ impl Architecture {
         2 * self.layers().iter().filter(of_trunk).map(Layer::macs).sum::<usize>()
     }
 
+    /// Table entries that one evaluation reads: the corners of a grid's cells, which are no multiply-adds of a
+    /// layer and are not counted among them; 0 of a sinusoidal encoding.
+    pub fn table_reads(&self) -> usize {
+        self.position.grid().map_or(0, |grid| grid.reads())
+    }
+
     /// Outputs of the widest trunk layer.
     pub fn trunk_width(&self) -> usize {
         self.trunk.iter().map(|layer| usize::from(layer.width)).max().unwrap_or(0)
     }
 }
 
-fn check_encoding(field: &'static str, e: &Encoding, inputs: u8) -> Result<(), ArchitectureError> {
-    if e.inputs != inputs {
-        return Err(ArchitectureError::EncodingInputs { field, expected: inputs, found: e.inputs });
-    }
+fn check_inputs(field: &'static str, found: u8, expected: u8) -> Result<(), ArchitectureError> {
+    if found == expected { Ok(()) } else { Err(ArchitectureError::EncodingInputs { field, expected, found }) }
+}
+
+fn check_levels(field: &'static str, e: &SinusoidalEncoding) -> Result<(), ArchitectureError> {
     if e.levels > MAX_LEVELS || e.outputs() == 0 {
         return Err(ArchitectureError::EncodingLevels { field, found: e.levels });
     }
@@ -230,6 +268,45 @@ pub enum ArchitectureError {
         /// The levels that were given.
         found: u8,
     },
+    /// A grid whose entries have neither 1 nor 2 nor 4 features.
+    GridFeatures {
+        /// What was given.
+        found: u8,
+    },
+    /// A grid with more than `2^`[`MAX_LOG2_ENTRIES`](crate::encoding::MAX_LOG2_ENTRIES) entries a level.
+    GridEntries {
+        /// The binary logarithm that was given.
+        found: u8,
+    },
+    /// A grid without levels.
+    GridLevels,
+    /// A grid with no cells along an axis, with more than
+    /// [`MAX_GRID_RESOLUTION`](crate::encoding::MAX_GRID_RESOLUTION), or with some along an axis it has not.
+    GridResolution {
+        /// Which level.
+        level: usize,
+        /// Which axis.
+        axis: usize,
+        /// The cells that were given.
+        found: u16,
+    },
+    /// A grid whose tables have more than [`MAX_GRID_VALUES`](crate::encoding::MAX_GRID_VALUES) values.
+    GridValues {
+        /// The values its levels have.
+        found: u64,
+    },
+    /// A skip layer behind a grid: PE(x) is appended to a later layer of sinusoidal networks alone.
+    SkipBesideGrid {
+        /// Which trunk layer.
+        layer: usize,
+    },
+    /// Spherical harmonics of degree 0, or above [`MAX_HARMONICS_DEGREE`].
+    HarmonicsDegree {
+        /// What was given.
+        found: u8,
+    },
+    /// Spherical harmonics in a build without the feature `grid`.
+    HarmonicsNotBuilt,
     /// A direction branch in a network that has no density head (a 2D field).
     DirectionWithoutDensity,
     /// The trunk has no layer.
@@ -259,6 +336,33 @@ impl core::fmt::Display for ArchitectureError {
                     "{field} encoding: expected 1 to {MAX_LEVELS} levels (0 with identity), found {found}"
                 )
             }
+            Self::GridFeatures { found } => {
+                write!(f, "position grid: expected 1, 2 or 4 features an entry, found {found}")
+            }
+            Self::GridEntries { found } => {
+                write!(f, "position grid: expected at most 2^24 entries a level, found 2^{found}")
+            }
+            Self::GridLevels => write!(f, "position grid: expected 1 to 32 levels, found none"),
+            Self::GridResolution { level, axis, found } => write!(
+                f,
+                "position grid level {level}: expected 1 to 16384 cells along an axis (along z none in a 2D field), \
+                 found {found} along axis {axis}"
+            ),
+            Self::GridValues { found } => {
+                write!(f, "position grid: expected tables of at most 2^27 values together, found {found}")
+            }
+            Self::SkipBesideGrid { layer } => {
+                write!(f, "trunk layer {layer}: expected no skip beside a position grid, found one")
+            }
+            Self::HarmonicsDegree { found } => write!(
+                f,
+                "direction encoding: expected spherical harmonics of degree 1 to {MAX_HARMONICS_DEGREE}, \
+                 found {found}"
+            ),
+            Self::HarmonicsNotBuilt => write!(
+                f,
+                "direction encoding: expected a build with the feature `grid` for spherical harmonics, found one without"
+            ),
             Self::DirectionWithoutDensity => {
                 write!(f, "direction encoding: expected none in a 2D field, found one")
             }

@@ -10,7 +10,7 @@
 
 use super::architecture::{Layer, Role};
 use super::view::{Network, Scratch, Weights};
-use crate::encoding::{encode_block, encode_gradient_block};
+use crate::encoding::{PositionEncoding, encode_gradient_block};
 use crate::kernels::{
     Gemm, HalfInit, Init, f16_at, gemm, gemm_f16, head, head_mut, pairs, tail, tail_mut, transposed_bf16,
     unpair,
@@ -51,7 +51,7 @@ impl Network<'_> {
     ///
     /// `blur`: deviation, world units, of the Gaussian that the gradient is a mean over: levels of the encoding
     /// finer than that are damped, with the network taken as linear around each sample. 0 for the gradient
-    /// itself.
+    /// itself. Of a grid it is that of the cell a sample falls into; on a face, of the one further on.
     ///
     /// Where a unit's sum is exactly 0, it is off. All of it is f32, with the units that the tier's own
     /// forward pass found on; on the tier that rounds, weights are bf16 on the way back, too.
@@ -69,8 +69,9 @@ impl Network<'_> {
     ) {
         let stride = scratch.stride;
         let encoding = &self.architecture.position;
+        let inputs = usize::from(encoding.inputs());
         let Some(head) = self.layers.iter().find(|layer| layer.role == Role::Density) else {
-            head_mut(gradient, usize::from(encoding.inputs) * stride).fill(0.0);
+            head_mut(gradient, inputs * stride).fill(0.0);
             return;
         };
         let mut end = 0;
@@ -80,9 +81,9 @@ impl Network<'_> {
             record(signs, outputs, layer.outputs, stride, paired);
             end += signs.len();
         });
-        if paired {
+        if paired && encoding.sinusoidal().is_some() {
             // The trunk took them as pairs of bf16; the derivative takes them as they were.
-            encode_block(self.tier, math, encoding, stride, positions, scratch.encoded);
+            self.encode_position(math, scratch, positions);
         }
         for (row, of_h) in scratch.front.chunks_exact_mut(stride.max(1)).take(head.main).enumerate() {
             of_h.fill(self.weight(head, row));
@@ -102,7 +103,15 @@ impl Network<'_> {
             self.back(layer, 0..layer.main, stride, from, scratch.back, false);
             core::mem::swap(&mut scratch.front, &mut scratch.back);
         }
-        encode_gradient_block(self.tier, encoding, stride, scratch.encoded, memory.encoded, blur, gradient);
+        match encoding {
+            PositionEncoding::Sinusoidal(encoding) => {
+                let (encoded, of_encoded) = (&*scratch.encoded, &*memory.encoded);
+                encode_gradient_block(self.tier, encoding, stride, encoded, of_encoded, blur, gradient);
+            }
+            PositionEncoding::Grid(grid) => {
+                self.tables.gradient(self.tier, grid, stride, positions, memory.encoded, blur, gradient);
+            }
+        }
     }
 
     fn trunk_layers(&self) -> impl DoubleEndedIterator<Item = &Layer> {

@@ -14,8 +14,8 @@ mod view;
 mod tests;
 
 pub use architecture::{
-    Architecture, ArchitectureError, DensityActivation, Layer, Layers, MAX_COLOUR, MAX_LAYERS, MAX_TRUNK,
-    MAX_WIDTH, Role, TrunkLayer,
+    Architecture, ArchitectureError, DensityActivation, EXPONENTIAL_LIMIT, Layer, Layers, MAX_COLOUR,
+    MAX_LAYERS, MAX_TRUNK, MAX_WIDTH, Role, TrunkLayer,
 };
 #[cfg(feature = "normals")]
 pub use gradient::GradientScratch;

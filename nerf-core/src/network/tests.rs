@@ -1,7 +1,7 @@
 extern crate std;
 
 use super::*;
-use crate::encoding::{AngleScale, Encoding};
+use crate::encoding::{AngleScale, SinusoidalEncoding};
 use crate::kernels::Tier;
 use crate::math::MathBackend;
 use crate::testing::{Worse, architecture, every_kind, halve, noise, parameters, pi};
@@ -30,7 +30,7 @@ fn evaluate(network: &Network<'_>, stride: usize, positions: &[f32], dirs: &[f32
     (sigma, rgb)
 }
 
-fn encode_f64(e: &Encoding, x: &[f64]) -> Vec<f64> {
+fn encode_f64(e: &SinusoidalEncoding, x: &[f64]) -> Vec<f64> {
     let mut out = if e.identity { x.to_vec() } else { vec![] };
     let s = if e.scale == AngleScale::Pi { core::f64::consts::PI } else { 1.0 };
     for level in 0..i32::from(e.levels) {
@@ -54,7 +54,7 @@ fn oracle(a: &Architecture, p: &[f32], x: &[f64], d: &[f64]) -> (f64, [f64; 3]) 
         };
         weights.chunks(input.len()).zip(bias).map(row).collect()
     };
-    let encoded = encode_f64(&a.position, x);
+    let encoded = encode_f64(a.position.sinusoidal().unwrap(), x);
     let mut h = encoded.clone();
     for layer in &a.trunk {
         if layer.skip {
@@ -66,9 +66,10 @@ fn oracle(a: &Architecture, p: &[f32], x: &[f64], d: &[f64]) -> (f64, [f64; 3]) 
         None => 0.0,
         Some(DensityActivation::Relu) => dense(&h, 1, false)[0].max(0.0),
         Some(DensityActivation::ShiftedSoftplus) => (dense(&h, 1, false)[0] - 1.0).exp().ln_1p(),
+        Some(DensityActivation::Exponential) => dense(&h, 1, false)[0].min(20.0).exp(),
     };
     if let Some(direction) = &a.direction {
-        h.extend(encode_f64(direction, d));
+        h.extend(encode_f64(direction.sinusoidal().unwrap(), d));
     }
     for &width in &a.colour {
         h = dense(&h, usize::from(width), true);
@@ -80,11 +81,12 @@ fn oracle(a: &Architecture, p: &[f32], x: &[f64], d: &[f64]) -> (f64, [f64; 3]) 
 
 fn architectures() -> Vec<(&'static str, Architecture)> {
     let softplus = Architecture { density: Some(DensityActivation::ShiftedSoftplus), ..every_kind() };
-    let bare = Encoding { inputs: 3, levels: 3, scale: AngleScale::One, identity: false };
+    let bare = SinusoidalEncoding { inputs: 3, levels: 3, scale: AngleScale::One, identity: false };
     let skips = [(32, false), (32, true), (32, true)];
     vec![
         ("every kind of layer", every_kind()),
         ("softplus", softplus),
+        ("exponential", Architecture { density: Some(DensityActivation::Exponential), ..every_kind() }),
         ("one layer, no direction, no hidden colour", architecture(pi(3, 2), None, &[(16, false)], &[])),
         (
             "no direction, two colour layers",
@@ -134,7 +136,7 @@ fn every_architecture_is_its_drawing_on_every_tier() {
             let network = &network;
             let (sigma, rgb) = evaluate(network, STRIDE, &positions, &dirs);
             for i in 0..STRIDE {
-                let x = column(&positions, usize::from(a.position.inputs), i);
+                let x = column(&positions, usize::from(a.position.inputs()), i);
                 let (s, c) = oracle(&a, &parameters, &x, &column(&dirs, 3, i));
                 *worst_sigma = worst_sigma.worse((f64::from(sigma[i]) - s).abs() / s.abs().max(1.0));
                 for (channel, truth) in c.into_iter().enumerate() {
@@ -160,7 +162,7 @@ fn weights_in_place_and_prepared_agree_bit_for_bit_on_the_scalar_tier() {
         let wide = evaluate(&in_place, STRIDE, &positions, &dirs);
         assert_eq!(wide, evaluate(&prepared, STRIDE, &positions, &dirs), "{name}");
         for stride in [1, 3, 16] {
-            let inputs = usize::from(a.position.inputs);
+            let inputs = usize::from(a.position.inputs());
             let cut = |rows: &[f32], inputs: usize| -> Vec<f32> {
                 (0..inputs).flat_map(|c| rows[c * STRIDE..c * STRIDE + stride].to_vec()).collect()
             };
@@ -199,6 +201,46 @@ fn a_512_wide_sum_of_the_largest_halves_is_finite() {
         sigma[0].is_finite() && (sigma[0] / 5.756e17 - 1.0).abs() < 1e-3 && rgb == [1.0; 3],
         "{sigma:?} {rgb:?}"
     );
+}
+
+#[test]
+fn an_exponential_density_is_finite_positive_and_flat_above_its_limit_and_nan_stays() {
+    // raw = the position's x, times 1e4.
+    let a = Architecture {
+        density: Some(DensityActivation::Exponential),
+        ..architecture(pi(3, 0), None, &[(2, false)], &[])
+    };
+    let layers = a.layers();
+    let mut all = vec![0.0; a.parameters()];
+    (all[layers[0].weights], all[layers[0].weights + 3]) = (1.0, -1.0);
+    (all[layers[1].weights], all[layers[1].weights + 1]) = (1.0, -1.0);
+    let raws =
+        [-1e4, -100.0, -1.0, 0.0, 0.5, 19.5, 20.0, 20.5, 1e4, f32::INFINITY, f32::NEG_INFINITY, f32::NAN];
+    let mut positions = vec![0.0; 3 * 16];
+    positions[..12].copy_from_slice(&raws);
+    for math in [
+        MathBackend::Polynomial,
+        #[cfg(feature = "libm")]
+        MathBackend::Libm,
+        #[cfg(feature = "micromath")]
+        MathBackend::Micromath,
+    ] {
+        for tier in Tier::ALL.into_iter().filter(|tier| tier.available() && !tier.rounds()) {
+            let network = Network::new(&a, Weights::Prepared(&all), tier).unwrap();
+            let mut encoded = vec![0.0; 3 * 16];
+            let (mut front, mut back) = (vec![0.0; 48], vec![0.0; 48]);
+            let mut scratch =
+                Scratch { stride: 16, encoded: &mut encoded, front: &mut front, back: &mut back };
+            let mut sigma = vec![0.0; 16];
+            network.trunk(math, &mut scratch, &positions);
+            network.density(math, &scratch, &mut sigma);
+            let what = std::format!("{math:?}, {tier:?}: {sigma:?}");
+            assert!(sigma[..9].iter().all(|s| *s > 0.0 && s.is_finite()), "{what}");
+            assert!(sigma[..2].iter().all(|s| *s < 1e-37) && (sigma[3] - 1.0).abs() < 1e-2, "{what}");
+            assert!(sigma[6] == sigma[7] && sigma[7] == sigma[8], "{what}");
+            assert!((f64::from(sigma[6]) / 20f64.exp() - 1.0).abs() < 2e-2 && sigma[11].is_nan(), "{what}");
+        }
+    }
 }
 
 #[test]
@@ -243,17 +285,17 @@ fn every_architecture_error_is_reached_and_says_what_it_found() {
     };
     let inputs = |field, expected, found| E::EncodingInputs { field, expected, found };
     let levels = |field, found| E::EncodingLevels { field, found };
-    let bare = Encoding { identity: false, ..pi(3, 0) };
+    let bare = SinusoidalEncoding { identity: false, ..pi(3, 0) };
     let cases = [
-        (with(&|a| a.position.inputs = 2), inputs("position", 3, 2), "expected 3 inputs, found 2"),
+        (with(&|a| a.position = pi(2, 4).into()), inputs("position", 3, 2), "expected 3 inputs, found 2"),
         (with(&|a| a.density = None), inputs("position", 2, 3), "expected 2 inputs"),
-        (with(&|a| a.direction = Some(pi(2, 4))), inputs("direction", 3, 2), "direction"),
-        (with(&|a| a.position.levels = 17), levels("position", 17), "found 17"),
-        (with(&|a| a.direction = Some(bare)), levels("direction", 0), "found 0"),
+        (with(&|a| a.direction = Some(pi(2, 4).into())), inputs("direction", 3, 2), "direction"),
+        (with(&|a| a.position = pi(3, 17).into()), levels("position", 17), "found 17"),
+        (with(&|a| a.direction = Some(bare.into())), levels("direction", 0), "found 0"),
         (
             with(&|a| {
                 a.density = None;
-                a.position = pi(2, 4);
+                a.position = pi(2, 4).into();
             }),
             E::DirectionWithoutDensity,
             "2D field",

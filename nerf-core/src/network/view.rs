@@ -1,7 +1,9 @@
 //! A network at work: weights where they lie, samples in blocks.
 
-use super::architecture::{Architecture, DensityActivation, Layer, Layers, Role};
-use crate::encoding::{Encoding, encode_block};
+use super::architecture::{Architecture, DensityActivation, EXPONENTIAL_LIMIT, Layer, Layers, Role};
+use crate::encoding::{
+    DirectionEncoding, GridTables, PositionEncoding, encode_block, encode_harmonics_block,
+};
 use crate::kernels::{
     Gemm, HalfInit, Init, Op, PairedInput, PairedOutput, Tier, VECTORS, dense_bf16, f16_at, gemm, gemm_f16,
     head_mut, pair, pair_rows, pairs, tail,
@@ -59,6 +61,7 @@ pub struct Network<'a> {
     pub(super) architecture: Architecture,
     pub(super) layers: Layers,
     weights: Weights<'a>,
+    pub(super) tables: GridTables<'a>,
     pub(super) tier: Tier,
 }
 
@@ -95,9 +98,22 @@ impl<'a> Network<'a> {
     /// A network over parameters that fit its architecture.
     ///
     /// `None` if the architecture breaks a cap or the parameters are too few, and where
-    /// there are no [`VECTORS`] for any but those read in place.
+    /// there are no [`VECTORS`] for any but those read in place; of an architecture whose position is a
+    /// grid, too, which takes [`Network::with_grid`].
     pub fn new(architecture: &Architecture, weights: Weights<'a>, tier: Tier) -> Option<Self> {
-        Self::of_layers(architecture, architecture.layers(), weights, tier)
+        Self::with_grid(architecture, weights, GridTables::NONE, tier)
+    }
+
+    /// As [`Network::new`], with the tables of the architecture's grid; `None` if they are too short, too.
+    ///
+    /// Without a grid they are not used.
+    pub fn with_grid(
+        architecture: &Architecture,
+        weights: Weights<'a>,
+        tables: GridTables<'a>,
+        tier: Tier,
+    ) -> Option<Self> {
+        Self::of_layers(architecture, architecture.layers(), weights, tables, tier)
     }
 
     /// The same without the colour branch, over the parameters of trunk and density head
@@ -106,23 +122,27 @@ impl<'a> Network<'a> {
     pub(crate) fn of_density(architecture: &Architecture, weights: Weights<'a>, tier: Tier) -> Option<Self> {
         let mut layers = architecture.layers();
         layers.retain(|layer| matches!(layer.role, Role::Trunk(_) | Role::Density));
-        Self::of_layers(architecture, layers, weights, tier)
+        Self::of_layers(architecture, layers, weights, GridTables::NONE, tier)
     }
 
     fn of_layers(
         architecture: &Architecture,
         layers: Layers,
         weights: Weights<'a>,
+        tables: GridTables<'a>,
         tier: Tier,
     ) -> Option<Self> {
         architecture.check().ok()?;
+        if architecture.position.grid().is_some_and(|grid| !tables.fit(grid)) {
+            return None;
+        }
         let have = match weights {
             Weights::InPlace(bytes) => bytes.len() / 2,
             Weights::Prepared(_) | Weights::Paired(_) if !VECTORS => return None,
             Weights::Prepared(parameters) | Weights::Paired(parameters) => parameters.len(),
         };
         let needed = layers.last().map_or(0, |layer| layer.bias + layer.outputs);
-        (have >= needed).then(|| Self { architecture: architecture.clone(), layers, weights, tier })
+        (have >= needed).then(|| Self { architecture: architecture.clone(), layers, weights, tables, tier })
     }
 
     /// Its shape.
@@ -187,7 +207,7 @@ impl<'a> Network<'a> {
     /// `dirs`: `[3][stride]`, unit; `out`: `[direction_rows][stride]`.
     pub fn direction(&self, math: MathBackend, scratch: &mut Scratch<'_>, dirs: &[f32], out: &mut [f32]) {
         if let (Some(encoding), Some(layer)) = (&self.architecture.direction, self.direction_layer()) {
-            self.encode(math, encoding, scratch, dirs);
+            self.encode_direction(math, encoding, scratch, dirs);
             self.dense(layer, [None, Some(&*scratch.encoded)], scratch.stride, out, Start::Bias, false);
         }
     }
@@ -213,7 +233,8 @@ impl<'a> Network<'a> {
         positions: &[f32],
         mut each: impl FnMut(&Layer, &[f32]),
     ) {
-        self.encode(math, &self.architecture.position, scratch, positions);
+        self.encode_position(math, scratch, positions);
+        self.pair_encoded(self.architecture.position.outputs(), scratch);
         for layer in &self.layers {
             let Role::Trunk(index) = layer.role else { break };
             let (from, to) = (&*scratch.front, &mut *scratch.back);
@@ -271,11 +292,42 @@ impl<'a> Network<'a> {
         with_math!(math, M => self.tier.run_columns(stride, Sigmoid::<M> { values, math: PhantomData }));
     }
 
-    /// Encodes a block of inputs into [`Scratch::encoded`], as the products take them.
-    fn encode(&self, math: MathBackend, encoding: &Encoding, scratch: &mut Scratch<'_>, inputs: &[f32]) {
-        encode_block(self.tier, math, encoding, scratch.stride, inputs, scratch.encoded);
+    /// Encodes a block of positions into [`Scratch::encoded`].
+    pub(super) fn encode_position(&self, math: MathBackend, scratch: &mut Scratch<'_>, positions: &[f32]) {
+        let (tier, stride) = (self.tier, scratch.stride);
+        match &self.architecture.position {
+            PositionEncoding::Sinusoidal(encoding) => {
+                encode_block(tier, math, encoding, stride, positions, scratch.encoded);
+            }
+            PositionEncoding::Grid(grid) => {
+                self.tables.encode(tier, grid, stride, positions, scratch.encoded);
+            }
+        }
+    }
+
+    /// Encodes a block of directions into [`Scratch::encoded`], as the products take them.
+    fn encode_direction(
+        &self,
+        math: MathBackend,
+        encoding: &DirectionEncoding,
+        scratch: &mut Scratch<'_>,
+        dirs: &[f32],
+    ) {
+        match encoding {
+            DirectionEncoding::Sinusoidal(encoding) => {
+                encode_block(self.tier, math, encoding, scratch.stride, dirs, scratch.encoded);
+            }
+            DirectionEncoding::SphericalHarmonics { degree } => {
+                encode_harmonics_block(self.tier, *degree, scratch.stride, dirs, scratch.encoded);
+            }
+        }
+        self.pair_encoded(encoding.outputs(), scratch);
+    }
+
+    /// What was encoded in the form that the products take.
+    fn pair_encoded(&self, rows: usize, scratch: &mut Scratch<'_>) {
         if let Weights::Paired(_) = self.weights() {
-            pair_rows(scratch.encoded, encoding.outputs(), scratch.stride);
+            pair_rows(scratch.encoded, rows, scratch.stride);
         }
     }
 
@@ -386,6 +438,8 @@ impl<M: Math> Op for Density<'_, M> {
                 // Of −0 the maximum may be −0; nobody should divide by that.
                 DensityActivation::Relu => V::splat(0.0).max_of(raw).add(V::splat(0.0)),
                 DensityActivation::ShiftedSoftplus => M::softplus(raw.sub(V::splat(1.0))),
+                // What is no number stays so.
+                DensityActivation::Exponential => M::exp(V::splat(EXPONENTIAL_LIMIT).min_of(raw)),
             };
             sigma.store(values);
         }

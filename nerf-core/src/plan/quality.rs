@@ -9,8 +9,9 @@ mod tests;
 /// The shortcuts of a frame; each costs accuracy and saves time.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Quality {
-    /// Samples per ray, between near and far; 0 for what the scene was made for. With a proposal these
-    /// are drawn from it, and the proposal's own, whose number is the scene's, come on top.
+    /// Samples per ray; 0 for what the scene was made for. Of a scene with bins, so many between its near and far, and as
+    /// wide ones wherever else a ray is in its box; of one that is marched, so many steps to the diagonal of its box.
+    /// With a proposal these are drawn from it, and the proposal's own, whose number is the scene's, come on top.
     pub samples: u16,
     /// A ray ends where its transmittance falls below this; 0 never ends one.
     pub transmittance_cut: f32,
@@ -94,7 +95,7 @@ impl Quality {
     /// `cost`: their multiply-adds over those of the exact rendering. What the scene has not is off, and
     /// its own number of samples is spelt out, as a file has them; [`crate::blob::write()`] checks the rest.
     pub fn front_point(&self, blob: &Blob<'_>, loss_db: f32, cost: f32) -> FrontPoint {
-        let own = blob.scene().map_or(0, |scene| scene.samples);
+        let own = blob.scene().map_or(0, |scene| scene.samples());
         FrontPoint {
             samples: if self.samples == 0 { own } else { self.samples },
             transmittance_cut: self.transmittance_cut,

@@ -27,7 +27,7 @@ fn a_plan_takes_the_scene_s_own_settings_where_nothing_is_asked() {
     assert_eq!(exact.background, SCENE.background);
     assert!(exact.grid.is_none(), "no shortcut, no grid");
     let default = plan(&bytes, Quality { samples: 7, ..Quality::default() }, BATCH).unwrap();
-    assert!(default.grid.is_some() && default.bins.count() == 7);
+    assert!(default.grid.is_some() && default.samples_per_ray() == 7);
 }
 
 #[test]

@@ -19,7 +19,8 @@ pub struct Counters {
     pub colour_evaluations: u64,
     /// Gradients of the density: trunk forward and back.
     pub normal_evaluations: u64,
-    /// Multiply-adds of the network and of its proposal.
+    /// Multiply-adds of the network's layers and of its proposal's. Reading a grid's tables is none: density
+    /// evaluations times [`Architecture::table_reads`](crate::network::Architecture::table_reads) says how often.
     pub macs: u64,
     /// Samples whose density was NaN, which count as empty (the proposal's among them), and samples whose
     /// colour was asked for and was NaN, which count as black, or whose gradient was and is not finite, which

@@ -4,7 +4,7 @@ use super::{Counters, Renderer};
 use crate::effects::{self, ThinLens, Tone, ToneMap};
 use crate::kernels::Line;
 use crate::lens::Lens;
-use crate::plan::Plan;
+use crate::plan::{Lattice, Plan};
 use core::fmt;
 
 #[cfg(test)]
@@ -150,7 +150,13 @@ impl Explanation<'_> {
                 let macs = self.renderer.proposer.macs();
                 write!(f, ", {} samples a ray, {macs} multiply-adds an evaluation", coarse.count())
             }
-            "density" => write!(f, ", {} multiply-adds an evaluation", a.density_macs()),
+            "density" => {
+                write!(f, ", {} multiply-adds an evaluation", a.density_macs())?;
+                match a.table_reads() {
+                    0 => Ok(()),
+                    reads => write!(f, ", {reads} table entries"),
+                }
+            }
             "transmittance cut" => write!(f, ", a ray ends below {}", plan.transmittance_cut),
             "colour" => {
                 write!(f, ", {} multiply-adds an evaluation", a.colour_macs() - network.direction_macs())
@@ -190,18 +196,23 @@ fn write_tone(tone: &Tone, f: &mut fmt::Formatter<'_>) -> fmt::Result {
 impl fmt::Display for Explanation<'_> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let (plan, network) = (self.plan, self.renderer.network());
-        write!(
-            f,
-            "samples            {} a ray from {} to {}, ",
-            plan.samples_per_ray(),
-            plan.near,
-            plan.far
-        )?;
+        write!(f, "samples            {} a ray ", plan.samples_per_ray())?;
+        match plan.lattice {
+            Lattice::March => write!(f, "at most, where it is in the scene box, ")?,
+            _ => write!(f, "from {} to {}, ", plan.near, plan.far)?,
+        }
         match &plan.proposal {
             Some(coarse) => {
                 writeln!(f, "{} drawn from the proposal, {} its own", plan.bins.count(), coarse.count())?;
             }
             None => writeln!(f, "one each {}", plan.bins.delta())?,
+        }
+        if plan.lattice == Lattice::Extended {
+            writeln!(f, "                   and as many more as the scene box needs")?;
+        }
+        if plan.t_min > 0.0 || plan.t_max < f32::MAX {
+            let (t_min, t_max) = (plan.t_min, plan.t_max);
+            writeln!(f, "range              {t_min} to {t_max} along the ray")?;
         }
         for Stage { name, switch } in self.stages() {
             write!(f, "{name:<18} {}", switch.name())?;

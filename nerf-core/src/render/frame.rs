@@ -114,6 +114,8 @@ pub(super) struct Frame<'f, 'w> {
     /// Which of their pixels' rays are in flight: the first, the second, and on.
     pub(super) turn: u32,
     tile: Rect,
+    /// The distance of a pixel without a surface.
+    far: f32,
 }
 
 impl<'f, 'w> Frame<'f, 'w> {
@@ -173,12 +175,14 @@ impl<'f, 'w> Frame<'f, 'w> {
             sums,
             turn: 0,
             tile: Rect { x: 0, y: 0, width: 0, height: 0 },
+            far: plan.far,
         })
     }
 
     /// Renders one tile of at most `plan.batch.rays` pixels, a ray of every pixel at a time.
     pub(super) fn tile<M: Math>(&mut self, camera: &Camera, tile: Rect, target: &mut impl Target) {
         self.tile = tile;
+        self.far = self.plan.far_from(camera.pose().position);
         for turn in 0..anti_aliasing::rays(&self.plan.effects) {
             self.turn = turn;
             let mut hits = self.start::<M>(camera, target);
@@ -210,12 +214,12 @@ impl<'f, 'w> Frame<'f, 'w> {
                 self.counters.rays += 1;
                 let ray = camera.ray(x as f32 + right, y as f32 + down);
                 let ray = depth_of_field::through_lens(&plan.effects, camera.pose(), ray, (x, y), area);
-                let bins = match around.and_then(|bounds| bounds.clip(&ray, plan.near, plan.far)) {
-                    Some((enter, exit)) => walk.overlapping(enter, exit),
-                    None => 0..0,
-                };
-                let (next, end) = (bins.start, bins.end);
-                let mut state = RayState { ray, x, y, next, end, done: false, ..RayState::NONE };
+                let mut state = RayState { ray, x, y, done: false, ..RayState::NONE };
+                if let Some(span) = around.and_then(|bounds| plan.span(&bounds, &ray)) {
+                    (state.ray, state.start, state.ends) = (span.ray, span.start, span.ends);
+                    (state.next, state.end) = (span.bins.start, span.bins.end);
+                }
+                let (next, end) = (state.next, state.end);
                 // A proposal is asked in the middle of its bins.
                 let place = if self.drawn.is_on() { Place::MIDDLE } else { state.place(plan, turn) };
                 let live = state.seek(plan, walk, place);
@@ -280,15 +284,15 @@ impl<'f, 'w> Frame<'f, 'w> {
         target: &mut impl Target,
     ) {
         let (plan, tile) = (self.plan, self.tile);
-        self.counters.samples_skipped += u64::from(plan.samples_per_ray() - state.kept);
+        self.counters.samples_skipped += u64::from(plan.samples_per_ray().saturating_sub(state.kept));
         let cosine = camera.z_per_distance(&state.ray);
         let background = if plan.outputs.rgb { plan.background } else { [0.0; 3] };
-        let mut seen = state.gathered.finish(background, plan.far, cosine);
+        let mut seen = state.gathered.finish_from(state.start, background, self.far, cosine);
         seen.rgb = tone::to_light::<M>(&plan.effects.tone, seen.rgb);
-        seen.median_distance = self.medians.finish(place, plan);
+        seen.median_distance = self.medians.finish(place, plan, state.start, self.far);
         seen.normal = self.normals.finish(place, seen.opacity);
         let index = (state.y - tile.y) as usize * tile.width as usize + (state.x - tile.x) as usize;
-        if let Some(mut pixel) = self.sums.add(&plan.effects, index, self.turn, seen, plan.far) {
+        if let Some(mut pixel) = self.sums.add(&plan.effects, index, self.turn, seen, self.far) {
             pixel.rgb = tone::to_display::<M>(&plan.effects.tone, pixel.rgb);
             target.put(state.x, state.y, &pixel);
         }

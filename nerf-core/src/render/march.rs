@@ -12,14 +12,19 @@ use crate::math::Math;
 use crate::network::Scratch;
 use crate::plan::Plan;
 use crate::ray::Ray;
-use crate::sampling::Bins;
+use crate::sampling::{Bins, Ends};
 use crate::volume::Accumulator;
 use glam::Vec3;
 
 /// What one ray carries from sample to sample.
 #[derive(Clone, Copy)]
 pub(super) struct RayState {
+    /// From the point its samples are counted from.
     pub ray: Ray,
+    /// How far that is along the ray.
+    pub start: f32,
+    /// How the outermost of its bins are cut.
+    pub ends: Ends,
     pub x: u32,
     pub y: u32,
     /// The next bin or drawn sample to look at, and the end of them.
@@ -41,6 +46,8 @@ impl Default for RayState {
 impl RayState {
     pub const NONE: Self = Self {
         ray: Ray { origin: Vec3::ZERO, dir: Vec3::NEG_Z },
+        start: 0.0,
+        ends: Ends::NONE,
         x: 0,
         y: 0,
         next: 0,
@@ -59,7 +66,8 @@ impl RayState {
     /// Moves `next` to the first live one of `bins` at or after it; `false` if there is none.
     #[inline]
     pub fn seek(&mut self, plan: &Plan<'_>, bins: &Bins, place: Place) -> bool {
-        self.next = plan.first_live(bins, &self.ray, place, self.next, self.end);
+        let bins = bins.with(self.ends);
+        self.next = plan.first_live(&bins, &self.ray, place, self.next, self.end);
         self.next < self.end
     }
 }
@@ -154,7 +162,7 @@ impl Frame<'_, '_> {
                     break;
                 }
                 put(self.block.owner, n, i);
-                put(self.block.t, n, self.drawn.take(plan, i, state.next, place, n));
+                put(self.block.t, n, self.drawn.take(plan, i, state, place, n));
                 state.next += 1;
                 state.kept += 1;
                 n += 1;
@@ -188,11 +196,18 @@ impl Frame<'_, '_> {
             if sigma.is_nan() {
                 self.counters.invalid_samples += 1;
             } else if sigma > 0.0 {
-                let (t, stretch) = (at(self.block.t, column), self.drawn.stretch(plan, owner, column));
-                // A jittered sample lies anywhere in its bin, which stays where it is.
-                let jittered = plan.outputs.median_distance && plan.effects.jitter.is_some();
-                let middle = if jittered { plan.bins.middle_around(t) } else { t };
-                let (middle, delta) = stretch.unwrap_or((middle, plan.bins.delta()));
+                let t = at(self.block.t, column);
+                let (t, middle, delta) = match self.drawn.stretch(plan, owner, column) {
+                    Some((middle, delta)) => (t.max(plan.t_min).min(plan.t_max), middle, delta),
+                    None => {
+                        let bins = plan.bins.with(state.ends);
+                        // A jittered sample lies anywhere in its bin, which stays where it is.
+                        let jittered = plan.outputs.median_distance && plan.effects.jitter.is_some();
+                        let (t, middle, delta) = bins.part_around(t);
+                        let whole = || if jittered { bins.middle_around(t) } else { t };
+                        (t, middle.unwrap_or_else(whole), delta)
+                    }
+                };
                 let thickness = state.gathered.optical_thickness();
                 state.gathered.add_density::<M>(sigma, t, delta);
                 self.medians.look::<M>(owner, thickness, &state.gathered, sigma, middle, delta);

@@ -121,14 +121,14 @@ impl<'f, 'w> Drawn<'f, 'w> {
         state.next < state.end
     }
 
-    /// Where sample `next` of ray `ray` is, which goes into column `column` of the block.
+    /// Where the next sample of ray `ray` is, which goes into column `column` of the block.
     #[inline]
-    pub fn take(&mut self, plan: &Plan<'_>, ray: u32, next: u32, place: Place, column: usize) -> f32 {
+    pub fn take(&mut self, plan: &Plan<'_>, ray: u32, state: &RayState, place: Place, column: usize) -> f32 {
         if self.row == 0 {
-            return place.t(&plan.bins, next);
+            return place.t(&plan.bins.with(state.ends), state.next);
         }
-        put(self.index, column, next);
-        at(self.row_of(ray), next as usize)
+        put(self.index, column, state.next);
+        at(self.row_of(ray), state.next as usize)
     }
 
     /// Middle and width of what the sample in column `column` of the block stands for, world units along its
@@ -138,7 +138,13 @@ impl<'f, 'w> Drawn<'f, 'w> {
         if self.row == 0 {
             return None;
         }
-        Some(stretch(plan.near, plan.far, self.row_of(ray), at(self.index, column) as usize))
+        let (middle, width) = stretch(plan.near, plan.far, self.row_of(ray), at(self.index, column) as usize);
+        if plan.t_min <= plan.near && plan.t_max >= plan.far {
+            return Some((middle, width));
+        }
+        let start = (middle - 0.5 * width).max(plan.t_min);
+        let end = (middle + 0.5 * width).min(plan.t_max);
+        Some((0.5 * start + 0.5 * end, end - start))
     }
 
     /// Moves the row of one ray to the place of an earlier one, or its own.

@@ -64,8 +64,8 @@ impl<'f, 'w> Drawn<'f, 'w> {
     }
 
     #[inline]
-    pub fn take(&mut self, plan: &Plan<'_>, _: u32, next: u32, place: Place, _: usize) -> f32 {
-        place.t(&plan.bins, next)
+    pub fn take(&mut self, plan: &Plan<'_>, _: u32, state: &RayState, place: Place, _: usize) -> f32 {
+        place.t(&plan.bins.with(state.ends), state.next)
     }
 
     #[inline]

@@ -2,6 +2,9 @@ extern crate std;
 
 mod batches;
 mod effects;
+#[cfg(feature = "grid")]
+mod learned_grid;
+mod views;
 
 use super::*;
 use crate::blob::Grid;
@@ -368,13 +371,13 @@ fn the_seed_network_takes_the_memory_the_docs_say() {
     assert_eq!(lines(&in_place, no_colour, Batch::SMALLEST) * size_of::<Line>(), 2_816);
     let prepared = Renderer::with_parameters(blob.clone(), Tier::Scalar, &unpacked).unwrap();
     let batch = Batch::for_tier(Tier::Scalar);
-    assert_eq!(lines(&prepared, Outputs::ALL, batch) * size_of::<Line>(), 374_784);
+    assert_eq!(lines(&prepared, Outputs::ALL, batch) * size_of::<Line>(), 380_928);
     #[cfg(feature = "anti-aliasing")]
     for anti_aliasing in [2, 256] {
         let effects = crate::effects::Effects { anti_aliasing, ..crate::effects::Effects::NONE };
         let plan = Plan::new(&blob, &Quality::EXACT, Outputs::ALL, batch).unwrap();
         let plan = plan.with_effects(effects).unwrap();
-        assert_eq!(prepared.workspace_lines(&plan) * size_of::<Line>(), 389_120);
+        assert_eq!(prepared.workspace_lines(&plan) * size_of::<Line>(), 395_264);
     }
     assert_eq!(Renderer::prepared_lines(&blob, Tier::Avx2) * size_of::<Line>(), 2_120_256);
 }

@@ -1,16 +1,41 @@
-//! Equal bins between near and far.
+//! Equal bins along a ray.
 
 use crate::ray::BoundsError;
+use core::ops::Range;
 
 /// `near..far` cut into `count` equal bins; every ray of a picture shares them.
 ///
-/// `t_edges[i] = near + i delta`, `t_mid[i] = near + (i + ½) delta`, world units along the ray.
+/// `t_edges[i] = near + i delta`, `t_mid[i] = near + (i + ½) delta`, world units along the ray. A ray that uses only a
+/// part of them has its first and last bin cut to that ([`Bins::cut`]).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Bins {
     near: f32,
-    far: f32,
     delta: f32,
     count: u32,
+    ends: Ends,
+}
+
+/// Where the part of the bins that a ray uses begins and ends.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct Ends {
+    /// What of the first bin counts, if that is not all of it: from `start`, to `low` where it ends; −∞ else.
+    start: f32,
+    low: f32,
+    /// Where the last bin begins, if it is cut, or +∞; where it ends, and up to where it counts.
+    high: f32,
+    far: f32,
+    stop: f32,
+}
+
+impl Ends {
+    /// Of a ray without bins.
+    pub const NONE: Self = Self {
+        start: f32::NEG_INFINITY,
+        low: f32::NEG_INFINITY,
+        high: f32::INFINITY,
+        far: 0.0,
+        stop: f32::INFINITY,
+    };
 }
 
 impl Bins {
@@ -21,7 +46,65 @@ impl Bins {
     pub fn new(near: f32, far: f32, count: u32) -> Result<Self, BoundsError> {
         let delta = (far - near) / count as f32;
         let valid = near >= 0.0 && near < far && far.is_finite() && delta > 0.0 && delta.is_finite();
-        if valid { Ok(Self { near, far, delta, count }) } else { Err(BoundsError::Range { near, far }) }
+        let ends = Ends { far, ..Ends::NONE };
+        if valid { Ok(Self { near, delta, count, ends }) } else { Err(BoundsError::Range { near, far }) }
+    }
+
+    /// `count` bins of width `delta` from `near` on.
+    pub(crate) fn of_width(near: f32, delta: f32, count: u32) -> Self {
+        let far = near + count as f32 * delta;
+        Self { near, delta, count, ends: Ends { far, ..Ends::NONE } }
+    }
+
+    /// What [`Bins::cut`] made of these bins.
+    #[inline]
+    pub(crate) fn with(&self, ends: Ends) -> Self {
+        Self { ends, ..*self }
+    }
+
+    /// Where they begin and end.
+    #[inline]
+    pub(crate) fn ends(&self) -> Ends {
+        self.ends
+    }
+
+    /// The same bins for a ray that ends at `far` and of which `start..stop` counts, and the numbers of those that do.
+    ///
+    /// At `far` the last bin is cut: it has its samples in front of that. `start` and `stop` cut widths alone: the sample
+    /// stays where it is, so that what it gives goes continuously with both. Other bins do not move by a bit.
+    pub fn cut(&self, start: f32, far: f32, stop: f32) -> (Self, Range<u32>) {
+        let (mut ends, mut bins) = (self.ends, 0..self.count);
+        if start > self.near {
+            // `as` saturates, and takes NaN to 0.
+            bins.start = ((start - self.near) / self.delta) as u32;
+            (ends.start, ends.low) = (start, self.edge(bins.start.saturating_add(1)));
+        }
+        let stop = stop.min(far);
+        if stop < ends.far {
+            let bin = ((stop - self.near) / self.delta) as u32;
+            // Beginning where the part ends is beginning behind it.
+            let last = if self.edge(bin) < stop { bin } else { bin.saturating_sub(1) };
+            bins.end = bins.end.min(last.saturating_add(1));
+            ends = Ends { high: self.edge(last), far: self.edge(last + 1).min(far), stop, ..ends };
+        }
+        (self.with(ends), bins)
+    }
+
+    /// By how much bins have to move, by whole ones, to be where `enter..exit` is; 0 if they are.
+    pub(crate) fn shift(&self, enter: f32, exit: f32) -> f32 {
+        let index = (enter - self.near) / self.delta;
+        if index >= 0.0 && exit <= self.ends.far {
+            return 0.0;
+        }
+        // From 2^23 on there are no fractions.
+        let whole = if index.abs() < 8_388_608.0 { (index as i32) as f32 } else { index };
+        (if whole > index { whole - 1.0 } else { whole }) * self.delta
+    }
+
+    /// Where bin `i` would begin if it were not cut.
+    #[inline]
+    fn edge(&self, i: u32) -> f32 {
+        self.near + i as f32 * self.delta
     }
 
     /// Number of bins.
@@ -29,16 +112,34 @@ impl Bins {
         self.count
     }
 
-    /// Width of a bin.
+    /// Width of a bin that is not cut.
     pub fn delta(&self) -> f32 {
         self.delta
+    }
+
+    /// Of the bin that `t` lies in: what is nearest to `t` of the part that counts, its middle, and its width. There is no
+    /// middle where all of the bin counts ([`Bins::middle_around`]).
+    #[inline]
+    pub(crate) fn part_around(&self, t: f32) -> (f32, Option<f32>, f32) {
+        let Ends { start, low, high, stop, .. } = self.ends;
+        let (first, last) = (t < low, t >= high);
+        if !first && !last {
+            return (t, None, self.delta);
+        }
+        let (from, to) = (if first { start } else { high }, if last { stop } else { low });
+        (t.max(from).min(to), Some(from + 0.5 * (to - from)), to - from)
     }
 
     /// The point of bin `i` at fraction `u` in `[0, 1]`; its middle at ½. Never beyond `far`, as rounding may be.
     #[inline]
     pub fn at(&self, i: u32, u: f32) -> f32 {
-        let t = self.near + (i as f32 + u) * self.delta;
-        if t < self.far { t } else { self.far }
+        let Ends { high, far, .. } = self.ends;
+        let t = if self.edge(i) < high {
+            self.near + (i as f32 + u) * self.delta
+        } else {
+            high + u * (far - high)
+        };
+        if t < far { t } else { far }
     }
 
     /// The point of bin `i` at fraction `u` in `[0, 1)`, never on the edge where the next bin begins: rounding may
@@ -68,7 +169,7 @@ impl Bins {
 
     /// The bins that may have a point in `enter..=exit`, the middle or another: a superset, by one or two
     /// at each end as long as a bin is wider than the spacing of f32 at `far`.
-    pub fn overlapping(&self, enter: f32, exit: f32) -> core::ops::Range<u32> {
+    pub fn overlapping(&self, enter: f32, exit: f32) -> Range<u32> {
         let index = |t: f32| (t - self.near) / self.delta;
         // Far from the origin `at` rounds by many bins at once; so does this.
         let far = self.near + self.count as f32 * self.delta;

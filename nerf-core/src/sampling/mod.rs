@@ -10,6 +10,7 @@ mod random;
 mod tests;
 
 pub use bins::Bins;
+pub(crate) use bins::Ends;
 pub use grid::SkipGrid;
 #[cfg(feature = "proposal")]
 pub use importance::{WEIGHT_FLOOR, draw, stretch};

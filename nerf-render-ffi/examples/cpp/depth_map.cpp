@@ -80,8 +80,12 @@ int main(int argc, char **argv) {
         return fail(counters.error().text());
     }
 
-    // z_depth is at most the far distance, so that no step is beyond 65535.
-    const float scale = scene->info().far_distance / 65535.0f;
+    // The scene's far distance, or what is seen from farther off: no step is beyond 65535.
+    float farthest = scene->info().far_distance;
+    for (std::size_t i = 0; i < pixels; ++i) {
+        farthest = std::fmax(farthest, opacity[i] < 0.5f ? 0.0f : z_depth[i]);
+    }
+    const float scale = farthest / 65535.0f;
     std::vector<std::uint16_t> steps(pixels);
     for (std::size_t i = 0; i < pixels; ++i) {
         const float step = std::fmin(std::round(z_depth[i] / scale), 65535.0f);

@@ -34,6 +34,7 @@ structure('nerf_scene_info', {
   quantisation_loss_db: 'f32', steps: 'u32', parameters: 'u64', density_macs: 'u64', colour_macs: 'u64',
   seed: 'u64', data: 'nerf_text', made_by: 'nerf_text', psnr_convention: 'nerf_text', picture_width: 'u32',
   picture_height: 'u32', proposal_samples: 'u32', front_points: 'u32', proposal_macs: 'u64',
+  step: 'f32', reserved: 'u32',
 });
 structure('nerf_camera', {
   struct_size: 'size', width: 'u32', height: 'u32', fx: 'f32', fy: 'f32', cx: 'f32', cy: 'f32', k1: 'f32',
@@ -46,7 +47,8 @@ structure('nerf_effects', {
 structure('nerf_render_options', {
   struct_size: 'size', samples: 'u32', transmittance_cut: 'f32', ignore_grid: 'u32', maths: 'u32',
   background_set: 'u32', background: ['f32', 3], batch_rays: 'u32', batch_samples: 'u32', colour_cut: 'f32',
-  normal_blur: 'f32', ignore_proposal: 'u32', reserved: ['u32', 4], effects: 'nerf_effects',
+  normal_blur: 'f32', ignore_proposal: 'u32', near_distance: 'f32', far_distance: 'f32',
+  own_bins: 'u32', reserved: 'u32', effects: 'nerf_effects',
 });
 structure('nerf_plane', { data: 'pointer', pixel_stride: 'size', row_stride: 'size', format: 'u32', reserved: 'u32' });
 structure('nerf_target', {

@@ -12,7 +12,7 @@ use glam::Vec3;
 use nerf_core::blob::Blob;
 use nerf_core::kernels::Tier;
 use nerf_core::math::MathBackend;
-use nerf_core::plan::Quality;
+use nerf_core::plan::{Plan, PlanError, Quality};
 use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::sync::mpsc::{self, Receiver, RecvTimeoutError};
@@ -144,10 +144,10 @@ pub struct DataOptions {
     /// for the layout].
     #[arg(long, value_name = "CONVENTION")]
     pub axes: Option<Axes>,
-    /// Where rays begin, world units along the ray.
+    /// Where rays begin, world units along the ray: what is nearer is not seen.
     #[arg(long, value_name = "T")]
     pub near: Option<f32>,
-    /// Where rays end, world units along the ray.
+    /// Where rays end, world units along the ray: what is farther is not seen.
     #[arg(long, value_name = "T")]
     pub far: Option<f32>,
     /// Read pictures also where the data set's `file_path` leads out of its folder: `..`, absolute paths, links.
@@ -156,6 +156,14 @@ pub struct DataOptions {
 }
 
 impl DataOptions {
+    /// The plan with rays from --near to --far.
+    ///
+    /// # Errors
+    /// A range that is none.
+    pub fn range_of<'a>(&self, plan: Plan<'a>) -> Result<Plan<'a>, PlanError> {
+        plan.with_range(self.near.unwrap_or(0.0), self.far.unwrap_or(f32::MAX))
+    }
+
     /// Reads the data set and shows how that is getting on where it takes a while.
     pub fn read(&self, path: &Path, global: &Global) -> anyhow::Result<Dataset> {
         let (watch, style) = (Watch::default(), global.style());
@@ -279,6 +287,19 @@ pub struct QualityOptions {
     /// Elementary functions: polynomial, libm, micromath, recurrence.
     #[arg(long, value_name = "BACKEND", default_value = "polynomial", value_parser = parse_math)]
     pub math: MathBackend,
+    /// Of a scene with fixed bins, which of them a ray has: `own`, between the scene's near and far as it was trained on,
+    /// or `whole`, wherever the ray is in the scene's box [default: own in eval, whole elsewhere].
+    #[arg(long, value_enum, value_name = "WHICH")]
+    pub bins: Option<WhichBins>,
+}
+
+/// Which bins a ray has in a scene with fixed ones.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
+pub enum WhichBins {
+    /// Those between the scene's near and far.
+    Own,
+    /// As many as the scene's box needs.
+    Whole,
 }
 
 /// The name of a maths backend.
@@ -293,6 +314,14 @@ pub fn parse_math(name: &str) -> Result<MathBackend, String> {
 }
 
 impl QualityOptions {
+    /// The plan with the bins that are asked for.
+    pub fn bins_of<'a>(&self, plan: Plan<'a>, default: WhichBins) -> Plan<'a> {
+        match self.bins.unwrap_or(default) {
+            WhichBins::Own => plan.with_own_bins(),
+            WhichBins::Whole => plan,
+        }
+    }
+
     /// The shortcuts.
     pub fn quality(&self) -> Quality {
         let base =

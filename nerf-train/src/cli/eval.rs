@@ -1,7 +1,8 @@
 //! `nerf-train eval`
 
 use super::common::{
-    DataOptions, Global, QualityOptions, background_name, cpu_name, open_blob, parse_background, read_file,
+    DataOptions, Global, QualityOptions, WhichBins, background_name, cpu_name, open_blob, parse_background,
+    read_file,
 };
 use super::places;
 use crate::dataset::View;
@@ -101,6 +102,8 @@ impl Eval {
         let tier = global.tier();
         let quality = self.quality.quality();
         let plan = Plan::new(&blob, &quality, Outputs::ALL, Batch::for_tier(tier))
+            .and_then(|plan| self.data_options.range_of(plan))
+            .map(|plan| self.quality.bins_of(plan, WhichBins::Own))
             .with_context(|| self.file.display().to_string())?;
         let own = blob.scene().map_or([0.0; 3], |scene| scene.background);
         let background = self.background.unwrap_or(own);

@@ -1,6 +1,6 @@
 //! `nerf-train explain`
 
-use super::common::{DataOptions, Global, QualityOptions, open_blob, read_file};
+use super::common::{DataOptions, Global, QualityOptions, WhichBins, open_blob, read_file};
 use super::effects::EffectOptions;
 use super::eval::Split;
 use crate::frame;
@@ -72,6 +72,8 @@ impl Explain {
         };
         let plan = Plan::new(&blob, &self.quality.quality(), outputs, Batch::for_tier(tier))
             .and_then(|plan| plan.with_normal_blur(self.normal_blur))
+            .and_then(|plan| self.data_options.range_of(plan))
+            .map(|plan| self.quality.bins_of(plan, WhichBins::Whole))
             .with_context(|| self.file.display().to_string())?;
         let plan = self.effects.of(plan)?;
         let camera = self.camera(&blob, global)?;

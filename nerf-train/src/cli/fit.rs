@@ -18,6 +18,7 @@ use crate::train::schedule::{Budget, Clock};
 use crate::train::snapshot::SnapshotOptions;
 use anyhow::{Context, bail};
 use clap::Args;
+use glam::Vec3;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::time::Duration;
@@ -40,7 +41,7 @@ pub struct Fit {
     #[arg(long, value_name = "DIR")]
     report: Option<PathBuf>,
     /// Named settings to start from.
-    #[arg(long, value_enum, default_value = "fast")]
+    #[arg(long, value_enum, default_value = "grid")]
     preset: Preset,
     /// TOML file with settings that replace the preset's.
     #[arg(long, value_name = "FILE")]
@@ -81,6 +82,8 @@ pub struct Fit {
     data_options: DataOptions,
     #[command(flatten)]
     settings: Settings,
+    #[command(flatten)]
+    table: TableSettings,
 }
 
 /// Flags for single settings; each replaces what preset and TOML file say.
@@ -90,31 +93,34 @@ struct Settings {
     /// Seed of everything random.
     #[arg(long, value_name = "N")]
     seed: Option<u64>,
-    /// Trunk layers.
+    /// Trunk layers; beside a grid the small ones behind it.
     #[arg(long, value_name = "N")]
     depth: Option<usize>,
-    /// Channels of the trunk.
+    /// Channels of the trunk; beside a grid of the small layers behind it.
     #[arg(long, value_name = "N")]
     width: Option<usize>,
-    /// Trunk layers in front of the one that takes the encoded position again; 0 for none.
+    /// Trunk layers in front of the one that takes the encoded position again; 0 for none. Of a sinusoidal network
+    /// only.
     #[arg(long, value_name = "N")]
     skip_after: Option<usize>,
-    /// Levels of the position's encoding.
+    /// Levels of the position's encoding. Of a sinusoidal network only.
     #[arg(long, value_name = "L")]
     position_levels: Option<u8>,
-    /// Levels of the direction's encoding; 0 for colours that do not depend on it.
+    /// Levels of the direction's encoding, beside a grid the degree of its spherical harmonics, at most 4; 0 for
+    /// colours that do not depend on it.
     #[arg(long, value_name = "L")]
     direction_levels: Option<u8>,
     /// Channels of the colour branch's hidden layer; 0 for none.
     #[arg(long, value_name = "N")]
     colour_width: Option<usize>,
-    /// From raw density to sigma.
+    /// From raw density to sigma. Of a sinusoidal network only.
     #[arg(long, value_enum)]
     density: Option<Density>,
-    /// Samples a ray.
+    /// Samples a ray. Of a sinusoidal network only: rays through a grid take --steps-across.
     #[arg(long, value_name = "N")]
     samples: Option<u16>,
-    /// Perturbation of samples in training: none, bin, or a width in world units such as 0.02.
+    /// Perturbation of samples in training: none, bin, or a width in world units such as 0.02. Of a sinusoidal
+    /// network only.
     #[arg(long, value_name = "HOW", value_parser = parse_jitter)]
     jitter: Option<Jitter>,
     /// Rays a step; times --samples at most 2^27, also where it is only the first guess.
@@ -161,13 +167,95 @@ fn parse_jitter(text: &str) -> Result<Jitter, String> {
     }
 }
 
+/// Flags for the settings of a learned grid.
+#[derive(Debug, Args)]
+#[command(next_help_heading = "Learned grid (--preset grid)")]
+struct TableSettings {
+    /// Binary logarithm of the most entries a level has: 16 is 2^16 of them; finer levels are hashed into so many.
+    #[arg(long, value_name = "K")]
+    table: Option<u8>,
+    /// Levels of the grid.
+    #[arg(long, value_name = "N")]
+    grid_levels: Option<usize>,
+    /// Features of an entry: 1, 2 or 4.
+    #[arg(long, value_name = "F")]
+    features: Option<u8>,
+    /// Cells of the coarsest level along the longest side of the scene box.
+    #[arg(long, value_name = "N")]
+    coarsest: Option<u16>,
+    /// Cells of the finest level along the longest side of the scene box.
+    #[arg(long, value_name = "N")]
+    finest: Option<u16>,
+    /// Steps that a ray takes across the longest side of the scene box.
+    #[arg(long, value_name = "N")]
+    steps_across: Option<u16>,
+}
+
+/// Replaces a setting by a flag that was given.
+fn set<T: Clone>(to: &mut T, from: &Option<T>) {
+    if let Some(value) = from {
+        *to = value.clone();
+    }
+}
+
+/// The first of these flags that was given.
+fn given<const N: usize>(flags: [(&'static str, bool); N]) -> Option<&'static str> {
+    flags.into_iter().find(|flag| flag.1).map(|flag| flag.0)
+}
+
+/// A preset as it is written.
+fn preset_name(preset: Preset) -> String {
+    clap::ValueEnum::to_possible_value(&preset).map_or_else(String::new, |value| value.get_name().to_owned())
+}
+
+impl TableSettings {
+    fn apply(&self, config: &mut Config) -> anyhow::Result<()> {
+        let flags = [
+            ("--table", self.table.is_some()),
+            ("--grid-levels", self.grid_levels.is_some()),
+            ("--features", self.features.is_some()),
+            ("--coarsest", self.coarsest.is_some()),
+            ("--finest", self.finest.is_some()),
+            ("--steps-across", self.steps_across.is_some()),
+        ];
+        let preset = preset_name(config.preset);
+        let Some(grid) = &mut config.network.grid else {
+            let Some(flag) = given(flags) else { return Ok(()) };
+            bail!(
+                "{flag}: the preset `{preset}` has no learned grid, which this is a setting of; --preset grid has"
+            );
+        };
+        set(&mut grid.log2_entries, &self.table);
+        set(&mut grid.levels, &self.grid_levels);
+        set(&mut grid.features, &self.features);
+        set(&mut grid.coarsest, &self.coarsest);
+        set(&mut grid.finest, &self.finest);
+        set(&mut config.sampling.steps_across, &self.steps_across);
+        Ok(())
+    }
+}
+
 impl Settings {
-    fn apply(&self, config: &mut Config) {
-        fn set<T: Clone>(to: &mut T, from: &Option<T>) {
-            if let Some(value) = from {
-                *to = value.clone();
-            }
+    /// Refuses what a learned grid has no use for.
+    fn check_beside_grid(&self, config: &Config) -> anyhow::Result<()> {
+        let flags = [
+            ("--position-levels", self.position_levels.is_some()),
+            ("--skip-after", self.skip_after.is_some()),
+            ("--density", self.density.is_some()),
+            ("--samples", self.samples.is_some()),
+            ("--jitter", self.jitter.is_some()),
+        ];
+        match given(flags).filter(|_| config.network.grid.is_some()) {
+            Some(flag) => bail!(
+                "{flag}: the preset `{}` has a learned grid, and this is a setting of sinusoidal networks; \
+                 --preset small has one",
+                preset_name(config.preset)
+            ),
+            None => Ok(()),
         }
+    }
+
+    fn apply(&self, config: &mut Config) {
         let Config { network: n, sampling: s, grid: g, optimiser: o, seed, .. } = config;
         set(seed, &self.seed);
         set(&mut n.depth, &self.depth);
@@ -207,7 +295,13 @@ pub fn read_config(preset: Preset, file: Option<&Path>, hull: bool) -> anyhow::R
             None => preset,
         };
         let carved = given.get("grid").and_then(|grid| grid.get("hull")).and_then(toml::Value::as_bool);
-        let mut merged = toml::Table::try_from(start(preset, hull && carved != Some(false)))?;
+        let mut start = start(preset, hull && carved != Some(false));
+        // A file's own grid over a preset without one is filled up from the preset that has one; the rest of the
+        // network is then checked to go with it.
+        if given.get("network").is_some_and(|network| network.get("grid").is_some()) {
+            start.network.grid = start.network.grid.or(Preset::Grid.config().network.grid);
+        }
+        let mut merged = toml::Table::try_from(start)?;
         merge(&mut merged, given);
         Ok(merged.try_into()?)
     };
@@ -230,12 +324,17 @@ fn merge(into: &mut toml::Table, from: toml::Table) {
 
 /// What a sample of a step takes: measured with 130 million of them.
 const BYTES_PER_SAMPLE: u64 = 32;
+/// What a value of a grid's tables takes: itself, two moments and a gradient, and a copy of all but that in a
+/// checkpoint, as numbers and as a file.
+const BYTES_PER_VALUE: u64 = 40;
 
 impl Fit {
     /// Preset, TOML file and flags, in this order; `hull`: whether one can be carved.
     fn config(&self, hull: bool) -> anyhow::Result<Config> {
         let mut config = read_config(self.preset, self.config.as_deref(), hull)?;
+        self.settings.check_beside_grid(&config)?;
         self.settings.apply(&mut config);
+        self.table.apply(&mut config)?;
         config.sampling.near = self.data_options.near.or(config.sampling.near);
         config.sampling.far = self.data_options.far.or(config.sampling.far);
         if let Some(steps) = self.steps {
@@ -245,6 +344,11 @@ impl Fit {
         let (rays, samples) = (config.sampling.rays as u64, u64::from(config.sampling.samples));
         let what = format!("a step of {rays} rays with {samples} samples");
         memory::check(what, rays * samples, BYTES_PER_SAMPLE, "lower --rays")?;
+        if let Some(grid) = &config.network.grid {
+            // Over a cube; any other box has no more.
+            let values = grid.encoding(Vec3::ONE).values() as u64;
+            memory::check(format!("tables of {values} values"), values, BYTES_PER_VALUE, "lower --table")?;
+        }
         Ok(config)
     }
 
@@ -344,17 +448,34 @@ mod tests {
         let read = |text: &str| {
             let file = folder.path().join("run.toml");
             std::fs::write(&file, text).expect("written");
-            read_config(Preset::Fast, Some(&file), true).expect("a config")
+            read_config(Preset::Small, Some(&file), true).expect("a config")
         };
-        let gentle = read_config(Preset::Fast, None, false).expect("a config");
-        assert_eq!(gentle, Preset::Fast.config().without_hull());
+        let gentle = read_config(Preset::Small, None, false).expect("a config");
+        assert_eq!(gentle, Preset::Small.config().without_hull());
         assert_eq!(read("[grid]\nhull = false"), gentle);
-        assert_eq!(read("[grid]\nhull = true"), Preset::Fast.config());
-        assert_eq!(read("seed = 0"), Preset::Fast.config());
+        assert_eq!(read("[grid]\nhull = true"), Preset::Small.config());
+        assert_eq!(read("seed = 0"), Preset::Small.config());
         // What the file says itself counts.
         let mut own = gentle.clone();
         (own.grid.from, own.optimiser.rate) = (77, 2e-3);
         assert_eq!(read("[grid]\nhull = false\nfrom = 77\n[optimiser]\nrate = 2e-3"), own);
+        // A grid's own table over a preset without one is filled up; what does not go with it is refused by name.
+        let mixed = read("[network.grid]\nlevels = 4");
+        let grid = Preset::Grid.config().network.grid.expect("a grid");
+        assert_eq!(mixed.network.grid, Some(crate::config::TableConfig { levels: 4, ..grid }));
+        assert_eq!(mixed.check().expect_err("contradictory").field, "network.position_levels");
+        let whole = "[network]\nposition_levels = 0\ndensity = \"exponential\"\ndensity_scale = 1.0\n[network.grid]\n\
+                     features = 4\n[grid]\nempty_share = 0.0";
+        read(whole).check().expect("a grid with the network that goes with it");
+        // The other way round a preset is named: TOML has no word for nothing.
+        let back = read("preset = \"seed\"\n[network]\nwidth = 8");
+        assert_eq!(back.network.grid, None);
+        // What a config writes of itself reads back as it is.
+        for preset in [Preset::Grid, Preset::Small, Preset::Seed] {
+            let written = toml::to_string(&preset.config()).expect("TOML");
+            assert_eq!(read(&written), preset.config());
+            assert_eq!(written.contains("[network.grid]"), preset == Preset::Grid);
+        }
         // The seed preset carves none and starts as it always does.
         let seed = "preset = \"seed\"\n[grid]\nhull = false";
         assert_eq!(read(seed), Preset::Seed.config());

@@ -1,9 +1,11 @@
 //! `nerf-train inspect`
 
 use super::common::{Global, background_name, open_blob, read_file};
+use super::learned_grid;
 use crate::report::summary::Summary;
 use clap::Args;
-use nerf_core::blob::{Blob, FrontPoint};
+use nerf_core::blob::{Blob, FrontPoint, SceneSampling};
+use nerf_core::encoding::DirectionEncoding;
 use nerf_core::network::Layer;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
@@ -41,8 +43,14 @@ fn print(file: &Path, bytes: &[u8], blob: &Blob<'_>) -> anyhow::Result<()> {
         }
         None => outln!("kind          {}", kind(blob)),
     }
-    outln!("position      {:?}", a.position);
+    match learned_grid::describe(blob) {
+        Some(grid) => outln!("learned grid  {grid}"),
+        None => outln!("position      {:?}", a.position),
+    }
     match &a.direction {
+        Some(DirectionEncoding::SphericalHarmonics { degree }) => {
+            outln!("direction     spherical harmonics of degree {degree}")
+        }
         Some(direction) => outln!("direction     {direction:?}"),
         None if blob.scene().is_some() => outln!("direction     none: colour does not depend on it"),
         None => {}
@@ -61,7 +69,15 @@ fn print(file: &Path, bytes: &[u8], blob: &Blob<'_>) -> anyhow::Result<()> {
     }
     if let Some(scene) = blob.scene() {
         outln!("box           {:?} .. {:?}", scene.min, scene.max);
-        outln!("near, far     {} .. {}, {} samples a ray", scene.near, scene.far, scene.samples);
+        match scene.sampling {
+            SceneSampling::Bins(samples) => {
+                outln!("near, far     {} .. {}, {samples} samples a ray", scene.near, scene.far);
+            }
+            SceneSampling::March(step) => {
+                outln!("near, far     {} .. {} of the cameras it was fitted to", scene.near, scene.far);
+                outln!("march         steps of {step} in the box, {} at most", scene.samples());
+            }
+        }
         outln!("background    {}", background_name(scene.background));
         let role = if scene.grid_required { "part of the model" } else { "only skips what is empty" };
         match blob.grid() {
@@ -109,21 +125,29 @@ fn summary(file: &Path, bytes: &[u8], blob: &Blob<'_>) -> Summary {
         .integer("blob_bytes", bytes.len() as u64)
         .integer("format_version", u64::from(nerf_core::blob::FORMAT_VERSION))
         .text("kind", kind(blob))
-        .integer("position_levels", u64::from(a.position.levels))
-        .integer("direction_levels", a.direction.as_ref().map_or(0, |d| u64::from(d.levels)))
+        .integer("position_levels", a.position.sinusoidal().map_or(0, |encoding| u64::from(encoding.levels)))
+        .integer(
+            "direction_levels",
+            a.direction.and_then(|d| d.sinusoidal().copied()).map_or(0, |e| u64::from(e.levels)),
+        )
         .flag("view_dependent", a.direction.is_some())
         .sections("layers", blob.layers().iter().map(layer_fields).collect())
         .integer("parameters", a.parameters() as u64)
         .integer("weight_bytes", blob.weights().len() as u64)
         .integer("density_macs", a.density_macs() as u64)
         .integer("colour_macs", a.colour_macs() as u64);
+    if let Some(DirectionEncoding::SphericalHarmonics { degree }) = a.direction {
+        summary.integer("harmonics_degree", u64::from(degree));
+    }
+    learned_grid::summarise(blob, &mut summary);
     if let Some(scene) = blob.scene() {
         summary
             .numbers_f32("box_min", &scene.min)
             .numbers_f32("box_max", &scene.max)
             .number_f32("near", scene.near)
             .number_f32("far", scene.far)
-            .integer("samples_per_ray", u64::from(scene.samples))
+            .integer("samples_per_ray", u64::from(scene.samples()))
+            .number_f32("step", scene.step())
             .text("background", background_name(scene.background))
             .flag("grid_required", scene.grid_required);
     }

@@ -12,6 +12,7 @@ mod fit;
 mod image;
 mod import;
 mod inspect;
+mod learned_grid;
 mod outcome;
 mod places;
 mod render;

@@ -1,6 +1,7 @@
 //! What a training run says in the end: text, summary, curves, pictures.
 
 use super::common::{background_name, cpu_name, tell};
+use super::learned_grid;
 use crate::config::Config;
 use crate::dataset::{Dataset, Report};
 use crate::report::contact_sheet::{Cell, contact_sheet};
@@ -13,6 +14,7 @@ use crate::train::CurvePoint;
 use crate::train::direction::ViewDependence;
 use crate::train::finish::{Outcome, Shown};
 use crate::train::snapshot;
+use nerf_core::blob::Blob;
 use nerf_core::kernels::Tier;
 use std::path::Path;
 
@@ -51,13 +53,15 @@ pub fn print(outcome: &Outcome, output: &Path) -> anyhow::Result<()> {
         let what = if left_out { ": left out, its mean is in its place" } else { "" };
         outln!("view dependence gains {gain_db:.3} dB{what}");
     }
-    if outcome.grid_required {
-        outln!(
-            "without its skip grid the picture changes by {:.2} dB: the grid is part of the model",
-            outcome.grid_loss_db
-        );
-    } else {
-        outln!("without its skip grid the picture changes by {:.3} dB", outcome.grid_loss_db);
+    match outcome.grid_loss_db {
+        Some(loss) if outcome.grid_required => {
+            outln!("without its skip grid the picture changes by {loss:.2} dB: the grid is part of the model")
+        }
+        Some(loss) => outln!("without its skip grid the picture changes by {loss:.3} dB"),
+        None => {}
+    }
+    if let Some(grid) = Blob::open(&outcome.bytes).ok().and_then(|blob| learned_grid::describe(&blob)) {
+        outln!("learned grid: {grid}");
     }
     outln!("blob: {} ({} bytes)", output.display(), outcome.bytes.len());
     Ok(())
@@ -106,7 +110,6 @@ pub fn summary(outcome: &Outcome, config: &Config, tier: Tier, total_seconds: f6
         .integer("reseeds", u64::from(outcome.reseeds))
         .integer("parameters", outcome.parameters as u64)
         .integer("blob_bytes", outcome.bytes.len() as u64)
-        .number("grid_loss_db", outcome.grid_loss_db)
         .flag("grid_required", outcome.grid_required)
         .number_f32("grid_occupancy_share", outcome.occupancy)
         .integer("subnormal_weights", outcome.subnormal_weights as u64)
@@ -118,8 +121,15 @@ pub fn summary(outcome: &Outcome, config: &Config, tier: Tier, total_seconds: f6
     if let Some(ViewDependence { gain_db, left_out }) = outcome.view_dependence {
         summary.number("view_dependence_gain_db", gain_db).flag("view_dependence_left_out", left_out);
     }
+    match outcome.grid_loss_db {
+        Some(loss) => summary.number("grid_loss_db", loss),
+        None => summary.absent("grid_loss_db", "a grid field is not asked outside of its occupancy"),
+    };
     if let Some(loss) = outcome.quantisation_loss_db {
         summary.number("quantisation_loss_db", loss);
+    }
+    if let Ok(blob) = Blob::open(&outcome.bytes) {
+        learned_grid::summarise(&blob, &mut summary);
     }
     summarise_trend(outcome, &mut summary);
     summary

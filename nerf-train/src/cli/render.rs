@@ -4,8 +4,8 @@ mod shots;
 mod target;
 
 use super::common::{
-    DataOptions, Global, Mp4Options, QualityOptions, UpAxis, open_blob, parse_background, parse_numbers,
-    read_file, say_no_mp4,
+    DataOptions, Global, Mp4Options, QualityOptions, UpAxis, WhichBins, open_blob, parse_background,
+    parse_numbers, read_file, say_no_mp4,
 };
 use super::effects::EffectOptions;
 use super::eval::Split;
@@ -174,6 +174,8 @@ impl Render {
         let tier = global.tier();
         let plan = Plan::new(&blob, &self.quality.quality(), self.wanted(), Batch::for_tier(tier))
             .and_then(|plan| plan.with_normal_blur(self.normal_blur))
+            .and_then(|plan| self.data_options.range_of(plan))
+            .map(|plan| self.quality.bins_of(plan, WhichBins::Whole))
             .with_context(|| self.file.display().to_string())?;
         let plan = match self.background {
             Some(background) => plan.with_background(background)?,

@@ -47,7 +47,7 @@ pub struct Show {
     #[arg(long, value_name = "N", default_value_t = 0)]
     step: u32,
     /// Settings of the training whose rays are shown.
-    #[arg(long, value_enum, default_value = "fast")]
+    #[arg(long, value_enum, default_value = "small")]
     preset: Preset,
     /// Seed of everything random.
     #[arg(long, value_name = "N")]

@@ -201,8 +201,8 @@ pub struct SceneSweep {
     data: PathBuf,
     #[command(flatten)]
     lists: Lists,
-    /// Named settings to start from.
-    #[arg(long, value_enum, default_value = "fast")]
+    /// Named settings to start from: those of a sinusoidal network, whose levels, layers and width are varied.
+    #[arg(long, value_enum, default_value = "small")]
     preset: Preset,
     /// TOML file with settings that replace the preset's.
     #[arg(long, value_name = "FILE")]
@@ -240,6 +240,11 @@ impl SceneSweep {
         base.optimiser.steps = self.steps.unwrap_or(base.optimiser.steps);
         base.seed = self.seed.unwrap_or(base.seed);
         base.check()?;
+        if base.network.grid.is_some() {
+            bail!(
+                "a sweep varies a sinusoidal network, and these settings have a learned grid: take --preset small or seed"
+            );
+        }
         let job = Job::Scene { dataset: &dataset, base: Box::new(base), seconds: self.max_seconds };
         self.lists.sweep(&job, global)
     }

@@ -13,7 +13,7 @@ const ROUNDING: f64 = 1e-6;
 /// Another row is a projective map or a transposed matrix, of which the three rows above are no pose; dropping it would
 /// read a wrong one without a word.
 pub(super) fn bottom_row_fault(matrix: &[impl AsRef<[f64]>]) -> Option<String> {
-    let &[ref a, ref b, ref c, ref bottom] = matrix else { return None };
+    let [a, b, c, bottom] = matrix else { return None };
     let near = |row: &[f64], expected: &[f64]| {
         row.len() == expected.len() && row.iter().zip(expected).all(|(x, y)| (x - y).abs() <= ROUNDING)
     };

@@ -1,6 +1,6 @@
 //! Encodes blocks of points. The only place of the engine that evaluates an encoding.
 
-use nerf_core::encoding::{Encoding, encode_block};
+use nerf_core::encoding::{SinusoidalEncoding, encode_block};
 use nerf_core::kernels::{BLOCK, Tier};
 use nerf_core::math::MathBackend;
 
@@ -9,7 +9,7 @@ use nerf_core::math::MathBackend;
 /// Of each point the first `encoding.inputs` coordinates are used.
 pub(super) fn encode_points<'a>(
     tier: Tier,
-    encoding: &Encoding,
+    encoding: &SinusoidalEncoding,
     points: impl Iterator<Item = &'a [f32; 3]>,
     out: &mut [f32],
 ) {

@@ -12,6 +12,7 @@ use super::pass::{ChunkLoss, Job, Pass};
 use super::{Adam, Batch, Engine, EngineError, Model, OptimiserState, StepLoss, check_rate};
 use nerf_core::kernels::Tier;
 use rayon::prelude::*;
+use std::borrow::Cow;
 
 /// Accumulators, hence threads a step can use.
 const ACCUMULATORS: usize = 16;
@@ -91,6 +92,8 @@ impl FusedEngine {
             mse: mean(sum.squared, 3 * batch.rays.len()),
             empty: mean(sum.empty, batch.empty.len()),
             dead: !batch.positions.is_empty() && !sum.alive,
+            evaluated: batch.positions.len(),
+            kept: batch.positions.len(),
         })
     }
 
@@ -117,8 +120,8 @@ impl Engine for FusedEngine {
         Ok(loss)
     }
 
-    fn parameters(&self) -> Vec<f32> {
-        self.parameters.clone()
+    fn parameters(&self) -> Cow<'_, [f32]> {
+        Cow::Borrowed(&self.parameters)
     }
 
     fn state(&self) -> OptimiserState {

@@ -35,6 +35,10 @@ pub(super) struct Graph {
 impl Graph {
     pub(super) fn new(model: &Model) -> Result<Self, ModelError> {
         model.check()?;
+        let a = &model.architecture;
+        if a.position.sinusoidal().is_none() || a.direction.is_some_and(|d| d.sinusoidal().is_none()) {
+            return Err(ModelError::NotSinusoidal);
+        }
         let layers = model.layers();
         let trunk = 0..model.architecture.trunk.len();
         let density = layers.iter().position(|layer| layer.part == Part::Density);

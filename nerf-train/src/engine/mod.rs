@@ -17,6 +17,7 @@ mod chunk;
 mod encode;
 mod fused;
 mod graph;
+mod grid;
 mod model;
 mod optimiser;
 mod pass;
@@ -28,10 +29,12 @@ mod tests;
 
 pub use batch::{Batch, BatchError, BatchRay};
 pub use fused::FusedEngine;
+pub use grid::GridEngine;
 pub use model::{Dense, Initialisation, Model, ModelError, Part};
 pub use reference::ReferenceEngine;
 
 use serde::{Deserialize, Serialize};
+use std::borrow::Cow;
 
 /// Largest sigma in training, per world unit: an opaque wall at any scale, and no overflow behind it.
 pub const SIGMA_LIMIT: f32 = 1e6;
@@ -50,7 +53,7 @@ pub trait Engine: Send {
     fn step(&mut self, batch: &Batch, rate: f64) -> Result<StepLoss, EngineError>;
 
     /// Parameters in the [`Model`]'s own order.
-    fn parameters(&self) -> Vec<f32>;
+    fn parameters(&self) -> Cow<'_, [f32]>;
 
     /// Everything a checkpoint needs: resuming from it gives the same bits as not having stopped.
     fn state(&self) -> OptimiserState;
@@ -103,6 +106,10 @@ pub struct StepLoss {
     pub empty: f64,
     /// The batch has samples on rays, and every sigma of theirs is 0: nothing reaches the network.
     pub dead: bool,
+    /// Samples whose density was evaluated.
+    pub evaluated: usize,
+    /// Samples that had a colour and a backward pass.
+    pub kept: usize,
 }
 
 /// Why a step or a restore did not happen.
@@ -112,6 +119,12 @@ pub enum EngineError {
     /// The model cannot be trained.
     #[error("model: {0}")]
     Model(#[from] ModelError),
+    /// A model without the grid that this engine trains.
+    #[error("model: expected a position encoded by a grid, found a sinusoidal encoding")]
+    NoGrid,
+    /// A grid model with parts that its engine does not train.
+    #[error("model: expected an exponential density of scale 1 and no feature layer beside a grid")]
+    NotPlain,
     /// The batch contradicts itself.
     #[error("batch: {0}")]
     Batch(#[from] BatchError),

@@ -1,8 +1,10 @@
 //! The network as it is trained: more than what is exported, and foldable into it.
 
+use nerf_core::encoding::GridEncoding;
 use nerf_core::network::{Architecture, ArchitectureError, Role};
 use nerf_core::sampling::{Purpose, uniform_u32};
 use serde::{Deserialize, Serialize};
+use std::borrow::Cow;
 
 /// An [`Architecture`] with what exists only in training.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -78,6 +80,9 @@ pub enum ModelError {
     /// The exported part is out of bounds.
     #[error("{0}")]
     Architecture(ArchitectureError),
+    /// A grid, or spherical harmonics, where the engine trains sinusoidal encodings.
+    #[error("expected sinusoidal encodings")]
+    NotSinusoidal,
     /// `density_scale` is not positive and finite, or `density_bias` is not finite.
     #[error("{field}: expected a finite number (a scale above 0), found {found}")]
     Density {
@@ -137,14 +142,53 @@ impl Model {
         layers
     }
 
-    /// Number of parameters.
+    /// Number of parameters: those of the layers, then those of the grid's tables.
     pub fn parameters(&self) -> usize {
+        self.layer_parameters() + self.table_values()
+    }
+
+    /// Number of the layers' parameters.
+    pub fn layer_parameters(&self) -> usize {
         self.layers().iter().map(Dense::parameters).sum()
     }
 
+    /// Number of values of the grid's tables; 0 of a sinusoidal encoding.
+    pub fn table_values(&self) -> usize {
+        self.architecture.position.grid().map_or(0, GridEncoding::values)
+    }
+
     /// Start values of the classic recipe, the same for the same seed on every machine.
+    ///
+    /// Of a grid field: tables U(±1e-4); layers U(±√(6 / fan_in)) before a ReLU and U(±√(6 / (fan_in + 16)))
+    /// elsewhere; no biases but the density's.
     pub fn initial_parameters(&self, seed: u64) -> Vec<f32> {
+        if self.architecture.position.grid().is_some() {
+            return self.initial_grid_parameters(seed);
+        }
         self.initial_parameters_with(seed, Initialisation::Uniform)
+    }
+
+    fn initial_grid_parameters(&self, seed: u64) -> Vec<f32> {
+        const TABLE: f64 = 1e-4;
+        let mut parameters = vec![0.0; self.layer_parameters()];
+        for layer in self.layers() {
+            let fan = match layer.part {
+                Part::Density | Part::Feature | Part::Rgb => layer.inputs() + 16,
+                Part::Trunk(_) | Part::Colour(_) => layer.inputs(),
+            };
+            let reach = (6.0 / fan as f64).sqrt();
+            for (i, weight) in parameters[layer.weights..layer.bias].iter_mut().enumerate() {
+                let index = (layer.weights + i) as u64;
+                *weight = (reach * (2.0 * uniform(seed, 2 * index) - 1.0)) as f32;
+            }
+            if layer.part == Part::Density {
+                parameters[layer.bias] = self.density_bias;
+            }
+        }
+        let first = parameters.len() as u64;
+        let value = |index: u64| (TABLE * (2.0 * uniform(seed, 2 * (first + index)) - 1.0)) as f32;
+        parameters.extend((0..self.table_values() as u64).map(value));
+        parameters
     }
 
     /// Start values; the density head's bias is shifted by `density_bias / density_scale`.
@@ -172,15 +216,19 @@ impl Model {
         parameters
     }
 
-    /// Parameters of [`Model::architecture`], in its order, of the network with the same outputs.
+    /// Parameters of [`Model::architecture`], in its order, of the network with the same outputs; then the values of
+    /// its tables as they are.
     ///
     /// The feature layer is multiplied into the layer behind it and `density_scale` into the
     /// density head; sums in f64.
     ///
     /// # Panics
     /// If `parameters` are not [`Model::parameters`] many.
-    pub fn fold(&self, parameters: &[f32]) -> Vec<f32> {
+    pub fn fold<'p>(&self, parameters: Cow<'p, [f32]>) -> Cow<'p, [f32]> {
         assert_eq!(parameters.len(), self.parameters(), "parameters of another model");
+        if !self.feature && self.density_scale == 1.0 {
+            return parameters;
+        }
         let mut folded = Vec::with_capacity(self.architecture.parameters());
         let mut feature = None;
         for layer in self.layers() {
@@ -194,7 +242,8 @@ impl Model {
                 (_, None) => folded.extend_from_slice(values),
             }
         }
-        folded
+        folded.extend_from_slice(&parameters[self.layer_parameters()..]);
+        folded.into()
     }
 }
 

@@ -138,7 +138,7 @@ pub(super) fn usable(gradient: &[f32]) -> bool {
     gradient.iter().fold(true, |ok, g| ok & (g.abs() < GRADIENT_LIMIT))
 }
 
-fn check_values(
+pub(super) fn check_values(
     field: &'static str,
     values: &[f32],
     expected: usize,

@@ -7,7 +7,7 @@ use super::graph::{DIRECTION, FIRST, Graph, POSITION, block_of_mut, mask_relu};
 use super::volume_grad::{Samples, Scratch, squared_error};
 use super::{Batch, SIGMA_LIMIT};
 use nerf_core::kernels::{BLOCK, Tier};
-use nerf_core::network::DensityActivation;
+use nerf_core::network::{DensityActivation, EXPONENTIAL_LIMIT};
 use std::ops::Range;
 
 /// Sums over an accumulator's chunks.
@@ -71,7 +71,7 @@ impl Pass {
         let graph = job.graph;
         let count = samples.len();
         self.encode_positions(job, &batch.positions[samples.clone()]);
-        if let Some(direction) = &graph.model.architecture.direction {
+        if let Some(direction) = graph.model.architecture.direction.as_ref().and_then(|d| d.sinusoidal()) {
             self.ray_of.clear();
             for ray in rays.clone() {
                 self.ray_of.extend((0..batch.rays[ray].samples).map(|_| ray as u32));
@@ -140,7 +140,7 @@ impl Pass {
     }
 
     fn encode_positions(&mut self, job: Job<'_>, points: &[[f32; 3]]) {
-        let encoding = &job.graph.model.architecture.position;
+        let encoding = job.graph.model.architecture.position.sinusoidal().expect("checked by the graph");
         let slot = &mut self.slots[POSITION];
         grow(slot, encoding.outputs(), points.len());
         for (block, points) in points.chunks(BLOCK).enumerate() {
@@ -236,6 +236,10 @@ pub(super) fn activate(activation: DensityActivation, raw: f32) -> (f32, f32) {
             } else {
                 (raw, 1.0)
             }
+        }
+        DensityActivation::Exponential => {
+            let value = if raw > EXPONENTIAL_LIMIT { EXPONENTIAL_LIMIT } else { raw }.exp();
+            (value, if raw > EXPONENTIAL_LIMIT { 0.0 } else { value })
         }
         DensityActivation::ShiftedSoftplus => {
             let y = raw - 1.0;

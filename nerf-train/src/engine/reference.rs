@@ -7,9 +7,10 @@ use super::{
     Adam, Batch, Dense, Engine, EngineError, Model, OptimiserState, SIGMA_LIMIT, StepLoss, check_rate,
 };
 use dfdx::prelude::*;
-use nerf_core::encoding::Encoding;
+use nerf_core::encoding::SinusoidalEncoding;
 use nerf_core::kernels::{BLOCK, Tier};
-use nerf_core::network::DensityActivation;
+use nerf_core::network::{DensityActivation, EXPONENTIAL_LIMIT};
+use std::borrow::Cow;
 
 type Matrix<T = NoneTape> = Tensor<(usize, usize), f32, Cpu, T>;
 type Vector<T = NoneTape> = Tensor<(usize,), f32, Cpu, T>;
@@ -99,10 +100,11 @@ impl ReferenceEngine {
     /// `[points][channels]` of the position or direction encoding.
     fn encode(&self, slot: usize, points: &[[f32; 3]]) -> Result<Matrix, EngineError> {
         let architecture = &self.graph.model.architecture;
-        let no_encoding = Encoding { levels: 0, identity: false, ..architecture.position };
+        let position = *architecture.position.sinusoidal().expect("checked by the graph");
+        let no_encoding = SinusoidalEncoding { levels: 0, identity: false, ..position };
         let encoding = match slot {
-            POSITION => architecture.position,
-            _ => architecture.direction.unwrap_or(no_encoding),
+            POSITION => position,
+            _ => architecture.direction.and_then(|d| d.sinusoidal().copied()).unwrap_or(no_encoding),
         };
         let channels = encoding.outputs();
         let mut block = vec![0.0; channels * BLOCK];
@@ -158,6 +160,7 @@ impl ReferenceEngine {
         let raw = raw.try_reshape_like(&(points,))?.try_mul(model.density_scale)?;
         let sigma = match activation {
             DensityActivation::Relu => raw.try_relu()?,
+            DensityActivation::Exponential => raw.try_clamp(f32::MIN, EXPONENTIAL_LIMIT)?.try_exp()?,
             DensityActivation::ShiftedSoftplus => {
                 // ln(1 + e^y) = max(0, y) + ln(1 + e^−|y|)
                 let y = raw.try_sub(1.0)?;
@@ -318,8 +321,8 @@ impl Engine for ReferenceEngine {
         Ok(loss)
     }
 
-    fn parameters(&self) -> Vec<f32> {
-        self.optimiser.values()
+    fn parameters(&self) -> Cow<'_, [f32]> {
+        Cow::Owned(self.optimiser.values())
     }
 
     fn state(&self) -> OptimiserState {

@@ -2,7 +2,7 @@
 
 use crate::config::{ConfigError, OptimiserConfig, rule};
 use crate::engine::{Adam, Model};
-use nerf_core::encoding::{AngleScale, Encoding, MAX_LEVELS};
+use nerf_core::encoding::{AngleScale, MAX_LEVELS, SinusoidalEncoding};
 use nerf_core::network::{Architecture, MAX_TRUNK, MAX_WIDTH, TrunkLayer};
 use serde::{Deserialize, Serialize};
 
@@ -96,7 +96,13 @@ impl FieldConfig {
     pub fn model(&self) -> Model {
         let layer = TrunkLayer { width: self.width as u16, skip: false };
         Model::plain(Architecture {
-            position: Encoding { inputs: 2, levels: self.levels, scale: AngleScale::Pi, identity: true },
+            position: SinusoidalEncoding {
+                inputs: 2,
+                levels: self.levels,
+                scale: AngleScale::Pi,
+                identity: true,
+            }
+            .into(),
             direction: None,
             trunk: std::iter::repeat_n(layer, self.layers.min(MAX_TRUNK)).collect(),
             density: None,

@@ -87,7 +87,7 @@ impl<'p> FieldTrainer<'p> {
         let loss = self.engine.step(&self.batch, rate)?;
         self.mse = if self.step == 0 { loss.mse } else { 0.95 * self.mse + 0.05 * loss.mse };
         self.step += 1;
-        self.average.update(|| self.engine.parameters());
+        self.average.update(|| self.engine.parameters().into_owned());
         Ok(())
     }
 
@@ -126,12 +126,14 @@ impl<'p> FieldTrainer<'p> {
     /// # Errors
     /// [`FieldError::Export`] on parameters that do not fit f16.
     pub fn export(&self, psnr_db: Option<f64>) -> Result<Exported, FieldError> {
-        let parameters = self.average.corrected(self.step).unwrap_or_else(|| self.engine.parameters());
+        let parameters =
+            self.average.corrected(self.step).unwrap_or_else(|| self.engine.parameters().into_owned());
         let [width, height] = self.photo.size();
         let made_by = format!("nerf-train {}", env!("CARGO_PKG_VERSION"));
         Ok(export(&Contents {
             architecture: &self.model.architecture,
             parameters: &parameters,
+            tables: &[],
             content: Content::Picture(PictureFacts { width, height }),
             grid: None,
             provenance: Provenance {

@@ -5,7 +5,7 @@ use super::order::Identity;
 use super::settings::{RawDensity, Settings};
 use super::tensors::{Tensor, Tensors};
 use crate::engine::Model;
-use nerf_core::encoding::Encoding;
+use nerf_core::encoding::SinusoidalEncoding;
 use nerf_core::network::{Architecture, DensityActivation, MAX_COLOUR, MAX_TRUNK, MAX_WIDTH, TrunkLayer};
 use std::collections::BTreeSet;
 use std::iter::once;
@@ -24,7 +24,7 @@ pub struct Imported {
 impl Imported {
     /// Parameters of the exported network, f32: the feature layer folded in f64.
     pub fn folded(&self) -> Vec<f32> {
-        self.model.fold(&self.parameters)
+        self.model.fold((&self.parameters).into()).into_owned()
     }
 }
 
@@ -81,12 +81,13 @@ impl<'t> Reader<'t> {
             RawDensity::Relu => DensityActivation::Relu,
             RawDensity::Softplus | RawDensity::ShiftedSoftplus => DensityActivation::ShiftedSoftplus,
         });
+        let (position, direction) = (position.into(), direction.map(Into::into));
         let architecture = Architecture { position, direction, trunk, density, colour };
         architecture.check().map_err(Fault::Architecture)?;
         Ok((architecture, directed, unused.into_iter().map(str::to_owned).collect()))
     }
 
-    fn trunk(&mut self) -> Result<(Encoding, heapless::Vec<TrunkLayer, MAX_TRUNK>), Fault> {
+    fn trunk(&mut self) -> Result<(SinusoidalEncoding, heapless::Vec<TrunkLayer, MAX_TRUNK>), Fault> {
         let depth = self.count("pts_linears", MAX_TRUNK)?;
         let mut trunk = heapless::Vec::new();
         let first = self.linear("pts_linears.0", "[width, encoded position]", |_, _| true)?;
@@ -119,7 +120,7 @@ impl<'t> Reader<'t> {
     fn colour_branch(
         &mut self,
         width: usize,
-    ) -> Result<(Option<Encoding>, heapless::Vec<u16, MAX_COLOUR>), Fault> {
+    ) -> Result<(Option<SinusoidalEncoding>, heapless::Vec<u16, MAX_COLOUR>), Fault> {
         let straight: Vec<usize> = (0..MAX_WIDTH).collect();
         let density = self.exactly("alpha_linear", &[1], width)?;
         self.put_density(density, 0, &straight[..width]);
@@ -157,7 +158,10 @@ impl<'t> Reader<'t> {
 
     /// Density and rgb of a network that does not: rows r, g, b, sigma, and one that nerf-pytorch never reads.
     #[allow(clippy::type_complexity, reason = "two fields of an architecture")]
-    fn output(&mut self, width: usize) -> Result<(Option<Encoding>, heapless::Vec<u16, MAX_COLOUR>), Fault> {
+    fn output(
+        &mut self,
+        width: usize,
+    ) -> Result<(Option<SinusoidalEncoding>, heapless::Vec<u16, MAX_COLOUR>), Fault> {
         let straight: Vec<usize> = (0..width).collect();
         let output = self.exactly("output_linear", &[4, 5], width)?;
         self.put_density(output, 3, &straight);
@@ -225,7 +229,7 @@ impl<'t> Reader<'t> {
         field: &'static str,
         tensor: &str,
         found: usize,
-    ) -> Result<(Encoding, Vec<usize>), Fault> {
+    ) -> Result<(SinusoidalEncoding, Vec<usize>), Fault> {
         let settings = self.settings;
         let fail = |expected| Err(Fault::Encoded { tensor: tensor.into(), field, expected, found });
         // Three inputs: a level adds six values, the inputs themselves three.
@@ -249,7 +253,7 @@ impl<'t> Reader<'t> {
             let expected = format!("{} ({levels} levels)", own + 6 * usize::from(levels));
             return fail(expected);
         }
-        let encoding = Encoding {
+        let encoding = SinusoidalEncoding {
             inputs: 3,
             levels: u8::try_from((found - own) / 6).unwrap_or(u8::MAX),
             scale: settings.angle.scale(),

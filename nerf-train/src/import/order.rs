@@ -1,6 +1,6 @@
 //! In which order an encoding lists its values: from the orders in use to this project's.
 
-use nerf_core::encoding::Encoding;
+use nerf_core::encoding::SinusoidalEncoding;
 use serde::{Deserialize, Serialize};
 
 /// Where sines and cosines stand in an encoded input; `k` counts levels, `x y z` are the inputs.
@@ -38,13 +38,13 @@ impl Order {
     /// For each channel of `encoding`, in this project's order, the column where it is found in this one.
     ///
     /// ```
-    /// use nerf_core::encoding::{AngleScale, Encoding};
+    /// use nerf_core::encoding::{AngleScale, SinusoidalEncoding};
     /// use nerf_train::import::{Identity, Order};
-    /// let encoding = Encoding { inputs: 2, levels: 1, scale: AngleScale::One, identity: true };
+    /// let encoding = SinusoidalEncoding { inputs: 2, levels: 1, scale: AngleScale::One, identity: true };
     /// // x y, sin x, sin y, cos x, cos y out of: sin x, cos x, sin y, cos y, x y
     /// assert_eq!(Order::Pairs.columns(&encoding, Identity::Last), [4, 5, 0, 2, 1, 3]);
     /// ```
-    pub fn columns(self, encoding: &Encoding, identity: Identity) -> Vec<usize> {
+    pub fn columns(self, encoding: &SinusoidalEncoding, identity: Identity) -> Vec<usize> {
         let (inputs, levels) = (usize::from(encoding.inputs), usize::from(encoding.levels));
         let (own, waves) = match identity {
             Identity::First => (0..inputs, inputs),
@@ -81,7 +81,7 @@ mod tests {
         for (inputs, levels) in [(3, 0), (3, 1), (3, 10), (2, 4)] {
             for identity in [Identity::First, Identity::Last, Identity::None] {
                 let is = identity != Identity::None;
-                let encoding = Encoding { inputs, levels, scale: AngleScale::One, identity: is };
+                let encoding = SinusoidalEncoding { inputs, levels, scale: AngleScale::One, identity: is };
                 for &order in Order::value_variants() {
                     let mut columns = order.columns(&encoding, identity);
                     let own: Vec<usize> = (0..encoding.outputs()).collect();
@@ -99,7 +99,7 @@ mod tests {
     fn orders_written_out_for_two_inputs_and_two_levels() {
         // s0x: sin of x at level 0. Each list is what a trainer's encoding gives.
         let ours = ["x", "y", "s0x", "s0y", "c0x", "c0y", "s1x", "s1y", "c1x", "c1y"];
-        let encoding = Encoding { inputs: 2, levels: 2, scale: AngleScale::Pi, identity: true };
+        let encoding = SinusoidalEncoding { inputs: 2, levels: 2, scale: AngleScale::Pi, identity: true };
         for (order, theirs) in [
             (Order::Pairs, ["x", "y", "s0x", "c0x", "s0y", "c0y", "s1x", "c1x", "s1y", "c1y"]),
             (Order::Input, ["x", "y", "s0x", "c0x", "s1x", "c1x", "s0y", "c0y", "s1y", "c1y"]),

@@ -88,6 +88,7 @@ fn score(tensors: &Tensors, settings: &Settings, tier: Tier, views: &[View]) -> 
     let blob = export(&Contents {
         architecture: &network.model.architecture,
         parameters: &network.folded(),
+        tables: &[],
         content: Content::Scene(settings.facts(false)),
         grid: None,
         provenance: Provenance {

@@ -2,7 +2,7 @@
 
 use super::error::ImportError;
 use super::order::{Identity, Order};
-use nerf_core::blob::{MAX_GRID_SIDE, MAX_SAMPLES, SceneFacts};
+use nerf_core::blob::{MAX_GRID_SIDE, MAX_SAMPLES, SceneFacts, SceneSampling};
 use nerf_core::encoding::AngleScale;
 use nerf_core::ray::SceneBox;
 use serde::{Deserialize, Serialize};
@@ -163,6 +163,7 @@ impl Settings {
     /// What the blob says of the scene.
     pub fn facts(&self, grid_required: bool) -> SceneFacts {
         let Self { near, far, samples, background, .. } = *self;
-        SceneFacts { min: self.min(), max: self.max(), near, far, samples, background, grid_required }
+        let sampling = SceneSampling::Bins(samples);
+        SceneFacts { min: self.min(), max: self.max(), near, far, sampling, background, grid_required }
     }
 }

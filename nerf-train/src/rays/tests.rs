@@ -3,7 +3,7 @@ use crate::config::Preset;
 
 /// A bank of no pixels whose rays are cut into `samples` bins.
 fn bank((near, far): (f32, f32), samples: u16, jitter: Jitter) -> RayBank<'static> {
-    let mut config = Preset::Fast.config();
+    let mut config = Preset::Small.config();
     (config.sampling.samples, config.sampling.jitter) = (samples, jitter);
     let bounds = Bounds { near, far, scene_box: SceneBox { min: -Vec3::ONE, max: Vec3::ONE } };
     RayBank::new(&[], Background::Constant([0; 3]), bounds, &config).unwrap()

@@ -256,15 +256,15 @@ mod tests {
     #[test]
     fn lists_vary_one_setting_at_a_time() {
         let lists = Lists {
-            presets: vec![Preset::Fast, Preset::Seed],
+            presets: vec![Preset::Grid, Preset::Seed],
             widths: vec![64, 256],
             depths: vec![2],
             samples: vec![32],
         };
-        let base = Preset::Fast.config();
+        let base = Preset::Small.config();
         let trials = lists.trials(&base, Preset::config).expect("settings");
         let names: Vec<&str> = trials.iter().map(|trial| trial.name.as_str()).collect();
-        assert_eq!(names, ["preset fast", "preset seed", "width 64", "width 256", "depth 2", "samples 32"]);
+        assert_eq!(names, ["preset grid", "preset seed", "width 64", "width 256", "depth 2", "samples 32"]);
         assert_eq!(trials[1].config, Preset::Seed.config());
         let mut expected = base.clone();
         expected.network.width = 64;

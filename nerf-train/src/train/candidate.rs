@@ -2,11 +2,11 @@
 
 use super::{TrainError, Trainer};
 use crate::dataset::Background;
-use crate::engine::Engine;
 use crate::export::{Contents, Exported, export};
 use crate::occupancy::{Ask, LiveCells, Occupancy};
-use nerf_core::blob::{Content, Provenance, SceneFacts};
+use nerf_core::blob::{Content, Provenance, SceneFacts, SceneSampling};
 use nerf_core::network::Architecture;
+use std::borrow::Cow;
 
 /// A state of the run as it would be exported: what is measured of it is what its blob shows.
 #[derive(Clone, Debug, PartialEq)]
@@ -36,7 +36,10 @@ pub struct About<'a> {
 
 impl Trainer<'_> {
     /// The run as it stands. Training is not changed by asking for it.
-    pub fn candidate(&self) -> Candidate {
+    ///
+    /// `settle`: ask all cells of the occupancy grid once more. A grid field's are asked all the time, so that on the
+    /// way its occupancy does as it is.
+    pub fn candidate(&self, settle: bool) -> Candidate {
         let parameters = self.averaged_parameters();
         let full = || Occupancy::full(self.bounds.scene_box, self.config.grid.resolution);
         let mut occupancy = self.occupancy.clone().unwrap_or_else(full);
@@ -46,14 +49,17 @@ impl Trainer<'_> {
             parameters: &parameters,
             seed: self.config.seed,
         };
-        occupancy.settle(&ask, self.threshold());
+        if settle || self.config.network.grid.is_none() {
+            occupancy.settle(&ask, self.threshold());
+        }
         Candidate { step: self.progressed.step, live: occupancy.into_live(), parameters, architecture: None }
     }
 
     /// In export order: the corrected average, or the last where the run does not average.
     fn averaged_parameters(&self) -> Vec<f32> {
         let average = self.average.corrected(self.progressed.step);
-        self.model.fold(&average.unwrap_or_else(|| self.engine.parameters()))
+        let parameters = average.map_or_else(|| self.engine.parameters(), Cow::Owned);
+        self.model.fold(parameters).into_owned()
     }
 
     /// A candidate's blob.
@@ -64,15 +70,21 @@ impl Trainer<'_> {
         let made_by = format!("nerf-train {}", env!("CARGO_PKG_VERSION"));
         let finite = |db: Option<f64>| db.map(|db| db as f32).filter(|db| db.is_finite());
         let b = &self.bounds;
+        let architecture = candidate.architecture.as_ref().unwrap_or(&self.model.architecture);
+        let (parameters, tables) = candidate.parameters.split_at(architecture.parameters());
         let exported = export(&Contents {
-            architecture: candidate.architecture.as_ref().unwrap_or(&self.model.architecture),
-            parameters: &candidate.parameters,
+            architecture,
+            parameters,
+            tables,
             content: Content::Scene(SceneFacts {
                 min: b.scene_box.min.into(),
                 max: b.scene_box.max.into(),
                 near: b.near,
                 far: b.far,
-                samples: self.config.sampling.samples,
+                sampling: match self.step_width {
+                    Some(step) => SceneSampling::March(step),
+                    None => SceneSampling::Bins(self.config.sampling.samples),
+                },
                 background: self.background(),
                 grid_required: about.grid_required,
             }),

@@ -147,6 +147,10 @@ impl Checkpoint {
         let tree = |config: &Config| {
             let mut config = config.clone();
             config.optimiser.steps = 1;
+            if config.network.grid.is_some() {
+                // They follow from the steps across the box, which are named in their place.
+                config.sampling.samples = 1;
+            }
             serde_json::to_value(config).expect("plain data")
         };
         match difference(&tree(config), &tree(&self.config)) {

@@ -41,8 +41,9 @@ pub struct Outcome {
     pub flat: bool,
     /// dB that rounding to f16 cost, on at most ten of the views and the same lattice.
     pub quantisation_loss_db: Option<f64>,
-    /// dB that leaving the grid out cost on training views.
-    pub grid_loss_db: f64,
+    /// dB that leaving the occupancy grid out cost on training views; not asked of a grid field, whose tables hold
+    /// anything where it was not trained.
+    pub grid_loss_db: Option<f64>,
     /// Whether the grid is part of the model.
     pub grid_required: bool,
     /// What view dependence is worth; `None` if that was not asked.
@@ -93,11 +94,11 @@ impl Session<'_, '_> {
         train_seconds: f64,
         samples_per_second: f64,
     ) -> Result<Outcome, RunError> {
-        let mut candidate = self.trainer.candidate();
+        let mut candidate = self.trainer.candidate(true);
         let view_dependence = self.ask_direction(&mut candidate)?;
         let draft = self.trainer.export(&candidate, &About::default())?.bytes;
         let (grid_loss_db, trained) = self.ask_grid(&draft)?;
-        let grid_required = grid_loss_db.is_nan() || grid_loss_db.abs() > GRID_LOSS_DB;
+        let grid_required = grid_loss_db.is_none_or(|loss| loss.is_nan() || loss.abs() > GRID_LOSS_DB);
 
         let background = self.trainer.background();
         let (scores, lattice, shown) = self.evaluate(&draft)?;
@@ -160,7 +161,7 @@ impl Session<'_, '_> {
             renderings.iter().map(measured).collect()
         };
         // The price is these renderings' own: without a grid, a scene is asked in many more places.
-        let mut pace = Pace::new(self.options.budget.seconds, false);
+        let mut pace = Pace::new(self.options.budget.seconds, false, false);
         let everything = pace.lattice_on_the_way(pixels, largest, f64::INFINITY);
         if !pace.is_limited() {
             return on(everything);
@@ -174,14 +175,17 @@ impl Session<'_, '_> {
     }
 
     /// dB that leaving the grid out costs on training views, and their scores with it.
-    fn ask_grid(&self, draft: &[u8]) -> Result<(f64, Scores), EvalError> {
+    fn ask_grid(&self, draft: &[u8]) -> Result<(Option<f64>, Scores), EvalError> {
         let views = spread(&self.dataset.train, ASKED_VIEWS);
         let with = Quality::default();
         let without = Quality { skip_grid: false, ..with };
+        if self.trainer.config().network.grid.is_some() {
+            return Ok((None, self.compare(&views, &[(draft, with)])?.swap_remove(0)));
+        }
         let mut scores = self.compare(&views, &[(draft, with), (draft, without)])?;
         let db = |scores: Option<&Scores>| scores.and_then(Scores::psnr_db).unwrap_or(f64::NAN);
         let loss_db = gain_db(db(scores.first()), db(scores.last()));
-        Ok((loss_db, scores.swap_remove(0)))
+        Ok((Some(loss_db), scores.swap_remove(0)))
     }
 
     /// Scores of the blob on all validation views, their lattice, and the views that are shown.

@@ -17,13 +17,14 @@ pub use validation::FINAL_VIEWS;
 
 use crate::config::{Config, ConfigError, Density};
 use crate::dataset::Dataset;
-use crate::engine::{Batch, Engine, EngineError, FusedEngine, Model};
+use crate::engine::{Batch, Engine, EngineError, FusedEngine, GridEngine, Model};
 use crate::export::ExportError;
 use crate::occupancy::{Ask, Occupancy};
 use crate::rays::{Bounds, RayBank};
 use average::Average;
 pub(crate) use bounds::find_bounds;
 use checkpoint::{Checkpoint, fingerprint};
+use nerf_core::blob::MAX_SAMPLES;
 use nerf_core::kernels::Tier;
 use nerf_core::ray::BoundsError;
 use schedule::learning_rate;
@@ -124,7 +125,9 @@ pub struct Trainer<'d> {
     tier: Tier,
     bounds: Bounds,
     bank: RayBank<'d>,
-    engine: FusedEngine,
+    /// Width of the steps that rays are marched in; none where they are cut into bins between near and far.
+    step_width: Option<f32>,
+    engine: Box<dyn Engine>,
     occupancy: Option<Occupancy>,
     average: Average,
     batch: Batch,
@@ -144,9 +147,16 @@ impl<'d> Trainer<'d> {
     pub fn new(dataset: &'d Dataset, config: Config, tier: Tier) -> Result<Self, TrainError> {
         config.check()?;
         let (bounds, occupancy) = find_bounds(dataset, &config)?;
-        let model = config.model();
+        let extent = bounds.scene_box.max - bounds.scene_box.min;
+        let model = config.model_of(extent);
+        let mut config = config;
+        let mut step_width = None;
+        if config.network.grid.is_some() {
+            config.sampling.samples = bins_across(&bounds, config.sampling.steps_across);
+            step_width = Some(extent.max_element() / f32::from(config.sampling.steps_across));
+        }
         let bank = RayBank::new(&dataset.train, dataset.background, bounds, &config)?;
-        let engine = new_engine(&model, &config, tier, config.seed)?;
+        let engine = new_engine(&model, &bounds, &config, tier, config.seed)?;
         Ok(Self {
             average: Average::new(config.optimiser.average, model.parameters()),
             dataset,
@@ -154,6 +164,7 @@ impl<'d> Trainer<'d> {
             tier,
             bounds,
             bank,
+            step_width,
             engine,
             occupancy,
             batch: Batch::default(),
@@ -274,13 +285,18 @@ impl<'d> Trainer<'d> {
         let p = &mut self.progressed;
         p.step += 1;
         p.rays += self.batch.rays.len() as u64;
-        p.samples += self.batch.positions.len() as u64;
+        p.samples += loss.kept as u64;
         p.mse = if step == 0 { loss.mse } else { 0.98 * p.mse + 0.02 * loss.mse };
         p.dead_steps = if loss.dead { p.dead_steps + 1 } else { 0 };
         if p.dead_steps >= DEAD_STEPS {
             return self.reseed();
         }
-        self.average.update(|| self.engine.parameters());
+        self.average.update(|| self.engine.parameters().into_owned());
+        if self.config.network.grid.is_some() {
+            let p = &mut self.progressed;
+            let now = loss.kept as f64 / self.batch.rays.len().max(1) as f64;
+            p.live_per_ray = if p.live_per_ray == 0.0 { now } else { 0.9 * p.live_per_ray + 0.1 * now };
+        }
         self.refresh_grid();
         Ok(())
     }
@@ -290,14 +306,23 @@ impl<'d> Trainer<'d> {
         let skip = self.config.grid.skip;
         let grid = self.occupancy.as_ref().filter(|_| skip).map(Occupancy::grid);
         let p = &mut self.progressed;
+        // A grid's samples count once they are kept, which is known after the step.
+        let counted_after = self.config.network.grid.is_some();
+        let (margin, limit) = if counted_after { (1.0, 0) } else { (1.1, s.live_samples) };
         let rays = if s.live_samples > 0 && p.live_per_ray > 0.0 {
-            ((1.1 * s.live_samples as f64 / p.live_per_ray) as usize).clamp(64, 65_536)
+            ((margin * s.live_samples as f64 / p.live_per_ray) as usize).clamp(64, 65_536)
         } else {
             s.rays
         };
-        self.bank.fill(&mut self.batch, step, rays, s.live_samples, grid.as_ref());
-        let now = self.batch.positions.len() as f64 / self.batch.rays.len().max(1) as f64;
-        p.live_per_ray = if p.live_per_ray == 0.0 { now } else { 0.9 * p.live_per_ray + 0.1 * now };
+        if let (Some(width), Some(occupancy)) = (self.step_width, &self.occupancy) {
+            self.bank.fill_marched(self.tier, &mut self.batch, step, rays, occupancy.live(), width);
+        } else {
+            self.bank.fill(&mut self.batch, step, rays, limit, grid.as_ref());
+        }
+        if !counted_after {
+            let now = self.batch.positions.len() as f64 / self.batch.rays.len().max(1) as f64;
+            p.live_per_ray = if p.live_per_ray == 0.0 { now } else { 0.9 * p.live_per_ray + 0.1 * now };
+        }
         self.batch.empty_weight = self.config.grid.empty_weight;
         if let Some(grid) = &grid {
             let count = self.config.grid.empty_share * self.batch.positions.len() as f32;
@@ -310,19 +335,20 @@ impl<'d> Trainer<'d> {
         if !g.skip || !self.progressed.step.is_multiple_of(g.every) {
             return;
         }
-        let parameters = self.model.fold(&self.engine.parameters());
+        let parameters = self.model.fold(self.engine.parameters());
         let threshold = self.threshold();
         if let Some(occupancy) = &mut self.occupancy {
             let architecture = &self.model.architecture;
             let ask = Ask { tier: self.tier, architecture, parameters: &parameters, seed: self.config.seed };
-            occupancy.refresh(&ask, threshold, g.decay, self.progressed.step >= g.from);
+            occupancy.refresh(&ask, g.cells, threshold, g.decay, self.progressed.step >= g.from);
         }
     }
 
     /// sigma that keeps a cell, 1/world unit.
     fn threshold(&self) -> f32 {
         let bins = f32::from(self.config.sampling.samples);
-        self.config.grid.threshold * bins / (self.bounds.far - self.bounds.near)
+        let width = self.step_width.unwrap_or((self.bounds.far - self.bounds.near) / bins);
+        self.config.grid.threshold / width
     }
 
     /// Starts anew with another seed: a known failure of ReLU densities, and its known cure.
@@ -333,7 +359,7 @@ impl<'d> Trainer<'d> {
             return Err(TrainError::Dead { restarts, relu });
         }
         let seed = self.config.seed.wrapping_add(1000 * u64::from(restarts));
-        self.engine = new_engine(&self.model, &self.config, self.tier, seed)?;
+        self.engine = new_engine(&self.model, &self.bounds, &self.config, self.tier, seed)?;
         self.occupancy = find_bounds(self.dataset, &self.config)?.1;
         self.average.clear();
         self.progressed = Progressed { reseeds: restarts, ..Progressed::default() };
@@ -343,8 +369,26 @@ impl<'d> Trainer<'d> {
     }
 }
 
-fn new_engine(model: &Model, config: &Config, tier: Tier, seed: u64) -> Result<FusedEngine, TrainError> {
+fn new_engine(
+    model: &Model,
+    bounds: &Bounds,
+    config: &Config,
+    tier: Tier,
+    seed: u64,
+) -> Result<Box<dyn Engine>, TrainError> {
+    if config.network.grid.is_some() {
+        let mut engine = GridEngine::new(model, bounds.scene_box, config.adam(), seed)?;
+        engine.set_tier(tier);
+        return Ok(Box::new(engine));
+    }
     let mut engine = FusedEngine::new(model, config.adam(), seed)?;
     engine.set_tier(tier);
-    Ok(engine)
+    Ok(Box::new(engine))
+}
+
+/// Bins between near and far that are `steps` to the longest side of the box.
+fn bins_across(bounds: &Bounds, steps: u16) -> u16 {
+    let longest = (bounds.scene_box.max - bounds.scene_box.min).max_element();
+    let bins = f64::from(steps) * f64::from(bounds.far - bounds.near) / f64::from(longest);
+    (bins.ceil() as u16).clamp(1, MAX_SAMPLES)
 }

@@ -14,7 +14,7 @@ pub const QUESTION_SHARE: f64 = 0.015;
 /// Such renderings.
 const QUESTIONS: usize = 5;
 /// Seconds kept for writing files, without and with a report.
-const WRITING: [f64; 2] = [0.2, 1.2];
+const WRITING: [f64; 2] = [0.1, 0.5];
 /// Pixels of a view that is measured on the way, where there is no limit or more time than that takes.
 const PIXELS_A_VIEW: u64 = 40_000;
 /// Pixels of a view that a price is asked of.
@@ -35,6 +35,8 @@ pub struct Pace {
     per_pixel: Option<f64>,
     /// Whether a report with pictures is written.
     report: bool,
+    /// Whether the end asks what the scene is without its grid.
+    dense: bool,
 }
 
 /// The smallest odd step of a lattice that leaves at most `count` of `pixels`; at least 1.
@@ -46,9 +48,10 @@ pub fn lattice_of(pixels: u64, count: f64) -> u32 {
 }
 
 impl Pace {
-    /// The pace of a run with this limit.
-    pub fn new(seconds: Option<f64>, report: bool) -> Self {
-        Self { seconds, report, ..Self::default() }
+    /// The pace of a run with this limit; `report`: whether one is written, `dense`: whether the end asks what the
+    /// scene is without its grid.
+    pub fn new(seconds: Option<f64>, report: bool, dense: bool) -> Self {
+        Self { seconds, report, dense, ..Self::default() }
     }
 
     /// Whether a limit is to be kept.
@@ -127,7 +130,8 @@ impl Pace {
             None => share * seconds,
         };
         // Without its grid a scene is asked in many more places: that question takes all it may.
-        let questions = (QUESTIONS - 1) as f64 * price(asked, QUESTION_SHARE) + QUESTION_SHARE * seconds;
+        let dense = if self.dense { QUESTION_SHARE * seconds } else { 0.0 };
+        let questions = (QUESTIONS - 1) as f64 * price(asked, QUESTION_SHARE) + dense;
         // The last validation, and the export.
         let files = 2.0 * self.overhead.unwrap_or(0.01 * seconds);
         let last = (VALIDATION_SHARE * seconds - self.validated).clamp(0.0, 0.02 * seconds);
@@ -157,7 +161,7 @@ mod tests {
 
     /// Runs through a fit of `views` validation views; the time of everything and of validation on the way.
     fn run(mut machine: Machine, seconds: f64, view: u64, views: u64) -> (f64, f64, usize) {
-        let mut pace = Pace::new(Some(seconds), true);
+        let mut pace = Pace::new(Some(seconds), true, true);
         machine.now += machine.reading;
         let (asked, watched, mut validations) = (3 * view, 2u64, 0);
         let render = |machine: &mut Machine, pace: &mut Pace, pixels: u64, step: u32, dense: f64| {
@@ -197,7 +201,8 @@ mod tests {
             (asked, QUESTION_SHARE, 1.0),
         ] {
             // What a question without the grid costs is asked first.
-            let mut asked = if dense == 1.0 && pace.knows() { pace } else { Pace::new(Some(seconds), true) };
+            let mut asked =
+                if dense == 1.0 && pace.knows() { pace } else { Pace::new(Some(seconds), true, true) };
             if !asked.knows() {
                 let step = asked.probe(view);
                 let from = machine.now;
@@ -240,8 +245,8 @@ mod tests {
         assert_eq!(lattice_of(40_000, 40_000.0), 1);
         assert_eq!(lattice_of(40_000, 39_999.0), 3);
         assert_eq!(lattice_of(LARGE, 40_000.0), 9);
-        assert_eq!(Pace::new(None, true).reserve(1 << 30, 1 << 20), 0.0);
-        assert_eq!(Pace::new(None, false).lattice(1 << 40, 1 << 30, f64::INFINITY), 1);
-        assert!(Pace::new(None, false).affords(0.0, 2));
+        assert_eq!(Pace::new(None, true, true).reserve(1 << 30, 1 << 20), 0.0);
+        assert_eq!(Pace::new(None, false, true).lattice(1 << 40, 1 << 30, f64::INFINITY), 1);
+        assert!(Pace::new(None, false, true).affords(0.0, 2));
     }
 }

@@ -132,7 +132,7 @@ pub fn run_since(
         trainer.restore(checkpoint).map_err(damaged)?;
     }
     let started = *trainer.progressed();
-    let pace = Pace::new(options.budget.seconds, options.report);
+    let pace = Pace::new(options.budget.seconds, options.report, trainer.config().network.grid.is_none());
     let asked = spread(&dataset.train, ASKED_VIEWS);
     let pixels = [pixels_of(&dataset.val).0, pixels_of(asked).0];
     let (taken_up, last_checkpoint) = (Instant::now(), Instant::now());
@@ -263,7 +263,8 @@ impl Session<'_, '_> {
     fn step(&mut self, share: f64, progress: &mut Progress) -> Result<(), RunError> {
         let begun = Instant::now();
         let before = self.trainer.progressed().reseeds;
-        self.trainer.step(share)?;
+        // On a thread of the pool, so that the parts of a step need not wake it one by one.
+        rayon::scope(|_| self.trainer.step(share))?;
         self.last_step = begun.elapsed().as_secs_f64();
         let p = *self.trainer.progressed();
         if p.reseeds != before {

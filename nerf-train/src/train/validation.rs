@@ -141,7 +141,7 @@ impl Session<'_, '_> {
     pub(super) fn validate(&mut self, due: Due) -> Result<(), RunError> {
         let (begun, mut point) = (Instant::now(), self.point());
         let allowed = self.pace.allowance(point.seconds);
-        let candidate = self.trainer.candidate();
+        let candidate = self.trainer.candidate(false);
         let bytes = self.trainer.export(&candidate, &About::default())?.bytes;
         self.pace.made(begun.elapsed().as_secs_f64());
 

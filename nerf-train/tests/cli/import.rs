@@ -48,7 +48,7 @@ fn a_network_that_goes_out_and_comes_back_is_the_same() {
     let comma = |values: &[f32]| values.iter().map(f32::to_string).collect::<Vec<_>>().join(",");
     let toml = format!(
         "angle_scale = \"pi\"\nsamples = {}\nnear = {}\nfar = {}\nbox = [{}, {}]\nposition_levels = 4\n",
-        scene.samples,
+        scene.samples(),
         scene.near,
         scene.far,
         comma(&scene.min),

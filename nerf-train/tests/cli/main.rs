@@ -7,6 +7,7 @@ mod effects;
 mod explain;
 mod faults;
 mod fields;
+mod grid_fit;
 mod import;
 mod inputs;
 mod json;
@@ -23,6 +24,7 @@ mod storage;
 mod study;
 mod untrusted;
 mod video;
+mod views;
 
 use made::Folder;
 use std::path::Path;
@@ -112,9 +114,43 @@ fn fails<S: AsRef<std::ffi::OsStr>>(args: impl IntoIterator<Item = S>, words: &[
     ran.err
 }
 
-/// The arguments of a fit, quiet and tiny.
+/// The arguments of a fit of a sinusoidal network, quiet and tiny: of the preset `small` unless `more` names one.
 fn fit<'a>(data: &'a str, output: &'a str, more: &[&'a str]) -> Vec<&'a str> {
-    [&["fit", data, "-o", output, "-q"], TINY, more].concat()
+    let preset: &[&str] = if more.contains(&"--preset") { &[] } else { &["--preset", "small"] };
+    [&["fit", data, "-o", output, "-q"], TINY, preset, more].concat()
+}
+
+/// A grid of few entries, as tiny.
+const TINY_GRID: &[&str] = &[
+    "--effect-threshold",
+    "-1000",
+    "--table",
+    "8",
+    "--grid-levels",
+    "4",
+    "--coarsest",
+    "4",
+    "--finest",
+    "24",
+    "--steps-across",
+    "24",
+    "--width",
+    "16",
+    "--colour-width",
+    "16",
+    "--direction-levels",
+    "2",
+    "--rays",
+    "64",
+    "--live-samples",
+    "512",
+    "--grid-resolution",
+    "12",
+];
+
+/// The arguments of a fit of a grid, quiet and tiny.
+fn fit_grid<'a>(data: &'a str, output: &'a str, more: &[&'a str]) -> Vec<&'a str> {
+    [&["fit", data, "-o", output, "-q"], TINY_GRID, more].concat()
 }
 
 /// A blob of the built-in scene after 30 steps, made once.

@@ -3,14 +3,14 @@
 use super::made::Folder;
 use super::{fails, ok};
 use nerf_core::blob::{Content, PictureFacts, Provenance};
-use nerf_core::encoding::{AngleScale, Encoding};
+use nerf_core::encoding::{AngleScale, SinusoidalEncoding};
 use nerf_core::network::{Architecture, TrunkLayer};
 use nerf_train::export::{Contents, export};
 
 /// A grey picture of 30×20 pixels: 2×4 + 4 parameters in the trunk, 4×3 + 3 in rgb.
 fn blob() -> Vec<u8> {
     let architecture = Architecture {
-        position: Encoding { inputs: 2, levels: 0, scale: AngleScale::Pi, identity: true },
+        position: SinusoidalEncoding { inputs: 2, levels: 0, scale: AngleScale::Pi, identity: true }.into(),
         direction: None,
         trunk: [TrunkLayer { width: 4, skip: false }].into_iter().collect(),
         density: None,
@@ -29,6 +29,7 @@ fn blob() -> Vec<u8> {
     let contents = Contents {
         architecture: &architecture,
         parameters: &[0.0; 27],
+        tables: &[],
         content: Content::Picture(PictureFacts { width: 30, height: 20 }),
         grid: None,
         provenance,

@@ -133,9 +133,9 @@ fn render_writes_every_output_of_a_pose_a_view_and_an_orbit() {
     }
 
     let view = folder.path("view.png");
-    ok(["render", file, "-q", "-o", &view, "--data", &data, "--view", "1"]);
+    ok(["render", file, "-q", "-o", &view, "--data", &data, "--view", "1", "--bins", "own"]);
     assert_eq!(picture(&view).width(), 24);
-    // The same view as eval's own picture of it.
+    // The same view as eval's own picture of it, which takes the bins that the network was fitted on.
     let report = folder.path("eval_of_view");
     ok(["eval", file, &data, "-q", "--report", &report]);
     let of_eval = picture(&format!("{report}/images_val_1.png"));

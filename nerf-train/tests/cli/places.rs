@@ -3,7 +3,7 @@
 use crate::made::{Folder, names};
 use crate::{blob, command, fails, fit, ok, ran, run};
 use nerf_core::blob::{Content, PictureFacts, Provenance};
-use nerf_core::encoding::{AngleScale, Encoding};
+use nerf_core::encoding::{AngleScale, SinusoidalEncoding};
 use nerf_core::network::{Architecture, TrunkLayer};
 use nerf_train::export::{Contents, export};
 use std::path::Path;
@@ -80,7 +80,7 @@ fn a_checkpoint_is_replaced_only_where_that_is_said() {
 /// A grey picture that says that it has `side` × `side` pixels.
 fn grey(side: u32) -> Vec<u8> {
     let architecture = Architecture {
-        position: Encoding { inputs: 2, levels: 0, scale: AngleScale::Pi, identity: true },
+        position: SinusoidalEncoding { inputs: 2, levels: 0, scale: AngleScale::Pi, identity: true }.into(),
         direction: None,
         trunk: [TrunkLayer { width: 4, skip: false }].into_iter().collect(),
         density: None,
@@ -99,6 +99,7 @@ fn grey(side: u32) -> Vec<u8> {
     let contents = Contents {
         architecture: &architecture,
         parameters: &[0.0; 27],
+        tables: &[],
         content: Content::Picture(PictureFacts { width: side, height: side }),
         grid: None,
         provenance,

@@ -63,7 +63,18 @@ const ROWS: &[Row] = &[
         owned(&[&fit(&i.data, &o.path("a.nerf"), &run)])
     }),
     ("fit, long looks and end", f64::NAN, |i, o| {
-        let run = ["--steps", "12", "--validate-every", "4", "--samples", "32", "--width", "32"];
+        let run = [
+            "--steps",
+            "12",
+            "--validate-every",
+            "4",
+            "--samples",
+            "32",
+            "--width",
+            "32",
+            "--preset",
+            "small",
+        ];
         let data = ["fit", &i.large, "-o", &o.path("a.nerf"), "--report", &o.path("report"), "-q"];
         owned(&[&data, &run, &["--rays", "64", "--depth", "2", "--grid-resolution", "12"]])
     }),

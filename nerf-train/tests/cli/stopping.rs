@@ -1,7 +1,7 @@
 //! Ctrl-C, kill −9 and going on; signals at any moment of any command are in `signals.rs`.
 
 use crate::made::{Folder, scene};
-use crate::{fails, fit, interruptible, ok};
+use crate::{fails, fit, fit_grid, interruptible, ok};
 use nerf_core::sampling::{Purpose, uniform};
 use nerf_train::train::checkpoint::Checkpoint;
 use std::path::Path;
@@ -109,11 +109,21 @@ fn ctrl_c_leaves_nothing_of_a_film() {
     assert_eq!(folder.names(), [""; 0]);
 }
 
-/// Kills that must hit a run.
-const KILLS: usize = 20;
-
 #[test]
 fn killed_at_20_random_moments_and_resumed_a_run_gives_the_undisturbed_blob() {
+    killed_and_resumed(20, fit);
+}
+
+#[test]
+fn a_grid_killed_at_8_random_moments_and_resumed_gives_the_undisturbed_blob() {
+    killed_and_resumed(8, fit_grid);
+}
+
+/// The arguments of a fit of data to a file.
+type FitArgs = for<'a> fn(&'a str, &'a str, &[&'a str]) -> Vec<&'a str>;
+
+/// Kills `kills` runs and resumes each.
+fn killed_and_resumed(kills: usize, fit: FitArgs) {
     let folder = Folder::in_memory();
     let data = folder.npz("data.npz");
     let (calm, file) = (folder.path("calm.nerf"), folder.path("killed.nerf"));
@@ -133,9 +143,9 @@ fn killed_at_20_random_moments_and_resumed_a_run_gives_the_undisturbed_blob() {
     let temporaries = || folder.names().iter().filter(|name| name.ends_with(".tmp")).count();
 
     let (mut attempt, mut ended, mut moments) = (0, 0, Vec::new());
-    while moments.len() < KILLS {
+    while moments.len() < kills {
         attempt += 1;
-        assert!(attempt < 10 * KILLS as u64, "{ended} runs ended before they were killed: {moments:?}");
+        assert!(attempt < 10 * kills as u64, "{ended} runs ended before they were killed: {moments:?}");
         let (before, left) = (reached(), temporaries());
         let resume: &[&str] = if at(&checkpoint) { &["--resume"] } else { &[] };
         let mut running = Running::start(&[&args[..], resume].concat());
@@ -169,7 +179,7 @@ fn killed_at_20_random_moments_and_resumed_a_run_gives_the_undisturbed_blob() {
     }
     println!("{ended} ended before; steps before, steps after, writing: {moments:?}");
     let under_way = moments.iter().filter(|&&(before, after, _)| before < after).count();
-    assert!(under_way >= KILLS / 5, "only {under_way} were killed between their first and their last step");
+    assert!(under_way >= kills / 5, "only {under_way} were killed between their first and their last step");
     ok([&args[..], if at(&checkpoint) { &["--resume"] } else { &[] }].concat());
     assert!(std::fs::read(&file).expect("a blob") == expected);
     Checkpoint::read(Path::new(&checkpoint)).expect("whole");

@@ -64,6 +64,7 @@ fn with_words(folder: &Folder, data: &str, made_by: &str, psnr_convention: &str)
             ..old.provenance().clone()
         },
         weights: old.weights(),
+        tables: old.tables(),
     };
     let mut out = vec![0; encoded_len(&body).expect("a body")];
     write(&body, &mut out).expect("a blob");

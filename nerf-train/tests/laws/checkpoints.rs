@@ -1,6 +1,6 @@
 //! Runs that are interrupted and taken up again; checkpoints that are damaged or another run's.
 
-use crate::{fit, options, scene, tiny, tiny_seed};
+use crate::{fit, options, scene, tiny, tiny_grid, tiny_seed};
 use nerf_core::kernels::Tier;
 use nerf_train::config::{Config, Jitter};
 use nerf_train::dataset::Dataset;
@@ -30,7 +30,7 @@ fn bytes_of(ended: Ended) -> Vec<u8> {
 #[test]
 fn a_run_resumed_at_any_step_gives_the_undisturbed_blob() {
     let (dataset, folder) = (scene(), tempfile::tempdir().expect("a folder"));
-    for (name, config) in [("fast", tiny(24)), ("seed", tiny_seed(24))] {
+    for (name, config) in [("small", tiny(24)), ("grid", tiny_grid(24)), ("seed", tiny_seed(24))] {
         let expected = fit(&dataset, &config).expect("a blob");
         let path = folder.path().join(name);
         for stop_after in [0, 1, 7, 8, 20, 23] {
@@ -102,6 +102,25 @@ fn resuming_with_other_settings_is_refused_and_keeps_the_checkpoint() {
         // More steps are no other run.
         assert!(resume(&dataset, &Config { optimiser: tiny(12).optimiser, ..config }, &path).is_ok());
     }
+    // A grid's own settings; and a grid where there was none.
+    let config = tiny_grid(10);
+    let trainer = Trainer::new(&dataset, config.clone(), Tier::detect()).expect("a trainer");
+    trainer.checkpoint(1.0).write(&path).expect("a checkpoint");
+    let cases: [Change<Config>; 5] = [
+        ("network.grid.log2_entries", |c| c.network.grid.as_mut().expect("a grid").log2_entries = 11),
+        ("network.grid.finest", |c| c.network.grid.as_mut().expect("a grid").finest = 65),
+        ("sampling.steps_across", |c| c.sampling.steps_across = 49),
+        ("grid.cells", |c| c.grid.cells = 2049),
+        ("preset", |c| *c = tiny(10)),
+    ];
+    for (field, change) in cases {
+        let mut other = config.clone();
+        change(&mut other);
+        let error = resume(&dataset, &other, &path).expect_err(field).to_string();
+        let named = error.contains(field) || field == "preset" && error.contains("grid");
+        assert!(named && error.contains("checkpoint"), "{field}: {error}");
+    }
+    assert!(resume(&dataset, &Config { optimiser: tiny_grid(12).optimiser, ..config }, &path).is_ok());
 }
 
 #[test]

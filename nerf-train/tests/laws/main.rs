@@ -23,14 +23,25 @@ fn scene() -> Dataset {
     demo_scene::dataset(&DemoSpec { train: 6, val: 2, size: 24, ..DemoSpec::default() }).expect("a scene")
 }
 
-/// The fast preset, 2×16.
+/// The small preset, 2×16.
 fn tiny(steps: u32) -> Config {
-    let mut config = Preset::Fast.config();
+    let mut config = Preset::Small.config();
     let (n, s, g, o) = (&mut config.network, &mut config.sampling, &mut config.grid, &mut config.optimiser);
     (n.depth, n.width, n.position_levels, n.direction_levels, n.colour_width) = (2, 16, 4, 1, 8);
     (s.samples, s.rays, s.live_samples) = (16, 64, 512);
     (g.resolution, g.every, g.from) = (12, 4, 8);
     (o.steps, o.warm_up) = (steps, 5);
+    config
+}
+
+/// The grid preset with tables of 2^10 entries, three of its five levels hashed.
+fn tiny_grid(steps: u32) -> Config {
+    let mut config = Preset::Grid.config();
+    let grid = config.network.grid.as_mut().expect("the preset has one");
+    (grid.levels, grid.log2_entries, grid.coarsest, grid.finest) = (5, 10, 6, 64);
+    (config.sampling.rays, config.sampling.live_samples, config.sampling.steps_across) = (64, 512, 48);
+    (config.grid.resolution, config.grid.cells, config.grid.every) = (24, 2048, 4);
+    config.optimiser.steps = steps;
     config
 }
 

@@ -1,7 +1,7 @@
 //! nerf-core computes the network that dfdx does.
 
-use nerf_core::blob::{Blob, Content, Provenance, SceneFacts};
-use nerf_core::encoding::{AngleScale, Encoding};
+use nerf_core::blob::{Blob, Content, Provenance, SceneFacts, SceneSampling};
+use nerf_core::encoding::{AngleScale, SinusoidalEncoding};
 use nerf_core::kernels::{Line, Tier};
 use nerf_core::network::{Architecture, DensityActivation, TrunkLayer};
 use nerf_core::plan::{Batch, Outputs, Plan, Quality};
@@ -12,8 +12,8 @@ use nerf_train::export::{Contents, export};
 /// Points asked: whole blocks and a rest.
 const POINTS: usize = 150;
 
-fn encoding(levels: u8) -> Encoding {
-    Encoding { inputs: 3, levels, scale: AngleScale::Pi, identity: true }
+fn encoding(levels: u8) -> SinusoidalEncoding {
+    SinusoidalEncoding { inputs: 3, levels, scale: AngleScale::Pi, identity: true }
 }
 
 fn trunk(depth: usize, width: u16, skip: usize) -> impl Iterator<Item = TrunkLayer> {
@@ -22,8 +22,8 @@ fn trunk(depth: usize, width: u16, skip: usize) -> impl Iterator<Item = TrunkLay
 
 fn models() -> Vec<(&'static str, Model)> {
     let mut plain = Model::plain(Architecture {
-        position: encoding(10),
-        direction: Some(encoding(4)),
+        position: encoding(10).into(),
+        direction: Some(encoding(4).into()),
         trunk: trunk(4, 128, 0).collect(),
         density: Some(DensityActivation::Relu),
         colour: [64].into_iter().collect(),
@@ -43,7 +43,7 @@ fn models() -> Vec<(&'static str, Model)> {
                 m.feature = true;
             }),
         ),
-        ("fast: 4×128, scaled density", with(&|m| (m.density_scale, m.density_bias) = (20.0, 2.0))),
+        ("small: 4×128, scaled density", with(&|m| (m.density_scale, m.density_bias) = (20.0, 2.0))),
         (
             "softplus, odd widths, skip into the last layer",
             with(&|m| {
@@ -71,11 +71,11 @@ fn models() -> Vec<(&'static str, Model)> {
         (
             "one layer, no levels",
             with(&|m| {
-                m.architecture.position = encoding(0);
+                m.architecture.position = encoding(0).into();
                 m.architecture.trunk = trunk(1, 16, 0).collect();
             }),
         ),
-        ("L = 16", with(&|m| m.architecture.position = encoding(16))),
+        ("L = 16", with(&|m| m.architecture.position = encoding(16).into())),
     ]
 }
 
@@ -101,7 +101,7 @@ fn blob(model: &Model, folded: &[f32]) -> Vec<u8> {
         max: [1.0; 3],
         near: 1.0,
         far: 5.0,
-        samples: 8,
+        sampling: SceneSampling::Bins(8),
         background: [0.0; 3],
         grid_required: false,
     };
@@ -118,6 +118,7 @@ fn blob(model: &Model, folded: &[f32]) -> Vec<u8> {
     let contents = Contents {
         architecture: &model.architecture,
         parameters: folded,
+        tables: &[],
         content: Content::Scene(scene),
         grid: None,
         provenance,
@@ -170,7 +171,7 @@ fn tiers() -> impl Iterator<Item = Tier> {
 #[test]
 fn forward_equals_dfdx_on_the_same_rounded_weights() {
     for (name, model) in models() {
-        let bytes = blob(&model, &model.fold(&parameters(&model)));
+        let bytes = blob(&model, &model.fold(parameters(&model).into()));
         let weights = Blob::open(&bytes).expect("a blob").weights();
         let halves = weights.chunks_exact(2).map(|b| half::f16::from_le_bytes([b[0], b[1]]).to_f32());
         let expected = ask_dfdx(&Model::plain(model.architecture.clone()), &halves.collect::<Vec<_>>());
@@ -187,7 +188,7 @@ fn forward_equals_dfdx_on_the_same_rounded_weights() {
 fn folding_feature_layer_and_density_scale_changes_no_output() {
     for (name, model) in models() {
         let trained = parameters(&model);
-        let (expected, folded) = (ask_dfdx(&model, &trained), model.fold(&trained));
+        let (expected, folded) = (ask_dfdx(&model, &trained), model.fold((&trained[..]).into()));
         let bytes = blob(&model, &folded);
         for tier in tiers() {
             let blob = Blob::open(&bytes).expect("a blob");

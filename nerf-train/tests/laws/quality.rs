@@ -1,6 +1,6 @@
 //! What a blob promises of its own grid and weights.
 
-use crate::{fit, options, scene, tiny};
+use crate::{fit, options, scene, tiny, tiny_grid};
 use nerf_core::blob::{Blob, Content, SceneFacts};
 use nerf_core::effects::Effects;
 use nerf_core::kernels::{Line, Tier};
@@ -9,6 +9,7 @@ use nerf_core::plan::{Batch, Outputs, Plan, PlanError, Quality};
 use nerf_core::render::{Rect, Renderer};
 use nerf_train::config::Jitter;
 use nerf_train::dataset::View;
+use nerf_train::demo_scene::{self, DemoSpec};
 use nerf_train::eval::measure;
 use nerf_train::export::{Contents, ExportError, export};
 use nerf_train::train::Trainer;
@@ -40,7 +41,7 @@ fn a_grid_that_matters_is_part_of_the_model() {
         let blob = Blob::open(&outcome.bytes).expect("a blob");
         let scene = blob.scene().expect("a scene");
         println!(
-            "{name}: {:.4} dB on held-out views, grid loss {:.4} dB, required {}, {:.3} live",
+            "{name}: {:.4} dB on held-out views, grid loss {:.4?} dB, required {}, {:.3} live",
             outcome.scores.psnr_db().unwrap_or(f64::NAN),
             outcome.grid_loss_db,
             scene.grid_required,
@@ -53,7 +54,7 @@ fn a_grid_that_matters_is_part_of_the_model() {
             assert_eq!(plan.err(), Some(PlanError::GridRequired));
             continue;
         }
-        assert!(outcome.grid_loss_db.abs() <= 0.1);
+        assert!(outcome.grid_loss_db.is_some_and(|loss| loss.abs() <= 0.1));
         for (split, views) in [("train", &dataset.train), ("val", &dataset.val)] {
             let (on, off) =
                 (psnr_db(&outcome, views, &Quality::default()), psnr_db(&outcome, views, &without));
@@ -61,6 +62,29 @@ fn a_grid_that_matters_is_part_of_the_model() {
             println!("{name}, {split}: {change:.4} dB");
             assert!(change.abs() <= 0.1, "{name}, {split}: {change} dB");
         }
+    }
+}
+
+/// 23.2 dB with a hull and 18.0 without were measured, where a flat colour has 11.5: a decibel is left for change.
+#[test]
+fn a_grid_learns_the_demo_scene_in_300_steps_with_a_hull_and_without() {
+    let spec = DemoSpec { train: 30, val: 3, size: 48, ..DemoSpec::default() };
+    let dataset = demo_scene::dataset(&spec).expect("a scene");
+    let mut config = tiny_grid(300);
+    let grid = config.network.grid.as_mut().expect("a grid");
+    (grid.levels, grid.log2_entries, grid.finest) = (6, 13, 96);
+    (config.sampling.live_samples, config.sampling.steps_across) = (2048, 96);
+    (config.grid.resolution, config.grid.every) = (48, 16);
+    for (name, config, least_db) in [("hull", config.clone(), 22.0), ("no hull", config.without_hull(), 17.0)]
+    {
+        let outcome = fit(&dataset, &config).expect("a blob");
+        let (psnr_db, rounding_db) = (outcome.scores.psnr_db(), outcome.quantisation_loss_db);
+        println!(
+            "{name}: {psnr_db:?} dB in {:.1} s, rounding to f16 {rounding_db:?} dB, a flat colour {:.2} dB",
+            outcome.train_seconds, outcome.flat_psnr_db
+        );
+        assert!(psnr_db.is_some_and(|db| db > least_db), "{name}: {psnr_db:?} dB");
+        assert!(rounding_db.is_some_and(|db| db.abs() <= 0.02), "{name}: {rounding_db:?} dB");
     }
 }
 
@@ -74,6 +98,7 @@ fn a_weight_beyond_f16_is_refused_naming_layer_and_index() {
         export(&Contents {
             architecture,
             parameters,
+            tables: &[],
             content: Content::Scene(facts.clone()),
             grid: None,
             provenance: blob.provenance().clone(),
@@ -122,6 +147,7 @@ fn weights_that_become_f16_subnormals_are_counted_and_keep_their_nearest_value()
     let exported = export(&Contents {
         architecture,
         parameters: &parameters,
+        tables: &[],
         content: Content::Scene(SceneFacts {
             grid_required: false,
             ..blob.scene().expect("a scene").clone()
@@ -155,7 +181,7 @@ fn what_rounding_costs_is_measured_and_written_into_the_blob() {
     for step in 0..100 {
         trainer.step(f64::from(step) / 100.0).expect("a step");
     }
-    let parameters = trainer.candidate().parameters;
+    let parameters = trainer.candidate(true).parameters;
     let psnr_db = |parameters| {
         let (tier, quality) = (Tier::detect(), Quality::default());
         measure(&outcome.bytes, parameters, tier, &quality, outcome.background, &dataset.val, |_, _, _, _| {})
@@ -176,7 +202,8 @@ fn what_is_fitted_with_jitter_is_measured_in_the_middle_of_the_bins() {
     let (tier, quality) = (Tier::detect(), Quality::default());
     let blob = Blob::open(&outcome.bytes).expect("a blob");
     let still = Plan::new(&blob, &quality, Outputs::ALL, Batch::for_tier(tier)).expect("a plan");
-    let still = still.with_background(outcome.background).expect("a colour");
+    // As scenes are measured: on the bins that they were fitted on.
+    let still = still.with_background(outcome.background).expect("a colour").with_own_bins();
     let jitter = Some(nerf_core::effects::Jitter { seed: config.seed });
     let jittered = still.with_effects(Effects { jitter, ..Effects::NONE }).expect("built in");
     let mut memory = vec![Line::UNINIT; Renderer::prepared_lines(&blob, tier)];

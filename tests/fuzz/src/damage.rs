@@ -1,15 +1,22 @@
 //! Blobs that are wrong in their content, but not in their checksum.
 
 use arbitrary::{Result, Unstructured};
-use nerf_core::blob::{Body, Content, FrontPoint, Grid, HEADER_LEN, PictureFacts, Proposal};
-use nerf_core::encoding::{AngleScale, Encoding};
+use nerf_core::blob::{
+    Body, Content, FrontPoint, Grid, HEADER_LEN, PictureFacts, Proposal, SceneSampling, StoredTables,
+    TableStorage,
+};
+use nerf_core::encoding::{
+    AngleScale, DirectionEncoding, GridEncoding, PositionEncoding, SinusoidalEncoding,
+};
 use nerf_core::network::{Architecture, DensityActivation, TrunkLayer};
 use nerf_tests::scenes::Recipe;
 
 use crate::values::{any_f32, any_vec3};
 
 /// Small blobs of every kind.
-pub const RECIPES: [Recipe; 6] = [
+pub const RECIPES: [Recipe; 8] = [
+    Recipe { trunk: (1, 4), levels: 2, ..Recipe::LEARNED },
+    Recipe { trunk: (1, 4), ..Recipe::LEARNED_PICTURE },
     Recipe::TINY,
     Recipe::TINY_PROPOSAL,
     Recipe::TINY_PICTURE,
@@ -81,6 +88,13 @@ pub fn edit(blob: &[u8], u: &mut Unstructured<'_>) -> Option<Vec<u8>> {
         }
         proposal.weights = &coarse;
     }
+    // As with weights: tables of the length that the grid asks for, if this process can have so much.
+    let values = body.architecture.position.grid().map(|grid| grid.values());
+    let mut entries = body.tables.map_or(Vec::new(), |tables| tables.bytes.to_vec());
+    if let Some(values) = values.filter(|&values| values <= 1 << 16) {
+        refill(&mut entries, 2 * values);
+    }
+    body.tables = values.map(|_| StoredTables { storage: TableStorage::F16, bytes: &entries });
     body.weights = &weights;
     blob_of(&body)
 }
@@ -96,10 +110,25 @@ fn refill(bytes: &mut Vec<u8>, length: usize) {
     }
 }
 
-fn any_encoding(u: &mut Unstructured<'_>, inputs: u8) -> Result<Encoding> {
+fn any_encoding(u: &mut Unstructured<'_>, inputs: u8) -> Result<SinusoidalEncoding> {
     let levels = *u.choose(&[0, 1, 2, 4, 10, 16, 17])?;
     let scale = if u.arbitrary()? { AngleScale::Pi } else { AngleScale::One };
-    Ok(Encoding { inputs, levels, scale, identity: u.arbitrary()? })
+    Ok(SinusoidalEncoding { inputs, levels, scale, identity: u.arbitrary()? })
+}
+
+/// Sines and cosines, or a learned grid, within the caps or beyond.
+fn any_position(u: &mut Unstructured<'_>, inputs: u8) -> Result<PositionEncoding> {
+    if u.arbitrary()? {
+        return Ok(any_encoding(u, inputs)?.into());
+    }
+    let (features, log2_entries) = (*u.choose(&[0, 1, 2, 3, 4])?, *u.choose(&[0, 1, 4, 8, 24, 25])?);
+    let mut levels = Vec::new();
+    for _ in 0..u.int_in_range(0..=32u8)?.min(u.int_in_range(0..=32)?) {
+        let mut side = || u.choose(&[0u16, 1, 2, 3, 9, 40, 16_384, 16_385]).copied();
+        levels.push([side()?, side()?, if inputs == 3 { side()? } else { 0 }]);
+    }
+    let resolutions = levels.into_iter().collect();
+    Ok(PositionEncoding::Grid(GridEncoding { inputs, features, log2_entries, resolutions }))
 }
 
 fn change(body: &mut Body<'_>, weights: &mut [u8], u: &mut Unstructured<'_>) -> Result<()> {
@@ -109,8 +138,14 @@ fn change(body: &mut Body<'_>, weights: &mut [u8], u: &mut Unstructured<'_>) -> 
     for _ in 0..u.int_in_range(1..=3u8)? {
         let shape = &mut body.architecture;
         match u.int_in_range(0..=15u8)? {
-            0 => shape.position = any_encoding(u, inputs)?,
-            1 => shape.direction = if u.arbitrary()? { Some(any_encoding(u, 3)?) } else { None },
+            0 => shape.position = any_position(u, inputs)?,
+            1 => {
+                shape.direction = match u.int_in_range(0..=2u8)? {
+                    0 => None,
+                    1 => Some(any_encoding(u, 3)?.into()),
+                    _ => Some(DirectionEncoding::SphericalHarmonics { degree: u.int_in_range(0..=5)? }),
+                }
+            }
             2 => {
                 let _ = shape.trunk.push(TrunkLayer { width: *u.choose(&WIDTHS)?, skip: u.arbitrary()? });
             }
@@ -128,7 +163,7 @@ fn change(body: &mut Body<'_>, weights: &mut [u8], u: &mut Unstructured<'_>) -> 
                     None,
                     Some(DensityActivation::Relu),
                     Some(DensityActivation::ShiftedSoftplus),
-                    Some(DensityActivation::ShiftedSoftplus),
+                    Some(DensityActivation::Exponential),
                 ])?;
             }
             8 | 9 => match &mut body.content {
@@ -140,7 +175,8 @@ fn change(body: &mut Body<'_>, weights: &mut [u8], u: &mut Unstructured<'_>) -> 
                     1 => scene.max = any_vec3(u)?,
                     2 => scene.near = any_f32(u)?,
                     3 => scene.far = any_f32(u)?,
-                    4 => scene.samples = *u.choose(&SAMPLES)?,
+                    4 if u.arbitrary()? => scene.sampling = SceneSampling::March(any_f32(u)?),
+                    4 => scene.sampling = SceneSampling::Bins(*u.choose(&SAMPLES)?),
                     5 => scene.background = any_vec3(u)?,
                     _ => scene.grid_required = u.arbitrary()?,
                 },

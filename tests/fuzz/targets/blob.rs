@@ -94,7 +94,7 @@ fuzz_target!(|data: &[u8]| {
     let Some(affordable) = (MOST_MACS / rays).checked_sub(coarse).map(|left| left / macs.max(1)) else {
         return;
     };
-    let samples = u64::from(scene.samples).min(affordable) as u16;
+    let samples = u64::from(scene.samples()).min(affordable) as u16;
     // A full block is evaluated whatever its samples.
     if samples == 0 || macs * 64 > MOST_MACS {
         return;
@@ -112,9 +112,10 @@ fuzz_target!(|data: &[u8]| {
     let lines = renderer.workspace_lines(&plan);
     let mut workspace = vec![Line::UNINIT; lines];
     let mut pixels = 0u64;
+    let far = plan.far_from(camera.pose().position);
     let mut put = |_: u32, _: u32, pixel: &Pixel| {
         pixels += 1;
-        check_pixel(pixel, outputs, scene.near, scene.far);
+        check_pixel(pixel, outputs, 0.0, far);
     };
     let rect = Rect::full(&camera);
     let short = renderer.render(&plan, &camera, rect, &mut workspace[..lines - 1], &mut put);

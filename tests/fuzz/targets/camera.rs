@@ -144,8 +144,8 @@ fn check_pixels(camera: &Camera, u: &mut Unstructured<'_>) -> Result<()> {
     };
     let renderer = Renderer::new(blob.clone(), Tier::Scalar, &mut []).expect("a renderer");
     let mut workspace = vec![Line::UNINIT; renderer.workspace_lines(&plan)];
-    let scene = blob.scene().expect("a scene");
-    let mut put = |_: u32, _: u32, pixel: &Pixel| check_pixel(pixel, outputs, scene.near, scene.far);
+    let far = plan.far_from(camera.pose().position);
+    let mut put = |_: u32, _: u32, pixel: &Pixel| check_pixel(pixel, outputs, 0.0, far);
     renderer.render(&plan, camera, rect, &mut workspace, &mut put).expect("a picture");
     Ok(())
 }

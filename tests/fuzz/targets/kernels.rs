@@ -8,7 +8,7 @@
 use arbitrary::{Result, Unstructured};
 use libfuzzer_sys::{Corpus, fuzz_target};
 use nerf_core::blob::Blob;
-use nerf_core::encoding::{AngleScale, Encoding};
+use nerf_core::encoding::{AngleScale, SinusoidalEncoding};
 use nerf_core::kernels::{Line, Tier};
 use nerf_core::math::MathBackend;
 use nerf_core::network::{DensityActivation, TrunkLayer};
@@ -35,11 +35,11 @@ fn any_blob(u: &mut Unstructured<'_>) -> Result<Vec<u8>> {
     let mut body = body_of(&BASE).expect("a body");
     let encoding = |u: &mut Unstructured<'_>| {
         let scale = if u.arbitrary()? { AngleScale::Pi } else { AngleScale::One };
-        Ok(Encoding { inputs: 3, levels: u.int_in_range(0..=6)?, scale, identity: true })
+        Ok(SinusoidalEncoding { inputs: 3, levels: u.int_in_range(0..=6)?, scale, identity: true })
     };
     let shape = &mut body.architecture;
-    shape.position = encoding(u)?;
-    shape.direction = if u.arbitrary()? { Some(encoding(u)?) } else { None };
+    shape.position = encoding(u)?.into();
+    shape.direction = if u.arbitrary()? { Some(encoding(u)?.into()) } else { None };
     let width = |u: &mut Unstructured<'_>| u.choose(&[1u16, 2, 3, 7, 8, 15, 16, 17, 31, 33]).copied();
     shape.trunk.clear();
     for i in 0..u.int_in_range(1..=4u8)? {
@@ -165,15 +165,18 @@ impl<'b> Evaluation<'b> {
     fn at(&self, p: [f32; 3], dir: [f32; 3], rounds: bool) -> (Bounded, [Bounded; 3]) {
         let shape = self.blob.architecture();
         // The encoder's bound; the inputs themselves are exact.
-        let encoded = |x: [f32; 3], e: &Encoding| -> Vec<Bounded> {
+        let encoded = |x: [f32; 3], e: &SinusoidalEncoding| -> Vec<Bounded> {
             let values = encode(&x.map(f64::from), e.levels, e.scale == AngleScale::Pi, e.identity);
             let exact = if e.identity { 3 } else { 0 };
             let bounded =
                 |(i, value)| Bounded { value, error: if i < exact { 0.0 } else { 1.2e-7 }, size: Some(1.0) };
             values.into_iter().enumerate().map(bounded).collect()
         };
-        let position = encoded(p, &shape.position);
-        let direction = shape.direction.as_ref().map_or(Vec::new(), |e| encoded(dir, e));
+        let position = encoded(p, shape.position.sinusoidal().expect("as it was made"));
+        let direction = shape
+            .direction
+            .as_ref()
+            .map_or(Vec::new(), |e| encoded(dir, e.sinusoidal().expect("as it was made")));
         let layers = self.blob.layers();
         let mut layers = layers.iter();
         let mut dense = |main: &[Bounded], extra: &[Bounded], rectify: bool| -> Vec<Bounded> {

@@ -5,6 +5,7 @@
 
 pub mod encoding;
 pub mod gradient;
+pub mod grid;
 pub mod network;
 pub mod sampling;
 pub mod volume;

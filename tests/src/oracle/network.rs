@@ -119,20 +119,23 @@ impl Network {
     /// then `b` (`nerf-core/docs/blob-format.md`). Of `shape`, only what the file says is read.
     pub fn of_file(shape: &nerf_core::network::Architecture, parameters: &[f64]) -> Self {
         use nerf_core::encoding::AngleScale;
-        let encoding = |e: &nerf_core::encoding::Encoding| Encoding {
+        let encoding = |e: &nerf_core::encoding::SinusoidalEncoding| Encoding {
             levels: e.levels,
             pi: e.scale == AngleScale::Pi,
             identity: e.identity,
         };
-        let values = |e: &nerf_core::encoding::Encoding| {
+        let values = |e: &nerf_core::encoding::SinusoidalEncoding| {
             usize::from(e.inputs) * (usize::from(e.identity) + 2 * usize::from(e.levels))
         };
+        let position = shape.position.sinusoidal().expect("a sinusoidal encoding of positions");
+        let direction =
+            shape.direction.as_ref().map(|it| it.sinusoidal().expect("a sinusoidal one of directions"));
         let mut rest = parameters.iter().copied();
         let mut dense = |inputs: usize, outputs: usize| {
             let w = (0..outputs).map(|_| rest.by_ref().take(inputs).collect()).collect();
             Dense { w, b: rest.by_ref().take(outputs).collect() }
         };
-        let encoded = values(&shape.position);
+        let encoded = values(position);
         let mut width = encoded;
         let trunk = shape.trunk.iter().map(|layer| {
             let inputs = width + if layer.skip { encoded } else { 0 };
@@ -141,7 +144,7 @@ impl Network {
         });
         let trunk = trunk.collect();
         let density = shape.density.map(|_| dense(width, 1));
-        let mut extra = shape.direction.as_ref().map_or(0, values);
+        let mut extra = direction.map_or(0, values);
         let mut colour = Vec::new();
         for &hidden in &shape.colour {
             colour.push(dense(width + extra, usize::from(hidden)));
@@ -150,8 +153,8 @@ impl Network {
         let rgb = dense(width + extra, 3);
         assert_eq!(rest.next(), None, "parameters are left");
         Self {
-            position: encoding(&shape.position),
-            direction: shape.direction.as_ref().map(encoding),
+            position: encoding(position),
+            direction: direction.map(encoding),
             trunk,
             density,
             softplus: shape.density == Some(nerf_core::network::DensityActivation::ShiftedSoftplus),

@@ -17,3 +17,4 @@ mod quality;
 mod struct_size;
 mod surface;
 mod threads;
+mod views;

@@ -280,7 +280,7 @@ fn sizes_settings_and_rectangles_outside_their_range_are_refused() {
     }
     refuses(Status::Options, "options.maths", |case| case.options.maths = 4);
     refuses(Status::Options, "options.batch_samples", |case| case.options.batch_samples = 65);
-    refuses(Status::Reserved, "options.reserved", |case| case.options.reserved[0] = 1);
+    refuses(Status::Reserved, "options.reserved", |case| case.options.reserved = 1);
     for wrong in [0, usize::MAX] {
         refuses(Status::StructSize, "options", |case| case.options.struct_size = wrong);
         refuses(Status::StructSize, "target", |case| case.target.struct_size = wrong);

@@ -1,7 +1,8 @@
 //! Whatever happens to a blob's bytes: a typed error, never a panic, never a picture.
 
 use nerf_core::blob::{
-    Blob, BlobError, Body, Content, HEADER_LEN, PictureFacts, SceneFacts, Section, encoded_len, write,
+    Blob, BlobError, Body, Content, HEADER_LEN, PictureFacts, SceneFacts, SceneSampling, Section,
+    encoded_len, write,
 };
 use nerf_core::kernels::{Line, Tier};
 use nerf_core::math::MathBackend;
@@ -146,11 +147,11 @@ fn headers_are_checked_field_by_field() {
     let mut text = blob.clone();
     text.remove(5);
     assert_eq!(error(&text), BlobError::NotABlob);
-    for found in [0, 1, 3, u16::MAX] {
-        assert_eq!(change(8, &found.to_le_bytes()), BlobError::Version { expected: 2, found });
+    for found in [0, 1, 2, 4, u16::MAX] {
+        assert_eq!(change(8, &found.to_le_bytes()), BlobError::Version { expected: 3, found });
     }
     let old = change(8, &[1, 0]).to_string();
-    assert!(old.contains("reads version 2, found 1 (make the file anew)"), "{old}");
+    assert!(old.contains("reads version 3, found 1 (older: fit or import the scene again"), "{old}");
     assert_eq!(change(10, &[0xfe, 0xff]), BlobError::Endian { found: 0xfffe });
     assert_eq!(change(12, &[0, 0, 0, 0x80]), BlobError::Flags { found: 0x8000_0000 });
     let (found, body) = (blob.len() as u64, (blob.len() - HEADER_LEN) as u64);
@@ -173,10 +174,10 @@ fn headers_are_checked_field_by_field() {
 #[test]
 fn non_canonical_numbers_are_refused() {
     let blob = Recipe::TINY.blob();
-    // The last section is the weights: a varint length, then the bytes.
+    // The last section but one is the weights: a varint length, then the bytes; then no tables.
     let length = Blob::open(&blob).expect("a blob").weights().len();
     assert!(length < 128);
-    let at = blob.len() - length - 1;
+    let at = blob.len() - length - 2;
     assert_eq!(usize::from(blob[at]), length);
     let mut body = blob[HEADER_LEN..at].to_vec();
     body.extend([length as u8 | 0x80, 0x00]);
@@ -196,7 +197,7 @@ fn non_canonical_numbers_are_refused() {
 fn weights_that_are_not_finite_are_named() {
     let blob = Recipe::TINY.blob();
     let length = Blob::open(&blob).expect("a blob").weights().len();
-    let first = blob.len() - length;
+    let first = blob.len() - length - 1;
     let layers = Recipe::TINY.architecture().layers();
     for (index, bits) in (0..length / 2).zip([0x7c00u16, 0xfc00, 0x7e01, 0x7fff].into_iter().cycle()) {
         let mut changed = blob.clone();
@@ -224,6 +225,7 @@ fn writing_refuses_what_opening_refuses() {
         proposal: None,
         provenance: opened.provenance().clone(),
         weights: opened.weights(),
+        tables: None,
     };
     let mut out = vec![0; blob.len()];
     assert_eq!(encoded_len(&body), Ok(blob.len()));
@@ -237,8 +239,10 @@ fn writing_refuses_what_opening_refuses() {
         let wrong = Body { content: Content::Scene(facts), ..body.clone() };
         encoded_len(&wrong).expect_err("a wrong scene was written");
     };
-    scene(&|s| s.samples = 0);
-    scene(&|s| s.samples = 4097);
+    scene(&|s| s.sampling = SceneSampling::Bins(0));
+    scene(&|s| s.sampling = SceneSampling::Bins(4097));
+    scene(&|s| s.sampling = SceneSampling::March(0.0));
+    scene(&|s| s.sampling = SceneSampling::March(1e-4));
     scene(&|s| s.far = s.near);
     scene(&|s| s.near = -1.0);
     scene(&|s| s.far = f32::INFINITY);

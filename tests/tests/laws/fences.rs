@@ -2,7 +2,9 @@
 //! nobody may touch. (That such a page works is shown in `tests/tests/abi/fences.rs`.)
 
 use nerf_core::blob::Blob;
-use nerf_core::encoding::{AngleScale, Encoding, encode_block};
+use nerf_core::encoding::{
+    AngleScale, GridEncoding, GridTables, SinusoidalEncoding, TableValues, encode_block, encode_grid_block,
+};
 use nerf_core::kernels::{
     Gemm, HalfInit, Init, Line, PairedInput, PairedOutput, Tier, dense_bf16, gemm, gemm_f16, pair_rows,
     pairs, transposed_bf16,
@@ -13,7 +15,7 @@ use nerf_core::plan::{Batch, Outputs, Plan, Quality};
 use nerf_core::render::{Rect, Renderer};
 use nerf_core::volume::Pixel;
 use nerf_tests::fence::{Fenced, Flush};
-use nerf_tests::scenes::{Recipe, camera, tiers};
+use nerf_tests::scenes::{Recipe, camera, f16_bits, tiers};
 
 const BACKENDS: [MathBackend; 4] =
     [MathBackend::Polynomial, MathBackend::Libm, MathBackend::Micromath, MathBackend::Recurrence];
@@ -204,7 +206,7 @@ fn encodings_stay_between_the_fences() {
         for (scale, math) in
             [AngleScale::One, AngleScale::Pi].into_iter().flat_map(|s| BACKENDS.map(|m| (s, m)))
         {
-            let encoding = Encoding { inputs, levels, scale, identity };
+            let encoding = SinusoidalEncoding { inputs, levels, scale, identity };
             for (tier, stride) in tiers().flat_map(|tier| [1, 7, 16, 48, 64].map(|stride| (tier, stride))) {
                 let x = noise(usize::from(inputs) * stride, 1);
                 let blank = vec![-7.0; encoding.outputs() * stride];
@@ -215,6 +217,36 @@ fn encodings_stay_between_the_fences() {
                     encode_block(tier, math, &encoding, stride, &x, &mut found);
                     assert!(bits(&found) == bits(&expected), "{tier:?}, {encoding:?}, {math:?}, {stride}");
                 }
+            }
+        }
+    }
+}
+
+#[test]
+fn learned_grids_read_no_further_than_their_last_entry() {
+    let shapes: [(u8, &[[u16; 3]]); 4] =
+        [(0, &[[1, 1, 1]]), (12, &[[2, 2, 2]]), (3, &[[5, 4, 0], [9, 9, 0]]), (4, &[[3, 3, 3], [300, 8, 2]])];
+    for ((log2_entries, resolutions), features) in
+        shapes.into_iter().flat_map(|shape| [1u8, 2, 4].map(|features| (shape, features)))
+    {
+        let inputs = if resolutions[0][2] == 0 { 2 } else { 3 };
+        let resolutions = resolutions.iter().copied().collect();
+        let grid = GridEncoding { inputs, features, log2_entries, resolutions };
+        let values: Vec<f32> = noise(grid.values(), 3).iter().map(|x| (x * 64.0).round() / 64.0).collect();
+        let bytes: Vec<u8> = values.iter().flat_map(|&x| f16_bits(x).to_le_bytes()).collect();
+        for (tier, stride) in tiers().flat_map(|tier| [1, 7, 16, 64].map(|stride| (tier, stride))) {
+            // The largest corner of the box is the last entry of a dense level; others are anywhere.
+            let mut x: Vec<f32> =
+                noise(usize::from(inputs) * stride, 1).iter().map(|x| 0.5 + 0.5 * x).collect();
+            x.iter_mut().step_by(stride).for_each(|x| *x = 1.0);
+            for flush in Flush::BOTH {
+                let (f16, f32) = (Fenced::of(&bytes, flush), Fenced::of(&values, flush));
+                let [by_f16, by_f32] = [TableValues::F16(&f16), TableValues::F32(&f32)].map(|values| {
+                    let mut found = Fenced::filled(grid.outputs() * stride, f32::NAN, flush);
+                    encode_grid_block(tier, &grid, &GridTables::new(values, None), stride, &x, &mut found);
+                    bits(&found)
+                });
+                assert!(by_f16 == by_f32, "{tier:?}, {grid:?}, {stride}, {flush:?}");
             }
         }
     }
@@ -259,7 +291,18 @@ fn answers(bytes: &[u8], tier: Tier, batch: Batch, flush: Flush) -> Vec<u32> {
 #[test]
 fn frames_queries_and_pictures_stay_between_the_fences() {
     let odd = Recipe { trunk: (3, 21), skip: true, levels: 5, ..Recipe::PLAIN };
-    let recipes = [Recipe::SKIP, Recipe::PROPOSAL, Recipe::TINY, Recipe::PICTURE, Recipe::TINY_PICTURE, odd];
+    let single = Recipe { features: 1, ..Recipe::LEARNED };
+    let recipes = [
+        Recipe::SKIP,
+        Recipe::PROPOSAL,
+        Recipe::TINY,
+        Recipe::PICTURE,
+        Recipe::TINY_PICTURE,
+        Recipe::LEARNED,
+        Recipe::LEARNED_PICTURE,
+        single,
+        odd,
+    ];
     for (tier, recipe) in tiers().flat_map(|tier| recipes.map(|recipe| (tier, recipe))) {
         let blob = recipe.blob();
         let mut batches = vec![Batch::for_tier(tier), Batch { rays: 17, samples: 64 }];
@@ -285,7 +328,9 @@ fn evaluated(blob: &Blob<'_>, tier: Tier, stride: usize, flush: Flush) -> Vec<u3
         Tier::Scalar => Weights::InPlace(&file),
         _ => Weights::prepare(blob.architecture(), tier, &file, &mut unpacked),
     };
-    let network = Network::new(blob.architecture(), weights, tier).expect("a network");
+    let entries = Fenced::of(blob.tables().map_or(&[][..], |tables| tables.bytes), flush);
+    let tables = GridTables::new(TableValues::F16(&entries), blob.scene_box().as_ref());
+    let network = Network::with_grid(blob.architecture(), weights, tables, tier).expect("a network");
     let rows = |count: usize| Fenced::filled(count * stride, f32::NAN, flush);
     let [mut encoded, mut front, mut back] =
         [network.encoded_rows(), network.activation_rows(), network.activation_rows()].map(rows);
@@ -302,7 +347,9 @@ fn evaluated(blob: &Blob<'_>, tier: Tier, stride: usize, flush: Flush) -> Vec<u3
 
 #[test]
 fn networks_stay_between_the_fences() {
-    for (tier, recipe) in tiers().flat_map(|tier| [Recipe::SKIP, Recipe::TINY].map(|recipe| (tier, recipe))) {
+    for (tier, recipe) in
+        tiers().flat_map(|tier| [Recipe::SKIP, Recipe::TINY, Recipe::LEARNED].map(|recipe| (tier, recipe)))
+    {
         let bytes = recipe.blob();
         let blob = Blob::open(&bytes).expect("a blob");
         for stride in [16, 48, 64] {

@@ -2,7 +2,7 @@
 
 use nerf_core::blob::{Blob, Grid};
 use nerf_core::effects::Effects;
-use nerf_core::encoding::{AngleScale, Encoding, MAX_LEVELS};
+use nerf_core::encoding::{AngleScale, MAX_LEVELS, SinusoidalEncoding};
 use nerf_core::kernels::{Line, Tier, lines_for};
 use nerf_core::math::MathBackend;
 use nerf_core::network::{
@@ -18,7 +18,7 @@ use proptest::prelude::*;
 fn architectures() -> impl Strategy<Value = Architecture> {
     let width = || prop_oneof![1u16..=MAX_WIDTH as u16, Just(1), Just(MAX_WIDTH as u16)];
     let encoding = |inputs| {
-        (0..=MAX_LEVELS, any::<bool>()).prop_map(move |(levels, identity)| Encoding {
+        (0..=MAX_LEVELS, any::<bool>()).prop_map(move |(levels, identity)| SinusoidalEncoding {
             inputs,
             levels,
             scale: AngleScale::Pi,
@@ -29,8 +29,8 @@ fn architectures() -> impl Strategy<Value = Architecture> {
     let colour = prop::collection::vec(width(), 0..=MAX_COLOUR);
     (any::<bool>(), encoding(3), prop::option::of(encoding(3)), trunk, colour).prop_map(
         |(scene, position, direction, trunk, colour)| Architecture {
-            position: Encoding { inputs: if scene { 3 } else { 2 }, ..position },
-            direction: direction.filter(|_| scene),
+            position: SinusoidalEncoding { inputs: if scene { 3 } else { 2 }, ..position }.into(),
+            direction: direction.filter(|_| scene).map(Into::into),
             trunk: trunk
                 .into_iter()
                 .enumerate()
@@ -43,22 +43,22 @@ fn architectures() -> impl Strategy<Value = Architecture> {
 }
 
 /// What the format's rules make of an encoding.
-fn encoded(e: &Encoding) -> u128 {
+fn encoded(e: &SinusoidalEncoding) -> u128 {
     u128::from(e.inputs) * (2 * u128::from(e.levels) + u128::from(e.identity))
 }
 
 /// Inputs and outputs of each layer, in the order of their parameters.
 fn layers(a: &Architecture) -> Vec<(u128, u128)> {
-    let (mut layers, mut width) = (vec![], encoded(&a.position));
+    let (mut layers, mut width) = (vec![], encoded(a.position.sinusoidal().expect("no grid")));
     for layer in &a.trunk {
-        let skip = if layer.skip { encoded(&a.position) } else { 0 };
+        let skip = if layer.skip { encoded(a.position.sinusoidal().expect("no grid")) } else { 0 };
         layers.push((width + skip, u128::from(layer.width)));
         width = u128::from(layer.width);
     }
     if a.density.is_some() {
         layers.push((width, 1));
     }
-    let mut seen = a.direction.as_ref().map_or(0, encoded);
+    let mut seen = a.direction.as_ref().map_or(0, |it| encoded(it.sinusoidal().expect("no harmonics")));
     for &hidden in &a.colour {
         layers.push((width + seen, u128::from(hidden)));
         (width, seen) = (u128::from(hidden), 0);
@@ -117,8 +117,14 @@ fn saturated_sizes_can_be_added() {
 }
 
 /// Scenes that have every slice of a workspace between them.
-fn recipes() -> [Recipe; 4] {
-    [Recipe::PLAIN, Recipe::PROPOSAL, Recipe { trunk: (2, 512), ..Recipe::SKIP }, Recipe::TINY]
+fn recipes() -> [Recipe; 5] {
+    [
+        Recipe::LEARNED,
+        Recipe::PLAIN,
+        Recipe::PROPOSAL,
+        Recipe { trunk: (2, 512), ..Recipe::SKIP },
+        Recipe::TINY,
+    ]
 }
 
 #[test]
@@ -167,7 +173,7 @@ fn a_workspace_of_any_plan_is_enough_and_a_line_less_is_not() {
         (state >> 33) as usize % n
     };
     for round in 0..120 {
-        let recipe = recipes()[round % 4];
+        let recipe = recipes()[round % 5];
         let bytes = recipe.blob();
         let blob = Blob::open(&bytes).expect("a blob");
         let all: Vec<Tier> = tiers().collect();

@@ -1,6 +1,6 @@
 //! Blobs of networks that a case makes itself.
 
-use nerf_core::blob::{Body, Content, Front, Provenance, SceneFacts, encoded_len, write};
+use nerf_core::blob::{Body, Content, Front, Provenance, SceneFacts, SceneSampling, encoded_len, write};
 use nerf_core::network::Architecture;
 
 /// The box of [`body`], and what its rays are.
@@ -9,7 +9,7 @@ pub const SCENE: SceneFacts = SceneFacts {
     max: [1.0; 3],
     near: 2.0,
     far: 6.0,
-    samples: 32,
+    sampling: SceneSampling::Bins(32),
     background: [0.25, 0.5, 1.0],
     grid_required: false,
 };
@@ -33,6 +33,7 @@ pub fn body<'a>(architecture: Architecture, weights: &'a [u8]) -> Body<'a> {
             trained_parameters: 0,
         },
         weights,
+        tables: None,
     }
 }
 

@@ -1,12 +1,13 @@
 //! The encoding at every level, on every tier, by every backend.
 
 mod domain;
+mod grid;
 mod laws;
 
-pub use {domain::CASES as DOMAIN, laws::CASES as LAWS};
+pub use {domain::CASES as DOMAIN, grid::CASES as GRID, laws::CASES as LAWS};
 
 use crate::table::{BACKENDS, Row, Worst, cases, exact_tiers};
-use nerf_core::encoding::{AngleScale, Encoding, encode_block};
+use nerf_core::encoding::{AngleScale, SinusoidalEncoding, encode_block};
 use nerf_tests::oracle;
 
 /// Three roundings of the largest angle among [`least`], 2^15 π 2^-126; cosines are 1.
@@ -65,7 +66,7 @@ fn least() -> Vec<f32> {
 }
 
 fn levels(scale: AngleScale, levels: u8, points: &[f32], bounds: [f64; 4]) -> Vec<Row> {
-    let encoding = Encoding { inputs: 1, levels, scale, identity: true };
+    let encoding = SinusoidalEncoding { inputs: 1, levels, scale, identity: true };
     let mut worst = vec![Worst::default(); BACKENDS.len()];
     let mut out = vec![0.0; encoding.outputs() * 64];
     for x in points.chunks_exact(64) {

@@ -9,7 +9,7 @@ use crate::blob::{SCENE, bytes, weights};
 use crate::table::{BACKENDS, Row, Worst, cases, exact_tiers};
 use nerf_core::blob::Blob;
 use nerf_core::camera::Camera;
-use nerf_core::encoding::{AngleScale, Encoding};
+use nerf_core::encoding::{AngleScale, SinusoidalEncoding};
 use nerf_core::kernels::{Line, Tier};
 use nerf_core::math::MathBackend;
 use nerf_core::network::{Architecture, DensityActivation, TrunkLayer};
@@ -62,7 +62,7 @@ impl Scene {
         let bytes = Recipe::SKIP.blob();
         let blob = Blob::open(&bytes).expect("a blob");
         let facts = blob.scene().expect("a scene");
-        let bins = Bins::new(facts.near, facts.far, facts.samples.into()).expect("bins");
+        let bins = Bins::new(facts.near, facts.far, facts.samples().into()).expect("bins");
         let (background, far) = (facts.background.map(f64::from), f64::from(facts.far));
         Self { camera: camera(SIZE[0], SIZE[1]), bins, background, far, bytes }
     }
@@ -201,7 +201,7 @@ fn frame(
 fn medium() -> Vec<Row> {
     const SAMPLES: u16 = 4096;
     let shape = Architecture {
-        position: Encoding { inputs: 3, levels: 0, scale: AngleScale::Pi, identity: true },
+        position: SinusoidalEncoding { inputs: 3, levels: 0, scale: AngleScale::Pi, identity: true }.into(),
         direction: None,
         trunk: [TrunkLayer { width: 1, skip: false }].into_iter().collect(),
         density: Some(DensityActivation::Relu),

@@ -2,7 +2,7 @@
 
 use crate::noise::signed;
 use crate::table::{BACKENDS, Row, Worst, cases, exact_tiers};
-use nerf_core::encoding::{AngleScale, Encoding};
+use nerf_core::encoding::{AngleScale, SinusoidalEncoding};
 use nerf_core::kernels::Tier;
 use nerf_core::math::MathBackend;
 use nerf_core::network::{
@@ -33,7 +33,7 @@ struct Case {
 /// Identity or none, both scales, few and many levels, skips, both activations of the density.
 fn shapes() -> Vec<(&'static str, Architecture)> {
     let shape = |levels, scale, identity, trunk: &[(u16, bool)], density| Architecture {
-        position: Encoding { inputs: 3, levels, scale, identity },
+        position: SinusoidalEncoding { inputs: 3, levels, scale, identity }.into(),
         direction: None,
         trunk: trunk.iter().map(|&(width, skip)| TrunkLayer { width, skip }).collect(),
         density: Some(density),

@@ -26,6 +26,7 @@ fn sections() -> Vec<(&'static str, &'static [&'static table::Case])> {
         ("Sampling", sampling::CASES),
         ("Sampling: laws", sampling::LAWS),
         ("Encoding", encoding::CASES),
+        ("Encoding: learned grids and spherical harmonics", encoding::GRID),
         ("Encoding: laws", encoding::LAWS),
         ("Encoding: domain", encoding::DOMAIN),
         ("Network", network::CASES),

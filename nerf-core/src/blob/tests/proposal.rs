@@ -7,7 +7,7 @@ use std::vec::Vec;
 /// A proposal network of another shape than the scene's, with weights of its own.
 fn coarse(weights: &[u8]) -> Proposal<'_> {
     Proposal {
-        position: Encoding { inputs: 3, levels: 6, scale: AngleScale::One, identity: false },
+        position: SinusoidalEncoding { inputs: 3, levels: 6, scale: AngleScale::One, identity: false },
         trunk: [(8, false), (12, true)].map(|(width, skip)| TrunkLayer { width, skip }).into_iter().collect(),
         density: DensityActivation::ShiftedSoftplus,
         samples: 24,
@@ -67,7 +67,7 @@ fn samples_of_a_proposal_can_be_planned() {
         assert_eq!(error, BlobError::Field(Section::ProposalSamples));
         assert_eq!(
             error.to_string(),
-            "proposal.samples: expected 1 to 4096 samples, in bins that f32 tells apart, found otherwise"
+            "proposal.samples: expected 1 to 4096 samples, in bins that f32 tells apart, of a scene with bins, found otherwise"
         );
     }
 }

@@ -3,7 +3,7 @@
 extern crate std;
 
 use super::*;
-use crate::encoding::{AngleScale, Encoding};
+use crate::encoding::{AngleScale, SinusoidalEncoding};
 use crate::kernels::Tier;
 use crate::network::{Architecture, DensityActivation};
 use crate::testing::{Worse, architecture, every_kind, halve, noise, parameters, pi};
@@ -59,12 +59,12 @@ struct Oracle {
     ambiguous: bool,
 }
 
-fn scale_of(e: &Encoding) -> f64 {
+fn scale_of(e: &SinusoidalEncoding) -> f64 {
     if e.scale == AngleScale::Pi { core::f64::consts::PI } else { 1.0 }
 }
 
 /// `(sin, cos)` of `2^k s x`; the angle is reduced before π enters.
-fn sin_cos(e: &Encoding, level: usize, x: f64) -> (f64, f64) {
+fn sin_cos(e: &SinusoidalEncoding, level: usize, x: f64) -> (f64, f64) {
     let u = 2f64.powi(level as i32) * x;
     match e.scale {
         AngleScale::One => u.sin_cos(),
@@ -87,7 +87,7 @@ fn oracle(a: &Architecture, p: &[f32], x: [f64; 3], r: Rounding) -> Oracle {
         }
         Bounded { error: sum.error + gamma(n) * size, ..sum }
     };
-    let e = &a.position;
+    let e = a.position.sinusoidal().unwrap();
     let trigonometric = |value: f64| Bounded { value, error: r.trigonometry };
     let mut sines: Vec<Bounded> = vec![];
     for level in 0..usize::from(e.levels) {
@@ -168,8 +168,8 @@ fn oracle(a: &Architecture, p: &[f32], x: [f64; 3], r: Rounding) -> Oracle {
 /// Skips, softplus, both scales, with and without identity, few and many levels.
 fn architectures() -> Vec<(&'static str, Architecture)> {
     let softplus = Architecture { density: Some(DensityActivation::ShiftedSoftplus), ..every_kind() };
-    let bare = |scale, levels| Encoding { inputs: 3, levels, scale, identity: false };
-    let named = |scale, levels| Encoding { identity: true, ..bare(scale, levels) };
+    let bare = |scale, levels| SinusoidalEncoding { inputs: 3, levels, scale, identity: false };
+    let named = |scale, levels| SinusoidalEncoding { identity: true, ..bare(scale, levels) };
     let skips = [(32, false), (32, true), (19, true)];
     vec![
         ("every kind of layer", every_kind()),
@@ -389,7 +389,7 @@ fn the_gradient_of_a_linear_density_is_exact() {
 }
 
 /// raw = Σ_c w_c PE_c(x), all units on: linear in the encoding.
-fn linear_in_the_encoding(encoding: Encoding) -> (Architecture, Vec<f32>) {
+fn linear_in_the_encoding(encoding: SinusoidalEncoding) -> (Architecture, Vec<f32>) {
     let a = architecture(encoding, None, &[(1, false)], &[]);
     let mut all = vec![0.0; a.parameters()];
     let layers = a.layers();
@@ -402,7 +402,7 @@ fn linear_in_the_encoding(encoding: Encoding) -> (Architecture, Vec<f32>) {
 
 #[test]
 fn a_blurred_gradient_is_the_gradient_s_mean_over_a_gaussian() {
-    for encoding in [pi(3, 10), Encoding { scale: AngleScale::One, identity: false, ..pi(3, 7) }] {
+    for encoding in [pi(3, 10), SinusoidalEncoding { scale: AngleScale::One, identity: false, ..pi(3, 7) }] {
         let (a, all) = linear_in_the_encoding(encoding);
         let (bytes, unpacked) = halve(&all);
         let network = Network::new(&a, Weights::InPlace(&bytes), Tier::Scalar).unwrap();

@@ -3,7 +3,7 @@ extern crate std;
 use super::DARK;
 use crate::blob::{Blob, Body, Front, Grid, Proposal};
 use crate::camera::{Camera, Intrinsics, Pose};
-use crate::encoding::{AngleScale, Encoding};
+use crate::encoding::{AngleScale, SinusoidalEncoding};
 use crate::kernels::{Line, Tier};
 use crate::lens::Lens;
 use crate::math::polynomial::Polynomial;
@@ -22,10 +22,14 @@ const COARSE: u32 = 20;
 const DRAWN: u32 = 32;
 const ROW: u64 = (COARSE + DRAWN) as u64;
 
+/// The proposal's encoding.
+const POSITION: SinusoidalEncoding =
+    SinusoidalEncoding { inputs: 3, levels: 3, scale: AngleScale::One, identity: true };
+
 /// A proposal of another shape than the scene's network, and wider than that.
 fn coarse_architecture() -> Architecture {
     Architecture {
-        position: Encoding { inputs: 3, levels: 3, scale: AngleScale::One, identity: true },
+        position: POSITION.into(),
         direction: None,
         trunk: [(40, false), (28, true)]
             .map(|(width, skip)| TrunkLayer { width, skip })
@@ -55,7 +59,7 @@ fn scene_of(grid: Option<Grid<'_>>, coarse: Option<(&Architecture, &[f32])>) -> 
     let (weights, _) = halve(&parameters(&a, 7));
     let (coarse_weights, _) = halve(coarse.map_or(&[], |(_, parameters)| parameters));
     let proposal = coarse.map(|(shape, _)| Proposal {
-        position: shape.position,
+        position: POSITION,
         trunk: shape.trunk.clone(),
         density: DensityActivation::Relu,
         samples: COARSE as u16,

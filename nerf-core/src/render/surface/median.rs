@@ -57,12 +57,13 @@ impl<'w> Medians<'w> {
         }
     }
 
-    /// The pixel's median distance; `ray` is `None` where nothing was met.
-    pub fn finish(&self, ray: Option<usize>, plan: &Plan<'_>) -> f32 {
+    /// The pixel's median distance, whose ray is counted from `start`; `ray` is `None` where nothing was met, and that
+    /// is at `far`.
+    pub fn finish(&self, ray: Option<usize>, plan: &Plan<'_>, start: f32, far: f32) -> f32 {
         if !plan.outputs.median_distance {
             return 0.0;
         }
         let found = ray.and_then(|ray| self.distance.get(ray)).copied();
-        found.filter(|&distance| distance != NOT_YET).unwrap_or(plan.far)
+        found.filter(|&distance| distance != NOT_YET).map_or(far, |distance| (start + distance).min(far))
     }
 }

@@ -23,7 +23,7 @@ impl<'w> Medians<'w> {
     #[inline]
     pub fn look<M: Math>(&mut self, _: u32, _: f32, _: &Accumulator, _: f32, _: f32, _: f32) {}
 
-    pub fn finish(&self, _: Option<usize>, _: &Plan<'_>) -> f32 {
+    pub fn finish(&self, _: Option<usize>, _: &Plan<'_>, _: f32, _: f32) -> f32 {
         0.0
     }
 }

@@ -158,7 +158,7 @@ fn a_median_stays_in_the_bin_of_a_jittered_sample() {
     let (plain, mut seen) = (go(None), 0);
     for pixel in (0..20).flat_map(|seed| go(Some(Jitter { seed }))).filter(|pixel| pixel.opacity > 0.5) {
         let scene = blob.scene().unwrap();
-        let bin = (scene.far - scene.near) / f32::from(scene.samples);
+        let bin = scene.step();
         let offset = (pixel.median_distance - scene.near) / bin;
         assert!((offset - offset.round()).abs() < 1e-2, "a bin's beginning, found {offset}");
         assert!((scene.near..scene.far).contains(&pixel.median_distance));

@@ -285,6 +285,7 @@ impl Work<'_> {
             samples,
         });
         let contents = Contents {
+            tables: &[],
             architecture: &self.architecture,
             parameters: &self.parameters,
             content: Content::Scene(self.settings.facts(about.grid_required)),

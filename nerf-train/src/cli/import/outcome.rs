@@ -8,7 +8,7 @@ use crate::import::{Check, Imported, Settings, Tensors};
 use crate::occupancy::LiveCells;
 use crate::report::summary::Summary;
 use crate::study::Verdict;
-use nerf_core::encoding::Encoding;
+use nerf_core::encoding::SinusoidalEncoding;
 use nerf_core::kernels::Tier;
 use nerf_core::network::Architecture;
 use std::path::Path;
@@ -60,8 +60,10 @@ impl Outcome<'_> {
         for layer in self.network.model.layers() {
             outln!("layer        {}", describe(&layer));
         }
-        outln!("position     {}", encoding(&a.position, s));
-        match &a.direction {
+        if let Some(position) = a.position.sinusoidal() {
+            outln!("position     {}", encoding(position, s));
+        }
+        match a.direction.as_ref().and_then(|direction| direction.sinusoidal()) {
             Some(direction) => outln!("direction    {}", encoding(direction, s)),
             None => outln!("direction    none: colour does not depend on it"),
         }
@@ -137,8 +139,11 @@ impl Outcome<'_> {
             .texts("unused_tensors", self.network.unused.clone())
             .integer("trunk_layers", a.trunk.len() as u64)
             .integer("trunk_width", a.trunk_width() as u64)
-            .integer("position_levels", u64::from(a.position.levels))
-            .integer("direction_levels", a.direction.as_ref().map_or(0, |d| u64::from(d.levels)))
+            .integer("position_levels", a.position.sinusoidal().map_or(0, |e| u64::from(e.levels)))
+            .integer(
+                "direction_levels",
+                a.direction.and_then(|d| d.sinusoidal().copied()).map_or(0, |e| u64::from(e.levels)),
+            )
             .flag("view_dependent", self.architecture.direction.is_some())
             .text("angle_scale", name(s.angle))
             .text("order", name(s.order))
@@ -195,7 +200,7 @@ impl Outcome<'_> {
     }
 }
 
-fn encoding(encoding: &Encoding, settings: &Settings) -> String {
+fn encoding(encoding: &SinusoidalEncoding, settings: &Settings) -> String {
     let identity = if encoding.identity { "with" } else { "without" };
     format!(
         "{} levels, {identity} the inputs themselves, s = {}, order {}",

@@ -15,7 +15,8 @@ use std::process::ExitCode;
 
 /// Fit for the same time with other settings, and show PSNR over time: how long is worth waiting for.
 ///
-/// Without any list: both presets, three widths, three depths, three numbers of samples.
+/// Without any list: the presets `grid` and `seed`; three widths, three depths and three numbers of samples of the base,
+/// a sinusoidal network.
 #[derive(Debug, Args)]
 #[command(
     after_help = "Example: nerf-train study train lego_200x200.npz --report out/training --seconds 60 --width 64,128,256"
@@ -45,7 +46,7 @@ pub struct StudyTrain {
     #[arg(long, value_name = "N,N,…", value_delimiter = ',', num_args = 1)]
     samples: Vec<u16>,
     /// The preset whose width, depth and samples are varied.
-    #[arg(long, value_enum, value_name = "PRESET", default_value = "fast")]
+    #[arg(long, value_enum, value_name = "PRESET", default_value = "small")]
     base: Preset,
     /// TOML file with settings that replace the base's.
     #[arg(long, value_name = "FILE")]
@@ -67,7 +68,7 @@ impl StudyTrain {
             return lists;
         }
         Lists {
-            presets: vec![Preset::Fast, Preset::Seed],
+            presets: vec![Preset::Grid, Preset::Seed],
             widths: vec![64, 128, 256],
             depths: vec![2, 4, 8],
             samples: vec![64, 128, 192],
@@ -104,6 +105,11 @@ impl StudyTrain {
         let mut base = read_config(self.base, self.config.as_deref(), hull)?;
         base.sampling.near = self.data_options.near.or(base.sampling.near);
         base.sampling.far = self.data_options.far.or(base.sampling.far);
+        if base.network.grid.is_some() && !self.samples.is_empty() {
+            bail!(
+                "--samples: a setting of sinusoidal networks, and the base has a learned grid: take --base small or seed"
+            );
+        }
         let trials = self.lists().trials(&base, of)?;
         let seconds = self.minutes.map_or(self.seconds, |minutes| 60.0 * minutes / trials.len() as f64);
         let machine = format!(

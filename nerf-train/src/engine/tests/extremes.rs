@@ -96,6 +96,7 @@ fn derivatives_of_walls_and_haze_and_4096_samples_are_finite_differences() {
 fn sigma_of(activation: DensityActivation, raw: f64) -> f64 {
     match activation {
         DensityActivation::Relu => raw.max(0.0),
+        DensityActivation::Exponential => raw.min(20.0).exp(),
         // exp overflows where the sum is its argument.
         DensityActivation::ShiftedSoftplus => {
             let y = raw - 1.0;

@@ -93,7 +93,7 @@ fn rays_without_samples_show_their_background() {
 #[test]
 fn a_batch_of_nothing_is_no_error() {
     let mut engine = fused(&plain(), 1);
-    let before = engine.parameters();
+    let before = engine.parameters().into_owned();
     assert_eq!(engine.step(&Batch::default(), 1e-3).unwrap(), StepLoss::default());
     assert_eq!(bits(&engine.parameters()), bits(&before));
 }

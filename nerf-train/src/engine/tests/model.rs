@@ -2,13 +2,15 @@
 
 use super::oracle;
 use super::*;
+use glam::Vec3;
 use nerf_core::kernels::Tier;
+use nerf_core::ray::SceneBox;
 
 #[test]
 fn folding_keeps_the_outputs() {
     for (name, model) in models() {
         let parameters = model.initial_parameters(8);
-        let folded = model.fold(&parameters);
+        let folded = model.fold((&parameters[..]).into());
         assert_eq!(folded.len(), model.architecture.parameters());
         let exported = Model::plain(model.architecture.clone());
         let batch = batch_of(&model, 20, 0, 9);
@@ -85,8 +87,11 @@ fn start_values_are_those_of_the_recipe() {
 fn densities_for_a_grid_are_those_of_the_forward_pass() {
     for (name, model) in models().into_iter().filter(|(_, model)| model.architecture.density.is_some()) {
         let points = batch_of(&model, 0, 9000, 3).empty;
-        let parameters = model.fold(&model.initial_parameters(6));
-        let found = crate::field::densities(Tier::detect(), &model.architecture, &parameters, &points);
+        let parameters = model.fold(model.initial_parameters(6).into());
+        // Sinusoidal encodings take positions as they are: of which box these are does not matter.
+        let bounds = SceneBox::new(Vec3::ZERO, Vec3::ONE).expect("a box");
+        let found =
+            crate::field::densities(Tier::detect(), &model.architecture, &parameters, &bounds, &points);
         let (expected, _) = reference(&model, 6).forward(&points, &points).unwrap();
         let mut pairs = found.iter().zip(&expected);
         assert!(pairs.all(|(a, b)| (a - b).abs() < 1e-5 * (1.0 + b)), "{name}");

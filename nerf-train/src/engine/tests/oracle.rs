@@ -15,7 +15,7 @@ fn dense(d: &Dense, p: &[f64], x: &[f64], extra: &[f64], relu: bool) -> Vec<f64>
         .collect()
 }
 
-fn encode(e: &Encoding, x: &[f32; 3]) -> Vec<f64> {
+fn encode(e: &SinusoidalEncoding, x: &[f32; 3]) -> Vec<f64> {
     let x = || x.iter().take(e.inputs as usize).map(|&x| f64::from(x));
     let s = if e.scale == AngleScale::Pi { std::f64::consts::PI } else { 1.0 };
     let mut out: Vec<f64> = if e.identity { x().collect() } else { Vec::new() };
@@ -30,7 +30,7 @@ fn encode(e: &Encoding, x: &[f32; 3]) -> Vec<f64> {
 /// sigma and, if a direction is given, colour.
 pub(super) fn evaluate(m: &Model, p: &[f64], x: &[f32; 3], dir: Option<&[f32; 3]>) -> (f64, Vec<f64>) {
     let a = &m.architecture;
-    let px = encode(&a.position, x);
+    let px = encode(a.position.sinusoidal().unwrap(), x);
     let mut h = px.clone();
     let (mut sigma, mut colour) = (f64::INFINITY, Vec::new());
     for d in m.layers() {
@@ -45,7 +45,11 @@ pub(super) fn evaluate(m: &Model, p: &[f64], x: &[f32; 3], dir: Option<&[f32; 3]
             }
             _ => {
                 let Some(dir) = dir else { continue };
-                let pd = if d.extra > 0 { encode(&a.direction.unwrap(), dir) } else { Vec::new() };
+                let pd = if d.extra > 0 {
+                    encode(a.direction.unwrap().sinusoidal().unwrap(), dir)
+                } else {
+                    Vec::new()
+                };
                 h = dense(&d, p, &h, &pd, matches!(d.part, Part::Colour(_)));
                 if d.part == Part::Rgb {
                     colour = h.iter().map(|raw| 1.0 / (1.0 + (-raw).exp())).collect();

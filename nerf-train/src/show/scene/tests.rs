@@ -16,7 +16,7 @@ fn request(views: &[View]) -> Request<'_> {
 #[test]
 fn the_rays_are_those_of_the_training_step() {
     let data = small();
-    let config = Preset::Fast.config();
+    let config = Preset::Small.config();
     let scene = Scene::new(&data, &config, &request(&data.train)).unwrap();
     let (bounds, occupancy) = find_bounds(&data, &config).unwrap();
     let occupancy = occupancy.unwrap();
@@ -45,7 +45,7 @@ fn the_rays_are_those_of_the_training_step() {
 #[test]
 fn one_camera_has_its_own_rays_alone_and_in_the_page() {
     let data = small();
-    let config = Preset::Fast.config();
+    let config = Preset::Small.config();
     let all = Scene::new(&data, &config, &request(&data.train)).unwrap();
     let one = Request { camera: Some(4), ..request(&data.train) };
     let one = Scene::new(&data, &config, &one).unwrap();
@@ -60,13 +60,13 @@ fn one_camera_has_its_own_rays_alone_and_in_the_page() {
 #[test]
 fn what_is_not_there_is_named() {
     let data = small();
-    let config = Preset::Fast.config();
+    let config = Preset::Small.config();
     let message = |request: &Request<'_>| Scene::new(&data, &config, request).unwrap_err().to_string();
     let far = Request { camera: Some(6), ..request(&data.train) };
     assert_eq!(message(&far), "--camera: expected less than 6 (split `train`), found 6");
     let none = Request { split: "test", ..request(&data.test) };
     assert!(message(&none).contains("--split") && message(&none).contains("test"));
-    let mut bad = Preset::Fast.config();
+    let mut bad = Preset::Small.config();
     bad.sampling.near = Some(9.0);
     assert!(Scene::new(&data, &bad, &request(&data.train)).is_err());
 }
@@ -74,7 +74,7 @@ fn what_is_not_there_is_named() {
 #[test]
 fn frusta_follow_the_picture() {
     let data = small();
-    let scene = Scene::new(&data, &Preset::Fast.config(), &request(&data.train)).unwrap();
+    let scene = Scene::new(&data, &Preset::Small.config(), &request(&data.train)).unwrap();
     let camera = &scene.cameras[0];
     let pose = camera.camera.pose();
     let i = *camera.camera.intrinsics();
@@ -98,7 +98,7 @@ fn lengths_are_round() {
 fn pictures_and_pages_hold_ink_and_names() {
     let mut data = small();
     data.name = "<b>&\"".into();
-    let scene = Scene::new(&data, &Preset::Fast.config(), &request(&data.train)).unwrap();
+    let scene = Scene::new(&data, &Preset::Small.config(), &request(&data.train)).unwrap();
     for (width, height) in [(640, 400), (900, 600)] {
         let picture = sheet::sheet(&scene, width, height);
         assert_eq!((picture.width, picture.height), (width, height));

@@ -1,7 +1,7 @@
 //! A scene without view dependence, out of one with it: the direction's share becomes its mean.
 
 use crate::dataset::View;
-use nerf_core::encoding::{Encoding, encode_block};
+use nerf_core::encoding::{DirectionEncoding, encode_block, encode_harmonics_block};
 use nerf_core::kernels::Tier;
 use nerf_core::math::MathBackend;
 use nerf_core::network::{Architecture, Layer, Role};
@@ -11,9 +11,9 @@ const RAYS: usize = 4096;
 /// Directions that are encoded together.
 const BLOCK: usize = 64;
 
-/// Mean of PE(d) over rays of `views` that are spread evenly over their pictures; `[outputs]`. `None` without
+/// Mean of the encoded direction over rays of `views` that are spread evenly over their pictures; `[outputs]`. `None` without
 /// views.
-pub fn mean_encoding(encoding: &Encoding, views: &[&View]) -> Option<Vec<f64>> {
+pub fn mean_encoding(encoding: &DirectionEncoding, views: &[&View]) -> Option<Vec<f64>> {
     let mut dirs: Vec<[f32; 3]> = Vec::new();
     for view in views {
         let (width, height) = view.size();
@@ -35,8 +35,14 @@ pub fn mean_encoding(encoding: &Encoding, views: &[&View]) -> Option<Vec<f64>> {
         for (i, dir) in block.iter().enumerate() {
             (0..3).for_each(|axis| x[axis * BLOCK + i] = dir[axis]);
         }
-        let math = MathBackend::Polynomial;
-        encode_block(Tier::Scalar, math, encoding, BLOCK, &x, &mut encoded);
+        match encoding {
+            DirectionEncoding::Sinusoidal(encoding) => {
+                encode_block(Tier::Scalar, MathBackend::Polynomial, encoding, BLOCK, &x, &mut encoded);
+            }
+            DirectionEncoding::SphericalHarmonics { degree } => {
+                encode_harmonics_block(Tier::Scalar, *degree, BLOCK, &x, &mut encoded);
+            }
+        }
         for (sum, channel) in sums.iter_mut().zip(encoded.chunks_exact(BLOCK)) {
             *sum += channel[..block.len()].iter().map(|&v| f64::from(v)).sum::<f64>();
         }
@@ -70,6 +76,8 @@ pub fn without_direction(
             (f64::from(bias) + share) as f32
         }));
     }
+    // Whatever stands behind the layers, a grid's tables, stays.
+    result.extend_from_slice(&parameters[architecture.parameters()..]);
     Some((folded, result))
 }
 
@@ -99,7 +107,7 @@ mod tests {
 
     /// A small network with a direction; every parameter is another number.
     fn network(colour_width: usize) -> (Architecture, Vec<f32>) {
-        let mut config: Config = Preset::Fast.config();
+        let mut config: Config = Preset::Small.config();
         let n = &mut config.network;
         (n.depth, n.width, n.position_levels, n.direction_levels, n.colour_width) =
             (2, 8, 2, 2, colour_width);

@@ -85,7 +85,7 @@ impl<'b> Lab<'b> {
 
     /// Samples a ray that the scene was made for.
     pub fn samples(&self) -> u16 {
-        self.scene.samples
+        self.scene.samples()
     }
 
     /// Whether its grid is part of the model.
@@ -140,7 +140,7 @@ impl<'b> Lab<'b> {
         let (architecture, tier) = (self.blob.architecture(), Tier::detect());
         let ask = Ask { tier, architecture, parameters: &parameters, seed: 0 };
         let Some(bounds) = self.blob.scene_box() else { return Err(StudyError::NotAScene) };
-        let sigma = threshold * f32::from(self.scene.samples) / (self.scene.far - self.scene.near);
+        let sigma = threshold / self.scene.step();
         let Some(cells) = grid::asked(bounds, resolution, &ask, sigma) else { return Ok(None) };
         let bytes = self.with_grid(&cells)?;
         let name = format!("{resolution} cells, density above {threshold}");
@@ -152,6 +152,14 @@ impl<'b> Lab<'b> {
         let mut parameters = vec![0.0; self.blob.architecture().parameters()];
         unpack(self.blob.weights(), &mut parameters);
         parameters
+    }
+
+    /// The values of the blob's tables as f32; none of a sinusoidal network.
+    fn tables(&self) -> Vec<f32> {
+        let bytes = self.blob.tables().map_or(&[][..], |tables| tables.bytes);
+        let mut values = vec![0.0; bytes.len() / 2];
+        unpack(bytes, &mut values);
+        values
     }
 
     /// Adds the blob with another network, rounded to f16; its number.
@@ -167,6 +175,7 @@ impl<'b> Lab<'b> {
         let alone = export(&Contents {
             architecture,
             parameters,
+            tables: &self.tables(),
             content: Content::Scene(SceneFacts { grid_required: false, ..self.scene.clone() }),
             grid: None,
             provenance: self.blob.provenance().clone(),
@@ -196,6 +205,7 @@ impl<'b> Lab<'b> {
             proposal: self.blob.proposal().cloned(),
             provenance: self.blob.provenance().clone(),
             weights: self.blob.weights(),
+            tables: self.blob.tables(),
         }
     }
 
@@ -284,7 +294,7 @@ impl Bench<'_, '_> {
         let batch = Batch::for_tier(settings.tier);
         let plan = Plan::new(renderer.blob(), &settings.quality, Outputs::ALL, batch)?;
         let effects = Effects { anti_aliasing: settings.rays, ..Effects::NONE };
-        let plan = plan.with_background(background)?.with_effects(effects)?;
+        let plan = plan.with_background(background)?.with_effects(effects)?.with_own_bins();
         let workspace = renderer.workspace_lines(&plan) * size_of::<Line>();
         let small = size::scaled(camera, settings.quarters)?;
         let (cpu, start) = (cpu_seconds(), Instant::now());

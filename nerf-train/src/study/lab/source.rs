@@ -22,9 +22,9 @@ const DENSITIES: [RawDensity; 3] = [RawDensity::Relu, RawDensity::Softplus, RawD
 /// gives the blob's weights.
 pub fn unrounded(file: &Path, blob: &Blob<'_>) -> Result<Vec<f32>, StudyError> {
     let tensors = Tensors::read(file, None)?;
-    let angle = match blob.architecture().position.scale {
-        AngleScale::One => AngleFactor::One,
-        AngleScale::Pi => AngleFactor::Pi,
+    let angle = match blob.architecture().position.sinusoidal().map(|encoding| encoding.scale) {
+        Some(AngleScale::One) => AngleFactor::One,
+        Some(AngleScale::Pi) | None => AngleFactor::Pi,
     };
     let mut fault = None;
     for order in ORDERS {

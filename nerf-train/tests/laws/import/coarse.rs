@@ -20,6 +20,7 @@ fn exported(
     let contents = Contents {
         architecture: &fine.model.architecture,
         parameters: &parameters,
+        tables: &[],
         content: Content::Scene(settings.facts(false)),
         grid: None,
         provenance: Provenance {
@@ -48,8 +49,8 @@ fn assert_proposal(fine: &Imported, coarse: &Imported, what: &str) {
     assert_eq!(proposal.samples, 24);
     let (found, expected) = (proposal.architecture(), alone.architecture());
     assert_eq!(
-        (found.position, &found.trunk, found.density),
-        (expected.position, &expected.trunk, expected.density)
+        (&found.position, &found.trunk, found.density),
+        (&expected.position, &expected.trunk, expected.density)
     );
     assert_eq!((found.direction, found.colour.len()), (None, 0));
     let layers = alone.layers();

@@ -47,6 +47,7 @@ fn ask(
     let exported = export(&Contents {
         architecture: &imported.model.architecture,
         parameters: &parameters,
+        tables: &[],
         content: Content::Scene(settings.facts(false)),
         grid: None,
         provenance,

@@ -17,7 +17,7 @@ pub struct Host {
 
 /// Multiply-adds of a ray, about.
 fn cost(blob: &nerf_core::Blob<'_>) -> usize {
-    let samples = blob.scene().map_or(16, |scene| usize::from(scene.samples.max(16)));
+    let samples = blob.scene().map_or(16, |scene| usize::from(scene.samples().max(16)));
     let coarse = blob.proposal().map_or(0, |it| usize::from(it.samples) * it.architecture().density_macs());
     blob.architecture().parameters() * samples + coarse
 }

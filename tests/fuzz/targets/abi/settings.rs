@@ -22,7 +22,10 @@ pub fn options(u: &mut Unstructured<'_>) -> Result<ffi::RenderOptions> {
         batch_samples: *u.choose(&[0u32, 1, 5, 64, 65])?,
         ignore_proposal: flag(u)?,
         normal_blur: mostly(u, 1.0)?,
-        reserved: [u32::from(u.ratio(1, 64)?); 4],
+        near_distance: if u.ratio(1, 4)? { any_f32(u)? } else { 0.0 },
+        far_distance: if u.ratio(1, 4)? { any_f32(u)? } else { 0.0 },
+        own_bins: u.int_in_range(0..=1)?,
+        reserved: u32::from(u.ratio(1, 64)?),
         ..call::render_options()
     };
     if u.ratio(1, 3)? {

@@ -4,7 +4,7 @@ use crate::blob::{SCENE, body};
 use crate::table::{Row, Worst, cases};
 use nerf_core::blob::{Blob, BlobError, Body, Content, SceneFacts, encoded_len};
 use nerf_core::camera::{Camera, Intrinsics, Pose};
-use nerf_core::encoding::{AngleScale, Encoding};
+use nerf_core::encoding::{AngleScale, SinusoidalEncoding};
 use nerf_core::kernels::{Line, Tier};
 use nerf_core::lens::Lens;
 use nerf_core::network::Architecture;
@@ -27,8 +27,8 @@ fn boxes() -> Vec<Row> {
     let recipe = Recipe { grid: None, ..Recipe::TINY };
     for scale in [AngleScale::Pi, AngleScale::One] {
         for levels in 0..=16u8 {
-            let position = Encoding { inputs: 3, levels, scale, identity: true };
-            let architecture = Architecture { position, ..recipe.architecture() };
+            let position = SinusoidalEncoding { inputs: 3, levels, scale, identity: true };
+            let architecture = Architecture { position: position.into(), ..recipe.architecture() };
             let weights = vec![0; 2 * architecture.parameters()];
             let highest = 2f32.powi(i32::from(levels.max(1)) - 1);
             let limit = if scale == AngleScale::One { 1e5 / highest } else { f32::MAX / highest };

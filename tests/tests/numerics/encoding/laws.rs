@@ -2,7 +2,7 @@
 
 use crate::property::law;
 use crate::table::{BACKENDS, Row, cases, exact_tiers};
-use nerf_core::encoding::{AngleScale, Encoding, encode_block};
+use nerf_core::encoding::{AngleScale, SinusoidalEncoding, encode_block};
 use nerf_core::kernels::Tier;
 use nerf_core::math::MathBackend;
 use nerf_tests::error::{worse, worst_of};
@@ -18,7 +18,8 @@ cases! {
 }
 
 /// 16 levels with π: what every law is about.
-const ENCODING: Encoding = Encoding { inputs: 1, levels: LEVELS, scale: AngleScale::Pi, identity: false };
+const ENCODING: SinusoidalEncoding =
+    SinusoidalEncoding { inputs: 1, levels: LEVELS, scale: AngleScale::Pi, identity: false };
 const LEVELS: u8 = 16;
 
 /// A coordinate, and a number of whole turns.

@@ -5,7 +5,7 @@ use crate::blob::{SCENE, bytes, weights};
 use crate::network::ask;
 use crate::table::{BACKENDS, Row, Worst, cases};
 use nerf_core::camera::{Camera, Intrinsics, Pose};
-use nerf_core::encoding::{AngleScale, Encoding};
+use nerf_core::encoding::{AngleScale, SinusoidalEncoding};
 use nerf_core::kernels::Tier;
 use nerf_core::lens::Lens;
 use nerf_core::math::MathBackend;
@@ -33,7 +33,7 @@ const ONE: u16 = 0x3c00;
 /// inf · 0.
 fn blob(kind: usize) -> Vec<u8> {
     let shape = Architecture {
-        position: Encoding { inputs: 3, levels: 2, scale: AngleScale::Pi, identity: true },
+        position: SinusoidalEncoding { inputs: 3, levels: 2, scale: AngleScale::Pi, identity: true }.into(),
         direction: None,
         trunk: (0..LAYERS).map(|_| TrunkLayer { width: 64, skip: false }).collect(),
         density: Some(DensityActivation::Relu),

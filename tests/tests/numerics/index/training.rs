@@ -156,7 +156,10 @@ pub const TRAINING: &[Hard] = &[
                     "interruptions_at_any_moment_change_no_byte",
                 ],
             ),
-            (CHOICE_LAWS, &["a_run_that_overfits_exports_its_best_look_however_it_is_interrupted"]),
+            (
+                CHOICE_LAWS,
+                &["a_run_that_overfits_says_so_and_exports_its_last_step_however_it_is_interrupted"],
+            ),
             (OUTPUT_TESTS, &["a_file_appears_only_on_commit"]),
         ],
     ),
@@ -168,9 +171,9 @@ pub const TRAINING: &[Hard] = &[
                 STORAGE,
                 &[
                     "a_disk_that_fills_up_leaves_nothing_half_written",
-                    "a_disk_that_fills_up_in_training_leaves_the_last_checkpoint_to_go_on_from",
+                    "a_disk_that_fills_up_in_training_leaves_the_last_checkpoint_and_the_run_goes_on",
                     "a_disk_that_turns_read_only_leaves_the_last_checkpoint_to_go_on_from",
-                    "a_short_write_leaves_the_last_checkpoint_to_go_on_from",
+                    "a_short_write_leaves_the_last_checkpoint_and_the_run_goes_on",
                 ],
             ),
             (

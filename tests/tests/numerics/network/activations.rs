@@ -3,7 +3,7 @@
 use super::ask;
 use crate::blob::{bytes, weights};
 use crate::table::{BACKENDS, Row, Worst, cases, exact_tiers};
-use nerf_core::encoding::{AngleScale, Encoding};
+use nerf_core::encoding::{AngleScale, SinusoidalEncoding};
 use nerf_core::math::{Elementary, MathBackend};
 use nerf_core::network::{Architecture, DensityActivation, TrunkLayer};
 use nerf_tests::scenes::tiers;
@@ -95,7 +95,7 @@ fn no_numbers() -> Vec<Row> {
 fn minus_zero() -> Vec<Row> {
     let mut worst = Worst::default();
     let shape = Architecture {
-        position: Encoding { inputs: 3, levels: 0, scale: AngleScale::Pi, identity: true },
+        position: SinusoidalEncoding { inputs: 3, levels: 0, scale: AngleScale::Pi, identity: true }.into(),
         direction: None,
         trunk: [TrunkLayer { width: 2, skip: false }, TrunkLayer { width: 2, skip: false }]
             .into_iter()
@@ -133,7 +133,8 @@ fn densities() -> Vec<Row> {
         .flat_map(|activation| [0x7bffu16, 0x3c00, 0x0001].map(|scale| (activation, scale)))
     {
         let shape = Architecture {
-            position: Encoding { inputs: 3, levels: 0, scale: AngleScale::Pi, identity: true },
+            position: SinusoidalEncoding { inputs: 3, levels: 0, scale: AngleScale::Pi, identity: true }
+                .into(),
             direction: None,
             trunk: [TrunkLayer { width: 2, skip: false }].into_iter().collect(),
             density: Some(activation),

@@ -1,6 +1,6 @@
 //! The encoding's derivative, from what the encoding gave.
 
-use super::{AngleScale, Encoding, MAX_LEVELS};
+use super::{AngleScale, MAX_LEVELS, SinusoidalEncoding};
 use crate::kernels::{Op, Tier, head, head_mut, tail, tail_mut};
 use crate::math::lanes::Lanes;
 use crate::math::polynomial::exp;
@@ -25,7 +25,7 @@ use core::f32::consts::PI;
 /// With debug assertions, if a slice is shorter than that.
 pub(crate) fn encode_gradient_block(
     tier: Tier,
-    encoding: &Encoding,
+    encoding: &SinusoidalEncoding,
     stride: usize,
     encoded: &[f32],
     of_encoded: &[f32],
@@ -46,7 +46,7 @@ pub(crate) fn encode_gradient_block(
 }
 
 struct Gradient<'a> {
-    encoding: &'a Encoding,
+    encoding: &'a SinusoidalEncoding,
     stride: usize,
     s: f32,
     /// `2^k`, damped.

@@ -35,7 +35,7 @@ pub enum AngleScale {
 /// # Source
 /// Mildenhall et al. 2020, eq. 4, in the order of the authors' code.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-pub struct Encoding {
+pub struct SinusoidalEncoding {
     /// Number of inputs: 3 for a position or a direction, 2 for a point of an image.
     pub inputs: u8,
     /// Number of levels, `k` in `0..levels`, at most [`MAX_LEVELS`].
@@ -46,12 +46,12 @@ pub struct Encoding {
     pub identity: bool,
 }
 
-impl Encoding {
+impl SinusoidalEncoding {
     /// Number of encoded values.
     ///
     /// ```
-    /// use nerf_core::encoding::{AngleScale, Encoding};
-    /// let position = Encoding { inputs: 3, levels: 10, scale: AngleScale::Pi, identity: true };
+    /// use nerf_core::encoding::{AngleScale, SinusoidalEncoding};
+    /// let position = SinusoidalEncoding { inputs: 3, levels: 10, scale: AngleScale::Pi, identity: true };
     /// assert_eq!(position.outputs(), 63);
     /// ```
     pub const fn outputs(&self) -> usize {
@@ -74,7 +74,7 @@ impl Encoding {
 pub fn encode_block(
     tier: Tier,
     math: MathBackend,
-    encoding: &Encoding,
+    encoding: &SinusoidalEncoding,
     stride: usize,
     x: &[f32],
     out: &mut [f32],
@@ -85,7 +85,7 @@ pub fn encode_block(
 }
 
 struct Encode<'a, M> {
-    encoding: &'a Encoding,
+    encoding: &'a SinusoidalEncoding,
     stride: usize,
     x: &'a [f32],
     out: &'a mut [f32],

@@ -44,7 +44,7 @@ fn truth(scale: AngleScale, level: i32, x: f32) -> (f64, f64) {
 }
 
 /// Worst error over every value of `points`, and a check of order and identity on the way.
-fn worst(tier: Tier, math: MathBackend, encoding: Encoding, points: &[f32]) -> f64 {
+fn worst(tier: Tier, math: MathBackend, encoding: SinusoidalEncoding, points: &[f32]) -> f64 {
     let (inputs, stride) = (usize::from(encoding.inputs), 64);
     let mut worst = 0.0f64;
     for block in points.chunks_exact(inputs * stride) {
@@ -77,7 +77,7 @@ fn worst(tier: Tier, math: MathBackend, encoding: Encoding, points: &[f32]) -> f
 fn sixteen_levels_of_pi_stay_within_1_2e_7_up_to_1e4() {
     for tier in tiers() {
         for (inputs, identity) in [(2, true), (3, true), (3, false)] {
-            let encoding = Encoding { inputs, levels: 16, scale: AngleScale::Pi, identity };
+            let encoding = SinusoidalEncoding { inputs, levels: 16, scale: AngleScale::Pi, identity };
             let worst = worst(tier, MathBackend::Polynomial, encoding, &hard(1e4));
             std::println!("{tier:?}, {inputs} inputs: {worst:e}");
             assert!(worst <= 1.2e-7, "{tier:?}: {worst:e}");
@@ -89,7 +89,7 @@ fn sixteen_levels_of_pi_stay_within_1_2e_7_up_to_1e4() {
 fn scale_one_stays_within_1_2e_7_on_its_domain() {
     for tier in tiers() {
         for levels in [1, 4, 10, 16] {
-            let encoding = Encoding { inputs: 3, levels, scale: AngleScale::One, identity: true };
+            let encoding = SinusoidalEncoding { inputs: 3, levels, scale: AngleScale::One, identity: true };
             let limit = SIN_COS_DOMAIN / 2f32.powi(i32::from(levels) - 1);
             let worst = worst(tier, MathBackend::Polynomial, encoding, &hard(limit));
             std::println!("{tier:?}, s = 1, {levels} levels: {worst:e}");
@@ -100,7 +100,7 @@ fn scale_one_stays_within_1_2e_7_on_its_domain() {
 
 #[test]
 fn other_backends_err_by_their_rows() {
-    let encoding = |levels| Encoding { inputs: 3, levels, scale: AngleScale::Pi, identity: true };
+    let encoding = |levels| SinusoidalEncoding { inputs: 3, levels, scale: AngleScale::Pi, identity: true };
     for tier in tiers() {
         let points = hard(2.0);
         let rows = [
@@ -120,7 +120,7 @@ fn other_backends_err_by_their_rows() {
 
 #[test]
 fn exact_multiples_give_exact_values() {
-    let encoding = Encoding { inputs: 3, levels: 4, scale: AngleScale::Pi, identity: false };
+    let encoding = SinusoidalEncoding { inputs: 3, levels: 4, scale: AngleScale::Pi, identity: false };
     // x = 0, ½, 1 at level 0: quarter turns.
     let (x, mut out) = ([-0.0, 0.5, 1.0], [f32::NAN; 24]);
     encode_block(Tier::Scalar, MathBackend::Polynomial, &encoding, 1, &x, &mut out);
@@ -132,7 +132,7 @@ fn exact_multiples_give_exact_values() {
 fn one_column_equals_sixty_four_on_the_scalar_tier() {
     let points = hard(1e4);
     for scale in [AngleScale::Pi, AngleScale::One] {
-        let encoding = Encoding { inputs: 3, levels: 4, scale, identity: true };
+        let encoding = SinusoidalEncoding { inputs: 3, levels: 4, scale, identity: true };
         for block in points.chunks_exact(3 * 64) {
             let mut wide = vec![0.0; encoding.outputs() * 64];
             encode_block(Tier::Scalar, MathBackend::Polynomial, &encoding, 64, block, &mut wide);
@@ -150,7 +150,7 @@ fn one_column_equals_sixty_four_on_the_scalar_tier() {
 
 #[test]
 fn a_value_does_not_depend_on_its_neighbours_on_any_tier() {
-    let encoding = Encoding { inputs: 3, levels: 10, scale: AngleScale::Pi, identity: true };
+    let encoding = SinusoidalEncoding { inputs: 3, levels: 10, scale: AngleScale::Pi, identity: true };
     let points = hard(10.0);
     let (a, b) = (&points[..192], &points[192..384]);
     for tier in tiers() {
@@ -175,14 +175,17 @@ fn outputs_count_inputs_levels_and_identity() {
     for (inputs, levels, identity, outputs) in
         [(3, 10, true, 63), (3, 4, false, 24), (2, 0, true, 2), (3, 16, true, 99)]
     {
-        assert_eq!(Encoding { inputs, levels, scale: AngleScale::One, identity }.outputs(), outputs);
+        assert_eq!(
+            SinusoidalEncoding { inputs, levels, scale: AngleScale::One, identity }.outputs(),
+            outputs
+        );
     }
 }
 
 #[test]
 #[cfg_attr(debug_assertions, should_panic(expected = "expected 45 values, found 44"))]
 fn a_short_output_is_refused_or_filled_as_far_as_it_goes() {
-    let encoding = Encoding { inputs: 3, levels: 1, scale: AngleScale::Pi, identity: true };
+    let encoding = SinusoidalEncoding { inputs: 3, levels: 1, scale: AngleScale::Pi, identity: true };
     let x: [f32; 15] = core::array::from_fn(|i| i as f32 / 16.0);
     let (mut whole, mut short) = ([0.0; 45], [0.0; 44]);
     encode_block(Tier::Scalar, MathBackend::Polynomial, &encoding, 5, &x, &mut whole);

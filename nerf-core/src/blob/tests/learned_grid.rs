@@ -1,0 +1,202 @@
+//! Blobs with a grid: what they carry, and what of it is refused.
+
+use super::*;
+use crate::encoding::{
+    DirectionEncoding, GridEncoding, MAX_GRID_LEVELS, MAX_GRID_RESOLUTION, PositionEncoding,
+};
+use crate::network::{DensityActivation, TrunkLayer};
+use crate::testing::noise;
+use std::vec::Vec;
+
+fn learned() -> GridEncoding {
+    let resolutions = [[2, 3, 4], [9, 9, 9]].into_iter().collect();
+    GridEncoding { inputs: 3, features: 2, log2_entries: 6, resolutions }
+}
+
+fn shape(grid: GridEncoding) -> Architecture {
+    Architecture {
+        position: PositionEncoding::Grid(grid),
+        direction: Some(DirectionEncoding::SphericalHarmonics { degree: 3 }),
+        density: Some(DensityActivation::Exponential),
+        ..architecture(pi(3, 0), None, &[(16, false)], &[8])
+    }
+}
+
+/// Weights and tables of a shape whose grid is within the caps.
+fn contents(a: &Architecture) -> (Vec<u8>, Vec<u8>) {
+    let values = a.position.grid().unwrap().values();
+    (halve(&parameters(a, 1)).0, halve(&noise(values, 2)).0)
+}
+
+fn f16(bytes: &[u8]) -> Option<StoredTables<'_>> {
+    Some(StoredTables { storage: TableStorage::F16, bytes })
+}
+
+/// The error of the scene after `change` of its grid; the shape is refused before its contents are looked at.
+fn grid_refused(change: impl FnOnce(&mut GridEncoding)) -> ArchitectureError {
+    let mut grid = learned();
+    change(&mut grid);
+    match refused(&Body { tables: f16(&[]), ..body(shape(grid), None, &[]) }) {
+        BlobError::Architecture(error) => error,
+        other => panic!("{other}"),
+    }
+}
+
+#[test]
+fn tables_are_opened_as_they_were_written_at_any_alignment() {
+    let a = shape(learned());
+    let (weights, tables) = contents(&a);
+    let written = bytes(&Body { tables: f16(&tables), ..body(a.clone(), None, &weights) });
+    for shift in 0..4 {
+        let mut moved = vec![0; shift];
+        moved.extend(&written);
+        let blob = Blob::open(&moved[shift..]).unwrap();
+        assert_eq!((blob.architecture(), blob.tables(), blob.weights()), (&a, f16(&tables), &weights[..]));
+    }
+    // Position: tag 1, 3 inputs, 2 features, 2^6 entries, two levels; direction: there, tag 1, degree 3.
+    let expected = [1, 3, 2, 6, 2, 2, 3, 4, 9, 9, 9, 1, 1, 3];
+    assert_eq!(written[HEADER_LEN..][..expected.len()], expected);
+}
+
+#[test]
+fn grids_outside_the_caps_are_refused_by_field() {
+    use ArchitectureError as E;
+    for found in [0, 3, 5, 8] {
+        assert_eq!(grid_refused(|g| g.features = found), E::GridFeatures { found });
+    }
+    assert_eq!(grid_refused(|g| g.log2_entries = 25), E::GridEntries { found: 25 });
+    assert_eq!(grid_refused(|g| g.resolutions.clear()), E::GridLevels);
+    for found in [0, MAX_GRID_RESOLUTION + 1, u16::MAX] {
+        let error = grid_refused(|g| g.resolutions[1][2] = found);
+        assert_eq!(error, E::GridResolution { level: 1, axis: 2, found });
+        assert!(error.to_string().contains(&std::format!("found {found} along axis 2")), "{error}");
+    }
+    let inputs = E::EncodingInputs { field: "position", expected: 3, found: 2 };
+    assert_eq!(grid_refused(|g| g.inputs = 2), inputs);
+    // 32 levels of 2^24 hashed entries with 4 features each are more than 2^27 values.
+    let error = grid_refused(|g| {
+        g.log2_entries = 24;
+        g.features = 4;
+        g.resolutions = [[MAX_GRID_RESOLUTION; 3]; MAX_GRID_LEVELS].into_iter().collect();
+    });
+    let found = 32 * ((1 << 24) + u64::from(MAX_GRID_RESOLUTION)) * 4;
+    assert_eq!(error, E::GridValues { found });
+    let flat = PositionEncoding::Grid(GridEncoding { inputs: 2, ..learned() });
+    let picture = Architecture { position: flat, ..architecture(pi(2, 0), None, &[(4, false)], &[]) };
+    let solid = E::GridResolution { level: 0, axis: 2, found: 4 };
+    assert_eq!(refused(&picture_body(picture, &[])), BlobError::Architecture(solid));
+}
+
+#[test]
+fn shapes_that_do_not_go_with_a_grid_are_refused() {
+    let mut a = shape(learned());
+    a.trunk.push(TrunkLayer { width: 4, skip: true }).unwrap();
+    let error = refused(&Body { tables: f16(&[]), ..body(a, None, &[]) });
+    assert_eq!(error, BlobError::Architecture(ArchitectureError::SkipBesideGrid { layer: 1 }));
+    for found in [0, 5, 255] {
+        let direction = Some(DirectionEncoding::SphericalHarmonics { degree: found });
+        let a = Architecture { direction, ..every_kind() };
+        let error = BlobError::Architecture(ArchitectureError::HarmonicsDegree { found });
+        assert_eq!(refused(&body(a, None, &[])), error);
+    }
+}
+
+#[test]
+fn tables_are_there_exactly_with_a_grid_and_of_its_length() {
+    let a = shape(learned());
+    let (weights, tables) = contents(&a);
+    assert_eq!(refused(&body(a.clone(), None, &weights)), BlobError::Field(Section::Tables));
+    let (sinusoidal, _) = halve(&parameters(&every_kind(), 1));
+    let beside = Body { tables: f16(&tables), ..body(every_kind(), None, &sinusoidal) };
+    assert_eq!(refused(&beside), BlobError::Field(Section::Tables));
+    let expected = tables.len() as u64;
+    for found in [0, 1, tables.len() - 2, tables.len() - 1] {
+        let error = BlobError::Length { section: Section::Tables, expected, found: found as u64 };
+        assert_eq!(
+            refused(&Body { tables: f16(&tables[..found]), ..body(a.clone(), None, &weights) }),
+            error
+        );
+    }
+    let int8 = Some(StoredTables { storage: TableStorage::Int8, bytes: &tables });
+    let error = refused(&Body { tables: int8, ..body(a, None, &weights) });
+    assert_eq!(error, BlobError::Field(Section::TableStorage));
+    assert!(error.to_string().contains("tables.storage") && error.to_string().contains("int8"), "{error}");
+}
+
+#[test]
+fn a_value_that_is_not_finite_is_named_by_level_and_index() {
+    let a = shape(learned());
+    let (weights, mut tables) = contents(&a);
+    // 60 dense entries, then 2^6 + 9 hashed ones.
+    for (at, level, index) in [(0, 0, 0), (119, 0, 119), (120, 1, 0), (265, 1, 145)] {
+        let kept = [tables[2 * at], tables[2 * at + 1]];
+        for bad in [[0x00, 0x7c], [0x00, 0xfc], [0x01, 0x7e]] {
+            tables[2 * at..2 * at + 2].copy_from_slice(&bad);
+            let error = refused(&Body { tables: f16(&tables), ..body(a.clone(), None, &weights) });
+            assert_eq!(error, BlobError::TableValue { level, index });
+        }
+        tables[2 * at..2 * at + 2].copy_from_slice(&kept);
+    }
+    assert_eq!(tables.len(), 2 * 266);
+}
+
+#[test]
+fn a_list_of_33_levels_is_refused_by_its_section() {
+    let a = shape(learned());
+    let (weights, tables) = contents(&a);
+    let mut file = bytes(&Body { tables: f16(&tables), ..body(a, None, &weights) });
+    // The list's length, and as many levels behind it.
+    file[HEADER_LEN + 4] = 33;
+    file.splice(HEADER_LEN + 5..HEADER_LEN + 5, [1; 31 * 3]);
+    let rest = file.split_off(HEADER_LEN);
+    let mut fixed = header::write(&rest).to_vec();
+    fixed.extend(rest);
+    let error = Blob::open(&fixed).unwrap_err();
+    assert_eq!(error, BlobError::Body(Section::Position));
+    assert!(error.to_string().starts_with("architecture.position"), "{error}");
+}
+
+#[test]
+fn an_older_file_is_told_how_to_be_made_anew() {
+    let (weights, _) = halve(&parameters(&every_kind(), 1));
+    let mut file = bytes(&body(every_kind(), None, &weights));
+    file[8] = 2;
+    let error = Blob::open(&file).unwrap_err();
+    assert_eq!(error, BlobError::Version { expected: FORMAT_VERSION, found: 2 });
+    assert!(error.to_string().contains("fit or import the scene again"), "{error}");
+}
+
+/// The second example of `docs/blob-format.md`; made there by another program.
+const RAMP: &str = "
+    89 4e 45 52 46 0d 0a 1a 03 00 ff fe 00 00 00 00
+    4a 00 00 00 00 00 00 00 7e 48 f5 69 00 00 00 00
+    01 02 01 02 01 01 01 00 00 01 01 00 00 00 00 02
+    01 00 00 00 04 72 61 6d 70 0e 62 6c 6f 62 2d 66
+    6f 72 6d 61 74 2e 6d 64 00 00 00 00 00 08 10 00
+    3c 00 00 00 3c 00 3c 00 3c 00 00 00 00 00 00 01
+    00 08 00 00 00 3c 00 00 00 3c
+";
+
+#[test]
+fn the_ramp_of_the_specification_opens_and_is_what_is_written() {
+    let file: Vec<u8> = RAMP.split_whitespace().map(|byte| u8::from_str_radix(byte, 16).unwrap()).collect();
+    let blob = Blob::open(&file).unwrap();
+    let provenance = blob.provenance().clone();
+    let content = Content::Picture(PictureFacts { width: 2, height: 1 });
+    let a = blob.architecture().clone();
+    let tables = f16(&[0, 0, 0, 0x3c, 0, 0, 0, 0x3c]);
+    assert_eq!(blob.tables(), tables);
+    assert_eq!(bytes(&Body { content, provenance, tables, ..picture_body(a, blob.weights()) }), file);
+
+    let renderer = crate::Renderer::new(blob, crate::Tier::Scalar, &mut []).unwrap();
+    let (math, batch) = (crate::MathBackend::Polynomial, crate::Batch::SMALLEST);
+    let mut workspace = [crate::Line::UNINIT; 16];
+    assert!(renderer.picture_workspace_lines(batch) <= workspace.len());
+    let (rect, mut found) = (crate::Rect { x: 0, y: 0, width: 2, height: 1 }, vec![]);
+    let mut put = |_: u32, _: u32, rgb: [f32; 3]| found.push(rgb);
+    renderer.render_picture(math, batch, [2, 1], rect, &mut workspace, &mut put).unwrap();
+    for (rgb, x) in found.iter().zip([0.25f32, 0.75]) {
+        let expected = 1.0 / (1.0 + (-x).exp());
+        assert!(rgb.iter().all(|c| (c - expected).abs() < 1e-6), "{found:?}");
+    }
+}

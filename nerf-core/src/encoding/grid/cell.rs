@@ -1,0 +1,133 @@
+//! The cell of a level that a sample falls into: its corners' entries and their weights.
+
+use super::level::{HASH_Y, HASH_Z};
+use super::{GridLevel, GridTables};
+use crate::kernels::tail;
+use crate::math::gather::Indices;
+use crate::math::lanes::Lanes;
+
+/// A vector of positions in 0..1 on each axis of the box.
+///
+/// What is outside by rounding is moved to the face, and what is no number to 0.
+#[inline(always)]
+pub(super) fn unit_positions<V: Lanes>(
+    tables: &GridTables<'_>,
+    inputs: usize,
+    stride: usize,
+    x: &[f32],
+    column: usize,
+) -> [V; 3] {
+    let mut unit = [V::splat(0.0); 3];
+    for (axis, unit) in unit.iter_mut().enumerate().take(inputs) {
+        let x = V::load(tail(x, axis * stride + column));
+        let u = x.sub(V::splat(tables.min[axis])).div(V::splat(tables.sides[axis]));
+        *unit = u.max_of(V::splat(0.0)).min_of(V::splat(1.0));
+    }
+    unit
+}
+
+/// Cells of a vector of samples at one level.
+pub(super) struct Cells<V: Lanes> {
+    /// The corner nearest to 0, in vertices along x, y and z.
+    x: V::Indices,
+    y: V::Indices,
+    z: V::Indices,
+    /// How far from that corner to the opposite one, 0 to 1 on each axis.
+    pub weights: [V; 3],
+}
+
+impl<V: Lanes> Cells<V> {
+    /// The cells that hold the positions `unit`: on a face between two, the one further on; the last one holds
+    /// the box's own face, too.
+    #[inline(always)]
+    pub fn of(level: &GridLevel, unit: [V; 3]) -> Self {
+        let [nx, ny, nz] = level.cells;
+        let (x, wx) = locate(unit[0], nx);
+        let (y, wy) = locate(unit[1], ny);
+        let (z, wz) = locate(unit[2], nz);
+        Self { x, y, z, weights: [wx, wy, wz] }
+    }
+
+    /// The entry of each row's corner at x, from the level's first; that at x + 1 follows. Rows are
+    /// (y, z), (y + 1, z), and in three dimensions (y, z + 1), (y + 1, z + 1). As [`GridLevel::row`] has it.
+    #[inline(always)]
+    pub fn rows<const ROWS: usize>(&self, level: &GridLevel) -> [V::Indices; ROWS] {
+        let number = V::Indices::splat;
+        let mut rows = [self.x; ROWS];
+        match level.mask {
+            Some(mask) => {
+                let (y, z) = (self.y.mul(number(HASH_Y)), self.z.mul(number(HASH_Z)));
+                let of_y = [y, y.add(number(HASH_Y))];
+                let of_z = [z, z.add(number(HASH_Z))];
+                for (r, row) in rows.iter_mut().enumerate() {
+                    let h = of_y[r & 1].xor(of_z[r >> 1 & 1]);
+                    *row = h.xor(h.shift_right_15()).and(number(mask)).add(self.x);
+                }
+            }
+            None => {
+                let [nx, ny, _] = level.cells;
+                let (along_y, rows_of_y) = (nx.wrapping_add(1), ny.wrapping_add(1));
+                let along_z = along_y.wrapping_mul(rows_of_y);
+                let row = self.z.mul(number(rows_of_y)).add(self.y).mul(number(along_y)).add(self.x);
+                for (r, to) in rows.iter_mut().enumerate() {
+                    let (dy, dz) = (r as u32 & 1, r as u32 >> 1);
+                    *to = row.add(number((dy * along_y).wrapping_add(dz * along_z)));
+                }
+            }
+        }
+        rows
+    }
+
+    /// The rows' weights, without x's share: of y, or in three dimensions of y and z.
+    #[inline(always)]
+    pub fn row_weights<const ROWS: usize>(&self) -> [V; ROWS] {
+        let [_, wy, wz] = self.weights;
+        let one = V::splat(1.0);
+        let of_y = [one.sub(wy), wy];
+        let of_z = [one.sub(wz), wz];
+        let mut weights = [one; ROWS];
+        for (r, weight) in weights.iter_mut().enumerate() {
+            *weight = if ROWS == 2 { of_y[r & 1] } else { of_y[r & 1].mul(of_z[r >> 1 & 1]) };
+        }
+        weights
+    }
+
+    /// Derivatives of [`Cells::row_weights`] by y, in units of a cell.
+    #[cfg(feature = "normals")]
+    #[inline(always)]
+    pub fn row_weights_by_y<const ROWS: usize>(&self) -> [V; ROWS] {
+        let [_, _, wz] = self.weights;
+        let one = V::splat(1.0);
+        let of_z = if ROWS == 2 { [one; 2] } else { [one.sub(wz), wz] };
+        let mut weights = [one; ROWS];
+        for (r, weight) in weights.iter_mut().enumerate() {
+            let of_z = of_z[r >> 1 & 1];
+            *weight = if r & 1 == 0 { of_z.neg() } else { of_z };
+        }
+        weights
+    }
+
+    /// Derivatives of [`Cells::row_weights`] by z, in units of a cell; for three dimensions.
+    #[cfg(feature = "normals")]
+    #[inline(always)]
+    pub fn row_weights_by_z<const ROWS: usize>(&self) -> [V; ROWS] {
+        let [_, wy, _] = self.weights;
+        let of_y = [V::splat(1.0).sub(wy), wy];
+        let mut weights = [wy; ROWS];
+        for (r, weight) in weights.iter_mut().enumerate() {
+            let of_y = of_y[r & 1];
+            *weight = if r >> 1 == 0 { of_y.neg() } else { of_y };
+        }
+        weights
+    }
+}
+
+/// Index of the cell along one axis, and the weight of its far side.
+#[inline(always)]
+fn locate<V: Lanes>(unit: V, cells: u32) -> (V::Indices, V) {
+    let g = unit.mul(V::splat(cells as f32));
+    let nearest = g.round_even();
+    let floor = V::select(g.less(nearest), nearest.sub(V::splat(1.0)), nearest);
+    let cell = floor.min_of(V::splat(cells.saturating_sub(1) as f32));
+    (cell.to_indices(), g.sub(cell))
+}

@@ -1,0 +1,85 @@
+//! What the encoding read of its tables, for a trainer to add a gradient to.
+
+use super::cell::{Cells, unit_positions};
+use super::{GridEncoding, GridLevel, GridTables};
+use crate::kernels::{Op, Tier, head, head_mut, tail_mut};
+use crate::math::gather::Indices;
+use crate::math::lanes::{Lanes, MAX_LANES};
+
+/// The corners of a block's cells at one level, in rows along x: 2 in two dimensions, 4 in three.
+///
+/// With `g` the gradient of one of the level's encoded values at sample `i`, the gradient of that feature of
+/// entry `entry[r][i]` grows by `weight[r][i] · (1 − x[i]) · g`, and that of the entry behind it by
+/// `weight[r][i] · x[i] · g`. Corners of one cell may share an entry; their gradients add up.
+#[derive(Debug)]
+pub struct GridCorners<'w> {
+    /// `[rows][stride]`: the row's entry at the near side of x, among those of all levels.
+    pub entry: &'w mut [u32],
+    /// `[rows][stride]`: the row's weight, 0 to 1.
+    pub weight: &'w mut [f32],
+    /// `[stride]`: the weight of the far side of x, 0 to 1.
+    pub x: &'w mut [f32],
+}
+
+/// The entries that [`encode_grid_block`](super::encode_grid_block) reads at `level`, and the weights it gives
+/// them, by the same arithmetic.
+///
+/// `x` and `stride` as there; of the `tables` only the box is used.
+///
+/// # Panics
+/// With debug assertions, if a slice is shorter than that.
+pub fn grid_corners_block(
+    tier: Tier,
+    grid: &GridEncoding,
+    tables: &GridTables<'_>,
+    level: &GridLevel,
+    stride: usize,
+    x: &[f32],
+    corners: &mut GridCorners<'_>,
+) {
+    let inputs = usize::from(grid.inputs);
+    let x = head(x, inputs * stride);
+    tier.run_columns(stride, Corners { inputs, tables, level, stride, x, corners });
+}
+
+struct Corners<'a, 'w> {
+    inputs: usize,
+    tables: &'a GridTables<'a>,
+    level: &'a GridLevel,
+    stride: usize,
+    x: &'a [f32],
+    corners: &'a mut GridCorners<'w>,
+}
+
+impl Op for Corners<'_, '_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run<V: Lanes>(self) {
+        if self.inputs == 2 { self.corners::<V, 2>() } else { self.corners::<V, 4>() }
+    }
+}
+
+impl Corners<'_, '_> {
+    #[inline(always)]
+    fn corners<V: Lanes, const ROWS: usize>(self) {
+        let stride = self.stride;
+        let GridCorners { entry, weight, x } = self.corners;
+        for column in (0..stride).step_by(V::COUNT) {
+            let unit = unit_positions::<V>(self.tables, self.inputs, stride, self.x, column);
+            let cells = Cells::of(self.level, unit);
+            let rows = cells.rows::<ROWS>(self.level);
+            let first = V::Indices::splat(self.level.first as u32);
+            for (r, weights) in cells.row_weights::<ROWS>().into_iter().enumerate() {
+                weights.store(tail_mut(weight, r * stride + column));
+                let mut entries = [0; MAX_LANES];
+                rows[r].add(first).store(&mut entries);
+                let to = head_mut(tail_mut(entry, r * stride + column), V::COUNT);
+                for (to, &entry) in to.iter_mut().zip(&entries) {
+                    *to = entry;
+                }
+            }
+            cells.weights[0].store(tail_mut(x, column));
+        }
+    }
+}

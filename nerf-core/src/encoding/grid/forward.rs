@@ -1,0 +1,118 @@
+//! The encoding of a block.
+
+use super::cell::{Cells, unit_positions};
+use super::{GridEncoding, GridLevel, GridTables, TableValues};
+use crate::kernels::{Op, Tier, head, head_mut, tail_mut};
+use crate::math::gather::{F16Table, F32Table, Table};
+use crate::math::lanes::Lanes;
+
+/// Encodes a block of samples by a grid.
+///
+/// `x`: `[inputs][stride]`, in the box of the `tables`; `out`: `[levels · features][stride]`. `stride` is a
+/// multiple of 16, or any number on the scalar tier. A position outside of the box is moved onto it, and one
+/// that is no number to its smallest corner.
+///
+/// A sample's values do not depend on the others of its block. f16 and f32 tables of the same values give the
+/// same bits. Which cell a sample falls into is the same on every tier.
+///
+/// # Accuracy
+/// Against the same sum in f64: `2^-24 (n (6 cells + 6) + 12)` of the largest entry around a sample, with n axes,
+/// which is what rounding the position and the sum can do.
+///
+/// # Panics
+/// With debug assertions, if a slice is shorter than that. Of tables that are too short, entries that are not
+/// there are any others.
+#[inline]
+pub fn encode_grid_block(
+    tier: Tier,
+    grid: &GridEncoding,
+    tables: &GridTables<'_>,
+    stride: usize,
+    x: &[f32],
+    out: &mut [f32],
+) {
+    let x = head(x, usize::from(grid.inputs) * stride);
+    let out = head_mut(out, grid.outputs() * stride);
+    match tables.values {
+        TableValues::F16(bytes) => {
+            let table = F16Table::new(bytes);
+            tier.run_columns(stride, Encode { grid, tables, table, stride, x, out });
+        }
+        TableValues::F32(values) => {
+            let table = F32Table::new(values);
+            tier.run_columns(stride, Encode { grid, tables, table, stride, x, out });
+        }
+    }
+}
+
+struct Encode<'a, T> {
+    grid: &'a GridEncoding,
+    tables: &'a GridTables<'a>,
+    table: T,
+    stride: usize,
+    x: &'a [f32],
+    out: &'a mut [f32],
+}
+
+impl<T: Table> Op for Encode<'_, T> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run<V: Lanes>(self) {
+        match (self.grid.inputs, self.grid.features) {
+            (2, 1) => self.encode::<V, 2, 1>(),
+            (2, 2) => self.encode::<V, 2, 2>(),
+            (2, 4) => self.encode::<V, 2, 4>(),
+            (3, 1) => self.encode::<V, 4, 1>(),
+            (3, 2) => self.encode::<V, 4, 2>(),
+            (3, 4) => self.encode::<V, 4, 4>(),
+            // There are no others.
+            _ => {}
+        }
+    }
+}
+
+impl<T: Table> Encode<'_, T> {
+    #[inline(always)]
+    fn encode<V: Lanes, const ROWS: usize, const FEATURES: usize>(self) {
+        let stride = self.stride;
+        for column in (0..stride).step_by(V::COUNT) {
+            let inputs = usize::from(self.grid.inputs);
+            let unit = unit_positions::<V>(self.tables, inputs, stride, self.x, column);
+            // A level's entries are found while the values of the one before are on their way.
+            let mut levels = self.grid.levels();
+            let mut next = levels.next();
+            let Some(first) = &next else { break };
+            let mut read = Read::<V, ROWS>::of(first, unit);
+            while let Some(level) = next {
+                let Read { rows, weights, far } = read;
+                next = levels.next();
+                if let Some(level) = &next {
+                    read = Read::of(level, unit);
+                }
+                let table = self.table.part(level.first * FEATURES, level.entries * FEATURES);
+                let sums = V::weighted_rows(table, &rows, &weights, FEATURES);
+                for feature in 0..FEATURES {
+                    let value = far.mul_add(sums[FEATURES + feature].sub(sums[feature]), sums[feature]);
+                    value.store(tail_mut(self.out, (level.index * FEATURES + feature) * stride + column));
+                }
+            }
+        }
+    }
+}
+
+/// What a vector of samples reads at one level.
+struct Read<V: Lanes, const ROWS: usize> {
+    rows: [V::Indices; ROWS],
+    weights: [V; ROWS],
+    /// Weight of the far side of x.
+    far: V,
+}
+
+impl<V: Lanes, const ROWS: usize> Read<V, ROWS> {
+    #[inline(always)]
+    fn of(level: &GridLevel, unit: [V; 3]) -> Self {
+        let cells = Cells::of(level, unit);
+        Self { rows: cells.rows(level), weights: cells.row_weights(), far: cells.weights[0] }
+    }
+}

@@ -1,0 +1,140 @@
+//! The derivative of a grid by the position.
+
+use super::cell::{Cells, unit_positions};
+use super::{GridEncoding, GridLevel, GridTables, TableValues};
+use crate::kernels::{Op, Tier, head, head_mut, tail, tail_mut};
+use crate::math::gather::{F16Table, F32Table, Table};
+use crate::math::lanes::Lanes;
+use crate::math::polynomial::exp;
+
+/// Takes a gradient back through the encoding of a block of samples.
+///
+/// `x`: `[inputs][stride]`, world units. `of_encoded`: `[outputs][stride]`, ∂f/∂encoded. `of_x`:
+/// `[inputs][stride]`, becomes ∂f/∂x. `stride` as in [`encode_grid_block`](super::encode_grid_block).
+///
+/// Within a cell it is the interpolation's own; on a face between two cells, that of the cell further on.
+///
+/// `blur`: standard deviation, world units, of a Gaussian around each sample that the gradient is a mean over:
+/// a level whose cell has width `c` counts by `erf(c / (√8 blur))`. With 0 it is the gradient.
+///
+/// # Source
+/// Barron et al. 2023 (Zip-NeRF), section 2: down-weighting of levels finer than the sample.
+#[allow(clippy::too_many_arguments, reason = "those of the sinusoidal encoding's gradient")]
+pub(super) fn grid_gradient_block(
+    tier: Tier,
+    grid: &GridEncoding,
+    tables: &GridTables<'_>,
+    stride: usize,
+    x: &[f32],
+    of_encoded: &[f32],
+    blur: f32,
+    of_x: &mut [f32],
+) {
+    let inputs = usize::from(grid.inputs);
+    let (x, of_encoded) = (head(x, inputs * stride), head(of_encoded, grid.outputs() * stride));
+    let of_x = head_mut(of_x, inputs * stride);
+    match tables.values {
+        TableValues::F16(bytes) => {
+            let table = F16Table::new(bytes);
+            tier.run_columns(stride, Gradient { grid, tables, table, stride, x, of_encoded, blur, of_x });
+        }
+        TableValues::F32(values) => {
+            let table = F32Table::new(values);
+            tier.run_columns(stride, Gradient { grid, tables, table, stride, x, of_encoded, blur, of_x });
+        }
+    }
+}
+
+struct Gradient<'a, T> {
+    grid: &'a GridEncoding,
+    tables: &'a GridTables<'a>,
+    table: T,
+    stride: usize,
+    x: &'a [f32],
+    of_encoded: &'a [f32],
+    blur: f32,
+    of_x: &'a mut [f32],
+}
+
+impl<T: Table> Op for Gradient<'_, T> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run<V: Lanes>(self) {
+        match (self.grid.inputs, self.grid.features) {
+            (2, 1) => self.gradient::<V, 2, 1>(),
+            (2, 2) => self.gradient::<V, 2, 2>(),
+            (2, 4) => self.gradient::<V, 2, 4>(),
+            (3, 1) => self.gradient::<V, 4, 1>(),
+            (3, 2) => self.gradient::<V, 4, 2>(),
+            (3, 4) => self.gradient::<V, 4, 4>(),
+            // There are no others.
+            _ => {}
+        }
+    }
+}
+
+impl<T: Table> Gradient<'_, T> {
+    #[inline(always)]
+    fn gradient<V: Lanes, const ROWS: usize, const FEATURES: usize>(self) {
+        let (stride, features) = (self.stride, FEATURES);
+        let inputs = usize::from(self.grid.inputs);
+        for column in (0..stride).step_by(V::COUNT) {
+            let unit = unit_positions::<V>(self.tables, inputs, stride, self.x, column);
+            let mut sums = [V::splat(0.0); 3];
+            for level in self.grid.levels() {
+                let cells = Cells::of(&level, unit);
+                let rows = cells.rows::<ROWS>(&level);
+                let table = self.table.part(level.first * features, level.entries * features);
+                let along = |weights: [V; ROWS]| V::weighted_rows(table, &rows, &weights, features);
+                let by_x = along(cells.row_weights::<ROWS>());
+                let by_y = along(cells.row_weights_by_y::<ROWS>());
+                let mut of_cell = [V::splat(0.0); 3];
+                let by_z = if ROWS == 4 { along(cells.row_weights_by_z::<ROWS>()) } else { by_y };
+                for feature in 0..FEATURES {
+                    let far = FEATURES + feature;
+                    let channel = level.index * features + feature;
+                    let of = V::load(tail(self.of_encoded, channel * stride + column));
+                    let at_x =
+                        |rows: &[V; 8]| cells.weights[0].mul_add(rows[far].sub(rows[feature]), rows[feature]);
+                    of_cell[0] = of.mul_add(by_x[far].sub(by_x[feature]), of_cell[0]);
+                    of_cell[1] = of.mul_add(at_x(&by_y), of_cell[1]);
+                    of_cell[2] = of.mul_add(at_x(&by_z), of_cell[2]);
+                }
+                let damped = damping(&level, self.tables, inputs, self.blur);
+                for axis in 0..inputs.min(3) {
+                    let cells_per_unit = level.cells[axis] as f32 / self.tables.sides[axis];
+                    sums[axis] = of_cell[axis].mul_add(V::splat(cells_per_unit * damped), sums[axis]);
+                }
+            }
+            for (axis, sum) in sums.into_iter().enumerate().take(inputs) {
+                sum.store(tail_mut(self.of_x, axis * stride + column));
+            }
+        }
+    }
+}
+
+/// `erf(c / (√8 blur))` with the level's narrowest cell `c`; exactly 1 without blur.
+#[inline]
+fn damping(level: &GridLevel, tables: &GridTables<'_>, inputs: usize, blur: f32) -> f32 {
+    if blur <= 0.0 {
+        return 1.0;
+    }
+    let mut narrowest = f32::MAX;
+    for axis in 0..inputs.min(3) {
+        narrowest = narrowest.min_of(tables.sides[axis] / level.cells[axis] as f32);
+    }
+    erf(narrowest / (2.828_427 * blur))
+}
+
+/// erf for `x >= 0`, absolute error 5e-7.
+///
+/// # Source
+/// Abramowitz and Stegun 1964, 7.1.26.
+#[inline]
+fn erf(x: f32) -> f32 {
+    let t = 1.0 / (1.0 + 0.327_591_1 * x);
+    let p = [1.061_405_4, -1.453_152, 1.421_413_8, -0.284_496_74, 0.254_829_6];
+    let p = p.into_iter().fold(0.0, |sum, c| sum * t + c) * t;
+    1.0 - p * exp(-(x * x))
+}

@@ -1,0 +1,92 @@
+//! Which entries a level has, and which of them a vertex is.
+
+use super::{GridEncoding, MAX_LOG2_ENTRIES};
+
+/// What a hashed row's y and z are multiplied by: Müller et al.'s second and third prime.
+pub(super) const HASH_Y: u32 = 2_654_435_761;
+pub(super) const HASH_Z: u32 = 805_459_861;
+
+/// One level of a [`GridEncoding`].
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct GridLevel {
+    /// Which.
+    pub index: usize,
+    /// Cells along x, y, z; n cells have n + 1 vertices.
+    pub cells: [u32; 3],
+    /// Its first entry among those of all levels.
+    pub first: usize,
+    /// Number of its entries.
+    pub entries: usize,
+    /// Number of rows less one, a power of two less one, that (y, z) is hashed into; `None` where each vertex
+    /// has an entry of its own.
+    pub mask: Option<u32>,
+}
+
+impl GridLevel {
+    /// The entry of vertex `(0, y, z)`, counted from [`GridLevel::first`]; `x` entries further is that of
+    /// `(x, y, z)`.
+    ///
+    /// Dense: `(z (ny + 1) + y) (nx + 1)`. Hashed: with `h = y · 2654435761 ⊕ z · 805459861` modulo 2^32,
+    /// `(h ⊕ h >> 15) & mask`.
+    #[inline(always)]
+    pub fn row(&self, y: u32, z: u32) -> u32 {
+        match self.mask {
+            Some(mask) => hash(y, z) & mask,
+            None => {
+                let [nx, ny, _] = self.cells;
+                z.wrapping_mul(ny.wrapping_add(1)).wrapping_add(y).wrapping_mul(nx.wrapping_add(1))
+            }
+        }
+    }
+}
+
+#[inline(always)]
+fn hash(y: u32, z: u32) -> u32 {
+    let h = y.wrapping_mul(HASH_Y) ^ z.wrapping_mul(HASH_Z);
+    h ^ h >> 15
+}
+
+/// Entries of a level, and whether it is hashed.
+pub(super) fn entries(resolution: [u16; 3], log2_entries: u8) -> (u64, bool) {
+    let vertices: u64 = resolution.iter().map(|&cells| u64::from(cells) + 1).product();
+    let most = 1 << log2_entries.min(MAX_LOG2_ENTRIES);
+    // A row may begin at the last of them.
+    if vertices > most { (most + u64::from(resolution[0]), true) } else { (vertices, false) }
+}
+
+/// The levels of a grid in order: [`GridEncoding::levels`].
+#[derive(Clone, Debug)]
+pub struct GridLevels<'g> {
+    grid: &'g GridEncoding,
+    index: usize,
+    first: usize,
+}
+
+impl<'g> GridLevels<'g> {
+    pub(super) fn of(grid: &'g GridEncoding) -> Self {
+        Self { grid, index: 0, first: 0 }
+    }
+}
+
+impl Iterator for GridLevels<'_> {
+    type Item = GridLevel;
+
+    #[inline]
+    fn next(&mut self) -> Option<GridLevel> {
+        let &resolution = self.grid.resolutions.get(self.index)?;
+        let (entries, hashed) = entries(resolution, self.grid.log2_entries);
+        // Lossless for a grid within the caps.
+        let entries = entries as usize;
+        let mask = hashed.then(|| (1 << self.grid.log2_entries.min(MAX_LOG2_ENTRIES)) - 1);
+        let level = GridLevel {
+            index: self.index,
+            cells: resolution.map(u32::from),
+            first: self.first,
+            entries,
+            mask,
+        };
+        self.index += 1;
+        self.first = self.first.saturating_add(entries);
+        Some(level)
+    }
+}

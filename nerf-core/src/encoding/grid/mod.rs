@@ -1,0 +1,197 @@
+//! Multiresolution grid: at each level, features at the vertices of a regular grid, interpolated linearly.
+//!
+//! ```text
+//! u = (x − min) / (max − min)      the box, to 0..1 on each axis
+//! per level: g = u · cells;  cell = min(⌊g⌋, cells − 1);  w = g − cell
+//!            rows of the cell's corners: (y, z), (y+1, z), (y, z+1), (y+1, z+1), each x and x + 1
+//!            a_0, a_1 = Σ_rows w_yz · entry(x, row), Σ_rows w_yz · entry(x + 1, row)
+//!            out = a_0 + w_x (a_1 − a_0)
+//! ```
+
+mod cell;
+#[cfg(any(feature = "train", test))]
+mod corners;
+mod forward;
+#[cfg(feature = "normals")]
+mod gradient;
+mod level;
+
+#[cfg(test)]
+mod tests;
+
+#[cfg(any(feature = "train", test))]
+pub use corners::{GridCorners, grid_corners_block};
+pub use forward::encode_grid_block;
+pub use level::{GridLevel, GridLevels};
+
+use crate::kernels::Tier;
+use crate::network::ArchitectureError;
+use crate::ray::SceneBox;
+use serde::{Deserialize, Serialize};
+
+/// Most levels of a grid.
+pub const MAX_GRID_LEVELS: usize = 32;
+/// Most cells of a level along one axis: weights then still have ten bits.
+pub const MAX_GRID_RESOLUTION: u16 = 16_384;
+/// Largest binary logarithm of the entries of a hashed level.
+pub const MAX_LOG2_ENTRIES: u8 = 24;
+/// Most values of all levels together: half a gibibyte of f32, which a 32-bit host can address.
+pub const MAX_GRID_VALUES: u64 = 1 << 27;
+
+/// A multiresolution grid of features, dense at the levels that fit into `2^log2_entries` entries and hashed at
+/// the finer ones.
+///
+/// Encoded values: level by level, `features` each. Values of the tables ([`TableValues`]): level by level,
+/// entry by entry, `features` each; [`GridEncoding::levels`] says which entries are whose.
+///
+/// # Source
+/// Müller et al. 2022, "Instant Neural Graphics Primitives", section 3; what fits is dense, as in tiny-cuda-nn.
+/// Deviation: the hash is of y and z, plus x, so that the corners at x and x + 1 are neighbours in memory.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct GridEncoding {
+    /// Number of inputs: 3 for a position, 2 for a point of an image.
+    pub inputs: u8,
+    /// Features of an entry: 1, 2 or 4.
+    pub features: u8,
+    /// A level of more than `2^log2_entries` vertices is hashed into so many; at most [`MAX_LOG2_ENTRIES`].
+    pub log2_entries: u8,
+    /// Cells along x, y, z at each level, 1 to [`MAX_GRID_RESOLUTION`]; along z 0 with 2 inputs.
+    pub resolutions: heapless::Vec<[u16; 3], MAX_GRID_LEVELS>,
+}
+
+impl GridEncoding {
+    /// Number of coordinates.
+    pub fn inputs(&self) -> u8 {
+        self.inputs
+    }
+
+    /// Number of encoded values.
+    ///
+    /// ```
+    /// use nerf_core::encoding::GridEncoding;
+    /// let resolutions = [[16, 16, 8], [64, 64, 32]].into_iter().collect();
+    /// let grid = GridEncoding { inputs: 3, features: 2, log2_entries: 14, resolutions };
+    /// assert_eq!(grid.outputs(), 4);
+    /// // 17·17·9 vertices fit; 65·65·33 do not: 2^14 entries, and a row of 64 behind the last.
+    /// assert_eq!(grid.entries(), 2601 + 16_384 + 64);
+    /// ```
+    pub fn outputs(&self) -> usize {
+        self.resolutions.len() * usize::from(self.features)
+    }
+
+    /// The levels, coarsest first as they are listed.
+    pub fn levels(&self) -> GridLevels<'_> {
+        GridLevels::of(self)
+    }
+
+    /// Entries of all levels.
+    ///
+    /// Meaningful for a grid that passes [`Architecture::check`](crate::network::Architecture::check).
+    pub fn entries(&self) -> usize {
+        self.levels().last().map_or(0, |level| level.first + level.entries)
+    }
+
+    /// Values of all levels: entries times features.
+    pub fn values(&self) -> usize {
+        self.entries().saturating_mul(usize::from(self.features))
+    }
+
+    /// Table entries an evaluation reads: the corners of a cell at each level.
+    pub fn reads(&self) -> usize {
+        self.resolutions.len() << self.inputs.min(3)
+    }
+
+    /// Checks every cap.
+    pub(crate) fn check(&self) -> Result<(), ArchitectureError> {
+        use ArchitectureError as E;
+        if !matches!(self.features, 1 | 2 | 4) {
+            return Err(E::GridFeatures { found: self.features });
+        }
+        if self.log2_entries > MAX_LOG2_ENTRIES {
+            return Err(E::GridEntries { found: self.log2_entries });
+        }
+        if self.resolutions.is_empty() {
+            return Err(E::GridLevels);
+        }
+        for (level, resolution) in self.resolutions.iter().enumerate() {
+            for (axis, &found) in resolution.iter().enumerate() {
+                let inside = axis < usize::from(self.inputs);
+                if inside && !(1..=MAX_GRID_RESOLUTION).contains(&found) || !inside && found != 0 {
+                    return Err(E::GridResolution { level, axis, found });
+                }
+            }
+        }
+        let entries = self.resolutions.iter().map(|r| level::entries(*r, self.log2_entries).0).sum::<u64>();
+        let found = entries * u64::from(self.features);
+        if found > MAX_GRID_VALUES {
+            return Err(E::GridValues { found });
+        }
+        Ok(())
+    }
+}
+
+/// Where the values of a grid's tables lie.
+#[derive(Clone, Copy, Debug)]
+#[non_exhaustive]
+pub enum TableValues<'a> {
+    /// Little-endian f16, finite, at any alignment: as a file has them.
+    F16(&'a [u8]),
+    /// f32, as a trainer has them.
+    F32(&'a [f32]),
+}
+
+/// The tables of a grid, and the box it spans.
+#[derive(Clone, Copy, Debug)]
+pub struct GridTables<'a> {
+    values: TableValues<'a>,
+    /// Smallest corner of the box and its sides.
+    min: [f32; 3],
+    sides: [f32; 3],
+}
+
+impl<'a> GridTables<'a> {
+    /// What a network without a grid has.
+    pub const NONE: Self = Self { values: TableValues::F32(&[]), min: [0.0; 3], sides: [1.0; 3] };
+
+    /// Tables over a scene box, or over 0..1 of each axis where there is none: a 2D field.
+    pub fn new(values: TableValues<'a>, bounds: Option<&SceneBox>) -> Self {
+        match bounds {
+            Some(b) => Self { values, min: b.min.to_array(), sides: (b.max - b.min).to_array() },
+            None => Self { values, ..Self::NONE },
+        }
+    }
+
+    pub(crate) fn in_place(bytes: &'a [u8], bounds: Option<&SceneBox>) -> Self {
+        Self::new(TableValues::F16(bytes), bounds)
+    }
+
+    /// Whether there are as many values as `grid` has.
+    pub(crate) fn fit(&self, grid: &GridEncoding) -> bool {
+        let found = match self.values {
+            TableValues::F16(bytes) => bytes.len() / 2,
+            TableValues::F32(values) => values.len(),
+        };
+        found >= grid.values()
+    }
+
+    #[inline]
+    pub(crate) fn encode(&self, tier: Tier, grid: &GridEncoding, stride: usize, x: &[f32], out: &mut [f32]) {
+        encode_grid_block(tier, grid, self, stride, x, out);
+    }
+
+    #[cfg(feature = "normals")]
+    #[inline]
+    #[allow(clippy::too_many_arguments, reason = "those of the sinusoidal encoding's gradient")]
+    pub(crate) fn gradient(
+        &self,
+        tier: Tier,
+        grid: &GridEncoding,
+        stride: usize,
+        x: &[f32],
+        of_encoded: &[f32],
+        blur: f32,
+        of_x: &mut [f32],
+    ) {
+        gradient::grid_gradient_block(tier, grid, self, stride, x, of_encoded, blur, of_x);
+    }
+}

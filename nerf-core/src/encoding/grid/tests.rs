@@ -1,0 +1,602 @@
+extern crate std;
+
+use super::*;
+#[cfg(feature = "normals")]
+use crate::testing::Worse;
+use crate::testing::{halve, noise};
+use glam::Vec3;
+use std::vec;
+use std::vec::Vec;
+
+fn tiers() -> impl Iterator<Item = Tier> {
+    Tier::ALL.into_iter().filter(|tier| tier.available())
+}
+
+fn grid(features: u8, log2_entries: u8, resolutions: &[[u16; 3]]) -> GridEncoding {
+    let inputs = if resolutions[0][2] == 0 { 2 } else { 3 };
+    GridEncoding { inputs, features, log2_entries, resolutions: resolutions.iter().copied().collect() }
+}
+
+/// Dense, hashed and tiny levels, in both dimensions, of every number of features.
+fn grids() -> Vec<GridEncoding> {
+    let mut all = vec![
+        grid(2, 0, &[[1, 1, 1]]),
+        grid(1, 0, &[[1, 1, 1]]),
+        grid(1, 0, &[[1, 1, 0]]),
+        grid(2, 14, &[[16; 3], [20, 22, 24], [48, 50, 7], [320, 300, 3]]),
+        grid(4, 1, &[[1, 1, 0], [2, 3, 0], [100, 7, 0]]),
+        grid(2, 4, &[[2; 3]; MAX_GRID_LEVELS]),
+        grid(2, 10, &[[MAX_GRID_RESOLUTION; 3], [MAX_GRID_RESOLUTION, 1, 1]]),
+    ];
+    for features in [1, 2, 4] {
+        all.push(grid(features, 8, &[[4, 5, 6], [9, 8, 7], [31, 64, 33]]));
+        all.push(grid(features, 8, &[[4, 5, 0], [9, 64, 0]]));
+    }
+    all
+}
+
+const UNIT: SceneBox = SceneBox { min: Vec3::ZERO, max: Vec3::ONE };
+
+fn bounds_of(grid: &GridEncoding, bounds: &SceneBox) -> Option<SceneBox> {
+    (grid.inputs == 3).then_some(*bounds)
+}
+
+/// An encoded block, `[outputs][stride]`.
+fn encode(
+    tier: Tier,
+    grid: &GridEncoding,
+    values: TableValues<'_>,
+    bounds: &SceneBox,
+    x: &[f32],
+) -> Vec<f32> {
+    let stride = x.len() / usize::from(grid.inputs);
+    let mut out = vec![f32::NAN; grid.outputs() * stride];
+    let tables = GridTables::new(values, bounds_of(grid, bounds).as_ref());
+    encode_grid_block(tier, grid, &tables, stride, x, &mut out);
+    out
+}
+
+/// Where a point lies along one axis, in cells.
+fn cells_along(bounds: &SceneBox, axis: usize, cells: u32, x: f32) -> f64 {
+    let (min, max) = (bounds.min[axis], bounds.max[axis]);
+    // The sides are f32, as the kernels have them.
+    let u = (f64::from(x) - f64::from(min)) / f64::from(max - min);
+    u.clamp(0.0, 1.0) * f64::from(cells)
+}
+
+/// The vertices around a point, index and weight in f64, from the specification.
+fn vertices(grid: &GridEncoding, level: usize, bounds: &SceneBox, x: &[f32]) -> Vec<(usize, f64)> {
+    let cells = grid.resolutions[level].map(u32::from);
+    let most = 1u64 << grid.log2_entries;
+    let count: u64 = cells.iter().map(|&n| u64::from(n) + 1).product();
+    let at: Vec<(u64, f64)> = (0..x.len())
+        .map(|axis| {
+            let g = cells_along(bounds, axis, cells[axis], x[axis]);
+            let cell = g.floor().min(f64::from(cells[axis] - 1));
+            (cell as u64, g - cell)
+        })
+        .collect();
+    (0..1u64 << x.len())
+        .map(|corner| {
+            let far = |axis: usize| corner >> axis & 1;
+            let weight = (0..x.len()).map(|a| if far(a) == 1 { at[a].1 } else { 1.0 - at[a].1 }).product();
+            let v: Vec<u64> = (0..3).map(|a| if a < x.len() { at[a].0 + far(a) } else { 0 }).collect();
+            let entry = if count <= most {
+                (v[2] * u64::from(cells[1] + 1) + v[1]) * u64::from(cells[0] + 1) + v[0]
+            } else {
+                let h = ((v[1] * 2_654_435_761) & 0xffff_ffff) ^ ((v[2] * 805_459_861) & 0xffff_ffff);
+                ((h ^ h >> 15) & (most - 1)) + v[0]
+            };
+            (entry as usize, weight)
+        })
+        .collect()
+}
+
+fn first_entry(grid: &GridEncoding, level: usize) -> usize {
+    let most = 1usize << grid.log2_entries;
+    let entries = |r: &[u16; 3]| {
+        let count: usize = r.iter().map(|&n| usize::from(n) + 1).product();
+        if count <= most { count } else { most + usize::from(r[0]) }
+    };
+    grid.resolutions[..level].iter().map(entries).sum()
+}
+
+/// The encoding in f64, and how far f32 may be off: by rounding the position, and by rounding the sum.
+fn oracle(grid: &GridEncoding, values: &[f32], bounds: &SceneBox, x: &[f32]) -> Vec<(f64, f64)> {
+    let (features, ulp) = (usize::from(grid.features), 2f64.powi(-24));
+    let mut out = vec![];
+    for level in 0..grid.resolutions.len() {
+        let first = first_entry(grid, level);
+        let around = vertices(grid, level, bounds, x);
+        for feature in 0..features {
+            let value = |entry: usize| f64::from(values[(first + entry) * features + feature]);
+            let all = |f: fn(f64, f64) -> f64| around.iter().map(|&(e, _)| value(e)).reduce(f).unwrap();
+            let (least, most) = (all(f64::min), all(f64::max));
+            let moved: f64 = (0..x.len())
+                .map(|axis| {
+                    let cells = u32::from(grid.resolutions[level][axis]);
+                    3.0 * ulp * cells_along(bounds, axis, cells, x[axis]) + 3.0 * ulp
+                })
+                .sum();
+            let size = least.abs().max(most.abs());
+            // Beyond the next face the differences are another cell's.
+            let error = moved * 2.0 * size + 12.0 * ulp * size;
+            out.push((around.iter().map(|&(e, w)| w * value(e)).sum(), error));
+        }
+    }
+    out
+}
+
+/// Points on faces, edges and corners of every level, beside them, and anywhere; `[inputs][n]`, whole blocks.
+fn hard_points(grid: &GridEncoding, bounds: &SceneBox) -> Vec<f32> {
+    let inputs = usize::from(grid.inputs);
+    let mut points: Vec<Vec<f32>> = vec![];
+    let random = noise(3 * 640, 21);
+    let place = |axis: usize, u: f32| bounds.min[axis] + u * (bounds.max[axis] - bounds.min[axis]);
+    for p in random.chunks(3) {
+        points.push((0..inputs).map(|axis| place(axis, 0.5 + 0.5 * p[axis])).collect());
+    }
+    let special =
+        [0.0, -0.0, 1e-45, 1e-40, f32::MIN_POSITIVE, 1.0f32.next_down(), 1.0, 1.0f32.next_up(), -1e-45];
+    for (i, &u) in special.iter().enumerate() {
+        for &v in &special[i..] {
+            points.push((0..inputs).map(|axis| place(axis, [u, v, u][axis])).collect());
+            points.push((0..inputs).map(|axis| place(axis, [v, u, 0.4][axis])).collect());
+        }
+    }
+    for resolution in grid.resolutions.iter().take(4) {
+        for k in 0..=8u32 {
+            let on = |axis: usize, more: i32| {
+                let n = u32::from(resolution[axis]);
+                let x = place(axis, (k * n / 8) as f32 / n as f32);
+                let x = if more < 0 {
+                    x.next_down()
+                } else if more > 0 {
+                    x.next_up()
+                } else {
+                    x
+                };
+                x.clamp(bounds.min[axis], bounds.max[axis])
+            };
+            let inside = |axis: usize| place(axis, 0.37);
+            for more in -1..=1 {
+                points.push(
+                    (0..inputs).map(|axis| if axis == 0 { on(0, more) } else { inside(axis) }).collect(),
+                );
+                points.push(
+                    (0..inputs).map(|axis| if axis < 2 { on(axis, more) } else { inside(axis) }).collect(),
+                );
+                points.push((0..inputs).map(|axis| on(axis, more)).collect());
+            }
+        }
+    }
+    while !points.len().is_multiple_of(64) {
+        points.push(points[0].clone());
+    }
+    (0..inputs).flat_map(|axis| points.iter().map(move |p| p[axis]).collect::<Vec<_>>()).collect()
+}
+
+const BOXES: [SceneBox; 4] = [
+    UNIT,
+    SceneBox { min: Vec3::splat(-1.5), max: Vec3::new(1.5, 1.0, 2.0) },
+    SceneBox { min: Vec3::new(-3.0, 2.0, 10.0), max: Vec3::new(-2.0, 3.0, 110.0) },
+    SceneBox { min: Vec3::new(0.0, -1.0, 0.0), max: Vec3::new(1.0, 1.0, 1e-6) },
+];
+
+fn boxes_of(grid: &GridEncoding) -> &'static [SceneBox] {
+    if grid.inputs == 3 { &BOXES } else { &BOXES[..1] }
+}
+
+#[test]
+fn every_tier_and_storage_is_the_oracle() {
+    for grid in grids() {
+        grid.check().unwrap();
+        let (bytes, values) = halve(&noise(grid.values(), 3));
+        for bounds in boxes_of(&grid) {
+            let x = hard_points(&grid, bounds);
+            let n = x.len() / usize::from(grid.inputs);
+            let truth: Vec<_> = (0..n)
+                .map(|i| {
+                    oracle(&grid, &values, bounds, &x.iter().skip(i).step_by(n).copied().collect::<Vec<_>>())
+                })
+                .collect();
+            for tier in tiers() {
+                let half = encode(tier, &grid, TableValues::F16(&bytes), bounds, &x);
+                let full = encode(tier, &grid, TableValues::F32(&values), bounds, &x);
+                assert!(half.iter().zip(&full).all(|(a, b)| a.to_bits() == b.to_bits()), "{tier:?} {grid:?}");
+                for (i, truth) in truth.iter().enumerate() {
+                    for (channel, &(value, error)) in truth.iter().enumerate() {
+                        let found = f64::from(half[channel * n + i]);
+                        let point: Vec<_> = x.iter().skip(i).step_by(n).collect();
+                        assert!(
+                            (found - value).abs() <= error,
+                            "{tier:?}, {grid:?}, channel {channel} at {point:?}: {found} is not {value} +- {error:e}"
+                        );
+                    }
+                }
+            }
+        }
+    }
+}
+
+/// Entries, weights and x's weights of a block at one level.
+type Read = (Vec<u32>, Vec<u32>, Vec<u32>);
+
+fn corners(tier: Tier, grid: &GridEncoding, level: &GridLevel, bounds: &SceneBox, x: &[f32]) -> Read {
+    let stride = x.len() / usize::from(grid.inputs);
+    let rows = 1 << (grid.inputs - 1);
+    let (mut entry, mut weight, mut wx) =
+        (vec![0; rows * stride], vec![0.0; rows * stride], vec![0.0; stride]);
+    let tables = GridTables::new(TableValues::F32(&[]), bounds_of(grid, bounds).as_ref());
+    let mut corners = GridCorners { entry: &mut entry, weight: &mut weight, x: &mut wx };
+    grid_corners_block(tier, grid, &tables, level, stride, x, &mut corners);
+    let bits = |v: Vec<f32>| v.into_iter().map(f32::to_bits).collect();
+    (entry, bits(weight), bits(wx))
+}
+
+#[test]
+fn corners_are_the_same_on_every_tier_in_range_and_those_of_the_oracle() {
+    for grid in grids() {
+        for bounds in boxes_of(&grid) {
+            let mut x = hard_points(&grid, bounds);
+            let n = x.len() / usize::from(grid.inputs);
+            // What is no position is in the table, too.
+            for (i, bad) in [f32::NAN, f32::INFINITY, f32::NEG_INFINITY, 1e38, -1e38].into_iter().enumerate()
+            {
+                x[i] = bad;
+            }
+            for level in grid.levels() {
+                let expected = corners(Tier::Scalar, &grid, &level, bounds, &x);
+                for tier in tiers() {
+                    assert_eq!(corners(tier, &grid, &level, bounds, &x), expected, "{tier:?}, {grid:?}");
+                }
+                let (entries, weights, wx) = expected;
+                for weight in weights.iter().chain(&wx) {
+                    assert!((0.0..=1.0).contains(&f32::from_bits(*weight)));
+                }
+                for (i, &entry) in entries.iter().enumerate() {
+                    let last = (level.first + level.entries - 2) as u32;
+                    assert!((level.first as u32..=last).contains(&entry), "{level:?}: {entry}");
+                    let lane = i % n;
+                    if lane < 5 {
+                        continue;
+                    }
+                    // Beside a face rounding may choose the other cell.
+                    let point: Vec<f32> = x.iter().skip(lane).step_by(n).copied().collect();
+                    let near_face = (0..point.len()).any(|axis| {
+                        let g = cells_along(bounds, axis, level.cells[axis], point[axis]);
+                        (g - g.round()).abs() < 1e-2
+                    });
+                    if !near_face {
+                        let around = vertices(&grid, level.index, bounds, &point);
+                        assert_eq!(entry as usize - level.first, around[2 * (i / n)].0, "{level:?}");
+                    }
+                }
+            }
+        }
+    }
+}
+
+#[test]
+fn the_box_s_faces_are_their_own_vertices() {
+    let grid = grid(1, 20, &[[3, 5, 7], [64, 64, 64]]);
+    let (bytes, values) = halve(&noise(grid.values(), 5));
+    for bounds in BOXES {
+        for tier in tiers() {
+            for corner in 0..8usize {
+                let p = [0, 1, 2].map(|a| if corner >> a & 1 == 1 { bounds.max[a] } else { bounds.min[a] });
+                let x: Vec<f32> = p.iter().flat_map(|&x| [x; 16]).collect();
+                let found = encode(tier, &grid, TableValues::F16(&bytes), &bounds, &x);
+                for level in grid.levels() {
+                    let v = [0, 1, 2].map(|a| if corner >> a & 1 == 1 { level.cells[a] } else { 0 });
+                    let entry = level.first + (level.row(v[1], v[2]) + v[0]) as usize;
+                    assert_eq!(
+                        found[level.index * 16],
+                        values[entry],
+                        "{tier:?}, corner {corner}, {bounds:?}"
+                    );
+                }
+            }
+        }
+    }
+}
+
+#[test]
+fn a_sample_does_not_depend_on_those_beside_it() {
+    for grid in grids() {
+        let (bytes, _) = halve(&noise(grid.values(), 3));
+        let inputs = usize::from(grid.inputs);
+        let x: Vec<f32> = noise(inputs * 64, 8).iter().map(|x| 0.5 + 0.5 * x).collect();
+        for tier in tiers() {
+            let all = encode(tier, &grid, TableValues::F16(&bytes), &UNIT, &x);
+            let strides: &[usize] = if tier == Tier::Scalar { &[1, 3, 16] } else { &[16, 48] };
+            for &stride in strides {
+                let cut: Vec<f32> = x.chunks(64).flat_map(|row| row[64 - stride..].to_vec()).collect();
+                let found = encode(tier, &grid, TableValues::F16(&bytes), &UNIT, &cut);
+                let expected: Vec<f32> = all.chunks(64).flat_map(|row| row[64 - stride..].to_vec()).collect();
+                assert_eq!(found, expected, "{tier:?}, {grid:?}, stride {stride}");
+            }
+        }
+    }
+}
+
+#[test]
+fn a_face_is_crossed_without_a_step() {
+    let grid = grid(2, 9, &[[4, 5, 6], [50, 40, 60]]);
+    let (bytes, _) = halve(&noise(grid.values(), 3));
+    for tier in tiers() {
+        for (level, resolution) in grid.resolutions.iter().enumerate() {
+            for axis in 0..3 {
+                let n = resolution[axis];
+                for k in 1..n {
+                    let face = f32::from(k) / f32::from(n);
+                    let mut x = vec![0.3; 48];
+                    x[16 * axis..16 * axis + 3].copy_from_slice(&[face.next_down(), face, face.next_up()]);
+                    let found = encode(tier, &grid, TableValues::F16(&bytes), &UNIT, &x);
+                    for channel in 2 * level..2 * level + 2 {
+                        let [a, b, c, ..] = found[channel * 16..][..16] else { unreachable!() };
+                        // Two ulps of a position times the steepest slope, and rounding.
+                        let most = f32::from(n) * 2.0 * 3e-7 + 1e-6;
+                        assert!((a - b).abs() <= most && (c - b).abs() <= most, "{tier:?}: {a} {b} {c}");
+                    }
+                }
+            }
+        }
+    }
+}
+
+#[test]
+fn f16_at_its_edges_is_read_exactly() {
+    let edges = [0x0000u16, 0x8000, 0x0001, 0x8001, 0x03ff, 0x0400, 0x7bff, 0xfbff, 0x3c00];
+    for features in [1, 2, 4] {
+        let grid = grid(features, 12, &[[8, 8, 8]]);
+        let bytes: Vec<u8> = (0..grid.values()).flat_map(|i| edges[i % 9].to_le_bytes()).collect();
+        // One byte in front: no alignment is needed.
+        let shifted: Vec<u8> = core::iter::once(7).chain(bytes).collect();
+        for tier in tiers() {
+            for vertex in 0..9 {
+                let x: Vec<f32> =
+                    [vertex, 8 - vertex, vertex / 2].iter().flat_map(|&v| [v as f32 / 8.0; 16]).collect();
+                let found = encode(tier, &grid, TableValues::F16(&shifted[1..]), &UNIT, &x);
+                let entry = (vertex / 2 * 9 + 8 - vertex) * 9 + vertex;
+                for feature in 0..usize::from(features) {
+                    let bits = edges[(entry * usize::from(features) + feature) % 9];
+                    let expected = half::f16::from_bits(bits).to_f32();
+                    assert_eq!(found[feature * 16], expected, "{tier:?}: {bits:#06x}");
+                }
+            }
+        }
+    }
+}
+
+#[test]
+fn a_level_that_just_fits_is_dense_and_one_more_vertex_is_hashed() {
+    // 4 · 4 · 4 vertices are 2^6; 5 · 4 · 4 are more.
+    let grid = grid(1, 6, &[[3, 3, 3], [4, 3, 3], [63, 0, 0]]);
+    let levels: Vec<_> = grid.levels().collect();
+    assert_eq!((levels[0].mask, levels[0].entries, levels[0].first), (None, 64, 0));
+    assert_eq!((levels[1].mask, levels[1].entries, levels[1].first), (Some(63), 68, 64));
+    assert_eq!((levels[2].mask, levels[2].entries, levels[2].first), (None, 64, 132));
+    assert_eq!((grid.entries(), grid.values()), (196, 196));
+    // Written out by hand from the specification.
+    let row = |y: u64, z: u64| {
+        let h = ((y * 2_654_435_761) & 0xffff_ffff) ^ ((z * 805_459_861) & 0xffff_ffff);
+        ((h ^ h >> 15) & 63) as u32
+    };
+    for (y, z) in [(0, 0), (1, 0), (0, 1), (3, 3), (16_384, 16_384)] {
+        assert_eq!(levels[1].row(y as u32, z as u32), row(y, z));
+    }
+    assert_eq!((levels[1].row(0, 0), levels[0].row(1, 2)), (0, 36));
+}
+
+#[test]
+fn tables_that_are_too_short_are_read_within_what_is_there() {
+    for grid in grids() {
+        let inputs = usize::from(grid.inputs);
+        let x: Vec<f32> = noise(inputs * 64, 8).iter().map(|x| 0.5 + 0.5 * x).collect();
+        for count in [0, 1, 2, 3, 7, grid.values() / 2] {
+            let (bytes, values) = halve(&vec![1.0; count.min(grid.values())]);
+            for tier in tiers() {
+                let half = encode(tier, &grid, TableValues::F16(&bytes), &UNIT, &x);
+                let full = encode(tier, &grid, TableValues::F32(&values), &UNIT, &x);
+                assert!(half.iter().chain(&full).all(|v| (-1e-6..=1.00001).contains(v)), "{tier:?}, {count}");
+            }
+        }
+    }
+}
+
+#[cfg(feature = "normals")]
+mod derivative {
+    use super::*;
+
+    /// ∂(Σ of_encoded · encoded)/∂x of a block.
+    fn gradient(
+        tier: Tier,
+        grid: &GridEncoding,
+        bytes: &[u8],
+        bounds: &SceneBox,
+        x: &[f32],
+        of: &[f32],
+        blur: f32,
+    ) -> Vec<f32> {
+        let stride = x.len() / usize::from(grid.inputs);
+        let tables = GridTables::new(TableValues::F16(bytes), bounds_of(grid, bounds).as_ref());
+        let mut out = vec![f32::NAN; x.len()];
+        tables.gradient(tier, grid, stride, x, of, blur, &mut out);
+        out
+    }
+
+    /// Derivative of one cell's interpolation in f64; `far` says on which axes a point on a face belongs to the
+    /// cell further on.
+    fn truth(
+        grid: &GridEncoding,
+        values: &[f32],
+        bounds: &SceneBox,
+        x: &[f32],
+        of: &[f32],
+        axis: usize,
+    ) -> f64 {
+        let features = usize::from(grid.features);
+        let mut sum = 0.0;
+        for level in 0..grid.resolutions.len() {
+            let first = first_entry(grid, level);
+            let cells = u32::from(grid.resolutions[level][axis]);
+            let scale = f64::from(cells) / f64::from(bounds.max[axis] - bounds.min[axis]);
+            // Corners come in pairs along the axis: their other weights are the same.
+            let g = cells_along(bounds, axis, cells, x[axis]);
+            let w = g - g.floor().min(f64::from(cells - 1));
+            for (corner, (entry, weight)) in vertices(grid, level, bounds, x).into_iter().enumerate() {
+                let far = corner >> axis & 1 == 1;
+                let own = if far { w } else { 1.0 - w };
+                let others = if own == 0.0 {
+                    continue_weight(grid, level, bounds, x, corner, axis)
+                } else {
+                    weight / own
+                };
+                for feature in 0..features {
+                    let value = f64::from(values[(first + entry) * features + feature]);
+                    let of = f64::from(of[level * features + feature]);
+                    sum += if far { scale } else { -scale } * others * value * of;
+                }
+            }
+        }
+        sum
+    }
+
+    /// The product of a corner's weights along the axes but one.
+    fn continue_weight(
+        grid: &GridEncoding,
+        level: usize,
+        bounds: &SceneBox,
+        x: &[f32],
+        corner: usize,
+        axis: usize,
+    ) -> f64 {
+        (0..x.len())
+            .filter(|&a| a != axis)
+            .map(|a| {
+                let cells = u32::from(grid.resolutions[level][a]);
+                let g = cells_along(bounds, a, cells, x[a]);
+                let w = g - g.floor().min(f64::from(cells - 1));
+                if corner >> a & 1 == 1 { w } else { 1.0 - w }
+            })
+            .product()
+    }
+
+    #[test]
+    fn the_gradient_is_the_interpolation_s_own_in_cells_and_on_the_box_s_faces() {
+        for grid in grids().into_iter().filter(|grid| grid.resolutions[0][0] < 1000) {
+            let (bytes, values) = halve(&noise(grid.values(), 3));
+            let of = noise(grid.outputs(), 4);
+            let inputs = usize::from(grid.inputs);
+            for bounds in boxes_of(&grid) {
+                let mut points: Vec<f32> = noise(inputs * 64, 12).iter().map(|x| 0.5 + 0.5 * x).collect();
+                // Corners of the box: the last cell's and the first one's derivative.
+                for axis in 0..inputs {
+                    points[axis * 64] = 0.0;
+                    points[axis * 64 + 1] = 1.0;
+                }
+                let x: Vec<f32> = points
+                    .iter()
+                    .enumerate()
+                    .map(|(i, u)| bounds.min[i / 64] + u * (bounds.max[i / 64] - bounds.min[i / 64]))
+                    .collect();
+                let of_block: Vec<f32> = of.iter().flat_map(|&of| [of; 64]).collect();
+                for tier in tiers() {
+                    let found = gradient(tier, &grid, &bytes, bounds, &x, &of_block, 0.0);
+                    let mut worst = 0.0f64;
+                    for i in 0..64 {
+                        let point: Vec<f32> = x.iter().skip(i).step_by(64).copied().collect();
+                        let near_face = i > 1
+                            && grid.resolutions.iter().any(|r| {
+                                (0..inputs).any(|axis| {
+                                    let g = cells_along(bounds, axis, u32::from(r[axis]), point[axis]);
+                                    (g - g.round()).abs() < 1e-3
+                                })
+                            });
+                        if near_face {
+                            continue;
+                        }
+                        for axis in 0..inputs {
+                            let side = f64::from(bounds.max[axis] - bounds.min[axis]);
+                            let cells = grid.resolutions.iter().map(|r| f64::from(r[axis])).sum::<f64>();
+                            let expected = truth(&grid, &values, bounds, &point, &of, axis);
+                            let error = (f64::from(found[axis * 64 + i]) - expected).abs();
+                            worst = worst.worse(error / (cells / side));
+                        }
+                    }
+                    assert!(worst <= 2e-4, "{tier:?}, {grid:?}, {bounds:?}: {worst:e}");
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn the_gradient_is_what_differences_say() {
+        let grid = grid(2, 8, &[[4, 5, 6], [9, 8, 7]]);
+        let (bytes, values) = halve(&noise(grid.values(), 3));
+        let of = noise(grid.outputs(), 4);
+        let of_block: Vec<f32> = of.iter().flat_map(|&of| [of; 16]).collect();
+        let sum = |x: &[f32]| -> f64 {
+            let all = oracle(&grid, &values, &UNIT, x);
+            all.iter().zip(&of).map(|(&(v, _), &of)| v * f64::from(of)).sum()
+        };
+        let points = noise(3 * 16, 31);
+        let x: Vec<f32> = points.iter().map(|x| 0.5 + 0.5 * x).collect();
+        for tier in tiers() {
+            let found = gradient(tier, &grid, &bytes, &UNIT, &x, &of_block, 0.0);
+            for i in 0..16 {
+                for axis in 0..3 {
+                    let at = |step: f32| {
+                        let mut p = [x[i], x[16 + i], x[32 + i]];
+                        p[axis] += step;
+                        (f64::from(p[axis]), sum(&p))
+                    };
+                    let ((a, low), (b, high)) = (at(-1e-5), at(1e-5));
+                    let expected = (high - low) / (b - a);
+                    let found = f64::from(found[axis * 16 + i]);
+                    assert!((found - expected).abs() < 2e-3, "{tier:?}: {found}, differences say {expected}");
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn on_a_face_the_gradient_is_that_of_the_cell_further_on() {
+        // Along x the field is 0, 1, 0, 1, 0: slopes of 4 and -4 times 4 cells.
+        let grid = grid(1, 12, &[[4, 1, 1]]);
+        let values: Vec<f32> = (0..grid.values()).map(|i| if i % 5 % 2 == 1 { 1.0 } else { 0.0 }).collect();
+        let (bytes, _) = halve(&values);
+        let xs = [0.0, 0.25, 0.5, 0.75, 1.0, 0.25f32.next_down(), 0.75f32.next_down(), 0.6];
+        let slopes = [4.0, -4.0, 4.0, -4.0, -4.0, 4.0, 4.0, 4.0];
+        let x: Vec<f32> = (0..16).map(|i| xs[i % 8]).chain([0.5; 32]).collect();
+        for tier in tiers() {
+            let found = gradient(tier, &grid, &bytes, &UNIT, &x, &[1.0; 16], 0.0);
+            for i in 0..16 {
+                assert_eq!(
+                    [found[i], found[16 + i], found[32 + i]],
+                    [slopes[i % 8], 0.0, 0.0],
+                    "{tier:?}, {i}"
+                );
+            }
+        }
+    }
+
+    #[test]
+    fn blur_damps_fine_levels_and_leaves_coarse_ones() {
+        let grid = grid(1, 12, &[[1, 1, 1], [12, 12, 12]]);
+        let (bytes, _) = halve(&noise(grid.values(), 3));
+        let x: Vec<f32> = noise(48, 8).iter().map(|x| 0.5 + 0.5 * x).collect();
+        let of = |coarse: f32, fine: f32| [[coarse; 16], [fine; 16]].concat();
+        for tier in tiers() {
+            let by = |of: &[f32], blur| gradient(tier, &grid, &bytes, &UNIT, &x, of, blur);
+            // A cell of 1/12 and a deviation as wide: erf(1/√8) = 0.38292; one of 1: erf(12/√8) = 1.
+            for (of, factor) in [(of(0.0, 1.0), 0.382_925), (of(1.0, 0.0), 1.0)] {
+                let (sharp, blurred) = (by(&of, 0.0), by(&of, 1.0 / 12.0));
+                for (a, b) in sharp.iter().zip(&blurred) {
+                    assert!((a * factor - b).abs() <= 1e-5 * a.abs(), "{tier:?}: {a} {b}");
+                }
+            }
+        }
+    }
+}

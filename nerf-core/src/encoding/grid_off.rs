@@ -1,0 +1,77 @@
+//! In the place of `grid` where the feature is off: there is no grid, and no code that encodes by one.
+
+use crate::kernels::Tier;
+use crate::network::ArchitectureError;
+use crate::ray::SceneBox;
+use core::marker::PhantomData;
+use serde::{Deserialize, Serialize};
+
+/// No value: this build has no grids. Opening a file with one is
+/// [`BlobError::NotBuilt`](crate::blob::BlobError::NotBuilt).
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub enum GridEncoding {}
+
+impl GridEncoding {
+    /// Number of coordinates.
+    pub fn inputs(&self) -> u8 {
+        match *self {}
+    }
+
+    /// Number of encoded values.
+    pub fn outputs(&self) -> usize {
+        match *self {}
+    }
+
+    pub(crate) fn check(&self) -> Result<(), ArchitectureError> {
+        match *self {}
+    }
+
+    /// Table entries an evaluation reads.
+    pub fn reads(&self) -> usize {
+        match *self {}
+    }
+}
+
+/// Nothing: this build has no grids.
+#[derive(Clone, Copy, Debug)]
+pub struct GridTables<'a>(PhantomData<&'a ()>);
+
+impl<'a> GridTables<'a> {
+    /// What a network without a grid has.
+    pub const NONE: Self = Self(PhantomData);
+
+    /// Nothing.
+    pub(crate) fn in_place(_bytes: &'a [u8], _bounds: Option<&SceneBox>) -> Self {
+        Self::NONE
+    }
+
+    /// Whether they are those of `grid`.
+    pub(crate) fn fit(&self, grid: &GridEncoding) -> bool {
+        match *grid {}
+    }
+
+    pub(crate) fn encode(
+        &self,
+        _tier: Tier,
+        grid: &GridEncoding,
+        _stride: usize,
+        _x: &[f32],
+        _out: &mut [f32],
+    ) {
+        match *grid {}
+    }
+
+    #[cfg(feature = "normals")]
+    pub(crate) fn gradient(
+        &self,
+        _tier: Tier,
+        grid: &GridEncoding,
+        _stride: usize,
+        _x: &[f32],
+        _of_encoded: &[f32],
+        _blur: f32,
+        _of_x: &mut [f32],
+    ) {
+        match *grid {}
+    }
+}

@@ -1,0 +1,125 @@
+//! Encodings: what the network's first layer sees of a position, its colour layer of a direction.
+//!
+//! | of | encoding | values |
+//! | --- | --- | --- |
+//! | position, direction | [`SinusoidalEncoding`] | sines and cosines of each coordinate |
+//! | position | [`GridEncoding`] (feature `grid`) | interpolated entries of tables that were learned |
+//! | direction | [`DirectionEncoding::SphericalHarmonics`] (feature `grid`) | the first `degree²` real spherical harmonics |
+
+#[cfg(feature = "grid")]
+mod grid;
+#[cfg(not(feature = "grid"))]
+#[path = "grid_off.rs"]
+mod grid;
+mod sinusoidal;
+#[cfg(feature = "grid")]
+mod spherical_harmonics;
+#[cfg(not(feature = "grid"))]
+#[path = "spherical_harmonics_off.rs"]
+mod spherical_harmonics;
+
+#[cfg(all(feature = "grid", feature = "train"))]
+pub use grid::{GridCorners, grid_corners_block};
+pub use grid::{GridEncoding, GridTables};
+#[cfg(feature = "grid")]
+pub use grid::{
+    GridLevel, GridLevels, MAX_GRID_LEVELS, MAX_GRID_RESOLUTION, MAX_GRID_VALUES, MAX_LOG2_ENTRIES,
+    TableValues, encode_grid_block,
+};
+#[cfg(feature = "normals")]
+pub(crate) use sinusoidal::encode_gradient_block;
+pub use sinusoidal::{AngleScale, MAX_LEVELS, SinusoidalEncoding, encode_block};
+pub(crate) use spherical_harmonics::BUILT as HARMONICS_BUILT;
+pub use spherical_harmonics::MAX_HARMONICS_DEGREE;
+#[cfg(not(feature = "grid"))]
+pub(crate) use spherical_harmonics::encode_harmonics_block;
+#[cfg(feature = "grid")]
+pub use spherical_harmonics::encode_harmonics_block;
+
+use serde::{Deserialize, Serialize};
+
+/// How a position becomes the inputs of the first layer.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[allow(clippy::large_enum_variant, reason = "there is one for each network, and no heap to put it on")]
+pub enum PositionEncoding {
+    /// Sines and cosines.
+    Sinusoidal(SinusoidalEncoding),
+    /// A multiresolution grid of learned features. Without the feature `grid` there is no such value.
+    Grid(GridEncoding),
+}
+
+impl PositionEncoding {
+    /// Number of coordinates: 3, or 2 for a point of an image.
+    pub fn inputs(&self) -> u8 {
+        match self {
+            Self::Sinusoidal(encoding) => encoding.inputs,
+            Self::Grid(grid) => grid.inputs(),
+        }
+    }
+
+    /// Number of encoded values.
+    pub fn outputs(&self) -> usize {
+        match self {
+            Self::Sinusoidal(encoding) => encoding.outputs(),
+            Self::Grid(grid) => grid.outputs(),
+        }
+    }
+
+    /// The sinusoidal encoding, if it is one.
+    pub fn sinusoidal(&self) -> Option<&SinusoidalEncoding> {
+        match self {
+            Self::Sinusoidal(encoding) => Some(encoding),
+            Self::Grid(_) => None,
+        }
+    }
+
+    /// The grid, if it is one.
+    pub fn grid(&self) -> Option<&GridEncoding> {
+        match self {
+            Self::Sinusoidal(_) => None,
+            Self::Grid(grid) => Some(grid),
+        }
+    }
+}
+
+impl From<SinusoidalEncoding> for PositionEncoding {
+    fn from(encoding: SinusoidalEncoding) -> Self {
+        Self::Sinusoidal(encoding)
+    }
+}
+
+/// How a viewing direction becomes inputs of the colour branch.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub enum DirectionEncoding {
+    /// Sines and cosines.
+    Sinusoidal(SinusoidalEncoding),
+    /// Real spherical harmonics. Without the feature `grid` no network has them.
+    SphericalHarmonics {
+        /// Bands, 1 to [`MAX_HARMONICS_DEGREE`]; they have `degree²` functions together.
+        degree: u8,
+    },
+}
+
+impl DirectionEncoding {
+    /// Number of encoded values.
+    pub const fn outputs(&self) -> usize {
+        match self {
+            Self::Sinusoidal(encoding) => encoding.outputs(),
+            Self::SphericalHarmonics { degree } => *degree as usize * *degree as usize,
+        }
+    }
+
+    /// The sinusoidal encoding, if it is one.
+    pub const fn sinusoidal(&self) -> Option<&SinusoidalEncoding> {
+        match self {
+            Self::Sinusoidal(encoding) => Some(encoding),
+            Self::SphericalHarmonics { .. } => None,
+        }
+    }
+}
+
+impl From<SinusoidalEncoding> for DirectionEncoding {
+    fn from(encoding: SinusoidalEncoding) -> Self {
+        Self::Sinusoidal(encoding)
+    }
+}

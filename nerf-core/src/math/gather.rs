@@ -1,0 +1,187 @@
+//! Reading tables by index: what an interpolation needs beside [`Lanes`]' arithmetic.
+
+use super::lanes::{Lanes, MAX_LANES};
+
+/// A `u32` a lane: what table entries are counted by. Arithmetic wraps.
+pub trait Indices: Copy {
+    /// `x` in every lane.
+    fn splat(x: u32) -> Self;
+    /// `self + b`.
+    fn add(self, b: Self) -> Self;
+    /// `self · b`.
+    fn mul(self, b: Self) -> Self;
+    /// The bits that differ.
+    fn xor(self, b: Self) -> Self;
+    /// The bits that both have.
+    fn and(self, b: Self) -> Self;
+    /// The smaller.
+    fn min(self, b: Self) -> Self;
+    /// The upper 17 bits.
+    fn shift_right_15(self) -> Self;
+    /// Writes the lanes to the first of `to`.
+    fn store(self, to: &mut [u32; MAX_LANES]);
+}
+
+impl Indices for u32 {
+    #[inline(always)]
+    fn splat(x: u32) -> Self {
+        x
+    }
+    #[inline(always)]
+    fn add(self, b: Self) -> Self {
+        self.wrapping_add(b)
+    }
+    #[inline(always)]
+    fn mul(self, b: Self) -> Self {
+        self.wrapping_mul(b)
+    }
+    #[inline(always)]
+    fn xor(self, b: Self) -> Self {
+        self ^ b
+    }
+    #[inline(always)]
+    fn and(self, b: Self) -> Self {
+        self & b
+    }
+    #[inline(always)]
+    fn min(self, b: Self) -> Self {
+        Ord::min(self, b)
+    }
+    #[inline(always)]
+    fn shift_right_15(self) -> Self {
+        self >> 15
+    }
+    #[inline(always)]
+    fn store(self, to: &mut [u32; MAX_LANES]) {
+        to[0] = self;
+    }
+}
+
+mod sealed {
+    pub trait Sealed {}
+    impl Sealed for super::F16Table<'_> {}
+    impl Sealed for super::F32Table<'_> {}
+}
+
+/// Values that are read by index. Sealed: kernels read as many values as a table says it has.
+#[allow(clippy::len_without_is_empty, reason = "who reads by index asks for the length alone")]
+pub trait Table: Copy + sealed::Sealed {
+    /// Whether a value is two bytes of f16, not four of f32.
+    const HALF: bool;
+
+    /// `count` values from `first` on; fewer where there are fewer.
+    fn part(self, first: usize, count: usize) -> Self;
+    /// Number of values.
+    fn len(self) -> usize;
+    /// Where the values begin: `len()` of them, at any alignment.
+    fn start(self) -> *const u8;
+    /// Value `at + plus` of each lane; 0 where there is none.
+    fn lanes<V: Lanes>(self, at: &[u32; MAX_LANES], plus: usize) -> V;
+}
+
+/// Little-endian f16 at any alignment; finite.
+#[derive(Clone, Copy, Debug)]
+pub struct F16Table<'a>(&'a [[u8; 2]]);
+
+impl<'a> F16Table<'a> {
+    /// The f16 of `bytes`.
+    #[inline(always)]
+    pub fn new(bytes: &'a [u8]) -> Self {
+        Self(bytes.as_chunks().0)
+    }
+}
+
+impl Table for F16Table<'_> {
+    const HALF: bool = true;
+
+    #[inline(always)]
+    fn part(self, first: usize, count: usize) -> Self {
+        let rest = self.0.get(first..).unwrap_or_default();
+        Self(rest.get(..count).unwrap_or(rest))
+    }
+    #[inline(always)]
+    fn len(self) -> usize {
+        self.0.len()
+    }
+    #[inline(always)]
+    fn start(self) -> *const u8 {
+        self.0.as_ptr().cast()
+    }
+    #[inline(always)]
+    fn lanes<V: Lanes>(self, at: &[u32; MAX_LANES], plus: usize) -> V {
+        let mut bits = [0; MAX_LANES];
+        for lane in 0..V::COUNT {
+            let bytes = self.0.get(at[lane] as usize + plus).copied();
+            bits[lane] = u16::from_le_bytes(bytes.unwrap_or_default());
+        }
+        V::from_f16(&bits)
+    }
+}
+
+/// f32.
+#[derive(Clone, Copy, Debug)]
+pub struct F32Table<'a>(&'a [f32]);
+
+impl<'a> F32Table<'a> {
+    /// The f32 of `values`.
+    #[inline(always)]
+    pub fn new(values: &'a [f32]) -> Self {
+        Self(values)
+    }
+}
+
+impl Table for F32Table<'_> {
+    const HALF: bool = false;
+
+    #[inline(always)]
+    fn part(self, first: usize, count: usize) -> Self {
+        let rest = self.0.get(first..).unwrap_or_default();
+        Self(rest.get(..count).unwrap_or(rest))
+    }
+    #[inline(always)]
+    fn len(self) -> usize {
+        self.0.len()
+    }
+    #[inline(always)]
+    fn start(self) -> *const u8 {
+        self.0.as_ptr().cast()
+    }
+    #[inline(always)]
+    fn lanes<V: Lanes>(self, at: &[u32; MAX_LANES], plus: usize) -> V {
+        let mut values = [0.0; MAX_LANES];
+        for lane in 0..V::COUNT {
+            values[lane] = self.0.get(at[lane] as usize + plus).copied().unwrap_or_default();
+        }
+        V::load(&values)
+    }
+}
+
+/// [`Lanes::weighted_rows`], value by value.
+#[inline(always)]
+pub fn weighted_rows_by_lane<V: Lanes, T: Table, const ROWS: usize>(
+    table: T,
+    rows: &[V::Indices; ROWS],
+    weights: &[V; ROWS],
+    features: usize,
+) -> [V; 8] {
+    let mut sums = [V::splat(0.0); 8];
+    for (row, &weight) in rows.iter().zip(weights) {
+        let mut at = [0; MAX_LANES];
+        row.mul(V::Indices::splat(features as u32)).store(&mut at);
+        for (plus, sum) in sums.iter_mut().enumerate().take(2 * features) {
+            *sum = weight.mul_add(table.lanes(&at, plus), *sum);
+        }
+    }
+    sums
+}
+
+/// A finite f16, widened without a branch.
+#[inline(always)]
+pub fn widen_finite(bits: u16) -> f32 {
+    let (sign, magnitude) = (u32::from(bits & 0x8000) << 16, u32::from(bits & 0x7fff));
+    // What the exponents' biases differ by, in place.
+    let normal = (magnitude << 13) + ((127 - 15) << 23);
+    // No leading 1: a multiple of 2^-24.
+    let subnormal = (magnitude as f32 * (1.0 / 16_777_216.0)).to_bits();
+    f32::from_bits(sign | if magnitude < 0x0400 { subnormal } else { normal })
+}

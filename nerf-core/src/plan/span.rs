@@ -1,0 +1,83 @@
+//! Which part of a ray is sampled, and where.
+
+use super::Plan;
+use crate::ray::{Ray, SceneBox};
+use crate::sampling::Ends;
+use core::ops::Range;
+use glam::Vec3;
+
+/// How the samples of a ray are found from a plan's bins.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Lattice {
+    /// The bins are the scene's, from near to far, and there are no others.
+    Own,
+    /// The scene's bins go on in front of near and behind far: a ray takes those it needs.
+    Extended,
+    /// The first bin begins where the ray enters the scene box.
+    March,
+}
+
+/// The part of a ray that is sampled.
+pub(crate) struct Span {
+    /// The ray, from the point its samples are counted from.
+    pub ray: Ray,
+    /// How far that is along the ray, world units.
+    pub start: f32,
+    /// The bins that may have a sample worth asking for.
+    pub bins: Range<u32>,
+    /// How the outermost bins of the ray are cut.
+    pub ends: Ends,
+}
+
+/// What rounding may move a point by, that is so far away: the slab test and the way to the point.
+const ROUNDING: f32 = 4.0 * f32::EPSILON;
+
+impl Plan<'_> {
+    /// What is sampled of `ray`; nothing outside of `around` is worth it.
+    ///
+    /// Distances within the scene are small, whatever the way there: samples are counted from a point at the box, and
+    /// only what leaves the frame has the way there added.
+    pub(crate) fn span(&self, around: &SceneBox, ray: &Ray) -> Option<Span> {
+        let walk = self.proposal.as_ref().unwrap_or(&self.bins);
+        // What of a proposal's samples counts is cut when they are drawn.
+        let (t_min, t_max) = if self.proposal.is_some() { (0.0, f32::MAX) } else { (self.t_min, self.t_max) };
+        let (near, far) = match self.lattice {
+            Lattice::Own => (self.near.max(t_min), self.far.min(t_max)),
+            Lattice::Extended | Lattice::March => (t_min, t_max),
+        };
+        // The sample of a bin that is cut may lie beyond the cut.
+        let margin = if self.lattice == Lattice::March { 0.0 } else { walk.delta() };
+        let (enter, exit) = around.clip(ray, near - margin, far + margin)?;
+        let (origin, start, end) = match self.lattice {
+            Lattice::Own => (ray.origin, 0.0, f32::MAX),
+            Lattice::Extended => {
+                let start = walk.shift(enter, exit);
+                (ray.at(start), start, f32::MAX)
+            }
+            Lattice::March => {
+                // Once more, from beside the box: the first answer is as exact as the way is short.
+                let beside = Ray { origin: ray.at(enter), ..*ray };
+                let (first, last) = self.bounds.clip(&beside, near - enter, f32::MAX)?;
+                (beside.at(first), enter + first, last - first)
+            }
+        };
+        let slack = ROUNDING * start.abs();
+        let seen = walk.overlapping(enter - start - slack, exit - start + slack);
+        let (walk, own) = walk.cut(near - start, end, far - start);
+        let bins = seen.start.max(own.start)..seen.end.min(own.end);
+        Some(Span { ray: Ray { origin, ..*ray }, start, bins, ends: walk.ends() })
+    }
+
+    /// The distance of pixels without a surface in a frame seen from `eye`: at least that of anything in the scene, and
+    /// the same for all of them.
+    pub fn far_from(&self, eye: Vec3) -> f32 {
+        if self.lattice == Lattice::Own {
+            return self.far.min(self.t_max);
+        }
+        let reach: [f32; 3] = core::array::from_fn(|axis| {
+            let (eye, low, high) = (eye[axis], self.bounds.min[axis], self.bounds.max[axis]);
+            (eye - low).abs().max((eye - high).abs())
+        });
+        self.far.max(Vec3::from(reach).length()).min(self.t_max)
+    }
+}

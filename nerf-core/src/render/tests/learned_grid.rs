@@ -1,0 +1,175 @@
+//! Frames of scenes whose position encoding is a learned grid.
+
+use super::*;
+use crate::blob::{Body, StoredTables, TableStorage};
+use crate::encoding::{DirectionEncoding, GridEncoding, PositionEncoding, TableValues};
+use crate::network::DensityActivation;
+use crate::testing::{PICTURE, noise, picture_body, tolerance};
+
+fn grid(inputs: u8, features: u8, log2_entries: u8, sides: &[u16]) -> GridEncoding {
+    let z = |side| if inputs == 3 { side } else { 0 };
+    let resolutions = sides.iter().map(|&side| [side, side, z(side)]).collect();
+    GridEncoding { inputs, features, log2_entries, resolutions }
+}
+
+/// A scene of the default kind: a grid, spherical harmonics, an exponential density.
+fn shape(grid: GridEncoding) -> Architecture {
+    Architecture {
+        position: PositionEncoding::Grid(grid),
+        direction: Some(DirectionEncoding::SphericalHarmonics { degree: 4 }),
+        density: Some(DensityActivation::Exponential),
+        ..architecture(pi(3, 0), None, &[(32, false)], &[32])
+    }
+}
+
+fn stored(bytes: &[u8]) -> Option<StoredTables<'_>> {
+    Some(StoredTables { storage: TableStorage::F16, bytes })
+}
+
+struct Scene {
+    file: Vec<u8>,
+    parameters: Vec<f32>,
+    tables: Vec<f32>,
+}
+
+fn scene(a: &Architecture, occupancy: Option<Grid<'_>>, tables: &[f32]) -> Scene {
+    let (weights, parameters) = halve(&parameters(a, 7));
+    let (bytes_of_tables, tables) = halve(tables);
+    let body = Body { tables: stored(&bytes_of_tables), ..body(a.clone(), occupancy, &weights) };
+    Scene { file: bytes(&body), parameters, tables }
+}
+
+const ALL: Outputs =
+    Outputs { median_distance: cfg!(feature = "median"), normals: cfg!(feature = "normals"), ..Outputs::ALL };
+
+fn draw(file: &[u8], tier: Tier, outputs: Outputs, batch: Batch) -> Picture {
+    let blob = Blob::open(file).unwrap();
+    let mut memory = vec![Line::UNINIT; Renderer::prepared_lines(&blob, tier)];
+    let renderer = Renderer::new(blob.clone(), tier, &mut memory).unwrap();
+    let plan = Plan::new(&blob, &Quality::default(), outputs, batch).unwrap();
+    render(&renderer, &plan, &camera(20, 13))
+}
+
+fn bits(picture: &Picture) -> Vec<[u32; 9]> {
+    let of = |p: &Pixel| {
+        let ([r, g, b], [x, y, z]) = (p.rgb, p.normal);
+        [r, g, b, x, y, z, p.opacity, p.ray_distance, p.z_depth].map(f32::to_bits)
+    };
+    picture.pixels.iter().map(of).collect()
+}
+
+#[test]
+fn every_tier_draws_the_same_scene_whatever_the_batch() {
+    for features in [1, 2, 4] {
+        let a = shape(grid(3, features, 9, &[4, 9, 20]));
+        let values = a.position.grid().unwrap().values();
+        let scene = scene(&a, None, &noise(values, 5));
+        let expected = draw(&scene.file, Tier::Scalar, ALL, Batch::SMALLEST);
+        assert!(expected.pixels.iter().any(|p| p.opacity > 0.5), "something to see");
+        assert_eq!(expected.counters.invalid_samples, 0);
+        for tier in tiers() {
+            let found = draw(&scene.file, tier, ALL, Batch::for_tier(tier));
+            let other = draw(&scene.file, tier, ALL, Batch { rays: 3, samples: BLOCK });
+            assert_eq!(bits(&found), bits(&other), "{tier:?}, {features} features");
+            if tier == Tier::Scalar {
+                assert_eq!(bits(&found), bits(&expected));
+            }
+            let mut worst = 0.0f64;
+            for (p, q) in found.pixels.iter().zip(&expected.pixels) {
+                for (a, b) in p.rgb.iter().zip(q.rgb) {
+                    worst = worst.worse(f64::from((a - b).abs()));
+                }
+            }
+            assert!(worst <= tolerance(tier, 1e-5) * 3.0, "{tier:?}, {features} features: {worst:e}");
+        }
+    }
+}
+
+#[test]
+fn f32_tables_of_the_same_values_draw_the_same_picture() {
+    let a = shape(grid(3, 2, 9, &[4, 9, 20]));
+    let scene = scene(&a, None, &noise(a.position.grid().unwrap().values(), 5));
+    let blob = Blob::open(&scene.file).unwrap();
+    for tier in tiers().filter(|tier| !tier.rounds()) {
+        let tables =
+            crate::encoding::GridTables::new(TableValues::F32(&scene.tables), blob.scene_box().as_ref());
+        let plan = Plan::new(&blob, &Quality::EXACT, ALL, Batch::for_tier(tier)).unwrap();
+        let pictures = [
+            Renderer::with_parameters(blob.clone(), tier, &scene.parameters),
+            Renderer::with_parameters_and_tables(blob.clone(), tier, &scene.parameters, tables),
+        ]
+        .map(|renderer| bits(&render(&renderer.unwrap(), &plan, &camera(20, 13))));
+        assert_eq!(pictures[0], pictures[1], "{tier:?}");
+    }
+    assert!(
+        Renderer::with_parameters_and_tables(
+            blob.clone(),
+            Tier::Scalar,
+            &scene.parameters,
+            crate::encoding::GridTables::new(TableValues::F32(&scene.tables[1..]), None),
+        )
+        .is_none()
+    );
+}
+
+#[test]
+fn entries_that_no_occupied_cell_reads_change_nothing() {
+    // Occupied: the eighth of the box with x, y, z below 0, and nothing beside it.
+    let a = shape(grid(3, 2, 16, &[4, 8]));
+    let learned = a.position.grid().unwrap();
+    let clean = noise(learned.values(), 5);
+    let mut poisoned = clean.clone();
+    for level in learned.levels() {
+        let [nx, ny, _] = level.cells;
+        for entry in 0..level.entries {
+            let x = entry as u32 % (nx + 1);
+            let y = entry as u32 / (nx + 1) % (ny + 1);
+            let z = entry as u32 / (nx + 1) / (ny + 1);
+            if [x, y, z].iter().any(|&v| 2 * v > nx) {
+                let at = 2 * (level.first + entry);
+                poisoned[at..at + 2].copy_from_slice(&[65_504.0, -65_504.0]);
+            }
+        }
+    }
+    let occupancy = || Some(Grid { resolution: [2; 3], bits: &[1] });
+    let (clean, poisoned) = (scene(&a, occupancy(), &clean), scene(&a, occupancy(), &poisoned));
+    for tier in tiers() {
+        let [clean, poisoned] =
+            [&clean, &poisoned].map(|scene| bits(&draw(&scene.file, tier, ALL, Batch::for_tier(tier))));
+        assert_eq!(clean, poisoned, "{tier:?}");
+    }
+}
+
+#[test]
+fn a_picture_by_a_grid_is_the_network_at_its_pixels_on_every_tier() {
+    let a = Architecture {
+        position: PositionEncoding::Grid(grid(2, 2, 6, &[3, 7, 30])),
+        ..architecture(pi(2, 0), None, &[(16, false)], &[8])
+    };
+    let (weights, _) = halve(&parameters(&a, 2));
+    let (tables, _) = halve(&noise(a.position.grid().unwrap().values(), 5));
+    let bytes = bytes(&Body { tables: stored(&tables), ..picture_body(a, &weights) });
+    let blob = Blob::open(&bytes).unwrap();
+    let size = [PICTURE.width, PICTURE.height];
+    let draw = |tier, batch| {
+        let mut memory = vec![Line::UNINIT; Renderer::prepared_lines(&blob, tier)];
+        let renderer = Renderer::new(blob.clone(), tier, &mut memory).unwrap();
+        let mut workspace = vec![Line::UNINIT; renderer.picture_workspace_lines(batch)];
+        let rect = Rect { x: 0, y: 0, width: size[0], height: size[1] };
+        let mut found = vec![];
+        let mut put = |_: u32, _: u32, rgb: [f32; 3]| found.push(rgb);
+        let math = MathBackend::Polynomial;
+        renderer.render_picture(math, batch, size, rect, &mut workspace, &mut put).unwrap();
+        found
+    };
+    let expected = draw(Tier::Scalar, Batch::SMALLEST);
+    let spread =
+        expected.iter().map(|c| c[0]).fold(0.0, f32::max) - expected.iter().map(|c| c[0]).fold(1.0, f32::min);
+    assert!(spread > 0.05, "something to see");
+    for tier in tiers() {
+        for (found, expected) in draw(tier, Batch::for_tier(tier)).iter().zip(&expected) {
+            let worst = found.iter().zip(expected).map(|(a, b)| (a - b).abs()).fold(0.0, f32::max);
+            assert!(f64::from(worst) <= tolerance(tier, 2e-6), "{tier:?}: {worst:e}");
+        }
+    }
+}

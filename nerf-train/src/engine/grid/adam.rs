@@ -1,0 +1,89 @@
+//! Adam, of entries that have a gradient.
+
+use super::super::Adam;
+use nerf_core::kernels::{Op, Tier};
+use nerf_core::math::lanes::Lanes;
+
+/// Smallest second moment that a step divides by, the square of the usual epsilon: none overflows.
+const SMALLEST: f32 = 1e-30;
+
+/// The constants of one step.
+#[derive(Clone, Copy)]
+pub(super) struct AdamStep {
+    beta1: f32,
+    beta2: f32,
+    /// Learning rate over the first moment's correction.
+    rate: f32,
+    /// One over the second moment's correction.
+    correction2: f32,
+}
+
+impl AdamStep {
+    /// Step `step`, counted from 1, at learning rate `rate`.
+    pub fn new(adam: &Adam, rate: f64, step: u64) -> Self {
+        let step = i32::try_from(step).unwrap_or(i32::MAX);
+        let correction = |beta: f64| 1.0 - beta.powi(step);
+        let [beta1, beta2] = adam.betas;
+        Self {
+            beta1: beta1 as f32,
+            beta2: beta2 as f32,
+            rate: (rate / correction(beta1)) as f32,
+            correction2: (1.0 / correction(beta2)) as f32,
+        }
+    }
+
+    /// Moves the values that have a gradient, and clears it. A value without one is left alone, its moments too.
+    pub fn apply(
+        &self,
+        tier: Tier,
+        values: &mut [f32],
+        moment1: &mut [f32],
+        moment2: &mut [f32],
+        gradient: &mut [f32],
+    ) {
+        tier.run(Apply { step: *self, values, moment1, moment2, gradient });
+    }
+}
+
+struct Apply<'a> {
+    step: AdamStep,
+    values: &'a mut [f32],
+    moment1: &'a mut [f32],
+    moment2: &'a mut [f32],
+    gradient: &'a mut [f32],
+}
+
+impl Op for Apply<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run<V: Lanes>(self) {
+        let Self { step, values, moment1, moment2, gradient } = self;
+        let (values, last) = values.as_chunks_mut::<16>();
+        let (moment1, last1) = moment1.as_chunks_mut::<16>();
+        let (moment2, last2) = moment2.as_chunks_mut::<16>();
+        let (gradient, last_gradient) = gradient.as_chunks_mut::<16>();
+        for (((value, m), v), g) in values.iter_mut().zip(moment1).zip(moment2).zip(gradient) {
+            for i in 0..16 {
+                moved(&step, &mut value[i], &mut m[i], &mut v[i], &mut g[i]);
+            }
+        }
+        for (((value, m), v), g) in last.iter_mut().zip(last1).zip(last2).zip(last_gradient) {
+            moved(&step, value, m, v, g);
+        }
+    }
+}
+
+/// One value; without a branch, so that the loop around it vectorises.
+#[inline(always)]
+fn moved(step: &AdamStep, value: &mut f32, m: &mut f32, v: &mut f32, g: &mut f32) {
+    let new_m = step.beta1 * *m + (1.0 - step.beta1) * *g;
+    let new_v = step.beta2 * *v + (1.0 - step.beta2) * (*g * *g);
+    let root = (new_v * step.correction2).max(SMALLEST).sqrt();
+    let new = *value - step.rate * new_m / root;
+    let some = *g != 0.0;
+    *value = if some { new } else { *value };
+    *m = if some { new_m } else { *m };
+    *v = if some { new_v } else { *v };
+    *g = 0.0;
+}

@@ -1,0 +1,211 @@
+//! The engine of grid fields: small layers on rows of samples, tables whose gradient is scattered level by level.
+//!
+//! ```text
+//! rays, 8 samples at a time:  encode ──► trunk ──► density ──► T; rays below T_MIN leave
+//! samples with weight > gate: colour ──► pixel ──► loss
+//!                             d colour ──► d trunk ──► d encoded        sums of the layers: one an accumulator
+//! level by level:             d encoded ──► d table entries             in the samples' order
+//! Adam:                       layers; of a table the entries that have a gradient
+//! ```
+//!
+//! As in the fused engine, the bits of a step do not depend on the number of threads: chunk `i` of the rays is added
+//! to accumulator `i mod 16`, and of a table each level is summed by one thread, accumulator after accumulator.
+//!
+//! # Source
+//! Müller et al. 2022 (instant-ngp); samples are evaluated in waves and gated by their weight, as this project
+//! measured to be worth it on a CPU (nerf-core/docs/journal).
+
+mod adam;
+mod layers;
+mod pass;
+mod scatter;
+mod vector;
+
+#[cfg(test)]
+mod tests;
+
+use super::{Adam, Batch, Engine, EngineError, GRADIENT_LIMIT, Model, OptimiserState, StepLoss, check_rate};
+use adam::AdamStep;
+use layers::{LayerSums, Layers};
+use nerf_core::encoding::{GridEncoding, GridTables, TableValues};
+use nerf_core::kernels::Tier;
+use nerf_core::network::DensityActivation;
+use nerf_core::ray::SceneBox;
+use pass::{Job, Pass, Scratch, Totals};
+use rayon::prelude::*;
+use scatter::LevelGradient;
+use std::borrow::Cow;
+use std::sync::{Mutex, PoisonError};
+
+/// Accumulators, hence threads that a step can use before the tables.
+const ACCUMULATORS: usize = 16;
+/// Rays of a chunk: their samples, activations included, fit the second-level cache.
+const CHUNK_RAYS: usize = 64;
+
+/// Trains a grid field; the same bits for any number of threads.
+pub struct GridEngine {
+    model: Model,
+    grid: GridEncoding,
+    bounds: SceneBox,
+    tier: Tier,
+    adam: Adam,
+    steps: u64,
+    /// In the model's own order: layers, then tables.
+    parameters: Vec<f32>,
+    moment1: Vec<f32>,
+    moment2: Vec<f32>,
+    layers: Layers,
+    passes: Vec<Pass>,
+    scratch: Vec<Mutex<Scratch>>,
+    levels: Vec<LevelGradient>,
+    gradient: Vec<f32>,
+}
+
+impl GridEngine {
+    /// An engine on the start values of `seed`; `bounds`: what the grid spans.
+    ///
+    /// # Errors
+    /// [`EngineError::Model`] if the model is out of bounds or has no grid.
+    pub fn new(model: &Model, bounds: SceneBox, adam: Adam, seed: u64) -> Result<Self, EngineError> {
+        model.check()?;
+        let Some(grid) = model.architecture.position.grid().cloned() else {
+            return Err(EngineError::NoGrid);
+        };
+        let exponential = model.architecture.density == Some(DensityActivation::Exponential);
+        if model.feature || model.density_scale != 1.0 || !exponential {
+            return Err(EngineError::NotPlain);
+        }
+        let parameters = model.initial_parameters(seed);
+        let layers = Layers::new(model);
+        Ok(Self {
+            model: model.clone(),
+            bounds,
+            tier: Tier::detect(),
+            adam,
+            steps: 0,
+            moment1: vec![0.0; parameters.len()],
+            moment2: vec![0.0; parameters.len()],
+            passes: (0..ACCUMULATORS).map(|_| Pass::new(&layers)).collect(),
+            scratch: Vec::new(),
+            levels: grid.levels().map(|level| LevelGradient::new(&grid, level)).collect(),
+            gradient: vec![0.0; layers.parameters()],
+            grid,
+            parameters,
+            layers,
+        })
+    }
+
+    /// Chooses the kernel tier; [`Tier::detect`] is the default.
+    pub fn set_tier(&mut self, tier: Tier) {
+        self.tier = tier;
+    }
+
+    /// Loss of a checked batch; its gradients are left in `gradient` and `levels`.
+    fn differentiate(&mut self, batch: &Batch) -> Result<StepLoss, EngineError> {
+        let (dense, tables) = self.parameters.split_at(self.layers.parameters());
+        self.layers.load(dense);
+        let tables = GridTables::new(TableValues::F32(tables), Some(&self.bounds));
+        let job = Job { tier: self.tier, model: &self.model, grid: &self.grid, tables, layers: &self.layers };
+        let mut firsts = Vec::with_capacity(batch.rays.len().div_ceil(CHUNK_RAYS) + 1);
+        let mut first = 0;
+        for chunk in batch.rays.chunks(CHUNK_RAYS) {
+            firsts.push(first);
+            first += chunk.iter().map(|ray| ray.samples as usize).sum::<usize>();
+        }
+        let threads = rayon::current_num_threads().max(1);
+        let layers = &self.layers;
+        self.scratch.resize_with(threads, || Mutex::new(Scratch::new(layers)));
+        let scratch = &self.scratch;
+        self.passes.par_iter_mut().with_max_len(1).enumerate().for_each(|(i, pass)| {
+            // Each thread has its own: nobody waits for the lock.
+            let own = rayon::current_thread_index().unwrap_or(0) % threads;
+            let mut scratch = scratch[own].lock().unwrap_or_else(PoisonError::into_inner);
+            pass.clear();
+            for (chunk, &first) in firsts.iter().enumerate().skip(i).step_by(ACCUMULATORS) {
+                let rays = chunk * CHUNK_RAYS..batch.rays.len().min((chunk + 1) * CHUNK_RAYS);
+                scratch.run(&job, batch, rays, first, pass);
+            }
+        });
+        let totals = self.passes.iter().fold(Totals::default(), |sum, pass| sum + pass.totals);
+        let diverged = EngineError::Diverged { step: self.steps + 1 };
+        if !totals.squared.is_finite() {
+            return Err(diverged);
+        }
+        LayerSums::reduce(&self.layers, self.passes.iter().map(|pass| &pass.sums), &mut self.gradient);
+        if !self.gradient.iter().fold(true, |ok, g| ok & (g.abs() < GRADIENT_LIMIT)) {
+            return Err(diverged);
+        }
+        let (passes, grid, tier) = (&self.passes, &self.grid, self.tier);
+        self.levels
+            .par_iter_mut()
+            .with_max_len(1)
+            .for_each(|level| level.gather(tier, grid, &tables, passes.iter().map(|pass| &pass.kept)));
+        if !self.levels.iter().all(LevelGradient::usable) {
+            self.levels.iter_mut().for_each(LevelGradient::clear);
+            return Err(diverged);
+        }
+        let rays = batch.rays.len();
+        Ok(StepLoss {
+            mse: if rays == 0 { 0.0 } else { totals.squared / (3 * rays) as f64 },
+            empty: 0.0,
+            dead: totals.evaluated > 0 && totals.kept == 0,
+            evaluated: totals.evaluated,
+            kept: totals.kept,
+        })
+    }
+}
+
+impl Engine for GridEngine {
+    fn step(&mut self, batch: &Batch, rate: f64) -> Result<StepLoss, EngineError> {
+        check_rate(rate)?;
+        batch.check()?;
+        let loss = self.differentiate(batch)?;
+        self.steps += 1;
+        let step = AdamStep::new(&self.adam, rate, self.steps);
+        let dense = self.layers.parameters();
+        let (values, tables) = self.parameters.split_at_mut(dense);
+        let (moment1, table_moment1) = self.moment1.split_at_mut(dense);
+        let (moment2, table_moment2) = self.moment2.split_at_mut(dense);
+        step.apply(self.tier, values, moment1, moment2, &mut self.gradient);
+        let mut rest = (tables, table_moment1, table_moment2);
+        let mut parts = Vec::with_capacity(self.levels.len());
+        for level in &mut self.levels {
+            let (t, m, v) = rest;
+            let ((t, t_rest), (m, m_rest), (v, v_rest)) =
+                (t.split_at_mut(level.len()), m.split_at_mut(level.len()), v.split_at_mut(level.len()));
+            parts.push((level, t, m, v));
+            rest = (t_rest, m_rest, v_rest);
+        }
+        let tier = self.tier;
+        parts.into_par_iter().with_max_len(1).for_each(|(level, t, m, v)| level.update(tier, &step, t, m, v));
+        Ok(loss)
+    }
+
+    fn parameters(&self) -> Cow<'_, [f32]> {
+        Cow::Borrowed(&self.parameters)
+    }
+
+    fn state(&self) -> OptimiserState {
+        OptimiserState {
+            parameters: self.parameters.clone(),
+            moment1: self.moment1.clone(),
+            moment2: self.moment2.clone(),
+            steps: self.steps,
+        }
+    }
+
+    fn restore(&mut self, state: &OptimiserState) -> Result<(), EngineError> {
+        let total = self.parameters.len();
+        super::optimiser::check_values("parameters", &state.parameters, total, |_| true)?;
+        super::optimiser::check_values("moment1", &state.moment1, total, |_| true)?;
+        super::optimiser::check_values("moment2", &state.moment2, total, |v| v >= 0.0)?;
+        if state.steps > i32::MAX as u64 {
+            return Err(EngineError::Steps { found: state.steps });
+        }
+        self.parameters.copy_from_slice(&state.parameters);
+        self.moment1.copy_from_slice(&state.moment1);
+        self.moment2.copy_from_slice(&state.moment2);
+        self.steps = state.steps;
+        Ok(())
+    }
+}

@@ -1,0 +1,112 @@
+//! Loops over slices, compiled for the tier's instructions.
+
+use nerf_core::kernels::{Op, Tier};
+use nerf_core::math::lanes::Lanes;
+use nerf_core::math::polynomial::exp;
+
+/// Multiples of this many values go through [`Tier::run`]'s vectors on every tier.
+pub(super) const VECTOR: usize = 16;
+
+/// `out[i] = exp(min(x[i] + bias, limit))`, NaN stays NaN; `[n]`, n a multiple of [`VECTOR`].
+pub(super) fn exponentials(tier: Tier, x: &[f32], bias: f32, limit: f32, out: &mut [f32]) {
+    tier.run(Exponentials { x, bias, limit, out });
+}
+
+struct Exponentials<'a> {
+    x: &'a [f32],
+    bias: f32,
+    limit: f32,
+    out: &'a mut [f32],
+}
+
+impl Op for Exponentials<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run<V: Lanes>(self) {
+        for (x, out) in self.x.chunks_exact(V::COUNT).zip(self.out.chunks_exact_mut(V::COUNT)) {
+            let x = V::load(x).add(V::splat(self.bias));
+            // Also -87 of what has underflowed; NaN goes through the comparison as it is.
+            let limited = V::select(V::splat(self.limit).less(x), V::splat(self.limit), x);
+            V::select(limited.equals(limited), exp(limited), limited).store(out);
+        }
+    }
+}
+
+/// `out[i] = exp(−a[i] · b[i])`.
+pub(super) fn transmitted(tier: Tier, a: &[f32], b: &[f32], out: &mut [f32]) {
+    tier.run(Transmitted { a, b, out });
+}
+
+struct Transmitted<'a> {
+    a: &'a [f32],
+    b: &'a [f32],
+    out: &'a mut [f32],
+}
+
+impl Op for Transmitted<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run<V: Lanes>(self) {
+        let columns = self.a.chunks_exact(V::COUNT).zip(self.b.chunks_exact(V::COUNT));
+        for ((a, b), out) in columns.zip(self.out.chunks_exact_mut(V::COUNT)) {
+            let x = V::load(a).mul(V::load(b)).neg();
+            V::select(x.equals(x), exp(x), x).store(out);
+        }
+    }
+}
+
+/// `x[i] = 1 / (1 + exp(−x[i]))`.
+pub(super) fn sigmoids(tier: Tier, x: &mut [f32]) {
+    tier.run(Sigmoids { x });
+}
+
+struct Sigmoids<'a> {
+    x: &'a mut [f32],
+}
+
+impl Op for Sigmoids<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run<V: Lanes>(self) {
+        for x in self.x.chunks_exact_mut(V::COUNT) {
+            let v = V::load(x);
+            let one = V::splat(1.0);
+            let y = one.div(one.add(exp(v.neg())));
+            V::select(v.equals(v), y, v).store(x);
+        }
+    }
+}
+
+/// `d[i] = 0` where `h[i]` is not above 0: back through a ReLU.
+pub(super) fn mask(tier: Tier, d: &mut [f32], h: &[f32]) {
+    tier.run(Mask { d, h });
+}
+
+struct Mask<'a> {
+    d: &'a mut [f32],
+    h: &'a [f32],
+}
+
+impl Op for Mask<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run<V: Lanes>(self) {
+        let zero = V::splat(0.0);
+        for (d, h) in self.d.chunks_exact_mut(V::COUNT).zip(self.h.chunks_exact(V::COUNT)) {
+            V::select(zero.less(V::load(h)), V::load(d), zero).store(d);
+        }
+    }
+}
+
+/// Writes channels `[channels][stride]` as rows, `rows[i * width + channel]`, of `count` samples.
+pub(super) fn to_rows(channels: &[f32], stride: usize, count: usize, rows: &mut [f32], width: usize) {
+    for (channel, values) in channels.chunks_exact(stride).enumerate() {
+        for (row, &value) in rows.chunks_exact_mut(width).zip(&values[..count]) {
+            row[channel] = value;
+        }
+    }
+}

@@ -1,0 +1,152 @@
+//! Flags and settings of a learned grid, and what is said of it.
+
+use crate::made::Folder;
+use crate::{blob, fails, fit, fit_grid, json, ok};
+use nerf_core::blob::Blob;
+
+#[test]
+fn flags_set_what_inspect_and_summary_say() {
+    let folder = Folder::new();
+    let (data, file, report) = (folder.npz("data.npz"), folder.path("a.nerf"), folder.path("report"));
+    let said = ok(fit_grid(&data, &file, &["--steps", "3", "--features", "4", "--report", &report]));
+    let summary = json(format!("{report}/summary.json"));
+    let bytes = std::fs::read(&file).expect("a blob");
+    let opened = Blob::open(&bytes).expect("a blob");
+    let grid = opened.architecture().position.grid().expect("a grid");
+    assert_eq!((grid.resolutions.len(), grid.features, grid.log2_entries), (4, 4, 8));
+    let longest = |level: &[u16; 3]| level.iter().copied().max();
+    let ends = (grid.resolutions.first().and_then(longest), grid.resolutions.last().and_then(longest));
+    assert_eq!(ends, (Some(4), Some(24)));
+    let line = format!(
+        "4 levels of 4 to 24 cells, 4 features an entry, at most 2^8 entries a level: {} values ({} bytes)",
+        grid.values(),
+        2 * grid.values()
+    );
+    let inspected = ok(["inspect", &file]);
+    assert!(said.contains(&format!("learned grid: {line}")), "{said}");
+    assert!(inspected.contains(&format!("learned grid  {line}")), "{inspected}");
+    assert!(
+        inspected.contains("spherical harmonics of degree 2") && inspected.contains("16 + 4 → 16"),
+        "{inspected}"
+    );
+    let fields: serde_json::Value = serde_json::from_str(&ok(["inspect", &file, "--json"])).expect("JSON");
+    for of in [&summary, &fields] {
+        for (field, expected) in [
+            ("learned_grid_levels", 4),
+            ("learned_grid_features", 4),
+            ("learned_grid_log2_entries", 8),
+            ("learned_grid_coarsest_cells", 4),
+            ("learned_grid_finest_cells", 24),
+            ("learned_grid_values", grid.values() as u64),
+            ("learned_grid_bytes", 2 * grid.values() as u64),
+        ] {
+            assert_eq!(of[field].as_u64(), Some(expected), "{field}");
+        }
+    }
+    assert_eq!(fields["harmonics_degree"], 2);
+    // Nothing of this where there is no grid.
+    assert!(!ok(["inspect", &blob().1]).contains("learned grid"));
+}
+
+#[test]
+fn flags_of_the_other_kind_of_network_are_refused_with_a_sentence() {
+    let folder = Folder::new();
+    let (data, file) = (folder.npz("data.npz"), folder.path("a.nerf"));
+    for flag in ["--table", "--grid-levels", "--features", "--coarsest", "--finest", "--steps-across"] {
+        let words = [flag, "`small`", "--preset grid"];
+        fails(fit(&data, &file, &[flag, "4"]), &words);
+        fails(["fit", &data, "-o", &file, "--preset", "seed", flag, "4"], &[flag, "`seed`", "--preset grid"]);
+    }
+    let of_sinusoidal = [
+        ["--position-levels", "6"],
+        ["--skip-after", "1"],
+        ["--density", "relu"],
+        ["--samples", "64"],
+        ["--jitter", "none"],
+    ];
+    for flag in of_sinusoidal {
+        fails(fit_grid(&data, &file, &flag), &[flag[0], "`grid`", "--preset small"]);
+    }
+    fails(
+        ["sweep", "scene", &data, "-o", &folder.path("s"), "--width", "8", "--preset", "grid"],
+        &["--preset small"],
+    );
+    let report = folder.path("r");
+    let study = ["study", "train", &data, "--report", &report, "--base", "grid", "--samples", "8"];
+    fails(study, &["--samples", "--base small"]);
+    assert!(!std::path::Path::new(&file).exists());
+}
+
+#[test]
+fn bad_values_are_refused_naming_the_field() {
+    let folder = Folder::new();
+    let (data, file) = (folder.npz("data.npz"), folder.path("a.nerf"));
+    let cases: [(&[&str], &str); 14] = [
+        (&["--grid-levels", "0"], "network.grid.levels"),
+        (&["--grid-levels", "33"], "network.grid.levels"),
+        (&["--features", "3"], "network.grid.features"),
+        (&["--features", "0"], "network.grid.features"),
+        (&["--table", "0"], "network.grid.log2_entries"),
+        (&["--table", "25"], "network.grid.log2_entries"),
+        (&["--coarsest", "0"], "network.grid.coarsest"),
+        (&["--coarsest", "400"], "network.grid.finest"),
+        (&["--finest", "15"], "network.grid.finest"),
+        (&["--finest", "16385"], "network.grid.finest"),
+        // 8 levels of 2^24 entries of four features are more than is trained.
+        (&["--table", "24", "--features", "4", "--finest", "2000"], "network.grid.log2_entries"),
+        (&["--steps-across", "0"], "sampling.steps_across"),
+        (&["--direction-levels", "5"], "network.direction_levels"),
+        (&["--depth", "0"], "network.depth"),
+    ];
+    for (flags, field) in cases {
+        fails([&["fit", &data, "-o", &file, "-q"], flags].concat(), &[field]);
+    }
+    for (text, field) in [
+        ("[network.grid]\nlevels = 0", "network.grid.levels"),
+        ("[network.grid]\nlevel = 3", "level"),
+        ("[network]\ngrid = 3", "grid"),
+        ("[network]\nposition_levels = 10", "network.position_levels"),
+        ("[network]\ndensity = \"relu\"", "network.density"),
+        ("[network]\ndensity_scale = 2.0", "network.density_scale"),
+        ("[network]\nfeature = true", "network.feature"),
+        ("[network]\ndepth = 2\nskip_after = 1", "network.skip_after"),
+        ("[grid]\nempty_share = 0.1", "grid.empty_share"),
+        // A table over a preset without a grid: the rest of the network does not go with it.
+        ("preset = \"small\"\n[network.grid]\nlevels = 4", "network.position_levels"),
+        ("preset = \"seed\"\n[network.grid]\nlevels = 4", "network.position_levels"),
+    ] {
+        let config = folder.file("run.toml", text);
+        fails(["fit", &data, "-o", &file, "-q", "--config", &config], &[field]);
+    }
+    assert_eq!(folder.names(), ["data.npz", "run.toml"], "nothing is left of a refused run");
+}
+
+#[test]
+fn toml_files_set_what_flags_do() {
+    let folder = Folder::new();
+    let data = folder.npz("data.npz");
+    let text = "[network]\nwidth = 16\n[network.grid]\nlevels = 3\nlog2_entries = 9\nfinest = 40\n[optimiser]\nsteps = 3\n";
+    let (config, by_file, by_flags) =
+        (folder.file("run.toml", text), folder.path("a.nerf"), folder.path("b.nerf"));
+    ok(["fit", &data, "-o", &by_file, "-q", "--config", &config]);
+    let flags = ["--width", "16", "--grid-levels", "3", "--table", "9", "--finest", "40", "--steps", "3"];
+    ok([&["fit", &data, "-o", &by_flags, "-q"], &flags[..]].concat());
+    let read = |file: &str| std::fs::read(file).expect("a blob");
+    assert!(read(&by_file) == read(&by_flags));
+    // A flag replaces the file's value.
+    ok(["fit", &data, "-o", &by_file, "-q", "--config", &config, "--table", "8", "--restart"]);
+    assert!(ok(["inspect", &by_file]).contains("at most 2^8 entries"));
+}
+
+#[test]
+fn a_grid_is_rendered_evaluated_and_resumed() {
+    let folder = Folder::new();
+    let (data, file, whole) = (folder.npz("data.npz"), folder.path("a.nerf"), folder.path("whole.nerf"));
+    ok(fit_grid(&data, &file, &["--steps", "7"]));
+    ok(fit_grid(&data, &file, &["--steps", "40", "--resume"]));
+    ok(fit_grid(&data, &whole, &["--steps", "40"]));
+    let said = ok(["eval", &file, &data, "-q"]);
+    assert!(said.contains("mean over 2 views"), "{said}");
+    ok(["render", &file, "-q", "-o", &folder.path("a.png"), "--width", "24"]);
+    ok(fit_grid(&data, &whole, &["--steps", "10", "--no-hull", "--restart"]));
+}

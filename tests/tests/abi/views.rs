@@ -1,0 +1,103 @@
+//! Views from anywhere over the C interface, and a caller's own near and far.
+
+use nerf_core::camera::{Camera, Intrinsics, Pose};
+use nerf_core::kernels::Tier;
+use nerf_core::lens::Lens;
+use nerf_render as ffi;
+use nerf_render::{PixelFormat, Status};
+use nerf_tests::call::{self, Message, Opened, plane};
+use nerf_tests::memory::Guarded;
+use nerf_tests::scenes::Recipe;
+use std::ptr::{null, null_mut};
+
+const SIDE: u32 = 20;
+/// Half way between the recipes' near and far.
+const TRAINED: f32 = 4.0;
+
+/// From so many times the distance the scene was made for, on the side of `towards`; its box fills the picture.
+fn from(times: f32, towards: [f32; 3]) -> Camera {
+    let eye = glam::Vec3::from(towards).normalize() * times * TRAINED;
+    let pose = Pose::look_at(eye, glam::Vec3::ZERO, glam::Vec3::Y).expect("a pose");
+    let focal = SIDE as f32 * (times * TRAINED / 3.0).max(0.4);
+    Camera::new(Intrinsics::centred(SIDE, SIDE, focal), Lens::NONE, pose).expect("a camera")
+}
+
+/// How much of the picture is not background, 0 to 1, and what the library says.
+fn seen(opened: &Opened, camera: &Camera, options: &ffi::RenderOptions) -> (Status, f32, String) {
+    let mut workspace = opened.workspace(Some(&call::render_options()), ffi::NERF_OUTPUT_RGB);
+    let mut picture = Guarded::new((3 * SIDE * SIDE) as usize, 0);
+    let camera = call::camera(camera);
+    let target = call::target(plane(picture.at(), PixelFormat::RgbU8));
+    let (at, size, mut message) = (workspace.at(), workspace.size(), Message::default());
+    let (text, none, counters) = (message.0.as_mut_ptr(), null_mut(), null_mut());
+    let (scene, rect) = (opened.scene, null());
+    // SAFETY: everything lives until the call returns.
+    let status = unsafe {
+        ffi::nerf_render(scene, &camera, options, rect, &target, at, size, None, none, counters, text, 256)
+    };
+    let foreground = picture.bytes().chunks_exact(3).filter(|pixel| **pixel != [255, 128, 64]).count();
+    (status, foreground as f32 / (SIDE * SIDE) as f32, message.text())
+}
+
+fn info(opened: &Opened) -> ffi::SceneInfo {
+    let mut info = std::mem::MaybeUninit::<ffi::SceneInfo>::zeroed();
+    // SAFETY: zeros are valid numbers and pointers that nobody follows; the place lives until the call returns.
+    unsafe {
+        (*info.as_mut_ptr()).struct_size = size_of::<ffi::SceneInfo>();
+        assert_eq!(ffi::nerf_scene_describe(opened.scene, info.as_mut_ptr()), Status::Ok);
+        info.assume_init()
+    }
+}
+
+#[test]
+fn a_scene_is_there_from_anywhere() {
+    for (recipe, step, samples) in [(Recipe::PLAIN, 0.0, 48), (Recipe::LEARNED, 0.08, 49)] {
+        let opened = call::open(recipe.blob(), Tier::Scalar);
+        let info = info(&opened);
+        assert_eq!(
+            (info.step, info.samples, info.near_distance, info.far_distance),
+            (step, samples, 2.0, 6.0)
+        );
+        let options = call::render_options();
+        for towards in [[0.3, 0.5, 0.8], [-0.3, -0.5, -0.8], [0.0, 0.01, 1.0]] {
+            let (status, usual, _) = seen(&opened, &from(1.0, towards), &options);
+            assert!(status == Status::Ok && usual > 0.3, "{status:?}, {usual}");
+            for times in [0.1, 0.3, 0.6, 1.5, 4.0, 1000.0] {
+                let (status, found, _) = seen(&opened, &from(times, towards), &options);
+                assert!(
+                    status == Status::Ok && found > 0.4 * usual,
+                    "{recipe:?} from {times}: {found} of {usual}"
+                );
+            }
+        }
+    }
+}
+
+#[test]
+fn near_and_far_are_the_caller_s() {
+    let camera = from(4.0, [0.3, 0.5, 0.8]);
+    for recipe in [Recipe::PLAIN, Recipe::LEARNED] {
+        let opened = call::open(recipe.blob(), Tier::Scalar);
+        let with = |near_distance, far_distance, own_bins| {
+            let options =
+                ffi::RenderOptions { near_distance, far_distance, own_bins, ..call::render_options() };
+            seen(&opened, &camera, &options)
+        };
+        let (_, whole, _) = with(0.0, 0.0, 0);
+        assert!(whole > 0.3);
+        assert_eq!(with(0.0, f32::INFINITY, 0), with(0.0, 0.0, 0));
+        assert_eq!(with(0.0, 13.0, 0).1, 0.0, "the box begins behind it");
+        assert_eq!(with(19.0, 0.0, 0).1, 0.0, "the box ends in front of it");
+        let (_, part, _) = with(15.9, 16.1, 0);
+        assert!(part > 0.0 && part <= whole, "{part} of {whole}");
+        // From here the bins that a network was trained on lie in front of the scene; a march has no others.
+        let own = with(0.0, 0.0, 1).1;
+        assert_eq!(own, if recipe.features == 0 { 0.0 } else { whole });
+        for (near, far) in [(-1.0, 0.0), (3.0, 2.0), (f32::NAN, 0.0), (0.0, f32::NAN), (0.0, -1.0)] {
+            let (status, _, message) = with(near, far, 0);
+            assert_eq!(status, Status::Options, "{near}, {far}");
+            assert!(message.contains("near/far: expected 0 <= near <= far"), "{message}");
+        }
+        assert_eq!(with(0.0, 0.0, 2).0, Status::Options);
+    }
+}

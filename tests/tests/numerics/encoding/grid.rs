@@ -1,0 +1,140 @@
+//! Learned grids at every level, on every tier, from f16 and from f32.
+
+use crate::table::{Row, Worst, cases, exact_tiers};
+use nerf_core::encoding::{GridEncoding, GridTables, TableValues, encode_grid_block, encode_harmonics_block};
+use nerf_core::kernels::Tier;
+use nerf_tests::oracle::grid::Grid;
+use nerf_tests::oracle::network::f16;
+
+cases! {
+    learned_grid_of_sixteen_levels_dense_and_hashed: "error of a value, over what rounding position and sum may do to it" =>
+        || grid(3, 2, 10, &[4, 6, 9, 13, 16, 20, 27, 36, 48, 64, 90, 128, 180, 256, 360, 512]);
+    learned_grid_of_the_finest_levels: "error of a value, over what rounding position and sum may do to it" =>
+        || grid(3, 4, 6, &[1, 4096, 16_384]);
+    learned_grid_of_one_feature: "error of a value, over what rounding position and sum may do to it" =>
+        || grid(3, 1, 12, &[1, 7, 15, 31]);
+    learned_grid_of_two_inputs: "error of a value, over what rounding position and sum may do to it" =>
+        || grid(2, 2, 8, &[1, 5, 15, 40, 1000]);
+    spherical_harmonics_of_every_direction: "absolute error of Y_l^m below degree 4" => harmonics;
+}
+
+/// Points of 0..1 that hurt: faces of cells and their neighbours, ±0, subnormals, both ends, and noise.
+fn points(inputs: usize, cells: &[u16]) -> Vec<f32> {
+    let mut state = 1u32;
+    let mut noise = || {
+        state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+        (state >> 8) as f32 / (1 << 24) as f32
+    };
+    let ends = [1.0, 1f32.next_down(), 1f32.next_up()];
+    let mut all: Vec<f32> = [0.0, -0.0, 1e-45, 1e-40, f32::MIN_POSITIVE].into_iter().chain(ends).collect();
+    for &n in cells {
+        for k in [0, 1, n / 3, n / 2, n - 1, n] {
+            let face = f32::from(k) / f32::from(n);
+            all.extend([face, face.next_up(), (face - 6e-8).max(0.0)]);
+        }
+    }
+    let hard = all.len();
+    (0..inputs * 64 * 300).map(|i| if i % 3 == 0 { all[i / 3 * 7 % hard] } else { noise() }).collect()
+}
+
+fn grid(inputs: u8, features: u8, log2_entries: u8, cells: &[u16]) -> Vec<Row> {
+    let resolutions = cells.iter().map(|&n| [n, n, if inputs == 3 { n } else { 0 }]).collect();
+    let encoding = GridEncoding { inputs, features, log2_entries, resolutions };
+    let mut state = 7u64;
+    let bits: Vec<u16> = (0..encoding.values())
+        .map(|_| {
+            state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+            // Of every size: exponents from subnormal to 2^2.
+            ((state >> 33) as u16 & 0x83ff) | ((state >> 50) as u16 % 18) << 10
+        })
+        .collect();
+    let bytes: Vec<u8> = bits.iter().flat_map(|bits| bits.to_le_bytes()).collect();
+    let wide: Vec<f32> = bits.iter().map(|&bits| f16(bits) as f32).collect();
+    let axes = usize::from(inputs);
+    let oracle = Grid {
+        features: features.into(),
+        log2_entries: log2_entries.into(),
+        resolutions: cells.iter().map(|&n| vec![u64::from(n); axes]).collect(),
+        values: bits.iter().map(|&bits| f16(bits)).collect(),
+    };
+    let tiers: Vec<Tier> = exact_tiers().collect();
+    let mut worst = [Worst::default(), Worst::default()];
+    let mut out = vec![0.0; encoding.outputs() * 64];
+    for x in points(axes, cells).chunks_exact(64 * axes) {
+        let unit = |i: usize| -> Vec<f64> { (0..axes).map(|axis| f64::from(x[64 * axis + i])).collect() };
+        let truth: Vec<_> = (0..64).map(|i| oracle.encode(&unit(i))).collect();
+        for (worst, values) in worst.iter_mut().zip([TableValues::F16(&bytes), TableValues::F32(&wide)]) {
+            for &tier in &tiers {
+                encode_grid_block(tier, &encoding, &GridTables::new(values, None), 64, x, &mut out);
+                for (row, found) in out.chunks_exact(64).enumerate() {
+                    // Rounding moves a position by three half ulps, and with it a value by that share of the
+                    // difference of two entries, which is at most twice the largest; then the sum is rounded.
+                    let n = f64::from(cells[row / usize::from(features)]);
+                    let most = 2f64.powi(-24) * (2.0 * axes as f64 * (3.0 * n + 3.0) + 12.0);
+                    for (column, &found) in found.iter().enumerate() {
+                        let truth = truth[column][row];
+                        let error =
+                            (f64::from(found) - truth.value).abs() / (most * truth.largest.max(1e-30));
+                        worst.see(error, || format!("{:?}, value {row}, {}", unit(column), tier.name()));
+                    }
+                }
+            }
+        }
+    }
+    let [half, full] = worst;
+    vec![half.row("f16 tables", "f32 tiers", 1.0), full.row("f32 tables", "f32 tiers", 1.0)]
+}
+
+/// Bands 0 to 3 in Cartesian form, from the table in Sloan 2013, in f64.
+fn table([x, y, z]: [f64; 3]) -> [f64; 16] {
+    let k = |n: f64| (n / std::f64::consts::PI).sqrt();
+    [
+        0.5 * k(1.0),
+        -0.5 * k(3.0) * y,
+        0.5 * k(3.0) * z,
+        -0.5 * k(3.0) * x,
+        0.5 * k(15.0) * x * y,
+        -0.5 * k(15.0) * y * z,
+        0.25 * k(5.0) * (3.0 * z * z - 1.0),
+        -0.5 * k(15.0) * x * z,
+        0.25 * k(15.0) * (x * x - y * y),
+        -0.125 * k(70.0) * y * (3.0 * x * x - y * y),
+        0.5 * k(105.0) * x * y * z,
+        -0.125 * k(42.0) * y * (5.0 * z * z - 1.0),
+        0.25 * k(7.0) * z * (5.0 * z * z - 3.0),
+        -0.125 * k(42.0) * x * (5.0 * z * z - 1.0),
+        0.25 * k(105.0) * z * (x * x - y * y),
+        -0.125 * k(70.0) * x * (x * x - 3.0 * y * y),
+    ]
+}
+
+fn harmonics() -> Vec<Row> {
+    let mut worst = Worst::default();
+    let mut out = vec![0.0; 16 * 64];
+    let mut state = 5u32;
+    for _ in 0..500 {
+        let mut x = vec![0.0f32; 192];
+        for i in 0..64 {
+            let mut next = || {
+                state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+                (state >> 8) as f32 / (1 << 23) as f32 - 1.0
+            };
+            let d = glam::Vec3::new(next(), next(), next());
+            // Axes among them.
+            let d = if i % 16 == 0 { glam::Vec3::AXES[i / 16 % 3] } else { d };
+            let d = d.try_normalize().unwrap_or(glam::Vec3::NEG_Z);
+            (x[i], x[64 + i], x[128 + i]) = (d.x, d.y, d.z);
+        }
+        for tier in exact_tiers() {
+            encode_harmonics_block(tier, 4, 64, &x, &mut out);
+            for i in 0..64 {
+                let d = [0, 1, 2].map(|axis| f64::from(x[64 * axis + i]));
+                for (row, truth) in table(d).into_iter().enumerate() {
+                    let error = (f64::from(out[64 * row + i]) - truth).abs();
+                    worst.see(error, || format!("{d:?}, value {row}, {}", tier.name()));
+                }
+            }
+        }
+    }
+    vec![worst.row("any", "f32 tiers", 5e-7)]
+}
