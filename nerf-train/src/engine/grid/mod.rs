@@ -13,7 +13,7 @@
 //!
 //! # Source
 //! Müller et al. 2022 (instant-ngp); samples are evaluated in waves and gated by their weight, as this project
-//! measured to be worth it on a CPU (nerf-core/docs/journal).
+//! measured to be worth it on a CPU.
 
 mod adam;
 mod layers;
