@@ -126,6 +126,16 @@ impl Lanes for F32x16 {
         Self(unsafe { _mm512_cvtph_ps(_mm256_loadu_si256(bits.as_ptr().cast())) })
     }
     #[inline(always)]
+    fn to_f16(self) -> [u16; MAX_LANES] {
+        let mut bits = [0; MAX_LANES];
+        // SAFETY: there is room for sixteen values. Features as above.
+        unsafe {
+            let halves = _mm512_cvtps_ph::<_MM_FROUND_TO_NEAREST_INT>(self.0);
+            _mm256_storeu_si256(bits.as_mut_ptr().cast(), halves);
+        }
+        bits
+    }
+    #[inline(always)]
     fn weighted_rows<T: Table, const ROWS: usize>(
         table: T,
         rows: &[U32x16; ROWS],

@@ -72,6 +72,14 @@ pub trait Lanes: Copy {
         Self::load(&values)
     }
 
+    /// The nearest f16 of each lane, ties to even; beyond the largest, infinity.
+    #[inline(always)]
+    fn to_f16(self) -> [u16; MAX_LANES] {
+        let mut values = [0.0; MAX_LANES];
+        self.store(&mut values);
+        values.map(|value| half::f16::from_f32(value).to_bits())
+    }
+
     /// `Σ_r weights[r] · row r` of each lane, of rows of two neighbouring entries of 1, 2 or 4 `features`, summed
     /// from 0 in ascending `r`; the first `2 · features` results count.
     ///

@@ -21,6 +21,7 @@ mod grid;
 mod model;
 mod optimiser;
 mod pass;
+mod phases;
 mod reference;
 mod volume_grad;
 
@@ -31,6 +32,7 @@ pub use batch::{Batch, BatchError, BatchRay};
 pub use fused::FusedEngine;
 pub use grid::GridEngine;
 pub use model::{Dense, Initialisation, Model, ModelError, Part};
+pub use phases::{Phase, Phases};
 pub use reference::ReferenceEngine;
 
 use serde::{Deserialize, Serialize};
@@ -54,6 +56,11 @@ pub trait Engine: Send {
 
     /// Parameters in the [`Model`]'s own order.
     fn parameters(&self) -> Cow<'_, [f32]>;
+
+    /// Where the time of all steps went; nothing where the engine does not keep it.
+    fn phases(&self) -> Phases {
+        Phases::default()
+    }
 
     /// Everything a checkpoint needs: resuming from it gives the same bits as not having stopped.
     fn state(&self) -> OptimiserState;

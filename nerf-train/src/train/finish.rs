@@ -70,8 +70,8 @@ pub struct Outcome {
     pub occupancy: f32,
     /// Seconds from the start until the last step, reading and validation included.
     pub train_seconds: f64,
-    /// Peak rate: live samples trained on, a second of training.
-    pub samples_per_second: f64,
+    /// Samples evaluated and samples trained on, a second of training.
+    pub samples_per_second: [f64; 2],
 }
 
 /// A validation view as the blob shows it.
@@ -92,7 +92,7 @@ impl Session<'_, '_> {
     pub(super) fn finish(
         &mut self,
         train_seconds: f64,
-        samples_per_second: f64,
+        samples_per_second: [f64; 2],
     ) -> Result<Outcome, RunError> {
         let mut candidate = self.trainer.candidate(true);
         let view_dependence = self.ask_direction(&mut candidate)?;

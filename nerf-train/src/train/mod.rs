@@ -17,7 +17,7 @@ pub use validation::FINAL_VIEWS;
 
 use crate::config::{Config, ConfigError, Density};
 use crate::dataset::Dataset;
-use crate::engine::{Batch, Engine, EngineError, FusedEngine, GridEngine, Model};
+use crate::engine::{Batch, Engine, EngineError, FusedEngine, GridEngine, Model, Phase, Phases};
 use crate::export::ExportError;
 use crate::occupancy::{Ask, Occupancy};
 use crate::rays::{Bounds, RayBank};
@@ -30,6 +30,7 @@ use nerf_core::ray::BoundsError;
 use schedule::learning_rate;
 use serde::{Deserialize, Serialize};
 use snapshot::Snapshot;
+use std::time::Instant;
 
 /// Steps in a row without any density after which a run is started anew with another seed.
 const DEAD_STEPS: u32 = 100;
@@ -43,6 +44,8 @@ pub struct Progressed {
     pub step: u32,
     /// Rays drawn.
     pub rays: u64,
+    /// Samples whose density was evaluated; of a field without a grid as many as were trained on.
+    pub evaluated: u64,
     /// Live samples trained on.
     pub samples: u64,
     /// Smoothed live samples a ray; decides how many rays are drawn.
@@ -132,6 +135,7 @@ pub struct Trainer<'d> {
     average: Average,
     batch: Batch,
     progressed: Progressed,
+    phases: Phases,
     fingerprint: u64,
     /// The curve so far.
     pub curve: Vec<CurvePoint>,
@@ -169,6 +173,7 @@ impl<'d> Trainer<'d> {
             occupancy,
             batch: Batch::default(),
             progressed: Progressed::default(),
+            phases: Phases::default(),
             curve: Vec::new(),
             snapshots: Vec::new(),
             fingerprint: fingerprint(dataset),
@@ -195,8 +200,8 @@ impl<'d> Trainer<'d> {
     /// Whether a checkpoint, whose checksum says nothing of who wrote it, can be computed with.
     fn check_parts(&self, checkpoint: &Checkpoint) -> Result<(), TrainError> {
         let Checkpoint { progressed: p, average, occupancy, curve, .. } = checkpoint;
-        let counted =
-            u64::from(p.step) == checkpoint.optimiser.steps && p.rays.max(p.samples) <= u64::MAX / 2;
+        let counted = u64::from(p.step) == checkpoint.optimiser.steps
+            && p.rays.max(p.samples).max(p.evaluated) <= u64::MAX / 2;
         let alive = p.dead_steps < DEAD_STEPS && p.reseeds <= RESEEDS;
         let cells = match (occupancy, &self.occupancy) {
             (Some(theirs), Some(ours)) => theirs.is_like(ours),
@@ -235,6 +240,13 @@ impl<'d> Trainer<'d> {
     /// Settings.
     pub fn config(&self) -> &Config {
         &self.config
+    }
+
+    /// Where the time of this process's steps went: of march and occupancy as it passed, of the rest over all threads.
+    pub fn phases(&self) -> Phases {
+        let mut phases = self.phases;
+        phases += self.engine.phases();
+        phases
     }
 
     /// Counters.
@@ -279,12 +291,15 @@ impl<'d> Trainer<'d> {
     /// [`TrainError::Dead`] if every restart ended without density.
     pub fn step(&mut self, share: f64) -> Result<(), TrainError> {
         let step = u64::from(self.progressed.step);
+        let now = Instant::now();
         self.draw(step);
+        self.phases.lap(Phase::March, now);
         let rate = learning_rate(&self.config.optimiser, self.progressed.step, share);
         let loss = self.engine.step(&self.batch, rate)?;
         let p = &mut self.progressed;
         p.step += 1;
         p.rays += self.batch.rays.len() as u64;
+        p.evaluated += loss.evaluated as u64;
         p.samples += loss.kept as u64;
         p.mse = if step == 0 { loss.mse } else { 0.98 * p.mse + 0.02 * loss.mse };
         p.dead_steps = if loss.dead { p.dead_steps + 1 } else { 0 };
@@ -297,7 +312,9 @@ impl<'d> Trainer<'d> {
             let now = loss.kept as f64 / self.batch.rays.len().max(1) as f64;
             p.live_per_ray = if p.live_per_ray == 0.0 { now } else { 0.9 * p.live_per_ray + 0.1 * now };
         }
+        let now = Instant::now();
         self.refresh_grid();
+        self.phases.lap(Phase::Occupancy, now);
         Ok(())
     }
 

@@ -212,10 +212,16 @@ impl Session<'_, '_> {
             }
         };
         let p = *self.trainer.progressed();
-        let samples = p.samples.saturating_sub(self.started.samples) as f64 / self.seconds_here();
+        let a_second = |now: u64, then: u64| now.saturating_sub(then) as f64 / self.seconds_here();
+        let samples = a_second(p.samples, self.started.samples);
+        let evaluated = a_second(p.evaluated, self.started.evaluated);
         self.save_on_the_way(&progress);
-        progress.finish(format!("{} steps, {:.0} thousand live samples/s", p.step, samples / 1e3));
-        self.covered(|session| session.finish(train_seconds, samples)).map(Ended::Finished)
+        let (of_all, of_kept) = (evaluated / 1e6, samples / 1e6);
+        progress.finish(format!(
+            "{} steps; {of_all:.2} million samples evaluated a second, {of_kept:.2} million trained on",
+            p.step
+        ));
+        self.covered(|session| session.finish(train_seconds, [evaluated, samples])).map(Ended::Finished)
     }
 
     /// Share of the budget that is used, what is kept for the end left out.

@@ -24,7 +24,9 @@ mod vector;
 #[cfg(test)]
 mod tests;
 
-use super::{Adam, Batch, Engine, EngineError, GRADIENT_LIMIT, Model, OptimiserState, StepLoss, check_rate};
+use super::{
+    Adam, Batch, Engine, EngineError, GRADIENT_LIMIT, Model, OptimiserState, Phases, StepLoss, check_rate,
+};
 use adam::AdamStep;
 use layers::{LayerSums, Layers};
 use nerf_core::encoding::{GridEncoding, GridTables, TableValues};
@@ -33,7 +35,7 @@ use nerf_core::network::DensityActivation;
 use nerf_core::ray::SceneBox;
 use pass::{Job, Pass, Scratch, Totals};
 use rayon::prelude::*;
-use scatter::LevelGradient;
+use scatter::{Kept, LevelScratch, LevelState, write_halves};
 use std::borrow::Cow;
 use std::sync::{Mutex, PoisonError};
 
@@ -57,7 +59,9 @@ pub struct GridEngine {
     layers: Layers,
     passes: Vec<Pass>,
     scratch: Vec<Mutex<Scratch>>,
-    levels: Vec<LevelGradient>,
+    /// The tables in f16, as the renderer reads them: half the memory to pass through, and no rounding at export.
+    halves: Vec<u8>,
+    level_scratch: Vec<Mutex<LevelScratch>>,
     gradient: Vec<f32>,
 }
 
@@ -77,7 +81,7 @@ impl GridEngine {
         }
         let parameters = model.initial_parameters(seed);
         let layers = Layers::new(model);
-        Ok(Self {
+        let mut engine = Self {
             model: model.clone(),
             bounds,
             tier: Tier::detect(),
@@ -87,12 +91,20 @@ impl GridEngine {
             moment2: vec![0.0; parameters.len()],
             passes: (0..ACCUMULATORS).map(|_| Pass::new(&layers)).collect(),
             scratch: Vec::new(),
-            levels: grid.levels().map(|level| LevelGradient::new(&grid, level)).collect(),
+            halves: vec![0; 2 * (parameters.len() - layers.parameters())],
+            level_scratch: Vec::new(),
             gradient: vec![0.0; layers.parameters()],
             grid,
             parameters,
             layers,
-        })
+        };
+        engine.round_tables();
+        Ok(engine)
+    }
+
+    /// Renews the f16 copy of the tables.
+    fn round_tables(&mut self) {
+        write_halves(self.tier, &self.parameters[self.layers.parameters()..], &mut self.halves);
     }
 
     /// Chooses the kernel tier; [`Tier::detect`] is the default.
@@ -100,11 +112,10 @@ impl GridEngine {
         self.tier = tier;
     }
 
-    /// Loss of a checked batch; its gradients are left in `gradient` and `levels`.
+    /// Loss of a checked batch; its gradients are left in `gradient` and in the passes.
     fn differentiate(&mut self, batch: &Batch) -> Result<StepLoss, EngineError> {
-        let (dense, tables) = self.parameters.split_at(self.layers.parameters());
-        self.layers.load(dense);
-        let tables = GridTables::new(TableValues::F32(tables), Some(&self.bounds));
+        self.layers.load(&self.parameters[..self.layers.parameters()]);
+        let tables = GridTables::new(TableValues::F16(&self.halves), Some(&self.bounds));
         let job = Job { tier: self.tier, model: &self.model, grid: &self.grid, tables, layers: &self.layers };
         let mut firsts = Vec::with_capacity(batch.rays.len().div_ceil(CHUNK_RAYS) + 1);
         let mut first = 0;
@@ -135,13 +146,7 @@ impl GridEngine {
         if !self.gradient.iter().fold(true, |ok, g| ok & (g.abs() < GRADIENT_LIMIT)) {
             return Err(diverged);
         }
-        let (passes, grid, tier) = (&self.passes, &self.grid, self.tier);
-        self.levels
-            .par_iter_mut()
-            .with_max_len(1)
-            .for_each(|level| level.gather(tier, grid, &tables, passes.iter().map(|pass| &pass.kept)));
-        if !self.levels.iter().all(LevelGradient::usable) {
-            self.levels.iter_mut().for_each(LevelGradient::clear);
+        if !Kept::usable(self.passes.iter().map(|pass| &pass.kept)) {
             return Err(diverged);
         }
         let rays = batch.rays.len();
@@ -166,23 +171,49 @@ impl Engine for GridEngine {
         let (values, tables) = self.parameters.split_at_mut(dense);
         let (moment1, table_moment1) = self.moment1.split_at_mut(dense);
         let (moment2, table_moment2) = self.moment2.split_at_mut(dense);
-        step.apply(self.tier, values, moment1, moment2, &mut self.gradient);
-        let mut rest = (tables, table_moment1, table_moment2);
-        let mut parts = Vec::with_capacity(self.levels.len());
-        for level in &mut self.levels {
-            let (t, m, v) = rest;
-            let ((t, t_rest), (m, m_rest), (v, v_rest)) =
-                (t.split_at_mut(level.len()), m.split_at_mut(level.len()), v.split_at_mut(level.len()));
-            parts.push((level, t, m, v));
-            rest = (t_rest, m_rest, v_rest);
+        step.apply(self.tier, values, moment1, moment2, &self.gradient);
+        let features = usize::from(self.grid.features);
+        let mut rest = (tables, table_moment1, table_moment2, &mut self.halves[..]);
+        let mut levels = Vec::new();
+        for level in self.grid.levels() {
+            let length = level.entries * features;
+            let (values, moment1, moment2, halves) = rest;
+            let ((values, v_rest), (moment1, m1_rest)) =
+                (values.split_at_mut(length), moment1.split_at_mut(length));
+            let ((moment2, m2_rest), (halves, h_rest)) =
+                (moment2.split_at_mut(length), halves.split_at_mut(2 * length));
+            levels.push(LevelState { level, values, moment1, moment2, halves });
+            rest = (v_rest, m1_rest, m2_rest, h_rest);
         }
-        let tier = self.tier;
-        parts.into_par_iter().with_max_len(1).for_each(|(level, t, m, v)| level.update(tier, &step, t, m, v));
+        let (tier, grid, passes) = (self.tier, &self.grid, &self.passes);
+        let threads = rayon::current_num_threads().max(1);
+        self.level_scratch.resize_with(threads, || Mutex::new(LevelScratch::new(grid)));
+        let scratch = &self.level_scratch;
+        // Only the box of it is used.
+        let tables = GridTables::new(TableValues::F16(&[]), Some(&self.bounds));
+        // The large ones first: they are the last ones.
+        levels.into_par_iter().rev().with_max_len(1).for_each(|mut level| {
+            // Each thread has its own: nobody waits for the lock.
+            let own = rayon::current_thread_index().unwrap_or(0) % threads;
+            let mut scratch = scratch[own].lock().unwrap_or_else(PoisonError::into_inner);
+            scratch.step(tier, grid, &tables, passes.iter().map(|pass| &pass.kept), &step, &mut level);
+        });
         Ok(loss)
     }
 
     fn parameters(&self) -> Cow<'_, [f32]> {
         Cow::Borrowed(&self.parameters)
+    }
+
+    fn phases(&self) -> Phases {
+        let mut sum = Phases::default();
+        for scratch in &self.scratch {
+            sum += scratch.lock().unwrap_or_else(PoisonError::into_inner).phases;
+        }
+        for scratch in &self.level_scratch {
+            sum += scratch.lock().unwrap_or_else(PoisonError::into_inner).phases;
+        }
+        sum
     }
 
     fn state(&self) -> OptimiserState {
@@ -206,6 +237,7 @@ impl Engine for GridEngine {
         self.moment1.copy_from_slice(&state.moment1);
         self.moment2.copy_from_slice(&state.moment2);
         self.steps = state.steps;
+        self.round_tables();
         Ok(())
     }
 }

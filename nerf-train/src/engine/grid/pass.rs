@@ -3,7 +3,7 @@
 use super::layers::{LayerSums, Layers, padded};
 use super::scatter::Kept;
 use super::vector::{VECTOR, exponentials, mask, sigmoids, to_rows, transmitted};
-use crate::engine::{Batch, Model};
+use crate::engine::{Batch, Model, Phase, Phases};
 use nerf_core::encoding::{
     DirectionEncoding, GridEncoding, GridTables, encode_block, encode_grid_block, encode_harmonics_block,
 };
@@ -11,6 +11,7 @@ use nerf_core::kernels::{Init, Tier};
 use nerf_core::math::MathBackend;
 use nerf_core::network::EXPONENTIAL_LIMIT;
 use std::ops::{Add, Range};
+use std::time::Instant;
 
 /// Samples of a ray that are evaluated before it is asked whether light is left.
 const WAVE: usize = 8;
@@ -110,6 +111,7 @@ pub(super) struct Scratch {
     dir_channels: Vec<f32>,
     dir_rows: Vec<f32>,
     shares: Vec<f32>,
+    pub phases: Phases,
 }
 
 /// Makes room for `length` values; never shrinks.
@@ -146,15 +148,20 @@ impl Scratch {
     pub fn run(&mut self, job: &Job<'_>, batch: &Batch, rays: Range<usize>, first: usize, pass: &mut Pass) {
         let evaluated = self.evaluate(job, batch, rays.clone(), first);
         pass.totals.evaluated += evaluated;
+        let now = Instant::now();
         self.keep(job, evaluated, first);
+        let now = self.phases.lap(Phase::Composite, now);
         let kept = self.kept_row.len();
         pass.totals.kept += kept;
         if kept > 0 {
             self.colour(job, batch, rays.clone());
         }
+        let now = self.phases.lap(Phase::Forward, now);
         pass.totals.squared += self.loss(batch, rays);
+        let now = self.phases.lap(Phase::Composite, now);
         if kept > 0 {
             self.backward(job, batch, pass);
+            self.phases.lap(Phase::Backward, now);
         }
     }
 
@@ -173,6 +180,7 @@ impl Scratch {
         self.alive.extend((0..self.rays.len()).filter(|&ray| self.rays[ray].samples > 0));
         self.index_of.clear();
         let mut count = 0;
+        let mut now = Instant::now();
         while !self.alive.is_empty() {
             for &ray in &self.alive {
                 let RayState { first: start, samples, evaluated, .. } = self.rays[ray];
@@ -182,7 +190,9 @@ impl Scratch {
                 }
             }
             let end = self.index_of.len();
+            self.phases.lap(Phase::Composite, now);
             self.densities(job, batch, count..end);
+            now = Instant::now();
             let mut row = count;
             let (rays, sigma, deltas) = (&mut self.rays, &self.sigma, &self.deltas);
             self.alive.retain(|&ray| {
@@ -197,11 +207,13 @@ impl Scratch {
             });
             count = end;
         }
+        self.phases.lap(Phase::Composite, now);
         count
     }
 
     /// Encodes and evaluates samples `range` of those listed in `index_of`.
     fn densities(&mut self, job: &Job<'_>, batch: &Batch, range: Range<usize>) {
+        let now = Instant::now();
         let (count, stride) = (range.len(), padded(range.len()));
         grow(&mut self.points, 3 * stride);
         grow(&mut self.deltas, range.end.next_multiple_of(VECTOR) + VECTOR);
@@ -230,6 +242,7 @@ impl Scratch {
         grow(&mut self.encoded, (range.start + stride) * width);
         let rows = &mut self.encoded[range.start * width..][..count * width];
         to_rows(&self.channels[..outputs * stride], stride, count, rows, width);
+        let now = self.phases.lap(Phase::Encode, now);
         for (l, layer) in job.layers.trunk.iter().enumerate() {
             let (before, rest) = self.hidden.split_at_mut(l);
             let across = padded(layer.main.outputs);
@@ -253,6 +266,7 @@ impl Scratch {
         grow(&mut self.sigma, range.start + stride);
         let sigma = &mut self.sigma[range.start..range.start + stride];
         exponentials(job.tier, &self.raw[..stride], job.layers.bias, EXPONENTIAL_LIMIT, sigma);
+        self.phases.lap(Phase::Forward, now);
     }
 
     /// Weights along the rays; the samples that weigh more than the gate are kept.
@@ -440,7 +454,7 @@ impl Scratch {
             std::mem::swap(&mut self.upper, &mut self.lower);
         }
         pass.kept.width = padded(job.grid.outputs());
-        pass.kept.gradients.extend_from_slice(&self.upper[..kept * pass.kept.width]);
+        pass.kept.extend(&self.upper[..kept * pass.kept.width]);
         for &row in &self.kept_row {
             let position = batch.positions[self.index_of[row as usize] as usize];
             for (positions, x) in pass.kept.positions.iter_mut().zip(position) {

@@ -1,12 +1,18 @@
-//! Gradients of the tables: what the samples kept, added to the entries they read, level by level.
+//! A level's step: what the samples kept is added to the entries they read, and Adam moves those.
+//!
+//! One thread takes a level, in memory that stays in its cache: level after level the gradient has the same place.
 
-use super::adam::AdamStep;
-use crate::engine::GRADIENT_LIMIT;
+use super::adam::{AdamStep, move_16, moved};
+use crate::engine::{GRADIENT_LIMIT, Phase, Phases};
 use nerf_core::encoding::{GridCorners, GridEncoding, GridLevel, GridTables, grid_corners_block};
-use nerf_core::kernels::{BLOCK, Tier, prefetch};
+use nerf_core::kernels::{BLOCK, Op, Tier, prefetch};
+use nerf_core::math::lanes::Lanes;
+use std::time::Instant;
 
-/// Values of a part of a level whose gradient is looked at together.
+/// Values of a part of a level that is left alone if no sample read from it.
 const PART: usize = 64;
+/// So many parts ahead Adam asks for what it will read.
+const AHEAD: usize = 4;
 
 /// The samples whose gradient reaches the tables.
 #[derive(Clone, Debug, Default)]
@@ -17,136 +23,263 @@ pub(super) struct Kept {
     pub gradients: Vec<f32>,
     /// Row length of the gradients.
     pub width: usize,
+    /// Largest of their absolute values; NaN if one is.
+    pub largest: f32,
 }
 
 impl Kept {
     pub fn clear(&mut self) {
         self.positions.iter_mut().for_each(Vec::clear);
         self.gradients.clear();
+        self.largest = 0.0;
+    }
+
+    /// Adds the samples' gradients, `[samples][width]`.
+    pub fn extend(&mut self, gradients: &[f32]) {
+        let largest = |most: f32, g: &f32| if g.abs() <= most { most } else { g.abs() };
+        self.largest = gradients.iter().fold(self.largest, largest);
+        self.gradients.extend_from_slice(gradients);
+    }
+
+    /// Whether no entry's sum over all of `kept` can be more than Adam takes.
+    pub fn usable<'k>(kept: impl Iterator<Item = &'k Self>) -> bool {
+        // A sample's eight weights at a level add up to 1.
+        let most: f64 = kept.map(|kept| kept.positions[0].len() as f64 * f64::from(kept.largest)).sum();
+        most < f64::from(GRADIENT_LIMIT)
     }
 }
 
-/// One level's gradient.
+/// The level that a thread works at: its values, moments and f16 copy, a value each.
+pub(super) struct LevelState<'a> {
+    pub level: GridLevel,
+    pub values: &'a mut [f32],
+    pub moment1: &'a mut [f32],
+    pub moment2: &'a mut [f32],
+    pub halves: &'a mut [u8],
+}
+
+/// A thread's memory: the gradient of the level under way, 0 between levels.
 #[derive(Clone, Debug)]
-pub(super) struct LevelGradient {
-    level: GridLevel,
-    features: usize,
+pub(super) struct LevelScratch {
     /// `[entries][features]`, and a part more for rows that reach beyond the last entry.
-    values: Vec<f32>,
-    /// Whether a part has a gradient.
+    gradient: Vec<f32>,
+    /// Whether a row of two entries begins in a part.
     touched: Vec<bool>,
     /// Entries, weights and x of a block of samples.
     corners: (Vec<u32>, Vec<f32>, Vec<f32>),
+    pub phases: Phases,
 }
 
-impl LevelGradient {
-    pub fn new(grid: &GridEncoding, level: GridLevel) -> Self {
-        let features = usize::from(grid.features);
-        let values = (level.entries * features).next_multiple_of(PART) + PART;
+impl LevelScratch {
+    /// Memory for any level of `grid`.
+    pub fn new(grid: &GridEncoding) -> Self {
+        let most = grid.levels().map(|level| level.entries).max().unwrap_or(0) * usize::from(grid.features);
+        let values = most.next_multiple_of(PART) + PART;
         let corners = (vec![0; 4 * BLOCK], vec![0.0; 4 * BLOCK], vec![0.0; BLOCK]);
-        Self { level, features, values: vec![0.0; values], touched: vec![false; values / PART], corners }
+        Self {
+            gradient: vec![0.0; values],
+            touched: vec![false; values / PART],
+            corners,
+            phases: Phases::default(),
+        }
     }
 
-    /// Values of the level.
-    pub fn len(&self) -> usize {
-        self.level.entries * self.features
-    }
-
-    /// Adds what all samples have for this level, in their order.
-    pub fn gather<'k>(
+    /// One step of a level: the sum over all samples, in their order, then Adam.
+    pub fn step<'k>(
         &mut self,
         tier: Tier,
         grid: &GridEncoding,
         tables: &GridTables<'_>,
         kept: impl Iterator<Item = &'k Kept>,
+        adam: &AdamStep,
+        state: &mut LevelState<'_>,
     ) {
+        let begun = Instant::now();
         for kept in kept {
-            let count = kept.positions[0].len();
-            for first in (0..count).step_by(BLOCK) {
-                let samples = BLOCK.min(count - first);
-                let mut x = [0.0; 3 * BLOCK];
-                for (x, positions) in x.chunks_exact_mut(BLOCK).zip(&kept.positions) {
-                    x[..samples].copy_from_slice(&positions[first..first + samples]);
-                }
-                let (entry, weight, across) = &mut self.corners;
-                let mut corners = GridCorners { entry, weight, x: across };
-                grid_corners_block(tier, grid, tables, &self.level, BLOCK, &x, &mut corners);
-                let gradients = &kept.gradients[first * kept.width..][..samples * kept.width];
-                match self.features {
-                    1 => self.add::<1>(gradients, kept.width),
-                    2 => self.add::<2>(gradients, kept.width),
-                    _ => self.add::<4>(gradients, kept.width),
-                }
-            }
+            self.add(tier, grid, tables, &state.level, kept);
         }
+        let begun = self.phases.lap(Phase::Scatter, begun);
+        let Self { gradient, touched, .. } = self;
+        tier.run(Update { adam, gradient, touched, state });
+        self.phases.lap(Phase::Adam, begun);
     }
 
-    /// Adds a block's gradients, `[samples][width]`.
-    fn add<const F: usize>(&mut self, gradients: &[f32], width: usize) {
-        let (entry, weight, across) = &self.corners;
-        let base = self.level.first;
-        // The gradient outgrows the caches; which entries are next is known.
-        for row in entry.chunks_exact(BLOCK) {
-            row.iter().for_each(|&entry| prefetch(&self.values, (entry as usize - base) * F));
-        }
-        for (i, gradient) in gradients.chunks_exact(width).enumerate() {
-            let gradient: &[f32; F] =
-                gradient[self.level.index * F..].first_chunk().expect("a level's values");
-            let far = gradient.map(|g| g * across[i]);
-            let near: [f32; F] = std::array::from_fn(|f| gradient[f] - far[f]);
-            for row in 0..4 {
-                let at = (entry[row * BLOCK + i] as usize - base) * F;
-                let weight = weight[row * BLOCK + i];
-                let values = &mut self.values[at..at + 2 * F];
-                for f in 0..F {
-                    values[f] += weight * near[f];
-                    values[F + f] += weight * far[f];
-                }
-                self.touched[at / PART] = true;
-                self.touched[(at + 2 * F - 1) / PART] = true;
-            }
-        }
-    }
-
-    /// The parts that have a gradient.
-    fn parts(&self) -> impl Iterator<Item = usize> {
-        self.touched.iter().enumerate().filter(|part| *part.1).map(|part| part.0)
-    }
-
-    /// Whether Adam can take the gradient.
-    pub fn usable(&self) -> bool {
-        self.parts().all(|part| {
-            self.values[part * PART..][..PART].iter().fold(true, |ok, g| ok & (g.abs() < GRADIENT_LIMIT))
-        })
-    }
-
-    /// Forgets the gradient.
-    pub fn clear(&mut self) {
-        self.values.fill(0.0);
-        self.touched.fill(false);
-    }
-
-    /// One step of the level's values and moments, where there is a gradient, which is then 0.
-    pub fn update(
+    fn add(
         &mut self,
         tier: Tier,
-        step: &AdamStep,
-        values: &mut [f32],
-        moment1: &mut [f32],
-        moment2: &mut [f32],
+        grid: &GridEncoding,
+        tables: &GridTables<'_>,
+        level: &GridLevel,
+        kept: &Kept,
     ) {
-        for part in 0..self.touched.len() {
-            if !std::mem::take(&mut self.touched[part]) {
+        let Self { gradient, touched, corners: (entry, weight, across), .. } = self;
+        let count = kept.positions[0].len();
+        for first in (0..count).step_by(BLOCK) {
+            let samples = BLOCK.min(count - first);
+            let mut x = [0.0; 3 * BLOCK];
+            for (x, positions) in x.chunks_exact_mut(BLOCK).zip(&kept.positions) {
+                x[..samples].copy_from_slice(&positions[first..first + samples]);
+            }
+            let mut corners = GridCorners { entry, weight, x: across };
+            grid_corners_block(tier, grid, tables, level, BLOCK, &x, &mut corners);
+            let rows = &kept.gradients[first * kept.width..][..samples * kept.width];
+            let (first, index) = (level.first, level.index);
+            let add = Add { entry, weight, across, rows, width: kept.width, first, index, gradient, touched };
+            match grid.features {
+                1 => tier.run(Features::<1, 2>(add)),
+                2 => tier.run(Features::<2, 4>(add)),
+                _ => tier.run(Features::<4, 8>(add)),
+            }
+        }
+    }
+}
+
+/// Adds a block's gradients `rows`, `[samples][width]`, to the entries.
+struct Add<'a> {
+    entry: &'a [u32],
+    weight: &'a [f32],
+    across: &'a [f32],
+    rows: &'a [f32],
+    width: usize,
+    /// The level's first entry, and its number.
+    first: usize,
+    index: usize,
+    gradient: &'a mut [f32],
+    touched: &'a mut [bool],
+}
+
+/// Entries of `F` values, two of them `F2`.
+struct Features<'a, const F: usize, const F2: usize>(Add<'a>);
+
+impl<const F: usize, const F2: usize> Op for Features<'_, F, F2> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run<V: Lanes>(self) {
+        let Add { entry, weight, across, rows, width, first, index, gradient, touched } = self.0;
+        for (i, row) in rows.chunks_exact(width).enumerate() {
+            let of_level = &row[index * F..][..F];
+            // Of the near entry and of the far one, side by side as they lie in the table.
+            let mut both = [0.0f32; F2];
+            for f in 0..F {
+                let far = of_level[f] * across[i];
+                both[f] = of_level[f] - far;
+                both[F + f] = far;
+            }
+            for corner in 0..4 {
+                let at = (entry[corner * BLOCK + i] as usize - first) * F;
+                let weight = weight[corner * BLOCK + i];
+                touched[at / PART] = true;
+                let Some(values) = gradient[at..].first_chunk_mut::<F2>() else { continue };
+                for (value, both) in values.iter_mut().zip(&both) {
+                    *value += weight * both;
+                }
+            }
+        }
+    }
+}
+
+/// Adam of a level, where there is a gradient, which is then 0; and the f16 copy of what moved.
+struct Update<'a, 's, 'l> {
+    adam: &'a AdamStep,
+    gradient: &'a mut [f32],
+    touched: &'a mut [bool],
+    state: &'s mut LevelState<'l>,
+}
+
+impl Op for Update<'_, '_, '_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run<V: Lanes>(self) {
+        let Self { adam, gradient, touched, state } = self;
+        // By value: behind a reference its numbers would be read for each.
+        let length = state.values.len();
+        let mut before = false;
+        for (part, gradient) in gradient.chunks_exact_mut(PART).enumerate() {
+            let here = std::mem::take(&mut touched[part]);
+            // A row that begins in one part may end in the next.
+            if !std::mem::replace(&mut before, here) && !here {
                 continue;
             }
             let from = part * PART;
-            let to = values.len().min(from + PART);
-            let gradient = &mut self.values[from..from + PART];
+            if touched.get(part + AHEAD).is_some_and(|&touched| touched) {
+                for line in (from + AHEAD * PART..from + (AHEAD + 1) * PART).step_by(16) {
+                    prefetch(state.values, line);
+                    prefetch(state.moment1, line);
+                    prefetch(state.moment2, line);
+                }
+            }
+            let to = length.min(from + PART);
             if from < to {
-                let (m, v) = (&mut moment1[from..to], &mut moment2[from..to]);
-                step.apply(tier, &mut values[from..to], m, v, &mut gradient[..to - from]);
+                let values = &mut state.values[from..to];
+                let (m, v) = (&mut state.moment1[from..to], &mut state.moment2[from..to]);
+                update_part(*adam, &gradient[..to - from], values, m, v);
+                halve::<V>(values, &mut state.halves[2 * from..2 * to]);
             }
             gradient.fill(0.0);
         }
     }
+}
+
+#[inline(always)]
+fn update_part(adam: AdamStep, gradient: &[f32], values: &mut [f32], m: &mut [f32], v: &mut [f32]) {
+    let (gradient, last_gradient) = gradient.as_chunks::<16>();
+    let (values, last) = values.as_chunks_mut::<16>();
+    let (m, last_m) = m.as_chunks_mut::<16>();
+    let (v, last_v) = v.as_chunks_mut::<16>();
+    for (((value, m), v), g) in values.iter_mut().zip(m).zip(v).zip(gradient) {
+        // Where there is none, three lines of memory are neither read nor written.
+        if g.iter().fold(0, |any, g| any | g.to_bits() << 1) != 0 {
+            move_16(adam, value, m, v, g);
+        }
+    }
+    for (((value, m), v), g) in last.iter_mut().zip(last_m).zip(last_v).zip(last_gradient) {
+        moved(adam, value, m, v, *g);
+    }
+}
+
+/// Writes little-endian f16.
+pub(super) fn write_halves(tier: Tier, values: &[f32], halves: &mut [u8]) {
+    tier.run(Halve { values, halves });
+}
+
+struct Halve<'a> {
+    values: &'a [f32],
+    halves: &'a mut [u8],
+}
+
+impl Op for Halve<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run<V: Lanes>(self) {
+        halve::<V>(self.values, self.halves);
+    }
+}
+
+#[inline(always)]
+fn halve<V: Lanes>(values: &[f32], halves: &mut [u8]) {
+    let (values, last) = values.as_chunks::<16>();
+    let (halves, last_halves) = halves.as_chunks_mut::<2>().0.as_chunks_mut::<16>();
+    for (values, halves) in values.iter().zip(halves) {
+        *halves = halve_16::<V>(values);
+    }
+    let mut values = [0.0; 16];
+    values[..last.len()].copy_from_slice(last);
+    for (to, half) in last_halves.iter_mut().zip(halve_16::<V>(&values)) {
+        *to = half;
+    }
+}
+
+#[inline(always)]
+fn halve_16<V: Lanes>(values: &[f32; 16]) -> [[u8; 2]; 16] {
+    let mut halves = [0u16; 16];
+    for from in (0..16).step_by(V::COUNT) {
+        let bits = V::load(&values[from..]).to_f16();
+        for lane in 0..V::COUNT {
+            halves[from + lane] = bits[lane];
+        }
+    }
+    halves.map(u16::to_le_bytes)
 }

@@ -7,6 +7,7 @@ use crate::config::{Preset, TableConfig};
 use crate::engine::model::uniform;
 use crate::engine::{BatchError, BatchRay, Dense, Part, ReferenceEngine};
 use glam::Vec3;
+use half::f16;
 use nerf_core::encoding::{AngleScale, DirectionEncoding, PositionEncoding, SinusoidalEncoding};
 
 /// No cube, and not around 0.
@@ -41,12 +42,12 @@ fn models() -> [(&'static str, Model); 5] {
 /// With this first decay, a first moment is the last gradient itself.
 const BARE: Adam = Adam { betas: [0.0, 0.99], epsilon: 1e-15, weight_decay: 0.0 };
 
-/// An engine whose tables are large enough to matter: U(±0.5).
+/// An engine whose tables are large enough to matter: U(±0.5), as f16 has them: a step is computed from those.
 fn engine(model: &Model, adam: Adam, seed: u64) -> GridEngine {
     let mut engine = GridEngine::new(model, bounds(), adam, seed).unwrap();
     let mut state = engine.state();
     for (i, value) in state.parameters[model.layer_parameters()..].iter_mut().enumerate() {
-        *value = uniform(seed + 1, i as u64) as f32 - 0.5;
+        *value = f16::from_f32(uniform(seed + 1, i as u64) as f32 - 0.5).to_f32();
     }
     engine.restore(&state).unwrap();
     engine

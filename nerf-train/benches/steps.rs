@@ -1,0 +1,68 @@
+//! Where a training step's time goes, at two sizes of the grid's table.
+//!
+//! `cargo bench -p nerf-train --bench steps`; `NERF_BENCH_DATA=FILE` trains on that data instead of the built-in
+//! scene, `NERF_BENCH_STEPS=N` times N steps after as many that are not timed. On a quiet machine.
+
+use nerf_core::kernels::Tier;
+use nerf_train::config::Preset;
+use nerf_train::dataset::{self, ReadOptions};
+use nerf_train::demo_scene::{self, DemoSpec};
+use nerf_train::engine::Phase;
+use nerf_train::train::Trainer;
+use std::path::Path;
+use std::time::Instant;
+
+fn main() {
+    let data = match std::env::var_os("NERF_BENCH_DATA") {
+        Some(path) => {
+            dataset::read(Path::new(&path), &ReadOptions::default()).expect("NERF_BENCH_DATA: a data set")
+        }
+        None => demo_scene::dataset(&DemoSpec::default()).expect("the built-in scene"),
+    };
+    let steps =
+        std::env::var("NERF_BENCH_STEPS").map_or(600, |steps| steps.parse().expect("a number of steps"));
+    println!("{}, steps {steps} to {}", data.name, 2 * steps);
+    let phases: Vec<&str> = Phase::ALL.iter().map(|phase| phase.name()).collect();
+    println!("| table | threads | ms a step | evaluated/s | kept/s | {} | rest |", phases.join(" | "));
+    println!("| --- |{}", " ---: |".repeat(phases.len() + 5));
+    for log2_entries in [14, 16] {
+        for threads in [1, 2] {
+            let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("a pool");
+            pool.install(|| row(&data, log2_entries, threads, steps));
+        }
+    }
+}
+
+/// Trains, and prints the row of the second half.
+fn row(data: &dataset::Dataset, log2_entries: u8, threads: usize, steps: u32) {
+    let mut config = Preset::Grid.config();
+    if let Some(grid) = &mut config.network.grid {
+        grid.log2_entries = log2_entries;
+    }
+    let mut trainer = Trainer::new(data, config, Tier::detect()).expect("a trainer");
+    let run = |trainer: &mut Trainer<'_>, from: u32| {
+        for step in from..from + steps {
+            trainer.step(f64::from(step) / f64::from(2 * steps)).expect("a step");
+        }
+    };
+    run(&mut trainer, 0);
+    let (before, phases, begun) = (*trainer.progressed(), trainer.phases(), Instant::now());
+    run(&mut trainer, steps);
+    let (after, seconds) = (*trainer.progressed(), begun.elapsed().as_secs_f64());
+    let evaluated = after.evaluated - before.evaluated;
+    let parts = Phase::ALL.map(|phase| (trainer.phases().of(phase) - phases.of(phase)).as_secs_f64());
+    // What waits or is done by one thread alone.
+    let of_all =
+        |phase: usize| if matches!(Phase::ALL[phase], Phase::March | Phase::Occupancy) { threads } else { 1 };
+    let parts: Vec<f64> = parts.iter().enumerate().map(|(i, s)| s * of_all(i) as f64).collect();
+    let whole = seconds * threads as f64;
+    let shares: Vec<String> = parts.iter().map(|s| format!("{:.1} %", 100.0 * s / whole)).collect();
+    println!(
+        "| 2^{log2_entries} | {threads} | {:.2} | {:.2} M | {:.2} M | {} | {:.1} % |",
+        1e3 * seconds / f64::from(steps),
+        evaluated as f64 / seconds / 1e6,
+        (after.samples - before.samples) as f64 / seconds / 1e6,
+        shares.join(" | "),
+        100.0 * (whole - parts.iter().sum::<f64>()) / whole,
+    );
+}

@@ -1,0 +1,77 @@
+//! Where the time of training goes.
+
+use std::ops::AddAssign;
+use std::time::{Duration, Instant};
+
+/// A part of a training step.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Phase {
+    /// Rays, and their samples in occupied cells.
+    March,
+    /// Table entries to encoded positions.
+    Encode,
+    /// Dense layers, forward.
+    Forward,
+    /// Weights along the rays, pixels, loss, and their gradients.
+    Composite,
+    /// Dense layers, backward.
+    Backward,
+    /// Gradients of table entries.
+    Scatter,
+    /// The optimiser.
+    Adam,
+    /// The occupancy's refresh.
+    Occupancy,
+}
+
+impl Phase {
+    /// All of them, in the order of a step.
+    pub const ALL: [Self; 8] = [
+        Self::March,
+        Self::Encode,
+        Self::Forward,
+        Self::Composite,
+        Self::Backward,
+        Self::Scatter,
+        Self::Adam,
+        Self::Occupancy,
+    ];
+
+    /// Its name in tables.
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::March => "march",
+            Self::Encode => "encode",
+            Self::Forward => "layers forward",
+            Self::Composite => "composite",
+            Self::Backward => "layers backward",
+            Self::Scatter => "scatter",
+            Self::Adam => "Adam",
+            Self::Occupancy => "occupancy",
+        }
+    }
+}
+
+/// Time of each [`Phase`], summed over threads.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Default)]
+pub struct Phases([Duration; Phase::ALL.len()]);
+
+impl Phases {
+    /// Time of one of them.
+    pub fn of(&self, phase: Phase) -> Duration {
+        self.0[phase as usize]
+    }
+
+    /// Adds the time since `since` to a phase, and gives the present.
+    pub fn lap(&mut self, phase: Phase, since: Instant) -> Instant {
+        let now = Instant::now();
+        self.0[phase as usize] += now - since;
+        now
+    }
+}
+
+impl AddAssign for Phases {
+    fn add_assign(&mut self, other: Self) {
+        self.0.iter_mut().zip(other.0).for_each(|(a, b)| *a += b);
+    }
+}
