@@ -96,7 +96,7 @@ impl Pixel {
 ///
 /// # Source
 /// Mildenhall et al. 2020, eq. 3; deviation: the last bin is finite.
-#[derive(Clone, Copy, Debug, Default)]
+#[derive(Clone, Copy, Debug)]
 pub struct Accumulator {
     tau: Sum,
     rgb: [Sum; 3],
@@ -104,13 +104,21 @@ pub struct Accumulator {
     distance: Sum,
     /// Weight that no colour has been asked for yet.
     uncoloured: f32,
+    /// What is left of the light, `exp(−tau)`.
+    left: f32,
+}
+
+impl Default for Accumulator {
+    fn default() -> Self {
+        Self::NONE
+    }
 }
 
 impl Accumulator {
     /// A ray that has met nothing.
     pub const NONE: Self = {
         let zero = Sum::ZERO;
-        Self { tau: zero, rgb: [zero; 3], opacity: zero, distance: zero, uncoloured: 0.0 }
+        Self { tau: zero, rgb: [zero; 3], opacity: zero, distance: zero, uncoloured: 0.0, left: 1.0 }
     };
 
     /// `Σ sigma delta` of everything gathered so far that had a weight.
@@ -121,8 +129,8 @@ impl Accumulator {
 
     /// What is left of the light behind everything gathered so far: `exp(−Σ sigma delta)`.
     #[inline]
-    pub fn transmittance<M: Math>(&self) -> f32 {
-        if self.tau.value >= MAX_TAU { 0.0 } else { M::decay(self.tau.value) }
+    pub fn transmittance(&self) -> f32 {
+        self.left
     }
 
     /// Adds the sample at `t` behind everything gathered so far; returns its weight.
@@ -144,13 +152,14 @@ impl Accumulator {
     #[inline]
     pub fn add_density<M: Math>(&mut self, sigma: f32, t: f32, delta: f32) -> f32 {
         let tau = (sigma.clamp(0.0, f32::MAX) * delta.clamp(0.0, f32::MAX)).min(MAX_TAU);
-        let weight = self.transmittance::<M>() * -M::expm1(-tau);
+        let weight = self.left * -M::expm1(-tau);
         // Behind a term that was larger than all before it, Kahan's sum may move by an ulp when 0 is added: what
         // weighs nothing changes no bit.
         if weight == 0.0 {
             return weight;
         }
         self.tau.add(tau);
+        self.left = if self.tau.value >= MAX_TAU { 0.0 } else { M::decay(self.tau.value) };
         self.opacity.add(weight);
         self.distance.add(weight * t);
         self.uncoloured += weight;

@@ -248,13 +248,20 @@ impl<'f, 'w> Frame<'f, 'w> {
             return;
         }
         let (rows, stride) = (self.network.direction_rows(), self.shares.block);
-        self.scratch.stride = stride;
+        let Scratch { encoded, front, back, .. } = &mut self.scratch;
+        let mut scratch = Scratch { stride, encoded, front, back: &mut [] };
         let shares = self.shares.values.chunks_exact_mut((rows * stride).max(1));
         for (states, out) in head(self.rays, count).chunks(stride.max(1)).zip(shares) {
             for (column, state) in states.iter().enumerate() {
                 put_column(self.dirs, stride, column, state.ray.dir.to_array());
             }
-            self.network.direction(self.plan.math, &mut self.scratch, self.dirs, out);
+            self.network.direction(self.plan.math, &mut scratch, self.dirs, back);
+            // Each ray's side by side: they are copied to every sample of it.
+            for (column, share) in out.chunks_exact_mut(rows.max(1)).take(states.len()).enumerate() {
+                for (to, from) in share.iter_mut().zip(back.chunks_exact(stride.max(1))) {
+                    *to = at(from, column);
+                }
+            }
         }
         self.counters.macs += count as u64 * self.network.direction_macs() as u64;
     }
@@ -355,7 +362,7 @@ impl<'f, 'w> Frame<'f, 'w> {
     }
 }
 
-/// The direction's share of the colour branch, once a ray: `[rays / block][direction_rows][block]`.
+/// The direction's share of the colour branch, once a ray: `[rays][direction_rows]`, room for whole blocks of rays.
 pub(super) struct Shares<'w> {
     values: &'w mut [f32],
     block: usize,
@@ -373,13 +380,12 @@ impl Shares<'_> {
         owner: &[u32],
         rgb: &mut [f32],
     ) {
-        let (stride, rows, block) = (scratch.stride, network.direction_rows(), self.block.max(1));
+        let (stride, rows) = (scratch.stride, network.direction_rows());
         let spread = |to: &mut [f32]| {
             for (column, &ray) in owner.iter().enumerate() {
-                let ray = ray as usize;
-                let from = tail(self.values, ray / block * rows * block + ray % block);
-                for row in 0..rows {
-                    put(to, row * stride + column, at(from, row * block));
+                let share = head(tail(self.values, ray as usize * rows), rows);
+                for (to, &value) in to.chunks_exact_mut(stride.max(1)).zip(share) {
+                    put(to, column, value);
                 }
             }
         };

@@ -220,7 +220,7 @@ impl Frame<'_, '_> {
                 let thickness = state.gathered.optical_thickness();
                 state.gathered.add_density::<M>(sigma, t, delta);
                 self.medians.look::<M>(owner, thickness, &state.gathered, sigma, middle, delta);
-                state.done = state.gathered.transmittance::<M>() < plan.transmittance_cut;
+                state.done = state.gathered.transmittance() < plan.transmittance_cut;
                 if plan.outputs.picks()
                     && let Some(weight) = state.gathered.take_uncoloured(plan.colour_cut)
                 {

@@ -240,7 +240,7 @@ impl Frame<'_, '_> {
                 let weight = state.gathered.add_density::<M>(sigma, at(self.block.t, column), coarse.delta());
                 let bin = at(self.drawn.index, column) as usize;
                 put(self.drawn.t, owner as usize * row + drawn + bin, weight);
-                state.done = state.gathered.transmittance::<M>() < DARK;
+                state.done = state.gathered.transmittance() < DARK;
             }
             if !state.done && state.seek(self.network.tier(), plan, coarse, Place::MIDDLE) {
                 self.waiting.push(owner);

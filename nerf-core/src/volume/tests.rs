@@ -47,7 +47,7 @@ fn every_size_of_sigma_and_delta_gives_a_finite_pixel() {
             for t in [0.0, 1e-30, 1.0, 1e30] {
                 let mut ray = Accumulator::NONE;
                 let weight = ray.add::<Polynomial>(sigma, [1.0, 0.5, 0.0], t, delta);
-                let through = ray.transmittance::<Polynomial>();
+                let through = ray.transmittance();
                 let truth = if sigma == 0.0 || delta == 0.0 {
                     0.0
                 } else {
@@ -101,7 +101,7 @@ fn weights_plus_final_transmittance_is_one() {
                 exact += f64::from(ray.add::<Polynomial>(x * scale, [0.0; 3], 1.0, 1.0));
             }
             let sum = f64::from(ray.opacity.value);
-            let through = f64::from(ray.transmittance::<Polynomial>());
+            let through = f64::from(ray.transmittance());
             worst = worst.worse((sum + through - 1.0).abs());
             assert!((sum - exact).abs() <= 1.2e-7, "the sum of the weights itself");
         }
@@ -270,7 +270,7 @@ fn conservation<M: Math>() -> (f32, f32) {
             for x in noise(n, n as u32) {
                 ray.add::<M>(x * scale, [1.0; 3], 1.0, 1.0);
             }
-            worst = worst.worse((ray.opacity.value + ray.transmittance::<M>() - 1.0).abs());
+            worst = worst.worse((ray.opacity.value + ray.transmittance() - 1.0).abs());
             most = most.max(ray.opacity.value);
             let pixel = ray.finish([0.0; 3], 2.0, 1.0);
             assert!(pixel.opacity <= 1.0);

@@ -134,7 +134,7 @@ fn a_picture_is_the_composite_of_the_drawn_samples_bit_for_bit() {
                 for bin in 0..COARSE {
                     let t = bins.at(bin, 0.5);
                     let (sigma, _) = ask(&coarse, &plans[1], ray.at(t), ray.dir);
-                    if sigma > 0.0 && seen.transmittance::<Polynomial>() >= DARK {
+                    if sigma > 0.0 && seen.transmittance() >= DARK {
                         row[(DRAWN + bin) as usize] = seen.add_density::<Polynomial>(sigma, t, bins.delta());
                     }
                 }
@@ -142,7 +142,7 @@ fn a_picture_is_the_composite_of_the_drawn_samples_bit_for_bit() {
                 let mut ray_sum = Accumulator::NONE;
                 for k in 0..row.len() {
                     let (sigma, rgb) = ask(&fine, &plans[0], ray.at(row[k]), ray.dir);
-                    if sigma > 0.0 && ray_sum.transmittance::<Polynomial>() >= cut {
+                    if sigma > 0.0 && ray_sum.transmittance() >= cut {
                         hits += 1;
                         ray_sum.add::<Polynomial>(sigma, rgb, row[k], stretch(2.0, 6.0, &row, k).1);
                     }

@@ -52,7 +52,7 @@ impl<'w> Medians<'w> {
     ) {
         let Some(distance) = self.distance.get_mut(ray as usize) else { return };
         // The test that ends rays, so that a cut of one half never comes first.
-        if *distance == NOT_YET && gathered.transmittance::<M>() < 0.5 {
+        if *distance == NOT_YET && gathered.transmittance() < 0.5 {
             *distance = median_in_bin(thickness, sigma, t, delta);
         }
     }

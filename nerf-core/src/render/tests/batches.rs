@@ -31,7 +31,7 @@ fn sample_by_sample(
                 colours += 1;
                 gathered.add_colour(weight, rgb[0]);
             }
-            if gathered.transmittance::<Polynomial>() < quality.transmittance_cut {
+            if gathered.transmittance() < quality.transmittance_cut {
                 break;
             }
         }

@@ -126,7 +126,7 @@ fn sample_by_sample(
                 evaluations += 1;
                 sum.add(weight, gradient(network, p, blur));
             }
-            if gathered.transmittance::<Polynomial>() < quality.transmittance_cut {
+            if gathered.transmittance() < quality.transmittance_cut {
                 break;
             }
         }
