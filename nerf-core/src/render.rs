@@ -52,7 +52,7 @@ pub struct Renderer<'a> {
     blob: Blob<'a>,
     network: Network<'a>,
     proposer: Proposer<'a>,
-    /// A box around what the skip grid has.
+    /// A box around what the occupancy grid has.
     occupied: Option<SceneBox>,
 }
 
@@ -85,7 +85,12 @@ impl<'a> Renderer<'a> {
         };
         let tables = Self::tables_of(&blob);
         let network = Network::with_grid(blob.architecture(), weights, tables, tier).ok_or(too_small)?;
-        Ok(Self { occupied: blob.grid().and_then(|grid| grid.occupied_box()), blob, network, proposer })
+        Ok(Self {
+            occupied: blob.occupancy().and_then(|occupancy| occupancy.occupied_box()),
+            blob,
+            network,
+            proposer,
+        })
     }
 
     /// The tables of the blob's grid, where they lie.
@@ -113,7 +118,12 @@ impl<'a> Renderer<'a> {
         let weights = Weights::Prepared(parameters);
         let network = Network::with_grid(blob.architecture(), weights, tables, tier)?;
         let proposer = Proposer::in_place(&blob, tier);
-        Some(Self { occupied: blob.grid().and_then(|grid| grid.occupied_box()), blob, network, proposer })
+        Some(Self {
+            occupied: blob.occupancy().and_then(|occupancy| occupancy.occupied_box()),
+            blob,
+            network,
+            proposer,
+        })
     }
 
     /// The scene.

@@ -135,7 +135,7 @@ impl<'p> FieldTrainer<'p> {
             parameters: &parameters,
             tables: &[],
             content: Content::Picture(PictureFacts { width, height }),
-            grid: None,
+            occupancy: None,
             provenance: Provenance {
                 data: &self.photo.name,
                 made_by: &made_by,

@@ -76,7 +76,7 @@ const ROWS: &[Row] = &[
             "small",
         ];
         let data = ["fit", &i.large, "-o", &o.path("a.nerf"), "--report", &o.path("report"), "-q"];
-        owned(&[&data, &run, &["--rays", "64", "--depth", "2", "--grid-resolution", "12"]])
+        owned(&[&data, &run, &["--rays", "64", "--depth", "2", "--occupancy-resolution", "12"]])
     }),
     ("fit of a fifo", 0.5, |i, o| owned(&[&fit(&i.fifo, &o.path("a.nerf"), &[])])),
     ("image fit", 1.5, |i, o| {

@@ -69,7 +69,7 @@ fn check(
         architecture,
         parameters: &imported.folded(),
         content: Content::Scene(settings.facts(false)),
-        grid: None,
+        occupancy: None,
         provenance: Provenance {
             data: "fuzz",
             made_by: "fuzz",
