@@ -72,7 +72,8 @@ impl LiveCells {
         Vec3::from(self.min) + at * self.cell_size()
     }
 
-    /// An occupancy grid of `resolution` over `bounds` in which the cells `live` (indices in the blob's order) may hold something.
+    /// An occupancy grid of `resolution` over `bounds` in which the cells `live` (indices in the blob's order) may
+    /// hold something.
     ///
     /// # Panics
     /// If a cell lies beyond the occupancy grid.
@@ -220,8 +221,8 @@ impl Occupancy {
         self.settle_to(ask, threshold, SMALLEST_SHARE);
     }
 
-    /// The occupancy grid of a network that is finished, `resolution` cells along the longest side: as [`Self::settle`],
-    /// but however few cells are left.
+    /// The occupancy grid of a network that is finished, `resolution` cells along the longest side: as
+    /// [`Self::settle`], but however few cells are left.
     pub fn asked(bounds: SceneBox, resolution: u16, ask: &Ask<'_>, threshold: f32) -> Self {
         let mut occupancy = Self::full(bounds, resolution);
         occupancy.settle_to(ask, threshold, 0.0);

@@ -105,7 +105,8 @@ impl<'a, 'b> Study<'a, 'b> {
         // The middles of as many equal parts.
         let mut timing: Vec<usize> = (0..count).map(|i| (2 * i + 1) * views.len() / (2 * count)).collect();
         if Settings::base().is_slow(lab.has_occupancy(0)) {
-            // Without an occupancy grid everything is slow: the views that times are taken on have to do for all of it.
+            // Without an occupancy grid everything is slow: the views that times are taken on have to do for all of
+            // it.
             views = timing.iter().map(|&view| views[view]).collect();
             timing = (0..count).collect();
         }

@@ -32,8 +32,8 @@ pub struct Settings {
 }
 
 impl Settings {
-    /// The exact rendering: every sample inside the scene box, behind the occupancy grid only where the blob says that
-    /// it is part of the model; no cuts, the exact encoding, f32 on the fastest f32 tier.
+    /// The exact rendering: every sample inside the scene box, behind the occupancy grid only where the blob says
+    /// that it is part of the model; no cuts, the exact encoding, f32 on the fastest f32 tier.
     pub fn exact(blob: &Blob<'_>) -> Self {
         Self { quality: Quality::exact(blob), ..Self::base() }
     }

@@ -168,7 +168,7 @@ fn weights_that_become_f16_subnormals_are_counted_and_keep_their_nearest_value()
 #[test]
 fn what_rounding_costs_is_measured_and_written_into_the_blob() {
     let (dataset, config) = (scene(), tiny(100));
-    // One look, at the end: the last step is exported.
+    // One validation, at the end: the last step is exported.
     let options = RunOptions { validate_every: Some(u32::MAX), ..options(&config, None, false) };
     let Ended::Finished(outcome) = run(&dataset, config.clone(), &options, &|_| false).expect("a run") else {
         unreachable!("nobody interrupts")

@@ -34,7 +34,8 @@ fn varint(mut number: u64) -> Vec<u8> {
     bytes
 }
 
-/// Where the trunk begins: its number of layers, then width and skip of each. Where the occupancy grid does: its resolution.
+/// Where the trunk begins: its number of layers, then width and skip of each. Where the occupancy grid does: its
+/// resolution.
 const TRUNK: usize = 6;
 const OCCUPANCY: usize = 61;
 /// The first text of the provenance, behind an occupancy grid of eight cells, no front and no proposal.
