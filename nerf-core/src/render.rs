@@ -174,7 +174,7 @@ impl<'a> Renderer<'a> {
     /// Asks for density and colour at points seen along directions.
     ///
     /// `positions`, `dirs` (unit): `[n]`, world space; `sigma`: `[n]`, 1/world unit; `rgb`: `[n]`,
-    /// display-encoded. Points outside the scene box or in a cell the plan's grid calls empty, and
+    /// display-encoded. Points outside the scene box or in a cell the plan's occupancy calls empty, and
     /// points where its density is NaN, have density 0 and black colour; where its colour is NaN, it is
     /// black ([`Counters::invalid_samples`]).
     ///

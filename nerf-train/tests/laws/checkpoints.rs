@@ -117,7 +117,7 @@ fn resuming_with_other_settings_is_refused_and_keeps_the_checkpoint() {
         let mut other = config.clone();
         change(&mut other);
         let error = resume(&dataset, &other, &path).expect_err(field).to_string();
-        let named = error.contains(field) || field == "preset" && error.contains("grid");
+        let named = error.contains(field) || field == "preset" && error.contains("network.");
         assert!(named && error.contains("checkpoint"), "{field}: {error}");
     }
     assert!(resume(&dataset, &Config { optimiser: tiny_grid(12).optimiser, ..config }, &path).is_ok());
