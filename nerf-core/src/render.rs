@@ -20,6 +20,7 @@ mod proposal;
 mod proposal;
 mod rect;
 mod surface;
+mod window;
 
 #[cfg(test)]
 mod tests;

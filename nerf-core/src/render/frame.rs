@@ -222,7 +222,7 @@ impl<'f, 'w> Frame<'f, 'w> {
                 let (next, end) = (state.next, state.end);
                 // A proposal is asked in the middle of its bins.
                 let place = if self.drawn.is_on() { Place::MIDDLE } else { state.place(plan, turn) };
-                let live = state.seek(plan, walk, place);
+                let live = state.seek(self.network.tier(), plan, walk, place);
                 // Between the proposal's samples there may be drawn ones that are live.
                 if (live || (self.drawn.is_on() && next < end))
                     && let Some(place) = self.rays.get_mut(hits)

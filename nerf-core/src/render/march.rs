@@ -6,8 +6,9 @@
 
 use super::Counters;
 use super::frame::{Frame, columns_of};
+use super::window::Window;
 use crate::effects::jitter::Place;
-use crate::kernels::{at, column, head, put, put_column, tail, tail_mut};
+use crate::kernels::{Tier, at, column, head, put, put_column, tail, tail_mut};
 use crate::math::Math;
 use crate::network::Scratch;
 use crate::plan::Plan;
@@ -30,6 +31,8 @@ pub(super) struct RayState {
     /// The next bin or drawn sample to look at, and the end of them.
     pub next: u32,
     pub end: u32,
+    /// Which bins have been looked up.
+    pub window: Window,
     /// Samples the network was asked for.
     pub kept: u32,
     /// Whether the transmittance is below the cut.
@@ -52,6 +55,7 @@ impl RayState {
         y: 0,
         next: 0,
         end: 0,
+        window: Window::NONE,
         kept: 0,
         done: true,
         gathered: Accumulator::NONE,
@@ -65,10 +69,15 @@ impl RayState {
 
     /// Moves `next` to the first live one of `bins` at or after it; `false` if there is none.
     #[inline]
-    pub fn seek(&mut self, plan: &Plan<'_>, bins: &Bins, place: Place) -> bool {
-        let bins = bins.with(self.ends);
-        self.next = plan.first_live(&bins, &self.ray, place, self.next, self.end);
-        self.next < self.end
+    pub fn seek(&mut self, tier: Tier, plan: &Plan<'_>, bins: &Bins, place: Place) -> bool {
+        let (bins, next, end) = (bins.with(self.ends), self.next, self.end);
+        self.next = match &plan.occupancy {
+            Some(occupancy) if place.is_middle() => {
+                self.window.first_live(tier, occupancy, &self.ray, &bins, next, end)
+            }
+            _ => plan.first_live(&bins, &self.ray, place, next, end),
+        };
+        self.next < end
     }
 }
 
@@ -149,7 +158,7 @@ impl Frame<'_, '_> {
     /// Takes the next sample of as many rays as a block has room for; without a transmittance cut, all
     /// samples of as many as it takes. Returns their number.
     fn fill(&mut self) -> usize {
-        let plan = self.plan;
+        let (plan, tier) = (self.plan, self.network.tier());
         let room = self.block.owner.len();
         let burst = if plan.transmittance_cut > 0.0 { 1 } else { room };
         let mut n = 0;
@@ -158,7 +167,7 @@ impl Frame<'_, '_> {
             let Some(state) = self.rays.get_mut(i as usize) else { break };
             for _ in 0..burst.min(room - n) {
                 let place = state.place(plan, self.turn);
-                if !self.drawn.seek(plan, i, state, place) {
+                if !self.drawn.seek(tier, plan, i, state, place) {
                     break;
                 }
                 put(self.block.owner, n, i);
@@ -187,7 +196,7 @@ impl Frame<'_, '_> {
     /// Adds the densities of the block's `n` samples to their rays, picks those whose colour or normal is
     /// worth asking for, and sends the rays that see on back to wait. Returns how many were picked.
     fn gather<M: Math>(&mut self, n: usize) -> usize {
-        let plan = self.plan;
+        let (plan, tier) = (self.plan, self.network.tier());
         let mut picked = 0;
         for column in 0..n {
             let owner = at(self.block.owner, column);
@@ -223,7 +232,7 @@ impl Frame<'_, '_> {
             }
             let last = column + 1 == n || at(self.block.owner, column + 1) != owner;
             let place = state.place(plan, self.turn);
-            if last && !state.done && self.drawn.seek(plan, owner, state, place) {
+            if last && !state.done && self.drawn.seek(tier, plan, owner, state, place) {
                 self.waiting.push(owner);
             }
         }

@@ -110,9 +110,9 @@ impl<'f, 'w> Drawn<'f, 'w> {
 
     /// Moves `state.next` to the first live sample of ray `ray` at or after it; `false` if there is none.
     #[inline]
-    pub fn seek(&self, plan: &Plan<'_>, ray: u32, state: &mut RayState, place: Place) -> bool {
+    pub fn seek(&self, tier: Tier, plan: &Plan<'_>, ray: u32, state: &mut RayState, place: Place) -> bool {
         if self.row == 0 {
-            return state.seek(plan, &plan.bins, place);
+            return state.seek(tier, plan, &plan.bins, place);
         }
         let row = self.row_of(ray);
         while state.next < state.end && !plan.live(state.ray.at(at(row, state.next as usize))) {
@@ -194,7 +194,7 @@ impl Frame<'_, '_> {
             self.drawn.move_row(from, left);
             (state.next, state.end, state.done) = (0, row as u32, false);
             state.gathered = Accumulator::NONE;
-            if self.drawn.seek(plan, left as u32, &mut state, place) {
+            if self.drawn.seek(self.network.tier(), plan, left as u32, &mut state, place) {
                 put(self.rays, left, state);
                 self.waiting.push(left as u32);
                 left += 1;
@@ -242,7 +242,7 @@ impl Frame<'_, '_> {
                 put(self.drawn.t, owner as usize * row + drawn + bin, weight);
                 state.done = state.gathered.transmittance::<M>() < DARK;
             }
-            if !state.done && state.seek(plan, coarse, Place::MIDDLE) {
+            if !state.done && state.seek(self.network.tier(), plan, coarse, Place::MIDDLE) {
                 self.waiting.push(owner);
             }
         }

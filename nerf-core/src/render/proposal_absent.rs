@@ -59,8 +59,8 @@ impl<'f, 'w> Drawn<'f, 'w> {
     }
 
     #[inline]
-    pub fn seek(&self, plan: &Plan<'_>, _: u32, state: &mut RayState, place: Place) -> bool {
-        state.seek(plan, &plan.bins, place)
+    pub fn seek(&self, tier: Tier, plan: &Plan<'_>, _: u32, state: &mut RayState, place: Place) -> bool {
+        state.seek(tier, plan, &plan.bins, place)
     }
 
     #[inline]

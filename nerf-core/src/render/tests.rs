@@ -366,18 +366,18 @@ fn the_seed_network_takes_the_memory_the_docs_say() {
         renderer.workspace_lines(&Plan::new(&blob, &Quality::EXACT, outputs, batch).unwrap())
     };
     let in_place = Renderer::new(blob.clone(), Tier::Scalar, &mut []).unwrap();
-    assert_eq!(lines(&in_place, Outputs::ALL, Batch::SMALLEST) * size_of::<Line>(), 3_584);
+    assert_eq!(lines(&in_place, Outputs::ALL, Batch::SMALLEST) * size_of::<Line>(), 3_648);
     let no_colour = Outputs { rgb: false, ..Outputs::ALL };
-    assert_eq!(lines(&in_place, no_colour, Batch::SMALLEST) * size_of::<Line>(), 2_816);
+    assert_eq!(lines(&in_place, no_colour, Batch::SMALLEST) * size_of::<Line>(), 2_880);
     let prepared = Renderer::with_parameters(blob.clone(), Tier::Scalar, &unpacked).unwrap();
     let batch = Batch::for_tier(Tier::Scalar);
-    assert_eq!(lines(&prepared, Outputs::ALL, batch) * size_of::<Line>(), 380_928);
+    assert_eq!(lines(&prepared, Outputs::ALL, batch) * size_of::<Line>(), 382_976);
     #[cfg(feature = "anti-aliasing")]
     for anti_aliasing in [2, 256] {
         let effects = crate::effects::Effects { anti_aliasing, ..crate::effects::Effects::NONE };
         let plan = Plan::new(&blob, &Quality::EXACT, Outputs::ALL, batch).unwrap();
         let plan = plan.with_effects(effects).unwrap();
-        assert_eq!(prepared.workspace_lines(&plan) * size_of::<Line>(), 395_264);
+        assert_eq!(prepared.workspace_lines(&plan) * size_of::<Line>(), 397_312);
     }
     assert_eq!(Renderer::prepared_lines(&blob, Tier::Avx2) * size_of::<Line>(), 2_120_256);
 }

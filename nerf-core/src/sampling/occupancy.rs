@@ -1,6 +1,8 @@
 //! The occupancy grid: which cells of the scene box may hold something.
 
 use super::Bins;
+use crate::math::gather::Indices;
+use crate::math::lanes::{Lanes, MAX_LANES};
 use crate::ray::{Ray, SceneBox};
 use glam::Vec3;
 
@@ -17,11 +19,11 @@ impl<'a> OccupancyGrid<'a> {
     /// An occupancy grid of `resolution` cells over `bounds`; bit `(x * ny + y) * nz + z`, LSB first.
     ///
     /// A cell without a bit counts as empty, and so does everything where `resolution` has a 0 or more cells
-    /// than `usize` counts.
+    /// than `u32` counts.
     pub fn new(bounds: SceneBox, resolution: [u16; 3], bits: &'a [u8]) -> Self {
         let sides = Vec3::from(resolution.map(f32::from));
         let cells: u64 = resolution.iter().map(|&side| u64::from(side)).product();
-        let bits = if cells > 0 && usize::try_from(cells).is_ok() { bits } else { &[] };
+        let bits = if cells > 0 && u32::try_from(cells).is_ok() { bits } else { &[] };
         Self { bounds, cells_per_unit: sides / (bounds.max - bounds.min), resolution, bits }
     }
 
@@ -37,6 +39,37 @@ impl<'a> OccupancyGrid<'a> {
     #[inline]
     pub fn occupied(&self, p: Vec3) -> bool {
         self.cell_of(p).is_some_and(|cell| self.bit(self.index_of(cell)))
+    }
+
+    /// [`OccupancyGrid::occupied`] of a vector of points, x, y, z: bit `i` of the point in lane `i`.
+    #[inline(always)]
+    pub(crate) fn occupied_lanes<V: Lanes>(&self, points: [V; 3]) -> u32 {
+        let (min, max) = (self.bounds.min.to_array(), self.bounds.max.to_array());
+        let scale = self.cells_per_unit.to_array();
+        let (zero, one) = (V::splat(0.0), V::splat(1.0));
+        let mut index = V::Indices::splat(0);
+        let mut inside = one;
+        for axis in 0..3 {
+            let (p, low) = (points[axis], V::splat(min[axis]));
+            inside = V::select(p.less(low), zero, V::select(V::splat(max[axis]).less(p), zero, inside));
+            let side = u32::from(self.resolution[axis]);
+            let at = p.sub(low).mul(V::splat(scale[axis]));
+            let nearest = at.round_even();
+            let floor = V::select(at.less(nearest), nearest.sub(one), nearest);
+            // As in `cell_of`; outside, where it does not count, some cell.
+            let cell = floor.min_of(V::splat(side.saturating_sub(1) as f32)).max_of(zero);
+            index = index.mul(V::Indices::splat(side)).add(cell.to_indices());
+        }
+        let mut lanes = [0.0; MAX_LANES];
+        inside.store(&mut lanes);
+        let mut cells = [0; MAX_LANES];
+        index.store(&mut cells);
+        let mut live = 0;
+        for lane in 0..V::COUNT {
+            let byte = self.bits.get(cells[lane] as usize / 8).copied().unwrap_or(0);
+            live |= u32::from(byte >> (cells[lane] % 8) & u8::from(lanes[lane] > 0.0)) << lane;
+        }
+        live
     }
 
     /// Cell x, y, z of `p`; `None` outside the box.
@@ -56,7 +89,7 @@ impl<'a> OccupancyGrid<'a> {
     #[inline]
     fn index_of(&self, [x, y, z]: [usize; 3]) -> usize {
         let [_, ny, nz] = self.resolution.map(usize::from);
-        // Where more cells are than `usize` counts there is no bit (`new`).
+        // Where more cells are than `u32` counts there is no bit (`new`).
         x.wrapping_mul(ny).wrapping_add(y).wrapping_mul(nz).wrapping_add(z)
     }
 
@@ -91,7 +124,8 @@ impl<'a> OccupancyGrid<'a> {
                     return bin;
                 }
                 if !passes_cells {
-                    let last = bin + self.bins_to_exit(p, cell, ray.dir, cells_per_bin).min(end - 1 - bin);
+                    let ahead = self.bins_to_exit(p, cell, ray.dir, cells_per_bin);
+                    let last = bin + Ord::min(ahead, end - 1 - bin);
                     if self.cell_of(ray.at(t(last))) == Some(cell) {
                         bin = last;
                     }
