@@ -68,6 +68,7 @@ fn check(
     let contents = Contents {
         architecture,
         parameters: &imported.folded(),
+        tables: &[],
         content: Content::Scene(settings.facts(false)),
         occupancy: None,
         provenance: Provenance {
