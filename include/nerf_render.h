@@ -137,9 +137,9 @@ enum nerf_status
      */
     NERF_STATUS_NOT_A_SCENE = 13,
     /**
-     * The scene's skip grid is part of its model and cannot be ignored.
+     * The scene's occupancy grid is part of its model and cannot be ignored.
      */
-    NERF_STATUS_GRID_REQUIRED = 14,
+    NERF_STATUS_OCCUPANCY_REQUIRED = 14,
     /**
      * A direction of a query is not of unit length.
      */
@@ -510,17 +510,17 @@ typedef struct nerf_scene_info {
      */
     uint32_t view_dependent;
     /**
-     * 1 if the skip grid is part of the model and cannot be ignored.
+     * 1 if the occupancy grid is part of the model and cannot be ignored.
      */
-    uint32_t grid_required;
+    uint32_t occupancy_required;
     /**
-     * Cells of the skip grid along x, y, z; zeros without a grid.
+     * Cells of the occupancy grid along x, y, z; zeros without an occupancy grid.
      */
-    uint32_t grid_resolution[3];
+    uint32_t occupancy_resolution[3];
     /**
-     * Share of the cells that may hold something; 1 without a grid.
+     * Share of the cells that may hold something; 1 without an occupancy grid.
      */
-    float grid_occupancy;
+    float occupied_share;
     /**
      * Trunk layers in use of `trunk_widths`.
      */
@@ -717,7 +717,7 @@ typedef struct nerf_effects {
 /**
  * The shortcuts of a frame.
  *
- * All zeros (but for `struct_size`) is the exact picture: every sample that the skip grid does
+ * All zeros (but for `struct_size`) is the exact picture: every sample that the occupancy grid does
  * not call empty. NULL in its place is the same with
  * `transmittance_cut = NERF_TRANSMITTANCE_CUT_DEFAULT` and `colour_cut = NERF_COLOUR_CUT_DEFAULT`,
  * faster and not visibly different, and `normal_blur = NERF_NORMAL_BLUR_DEFAULT`.
@@ -738,9 +738,9 @@ typedef struct nerf_render_options {
      */
     float transmittance_cut;
     /**
-     * 1: cells that the skip grid calls empty are computed, too. Else 0.
+     * 1: cells that the occupancy grid calls empty are computed, too. Else 0.
      */
-    uint32_t ignore_grid;
+    uint32_t ignore_occupancy;
     /**
      * A `nerf_maths`.
      */
@@ -917,7 +917,7 @@ typedef struct nerf_counters {
      */
     uint64_t samples_kept;
     /**
-     * Samples it was not asked for: outside box or grid, or behind the transmittance cut.
+     * Samples it was not asked for: outside box or occupancy grid, or behind the transmittance cut.
      */
     uint64_t samples_skipped;
     /**
@@ -1232,11 +1232,11 @@ nerf_status nerf_render_picture(const struct nerf_scene *scene,
  * Asks for density and colour at points seen along directions.
  *
  * `positions`: `n` times x, y, z, world space; points outside the scene box, or in a cell that the
- * skip grid calls empty, have density 0 and black colour. `dirs`: `n` unit vectors, from the
+ * occupancy grid calls empty, have density 0 and black colour. `dirs`: `n` unit vectors, from the
  * camera to the point; may be NULL where `rgb` is. `sigma`: receives `n` densities per world unit.
  * `rgb`: receives `n` times r, g, b, display-encoded; NULL if not wanted. The four may be NULL if
  * `n` is 0, and the results must not overlap the others. The rest: as in `nerf_render`; of the
- * options only grid, maths and batch matter to the results; the workspace is that of all of them.
+ * options only occupancy grid, maths and batch matter to the results; the workspace is that of all of them.
  *
  * # Safety
  * Pointers are NULL or point to what is described here; `scene` is intact.
@@ -1302,7 +1302,7 @@ nerf_status nerf_pace_measure(const struct nerf_scene *scene,
 /**
  * Sets the cheapest settings that lose at most `loss_db` against the exact rendering.
  *
- * `options`: `struct_size` set by the caller; its shortcuts (samples, cuts, grid, maths, proposal) are
+ * `options`: `struct_size` set by the caller; its shortcuts (samples, cuts, occupancy grid, maths, proposal) are
  * replaced, the rest stays. `choice`: NULL, or written. Where every point of the scene's front loses more, the
  * one that loses least is set, and `choice->within` is 0. A scene without a front, or with none that this build
  * can render, is `NERF_STATUS_NO_FRONT`, and nothing is written. A point may cut transmittance above one half,

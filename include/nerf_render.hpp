@@ -718,7 +718,8 @@ public:
         });
     }
 
-    // The five below set the shortcuts of `how` (samples, cuts, grid, maths, proposal); the rest of it stays.
+    // The five below set the shortcuts of `how` (samples, cuts, occupancy grid, maths, proposal); the rest of it
+    // stays.
 
     /// The cheapest settings that lose at most `loss_db` against the exact rendering.
     result<choice> within_loss(float loss_db, options &how) const noexcept {

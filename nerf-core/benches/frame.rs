@@ -40,7 +40,9 @@ fn main() {
     for tier in tiers() {
         let mut memory = vec![Line::UNINIT; Renderer::prepared_lines(&blob, tier)];
         let renderer = Renderer::new(blob.clone(), tier, &mut memory).expect("a renderer");
-        for (what, quality) in [("dense", Quality::exact(&blob)), ("grid and cut", Quality::default())] {
+        for (what, quality) in
+            [("dense", Quality::exact(&blob)), ("occupancy grid and cut", Quality::default())]
+        {
             // A dense frame of the scalar tier takes minutes and says nothing the kernels do not.
             if tier == Tier::Scalar && what == "dense" {
                 continue;

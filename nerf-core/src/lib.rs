@@ -9,7 +9,7 @@
 //! # The pipeline
 //!
 //! ```text
-//!  camera ──► ray ──► clip to the scene box ──► bins, skip grid        one ray at a time
+//!  camera ──► ray ──► clip to the scene box ──► bins, occupancy        one ray at a time
 //!                                                    │
 //!                                next live sample of each ray ◄────────────────────┐
 //!                                                    ▼                             │
@@ -118,9 +118,9 @@
 //!         far: 6.0,
 //!         sampling: SceneSampling::Bins(64),
 //!         background: [1.0; 3],
-//!         grid_required: false,
+//!         occupancy_required: false,
 //!     }),
-//!     grid: None,
+//!     occupancy: None,
 //!     front: Default::default(),
 //!     proposal: None,
 //!     provenance: Provenance {

@@ -6,7 +6,7 @@ use crate::effects::{EffectError, Effects, Tone};
 use crate::kernels::{BLOCK, Tier};
 use crate::math::MathBackend;
 use crate::ray::{BoundsError, Ray, SceneBox};
-use crate::sampling::{Bins, SkipGrid};
+use crate::sampling::{Bins, OccupancyGrid};
 
 mod quality;
 mod span;
@@ -124,7 +124,7 @@ pub struct Plan<'a> {
     pub(crate) near: f32,
     pub(crate) far: f32,
     pub(crate) background: [f32; 3],
-    pub(crate) grid: Option<SkipGrid<'a>>,
+    pub(crate) occupancy: Option<OccupancyGrid<'a>>,
     pub(crate) outputs: Outputs,
     pub(crate) transmittance_cut: f32,
     pub(crate) colour_cut: f32,
@@ -154,8 +154,8 @@ impl<'a> Plan<'a> {
         if let Some(effect) = outputs.not_built() {
             return Err(PlanError::NotBuilt { effect });
         }
-        if scene.grid_required && !quality.skip_grid {
-            return Err(PlanError::GridRequired);
+        if scene.occupancy_required && !quality.occupancy {
+            return Err(PlanError::OccupancyRequired);
         }
         let samples = if quality.samples == 0 { scene.samples() } else { quality.samples };
         if samples > MAX_SAMPLES {
@@ -189,7 +189,7 @@ impl<'a> Plan<'a> {
             near: scene.near,
             far: scene.far,
             background: scene.background,
-            grid: if quality.skip_grid { blob.grid() } else { None },
+            occupancy: if quality.occupancy { blob.occupancy() } else { None },
             outputs,
             transmittance_cut: quality.transmittance_cut,
             colour_cut: quality.colour_cut,
@@ -306,8 +306,8 @@ impl<'a> Plan<'a> {
     #[inline]
     pub(crate) fn first_live(&self, bins: &Bins, ray: &Ray, place: Place, from: u32, end: u32) -> u32 {
         let t = |bin| place.t(bins, bin);
-        match &self.grid {
-            Some(grid) => grid.first_live_at(ray, bins, from, end, t),
+        match &self.occupancy {
+            Some(occupancy) => occupancy.first_live_at(ray, bins, from, end, t),
             None => (from..end).find(|&bin| self.bounds.contains(ray.at(t(bin)))).unwrap_or(end),
         }
     }
@@ -315,8 +315,8 @@ impl<'a> Plan<'a> {
     /// Whether a sample at `p` is worth asking the network for.
     #[inline]
     pub(crate) fn live(&self, p: glam::Vec3) -> bool {
-        match &self.grid {
-            Some(grid) => grid.occupied(p),
+        match &self.occupancy {
+            Some(occupancy) => occupancy.occupied(p),
             None => self.bounds.contains(p),
         }
     }
@@ -348,8 +348,8 @@ fn lattice(scene: &SceneFacts, samples: u16, proposal: bool) -> Result<(Lattice,
 pub enum PlanError {
     /// The blob is a 2D field.
     NotAScene,
-    /// The skip grid is part of the model, and the request switches it off.
-    GridRequired,
+    /// The occupancy grid is part of the model, and the request switches it off.
+    OccupancyRequired,
     /// More samples per ray than the format allows.
     Samples {
         /// What was asked for.
@@ -407,9 +407,9 @@ impl core::fmt::Display for PlanError {
     fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
         match self {
             Self::NotAScene => write!(f, "blob: expected a scene, found a 2D field"),
-            Self::GridRequired => write!(
+            Self::OccupancyRequired => write!(
                 f,
-                "quality.skip_grid: this scene's grid is part of its model (outside of it the network was \
+                "quality.occupancy: this scene's occupancy is part of its model (outside of it the network was \
                  never trained), so it cannot be switched off"
             ),
             Self::Samples { found } => {

@@ -53,7 +53,7 @@ pub struct Renderer<'a> {
     blob: Blob<'a>,
     network: Network<'a>,
     proposer: Proposer<'a>,
-    /// A box around what the skip grid has.
+    /// A box around what the occupancy grid has.
     occupied: Option<SceneBox>,
 }
 
@@ -86,7 +86,12 @@ impl<'a> Renderer<'a> {
         };
         let tables = Self::tables_of(&blob);
         let network = Network::with_grid(blob.architecture(), weights, tables, tier).ok_or(too_small)?;
-        Ok(Self { occupied: blob.grid().and_then(|grid| grid.occupied_box()), blob, network, proposer })
+        Ok(Self {
+            occupied: blob.occupancy().and_then(|occupancy| occupancy.occupied_box()),
+            blob,
+            network,
+            proposer,
+        })
     }
 
     /// The tables of the blob's grid, where they lie.
@@ -114,7 +119,12 @@ impl<'a> Renderer<'a> {
         let weights = Weights::Prepared(parameters);
         let network = Network::with_grid(blob.architecture(), weights, tables, tier)?;
         let proposer = Proposer::in_place(&blob, tier);
-        Some(Self { occupied: blob.grid().and_then(|grid| grid.occupied_box()), blob, network, proposer })
+        Some(Self {
+            occupied: blob.occupancy().and_then(|occupancy| occupancy.occupied_box()),
+            blob,
+            network,
+            proposer,
+        })
     }
 
     /// The scene.
@@ -165,7 +175,7 @@ impl<'a> Renderer<'a> {
     /// Asks for density and colour at points seen along directions.
     ///
     /// `positions`, `dirs` (unit): `[n]`, world space; `sigma`: `[n]`, 1/world unit; `rgb`: `[n]`,
-    /// display-encoded. Points outside the scene box or in a cell the plan's grid calls empty, and
+    /// display-encoded. Points outside the scene box or in a cell the plan's occupancy calls empty, and
     /// points where its density is NaN, have density 0 and black colour; where its colour is NaN, it is
     /// black ([`Counters::invalid_samples`]).
     ///

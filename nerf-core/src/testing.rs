@@ -2,7 +2,9 @@
 
 extern crate std;
 
-use crate::blob::{self, Body, Content, Front, Grid, PictureFacts, Provenance, SceneFacts, SceneSampling};
+use crate::blob::{
+    self, Body, Content, Front, PictureFacts, Provenance, SceneFacts, SceneSampling, StoredOccupancy,
+};
 use crate::encoding::{AngleScale, PositionEncoding, SinusoidalEncoding};
 use crate::kernels::Tier;
 use crate::network::{Architecture, DensityActivation, TrunkLayer};
@@ -103,7 +105,7 @@ pub const SCENE: SceneFacts = SceneFacts {
     far: 6.0,
     sampling: SceneSampling::Bins(32),
     background: [0.25, 0.5, 1.0],
-    grid_required: false,
+    occupancy_required: false,
 };
 
 /// The picture of the tests.
@@ -122,11 +124,15 @@ pub const PROVENANCE: Provenance<'static> = Provenance {
 };
 
 /// A body of the tests' scene.
-pub fn body<'a>(architecture: Architecture, grid: Option<Grid<'a>>, weights: &'a [u8]) -> Body<'a> {
+pub fn body<'a>(
+    architecture: Architecture,
+    occupancy: Option<StoredOccupancy<'a>>,
+    weights: &'a [u8],
+) -> Body<'a> {
     Body {
         architecture,
         content: Content::Scene(SCENE),
-        grid,
+        occupancy,
         front: Front::new(),
         proposal: None,
         provenance: PROVENANCE,

@@ -14,7 +14,7 @@ pub struct Counters {
     pub rays: u64,
     /// Samples the network was asked for.
     pub samples_kept: u64,
-    /// Samples it was not asked for: outside box or grid, or behind the transmittance cut.
+    /// Samples it was not asked for: outside box or occupancy grid, or behind the transmittance cut.
     pub samples_skipped: u64,
     /// Evaluations of trunk and density head.
     pub density_evaluations: u64,

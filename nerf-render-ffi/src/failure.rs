@@ -135,7 +135,7 @@ impl Reason for Failure {
             },
             Self::Camera(_) | Self::NoView | Self::NoRay { .. } => Status::Camera,
             Self::Plan(PlanError::NotAScene) => Status::NotAScene,
-            Self::Plan(PlanError::GridRequired) => Status::GridRequired,
+            Self::Plan(PlanError::OccupancyRequired) => Status::OccupancyRequired,
             Self::Plan(_) => Status::Options,
             Self::Render(RenderError::Rect { .. }) => Status::Rect,
             Self::Render(RenderError::NotAPicture) => Status::NotAPicture,

@@ -79,7 +79,7 @@ unsafe fn answer(
 
 /// Sets the cheapest settings that lose at most `loss_db` against the exact rendering.
 ///
-/// `options`: `struct_size` set by the caller; its shortcuts (samples, cuts, grid, maths, proposal) are
+/// `options`: `struct_size` set by the caller; its shortcuts (samples, cuts, occupancy grid, maths, proposal) are
 /// replaced, the rest stays. `choice`: NULL, or written. Where every point of the scene's front loses more, the
 /// one that loses least is set, and `choice->within` is 0. A scene without a front, or with none that this build
 /// can render, is `NERF_STATUS_NO_FRONT`, and nothing is written. A point may cut transmittance above one half,

@@ -20,11 +20,11 @@ const CHUNK: usize = 64;
 /// Asks for density and colour at points seen along directions.
 ///
 /// `positions`: `n` times x, y, z, world space; points outside the scene box, or in a cell that the
-/// skip grid calls empty, have density 0 and black colour. `dirs`: `n` unit vectors, from the
+/// occupancy grid calls empty, have density 0 and black colour. `dirs`: `n` unit vectors, from the
 /// camera to the point; may be NULL where `rgb` is. `sigma`: receives `n` densities per world unit.
 /// `rgb`: receives `n` times r, g, b, display-encoded; NULL if not wanted. The four may be NULL if
 /// `n` is 0, and the results must not overlap the others. The rest: as in `nerf_render`; of the
-/// options only grid, maths and batch matter to the results; the workspace is that of all of them.
+/// options only occupancy grid, maths and batch matter to the results; the workspace is that of all of them.
 ///
 /// # Safety
 /// Pointers are NULL or point to what is described here; `scene` is intact.

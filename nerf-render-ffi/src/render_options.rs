@@ -35,7 +35,7 @@ pub enum Maths {
 
 /// The shortcuts of a frame.
 ///
-/// All zeros (but for `struct_size`) is the exact picture: every sample that the skip grid does
+/// All zeros (but for `struct_size`) is the exact picture: every sample that the occupancy grid does
 /// not call empty. NULL in its place is the same with
 /// `transmittance_cut = NERF_TRANSMITTANCE_CUT_DEFAULT` and `colour_cut = NERF_COLOUR_CUT_DEFAULT`,
 /// faster and not visibly different, and `normal_blur = NERF_NORMAL_BLUR_DEFAULT`.
@@ -50,8 +50,8 @@ pub struct RenderOptions {
     pub samples: u32,
     /// A ray ends where its transmittance falls below this, in `[0, 1)`; 0 never ends one.
     pub transmittance_cut: f32,
-    /// 1: cells that the skip grid calls empty are computed, too. Else 0.
-    pub ignore_grid: u32,
+    /// 1: cells that the occupancy grid calls empty are computed, too. Else 0.
+    pub ignore_occupancy: u32,
     /// A `nerf_maths`.
     pub maths: u32,
     /// 1: `background` replaces the scene's. Else 0.
@@ -106,7 +106,7 @@ impl RenderOptions {
             samples: quality.samples.into(),
             transmittance_cut: quality.transmittance_cut,
             colour_cut: quality.colour_cut,
-            ignore_grid: (!quality.skip_grid).into(),
+            ignore_occupancy: (!quality.occupancy).into(),
             maths: maths as u32,
             ignore_proposal: (!quality.proposal).into(),
             ..self
@@ -163,7 +163,7 @@ impl Settings {
                 samples: samples as u16,
                 transmittance_cut: o.transmittance_cut,
                 colour_cut: o.colour_cut,
-                skip_grid: !flag("options.ignore_grid", o.ignore_grid)?,
+                occupancy: !flag("options.ignore_occupancy", o.ignore_occupancy)?,
                 math: backend(o.maths)?,
                 proposal: !flag("options.ignore_proposal", o.ignore_proposal)?,
             },

@@ -59,12 +59,12 @@ pub struct SceneInfo {
     pub background: [f32; 3],
     /// 1 if colour depends on the viewing direction.
     pub view_dependent: u32,
-    /// 1 if the skip grid is part of the model and cannot be ignored.
-    pub grid_required: u32,
-    /// Cells of the skip grid along x, y, z; zeros without a grid.
-    pub grid_resolution: [u32; 3],
-    /// Share of the cells that may hold something; 1 without a grid.
-    pub grid_occupancy: f32,
+    /// 1 if the occupancy grid is part of the model and cannot be ignored.
+    pub occupancy_required: u32,
+    /// Cells of the occupancy grid along x, y, z; zeros without an occupancy grid.
+    pub occupancy_resolution: [u32; 3],
+    /// Share of the cells that may hold something; 1 without an occupancy grid.
+    pub occupied_share: f32,
     /// Trunk layers in use of `trunk_widths`.
     pub trunk_layers: u32,
     /// Widths of the trunk's layers.
@@ -142,7 +142,7 @@ pub unsafe extern "C" fn nerf_scene_describe(scene: *const Scene, info: *mut Sce
 fn describe(scene: &Scene) -> SceneInfo {
     let renderer = scene.renderer();
     let (blob, architecture) = (renderer.blob(), renderer.blob().architecture());
-    let (facts, grid, provenance) = (blob.scene(), blob.grid(), blob.provenance());
+    let (facts, occupancy, provenance) = (blob.scene(), blob.occupancy(), blob.provenance());
     SceneInfo {
         struct_size: size_of::<SceneInfo>(),
         kind: if facts.is_some() { Kind::Scene } else { Kind::Picture } as u32,
@@ -154,9 +154,9 @@ fn describe(scene: &Scene) -> SceneInfo {
         samples: facts.map_or(0, |facts| facts.samples().into()),
         background: facts.map_or([0.0; 3], |facts| facts.background),
         view_dependent: architecture.direction.is_some().into(),
-        grid_required: facts.is_some_and(|facts| facts.grid_required).into(),
-        grid_resolution: grid.map_or([0; 3], |grid| grid.resolution().map(u32::from)),
-        grid_occupancy: grid.map_or(1.0, |grid| grid.occupancy()),
+        occupancy_required: facts.is_some_and(|facts| facts.occupancy_required).into(),
+        occupancy_resolution: occupancy.map_or([0; 3], |occupancy| occupancy.resolution().map(u32::from)),
+        occupied_share: occupancy.map_or(1.0, |occupancy| occupancy.occupied_share()),
         trunk_layers: architecture.trunk.len() as u32,
         trunk_widths: core::array::from_fn(|i| architecture.trunk.get(i).map_or(0, |l| l.width.into())),
         colour_layers: architecture.colour.len() as u32,

@@ -34,8 +34,8 @@ pub enum Status {
     Target = 12,
     /// The blob is a picture (a 2D field), not a scene: `nerf_render_picture` renders it.
     NotAScene = 13,
-    /// The scene's skip grid is part of its model and cannot be ignored.
-    GridRequired = 14,
+    /// The scene's occupancy grid is part of its model and cannot be ignored.
+    OccupancyRequired = 14,
     /// A direction of a query is not of unit length.
     Direction = 15,
     /// The progress callback asked to stop; finished tiles are in the picture.
@@ -87,7 +87,7 @@ impl Status {
             Rect,
             Target,
             NotAScene,
-            GridRequired,
+            OccupancyRequired,
             Direction,
             Cancelled,
             Panic,
@@ -122,7 +122,9 @@ impl Status {
             Self::Rect => c"the rectangle is not inside the image",
             Self::Target => c"no plane is wanted, or a plane's format or stride is wrong",
             Self::NotAScene => c"the blob is a 2D field, not a scene: nerf_render_picture renders it",
-            Self::GridRequired => c"the scene's skip grid is part of its model and cannot be ignored",
+            Self::OccupancyRequired => {
+                c"the scene's occupancy grid is part of its model and cannot be ignored"
+            }
             Self::Direction => c"a direction is not of unit length",
             Self::Cancelled => c"cancelled by the progress callback",
             Self::Panic => c"a defect of this library; the scene is unharmed",

@@ -29,8 +29,8 @@ pub struct Config {
     pub network: NetworkConfig,
     /// Rays and samples.
     pub sampling: SamplingConfig,
-    /// The occupancy grid that skips empty space in training; its end state is the blob's skip grid.
-    pub grid: GridConfig,
+    /// The occupancy grid that skips empty space in training; its end state is the blob's occupancy grid.
+    pub occupancy: OccupancyConfig,
     /// The optimiser.
     pub optimiser: OptimiserConfig,
     /// Seed of everything random.
@@ -188,7 +188,7 @@ pub enum Jitter {
 /// The occupancy grid.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct GridConfig {
+pub struct OccupancyConfig {
     /// Whether empty space is skipped in training.
     pub skip: bool,
     /// Cells along the longest side of the scene box.
@@ -248,7 +248,7 @@ impl Preset {
                     far: None,
                     scene_box: None,
                 },
-                grid: GridConfig {
+                occupancy: OccupancyConfig {
                     skip: true,
                     resolution: 128,
                     hull: true,
@@ -298,7 +298,7 @@ impl Preset {
                     far: None,
                     scene_box: None,
                 },
-                grid: GridConfig {
+                occupancy: OccupancyConfig {
                     skip: true,
                     resolution: 96,
                     hull: true,
@@ -348,7 +348,7 @@ impl Preset {
                     far: None,
                     scene_box: None,
                 },
-                grid: GridConfig {
+                occupancy: OccupancyConfig {
                     skip: false,
                     resolution: 128,
                     hull: false,
@@ -393,7 +393,7 @@ impl Config {
     /// # Errors
     /// [`ConfigError`] names the first that is out of range.
     pub fn check(&self) -> Result<(), ConfigError> {
-        let (n, s, g, o) = (&self.network, &self.sampling, &self.grid, &self.optimiser);
+        let (n, s, g, o) = (&self.network, &self.sampling, &self.occupancy, &self.optimiser);
         rule("network.depth", (1..=MAX_TRUNK).contains(&n.depth), format!("1 to {MAX_TRUNK}"), n.depth)?;
         rule("network.width", (1..=MAX_WIDTH).contains(&n.width), format!("1 to {MAX_WIDTH}"), n.width)?;
         rule("network.skip_after", n.skip_after < n.depth, "less than the depth", n.skip_after)?;
@@ -435,7 +435,7 @@ impl Config {
             rule("network.density", density, "exponential beside a grid", format!("{:?}", n.density))?;
             rule("network.density_scale", n.density_scale == 1.0, "1 beside a grid", n.density_scale)?;
             // Its samples are trained where light reaches them, which culled space is not.
-            rule("grid.empty_share", g.empty_share == 0.0, "0 beside a grid", g.empty_share)?;
+            rule("occupancy.empty_share", g.empty_share == 0.0, "0 beside a grid", g.empty_share)?;
         }
         rule("sampling.steps_across", s.steps_across > 0, "at least 1", s.steps_across)?;
         rule("sampling.samples", (1..=4096).contains(&s.samples), "1 to 4096", s.samples)?;
@@ -448,22 +448,22 @@ impl Config {
             format!("{} rays of {} samples", s.rays, s.samples),
         )?;
         rule("sampling.live_samples", s.live_samples <= 10_000_000, "at most 10000000", s.live_samples)?;
-        rule("grid.resolution", (1..=512).contains(&g.resolution), "1 to 512", g.resolution)?;
-        rule("grid.every", g.every > 0, "at least 1", g.every)?;
+        rule("occupancy.resolution", (1..=512).contains(&g.resolution), "1 to 512", g.resolution)?;
+        rule("occupancy.every", g.every > 0, "at least 1", g.every)?;
         rule(
-            "grid.threshold",
+            "occupancy.threshold",
             g.threshold.is_finite() && g.threshold >= 0.0,
             "a finite number of at least 0",
             g.threshold,
         )?;
         rule(
-            "grid.empty_weight",
+            "occupancy.empty_weight",
             g.empty_weight.is_finite() && g.empty_weight >= 0.0,
             "a finite number of at least 0",
             g.empty_weight,
         )?;
-        rule("grid.decay", (0.0..=1.0).contains(&g.decay), "0 to 1", g.decay)?;
-        rule("grid.empty_share", (0.0..=1.0).contains(&g.empty_share), "0 to 1", g.empty_share)?;
+        rule("occupancy.decay", (0.0..=1.0).contains(&g.decay), "0 to 1", g.decay)?;
+        rule("occupancy.empty_share", (0.0..=1.0).contains(&g.empty_share), "0 to 1", g.empty_share)?;
         o.check()?;
         if let Jitter::Width(width) = s.jitter
             && !(width.is_finite() && width >= 0.0)
@@ -479,14 +479,14 @@ impl Config {
     pub fn without_hull(mut self) -> Self {
         if self.preset == Preset::Small {
             self.network.density_bias = 0.5;
-            self.grid.from = 400;
+            self.occupancy.from = 400;
             self.optimiser.rate = 5e-3;
         }
         if self.network.grid.is_some() {
             // Opaque from the start, each view would be painted onto the shell of the box.
             self.network.density_bias = 0.0;
         }
-        self.grid.hull = false;
+        self.occupancy.hull = false;
         self
     }
 

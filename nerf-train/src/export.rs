@@ -2,7 +2,7 @@
 
 use half::f16;
 use nerf_core::blob::{
-    self, BlobError, Body, Content, Grid, Proposal, Provenance, StoredTables, TableStorage,
+    self, BlobError, Body, Content, Proposal, Provenance, StoredOccupancy, StoredTables, TableStorage,
 };
 use nerf_core::network::{Architecture, DensityActivation, Layer, Role};
 
@@ -17,8 +17,8 @@ pub struct Contents<'a> {
     pub tables: &'a [f32],
     /// What the network is a field of.
     pub content: Content,
-    /// Resolution and bits of the skip grid.
-    pub grid: Option<([u16; 3], &'a [u8])>,
+    /// Resolution and bits of the occupancy grid.
+    pub occupancy: Option<([u16; 3], &'a [u8])>,
     /// Where it comes from.
     pub provenance: Provenance<'a>,
 }
@@ -124,7 +124,7 @@ pub fn export_with(contents: &Contents<'_>, coarse: Option<&Coarse<'_>>) -> Resu
     let body = Body {
         architecture: contents.architecture.clone(),
         content: contents.content.clone(),
-        grid: contents.grid.map(|(resolution, bits)| Grid { resolution, bits }),
+        occupancy: contents.occupancy.map(|(resolution, bits)| StoredOccupancy { resolution, bits }),
         front: Default::default(),
         proposal,
         provenance: contents.provenance.clone(),

@@ -10,7 +10,7 @@ use std::path::Path;
 use std::sync::mpsc::{self, RecvTimeoutError};
 use std::time::Duration;
 
-/// A blob. The format's caps (22 layers of 512, a grid of 512³ bits) come to a sixth of it.
+/// A blob. The format's caps (22 layers of 512, an occupancy grid of 512³ bits) come to a sixth of it.
 pub const MAX_BLOB_BYTES: u64 = 256 << 20;
 /// A JSON file: some 400,000 frames of a `transforms.json`.
 pub const MAX_JSON_BYTES: u64 = 256 << 20;

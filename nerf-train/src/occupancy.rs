@@ -3,17 +3,17 @@
 use crate::dataset::{Background, View};
 use crate::field::densities;
 use glam::Vec3;
-use nerf_core::blob::Grid;
+use nerf_core::blob::StoredOccupancy;
 use nerf_core::camera::Camera;
 use nerf_core::kernels::Tier;
 use nerf_core::network::Architecture;
 use nerf_core::ray::SceneBox;
-use nerf_core::sampling::{Purpose, SkipGrid, uniform};
+use nerf_core::sampling::{OccupancyGrid, Purpose, uniform};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
 /// A refresh that would leave a smaller share of the candidates is ignored: a network whose
-/// density is dead must not take the grid with it.
+/// density is dead must not take the occupancy grid with it.
 const SMALLEST_SHARE: f64 = 0.02;
 /// A cell of the hull must be seen by one in so many of the views that see the best-seen cell:
 /// what lies behind the scene from a few cameras only is not carved, and is not the scene.
@@ -23,7 +23,7 @@ const SETTLE_MACS: usize = 300_000_000_000;
 /// Density of a cell that has not been asked yet: it stays live.
 const UNKNOWN: f32 = -1.0;
 
-/// A bit per cell: the grid as the blob keeps it.
+/// A bit per cell: the occupancy grid as the blob keeps it.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct LiveCells {
     min: [f32; 3],
@@ -55,8 +55,8 @@ impl LiveCells {
     }
 
     /// As the renderer sees it.
-    pub fn grid(&self) -> SkipGrid<'_> {
-        SkipGrid::new(self.bounds(), self.resolution, &self.bits)
+    pub fn lookup(&self) -> OccupancyGrid<'_> {
+        OccupancyGrid::new(self.bounds(), self.resolution, &self.bits)
     }
 
     fn cell_size(&self) -> Vec3 {
@@ -72,13 +72,14 @@ impl LiveCells {
         Vec3::from(self.min) + at * self.cell_size()
     }
 
-    /// A grid of `resolution` over `bounds` in which the cells `live` (indices in the blob's order) may hold something.
+    /// An occupancy grid of `resolution` over `bounds` in which the cells `live` (indices in the blob's order) may
+    /// hold something.
     ///
     /// # Panics
-    /// If a cell lies beyond the grid.
+    /// If a cell lies beyond the occupancy grid.
     pub fn of(bounds: SceneBox, resolution: [u16; 3], live: impl IntoIterator<Item = u32>) -> Self {
         let (min, max) = (bounds.min.into(), bounds.max.into());
-        let mut cells = Self { min, max, resolution, bits: vec![0; Grid::bytes(resolution)] };
+        let mut cells = Self { min, max, resolution, bits: vec![0; StoredOccupancy::bytes(resolution)] };
         live.into_iter().for_each(|cell| cells.set(cell));
         cells
     }
@@ -100,7 +101,7 @@ pub struct Occupancy {
 }
 
 impl Occupancy {
-    /// A grid with every cell live, `resolution` cells along the longest side.
+    /// An occupancy grid with every cell live, `resolution` cells along the longest side.
     pub fn full(bounds: SceneBox, resolution: u16) -> Self {
         let extent = bounds.max - bounds.min;
         let cell = extent.max_element() / f32::from(resolution);
@@ -169,15 +170,15 @@ impl Occupancy {
         SceneBox::new(min, max).ok()
     }
 
-    /// Whether this may be the same grid after other steps.
+    /// Whether this may be the same occupancy grid after other steps.
     pub(crate) fn is_like(&self, other: &Self) -> bool {
         let candidates = self.candidates == other.candidates && self.density.len() == other.density.len();
         candidates && self.live.is_like(&other.live) && self.refreshes <= u64::MAX / 2
     }
 
     /// As the renderer sees it.
-    pub fn grid(&self) -> SkipGrid<'_> {
-        self.live.grid()
+    pub fn lookup(&self) -> OccupancyGrid<'_> {
+        self.live.lookup()
     }
 
     /// The cells that may hold something.
@@ -214,18 +215,18 @@ impl Occupancy {
     /// The last word before export: every candidate not known to be live is asked at `2 × 2 × 2` points of its own.
     ///
     /// One answer above `threshold` settles a cell, so that it is not asked further. Where asking all would
-    /// take too long (a large grid and a large network) a cell is asked at its centre only, and the
+    /// take too long (a large occupancy grid and a large network) a cell is asked at its centre only, and the
     /// neighbours of live cells stay live too.
     pub fn settle(&mut self, ask: &Ask<'_>, threshold: f32) {
         self.settle_to(ask, threshold, SMALLEST_SHARE);
     }
 
-    /// The grid of a network that is finished, `resolution` cells along the longest side: as [`Self::settle`],
-    /// but however few cells are left.
+    /// The occupancy grid of a network that is finished, `resolution` cells along the longest side: as
+    /// [`Self::settle`], but however few cells are left.
     pub fn asked(bounds: SceneBox, resolution: u16, ask: &Ask<'_>, threshold: f32) -> Self {
-        let mut grid = Self::full(bounds, resolution);
-        grid.settle_to(ask, threshold, 0.0);
-        grid
+        let mut occupancy = Self::full(bounds, resolution);
+        occupancy.settle_to(ask, threshold, 0.0);
+        occupancy
     }
 
     fn settle_to(&mut self, ask: &Ask<'_>, threshold: f32, smallest_share: f64) {
@@ -252,7 +253,7 @@ impl Occupancy {
     /// Makes the candidates next to live cells live.
     fn dilate(&mut self) {
         let sides = self.live.resolution.map(i64::from);
-        let live = self.grid();
+        let live = self.lookup();
         let near_live = |&cell: &u32| {
             let cell = i64::from(cell);
             let at = [cell / (sides[1] * sides[2]), cell / sides[2] % sides[1], cell % sides[2]];
@@ -291,7 +292,7 @@ impl Occupancy {
     }
 }
 
-/// The network a grid asks.
+/// The network an occupancy grid asks.
 #[derive(Clone, Copy, Debug)]
 pub struct Ask<'a> {
     /// Kernel tier.

@@ -11,7 +11,7 @@ use march::{Cells, march};
 use nerf_core::camera::Camera;
 use nerf_core::kernels::Tier;
 use nerf_core::ray::{Ray, SceneBox};
-use nerf_core::sampling::{Bins, Purpose, SkipGrid, uniform, uniform_u32};
+use nerf_core::sampling::{Bins, OccupancyGrid, Purpose, uniform, uniform_u32};
 use rayon::prelude::*;
 
 /// How far around the foreground rays are still drawn, pixels.
@@ -64,12 +64,13 @@ impl<'d> RayBank<'d> {
             starts.push(starts[starts.len() - 1] + view.pixels.len() as u64);
         }
         let total = starts[views.len()];
-        // Without a grid every ray counts: the network itself must learn what is empty.
-        let near_foreground = if config.grid.skip && config.grid.hull && total <= u64::from(u32::MAX) {
-            near_foreground(views, &starts, background).filter(|pixels| !pixels.is_empty())
-        } else {
-            None
-        };
+        // Without an occupancy grid every ray counts: the network itself must learn what is empty.
+        let near_foreground =
+            if config.occupancy.skip && config.occupancy.hull && total <= u64::from(u32::MAX) {
+                near_foreground(views, &starts, background).filter(|pixels| !pixels.is_empty())
+            } else {
+                None
+            };
         let Bounds { near, far, scene_box } = bounds;
         Ok(Self {
             views,
@@ -94,14 +95,21 @@ impl<'d> RayBank<'d> {
 
     /// Fills `batch` with the rays of `step`: `rays` of them, or as many as bring `live` samples.
     ///
-    /// `grid` says where a sample is live; without it every sample inside the scene box is.
-    pub fn fill(&self, batch: &mut Batch, step: u64, rays: usize, live: usize, grid: Option<&SkipGrid<'_>>) {
+    /// `occupancy` says where a sample is live; without it every sample inside the scene box is.
+    pub fn fill(
+        &self,
+        batch: &mut Batch,
+        step: u64,
+        rays: usize,
+        live: usize,
+        occupancy: Option<&OccupancyGrid<'_>>,
+    ) {
         batch.clear();
         let chunks: Vec<Vec<(BatchRay, Vec<[f32; 3]>)>> = (0..rays.div_ceil(CHUNK))
             .into_par_iter()
             .map(|chunk| {
                 let range = chunk * CHUNK..rays.min((chunk + 1) * CHUNK);
-                range.map(|index| self.ray(step, index as u64, rays, grid)).collect()
+                range.map(|index| self.ray(step, index as u64, rays, occupancy)).collect()
             })
             .collect();
         for (ray, positions) in chunks.into_iter().flatten() {
@@ -156,8 +164,8 @@ impl<'d> RayBank<'d> {
         batch.deltas.resize(batch.positions.len(), width);
     }
 
-    /// Adds `count` points that `grid` calls empty: half along rays of the data, half anywhere.
-    pub fn fill_empty(&self, batch: &mut Batch, step: u64, count: usize, grid: &SkipGrid<'_>) {
+    /// Adds `count` points that `occupancy` calls empty: half along rays of the data, half anywhere.
+    pub fn fill_empty(&self, batch: &mut Batch, step: u64, count: usize, occupancy: &OccupancyGrid<'_>) {
         let extent = self.bounds.max - self.bounds.min;
         for try_index in 0..4 * count as u64 {
             if batch.empty.len() == count {
@@ -173,7 +181,7 @@ impl<'d> RayBank<'d> {
             } else {
                 self.bounds.min + extent * Vec3::new(draw(0), draw(1), draw(2))
             };
-            if self.bounds.contains(p) && !grid.occupied(p) {
+            if self.bounds.contains(p) && !occupancy.occupied(p) {
                 batch.empty.push(p.to_array());
             }
         }
@@ -231,14 +239,14 @@ impl<'d> RayBank<'d> {
         step: u64,
         index: u64,
         rays: usize,
-        grid: Option<&SkipGrid<'_>>,
+        occupancy: Option<&OccupancyGrid<'_>>,
     ) -> (BatchRay, Vec<[f32; 3]>) {
         let (ray, batch_ray) = self.target(step, index, rays);
         let mut positions = Vec::new();
         if let Some((enter, exit)) = self.bounds.clip(&ray, self.near, self.far) {
             for bin in self.bins.overlapping(enter, exit) {
                 let p = ray.at(self.t(step, index, bin));
-                if grid.map_or_else(|| self.bounds.contains(p), |grid| grid.occupied(p)) {
+                if occupancy.map_or_else(|| self.bounds.contains(p), |occupancy| occupancy.occupied(p)) {
                     positions.push(p.to_array());
                 }
             }

@@ -47,7 +47,7 @@ pub fn render_options() -> ffi::RenderOptions {
         struct_size: size_of::<ffi::RenderOptions>(),
         samples: 0,
         transmittance_cut: 0.0,
-        ignore_grid: 0,
+        ignore_occupancy: 0,
         maths: 0,
         background_set: 0,
         background: [0.0; 3],

@@ -1,8 +1,8 @@
 //! Small scenes and pictures of pseudo-random weights.
 
 use nerf_core::blob::{
-    Blob, Body, Content, Front, FrontPoint, Grid, PictureFacts, Proposal, Provenance, SceneFacts,
-    SceneSampling, StoredTables, TableStorage, encoded_len, write,
+    Blob, Body, Content, Front, FrontPoint, PictureFacts, Proposal, Provenance, SceneFacts, SceneSampling,
+    StoredOccupancy, StoredTables, TableStorage, encoded_len, write,
 };
 use nerf_core::camera::{Camera, Intrinsics, Pose};
 use nerf_core::encoding::{
@@ -28,10 +28,10 @@ pub struct Recipe {
     pub levels: u8,
     /// Features of an entry, if positions are encoded by a learned grid; 0 if by sines and cosines.
     pub features: u8,
-    /// Cells of the grid along each axis, and whether all of them are set.
-    pub grid: Option<(u16, bool)>,
-    /// Whether the grid is part of the model.
-    pub grid_required: bool,
+    /// Cells of the occupancy grid along each axis, and whether all of them are set.
+    pub occupancy: Option<(u16, bool)>,
+    /// Whether the occupancy grid is part of the model.
+    pub occupancy_required: bool,
     /// Samples of the coarse proposal network, and a front of two points; absent without.
     pub proposal: Option<u16>,
     /// Whether it is a scene, with a density head; else a picture.
@@ -41,27 +41,28 @@ pub struct Recipe {
 }
 
 impl Recipe {
-    /// 4×32, L = 10/4, view dependent, without skip layer and grid.
+    /// 4×32, L = 10/4, view dependent, without skip layer and occupancy grid.
     pub const PLAIN: Self = Self {
         trunk: (4, 32),
         skip: false,
         view_dependent: true,
         levels: 10,
         features: 0,
-        grid: None,
-        grid_required: false,
+        occupancy: None,
+        occupancy_required: false,
         proposal: None,
         scene: true,
         seed: 1,
     };
     /// With a skip layer.
     pub const SKIP: Self = Self { skip: true, seed: 2, ..Self::PLAIN };
-    /// With a grid of 8³ cells, half of them empty, and no view dependence.
-    pub const GRID: Self = Self { grid: Some((8, false)), view_dependent: false, seed: 3, ..Self::PLAIN };
-    /// With a grid that is part of the model.
-    pub const GRID_REQUIRED: Self = Self { grid_required: true, ..Self::GRID };
+    /// With an occupancy grid of 8³ cells, half of them empty, and no view dependence.
+    pub const OCCUPANCY: Self =
+        Self { occupancy: Some((8, false)), view_dependent: false, seed: 3, ..Self::PLAIN };
+    /// With an occupancy grid that is part of the model.
+    pub const OCCUPANCY_REQUIRED: Self = Self { occupancy_required: true, ..Self::OCCUPANCY };
     /// With a coarse proposal network besides.
-    pub const PROPOSAL: Self = Self { proposal: Some(12), seed: 7, ..Self::GRID };
+    pub const PROPOSAL: Self = Self { proposal: Some(12), seed: 7, ..Self::OCCUPANCY };
     /// With a learned grid of 4 levels, spherical harmonics and an exponential density.
     pub const LEARNED: Self = Self { features: 2, levels: 4, trunk: (1, 32), seed: 8, ..Self::PLAIN };
     /// A picture by a learned grid.
@@ -75,7 +76,7 @@ impl Recipe {
         trunk: (1, 2),
         view_dependent: false,
         levels: 0,
-        grid: Some((2, false)),
+        occupancy: Some((2, false)),
         seed: 5,
         ..Self::PLAIN
     };
@@ -127,8 +128,8 @@ impl Recipe {
         let body = Body {
             content: self.content(),
             architecture,
-            grid: self.grid.map(|(side, _)| Grid { resolution: [side; 3], bits: &bits }),
-            front: if self.proposal.is_some() { front(self.grid.is_some()) } else { Default::default() },
+            occupancy: self.occupancy.map(|(side, _)| StoredOccupancy { resolution: [side; 3], bits: &bits }),
+            front: if self.proposal.is_some() { front(self.occupancy.is_some()) } else { Default::default() },
             proposal,
             provenance: Provenance {
                 data: "noise",
@@ -162,7 +163,7 @@ impl Recipe {
                 _ => SceneSampling::March(0.08),
             },
             background: [1.0, 0.5, 0.25],
-            grid_required: self.grid_required,
+            occupancy_required: self.occupancy_required,
         })
     }
 
@@ -216,7 +217,7 @@ impl Recipe {
     }
 
     fn bits(&self) -> Vec<u8> {
-        let (side, full) = self.grid.unwrap_or((1, true));
+        let (side, full) = self.occupancy.unwrap_or((1, true));
         let cells = usize::from(side).pow(3);
         let mut bits = vec![0u8; cells.div_ceil(8)];
         for cell in (0..cells).filter(|cell| full || cell * 7 % 13 < 7) {
@@ -227,12 +228,12 @@ impl Recipe {
 }
 
 /// Two points: the exact rendering, and one with every shortcut.
-fn front(skip_grid: bool) -> Front {
+fn front(occupancy: bool) -> Front {
     let exact = FrontPoint {
         samples: 48,
         transmittance_cut: 0.0,
         colour_cut: 0.0,
-        skip_grid,
+        occupancy,
         math: MathBackend::Polynomial.tag(),
         proposal: false,
         loss_db: 0.0,

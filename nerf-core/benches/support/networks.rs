@@ -1,13 +1,15 @@
 //! The seed network with random weights, and a scene around it. A dense frame's time does not depend on
-//! weights; a culled frame's depends on the grid.
+//! weights; a culled frame's depends on the occupancy grid.
 
 use super::noise;
-use nerf_core::blob::{self, Body, Content, FrontPoint, Grid, Provenance, SceneFacts, SceneSampling};
+use nerf_core::blob::{
+    self, Body, Content, FrontPoint, Provenance, SceneFacts, SceneSampling, StoredOccupancy,
+};
 use nerf_core::encoding::{AngleScale, SinusoidalEncoding};
 use nerf_core::network::{Architecture, DensityActivation, Scratch, TrunkLayer};
 use nerf_core::{Camera, Intrinsics, Lens, Pose};
 
-/// Cells of the grid along each axis.
+/// Cells of the occupancy grid along each axis.
 const CELLS: u16 = 96;
 
 /// An encoding with identity and `s = π`.
@@ -44,12 +46,12 @@ pub fn halves(architecture: &Architecture) -> Vec<u8> {
 }
 
 /// The file of the seed network: every sample of every ray lies in its box, and in 4 of 100 cells of its
-/// grid, a spherical shell, as in a scene fitted behind a grid.
+/// occupancy grid, a spherical shell, as in a scene fitted behind an occupancy grid.
 pub fn file() -> Vec<u8> {
     let architecture = seed();
     let weights = halves(&architecture);
     let side = usize::from(CELLS);
-    let mut bits = vec![0u8; Grid::bytes([CELLS; 3])];
+    let mut bits = vec![0u8; StoredOccupancy::bytes([CELLS; 3])];
     for cell in 0..side.pow(3) {
         let centre = |i: usize| (i as f32 + 0.5) / f32::from(CELLS) * 2.0 - 1.0;
         let (x, y, z) = (centre(cell / side / side), centre(cell / side % side), centre(cell % side));
@@ -66,9 +68,9 @@ pub fn file() -> Vec<u8> {
             far: 6.0,
             sampling: SceneSampling::Bins(64),
             background: [0.0; 3],
-            grid_required: false,
+            occupancy_required: false,
         }),
-        grid: Some(Grid { resolution: [CELLS; 3], bits: &bits }),
+        occupancy: Some(StoredOccupancy { resolution: [CELLS; 3], bits: &bits }),
         front: [(64, 0.0, 1.0), (32, 1.0, 0.5), (16, 3.0, 0.25)].map(point).into_iter().collect(),
         proposal: None,
         provenance: Provenance {
@@ -96,7 +98,7 @@ fn point((samples, loss_db, cost): (u16, f32, f32)) -> FrontPoint {
         samples,
         transmittance_cut: 1e-2,
         colour_cut: 1e-3,
-        skip_grid: true,
+        occupancy: true,
         math: 0,
         proposal: false,
         loss_db,

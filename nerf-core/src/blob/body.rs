@@ -10,8 +10,8 @@ use serde::{Deserialize, Serialize};
 pub const MAX_SAMPLES: u16 = 4096;
 /// Longest side of a picture, pixels.
 pub const MAX_PICTURE_SIDE: u32 = 65_535;
-/// Most cells of the skip grid along one axis.
-pub const MAX_GRID_SIDE: u16 = 512;
+/// Most cells of the occupancy grid along one axis.
+pub const MAX_OCCUPANCY_RESOLUTION: u16 = 512;
 /// Longest text of the provenance, bytes.
 pub const MAX_TEXT: usize = 1024;
 
@@ -24,7 +24,7 @@ pub struct Body<'a> {
     pub content: Content,
     /// Which cells of the scene box may hold something.
     #[serde(borrow)]
-    pub grid: Option<Grid<'a>>,
+    pub occupancy: Option<StoredOccupancy<'a>>,
     /// What accuracy costs in this scene, as a study measured it: dearest point first; empty without one.
     pub front: Front,
     /// A second, cheaper network that says where on a ray the scene's own is asked.
@@ -95,9 +95,9 @@ pub struct SceneFacts {
     pub sampling: SceneSampling,
     /// What shows where opacity is below 1, display-encoded.
     pub background: [f32; 3],
-    /// Whether the skip grid is part of the model: outside of it the network was never trained,
+    /// Whether the occupancy grid is part of the model: outside of it the network was never trained,
     /// and rendering without it is refused.
-    pub grid_required: bool,
+    pub occupancy_required: bool,
 }
 
 /// Where on a ray a scene's field is asked.
@@ -142,17 +142,17 @@ pub(crate) fn steps(length: f32, step: f32) -> u32 {
     if (whole as f32) < steps { whole.saturating_add(1) } else { whole.max(1) }
 }
 
-/// The skip grid: one bit per cell of the scene box.
+/// The occupancy grid: one bit per cell of the scene box.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Grid<'a> {
+pub struct StoredOccupancy<'a> {
     /// Cells along x, y, z.
     pub resolution: [u16; 3],
     /// Bit `(x * ny + y) * nz + z`, least significant bit of a byte first; padding bits are 0.
     pub bits: &'a [u8],
 }
 
-impl Grid<'_> {
-    /// Bytes a grid of this resolution takes; the most there can be where `usize` does not count that far.
+impl StoredOccupancy<'_> {
+    /// Bytes an occupancy grid of this resolution takes; the most there can be where `usize` does not count that far.
     pub fn bytes(resolution: [u16; 3]) -> usize {
         let cells: u64 = resolution.iter().map(|&side| u64::from(side)).product();
         usize::try_from(cells.div_ceil(8)).unwrap_or(usize::MAX)

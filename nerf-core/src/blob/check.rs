@@ -3,8 +3,8 @@
 #[cfg(feature = "grid")]
 use super::body::TableStorage;
 use super::body::{
-    Body, Content, Grid, MAX_GRID_SIDE, MAX_PICTURE_SIDE, MAX_SAMPLES, MAX_TEXT, PictureFacts, SceneFacts,
-    SceneSampling, steps,
+    Body, Content, MAX_OCCUPANCY_RESOLUTION, MAX_PICTURE_SIDE, MAX_SAMPLES, MAX_TEXT, PictureFacts,
+    SceneFacts, SceneSampling, StoredOccupancy, steps,
 };
 use super::error::{BlobError, Section};
 use super::front;
@@ -28,12 +28,12 @@ pub(super) fn check(body: &Body<'_>) -> Result<(), BlobError> {
         Content::Picture(picture) => check_picture(*picture)?,
         Content::Scene(scene) => check_scene(scene, &body.architecture)?,
     }
-    match (&body.grid, &body.content) {
-        (Some(_), Content::Picture(_)) => return Err(BlobError::Field(Section::GridBits)),
-        (None, Content::Scene(scene)) if scene.grid_required => {
-            return Err(BlobError::Field(Section::GridRequired));
+    match (&body.occupancy, &body.content) {
+        (Some(_), Content::Picture(_)) => return Err(BlobError::Field(Section::OccupancyBits)),
+        (None, Content::Scene(scene)) if scene.occupancy_required => {
+            return Err(BlobError::Field(Section::OccupancyRequired));
         }
-        (Some(grid), Content::Scene(_)) => check_grid(grid)?,
+        (Some(occupancy), Content::Scene(_)) => check_occupancy(occupancy)?,
         _ => {}
     }
     match &body.content {
@@ -41,7 +41,7 @@ pub(super) fn check(body: &Body<'_>) -> Result<(), BlobError> {
         Content::Picture(_) if body.proposal.is_some() => return Err(BlobError::Field(Section::Proposal)),
         Content::Picture(_) => {}
         Content::Scene(scene) => {
-            front::check(&body.front, scene, body.grid.is_some(), body.proposal.is_some())
+            front::check(&body.front, scene, body.occupancy.is_some(), body.proposal.is_some())
                 .map_err(|(index, fault)| BlobError::Front { index: index as u8, fault })?;
             if let Some(proposal) = &body.proposal {
                 check_proposal(proposal, scene)?;
@@ -120,19 +120,19 @@ fn check_domain(bounds: &SceneBox, position: &SinusoidalEncoding) -> Result<(), 
     if found > limit { Err(BlobError::EncodingDomain { found, limit }) } else { Ok(()) }
 }
 
-fn check_grid(grid: &Grid<'_>) -> Result<(), BlobError> {
-    if grid.resolution.iter().any(|&side| side == 0 || side > MAX_GRID_SIDE) {
-        return Err(BlobError::Field(Section::GridResolution));
+fn check_occupancy(occupancy: &StoredOccupancy<'_>) -> Result<(), BlobError> {
+    if occupancy.resolution.iter().any(|&side| side == 0 || side > MAX_OCCUPANCY_RESOLUTION) {
+        return Err(BlobError::Field(Section::OccupancyResolution));
     }
-    let (expected, found) = (Grid::bytes(grid.resolution), grid.bits.len());
+    let (expected, found) = (StoredOccupancy::bytes(occupancy.resolution), occupancy.bits.len());
     if expected != found {
         let (expected, found) = (expected as u64, found as u64);
-        return Err(BlobError::Length { section: Section::GridBits, expected, found });
+        return Err(BlobError::Length { section: Section::OccupancyBits, expected, found });
     }
-    let cells: usize = grid.resolution.iter().map(|&side| usize::from(side)).product();
-    let padding = grid.bits.last().map_or(0, |last| last.checked_shr(cells as u32 % 8).unwrap_or(0));
+    let cells: usize = occupancy.resolution.iter().map(|&side| usize::from(side)).product();
+    let padding = occupancy.bits.last().map_or(0, |last| last.checked_shr(cells as u32 % 8).unwrap_or(0));
     if !cells.is_multiple_of(8) && padding != 0 {
-        return Err(BlobError::Field(Section::GridBits));
+        return Err(BlobError::Field(Section::OccupancyBits));
     }
     Ok(())
 }

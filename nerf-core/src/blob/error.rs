@@ -22,14 +22,14 @@ pub enum Section {
     Samples,
     /// `scene.background`
     Background,
-    /// `scene.grid_required`
-    GridRequired,
-    /// `grid`
-    Grid,
-    /// `grid.resolution`
-    GridResolution,
-    /// `grid.bits`
-    GridBits,
+    /// `scene.occupancy_required`
+    OccupancyRequired,
+    /// `occupancy`
+    Occupancy,
+    /// `occupancy.resolution`
+    OccupancyResolution,
+    /// `occupancy.bits`
+    OccupancyBits,
     /// `front`
     Front,
     /// `proposal`
@@ -67,8 +67,8 @@ pub enum FrontFault {
         /// What the point says.
         found: f32,
     },
-    /// A skip grid the scene has not, or none where it is part of the model.
-    SkipGrid {
+    /// An occupancy grid the scene has not, or none where it is part of the model.
+    Occupancy {
         /// What the point says.
         found: bool,
     },
@@ -115,11 +115,11 @@ impl fmt::Display for FrontFault {
                 write!(f, "transmittance_cut: expected 0 <= cut < 1, found {found}")
             }
             Self::ColourCut { found } => write!(f, "colour_cut: expected 0 <= cut < 1, found {found}"),
-            Self::SkipGrid { found: true } => {
-                write!(f, "skip_grid: expected false in a scene without a grid")
+            Self::Occupancy { found: true } => {
+                write!(f, "occupancy: expected false in a scene without an occupancy grid")
             }
-            Self::SkipGrid { found: false } => {
-                write!(f, "skip_grid: expected true in a scene whose grid is part of its model")
+            Self::Occupancy { found: false } => {
+                write!(f, "occupancy: expected true in a scene whose occupancy grid is part of its model")
             }
             Self::Math { found } => {
                 write!(f, "math: expected a tag below {}, found {found}", MathBackend::TAGS)
@@ -360,9 +360,9 @@ impl Section {
             Self::Samples => "1 to 4096 samples, in bins that f32 tells apart",
             Self::ProposalSamples => "1 to 4096 samples, in bins that f32 tells apart, of a scene with bins",
             Self::Background => "0 to 1",
-            Self::GridRequired => "false without a grid",
-            Self::GridResolution => "1 to 512 cells a side",
-            Self::GridBits => "none in a picture, and padding of zeros",
+            Self::OccupancyRequired => "false without an occupancy grid",
+            Self::OccupancyResolution => "1 to 512 cells a side",
+            Self::OccupancyBits => "none in a picture, and padding of zeros",
             Self::Front | Self::Proposal => "none in a picture",
             Self::Tables => "tables exactly where the position is a grid",
             Self::TableStorage => "f16 (int8 is not yet read)",
@@ -381,10 +381,10 @@ impl fmt::Display for Section {
             Self::Content => "content",
             Self::Samples => "scene.sampling",
             Self::Background => "scene.background",
-            Self::GridRequired => "scene.grid_required",
-            Self::Grid => "grid",
-            Self::GridResolution => "grid.resolution",
-            Self::GridBits => "grid.bits",
+            Self::OccupancyRequired => "scene.occupancy_required",
+            Self::Occupancy => "occupancy",
+            Self::OccupancyResolution => "occupancy.resolution",
+            Self::OccupancyBits => "occupancy.bits",
             Self::Front => "front",
             Self::Proposal => "proposal",
             Self::ProposalSamples => "proposal.samples",

@@ -24,8 +24,8 @@ pub struct FrontPoint {
     pub transmittance_cut: f32,
     /// What weight is worth a colour, `[0, 1)`.
     pub colour_cut: f32,
-    /// Whether empty cells are skipped: only of a scene with a grid.
-    pub skip_grid: bool,
+    /// Whether empty cells are skipped: only of a scene with an occupancy grid.
+    pub occupancy: bool,
     /// [`MathBackend::tag`] of who computes the elementary functions.
     pub math: u8,
     /// Whether the samples are drawn from the proposal: only of a scene with a proposal network.
@@ -37,16 +37,16 @@ pub struct FrontPoint {
     pub cost: f32,
 }
 
-/// Whether every point can be planned, and together they are a front; `grid` and `proposal` say whether
+/// Whether every point can be planned, and together they are a front; `occupancy` and `proposal` say whether
 /// the scene has them.
 pub(super) fn check(
     front: &[FrontPoint],
     scene: &SceneFacts,
-    grid: bool,
+    occupancy: bool,
     proposal: bool,
 ) -> Result<(), (usize, FrontFault)> {
     for (index, point) in front.iter().enumerate() {
-        check_point(point, scene, grid, proposal).map_err(|fault| (index, fault))?;
+        check_point(point, scene, occupancy, proposal).map_err(|fault| (index, fault))?;
         if let Some(before) = index.checked_sub(1).and_then(|i| front.get(i)) {
             if point.cost >= before.cost {
                 return Err((index, FrontFault::CostOrder { before: before.cost, found: point.cost }));
@@ -59,7 +59,12 @@ pub(super) fn check(
     Ok(())
 }
 
-fn check_point(point: &FrontPoint, scene: &SceneFacts, grid: bool, proposal: bool) -> Result<(), FrontFault> {
+fn check_point(
+    point: &FrontPoint,
+    scene: &SceneFacts,
+    occupancy: bool,
+    proposal: bool,
+) -> Result<(), FrontFault> {
     if !samples_fit(scene, point.samples) {
         return Err(FrontFault::Samples { found: point.samples });
     }
@@ -69,8 +74,8 @@ fn check_point(point: &FrontPoint, scene: &SceneFacts, grid: bool, proposal: boo
     if !(0.0..1.0).contains(&point.colour_cut) {
         return Err(FrontFault::ColourCut { found: point.colour_cut });
     }
-    if (point.skip_grid && !grid) || (scene.grid_required && !point.skip_grid) {
-        return Err(FrontFault::SkipGrid { found: point.skip_grid });
+    if (point.occupancy && !occupancy) || (scene.occupancy_required && !point.occupancy) {
+        return Err(FrontFault::Occupancy { found: point.occupancy });
     }
     if point.math >= MathBackend::TAGS {
         return Err(FrontFault::Math { found: point.math });

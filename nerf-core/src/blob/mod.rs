@@ -17,8 +17,8 @@ mod tests;
 
 pub(crate) use body::steps;
 pub use body::{
-    Body, Content, Grid, MAX_GRID_SIDE, MAX_PICTURE_SIDE, MAX_SAMPLES, MAX_TEXT, PictureFacts, Provenance,
-    SceneFacts, SceneSampling, StoredTables, TableStorage,
+    Body, Content, MAX_OCCUPANCY_RESOLUTION, MAX_PICTURE_SIDE, MAX_SAMPLES, MAX_TEXT, PictureFacts,
+    Provenance, SceneFacts, SceneSampling, StoredOccupancy, StoredTables, TableStorage,
 };
 pub use error::{BlobError, FrontFault, Section};
 pub use front::{Front, FrontPoint, MAX_FRONT};

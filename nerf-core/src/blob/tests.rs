@@ -12,7 +12,7 @@ use std::vec;
 
 mod front;
 #[cfg(feature = "grid")]
-mod learned_grid;
+mod grid;
 mod proposal;
 
 /// The error of a body that cannot be written; its length cannot be asked for either.
@@ -47,9 +47,10 @@ fn what_is_written_is_what_is_opened() {
         quantisation_loss_db: Some(0.01),
         trained_parameters: 7,
     };
-    let scene = SceneFacts { grid_required: true, sampling: SceneSampling::Bins(MAX_SAMPLES), ..SCENE };
-    let grid = Some(Grid { resolution: [1, 5, 2], bits: &bits });
-    let body = Body { content: Content::Scene(scene.clone()), provenance, ..body(a.clone(), grid, &weights) };
+    let scene = SceneFacts { occupancy_required: true, sampling: SceneSampling::Bins(MAX_SAMPLES), ..SCENE };
+    let occupancy = Some(StoredOccupancy { resolution: [1, 5, 2], bits: &bits });
+    let body =
+        Body { content: Content::Scene(scene.clone()), provenance, ..body(a.clone(), occupancy, &weights) };
     let bytes = bytes(&body);
     assert_eq!(bytes.len(), encoded_len(&body).unwrap());
     // At any alignment.
@@ -63,9 +64,9 @@ fn what_is_written_is_what_is_opened() {
         assert_eq!(blob.scene_box().unwrap().max.x, 1.0);
         assert_eq!(blob.provenance(), &body.provenance);
         assert_eq!(blob.weights(), &weights);
-        let grid = blob.grid().unwrap();
-        assert_eq!(grid.resolution(), [1, 5, 2]);
-        assert!((0..10).all(|i| grid.bit(i) == (0x03a5 >> i & 1 == 1)));
+        let occupancy = blob.occupancy().unwrap();
+        assert_eq!(occupancy.resolution(), [1, 5, 2]);
+        assert!((0..10).all(|i| occupancy.bit(i) == (0x03a5 >> i & 1 == 1)));
     }
 }
 
@@ -80,7 +81,7 @@ fn a_picture_round_trips_without_scene_facts() {
         let bytes = bytes(&Body { content, ..picture_body(a.clone(), &weights) });
         let blob = Blob::open(&bytes).unwrap();
         assert_eq!((blob.architecture(), blob.picture()), (&a, Some(picture)));
-        assert!(blob.scene().is_none() && blob.scene_box().is_none() && blob.grid().is_none());
+        assert!(blob.scene().is_none() && blob.scene_box().is_none() && blob.occupancy().is_none());
     }
 }
 
@@ -153,25 +154,25 @@ fn scenes_that_hold_nothing_are_refused() {
     for channel in [-0.1, 1.1, f32::NAN] {
         assert_eq!(scene_refused(|s| s.background[1] = channel), BlobError::Field(Section::Background));
     }
-    assert_eq!(scene_refused(|s| s.grid_required = true), BlobError::Field(Section::GridRequired));
+    assert_eq!(scene_refused(|s| s.occupancy_required = true), BlobError::Field(Section::OccupancyRequired));
 }
 
 #[test]
-fn grids_that_do_not_fit_are_refused() {
+fn occupancies_that_do_not_fit_are_refused() {
     let (weights, _) = halve(&parameters(&every_kind(), 1));
-    let with = |resolution, bits| body(every_kind(), Some(Grid { resolution, bits }), &weights);
+    let with = |resolution, bits| body(every_kind(), Some(StoredOccupancy { resolution, bits }), &weights);
     for resolution in [[0, 1, 1], [1, 513, 1], [u16::MAX; 3]] {
-        assert_eq!(refused(&with(resolution, &[])), BlobError::Field(Section::GridResolution));
+        assert_eq!(refused(&with(resolution, &[])), BlobError::Field(Section::OccupancyResolution));
     }
-    let length = BlobError::Length { section: Section::GridBits, expected: 2, found: 1 };
+    let length = BlobError::Length { section: Section::OccupancyBits, expected: 2, found: 1 };
     assert_eq!(refused(&with([3, 3, 1], &[0xff])), length);
-    assert_eq!(refused(&with([3, 3, 1], &[0xff, 0x02])), BlobError::Field(Section::GridBits), "padding");
+    assert_eq!(refused(&with([3, 3, 1], &[0xff, 0x02])), BlobError::Field(Section::OccupancyBits), "padding");
     assert!(encoded_len(&with([3, 3, 1], &[0xff, 0x01])).is_ok());
     let a = architecture(pi(2, 8), None, &[(16, false)], &[]);
     let (weights, _) = halve(&parameters(&a, 2));
-    let grid = Some(Grid { resolution: [1; 3], bits: &[1] });
-    let picture = Body { grid, ..picture_body(a, &weights) };
-    assert_eq!(refused(&picture), BlobError::Field(Section::GridBits));
+    let occupancy = Some(StoredOccupancy { resolution: [1; 3], bits: &[1] });
+    let picture = Body { occupancy, ..picture_body(a, &weights) };
+    assert_eq!(refused(&picture), BlobError::Field(Section::OccupancyBits));
 }
 
 #[test]
@@ -291,7 +292,7 @@ fn a_picture_is_what_the_specification_says_after_the_architecture() {
     let content = Content::Picture(PictureFacts { width: 300, height: 20 });
     let bytes = bytes(&Body { content, ..picture_body(a, &weights) });
     // Position (sinusoidal), no direction, one trunk layer of 1, no density, no colour layer; then tag 0, the
-    // varint of 300 and 20; no grid, no points of a front, no proposal.
+    // varint of 300 and 20; no occupancy grid, no points of a front, no proposal.
     let expected = [0, 2, 0, 1, 1, 0, 1, 1, 0, 0, 0, 0, 0xac, 0x02, 20, 0, 0, 0];
     assert_eq!(bytes[HEADER_LEN..][..expected.len()], expected);
 }

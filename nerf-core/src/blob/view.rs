@@ -8,7 +8,7 @@ use super::header;
 use super::proposal::Proposal;
 use crate::network::{Architecture, Layers};
 use crate::ray::SceneBox;
-use crate::sampling::SkipGrid;
+use crate::sampling::OccupancyGrid;
 use glam::Vec3;
 use postcard::Deserializer;
 use postcard::de_flavors::Slice;
@@ -47,7 +47,7 @@ impl<'a> Blob<'a> {
                 colour: read(&mut input, Section::Architecture)?,
             },
             content: read(&mut input, Section::Content)?,
-            grid: read(&mut input, Section::Grid)?,
+            occupancy: read(&mut input, Section::Occupancy)?,
             front: read(&mut input, Section::Front)?,
             proposal: read(&mut input, Section::Proposal)?,
             provenance: read(&mut input, Section::Provenance)?,
@@ -91,10 +91,10 @@ impl<'a> Blob<'a> {
         Some(SceneBox { min: Vec3::from(scene.min), max: Vec3::from(scene.max) })
     }
 
-    /// The skip grid, if there is one.
-    pub fn grid(&self) -> Option<SkipGrid<'a>> {
-        let grid = self.body.grid.as_ref()?;
-        Some(SkipGrid::new(self.scene_box()?, grid.resolution, grid.bits))
+    /// The occupancy grid, if there is one.
+    pub fn occupancy(&self) -> Option<OccupancyGrid<'a>> {
+        let occupancy = self.body.occupancy.as_ref()?;
+        Some(OccupancyGrid::new(self.scene_box()?, occupancy.resolution, occupancy.bits))
     }
 
     /// What accuracy costs, dearest point first; empty where nobody measured it.

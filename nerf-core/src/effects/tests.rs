@@ -74,7 +74,7 @@ fn a_lens_without_aperture_is_a_pinhole_in_every_build() {
 mod jittered {
     use super::*;
     use crate::ray::{Ray, SceneBox};
-    use crate::sampling::{Bins, SkipGrid};
+    use crate::sampling::{Bins, OccupancyGrid};
     use crate::testing::noise;
     use glam::Vec3;
     use std::vec::Vec;
@@ -142,7 +142,7 @@ mod jittered {
     }
 
     #[test]
-    fn the_walk_through_the_grid_finds_the_first_jittered_sample_that_is_live() {
+    fn the_walk_through_the_occupancy_grid_finds_the_first_jittered_sample_that_is_live() {
         let bounds = SceneBox { min: Vec3::new(-1.0, -2.0, -1.0), max: Vec3::new(1.0, 1.0, 3.0) };
         let numbers = noise(3000, 5);
         let (mut found_some, mut passed) = (0, 0);
@@ -151,7 +151,7 @@ mod jittered {
             let cells = resolution.iter().map(|&side| usize::from(side)).product::<usize>();
             let bits: Vec<u8> =
                 (0..cells.div_ceil(8)).map(|i| ((i * 31 + case) % 17 / 12) as u8 * 5).collect();
-            let grid = SkipGrid::new(bounds, resolution, &bits);
+            let occupancy = OccupancyGrid::new(bounds, resolution, &bits);
             let bins = Bins::new(0.5, 9.0, [16, 200, 1500][case / 3 % 3]).unwrap();
             let origin = Vec3::new(n[0], n[1], n[2]) * 4.0;
             let Some(dir) = (Vec3::new(n[3], n[4], n[5]) - origin).try_normalize() else { continue };
@@ -160,8 +160,12 @@ mod jittered {
             let end = bins.count();
             let mut from = 0;
             for _ in 0..20 {
-                let naive = (from..end).find(|&bin| grid.occupied(ray.at(t(bin)))).unwrap_or(end);
-                assert_eq!(grid.first_live_at(&ray, &bins, from, end, t), naive, "case {case} from {from}");
+                let naive = (from..end).find(|&bin| occupancy.occupied(ray.at(t(bin)))).unwrap_or(end);
+                assert_eq!(
+                    occupancy.first_live_at(&ray, &bins, from, end, t),
+                    naive,
+                    "case {case} from {from}"
+                );
                 found_some += usize::from(naive < end);
                 passed += naive - from;
                 from = (naive + 1).min(end);

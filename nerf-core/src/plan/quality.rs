@@ -21,8 +21,8 @@ pub struct Quality {
     ///
     /// Opacity and distances never depend on it.
     pub colour_cut: f32,
-    /// Whether cells that the skip grid calls empty are skipped.
-    pub skip_grid: bool,
+    /// Whether cells that the occupancy grid calls empty are skipped.
+    pub occupancy: bool,
     /// Who computes the elementary functions.
     pub math: MathBackend,
     /// Whether samples are drawn from the scene's proposal network, if it has one; else they are even.
@@ -42,15 +42,15 @@ impl Quality {
         samples: 0,
         transmittance_cut: 0.0,
         colour_cut: 0.0,
-        skip_grid: false,
+        occupancy: false,
         math: MathBackend::Polynomial,
         proposal: true,
     };
 
-    /// [`Quality::EXACT`] in this scene: behind its grid where that is part of the model.
+    /// [`Quality::EXACT`] in this scene: behind its occupancy grid where that is part of the model.
     pub fn exact(blob: &Blob<'_>) -> Self {
-        let grid_required = blob.scene().is_some_and(|scene| scene.grid_required);
-        Self { skip_grid: grid_required, ..Self::EXACT }
+        let occupancy_required = blob.scene().is_some_and(|scene| scene.occupancy_required);
+        Self { occupancy: occupancy_required, ..Self::EXACT }
     }
 
     /// The cheapest settings of the blob's front that lose at most `db` against the exact rendering.
@@ -100,7 +100,7 @@ impl Quality {
             samples: if self.samples == 0 { own } else { self.samples },
             transmittance_cut: self.transmittance_cut,
             colour_cut: self.colour_cut,
-            skip_grid: self.skip_grid && blob.grid().is_some(),
+            occupancy: self.occupancy && blob.occupancy().is_some(),
             math: self.math.tag(),
             proposal: self.proposal && blob.proposal().is_some(),
             loss_db,
@@ -110,13 +110,13 @@ impl Quality {
 }
 
 impl Default for Quality {
-    /// The shortcuts that cost nothing visible: the skip grid, the cuts at the values of
+    /// The shortcuts that cost nothing visible: the occupancy grid, the cuts at the values of
     /// [`Quality::TRANSMITTANCE_CUT`] and [`Quality::COLOUR_CUT`].
     fn default() -> Self {
         Self {
             transmittance_cut: Self::TRANSMITTANCE_CUT,
             colour_cut: Self::COLOUR_CUT,
-            skip_grid: true,
+            occupancy: true,
             ..Self::EXACT
         }
     }
@@ -150,7 +150,7 @@ impl Quality {
                 samples: point.samples,
                 transmittance_cut: point.transmittance_cut,
                 colour_cut: point.colour_cut,
-                skip_grid: point.skip_grid,
+                occupancy: point.occupancy,
                 math: MathBackend::from_tag(point.math)?,
                 proposal: point.proposal,
             };

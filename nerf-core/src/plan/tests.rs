@@ -1,16 +1,16 @@
 extern crate std;
 
 use super::*;
-use crate::blob::{Body, Content, Grid, SceneFacts};
+use crate::blob::{Body, Content, SceneFacts, StoredOccupancy};
 use crate::testing::{SCENE, architecture, body, bytes, every_kind, halve, parameters, pi, picture_body};
 use std::string::ToString;
 use std::vec::Vec;
 
-fn scene(grid_required: bool) -> Vec<u8> {
+fn scene(occupancy_required: bool) -> Vec<u8> {
     let (weights, _) = halve(&parameters(&every_kind(), 1));
-    let content = Content::Scene(SceneFacts { grid_required, ..SCENE });
-    let grid = Some(Grid { resolution: [1; 3], bits: &[1] });
-    bytes(&Body { content, ..body(every_kind(), grid, &weights) })
+    let content = Content::Scene(SceneFacts { occupancy_required, ..SCENE });
+    let occupancy = Some(StoredOccupancy { resolution: [1; 3], bits: &[1] });
+    bytes(&Body { content, ..body(every_kind(), occupancy, &weights) })
 }
 
 fn plan(bytes: &[u8], quality: Quality, batch: Batch) -> Result<Plan<'_>, PlanError> {
@@ -25,16 +25,16 @@ fn a_plan_takes_the_scene_s_own_settings_where_nothing_is_asked() {
     let exact = plan(&bytes, Quality::EXACT, BATCH).unwrap();
     assert_eq!((exact.bins.count(), exact.near, exact.far), (32, 2.0, 6.0));
     assert_eq!(exact.background, SCENE.background);
-    assert!(exact.grid.is_none(), "no shortcut, no grid");
+    assert!(exact.occupancy.is_none(), "no shortcut, no occupancy grid");
     let default = plan(&bytes, Quality { samples: 7, ..Quality::default() }, BATCH).unwrap();
-    assert!(default.grid.is_some() && default.samples_per_ray() == 7);
+    assert!(default.occupancy.is_some() && default.samples_per_ray() == 7);
 }
 
 #[test]
 fn requests_that_do_not_go_with_the_scene_are_refused() {
     let bytes = scene(true);
     assert!(plan(&bytes, Quality::default(), BATCH).is_ok());
-    assert_eq!(plan(&bytes, Quality::EXACT, BATCH).unwrap_err(), PlanError::GridRequired);
+    assert_eq!(plan(&bytes, Quality::EXACT, BATCH).unwrap_err(), PlanError::OccupancyRequired);
     let quality = Quality { samples: MAX_SAMPLES + 1, ..Quality::default() };
     assert_eq!(plan(&bytes, quality, BATCH).unwrap_err(), PlanError::Samples { found: 4097 });
     for found in [-0.1, 1.0, f32::INFINITY] {

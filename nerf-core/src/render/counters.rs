@@ -9,7 +9,7 @@ pub struct Counters {
     pub rays: u64,
     /// Samples the network was asked for.
     pub samples_kept: u64,
-    /// Samples of the rays that it was not asked for: outside box or grid, or behind the cut.
+    /// Samples of the rays that it was not asked for: outside box or occupancy grid, or behind the cut.
     pub samples_skipped: u64,
     /// Evaluations of the proposal network, which are no samples.
     pub proposal_evaluations: u64,

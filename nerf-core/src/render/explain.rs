@@ -93,7 +93,7 @@ impl Explanation<'_> {
     pub fn stages(&self) -> [Stage; 17] {
         let plan = self.plan;
         let cut = |value: f32| if value > 0.0 { Switch::On } else { Switch::SwitchedOff };
-        let grid = match (plan.grid, self.renderer.blob().grid()) {
+        let occupancy = match (plan.occupancy, self.renderer.blob().occupancy()) {
             (Some(_), _) => Switch::On,
             (None, Some(_)) => Switch::SwitchedOff,
             (None, None) => Switch::AbsentInScene,
@@ -113,7 +113,7 @@ impl Explanation<'_> {
             ("anti-aliasing", Switch::built(effects::anti_aliasing::BUILT, asked.anti_aliasing > 1)),
             ("depth of field", lens),
             ("jitter", Switch::built(effects::jitter::BUILT, asked.jitter.is_some())),
-            ("skip grid", grid),
+            ("occupancy", occupancy),
             ("proposal", proposal),
             ("density", Switch::On),
             ("transmittance cut", cut(plan.transmittance_cut)),
@@ -140,10 +140,10 @@ impl Explanation<'_> {
         let (plan, network) = (self.plan, self.renderer.network());
         let a = network.architecture();
         match name {
-            "skip grid" => {
-                let Some(grid) = &plan.grid else { return Ok(()) };
-                let [x, y, z] = grid.resolution();
-                write!(f, ", {x}x{y}x{z} cells, {:.2} % live", 100.0 * grid.occupancy())
+            "occupancy" => {
+                let Some(occupancy) = &plan.occupancy else { return Ok(()) };
+                let [x, y, z] = occupancy.resolution();
+                write!(f, ", {x}x{y}x{z} cells, {:.2} % occupied", 100.0 * occupancy.occupied_share())
             }
             "proposal" => {
                 let Some(coarse) = &plan.proposal else { return Ok(()) };

@@ -91,7 +91,7 @@ impl Sizes {
 pub(super) struct Frame<'f, 'w> {
     pub(super) plan: &'f Plan<'f>,
     pub(super) network: &'f Network<'f>,
-    /// A box around what the skip grid has.
+    /// A box around what the occupancy grid has.
     occupied: Option<SceneBox>,
     /// The tile's rays that meet something live; they stay where they are until the tile is done.
     pub(super) rays: &'w mut [RayState],
@@ -208,7 +208,7 @@ impl<'f, 'w> Frame<'f, 'w> {
         let mut hits = 0;
         // Nothing outside is live, so that most rays of most pictures end here.
         let walk = plan.proposal.as_ref().unwrap_or(&plan.bins);
-        let around = if plan.grid.is_some() { self.occupied } else { Some(plan.bounds) };
+        let around = if plan.occupancy.is_some() { self.occupied } else { Some(plan.bounds) };
         for y in tile.y..tile.y + tile.height {
             for x in tile.x..tile.x + tile.width {
                 self.counters.rays += 1;

@@ -71,9 +71,9 @@ impl RayState {
     #[inline]
     pub fn seek(&mut self, tier: Tier, plan: &Plan<'_>, bins: &Bins, place: Place) -> bool {
         let (bins, next, end) = (bins.with(self.ends), self.next, self.end);
-        self.next = match &plan.grid {
-            Some(grid) if place.is_middle() => {
-                self.window.first_live(tier, grid, &self.ray, &bins, next, end)
+        self.next = match &plan.occupancy {
+            Some(occupancy) if place.is_middle() => {
+                self.window.first_live(tier, occupancy, &self.ray, &bins, next, end)
             }
             _ => plan.first_live(&bins, &self.ray, place, next, end),
         };

@@ -3,11 +3,11 @@ extern crate std;
 mod batches;
 mod effects;
 #[cfg(feature = "grid")]
-mod learned_grid;
+mod grid;
 mod views;
 
 use super::*;
-use crate::blob::Grid;
+use crate::blob::StoredOccupancy;
 use crate::camera::{Intrinsics, Pose};
 use crate::kernels::BLOCK;
 use crate::lens::Lens;
@@ -135,7 +135,7 @@ fn counters_add_up_and_without_colour_only_the_density_is_paid() {
     let a = every_kind();
     let (weights, _) = halve(&constant(&a, 0.5, [0.0; 3]));
     let bits = [0b0110_1001];
-    let bytes = bytes(&body(a.clone(), Some(Grid { resolution: [2; 3], bits: &bits }), &weights));
+    let bytes = bytes(&body(a.clone(), Some(StoredOccupancy { resolution: [2; 3], bits: &bits }), &weights));
     let blob = Blob::open(&bytes).unwrap();
     let renderer = Renderer::new(blob.clone(), Tier::Scalar, &mut []).unwrap();
     let camera = camera(11, 7);
@@ -173,18 +173,18 @@ fn counters_add_up_and_without_colour_only_the_density_is_paid() {
 }
 
 #[test]
-fn a_full_grid_changes_nothing() {
+fn a_full_occupancy_changes_nothing() {
     let a = every_kind();
     let (weights, _) = halve(&parameters(&a, 21));
     let bits = [0xff; 43];
     let bytes = bytes(&body(
         a,
-        Some(Grid { resolution: [7, 7, 7], bits: &[&bits[..42], &[0x7f]].concat() }),
+        Some(StoredOccupancy { resolution: [7, 7, 7], bits: &[&bits[..42], &[0x7f]].concat() }),
         &weights,
     ));
     let blob = Blob::open(&bytes).unwrap();
     let renderer = Renderer::new(blob.clone(), Tier::Scalar, &mut []).unwrap();
-    let gated = Quality { skip_grid: true, ..Quality::EXACT };
+    let gated = Quality { occupancy: true, ..Quality::EXACT };
     let plan = |quality: &Quality| Plan::new(&blob, quality, Outputs::ALL, Batch::SMALLEST).unwrap();
     let (a, b) = (
         render(&renderer, &plan(&gated), &camera(9, 9)),

@@ -3,7 +3,7 @@
 use crate::kernels::{Op, Tier, VECTORS};
 use crate::math::lanes::Lanes;
 use crate::ray::Ray;
-use crate::sampling::{Bins, SkipGrid};
+use crate::sampling::{Bins, OccupancyGrid};
 
 /// Bins of a window.
 const WIDTH: usize = 16;
@@ -21,14 +21,14 @@ impl Window {
     /// Nothing has.
     pub const NONE: Self = Self { end: 0, live: 0 };
 
-    /// The first live one of the bins `from..end`, or `end`; what [`SkipGrid::first_live`] says, bit for bit.
+    /// The first live one of the bins `from..end`, or `end`; what [`OccupancyGrid::first_live`] says, bit for bit.
     ///
     /// `from` never falls from call to call, and the bins stay those of the first.
     #[inline]
     pub fn first_live(
         &mut self,
         tier: Tier,
-        grid: &SkipGrid<'_>,
+        occupancy: &OccupancyGrid<'_>,
         ray: &Ray,
         bins: &Bins,
         from: u32,
@@ -36,7 +36,7 @@ impl Window {
     ) -> u32 {
         // Beyond, vectors do not count by ones.
         if !VECTORS || tier == Tier::Scalar || end > 1 << 22 {
-            return grid.first_live(ray, bins, from, end);
+            return occupancy.first_live(ray, bins, from, end);
         }
         let mut bin = from;
         while bin < end {
@@ -47,7 +47,7 @@ impl Window {
                 }
                 bin = self.end;
             } else {
-                let live = tier.run(LookUp { grid, ray, bins, first: bin });
+                let live = tier.run(LookUp { occupancy, ray, bins, first: bin });
                 *self = Self { end: bin + WIDTH as u32, live };
             }
         }
@@ -55,9 +55,9 @@ impl Window {
     }
 }
 
-/// [`SkipGrid::occupied`] of the samples of a window that begins with bin `first`.
+/// [`OccupancyGrid::occupied`] of the samples of a window that begins with bin `first`.
 struct LookUp<'a> {
-    grid: &'a SkipGrid<'a>,
+    occupancy: &'a OccupancyGrid<'a>,
     ray: &'a Ray,
     bins: &'a Bins,
     first: u32,
@@ -68,7 +68,7 @@ impl Op for LookUp<'_> {
 
     #[inline(always)]
     fn run<V: Lanes>(self) -> u32 {
-        let Self { grid, ray, bins, first } = self;
+        let Self { occupancy, ray, bins, first } = self;
         let (origin, dir) = (ray.origin.to_array(), ray.dir.to_array());
         let mut live = 0;
         for from in (0..WIDTH).step_by(V::COUNT) {
@@ -77,7 +77,7 @@ impl Op for LookUp<'_> {
             for (axis, point) in points.iter_mut().enumerate() {
                 *point = V::splat(origin[axis]).add(V::splat(dir[axis]).mul(t));
             }
-            live |= grid.occupied_lanes(points) << from;
+            live |= occupancy.occupied_lanes(points) << from;
         }
         live
     }

@@ -16,7 +16,7 @@ pub enum Purpose {
     Background = 5,
     /// Points of culled space.
     Empty = 6,
-    /// Where in a cell the skip grid asks for density.
+    /// Where in a cell the occupancy grid asks for density.
     Cell = 7,
     /// Where a ray goes through the aperture.
     Aperture = 8,

@@ -172,18 +172,18 @@ fn occupied_is_the_bit_of_the_cell_of_the_point() {
             let cells = nx * ny * nz;
             let bits: vec::Vec<u8> =
                 (0..cells.div_ceil(8) as u64).map(|i| uniform_u32(3, Purpose::Cell, 0, i) as u8).collect();
-            let grid = SkipGrid::new(bounds, resolution, &bits);
+            let occupancy = OccupancyGrid::new(bounds, resolution, &bits);
             for i in 0..4000u64 {
                 let u = |axis| uniform(9, Purpose::Cell, i, axis) * 1.2 - 0.1;
                 let p = min + (max - min) * Vec3::new(u(0), u(1), u(2));
                 match cell_of(&bounds, resolution, p) {
-                    None => assert!(!grid.occupied(p), "{p}"),
+                    None => assert!(!occupancy.occupied(p), "{p}"),
                     // Within rounding of a cell's face either side will do.
                     Some((_, to_face)) if to_face < 1e-4 => {}
                     Some(([x, y, z], _)) => {
                         tested += 1;
                         let index = (x * ny + y) * nz + z;
-                        assert_eq!(grid.occupied(p), bits[index / 8] >> (index % 8) & 1 == 1, "{p}");
+                        assert_eq!(occupancy.occupied(p), bits[index / 8] >> (index % 8) & 1 == 1, "{p}");
                     }
                 }
             }
@@ -194,7 +194,7 @@ fn occupied_is_the_bit_of_the_cell_of_the_point() {
 }
 
 #[test]
-fn a_full_grid_is_the_closed_box() {
+fn a_full_occupancy_grid_is_the_closed_box() {
     for i in 0..3000u64 {
         let u = |k| uniform(4, Purpose::Cell, i, k);
         let scale = 10f32.powi((u(0) * 12.0) as i32 - 6);
@@ -204,49 +204,53 @@ fn a_full_grid_is_the_closed_box() {
         let side = 1 + (u(7) * 200.0) as u16;
         let resolution = [side, 1 + side / 3, 2];
         let full = vec![0xff; (usize::from(side) * usize::from(1 + side / 3) * 2).div_ceil(8)];
-        let grid = SkipGrid::new(bounds, resolution, &full);
+        let occupancy = OccupancyGrid::new(bounds, resolution, &full);
         let middle = 0.5 * (min + max);
         for axis in 0..3 {
             for face in [min[axis], max[axis]] {
                 for at in [face, face.next_up(), face.next_down()] {
                     let mut p = middle;
                     p[axis] = at;
-                    assert_eq!(grid.occupied(p), bounds.contains(p), "{bounds:?} {resolution:?} {p}");
+                    assert_eq!(occupancy.occupied(p), bounds.contains(p), "{bounds:?} {resolution:?} {p}");
                 }
             }
         }
         for corner in [min, max, Vec3::new(min.x, max.y, max.z), Vec3::new(max.x, min.y, max.z)] {
-            assert!(grid.occupied(corner), "{bounds:?} {resolution:?} {corner}");
+            assert!(occupancy.occupied(corner), "{bounds:?} {resolution:?} {corner}");
         }
     }
 }
 
 #[test]
-fn grids_without_cells_or_bits_are_empty() {
+fn occupancies_without_cells_or_bits_are_empty() {
     let bounds = SceneBox { min: Vec3::NEG_ONE, max: Vec3::ONE };
     for resolution in [[0, 1, 1], [1, 0, 1], [1, 1, 0], [0, 0, 0]] {
-        let grid = SkipGrid::new(bounds, resolution, &[0xff]);
-        assert!(!grid.occupied(Vec3::ZERO) && !grid.occupied(Vec3::NEG_ONE), "{resolution:?}");
-        assert_eq!(grid.occupancy(), 0.0);
+        let occupancy = OccupancyGrid::new(bounds, resolution, &[0xff]);
+        assert!(!occupancy.occupied(Vec3::ZERO) && !occupancy.occupied(Vec3::NEG_ONE), "{resolution:?}");
+        assert_eq!(occupancy.occupied_share(), 0.0);
     }
-    let short = SkipGrid::new(bounds, [2, 2, 4], &[0xff]);
+    let short = OccupancyGrid::new(bounds, [2, 2, 4], &[0xff]);
     assert!(short.occupied(Vec3::NEG_ONE) && !short.occupied(Vec3::ONE));
-    assert_eq!(short.occupancy(), 0.5);
+    assert_eq!(short.occupied_share(), 0.5);
     for p in [Vec3::NAN, Vec3::splat(f32::INFINITY), Vec3::splat(-1e30)] {
         assert!(!short.occupied(p));
     }
     let flat = SceneBox { min: Vec3::ONE, max: Vec3::ONE };
-    let _ = SkipGrid::new(flat, [2, 2, 2], &[0xff]).occupied(Vec3::ONE);
+    let _ = OccupancyGrid::new(flat, [2, 2, 2], &[0xff]).occupied(Vec3::ONE);
 }
 
 #[test]
 fn a_walk_through_a_corner_meets_both_diagonal_cells() {
     let bounds = SceneBox { min: Vec3::splat(-1e6), max: Vec3::splat(1e6) };
     // Cells (0,0,0) and (1,1,1) of 2×2×2.
-    let grid = SkipGrid::new(bounds, [2, 2, 2], &[0b1000_0001]);
-    assert!(grid.occupied(Vec3::splat(-1.0)) && grid.occupied(Vec3::ZERO) && grid.occupied(Vec3::ONE));
-    assert!(!grid.occupied(Vec3::new(-1.0, 0.0, 0.0)) && !grid.occupied(Vec3::new(1.0, 1.0, -1.0)));
-    assert_eq!(grid.occupancy(), 0.25);
+    let occupancy = OccupancyGrid::new(bounds, [2, 2, 2], &[0b1000_0001]);
+    assert!(
+        occupancy.occupied(Vec3::splat(-1.0))
+            && occupancy.occupied(Vec3::ZERO)
+            && occupancy.occupied(Vec3::ONE)
+    );
+    assert!(!occupancy.occupied(Vec3::new(-1.0, 0.0, 0.0)) && !occupancy.occupied(Vec3::new(1.0, 1.0, -1.0)));
+    assert_eq!(occupancy.occupied_share(), 0.25);
 }
 
 /// Rays that are random, parallel to axes, in a plane of cell borders, or start on one.
@@ -288,8 +292,8 @@ fn a_walk_meets_the_bins_that_asking_at_each_meets() {
             for every in [1, 3, 29, usize::MAX] {
                 let mut bits = vec![0u8; cells.div_ceil(8)];
                 (0..cells).filter(|cell| cell % every == every / 2).for_each(|c| bits[c / 8] |= 1 << (c % 8));
-                let grid = SkipGrid::new(*bounds, resolution, &bits);
-                let around = grid.occupied_box();
+                let occupancy = OccupancyGrid::new(*bounds, resolution, &bits);
+                let around = occupancy.occupied_box();
                 let far = 3.0 * (bounds.max - bounds.min).max_element();
                 for count in [7, 64, 1000] {
                     let bins = Bins::new(0.0, far, count).unwrap();
@@ -298,15 +302,15 @@ fn a_walk_meets_the_bins_that_asking_at_each_meets() {
                         for bin in 0..count {
                             let p = ray.at(bins.at(bin, 0.5));
                             asked += 1;
-                            if grid.occupied(p) {
+                            if occupancy.occupied(p) {
                                 live += 1;
                                 assert!(around.is_some_and(|around| around.contains(p)), "{p} of {around:?}");
-                                next = grid.first_live(ray, &bins, next, count);
+                                next = occupancy.first_live(ray, &bins, next, count);
                                 assert_eq!(next, bin, "{bounds:?} {resolution:?} {ray:?}");
                                 next += 1;
                             }
                         }
-                        assert_eq!(grid.first_live(ray, &bins, next, count), count, "{ray:?}");
+                        assert_eq!(occupancy.first_live(ray, &bins, next, count), count, "{ray:?}");
                     }
                 }
             }

@@ -29,7 +29,7 @@ structure('nerf_text', { data: 'pointer', length: 'size' });
 structure('nerf_scene_info', {
   struct_size: 'size', kind: 'u32', kernel: 'u32', box_min: ['f32', 3], box_max: ['f32', 3],
   near_distance: 'f32', far_distance: 'f32', samples: 'u32', background: ['f32', 3], view_dependent: 'u32',
-  grid_required: 'u32', grid_resolution: ['u32', 3], grid_occupancy: 'f32', trunk_layers: 'u32',
+  occupancy_required: 'u32', occupancy_resolution: ['u32', 3], occupied_share: 'f32', trunk_layers: 'u32',
   trunk_widths: ['u32', 16], colour_layers: 'u32', colour_widths: ['u32', 4], psnr_db: 'f32',
   quantisation_loss_db: 'f32', steps: 'u32', parameters: 'u64', density_macs: 'u64', colour_macs: 'u64',
   seed: 'u64', data: 'nerf_text', made_by: 'nerf_text', psnr_convention: 'nerf_text', picture_width: 'u32',
@@ -45,7 +45,7 @@ structure('nerf_effects', {
   exposure: 'f32', tone_map: 'u32', linear: 'u32', reserved: ['u32', 5],
 });
 structure('nerf_render_options', {
-  struct_size: 'size', samples: 'u32', transmittance_cut: 'f32', ignore_grid: 'u32', maths: 'u32',
+  struct_size: 'size', samples: 'u32', transmittance_cut: 'f32', ignore_occupancy: 'u32', maths: 'u32',
   background_set: 'u32', background: ['f32', 3], batch_rays: 'u32', batch_samples: 'u32', colour_cut: 'f32',
   normal_blur: 'f32', ignore_proposal: 'u32', near_distance: 'f32', far_distance: 'f32',
   own_bins: 'u32', reserved: 'u32', effects: 'nerf_effects',

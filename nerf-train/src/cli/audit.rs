@@ -16,7 +16,7 @@ use std::process::ExitCode;
 
 /// Ask a scene what it calls for: leave out each of its effects, and say what that costs and spares.
 ///
-/// The effects: view dependence, skip grid, background. Time and work (multiply-adds) are with the effect over
+/// The effects: view dependence, occupancy grid, background. Time and work (multiply-adds) are with the effect over
 /// without it.
 #[derive(Debug, Args)]
 #[command(after_help = "Example: nerf-train audit lego.nerf lego_200x200.npz --effect-threshold 0.1")]

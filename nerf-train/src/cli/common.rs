@@ -275,14 +275,14 @@ pub struct QualityOptions {
     /// Samples whose weight is at most this take the colour of one behind them; 0 asks for every colour.
     #[arg(long, value_name = "W", default_value_t = Quality::default().colour_cut)]
     pub colour_cut: f32,
-    /// Ask the network also where the skip grid says that nothing is.
+    /// Ask the network also where the occupancy grid says that nothing is.
     #[arg(long)]
-    pub no_grid: bool,
+    pub no_occupancy: bool,
     /// Take even samples where the scene would draw them from its proposal network.
     #[arg(long)]
     pub no_proposal: bool,
-    /// No shortcut at all: same as --no-grid --transmittance-cut 0 --colour-cut 0.
-    #[arg(long, conflicts_with_all = ["no_grid", "transmittance_cut", "colour_cut"])]
+    /// No shortcut at all: same as --no-occupancy --transmittance-cut 0 --colour-cut 0.
+    #[arg(long, conflicts_with_all = ["no_occupancy", "transmittance_cut", "colour_cut"])]
     pub exact: bool,
     /// Elementary functions: polynomial, libm, micromath, recurrence.
     #[arg(long, value_name = "BACKEND", default_value = "polynomial", value_parser = parse_math)]
@@ -332,7 +332,7 @@ impl QualityOptions {
             Quality {
                 transmittance_cut: self.transmittance_cut,
                 colour_cut: self.colour_cut,
-                skip_grid: !self.no_grid,
+                occupancy: !self.no_occupancy,
                 ..base
             }
         }

@@ -138,15 +138,15 @@ struct Settings {
     /// Learning rate at the end, as a share of the one at the start; 1 keeps it constant.
     #[arg(long, value_name = "SHARE")]
     final_share: Option<f64>,
-    /// Do not carve a visual hull: the grid grows from the network alone.
+    /// Do not carve a visual hull: the occupancy grid grows from the network alone.
     #[arg(long)]
     no_hull: bool,
     /// Do not skip empty space in training.
     #[arg(long)]
     dense: bool,
-    /// Cells of the grid along the longest side of the scene box.
+    /// Cells of the occupancy grid along the longest side of the scene box.
     #[arg(long, value_name = "N")]
-    grid_resolution: Option<u16>,
+    occupancy_resolution: Option<u16>,
     /// The scene box, world units.
     #[arg(
         long = "box",
@@ -256,7 +256,7 @@ impl Settings {
     }
 
     fn apply(&self, config: &mut Config) {
-        let Config { network: n, sampling: s, grid: g, optimiser: o, seed, .. } = config;
+        let Config { network: n, sampling: s, occupancy: g, optimiser: o, seed, .. } = config;
         set(seed, &self.seed);
         set(&mut n.depth, &self.depth);
         set(&mut n.width, &self.width);
@@ -272,7 +272,7 @@ impl Settings {
         set(&mut s.images, &self.images);
         set(&mut o.rate, &self.rate);
         set(&mut o.final_share, &self.final_share);
-        set(&mut g.resolution, &self.grid_resolution);
+        set(&mut g.resolution, &self.occupancy_resolution);
         g.skip &= !self.dense;
         g.hull &= !self.no_hull;
         s.scene_box = self.scene_box.or(s.scene_box);
@@ -294,7 +294,8 @@ pub fn read_config(preset: Preset, file: Option<&Path>, hull: bool) -> anyhow::R
             Some(named) => named.clone().try_into::<Preset>()?,
             None => preset,
         };
-        let carved = given.get("grid").and_then(|grid| grid.get("hull")).and_then(toml::Value::as_bool);
+        let carved =
+            given.get("occupancy").and_then(|table| table.get("hull")).and_then(toml::Value::as_bool);
         let mut start = start(preset, hull && carved != Some(false));
         // A file's own grid over a preset without one is filled up from the preset that has one; the rest of the
         // network is then checked to go with it.
@@ -452,20 +453,20 @@ mod tests {
         };
         let gentle = read_config(Preset::Small, None, false).expect("a config");
         assert_eq!(gentle, Preset::Small.config().without_hull());
-        assert_eq!(read("[grid]\nhull = false"), gentle);
-        assert_eq!(read("[grid]\nhull = true"), Preset::Small.config());
+        assert_eq!(read("[occupancy]\nhull = false"), gentle);
+        assert_eq!(read("[occupancy]\nhull = true"), Preset::Small.config());
         assert_eq!(read("seed = 0"), Preset::Small.config());
         // What the file says itself counts.
         let mut own = gentle.clone();
-        (own.grid.from, own.optimiser.rate) = (77, 2e-3);
-        assert_eq!(read("[grid]\nhull = false\nfrom = 77\n[optimiser]\nrate = 2e-3"), own);
+        (own.occupancy.from, own.optimiser.rate) = (77, 2e-3);
+        assert_eq!(read("[occupancy]\nhull = false\nfrom = 77\n[optimiser]\nrate = 2e-3"), own);
         // A grid's own table over a preset without one is filled up; what does not go with it is refused by name.
         let mixed = read("[network.grid]\nlevels = 4");
         let grid = Preset::Grid.config().network.grid.expect("a grid");
         assert_eq!(mixed.network.grid, Some(crate::config::TableConfig { levels: 4, ..grid }));
         assert_eq!(mixed.check().expect_err("contradictory").field, "network.position_levels");
         let whole = "[network]\nposition_levels = 0\ndensity = \"exponential\"\ndensity_scale = 1.0\n[network.grid]\n\
-                     features = 4\n[grid]\nempty_share = 0.0";
+                     features = 4\n[occupancy]\nempty_share = 0.0";
         read(whole).check().expect("a grid with the network that goes with it");
         // The other way round a preset is named: TOML has no word for nothing.
         let back = read("preset = \"seed\"\n[network]\nwidth = 8");
@@ -477,7 +478,7 @@ mod tests {
             assert_eq!(written.contains("[network.grid]"), preset == Preset::Grid);
         }
         // The seed preset carves none and starts as it always does.
-        let seed = "preset = \"seed\"\n[grid]\nhull = false";
+        let seed = "preset = \"seed\"\n[occupancy]\nhull = false";
         assert_eq!(read(seed), Preset::Seed.config());
     }
 }

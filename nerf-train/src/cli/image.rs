@@ -5,7 +5,9 @@ use super::common::{
 };
 use super::places;
 use crate::frame;
-use crate::image_field::{Ended, FieldConfig, FieldPreset, Look, Outcome, Photo, RunOptions, kept, run};
+use crate::image_field::{
+    Ended, Evaluation, FieldConfig, FieldPreset, Outcome, Photo, RunOptions, kept, run,
+};
 use crate::memory;
 use crate::output::claims::Claims;
 use crate::output::ensure_folder;
@@ -140,9 +142,9 @@ pub struct Fit {
     /// Steps at which the whole picture is kept, as a picture and on the contact sheet.
     #[arg(long, value_name = "N,N,…", value_delimiter = ',', requires = "report")]
     snapshots: Vec<u32>,
-    /// Steps between looks at the whole picture, for the curve [default: a tenth of the run].
+    /// Steps between evaluations of the whole picture, for the curve [default: a tenth of the run].
     #[arg(long, value_name = "N")]
-    look_every: Option<u32>,
+    evaluate_every: Option<u32>,
     /// Stop after so much time; with --steps, at whichever comes first.
     #[arg(long, value_name = "S")]
     max_seconds: Option<f64>,
@@ -201,23 +203,23 @@ impl Fit {
             budget: Budget { steps, seconds: self.max_seconds },
             output: Some(self.output.clone()),
             snapshots: self.snapshots.clone(),
-            look_every: self.look_every,
+            evaluate_every: self.evaluate_every,
             tier: global.tier(),
             style: global.style(),
         };
         global.say_training(config.seed);
-        let mut kept_looks: Vec<(u32, f64, Picture)> = Vec::new();
+        let mut shown: Vec<(u32, f64, Picture)> = Vec::new();
         let mut written = Ok(());
         let stop = |_| stop::requested();
-        let ended = run(&photo, config.clone(), &options, clock, &stop, |look: Look<'_>| {
+        let ended = run(&photo, config.clone(), &options, clock, &stop, |at: Evaluation<'_>| {
             if let Some(folder) = &snapshots
-                && self.snapshots.contains(&look.step)
+                && self.snapshots.contains(&at.step)
             {
-                let file = folder.join(format!("step_{:06}.png", look.step));
+                let file = folder.join(format!("step_{:06}.png", at.step));
                 if written.is_ok() {
-                    written = look.picture.write_png(file);
+                    written = at.picture.write_png(file);
                 }
-                kept_looks.push((look.step, look.psnr_db, look.picture.clone()));
+                shown.push((at.step, at.psnr_db, at.picture.clone()));
             }
         })?;
         let outcome = match ended {
@@ -232,7 +234,7 @@ impl Fit {
         written?;
         if let Some(folder) = &self.report {
             write_curve(folder, &photo, &outcome)?;
-            write_sheet(folder, &photo, &outcome, &kept_looks)?;
+            write_sheet(folder, &photo, &outcome, &shown)?;
             outcome.picture.write_png(folder.join("picture.png"))?;
             let missed: Vec<String> =
                 self.snapshots.iter().filter(|&&step| step > outcome.steps).map(u32::to_string).collect();

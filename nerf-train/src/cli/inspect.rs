@@ -1,7 +1,7 @@
 //! `nerf-train inspect`
 
 use super::common::{Global, background_name, open_blob, read_file};
-use super::learned_grid;
+use super::grid;
 use crate::report::summary::Summary;
 use clap::Args;
 use nerf_core::blob::{Blob, FrontPoint, SceneSampling};
@@ -43,7 +43,7 @@ fn print(file: &Path, bytes: &[u8], blob: &Blob<'_>) -> anyhow::Result<()> {
         }
         None => outln!("kind          {}", kind(blob)),
     }
-    match learned_grid::describe(blob) {
+    match grid::describe(blob) {
         Some(grid) => outln!("learned grid  {grid}"),
         None => outln!("position      {:?}", a.position),
     }
@@ -79,14 +79,14 @@ fn print(file: &Path, bytes: &[u8], blob: &Blob<'_>) -> anyhow::Result<()> {
             }
         }
         outln!("background    {}", background_name(scene.background));
-        let role = if scene.grid_required { "part of the model" } else { "only skips what is empty" };
-        match blob.grid() {
-            Some(grid) => outln!(
-                "skip grid     {:?} cells, {:.2} % live; {role}",
-                grid.resolution(),
-                100.0 * grid.occupancy()
+        let role = if scene.occupancy_required { "part of the model" } else { "only skips what is empty" };
+        match blob.occupancy() {
+            Some(occupancy) => outln!(
+                "occupancy     {:?} cells, {:.2} % occupied; {role}",
+                occupancy.resolution(),
+                100.0 * occupancy.occupied_share()
             ),
-            None => outln!("skip grid     none"),
+            None => outln!("occupancy     none"),
         }
         if let Some(proposal) = blob.proposal() {
             let a = proposal.architecture();
@@ -139,7 +139,7 @@ fn summary(file: &Path, bytes: &[u8], blob: &Blob<'_>) -> Summary {
     if let Some(DirectionEncoding::SphericalHarmonics { degree }) = a.direction {
         summary.integer("harmonics_degree", u64::from(degree));
     }
-    learned_grid::summarise(blob, &mut summary);
+    grid::summarise(blob, &mut summary);
     if let Some(scene) = blob.scene() {
         summary
             .numbers_f32("box_min", &scene.min)
@@ -149,15 +149,15 @@ fn summary(file: &Path, bytes: &[u8], blob: &Blob<'_>) -> Summary {
             .integer("samples_per_ray", u64::from(scene.samples()))
             .number_f32("step", scene.step())
             .text("background", background_name(scene.background))
-            .flag("grid_required", scene.grid_required);
+            .flag("occupancy_required", scene.occupancy_required);
     }
     if let Some(picture) = blob.picture() {
         summary.integer("width_px", u64::from(picture.width)).integer("height_px", u64::from(picture.height));
     }
-    if let Some(grid) = blob.grid() {
+    if let Some(occupancy) = blob.occupancy() {
         summary
-            .numbers("grid_resolution", &grid.resolution().map(f64::from))
-            .number_f32("grid_occupancy_share", grid.occupancy());
+            .numbers("occupancy_resolution", &occupancy.resolution().map(f64::from))
+            .number_f32("occupied_share", occupancy.occupied_share());
     }
     if let Some(proposal) = blob.proposal() {
         summary
@@ -195,7 +195,7 @@ fn front_point(p: &FrontPoint) -> String {
         p.transmittance_cut,
         p.colour_cut,
         p.math,
-        switch(p.skip_grid, "skip grid"),
+        switch(p.occupancy, "occupancy"),
         switch(p.proposal, "proposal")
     )
 }
@@ -207,7 +207,7 @@ fn point_fields(p: &FrontPoint) -> Summary {
         .integer("samples_per_ray", u64::from(p.samples))
         .number_f32("transmittance_cut", p.transmittance_cut)
         .number_f32("colour_cut", p.colour_cut)
-        .flag("skip_grid", p.skip_grid)
+        .flag("occupancy", p.occupancy)
         .integer("math", u64::from(p.math))
         .flag("proposal", p.proposal)
         .number_f32("loss_db", p.loss_db)

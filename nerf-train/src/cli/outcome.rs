@@ -1,7 +1,7 @@
 //! What a training run says in the end: text, summary, curves, pictures.
 
 use super::common::{background_name, cpu_name, tell};
-use super::learned_grid;
+use super::grid;
 use crate::config::Config;
 use crate::dataset::{Dataset, Report};
 use crate::report::contact_sheet::{Cell, contact_sheet};
@@ -53,14 +53,14 @@ pub fn print(outcome: &Outcome, output: &Path) -> anyhow::Result<()> {
         let what = if left_out { ": left out, its mean is in its place" } else { "" };
         outln!("view dependence gains {gain_db:.3} dB{what}");
     }
-    match outcome.grid_loss_db {
-        Some(loss) if outcome.grid_required => {
-            outln!("without its skip grid the picture changes by {loss:.2} dB: the grid is part of the model")
+    match outcome.occupancy_loss_db {
+        Some(loss) if outcome.occupancy_required => {
+            outln!("without its occupancy grid the picture changes by {loss:.2} dB: it is part of the model")
         }
-        Some(loss) => outln!("without its skip grid the picture changes by {loss:.3} dB"),
+        Some(loss) => outln!("without its occupancy grid the picture changes by {loss:.3} dB"),
         None => {}
     }
-    if let Some(grid) = Blob::open(&outcome.bytes).ok().and_then(|blob| learned_grid::describe(&blob)) {
+    if let Some(grid) = Blob::open(&outcome.bytes).ok().and_then(|blob| grid::describe(&blob)) {
         outln!("learned grid: {grid}");
     }
     outln!("blob: {} ({} bytes)", output.display(), outcome.bytes.len());
@@ -110,8 +110,8 @@ pub fn summary(outcome: &Outcome, config: &Config, tier: Tier, total_seconds: f6
         .integer("reseeds", u64::from(outcome.reseeds))
         .integer("parameters", outcome.parameters as u64)
         .integer("blob_bytes", outcome.bytes.len() as u64)
-        .flag("grid_required", outcome.grid_required)
-        .number_f32("grid_occupancy_share", outcome.occupancy)
+        .flag("occupancy_required", outcome.occupancy_required)
+        .number_f32("occupied_share", outcome.occupied_share)
         .integer("subnormal_weights", outcome.subnormal_weights as u64)
         .number("evaluated_samples_per_second", outcome.samples_per_second[0])
         .number("trained_samples_per_second", outcome.samples_per_second[1])
@@ -122,15 +122,15 @@ pub fn summary(outcome: &Outcome, config: &Config, tier: Tier, total_seconds: f6
     if let Some(ViewDependence { gain_db, left_out }) = outcome.view_dependence {
         summary.number("view_dependence_gain_db", gain_db).flag("view_dependence_left_out", left_out);
     }
-    match outcome.grid_loss_db {
-        Some(loss) => summary.number("grid_loss_db", loss),
-        None => summary.absent("grid_loss_db", "a grid field is not asked outside of its occupancy"),
+    match outcome.occupancy_loss_db {
+        Some(loss) => summary.number("occupancy_loss_db", loss),
+        None => summary.absent("occupancy_loss_db", "a grid field is not asked outside of its occupancy"),
     };
     if let Some(loss) = outcome.quantisation_loss_db {
         summary.number("quantisation_loss_db", loss);
     }
     if let Ok(blob) = Blob::open(&outcome.bytes) {
-        learned_grid::summarise(&blob, &mut summary);
+        grid::summarise(&blob, &mut summary);
     }
     summarise_trend(outcome, &mut summary);
     summary

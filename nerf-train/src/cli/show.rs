@@ -19,7 +19,7 @@ use std::process::ExitCode;
 ///
 /// Writes show.png (two viewpoints), show.html (turn it with the mouse; needs no network) and
 /// summary.json into a folder. Rays and samples come from the code that draws training batches, with
-/// the grid that training starts with.
+/// the occupancy grid that training starts with.
 #[derive(Debug, Args)]
 #[command(after_help = "Examples:
   nerf-train show lego_200x200.npz -o out/show

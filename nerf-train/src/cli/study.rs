@@ -19,8 +19,8 @@ use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::time::{Duration, Instant};
 
-/// Grids that the network is asked for: cells along the longest side, density times bin width.
-const GRIDS: [(u16, f32); 5] = [(32, 0.01), (64, 0.01), (96, 0.01), (96, 0.1), (128, 0.01)];
+/// Occupancy grids that the network is asked for: cells along the longest side, density times bin width.
+const OCCUPANCIES: [(u16, f32); 5] = [(32, 0.01), (64, 0.01), (96, 0.01), (96, 0.1), (128, 0.01)];
 
 /// Measure what accuracy costs in time: every shortcut on its own, combinations, and the Pareto front.
 ///
@@ -71,9 +71,9 @@ pub struct Study {
     /// The checkpoint the blob was imported from: adds the row of f32 weights.
     #[arg(long, value_name = "CKPT")]
     source: Option<PathBuf>,
-    /// Ask the network for no other skip grids.
+    /// Ask the network for no other occupancy grids.
     #[arg(long)]
-    no_grids: bool,
+    no_other_occupancy: bool,
     #[command(flatten)]
     data_options: DataOptions,
 }
@@ -139,10 +139,10 @@ impl Study {
         if views.is_empty() {
             bail!("{}: the split `{}` has no views", data.display(), self.split.name());
         }
-        if !self.no_grids && lab.has_grid(0) {
-            global.say("asking the network which cells hold something, for other skip grids");
-            for (resolution, threshold) in GRIDS {
-                lab.add_grid(resolution, threshold)?;
+        if !self.no_other_occupancy && lab.has_occupancy(0) {
+            global.say("asking the network which cells hold something, for other occupancy grids");
+            for (resolution, threshold) in OCCUPANCIES {
+                lab.add_occupancy(resolution, threshold)?;
             }
         }
         let effort = Effort {

@@ -9,7 +9,7 @@ use crate::dataset::Background;
 use crate::output::claims::Claims;
 use crate::report::summary::Summary;
 use crate::stop::Note;
-use crate::sweep::{Folder, Grid, Job, Mode, Record, Runner, Shard, Status, write_report};
+use crate::sweep::{Combinations, Folder, Job, Mode, Record, Runner, Shard, Status, write_report};
 use anyhow::bail;
 use clap::{Args, Subcommand};
 use std::path::{Path, PathBuf};
@@ -76,8 +76,8 @@ impl Lists {
         Ok(inputs.writes_folder("-o", &self.output, &places::SWEEP).check()?)
     }
 
-    fn grid(&self, job: &Job<'_>) -> Grid {
-        Grid {
+    fn combinations(&self, job: &Job<'_>) -> Combinations {
+        Combinations {
             base: job.base_point(),
             levels: self.levels.clone(),
             layers: self.layers.clone(),
@@ -89,10 +89,10 @@ impl Lists {
 
     /// Runs what is not finished, and reports on what is.
     fn sweep(&self, job: &Job<'_>, global: &Global) -> anyhow::Result<ExitCode> {
-        let grid = self.grid(job);
-        let points = grid.points()?;
+        let combinations = self.combinations(job);
+        let points = combinations.points()?;
         points.iter().try_for_each(|point| job.check(point))?;
-        let folder = Folder::open(&self.output, job.header(grid.mode))?;
+        let folder = Folder::open(&self.output, job.header(combinations.mode))?;
         let shard = self.shard.unwrap_or(Shard::WHOLE);
         let mine: Vec<_> =
             points.iter().enumerate().filter(|&(i, _)| shard.takes(i)).map(|(_, p)| p).collect();

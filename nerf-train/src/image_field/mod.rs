@@ -4,7 +4,7 @@
 //!
 //! The network is the scenes' own with a 2-input encoding and only a colour head; engine, schedule,
 //! export and renderer are those of the scenes too. What is here is what a picture has of its own:
-//! reading it, drawing its pixels, and looking at the whole of it now and then.
+//! reading it, drawing its pixels, and evaluating the whole of it now and then.
 
 mod config;
 mod photo;
@@ -15,4 +15,4 @@ mod tests;
 
 pub use config::{FieldConfig, FieldPreset};
 pub use photo::{Photo, PhotoError};
-pub use run::{Ended, FieldError, FieldTrainer, Look, Outcome, RunOptions, kept, run};
+pub use run::{Ended, Evaluation, FieldError, FieldTrainer, Outcome, RunOptions, kept, run};

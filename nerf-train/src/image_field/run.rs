@@ -22,8 +22,8 @@ use nerf_core::sampling::{Purpose, uniform_u32};
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
-/// Looks at the whole picture on the way, where no interval is given.
-const LOOKS: f64 = 10.0;
+/// Evaluations of the whole picture on the way, where no interval is given.
+const EVALUATIONS: f64 = 10.0;
 
 /// Why a field could not be fitted.
 #[derive(Debug, thiserror::Error)]
@@ -135,7 +135,7 @@ impl<'p> FieldTrainer<'p> {
             parameters: &parameters,
             tables: &[],
             content: Content::Picture(PictureFacts { width, height }),
-            grid: None,
+            occupancy: None,
             provenance: Provenance {
                 data: &self.photo.name,
                 made_by: &made_by,
@@ -150,7 +150,7 @@ impl<'p> FieldTrainer<'p> {
     }
 
     /// Seconds that rendering the whole picture is expected to take, asked of a smaller one.
-    fn look_seconds(&self) -> Result<f64, FieldError> {
+    fn evaluation_seconds(&self) -> Result<f64, FieldError> {
         const SMALLER: u32 = 8;
         let size = self.photo.size();
         let small = size.map(|side| side.div_ceil(SMALLER));
@@ -172,7 +172,7 @@ fn render_blob(bytes: &[u8], tier: Tier, size: [u32; 2]) -> Result<Picture, Fiel
 
 /// The whole picture at some step.
 #[derive(Clone, Copy, Debug)]
-pub struct Look<'a> {
+pub struct Evaluation<'a> {
     /// Steps done.
     pub step: u32,
     /// What the blob of that step shows.
@@ -181,17 +181,18 @@ pub struct Look<'a> {
     pub psnr_db: f64,
 }
 
-/// When to stop and when to look.
+/// When to stop and when to evaluate.
 #[derive(Clone, Debug)]
 pub struct RunOptions {
     /// When to stop.
     pub budget: Budget,
     /// Where the blob goes, at the end or when a signal ends the run; without it a signal leaves nothing of the run.
     pub output: Option<PathBuf>,
-    /// Steps at which [`run`] shows the picture, besides its own looks.
+    /// Steps at which [`run`] shows the picture, besides its own evaluations.
     pub snapshots: Vec<u32>,
-    /// Steps between looks; a tenth of the budget if absent. With a limit in seconds they take at most a tenth of it.
-    pub look_every: Option<u32>,
+    /// Steps between evaluations; a tenth of the budget if absent. With a limit in seconds they take at most a tenth
+    /// of it.
+    pub evaluate_every: Option<u32>,
     /// Kernel tier.
     pub tier: Tier,
     /// Display.
@@ -215,7 +216,7 @@ pub struct Outcome {
     pub steps: u32,
     /// Number of parameters.
     pub parameters: usize,
-    /// Seconds from the start until the last step, looks included.
+    /// Seconds from the start until the last step, evaluations included.
     pub train_seconds: f64,
     /// Pixels trained on, a second of training.
     pub pixels_per_second: f64,
@@ -237,29 +238,29 @@ pub enum Ended {
 /// A step that takes longer than this is not waited for: a signal writes the blob from before it.
 const LONG_STEP: Duration = Duration::from_millis(300);
 
-/// What looks at the whole picture take, and may take of a limit in seconds.
+/// What evaluations of the whole picture take, and may take of a limit in seconds.
 #[derive(Clone, Copy, Debug, Default)]
-struct LookTime {
+struct EvaluationTime {
     /// Seconds of one, once that is known.
-    look: Option<f64>,
+    one: Option<f64>,
     /// Seconds of all so far.
-    looked: f64,
+    all: f64,
 }
 
-impl LookTime {
+impl EvaluationTime {
     fn took(&mut self, seconds: f64) {
-        self.look = Some(seconds);
-        self.looked += seconds;
+        self.one = Some(seconds);
+        self.all += seconds;
     }
 
-    /// Whether a look at `now` keeps all of them within their share.
+    /// Whether an evaluation at `now` keeps all of them within their share.
     fn affords(&self, now: f64) -> bool {
-        self.look.is_some_and(|look| self.looked + look <= VALIDATION_SHARE * now)
+        self.one.is_some_and(|one| self.all + one <= VALIDATION_SHARE * now)
     }
 
-    /// Seconds to keep for the last look, and for files.
+    /// Seconds to keep for the last evaluation, and for files.
     fn reserve(&self, budget: &Budget) -> f64 {
-        budget.seconds.map_or(0.0, |seconds| (1.2 * self.look.unwrap_or(0.0) + 0.5).min(0.5 * seconds))
+        budget.seconds.map_or(0.0, |seconds| (1.2 * self.one.unwrap_or(0.0) + 0.5).min(0.5 * seconds))
     }
 }
 
@@ -304,7 +305,7 @@ pub fn kept(steps: u32, output: &Path) -> String {
 }
 
 /// Fits a field until the budget is used or `stop` says so, which is asked between steps with the steps done; `each`
-/// sees every look, step 0 included if asked for.
+/// sees every evaluation, step 0 included if asked for.
 ///
 /// # Errors
 /// [`FieldError`]; [`EngineError::Diverged`] if a number overflowed.
@@ -314,42 +315,42 @@ pub fn run(
     options: &RunOptions,
     clock: Clock,
     stop: &dyn Fn(u32) -> bool,
-    mut each: impl FnMut(Look<'_>),
+    mut each: impl FnMut(Evaluation<'_>),
 ) -> Result<Ended, FieldError> {
     let mut trainer = FieldTrainer::new(photo, config, options.tier)?;
     let mut keeper = Keeper { output: options.output.as_deref(), claim: None };
     let budget = options.budget;
     let mut progress = Progress::new("fit", budget.total(), options.style);
     let mut curve: Vec<CurvePoint> = Vec::new();
-    let (mut last_look, mut whole) = (0.0, None);
-    let mut time = LookTime::default();
+    let (mut last_evaluation, mut whole) = (0.0, None);
+    let mut time = EvaluationTime::default();
     let mut last_step = Duration::ZERO;
     let started = clock.seconds();
-    // Looks at the whole picture as the run stands; its PSNR, dB.
-    let mut look = |trainer: &FieldTrainer<'_>, keeper: &Keeper<'_>| -> Result<(Picture, f64), FieldError> {
+    // Evaluates the whole picture as the run stands; its PSNR, dB.
+    let mut score = |trainer: &FieldTrainer<'_>, keeper: &Keeper<'_>| -> Result<(Picture, f64), FieldError> {
         let (step, bytes) = (trainer.steps(), trainer.export(None)?.bytes);
         keeper.during(step, &bytes, || {
             let picture = render_blob(&bytes, trainer.tier, photo.size())?;
             let psnr_db = psnr_db(&picture.rgb, &photo.picture.rgb);
-            each(Look { step, picture: &picture, psnr_db });
+            each(Evaluation { step, picture: &picture, psnr_db });
             Ok((picture, psnr_db))
         })
     };
     loop {
         let step = trainer.steps();
-        if budget.seconds.is_some() && time.look.is_none() && step > 0 {
-            time.look = Some(trainer.look_seconds()?);
+        if budget.seconds.is_some() && time.one.is_none() && step > 0 {
+            time.one = Some(trainer.evaluation_seconds()?);
         }
         let share = budget.share(step, clock.seconds() + last_step.as_secs_f64(), time.reserve(&budget));
-        let due = match options.look_every {
+        let due = match options.evaluate_every {
             Some(every) => step > 0 && step.is_multiple_of(every.max(1)),
-            None => share - last_look >= 1.0 / LOOKS,
+            None => share - last_evaluation >= 1.0 / EVALUATIONS,
         } && (budget.seconds.is_none() || time.affords(clock.seconds()));
         let done = share >= 1.0;
         if !done && (due || options.snapshots.contains(&step)) {
-            last_look = share;
+            last_evaluation = share;
             let before = clock.seconds();
-            whole = Some(look(&trainer, &keeper)?.1);
+            whole = Some(score(&trainer, &keeper)?.1);
             time.took(clock.seconds() - before);
             curve.push(point(&trainer, clock, whole));
         } else if step > 0 && step.is_multiple_of(20) {
@@ -386,7 +387,7 @@ pub fn run(
     let pixels_per_second = pixels / (train_seconds - started).max(1e-9);
     progress.finish(format!("{} steps, {:.0} thousand pixels/s", trainer.steps(), pixels_per_second / 1e3));
 
-    let (picture, psnr_db) = look(&trainer, &keeper)?;
+    let (picture, psnr_db) = score(&trainer, &keeper)?;
     curve.push(CurvePoint { seconds: train_seconds, ..point(&trainer, clock, Some(psnr_db)) });
     let exported = trainer.export(Some(psnr_db))?;
     keeper.write(&exported.bytes)?;

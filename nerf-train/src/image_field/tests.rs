@@ -139,7 +139,7 @@ fn options(steps: u32) -> RunOptions {
         budget: Budget { steps: Some(steps), seconds: None },
         output: None,
         snapshots: vec![0],
-        look_every: None,
+        evaluate_every: None,
         tier: Tier::detect(),
         style: ProgressStyle::Quiet,
     }
@@ -156,20 +156,20 @@ fn test_photo(width: usize, height: usize) -> Photo {
 }
 
 fn fit(photo: &Photo, config: FieldConfig, options: &RunOptions) -> (Outcome, Vec<(u32, f64)>) {
-    let mut looks = Vec::new();
+    let mut evaluations = Vec::new();
     let clock = Clock::resume(Duration::ZERO);
-    let ended = run(photo, config, options, clock, &|_| false, |look| looks.push((look.step, look.psnr_db)));
+    let ended = run(photo, config, options, clock, &|_| false, |at| evaluations.push((at.step, at.psnr_db)));
     let Ended::Finished(outcome) = ended.unwrap() else { panic!("nobody stops it") };
-    (outcome, looks)
+    (outcome, evaluations)
 }
 
 #[test]
 fn a_field_learns_its_picture_and_says_how_well() {
     let photo = test_photo(48, 32);
-    let (outcome, looks) = fit(&photo, small_config(), &options(400));
-    assert!(looks[0].0 == 0 && looks[0].1 < 15.0, "{looks:?}");
+    let (outcome, evaluations) = fit(&photo, small_config(), &options(400));
+    assert!(evaluations[0].0 == 0 && evaluations[0].1 < 15.0, "{evaluations:?}");
     assert!(outcome.psnr_db > 26.0, "{}", outcome.psnr_db);
-    assert_eq!(looks.last(), Some(&(400, outcome.psnr_db)));
+    assert_eq!(evaluations.last(), Some(&(400, outcome.psnr_db)));
     // The noted figure is that of the very blob, at the size it names.
     let blob = Blob::open(&outcome.bytes).unwrap();
     let facts = blob.picture().unwrap();

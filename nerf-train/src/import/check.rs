@@ -3,7 +3,7 @@
 use crate::dataset::{Dataset, View};
 use crate::eval::{EvalError, Scores, measure};
 use crate::report::metrics::gain_db;
-use crate::train::finish::GRID_LOSS_DB;
+use crate::train::finish::OCCUPANCY_LOSS_DB;
 use nerf_core::kernels::Tier;
 use nerf_core::plan::Quality;
 
@@ -21,8 +21,8 @@ pub struct Check {
     pub scores: Scores,
     /// dB that rounding to f16 cost.
     pub quantisation_loss_db: f64,
-    /// dB by which the skip grid makes the picture better (below 0: worse); `None` without one.
-    pub grid_gain_db: Option<f64>,
+    /// dB by which the occupancy grid makes the picture better (below 0: worse); `None` without one.
+    pub occupancy_gain_db: Option<f64>,
 }
 
 impl Check {
@@ -31,14 +31,14 @@ impl Check {
         self.scores.psnr_db().unwrap_or(f64::NAN)
     }
 
-    /// Whether the picture is not the same without the grid.
-    pub fn grid_matters(&self) -> bool {
-        self.grid_gain_db.is_some_and(|gain| gain.is_nan() || gain.abs() > GRID_LOSS_DB)
+    /// Whether the picture is not the same without the occupancy grid.
+    pub fn occupancy_matters(&self) -> bool {
+        self.occupancy_gain_db.is_some_and(|gain| gain.is_nan() || gain.abs() > OCCUPANCY_LOSS_DB)
     }
 
-    /// Whether the picture is worse with the grid.
-    pub fn grid_harms(&self) -> bool {
-        self.grid_gain_db.is_some_and(|gain| gain < -GRID_LOSS_DB)
+    /// Whether the picture is worse with the occupancy grid.
+    pub fn occupancy_harms(&self) -> bool {
+        self.occupancy_gain_db.is_some_and(|gain| gain < -OCCUPANCY_LOSS_DB)
     }
 
     /// Whether the picture is that of another scene, or of none.
@@ -51,17 +51,17 @@ impl Check {
 /// What a network is measured as.
 #[derive(Clone, Copy, Debug)]
 pub struct Draft<'a> {
-    /// Its blob, in which no grid is required.
+    /// Its blob, in which no occupancy grid is required.
     pub blob: &'a [u8],
     /// Its parameters before rounding, in export order.
     pub parameters: &'a [f32],
-    /// Whether the blob has a skip grid.
-    pub has_grid: bool,
+    /// Whether the blob has an occupancy grid.
+    pub has_occupancy: bool,
     /// What the views are composited over, display-encoded.
     pub background: [f32; 3],
 }
 
-/// Renders `views` with rounded weights, with f32 weights, and without the grid if there is one.
+/// Renders `views` with rounded weights, with f32 weights, and without the occupancy grid if there is one.
 ///
 /// `each` is called after every view that was rendered.
 ///
@@ -76,22 +76,22 @@ pub fn check(
     let mut score = |parameters, quality: &Quality| {
         measure(draft.blob, parameters, tier, quality, draft.background, views, |_, _, _, _| each())
     };
-    let with_grid = Quality::default();
-    let scores = score(None, &with_grid)?;
+    let with_occupancy = Quality::default();
+    let scores = score(None, &with_occupancy)?;
     let db = |scores: &Scores| scores.psnr_db().unwrap_or(f64::NAN);
-    let quantisation_loss_db = gain_db(db(&score(Some(draft.parameters), &with_grid)?), db(&scores));
-    let grid_gain_db = if draft.has_grid {
-        let without = score(None, &Quality { skip_grid: false, ..with_grid })?;
+    let quantisation_loss_db = gain_db(db(&score(Some(draft.parameters), &with_occupancy)?), db(&scores));
+    let occupancy_gain_db = if draft.has_occupancy {
+        let without = score(None, &Quality { occupancy: false, ..with_occupancy })?;
         Some(gain_db(db(&scores), db(&without)))
     } else {
         None
     };
-    Ok(Check { scores, quantisation_loss_db, grid_gain_db })
+    Ok(Check { scores, quantisation_loss_db, occupancy_gain_db })
 }
 
 /// Number of renderings [`check`] makes of each view.
-pub fn renderings(has_grid: bool) -> u64 {
-    if has_grid { 3 } else { 2 }
+pub fn renderings(has_occupancy: bool) -> u64 {
+    if has_occupancy { 3 } else { 2 }
 }
 
 /// The views that can be asked for: those of validation, or else of training.

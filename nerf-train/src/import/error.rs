@@ -21,9 +21,9 @@ pub enum ImportError {
         /// What is wrong.
         fault: Fault,
     },
-    /// The array of a skip grid is none.
-    #[error("{}: skip grid: expected {expected}, found {found}", file.display())]
-    Grid {
+    /// The array of an occupancy grid is none.
+    #[error("{}: occupancy grid: expected {expected}, found {found}", file.display())]
+    Occupancy {
         /// The `.npy` file.
         file: PathBuf,
         /// What would be one.

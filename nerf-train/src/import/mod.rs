@@ -27,8 +27,8 @@
 
 pub mod check;
 mod error;
-pub mod grid;
 mod network;
+pub mod occupancy;
 mod order;
 pub mod probe;
 mod settings;

@@ -27,7 +27,7 @@ pub struct Probe {
     pub psnr_db: f64,
 }
 
-/// Tries every single other guess without a grid, the best first.
+/// Tries every single other guess without an occupancy grid, the best first.
 ///
 /// `views`: as they were read with `axes`.
 ///
@@ -90,7 +90,7 @@ fn score(tensors: &Tensors, settings: &Settings, tier: Tier, views: &[View]) -> 
         parameters: &network.folded(),
         tables: &[],
         content: Content::Scene(settings.facts(false)),
-        grid: None,
+        occupancy: None,
         provenance: Provenance {
             data: "",
             made_by: "",

@@ -2,7 +2,7 @@
 
 use super::error::ImportError;
 use super::order::{Identity, Order};
-use nerf_core::blob::{MAX_GRID_SIDE, MAX_SAMPLES, SceneFacts, SceneSampling};
+use nerf_core::blob::{MAX_OCCUPANCY_RESOLUTION, MAX_SAMPLES, SceneFacts, SceneSampling};
 use nerf_core::encoding::AngleScale;
 use nerf_core::ray::SceneBox;
 use serde::{Deserialize, Serialize};
@@ -71,10 +71,10 @@ pub struct Settings {
     pub samples: u16,
     /// Samples a ray of the coarse network, if there is one.
     pub coarse_samples: Option<u16>,
-    /// Cells of a skip grid along the longest side of the box, where one is built.
-    pub grid_resolution: u16,
-    /// A cell of such a grid is kept where density times bin width exceeds this.
-    pub grid_threshold: f32,
+    /// Cells of an occupancy grid along the longest side of the box, where one is built.
+    pub occupancy_resolution: u16,
+    /// A cell of such an occupancy grid is kept where density times bin width exceeds this.
+    pub occupancy_threshold: f32,
 }
 
 impl Default for Settings {
@@ -92,8 +92,8 @@ impl Default for Settings {
             scene_box: [-1.5, -1.5, -1.5, 1.5, 1.5, 1.5],
             samples: Self::EVEN_SAMPLES,
             coarse_samples: None,
-            grid_resolution: 128,
-            grid_threshold: 0.01,
+            occupancy_resolution: 128,
+            occupancy_threshold: 0.01,
         }
     }
 }
@@ -131,13 +131,17 @@ impl Settings {
         if !self.background.iter().all(|channel| (0.0..=1.0).contains(channel)) {
             return fail("background", "channels in [0, 1]".into(), format!("{:?}", self.background));
         }
-        if !(1..=MAX_GRID_SIDE).contains(&self.grid_resolution) {
-            let found = self.grid_resolution.to_string();
-            return fail("grid_resolution", format!("1 to {MAX_GRID_SIDE}"), found);
+        if !(1..=MAX_OCCUPANCY_RESOLUTION).contains(&self.occupancy_resolution) {
+            let found = self.occupancy_resolution.to_string();
+            return fail("occupancy_resolution", format!("1 to {MAX_OCCUPANCY_RESOLUTION}"), found);
         }
-        let threshold = self.grid_threshold;
+        let threshold = self.occupancy_threshold;
         if !(threshold.is_finite() && threshold >= 0.0) {
-            return fail("grid_threshold", "a finite number of at least 0".into(), threshold.to_string());
+            return fail(
+                "occupancy_threshold",
+                "a finite number of at least 0".into(),
+                threshold.to_string(),
+            );
         }
         Ok(())
     }
@@ -154,16 +158,16 @@ impl Settings {
         [x, y, z]
     }
 
-    /// sigma that keeps a cell of a built grid, 1/world unit.
+    /// sigma that keeps a cell of a built occupancy grid, 1/world unit.
     pub fn sigma_threshold(&self) -> f32 {
         let samples = f32::from(self.samples) + f32::from(self.coarse_samples.unwrap_or(0));
-        self.grid_threshold * samples / (self.far - self.near)
+        self.occupancy_threshold * samples / (self.far - self.near)
     }
 
     /// What the blob says of the scene.
-    pub fn facts(&self, grid_required: bool) -> SceneFacts {
+    pub fn facts(&self, occupancy_required: bool) -> SceneFacts {
         let Self { near, far, samples, background, .. } = *self;
         let sampling = SceneSampling::Bins(samples);
-        SceneFacts { min: self.min(), max: self.max(), near, far, sampling, background, grid_required }
+        SceneFacts { min: self.min(), max: self.max(), near, far, sampling, background, occupancy_required }
     }
 }

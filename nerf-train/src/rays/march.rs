@@ -92,7 +92,7 @@ impl Op for March<'_> {
 mod tests {
     use super::*;
     use glam::Vec3;
-    use nerf_core::sampling::{Purpose, SkipGrid, uniform};
+    use nerf_core::sampling::{OccupancyGrid, Purpose, uniform};
 
     #[test]
     fn the_samples_of_a_march_are_those_in_occupied_cells() {
@@ -101,7 +101,7 @@ mod tests {
         let draw = |i: u64| uniform(7, Purpose::Cell, 0, i);
         let bits: Vec<u8> = (0..96u64).map(|i| (draw(i) * 256.0) as u8).collect();
         let cells = Cells { bounds, resolution, bits: &bits };
-        let grid = SkipGrid::new(bounds, resolution, &bits);
+        let occupancy = OccupancyGrid::new(bounds, resolution, &bits);
         let (mut found, mut expected, mut apart) = (0, 0, 0);
         for i in 0..200u64 {
             let v =
@@ -115,7 +115,7 @@ mod tests {
             let mut positions = Vec::new();
             march(Tier::detect(), &cells, &ray, enter, step, count, &mut positions);
             let points = (0..count).map(|i| ray.at(enter + i as f32 * step));
-            let oracle: Vec<Vec3> = points.filter(|&p| grid.occupied(p)).collect();
+            let oracle: Vec<Vec3> = points.filter(|&p| occupancy.occupied(p)).collect();
             found += positions.len();
             expected += oracle.len();
             apart += positions.len().abs_diff(oracle.len());

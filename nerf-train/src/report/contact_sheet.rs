@@ -1,4 +1,4 @@
-//! Pictures side by side and in grids, each with a caption that nothing cuts off.
+//! Pictures side by side, in rows and columns, each with a caption that nothing cuts off.
 
 use super::picture::Picture;
 use super::text::{self, Direction};
@@ -31,7 +31,7 @@ impl Cell {
     }
 }
 
-/// A grid of `columns` cells a row, row by row, on white, with a title line above unless it is empty.
+/// `columns` cells a row, row by row, on white, with a title line above unless it is empty.
 ///
 /// `columns` is taken as at least 1 and at most the number of cells. Without cells and title the
 /// result is a small white picture.

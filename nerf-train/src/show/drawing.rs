@@ -33,7 +33,7 @@ const BEFORE_NEAR: Pen = Pen { opacity: 0.22, ..RAY };
 pub const BOX: Pen = Pen { width: 1.5, colour: [0.85, 0.42, 0.05], opacity: 0.9 };
 /// Where the rays of a camera that is alone begin and end.
 pub const RANGE: Pen = Pen { width: 1.2, colour: [0.55, 0.20, 0.60], opacity: 0.8 };
-/// A sample that the grid culls.
+/// A sample that the occupancy grid culls.
 pub const CULLED: Pen = Pen { width: 1.9, colour: [0.55, 0.56, 0.60], opacity: 0.8 };
 /// The rim of a live sample, so that pale ones stand out from paper.
 pub const RIM: Pen = Pen { width: 5.2, colour: [0.15, 0.15, 0.2], opacity: 0.6 };

@@ -7,7 +7,7 @@ use crate::engine::Batch;
 use crate::rays::{Bounds, RayBank};
 use crate::train::TrainError;
 use glam::Vec3;
-use nerf_core::sampling::SkipGrid;
+use nerf_core::sampling::OccupancyGrid;
 
 /// A ray with its samples.
 #[derive(Clone, Debug, PartialEq)]
@@ -22,7 +22,7 @@ pub struct ShownRay {
     pub rgb: [f32; 3],
     /// Samples that training asks the network for: `t`, world units along the ray, ascending.
     pub live: Vec<f32>,
-    /// Samples inside the scene box that the grid culls: `t`, ascending.
+    /// Samples inside the scene box that the occupancy grid culls: `t`, ascending.
     pub culled: Vec<f32>,
 }
 
@@ -46,8 +46,8 @@ pub struct StepFacts {
     pub rays: usize,
     /// Live samples it trains on.
     pub live: usize,
-    /// Whether a grid culls samples.
-    pub grid: bool,
+    /// Whether an occupancy grid culls samples.
+    pub occupancy: bool,
 }
 
 /// Training's own sampling, for some views.
@@ -55,7 +55,7 @@ pub(super) struct Drawer<'a> {
     pub(super) config: &'a Config,
     pub(super) bounds: Bounds,
     pub(super) background: Background,
-    pub(super) grid: Option<&'a SkipGrid<'a>>,
+    pub(super) occupancy: Option<&'a OccupancyGrid<'a>>,
     pub(super) step: u32,
 }
 
@@ -76,7 +76,7 @@ impl Drawer<'_> {
         let step = u64::from(self.step);
         let (rays, most) = if whole { (s.rays, s.live_samples) } else { (count, 0) };
         let (mut kept, mut all) = (Batch::default(), Batch::default());
-        bank.fill(&mut kept, step, rays, most, self.grid);
+        bank.fill(&mut kept, step, rays, most, self.occupancy);
         bank.fill(&mut all, step, rays, 0, None);
         let facts = StepFacts {
             step: self.step,
@@ -84,7 +84,7 @@ impl Drawer<'_> {
             bins: s.samples,
             rays: kept.rays.len(),
             live: kept.positions.len(),
-            grid: self.grid.is_some(),
+            occupancy: self.occupancy.is_some(),
         };
         let (mut live, mut inside) = (kept.positions.as_slice(), all.positions.as_slice());
         let pairs = kept.rays.iter().zip(&all.rays).enumerate().take(count);

@@ -115,7 +115,7 @@ pub struct Axes {
 }
 
 impl Scene {
-    /// Draws the rays of a step as training would, from the grid that training starts with.
+    /// Draws the rays of a step as training would, from the occupancy grid that training starts with.
     ///
     /// # Errors
     /// [`ShowError`] without views, on a camera out of range, and where training would refuse too.
@@ -129,9 +129,10 @@ impl Scene {
         }
         config.check().map_err(TrainError::from)?;
         let (bounds, occupancy) = find_bounds(dataset, config)?;
-        let grid = occupancy.as_ref().map(Occupancy::grid);
+        let occupancy = occupancy.as_ref().map(Occupancy::lookup);
         let chosen = request.camera.map_or(0..views.len(), |camera| camera..camera + 1);
-        let drawer = Drawer { config, bounds, background: dataset.background, grid: grid.as_ref(), step };
+        let drawer =
+            Drawer { config, bounds, background: dataset.background, occupancy: occupancy.as_ref(), step };
 
         let first = chosen.start;
         let shown = &views[chosen];

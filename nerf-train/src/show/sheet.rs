@@ -69,8 +69,8 @@ impl Scene {
                 s.step
             ),
         };
-        let culled = match s.grid {
-            true => format!(", {} culled by the grid that training starts with", self.culled()),
+        let culled = match s.occupancy {
+            true => format!(", {} culled by the occupancy grid that training starts with", self.culled()),
             false => String::new(),
         };
         let (b, ends) = (&self.bounds, self.bounds.scene_box);
@@ -163,7 +163,7 @@ impl<'s> Legend<'s> {
             (Key::Line(RAY), "ray, from near to far (fainter before near)".to_owned()),
             (Key::Dots(&LIVE_KEY), "live sample, coloured by t".to_owned()),
         ];
-        if scene.step.grid {
+        if scene.step.occupancy {
             entries.push((Key::Dots(&[CULLED]), "culled sample".to_owned()));
         }
         entries.push((Key::Line(BOX), "scene box".to_owned()));

@@ -66,14 +66,14 @@ pub const KNOBS: &[Knob] = &[
         values: |_, base| vary(base, COLOUR, |s, cut| s.quality.colour_cut = cut),
     },
     Knob {
-        name: "skip grid",
+        name: "occupancy",
         in_blob: true,
         combines: false,
-        copy: |from, to| to.quality.skip_grid = from.quality.skip_grid,
-        read: |_, s| if s.quality.skip_grid { "on" } else { "off" }.into(),
+        copy: |from, to| to.quality.occupancy = from.quality.occupancy,
+        read: |_, s| if s.quality.occupancy { "on" } else { "off" }.into(),
         values: |lab, base| {
-            let can = lab.has_grid(0) && !lab.grid_required();
-            vary(base, can.then_some(false), |s, on| s.quality.skip_grid = on)
+            let can = lab.has_occupancy(0) && !lab.occupancy_required();
+            vary(base, can.then_some(false), |s, on| s.quality.occupancy = on)
         },
     },
     Knob {
@@ -85,7 +85,7 @@ pub const KNOBS: &[Knob] = &[
         values: |lab, base| vary(base, lab.has_proposal().then_some(false), |s, on| s.quality.proposal = on),
     },
     Knob {
-        name: "grid of",
+        name: "occupancy of",
         in_blob: false,
         combines: true,
         copy: |from, to| to.variant = from.variant,

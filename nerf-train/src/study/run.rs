@@ -6,7 +6,7 @@
 //! pass 3…  timing views:    everything, as often as time allows
 //! ```
 //!
-//! Of a scene without a skip grid everything is slow: then the timing views are all there are.
+//! Of a scene without an occupancy grid everything is slow: then the timing views are all there are.
 //!
 //! Within a pass all points are rendered view by view, in turned order, so that a machine that slows down
 //! slows all of them. Errors come from the first rendering of a view, times from all on the timing views.
@@ -104,8 +104,9 @@ impl<'a, 'b> Study<'a, 'b> {
         let count = effort.timing_views.clamp(1, views.len());
         // The middles of as many equal parts.
         let mut timing: Vec<usize> = (0..count).map(|i| (2 * i + 1) * views.len() / (2 * count)).collect();
-        if Settings::base().is_slow(lab.has_grid(0)) {
-            // Without a grid everything is slow: the views that times are taken on have to do for all of it.
+        if Settings::base().is_slow(lab.has_occupancy(0)) {
+            // Without an occupancy grid everything is slow: the views that times are taken on have to do for all of
+            // it.
             views = timing.iter().map(|&view| views[view]).collect();
             timing = (0..count).collect();
         }
@@ -209,7 +210,7 @@ impl<'a, 'b> Study<'a, 'b> {
 
     fn is_slow(&self, settings: &Settings) -> bool {
         // Where times are taken on every view, nothing is spared by leaving some out.
-        self.timing.len() < self.views.len() && settings.is_slow(self.lab.has_grid(settings.variant))
+        self.timing.len() < self.views.len() && settings.is_slow(self.lab.has_occupancy(settings.variant))
     }
 
     /// Whether a point is rendered on a view in this pass.

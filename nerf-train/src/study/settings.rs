@@ -32,8 +32,8 @@ pub struct Settings {
 }
 
 impl Settings {
-    /// The exact rendering: every sample inside the scene box, behind the grid only where the blob says that
-    /// it is part of the model; no cuts, the exact encoding, f32 on the fastest f32 tier.
+    /// The exact rendering: every sample inside the scene box, behind the occupancy grid only where the blob says
+    /// that it is part of the model; no cuts, the exact encoding, f32 on the fastest f32 tier.
     pub fn exact(blob: &Blob<'_>) -> Self {
         Self { quality: Quality::exact(blob), ..Self::base() }
     }
@@ -52,8 +52,8 @@ impl Settings {
 
     /// Whether a frame takes so long that it is rendered on the timing views only: it asks the network
     /// everywhere, or on the scalar tier.
-    pub fn is_slow(&self, has_grid: bool) -> bool {
-        self.tier == Tier::Scalar || !(has_grid && self.quality.skip_grid)
+    pub fn is_slow(&self, has_occupancy: bool) -> bool {
+        self.tier == Tier::Scalar || !(has_occupancy && self.quality.occupancy)
     }
 }
 

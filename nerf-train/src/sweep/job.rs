@@ -191,7 +191,7 @@ fn run_image(
         budget: Budget { steps: Some(config.optimiser.steps), seconds: None },
         output: None,
         snapshots: Vec::new(),
-        look_every: Some(u32::MAX),
+        evaluate_every: Some(u32::MAX),
         tier: runner.tier,
         style: runner.style,
     };

@@ -1,13 +1,13 @@
 //! Many runs that differ in a few settings, and what they say of them.
 //!
-//! lists of values → points of a grid → one run each, kept as one small file → table, plots, sheet
+//! lists of values → their combinations → one run each, kept as one small file → table, plots, sheet
 //!
 //! A folder holds a sweep: `sweep.json` says what all of its runs share, `runs/` has a record and a
 //! picture for each finished one. A record is never made twice, whoever made it: runs can be spread
 //! over machines ([`Shard`]) into one folder or into several that are merged.
 
+mod combinations;
 mod folder;
-mod grid;
 mod job;
 mod record;
 mod report;
@@ -15,8 +15,8 @@ mod report;
 #[cfg(test)]
 mod tests;
 
+pub use combinations::{Combinations, CombinationsError, Mode, Point, Shard};
 pub use folder::{Folder, SweepError};
-pub use grid::{Grid, GridError, Mode, Point, Shard};
 pub use job::{Job, JobError, Runner};
 pub use record::{Header, Kind, Record, Status};
 pub use report::{table, write_report};

@@ -1,6 +1,6 @@
 //! What a sweep says: a table, plots of PSNR over each setting and over time, a sheet of pictures.
 
-use super::grid::KNOBS;
+use super::combinations::KNOBS;
 use super::{Folder, Kind, Record, Status, SweepError};
 use crate::output::write_atomic;
 use crate::printable::markdown as markdown_text;

@@ -7,14 +7,14 @@ use std::path::Path;
 
 const BASE: Point = Point { levels: 10, layers: 3, width: 256, rate: 1e-2 };
 
-fn grid(mode: Mode) -> Grid {
+fn combinations(mode: Mode) -> Combinations {
     let (levels, layers, rates) = (vec![6, 8], vec![2, 4, 6], vec![1e-3]);
-    Grid { base: BASE, levels, layers, widths: Vec::new(), rates, mode }
+    Combinations { base: BASE, levels, layers, widths: Vec::new(), rates, mode }
 }
 
 #[test]
-fn a_full_grid_combines_every_value_with_every_other() {
-    let points = grid(Mode::Full).points().unwrap();
+fn full_combines_every_value_with_every_other() {
+    let points = combinations(Mode::Full).points().unwrap();
     assert_eq!(points.len(), 6);
     assert!(points.iter().all(|point| point.width == 256 && point.rate == 1e-3));
     assert_eq!(points[0].name(), "L6_layers2_width256_rate0.001");
@@ -22,7 +22,7 @@ fn a_full_grid_combines_every_value_with_every_other() {
 
 #[test]
 fn one_at_a_time_leaves_the_others_at_the_base() {
-    let points = grid(Mode::OneAtATime).points().unwrap();
+    let points = combinations(Mode::OneAtATime).points().unwrap();
     // The base with its one-value list, two levels, three layers.
     assert_eq!(points.len(), 6);
     let base = Point { rate: 1e-3, ..BASE };
@@ -33,8 +33,8 @@ fn one_at_a_time_leaves_the_others_at_the_base() {
 #[test]
 fn a_sweep_of_nothing_is_refused() {
     let (levels, layers, widths, rates) = Default::default();
-    let empty = Grid { base: BASE, levels, layers, widths, rates, mode: Mode::Full };
-    assert_eq!(empty.points(), Err(GridError::Empty));
+    let empty = Combinations { base: BASE, levels, layers, widths, rates, mode: Mode::Full };
+    assert_eq!(empty.points(), Err(CombinationsError::Empty));
 }
 
 #[test]

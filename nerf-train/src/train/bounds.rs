@@ -11,12 +11,12 @@ use nerf_core::ray::{BoundsError, SceneBox};
 /// Cells along the longest side of the first, coarse hull, which only finds the scene box.
 const COARSE_HULL: u16 = 64;
 
-/// Near, far and scene box from settings and data; and the grid to start with.
+/// Near, far and scene box from settings and data; and the occupancy grid to start with.
 pub(crate) fn find_bounds(
     dataset: &Dataset,
     config: &Config,
 ) -> Result<(Bounds, Option<Occupancy>), TrainError> {
-    let (s, g) = (&config.sampling, &config.grid);
+    let (s, g) = (&config.sampling, &config.occupancy);
     let proposed = scene_bounds(dataset);
     let missing = || TrainError::NoBounds { data: dataset.name.clone() };
     let near = s.near.or(proposed.map(|p| p.near)).ok_or_else(missing)?;
@@ -31,7 +31,7 @@ pub(crate) fn find_bounds(
     let cameras: Vec<_> = dataset.cameras().copied().collect();
     let wide = match (given, proposed) {
         (Some(given), _) => given,
-        // Without a grid nothing is skipped: every sample of every ray is inside the box.
+        // Without an occupancy grid nothing is skipped: every sample of every ray is inside the box.
         _ if !g.skip => frusta_box(&cameras, near, far)?,
         (None, proposed) => proposed.ok_or_else(missing)?.scene_box,
     };

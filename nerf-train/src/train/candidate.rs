@@ -15,7 +15,7 @@ pub struct Candidate {
     pub step: u32,
     /// Averaged over steps where the run averages; in export order, not yet rounded.
     pub parameters: Vec<f32>,
-    /// The skip grid, asked once more everywhere.
+    /// The occupancy grid, asked once more everywhere.
     pub live: LiveCells,
     /// The shape of its network where that is not the trained one's: without its direction.
     pub architecture: Option<Architecture>,
@@ -24,8 +24,8 @@ pub struct Candidate {
 /// What a blob says besides what the run knows.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct About<'a> {
-    /// Whether the grid is part of the model.
-    pub grid_required: bool,
+    /// Whether the occupancy grid is part of the model.
+    pub occupancy_required: bool,
     /// Mean validation PSNR, dB.
     pub psnr_db: Option<f64>,
     /// What the PSNR means.
@@ -41,7 +41,7 @@ impl Trainer<'_> {
     /// way its occupancy does as it is.
     pub fn candidate(&self, settle: bool) -> Candidate {
         let parameters = self.averaged_parameters();
-        let full = || Occupancy::full(self.bounds.scene_box, self.config.grid.resolution);
+        let full = || Occupancy::full(self.bounds.scene_box, self.config.occupancy.resolution);
         let mut occupancy = self.occupancy.clone().unwrap_or_else(full);
         let ask = Ask {
             tier: self.tier,
@@ -86,9 +86,9 @@ impl Trainer<'_> {
                     None => SceneSampling::Bins(self.config.sampling.samples),
                 },
                 background: self.background(),
-                grid_required: about.grid_required,
+                occupancy_required: about.occupancy_required,
             }),
-            grid: Some((candidate.live.resolution(), candidate.live.bits())),
+            occupancy: Some((candidate.live.resolution(), candidate.live.bits())),
             provenance: Provenance {
                 data: &self.dataset.name,
                 made_by: &made_by,

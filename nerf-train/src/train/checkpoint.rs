@@ -32,7 +32,7 @@ pub struct Checkpoint {
     pub optimiser: OptimiserState,
     /// Exponential average of the parameters.
     pub average: Average,
-    /// The grid.
+    /// The occupancy grid.
     pub occupancy: Option<Occupancy>,
     /// Counters of the loop.
     pub progressed: Progressed,

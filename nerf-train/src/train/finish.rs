@@ -15,9 +15,9 @@ use crate::report::metrics::{flat_psnr_db, gain_db, is_flat, mean_flat_psnr_db};
 use nerf_core::plan::Quality;
 use std::time::Instant;
 
-/// A grid is part of the model if leaving it out changes training views by more than this, dB: a little
+/// An occupancy grid is part of the model if leaving it out changes training views by more than this, dB: a little
 /// less than the 0.1 dB that a blob promises for views nobody has seen.
-pub const GRID_LOSS_DB: f64 = 0.08;
+pub const OCCUPANCY_LOSS_DB: f64 = 0.08;
 /// Validation views whose pictures a report shows.
 const SHOWN_VIEWS: usize = 4;
 
@@ -43,9 +43,9 @@ pub struct Outcome {
     pub quantisation_loss_db: Option<f64>,
     /// dB that leaving the occupancy grid out cost on training views; not asked of a grid field, whose tables hold
     /// anything where it was not trained.
-    pub grid_loss_db: Option<f64>,
-    /// Whether the grid is part of the model.
-    pub grid_required: bool,
+    pub occupancy_loss_db: Option<f64>,
+    /// Whether the occupancy grid is part of the model.
+    pub occupancy_required: bool,
     /// What view dependence is worth; `None` if that was not asked.
     pub view_dependence: Option<ViewDependence>,
     /// Weights that became f16 subnormals.
@@ -66,8 +66,8 @@ pub struct Outcome {
     pub reseeds: u32,
     /// Parameters as trained.
     pub parameters: usize,
-    /// Live share of the exported grid.
-    pub occupancy: f32,
+    /// Live share of the exported occupancy grid.
+    pub occupied_share: f32,
     /// Seconds from the start until the last step, reading and validation included.
     pub train_seconds: f64,
     /// Samples evaluated and samples trained on, a second of training.
@@ -97,8 +97,9 @@ impl Session<'_, '_> {
         let mut candidate = self.trainer.candidate(true);
         let view_dependence = self.ask_direction(&mut candidate)?;
         let draft = self.trainer.export(&candidate, &About::default())?.bytes;
-        let (grid_loss_db, trained) = self.ask_grid(&draft)?;
-        let grid_required = grid_loss_db.is_none_or(|loss| loss.is_nan() || loss.abs() > GRID_LOSS_DB);
+        let (occupancy_loss_db, trained) = self.ask_occupancy(&draft)?;
+        let occupancy_required =
+            occupancy_loss_db.is_none_or(|loss| loss.is_nan() || loss.abs() > OCCUPANCY_LOSS_DB);
 
         let background = self.trainer.background();
         let (scores, lattice, shown) = self.evaluate(&draft)?;
@@ -114,7 +115,7 @@ impl Session<'_, '_> {
         let judged_db = judged_scores.views.iter().map(|score| score.psnr_db);
         let flat = is_flat(judged_db.zip(flats.iter().copied()));
         let convention = self.convention(all.len(), lattice);
-        let about = About { grid_required, psnr_db, convention: &convention, quantisation_loss_db };
+        let about = About { occupancy_required, psnr_db, convention: &convention, quantisation_loss_db };
         let exported = self.trainer.export(&candidate, &about)?;
         let watched = self.watched.iter().filter_map(|&view| self.dataset.val.get(view));
         Ok(Outcome {
@@ -126,8 +127,8 @@ impl Session<'_, '_> {
             flat_psnr_db: mean_flat_psnr_db(flats),
             flat,
             quantisation_loss_db,
-            grid_loss_db,
-            grid_required,
+            occupancy_loss_db,
+            occupancy_required,
             view_dependence,
             subnormal_weights: exported.subnormal_weights,
             trend: Trend::of(&self.trainer.curve),
@@ -136,7 +137,7 @@ impl Session<'_, '_> {
             steps: self.trainer.progressed().step,
             reseeds: self.trainer.progressed().reseeds,
             parameters: self.trainer.parameters(),
-            occupancy: candidate.live.grid().occupancy(),
+            occupied_share: candidate.live.lookup().occupied_share(),
             train_seconds,
             samples_per_second,
             snapshots: self.trainer.snapshots.clone(),
@@ -160,7 +161,7 @@ impl Session<'_, '_> {
             };
             renderings.iter().map(measured).collect()
         };
-        // The price is these renderings' own: without a grid, a scene is asked in many more places.
+        // The price is these renderings' own: without an occupancy grid, a scene is asked in many more places.
         let mut pace = Pace::new(self.options.budget.seconds, false, false);
         let everything = pace.lattice_on_the_way(pixels, largest, f64::INFINITY);
         if !pace.is_limited() {
@@ -174,11 +175,11 @@ impl Session<'_, '_> {
         if lattice < probe { on(lattice) } else { Ok(scores) }
     }
 
-    /// dB that leaving the grid out costs on training views, and their scores with it.
-    fn ask_grid(&self, draft: &[u8]) -> Result<(Option<f64>, Scores), EvalError> {
+    /// dB that leaving the occupancy grid out costs on training views, and their scores with it.
+    fn ask_occupancy(&self, draft: &[u8]) -> Result<(Option<f64>, Scores), EvalError> {
         let views = spread(&self.dataset.train, ASKED_VIEWS);
         let with = Quality::default();
-        let without = Quality { skip_grid: false, ..with };
+        let without = Quality { occupancy: false, ..with };
         if self.trainer.config().network.grid.is_some() {
             return Ok((None, self.compare(&views, &[(draft, with)])?.swap_remove(0)));
         }

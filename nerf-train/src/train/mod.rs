@@ -212,7 +212,7 @@ impl<'d> Trainer<'d> {
         let parts = [
             ("counters", counted && alive),
             ("averaged parameters", average.is_like(&self.average)),
-            ("grid cells", cells),
+            ("occupancy cells", cells),
             ("points of the curve", curve),
         ];
         match parts.into_iter().find(|&(_, fits)| !fits) {
@@ -269,9 +269,9 @@ impl<'d> Trainer<'d> {
         self.bank.pixels()
     }
 
-    /// Share of the cells that are live; 1 without a grid.
-    pub fn occupancy(&self) -> f32 {
-        self.occupancy.as_ref().map_or(1.0, |occupancy| occupancy.grid().occupancy())
+    /// Share of the cells that are live; 1 without an occupancy grid.
+    pub fn occupied_share(&self) -> f32 {
+        self.occupancy.as_ref().map_or(1.0, |occupancy| occupancy.lookup().occupied_share())
     }
 
     /// Parameters as trained.
@@ -313,15 +313,15 @@ impl<'d> Trainer<'d> {
             p.live_per_ray = if p.live_per_ray == 0.0 { now } else { 0.9 * p.live_per_ray + 0.1 * now };
         }
         let now = Instant::now();
-        self.refresh_grid();
+        self.refresh_occupancy();
         self.phases.lap(Phase::Occupancy, now);
         Ok(())
     }
 
     fn draw(&mut self, step: u64) {
         let s = &self.config.sampling;
-        let skip = self.config.grid.skip;
-        let grid = self.occupancy.as_ref().filter(|_| skip).map(Occupancy::grid);
+        let skip = self.config.occupancy.skip;
+        let occupancy = self.occupancy.as_ref().filter(|_| skip).map(Occupancy::lookup);
         let p = &mut self.progressed;
         // A grid's samples count once they are kept, which is known after the step.
         let counted_after = self.config.network.grid.is_some();
@@ -334,21 +334,21 @@ impl<'d> Trainer<'d> {
         if let (Some(width), Some(occupancy)) = (self.step_width, &self.occupancy) {
             self.bank.fill_marched(self.tier, &mut self.batch, step, rays, occupancy.live(), width);
         } else {
-            self.bank.fill(&mut self.batch, step, rays, limit, grid.as_ref());
+            self.bank.fill(&mut self.batch, step, rays, limit, occupancy.as_ref());
         }
         if !counted_after {
             let now = self.batch.positions.len() as f64 / self.batch.rays.len().max(1) as f64;
             p.live_per_ray = if p.live_per_ray == 0.0 { now } else { 0.9 * p.live_per_ray + 0.1 * now };
         }
-        self.batch.empty_weight = self.config.grid.empty_weight;
-        if let Some(grid) = &grid {
-            let count = self.config.grid.empty_share * self.batch.positions.len() as f32;
-            self.bank.fill_empty(&mut self.batch, step, count as usize, grid);
+        self.batch.empty_weight = self.config.occupancy.empty_weight;
+        if let Some(occupancy) = &occupancy {
+            let count = self.config.occupancy.empty_share * self.batch.positions.len() as f32;
+            self.bank.fill_empty(&mut self.batch, step, count as usize, occupancy);
         }
     }
 
-    fn refresh_grid(&mut self) {
-        let g = &self.config.grid;
+    fn refresh_occupancy(&mut self) {
+        let g = &self.config.occupancy;
         if !g.skip || !self.progressed.step.is_multiple_of(g.every) {
             return;
         }
@@ -365,7 +365,7 @@ impl<'d> Trainer<'d> {
     fn threshold(&self) -> f32 {
         let bins = f32::from(self.config.sampling.samples);
         let width = self.step_width.unwrap_or((self.bounds.far - self.bounds.near) / bins);
-        self.config.grid.threshold / width
+        self.config.occupancy.threshold / width
     }
 
     /// Starts anew with another seed: a known failure of ReLU densities, and its known cure.

@@ -9,7 +9,7 @@ pub const VALIDATION_SHARE: f64 = 0.10;
 /// Share of the time that the final evaluation over all validation views may take.
 pub const FINAL_SHARE: f64 = 0.10;
 /// Share of the time that each rendering for a question about the export may take: with and without view dependence,
-/// with and without the grid, and without rounding.
+/// with and without the occupancy grid, and without rounding.
 pub const QUESTION_SHARE: f64 = 0.015;
 /// Such renderings.
 const QUESTIONS: usize = 5;
@@ -35,7 +35,7 @@ pub struct Pace {
     per_pixel: Option<f64>,
     /// Whether a report with pictures is written.
     report: bool,
-    /// Whether the end asks what the scene is without its grid.
+    /// Whether the end asks what the scene is without its occupancy grid.
     dense: bool,
 }
 
@@ -49,7 +49,7 @@ pub fn lattice_of(pixels: u64, count: f64) -> u32 {
 
 impl Pace {
     /// The pace of a run with this limit; `report`: whether one is written, `dense`: whether the end asks what the
-    /// scene is without its grid.
+    /// scene is without its occupancy grid.
     pub fn new(seconds: Option<f64>, report: bool, dense: bool) -> Self {
         Self { seconds, report, dense, ..Self::default() }
     }
@@ -129,7 +129,7 @@ impl Pace {
             Some(price) => (MARGIN * price * pixels as f64).min(share * seconds),
             None => share * seconds,
         };
-        // Without its grid a scene is asked in many more places: that question takes all it may.
+        // Without its occupancy grid a scene is asked in many more places: that question takes all it may.
         let dense = if self.dense { QUESTION_SHARE * seconds } else { 0.0 };
         let questions = (QUESTIONS - 1) as f64 * price(asked, QUESTION_SHARE) + dense;
         // The last validation, and the export.
@@ -151,7 +151,7 @@ mod tests {
         step: f64,
         file: f64,
         pixel: f64,
-        /// How much more a pixel takes without the grid.
+        /// How much more a pixel takes without the occupancy grid.
         dense: f64,
     }
 
@@ -200,7 +200,7 @@ mod tests {
             (views * view, FINAL_SHARE, 1.0),
             (asked, QUESTION_SHARE, 1.0),
         ] {
-            // What a question without the grid costs is asked first.
+            // What a question without the occupancy grid costs is asked first.
             let mut asked =
                 if dense == 1.0 && pace.knows() { pace } else { Pace::new(Some(seconds), true, true) };
             if !asked.knows() {

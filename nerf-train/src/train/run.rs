@@ -255,7 +255,7 @@ impl Session<'_, '_> {
             "scene box {} .. {}; {:.1} % of its cells may hold something; {} pixels to draw from",
             b.min,
             b.max,
-            100.0 * self.trainer.occupancy(),
+            100.0 * self.trainer.occupied_share(),
             self.trainer.pixels()
         ));
         progress

@@ -3,39 +3,39 @@
 use super::CurvePoint;
 use std::fmt;
 
-/// A later look must be better by more than this to count as a rise, dB: two views are a small sample.
+/// A later validation must be better by more than this to count as a rise, dB: two views are a small sample.
 const VAL_RISE_DB: f64 = 0.05;
 /// Training goes on while its PSNR rises by more than this, dB: three times the noise of the smoothed curve.
 const TRAIN_RISE_DB: f64 = 0.3;
-/// Looks without a rise that it takes: one is no trend.
-const LOOKS_AFTER: usize = 2;
+/// Validations without a rise that it takes: one is no trend.
+const VALIDATIONS_AFTER: usize = 2;
 
-/// The look after which validation did not rise any more.
+/// The validation after which PSNR did not rise any more.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Stop {
-    /// Steps done at that look.
+    /// Steps done at that validation.
     pub step: u32,
-    /// Seconds since the start at that look.
+    /// Seconds since the start at that validation.
     pub seconds: f64,
-    /// Mean PSNR of the watched views at that look, dB: the best, or within 0.05 dB of it.
+    /// Mean PSNR of the watched views at that validation, dB: the best, or within 0.05 dB of it.
     pub val_psnr_db: f64,
-    /// The same at the last look, dB.
+    /// The same at the last validation, dB.
     pub last_val_psnr_db: f64,
-    /// Smoothed PSNR of the training rays at that look, dB.
+    /// Smoothed PSNR of the training rays at that validation, dB.
     pub train_psnr_db: f64,
-    /// The same at the last look, dB.
+    /// The same at the last validation, dB.
     pub last_train_psnr_db: f64,
 }
 
-/// What the looks at the validation views say of a run.
+/// What the validations say of a run.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Trend {
     /// There were fewer than three.
-    TooFewLooks {
+    TooFew {
         /// How many there were.
-        looks: usize,
+        validations: usize,
     },
-    /// One of the last two looks is better than all before it.
+    /// One of the last two validations is better than all before it.
     Rising {
         /// Whether it is the very last.
         to_the_end: bool,
@@ -49,36 +49,39 @@ pub enum Trend {
 impl Trend {
     /// Reads it off a curve, oldest point first.
     ///
-    /// Validation stopped at the first look that no later one beats by more than 0.05 dB, if at least two
-    /// followed; training went on if its smoothed PSNR rose by more than 0.3 dB from there to the last look.
+    /// Validation stopped at the first that no later one beats by more than 0.05 dB, if at least two
+    /// followed; training went on if its smoothed PSNR rose by more than 0.3 dB from there to the last validation.
     ///
     /// # Examples
-    /// Looks of 20, 22, 21, 20 dB while training goes 20, 23, 26, 29: stopped at the second.
+    /// Validations of 20, 22, 21, 20 dB while training goes 20, 23, 26, 29: stopped at the second.
     /// ```
     /// use nerf_train::train::{CurvePoint, trend::Trend};
-    /// let look = |i: u32, val| CurvePoint {
+    /// let at = |i: u32, val| CurvePoint {
     ///     step: 100 * i,
     ///     seconds: 1.0,
     ///     train_psnr_db: 17.0 + 3.0 * f64::from(i),
     ///     val_psnr_db: Some(val),
     ///     ..CurvePoint::default()
     /// };
-    /// let trend = Trend::of(&[look(1, 20.0), look(2, 22.0), look(3, 21.0), look(4, 20.0)]);
+    /// let trend = Trend::of(&[at(1, 20.0), at(2, 22.0), at(3, 21.0), at(4, 20.0)]);
     /// assert!(matches!(trend, Trend::Overfitting(stop) if stop.step == 200));
     /// ```
     pub fn of(curve: &[CurvePoint]) -> Self {
-        let look = |point: &CurvePoint| Some((*point, point.val_psnr_db.filter(|db| !db.is_nan())?));
-        let looks: Vec<(CurvePoint, f64)> = curve.iter().filter_map(look).collect();
-        let &[.., (last, last_val_psnr_db)] = looks.as_slice() else {
-            return Self::TooFewLooks { looks: 0 };
+        let validated = |point: &CurvePoint| Some((*point, point.val_psnr_db.filter(|db| !db.is_nan())?));
+        let validations: Vec<(CurvePoint, f64)> = curve.iter().filter_map(validated).collect();
+        let &[.., (last, last_val_psnr_db)] = validations.as_slice() else {
+            return Self::TooFew { validations: 0 };
         };
-        if looks.len() <= LOOKS_AFTER {
-            return Self::TooFewLooks { looks: looks.len() };
+        if validations.len() <= VALIDATIONS_AFTER {
+            return Self::TooFew { validations: validations.len() };
         }
-        let best_after = |i: usize| looks[i + 1..].iter().map(|l| l.1).fold(f64::NEG_INFINITY, f64::max);
-        let stopped = (0..looks.len() - LOOKS_AFTER).find(|&i| best_after(i) <= looks[i].1 + VAL_RISE_DB);
-        let Some((at, val_psnr_db)) = stopped.map(|i| looks[i]) else {
-            let before = looks[..looks.len() - 1].iter().map(|l| l.1).fold(f64::NEG_INFINITY, f64::max);
+        let best_after =
+            |i: usize| validations[i + 1..].iter().map(|l| l.1).fold(f64::NEG_INFINITY, f64::max);
+        let stopped = (0..validations.len() - VALIDATIONS_AFTER)
+            .find(|&i| best_after(i) <= validations[i].1 + VAL_RISE_DB);
+        let Some((at, val_psnr_db)) = stopped.map(|i| validations[i]) else {
+            let before =
+                validations[..validations.len() - 1].iter().map(|l| l.1).fold(f64::NEG_INFINITY, f64::max);
             return Self::Rising { to_the_end: last_val_psnr_db >= before };
         };
         let stop = Stop {
@@ -105,12 +108,12 @@ impl Trend {
 impl fmt::Display for Trend {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
-            Self::TooFewLooks { looks } => {
-                write!(f, "{looks} looks at validation views are too few to say whether they stopped rising")
+            Self::TooFew { validations } => {
+                write!(f, "{validations} validations are too few to say whether PSNR stopped rising")
             }
             Self::Rising { to_the_end: true } => f.write_str("validation rose to the end"),
             Self::Rising { to_the_end: false } => {
-                f.write_str("validation rose until the last look but one; one look is no trend")
+                f.write_str("validation rose until the last validation but one; one is no trend")
             }
             Self::Settled(s) => write!(
                 f,
@@ -131,17 +134,17 @@ impl fmt::Display for Trend {
 mod tests {
     use super::*;
 
-    /// Looks 100 steps apart, with points between them that are no looks.
-    fn curve(looks: &[(f64, f64)]) -> Vec<CurvePoint> {
-        let points = looks.iter().zip(1u32..).flat_map(|(&(train_psnr_db, val), i)| {
-            let look = CurvePoint {
+    /// Validations 100 steps apart, with points between them that are none.
+    fn curve(validations: &[(f64, f64)]) -> Vec<CurvePoint> {
+        let points = validations.iter().zip(1u32..).flat_map(|(&(train_psnr_db, val), i)| {
+            let validated = CurvePoint {
                 step: 100 * i,
                 seconds: f64::from(i),
                 train_psnr_db,
                 val_psnr_db: Some(val),
                 ..CurvePoint::default()
             };
-            [CurvePoint { step: look.step - 50, val_psnr_db: None, ..look }, look]
+            [CurvePoint { step: validated.step - 50, val_psnr_db: None, ..validated }, validated]
         });
         points.collect()
     }
@@ -166,20 +169,20 @@ mod tests {
         // A dip on the way is overcome.
         let dip = curve(&[(20.0, 20.0), (22.0, 18.0), (25.0, 18.0), (28.0, 21.6)]);
         assert_eq!(Trend::of(&dip), Trend::Rising { to_the_end: true });
-        // One look without a rise is no trend.
+        // One validation without a rise is no trend.
         let one = curve(&[(20.0, 20.0), (22.0, 21.0), (25.0, 22.0), (28.0, 21.0)]);
         assert_eq!(Trend::of(&one), Trend::Rising { to_the_end: false });
         assert!(Trend::of(&one).overfitting().is_err_and(|why| why.contains("no trend")));
     }
 
     #[test]
-    fn few_looks_and_odd_figures_say_nothing_wrong() {
-        for looks in 0..3 {
-            let points = curve(&vec![(20.0, 20.0); looks]);
-            assert_eq!(Trend::of(&points), Trend::TooFewLooks { looks });
+    fn few_validations_and_odd_figures_say_nothing_wrong() {
+        for validations in 0..3 {
+            let points = curve(&vec![(20.0, 20.0); validations]);
+            assert_eq!(Trend::of(&points), Trend::TooFew { validations });
         }
         let nan = curve(&[(20.0, f64::NAN), (f64::NAN, 20.0), (21.0, f64::NAN)]);
-        assert_eq!(Trend::of(&nan), Trend::TooFewLooks { looks: 1 });
+        assert_eq!(Trend::of(&nan), Trend::TooFew { validations: 1 });
         let perfect = curve(&[(20.0, f64::INFINITY); 4]);
         assert!(matches!(Trend::of(&perfect), Trend::Settled(stop) if stop.step == 100));
     }

@@ -35,7 +35,7 @@ fn explain_says_why_and_its_shares_are_all_of_the_work() {
     assert!(density_of(&uncut) > density_of(&frame));
 
     let text = ok(["explain", file]);
-    for line in ["skip grid          on", "transmittance cut  on", "workspace ", "multiply-adds"] {
+    for line in ["occupancy          on", "transmittance cut  on", "workspace ", "multiply-adds"] {
         assert!(text.contains(line), "{line} of\n{text}");
     }
 }

@@ -272,8 +272,7 @@ fn what_was_not_learned_and_what_was_started_anew_is_said() {
     // Without a bias some seeds have no density anywhere.
     let config = folder.file("run.toml", "[network]\ndensity_bias = 0.0\n");
     let data = folder.blender("scene");
-    let dying =
-        "--preset seed --width 16 --colour-width 8 --rays 16 --samples 4 --grid-resolution 12 --steps 130";
+    let dying = "--preset seed --width 16 --colour-width 8 --rays 16 --samples 4 --occupancy-resolution 12 --steps 130";
     let restarted = (0..12).find_map(|seed| {
         let seed = format!("--seed={seed}");
         let files = [

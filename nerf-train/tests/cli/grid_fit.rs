@@ -32,13 +32,13 @@ fn flags_set_what_inspect_and_summary_say() {
     let fields: serde_json::Value = serde_json::from_str(&ok(["inspect", &file, "--json"])).expect("JSON");
     for of in [&summary, &fields] {
         for (field, expected) in [
-            ("learned_grid_levels", 4),
-            ("learned_grid_features", 4),
-            ("learned_grid_log2_entries", 8),
-            ("learned_grid_coarsest_cells", 4),
-            ("learned_grid_finest_cells", 24),
-            ("learned_grid_values", grid.values() as u64),
-            ("learned_grid_bytes", 2 * grid.values() as u64),
+            ("grid_levels", 4),
+            ("grid_features", 4),
+            ("grid_log2_entries", 8),
+            ("grid_coarsest_cells", 4),
+            ("grid_finest_cells", 24),
+            ("grid_values", grid.values() as u64),
+            ("grid_bytes", 2 * grid.values() as u64),
         ] {
             assert_eq!(of[field].as_u64(), Some(expected), "{field}");
         }
@@ -110,7 +110,7 @@ fn bad_values_are_refused_naming_the_field() {
         ("[network]\ndensity_scale = 2.0", "network.density_scale"),
         ("[network]\nfeature = true", "network.feature"),
         ("[network]\ndepth = 2\nskip_after = 1", "network.skip_after"),
-        ("[grid]\nempty_share = 0.1", "grid.empty_share"),
+        ("[occupancy]\nempty_share = 0.1", "occupancy.empty_share"),
         // A table over a preset without a grid: the rest of the network does not go with it.
         ("preset = \"small\"\n[network.grid]\nlevels = 4", "network.position_levels"),
         ("preset = \"seed\"\n[network.grid]\nlevels = 4", "network.position_levels"),

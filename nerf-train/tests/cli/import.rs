@@ -41,9 +41,10 @@ fn a_network_that_goes_out_and_comes_back_is_the_same() {
     let scene = fitted.scene().expect("a scene");
     let path = folder.path("out.npz");
     checkpoint_of(&fitted).prefixed("module.").npz(Path::new(&path), "<f4");
-    let grid = fitted.grid().expect("a grid");
-    let sides = grid.resolution().map(usize::from);
-    let cells: Vec<f64> = (0..sides.iter().product()).map(|i| f64::from(u8::from(grid.bit(i)))).collect();
+    let occupancy = fitted.occupancy().expect("an occupancy grid");
+    let sides = occupancy.resolution().map(usize::from);
+    let cells: Vec<f64> =
+        (0..sides.iter().product()).map(|i| f64::from(u8::from(occupancy.bit(i)))).collect();
     let grid_file = folder.file("out_grid.npy", npy("|b1", &sides, &cells));
     let comma = |values: &[f32]| values.iter().map(f32::to_string).collect::<Vec<_>>().join(",");
     let toml = format!(
@@ -56,7 +57,7 @@ fn a_network_that_goes_out_and_comes_back_is_the_same() {
     );
     let config = folder.file("out.toml", toml);
     let back = folder.path("back.nerf");
-    let args = ["import", &path, "-o", &back, "--config", &config, "--grid", &grid_file];
+    let args = ["import", &path, "-o", &back, "--config", &config, "--occupancy", &grid_file];
     let text = ok(args);
     for word in ["Feature: 16 → 16, folded away", "module.", "s = pi", "part of the model", "wrote"] {
         assert!(text.contains(word), "expected `{word}` in: {text}");
@@ -65,13 +66,13 @@ fn a_network_that_goes_out_and_comes_back_is_the_same() {
     let imported = Blob::open(&bytes).expect("a blob");
     assert_eq!(imported.weights(), fitted.weights());
     assert_eq!(imported.architecture(), fitted.architecture());
-    assert!(imported.scene().expect("a scene").grid_required);
+    assert!(imported.scene().expect("a scene").occupancy_required);
     assert!(imported.provenance().made_by.contains("imported from out.npz"));
     for (cell, live) in cells.iter().enumerate() {
-        assert_eq!(imported.grid().expect("a grid").bit(cell), *live == 1.0);
+        assert_eq!(imported.occupancy().expect("an occupancy grid").bit(cell), *live == 1.0);
     }
     // Said otherwise, it is not.
-    let text = ok(args.into_iter().chain(["--grid-optional", "--samples", "8"]));
+    let text = ok(args.into_iter().chain(["--occupancy-optional", "--samples", "8"]));
     assert!(text.contains("only skips what is empty") && text.contains("8 samples a ray"), "{text}");
 
     // Checked on every third pixel, over what is behind the scene.
@@ -84,7 +85,7 @@ fn a_network_that_goes_out_and_comes_back_is_the_same() {
     assert!((psnr - expected).abs() < 1.5, "{psnr}, {expected}");
     assert_eq!(object["check_views"].as_u64(), Some(2));
     assert!(object["quantisation_loss_db"].as_f64().is_some_and(|db| db.abs() < 0.01), "{object}");
-    assert!(object["grid_gain_db"].is_number() && object["suspicious"].is_boolean());
+    assert!(object["occupancy_gain_db"].is_number() && object["suspicious"].is_boolean());
     assert_eq!(
         object["trained_parameters"].as_u64().expect("n"),
         imported.architecture().parameters() as u64 + 272
@@ -110,7 +111,7 @@ fn weights_that_become_f16_subnormals_are_counted_in_text_and_summary() {
             weights[..count].fill(1e-6);
         }
         made.npz(Path::new(&path), "<f4");
-        let args = ["import", &path, "-o", &output, "--grid-resolution", "8", "--check", &data];
+        let args = ["import", &path, "-o", &output, "--occupancy-resolution", "8", "--check", &data];
         let text = ok(args);
         assert!(text.contains(&format!("({expected} subnormal weights)")), "{text}");
         let object = ok(args.into_iter().chain(["--json", "--quiet"]));
@@ -137,7 +138,7 @@ fn what_shows_no_scene_is_said_to() {
     white.safetensors(Path::new(&path), safetensors::Dtype::F32);
     let output = folder.path("white.nerf");
     let mut command =
-        crate::command(["import", &path, "-o", &output, "--check", &data, "--grid-resolution", "8"]);
+        crate::command(["import", &path, "-o", &output, "--check", &data, "--occupancy-resolution", "8"]);
     let ran = ran(&mut command);
     assert_eq!(ran.code, Some(0), "{}", ran.err);
     for word in ["warning", "no picture of the scene", "--angle-scale", "--axes", "--order", "--background"] {
@@ -149,12 +150,13 @@ fn what_shows_no_scene_is_said_to() {
         assert!(ran.out.contains(word), "expected `{word}` in: {}", ran.out);
     }
     assert!(Path::new(&output).exists());
-    // Nothing anywhere: no grid, and that is said.
+    // Nothing anywhere: no occupancy grid, and that is said.
     let mut empty = Shape::small().checkpoint(1);
     empty.0.get_mut("alpha_linear.bias").expect("a tensor").1[0] = -1000.0;
     let path = folder.path("empty.safetensors");
     empty.safetensors(Path::new(&path), safetensors::Dtype::F32);
-    let mut command = crate::command(["import", &path, "-o", &output, "--grid-resolution", "8", "--quiet"]);
+    let mut command =
+        crate::command(["import", &path, "-o", &output, "--occupancy-resolution", "8", "--quiet"]);
     let ran = crate::ran(&mut command);
     assert!(ran.code == Some(0) && ran.err.contains("nowhere above the threshold"), "{}", ran.err);
     assert!(ran.out.contains("empty everywhere"), "{}", ran.out);
@@ -168,7 +170,7 @@ fn wrong_arguments_and_files_leave_nothing_behind() {
     Shape::small().checkpoint(2).npz(Path::new(&path), "<f4");
     let bad = folder.file("bad.toml", "near = 1\nfarr = 2\n");
     let coarse = folder.file("coarse.toml", "coarse_samples = 32\n");
-    let grid = folder.file("flat.npy", npy("|b1", &[2, 2], &[1.0; 4]));
+    let occupancy = folder.file("flat.npy", npy("|b1", &[2, 2], &[1.0; 4]));
     for (args, words) in [
         (&["nowhere.npz"][..], &["nowhere.npz", "no such file"][..]),
         (&[file], &["scene.nerf", ".npz or .safetensors"]),
@@ -190,9 +192,9 @@ fn wrong_arguments_and_files_leave_nothing_behind() {
         (&[&path, "--background", "beige"], &["--background", "beige"]),
         (&[&path, "--config", &bad], &["bad.toml", "farr"]),
         (&[&path, "--config", "nowhere.toml"], &["nowhere.toml"]),
-        (&[&path, "--grid", &grid], &["flat.npy", "[x, y, z]", "[2, 2]"]),
-        (&[&path, "--grid", &grid, "--no-grid"], &["--grid", "--no-grid"]),
-        (&[&path, "--grid-optional"], &["--grid"]),
+        (&[&path, "--occupancy", &occupancy], &["flat.npy", "[x, y, z]", "[2, 2]"]),
+        (&[&path, "--occupancy", &occupancy, "--no-occupancy"], &["--occupancy", "--no-occupancy"]),
+        (&[&path, "--occupancy-optional"], &["--occupancy"]),
         (&[&path, "--view", "1"], &["--check"]),
         (&[&path, "--check", &data, "--view", "9"], &["--view", "0 to 1", "9"]),
         (&[&path, "--check", "nowhere"], &["nowhere"]),
@@ -217,7 +219,7 @@ fn a_coarse_network_becomes_the_proposal_and_is_measured_with_it() {
     let (fine, coarse, output) = (path("fine.npz"), path("coarse.npz"), path("both.nerf"));
     Shape::small().checkpoint(3).npz(Path::new(&fine), "<f4");
     Shape { trunk: vec![9, 7], ..Shape::small() }.checkpoint(4).npz(Path::new(&coarse), "<f4");
-    let args = ["import", &fine, "--coarse", &coarse, "-o", &output, "--grid-resolution", "8"];
+    let args = ["import", &fine, "--coarse", &coarse, "-o", &output, "--occupancy-resolution", "8"];
     let text = ok(args.into_iter().chain(["--coarse-samples", "10", "--samples", "20"]));
     assert!(text.contains("proposal     2 layers") && text.contains("10 samples a ray; the 20"), "{text}");
     let described = ok(["inspect", &output]);

@@ -51,7 +51,7 @@ const TINY: &[&str] = &[
     "64",
     "--live-samples",
     "512",
-    "--grid-resolution",
+    "--occupancy-resolution",
     "12",
 ];
 
@@ -144,7 +144,7 @@ const TINY_GRID: &[&str] = &[
     "64",
     "--live-samples",
     "512",
-    "--grid-resolution",
+    "--occupancy-resolution",
     "12",
 ];
 

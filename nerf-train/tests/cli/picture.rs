@@ -31,7 +31,7 @@ fn blob() -> Vec<u8> {
         parameters: &[0.0; 27],
         tables: &[],
         content: Content::Picture(PictureFacts { width: 30, height: 20 }),
-        grid: None,
+        occupancy: None,
         provenance,
     };
     export(&contents).expect("a blob").bytes
@@ -45,7 +45,7 @@ fn inspect_says_how_large_a_picture_was_and_nothing_of_scenes() {
     for line in ["kind          2D field of 30x20 pixels", "work          20 multiply-adds a pixel"] {
         assert!(said.lines().any(|said| said == line), "{line}: {said}");
     }
-    for word in ["direction", "density", "box", "near", "background", "grid"] {
+    for word in ["direction", "density", "box", "near", "background", "occupancy"] {
         assert!(!said.contains(word), "{word}: {said}");
     }
 }

@@ -55,7 +55,7 @@ fn fit_inspect_eval_and_render_agree_on_blender_and_npz() {
 
         let exported = format!("{} steps", fitted["steps"]);
         let said = ok(["inspect", &file]);
-        for word in [&exported, "seed 0", "skip grid", "PSNR", "parameters", "background    black", "lego"] {
+        for word in [&exported, "seed 0", "occupancy", "PSNR", "parameters", "background    black", "lego"] {
             assert!(said.contains(word), "{word}: {said}");
         }
 
@@ -197,7 +197,7 @@ fn seed_preset_and_its_published_variants_work_end_to_end() {
         "8",
         "--rays",
         "64",
-        "--grid-resolution",
+        "--occupancy-resolution",
         "12",
         "--steps",
         "3",
@@ -303,11 +303,11 @@ fn settings_out_of_range_are_refused_naming_the_field() {
         ("[sampling]\nnear = 6.0\nfar = 2.0", "near"),
         ("[sampling]\nnear = -1.0", "near"),
         ("[sampling]\nscene_box = [1.0, 0.0, 0.0, -1.0, 1.0, 1.0]", "box"),
-        ("[grid]\nresolution = 0", "grid.resolution"),
-        ("[grid]\nevery = 0", "grid.every"),
-        ("[grid]\nthreshold = nan", "grid.threshold"),
-        ("[grid]\nempty_weight = nan", "grid.empty_weight"),
-        ("[grid]\nempty_weight = -1.0", "grid.empty_weight"),
+        ("[occupancy]\nresolution = 0", "occupancy.resolution"),
+        ("[occupancy]\nevery = 0", "occupancy.every"),
+        ("[occupancy]\nthreshold = nan", "occupancy.threshold"),
+        ("[occupancy]\nempty_weight = nan", "occupancy.empty_weight"),
+        ("[occupancy]\nempty_weight = -1.0", "occupancy.empty_weight"),
         ("[optimiser]\nsteps = 0", "optimiser.steps"),
         ("[optimiser]\nrate = 0.0", "optimiser.rate"),
         ("[optimiser]\nrate = inf", "optimiser.rate"),

@@ -101,7 +101,7 @@ fn grey(side: u32) -> Vec<u8> {
         parameters: &[0.0; 27],
         tables: &[],
         content: Content::Picture(PictureFacts { width: side, height: side }),
-        grid: None,
+        occupancy: None,
         provenance,
     };
     export(&contents).expect("a blob").bytes

@@ -24,7 +24,7 @@ struct Inputs {
     folder: Folder,
     /// Pictures of 24×24.
     data: String,
-    /// Pictures of 200×200: looks at them and evaluations take a while.
+    /// Pictures of 200×200: validations and evaluations take a while.
     large: String,
     photo: String,
     blob: String,
@@ -62,7 +62,7 @@ const ROWS: &[Row] = &[
         let run = ["--steps", "500", "--validate-every", "25", "--checkpoint-every", "0.05"];
         owned(&[&fit(&i.data, &o.path("a.nerf"), &run)])
     }),
-    ("fit, long looks and end", f64::NAN, |i, o| {
+    ("fit, long validations and end", f64::NAN, |i, o| {
         let run = [
             "--steps",
             "12",
@@ -76,19 +76,20 @@ const ROWS: &[Row] = &[
             "small",
         ];
         let data = ["fit", &i.large, "-o", &o.path("a.nerf"), "--report", &o.path("report"), "-q"];
-        owned(&[&data, &run, &["--rays", "64", "--depth", "2", "--grid-resolution", "12"]])
+        owned(&[&data, &run, &["--rays", "64", "--depth", "2", "--occupancy-resolution", "12"]])
     }),
     ("fit of a fifo", 0.5, |i, o| owned(&[&fit(&i.fifo, &o.path("a.nerf"), &[])])),
     ("image fit", 1.5, |i, o| {
-        let run = ["--look-every", "5", "--pixels", "500", "--steps", "1000000"];
+        let run = ["--evaluate-every", "5", "--pixels", "500", "--steps", "1000000"];
         owned(&[&["image", "fit", &i.photo, "-o", &o.path("a.nerf")], &run])
     }),
     ("image fit, long steps", 3.0, |i, o| {
-        let run = ["--look-every", "3", "--pixels", "60000", "--steps", "1000000"];
+        let run = ["--evaluate-every", "3", "--pixels", "60000", "--steps", "1000000"];
         owned(&[&["image", "fit", &i.photo, "-o", &o.path("a.nerf")], &run])
     }),
     ("image fit, its end", 1.5, |i, o| {
-        let run = ["--look-every", "999", "--pixels", "500", "--steps", "3", "--report", &o.path("report")];
+        let run =
+            ["--evaluate-every", "999", "--pixels", "500", "--steps", "3", "--report", &o.path("report")];
         owned(&[&["image", "fit", &i.photo, "-o", &o.path("a.nerf")], &run])
     }),
     ("image render", 1.0, |i, o| {

@@ -27,12 +27,12 @@ fn the_sheet_shows_chosen_views_at_chosen_steps_or_all_validations() {
     };
     // Rows and columns of cells 192 pixels wide: views, and steps with the truth.
     let chosen = fitted("chosen", &["--snapshots", "0,10,40", "--snapshot-views", "1"]);
-    let looks = fitted("looks", &[]);
-    assert_eq!((taken(&chosen), taken(&looks)), (3, 16));
-    let ((w4, h1), (w9, h2)) = (sheet(&chosen), sheet(&looks));
+    let validations = fitted("validations", &[]);
+    assert_eq!((taken(&chosen), taken(&validations)), (3, 16));
+    let ((w4, h1), (w9, h2)) = (sheet(&chosen), sheet(&validations));
     assert_eq!((w4 - 12, w9 - 12), (4 * (192 + 12), 9 * (192 + 12)));
     assert!(h2 > h1 + 192, "{h1} {h2}");
-    let summary = json(format!("{looks}/summary.json"));
+    let summary = json(format!("{validations}/summary.json"));
     assert_eq!((summary["validations"].as_u64(), summary["watched_views"].as_u64()), (Some(8), Some(2)));
     // All of the split is watched here, so that the final figure is the same.
     let last = summary["last_watched_psnr_db"].as_f64().expect("a figure");

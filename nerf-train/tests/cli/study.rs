@@ -7,7 +7,7 @@ use nerf_core::plan::Quality;
 use std::path::Path;
 
 /// A study of few frames.
-const SMALL: [&str; 6] = ["--repeats", "2", "--timing-views", "1", "--no-grids", "--quiet"];
+const SMALL: [&str; 6] = ["--repeats", "2", "--timing-views", "1", "--no-other-occupancy", "--quiet"];
 
 #[test]
 fn a_study_reports_its_points_and_writes_a_front() {
@@ -92,7 +92,7 @@ fn an_audit_says_what_each_effect_is_worth() {
     let (data, report) = (folder.path("scene.npz"), folder.path("audit"));
     let args = ["audit", file, &data, "--repeats", "1", "--quiet"];
     let text = ok(args.into_iter().chain(["--report", &report]));
-    for word in ["view dependence", "skip grid", "background", "verdict", "mean over 2 views"] {
+    for word in ["view dependence", "occupancy", "background", "verdict", "mean over 2 views"] {
         assert!(text.contains(word), "expected `{word}` in: {text}");
     }
     let effects = json(Path::new(&report).join("summary.json"))["effects"].clone();
@@ -103,7 +103,7 @@ fn an_audit_says_what_each_effect_is_worth() {
     let direction = effect("view dependence");
     let share = direction["relative_macs"].as_f64().expect("a number");
     assert!(share > 1.0 && share < 1.5, "{direction}");
-    assert!(effect("skip grid")["relative_macs"].as_f64().is_none_or(|share| share < 1.0));
+    assert!(effect("occupancy")["relative_macs"].as_f64().is_none_or(|share| share < 1.0));
     // By a threshold that nothing reaches, and by one that everything does.
     let kept = |threshold: &str| {
         let text = ok(args.into_iter().chain(["--json", "--effect-threshold", threshold]));

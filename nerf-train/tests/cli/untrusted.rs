@@ -49,11 +49,11 @@ fn with_words(folder: &Folder, data: &str, made_by: &str, psnr_convention: &str)
     let bytes = std::fs::read(&blob().1).expect("a blob");
     let old = Blob::open(&bytes).expect("a blob");
     let mut facts = old.scene().expect("a scene").clone();
-    facts.grid_required = false;
+    facts.occupancy_required = false;
     let body = Body {
         architecture: old.architecture().clone(),
         content: Content::Scene(facts),
-        grid: None,
+        occupancy: None,
         front: Front::default(),
         proposal: None,
         provenance: Provenance {
@@ -124,7 +124,7 @@ fn names_of_data_sets_and_views_do_not_act() {
     assert!(html.contains(r"sc\u{1b}[2J") && html.contains(r"sc\\u{1b}[2J"), "title and data");
 
     let report = folder.path("studied");
-    let small = ["--repeats", "1", "--timing-views", "1", "--views", "1", "--no-grids"];
+    let small = ["--repeats", "1", "--timing-views", "1", "--views", "1", "--no-other-occupancy"];
     tame(&[&["study", &file, &data, "--report", &report], &small[..]].concat());
     assert!(tame_files(&report) >= 4);
 
@@ -150,7 +150,7 @@ fn names_of_arrays_and_tensors_do_not_act() {
     assert_tame("stderr", &said);
     let net = folder.path("net.npz");
     Shape::small().checkpoint(1).prefixed(&format!("{KEY}.")).npz(Path::new(&net), "<f4");
-    let levels = ["--position-levels", "2", "--direction-levels", "1", "--no-grid"];
+    let levels = ["--position-levels", "2", "--direction-levels", "1", "--no-occupancy"];
     let said = tame(&[&["import", &net, "-o", &output], &levels[..]].concat());
     assert!(said.out.contains(r"network      a\u{1b}[2J\u{202e}\n."), "{}", said.out);
 }

@@ -110,14 +110,14 @@ fn resuming_with_other_settings_is_refused_and_keeps_the_checkpoint() {
         ("network.grid.log2_entries", |c| c.network.grid.as_mut().expect("a grid").log2_entries = 11),
         ("network.grid.finest", |c| c.network.grid.as_mut().expect("a grid").finest = 65),
         ("sampling.steps_across", |c| c.sampling.steps_across = 49),
-        ("grid.cells", |c| c.grid.cells = 2049),
+        ("occupancy.cells", |c| c.occupancy.cells = 2049),
         ("preset", |c| *c = tiny(10)),
     ];
     for (field, change) in cases {
         let mut other = config.clone();
         change(&mut other);
         let error = resume(&dataset, &other, &path).expect_err(field).to_string();
-        let named = error.contains(field) || field == "preset" && error.contains("grid");
+        let named = error.contains(field) || field == "preset" && error.contains("network.");
         assert!(named && error.contains("checkpoint"), "{field}: {error}");
     }
     assert!(resume(&dataset, &Config { optimiser: tiny_grid(12).optimiser, ..config }, &path).is_ok());
@@ -194,12 +194,12 @@ fn wrong_checkpoints(whole: &Checkpoint) -> Vec<(&'static str, Checkpoint)> {
     with("counters", &|c| (c.progressed.step, c.optimiser.steps) = (u32::MAX, u64::MAX));
     with("averaged parameters", &|c| c.average = Average::new(0.98, 3));
     with("averaged parameters", &|c| c.average = Average::new(0.0, 0));
-    with("grid cells", &|c| c.occupancy = None);
+    with("occupancy cells", &|c| c.occupancy = None);
     let finer = |c: &Checkpoint| {
-        let bounds = c.occupancy.clone().expect("a grid").into_live().bounds();
+        let bounds = c.occupancy.clone().expect("an occupancy grid").into_live().bounds();
         Occupancy::full(bounds, 13)
     };
-    with("grid cells", &|c| c.occupancy = Some(finer(c)));
+    with("occupancy cells", &|c| c.occupancy = Some(finer(c)));
     with("points of the curve", &|c| c.curve.reverse());
     with("points of the curve", &|c| c.curve.iter_mut().for_each(|point| point.step += 1000));
     wrong

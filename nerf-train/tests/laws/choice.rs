@@ -84,7 +84,7 @@ fn without_validation_views_there_is_no_trend() {
     let config = tiny(30);
     let outcome = finished(&dataset, &config, &options(&config, None, false));
     assert!(outcome.watched.is_empty() && outcome.scores.psnr_db().is_none());
-    assert_eq!(outcome.trend, Trend::TooFewLooks { looks: 0 });
+    assert_eq!(outcome.trend, Trend::TooFew { validations: 0 });
     assert_eq!(outcome.curve.iter().map(|point| point.step).collect::<Vec<_>>(), [20, 30]);
     assert_eq!(Blob::open(&outcome.bytes).expect("a blob").provenance().steps, 30);
 }
@@ -134,10 +134,10 @@ fn pictures_on_the_way_change_no_byte_and_no_look() {
         let place = folder.path().join(i.to_string());
         let outcome = finished(&dataset, &config, &with_snapshots(&config, &place, steps, views));
         assert!(outcome.bytes == plain.bytes, "{steps:?} {views:?}");
-        let looks = |outcome: &Outcome| -> Vec<(u32, Option<f64>)> {
+        let validations = |outcome: &Outcome| -> Vec<(u32, Option<f64>)> {
             outcome.curve.iter().map(|point| (point.step, point.val_psnr_db)).collect()
         };
-        assert_eq!(looks(&outcome), looks(&plain));
+        assert_eq!(validations(&outcome), validations(&plain));
         assert_eq!((outcome.snapshots.len(), pictures(&place).len()), (count, count), "{steps:?} {views:?}");
         let missed: &[u32] = if steps.contains(&99) { &[99] } else { &[] };
         assert_eq!(outcome.missed_snapshots, missed);
@@ -148,7 +148,7 @@ fn pictures_on_the_way_change_no_byte_and_no_look() {
 fn pictures_of_an_interrupted_run_are_those_of_an_undisturbed_one() {
     let (dataset, folder) = (few_views(), tempfile::tempdir().expect("a folder"));
     let (config, checkpoint) = (tiny(48), Some(folder.path().join("checkpoint")));
-    for (name, steps) in [("looks", &[][..]), ("steps", &[0, 3, 30, 48])] {
+    for (name, steps) in [("validations", &[][..]), ("steps", &[0, 3, 30, 48])] {
         let place = |kind: &str| folder.path().join(format!("{name} {kind}"));
         let calm = finished(&dataset, &config, &with_snapshots(&config, &place("calm"), steps, &[]));
         let mut options = with_snapshots(&config, &place("interrupted"), steps, &[]);

@@ -26,7 +26,8 @@ fn scene() -> Dataset {
 /// The small preset, 2×16.
 fn tiny(steps: u32) -> Config {
     let mut config = Preset::Small.config();
-    let (n, s, g, o) = (&mut config.network, &mut config.sampling, &mut config.grid, &mut config.optimiser);
+    let (n, s, g, o) =
+        (&mut config.network, &mut config.sampling, &mut config.occupancy, &mut config.optimiser);
     (n.depth, n.width, n.position_levels, n.direction_levels, n.colour_width) = (2, 16, 4, 1, 8);
     (s.samples, s.rays, s.live_samples) = (16, 64, 512);
     (g.resolution, g.every, g.from) = (12, 4, 8);
@@ -40,7 +41,7 @@ fn tiny_grid(steps: u32) -> Config {
     let grid = config.network.grid.as_mut().expect("the preset has one");
     (grid.levels, grid.log2_entries, grid.coarsest, grid.finest) = (5, 10, 6, 64);
     (config.sampling.rays, config.sampling.live_samples, config.sampling.steps_across) = (64, 512, 48);
-    (config.grid.resolution, config.grid.cells, config.grid.every) = (24, 2048, 4);
+    (config.occupancy.resolution, config.occupancy.cells, config.occupancy.every) = (24, 2048, 4);
     config.optimiser.steps = steps;
     config
 }
@@ -50,7 +51,7 @@ fn tiny_seed(steps: u32) -> Config {
     let mut config = Preset::Seed.config();
     (config.network.width, config.network.colour_width) = (16, 8);
     (config.sampling.rays, config.sampling.samples, config.optimiser.steps) = (64, 16, steps);
-    config.grid.resolution = 12;
+    config.occupancy.resolution = 12;
     // So narrow and deep, most seeds start without any density, and would learn nothing in a few steps.
     config.network.density_bias = 0.5;
     config

@@ -103,7 +103,7 @@ fn blob(model: &Model, folded: &[f32]) -> Vec<u8> {
         far: 5.0,
         sampling: SceneSampling::Bins(8),
         background: [0.0; 3],
-        grid_required: false,
+        occupancy_required: false,
     };
     let provenance = Provenance {
         data: "noise",
@@ -120,7 +120,7 @@ fn blob(model: &Model, folded: &[f32]) -> Vec<u8> {
         parameters: folded,
         tables: &[],
         content: Content::Scene(scene),
-        grid: None,
+        occupancy: None,
         provenance,
     };
     export(&contents).expect("weights of ordinary size").bytes

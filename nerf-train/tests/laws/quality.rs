@@ -1,4 +1,4 @@
-//! What a blob promises of its own grid and weights.
+//! What a blob promises of its own occupancy grid and weights.
 
 use crate::{fit, options, scene, tiny, tiny_grid};
 use nerf_core::blob::{Blob, Content, SceneFacts};
@@ -27,34 +27,34 @@ fn psnr_db<'v>(
 }
 
 #[test]
-fn a_grid_that_matters_is_part_of_the_model() {
+fn an_occupancy_that_matters_is_part_of_the_model() {
     let dataset = scene();
     let mut careful = tiny(600);
-    (careful.grid.threshold, careful.grid.resolution) = (0.001, 24);
+    (careful.occupancy.threshold, careful.occupancy.resolution) = (0.001, 24);
     for (name, config) in [
         ("hardly fitted", tiny(20)),
         ("fitted", tiny(600)),
-        ("fitted, careful grid", careful),
+        ("fitted, careful occupancy", careful),
         ("fitted without hull", tiny(600).without_hull()),
     ] {
         let outcome = fit(&dataset, &config).expect("a blob");
         let blob = Blob::open(&outcome.bytes).expect("a blob");
         let scene = blob.scene().expect("a scene");
         println!(
-            "{name}: {:.4} dB on held-out views, grid loss {:.4?} dB, required {}, {:.3} live",
+            "{name}: {:.4} dB on held-out views, occupancy loss {:.4?} dB, required {}, {:.3} live",
             outcome.scores.psnr_db().unwrap_or(f64::NAN),
-            outcome.grid_loss_db,
-            scene.grid_required,
-            outcome.occupancy
+            outcome.occupancy_loss_db,
+            scene.occupancy_required,
+            outcome.occupied_share
         );
-        assert_eq!(scene.grid_required, outcome.grid_required);
-        let without = Quality { skip_grid: false, ..Quality::default() };
+        assert_eq!(scene.occupancy_required, outcome.occupancy_required);
+        let without = Quality { occupancy: false, ..Quality::default() };
         let plan = Plan::new(&blob, &without, Outputs::ALL, Batch::for_tier(Tier::detect()));
-        if outcome.grid_required {
-            assert_eq!(plan.err(), Some(PlanError::GridRequired));
+        if outcome.occupancy_required {
+            assert_eq!(plan.err(), Some(PlanError::OccupancyRequired));
             continue;
         }
-        assert!(outcome.grid_loss_db.is_some_and(|loss| loss.abs() <= 0.1));
+        assert!(outcome.occupancy_loss_db.is_some_and(|loss| loss.abs() <= 0.1));
         for (split, views) in [("train", &dataset.train), ("val", &dataset.val)] {
             let (on, off) =
                 (psnr_db(&outcome, views, &Quality::default()), psnr_db(&outcome, views, &without));
@@ -74,7 +74,7 @@ fn a_grid_learns_the_demo_scene_in_300_steps_with_a_hull_and_without() {
     let grid = config.network.grid.as_mut().expect("a grid");
     (grid.levels, grid.log2_entries, grid.finest) = (6, 13, 96);
     (config.sampling.live_samples, config.sampling.steps_across) = (2048, 96);
-    (config.grid.resolution, config.grid.every) = (48, 16);
+    (config.occupancy.resolution, config.occupancy.every) = (48, 16);
     for (name, config, least_db) in [("hull", config.clone(), 22.0), ("no hull", config.without_hull(), 17.0)]
     {
         let outcome = fit(&dataset, &config).expect("a blob");
@@ -93,14 +93,14 @@ fn a_weight_beyond_f16_is_refused_naming_layer_and_index() {
     let outcome = fit(&scene(), &tiny(2)).expect("a blob");
     let blob = Blob::open(&outcome.bytes).expect("a blob");
     let architecture = blob.architecture();
-    let facts = SceneFacts { grid_required: false, ..blob.scene().expect("a scene").clone() };
+    let facts = SceneFacts { occupancy_required: false, ..blob.scene().expect("a scene").clone() };
     let export = |parameters: &[f32]| {
         export(&Contents {
             architecture,
             parameters,
             tables: &[],
             content: Content::Scene(facts.clone()),
-            grid: None,
+            occupancy: None,
             provenance: blob.provenance().clone(),
         })
     };
@@ -149,10 +149,10 @@ fn weights_that_become_f16_subnormals_are_counted_and_keep_their_nearest_value()
         parameters: &parameters,
         tables: &[],
         content: Content::Scene(SceneFacts {
-            grid_required: false,
+            occupancy_required: false,
             ..blob.scene().expect("a scene").clone()
         }),
-        grid: None,
+        occupancy: None,
         provenance: blob.provenance().clone(),
     })
     .expect("a blob");
@@ -168,7 +168,7 @@ fn weights_that_become_f16_subnormals_are_counted_and_keep_their_nearest_value()
 #[test]
 fn what_rounding_costs_is_measured_and_written_into_the_blob() {
     let (dataset, config) = (scene(), tiny(100));
-    // One look, at the end: the last step is exported.
+    // One validation, at the end: the last step is exported.
     let options = RunOptions { validate_every: Some(u32::MAX), ..options(&config, None, false) };
     let Ended::Finished(outcome) = run(&dataset, config.clone(), &options, &|_| false).expect("a run") else {
         unreachable!("nobody interrupts")

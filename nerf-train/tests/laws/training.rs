@@ -95,7 +95,7 @@ fn a_batch_larger_than_the_data_draws_its_pixels_again() {
 }
 
 #[test]
-fn a_perfect_picture_has_no_loss_and_needs_no_grid() {
+fn a_perfect_picture_has_no_loss_and_needs_no_occupancy() {
     // Nothing to see, and a network that shows nothing: every PSNR is infinite, and no difference of two is NaN.
     let mut dataset = scene();
     dataset.train.iter_mut().chain(&mut dataset.val).for_each(|view| view.pixels.fill([0, 0, 0, 255]));
@@ -105,8 +105,8 @@ fn a_perfect_picture_has_no_loss_and_needs_no_grid() {
     config.network.density_bias = -100.0;
     let outcome = fit(&dataset, &config).expect("a blob");
     assert_eq!(outcome.scores.psnr_db(), Some(f64::INFINITY));
-    assert_eq!((outcome.grid_loss_db, outcome.quantisation_loss_db), (Some(0.0), Some(0.0)));
-    assert!(!outcome.grid_required && !outcome.flat);
+    assert_eq!((outcome.occupancy_loss_db, outcome.quantisation_loss_db), (Some(0.0), Some(0.0)));
+    assert!(!outcome.occupancy_required && !outcome.flat);
     let blob = Blob::open(&outcome.bytes).expect("a blob");
     // A blob holds no infinity.
     assert_eq!((blob.provenance().psnr_db, blob.provenance().quantisation_loss_db), (None, Some(0.0)));
@@ -201,7 +201,7 @@ fn a_network_that_died_is_started_anew_and_still_reproducible() {
 /// The run ends with a blob whose every view is finite, and which is said to be flat if it is, or with a message.
 fn ends_well(dataset: &Dataset, config: &Config) -> Result<f64, String> {
     let outcome = fit(dataset, config).map_err(|error| error.to_string())?;
-    for db in [outcome.grid_loss_db, outcome.quantisation_loss_db].into_iter().flatten() {
+    for db in [outcome.occupancy_loss_db, outcome.quantisation_loss_db].into_iter().flatten() {
         assert!(!db.is_nan(), "{outcome:?}");
     }
     // What each view has, and what a flat colour would; views that are flat themselves do not count.

@@ -2,8 +2,8 @@
 
 use arbitrary::{Result, Unstructured};
 use nerf_core::blob::{
-    Body, Content, FrontPoint, Grid, HEADER_LEN, PictureFacts, Proposal, SceneSampling, StoredTables,
-    TableStorage,
+    Body, Content, FrontPoint, HEADER_LEN, PictureFacts, Proposal, SceneSampling, StoredOccupancy,
+    StoredTables, TableStorage,
 };
 use nerf_core::encoding::{
     AngleScale, DirectionEncoding, GridEncoding, PositionEncoding, SinusoidalEncoding,
@@ -54,12 +54,12 @@ pub fn body_of(blob: &[u8]) -> Option<Body<'_>> {
     rest.is_empty().then_some(body)
 }
 
-/// Another blob: a few fields changed, the bytes of weights and grids made to fit their sizes again.
+/// Another blob: a few fields changed, the bytes of weights and occupancy grids made to fit their sizes again.
 pub fn edit(blob: &[u8], u: &mut Unstructured<'_>) -> Option<Vec<u8>> {
     let mut body = body_of(blob)?;
     let (mut weights, mut bits, mut coarse) = (body.weights.to_vec(), Vec::new(), Vec::new());
-    if let Some(grid) = &body.grid {
-        bits = grid.bits.to_vec();
+    if let Some(occupancy) = &body.occupancy {
+        bits = occupancy.bits.to_vec();
     }
     if let Some(proposal) = &body.proposal {
         coarse = proposal.weights.to_vec();
@@ -71,15 +71,15 @@ pub fn edit(blob: &[u8], u: &mut Unstructured<'_>) -> Option<Vec<u8>> {
     if sound(&body.architecture) {
         refill(&mut weights, 2 * body.architecture.parameters());
     }
-    if let Some(grid) = &mut body.grid {
-        if Grid::bytes(grid.resolution) <= 1 << 12 {
-            refill(&mut bits, Grid::bytes(grid.resolution));
-            let cells = grid.resolution.iter().map(|&side| u32::from(side)).product::<u32>();
+    if let Some(occupancy) = &mut body.occupancy {
+        if StoredOccupancy::bytes(occupancy.resolution) <= 1 << 12 {
+            refill(&mut bits, StoredOccupancy::bytes(occupancy.resolution));
+            let cells = occupancy.resolution.iter().map(|&side| u32::from(side)).product::<u32>();
             if let Some(last) = bits.last_mut().filter(|_| cells % 8 != 0) {
                 *last &= (1 << (cells % 8)) - 1;
             }
         }
-        grid.bits = &bits;
+        occupancy.bits = &bits;
     }
     if let Some(proposal) = &mut body.proposal {
         let shape = proposal.architecture();
@@ -178,13 +178,14 @@ fn change(body: &mut Body<'_>, weights: &mut [u8], u: &mut Unstructured<'_>) -> 
                     4 if u.arbitrary()? => scene.sampling = SceneSampling::March(any_f32(u)?),
                     4 => scene.sampling = SceneSampling::Bins(*u.choose(&SAMPLES)?),
                     5 => scene.background = any_vec3(u)?,
-                    _ => scene.grid_required = u.arbitrary()?,
+                    _ => scene.occupancy_required = u.arbitrary()?,
                 },
             },
             10 => {
                 let side = |u: &mut Unstructured<'_>| u.choose(&[0u16, 1, 2, 3, 8, 19, 512, 513]).copied();
                 let resolution = [side(u)?, side(u)?, side(u)?];
-                body.grid = if u.ratio(3, 4)? { Some(Grid { resolution, bits: &[] }) } else { None };
+                body.occupancy =
+                    if u.ratio(3, 4)? { Some(StoredOccupancy { resolution, bits: &[] }) } else { None };
             }
             11 => {
                 body.proposal = if u.ratio(3, 4)? {
@@ -201,7 +202,7 @@ fn change(body: &mut Body<'_>, weights: &mut [u8], u: &mut Unstructured<'_>) -> 
                 samples: *u.choose(&SAMPLES)?,
                 transmittance_cut: any_f32(u)?,
                 colour_cut: any_f32(u)?,
-                skip_grid: u.arbitrary()?,
+                occupancy: u.arbitrary()?,
                 math: u.int_in_range(0..=5)?,
                 proposal: u.arbitrary()?,
                 loss_db: any_f32(u)?,

@@ -68,8 +68,9 @@ fn check(
     let contents = Contents {
         architecture,
         parameters: &imported.folded(),
+        tables: &[],
         content: Content::Scene(settings.facts(false)),
-        grid: None,
+        occupancy: None,
         provenance: Provenance {
             data: "fuzz",
             made_by: "fuzz",

@@ -21,7 +21,7 @@ use nerf_tests::oracle::network::{f16, sigmoid, softplus};
 use nerf_tests::scenes::{Recipe, tiers};
 use std::sync::LazyLock;
 
-static BASE: LazyLock<Vec<u8>> = LazyLock::new(|| Recipe { grid: None, ..Recipe::TINY }.blob());
+static BASE: LazyLock<Vec<u8>> = LazyLock::new(|| Recipe { occupancy: None, ..Recipe::TINY }.blob());
 
 /// Beyond this a partial sum may overflow in one order and not in another.
 const MOST: f64 = 1e37;

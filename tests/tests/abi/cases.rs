@@ -80,7 +80,7 @@ impl Case {
             "{what}: something was written"
         );
         assert_eq!(self.counters.rays, 0, "{what}: counters were written");
-        let fresh = Self::new(Recipe::GRID, Tier::Scalar);
+        let fresh = Self::new(Recipe::OCCUPANCY, Tier::Scalar);
         let Self { camera, options, target, .. } = fresh;
         self.opened.scene = self.opened.memory.at().cast_const().cast();
         (self.camera, self.options, self.rect) = (camera, options, None);
@@ -93,7 +93,7 @@ impl Case {
 
 /// Renders with one argument spoilt.
 fn refuses(expected: Status, what: &str, spoil: impl FnOnce(&mut Case)) {
-    let mut case = Case::new(Recipe::GRID, Tier::Scalar);
+    let mut case = Case::new(Recipe::OCCUPANCY, Tier::Scalar);
     spoil(&mut case);
     let found = case.render();
     case.refused(found, expected, what);
@@ -138,7 +138,7 @@ fn exact_sizes_pass_one_byte_less_fails_and_canaries_live() {
 #[test]
 fn misaligned_workspaces_fail() {
     for offset in 1..64 {
-        let mut case = Case::new(Recipe::GRID, Tier::Scalar);
+        let mut case = Case::new(Recipe::OCCUPANCY, Tier::Scalar);
         let mut elsewhere = Guarded::new(case.workspace.size(), offset);
         let found = case.render_in(elsewhere.at(), elsewhere.size());
         assert!(elsewhere.is_untouched());
@@ -165,12 +165,12 @@ fn blobs_open_at_any_alignment() {
 #[test]
 fn null_in_each_argument_is_refused() {
     refuses(Status::NullPointer, "scene", |case| case.opened.scene = null());
-    let mut case = Case::new(Recipe::GRID, Tier::Scalar);
+    let mut case = Case::new(Recipe::OCCUPANCY, Tier::Scalar);
     let found = case.render_in(null_mut(), 1 << 20);
     case.refused(found, Status::NullPointer, "workspace");
     refuses(Status::Target, "no plane", |case| case.target.rgb.data = null_mut());
 
-    let opened = call::open(Recipe::GRID.blob(), Tier::Scalar);
+    let opened = call::open(Recipe::OCCUPANCY.blob(), Tier::Scalar);
     let (mut size, mut align, mut scene) = (0usize, 0usize, null());
     let (blob, length) = (opened.blob.as_ptr().cast::<c_void>(), opened.blob.len());
     let (camera, target) = (call::camera(&camera(4, 4)), call::target(call::NO_PLANE));
@@ -243,7 +243,7 @@ fn structures_of_wrong_size_are_refused_and_larger_ones_need_zeros() {
         known: T,
         tail: [u8; 24],
     }
-    let opened = call::open(Recipe::GRID.blob(), Tier::Scalar);
+    let opened = call::open(Recipe::OCCUPANCY.blob(), Tier::Scalar);
     let mut later = Later { known: call::render_options(), tail: [0; 24] };
     later.known.struct_size = size_of::<Later<ffi::RenderOptions>>();
     let (mut size, mut align) = (0, 0);
@@ -273,7 +273,7 @@ fn settings_outside_their_range_are_refused() {
         refuses(Status::Options, "cut", |case| case.options.transmittance_cut = cut);
         refuses(Status::Options, "colour cut", |case| case.options.colour_cut = cut);
     }
-    refuses(Status::Options, "ignore_grid", |case| case.options.ignore_grid = 2);
+    refuses(Status::Options, "ignore_occupancy", |case| case.options.ignore_occupancy = 2);
     refuses(Status::Options, "maths", |case| case.options.maths = 4);
     refuses(Status::Options, "background_set", |case| case.options.background_set = 2);
     refuses(Status::Options, "background", |case| {
@@ -284,10 +284,10 @@ fn settings_outside_their_range_are_refused() {
     refuses(Status::Camera, "fx", |case| case.camera.fx = 0.0);
     refuses(Status::Camera, "c2w", |case| case.camera.c2w[0] = f32::NAN);
     refuses(Status::Camera, "0x0", |case| case.camera.width = 0);
-    let mut case = Case::new(Recipe::GRID_REQUIRED, Tier::Scalar);
-    case.options.ignore_grid = 1;
+    let mut case = Case::new(Recipe::OCCUPANCY_REQUIRED, Tier::Scalar);
+    case.options.ignore_occupancy = 1;
     let found = case.render();
-    case.refused(found, Status::GridRequired, "grid required");
+    case.refused(found, Status::OccupancyRequired, "occupancy grid required");
 
     let opened = call::open(Recipe::PICTURE.blob(), Tier::Scalar);
     let (mut size, mut align) = (0, 0);
@@ -323,7 +323,7 @@ fn rectangles_outside_are_refused_and_empty_ones_write_nothing() {
         refuses(Status::Rect, "outside", |case| case.rect = Some(ffi::Rect { x, y, width, height }));
     }
     for (width, height) in [(0, 0), (0, 5), (5, 0)] {
-        let mut case = Case::new(Recipe::GRID, Tier::Scalar);
+        let mut case = Case::new(Recipe::OCCUPANCY, Tier::Scalar);
         case.rect = Some(ffi::Rect { x: 3, y: 3, width, height });
         assert_eq!(case.render(), Status::Ok);
         assert!(case.picture.is_untouched() && case.counters.rays == 0);
@@ -370,7 +370,7 @@ fn planes_that_do_not_fit_are_refused() {
             case.workspace.at().wrapping_byte_offset(stride * i32::try_from(SIDE - 1).unwrap() as isize);
         case.target.rgb.row_stride = -stride;
     });
-    let mut case = Case::new(Recipe::GRID, Tier::Avx2);
+    let mut case = Case::new(Recipe::OCCUPANCY, Tier::Avx2);
     let memory = case.opened.memory.at();
     let size = case.opened.memory.size();
     let found = case.render_in(memory, size);

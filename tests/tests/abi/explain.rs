@@ -37,7 +37,7 @@ fn text(page: &Guarded) -> &str {
 
 #[test]
 fn a_text_fits_the_size_it_names_and_is_cut_below() {
-    let opened = call::open(Recipe::GRID.blob(), Tier::Scalar);
+    let opened = call::open(Recipe::OCCUPANCY.blob(), Tier::Scalar);
     let none = null_mut();
     let mut needed = 0;
     // SAFETY: the scene is intact; a size may be asked for without a text.
@@ -49,7 +49,7 @@ fn a_text_fits_the_size_it_names_and_is_cut_below() {
     let whole = text(&page).to_owned();
     assert!(whole.len() + 1 == needed && page.surroundings_are_intact());
     for word in
-        ["skip grid          on, 8x8x8", "off: absent in the scene", "off: not asked for", "workspace"]
+        ["occupancy          on, 8x8x8", "off: absent in the scene", "off: not asked for", "workspace"]
     {
         assert!(whole.contains(word), "{word}: {whole}");
     }

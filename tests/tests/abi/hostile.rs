@@ -106,7 +106,7 @@ fn null_in_each_argument_of_the_smaller_functions_is_refused() {
 
 #[test]
 fn structures_at_odd_addresses_are_refused_unread() {
-    let opened = call::open(Recipe::GRID.blob(), Tier::Scalar);
+    let opened = call::open(Recipe::OCCUPANCY.blob(), Tier::Scalar);
     let mut picture = Guarded::new((3 * SIDE * SIDE) as usize, 0);
     let mut workspace = opened.workspace(None, ffi::NERF_OUTPUT_RGB);
     let (seen, options) = (call::camera(&camera(SIDE, SIDE)), call::render_options());
@@ -165,7 +165,7 @@ fn edges(start: usize, size: usize, length: usize) -> [(usize, bool); 6] {
 
 #[test]
 fn overlap_is_found_to_the_last_pixel() {
-    let (blob, tier) = (Recipe::GRID.blob(), tiers().last().expect("a tier"));
+    let (blob, tier) = (Recipe::OCCUPANCY.blob(), tiers().last().expect("a tier"));
     let apart = call::open(blob.clone(), tier);
     let (length, row) = ((4 * SIDE * SIDE) as usize, 4 * SIDE as isize);
     let sizes = [apart.workspace(None, ffi::NERF_OUTPUT_OPACITY).size(), blob.len(), apart.memory.size()];
@@ -215,7 +215,7 @@ fn overlap_is_found_to_the_last_pixel() {
 
 #[test]
 fn a_scene_s_memory_is_apart_from_its_blob_to_the_last_byte() {
-    let (blob, options) = (Recipe::GRID.blob(), call::open_options(Tier::Scalar));
+    let (blob, options) = (Recipe::OCCUPANCY.blob(), call::open_options(Tier::Scalar));
     let size = call::open(blob.clone(), Tier::Scalar).memory.size();
     let mut memory = Guarded::new(2 * size + blob.len(), 0);
     let base = memory.at().cast::<u8>();
@@ -236,7 +236,7 @@ fn a_scene_s_memory_is_apart_from_its_blob_to_the_last_byte() {
 
 #[test]
 fn lengths_that_no_memory_has_are_refused_unread() {
-    let opened = call::open(Recipe::GRID.blob(), Tier::Scalar);
+    let opened = call::open(Recipe::OCCUPANCY.blob(), Tier::Scalar);
     let blob = opened.blob.as_ptr().cast::<c_void>();
     let mut memory = Guarded::new(opened.memory.size(), 0);
     let mut workspace = opened.workspace(None, ffi::NERF_OUTPUT_OPACITY);
@@ -264,7 +264,7 @@ fn lengths_that_no_memory_has_are_refused_unread() {
 
 #[test]
 fn planes_in_one_place_hold_one_of_them_and_nothing_else_is_written() {
-    let opened = call::open(Recipe::GRID.blob(), Tier::Scalar);
+    let opened = call::open(Recipe::OCCUPANCY.blob(), Tier::Scalar);
     let count = (SIDE * SIDE) as usize;
     let mut workspace = opened.workspace(None, 15);
     let mut each = [(); 3].map(|()| Guarded::new(4 * count, 0));

@@ -159,7 +159,7 @@ fn a_picture_says_how_large_it_was_and_a_scene_says_nothing_of_that() {
     let info = case.describe();
     assert_eq!((info.kind, info.picture_width, info.picture_height), (ffi::Kind::Picture as u32, 33, 21));
     assert_eq!((info.near_distance, info.far_distance, info.samples), (0.0, 0.0, 0));
-    case.opened = call::open(Recipe::GRID.blob(), Tier::Scalar);
+    case.opened = call::open(Recipe::OCCUPANCY.blob(), Tier::Scalar);
     let info = case.describe();
     assert_eq!((info.kind, info.picture_width, info.picture_height), (ffi::Kind::Scene as u32, 0, 0));
 }
@@ -167,10 +167,10 @@ fn a_picture_says_how_large_it_was_and_a_scene_says_nothing_of_that() {
 #[test]
 fn scenes_and_pictures_are_not_taken_for_each_other() {
     refuses(Status::NotAPicture, "expected a 2D field, found a scene", |case| {
-        case.opened = call::open(Recipe::GRID.blob(), Tier::Scalar);
+        case.opened = call::open(Recipe::OCCUPANCY.blob(), Tier::Scalar);
     });
     let (mut size, mut align, mut message) = (0, 0, Message::default());
-    let scene = call::open(Recipe::GRID.blob(), Tier::Scalar);
+    let scene = call::open(Recipe::OCCUPANCY.blob(), Tier::Scalar);
     let text = message.0.as_mut_ptr();
     // SAFETY: everything lives until the call returns.
     let found =

@@ -73,7 +73,7 @@ fn a_scene_says_that_it_has_one_and_what_it_costs() {
     let info = describe(&call::open(Recipe::PROPOSAL.blob(), Tier::Scalar));
     assert_eq!((info.proposal_samples, info.front_points), (12, 2));
     assert!(info.proposal_macs > 0 && info.proposal_macs < info.density_macs);
-    for recipe in [Recipe::GRID, Recipe::PICTURE] {
+    for recipe in [Recipe::OCCUPANCY, Recipe::PICTURE] {
         let info = describe(&call::open(recipe.blob(), Tier::Scalar));
         assert_eq!((info.proposal_samples, info.front_points, info.proposal_macs), (0, 0, 0));
     }

@@ -25,13 +25,13 @@ fn choice() -> ffi::Choice {
 /// The settings that options stand for.
 fn quality_of(options: &ffi::RenderOptions) -> (u32, f32, f32, u32, u32, u32) {
     let o = options;
-    (o.samples, o.transmittance_cut, o.colour_cut, o.ignore_grid, o.maths, o.ignore_proposal)
+    (o.samples, o.transmittance_cut, o.colour_cut, o.ignore_occupancy, o.maths, o.ignore_proposal)
 }
 
 fn expected(quality: &Quality) -> (u32, f32, f32, u32, u32, u32) {
     let q = quality;
     let maths = q.math.tag().into();
-    (q.samples.into(), q.transmittance_cut, q.colour_cut, (!q.skip_grid).into(), maths, (!q.proposal).into())
+    (q.samples.into(), q.transmittance_cut, q.colour_cut, (!q.occupancy).into(), maths, (!q.proposal).into())
 }
 
 #[test]

@@ -269,7 +269,7 @@ fn formats_and_strides_agree() {
 #[test]
 fn queries_are_what_the_rust_renderer_says() {
     use nerf_core::{blob::Blob, kernels::Line, plan, render::Renderer};
-    for (tier, recipe) in tiers().flat_map(|tier| [(tier, Recipe::PLAIN), (tier, Recipe::GRID)]) {
+    for (tier, recipe) in tiers().flat_map(|tier| [(tier, Recipe::PLAIN), (tier, Recipe::OCCUPANCY)]) {
         let opened = call::open(recipe.blob(), tier);
         let mut workspace = opened.workspace(None, ffi::NERF_OUTPUT_RGB);
         let (at, size, n) = (workspace.at(), workspace.size(), 150);

@@ -96,7 +96,7 @@ const EFFECTS: Effects = Effects {
 fn a_scene_is_opened_rendered_and_queried_without_allocating() {
     let camera = camera(24, 16);
     let full = Rect::full(&camera);
-    for recipe in [Recipe::PLAIN, Recipe::SKIP, Recipe::GRID_REQUIRED, Recipe::PROPOSAL] {
+    for recipe in [Recipe::PLAIN, Recipe::SKIP, Recipe::OCCUPANCY_REQUIRED, Recipe::PROPOSAL] {
         let file = recipe.blob();
         for tier in tiers() {
             let blob = Blob::open(&file).expect("a blob");

@@ -62,7 +62,7 @@ fn pictures_are_the_rust_renderers(language: Language, source: &str, arguments: 
     for (name, recipe) in [
         ("plain", Recipe::PLAIN),
         ("skip", Recipe::SKIP),
-        ("grid", Recipe::GRID_REQUIRED),
+        ("occupancy", Recipe::OCCUPANCY_REQUIRED),
         ("proposal", Recipe::PROPOSAL),
     ] {
         let (blob, file) = (recipe.blob(), directory.path().join("scene.nerf"));
@@ -189,7 +189,7 @@ fn no_call_allocates() {
     let wrap: Vec<&str> = wrap.iter().map(String::as_str).collect();
     let program = program(Language::C, &source, directory.path(), &wrap);
     let file = directory.path().join("scene.nerf");
-    for recipe in [Recipe::GRID, Recipe::PICTURE] {
+    for recipe in [Recipe::OCCUPANCY, Recipe::PICTURE] {
         std::fs::write(&file, recipe.blob()).expect("a temporary file");
         let scene = std::fs::File::open(&file).expect("a temporary file");
         run(Command::new(&program).env_remove("NERF_KERNEL").stdin(scene));

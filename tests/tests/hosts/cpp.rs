@@ -188,7 +188,7 @@ fn content_bytes(path: &Path, header: &[u8]) -> Vec<u8> {
 fn depth_map_is_the_rust_renderers_in_floats_and_in_steps() {
     let (directory, [width, height]) = (paths::temporary(), [181, 127]);
     let program = program(Language::Cpp, &examples().join("depth_map.cpp"), directory.path(), &[]);
-    let (blob, file) = (Recipe::GRID.blob(), directory.path().join("scene.nerf"));
+    let (blob, file) = (Recipe::OCCUPANCY.blob(), directory.path().join("scene.nerf"));
     std::fs::write(&file, &blob).expect("a temporary file");
     for tier in tiers() {
         let mut command = Command::new(&program);

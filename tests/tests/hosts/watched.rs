@@ -13,9 +13,9 @@ use nerf_tests::tools::{all_here, there_is};
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
 
-/// Every tier, and a scene with and without a grid, without a report.
+/// Every tier, and a scene with and without an occupancy grid, without a report.
 fn is_clean(mut command: impl FnMut() -> Command, directory: &Path, watchable: impl Fn(&str) -> bool) {
-    for (name, recipe) in [("plain.nerf", Recipe::PLAIN), ("grid.nerf", Recipe::GRID)] {
+    for (name, recipe) in [("plain.nerf", Recipe::PLAIN), ("occupancy.nerf", Recipe::OCCUPANCY)] {
         std::fs::write(directory.join(name), recipe.blob()).expect("a temporary file");
         for tier in tiers().map(|tier| tier.name()).filter(|name| watchable(name)) {
             let output = run(command().env("NERF_KERNEL", tier).args(["good", name]), directory);
@@ -46,7 +46,7 @@ fn watched() -> PathBuf {
 
 /// The C++ example on three threads.
 fn example_is_clean(mut command: Command, directory: &Path) {
-    std::fs::write(directory.join("scene.nerf"), Recipe::GRID.blob()).expect("a temporary file");
+    std::fs::write(directory.join("scene.nerf"), Recipe::OCCUPANCY.blob()).expect("a temporary file");
     let output = run(command.args(["scene.nerf", "out", "24", "20", "3"]), directory);
     assert!(output.status.success(), "{}", said(&output));
 }

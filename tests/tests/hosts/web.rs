@@ -148,7 +148,7 @@ fn the_page_turns_and_draws_the_scalar_tiers_bits() {
 #[test]
 fn a_broken_page_is_noticed() {
     let folder = paths::temporary();
-    let Some((page, browser)) = page(&Recipe::GRID.blob(), folder.path()) else { return };
+    let Some((page, browser)) = page(&Recipe::OCCUPANCY.blob(), folder.path()) else { return };
     let text = std::fs::read_to_string(&page).expect("a page");
     let (from, to) = ("view.turn(dx, dy); change();", "change();");
     assert!(text.contains(from));

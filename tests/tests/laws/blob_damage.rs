@@ -220,7 +220,7 @@ fn writing_refuses_what_opening_refuses() {
     let body = Body {
         architecture: opened.architecture().clone(),
         content: Content::Scene(opened.scene().expect("a scene").clone()),
-        grid: None,
+        occupancy: None,
         front: Default::default(),
         proposal: None,
         provenance: opened.provenance().clone(),
@@ -249,7 +249,7 @@ fn writing_refuses_what_opening_refuses() {
     scene(&|s| s.max[1] = s.min[1]);
     scene(&|s| s.min[2] = f32::NAN);
     scene(&|s| s.background[0] = 1.5);
-    scene(&|s| s.grid_required = true);
+    scene(&|s| s.occupancy_required = true);
     let picture = Content::Picture(PictureFacts { width: 1, height: 1 });
     let picture = Body { content: picture, ..body.clone() };
     assert!(matches!(encoded_len(&picture), Err(BlobError::Kind { .. })));
@@ -259,7 +259,7 @@ fn writing_refuses_what_opening_refuses() {
     for (resolution, bytes) in [([0, 1, 1], 1), ([513, 1, 1], 65), ([2, 2, 2], 2), ([3, 1, 1], 1)] {
         let mut wrong = body.clone();
         let bits = vec![0xff; bytes];
-        wrong.grid = Some(nerf_core::blob::Grid { resolution, bits: &bits });
-        encoded_len(&wrong).expect_err("a wrong grid was written");
+        wrong.occupancy = Some(nerf_core::blob::StoredOccupancy { resolution, bits: &bits });
+        encoded_len(&wrong).expect_err("a wrong occupancy grid was written");
     }
 }

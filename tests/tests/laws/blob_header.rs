@@ -147,7 +147,8 @@ proptest! {
         let _ = check(&behind_a_header(&body));
     }
 
-    /// The first bytes of a body that is right, then anything: an architecture, a scene, a grid that are odd.
+    /// The first bytes of a body that is right, then anything: an architecture, a scene, an occupancy grid that are
+    /// odd.
     #[test]
     fn any_end_of_a_right_beginning_is_refused_by_type(
         kept in 0usize..240,

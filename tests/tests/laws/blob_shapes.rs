@@ -34,10 +34,11 @@ fn varint(mut number: u64) -> Vec<u8> {
     bytes
 }
 
-/// Where the trunk begins: its number of layers, then width and skip of each. Where the grid does: its resolution.
+/// Where the trunk begins: its number of layers, then width and skip of each. Where the occupancy grid does: its
+/// resolution.
 const TRUNK: usize = 6;
-const GRID: usize = 61;
-/// The first text of the provenance, behind a grid of eight cells, no front and no proposal.
+const OCCUPANCY: usize = 61;
+/// The first text of the provenance, behind an occupancy grid of eight cells, no front and no proposal.
 const TEXT: usize = 68;
 
 #[test]
@@ -45,7 +46,7 @@ fn the_bytes_are_where_the_specification_has_them() {
     let blob = Recipe::TINY.blob();
     let body = &blob[HEADER_LEN..];
     assert_eq!(body[TRUNK..TRUNK + 3], [1, 2, 0]);
-    assert_eq!(body[GRID - 1..GRID + 4], [1, 2, 2, 2, 1]);
+    assert_eq!(body[OCCUPANCY - 1..OCCUPANCY + 4], [1, 2, 2, 2, 1]);
     assert_eq!(body[TEXT..TEXT + 6], *b"\x05noise");
     assert_eq!(with(TRUNK, 3, &[1, 2, 0]), blob);
 }
@@ -92,23 +93,27 @@ fn skips_are_a_flag_that_the_first_layer_has_not() {
 }
 
 #[test]
-fn grids_of_2_to_the_20_cells_a_side_are_refused_unmeasured() {
+fn occupancies_of_2_to_the_20_cells_a_side_are_refused_unmeasured() {
     for side in [1 << 16, 1 << 20, 1 << 32, u64::MAX] {
-        assert_eq!(refused(GRID, 3, &varint(side).repeat(3)), BlobError::Body(Section::Grid), "{side}");
+        assert_eq!(
+            refused(OCCUPANCY, 3, &varint(side).repeat(3)),
+            BlobError::Body(Section::Occupancy),
+            "{side}"
+        );
     }
     for side in [0, 513, 65_535] {
-        let error = refused(GRID, 3, &varint(side).repeat(3));
-        assert_eq!(error, BlobError::Field(Section::GridResolution), "{side}");
+        let error = refused(OCCUPANCY, 3, &varint(side).repeat(3));
+        assert_eq!(error, BlobError::Field(Section::OccupancyResolution), "{side}");
     }
-    let length = BlobError::Length { section: Section::GridBits, expected: 1 << 24, found: 1 };
-    assert_eq!(refused(GRID, 3, &varint(512).repeat(3)), length);
+    let length = BlobError::Length { section: Section::OccupancyBits, expected: 1 << 24, found: 1 };
+    assert_eq!(refused(OCCUPANCY, 3, &varint(512).repeat(3)), length);
 }
 
 #[test]
 fn lengths_up_to_2_to_the_64_reach_nothing() {
     let blob = Recipe::TINY.blob();
     let weights = blob.len() - HEADER_LEN - Blob::open(&blob).expect("a blob").weights().len() - 2;
-    for at in [GRID + 3, TEXT, weights] {
+    for at in [OCCUPANCY + 3, TEXT, weights] {
         let found = u64::from(blob[HEADER_LEN + at]);
         let left = (blob.len() - HEADER_LEN - at) as u64;
         for length in (0..64).flat_map(|k| [(1 << k) - 1, 1 << k, u64::MAX - (1 << k), u64::MAX]) {

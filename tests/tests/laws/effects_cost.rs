@@ -63,7 +63,7 @@ impl Build {
 fn a_build_without_an_effect_has_none_of_its_code_and_draws_the_same_bits() {
     let directory = paths::temporary();
     let scene = directory.path().join("scene.nerf");
-    std::fs::write(&scene, Recipe::GRID.blob()).expect("a temporary file");
+    std::fs::write(&scene, Recipe::OCCUPANCY.blob()).expect("a temporary file");
     let none = build("", &scene);
     let all = build(&EFFECTS.map(|(feature, _)| feature).join(","), &scene);
     println!("text: {} bytes without effects, {} with all", none.text, all.text);

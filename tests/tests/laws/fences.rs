@@ -223,7 +223,7 @@ fn encodings_stay_between_the_fences() {
 }
 
 #[test]
-fn learned_grids_read_no_further_than_their_last_entry() {
+fn grids_read_no_further_than_their_last_entry() {
     let shapes: [(u8, &[[u16; 3]]); 4] =
         [(0, &[[1, 1, 1]]), (12, &[[2, 2, 2]]), (3, &[[5, 4, 0], [9, 9, 0]]), (4, &[[3, 3, 3], [300, 8, 2]])];
     for ((log2_entries, resolutions), features) in

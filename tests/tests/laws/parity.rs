@@ -16,7 +16,7 @@ const CUTS: [(f32, f32); 4] =
 const RECIPES: [(&str, Recipe); 4] = [
     ("plain", Recipe::PLAIN),
     ("skip", Recipe::SKIP),
-    ("grid", Recipe::GRID),
+    ("occupancy", Recipe::OCCUPANCY),
     ("proposal", Recipe::PROPOSAL),
 ];
 
@@ -79,7 +79,7 @@ fn batch_and_tile_sizes_change_no_bit_under_other_cuts() {
 }
 
 #[test]
-fn batch_and_tile_sizes_change_no_bit_of_grids_and_proposals_under_other_cuts() {
+fn batch_and_tile_sizes_change_no_bit_of_occupancies_and_proposals_under_other_cuts() {
     sizes_change_no_bit(&RECIPES[2..], &CUTS[1..], &[3, 17, 255]);
 }
 
@@ -113,7 +113,7 @@ fn sizes_change_no_bit(recipes: &[(&str, Recipe)], cuts: &[(f32, f32)], rays: &[
 fn smallest_batch_of_the_scalar_tier_changes_no_bit() {
     for (name, recipe) in RECIPES {
         let blob = recipe.blob();
-        for quality in [Quality::default(), Quality { skip_grid: true, ..Quality::EXACT }] {
+        for quality in [Quality::default(), Quality { occupancy: true, ..Quality::EXACT }] {
             let expected = bits(&whole(&blob, Tier::Scalar, quality));
             let found = picture(&blob, Tier::Scalar, quality, Batch::SMALLEST, (SIDE, SIDE)).0;
             assert!(bits(&found) == expected, "{name}");
@@ -187,10 +187,10 @@ fn tiers_agree_with_the_scalar_oracle() {
 }
 
 #[test]
-fn grid_of_ones_changes_no_bit_and_skips_nothing() {
+fn occupancy_of_ones_changes_no_bit_and_skips_nothing() {
     for tier in tiers() {
-        let with = Recipe { grid: Some((8, true)), ..Recipe::PLAIN };
-        let on = Quality { skip_grid: true, ..Quality::EXACT };
+        let with = Recipe { occupancy: Some((8, true)), ..Recipe::PLAIN };
+        let on = Quality { occupancy: true, ..Quality::EXACT };
         let batch = Batch::for_tier(tier);
         let (expected, all) = picture(&with.blob(), tier, Quality::EXACT, batch, (SIDE, SIDE));
         let (found, kept) = picture(&with.blob(), tier, on, batch, (SIDE, SIDE));
@@ -201,9 +201,9 @@ fn grid_of_ones_changes_no_bit_and_skips_nothing() {
 }
 
 #[test]
-fn grid_saves_what_it_calls_empty() {
-    let (blob, batch) = (Recipe::GRID.blob(), Batch::for_tier(Tier::Scalar));
-    let on = Quality { skip_grid: true, ..Quality::EXACT };
+fn occupancy_saves_what_it_calls_empty() {
+    let (blob, batch) = (Recipe::OCCUPANCY.blob(), Batch::for_tier(Tier::Scalar));
+    let on = Quality { occupancy: true, ..Quality::EXACT };
     let (_, all) = picture(&blob, Tier::Scalar, Quality::EXACT, batch, (SIDE, SIDE));
     let (_, kept) = picture(&blob, Tier::Scalar, on, batch, (SIDE, SIDE));
     assert!(kept.samples_kept < all.samples_kept * 7 / 10, "{kept:?} of {all:?}");

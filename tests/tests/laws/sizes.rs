@@ -1,6 +1,6 @@
 //! Every size that is asked for, against arithmetic that cannot overflow.
 
-use nerf_core::blob::{Blob, Grid};
+use nerf_core::blob::{Blob, StoredOccupancy};
 use nerf_core::effects::Effects;
 use nerf_core::encoding::{AngleScale, MAX_LEVELS, SinusoidalEncoding};
 use nerf_core::kernels::{Line, Tier, lines_for};
@@ -92,10 +92,10 @@ proptest! {
     }
 
     #[test]
-    fn bytes_of_a_grid_are_exact_or_as_many_as_can_be_counted(resolution in any::<[u16; 3]>()) {
+    fn bytes_of_an_occupancy_are_exact_or_as_many_as_can_be_counted(resolution in any::<[u16; 3]>()) {
         let cells: u128 = resolution.iter().map(|&side| u128::from(side)).product();
         let bytes = cells.div_ceil(8).min(usize::MAX as u128);
-        prop_assert_eq!(Grid::bytes(resolution) as u128, bytes);
+        prop_assert_eq!(StoredOccupancy::bytes(resolution) as u128, bytes);
     }
 
     #[test]

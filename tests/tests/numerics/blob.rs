@@ -11,15 +11,15 @@ pub const SCENE: SceneFacts = SceneFacts {
     far: 6.0,
     sampling: SceneSampling::Bins(32),
     background: [0.25, 0.5, 1.0],
-    grid_required: false,
+    occupancy_required: false,
 };
 
-/// A scene without grid and proposal.
+/// A scene without occupancy grid and proposal.
 pub fn body<'a>(architecture: Architecture, weights: &'a [u8]) -> Body<'a> {
     Body {
         content: Content::Scene(SCENE),
         architecture,
-        grid: None,
+        occupancy: None,
         front: Front::new(),
         proposal: None,
         provenance: Provenance {

@@ -22,7 +22,7 @@ fn sections() -> Vec<(&'static str, &'static [&'static table::Case])> {
         (table::ELEMENTARY, elementary::CASES),
         ("Rays and boxes", geometry::CASES),
         ("Cameras and lenses", cameras::CASES),
-        ("The skip grid", walk::CASES),
+        ("The occupancy grid", walk::CASES),
         ("Sampling", sampling::CASES),
         ("Sampling: laws", sampling::LAWS),
         ("Encoding", encoding::CASES),

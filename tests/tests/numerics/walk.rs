@@ -1,11 +1,11 @@
-//! The walk through the skip grid against exact coordinates: through corners, along faces, far from the origin.
+//! The walk through the occupancy grid against exact coordinates: through corners, along faces, far from the origin.
 
 use crate::geometry::somewhere;
 use crate::noise::signed_f64;
 use crate::table::{Row, Worst, cases};
 use glam::Vec3;
 use nerf_core::ray::{Ray, SceneBox};
-use nerf_core::sampling::{Bins, SkipGrid};
+use nerf_core::sampling::{Bins, OccupancyGrid};
 use std::cell::Cell;
 
 cases! {
@@ -20,7 +20,7 @@ struct Cells {
     resolution: [u16; 3],
 }
 
-fn grids() -> Vec<Cells> {
+fn occupancies() -> Vec<Cells> {
     let cells = |min, max, resolution| Cells { bounds: SceneBox { min, max }, resolution };
     vec![
         cells(Vec3::NEG_ONE, Vec3::ONE, [16; 3]),
@@ -97,7 +97,7 @@ fn rays(cells: &Cells) -> Vec<Ray> {
 
 /// Every ray, cut into few bins and into many.
 fn each_walk(mut see: impl FnMut(&Cells, &Ray, &Bins)) {
-    for cells in grids() {
+    for cells in occupancies() {
         let far = 2.5 * (cells.bounds.max - cells.bounds.min).length();
         for ray in rays(&cells) {
             for count in [61, 700] {
@@ -111,7 +111,7 @@ fn bit(bits: &[u8], cell: usize) -> bool {
     bits[cell / 8] >> (cell % 8) & 1 == 1
 }
 
-/// Grids of which all, half, one in fifty and none of the cells are set.
+/// Occupancy grids of which all, half, one in fifty and none of the cells are set.
 fn fillings(cells: &Cells) -> Vec<Vec<u8>> {
     let count: usize = cells.resolution.iter().map(|&side| usize::from(side)).product();
     let mut state = 31;
@@ -137,8 +137,8 @@ fn live() -> Vec<Row> {
         let places = (0..bins.count()).map(|bin| candidates(cells, place(cells, ray, bins.at(bin, 0.5))));
         let places: Vec<_> = places.collect();
         for bits in &filled {
-            let grid = SkipGrid::new(cells.bounds, cells.resolution, bits);
-            let mut next = grid.first_live(ray, bins, 0, bins.count());
+            let occupancy = OccupancyGrid::new(cells.bounds, cells.resolution, bits);
+            let mut next = occupancy.first_live(ray, bins, 0, bins.count());
             for (bin, (candidates, outside)) in (0..bins.count()).zip(&places) {
                 let found = bin == next;
                 let set = candidates.iter().filter(|cell| bit(bits, **cell)).count();
@@ -149,7 +149,7 @@ fn live() -> Vec<Row> {
                 }
                 if found {
                     walked += 1;
-                    next = grid.first_live(ray, bins, bin + 1, bins.count());
+                    next = occupancy.first_live(ray, bins, bin + 1, bins.count());
                 }
                 bins_seen += 1;
             }
@@ -172,8 +172,8 @@ fn single() -> Vec<Row> {
                 continue;
             }
             touched.iter().for_each(|cell| bits[cell / 8] |= 1 << (cell % 8));
-            let grid = SkipGrid::new(cells.bounds, cells.resolution, &bits);
-            let found = grid.first_live(ray, bins, 0, bins.count());
+            let occupancy = OccupancyGrid::new(cells.bounds, cells.resolution, &bits);
+            let found = occupancy.first_live(ray, bins, 0, bins.count());
             all += 1;
             // Not behind it, and not where none of them can be.
             let place = (found <= bin).then(|| candidates(cells, place(cells, ray, bins.at(found, 0.5))).0);
@@ -188,7 +188,7 @@ fn single() -> Vec<Row> {
     vec![Worst { error: f64::from(missed) / f64::from(all), at }.row("any", "any", 0.0)]
 }
 
-/// Rays that are no numbers walk as well: an empty grid is walked to its end.
+/// Rays that are no numbers walk as well: an empty occupancy grid is walked to its end.
 fn steps() -> Vec<Row> {
     let mut worst = Worst::default();
     let odd = [0.0, f32::NAN, f32::INFINITY, f32::MAX, 1e-45, -1e30];
@@ -200,7 +200,7 @@ fn steps() -> Vec<Row> {
     let mut walk = |cells: &Cells, ray: &Ray, bins: &Bins| {
         let count: usize = cells.resolution.iter().map(|&side| usize::from(side)).product();
         let bits = vec![0u8; count.div_ceil(8)];
-        let grid = SkipGrid::new(cells.bounds, cells.resolution, &bits);
+        let occupancy = OccupancyGrid::new(cells.bounds, cells.resolution, &bits);
         let asked = Cell::new(0u32);
         let t = |bin| {
             asked.set(asked.get() + 1);
@@ -208,7 +208,7 @@ fn steps() -> Vec<Row> {
             assert!(asked.get() <= 2 * bins.count(), "{ray:?}, {:?}", cells.bounds);
             bins.at(bin, 0.5)
         };
-        assert_eq!(grid.first_live_at(ray, bins, 0, bins.count(), t), bins.count());
+        assert_eq!(occupancy.first_live_at(ray, bins, 0, bins.count(), t), bins.count());
         worst
             .see(f64::from(asked.get()) / f64::from(bins.count()), || format!("{ray:?}, {:?}", cells.bounds));
     };
@@ -219,7 +219,7 @@ fn steps() -> Vec<Row> {
         resolution: [64; 3],
     };
     let odd_boxes = [cells(0.0, 3e-45), cells(-1.7e38, 1.7e38), cells(1e6, 1e6f32.next_up())];
-    for cells in grids().iter().chain(&odd_boxes) {
+    for cells in occupancies().iter().chain(&odd_boxes) {
         for ray in &strange {
             walk(cells, ray, &Bins::new(0.0, 1e7, 4096).expect("bins"));
         }

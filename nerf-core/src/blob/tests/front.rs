@@ -9,7 +9,7 @@ const POINT: FrontPoint = FrontPoint {
     samples: 32,
     transmittance_cut: 0.0,
     colour_cut: 0.0,
-    skip_grid: false,
+    occupancy: false,
     math: 0,
     proposal: false,
     loss_db: 0.0,
@@ -59,7 +59,7 @@ fn a_front_round_trips_in_order() {
 
 #[test]
 fn a_seventeenth_point_is_no_body_of_this_format() {
-    // A point of one-byte numbers but for its four floats: 20 bytes, behind the absent grid.
+    // A point of one-byte numbers but for its four floats: 20 bytes, behind the absent occupancy grid.
     let (weights, _) = halve(&parameters(&every_kind(), 1));
     let points = longest();
     let with = |n: usize| {
@@ -90,7 +90,7 @@ fn settings_that_cannot_be_planned_are_refused() {
         assert_eq!(fault(|p| p.colour_cut = found), FrontFault::ColourCut { found });
     }
     assert!(matches!(fault(|p| p.colour_cut = f32::NAN), FrontFault::ColourCut { .. }));
-    assert_eq!(fault(|p| p.skip_grid = true), FrontFault::SkipGrid { found: true });
+    assert_eq!(fault(|p| p.occupancy = true), FrontFault::Occupancy { found: true });
     assert_eq!(fault(|p| p.proposal = true), FrontFault::Proposal);
     for found in [MathBackend::TAGS, u8::MAX] {
         assert_eq!(fault(|p| p.math = found), FrontFault::Math { found });
@@ -98,15 +98,15 @@ fn settings_that_cannot_be_planned_are_refused() {
 }
 
 #[test]
-fn a_grid_that_is_part_of_the_model_is_in_every_point() {
+fn an_occupancy_that_is_part_of_the_model_is_in_every_point() {
     let (weights, _) = halve(&parameters(&every_kind(), 1));
-    let content = Content::Scene(SceneFacts { grid_required: true, ..SCENE });
-    let grid = Some(Grid { resolution: [1; 3], bits: &[1] });
-    let body = Body { content, ..body(every_kind(), grid, &weights) };
+    let content = Content::Scene(SceneFacts { occupancy_required: true, ..SCENE });
+    let occupancy = Some(StoredOccupancy { resolution: [1; 3], bits: &[1] });
+    let body = Body { content, ..body(every_kind(), occupancy, &weights) };
     let with =
-        |skip_grid| Body { front: [FrontPoint { skip_grid, ..POINT }].into_iter().collect(), ..body.clone() };
+        |occupancy| Body { front: [FrontPoint { occupancy, ..POINT }].into_iter().collect(), ..body.clone() };
     assert!(encoded_len(&with(true)).is_ok());
-    let fault = FrontFault::SkipGrid { found: false };
+    let fault = FrontFault::Occupancy { found: false };
     assert_eq!(refused(&with(false)), BlobError::Front { index: 0, fault });
 }
 

@@ -1,7 +1,7 @@
 extern crate std;
 
 use super::*;
-use crate::blob::{Body, Content, Grid, SceneFacts};
+use crate::blob::{Body, Content, SceneFacts, StoredOccupancy};
 use crate::plan::{Batch, Outputs, Plan};
 use crate::testing::{SCENE, body, bytes, every_kind, halve, parameters};
 use std::vec::Vec;
@@ -13,7 +13,7 @@ fn scene(points: &[(f32, f32)]) -> Vec<u8> {
         samples: 40 - i as u16,
         transmittance_cut: 0.01,
         colour_cut: 0.001,
-        skip_grid: false,
+        occupancy: false,
         math: MathBackend::Recurrence.tag(),
         proposal: false,
         loss_db,
@@ -104,14 +104,14 @@ fn without_a_front_there_is_no_choice_and_presets_fall_back() {
 }
 
 #[test]
-fn exact_can_be_planned_where_the_grid_is_part_of_the_model() {
+fn exact_can_be_planned_where_the_occupancy_is_part_of_the_model() {
     let (weights, _) = halve(&parameters(&every_kind(), 1));
-    let content = Content::Scene(SceneFacts { grid_required: true, ..SCENE });
-    let grid = Some(Grid { resolution: [1; 3], bits: &[1] });
-    let bytes = bytes(&Body { content, ..body(every_kind(), grid, &weights) });
+    let content = Content::Scene(SceneFacts { occupancy_required: true, ..SCENE });
+    let occupancy = Some(StoredOccupancy { resolution: [1; 3], bits: &[1] });
+    let bytes = bytes(&Body { content, ..body(every_kind(), occupancy, &weights) });
     let blob = Blob::open(&bytes).unwrap();
     let exact = Quality::preset(&blob, Preset::Exact);
-    assert_eq!(exact, Quality { skip_grid: true, ..Quality::EXACT });
+    assert_eq!(exact, Quality { occupancy: true, ..Quality::EXACT });
     assert!(Plan::new(&blob, &exact, Outputs::ALL, Batch::SMALLEST).is_ok());
 }
 
@@ -121,14 +121,14 @@ fn a_front_point_says_what_settings_mean_in_the_scene_and_can_be_written() {
     let blob = Blob::open(&plain).unwrap();
     let quality = Quality::default();
     let point = quality.front_point(&blob, 0.1, 0.5);
-    // No grid, no proposal, and the scene's own number of samples.
-    assert_eq!((point.samples, point.skip_grid, point.proposal), (32, false, false));
+    // No occupancy grid, no proposal, and the scene's own number of samples.
+    assert_eq!((point.samples, point.occupancy, point.proposal), (32, false, false));
     assert_eq!((point.loss_db, point.cost), (0.1, 0.5));
     let (weights, _) = halve(&parameters(&every_kind(), 1));
     let front = [point].into_iter().collect();
     let written = bytes(&Body { front, ..body(every_kind(), None, &weights) });
     let choice = Quality::within_loss(&Blob::open(&written).unwrap(), 0.1).unwrap();
-    let expected = Quality { samples: 32, skip_grid: false, proposal: false, ..quality };
+    let expected = Quality { samples: 32, occupancy: false, proposal: false, ..quality };
     assert_eq!((choice.quality, choice.within), (expected, true));
 }
 
@@ -139,7 +139,7 @@ fn points_of_absent_backends_are_passed_over() {
         samples: 1 + u16::from(math),
         transmittance_cut: 0.0,
         colour_cut: 0.0,
-        skip_grid: false,
+        occupancy: false,
         math,
         proposal: false,
         loss_db: f32::from(math),

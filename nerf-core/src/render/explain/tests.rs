@@ -1,7 +1,7 @@
 extern crate std;
 
 use super::*;
-use crate::blob::{Blob, Grid};
+use crate::blob::{Blob, StoredOccupancy};
 use crate::kernels::Tier;
 use crate::plan::{Batch, Outputs, Quality};
 use crate::render::tests::{camera, render};
@@ -27,7 +27,7 @@ fn an_explanation_says_what_is_off_and_why() {
     let a = every_kind();
     let (weights, _) = halve(&parameters(&a, 31));
     let bits = [0b1110_1011];
-    let bytes = bytes(&body(a, Some(Grid { resolution: [2; 3], bits: &bits }), &weights));
+    let bytes = bytes(&body(a, Some(StoredOccupancy { resolution: [2; 3], bits: &bits }), &weights));
     let blob = Blob::open(&bytes).unwrap();
     let renderer = Renderer::new(blob.clone(), Tier::Scalar, &mut []).unwrap();
     let plan = |quality, outputs| Plan::new(&blob, &quality, outputs, Batch::SMALLEST).unwrap();
@@ -47,7 +47,7 @@ fn an_explanation_says_what_is_off_and_why() {
         }
     }
     let exact = plan(Quality::EXACT, Outputs { z_depth: false, ..Outputs::ALL });
-    for name in ["skip grid", "transmittance cut", "colour cut"] {
+    for name in ["occupancy", "transmittance cut", "colour cut"] {
         assert_eq!(switch(&exact, name), Switch::SwitchedOff, "{name}");
     }
     assert_eq!(switch(&exact, "z_depth"), Switch::NotAskedFor);
@@ -73,7 +73,7 @@ fn an_explanation_says_what_is_off_and_why() {
     core::fmt::write(&mut page, format_args!("{}", full.explain(&renderer).with_counters(counters))).unwrap();
     let text = core::str::from_utf8(&page.bytes[..page.used]).unwrap();
     std::println!("{text}");
-    for word in ["skip grid          on, 2x2x2", "rays               64", "workspace", "evaluations a ray"] {
+    for word in ["occupancy          on, 2x2x2", "rays               64", "workspace", "evaluations a ray"] {
         assert!(text.contains(word), "{word}: {text}");
     }
 }

@@ -21,7 +21,7 @@ fn scene(points: &[(u16, f32, f32)]) -> Vec<u8> {
         samples,
         transmittance_cut: 0.0,
         colour_cut: 0.0,
-        skip_grid: false,
+        occupancy: false,
         math: 0,
         proposal: false,
         loss_db,

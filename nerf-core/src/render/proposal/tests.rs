@@ -1,7 +1,7 @@
 extern crate std;
 
 use super::DARK;
-use crate::blob::{Blob, Body, Front, Grid, Proposal};
+use crate::blob::{Blob, Body, Front, Proposal, StoredOccupancy};
 use crate::camera::{Camera, Intrinsics, Pose};
 use crate::encoding::{AngleScale, SinusoidalEncoding};
 use crate::kernels::{Line, Tier};
@@ -48,13 +48,13 @@ fn coarse_parameters(seed: u32) -> Vec<f32> {
     all
 }
 
-/// The tests' scene, with or without a grid and a proposal of these parameters.
-fn scene(grid: Option<Grid<'_>>, coarse: Option<&[f32]>) -> Vec<u8> {
+/// The tests' scene, with or without an occupancy grid and a proposal of these parameters.
+fn scene(occupancy: Option<StoredOccupancy<'_>>, coarse: Option<&[f32]>) -> Vec<u8> {
     let shape = coarse_architecture();
-    scene_of(grid, coarse.map(|coarse| (&shape, coarse)))
+    scene_of(occupancy, coarse.map(|coarse| (&shape, coarse)))
 }
 
-fn scene_of(grid: Option<Grid<'_>>, coarse: Option<(&Architecture, &[f32])>) -> Vec<u8> {
+fn scene_of(occupancy: Option<StoredOccupancy<'_>>, coarse: Option<(&Architecture, &[f32])>) -> Vec<u8> {
     let a = every_kind();
     let (weights, _) = halve(&parameters(&a, 7));
     let (coarse_weights, _) = halve(coarse.map_or(&[], |(_, parameters)| parameters));
@@ -65,7 +65,7 @@ fn scene_of(grid: Option<Grid<'_>>, coarse: Option<(&Architecture, &[f32])>) -> 
         samples: COARSE as u16,
         weights: &coarse_weights[..2 * shape.density_parameters()],
     });
-    bytes(&Body { proposal, front: Front::new(), ..body(a, grid, &weights) })
+    bytes(&Body { proposal, front: Front::new(), ..body(a, occupancy, &weights) })
 }
 
 fn camera(width: u32, height: u32) -> Camera {
@@ -103,18 +103,18 @@ fn ask(renderer: &Renderer<'_>, plan: &Plan<'_>, p: Vec3, dir: Vec3) -> (f32, [f
 
 #[test]
 fn a_picture_is_the_composite_of_the_drawn_samples_bit_for_bit() {
-    let grid = [0b0111_1011];
+    let occupancy = [0b0111_1011];
     let coarse = coarse_parameters(11);
     // The proposal as a scene of its own: its densities, by another way.
     let (coarse_weights, _) = halve(&coarse);
-    for grid in [None, Some(Grid { resolution: [2; 3], bits: &grid })] {
+    for occupancy in [None, Some(StoredOccupancy { resolution: [2; 3], bits: &occupancy })] {
         let (bytes, alone) = (
-            scene(grid.clone(), Some(&coarse)),
-            crate::testing::bytes(&body(coarse_architecture(), grid.clone(), &coarse_weights)),
+            scene(occupancy.clone(), Some(&coarse)),
+            crate::testing::bytes(&body(coarse_architecture(), occupancy.clone(), &coarse_weights)),
         );
         for (tier, cut) in tiers().flat_map(|tier| [(tier, 0.0), (tier, 0.3)]) {
-            let skip_grid = grid.is_some();
-            let quality = Quality { transmittance_cut: cut, skip_grid, ..Quality::EXACT };
+            let occupancy = occupancy.is_some();
+            let quality = Quality { transmittance_cut: cut, occupancy, ..Quality::EXACT };
             let (found, ..) = render(&bytes, tier, quality, Batch::for_tier(tier));
             let (fine, coarse) = (Blob::open(&bytes).unwrap(), Blob::open(&alone).unwrap());
             let plain = Quality { proposal: false, ..quality };
@@ -205,8 +205,8 @@ fn effects_and_medians_of_drawn_samples_do_not_depend_on_the_batch() {
 #[test]
 fn without_it_bits_work_and_memory_are_those_of_a_scene_that_has_none() {
     let bits = [0b0110_1011];
-    let grid = Some(Grid { resolution: [2; 3], bits: &bits });
-    let (with, without) = (scene(grid.clone(), Some(&coarse_parameters(11))), scene(grid, None));
+    let occupancy = Some(StoredOccupancy { resolution: [2; 3], bits: &bits });
+    let (with, without) = (scene(occupancy.clone(), Some(&coarse_parameters(11))), scene(occupancy, None));
     for quality in [Quality::EXACT, Quality::default()] {
         let off = Quality { proposal: false, ..quality };
         for tier in tiers() {
@@ -222,7 +222,8 @@ fn without_it_bits_work_and_memory_are_those_of_a_scene_that_has_none() {
 #[test]
 fn counters_add_up() {
     let bits = [0b0110_1011];
-    let bytes = scene(Some(Grid { resolution: [2; 3], bits: &bits }), Some(&coarse_parameters(11)));
+    let bytes =
+        scene(Some(StoredOccupancy { resolution: [2; 3], bits: &bits }), Some(&coarse_parameters(11)));
     let blob = Blob::open(&bytes).unwrap();
     let renderer = Renderer::new(blob, Tier::Scalar, &mut []).unwrap();
     let batch = Batch { rays: 9, samples: 4 };
@@ -241,12 +242,12 @@ fn counters_add_up() {
 }
 
 #[test]
-fn a_full_grid_changes_no_bit() {
+fn a_full_occupancy_changes_no_bit() {
     let coarse = coarse_parameters(11);
     let bits = [0xff];
-    let full = scene(Some(Grid { resolution: [2; 3], bits: &bits }), Some(&coarse));
+    let full = scene(Some(StoredOccupancy { resolution: [2; 3], bits: &bits }), Some(&coarse));
     let batch = Batch { rays: 30, samples: 16 };
-    let gated = Quality { skip_grid: true, ..Quality::EXACT };
+    let gated = Quality { occupancy: true, ..Quality::EXACT };
     let (found, expected) =
         (render(&full, Tier::Scalar, gated, batch), render(&full, Tier::Scalar, Quality::EXACT, batch));
     assert_eq!((found.0, found.1), (expected.0, expected.1));

@@ -2,7 +2,7 @@
 
 extern crate std;
 
-use crate::blob::{Blob, Grid};
+use crate::blob::{Blob, StoredOccupancy};
 use crate::kernels::{Line, lines_for};
 use crate::plan::{Batch, Outputs, Plan, PlanError, Quality};
 use crate::render::tests::{camera, render, tiers};
@@ -39,7 +39,7 @@ fn off_costs_nothing_and_on_changes_nothing_else() {
     let a = every_kind();
     let (weights, _) = halve(&parameters(&a, 31));
     let bits = [0b1110_1011];
-    let bytes = bytes(&body(a.clone(), Some(Grid { resolution: [2; 3], bits: &bits }), &weights));
+    let bytes = bytes(&body(a.clone(), Some(StoredOccupancy { resolution: [2; 3], bits: &bits }), &weights));
     let blob = Blob::open(&bytes).unwrap();
     let camera = camera(13, 11);
     for tier in tiers() {

@@ -45,7 +45,7 @@ fn every_batch_gives_the_pixels_and_the_work_of_one_sample_at_a_time() {
     let a = every_kind();
     let (weights, unpacked) = halve(&parameters(&a, 31));
     let bits = [0b1110_1011];
-    let bytes = bytes(&body(a, Some(Grid { resolution: [2; 3], bits: &bits }), &weights));
+    let bytes = bytes(&body(a, Some(StoredOccupancy { resolution: [2; 3], bits: &bits }), &weights));
     let blob = Blob::open(&bytes).unwrap();
     let camera = camera(9, 7);
     for tier in tiers() {
@@ -53,7 +53,7 @@ fn every_batch_gives_the_pixels_and_the_work_of_one_sample_at_a_time() {
         for (transmittance_cut, colour_cut) in [(0.0, 0.0), (1e-2, 1e-3), (0.0, 0.02), (0.3, 0.0), (0.3, 0.2)]
         {
             let quality =
-                Quality { transmittance_cut, colour_cut, skip_grid: colour_cut > 0.0, ..Quality::EXACT };
+                Quality { transmittance_cut, colour_cut, occupancy: colour_cut > 0.0, ..Quality::EXACT };
             let (pixels, densities, colours) = sample_by_sample(&renderer, &quality, &camera, (9, 7));
             assert!(pixels.iter().any(|pixel| pixel.opacity > 0.5) && colours > 0);
             for rays in [1, 2, 7, 63, 64, 256] {

@@ -32,11 +32,11 @@ fn each() -> Vec<Effects> {
     all
 }
 
-/// A scene with everything, in a half-empty grid.
+/// A scene with everything, in a half-empty occupancy grid.
 fn scene() -> Vec<u8> {
     let a = every_kind();
     let (weights, _) = halve(&parameters(&a, 31));
-    bytes(&body(a, Some(Grid { resolution: [2; 3], bits: &[0b1110_1011] }), &weights))
+    bytes(&body(a, Some(StoredOccupancy { resolution: [2; 3], bits: &[0b1110_1011] }), &weights))
 }
 
 fn in_place<'a>(blob: &Blob<'a>) -> Renderer<'a> {

@@ -3,7 +3,7 @@
 extern crate std;
 
 use super::{constant, tiers};
-use crate::blob::{Body, Content, Grid, SceneFacts, SceneSampling};
+use crate::blob::{Body, Content, SceneFacts, SceneSampling, StoredOccupancy};
 use crate::camera::{Camera, Intrinsics, Pose};
 use crate::effects::Effects;
 use crate::lens::Lens;
@@ -32,9 +32,9 @@ fn scene(sampling: SceneSampling, ball: bool) -> Vec<u8> {
     for cell in (0..512).filter(|&cell| in_ball(cell)) {
         bits[cell / 8] |= 1 << (cell % 8);
     }
-    let facts = SceneFacts { sampling, grid_required: ball, ..SCENE };
-    let grid = ball.then_some(Grid { resolution: [8; 3], bits: &bits });
-    bytes(&Body { content: Content::Scene(facts), ..body(a, grid, &weights) })
+    let facts = SceneFacts { sampling, occupancy_required: ball, ..SCENE };
+    let occupancy = ball.then_some(StoredOccupancy { resolution: [8; 3], bits: &bits });
+    bytes(&Body { content: Content::Scene(facts), ..body(a, occupancy, &weights) })
 }
 
 fn in_ball(cell: usize) -> bool {
@@ -88,7 +88,7 @@ fn way_in_ball(ray: &Ray, (enter, exit): (f64, f64)) -> f64 {
 
 fn pixels(bytes: &[u8], tier: Tier, camera: &Camera, change: impl Fn(Plan<'_>) -> Plan<'_>) -> Vec<Pixel> {
     let blob = Blob::open(bytes).unwrap();
-    let quality = Quality { skip_grid: true, ..Quality::EXACT };
+    let quality = Quality { occupancy: true, ..Quality::EXACT };
     let plan = change(Plan::new(&blob, &quality, outputs(), Batch::for_tier(tier)).unwrap());
     let mut memory = vec![Line::UNINIT; Renderer::prepared_lines(&blob, tier)];
     let renderer = Renderer::new(blob.clone(), tier, &mut memory).unwrap();

@@ -21,10 +21,10 @@ Painter::~Painter() {
 }
 
 void Painter::start(const Frame &frame) {
-    const nerf::tiles grid{frame.camera.width, frame.camera.height, tile_side};
+    const nerf::tiles all{frame.camera.width, frame.camera.height, tile_side};
     std::vector<nerf::rect> tiles;
-    for (std::size_t i = 0; i < grid.size(); ++i) {
-        tiles.push_back(grid[i]);
+    for (std::size_t i = 0; i < all.size(); ++i) {
+        tiles.push_back(all[i]);
     }
     // From the middle outwards: there the eye is.
     const auto from_middle = [&](const nerf::rect &tile) {

@@ -80,7 +80,7 @@ std::string line_about(const Report &report) {
     line << (report.moving ? "moving " : "resting ") << (report.outcome.complete ? "complete" : "cancelled") << " size "
          << report.camera.width << ' ' << report.camera.height << " divisor " << report.plan.divisor << " samples "
          << options.samples << " transmittance_cut " << options.transmittance_cut << " colour_cut "
-         << options.colour_cut << " ignore_grid " << options.ignore_grid << " ignore_proposal "
+         << options.colour_cut << " ignore_occupancy " << options.ignore_occupancy << " ignore_proposal "
          << options.ignore_proposal << " maths " << options.maths << " macs " << report.outcome.work.macs
          << " foreseen " << report.plan.milliseconds << " took " << report.outcome.milliseconds << " focal "
          << report.camera.fx << " c2w";

@@ -14,7 +14,7 @@ double pixels_of(const nerf::camera &camera) { return double(camera.width) * dou
 bool same(const Plan &a, const Plan &b) {
     const nerf::options &x = a.options, &y = b.options;
     return a.divisor == b.divisor && x.samples == y.samples && x.transmittance_cut == y.transmittance_cut &&
-           x.colour_cut == y.colour_cut && x.ignore_grid == y.ignore_grid && x.maths == y.maths &&
+           x.colour_cut == y.colour_cut && x.ignore_occupancy == y.ignore_occupancy && x.maths == y.maths &&
            x.ignore_proposal == y.ignore_proposal;
 }
 

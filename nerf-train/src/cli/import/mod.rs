@@ -11,7 +11,7 @@ use crate::eval::measure;
 use crate::export::{Coarse, Contents, Exported, export_with};
 use crate::import::check::{Draft, SUSPICIOUS_DB, VIEWS, check, renderings, split, thinned};
 use crate::import::probe::{Probe, probe};
-use crate::import::{Check, Imported, Settings, Tensors, grid, network};
+use crate::import::{Check, Imported, Settings, Tensors, network, occupancy};
 use crate::occupancy::{Ask, LiveCells};
 use crate::output::claims::Claims;
 use crate::output::write_atomic;
@@ -26,7 +26,7 @@ use nerf_core::kernels::Tier;
 use nerf_core::network::Architecture;
 use nerf_core::plan::Quality;
 use options::Guesses;
-use outcome::{GridSource, Outcome};
+use outcome::{OccupancySource, Outcome};
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
@@ -38,7 +38,7 @@ use std::process::ExitCode;
 #[command(after_help = "Examples:\n  \
     nerf-train import lego_200k_fine.npz -o lego.nerf --background white --check lego_200\n  \
     nerf-train import lego_200k_fine.npz -o lego.nerf --coarse lego_200k_coarse.npz --background white\n  \
-    nerf-train import lego.safetensors -o lego.nerf --angle-scale pi --samples 64 --grid grid96.npy")]
+    nerf-train import lego.safetensors -o lego.nerf --angle-scale pi --samples 64 --occupancy grid96.npy")]
 pub struct Import {
     /// The network: .npz or .safetensors.
     #[arg(value_name = "CKPT")]
@@ -59,7 +59,7 @@ pub struct Import {
     /// TOML file with what the file cannot say; flags win.
     #[arg(long, value_name = "FILE")]
     config: Option<PathBuf>,
-    /// Render views of a data set, print their PSNR, what f16 costs, and whether the grid is part of the
+    /// Render views of a data set, print their PSNR, what f16 costs, and whether the occupancy grid is part of the
     /// model.
     #[arg(long, value_name = "DATA")]
     check: Option<PathBuf>,
@@ -73,15 +73,15 @@ pub struct Import {
     /// takes its place.
     #[arg(long, value_name = "DB", default_value_t = THRESHOLD_DB, allow_hyphen_values = true, requires = "check")]
     effect_threshold: f64,
-    /// Skip grid of the box that the network was trained with: a .npy array [x, y, z] of truths.
-    #[arg(long, value_name = "FILE", conflicts_with = "no_grid")]
-    grid: Option<PathBuf>,
-    /// The grid of --grid is no part of the model: the picture is the same without it.
-    #[arg(long, requires = "grid")]
-    grid_optional: bool,
-    /// Build no skip grid: every sample asks the network.
+    /// Occupancy grid of the box that the network was trained with: a .npy array [x, y, z] of truths.
+    #[arg(long, value_name = "FILE", conflicts_with = "no_occupancy")]
+    occupancy: Option<PathBuf>,
+    /// The occupancy grid of --occupancy is no part of the model: the picture is the same without it.
+    #[arg(long, requires = "occupancy")]
+    occupancy_optional: bool,
+    /// Build no occupancy grid: every sample asks the network.
     #[arg(long)]
-    no_grid: bool,
+    no_occupancy: bool,
     #[command(flatten)]
     guesses: Guesses,
 }
@@ -116,14 +116,14 @@ impl Import {
             .reads("the network", &self.checkpoint)
             .reads_if("the coarse network", self.coarse.as_deref())
             .reads_if("the file of settings", self.config.as_deref())
-            .reads_if("the grid", self.grid.as_deref())
+            .reads_if("the occupancy grid", self.occupancy.as_deref())
             .reads_data_if(self.check.as_deref())
             .writes("-o", &self.output)
             .settle()?;
         let tensors = Tensors::read(&self.checkpoint, self.prefix.as_deref())?;
         let network = network(&tensors, &settings)?;
         let coarse = self.coarse(&settings)?;
-        let given = self.grid.as_deref().map(|file| grid::read(file, &settings)).transpose()?;
+        let given = self.occupancy.as_deref().map(|file| occupancy::read(file, &settings)).transpose()?;
         let data = self.data(&guesses, &settings, global)?;
         let mut work = Work {
             network: &network,
@@ -138,13 +138,13 @@ impl Import {
         work.export(&About::default())?;
         let source;
         (work.cells, source) = match given {
-            Some(cells) => (Some(cells), GridSource::Given),
-            None if self.no_grid => (None, GridSource::None),
+            Some(cells) => (Some(cells), OccupancySource::Given),
+            None if self.no_occupancy => (None, OccupancySource::None),
             None => {
                 global.say("asking the network which cells of the scene box hold something");
                 let (architecture, parameters) = (&work.architecture, work.parameters.as_slice());
                 let ask = Ask { tier, architecture, parameters, seed: 0 };
-                (grid::build(&settings, &ask), GridSource::Built)
+                (occupancy::build(&settings, &ask), OccupancySource::Built)
             }
         };
         let mut check = data.as_ref().map(|data| work.check(tier, data, global)).transpose()?;
@@ -157,16 +157,16 @@ impl Import {
                 check = Some(work.check(tier, data, global)?);
             }
         }
-        let grid_required = work.cells.is_some()
+        let occupancy_required = work.cells.is_some()
             && match (source, &check) {
-                (GridSource::Given, _) if self.grid_optional => false,
-                (GridSource::Given, Some(check)) => check.grid_matters(),
-                (GridSource::Given, None) => true,
+                (OccupancySource::Given, _) if self.occupancy_optional => false,
+                (OccupancySource::Given, Some(check)) => check.occupancy_matters(),
+                (OccupancySource::Given, None) => true,
                 // What a network that was trained without it loses by it is no reason to require it.
-                (_, check) => check.as_ref().is_some_and(|c| c.grid_matters() && !c.grid_harms()),
+                (_, check) => check.as_ref().is_some_and(|c| c.occupancy_matters() && !c.occupancy_harms()),
             };
         let about = About {
-            grid_required,
+            occupancy_required,
             check: check.as_ref(),
             data: data.as_ref().map(|data| data.name.as_str()),
         };
@@ -187,9 +187,9 @@ impl Import {
             coarse: coarse.as_ref().map(|coarse| &coarse.network),
             settings: &settings,
             exported: &exported,
-            grid: source,
+            occupancy: source,
             cells: work.cells.as_ref(),
-            grid_required,
+            occupancy_required,
             check: check.as_ref(),
             probes: &probes,
             output: &self.output,
@@ -258,7 +258,7 @@ struct Work<'a> {
 /// What is measured.
 #[derive(Default)]
 struct About<'a> {
-    grid_required: bool,
+    occupancy_required: bool,
     check: Option<&'a Check>,
     data: Option<&'a str>,
 }
@@ -288,8 +288,8 @@ impl Work<'_> {
             tables: &[],
             architecture: &self.architecture,
             parameters: &self.parameters,
-            content: Content::Scene(self.settings.facts(about.grid_required)),
-            grid: self.cells.as_ref().map(|cells| (cells.resolution(), cells.bits())),
+            content: Content::Scene(self.settings.facts(about.occupancy_required)),
+            occupancy: self.cells.as_ref().map(|cells| (cells.resolution(), cells.bits())),
             provenance: Provenance {
                 data: about.data.unwrap_or(&stem),
                 made_by: &made_by,
@@ -332,12 +332,12 @@ impl Work<'_> {
 
     fn check(&self, tier: Tier, data: &Data, global: &Global) -> anyhow::Result<Check> {
         let blob = &self.export(&About::default())?.bytes;
-        let has_grid = self.cells.is_some();
-        let total = renderings(has_grid) * data.views.len() as u64;
+        let has_occupancy = self.cells.is_some();
+        let total = renderings(has_occupancy) * data.views.len() as u64;
         let mut progress = Progress::new("check", Total::Steps(total), global.style());
         let mut done = 0;
         let background = self.settings.background;
-        let draft = Draft { blob, parameters: &self.parameters, has_grid, background };
+        let draft = Draft { blob, parameters: &self.parameters, has_occupancy, background };
         let check = check(&draft, tier, &data.views, || {
             done += 1;
             progress.update(done, &Message::default());
@@ -350,7 +350,7 @@ impl Work<'_> {
 /// Says on stderr, also when quiet, what must not be overlooked.
 fn warn(outcome: &Outcome<'_>) {
     let Some(check) = outcome.check else {
-        if outcome.grid == GridSource::Built && outcome.cells.is_none() {
+        if outcome.occupancy == OccupancySource::Built && outcome.cells.is_none() {
             tell("warning: the network's density is nowhere above the threshold: nothing would be seen");
         }
         return;
@@ -368,11 +368,11 @@ fn warn(outcome: &Outcome<'_>) {
             tell(&format!("try {flag}: {psnr_db:.1} dB on a few pixels"));
         }
     }
-    if outcome.grid == GridSource::Built && check.grid_harms() {
+    if outcome.occupancy == OccupancySource::Built && check.occupancy_harms() {
         tell(&format!(
-            "warning: the skip grid costs {:.2} dB: raise --grid-resolution, lower --grid-threshold, or take \
-             --no-grid",
-            -check.grid_gain_db.unwrap_or(0.0)
+            "warning: the occupancy grid costs {:.2} dB: raise --occupancy-resolution, lower --occupancy-threshold, or take \
+             --no-occupancy",
+            -check.occupancy_gain_db.unwrap_or(0.0)
         ));
     }
 }

@@ -61,12 +61,12 @@ pub struct Guesses {
     /// Convention of the poses of --check: opengl or opencv [default: as is usual for the layout].
     #[arg(long, value_name = "CONVENTION")]
     pub axes: Option<Axes>,
-    /// Cells of the skip grid along the longest side of the box, where one is built [default: 128].
+    /// Cells of the occupancy grid along the longest side of the box, where one is built [default: 128].
     #[arg(long, value_name = "N")]
-    pub grid_resolution: Option<u16>,
-    /// A cell of such a grid is kept where density times bin width exceeds this [default: 0.01].
+    pub occupancy_resolution: Option<u16>,
+    /// A cell of such an occupancy grid is kept where density times bin width exceeds this [default: 0.01].
     #[arg(long, value_name = "X")]
-    pub grid_threshold: Option<f32>,
+    pub occupancy_threshold: Option<f32>,
 }
 
 fn background<'de, D: Deserializer<'de>>(deserializer: D) -> Result<Option<[f32; 3]>, D::Error> {
@@ -101,8 +101,8 @@ impl Guesses {
             samples: self.samples.or(other.samples),
             coarse_samples: self.coarse_samples.or(other.coarse_samples),
             axes: self.axes.or(other.axes),
-            grid_resolution: self.grid_resolution.or(other.grid_resolution),
-            grid_threshold: self.grid_threshold.or(other.grid_threshold),
+            occupancy_resolution: self.occupancy_resolution.or(other.occupancy_resolution),
+            occupancy_threshold: self.occupancy_threshold.or(other.occupancy_threshold),
         }
     }
 
@@ -129,8 +129,8 @@ impl Guesses {
             scene_box: self.scene_box.unwrap_or(base.scene_box),
             samples: self.samples.unwrap_or(base.samples),
             coarse_samples: base.coarse_samples,
-            grid_resolution: self.grid_resolution.unwrap_or(base.grid_resolution),
-            grid_threshold: self.grid_threshold.unwrap_or(base.grid_threshold),
+            occupancy_resolution: self.occupancy_resolution.unwrap_or(base.occupancy_resolution),
+            occupancy_threshold: self.occupancy_threshold.unwrap_or(base.occupancy_threshold),
         }
     }
 }

@@ -13,9 +13,9 @@ use nerf_core::kernels::Tier;
 use nerf_core::network::Architecture;
 use std::path::Path;
 
-/// Where the skip grid comes from.
+/// Where the occupancy grid comes from.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum GridSource {
+pub enum OccupancySource {
     /// A file.
     Given,
     /// The network.
@@ -35,9 +35,9 @@ pub struct Outcome<'a> {
     pub coarse: Option<&'a Imported>,
     pub settings: &'a Settings,
     pub exported: &'a Exported,
-    pub grid: GridSource,
+    pub occupancy: OccupancySource,
     pub cells: Option<&'a LiveCells>,
-    pub grid_required: bool,
+    pub occupancy_required: bool,
     pub check: Option<&'a Check>,
     pub probes: &'a [Probe],
     pub output: &'a Path,
@@ -85,7 +85,7 @@ impl Outcome<'_> {
                 s.samples
             );
         }
-        self.print_grid()?;
+        self.print_occupancy()?;
         if let Some(check) = self.check {
             outln!(
                 "check        {:.3} dB PSNR, mean over {} views on {}, every third pixel and row",
@@ -98,8 +98,8 @@ impl Outcome<'_> {
                 check.quantisation_loss_db,
                 self.exported.subnormal_weights
             );
-            if let Some(gain) = check.grid_gain_db {
-                outln!("             the skip grid brings {gain:.3} dB");
+            if let Some(gain) = check.occupancy_gain_db {
+                outln!("             the occupancy grid brings {gain:.3} dB");
             }
             if let Some((gain, verdict)) = self.direction {
                 let what =
@@ -114,16 +114,21 @@ impl Outcome<'_> {
         Ok(())
     }
 
-    fn print_grid(&self) -> anyhow::Result<()> {
+    fn print_occupancy(&self) -> anyhow::Result<()> {
         let Some(cells) = self.cells else {
-            let why = if self.grid == GridSource::Built { ": the network is empty everywhere" } else { "" };
-            outln!("skip grid    none{why}");
+            let why = if self.occupancy == OccupancySource::Built {
+                ": the network is empty everywhere"
+            } else {
+                ""
+            };
+            outln!("occupancy    none{why}");
             return Ok(());
         };
-        let origin = if self.grid == GridSource::Built { "asked of the network" } else { "as given" };
-        let role = if self.grid_required { "part of the model" } else { "only skips what is empty" };
-        let live = 100.0 * cells.grid().occupancy();
-        outln!("skip grid    {:?} cells, {live:.2} % live, {origin}; {role}", cells.resolution());
+        let origin =
+            if self.occupancy == OccupancySource::Built { "asked of the network" } else { "as given" };
+        let role = if self.occupancy_required { "part of the model" } else { "only skips what is empty" };
+        let occupied = 100.0 * cells.lookup().occupied_share();
+        outln!("occupancy    {:?} cells, {occupied:.2} % occupied, {origin}; {role}", cells.resolution());
         Ok(())
     }
 
@@ -156,7 +161,7 @@ impl Outcome<'_> {
             .integer("trained_parameters", self.network.parameters.len() as u64)
             .integer("parameters", self.architecture.parameters() as u64)
             .integer("subnormal_weights", self.exported.subnormal_weights as u64)
-            .flag("grid_required", self.grid_required);
+            .flag("occupancy_required", self.occupancy_required);
         if let (Some(coarse), Some(samples)) = (self.coarse, s.coarse_samples) {
             summary
                 .integer("coarse_samples_per_ray", u64::from(samples))
@@ -166,8 +171,8 @@ impl Outcome<'_> {
         summary.numbers("skip_layers", &skips.map(|(i, _)| i as f64).collect::<Vec<_>>());
         if let Some(cells) = self.cells {
             summary
-                .numbers("grid_resolution", &cells.resolution().map(f64::from))
-                .number_f32("grid_occupancy_share", cells.grid().occupancy());
+                .numbers("occupancy_resolution", &cells.resolution().map(f64::from))
+                .number_f32("occupied_share", cells.lookup().occupied_share());
         }
         if let Some(check) = self.check {
             summary
@@ -175,8 +180,8 @@ impl Outcome<'_> {
                 .integer("check_views", check.scores.views.len() as u64)
                 .flag("suspicious", check.is_suspicious())
                 .number("quantisation_loss_db", check.quantisation_loss_db);
-            if let Some(gain) = check.grid_gain_db {
-                summary.number("grid_gain_db", gain);
+            if let Some(gain) = check.occupancy_gain_db {
+                summary.number("occupancy_gain_db", gain);
             }
             if let Some((gain, verdict)) = self.direction {
                 summary

@@ -75,7 +75,7 @@ fn world_to_camera_matrices_are_recognised() {
 
 #[test]
 fn forward_facing_cameras_are_no_false_alarm() {
-    let grid = |tilt: f32| -> Vec<Pose> {
+    let lattice = |tilt: f32| -> Vec<Pose> {
         (0..20)
             .map(|i| {
                 let eye = Vec3::new((i % 5) as f32 * 0.2, (i / 5) as f32 * 0.2, 0.0);
@@ -85,16 +85,16 @@ fn forward_facing_cameras_are_no_false_alarm() {
             .collect()
     };
     for tilt in [0.0, 1e-4, 0.01, 0.1] {
-        for poses in [grid(tilt), flipped(&grid(tilt))] {
+        for poses in [lattice(tilt), flipped(&lattice(tilt))] {
             let report = Report::of(&dataset_of(&poses, Axes::Opengl));
             let warnings = report.warnings.join("\n");
             assert!(!warnings.contains("--axes"), "tilt {tilt}: {warnings}");
             assert_names(&warnings, &["--near and --far"]);
         }
     }
-    assert_eq!(Report::of(&dataset_of(&grid(0.0), Axes::Opengl)).look_at, None);
+    assert_eq!(Report::of(&dataset_of(&lattice(0.0), Axes::Opengl)).look_at, None);
     // With a range, the box is around what the cameras see.
-    let mut dataset = dataset_of(&grid(0.0), Axes::Opengl);
+    let mut dataset = dataset_of(&lattice(0.0), Axes::Opengl);
     (dataset.near, dataset.far) = (Some(1.0), Some(2.0));
     let bounds = scene_bounds(&dataset).expect("a range");
     assert_eq!((bounds.near, bounds.far), (1.0, 2.0));

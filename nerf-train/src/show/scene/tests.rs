@@ -23,7 +23,7 @@ fn the_rays_are_those_of_the_training_step() {
     let bank = RayBank::new(&data.train, data.background, bounds, &config).unwrap();
     let mut batch = Batch::default();
     let s = &config.sampling;
-    bank.fill(&mut batch, 3, s.rays, s.live_samples, Some(&occupancy.grid()));
+    bank.fill(&mut batch, 3, s.rays, s.live_samples, Some(&occupancy.lookup()));
     assert_eq!((scene.step.rays, scene.step.live), (batch.rays.len(), batch.positions.len()));
     assert_eq!(scene.rays.len(), 20);
     assert!(scene.live() > 0 && scene.culled() > 0);
@@ -38,7 +38,7 @@ fn the_rays_are_those_of_the_training_step() {
         for t in shown.live.iter().chain(&shown.culled) {
             assert!((bounds.near..=bounds.far).contains(t) && bounds.scene_box.contains(shown.at(*t)));
         }
-        assert!(shown.culled.iter().all(|&t| !occupancy.grid().occupied(shown.at(t))));
+        assert!(shown.culled.iter().all(|&t| !occupancy.lookup().occupied(shown.at(t))));
     }
 }
 

@@ -55,16 +55,16 @@ pub const EFFECTS: &[Effect] = &[
         },
     },
     Effect {
-        name: "skip grid",
+        name: "occupancy",
         instead: "the network everywhere in the box",
         without: |lab, with, _| {
-            if !lab.has_grid(0) {
+            if !lab.has_occupancy(0) {
                 return Ok(Err("the scene has none"));
             }
-            if lab.grid_required() {
+            if lab.occupancy_required() {
                 return Ok(Err("it is part of the model"));
             }
-            let quality = Quality { skip_grid: false, ..with.settings.quality };
+            let quality = Quality { occupancy: false, ..with.settings.quality };
             Ok(Ok(Without { settings: Settings { quality, ..with.settings }, ..with }))
         },
     },

@@ -7,10 +7,10 @@ use super::error::StudyError;
 use super::settings::{Precision, Settings};
 use crate::export::{Contents, export};
 use crate::frame::{self, Frame};
-use crate::import::grid;
+use crate::import::occupancy;
 use crate::occupancy::{Ask, LiveCells};
 use nerf_core::blob::{
-    Blob, BlobError, Body, Content, FrontPoint, Grid, MAX_FRONT, SceneFacts, encoded_len, write,
+    Blob, BlobError, Body, Content, FrontPoint, MAX_FRONT, SceneFacts, StoredOccupancy, encoded_len, write,
 };
 use nerf_core::camera::Camera;
 use nerf_core::effects::Effects;
@@ -27,8 +27,8 @@ pub struct Variant {
     pub name: String,
     /// Its file.
     pub bytes: Vec<u8>,
-    /// Whether it has a skip grid.
-    pub has_grid: bool,
+    /// Whether it has an occupancy grid.
+    pub has_occupancy: bool,
 }
 
 /// A blob, its variants, and the weights it was rounded from where they are at hand.
@@ -69,7 +69,7 @@ impl<'b> Lab<'b> {
         let scene = blob.scene().ok_or(StudyError::NotAScene)?.clone();
         let cells = cells(&blob);
         let variants =
-            vec![Variant { name: "the blob".into(), bytes: bytes.to_vec(), has_grid: cells.is_some() }];
+            vec![Variant { name: "the blob".into(), bytes: bytes.to_vec(), has_occupancy: cells.is_some() }];
         Ok(Self { blob, scene, cells, variants, source: None })
     }
 
@@ -88,9 +88,9 @@ impl<'b> Lab<'b> {
         self.scene.samples()
     }
 
-    /// Whether its grid is part of the model.
-    pub fn grid_required(&self) -> bool {
-        self.scene.grid_required
+    /// Whether its occupancy grid is part of the model.
+    pub fn occupancy_required(&self) -> bool {
+        self.scene.occupancy_required
     }
 
     /// Number of variants, the blob itself among them.
@@ -103,9 +103,9 @@ impl<'b> Lab<'b> {
         &self.variants[variant].name
     }
 
-    /// Whether a variant has a skip grid.
-    pub fn has_grid(&self, variant: usize) -> bool {
-        self.variants[variant].has_grid
+    /// Whether a variant has an occupancy grid.
+    pub fn has_occupancy(&self, variant: usize) -> bool {
+        self.variants[variant].has_occupancy
     }
 
     /// Whether its samples can be drawn from a proposal network.
@@ -129,22 +129,22 @@ impl<'b> Lab<'b> {
         self.source.is_some()
     }
 
-    /// Adds the blob with a grid that its network is asked for; `None` if the network is empty everywhere.
+    /// Adds the blob with an occupancy grid that its network is asked for; `None` if the network is empty everywhere.
     ///
     /// `resolution`: cells along the longest side; `threshold`: density times bin width that keeps a cell.
     ///
     /// # Errors
     /// [`StudyError::Blob`].
-    pub fn add_grid(&mut self, resolution: u16, threshold: f32) -> Result<Option<usize>, StudyError> {
+    pub fn add_occupancy(&mut self, resolution: u16, threshold: f32) -> Result<Option<usize>, StudyError> {
         let parameters = self.parameters();
         let (architecture, tier) = (self.blob.architecture(), Tier::detect());
         let ask = Ask { tier, architecture, parameters: &parameters, seed: 0 };
         let Some(bounds) = self.blob.scene_box() else { return Err(StudyError::NotAScene) };
         let sigma = threshold / self.scene.step();
-        let Some(cells) = grid::asked(bounds, resolution, &ask, sigma) else { return Ok(None) };
-        let bytes = self.with_grid(&cells)?;
+        let Some(cells) = occupancy::asked(bounds, resolution, &ask, sigma) else { return Ok(None) };
+        let bytes = self.with_occupancy(&cells)?;
         let name = format!("{resolution} cells, density above {threshold}");
-        Ok(Some(self.add(Variant { name, bytes, has_grid: true })))
+        Ok(Some(self.add(Variant { name, bytes, has_occupancy: true })))
     }
 
     /// The blob's weights as f32, in export order.
@@ -176,20 +176,20 @@ impl<'b> Lab<'b> {
             architecture,
             parameters,
             tables: &self.tables(),
-            content: Content::Scene(SceneFacts { grid_required: false, ..self.scene.clone() }),
-            grid: None,
+            content: Content::Scene(SceneFacts { occupancy_required: false, ..self.scene.clone() }),
+            occupancy: None,
             provenance: self.blob.provenance().clone(),
         })?;
         let rounded = Blob::open(&alone.bytes)?;
-        // Grid and whatever else the scene has stay.
+        // Occupancy grid and whatever else the scene has stay.
         let body = Body { architecture: architecture.clone(), weights: rounded.weights(), ..self.body() };
-        let (name, bytes, has_grid) = (name.to_owned(), written(&body)?, self.has_grid(0));
-        Ok(self.add(Variant { name, bytes, has_grid }))
+        let (name, bytes, has_occupancy) = (name.to_owned(), written(&body)?, self.has_occupancy(0));
+        Ok(self.add(Variant { name, bytes, has_occupancy }))
     }
 
-    fn with_grid(&self, cells: &LiveCells) -> Result<Vec<u8>, StudyError> {
-        let grid = Grid { resolution: cells.resolution(), bits: cells.bits() };
-        Ok(written(&Body { grid: Some(grid), ..self.body() })?)
+    fn with_occupancy(&self, cells: &LiveCells) -> Result<Vec<u8>, StudyError> {
+        let occupancy = StoredOccupancy { resolution: cells.resolution(), bits: cells.bits() };
+        Ok(written(&Body { occupancy: Some(occupancy), ..self.body() })?)
     }
 
     /// The blob without its front.
@@ -197,10 +197,10 @@ impl<'b> Lab<'b> {
         Body {
             architecture: self.blob.architecture().clone(),
             content: Content::Scene(self.scene.clone()),
-            grid: self
+            occupancy: self
                 .cells
                 .as_ref()
-                .map(|cells| Grid { resolution: cells.resolution(), bits: cells.bits() }),
+                .map(|cells| StoredOccupancy { resolution: cells.resolution(), bits: cells.bits() }),
             front: heapless::Vec::new(),
             proposal: self.blob.proposal().cloned(),
             provenance: self.blob.provenance().clone(),
@@ -312,12 +312,12 @@ impl Bench<'_, '_> {
     }
 }
 
-/// The skip grid of a blob, if it has one.
+/// The occupancy grid of a blob, if it has one.
 fn cells(blob: &Blob<'_>) -> Option<LiveCells> {
-    let (grid, bounds) = blob.grid().zip(blob.scene_box())?;
-    let count: u32 = grid.resolution().iter().map(|&side| u32::from(side)).product();
-    let live = (0..count).filter(|&cell| grid.bit(cell as usize));
-    Some(LiveCells::of(bounds, grid.resolution(), live))
+    let (occupancy, bounds) = blob.occupancy().zip(blob.scene_box())?;
+    let count: u32 = occupancy.resolution().iter().map(|&side| u32::from(side)).product();
+    let live = (0..count).filter(|&cell| occupancy.bit(cell as usize));
+    Some(LiveCells::of(bounds, occupancy.resolution(), live))
 }
 
 /// A body as a file.

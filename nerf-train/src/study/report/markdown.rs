@@ -49,7 +49,7 @@ impl Findings<'_, '_, '_> {
         ));
         line(format_args!(
             "## The front in the blob\n\nOver multiply-adds, which are the same on every machine, and without what a \
-             caller cannot ask a blob for (kernel, size, another grid). Points that lose more than {BLOB_LOSS_DB} dB are left out. Where there are \
+             caller cannot ask a blob for (kernel, size, another occupancy grid). Points that lose more than {BLOB_LOSS_DB} dB are left out. Where there are \
              more than {MAX_FRONT} points, the inner one that adds least goes, again and again: least is the area between it and the \
              staircase of its neighbours, dB times the logarithm of cost.\n\n{}",
             self.short_table(&self.blob_front).to_markdown().trim_end()
@@ -77,22 +77,26 @@ impl Findings<'_, '_, '_> {
         line(format_args!(
             "- *exact*: every sample inside the scene box{}, no cuts, polynomial encoding, f32 on {}. Against the \
              scalar oracle it differs by at most {:.1e} in a square of 16 pixels in the middle of {}.",
-            if study.lab.grid_required() { " and its grid, which is part of the model" } else { "" },
+            if study.lab.occupancy_required() {
+                " and its occupancy grid, which is part of the model"
+            } else {
+                ""
+            },
             study.points[0].settings.tier.name(),
             study.oracle_max,
             printable::markdown(&study.views[0].name)
         ));
         line(format_args!(
             "- *lost*: the exact rendering's PSNR against ground truth less the point's, means over the same views. \
-             Below 0 the shortcut is better, as a grid is that hides what the network makes of empty space. *to \
+             Below 0 the shortcut is better, as an occupancy grid is that hides what the network makes of empty space. *to \
              exact*, *max error* and *ray distance error* (mean, world units, where the exact picture is solid) are \
              against the exact rendering."
         ));
         line(format_args!(
             "- Times are {} for whole frames of {}. In each round all points are rendered \
              view by view in turned order; *s a view* is the median over the rounds, *times faster* the median of \
-             the ratios within a round. Slow points (no grid, or the scalar tier) are rendered on these views only; \
-             in a scene without a grid all points are.",
+             the ratios within a round. Slow points (no occupancy grid, or the scalar tier) are rendered on these views only; \
+             in a scene without an occupancy grid all points are.",
             if study.effort.clock == Clock::Cpu {
                 "CPU seconds of all cores together"
             } else {
@@ -118,8 +122,8 @@ impl Findings<'_, '_, '_> {
 fn why_none(knob: &str) -> &'static str {
     match knob {
         "weights" => "the f32 weights are not at hand (--source names their file)",
-        "skip grid" => "the scene has no grid, or it is part of the model",
-        "grid of" => "no other grid was asked for, or the network is empty",
+        "occupancy" => "the scene has no occupancy grid, or it is part of the model",
+        "occupancy of" => "no other occupancy grid was asked for, or the network is empty",
         _ => "there is no other value on this machine",
     }
 }

@@ -22,7 +22,7 @@ fn exported(
         parameters: &parameters,
         tables: &[],
         content: Content::Scene(settings.facts(false)),
-        grid: None,
+        occupancy: None,
         provenance: Provenance {
             data: "",
             made_by: "",

@@ -1,8 +1,8 @@
-//! Checkpoints and grids that are refused, and what is said of them.
+//! Checkpoints and occupancy grids that are refused, and what is said of them.
 
 use super::made::{Checkpoint, Shape, npy};
 use super::wide;
-use nerf_train::import::{Fault, Identity, ImportError, Settings, Tensors, grid, network};
+use nerf_train::import::{Fault, Identity, ImportError, Settings, Tensors, network, occupancy};
 use safetensors::Dtype;
 use std::path::Path;
 
@@ -197,19 +197,19 @@ fn files_that_are_no_network_are_refused() {
 }
 
 #[test]
-fn grids_are_read_x_slowest_and_refused_naming_the_fault() {
+fn occupancies_are_read_x_slowest_and_refused_naming_the_fault() {
     let folder = tempfile::tempdir().expect("a folder");
-    let file = folder.path().join("grid.npy");
+    let file = folder.path().join("occupancy.npy");
     let write = |dtype: &str, shape: &[usize], values: &[f64]| {
         std::fs::write(&file, npy(dtype, shape, values)).expect("written");
-        grid::read(&file, &wide())
+        occupancy::read(&file, &wide())
     };
     let mut values = vec![0.0; 24];
     // (1, 2, 3) of 2 × 3 × 4.
     values[(3 + 2) * 4 + 3] = 1.0;
     values[1] = 1.0;
     for dtype in ["|b1", "|u1", "<f4"] {
-        let cells = write(dtype, &[2, 3, 4], &values).expect("a grid");
+        let cells = write(dtype, &[2, 3, 4], &values).expect("an occupancy grid");
         assert_eq!(cells.resolution(), [2, 3, 4]);
         assert_eq!(cells.bits(), [2, 0, 128], "{dtype}");
         assert_eq!(cells.bounds().max.to_array(), [8.0; 3]);
@@ -222,12 +222,12 @@ fn grids_are_read_x_slowest_and_refused_naming_the_fault() {
         ("<f4", &[1, 1, 2], &vec![f64::NAN, 1.0], ["zeros and ones", "NaN at index 0"]),
         ("|b1", &[1, 1, 2], &vec![0.0, 0.0], ["one live cell", "none"]),
     ] {
-        let error = write(dtype, shape, values).expect_err("no grid");
-        assert_says(&error, &["grid.npy", words[0], words[1]]);
+        let error = write(dtype, shape, values).expect_err("no occupancy grid");
+        assert_says(&error, &["occupancy.npy", words[0], words[1]]);
     }
     std::fs::write(&file, &npy("|b1", &[2, 3, 4], &values)[..90]).expect("written");
-    assert_says(&grid::read(&file, &wide()).expect_err("cut"), &["grid.npy"]);
-    let missing = grid::read(Path::new("nowhere.npy"), &wide()).expect_err("missing");
+    assert_says(&occupancy::read(&file, &wide()).expect_err("cut"), &["occupancy.npy"]);
+    let missing = occupancy::read(Path::new("nowhere.npy"), &wide()).expect_err("missing");
     assert_says(&missing, &["nowhere.npy", "no such file"]);
 }
 
@@ -246,8 +246,8 @@ fn settings_out_of_range_name_their_flag() {
         ("coarse_samples", Settings { coarse_samples: Some(0), ..base() }),
         ("coarse_samples", Settings { coarse_samples: Some(4097), ..base() }),
         ("background", Settings { background: [0.0, 0.0, 1.5], ..base() }),
-        ("grid_resolution", Settings { grid_resolution: 513, ..base() }),
-        ("grid_threshold", Settings { grid_threshold: f32::NAN, ..base() }),
+        ("occupancy_resolution", Settings { occupancy_resolution: 513, ..base() }),
+        ("occupancy_threshold", Settings { occupancy_threshold: f32::NAN, ..base() }),
     ] {
         match wrong.check() {
             Err(ImportError::Setting { field: found, .. }) => assert_eq!(found, field),

@@ -49,7 +49,7 @@ fn ask(
         parameters: &parameters,
         tables: &[],
         content: Content::Scene(settings.facts(false)),
-        grid: None,
+        occupancy: None,
         provenance,
     });
     let bytes = exported.expect("a blob").bytes;

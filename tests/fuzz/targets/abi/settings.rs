@@ -16,7 +16,7 @@ pub fn options(u: &mut Unstructured<'_>) -> Result<ffi::RenderOptions> {
         |u: &mut Unstructured<'_>| if u.ratio(1, 32)? { u.arbitrary() } else { u.int_in_range(0..=1u32) };
     let mut o = ffi::RenderOptions {
         samples: *u.choose(&[4u32, 9, 16, 0, 1, 4097, u32::MAX])?,
-        ignore_grid: flag(u)?,
+        ignore_occupancy: flag(u)?,
         maths: u.int_in_range(0..=4)?,
         batch_rays: *u.choose(&[0u32, 1, 3, 17, 256, 257, u32::MAX])?,
         batch_samples: *u.choose(&[0u32, 1, 5, 64, 65])?,

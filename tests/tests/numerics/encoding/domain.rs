@@ -24,7 +24,7 @@ const FAR: [f32; 5] = [1e30, f32::MAX, f32::INFINITY, f32::NEG_INFINITY, f32::NA
 
 fn boxes() -> Vec<Row> {
     let mut worst = Worst::default();
-    let recipe = Recipe { grid: None, ..Recipe::TINY };
+    let recipe = Recipe { occupancy: None, ..Recipe::TINY };
     for scale in [AngleScale::Pi, AngleScale::One] {
         for levels in 0..=16u8 {
             let position = SinusoidalEncoding { inputs: 3, levels, scale, identity: true };

@@ -7,13 +7,13 @@ use nerf_tests::oracle::grid::Grid;
 use nerf_tests::oracle::network::f16;
 
 cases! {
-    learned_grid_of_sixteen_levels_dense_and_hashed: "error of a value, over what rounding position and sum may do to it" =>
+    grid_of_sixteen_levels_dense_and_hashed: "error of a value, over what rounding position and sum may do to it" =>
         || grid(3, 2, 10, &[4, 6, 9, 13, 16, 20, 27, 36, 48, 64, 90, 128, 180, 256, 360, 512]);
-    learned_grid_of_the_finest_levels: "error of a value, over what rounding position and sum may do to it" =>
+    grid_of_the_finest_levels: "error of a value, over what rounding position and sum may do to it" =>
         || grid(3, 4, 6, &[1, 4096, 16_384]);
-    learned_grid_of_one_feature: "error of a value, over what rounding position and sum may do to it" =>
+    grid_of_one_feature: "error of a value, over what rounding position and sum may do to it" =>
         || grid(3, 1, 12, &[1, 7, 15, 31]);
-    learned_grid_of_two_inputs: "error of a value, over what rounding position and sum may do to it" =>
+    grid_of_two_inputs: "error of a value, over what rounding position and sum may do to it" =>
         || grid(2, 2, 8, &[1, 5, 15, 40, 1000]);
     spherical_harmonics_of_every_direction: "absolute error of Y_l^m below degree 4" => harmonics;
 }

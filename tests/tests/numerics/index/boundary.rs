@@ -57,11 +57,11 @@ pub const BLOBS_AND_ABI: &[Hard] = &[
         &[(SHAPES, &["skips_are_a_flag_that_the_first_layer_has_not"])],
     ),
     hard(
-        "a grid of 2^20 cells a side",
+        "an occupancy grid of 2^20 cells a side",
         "typed error",
         &[
-            (SHAPES, &["grids_of_2_to_the_20_cells_a_side_are_refused_unmeasured"]),
-            (BLOB_TESTS, &["grids_that_do_not_fit_are_refused"]),
+            (SHAPES, &["occupancies_of_2_to_the_20_cells_a_side_are_refused_unmeasured"]),
+            (BLOB_TESTS, &["occupancies_that_do_not_fit_are_refused"]),
         ],
     ),
     hard("weights that are not finite", "named", &[(DAMAGE, &["weights_that_are_not_finite_are_named"])]),
@@ -74,13 +74,13 @@ pub const BLOBS_AND_ABI: &[Hard] = &[
         ],
     ),
     hard(
-        "sizes: parameters, grid, workspaces up to 2^24 rays",
+        "sizes: parameters, occupancy grid, workspaces up to 2^24 rays",
         "as in 128 bits",
         &[(
             SIZES,
             &[
                 "parameters_and_work_of_a_network_are_exact_and_fit_32_bits",
-                "bytes_of_a_grid_are_exact_or_as_many_as_can_be_counted",
+                "bytes_of_an_occupancy_are_exact_or_as_many_as_can_be_counted",
                 "lines_hold_their_values_and_saturate",
                 "saturated_sizes_can_be_added",
                 "workspaces_up_to_the_most_rays_are_those_of_few_times_as_many",

@@ -126,13 +126,16 @@ pub const GEOMETRY: &[Hard] = &[
         ],
     ),
     hard(
-        "the skip grid through corners, along faces, at 1e6: no cell missed, no endless walk",
+        "the occupancy grid through corners, along faces, at 1e6: no cell missed, no endless walk",
         "0 missed; 2 look-ups a bin",
         &[
             (N_WALK, &["bins_are_live_where_their_cell_is", "no_cell_is_missed", "every_walk_ends"]),
             (
                 SAMPLING_TESTS,
-                &["a_walk_meets_the_bins_that_asking_at_each_meets", "a_full_grid_is_the_closed_box"],
+                &[
+                    "a_walk_meets_the_bins_that_asking_at_each_meets",
+                    "a_full_occupancy_grid_is_the_closed_box",
+                ],
             ),
         ],
     ),

@@ -90,7 +90,7 @@ pub const FORMATS: &[Hard] = &[
                     "differences_of_infinite_psnrs_are_no_nan",
                 ],
             ),
-            (TRAINING_LAWS, &["a_perfect_picture_has_no_loss_and_needs_no_grid"]),
+            (TRAINING_LAWS, &["a_perfect_picture_has_no_loss_and_needs_no_occupancy"]),
             (SUMMARY, &["a_number_that_becomes_finite_loses_its_note"]),
         ],
     ),

@@ -1,6 +1,6 @@
 extern crate std;
 
-use crate::blob::{Blob, Grid};
+use crate::blob::{Blob, StoredOccupancy};
 use crate::camera::Camera;
 use crate::kernels::{BLOCK, Line, Tier};
 use crate::math::MathBackend;
@@ -156,7 +156,7 @@ fn every_batch_gives_the_normals_and_the_work_of_one_sample_at_a_time() {
     let a = every_kind();
     let (weights, _) = halve(&parameters(&a, 31));
     let bits = [0b1110_1011];
-    let bytes = bytes(&body(a.clone(), Some(Grid { resolution: [2; 3], bits: &bits }), &weights));
+    let bytes = bytes(&body(a.clone(), Some(StoredOccupancy { resolution: [2; 3], bits: &bits }), &weights));
     let blob = Blob::open(&bytes).unwrap();
     let camera = camera(9, 7);
     for tier in tiers() {

@@ -1,34 +1,34 @@
-//! The skip grid of an imported network: one it was trained with, or one asked of the network itself.
+//! The occupancy grid of an imported network: one it was trained with, or one asked of the network itself.
 
 use super::error::ImportError;
 use super::settings::Settings;
 use crate::dataset::npz::read_npy;
 use crate::occupancy::{Ask, LiveCells, Occupancy};
-use nerf_core::blob::MAX_GRID_SIDE;
+use nerf_core::blob::MAX_OCCUPANCY_RESOLUTION;
 use nerf_core::ray::SceneBox;
 use std::path::Path;
 
-/// Largest array that is read, bytes: the largest grid in f64.
+/// Largest array that is read, bytes: the largest occupancy grid in f64.
 const MAX_ARRAY_BYTES: u64 = 8 << 27;
 
 fn scene_box(settings: &Settings) -> SceneBox {
     SceneBox { min: settings.min().into(), max: settings.max().into() }
 }
 
-/// Reads a grid of the scene box: an array `[x, y, z]` of truths, or of zeros and ones, in a `.npy` file.
+/// Reads an occupancy grid of the scene box: an array `[x, y, z]` of truths, or of zeros and ones, in a `.npy` file.
 ///
 /// # Errors
 /// [`ImportError`] on a file that is no such array, a side beyond the format's, another number, and on a
-/// grid without any live cell.
+/// occupancy grid without any live cell.
 pub fn read(file: &Path, settings: &Settings) -> Result<LiveCells, ImportError> {
     let fail =
-        |expected: String, found: String| Err(ImportError::Grid { file: file.into(), expected, found });
+        |expected: String, found: String| Err(ImportError::Occupancy { file: file.into(), expected, found });
     let array = read_npy(file, MAX_ARRAY_BYTES)?;
     let sides = array.shape.iter().map(|&side| u16::try_from(side).ok());
     let sides: Option<Vec<u16>> =
-        sides.map(|side| side.filter(|s| (1..=MAX_GRID_SIDE).contains(s))).collect();
+        sides.map(|side| side.filter(|s| (1..=MAX_OCCUPANCY_RESOLUTION).contains(s))).collect();
     let Some([x, y, z]) = sides.as_deref() else {
-        let expected = format!("shape [x, y, z] with sides of 1 to {MAX_GRID_SIDE}");
+        let expected = format!("shape [x, y, z] with sides of 1 to {MAX_OCCUPANCY_RESOLUTION}");
         return fail(expected, format!("{:?}", array.shape));
     };
     let numbers = array.numbers().unwrap_or_default();
@@ -37,7 +37,7 @@ pub fn read(file: &Path, settings: &Settings) -> Result<LiveCells, ImportError> 
     }
     let live = numbers.iter().enumerate().filter(|&(_, &cell)| cell != 0.0).map(|(index, _)| index as u32);
     let cells = LiveCells::of(scene_box(settings), [*x, *y, *z], live);
-    if cells.grid().occupancy() == 0.0 {
+    if cells.lookup().occupied_share() == 0.0 {
         return fail("at least one live cell".into(), "none".into());
     }
     Ok(cells)
@@ -45,11 +45,11 @@ pub fn read(file: &Path, settings: &Settings) -> Result<LiveCells, ImportError> 
 
 /// Asks the network which cells hold something; `None` if none does.
 pub fn build(settings: &Settings, ask: &Ask<'_>) -> Option<LiveCells> {
-    asked(scene_box(settings), settings.grid_resolution, ask, settings.sigma_threshold())
+    asked(scene_box(settings), settings.occupancy_resolution, ask, settings.sigma_threshold())
 }
 
 /// The same for any box: `resolution` cells along its longest side, `sigma` in 1/world unit keeps a cell.
 pub fn asked(bounds: SceneBox, resolution: u16, ask: &Ask<'_>, sigma: f32) -> Option<LiveCells> {
     let cells = Occupancy::asked(bounds, resolution, ask, sigma).into_live();
-    (cells.grid().occupancy() > 0.0).then_some(cells)
+    (cells.lookup().occupied_share() > 0.0).then_some(cells)
 }

@@ -53,7 +53,7 @@ pub enum Mode {
 
 /// Lists of values around a base: an empty list keeps the base's value, a list of one value replaces it.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Grid {
+pub struct Combinations {
     /// What holds where a list is empty.
     pub base: Point,
     /// Values of [`Point::levels`].
@@ -68,24 +68,24 @@ pub struct Grid {
     pub mode: Mode,
 }
 
-/// A grid without points to compare.
+/// Lists without points to compare.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 #[non_exhaustive]
-pub enum GridError {
+pub enum CombinationsError {
     /// No list at all.
     #[error("nothing to sweep: expected a list for at least one of --levels, --layers, --width, --rate")]
     Empty,
 }
 
-impl Grid {
+impl Combinations {
     /// The points in order, each once.
     ///
     /// # Errors
-    /// [`GridError::Empty`] without any list.
-    pub fn points(&self) -> Result<Vec<Point>, GridError> {
+    /// [`CombinationsError::Empty`] without any list.
+    pub fn points(&self) -> Result<Vec<Point>, CombinationsError> {
         if self.levels.is_empty() && self.layers.is_empty() && self.widths.is_empty() && self.rates.is_empty()
         {
-            return Err(GridError::Empty);
+            return Err(CombinationsError::Empty);
         }
         let all = match self.mode {
             Mode::Full => self.full(),

@@ -1,4 +1,4 @@
-//! The skip grid: which cells of the scene box may hold something.
+//! The occupancy grid: which cells of the scene box may hold something.
 
 use super::Bins;
 use crate::math::gather::Indices;
@@ -8,15 +8,15 @@ use glam::Vec3;
 
 /// A borrowed bit per cell of the scene box, x slowest.
 #[derive(Clone, Copy, Debug)]
-pub struct SkipGrid<'a> {
+pub struct OccupancyGrid<'a> {
     bounds: SceneBox,
     cells_per_unit: Vec3,
     resolution: [u16; 3],
     bits: &'a [u8],
 }
 
-impl<'a> SkipGrid<'a> {
-    /// A grid of `resolution` cells over `bounds`; bit `(x * ny + y) * nz + z`, LSB first.
+impl<'a> OccupancyGrid<'a> {
+    /// An occupancy grid of `resolution` cells over `bounds`; bit `(x * ny + y) * nz + z`, LSB first.
     ///
     /// A cell without a bit counts as empty, and so does everything where `resolution` has a 0 or more cells
     /// than `u32` counts.
@@ -41,7 +41,7 @@ impl<'a> SkipGrid<'a> {
         self.cell_of(p).is_some_and(|cell| self.bit(self.index_of(cell)))
     }
 
-    /// [`SkipGrid::occupied`] of a vector of points, x, y, z: bit `i` of the point in lane `i`.
+    /// [`OccupancyGrid::occupied`] of a vector of points, x, y, z: bit `i` of the point in lane `i`.
     #[inline(always)]
     pub(crate) fn occupied_lanes<V: Lanes>(&self, points: [V; 3]) -> u32 {
         let (min, max) = (self.bounds.min.to_array(), self.bounds.max.to_array());
@@ -95,7 +95,7 @@ impl<'a> SkipGrid<'a> {
 
     /// The first bin of `from..end` whose middle lies in an occupied cell, or `end`.
     ///
-    /// Exactly the first for which [`SkipGrid::occupied`] says so, without asking at every bin: where
+    /// Exactly the first for which [`OccupancyGrid::occupied`] says so, without asking at every bin: where
     /// bins are smaller than cells the walk goes from cell to cell.
     ///
     /// # Source
@@ -108,7 +108,7 @@ impl<'a> SkipGrid<'a> {
         self.first_live_at(ray, bins, from, end, |bin| bins.at(bin, 0.5))
     }
 
-    /// As [`SkipGrid::first_live`] for samples that lie elsewhere in their bins: that of `bin` at `t(bin)`.
+    /// As [`OccupancyGrid::first_live`] for samples that lie elsewhere in their bins: that of `bin` at `t(bin)`.
     ///
     /// Exact as well: `t` must not fall from bin to bin, and the estimate of how many bins a cell has, off by
     /// one where samples lie anywhere, is never believed without a look.
@@ -147,7 +147,7 @@ impl<'a> SkipGrid<'a> {
     }
 
     /// A box around all occupied cells, a cell wider on every side, as far as the scene box goes; `None`
-    /// if there is none. Whatever [`SkipGrid::occupied`] says of a point outside it is `false`.
+    /// if there is none. Whatever [`OccupancyGrid::occupied`] says of a point outside it is `false`.
     pub fn occupied_box(&self) -> Option<SceneBox> {
         let [_, ny, nz] = self.resolution.map(usize::from);
         let (mut low, mut high) = ([usize::MAX; 3], [0; 3]);
@@ -178,7 +178,7 @@ impl<'a> SkipGrid<'a> {
     }
 
     /// Share of the cells that may hold something.
-    pub fn occupancy(&self) -> f32 {
+    pub fn occupied_share(&self) -> f32 {
         let cells: u64 = self.resolution.iter().map(|&side| u64::from(side)).product();
         let set: u32 = self.bits.iter().map(|byte| byte.count_ones()).sum();
         set as f32 / cells.max(1) as f32

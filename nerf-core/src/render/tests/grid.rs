@@ -32,7 +32,7 @@ struct Scene {
     tables: Vec<f32>,
 }
 
-fn scene(a: &Architecture, occupancy: Option<Grid<'_>>, tables: &[f32]) -> Scene {
+fn scene(a: &Architecture, occupancy: Option<StoredOccupancy<'_>>, tables: &[f32]) -> Scene {
     let (weights, parameters) = halve(&parameters(a, 7));
     let (bytes_of_tables, tables) = halve(tables);
     let body = Body { tables: stored(&bytes_of_tables), ..body(a.clone(), occupancy, &weights) };
@@ -131,7 +131,7 @@ fn entries_that_no_occupied_cell_reads_change_nothing() {
             }
         }
     }
-    let occupancy = || Some(Grid { resolution: [2; 3], bits: &[1] });
+    let occupancy = || Some(StoredOccupancy { resolution: [2; 3], bits: &[1] });
     let (clean, poisoned) = (scene(&a, occupancy(), &clean), scene(&a, occupancy(), &poisoned));
     for tier in tiers() {
         let [clean, poisoned] =

@@ -35,11 +35,11 @@ pub fn summarise(blob: &Blob<'_>, summary: &mut Summary) {
     let Some(grid) = blob.architecture().position.grid() else { return };
     let [coarsest, finest] = cells(grid);
     summary
-        .integer("learned_grid_levels", grid.resolutions.len() as u64)
-        .integer("learned_grid_features", u64::from(grid.features))
-        .integer("learned_grid_log2_entries", u64::from(grid.log2_entries))
-        .integer("learned_grid_coarsest_cells", u64::from(coarsest))
-        .integer("learned_grid_finest_cells", u64::from(finest))
-        .integer("learned_grid_values", grid.values() as u64)
-        .integer("learned_grid_bytes", table_bytes(blob) as u64);
+        .integer("grid_levels", grid.resolutions.len() as u64)
+        .integer("grid_features", u64::from(grid.features))
+        .integer("grid_log2_entries", u64::from(grid.log2_entries))
+        .integer("grid_coarsest_cells", u64::from(coarsest))
+        .integer("grid_finest_cells", u64::from(finest))
+        .integer("grid_values", grid.values() as u64)
+        .integer("grid_bytes", table_bytes(blob) as u64);
 }
