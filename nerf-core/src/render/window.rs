@@ -79,6 +79,16 @@ impl Op for LookUp<'_> {
             }
             live |= occupancy.occupied_lanes(points) << from;
         }
+        if live == 0 {
+            return 0;
+        }
+        // Rounding keeps order: what lies between two points of the box is in it.
+        let inside = |i: usize| occupancy.contains(ray.at(bins.at(first + i as u32, 0.5)));
+        if !(inside(0) && inside(WIDTH - 1)) {
+            for i in 0..WIDTH {
+                live &= !(u32::from(!inside(i)) << i);
+            }
+        }
         live
     }
 }

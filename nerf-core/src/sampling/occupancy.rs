@@ -41,35 +41,36 @@ impl<'a> OccupancyGrid<'a> {
         self.cell_of(p).is_some_and(|cell| self.bit(self.index_of(cell)))
     }
 
-    /// [`OccupancyGrid::occupied`] of a vector of points, x, y, z: bit `i` of the point in lane `i`.
+    /// [`OccupancyGrid::occupied`] of a vector of points of the box, x, y, z: bit `i` of the point in lane `i`.
     #[inline(always)]
     pub(crate) fn occupied_lanes<V: Lanes>(&self, points: [V; 3]) -> u32 {
-        let (min, max) = (self.bounds.min.to_array(), self.bounds.max.to_array());
-        let scale = self.cells_per_unit.to_array();
+        let (min, scale) = (self.bounds.min.to_array(), self.cells_per_unit.to_array());
         let (zero, one) = (V::splat(0.0), V::splat(1.0));
         let mut index = V::Indices::splat(0);
-        let mut inside = one;
         for axis in 0..3 {
-            let (p, low) = (points[axis], V::splat(min[axis]));
-            inside = V::select(p.less(low), zero, V::select(V::splat(max[axis]).less(p), zero, inside));
             let side = u32::from(self.resolution[axis]);
-            let at = p.sub(low).mul(V::splat(scale[axis]));
+            let at = points[axis].sub(V::splat(min[axis])).mul(V::splat(scale[axis]));
             let nearest = at.round_even();
             let floor = V::select(at.less(nearest), nearest.sub(one), nearest);
-            // As in `cell_of`; outside, where it does not count, some cell.
+            // As in `cell_of`.
             let cell = floor.min_of(V::splat(side.saturating_sub(1) as f32)).max_of(zero);
             index = index.mul(V::Indices::splat(side)).add(cell.to_indices());
         }
-        let mut lanes = [0.0; MAX_LANES];
-        inside.store(&mut lanes);
         let mut cells = [0; MAX_LANES];
         index.store(&mut cells);
         let mut live = 0;
-        for lane in 0..V::COUNT {
-            let byte = self.bits.get(cells[lane] as usize / 8).copied().unwrap_or(0);
-            live |= u32::from(byte >> (cells[lane] % 8) & u8::from(lanes[lane] > 0.0)) << lane;
+        for (lane, &cell) in cells.iter().enumerate().take(V::COUNT) {
+            if let Some(&byte) = self.bits.get(cell as usize / 8) {
+                live |= (u32::from(byte) >> (cell % 8) & 1) << lane;
+            }
         }
         live
+    }
+
+    /// Whether a point lies in the box.
+    #[inline(always)]
+    pub(crate) fn contains(&self, p: Vec3) -> bool {
+        self.bounds.contains(p)
     }
 
     /// Cell x, y, z of `p`; `None` outside the box.
