@@ -15,6 +15,8 @@ use serde::{Deserialize, Serialize};
 
 /// Samples a step may draw: some gigabytes of positions, where none is skipped; a first step may skip none.
 const MAX_STEP_SAMPLES: usize = 1 << 27;
+/// What the occupancy grid's resolution is chosen from, cells along the longest side of the scene box.
+const OCCUPANCY_RESOLUTIONS: [u16; 5] = [128, 96, 64, 48, 32];
 /// Values of the tables of a grid that is trained, half of what the format holds: a checkpoint, which has each value
 /// with two moments, then stays within what is read of one.
 const MAX_TABLE_VALUES: usize = 1 << 26;
@@ -191,7 +193,7 @@ pub enum Jitter {
 pub struct OccupancyConfig {
     /// Whether empty space is skipped in training.
     pub skip: bool,
-    /// Cells along the longest side of the scene box.
+    /// Cells along the longest side of the scene box; 0 for as many as suit the field's own size.
     pub resolution: u16,
     /// Whether a visual hull is carved where the pictures say what is empty.
     pub hull: bool,
@@ -250,7 +252,7 @@ impl Preset {
                 },
                 occupancy: OccupancyConfig {
                     skip: true,
-                    resolution: 128,
+                    resolution: 0,
                     hull: true,
                     every: 16,
                     cells: 8192,
@@ -448,7 +450,7 @@ impl Config {
             format!("{} rays of {} samples", s.rays, s.samples),
         )?;
         rule("sampling.live_samples", s.live_samples <= 10_000_000, "at most 10000000", s.live_samples)?;
-        rule("occupancy.resolution", (1..=512).contains(&g.resolution), "1 to 512", g.resolution)?;
+        rule("occupancy.resolution", (0..=512).contains(&g.resolution), "0 to 512", g.resolution)?;
         rule("occupancy.every", g.every > 0, "at least 1", g.every)?;
         rule(
             "occupancy.threshold",
@@ -493,6 +495,20 @@ impl Config {
     /// The network as it is trained, over a cube of side 1.
     pub fn model(&self) -> Model {
         self.model_of(Vec3::ONE)
+    }
+
+    /// Cells of the occupancy grid along the longest side of a box of this extent: what was asked for, or else the
+    /// most whose bits take no more than a third of the grid's tables.
+    pub fn occupancy_resolution(&self, extent: Vec3) -> u16 {
+        if self.occupancy.resolution > 0 {
+            return self.occupancy.resolution;
+        }
+        let Some(table) = &self.network.grid else { return OCCUPANCY_RESOLUTIONS[0] };
+        // A bit a cell, and two bytes a value.
+        let most = 16 * table.encoding(extent).values() / 3;
+        let sides = |resolution: u16| (extent / extent.max_element() * f32::from(resolution)).round();
+        let fits = |&resolution: &u16| sides(resolution).element_product() <= most as f32;
+        OCCUPANCY_RESOLUTIONS.into_iter().find(fits).unwrap_or(OCCUPANCY_RESOLUTIONS[4])
     }
 
     /// The network as it is trained, over a scene box of this extent.

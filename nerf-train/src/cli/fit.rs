@@ -144,7 +144,7 @@ struct Settings {
     /// Do not skip empty space in training.
     #[arg(long)]
     dense: bool,
-    /// Cells of the occupancy grid along the longest side of the scene box.
+    /// Cells of the occupancy grid along the longest side of the scene box; 0 for as many as suit the table
     #[arg(long, value_name = "N")]
     occupancy_resolution: Option<u16>,
     /// The scene box, world units.

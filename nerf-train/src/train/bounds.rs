@@ -42,11 +42,12 @@ pub(crate) fn find_bounds(
     let tight = || hull(wide, COARSE_HULL).and_then(|coarse| coarse.tight_box());
     let scene_box = if given.is_some() { wide } else { tight().unwrap_or(wide) };
     // A hull of half the resolution takes an eighth of the time; the network finds the rest by itself.
+    let resolution = config.occupancy_resolution(scene_box.max - scene_box.min);
     let carved = || match config.network.grid {
-        Some(_) => hull(scene_box, g.resolution.div_ceil(2)).map(|hull| hull.halved()),
-        None => hull(scene_box, g.resolution),
+        Some(_) => hull(scene_box, resolution.div_ceil(2)).map(|hull| hull.halved()),
+        None => hull(scene_box, resolution),
     };
-    let full = || Occupancy::full(scene_box, g.resolution);
+    let full = || Occupancy::full(scene_box, resolution);
     let occupancy = g.skip.then(|| carved().unwrap_or_else(full));
     Ok((Bounds { near, far, scene_box }, occupancy))
 }

@@ -41,7 +41,9 @@ impl Trainer<'_> {
     /// way its occupancy does as it is.
     pub fn candidate(&self, settle: bool) -> Candidate {
         let parameters = self.averaged_parameters();
-        let full = || Occupancy::full(self.bounds.scene_box, self.config.occupancy.resolution);
+        let scene_box = self.bounds.scene_box;
+        let resolution = self.config.occupancy_resolution(scene_box.max - scene_box.min);
+        let full = || Occupancy::full(scene_box, resolution);
         let mut occupancy = self.occupancy.clone().unwrap_or_else(full);
         let ask = Ask {
             tier: self.tier,

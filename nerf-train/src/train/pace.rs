@@ -5,7 +5,7 @@
 //! so that tests need no clock.
 
 /// Share of the time that validation on the way may take.
-pub const VALIDATION_SHARE: f64 = 0.10;
+pub const VALIDATION_SHARE: f64 = 0.05;
 /// Share of the time that the final evaluation over all validation views may take.
 pub const FINAL_SHARE: f64 = 0.10;
 /// Share of the time that each rendering for a question about the export may take: with and without view dependence,
