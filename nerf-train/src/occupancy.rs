@@ -321,7 +321,9 @@ impl Silhouette {
         for y in 0..height {
             let mut row = 0;
             for x in 0..width {
-                row += u32::from(is_foreground(view.pixels[y * width + x], background)?);
+                let index = y * width + x;
+                // What does not count may show anything.
+                row += u32::from(is_foreground(view.pixels[index], background)? || !view.counts(index));
                 sums[(y + 1) * (width + 1) + x + 1] = sums[y * (width + 1) + x + 1] + row;
             }
         }

@@ -15,13 +15,17 @@ mod blender;
 mod cs180;
 mod error;
 mod files;
+mod folders;
 mod found;
 mod geometry;
 mod nerfstudio;
 pub(crate) mod npz;
+mod photo;
 mod picture;
 mod pose;
 pub mod report;
+mod scale;
+mod split;
 mod tiny_nerf;
 mod transforms;
 mod view;
@@ -31,6 +35,7 @@ pub use error::DatasetError;
 pub use files::files;
 pub use geometry::{LookAt, SceneBounds, frusta_box, scene_bounds};
 pub use report::Report;
+pub use scale::Downscale;
 pub use view::{Background, View, over};
 pub use watch::Watch;
 
@@ -62,6 +67,10 @@ pub struct Dataset {
     pub far: Option<f32>,
     /// What is behind the scene.
     pub background: Background,
+    /// Points that are known to lie on surfaces, world units: a reconstruction's sparse ones, or none.
+    pub points: Vec<[f32; 3]>,
+    /// What was read and how, in sentences.
+    pub notes: Vec<String>,
     /// What was odd but could be read, in sentences.
     pub warnings: Vec<String>,
 }
@@ -167,11 +176,24 @@ pub struct ReadOptions {
     /// Whether pictures that a json names outside of its folder are read (`--outside-files`): by `..`, by an absolute
     /// path, or through a link that leads out.
     pub outside_files: bool,
+    /// How much smaller photographs are read than the size of their poses (`--downscale`); those of Blender folders only
+    /// where a factor is given.
+    pub downscale: Downscale,
+    /// Where no list says what is held out: which of every eight photographs, in the order of their names, is.
+    pub hold_offset: usize,
 }
 
 impl Default for ReadOptions {
     fn default() -> Self {
-        Self { axes: None, near: None, far: None, max_array_bytes: 4 << 30, outside_files: false }
+        Self {
+            axes: None,
+            near: None,
+            far: None,
+            max_array_bytes: 4 << 30,
+            outside_files: false,
+            downscale: Downscale::Auto,
+            hold_offset: 0,
+        }
     }
 }
 

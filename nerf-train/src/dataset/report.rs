@@ -6,7 +6,7 @@ use crate::printable::line;
 use glam::DVec3;
 use nerf_core::camera::Camera;
 use serde::Serialize;
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 
 /// A summary to print or to keep.
 #[derive(Clone, Debug, PartialEq, Serialize)]
@@ -40,6 +40,12 @@ pub struct Report {
     pub scene_box: Option<[[f32; 3]; 2]>,
     /// What is behind the scene.
     pub background: Background,
+    /// Sparse points that came with it.
+    pub points: usize,
+    /// Cameras that differ in their intrinsics or lens.
+    pub cameras: usize,
+    /// What was read and how.
+    pub notes: Vec<String>,
     /// The reader's warnings, then those of this report.
     pub warnings: Vec<String>,
 }
@@ -89,9 +95,18 @@ impl Report {
             far: bounds.map(|b| b.far).or(dataset.far),
             scene_box: bounds.map(|b| [b.scene_box.min.into(), b.scene_box.max.into()]),
             background: dataset.background,
+            points: dataset.points.len(),
+            cameras: distinct(&cameras),
+            notes: dataset.notes.clone(),
             warnings,
         }
     }
+}
+
+/// How many differ in their intrinsics or lens.
+fn distinct(cameras: &[Camera]) -> usize {
+    let key = |camera: &Camera| format!("{:?} {:?}", camera.intrinsics(), camera.lens());
+    cameras.iter().map(key).collect::<BTreeSet<_>>().len()
 }
 
 /// Says so where the cameras do not look at a common place, and what would mend it.
@@ -148,7 +163,8 @@ impl std::fmt::Display for Report {
         }
         let sizes: Vec<String> =
             self.sizes.iter().map(|s| format!("{}x{} ({})", s.width, s.height, s.count)).collect();
-        writeln!(f, "  pixels      {}", sizes.join(", "))?;
+        let cameras = if self.cameras > 1 { format!(", {} cameras", self.cameras) } else { String::new() };
+        writeln!(f, "  pixels      {}{cameras}", sizes.join(", "))?;
         let [low, high] = self.focal;
         match low == high {
             true => writeln!(f, "  focal       {low:.2} px")?,
@@ -167,6 +183,12 @@ impl std::fmt::Display for Report {
         writeln!(f, "  near, far   {}, {}", number(self.near), number(self.far))?;
         if let Some([min, max]) = self.scene_box {
             writeln!(f, "  box         {} .. {}", corner(min), corner(max))?;
+        }
+        if self.points > 0 {
+            writeln!(f, "  points      {}", self.points)?;
+        }
+        for note in &self.notes {
+            writeln!(f, "  note: {}", line(note))?;
         }
         for warning in &self.warnings {
             writeln!(f, "  warning: {}", line(warning))?;

@@ -188,6 +188,8 @@ pub fn fingerprint(data: &Dataset) -> u64 {
     }
     for view in &data.train {
         digest.update(view.pixels.as_flattened());
+        let mask = view.mask.iter().flatten().map(|&kept| u8::from(kept)).collect::<Vec<_>>();
+        digest.update(&mask);
     }
     digest.update(data.background.to_string().as_bytes());
     digest.finalize()
