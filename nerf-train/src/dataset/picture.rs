@@ -111,3 +111,9 @@ pub(super) fn locate(folder: &Path, file_path: &str) -> Option<PathBuf> {
         path.is_file().then_some(path)
     })
 }
+
+/// Whether a file's name ends as those of pictures do, also of such as are refused.
+pub(super) fn is_picture_name(path: &Path) -> bool {
+    let ending = path.extension().and_then(|ending| ending.to_str()).unwrap_or_default().to_ascii_lowercase();
+    ENDINGS.into_iter().chain(REFUSED_ENDINGS).any(|known| known == ending)
+}

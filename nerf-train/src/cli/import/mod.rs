@@ -214,6 +214,7 @@ impl Import {
             axes: guesses.axes,
             near: Some(settings.near),
             far: Some(settings.far),
+            layout: None,
             downscale: Downscale::Auto,
             outside_files: self.outside_files,
         };

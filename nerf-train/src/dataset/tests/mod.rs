@@ -1,7 +1,9 @@
 //! Every layout and every error, on small data sets made here; and the real data where present.
 
 mod geometry;
+mod llff;
 mod npz;
+mod photographs;
 mod pictures;
 mod real;
 mod transforms;
