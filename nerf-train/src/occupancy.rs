@@ -339,7 +339,7 @@ impl Silhouette {
             return None;
         }
         let i = self.camera.intrinsics();
-        let (u, v) = self.camera.lens().distort(local.x / z, -local.y / z);
+        let (u, v) = self.camera.lens().project(Vec3::new(local.x, -local.y, z))?;
         let (x, y) = (i.cx + i.fx * u, i.cy + i.fy * v);
         // The ball's outline, and a pixel for resampling.
         let reach = radius / (z - radius) * i.fx.max(i.fy) * (1.0 + u * u + v * v).sqrt() + 1.0;

@@ -8,7 +8,7 @@ use super::pose::{BOTTOM_ROW, angle_fault, bottom_row_fault};
 use super::{Axes, DatasetError, Downscale, ReadOptions, View, Watch};
 use crate::input::{MAX_JSON_BYTES, read_limited, without_mark};
 use nerf_core::camera::Pose;
-use nerf_core::lens::Lens;
+use nerf_core::lens::{Lens, Projection};
 use serde::Deserialize;
 use std::path::{Path, PathBuf};
 
@@ -62,14 +62,16 @@ struct CameraFields {
     k2: Option<f64>,
     k3: Option<f64>,
     k4: Option<f64>,
+    k5: Option<f64>,
+    k6: Option<f64>,
     p1: Option<f64>,
     p2: Option<f64>,
 }
 
-/// Models that the radial-tangential lens covers.
+/// Models whose coefficients are those of a polynomial, or none; with `is_fisheye` of a fisheye.
 const MODELS: &[&str] = &["OPENCV", "PINHOLE", "SIMPLE_PINHOLE", "SIMPLE_RADIAL", "RADIAL", "PERSPECTIVE"];
 
-/// Highest radial terms may be dropped where they move no point by more than this, pixels.
+/// The highest radial term may be dropped where it moves no point by more than this, pixels.
 const NEGLIGIBLE_SHIFT: f64 = 0.5;
 
 impl Transforms {
@@ -206,6 +208,8 @@ impl CameraFields {
             k2: self.k2.or(shared.k2),
             k3: self.k3.or(shared.k3),
             k4: self.k4.or(shared.k4),
+            k5: self.k5.or(shared.k5),
+            k6: self.k6.or(shared.k6),
             p1: self.p1.or(shared.p1),
             p2: self.p2.or(shared.p2),
         }
@@ -274,7 +278,6 @@ impl Place<'_> {
         (w, h): (f64, f64),
         notes: &mut Vec<String>,
     ) -> Result<Optics, DatasetError> {
-        self.check_model(fields)?;
         let from_angle = |field: &str, side: f64, angle: Option<f64>| match angle {
             Some(angle) => match angle_fault(angle) {
                 Some(found) => Err(self.value(field, "radians above 0 and below π", found)),
@@ -302,22 +305,26 @@ impl Place<'_> {
         Ok(Optics { width: w, height: h, fx, fy, cx, cy, lens })
     }
 
-    fn check_model(&self, fields: &CameraFields) -> Result<(), DatasetError> {
-        const EXPECTED: &str =
-            "a perspective camera (OPENCV, PINHOLE, SIMPLE_PINHOLE, SIMPLE_RADIAL, RADIAL)";
-        if fields.is_fisheye == Some(true) {
-            return Err(self.unsupported("is_fisheye", EXPECTED, "true".into()));
-        }
-        match &fields.camera_model {
-            Some(model) if !MODELS.iter().any(|known| known.eq_ignore_ascii_case(model)) => {
-                Err(self.unsupported("camera_model", EXPECTED, model.clone()))
-            }
-            _ => Ok(()),
+    /// Which lens the coefficients are of.
+    fn model(&self, fields: &CameraFields) -> Result<Model, DatasetError> {
+        const EXPECTED: &str = "OPENCV, PINHOLE, SIMPLE_PINHOLE, SIMPLE_RADIAL, RADIAL, FULL_OPENCV, OPENCV_FISHEYE, \
+                                RADIAL_FISHEYE or SIMPLE_RADIAL_FISHEYE";
+        let name = fields.camera_model.as_deref().unwrap_or("OPENCV").to_ascii_uppercase();
+        match name.as_str() {
+            "OPENCV_FISHEYE" | "RADIAL_FISHEYE" | "SIMPLE_RADIAL_FISHEYE" => Ok(Model::Fisheye),
+            "FULL_OPENCV" => Ok(Model::Rational),
+            name if MODELS.contains(&name) && fields.is_fisheye == Some(true) => Ok(Model::Fisheye),
+            name if MODELS.contains(&name) => Ok(Model::Polynomial),
+            _ => Err(self.unsupported(
+                "camera_model",
+                EXPECTED,
+                fields.camera_model.clone().unwrap_or_default(),
+            )),
         }
     }
 
-    /// k1, k2, p1, p2. The model has no k3 and k4: they are dropped, with a note, where they move
-    /// the farthest corner by at most half a pixel, and refused elsewhere.
+    /// The lens. Without a name k4 is of eighth order, as in nerfstudio, which no lens here has: it is dropped, with a
+    /// note, where it moves the farthest corner by at most half a pixel, and refused elsewhere.
     fn lens(
         &self,
         fields: &CameraFields,
@@ -325,26 +332,52 @@ impl Place<'_> {
         (fx, fy): (f64, f64),
         notes: &mut Vec<String>,
     ) -> Result<Lens, DatasetError> {
-        let [k1, k2, k3, k4, p1, p2] =
-            [fields.k1, fields.k2, fields.k3, fields.k4, fields.p1, fields.p2].map(Option::unwrap_or_default);
-        for (name, value) in [("k1", k1), ("k2", k2), ("k3", k3), ("k4", k4), ("p1", p1), ("p2", p2)] {
-            if !(value as f32).is_finite() {
-                return Err(self.value(name, "a finite number", value));
+        let named = [
+            ("k1", fields.k1),
+            ("k2", fields.k2),
+            ("k3", fields.k3),
+            ("k4", fields.k4),
+            ("k5", fields.k5),
+            ("k6", fields.k6),
+            ("p1", fields.p1),
+            ("p2", fields.p2),
+        ];
+        let [k1, k2, k3, k4, k5, k6, p1, p2] = named.map(|(_, value)| value.unwrap_or_default() as f32);
+        if let Some((name, Some(value))) =
+            named.into_iter().find(|(_, value)| value.is_some_and(|value| !(value as f32).is_finite()))
+        {
+            return Err(self.value(name, "a finite number", value));
+        }
+        let lens = Lens { k1, k2, p1, p2, k3, ..Lens::NONE };
+        match self.model(fields)? {
+            Model::Fisheye => Ok(Lens { k4, projection: Projection::Fisheye, ..lens }),
+            Model::Rational => Ok(Lens { k4, k5, k6, ..lens }),
+            Model::Polynomial if k4 == 0.0 => Ok(lens),
+            Model::Polynomial => {
+                let (cx, cy) = (fields.cx.unwrap_or(0.5 * w), fields.cy.unwrap_or(0.5 * h));
+                let (x, y) = (cx.abs().max((w - cx).abs()) / fx, cy.abs().max((h - cy).abs()) / fy);
+                let r2 = x * x + y * y;
+                let shift = fx.max(fy) * r2.sqrt() * f64::from(k4.abs()) * r2.powi(4);
+                if shift.is_nan() || shift > NEGLIGIBLE_SHIFT {
+                    let found = format!("k4 = {k4}, which moves a corner by {shift:.1} pixels");
+                    let expected =
+                        "none (or less than half a pixel of it; that of FULL_OPENCV needs the camera_model)";
+                    return Err(self.unsupported("k4", expected, found));
+                }
+                notes
+                    .push(format!("k4 is ignored: it moves no point by more than {NEGLIGIBLE_SHIFT} pixels"));
+                Ok(lens)
             }
         }
-        let (cx, cy) = (fields.cx.unwrap_or(0.5 * w), fields.cy.unwrap_or(0.5 * h));
-        let (x, y) = (cx.abs().max((w - cx).abs()) / fx, cy.abs().max((h - cy).abs()) / fy);
-        let r2 = x * x + y * y;
-        let shift = fx.max(fy) * r2.sqrt() * (k3.abs() * r2.powi(3) + k4.abs() * r2.powi(4));
-        if k3 != 0.0 || k4 != 0.0 {
-            if shift.is_nan() || shift > NEGLIGIBLE_SHIFT {
-                let found = format!("k3 = {k3}, k4 = {k4}, which move a corner by {shift:.1} pixels");
-                return Err(self.unsupported("k3, k4", "none (or less than half a pixel of them)", found));
-            }
-            notes.push(format!(
-                "k3 and k4 are ignored: they move no point by more than {NEGLIGIBLE_SHIFT} pixels"
-            ));
-        }
-        Ok(Lens { k1: k1 as f32, k2: k2 as f32, p1: p1 as f32, p2: p2 as f32 })
     }
+}
+
+/// What the coefficients of a json are of.
+enum Model {
+    /// A radial polynomial, and tangential terms.
+    Polynomial,
+    /// The same with a denominator.
+    Rational,
+    /// Angles.
+    Fisheye,
 }

@@ -125,7 +125,7 @@ fn cameras(file: &Path) -> Result<HashMap<u32, Camera>, DatasetError> {
         let id = i32::from_le_bytes(bytes.array(&field("model"))?);
         // How long the parameters of another are is not known.
         let kind = Kind::by_id(id)
-            .ok_or_else(|| bytes.value(&field("model"), "the number of a model, 0 to 16", id.to_string()))?;
+            .ok_or_else(|| bytes.value(&field("model"), "the number of a model, 0 to 17", id.to_string()))?;
         let (width, height) = (bytes.u64(&field("width"))?, bytes.u64(&field("height"))?);
         let mut parameters = Vec::new();
         for _ in 0..kind.parameters {

@@ -2,7 +2,7 @@
 
 use super::super::DatasetError;
 use super::super::photo::Optics;
-use nerf_core::lens::Lens;
+use nerf_core::lens::{Lens, Projection};
 use std::path::Path;
 
 /// A camera: model, size and parameters.
@@ -29,11 +29,11 @@ pub(super) struct Kind {
     lens: Option<fn(&[f64]) -> Lens>,
 }
 
-/// All models of COLMAP 3.13.
+/// All models of COLMAP 4.2.
 ///
 /// # Source
 /// `src/colmap/sensor/models.h`
-static KINDS: [Kind; 17] = {
+static KINDS: [Kind; 18] = {
     const fn kind(
         id: i32,
         name: &'static str,
@@ -49,29 +49,37 @@ static KINDS: [Kind; 17] = {
         kind(2, "SIMPLE_RADIAL", 4, false, Some(radial_tangential)),
         kind(3, "RADIAL", 5, false, Some(radial_tangential)),
         kind(4, "OPENCV", 8, true, Some(radial_tangential)),
-        kind(5, "OPENCV_FISHEYE", 8, true, None),
-        kind(6, "FULL_OPENCV", 12, true, None),
+        kind(5, "OPENCV_FISHEYE", 8, true, Some(fisheye)),
+        kind(6, "FULL_OPENCV", 12, true, Some(radial_tangential)),
         kind(7, "FOV", 5, true, None),
-        kind(8, "SIMPLE_RADIAL_FISHEYE", 4, false, None),
-        kind(9, "RADIAL_FISHEYE", 5, false, None),
+        kind(8, "SIMPLE_RADIAL_FISHEYE", 4, false, Some(fisheye)),
+        kind(9, "RADIAL_FISHEYE", 5, false, Some(fisheye)),
         kind(10, "THIN_PRISM_FISHEYE", 12, true, None),
         kind(11, "RAD_TAN_THIN_PRISM_FISHEYE", 16, true, None),
         kind(12, "SIMPLE_DIVISION", 4, false, None),
         kind(13, "DIVISION", 5, true, None),
-        kind(14, "SIMPLE_FISHEYE", 3, false, None),
-        kind(15, "FISHEYE", 4, true, None),
+        kind(14, "SIMPLE_FISHEYE", 3, false, Some(fisheye)),
+        kind(15, "FISHEYE", 4, true, Some(fisheye)),
         kind(16, "EUCM", 6, true, None),
+        kind(17, "EQUIRECTANGULAR", 2, true, None),
     ]
 };
 
 /// The models that are read, for messages.
-const EXPECTED: &str =
-    "a camera model that this build has: SIMPLE_PINHOLE, PINHOLE, SIMPLE_RADIAL, RADIAL, OPENCV";
+const EXPECTED: &str = "a camera model that there is a lens for: SIMPLE_PINHOLE, PINHOLE, SIMPLE_RADIAL, RADIAL, OPENCV, \
+                        FULL_OPENCV, OPENCV_FISHEYE, SIMPLE_RADIAL_FISHEYE, RADIAL_FISHEYE, SIMPLE_FISHEYE, FISHEYE";
 
-/// `k1 k2 p1 p2`, as many as there are.
+/// `k1 k2 p1 p2 k3 k4 k5 k6`, as many as there are.
 fn radial_tangential(parameters: &[f64]) -> Lens {
     let at = |i: usize| parameters.get(i).map_or(0.0, |&value| value as f32);
-    Lens { k1: at(0), k2: at(1), p1: at(2), p2: at(3) }
+    let [k1, k2, p1, p2, k3, k4, k5, k6] = std::array::from_fn(at);
+    Lens { k1, k2, p1, p2, k3, k4, k5, k6, projection: Projection::Perspective }
+}
+
+/// `k1 k2 k3 k4`, as many as there are.
+fn fisheye(parameters: &[f64]) -> Lens {
+    let at = |i: usize| parameters.get(i).map_or(0.0, |&value| value as f32);
+    Lens { k1: at(0), k2: at(1), k3: at(2), k4: at(3), projection: Projection::Fisheye, ..Lens::NONE }
 }
 
 impl Kind {

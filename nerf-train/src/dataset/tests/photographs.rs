@@ -3,6 +3,7 @@
 use super::*;
 use glam::Quat;
 use image::{Rgb, RgbImage};
+use nerf_core::lens::Projection;
 use tempfile::TempDir;
 
 /// Pixels of the photographs here.
@@ -177,7 +178,8 @@ fn colmap_models_are_read_binary_and_text_wherever_they_are() {
 
 #[test]
 fn the_lenses_of_colmap_are_the_cores() {
-    let cases: [(i32, &[f64], [f32; 3], Lens); 5] = [
+    let fisheye = Lens { projection: Projection::Fisheye, ..Lens::NONE };
+    let cases: [(i32, &[f64], [f32; 3], Lens); 8] = [
         (0, &[10.0, 4.0, 3.0], [10.0, 10.0, 4.0], Lens::NONE),
         (1, &[10.0, 11.0, 4.0, 3.0], [10.0, 11.0, 4.0], Lens::NONE),
         (2, &[10.0, 4.0, 3.0, 0.1], [10.0, 10.0, 4.0], Lens { k1: 0.1, ..Lens::NONE }),
@@ -186,8 +188,31 @@ fn the_lenses_of_colmap_are_the_cores() {
             4,
             &[10.0, 11.0, 4.0, 3.0, 0.1, 0.02, 0.001, -0.002],
             [10.0, 11.0, 4.0],
-            Lens { k1: 0.1, k2: 0.02, p1: 0.001, p2: -0.002 },
+            Lens { k1: 0.1, k2: 0.02, p1: 0.001, p2: -0.002, ..Lens::NONE },
         ),
+        (
+            5,
+            &[10.0, 11.0, 4.0, 3.0, 0.1, 0.02, 0.001, -0.002],
+            [10.0, 11.0, 4.0],
+            Lens { k1: 0.1, k2: 0.02, k3: 0.001, k4: -0.002, ..fisheye },
+        ),
+        (
+            6,
+            &[10.0, 11.0, 4.0, 3.0, 0.1, 0.02, 0.001, -0.002, 0.3, 0.4, 0.5, 0.6],
+            [10.0, 11.0, 4.0],
+            Lens {
+                k1: 0.1,
+                k2: 0.02,
+                p1: 0.001,
+                p2: -0.002,
+                k3: 0.3,
+                k4: 0.4,
+                k5: 0.5,
+                k6: 0.6,
+                ..Lens::NONE
+            },
+        ),
+        (9, &[10.0, 4.0, 3.0, 0.1, 0.02], [10.0, 10.0, 4.0], Lens { k1: 0.1, k2: 0.02, ..fisheye }),
     ];
     for (model, parameters, expected, lens) in cases {
         let mut made = Made::plain(3);
