@@ -252,6 +252,12 @@ pub fn read_watched(path: &Path, options: &ReadOptions, watch: &Watch) -> Result
             found: format!("near {}, far {}", shown(dataset.near), shown(dataset.far)),
         });
     }
+    let archive = matches!(dataset.format, Format::Cs180 | Format::TinyNerf);
+    if archive && !matches!(options.downscale, Downscale::Auto | Downscale::By(1)) {
+        dataset
+            .warnings
+            .push("--downscale changes nothing: the pictures of an .npz are read as they are".into());
+    }
     dataset.background = Background::of(&dataset.train);
     Ok(dataset)
 }

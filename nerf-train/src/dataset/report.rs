@@ -1,12 +1,13 @@
 //! What is in a data set, and what looks wrong with it.
 
 use super::geometry::bounds;
+use super::transforms::listed;
 use super::{Axes, Background, Dataset, Format, LookAt};
 use crate::printable::line;
 use glam::DVec3;
 use nerf_core::camera::Camera;
 use serde::Serialize;
-use std::collections::{BTreeMap, BTreeSet};
+use std::collections::{BTreeMap, BTreeSet, HashMap};
 
 /// A summary to print or to keep.
 #[derive(Clone, Debug, PartialEq, Serialize)]
@@ -76,6 +77,7 @@ impl Report {
         }
         let mut warnings = dataset.warnings.clone();
         warnings.extend(look_at.and_then(|look_at| axes_warning(&look_at, &cameras, dataset.axes)));
+        warnings.extend(one_place(dataset));
         if bounds.is_none() {
             warnings.push("the cameras do not tell where the scene is: give --near and --far".into());
         }
@@ -101,6 +103,22 @@ impl Report {
             warnings,
         }
     }
+}
+
+/// Names the views that were taken from exactly one place in one direction: a pose that is there twice.
+fn one_place(dataset: &Dataset) -> Option<String> {
+    let mut seen = HashMap::new();
+    let mut twins = Vec::new();
+    for view in [&dataset.train, &dataset.val, &dataset.test].into_iter().flatten() {
+        let pose =
+            view.camera.pose().to_rows().as_flattened().iter().map(|v| v.to_bits()).collect::<Vec<u32>>();
+        match seen.get(&pose) {
+            Some(first) => twins.push(format!("{} and {first}", view.name)),
+            None => drop(seen.insert(pose, view.name.as_str())),
+        }
+    }
+    let (count, names) = (twins.len(), listed(&twins));
+    (count > 0).then(|| format!("{count} views have the pose of another: {names}"))
 }
 
 /// How many differ in their intrinsics or lens.

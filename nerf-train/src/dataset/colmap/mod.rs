@@ -246,6 +246,16 @@ impl Reader<'_> {
         let images = &self.model.images;
         watch.expect(images.len());
         let fence = Fence::around(self.root, self.options)?;
+        let mut names: Vec<&str> = images.iter().map(|image| image.name.as_str()).collect();
+        names.sort_unstable();
+        if let Some(twice) = names.windows(2).find(|pair| pair[0] == pair[1]) {
+            return Err(DatasetError::Value {
+                file: self.file.into(),
+                field: format!("photograph `{}`", twice[0]),
+                expected: "one pose for each photograph".into(),
+                found: "two".into(),
+            });
+        }
         let source = Source { file: self.file, says: "the model" };
         let views = source
             .load_all(images.len(), watch, found, |index| self.view(&source, &fence, &images[index]))?;

@@ -372,3 +372,27 @@ fn numbers_that_are_none_are_named() {
         std::fs::write(&path, whole).expect("written");
     }
 }
+
+#[test]
+fn odd_sets_of_cameras_are_named() {
+    // One photograph twice; two poses that are one; three photographs; cameras that look away from each other.
+    let mut made = Made::plain(3);
+    made.images[2].0 = "0.jpg".into();
+    assert_names(&error_of(folder_of(&made).path()), &["images.bin", "photograph `0.jpg`", "one pose"]);
+    let folder = folder_of(&Made::plain(3));
+    let data = read_plain(folder.path()).expect("a model");
+    assert_eq!((data.train.len(), data.val.len()), (2, 1));
+    assert!(!Report::of(&data).warnings.join("").contains("pose of another"));
+    let path = folder.path().join("sparse/0/images.bin");
+    let mut bytes = std::fs::read(&path).expect("read");
+    let record = (bytes.len() - 8) / 3;
+    // Quaternion and translation, behind count and number.
+    bytes.copy_within(8 + 4..8 + 4 + 56, 8 + record + 4);
+    std::fs::write(&path, bytes).expect("written");
+    let twins = Report::of(&read_plain(folder.path()).expect("a model"));
+    assert_names(&twins.warnings.join("\n"), &["1 views have the pose of another", "0.jpg and 1.jpg"]);
+    let options = ReadOptions { axes: Some(Axes::Opengl), ..ReadOptions::default() };
+    let away = Report::of(&read(folder_of(&Made::plain(9)).path(), &options).expect("a model"));
+    assert_names(&away.warnings.join("\n"), &["look away from the point", "--axes opencv"]);
+    assert!(away.near.is_none());
+}
