@@ -280,6 +280,33 @@ typedef uint32_t nerf_kind;
 #endif // __cplusplus
 
 /**
+ * What the coefficients of a `nerf_camera`'s lens are of.
+ */
+enum nerf_lens_model
+#if defined(__cplusplus) || __STDC_VERSION__ >= 202311L
+  : uint32_t
+#endif // defined(__cplusplus) || __STDC_VERSION__ >= 202311L
+ {
+    /**
+     * A perspective camera: `k1 k2 p1 p2` are those of OpenCV and of COLMAP's OPENCV, all eight those of FULL_OPENCV,
+     * with `k4 k5 k6` in the denominator.
+     */
+    NERF_LENS_MODEL_RADIAL_TANGENTIAL = 0,
+    /**
+     * A fisheye, COLMAP's OPENCV_FISHEYE: an angle `t` off the axis is seen at `t (1 + k1 t^2 + k2 t^4 + k3 t^6 +
+     * k4 t^8)` focal lengths; `k5 k6 p1 p2` are 0.
+     */
+    NERF_LENS_MODEL_FISHEYE = 1,
+};
+#ifndef __cplusplus
+#if __STDC_VERSION__ >= 202311L
+typedef enum nerf_lens_model nerf_lens_model;
+#else
+typedef uint32_t nerf_lens_model;
+#endif // __STDC_VERSION__ >= 202311L
+#endif // __cplusplus
+
+/**
  * Who computes the elementary functions.
  */
 enum nerf_maths
@@ -664,9 +691,29 @@ typedef struct nerf_camera {
      */
     float c2w[12];
     /**
-     * Zeros.
+     * Radial distortion, sixth order; 0 for none.
      */
-    uint32_t reserved[6];
+    float k3;
+    /**
+     * Radial distortion: second order of the denominator, or eighth of a fisheye; 0 for none.
+     */
+    float k4;
+    /**
+     * Radial distortion, fourth order of the denominator; 0 for none.
+     */
+    float k5;
+    /**
+     * Radial distortion, sixth order of the denominator; 0 for none.
+     */
+    float k6;
+    /**
+     * A `nerf_lens_model`; 0 is a perspective camera.
+     */
+    uint32_t lens_model;
+    /**
+     * Zero.
+     */
+    uint32_t reserved;
 } nerf_camera;
 
 /**

@@ -25,7 +25,7 @@ fn cases() -> [(&'static str, Effects, Lens, Outputs); 8] {
         ("anti-aliasing", Effects { anti_aliasing: 4, ..none }, Lens::NONE, all),
         ("depth-of-field", Effects { depth_of_field: lens, ..none }, Lens::NONE, all),
         ("tone-map", Effects { tone, ..none }, Lens::NONE, all),
-        ("lens", none, Lens { k1: 0.02, k2: -0.01, p1: 0.001, p2: -0.002 }, all),
+        ("lens", none, Lens { k1: 0.02, k2: -0.01, p1: 0.001, p2: -0.002, ..Lens::NONE }, all),
         ("median", none, Lens::NONE, Outputs { median_distance: true, ..all }),
         ("normals", none, Lens::NONE, Outputs { normals: true, ..all }),
     ]

@@ -1,6 +1,6 @@
 //! From pixels to rays: intrinsics, lens and camera-to-world pose.
 
-use crate::lens::Lens;
+use crate::lens::{Lens, Projection};
 use crate::ray::Ray;
 use glam::{Mat3, Vec2, Vec3};
 
@@ -131,9 +131,18 @@ impl Camera {
                 return Err(CameraError::PrincipalPoint { name, value });
             }
         }
-        for (name, value) in [("k1", lens.k1), ("k2", lens.k2), ("p1", lens.p1), ("p2", lens.p2)] {
+        for (name, value) in lens.coefficients() {
             if !value.is_finite() {
                 return Err(CameraError::LensNotFinite { name, value });
+            }
+        }
+        if lens.projection == Projection::Fisheye {
+            let unused = lens
+                .coefficients()
+                .into_iter()
+                .filter(|(name, _)| matches!(*name, "p1" | "p2" | "k5" | "k6"));
+            if let Some((name, value)) = { unused }.find(|(_, value)| *value != 0.0) {
+                return Err(CameraError::LensNotOfFisheyes { name, value });
             }
         }
         let position_fits = pose.position.is_finite() && pose.position.abs().max_element() <= 1e9;
@@ -232,9 +241,9 @@ impl Camera {
         self.towards(self.lens.straighten(u, v))
     }
 
-    /// The ray through an ideal point, in normalised image coordinates.
-    fn towards(&self, (u, v): (f32, f32)) -> Ray {
-        let local = Vec3::new(u, -v, -1.0);
+    /// The ray along a direction of the camera: right, down, forward, of any length.
+    fn towards(&self, dir: Vec3) -> Ray {
+        let local = Vec3::new(dir.x, -dir.y, -dir.z);
         let dir = self.pose.rotation * local;
         Ray { origin: self.pose.position, dir: dir.normalize() }
     }
@@ -245,6 +254,18 @@ impl Camera {
         let (u, v) = self.normalised(x, y);
         let ray = self.towards(self.lens.invert(u, v, true)?);
         ray.dir.is_normalized().then_some(ray)
+    }
+
+    /// Where a point of the world is seen, in pixels, within the image or beyond; `None` where it is at the camera or, but
+    /// for fisheyes, behind it.
+    pub fn project(&self, point: Vec3) -> Option<(f32, f32)> {
+        let local = self.pose.rotation.transpose() * (point - self.pose.position);
+        if local == Vec3::ZERO {
+            return None;
+        }
+        let (u, v) = self.lens.project(Vec3::new(local.x, -local.y, -local.z))?;
+        let i = &self.intrinsics;
+        Some((i.cx + i.fx * u, i.cy + i.fy * v))
     }
 
     /// One pixel for each `right` by `down` of them, as an image of its own, seen through their middles; at
@@ -315,7 +336,14 @@ pub enum CameraError {
     },
     /// A coefficient of the lens is no finite number.
     LensNotFinite {
-        /// `k1`, `k2`, `p1` or `p2`.
+        /// `k1` to `k6`, `p1` or `p2`.
+        name: &'static str,
+        /// The value that was given.
+        value: f32,
+    },
+    /// A coefficient that a fisheye does not have is not 0.
+    LensNotOfFisheyes {
+        /// `p1`, `p2`, `k5` or `k6`.
         name: &'static str,
         /// The value that was given.
         value: f32,
@@ -367,6 +395,9 @@ impl core::fmt::Display for CameraError {
             ),
             Self::LensNotFinite { name, value } => {
                 write!(f, "lens {name}: expected a finite number, found {value}")
+            }
+            Self::LensNotOfFisheyes { name, value } => {
+                write!(f, "lens {name}: expected 0 in a fisheye, found {value}")
             }
             Self::LensNotInvertible { x, y } => {
                 write!(

@@ -7,7 +7,19 @@ use crate::status::Status;
 use core::ffi::c_char;
 use glam::Vec3;
 use nerf_core::camera::{self, Intrinsics, Pose};
-use nerf_core::lens::Lens;
+use nerf_core::lens::{Lens, Projection};
+
+/// What the coefficients of a `nerf_camera`'s lens are of.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[repr(u32)]
+pub enum LensModel {
+    /// A perspective camera: `k1 k2 p1 p2` are those of OpenCV and of COLMAP's OPENCV, all eight those of FULL_OPENCV,
+    /// with `k4 k5 k6` in the denominator.
+    RadialTangential = 0,
+    /// A fisheye, COLMAP's OPENCV_FISHEYE: an angle `t` off the axis is seen at `t (1 + k1 t^2 + k2 t^4 + k3 t^6 +
+    /// k4 t^8)` focal lengths; `k5 k6 p1 p2` are 0.
+    Fisheye = 1,
+}
 
 /// A pinhole camera with an optional lens; looks down −Z, +Y is up, +X right, as in OpenGL.
 ///
@@ -40,8 +52,18 @@ pub struct Camera {
     /// Camera-to-world, the upper three rows of the 4x4 matrix, row-major: a rotation (columns
     /// right, up, backward) and in `c2w[3]`, `c2w[7]`, `c2w[11]` the camera's centre.
     pub c2w: [f32; 12],
-    /// Zeros.
-    pub reserved: [u32; 6],
+    /// Radial distortion, sixth order; 0 for none.
+    pub k3: f32,
+    /// Radial distortion: second order of the denominator, or eighth of a fisheye; 0 for none.
+    pub k4: f32,
+    /// Radial distortion, fourth order of the denominator; 0 for none.
+    pub k5: f32,
+    /// Radial distortion, sixth order of the denominator; 0 for none.
+    pub k6: f32,
+    /// A `nerf_lens_model`; 0 is a perspective camera.
+    pub lens_model: u32,
+    /// Zero.
+    pub reserved: u32,
 }
 
 // SAFETY: `repr(C)`, `struct_size` comes first, and numbers have no invalid bytes.
@@ -57,14 +79,26 @@ impl Camera {
     pub(crate) unsafe fn read(at: *const Self) -> Result<camera::Camera, Failure> {
         // SAFETY: the caller's promise.
         let c = unsafe { read_versioned(at)? };
-        if c.reserved != [0; 6] {
+        if c.reserved != 0 {
             return Err(Failure::Reserved("camera.reserved"));
         }
-        let Self { width, height, fx, fy, cx, cy, k1, k2, p1, p2, .. } = c;
+        let projection = match c.lens_model {
+            x if x == LensModel::RadialTangential as u32 => Projection::Perspective,
+            x if x == LensModel::Fisheye as u32 => Projection::Fisheye,
+            found => {
+                return Err(Failure::Setting {
+                    name: "camera.lens_model",
+                    expected: "a nerf_lens_model",
+                    found,
+                });
+            }
+        };
+        let Self { width, height, fx, fy, cx, cy, k1, k2, p1, p2, k3, k4, k5, k6, .. } = c;
         let row = |i: usize| core::array::from_fn(|j| c.c2w[4 * i + j]);
         let pose = Pose::from_rows([row(0), row(1), row(2)]);
         let intrinsics = Intrinsics { width, height, fx, fy, cx, cy };
-        camera::Camera::new(intrinsics, Lens { k1, k2, p1, p2 }, pose).map_err(Failure::Camera)
+        let lens = Lens { k1, k2, p1, p2, k3, k4, k5, k6, projection };
+        camera::Camera::new(intrinsics, lens, pose).map_err(Failure::Camera)
     }
 }
 

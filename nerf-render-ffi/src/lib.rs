@@ -57,7 +57,7 @@ mod quality;
 
 mod explain;
 
-pub use camera::{Camera, nerf_camera_look_at, nerf_camera_ray};
+pub use camera::{Camera, LensModel, nerf_camera_look_at, nerf_camera_ray};
 pub use counters::Counters;
 pub use effects::{Effects, ToneMap};
 pub use explain::nerf_explain;

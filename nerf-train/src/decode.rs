@@ -10,6 +10,9 @@ use zune_jpeg::zune_core::options::DecoderOptions;
 /// Most pixels of a picture, 16,384 × 16,384: a few bytes of header may ask for any number.
 const MOST_PIXELS: u64 = 1 << 28;
 
+/// What to do with the pictures of telephones that are not decoded.
+pub(crate) const HEIF_ADVICE: &str = "turn them into JPEG first, with `heif-convert a.heic a.jpg` (libheif) or `magick mogrify -format jpg *.heic`";
+
 /// A picture file that cannot be decoded.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
@@ -25,6 +28,14 @@ pub enum DecodeError {
     /// Its content is none of the formats that are read.
     #[error("{file}: expected a PNG, JPEG, WebP, TIFF, BMP or GIF picture, found another kind of file")]
     Format {
+        /// The file.
+        file: PathBuf,
+    },
+    /// It is an HEIF or AVIF picture, which is not decoded here.
+    #[error(
+        "{file}: expected a PNG, JPEG, WebP, TIFF, BMP or GIF picture, found HEIF (HEIC) or AVIF; {HEIF_ADVICE}"
+    )]
+    Heif {
         /// The file.
         file: PathBuf,
     },
@@ -49,6 +60,9 @@ pub fn decode(file: &Path) -> Result<(DynamicImage, Orientation), DecodeError> {
     let bytes = read_limited(file, MAX_PICTURE_BYTES)
         .map_err(|source| DecodeError::Read { file: file.into(), source })?;
     let damaged = |found: String| DecodeError::Damaged { file: file.into(), found };
+    if is_heif(&bytes) {
+        return Err(DecodeError::Heif { file: file.into() });
+    }
     let format = image::guess_format(&bytes).map_err(|_| DecodeError::Format { file: file.into() })?;
     if !format.reading_enabled() {
         return Err(DecodeError::Format { file: file.into() });
@@ -70,6 +84,14 @@ pub fn decode(file: &Path) -> Result<(DynamicImage, Orientation), DecodeError> {
         Ok((DynamicImage::from_decoder(decoder).map_err(text)?, orientation))
     };
     picture(&bytes).map_err(damaged)
+}
+
+/// Whether a file begins as those of the HEIF family do: a box `ftyp` of one of their brands.
+fn is_heif(bytes: &[u8]) -> bool {
+    const BRANDS: [&[u8; 4]; 10] =
+        [b"heic", b"heix", b"heim", b"heis", b"hevc", b"hevx", b"mif1", b"msf1", b"avif", b"avis"];
+    bytes.get(4..8) == Some(b"ftyp")
+        && bytes.get(8..12).is_some_and(|brand| BRANDS.iter().any(|b| *b == brand))
 }
 
 /// Decodes a JPEG once more, strictly.

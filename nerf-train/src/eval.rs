@@ -2,7 +2,7 @@
 
 use crate::dataset::View;
 use crate::frame::{self, Frame};
-use crate::report::metrics::{psnr_db, ssim};
+use crate::report::metrics::{psnr_db, ssim_of};
 use nerf_core::blob::{Blob, BlobError};
 use nerf_core::encoding::{GridEncoding, GridTables, TableValues};
 use nerf_core::kernels::{Line, Tier};
@@ -52,7 +52,7 @@ fn mean(values: impl ExactSizeIterator<Item = f64>) -> Option<f64> {
     (n > 0).then(|| values.sum::<f64>() / n as f64)
 }
 
-/// Renders every view over `background` and compares it with its picture over the same.
+/// Renders every view over `background` and compares it with its picture over the same, where its pixels count.
 ///
 /// `each` sees every view with its frame and truth, in order.
 ///
@@ -71,8 +71,8 @@ pub fn evaluate<'v>(
         let truth = view.composite_over(background);
         let score = ViewScore {
             view: view.name.clone(),
-            psnr_db: psnr_db(&frame.rgb, &truth),
-            ssim: ssim(&frame.rgb, &truth, frame.width, frame.height),
+            psnr_db: psnr_db(&view.counted(&frame.rgb), &view.counted(&truth)),
+            ssim: ssim_of(&frame.rgb, &truth, frame.width, frame.height, view.mask.as_deref()),
         };
         each(view, &frame, &truth, &score);
         scores.counters += frame.counters;

@@ -322,7 +322,9 @@ impl Silhouette {
         for y in 0..height {
             let mut row = 0;
             for x in 0..width {
-                row += u32::from(is_foreground(view.pixels[y * width + x], background)?);
+                let index = y * width + x;
+                // What does not count may show anything.
+                row += u32::from(is_foreground(view.pixels[index], background)? || !view.counts(index));
                 sums[(y + 1) * (width + 1) + x + 1] = sums[y * (width + 1) + x + 1] + row;
             }
         }
@@ -338,7 +340,7 @@ impl Silhouette {
             return None;
         }
         let i = self.camera.intrinsics();
-        let (u, v) = self.camera.lens().distort(local.x / z, -local.y / z);
+        let (u, v) = self.camera.lens().project(Vec3::new(local.x, -local.y, z))?;
         let (x, y) = (i.cx + i.fx * u, i.cy + i.fy * v);
         // The ball's outline, and a pixel for resampling.
         let reach = radius / (z - radius) * i.fx.max(i.fy) * (1.0 + u * u + v * v).sqrt() + 1.0;

@@ -24,8 +24,10 @@ pub struct RayBank<'d> {
     views: &'d [View],
     /// First pixel of each view in the numbering over all views, and the end.
     starts: Vec<u64>,
-    /// Pixels near the foreground, where the pictures tell it; all pixels otherwise.
-    near_foreground: Option<Vec<u32>>,
+    /// Pixels that may be drawn: near the foreground, where the pictures tell it, and not masked. `None`: all.
+    drawn: Option<Vec<u32>>,
+    /// Of each view with a mask, the pixels that count, where views are drawn before their pixels; else empty.
+    unmasked: Vec<Option<Vec<u32>>>,
     background: Background,
     bins: Bins,
     bounds: SceneBox,
@@ -71,11 +73,17 @@ impl<'d> RayBank<'d> {
             } else {
                 None
             };
+        let drawn = near_foreground.or_else(|| counting(views, &starts));
+        let unmasked = match config.sampling.images {
+            0 => Vec::new(),
+            _ => views.iter().map(|view| counting(std::slice::from_ref(view), &[0])).collect(),
+        };
         let Bounds { near, far, scene_box } = bounds;
         Ok(Self {
             views,
             starts,
-            near_foreground,
+            drawn,
+            unmasked,
             background,
             bins: Bins::new(near, far, u32::from(config.sampling.samples))?,
             bounds: scene_box,
@@ -90,7 +98,7 @@ impl<'d> RayBank<'d> {
 
     /// Pixels that may be drawn.
     pub fn pixels(&self) -> u64 {
-        self.near_foreground.as_ref().map_or(self.starts[self.views.len()], |pixels| pixels.len() as u64)
+        self.drawn.as_ref().map_or(self.starts[self.views.len()], |pixels| pixels.len() as u64)
     }
 
     /// Fills `batch` with the rays of `step`: `rays` of them, or as many as bring `live` samples.
@@ -206,9 +214,12 @@ impl<'d> RayBank<'d> {
             let group = index / (rays.div_ceil(self.images) as u64);
             let chosen = uniform_u32(self.seed, Purpose::Image, step, group);
             let view = scale(chosen, self.views.len() as u64) as usize;
-            return (view, scale(bits, self.views[view].pixels.len() as u64) as usize);
+            return match &self.unmasked[view] {
+                Some(pixels) => (view, pixels[scale(bits, pixels.len() as u64) as usize] as usize),
+                None => (view, scale(bits, self.views[view].pixels.len() as u64) as usize),
+            };
         }
-        match &self.near_foreground {
+        match &self.drawn {
             Some(pixels) => self.locate(u64::from(pixels[scale(bits, pixels.len() as u64) as usize])),
             None => self.locate(scale(bits, self.starts[self.views.len()])),
         }
@@ -289,17 +300,32 @@ fn near_foreground(views: &[View], starts: &[u64], background: Background) -> Op
         for &pixel in &view.pixels {
             mask.push(is_foreground(pixel, background)?);
         }
+        if let Some(kept) = &view.mask {
+            mask.iter_mut().zip(kept).for_each(|(mask, kept)| *mask &= kept);
+        }
         let spread = |mask: &[bool], stride: usize, length: usize, at: usize, line: usize| {
             let from = at.saturating_sub(FOREGROUND_MARGIN);
             (from..(at + FOREGROUND_MARGIN + 1).min(length)).any(|i| mask[line + i * stride])
         };
         let rows: Vec<bool> =
             (0..mask.len()).map(|i| spread(&mask, 1, width, i % width, i / width * width)).collect();
-        let near = (0..mask.len()).filter(|&i| spread(&rows, width, height, i / width, i % width));
+        let near = |i: &usize| spread(&rows, width, height, i / width, i % width) && view.counts(*i);
+        let near = (0..mask.len()).filter(near);
         Some(near.map(|i| (start + i as u64) as u32).collect())
     };
     let parts: Option<Vec<Vec<u32>>> = views.par_iter().zip(starts).map(of_view).collect();
     Some(parts?.concat())
+}
+
+/// Pixels that count, in the numbering over all views; `None` where all do. At least one of each view does, and there
+/// are at most 2^32 where some do not (`dataset`).
+fn counting(views: &[View], starts: &[u64]) -> Option<Vec<u32>> {
+    views.iter().any(|view| view.mask.is_some()).then_some(())?;
+    let of_view = |(view, &start): (&View, &u64)| {
+        let kept = (0..view.pixels.len()).filter(|&i| view.counts(i));
+        kept.map(|i| (start + i as u64) as u32).collect::<Vec<_>>()
+    };
+    Some(views.iter().zip(starts).flat_map(of_view).collect())
 }
 
 #[cfg(test)]

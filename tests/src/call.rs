@@ -3,6 +3,7 @@
 use crate::memory::Guarded;
 use nerf_core::camera;
 use nerf_core::kernels::Tier;
+use nerf_core::lens::Projection;
 use nerf_render as ffi;
 use std::ffi::{CStr, c_char, c_void};
 use std::ptr;
@@ -89,8 +90,13 @@ pub fn camera(camera: &camera::Camera) -> ffi::Camera {
         k2: lens.k2,
         p1: lens.p1,
         p2: lens.p2,
+        k3: lens.k3,
+        k4: lens.k4,
+        k5: lens.k5,
+        k6: lens.k6,
+        lens_model: u32::from(lens.projection == Projection::Fisheye),
         c2w: std::array::from_fn(|k| rows[k / 4][k % 4]),
-        reserved: [0; 6],
+        reserved: 0,
     }
 }
 

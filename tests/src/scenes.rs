@@ -253,7 +253,7 @@ pub fn f16_bits(x: f32) -> u16 {
 /// A camera of this size that sees the whole scene, from a corner, with a little lens.
 pub fn camera(width: u32, height: u32) -> Camera {
     let pose = Pose::look_at([1.5, 1.2, 3.4].into(), [0.0, 0.0, 0.1].into(), [0.0, 1.0, 0.0].into());
-    let lens = Lens { k1: 0.02, k2: -0.01, p1: 0.001, p2: -0.002 };
+    let lens = Lens { k1: 0.02, k2: -0.01, p1: 0.001, p2: -0.002, ..Lens::NONE };
     let intrinsics = Intrinsics::centred(width, height, 1.2 * width as f32);
     Camera::new(intrinsics, lens, pose.expect("a pose")).expect("a camera")
 }

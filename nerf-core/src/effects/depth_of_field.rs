@@ -46,7 +46,12 @@ pub(crate) fn through_lens(
 fn lens_ray(lens: &ThinLens, pose: &Pose, pinhole: &Ray, at: (f32, f32)) -> Ray {
     let offset = pose.rotation * (Vec3::new(at.0, at.1, 0.0) * lens.aperture_radius);
     // From the camera's centre: far from the world's origin nothing is lost.
-    let focus = pinhole.dir * (lens.focus_distance / pinhole.dir.dot(pose.forward()));
+    let cosine = pinhole.dir.dot(pose.forward());
+    // A fisheye sees beside and behind itself, where no plane of focus is.
+    if cosine <= 0.0 {
+        return *pinhole;
+    }
+    let focus = pinhole.dir * (lens.focus_distance / cosine);
     Ray { origin: pinhole.origin + offset, dir: (focus - offset).normalize() }
 }
 

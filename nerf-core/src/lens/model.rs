@@ -1,10 +1,10 @@
 //! The lens model.
 
-use super::Lens;
-use glam::Vec2;
+use super::{Lens, Projection};
+use glam::{Vec2, Vec3};
 
 /// The model folds over where its slope, or its Jacobian's determinant, is no more than this.
-const FOLD: f32 = 1e-3;
+pub(super) const FOLD: f32 = 1e-3;
 /// Where the slope falls to no more than this and rises again, Newton's method may leap over what is between
 /// (measured: up to 0.01).
 const TURN: f32 = 2e-2;
@@ -13,10 +13,22 @@ impl Lens {
     /// Whether this build has lens distortion.
     pub(crate) const BUILT: bool = true;
 
+    /// Where a direction (right, down, forward; of any length but 0) is seen; `None` where no perspective lens sees, at and
+    /// behind the camera.
+    pub fn project(&self, dir: Vec3) -> Option<(f32, f32)> {
+        match self.projection {
+            Projection::Fisheye => Some(self.fisheye_seen(dir)),
+            Projection::Perspective => (dir.z > 0.0).then(|| self.distort(dir.x / dir.z, dir.y / dir.z)),
+        }
+    }
+
     /// Where the ideal point `(x, y)` is seen.
     pub fn distort(&self, x: f32, y: f32) -> (f32, f32) {
+        if self.projection == Projection::Fisheye {
+            return self.fisheye_seen(Vec3::new(x, y, 1.0));
+        }
         let r2 = x * x + y * y;
-        let radial = 1.0 + r2 * (self.k1 + r2 * self.k2);
+        let (radial, _) = self.radial(r2);
         (
             x * radial + 2.0 * self.p1 * x * y + self.p2 * (r2 + 2.0 * x * x),
             y * radial + self.p1 * (r2 + 2.0 * y * y) + 2.0 * self.p2 * x * y,
@@ -36,10 +48,20 @@ impl Lens {
     /// 20 steps reach every point that is seen at up to 10 times its own radius. Elsewhere only the answer
     /// tells; [`Camera::new`](crate::camera::Camera::new) asks on a lattice over the image, unless the lens is too
     /// gentle to fail there.
+    ///
+    /// With `k3 k4 k5 k6` a step that does not lessen the residual, or passes the fold, is halved. A fisheye's point is
+    /// that of [`Lens::direction`], as far as it lies in front of the camera.
     #[inline(never)]
     pub fn undistort(&self, xd: f32, yd: f32) -> Option<(f32, f32)> {
         if *self == Self::NONE {
             return Some((xd, yd));
+        }
+        if self.projection == Projection::Fisheye {
+            let dir = self.fisheye_direction(xd, yd)?;
+            return (dir.z > 0.0).then(|| (dir.x / dir.z, dir.y / dir.z));
+        }
+        if self.is_rational() {
+            return self.undistort_damped(xd, yd);
         }
         let (mut x, mut y) = (xd, yd);
         for _ in 0..20 {
@@ -61,6 +83,72 @@ impl Lens {
         None
     }
 
+    /// The direction (right, down, forward) that is seen at `(xd, yd)`, of any length; `None` as [`Lens::undistort`].
+    pub fn direction(&self, xd: f32, yd: f32) -> Option<Vec3> {
+        match self.projection {
+            Projection::Fisheye => self.fisheye_direction(xd, yd),
+            Projection::Perspective => self.undistort(xd, yd).map(|(x, y)| Vec3::new(x, y, 1.0)),
+        }
+    }
+
+    /// Whether the radial part is more than a polynomial of fourth order.
+    fn is_rational(&self) -> bool {
+        [self.k3, self.k4, self.k5, self.k6] != [0.0; 4]
+    }
+
+    /// Newton's method with halved steps, for lenses that plain steps leave.
+    fn undistort_damped(&self, xd: f32, yd: f32) -> Option<(f32, f32)> {
+        let seen = Vec2::new(xd, yd);
+        let residual = |p: Vec2| Vec2::from(self.distort(p.x, p.y)) - seen;
+        // Where a step may end: in front of the fold, and of the pole of the radial part.
+        let sound = |p: Vec2| {
+            let ([a, b], [c, d]) = self.jacobian(p.x, p.y);
+            self.denominator(p.length_squared()).0 > FOLD && a * d - b * c > FOLD
+        };
+        let mut p = seen;
+        // What is seen far out may lie in front of the fold all the same.
+        for _ in 0..12 {
+            if sound(p) {
+                break;
+            }
+            p *= 0.7;
+        }
+        if !sound(p) {
+            return None;
+        }
+        for _ in 0..40 {
+            let off = residual(p);
+            if off.abs().max_element()
+                <= 1e-6 * 1.0f32.max(p.abs().max_element()).max(seen.abs().max_element())
+            {
+                return Some((p.x, p.y));
+            }
+            let ([a, b], [c, d]) = self.jacobian(p.x, p.y);
+            let step = Vec2::new(d * off.x - b * off.y, a * off.y - c * off.x) / (a * d - b * c);
+            let halved = (0..12u8).map(|i| p - step / f32::from(1u16 << i));
+            p = { halved }.find(|&q| sound(q) && residual(q).length_squared() < off.length_squared())?;
+        }
+        None
+    }
+
+    /// The radial factor at `r2`, the squared distance from the axis, and its derivative by that.
+    fn radial(&self, r2: f32) -> (f32, f32) {
+        let above = 1.0 + r2 * (self.k1 + r2 * (self.k2 + r2 * self.k3));
+        let slope = self.k1 + r2 * (2.0 * self.k2 + r2 * (3.0 * self.k3));
+        if [self.k4, self.k5, self.k6] == [0.0; 3] {
+            return (above, slope);
+        }
+        let (below, below_slope) = self.denominator(r2);
+        (above / below, (slope - above / below * below_slope) / below)
+    }
+
+    fn denominator(&self, r2: f32) -> (f32, f32) {
+        (
+            1.0 + r2 * (self.k4 + r2 * (self.k5 + r2 * self.k6)),
+            self.k4 + r2 * (2.0 * self.k5 + r2 * (3.0 * self.k6)),
+        )
+    }
+
     /// Bound on how far [`Self::jacobian`] is from the identity (operator norm) anywhere within `r` of the axis.
     ///
     /// The radial part's slopes are `3 k1 r² + 5 k2 r⁴` along `r` and less across; the tangential part's Jacobian is
@@ -76,16 +164,26 @@ impl Lens {
     /// With a bend `b` of at most 1/8 within 9/7 of `radius`, `x ↦ seen − (distort(x) − x)` contracts the disc of
     /// 8/7 `radius` into itself, so that it holds one ideal point. Newton's method starts within 1/7 `radius` of it
     /// and keeps at most `2b / (1 − b)`, 2/7, of the distance a step, without leaving the larger disc.
+    ///
+    /// Of fisheyes and of lenses with `k3 k4 k5 k6` nothing is proved here.
     pub(crate) fn is_gentle(&self, radius: f32) -> bool {
-        self.bend(9.0 / 7.0 * radius) <= 0.125
+        self.projection == Projection::Perspective
+            && !self.is_rational()
+            && self.bend(9.0 / 7.0 * radius) <= 0.125
     }
 
-    /// The ideal point that is seen at `(xd, yd)`, if it can be found and, `from_axis`, lies in front of every fold.
-    pub(crate) fn invert(&self, xd: f32, yd: f32, from_axis: bool) -> Option<(f32, f32)> {
-        self.undistort(xd, yd).filter(|&(x, y)| {
-            let starts_inside = xd * xd + yd * yd <= x * x + y * y;
-            !from_axis || (starts_inside || self.starts_well(xd, yd)) && !self.folds_before(x, y)
-        })
+    /// The direction (right, down, forward) that is seen at `(xd, yd)`, if it can be found and, `from_axis`, lies in front
+    /// of every fold.
+    pub(crate) fn invert(&self, xd: f32, yd: f32, from_axis: bool) -> Option<Vec3> {
+        if self.projection == Projection::Fisheye {
+            return self
+                .fisheye_direction(xd, yd)
+                .filter(|&dir| !from_axis || !self.fisheye_folds_before(dir));
+        }
+        let (x, y) = self.undistort(xd, yd)?;
+        let starts_inside = self.is_rational() || xd * xd + yd * yd <= x * x + y * y;
+        let found = !from_axis || (starts_inside || self.starts_well(xd, yd)) && !self.folds_before(x, y);
+        found.then(|| Vec3::new(x, y, 1.0))
     }
 
     /// Whether Newton's method may start at `(xd, yd)`, beyond the point it looks for: in front of every fold, and
@@ -105,6 +203,9 @@ impl Lens {
     /// there, and not the one that a lens shows.
     fn folds_before(&self, x: f32, y: f32) -> bool {
         let r2 = x * x + y * y;
+        if self.is_rational() {
+            return self.folds_on_the_way(x, y);
+        }
         // No slope below 0.1 and no determinant below its square.
         if self.bend(Vec2::new(x, y).length()) <= 0.9 {
             return false;
@@ -134,18 +235,34 @@ impl Lens {
         })
     }
 
-    /// [`Lens::undistort`] for a camera, whose lens was gentle or invertible on a lattice when it was made: where a strong
+    /// [`Lens::folds_before`] by steps alone: where the slope along the way, the determinant or the denominator of the
+    /// radial part is no more than [`FOLD`].
+    fn folds_on_the_way(&self, x: f32, y: f32) -> bool {
+        let r2 = x * x + y * y;
+        (1..=128u8).any(|step| {
+            let s = f32::from(step) / 128.0;
+            let ([a, b], [c, d]) = self.jacobian(s * x, s * y);
+            let slope = (x * (a * x + b * y) + y * (c * x + d * y)) / r2;
+            let sound = slope > FOLD && a * d - b * c > FOLD && self.denominator(s * s * r2).0 > FOLD;
+            !sound && r2 > 0.0
+        })
+    }
+
+    /// [`Lens::direction`] for a camera, whose lens was gentle or invertible on a lattice when it was made: where a strong
     /// tangential part folds between its points, the distorted direction stays, which is off but finite.
     #[inline]
-    pub(crate) fn straighten(&self, xd: f32, yd: f32) -> (f32, f32) {
-        self.undistort(xd, yd).unwrap_or((xd, yd))
+    pub(crate) fn straighten(&self, xd: f32, yd: f32) -> Vec3 {
+        if *self == Self::NONE {
+            return Vec3::new(xd, yd, 1.0);
+        }
+        self.direction(xd, yd).unwrap_or(Vec3::new(xd, yd, 1.0))
     }
 
     /// Derivatives of [`Self::distort`]: rows are outputs, columns inputs.
     pub(super) fn jacobian(&self, x: f32, y: f32) -> ([f32; 2], [f32; 2]) {
         let r2 = x * x + y * y;
-        let radial = 1.0 + r2 * (self.k1 + r2 * self.k2);
-        let slope = 2.0 * self.k1 + 4.0 * self.k2 * r2;
+        let (radial, slope) = self.radial(r2);
+        let slope = 2.0 * slope;
         let cross = x * y * slope + 2.0 * self.p1 * x + 2.0 * self.p2 * y;
         (
             [radial + x * x * slope + 2.0 * self.p1 * y + 6.0 * self.p2 * x, cross],

@@ -1,15 +1,16 @@
 //! In place of `model.rs` in a build without it: nothing moves.
 
 use super::Lens;
+use glam::Vec3;
 
 impl Lens {
     /// Whether this build has lens distortion.
     pub(crate) const BUILT: bool = false;
 
-    /// The ideal point that is seen at `(xd, yd)`: the same.
+    /// The direction that is seen at `(xd, yd)`: right, down, and 1 forward.
     #[inline(always)]
-    pub(crate) fn straighten(&self, xd: f32, yd: f32) -> (f32, f32) {
-        (xd, yd)
+    pub(crate) fn straighten(&self, xd: f32, yd: f32) -> Vec3 {
+        Vec3::new(xd, yd, 1.0)
     }
 
     /// Whether nothing moves.
@@ -18,9 +19,14 @@ impl Lens {
         true
     }
 
-    /// The ideal point that is seen at `(xd, yd)`: the same.
+    /// The direction that is seen at `(xd, yd)`: right, down, and 1 forward.
     #[inline(always)]
-    pub(crate) fn invert(&self, xd: f32, yd: f32, _from_axis: bool) -> Option<(f32, f32)> {
-        Some((xd, yd))
+    pub(crate) fn invert(&self, xd: f32, yd: f32, _from_axis: bool) -> Option<Vec3> {
+        Some(Vec3::new(xd, yd, 1.0))
+    }
+
+    /// Where a direction (right, down, forward) is seen; `None` behind the camera.
+    pub fn project(&self, dir: Vec3) -> Option<(f32, f32)> {
+        (dir.z > 0.0).then(|| (dir.x / dir.z, dir.y / dir.z))
     }
 }

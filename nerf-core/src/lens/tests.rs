@@ -8,7 +8,9 @@ fn lenses() -> impl Iterator<Item = Lens> {
     let k1 = [-0.1, -0.02, 0.0, 0.05, 0.3];
     let p = [-0.005, 0.0, 0.005];
     k1.into_iter().flat_map(move |k1| {
-        p.into_iter().flat_map(move |p1| p.into_iter().map(move |p2| Lens { k1, k2: 0.1 * k1 * k1, p1, p2 }))
+        p.into_iter().flat_map(move |p1| {
+            p.into_iter().map(move |p2| Lens { k1, k2: 0.1 * k1 * k1, p1, p2, ..Lens::NONE })
+        })
     })
 }
 
@@ -42,7 +44,7 @@ fn distort_undoes_undistort() {
 
 #[test]
 fn undistort_undoes_distort_to_the_last_digits_even_far_from_the_axis() {
-    let lens = Lens { k1: 1e-4, k2: 1e-9, p1: 1e-5, p2: -1e-5 };
+    let lens = Lens { k1: 1e-4, k2: 1e-9, p1: 1e-5, p2: -1e-5, ..Lens::NONE };
     for r in [0.5f32, 2.0, 7.0, 12.0, 33.0] {
         for step in 0..64 {
             let (s, c) = (step as f32 * 0.1).sin_cos();
@@ -64,7 +66,7 @@ fn no_lens_moves_nothing_bit_for_bit() {
 
 #[test]
 fn the_jacobian_is_the_slope() {
-    let lens = Lens { k1: 0.1, k2: -0.02, p1: 0.01, p2: -0.03 };
+    let lens = Lens { k1: 0.1, k2: -0.02, p1: 0.01, p2: -0.03, ..Lens::NONE };
     let (x, y, h) = (0.4f32, -0.7f32, 1e-6f64);
     let ([a, b], [c, d]) = lens.jacobian(x, y);
     let (x, y) = (f64::from(x), f64::from(y));
@@ -89,7 +91,7 @@ fn a_point_that_no_direction_is_seen_at_has_none() {
 #[test]
 fn a_tilt_may_lift_what_would_fold_without_it() {
     // Slopes along x: 1 + 6 p2 s − 2.1 s² + 1.11 s⁴, which is 0.065 at least, or dips to 0.007.
-    let lens = |p2| Lens { k1: -0.7, k2: 0.222, p1: 0.0, p2 };
+    let lens = |p2| Lens { k1: -0.7, k2: 0.222, p1: 0.0, p2, ..Lens::NONE };
     for (p2, found) in [(0.01, true), (0.0, false)] {
         let (xd, yd) = lens(p2).distort(1.0, 0.0);
         assert_eq!(lens(p2).invert(xd, yd, true).is_some(), found, "p2 {p2}");
@@ -129,7 +131,7 @@ fn lenses_of_bend(bend: f32) -> impl Iterator<Item = (Lens, f32, Vec<(f32, f32)>
     let (signs, sizes) = (noise(16_000, 5), noise(16_000, 6));
     (0..4_000).map(move |i| {
         let part = |k: usize| signs[4 * i + k] * 10f32.powf(3.0 * sizes[4 * i + k]) * ((i >> k) & 1) as f32;
-        let lens = Lens { k1: part(0), k2: part(1), p1: part(2), p2: 0.1 + part(3) };
+        let lens = Lens { k1: part(0), k2: part(1), p1: part(2), p2: 0.1 + part(3), ..Lens::NONE };
         // The bend grows with the radius.
         let (mut low, mut radius) = (0.0f32, 1e3f32);
         for _ in 0..60 {

@@ -1,6 +1,6 @@
 //! What several commands share.
 
-use crate::dataset::{self, Axes, Dataset, ReadOptions, Report, Watch};
+use crate::dataset::{self, Axes, Dataset, Downscale, Layout, ReadOptions, Report, Watch};
 use crate::input::{MAX_BLOB_BYTES, read_limited};
 use crate::printable;
 use crate::report::progress::{self, Message, Progress, ProgressStyle, Total};
@@ -150,6 +150,14 @@ pub struct DataOptions {
     /// Where rays end, world units along the ray: what is farther is not seen.
     #[arg(long, value_name = "T")]
     pub far: Option<f32>,
+    /// Which layout a folder is read as, where several fit: transforms, colmap or llff [default: the first of these].
+    #[arg(long, value_name = "LAYOUT")]
+    pub layout: Option<Layout>,
+    /// Read photographs so many times smaller than the size that their poses are of: auto, which brings the long side to
+    /// about 800 pixels, or a whole number. A folder `images_N` is read as it is. [default: auto for photographs; 1
+    /// for Blender folders]
+    #[arg(long, value_name = "N", default_value = "auto", hide_default_value = true)]
+    pub downscale: Downscale,
     /// Read pictures also where the data set's `file_path` leads out of its folder: `..`, absolute paths, links.
     #[arg(long)]
     pub outside_files: bool,
@@ -182,6 +190,8 @@ impl DataOptions {
             near: self.near,
             far: self.far,
             outside_files: self.outside_files,
+            layout: self.layout,
+            downscale: self.downscale,
             ..ReadOptions::default()
         }
     }

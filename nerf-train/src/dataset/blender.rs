@@ -2,7 +2,7 @@
 
 use super::found::Found;
 use super::transforms::Transforms;
-use super::{Axes, Background, Dataset, DatasetError, Format, ReadOptions, Watch, scene_name};
+use super::{Axes, Background, Dataset, DatasetError, Downscale, Format, ReadOptions, Watch, scene_name};
 use std::path::{Path, PathBuf};
 
 /// The file that makes a folder one of these.
@@ -32,12 +32,14 @@ pub(super) fn read(folder: &Path, options: &ReadOptions, watch: &Watch) -> Resul
     let headers = || lists.iter().filter_map(|(_, transforms)| transforms.as_ref()).map(|t| &t.header);
     let near = headers().find_map(|header| header.near);
     let far = headers().find_map(|header| header.far);
+    // These are drawn at the size that figures are given at: made smaller only where that is asked for.
+    let downscale = Some(options.downscale).filter(|downscale| *downscale != Downscale::Auto);
     let mut views = |(file, transforms): &(PathBuf, Option<Transforms>)| match transforms {
-        Some(transforms) => transforms.views(file, options, watch, &mut found),
+        Some(transforms) => transforms.views(file, options, downscale, watch, &mut found),
         None => Ok(Vec::new()),
     };
     let (train, val, test) = (views(&lists[0])?, views(&lists[1])?, views(&lists[2])?);
-    let mut warnings = found.into_warnings();
+    let (notes, mut warnings) = found.into_sentences();
     if val.is_empty() {
         warnings.push(format!("no pictures of {VAL}: no validation views"));
     }
@@ -52,6 +54,8 @@ pub(super) fn read(folder: &Path, options: &ReadOptions, watch: &Watch) -> Resul
         near,
         far,
         background: Background::Unknown,
+        points: Vec::new(),
+        notes,
         warnings,
     })
 }

@@ -51,6 +51,8 @@ pub(super) fn read(archive: &mut Archive, options: &ReadOptions) -> Result<Datas
         near: None,
         far: None,
         background: Background::Unknown,
+        points: Vec::new(),
+        notes: Vec::new(),
         warnings,
     })
 }
@@ -105,7 +107,7 @@ pub(super) fn views(
             };
             let alpha = |p: &[u8]| p.get(3).copied().unwrap_or(255);
             let pixels = bytes.chunks_exact(channels).map(|p| [p[0], p[1], p[2], alpha(p)]).collect();
-            Ok(View { name, camera, pixels })
+            Ok(View { name, camera, pixels, mask: None })
         })
         .collect();
     decoded.into_iter().collect()

@@ -129,15 +129,22 @@ pub enum DatasetError {
         /// What the decoder says.
         found: String,
     },
-    /// A picture has another shape than its json says.
+    /// A picture of a kind that is not decoded here.
+    #[error("{}: expected a PNG or JPEG picture, found HEIF (HEIC) or AVIF; {}", file.display(), crate::decode::HEIF_ADVICE)]
+    Heif {
+        /// The picture.
+        file: PathBuf,
+    },
+    /// A picture has another shape than the file of its poses says, or a mask than its picture.
     #[error(
-        "{}: expected a picture of {}x{} pixels (or scaled evenly), as the json says, found {}x{}",
+        "{}: expected a picture of {}x{} pixels (or scaled evenly), as its poses (or, of a mask, its picture) say, \
+         found {}x{}",
         file.display(), expected.0, expected.1, found.0, found.1
     )]
     PictureSize {
         /// The picture.
         file: PathBuf,
-        /// Width and height in the json, pixels.
+        /// Width and height that are stated, pixels.
         expected: (f64, f64),
         /// Its own width and height, pixels.
         found: (u32, u32),
@@ -148,9 +155,9 @@ pub enum DatasetError {
         file.display(), folder.display(), found.display()
     )]
     Outside {
-        /// The json.
+        /// The file that names it.
         file: PathBuf,
-        /// The view's name, which is its `file_path`.
+        /// The view's name, which is the path there.
         view: String,
         /// The data folder, its links resolved.
         folder: PathBuf,

@@ -1,6 +1,7 @@
 //! Which files a data set consists of, without reading its pictures.
 
-use super::{blender, nerfstudio, picture};
+use super::folders::entries;
+use super::{blender, colmap, llff, nerfstudio, picture};
 use serde::Deserialize;
 use std::fs::File;
 use std::io::Read;
@@ -35,7 +36,33 @@ pub fn files(path: &Path) -> Vec<PathBuf> {
     };
     let named = lists.iter().filter(|list| list.extension().is_some_and(|e| e.eq_ignore_ascii_case("json")));
     let named: Vec<PathBuf> = named.flat_map(|list| named_in(list, folder)).collect();
-    lists.into_iter().chain(named).collect()
+    let whole = if path.is_dir() { photographs(folder) } else { Vec::new() };
+    lists.into_iter().chain(named).chain(whole).collect()
+}
+
+/// Of a folder that a COLMAP model or LLFF's poses are of: their files, and all that is in its folders of pictures.
+fn photographs(folder: &Path) -> Vec<PathBuf> {
+    let poses = folder.join(llff::FILE);
+    let mut files = colmap::files(folder);
+    files.extend(poses.is_file().then_some(poses));
+    if files.is_empty() {
+        return files;
+    }
+    let of_pictures = |path: &PathBuf| {
+        let name = path.file_name().unwrap_or_default().to_string_lossy().into_owned();
+        path.is_dir() && (name == "masks" || name.starts_with("images")) || picture::is_picture_name(path)
+    };
+    let mut open: Vec<PathBuf> =
+        entries(folder).unwrap_or_default().into_iter().filter(of_pictures).collect();
+    // A link to a folder above would lead round for ever.
+    while let Some(path) = open.pop() {
+        if path.is_symlink() || !path.is_dir() {
+            files.push(path);
+        } else {
+            open.extend(entries(&path).unwrap_or_default());
+        }
+    }
+    files
 }
 
 fn named_in(list: &Path, folder: &Path) -> Vec<PathBuf> {

@@ -2,18 +2,30 @@
 
 use super::View;
 use super::transforms::listed;
+use std::collections::BTreeMap;
+use std::path::Path;
 
 /// Things to say, over all files of a data set.
 #[derive(Default)]
 pub(super) struct Found {
-    /// Sentences.
+    /// Sentences about what is odd.
     pub(super) warnings: Vec<String>,
+    /// Sentences about what was done.
+    pub(super) notes: Vec<String>,
     /// Pictures that are transparent somewhere.
     transparent: usize,
     /// Pictures of any kind.
     pictures: usize,
     /// Names of pictures without an alpha channel.
     opaque: Vec<String>,
+    /// Pictures that were made smaller, by the size before and after.
+    scaled: BTreeMap<[u32; 4], usize>,
+    /// Pictures of which a part does not count.
+    masked: usize,
+    /// Names of pictures of which nothing counts.
+    hidden: Vec<String>,
+    /// How many views a sentence is said of, by file name and sentence.
+    said: BTreeMap<(String, String), usize>,
 }
 
 impl Found {
@@ -27,10 +39,51 @@ impl Found {
         }
     }
 
-    /// The sentences, and one where only some pictures have alpha.
+    /// Counts a picture that was made smaller, from the size `larger`.
+    pub(super) fn count_scaled(&mut self, larger: Option<(u32, u32)>, (width, height): (u32, u32)) {
+        if let Some((from_width, from_height)) = larger {
+            *self.scaled.entry([from_width, from_height, width, height]).or_default() += 1;
+        }
+    }
+
+    /// Counts a sentence about a view of `file`.
+    pub(super) fn count_note(&mut self, file: &Path, note: String) {
+        let name = file.file_name().unwrap_or_default().to_string_lossy().into_owned();
+        *self.said.entry((name, note)).or_default() += 1;
+    }
+
+    /// Counts a view's mask; false where it leaves nothing.
+    pub(super) fn count_mask(&mut self, view: &View) -> bool {
+        let Some(mask) = &view.mask else { return true };
+        let some = mask.iter().any(|&kept| kept);
+        if some {
+            self.masked += 1
+        } else {
+            self.hidden.push(view.name.clone())
+        }
+        some
+    }
+
+    /// Notes and warnings: the sentences, and one where only some pictures have alpha.
     ///
     /// A picture whose alpha is 255 everywhere is none of those without: an object may fill it.
-    pub(super) fn into_warnings(mut self) -> Vec<String> {
+    pub(super) fn into_sentences(mut self) -> (Vec<String>, Vec<String>) {
+        for ([a, b, c, d], count) in self.scaled {
+            self.notes
+                .push(format!("{count} pictures of {a}x{b} made smaller by area, to {c}x{d} (--downscale)"));
+        }
+        if self.masked > 0 {
+            self.notes.push(format!(
+                "{} pictures have masks: what is black in these is neither trained on nor measured",
+                self.masked
+            ));
+        }
+        if !self.hidden.is_empty() {
+            let (count, names) = (self.hidden.len(), listed(&self.hidden));
+            self.warnings.push(format!("skipped {count} pictures, whose masks leave no pixel: {names}"));
+        }
+        let said = self.said.into_iter();
+        self.warnings.extend(said.map(|((file, note), count)| format!("{file}: {count} views: {note}")));
         if self.transparent > 0 && !self.opaque.is_empty() {
             self.warnings.push(format!(
                 "alpha in only {} of {} pictures: the others count as opaque, their own background as part of the \
@@ -40,6 +93,6 @@ impl Found {
                 listed(&self.opaque)
             ));
         }
-        self.warnings
+        (self.notes, self.warnings)
     }
 }

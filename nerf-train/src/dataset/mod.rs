@@ -10,18 +10,30 @@
 //! | `*.npz` with `images`, `poses`, `focal` | [`Format::TinyNerf`] | OpenGL |
 //! | a folder (or file of it) with `transforms_train.json` | [`Format::Blender`] | OpenGL |
 //! | a folder with `transforms.json`, or any other `.json` | [`Format::Nerfstudio`] | OpenGL |
+//! | a folder with a COLMAP model in `sparse/0`, `sparse` or itself | [`Format::Colmap`] | OpenCV, world to camera |
+//! | a folder with `poses_bounds.npy` | [`Format::Llff`] | columns down, right, backward |
+//!
+//! Of several that fit a folder the first of transforms, COLMAP, LLFF is read, or the one that [`ReadOptions::layout`]
+//! asks for. The world stays the file's own.
 
 mod blender;
+mod colmap;
 mod cs180;
 mod error;
 mod files;
+mod folders;
 mod found;
 mod geometry;
+mod layout;
+mod llff;
 mod nerfstudio;
 pub(crate) mod npz;
+mod photo;
 mod picture;
 mod pose;
 pub mod report;
+mod scale;
+mod split;
 mod tiny_nerf;
 mod transforms;
 mod view;
@@ -30,7 +42,9 @@ mod watch;
 pub use error::DatasetError;
 pub use files::files;
 pub use geometry::{LookAt, SceneBounds, frusta_box, scene_bounds};
+pub use layout::Layout;
 pub use report::Report;
+pub use scale::Downscale;
 pub use view::{Background, View, over};
 pub use watch::Watch;
 
@@ -62,6 +76,10 @@ pub struct Dataset {
     pub far: Option<f32>,
     /// What is behind the scene.
     pub background: Background,
+    /// Points that are known to lie on surfaces, world units: a reconstruction's sparse ones, or none.
+    pub points: Vec<[f32; 3]>,
+    /// What was read and how, in sentences.
+    pub notes: Vec<String>,
     /// What was odd but could be read, in sentences.
     pub warnings: Vec<String>,
 }
@@ -86,6 +104,10 @@ pub enum Format {
     Blender,
     /// `transforms.json`, as nerfstudio and instant-ngp write it.
     Nerfstudio,
+    /// A model of COLMAP.
+    Colmap,
+    /// `poses_bounds.npy`, as LLFF has it.
+    Llff,
     /// The scene this crate draws itself.
     Demo,
 }
@@ -97,6 +119,8 @@ impl std::fmt::Display for Format {
             Self::TinyNerf => "tiny_nerf npz",
             Self::Blender => "Blender transforms",
             Self::Nerfstudio => "nerfstudio transforms",
+            Self::Colmap => "COLMAP model",
+            Self::Llff => "LLFF poses_bounds",
             Self::Demo => "demo scene",
         })
     }
@@ -167,11 +191,27 @@ pub struct ReadOptions {
     /// Whether pictures that a json names outside of its folder are read (`--outside-files`): by `..`, by an absolute
     /// path, or through a link that leads out.
     pub outside_files: bool,
+    /// Which layout a folder is read as, where several fit (`--layout`).
+    pub layout: Option<Layout>,
+    /// How much smaller photographs are read than the size of their poses (`--downscale`); those of Blender folders only
+    /// where a factor is given.
+    pub downscale: Downscale,
+    /// Where no list says what is held out: which of every eight photographs, in the order of their names, is.
+    pub hold_offset: usize,
 }
 
 impl Default for ReadOptions {
     fn default() -> Self {
-        Self { axes: None, near: None, far: None, max_array_bytes: 4 << 30, outside_files: false }
+        Self {
+            axes: None,
+            near: None,
+            far: None,
+            max_array_bytes: 4 << 30,
+            outside_files: false,
+            layout: None,
+            downscale: Downscale::Auto,
+            hold_offset: 0,
+        }
     }
 }
 
@@ -192,7 +232,7 @@ pub fn read_watched(path: &Path, options: &ReadOptions, watch: &Watch) -> Result
     check_range(options.near, options.far)?;
     let kind = std::fs::metadata(path).map_err(|source| DatasetError::io(path, source))?;
     let mut dataset = if kind.is_dir() {
-        read_folder(path, options, watch)?
+        layout::read(path, options, watch)?
     } else if path.extension().is_some_and(|e| e.eq_ignore_ascii_case("json")) {
         read_json(path, options, watch)?
     } else {
@@ -212,22 +252,14 @@ pub fn read_watched(path: &Path, options: &ReadOptions, watch: &Watch) -> Result
             found: format!("near {}, far {}", shown(dataset.near), shown(dataset.far)),
         });
     }
+    let archive = matches!(dataset.format, Format::Cs180 | Format::TinyNerf);
+    if archive && !matches!(options.downscale, Downscale::Auto | Downscale::By(1)) {
+        dataset
+            .warnings
+            .push("--downscale changes nothing: the pictures of an .npz are read as they are".into());
+    }
     dataset.background = Background::of(&dataset.train);
     Ok(dataset)
-}
-
-fn read_folder(path: &Path, options: &ReadOptions, watch: &Watch) -> Result<Dataset, DatasetError> {
-    if path.join(blender::TRAIN).is_file() {
-        return blender::read(path, options, watch);
-    }
-    let single = path.join(nerfstudio::FILE);
-    if single.is_file() {
-        return nerfstudio::read(&single, options, watch);
-    }
-    Err(DatasetError::NotADataset {
-        path: path.into(),
-        expected: format!("a folder with {} or {}", blender::TRAIN, nerfstudio::FILE),
-    })
 }
 
 fn read_json(path: &Path, options: &ReadOptions, watch: &Watch) -> Result<Dataset, DatasetError> {

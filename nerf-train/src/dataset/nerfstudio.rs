@@ -1,16 +1,14 @@
 //! A `transforms.json` of nerfstudio or instant-ngp: all views in one file.
 
 use super::found::Found;
-use super::transforms::{Transforms, listed};
+use super::split::every_eighth;
+use super::transforms::{Header, Transforms, listed};
 use super::{Axes, Background, Dataset, DatasetError, Format, ReadOptions, View, Watch, scene_name};
 use std::collections::HashSet;
 use std::path::Path;
 
 /// The file's usual name.
 pub(super) const FILE: &str = "transforms.json";
-
-/// Without lists in the file, one view in this many is validation, as in LLFF.
-const HOLD: usize = 8;
 
 /// Reads one json; splits by its lists, or else every eighth view (of the views sorted by file
 /// path, from the first) is validation.
@@ -19,15 +17,19 @@ pub(super) fn read(file: &Path, options: &ReadOptions, watch: &Watch) -> Result<
     let mut found = Found::default();
     let transforms = Transforms::read(file)?;
     watch.expect(transforms.len());
-    let mut views = transforms.views(file, options, watch, &mut found)?;
-    let mut warnings = found.into_warnings();
+    let mut views = transforms.views(file, options, Some(options.downscale), watch, &mut found)?;
+    let (mut notes, mut warnings) = found.into_sentences();
     views.sort_by(|a, b| a.name.cmp(&b.name));
+    let count = (views.len(), transforms.len());
+    notes.insert(0, format!("{}: {} of {} frames have a picture", shown(file), count.0, count.1));
+    say_fields(&transforms.header, &mut notes);
     let header = &transforms.header;
     let lists = [&header.train_filenames, &header.val_filenames, &header.test_filenames];
     let [train, val, test] = if lists.iter().any(|list| list.is_some()) {
         split_by_lists(views, lists, &mut warnings)
     } else {
-        split_every_eighth(views)
+        let (train, val) = every_eighth(views, options, &mut notes);
+        [train, val, Vec::new()]
     };
     let usual = file.file_name().is_some_and(|name| name == FILE);
     let folder = file.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
@@ -42,19 +44,32 @@ pub(super) fn read(file: &Path, options: &ReadOptions, watch: &Watch) -> Result<
         near: header.near,
         far: header.far,
         background: Background::Unknown,
+        points: Vec::new(),
+        notes,
         warnings,
     })
 }
 
-/// A single view is for training.
-fn split_every_eighth(views: Vec<View>) -> [Vec<View>; 3] {
-    let hold = views.len() > 1;
-    let [mut train, mut val] = [Vec::new(), Vec::new()];
-    for (index, view) in views.into_iter().enumerate() {
-        let split = if hold && index % HOLD == 0 { &mut val } else { &mut train };
-        split.push(view);
+fn shown(file: &Path) -> String {
+    file.file_name().unwrap_or_default().to_string_lossy().into_owned()
+}
+
+/// What fields that change nothing mean here.
+fn say_fields(header: &Header, notes: &mut Vec<String>) {
+    let identity = |rows: &Vec<Vec<f64>>| {
+        rows.iter()
+            .enumerate()
+            .all(|(i, row)| row.iter().enumerate().all(|(j, &v)| v == f64::from(u8::from(i == j))))
+    };
+    if header.applied_transform.as_ref().is_some_and(|rows| !identity(rows)) {
+        notes.push(
+            "applied_transform is not undone: results are in the coordinates of the json's own matrices"
+                .into(),
+        );
     }
-    [train, val, Vec::new()]
+    if let Some(scale) = header.aabb_scale {
+        notes.push(format!("aabb_scale {scale} is not needed: bounds come from the cameras"));
+    }
 }
 
 /// Views that no list names are left out, with a warning.

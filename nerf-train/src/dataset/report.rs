@@ -1,12 +1,13 @@
 //! What is in a data set, and what looks wrong with it.
 
 use super::geometry::bounds;
+use super::transforms::listed;
 use super::{Axes, Background, Dataset, Format, LookAt};
 use crate::printable::line;
 use glam::DVec3;
 use nerf_core::camera::Camera;
 use serde::Serialize;
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet, HashMap};
 
 /// A summary to print or to keep.
 #[derive(Clone, Debug, PartialEq, Serialize)]
@@ -40,6 +41,12 @@ pub struct Report {
     pub scene_box: Option<[[f32; 3]; 2]>,
     /// What is behind the scene.
     pub background: Background,
+    /// Sparse points that came with it.
+    pub points: usize,
+    /// Cameras that differ in their intrinsics or lens.
+    pub cameras: usize,
+    /// What was read and how.
+    pub notes: Vec<String>,
     /// The reader's warnings, then those of this report.
     pub warnings: Vec<String>,
 }
@@ -70,6 +77,7 @@ impl Report {
         }
         let mut warnings = dataset.warnings.clone();
         warnings.extend(look_at.and_then(|look_at| axes_warning(&look_at, &cameras, dataset.axes)));
+        warnings.extend(one_place(dataset));
         if bounds.is_none() {
             warnings.push("the cameras do not tell where the scene is: give --near and --far".into());
         }
@@ -89,9 +97,34 @@ impl Report {
             far: bounds.map(|b| b.far).or(dataset.far),
             scene_box: bounds.map(|b| [b.scene_box.min.into(), b.scene_box.max.into()]),
             background: dataset.background,
+            points: dataset.points.len(),
+            cameras: distinct(&cameras),
+            notes: dataset.notes.clone(),
             warnings,
         }
     }
+}
+
+/// Names the views that were taken from exactly one place in one direction: a pose that is there twice.
+fn one_place(dataset: &Dataset) -> Option<String> {
+    let mut seen = HashMap::new();
+    let mut twins = Vec::new();
+    for view in [&dataset.train, &dataset.val, &dataset.test].into_iter().flatten() {
+        let pose =
+            view.camera.pose().to_rows().as_flattened().iter().map(|v| v.to_bits()).collect::<Vec<u32>>();
+        match seen.get(&pose) {
+            Some(first) => twins.push(format!("{} and {first}", view.name)),
+            None => drop(seen.insert(pose, view.name.as_str())),
+        }
+    }
+    let (count, names) = (twins.len(), listed(&twins));
+    (count > 0).then(|| format!("{count} views have the pose of another: {names}"))
+}
+
+/// How many differ in their intrinsics or lens.
+fn distinct(cameras: &[Camera]) -> usize {
+    let key = |camera: &Camera| format!("{:?} {:?}", camera.intrinsics(), camera.lens());
+    cameras.iter().map(key).collect::<BTreeSet<_>>().len()
 }
 
 /// Says so where the cameras do not look at a common place, and what would mend it.
@@ -148,7 +181,8 @@ impl std::fmt::Display for Report {
         }
         let sizes: Vec<String> =
             self.sizes.iter().map(|s| format!("{}x{} ({})", s.width, s.height, s.count)).collect();
-        writeln!(f, "  pixels      {}", sizes.join(", "))?;
+        let cameras = if self.cameras > 1 { format!(", {} cameras", self.cameras) } else { String::new() };
+        writeln!(f, "  pixels      {}{cameras}", sizes.join(", "))?;
         let [low, high] = self.focal;
         match low == high {
             true => writeln!(f, "  focal       {low:.2} px")?,
@@ -167,6 +201,12 @@ impl std::fmt::Display for Report {
         writeln!(f, "  near, far   {}, {}", number(self.near), number(self.far))?;
         if let Some([min, max]) = self.scene_box {
             writeln!(f, "  box         {} .. {}", corner(min), corner(max))?;
+        }
+        if self.points > 0 {
+            writeln!(f, "  points      {}", self.points)?;
+        }
+        for note in &self.notes {
+            writeln!(f, "  note: {}", line(note))?;
         }
         for warning in &self.warnings {
             writeln!(f, "  warning: {}", line(warning))?;

@@ -42,6 +42,8 @@ pub(super) fn read(archive: &mut Archive, options: &ReadOptions) -> Result<Datas
         near: None,
         far: None,
         background: Background::Unknown,
+        points: Vec::new(),
+        notes: Vec::new(),
         warnings,
     })
 }

@@ -1,15 +1,15 @@
 //! What the `transforms*.json` files of Blender, nerfstudio and instant-ngp have in common.
 
+use super::folders::smaller_copy;
 use super::found::Found;
-use super::picture::{self, Picture};
+use super::photo::{Fence, Loaded, Optics, Photo, Source};
+use super::picture::{self, StatedSize};
 use super::pose::{BOTTOM_ROW, angle_fault, bottom_row_fault};
-use super::{Axes, DatasetError, ReadOptions, View, Watch};
+use super::{Axes, DatasetError, Downscale, ReadOptions, View, Watch};
 use crate::input::{MAX_JSON_BYTES, read_limited, without_mark};
-use nerf_core::camera::{Camera, Intrinsics, Pose};
-use nerf_core::lens::Lens;
-use rayon::prelude::*;
+use nerf_core::camera::Pose;
+use nerf_core::lens::{Lens, Projection};
 use serde::Deserialize;
-use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 /// A file: one JSON read three times, so that every error has its own line.
@@ -29,6 +29,8 @@ pub(super) struct Header {
     pub(super) train_filenames: Option<Vec<String>>,
     pub(super) val_filenames: Option<Vec<String>>,
     pub(super) test_filenames: Option<Vec<String>>,
+    pub(super) aabb_scale: Option<f64>,
+    pub(super) applied_transform: Option<Vec<Vec<f64>>>,
 }
 
 #[derive(Deserialize)]
@@ -60,14 +62,16 @@ struct CameraFields {
     k2: Option<f64>,
     k3: Option<f64>,
     k4: Option<f64>,
+    k5: Option<f64>,
+    k6: Option<f64>,
     p1: Option<f64>,
     p2: Option<f64>,
 }
 
-/// Models that the radial-tangential lens covers.
+/// Models whose coefficients are those of a polynomial, or none; with `is_fisheye` of a fisheye.
 const MODELS: &[&str] = &["OPENCV", "PINHOLE", "SIMPLE_PINHOLE", "SIMPLE_RADIAL", "RADIAL", "PERSPECTIVE"];
 
-/// Highest radial terms may be dropped where they move no point by more than this, pixels.
+/// The highest radial term may be dropped where it moves no point by more than this, pixels.
 const NEGLIGIBLE_SHIFT: f64 = 0.5;
 
 impl Transforms {
@@ -92,30 +96,26 @@ impl Transforms {
         &self,
         file: &Path,
         options: &ReadOptions,
+        downscale: Option<Downscale>,
         watch: &Watch,
         found: &mut Found,
     ) -> Result<Vec<View>, DatasetError> {
         let file_name = file.file_name().unwrap_or_default().to_string_lossy().into_owned();
-        let folder = Folder::of(file, options)?;
-        let load = |(frame, own): &(Frame, CameraFields)| {
-            let loaded = self.view(file, &folder, frame, own);
-            watch.count();
-            loaded
-        };
-        let read: Vec<Result<Loaded, DatasetError>> = self.frames.par_iter().map(load).collect();
-        let (mut views, mut missing, mut notes) = (Vec::new(), Vec::new(), BTreeMap::new());
-        for ((frame, _), loaded) in self.frames.iter().zip(read) {
-            match loaded? {
-                Loaded::Missing => missing.push(frame.file_path.as_str()),
-                Loaded::View { view, alpha, notes: own } => {
-                    found.count_alpha(&view, alpha);
-                    views.push(view);
-                    for note in own {
-                        *notes.entry(note).or_insert(0usize) += 1;
-                    }
-                }
-            }
-        }
+        let path = file.parent().filter(|path| !path.as_os_str().is_empty()).unwrap_or(Path::new("."));
+        let axes = options.axes.unwrap_or(Axes::Opengl);
+        let folder = Folder { path, fence: Fence::around(path, options)?, axes, downscale };
+        let source = Source { file, says: "the json" };
+        let pictures: Vec<_> =
+            self.frames.iter().map(|(frame, _)| picture::locate(path, &frame.file_path)).collect();
+        let views = source.load_all(self.frames.len(), watch, found, |index| {
+            let (frame, own) = &self.frames[index];
+            pictures[index]
+                .clone()
+                .map(|picture| self.view(&source, &folder, frame, own, picture))
+                .transpose()
+        })?;
+        let without = self.frames.iter().zip(&pictures).filter(|(_, picture)| picture.is_none());
+        let missing: Vec<&str> = without.map(|((frame, _), _)| frame.file_path.as_str()).collect();
         if !missing.is_empty() {
             found.warnings.push(format!(
                 "{file_name}: skipped {} of {} frames, whose picture is missing: {}",
@@ -124,54 +124,62 @@ impl Transforms {
                 listed(&missing)
             ));
         }
-        if self.frames.iter().any(|(frame, _)| frame.mask_path.is_some()) {
-            found.warnings.push(format!("{file_name}: masks (mask_path) are ignored"));
-        }
-        let notes = notes.iter().map(|(note, count)| format!("{file_name}: {count} views: {note}"));
-        found.warnings.extend(notes);
         Ok(views)
     }
 
     fn view(
         &self,
-        file: &Path,
+        source: &Source<'_>,
         folder: &Folder<'_>,
         frame: &Frame,
         own: &CameraFields,
+        picture: PathBuf,
     ) -> Result<Loaded, DatasetError> {
-        let name = &frame.file_path;
+        let (file, name) = (source.file, &frame.file_path);
         let at = Place { file, view: name };
-        let Some(path) = picture::locate(folder.path, name) else { return Ok(Loaded::Missing) };
-        at.check_inside(folder, &path)?;
+        folder.fence.check(file, name, &picture)?;
         let pose = at.pose(&frame.transform_matrix)?;
-        let mut picture = picture::decode(&path)?;
-        let mut notes = Vec::new();
         let fields = own.over(&self.shared);
         let stated = at.size(&fields)?;
-        notes.extend(picture.turn_to(stated));
-        let (intrinsics, lens) = at.intrinsics(&fields, stated, &path, &picture, &mut notes)?;
-        let camera = Camera::new(intrinsics, lens, folder.axes.to_opengl(pose))
-            .map_err(|source| DatasetError::Camera { file: file.into(), view: name.clone(), source })?;
-        let Picture { pixels, alpha, .. } = picture;
-        Ok(Loaded::View { view: View { name: name.clone(), camera, pixels }, alpha, notes })
+        let mask = match &frame.mask_path {
+            Some(mask) => {
+                let path = picture::locate(folder.path, mask).ok_or_else(|| {
+                    at.value("mask_path", "the name of a picture", format!("{mask}, which is missing"))
+                })?;
+                folder.fence.check(file, name, &path)?;
+                Some(path)
+            }
+            None => None,
+        };
+        // What the factor is of, where the file does not say the size, only the picture tells.
+        let factor = match (folder.downscale, stated) {
+            (Some(downscale), (Some(w), Some(h))) => downscale.factor((w, h)),
+            _ => 1,
+        };
+        let copy = if factor > 1 { smaller_copy(folder.path, name, factor) } else { None };
+        if let Some(copy) = &copy {
+            folder.fence.check(file, name, copy)?;
+        }
+        let reduced = copy.is_some();
+        let photo = Photo {
+            name,
+            path: copy.unwrap_or(picture),
+            mask,
+            stated,
+            downscale: folder.downscale.filter(|_| !reduced),
+            reduced,
+            pose: folder.axes.to_opengl(pose),
+        };
+        source.load(photo, |size, notes| at.optics(&fields, size, notes))
     }
 }
 
-/// Where pictures are looked for, and how their poses are read.
+/// Where pictures are looked for, and how they and their poses are read.
 struct Folder<'a> {
     path: &'a Path,
-    /// The same with its links resolved; `None` where pictures may lie anywhere.
-    bounds: Option<PathBuf>,
+    fence: Fence,
     axes: Axes,
-}
-
-impl<'a> Folder<'a> {
-    fn of(file: &'a Path, options: &ReadOptions) -> Result<Self, DatasetError> {
-        let path = file.parent().filter(|path| !path.as_os_str().is_empty()).unwrap_or(Path::new("."));
-        let resolve = || std::fs::canonicalize(path).map_err(|source| DatasetError::io(path, source));
-        let bounds = if options.outside_files { None } else { Some(resolve()?) };
-        Ok(Self { path, bounds, axes: options.axes.unwrap_or(Axes::Opengl) })
-    }
+    downscale: Option<Downscale>,
 }
 
 /// The first few names, and how many more there are.
@@ -180,16 +188,6 @@ pub(super) fn listed(names: &[impl AsRef<str>]) -> String {
     let shown: Vec<&str> = names.iter().take(SHOWN).map(AsRef::as_ref).collect();
     let more = if names.len() > SHOWN { format!(" and {} more", names.len() - SHOWN) } else { String::new() };
     shown.join(", ") + &more
-}
-
-enum Loaded {
-    Missing,
-    View {
-        view: View,
-        /// Whether the file has an alpha channel.
-        alpha: bool,
-        notes: Vec<String>,
-    },
 }
 
 impl CameraFields {
@@ -210,6 +208,8 @@ impl CameraFields {
             k2: self.k2.or(shared.k2),
             k3: self.k3.or(shared.k3),
             k4: self.k4.or(shared.k4),
+            k5: self.k5.or(shared.k5),
+            k6: self.k6.or(shared.k6),
             p1: self.p1.or(shared.p1),
             p2: self.p2.or(shared.p2),
         }
@@ -261,19 +261,8 @@ impl Place<'_> {
         Ok(Pose::from_rows(rows))
     }
 
-    /// Refuses a picture that lies outside of the data folder, whatever leads there.
-    fn check_inside(&self, folder: &Folder<'_>, path: &Path) -> Result<(), DatasetError> {
-        let Some(bounds) = &folder.bounds else { return Ok(()) };
-        let found = std::fs::canonicalize(path).map_err(|source| DatasetError::io(path, source))?;
-        if found.starts_with(bounds) {
-            return Ok(());
-        }
-        let (file, view) = (self.file.into(), self.view.to_owned());
-        Err(DatasetError::Outside { file, view, folder: bounds.clone(), found })
-    }
-
     /// The picture's width and height as far as the json says them, pixels.
-    fn size(&self, fields: &CameraFields) -> Result<(Option<f64>, Option<f64>), DatasetError> {
+    fn size(&self, fields: &CameraFields) -> Result<StatedSize, DatasetError> {
         for (name, side) in [("w", fields.w), ("h", fields.h)] {
             if side.is_some_and(|side| !(1.0..=1e6).contains(&side)) {
                 return Err(self.value(name, "1 to 1000000 pixels", side.unwrap_or_default()));
@@ -282,27 +271,13 @@ impl Place<'_> {
         Ok((fields.w, fields.h))
     }
 
-    /// Intrinsics for the picture as it is, and what to say about them.
-    fn intrinsics(
+    /// Intrinsics for a picture of `w` by `h` pixels, and what to say about them.
+    fn optics(
         &self,
         fields: &CameraFields,
-        stated: (Option<f64>, Option<f64>),
-        path: &Path,
-        picture: &Picture,
+        (w, h): (f64, f64),
         notes: &mut Vec<String>,
-    ) -> Result<(Intrinsics, Lens), DatasetError> {
-        self.check_model(fields)?;
-        let found = (picture.width, picture.height);
-        let size = (f64::from(found.0), f64::from(found.1));
-        let (w, h) = (stated.0.unwrap_or(size.0), stated.1.unwrap_or(size.1));
-        let (sx, sy) = (size.0 / w, size.1 / h);
-        if !picture::fits(found, stated) {
-            return Err(DatasetError::PictureSize { file: path.into(), expected: (w, h), found });
-        }
-        if (w, h) != size {
-            let (a, b) = found;
-            notes.push(format!("pictures are {a}x{b} where the json says {w}x{h}: intrinsics scaled to fit"));
-        }
+    ) -> Result<Optics, DatasetError> {
         let from_angle = |field: &str, side: f64, angle: Option<f64>| match angle {
             Some(angle) => match angle_fault(angle) {
                 Some(found) => Err(self.value(field, "radians above 0 and below π", found)),
@@ -326,33 +301,30 @@ impl Place<'_> {
             });
         };
         let lens = self.lens(fields, (w, h), (fx, fy), notes)?;
-        let intrinsics = Intrinsics {
-            width: found.0,
-            height: found.1,
-            fx: (fx * sx) as f32,
-            fy: (fy * sy) as f32,
-            cx: (fields.cx.unwrap_or(0.5 * w) * sx) as f32,
-            cy: (fields.cy.unwrap_or(0.5 * h) * sy) as f32,
-        };
-        Ok((intrinsics, lens))
+        let (cx, cy) = (fields.cx.unwrap_or(0.5 * w), fields.cy.unwrap_or(0.5 * h));
+        Ok(Optics { width: w, height: h, fx, fy, cx, cy, lens })
     }
 
-    fn check_model(&self, fields: &CameraFields) -> Result<(), DatasetError> {
-        const EXPECTED: &str =
-            "a perspective camera (OPENCV, PINHOLE, SIMPLE_PINHOLE, SIMPLE_RADIAL, RADIAL)";
-        if fields.is_fisheye == Some(true) {
-            return Err(self.unsupported("is_fisheye", EXPECTED, "true".into()));
-        }
-        match &fields.camera_model {
-            Some(model) if !MODELS.iter().any(|known| known.eq_ignore_ascii_case(model)) => {
-                Err(self.unsupported("camera_model", EXPECTED, model.clone()))
-            }
-            _ => Ok(()),
+    /// Which lens the coefficients are of.
+    fn model(&self, fields: &CameraFields) -> Result<Model, DatasetError> {
+        const EXPECTED: &str = "OPENCV, PINHOLE, SIMPLE_PINHOLE, SIMPLE_RADIAL, RADIAL, FULL_OPENCV, OPENCV_FISHEYE, \
+                                RADIAL_FISHEYE or SIMPLE_RADIAL_FISHEYE";
+        let name = fields.camera_model.as_deref().unwrap_or("OPENCV").to_ascii_uppercase();
+        match name.as_str() {
+            "OPENCV_FISHEYE" | "RADIAL_FISHEYE" | "SIMPLE_RADIAL_FISHEYE" => Ok(Model::Fisheye),
+            "FULL_OPENCV" => Ok(Model::Rational),
+            name if MODELS.contains(&name) && fields.is_fisheye == Some(true) => Ok(Model::Fisheye),
+            name if MODELS.contains(&name) => Ok(Model::Polynomial),
+            _ => Err(self.unsupported(
+                "camera_model",
+                EXPECTED,
+                fields.camera_model.clone().unwrap_or_default(),
+            )),
         }
     }
 
-    /// k1, k2, p1, p2. The model has no k3 and k4: they are dropped, with a note, where they move
-    /// the farthest corner by at most half a pixel, and refused elsewhere.
+    /// The lens. Without a name k4 is of eighth order, as in nerfstudio, which no lens here has: it is dropped, with a
+    /// note, where it moves the farthest corner by at most half a pixel, and refused elsewhere.
     fn lens(
         &self,
         fields: &CameraFields,
@@ -360,26 +332,52 @@ impl Place<'_> {
         (fx, fy): (f64, f64),
         notes: &mut Vec<String>,
     ) -> Result<Lens, DatasetError> {
-        let [k1, k2, k3, k4, p1, p2] =
-            [fields.k1, fields.k2, fields.k3, fields.k4, fields.p1, fields.p2].map(Option::unwrap_or_default);
-        for (name, value) in [("k1", k1), ("k2", k2), ("k3", k3), ("k4", k4), ("p1", p1), ("p2", p2)] {
-            if !(value as f32).is_finite() {
-                return Err(self.value(name, "a finite number", value));
+        let named = [
+            ("k1", fields.k1),
+            ("k2", fields.k2),
+            ("k3", fields.k3),
+            ("k4", fields.k4),
+            ("k5", fields.k5),
+            ("k6", fields.k6),
+            ("p1", fields.p1),
+            ("p2", fields.p2),
+        ];
+        let [k1, k2, k3, k4, k5, k6, p1, p2] = named.map(|(_, value)| value.unwrap_or_default() as f32);
+        if let Some((name, Some(value))) =
+            named.into_iter().find(|(_, value)| value.is_some_and(|value| !(value as f32).is_finite()))
+        {
+            return Err(self.value(name, "a finite number", value));
+        }
+        let lens = Lens { k1, k2, p1, p2, k3, ..Lens::NONE };
+        match self.model(fields)? {
+            Model::Fisheye => Ok(Lens { k4, projection: Projection::Fisheye, ..lens }),
+            Model::Rational => Ok(Lens { k4, k5, k6, ..lens }),
+            Model::Polynomial if k4 == 0.0 => Ok(lens),
+            Model::Polynomial => {
+                let (cx, cy) = (fields.cx.unwrap_or(0.5 * w), fields.cy.unwrap_or(0.5 * h));
+                let (x, y) = (cx.abs().max((w - cx).abs()) / fx, cy.abs().max((h - cy).abs()) / fy);
+                let r2 = x * x + y * y;
+                let shift = fx.max(fy) * r2.sqrt() * f64::from(k4.abs()) * r2.powi(4);
+                if shift.is_nan() || shift > NEGLIGIBLE_SHIFT {
+                    let found = format!("k4 = {k4}, which moves a corner by {shift:.1} pixels");
+                    let expected =
+                        "none (or less than half a pixel of it; that of FULL_OPENCV needs the camera_model)";
+                    return Err(self.unsupported("k4", expected, found));
+                }
+                notes
+                    .push(format!("k4 is ignored: it moves no point by more than {NEGLIGIBLE_SHIFT} pixels"));
+                Ok(lens)
             }
         }
-        let (cx, cy) = (fields.cx.unwrap_or(0.5 * w), fields.cy.unwrap_or(0.5 * h));
-        let (x, y) = (cx.abs().max((w - cx).abs()) / fx, cy.abs().max((h - cy).abs()) / fy);
-        let r2 = x * x + y * y;
-        let shift = fx.max(fy) * r2.sqrt() * (k3.abs() * r2.powi(3) + k4.abs() * r2.powi(4));
-        if k3 != 0.0 || k4 != 0.0 {
-            if shift.is_nan() || shift > NEGLIGIBLE_SHIFT {
-                let found = format!("k3 = {k3}, k4 = {k4}, which move a corner by {shift:.1} pixels");
-                return Err(self.unsupported("k3, k4", "none (or less than half a pixel of them)", found));
-            }
-            notes.push(format!(
-                "k3 and k4 are ignored: they move no point by more than {NEGLIGIBLE_SHIFT} pixels"
-            ));
-        }
-        Ok(Lens { k1: k1 as f32, k2: k2 as f32, p1: p1 as f32, p2: p2 as f32 })
     }
+}
+
+/// What the coefficients of a json are of.
+enum Model {
+    /// A radial polynomial, and tangential terms.
+    Polynomial,
+    /// The same with a denominator.
+    Rational,
+    /// Angles.
+    Fisheye,
 }

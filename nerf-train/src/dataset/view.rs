@@ -15,6 +15,8 @@ pub struct View {
     /// `[height * width]` from the top left, row by row: straight (not premultiplied) sRGB and
     /// alpha; alpha is 255 where the file has none.
     pub pixels: Vec<[u8; 4]>,
+    /// Which pixels count, in the same order; `None`: all of them. The others are neither trained on nor measured.
+    pub mask: Option<Vec<bool>>,
 }
 
 impl View {
@@ -35,7 +37,7 @@ impl View {
     /// `step` is 1.
     ///
     /// `step` is odd: pixel `i` of the result is pixel `step i + step / 2` of the view. A picture smaller than
-    /// that along one side keeps one pixel of it there.
+    /// that along one side keeps one pixel of it there. Where none of the lattice's pixels counts, it is the whole view.
     pub fn thinned(&self, step: u32) -> Cow<'_, Self> {
         if step <= 1 {
             return Cow::Borrowed(self);
@@ -49,7 +51,26 @@ impl View {
             .flat_map(|y| (0..small.width).map(move |x| (middle(x, right), middle(y, down))))
             .filter_map(|(x, y)| self.pixel(x, y))
             .collect();
-        Cow::Owned(Self { name: self.name.clone(), camera, pixels })
+        let kept = |i: u32| mask_at(self, middle(i % small.width, right), middle(i / small.width, down));
+        let mask: Option<Vec<bool>> =
+            self.mask.as_ref().map(|_| (0..small.width * small.height).map(kept).collect());
+        if mask.as_ref().is_some_and(|mask| !mask.contains(&true)) {
+            return Cow::Borrowed(self);
+        }
+        Cow::Owned(Self { name: self.name.clone(), camera, pixels, mask })
+    }
+
+    /// Whether the pixel at `index`, counted row by row, is trained on and measured.
+    pub fn counts(&self, index: usize) -> bool {
+        self.mask.as_ref().is_none_or(|mask| mask.get(index).copied().unwrap_or(false))
+    }
+
+    /// Of a picture of this view, `[height * width]`, the pixels that count.
+    pub fn counted<'p>(&self, rgb: &'p [[f32; 3]]) -> Cow<'p, [[f32; 3]]> {
+        match &self.mask {
+            Some(mask) => rgb.iter().zip(mask).filter(|(_, kept)| **kept).map(|(rgb, _)| *rgb).collect(),
+            None => Cow::Borrowed(rgb),
+        }
     }
 
     /// Number of its pixels.
@@ -69,6 +90,10 @@ impl View {
     pub fn composite_over(&self, background: [f32; 3]) -> Vec<[f32; 3]> {
         self.pixels.iter().map(|&pixel| over(pixel, background)).collect()
     }
+}
+
+fn mask_at(view: &View, x: u32, y: u32) -> bool {
+    view.counts(y as usize * view.size().0 as usize + x as usize)
 }
 
 /// One straight-alpha pixel over a display-encoded background, in [0, 1].
@@ -101,7 +126,8 @@ impl Background {
             let (width, height) = view.size();
             for (index, p) in view.pixels.iter().enumerate() {
                 let (x, y) = (index as u32 % width, index as u32 / width);
-                if x == 0 || y == 0 || x + 1 == width || y + 1 == height {
+                let border = x == 0 || y == 0 || x + 1 == width || y + 1 == height;
+                if border && view.counts(index) {
                     *counts.entry([p[0], p[1], p[2]]).or_default() += 1;
                     total += 1;
                 }

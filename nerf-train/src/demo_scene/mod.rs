@@ -75,7 +75,12 @@ impl DemoSpec {
 pub fn dataset(spec: &DemoSpec) -> Result<Dataset, CameraError> {
     let shoot = |split: &str, cameras: Vec<Camera>| -> Vec<View> {
         let views = cameras.into_par_iter().enumerate();
-        let view = |(i, camera)| View { name: format!("{split}/{i:03}"), camera, pixels: render(&camera) };
+        let view = |(i, camera)| View {
+            name: format!("{split}/{i:03}"),
+            camera,
+            pixels: render(&camera),
+            mask: None,
+        };
         views.map(view).collect()
     };
     let (train, val) = (spec.spiral(spec.train, 0.0)?, spec.spiral(spec.val, 1.1)?);
@@ -92,6 +97,8 @@ pub fn dataset(spec: &DemoSpec) -> Result<Dataset, CameraError> {
         near: Some((spec.radius - reach).max(0.0)),
         far: Some(spec.radius + reach),
         background: Background::Alpha,
+        points: Vec::new(),
+        notes: Vec::new(),
         warnings: Vec::new(),
     })
 }

@@ -91,19 +91,30 @@ pub fn mean_flat_psnr_db(flat_db: impl IntoIterator<Item = f64>) -> f64 {
 /// Wang, Bovik, Sheikh, Simoncelli 2004, "Image quality assessment: from error visibility to
 /// structural similarity", eq. 13.
 pub fn ssim(a: &[[f32; 3]], b: &[[f32; 3]], width: usize, height: usize) -> f64 {
+    ssim_of(a, b, width, height, None)
+}
+
+/// [`ssim`] where pixels count, `[width * height]`: the others are equal in both pictures, and the mean is over windows
+/// whose middle counts. NaN where there is none.
+pub fn ssim_of(a: &[[f32; 3]], b: &[[f32; 3]], width: usize, height: usize, counts: Option<&[bool]>) -> f64 {
     let pixels = width.checked_mul(height).unwrap_or(0);
-    if pixels == 0 || a.len() != pixels || b.len() != pixels {
+    let differ = |length: usize| length != pixels;
+    if pixels == 0 || differ(a.len()) || differ(b.len()) || counts.is_some_and(|mask| differ(mask.len())) {
         return f64::NAN;
     }
     let channel = |c| {
         let plane = |p: &[[f32; 3]]| p.iter().map(|rgb| f64::from(rgb[c])).collect::<Vec<_>>();
-        ssim_of_plane(&plane(a), &plane(b), width, height)
+        let (mut a, b) = (plane(a), plane(b));
+        for (i, _) in counts.into_iter().flatten().enumerate().filter(|(_, counts)| !**counts) {
+            a[i] = b[i];
+        }
+        ssim_of_plane(&a, &b, width, height, counts)
     };
     (channel(0) + channel(1) + channel(2)) / 3.0
 }
 
 /// SSIM of one channel; the sizes have been checked.
-fn ssim_of_plane(a: &[f64], b: &[f64], width: usize, height: usize) -> f64 {
+fn ssim_of_plane(a: &[f64], b: &[f64], width: usize, height: usize, counts: Option<&[bool]>) -> f64 {
     let (across, down) = (gaussian(width), gaussian(height));
     let blur = |plane: &[f64]| blur_valid(plane, width, height, &across, &down);
     let product = |f: fn(f64, f64) -> f64| -> Vec<f64> { a.iter().zip(b).map(|(&x, &y)| f(x, y)).collect() };
@@ -111,15 +122,21 @@ fn ssim_of_plane(a: &[f64], b: &[f64], width: usize, height: usize) -> f64 {
     // Only the sum of the two variances enters the formula: one blur less.
     let squares = blur(&product(|x, y| x * x + y * y));
     let cross = blur(&product(|x, y| x * y));
-    let mut sum = 0.0;
+    let (mut sum, mut windows) = (0.0, 0usize);
+    let columns = width + 1 - across.len();
     for i in 0..mean_a.len() {
+        let middle = (i / columns + down.len() / 2) * width + i % columns + across.len() / 2;
+        if counts.is_some_and(|counts| !counts[middle]) {
+            continue;
+        }
+        windows += 1;
         let (ma, mb) = (mean_a[i], mean_b[i]);
         let variances = squares[i] - ma * ma - mb * mb;
         let covariance = cross[i] - ma * mb;
         let luminance = (2.0 * ma * mb + C1) / (ma * ma + mb * mb + C1);
         sum += luminance * (2.0 * covariance + C2) / (variances + C2);
     }
-    sum / mean_a.len() as f64
+    sum / windows as f64
 }
 
 /// Normalised Gaussian taps for a side of `length` ≥ 1 pixels: 11, or fewer where the side is short.

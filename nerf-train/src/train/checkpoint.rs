@@ -12,6 +12,7 @@ use crate::engine::OptimiserState;
 use crate::input::{MAX_CHECKPOINT_BYTES, read_limited};
 use crate::occupancy::Occupancy;
 use crate::output::{OutputError, write_atomic};
+use nerf_core::lens::{Lens, Projection};
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 use std::path::{Path, PathBuf};
@@ -184,10 +185,16 @@ pub fn fingerprint(data: &Dataset) -> u64 {
         let (i, lens) = (camera.intrinsics(), camera.lens());
         numbers(&[i.width as f32, i.height as f32, i.fx, i.fy, i.cx, i.cy]);
         numbers(&[lens.k1, lens.k2, lens.p1, lens.p2]);
+        if *lens != (Lens { k1: lens.k1, k2: lens.k2, p1: lens.p1, p2: lens.p2, ..Lens::NONE }) {
+            let fisheye = f32::from(u8::from(lens.projection == Projection::Fisheye));
+            numbers(&[lens.k3, lens.k4, lens.k5, lens.k6, fisheye]);
+        }
         camera.pose().to_rows().iter().for_each(|row| numbers(row));
     }
     for view in &data.train {
         digest.update(view.pixels.as_flattened());
+        let mask = view.mask.iter().flatten().map(|&kept| u8::from(kept)).collect::<Vec<_>>();
+        digest.update(&mask);
     }
     digest.update(data.background.to_string().as_bytes());
     digest.finalize()

@@ -110,7 +110,10 @@ impl Session<'_, '_> {
         let (judged, judged_scores) = if all.is_empty() { (&asked, &trained) } else { (&all, &scores) };
         let flats: Vec<f64> = judged
             .iter()
-            .map(|view| flat_psnr_db(&view.thinned(lattice).composite_over(background)))
+            .map(|view| {
+                let thin = view.thinned(lattice);
+                flat_psnr_db(&thin.counted(&thin.composite_over(background)))
+            })
             .collect();
         let judged_db = judged_scores.views.iter().map(|score| score.psnr_db);
         let flat = is_flat(judged_db.zip(flats.iter().copied()));

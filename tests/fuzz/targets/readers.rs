@@ -5,7 +5,8 @@ use arbitrary::{Result, Unstructured};
 use libfuzzer_sys::fuzz_target;
 use nerf_fuzz::files::{npy, spoil, zip};
 use nerf_fuzz::values::{any_f32, mostly};
-use nerf_train::dataset::{Axes, Dataset, ReadOptions, read};
+use nerf_train::dataset::{Axes, Dataset, Downscale, ReadOptions, read};
+use std::path::Path;
 use std::sync::LazyLock;
 
 static FOLDER: LazyLock<tempfile::TempDir> = LazyLock::new(|| {
@@ -30,11 +31,17 @@ fuzz_target!(|data: &[u8]| {
             let Ok(bytes) = archive(&mut u, kind % 8 == 3) else { return };
             ("made.npz", bytes)
         }
-        _ => {
+        5 => {
             let Ok(bytes) = transforms(&mut u) else { return };
             ("transforms.json", bytes)
         }
+        _ => ("", Vec::new()),
     };
+    if kind % 8 >= 6 {
+        let files = if kind % 8 == 6 { colmap(&mut u) } else { llff(&mut u) };
+        let Ok(files) = files else { return };
+        return check_folder(kind, &files);
+    }
     let file = FOLDER.path().join(name);
     let path = if kind % 8 == 2 {
         // The bytes are a picture that a sound json names.
@@ -45,16 +52,107 @@ fuzz_target!(|data: &[u8]| {
         std::fs::write(&file, bytes).expect("room in /dev/shm");
         file
     };
+    check_read(kind, &path);
+});
+
+/// What is read from `path` is sound, or refused by the name of a file.
+fn check_read(kind: u8, path: &Path) {
     let axes = [None, Some(Axes::Opengl), Some(Axes::Opencv), None][usize::from(kind >> 3 & 3)];
-    let options = ReadOptions { axes, max_array_bytes: LIMIT, ..ReadOptions::default() };
-    match read(&path, &options) {
+    let downscale = [Downscale::Auto, Downscale::By(2)][usize::from(kind >> 5 & 1)];
+    let options = ReadOptions { axes, downscale, max_array_bytes: LIMIT, ..ReadOptions::default() };
+    match read(path, &options) {
         Ok(dataset) => check(&dataset),
         Err(error) => {
             let (text, folder) = (error.to_string(), FOLDER.path().to_string_lossy().into_owned());
             assert!(text.contains(&folder) || text.contains("near"), "which file: {text}");
         }
     }
-});
+}
+
+/// The same of a folder of two photographs, `a.png` and `b.png`, and these files.
+fn check_folder(kind: u8, files: &[(&str, Vec<u8>)]) {
+    let folder = FOLDER.path().join("photographs");
+    // What the last input left must not be read with this one's.
+    let _ = std::fs::remove_dir_all(&folder);
+    std::fs::create_dir_all(folder.join("images")).expect("room in /dev/shm");
+    for (name, width, height) in [("a.png", 4, 3), ("b.png", 8, 6)] {
+        std::fs::write(folder.join("images").join(name), picture(width, height)).expect("room in /dev/shm");
+    }
+    for (name, bytes) in files {
+        std::fs::write(folder.join(name), bytes).expect("room in /dev/shm");
+    }
+    check_read(kind, &folder);
+}
+
+/// A COLMAP model, binary or text, that is sound but for a few numbers and counts.
+fn colmap(u: &mut Unstructured<'_>) -> Result<Vec<(&'static str, Vec<u8>)>> {
+    if u.ratio(1, 4)? {
+        return colmap_text(u);
+    }
+    let count = |u: &mut Unstructured<'_>, count: u64| {
+        Ok(if u.ratio(1, 32)? { u.arbitrary()? } else { count })
+    };
+    let (model, parameters) = *u.choose(&[(0i32, 3usize), (1, 4), (4, 8), (5, 8), (6, 12), (7, 5), (99, 0)])?;
+    let mut cameras = count(u, 1)?.to_le_bytes().to_vec();
+    cameras.extend(1u32.to_le_bytes());
+    cameras.extend(model.to_le_bytes());
+    cameras.extend([4u64, 3].map(u64::to_le_bytes).concat());
+    for i in 0..parameters {
+        let sound = [5.0, 5.0, 2.0, 1.5].get(i).copied().unwrap_or(0.01);
+        cameras.extend(f64::from(mostly(u, sound)?).to_le_bytes());
+    }
+    let mut images = count(u, 2)?.to_le_bytes().to_vec();
+    for name in [*u.choose(&["a.png", "../x", "a", "\u{ff}", ""])?, "b.png"] {
+        images.extend(1u32.to_le_bytes());
+        for sound in [1.0, 0.5, 0.0, 0.0, 0.1, 0.2, 3.0] {
+            images.extend(f64::from(mostly(u, sound)?).to_le_bytes());
+        }
+        images.extend(1u32.to_le_bytes());
+        images.extend(name.as_bytes());
+        images.push(0);
+        images.extend(count(u, 1)?.to_le_bytes());
+        images.extend([0; 24]);
+    }
+    let mut points = count(u, 1)?.to_le_bytes().to_vec();
+    points.extend(7u64.to_le_bytes());
+    for _ in 0..3 {
+        points.extend(f64::from(mostly(u, 1.0)?).to_le_bytes());
+    }
+    points.extend([0; 11]);
+    points.extend(count(u, 1)?.to_le_bytes());
+    points.extend([0; 8]);
+    Ok(vec![
+        ("cameras.bin", spoil(cameras, u)?),
+        ("images.bin", spoil(images, u)?),
+        ("points3D.bin", spoil(points, u)?),
+    ])
+}
+
+fn colmap_text(u: &mut Unstructured<'_>) -> Result<Vec<(&'static str, Vec<u8>)>> {
+    let model = *u.choose(&["PINHOLE 4 3 5 5 2 1.5", "SIMPLE_RADIAL 4 3 5 2 1.5 0.1", "FOV 4 3", ""])?;
+    let cameras = format!("# Number of cameras: {}\n1 {model}\n", if u.ratio(7, 8)? { 1 } else { 2 });
+    let number = mostly(u, 0.5)?;
+    let images = format!("1 1 {number} 0 0 0.1 0.2 3 1 a.png\n\n2 1 0 0 0 0 0 {number} 1 b.png\n1 2 -1\n");
+    let points = format!("1 {number} 2 3 0 0 0 0.5 1 0\n");
+    Ok(vec![
+        ("cameras.txt", spoil(cameras.into_bytes(), u)?),
+        ("images.txt", spoil(images.into_bytes(), u)?),
+        ("points3D.txt", spoil(points.into_bytes(), u)?),
+    ])
+}
+
+/// `poses_bounds.npy` of two photographs.
+fn llff(u: &mut Unstructured<'_>) -> Result<Vec<(&'static str, Vec<u8>)>> {
+    let rows = if u.ratio(1, 8)? { u.int_in_range(0..=3usize)? } else { 2 };
+    let mut numbers = Vec::new();
+    for _ in 0..rows {
+        for sound in [0.0, 1.0, 0.0, 0.5, 3.0, -1.0, 0.0, 0.0, 0.0, 4.0, 0.0, 0.0, 1.0, 4.0, 5.0, 1.0, 9.0] {
+            numbers.extend(f64::from(if u.ratio(1, 64)? { any_f32(u)? } else { sound }).to_le_bytes());
+        }
+    }
+    let shape = if u.ratio(1, 16)? { [u.arbitrary::<u64>()? as usize, 17] } else { [rows, 17] };
+    Ok(vec![("poses_bounds.npy", spoil(npy("<f8", u.ratio(1, 8)?, &shape, &numbers), u)?)])
+}
 
 /// Every view has as many pixels as its camera, and a ray for each of them.
 fn check(dataset: &Dataset) {

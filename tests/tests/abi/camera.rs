@@ -1,6 +1,7 @@
 //! Cameras and their rays through the C ABI.
 
-use nerf_core::camera::Pose;
+use nerf_core::camera::{Camera, Pose};
+use nerf_core::lens::{Lens, Projection};
 use nerf_render::{self as ffi, Status};
 use nerf_tests::call::{self, Message};
 use nerf_tests::scenes;
@@ -99,6 +100,29 @@ fn rays_are_the_renderers() {
         };
         assert_eq!(status, expected, "{x}");
     }
+    // The other lenses: the same rays as the core's.
+    let plain = ffi::Camera { k1: 0.05, k2: 0.0, p1: 0.0, p2: 0.0, ..camera };
+    let lens_model = ffi::LensModel::Fisheye as u32;
+    let fisheye = ffi::Camera { k3: -0.002, k4: 1e-4, lens_model, ..plain };
+    let rational = ffi::Camera { k1: 0.2, k3: 0.01, k4: 0.1, k5: 0.02, k6: 1e-3, ..plain };
+    let lens = Lens { k1: 0.05, k3: -0.002, k4: 1e-4, projection: Projection::Fisheye, ..Lens::NONE };
+    let full = Lens { k1: 0.2, k3: 0.01, k4: 0.1, k5: 0.02, k6: 1e-3, ..Lens::NONE };
+    for (asked, lens) in [(fisheye, lens), (rational, full)] {
+        let same = Camera::new(*rust.intrinsics(), lens, *rust.pose()).expect("a camera");
+        // SAFETY: as above.
+        let status = unsafe {
+            let (origin, dir) = (origin.as_mut_ptr(), dir.as_mut_ptr());
+            ffi::nerf_camera_ray(&asked, 1.5, 3.5, origin, dir, null_mut(), none, 0)
+        };
+        let dir_off = (glam::Vec3::from(dir) - same.ray(1.5, 3.5).dir).length();
+        assert!(status == Status::Ok && dir_off < 1e-6, "{asked:?}: {dir:?}");
+    }
+    let unknown = ffi::Camera { lens_model: 2, ..camera };
+    // SAFETY: as above.
+    let status = unsafe {
+        ffi::nerf_camera_ray(&unknown, 1.5, 3.5, origin.as_mut_ptr(), dir.as_mut_ptr(), null_mut(), none, 0)
+    };
+    assert_eq!(status, Status::Options);
     // SAFETY: NULL is refused.
     let status =
         unsafe { ffi::nerf_camera_ray(&camera, 1.0, 1.0, null_mut(), null_mut(), null_mut(), none, 0) };

@@ -78,9 +78,9 @@ fn lenses() -> Vec<Row> {
     let mut worst = Worst::default();
     let mut state = 13;
     let lenses = [
-        Lens { k1: 0.1, k2: 0.02, p1: 0.0, p2: 0.0 },
-        Lens { k1: -0.2, k2: 0.05, p1: 0.001, p2: -0.002 },
-        Lens { k1: 0.5, k2: 0.5, p1: 0.01, p2: 0.01 },
+        Lens { k1: 0.1, k2: 0.02, p1: 0.0, p2: 0.0, ..Lens::NONE },
+        Lens { k1: -0.2, k2: 0.05, p1: 0.001, p2: -0.002, ..Lens::NONE },
+        Lens { k1: 0.5, k2: 0.5, p1: 0.01, p2: 0.01, ..Lens::NONE },
     ];
     for lens in lenses {
         for _ in 0..5_000 {
@@ -172,7 +172,8 @@ fn each_lens(mut see: impl FnMut(&Camera, [f64; 2], [f64; 2])) {
             (signed_f64(&mut state).signum() * 10f64.powf(most - 1.5 + 1.5 * signed_f64(&mut state))) as f32
         };
         let tangential = if i % 3 == 0 { 0.0 } else { -2.5 };
-        let mut lens = Lens { k1: part(0.0), k2: part(0.0), p1: part(tangential), p2: part(tangential) };
+        let mut lens =
+            Lens { k1: part(0.0), k2: part(0.0), p1: part(tangential), p2: part(tangential), ..Lens::NONE };
         // Half of them bend inwards and out again: a fold that ends, mostly well inside the image.
         if i % 2 == 0 {
             lens.k1 = -lens.k1.abs();

@@ -65,7 +65,7 @@ pub fn draw(
             depth_of_field: Some(ThinLens { aperture_radius: 0.02, focus_distance: 3.2 }),
             tone: Tone { exposure: 0.5, map: ToneMap::Filmic, linear: false },
         };
-        lens = Lens { k1: 0.02, k2: -0.01, p1: 0.001, p2: -0.002 };
+        lens = Lens { k1: 0.02, k2: -0.01, p1: 0.001, p2: -0.002, ..Lens::NONE };
     }
     let plan = Plan::new(&blob, &quality, outputs, Batch::SMALLEST).map_err(|_| "no plan")?;
     let plan = plan.with_effects(effects).map_err(|_| "an effect is not built in")?;

@@ -6,7 +6,7 @@ mod outcome;
 use super::audit::check_threshold;
 use super::common::{DataOptions, Global, background_name, tell};
 use super::places;
-use crate::dataset::{Axes, View};
+use crate::dataset::{Axes, Downscale, View};
 use crate::eval::measure;
 use crate::export::{Coarse, Contents, Exported, export_with};
 use crate::import::check::{Draft, SUSPICIOUS_DB, VIEWS, check, renderings, split, thinned};
@@ -214,6 +214,8 @@ impl Import {
             axes: guesses.axes,
             near: Some(settings.near),
             far: Some(settings.far),
+            layout: None,
+            downscale: Downscale::Auto,
             outside_files: self.outside_files,
         };
         let dataset = options.read(path, global)?;

@@ -1,7 +1,10 @@
 //! Every layout and every error, on small data sets made here; and the real data where present.
 
 mod geometry;
+mod llff;
 mod npz;
+mod photographs;
+mod pictures;
 mod real;
 mod transforms;
 mod untrusted;
@@ -30,7 +33,8 @@ fn camera(pose: Pose) -> Camera {
 }
 
 fn dataset_of(poses: &[Pose], axes: Axes) -> Dataset {
-    let view = |pose: &Pose| View { name: "v".into(), camera: camera(*pose), pixels: vec![[0; 4]; 48] };
+    let view =
+        |pose: &Pose| View { name: "v".into(), camera: camera(*pose), pixels: vec![[0; 4]; 48], mask: None };
     Dataset {
         name: "made".into(),
         format: Format::Nerfstudio,
@@ -42,6 +46,8 @@ fn dataset_of(poses: &[Pose], axes: Axes) -> Dataset {
         near: None,
         far: None,
         background: Background::Alpha,
+        points: Vec::new(),
+        notes: Vec::new(),
         warnings: Vec::new(),
     }
 }

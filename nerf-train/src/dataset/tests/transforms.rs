@@ -1,5 +1,6 @@
 use super::*;
 use image::{DynamicImage, ImageFormat};
+use nerf_core::lens::Projection;
 use serde_json::{Value, json};
 use std::path::PathBuf;
 use tempfile::TempDir;
@@ -85,7 +86,7 @@ fn nerfstudio_holds_every_eighth_view() {
     let camera = &data.train[0].camera;
     let i = camera.intrinsics();
     assert_eq!((i.fx, i.fy, i.cx, i.cy), (10.0, 11.0, 3.5, 2.5));
-    assert_eq!(*camera.lens(), Lens { k1: 0.01, k2: 0.0, p1: 0.0, p2: 0.001 });
+    assert_eq!(*camera.lens(), Lens { k1: 0.01, p2: 0.001, ..Lens::NONE });
 }
 
 #[test]
@@ -120,7 +121,7 @@ fn a_frame_overrides_the_file() {
     let data = read_plain(&write(&folder, "transforms.json", &value)).expect("whole");
     let focal: Vec<f32> = data.train.iter().map(|v| v.camera.intrinsics().fx).collect();
     assert_eq!(focal, [10.0, 20.0]);
-    assert_eq!(*data.train[1].camera.lens(), Lens { k1: 0.02, k2: 0.01, p1: 0.0, p2: 0.0 });
+    assert_eq!(*data.train[1].camera.lens(), Lens { k1: 0.02, k2: 0.01, ..Lens::NONE });
 }
 
 #[test]
@@ -212,19 +213,22 @@ fn every_kind_of_picture_is_read() {
 #[test]
 fn cameras_that_cannot_be_done_are_refused() {
     assert_names(
-        &error_with(&json!({ "camera_model": "OPENCV_FISHEYE" })),
-        &["camera_model", "OPENCV_FISHEYE"],
+        &error_with(&json!({ "camera_model": "THIN_PRISM_FISHEYE" })),
+        &["camera_model", "THIN_PRISM_FISHEYE"],
     );
-    assert_names(&error_with(&json!({ "is_fisheye": true })), &["is_fisheye"]);
-    assert_names(&error_with(&json!({ "k3": 50.0 })), &["k3", "move a corner by"]);
+    assert_names(
+        &error_with(&json!({ "is_fisheye": true, "p1": 0.1 })),
+        &["lens p1: expected 0 in a fisheye"],
+    );
+    assert_names(&error_with(&json!({ "k4": 5000.0 })), &["k4", "moves a corner by"]);
     assert_names(&error_with(&json!({ "k1": -5.0 })), &["images/000.png", "turn back"]);
     assert_names(&error_with(&json!({ "k1": 1e300 })), &["k1", "finite"]);
     assert_names(&error_with(&json!({ "fl_x": 0.0 })), &["fx", "found 0"]);
     assert_names(&error_with(&json!({ "fl_x": null })), &["fl_x (or camera_angle_x)"]);
     assert_names(&error_with(&json!({ "near": 2.0, "far": 1.0 })), &["near 2", "far 1"]);
-    let (_folder, path) = single(&json!({ "k3": 1e-3, "camera_model": "opencv" }));
-    let data = read_plain(&path).expect("a negligible k3");
-    assert_names(&data.warnings.join("\n"), &["k3 and k4 are ignored"]);
+    let (_folder, path) = single(&json!({ "k4": 1e-3, "camera_model": "opencv" }));
+    let data = read_plain(&path).expect("a negligible k4");
+    assert_names(&data.warnings.join("\n"), &["k4 is ignored"]);
 }
 
 #[test]
@@ -269,4 +273,25 @@ fn json_errors_have_a_line() {
     assert!(read_plain(&path).is_err());
     std::fs::write(folder.path().join("transforms.json"), [0xff, 0xfe, 0x00]).expect("write");
     assert!(read_plain(folder.path()).is_err());
+}
+
+#[test]
+fn fisheyes_and_full_opencv_are_lenses() {
+    let all = json!({ "k1": 0.1, "k2": 0.02, "k3": 0.003, "k4": 0.0004 });
+    let with = |extra: Value| {
+        let mut fields = all.clone();
+        extra.as_object().expect("an object").iter().for_each(|(key, value)| fields[key] = value.clone());
+        *read_plain(&single(&fields).1).expect("a data set").train[0].camera.lens()
+    };
+    let fisheye =
+        Lens { k1: 0.1, k2: 0.02, k3: 0.003, k4: 0.0004, projection: Projection::Fisheye, ..Lens::NONE };
+    assert_eq!(with(json!({ "is_fisheye": true })), fisheye);
+    assert_eq!(with(json!({ "camera_model": "OPENCV_FISHEYE" })), fisheye);
+    let full = Lens { k5: 0.05, k6: 0.006, p1: 0.001, projection: Projection::Perspective, ..fisheye };
+    assert_eq!(with(json!({ "camera_model": "full_opencv", "k5": 0.05, "k6": 0.006, "p1": 0.001 })), full);
+    assert_eq!(with(json!({ "k4": 0.0 })), Lens { k4: 0.0, projection: Projection::Perspective, ..fisheye });
+    assert_names(
+        &error_with(&json!({ "camera_model": "EQUIRECTANGULAR" })),
+        &["camera_model", "OPENCV_FISHEYE"],
+    );
 }

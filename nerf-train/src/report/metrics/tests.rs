@@ -153,3 +153,25 @@ fn ssim_is_symmetric_and_falls_with_noise() {
     assert!((ssim(&a, &much, 40, 40) - ssim(&much, &a, 40, 40)).abs() < 1e-12);
     assert!(ssim(&a, &little, 40, 40) > ssim(&a, &much, 40, 40));
 }
+
+#[test]
+fn pixels_that_do_not_count_change_nothing() {
+    let (width, height) = (24, 17);
+    let noise = |seed: usize| -> Vec<[f32; 3]> {
+        (0..width * height)
+            .map(|i| [0, 1, 2].map(|c| ((i * 37 + c * 11 + seed) % 101) as f32 / 100.0))
+            .collect()
+    };
+    let (a, b) = (noise(0), noise(5));
+    let all = vec![true; width * height];
+    assert_eq!(ssim_of(&a, &b, width, height, Some(&all)), ssim(&a, &b, width, height));
+    // The right third does not count: whatever is there.
+    let mask: Vec<bool> = (0..width * height).map(|i| i % width < 16).collect();
+    let mut other = a.clone();
+    other.iter_mut().zip(&mask).filter(|(_, counts)| !**counts).for_each(|(pixel, _)| *pixel = [f32::NAN; 3]);
+    let masked = ssim_of(&a, &b, width, height, Some(&mask));
+    assert!(masked < 1.0 && masked == ssim_of(&other, &b, width, height, Some(&mask)), "{masked}");
+    assert_eq!(ssim_of(&b, &b, width, height, Some(&mask)), 1.0);
+    assert!(ssim_of(&a, &b, width, height, Some(&vec![false; width * height])).is_nan());
+    assert!(ssim_of(&a, &b, width, height, Some(&mask[1..])).is_nan());
+}

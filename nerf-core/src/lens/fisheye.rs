@@ -1,0 +1,107 @@
+//! The fisheye: angles off the axis, and where they are seen.
+
+use super::Lens;
+use super::model::FOLD;
+use core::f32::consts::PI;
+use glam::Vec3;
+
+/// Steps of the search from the axis to half a turn.
+const STEPS: u8 = 32;
+
+impl Lens {
+    /// How far from the principal point the angle `theta` is seen, and its derivative.
+    fn angle_seen(&self, theta: f32) -> (f32, f32) {
+        let t = theta * theta;
+        let seen = 1.0 + t * (self.k1 + t * (self.k2 + t * (self.k3 + t * self.k4)));
+        let slope =
+            1.0 + t * (3.0 * self.k1 + t * (5.0 * self.k2 + t * (7.0 * self.k3 + t * (9.0 * self.k4))));
+        (theta * seen, slope)
+    }
+
+    /// Where a direction is seen, of any length but 0: right, down, forward.
+    pub(super) fn fisheye_seen(&self, dir: Vec3) -> (f32, f32) {
+        let across = libm::hypotf(dir.x, dir.y);
+        if across == 0.0 {
+            return (0.0, 0.0);
+        }
+        let (seen, _) = self.angle_seen(libm::atan2f(across, dir.z));
+        (dir.x / across * seen, dir.y / across * seen)
+    }
+
+    /// The unit direction that is seen at `(xd, yd)`: right, down, forward.
+    ///
+    /// The first angle from the axis on that is seen so far out, by Newton's method between two angles that hold it;
+    /// `None` where the lens turns back before, or half a turn is not enough.
+    pub(super) fn fisheye_direction(&self, xd: f32, yd: f32) -> Option<Vec3> {
+        let seen = libm::hypotf(xd, yd);
+        if seen == 0.0 {
+            return Some(Vec3::Z);
+        }
+        let theta = self.angle_of(seen)?;
+        let (sin, cos) = libm::sincosf(theta);
+        Some(Vec3::new(xd / seen * sin, yd / seen * sin, cos))
+    }
+
+    fn angle_of(&self, seen: f32) -> Option<f32> {
+        let (mut low, mut high) = self.angles_around(seen)?;
+        let mut theta = seen.clamp(low, high);
+        for _ in 0..30 {
+            let (at, slope) = self.angle_seen(theta);
+            let off = at - seen;
+            if off.abs() <= 1.2e-7 * seen.max(theta) {
+                break;
+            }
+            if off > 0.0 {
+                high = theta
+            } else {
+                low = theta
+            }
+            let next = theta - off / slope;
+            // Not where rounding alone decides, and never out of the bracket.
+            let inside = next > low && next < high;
+            let next = if inside { next } else { 0.5 * (low + high) };
+            if next == theta {
+                break;
+            }
+            theta = next;
+        }
+        Some(theta)
+    }
+
+    /// Two angles between which `seen` lies, with no fold up to the second.
+    fn angles_around(&self, seen: f32) -> Option<(f32, f32)> {
+        let mut low = 0.0;
+        for step in 1..=STEPS {
+            let high = PI * f32::from(step) / f32::from(STEPS);
+            let (at, slope) = self.angle_seen(high);
+            let turns = slope.is_nan() || slope <= FOLD;
+            let high = if turns { self.last_rising(low, high) } else { high };
+            if self.angle_seen(high).0 >= seen {
+                return Some((low, high));
+            }
+            if turns || at.is_nan() {
+                return None;
+            }
+            low = high;
+        }
+        None
+    }
+
+    /// The last angle before the lens turns back, which it does between `low` and `high`.
+    fn last_rising(&self, mut low: f32, mut high: f32) -> f32 {
+        for _ in 0..24 {
+            let middle = 0.5 * (low + high);
+            if self.angle_seen(middle).1 > FOLD { low = middle } else { high = middle }
+        }
+        low
+    }
+
+    /// Whether the lens turns back on the way from the axis to the unit direction `dir`.
+    pub(super) fn fisheye_folds_before(&self, dir: Vec3) -> bool {
+        let theta = libm::atan2f(libm::hypotf(dir.x, dir.y), dir.z);
+        (1..=128u8).any(|step| {
+            let slope = self.angle_seen(theta * f32::from(step) / 128.0).1;
+            slope.is_nan() || slope <= FOLD
+        })
+    }
+}

@@ -1,0 +1,329 @@
+//! A COLMAP model: `cameras`, `images` and perhaps `points3D`, binary or text, with the photographs beside it.
+
+mod binary;
+mod model;
+mod text;
+
+use super::folders::Folders;
+use super::found::Found;
+use super::photo::{Fence, Loaded, Photo, Source};
+use super::split::every_eighth;
+use super::transforms::listed;
+use super::{Axes, Background, Dataset, DatasetError, Format, ReadOptions, Watch, scene_name};
+use glam::{DMat3, DQuat, DVec3};
+use model::Camera;
+use nerf_core::camera::Pose;
+use std::collections::HashMap;
+use std::path::{Path, PathBuf};
+
+/// More points than these are thinned evenly, by halves.
+const MAX_POINTS: usize = 1 << 20;
+
+/// A photograph of a model.
+struct Registered {
+    /// Its path from the folder of photographs.
+    name: String,
+    /// Which camera took it.
+    camera: u32,
+    /// World to camera: rotation (w, x, y, z), of any length but 0.
+    rotation: [f64; 4],
+    /// World to camera: translation.
+    translation: [f64; 3],
+}
+
+/// What a model's files hold.
+struct Model {
+    cameras: HashMap<u32, Camera>,
+    images: Vec<Registered>,
+}
+
+/// Whether a model's files are binary, or text.
+#[derive(Clone, Copy, PartialEq)]
+enum Encoding {
+    Binary,
+    Text,
+}
+
+impl Encoding {
+    /// The name of one of the files.
+    fn file(self, folder: &Path, stem: &str) -> PathBuf {
+        folder.join(format!("{stem}.{}", if self == Self::Binary { "bin" } else { "txt" }))
+    }
+
+    /// That of the model in a folder.
+    fn of(folder: &Path) -> Option<Self> {
+        let whole =
+            |encoding: &Self| ["cameras", "images"].iter().all(|s| encoding.file(folder, s).is_file());
+        [Self::Binary, Self::Text].into_iter().find(whole)
+    }
+}
+
+/// The folders of models in `root`: `sparse/0`, `sparse/1`…, `sparse`, and `root` itself.
+fn models(root: &Path) -> Vec<(PathBuf, Encoding)> {
+    let sparse = root.join("sparse");
+    let mut numbered: Vec<PathBuf> = super::folders::entries(&sparse).unwrap_or_default();
+    numbered.sort();
+    let folders = numbered.into_iter().chain([sparse, root.to_owned()]);
+    folders.filter_map(|folder| Encoding::of(&folder).map(|encoding| (folder, encoding))).collect()
+}
+
+/// Whether there is a model in `root`.
+pub(super) fn is_here(root: &Path) -> bool {
+    !models(root).is_empty()
+}
+
+/// The files of all models, and the points of [`points_of`].
+pub(super) fn files(root: &Path) -> Vec<PathBuf> {
+    let folders = models(root).into_iter().map(|(folder, _)| folder).chain([root.to_owned()]);
+    let stems = ["cameras", "images", "points3D", "rigs", "frames"];
+    let names = stems.into_iter().flat_map(|stem| [format!("{stem}.bin"), format!("{stem}.txt")]);
+    let names: Vec<String> = names.collect();
+    let all = folders.flat_map(|folder| names.iter().map(move |name| folder.join(name)).collect::<Vec<_>>());
+    all.filter(|path| path.is_file()).collect()
+}
+
+/// Reads the model of `folder` that has most photographs.
+pub(super) fn read(folder: &Path, options: &ReadOptions, watch: &Watch) -> Result<Dataset, DatasetError> {
+    let mut found = Found::default();
+    let (model_folder, encoding) = largest(folder, &mut found)?;
+    let model = match encoding {
+        Encoding::Binary => binary::model(&model_folder)?,
+        Encoding::Text => text::model(&model_folder)?,
+    };
+    // A model that is pointed at itself stands in `sparse/0` beside the photographs.
+    let above = model_folder.ancestors().take(3).filter(|above| !above.as_os_str().is_empty());
+    let root = match above.clone().find(|above| above.join(super::folders::IMAGES).is_dir()) {
+        Some(above) if model_folder == folder => above,
+        _ => folder,
+    };
+    let folders = Folders::of(root)?;
+    let file = encoding.file(&model_folder, "images");
+    let views =
+        Reader { model: &model, file: &file, folders: &folders, root, options }.views(watch, &mut found)?;
+    let points = points_of(&model_folder, &mut found)?;
+    let axes = options.axes.unwrap_or(Axes::Opencv);
+    let cameras = model.cameras.len();
+    found.notes.insert(
+        0,
+        format!(
+            "{}: {} of {} registered photographs in {}, {cameras} cameras ({})",
+            model_folder.strip_prefix(folder).map_or_else(|_| model_folder.display(), Path::display),
+            views.len(),
+            model.images.len(),
+            folders.names(),
+            kinds(&model.cameras)
+        ),
+    );
+    let (mut notes, warnings) = found.into_sentences();
+    let (train, val) = every_eighth(views, options, &mut notes);
+    Ok(Dataset {
+        name: scene_name(root),
+        format: Format::Colmap,
+        axes,
+        train,
+        val,
+        test: Vec::new(),
+        test_path: Vec::new(),
+        near: None,
+        far: None,
+        background: Background::Unknown,
+        points,
+        notes,
+        warnings,
+    })
+}
+
+/// The models that its cameras are of.
+fn kinds(cameras: &HashMap<u32, Camera>) -> String {
+    let mut names: Vec<&str> = cameras.values().map(Camera::name).collect();
+    names.sort_unstable();
+    names.dedup();
+    names.join(", ")
+}
+
+/// The model with most photographs, the first of these.
+fn largest(folder: &Path, found: &mut Found) -> Result<(PathBuf, Encoding), DatasetError> {
+    let mut counted = Vec::new();
+    for (model, encoding) in models(folder) {
+        let count = match encoding {
+            Encoding::Binary => binary::count(&encoding.file(&model, "images"))?,
+            Encoding::Text => text::count(&encoding.file(&model, "images"))?,
+        };
+        counted.push((count, model, encoding));
+    }
+    let most = counted.iter().map(|(count, ..)| *count).max();
+    let several = counted.len() > 1;
+    let Some((count, model, encoding)) = counted.into_iter().find(|(count, ..)| Some(*count) == most) else {
+        return Err(DatasetError::NotADataset {
+            path: folder.into(),
+            expected:
+                "cameras.bin and images.bin (or .txt) in sparse/0, sparse/1, sparse, or the folder itself"
+                    .into(),
+        });
+    };
+    if several {
+        let shown = model.strip_prefix(folder).unwrap_or(&model).display();
+        found.notes.push(format!("of several models the largest is read: {shown}, of {count} photographs"));
+    }
+    Ok((model, encoding))
+}
+
+/// The sparse points of `folder`, if it has any: those that some photograph sees.
+pub(super) fn points_of(folder: &Path, found: &mut Found) -> Result<Vec<[f32; 3]>, DatasetError> {
+    let [binary, text] = [Encoding::Binary, Encoding::Text].map(|encoding| encoding.file(folder, "points3D"));
+    let mut points = Points { file: binary.clone(), kept: Vec::new(), stride: 1, seen: 0, unseen: 0 };
+    if binary.is_file() {
+        binary::points(&binary, &mut points)?;
+    } else if text.is_file() {
+        points.file = text.clone();
+        text::points(&text, &mut points)?;
+    }
+    if points.unseen > 0 {
+        found.warnings.push(format!(
+            "{}: skipped {} points that no photograph sees",
+            points.file.file_name().unwrap_or_default().to_string_lossy(),
+            points.unseen
+        ));
+    }
+    Ok(points.kept)
+}
+
+/// Points as they are read.
+struct Points {
+    file: PathBuf,
+    kept: Vec<[f32; 3]>,
+    /// One in this many is kept.
+    stride: usize,
+    seen: usize,
+    /// Points without a photograph.
+    unseen: usize,
+}
+
+impl Points {
+    /// Takes a point that `photographs` see.
+    fn push(&mut self, position: [f64; 3], photographs: u64) -> Result<(), DatasetError> {
+        let point = position.map(|v| v as f32);
+        if !point.iter().all(|v| v.is_finite()) {
+            return Err(DatasetError::Value {
+                file: self.file.clone(),
+                field: format!("point number {}", self.seen + self.unseen),
+                expected: "a finite position".into(),
+                found: format!("{position:?}"),
+            });
+        }
+        if photographs == 0 {
+            self.unseen += 1;
+            return Ok(());
+        }
+        if self.seen.is_multiple_of(self.stride) {
+            self.kept.push(point);
+        }
+        self.seen += 1;
+        if self.kept.len() > MAX_POINTS {
+            let mut index = 0;
+            self.kept.retain(|_| {
+                index += 1;
+                index % 2 == 1
+            });
+            self.stride *= 2;
+        }
+        Ok(())
+    }
+}
+
+/// What all photographs of a model have in common.
+struct Reader<'a> {
+    model: &'a Model,
+    /// The file of their poses.
+    file: &'a Path,
+    folders: &'a Folders,
+    root: &'a Path,
+    options: &'a ReadOptions,
+}
+
+impl Reader<'_> {
+    fn views(&self, watch: &Watch, found: &mut Found) -> Result<Vec<super::View>, DatasetError> {
+        let images = &self.model.images;
+        watch.expect(images.len());
+        let fence = Fence::around(self.root, self.options)?;
+        let mut names: Vec<&str> = images.iter().map(|image| image.name.as_str()).collect();
+        names.sort_unstable();
+        if let Some(twice) = names.windows(2).find(|pair| pair[0] == pair[1]) {
+            return Err(DatasetError::Value {
+                file: self.file.into(),
+                field: format!("photograph `{}`", twice[0]),
+                expected: "one pose for each photograph".into(),
+                found: "two".into(),
+            });
+        }
+        let source = Source { file: self.file, says: "the model" };
+        let views = source
+            .load_all(images.len(), watch, found, |index| self.view(&source, &fence, &images[index]))?;
+        let missing: Vec<&str> =
+            images.iter().filter(|image| !self.exists(image)).map(|image| image.name.as_str()).collect();
+        if !missing.is_empty() {
+            found.warnings.push(format!(
+                "skipped {} of {} registered photographs, which are missing in {}: {}",
+                missing.len(),
+                images.len(),
+                self.folders.names(),
+                listed(&missing)
+            ));
+        }
+        Ok(views)
+    }
+
+    fn exists(&self, image: &Registered) -> bool {
+        let size = self.model.cameras.get(&image.camera).map_or((1.0, 1.0), Camera::size);
+        self.folders.locate(&image.name, self.options.downscale, size).is_some()
+    }
+
+    fn view(
+        &self,
+        source: &Source<'_>,
+        fence: &Fence,
+        image: &Registered,
+    ) -> Result<Option<Loaded>, DatasetError> {
+        let value = |field: &str, expected: &str, found: String| DatasetError::Value {
+            file: self.file.into(),
+            field: format!("photograph `{}`, {field}", image.name),
+            expected: expected.into(),
+            found,
+        };
+        let camera = self.model.cameras.get(&image.camera).ok_or_else(|| {
+            value("camera", "one of the model's cameras", format!("number {}", image.camera))
+        })?;
+        let (w, h) = camera.size();
+        let Some(place) = self.folders.locate(&image.name, self.options.downscale, (w, h)) else {
+            return Ok(None);
+        };
+        fence.check(self.file, &image.name, &place.path)?;
+        let pose = pose(image).ok_or_else(|| {
+            value("pose", "finite numbers and a quaternion above 0", format!("{:?}", image.rotation))
+        })?;
+        let optics = camera.optics(self.file, &image.name)?;
+        let photo = Photo {
+            name: &image.name,
+            mask: self.folders.mask(&image.name),
+            path: place.path,
+            stated: (Some(w), Some(h)),
+            downscale: place.downscale,
+            reduced: place.reduced,
+            pose: self.options.axes.unwrap_or(Axes::Opencv).to_opengl(pose),
+        };
+        source.load(photo, |_, _| Ok(optics)).map(Some)
+    }
+}
+
+/// Camera to world, in COLMAP's axes; `None` where the numbers are none.
+fn pose(image: &Registered) -> Option<Pose> {
+    let [w, x, y, z] = image.rotation;
+    let rotation = DQuat::from_xyzw(x, y, z, w);
+    let length = rotation.length();
+    if !(length.is_finite() && length > 1e-9) {
+        return None;
+    }
+    let c2w = DMat3::from_quat(rotation * (1.0 / length)).transpose();
+    let position = -(c2w * DVec3::from(image.translation));
+    position.is_finite().then(|| Pose { rotation: c2w.as_mat3(), position: position.as_vec3() })
+}

@@ -1,0 +1,136 @@
+//! COLMAP's camera models.
+
+use super::super::DatasetError;
+use super::super::photo::Optics;
+use nerf_core::lens::{Lens, Projection};
+use std::path::Path;
+
+/// A camera: model, size and parameters.
+#[derive(Clone, Debug)]
+pub(super) struct Camera {
+    kind: &'static Kind,
+    width: u64,
+    height: u64,
+    parameters: Vec<f64>,
+}
+
+/// A camera model.
+#[derive(Debug)]
+pub(super) struct Kind {
+    /// Its number in binary files.
+    id: i32,
+    /// Its name in text files.
+    name: &'static str,
+    /// How many parameters it has.
+    pub(super) parameters: usize,
+    /// Whether x and y have a focal length each.
+    two_focals: bool,
+    /// Where its lens goes, of what follows the principal point; `None` where the lens is not built.
+    lens: Option<fn(&[f64]) -> Lens>,
+}
+
+/// All models of COLMAP 4.2.
+///
+/// # Source
+/// `src/colmap/sensor/models.h`
+static KINDS: [Kind; 18] = {
+    const fn kind(
+        id: i32,
+        name: &'static str,
+        parameters: usize,
+        two_focals: bool,
+        lens: Option<fn(&[f64]) -> Lens>,
+    ) -> Kind {
+        Kind { id, name, parameters, two_focals, lens }
+    }
+    [
+        kind(0, "SIMPLE_PINHOLE", 3, false, Some(radial_tangential)),
+        kind(1, "PINHOLE", 4, true, Some(radial_tangential)),
+        kind(2, "SIMPLE_RADIAL", 4, false, Some(radial_tangential)),
+        kind(3, "RADIAL", 5, false, Some(radial_tangential)),
+        kind(4, "OPENCV", 8, true, Some(radial_tangential)),
+        kind(5, "OPENCV_FISHEYE", 8, true, Some(fisheye)),
+        kind(6, "FULL_OPENCV", 12, true, Some(radial_tangential)),
+        kind(7, "FOV", 5, true, None),
+        kind(8, "SIMPLE_RADIAL_FISHEYE", 4, false, Some(fisheye)),
+        kind(9, "RADIAL_FISHEYE", 5, false, Some(fisheye)),
+        kind(10, "THIN_PRISM_FISHEYE", 12, true, None),
+        kind(11, "RAD_TAN_THIN_PRISM_FISHEYE", 16, true, None),
+        kind(12, "SIMPLE_DIVISION", 4, false, None),
+        kind(13, "DIVISION", 5, true, None),
+        kind(14, "SIMPLE_FISHEYE", 3, false, Some(fisheye)),
+        kind(15, "FISHEYE", 4, true, Some(fisheye)),
+        kind(16, "EUCM", 6, true, None),
+        kind(17, "EQUIRECTANGULAR", 2, true, None),
+    ]
+};
+
+/// The models that are read, for messages.
+const EXPECTED: &str = "a camera model that there is a lens for: SIMPLE_PINHOLE, PINHOLE, SIMPLE_RADIAL, RADIAL, OPENCV, \
+                        FULL_OPENCV, OPENCV_FISHEYE, SIMPLE_RADIAL_FISHEYE, RADIAL_FISHEYE, SIMPLE_FISHEYE, FISHEYE";
+
+/// `k1 k2 p1 p2 k3 k4 k5 k6`, as many as there are.
+fn radial_tangential(parameters: &[f64]) -> Lens {
+    let at = |i: usize| parameters.get(i).map_or(0.0, |&value| value as f32);
+    let [k1, k2, p1, p2, k3, k4, k5, k6] = std::array::from_fn(at);
+    Lens { k1, k2, p1, p2, k3, k4, k5, k6, projection: Projection::Perspective }
+}
+
+/// `k1 k2 k3 k4`, as many as there are.
+fn fisheye(parameters: &[f64]) -> Lens {
+    let at = |i: usize| parameters.get(i).map_or(0.0, |&value| value as f32);
+    Lens { k1: at(0), k2: at(1), k3: at(2), k4: at(3), projection: Projection::Fisheye, ..Lens::NONE }
+}
+
+impl Kind {
+    /// By its number in binary files.
+    pub(super) fn by_id(id: i32) -> Option<&'static Self> {
+        KINDS.iter().find(|kind| kind.id == id)
+    }
+
+    /// By its name in text files.
+    pub(super) fn by_name(name: &str) -> Option<&'static Self> {
+        KINDS.iter().find(|kind| kind.name == name)
+    }
+}
+
+impl Camera {
+    /// From what the file says; `None` where the number of parameters is another.
+    pub(super) fn new(kind: &'static Kind, width: u64, height: u64, parameters: Vec<f64>) -> Option<Self> {
+        (parameters.len() == kind.parameters).then_some(Self { kind, width, height, parameters })
+    }
+
+    /// The name of its model.
+    pub(super) fn name(&self) -> &'static str {
+        self.kind.name
+    }
+
+    /// Width and height, pixels.
+    pub(super) fn size(&self) -> (f64, f64) {
+        (self.width as f64, self.height as f64)
+    }
+
+    /// Its intrinsics and lens, for the photograph `view` of `file`.
+    pub(super) fn optics(&self, file: &Path, view: &str) -> Result<Optics, DatasetError> {
+        let place = || format!("photograph `{view}`");
+        let lens = self.kind.lens.ok_or_else(|| DatasetError::Unsupported {
+            file: file.into(),
+            place: place(),
+            field: "camera model",
+            expected: EXPECTED,
+            found: self.kind.name.into(),
+        })?;
+        if !(1..=1_000_000).contains(&self.width) || !(1..=1_000_000).contains(&self.height) {
+            return Err(DatasetError::Value {
+                file: file.into(),
+                field: format!("{}, size of its camera", place()),
+                expected: "sides of 1 to 1000000 pixels".into(),
+                found: format!("{}x{}", self.width, self.height),
+            });
+        }
+        let p = &self.parameters;
+        let (fy, rest) = if self.kind.two_focals { (p[1], &p[2..]) } else { (p[0], &p[1..]) };
+        let (width, height) = self.size();
+        Ok(Optics { width, height, fx: p[0], fy, cx: rest[0], cy: rest[1], lens: lens(&rest[2..]) })
+    }
+}

@@ -1,0 +1,142 @@
+//! Folders of photographs: `images`, and `images_N` with copies N times smaller.
+
+use super::picture::is_picture_name;
+use super::{DatasetError, Downscale};
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+
+/// The usual folder of photographs.
+pub(super) const IMAGES: &str = "images";
+/// The usual folder of masks: COLMAP's habit is `masks/NAME.png` for `images/NAME`.
+const MASKS: &str = "masks";
+
+/// A photograph that was found, and how it is to be read.
+pub(super) struct Located {
+    pub(super) path: PathBuf,
+    /// How much smaller than the poses' size; `None`: as it is.
+    pub(super) downscale: Option<Downscale>,
+    /// Whether it is a smaller copy.
+    pub(super) reduced: bool,
+}
+
+/// The folders of a data set, by how much smaller their pictures are.
+pub(super) struct Folders {
+    root: PathBuf,
+    by_factor: BTreeMap<u32, PathBuf>,
+}
+
+impl Folders {
+    /// Those in `root`; its own pictures where it has no folder of them.
+    pub(super) fn of(root: &Path) -> Result<Self, DatasetError> {
+        let mut by_factor = BTreeMap::new();
+        for path in entries(root)?.into_iter().filter(|path| path.is_dir()) {
+            let name = path.file_name().unwrap_or_default().to_string_lossy().into_owned();
+            let factor = match name.strip_prefix(IMAGES) {
+                Some("") => Some(1),
+                Some(rest) => rest.strip_prefix('_').and_then(|n| n.parse().ok()).filter(|&n| n > 1),
+                None => None,
+            };
+            if let Some(factor) = factor {
+                by_factor.insert(factor, path);
+            }
+        }
+        if by_factor.is_empty() {
+            by_factor.insert(1, root.to_owned());
+        }
+        Ok(Self { root: root.to_owned(), by_factor })
+    }
+
+    /// The folders in which to look for pictures of poses of this `size`, best first: copies of the factor itself, else
+    /// the smallest that are larger, which are made smaller still.
+    ///
+    /// With [`Downscale::Auto`] a folder of copies is read as it is where that comes nearest to 800 pixels.
+    fn candidates(&self, downscale: Downscale, size: (f64, f64)) -> Vec<(&Path, Option<Downscale>, bool)> {
+        let factor = downscale.factor(size);
+        let larger = self.by_factor.range(..=factor).rev();
+        let smaller = self.by_factor.range(factor + 1..).filter(|_| downscale == Downscale::Auto);
+        let mut candidates = Vec::new();
+        for (&n, path) in larger.chain(smaller) {
+            let whole = match downscale {
+                Downscale::Auto => n * (f64::from(factor) / f64::from(n)).round().max(1.0) as u32,
+                Downscale::By(_) => factor,
+            };
+            let scaled = (whole != n || n == 1).then_some(Downscale::By(whole));
+            candidates.push((path.as_path(), scaled, n > 1));
+        }
+        candidates
+    }
+
+    /// The photograph `name`, which may hold folders, of poses of this `size`.
+    pub(super) fn locate(&self, name: &str, downscale: Downscale, size: (f64, f64)) -> Option<Located> {
+        self.candidates(downscale, size).into_iter().find_map(|(folder, downscale, reduced)| {
+            let path = folder.join(name.replace('\\', "/"));
+            let found =
+                if path.is_file() { Some(path) } else { with_other_ending(&path).filter(|_| reduced) };
+            found.map(|path| Located { path, downscale, reduced })
+        })
+    }
+
+    /// The pictures of the best folder, sorted by the bytes of their names.
+    pub(super) fn list(
+        &self,
+        downscale: Downscale,
+        size: (f64, f64),
+    ) -> Result<Vec<(String, Located)>, DatasetError> {
+        let candidates = self.candidates(downscale, size);
+        let Some(&(folder, downscale, reduced)) = candidates.first() else {
+            return Err(DatasetError::Value {
+                file: self.root.clone(),
+                field: "--downscale".into(),
+                expected: format!("one for which there are large enough pictures: {}", self.names()),
+                found: downscale.factor(size).to_string(),
+            });
+        };
+        let pictures = entries(folder)?.into_iter().filter(|path| is_picture_name(path));
+        let named = pictures.map(|path| {
+            let name = path.file_name().unwrap_or_default().to_string_lossy().into_owned();
+            (name, Located { path, downscale, reduced })
+        });
+        let mut pictures: Vec<(String, Located)> = named.collect();
+        pictures.sort_by(|a, b| a.0.cmp(&b.0));
+        Ok(pictures)
+    }
+
+    /// The folders, for messages.
+    pub(super) fn names(&self) -> String {
+        let name = |path: &PathBuf| match path.strip_prefix(&self.root) {
+            Ok(rest) if rest.as_os_str().is_empty() => ".".to_owned(),
+            Ok(rest) => rest.display().to_string(),
+            Err(_) => path.display().to_string(),
+        };
+        self.by_factor.values().map(name).collect::<Vec<_>>().join(", ")
+    }
+
+    /// The mask of the photograph `name`, if there is one: `masks/NAME.png`, or with the ending in place of its own.
+    pub(super) fn mask(&self, name: &str) -> Option<PathBuf> {
+        let folder = self.root.join(MASKS);
+        let appended = folder.join(format!("{name}.png"));
+        let own = folder.join(name);
+        [appended, own.with_extension("png"), own].into_iter().find(|path| path.is_file())
+    }
+}
+
+/// The copy, `factor` times smaller, of a picture that a json names by its path from `root`: out of `images_4` for
+/// `images/a.jpg` and 4.
+pub(super) fn smaller_copy(root: &Path, file_path: &str, factor: u32) -> Option<PathBuf> {
+    let path = file_path.replace('\\', "/");
+    let (folder, rest) = path.trim_start_matches("./").split_once('/')?;
+    let copy = root.join(format!("{folder}_{factor}")).join(rest);
+    if copy.is_file() { Some(copy) } else { with_other_ending(&copy) }
+}
+
+/// The picture of this name but for its ending: smaller copies are often PNG where the photographs are JPEG.
+fn with_other_ending(path: &Path) -> Option<PathBuf> {
+    let endings = ["png", "jpg", "jpeg", "JPG", "PNG"];
+    endings.into_iter().map(|ending| path.with_extension(ending)).find(|path| path.is_file())
+}
+
+/// What is in a folder.
+pub(super) fn entries(folder: &Path) -> Result<Vec<PathBuf>, DatasetError> {
+    let io = |source| DatasetError::io(folder, source);
+    std::fs::read_dir(folder).map_err(io)?.map(|entry| entry.map(|entry| entry.path()).map_err(io)).collect()
+}

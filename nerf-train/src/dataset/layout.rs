@@ -1,0 +1,89 @@
+//! Which layout a folder has.
+
+use super::{Dataset, DatasetError, ReadOptions, Watch, blender, colmap, llff, nerfstudio};
+use std::path::Path;
+
+/// The layouts of folders, in the order in which they are looked for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Layout {
+    /// `transforms_train.json` or `transforms.json`.
+    Transforms,
+    /// A COLMAP model.
+    Colmap,
+    /// `poses_bounds.npy`.
+    Llff,
+}
+
+impl Layout {
+    const ALL: [Self; 3] = [Self::Transforms, Self::Colmap, Self::Llff];
+
+    fn name(self) -> &'static str {
+        match self {
+            Self::Transforms => "transforms",
+            Self::Colmap => "colmap",
+            Self::Llff => "llff",
+        }
+    }
+
+    /// The files that make a folder one of this layout.
+    fn expected(self) -> String {
+        match self {
+            Self::Transforms => format!("{} or {}", blender::TRAIN, nerfstudio::FILE),
+            Self::Colmap => {
+                "a COLMAP model (cameras and images, .bin or .txt, in sparse/0, sparse, or the folder itself)"
+                    .into()
+            }
+            Self::Llff => llff::FILE.into(),
+        }
+    }
+
+    fn fits(self, folder: &Path) -> bool {
+        match self {
+            Self::Transforms => {
+                [blender::TRAIN, nerfstudio::FILE].iter().any(|name| folder.join(name).is_file())
+            }
+            Self::Colmap => colmap::is_here(folder),
+            Self::Llff => folder.join(llff::FILE).is_file(),
+        }
+    }
+}
+
+impl std::fmt::Display for Layout {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str(self.name())
+    }
+}
+
+impl std::str::FromStr for Layout {
+    type Err = String;
+
+    fn from_str(s: &str) -> Result<Self, String> {
+        let found = Self::ALL.into_iter().find(|layout| layout.name() == s);
+        found.ok_or_else(|| format!("expected transforms, colmap or llff, found {s:?}"))
+    }
+}
+
+/// Reads a folder in the layout that is asked for, or else in the first that fits it; says so where others do, too.
+pub(super) fn read(folder: &Path, options: &ReadOptions, watch: &Watch) -> Result<Dataset, DatasetError> {
+    let fitting: Vec<Layout> = Layout::ALL.into_iter().filter(|layout| layout.fits(folder)).collect();
+    let wanted = options.layout.or(fitting.first().copied());
+    let Some(layout) = wanted.filter(|layout| fitting.contains(layout)) else {
+        let expected: Vec<String> = match wanted {
+            Some(layout) => vec![layout.expected()],
+            None => Layout::ALL.into_iter().map(Layout::expected).collect(),
+        };
+        let expected = format!("a folder with {}", expected.join("; or "));
+        return Err(DatasetError::NotADataset { path: folder.into(), expected });
+    };
+    let mut dataset = match layout {
+        Layout::Transforms if folder.join(blender::TRAIN).is_file() => blender::read(folder, options, watch)?,
+        Layout::Transforms => nerfstudio::read(&folder.join(nerfstudio::FILE), options, watch)?,
+        Layout::Colmap => colmap::read(folder, options, watch)?,
+        Layout::Llff => llff::read(folder, options, watch)?,
+    };
+    if fitting.len() > 1 && options.layout.is_none() {
+        let others: Vec<String> = fitting.iter().skip(1).map(Layout::to_string).collect();
+        dataset.notes.push(format!("read as {layout}; --layout {} is there, too", others.join(" or ")));
+    }
+    Ok(dataset)
+}

@@ -1,0 +1,173 @@
+//! LLFF's `poses_bounds.npy`, with the photographs in `images` or `images_N` beside it.
+
+use super::folders::{Folders, Located};
+use super::found::Found;
+use super::npz::read_npy;
+use super::photo::{Fence, Optics, Photo, Source};
+use super::split::every_eighth;
+use super::{Axes, Background, Dataset, DatasetError, Format, ReadOptions, View, Watch, colmap, scene_name};
+use nerf_core::camera::Pose;
+use nerf_core::lens::Lens;
+use std::path::Path;
+
+/// The file that makes a folder one of these.
+pub(super) const FILE: &str = "poses_bounds.npy";
+/// Numbers a photograph: three rows of a 3×5 matrix, near and far.
+const NUMBERS: usize = 17;
+/// Rays begin a little before the nearest bound, as LLFF's own loader has it.
+const NEAR_MARGIN: f64 = 0.9;
+
+/// What the file says of a photograph.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct Row {
+    /// In the project's axes.
+    pose: Pose,
+    /// Pixels.
+    size: (f64, f64),
+    /// Pixels of that size.
+    focal: f64,
+    /// Nearest and farthest of what is seen, world units along the view axis.
+    bounds: [f64; 2],
+}
+
+impl Row {
+    /// From its numbers: `[down right backward | centre | height width focal]`, row by row, and the bounds.
+    fn new(n: &[f64]) -> Self {
+        let rows = [0, 1, 2].map(|i| [n[5 * i + 1], -n[5 * i], n[5 * i + 2], n[5 * i + 3]].map(|v| v as f32));
+        Self { pose: Pose::from_rows(rows), size: (n[9], n[4]), focal: n[14], bounds: [n[15], n[16]] }
+    }
+}
+
+/// Reads `poses_bounds.npy` of a folder. The photographs are those of `images` or `images_N` in the order of the bytes
+/// of their names, as many as there are poses.
+pub(super) fn read(folder: &Path, options: &ReadOptions, watch: &Watch) -> Result<Dataset, DatasetError> {
+    let file = folder.join(FILE);
+    let rows = rows(&file, options)?;
+    let folders = Folders::of(folder)?;
+    let size = rows.first().map_or((1.0, 1.0), |row| row.size);
+    let pictures = folders.list(options.downscale, size)?;
+    let value = |field: &str, expected: String, found: String| DatasetError::Value {
+        file: file.clone(),
+        field: field.into(),
+        expected,
+        found,
+    };
+    if pictures.len() != rows.len() {
+        let place = folder_of(&pictures).unwrap_or_else(|| folders.names());
+        let expected = format!("as many as there are photographs in {place}, {}", pictures.len());
+        return Err(value("number of poses", expected, rows.len().to_string()));
+    }
+    let mut found = Found::default();
+    watch.expect(pictures.len());
+    let (fence, source) = (Fence::around(folder, options)?, Source { file: &file, says: FILE });
+    let axes = options.axes.unwrap_or(Axes::Opengl);
+    let views = source.load_all(rows.len(), watch, &mut found, |index| {
+        let ((name, place), row) = (&pictures[index], rows[index]);
+        fence.check(&file, name, &place.path)?;
+        let photo = Photo {
+            name,
+            path: place.path.clone(),
+            mask: folders.mask(name),
+            stated: (Some(row.size.0), Some(row.size.1)),
+            downscale: place.downscale,
+            reduced: place.reduced,
+            pose: axes.to_opengl(row.pose),
+        };
+        let (w, h) = row.size;
+        let optics = Optics {
+            width: w,
+            height: h,
+            fx: row.focal,
+            fy: row.focal,
+            cx: 0.5 * w,
+            cy: 0.5 * h,
+            lens: Lens::NONE,
+        };
+        source.load(photo, |_, _| Ok(optics)).map(Some)
+    })?;
+    let read = folder_of(&pictures).unwrap_or_default();
+    found.notes.insert(0, format!("{FILE}: {} photographs of {read}", views.len()));
+    let points = points(folder, &mut found)?;
+    if !points.is_empty() {
+        found.notes.push("its points are those of COLMAP's points3D beside it".into());
+    }
+    dataset(folder, options, (views, rows), points, found)
+}
+
+/// The sparse points of a COLMAP model beside it, whose world is the same.
+fn points(folder: &Path, found: &mut Found) -> Result<Vec<[f32; 3]>, DatasetError> {
+    for place in [folder.join("sparse/0"), folder.join("sparse"), folder.to_owned()] {
+        let points = colmap::points_of(&place, found)?;
+        if !points.is_empty() {
+            return Ok(points);
+        }
+    }
+    Ok(Vec::new())
+}
+
+fn dataset(
+    folder: &Path,
+    options: &ReadOptions,
+    (views, rows): (Vec<View>, Vec<Row>),
+    points: Vec<[f32; 3]>,
+    found: Found,
+) -> Result<Dataset, DatasetError> {
+    let (mut notes, warnings) = found.into_sentences();
+    let near = rows.iter().map(|row| row.bounds[0]).fold(f64::INFINITY, f64::min);
+    let far = rows.iter().map(|row| row.bounds[1]).fold(0.0, f64::max);
+    let (train, val) = every_eighth(views, options, &mut notes);
+    Ok(Dataset {
+        name: scene_name(folder),
+        format: Format::Llff,
+        axes: options.axes.unwrap_or(Axes::Opengl),
+        train,
+        val,
+        test: Vec::new(),
+        test_path: Vec::new(),
+        near: Some((NEAR_MARGIN * near) as f32),
+        far: Some(far as f32),
+        background: Background::Unknown,
+        points,
+        notes,
+        warnings,
+    })
+}
+
+/// The name of the folder that pictures are in.
+fn folder_of(pictures: &[(String, Located)]) -> Option<String> {
+    let folder = pictures.first()?.1.path.parent()?;
+    Some(folder.file_name()?.to_string_lossy().into_owned())
+}
+
+fn rows(file: &Path, options: &ReadOptions) -> Result<Vec<Row>, DatasetError> {
+    let array = read_npy(file, options.max_array_bytes)?;
+    let key = || "poses_bounds".to_owned();
+    let &[_, NUMBERS] = array.shape.as_slice() else {
+        let (file, found) = (file.into(), array.shape);
+        return Err(DatasetError::Shape { file, key: key(), expected: "[n, 17]".into(), found });
+    };
+    let numbers = array.numbers().filter(|_| array.is_float()).ok_or_else(|| DatasetError::Dtype {
+        file: file.into(),
+        key: key(),
+        expected: "f8 (or f4)",
+        found: "another".into(),
+    })?;
+    let rows: Vec<Row> = numbers.chunks_exact(NUMBERS).map(Row::new).collect();
+    for (index, row) in rows.iter().enumerate() {
+        let value = |field: &str, expected: &str, found: String| DatasetError::Value {
+            file: file.into(),
+            field: format!("pose number {index}, {field}"),
+            expected: expected.into(),
+            found,
+        };
+        let (w, h) = row.size;
+        if !(1.0..=1e6).contains(&w) || !(1.0..=1e6).contains(&h) {
+            return Err(value("width and height", "1 to 1000000 pixels", format!("{w}x{h}")));
+        }
+        let [near, far] = row.bounds;
+        if !(near >= 0.0 && near < far && (far as f32).is_finite()) {
+            return Err(value("bounds", "0 <= near < far, both finite", format!("{near}, {far}")));
+        }
+    }
+    Ok(rows)
+}

@@ -1,0 +1,195 @@
+//! Photographs with their cameras: decoded one at a time, turned, made smaller, masked.
+
+use super::found::Found;
+use super::picture::{self, Picture, StatedSize};
+use super::scale::{shrunk, shrunk_mask};
+use super::{DatasetError, Downscale, ReadOptions, View, Watch};
+use image::DynamicImage;
+use nerf_core::camera::{Camera, Intrinsics, Pose};
+use nerf_core::lens::Lens;
+use rayon::prelude::*;
+use std::path::{Path, PathBuf};
+
+/// Intrinsics and lens, for a picture of `width` by `height` pixels.
+#[derive(Clone, Debug)]
+pub(super) struct Optics {
+    pub(super) width: f64,
+    pub(super) height: f64,
+    pub(super) fx: f64,
+    pub(super) fy: f64,
+    pub(super) cx: f64,
+    pub(super) cy: f64,
+    pub(super) lens: Lens,
+}
+
+impl Optics {
+    /// The intrinsics of the same picture at another size.
+    fn at(&self, width: u32, height: u32) -> Intrinsics {
+        let (sx, sy) = (f64::from(width) / self.width, f64::from(height) / self.height);
+        Intrinsics {
+            width,
+            height,
+            fx: (self.fx * sx) as f32,
+            fy: (self.fy * sy) as f32,
+            cx: (self.cx * sx) as f32,
+            cy: (self.cy * sy) as f32,
+        }
+    }
+}
+
+/// A photograph that exists, with what is known of it before it is decoded.
+pub(super) struct Photo<'a> {
+    /// Its file's path as the data set writes it.
+    pub(super) name: &'a str,
+    /// Where it is.
+    pub(super) path: PathBuf,
+    /// A picture that is black where this one does not count.
+    pub(super) mask: Option<PathBuf>,
+    /// The size that its intrinsics are of.
+    pub(super) stated: StatedSize,
+    /// How much smaller than that it is read; where `None`, as it is.
+    pub(super) downscale: Option<Downscale>,
+    /// Whether it is out of a folder of copies that are known to be smaller than that.
+    pub(super) reduced: bool,
+    /// In the project's convention.
+    pub(super) pose: Pose,
+}
+
+/// A view, and what is to be said of it.
+pub(super) struct Loaded {
+    pub(super) view: View,
+    /// Whether the file has an alpha channel.
+    alpha: bool,
+    /// The size of the picture that it was made from, where it was larger.
+    larger: Option<(u32, u32)>,
+    notes: Vec<String>,
+}
+
+/// Where the poses stand, for messages.
+#[derive(Clone, Copy)]
+pub(super) struct Source<'a> {
+    /// The file.
+    pub(super) file: &'a Path,
+    /// What sentences call it, such as "the json".
+    pub(super) says: &'static str,
+}
+
+impl Source<'_> {
+    /// Decodes a photograph and makes its camera from the intrinsics for the size that `optics` is asked for: the stated
+    /// one, or else the picture's own.
+    pub(super) fn load(
+        &self,
+        photo: Photo<'_>,
+        optics: impl FnOnce((f64, f64), &mut Vec<String>) -> Result<Optics, DatasetError>,
+    ) -> Result<Loaded, DatasetError> {
+        let mut notes = Vec::new();
+        let mut decoded = picture::decode(&photo.path)?;
+        notes.extend(decoded.turn_to(photo.stated, self.says));
+        let found = decoded.size();
+        let own = (f64::from(found.0), f64::from(found.1));
+        let (w, h) = (photo.stated.0.unwrap_or(own.0), photo.stated.1.unwrap_or(own.1));
+        if !picture::fits(found, photo.stated) {
+            return Err(DatasetError::PictureSize { file: photo.path, expected: (w, h), found });
+        }
+        let optics = optics((w, h), &mut notes)?;
+        let (width, height) = photo.downscale.map_or(found, |downscale| {
+            // A factor counts from the poses' size; what auto finds too large is the picture.
+            let (w, h) = if downscale == Downscale::Auto { own } else { (w, h) };
+            let factor = f64::from(downscale.factor((w, h)));
+            let side = |side: f64| (side / factor).round().clamp(1.0, 65_535.0) as u32;
+            (side(w), side(h))
+        });
+        // Never larger; and not resampled for a pixel, by which the makers of smaller copies round differently.
+        let larger = found.0 > width + 1 || found.1 > height + 1;
+        let (width, height) = if larger { (width.min(found.0), height.min(found.1)) } else { found };
+        if (w, h) != own && !photo.reduced {
+            let (a, b) = found;
+            let says = self.says;
+            notes.push(format!("pictures are {a}x{b} where {says} says {w}x{h}: intrinsics scaled to fit"));
+        }
+        let mask = photo.mask.as_deref().map(|mask| read_mask(mask, found, (width, height))).transpose()?;
+        let Picture { width, height, pixels, alpha } = shrunk(decoded.image, width, height);
+        let camera = Camera::new(optics.at(width, height), optics.lens, photo.pose).map_err(|source| {
+            DatasetError::Camera { file: self.file.into(), view: photo.name.into(), source }
+        })?;
+        let mask = mask.filter(|kept| !kept.iter().all(|&kept| kept));
+        let view = View { name: photo.name.into(), camera, pixels, mask };
+        Ok(Loaded { view, alpha, larger: larger.then_some(found), notes })
+    }
+
+    /// Loads many of them, as many at a time as there are threads; `load` makes each from its place in the list.
+    pub(super) fn load_all(
+        &self,
+        count: usize,
+        watch: &Watch,
+        found: &mut Found,
+        load: impl Fn(usize) -> Result<Option<Loaded>, DatasetError> + Sync,
+    ) -> Result<Vec<View>, DatasetError> {
+        let one = |index: usize| {
+            let loaded = load(index);
+            watch.count();
+            loaded
+        };
+        let read: Vec<Result<Option<Loaded>, DatasetError>> = (0..count).into_par_iter().map(one).collect();
+        let (mut views, mut pixels) = (Vec::new(), 0u64);
+        for loaded in read {
+            let Some(Loaded { view, alpha, larger, notes }) = loaded? else { continue };
+            found.count_alpha(&view, alpha);
+            found.count_scaled(larger, view.size());
+            notes.into_iter().for_each(|note| found.count_note(self.file, note));
+            pixels += view.pixel_count();
+            if found.count_mask(&view) {
+                views.push(view);
+            }
+        }
+        if views.iter().any(|view| view.mask.is_some()) && pixels > u64::from(u32::MAX) {
+            return Err(DatasetError::Value {
+                file: self.file.into(),
+                field: "masks".into(),
+                expected: "at most 2^32 pixels with masks (--downscale makes them fewer)".into(),
+                found: pixels.to_string(),
+            });
+        }
+        Ok(views)
+    }
+}
+
+/// Which pixels count, at the size `to` of a picture of `size`: all that the mask is not black at.
+fn read_mask(file: &Path, size: (u32, u32), to: (u32, u32)) -> Result<Vec<bool>, DatasetError> {
+    let decoded = picture::decode(file)?;
+    let found = decoded.size();
+    if !picture::fits(found, (Some(size.0.into()), Some(size.1.into()))) {
+        let expected = (size.0.into(), size.1.into());
+        return Err(DatasetError::PictureSize { file: file.into(), expected, found });
+    }
+    let kept: Vec<bool> = match decoded.image {
+        DynamicImage::ImageLuma8(image) => image.into_raw().into_iter().map(|value| value > 0).collect(),
+        image => image.into_rgba8().pixels().map(|p| p.0[..3] != [0; 3] && p.0[3] > 0).collect(),
+    };
+    Ok(shrunk_mask(&kept, found, to))
+}
+
+/// The folder that photographs must lie in.
+pub(super) struct Fence {
+    /// Its links resolved; `None` where pictures may lie anywhere.
+    bounds: Option<PathBuf>,
+}
+
+impl Fence {
+    /// Around `folder`, unless the caller lets them lie anywhere.
+    pub(super) fn around(folder: &Path, options: &ReadOptions) -> Result<Self, DatasetError> {
+        let resolve = || std::fs::canonicalize(folder).map_err(|source| DatasetError::io(folder, source));
+        Ok(Self { bounds: if options.outside_files { None } else { Some(resolve()?) } })
+    }
+
+    /// Refuses a file that lies outside, whatever leads there; `file` names it, for the view.
+    pub(super) fn check(&self, file: &Path, view: &str, path: &Path) -> Result<(), DatasetError> {
+        let Some(bounds) = &self.bounds else { return Ok(()) };
+        let found = std::fs::canonicalize(path).map_err(|source| DatasetError::io(path, source))?;
+        if found.starts_with(bounds) {
+            return Ok(());
+        }
+        let (file, view) = (file.into(), view.to_owned());
+        Err(DatasetError::Outside { file, view, folder: bounds.clone(), found })
+    }
+}
