@@ -227,8 +227,8 @@ impl Preset {
                         levels: 8,
                         features: 2,
                         log2_entries: 16,
-                        coarsest: 16,
-                        finest: 320,
+                        coarsest: 24,
+                        finest: 256,
                     }),
                     position_levels: 0,
                     direction_levels: 4,
@@ -243,7 +243,7 @@ impl Preset {
                     steps_across: 150,
                     jitter: Jitter::Bin,
                     rays: 400,
-                    live_samples: 4096,
+                    live_samples: 6144,
                     images: 0,
                     random_background: true,
                     near: None,
@@ -264,8 +264,8 @@ impl Preset {
                 },
                 optimiser: OptimiserConfig {
                     steps: 12_000,
-                    rate: 1.5e-2,
-                    final_share: 0.13,
+                    rate: 3e-2,
+                    final_share: 0.15,
                     warm_up: 0,
                     beta2: 0.99,
                     epsilon: 1e-15,
@@ -484,7 +484,10 @@ impl Config {
             self.occupancy.from = 400;
             self.optimiser.rate = 5e-3;
         }
-        if self.network.grid.is_some() {
+        if let Some(grid) = &mut self.network.grid {
+            // What is found without a hull is a part of a box that the cameras' distances give.
+            (grid.coarsest, grid.finest) = (32, 416);
+            self.sampling.steps_across = 220;
             // Opaque from the start, each view would be painted onto the shell of the box.
             self.network.density_bias = 0.0;
         }

@@ -181,6 +181,11 @@ impl Occupancy {
         self.live.lookup()
     }
 
+    /// Cells that the pictures do not rule out.
+    pub(crate) fn candidates(&self) -> usize {
+        self.candidates.len()
+    }
+
     /// The cells that may hold something.
     pub(crate) fn live(&self) -> &LiveCells {
         &self.live

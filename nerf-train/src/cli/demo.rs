@@ -28,7 +28,7 @@ use std::process::ExitCode;
 use std::time::Duration;
 
 /// Steps the demo trains for: all of it within a minute on two cores.
-const STEPS: u32 = 4000;
+const STEPS: u32 = 5000;
 /// Frames of the orbit.
 const ORBIT_FRAMES: usize = 36;
 

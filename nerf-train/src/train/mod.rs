@@ -34,6 +34,8 @@ use std::time::Instant;
 
 /// Steps in a row without any density after which a run is started anew with another seed.
 const DEAD_STEPS: u32 = 100;
+/// Refreshes within which a grid field is asked for every cell once.
+const REFRESHES: usize = 24;
 /// Times a run is started anew before it is given up.
 const RESEEDS: u32 = 3;
 
@@ -357,7 +359,10 @@ impl<'d> Trainer<'d> {
         if let Some(occupancy) = &mut self.occupancy {
             let architecture = &self.model.architecture;
             let ask = Ask { tier: self.tier, architecture, parameters: &parameters, seed: self.config.seed };
-            occupancy.refresh(&ask, g.cells, threshold, g.decay, self.progressed.step >= g.from);
+            // Without a hull there are many cells to prune, and a grid's density costs little to ask for.
+            let turn = occupancy.candidates().div_ceil(REFRESHES);
+            let cells = if self.config.network.grid.is_some() { g.cells.max(turn) } else { g.cells };
+            occupancy.refresh(&ask, cells, threshold, g.decay, self.progressed.step >= g.from);
         }
     }
 
