@@ -2,8 +2,9 @@
 
 use super::Lens;
 use super::model::FOLD;
+use crate::math::polynomial::{angle, sin_cos};
 use core::f32::consts::PI;
-use glam::Vec3;
+use glam::{Vec2, Vec3};
 
 /// Steps of the search from the axis to half a turn.
 const STEPS: u8 = 32;
@@ -20,11 +21,11 @@ impl Lens {
 
     /// Where a direction is seen, of any length but 0: right, down, forward.
     pub(super) fn fisheye_seen(&self, dir: Vec3) -> (f32, f32) {
-        let across = libm::hypotf(dir.x, dir.y);
+        let across = Vec2::new(dir.x, dir.y).length();
         if across == 0.0 {
             return (0.0, 0.0);
         }
-        let (seen, _) = self.angle_seen(libm::atan2f(across, dir.z));
+        let (seen, _) = self.angle_seen(angle(across, dir.z));
         (dir.x / across * seen, dir.y / across * seen)
     }
 
@@ -33,18 +34,18 @@ impl Lens {
     /// The first angle from the axis on that is seen so far out, by Newton's method between two angles that hold it;
     /// `None` where the lens turns back before, or half a turn is not enough.
     pub(super) fn fisheye_direction(&self, xd: f32, yd: f32) -> Option<Vec3> {
-        let seen = libm::hypotf(xd, yd);
+        let seen = Vec2::new(xd, yd).length();
         if seen == 0.0 {
             return Some(Vec3::Z);
         }
         let theta = self.angle_of(seen)?;
-        let (sin, cos) = libm::sincosf(theta);
+        let (sin, cos) = sin_cos(theta);
         Some(Vec3::new(xd / seen * sin, yd / seen * sin, cos))
     }
 
     fn angle_of(&self, seen: f32) -> Option<f32> {
         let (mut low, mut high) = self.angles_around(seen)?;
-        let mut theta = seen.clamp(low, high);
+        let mut theta = seen.max(low).min(high);
         for _ in 0..30 {
             let (at, slope) = self.angle_seen(theta);
             let off = at - seen;
@@ -98,7 +99,7 @@ impl Lens {
 
     /// Whether the lens turns back on the way from the axis to the unit direction `dir`.
     pub(super) fn fisheye_folds_before(&self, dir: Vec3) -> bool {
-        let theta = libm::atan2f(libm::hypotf(dir.x, dir.y), dir.z);
+        let theta = angle(Vec2::new(dir.x, dir.y).length(), dir.z);
         (1..=128u8).any(|step| {
             let slope = self.angle_seen(theta * f32::from(step) / 128.0).1;
             slope.is_nan() || slope <= FOLD

@@ -97,6 +97,29 @@ pub fn sin_cos<V: Lanes>(x: V) -> (V, V) {
     rotate(n, sin, cos)
 }
 
+/// The angle of `(x, y)` from the x axis, for `y >= 0`: 0 to π; 0 at the origin.
+///
+/// # Accuracy
+/// Within 3e-7 (`math/tests.rs`).
+/// # Source
+/// Cephes (Moshier 1992), `atanf`, without its third of three parts: the quotient is at most 1.
+#[cfg(feature = "lens")]
+pub fn angle(y: f32, x: f32) -> f32 {
+    use core::f32::consts::{FRAC_PI_2, FRAC_PI_4};
+    let (low, high) = if y < x.abs() { (y, x.abs()) } else { (x.abs(), y) };
+    if high == 0.0 {
+        return 0.0;
+    }
+    // tan(π/8): beyond it, the angle from an eighth of a turn.
+    let turned = low > 0.414_213_57 * high;
+    let q = if turned { (low - high) / (low + high) } else { low / high };
+    let z = q * q;
+    let series = horner(z, [-0.333_329_5, 0.199_777_11, -0.138_776_85, 0.080_537_446]);
+    let small = series * z * q + q + if turned { FRAC_PI_4 } else { 0.0 };
+    let acute = if y < x.abs() { small } else { FRAC_PI_2 - small };
+    if x < 0.0 { PI - acute } else { acute }
+}
+
 /// `x` clamped to where `exp` neither overflows nor leaves the normal numbers.
 #[inline(always)]
 fn clamp_exp<V: Lanes>(x: V) -> V {

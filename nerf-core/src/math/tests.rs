@@ -155,3 +155,22 @@ fn tags_name_one_backend_each_and_the_same_in_every_build() {
     assert_eq!(MathBackend::from_tag(0), Some(MathBackend::Polynomial));
     assert_eq!(MathBackend::from_tag(3), Some(MathBackend::Recurrence));
 }
+
+#[cfg(feature = "lens")]
+#[test]
+fn angles_are_those_of_f64() {
+    let mut worst = 0.0f64;
+    for i in 0..20_001 {
+        let exact = f64::from(i) / 20_000.0 * core::f64::consts::PI;
+        for scale in [1e-6, 1.0, 3e7] {
+            let (y, x) = ((scale * exact.sin()).abs() as f32, (scale * exact.cos()) as f32);
+            let expected = f64::from(y).atan2(f64::from(x));
+            worst = worst.max((f64::from(super::polynomial::angle(y, x)) - expected).abs());
+        }
+    }
+    assert!(worst <= 3e-7, "{worst:e}");
+    let edges = [(0.0, 0.0, 0.0), (0.0, 1.0, 0.0), (1.0, 0.0, 1.570_796_4), (0.0, -1.0, 3.141_592_7)];
+    for (y, x, expected) in edges {
+        assert_eq!(super::polynomial::angle(y, x), expected, "({y}, {x})");
+    }
+}

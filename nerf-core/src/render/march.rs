@@ -8,7 +8,7 @@ use super::Counters;
 use super::frame::{Frame, columns_of};
 use super::window::Window;
 use crate::effects::jitter::Place;
-use crate::kernels::{Tier, at, column, head, put, put_column, tail, tail_mut};
+use crate::kernels::{Tier, VECTORS, at, column, head, put, put_column, tail, tail_mut};
 use crate::math::Math;
 use crate::network::Scratch;
 use crate::plan::Plan;
@@ -72,7 +72,7 @@ impl RayState {
     pub fn seek(&mut self, tier: Tier, plan: &Plan<'_>, bins: &Bins, place: Place) -> bool {
         let (bins, next, end) = (bins.with(self.ends), self.next, self.end);
         self.next = match &plan.occupancy {
-            Some(occupancy) if place.is_middle() => {
+            Some(occupancy) if VECTORS && place.is_middle() => {
                 self.window.first_live(tier, occupancy, &self.ray, &bins, next, end)
             }
             _ => plan.first_live(&bins, &self.ray, place, next, end),
@@ -219,7 +219,7 @@ impl Frame<'_, '_> {
                 };
                 let thickness = state.gathered.optical_thickness();
                 state.gathered.add_density::<M>(sigma, t, delta);
-                self.medians.look::<M>(owner, thickness, &state.gathered, sigma, middle, delta);
+                self.medians.look(owner, thickness, &state.gathered, sigma, middle, delta);
                 state.done = state.gathered.transmittance() < plan.transmittance_cut;
                 if plan.outputs.picks()
                     && let Some(weight) = state.gathered.take_uncoloured(plan.colour_cut)

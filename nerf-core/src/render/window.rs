@@ -1,6 +1,6 @@
 //! Sixteen bins of a ray at a time: which of them have their sample in an occupied cell.
 
-use crate::kernels::{Op, Tier, VECTORS};
+use crate::kernels::{Op, Tier};
 use crate::math::lanes::Lanes;
 use crate::ray::Ray;
 use crate::sampling::{Bins, OccupancyGrid};
@@ -35,7 +35,7 @@ impl Window {
         end: u32,
     ) -> u32 {
         // Beyond, vectors do not count by ones.
-        if !VECTORS || tier == Tier::Scalar || end > 1 << 22 {
+        if tier == Tier::Scalar || end > 1 << 22 {
             return occupancy.first_live(ray, bins, from, end);
         }
         let mut bin = from;

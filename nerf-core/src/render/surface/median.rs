@@ -1,7 +1,6 @@
 //! Median distances of the rays in flight.
 
 use crate::kernels::{Arena, lines_for};
-use crate::math::Math;
 use crate::plan::Plan;
 use crate::volume::{Accumulator, median_in_bin};
 
@@ -41,15 +40,7 @@ impl<'w> Medians<'w> {
     ///
     /// `thickness`: what was gathered before it. The rest as in [`Accumulator::add_density`].
     #[inline]
-    pub fn look<M: Math>(
-        &mut self,
-        ray: u32,
-        thickness: f32,
-        gathered: &Accumulator,
-        sigma: f32,
-        t: f32,
-        delta: f32,
-    ) {
+    pub fn look(&mut self, ray: u32, thickness: f32, gathered: &Accumulator, sigma: f32, t: f32, delta: f32) {
         let Some(distance) = self.distance.get_mut(ray as usize) else { return };
         // The test that ends rays, so that a cut of one half never comes first.
         if *distance == NOT_YET && gathered.transmittance() < 0.5 {

@@ -1,7 +1,6 @@
 //! No median distances: this build was made without the feature `median`.
 
 use crate::kernels::Arena;
-use crate::math::Math;
 use crate::plan::Plan;
 use crate::volume::Accumulator;
 use core::marker::PhantomData;
@@ -21,7 +20,7 @@ impl<'w> Medians<'w> {
     pub fn begin(&mut self, _: usize) {}
 
     #[inline]
-    pub fn look<M: Math>(&mut self, _: u32, _: f32, _: &Accumulator, _: f32, _: f32, _: f32) {}
+    pub fn look(&mut self, _: u32, _: f32, _: &Accumulator, _: f32, _: f32, _: f32) {}
 
     pub fn finish(&self, _: Option<usize>, _: &Plan<'_>, _: f32, _: f32) -> f32 {
         0.0
