@@ -169,7 +169,8 @@ fn angles_are_those_of_f64() {
         }
     }
     assert!(worst <= 3e-7, "{worst:e}");
-    let edges = [(0.0, 0.0, 0.0), (0.0, 1.0, 0.0), (1.0, 0.0, 1.570_796_4), (0.0, -1.0, 3.141_592_7)];
+    use core::f32::consts::{FRAC_PI_2, PI};
+    let edges = [(0.0, 0.0, 0.0), (0.0, 1.0, 0.0), (1.0, 0.0, FRAC_PI_2), (0.0, -1.0, PI)];
     for (y, x, expected) in edges {
         assert_eq!(super::polynomial::angle(y, x), expected, "({y}, {x})");
     }

@@ -277,9 +277,7 @@ fn halve_16<V: Lanes>(values: &[f32; 16]) -> [[u8; 2]; 16] {
     let mut halves = [0u16; 16];
     for from in (0..16).step_by(V::COUNT) {
         let bits = V::load(&values[from..]).to_f16();
-        for lane in 0..V::COUNT {
-            halves[from + lane] = bits[lane];
-        }
+        halves[from..from + V::COUNT].copy_from_slice(&bits[..V::COUNT]);
     }
     halves.map(u16::to_le_bytes)
 }
