@@ -161,23 +161,30 @@ impl Frame<'_, '_> {
         let (plan, tier) = (self.plan, self.network.tier());
         let room = self.block.owner.len();
         let burst = if plan.transmittance_cut > 0.0 { 1 } else { room };
+        // Of a block that is full.
+        let stride = columns_of(self.network, room);
         let mut n = 0;
         while n < room {
             let Some(i) = self.waiting.pop() else { break };
             let Some(state) = self.rays.get_mut(i as usize) else { break };
-            for _ in 0..burst.min(room - n) {
+            for taken in 0..burst.min(room - n) {
                 let place = state.place(plan, self.turn);
-                if !self.drawn.seek(tier, plan, i, state, place) {
+                // The next sample of a ray that waits is live.
+                if taken > 0 && !self.drawn.seek(tier, plan, i, state, place) {
                     break;
                 }
+                let t = self.drawn.take(plan, i, state, place, n);
                 put(self.block.owner, n, i);
-                put(self.block.t, n, self.drawn.take(plan, i, state, place, n));
+                put(self.block.t, n, t);
+                put_column(self.positions, stride, n, state.ray.at(t).to_array());
                 state.next += 1;
                 state.kept += 1;
                 n += 1;
             }
         }
-        self.put_positions(n);
+        if n < stride {
+            self.put_positions(n);
+        }
         n
     }
 
