@@ -484,10 +484,16 @@ impl Config {
             self.occupancy.from = 400;
             self.optimiser.rate = 5e-3;
         }
+        let preset = self.preset.config();
         if let Some(grid) = &mut self.network.grid {
-            // What is found without a hull is a part of a box that the cameras' distances give.
-            (grid.coarsest, grid.finest) = (32, 416);
-            self.sampling.steps_across = 220;
+            // What is found without a hull is a part of the box that the cameras' distances give: finer, where nobody
+            // has chosen.
+            if preset.network.grid.as_ref() == Some(&*grid) {
+                (grid.coarsest, grid.finest) = (32, 416);
+            }
+            if self.sampling.steps_across == preset.sampling.steps_across {
+                self.sampling.steps_across = 220;
+            }
             // Opaque from the start, each view would be painted onto the shell of the box.
             self.network.density_bias = 0.0;
         }

@@ -38,7 +38,8 @@ structure('nerf_scene_info', {
 });
 structure('nerf_camera', {
   struct_size: 'size', width: 'u32', height: 'u32', fx: 'f32', fy: 'f32', cx: 'f32', cy: 'f32', k1: 'f32',
-  k2: 'f32', p1: 'f32', p2: 'f32', c2w: ['f32', 12], reserved: ['u32', 6],
+  k2: 'f32', p1: 'f32', p2: 'f32', c2w: ['f32', 12], k3: 'f32', k4: 'f32', k5: 'f32',
+  k6: 'f32', lens_model: 'u32', reserved: 'u32',
 });
 structure('nerf_effects', {
   jitter: 'u32', anti_aliasing: 'u32', seed: 'u64', aperture_radius: 'f32', focus_distance: 'f32',

@@ -303,7 +303,7 @@ fn settings_out_of_range_are_refused_naming_the_field() {
         ("[sampling]\nnear = 6.0\nfar = 2.0", "near"),
         ("[sampling]\nnear = -1.0", "near"),
         ("[sampling]\nscene_box = [1.0, 0.0, 0.0, -1.0, 1.0, 1.0]", "box"),
-        ("[occupancy]\nresolution = 0", "occupancy.resolution"),
+        ("[occupancy]\nresolution = 513", "occupancy.resolution"),
         ("[occupancy]\nevery = 0", "occupancy.every"),
         ("[occupancy]\nthreshold = nan", "occupancy.threshold"),
         ("[occupancy]\nempty_weight = nan", "occupancy.empty_weight"),
