@@ -39,7 +39,10 @@ pub fn any_camera(u: &mut Unstructured<'_>) -> Result<ffi::Camera> {
         camera.c2w[u.choose_index(12)?] = any_f32(u)?;
         (camera.k1, camera.k2) = (any_f32(u)?, any_f32(u)?);
     }
-    camera.reserved[0] = u32::from(u.ratio(1, 64)?);
+    if u.ratio(1, 8)? {
+        (camera.k3, camera.k4, camera.lens_model) = (any_f32(u)?, any_f32(u)?, u.int_in_range(0..=2)?);
+    }
+    camera.reserved = u32::from(u.ratio(1, 64)?);
     Ok(camera)
 }
 
