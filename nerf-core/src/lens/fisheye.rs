@@ -66,7 +66,9 @@ impl Lens {
             }
             theta = next;
         }
-        Some(theta)
+        // Where the lens is so steep that no angle of f32 is seen there, there is none.
+        let off = (self.angle_seen(theta).0 - seen).abs();
+        (off <= 1e-6 * seen.max(1.0)).then_some(theta)
     }
 
     /// Two angles between which `seen` lies, with no fold up to the second.

@@ -89,10 +89,10 @@ fn colmap(u: &mut Unstructured<'_>) -> Result<Vec<(&'static str, Vec<u8>)>> {
     if u.ratio(1, 4)? {
         return colmap_text(u);
     }
-    let count = |u: &mut Unstructured<'_>, count: u64| {
-        Ok(if u.ratio(1, 32)? { u.arbitrary()? } else { count })
-    };
-    let (model, parameters) = *u.choose(&[(0i32, 3usize), (1, 4), (4, 8), (5, 8), (6, 12), (7, 5), (99, 0)])?;
+    let count =
+        |u: &mut Unstructured<'_>, count: u64| Ok(if u.ratio(1, 32)? { u.arbitrary()? } else { count });
+    let (model, parameters) =
+        *u.choose(&[(0i32, 3usize), (1, 4), (4, 8), (5, 8), (6, 12), (7, 5), (99, 0)])?;
     let mut cameras = count(u, 1)?.to_le_bytes().to_vec();
     cameras.extend(1u32.to_le_bytes());
     cameras.extend(model.to_le_bytes());
