@@ -9,7 +9,9 @@ pub struct Counters {
     pub rays: u64,
     /// Samples the network was asked for.
     pub samples_kept: u64,
-    /// Samples of the rays that it was not asked for: outside box or occupancy grid, or behind the cut.
+    /// Samples of the rays that it was not asked for: outside box or occupancy grid, or behind the cut. With
+    /// `samples_kept` the scene's samples of every ray, or more where a ray's way through the box is longer
+    /// than `near..far`: it goes on there with samples as far apart.
     pub samples_skipped: u64,
     /// Evaluations of the proposal network, which are no samples.
     pub proposal_evaluations: u64,

@@ -3,7 +3,7 @@
 
 use arbitrary::Unstructured;
 use libfuzzer_sys::{fuzz_mutator, fuzz_target, fuzzer_mutate};
-use nerf_core::blob::{self, Blob, HEADER_LEN};
+use nerf_core::blob::{self, Blob, HEADER_LEN, SceneSampling};
 use nerf_core::camera::{Camera, Intrinsics, Pose};
 use nerf_core::kernels::{Line, Tier};
 use nerf_core::lens::Lens;
@@ -126,7 +126,14 @@ fuzz_target!(|data: &[u8]| {
     assert_eq!((pixels, work.rays), (rays, rays), "each pixel comes once");
     let proposed = blob.proposal().filter(|_| quality.proposal).map_or(0, |it| u64::from(it.samples));
     let Counters { samples_kept, samples_skipped, .. } = work;
-    assert_eq!(samples_kept + samples_skipped, rays * (u64::from(samples) + proposed), "{work:?}");
+    let expected = rays * (u64::from(samples) + proposed);
+    // A ray whose way through the box is longer than `near..far` has more samples than the scene's.
+    assert!(samples_kept + samples_skipped >= expected && samples_skipped <= expected, "{work:?}");
+    let inside = blob.scene_box().map_or(0.0, |b| (b.max - b.min).length());
+    let room = (scene.far - scene.near) * (1.0 - 3.0 / f32::from(samples));
+    if matches!(scene.sampling, SceneSampling::Bins(_)) && inside < room {
+        assert_eq!(samples_kept + samples_skipped, expected, "{work:?}");
+    }
     assert!(work.density_evaluations == samples_kept && work.colour_evaluations <= samples_kept, "{work:?}");
 });
 
