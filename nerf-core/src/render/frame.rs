@@ -116,6 +116,8 @@ pub(super) struct Frame<'f, 'w> {
     tile: Rect,
     /// The distance of a pixel without a surface.
     far: f32,
+    /// What the camera looks along.
+    forward: Vec3,
 }
 
 impl<'f, 'w> Frame<'f, 'w> {
@@ -176,6 +178,7 @@ impl<'f, 'w> Frame<'f, 'w> {
             turn: 0,
             tile: Rect { x: 0, y: 0, width: 0, height: 0 },
             far: plan.far,
+            forward: Vec3::ZERO,
         })
     }
 
@@ -183,11 +186,12 @@ impl<'f, 'w> Frame<'f, 'w> {
     pub(super) fn tile<M: Math>(&mut self, camera: &Camera, tile: Rect, target: &mut impl Target) {
         self.tile = tile;
         self.far = self.plan.far_from(camera.pose().position);
+        self.forward = camera.pose().forward();
         for turn in 0..anti_aliasing::rays(&self.plan.effects) {
             self.turn = turn;
             let mut hits = self.start::<M>(camera, target);
             if self.drawn.is_on() {
-                hits = self.propose::<M>(hits, camera, target);
+                hits = self.propose::<M>(hits, target);
             }
             self.directions(hits);
             while self.step::<M>() {}
@@ -195,7 +199,7 @@ impl<'f, 'w> Frame<'f, 'w> {
             self.flush_normals();
             for i in 0..hits {
                 let Some(&state) = self.rays.get(i) else { break };
-                self.finish::<M>(&state, Some(i), camera, target);
+                self.finish::<M>(&state, Some(i), target);
             }
         }
     }
@@ -235,7 +239,7 @@ impl<'f, 'w> Frame<'f, 'w> {
                     }
                     hits += 1;
                 } else {
-                    self.finish::<M>(&state, None, camera, target);
+                    self.finish::<M>(&state, None, target);
                 }
             }
         }
@@ -287,12 +291,11 @@ impl<'f, 'w> Frame<'f, 'w> {
         &mut self,
         state: &RayState,
         place: Option<usize>,
-        camera: &Camera,
         target: &mut impl Target,
     ) {
         let (plan, tile) = (self.plan, self.tile);
         self.counters.samples_skipped += u64::from(plan.samples_per_ray().saturating_sub(state.kept));
-        let cosine = camera.z_per_distance(&state.ray);
+        let cosine = state.ray.dir.dot(self.forward);
         let background = if plan.outputs.rgb { plan.background } else { [0.0; 3] };
         let mut seen = state.gathered.finish_from(state.start, background, self.far, cosine);
         seen.rgb = tone::to_light::<M>(&plan.effects.tone, seen.rgb);

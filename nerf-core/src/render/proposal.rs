@@ -9,7 +9,6 @@ use super::Target;
 use super::frame::{Frame, columns_of};
 use super::march::RayState;
 use crate::blob::Blob;
-use crate::camera::Camera;
 use crate::effects::jitter::Place;
 use crate::kernels::{Arena, Tier, at, head, head_mut, lines_for, put, tail, tail_mut};
 use crate::math::Math;
@@ -165,12 +164,7 @@ impl Frame<'_, '_> {
     /// Asks the proposal where the samples of the tile's first `hits` rays should be, and draws them.
     ///
     /// Rays of which none is live are finished; those left move together. Returns their number.
-    pub(super) fn propose<M: Math>(
-        &mut self,
-        hits: usize,
-        camera: &Camera,
-        target: &mut impl Target,
-    ) -> usize {
+    pub(super) fn propose<M: Math>(&mut self, hits: usize, target: &mut impl Target) -> usize {
         let (plan, row, proposer) = (self.plan, self.drawn.row, self.drawn.proposer);
         let (Some(network), Some(coarse)) = (&proposer.network, &plan.proposal) else { return hits };
         head_mut(self.drawn.t, hits * row).fill(0.0);
@@ -199,7 +193,7 @@ impl Frame<'_, '_> {
                 self.waiting.push(left as u32);
                 left += 1;
             } else {
-                self.finish::<M>(&state, None, camera, target);
+                self.finish::<M>(&state, None, target);
             }
         }
         left

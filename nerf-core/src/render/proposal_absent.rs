@@ -4,7 +4,6 @@ use super::Target;
 use super::frame::Frame;
 use super::march::RayState;
 use crate::blob::Blob;
-use crate::camera::Camera;
 use crate::effects::jitter::Place;
 use crate::kernels::{Arena, Tier};
 use crate::math::Math;
@@ -76,7 +75,7 @@ impl<'f, 'w> Drawn<'f, 'w> {
 
 impl Frame<'_, '_> {
     #[allow(clippy::extra_unused_type_parameters, reason = "the signature is that of `proposal.rs`")]
-    pub(super) fn propose<M: Math>(&mut self, hits: usize, _: &Camera, _: &mut impl Target) -> usize {
+    pub(super) fn propose<M: Math>(&mut self, hits: usize, _: &mut impl Target) -> usize {
         hits
     }
 }

@@ -6,9 +6,9 @@ use crate::ray::Ray;
 use crate::sampling::{Bins, OccupancyGrid};
 
 /// Bins of a window.
-const WIDTH: usize = 16;
+const WIDTH: u32 = 16;
 
-/// What of a ray's bins has been looked up.
+/// Bins of a ray that have been looked up.
 #[derive(Clone, Copy)]
 pub(super) struct Window {
     /// The first bin behind it.
@@ -38,41 +38,53 @@ impl Window {
         if tier == Tier::Scalar || end > 1 << 22 {
             return occupancy.first_live(ray, bins, from, end);
         }
-        let mut bin = from;
-        while bin < end {
-            if bin < self.end {
-                let left = self.live >> (bin + WIDTH as u32 - self.end);
-                if left != 0 {
-                    return end.min(bin + left.trailing_zeros());
-                }
-                bin = self.end;
-            } else {
-                let live = tier.run(LookUp { occupancy, ray, bins, first: bin });
-                *self = Self { end: bin + WIDTH as u32, live };
+        let mut from = from;
+        if from < self.end {
+            let left = self.live >> (from + WIDTH - self.end);
+            if left != 0 {
+                return end.min(from + left.trailing_zeros());
             }
+            from = self.end;
         }
-        end
+        if from >= end {
+            return end;
+        }
+        *self = tier.run(LookUp { occupancy, ray, bins, from, end });
+        end.min(self.end - WIDTH + self.live.trailing_zeros())
     }
 }
 
-/// [`OccupancyGrid::occupied`] of the samples of a window that begins with bin `first`.
+/// The first window from bin `from` on with a sample that is [`OccupancyGrid::occupied`], or the last before `end`.
 struct LookUp<'a> {
     occupancy: &'a OccupancyGrid<'a>,
     ray: &'a Ray,
     bins: &'a Bins,
-    first: u32,
+    from: u32,
+    end: u32,
 }
 
 impl Op for LookUp<'_> {
-    type Output = u32;
+    type Output = Window;
 
     #[inline(always)]
-    fn run<V: Lanes>(self) -> u32 {
-        let Self { occupancy, ray, bins, first } = self;
+    fn run<V: Lanes>(self) -> Window {
+        let mut window = Window { end: self.from, live: 0 };
+        while window.live == 0 && window.end < self.end {
+            window = Window { end: window.end + WIDTH, live: self.live::<V>(window.end) };
+        }
+        window
+    }
+}
+
+impl LookUp<'_> {
+    /// The live bins of the window that begins with bin `first`.
+    #[inline(always)]
+    fn live<V: Lanes>(&self, first: u32) -> u32 {
+        let Self { occupancy, ray, bins, .. } = *self;
         let (origin, dir) = (ray.origin.to_array(), ray.dir.to_array());
         let mut live = 0;
         for from in (0..WIDTH).step_by(V::COUNT) {
-            let t: V = bins.middles(first + from as u32);
+            let t: V = bins.middles(first + from);
             let mut points = [t; 3];
             for (axis, point) in points.iter_mut().enumerate() {
                 *point = V::splat(origin[axis]).add(V::splat(dir[axis]).mul(t));
@@ -83,7 +95,7 @@ impl Op for LookUp<'_> {
             return 0;
         }
         // Rounding keeps order: what lies between two points of the box is in it.
-        let inside = |i: usize| occupancy.contains(ray.at(bins.at(first + i as u32, 0.5)));
+        let inside = |i: u32| occupancy.contains(ray.at(bins.at(first + i, 0.5)));
         if !(inside(0) && inside(WIDTH - 1)) {
             for i in 0..WIDTH {
                 live &= !(u32::from(!inside(i)) << i);
