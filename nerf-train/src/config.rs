@@ -1,6 +1,8 @@
 //! What a run is made of: presets, TOML files and flags end in one [`Config`].
 
 mod optimiser;
+#[cfg(test)]
+mod tests;
 
 pub use optimiser::OptimiserConfig;
 

@@ -10,7 +10,9 @@ use super::micromath::Micromath;
 use super::polynomial::Polynomial;
 use super::recurrence::Recurrence;
 use super::{Math, MathBackend};
+use crate::kernels::{Op, Tier};
 use crate::testing::Worse;
+use half::f16;
 
 /// Every `step`-th f32 between `low` and `high`.
 fn floats(low: f32, high: f32, step: usize) -> impl Iterator<Item = f32> {
@@ -115,6 +117,33 @@ fn extremes_are_finite() {
     assert_eq!(Polynomial::softplus(1e4), 1e4);
     assert_eq!(Polynomial::expm1(-0.0f32).to_bits() << 1, 0);
     assert!(Polynomial::exp(f32::NAN).is_nan() && Polynomial::expm1(f32::NAN).is_nan());
+}
+
+/// Every f16, what lies half-way to the next, and the numbers beside those, on each tier.
+#[test]
+fn halves_are_rounded_alike_on_every_tier() {
+    struct Halves<'a>(&'a [f32]);
+    impl Op for Halves<'_> {
+        type Output = std::vec::Vec<u16>;
+        #[inline(always)]
+        fn run<V: Lanes>(self) -> Self::Output {
+            self.0.chunks(V::COUNT).flat_map(|x| V::load(x).to_f16()[..V::COUNT].to_vec()).collect()
+        }
+    }
+    let mut values = std::vec::Vec::new();
+    for bits in 0..0x7c00 {
+        let (this, next) = (f16::from_bits(bits).to_f32(), f16::from_bits(bits + 1).to_f32());
+        let middle = if next.is_finite() { 0.5 * (this + next) } else { 65_520.0 };
+        for x in [this, middle.next_down(), middle, middle.next_up()] {
+            values.extend([x, -x]);
+        }
+    }
+    values.extend([f32::MAX, f32::INFINITY, 1e-40, -1e-40, 70_000.0, -70_000.0, 0.0, -0.0]);
+    values.resize(values.len().next_multiple_of(16), 1.0);
+    let expected: std::vec::Vec<u16> = values.iter().map(|&x| f16::from_f32(x).to_bits()).collect();
+    for tier in Tier::ALL.into_iter().filter(|tier| tier.available()) {
+        assert_eq!(tier.run(Halves(&values)), expected, "{}", tier.name());
+    }
 }
 
 #[test]

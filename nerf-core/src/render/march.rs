@@ -17,6 +17,9 @@ use crate::sampling::{Bins, Ends};
 use crate::volume::Accumulator;
 use glam::Vec3;
 
+/// Of a block of which less than this is picked, the picks are collected first: a fraction, and its denominator.
+const QUEUED_BELOW: (usize, usize) = (3, 4);
+
 /// What one ray carries from sample to sample.
 #[derive(Clone, Copy)]
 pub(super) struct RayState {
@@ -144,9 +147,9 @@ impl Frame<'_, '_> {
         self.evaluate_density(n);
         let picked = self.gather::<M>(n);
         if self.plan.outputs.rgb {
-            if picked == self.block.owner.len() {
+            if picked * QUEUED_BELOW.1 >= self.block.owner.len() * QUEUED_BELOW.0 {
                 self.flush_colour();
-                self.colour_of_block(picked);
+                self.colour_of_block(n, picked);
             } else {
                 self.queue_colour(picked);
             }
@@ -161,8 +164,6 @@ impl Frame<'_, '_> {
         let (plan, tier) = (self.plan, self.network.tier());
         let room = self.block.owner.len();
         let burst = if plan.transmittance_cut > 0.0 { 1 } else { room };
-        // Of a block that is full.
-        let stride = columns_of(self.network, room);
         let mut n = 0;
         while n < room {
             let Some(i) = self.waiting.pop() else { break };
@@ -176,15 +177,12 @@ impl Frame<'_, '_> {
                 let t = self.drawn.take(plan, i, state, place, n);
                 put(self.block.owner, n, i);
                 put(self.block.t, n, t);
-                put_column(self.positions, stride, n, state.ray.at(t).to_array());
                 state.next += 1;
                 state.kept += 1;
                 n += 1;
             }
         }
-        if n < stride {
-            self.put_positions(n);
-        }
+        self.put_positions(n);
         n
     }
 
@@ -246,12 +244,17 @@ impl Frame<'_, '_> {
         picked
     }
 
-    /// Sends a block that was picked whole through the colour branch, from where it lies.
-    fn colour_of_block(&mut self, n: usize) {
-        self.evaluate_colour(n);
+    /// Sends the block's `n` samples through the colour branch from where they lie, and takes those that were picked.
+    fn colour_of_block(&mut self, n: usize, picked: usize) {
+        let owner = head(self.block.owner, n);
+        self.shares.colour(self.network, self.plan, &mut self.scratch, owner, self.rgb);
+        self.counters.add_colour(self.network, picked);
         let stride = self.scratch.stride;
-        let (owner, weight) = (head(self.picks.owner, n), head(self.picks.weight, n));
-        add_colours(self.rays, owner, weight, self.rgb, stride, &mut self.counters);
+        for i in 0..picked {
+            let (owner, weight) = (at(self.picks.owner, i), at(self.picks.weight, i));
+            let colour = column(self.rgb, stride, at(self.picks.column, i) as usize);
+            add_colour(self.rays, owner, weight, colour, &mut self.counters);
+        }
     }
 
     /// Puts the block's picks into the colour queue, and that through the colour branch whenever it is full.
@@ -304,28 +307,21 @@ impl Frame<'_, '_> {
         let (owner, weight) = (head(self.queue.owner, n), head(self.queue.weight, n));
         self.shares.colour(self.network, self.plan, &mut scratch, owner, self.rgb);
         self.counters.add_colour(self.network, n);
-        add_colours(self.rays, owner, weight, self.rgb, stride, &mut self.counters);
+        for (i, (&owner, &weight)) in owner.iter().zip(weight).enumerate() {
+            add_colour(self.rays, owner, weight, column(self.rgb, stride, i), &mut self.counters);
+        }
     }
 }
 
-/// Adds colours to their rays; `rgb`: `[3][stride]`.
-fn add_colours(
-    rays: &mut [RayState],
-    owner: &[u32],
-    weight: &[f32],
-    rgb: &[f32],
-    stride: usize,
-    counters: &mut Counters,
-) {
-    for (i, (&owner, &weight)) in owner.iter().zip(weight).enumerate() {
-        let mut colour = column(rgb, stride, i);
-        if colour.iter().any(|c| c.is_nan()) {
-            counters.invalid_samples += 1;
-            colour = [0.0; 3];
-        }
-        if let Some(state) = rays.get_mut(owner as usize) {
-            state.gathered.add_colour(weight, colour);
-        }
+/// Adds a sample's colour to its ray.
+#[inline]
+fn add_colour(rays: &mut [RayState], owner: u32, weight: f32, mut colour: [f32; 3], counters: &mut Counters) {
+    if colour.iter().any(|c| c.is_nan()) {
+        counters.invalid_samples += 1;
+        colour = [0.0; 3];
+    }
+    if let Some(state) = rays.get_mut(owner as usize) {
+        state.gathered.add_colour(weight, colour);
     }
 }
 

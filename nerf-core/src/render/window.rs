@@ -5,6 +5,9 @@ use crate::math::lanes::Lanes;
 use crate::ray::Ray;
 use crate::sampling::{Bins, OccupancyGrid};
 
+#[cfg(test)]
+mod tests;
+
 /// Bins of a window.
 const WIDTH: u32 = 16;
 

@@ -1,0 +1,68 @@
+extern crate std;
+
+use super::*;
+use crate::ray::SceneBox;
+use crate::render::tests::tiers;
+use crate::testing::noise;
+use glam::Vec3;
+use std::vec;
+
+/// Every bin of every ray, asked one by one, on each tier: near and far boxes, rays along axes and faces, bins that
+/// are cut, windows that end beyond the bins.
+#[test]
+fn windows_find_the_bins_that_asking_at_each_finds() {
+    let boxes = [
+        SceneBox { min: Vec3::splat(-1.5), max: Vec3::splat(1.5) },
+        SceneBox { min: Vec3::new(-0.3, 7.0, -1e3), max: Vec3::new(0.4, 8.1, 1e3) },
+        SceneBox { min: Vec3::splat(1e6), max: Vec3::splat(1e6 + 4.0) },
+    ];
+    let (mut live, mut asked) = (0u32, 0u32);
+    for (k, bounds) in boxes.iter().enumerate() {
+        let sides = bounds.max - bounds.min;
+        for resolution in [[1, 1, 1], [5, 3, 8], [32, 31, 33]] {
+            let cells: usize = resolution.iter().map(|&side| usize::from(side)).product();
+            let bits: vec::Vec<u8> = noise(cells.div_ceil(8), 7 + k as u32)
+                .iter()
+                .map(|x| if *x > 0.2 { 0 } else { x.to_bits().to_le_bytes()[0] })
+                .collect();
+            let occupancy = OccupancyGrid::new(*bounds, resolution, &bits);
+            for i in 0..40 {
+                let r = noise(8, 100 * i + k as u32);
+                let mut dir = Vec3::new(r[0], r[1], r[2]);
+                if i % 3 == 1 {
+                    dir[i as usize / 3 % 3] = [0.0, -0.0, 1e-30][i as usize / 9 % 3];
+                }
+                let dir = dir.normalize();
+                // Through the box, or along one of its faces.
+                let mut target = bounds.min + sides * (0.5 + 0.6 * Vec3::new(r[3], r[4], r[5]));
+                if i % 5 == 0 {
+                    target[i as usize % 3] = bounds.max[i as usize % 3];
+                }
+                let reach = sides.length();
+                let ray = Ray { origin: target - dir * reach, dir };
+                for count in [7, 33, 500] {
+                    let whole = Bins::new(0.0, 2.0 * reach, count).unwrap();
+                    let (bins, part) = match i % 2 {
+                        0 => (whole, 0..count),
+                        _ => whole.cut(reach * (0.7 + 0.2 * r[6]), reach * (1.4 + 0.2 * r[7]), f32::MAX),
+                    };
+                    for tier in tiers() {
+                        let (mut window, mut next) = (Window::NONE, part.start);
+                        for bin in part.clone() {
+                            asked += 1;
+                            if occupancy.occupied(ray.at(bins.at(bin, 0.5))) {
+                                live += 1;
+                                next = window.first_live(tier, &occupancy, &ray, &bins, next, part.end);
+                                assert_eq!(next, bin, "{} {resolution:?} {ray:?} {bins:?}", tier.name());
+                                next += 1;
+                            }
+                        }
+                        let end = window.first_live(tier, &occupancy, &ray, &bins, next, part.end);
+                        assert_eq!(end, part.end, "{} {resolution:?} {ray:?} {bins:?}", tier.name());
+                    }
+                }
+            }
+        }
+    }
+    assert!(live > 10_000 && live < asked / 4, "{live} of {asked}");
+}
