@@ -25,8 +25,8 @@ use std::time::Duration;
 
 /// Fit a radiance field to posed photographs.
 ///
-/// DATA is a CS180-layout or tiny_nerf .npz, a folder with Blender transforms_{train,val,test}.json, or a
-/// nerfstudio / instant-ngp transforms.json.
+/// DATA is a CS180-layout or tiny_nerf .npz, or a folder with Blender transforms_{train,val,test}.json, a
+/// nerfstudio / instant-ngp transforms.json, a COLMAP model or LLFF poses_bounds.npy.
 #[derive(Debug, Args)]
 #[command(
     after_help = "Example: nerf-train fit lego_200x200.npz -o lego.nerf --report out/lego --max-seconds 60"
@@ -64,7 +64,7 @@ pub struct Fit {
     #[arg(long, value_name = "S", default_value_t = 30.0)]
     checkpoint_every: f64,
     /// Steps between validations on the way [default: an eighth of the run]; with --max-seconds they take at most
-    /// a tenth of the time.
+    /// a twentieth of the time.
     #[arg(long, value_name = "N")]
     validate_every: Option<u32>,
     /// Leave view dependence out of the blob if it gains less than this on training views, dB: its mean over the
