@@ -126,7 +126,7 @@ pub const STUDY: Contents = Contents {
 /// The report of `study train`.
 pub const STUDY_TRAIN: Contents = Contents {
     files: &["summary.json", "table.csv", "curves.csv", "report.md"],
-    patterns: &[any("", "psnr_over_time_", "png"), any("", "psnr_over_time_", "svg")],
+    patterns: &[any("", "psnr_over_", "png"), any("", "psnr_over_", "svg")],
 };
 
 /// The folder of `show`.

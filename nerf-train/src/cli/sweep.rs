@@ -19,6 +19,7 @@ use std::process::ExitCode;
 #[derive(Debug, Subcommand)]
 #[command(after_help = "Examples:
   nerf-train sweep image fox.jpg -o out/sweep --levels 6,8,10,12,14 --layers 2,4,6,8,10 --scale 0.25 --steps 1000 --pixels 2500
+  nerf-train sweep scene lego_200x200.npz -o out/tables --table 12,14,16 --features 2,4 --max-seconds 20
   nerf-train sweep scene lego_200x200.npz -o out/sweep --width 64,128 --layers 2,4 --max-seconds 30
   nerf-train sweep merge -o out/all out/machine1 out/machine2")]
 pub enum Sweep {
@@ -48,15 +49,27 @@ struct Lists {
     /// are not repeated; lists may be extended later.
     #[arg(long, short, value_name = "DIR")]
     output: PathBuf,
-    /// Levels L of the position's encoding. Of each of these four: a list to compare, or one value to keep to.
+    /// Levels L of the sinusoidal encoding. Of each of these: a list to compare, or one value to keep to.
     #[arg(long, value_name = "L,L,…", value_delimiter = ',', num_args = 1)]
     levels: Vec<u8>,
     /// Hidden layers.
     #[arg(long, value_name = "N,N,…", value_delimiter = ',', num_args = 1)]
-    layers: Vec<usize>,
+    layers: Vec<u16>,
     /// Channels of every hidden layer.
     #[arg(long, value_name = "N,N,…", value_delimiter = ',', num_args = 1)]
-    width: Vec<usize>,
+    width: Vec<u16>,
+    /// Of a learned grid: binary logarithm of the most entries a level has.
+    #[arg(long, value_name = "N,N,…", value_delimiter = ',', num_args = 1)]
+    table: Vec<u8>,
+    /// Levels of the grid.
+    #[arg(long, value_name = "N,N,…", value_delimiter = ',', num_args = 1)]
+    grid_levels: Vec<u8>,
+    /// Features of an entry: 1, 2 or 4.
+    #[arg(long, value_name = "N,N,…", value_delimiter = ',', num_args = 1)]
+    features: Vec<u8>,
+    /// Cells of the finest level along the longest side of the scene box.
+    #[arg(long, value_name = "N,N,…", value_delimiter = ',', num_args = 1)]
+    finest: Vec<u16>,
     /// Learning rates at the start.
     #[arg(long, value_name = "RATE,…", value_delimiter = ',', num_args = 1)]
     rate: Vec<f64>,
@@ -77,14 +90,21 @@ impl Lists {
     }
 
     fn combinations(&self, job: &Job<'_>) -> Combinations {
-        Combinations {
-            base: job.base_point(),
-            levels: self.levels.clone(),
-            layers: self.layers.clone(),
-            widths: self.width.clone(),
-            rates: self.rate.clone(),
-            mode: if self.one_at_a_time { Mode::OneAtATime } else { Mode::Full },
+        fn numbers<T: Copy + Into<f64>>(list: &[T]) -> Vec<f64> {
+            list.iter().map(|&value| value.into()).collect()
         }
+        let lists = [
+            numbers(&self.levels),
+            numbers(&self.layers),
+            numbers(&self.width),
+            numbers(&self.table),
+            numbers(&self.grid_levels),
+            numbers(&self.features),
+            numbers(&self.finest),
+            self.rate.clone(),
+        ];
+        let mode = if self.one_at_a_time { Mode::OneAtATime } else { Mode::Full };
+        Combinations { base: job.base_point(), lists, mode }
     }
 
     /// Runs what is not finished, and reports on what is.
@@ -154,11 +174,10 @@ fn finish(folder: &Folder, global: &Global) -> anyhow::Result<()> {
 
 fn fields(record: &Record) -> Summary {
     let mut fields = Summary::new();
+    for (knob, value) in record.point.values() {
+        fields.number(&knob.flag().replace('-', "_"), value);
+    }
     fields
-        .integer("levels", u64::from(record.point.levels))
-        .integer("layers", record.point.layers as u64)
-        .integer("width", record.point.width as u64)
-        .number("rate", record.point.rate)
         .flag("diverged", record.status == Status::Diverged)
         .flag("flat", record.status == Status::Flat)
         .text("note", record.note.clone())
@@ -201,9 +220,9 @@ pub struct SceneSweep {
     data: PathBuf,
     #[command(flatten)]
     lists: Lists,
-    /// Named settings to start from: those of a sinusoidal network, whose levels, layers and width are varied.
-    #[arg(long, value_enum, default_value = "small")]
-    preset: Preset,
+    /// Named settings to start from [default: grid; small where --levels, --layers or --width is listed].
+    #[arg(long, value_enum)]
+    preset: Option<Preset>,
     /// TOML file with settings that replace the preset's.
     #[arg(long, value_name = "FILE")]
     config: Option<PathBuf>,
@@ -221,6 +240,12 @@ pub struct SceneSweep {
 }
 
 impl SceneSweep {
+    fn preset(&self) -> Preset {
+        let Lists { levels, layers, width, .. } = &self.lists;
+        let sinusoidal = !(levels.is_empty() && layers.is_empty() && width.is_empty());
+        self.preset.unwrap_or(if sinusoidal { Preset::Small } else { Preset::Grid })
+    }
+
     fn run(&self, global: &Global) -> anyhow::Result<ExitCode> {
         check_max_seconds(self.max_seconds)?;
         let claims = Claims::new().reads_data(&self.data);
@@ -234,17 +259,12 @@ impl SceneSweep {
             );
         }
         let hull = dataset.background != Background::Unknown;
-        let mut base = read_config(self.preset, self.config.as_deref(), hull)?;
+        let mut base = read_config(self.preset(), self.config.as_deref(), hull)?;
         base.sampling.near = self.data_options.near.or(base.sampling.near);
         base.sampling.far = self.data_options.far.or(base.sampling.far);
         base.optimiser.steps = self.steps.unwrap_or(base.optimiser.steps);
         base.seed = self.seed.unwrap_or(base.seed);
         base.check()?;
-        if base.network.grid.is_some() {
-            bail!(
-                "a sweep varies a sinusoidal network, and these settings have a learned grid: take --preset small or seed"
-            );
-        }
         let job = Job::Scene { dataset: &dataset, base: Box::new(base), seconds: self.max_seconds };
         self.lists.sweep(&job, global)
     }

@@ -24,12 +24,14 @@ const MOST_SERIES: usize = 7;
 /// One fit of the study.
 #[derive(Clone, Debug)]
 pub struct Trial {
-    /// What it is compared by: `preset`, `width`, `depth` or `samples`.
+    /// What it is compared by: `preset`, `table`, `width`, `depth` or `samples`.
     pub group: &'static str,
     /// Its name in tables: `width 64`.
     pub name: String,
     /// Its settings.
     pub config: Config,
+    /// How long it is fitted, everything included.
+    pub budget_seconds: f64,
 }
 
 /// What a fit came to.
@@ -47,6 +49,8 @@ pub struct Fitted {
     pub steps: u32,
     /// Trained parameters.
     pub parameters: usize,
+    /// Bytes of its file; 0 if it came to nothing.
+    pub bytes: usize,
     /// Why it came to nothing; empty if it did not.
     pub note: String,
 }
@@ -56,6 +60,8 @@ pub struct Fitted {
 pub struct Lists {
     /// Presets, each as it is.
     pub presets: Vec<Preset>,
+    /// Of the preset with a learned grid: binary logarithms of the most entries a level has.
+    pub tables: Vec<u8>,
     /// Channels of the trunk.
     pub widths: Vec<usize>,
     /// Trunk layers.
@@ -65,19 +71,36 @@ pub struct Lists {
 }
 
 impl Lists {
-    /// The fits: `of` gives a preset's settings, `base` is the one whose settings are varied.
+    /// The fits, each for each of the `seconds`: `of` gives a preset's settings, `base` is the one whose settings are
+    /// varied.
     ///
     /// # Errors
     /// [`ConfigError`] names the setting that is out of range.
-    pub fn trials(&self, base: &Config, of: impl Fn(Preset) -> Config) -> Result<Vec<Trial>, ConfigError> {
+    pub fn trials(
+        &self,
+        base: &Config,
+        seconds: &[f64],
+        of: impl Fn(Preset) -> Config,
+    ) -> Result<Vec<Trial>, ConfigError> {
         let mut trials = Vec::new();
         let mut add = |group, name: String, config: Config| -> Result<(), ConfigError> {
             config.check()?;
-            trials.push(Trial { group, name, config });
+            for &budget_seconds in seconds {
+                let name =
+                    if seconds.len() > 1 { format!("{name}, {budget_seconds} s") } else { name.clone() };
+                trials.push(Trial { group, name, config: config.clone(), budget_seconds });
+            }
             Ok(())
         };
         for &preset in &self.presets {
             add("preset", format!("preset {preset:?}").to_lowercase(), of(preset))?;
+        }
+        for &log2_entries in &self.tables {
+            let mut config = of(Preset::Grid);
+            if let Some(grid) = &mut config.network.grid {
+                grid.log2_entries = log2_entries;
+            }
+            add("table", format!("table 2^{log2_entries}"), config)?;
         }
         for &width in &self.widths {
             let mut config = base.clone();
@@ -102,21 +125,15 @@ impl Lists {
     }
 }
 
-/// Fits `trial` for `seconds`, to its end: a signal leaves nothing of it.
+/// Fits `trial` for its time, to its end: a signal leaves nothing of it.
 ///
 /// A fit that diverges is a result.
 ///
 /// # Errors
 /// [`StudyError::Run`] for whatever is wrong besides.
-pub fn fit(
-    dataset: &Dataset,
-    trial: &Trial,
-    seconds: f64,
-    tier: Tier,
-    style: ProgressStyle,
-) -> Result<Fitted, StudyError> {
+pub fn fit(dataset: &Dataset, trial: &Trial, tier: Tier, style: ProgressStyle) -> Result<Fitted, StudyError> {
     let options = RunOptions {
-        budget: Budget { steps: None, seconds: Some(seconds) },
+        budget: Budget { steps: None, seconds: Some(trial.budget_seconds) },
         checkpoint: None,
         checkpoint_every: f64::INFINITY,
         resume: false,
@@ -135,6 +152,7 @@ pub fn fit(
         seconds: clock.seconds(),
         steps: 0,
         parameters: trial.config.model().parameters(),
+        bytes: 0,
         note,
     };
     match run_since(clock, dataset, trial.config.clone(), &options, &|_| false) {
@@ -144,6 +162,7 @@ pub fn fit(
             psnr_db: outcome.scores.psnr_db().unwrap_or(f64::NAN),
             seconds: outcome.train_seconds,
             steps: outcome.steps,
+            bytes: outcome.bytes.len(),
             ..nothing(String::new())
         }),
         Err(RunError::Train(
@@ -160,7 +179,7 @@ pub fn fit(
 
 /// One row a fit, in their order.
 pub fn table(fits: &[Fitted]) -> Table {
-    let columns = ["group", "fit", "PSNR, dB", "time, s", "steps", "parameters", "note"];
+    let columns = ["group", "fit", "PSNR, dB", "time, s", "steps", "parameters", "file, bytes", "note"];
     let mut table = Table::new(columns);
     for fit in fits {
         let db = if fit.psnr_db.is_nan() { String::new() } else { format!("{:.2}", fit.psnr_db) };
@@ -171,6 +190,7 @@ pub fn table(fits: &[Fitted]) -> Table {
             format!("{:.1}", fit.seconds),
             fit.steps.to_string(),
             fit.parameters.to_string(),
+            fit.bytes.to_string(),
             fit.note.clone(),
         ]);
     }
@@ -192,10 +212,14 @@ pub fn write(fits: &[Fitted], data: &str, machine: &str, folder: &Path) -> Resul
     curves.write_csv(folder.join("curves.csv"))?;
     let mut text = format!("# PSNR over the time of a fit: {}\n\n", markdown(data));
     // Writing into a String cannot fail.
-    let _ = writeln!(text, "Every fit had the same time; on {machine}.\n\n{}", table(fits).to_markdown());
+    let _ = writeln!(text, "On {machine}.\n\n{}", table(fits).to_markdown());
     for group in groups(fits) {
         plot(fits, data, group).write(folder.join(format!("psnr_over_time_{group}")))?;
         let _ = writeln!(text, "![{group}](psnr_over_time_{group}.png)\n");
+    }
+    if let Some(plot) = size_plot(fits, data) {
+        plot.write(folder.join("psnr_over_bytes"))?;
+        let _ = writeln!(text, "![what a file holds](psnr_over_bytes.png)\n");
     }
     let _ = writeln!(
         text,
@@ -220,6 +244,7 @@ pub fn summary(fits: &[Fitted]) -> Summary {
             .number("train_seconds", fit.seconds)
             .integer("steps", u64::from(fit.steps))
             .integer("parameters", fit.parameters as u64)
+            .integer("bytes", fit.bytes as u64)
             .text("note", fit.note.clone())
             .numbers("curve_seconds", &seconds)
             .numbers("curve_val_psnr_db", &psnr);
@@ -249,6 +274,31 @@ fn plot(fits: &[Fitted], data: &str, group: &str) -> LinePlot {
     plot
 }
 
+/// What files of different sizes hold after each time: the table sizes, or all fits where none are compared; `None` of
+/// fewer than two.
+fn size_plot(fits: &[Fitted], data: &str) -> Option<LinePlot> {
+    let tables = fits.iter().any(|fit| fit.trial.group == "table");
+    let shown = || fits.iter().filter(|fit| !fit.psnr_db.is_nan() && (fit.trial.group == "table" || !tables));
+    let mut seconds: Vec<f64> = shown().map(|fit| fit.trial.budget_seconds).collect();
+    seconds.sort_by(f64::total_cmp);
+    seconds.dedup();
+    let series = |&seconds: &f64| {
+        let fits = shown().filter(|fit| fit.trial.budget_seconds == seconds);
+        let mut points: Vec<(f64, f64)> = fits.map(|fit| (fit.bytes as f64 / 1024.0, fit.psnr_db)).collect();
+        points.sort_by(|a, b| a.0.total_cmp(&b.0));
+        let marker = if tables { Marker::LineAndPoints } else { Marker::Points };
+        Series { name: format!("{seconds} s"), points, marker }
+    };
+    if shown().count() < 2 {
+        return None;
+    }
+    let title = format!("{data}: what a file of each size holds");
+    let mut plot = LinePlot::new(title, "whole file, KiB", "mean PSNR of validation views, dB");
+    plot.series = seconds.iter().take(MOST_SERIES).map(series).collect();
+    plot.log_x = true;
+    Some(plot)
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -257,19 +307,29 @@ mod tests {
     fn lists_vary_one_setting_at_a_time() {
         let lists = Lists {
             presets: vec![Preset::Grid, Preset::Seed],
+            tables: vec![12],
             widths: vec![64, 256],
             depths: vec![2],
             samples: vec![32],
         };
         let base = Preset::Small.config();
-        let trials = lists.trials(&base, Preset::config).expect("settings");
+        let trials = lists.trials(&base, &[30.0], Preset::config).expect("settings");
         let names: Vec<&str> = trials.iter().map(|trial| trial.name.as_str()).collect();
-        assert_eq!(names, ["preset grid", "preset seed", "width 64", "width 256", "depth 2", "samples 32"]);
+        assert_eq!(
+            names,
+            ["preset grid", "preset seed", "table 2^12", "width 64", "width 256", "depth 2", "samples 32"]
+        );
         assert_eq!(trials[1].config, Preset::Seed.config());
         let mut expected = base.clone();
         expected.network.width = 64;
-        assert_eq!(trials[2].config, expected);
+        assert_eq!(trials[3].config, expected);
+        assert_eq!(trials[2].config.network.grid.as_ref().map(|grid| grid.log2_entries), Some(12));
+        let twice = lists.trials(&base, &[10.0, 20.0], Preset::config).expect("settings");
+        assert_eq!((twice.len(), twice[1].name.as_str()), (14, "preset grid, 20 s"));
         let wrong = Lists { samples: vec![0], ..Lists::default() };
-        assert_eq!(wrong.trials(&base, Preset::config).expect_err("no samples").field, "sampling.samples");
+        assert_eq!(
+            wrong.trials(&base, &[30.0], Preset::config).expect_err("no samples").field,
+            "sampling.samples"
+        );
     }
 }

@@ -164,15 +164,9 @@ impl Folder {
                 records.push(read_json(&path, "record")?);
             }
         }
-        let order = |a: &f64, b: &f64| a.total_cmp(b);
-        records.sort_by(|a, b| {
-            let (a, b) = (a.point.values(), b.point.values());
-            a.iter()
-                .zip(&b)
-                .map(|(a, b)| order(a, b))
-                .find(|o| o.is_ne())
-                .unwrap_or(std::cmp::Ordering::Equal)
-        });
+        // No value is NaN: JSON has none.
+        let order = |a: &Record, b: &Record| a.point.partial_cmp(&b.point);
+        records.sort_by(|a, b| order(a, b).unwrap_or(std::cmp::Ordering::Equal));
         Ok(records)
     }
 

@@ -1,6 +1,6 @@
 //! One run of a sweep.
 
-use super::{Header, Kind, Mode, Point, Record, Status};
+use super::{Header, Kind, Knob, Mode, Point, Record, Status};
 use crate::config::{Config, ConfigError};
 use crate::dataset::{Dataset, View};
 use crate::engine::EngineError;
@@ -74,18 +74,30 @@ impl Job<'_> {
     /// The settings that are varied, where no list says otherwise.
     pub fn base_point(&self) -> Point {
         match self {
-            Self::Image { base, .. } => Point {
-                levels: base.levels,
-                layers: base.layers,
-                width: base.width,
-                rate: base.optimiser.rate,
-            },
-            Self::Scene { base, .. } => Point {
-                levels: base.network.position_levels,
-                layers: base.network.depth,
-                width: base.network.width,
-                rate: base.optimiser.rate,
-            },
+            Self::Image { base, .. } => Point::of(&[
+                (Knob::Levels, base.levels.into()),
+                (Knob::Layers, base.layers as f64),
+                (Knob::Width, base.width as f64),
+                (Knob::Rate, base.optimiser.rate),
+            ]),
+            Self::Scene { base, .. } => {
+                let (n, rate) = (&base.network, (Knob::Rate, base.optimiser.rate));
+                match &n.grid {
+                    Some(grid) => Point::of(&[
+                        (Knob::Table, grid.log2_entries.into()),
+                        (Knob::GridLevels, grid.levels as f64),
+                        (Knob::Features, grid.features.into()),
+                        (Knob::Finest, grid.finest.into()),
+                        rate,
+                    ]),
+                    None => Point::of(&[
+                        (Knob::Levels, n.position_levels.into()),
+                        (Knob::Layers, n.depth as f64),
+                        (Knob::Width, n.width as f64),
+                        rate,
+                    ]),
+                }
+            }
         }
     }
 
@@ -141,21 +153,38 @@ impl Job<'_> {
 
 fn field_config(base: &FieldConfig, point: &Point) -> FieldConfig {
     let mut config = base.clone();
-    (config.levels, config.layers, config.width) = (point.levels, point.layers, point.width);
-    config.optimiser.rate = point.rate;
+    set(&mut config.levels, point.get(Knob::Levels));
+    set(&mut config.layers, point.get(Knob::Layers));
+    set(&mut config.width, point.get(Knob::Width));
+    config.optimiser.rate = point.get(Knob::Rate).unwrap_or(config.optimiser.rate);
     config
 }
 
 fn scene_config(base: &Config, point: &Point) -> Config {
     let mut config = base.clone();
     let n = &mut config.network;
-    (n.position_levels, n.depth, n.width) = (point.levels, point.layers, point.width);
+    set(&mut n.position_levels, point.get(Knob::Levels));
+    set(&mut n.depth, point.get(Knob::Layers));
+    set(&mut n.width, point.get(Knob::Width));
+    if let Some(grid) = &mut n.grid {
+        set(&mut grid.log2_entries, point.get(Knob::Table));
+        set(&mut grid.levels, point.get(Knob::GridLevels));
+        set(&mut grid.features, point.get(Knob::Features));
+        set(&mut grid.finest, point.get(Knob::Finest));
+    }
     // The skip layer stays where it is, if the trunk reaches that far.
     if n.skip_after >= n.depth {
         n.skip_after = 0;
     }
-    config.optimiser.rate = point.rate;
+    config.optimiser.rate = point.get(Knob::Rate).unwrap_or(config.optimiser.rate);
     config
+}
+
+/// Sets a whole number: lists hold them as f64, which is exact.
+fn set<T: TryFrom<u64>>(to: &mut T, value: Option<f64>) {
+    if let Some(value) = value.and_then(|value| T::try_from(value as u64).ok()) {
+        *to = value;
+    }
 }
 
 /// The record of a run that came to nothing.

@@ -15,7 +15,7 @@ mod report;
 #[cfg(test)]
 mod tests;
 
-pub use combinations::{Combinations, CombinationsError, Mode, Point, Shard};
+pub use combinations::{Combinations, CombinationsError, Knob, Mode, Point, Shard};
 pub use folder::{Folder, SweepError};
 pub use job::{Job, JobError, Runner};
 pub use record::{Header, Kind, Record, Status};

@@ -1,7 +1,6 @@
 //! What a sweep says: a table, plots of PSNR over each setting and over time, a sheet of pictures.
 
-use super::combinations::KNOBS;
-use super::{Folder, Kind, Record, Status, SweepError};
+use super::{Folder, Kind, Knob, Record, Status, SweepError};
 use crate::output::write_atomic;
 use crate::printable::markdown as markdown_text;
 use crate::report::contact_sheet::{Cell, contact_sheet};
@@ -14,8 +13,6 @@ use std::fmt::Write as _;
 const MOST_SERIES: usize = 7;
 /// Longest side of a picture on the sheet, pixels.
 const THUMBNAIL: usize = 256;
-/// Names of the settings on the axes of plots, in the order of [`KNOBS`].
-const AXES: [&str; 4] = ["levels L of the encoding", "hidden layers", "channels of a layer", "learning rate"];
 
 /// Writes table.csv, report.md, plots and sheet.png into the folder, of what is finished in it.
 ///
@@ -30,7 +27,7 @@ pub fn write_report(folder: &Folder) -> Result<Vec<Record>, SweepError> {
     table.write_csv(path.join("table.csv"))?;
     write_atomic(path.join("report.md"), markdown(folder, &records).as_bytes())?;
     for knob in varied(&records) {
-        knob_plot(folder, &records, knob).write(path.join(format!("psnr_over_{}", KNOBS[knob])))?;
+        knob_plot(folder, &records, knob).write(path.join(format!("psnr_over_{}", knob.name())))?;
     }
     time_plot(folder, &records).write(path.join("psnr_over_time"))?;
     if let Some(sheet) = sheet(folder, &records) {
@@ -40,13 +37,13 @@ pub fn write_report(folder: &Folder) -> Result<Vec<Record>, SweepError> {
 }
 
 /// The settings with more than one value.
-fn varied(records: &[Record]) -> Vec<usize> {
-    (0..KNOBS.len()).filter(|&knob| values(records, knob).len() > 1).collect()
+fn varied(records: &[Record]) -> Vec<Knob> {
+    Knob::ALL.into_iter().filter(|&knob| values(records, knob).len() > 1).collect()
 }
 
 /// The values of a setting, ascending.
-fn values(records: &[Record], knob: usize) -> Vec<f64> {
-    let mut values: Vec<f64> = records.iter().map(|record| record.point.values()[knob]).collect();
+fn values(records: &[Record], knob: Knob) -> Vec<f64> {
+    let mut values: Vec<f64> = records.iter().filter_map(|record| record.point.get(knob)).collect();
     values.sort_by(f64::total_cmp);
     values.dedup();
     values
@@ -65,17 +62,14 @@ pub(super) fn ranked(records: &[Record]) -> Vec<&Record> {
 
 /// One row a run, the best first.
 pub fn table(records: &[Record]) -> Table {
-    let columns = ["rank", "L", "layers", "width", "rate", "PSNR, dB", "status", "time, s", "steps"];
+    let knobs =
+        records.first().map_or(Vec::new(), |r| r.point.values().map(|(knob, _)| knob.name()).collect());
+    let columns = ["PSNR, dB", "status", "time, s", "steps"];
     let more = ["parameters", "MACs a sample", "blob, bytes", "note"];
-    let mut table = Table::new(columns.into_iter().chain(more));
+    let mut table = Table::new(["rank"].into_iter().chain(knobs).chain(columns).chain(more));
     for (rank, record) in ranked(records).into_iter().enumerate() {
-        let [levels, layers, width, rate] = record.point.values();
-        table.push([
-            (rank + 1).to_string(),
-            levels.to_string(),
-            layers.to_string(),
-            width.to_string(),
-            rate.to_string(),
+        let values = record.point.values().map(|(_, value)| value.to_string());
+        let results = [
             record.psnr_db.map_or_else(String::new, |db| format!("{db:.2}")),
             status(record).into(),
             format!("{:.1}", record.train_seconds),
@@ -84,7 +78,8 @@ pub fn table(records: &[Record]) -> Table {
             record.macs.to_string(),
             record.blob_bytes.to_string(),
             record.note.clone(),
-        ]);
+        ];
+        table.push(std::iter::once((rank + 1).to_string()).chain(values).chain(results));
     }
     table
 }
@@ -101,11 +96,11 @@ fn status(record: &Record) -> &'static str {
 fn matrix(records: &[Record]) -> Option<Table> {
     let [down, across] = varied(records)[..] else { return None };
     let columns = values(records, across);
-    let head = std::iter::once(format!("{} \\ {}", KNOBS[down], KNOBS[across]));
+    let head = std::iter::once(format!("{} \\ {}", down.name(), across.name()));
     let mut table = Table::new(head.chain(columns.iter().map(f64::to_string)));
     for value in values(records, down) {
         let cell = |column: &f64| {
-            let here = |r: &&Record| r.point.values()[down] == value && r.point.values()[across] == *column;
+            let here = |r: &&Record| r.point.get(down) == Some(value) && r.point.get(across) == Some(*column);
             match records.iter().find(here) {
                 Some(Record { status: Status::Ok, psnr_db: Some(db), .. }) => format!("{db:.2}"),
                 Some(record) => status(record).into(),
@@ -139,7 +134,7 @@ fn markdown(folder: &Folder, records: &[Record]) -> String {
     machines.dedup();
     let _ = writeln!(text, "Run on: {}.\n", markdown_text(&machines.join("; ")));
     for knob in varied(records) {
-        let _ = writeln!(text, "![PSNR over {0}](psnr_over_{0}.png)\n", KNOBS[knob]);
+        let _ = writeln!(text, "![PSNR over {0}](psnr_over_{0}.png)\n", knob.name());
     }
     let _ = writeln!(text, "![PSNR over time](psnr_over_time.png)\n\n![Pictures](sheet.png)\n");
     let settings = serde_json::to_string_pretty(&header.settings).unwrap_or_default();
@@ -158,11 +153,11 @@ fn drawn(records: &[Record]) -> impl Iterator<Item = (&Record, f64)> + Clone {
 type Points = Vec<(f64, f64)>;
 
 /// A curve for each combination of the other settings that has more than one point.
-fn curves(records: &[Record], knob: usize, x: impl Fn(&Record) -> f64) -> Vec<Series> {
-    let others: Vec<usize> = varied(records).into_iter().filter(|&other| other != knob).collect();
+fn curves(records: &[Record], knob: Knob, x: impl Fn(&Record) -> f64) -> Vec<Series> {
+    let others: Vec<Knob> = varied(records).into_iter().filter(|&other| other != knob).collect();
     let mut curves: Vec<(Vec<f64>, Points)> = Vec::new();
     for (record, db) in drawn(records) {
-        let key: Vec<f64> = others.iter().map(|&other| record.point.values()[other]).collect();
+        let key: Vec<f64> = others.iter().filter_map(|&other| record.point.get(other)).collect();
         let point = (x(record), db);
         match curves.iter_mut().find(|(of, _)| *of == key) {
             Some((_, points)) => points.push(point),
@@ -173,7 +168,7 @@ fn curves(records: &[Record], knob: usize, x: impl Fn(&Record) -> f64) -> Vec<Se
         curves.retain(|(_, points)| points.len() > 1);
     }
     let name = |key: &[f64]| {
-        let parts = others.iter().zip(key).map(|(&other, value)| match KNOBS[other] {
+        let parts = others.iter().zip(key).map(|(&other, value)| match other.name() {
             "layers" => format!("{value} layers"),
             knob => format!("{knob} {value}"),
         });
@@ -188,9 +183,9 @@ fn curves(records: &[Record], knob: usize, x: impl Fn(&Record) -> f64) -> Vec<Se
 }
 
 /// The best and the mean of all runs at each value, where there are too many curves to tell apart.
-fn summarised(records: &[Record], knob: usize) -> Vec<Series> {
+fn summarised(records: &[Record], knob: Knob) -> Vec<Series> {
     let of_value =
-        |value: f64| drawn(records).filter(move |(r, _)| r.point.values()[knob] == value).map(|(_, db)| db);
+        |value: f64| drawn(records).filter(move |(r, _)| r.point.get(knob) == Some(value)).map(|(_, db)| db);
     let (mut best, mut mean) = (Vec::new(), Vec::new());
     for value in values(records, knob) {
         let count = of_value(value).count();
@@ -203,12 +198,12 @@ fn summarised(records: &[Record], knob: usize) -> Vec<Series> {
     vec![series("best of the others", best), series("mean over the others", mean)]
 }
 
-fn knob_plot(folder: &Folder, records: &[Record], knob: usize) -> LinePlot {
-    let title = format!("{}: PSNR over {}", folder.header().data, AXES[knob]);
-    let mut plot = LinePlot::new(title, AXES[knob], measured(folder.header().kind));
-    let curves = curves(records, knob, |record| record.point.values()[knob]);
+fn knob_plot(folder: &Folder, records: &[Record], knob: Knob) -> LinePlot {
+    let title = format!("{}: PSNR over {}", folder.header().data, knob.axis());
+    let mut plot = LinePlot::new(title, knob.axis(), measured(folder.header().kind));
+    let curves = curves(records, knob, |record| record.point.get(knob).unwrap_or(f64::NAN));
     plot.series = if (1..=MOST_SERIES).contains(&curves.len()) { curves } else { summarised(records, knob) };
-    plot.log_x = KNOBS[knob] == "rate";
+    plot.log_x = knob == Knob::Rate;
     plot.notes = notes(records);
     plot
 }
@@ -229,8 +224,8 @@ fn time_plot(folder: &Folder, records: &[Record]) -> LinePlot {
         Some(knob) if values(records, knob).len() <= MOST_SERIES => values(records, knob)
             .into_iter()
             .map(|value| Series {
-                name: format!("{} {value}", KNOBS[knob]),
-                points: all(&|record| record.point.values()[knob] == value),
+                name: format!("{} {value}", knob.name()),
+                points: all(&|record| record.point.get(knob) == Some(value)),
                 marker: Marker::Points,
             })
             .collect(),

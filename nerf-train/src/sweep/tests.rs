@@ -5,18 +5,26 @@ use crate::report::progress::ProgressStyle;
 use nerf_core::kernels::Tier;
 use std::path::Path;
 
-const BASE: Point = Point { levels: 10, layers: 3, width: 256, rate: 1e-2 };
+fn point(levels: f64, layers: f64, width: f64, rate: f64) -> Point {
+    Point::of(&[(Knob::Levels, levels), (Knob::Layers, layers), (Knob::Width, width), (Knob::Rate, rate)])
+}
 
 fn combinations(mode: Mode) -> Combinations {
-    let (levels, layers, rates) = (vec![6, 8], vec![2, 4, 6], vec![1e-3]);
-    Combinations { base: BASE, levels, layers, widths: Vec::new(), rates, mode }
+    let mut lists: [Vec<f64>; Knob::ALL.len()] = Default::default();
+    (lists[Knob::Levels as usize], lists[Knob::Layers as usize], lists[Knob::Rate as usize]) =
+        (vec![6.0, 8.0], vec![2.0, 4.0, 6.0], vec![1e-3]);
+    Combinations { base: point(10.0, 3.0, 256.0, 1e-2), lists, mode }
 }
 
 #[test]
 fn full_combines_every_value_with_every_other() {
     let points = combinations(Mode::Full).points().unwrap();
     assert_eq!(points.len(), 6);
-    assert!(points.iter().all(|point| point.width == 256 && point.rate == 1e-3));
+    assert!(
+        points
+            .iter()
+            .all(|point| point.get(Knob::Width) == Some(256.0) && point.get(Knob::Rate) == Some(1e-3))
+    );
     assert_eq!(points[0].name(), "L6_layers2_width256_rate0.001");
 }
 
@@ -25,16 +33,36 @@ fn one_at_a_time_leaves_the_others_at_the_base() {
     let points = combinations(Mode::OneAtATime).points().unwrap();
     // The base with its one-value list, two levels, three layers.
     assert_eq!(points.len(), 6);
-    let base = Point { rate: 1e-3, ..BASE };
-    let changes = |point: &Point| point.values().iter().zip(base.values()).filter(|(a, b)| **a != *b).count();
+    let base = point(10.0, 3.0, 256.0, 1e-3);
+    let changes = |point: &Point| Knob::ALL.iter().filter(|&&knob| point.get(knob) != base.get(knob)).count();
     assert!(points.iter().all(|point| changes(point) <= 1), "{points:?}");
 }
 
 #[test]
 fn a_sweep_of_nothing_is_refused() {
-    let (levels, layers, widths, rates) = Default::default();
-    let empty = Combinations { base: BASE, levels, layers, widths, rates, mode: Mode::Full };
+    let empty = Combinations { lists: Default::default(), ..combinations(Mode::Full) };
     assert_eq!(empty.points(), Err(CombinationsError::Empty));
+}
+
+#[test]
+fn a_list_of_another_encoding_is_refused_by_its_flag() {
+    let mut other = combinations(Mode::Full);
+    other.lists[Knob::Table as usize] = vec![12.0, 14.0];
+    let error = other.points().unwrap_err().to_string();
+    assert!(error.contains("--table") && error.contains("a sinusoidal encoding"), "{error}");
+    let grid = Point::of(&[(Knob::Table, 14.0), (Knob::Rate, 1e-2)]);
+    let error = Combinations { base: grid, ..combinations(Mode::Full) }.points().unwrap_err().to_string();
+    assert!(error.contains("--levels") && error.contains("a learned grid"), "{error}");
+}
+
+#[test]
+fn points_are_written_by_flag_and_read_again() {
+    let point = Point::of(&[(Knob::Table, 14.0), (Knob::GridLevels, 8.0), (Knob::Rate, 1e-2)]);
+    let text = serde_json::to_string(&point).unwrap();
+    assert_eq!(text, r#"{"table":14.0,"grid-levels":8.0,"rate":0.01}"#);
+    assert_eq!(serde_json::from_str::<Point>(&text).unwrap(), point);
+    assert!(serde_json::from_str::<Point>(r#"{"tables":14.0}"#).is_err());
+    assert_eq!(point.name(), "table14_grid-levels8_rate0.01");
 }
 
 #[test]
@@ -77,8 +105,7 @@ fn sweep(job: &Job<'_>, path: &Path, points: &[Point], shard: Shard) -> Folder {
 }
 
 fn points(rates: &[f64]) -> Vec<Point> {
-    let point = |&rate: &f64| Point { levels: 2, layers: 1, width: 16, rate };
-    rates.iter().map(point).collect()
+    rates.iter().map(|&rate| point(2.0, 1.0, 16.0, rate)).collect()
 }
 
 #[test]

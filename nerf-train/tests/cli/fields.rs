@@ -141,4 +141,13 @@ fn scenes_are_swept_too() {
     // Twenty steps teach next to nothing; they must not be called a success.
     assert!(table.lines().skip(1).all(|row| row.contains(",ok,") || row.contains(",flat,")), "{table}");
     assert!(Path::new(&output).join("psnr_over_width.png").exists());
+    let tables = folder.path("tables");
+    let lists = ["--table", "9,10", "--features", "1,2", "--grid-levels", "3", "--finest", "32"];
+    ok(["sweep", "scene", &data, "-o", &tables, "-q", "--steps", "20"].into_iter().chain(lists));
+    let table = std::fs::read_to_string(format!("{tables}/table.csv")).expect("a table");
+    assert!(table.starts_with("rank,table,grid-levels,features,finest,rate,"), "{table}");
+    assert_eq!(table.lines().count(), 5, "{table}");
+    for file in ["psnr_over_table.png", "psnr_over_features.png", "sheet.png"] {
+        assert!(Path::new(&tables).join(file).exists(), "{file}");
+    }
 }

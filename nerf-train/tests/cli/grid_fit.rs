@@ -69,7 +69,11 @@ fn flags_of_the_other_kind_of_network_are_refused_with_a_sentence() {
     }
     fails(
         ["sweep", "scene", &data, "-o", &folder.path("s"), "--width", "8", "--preset", "grid"],
-        &["--preset small"],
+        &["--width", "a learned grid"],
+    );
+    fails(
+        ["sweep", "scene", &data, "-o", &folder.path("s"), "--table", "10", "--preset", "small"],
+        &["--table", "a sinusoidal encoding"],
     );
     let report = folder.path("r");
     let study = ["study", "train", &data, "--report", &report, "--base", "grid", "--samples", "8"];

@@ -164,6 +164,21 @@ fn a_study_of_training_has_a_curve_for_each_fit() {
 }
 
 #[test]
+fn a_study_of_training_says_what_files_of_each_size_hold() {
+    let (folder, _) = blob();
+    let (data, report) = (folder.path("scene.npz"), folder.path("tables"));
+    let args = ["study", "train", &data, "--report", &report, "--seconds", "1,2", "--quiet"];
+    let text = ok(args.into_iter().chain(["--table", "8,10"]));
+    for word in ["table 2^8, 1 s", "table 2^10, 2 s", "file, bytes"] {
+        assert!(text.contains(word), "expected `{word}` in: {text}");
+    }
+    assert!(Path::new(&report).join("psnr_over_bytes.png").exists());
+    let fits = json(Path::new(&report).join("summary.json"))["fits"].clone();
+    let bytes = |i: usize| fits[i]["bytes"].as_u64().expect("bytes");
+    assert!(bytes(0) > 0 && bytes(2) > bytes(0), "{fits}");
+}
+
+#[test]
 fn what_cannot_be_studied_is_said() {
     let (folder, file) = blob();
     let data = folder.path("scene.npz");

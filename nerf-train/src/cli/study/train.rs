@@ -15,8 +15,8 @@ use std::process::ExitCode;
 
 /// Fit for the same time with other settings, and show PSNR over time: how long is worth waiting for.
 ///
-/// Without any list: the presets `grid` and `seed`; three widths, three depths and three numbers of samples of the base,
-/// a sinusoidal network.
+/// Without any list: the presets `grid` and `seed`, table sizes of the learned grid, and three widths, three depths and
+/// three numbers of samples of the base, a sinusoidal network.
 #[derive(Debug, Args)]
 #[command(
     after_help = "Example: nerf-train study train lego_200x200.npz --report out/training --seconds 60 --width 64,128,256"
@@ -27,15 +27,19 @@ pub struct StudyTrain {
     /// Folder for table.csv, curves.csv, report.md, plots and summary.json.
     #[arg(long, value_name = "DIR")]
     report: PathBuf,
-    /// Seconds of a fit, everything included.
-    #[arg(long, value_name = "S", default_value_t = 30.0)]
-    seconds: f64,
+    /// Seconds of a fit, everything included; of several, each fit is made for each.
+    #[arg(long, value_name = "S,S,…", value_delimiter = ',', num_args = 1, default_value = "30")]
+    seconds: Vec<f64>,
     /// Minutes of all fits together: each gets its share, instead of --seconds.
     #[arg(long, value_name = "M", conflicts_with = "seconds")]
     minutes: Option<f64>,
     /// Presets to compare.
     #[arg(long, value_enum, value_name = "PRESET,…", value_delimiter = ',', num_args = 1)]
     preset: Vec<Preset>,
+    /// Of the preset `grid`: binary logarithms of the most entries a level has. The report then shows what a file of
+    /// each size holds after each time.
+    #[arg(long, value_name = "N,N,…", value_delimiter = ',', num_args = 1)]
+    table: Vec<u8>,
     /// Channels of the trunk.
     #[arg(long, value_name = "N,N,…", value_delimiter = ',', num_args = 1)]
     width: Vec<usize>,
@@ -59,16 +63,18 @@ impl StudyTrain {
     fn lists(&self) -> Lists {
         let lists = Lists {
             presets: self.preset.clone(),
+            tables: self.table.clone(),
             widths: self.width.clone(),
             depths: self.depth.clone(),
             samples: self.samples.clone(),
         };
-        let none = lists.presets.is_empty() && lists.widths.is_empty() && lists.depths.is_empty();
-        if !(none && lists.samples.is_empty()) {
+        let sinusoidal = [lists.widths.is_empty(), lists.depths.is_empty(), lists.samples.is_empty()];
+        if !(lists.presets.is_empty() && lists.tables.is_empty() && sinusoidal == [true; 3]) {
             return lists;
         }
         Lists {
             presets: vec![Preset::Grid, Preset::Seed],
+            tables: vec![12, 14, 16],
             widths: vec![64, 128, 256],
             depths: vec![2, 4, 8],
             samples: vec![64, 128, 192],
@@ -77,9 +83,9 @@ impl StudyTrain {
 
     /// Runs the command.
     pub fn run(&self, global: &Global) -> anyhow::Result<ExitCode> {
-        let given = [("--seconds", Some(self.seconds)), ("--minutes", self.minutes)];
-        for (flag, value) in given {
-            if let Some(value) = value.filter(|value| !(value.is_finite() && *value > 0.0)) {
+        let given = self.seconds.iter().map(|&seconds| ("--seconds", seconds));
+        for (flag, value) in given.chain(self.minutes.map(|minutes| ("--minutes", minutes))) {
+            if !(value.is_finite() && value > 0.0) {
                 bail!("{flag}: expected a number above 0, found {value}");
             }
         }
@@ -110,21 +116,25 @@ impl StudyTrain {
                 "--samples: a setting of sinusoidal networks, and the base has a learned grid: take --base small or seed"
             );
         }
-        let trials = self.lists().trials(&base, of)?;
-        let seconds = self.minutes.map_or(self.seconds, |minutes| 60.0 * minutes / trials.len() as f64);
+        let mut trials = self.lists().trials(&base, &self.seconds, of)?;
+        if let Some(minutes) = self.minutes {
+            let share = 60.0 * minutes / trials.len() as f64;
+            trials.iter_mut().for_each(|trial| trial.budget_seconds = share);
+        }
         let machine = format!(
             "{}, {} threads, kernel {}",
             cpu_name(),
             rayon::current_num_threads(),
             global.tier().name()
         );
-        global.say(format!("{} fits of {seconds:.0} s each, on {machine}", trials.len()));
+        let total: f64 = trials.iter().map(|trial| trial.budget_seconds).sum();
+        global.say(format!("{} fits in {total:.0} s, on {machine}", trials.len()));
         let mut fits: Vec<Fitted> = Vec::new();
         let note = Note::new("interrupted: the fit that was under way is lost");
         for (i, trial) in trials.iter().enumerate() {
             let place = format!("[{}/{}] {}", i + 1, trials.len(), trial.name);
             global.say(&place);
-            let fitted = fit(&dataset, trial, seconds, global.tier(), global.style())?;
+            let fitted = fit(&dataset, trial, global.tier(), global.style())?;
             global.say(format!("{place}: {:.2} dB in {:.1} s", fitted.psnr_db, fitted.seconds));
             fits.push(fitted);
             let (done, data, machine) = (fits.clone(), dataset.name.clone(), machine.clone());

@@ -57,6 +57,8 @@ pub struct Memory {
     pub workspace: usize,
     /// Prepared weights, shared by all threads.
     pub prepared: usize,
+    /// The file.
+    pub file: usize,
 }
 
 impl<'b> Lab<'b> {
@@ -301,7 +303,8 @@ impl Bench<'_, '_> {
         let frame = frame::render(renderer, &plan, &small)?;
         let frame = size::enlarged(frame, camera);
         let clocked = Clocked { wall: start.elapsed().as_secs_f64(), cpu: cpu_seconds() - cpu };
-        Ok((frame, clocked, Memory { workspace, prepared }))
+        let file = self.lab.variants[settings.variant].bytes.len();
+        Ok((frame, clocked, Memory { workspace, prepared, file }))
     }
 
     fn renderer(&self, settings: &Settings) -> &(Renderer<'_>, usize) {

@@ -60,6 +60,7 @@ impl Findings<'_, '_, '_> {
             ("invalid_samples", c.invalid_samples.to_string()),
             ("workspace_bytes_a_thread", point.memory.workspace.to_string()),
             ("prepared_bytes", point.memory.prepared.to_string()),
+            ("file_bytes", point.memory.file.to_string()),
             ("on_front", self.front.contains(&i).to_string()),
             ("in_blob", self.blob_front.contains(&i).to_string()),
         ]);
@@ -84,6 +85,7 @@ impl Findings<'_, '_, '_> {
             "density/ray",
             "colour/ray",
             "workspace, KiB",
+            "file, KiB",
         ];
         let mut table = Table::new(columns);
         for &i in which {
@@ -108,6 +110,7 @@ impl Findings<'_, '_, '_> {
                 format!("{:.2}", t.counters.density_evaluations as f64 / rays),
                 format!("{:.2}", t.counters.colour_evaluations as f64 / rays),
                 format!("{:.0}", point.memory.workspace as f64 / 1024.0),
+                format!("{:.0}", point.memory.file as f64 / 1024.0),
             ]);
         }
         table
