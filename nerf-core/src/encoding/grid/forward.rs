@@ -3,7 +3,7 @@
 use super::cell::{Cells, unit_positions};
 use super::{GridEncoding, GridLevel, GridTables, TableValues};
 use crate::kernels::{Op, Tier, head, head_mut, tail_mut};
-use crate::math::gather::{F16Table, F32Table, Table};
+use crate::math::gather::{F16Table, F32Table, Int8Table, Table};
 use crate::math::lanes::Lanes;
 
 /// Encodes a block of samples by a grid.
@@ -13,7 +13,7 @@ use crate::math::lanes::Lanes;
 /// that is no number to its smallest corner.
 ///
 /// A sample's values do not depend on the others of its block. f16 and f32 tables of the same values give the
-/// same bits. Which cell a sample falls into is the same on every tier.
+/// same bits, and so do int8 tables whose scales are powers of two. Which cell a sample falls into is the same on every tier.
 ///
 /// # Accuracy
 /// Against the same sum in f64: `2^-24 (n (6 cells + 6) + 12)` of the largest entry around a sample, with n axes,
@@ -36,6 +36,10 @@ pub fn encode_grid_block(
     match tables.values {
         TableValues::F16(bytes) => {
             let table = F16Table::new(bytes);
+            tier.run_columns(stride, Encode { grid, tables, table, stride, x, out });
+        }
+        TableValues::Int8 { values, scales } => {
+            let table = Int8Table::new(values, scales);
             tier.run_columns(stride, Encode { grid, tables, table, stride, x, out });
         }
         TableValues::F32(values) => {
@@ -91,10 +95,13 @@ impl<T: Table> Encode<'_, T> {
                     read = Read::of(level, unit);
                 }
                 let table = self.table.part(level.first * FEATURES, level.entries * FEATURES);
+                let scale = V::splat(self.table.scale(level.index));
                 let sums = V::weighted_rows(table, &rows, &weights, FEATURES);
                 for feature in 0..FEATURES {
                     let value = far.mul_add(sums[FEATURES + feature].sub(sums[feature]), sums[feature]);
-                    value.store(tail_mut(self.out, (level.index * FEATURES + feature) * stride + column));
+                    value
+                        .mul(scale)
+                        .store(tail_mut(self.out, (level.index * FEATURES + feature) * stride + column));
                 }
             }
         }

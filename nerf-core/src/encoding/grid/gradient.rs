@@ -3,7 +3,7 @@
 use super::cell::{Cells, unit_positions};
 use super::{GridEncoding, GridLevel, GridTables, TableValues};
 use crate::kernels::{Op, Tier, head, head_mut, tail, tail_mut};
-use crate::math::gather::{F16Table, F32Table, Table};
+use crate::math::gather::{F16Table, F32Table, Int8Table, Table};
 use crate::math::lanes::Lanes;
 use crate::math::polynomial::exp;
 
@@ -36,6 +36,10 @@ pub(super) fn grid_gradient_block(
     match tables.values {
         TableValues::F16(bytes) => {
             let table = F16Table::new(bytes);
+            tier.run_columns(stride, Gradient { grid, tables, table, stride, x, of_encoded, blur, of_x });
+        }
+        TableValues::Int8 { values, scales } => {
+            let table = Int8Table::new(values, scales);
             tier.run_columns(stride, Gradient { grid, tables, table, stride, x, of_encoded, blur, of_x });
         }
         TableValues::F32(values) => {
@@ -101,7 +105,7 @@ impl<T: Table> Gradient<'_, T> {
                     of_cell[1] = of.mul_add(at_x(&by_y), of_cell[1]);
                     of_cell[2] = of.mul_add(at_x(&by_z), of_cell[2]);
                 }
-                let damped = damping(&level, self.tables, inputs, self.blur);
+                let damped = damping(&level, self.tables, inputs, self.blur) * self.table.scale(level.index);
                 for axis in 0..inputs.min(3) {
                     let cells_per_unit = level.cells[axis] as f32 / self.tables.sides[axis];
                     sums[axis] = of_cell[axis].mul_add(V::splat(cells_per_unit * damped), sums[axis]);
