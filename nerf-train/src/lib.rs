@@ -21,6 +21,7 @@ pub mod occupancy;
 pub mod orbit;
 pub mod output;
 pub mod printable;
+pub mod quantise;
 pub mod rays;
 pub mod report;
 pub mod show;

@@ -202,7 +202,8 @@ pub struct Provenance<'a> {
     pub psnr_db: Option<f32>,
     /// What the PSNR means: views, background, samples.
     pub psnr_convention: &'a str,
-    /// What rounding to f16 cost on the same views, dB (negative: a gain); absent if not measured.
+    /// What rounding weights and tables to what they are stored in cost on the same views, dB (negative: a gain);
+    /// absent if not measured.
     pub quantisation_loss_db: Option<f32>,
     /// Parameters before folding.
     pub trained_parameters: u32,

@@ -11,6 +11,7 @@ use crate::dataset::Background;
 use crate::input;
 use crate::memory;
 use crate::output::claims::{Claims, Existing, is_device};
+use crate::quantise::TableStorage;
 use crate::stop;
 use crate::study::THRESHOLD_DB;
 use crate::train::run::{Ended, RunOptions, interrupted, run_since};
@@ -189,6 +190,9 @@ struct TableSettings {
     /// Steps that a ray takes across the longest side of the scene box.
     #[arg(long, value_name = "N")]
     steps_across: Option<u16>,
+    /// What the blob stores the grid's values in: int8 takes half the bytes of f16, and what it loses is measured.
+    #[arg(long, value_enum, value_name = "STORAGE")]
+    export: Option<TableStorage>,
 }
 
 /// Replaces a setting by a flag that was given.
@@ -217,6 +221,7 @@ impl TableSettings {
             ("--coarsest", self.coarsest.is_some()),
             ("--finest", self.finest.is_some()),
             ("--steps-across", self.steps_across.is_some()),
+            ("--export", self.export.is_some()),
         ];
         let preset = preset_name(config.preset);
         let Some(grid) = &mut config.network.grid else {
@@ -230,6 +235,7 @@ impl TableSettings {
         set(&mut grid.features, &self.features);
         set(&mut grid.coarsest, &self.coarsest);
         set(&mut grid.finest, &self.finest);
+        set(&mut grid.storage, &self.export);
         set(&mut config.sampling.steps_across, &self.steps_across);
         Ok(())
     }

@@ -2,7 +2,7 @@
 
 use super::{TrainError, Trainer};
 use crate::dataset::Background;
-use crate::export::{Contents, Exported, export};
+use crate::export::{Contents, Exported, Tables, export};
 use crate::occupancy::{Ask, LiveCells, Occupancy};
 use nerf_core::blob::{Content, Provenance, SceneFacts, SceneSampling};
 use nerf_core::network::Architecture;
@@ -30,7 +30,7 @@ pub struct About<'a> {
     pub psnr_db: Option<f64>,
     /// What the PSNR means.
     pub convention: &'a str,
-    /// What rounding to f16 cost, dB.
+    /// What rounding cost, dB.
     pub quantisation_loss_db: Option<f64>,
 }
 
@@ -77,7 +77,10 @@ impl Trainer<'_> {
         let exported = export(&Contents {
             architecture,
             parameters,
-            tables,
+            tables: match &self.config.network.grid {
+                Some(grid) => Tables::Values(tables, grid.storage),
+                None => Tables::None,
+            },
             content: Content::Scene(SceneFacts {
                 min: b.scene_box.min.into(),
                 max: b.scene_box.max.into(),

@@ -39,7 +39,8 @@ pub struct Outcome {
     pub flat_psnr_db: f64,
     /// Whether the blob shows no more than that on any of them: too fast a rate, or too few steps.
     pub flat: bool,
-    /// dB that rounding to f16 cost, on at most ten of the views and the same lattice.
+    /// dB that rounding weights to f16, and a grid's tables to what they are stored in, cost, on at most ten of the
+    /// views and the same lattice.
     pub quantisation_loss_db: Option<f64>,
     /// dB that leaving the occupancy grid out cost on training views; not asked of a grid field, whose tables hold
     /// anything where it was not trained.
@@ -217,7 +218,7 @@ impl Session<'_, '_> {
         Ok((scores, lattice, shown))
     }
 
-    /// dB that rounding to f16 costs, on some of the views that `scores` are of; `None` without any.
+    /// dB that rounding costs, on some of the views that `scores` are of; `None` without any.
     fn ask_rounding(
         &self,
         candidate: &Candidate,

@@ -11,7 +11,7 @@ use nerf_train::config::Jitter;
 use nerf_train::dataset::View;
 use nerf_train::demo_scene::{self, DemoSpec};
 use nerf_train::eval::measure;
-use nerf_train::export::{Contents, ExportError, export};
+use nerf_train::export::{Contents, ExportError, Tables, export};
 use nerf_train::train::Trainer;
 use nerf_train::train::finish::Outcome;
 use nerf_train::train::run::{Ended, RunOptions, run};
@@ -98,7 +98,7 @@ fn a_weight_beyond_f16_is_refused_naming_layer_and_index() {
         export(&Contents {
             architecture,
             parameters,
-            tables: &[],
+            tables: Tables::None,
             content: Content::Scene(facts.clone()),
             occupancy: None,
             provenance: blob.provenance().clone(),
@@ -147,7 +147,7 @@ fn weights_that_become_f16_subnormals_are_counted_and_keep_their_nearest_value()
     let exported = export(&Contents {
         architecture,
         parameters: &parameters,
-        tables: &[],
+        tables: Tables::None,
         content: Content::Scene(SceneFacts {
             occupancy_required: false,
             ..blob.scene().expect("a scene").clone()
