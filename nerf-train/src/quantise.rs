@@ -16,7 +16,7 @@ pub enum TableStorage {
 }
 
 /// Shares of a level's values, the smallest ones by magnitude, that its scale may keep whole; the rest are clipped.
-const KEPT: [f64; 4] = [1.0, 0.9999, 0.9995, 0.998];
+const KEPT: [f64; 3] = [1.0, 0.9999, 0.9995];
 /// Steps of int8 on either side of 0.
 const STEPS: f32 = 127.0;
 

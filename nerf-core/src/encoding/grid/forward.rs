@@ -2,7 +2,7 @@
 
 use super::cell::{Cells, unit_positions};
 use super::{GridEncoding, GridLevel, GridTables, TableValues};
-use crate::kernels::{Op, Tier, head, head_mut, tail_mut};
+use crate::kernels::{Op, Tier, VECTORS, head, head_mut, tail_mut};
 use crate::math::gather::{F16Table, F32Table, Int8Table, Table};
 use crate::math::lanes::Lanes;
 
@@ -64,6 +64,9 @@ impl<T: Table> Op for Encode<'_, T> {
     #[inline(always)]
     fn run<V: Lanes>(self) {
         match (self.grid.inputs, self.grid.features) {
+            // Without vectors code is short before it is fast: as many features as the run time knows, and in two
+            // dimensions rows of weight 0 behind the others, which change no bit.
+            _ if !VECTORS => self.encode::<V, 4, 0>(),
             (2, 1) => self.encode::<V, 2, 1>(),
             (2, 2) => self.encode::<V, 2, 2>(),
             (2, 4) => self.encode::<V, 2, 4>(),
@@ -80,6 +83,7 @@ impl<T: Table> Encode<'_, T> {
     #[inline(always)]
     fn encode<V: Lanes, const ROWS: usize, const FEATURES: usize>(self) {
         let stride = self.stride;
+        let features = if FEATURES == 0 { usize::from(self.grid.features).min(4) } else { FEATURES };
         for column in (0..stride).step_by(V::COUNT) {
             let inputs = usize::from(self.grid.inputs);
             let unit = unit_positions::<V>(self.tables, inputs, stride, self.x, column);
@@ -94,14 +98,14 @@ impl<T: Table> Encode<'_, T> {
                 if let Some(level) = &next {
                     read = Read::of(level, unit);
                 }
-                let table = self.table.part(level.first * FEATURES, level.entries * FEATURES);
+                let table = self.table.part(level.first * features, level.entries * features);
                 let scale = V::splat(self.table.scale(level.index));
-                let sums = V::weighted_rows(table, &rows, &weights, FEATURES);
-                for feature in 0..FEATURES {
-                    let value = far.mul_add(sums[FEATURES + feature].sub(sums[feature]), sums[feature]);
+                let sums = V::weighted_rows(table, &rows, &weights, features);
+                for feature in 0..features {
+                    let value = far.mul_add(sums[features + feature].sub(sums[feature]), sums[feature]);
                     value
                         .mul(scale)
-                        .store(tail_mut(self.out, (level.index * FEATURES + feature) * stride + column));
+                        .store(tail_mut(self.out, (level.index * features + feature) * stride + column));
                 }
             }
         }
@@ -121,5 +125,36 @@ impl<V: Lanes, const ROWS: usize> Read<V, ROWS> {
     fn of(level: &GridLevel, unit: [V; 3]) -> Self {
         let cells = Cells::of(level, unit);
         Self { rows: cells.rows(level), weights: cells.row_weights(), far: cells.weights[0] }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    extern crate std;
+
+    use super::super::tests::grids;
+    use super::*;
+    use crate::testing::noise;
+    use std::vec::Vec;
+
+    #[test]
+    fn what_a_machine_without_vectors_runs_has_the_same_bits() {
+        for grid in grids() {
+            let values = noise(grid.values(), 3);
+            let x: Vec<f32> = noise(64 * usize::from(grid.inputs), 8).iter().map(|x| 0.5 + 0.5 * x).collect();
+            let tables = GridTables::new(TableValues::F32(&values), None);
+            let [mut found, mut expected] = [(); 2].map(|()| std::vec![0.0; grid.outputs() * 64]);
+            let op = |out| Encode {
+                grid: &grid,
+                tables: &tables,
+                table: F32Table::new(&values),
+                stride: 64,
+                x: &x,
+                out,
+            };
+            op(&mut found[..]).encode::<f32, 4, 0>();
+            op(&mut expected[..]).run::<f32>();
+            assert!(found.iter().zip(&expected).all(|(a, b)| a.to_bits() == b.to_bits()), "{grid:?}");
+        }
     }
 }

@@ -18,7 +18,7 @@ fn grid(features: u8, log2_entries: u8, resolutions: &[[u16; 3]]) -> GridEncodin
 }
 
 /// Dense, hashed and tiny levels, in both dimensions, of every number of features.
-fn grids() -> Vec<GridEncoding> {
+pub(super) fn grids() -> Vec<GridEncoding> {
     let mut all = vec![
         grid(2, 0, &[[1, 1, 1]]),
         grid(1, 0, &[[1, 1, 1]]),
