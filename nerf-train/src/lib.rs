@@ -25,6 +25,7 @@ pub mod quantise;
 pub mod rays;
 pub mod report;
 pub mod show;
+pub mod size;
 pub mod stop;
 pub mod study;
 pub mod sweep;

@@ -15,6 +15,24 @@ pub enum TableStorage {
     Int8,
 }
 
+impl TableStorage {
+    /// `f16` or `int8`, as in flags and files.
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::F16 => "f16",
+            Self::Int8 => "int8",
+        }
+    }
+
+    /// Bytes of a value.
+    pub const fn bytes_per_value(self) -> usize {
+        match self {
+            Self::F16 => 2,
+            Self::Int8 => 1,
+        }
+    }
+}
+
 /// Shares of a level's values, the smallest ones by magnitude, that its scale may keep whole; the rest are clipped.
 const KEPT: [f64; 3] = [1.0, 0.9999, 0.9995];
 /// Steps of int8 on either side of 0.

@@ -8,6 +8,9 @@ use nerf_core::blob::{Content, Provenance, SceneFacts, SceneSampling};
 use nerf_core::network::Architecture;
 use std::borrow::Cow;
 
+/// The program, in a blob's provenance.
+pub(crate) const MADE_BY: &str = concat!("nerf-train ", env!("CARGO_PKG_VERSION"));
+
 /// A state of the run as it would be exported: what is measured of it is what its blob shows.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Candidate {
@@ -69,7 +72,6 @@ impl Trainer<'_> {
     /// # Errors
     /// [`TrainError::Export`] on parameters that do not fit f16.
     pub fn export(&self, candidate: &Candidate, about: &About<'_>) -> Result<Exported, TrainError> {
-        let made_by = format!("nerf-train {}", env!("CARGO_PKG_VERSION"));
         let finite = |db: Option<f64>| db.map(|db| db as f32).filter(|db| db.is_finite());
         let b = &self.bounds;
         let architecture = candidate.architecture.as_ref().unwrap_or(&self.model.architecture);
@@ -96,7 +98,7 @@ impl Trainer<'_> {
             occupancy: Some((candidate.live.resolution(), candidate.live.bits())),
             provenance: Provenance {
                 data: &self.dataset.name,
-                made_by: &made_by,
+                made_by: MADE_BY,
                 steps: candidate.step,
                 seed: self.config.seed,
                 psnr_db: finite(about.psnr_db),
