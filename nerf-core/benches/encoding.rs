@@ -59,8 +59,13 @@ fn grids(table: &mut Table) {
         let grid = GridEncoding { inputs: 3, features: 2, log2_entries, resolutions };
         let values = noise(grid.values(), 2);
         let half: Vec<u8> = values.iter().flat_map(|&v| half::f16::from_f32(v).to_le_bytes()).collect();
+        let steps: Vec<u8> = values.iter().map(|&v| (127.0 * v) as i8 as u8).collect();
+        let scales = (1.0f32 / 127.0).to_le_bytes().repeat(sides.len());
         let mut encoded = vec![0.0; grid.outputs() * BLOCK];
-        for (storage, values) in [("f16", TableValues::F16(&half)), ("f32", TableValues::F32(&values))] {
+        let int8 = TableValues::Int8 { values: &steps, scales: &scales };
+        for (storage, values) in
+            [("f16", TableValues::F16(&half)), ("int8", int8), ("f32", TableValues::F32(&values))]
+        {
             let tables = GridTables::new(values, None);
             for tier in tiers() {
                 let name =

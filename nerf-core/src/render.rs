@@ -96,8 +96,9 @@ impl<'a> Renderer<'a> {
 
     /// The tables of the blob's grid, where they lie.
     fn tables_of(blob: &Blob<'a>) -> GridTables<'a> {
-        let bytes = blob.tables().map_or(&[][..], |tables| tables.bytes);
-        GridTables::in_place(bytes, blob.scene_box().as_ref())
+        let (bytes, scales) =
+            blob.tables().map_or((&[][..], None), |tables| (tables.bytes(), tables.scales()));
+        GridTables::in_place(bytes, scales, blob.scene_box().as_ref())
     }
 
     /// The scene of `blob` with other parameters, f32 in the same order: what rounding costs. Its proposal and its

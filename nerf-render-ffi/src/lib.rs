@@ -78,7 +78,7 @@ pub use render_picture::{nerf_picture_workspace_size, nerf_render_picture};
 pub use scene::{Scene, nerf_scene_memory, nerf_scene_open};
 #[cfg(feature = "std")]
 pub use scene_file::{nerf_scene_close, nerf_scene_open_file};
-pub use scene_info::{Kind, SceneInfo, Text, nerf_scene_describe};
+pub use scene_info::{Kind, SceneInfo, TableStorage, Text, nerf_scene_describe};
 pub use status::{Status, nerf_status_text};
 pub use target::{Plane, Target};
 pub use version::{NERF_ABI_VERSION, nerf_abi_version, nerf_version_text};

@@ -5,7 +5,7 @@ use crate::open_options::Kernel;
 use crate::scene::Scene;
 use crate::status::Status;
 use core::ffi::c_char;
-use nerf_core::blob::SceneSampling;
+use nerf_core::blob::{SceneSampling, StoredTables};
 use nerf_core::network::{MAX_COLOUR, MAX_TRUNK};
 
 /// What a blob holds.
@@ -16,6 +16,18 @@ pub enum Kind {
     Scene = 1,
     /// A picture: colour over a plane (a 2D field); `nerf_render_picture` renders it.
     Picture = 2,
+}
+
+/// What a scene's learned grid is stored in.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[repr(u32)]
+pub enum TableStorage {
+    /// There is no learned grid.
+    None = 0,
+    /// Two bytes a value.
+    F16 = 1,
+    /// A byte a value, and a scale a level.
+    Int8 = 2,
 }
 
 /// Text inside the blob: UTF-8, `length` bytes, **not** NUL-terminated.
@@ -75,7 +87,7 @@ pub struct SceneInfo {
     pub colour_widths: [u32; 4],
     /// Mean PSNR over the validation views, dB; NaN if there were none.
     pub psnr_db: f32,
-    /// What rounding to f16 cost on the same views, dB; NaN if not measured.
+    /// What rounding weights and tables to what they are stored in cost on the same views, dB; NaN if not measured.
     pub quantisation_loss_db: f32,
     /// Optimiser steps.
     pub steps: u32,
@@ -106,8 +118,8 @@ pub struct SceneInfo {
     /// World units from sample to sample, of a scene that is marched where a ray is in its box; 0 where rays have bins
     /// between near and far.
     pub step: f32,
-    /// Zero.
-    pub reserved: u32,
+    /// A `nerf_table_storage`: what the learned grid's tables are stored in.
+    pub table_storage: u32,
 }
 
 // The header spells the format's caps out.
@@ -180,6 +192,10 @@ fn describe(scene: &Scene) -> SceneInfo {
             Some(SceneSampling::March(step)) => step,
             _ => 0.0,
         },
-        reserved: 0,
+        table_storage: match blob.tables() {
+            None => TableStorage::None,
+            Some(StoredTables::F16(_)) => TableStorage::F16,
+            Some(StoredTables::Int8 { .. }) => TableStorage::Int8,
+        } as u32,
     }
 }

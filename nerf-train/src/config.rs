@@ -7,6 +7,7 @@ mod tests;
 pub use optimiser::OptimiserConfig;
 
 use crate::engine::{Adam, Model};
+use crate::quantise::TableStorage;
 use glam::Vec3;
 use nerf_core::encoding::{
     AngleScale, DirectionEncoding, GridEncoding, MAX_GRID_LEVELS, MAX_GRID_RESOLUTION, MAX_HARMONICS_DEGREE,
@@ -109,6 +110,8 @@ pub struct TableConfig {
     pub coarsest: u16,
     /// Cells of the last level.
     pub finest: u16,
+    /// What its values are stored in when the run is exported; they are trained in f32.
+    pub storage: TableStorage,
 }
 
 impl TableConfig {
@@ -127,7 +130,7 @@ impl TableConfig {
     }
 
     fn check(&self) -> Result<(), ConfigError> {
-        let Self { levels, features, log2_entries, coarsest, finest } = *self;
+        let Self { levels, features, log2_entries, coarsest, finest, storage: _ } = *self;
         let field = "network.grid.levels";
         rule(field, (1..=MAX_GRID_LEVELS).contains(&levels), format!("1 to {MAX_GRID_LEVELS}"), levels)?;
         rule("network.grid.features", matches!(features, 1 | 2 | 4), "1, 2 or 4", features)?;
@@ -231,6 +234,7 @@ impl Preset {
                         log2_entries: 16,
                         coarsest: 24,
                         finest: 256,
+                        storage: TableStorage::F16,
                     }),
                     position_levels: 0,
                     direction_levels: 4,
@@ -515,7 +519,7 @@ impl Config {
             return self.occupancy.resolution;
         }
         let Some(table) = &self.network.grid else { return OCCUPANCY_RESOLUTIONS[0] };
-        // A bit a cell, and two bytes a value.
+        // A bit a cell, and two bytes a value, whatever they are exported as.
         let most = 16 * table.encoding(extent).values() / 3;
         let sides = |resolution: u16| (extent / extent.max_element() * f32::from(resolution)).round();
         let fits = |&resolution: &u16| sides(resolution).element_product() <= most as f32;

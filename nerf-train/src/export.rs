@@ -1,9 +1,8 @@
 //! From parameters to a blob.
 
+use crate::quantise::{Quantised, TableStorage};
 use half::f16;
-use nerf_core::blob::{
-    self, BlobError, Body, Content, Proposal, Provenance, StoredOccupancy, StoredTables, TableStorage,
-};
+use nerf_core::blob::{self, BlobError, Body, Content, Proposal, Provenance, StoredOccupancy, StoredTables};
 use nerf_core::network::{Architecture, DensityActivation, Layer, Role};
 
 /// What a blob is made of besides its network.
@@ -13,14 +12,25 @@ pub struct Contents<'a> {
     pub architecture: &'a Architecture,
     /// Its parameters in export order.
     pub parameters: &'a [f32],
-    /// The values of its grid's tables; empty without one.
-    pub tables: &'a [f32],
+    /// Its grid's tables.
+    pub tables: Tables<'a>,
     /// What the network is a field of.
     pub content: Content,
     /// Resolution and bits of the occupancy grid.
     pub occupancy: Option<([u16; 3], &'a [u8])>,
     /// Where it comes from.
     pub provenance: Provenance<'a>,
+}
+
+/// The tables of a grid that is exported.
+#[derive(Clone, Copy, Debug)]
+pub enum Tables<'a> {
+    /// There is no grid.
+    None,
+    /// The values of all levels, to be rounded.
+    Values(&'a [f32], TableStorage),
+    /// Another blob's, as they are.
+    Stored(StoredTables<'a>),
 }
 
 /// The coarse network that goes with a scene.
@@ -83,7 +93,7 @@ pub enum ExportError {
     Blob(BlobError),
 }
 
-/// Rounds the parameters to f16 and writes the blob.
+/// Rounds the parameters to f16, the tables to what they are stored in, and writes the blob.
 ///
 /// # Errors
 /// [`ExportError`] on a weight beyond f16, and on whatever the format refuses.
@@ -118,9 +128,13 @@ pub fn export_with(contents: &Contents<'_>, coarse: Option<&Coarse<'_>>) -> Resu
         samples: coarse.samples,
         weights: &coarse_rounded.weights,
     });
-    let mut tables = Rounded::default();
-    tables.push(contents.tables).map_err(|(index, found)| ExportError::Table { index, found })?;
-    let grid = contents.architecture.position.grid();
+    let quantised = match (contents.architecture.position.grid(), contents.tables) {
+        (Some(grid), Tables::Values(values, storage)) => Some(
+            Quantised::new(grid, values, storage)
+                .map_err(|(index, found)| ExportError::Table { index, found })?,
+        ),
+        _ => None,
+    };
     let body = Body {
         architecture: contents.architecture.clone(),
         content: contents.content.clone(),
@@ -129,7 +143,10 @@ pub fn export_with(contents: &Contents<'_>, coarse: Option<&Coarse<'_>>) -> Resu
         proposal,
         provenance: contents.provenance.clone(),
         weights: &rounded.weights,
-        tables: grid.map(|_| StoredTables { storage: TableStorage::F16, bytes: &tables.weights }),
+        tables: match contents.tables {
+            Tables::Stored(tables) => Some(tables),
+            _ => quantised.as_ref().map(Quantised::stored),
+        },
     };
     let mut bytes = vec![0; blob::encoded_len(&body).map_err(ExportError::Blob)?];
     blob::write(&body, &mut bytes).map_err(ExportError::Blob)?;

@@ -101,11 +101,15 @@ pub struct Occupancy {
 }
 
 impl Occupancy {
+    /// Cells along each side of a box of this extent, `resolution` along the longest.
+    pub fn sides(extent: Vec3, resolution: u16) -> [u16; 3] {
+        let cell = extent.max_element() / f32::from(resolution);
+        extent.to_array().map(|side| ((side / cell).round() as u16).clamp(1, resolution))
+    }
+
     /// An occupancy grid with every cell live, `resolution` cells along the longest side.
     pub fn full(bounds: SceneBox, resolution: u16) -> Self {
-        let extent = bounds.max - bounds.min;
-        let cell = extent.max_element() / f32::from(resolution);
-        let sides = extent.to_array().map(|side| ((side / cell).round() as u16).clamp(1, resolution));
+        let sides = Self::sides(bounds.max - bounds.min, resolution);
         let cells = sides.iter().map(|&side| u32::from(side)).product();
         Self::of_candidates(bounds, sides, (0..cells).collect())
     }

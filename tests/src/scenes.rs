@@ -2,7 +2,7 @@
 
 use nerf_core::blob::{
     Blob, Body, Content, Front, FrontPoint, PictureFacts, Proposal, Provenance, SceneFacts, SceneSampling,
-    StoredOccupancy, StoredTables, TableStorage, encoded_len, write,
+    StoredOccupancy, StoredTables, encoded_len, write,
 };
 use nerf_core::camera::{Camera, Intrinsics, Pose};
 use nerf_core::encoding::{
@@ -28,6 +28,8 @@ pub struct Recipe {
     pub levels: u8,
     /// Features of an entry, if positions are encoded by a learned grid; 0 if by sines and cosines.
     pub features: u8,
+    /// Whether the grid's tables are int8, each level with a scale of its own; else f16.
+    pub int8: bool,
     /// Cells of the occupancy grid along each axis, and whether all of them are set.
     pub occupancy: Option<(u16, bool)>,
     /// Whether the occupancy grid is part of the model.
@@ -48,6 +50,7 @@ impl Recipe {
         view_dependent: true,
         levels: 10,
         features: 0,
+        int8: false,
         occupancy: None,
         occupancy_required: false,
         proposal: None,
@@ -65,6 +68,8 @@ impl Recipe {
     pub const PROPOSAL: Self = Self { proposal: Some(12), seed: 7, ..Self::OCCUPANCY };
     /// With a learned grid of 4 levels, spherical harmonics and an exponential density.
     pub const LEARNED: Self = Self { features: 2, levels: 4, trunk: (1, 32), seed: 8, ..Self::PLAIN };
+    /// With tables in int8.
+    pub const LEARNED_INT8: Self = Self { int8: true, seed: 10, ..Self::LEARNED };
     /// A picture by a learned grid.
     pub const LEARNED_PICTURE: Self = Self { features: 1, levels: 3, seed: 9, ..Self::PICTURE };
     /// A picture of 33x21 pixels.
@@ -112,6 +117,9 @@ impl Recipe {
         let architecture = self.architecture();
         let (weights, bits) = (self.weights(&architecture), self.bits());
         let tables = architecture.position.grid().map(|grid| self.tables(grid));
+        let levels = 0..architecture.position.grid().map_or(0, |grid| grid.resolutions.len());
+        let scales: Vec<u8> =
+            levels.flat_map(|level| (0.008 + 0.0007 * level as f32).to_le_bytes()).collect();
         let coarse =
             Self { features: 0, trunk: (2, self.trunk.1), seed: self.seed + 100, skip: true, ..*self };
         let coarse_shape =
@@ -142,7 +150,10 @@ impl Recipe {
                 trained_parameters: 9,
             },
             weights: &weights,
-            tables: tables.as_deref().map(|bytes| StoredTables { storage: TableStorage::F16, bytes }),
+            tables: tables.as_deref().map(|bytes| match self.int8 {
+                true => StoredTables::Int8 { scales: &scales, bytes },
+                false => StoredTables::F16(bytes),
+            }),
         };
         let mut blob = vec![0; encoded_len(&body).expect("a valid body")];
         write(&body, &mut blob).expect("a valid body");
@@ -211,9 +222,12 @@ impl Recipe {
             state ^= state << 13;
             state ^= state >> 7;
             state ^= state << 17;
-            f16_bits((state >> 40) as f32 / (1u64 << 23) as f32 - 1.0)
+            (state >> 40) as f32 / (1u64 << 23) as f32 - 1.0
         });
-        values.flat_map(u16::to_le_bytes).collect()
+        match self.int8 {
+            true => values.map(|value| (127.0 * value) as i8 as u8).collect(),
+            false => values.flat_map(|value| f16_bits(value).to_le_bytes()).collect(),
+        }
     }
 
     fn bits(&self) -> Vec<u8> {

@@ -39,23 +39,51 @@ pub struct Body<'a> {
     pub tables: Option<StoredTables<'a>>,
 }
 
-/// The entries of a grid as a file has them.
+/// The entries of a grid as a file has them: level by level, entry by entry, feature by feature.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-pub struct StoredTables<'a> {
-    /// What an entry's values are.
-    pub storage: TableStorage,
-    /// Level by level, entry by entry, feature by feature.
-    pub bytes: &'a [u8],
+pub enum StoredTables<'a> {
+    /// Little-endian f16, finite.
+    F16(&'a [u8]),
+    /// Signed bytes; those of a level times its scale are its values.
+    Int8 {
+        /// A little-endian f32 a level; above 0, and 128 times it finite.
+        scales: &'a [u8],
+        /// The bytes.
+        bytes: &'a [u8],
+    },
 }
 
-/// What the values of a grid's entries are.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-#[non_exhaustive]
-pub enum TableStorage {
-    /// Little-endian f16.
-    F16,
-    /// Signed bytes, with a scale a level: foreseen, and refused by this version.
-    Int8,
+impl<'a> StoredTables<'a> {
+    /// The entries' bytes.
+    pub const fn bytes(&self) -> &'a [u8] {
+        match self {
+            Self::F16(bytes) | Self::Int8 { bytes, .. } => bytes,
+        }
+    }
+
+    /// The levels' scales, if they have any.
+    pub const fn scales(&self) -> Option<&'a [u8]> {
+        match self {
+            Self::F16(_) => None,
+            Self::Int8 { scales, .. } => Some(scales),
+        }
+    }
+
+    /// Bytes of a value.
+    pub const fn bytes_per_value(&self) -> usize {
+        match self {
+            Self::F16(_) => 2,
+            Self::Int8 { .. } => 1,
+        }
+    }
+
+    /// `f16` or `int8`.
+    pub const fn name(&self) -> &'static str {
+        match self {
+            Self::F16(_) => "f16",
+            Self::Int8 { .. } => "int8",
+        }
+    }
 }
 
 /// What the network is a field of.
@@ -174,7 +202,8 @@ pub struct Provenance<'a> {
     pub psnr_db: Option<f32>,
     /// What the PSNR means: views, background, samples.
     pub psnr_convention: &'a str,
-    /// What rounding to f16 cost on the same views, dB (negative: a gain); absent if not measured.
+    /// What rounding weights and tables to what they are stored in cost on the same views, dB (negative: a gain);
+    /// absent if not measured.
     pub quantisation_loss_db: Option<f32>,
     /// Parameters before folding.
     pub trained_parameters: u32,

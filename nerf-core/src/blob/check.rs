@@ -1,7 +1,7 @@
 //! The rules of the format, met in one pass over the opened or unwritten body.
 
 #[cfg(feature = "grid")]
-use super::body::TableStorage;
+use super::body::StoredTables;
 use super::body::{
     Body, Content, MAX_OCCUPANCY_RESOLUTION, MAX_PICTURE_SIDE, MAX_SAMPLES, MAX_TEXT, PictureFacts,
     SceneFacts, SceneSampling, StoredOccupancy, steps,
@@ -124,11 +124,7 @@ fn check_occupancy(occupancy: &StoredOccupancy<'_>) -> Result<(), BlobError> {
     if occupancy.resolution.iter().any(|&side| side == 0 || side > MAX_OCCUPANCY_RESOLUTION) {
         return Err(BlobError::Field(Section::OccupancyResolution));
     }
-    let (expected, found) = (StoredOccupancy::bytes(occupancy.resolution), occupancy.bits.len());
-    if expected != found {
-        let (expected, found) = (expected as u64, found as u64);
-        return Err(BlobError::Length { section: Section::OccupancyBits, expected, found });
-    }
+    check_length(Section::OccupancyBits, StoredOccupancy::bytes(occupancy.resolution), occupancy.bits)?;
     let cells: usize = occupancy.resolution.iter().map(|&side| usize::from(side)).product();
     let padding = occupancy.bits.last().map_or(0, |last| last.checked_shr(cells as u32 % 8).unwrap_or(0));
     if !cells.is_multiple_of(8) && padding != 0 {
@@ -162,7 +158,8 @@ fn check_tables(body: &Body<'_>) -> Result<(), BlobError> {
     if body.tables.is_some() { Err(BlobError::Field(Section::Tables)) } else { Ok(()) }
 }
 
-/// Whether there are tables where there is a grid, as many values as that has, and all finite.
+/// Whether there are tables where there is a grid, as many values as that has, and all finite; and scales, if these
+/// have any.
 #[cfg(feature = "grid")]
 fn check_tables(body: &Body<'_>) -> Result<(), BlobError> {
     let (grid, tables) = match (body.architecture.position.grid(), &body.tables) {
@@ -170,18 +167,29 @@ fn check_tables(body: &Body<'_>) -> Result<(), BlobError> {
         (Some(grid), Some(tables)) => (grid, tables),
         _ => return Err(BlobError::Field(Section::Tables)),
     };
-    if tables.storage != TableStorage::F16 {
-        return Err(BlobError::Field(Section::TableStorage));
+    if let Some(scales) = tables.scales() {
+        check_length(Section::TableScales, 4 * grid.resolutions.len(), scales)?;
+        for (level, &scale) in scales.as_chunks().0.iter().enumerate() {
+            let found = f32::from_le_bytes(scale);
+            // So that every value of the level is finite.
+            let fits = found > 0.0 && found <= f32::MAX / 128.0;
+            if !fits {
+                return Err(BlobError::TableScale { level: level as u8, found });
+            }
+        }
     }
-    let (expected, found) = (grid.values() as u64 * 2, tables.bytes.len() as u64);
-    if expected != found {
-        return Err(BlobError::Length { section: Section::Tables, expected, found });
-    }
-    let Some(at) = first_not_finite(tables.bytes) else { return Ok(()) };
+    check_length(Section::Tables, tables.bytes_per_value() * grid.values(), tables.bytes())?;
+    let StoredTables::F16(bytes) = tables else { return Ok(()) };
+    let Some(at) = first_not_finite(bytes) else { return Ok(()) };
     let features = usize::from(grid.features);
     let owner = grid.levels().take_while(|level| level.first * features <= at).last();
     let (level, first) = owner.map_or((0, 0), |level| (level.index as u8, level.first * features));
     Err(BlobError::TableValue { level, index: (at - first) as u32 })
+}
+
+fn check_length(section: Section, expected: usize, bytes: &[u8]) -> Result<(), BlobError> {
+    let (expected, found) = (expected as u64, bytes.len() as u64);
+    if expected == found { Ok(()) } else { Err(BlobError::Length { section, expected, found }) }
 }
 
 /// The first f16 that is infinite or NaN.
@@ -197,10 +205,7 @@ fn check_values(
     weights: &[u8],
     section: Section,
 ) -> Result<(), BlobError> {
-    let (expected, found) = (parameters as u64 * 2, weights.len() as u64);
-    if expected != found {
-        return Err(BlobError::Length { section, expected, found });
-    }
+    check_length(section, 2 * parameters, weights)?;
     let Some(at) = first_not_finite(weights) else { return Ok(()) };
     let owner = layers.iter().rev().find(|layer| layer.weights <= at);
     Err(match owner {

@@ -44,8 +44,8 @@ pub enum Section {
     Weights,
     /// `tables`
     Tables,
-    /// `tables.storage`
-    TableStorage,
+    /// `tables.scales`
+    TableScales,
 }
 
 /// What is wrong with a point of the front.
@@ -255,6 +255,13 @@ pub enum BlobError {
         /// Index among the layer's parameters, weights first.
         index: u32,
     },
+    /// The scale of a level of int8 tables that is not above 0, or makes a value infinite.
+    TableScale {
+        /// Level.
+        level: u8,
+        /// What the blob says.
+        found: f32,
+    },
     /// A value of the grid's tables is infinite or NaN.
     TableValue {
         /// Level.
@@ -340,6 +347,12 @@ impl fmt::Display for BlobError {
             Self::Weight { section, role, index } => {
                 write!(f, "{section}: layer {role:?}, parameter {index} is not finite")
             }
+            Self::TableScale { level, found } => {
+                write!(
+                    f,
+                    "tables.scales: level {level}: expected a number above 0 of which 128 are finite, found {found}"
+                )
+            }
             Self::TableValue { level, index } => {
                 write!(f, "tables: level {level}, value {index} is not finite")
             }
@@ -365,7 +378,6 @@ impl Section {
             Self::OccupancyBits => "none in a picture, and padding of zeros",
             Self::Front | Self::Proposal => "none in a picture",
             Self::Tables => "tables exactly where the position is a grid",
-            Self::TableStorage => "f16 (int8 is not yet read)",
             Self::Provenance => "texts of at most 1024 bytes and finite numbers",
             _ => "a value in its range",
         }
@@ -392,7 +404,7 @@ impl fmt::Display for Section {
             Self::Provenance => "provenance",
             Self::Weights => "weights",
             Self::Tables => "tables",
-            Self::TableStorage => "tables.storage",
+            Self::TableScales => "tables.scales",
         })
     }
 }

@@ -18,7 +18,7 @@ mod tests;
 pub(crate) use body::steps;
 pub use body::{
     Body, Content, MAX_OCCUPANCY_RESOLUTION, MAX_PICTURE_SIDE, MAX_SAMPLES, MAX_TEXT, PictureFacts,
-    Provenance, SceneFacts, SceneSampling, StoredOccupancy, StoredTables, TableStorage,
+    Provenance, SceneFacts, SceneSampling, StoredOccupancy, StoredTables,
 };
 pub use error::{BlobError, FrontFault, Section};
 pub use front::{Front, FrontPoint, MAX_FRONT};

@@ -259,8 +259,8 @@ fn a_scene_that_opens_can_be_planned() {
 
 /// The example of `docs/blob-format.md`, up to its weights; made there by another program.
 const EXAMPLE: &str = "
-    89 4e 45 52 46 0d 0a 1a 03 00 ff fe 00 00 00 00
-    a2 00 00 00 00 00 00 00 e8 ff c7 d1 00 00 00 00
+    89 4e 45 52 46 0d 0a 1a 04 00 ff fe 00 00 00 00
+    a2 00 00 00 00 00 00 00 cd 53 c2 0b 00 00 00 00
     00 03 00 01 01 00 01 04 00 01 00 00 01 00 00 80
     bf 00 00 80 bf 00 00 80 bf 00 00 80 3f 00 00 80
     3f 00 00 80 3f 00 00 00 40 00 00 c0 40 00 40 00

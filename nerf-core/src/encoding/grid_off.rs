@@ -41,7 +41,7 @@ impl<'a> GridTables<'a> {
     pub const NONE: Self = Self(PhantomData);
 
     /// Nothing.
-    pub(crate) fn in_place(_bytes: &'a [u8], _bounds: Option<&SceneBox>) -> Self {
+    pub(crate) fn in_place(_bytes: &'a [u8], _scales: Option<&'a [u8]>, _bounds: Option<&SceneBox>) -> Self {
         Self::NONE
     }
 

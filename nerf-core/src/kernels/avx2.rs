@@ -2,7 +2,7 @@
 
 use super::Op;
 use super::gather::last_row;
-use crate::math::gather::{Indices, Table, weighted_rows_by_lane};
+use crate::math::gather::{Format, Indices, Table, weighted_rows_by_lane};
 use crate::math::lanes::{Lanes, MAX_LANES, SQRT_HALF_BITS};
 use core::arch::x86_64::*;
 
@@ -198,18 +198,24 @@ fn pair<T: Table, const ROWS: usize, const LANE: usize>(
     weights: &[F32x8; ROWS],
     plus: usize,
 ) -> __m256 {
-    let size = if T::HALF { 2 } else { 4 };
     let mut sum = avx2!(_mm256_setzero_ps());
     for (offsets, weight) in offsets.iter().zip(weights) {
-        let at = |lane: usize| table.start().wrapping_add(size * (offsets[lane] as usize + plus));
+        let at =
+            |lane: usize| table.start().wrapping_add(T::FORMAT.bytes() * (offsets[lane] as usize + plus));
         let (low, high) = (at(LANE), at(4 + LANE));
-        let values = if T::HALF {
+        let values = match T::FORMAT {
             // SAFETY: `last_row` keeps each row, and with it four values from `plus` on, inside the table; unaligned
             // reads. Features as above.
-            unsafe { _mm256_cvtph_ps(_mm_castpd_si128(_mm_loadh_pd(_mm_load_sd(low.cast()), high.cast()))) }
-        } else {
+            Format::F16 => unsafe {
+                _mm256_cvtph_ps(_mm_castpd_si128(_mm_loadh_pd(_mm_load_sd(low.cast()), high.cast())))
+            },
             // SAFETY: as above, with values of four bytes.
-            unsafe { _mm256_set_m128(_mm_loadu_ps(high.cast()), _mm_loadu_ps(low.cast())) }
+            Format::F32 => unsafe { _mm256_set_m128(_mm_loadu_ps(high.cast()), _mm_loadu_ps(low.cast())) },
+            // SAFETY: as above, with values of one byte.
+            Format::Int8 => unsafe {
+                let both = _mm_insert_epi32::<1>(_mm_loadu_si32(low), high.cast::<i32>().read_unaligned());
+                _mm256_cvtepi32_ps(_mm256_cvtepi8_epi32(both))
+            },
         };
         sum = avx2!(_mm256_fmadd_ps(
             match LANE {

@@ -2,7 +2,7 @@
 
 use super::Op;
 use super::gather::last_row;
-use crate::math::gather::{Indices, Table, weighted_rows_by_lane};
+use crate::math::gather::{Format, Indices, Table, weighted_rows_by_lane};
 use crate::math::lanes::{Lanes, MAX_LANES, SQRT_HALF_BITS};
 use core::arch::x86_64::*;
 
@@ -198,27 +198,31 @@ fn quad<T: Table, const ROWS: usize, const LANE: usize>(
     weights: &[F32x16; ROWS],
     plus: usize,
 ) -> __m512 {
-    let size = if T::HALF { 2 } else { 4 };
     let mut sum = avx512!(_mm512_setzero_ps());
     for (offsets, weight) in offsets.iter().zip(weights) {
-        let at = |lane: usize| table.start().wrapping_add(size * (offsets[lane] as usize + plus));
+        let at =
+            |lane: usize| table.start().wrapping_add(T::FORMAT.bytes() * (offsets[lane] as usize + plus));
         let (a, b, c, d) = (at(LANE), at(4 + LANE), at(8 + LANE), at(12 + LANE));
-        let values = if T::HALF {
+        let values = match T::FORMAT {
             // SAFETY: `last_row` keeps each row, and with it four values from `plus` on, inside the table; unaligned
             // reads. Features as above.
-            unsafe {
+            Format::F16 => unsafe {
                 let low = _mm_loadh_pd(_mm_load_sd(a.cast()), b.cast());
                 let high = _mm_loadh_pd(_mm_load_sd(c.cast()), d.cast());
                 _mm512_cvtph_ps(_mm256_castpd_si256(_mm256_set_m128d(high, low)))
-            }
-        } else {
+            },
             // SAFETY: as above, with values of four bytes.
-            unsafe {
+            Format::F32 => unsafe {
                 let low = _mm512_castps128_ps512(_mm_loadu_ps(a.cast()));
                 let low = _mm512_insertf32x4::<1>(low, _mm_loadu_ps(b.cast()));
                 let low = _mm512_insertf32x4::<2>(low, _mm_loadu_ps(c.cast()));
                 _mm512_insertf32x4::<3>(low, _mm_loadu_ps(d.cast()))
-            }
+            },
+            // SAFETY: as above, with values of one byte.
+            Format::Int8 => unsafe {
+                let [a, b, c, d] = [a, b, c, d].map(|at| at.cast::<i32>().read_unaligned());
+                _mm512_cvtepi32_ps(_mm512_cvtepi8_epi32(_mm_set_epi32(d, c, b, a)))
+            },
         };
         sum = avx512!(_mm512_fmadd_ps(
             match LANE {

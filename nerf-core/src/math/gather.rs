@@ -61,13 +61,37 @@ mod sealed {
     pub trait Sealed {}
     impl Sealed for super::F16Table<'_> {}
     impl Sealed for super::F32Table<'_> {}
+    impl Sealed for super::Int8Table<'_> {}
+}
+
+/// How a table's values lie in memory.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Format {
+    /// Two bytes, little-endian.
+    F16,
+    /// Four bytes.
+    F32,
+    /// One byte, signed.
+    Int8,
+}
+
+impl Format {
+    /// Bytes of a value.
+    #[inline(always)]
+    pub const fn bytes(self) -> usize {
+        match self {
+            Self::F16 => 2,
+            Self::F32 => 4,
+            Self::Int8 => 1,
+        }
+    }
 }
 
 /// Values that are read by index. Sealed: kernels read as many values as a table says it has.
 #[allow(clippy::len_without_is_empty, reason = "who reads by index asks for the length alone")]
 pub trait Table: Copy + sealed::Sealed {
-    /// Whether a value is two bytes of f16, not four of f32.
-    const HALF: bool;
+    /// What a value is.
+    const FORMAT: Format;
 
     /// `count` values from `first` on; fewer where there are fewer.
     fn part(self, first: usize, count: usize) -> Self;
@@ -77,6 +101,11 @@ pub trait Table: Copy + sealed::Sealed {
     fn start(self) -> *const u8;
     /// Value `at + plus` of each lane; 0 where there is none.
     fn lanes<V: Lanes>(self, at: &[u32; MAX_LANES], plus: usize) -> V;
+    /// What the values of a level count; asked of a whole table, not of a part.
+    #[inline(always)]
+    fn scale(self, _level: usize) -> f32 {
+        1.0
+    }
 }
 
 /// Little-endian f16 at any alignment; finite.
@@ -92,7 +121,7 @@ impl<'a> F16Table<'a> {
 }
 
 impl Table for F16Table<'_> {
-    const HALF: bool = true;
+    const FORMAT: Format = Format::F16;
 
     #[inline(always)]
     fn part(self, first: usize, count: usize) -> Self {
@@ -131,7 +160,7 @@ impl<'a> F32Table<'a> {
 }
 
 impl Table for F32Table<'_> {
-    const HALF: bool = false;
+    const FORMAT: Format = Format::F32;
 
     #[inline(always)]
     fn part(self, first: usize, count: usize) -> Self {
@@ -153,6 +182,52 @@ impl Table for F32Table<'_> {
             values[lane] = self.0.get(at[lane] as usize + plus).copied().unwrap_or_default();
         }
         V::load(&values)
+    }
+}
+
+/// Signed bytes, with a scale for each level of a grid.
+#[derive(Clone, Copy, Debug)]
+pub struct Int8Table<'a> {
+    values: &'a [u8],
+    scales: &'a [[u8; 4]],
+}
+
+impl<'a> Int8Table<'a> {
+    /// The signed bytes of `values`; `scales`: little-endian f32 at any alignment.
+    #[inline(always)]
+    pub fn new(values: &'a [u8], scales: &'a [u8]) -> Self {
+        Self { values, scales: scales.as_chunks().0 }
+    }
+}
+
+impl Table for Int8Table<'_> {
+    const FORMAT: Format = Format::Int8;
+
+    #[inline(always)]
+    fn part(self, first: usize, count: usize) -> Self {
+        let rest = self.values.get(first..).unwrap_or_default();
+        Self { values: rest.get(..count).unwrap_or(rest), ..self }
+    }
+    #[inline(always)]
+    fn len(self) -> usize {
+        self.values.len()
+    }
+    #[inline(always)]
+    fn start(self) -> *const u8 {
+        self.values.as_ptr()
+    }
+    #[inline(always)]
+    fn lanes<V: Lanes>(self, at: &[u32; MAX_LANES], plus: usize) -> V {
+        let mut values = [0.0; MAX_LANES];
+        for lane in 0..V::COUNT {
+            let byte = self.values.get(at[lane] as usize + plus).copied().unwrap_or_default();
+            values[lane] = f32::from(byte.cast_signed());
+        }
+        V::load(&values)
+    }
+    #[inline(always)]
+    fn scale(self, level: usize) -> f32 {
+        f32::from_le_bytes(self.scales.get(level).copied().unwrap_or_default())
     }
 }
 

@@ -7,12 +7,15 @@ use super::common::{
 use super::outcome;
 use super::places;
 use crate::config::{Config, Density, Jitter, Preset};
-use crate::dataset::Background;
+use crate::dataset::{Background, Dataset};
 use crate::input;
 use crate::memory;
 use crate::output::claims::{Claims, Existing, is_device};
+use crate::quantise::TableStorage;
+use crate::size::{self, Chosen};
 use crate::stop;
 use crate::study::THRESHOLD_DB;
+use crate::train::find_box;
 use crate::train::run::{Ended, RunOptions, interrupted, run_since};
 use crate::train::schedule::{Budget, Clock};
 use crate::train::snapshot::SnapshotOptions;
@@ -167,6 +170,17 @@ fn parse_jitter(text: &str) -> Result<Jitter, String> {
     }
 }
 
+/// `131072`, `128k` or `1m`.
+fn parse_bytes(text: &str) -> Result<u64, String> {
+    let (digits, unit) = match text.char_indices().last() {
+        Some((at, 'k')) => (&text[..at], 1 << 10),
+        Some((at, 'm')) => (&text[..at], 1 << 20),
+        _ => (text, 1),
+    };
+    let bytes = digits.parse().ok().and_then(|count: u64| count.checked_mul(unit)).filter(|&bytes| bytes > 0);
+    bytes.ok_or_else(|| "expected a number of bytes above 0, such as 131072, 128k or 1m".into())
+}
+
 /// Flags for the settings of a learned grid.
 #[derive(Debug, Args)]
 #[command(next_help_heading = "Learned grid (--preset grid)")]
@@ -189,6 +203,13 @@ struct TableSettings {
     /// Steps that a ray takes across the longest side of the scene box.
     #[arg(long, value_name = "N")]
     steps_across: Option<u16>,
+    /// What the blob stores the grid's values in: int8 takes half the bytes of f16, and what it loses is measured.
+    #[arg(long, value_enum, value_name = "STORAGE")]
+    export: Option<TableStorage>,
+    /// Choose what no flag says of table, levels, storage and occupancy so that the whole file is no larger, with room
+    /// for the points of a study: bytes, or k = 1024 and m = 1048576 of them.
+    #[arg(long, value_name = "BYTES", value_parser = parse_bytes)]
+    max_bytes: Option<u64>,
 }
 
 /// Replaces a setting by a flag that was given.
@@ -217,6 +238,8 @@ impl TableSettings {
             ("--coarsest", self.coarsest.is_some()),
             ("--finest", self.finest.is_some()),
             ("--steps-across", self.steps_across.is_some()),
+            ("--export", self.export.is_some()),
+            ("--max-bytes", self.max_bytes.is_some()),
         ];
         let preset = preset_name(config.preset);
         let Some(grid) = &mut config.network.grid else {
@@ -230,6 +253,7 @@ impl TableSettings {
         set(&mut grid.features, &self.features);
         set(&mut grid.coarsest, &self.coarsest);
         set(&mut grid.finest, &self.finest);
+        set(&mut grid.storage, &self.export);
         set(&mut config.sampling.steps_across, &self.steps_across);
         Ok(())
     }
@@ -353,6 +377,39 @@ impl Fit {
         Ok(config)
     }
 
+    /// The settings with which the file is as small as was asked for; says what was chosen.
+    fn within_bytes(&self, config: Config, dataset: &Dataset, global: &Global) -> anyhow::Result<Config> {
+        let Some(max_bytes) = self.table.max_bytes else { return Ok(config) };
+        let t = &self.table;
+        let chosen = Chosen {
+            entries: t.table.is_some(),
+            levels: t.grid_levels.is_some(),
+            coarsest: t.coarsest.is_some(),
+            finest: t.finest.is_some(),
+            storage: t.export.is_some(),
+            occupancy: self.settings.occupancy_resolution.is_some(),
+        };
+        let scene_box = find_box(dataset, &config)?.scene_box;
+        let extent = scene_box.max - scene_box.min;
+        let Some(fitted) = size::within(&config, chosen, extent, dataset, max_bytes)? else {
+            return Ok(config);
+        };
+        if let Some(grid) = &fitted.network.grid {
+            global.say(format!(
+                "--max-bytes {max_bytes}: {} levels of {} to {} cells, at most 2^{} entries a level as {}, {} cells of \
+                 occupancy: at most {} bytes",
+                grid.levels,
+                grid.coarsest,
+                grid.finest,
+                grid.log2_entries,
+                grid.storage.name(),
+                fitted.occupancy.resolution,
+                size::most_bytes(&fitted, extent, dataset)?,
+            ));
+        }
+        Ok(fitted)
+    }
+
     fn snapshot_options(&self) -> Option<SnapshotOptions> {
         let folder = self.report.clone()?;
         Some(SnapshotOptions { folder, steps: self.snapshots.clone(), views: self.snapshot_views.clone() })
@@ -410,6 +467,7 @@ impl Fit {
             tier: global.tier(),
             style: global.style(),
         };
+        let config = self.within_bytes(config, &dataset, global)?;
         global.say_training(config.seed);
         let stop = |_| stop::requested();
         let outcome = match run_since(clock, &dataset, config.clone(), &options, &stop)? {

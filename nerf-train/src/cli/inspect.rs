@@ -111,7 +111,7 @@ fn print(file: &Path, bytes: &[u8], blob: &Blob<'_>) -> anyhow::Result<()> {
         None => outln!("PSNR          not measured"),
     }
     if let Some(db) = p.quantisation_loss_db {
-        outln!("f16 rounding  {db:.4} dB lost");
+        outln!("rounding      {db:.4} dB lost");
     }
     Ok(())
 }

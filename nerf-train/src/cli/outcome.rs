@@ -47,7 +47,7 @@ pub fn print(outcome: &Outcome, output: &Path) -> anyhow::Result<()> {
         outln!("trend: {}", outcome.trend);
     }
     if let Some(loss) = outcome.quantisation_loss_db {
-        outln!("f16 rounding cost {loss:.3} dB ({} subnormal weights)", outcome.subnormal_weights);
+        outln!("rounding cost {loss:.3} dB ({} subnormal weights)", outcome.subnormal_weights);
     }
     if let Some(ViewDependence { gain_db, left_out }) = outcome.view_dependence {
         let what = if left_out { ": left out, its mean is in its place" } else { "" };

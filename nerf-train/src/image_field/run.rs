@@ -3,7 +3,7 @@
 use super::{FieldConfig, Photo};
 use crate::config::ConfigError;
 use crate::engine::{Batch, BatchRay, Engine, EngineError, FusedEngine, Model};
-use crate::export::{Contents, ExportError, Exported, export};
+use crate::export::{Contents, ExportError, Exported, Tables, export};
 use crate::frame;
 use crate::output::{OutputError, write_atomic};
 use crate::report::metrics::{psnr_db, psnr_db_of_mse};
@@ -133,7 +133,7 @@ impl<'p> FieldTrainer<'p> {
         Ok(export(&Contents {
             architecture: &self.model.architecture,
             parameters: &parameters,
-            tables: &[],
+            tables: Tables::None,
             content: Content::Picture(PictureFacts { width, height }),
             occupancy: None,
             provenance: Provenance {

@@ -8,7 +8,7 @@ use super::settings::{AngleFactor, Settings};
 use super::tensors::Tensors;
 use crate::dataset::{Axes, View};
 use crate::eval::measure;
-use crate::export::{Contents, export};
+use crate::export::{Contents, Tables, export};
 use clap::ValueEnum;
 use nerf_core::blob::{Content, Provenance};
 use nerf_core::camera::Camera;
@@ -88,7 +88,7 @@ fn score(tensors: &Tensors, settings: &Settings, tier: Tier, views: &[View]) -> 
     let blob = export(&Contents {
         architecture: &network.model.architecture,
         parameters: &network.folded(),
-        tables: &[],
+        tables: Tables::None,
         content: Content::Scene(settings.facts(false)),
         occupancy: None,
         provenance: Provenance {

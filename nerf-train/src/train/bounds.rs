@@ -11,11 +11,8 @@ use nerf_core::ray::{BoundsError, SceneBox};
 /// Cells along the longest side of the first, coarse hull, which only finds the scene box.
 const COARSE_HULL: u16 = 64;
 
-/// Near, far and scene box from settings and data; and the occupancy grid to start with.
-pub(crate) fn find_bounds(
-    dataset: &Dataset,
-    config: &Config,
-) -> Result<(Bounds, Option<Occupancy>), TrainError> {
+/// Near, far and scene box from settings and data.
+pub(crate) fn find_box(dataset: &Dataset, config: &Config) -> Result<Bounds, TrainError> {
     let (s, g) = (&config.sampling, &config.occupancy);
     let proposed = scene_bounds(dataset);
     let missing = || TrainError::NoBounds { data: dataset.name.clone() };
@@ -35,19 +32,31 @@ pub(crate) fn find_bounds(
         _ if !g.skip => frusta_box(&cameras, near, far)?,
         (None, proposed) => proposed.ok_or_else(missing)?.scene_box,
     };
-    let hull = |bounds, resolution| {
-        let carved = g.skip && g.hull;
-        carved.then(|| Occupancy::carve(bounds, resolution, &dataset.train, dataset.background)).flatten()
-    };
-    let tight = || hull(wide, COARSE_HULL).and_then(|coarse| coarse.tight_box());
+    let tight = || hull(dataset, config, wide, COARSE_HULL).and_then(|coarse| coarse.tight_box());
     let scene_box = if given.is_some() { wide } else { tight().unwrap_or(wide) };
+    Ok(Bounds { near, far, scene_box })
+}
+
+/// The visual hull, where the settings want one and the pictures have one.
+fn hull(dataset: &Dataset, config: &Config, bounds: SceneBox, resolution: u16) -> Option<Occupancy> {
+    let g = &config.occupancy;
+    (g.skip && g.hull).then(|| Occupancy::carve(bounds, resolution, &dataset.train, dataset.background))?
+}
+
+/// As [`find_box`], and the occupancy grid to start with.
+pub(crate) fn find_bounds(
+    dataset: &Dataset,
+    config: &Config,
+) -> Result<(Bounds, Option<Occupancy>), TrainError> {
+    let bounds = find_box(dataset, config)?;
+    let scene_box = bounds.scene_box;
     // A hull of half the resolution takes an eighth of the time; the network finds the rest by itself.
     let resolution = config.occupancy_resolution(scene_box.max - scene_box.min);
     let carved = || match config.network.grid {
-        Some(_) => hull(scene_box, resolution.div_ceil(2)).map(|hull| hull.halved()),
-        None => hull(scene_box, resolution),
+        Some(_) => hull(dataset, config, scene_box, resolution.div_ceil(2)).map(|hull| hull.halved()),
+        None => hull(dataset, config, scene_box, resolution),
     };
     let full = || Occupancy::full(scene_box, resolution);
-    let occupancy = g.skip.then(|| carved().unwrap_or_else(full));
-    Ok((Bounds { near, far, scene_box }, occupancy))
+    let occupancy = config.occupancy.skip.then(|| carved().unwrap_or_else(full));
+    Ok((bounds, occupancy))
 }

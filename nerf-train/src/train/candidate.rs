@@ -2,11 +2,14 @@
 
 use super::{TrainError, Trainer};
 use crate::dataset::Background;
-use crate::export::{Contents, Exported, export};
+use crate::export::{Contents, Exported, Tables, export};
 use crate::occupancy::{Ask, LiveCells, Occupancy};
 use nerf_core::blob::{Content, Provenance, SceneFacts, SceneSampling};
 use nerf_core::network::Architecture;
 use std::borrow::Cow;
+
+/// The program, in a blob's provenance.
+pub(crate) const MADE_BY: &str = concat!("nerf-train ", env!("CARGO_PKG_VERSION"));
 
 /// A state of the run as it would be exported: what is measured of it is what its blob shows.
 #[derive(Clone, Debug, PartialEq)]
@@ -30,7 +33,7 @@ pub struct About<'a> {
     pub psnr_db: Option<f64>,
     /// What the PSNR means.
     pub convention: &'a str,
-    /// What rounding to f16 cost, dB.
+    /// What rounding cost, dB.
     pub quantisation_loss_db: Option<f64>,
 }
 
@@ -69,7 +72,6 @@ impl Trainer<'_> {
     /// # Errors
     /// [`TrainError::Export`] on parameters that do not fit f16.
     pub fn export(&self, candidate: &Candidate, about: &About<'_>) -> Result<Exported, TrainError> {
-        let made_by = format!("nerf-train {}", env!("CARGO_PKG_VERSION"));
         let finite = |db: Option<f64>| db.map(|db| db as f32).filter(|db| db.is_finite());
         let b = &self.bounds;
         let architecture = candidate.architecture.as_ref().unwrap_or(&self.model.architecture);
@@ -77,7 +79,10 @@ impl Trainer<'_> {
         let exported = export(&Contents {
             architecture,
             parameters,
-            tables,
+            tables: match &self.config.network.grid {
+                Some(grid) => Tables::Values(tables, grid.storage),
+                None => Tables::None,
+            },
             content: Content::Scene(SceneFacts {
                 min: b.scene_box.min.into(),
                 max: b.scene_box.max.into(),
@@ -93,7 +98,7 @@ impl Trainer<'_> {
             occupancy: Some((candidate.live.resolution(), candidate.live.bits())),
             provenance: Provenance {
                 data: &self.dataset.name,
-                made_by: &made_by,
+                made_by: MADE_BY,
                 steps: candidate.step,
                 seed: self.config.seed,
                 psnr_db: finite(about.psnr_db),

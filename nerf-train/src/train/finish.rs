@@ -39,7 +39,8 @@ pub struct Outcome {
     pub flat_psnr_db: f64,
     /// Whether the blob shows no more than that on any of them: too fast a rate, or too few steps.
     pub flat: bool,
-    /// dB that rounding to f16 cost, on at most ten of the views and the same lattice.
+    /// dB that rounding weights to f16, and a grid's tables to what they are stored in, cost, on at most ten of the
+    /// views and the same lattice.
     pub quantisation_loss_db: Option<f64>,
     /// dB that leaving the occupancy grid out cost on training views; not asked of a grid field, whose tables hold
     /// anything where it was not trained.
@@ -87,6 +88,18 @@ pub struct Shown {
     pub psnr_db: f64,
 }
 
+/// What the final scores mean.
+pub(crate) fn convention(views: usize, lattice: u32, background: [f32; 3], samples: u16) -> String {
+    let [r, g, b] = background.map(|c| (c * 255.0).round());
+    let pixels = match lattice {
+        1 => String::new(),
+        step => format!("one pixel of {step}x{step}, "),
+    };
+    format!(
+        "mean over {views} validation views, {pixels}background sRGB ({r}, {g}, {b}), {samples} samples a ray"
+    )
+}
+
 impl Session<'_, '_> {
     /// Exports the last step, and measures the very blob that is exported.
     pub(super) fn finish(
@@ -117,7 +130,8 @@ impl Session<'_, '_> {
             .collect();
         let judged_db = judged_scores.views.iter().map(|score| score.psnr_db);
         let flat = is_flat(judged_db.zip(flats.iter().copied()));
-        let convention = self.convention(all.len(), lattice);
+        let samples = self.trainer.config().sampling.samples;
+        let convention = convention(all.len(), lattice, background, samples);
         let about = About { occupancy_required, psnr_db, convention: &convention, quantisation_loss_db };
         let exported = self.trainer.export(&candidate, &about)?;
         let watched = self.watched.iter().filter_map(|&view| self.dataset.val.get(view));
@@ -217,7 +231,7 @@ impl Session<'_, '_> {
         Ok((scores, lattice, shown))
     }
 
-    /// dB that rounding to f16 costs, on some of the views that `scores` are of; `None` without any.
+    /// dB that rounding costs, on some of the views that `scores` are of; `None` without any.
     fn ask_rounding(
         &self,
         candidate: &Candidate,
@@ -244,19 +258,6 @@ impl Session<'_, '_> {
         let rounded = indices.iter().map(|&view| scores.views[view].clone()).collect();
         let rounded = Scores { views: rounded, counters: scores.counters };
         Ok(unrounded.psnr_db().zip(rounded.psnr_db()).map(|(unrounded, rounded)| gain_db(unrounded, rounded)))
-    }
-
-    /// What the final scores mean.
-    fn convention(&self, views: usize, lattice: u32) -> String {
-        let [r, g, b] = self.trainer.background().map(|c| (c * 255.0).round());
-        let samples = self.trainer.config().sampling.samples;
-        let pixels = match lattice {
-            1 => String::new(),
-            step => format!("one pixel of {step}x{step}, "),
-        };
-        format!(
-            "mean over {views} validation views, {pixels}background sRGB ({r}, {g}, {b}), {samples} samples a ray"
-        )
     }
 
     fn missed_snapshots(&self) -> Vec<u32> {

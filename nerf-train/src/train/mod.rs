@@ -22,7 +22,7 @@ use crate::export::ExportError;
 use crate::occupancy::{Ask, Occupancy};
 use crate::rays::{Bounds, RayBank};
 use average::Average;
-pub(crate) use bounds::find_bounds;
+pub(crate) use bounds::{find_bounds, find_box};
 use checkpoint::{Checkpoint, fingerprint};
 use nerf_core::blob::MAX_SAMPLES;
 use nerf_core::kernels::Tier;

@@ -1,7 +1,7 @@
 //! Flags and settings of a learned grid, and what is said of it.
 
 use crate::made::Folder;
-use crate::{blob, fails, fit, fit_grid, json, ok};
+use crate::{blob, fails, fit, fit_grid, json, ok, run};
 use nerf_core::blob::Blob;
 
 #[test]
@@ -18,7 +18,7 @@ fn flags_set_what_inspect_and_summary_say() {
     let ends = (grid.resolutions.first().and_then(longest), grid.resolutions.last().and_then(longest));
     assert_eq!(ends, (Some(4), Some(24)));
     let line = format!(
-        "4 levels of 4 to 24 cells, 4 features an entry, at most 2^8 entries a level: {} values ({} bytes)",
+        "4 levels of 4 to 24 cells, 4 features an entry, at most 2^8 entries a level: {} values as f16 ({} bytes)",
         grid.values(),
         2 * grid.values()
     );
@@ -52,11 +52,12 @@ fn flags_set_what_inspect_and_summary_say() {
 fn flags_of_the_other_kind_of_network_are_refused_with_a_sentence() {
     let folder = Folder::new();
     let (data, file) = (folder.npz("data.npz"), folder.path("a.nerf"));
-    for flag in ["--table", "--grid-levels", "--features", "--coarsest", "--finest", "--steps-across"] {
+    for flag in ["--table", "--grid-levels", "--features", "--coarsest", "--finest", "--steps-across", "--max-bytes"] {
         let words = [flag, "`small`", "--preset grid"];
         fails(fit(&data, &file, &[flag, "4"]), &words);
         fails(["fit", &data, "-o", &file, "--preset", "seed", flag, "4"], &[flag, "`seed`", "--preset grid"]);
     }
+    fails(fit(&data, &file, &["--export", "int8"]), &["--export", "`small`", "--preset grid"]);
     let of_sinusoidal = [
         ["--position-levels", "6"],
         ["--skip-after", "1"],
@@ -153,4 +154,68 @@ fn a_grid_is_rendered_evaluated_and_resumed() {
     assert!(said.contains("mean over 2 views"), "{said}");
     ok(["render", &file, "-q", "-o", &folder.path("a.png"), "--width", "24"]);
     ok(fit_grid(&data, &whole, &["--steps", "10", "--no-hull", "--restart"]));
+}
+
+#[test]
+fn int8_halves_the_tables_and_says_what_it_loses() {
+    let folder = Folder::new();
+    let data = folder.npz("data.npz");
+    let fitted = |name: &str, flags: &[&str]| {
+        let file = folder.path(name);
+        ok(fit_grid(&data, &file, &[&["--steps", "40"], flags].concat()));
+        let fields: serde_json::Value =
+            serde_json::from_str(&ok(["inspect", &file, "--json"])).expect("JSON");
+        (std::fs::read(&file).expect("a blob"), fields, ok(["inspect", &file]))
+    };
+    let (half, half_fields, _) = fitted("f16.nerf", &["--export", "f16"]);
+    let (byte, fields, said) = fitted("int8.nerf", &["--export", "int8"]);
+    let config = folder.file("int8.toml", "[network.grid]\nstorage = \"int8\"");
+    assert_eq!(fitted("toml.nerf", &["--config", &config]).0, byte);
+    let (half, byte) = (Blob::open(&half).expect("a blob"), Blob::open(&byte).expect("a blob"));
+    let levels = byte.architecture().position.grid().expect("a grid").resolutions.len();
+    let tables = [half, byte].map(|blob| blob.tables().expect("tables"));
+    assert_eq!(tables.map(|tables| tables.scales().map(<[u8]>::len)), [None, Some(4 * levels)]);
+    assert_eq!(tables[0].bytes().len(), 2 * tables[1].bytes().len());
+    // The values are the same ones: training does not depend on how they are stored.
+    let scales = tables[1].scales().expect("scales").as_chunks().0;
+    let grid = fields["grid_values"].as_u64().expect("a number") as usize;
+    assert_eq!((half_fields["grid_storage"].as_str(), fields["grid_storage"].as_str()), (Some("f16"), Some("int8")));
+    assert_eq!(fields["grid_bytes"].as_u64(), Some((grid + 4 * levels) as u64));
+    let largest = scales.iter().map(|&scale| f32::from_le_bytes(scale)).fold(0.0, f32::max);
+    let halves = tables[0].bytes().as_chunks().0.iter().map(|&bits| half::f16::from_le_bytes(bits).to_f32());
+    let reach = halves.fold(0.0f32, |most, value| most.max(value.abs()));
+    assert!(largest > 0.0 && 127.0 * largest <= 1.001 * reach, "{largest}, {reach}");
+    assert!(said.contains(" values as int8 (") && said.contains("rounding  "), "{said}");
+    assert!(fields["quantisation_loss_db"].as_f64().is_some_and(|db| db.abs() < 0.5), "{fields}");
+}
+
+#[test]
+fn a_file_is_no_larger_than_it_was_asked_to_be() {
+    let folder = Folder::new();
+    let (data, file) = (folder.npz("data.npz"), folder.path("a.nerf"));
+    for (wish, bytes) in [("20k", 20 << 10), ("65536", 65_536), ("1m", 1 << 20)] {
+        let ran = run(["fit", &data, "-o", &file, "--restart", "--steps", "2", "--max-bytes", wish]);
+        let said = ran.err;
+        assert_eq!(ran.code, Some(0), "{said}");
+        let length = std::fs::metadata(&file).expect("a blob").len();
+        assert!(length <= bytes && 2 * length > bytes, "{wish}: {length}");
+        assert!(said.contains(&format!("--max-bytes {bytes}: ")) && said.contains("cells of occupancy"), "{said}");
+    }
+    // What flags say stays; what is there suffices for f16 where nothing is asked to be larger.
+    let flags = ["--table", "9", "--occupancy-resolution", "24", "--max-bytes", "1m"];
+    ok([&["fit", &data, "-o", &file, "--restart", "-q", "--steps", "2"], &flags[..]].concat());
+    let bytes = std::fs::read(&file).expect("a blob");
+    let blob = Blob::open(&bytes).expect("a blob");
+    assert_eq!(blob.architecture().position.grid().map(|grid| grid.log2_entries), Some(9));
+    assert_eq!(blob.tables().and_then(|tables| tables.scales()), None);
+    assert_eq!(blob.occupancy().and_then(|cells| cells.resolution().into_iter().max()), Some(24));
+    for wish in ["0", "1x", "k", "-5", "1.5k", "99999999999999999999", "20000000000000000m", ""] {
+        fails(["fit", &data, "-o", &file, "--max-bytes", wish], &["--max-bytes", "131072, 128k or 1m"]);
+    }
+    let said = fails(["fit", &data, "-o", &file, "--restart", "--max-bytes", "1k"], &["--max-bytes", "found 1024"]);
+    let least: u64 = said.split_once("at least ").and_then(|(_, rest)| rest.split_once(',')).expect("a number").0.parse().expect("a number");
+    let (just, less) = (least.to_string(), (least - 1).to_string());
+    fails(["fit", &data, "-o", &file, "--restart", "--max-bytes", &less], &["--max-bytes", &just]);
+    ok(["fit", &data, "-o", &file, "--restart", "-q", "--steps", "2", "--max-bytes", &just]);
+    assert!(std::fs::metadata(&file).expect("a blob").len() <= least);
 }

@@ -5,7 +5,7 @@ use super::{fails, ok};
 use nerf_core::blob::{Content, PictureFacts, Provenance};
 use nerf_core::encoding::{AngleScale, SinusoidalEncoding};
 use nerf_core::network::{Architecture, TrunkLayer};
-use nerf_train::export::{Contents, export};
+use nerf_train::export::{Contents, Tables, export};
 
 /// A grey picture of 30×20 pixels: 2×4 + 4 parameters in the trunk, 4×3 + 3 in rgb.
 fn blob() -> Vec<u8> {
@@ -29,7 +29,7 @@ fn blob() -> Vec<u8> {
     let contents = Contents {
         architecture: &architecture,
         parameters: &[0.0; 27],
-        tables: &[],
+        tables: Tables::None,
         content: Content::Picture(PictureFacts { width: 30, height: 20 }),
         occupancy: None,
         provenance,

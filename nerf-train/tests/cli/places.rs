@@ -5,7 +5,7 @@ use crate::{blob, command, fails, fit, ok, ran, run};
 use nerf_core::blob::{Content, PictureFacts, Provenance};
 use nerf_core::encoding::{AngleScale, SinusoidalEncoding};
 use nerf_core::network::{Architecture, TrunkLayer};
-use nerf_train::export::{Contents, export};
+use nerf_train::export::{Contents, Tables, export};
 use std::path::Path;
 
 const ENDLESS: &[&str] = &["--steps", "1000000000"];
@@ -99,7 +99,7 @@ fn grey(side: u32) -> Vec<u8> {
     let contents = Contents {
         architecture: &architecture,
         parameters: &[0.0; 27],
-        tables: &[],
+        tables: Tables::None,
         content: Content::Picture(PictureFacts { width: side, height: side }),
         occupancy: None,
         provenance,

@@ -7,7 +7,7 @@ use nerf_core::network::{Architecture, DensityActivation, TrunkLayer};
 use nerf_core::plan::{Batch, Outputs, Plan, Quality};
 use nerf_core::render::Renderer;
 use nerf_train::engine::{Adam, Model, ReferenceEngine};
-use nerf_train::export::{Contents, export};
+use nerf_train::export::{Contents, Tables, export};
 
 /// Points asked: whole blocks and a rest.
 const POINTS: usize = 150;
@@ -118,7 +118,7 @@ fn blob(model: &Model, folded: &[f32]) -> Vec<u8> {
     let contents = Contents {
         architecture: &model.architecture,
         parameters: folded,
-        tables: &[],
+        tables: Tables::None,
         content: Content::Scene(scene),
         occupancy: None,
         provenance,

@@ -11,7 +11,8 @@ use nerf_train::config::Jitter;
 use nerf_train::dataset::View;
 use nerf_train::demo_scene::{self, DemoSpec};
 use nerf_train::eval::measure;
-use nerf_train::export::{Contents, ExportError, export};
+use nerf_train::export::{Contents, ExportError, Tables, export};
+use nerf_train::quantise::TableStorage;
 use nerf_train::train::Trainer;
 use nerf_train::train::finish::Outcome;
 use nerf_train::train::run::{Ended, RunOptions, run};
@@ -75,7 +76,7 @@ fn a_grid_learns_the_demo_scene_in_300_steps_with_a_hull_and_without() {
     (grid.levels, grid.log2_entries, grid.finest) = (6, 13, 96);
     (config.sampling.live_samples, config.sampling.steps_across) = (2048, 96);
     (config.occupancy.resolution, config.occupancy.every) = (48, 16);
-    for (name, config, least_db) in [("hull", config.clone(), 22.0), ("no hull", config.without_hull(), 17.0)]
+    for (name, config, least_db) in [("hull", config.clone(), 22.0), ("no hull", config.clone().without_hull(), 17.0)]
     {
         let outcome = fit(&dataset, &config).expect("a blob");
         let (psnr_db, rounding_db) = (outcome.scores.psnr_db(), outcome.quantisation_loss_db);
@@ -86,6 +87,11 @@ fn a_grid_learns_the_demo_scene_in_300_steps_with_a_hull_and_without() {
         assert!(psnr_db.is_some_and(|db| db > least_db), "{name}: {psnr_db:?} dB");
         assert!(rounding_db.is_some_and(|db| db.abs() <= 0.02), "{name}: {rounding_db:?} dB");
     }
+    // The same training, a byte a value.
+    config.network.grid.as_mut().expect("a grid").storage = TableStorage::Int8;
+    let rounding_db = fit(&dataset, &config).expect("a blob").quantisation_loss_db;
+    println!("rounding to int8 {rounding_db:?} dB");
+    assert!(rounding_db.is_some_and(|db| db.abs() <= 0.1), "{rounding_db:?} dB");
 }
 
 #[test]
@@ -98,7 +104,7 @@ fn a_weight_beyond_f16_is_refused_naming_layer_and_index() {
         export(&Contents {
             architecture,
             parameters,
-            tables: &[],
+            tables: Tables::None,
             content: Content::Scene(facts.clone()),
             occupancy: None,
             provenance: blob.provenance().clone(),
@@ -147,7 +153,7 @@ fn weights_that_become_f16_subnormals_are_counted_and_keep_their_nearest_value()
     let exported = export(&Contents {
         architecture,
         parameters: &parameters,
-        tables: &[],
+        tables: Tables::None,
         content: Content::Scene(SceneFacts {
             occupancy_required: false,
             ..blob.scene().expect("a scene").clone()

@@ -3,7 +3,7 @@
 use arbitrary::{Result, Unstructured};
 use nerf_core::blob::{
     Body, Content, FrontPoint, HEADER_LEN, PictureFacts, Proposal, SceneSampling, StoredOccupancy,
-    StoredTables, TableStorage,
+    StoredTables,
 };
 use nerf_core::encoding::{
     AngleScale, DirectionEncoding, GridEncoding, PositionEncoding, SinusoidalEncoding,
@@ -14,9 +14,10 @@ use nerf_tests::scenes::Recipe;
 use crate::values::{any_f32, any_vec3};
 
 /// Small blobs of every kind.
-pub const RECIPES: [Recipe; 8] = [
+pub const RECIPES: [Recipe; 9] = [
     Recipe { trunk: (1, 4), levels: 2, ..Recipe::LEARNED },
     Recipe { trunk: (1, 4), ..Recipe::LEARNED_PICTURE },
+    Recipe { trunk: (1, 4), levels: 3, ..Recipe::LEARNED_INT8 },
     Recipe::TINY,
     Recipe::TINY_PROPOSAL,
     Recipe::TINY_PICTURE,
@@ -64,8 +65,9 @@ pub fn edit(blob: &[u8], u: &mut Unstructured<'_>) -> Option<Vec<u8>> {
     if let Some(proposal) = &body.proposal {
         coarse = proposal.weights.to_vec();
     }
+    let mut scales = body.tables.and_then(|tables| tables.scales()).map(<[u8]>::to_vec);
     // What bytes are left over changes nothing more.
-    let _ = change(&mut body, &mut weights, u);
+    let _ = change(&mut body, &mut weights, &mut scales, u);
     // Shapes beyond these are the format's to refuse, not this process's to allocate.
     let sound = |a: &Architecture| a.trunk.iter().all(|layer| layer.width <= 64) && a.trunk.len() <= 6;
     if sound(&body.architecture) {
@@ -89,12 +91,18 @@ pub fn edit(blob: &[u8], u: &mut Unstructured<'_>) -> Option<Vec<u8>> {
         proposal.weights = &coarse;
     }
     // As with weights: tables of the length that the grid asks for, if this process can have so much.
-    let values = body.architecture.position.grid().map(|grid| grid.values());
-    let mut entries = body.tables.map_or(Vec::new(), |tables| tables.bytes.to_vec());
-    if let Some(values) = values.filter(|&values| values <= 1 << 16) {
-        refill(&mut entries, 2 * values);
+    let grid = body.architecture.position.grid();
+    let mut entries = body.tables.map_or(Vec::new(), |tables| tables.bytes().to_vec());
+    if let Some(values) = grid.map(|grid| grid.values()).filter(|&values| values <= 1 << 16) {
+        refill(&mut entries, if scales.is_some() { values } else { 2 * values });
     }
-    body.tables = values.map(|_| StoredTables { storage: TableStorage::F16, bytes: &entries });
+    if let (Some(scales), Some(grid)) = (&mut scales, grid) {
+        refill(scales, 4 * grid.resolutions.len());
+    }
+    body.tables = grid.map(|_| match &scales {
+        Some(scales) => StoredTables::Int8 { scales, bytes: &entries },
+        None => StoredTables::F16(&entries),
+    });
     body.weights = &weights;
     blob_of(&body)
 }
@@ -131,13 +139,19 @@ fn any_position(u: &mut Unstructured<'_>, inputs: u8) -> Result<PositionEncoding
     Ok(PositionEncoding::Grid(GridEncoding { inputs, features, log2_entries, resolutions }))
 }
 
-fn change(body: &mut Body<'_>, weights: &mut [u8], u: &mut Unstructured<'_>) -> Result<()> {
+/// `scales`: of int8 tables; f16 without.
+fn change(
+    body: &mut Body<'_>,
+    weights: &mut [u8],
+    scales: &mut Option<Vec<u8>>,
+    u: &mut Unstructured<'_>,
+) -> Result<()> {
     const WIDTHS: [u16; 9] = [0, 1, 2, 3, 16, 17, 33, 64, 513];
     const SAMPLES: [u16; 8] = [0, 1, 2, 3, 48, 1000, 4096, 4097];
     let inputs = if matches!(body.content, Content::Scene(_)) { 3 } else { 2 };
     for _ in 0..u.int_in_range(1..=3u8)? {
         let shape = &mut body.architecture;
-        match u.int_in_range(0..=15u8)? {
+        match u.int_in_range(0..=16u8)? {
             0 => shape.position = any_position(u, inputs)?,
             1 => {
                 shape.direction = match u.int_in_range(0..=2u8)? {
@@ -209,6 +223,8 @@ fn change(body: &mut Body<'_>, weights: &mut [u8], u: &mut Unstructured<'_>) -> 
                 cost: any_f32(u)?,
             })),
             13 => body.provenance.psnr_db = Some(any_f32(u)?),
+            // Repeated for as many levels as there are.
+            14 => *scales = if u.ratio(3, 4)? { Some(any_f32(u)?.to_le_bytes().to_vec()) } else { None },
             _ => {
                 for _ in 0..u.int_in_range(1..=8u8)? {
                     let at = u.choose_index((weights.len() / 2).max(1))?;

@@ -6,7 +6,7 @@ use libfuzzer_sys::fuzz_target;
 use nerf_core::blob::{Blob, Content, Provenance};
 use nerf_fuzz::files::{Named, npz, safetensors};
 use nerf_fuzz::values::any_f32;
-use nerf_train::export::{Contents, export};
+use nerf_train::export::{Contents, Tables, export};
 use nerf_train::import::{AngleFactor, Identity, Order, RawDensity, Settings, Tensors, network};
 use std::path::Path;
 use std::sync::LazyLock;
@@ -68,7 +68,7 @@ fn check(
     let contents = Contents {
         architecture,
         parameters: &imported.folded(),
-        tables: &[],
+        tables: Tables::None,
         content: Content::Scene(settings.facts(false)),
         occupancy: None,
         provenance: Provenance {

@@ -51,13 +51,19 @@ fn info(opened: &Opened) -> ffi::SceneInfo {
 
 #[test]
 fn a_scene_is_there_from_anywhere() {
-    for (recipe, step, samples) in [(Recipe::PLAIN, 0.0, 48), (Recipe::LEARNED, 0.08, 49)] {
+    let scenes = [
+        (Recipe::PLAIN, 0.0, 48, ffi::TableStorage::None),
+        (Recipe::LEARNED, 0.08, 49, ffi::TableStorage::F16),
+        (Recipe::LEARNED_INT8, 0.08, 49, ffi::TableStorage::Int8),
+    ];
+    for (recipe, step, samples, storage) in scenes {
         let opened = call::open(recipe.blob(), Tier::Scalar);
         let info = info(&opened);
         assert_eq!(
             (info.step, info.samples, info.near_distance, info.far_distance),
             (step, samples, 2.0, 6.0)
         );
+        assert_eq!(info.table_storage, storage as u32);
         let options = call::render_options();
         for towards in [[0.3, 0.5, 0.8], [-0.3, -0.5, -0.8], [0.0, 0.01, 1.0]] {
             let (status, usual, _) = seen(&opened, &from(1.0, towards), &options);

@@ -43,6 +43,7 @@ fn a_microcontroller_draws_the_hosts_bits_within_its_budgets_and_without_a_panic
     }
     let folder = paths::workspace().join("nerf-core/examples/firmware");
     let small = std::fs::read(folder.join("scene.nerf")).expect("the scene");
+    let grid = std::fs::read(folder.join("grid.nerf")).expect("the scene with a grid");
     let (large, temporary) = (LARGE.blob(), paths::temporary());
     let large_file = temporary.path().join("large.nerf");
     std::fs::write(&large_file, &large).expect("a temporary file");
@@ -52,7 +53,18 @@ fn a_microcontroller_draws_the_hosts_bits_within_its_budgets_and_without_a_panic
 
     // The script holds every row to its budget, and fails where something links that may panic.
     let mut script = Command::new(folder.join("run"));
-    script.args(["polynomial", "libm", "micromath", "effects", "large", "c", "c-all", "panic"]);
+    script.args([
+        "polynomial",
+        "libm",
+        "micromath",
+        "effects",
+        "grid",
+        "large",
+        "c",
+        "c-grid",
+        "c-all",
+        "panic",
+    ]);
     script.env("NERF_LARGE", &large_file).env("CARGO_TARGET_DIR", target);
     let said = String::from_utf8(run(&mut script).stdout).expect("UTF-8");
     println!("{said}");
@@ -63,8 +75,10 @@ fn a_microcontroller_draws_the_hosts_bits_within_its_budgets_and_without_a_panic
         ("libm", &small, View { math: 1, ..plain }),
         ("micromath", &small, View { math: 2, ..plain }),
         ("effects", &small, View { effects: true, ..plain }),
+        ("grid", &grid, plain),
         ("large", &large, View { side: 2, ..plain }),
         ("c", &small, plain),
+        ("c-grid", &grid, plain),
         ("c-all", &small, plain),
     ] {
         let row = said.lines().find(|line| line.starts_with(&format!("| {name} |")));

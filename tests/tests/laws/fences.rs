@@ -234,6 +234,8 @@ fn grids_read_no_further_than_their_last_entry() {
         let grid = GridEncoding { inputs, features, log2_entries, resolutions };
         let values: Vec<f32> = noise(grid.values(), 3).iter().map(|x| (x * 64.0).round() / 64.0).collect();
         let bytes: Vec<u8> = values.iter().flat_map(|&x| f16_bits(x).to_le_bytes()).collect();
+        let steps: Vec<u8> = values.iter().map(|&x| (x * 64.0) as i8 as u8).collect();
+        let scales = (1.0f32 / 64.0).to_le_bytes().repeat(grid.resolutions.len());
         for (tier, stride) in tiers().flat_map(|tier| [1, 7, 16, 64].map(|stride| (tier, stride))) {
             // The largest corner of the box is the last entry of a dense level; others are anywhere.
             let mut x: Vec<f32> =
@@ -241,12 +243,17 @@ fn grids_read_no_further_than_their_last_entry() {
             x.iter_mut().step_by(stride).for_each(|x| *x = 1.0);
             for flush in Flush::BOTH {
                 let (f16, f32) = (Fenced::of(&bytes, flush), Fenced::of(&values, flush));
-                let [by_f16, by_f32] = [TableValues::F16(&f16), TableValues::F32(&f32)].map(|values| {
+                let (steps, scales) = (Fenced::of(&steps, flush), Fenced::of(&scales, flush));
+                let int8 = TableValues::Int8 { values: &steps, scales: &scales };
+                let found = [TableValues::F16(&f16), int8, TableValues::F32(&f32)].map(|values| {
                     let mut found = Fenced::filled(grid.outputs() * stride, f32::NAN, flush);
                     encode_grid_block(tier, &grid, &GridTables::new(values, None), stride, &x, &mut found);
                     bits(&found)
                 });
-                assert!(by_f16 == by_f32, "{tier:?}, {grid:?}, {stride}, {flush:?}");
+                assert!(
+                    found.iter().all(|other| *other == found[0]),
+                    "{tier:?}, {grid:?}, {stride}, {flush:?}"
+                );
             }
         }
     }
@@ -299,6 +306,7 @@ fn frames_queries_and_pictures_stay_between_the_fences() {
         Recipe::PICTURE,
         Recipe::TINY_PICTURE,
         Recipe::LEARNED,
+        Recipe::LEARNED_INT8,
         Recipe::LEARNED_PICTURE,
         single,
         odd,
@@ -328,8 +336,13 @@ fn evaluated(blob: &Blob<'_>, tier: Tier, stride: usize, flush: Flush) -> Vec<u3
         Tier::Scalar => Weights::InPlace(&file),
         _ => Weights::prepare(blob.architecture(), tier, &file, &mut unpacked),
     };
-    let entries = Fenced::of(blob.tables().map_or(&[][..], |tables| tables.bytes), flush);
-    let tables = GridTables::new(TableValues::F16(&entries), blob.scene_box().as_ref());
+    let entries = Fenced::of(blob.tables().map_or(&[][..], |tables| tables.bytes()), flush);
+    let scales = blob.tables().and_then(|tables| tables.scales()).map(|scales| Fenced::of(scales, flush));
+    let values = match &scales {
+        Some(scales) => TableValues::Int8 { values: &entries, scales },
+        None => TableValues::F16(&entries),
+    };
+    let tables = GridTables::new(values, blob.scene_box().as_ref());
     let network = Network::with_grid(blob.architecture(), weights, tables, tier).expect("a network");
     let rows = |count: usize| Fenced::filled(count * stride, f32::NAN, flush);
     let [mut encoded, mut front, mut back] =
@@ -347,9 +360,9 @@ fn evaluated(blob: &Blob<'_>, tier: Tier, stride: usize, flush: Flush) -> Vec<u3
 
 #[test]
 fn networks_stay_between_the_fences() {
-    for (tier, recipe) in
-        tiers().flat_map(|tier| [Recipe::SKIP, Recipe::TINY, Recipe::LEARNED].map(|recipe| (tier, recipe)))
-    {
+    for (tier, recipe) in tiers().flat_map(|tier| {
+        [Recipe::SKIP, Recipe::TINY, Recipe::LEARNED, Recipe::LEARNED_INT8].map(|recipe| (tier, recipe))
+    }) {
         let bytes = recipe.blob();
         let blob = Blob::open(&bytes).expect("a blob");
         for stride in [16, 48, 64] {

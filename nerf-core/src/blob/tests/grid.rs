@@ -29,7 +29,7 @@ fn contents(a: &Architecture) -> (Vec<u8>, Vec<u8>) {
 }
 
 fn f16(bytes: &[u8]) -> Option<StoredTables<'_>> {
-    Some(StoredTables { storage: TableStorage::F16, bytes })
+    Some(StoredTables::F16(bytes))
 }
 
 /// The error of the scene after `change` of its grid; the shape is refused before its contents are looked at.
@@ -117,10 +117,55 @@ fn tables_are_there_exactly_with_a_grid_and_of_its_length() {
             error
         );
     }
-    let int8 = Some(StoredTables { storage: TableStorage::Int8, bytes: &tables });
-    let error = refused(&Body { tables: int8, ..body(a, None, &weights) });
-    assert_eq!(error, BlobError::Field(Section::TableStorage));
-    assert!(error.to_string().contains("tables.storage") && error.to_string().contains("int8"), "{error}");
+    // Of int8, half as many.
+    let scales = [0, 0, 128, 63].repeat(2);
+    for found in [0, tables.len() / 2 - 1, tables.len() / 2 + 1, tables.len()] {
+        let int8 = Some(StoredTables::Int8 { scales: &scales, bytes: &tables[..found] });
+        let (expected, found) = (expected / 2, found as u64);
+        let error = BlobError::Length { section: Section::Tables, expected, found };
+        assert_eq!(refused(&Body { tables: int8, ..body(a.clone(), None, &weights) }), error);
+    }
+}
+
+#[test]
+fn int8_tables_are_opened_as_they_were_written_at_any_alignment() {
+    let a = shape(learned());
+    let (weights, tables) = contents(&a);
+    // Any byte is a value; scales from the smallest that f32 has to the largest of which 128 are finite.
+    let scales: Vec<u8> =
+        [1e-45, f32::MAX / 128.0].iter().flat_map(|scale: &f32| scale.to_le_bytes()).collect();
+    let int8 = Some(StoredTables::Int8 { scales: &scales, bytes: &tables[..tables.len() / 2] });
+    let written = bytes(&Body { tables: int8, ..body(a, None, &weights) });
+    for shift in 0..4 {
+        let mut moved = vec![0; shift];
+        moved.extend(&written);
+        assert_eq!(Blob::open(&moved[shift..]).unwrap().tables(), int8);
+    }
+    // Tables: there, int8, 8 bytes of scales; then as many bytes as there are values.
+    let end = &written[written.len() - 266 - 2 - 8 - 3..];
+    assert_eq!((&end[..3], &end[3..11], &end[11..13]), (&[1, 1, 8][..], &scales[..], &[0x8a, 0x02][..]));
+}
+
+#[test]
+fn scales_are_one_a_level_above_0_and_of_finite_values() {
+    let a = shape(learned());
+    let (weights, tables) = contents(&a);
+    let error = |scales: &[f32]| {
+        let scales: Vec<u8> = scales.iter().flat_map(|scale| scale.to_le_bytes()).collect();
+        let tables = Some(StoredTables::Int8 { scales: &scales, bytes: &tables[..tables.len() / 2] });
+        refused(&Body { tables, ..body(a.clone(), None, &weights) })
+    };
+    for (count, found) in [(0, 0), (1, 4), (3, 12)] {
+        let length = BlobError::Length { section: Section::TableScales, expected: 8, found };
+        assert_eq!(error(&vec![1.0; count]), length);
+        assert!(length.to_string().starts_with("tables.scales: expected 8 bytes"), "{length}");
+    }
+    for bad in [0.0, -0.0, -1.0, f32::INFINITY, f32::NEG_INFINITY, (f32::MAX / 128.0).next_up()] {
+        assert_eq!(error(&[1.0, bad]), BlobError::TableScale { level: 1, found: bad });
+    }
+    let nan = error(&[f32::NAN, 1.0]);
+    assert!(matches!(nan, BlobError::TableScale { level: 0, .. }));
+    assert!(nan.to_string().starts_with("tables.scales: level 0: expected"), "{nan}");
 }
 
 #[test]
@@ -160,16 +205,16 @@ fn a_list_of_33_levels_is_refused_by_its_section() {
 fn an_older_file_is_told_how_to_be_made_anew() {
     let (weights, _) = halve(&parameters(&every_kind(), 1));
     let mut file = bytes(&body(every_kind(), None, &weights));
-    file[8] = 2;
+    file[8] = 3;
     let error = Blob::open(&file).unwrap_err();
-    assert_eq!(error, BlobError::Version { expected: FORMAT_VERSION, found: 2 });
+    assert_eq!(error, BlobError::Version { expected: FORMAT_VERSION, found: 3 });
     assert!(error.to_string().contains("fit or import the scene again"), "{error}");
 }
 
 /// The second example of `docs/blob-format.md`; made there by another program.
 const RAMP: &str = "
-    89 4e 45 52 46 0d 0a 1a 03 00 ff fe 00 00 00 00
-    4a 00 00 00 00 00 00 00 7e 48 f5 69 00 00 00 00
+    89 4e 45 52 46 0d 0a 1a 04 00 ff fe 00 00 00 00
+    4a 00 00 00 00 00 00 00 9a a4 dc a6 00 00 00 00
     01 02 01 02 01 01 01 00 00 01 01 00 00 00 00 02
     01 00 00 00 04 72 61 6d 70 0e 62 6c 6f 62 2d 66
     6f 72 6d 61 74 2e 6d 64 00 00 00 00 00 08 10 00
@@ -177,14 +222,30 @@ const RAMP: &str = "
     00 08 00 00 00 3c 00 00 00 3c
 ";
 
+/// The third: the same picture, its vertices in int8.
+const RAMP_IN_INT8: &str = "
+    89 4e 45 52 46 0d 0a 1a 04 00 ff fe 00 00 00 00
+    4b 00 00 00 00 00 00 00 65 00 a1 27 00 00 00 00
+    01 02 01 02 01 01 01 00 00 01 01 00 00 00 00 02
+    01 00 00 00 04 72 61 6d 70 0e 62 6c 6f 62 2d 66
+    6f 72 6d 61 74 2e 6d 64 00 00 00 00 00 08 10 00
+    3c 00 00 00 3c 00 3c 00 3c 00 00 00 00 00 00 01
+    01 04 00 00 80 3f 04 00 01 00 01
+";
+
 #[test]
-fn the_ramp_of_the_specification_opens_and_is_what_is_written() {
-    let file: Vec<u8> = RAMP.split_whitespace().map(|byte| u8::from_str_radix(byte, 16).unwrap()).collect();
+fn the_ramps_of_the_specification_open_and_are_what_is_written() {
+    is_the_ramp(RAMP, StoredTables::F16(&[0, 0, 0, 0x3c, 0, 0, 0, 0x3c]));
+    is_the_ramp(RAMP_IN_INT8, StoredTables::Int8 { scales: &[0, 0, 0x80, 0x3f], bytes: &[0, 1, 0, 1] });
+}
+
+fn is_the_ramp(file: &str, tables: StoredTables<'_>) {
+    let file: Vec<u8> = file.split_whitespace().map(|byte| u8::from_str_radix(byte, 16).unwrap()).collect();
     let blob = Blob::open(&file).unwrap();
     let provenance = blob.provenance().clone();
     let content = Content::Picture(PictureFacts { width: 2, height: 1 });
     let a = blob.architecture().clone();
-    let tables = f16(&[0, 0, 0, 0x3c, 0, 0, 0, 0x3c]);
+    let tables = Some(tables);
     assert_eq!(blob.tables(), tables);
     assert_eq!(bytes(&Body { content, provenance, tables, ..picture_body(a, blob.weights()) }), file);
 

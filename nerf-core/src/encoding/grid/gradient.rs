@@ -2,8 +2,8 @@
 
 use super::cell::{Cells, unit_positions};
 use super::{GridEncoding, GridLevel, GridTables, TableValues};
-use crate::kernels::{Op, Tier, head, head_mut, tail, tail_mut};
-use crate::math::gather::{F16Table, F32Table, Table};
+use crate::kernels::{Op, Tier, VECTORS, head, head_mut, tail, tail_mut};
+use crate::math::gather::{F16Table, F32Table, Int8Table, Table};
 use crate::math::lanes::Lanes;
 use crate::math::polynomial::exp;
 
@@ -38,6 +38,10 @@ pub(super) fn grid_gradient_block(
             let table = F16Table::new(bytes);
             tier.run_columns(stride, Gradient { grid, tables, table, stride, x, of_encoded, blur, of_x });
         }
+        TableValues::Int8 { values, scales } => {
+            let table = Int8Table::new(values, scales);
+            tier.run_columns(stride, Gradient { grid, tables, table, stride, x, of_encoded, blur, of_x });
+        }
         TableValues::F32(values) => {
             let table = F32Table::new(values);
             tier.run_columns(stride, Gradient { grid, tables, table, stride, x, of_encoded, blur, of_x });
@@ -62,6 +66,9 @@ impl<T: Table> Op for Gradient<'_, T> {
     #[inline(always)]
     fn run<V: Lanes>(self) {
         match (self.grid.inputs, self.grid.features) {
+            // Without vectors code is short before it is fast: as many features as the run time knows, and in two
+            // dimensions rows of weight 0 behind the others, which change no bit.
+            _ if !VECTORS => self.gradient::<V, 4, 0>(),
             (2, 1) => self.gradient::<V, 2, 1>(),
             (2, 2) => self.gradient::<V, 2, 2>(),
             (2, 4) => self.gradient::<V, 2, 4>(),
@@ -77,7 +84,8 @@ impl<T: Table> Op for Gradient<'_, T> {
 impl<T: Table> Gradient<'_, T> {
     #[inline(always)]
     fn gradient<V: Lanes, const ROWS: usize, const FEATURES: usize>(self) {
-        let (stride, features) = (self.stride, FEATURES);
+        let stride = self.stride;
+        let features = if FEATURES == 0 { usize::from(self.grid.features).min(4) } else { FEATURES };
         let inputs = usize::from(self.grid.inputs);
         for column in (0..stride).step_by(V::COUNT) {
             let unit = unit_positions::<V>(self.tables, inputs, stride, self.x, column);
@@ -91,8 +99,8 @@ impl<T: Table> Gradient<'_, T> {
                 let by_y = along(cells.row_weights_by_y::<ROWS>());
                 let mut of_cell = [V::splat(0.0); 3];
                 let by_z = if ROWS == 4 { along(cells.row_weights_by_z::<ROWS>()) } else { by_y };
-                for feature in 0..FEATURES {
-                    let far = FEATURES + feature;
+                for feature in 0..features {
+                    let far = features + feature;
                     let channel = level.index * features + feature;
                     let of = V::load(tail(self.of_encoded, channel * stride + column));
                     let at_x =
@@ -101,7 +109,7 @@ impl<T: Table> Gradient<'_, T> {
                     of_cell[1] = of.mul_add(at_x(&by_y), of_cell[1]);
                     of_cell[2] = of.mul_add(at_x(&by_z), of_cell[2]);
                 }
-                let damped = damping(&level, self.tables, inputs, self.blur);
+                let damped = damping(&level, self.tables, inputs, self.blur) * self.table.scale(level.index);
                 for axis in 0..inputs.min(3) {
                     let cells_per_unit = level.cells[axis] as f32 / self.tables.sides[axis];
                     sums[axis] = of_cell[axis].mul_add(V::splat(cells_per_unit * damped), sums[axis]);
@@ -137,4 +145,38 @@ fn erf(x: f32) -> f32 {
     let p = [1.061_405_4, -1.453_152, 1.421_413_8, -0.284_496_74, 0.254_829_6];
     let p = p.into_iter().fold(0.0, |sum, c| sum * t + c) * t;
     1.0 - p * exp(-(x * x))
+}
+
+#[cfg(test)]
+mod tests {
+    extern crate std;
+
+    use super::super::tests::grids;
+    use super::*;
+    use crate::testing::noise;
+    use std::vec::Vec;
+
+    #[test]
+    fn what_a_machine_without_vectors_runs_has_the_same_bits() {
+        for grid in grids() {
+            let (values, of_encoded) = (noise(grid.values(), 3), noise(64 * grid.outputs(), 5));
+            let x: Vec<f32> = noise(64 * usize::from(grid.inputs), 8).iter().map(|x| 0.5 + 0.5 * x).collect();
+            let tables = GridTables::new(TableValues::F32(&values), None);
+            let [mut found, mut expected] = [(); 2].map(|()| std::vec![0.0; x.len()]);
+            let table = F32Table::new(&values);
+            let op = |of_x| Gradient {
+                grid: &grid,
+                tables: &tables,
+                table,
+                stride: 64,
+                x: &x,
+                of_encoded: &of_encoded,
+                blur: 0.0,
+                of_x,
+            };
+            op(&mut found[..]).gradient::<f32, 4, 0>();
+            op(&mut expected[..]).run::<f32>();
+            assert!(found.iter().zip(&expected).all(|(a, b)| a.to_bits() == b.to_bits()), "{grid:?}");
+        }
+    }
 }

@@ -136,6 +136,13 @@ impl GridEncoding {
 pub enum TableValues<'a> {
     /// Little-endian f16, finite, at any alignment: as a file has them.
     F16(&'a [u8]),
+    /// Signed bytes, as a file has them, too; those of a level times its scale are its values.
+    Int8 {
+        /// The bytes.
+        values: &'a [u8],
+        /// A little-endian f32 a level, at any alignment; above 0, and 128 times it finite.
+        scales: &'a [u8],
+    },
     /// f32, as a trainer has them.
     F32(&'a [f32]),
 }
@@ -161,14 +168,21 @@ impl<'a> GridTables<'a> {
         }
     }
 
-    pub(crate) fn in_place(bytes: &'a [u8], bounds: Option<&SceneBox>) -> Self {
-        Self::new(TableValues::F16(bytes), bounds)
+    /// Tables as a file has them: int8 where there are scales, else f16.
+    pub(crate) fn in_place(bytes: &'a [u8], scales: Option<&'a [u8]>, bounds: Option<&SceneBox>) -> Self {
+        let values = match scales {
+            Some(scales) => TableValues::Int8 { values: bytes, scales },
+            None => TableValues::F16(bytes),
+        };
+        Self::new(values, bounds)
     }
 
-    /// Whether there are as many values as `grid` has.
+    /// Whether there are as many values as `grid` has, and a scale for each level if they need any.
     pub(crate) fn fit(&self, grid: &GridEncoding) -> bool {
         let found = match self.values {
             TableValues::F16(bytes) => bytes.len() / 2,
+            TableValues::Int8 { scales, .. } if scales.len() < 4 * grid.resolutions.len() => return false,
+            TableValues::Int8 { values, .. } => values.len(),
             TableValues::F32(values) => values.len(),
         };
         found >= grid.values()

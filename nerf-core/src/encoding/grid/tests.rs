@@ -18,7 +18,7 @@ fn grid(features: u8, log2_entries: u8, resolutions: &[[u16; 3]]) -> GridEncodin
 }
 
 /// Dense, hashed and tiny levels, in both dimensions, of every number of features.
-fn grids() -> Vec<GridEncoding> {
+pub(super) fn grids() -> Vec<GridEncoding> {
     let mut all = vec![
         grid(2, 0, &[[1, 1, 1]]),
         grid(1, 0, &[[1, 1, 1]]),
@@ -33,6 +33,25 @@ fn grids() -> Vec<GridEncoding> {
         all.push(grid(features, 8, &[[4, 5, 0], [9, 64, 0]]));
     }
     all
+}
+
+/// `values` in int8, `scale` of each level's number: bytes, scales, and what they are.
+fn quantise(
+    grid: &GridEncoding,
+    values: &[f32],
+    scale: impl Fn(usize) -> f32,
+) -> (Vec<u8>, Vec<u8>, Vec<f32>) {
+    let (mut bytes, mut scales, mut exact) = (vec![], vec![], vec![]);
+    for level in grid.levels() {
+        let (scale, features) = (scale(level.index), usize::from(grid.features));
+        scales.extend(scale.to_le_bytes());
+        for value in &values[level.first * features..(level.first + level.entries) * features] {
+            let step = (value * 127.0).round() as i8;
+            bytes.push(step as u8);
+            exact.push(f32::from(step) * scale);
+        }
+    }
+    (bytes, scales, exact)
 }
 
 const UNIT: SceneBox = SceneBox { min: Vec3::ZERO, max: Vec3::ONE };
@@ -191,28 +210,43 @@ fn boxes_of(grid: &GridEncoding) -> &'static [SceneBox] {
 fn every_tier_and_storage_is_the_oracle() {
     for grid in grids() {
         grid.check().unwrap();
-        let (bytes, values) = halve(&noise(grid.values(), 3));
-        for bounds in boxes_of(&grid) {
-            let x = hard_points(&grid, bounds);
-            let n = x.len() / usize::from(grid.inputs);
-            let truth: Vec<_> = (0..n)
-                .map(|i| {
-                    oracle(&grid, &values, bounds, &x.iter().skip(i).step_by(n).copied().collect::<Vec<_>>())
-                })
-                .collect();
-            for tier in tiers() {
-                let half = encode(tier, &grid, TableValues::F16(&bytes), bounds, &x);
-                let full = encode(tier, &grid, TableValues::F32(&values), bounds, &x);
-                assert!(half.iter().zip(&full).all(|(a, b)| a.to_bits() == b.to_bits()), "{tier:?} {grid:?}");
-                for (i, truth) in truth.iter().enumerate() {
-                    for (channel, &(value, error)) in truth.iter().enumerate() {
-                        let found = f64::from(half[channel * n + i]);
-                        let point: Vec<_> = x.iter().skip(i).step_by(n).collect();
-                        assert!(
-                            (found - value).abs() <= error,
-                            "{tier:?}, {grid:?}, channel {channel} at {point:?}: {found} is not {value} +- {error:e}"
-                        );
-                    }
+        let noise = noise(grid.values(), 3);
+        let (bytes, values) = halve(&noise);
+        every_tier_is_the_oracle(&grid, TableValues::F16(&bytes), &values, true);
+        // Products with a power of two are exact, so that the bits are those of f32.
+        let (bytes, scales, values) = quantise(&grid, &noise, |level| 2f32.powi(-4 - level as i32 % 5));
+        every_tier_is_the_oracle(&grid, TableValues::Int8 { values: &bytes, scales: &scales }, &values, true);
+        let (bytes, scales, values) = quantise(&grid, &noise, |level| 0.37 / (1 + level) as f32);
+        every_tier_is_the_oracle(
+            &grid,
+            TableValues::Int8 { values: &bytes, scales: &scales },
+            &values,
+            false,
+        );
+    }
+}
+
+/// `stored` against the f64 oracle of `values`, and where `exact` against f32 tables of them, bit for bit.
+fn every_tier_is_the_oracle(grid: &GridEncoding, stored: TableValues<'_>, values: &[f32], exact: bool) {
+    for bounds in boxes_of(grid) {
+        let x = hard_points(grid, bounds);
+        let n = x.len() / usize::from(grid.inputs);
+        let truth: Vec<_> = (0..n)
+            .map(|i| oracle(grid, values, bounds, &x.iter().skip(i).step_by(n).copied().collect::<Vec<_>>()))
+            .collect();
+        for tier in tiers() {
+            let all = encode(tier, grid, stored, bounds, &x);
+            let full = encode(tier, grid, TableValues::F32(values), bounds, &x);
+            let same = all.iter().zip(&full).all(|(a, b)| a.to_bits() == b.to_bits());
+            assert!(same || !exact, "{tier:?} {grid:?}");
+            for (i, truth) in truth.iter().enumerate() {
+                for (channel, &(value, error)) in truth.iter().enumerate() {
+                    let found = f64::from(all[channel * n + i]);
+                    let point: Vec<_> = x.iter().skip(i).step_by(n).collect();
+                    assert!(
+                        (found - value).abs() <= error,
+                        "{tier:?}, {grid:?}, channel {channel} at {point:?}: {found} is not {value} +- {error:e}"
+                    );
                 }
             }
         }
@@ -370,6 +404,34 @@ fn f16_at_its_edges_is_read_exactly() {
 }
 
 #[test]
+fn int8_at_its_edges_is_read_exactly_at_every_size_of_scale() {
+    let edges = [127i8, -127, -128, 1, -1, 0, 64, -33, 100];
+    let scales = [1e-45, 1e-30, 0.1, 1e30, f32::MAX / 128.0];
+    for features in [1, 2, 4] {
+        let grid = grid(features, 12, &[[8; 3]; 5]);
+        // One byte in front: no alignment is needed.
+        let values: Vec<u8> = (0..=grid.values()).map(|i| edges[(i + 8) % 9] as u8).collect();
+        let stored: Vec<u8> =
+            core::iter::once(7).chain(scales.iter().flat_map(|scale| scale.to_le_bytes())).collect();
+        let tables = TableValues::Int8 { values: &values[1..], scales: &stored[1..] };
+        for (tier, vertex) in tiers().flat_map(|tier| (0..9).map(move |vertex| (tier, vertex))) {
+            let x: Vec<f32> =
+                [vertex, 8 - vertex, vertex / 2].iter().flat_map(|&v| [v as f32 / 8.0; 16]).collect();
+            let found = encode(tier, &grid, tables, &UNIT, &x);
+            for level in grid.levels() {
+                let entry = level.first + (vertex / 2 * 9 + 8 - vertex) * 9 + vertex;
+                for feature in 0..usize::from(features) {
+                    let edge = edges[(entry * usize::from(features) + feature) % 9];
+                    let channel = level.index * usize::from(features) + feature;
+                    let expected = f32::from(edge) * scales[level.index];
+                    assert_eq!(found[channel * 16], expected, "{tier:?}: {edge} of level {}", level.index);
+                }
+            }
+        }
+    }
+}
+
+#[test]
 fn a_level_that_just_fits_is_dense_and_one_more_vertex_is_hashed() {
     // 4 · 4 · 4 vertices are 2^6; 5 · 4 · 4 are more.
     let grid = grid(1, 6, &[[3, 3, 3], [4, 3, 3], [63, 0, 0]]);
@@ -399,7 +461,15 @@ fn tables_that_are_too_short_are_read_within_what_is_there() {
             for tier in tiers() {
                 let half = encode(tier, &grid, TableValues::F16(&bytes), &UNIT, &x);
                 let full = encode(tier, &grid, TableValues::F32(&values), &UNIT, &x);
-                assert!(half.iter().chain(&full).all(|v| (-1e-6..=1.00001).contains(v)), "{tier:?}, {count}");
+                // Scales of 1 for some levels.
+                let scales = &[0, 0, 128, 63].repeat(grid.resolutions.len())[4 * (count % 2)..];
+                let ones = vec![1; values.len()];
+                let int8 = TableValues::Int8 { values: &ones, scales };
+                let enough = values.len() == grid.values() && count % 2 == 0;
+                assert_eq!(GridTables::new(int8, None).fit(&grid), enough, "{grid:?}, {count}");
+                let int8 = encode(tier, &grid, int8, &UNIT, &x);
+                let mut all = half.iter().chain(&full).chain(&int8);
+                assert!(all.all(|v| (-1e-6..=1.00001).contains(v)), "{tier:?}, {count}");
             }
         }
     }
@@ -419,8 +489,20 @@ mod derivative {
         of: &[f32],
         blur: f32,
     ) -> Vec<f32> {
+        gradient_of(tier, grid, TableValues::F16(bytes), bounds, x, of, blur)
+    }
+
+    fn gradient_of(
+        tier: Tier,
+        grid: &GridEncoding,
+        values: TableValues<'_>,
+        bounds: &SceneBox,
+        x: &[f32],
+        of: &[f32],
+        blur: f32,
+    ) -> Vec<f32> {
         let stride = x.len() / usize::from(grid.inputs);
-        let tables = GridTables::new(TableValues::F16(bytes), bounds_of(grid, bounds).as_ref());
+        let tables = GridTables::new(values, bounds_of(grid, bounds).as_ref());
         let mut out = vec![f32::NAN; x.len()];
         tables.gradient(tier, grid, stride, x, of, blur, &mut out);
         out
@@ -526,6 +608,31 @@ mod derivative {
                         }
                     }
                     assert!(worst <= 2e-4, "{tier:?}, {grid:?}, {bounds:?}: {worst:e}");
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn the_gradient_of_int8_is_that_of_its_values() {
+        for grid in grids().into_iter().filter(|grid| grid.resolutions[0][0] < 1000) {
+            let inputs = usize::from(grid.inputs);
+            let (x, of) = (noise(inputs * 64, 12), noise(grid.outputs() * 64, 4));
+            for (scale, blur) in [(0.37, 0.0), (0.37, 0.1), (3e-5, 0.0)] {
+                let (bytes, scales, values) =
+                    quantise(&grid, &noise(grid.values(), 3), |level| scale / (1 + level) as f32);
+                let stored = TableValues::Int8 { values: &bytes, scales: &scales };
+                for tier in tiers() {
+                    let [found, expected] = [stored, TableValues::F32(&values)]
+                        .map(|values| gradient_of(tier, &grid, values, &BOXES[1], &x, &of, blur));
+                    // Sums of up to 32 levels in another order of rounding.
+                    let largest = expected.iter().fold(0.0f32, |most, g| most.max(g.abs()));
+                    let worst =
+                        found.iter().zip(&expected).fold(0.0f32, |most, (a, b)| most.worse((a - b).abs()));
+                    assert!(
+                        largest > 0.0 && worst <= 1e-5 * largest,
+                        "{tier:?}, {grid:?}: {worst} of {largest}"
+                    );
                 }
             }
         }

@@ -1,7 +1,7 @@
 //! Frames of scenes whose position encoding is a learned grid.
 
 use super::*;
-use crate::blob::{Body, StoredTables, TableStorage};
+use crate::blob::{Body, StoredTables};
 use crate::encoding::{DirectionEncoding, GridEncoding, PositionEncoding, TableValues};
 use crate::network::DensityActivation;
 use crate::testing::{PICTURE, noise, picture_body, tolerance};
@@ -23,7 +23,7 @@ fn shape(grid: GridEncoding) -> Architecture {
 }
 
 fn stored(bytes: &[u8]) -> Option<StoredTables<'_>> {
-    Some(StoredTables { storage: TableStorage::F16, bytes })
+    Some(StoredTables::F16(bytes))
 }
 
 struct Scene {
@@ -50,6 +50,20 @@ fn draw(file: &[u8], tier: Tier, outputs: Outputs, batch: Batch) -> Picture {
     render(&renderer, &plan, &camera(20, 13))
 }
 
+/// The scene with its tables in int8, a scale of an eighth at each level, and the same values back in f32.
+fn scene_in_int8(a: &Architecture, tables: &[f32]) -> Scene {
+    let (weights, parameters) = halve(&parameters(a, 7));
+    let steps: Vec<i8> = tables.iter().map(|&value| (value * 8.0).round() as i8).collect();
+    let stored: Vec<u8> = steps.iter().map(|&step| step as u8).collect();
+    let scales = 0.125f32.to_le_bytes().repeat(a.position.grid().unwrap().resolutions.len());
+    let body = Body {
+        tables: Some(StoredTables::Int8 { scales: &scales, bytes: &stored }),
+        ..body(a.clone(), None, &weights)
+    };
+    let tables = steps.into_iter().map(|step| f32::from(step) * 0.125).collect();
+    Scene { file: bytes(&body), parameters, tables }
+}
+
 fn bits(picture: &Picture) -> Vec<[u32; 9]> {
     let of = |p: &Pixel| {
         let ([r, g, b], [x, y, z]) = (p.rgb, p.normal);
@@ -62,25 +76,26 @@ fn bits(picture: &Picture) -> Vec<[u32; 9]> {
 fn every_tier_draws_the_same_scene_whatever_the_batch() {
     for features in [1, 2, 4] {
         let a = shape(grid(3, features, 9, &[4, 9, 20]));
-        let values = a.position.grid().unwrap().values();
-        let scene = scene(&a, None, &noise(values, 5));
-        let expected = draw(&scene.file, Tier::Scalar, ALL, Batch::SMALLEST);
-        assert!(expected.pixels.iter().any(|p| p.opacity > 0.5), "something to see");
-        assert_eq!(expected.counters.invalid_samples, 0);
-        for tier in tiers() {
-            let found = draw(&scene.file, tier, ALL, Batch::for_tier(tier));
-            let other = draw(&scene.file, tier, ALL, Batch { rays: 3, samples: BLOCK });
-            assert_eq!(bits(&found), bits(&other), "{tier:?}, {features} features");
-            if tier == Tier::Scalar {
-                assert_eq!(bits(&found), bits(&expected));
-            }
-            let mut worst = 0.0f64;
-            for (p, q) in found.pixels.iter().zip(&expected.pixels) {
-                for (a, b) in p.rgb.iter().zip(q.rgb) {
-                    worst = worst.worse(f64::from((a - b).abs()));
+        let values = noise(a.position.grid().unwrap().values(), 5);
+        for scene in [scene(&a, None, &values), scene_in_int8(&a, &values)] {
+            let expected = draw(&scene.file, Tier::Scalar, ALL, Batch::SMALLEST);
+            assert!(expected.pixels.iter().any(|p| p.opacity > 0.5), "something to see");
+            assert_eq!(expected.counters.invalid_samples, 0);
+            for tier in tiers() {
+                let found = draw(&scene.file, tier, ALL, Batch::for_tier(tier));
+                let other = draw(&scene.file, tier, ALL, Batch { rays: 3, samples: BLOCK });
+                assert_eq!(bits(&found), bits(&other), "{tier:?}, {features} features");
+                if tier == Tier::Scalar {
+                    assert_eq!(bits(&found), bits(&expected));
                 }
+                let mut worst = 0.0f64;
+                for (p, q) in found.pixels.iter().zip(&expected.pixels) {
+                    for (a, b) in p.rgb.iter().zip(q.rgb) {
+                        worst = worst.worse(f64::from((a - b).abs()));
+                    }
+                }
+                assert!(worst <= tolerance(tier, 1e-5) * 3.0, "{tier:?}, {features} features: {worst:e}");
             }
-            assert!(worst <= tolerance(tier, 1e-5) * 3.0, "{tier:?}, {features} features: {worst:e}");
         }
     }
 }
@@ -88,28 +103,30 @@ fn every_tier_draws_the_same_scene_whatever_the_batch() {
 #[test]
 fn f32_tables_of_the_same_values_draw_the_same_picture() {
     let a = shape(grid(3, 2, 9, &[4, 9, 20]));
-    let scene = scene(&a, None, &noise(a.position.grid().unwrap().values(), 5));
-    let blob = Blob::open(&scene.file).unwrap();
-    for tier in tiers().filter(|tier| !tier.rounds()) {
-        let tables =
-            crate::encoding::GridTables::new(TableValues::F32(&scene.tables), blob.scene_box().as_ref());
-        let plan = Plan::new(&blob, &Quality::EXACT, ALL, Batch::for_tier(tier)).unwrap();
-        let pictures = [
-            Renderer::with_parameters(blob.clone(), tier, &scene.parameters),
-            Renderer::with_parameters_and_tables(blob.clone(), tier, &scene.parameters, tables),
-        ]
-        .map(|renderer| bits(&render(&renderer.unwrap(), &plan, &camera(20, 13))));
-        assert_eq!(pictures[0], pictures[1], "{tier:?}");
+    let values = noise(a.position.grid().unwrap().values(), 5);
+    for scene in [scene(&a, None, &values), scene_in_int8(&a, &values)] {
+        let blob = Blob::open(&scene.file).unwrap();
+        for tier in tiers().filter(|tier| !tier.rounds()) {
+            let tables =
+                crate::encoding::GridTables::new(TableValues::F32(&scene.tables), blob.scene_box().as_ref());
+            let plan = Plan::new(&blob, &Quality::EXACT, ALL, Batch::for_tier(tier)).unwrap();
+            let pictures = [
+                Renderer::with_parameters(blob.clone(), tier, &scene.parameters),
+                Renderer::with_parameters_and_tables(blob.clone(), tier, &scene.parameters, tables),
+            ]
+            .map(|renderer| bits(&render(&renderer.unwrap(), &plan, &camera(20, 13))));
+            assert_eq!(pictures[0], pictures[1], "{tier:?}");
+        }
+        assert!(
+            Renderer::with_parameters_and_tables(
+                blob.clone(),
+                Tier::Scalar,
+                &scene.parameters,
+                crate::encoding::GridTables::new(TableValues::F32(&scene.tables[1..]), None),
+            )
+            .is_none()
+        );
     }
-    assert!(
-        Renderer::with_parameters_and_tables(
-            blob.clone(),
-            Tier::Scalar,
-            &scene.parameters,
-            crate::encoding::GridTables::new(TableValues::F32(&scene.tables[1..]), None),
-        )
-        .is_none()
-    );
 }
 
 #[test]

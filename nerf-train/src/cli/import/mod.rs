@@ -8,7 +8,7 @@ use super::common::{DataOptions, Global, background_name, tell};
 use super::places;
 use crate::dataset::{Axes, Downscale, View};
 use crate::eval::measure;
-use crate::export::{Coarse, Contents, Exported, export_with};
+use crate::export::{Coarse, Contents, Exported, Tables, export_with};
 use crate::import::check::{Draft, SUSPICIOUS_DB, VIEWS, check, renderings, split, thinned};
 use crate::import::probe::{Probe, probe};
 use crate::import::{Check, Imported, Settings, Tensors, network, occupancy};
@@ -287,7 +287,7 @@ impl Work<'_> {
             samples,
         });
         let contents = Contents {
-            tables: &[],
+            tables: Tables::None,
             architecture: &self.architecture,
             parameters: &self.parameters,
             content: Content::Scene(self.settings.facts(about.occupancy_required)),

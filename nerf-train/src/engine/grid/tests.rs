@@ -6,6 +6,7 @@ use super::*;
 use crate::config::{Preset, TableConfig};
 use crate::engine::model::uniform;
 use crate::engine::{BatchError, BatchRay, Dense, Part, ReferenceEngine};
+use crate::quantise::TableStorage;
 use glam::Vec3;
 use half::f16;
 use nerf_core::encoding::{AngleScale, DirectionEncoding, PositionEncoding, SinusoidalEncoding};
@@ -26,7 +27,7 @@ fn model(table: TableConfig, depth: usize, degree: u8, colour: usize) -> Model {
 
 /// Levels of 3, 6 and 12 cells along the longest side: 80, 294 and 1,820 vertices and more.
 fn table(features: u8, log2_entries: u8) -> TableConfig {
-    TableConfig { levels: 3, features, log2_entries, coarsest: 3, finest: 12 }
+    TableConfig { levels: 3, features, log2_entries, coarsest: 3, finest: 12, storage: TableStorage::F16 }
 }
 
 fn models() -> [(&'static str, Model); 5] {
@@ -177,7 +178,14 @@ fn every_tier_has_the_same_gradients_within_rounding() {
 fn gradients_of_the_layers_are_those_of_autodiff() {
     let unit = SceneBox::new(Vec3::ZERO, Vec3::ONE).unwrap();
     for (depth, colour) in [(1, 16), (2, 24), (1, 0)] {
-        let table = TableConfig { levels: 1, features: 4, log2_entries: 5, coarsest: 1, finest: 1 };
+        let table = TableConfig {
+            levels: 1,
+            features: 4,
+            log2_entries: 5,
+            coarsest: 1,
+            finest: 1,
+            storage: TableStorage::F16,
+        };
         let model = model(table, depth, 2, colour);
         let mut plain = model.clone();
         let identity = SinusoidalEncoding { inputs: 3, levels: 0, scale: AngleScale::Pi, identity: true };
@@ -277,7 +285,14 @@ fn an_entry_that_every_sample_touches_has_one_sum_for_any_number_of_threads() {
 fn corners_of_a_cell_that_share_an_entry_add_up() {
     // One row for all (y, z): the four rows of a cell share their two entries. Then two rows for the four.
     for log2_entries in [0, 1] {
-        let table = TableConfig { levels: 1, features: 2, log2_entries, coarsest: 6, finest: 6 };
+        let table = TableConfig {
+            levels: 1,
+            features: 2,
+            log2_entries,
+            coarsest: 6,
+            finest: 6,
+            storage: TableStorage::F16,
+        };
         let model = model(table, 1, 2, 16);
         for batch in [constant_position(2, [0.3, 1.1, 0.2]), batch_of(40, 42)] {
             let mut engine = engine(&model, BARE, 4);
@@ -376,7 +391,14 @@ fn touch(x: [f32; 3]) -> Batch {
 #[test]
 fn an_entry_keeps_value_and_moments_while_it_is_not_touched() {
     // Far apart: the two samples share no entry of a level of 12 cells that are all dense.
-    let table = TableConfig { levels: 1, features: 2, log2_entries: 19, coarsest: 12, finest: 12 };
+    let table = TableConfig {
+        levels: 1,
+        features: 2,
+        log2_entries: 19,
+        coarsest: 12,
+        finest: 12,
+        storage: TableStorage::F16,
+    };
     let model = model(table, 1, 2, 16);
     let (here, there) = (touch([-0.9, 0.6, -0.2]), touch([1.4, 2.4, 0.7]));
     let adam = Adam::default();

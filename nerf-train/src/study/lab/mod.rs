@@ -5,7 +5,7 @@ pub mod source;
 
 use super::error::StudyError;
 use super::settings::{Precision, Settings};
-use crate::export::{Contents, export};
+use crate::export::{Contents, Tables, export};
 use crate::frame::{self, Frame};
 use crate::import::occupancy;
 use crate::occupancy::{Ask, LiveCells};
@@ -156,14 +156,6 @@ impl<'b> Lab<'b> {
         parameters
     }
 
-    /// The values of the blob's tables as f32; none of a sinusoidal network.
-    fn tables(&self) -> Vec<f32> {
-        let bytes = self.blob.tables().map_or(&[][..], |tables| tables.bytes);
-        let mut values = vec![0.0; bytes.len() / 2];
-        unpack(bytes, &mut values);
-        values
-    }
-
     /// Adds the blob with another network, rounded to f16; its number.
     ///
     /// # Errors
@@ -177,7 +169,7 @@ impl<'b> Lab<'b> {
         let alone = export(&Contents {
             architecture,
             parameters,
-            tables: &self.tables(),
+            tables: self.blob.tables().map_or(Tables::None, Tables::Stored),
             content: Content::Scene(SceneFacts { occupancy_required: false, ..self.scene.clone() }),
             occupancy: None,
             provenance: self.blob.provenance().clone(),

@@ -5,7 +5,7 @@ use super::{read, wide};
 use crate::golden::data;
 use nerf_core::blob::{Blob, Content, Provenance};
 use nerf_core::network::Role;
-use nerf_train::export::{Coarse, Contents, ExportError, Exported, export, export_with};
+use nerf_train::export::{Coarse, Contents, ExportError, Exported, Tables, export, export_with};
 use nerf_train::import::{Imported, Settings, Tensors};
 use safetensors::Dtype;
 use std::path::Path;
@@ -20,7 +20,7 @@ fn exported(
     let contents = Contents {
         architecture: &fine.model.architecture,
         parameters: &parameters,
-        tables: &[],
+        tables: Tables::None,
         content: Content::Scene(settings.facts(false)),
         occupancy: None,
         provenance: Provenance {

@@ -11,7 +11,7 @@ use nerf_core::blob::{Blob, Content, Provenance};
 use nerf_core::kernels::{Line, Tier};
 use nerf_core::plan::{Batch, Outputs, Plan, Quality};
 use nerf_core::render::Renderer;
-use nerf_train::export::{Contents, export};
+use nerf_train::export::{Contents, Tables, export};
 use nerf_train::import::{AngleFactor, Identity, Imported, Order, RawDensity, Settings, Tensors, network};
 use oracle::Oracle;
 use safetensors::Dtype;
@@ -47,7 +47,7 @@ fn ask(
     let exported = export(&Contents {
         architecture: &imported.model.architecture,
         parameters: &parameters,
-        tables: &[],
+        tables: Tables::None,
         content: Content::Scene(settings.facts(false)),
         occupancy: None,
         provenance,

@@ -1,7 +1,9 @@
-//! Learned grids at every level, on every tier, from f16 and from f32.
+//! Learned grids at every level, on every tier, from f16, from f32 and from int8.
 
 use crate::table::{Row, Worst, cases, exact_tiers};
-use nerf_core::encoding::{GridEncoding, GridTables, TableValues, encode_grid_block, encode_harmonics_block};
+use nerf_core::encoding::{
+    GridEncoding, GridLevel, GridTables, TableValues, encode_grid_block, encode_harmonics_block,
+};
 use nerf_core::kernels::Tier;
 use nerf_tests::oracle::grid::Grid;
 use nerf_tests::oracle::network::f16;
@@ -51,19 +53,36 @@ fn grid(inputs: u8, features: u8, log2_entries: u8, cells: &[u16]) -> Vec<Row> {
     let bytes: Vec<u8> = bits.iter().flat_map(|bits| bits.to_le_bytes()).collect();
     let wide: Vec<f32> = bits.iter().map(|&bits| f16(bits) as f32).collect();
     let axes = usize::from(inputs);
-    let oracle = Grid {
+    let oracle = |values| Grid {
         features: features.into(),
         log2_entries: log2_entries.into(),
         resolutions: cells.iter().map(|&n| vec![u64::from(n); axes]).collect(),
-        values: bits.iter().map(|&bits| f16(bits)).collect(),
+        values,
     };
+    let halves = oracle(bits.iter().map(|&bits| f16(bits)).collect());
+    // Every byte, and scales of every size.
+    let steps: Vec<u8> = bits.iter().map(|bits| (bits ^ bits >> 8) as u8).collect();
+    let scale = |level: usize| 0.7 * 10f32.powi([-2, 30, -30, 0, 3][level % 5]);
+    let scales: Vec<u8> = (0..cells.len()).flat_map(|level| scale(level).to_le_bytes()).collect();
+    let value = |level: usize, at: usize| f64::from(steps[at].cast_signed()) * f64::from(scale(level));
+    let features_of = usize::from(features);
+    let of_level = |level: GridLevel| {
+        let first = level.first * features_of;
+        (first..first + level.entries * features_of).map(move |at| (level.index, at))
+    };
+    let int8 = oracle(encoding.levels().flat_map(of_level).map(|(level, at)| value(level, at)).collect());
+    let stored = [
+        (TableValues::F16(&bytes), &halves),
+        (TableValues::F32(&wide), &halves),
+        (TableValues::Int8 { values: &steps, scales: &scales }, &int8),
+    ];
     let tiers: Vec<Tier> = exact_tiers().collect();
-    let mut worst = [Worst::default(), Worst::default()];
+    let mut worst = stored.map(|_| Worst::default());
     let mut out = vec![0.0; encoding.outputs() * 64];
     for x in points(axes, cells).chunks_exact(64 * axes) {
         let unit = |i: usize| -> Vec<f64> { (0..axes).map(|axis| f64::from(x[64 * axis + i])).collect() };
-        let truth: Vec<_> = (0..64).map(|i| oracle.encode(&unit(i))).collect();
-        for (worst, values) in worst.iter_mut().zip([TableValues::F16(&bytes), TableValues::F32(&wide)]) {
+        for (worst, (values, oracle)) in worst.iter_mut().zip(stored) {
+            let truth: Vec<_> = (0..64).map(|i| oracle.encode(&unit(i))).collect();
             for &tier in &tiers {
                 encode_grid_block(tier, &encoding, &GridTables::new(values, None), 64, x, &mut out);
                 for (row, found) in out.chunks_exact(64).enumerate() {
@@ -74,15 +93,15 @@ fn grid(inputs: u8, features: u8, log2_entries: u8, cells: &[u16]) -> Vec<Row> {
                     for (column, &found) in found.iter().enumerate() {
                         let truth = truth[column][row];
                         let error =
-                            (f64::from(found) - truth.value).abs() / (most * truth.largest.max(1e-30));
+                            (f64::from(found) - truth.value).abs() / (most * truth.largest.max(1e-35));
                         worst.see(error, || format!("{:?}, value {row}, {}", unit(column), tier.name()));
                     }
                 }
             }
         }
     }
-    let [half, full] = worst;
-    vec![half.row("f16 tables", "f32 tiers", 1.0), full.row("f32 tables", "f32 tiers", 1.0)]
+    let names = ["f16 tables", "f32 tables", "int8 tables"];
+    worst.into_iter().zip(names).map(|(worst, name)| worst.row(name, "f32 tiers", 1.0)).collect()
 }
 
 /// Bands 0 to 3 in Cartesian form, from the table in Sloan 2013, in f64.

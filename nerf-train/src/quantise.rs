@@ -1,0 +1,187 @@
+//! A grid's tables in what a file stores them in.
+
+use half::f16;
+use nerf_core::blob::StoredTables;
+use nerf_core::encoding::GridEncoding;
+use serde::{Deserialize, Serialize};
+
+/// What the values of a grid's tables are stored in.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, clap::ValueEnum)]
+#[serde(rename_all = "kebab-case")]
+pub enum TableStorage {
+    /// Two bytes a value.
+    F16,
+    /// A byte a value, and a scale a level: half the size.
+    Int8,
+}
+
+impl TableStorage {
+    /// `f16` or `int8`, as in flags and files.
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::F16 => "f16",
+            Self::Int8 => "int8",
+        }
+    }
+
+    /// Bytes of a value.
+    pub const fn bytes_per_value(self) -> usize {
+        match self {
+            Self::F16 => 2,
+            Self::Int8 => 1,
+        }
+    }
+}
+
+/// Shares of a level's values, the smallest ones by magnitude, that its scale may keep whole; the rest are clipped.
+const KEPT: [f64; 3] = [1.0, 0.9999, 0.9995];
+/// Steps of int8 on either side of 0.
+const STEPS: f32 = 127.0;
+
+/// Tables that were rounded.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Quantised {
+    storage: TableStorage,
+    bytes: Vec<u8>,
+    scales: Vec<u8>,
+}
+
+impl Quantised {
+    /// Rounds `values`, those of all levels of `grid`.
+    ///
+    /// # Errors
+    /// The first value that is not finite or beyond ±65504, f16's largest: its index and itself.
+    ///
+    /// # Panics
+    /// If there are fewer values than the grid has.
+    pub fn new(grid: &GridEncoding, values: &[f32], storage: TableStorage) -> Result<Self, (usize, f32)> {
+        // NaN compares false.
+        if let Some(index) = values.iter().position(|value| !(value.abs() <= f16::MAX.to_f32())) {
+            return Err((index, values[index]));
+        }
+        let mut quantised = Self { storage, bytes: Vec::new(), scales: Vec::new() };
+        match storage {
+            TableStorage::F16 => {
+                quantised.bytes =
+                    values.iter().flat_map(|&value| f16::from_f32(value).to_le_bytes()).collect();
+            }
+            TableStorage::Int8 => {
+                for level in grid.levels() {
+                    let features = usize::from(grid.features);
+                    let values = &values[level.first * features..][..level.entries * features];
+                    let scale = scale_of(values);
+                    quantised.scales.extend(scale.to_le_bytes());
+                    quantised.bytes.extend(values.iter().map(|&value| steps(value, scale) as i8 as u8));
+                }
+            }
+        }
+        Ok(quantised)
+    }
+
+    /// As the body of a blob has them.
+    pub fn stored(&self) -> StoredTables<'_> {
+        match self.storage {
+            TableStorage::F16 => StoredTables::F16(&self.bytes),
+            TableStorage::Int8 => StoredTables::Int8 { scales: &self.scales, bytes: &self.bytes },
+        }
+    }
+}
+
+/// A value in steps of `scale`, clipped.
+fn steps(value: f32, scale: f32) -> f32 {
+    (value / scale).round_ties_even().clamp(-STEPS, STEPS)
+}
+
+/// The scale that rounds and clips the values of a level with the least squared error, of those that keep one of the
+/// shares [`KEPT`] whole.
+///
+/// A few entries are often many times as large as the rest, which then have few steps left: on fitted scenes clipping
+/// them loses less.
+fn scale_of(values: &[f32]) -> f32 {
+    let mut magnitudes: Vec<f32> = values.iter().map(|value| value.abs()).collect();
+    magnitudes.sort_unstable_by(f32::total_cmp);
+    let candidates = KEPT.map(|share| {
+        let last = (share * values.len() as f64).ceil() as usize;
+        let largest = magnitudes.get(last.saturating_sub(1)).copied().unwrap_or_default();
+        // Any scale does for a level of zeros.
+        (largest / STEPS).max(f32::MIN_POSITIVE)
+    });
+    let error = |scale: f32| -> f64 {
+        values.iter().map(|&value| f64::from(value - scale * steps(value, scale)).powi(2)).sum()
+    };
+    let errors = candidates.map(|scale| (error(scale), scale));
+    errors.into_iter().min_by(|(a, _), (b, _)| a.total_cmp(b)).map_or(f32::MIN_POSITIVE, |(_, scale)| scale)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn grid(levels: &[[u16; 3]]) -> GridEncoding {
+        GridEncoding {
+            inputs: 3,
+            features: 2,
+            log2_entries: 12,
+            resolutions: levels.iter().copied().collect(),
+        }
+    }
+
+    /// The values that a renderer has of these.
+    fn read(grid: &GridEncoding, quantised: &Quantised) -> Vec<f32> {
+        let StoredTables::Int8 { scales, bytes } = quantised.stored() else { panic!("int8") };
+        let scales: Vec<f32> = scales.as_chunks().0.iter().map(|&scale| f32::from_le_bytes(scale)).collect();
+        assert_eq!(bytes.len(), grid.values());
+        let values = grid.levels().flat_map(|level| {
+            let at = 2 * level.first..2 * (level.first + level.entries);
+            at.map(move |at| (level.index, at))
+        });
+        values.map(|(level, at)| scales[level] * f32::from(bytes[at].cast_signed())).collect()
+    }
+
+    #[test]
+    fn each_level_has_its_own_scale_and_is_half_a_step_off_at_most() {
+        let grid = grid(&[[4, 4, 4], [9, 9, 9]]);
+        let first = 2 * grid.levels().nth(1).expect("two levels").first;
+        // Even over ±1e-3 and ±100: nothing is worth clipping.
+        let values: Vec<f32> = (0..grid.values())
+            .map(|i| ((i * 7919 % 1009) as f32 / 504.0 - 1.0) * if i < first { 1e-3 } else { 100.0 })
+            .collect();
+        let quantised = Quantised::new(&grid, &values, TableStorage::Int8).expect("finite");
+        for (i, (value, found)) in values.iter().zip(read(&grid, &quantised)).enumerate() {
+            let half = if i < first { 1e-3 } else { 100.0 } / 127.0 / 2.0;
+            assert!((value - found).abs() <= 1.001 * half, "value {i}: {value} became {found}");
+        }
+    }
+
+    #[test]
+    fn a_large_value_is_clipped_where_that_loses_less_than_it_costs_the_others() {
+        let mut values: Vec<f32> = (0..100_000).map(|i| (i * 7919 % 1009) as f32 / 504.0 - 1.0).collect();
+        // Steps of 3/127 in place of 1/127 cost the others (3² - 1²) / 127² / 12 each, 4.1 in all; clipping it, 4.
+        for (large, scale) in [(1.0, 1.0), (3.0, 1.0), (30.0, 30.0)] {
+            values[17] = large;
+            assert!((scale_of(&values) * 127.0 / scale - 1.0).abs() < 0.01, "{large}: {}", scale_of(&values));
+        }
+    }
+
+    #[test]
+    fn zeros_nothing_and_the_smallest_number_have_a_scale_that_a_blob_may_have() {
+        for values in [&[0.0, -0.0, 0.0][..], &[], &[1e-45, -1e-45]] {
+            let scale = scale_of(values);
+            assert!(scale > 0.0 && scale.is_finite(), "{values:?}");
+            assert!(values.iter().all(|&value| steps(value, scale) == 0.0), "{values:?}");
+        }
+    }
+
+    #[test]
+    fn what_is_beyond_f16_is_named_in_either_storage() {
+        let grid = grid(&[[4, 4, 4]]);
+        for storage in [TableStorage::F16, TableStorage::Int8] {
+            for bad in [f32::NAN, f32::INFINITY, -65_505.0] {
+                let mut values = vec![1.0; grid.values()];
+                values[7] = bad;
+                let error = Quantised::new(&grid, &values, storage).expect_err("refused");
+                assert_eq!((error.0, error.1.to_bits()), (7, bad.to_bits()));
+            }
+        }
+    }
+}
