@@ -44,6 +44,13 @@ impl LiveCells {
         shape(self) == shape(other)
     }
 
+    /// The numbers of the live cells.
+    pub(crate) fn cells(&self) -> Vec<u32> {
+        let lookup = self.lookup();
+        let count = self.resolution.iter().map(|&side| u32::from(side)).product();
+        (0..count).filter(|&cell| lookup.bit(cell as usize)).collect()
+    }
+
     /// Cells along x, y, z.
     pub fn resolution(&self) -> [u16; 3] {
         self.resolution
@@ -234,6 +241,13 @@ impl Occupancy {
     /// [`Self::settle`], but however few cells are left.
     pub fn asked(bounds: SceneBox, resolution: u16, ask: &Ask<'_>, threshold: f32) -> Self {
         let mut occupancy = Self::full(bounds, resolution);
+        occupancy.settle_to(ask, threshold, 0.0);
+        occupancy
+    }
+
+    /// As [`Self::asked`], of the live cells of a grid alone.
+    pub fn asked_within(cells: &LiveCells, ask: &Ask<'_>, threshold: f32) -> Self {
+        let mut occupancy = Self::of_candidates(cells.bounds(), cells.resolution(), cells.cells());
         occupancy.settle_to(ask, threshold, 0.0);
         occupancy
     }

@@ -2,7 +2,7 @@
 
 use half::f16;
 use nerf_core::blob::StoredTables;
-use nerf_core::encoding::GridEncoding;
+use nerf_core::encoding::{GridEncoding, GridLevel};
 use serde::{Deserialize, Serialize};
 
 /// What the values of a grid's tables are stored in.
@@ -87,6 +87,22 @@ impl Quantised {
     }
 }
 
+/// The values of stored tables, as a renderer has them.
+pub fn values_of(grid: &GridEncoding, tables: StoredTables<'_>) -> Vec<f32> {
+    let (scales, bytes) = match tables {
+        StoredTables::F16(bytes) => {
+            return bytes.as_chunks().0.iter().map(|&value| f16::from_le_bytes(value).to_f32()).collect();
+        }
+        StoredTables::Int8 { scales, bytes } => (scales.as_chunks().0, bytes),
+    };
+    let level = |(level, &scale): (GridLevel, &[u8; 4])| {
+        let (scale, features) = (f32::from_le_bytes(scale), usize::from(grid.features));
+        let bytes = &bytes[level.first * features..][..level.entries * features];
+        bytes.iter().map(move |&value| scale * f32::from(value.cast_signed()))
+    };
+    grid.levels().zip(scales).flat_map(level).collect()
+}
+
 /// A value in steps of `scale`, clipped.
 fn steps(value: f32, scale: f32) -> f32 {
     (value / scale).round_ties_even().clamp(-STEPS, STEPS)
@@ -128,14 +144,7 @@ mod tests {
 
     /// The values that a renderer has of these.
     fn read(grid: &GridEncoding, quantised: &Quantised) -> Vec<f32> {
-        let StoredTables::Int8 { scales, bytes } = quantised.stored() else { panic!("int8") };
-        let scales: Vec<f32> = scales.as_chunks().0.iter().map(|&scale| f32::from_le_bytes(scale)).collect();
-        assert_eq!(bytes.len(), grid.values());
-        let values = grid.levels().flat_map(|level| {
-            let at = 2 * level.first..2 * (level.first + level.entries);
-            at.map(move |at| (level.index, at))
-        });
-        values.map(|(level, at)| scales[level] * f32::from(bytes[at].cast_signed())).collect()
+        values_of(grid, quantised.stored())
     }
 
     #[test]

@@ -145,6 +145,7 @@ impl Study {
                 lab.add_occupancy(resolution, threshold)?;
             }
         }
+        lab.add_int8()?;
         let effort = Effort {
             timing_views: self.timing_views,
             repeats: self.repeats,

@@ -45,11 +45,7 @@ pub fn read(file: &Path, settings: &Settings) -> Result<LiveCells, ImportError> 
 
 /// Asks the network which cells hold something; `None` if none does.
 pub fn build(settings: &Settings, ask: &Ask<'_>) -> Option<LiveCells> {
-    asked(scene_box(settings), settings.occupancy_resolution, ask, settings.sigma_threshold())
-}
-
-/// The same for any box: `resolution` cells along its longest side, `sigma` in 1/world unit keeps a cell.
-pub fn asked(bounds: SceneBox, resolution: u16, ask: &Ask<'_>, sigma: f32) -> Option<LiveCells> {
-    let cells = Occupancy::asked(bounds, resolution, ask, sigma).into_live();
+    let (bounds, resolution) = (scene_box(settings), settings.occupancy_resolution);
+    let cells = Occupancy::asked(bounds, resolution, ask, settings.sigma_threshold()).into_live();
     (cells.lookup().occupied_share() > 0.0).then_some(cells)
 }

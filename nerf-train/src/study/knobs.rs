@@ -85,7 +85,7 @@ pub const KNOBS: &[Knob] = &[
         values: |lab, base| vary(base, lab.has_proposal().then_some(false), |s, on| s.quality.proposal = on),
     },
     Knob {
-        name: "occupancy of",
+        name: "file",
         in_blob: false,
         combines: true,
         copy: |from, to| to.variant = from.variant,

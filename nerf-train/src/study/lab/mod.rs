@@ -7,10 +7,11 @@ use super::error::StudyError;
 use super::settings::{Precision, Settings};
 use crate::export::{Contents, Tables, export};
 use crate::frame::{self, Frame};
-use crate::import::occupancy;
-use crate::occupancy::{Ask, LiveCells};
+use crate::occupancy::{Ask, LiveCells, Occupancy};
+use crate::quantise::{Quantised, TableStorage, values_of};
 use nerf_core::blob::{
-    Blob, BlobError, Body, Content, FrontPoint, MAX_FRONT, SceneFacts, StoredOccupancy, encoded_len, write,
+    Blob, BlobError, Body, Content, FrontPoint, MAX_FRONT, SceneFacts, StoredOccupancy, StoredTables,
+    encoded_len, write,
 };
 use nerf_core::camera::Camera;
 use nerf_core::effects::Effects;
@@ -71,7 +72,7 @@ impl<'b> Lab<'b> {
         let scene = blob.scene().ok_or(StudyError::NotAScene)?.clone();
         let cells = cells(&blob);
         let variants =
-            vec![Variant { name: "the blob".into(), bytes: bytes.to_vec(), has_occupancy: cells.is_some() }];
+            vec![Variant { name: "as it is".into(), bytes: bytes.to_vec(), has_occupancy: cells.is_some() }];
         Ok(Self { blob, scene, cells, variants, source: None })
     }
 
@@ -138,15 +139,55 @@ impl<'b> Lab<'b> {
     /// # Errors
     /// [`StudyError::Blob`].
     pub fn add_occupancy(&mut self, resolution: u16, threshold: f32) -> Result<Option<usize>, StudyError> {
-        let parameters = self.parameters();
+        // Where the occupancy grid is part of the model, the field was never trained outside of it.
+        let own = self.cells.as_ref().filter(|_| self.scene.occupancy_required);
+        let resolution = own.map_or(resolution, |own| own.resolution().into_iter().fold(0, u16::max));
+        let name = format!("with occupancy of {resolution} cells, density above {threshold}");
+        if self.variants.iter().any(|variant| variant.name == name) {
+            return Ok(None);
+        }
+        let parameters = [self.parameters(), self.table_values()].concat();
         let (architecture, tier) = (self.blob.architecture(), Tier::detect());
         let ask = Ask { tier, architecture, parameters: &parameters, seed: 0 };
         let Some(bounds) = self.blob.scene_box() else { return Err(StudyError::NotAScene) };
         let sigma = threshold / self.scene.step();
-        let Some(cells) = occupancy::asked(bounds, resolution, &ask, sigma) else { return Ok(None) };
+        let cells = match own {
+            Some(own) => Occupancy::asked_within(own, &ask, sigma),
+            None => Occupancy::asked(bounds, resolution, &ask, sigma),
+        };
+        let cells = cells.into_live();
+        if cells.lookup().occupied_share() == 0.0 {
+            return Ok(None);
+        }
         let bytes = self.with_occupancy(&cells)?;
-        let name = format!("{resolution} cells, density above {threshold}");
         Ok(Some(self.add(Variant { name, bytes, has_occupancy: true })))
+    }
+
+    /// Adds the blob with its grid's tables in int8; `None` if it has no grid, or has them so.
+    ///
+    /// # Errors
+    /// [`StudyError::Blob`].
+    pub fn add_int8(&mut self) -> Result<Option<usize>, StudyError> {
+        let (Some(grid), Some(StoredTables::F16(_))) =
+            (self.blob.architecture().position.grid(), self.blob.tables())
+        else {
+            return Ok(None);
+        };
+        // A file's own values are finite.
+        let Ok(rounded) = Quantised::new(grid, &self.table_values(), TableStorage::Int8) else {
+            return Ok(None);
+        };
+        let bytes = written(&Body { tables: Some(rounded.stored()), ..self.body() })?;
+        let (name, has_occupancy) = ("with int8 tables".into(), self.has_occupancy(0));
+        Ok(Some(self.add(Variant { name, bytes, has_occupancy })))
+    }
+
+    /// The values of the blob's tables; none of a sinusoidal network.
+    fn table_values(&self) -> Vec<f32> {
+        match (self.blob.tables(), self.blob.architecture().position.grid()) {
+            (Some(tables), Some(grid)) => values_of(grid, tables),
+            _ => Vec::new(),
+        }
     }
 
     /// The blob's weights as f32, in export order.

@@ -123,7 +123,7 @@ fn why_none(knob: &str) -> &'static str {
     match knob {
         "weights" => "the f32 weights are not at hand (--source names their file)",
         "occupancy" => "the scene has no occupancy grid, or it is part of the model",
-        "occupancy of" => "no other occupancy grid was asked for, or the network is empty",
+        "file" => "no other occupancy grid was asked for, or the network is empty",
         _ => "there is no other value on this machine",
     }
 }
