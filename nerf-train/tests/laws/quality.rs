@@ -76,7 +76,8 @@ fn a_grid_learns_the_demo_scene_in_300_steps_with_a_hull_and_without() {
     (grid.levels, grid.log2_entries, grid.finest) = (6, 13, 96);
     (config.sampling.live_samples, config.sampling.steps_across) = (2048, 96);
     (config.occupancy.resolution, config.occupancy.every) = (48, 16);
-    for (name, config, least_db) in [("hull", config.clone(), 22.0), ("no hull", config.clone().without_hull(), 17.0)]
+    for (name, config, least_db) in
+        [("hull", config.clone(), 22.0), ("no hull", config.clone().without_hull(), 17.0)]
     {
         let outcome = fit(&dataset, &config).expect("a blob");
         let (psnr_db, rounding_db) = (outcome.scores.psnr_db(), outcome.quantisation_loss_db);
