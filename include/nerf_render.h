@@ -422,6 +422,35 @@ typedef uint32_t nerf_preset;
 #endif // __cplusplus
 
 /**
+ * What a scene's learned grid is stored in.
+ */
+enum nerf_table_storage
+#if defined(__cplusplus) || __STDC_VERSION__ >= 202311L
+  : uint32_t
+#endif // defined(__cplusplus) || __STDC_VERSION__ >= 202311L
+ {
+    /**
+     * There is no learned grid.
+     */
+    NERF_TABLE_STORAGE_NONE = 0,
+    /**
+     * Two bytes a value.
+     */
+    NERF_TABLE_STORAGE_F16 = 1,
+    /**
+     * A byte a value, and a scale a level.
+     */
+    NERF_TABLE_STORAGE_INT8 = 2,
+};
+#ifndef __cplusplus
+#if __STDC_VERSION__ >= 202311L
+typedef enum nerf_table_storage nerf_table_storage;
+#else
+typedef uint32_t nerf_table_storage;
+#endif // __STDC_VERSION__ >= 202311L
+#endif // __cplusplus
+
+/**
  * What brings light beyond 1 back into the picture: a curve on each linear channel.
  */
 enum nerf_tone_map
@@ -569,7 +598,7 @@ typedef struct nerf_scene_info {
      */
     float psnr_db;
     /**
-     * What rounding to f16 cost on the same views, dB; NaN if not measured.
+     * What rounding weights and tables to what they are stored in cost on the same views, dB; NaN if not measured.
      */
     float quantisation_loss_db;
     /**
@@ -630,9 +659,9 @@ typedef struct nerf_scene_info {
      */
     float step;
     /**
-     * Zero.
+     * A `nerf_table_storage`: what the learned grid's tables are stored in.
      */
-    uint32_t reserved;
+    uint32_t table_storage;
 } nerf_scene_info;
 
 /**

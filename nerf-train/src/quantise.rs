@@ -56,8 +56,9 @@ impl Quantised {
     /// If there are fewer values than the grid has.
     pub fn new(grid: &GridEncoding, values: &[f32], storage: TableStorage) -> Result<Self, (usize, f32)> {
         // NaN compares false.
-        if let Some(index) = values.iter().position(|value| !(value.abs() <= f16::MAX.to_f32())) {
-            return Err((index, values[index]));
+        let fits = |value: &f32| value.abs() <= f16::MAX.to_f32();
+        if let Some((index, &found)) = values.iter().enumerate().find(|(_, value)| !fits(value)) {
+            return Err((index, found));
         }
         let mut quantised = Self { storage, bytes: Vec::new(), scales: Vec::new() };
         match storage {
