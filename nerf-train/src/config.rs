@@ -118,18 +118,32 @@ impl TableConfig {
     /// The grid over a box of this extent: resolutions grow geometrically, and cells are cubes as far as whole
     /// numbers of them allow.
     pub fn encoding(&self, extent: Vec3) -> GridEncoding {
+        self.over(3, extent)
+    }
+
+    /// The grid over a picture of this size, pixels; its cells are squares as far as whole numbers of them allow.
+    pub fn picture_encoding(&self, [width, height]: [u32; 2]) -> GridEncoding {
+        self.over(2, Vec3::new(width as f32, height as f32, 0.0))
+    }
+
+    fn over(&self, inputs: u8, extent: Vec3) -> GridEncoding {
         let (first, last) = (f64::from(self.coarsest), f64::from(self.finest));
         let longest = extent.max_element();
         let level = |level: usize| {
             let share = if self.levels > 1 { level as f64 / (self.levels - 1) as f64 } else { 0.0 };
             let cells = (first * (last / first).powf(share)).round();
-            extent.to_array().map(|side| ((f64::from(side / longest) * cells).round() as u16).max(1))
+            let mut sides = [0; 3];
+            for (axis, side) in sides.iter_mut().enumerate().take(usize::from(inputs)) {
+                *side = ((f64::from(extent[axis] / longest) * cells).round() as u16).max(1);
+            }
+            sides
         };
         let resolutions = (0..self.levels.min(MAX_GRID_LEVELS)).map(level).collect();
-        GridEncoding { inputs: 3, features: self.features, log2_entries: self.log2_entries, resolutions }
+        GridEncoding { inputs, features: self.features, log2_entries: self.log2_entries, resolutions }
     }
 
-    fn check(&self) -> Result<(), ConfigError> {
+    /// Checks every setting on its own.
+    pub(crate) fn check(&self) -> Result<(), ConfigError> {
         let Self { levels, features, log2_entries, coarsest, finest, storage: _ } = *self;
         let field = "network.grid.levels";
         rule(field, (1..=MAX_GRID_LEVELS).contains(&levels), format!("1 to {MAX_GRID_LEVELS}"), levels)?;
@@ -143,14 +157,16 @@ impl TableConfig {
         )?;
         rule("network.grid.coarsest", coarsest >= 1, "at least 1", coarsest)?;
         let most = format!("the coarsest level's {coarsest} to {MAX_GRID_RESOLUTION}");
-        rule("network.grid.finest", (coarsest..=MAX_GRID_RESOLUTION).contains(&finest), most, finest)?;
-        // A box that is no cube has no more.
-        let values = self.encoding(Vec3::ONE).values();
-        let most = format!(
-            "tables of at most {MAX_TABLE_VALUES} values over a cube: fewer entries, levels or features"
-        );
-        rule("network.grid.log2_entries", values <= MAX_TABLE_VALUES, most, format!("{values} values"))
+        rule("network.grid.finest", (coarsest..=MAX_GRID_RESOLUTION).contains(&finest), most, finest)
     }
+}
+
+/// Checks the size of the tables of a grid over `what`.
+pub(crate) fn check_table_values(grid: &GridEncoding, what: &str) -> Result<(), ConfigError> {
+    let values = grid.values();
+    let most =
+        format!("tables of at most {MAX_TABLE_VALUES} values over {what}: fewer entries, levels or features");
+    rule("network.grid.log2_entries", values <= MAX_TABLE_VALUES, most, format!("{values} values"))
 }
 
 /// Where rays and samples are drawn.
@@ -432,6 +448,8 @@ impl Config {
         rule("network.density_bias", n.density_bias.is_finite(), "a finite number", n.density_bias)?;
         if let Some(grid) = &n.grid {
             grid.check()?;
+            // A box that is no cube has no more.
+            check_table_values(&grid.encoding(Vec3::ONE), "a cube")?;
             let levels = n.position_levels;
             rule("network.position_levels", levels == 0, "0 beside a grid, which takes their place", levels)?;
             rule("network.skip_after", n.skip_after == 0, "0 beside a grid", n.skip_after)?;

@@ -4,6 +4,7 @@ use super::audit::check_threshold;
 use super::common::{
     DataOptions, Global, check_checkpoint_every, check_max_seconds, parse_numbers, print_report,
 };
+use super::grid::{TableSettings, check_memory, given, of_sinusoidal, set};
 use super::outcome;
 use super::places;
 use crate::config::{Config, Density, Jitter, Preset};
@@ -11,7 +12,6 @@ use crate::dataset::{Background, Dataset};
 use crate::input;
 use crate::memory;
 use crate::output::claims::{Claims, Existing, is_device};
-use crate::quantise::TableStorage;
 use crate::size::{self, Chosen};
 use crate::stop;
 use crate::study::THRESHOLD_DB;
@@ -87,6 +87,13 @@ pub struct Fit {
     settings: Settings,
     #[command(flatten)]
     table: TableSettings,
+    /// Steps that a ray takes across the longest side of the scene box.
+    #[arg(long, value_name = "N", help_heading = super::grid::HEADING)]
+    steps_across: Option<u16>,
+    /// Choose what no flag says of table, levels, storage and occupancy so that the whole file is no larger, with room
+    /// for the points of a study: bytes, or k = 1024 and m = 1048576 of them.
+    #[arg(long, value_name = "BYTES", value_parser = parse_bytes, help_heading = super::grid::HEADING)]
+    max_bytes: Option<u64>,
 }
 
 /// Flags for single settings; each replaces what preset and TOML file say.
@@ -181,84 +188,6 @@ fn parse_bytes(text: &str) -> Result<u64, String> {
     bytes.ok_or_else(|| "expected a number of bytes above 0, such as 131072, 128k or 1m".into())
 }
 
-/// Flags for the settings of a learned grid.
-#[derive(Debug, Args)]
-#[command(next_help_heading = "Learned grid (--preset grid)")]
-struct TableSettings {
-    /// Binary logarithm of the most entries a level has: 16 is 2^16 of them; finer levels are hashed into so many.
-    #[arg(long, value_name = "K")]
-    table: Option<u8>,
-    /// Levels of the grid.
-    #[arg(long, value_name = "N")]
-    grid_levels: Option<usize>,
-    /// Features of an entry: 1, 2 or 4.
-    #[arg(long, value_name = "F")]
-    features: Option<u8>,
-    /// Cells of the coarsest level along the longest side of the scene box.
-    #[arg(long, value_name = "N")]
-    coarsest: Option<u16>,
-    /// Cells of the finest level along the longest side of the scene box.
-    #[arg(long, value_name = "N")]
-    finest: Option<u16>,
-    /// Steps that a ray takes across the longest side of the scene box.
-    #[arg(long, value_name = "N")]
-    steps_across: Option<u16>,
-    /// What the blob stores the grid's values in: int8 takes half the bytes of f16, and what it loses is measured.
-    #[arg(long, value_enum, value_name = "STORAGE")]
-    export: Option<TableStorage>,
-    /// Choose what no flag says of table, levels, storage and occupancy so that the whole file is no larger, with room
-    /// for the points of a study: bytes, or k = 1024 and m = 1048576 of them.
-    #[arg(long, value_name = "BYTES", value_parser = parse_bytes)]
-    max_bytes: Option<u64>,
-}
-
-/// Replaces a setting by a flag that was given.
-fn set<T: Clone>(to: &mut T, from: &Option<T>) {
-    if let Some(value) = from {
-        *to = value.clone();
-    }
-}
-
-/// The first of these flags that was given.
-fn given<const N: usize>(flags: [(&'static str, bool); N]) -> Option<&'static str> {
-    flags.into_iter().find(|flag| flag.1).map(|flag| flag.0)
-}
-
-/// A preset as it is written.
-fn preset_name(preset: Preset) -> String {
-    clap::ValueEnum::to_possible_value(&preset).map_or_else(String::new, |value| value.get_name().to_owned())
-}
-
-impl TableSettings {
-    fn apply(&self, config: &mut Config) -> anyhow::Result<()> {
-        let flags = [
-            ("--table", self.table.is_some()),
-            ("--grid-levels", self.grid_levels.is_some()),
-            ("--features", self.features.is_some()),
-            ("--coarsest", self.coarsest.is_some()),
-            ("--finest", self.finest.is_some()),
-            ("--steps-across", self.steps_across.is_some()),
-            ("--export", self.export.is_some()),
-            ("--max-bytes", self.max_bytes.is_some()),
-        ];
-        let preset = preset_name(config.preset);
-        let Some(grid) = &mut config.network.grid else {
-            let Some(flag) = given(flags) else { return Ok(()) };
-            bail!(
-                "{flag}: the preset `{preset}` has no learned grid, which this is a setting of; --preset grid has"
-            );
-        };
-        set(&mut grid.log2_entries, &self.table);
-        set(&mut grid.levels, &self.grid_levels);
-        set(&mut grid.features, &self.features);
-        set(&mut grid.coarsest, &self.coarsest);
-        set(&mut grid.finest, &self.finest);
-        set(&mut grid.storage, &self.export);
-        set(&mut config.sampling.steps_across, &self.steps_across);
-        Ok(())
-    }
-}
-
 impl Settings {
     /// Refuses what a learned grid has no use for.
     fn check_beside_grid(&self, config: &Config) -> anyhow::Result<()> {
@@ -270,11 +199,7 @@ impl Settings {
             ("--jitter", self.jitter.is_some()),
         ];
         match given(flags).filter(|_| config.network.grid.is_some()) {
-            Some(flag) => bail!(
-                "{flag}: the preset `{}` has a learned grid, and this is a setting of sinusoidal networks; \
-                 --preset small has one",
-                preset_name(config.preset)
-            ),
+            Some(flag) => Err(of_sinusoidal(flag, &config.preset, "small")),
             None => Ok(()),
         }
     }
@@ -349,9 +274,6 @@ fn merge(into: &mut toml::Table, from: toml::Table) {
 
 /// What a sample of a step takes: measured with 130 million of them.
 const BYTES_PER_SAMPLE: u64 = 32;
-/// What a value of a grid's tables takes: itself, two moments and a gradient, and a copy of all but that in a
-/// checkpoint, as numbers and as a file.
-const BYTES_PER_VALUE: u64 = 40;
 
 impl Fit {
     /// Preset, TOML file and flags, in this order; `hull`: whether one can be carved.
@@ -359,7 +281,11 @@ impl Fit {
         let mut config = read_config(self.preset, self.config.as_deref(), hull)?;
         self.settings.check_beside_grid(&config)?;
         self.settings.apply(&mut config);
-        self.table.apply(&mut config)?;
+        let (n, s) = (&mut config.network, &mut config.sampling);
+        let more =
+            [("--steps-across", self.steps_across.is_some()), ("--max-bytes", self.max_bytes.is_some())];
+        self.table.apply(n.grid.as_mut(), given(more), &config.preset)?;
+        set(&mut s.steps_across, &self.steps_across);
         config.sampling.near = self.data_options.near.or(config.sampling.near);
         config.sampling.far = self.data_options.far.or(config.sampling.far);
         if let Some(steps) = self.steps {
@@ -371,15 +297,14 @@ impl Fit {
         memory::check(what, rays * samples, BYTES_PER_SAMPLE, "lower --rays")?;
         if let Some(grid) = &config.network.grid {
             // Over a cube; any other box has no more.
-            let values = grid.encoding(Vec3::ONE).values() as u64;
-            memory::check(format!("tables of {values} values"), values, BYTES_PER_VALUE, "lower --table")?;
+            check_memory(&grid.encoding(Vec3::ONE))?;
         }
         Ok(config)
     }
 
     /// The settings with which the file is as small as was asked for; says what was chosen.
     fn within_bytes(&self, config: Config, dataset: &Dataset, global: &Global) -> anyhow::Result<Config> {
-        let Some(max_bytes) = self.table.max_bytes else { return Ok(config) };
+        let Some(max_bytes) = self.max_bytes else { return Ok(config) };
         let t = &self.table;
         let chosen = Chosen {
             entries: t.table.is_some(),

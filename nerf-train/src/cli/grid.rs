@@ -1,8 +1,108 @@
-//! A blob's learned grid in words and as fields: `inspect` and `fit` say the same of it.
+//! A learned grid on the command line: its flags, and in words and as fields what a blob has.
 
+use crate::config::TableConfig;
+use crate::memory;
+use crate::quantise::TableStorage;
 use crate::report::summary::Summary;
+use clap::{Args, ValueEnum};
 use nerf_core::blob::Blob;
 use nerf_core::encoding::GridEncoding;
+
+/// The heading of its flags.
+pub const HEADING: &str = "Learned grid (--preset grid)";
+
+/// Flags for the settings of a learned grid.
+#[derive(Debug, Args)]
+#[command(next_help_heading = HEADING)]
+pub struct TableSettings {
+    /// Binary logarithm of the most entries a level has: 16 is 2^16 of them; finer levels are hashed into so many.
+    #[arg(long, value_name = "K")]
+    pub table: Option<u8>,
+    /// Levels of the grid.
+    #[arg(long, value_name = "N")]
+    pub grid_levels: Option<usize>,
+    /// Features of an entry: 1, 2 or 4.
+    #[arg(long, value_name = "F")]
+    pub features: Option<u8>,
+    /// Cells of the coarsest level along the longest side.
+    #[arg(long, value_name = "N")]
+    pub coarsest: Option<u16>,
+    /// Cells of the finest level along the longest side.
+    #[arg(long, value_name = "N")]
+    pub finest: Option<u16>,
+    /// What the blob stores the grid's values in: int8 takes half the bytes of f16, and what it loses is measured.
+    #[arg(long, value_enum, value_name = "STORAGE")]
+    pub export: Option<TableStorage>,
+}
+
+/// Replaces a setting by a flag that was given.
+pub fn set<T: Clone>(to: &mut T, from: &Option<T>) {
+    if let Some(value) = from {
+        *to = value.clone();
+    }
+}
+
+/// The first of these flags that was given.
+pub fn given<const N: usize>(flags: [(&'static str, bool); N]) -> Option<&'static str> {
+    flags.into_iter().find(|flag| flag.1).map(|flag| flag.0)
+}
+
+/// A preset as it is written.
+fn name(preset: &impl ValueEnum) -> String {
+    preset.to_possible_value().map_or_else(String::new, |value| value.get_name().to_owned())
+}
+
+/// A flag of sinusoidal networks beside the learned grid of `preset`; the preset `other` has such a network.
+pub fn of_sinusoidal(flag: &str, preset: &impl ValueEnum, other: &str) -> anyhow::Error {
+    anyhow::anyhow!(
+        "{flag}: the preset `{}` has a learned grid, and this is a setting of sinusoidal networks; \
+         --preset {other} has one",
+        name(preset)
+    )
+}
+
+impl TableSettings {
+    /// Replaces the settings of `preset`'s grid. Without a grid, these flags and `more` are refused.
+    pub fn apply(
+        &self,
+        grid: Option<&mut TableConfig>,
+        more: Option<&'static str>,
+        preset: &impl ValueEnum,
+    ) -> anyhow::Result<()> {
+        let flags = [
+            ("--table", self.table.is_some()),
+            ("--grid-levels", self.grid_levels.is_some()),
+            ("--features", self.features.is_some()),
+            ("--coarsest", self.coarsest.is_some()),
+            ("--finest", self.finest.is_some()),
+            ("--export", self.export.is_some()),
+        ];
+        let Some(grid) = grid else {
+            let Some(flag) = given(flags).or(more) else { return Ok(()) };
+            anyhow::bail!(
+                "{flag}: the preset `{}` has no learned grid, which this is a setting of; --preset grid has",
+                name(preset)
+            );
+        };
+        set(&mut grid.log2_entries, &self.table);
+        set(&mut grid.levels, &self.grid_levels);
+        set(&mut grid.features, &self.features);
+        set(&mut grid.coarsest, &self.coarsest);
+        set(&mut grid.finest, &self.finest);
+        set(&mut grid.storage, &self.export);
+        Ok(())
+    }
+}
+
+/// What a value of a grid's tables takes: itself, two moments and a gradient, and a copy of all but that in a
+/// checkpoint, as numbers and as a file.
+const BYTES_PER_VALUE: u64 = 40;
+
+/// Refuses tables that do not fit into memory.
+pub fn check_memory(grid: &GridEncoding) -> anyhow::Result<()> {
+    let values = grid.values() as u64;
+    Ok(memory::check(format!("tables of {values} values"), values, BYTES_PER_VALUE, "lower --table")?)
+}
 
 /// What the tables are stored in.
 fn storage(blob: &Blob<'_>) -> &'static str {

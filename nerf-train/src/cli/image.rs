@@ -3,10 +3,11 @@
 use super::common::{
     Global, check_max_seconds, cpu_name, open_blob, parse_background, parse_math, read_file,
 };
+use super::grid::{self, TableSettings, check_memory, given, of_sinusoidal};
 use super::places;
 use crate::frame;
 use crate::image_field::{
-    Ended, Evaluation, FieldConfig, FieldPreset, Outcome, Photo, RunOptions, kept, run,
+    Ended, Evaluation, FieldConfig, FieldPreset, MAX_SIDE, Outcome, Photo, RunOptions, kept, run,
 };
 use crate::memory;
 use crate::output::claims::Claims;
@@ -21,6 +22,7 @@ use crate::stop;
 use crate::train::schedule::{Budget, Clock};
 use anyhow::{Context, bail};
 use clap::{Args, Subcommand};
+use nerf_core::blob::Blob;
 use nerf_core::kernels::Line;
 use nerf_core::math::MathBackend;
 use nerf_core::render::Renderer;
@@ -76,9 +78,6 @@ impl PhotoOptions {
 #[derive(Debug, Args)]
 #[command(next_help_heading = "Settings (replace the preset's)")]
 pub struct Settings {
-    /// Named settings to start from.
-    #[arg(long, value_enum, default_value = "classic")]
-    preset: FieldPreset,
     /// Pixels a step, drawn at random over the whole picture.
     #[arg(long, value_name = "N")]
     pixels: Option<usize>,
@@ -91,7 +90,7 @@ pub struct Settings {
     /// Adam's decay of the second moment.
     #[arg(long, value_name = "DECAY")]
     beta2: Option<f64>,
-    /// Adam's epsilon.
+    /// Adam's epsilon. Of a sinusoidal network only.
     #[arg(long, value_name = "EPSILON")]
     epsilon: Option<f64>,
     /// Decay of the average of the parameters that is exported; 0 exports the last step's.
@@ -106,9 +105,8 @@ pub struct Settings {
 }
 
 impl Settings {
-    /// The preset with the flags' values.
-    pub fn config(&self) -> FieldConfig {
-        let mut config = self.preset.config();
+    /// The settings with the flags' values.
+    pub fn over(&self, mut config: FieldConfig) -> FieldConfig {
         let o = &mut config.optimiser;
         o.steps = self.steps.unwrap_or(o.steps);
         o.final_share = self.final_share.unwrap_or(o.final_share);
@@ -148,7 +146,10 @@ pub struct Fit {
     /// Stop after so much time; with --steps, at whichever comes first.
     #[arg(long, value_name = "S")]
     max_seconds: Option<f64>,
-    /// Levels L of the position's encoding: 2 + 4 L inputs.
+    /// Named settings to start from.
+    #[arg(long, value_enum, default_value = "grid")]
+    preset: FieldPreset,
+    /// Levels L of the position's encoding: 2 + 4 L inputs. Of a sinusoidal network only.
     #[arg(long, value_name = "L")]
     levels: Option<u8>,
     /// Hidden layers.
@@ -164,22 +165,35 @@ pub struct Fit {
     photo_options: PhotoOptions,
     #[command(flatten)]
     settings: Settings,
+    #[command(flatten)]
+    table: TableSettings,
 }
 
 impl Fit {
-    fn config(&self) -> FieldConfig {
-        let mut config = self.settings.config();
+    /// Preset and flags, for a picture of this size.
+    fn config(&self, size: [u32; 2]) -> anyhow::Result<FieldConfig> {
+        let mut config = self.settings.over(self.preset.config().for_picture(size));
+        let sinusoidal =
+            [("--levels", self.levels.is_some()), ("--epsilon", self.settings.epsilon.is_some())];
+        if let Some(flag) = given(sinusoidal).filter(|_| config.grid.is_some()) {
+            return Err(of_sinusoidal(flag, &self.preset, "classic"));
+        }
+        self.table.apply(config.grid.as_mut(), None, &self.preset)?;
+        if let Some(grid) = config.grid.as_mut().filter(|_| self.table.coarsest.is_none()) {
+            grid.coarsest = grid.coarsest.min(grid.finest.max(1));
+        }
         config.levels = self.levels.unwrap_or(config.levels);
         config.layers = self.layers.unwrap_or(config.layers);
         config.width = self.width.unwrap_or(config.width);
         config.optimiser.rate = self.rate.unwrap_or(config.optimiser.rate);
-        config
+        config.check()?;
+        Ok(config)
     }
 
     fn run(&self, global: &Global) -> anyhow::Result<ExitCode> {
         let clock = Clock::resume(Duration::ZERO);
-        let config = self.config();
-        config.check()?;
+        // Wrong settings are found before the picture is read, and once more with its size.
+        self.config([MAX_SIDE; 2])?;
         check_max_seconds(self.max_seconds)?;
         places::check_extension("-o", &self.output, places::BLOB)?;
         places::check_report(self.report.as_ref())?;
@@ -196,6 +210,11 @@ impl Fit {
             _ => None,
         };
         let photo = self.photo_options.read(&self.photo, global)?;
+        let config = self.config(photo.size())?;
+        config.check_for(photo.size())?;
+        if let Some(grid) = &config.grid {
+            check_memory(&grid.picture_encoding(photo.size()))?;
+        }
 
         let steps =
             (self.settings.steps.is_some() || self.max_seconds.is_none()).then_some(config.optimiser.steps);
@@ -244,6 +263,8 @@ impl Fit {
         }
         let mut summary = summary(&photo, &config, &outcome, options.tier.name(), clock.seconds());
         summary.text("blob", self.output.display().to_string());
+        let blob = Blob::open(&outcome.bytes)?;
+        grid::summarise(&blob, &mut summary);
         if let Some(folder) = &self.report {
             summary.write(folder)?;
         }
@@ -256,6 +277,9 @@ impl Fit {
                 outcome.bytes.len(),
                 outcome.parameters
             );
+            if let Some(grid) = grid::describe(&blob) {
+                outln!("learned grid: {grid}");
+            }
             Ok(())
         })?;
         Ok(ExitCode::SUCCESS)

@@ -6,6 +6,7 @@ use super::image::{PhotoOptions, Settings};
 use super::places;
 use crate::config::Preset;
 use crate::dataset::Background;
+use crate::image_field::FieldPreset;
 use crate::output::claims::Claims;
 use crate::report::summary::Summary;
 use crate::stop::Note;
@@ -87,6 +88,11 @@ impl Lists {
     fn claim(&self, inputs: Claims) -> anyhow::Result<()> {
         places::check_folder("-o", &self.output)?;
         Ok(inputs.writes_folder("-o", &self.output, &places::SWEEP).check()?)
+    }
+
+    /// Whether settings of a sinusoidal network are listed.
+    fn of_sinusoidal(&self) -> bool {
+        !(self.levels.is_empty() && self.layers.is_empty() && self.width.is_empty())
     }
 
     fn combinations(&self, job: &Job<'_>) -> Combinations {
@@ -196,6 +202,9 @@ pub struct ImageSweep {
     photo: PathBuf,
     #[command(flatten)]
     lists: Lists,
+    /// Named settings to start from [default: grid; classic where --levels, --layers or --width is listed].
+    #[arg(long, value_enum)]
+    preset: Option<FieldPreset>,
     #[command(flatten)]
     photo_options: PhotoOptions,
     #[command(flatten)]
@@ -205,8 +214,11 @@ pub struct ImageSweep {
 impl ImageSweep {
     fn run(&self, global: &Global) -> anyhow::Result<ExitCode> {
         self.lists.claim(Claims::new().reads("the picture", &self.photo))?;
+        let sinusoidal = self.lists.of_sinusoidal();
+        let start = if sinusoidal { FieldPreset::Classic } else { FieldPreset::Grid };
+        let base = self.settings.over(self.preset.unwrap_or(start).config());
         let photo = self.photo_options.read(&self.photo, global)?;
-        self.lists.sweep(&Job::Image { photo: &photo, base: self.settings.config() }, global)
+        self.lists.sweep(&Job::Image { photo: &photo, base }, global)
     }
 }
 
@@ -240,12 +252,6 @@ pub struct SceneSweep {
 }
 
 impl SceneSweep {
-    fn preset(&self) -> Preset {
-        let Lists { levels, layers, width, .. } = &self.lists;
-        let sinusoidal = !(levels.is_empty() && layers.is_empty() && width.is_empty());
-        self.preset.unwrap_or(if sinusoidal { Preset::Small } else { Preset::Grid })
-    }
-
     fn run(&self, global: &Global) -> anyhow::Result<ExitCode> {
         check_max_seconds(self.max_seconds)?;
         let claims = Claims::new().reads_data(&self.data);
@@ -259,7 +265,8 @@ impl SceneSweep {
             );
         }
         let hull = dataset.background != Background::Unknown;
-        let mut base = read_config(self.preset(), self.config.as_deref(), hull)?;
+        let start = if self.lists.of_sinusoidal() { Preset::Small } else { Preset::Grid };
+        let mut base = read_config(self.preset.unwrap_or(start), self.config.as_deref(), hull)?;
         base.sampling.near = self.data_options.near.or(base.sampling.near);
         base.sampling.far = self.data_options.far.or(base.sampling.far);
         base.optimiser.steps = self.steps.unwrap_or(base.optimiser.steps);

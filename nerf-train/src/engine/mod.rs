@@ -35,6 +35,8 @@ pub use model::{Dense, Initialisation, Model, ModelError, Part};
 pub use phases::{Phase, Phases};
 pub use reference::ReferenceEngine;
 
+use nerf_core::kernels::Tier;
+use nerf_core::ray::SceneBox;
 use serde::{Deserialize, Serialize};
 use std::borrow::Cow;
 
@@ -43,6 +45,27 @@ pub const SIGMA_LIMIT: f32 = 1e6;
 
 /// A gradient beyond this counts as divergence: its square, which Adam keeps, would overflow.
 const GRADIENT_LIMIT: f32 = 1e18;
+
+/// The engine that trains `model`; `bounds`: what its grid spans, if it has one.
+///
+/// # Errors
+/// [`EngineError::Model`] and [`EngineError::NotPlain`] if the model is out of bounds.
+pub fn engine_for(
+    model: &Model,
+    bounds: SceneBox,
+    adam: Adam,
+    seed: u64,
+    tier: Tier,
+) -> Result<Box<dyn Engine>, EngineError> {
+    if model.architecture.position.grid().is_some() {
+        let mut engine = GridEngine::new(model, bounds, adam, seed)?;
+        engine.set_tier(tier);
+        return Ok(Box::new(engine));
+    }
+    let mut engine = FusedEngine::new(model, adam, seed)?;
+    engine.set_tier(tier);
+    Ok(Box::new(engine))
+}
 
 /// Something that fits a [`Model`] to batches.
 pub trait Engine: Send {
@@ -130,7 +153,7 @@ pub enum EngineError {
     #[error("model: expected a position encoded by a grid, found a sinusoidal encoding")]
     NoGrid,
     /// A grid model with parts that its engine does not train.
-    #[error("model: expected an exponential density of scale 1 and no feature layer beside a grid")]
+    #[error("model: expected an exponential density of scale 1, or none, and no feature layer beside a grid")]
     NotPlain,
     /// The batch contradicts itself.
     #[error("batch: {0}")]

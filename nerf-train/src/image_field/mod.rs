@@ -14,5 +14,5 @@ mod run;
 mod tests;
 
 pub use config::{FieldConfig, FieldPreset};
-pub use photo::{Photo, PhotoError};
+pub use photo::{MAX_SIDE, Photo, PhotoError};
 pub use run::{Ended, Evaluation, FieldError, FieldTrainer, Outcome, RunOptions, kept, run};

@@ -2,7 +2,7 @@
 
 use super::{FieldConfig, Photo};
 use crate::config::ConfigError;
-use crate::engine::{Batch, BatchRay, Engine, EngineError, FusedEngine, Model};
+use crate::engine::{Batch, BatchRay, Engine, EngineError, Model, engine_for};
 use crate::export::{Contents, ExportError, Exported, Tables, export};
 use crate::frame;
 use crate::output::{OutputError, write_atomic};
@@ -14,16 +14,22 @@ use crate::train::CurvePoint;
 use crate::train::average::Average;
 use crate::train::pace::VALIDATION_SHARE;
 use crate::train::schedule::{Budget, Clock, learning_rate};
+use glam::Vec3;
 use nerf_core::blob::{Blob, BlobError, Content, PictureFacts, Provenance};
 use nerf_core::kernels::{Line, Tier};
 use nerf_core::math::MathBackend;
+use nerf_core::ray::SceneBox;
 use nerf_core::render::{RenderError, Renderer};
 use nerf_core::sampling::{Purpose, uniform_u32};
+use rayon::prelude::*;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
 /// Evaluations of the whole picture on the way, where no interval is given.
 const EVALUATIONS: f64 = 10.0;
+
+/// Pixels that are drawn together.
+const DRAWN: usize = 64;
 
 /// Why a field could not be fitted.
 #[derive(Debug, thiserror::Error)]
@@ -55,7 +61,7 @@ pub struct FieldTrainer<'p> {
     config: FieldConfig,
     model: Model,
     tier: Tier,
-    engine: FusedEngine,
+    engine: Box<dyn Engine>,
     average: Average,
     batch: Batch,
     step: u32,
@@ -68,10 +74,10 @@ impl<'p> FieldTrainer<'p> {
     /// # Errors
     /// [`FieldError::Config`] on settings out of range.
     pub fn new(photo: &'p Photo, config: FieldConfig, tier: Tier) -> Result<Self, FieldError> {
-        config.check()?;
-        let model = config.model();
-        let mut engine = FusedEngine::new(&model, config.adam(), config.seed)?;
-        engine.set_tier(tier);
+        config.check_for(photo.size())?;
+        let model = config.model(photo.size());
+        let picture = SceneBox { min: Vec3::ZERO, max: Vec3::ONE };
+        let engine = engine_for(&model, picture, config.adam(), config.seed, tier)?;
         let average = Average::new(config.optimiser.average, model.parameters());
         let batch = Batch::default();
         Ok(Self { photo, config, model, tier, engine, average, batch, step: 0, mse: f64::NAN })
@@ -91,19 +97,37 @@ impl<'p> FieldTrainer<'p> {
         Ok(())
     }
 
-    /// Pixels at random over the whole picture, each at its centre.
+    /// Pixels at random over the whole picture, each at its centre; beside a grid in the picture's order, so that
+    /// neighbours read table entries that lie near each other.
     fn draw(&mut self) {
-        let Picture { width, height, rgb } = &self.photo.picture;
+        let Self { photo, config, batch, step, .. } = self;
+        let Picture { width, height, rgb } = &photo.picture;
         let (across, down) = (1.0 / *width as f32, 1.0 / *height as f32);
-        self.batch.clear();
-        for i in 0..self.config.pixels {
-            let random = uniform_u32(self.config.seed, Purpose::Pixel, u64::from(self.step), i as u64);
-            let index = ((u64::from(random) * rgb.len() as u64) >> 32) as usize;
-            let (x, y) = ((index % width) as f32 + 0.5, (index / width) as f32 + 0.5);
-            self.batch.rays.push(BatchRay { rgb: rgb[index], samples: 1, ..BatchRay::default() });
-            self.batch.positions.push([x * across, y * down, 0.0]);
-            self.batch.deltas.push(0.0);
-        }
+        let pixels = config.pixels;
+        batch.rays.resize(pixels, BatchRay { samples: 1, ..BatchRay::default() });
+        batch.positions.resize(pixels, [0.0; 3]);
+        batch.deltas.resize(pixels, 0.0);
+        let part = |i: usize| match config.grid {
+            Some(_) => i * rgb.len() / pixels..(i + 1) * rgb.len() / pixels,
+            None => 0..rgb.len(),
+        };
+        let chunks = batch.rays.par_chunks_mut(DRAWN).zip(batch.positions.par_chunks_mut(DRAWN)).enumerate();
+        chunks.with_min_len(16).for_each(|(chunk, (rays, positions))| {
+            // All are chosen before one is read: many are then on their way from memory at once.
+            let index: [usize; DRAWN] = std::array::from_fn(|i| {
+                let i = chunk * DRAWN + i;
+                let (part, random) =
+                    (part(i), uniform_u32(config.seed, Purpose::Pixel, u64::from(*step), i as u64));
+                part.start + ((u64::from(random) * part.len() as u64) >> 32) as usize
+            });
+            for (ray, &index) in rays.iter_mut().zip(&index) {
+                ray.rgb = rgb[index];
+            }
+            for (position, index) in positions.iter_mut().zip(index) {
+                let (x, y) = ((index % width) as f32 + 0.5, (index / width) as f32 + 0.5);
+                *position = [x * across, y * down, 0.0];
+            }
+        });
     }
 
     /// Steps done.
@@ -130,10 +154,14 @@ impl<'p> FieldTrainer<'p> {
             self.average.corrected(self.step).unwrap_or_else(|| self.engine.parameters().into_owned());
         let [width, height] = self.photo.size();
         let made_by = format!("nerf-train {}", env!("CARGO_PKG_VERSION"));
+        let (parameters, tables) = parameters.split_at(self.model.layer_parameters());
         Ok(export(&Contents {
             architecture: &self.model.architecture,
-            parameters: &parameters,
-            tables: Tables::None,
+            parameters,
+            tables: match &self.config.grid {
+                Some(grid) => Tables::Values(tables, grid.storage),
+                None => Tables::None,
+            },
             content: Content::Picture(PictureFacts { width, height }),
             occupancy: None,
             provenance: Provenance {
@@ -163,7 +191,7 @@ impl<'p> FieldTrainer<'p> {
 }
 
 /// Renders a blob's picture at a size.
-fn render_blob(bytes: &[u8], tier: Tier, size: [u32; 2]) -> Result<Picture, FieldError> {
+pub(super) fn render_blob(bytes: &[u8], tier: Tier, size: [u32; 2]) -> Result<Picture, FieldError> {
     let blob = Blob::open(bytes)?;
     let mut memory = vec![Line::UNINIT; Renderer::prepared_lines(&blob, tier)];
     let renderer = Renderer::new(blob, tier, &mut memory)?;

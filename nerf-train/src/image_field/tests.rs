@@ -1,10 +1,12 @@
 use super::*;
 use crate::decode::DecodeError;
+use crate::report::metrics::psnr_db;
 use crate::report::picture::Picture;
 use crate::report::progress::ProgressStyle;
 use crate::train::schedule::{Budget, Clock};
 use image::{DynamicImage, ImageBuffer, ImageFormat, Luma, Rgb, Rgba};
 use nerf_core::blob::Blob;
+use nerf_core::encoding::MAX_GRID_RESOLUTION;
 use nerf_core::kernels::Tier;
 use std::path::PathBuf;
 use std::time::Duration;
@@ -134,6 +136,19 @@ fn small_config() -> FieldConfig {
     config
 }
 
+fn grid_config(size: [u32; 2]) -> FieldConfig {
+    let mut config = FieldPreset::Grid.config().for_picture(size);
+    (config.width, config.layers, config.pixels) = (16, 2, 512);
+    let grid = config.grid.as_mut().unwrap();
+    (grid.levels, grid.features, grid.log2_entries, grid.coarsest) = (4, 2, 9, grid.coarsest.min(4));
+    config
+}
+
+/// A sinusoidal network and a grid.
+fn configs(photo: &Photo) -> [FieldConfig; 2] {
+    [small_config(), grid_config(photo.size())]
+}
+
 fn options(steps: u32) -> RunOptions {
     RunOptions {
         budget: Budget { steps: Some(steps), seconds: None },
@@ -166,36 +181,121 @@ fn fit(photo: &Photo, config: FieldConfig, options: &RunOptions) -> (Outcome, Ve
 #[test]
 fn a_field_learns_its_picture_and_says_how_well() {
     let photo = test_photo(48, 32);
-    let (outcome, evaluations) = fit(&photo, small_config(), &options(400));
-    assert!(evaluations[0].0 == 0 && evaluations[0].1 < 15.0, "{evaluations:?}");
-    assert!(outcome.psnr_db > 26.0, "{}", outcome.psnr_db);
-    assert_eq!(evaluations.last(), Some(&(400, outcome.psnr_db)));
-    // The noted figure is that of the very blob, at the size it names.
-    let blob = Blob::open(&outcome.bytes).unwrap();
-    let facts = blob.picture().unwrap();
-    assert_eq!((facts.width, facts.height), (48, 32));
-    let noted = blob.provenance().psnr_db.unwrap();
-    assert!((f64::from(noted) - outcome.psnr_db).abs() < 1e-4);
-    assert_eq!(crate::report::metrics::psnr_db(&outcome.picture.rgb, &photo.picture.rgb), outcome.psnr_db);
+    for (config, least_db) in configs(&photo).into_iter().zip([26.0, 35.0]) {
+        let (outcome, evaluations) = fit(&photo, config, &options(400));
+        assert!(evaluations[0].0 == 0 && evaluations[0].1 < 15.0, "{evaluations:?}");
+        assert!(outcome.psnr_db > least_db, "{}", outcome.psnr_db);
+        assert_eq!(evaluations.last(), Some(&(400, outcome.psnr_db)));
+        // The noted figure is that of the very blob, at the size it names.
+        let blob = Blob::open(&outcome.bytes).unwrap();
+        let facts = blob.picture().unwrap();
+        assert_eq!((facts.width, facts.height), (48, 32));
+        let noted = blob.provenance().psnr_db.unwrap();
+        assert!((f64::from(noted) - outcome.psnr_db).abs() < 1e-4);
+        assert_eq!(psnr_db(&outcome.picture.rgb, &photo.picture.rgb), outcome.psnr_db);
+    }
+}
+
+/// Waves of some eight pixels, as a field of any size shows them.
+fn waves(width: usize, height: usize) -> Photo {
+    let pixel = |i: usize| {
+        let (x, y) = (((i % width) as f32 + 0.5) / width as f32, ((i / width) as f32 + 0.5) / height as f32);
+        [(40.0 * x).sin(), (30.0 * (x + y)).sin(), (25.0 * y).cos()].map(|c| 0.5 + 0.4 * c)
+    };
+    let picture = Picture { width, height, rgb: (0..width * height).map(pixel).collect() };
+    Photo { name: "waves".into(), picture, notes: Vec::new() }
+}
+
+#[test]
+fn a_grid_shows_no_noise_between_the_pixels_it_was_trained_on() {
+    let (small, large) = (waves(64, 48), waves(256, 192));
+    let config = FieldConfig { pixels: 1024, ..FieldPreset::Grid.config().for_picture(small.size()) };
+    let (outcome, _) = fit(&small, config, &options(1000));
+    println!("{:.2} dB at its pixels", outcome.psnr_db);
+    let shown = super::run::render_blob(&outcome.bytes, Tier::detect(), large.size()).unwrap();
+    let found = psnr_db(&shown.rgb, &large.picture.rgb);
+    let linear = |x: f32, y: f32| {
+        let at = |x: f32, y: f32| {
+            let (x, y) = (x.clamp(0.0, 63.0) as usize, y.clamp(0.0, 47.0) as usize);
+            small.picture.rgb[y * 64 + x]
+        };
+        let (x0, y0) = (x.floor(), y.floor());
+        let (u, v) = (x - x0, y - y0);
+        let corners = [
+            (0.0, 0.0, (1.0 - u) * (1.0 - v)),
+            (1.0, 0.0, u * (1.0 - v)),
+            (0.0, 1.0, (1.0 - u) * v),
+            (1.0, 1.0, u * v),
+        ];
+        corners.iter().fold([0.0; 3], |sum, (dx, dy, w)| {
+            let pixel = at(x0 + dx, y0 + dy);
+            std::array::from_fn(|k| sum[k] + w * pixel[k])
+        })
+    };
+    let enlarged: Vec<[f32; 3]> = (0..256 * 192)
+        .map(|i| linear((i % 256) as f32 / 4.0 - 0.375, (i / 256) as f32 / 4.0 - 0.375))
+        .collect();
+    let of_pixels = psnr_db(&enlarged, &large.picture.rgb);
+    println!("enlarged four times: {found:.2} dB, its pixels linearly {of_pixels:.2} dB");
+    assert!(found > of_pixels, "{found} {of_pixels}");
+}
+
+#[test]
+fn no_level_is_finer_than_the_picture() {
+    for size in [[1, 1], [1, 65_535], [65_535, 1], [3, 2], [100, 37], [1024, 689], [40_000, 30_000]] {
+        let config = FieldPreset::Grid.config().for_picture(size);
+        config.check_for(size).unwrap();
+        let model = config.model(size);
+        model.check().unwrap();
+        let grid = model.architecture.position.grid().unwrap();
+        for level in &grid.resolutions {
+            let within = |axis: usize| (1..=size[axis]).contains(&u32::from(level[axis]));
+            assert!(within(0) && within(1) && level[2] == 0, "{size:?}: {level:?}");
+        }
+        let finest = grid.resolutions.last().unwrap();
+        let longest = size[0].max(size[1]).min(MAX_GRID_RESOLUTION.into());
+        assert_eq!(u32::from(finest[0].max(finest[1])), longest, "{size:?}");
+    }
+    let mut finer = FieldPreset::Grid.config().for_picture([100, 37]);
+    finer.grid.as_mut().unwrap().finest = 101;
+    let error = FieldTrainer::new(&test_photo(100, 37), finer, Tier::Scalar).err().unwrap().to_string();
+    let expected =
+        "network.grid.finest: expected at most the picture's 100 pixels along its longest side, found 101";
+    assert_eq!(error, expected);
+    let mut many = FieldPreset::Grid.config().for_picture([30_000, 30_000]);
+    (many.grid.as_mut().unwrap().log2_entries, many.grid.as_mut().unwrap().levels) = (24, 8);
+    let error = many.check_for([30_000, 30_000]).err().unwrap().to_string();
+    assert!(
+        error.starts_with("network.grid.log2_entries: expected tables of at most 67108864 values"),
+        "{error}"
+    );
 }
 
 #[test]
 fn the_same_seed_gives_the_same_bytes_and_another_gives_others() {
     let photo = test_photo(20, 20);
-    let (a, _) = fit(&photo, small_config(), &options(30));
-    let pool = rayon::ThreadPoolBuilder::new().num_threads(3).build().unwrap();
-    let (b, _) = pool.install(|| fit(&photo, small_config(), &options(30)));
-    assert_eq!(a.bytes, b.bytes);
-    let (c, _) = fit(&photo, FieldConfig { seed: 1, ..small_config() }, &options(30));
-    assert_ne!(a.bytes, c.bytes);
+    for config in configs(&photo) {
+        // More than sixteen chunks.
+        let config = FieldConfig { pixels: 9_000, ..config };
+        let (a, _) = fit(&photo, config.clone(), &options(30));
+        for threads in 1..=3 {
+            let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+            let (b, _) = pool.install(|| fit(&photo, config.clone(), &options(30)));
+            assert!(a.bytes == b.bytes, "{:?}, {threads} threads", config.preset);
+        }
+        let (c, _) = fit(&photo, FieldConfig { seed: 1, ..config }, &options(30));
+        assert_ne!(a.bytes, c.bytes);
+    }
 }
 
 #[test]
 fn pictures_of_odd_sizes_can_be_fitted() {
-    for (width, height) in [(1, 1), (3_000, 1), (1, 7)] {
+    for (width, height) in [(1, 1), (3_000, 1), (1, 7), (1, 65_535)] {
         let photo = test_photo(width, height);
-        let (outcome, _) = fit(&photo, small_config(), &options(3));
-        assert_eq!((outcome.picture.width, outcome.picture.height), (width, height));
+        for config in configs(&photo) {
+            let (outcome, _) = fit(&photo, config, &options(3));
+            assert_eq!((outcome.picture.width, outcome.picture.height), (width, height));
+        }
     }
 }
 
@@ -203,10 +303,10 @@ fn pictures_of_odd_sizes_can_be_fitted() {
 fn a_run_that_is_stopped_keeps_what_it_has() {
     let (photo, folder) = (test_photo(8, 8), tempfile::tempdir().unwrap());
     let output = folder.path().join("a.nerf");
-    for at in [0, 7] {
+    for (at, config) in [0, 7].into_iter().flat_map(|at| configs(&photo).map(|config| (at, config))) {
         let options = RunOptions { output: Some(output.clone()), ..options(1_000_000) };
         let clock = Clock::resume(Duration::ZERO);
-        let ended = run(&photo, small_config(), &options, clock, &|step| step == at, |_| {}).unwrap();
+        let ended = run(&photo, config, &options, clock, &|step| step == at, |_| {}).unwrap();
         assert!(matches!(ended, Ended::Stopped { steps } if steps == at));
         let bytes = std::fs::read(&output).unwrap();
         let blob = Blob::open(&bytes).unwrap();

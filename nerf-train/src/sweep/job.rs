@@ -1,7 +1,7 @@
 //! One run of a sweep.
 
 use super::{Header, Kind, Knob, Mode, Point, Record, Status};
-use crate::config::{Config, ConfigError};
+use crate::config::{Config, ConfigError, TableConfig};
 use crate::dataset::{Dataset, View};
 use crate::engine::EngineError;
 use crate::eval::measure;
@@ -74,29 +74,12 @@ impl Job<'_> {
     /// The settings that are varied, where no list says otherwise.
     pub fn base_point(&self) -> Point {
         match self {
-            Self::Image { base, .. } => Point::of(&[
-                (Knob::Levels, base.levels.into()),
-                (Knob::Layers, base.layers as f64),
-                (Knob::Width, base.width as f64),
-                (Knob::Rate, base.optimiser.rate),
-            ]),
+            Self::Image { base, .. } => {
+                base_point(base.grid.as_ref(), (base.levels, base.layers, base.width), base.optimiser.rate)
+            }
             Self::Scene { base, .. } => {
-                let (n, rate) = (&base.network, (Knob::Rate, base.optimiser.rate));
-                match &n.grid {
-                    Some(grid) => Point::of(&[
-                        (Knob::Table, grid.log2_entries.into()),
-                        (Knob::GridLevels, grid.levels as f64),
-                        (Knob::Features, grid.features.into()),
-                        (Knob::Finest, grid.finest.into()),
-                        rate,
-                    ]),
-                    None => Point::of(&[
-                        (Knob::Levels, n.position_levels.into()),
-                        (Knob::Layers, n.depth as f64),
-                        (Knob::Width, n.width as f64),
-                        rate,
-                    ]),
-                }
+                let n = &base.network;
+                base_point(n.grid.as_ref(), (n.position_levels, n.depth, n.width), base.optimiser.rate)
             }
         }
     }
@@ -151,11 +134,40 @@ impl Job<'_> {
     }
 }
 
+/// The settings of a learned grid, or else those of a sinusoidal network: levels, layers and width.
+fn base_point(grid: Option<&TableConfig>, (levels, layers, width): (u8, usize, usize), rate: f64) -> Point {
+    let point = match grid {
+        Some(grid) => Point::of(&[
+            (Knob::Table, grid.log2_entries.into()),
+            (Knob::GridLevels, grid.levels as f64),
+            (Knob::Features, grid.features.into()),
+            (Knob::Finest, grid.finest.into()),
+        ]),
+        None => Point::of(&[
+            (Knob::Levels, levels.into()),
+            (Knob::Layers, layers as f64),
+            (Knob::Width, width as f64),
+        ]),
+    };
+    point.with(Knob::Rate, rate)
+}
+
+/// A point's grid in place of the settings'.
+fn set_grid(grid: Option<&mut TableConfig>, point: &Point) {
+    if let Some(grid) = grid {
+        set(&mut grid.log2_entries, point.get(Knob::Table));
+        set(&mut grid.levels, point.get(Knob::GridLevels));
+        set(&mut grid.features, point.get(Knob::Features));
+        set(&mut grid.finest, point.get(Knob::Finest));
+    }
+}
+
 fn field_config(base: &FieldConfig, point: &Point) -> FieldConfig {
     let mut config = base.clone();
     set(&mut config.levels, point.get(Knob::Levels));
     set(&mut config.layers, point.get(Knob::Layers));
     set(&mut config.width, point.get(Knob::Width));
+    set_grid(config.grid.as_mut(), point);
     config.optimiser.rate = point.get(Knob::Rate).unwrap_or(config.optimiser.rate);
     config
 }
@@ -166,12 +178,7 @@ fn scene_config(base: &Config, point: &Point) -> Config {
     set(&mut n.position_levels, point.get(Knob::Levels));
     set(&mut n.depth, point.get(Knob::Layers));
     set(&mut n.width, point.get(Knob::Width));
-    if let Some(grid) = &mut n.grid {
-        set(&mut grid.log2_entries, point.get(Knob::Table));
-        set(&mut grid.levels, point.get(Knob::GridLevels));
-        set(&mut grid.features, point.get(Knob::Features));
-        set(&mut grid.finest, point.get(Knob::Finest));
-    }
+    set_grid(n.grid.as_mut(), point);
     // The skip layer stays where it is, if the trunk reaches that far.
     if n.skip_after >= n.depth {
         n.skip_after = 0;
@@ -215,7 +222,7 @@ fn run_image(
     point: &Point,
     runner: &Runner<'_>,
 ) -> Result<Run, JobError> {
-    let architecture = config.model().architecture;
+    let architecture = config.model(photo.size()).architecture;
     let options = image_field::RunOptions {
         budget: Budget { steps: Some(config.optimiser.steps), seconds: None },
         output: None,

@@ -17,7 +17,7 @@ pub use validation::FINAL_VIEWS;
 
 use crate::config::{Config, ConfigError, Density};
 use crate::dataset::Dataset;
-use crate::engine::{Batch, Engine, EngineError, FusedEngine, GridEngine, Model, Phase, Phases};
+use crate::engine::{Batch, Engine, EngineError, Model, Phase, Phases, engine_for};
 use crate::export::ExportError;
 use crate::occupancy::{Ask, Occupancy};
 use crate::rays::{Bounds, RayBank};
@@ -162,7 +162,7 @@ impl<'d> Trainer<'d> {
             step_width = Some(extent.max_element() / f32::from(config.sampling.steps_across));
         }
         let bank = RayBank::new(&dataset.train, dataset.background, bounds, &config)?;
-        let engine = new_engine(&model, &bounds, &config, tier, config.seed)?;
+        let engine = engine_for(&model, bounds.scene_box, config.adam(), config.seed, tier)?;
         Ok(Self {
             average: Average::new(config.optimiser.average, model.parameters()),
             dataset,
@@ -381,7 +381,7 @@ impl<'d> Trainer<'d> {
             return Err(TrainError::Dead { restarts, relu });
         }
         let seed = self.config.seed.wrapping_add(1000 * u64::from(restarts));
-        self.engine = new_engine(&self.model, &self.bounds, &self.config, self.tier, seed)?;
+        self.engine = engine_for(&self.model, self.bounds.scene_box, self.config.adam(), seed, self.tier)?;
         self.occupancy = find_bounds(self.dataset, &self.config)?.1;
         self.average.clear();
         self.progressed = Progressed { reseeds: restarts, ..Progressed::default() };
@@ -389,23 +389,6 @@ impl<'d> Trainer<'d> {
         self.snapshots.clear();
         Ok(())
     }
-}
-
-fn new_engine(
-    model: &Model,
-    bounds: &Bounds,
-    config: &Config,
-    tier: Tier,
-    seed: u64,
-) -> Result<Box<dyn Engine>, TrainError> {
-    if config.network.grid.is_some() {
-        let mut engine = GridEngine::new(model, bounds.scene_box, config.adam(), seed)?;
-        engine.set_tier(tier);
-        return Ok(Box::new(engine));
-    }
-    let mut engine = FusedEngine::new(model, config.adam(), seed)?;
-    engine.set_tier(tier);
-    Ok(Box::new(engine))
 }
 
 /// Bins between near and far that are `steps` to the longest side of the box.

@@ -25,9 +25,16 @@ fn sweep<'a>(photo: &'a str, output: &'a str, more: &[&'a str]) -> Vec<&'a str> 
 
 #[test]
 fn a_picture_is_fitted_reported_and_rendered_at_any_size() {
+    for preset in ["grid", "classic"] {
+        fitted_reported_and_rendered(preset);
+    }
+}
+
+fn fitted_reported_and_rendered(preset: &str) {
     let folder = Folder::new();
     let (photo, file, report) = (photo(&folder), folder.path("a.nerf"), folder.path("report"));
-    let out = ok(image_fit(&photo, &file, &["--report", &report, "--snapshots", "0,20"]));
+    let more = ["--report", &report, "--snapshots", "0,20", "--preset", preset];
+    let out = ok(image_fit(&photo, &file, &more));
     assert!(out.contains("dB PSNR over the whole picture"), "{out}");
     let summary = json(Path::new(&report).join("summary.json"));
     assert!(summary["psnr_db"].as_f64().is_some_and(|db| db > 10.0), "{summary}");
@@ -52,6 +59,84 @@ fn a_picture_is_fitted_reported_and_rendered_at_any_size() {
 }
 
 #[test]
+fn a_grid_is_the_default_and_its_flags_set_what_is_said_of_it() {
+    let folder = Folder::new();
+    let (photo, file, report) = (photo(&folder), folder.path("a.nerf"), folder.path("report"));
+    let flags =
+        ["--table", "5", "--grid-levels", "3", "--features", "4", "--coarsest", "2", "--finest", "10"];
+    let said = ok([&image_fit(&photo, &file, &["--report", &report]), &flags[..]].concat());
+    let line = "3 levels of 2 to 10 cells, 4 features an entry, at most 2^5 entries a level";
+    assert!(said.contains(&format!("learned grid: {line}")), "{said}");
+    let inspected = ok(["inspect", &file]);
+    assert!(inspected.contains(&format!("learned grid  {line}")), "{inspected}");
+    let summary = json(Path::new(&report).join("summary.json"));
+    for (field, expected) in
+        [("grid_levels", 3), ("grid_features", 4), ("grid_finest_cells", 10), ("levels", 0)]
+    {
+        assert_eq!(summary[field].as_u64(), Some(expected), "{field}");
+    }
+    // No finer than the picture, where nobody says how fine.
+    assert!(ok(image_fit(&photo, &file, &[])).contains("8 levels of 12 to 12 cells"));
+    // The same bytes on any number of threads.
+    let bytes = |threads: &str| {
+        let run = ["-q", "--steps", "20", "--pixels", "9000", "--threads", threads];
+        ok([&["image", "fit", &photo, "-o", &file], &run[..]].concat());
+        std::fs::read(&file).expect("a blob")
+    };
+    let one = bytes("1");
+    assert!(one == bytes("2") && one == bytes("3"));
+}
+
+#[test]
+fn flags_of_the_other_kind_of_field_are_refused_with_a_sentence() {
+    let folder = Folder::new();
+    let (photo, file) = (photo(&folder), folder.path("a.nerf"));
+    for flag in ["--table", "--grid-levels", "--features", "--coarsest", "--finest"] {
+        for preset in ["classic", "sharp"] {
+            let words = [flag, preset, "--preset grid"];
+            fails(image_fit(&photo, &file, &[flag, "4", "--preset", preset]), &words);
+        }
+    }
+    for flag in [["--levels", "6"], ["--epsilon", "1e-8"]] {
+        fails(image_fit(&photo, &file, &flag), &[flag[0], "`grid`", "--preset classic"]);
+    }
+    let folder_of_sweep = folder.path("sweep");
+    fails(
+        sweep(&photo, &folder_of_sweep, &["--levels", "2", "--preset", "grid"]),
+        &["learned grid", "--preset classic or sharp"],
+    );
+    let cases: [(&[&str], &str); 10] = [
+        (&["--grid-levels", "0"], "network.grid.levels"),
+        (&["--grid-levels", "33"], "network.grid.levels"),
+        (&["--features", "3"], "network.grid.features"),
+        (&["--table", "0"], "network.grid.log2_entries"),
+        (&["--table", "25"], "network.grid.log2_entries"),
+        (&["--coarsest", "0"], "network.grid.coarsest"),
+        (&["--coarsest", "9", "--finest", "8"], "network.grid.finest"),
+        (&["--finest", "16385"], "network.grid.finest"),
+        (&["--finest", "0"], "network.grid.finest"),
+        (&["--finest", "13"], "network.grid.finest: expected at most the picture's 12 pixels"),
+    ];
+    for (flags, field) in cases {
+        fails(image_fit(&photo, &file, flags), &[field]);
+    }
+    assert!(!Path::new(&file).exists());
+}
+
+#[test]
+fn pictures_of_one_pixel_and_of_one_column_are_fitted_and_drawn() {
+    let folder = Folder::new();
+    for (width, height) in [(1, 1), (1, 65_535)] {
+        let (photo, file, shown) = (folder.path("p.png"), folder.path("p.nerf"), folder.path("shown.png"));
+        let pixel = |_: u32, y: u32| image::Rgb([(y >> 8) as u8, 100, 200]);
+        image::ImageBuffer::from_fn(width, height, pixel).save(&photo).expect("a picture");
+        ok(image_fit(&photo, &file, &[]));
+        ok(["image", "render", &file, "-o", &shown, "-q"]);
+        assert_eq!(image::image_dimensions(&shown).expect("a picture"), (width, height));
+    }
+}
+
+#[test]
 fn fields_and_scenes_are_not_taken_for_each_other() {
     let folder = Folder::new();
     let (photo, field, picture) = (photo(&folder), folder.path("a.nerf"), folder.path("a.png"));
@@ -70,7 +155,8 @@ fn bad_pictures_and_settings_leave_nothing() {
     fails(image_fit(&text, &file, &[]), &["text.png", "PNG, JPEG"]);
     fails(image_fit(&photo, &file, &["--scale", "2"]), &["--scale"]);
     fails(image_fit(&photo, &file, &["--rate", "0"]), &["optimiser.rate"]);
-    fails(image_fit(&photo, &file, &["--levels", "40"]), &["levels: expected at most 16, found 40"]);
+    let levels = ["--levels", "40", "--preset", "classic"];
+    fails(image_fit(&photo, &file, &levels), &["levels: expected at most 16, found 40"]);
     fails(image_fit(&photo, &file, &["--snapshots", "1"]), &["--report"]);
     fails(image_fit(&photo, &file, &["--max-seconds", "0"]), &["--max-seconds"]);
     fails(image_fit(&photo, &format!("{photo}/a.nerf"), &[]), &["photo.png"]);

@@ -81,21 +81,25 @@ const ROWS: &[Row] = &[
     ("fit of a fifo", 0.5, |i, o| owned(&[&fit(&i.fifo, &o.path("a.nerf"), &[])])),
     ("image fit", 1.5, |i, o| {
         let run = ["--evaluate-every", "5", "--pixels", "500", "--steps", "1000000"];
+        owned(&[&["image", "fit", &i.photo, "-o", &o.path("a.nerf"), "--preset", "classic"], &run])
+    }),
+    ("image fit, a grid", 1.5, |i, o| {
+        let run = ["--evaluate-every", "5", "--pixels", "500", "--steps", "1000000"];
         owned(&[&["image", "fit", &i.photo, "-o", &o.path("a.nerf")], &run])
     }),
     ("image fit, long steps", 3.0, |i, o| {
         let run = ["--evaluate-every", "3", "--pixels", "60000", "--steps", "1000000"];
-        owned(&[&["image", "fit", &i.photo, "-o", &o.path("a.nerf")], &run])
+        owned(&[&["image", "fit", &i.photo, "-o", &o.path("a.nerf"), "--preset", "classic"], &run])
     }),
     ("image fit, its end", 1.5, |i, o| {
         let run =
             ["--evaluate-every", "999", "--pixels", "500", "--steps", "3", "--report", &o.path("report")];
-        owned(&[&["image", "fit", &i.photo, "-o", &o.path("a.nerf")], &run])
+        owned(&[&["image", "fit", &i.photo, "-o", &o.path("a.nerf"), "--preset", "classic"], &run])
     }),
     ("image render", 1.0, |i, o| {
         let field = i.folder.path("field.nerf");
         if !Path::new(&field).exists() {
-            ok(["image", "fit", &i.photo, "-o", &field, "-q", "--steps", "2", "--pixels", "500"]);
+            ok(["image", "fit", &i.photo, "-o", &field, "-q", "--steps", "2", "--preset", "classic"]);
         }
         owned(&[&["image", "render", &field, "-o", &o.path("a.png"), "--width", "6000"]])
     }),

@@ -35,7 +35,11 @@ impl Case {
     }
 
     fn with(tier: Tier, options: ffi::RenderOptions) -> Self {
-        let opened = call::open(Recipe::PICTURE.blob(), tier);
+        Self::of(Recipe::PICTURE, tier, options)
+    }
+
+    fn of(recipe: Recipe, tier: Tier, options: ffi::RenderOptions) -> Self {
+        let opened = call::open(recipe.blob(), tier);
         let workspace = opened.picture_workspace(Some(&options));
         let mut picture = Guarded::new(12 * PIXELS, 0);
         Self {
@@ -127,16 +131,18 @@ fn refuses(expected: Status, text: &str, spoil: impl FnOnce(&mut Case)) {
 
 #[test]
 fn c_draws_what_rust_draws_in_exactly_the_memory_it_asked_for() {
-    for tier in tiers() {
+    for (tier, recipe) in
+        tiers().flat_map(|tier| [Recipe::PICTURE, Recipe::LEARNED_PICTURE].map(|recipe| (tier, recipe)))
+    {
         for (maths, math) in [(0, MathBackend::Polynomial), (1, MathBackend::Libm)] {
             for (batch_rays, batch_samples) in [(0, 0), (1, 1), (7, 64), (100, 5)] {
                 let options =
                     ffi::RenderOptions { maths, batch_rays, batch_samples, ..call::render_options() };
-                let mut case = Case::with(tier, options);
+                let mut case = Case::of(recipe, tier, options);
                 let expected = scenes::picture(&case.opened.blob, tier, math, [WIDTH, HEIGHT]);
                 assert_eq!(case.render(), Status::Ok, "{}", case.message.text());
                 assert_eq!(case.message.text(), "");
-                let what = format!("{}, {math:?}, {batch_rays}, {batch_samples}", tier.name());
+                let what = format!("{recipe:?}, {}, {math:?}, {batch_rays}, {batch_samples}", tier.name());
                 assert!(case.colours() == expected, "{what}");
                 let (c, macs) = (case.counters, case.macs());
                 let work = (c.colour_evaluations, c.macs, c.rays, c.samples_kept, c.density_evaluations);
@@ -144,7 +150,7 @@ fn c_draws_what_rust_draws_in_exactly_the_memory_it_asked_for() {
                 for memory in [&case.picture, &case.workspace, &case.opened.memory] {
                     assert!(memory.surroundings_are_intact(), "{what}");
                 }
-                let mut case = Case::with(tier, options);
+                let mut case = Case::of(recipe, tier, options);
                 let (at, size) = (case.workspace.at(), case.workspace.size());
                 let found = case.render_in(at, size - 1, None, null_mut());
                 case.refused(found, Status::Memory, "workspace: expected at least");

@@ -2,8 +2,14 @@ extern crate std;
 
 use super::*;
 use crate::blob::Blob;
+#[cfg(feature = "grid")]
+use crate::blob::{Body, StoredTables, TableStorage};
+#[cfg(feature = "grid")]
+use crate::encoding::{GridEncoding, PositionEncoding};
 use crate::kernels::Tier;
 use crate::network::{Architecture, Role};
+#[cfg(feature = "grid")]
+use crate::testing::noise;
 use crate::testing::{
     Worse, architecture, body, bytes, every_kind, halve, parameters, pi, picture_body, tolerance,
 };
@@ -58,6 +64,28 @@ fn layered() -> (Architecture, Vec<u8>) {
     (a, bytes)
 }
 
+/// A field by a learned grid, dense and hashed, with a hidden colour layer.
+#[cfg(feature = "grid")]
+fn learned() -> (Architecture, Vec<u8>) {
+    let resolutions = [[5, 3, 0], [17, 12, 0], [64, 43, 0]].into_iter().collect();
+    let grid = GridEncoding { inputs: 2, features: 4, log2_entries: 7, resolutions };
+    let (tables, _) = halve(&noise(grid.values(), 71));
+    let a = architecture(PositionEncoding::Grid(grid), None, &[(32, false), (16, false)], &[9]);
+    let (weights, _) = halve(&parameters(&a, 72));
+    let tables = Some(StoredTables { storage: TableStorage::F16, bytes: &tables });
+    let bytes = bytes(&Body { tables, ..picture_body(a.clone(), &weights) });
+    (a, bytes)
+}
+
+/// Fields of every encoding that is built.
+fn fields() -> Vec<(Architecture, Vec<u8>)> {
+    vec![
+        layered(),
+        #[cfg(feature = "grid")]
+        learned(),
+    ]
+}
+
 /// The blob, opened on `tier`, passed on.
 fn on<T>(bytes: &[u8], tier: Tier, then: impl FnOnce(&Renderer<'_>) -> T) -> T {
     let blob = Blob::open(bytes).unwrap();
@@ -104,7 +132,6 @@ fn a_pixel_is_the_field_at_its_centre() {
 
 #[test]
 fn pixels_depend_on_neither_rectangle_nor_batch() {
-    let (_, bytes) = layered();
     // Wider than a block, so that rows end inside one.
     let size = [71, 13];
     let rects = [
@@ -113,8 +140,9 @@ fn pixels_depend_on_neither_rectangle_nor_batch() {
         Rect { x: 70, y: 12, width: 1, height: 1 },
         Rect { x: 3, y: 4, width: 66, height: 7 },
     ];
-    for tier in tiers() {
-        on(&bytes, tier, |renderer| {
+    let fields = fields();
+    for (tier, (_, bytes)) in tiers().flat_map(|tier| fields.iter().map(move |field| (tier, field))) {
+        on(bytes, tier, |renderer| {
             let expected = whole(renderer, size);
             assert!(expected.iter().any(|pixel| pixel != &expected[0]), "a flat picture proves nothing");
             for (rect, batch) in rects.into_iter().flat_map(|rect| batches().map(move |batch| (rect, batch)))
@@ -137,9 +165,7 @@ fn pixels_depend_on_neither_rectangle_nor_batch() {
 
 #[test]
 fn tiers_and_backends_agree_with_the_scalar_oracle() {
-    let (_, bytes) = layered();
     let size = [30, 20];
-    let oracle = on(&bytes, Tier::Scalar, |renderer| whole(renderer, size));
     let rows = [
         (POLYNOMIAL, 1e-6),
         #[cfg(feature = "libm")]
@@ -148,25 +174,30 @@ fn tiers_and_backends_agree_with_the_scalar_oracle() {
         (MathBackend::Micromath, 0.05),
         (MathBackend::Recurrence, 1e-4),
     ];
-    for (tier, (math, limit)) in tiers().flat_map(|tier| rows.map(|row| (tier, row))) {
-        let batch = Batch::for_tier(tier);
-        let (found, _) = on(&bytes, tier, |renderer| draw(renderer, math, batch, size, full(size)));
-        let pairs = found.iter().flatten().zip(oracle.iter().flatten());
-        let worst = pairs.fold(0.0f32, |worst, (a, b)| worst.worse((a - b).abs()));
-        std::println!("{tier:?} {math:?}: {worst:e}");
-        assert!(f64::from(worst) <= tolerance(tier, limit), "{tier:?} {math:?}: {worst:e}");
+    for (_, bytes) in fields() {
+        let oracle = on(&bytes, Tier::Scalar, |renderer| whole(renderer, size));
+        for (tier, (math, limit)) in tiers().flat_map(|tier| rows.map(|row| (tier, row))) {
+            let batch = Batch::for_tier(tier);
+            let (found, _) = on(&bytes, tier, |renderer| draw(renderer, math, batch, size, full(size)));
+            let pairs = found.iter().flatten().zip(oracle.iter().flatten());
+            let worst = pairs.fold(0.0f32, |worst, (a, b)| worst.worse((a - b).abs()));
+            std::println!("{tier:?} {math:?}: {worst:e}");
+            assert!(f64::from(worst) <= tolerance(tier, limit), "{tier:?} {math:?}: {worst:e}");
+        }
     }
 }
 
 #[test]
 fn a_pixel_costs_one_evaluation_of_everything_and_nothing_else() {
-    let (a, bytes) = layered();
-    let macs: usize = a.layers().iter().map(|layer| layer.macs()).sum();
-    for (tier, batch) in tiers().flat_map(|tier| batches().map(move |batch| (tier, batch))) {
-        let rect = Rect { x: 1, y: 0, width: 9, height: 11 };
-        let (_, counters) = on(&bytes, tier, |renderer| draw(renderer, POLYNOMIAL, batch, [10, 11], rect));
-        let expected = Counters { colour_evaluations: 99, macs: 99 * macs as u64, ..Counters::default() };
-        assert_eq!(counters, expected);
+    for (a, bytes) in fields() {
+        let macs: usize = a.layers().iter().map(|layer| layer.macs()).sum();
+        for (tier, batch) in tiers().flat_map(|tier| batches().map(move |batch| (tier, batch))) {
+            let rect = Rect { x: 1, y: 0, width: 9, height: 11 };
+            let (_, counters) =
+                on(&bytes, tier, |renderer| draw(renderer, POLYNOMIAL, batch, [10, 11], rect));
+            let expected = Counters { colour_evaluations: 99, macs: 99 * macs as u64, ..Counters::default() };
+            assert_eq!(counters, expected);
+        }
     }
 }
 

@@ -104,7 +104,8 @@ pub(super) struct Layer {
 #[derive(Clone, Debug)]
 pub(super) struct Layers {
     pub trunk: Vec<Layer>,
-    pub density: Layer,
+    /// Absent in a 2D field.
+    pub density: Option<Layer>,
     pub colour: Vec<Layer>,
     /// The density's bias.
     pub bias: f32,
@@ -112,7 +113,7 @@ pub(super) struct Layers {
 }
 
 impl Layers {
-    /// The layers of a model with a density head and a grid.
+    /// The layers of a model with a grid.
     pub fn new(model: &Model) -> Self {
         let (mut trunk, mut density, mut colour) = (Vec::new(), None, Vec::new());
         let mut parameters = 0;
@@ -126,7 +127,6 @@ impl Layers {
                 Part::Feature | Part::Colour(_) | Part::Rgb => colour.push(layer),
             }
         }
-        let density = density.expect("a scene's field has a density");
         Self { trunk, density, colour, bias: 0.0, parameters }
     }
 
@@ -137,8 +137,8 @@ impl Layers {
 
     /// Takes parameters in the model's order.
     pub fn load(&mut self, parameters: &[f32]) {
-        self.bias = parameters[self.density.dense.bias];
-        let all = self.trunk.iter_mut().chain([&mut self.density]).chain(&mut self.colour);
+        self.bias = self.density.as_ref().map_or(0.0, |density| parameters[density.dense.bias]);
+        let all = self.trunk.iter_mut().chain(&mut self.density).chain(&mut self.colour);
         for Layer { dense, main, extra } in all {
             let weights = &parameters[dense.weights..dense.bias];
             main.load(weights, dense.inputs(), 0);
@@ -149,7 +149,7 @@ impl Layers {
     }
 
     fn all(&self) -> impl Iterator<Item = &Layer> {
-        self.trunk.iter().chain([&self.density]).chain(&self.colour)
+        self.trunk.iter().chain(&self.density).chain(&self.colour)
     }
 }
 

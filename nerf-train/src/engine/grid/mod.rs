@@ -8,6 +8,8 @@
 //! Adam:                       layers; of a table the entries that have a gradient
 //! ```
 //!
+//! A 2D field has no density: the first sample of a ray is all that is seen of it.
+//!
 //! As in the fused engine, the bits of a step do not depend on the number of threads: chunk `i` of the rays is added
 //! to accumulator `i mod 16`, and of a table each level is summed by one thread, accumulator after accumulator.
 //!
@@ -43,6 +45,8 @@ use std::sync::{Mutex, PoisonError};
 const ACCUMULATORS: usize = 16;
 /// Rays of a chunk: their samples, activations included, fit the second-level cache.
 const CHUNK_RAYS: usize = 64;
+/// The same of a 2D field, whose rays have one sample.
+const CHUNK_PIXELS: usize = 512;
 
 /// Trains a grid field; the same bits for any number of threads.
 pub struct GridEngine {
@@ -66,7 +70,7 @@ pub struct GridEngine {
 }
 
 impl GridEngine {
-    /// An engine on the start values of `seed`; `bounds`: what the grid spans.
+    /// An engine on the start values of `seed`; `bounds`: what the grid spans, of a 2D field its x and y.
     ///
     /// # Errors
     /// [`EngineError::Model`] if the model is out of bounds or has no grid.
@@ -75,8 +79,8 @@ impl GridEngine {
         let Some(grid) = model.architecture.position.grid().cloned() else {
             return Err(EngineError::NoGrid);
         };
-        let exponential = model.architecture.density == Some(DensityActivation::Exponential);
-        if model.feature || model.density_scale != 1.0 || !exponential {
+        let density = matches!(model.architecture.density, None | Some(DensityActivation::Exponential));
+        if model.feature || model.density_scale != 1.0 || !density {
             return Err(EngineError::NotPlain);
         }
         let parameters = model.initial_parameters(seed);
@@ -117,9 +121,10 @@ impl GridEngine {
         self.layers.load(&self.parameters[..self.layers.parameters()]);
         let tables = GridTables::new(TableValues::F16(&self.halves), Some(&self.bounds));
         let job = Job { tier: self.tier, model: &self.model, grid: &self.grid, tables, layers: &self.layers };
-        let mut firsts = Vec::with_capacity(batch.rays.len().div_ceil(CHUNK_RAYS) + 1);
+        let chunk_rays = if self.layers.density.is_some() { CHUNK_RAYS } else { CHUNK_PIXELS };
+        let mut firsts = Vec::with_capacity(batch.rays.len().div_ceil(chunk_rays) + 1);
         let mut first = 0;
-        for chunk in batch.rays.chunks(CHUNK_RAYS) {
+        for chunk in batch.rays.chunks(chunk_rays) {
             firsts.push(first);
             first += chunk.iter().map(|ray| ray.samples as usize).sum::<usize>();
         }
@@ -133,7 +138,7 @@ impl GridEngine {
             let mut scratch = scratch[own].lock().unwrap_or_else(PoisonError::into_inner);
             pass.clear();
             for (chunk, &first) in firsts.iter().enumerate().skip(i).step_by(ACCUMULATORS) {
-                let rays = chunk * CHUNK_RAYS..batch.rays.len().min((chunk + 1) * CHUNK_RAYS);
+                let rays = chunk * chunk_rays..batch.rays.len().min((chunk + 1) * chunk_rays);
                 scratch.run(&job, batch, rays, first, pass);
             }
         });

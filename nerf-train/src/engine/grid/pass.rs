@@ -1,6 +1,6 @@
 //! One accumulator's work: chunks of rays, forward and backward.
 
-use super::layers::{LayerSums, Layers, padded};
+use super::layers::{Layer, LayerSums, Layers, padded};
 use super::scatter::Kept;
 use super::vector::{VECTOR, exponentials, mask, sigmoids, to_rows, transmitted};
 use crate::engine::{Batch, Model, Phase, Phases};
@@ -146,18 +146,24 @@ impl Scratch {
 
     /// Adds the loss and gradients of `rays`, whose first sample is `first`.
     pub fn run(&mut self, job: &Job<'_>, batch: &Batch, rays: Range<usize>, first: usize, pass: &mut Pass) {
-        let evaluated = self.evaluate(job, batch, rays.clone(), first);
-        pass.totals.evaluated += evaluated;
+        pass.totals.evaluated += match &job.layers.density {
+            Some(density) => {
+                let evaluated = self.evaluate(job, density, batch, rays.clone(), first);
+                let now = Instant::now();
+                self.keep(job, evaluated, first);
+                self.phases.lap(Phase::Composite, now);
+                evaluated
+            }
+            None => self.opaque(job, batch, rays.clone(), first),
+        };
         let now = Instant::now();
-        self.keep(job, evaluated, first);
-        let now = self.phases.lap(Phase::Composite, now);
         let kept = self.kept_row.len();
         pass.totals.kept += kept;
         if kept > 0 {
             self.colour(job, batch, rays.clone());
         }
         let now = self.phases.lap(Phase::Forward, now);
-        pass.totals.squared += self.loss(batch, rays);
+        pass.totals.squared += self.loss(job, batch, rays);
         let now = self.phases.lap(Phase::Composite, now);
         if kept > 0 {
             self.backward(job, batch, pass);
@@ -166,7 +172,14 @@ impl Scratch {
     }
 
     /// Densities of the rays' samples, wave by wave; their number.
-    fn evaluate(&mut self, job: &Job<'_>, batch: &Batch, rays: Range<usize>, first: usize) -> usize {
+    fn evaluate(
+        &mut self,
+        job: &Job<'_>,
+        density: &Layer,
+        batch: &Batch,
+        rays: Range<usize>,
+        first: usize,
+    ) -> usize {
         self.rays.clear();
         let mut next = first;
         for ray in &batch.rays[rays] {
@@ -191,7 +204,7 @@ impl Scratch {
             }
             let end = self.index_of.len();
             self.phases.lap(Phase::Composite, now);
-            self.densities(job, batch, count..end);
+            self.densities(job, density, batch, count..end);
             now = Instant::now();
             let mut row = count;
             let (rays, sigma, deltas) = (&mut self.rays, &self.sigma, &self.deltas);
@@ -211,8 +224,40 @@ impl Scratch {
         count
     }
 
-    /// Encodes and evaluates samples `range` of those listed in `index_of`.
-    fn densities(&mut self, job: &Job<'_>, batch: &Batch, range: Range<usize>) {
+    /// Evaluates and keeps the first sample of each ray of a 2D field, where every one is opaque; their number.
+    fn opaque(&mut self, job: &Job<'_>, batch: &Batch, rays: Range<usize>, first: usize) -> usize {
+        self.rays.clear();
+        for list in [&mut self.index_of, &mut self.kept_row, &mut self.kept_ray] {
+            list.clear();
+        }
+        let mut next = first;
+        for (ray, of_batch) in batch.rays[rays].iter().enumerate() {
+            let (begin, samples) = (self.index_of.len(), of_batch.samples as usize);
+            if samples > 0 {
+                self.kept_row.push(begin as u32);
+                self.kept_ray.push(ray as u32);
+                self.index_of.push(next as u32);
+            }
+            let kept = (begin, self.index_of.len());
+            let left = if samples > 0 { 0.0 } else { 1.0 };
+            self.rays.push(RayState { first: next, samples, left, kept, ..RayState::default() });
+            next += samples;
+        }
+        let count = self.index_of.len();
+        self.weight.clear();
+        self.weight.resize(count, 1.0);
+        self.after.clear();
+        self.after.resize(count, 0.0);
+        if count > 0 {
+            self.trunk(job, batch, 0..count);
+        }
+        std::mem::swap(&mut self.encoded, &mut self.kept_encoded);
+        std::mem::swap(&mut self.hidden, &mut self.kept_hidden);
+        count
+    }
+
+    /// Encodes samples `range` of those listed in `index_of`, and evaluates the trunk.
+    fn trunk(&mut self, job: &Job<'_>, batch: &Batch, range: Range<usize>) {
         let now = Instant::now();
         let (count, stride) = (range.len(), padded(range.len()));
         grow(&mut self.points, 3 * stride);
@@ -254,10 +299,18 @@ impl Scratch {
             let y = &mut rest[0][range.start * across..];
             layer.main.forward(job.tier, count, &x[range.start * x_row..], x_row, y, Init::Zero, true);
         }
-        let across = padded(job.layers.density.main.inputs);
+        self.phases.lap(Phase::Forward, now);
+    }
+
+    /// Densities of samples `range` of those listed in `index_of`.
+    fn densities(&mut self, job: &Job<'_>, density: &Layer, batch: &Batch, range: Range<usize>) {
+        self.trunk(job, batch, range.clone());
+        let now = Instant::now();
+        let (count, stride) = (range.len(), padded(range.len()));
+        let across = padded(density.main.inputs);
         let h = &self.hidden[self.hidden.len() - 1][range.start * across..];
         grow(&mut self.raw, stride * VECTOR);
-        job.layers.density.main.forward(job.tier, count, h, across, &mut self.raw, Init::Zero, false);
+        density.main.forward(job.tier, count, h, across, &mut self.raw, Init::Zero, false);
         // The first column of each row, in place: reading runs ahead of writing.
         for i in 0..count {
             self.raw[i] = self.raw[i * VECTOR];
@@ -367,7 +420,7 @@ impl Scratch {
     }
 
     /// Sum of the pixels' squared errors; the gradients of colours before their sigmoid in `upper`, of raw densities in `d_raw`.
-    fn loss(&mut self, batch: &Batch, rays: Range<usize>) -> f64 {
+    fn loss(&mut self, job: &Job<'_>, batch: &Batch, rays: Range<usize>) -> f64 {
         let mut squared = 0.0;
         let kept = self.kept_row.len();
         grow(&mut self.upper, padded(kept) * VECTOR);
@@ -390,7 +443,6 @@ impl Scratch {
             let gradient = error.map(|e| scale * e);
             let mut behind = ray.background.map(|c| c * state.left);
             for i in range.rev() {
-                let row = self.kept_row[i] as usize;
                 let mut of_depth = 0.0;
                 for k in 0..3 {
                     let colour = rgb[i * VECTOR + k];
@@ -398,6 +450,10 @@ impl Scratch {
                     behind[k] += self.weight[i] * colour;
                     self.upper[i * VECTOR + k] = gradient[k] * self.weight[i] * colour * (1.0 - colour);
                 }
+                if job.layers.density.is_none() {
+                    continue;
+                }
+                let row = self.kept_row[i] as usize;
                 // sigma' = sigma below the limit of the exponential, and 0 above.
                 let sigma = self.sigma[row];
                 let slope = if sigma < EXPONENTIAL_LIMIT.exp() { sigma } else { 0.0 };
@@ -414,7 +470,7 @@ impl Scratch {
         let (trunk, layers) = (job.layers.trunk.len(), job.layers);
         let h = &self.kept_hidden[trunk - 1];
         for (l, layer) in layers.colour.iter().enumerate().rev() {
-            let at = trunk + 1 + l;
+            let at = trunk + usize::from(layers.density.is_some()) + l;
             let x = if l == 0 { h } else { &self.coloured[l - 1] };
             let x_row = padded(layer.main.inputs);
             layer.main.add_gradient(tier, kept, x, x_row, &self.upper, &mut pass.sums.main[at]);
@@ -437,10 +493,11 @@ impl Scratch {
                 mask(tier, &mut self.upper[..kept * x_row], &x[..kept * x_row]);
             }
         }
-        let density = &layers.density.main;
-        let across = padded(density.inputs);
-        density.add_gradient(tier, kept, h, across, &self.d_raw, &mut pass.sums.main[trunk]);
-        density.backward(tier, kept, &self.d_raw, &mut self.upper, Init::Accumulate);
+        if let Some(density) = &layers.density {
+            let (density, across) = (&density.main, padded(density.main.inputs));
+            density.add_gradient(tier, kept, h, across, &self.d_raw, &mut pass.sums.main[trunk]);
+            density.backward(tier, kept, &self.d_raw, &mut self.upper, Init::Accumulate);
+        }
         for (l, layer) in layers.trunk.iter().enumerate().rev() {
             let across = padded(layer.main.outputs);
             mask(tier, &mut self.upper[..kept * across], &self.kept_hidden[l][..kept * across]);
@@ -454,12 +511,10 @@ impl Scratch {
             std::mem::swap(&mut self.upper, &mut self.lower);
         }
         pass.kept.width = padded(job.grid.outputs());
-        pass.kept.extend(&self.upper[..kept * pass.kept.width]);
-        for &row in &self.kept_row {
-            let position = batch.positions[self.index_of[row as usize] as usize];
-            for (positions, x) in pass.kept.positions.iter_mut().zip(position) {
-                positions.push(x);
-            }
+        pass.kept.extend(tier, &self.upper[..kept * pass.kept.width]);
+        for (axis, positions) in pass.kept.positions.iter_mut().enumerate() {
+            let along = |&row: &u32| batch.positions[self.index_of[row as usize] as usize][axis];
+            positions.extend(self.kept_row.iter().map(along));
         }
     }
 }

@@ -35,17 +35,30 @@ impl Kept {
     }
 
     /// Adds the samples' gradients, `[samples][width]`.
-    pub fn extend(&mut self, gradients: &[f32]) {
-        let largest = |most: f32, g: &f32| if g.abs() <= most { most } else { g.abs() };
-        self.largest = gradients.iter().fold(self.largest, largest);
+    pub fn extend(&mut self, tier: Tier, gradients: &[f32]) {
+        self.largest = f32::from_bits(tier.run(Largest { gradients }).max(self.largest.to_bits()));
         self.gradients.extend_from_slice(gradients);
     }
 
     /// Whether no entry's sum over all of `kept` can be more than Adam takes.
     pub fn usable<'k>(kept: impl Iterator<Item = &'k Self>) -> bool {
-        // A sample's eight weights at a level add up to 1.
+        // A sample's weights at a level add up to 1.
         let most: f64 = kept.map(|kept| kept.positions[0].len() as f64 * f64::from(kept.largest)).sum();
         most < f64::from(GRADIENT_LIMIT)
+    }
+}
+
+/// The bits of the largest absolute value: they are in its order, and NaN comes behind all numbers.
+struct Largest<'a> {
+    gradients: &'a [f32],
+}
+
+impl Op for Largest<'_> {
+    type Output = u32;
+
+    #[inline(always)]
+    fn run<V: Lanes>(self) -> u32 {
+        self.gradients.iter().fold(0, |most, g| most.max(g.abs().to_bits()))
     }
 }
 
@@ -125,10 +138,13 @@ impl LevelScratch {
             let rows = &kept.gradients[first * kept.width..][..samples * kept.width];
             let (first, index) = (level.first, level.index);
             let add = Add { entry, weight, across, rows, width: kept.width, first, index, gradient, touched };
-            match grid.features {
-                1 => tier.run(Features::<1, 2>(add)),
-                2 => tier.run(Features::<2, 4>(add)),
-                _ => tier.run(Features::<4, 8>(add)),
+            match (grid.inputs, grid.features) {
+                (2, 1) => tier.run(Features::<2, 1, 2>(add)),
+                (2, 2) => tier.run(Features::<2, 2, 4>(add)),
+                (2, _) => tier.run(Features::<2, 4, 8>(add)),
+                (_, 1) => tier.run(Features::<4, 1, 2>(add)),
+                (_, 2) => tier.run(Features::<4, 2, 4>(add)),
+                _ => tier.run(Features::<4, 4, 8>(add)),
             }
         }
     }
@@ -148,10 +164,10 @@ struct Add<'a> {
     touched: &'a mut [bool],
 }
 
-/// Entries of `F` values, two of them `F2`.
-struct Features<'a, const F: usize, const F2: usize>(Add<'a>);
+/// Cells with `ROWS` rows of two entries, of `F` values each, two of them `F2`.
+struct Features<'a, const ROWS: usize, const F: usize, const F2: usize>(Add<'a>);
 
-impl<const F: usize, const F2: usize> Op for Features<'_, F, F2> {
+impl<const ROWS: usize, const F: usize, const F2: usize> Op for Features<'_, ROWS, F, F2> {
     type Output = ();
 
     #[inline(always)]
@@ -166,7 +182,7 @@ impl<const F: usize, const F2: usize> Op for Features<'_, F, F2> {
                 both[f] = of_level[f] - far;
                 both[F + f] = far;
             }
-            for corner in 0..4 {
+            for corner in 0..ROWS {
                 let at = (entry[corner * BLOCK + i] as usize - first) * F;
                 let weight = weight[corner * BLOCK + i];
                 touched[at / PART] = true;

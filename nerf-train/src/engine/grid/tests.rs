@@ -6,6 +6,7 @@ use super::*;
 use crate::config::{Preset, TableConfig};
 use crate::engine::model::uniform;
 use crate::engine::{BatchError, BatchRay, Dense, Part, ReferenceEngine};
+use crate::image_field::{FieldConfig, FieldPreset};
 use crate::quantise::TableStorage;
 use glam::Vec3;
 use half::f16;
@@ -37,6 +38,19 @@ fn models() -> [(&'static str, Model); 5] {
         ("4 features, two layers", model(table(4, 8), 2, 2, 20)),
         ("1 feature, no direction", model(table(1, 5), 1, 0, 16)),
         ("16 entries, no colour layer", model(table(2, 4), 1, 2, 0)),
+    ]
+}
+
+/// 2D fields, dense and hashed.
+fn pictures() -> [(&'static str, Model); 3] {
+    let field = |table, layers| {
+        let config = FieldPreset::Grid.config();
+        FieldConfig { grid: Some(table), layers, width: 16, ..config }.model([50, 40])
+    };
+    [
+        ("picture, all dense", field(table(2, 19), 1)),
+        ("picture, two levels hashed, 4 features", field(table(4, 5), 2)),
+        ("picture, 1 feature, 16 entries", field(table(1, 4), 1)),
     ]
 }
 
@@ -86,6 +100,16 @@ fn batch_of(rays: usize, seed: u64) -> Batch {
             batch.deltas.push(0.1 + 0.2 * next());
         }
     }
+    batch
+}
+
+/// Pixels of a 2D field: rays of 0 samples or 1.
+fn pixels(rays: usize, seed: u64) -> Batch {
+    let mut batch = batch_of(rays, seed);
+    batch.rays.iter_mut().for_each(|ray| ray.samples = ray.samples.min(1));
+    let samples: u32 = batch.rays.iter().map(|ray| ray.samples).sum();
+    batch.positions.truncate(samples as usize);
+    batch.deltas.truncate(samples as usize);
     batch
 }
 
@@ -159,6 +183,34 @@ fn gradients_of_tables_and_layers_are_finite_differences() {
             assert!(worst < 2e-4, "{name}, {rays} rays: {worst}");
         }
     }
+    for (name, model) in pictures() {
+        for (rays, seed) in [(12, 24), (150, 27), (700, 26)] {
+            let worst = worst_of_differences(name, &model, &mut engine(&model, BARE, 4), &pixels(rays, seed));
+            println!("{name}, {rays} pixels: {worst:.1e}");
+            assert!(worst < 2e-4, "{name}, {rays} pixels: {worst}");
+        }
+    }
+}
+
+#[test]
+fn of_a_ray_through_a_2d_field_only_the_first_sample_is_seen() {
+    let (_, model) = &pictures()[0];
+    let mut batch = batch_of(12, 24);
+    let mut first = Batch { rays: batch.rays.clone(), ..Batch::default() };
+    let mut at = 0;
+    for ray in &mut first.rays {
+        if ray.samples > 0 {
+            first.positions.push(batch.positions[at]);
+            first.deltas.push(1.0);
+        }
+        at += ray.samples as usize;
+        ray.samples = ray.samples.min(1);
+    }
+    // A bin's width means nothing there.
+    batch.deltas.fill(0.0);
+    let (loss, found) = gradients(&mut engine(model, BARE, 4), &batch);
+    assert_eq!((loss.evaluated, loss.kept), (10, 10));
+    assert_eq!((loss, found), gradients(&mut engine(model, BARE, 4), &first));
 }
 
 #[test]
@@ -450,8 +502,12 @@ fn an_entry_keeps_value_and_moments_while_it_is_not_touched() {
 
 #[test]
 fn threads_do_not_change_a_bit() {
-    for (name, model) in models() {
-        let batches = [batch_of(1500, 1), batch_of(65, 2), batch_of(900, 3)];
+    let of_scenes = [batch_of(1500, 1), batch_of(65, 2), batch_of(900, 3)];
+    // More than sixteen chunks.
+    let of_pictures = [pixels(9000, 1), pixels(65, 2), pixels(9000, 3)];
+    let scenes = models().map(|(name, model)| (name, model, &of_scenes));
+    let pictures = pictures().map(|(name, model)| (name, model, &of_pictures));
+    for (name, model, batches) in scenes.into_iter().chain(pictures) {
         let after = |threads| {
             let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
             pool.install(|| {

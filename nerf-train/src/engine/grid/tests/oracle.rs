@@ -8,7 +8,7 @@ use nerf_core::ray::SceneBox;
 
 /// Value `out[level · features + feature]` at `x`, from the tables in `p[first..]`.
 fn encode(grid: &GridEncoding, bounds: &SceneBox, p: &[f64], x: &[f32; 3]) -> Vec<f64> {
-    let features = usize::from(grid.features);
+    let (axes, features) = (usize::from(grid.inputs), usize::from(grid.features));
     let (min, max) = (bounds.min.to_array(), bounds.max.to_array());
     let unit: [f64; 3] = std::array::from_fn(|axis| {
         let side = f64::from(max[axis] - min[axis]);
@@ -21,6 +21,9 @@ fn encode(grid: &GridEncoding, bounds: &SceneBox, p: &[f64], x: &[f32; 3]) -> Ve
         let most = 1u64 << grid.log2_entries;
         let hashed = vertices > most;
         let at: [(u64, f64); 3] = std::array::from_fn(|axis| {
+            if axis >= axes {
+                return (0, 0.0);
+            }
             let g = unit[axis] * cells[axis] as f64;
             let cell = g.floor().min(cells[axis] as f64 - 1.0);
             (cell as u64, g - cell)
@@ -35,9 +38,9 @@ fn encode(grid: &GridEncoding, bounds: &SceneBox, p: &[f64], x: &[f32; 3]) -> Ve
         };
         for feature in 0..features {
             let mut sum = 0.0;
-            for corner in 0..8u64 {
+            for corner in 0..1u64 << axes {
                 let corner = [corner & 1, corner >> 1 & 1, corner >> 2];
-                let weight: f64 = (0..3)
+                let weight: f64 = (0..axes)
                     .map(|axis| if corner[axis] == 1 { at[axis].1 } else { 1.0 - at[axis].1 })
                     .product();
                 sum += weight * p[first + entry(corner) as usize * features + feature];
@@ -72,12 +75,12 @@ fn harmonics(degree: u8, dir: &[f32; 3]) -> Vec<f64> {
     out
 }
 
-/// sigma and colour.
+/// sigma, infinite in a 2D field, and colour.
 fn evaluate(m: &Model, bounds: &SceneBox, p: &[f64], x: &[f32; 3], dir: &[f32; 3]) -> (f64, Vec<f64>) {
     let a = &m.architecture;
     let (layers, tables) = p.split_at(m.layer_parameters());
     let mut h = encode(a.position.grid().unwrap(), bounds, tables, x);
-    let mut sigma = f64::NAN;
+    let mut sigma = f64::INFINITY;
     for d in m.layers() {
         let extra = match a.direction {
             Some(DirectionEncoding::SphericalHarmonics { degree }) if d.extra > 0 => harmonics(degree, dir),
