@@ -37,7 +37,7 @@ pub struct FieldConfig {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, clap::ValueEnum)]
 #[serde(rename_all = "kebab-case")]
 pub enum FieldPreset {
-    /// A learned grid as fine as the picture, and small layers: seconds to fit, about a mebibyte.
+    /// A learned grid as fine as the picture, and small layers: seconds to fit, about a mebibyte for a large picture.
     Grid,
     /// The classic exercise: L = 10, 3×256, 3,000 steps of 10,000 pixels, Adam from 1e-2. To the letter, with
     /// a constant rate, it is `--warm-up 0 --final-share 1 --average 0`, and 2 dB worse.
