@@ -12,9 +12,8 @@ const ENDLESS: &[&str] = &["--steps", "1000000000"];
 
 #[test]
 fn names_that_mean_another_format_are_refused_with_those_that_are_accepted() {
-    let (folder, file) = blob();
-    let data = folder.path("scene.npz");
-    let before = folder.names();
+    let (shared, file) = blob();
+    let (data, folder) = (shared.path("scene.npz"), Folder::new());
     for name in ["v.exr", "v.xyz", "v.jpg", "v.nerf", "v.PNG.tiff"] {
         let output = folder.path(name);
         fails(["render", file, "-o", &output], &["-o", ".png", name]);
@@ -33,7 +32,7 @@ fn names_that_mean_another_format_are_refused_with_those_that_are_accepted() {
     fails(["show", &data, "-o", &report], &["-o", "folder", "r.png"]);
     fails(["demo", "--out", &report], &["--out", "folder", "r.png"]);
     fails(["sweep", "scene", &data, "-o", &report, "--width", "8,16"], &["-o", "folder", "r.png"]);
-    assert_eq!(folder.names(), before);
+    assert!(folder.names().is_empty(), "{:?}", folder.names());
 }
 
 #[test]

@@ -3,7 +3,7 @@ extern crate std;
 use super::*;
 use crate::blob::Blob;
 #[cfg(feature = "grid")]
-use crate::blob::{Body, StoredTables, TableStorage};
+use crate::blob::{Body, StoredTables};
 #[cfg(feature = "grid")]
 use crate::encoding::{GridEncoding, PositionEncoding};
 use crate::kernels::Tier;
@@ -72,7 +72,7 @@ fn learned() -> (Architecture, Vec<u8>) {
     let (tables, _) = halve(&noise(grid.values(), 71));
     let a = architecture(PositionEncoding::Grid(grid), None, &[(32, false), (16, false)], &[9]);
     let (weights, _) = halve(&parameters(&a, 72));
-    let tables = Some(StoredTables { storage: TableStorage::F16, bytes: &tables });
+    let tables = Some(StoredTables::F16(&tables));
     let bytes = bytes(&Body { tables, ..picture_body(a.clone(), &weights) });
     (a, bytes)
 }
