@@ -4,8 +4,9 @@
 //! rays, 8 samples at a time:  encode ──► trunk ──► density ──► T; rays below T_MIN leave
 //! samples with weight > gate: colour ──► pixel ──► loss
 //!                             d colour ──► d trunk ──► d encoded        sums of the layers: one an accumulator
-//! level by level:             d encoded ──► d table entries             in the samples' order
-//! Adam:                       layers; of a table the entries that have a gradient
+//! level by level:             d encoded ──► d table entries             in the samples' order; then Adam of those entries
+//!                             that have a gradient, and their f16, which the next step encodes with
+//! Adam:                       layers
 //! ```
 //!
 //! A 2D field has no density: the first sample of a ray is all that is seen of it.
