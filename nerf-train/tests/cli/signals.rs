@@ -330,9 +330,13 @@ fn a_signal_is_an_error_object_for_a_program_that_follows() {
     let mut running = Running::start(&[
         "render", file, "-o", &gif, "--orbit", "100000", "--json", "--no-mp4", "--width", "16",
     ]);
-    // Its temporary shows that it is at work.
+    // What is in its temporary shows that views are drawn: an empty one may be asking whether files can be written.
     let begun = Instant::now();
-    while folder.names().is_empty() && begun.elapsed() < Duration::from_secs(60) {
+    let drawn = || {
+        let files = std::fs::read_dir(folder.path(".")).expect("a folder").flatten();
+        files.filter_map(|file| file.metadata().ok()).any(|file| file.len() > 0)
+    };
+    while !drawn() && begun.elapsed() < Duration::from_secs(60) {
         std::thread::sleep(Duration::from_millis(5));
     }
     running.signal("TERM");
