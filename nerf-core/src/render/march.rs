@@ -17,7 +17,7 @@ use crate::sampling::{Bins, Ends};
 use crate::volume::Accumulator;
 use glam::Vec3;
 
-/// Of a block of which less than this is picked, the picks are collected first: a fraction, and its denominator.
+/// Of a block of which less than this is picked, the picks are collected first: numerator and denominator.
 const QUEUED_BELOW: (usize, usize) = (3, 4);
 
 /// What one ray carries from sample to sample.

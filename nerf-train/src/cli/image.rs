@@ -92,7 +92,7 @@ pub struct Settings {
     beta2: Option<f64>,
     /// Adam's epsilon. Of a sinusoidal network only.
     #[arg(long, value_name = "EPSILON")]
-    epsilon: Option<f64>,
+    pub epsilon: Option<f64>,
     /// Decay of the average of the parameters that is exported; 0 exports the last step's.
     #[arg(long, value_name = "DECAY")]
     average: Option<f64>,

@@ -2,6 +2,7 @@
 
 use super::common::{DataOptions, Global, check_max_seconds, cpu_name, print_report};
 use super::fit::read_config;
+use super::grid::of_sinusoidal;
 use super::image::{PhotoOptions, Settings};
 use super::places;
 use crate::config::Preset;
@@ -10,7 +11,7 @@ use crate::image_field::FieldPreset;
 use crate::output::claims::Claims;
 use crate::report::summary::Summary;
 use crate::stop::Note;
-use crate::sweep::{Combinations, Folder, Job, Mode, Record, Runner, Shard, Status, write_report};
+use crate::sweep::{Combinations, Folder, Job, Knob, Mode, Record, Runner, Shard, Status, write_report};
 use anyhow::bail;
 use clap::{Args, Subcommand};
 use std::path::{Path, PathBuf};
@@ -68,7 +69,7 @@ struct Lists {
     /// Features of an entry: 1, 2 or 4.
     #[arg(long, value_name = "N,N,…", value_delimiter = ',', num_args = 1)]
     features: Vec<u8>,
-    /// Cells of the finest level along the longest side of the scene box.
+    /// Cells of the finest level along the longest side [default: the preset's; a picture's pixels].
     #[arg(long, value_name = "N,N,…", value_delimiter = ',', num_args = 1)]
     finest: Vec<u16>,
     /// Learning rates at the start.
@@ -181,7 +182,11 @@ fn finish(folder: &Folder, global: &Global) -> anyhow::Result<()> {
 fn fields(record: &Record) -> Summary {
     let mut fields = Summary::new();
     for (knob, value) in record.point.values() {
-        fields.number(&knob.flag().replace('-', "_"), value);
+        let name = knob.flag().replace('-', "_");
+        match knob {
+            Knob::Rate => fields.number(&name, value),
+            _ => fields.integer(&name, value as u64),
+        };
     }
     fields
         .flag("diverged", record.status == Status::Diverged)
@@ -214,10 +219,13 @@ pub struct ImageSweep {
 impl ImageSweep {
     fn run(&self, global: &Global) -> anyhow::Result<ExitCode> {
         self.lists.claim(Claims::new().reads("the picture", &self.photo))?;
-        let sinusoidal = self.lists.of_sinusoidal();
-        let start = if sinusoidal { FieldPreset::Classic } else { FieldPreset::Grid };
-        let base = self.settings.over(self.preset.unwrap_or(start).config());
+        let start = if self.lists.of_sinusoidal() { FieldPreset::Classic } else { FieldPreset::Grid };
+        let preset = self.preset.unwrap_or(start);
         let photo = self.photo_options.read(&self.photo, global)?;
+        let base = self.settings.over(preset.config().for_picture(photo.size()));
+        if base.grid.is_some() && self.settings.epsilon.is_some() {
+            return Err(of_sinusoidal("--epsilon", &preset, "classic"));
+        }
         self.lists.sweep(&Job::Image { photo: &photo, base }, global)
     }
 }

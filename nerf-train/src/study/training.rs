@@ -60,7 +60,8 @@ pub struct Fitted {
 pub struct Lists {
     /// Presets, each as it is.
     pub presets: Vec<Preset>,
-    /// Of the preset with a learned grid: binary logarithms of the most entries a level has.
+    /// Of the base, or of the preset `grid` where that has no learned grid: binary logarithms of the most entries a level
+    /// has.
     pub tables: Vec<u8>,
     /// Channels of the trunk.
     pub widths: Vec<usize>,
@@ -96,7 +97,7 @@ impl Lists {
             add("preset", format!("preset {preset:?}").to_lowercase(), of(preset))?;
         }
         for &log2_entries in &self.tables {
-            let mut config = of(Preset::Grid);
+            let mut config = if base.network.grid.is_some() { base.clone() } else { of(Preset::Grid) };
             if let Some(grid) = &mut config.network.grid {
                 grid.log2_entries = log2_entries;
             }

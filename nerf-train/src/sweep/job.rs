@@ -110,7 +110,7 @@ impl Job<'_> {
     /// [`ConfigError`] names the setting.
     pub fn check(&self, point: &Point) -> Result<(), ConfigError> {
         match self {
-            Self::Image { base, .. } => field_config(base, point).check(),
+            Self::Image { photo, base } => field_config(base, point).check_for(photo.size()),
             Self::Scene { base, .. } => scene_config(base, point).check(),
         }
     }

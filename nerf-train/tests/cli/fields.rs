@@ -186,6 +186,19 @@ fn a_sweep_goes_on_where_it_stopped_and_repeats_nothing() {
 }
 
 #[test]
+fn pictures_are_swept_over_grids() {
+    let folder = Folder::new();
+    let (photo, output) = (photo(&folder), folder.path("tables"));
+    let args = ["sweep", "image", &photo, "-o", &output, "-q", "--steps", "20", "--pixels", "64"];
+    ok(args.into_iter().chain(["--table", "6,8", "--grid-levels", "2"]));
+    let table = std::fs::read_to_string(format!("{output}/table.csv")).expect("a table");
+    assert!(table.starts_with("rank,table,grid-levels,features,finest,rate,"), "{table}");
+    assert_eq!(table.lines().filter(|row| row.contains(",12,")).count(), 2, "a cell a pixel: {table}");
+    fails(args.into_iter().chain(["--finest", "12,13"]), &["network.grid.finest", "12 pixels", "13"]);
+    fails(args.into_iter().chain(["--table", "6", "--epsilon", "1e-8"]), &["--epsilon", "--preset classic"]);
+}
+
+#[test]
 fn parts_of_a_sweep_are_merged() {
     let folder = Folder::new();
     let photo = photo(&folder);

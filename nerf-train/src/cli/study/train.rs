@@ -36,7 +36,8 @@ pub struct StudyTrain {
     /// Presets to compare.
     #[arg(long, value_enum, value_name = "PRESET,…", value_delimiter = ',', num_args = 1)]
     preset: Vec<Preset>,
-    /// Of the preset `grid`: binary logarithms of the most entries a level has. The report then shows what a file of
+    /// Of the base, or of the preset `grid` where that has no learned grid: binary logarithms of the most entries a level
+    /// has. The report then shows what a file of
     /// each size holds after each time.
     #[arg(long, value_name = "N,N,…", value_delimiter = ',', num_args = 1)]
     table: Vec<u8>,
@@ -49,7 +50,7 @@ pub struct StudyTrain {
     /// Samples a ray.
     #[arg(long, value_name = "N,N,…", value_delimiter = ',', num_args = 1)]
     samples: Vec<u16>,
-    /// The preset whose width, depth and samples are varied.
+    /// The preset whose table, width, depth and samples are varied.
     #[arg(long, value_enum, value_name = "PRESET", default_value = "small")]
     base: Preset,
     /// TOML file with settings that replace the base's.

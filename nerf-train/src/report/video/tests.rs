@@ -126,25 +126,23 @@ fn the_last_messages_are_shown() {
 fn an_ffmpeg_that_hangs_is_ended_after_a_stated_time() {
     let folder = tempfile::tempdir().unwrap();
     let (path, frame) = (folder.path().join("a.mp4"), ball(400, 400, 0));
-    // Takes nothing, by itself or by what it starts; takes all and writes nothing; writes some.
+    // Takes nothing, by itself or by what it starts; takes all and writes nothing; writes some. The
+    // last two are given the time a shell takes to start on a busy machine, and speak before they take.
     let place = "for place; do :; done; place=${place#file:}";
     let cases = [
-        ("exec sleep 1000", "took nothing of a frame for 0.3 s"),
-        ("sleep 1000", "took nothing of a frame for 0.3 s"),
-        ("cat > /dev/null; sleep 1000", "wrote nothing after its last frame"),
-        (&*format!("{place}; cat > \"$place\"; echo busy >&2; sleep 1000"), "busy"),
+        ("exec sleep 1000", 300, "took nothing of a frame for 0.3 s"),
+        ("sleep 1000", 300, "took nothing of a frame for 0.3 s"),
+        ("cat > /dev/null; sleep 1000", 3000, "wrote nothing after its last frame, and did not end, for 3"),
+        (&*format!("{place}; echo busy >&2; cat > \"$place\"; sleep 1000"), 3000, "busy"),
     ];
-    for (body, words) in cases {
-        let ffmpeg = fake(folder.path(), body).with_patience(Duration::from_millis(300));
+    for (body, patience, words) in cases {
+        let ffmpeg = fake(folder.path(), body).with_patience(Duration::from_millis(patience));
         let mut mp4 = Mp4Writer::create(&ffmpeg, &path, 400, 400, 10.0).unwrap();
         let begun = Instant::now();
         let pushed = (0..4).try_for_each(|_| mp4.push(&frame));
         let error = pushed.and_then(|()| mp4.finish()).unwrap_err().to_string();
-        assert!(
-            error.contains(words) && error.contains("a.mp4") && error.contains("0.3 s"),
-            "{body}: {error}"
-        );
-        assert!(begun.elapsed() < Duration::from_secs(10), "{body}: {:?}", begun.elapsed());
+        assert!(error.contains(words) && error.contains("a.mp4"), "{body}: {error}");
+        assert!(begun.elapsed() < Duration::from_secs(60), "{body}: {:?}", begun.elapsed());
         assert_eq!(names(folder.path()), ["fake-ffmpeg"], "{body}");
     }
     // The GIF beside it is what was asked for.

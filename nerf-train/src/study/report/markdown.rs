@@ -123,7 +123,9 @@ fn why_none(knob: &str) -> &'static str {
     match knob {
         "weights" => "the f32 weights are not at hand (--source names their file)",
         "occupancy" => "the scene has no occupancy grid, or it is part of the model",
-        "file" => "no other occupancy grid was asked for, or the network is empty",
+        "file" => {
+            "no other occupancy grid was asked for, or the network is empty, and there are no f16 tables to round further"
+        }
         _ => "there is no other value on this machine",
     }
 }
