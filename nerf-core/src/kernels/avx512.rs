@@ -1,8 +1,8 @@
 //! AVX-512 F leaf: sixteen lanes.
 
 use super::Op;
-use super::gather::last_row;
-use crate::math::gather::{Format, Indices, Table, weighted_rows_by_lane};
+use super::gather::{last_row, last_word};
+use crate::math::gather::{Format, Indices, Table, bits_by_lane, weighted_rows_by_lane};
 use crate::math::lanes::{Lanes, MAX_LANES, SQRT_HALF_BITS};
 use core::arch::x86_64::*;
 
@@ -134,6 +134,20 @@ impl Lanes for F32x16 {
             _mm256_storeu_si256(bits.as_mut_ptr().cast(), halves);
         }
         bits
+    }
+    #[inline(always)]
+    fn bits(bytes: &[u8], at: U32x16) -> u32 {
+        let Some(last) = last_word(bytes) else {
+            return bits_by_lane::<Self>(bytes, at);
+        };
+        // SAFETY: `last_word` keeps the four bytes of each lane inside `bytes`; unaligned reads. Features as above.
+        unsafe {
+            let from = _mm512_min_epu32(_mm512_srli_epi32::<3>(at.0), _mm512_set1_epi32(last as i32));
+            let words = _mm512_i32gather_epi32::<1>(from, bytes.as_ptr().cast());
+            // Beyond the last byte that is more than a word has: 0.
+            let shift = _mm512_sub_epi32(at.0, _mm512_slli_epi32::<3>(from));
+            u32::from(_mm512_test_epi32_mask(_mm512_srlv_epi32(words, shift), _mm512_set1_epi32(1)))
+        }
     }
     #[inline(always)]
     fn weighted_rows<T: Table, const ROWS: usize>(

@@ -13,3 +13,9 @@ pub fn last_row<T: Table>(table: T, features: usize) -> Option<u32> {
     };
     u32::try_from(entries.checked_sub(2)?).ok()
 }
+
+/// The last byte that four can be read from and still lie inside `bytes`, if an offset to it fits a lane.
+#[inline(always)]
+pub fn last_word(bytes: &[u8]) -> Option<u32> {
+    i32::try_from(bytes.len().checked_sub(4)?).ok().map(i32::cast_unsigned)
+}

@@ -231,6 +231,20 @@ impl Table for Int8Table<'_> {
     }
 }
 
+/// [`Lanes::bits`], bit by bit.
+#[inline(always)]
+pub fn bits_by_lane<V: Lanes>(bytes: &[u8], at: V::Indices) -> u32 {
+    let mut bits = [0; MAX_LANES];
+    at.store(&mut bits);
+    let mut found = 0;
+    for (lane, &bit) in bits.iter().enumerate().take(V::COUNT) {
+        if let Some(&byte) = bytes.get(bit as usize / 8) {
+            found |= (u32::from(byte) >> (bit % 8) & 1) << lane;
+        }
+    }
+    found
+}
+
 /// [`Lanes::weighted_rows`], value by value.
 #[inline(always)]
 pub fn weighted_rows_by_lane<V: Lanes, T: Table, const ROWS: usize>(

@@ -1,6 +1,6 @@
 //! One vector of `f32`: the interface every elementary function and kernel is written against.
 
-use super::gather::{Indices, Table, weighted_rows_by_lane, widen_finite};
+use super::gather::{Indices, Table, bits_by_lane, weighted_rows_by_lane, widen_finite};
 
 /// `COUNT` values of f32 that move through arithmetic together.
 ///
@@ -78,6 +78,12 @@ pub trait Lanes: Copy {
         let mut values = [0.0; MAX_LANES];
         self.store(&mut values);
         values.map(|value| half::f16::from_f32(value).to_bits())
+    }
+
+    /// Bit `i` of the result: bit `at[i]` of `bytes`, LSB first, in lane `i`; 0 beyond their end.
+    #[inline(always)]
+    fn bits(bytes: &[u8], at: Self::Indices) -> u32 {
+        bits_by_lane::<Self>(bytes, at)
     }
 
     /// `Σ_r weights[r] · row r` of each lane, of rows of two neighbouring entries of 1, 2 or 4 `features`, summed

@@ -2,7 +2,7 @@
 
 use super::Bins;
 use crate::math::gather::Indices;
-use crate::math::lanes::{Lanes, MAX_LANES};
+use crate::math::lanes::Lanes;
 use crate::ray::{Ray, SceneBox};
 use glam::Vec3;
 
@@ -56,15 +56,7 @@ impl<'a> OccupancyGrid<'a> {
             let cell = floor.min_of(V::splat(side.saturating_sub(1) as f32)).max_of(zero);
             index = index.mul(V::Indices::splat(side)).add(cell.to_indices());
         }
-        let mut cells = [0; MAX_LANES];
-        index.store(&mut cells);
-        let mut live = 0;
-        for (lane, &cell) in cells.iter().enumerate().take(V::COUNT) {
-            if let Some(&byte) = self.bits.get(cell as usize / 8) {
-                live |= (u32::from(byte) >> (cell % 8) & 1) << lane;
-            }
-        }
-        live
+        V::bits(self.bits, index)
     }
 
     /// Whether a point lies in the box.
