@@ -170,6 +170,9 @@ fn a_grid_is_studied_with_its_file_in_other_forms() {
     for label in ["file with int8 tables", "file with occupancy of", "file_bytes"] {
         assert!(points.contains(label), "expected `{label}` in: {points}");
     }
+    // The plot has a colour for the bytes of each file.
+    let plot = std::fs::read_to_string(format!("{report}/front.svg")).expect("a plot");
+    assert!(plot.matches("file of ").count() >= 2 && plot.contains(" KiB"), "{plot}");
     let bytes = std::fs::read(&front).expect("a blob");
     assert!(!Blob::open(&bytes).expect("a blob").front().is_empty());
     ok(["audit", &file, &data, "--views", "1", "--quiet"]);
