@@ -4,7 +4,7 @@ use super::audit::check_threshold;
 use super::common::{
     DataOptions, Global, check_checkpoint_every, check_max_seconds, parse_numbers, print_report,
 };
-use super::grid::{TableSettings, check_memory, given, of_sinusoidal, set};
+use super::grid::{self, TableSettings, check_memory, given, of_sinusoidal, parse_bytes, set};
 use super::outcome;
 use super::places;
 use crate::config::{Config, Density, Jitter, Preset};
@@ -177,17 +177,6 @@ fn parse_jitter(text: &str) -> Result<Jitter, String> {
     }
 }
 
-/// `131072`, `128k` or `1m`.
-fn parse_bytes(text: &str) -> Result<u64, String> {
-    let (digits, unit) = match text.char_indices().last() {
-        Some((at, 'k')) => (&text[..at], 1 << 10),
-        Some((at, 'm')) => (&text[..at], 1 << 20),
-        _ => (text, 1),
-    };
-    let bytes = digits.parse().ok().and_then(|count: u64| count.checked_mul(unit)).filter(|&bytes| bytes > 0);
-    bytes.ok_or_else(|| "expected a number of bytes above 0, such as 131072, 128k or 1m".into())
-}
-
 impl Settings {
     /// Refuses what a learned grid has no use for.
     fn check_beside_grid(&self, config: &Config) -> anyhow::Result<()> {
@@ -305,15 +294,8 @@ impl Fit {
     /// The settings with which the file is as small as was asked for; says what was chosen.
     fn within_bytes(&self, config: Config, dataset: &Dataset, global: &Global) -> anyhow::Result<Config> {
         let Some(max_bytes) = self.max_bytes else { return Ok(config) };
-        let t = &self.table;
-        let chosen = Chosen {
-            entries: t.table.is_some(),
-            levels: t.grid_levels.is_some(),
-            coarsest: t.coarsest.is_some(),
-            finest: t.finest.is_some(),
-            storage: t.export.is_some(),
-            occupancy: self.settings.occupancy_resolution.is_some(),
-        };
+        let occupancy = self.settings.occupancy_resolution.is_some();
+        let chosen = Chosen { occupancy, ..self.table.chosen() };
         let scene_box = find_box(dataset, &config)?.scene_box;
         let extent = scene_box.max - scene_box.min;
         let Some(fitted) = size::within(&config, chosen, extent, dataset, max_bytes)? else {
@@ -321,13 +303,8 @@ impl Fit {
         };
         if let Some(grid) = &fitted.network.grid {
             global.say(format!(
-                "--max-bytes {max_bytes}: {} levels of {} to {} cells, at most 2^{} entries a level as {}, {} cells of \
-                 occupancy: at most {} bytes",
-                grid.levels,
-                grid.coarsest,
-                grid.finest,
-                grid.log2_entries,
-                grid.storage.name(),
+                "--max-bytes {max_bytes}: {}, {} cells of occupancy: at most {} bytes",
+                grid::in_words(grid),
                 fitted.occupancy.resolution,
                 size::most_bytes(&fitted, extent, dataset)?,
             ));

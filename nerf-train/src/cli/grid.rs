@@ -4,6 +4,7 @@ use crate::config::TableConfig;
 use crate::memory;
 use crate::quantise::TableStorage;
 use crate::report::summary::Summary;
+use crate::size::Chosen;
 use clap::{Args, ValueEnum};
 use nerf_core::blob::Blob;
 use nerf_core::encoding::GridEncoding;
@@ -33,6 +34,17 @@ pub struct TableSettings {
     /// What the blob stores the grid's values in: int8 takes half the bytes of f16, and what it loses is measured.
     #[arg(long, value_enum, value_name = "STORAGE")]
     pub export: Option<TableStorage>,
+}
+
+/// `131072`, `128k` or `1m`.
+pub fn parse_bytes(text: &str) -> Result<u64, String> {
+    let (digits, unit) = match text.char_indices().last() {
+        Some((at, 'k')) => (&text[..at], 1 << 10),
+        Some((at, 'm')) => (&text[..at], 1 << 20),
+        _ => (text, 1),
+    };
+    let bytes = digits.parse().ok().and_then(|count: u64| count.checked_mul(unit)).filter(|&bytes| bytes > 0);
+    bytes.ok_or_else(|| "expected a number of bytes above 0, such as 131072, 128k or 1m".into())
 }
 
 /// Replaces a setting by a flag that was given.
@@ -92,6 +104,27 @@ impl TableSettings {
         set(&mut grid.storage, &self.export);
         Ok(())
     }
+
+    /// What `--max-bytes` leaves as it is.
+    pub fn chosen(&self) -> Chosen {
+        Chosen {
+            entries: self.table.is_some(),
+            levels: self.grid_levels.is_some(),
+            coarsest: self.coarsest.is_some(),
+            finest: self.finest.is_some(),
+            storage: self.export.is_some(),
+            occupancy: false,
+        }
+    }
+}
+
+/// `8 levels of 16 to 320 cells, at most 2^16 entries a level as f16`.
+pub fn in_words(grid: &TableConfig) -> String {
+    let TableConfig { levels, log2_entries, coarsest, finest, storage, .. } = grid;
+    let storage = storage.name();
+    format!(
+        "{levels} levels of {coarsest} to {finest} cells, at most 2^{log2_entries} entries a level as {storage}"
+    )
 }
 
 /// What a value of a grid's tables takes: itself, two moments and a gradient, and a copy of all but that in a

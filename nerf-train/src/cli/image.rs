@@ -3,7 +3,7 @@
 use super::common::{
     Global, check_max_seconds, cpu_name, open_blob, parse_background, parse_math, read_file,
 };
-use super::grid::{self, TableSettings, check_memory, given, of_sinusoidal};
+use super::grid::{self, TableSettings, check_memory, given, of_sinusoidal, parse_bytes};
 use super::places;
 use crate::frame;
 use crate::image_field::{
@@ -18,6 +18,7 @@ use crate::report::plot::{LinePlot, Marker, Series};
 use crate::report::progress::{Message, Progress, Total};
 use crate::report::summary::Summary;
 use crate::report::table::Table;
+use crate::size;
 use crate::stop;
 use crate::train::schedule::{Budget, Clock};
 use anyhow::{Context, bail};
@@ -167,6 +168,10 @@ pub struct Fit {
     settings: Settings,
     #[command(flatten)]
     table: TableSettings,
+    /// Choose what no flag says of table, levels and storage so that the whole file is no larger: bytes, or k = 1024 and
+    /// m = 1048576 of them.
+    #[arg(long, value_name = "BYTES", value_parser = parse_bytes, help_heading = grid::HEADING)]
+    max_bytes: Option<u64>,
 }
 
 impl Fit {
@@ -178,7 +183,8 @@ impl Fit {
         if let Some(flag) = given(sinusoidal).filter(|_| config.grid.is_some()) {
             return Err(of_sinusoidal(flag, &self.preset, "classic"));
         }
-        self.table.apply(config.grid.as_mut(), None, &self.preset)?;
+        let more = given([("--max-bytes", self.max_bytes.is_some())]);
+        self.table.apply(config.grid.as_mut(), more, &self.preset)?;
         if let Some(grid) = config.grid.as_mut().filter(|_| self.table.coarsest.is_none()) {
             grid.coarsest = grid.coarsest.min(grid.finest.max(1));
         }
@@ -188,6 +194,24 @@ impl Fit {
         config.optimiser.rate = self.rate.unwrap_or(config.optimiser.rate);
         config.check()?;
         Ok(config)
+    }
+
+    /// The settings with which the file is as small as was asked for; says what was chosen.
+    fn within_bytes(
+        &self,
+        config: FieldConfig,
+        photo: &Photo,
+        global: &Global,
+    ) -> anyhow::Result<FieldConfig> {
+        let Some(max_bytes) = self.max_bytes else { return Ok(config) };
+        let (size, name) = (photo.size(), &photo.name);
+        let fitted = size::picture_within(&config, self.table.chosen(), size, name, max_bytes)?;
+        let Some(fitted) = fitted else { return Ok(config) };
+        if let Some(grid) = &fitted.grid {
+            let (grid, most) = (grid::in_words(grid), size::most_picture_bytes(&fitted, size, name)?);
+            global.say(format!("--max-bytes {max_bytes}: {grid}: at most {most} bytes"));
+        }
+        Ok(fitted)
     }
 
     fn run(&self, global: &Global) -> anyhow::Result<ExitCode> {
@@ -212,6 +236,7 @@ impl Fit {
         let photo = self.photo_options.read(&self.photo, global)?;
         let config = self.config(photo.size())?;
         config.check_for(photo.size())?;
+        let config = self.within_bytes(config, &photo, global)?;
         if let Some(grid) = &config.grid {
             check_memory(&grid.picture_encoding(photo.size()))?;
         }

@@ -15,4 +15,5 @@ mod tests;
 
 pub use config::{FieldConfig, FieldPreset};
 pub use photo::{MAX_SIDE, Photo, PhotoError};
+pub(crate) use run::MEASURED_ON;
 pub use run::{Ended, Evaluation, FieldError, FieldTrainer, Outcome, RunOptions, kept, run};

@@ -12,6 +12,7 @@ use crate::report::progress::{Message, Progress, ProgressStyle};
 use crate::stop::{Claim, Cover};
 use crate::train::CurvePoint;
 use crate::train::average::Average;
+use crate::train::candidate::MADE_BY;
 use crate::train::pace::VALIDATION_SHARE;
 use crate::train::schedule::{Budget, Clock, learning_rate};
 use glam::Vec3;
@@ -27,6 +28,9 @@ use std::time::{Duration, Instant};
 
 /// Evaluations of the whole picture on the way, where no interval is given.
 const EVALUATIONS: f64 = 10.0;
+
+/// What a blob says its PSNR is of.
+pub(crate) const MEASURED_ON: &str = "over the whole picture";
 
 /// Pixels that are drawn together.
 const DRAWN: usize = 64;
@@ -153,7 +157,6 @@ impl<'p> FieldTrainer<'p> {
         let parameters =
             self.average.corrected(self.step).unwrap_or_else(|| self.engine.parameters().into_owned());
         let [width, height] = self.photo.size();
-        let made_by = format!("nerf-train {}", env!("CARGO_PKG_VERSION"));
         let (parameters, tables) = parameters.split_at(self.model.layer_parameters());
         Ok(export(&Contents {
             architecture: &self.model.architecture,
@@ -166,11 +169,11 @@ impl<'p> FieldTrainer<'p> {
             occupancy: None,
             provenance: Provenance {
                 data: &self.photo.name,
-                made_by: &made_by,
+                made_by: MADE_BY,
                 steps: self.step,
                 seed: self.config.seed,
                 psnr_db: psnr_db.map(|db| db as f32).filter(|db| db.is_finite()),
-                psnr_convention: if psnr_db.is_some() { "over the whole picture" } else { "" },
+                psnr_convention: if psnr_db.is_some() { MEASURED_ON } else { "" },
                 quantisation_loss_db: None,
                 trained_parameters: self.model.parameters() as u32,
             },

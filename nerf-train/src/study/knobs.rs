@@ -22,8 +22,10 @@ pub struct Knob {
     pub values: fn(&Lab<'_>, Settings) -> Vec<Settings>,
 }
 
-/// Samples a ray, as shares of what the scene was made for.
+/// Samples a ray, as shares of what the scene was made for: of a scene whose samples lie in bins.
 const SAMPLES: [(u32, u32); 7] = [(1, 4), (3, 8), (1, 2), (5, 8), (3, 4), (3, 2), (2, 1)];
+/// Steps, as shares of the one that the field was trained with, in hundredths: of a scene that is marched.
+const STEPS: [u32; 5] = [50, 75, 125, 150, 200];
 /// Transmittance cuts.
 const TRANSMITTANCE: [f32; 6] = [0.0, 1e-3, 3e-2, 0.1, 0.2, 0.3];
 /// Colour cuts.
@@ -39,14 +41,34 @@ pub const KNOBS: &[Knob] = &[
         in_blob: true,
         combines: true,
         copy: |from, to| to.quality.samples = from.quality.samples,
-        read: |lab, s| match s.quality.samples {
-            0 => lab.samples().to_string(),
-            samples => samples.to_string(),
+        read: |lab, s| match (lab.is_marched(), s.quality.samples) {
+            // Their number follows from the step.
+            (true, _) => String::new(),
+            (false, 0) => lab.samples().to_string(),
+            (false, samples) => samples.to_string(),
         },
         values: |lab, base| {
             let own = u32::from(lab.samples());
             let count = |(n, d): (u32, u32)| (own * n / d).clamp(1, u32::from(MAX_SAMPLES)) as u16;
-            vary(base, SAMPLES.into_iter().map(count), |s, samples| s.quality.samples = samples)
+            let counts = SAMPLES.into_iter().filter(|_| !lab.is_marched()).map(count);
+            vary(base, counts, |s, samples| s.quality.samples = samples)
+        },
+    },
+    Knob {
+        name: "march step",
+        in_blob: true,
+        combines: true,
+        copy: |from, to| to.quality.samples = from.quality.samples,
+        read: |lab, s| match lab.is_marched() {
+            true => format!("{}×", (100.0 * lab.step_share(s)).round() / 100.0),
+            false => String::new(),
+        },
+        values: |lab, base| {
+            let own = u32::from(lab.samples());
+            let count =
+                |share: u32| ((100 * own + share / 2) / share).clamp(1, u32::from(MAX_SAMPLES)) as u16;
+            let counts = STEPS.into_iter().filter(|_| lab.is_marched()).map(count);
+            vary(base, counts, |s, samples| s.quality.samples = samples)
         },
     },
     Knob {

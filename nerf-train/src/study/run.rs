@@ -23,12 +23,16 @@ use crate::frame::Frame;
 use nerf_core::blob::{FrontPoint, MAX_FRONT};
 use nerf_core::camera::{Camera, Intrinsics};
 use nerf_core::kernels::Tier;
+use nerf_core::plan::Preset;
 use std::time::{Duration, Instant};
 
 /// Loss against the base beyond which combinations are not looked for, dB.
 const COMBINATION_LOSS_DB: f64 = 2.5;
 /// Loss against the exact rendering beyond which a blob's front has no points, dB: nobody wants them.
 pub const BLOB_LOSS_DB: f64 = 3.0;
+/// Points of a blob's front that lose no more than this never step longer than the field was trained to, dB: what that
+/// loses differs from view to view.
+pub const TRAINED_STEP_LOSS_DB: f32 = Preset::Balanced.loss_db();
 /// Combinations of all knobs, and of those that a blob's front can hold.
 const COMBINATIONS: usize = 12;
 /// Side of the square that the scalar oracle renders, pixels.
@@ -192,7 +196,8 @@ impl<'a, 'b> Study<'a, 'b> {
         };
         let knobs = KNOBS.iter().enumerate();
         let wanted = knobs.filter(|(_, knob)| knob.combines && (knob.in_blob || !in_blob));
-        wanted.map(|(knob, _)| Choices { knob, rows: of_knob(knob) }).collect()
+        let choices = wanted.map(|(knob, _)| Choices { knob, rows: of_knob(knob) });
+        choices.filter(|choices| !choices.rows.is_empty()).collect()
     }
 
     fn add_combinations(&mut self) {
@@ -307,15 +312,18 @@ impl<'a, 'b> Study<'a, 'b> {
     }
 
     /// The front over multiply-adds of what a blob can hold: indices of points, dearest first, at most
-    /// [`MAX_FRONT`] that lose no more than `BLOB_LOSS_DB`, and the price of every point.
+    /// [`MAX_FRONT`] that lose no more than `BLOB_LOSS_DB`, none within `TRAINED_STEP_LOSS_DB` at a longer step than the
+    /// field was trained with, and the price of every point.
     pub fn blob_front(&self) -> (Vec<usize>, Vec<Price>) {
         let base = Settings::base();
         let price = |point: &Point| {
             let totals = point.totals(&self.points[0]);
+            let longer = self.lab.is_marched() && self.lab.step_share(&point.settings) > 1.0;
             // Losses on other views do not compare.
             let fits = fits_blob(self.lab, &base, &point.settings)
                 && totals.views == self.views.len()
-                && totals.loss_db <= BLOB_LOSS_DB;
+                && totals.loss_db <= BLOB_LOSS_DB
+                && !(longer && totals.loss_db as f32 <= TRAINED_STEP_LOSS_DB);
             let cost = if fits { totals.relative_macs } else { f64::NAN };
             // As the file will have them: what is equal there must not count as different.
             Price { loss_db: f64::from(totals.loss_db as f32), cost: f64::from(cost as f32) }

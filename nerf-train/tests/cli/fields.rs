@@ -124,6 +124,50 @@ fn flags_of_the_other_kind_of_field_are_refused_with_a_sentence() {
 }
 
 #[test]
+fn a_file_is_no_larger_than_it_was_asked_to_be() {
+    let folder = Folder::new();
+    let (photo, file) = (folder.path("noise.png"), folder.path("a.nerf"));
+    let pixel = |x: u32, y: u32| image::Rgb([((x * 37) ^ (y * 91)) as u8, (x * y) as u8, (x + y) as u8]);
+    image::ImageBuffer::from_fn(200, 150, pixel).save(&photo).expect("a picture");
+    let args = ["image", "fit", &photo, "-o", &file, "--steps", "2", "--pixels", "64"];
+    let with = |flags: &[&'static str]| [&args, flags].concat();
+    for (wish, bytes) in [("20k", 20 << 10), ("65536", 65_536), ("256k", 256 << 10)] {
+        let said = ran(&mut command(with(&["--max-bytes", wish]))).err;
+        assert!(
+            said.contains(&format!("--max-bytes {bytes}: ")) && said.contains("cells, at most 2^"),
+            "{said}"
+        );
+        let length = std::fs::metadata(&file).expect("a blob").len();
+        assert!(length <= bytes && 5 * length > 4 * bytes, "{wish}: {length}");
+    }
+    // What flags say stays, and a wish beyond what the settings take changes nothing.
+    let flags = ["-q", "--table", "7", "--coarsest", "8", "--grid-levels", "4"];
+    let inspected = |flags: &[&str]| {
+        ok([&args, flags].concat());
+        (std::fs::read(&file).expect("a blob"), ok(["inspect", &file]))
+    };
+    let (_, said) = inspected(&[&flags[..], &["--max-bytes", "8k"]].concat());
+    assert!(said.contains("4 levels of 8 to 200 cells") && said.contains("at most 2^7 entries"), "{said}");
+    assert!(said.contains("as int8"), "{said}");
+    let (roomy, plain) = (inspected(&[&flags[..], &["--max-bytes", "1m"]].concat()), inspected(&flags));
+    assert!(roomy.0 == plain.0, "{}", roomy.1);
+    for wish in ["0", "1x", "k", "1.5k", "99999999999999999999", "20000000000000000m", ""] {
+        fails([&args, &["--max-bytes", wish][..]].concat(), &["--max-bytes", "131072, 128k or 1m"]);
+    }
+    fails(
+        with(&["--preset", "classic", "--max-bytes", "1m"]),
+        &["--max-bytes", "`classic`", "--preset grid"],
+    );
+    let said = fails(with(&["--max-bytes", "1k"]), &["--max-bytes", "found 1024"]);
+    let least = said.split_once("at least ").and_then(|(_, rest)| rest.split_once(',')).expect("a number").0;
+    let less = (least.parse::<u64>().expect("a number") - 1).to_string();
+    fails([&args, &["--max-bytes", &less][..]].concat(), &["--max-bytes", least]);
+    ok([&args, &["-q", "--max-bytes", least][..]].concat());
+    let length = std::fs::metadata(&file).expect("a blob").len();
+    assert!(length <= least.parse().expect("a number"), "{least}: {length}");
+}
+
+#[test]
 fn pictures_of_one_pixel_and_of_one_column_are_fitted_and_drawn() {
     let folder = Folder::new();
     for (width, height) in [(1, 1), (1, 65_535)] {

@@ -170,8 +170,22 @@ fn a_grid_is_studied_with_its_file_in_other_forms() {
     for label in ["file with int8 tables", "file with occupancy of", "file_bytes"] {
         assert!(points.contains(label), "expected `{label}` in: {points}");
     }
+    // The plot has a colour for the bytes of each file.
+    let plot = std::fs::read_to_string(format!("{report}/front.svg")).expect("a plot");
+    assert!(plot.matches("file of ").count() >= 2 && plot.contains(" KiB"), "{plot}");
+    // Longer steps than the trained one are rows with their price, and in no point within a small loss.
+    let share = |row: &str| row.strip_prefix("march step,march step ")?.split_once('×')?.0.parse().ok();
+    let shares: Vec<f64> = points.lines().filter_map(share).collect();
+    assert!(shares.len() == 5 && shares.iter().filter(|&&share| share > 1.0).count() == 3, "{shares:?}");
+    let words = std::fs::read_to_string(format!("{report}/report.md")).expect("a report");
+    assert!(words.contains("their samples follow from the step"), "{words}");
     let bytes = std::fs::read(&front).expect("a blob");
-    assert!(!Blob::open(&bytes).expect("a blob").front().is_empty());
+    let blob = Blob::open(&bytes).expect("a blob");
+    let (own, points) = (blob.scene().expect("a scene").samples(), blob.front());
+    assert!(points.iter().any(|point| point.samples >= own), "{points:?}");
+    for point in points {
+        assert!(point.samples >= own || point.loss_db > 0.1, "{point:?}");
+    }
     ok(["audit", &file, &data, "--views", "1", "--quiet"]);
 }
 

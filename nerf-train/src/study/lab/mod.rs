@@ -10,8 +10,8 @@ use crate::frame::{self, Frame};
 use crate::occupancy::{Ask, LiveCells, Occupancy};
 use crate::quantise::{Quantised, TableStorage, values_of};
 use nerf_core::blob::{
-    Blob, BlobError, Body, Content, FrontPoint, MAX_FRONT, SceneFacts, StoredOccupancy, StoredTables,
-    encoded_len, write,
+    Blob, BlobError, Body, Content, FrontPoint, MAX_FRONT, SceneFacts, SceneSampling, StoredOccupancy,
+    StoredTables, encoded_len, write,
 };
 use nerf_core::camera::Camera;
 use nerf_core::effects::Effects;
@@ -89,6 +89,18 @@ impl<'b> Lab<'b> {
     /// Samples a ray that the scene was made for.
     pub fn samples(&self) -> u16 {
         self.scene.samples()
+    }
+
+    /// Whether its rays are marched at even steps; else their samples lie in bins.
+    pub fn is_marched(&self) -> bool {
+        matches!(self.scene.sampling, SceneSampling::March(_))
+    }
+
+    /// The distance between samples, as a share of the one that the field was trained with.
+    pub fn step_share(&self, settings: &Settings) -> f64 {
+        let own = self.samples();
+        let samples = if settings.quality.samples == 0 { own } else { settings.quality.samples };
+        f64::from(own) / f64::from(samples)
     }
 
     /// Whether its occupancy grid is part of the model.

@@ -4,7 +4,7 @@ use super::{Findings, SPAN_LOSS_DB, Setting, whole, whole_f32};
 use crate::printable;
 use crate::study::knobs::KNOBS;
 use crate::study::point::{Clock, Origin};
-use crate::study::run::BLOB_LOSS_DB;
+use crate::study::run::{BLOB_LOSS_DB, TRAINED_STEP_LOSS_DB};
 use nerf_core::blob::MAX_FRONT;
 use std::fmt::Write as _;
 
@@ -49,7 +49,8 @@ impl Findings<'_, '_, '_> {
         ));
         line(format_args!(
             "## The front in the blob\n\nOver multiply-adds, which are the same on every machine, and without what a \
-             caller cannot ask a blob for (kernel, size, another occupancy grid). Points that lose more than {BLOB_LOSS_DB} dB are left out. Where there are \
+             caller cannot ask a blob for (kernel, size, another occupancy grid). Points that lose more than {BLOB_LOSS_DB} dB are left out, \
+             and of those that lose at most {TRAINED_STEP_LOSS_DB} dB all that march at longer steps than the field was trained with. Where there are \
              more than {MAX_FRONT} points, the inner one that adds least goes, again and again: least is the area between it and the \
              staircase of its neighbours, dB times the logarithm of cost.\n\n{}",
             self.short_table(&self.blob_front).to_markdown().trim_end()
@@ -121,6 +122,8 @@ impl Findings<'_, '_, '_> {
 /// Why a knob has only one value.
 fn why_none(knob: &str) -> &'static str {
     match knob {
+        "samples" => "its rays are marched, and their samples follow from the step",
+        "march step" => "its samples lie in bins, not at even steps",
         "weights" => "the f32 weights are not at hand (--source names their file)",
         "occupancy" => "the scene has no occupancy grid, or it is part of the model",
         "file" => {

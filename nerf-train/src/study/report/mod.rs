@@ -5,7 +5,7 @@ mod pictures;
 mod tables;
 
 use super::error::StudyError;
-use super::point::{Clock, Origin, Point, Totals};
+use super::point::{Clock, Point, Totals};
 use super::run::Study;
 use crate::output::write_atomic;
 use crate::report::plot::{Label, LinePlot, Marker, Reference, Series};
@@ -61,7 +61,7 @@ impl<'s, 'a, 'b> Findings<'s, 'a, 'b> {
         Some((1.0 / self.times[point], point))
     }
 
-    /// PSNR over seconds: all points, and the front through its numbered ones.
+    /// PSNR over seconds: all points, in colours by the bytes of their files, and the front through its numbered ones.
     fn plot(&self, setting: &Setting<'_>) -> LinePlot {
         let clock = self.study.effort.clock;
         let name = if clock == Clock::Wall { "seconds a view" } else { "CPU seconds a view" };
@@ -75,17 +75,23 @@ impl<'s, 'a, 'b> Findings<'s, 'a, 'b> {
             points: which.into_iter().map(place).collect(),
             marker,
         };
-        let of = |keep: &dyn Fn(&Point) -> bool| {
-            (0..self.study.points.len()).filter(|&i| keep(&self.study.points[i])).collect()
+        // The third axis: a colour for the bytes of each file.
+        let kib = |i: usize| (self.study.points[i].memory.file as f64 / 1024.0).round() as u64;
+        let all = || 0..self.study.points.len();
+        let mut sizes: Vec<u64> = all().map(kib).collect();
+        // Small ones last, on top: a smaller file often takes the same time.
+        sizes.sort_unstable_by(|a, b| b.cmp(a));
+        sizes.dedup();
+        let of_size = |&size: &u64| {
+            series(
+                &format!("file of {size} KiB"),
+                all().filter(|&i| kib(i) == size).collect(),
+                Marker::Points,
+            )
         };
-        let single = |p: &Point| matches!(p.origin, Origin::Knob(_));
-        plot.series = vec![
-            series("one knob", of(&single), Marker::Points),
-            series("combination", of(&|p| p.origin == Origin::Combination), Marker::Points),
-            series("exact", vec![0], Marker::Points),
-            series("base", vec![1], Marker::Points),
-            series("front", self.front.clone(), Marker::LineAndPoints),
-        ];
+        // Under the points, whose colours say more.
+        plot.series = vec![series("front", self.front.clone(), Marker::Line)];
+        plot.series.extend(sizes.iter().map(of_size));
         plot.log_x = true;
         // Names would cover the points: the front's have the numbers of the tables, and a legend below.
         let label = |text: String, i: usize| Label { text, at: place(i) };
