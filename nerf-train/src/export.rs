@@ -28,7 +28,14 @@ pub enum Tables<'a> {
     /// There is no grid.
     None,
     /// The values of all levels, to be rounded.
-    Values(&'a [f32], TableStorage),
+    Values {
+        /// Level by level.
+        values: &'a [f32],
+        /// To what.
+        storage: TableStorage,
+        /// What an int8 of each level counts, where that is known; else empty.
+        scales: &'a [f32],
+    },
     /// Another blob's, as they are.
     Stored(StoredTables<'a>),
 }
@@ -129,8 +136,8 @@ pub fn export_with(contents: &Contents<'_>, coarse: Option<&Coarse<'_>>) -> Resu
         weights: &coarse_rounded.weights,
     });
     let quantised = match (contents.architecture.position.grid(), contents.tables) {
-        (Some(grid), Tables::Values(values, storage)) => Some(
-            Quantised::new(grid, values, storage)
+        (Some(grid), Tables::Values { values, storage, scales }) => Some(
+            Quantised::new(grid, values, storage, scales)
                 .map_err(|(index, found)| ExportError::Table { index, found })?,
         ),
         _ => None,

@@ -33,10 +33,13 @@ impl TableStorage {
     }
 }
 
+/// Share of a run from which on tables that are exported in int8 are trained as they are rounded: what is left of the run
+/// makes up for the rounding.
+pub const ROUNDED_FROM: f64 = 0.85;
 /// Shares of a level's values, the smallest ones by magnitude, that its scale may keep whole; the rest are clipped.
 const KEPT: [f64; 3] = [1.0, 0.9999, 0.9995];
 /// Steps of int8 on either side of 0.
-const STEPS: f32 = 127.0;
+pub(crate) const STEPS: f32 = 127.0;
 
 /// Tables that were rounded.
 #[derive(Clone, Debug, PartialEq)]
@@ -47,14 +50,20 @@ pub struct Quantised {
 }
 
 impl Quantised {
-    /// Rounds `values`, those of all levels of `grid`.
+    /// Rounds `values`, those of all levels of `grid`; in int8 by `scales`, one a level, or where there are none by
+    /// those of [`scales`].
     ///
     /// # Errors
     /// The first value that is not finite or beyond ±65504, f16's largest: its index and itself.
     ///
     /// # Panics
     /// If there are fewer values than the grid has.
-    pub fn new(grid: &GridEncoding, values: &[f32], storage: TableStorage) -> Result<Self, (usize, f32)> {
+    pub fn new(
+        grid: &GridEncoding,
+        values: &[f32],
+        storage: TableStorage,
+        given: &[f32],
+    ) -> Result<Self, (usize, f32)> {
         // NaN compares false.
         let fits = |value: &f32| value.abs() <= f16::MAX.to_f32();
         if let Some((index, &found)) = values.iter().enumerate().find(|(_, value)| !fits(value)) {
@@ -67,10 +76,8 @@ impl Quantised {
                     values.iter().flat_map(|&value| f16::from_f32(value).to_le_bytes()).collect();
             }
             TableStorage::Int8 => {
-                for level in grid.levels() {
-                    let features = usize::from(grid.features);
-                    let values = &values[level.first * features..][..level.entries * features];
-                    let scale = scale_of(values);
+                let found = if given.is_empty() { scales(grid, values) } else { given.to_vec() };
+                for (values, scale) in levels(grid, values).zip(found) {
                     quantised.scales.extend(scale.to_le_bytes());
                     quantised.bytes.extend(values.iter().map(|&value| steps(value, scale) as i8 as u8));
                 }
@@ -102,6 +109,18 @@ pub fn values_of(grid: &GridEncoding, tables: StoredTables<'_>) -> Vec<f32> {
         bytes.iter().map(move |&value| scale * f32::from(value.cast_signed()))
     };
     grid.levels().zip(scales).flat_map(level).collect()
+}
+
+/// The values of each level.
+fn levels<'v>(grid: &GridEncoding, values: &'v [f32]) -> impl Iterator<Item = &'v [f32]> {
+    let features = usize::from(grid.features);
+    grid.levels().map(move |level| &values[level.first * features..][..level.entries * features])
+}
+
+/// What an int8 of each level counts: what rounds and clips its values with the least squared error, of those scales that
+/// keep one of the shares [`KEPT`] whole.
+pub fn scales(grid: &GridEncoding, values: &[f32]) -> Vec<f32> {
+    levels(grid, values).map(scale_of).collect()
 }
 
 /// A value in steps of `scale`, clipped.
@@ -156,7 +175,7 @@ mod tests {
         let values: Vec<f32> = (0..grid.values())
             .map(|i| ((i * 7919 % 1009) as f32 / 504.0 - 1.0) * if i < first { 1e-3 } else { 100.0 })
             .collect();
-        let quantised = Quantised::new(&grid, &values, TableStorage::Int8).expect("finite");
+        let quantised = Quantised::new(&grid, &values, TableStorage::Int8, &[]).expect("finite");
         for (i, (value, found)) in values.iter().zip(read(&grid, &quantised)).enumerate() {
             let half = if i < first { 1e-3 } else { 100.0 } / 127.0 / 2.0;
             assert!((value - found).abs() <= 1.001 * half, "value {i}: {value} became {found}");
@@ -189,7 +208,7 @@ mod tests {
             for bad in [f32::NAN, f32::INFINITY, -65_505.0] {
                 let mut values = vec![1.0; grid.values()];
                 values[7] = bad;
-                let error = Quantised::new(&grid, &values, storage).expect_err("refused");
+                let error = Quantised::new(&grid, &values, storage, &[]).expect_err("refused");
                 assert_eq!((error.0, error.1.to_bits()), (7, bad.to_bits()));
             }
         }

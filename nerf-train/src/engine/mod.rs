@@ -77,6 +77,15 @@ pub trait Engine: Send {
     /// before the call.
     fn step(&mut self, batch: &Batch, rate: f64) -> Result<StepLoss, EngineError>;
 
+    /// From now on encodes with a grid's tables as int8 has them; the first call says what a step of each level counts.
+    /// Nothing without a grid.
+    fn round_tables(&mut self) {}
+
+    /// What a step of int8 counts, level by level; empty while nothing is rounded.
+    fn table_scales(&self) -> &[f32] {
+        &[]
+    }
+
     /// Parameters in the [`Model`]'s own order.
     fn parameters(&self) -> Cow<'_, [f32]>;
 
@@ -125,6 +134,8 @@ pub struct OptimiserState {
     pub moment2: Vec<f32>,
     /// Steps taken.
     pub steps: u64,
+    /// What a step of int8 counts, level by level of a grid whose tables are rounded; else empty.
+    pub scales: Vec<f32>,
 }
 
 /// What a batch cost before its step.

@@ -6,6 +6,7 @@ use crate::engine::{Batch, BatchRay, Engine, EngineError, Model, engine_for};
 use crate::export::{Contents, ExportError, Exported, Tables, export};
 use crate::frame;
 use crate::output::{OutputError, write_atomic};
+use crate::quantise::{ROUNDED_FROM, TableStorage};
 use crate::report::metrics::{psnr_db, psnr_db_of_mse};
 use crate::report::picture::Picture;
 use crate::report::progress::{Message, Progress, ProgressStyle};
@@ -93,6 +94,11 @@ impl<'p> FieldTrainer<'p> {
     /// [`FieldError::Engine`] if it diverged; the run is then as before the step.
     pub fn step(&mut self, share: f64) -> Result<(), FieldError> {
         self.draw();
+        if share >= ROUNDED_FROM
+            && self.config.grid.as_ref().is_some_and(|grid| grid.storage == TableStorage::Int8)
+        {
+            self.engine.round_tables();
+        }
         let rate = learning_rate(&self.config.optimiser, self.step, share);
         let loss = self.engine.step(&self.batch, rate)?;
         self.mse = if self.step == 0 { loss.mse } else { 0.95 * self.mse + 0.05 * loss.mse };
@@ -162,7 +168,11 @@ impl<'p> FieldTrainer<'p> {
             architecture: &self.model.architecture,
             parameters,
             tables: match &self.config.grid {
-                Some(grid) => Tables::Values(tables, grid.storage),
+                Some(grid) => Tables::Values {
+                    values: tables,
+                    storage: grid.storage,
+                    scales: self.engine.table_scales(),
+                },
                 None => Tables::None,
             },
             content: Content::Picture(PictureFacts { width, height }),

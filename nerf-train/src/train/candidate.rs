@@ -80,7 +80,11 @@ impl Trainer<'_> {
             architecture,
             parameters,
             tables: match &self.config.network.grid {
-                Some(grid) => Tables::Values(tables, grid.storage),
+                Some(grid) => Tables::Values {
+                    values: tables,
+                    storage: grid.storage,
+                    scales: self.engine.table_scales(),
+                },
                 None => Tables::None,
             },
             content: Content::Scene(SceneFacts {

@@ -20,6 +20,7 @@ use crate::dataset::Dataset;
 use crate::engine::{Batch, Engine, EngineError, Model, Phase, Phases, engine_for};
 use crate::export::ExportError;
 use crate::occupancy::{Ask, Occupancy};
+use crate::quantise::{ROUNDED_FROM, TableStorage};
 use crate::rays::{Bounds, RayBank};
 use average::Average;
 pub(crate) use bounds::{find_bounds, find_box};
@@ -296,6 +297,10 @@ impl<'d> Trainer<'d> {
         let now = Instant::now();
         self.draw(step);
         self.phases.lap(Phase::March, now);
+        let grid = self.config.network.grid.as_ref();
+        if share >= ROUNDED_FROM && grid.is_some_and(|grid| grid.storage == TableStorage::Int8) {
+            self.engine.round_tables();
+        }
         let rate = learning_rate(&self.config.optimiser, self.progressed.step, share);
         let loss = self.engine.step(&self.batch, rate)?;
         let p = &mut self.progressed;

@@ -30,6 +30,7 @@ mod tests;
 use super::{
     Adam, Batch, Engine, EngineError, GRADIENT_LIMIT, Model, OptimiserState, Phases, StepLoss, check_rate,
 };
+use crate::quantise::scales;
 use adam::AdamStep;
 use layers::{LayerSums, Layers};
 use nerf_core::encoding::{GridEncoding, GridTables, TableValues};
@@ -66,6 +67,8 @@ pub struct GridEngine {
     scratch: Vec<Mutex<Scratch>>,
     /// The tables in f16, as the renderer reads them: half the memory to pass through, and no rounding at export.
     halves: Vec<u8>,
+    /// What a step of int8 counts, level by level, once the tables are rounded to those: before, empty.
+    scales: Vec<f32>,
     level_scratch: Vec<Mutex<LevelScratch>>,
     gradient: Vec<f32>,
 }
@@ -97,19 +100,27 @@ impl GridEngine {
             passes: (0..ACCUMULATORS).map(|_| Pass::new(&layers)).collect(),
             scratch: Vec::new(),
             halves: vec![0; 2 * (parameters.len() - layers.parameters())],
+            scales: Vec::new(),
             level_scratch: Vec::new(),
             gradient: vec![0.0; layers.parameters()],
             grid,
             parameters,
             layers,
         };
-        engine.round_tables();
+        engine.copy_tables();
         Ok(engine)
     }
 
     /// Renews the f16 copy of the tables.
-    fn round_tables(&mut self) {
-        write_halves(self.tier, &self.parameters[self.layers.parameters()..], &mut self.halves);
+    fn copy_tables(&mut self) {
+        let features = usize::from(self.grid.features);
+        let (mut values, mut halves) = (&self.parameters[self.layers.parameters()..], &mut self.halves[..]);
+        for (i, level) in self.grid.levels().enumerate() {
+            let length = level.entries * features;
+            let (level_halves, rest) = std::mem::take(&mut halves).split_at_mut(2 * length);
+            write_halves(self.tier, &values[..length], self.scales.get(i).copied(), level_halves);
+            (values, halves) = (&values[length..], rest);
+        }
     }
 
     /// Chooses the kernel tier; [`Tier::detect`] is the default.
@@ -181,14 +192,15 @@ impl Engine for GridEngine {
         let features = usize::from(self.grid.features);
         let mut rest = (tables, table_moment1, table_moment2, &mut self.halves[..]);
         let mut levels = Vec::new();
-        for level in self.grid.levels() {
+        for (i, level) in self.grid.levels().enumerate() {
             let length = level.entries * features;
             let (values, moment1, moment2, halves) = rest;
             let ((values, v_rest), (moment1, m1_rest)) =
                 (values.split_at_mut(length), moment1.split_at_mut(length));
             let ((moment2, m2_rest), (halves, h_rest)) =
                 (moment2.split_at_mut(length), halves.split_at_mut(2 * length));
-            levels.push(LevelState { level, values, moment1, moment2, halves });
+            let scale = self.scales.get(i).copied();
+            levels.push(LevelState { level, values, moment1, moment2, halves, scale });
             rest = (v_rest, m1_rest, m2_rest, h_rest);
         }
         let (tier, grid, passes) = (self.tier, &self.grid, &self.passes);
@@ -205,6 +217,17 @@ impl Engine for GridEngine {
             scratch.step(tier, grid, &tables, passes.iter().map(|pass| &pass.kept), &step, &mut level);
         });
         Ok(loss)
+    }
+
+    fn round_tables(&mut self) {
+        if self.scales.is_empty() {
+            self.scales = scales(&self.grid, &self.parameters[self.layers.parameters()..]);
+            self.copy_tables();
+        }
+    }
+
+    fn table_scales(&self) -> &[f32] {
+        &self.scales
     }
 
     fn parameters(&self) -> Cow<'_, [f32]> {
@@ -228,6 +251,7 @@ impl Engine for GridEngine {
             moment1: self.moment1.clone(),
             moment2: self.moment2.clone(),
             steps: self.steps,
+            scales: self.scales.clone(),
         }
     }
 
@@ -236,6 +260,8 @@ impl Engine for GridEngine {
         super::optimiser::check_values("parameters", &state.parameters, total, |_| true)?;
         super::optimiser::check_values("moment1", &state.moment1, total, |_| true)?;
         super::optimiser::check_values("moment2", &state.moment2, total, |v| v >= 0.0)?;
+        let levels = if state.scales.is_empty() { 0 } else { self.grid.resolutions.len() };
+        super::optimiser::check_values("scales", &state.scales, levels, |scale| scale > 0.0)?;
         if state.steps > i32::MAX as u64 {
             return Err(EngineError::Steps { found: state.steps });
         }
@@ -243,7 +269,8 @@ impl Engine for GridEngine {
         self.moment1.copy_from_slice(&state.moment1);
         self.moment2.copy_from_slice(&state.moment2);
         self.steps = state.steps;
-        self.round_tables();
+        self.scales.clone_from(&state.scales);
+        self.copy_tables();
         Ok(())
     }
 }

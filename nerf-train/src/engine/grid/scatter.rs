@@ -4,6 +4,7 @@
 
 use super::adam::{AdamStep, move_16, moved};
 use crate::engine::{GRADIENT_LIMIT, Phase, Phases};
+use crate::quantise::STEPS;
 use nerf_core::encoding::{GridCorners, GridEncoding, GridLevel, GridTables, grid_corners_block};
 use nerf_core::kernels::{BLOCK, Op, Tier, prefetch};
 use nerf_core::math::lanes::Lanes;
@@ -69,6 +70,8 @@ pub(super) struct LevelState<'a> {
     pub moment1: &'a mut [f32],
     pub moment2: &'a mut [f32],
     pub halves: &'a mut [u8],
+    /// What a step of int8 counts, where values are rounded to those.
+    pub scale: Option<f32>,
 }
 
 /// A thread's memory: the gradient of the level under way, 0 between levels.
@@ -231,7 +234,7 @@ impl Op for Update<'_, '_, '_> {
                 let values = &mut state.values[from..to];
                 let (m, v) = (&mut state.moment1[from..to], &mut state.moment2[from..to]);
                 update_part(*adam, &gradient[..to - from], values, m, v);
-                halve::<V>(values, &mut state.halves[2 * from..2 * to]);
+                halve::<V>(values, state.scale, &mut state.halves[2 * from..2 * to]);
             }
             gradient.fill(0.0);
         }
@@ -255,13 +258,14 @@ fn update_part(adam: AdamStep, gradient: &[f32], values: &mut [f32], m: &mut [f3
     }
 }
 
-/// Writes little-endian f16.
-pub(super) fn write_halves(tier: Tier, values: &[f32], halves: &mut [u8]) {
-    tier.run(Halve { values, halves });
+/// Writes little-endian f16, of values in whole steps of int8 where there is a `scale` of those.
+pub(super) fn write_halves(tier: Tier, values: &[f32], scale: Option<f32>, halves: &mut [u8]) {
+    tier.run(Halve { values, scale, halves });
 }
 
 struct Halve<'a> {
     values: &'a [f32],
+    scale: Option<f32>,
     halves: &'a mut [u8],
 }
 
@@ -270,29 +274,35 @@ impl Op for Halve<'_> {
 
     #[inline(always)]
     fn run<V: Lanes>(self) {
-        halve::<V>(self.values, self.halves);
+        halve::<V>(self.values, self.scale, self.halves);
     }
 }
 
 #[inline(always)]
-fn halve<V: Lanes>(values: &[f32], halves: &mut [u8]) {
+fn halve<V: Lanes>(values: &[f32], scale: Option<f32>, halves: &mut [u8]) {
     let (values, last) = values.as_chunks::<16>();
     let (halves, last_halves) = halves.as_chunks_mut::<2>().0.as_chunks_mut::<16>();
     for (values, halves) in values.iter().zip(halves) {
-        *halves = halve_16::<V>(values);
+        *halves = halve_16::<V>(values, scale);
     }
     let mut values = [0.0; 16];
     values[..last.len()].copy_from_slice(last);
-    for (to, half) in last_halves.iter_mut().zip(halve_16::<V>(&values)) {
+    for (to, half) in last_halves.iter_mut().zip(halve_16::<V>(&values, scale)) {
         *to = half;
     }
 }
 
 #[inline(always)]
-fn halve_16<V: Lanes>(values: &[f32; 16]) -> [[u8; 2]; 16] {
+fn halve_16<V: Lanes>(values: &[f32; 16], scale: Option<f32>) -> [[u8; 2]; 16] {
     let mut halves = [0u16; 16];
     for from in (0..16).step_by(V::COUNT) {
-        let bits = V::load(&values[from..]).to_f16();
+        let mut values = V::load(&values[from..]);
+        if let Some(scale) = scale {
+            let most = V::splat(STEPS);
+            let steps = values.div(V::splat(scale)).round_even().min_of(most).max_of(most.neg());
+            values = steps.mul(V::splat(scale));
+        }
+        let bits = values.to_f16();
         halves[from..from + V::COUNT].copy_from_slice(&bits[..V::COUNT]);
     }
     halves.map(u16::to_le_bytes)

@@ -186,7 +186,7 @@ impl<'b> Lab<'b> {
             return Ok(None);
         };
         // A file's own values are finite.
-        let Ok(rounded) = Quantised::new(grid, &self.table_values(), TableStorage::Int8) else {
+        let Ok(rounded) = Quantised::new(grid, &self.table_values(), TableStorage::Int8, &[]) else {
             return Ok(None);
         };
         let bytes = written(&Body { tables: Some(rounded.stored()), ..self.body() })?;
