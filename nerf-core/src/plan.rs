@@ -303,7 +303,8 @@ impl<'a> Plan<'a> {
     }
 
     /// The first live one of the bins `from..end` on a ray whose samples lie at `place`, or `end`.
-    #[inline]
+    // Inlined at each of its calls it would be a large part of a microcontroller's code.
+    #[inline(never)]
     pub(crate) fn first_live(&self, bins: &Bins, ray: &Ray, place: Place, from: u32, end: u32) -> u32 {
         let t = |bin| place.t(bins, bin);
         match &self.occupancy {

@@ -7,7 +7,7 @@ use nerf_core::blob::{Blob, MAX_SAMPLES};
 use nerf_core::effects::{self, Tone};
 use nerf_core::kernels::{BLOCK, Tier};
 use nerf_core::math::MathBackend;
-use nerf_core::plan::{Batch, Outputs, Plan, Quality};
+use nerf_core::plan::{Batch, Outputs, Plan, PlanError, Quality};
 
 /// Most rays in flight: the pixels of one tile.
 const MAX_RAYS: u32 = 256;
@@ -183,24 +183,27 @@ impl Settings {
     ///
     /// Those have no tone stage: what is premultiplied in display-encoded values is no light.
     pub fn plan<'a>(&self, blob: &Blob<'a>, outputs: Outputs, alpha: bool) -> Result<Plan<'a>, Failure> {
-        let mut plan = Plan::new(blob, &self.quality, outputs, self.batch)
-            .and_then(|plan| plan.with_normal_blur(self.normal_blur))
-            .and_then(|plan| plan.with_range(self.range.0, self.range.1))
-            .map_err(Failure::Plan)?;
+        let plan = self.plan_over_background(blob, outputs).map_err(Failure::Plan)?;
+        if !alpha {
+            return Ok(plan);
+        }
+        if self.effects.tone != Tone::NONE {
+            return Err(Failure::ToneOfAlpha);
+        }
+        plan.with_background([0.0; 3]).map_err(Failure::Plan)
+    }
+
+    fn plan_over_background<'a>(&self, blob: &Blob<'a>, outputs: Outputs) -> Result<Plan<'a>, PlanError> {
+        let mut plan = Plan::new(blob, &self.quality, outputs, self.batch)?
+            .with_normal_blur(self.normal_blur)?
+            .with_range(self.range.0, self.range.1)?;
         if self.own_bins {
             plan = plan.with_own_bins();
         }
         if let Some(background) = self.background {
-            plan = plan.with_background(background).map_err(Failure::Plan)?;
+            plan = plan.with_background(background)?;
         }
-        plan = plan.with_effects(self.effects).map_err(Failure::Plan)?;
-        if alpha && self.effects.tone != Tone::NONE {
-            return Err(Failure::ToneOfAlpha);
-        }
-        if alpha {
-            plan = plan.with_background([0.0; 3]).map_err(Failure::Plan)?;
-        }
-        Ok(plan)
+        plan.with_effects(self.effects)
     }
 }
 

@@ -149,10 +149,13 @@ struct Compare<'c, 'a> {
 impl Flavor for Compare<'_, '_> {
     type Output = ();
 
+    // One call for each of a body's many fields: inlined they would be a large part of a microcontroller's code.
+    #[inline(never)]
     fn try_push(&mut self, byte: u8) -> postcard::Result<()> {
         self.try_extend(&[byte])
     }
 
+    #[inline(never)]
     fn try_extend(&mut self, bytes: &[u8]) -> postcard::Result<()> {
         *self.rest = self.rest.strip_prefix(bytes).ok_or(postcard::Error::DeserializeBadEncoding)?;
         Ok(())

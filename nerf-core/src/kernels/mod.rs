@@ -13,7 +13,7 @@ mod avx512;
 mod bf16;
 #[cfg(feature = "normals")]
 mod bf16_transposed;
-#[cfg(target_arch = "x86_64")]
+#[cfg(any(target_arch = "x86_64", all(target_arch = "wasm32", target_feature = "simd128")))]
 mod gather;
 mod gemm;
 mod half;

@@ -5,7 +5,8 @@
 //! to the engine.
 
 use super::Op;
-use crate::math::gather::Indices;
+use super::gather::last_row;
+use crate::math::gather::{Format, Indices, Table, weighted_rows_by_lane};
 use crate::math::lanes::{Lanes, MAX_LANES, SQRT_HALF_BITS};
 use core::arch::wasm32::*;
 
@@ -105,8 +106,96 @@ impl Lanes for F32x4 {
     }
     #[inline(always)]
     fn to_indices(self) -> U32x4 {
-        U32x4(u32x4_trunc_sat_f32x4(self.0))
+        // Signed: that is fewer instructions where no machine converts unsigned ones.
+        U32x4(i32x4_trunc_sat_f32x4(self.0))
     }
+    #[inline(always)]
+    fn weighted_rows<T: Table, const ROWS: usize>(
+        table: T,
+        rows: &[U32x4; ROWS],
+        weights: &[Self; ROWS],
+        features: usize,
+    ) -> [Self; 8] {
+        let Some(last) = last_row(table, features) else {
+            return weighted_rows_by_lane(table, rows, weights, features);
+        };
+        let (last, features_of_each) = (U32x4::splat(last), U32x4::splat(features as u32));
+        let offsets = rows.map(|row| row.min(last).mul(features_of_each));
+        let zero = Self::splat(0.0);
+        let [a, b, c, d] = four::<T, ROWS>(table, &offsets, weights, 0);
+        if features == 2 {
+            return [a, b, c, d, zero, zero, zero, zero];
+        }
+        let [e, f, g, h] = four::<T, ROWS>(table, &offsets, weights, 4);
+        [a, b, c, d, e, f, g, h]
+    }
+}
+
+/// Four weighted values of each lane, from `plus` behind each of the `offsets` on.
+///
+/// A lane's four values lie in one register while they are summed; lanes and values change places after.
+#[inline(always)]
+fn four<T: Table, const ROWS: usize>(
+    table: T,
+    offsets: &[U32x4; ROWS],
+    weights: &[F32x4; ROWS],
+    plus: usize,
+) -> [F32x4; 4] {
+    let s0 = lane::<T, ROWS, 0>(table, offsets, weights, plus);
+    let s1 = lane::<T, ROWS, 1>(table, offsets, weights, plus);
+    let s2 = lane::<T, ROWS, 2>(table, offsets, weights, plus);
+    let s3 = lane::<T, ROWS, 3>(table, offsets, weights, plus);
+    let (a, b) = (i32x4_shuffle::<0, 4, 1, 5>(s0, s1), i32x4_shuffle::<2, 6, 3, 7>(s0, s1));
+    let (c, d) = (i32x4_shuffle::<0, 4, 1, 5>(s2, s3), i32x4_shuffle::<2, 6, 3, 7>(s2, s3));
+    [
+        F32x4(i64x2_shuffle::<0, 2>(a, c)),
+        F32x4(i64x2_shuffle::<1, 3>(a, c)),
+        F32x4(i64x2_shuffle::<0, 2>(b, d)),
+        F32x4(i64x2_shuffle::<1, 3>(b, d)),
+    ]
+}
+
+/// Lane `LANE`, its four values.
+#[inline(always)]
+fn lane<T: Table, const ROWS: usize, const LANE: usize>(
+    table: T,
+    offsets: &[U32x4; ROWS],
+    weights: &[F32x4; ROWS],
+    plus: usize,
+) -> v128 {
+    let mut sum = F32x4::splat(0.0);
+    for (offset, weight) in offsets.iter().zip(weights) {
+        let offset = u32x4_extract_lane::<LANE>(offset.0) as usize;
+        let at = table.start().wrapping_add(T::FORMAT.bytes() * (offset + plus));
+        let values = match T::FORMAT {
+            // SAFETY: `last_row` keeps each row, and with it four values from `plus` on, inside the table; unaligned
+            // reads.
+            Format::F16 => widen_finite(unsafe { v128_load64_zero(at.cast()) }),
+            // SAFETY: as above, with values of four bytes.
+            Format::F32 => unsafe { v128_load(at.cast()) },
+            Format::Int8 => {
+                // SAFETY: as above, with values of one byte.
+                let bytes = i16x8_extend_low_i8x16(unsafe { v128_load32_zero(at.cast()) });
+                f32x4_convert_i32x4(i32x4_extend_low_i16x8(bytes))
+            }
+        };
+        sum = F32x4(i32x4_shuffle::<LANE, LANE, LANE, LANE>(weight.0, weight.0)).mul_add(F32x4(values), sum);
+    }
+    sum.0
+}
+
+/// The lower four f16, finite, widened as [`crate::math::gather::widen_finite`] does.
+///
+/// With shifts rather than masks: V8 makes each constant of 128 bits anew, in four instructions.
+#[inline(always)]
+fn widen_finite(bits: v128) -> v128 {
+    let bits = i32x4_extend_low_i16x8(bits);
+    let sign = i32x4_shl(i32x4_shr(bits, 31), 31);
+    let magnitude = u32x4_shr(i32x4_shl(bits, 17), 4); // 2^13 times what it is, in place
+    let normal = i32x4_add(magnitude, i32x4_splat((127 - 15) << 23));
+    let subnormal = f32x4_mul(f32x4_convert_i32x4(magnitude), f32x4_splat(1.0 / (1u64 << 37) as f32));
+    let is_subnormal = i32x4_eq(u32x4_shr(magnitude, 23), i32x4_splat(0));
+    v128_or(sign, v128_bitselect(subnormal, normal, is_subnormal))
 }
 
 /// Four u32 in a `v128`. Made only where `F32x4` is.

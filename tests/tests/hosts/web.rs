@@ -106,7 +106,12 @@ fn layouts_are_the_headers(layouts: &Value, folder: &Path) {
 
 #[test]
 fn the_page_turns_and_draws_the_scalar_tiers_bits() {
-    for (name, recipe) in [("skip", Recipe::SKIP), ("proposal", Recipe::PROPOSAL)] {
+    for (name, recipe) in [
+        ("skip", Recipe::SKIP),
+        ("proposal", Recipe::PROPOSAL),
+        ("grid", Recipe::LEARNED),
+        ("int8", Recipe::LEARNED_INT8),
+    ] {
         let (folder, blob) = (paths::temporary(), recipe.blob());
         let Some((page, browser)) = page(&blob, folder.path()) else { return };
         let screenshot = Path::new(env!("CARGO_TARGET_TMPDIR")).join(format!("web-{name}.png"));

@@ -33,6 +33,9 @@ pub fn encode_grid_block(
 ) {
     let x = head(x, usize::from(grid.inputs) * stride);
     let out = head_mut(out, grid.outputs() * stride);
+    if !VECTORS {
+        return encode_one_by_one(grid, tables, stride, x, out);
+    }
     match tables.values {
         TableValues::F16(bytes) => {
             let table = F16Table::new(bytes);
@@ -45,6 +48,34 @@ pub fn encode_grid_block(
         TableValues::F32(values) => {
             let table = F32Table::new(values);
             tier.run_columns(stride, Encode { grid, tables, table, stride, x, out });
+        }
+    }
+}
+
+/// The same, a sample and a level at a time: without vectors code is short before it is fast. As many features as the
+/// run time knows, and in two dimensions rows of weight 0 behind the others, which change no bit.
+fn encode_one_by_one(
+    grid: &GridEncoding,
+    tables: &GridTables<'_>,
+    stride: usize,
+    x: &[f32],
+    out: &mut [f32],
+) {
+    let features = usize::from(grid.features).min(4);
+    for column in 0..stride {
+        let unit = unit_positions::<f32>(tables, usize::from(grid.inputs), stride, x, column);
+        for level in grid.levels() {
+            let read = Read::<f32, 4>::of(&level, unit);
+            let to = (column, stride, &mut *out);
+            match tables.values {
+                TableValues::F16(bytes) => read.interpolate(F16Table::new(bytes), &level, features, to),
+                TableValues::Int8 { values, scales } => {
+                    read.interpolate(Int8Table::new(values, scales), &level, features, to);
+                }
+                TableValues::F32(values) => {
+                    read.interpolate(F32Table::new(values), &level, features, to);
+                }
+            }
         }
     }
 }
@@ -64,9 +95,6 @@ impl<T: Table> Op for Encode<'_, T> {
     #[inline(always)]
     fn run<V: Lanes>(self) {
         match (self.grid.inputs, self.grid.features) {
-            // Without vectors code is short before it is fast: as many features as the run time knows, and in two
-            // dimensions rows of weight 0 behind the others, which change no bit.
-            _ if !VECTORS => self.encode::<V, 4, 0>(),
             (2, 1) => self.encode::<V, 2, 1>(),
             (2, 2) => self.encode::<V, 2, 2>(),
             (2, 4) => self.encode::<V, 2, 4>(),
@@ -83,7 +111,6 @@ impl<T: Table> Encode<'_, T> {
     #[inline(always)]
     fn encode<V: Lanes, const ROWS: usize, const FEATURES: usize>(self) {
         let stride = self.stride;
-        let features = if FEATURES == 0 { usize::from(self.grid.features).min(4) } else { FEATURES };
         for column in (0..stride).step_by(V::COUNT) {
             let inputs = usize::from(self.grid.inputs);
             let unit = unit_positions::<V>(self.tables, inputs, stride, self.x, column);
@@ -93,26 +120,19 @@ impl<T: Table> Encode<'_, T> {
             let Some(first) = &next else { break };
             let mut read = Read::<V, ROWS>::of(first, unit);
             while let Some(level) = next {
-                let Read { rows, weights, far } = read;
+                let here = read;
                 next = levels.next();
                 if let Some(level) = &next {
                     read = Read::of(level, unit);
                 }
-                let table = self.table.part(level.first * features, level.entries * features);
-                let scale = V::splat(self.table.scale(level.index));
-                let sums = V::weighted_rows(table, &rows, &weights, features);
-                for feature in 0..features {
-                    let value = far.mul_add(sums[features + feature].sub(sums[feature]), sums[feature]);
-                    value
-                        .mul(scale)
-                        .store(tail_mut(self.out, (level.index * features + feature) * stride + column));
-                }
+                here.interpolate(self.table, &level, FEATURES, (column, stride, self.out));
             }
         }
     }
 }
 
 /// What a vector of samples reads at one level.
+#[derive(Clone, Copy)]
 struct Read<V: Lanes, const ROWS: usize> {
     rows: [V::Indices; ROWS],
     weights: [V; ROWS],
@@ -125,6 +145,24 @@ impl<V: Lanes, const ROWS: usize> Read<V, ROWS> {
     fn of(level: &GridLevel, unit: [V; 3]) -> Self {
         let cells = Cells::of(level, unit);
         Self { rows: cells.rows(level), weights: cells.row_weights(), far: cells.weights[0] }
+    }
+
+    /// Values of the level's `features` from `column` on, into `out`, `[levels · features][stride]`.
+    #[inline(always)]
+    fn interpolate<T: Table>(
+        self,
+        table: T,
+        level: &GridLevel,
+        features: usize,
+        (column, stride, out): (usize, usize, &mut [f32]),
+    ) {
+        let part = table.part(level.first * features, level.entries * features);
+        let scale = V::splat(table.scale(level.index));
+        let sums = V::weighted_rows(part, &self.rows, &self.weights, features);
+        for feature in 0..features {
+            let value = self.far.mul_add(sums[features + feature].sub(sums[feature]), sums[feature]);
+            value.mul(scale).store(tail_mut(out, (level.index * features + feature) * stride + column));
+        }
     }
 }
 
@@ -144,16 +182,10 @@ mod tests {
             let x: Vec<f32> = noise(64 * usize::from(grid.inputs), 8).iter().map(|x| 0.5 + 0.5 * x).collect();
             let tables = GridTables::new(TableValues::F32(&values), None);
             let [mut found, mut expected] = [(); 2].map(|()| std::vec![0.0; grid.outputs() * 64]);
-            let op = |out| Encode {
-                grid: &grid,
-                tables: &tables,
-                table: F32Table::new(&values),
-                stride: 64,
-                x: &x,
-                out,
-            };
-            op(&mut found[..]).encode::<f32, 4, 0>();
-            op(&mut expected[..]).run::<f32>();
+            encode_one_by_one(&grid, &tables, 64, &x, &mut found);
+            let table = F32Table::new(&values);
+            let x = &x[..];
+            Encode { grid: &grid, tables: &tables, table, stride: 64, x, out: &mut expected }.run::<f32>();
             assert!(found.iter().zip(&expected).all(|(a, b)| a.to_bits() == b.to_bits()), "{grid:?}");
         }
     }
