@@ -7,7 +7,7 @@ use crate::config::{Preset, TableConfig};
 use crate::engine::model::uniform;
 use crate::engine::{BatchError, BatchRay, Dense, Part, ReferenceEngine};
 use crate::image_field::{FieldConfig, FieldPreset};
-use crate::quantise::TableStorage;
+use crate::quantise::{Quantised, TableStorage, values_of};
 use glam::Vec3;
 use half::f16;
 use nerf_core::encoding::{AngleScale, DirectionEncoding, PositionEncoding, SinusoidalEncoding};
@@ -525,21 +525,53 @@ fn threads_do_not_change_a_bit() {
 fn resuming_gives_the_bits_of_not_stopping() {
     let (_, model) = &models()[1];
     let batches: Vec<_> = (0..6).map(|seed| batch_of(60, seed)).collect();
-    let mut whole = engine(model, Adam::default(), 1);
-    let mut half = OptimiserState::default();
-    for (i, batch) in batches.iter().enumerate() {
-        if i == 3 {
-            half = whole.state();
+    // Never rounded to int8, from before the checkpoint on, and from behind it on.
+    for rounded_from in [6, 1, 4] {
+        let mut whole = engine(model, Adam::default(), 1);
+        let mut half = OptimiserState::default();
+        for (i, batch) in batches.iter().enumerate() {
+            if i == 3 {
+                half = whole.state();
+            }
+            if i >= rounded_from {
+                whole.round_tables();
+            }
+            whole.step(batch, 1e-2).unwrap();
         }
-        whole.step(batch, 1e-2).unwrap();
+        let mut resumed = engine(model, Adam::default(), 99);
+        resumed.restore(&half).unwrap();
+        for (i, batch) in batches.iter().enumerate().skip(3) {
+            if i >= rounded_from {
+                resumed.round_tables();
+            }
+            resumed.step(batch, 1e-2).unwrap();
+        }
+        assert_eq!(resumed.state(), whole.state(), "{rounded_from}");
+        assert_eq!(bits(&resumed.parameters()), bits(&whole.parameters()), "{rounded_from}");
+        assert_eq!(whole.table_scales().is_empty(), rounded_from == 6);
     }
-    let mut resumed = engine(model, Adam::default(), 99);
-    resumed.restore(&half).unwrap();
-    for batch in &batches[3..] {
-        resumed.step(batch, 1e-2).unwrap();
+}
+
+/// What the next step encodes with is what a blob of the parameters holds, in f16.
+#[test]
+fn rounded_tables_are_those_of_a_blob() {
+    for (name, model) in models() {
+        let mut engine = engine(&model, Adam::default(), 1);
+        (0..3).for_each(|seed| _ = engine.step(&batch_of(60, seed), 1e-2).unwrap());
+        engine.round_tables();
+        let scales = engine.table_scales().to_vec();
+        for seed in 3..6 {
+            engine.step(&batch_of(60, seed), 1e-2).unwrap();
+            engine.round_tables();
+            assert_eq!(engine.table_scales(), scales, "{name}: scales stay");
+            let values = &engine.parameters[engine.layers.parameters()..];
+            let stored = Quantised::new(&engine.grid, values, TableStorage::Int8, &scales).unwrap();
+            let of_blob = values_of(&engine.grid, stored.stored());
+            let read = engine.halves.as_chunks().0.iter().map(|&bytes| f16::from_le_bytes(bytes));
+            assert!(read.eq(of_blob.iter().map(|&value| f16::from_f32(value))), "{name}");
+            assert_ne!(of_blob, values, "{name}: what is trained is not rounded");
+        }
     }
-    assert_eq!(resumed.state(), whole.state());
-    assert_eq!(bits(&resumed.parameters()), bits(&whole.parameters()));
 }
 
 #[test]
@@ -626,6 +658,9 @@ fn wrong_input_is_refused_by_name() {
     assert_eq!(engine.restore(&with(&|s| s.parameters[9] = f32::NAN)), Err(bad("parameters", 9)));
     let found = engine.restore(&with(&|s| _ = s.moment1.pop()));
     assert!(matches!(found, Err(EngineError::Parameters { field: "moment1", .. })));
+    assert_eq!(engine.restore(&with(&|s| s.scales = vec![0.0; 3])), Err(bad("scales", 0)));
+    let found = engine.restore(&with(&|s| s.scales.push(1.0)));
+    assert!(matches!(found, Err(EngineError::Parameters { field: "scales", .. })));
     let found = engine.restore(&with(&|s| s.steps = u64::MAX));
     assert!(matches!(found, Err(EngineError::Steps { .. })));
     assert_eq!(engine.state(), before);
