@@ -19,6 +19,9 @@ const RESOLUTIONS: [u16; 11] = [128, 112, 96, 80, 64, 56, 48, 40, 32, 24, 16];
 /// Share of a file that the occupancy grid may take. On lego, 128 KiB: 29.2 dB with 32 cells, 29.7 with 48 and fewer
 /// levels of the grid.
 const OCCUPANCY_SHARE: f64 = 1.0 / 6.0;
+/// Resolutions of the occupancy grid that are given up for more values. In 128 KiB, after 15,000 steps and with two seeds,
+/// eight levels and 48 cells have 31.09 and 30.98 dB, seven and 64 cells 30.87 and 30.95.
+const NEIGHBOURS: usize = 3;
 /// Least binary logarithm of the entries of a level.
 const LEAST_LOG2_ENTRIES: u8 = 4;
 /// Levels that a grid may have fewer than its settings say.
@@ -135,7 +138,8 @@ pub fn picture_within(
     Ok(Some(with(&table)))
 }
 
-/// Of the first resolution of the occupancy grid with which one fits, the table with the most values.
+/// Of the finest [`NEIGHBOURS`] resolutions of the occupancy grid with which one fits, the table with the most values, and
+/// of those the finest.
 fn most_values(
     mut tables: Vec<TableConfig>,
     resolutions: &[u16],
@@ -146,10 +150,12 @@ fn most_values(
     let bytes_of = |table: &TableConfig| encoding(table).values() * table.storage.bytes_per_value();
     // Stable: of as many values, those that come first.
     tables.sort_by_key(|table| std::cmp::Reverse(encoding(table).values()));
-    for &resolution in resolutions {
+    for neighbours in resolutions.chunks(NEIGHBOURS) {
         for table in tables.iter().filter(|table| bytes_of(table) as u64 <= max_bytes) {
-            if most_bytes(table, resolution)? <= max_bytes {
-                return Ok((table.clone(), resolution));
+            for &resolution in neighbours {
+                if most_bytes(table, resolution)? <= max_bytes {
+                    return Ok((table.clone(), resolution));
+                }
             }
         }
     }
