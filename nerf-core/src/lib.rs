@@ -75,6 +75,7 @@
 //! | `normals` | yes | the output `normals`: the gradient of the density, backward through the network |
 //! | `proposal` | yes | samples drawn from a coarse proposal network, where a scene has one |
 //! | `grid` | yes | learned multiresolution grids ([`encoding::GridEncoding`]), and spherical harmonics |
+//! | `contraction` | yes | scenes without end ([`contraction::Contraction`]) |
 //! | `train` | no | backward kernels, for trainers |
 //!
 //! The project's own polynomials ([`MathBackend::Polynomial`]) are always there. An effect or output whose
@@ -173,6 +174,11 @@
 pub mod camera;
 pub mod lens;
 
+#[cfg(feature = "contraction")]
+pub mod contraction;
+#[cfg(not(feature = "contraction"))]
+#[path = "contraction_off.rs"]
+pub mod contraction;
 pub mod ray;
 pub mod sampling;
 

@@ -194,6 +194,8 @@ pub struct SamplingConfig {
     pub far: Option<f32>,
     /// The scene box as x0 y0 z0 x1 y1 z1; found from the data if absent.
     pub scene_box: Option<[f32; 6]>,
+    /// A scene without end, contracted around what the cameras look at: the power that its steps grow with, 1, 2 or 4.
+    pub contraction: Option<u8>,
 }
 
 /// How samples are perturbed in training; never in rendering.
@@ -271,6 +273,7 @@ impl Preset {
                     near: None,
                     far: None,
                     scene_box: None,
+                    contraction: None,
                 },
                 occupancy: OccupancyConfig {
                     skip: true,
@@ -321,6 +324,7 @@ impl Preset {
                     near: None,
                     far: None,
                     scene_box: None,
+                    contraction: None,
                 },
                 occupancy: OccupancyConfig {
                     skip: true,
@@ -371,6 +375,7 @@ impl Preset {
                     near: None,
                     far: None,
                     scene_box: None,
+                    contraction: None,
                 },
                 occupancy: OccupancyConfig {
                     skip: false,
@@ -520,6 +525,21 @@ impl Config {
             }
             // Opaque from the start, each view would be painted onto the shell of the box.
             self.network.density_bias = 0.0;
+        }
+        self.occupancy.hull = false;
+        self
+    }
+
+    /// What changes where photographs show whatever is behind the scene, too.
+    pub fn without_end(mut self) -> Self {
+        if let Some(grid) = &mut self.network.grid {
+            (grid.log2_entries, grid.coarsest, grid.finest) = (17, 16, 1024);
+            self.sampling.contraction = Some(1);
+            self.sampling.steps_across = 256;
+            self.sampling.random_background = true;
+            self.network.density_bias = 0.9;
+            self.occupancy.resolution = 128;
+            self.occupancy.threshold = 0.01;
         }
         self.occupancy.hull = false;
         self

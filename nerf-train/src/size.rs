@@ -188,6 +188,10 @@ pub fn most_bytes(config: &Config, extent: Vec3, dataset: &Dataset) -> Result<u6
             near: 0.0,
             far: 1.0,
             sampling: match table {
+                Some(_) if config.sampling.contraction.is_some() => SceneSampling::Contracted {
+                    step: 2.0 / f32::from(config.sampling.steps_across),
+                    power: 1,
+                },
                 Some(_) => SceneSampling::March(longest / f32::from(config.sampling.steps_across)),
                 None => SceneSampling::Bins(samples),
             },

