@@ -17,6 +17,7 @@ mod tests;
 /// Barron et al. 2022, eq. 10.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Contraction {
+    cube: SceneBox,
     centre: Vec3,
     radius: f32,
     power: u8,
@@ -26,15 +27,19 @@ impl Contraction {
     /// Powers that steps along a ray may grow with ([`Contraction::distance`]).
     pub const POWERS: [u8; 3] = [1, 2, 4];
 
-    /// The contraction into a cube; `None` unless it is one, and `power` is one of [`Contraction::POWERS`].
+    /// The contraction into a cube; `None` unless it is one, with a radius of 1e-30 to 1e30, and `power` is one of
+    /// [`Contraction::POWERS`].
     pub fn new(cube: &SceneBox, power: u8) -> Option<Self> {
         let (extent, centre) = (cube.max - cube.min, 0.5 * cube.min + 0.5 * cube.max);
         let (longest, shortest) = (extent.max_element(), extent.min_element());
         // Corners far from the origin are rounded.
         let rounding = 4.0 * f32::EPSILON * cube.min.abs().max(cube.max.abs()).max_element();
         let radius = 0.25 * longest;
-        let valid = longest - shortest <= rounding && radius > rounding && radius.is_finite();
-        (valid && Self::POWERS.contains(&power)).then_some(Self { centre, radius, power })
+        let valid = extent.is_finite()
+            && longest - shortest <= rounding
+            && radius > rounding
+            && (1e-30..=1e30).contains(&radius);
+        (valid && Self::POWERS.contains(&power)).then_some(Self { cube: *cube, centre, radius, power })
     }
 
     /// The cube of a contraction around a ball.
@@ -58,7 +63,8 @@ impl Contraction {
         self.power
     }
 
-    /// Where a point of the world is in the scene box: in the middle if it is NaN, at the ball's rim if it is infinite.
+    /// Where a point of the world is in the scene box, never outside: a coordinate further than 1e8 radii from the centre
+    /// counts as that far, and one that is NaN as the centre's.
     #[inline]
     pub fn contract(&self, p: Vec3) -> Vec3 {
         Vec3::from_array(self.contract_lanes(p.to_array()))
@@ -80,7 +86,10 @@ impl Contraction {
         // (2 − 1/r) / r.
         let inverse = one.div(square.max_of(one).sqrt());
         let shrink = V::splat(2.0).sub(inverse).mul(inverse).mul(V::splat(self.radius));
-        core::array::from_fn(|axis| V::splat(centre[axis]).add(q[axis].mul(shrink)))
+        core::array::from_fn(|axis| {
+            let (low, high) = (V::splat(self.cube.min[axis]), V::splat(self.cube.max[axis]));
+            V::splat(centre[axis]).add(q[axis].mul(shrink)).max_of(low).min_of(high)
+        })
     }
 
     /// The gradient in the world of what has `gradient` at `p`, both in the scene box: the transpose of the

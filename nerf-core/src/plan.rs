@@ -265,7 +265,7 @@ impl<'a> Plan<'a> {
         // Drawn samples have no bins: their mean distance stands in.
         let width = match self.proposal {
             Some(_) => (self.far - self.near) / self.samples_per_ray() as f32,
-            None => self.bins.delta(),
+            None => self.bins.delta() * self.contraction.map_or(1.0, |contraction| contraction.radius()),
         };
         self.normal_blur * width * EVEN
     }
@@ -332,12 +332,12 @@ impl<'a> Plan<'a> {
         }
     }
 
-    /// Where the network has a point of the world.
+    /// Where the network has a point of the world; a NaN stays one, which is in no box.
     #[inline]
     pub(crate) fn inside(&self, p: Vec3) -> Vec3 {
         match &self.contraction {
-            Some(contraction) => contraction.contract(p),
-            None => p,
+            Some(contraction) if !p.is_nan() => contraction.contract(p),
+            _ => p,
         }
     }
 

@@ -88,6 +88,9 @@ fn check_scene(scene: &SceneFacts, architecture: &Architecture) -> Result<(), Bl
                 return Err(BlobError::Step { found: step });
             }
         }
+        SceneSampling::Contracted { .. } if !cfg!(feature = "contraction") => {
+            return Err(BlobError::NotBuilt { feature: "contraction" });
+        }
         SceneSampling::Contracted { step, power } => {
             let fits = Contraction::new(&bounds, power).is_some()
                 && step > 0.0
@@ -114,10 +117,7 @@ pub(super) fn samples_fit(scene: &SceneFacts, samples: u16) -> bool {
         && match scene.sampling {
             SceneSampling::Bins(_) => Bins::new(scene.near, scene.far, u32::from(samples)).is_ok(),
             SceneSampling::March(_) => scene.diagonal() / f32::from(samples) > 0.0,
-            SceneSampling::Contracted { power, .. } => {
-                let step = scene.reach() / f32::from(samples);
-                steps(2.0 * (1.0 + f32::from(power)), step) <= MAX_SAMPLES.into()
-            }
+            SceneSampling::Contracted { .. } => true,
         }
 }
 

@@ -76,15 +76,16 @@ impl Plan<'_> {
 
     /// What is sampled of a ray through a scene without end: from near on, where the caller does not begin behind it.
     fn contracted_span(&self, contraction: &Contraction, ray: &Ray) -> Option<Span> {
-        if !(ray.origin.is_finite() && ray.dir.is_finite()) {
+        // What is as far away as f32 goes has no point nearest to the middle.
+        let (centred, start) = contraction.centred(ray);
+        if !(ray.origin.is_finite() && ray.dir.is_finite() && centred.origin.is_finite()) {
             return None;
         }
-        let (ray, start) = contraction.centred(ray);
         let enter = contraction.step_at(self.near.max(self.t_min) - start);
         let far = contraction.step_at(self.far);
         let stop = contraction.step_at(self.t_max - start);
         let (walk, bins) = self.bins.cut(enter, far, stop);
-        Some(Span { ray, start, bins, ends: walk.ends() }).filter(|_| enter < far.min(stop))
+        Some(Span { ray: centred, start, bins, ends: walk.ends() }).filter(|_| enter < far.min(stop))
     }
 
     /// The distance of pixels without a surface in a frame seen from `eye`: at least that of anything in the scene, and
