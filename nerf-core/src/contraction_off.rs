@@ -15,19 +15,28 @@ impl Contraction {
         None
     }
 
-    pub(crate) fn centre(&self) -> Vec3 {
+    /// No value.
+    pub fn centre(&self) -> Vec3 {
         match *self {}
     }
 
-    pub(crate) fn radius(&self) -> f32 {
+    /// No value.
+    pub fn radius(&self) -> f32 {
         match *self {}
     }
 
-    pub(crate) fn contract(&self, _: Vec3) -> Vec3 {
+    /// No value.
+    pub fn power(&self) -> u8 {
         match *self {}
     }
 
-    pub(crate) fn contract_lanes<V: Lanes>(&self, _: [V; 3]) -> [V; 3] {
+    /// No value.
+    pub fn contract(&self, _: Vec3) -> Vec3 {
+        match *self {}
+    }
+
+    /// No value.
+    pub fn contract_lanes<V: Lanes>(&self, _: [V; 3]) -> [V; 3] {
         match *self {}
     }
 
@@ -36,19 +45,23 @@ impl Contraction {
         match *self {}
     }
 
-    pub(crate) fn centred(&self, _: &Ray) -> (Ray, f32) {
+    /// No value.
+    pub fn centred(&self, _: &Ray) -> (Ray, f32) {
         match *self {}
     }
 
-    pub(crate) fn distance(&self, _: f32) -> f32 {
+    /// No value.
+    pub fn distance(&self, _: f32) -> f32 {
         match *self {}
     }
 
-    pub(crate) fn distance_lanes<V: Lanes>(&self, _: V) -> V {
+    /// No value.
+    pub fn distance_lanes<V: Lanes>(&self, _: V) -> V {
         match *self {}
     }
 
-    pub(crate) fn step_at(&self, _: f32) -> f32 {
+    /// No value.
+    pub fn step_at(&self, _: f32) -> f32 {
         match *self {}
     }
 }
