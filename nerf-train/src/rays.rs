@@ -67,6 +67,9 @@ impl Bounds {
     }
 }
 
+/// Some rays, where their samples lie, and how wide these are.
+type Marched = (Vec<BatchRay>, Vec<[f32; 3]>, Vec<f32>);
+
 impl<'d> RayBank<'d> {
     /// A bank over `views`.
     ///
@@ -208,7 +211,7 @@ impl<'d> RayBank<'d> {
         batch.clear();
         let lookup = cells.lookup();
         let far = contraction.step_at(self.far);
-        let chunks: Vec<(Vec<BatchRay>, Vec<[f32; 3]>, Vec<f32>)> = (0..rays.div_ceil(CHUNK))
+        let chunks: Vec<Marched> = (0..rays.div_ceil(CHUNK))
             .into_par_iter()
             .map(|chunk| {
                 let range = chunk * CHUNK..rays.min((chunk + 1) * CHUNK);
