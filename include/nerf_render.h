@@ -537,7 +537,8 @@ typedef struct nerf_scene_info {
      */
     uint32_t kernel;
     /**
-     * Smallest corner of the scene box, world units; outside of the box density is 0.
+     * Smallest corner of the scene box, world units; outside of the box density is 0, but where the scene has no end
+     * (`contraction_radius`).
      */
     float box_min[3];
     /**
@@ -655,13 +656,22 @@ typedef struct nerf_scene_info {
     uint64_t proposal_macs;
     /**
      * World units from sample to sample, of a scene that is marched where a ray is in its box; 0 where rays have bins
-     * between near and far.
+     * between near and far. Of a scene without end that of its ball; beyond, steps grow.
      */
     float step;
     /**
      * A `nerf_table_storage`: what the learned grid's tables are stored in.
      */
     uint32_t table_storage;
+    /**
+     * Radius of the ball around the middle of the scene box, beyond which space without end is contracted into the box, a
+     * cube of 4 radii, world units; 0 where the scene ends at its box.
+     */
+    float contraction_radius;
+    /**
+     * The power that steps beyond that ball grow with, 1, 2 or 4; 0 where the scene ends at its box.
+     */
+    uint32_t contraction_power;
 } nerf_scene_info;
 
 /**

@@ -1,12 +1,14 @@
 //! What a frame consists of: what the scene holds, met with what the caller asks for.
 
 use crate::blob::{Blob, MAX_SAMPLES, SceneFacts, SceneSampling, steps};
+use crate::contraction::Contraction;
 use crate::effects::jitter::Place;
 use crate::effects::{EffectError, Effects, Tone};
 use crate::kernels::{BLOCK, Tier};
 use crate::math::MathBackend;
 use crate::ray::{BoundsError, Ray, SceneBox};
 use crate::sampling::{Bins, OccupancyGrid};
+use glam::Vec3;
 
 mod quality;
 mod span;
@@ -110,6 +112,9 @@ impl Batch {
 #[derive(Clone, Copy, Debug)]
 pub struct Plan<'a> {
     pub(crate) bounds: SceneBox,
+    /// Of a scene without end: then the bins of a ray are steps of this, which [`Plan::point`] and [`Plan::part_around`]
+    /// turn into points and distances.
+    pub(crate) contraction: Option<Contraction>,
     /// How the samples of a ray are found from `bins`.
     pub(crate) lattice: Lattice,
     /// The samples of a ray; with a proposal only their number counts.
@@ -180,6 +185,7 @@ impl<'a> Plan<'a> {
         let (lattice, bins) = lattice(scene, samples, proposal.is_some()).map_err(PlanError::Bounds)?;
         Ok(Self {
             bounds,
+            contraction: scene.contraction(),
             lattice,
             bins,
             samples,
@@ -259,7 +265,7 @@ impl<'a> Plan<'a> {
         // Drawn samples have no bins: their mean distance stands in.
         let width = match self.proposal {
             Some(_) => (self.far - self.near) / self.samples_per_ray() as f32,
-            None => self.bins.delta(),
+            None => self.bins.delta() * self.contraction.map_or(1.0, |contraction| contraction.radius()),
         };
         self.normal_blur * width * EVEN
     }
@@ -308,17 +314,54 @@ impl<'a> Plan<'a> {
     pub(crate) fn first_live(&self, bins: &Bins, ray: &Ray, place: Place, from: u32, end: u32) -> u32 {
         let t = |bin| place.t(bins, bin);
         match &self.occupancy {
+            // What is straight in the world is not in the occupancy's cells.
+            Some(occupancy) if self.contraction.is_some() => {
+                (from..end).find(|&bin| occupancy.occupied(self.point(ray, t(bin)))).unwrap_or(end)
+            }
+            None if self.contraction.is_some() => from.min(end),
             Some(occupancy) => occupancy.first_live_at(ray, bins, from, end, t),
             None => (from..end).find(|&bin| self.bounds.contains(ray.at(t(bin)))).unwrap_or(end),
         }
     }
 
-    /// Whether a sample at `p` is worth asking the network for.
+    /// Whether a sample at a point of the network's is worth asking for.
     #[inline]
-    pub(crate) fn live(&self, p: glam::Vec3) -> bool {
+    pub(crate) fn live(&self, p: Vec3) -> bool {
         match &self.occupancy {
             Some(occupancy) => occupancy.occupied(p),
             None => self.bounds.contains(p),
+        }
+    }
+
+    /// Where the network has a point of the world; a NaN stays one, which is in no box.
+    #[inline]
+    pub(crate) fn inside(&self, p: Vec3) -> Vec3 {
+        match &self.contraction {
+            Some(contraction) if !p.is_nan() => contraction.contract(p),
+            _ => p,
+        }
+    }
+
+    /// Where the network has the point of a ray that its bins count as `t`.
+    #[inline]
+    pub(crate) fn point(&self, ray: &Ray, t: f32) -> Vec3 {
+        match &self.contraction {
+            Some(contraction) => contraction.contract(ray.at(contraction.distance(t))),
+            None => ray.at(t),
+        }
+    }
+
+    /// Of the bin that `t` lies in, world units: [`Bins::part_around`].
+    #[inline]
+    pub(crate) fn part_around(&self, bins: &Bins, t: f32) -> (f32, Option<f32>, f32) {
+        match &self.contraction {
+            Some(contraction) => {
+                let (t, from, to) = bins.ends_around(t);
+                let (from, to) = (contraction.distance(from), contraction.distance(to));
+                // The largest step of all may be longer than f32 tells apart.
+                (contraction.distance(t), Some(from + 0.5 * (to - from)), to - from)
+            }
+            None => bins.part_around(t),
         }
     }
 }
@@ -329,6 +372,11 @@ fn lattice(scene: &SceneFacts, samples: u16, proposal: bool) -> Result<(Lattice,
     let (mut lattice, near, step) = match scene.sampling {
         SceneSampling::March(own) if samples == scene.samples() => (Lattice::March, 0.0, own),
         SceneSampling::March(_) => (Lattice::March, 0.0, diagonal / f32::from(samples)),
+        SceneSampling::Contracted { step: own, power } => {
+            let step = if samples == scene.samples() { own } else { scene.reach() / f32::from(samples) };
+            let farthest = 1.0 + f32::from(power);
+            return Ok((Lattice::Contracted, Bins::of_width(-farthest, step, steps(2.0 * farthest, step))));
+        }
         SceneSampling::Bins(_) => {
             let own = Bins::new(scene.near, scene.far, samples.into())?;
             (Lattice::Extended, scene.near, own.delta())

@@ -56,7 +56,8 @@ pub struct SceneInfo {
     pub kind: u32,
     /// The `nerf_kernel` the scene runs on; never `NERF_KERNEL_AUTO`.
     pub kernel: u32,
-    /// Smallest corner of the scene box, world units; outside of the box density is 0.
+    /// Smallest corner of the scene box, world units; outside of the box density is 0, but where the scene has no end
+    /// (`contraction_radius`).
     pub box_min: [f32; 3],
     /// Largest corner of the scene box, world units.
     pub box_max: [f32; 3],
@@ -116,10 +117,15 @@ pub struct SceneInfo {
     /// Multiply-adds of one evaluation of the proposal network; 0 without one.
     pub proposal_macs: u64,
     /// World units from sample to sample, of a scene that is marched where a ray is in its box; 0 where rays have bins
-    /// between near and far.
+    /// between near and far. Of a scene without end that of its ball; beyond, steps grow.
     pub step: f32,
     /// A `nerf_table_storage`: what the learned grid's tables are stored in.
     pub table_storage: u32,
+    /// Radius of the ball around the middle of the scene box, beyond which space without end is contracted into the box, a
+    /// cube of 4 radii, world units; 0 where the scene ends at its box.
+    pub contraction_radius: f32,
+    /// The power that steps beyond that ball grow with, 1, 2 or 4; 0 where the scene ends at its box.
+    pub contraction_power: u32,
 }
 
 // The header spells the format's caps out.
@@ -155,6 +161,7 @@ fn describe(scene: &Scene) -> SceneInfo {
     let renderer = scene.renderer();
     let (blob, architecture) = (renderer.blob(), renderer.blob().architecture());
     let (facts, occupancy, provenance) = (blob.scene(), blob.occupancy(), blob.provenance());
+    let contraction = facts.and_then(|facts| facts.contraction());
     SceneInfo {
         struct_size: size_of::<SceneInfo>(),
         kind: if facts.is_some() { Kind::Scene } else { Kind::Picture } as u32,
@@ -188,8 +195,8 @@ fn describe(scene: &Scene) -> SceneInfo {
         proposal_samples: blob.proposal().map_or(0, |it| it.samples.into()),
         front_points: blob.front().len() as u32,
         proposal_macs: blob.proposal().map_or(0, |it| it.architecture().density_macs() as u64),
-        step: match facts.map(|facts| facts.sampling) {
-            Some(SceneSampling::March(step)) => step,
+        step: match facts {
+            Some(facts) if !matches!(facts.sampling, SceneSampling::Bins(_)) => facts.step(),
             _ => 0.0,
         },
         table_storage: match blob.tables() {
@@ -197,5 +204,7 @@ fn describe(scene: &Scene) -> SceneInfo {
             Some(StoredTables::F16(_)) => TableStorage::F16,
             Some(StoredTables::Int8 { .. }) => TableStorage::Int8,
         } as u32,
+        contraction_radius: contraction.map_or(0.0, |contraction| contraction.radius()),
+        contraction_power: contraction.map_or(0, |contraction| contraction.power().into()),
     }
 }

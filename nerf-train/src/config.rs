@@ -9,6 +9,7 @@ pub use optimiser::OptimiserConfig;
 use crate::engine::{Adam, Model};
 use crate::quantise::TableStorage;
 use glam::Vec3;
+use nerf_core::contraction::Contraction;
 use nerf_core::encoding::{
     AngleScale, DirectionEncoding, GridEncoding, MAX_GRID_LEVELS, MAX_GRID_RESOLUTION, MAX_HARMONICS_DEGREE,
     MAX_LEVELS, MAX_LOG2_ENTRIES, PositionEncoding, SinusoidalEncoding,
@@ -192,8 +193,22 @@ pub struct SamplingConfig {
     pub near: Option<f32>,
     /// Rays end here, world units; as the data says if absent.
     pub far: Option<f32>,
-    /// The scene box as x0 y0 z0 x1 y1 z1; found from the data if absent.
+    /// The scene box as x0 y0 z0 x1 y1 z1; found from the data if absent. None beside a contraction.
     pub scene_box: Option<[f32; 6]>,
+    /// A scene without end, contracted around what the cameras look at: the power that its steps grow with, 1, 2 or 4.
+    /// Beside a grid only.
+    pub contraction: Option<u8>,
+}
+
+/// What the data says of what lies around a scene.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Surroundings {
+    /// Which parts of the pictures are background.
+    Known,
+    /// Nothing, but it ends at a box.
+    Unknown,
+    /// Nothing, and it goes on for ever.
+    Endless,
 }
 
 /// How samples are perturbed in training; never in rendering.
@@ -271,6 +286,7 @@ impl Preset {
                     near: None,
                     far: None,
                     scene_box: None,
+                    contraction: None,
                 },
                 occupancy: OccupancyConfig {
                     skip: true,
@@ -322,6 +338,7 @@ impl Preset {
                     near: None,
                     far: None,
                     scene_box: None,
+                    contraction: None,
                 },
                 occupancy: OccupancyConfig {
                     skip: true,
@@ -373,6 +390,7 @@ impl Preset {
                     near: None,
                     far: None,
                     scene_box: None,
+                    contraction: None,
                 },
                 occupancy: OccupancyConfig {
                     skip: false,
@@ -466,6 +484,18 @@ impl Config {
             // Its samples are trained where light reaches them, which culled space is not.
             rule("occupancy.empty_share", g.empty_share == 0.0, "0 beside a grid", g.empty_share)?;
         }
+        if let Some(power) = s.contraction {
+            let field = "sampling.contraction";
+            rule(field, Contraction::POWERS.contains(&power), "1, 2 or 4", power)?;
+            rule(field, n.grid.is_some(), "none without a learned grid", power)?;
+            rule(field, s.scene_box.is_none(), "none beside a scene box", power)?;
+            rule(field, g.skip, "none where occupancy.skip is false", power)?;
+            // The scene's own steps are as many as a file can name.
+            let steps = (1.0 + f32::from(power)) * f32::from(s.steps_across);
+            let most =
+                format!("2 to {} beside a contraction of power {power}", 4096 / (1 + u16::from(power)));
+            rule("sampling.steps_across", s.steps_across > 1 && steps <= 4096.0, most, s.steps_across)?;
+        }
         rule("sampling.steps_across", s.steps_across > 0, "at least 1", s.steps_across)?;
         rule("sampling.samples", (1..=4096).contains(&s.samples), "1 to 4096", s.samples)?;
         rule("sampling.rays", (1..=1_000_000).contains(&s.rays), "1 to 1000000", s.rays)?;
@@ -524,6 +554,30 @@ impl Config {
             // Opaque from the start, each view would be painted onto the shell of the box.
             self.network.density_bias = 0.0;
         }
+        self.occupancy.hull = false;
+        self
+    }
+
+    /// These settings, for what lies around a scene.
+    pub fn around(self, surroundings: Surroundings) -> Self {
+        match surroundings {
+            Surroundings::Known => self,
+            Surroundings::Unknown => self.without_hull(),
+            Surroundings::Endless => self.without_end(),
+        }
+    }
+
+    /// What changes where photographs show whatever is behind the scene, too; of a preset without a grid as
+    /// [`Config::without_hull`].
+    pub fn without_end(mut self) -> Self {
+        let Some(grid) = &mut self.network.grid else { return self.without_hull() };
+        (grid.log2_entries, grid.coarsest, grid.finest) = (17, 16, 1024);
+        self.sampling.contraction = Some(1);
+        self.sampling.steps_across = 256;
+        self.sampling.random_background = true;
+        self.network.density_bias = 0.9;
+        self.occupancy.resolution = 128;
+        self.occupancy.threshold = 0.01;
         self.occupancy.hull = false;
         self
     }

@@ -5,6 +5,7 @@ use crate::field::densities;
 use glam::Vec3;
 use nerf_core::blob::StoredOccupancy;
 use nerf_core::camera::Camera;
+use nerf_core::contraction::Contraction;
 use nerf_core::kernels::Tier;
 use nerf_core::network::Architecture;
 use nerf_core::ray::SceneBox;
@@ -119,6 +120,36 @@ impl Occupancy {
         let sides = Self::sides(bounds.max - bounds.min, resolution);
         let cells = sides.iter().map(|&side| u32::from(side)).product();
         Self::of_candidates(bounds, sides, (0..cells).collect())
+    }
+
+    /// The cells of a scene without end that more than one view sees, from `near` on: in their middles.
+    pub fn seen(
+        bounds: SceneBox,
+        resolution: u16,
+        views: &[View],
+        contraction: &Contraction,
+        near: f32,
+    ) -> Self {
+        let full = Self::full(bounds, resolution);
+        let seen = |&cell: &u32| {
+            let p = contraction.in_world(full.live.point(cell, [0.5; 3]));
+            let sees = |view: &&View| {
+                let (camera, (width, height)) = (&view.camera, view.size());
+                let distance = (p - camera.pose().position).length();
+                let pixel = camera.project(p).filter(|_| distance >= near);
+                pixel.is_some_and(|(x, y)| {
+                    (0.0..=width as f32).contains(&x) && (0.0..=height as f32).contains(&y)
+                })
+            };
+            views.iter().filter(sees).take(2).count() == 2.min(views.len())
+        };
+        // The corners of the box are beyond all of space.
+        let reach = 2.0 * contraction.radius();
+        let inside = |&cell: &u32| {
+            (full.live.point(cell, [0.5; 3]) - contraction.centre()).length() < reach && seen(&cell)
+        };
+        let cells: Vec<u32> = full.candidates.par_iter().copied().filter(inside).collect();
+        Self::of_candidates(bounds, full.live.resolution, cells)
     }
 
     /// The same cells halved along each side: each becomes eight, live or not as it was.
@@ -296,7 +327,12 @@ impl Occupancy {
             self.live.point(cell, std::array::from_fn(|axis| u(axis as u64, cell))).to_array()
         };
         let points: Vec<[f32; 3]> = which.par_iter().map(point).collect();
-        densities(ask.tier, ask.architecture, ask.parameters, &self.live.bounds(), &points)
+        let mut sigma = densities(ask.tier, ask.architecture, ask.parameters, &self.live.bounds(), &points);
+        // Where steps are longer, less density is as much light.
+        if let Some(contraction) = &ask.contraction {
+            sigma.iter_mut().zip(points).for_each(|(sigma, p)| *sigma *= contraction.stretch(p.into()));
+        }
+        sigma
     }
 
     /// Sets the bits from the densities, unless less than that share of the candidates would be left.
@@ -326,6 +362,8 @@ pub struct Ask<'a> {
     pub parameters: &'a [f32],
     /// Seed of the run.
     pub seed: u64,
+    /// Of a scene without end.
+    pub contraction: Option<Contraction>,
 }
 
 /// Where a view sees something, as sums over rectangles.

@@ -8,7 +8,9 @@ use crate::engine::{Batch, BatchRay};
 use crate::occupancy::{LiveCells, is_foreground};
 use glam::Vec3;
 use march::{Cells, march};
+use nerf_core::blob::SceneSampling;
 use nerf_core::camera::Camera;
+use nerf_core::contraction::Contraction;
 use nerf_core::kernels::Tier;
 use nerf_core::ray::{Ray, SceneBox};
 use nerf_core::sampling::{Bins, OccupancyGrid, Purpose, uniform, uniform_u32};
@@ -31,6 +33,7 @@ pub struct RayBank<'d> {
     background: Background,
     bins: Bins,
     bounds: SceneBox,
+    contraction: Option<Contraction>,
     near: f32,
     far: f32,
     jitter: Jitter,
@@ -48,7 +51,24 @@ pub struct Bounds {
     pub far: f32,
     /// Nothing is outside of it.
     pub scene_box: SceneBox,
+    /// Of a scene without end, which is contracted into the box.
+    pub contraction: Option<Contraction>,
 }
+
+impl Bounds {
+    /// Samples of a marched ray, `steps_across` of which are as long as the longest side of the scene box, or of a scene
+    /// without end as the ball that stays as it is is wide.
+    pub fn sampling(&self, steps_across: u16) -> SceneSampling {
+        let across = f32::from(steps_across);
+        match self.contraction {
+            Some(contraction) => SceneSampling::Contracted { step: 2.0 / across, power: contraction.power() },
+            None => SceneSampling::March((self.scene_box.max - self.scene_box.min).max_element() / across),
+        }
+    }
+}
+
+/// Some rays, where their samples lie, and how wide these are.
+type Marched = (Vec<BatchRay>, Vec<[f32; 3]>, Vec<f32>);
 
 impl<'d> RayBank<'d> {
     /// A bank over `views`.
@@ -78,7 +98,7 @@ impl<'d> RayBank<'d> {
             0 => Vec::new(),
             _ => views.iter().map(|view| counting(std::slice::from_ref(view), &[0])).collect(),
         };
-        let Bounds { near, far, scene_box } = bounds;
+        let Bounds { near, far, scene_box, contraction } = bounds;
         Ok(Self {
             views,
             starts,
@@ -87,6 +107,7 @@ impl<'d> RayBank<'d> {
             background,
             bins: Bins::new(near, far, u32::from(config.sampling.samples))?,
             bounds: scene_box,
+            contraction,
             near,
             far,
             jitter: config.sampling.jitter,
@@ -143,6 +164,10 @@ impl<'d> RayBank<'d> {
         cells: &LiveCells,
         width: f32,
     ) {
+        if let Some(contraction) = &self.contraction {
+            let width = width / contraction.radius();
+            return self.fill_contracted(batch, step, rays, cells, contraction, width);
+        }
         batch.clear();
         let cells = Cells { bounds: cells.bounds(), resolution: cells.resolution(), bits: cells.bits() };
         let chunks: Vec<(Vec<BatchRay>, Vec<[f32; 3]>)> = (0..rays.div_ceil(CHUNK))
@@ -170,6 +195,54 @@ impl<'d> RayBank<'d> {
             batch.positions.extend(positions);
         }
         batch.deltas.resize(batch.positions.len(), width);
+    }
+
+    /// As [`Self::fill_marched`], of a scene without end: `step` is in radii of `contraction`'s ball where nothing is
+    /// contracted.
+    fn fill_contracted(
+        &self,
+        batch: &mut Batch,
+        step: u64,
+        rays: usize,
+        cells: &LiveCells,
+        contraction: &Contraction,
+        width: f32,
+    ) {
+        batch.clear();
+        let lookup = cells.lookup();
+        let far = contraction.step_at(self.far);
+        let chunks: Vec<Marched> = (0..rays.div_ceil(CHUNK))
+            .into_par_iter()
+            .map(|chunk| {
+                let range = chunk * CHUNK..rays.min((chunk + 1) * CHUNK);
+                let (mut rays_of, mut positions, mut deltas) = (Vec::new(), Vec::new(), Vec::new());
+                for index in range {
+                    let before = positions.len();
+                    let (ray, mut batch_ray) = self.target(step, index as u64, rays);
+                    let (ray, start) = contraction.centred(&ray);
+                    let first = contraction.step_at(self.near - start);
+                    let u = uniform(self.seed, Purpose::Jitter, step, index as u64);
+                    let count = ((far - first) / width).ceil().max(0.0) as u32;
+                    for bin in 0..count {
+                        let at = first + (bin as f32 + u) * width;
+                        let p = contraction.contract(ray.at(contraction.distance(at)));
+                        if lookup.occupied(p) {
+                            let (from, to) = (at - 0.5 * width, at + 0.5 * width);
+                            positions.push(p.to_array());
+                            deltas.push(contraction.distance(to) - contraction.distance(from));
+                        }
+                    }
+                    batch_ray.samples = (positions.len() - before) as u32;
+                    rays_of.push(batch_ray);
+                }
+                (rays_of, positions, deltas)
+            })
+            .collect();
+        for (rays, positions, deltas) in chunks {
+            batch.rays.extend(rays);
+            batch.positions.extend(positions);
+            batch.deltas.extend(deltas);
+        }
     }
 
     /// Adds `count` points that `occupancy` calls empty: half along rays of the data, half anywhere.
@@ -239,6 +312,11 @@ impl<'d> RayBank<'d> {
                 std::array::from_fn(|c| if white { 1.0 } else { (bits >> c & 1) as f32 })
             }
             Background::Constant(colour) => colour.map(|c| f32::from(c) / 255.0),
+            // Nothing is behind the scene: light that passes through it is an error whatever its colour.
+            Background::Unknown if self.contraction.is_some() => {
+                let bits = uniform_u32(self.seed, Purpose::Background, step, index);
+                std::array::from_fn(|c| (bits >> (8 * c) & 255) as f32 / 255.0)
+            }
             _ => [0.0; 3],
         };
         let rgb = crate::dataset::over(view.pixels[pixel], background);

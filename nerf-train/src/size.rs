@@ -226,14 +226,17 @@ pub fn most_bytes(config: &Config, extent: Vec3, dataset: &Dataset) -> Result<u6
     let resolution = most_sides(extent, config.occupancy_resolution(extent));
     let bits = vec![0; StoredOccupancy::bytes(resolution)];
     let (samples, longest) = (config.sampling.samples, extent.max_element());
+    let (across, power) = (f32::from(config.sampling.steps_across), config.sampling.contraction);
     let content = Content::Scene(SceneFacts {
         min: [0.0; 3],
-        max: extent.into(),
+        // Of a cube that is far from the origin, its corners are rounded.
+        max: if power.is_some() { [longest; 3] } else { extent.into() },
         near: 0.0,
         far: 1.0,
-        sampling: match &config.network.grid {
-            Some(_) => SceneSampling::March(longest / f32::from(config.sampling.steps_across)),
-            None => SceneSampling::Bins(samples),
+        sampling: match (&config.network.grid, power) {
+            (Some(_), Some(power)) => SceneSampling::Contracted { step: 2.0 / across, power },
+            (Some(_), None) => SceneSampling::March(longest / across),
+            (None, _) => SceneSampling::Bins(samples),
         },
         background: [0.0; 3],
         occupancy_required: true,

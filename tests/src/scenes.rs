@@ -38,6 +38,8 @@ pub struct Recipe {
     pub proposal: Option<u16>,
     /// Whether it is a scene, with a density head; else a picture.
     pub scene: bool,
+    /// The power of a contraction, if the scene has no end; else 0.
+    pub contraction: u8,
     /// Seed of the weights.
     pub seed: u64,
 }
@@ -55,6 +57,7 @@ impl Recipe {
         occupancy_required: false,
         proposal: None,
         scene: true,
+        contraction: 0,
         seed: 1,
     };
     /// With a skip layer.
@@ -70,6 +73,9 @@ impl Recipe {
     pub const LEARNED: Self = Self { features: 2, levels: 4, trunk: (1, 32), seed: 8, ..Self::PLAIN };
     /// With tables in int8.
     pub const LEARNED_INT8: Self = Self { int8: true, seed: 10, ..Self::LEARNED };
+    /// Without end.
+    pub const CONTRACTED: Self =
+        Self { contraction: 2, occupancy: Some((8, false)), seed: 11, ..Self::LEARNED };
     /// A picture by a learned grid.
     pub const LEARNED_PICTURE: Self = Self { features: 1, levels: 3, seed: 9, ..Self::PICTURE };
     /// A picture of 33x21 pixels.
@@ -164,6 +170,18 @@ impl Recipe {
         if !self.scene {
             return Content::Picture(PictureFacts { width: 33, height: 21 });
         }
+        let background = [1.0, 0.5, 0.25];
+        if self.contraction > 0 {
+            return Content::Scene(SceneFacts {
+                min: [-2.0, -2.25, -2.0],
+                max: [2.0, 1.75, 2.0],
+                near: 0.125,
+                far: 50.0,
+                sampling: SceneSampling::Contracted { step: 0.0625, power: self.contraction },
+                background,
+                occupancy_required: self.occupancy_required,
+            });
+        }
         Content::Scene(SceneFacts {
             min: [-1.0, -1.25, -1.0],
             max: [1.0, 1.0, 1.5],
@@ -173,7 +191,7 @@ impl Recipe {
                 0 => SceneSampling::Bins(48),
                 _ => SceneSampling::March(0.08),
             },
-            background: [1.0, 0.5, 0.25],
+            background,
             occupancy_required: self.occupancy_required,
         })
     }

@@ -2,7 +2,9 @@
 
 use super::front::Front;
 use super::proposal::Proposal;
+use crate::contraction::Contraction;
 use crate::network::Architecture;
+use crate::ray::SceneBox;
 use glam::Vec3;
 use serde::{Deserialize, Serialize};
 
@@ -137,6 +139,15 @@ pub enum SceneSampling {
     /// At even steps of so many world units from where the ray enters the scene box to where it leaves it. Finite, above
     /// 0, and at most [`MAX_SAMPLES`] of them to the box's diagonal.
     March(f32),
+    /// All of space, contracted into the scene box, which is a cube: at equal steps along the ray where it is near the
+    /// middle of that, and at longer ones beyond ([`Contraction`]), from `near` on to `far` behind the middle.
+    Contracted {
+        /// Radii of the ball that stays as it is to a step: above 0, at most 1, and at most [`MAX_SAMPLES`] steps to a
+        /// ray that comes from far away.
+        step: f32,
+        /// How steps grow beyond it: 1, 2 or 4.
+        power: u8,
+    },
 }
 
 impl SceneFacts {
@@ -145,15 +156,36 @@ impl SceneFacts {
         match self.sampling {
             SceneSampling::Bins(samples) => samples,
             SceneSampling::March(step) => steps(self.diagonal(), step).min(MAX_SAMPLES.into()) as u16,
+            SceneSampling::Contracted { step, .. } => {
+                steps(self.reach(), step).min(MAX_SAMPLES.into()) as u16
+            }
         }
     }
 
-    /// World units from sample to sample.
+    /// World units from sample to sample; of a contracted scene, in the ball that stays as it is.
     pub fn step(&self) -> f32 {
         match self.sampling {
+            SceneSampling::Contracted { step, .. } => {
+                step * self.contraction().map_or(1.0, |contraction| contraction.radius())
+            }
             SceneSampling::Bins(samples) => (self.far - self.near) / f32::from(samples),
             SceneSampling::March(step) => step,
         }
+    }
+
+    /// The contraction of a scene without end.
+    pub fn contraction(&self) -> Option<Contraction> {
+        let cube = SceneBox { min: Vec3::from(self.min), max: Vec3::from(self.max) };
+        match self.sampling {
+            SceneSampling::Contracted { power, .. } => Contraction::new(&cube, power),
+            SceneSampling::Bins(_) | SceneSampling::March(_) => None,
+        }
+    }
+
+    /// How far a ray of a contracted scene goes that begins at the rim of the ball that stays as it is, in radii as its
+    /// steps count them.
+    pub(crate) fn reach(&self) -> f32 {
+        self.contraction().map_or(0.0, |contraction| 1.0 + contraction.step_at(self.far))
     }
 
     /// The longest way through the scene box.

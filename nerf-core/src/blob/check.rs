@@ -9,6 +9,7 @@ use super::body::{
 use super::error::{BlobError, Section};
 use super::front;
 use super::proposal::Proposal;
+use crate::contraction::Contraction;
 use crate::encoding::{AngleScale, SinusoidalEncoding};
 use crate::math::polynomial::SIN_COS_DOMAIN;
 use crate::network::{Architecture, Layers};
@@ -87,6 +88,18 @@ fn check_scene(scene: &SceneFacts, architecture: &Architecture) -> Result<(), Bl
                 return Err(BlobError::Step { found: step });
             }
         }
+        SceneSampling::Contracted { .. } if !cfg!(feature = "contraction") => {
+            return Err(BlobError::NotBuilt { feature: "contraction" });
+        }
+        SceneSampling::Contracted { step, power } => {
+            let fits = Contraction::new(&bounds, power).is_some()
+                && step > 0.0
+                && step <= 1.0
+                && steps(2.0 * (1.0 + f32::from(power)), step) <= MAX_SAMPLES.into();
+            if !fits {
+                return Err(BlobError::Contraction { step, power });
+            }
+        }
     }
     if !scene.background.iter().all(|c| (0.0..=1.0).contains(c)) {
         return Err(BlobError::Field(Section::Background));
@@ -104,6 +117,7 @@ pub(super) fn samples_fit(scene: &SceneFacts, samples: u16) -> bool {
         && match scene.sampling {
             SceneSampling::Bins(_) => Bins::new(scene.near, scene.far, u32::from(samples)).is_ok(),
             SceneSampling::March(_) => scene.diagonal() / f32::from(samples) > 0.0,
+            SceneSampling::Contracted { .. } => true,
         }
 }
 

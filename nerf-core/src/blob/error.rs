@@ -228,6 +228,13 @@ pub enum BlobError {
         /// What the scene says, world units.
         found: f32,
     },
+    /// A scene without end whose box is no cube, or whose steps are out of range.
+    Contraction {
+        /// What the scene says.
+        step: f32,
+        /// What the scene says.
+        power: u8,
+    },
     /// A value outside its range.
     Field(Section),
     /// A section of the wrong length.
@@ -333,6 +340,11 @@ impl fmt::Display for BlobError {
                 f,
                 "scene.sampling: expected a finite step above 0, at most {MAX_SAMPLES} of them to the box's \
                  diagonal, found {found}"
+            ),
+            Self::Contraction { step, power } => write!(
+                f,
+                "scene.sampling: expected a contraction into a cube with a power of 1, 2 or 4 and steps above 0 \
+                 and at most 1, at most {MAX_SAMPLES} of them, found power {power} and step {step}"
             ),
             Self::Field(section) => write!(f, "{section}: expected {}, found otherwise", section.range()),
             Self::Length { section, expected, found } => {

@@ -158,6 +158,38 @@ fn scenes_that_hold_nothing_are_refused() {
 }
 
 #[test]
+fn scenes_without_end_are_opened_as_they_were_written_or_refused() {
+    let weights = halve(&parameters(&every_kind(), 1)).0;
+    let contracted = |step, power| SceneSampling::Contracted { step, power };
+    if !cfg!(feature = "contraction") {
+        let error = scene_refused(|s| s.sampling = contracted(0.01, 1));
+        assert_eq!(error, BlobError::NotBuilt { feature: "contraction" });
+        return;
+    }
+    // 4096 steps of 9.8e-4 are 4.01, and 2.45e-3 are 10.04.
+    for (step, power) in [(1.0, 1), (9.8e-4, 1), (1.5e-3, 2), (2.45e-3, 4)] {
+        let scene = SceneFacts { sampling: contracted(step, power), ..SCENE };
+        let bytes =
+            bytes(&Body { content: Content::Scene(scene.clone()), ..body(every_kind(), None, &weights) });
+        let blob = Blob::open(&bytes).unwrap();
+        assert_eq!(blob.scene(), Some(&scene));
+        let found = scene.contraction().unwrap();
+        assert_eq!((found.centre().to_array(), found.radius(), found.power()), ([0.0; 3], 0.5, power));
+        assert_eq!(scene.step(), 0.5 * step);
+    }
+    for (step, power) in [(9.7e-4, 1), (2.4e-3, 4), (1.01, 1), (0.01, 0), (0.01, 3), (0.01, 8), (0.01, 255)]
+        .into_iter()
+        .chain([0.0, -0.1, 1e-45, f32::INFINITY, f32::NAN].map(|step| (step, 1)))
+    {
+        let error = scene_refused(|s| s.sampling = contracted(step, power));
+        assert!(matches!(error, BlobError::Contraction { .. }), "{step} {power}: {error}");
+        assert!(error.to_string().contains("scene.sampling: expected a contraction into a cube"));
+    }
+    let flat = scene_refused(|s| (s.sampling, s.max[1]) = (contracted(0.01, 1), 0.9));
+    assert_eq!(flat, BlobError::Contraction { step: 0.01, power: 1 });
+}
+
+#[test]
 fn occupancies_that_do_not_fit_are_refused() {
     let (weights, _) = halve(&parameters(&every_kind(), 1));
     let with = |resolution, bits| body(every_kind(), Some(StoredOccupancy { resolution, bits }), &weights);

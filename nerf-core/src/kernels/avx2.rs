@@ -79,6 +79,10 @@ impl Lanes for F32x8 {
         Self(avx2!(_mm256_min_ps(self.0, b.0)))
     }
     #[inline(always)]
+    fn sqrt(self) -> Self {
+        Self(avx2!(_mm256_sqrt_ps(self.0)))
+    }
+    #[inline(always)]
     fn abs(self) -> Self {
         Self(avx2!(_mm256_andnot_ps(_mm256_set1_ps(-0.0), self.0)))
     }

@@ -79,6 +79,10 @@ impl Lanes for F32x16 {
         Self(avx512!(_mm512_min_ps(self.0, b.0)))
     }
     #[inline(always)]
+    fn sqrt(self) -> Self {
+        Self(avx512!(_mm512_sqrt_ps(self.0)))
+    }
+    #[inline(always)]
     fn abs(self) -> Self {
         Self(avx512!(_mm512_abs_ps(self.0)))
     }

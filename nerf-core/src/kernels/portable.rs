@@ -66,6 +66,10 @@ impl Lanes for Portable {
         self.each(b, f32::min_of)
     }
     #[inline(always)]
+    fn sqrt(self) -> Self {
+        Self(self.0.map(Lanes::sqrt))
+    }
+    #[inline(always)]
     fn abs(self) -> Self {
         Self(self.0.map(Lanes::abs))
     }

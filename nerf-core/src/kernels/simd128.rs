@@ -72,6 +72,10 @@ impl Lanes for F32x4 {
         Self(f32x4_pmin(b.0, self.0))
     }
     #[inline(always)]
+    fn sqrt(self) -> Self {
+        Self(f32x4_sqrt(self.0))
+    }
+    #[inline(always)]
     fn abs(self) -> Self {
         Self(f32x4_abs(self.0))
     }

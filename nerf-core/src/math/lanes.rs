@@ -44,6 +44,8 @@ pub trait Lanes: Copy {
     fn max_of(self, b: Self) -> Self;
     /// The smaller; `self` only if it is less, so that a NaN in `b` stays.
     fn min_of(self, b: Self) -> Self;
+    /// The root, rounded correctly.
+    fn sqrt(self) -> Self;
     /// `|self|`.
     fn abs(self) -> Self;
     /// The nearest integer, ties to even, for every finite value.
@@ -174,6 +176,10 @@ impl Lanes for f32 {
     #[inline(always)]
     fn min_of(self, b: Self) -> Self {
         if self < b { self } else { b }
+    }
+    #[inline(always)]
+    fn sqrt(self) -> Self {
+        super::sqrt(self)
     }
     #[inline(always)]
     fn abs(self) -> Self {

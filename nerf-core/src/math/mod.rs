@@ -109,7 +109,6 @@ pub trait Math {
 }
 
 /// `√x` for `x >= 0`, correctly rounded.
-#[cfg(feature = "depth-of-field")]
 #[inline]
 pub(crate) fn sqrt(x: f32) -> f32 {
     ::libm::sqrtf(x)

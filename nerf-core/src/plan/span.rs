@@ -1,6 +1,7 @@
 //! Which part of a ray is sampled, and where.
 
 use super::Plan;
+use crate::contraction::Contraction;
 use crate::ray::{Ray, SceneBox};
 use crate::sampling::Ends;
 use core::ops::Range;
@@ -15,6 +16,8 @@ pub(crate) enum Lattice {
     Extended,
     /// The first bin begins where the ray enters the scene box.
     March,
+    /// The scene has no end: bins count the steps of its contraction, from the point of the ray nearest to its middle.
+    Contracted,
 }
 
 /// The part of a ray that is sampled.
@@ -38,18 +41,21 @@ impl Plan<'_> {
     /// Distances within the scene are small, whatever the way there: samples are counted from a point at the box, and
     /// only what leaves the frame has the way there added.
     pub(crate) fn span(&self, around: &SceneBox, ray: &Ray) -> Option<Span> {
+        if let Some(contraction) = &self.contraction {
+            return self.contracted_span(contraction, ray);
+        }
         let walk = self.proposal.as_ref().unwrap_or(&self.bins);
         // What of a proposal's samples counts is cut when they are drawn.
         let (t_min, t_max) = if self.proposal.is_some() { (0.0, f32::MAX) } else { (self.t_min, self.t_max) };
         let (near, far) = match self.lattice {
             Lattice::Own => (self.near.max(t_min), self.far.min(t_max)),
-            Lattice::Extended | Lattice::March => (t_min, t_max),
+            Lattice::Extended | Lattice::March | Lattice::Contracted => (t_min, t_max),
         };
         // The sample of a bin that is cut may lie beyond the cut.
         let margin = if self.lattice == Lattice::March { 0.0 } else { walk.delta() };
         let (enter, exit) = around.clip(ray, near - margin, far + margin)?;
         let (origin, start, end) = match self.lattice {
-            Lattice::Own => (ray.origin, 0.0, f32::MAX),
+            Lattice::Own | Lattice::Contracted => (ray.origin, 0.0, f32::MAX),
             Lattice::Extended => {
                 let start = walk.shift(enter, exit);
                 (ray.at(start), start, f32::MAX)
@@ -68,11 +74,29 @@ impl Plan<'_> {
         Some(Span { ray: Ray { origin, ..*ray }, start, bins, ends: walk.ends() })
     }
 
+    /// What is sampled of a ray through a scene without end: from near on, where the caller does not begin behind it.
+    #[inline(never)]
+    fn contracted_span(&self, contraction: &Contraction, ray: &Ray) -> Option<Span> {
+        // What is as far away as f32 goes has no point nearest to the middle.
+        let (centred, start) = contraction.centred(ray);
+        if !(ray.origin.is_finite() && ray.dir.is_finite() && centred.origin.is_finite()) {
+            return None;
+        }
+        let enter = contraction.step_at(self.near.max(self.t_min) - start);
+        let far = contraction.step_at(self.far);
+        let stop = contraction.step_at(self.t_max - start);
+        let (walk, bins) = self.bins.cut(enter, far, stop);
+        Some(Span { ray: centred, start, bins, ends: walk.ends() }).filter(|_| enter < far.min(stop))
+    }
+
     /// The distance of pixels without a surface in a frame seen from `eye`: at least that of anything in the scene, and
     /// the same for all of them.
     pub fn far_from(&self, eye: Vec3) -> f32 {
         if self.lattice == Lattice::Own {
             return self.far.min(self.t_max);
+        }
+        if let Some(contraction) = &self.contraction {
+            return ((eye - contraction.centre()).length() + self.far).min(self.t_max);
         }
         let reach: [f32; 3] = core::array::from_fn(|axis| {
             let (eye, low, high) = (eye[axis], self.bounds.min[axis], self.bounds.max[axis]);

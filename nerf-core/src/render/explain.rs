@@ -199,6 +199,9 @@ impl fmt::Display for Explanation<'_> {
         write!(f, "samples            {} a ray ", plan.samples_per_ray())?;
         match plan.lattice {
             Lattice::March => write!(f, "at most, where it is in the scene box, ")?,
+            Lattice::Contracted => {
+                write!(f, "from {} to {} behind the middle of a scene without end, ", plan.near, plan.far)?
+            }
             _ => write!(f, "from {} to {}, ", plan.near, plan.far)?,
         }
         match &plan.proposal {

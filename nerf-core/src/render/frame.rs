@@ -320,7 +320,7 @@ impl<'f, 'w> Frame<'f, 'w> {
         rgb.fill([0.0; 3]);
         let mut n = 0;
         for (i, (&p, &dir)) in positions.iter().zip(dirs).enumerate() {
-            let (origin, dir) = (Vec3::from(p), Vec3::from(dir));
+            let (origin, dir) = (self.plan.inside(p.into()), Vec3::from(dir));
             if self.plan.live(origin)
                 && let Some(place) = self.rays.get_mut(n)
             {

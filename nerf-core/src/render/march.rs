@@ -6,7 +6,7 @@
 
 use super::Counters;
 use super::frame::{Frame, columns_of};
-use super::window::Window;
+use super::window::{self, Window};
 use crate::effects::jitter::Place;
 use crate::kernels::{Tier, VECTORS, at, column, head, put, put_column, tail, tail_mut};
 use crate::math::Math;
@@ -75,8 +75,11 @@ impl RayState {
     pub fn seek(&mut self, tier: Tier, plan: &Plan<'_>, bins: &Bins, place: Place) -> bool {
         let (bins, next, end) = (bins.with(self.ends), self.next, self.end);
         self.next = match &plan.occupancy {
-            Some(occupancy) if VECTORS && place.is_middle() => {
-                self.window.first_live(tier, occupancy, &self.ray, &bins, next, end)
+            Some(occupancy)
+                if VECTORS && tier != Tier::Scalar && end <= window::MOST && place.is_middle() =>
+            {
+                let contraction = plan.contraction.as_ref();
+                self.window.first_live(tier, occupancy, contraction, &self.ray, &bins, next, end)
             }
             _ => plan.first_live(&bins, &self.ray, place, next, end),
         };
@@ -193,7 +196,7 @@ impl Frame<'_, '_> {
             // What only fills the block up is a copy of its last sample.
             let from = column.min(n.saturating_sub(1));
             let owner = at(self.block.owner, from) as usize;
-            let p = at(self.rays, owner).ray.at(at(self.block.t, from));
+            let p = self.plan.point(&at(self.rays, owner).ray, at(self.block.t, from));
             put_column(self.positions, stride, column, p.to_array());
         }
     }
@@ -217,7 +220,7 @@ impl Frame<'_, '_> {
                         let bins = plan.bins.with(state.ends);
                         // A jittered sample lies anywhere in its bin, which stays where it is.
                         let jittered = plan.outputs.median_distance && plan.effects.jitter.is_some();
-                        let (t, middle, delta) = bins.part_around(t);
+                        let (t, middle, delta) = plan.part_around(&bins, t);
                         let whole = || if jittered { bins.middle_around(t) } else { t };
                         (t, middle.unwrap_or_else(whole), delta)
                     }

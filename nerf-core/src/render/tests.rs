@@ -1,6 +1,8 @@
 extern crate std;
 
 mod batches;
+#[cfg(feature = "contraction")]
+mod contraction;
 mod effects;
 #[cfg(feature = "grid")]
 mod grid;

@@ -1,5 +1,6 @@
 //! Sixteen bins of a ray at a time: which of them have their sample in an occupied cell.
 
+use crate::contraction::Contraction;
 use crate::kernels::{Op, Tier};
 use crate::math::lanes::Lanes;
 use crate::ray::Ray;
@@ -8,6 +9,8 @@ use crate::sampling::{Bins, OccupancyGrid};
 #[cfg(test)]
 mod tests;
 
+/// Most bins of a ray: beyond, vectors do not count by ones.
+pub(super) const MOST: u32 = 1 << 22;
 /// Bins of a window.
 const WIDTH: u32 = 16;
 
@@ -24,23 +27,22 @@ impl Window {
     /// Nothing has.
     pub const NONE: Self = Self { end: 0, live: 0 };
 
-    /// The first live one of the bins `from..end`, or `end`; what [`OccupancyGrid::first_live`] says, bit for bit.
+    /// The first live one of the bins `from..end`, or `end`; what [`Plan::first_live`](crate::plan::Plan::first_live)
+    /// says of their middles, bit for bit.
     ///
-    /// `from` never falls from call to call, and the bins stay those of the first.
+    /// `from` never falls from call to call, and the bins stay those of the first; `end` is at most [`MOST`].
     #[inline]
+    #[allow(clippy::too_many_arguments, reason = "what a plan has of them is taken apart only here")]
     pub fn first_live(
         &mut self,
         tier: Tier,
         occupancy: &OccupancyGrid<'_>,
+        contraction: Option<&Contraction>,
         ray: &Ray,
         bins: &Bins,
         from: u32,
         end: u32,
     ) -> u32 {
-        // Beyond, vectors do not count by ones.
-        if tier == Tier::Scalar || end > 1 << 22 {
-            return occupancy.first_live(ray, bins, from, end);
-        }
         let mut from = from;
         if from < self.end {
             let left = self.live >> (from + WIDTH - self.end);
@@ -52,7 +54,7 @@ impl Window {
         if from >= end {
             return end;
         }
-        *self = tier.run(LookUp { occupancy, ray, bins, from, end });
+        *self = tier.run(LookUp { occupancy, contraction, ray, bins, from, end });
         end.min(self.end - WIDTH + self.live.trailing_zeros())
     }
 }
@@ -60,6 +62,7 @@ impl Window {
 /// The first window from bin `from` on with a sample that is [`OccupancyGrid::occupied`], or the last before `end`.
 struct LookUp<'a> {
     occupancy: &'a OccupancyGrid<'a>,
+    contraction: Option<&'a Contraction>,
     ray: &'a Ray,
     bins: &'a Bins,
     from: u32,
@@ -86,6 +89,16 @@ impl LookUp<'_> {
         let Self { occupancy, ray, bins, .. } = *self;
         let (origin, dir) = (ray.origin.to_array(), ray.dir.to_array());
         let mut live = 0;
+        if let Some(contraction) = self.contraction {
+            for from in (0..WIDTH).step_by(V::COUNT) {
+                let t: V = contraction.distance_lanes(bins.middles(first + from));
+                let at = |axis: usize| V::splat(origin[axis]).add(V::splat(dir[axis]).mul(t));
+                let points = contraction.contract_lanes([at(0), at(1), at(2)]);
+                live |= occupancy.occupied_lanes(points) << from;
+            }
+            // All of space is in the box.
+            return live;
+        }
         for from in (0..WIDTH).step_by(V::COUNT) {
             let t: V = bins.middles(first + from);
             let mut points = [t; 3];

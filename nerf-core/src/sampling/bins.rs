@@ -131,6 +131,19 @@ impl Bins {
         (t.max(from).min(to), Some(from + 0.5 * (to - from)), to - from)
     }
 
+    /// Of the bin that `t` lies in: what is nearest to `t` of the part that counts, and where that begins and ends.
+    #[inline]
+    pub(crate) fn ends_around(&self, t: f32) -> (f32, f32, f32) {
+        let Ends { start, low, high, stop, .. } = self.ends;
+        // `as` saturates. Near an edge the quotient may round to the bin beside it.
+        let bin = ((t - self.near) / self.delta) as u32;
+        let bin = if t < self.edge(bin) { bin.saturating_sub(1) } else { bin };
+        let bin = if t < self.edge(bin + 1) { bin } else { bin + 1 };
+        let from = if t < low { start } else { self.edge(bin) };
+        let to = if t >= high { stop } else { self.edge(bin + 1) };
+        (t.max(from).min(to), from, to)
+    }
+
     /// The point of bin `i` at fraction `u` in `[0, 1]`; its middle at ½. Never beyond `far`, as rounding may be.
     #[inline]
     pub fn at(&self, i: u32, u: f32) -> f32 {

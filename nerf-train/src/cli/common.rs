@@ -1,6 +1,7 @@
 //! What several commands share.
 
-use crate::dataset::{self, Axes, Dataset, Downscale, Layout, ReadOptions, Report, Watch};
+use crate::config::{Config, Surroundings};
+use crate::dataset::{self, Axes, Background, Dataset, Downscale, Layout, ReadOptions, Report, Watch};
 use crate::input::{MAX_BLOB_BYTES, read_limited};
 use crate::printable;
 use crate::report::progress::{self, Message, Progress, ProgressStyle, Total};
@@ -161,6 +162,62 @@ pub struct DataOptions {
     /// Read pictures also where the data set's `file_path` leads out of its folder: `..`, absolute paths, links.
     #[arg(long)]
     pub outside_files: bool,
+}
+
+/// Where a scene ends.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, ValueEnum)]
+pub enum Space {
+    /// Nowhere, where the pictures do not say what is background, the preset has a learned grid, no box is given and empty
+    /// space is skipped; else at a box.
+    #[default]
+    Auto,
+    /// At a box.
+    Box,
+    /// Nowhere: beyond a ball around what the cameras look at it is contracted.
+    Contracted,
+}
+
+impl Space {
+    /// What pictures with this background say of what lies around the scene; `boxed`: whether it ends anyway.
+    pub fn around(self, background: Background, boxed: bool) -> Surroundings {
+        match (self, background) {
+            (Self::Contracted, _) => Surroundings::Endless,
+            (Self::Auto, Background::Unknown) if !boxed => Surroundings::Endless,
+            (_, Background::Unknown) => Surroundings::Unknown,
+            _ => Surroundings::Known,
+        }
+    }
+
+    /// Lets what was asked for by name count, whatever preset and file say.
+    pub fn settle(self, config: &mut Config) {
+        match self {
+            Self::Auto => {}
+            Self::Box => config.sampling.contraction = None,
+            Self::Contracted => {
+                config.sampling.contraction.get_or_insert(1);
+            }
+        }
+    }
+
+    /// Says which was taken, and why.
+    pub fn say(self, config: &Config, background: Background, global: &Global) {
+        let reason = match (self, background) {
+            (Self::Auto, _) if config.sampling.scene_box.is_some() => "which is given",
+            (Self::Auto, Background::Unknown) if config.sampling.contraction.is_some() => {
+                "since the pictures do not say what is background (--space box ends it at a box)"
+            }
+            (Self::Auto, Background::Unknown) => {
+                "since a contraction needs a learned grid and skips empty space"
+            }
+            (Self::Auto, _) if config.sampling.contraction.is_some() => "as the settings say",
+            (Self::Auto, _) => "since the pictures say what is background",
+            _ => "as --space says",
+        };
+        global.say(match config.sampling.contraction {
+            Some(_) => format!("space without end, contracted around what the cameras look at, {reason}"),
+            None => format!("space ends at a box, {reason}"),
+        });
+    }
 }
 
 impl DataOptions {

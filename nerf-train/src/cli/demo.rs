@@ -4,7 +4,7 @@ use super::common::{Global, Mp4Options, background_name, open_blob, print_report
 use super::fit::read_config;
 use super::outcome;
 use super::places;
-use crate::config::Preset;
+use crate::config::{Preset, Surroundings};
 use crate::demo_scene::{self, DemoSpec, Truth};
 use crate::eval::evaluate;
 use crate::frame::{self, Frame};
@@ -59,7 +59,7 @@ impl Demo {
     pub fn run(&self, global: &Global) -> anyhow::Result<ExitCode> {
         let clock = Clock::resume(Duration::ZERO);
         // First, so that what is wrong in the file costs no time.
-        let mut config = read_config(Preset::Grid, self.config.as_deref(), true)?;
+        let mut config = read_config(Preset::Grid, self.config.as_deref(), Surroundings::Known)?;
         config.check()?;
         places::check_folder("--out", &self.out)?;
         let ffmpeg = self.mp4.beside_a_gif()?;

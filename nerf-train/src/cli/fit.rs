@@ -2,12 +2,12 @@
 
 use super::audit::check_threshold;
 use super::common::{
-    DataOptions, Global, check_checkpoint_every, check_max_seconds, parse_numbers, print_report,
+    DataOptions, Global, Space, check_checkpoint_every, check_max_seconds, parse_numbers, print_report,
 };
 use super::grid::{self, TableSettings, check_memory, given, of_sinusoidal, parse_bytes, set};
 use super::outcome;
 use super::places;
-use crate::config::{Config, Density, Jitter, Preset};
+use crate::config::{Config, Density, Jitter, Preset, Surroundings};
 use crate::dataset::{Background, Dataset};
 use crate::input;
 use crate::memory;
@@ -157,6 +157,9 @@ struct Settings {
     /// Cells of the occupancy grid along the longest side of the scene box; 0 for as many as suit the table
     #[arg(long, value_name = "N")]
     occupancy_resolution: Option<u16>,
+    /// Where the scene ends; auto says what it took and why.
+    #[arg(long, value_enum, default_value_t)]
+    space: Space,
     /// The scene box, world units.
     #[arg(
         long = "box",
@@ -217,13 +220,16 @@ impl Settings {
     }
 }
 
-/// The preset, with the TOML file's values put over it; `hull`: whether one can be carved.
+/// The preset for what lies around the scene, with the TOML file's values put over it.
 ///
-/// A file that does without a hull starts as gently as `--no-hull` does; its own values count.
-pub fn read_config(preset: Preset, file: Option<&Path>, hull: bool) -> anyhow::Result<Config> {
-    let start =
-        |preset: Preset, hull: bool| if hull { preset.config() } else { preset.config().without_hull() };
-    let Some(file) = file else { return Ok(start(preset, hull)) };
+/// A file that does without a hull starts as gently as `--no-hull` does, and one that names a contraction or a box as a
+/// scene with that does; its own values count.
+pub fn read_config(
+    preset: Preset,
+    file: Option<&Path>,
+    surroundings: Surroundings,
+) -> anyhow::Result<Config> {
+    let Some(file) = file else { return Ok(preset.config().around(surroundings)) };
     let text = input::read_text(file, input::MAX_TOML_BYTES)
         .with_context(|| format!("cannot read {}", file.display()))?;
     let parse = || -> anyhow::Result<Config> {
@@ -232,9 +238,18 @@ pub fn read_config(preset: Preset, file: Option<&Path>, hull: bool) -> anyhow::R
             Some(named) => named.clone().try_into::<Preset>()?,
             None => preset,
         };
-        let carved =
-            given.get("occupancy").and_then(|table| table.get("hull")).and_then(toml::Value::as_bool);
-        let mut start = start(preset, hull && carved != Some(false));
+        let without = |key| {
+            let switch = given.get("occupancy").and_then(|table| table.get(key));
+            switch.and_then(toml::Value::as_bool) == Some(false)
+        };
+        let names = |key| given.get("sampling").is_some_and(|table| table.get(key).is_some());
+        let surroundings = match surroundings {
+            _ if names("contraction") => Surroundings::Endless,
+            Surroundings::Endless if names("scene_box") || without("skip") => Surroundings::Unknown,
+            Surroundings::Known if without("hull") => Surroundings::Unknown,
+            other => other,
+        };
+        let mut start = preset.config().around(surroundings);
         // A file's own grid over a preset without one is filled up from the preset that has one; the rest of the
         // network is then checked to go with it.
         if given.get("network").is_some_and(|network| network.get("grid").is_some()) {
@@ -265,9 +280,14 @@ fn merge(into: &mut toml::Table, from: toml::Table) {
 const BYTES_PER_SAMPLE: u64 = 32;
 
 impl Fit {
-    /// Preset, TOML file and flags, in this order; `hull`: whether one can be carved.
-    fn config(&self, hull: bool) -> anyhow::Result<Config> {
-        let mut config = read_config(self.preset, self.config.as_deref(), hull)?;
+    /// Preset, TOML file and flags, in this order, for pictures of this background.
+    fn config(&self, background: Background) -> anyhow::Result<Config> {
+        let boxed = self.settings.scene_box.is_some() || self.settings.dense;
+        let around = match self.settings.space.around(background, boxed) {
+            Surroundings::Known if self.settings.no_hull => Surroundings::Unknown,
+            other => other,
+        };
+        let mut config = read_config(self.preset, self.config.as_deref(), around)?;
         self.settings.check_beside_grid(&config)?;
         self.settings.apply(&mut config);
         let (n, s) = (&mut config.network, &mut config.sampling);
@@ -280,6 +300,7 @@ impl Fit {
         if let Some(steps) = self.steps {
             config.optimiser.steps = steps;
         }
+        self.settings.space.settle(&mut config);
         config.check()?;
         let (rays, samples) = (config.sampling.rays as u64, u64::from(config.sampling.samples));
         let what = format!("a step of {rays} rays with {samples} samples");
@@ -338,7 +359,7 @@ impl Fit {
     pub fn run(&self, global: &Global) -> anyhow::Result<ExitCode> {
         let clock = Clock::resume(Duration::ZERO);
         // Wrong settings are found before the data is read, and once more with what it says.
-        self.config(true)?;
+        self.config(Background::Alpha)?;
         check_max_seconds(self.max_seconds)?;
         check_checkpoint_every(self.checkpoint_every)?;
         check_threshold(self.effect_threshold)?;
@@ -354,7 +375,8 @@ impl Fit {
 
         let dataset = self.data_options.read(&self.data, global)?;
         let report = print_report(&dataset, global);
-        let config = self.config(!self.settings.no_hull && dataset.background != Background::Unknown)?;
+        let config = self.config(dataset.background)?;
+        self.settings.space.say(&config, dataset.background, global);
         let steps = (self.steps.is_some() || self.max_seconds.is_none()).then_some(config.optimiser.steps);
         let budget = Budget { steps, seconds: self.max_seconds };
         let options = RunOptions {
@@ -409,9 +431,9 @@ mod tests {
         let read = |text: &str| {
             let file = folder.path().join("run.toml");
             std::fs::write(&file, text).expect("written");
-            read_config(Preset::Small, Some(&file), true).expect("a config")
+            read_config(Preset::Small, Some(&file), Surroundings::Known).expect("a config")
         };
-        let gentle = read_config(Preset::Small, None, false).expect("a config");
+        let gentle = read_config(Preset::Small, None, Surroundings::Unknown).expect("a config");
         assert_eq!(gentle, Preset::Small.config().without_hull());
         assert_eq!(read("[occupancy]\nhull = false"), gentle);
         assert_eq!(read("[occupancy]\nhull = true"), Preset::Small.config());

@@ -1,6 +1,6 @@
 //! `nerf-train show`
 
-use super::common::{DataOptions, Global, UpAxis, parse_numbers, print_report};
+use super::common::{DataOptions, Global, Space, UpAxis, parse_numbers, print_report};
 use super::eval::Split;
 use super::places;
 use crate::config::{Config, Preset};
@@ -72,6 +72,9 @@ pub struct Show {
     /// Height of the PNG, pixels.
     #[arg(long, value_name = "N", default_value_t = 1060, value_parser = within(400, 2160))]
     height: usize,
+    /// Where the scene ends.
+    #[arg(long, value_enum, default_value_t)]
+    space: Space,
     #[command(flatten)]
     data_options: DataOptions,
 }
@@ -135,8 +138,9 @@ impl Show {
 
     /// The settings that training would start from.
     fn config(&self, background: Background) -> Config {
-        let config = self.preset.config();
-        let mut config = if background == Background::Unknown { config.without_hull() } else { config };
+        let around = self.space.around(background, self.scene_box.is_some());
+        let mut config = self.preset.config().around(around);
+        self.space.settle(&mut config);
         let s = &mut config.sampling;
         s.samples = self.samples.unwrap_or(s.samples);
         s.scene_box = self.scene_box;

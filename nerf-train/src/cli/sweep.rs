@@ -1,12 +1,11 @@
 //! `nerf-train sweep`
 
-use super::common::{DataOptions, Global, check_max_seconds, cpu_name, print_report};
+use super::common::{DataOptions, Global, Space, check_max_seconds, cpu_name, print_report};
 use super::fit::read_config;
 use super::grid::of_sinusoidal;
 use super::image::{PhotoOptions, Settings};
 use super::places;
 use crate::config::Preset;
-use crate::dataset::Background;
 use crate::image_field::FieldPreset;
 use crate::output::claims::Claims;
 use crate::report::summary::Summary;
@@ -255,6 +254,9 @@ pub struct SceneSweep {
     /// Seed of everything random.
     #[arg(long, value_name = "N")]
     seed: Option<u64>,
+    /// Where the scene ends.
+    #[arg(long, value_enum, default_value_t)]
+    space: Space,
     #[command(flatten)]
     data_options: DataOptions,
 }
@@ -272,14 +274,16 @@ impl SceneSweep {
                 self.data.display()
             );
         }
-        let hull = dataset.background != Background::Unknown;
+        let around = self.space.around(dataset.background, false);
         let start = if self.lists.of_sinusoidal() { Preset::Small } else { Preset::Grid };
-        let mut base = read_config(self.preset.unwrap_or(start), self.config.as_deref(), hull)?;
+        let mut base = read_config(self.preset.unwrap_or(start), self.config.as_deref(), around)?;
         base.sampling.near = self.data_options.near.or(base.sampling.near);
         base.sampling.far = self.data_options.far.or(base.sampling.far);
         base.optimiser.steps = self.steps.unwrap_or(base.optimiser.steps);
         base.seed = self.seed.unwrap_or(base.seed);
+        self.space.settle(&mut base);
         base.check()?;
+        self.space.say(&base, dataset.background, global);
         let job = Job::Scene { dataset: &dataset, base: Box::new(base), seconds: self.max_seconds };
         self.lists.sweep(&job, global)
     }

@@ -4,9 +4,11 @@ use super::ShowError;
 use crate::config::Config;
 use crate::dataset::{Background, View};
 use crate::engine::Batch;
+use crate::occupancy::{LiveCells, Occupancy};
 use crate::rays::{Bounds, RayBank};
 use crate::train::TrainError;
 use glam::Vec3;
+use nerf_core::kernels::Tier;
 use nerf_core::sampling::OccupancyGrid;
 
 /// A ray with its samples.
@@ -40,7 +42,7 @@ pub struct StepFacts {
     pub step: u32,
     /// Seed of everything random.
     pub seed: u64,
-    /// Bins between near and far, one sample in each.
+    /// Bins between near and far, one sample in each; of a scene without end the most steps of a ray.
     pub bins: u16,
     /// Rays the step trains on; those that are shown are the first of them.
     pub rays: usize,
@@ -56,6 +58,7 @@ pub(super) struct Drawer<'a> {
     pub(super) bounds: Bounds,
     pub(super) background: Background,
     pub(super) occupancy: Option<&'a OccupancyGrid<'a>>,
+    pub(super) cells: Option<&'a LiveCells>,
     pub(super) step: u32,
 }
 
@@ -76,12 +79,26 @@ impl Drawer<'_> {
         let step = u64::from(self.step);
         let (rays, most) = if whole { (s.rays, s.live_samples) } else { (count, 0) };
         let (mut kept, mut all) = (Batch::default(), Batch::default());
-        bank.fill(&mut kept, step, rays, most, self.occupancy);
-        bank.fill(&mut all, step, rays, 0, None);
+        let mut bins = s.samples;
+        match &self.bounds.contraction {
+            Some(contraction) => {
+                let width = 2.0 * contraction.radius() / f32::from(s.steps_across);
+                let everywhere = Occupancy::full(self.bounds.scene_box, 1);
+                let cells = self.cells.unwrap_or(everywhere.live());
+                bank.fill_marched(Tier::Scalar, &mut kept, step, rays, cells, width);
+                bank.fill_marched(Tier::Scalar, &mut all, step, rays, everywhere.live(), width);
+                let most = all.rays.iter().map(|ray| ray.samples).max();
+                bins = most.unwrap_or(0).min(u16::MAX.into()) as u16;
+            }
+            None => {
+                bank.fill(&mut kept, step, rays, most, self.occupancy);
+                bank.fill(&mut all, step, rays, 0, None);
+            }
+        }
         let facts = StepFacts {
             step: self.step,
             seed: self.config.seed,
-            bins: s.samples,
+            bins,
             rays: kept.rays.len(),
             live: kept.positions.len(),
             occupancy: self.occupancy.is_some(),
@@ -95,14 +112,20 @@ impl Drawer<'_> {
             // Live samples are some of those inside the box, in the same order and bit for bit.
             let mut next = live.iter().peekable();
             let culled = take(&mut inside, whole.samples).iter().filter(|p| next.next_if_eq(p).is_none());
-            let t = |p: &[f32; 3]| (Vec3::from(*p) - origin).dot(dir);
-            let culled = culled.map(t).collect();
+            let t = |p: &[f32; 3]| {
+                let p = Vec3::from(*p);
+                let p = self.bounds.contraction.map_or(p, |contraction| contraction.in_world(p));
+                (p - origin).dot(dir)
+            };
+            // What a scene without end has behind it is not drawn.
+            let drawn = |t: &f32| self.bounds.contraction.is_none() || *t <= self.bounds.far;
+            let culled = culled.map(t).filter(drawn).collect();
             ShownRay {
                 camera: first + view,
                 origin,
                 dir,
                 rgb: ray.rgb,
-                live: live.iter().map(t).collect(),
+                live: live.iter().map(t).filter(drawn).collect(),
                 culled,
             }
         });

@@ -13,6 +13,8 @@ use nerf_core::camera::Camera;
 /// Samples, live and culled, of the rays that each camera has to itself, over all cameras: about a
 /// megabyte of the page.
 const OWN_SAMPLES: usize = 300_000;
+/// Rays of a scene without end are drawn so far, in radii of the ball that is not contracted.
+const SHOWN_RADII: f32 = 4.0;
 
 /// What to show.
 #[derive(Clone, Copy, Debug)]
@@ -128,11 +130,23 @@ impl Scene {
             return Err(ShowError::Camera { count: views.len(), split, found });
         }
         config.check().map_err(TrainError::from)?;
-        let (bounds, occupancy) = find_bounds(dataset, config)?;
-        let occupancy = occupancy.as_ref().map(Occupancy::lookup);
+        let (mut bounds, found) = find_bounds(dataset, config)?;
+        // Rays of a scene without end go on for ever: what is drawn of them is what surrounds the cameras.
+        if let Some(contraction) = &bounds.contraction {
+            let shown = (SHOWN_RADII * contraction.radius()).max(2.0 * bounds.near);
+            bounds.far = bounds.far.min(shown);
+        }
+        let occupancy = found.as_ref().map(Occupancy::lookup);
+        let cells = found.as_ref().map(Occupancy::live);
         let chosen = request.camera.map_or(0..views.len(), |camera| camera..camera + 1);
-        let drawer =
-            Drawer { config, bounds, background: dataset.background, occupancy: occupancy.as_ref(), step };
+        let drawer = Drawer {
+            config,
+            bounds,
+            background: dataset.background,
+            occupancy: occupancy.as_ref(),
+            cells,
+            step,
+        };
 
         let first = chosen.start;
         let shown = &views[chosen];

@@ -2,18 +2,25 @@
 
 use super::TrainError;
 use crate::config::Config;
-use crate::dataset::{Dataset, frusta_box, scene_bounds};
+use crate::dataset::{Dataset, LookAt, frusta_box, scene_bounds};
 use crate::occupancy::Occupancy;
 use crate::rays::Bounds;
 use glam::Vec3;
+use nerf_core::contraction::Contraction;
 use nerf_core::ray::{BoundsError, SceneBox};
 
 /// Cells along the longest side of the first, coarse hull, which only finds the scene box.
 const COARSE_HULL: u16 = 64;
+/// Where rays begin in a scene without end, and where they end, in radii of the ball that stays as it is.
+const NEAR_RADII: f32 = 0.1;
+const FAR_RADII: f32 = 100.0;
 
 /// Near, far and scene box from settings and data.
 pub(crate) fn find_box(dataset: &Dataset, config: &Config) -> Result<Bounds, TrainError> {
     let (s, g) = (&config.sampling, &config.occupancy);
+    if let Some(power) = s.contraction {
+        return without_end(dataset, config, power);
+    }
     let proposed = scene_bounds(dataset);
     let missing = || TrainError::NoBounds { data: dataset.name.clone() };
     let near = s.near.or(proposed.map(|p| p.near)).ok_or_else(missing)?;
@@ -34,7 +41,31 @@ pub(crate) fn find_box(dataset: &Dataset, config: &Config) -> Result<Bounds, Tra
     };
     let tight = || hull(dataset, config, wide, COARSE_HULL).and_then(|coarse| coarse.tight_box());
     let scene_box = if given.is_some() { wide } else { tight().unwrap_or(wide) };
-    Ok(Bounds { near, far, scene_box })
+    Ok(Bounds { near, far, scene_box, contraction: None })
+}
+
+/// Of a scene without end: contracted around what the cameras look at, or where they look much the same way, around
+/// themselves.
+fn without_end(dataset: &Dataset, config: &Config, power: u8) -> Result<Bounds, TrainError> {
+    let s = &config.sampling;
+    let cameras: Vec<_> = dataset.train.iter().map(|view| view.camera).collect();
+    let missing = || TrainError::NoBounds { data: dataset.name.clone() };
+    let look_at = LookAt::of(&cameras).ok_or_else(missing)?;
+    let centre = Vec3::from(look_at.point);
+    let radius = median(cameras.iter().map(|camera| (camera.pose().position - centre).length()).collect());
+    let scene_box = Contraction::cube(centre, radius);
+    let contraction = Contraction::new(&scene_box, power).ok_or_else(missing)?;
+    let near = s.near.or(dataset.near).unwrap_or(NEAR_RADII * radius);
+    let far = s.far.or(dataset.far).unwrap_or(FAR_RADII * radius);
+    if !(near >= 0.0 && near < far && far.is_finite()) {
+        return Err(BoundsError::Range { near, far }.into());
+    }
+    Ok(Bounds { near, far, scene_box, contraction: Some(contraction) })
+}
+
+fn median(mut values: Vec<f32>) -> f32 {
+    values.sort_unstable_by(f32::total_cmp);
+    values[values.len() / 2]
 }
 
 /// The visual hull, where the settings want one and the pictures have one.
@@ -56,7 +87,10 @@ pub(crate) fn find_bounds(
         Some(_) => hull(dataset, config, scene_box, resolution.div_ceil(2)).map(|hull| hull.halved()),
         None => hull(dataset, config, scene_box, resolution),
     };
-    let full = || Occupancy::full(scene_box, resolution);
+    let full = || match &bounds.contraction {
+        Some(contraction) => Occupancy::seen(scene_box, resolution, &dataset.train, contraction, bounds.near),
+        None => Occupancy::full(scene_box, resolution),
+    };
     let occupancy = config.occupancy.skip.then(|| carved().unwrap_or_else(full));
     Ok((bounds, occupancy))
 }

@@ -53,6 +53,7 @@ impl Trainer<'_> {
             architecture: &self.model.architecture,
             parameters: &parameters,
             seed: self.config.seed,
+            contraction: self.bounds.contraction,
         };
         if settle || self.config.network.grid.is_none() {
             occupancy.settle(&ask, self.threshold());
@@ -93,7 +94,7 @@ impl Trainer<'_> {
                 near: b.near,
                 far: b.far,
                 sampling: match self.step_width {
-                    Some(step) => SceneSampling::March(step),
+                    Some(_) => b.sampling(self.config.sampling.steps_across),
                     None => SceneSampling::Bins(self.config.sampling.samples),
                 },
                 background: self.background(),

@@ -160,7 +160,12 @@ impl<'d> Trainer<'d> {
         let mut step_width = None;
         if config.network.grid.is_some() {
             config.sampling.samples = bins_across(&bounds, config.sampling.steps_across);
-            step_width = Some(extent.max_element() / f32::from(config.sampling.steps_across));
+            step_width = Some(
+                match bounds.contraction {
+                    Some(contraction) => 2.0 * contraction.radius(),
+                    None => extent.max_element(),
+                } / f32::from(config.sampling.steps_across),
+            );
         }
         let bank = RayBank::new(&dataset.train, dataset.background, bounds, &config)?;
         let engine = engine_for(&model, bounds.scene_box, config.adam(), config.seed, tier)?;
@@ -363,7 +368,13 @@ impl<'d> Trainer<'d> {
         let threshold = self.threshold();
         if let Some(occupancy) = &mut self.occupancy {
             let architecture = &self.model.architecture;
-            let ask = Ask { tier: self.tier, architecture, parameters: &parameters, seed: self.config.seed };
+            let ask = Ask {
+                tier: self.tier,
+                architecture,
+                parameters: &parameters,
+                seed: self.config.seed,
+                contraction: self.bounds.contraction,
+            };
             // Without a hull there are many cells to prune, and a grid's density costs little to ask for.
             let turn = occupancy.candidates().div_ceil(REFRESHES);
             let cells = if self.config.network.grid.is_some() { g.cells.max(turn) } else { g.cells };

@@ -19,6 +19,7 @@ mod show;
 #[cfg(unix)]
 mod signals;
 mod snapshots;
+mod space;
 mod stopping;
 mod storage;
 mod study;

@@ -1,6 +1,6 @@
 //! Runs that are interrupted and taken up again; checkpoints that are damaged or another run's.
 
-use crate::{fit, options, scene, tiny, tiny_grid, tiny_seed};
+use crate::{fit, options, scene, tiny, tiny_endless, tiny_grid, tiny_seed};
 use nerf_core::kernels::Tier;
 use nerf_train::config::{Config, Jitter};
 use nerf_train::dataset::Dataset;
@@ -30,7 +30,12 @@ fn bytes_of(ended: Ended) -> Vec<u8> {
 #[test]
 fn a_run_resumed_at_any_step_gives_the_undisturbed_blob() {
     let (dataset, folder) = (scene(), tempfile::tempdir().expect("a folder"));
-    for (name, config) in [("small", tiny(24)), ("grid", tiny_grid(24)), ("seed", tiny_seed(24))] {
+    for (name, config) in [
+        ("small", tiny(24)),
+        ("grid", tiny_grid(24)),
+        ("without end", tiny_endless(24)),
+        ("seed", tiny_seed(24)),
+    ] {
         let expected = fit(&dataset, &config).expect("a blob");
         let path = folder.path().join(name);
         for stop_after in [0, 1, 7, 8, 20, 23] {

@@ -46,6 +46,13 @@ fn tiny_grid(steps: u32) -> Config {
     config
 }
 
+/// The same, without end.
+fn tiny_endless(steps: u32) -> Config {
+    let mut config = tiny_grid(steps);
+    (config.sampling.contraction, config.occupancy.hull) = (Some(2), false);
+    config
+}
+
 /// The seed preset, 8×16 with its skip and feature layers.
 fn tiny_seed(steps: u32) -> Config {
     let mut config = Preset::Seed.config();

@@ -14,7 +14,8 @@ use nerf_tests::scenes::Recipe;
 use crate::values::{any_f32, any_vec3};
 
 /// Small blobs of every kind.
-pub const RECIPES: [Recipe; 9] = [
+pub const RECIPES: [Recipe; 10] = [
+    Recipe { trunk: (1, 4), levels: 2, ..Recipe::CONTRACTED },
     Recipe { trunk: (1, 4), levels: 2, ..Recipe::LEARNED },
     Recipe { trunk: (1, 4), ..Recipe::LEARNED_PICTURE },
     Recipe { trunk: (1, 4), levels: 3, ..Recipe::LEARNED_INT8 },
@@ -189,8 +190,13 @@ fn change(
                     1 => scene.max = any_vec3(u)?,
                     2 => scene.near = any_f32(u)?,
                     3 => scene.far = any_f32(u)?,
-                    4 if u.arbitrary()? => scene.sampling = SceneSampling::March(any_f32(u)?),
-                    4 => scene.sampling = SceneSampling::Bins(*u.choose(&SAMPLES)?),
+                    4 => {
+                        scene.sampling = match u.int_in_range(0..=2u8)? {
+                            0 => SceneSampling::March(any_f32(u)?),
+                            1 => SceneSampling::Contracted { step: any_f32(u)?, power: u.int_in_range(0..=5)? },
+                            _ => SceneSampling::Bins(*u.choose(&SAMPLES)?),
+                        };
+                    }
                     5 => scene.background = any_vec3(u)?,
                     _ => scene.occupancy_required = u.arbitrary()?,
                 },

@@ -64,6 +64,7 @@ fn a_scene_is_there_from_anywhere() {
             (step, samples, 2.0, 6.0)
         );
         assert_eq!(info.table_storage, storage as u32);
+        assert_eq!((info.contraction_radius, info.contraction_power), (0.0, 0));
         let options = call::render_options();
         for towards in [[0.3, 0.5, 0.8], [-0.3, -0.5, -0.8], [0.0, 0.01, 1.0]] {
             let (status, usual, _) = seen(&opened, &from(1.0, towards), &options);
@@ -76,6 +77,20 @@ fn a_scene_is_there_from_anywhere() {
                 );
             }
         }
+    }
+}
+
+#[test]
+fn a_scene_without_end_says_so_and_surrounds_the_camera() {
+    let opened = call::open(Recipe::CONTRACTED.blob(), Tier::Scalar);
+    let info = info(&opened);
+    assert_eq!((info.contraction_radius, info.contraction_power, info.step), (1.0, 2, 0.0625));
+    // The cube around the contracted space.
+    assert_eq!((info.box_min, info.box_max), ([-2.0, -2.25, -2.0], [2.0, 1.75, 2.0]));
+    assert_eq!((info.near_distance, info.far_distance), (0.125, 50.0));
+    for times in [0.1, 1.0, 10.0] {
+        let (status, found, _) = seen(&opened, &from(times, [0.3, 0.5, 0.8]), &call::render_options());
+        assert!(status == Status::Ok && found > 0.3, "from {times}: {found}");
     }
 }
 

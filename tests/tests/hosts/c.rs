@@ -64,6 +64,7 @@ fn pictures_are_the_rust_renderers(language: Language, source: &str, arguments: 
         ("skip", Recipe::SKIP),
         ("occupancy", Recipe::OCCUPANCY_REQUIRED),
         ("proposal", Recipe::PROPOSAL),
+        ("contracted", Recipe::CONTRACTED),
     ] {
         let (blob, file) = (recipe.blob(), directory.path().join("scene.nerf"));
         std::fs::write(&file, &blob).expect("a temporary file");

@@ -243,6 +243,8 @@ fn writing_refuses_what_opening_refuses() {
     scene(&|s| s.sampling = SceneSampling::Bins(4097));
     scene(&|s| s.sampling = SceneSampling::March(0.0));
     scene(&|s| s.sampling = SceneSampling::March(1e-4));
+    // The box is no cube.
+    scene(&|s| s.sampling = SceneSampling::Contracted { step: 0.1, power: 1 });
     scene(&|s| s.far = s.near);
     scene(&|s| s.near = -1.0);
     scene(&|s| s.far = f32::INFINITY);

@@ -307,6 +307,7 @@ fn frames_queries_and_pictures_stay_between_the_fences() {
         Recipe::TINY_PICTURE,
         Recipe::LEARNED,
         Recipe::LEARNED_INT8,
+        Recipe::CONTRACTED,
         Recipe::LEARNED_PICTURE,
         single,
         odd,

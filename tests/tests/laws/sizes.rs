@@ -117,9 +117,10 @@ fn saturated_sizes_can_be_added() {
 }
 
 /// Scenes that have every slice of a workspace between them.
-fn recipes() -> [Recipe; 6] {
+fn recipes() -> [Recipe; 7] {
     [
         Recipe::LEARNED,
+        Recipe::CONTRACTED,
         Recipe::LEARNED_INT8,
         Recipe::PLAIN,
         Recipe::PROPOSAL,

@@ -62,6 +62,16 @@ fn architectures_outside_the_caps_are_refused_by_name() {
 #[test]
 fn samples_of_a_proposal_can_be_planned() {
     let weights = coarse_weights();
+    let (fine, _) = halve(&parameters(&every_kind(), 1));
+    for sampling in [SceneSampling::March(0.1), SceneSampling::Contracted { step: 0.1, power: 1 }] {
+        if matches!(sampling, SceneSampling::Contracted { .. }) && !cfg!(feature = "contraction") {
+            continue;
+        }
+        let content = Content::Scene(SceneFacts { sampling, ..SCENE });
+        let error =
+            refused(&Body { content, proposal: Some(coarse(&weights)), ..body(every_kind(), None, &fine) });
+        assert_eq!(error, BlobError::Field(Section::ProposalSamples));
+    }
     for samples in [0, MAX_SAMPLES + 1] {
         let error = refused_with(Proposal { samples, ..coarse(&weights) });
         assert_eq!(error, BlobError::Field(Section::ProposalSamples));

@@ -117,7 +117,7 @@ impl Frame<'_, '_> {
         for column in 0..stride {
             // What only fills the block up is a copy of its last sample.
             let from = column.min(n - 1);
-            let p = at(self.rays, at(queue.owner, from) as usize).ray.at(at(queue.t, from));
+            let p = self.plan.point(&at(self.rays, at(queue.owner, from) as usize).ray, at(queue.t, from));
             put_column(self.positions, stride, column, p.to_array());
         }
         let mut scratch = Scratch {
@@ -131,6 +131,13 @@ impl Frame<'_, '_> {
         self.counters.add_normals(self.network, n);
         for (i, (&owner, &weight)) in head(queue.owner, n).iter().zip(&*queue.weight).enumerate() {
             let gradient = Vec3::from(column(gradient, stride, i));
+            let gradient = match &self.plan.contraction {
+                Some(contraction) => {
+                    let p: [f32; 3] = column(self.positions, stride, i);
+                    contraction.gradient_in_world(p.into(), gradient)
+                }
+                None => gradient,
+            };
             self.counters.invalid_samples += u64::from(!gradient.is_finite());
             if let Some(sum) = sums.get_mut(owner as usize) {
                 sum.add(weight, gradient);

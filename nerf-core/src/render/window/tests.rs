@@ -52,12 +52,12 @@ fn windows_find_the_bins_that_asking_at_each_finds() {
                             asked += 1;
                             if occupancy.occupied(ray.at(bins.at(bin, 0.5))) {
                                 live += 1;
-                                next = window.first_live(tier, &occupancy, &ray, &bins, next, part.end);
+                                next = window.first_live(tier, &occupancy, None, &ray, &bins, next, part.end);
                                 assert_eq!(next, bin, "{} {resolution:?} {ray:?} {bins:?}", tier.name());
                                 next += 1;
                             }
                         }
-                        let end = window.first_live(tier, &occupancy, &ray, &bins, next, part.end);
+                        let end = window.first_live(tier, &occupancy, None, &ray, &bins, next, part.end);
                         assert_eq!(end, part.end, "{} {resolution:?} {ray:?} {bins:?}", tier.name());
                     }
                 }
@@ -65,4 +65,70 @@ fn windows_find_the_bins_that_asking_at_each_finds() {
         }
     }
     assert!(live > 10_000 && live < asked / 4, "{live} of {asked}");
+}
+
+/// The same of space without end, where rays are curves: through the ball, past it and from far away.
+#[cfg(feature = "contraction")]
+#[test]
+fn windows_find_the_bins_of_a_contraction() {
+    let (mut live, mut asked) = (0u32, 0u32);
+    for (k, (centre, radius)) in
+        [(Vec3::ZERO, 1.0), (Vec3::new(-7.0, 30.0, 0.1), 0.3), (Vec3::splat(1e6), 4.0)]
+            .into_iter()
+            .enumerate()
+    {
+        let cube = Contraction::cube(centre, radius);
+        for resolution in [[1, 1, 1], [5, 3, 8], [32, 31, 33]] {
+            let cells: usize = resolution.iter().map(|&side| usize::from(side)).product();
+            let bits: vec::Vec<u8> = noise(cells.div_ceil(8), 17 + k as u32)
+                .iter()
+                .map(|x| if *x > 0.2 { 0 } else { x.to_bits().to_le_bytes()[0] })
+                .collect();
+            let occupancy = OccupancyGrid::new(cube, resolution, &bits);
+            for i in 0..40 {
+                let r = noise(7, 100 * i + k as u32);
+                let dir = Vec3::new(r[0], r[1], if i % 3 == 1 { 0.0 } else { r[2] }).normalize();
+                let aside =
+                    centre + Vec3::new(r[3], r[4], r[5]) * radius * [0.0, 1.0, 3.0, 1e3][i as usize % 4];
+                let ray = Ray { origin: aside, dir };
+                for power in Contraction::POWERS {
+                    let contraction = Contraction::new(&cube, power).unwrap();
+                    let farthest = 1.0 + f32::from(power);
+                    let whole = Bins::of_width(-farthest, 2.0 * farthest / 300.0, 300);
+                    let (bins, part) =
+                        whole.cut(r[6] * farthest, contraction.step_at(100.0 * radius), f32::MAX);
+                    for tier in tiers() {
+                        let (mut window, mut next) = (Window::NONE, part.start);
+                        let mut find = |next| {
+                            window.first_live(
+                                tier,
+                                &occupancy,
+                                Some(&contraction),
+                                &ray,
+                                &bins,
+                                next,
+                                part.end,
+                            )
+                        };
+                        for bin in part.clone() {
+                            asked += 1;
+                            let p = contraction.contract(ray.at(contraction.distance(bins.at(bin, 0.5))));
+                            if occupancy.occupied(p) {
+                                live += 1;
+                                assert_eq!(
+                                    find(next),
+                                    bin,
+                                    "{} {resolution:?} {ray:?} {bins:?}",
+                                    tier.name()
+                                );
+                                next = bin + 1;
+                            }
+                        }
+                        assert_eq!(find(next), part.end, "{} {resolution:?} {ray:?}", tier.name());
+                    }
+                }
+            }
+        }
+    }
+    assert!(live > 10_000 && live < asked / 2, "{live} of {asked}");
 }

@@ -143,7 +143,7 @@ impl Import {
             None => {
                 global.say("asking the network which cells of the scene box hold something");
                 let (architecture, parameters) = (&work.architecture, work.parameters.as_slice());
-                let ask = Ask { tier, architecture, parameters, seed: 0 };
+                let ask = Ask { tier, architecture, parameters, seed: 0, contraction: None };
                 (occupancy::build(&settings, &ask), OccupancySource::Built)
             }
         };

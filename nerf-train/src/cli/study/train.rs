@@ -1,10 +1,9 @@
 //! `nerf-train study train`
 
-use crate::cli::common::{DataOptions, Global, cpu_name, print_report};
+use crate::cli::common::{DataOptions, Global, Space, cpu_name, print_report};
 use crate::cli::fit::read_config;
 use crate::cli::places;
 use crate::config::Preset;
-use crate::dataset::Background;
 use crate::output::claims::Claims;
 use crate::stop::Note;
 use crate::study::training::{Fitted, Lists, fit, summary, table, write};
@@ -56,6 +55,9 @@ pub struct StudyTrain {
     /// TOML file with settings that replace the base's.
     #[arg(long, value_name = "FILE")]
     config: Option<PathBuf>,
+    /// Where the scene ends, in every fit whose preset can do so.
+    #[arg(long, value_enum, default_value_t)]
+    space: Space,
     #[command(flatten)]
     data_options: DataOptions,
 }
@@ -101,17 +103,20 @@ impl StudyTrain {
         if dataset.val.is_empty() {
             bail!("{}: expected validation views, which fits compare by; found none", self.data.display());
         }
-        let hull = dataset.background != Background::Unknown;
+        let around = self.space.around(dataset.background, false);
         let of = |preset: Preset| {
-            let config = preset.config();
-            let mut config = if hull { config } else { config.without_hull() };
+            let mut config = preset.config().around(around);
             config.sampling.near = self.data_options.near.or(config.sampling.near);
             config.sampling.far = self.data_options.far.or(config.sampling.far);
             config
         };
-        let mut base = read_config(self.base, self.config.as_deref(), hull)?;
+        let mut base = read_config(self.base, self.config.as_deref(), around)?;
         base.sampling.near = self.data_options.near.or(base.sampling.near);
         base.sampling.far = self.data_options.far.or(base.sampling.far);
+        if base.network.grid.is_some() {
+            self.space.settle(&mut base);
+        }
+        self.space.say(&base, dataset.background, global);
         if base.network.grid.is_some() && !self.samples.is_empty() {
             bail!(
                 "--samples: a setting of sinusoidal networks, and the base has a learned grid: take --base small or seed"

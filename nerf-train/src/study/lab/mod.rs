@@ -160,7 +160,8 @@ impl<'b> Lab<'b> {
         }
         let parameters = [self.parameters(), self.table_values()].concat();
         let (architecture, tier) = (self.blob.architecture(), Tier::detect());
-        let ask = Ask { tier, architecture, parameters: &parameters, seed: 0 };
+        let contraction = self.blob.scene().and_then(|scene| scene.contraction());
+        let ask = Ask { tier, architecture, parameters: &parameters, seed: 0, contraction };
         let Some(bounds) = self.blob.scene_box() else { return Err(StudyError::NotAScene) };
         let sigma = threshold / self.scene.step();
         let cells = match own {
