@@ -656,7 +656,7 @@ typedef struct nerf_scene_info {
     uint64_t proposal_macs;
     /**
      * World units from sample to sample, of a scene that is marched where a ray is in its box; 0 where rays have bins
-     * between near and far. Of a scene without end that of its ball; beyond, steps grow.
+     * between near and far. Of an unbounded scene that of its ball; beyond, steps grow.
      */
     float step;
     /**
@@ -664,7 +664,7 @@ typedef struct nerf_scene_info {
      */
     uint32_t table_storage;
     /**
-     * Radius of the ball around the middle of the scene box, beyond which space without end is contracted into the box, a
+     * Radius of the ball around the middle of the scene box, beyond which unbounded space is contracted into the box, a
      * cube of 4 radii, world units; 0 where the scene ends at its box.
      */
     float contraction_radius;

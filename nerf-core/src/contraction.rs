@@ -1,4 +1,4 @@
-//! Space without end, contracted into a box: what is far away gets fewer of the field's cells and longer steps.
+//! Unbounded space, contracted into a box: what is far away gets fewer of the field's cells and longer steps.
 
 use crate::math::lanes::Lanes;
 use crate::math::sqrt;

@@ -51,8 +51,8 @@
 //! | `alpha` | `−expm1(−sigma delta)`: what one bin keeps of the light |
 //! | `transmittance` | `exp(−Σ sigma delta)` over the bins in front, summed in log space, compensated |
 //! | `weights`, `opacity` | `transmittance · alpha`; their sum, `<= 1` |
-//! | samples | where a ray is in the scene box, wherever the camera is: at the step the scene names, or in its bins from near to far and as many more as the box needs; of a scene without end from near on, at steps that grow beyond its ball ([`contraction::Contraction`]) |
-//! | `far` | one number for all pixels of a camera: the scene's far, or the farthest corner of its box if that is farther ([`Plan::far_from`]); of a scene without end its far behind the middle |
+//! | samples | where a ray is in the scene box, wherever the camera is: at the step the scene names, or in its bins from near to far and as many more as the box needs; of an unbounded scene from near on, at steps that grow beyond its ball ([`contraction::Contraction`]) |
+//! | `far` | one number for all pixels of a camera: the scene's far, or the farthest corner of its box if that is farther ([`Plan::far_from`]); of an unbounded scene its far behind the middle |
 //! | last bin | finite: a march's ends where the ray leaves the box |
 //! | colour | display-encoded (sRGB, as the training images were), `[0, 1]`, composited in that space |
 //! | 2D field | x right, y down, 0 to 1 over the image whatever its aspect; pixel (x, y) is ((x + ½) / width, (y + ½) / height) |
@@ -75,7 +75,7 @@
 //! | `normals` | yes | the output `normals`: the gradient of the density, backward through the network |
 //! | `proposal` | yes | samples drawn from a coarse proposal network, where a scene has one |
 //! | `grid` | yes | learned multiresolution grids ([`encoding::GridEncoding`]), and spherical harmonics |
-//! | `contraction` | yes | scenes without end ([`contraction::Contraction`]) |
+//! | `contraction` | yes | unbounded scenes ([`contraction::Contraction`]) |
 //! | `train` | no | backward kernels, for trainers |
 //!
 //! The project's own polynomials ([`MathBackend::Polynomial`]) are always there. An effect or output whose

@@ -112,7 +112,7 @@ impl Batch {
 #[derive(Clone, Copy, Debug)]
 pub struct Plan<'a> {
     pub(crate) bounds: SceneBox,
-    /// Of a scene without end: then the bins of a ray are steps of this, which [`Plan::point`] and [`Plan::part_around`]
+    /// Of an unbounded scene: then the bins of a ray are steps of this, which [`Plan::point`] and [`Plan::part_around`]
     /// turn into points and distances.
     pub(crate) contraction: Option<Contraction>,
     /// How the samples of a ray are found from `bins`.

@@ -117,11 +117,11 @@ pub struct SceneInfo {
     /// Multiply-adds of one evaluation of the proposal network; 0 without one.
     pub proposal_macs: u64,
     /// World units from sample to sample, of a scene that is marched where a ray is in its box; 0 where rays have bins
-    /// between near and far. Of a scene without end that of its ball; beyond, steps grow.
+    /// between near and far. Of an unbounded scene that of its ball; beyond, steps grow.
     pub step: f32,
     /// A `nerf_table_storage`: what the learned grid's tables are stored in.
     pub table_storage: u32,
-    /// Radius of the ball around the middle of the scene box, beyond which space without end is contracted into the box, a
+    /// Radius of the ball around the middle of the scene box, beyond which unbounded space is contracted into the box, a
     /// cube of 4 radii, world units; 0 where the scene ends at its box.
     pub contraction_radius: f32,
     /// The power that steps beyond that ball grow with, 1, 2 or 4; 0 where the scene ends at its box.

@@ -195,7 +195,7 @@ pub struct SamplingConfig {
     pub far: Option<f32>,
     /// The scene box as x0 y0 z0 x1 y1 z1; found from the data if absent. None beside a contraction.
     pub scene_box: Option<[f32; 6]>,
-    /// A scene without end, contracted around what the cameras look at: the power that its steps grow with, 1, 2 or 4.
+    /// An unbounded scene, contracted around what the cameras look at: the power that its steps grow with, 1, 2 or 4.
     /// Beside a grid only.
     pub contraction: Option<u8>,
 }
@@ -208,7 +208,7 @@ pub enum Surroundings {
     /// Nothing, but it ends at a box.
     Unknown,
     /// Nothing, and it goes on for ever.
-    Endless,
+    Unbounded,
 }
 
 /// How samples are perturbed in training; never in rendering.
@@ -563,13 +563,13 @@ impl Config {
         match surroundings {
             Surroundings::Known => self,
             Surroundings::Unknown => self.without_hull(),
-            Surroundings::Endless => self.without_end(),
+            Surroundings::Unbounded => self.unbounded(),
         }
     }
 
     /// What changes where photographs show whatever is behind the scene, too; of a preset without a grid as
     /// [`Config::without_hull`].
-    pub fn without_end(mut self) -> Self {
+    pub fn unbounded(mut self) -> Self {
         let Some(grid) = &mut self.network.grid else { return self.without_hull() };
         (grid.log2_entries, grid.coarsest, grid.finest) = (17, 16, 1024);
         self.sampling.contraction = Some(1);

@@ -122,18 +122,18 @@ impl Occupancy {
         Self::of_candidates(bounds, sides, (0..cells).collect())
     }
 
-    /// The cells of a scene without end that more than one view sees, from `near` on: in their middles.
+    /// The cells of an unbounded scene that more than one view sees, each from its near on: in their middles.
     pub fn seen(
         bounds: SceneBox,
         resolution: u16,
         views: &[View],
         contraction: &Contraction,
-        near: f32,
+        nears: &[f32],
     ) -> Self {
         let full = Self::full(bounds, resolution);
         let seen = |&cell: &u32| {
             let p = contraction.in_world(full.live.point(cell, [0.5; 3]));
-            let sees = |view: &&View| {
+            let sees = |&(view, &near): &(&View, &f32)| {
                 let (camera, (width, height)) = (&view.camera, view.size());
                 let distance = (p - camera.pose().position).length();
                 let pixel = camera.project(p).filter(|_| distance >= near);
@@ -141,7 +141,7 @@ impl Occupancy {
                     (0.0..=width as f32).contains(&x) && (0.0..=height as f32).contains(&y)
                 })
             };
-            views.iter().filter(sees).take(2).count() == 2.min(views.len())
+            views.iter().zip(nears).filter(sees).take(2).count() == 2.min(views.len())
         };
         // The corners of the box are beyond all of space.
         let reach = 2.0 * contraction.radius();
@@ -362,7 +362,7 @@ pub struct Ask<'a> {
     pub parameters: &'a [f32],
     /// Seed of the run.
     pub seed: u64,
-    /// Of a scene without end.
+    /// Of an unbounded scene.
     pub contraction: Option<Contraction>,
 }
 

@@ -34,6 +34,8 @@ pub struct RayBank<'d> {
     bins: Bins,
     bounds: SceneBox,
     contraction: Option<Contraction>,
+    /// Where the rays of each view of an unbounded scene begin.
+    nears: Vec<f32>,
     near: f32,
     far: f32,
     jitter: Jitter,
@@ -51,13 +53,13 @@ pub struct Bounds {
     pub far: f32,
     /// Nothing is outside of it.
     pub scene_box: SceneBox,
-    /// Of a scene without end, which is contracted into the box.
+    /// Of an unbounded scene, which is contracted into the box.
     pub contraction: Option<Contraction>,
 }
 
 impl Bounds {
-    /// Samples of a marched ray, `steps_across` of which are as long as the longest side of the scene box, or of a scene
-    /// without end as the ball that stays as it is is wide.
+    /// Samples of a marched ray, `steps_across` of which are as long as the longest side of the scene box, or in an
+    /// unbounded scene as the ball that stays as it is is wide.
     pub fn sampling(&self, steps_across: u16) -> SceneSampling {
         let across = f32::from(steps_across);
         match self.contraction {
@@ -108,6 +110,7 @@ impl<'d> RayBank<'d> {
             bins: Bins::new(near, far, u32::from(config.sampling.samples))?,
             bounds: scene_box,
             contraction,
+            nears: vec![near; views.len()],
             near,
             far,
             jitter: config.sampling.jitter,
@@ -115,6 +118,13 @@ impl<'d> RayBank<'d> {
             random_background: config.sampling.random_background,
             seed: config.seed,
         })
+    }
+
+    /// The same bank with rays of an unbounded scene that begin at these distances, one a view.
+    #[must_use]
+    pub fn with_nears(mut self, nears: Vec<f32>) -> Self {
+        self.nears = nears;
+        self
     }
 
     /// Pixels that may be drawn.
@@ -197,7 +207,7 @@ impl<'d> RayBank<'d> {
         batch.deltas.resize(batch.positions.len(), width);
     }
 
-    /// As [`Self::fill_marched`], of a scene without end: `step` is in radii of `contraction`'s ball where nothing is
+    /// As [`Self::fill_marched`], of an unbounded scene: `step` is in radii of `contraction`'s ball where nothing is
     /// contracted.
     fn fill_contracted(
         &self,
@@ -220,7 +230,8 @@ impl<'d> RayBank<'d> {
                     let before = positions.len();
                     let (ray, mut batch_ray) = self.target(step, index as u64, rays);
                     let (ray, start) = contraction.centred(&ray);
-                    let first = contraction.step_at(self.near - start);
+                    let (view, _) = self.source(step, index as u64, rays);
+                    let first = contraction.step_at(self.nears[view] - start);
                     let u = uniform(self.seed, Purpose::Jitter, step, index as u64);
                     let count = ((far - first) / width).ceil().max(0.0) as u32;
                     for bin in 0..count {

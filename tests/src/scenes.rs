@@ -73,9 +73,9 @@ impl Recipe {
     pub const LEARNED: Self = Self { features: 2, levels: 4, trunk: (1, 32), seed: 8, ..Self::PLAIN };
     /// With tables in int8.
     pub const LEARNED_INT8: Self = Self { int8: true, seed: 10, ..Self::LEARNED };
-    /// Without end.
+    /// Unbounded.
     pub const CONTRACTED: Self =
-        Self { contraction: 2, occupancy: Some((8, false)), seed: 11, ..Self::LEARNED };
+        Self { contraction: 2, occupancy: Some((8, false)), seed: 12, ..Self::LEARNED };
     /// A picture by a learned grid.
     pub const LEARNED_PICTURE: Self = Self { features: 1, levels: 3, seed: 9, ..Self::PICTURE };
     /// A picture of 33x21 pixels.

@@ -173,7 +173,7 @@ impl SceneFacts {
         }
     }
 
-    /// The contraction of a scene without end.
+    /// The contraction of an unbounded scene.
     pub fn contraction(&self) -> Option<Contraction> {
         let cube = SceneBox { min: Vec3::from(self.min), max: Vec3::from(self.max) };
         match self.sampling {

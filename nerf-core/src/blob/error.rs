@@ -228,7 +228,7 @@ pub enum BlobError {
         /// What the scene says, world units.
         found: f32,
     },
-    /// A scene without end whose box is no cube, or whose steps are out of range.
+    /// An unbounded scene whose box is no cube, or whose steps are out of range.
     Contraction {
         /// What the scene says.
         step: f32,

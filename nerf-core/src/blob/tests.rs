@@ -158,7 +158,7 @@ fn scenes_that_hold_nothing_are_refused() {
 }
 
 #[test]
-fn scenes_without_end_are_opened_as_they_were_written_or_refused() {
+fn unbounded_scenes_are_opened_as_they_were_written_or_refused() {
     let weights = halve(&parameters(&every_kind(), 1)).0;
     let contracted = |step, power| SceneSampling::Contracted { step, power };
     if !cfg!(feature = "contraction") {

@@ -74,7 +74,7 @@ impl Plan<'_> {
         Some(Span { ray: Ray { origin, ..*ray }, start, bins, ends: walk.ends() })
     }
 
-    /// What is sampled of a ray through a scene without end: from near on, where the caller does not begin behind it.
+    /// What is sampled of a ray through an unbounded scene: from near on, where the caller does not begin behind it.
     #[inline(never)]
     fn contracted_span(&self, contraction: &Contraction, ray: &Ray) -> Option<Span> {
         // What is as far away as f32 goes has no point nearest to the middle.

@@ -200,7 +200,7 @@ impl fmt::Display for Explanation<'_> {
         match plan.lattice {
             Lattice::March => write!(f, "at most, where it is in the scene box, ")?,
             Lattice::Contracted => {
-                write!(f, "from {} to {} behind the middle of a scene without end, ", plan.near, plan.far)?
+                write!(f, "from {} to {} behind the middle of an unbounded scene, ", plan.near, plan.far)?
             }
             _ => write!(f, "from {} to {}, ", plan.near, plan.far)?,
         }

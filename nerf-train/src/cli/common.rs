@@ -181,8 +181,8 @@ impl Space {
     /// What pictures with this background say of what lies around the scene; `boxed`: whether it ends anyway.
     pub fn around(self, background: Background, boxed: bool) -> Surroundings {
         match (self, background) {
-            (Self::Contracted, _) => Surroundings::Endless,
-            (Self::Auto, Background::Unknown) if !boxed => Surroundings::Endless,
+            (Self::Contracted, _) => Surroundings::Unbounded,
+            (Self::Auto, Background::Unknown) if !boxed => Surroundings::Unbounded,
             (_, Background::Unknown) => Surroundings::Unknown,
             _ => Surroundings::Known,
         }
@@ -214,7 +214,7 @@ impl Space {
             _ => "as --space says",
         };
         global.say(match config.sampling.contraction {
-            Some(_) => format!("space without end, contracted around what the cameras look at, {reason}"),
+            Some(_) => format!("unbounded space, contracted around what the cameras look at, {reason}"),
             None => format!("space ends at a box, {reason}"),
         });
     }

@@ -244,8 +244,8 @@ pub fn read_config(
         };
         let names = |key| given.get("sampling").is_some_and(|table| table.get(key).is_some());
         let surroundings = match surroundings {
-            _ if names("contraction") => Surroundings::Endless,
-            Surroundings::Endless if names("scene_box") || without("skip") => Surroundings::Unknown,
+            _ if names("contraction") => Surroundings::Unbounded,
+            Surroundings::Unbounded if names("scene_box") || without("skip") => Surroundings::Unknown,
             Surroundings::Known if without("hull") => Surroundings::Unknown,
             other => other,
         };

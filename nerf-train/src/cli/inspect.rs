@@ -75,7 +75,7 @@ fn print(file: &Path, bytes: &[u8], blob: &Blob<'_>) -> anyhow::Result<()> {
             }
             SceneSampling::Contracted { step, power } => {
                 let radius = scene.contraction().map_or(0.0, |contraction| contraction.radius());
-                outln!("space         without end, contracted around the middle of the box beyond {radius}");
+                outln!("space         unbounded, contracted around the middle of the box beyond {radius}");
                 outln!("near, far     {} of the cameras, {} of the middle", scene.near, scene.far);
                 outln!("march         steps of {} there, growing with power {power} beyond", step * radius);
             }

@@ -42,7 +42,7 @@ pub struct StepFacts {
     pub step: u32,
     /// Seed of everything random.
     pub seed: u64,
-    /// Bins between near and far, one sample in each; of a scene without end the most steps of a ray.
+    /// Bins between near and far, one sample in each; of an unbounded scene the most steps of a ray.
     pub bins: u16,
     /// Rays the step trains on; those that are shown are the first of them.
     pub rays: usize,
@@ -117,7 +117,7 @@ impl Drawer<'_> {
                 let p = self.bounds.contraction.map_or(p, |contraction| contraction.in_world(p));
                 (p - origin).dot(dir)
             };
-            // What a scene without end has behind it is not drawn.
+            // What an unbounded scene has behind it is not drawn.
             let drawn = |t: &f32| self.bounds.contraction.is_none() || *t <= self.bounds.far;
             let culled = culled.map(t).filter(drawn).collect();
             ShownRay {

@@ -13,7 +13,7 @@ use nerf_core::camera::Camera;
 /// Samples, live and culled, of the rays that each camera has to itself, over all cameras: about a
 /// megabyte of the page.
 const OWN_SAMPLES: usize = 300_000;
-/// Rays of a scene without end are drawn so far, in radii of the ball that is not contracted.
+/// Rays of an unbounded scene are drawn so far, in radii of the ball that is not contracted.
 const SHOWN_RADII: f32 = 4.0;
 
 /// What to show.
@@ -131,7 +131,7 @@ impl Scene {
         }
         config.check().map_err(TrainError::from)?;
         let (mut bounds, found) = find_bounds(dataset, config)?;
-        // Rays of a scene without end go on for ever: what is drawn of them is what surrounds the cameras.
+        // Rays of an unbounded scene go on for ever: what is drawn of them is what surrounds the cameras.
         if let Some(contraction) = &bounds.contraction {
             let shown = (SHOWN_RADII * contraction.radius()).max(2.0 * bounds.near);
             bounds.far = bounds.far.min(shown);

@@ -2,24 +2,31 @@
 
 use super::TrainError;
 use crate::config::Config;
-use crate::dataset::{Dataset, LookAt, frusta_box, scene_bounds};
+use crate::dataset::{Dataset, LookAt, View, frusta_box, scene_bounds};
 use crate::occupancy::Occupancy;
 use crate::rays::Bounds;
 use glam::Vec3;
 use nerf_core::contraction::Contraction;
 use nerf_core::ray::{BoundsError, SceneBox};
+use rayon::prelude::*;
 
 /// Cells along the longest side of the first, coarse hull, which only finds the scene box.
 const COARSE_HULL: u16 = 64;
-/// Where rays begin in a scene without end, and where they end, in radii of the ball that stays as it is.
+/// Where rays begin in an unbounded scene, and where they end, in radii of the ball that stays as it is.
 const NEAR_RADII: f32 = 0.1;
 const FAR_RADII: f32 = 100.0;
+/// Sparse points that a view has to see before they say where its rays begin.
+const ENOUGH_POINTS: usize = 50;
+/// Share of the points of all views, and of a single one, that may lie in front of where rays begin; and how far in front
+/// of the rest that is, as a share of the distance: many points are outliers, and surfaces lie between them.
+const ALL_VIEWS: (f32, f32) = (0.001, 0.6);
+const ONE_VIEW: (f32, f32) = (0.01, 0.7);
 
 /// Near, far and scene box from settings and data.
 pub(crate) fn find_box(dataset: &Dataset, config: &Config) -> Result<Bounds, TrainError> {
     let (s, g) = (&config.sampling, &config.occupancy);
     if let Some(power) = s.contraction {
-        return without_end(dataset, config, power);
+        return unbounded(dataset, config, power);
     }
     let proposed = scene_bounds(dataset);
     let missing = || TrainError::NoBounds { data: dataset.name.clone() };
@@ -44,9 +51,9 @@ pub(crate) fn find_box(dataset: &Dataset, config: &Config) -> Result<Bounds, Tra
     Ok(Bounds { near, far, scene_box, contraction: None })
 }
 
-/// Of a scene without end: contracted around what the cameras look at, or where they look much the same way, around
+/// Of an unbounded scene: contracted around what the cameras look at, or where they look much the same way, around
 /// themselves.
-fn without_end(dataset: &Dataset, config: &Config, power: u8) -> Result<Bounds, TrainError> {
+fn unbounded(dataset: &Dataset, config: &Config, power: u8) -> Result<Bounds, TrainError> {
     let s = &config.sampling;
     let cameras: Vec<_> = dataset.train.iter().map(|view| view.camera).collect();
     let missing = || TrainError::NoBounds { data: dataset.name.clone() };
@@ -55,12 +62,47 @@ fn without_end(dataset: &Dataset, config: &Config, power: u8) -> Result<Bounds, 
     let radius = median(cameras.iter().map(|camera| (camera.pose().position - centre).length()).collect());
     let scene_box = Contraction::cube(centre, radius);
     let contraction = Contraction::new(&scene_box, power).ok_or_else(missing)?;
-    let near = s.near.or(dataset.near).unwrap_or(NEAR_RADII * radius);
+    let seen = || distances(dataset).concat();
+    let near = s.near.or(dataset.near).or_else(|| begin(seen(), ALL_VIEWS)).unwrap_or(NEAR_RADII * radius);
     let far = s.far.or(dataset.far).unwrap_or(FAR_RADII * radius);
     if !(near >= 0.0 && near < far && far.is_finite()) {
         return Err(BoundsError::Range { near, far }.into());
     }
     Ok(Bounds { near, far, scene_box, contraction: Some(contraction) })
+}
+
+/// Where the rays of each training view begin: in front of the sparse points that it sees, where nobody says otherwise. What
+/// is in front of a camera and seen by no other could be anything: fog.
+pub(crate) fn nears(dataset: &Dataset, config: &Config, bounds: &Bounds) -> Vec<f32> {
+    let own = bounds.contraction.is_some() && config.sampling.near.is_none() && !dataset.points.is_empty();
+    if !own {
+        return vec![bounds.near; dataset.train.len()];
+    }
+    let near = |distances| begin(distances, ONE_VIEW).map_or(bounds.near, |near| near.max(bounds.near));
+    distances(dataset).into_iter().map(near).collect()
+}
+
+/// How far the sparse points that each training view sees are from it.
+fn distances(dataset: &Dataset) -> Vec<Vec<f32>> {
+    let of_view = |view: &View| {
+        let (camera, (width, height)) = (&view.camera, view.size());
+        let distance = |&point: &[f32; 3]| {
+            let point = Vec3::from(point);
+            let (x, y) = camera.project(point)?;
+            let inside = (0.0..=width as f32).contains(&x) && (0.0..=height as f32).contains(&y);
+            inside.then(|| (point - camera.pose().position).length())
+        };
+        dataset.points.iter().filter_map(distance).collect()
+    };
+    dataset.train.par_iter().map(of_view).collect()
+}
+
+fn begin(mut distances: Vec<f32>, (in_front, share): (f32, f32)) -> Option<f32> {
+    if distances.len() < ENOUGH_POINTS {
+        return None;
+    }
+    distances.sort_unstable_by(f32::total_cmp);
+    Some(share * distances[(in_front * distances.len() as f32) as usize])
 }
 
 fn median(mut values: Vec<f32>) -> f32 {
@@ -88,7 +130,10 @@ pub(crate) fn find_bounds(
         None => hull(dataset, config, scene_box, resolution),
     };
     let full = || match &bounds.contraction {
-        Some(contraction) => Occupancy::seen(scene_box, resolution, &dataset.train, contraction, bounds.near),
+        Some(contraction) => {
+            let nears = nears(dataset, config, &bounds);
+            Occupancy::seen(scene_box, resolution, &dataset.train, contraction, &nears)
+        }
         None => Occupancy::full(scene_box, resolution),
     };
     let occupancy = config.occupancy.skip.then(|| carved().unwrap_or_else(full));

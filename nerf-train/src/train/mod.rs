@@ -167,7 +167,8 @@ impl<'d> Trainer<'d> {
                 } / f32::from(config.sampling.steps_across),
             );
         }
-        let bank = RayBank::new(&dataset.train, dataset.background, bounds, &config)?;
+        let bank = RayBank::new(&dataset.train, dataset.background, bounds, &config)?
+            .with_nears(bounds::nears(dataset, &config, &bounds));
         let engine = engine_for(&model, bounds.scene_box, config.adam(), config.seed, tier)?;
         Ok(Self {
             average: Average::new(config.optimiser.average, model.parameters()),

@@ -1,4 +1,4 @@
-//! `--space`: scenes that end at a box, and scenes without end.
+//! `--space`: scenes that end at a box, and unbounded scenes.
 
 use crate::made::{Folder, scene};
 use crate::{fails, fit, fit_grid, json, ok, run};
@@ -25,19 +25,19 @@ fn power(file: &str) -> Option<u8> {
 }
 
 #[test]
-fn photographs_have_space_without_end_unless_told_otherwise() {
+fn photographs_have_unbounded_space_unless_told_otherwise() {
     let folder = Folder::new();
     let (data, file) = (photographs(&folder), folder.path("a.nerf"));
     let plain = folder.npz("plain.npz");
-    let endless = "space without end, contracted around what the cameras look at";
+    let unbounded = "unbounded space, contracted around what the cameras look at";
     for (data, preset, more, expected, words) in [
-        (&data, "grid", &[][..], Some(1), [endless, "do not say what is background"]),
+        (&data, "grid", &[][..], Some(1), [unbounded, "do not say what is background"]),
         (&data, "grid", &["--space", "box"], None, ["space ends at a box", "as --space says"]),
         (&data, "grid", &["--box", "-2,-2,-2,2,2,2"], None, ["space ends at a box", "which is given"]),
         (&data, "grid", &["--dense"], None, ["space ends at a box", "skips empty space"]),
         (&data, "small", &[], None, ["space ends at a box", "a contraction needs a learned grid"]),
         (&plain, "grid", &[], None, ["space ends at a box", "the pictures say what is background"]),
-        (&plain, "grid", &["--space", "contracted"], Some(1), [endless, "as --space says"]),
+        (&plain, "grid", &["--space", "contracted"], Some(1), [unbounded, "as --space says"]),
     ] {
         let base =
             ["fit", data, "-o", &file, "--preset", preset, "--steps", "2", "--rays", "64", "--restart"];
@@ -48,12 +48,12 @@ fn photographs_have_space_without_end_unless_told_otherwise() {
         for word in words {
             assert!(ran.err.contains(word), "{preset} {more:?}: expected `{word}` in {}", ran.err);
         }
-        assert_eq!(ok(["inspect", &file]).contains("without end"), expected.is_some());
+        assert_eq!(ok(["inspect", &file]).contains("unbounded"), expected.is_some());
     }
 }
 
 #[test]
-fn a_scene_without_end_is_fitted_rendered_and_shown() {
+fn an_unbounded_scene_is_fitted_rendered_and_shown() {
     let folder = Folder::new();
     let (data, file, report) = (photographs(&folder), folder.path("a.nerf"), folder.path("report"));
     ok(fit_grid(&data, &file, &["--steps", "60", "--near", "0.3", "--far", "50", "--report", &report]));

@@ -1,6 +1,6 @@
 //! Runs that are interrupted and taken up again; checkpoints that are damaged or another run's.
 
-use crate::{fit, options, scene, tiny, tiny_endless, tiny_grid, tiny_seed};
+use crate::{fit, options, scene, tiny, tiny_grid, tiny_seed, tiny_unbounded};
 use nerf_core::kernels::Tier;
 use nerf_train::config::{Config, Jitter};
 use nerf_train::dataset::Dataset;
@@ -33,7 +33,7 @@ fn a_run_resumed_at_any_step_gives_the_undisturbed_blob() {
     for (name, config) in [
         ("small", tiny(24)),
         ("grid", tiny_grid(24)),
-        ("without end", tiny_endless(24)),
+        ("unbounded", tiny_unbounded(24)),
         ("seed", tiny_seed(24)),
     ] {
         let expected = fit(&dataset, &config).expect("a blob");

@@ -46,8 +46,8 @@ fn tiny_grid(steps: u32) -> Config {
     config
 }
 
-/// The same, without end.
-fn tiny_endless(steps: u32) -> Config {
+/// The same, unbounded.
+fn tiny_unbounded(steps: u32) -> Config {
     let mut config = tiny_grid(steps);
     (config.sampling.contraction, config.occupancy.hull) = (Some(2), false);
     config

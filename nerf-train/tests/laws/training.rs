@@ -1,6 +1,6 @@
 //! Same seed, same blob; dead ends are reported.
 
-use crate::{fit, scene, tiny, tiny_endless, tiny_grid, tiny_seed};
+use crate::{fit, scene, tiny, tiny_grid, tiny_seed, tiny_unbounded};
 use nerf_core::blob::Blob;
 use nerf_core::kernels::Tier;
 use nerf_train::config::{Config, Density, Jitter};
@@ -24,7 +24,7 @@ fn variants(steps: u32) -> Vec<(&'static str, Config)> {
         ("small without hull", tiny(steps).without_hull()),
         ("grid", tiny_grid(steps)),
         ("grid without hull", tiny_grid(steps).without_hull()),
-        ("grid without end", tiny_endless(steps)),
+        ("unbounded grid", tiny_unbounded(steps)),
         ("seed", tiny_seed(steps)),
         ("seed, 32 samples", with(|c| c.sampling.samples = 32)),
         ("seed, jitter 0.02", with(|c| c.sampling.jitter = Jitter::Width(0.02))),

@@ -81,7 +81,7 @@ fn a_scene_is_there_from_anywhere() {
 }
 
 #[test]
-fn a_scene_without_end_says_so_and_surrounds_the_camera() {
+fn an_unbounded_scene_says_so_and_surrounds_the_camera() {
     let opened = call::open(Recipe::CONTRACTED.blob(), Tier::Scalar);
     let info = info(&opened);
     assert_eq!((info.contraction_radius, info.contraction_power, info.step), (1.0, 2, 0.0625));

@@ -74,10 +74,10 @@ fn a_build_without_an_effect_has_none_of_its_code_and_draws_the_same_bits() {
         "off is the picture, the workspace and the work of a build without"
     );
     assert!(!none.of("off").is_empty());
-    // Space without end is no effect: scenes that have an end are drawn alike by a build that knows of it.
-    let endless = build("contraction", &scene);
-    assert_eq!(none.of("off"), endless.of("off"));
-    assert!(endless.has("contracted_span"));
+    // Unbounded space is no effect: scenes that have an end are drawn alike by a build that knows of it.
+    let unbounded = build("contraction", &scene);
+    assert_eq!(none.of("off"), unbounded.of("off"));
+    assert!(unbounded.has("contracted_span"));
     let of_contraction = |line: &&str| line.contains("nerf_core") && line.contains("contract");
     assert_eq!(all.symbols.lines().find(of_contraction), None);
     for (feature, functions) in EFFECTS {

@@ -1,4 +1,4 @@
-//! Frames of scenes without end, against their definition in f64.
+//! Frames of unbounded scenes, against their definition in f64.
 
 use super::*;
 use crate::blob::{Body, Content, SceneFacts, SceneSampling};
@@ -154,7 +154,7 @@ fn contracted(step: f32, power: u8) -> SceneSampling {
 
 /// Of the same density everywhere, whatever way the ray goes there; and cut at any distance, continuously.
 #[test]
-fn a_fog_without_end_is_as_thick_as_the_way_through_it() {
+fn a_fog_everywhere_is_as_thick_as_the_way_through_it() {
     let sigma = 0.0078125;
     for (power, tier) in Contraction::POWERS.into_iter().flat_map(|p| tiers().map(move |tier| (p, tier))) {
         let facts = facts(contracted(1.0 / 32.0, power));

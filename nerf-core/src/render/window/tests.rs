@@ -67,7 +67,7 @@ fn windows_find_the_bins_that_asking_at_each_finds() {
     assert!(live > 10_000 && live < asked / 4, "{live} of {asked}");
 }
 
-/// The same of space without end, where rays are curves: through the ball, past it and from far away.
+/// The same of unbounded space, where rays are curves: through the ball, past it and from far away.
 #[cfg(feature = "contraction")]
 #[test]
 fn windows_find_the_bins_of_a_contraction() {
