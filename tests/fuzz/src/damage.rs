@@ -193,7 +193,9 @@ fn change(
                     4 => {
                         scene.sampling = match u.int_in_range(0..=2u8)? {
                             0 => SceneSampling::March(any_f32(u)?),
-                            1 => SceneSampling::Contracted { step: any_f32(u)?, power: u.int_in_range(0..=5)? },
+                            1 => {
+                                SceneSampling::Contracted { step: any_f32(u)?, power: u.int_in_range(0..=5)? }
+                            }
                             _ => SceneSampling::Bins(*u.choose(&SAMPLES)?),
                         };
                     }
