@@ -117,8 +117,8 @@ fn levels<'v>(grid: &GridEncoding, values: &'v [f32]) -> impl Iterator<Item = &'
     grid.levels().map(move |level| &values[level.first * features..][..level.entries * features])
 }
 
-/// What an int8 of each level counts: what rounds and clips its values with the least squared error, of those scales that
-/// keep one of the shares [`KEPT`] whole.
+/// What an int8 of each level counts: of those scales that clip none of its values, or very few of the largest, what rounds
+/// and clips them with the least squared error.
 pub fn scales(grid: &GridEncoding, values: &[f32]) -> Vec<f32> {
     levels(grid, values).map(scale_of).collect()
 }
