@@ -157,15 +157,18 @@ fn scenes_that_hold_nothing_are_refused() {
     assert_eq!(scene_refused(|s| s.occupancy_required = true), BlobError::Field(Section::OccupancyRequired));
 }
 
+#[cfg(not(feature = "contraction"))]
+#[test]
+fn an_unbounded_scene_says_what_the_build_lacks() {
+    let error = scene_refused(|s| s.sampling = SceneSampling::Contracted { step: 0.01, power: 1 });
+    assert_eq!(error, BlobError::NotBuilt { feature: "contraction" });
+}
+
+#[cfg(feature = "contraction")]
 #[test]
 fn unbounded_scenes_are_opened_as_they_were_written_or_refused() {
     let weights = halve(&parameters(&every_kind(), 1)).0;
     let contracted = |step, power| SceneSampling::Contracted { step, power };
-    if !cfg!(feature = "contraction") {
-        let error = scene_refused(|s| s.sampling = contracted(0.01, 1));
-        assert_eq!(error, BlobError::NotBuilt { feature: "contraction" });
-        return;
-    }
     // 4096 steps of 9.8e-4 are 4.01, and 2.45e-3 are 10.04.
     for (step, power) in [(1.0, 1), (9.8e-4, 1), (1.5e-3, 2), (2.45e-3, 4)] {
         let scene = SceneFacts { sampling: contracted(step, power), ..SCENE };

@@ -2,7 +2,9 @@ extern crate std;
 
 use super::*;
 use crate::kernels::{Op, Tier};
-use crate::testing::{Worse, noise};
+#[cfg(feature = "normals")]
+use crate::testing::Worse;
+use crate::testing::noise;
 use std::vec::Vec;
 
 const EPS: f64 = f32::EPSILON as f64;
@@ -242,6 +244,7 @@ fn lanes_of_every_tier_are_the_scalar_ones() {
     }
 }
 
+#[cfg(feature = "normals")]
 #[test]
 fn gradients_in_the_world_are_those_of_what_is_contracted() {
     let mut worst = 0.0;
