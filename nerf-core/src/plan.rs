@@ -351,15 +351,18 @@ impl<'a> Plan<'a> {
         }
     }
 
-    /// Of the bin that `t` lies in, world units: [`Bins::part_around`].
+    /// Of the bin that `t` lies in, world units: [`Bins::part_around`]; the ray's samples are counted from `start`.
     #[inline]
-    pub(crate) fn part_around(&self, bins: &Bins, t: f32) -> (f32, Option<f32>, f32) {
+    pub(crate) fn part_around(&self, bins: &Bins, start: f32, t: f32) -> (f32, Option<f32>, f32) {
         match &self.contraction {
             Some(contraction) => {
+                // A thousand radii away a step's number is rounded to a ten-thousandth of the way: not in front of near.
+                let near = self.near.max(self.t_min) - start;
                 let (t, from, to) = bins.ends_around(t);
-                let (from, to) = (contraction.distance(from), contraction.distance(to));
+                let from = contraction.distance(from).max(near);
+                let to = contraction.distance(to).max(from);
                 // The largest step of all may be longer than f32 tells apart.
-                (contraction.distance(t), Some(from + 0.5 * (to - from)), to - from)
+                (contraction.distance(t).max(near), Some(from + 0.5 * (to - from)), to - from)
             }
             None => bins.part_around(t),
         }

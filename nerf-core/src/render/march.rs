@@ -220,7 +220,7 @@ impl Frame<'_, '_> {
                         let bins = plan.bins.with(state.ends);
                         // A jittered sample lies anywhere in its bin, which stays where it is.
                         let jittered = plan.outputs.median_distance && plan.effects.jitter.is_some();
-                        let (t, middle, delta) = plan.part_around(&bins, t);
+                        let (t, middle, delta) = plan.part_around(&bins, state.start, t);
                         let whole = || if jittered { bins.middle_around(t) } else { t };
                         (t, middle.unwrap_or_else(whole), delta)
                     }

@@ -415,6 +415,37 @@ fn points_are_asked_for_anywhere_but_nowhere() {
     }
 }
 
+/// A thousand radii away the number of a step is rounded to a ten-thousandth of the way: no distance is in front of near.
+#[test]
+fn no_distance_from_far_away_is_in_front_of_near() {
+    for power in Contraction::POWERS {
+        let mut rounded = false;
+        for radii in [30.0, 1e3, 3e4, 1e6, 1e7] {
+            let dir = Vec3::new(0.3, 0.5, 0.8).normalize();
+            let camera = camera_at(CENTRE + radii * RADIUS * dir, CENTRE);
+            let facts = facts(contracted(1.0 / 128.0, power));
+            let file = fog(1.0, &facts, None);
+            let blob = Blob::open(&file).unwrap();
+            let plan = Plan::new(&blob, &Quality::EXACT, outputs(), Batch::SMALLEST).unwrap();
+            let contraction = plan.contraction.unwrap();
+            for ray in rays(&camera) {
+                let span = plan.span(&plan.bounds, &ray).unwrap();
+                let (bins, first) = (plan.bins.with(span.ends), span.bins.start);
+                let (_, from, _) = bins.ends_around(bins.at(first, 0.5));
+                rounded |= span.start + contraction.distance(from) < facts.near;
+            }
+            // The way to the middle and back, rounded.
+            let least = facts.near - f32::EPSILON * radii * RADIUS;
+            for pixel in &draw(&file, Tier::Scalar, &camera, |plan| plan).pixels {
+                let Pixel { opacity, ray_distance, median_distance, .. } = *pixel;
+                assert!(opacity > 0.99 && ray_distance >= least, "{radii}: {pixel:?}");
+                assert!(cfg!(not(feature = "median")) || median_distance >= least, "{radii}: {pixel:?}");
+            }
+        }
+        assert!(rounded, "{power}: nothing to test");
+    }
+}
+
 /// Samples of a ray tile it, from near to far, in world units.
 #[test]
 fn bins_tile_the_ray() {
@@ -438,8 +469,10 @@ fn bins_tile_the_ray() {
                 } else {
                     assert_eq!(from, before, "{power} {bin}");
                 }
-                let (found, middle, width) = plan.part_around(&bins, t);
-                assert_eq!((found, middle, width), (at, Some(from + 0.5 * (to - from)), to - from));
+                // Rounding alone puts a bin in front of near.
+                let [at, from, to] = [at, from, to].map(|t| t.max(plan.near - span.start));
+                let part = plan.part_around(&bins, span.start, t);
+                assert_eq!(part, (at, Some(from + 0.5 * (to - from)), to - from));
                 before = to;
             }
             let start = f64::from(span.start);
