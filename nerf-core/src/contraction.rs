@@ -86,10 +86,12 @@ impl Contraction {
         // (2 − 1/r) / r.
         let inverse = one.div(square.max_of(one).sqrt());
         let shrink = V::splat(2.0).sub(inverse).mul(inverse).mul(V::splat(self.radius));
-        core::array::from_fn(|axis| {
+        // No closure: it would lose the leaf's instructions.
+        for axis in 0..3 {
             let (low, high) = (V::splat(self.cube.min[axis]), V::splat(self.cube.max[axis]));
-            V::splat(centre[axis]).add(q[axis].mul(shrink)).max_of(low).min_of(high)
-        })
+            q[axis] = V::splat(centre[axis]).add(q[axis].mul(shrink)).max_of(low).min_of(high);
+        }
+        q
     }
 
     /// The gradient in the world of what has `gradient` at `p`, both in the scene box: the transpose of the
@@ -147,13 +149,7 @@ impl Contraction {
         let contracted = (p - self.centre).length() / self.radius;
         let radii = 1.0 / (2.0 - contracted.max(1.0)).max(1.0 / FARTHEST);
         // d(b^−p)/ds of b = 1 − (s − 1)/p is b^−(p + 1): radii^((p + 1) / p).
-        let mut root = radii;
-        let mut halved = self.power;
-        while halved > 1 {
-            root = sqrt(root);
-            halved /= 2;
-        }
-        radii * root
+        radii * self.root(radii)
     }
 
     /// The point of the world that is at `p` of the scene box.
@@ -173,13 +169,18 @@ impl Contraction {
         if size <= 1.0 {
             return (distance / self.radius).clamp(-1.0, 1.0);
         }
-        let (mut root, mut halved) = (size, self.power);
+        let steps = 1.0 + f32::from(self.power) * (1.0 - 1.0 / self.root(size));
+        if distance < 0.0 { -steps } else { steps }
+    }
+
+    /// `x^(1/p)` for the power `p`.
+    fn root(&self, mut x: f32) -> f32 {
+        let mut halved = self.power;
         while halved > 1 {
-            root = sqrt(root);
+            x = sqrt(x);
             halved /= 2;
         }
-        let steps = 1.0 + f32::from(self.power) * (1.0 - 1.0 / root);
-        if distance < 0.0 { -steps } else { steps }
+        x
     }
 }
 

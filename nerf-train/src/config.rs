@@ -7,8 +7,9 @@ mod tests;
 pub use optimiser::OptimiserConfig;
 
 use crate::engine::{Adam, Model};
-use crate::quantise::TableStorage;
+use crate::quantise::{ROUNDED_FROM, TableStorage};
 use glam::Vec3;
+use nerf_core::blob::MAX_SAMPLES;
 use nerf_core::contraction::Contraction;
 use nerf_core::encoding::{
     AngleScale, DirectionEncoding, GridEncoding, MAX_GRID_LEVELS, MAX_GRID_RESOLUTION, MAX_HARMONICS_DEGREE,
@@ -141,6 +142,11 @@ impl TableConfig {
         };
         let resolutions = (0..self.levels.min(MAX_GRID_LEVELS)).map(level).collect();
         GridEncoding { inputs, features: self.features, log2_entries: self.log2_entries, resolutions }
+    }
+
+    /// Whether its tables are trained as they are exported, rounded, when `share` of the run is over.
+    pub(crate) fn is_rounded(&self, share: f64) -> bool {
+        self.storage == TableStorage::Int8 && share >= ROUNDED_FROM
     }
 
     /// Checks every setting on its own.
@@ -492,9 +498,16 @@ impl Config {
             rule(field, g.skip, "none where occupancy.skip is false", power)?;
             // The scene's own steps are as many as a file can name.
             let steps = (1.0 + f32::from(power)) * f32::from(s.steps_across);
-            let most =
-                format!("2 to {} beside a contraction of power {power}", 4096 / (1 + u16::from(power)));
-            rule("sampling.steps_across", s.steps_across > 1 && steps <= 4096.0, most, s.steps_across)?;
+            let most = format!(
+                "2 to {} beside a contraction of power {power}",
+                MAX_SAMPLES / (1 + u16::from(power))
+            );
+            rule(
+                "sampling.steps_across",
+                s.steps_across > 1 && steps <= f32::from(MAX_SAMPLES),
+                most,
+                s.steps_across,
+            )?;
         }
         rule("sampling.steps_across", s.steps_across > 0, "at least 1", s.steps_across)?;
         rule("sampling.samples", (1..=4096).contains(&s.samples), "1 to 4096", s.samples)?;

@@ -35,7 +35,7 @@ impl TableStorage {
 
 /// Share of a run from which on tables that are exported in int8 are trained as they are rounded: what is left of the run
 /// makes up for the rounding.
-pub const ROUNDED_FROM: f64 = 0.85;
+pub(crate) const ROUNDED_FROM: f64 = 0.85;
 /// Shares of a level's values, the smallest ones by magnitude, that its scale may keep whole; the rest are clipped.
 const KEPT: [f64; 3] = [1.0, 0.9999, 0.9995];
 /// Steps of int8 on either side of 0.
@@ -50,8 +50,8 @@ pub struct Quantised {
 }
 
 impl Quantised {
-    /// Rounds `values`, those of all levels of `grid`; in int8 by `scales`, one a level, or where there are none by
-    /// those of [`scales`].
+    /// Rounds `values`, those of all levels of `grid`; in int8 by the scales that are `given`, one a level, or where there
+    /// are none by those of [`scales`].
     ///
     /// # Errors
     /// The first value that is not finite or beyond ±65504, f16's largest: its index and itself.

@@ -58,13 +58,23 @@ pub struct Bounds {
 }
 
 impl Bounds {
-    /// Samples of a marched ray, `steps_across` of which are as long as the longest side of the scene box, or in an
-    /// unbounded scene as the ball that stays as it is is wide.
+    /// Width of a marched step, world units: `steps_across` of them are as long as the longest side of the scene box, or in
+    /// an unbounded scene as the ball that stays as it is is wide.
+    pub fn step(&self, steps_across: u16) -> f32 {
+        let across = match self.contraction {
+            Some(contraction) => 2.0 * contraction.radius(),
+            None => (self.scene_box.max - self.scene_box.min).max_element(),
+        };
+        across / f32::from(steps_across)
+    }
+
+    /// Samples of a ray that is marched at that step.
     pub fn sampling(&self, steps_across: u16) -> SceneSampling {
-        let across = f32::from(steps_across);
         match self.contraction {
-            Some(contraction) => SceneSampling::Contracted { step: 2.0 / across, power: contraction.power() },
-            None => SceneSampling::March((self.scene_box.max - self.scene_box.min).max_element() / across),
+            Some(contraction) => {
+                SceneSampling::Contracted { step: 2.0 / f32::from(steps_across), power: contraction.power() }
+            }
+            None => SceneSampling::March(self.step(steps_across)),
         }
     }
 }

@@ -87,24 +87,18 @@ impl LookUp<'_> {
     #[inline(always)]
     fn live<V: Lanes>(&self, first: u32) -> u32 {
         let Self { occupancy, ray, bins, .. } = *self;
-        let (origin, dir) = (ray.origin.to_array(), ray.dir.to_array());
         let mut live = 0;
         if let Some(contraction) = self.contraction {
             for from in (0..WIDTH).step_by(V::COUNT) {
                 let t: V = contraction.distance_lanes(bins.middles(first + from));
-                let at = |axis: usize| V::splat(origin[axis]).add(V::splat(dir[axis]).mul(t));
-                let points = contraction.contract_lanes([at(0), at(1), at(2)]);
+                let points = contraction.contract_lanes(points_at(ray, t));
                 live |= occupancy.occupied_lanes(points) << from;
             }
             // All of space is in the box.
             return live;
         }
         for from in (0..WIDTH).step_by(V::COUNT) {
-            let t: V = bins.middles(first + from);
-            let mut points = [t; 3];
-            for (axis, point) in points.iter_mut().enumerate() {
-                *point = V::splat(origin[axis]).add(V::splat(dir[axis]).mul(t));
-            }
+            let points = points_at::<V>(ray, bins.middles(first + from));
             live |= occupancy.occupied_lanes(points) << from;
         }
         if live == 0 {
@@ -119,4 +113,15 @@ impl LookUp<'_> {
         }
         live
     }
+}
+
+/// The points of a ray at a vector of distances.
+#[inline(always)]
+fn points_at<V: Lanes>(ray: &Ray, t: V) -> [V; 3] {
+    let (origin, dir) = (ray.origin.to_array(), ray.dir.to_array());
+    let mut points = [t; 3];
+    for (axis, point) in points.iter_mut().enumerate() {
+        *point = V::splat(origin[axis]).add(V::splat(dir[axis]).mul(t));
+    }
+    points
 }

@@ -148,7 +148,8 @@ pub struct DataOptions {
     /// Where rays begin, world units along the ray: what is nearer is not seen.
     #[arg(long, value_name = "T")]
     pub near: Option<f32>,
-    /// Where rays end, world units along the ray: what is farther is not seen.
+    /// Where rays end, world units along the ray: what is farther is not seen. In an unbounded scene it counts from the
+    /// point of the ray nearest to the scene's middle.
     #[arg(long, value_name = "T")]
     pub far: Option<f32>,
     /// Which layout a folder is read as, where several fit: transforms, colmap or llff [default: the first of these].

@@ -6,7 +6,6 @@ use crate::engine::{Batch, BatchRay, Engine, EngineError, Model, engine_for};
 use crate::export::{Contents, ExportError, Exported, Tables, export};
 use crate::frame;
 use crate::output::{OutputError, write_atomic};
-use crate::quantise::{ROUNDED_FROM, TableStorage};
 use crate::report::metrics::{psnr_db, psnr_db_of_mse};
 use crate::report::picture::Picture;
 use crate::report::progress::{Message, Progress, ProgressStyle};
@@ -94,9 +93,7 @@ impl<'p> FieldTrainer<'p> {
     /// [`FieldError::Engine`] if it diverged; the run is then as before the step.
     pub fn step(&mut self, share: f64) -> Result<(), FieldError> {
         self.draw();
-        if share >= ROUNDED_FROM
-            && self.config.grid.as_ref().is_some_and(|grid| grid.storage == TableStorage::Int8)
-        {
+        if self.config.grid.as_ref().is_some_and(|grid| grid.is_rounded(share)) {
             self.engine.round_tables();
         }
         let rate = learning_rate(&self.config.optimiser, self.step, share);

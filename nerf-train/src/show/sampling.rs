@@ -81,8 +81,8 @@ impl Drawer<'_> {
         let (mut kept, mut all) = (Batch::default(), Batch::default());
         let mut bins = s.samples;
         match &self.bounds.contraction {
-            Some(contraction) => {
-                let width = 2.0 * contraction.radius() / f32::from(s.steps_across);
+            Some(_) => {
+                let width = self.bounds.step(s.steps_across);
                 let everywhere = Occupancy::full(self.bounds.scene_box, 1);
                 let cells = self.cells.unwrap_or(everywhere.live());
                 bank.fill_marched(Tier::Scalar, &mut kept, step, rays, cells, width);

@@ -130,7 +130,7 @@ impl Scene {
             return Err(ShowError::Camera { count: views.len(), split, found });
         }
         config.check().map_err(TrainError::from)?;
-        let (mut bounds, found) = find_bounds(dataset, config)?;
+        let (mut bounds, _, found) = find_bounds(dataset, config)?;
         // Rays of an unbounded scene go on for ever: what is drawn of them is what surrounds the cameras.
         if let Some(contraction) = &bounds.contraction {
             let shown = (SHOWN_RADII * contraction.radius()).max(2.0 * bounds.near);

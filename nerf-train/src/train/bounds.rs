@@ -73,7 +73,7 @@ fn unbounded(dataset: &Dataset, config: &Config, power: u8) -> Result<Bounds, Tr
 
 /// Where the rays of each training view begin: in front of the sparse points that it sees, where nobody says otherwise. What
 /// is in front of a camera and seen by no other could be anything: fog.
-pub(crate) fn nears(dataset: &Dataset, config: &Config, bounds: &Bounds) -> Vec<f32> {
+fn nears(dataset: &Dataset, config: &Config, bounds: &Bounds) -> Vec<f32> {
     let own = bounds.contraction.is_some() && config.sampling.near.is_none() && !dataset.points.is_empty();
     if !own {
         return vec![bounds.near; dataset.train.len()];
@@ -116,12 +116,13 @@ fn hull(dataset: &Dataset, config: &Config, bounds: SceneBox, resolution: u16) -
     (g.skip && g.hull).then(|| Occupancy::carve(bounds, resolution, &dataset.train, dataset.background))?
 }
 
-/// As [`find_box`], and the occupancy grid to start with.
+/// As [`find_box`], and where the rays of each training view begin, and the occupancy grid to start with.
 pub(crate) fn find_bounds(
     dataset: &Dataset,
     config: &Config,
-) -> Result<(Bounds, Option<Occupancy>), TrainError> {
+) -> Result<(Bounds, Vec<f32>, Option<Occupancy>), TrainError> {
     let bounds = find_box(dataset, config)?;
+    let nears = nears(dataset, config, &bounds);
     let scene_box = bounds.scene_box;
     // A hull of half the resolution takes an eighth of the time; the network finds the rest by itself.
     let resolution = config.occupancy_resolution(scene_box.max - scene_box.min);
@@ -130,12 +131,9 @@ pub(crate) fn find_bounds(
         None => hull(dataset, config, scene_box, resolution),
     };
     let full = || match &bounds.contraction {
-        Some(contraction) => {
-            let nears = nears(dataset, config, &bounds);
-            Occupancy::seen(scene_box, resolution, &dataset.train, contraction, &nears)
-        }
+        Some(contraction) => Occupancy::seen(scene_box, resolution, &dataset.train, contraction, &nears),
         None => Occupancy::full(scene_box, resolution),
     };
     let occupancy = config.occupancy.skip.then(|| carved().unwrap_or_else(full));
-    Ok((bounds, occupancy))
+    Ok((bounds, nears, occupancy))
 }

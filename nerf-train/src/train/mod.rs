@@ -20,7 +20,6 @@ use crate::dataset::Dataset;
 use crate::engine::{Batch, Engine, EngineError, Model, Phase, Phases, engine_for};
 use crate::export::ExportError;
 use crate::occupancy::{Ask, Occupancy};
-use crate::quantise::{ROUNDED_FROM, TableStorage};
 use crate::rays::{Bounds, RayBank};
 use average::Average;
 pub(crate) use bounds::{find_bounds, find_box};
@@ -153,22 +152,16 @@ impl<'d> Trainer<'d> {
     /// [`TrainError`] on settings out of range and on data whose bounds cannot be found.
     pub fn new(dataset: &'d Dataset, config: Config, tier: Tier) -> Result<Self, TrainError> {
         config.check()?;
-        let (bounds, occupancy) = find_bounds(dataset, &config)?;
+        let (bounds, nears, occupancy) = find_bounds(dataset, &config)?;
         let extent = bounds.scene_box.max - bounds.scene_box.min;
         let model = config.model_of(extent);
         let mut config = config;
         let mut step_width = None;
         if config.network.grid.is_some() {
             config.sampling.samples = bins_across(&bounds, config.sampling.steps_across);
-            step_width = Some(
-                match bounds.contraction {
-                    Some(contraction) => 2.0 * contraction.radius(),
-                    None => extent.max_element(),
-                } / f32::from(config.sampling.steps_across),
-            );
+            step_width = Some(bounds.step(config.sampling.steps_across));
         }
-        let bank = RayBank::new(&dataset.train, dataset.background, bounds, &config)?
-            .with_nears(bounds::nears(dataset, &config, &bounds));
+        let bank = RayBank::new(&dataset.train, dataset.background, bounds, &config)?.with_nears(nears);
         let engine = engine_for(&model, bounds.scene_box, config.adam(), config.seed, tier)?;
         Ok(Self {
             average: Average::new(config.optimiser.average, model.parameters()),
@@ -303,8 +296,7 @@ impl<'d> Trainer<'d> {
         let now = Instant::now();
         self.draw(step);
         self.phases.lap(Phase::March, now);
-        let grid = self.config.network.grid.as_ref();
-        if share >= ROUNDED_FROM && grid.is_some_and(|grid| grid.storage == TableStorage::Int8) {
+        if self.config.network.grid.as_ref().is_some_and(|grid| grid.is_rounded(share)) {
             self.engine.round_tables();
         }
         let rate = learning_rate(&self.config.optimiser, self.progressed.step, share);
@@ -399,7 +391,7 @@ impl<'d> Trainer<'d> {
         }
         let seed = self.config.seed.wrapping_add(1000 * u64::from(restarts));
         self.engine = engine_for(&self.model, self.bounds.scene_box, self.config.adam(), seed, self.tier)?;
-        self.occupancy = find_bounds(self.dataset, &self.config)?.1;
+        self.occupancy = find_bounds(self.dataset, &self.config)?.2;
         self.average.clear();
         self.progressed = Progressed { reseeds: restarts, ..Progressed::default() };
         self.curve.clear();

@@ -18,7 +18,7 @@ fn the_rays_are_those_of_the_training_step() {
     let data = small();
     let config = Preset::Small.config();
     let scene = Scene::new(&data, &config, &request(&data.train)).unwrap();
-    let (bounds, occupancy) = find_bounds(&data, &config).unwrap();
+    let (bounds, _, occupancy) = find_bounds(&data, &config).unwrap();
     let occupancy = occupancy.unwrap();
     let bank = RayBank::new(&data.train, data.background, bounds, &config).unwrap();
     let mut batch = Batch::default();

@@ -91,9 +91,9 @@ impl<'b> Lab<'b> {
         self.scene.samples()
     }
 
-    /// Whether its rays are marched at even steps; else their samples lie in bins.
+    /// Whether its rays are marched at a step of the scene's own; else their samples lie in bins between near and far.
     pub fn is_marched(&self) -> bool {
-        matches!(self.scene.sampling, SceneSampling::March(_))
+        !matches!(self.scene.sampling, SceneSampling::Bins(_))
     }
 
     /// The distance between samples, as a share of the one that the field was trained with.
