@@ -30,12 +30,12 @@
 /**
  * The transmittance cut that costs nothing visible.
  */
-#define NERF_TRANSMITTANCE_CUT_DEFAULT 1e-2
+#define NERF_TRANSMITTANCE_CUT_DEFAULT 2e-2
 
 /**
  * The colour cut that costs nothing visible.
  */
-#define NERF_COLOUR_CUT_DEFAULT 1e-3
+#define NERF_COLOUR_CUT_DEFAULT 5e-3
 
 /**
  * The blur of normals that shows what samples a bin apart can tell.

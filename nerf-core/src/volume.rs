@@ -189,21 +189,25 @@ impl Accumulator {
     /// Weight that is left without a colour takes the mean of the ray's colours, as long as it is the
     /// smaller part. Median distance and normal are not its business: they stay 0.
     pub fn finish(&self, background: [f32; 3], far: f32, z_per_distance: f32) -> Pixel {
-        self.finish_from(0.0, background, far, z_per_distance)
+        self.finish_from(0.0, false, background, far, z_per_distance)
     }
 
     /// As [`Accumulator::finish`], of samples whose `t` were counted from `start` along the ray. No distance is beyond
-    /// `far`.
+    /// `far`. One that was `cut` is opaque: what is left of its light takes its mean colour too.
+    ///
+    /// # Source
+    /// Müller et al. 2022, their renderer.
     pub(crate) fn finish_from(
         &self,
         start: f32,
+        cut: bool,
         background: [f32; 3],
         far: f32,
         z_per_distance: f32,
     ) -> Pixel {
-        let opacity = self.opacity.value.clamp(0.0, 1.0);
+        let opacity = if cut { 1.0 } else { self.opacity.value.clamp(0.0, 1.0) };
         let through = 1.0 - opacity;
-        let coloured = opacity - self.uncoloured;
+        let coloured = self.opacity.value - self.uncoloured;
         let scale = if self.uncoloured < coloured { opacity / coloured } else { 1.0 };
         let rgb = core::array::from_fn(|c| self.rgb[c].value * scale + through * background[c]);
         let (ray_distance, z_depth) = if opacity > OPACITY_EPSILON {

@@ -13,9 +13,9 @@ use nerf_core::plan::{Batch, Outputs, Plan, PlanError, Quality};
 const MAX_RAYS: u32 = 256;
 
 /// The transmittance cut that costs nothing visible.
-pub const NERF_TRANSMITTANCE_CUT_DEFAULT: f32 = 1e-2;
+pub const NERF_TRANSMITTANCE_CUT_DEFAULT: f32 = 2e-2;
 /// The colour cut that costs nothing visible.
-pub const NERF_COLOUR_CUT_DEFAULT: f32 = 1e-3;
+pub const NERF_COLOUR_CUT_DEFAULT: f32 = 5e-3;
 /// The blur of normals that shows what samples a bin apart can tell.
 pub const NERF_NORMAL_BLUR_DEFAULT: f32 = 1.0;
 

@@ -297,7 +297,7 @@ impl<'f, 'w> Frame<'f, 'w> {
         self.counters.samples_skipped += u64::from(plan.samples_per_ray().saturating_sub(state.kept));
         let cosine = state.ray.dir.dot(self.forward);
         let background = if plan.outputs.rgb { plan.background } else { [0.0; 3] };
-        let mut seen = state.gathered.finish_from(state.start, background, self.far, cosine);
+        let mut seen = state.gathered.finish_from(state.start, state.done, background, self.far, cosine);
         seen.rgb = tone::to_light::<M>(&plan.effects.tone, seen.rgb);
         seen.median_distance = self.medians.finish(place, plan, state.start, self.far);
         seen.normal = self.normals.finish(place, seen.opacity);

@@ -19,7 +19,7 @@ const EMPTY = [22, 24, 29];
 const MODES = { colour: ['rgb'], depth: ['opacity', 'z_depth'], normals: ['normals'] };
 /** Viridis, from far to near. */
 const SCALE = [[68, 1, 84], [59, 82, 139], [33, 145, 140], [94, 201, 98], [253, 231, 37]];
-const SETTINGS = { transmittance_cut: 0.01, colour_cut: 0.001, normal_blur: 1 };
+const SETTINGS = { transmittance_cut: 0.02, colour_cut: 0.005, normal_blur: 1 };
 
 const canvas = element('canvas');
 const context = canvas.getContext('2d', { alpha: false });

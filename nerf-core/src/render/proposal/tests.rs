@@ -147,7 +147,9 @@ fn a_picture_is_the_composite_of_the_drawn_samples_bit_for_bit() {
                         ray_sum.add::<Polynomial>(sigma, rgb, row[k], stretch(2.0, 6.0, &row, k).1);
                     }
                 }
-                let expected = ray_sum.finish(SCENE.background, 6.0, camera.z_per_distance(&ray));
+                let is_cut = ray_sum.transmittance() < cut;
+                let cosine = camera.z_per_distance(&ray);
+                let expected = ray_sum.finish_from(0.0, is_cut, SCENE.background, 6.0, cosine);
                 assert_eq!(*found, expected, "{tier:?}, cut {cut}, pixel {i}");
             }
             assert!(hits > 200, "{hits}");

@@ -35,7 +35,9 @@ fn sample_by_sample(
                 break;
             }
         }
-        pixels.push(gathered.finish(SCENE.background, 6.0, camera.z_per_distance(&ray)));
+        let is_cut = gathered.transmittance() < quality.transmittance_cut;
+        let cosine = camera.z_per_distance(&ray);
+        pixels.push(gathered.finish_from(0.0, is_cut, SCENE.background, 6.0, cosine));
     }
     (pixels, densities, colours)
 }
