@@ -1,5 +1,6 @@
 //! Volume rendering: densities and colours along a ray become one pixel.
 
+use crate::math::lanes::Lanes;
 use crate::math::{Math, MathBackend, with_math};
 
 #[cfg(feature = "median")]
@@ -38,6 +39,24 @@ impl Sum {
         self.lost = (sum - self.value) - corrected;
         self.value = sum;
     }
+}
+
+/// Optical thickness of a sample: `sigma` 1/world unit, `delta` world units.
+#[inline(always)]
+pub(crate) fn thickness(sigma: f32, delta: f32) -> f32 {
+    (sigma.clamp(0.0, f32::MAX) * delta.clamp(0.0, f32::MAX)).min(MAX_TAU)
+}
+
+/// What a sample of optical thickness `tau` keeps of the light that reaches it.
+#[inline(always)]
+pub(crate) fn alpha<M: Math, V: Lanes>(tau: V) -> V {
+    M::expm1(tau.neg()).neg()
+}
+
+/// What is left of the light behind an optical thickness of `total`.
+#[inline(always)]
+pub(crate) fn light<M: Math, V: Lanes>(total: V) -> V {
+    V::select(total.less(V::splat(MAX_TAU)), M::decay(total), V::splat(0.0))
 }
 
 /// Directions whose weighted mean is no longer than this cancel: what is left of them is rounding.
@@ -151,15 +170,31 @@ impl Accumulator {
     /// +inf is an opaque wall, but 0 times +inf is nothing. A NaN in `sigma` is the caller's to leave out.
     #[inline]
     pub fn add_density<M: Math>(&mut self, sigma: f32, t: f32, delta: f32) -> f32 {
-        let tau = (sigma.clamp(0.0, f32::MAX) * delta.clamp(0.0, f32::MAX)).min(MAX_TAU);
-        let weight = self.left * -M::expm1(-tau);
+        let tau = thickness(sigma, delta);
+        let total = self.add_thickness(tau);
+        self.add_alpha(alpha::<M, f32>(tau), light::<M, f32>(total), t)
+    }
+
+    /// The first half of [`Accumulator::add_density`]: adds the optical thickness of a sample; returns `Σ sigma delta` up
+    /// to and with it.
+    #[inline]
+    pub(crate) fn add_thickness(&mut self, tau: f32) -> f32 {
         // Behind a term that was larger than all before it, Kahan's sum may move by an ulp when 0 is added: what
         // weighs nothing changes no bit.
+        if tau > 0.0 {
+            self.tau.add(tau);
+        }
+        self.tau.value
+    }
+
+    /// The second half: `alpha` of the sample at `t`, and the light behind it; returns its weight.
+    #[inline]
+    pub(crate) fn add_alpha(&mut self, alpha: f32, light: f32, t: f32) -> f32 {
+        let weight = self.left * alpha;
+        self.left = light;
         if weight == 0.0 {
             return weight;
         }
-        self.tau.add(tau);
-        self.left = if self.tau.value >= MAX_TAU { 0.0 } else { M::decay(self.tau.value) };
         self.opacity.add(weight);
         self.distance.add(weight * t);
         self.uncoloured += weight;

@@ -102,10 +102,14 @@ pub(super) struct Frame<'f, 'w> {
     pub(super) queue: ColourQueue<'w>,
     pub(super) medians: Medians<'w>,
     pub(super) normals: Normals<'w>,
-    /// `[3][stride]`: positions, directions and colours of a block.
+    /// `[3][stride]`: positions of a block; once the network has them, `[3][samples]`: where each sample counts as, the
+    /// middle of its bin and its width, world units along the ray.
     pub(super) positions: &'w mut [f32],
-    dirs: &'w mut [f32],
+    /// `[3][stride]`: colours of a block.
     pub(super) rgb: &'w mut [f32],
+    /// `[3][samples]`: directions of a block of rays; once they walk, of each sample of a block the optical thickness in
+    /// front of it, what it keeps of the light, and what is left of that behind it.
+    pub(super) triples: &'w mut [f32],
     pub(super) shares: Shares<'w>,
     /// `stride` is that of the block at work: no more columns than its samples need.
     pub(super) scratch: Scratch<'w>,
@@ -164,8 +168,8 @@ impl<'f, 'w> Frame<'f, 'w> {
             medians,
             normals,
             positions: floats(3 * sizes.samples)?,
-            dirs: floats(3 * sizes.samples)?,
             rgb: floats(3 * sizes.colours)?,
+            triples: floats(3 * sizes.samples)?,
             shares: Shares { values: floats(sizes.direction)?, block: sizes.samples },
             scratch: Scratch {
                 stride: sizes.samples,
@@ -257,9 +261,9 @@ impl<'f, 'w> Frame<'f, 'w> {
         let shares = self.shares.values.chunks_exact_mut((rows * stride).max(1));
         for (states, out) in head(self.rays, count).chunks(stride.max(1)).zip(shares) {
             for (column, state) in states.iter().enumerate() {
-                put_column(self.dirs, stride, column, state.ray.dir.to_array());
+                put_column(self.triples, stride, column, state.ray.dir.to_array());
             }
-            self.network.direction(self.plan.math, &mut scratch, self.dirs, back);
+            self.network.direction(self.plan.math, &mut scratch, self.triples, back);
             // Each ray's side by side: they are copied to every sample of it.
             for (column, share) in out.chunks_exact_mut(rows.max(1)).take(states.len()).enumerate() {
                 for (to, from) in share.iter_mut().zip(back.chunks_exact(stride.max(1))) {

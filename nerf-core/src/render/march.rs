@@ -6,15 +6,18 @@
 
 use super::Counters;
 use super::frame::{Frame, columns_of};
+use super::proposal::Drawn;
 use super::window::{self, Window};
 use crate::effects::jitter::Place;
-use crate::kernels::{Tier, VECTORS, at, column, head, put, put_column, tail, tail_mut};
+use crate::kernels::{Op, Tier, VECTORS, at, column, head, head_mut, put, put_column, tail, tail_mut};
 use crate::math::Math;
+use crate::math::lanes::Lanes;
 use crate::network::Scratch;
 use crate::plan::Plan;
 use crate::ray::Ray;
 use crate::sampling::{Bins, Ends};
-use crate::volume::Accumulator;
+use crate::volume::{Accumulator, alpha, light, thickness};
+use core::marker::PhantomData;
 use glam::Vec3;
 
 /// Of a block of which less than this is picked, the picks are collected first: numerator and denominator.
@@ -205,6 +208,10 @@ impl Frame<'_, '_> {
     /// worth asking for, and sends the rays that see on back to wait. Returns how many were picked.
     fn gather<M: Math>(&mut self, n: usize) -> usize {
         let (plan, tier) = (self.plan, self.network.tier());
+        // Without vectors it would be the same work in more code.
+        if VECTORS {
+            self.absorb::<M>(n);
+        }
         let mut picked = 0;
         for column in 0..n {
             let owner = at(self.block.owner, column);
@@ -213,21 +220,21 @@ impl Frame<'_, '_> {
             if sigma.is_nan() {
                 self.counters.invalid_samples += 1;
             } else if sigma > 0.0 {
-                let t = at(self.block.t, column);
-                let (t, middle, delta) = match self.drawn.stretch(plan, owner, column) {
-                    Some((middle, delta)) => (t.max(plan.t_min).min(plan.t_max), middle, delta),
-                    None => {
-                        let bins = plan.bins.with(state.ends);
-                        // A jittered sample lies anywhere in its bin, which stays where it is.
-                        let jittered = plan.outputs.median_distance && plan.effects.jitter.is_some();
-                        let (t, middle, delta) = plan.part_around(&bins, state.start, t);
-                        let whole = || if jittered { bins.middle_around(t) } else { t };
-                        (t, middle.unwrap_or_else(whole), delta)
-                    }
-                };
-                let thickness = state.gathered.optical_thickness();
-                state.gathered.add_density::<M>(sigma, t, delta);
-                self.medians.look(owner, thickness, &state.gathered, sigma, middle, delta);
+                let (before, middle, delta);
+                if VECTORS {
+                    let room = self.block.owner.len();
+                    let (alpha, light, t);
+                    [t, middle, delta] = self::column(self.positions, room, column);
+                    [before, alpha, light] = self::column(self.triples, room, column);
+                    state.gathered.add_alpha(alpha, light, t);
+                } else {
+                    let t;
+                    (t, middle, delta) =
+                        part(plan, &self.drawn, state, owner, at(self.block.t, column), column);
+                    before = state.gathered.optical_thickness();
+                    state.gathered.add_density::<M>(sigma, t, delta);
+                }
+                self.medians.look(owner, before, &state.gathered, sigma, middle, delta);
                 state.done = state.gathered.transmittance() < plan.transmittance_cut;
                 if plan.outputs.picks()
                     && let Some(weight) = state.gathered.take_uncoloured(plan.colour_cut)
@@ -245,6 +252,31 @@ impl Frame<'_, '_> {
             }
         }
         picked
+    }
+
+    /// Adds the optical thickness of the block's `n` samples to their rays, and works out what each keeps of the light.
+    ///
+    /// The exponentials are the same bits on every tier, sixteen at a time where there are so many.
+    fn absorb<M: Math>(&mut self, n: usize) {
+        let room = self.block.owner.len();
+        for column in 0..n {
+            let owner = at(self.block.owner, column);
+            let Some(state) = self.rays.get_mut(owner as usize) else { break };
+            let (before, sigma) = (state.gathered.optical_thickness(), at(self.block.sigma, column));
+            let mut tau = 0.0;
+            if sigma > 0.0 {
+                let t = at(self.block.t, column);
+                let (t, middle, delta) = part(self.plan, &self.drawn, state, owner, t, column);
+                put_column(self.positions, room, column, [t, middle, delta]);
+                tau = thickness(sigma, delta);
+            }
+            put_column(self.triples, room, column, [before, tau, state.gathered.add_thickness(tau)]);
+        }
+        let columns = columns_of(self.network, n);
+        if let Some((alpha, light)) = tail_mut(self.triples, room).split_at_mut_checked(room) {
+            let (alpha, light) = (head_mut(alpha, columns), head_mut(light, columns));
+            Tier::Scalar.run_columns(columns, Absorb::<M> { alpha, light, math: PhantomData });
+        }
     }
 
     /// Sends the block's `n` samples through the colour branch from where they lie, and takes those that were picked.
@@ -312,6 +344,46 @@ impl Frame<'_, '_> {
         self.counters.add_colour(self.network, n);
         for (i, (&owner, &weight)) in owner.iter().zip(weight).enumerate() {
             add_colour(self.rays, owner, weight, column(self.rgb, stride, i), &mut self.counters);
+        }
+    }
+}
+
+/// Of the bin that a ray's sample at `t` stands for, world units: where it counts as, its middle and its width.
+#[inline]
+fn part(
+    plan: &Plan<'_>,
+    drawn: &Drawn<'_, '_>,
+    state: &RayState,
+    owner: u32,
+    t: f32,
+    column: usize,
+) -> (f32, f32, f32) {
+    if let Some((middle, delta)) = drawn.stretch(plan, owner, column) {
+        return (t.max(plan.t_min).min(plan.t_max), middle, delta);
+    }
+    let bins = plan.bins.with(state.ends);
+    // A jittered sample lies anywhere in its bin, which stays where it is.
+    let jittered = plan.outputs.median_distance && plan.effects.jitter.is_some();
+    let (t, middle, delta) = plan.part_around(&bins, state.start, t);
+    let whole = || if jittered { bins.middle_around(t) } else { t };
+    (t, middle.unwrap_or_else(whole), delta)
+}
+
+/// From optical thickness to [`alpha`], and from its sum to [`light`].
+struct Absorb<'a, M> {
+    alpha: &'a mut [f32],
+    light: &'a mut [f32],
+    math: PhantomData<M>,
+}
+
+impl<M: Math> Op for Absorb<'_, M> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run<V: Lanes>(self) {
+        for (a, l) in self.alpha.chunks_exact_mut(V::COUNT).zip(self.light.chunks_exact_mut(V::COUNT)) {
+            alpha::<M, V>(V::load(a)).store(a);
+            light::<M, V>(V::load(l)).store(l);
         }
     }
 }
