@@ -17,6 +17,7 @@ echo "$QT_QPA_PLATFORM $*" >> "$here/asked"
 echo 'Processed file [2/4]'
 echo '  junk' >&2
 [ "$1" = "$AT" ] && eval "$FAKE"
+[ "$1" = feature_extractor ] && : > "$5"
 [ "$1" = mapper ] || exit 0
 while [ "$1" != --output_path ]; do shift; done
 cp -r "$here"/models/* "$2"

@@ -54,14 +54,14 @@ fn moved(folder: &Folder, name: &str, scale: f64, turn: DQuat, by: DVec3) -> Str
     place
 }
 
-/// PSNR over validation views and median z-depth of one after a fit, dB and world units.
+/// PSNR over validation views and the smallest z-depth in these after a fit, dB and world units.
 fn fitted(folder: &Folder, data: &str) -> (f64, f64) {
     let (file, report) = (format!("{data}.nerf"), format!("{data}_report"));
     let small = ["--table", "10", "--rays", "256", "--live-samples", "4096", "--steps", "300", "-q"];
     ok([&["fit", data, "-o", &file, "--report", &report], &small[..]].concat());
-    let depth = folder.path("view.png");
-    let view = ["--data", data, "--view", "0", "--split", "val", "--outputs", "rgb,z-depth", "--json", "-q"];
-    let said = ok([&["render", &file, "-o", &depth], &view[..]].concat());
+    let film = folder.path("views.gif");
+    let views = ["--path", data, "--split", "val", "--outputs", "z-depth", "--no-mp4", "--json", "-q"];
+    let said = ok([&["render", &file, "-o", &film, "--width", "24"], &views[..]].concat());
     let said: serde_json::Value = serde_json::from_str(&said).expect("one object");
     let psnr = json(format!("{report}/summary.json"))["val_psnr_db"].as_f64().expect("dB");
     (psnr, said["z_depth_range"][0].as_f64().unwrap_or_else(|| panic!("{said}")))
