@@ -77,13 +77,14 @@ fn a_world_of_another_size_and_place_fits_as_well_in_its_own_units() {
     for (name, scale, turn, by) in [
         ("small", 1e-3, DQuat::IDENTITY, DVec3::ZERO),
         ("large", 1e3, DQuat::IDENTITY, DVec3::ZERO),
-        ("gps", 1.0, turn, DVec3::new(1e6, -2e6, 5e5)),
+        // In f32 all cameras would stand at one place.
+        ("gps", 1e-3, turn, DVec3::new(1e6, -2e6, 5e5)),
     ] {
         let data = moved(&folder, name, scale, turn, by);
         let (own, own_depth) = fitted(&folder, &data);
         println!("{name}: {own:.2} dB, nearest z-depth {own_depth:.4}");
-        assert!((own - psnr).abs() < 1.0, "{name}: {own} dB, as it is {psnr} dB");
-        assert!((own_depth / (scale * depth) - 1.0).abs() < 0.3, "{name}: {own_depth}, as it is {depth}");
+        assert!((own - psnr).abs() < 0.4, "{name}: {own} dB, as it is {psnr} dB");
+        assert!((own_depth / (scale * depth) - 1.0).abs() < 0.2, "{name}: {own_depth}, as it is {depth}");
         let inspected = ok(["inspect", &format!("{data}.nerf")]);
         assert_eq!(inspected.contains("origin at ("), name == "gps", "{inspected}");
     }
