@@ -166,6 +166,11 @@ impl Heard {
         Self { kept, ended }
     }
 
+    /// What it has said so far.
+    pub fn so_far(&self) -> Vec<u8> {
+        lock(&self.kept).clone()
+    }
+
     /// What it said. To be asked when the child has ended: what that one has started and left behind may hold the
     /// pipe open, and is not waited for.
     pub fn text(&self) -> Vec<u8> {
@@ -187,6 +192,18 @@ fn tail(mut stream: impl Read, keep: usize, kept: &Mutex<Vec<u8>>) {
         kept.extend_from_slice(&buffer[..count]);
         let beyond = kept.len().saturating_sub(keep);
         kept.drain(..beyond);
+    }
+}
+
+/// The last lines that have words, on one line.
+pub fn last_lines(bytes: &[u8]) -> String {
+    const SHOWN_LINES: usize = 4;
+    let text = String::from_utf8_lossy(bytes);
+    let lines: Vec<&str> =
+        text.lines().map(str::trim).filter(|line| line.contains(char::is_alphanumeric)).collect();
+    match lines.len() {
+        0 => "it said nothing".to_owned(),
+        count => lines[count.saturating_sub(SHOWN_LINES)..].join("; "),
     }
 }
 

@@ -2,13 +2,16 @@
 
 use crate::input::{MAX_PICTURE_BYTES, read_limited};
 use image::{DynamicImage, ImageDecoder, ImageFormat, ImageReader, metadata::Orientation};
-use std::io::Cursor;
+use std::io::{BufReader, Cursor, Read};
 use std::path::{Path, PathBuf};
 use zune_jpeg::errors::DecodeErrors;
 use zune_jpeg::zune_core::options::DecoderOptions;
 
 /// Most pixels of a picture, 16,384 × 16,384: a few bytes of header may ask for any number.
 const MOST_PIXELS: u64 = 1 << 28;
+
+/// What says of a file whether it is HEIF, bytes.
+const HEAD_BYTES: u64 = 12;
 
 /// What to do with the pictures of telephones that are not decoded.
 pub(crate) const HEIF_ADVICE: &str = "turn them into JPEG first, with `heif-convert a.heic a.jpg` (libheif) or `magick mogrify -format jpg *.heic`";
@@ -87,6 +90,27 @@ pub fn decode(file: &Path) -> Result<(DynamicImage, Orientation), DecodeError> {
 }
 
 /// Whether a file begins as those of the HEIF family do: a box `ftyp` of one of their brands.
+/// Width and height of a picture as it is stored, from its header, pixels.
+///
+/// # Errors
+/// [`DecodeError`] names the file.
+pub fn dimensions(file: &Path) -> Result<(u32, u32), DecodeError> {
+    let unread = |source| DecodeError::Read { file: file.into(), source };
+    let mut head = Vec::new();
+    let opened = || std::fs::File::open(file).map_err(unread);
+    opened()?.take(HEAD_BYTES).read_to_end(&mut head).map_err(unread)?;
+    if is_heif(&head) {
+        return Err(DecodeError::Heif { file: file.into() });
+    }
+    let reader = ImageReader::new(BufReader::new(opened()?)).with_guessed_format().map_err(unread)?;
+    if reader.format().is_none() {
+        return Err(DecodeError::Format { file: file.into() });
+    }
+    let damaged =
+        |found: image::ImageError| DecodeError::Damaged { file: file.into(), found: found.to_string() };
+    reader.into_dimensions().map_err(damaged)
+}
+
 fn is_heif(bytes: &[u8]) -> bool {
     const BRANDS: [&[u8; 4]; 10] =
         [b"heic", b"heix", b"heim", b"heis", b"hevc", b"hevx", b"mif1", b"msf1", b"avif", b"avis"];

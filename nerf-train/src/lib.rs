@@ -20,6 +20,7 @@ pub mod memory;
 pub mod occupancy;
 pub mod orbit;
 pub mod output;
+pub mod poses;
 pub mod printable;
 pub mod quantise;
 pub mod rays;

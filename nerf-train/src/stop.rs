@@ -26,8 +26,10 @@ use std::time::Duration;
 pub const LAST_WORD: Duration = Duration::from_millis(800);
 /// How long the work of a [`Note`] may take.
 const NOTE_WORK: Duration = Duration::from_millis(1000);
-/// How long removing temporaries and ending children may take, and telling somebody who does not read.
+/// How long ending children may take, and telling somebody who does not read.
 const TIDYING: Duration = Duration::from_millis(200);
+/// The same of temporaries, of which one may be a folder of many files.
+const REMOVING: Duration = Duration::from_millis(600);
 
 /// The first signal; 0 before.
 static SIGNAL: AtomicI32 = AtomicI32::new(0);
@@ -199,7 +201,7 @@ fn end(signal: i32, say: fn(&str)) -> ! {
     };
     // Children first: they write into temporaries.
     within(TIDYING, crate::child::end_all);
-    within(TIDYING, remove_temporaries);
+    within(REMOVING, remove_temporaries);
     within(TIDYING, move || say(&said));
     std::process::exit(128 + signal)
 }

@@ -15,6 +15,7 @@ mod import;
 mod inspect;
 mod outcome;
 mod places;
+mod poses;
 mod render;
 mod show;
 mod study;
@@ -46,6 +47,7 @@ struct Cli {
 #[derive(Debug, Subcommand)]
 enum Command {
     Demo(demo::Demo),
+    Poses(poses::Poses),
     Show(show::Show),
     Fit(Box<fit::Fit>),
     Eval(eval::Eval),
@@ -118,6 +120,7 @@ pub fn main() -> ExitCode {
     }
     let result = cli.global.apply().and_then(|()| match cli.command {
         Command::Demo(demo) => demo.run(&cli.global),
+        Command::Poses(poses) => poses.run(&cli.global),
         Command::Fit(fit) => fit.run(&cli.global),
         Command::Image(image) => image.run(&cli.global),
         Command::Sweep(sweep) => sweep.run(&cli.global),

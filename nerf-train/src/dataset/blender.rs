@@ -1,6 +1,7 @@
 //! A Blender (NeRF-synthetic) folder: one json for each split.
 
 use super::found::Found;
+use super::origin::origin;
 use super::transforms::Transforms;
 use super::{Axes, Background, Dataset, DatasetError, Downscale, Format, ReadOptions, Watch, scene_name};
 use std::path::{Path, PathBuf};
@@ -29,13 +30,15 @@ pub(super) fn read(folder: &Path, options: &ReadOptions, watch: &Watch) -> Resul
         Ok::<_, DatasetError>((file, transforms))
     };
     let lists = [list(TRAIN)?, list(VAL)?, list(TEST)?];
-    let headers = || lists.iter().filter_map(|(_, transforms)| transforms.as_ref()).map(|t| &t.header);
+    let all = || lists.iter().filter_map(|(_, transforms)| transforms.as_ref());
+    let origin = origin(all().flat_map(Transforms::positions));
+    let headers = || all().map(|transforms| &transforms.header);
     let near = headers().find_map(|header| header.near);
     let far = headers().find_map(|header| header.far);
     // These are drawn at the size that figures are given at: made smaller only where that is asked for.
     let downscale = Some(options.downscale).filter(|downscale| *downscale != Downscale::Auto);
     let mut views = |(file, transforms): &(PathBuf, Option<Transforms>)| match transforms {
-        Some(transforms) => transforms.views(file, options, downscale, watch, &mut found),
+        Some(transforms) => transforms.views(file, options, (downscale, origin), watch, &mut found),
         None => Ok(Vec::new()),
     };
     let (train, val, test) = (views(&lists[0])?, views(&lists[1])?, views(&lists[2])?);
@@ -55,7 +58,9 @@ pub(super) fn read(folder: &Path, options: &ReadOptions, watch: &Watch) -> Resul
         far,
         background: Background::Unknown,
         points: Vec::new(),
+        origin: [0.0; 3],
         notes,
         warnings,
-    })
+    }
+    .counted_from(origin))
 }

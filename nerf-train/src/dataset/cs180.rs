@@ -1,7 +1,9 @@
 //! The CS180 course's `.npz`: splits by name, OpenCV poses, one focal length.
 
 use super::npz::{Archive, Array};
+use super::origin::origin;
 use super::{Axes, Background, Dataset, DatasetError, Format, ReadOptions, View, scene_name};
+use glam::DVec3;
 use nerf_core::camera::{Camera, Intrinsics, Pose};
 use nerf_core::lens::Lens;
 use rayon::prelude::*;
@@ -12,10 +14,18 @@ use rayon::prelude::*;
 pub(super) fn read(archive: &mut Archive, options: &ReadOptions) -> Result<Dataset, DatasetError> {
     let axes = options.axes.unwrap_or(Axes::Opencv);
     let focal = archive.scalar("focal")?;
-    let train = split(archive, "images_train", "c2ws_train", focal, axes)?;
+    let mut positions = Vec::new();
+    for poses in ["c2ws_train", "c2ws_val", "c2ws_test"] {
+        if archive.has(poses) {
+            positions.extend(archive.matrices(poses)?.iter().map(position));
+        }
+    }
+    let origin = origin(positions);
+    let world = World { axes, origin };
+    let train = split(archive, "images_train", "c2ws_train", focal, world)?;
     let mut warnings = Vec::new();
     let val = if archive.has("images_val") {
-        split(archive, "images_val", "c2ws_val", focal, axes)?
+        split(archive, "images_val", "c2ws_val", focal, world)?
     } else {
         warnings.push("no array `images_val`: no validation views".into());
         Vec::new()
@@ -23,13 +33,13 @@ pub(super) fn read(archive: &mut Archive, options: &ReadOptions) -> Result<Datas
     let mut test = Vec::new();
     let mut test_path = Vec::new();
     if archive.has("images_test") {
-        test = split(archive, "images_test", "c2ws_test", focal, axes)?;
+        test = split(archive, "images_test", "c2ws_test", focal, world)?;
     } else if archive.has("c2ws_test")
         && let Some(like) = train.first()
     {
         let (width, height) = like.size();
         let poses = archive.matrices("c2ws_test")?;
-        test_path = cameras(archive, "c2ws_test", &poses, (width, height, focal), axes)?;
+        test_path = cameras(archive, "c2ws_test", &poses, (width, height, focal), world)?;
     }
     let alpha = |views: &[View]| views.iter().any(View::has_alpha);
     let splits = [("images_train", &train), ("images_val", &val), ("images_test", &test)];
@@ -52,9 +62,25 @@ pub(super) fn read(archive: &mut Archive, options: &ReadOptions) -> Result<Datas
         far: None,
         background: Background::Unknown,
         points: Vec::new(),
+        origin: [0.0; 3],
         notes: Vec::new(),
         warnings,
-    })
+    }
+    .counted_from(origin))
+}
+
+/// How matrices are read.
+#[derive(Clone, Copy)]
+pub(super) struct World {
+    /// Their convention.
+    pub(super) axes: Axes,
+    /// What positions are counted from.
+    pub(super) origin: DVec3,
+}
+
+/// Where a camera stands.
+pub(super) fn position(rows: &[[f64; 4]; 3]) -> [f64; 3] {
+    rows.map(|row| row[3])
 }
 
 fn split(
@@ -62,11 +88,11 @@ fn split(
     images: &str,
     poses: &str,
     focal: f64,
-    axes: Axes,
+    world: World,
 ) -> Result<Vec<View>, DatasetError> {
     let c2ws = archive.matrices(poses)?;
     let array = archive.array(images)?;
-    views(archive, (images, &array), (poses, &c2ws), focal, axes)
+    views(archive, (images, &array), (poses, &c2ws), focal, world)
 }
 
 /// Views of an array of pictures `[n, h, w, 3 or 4]` and as many poses.
@@ -75,7 +101,7 @@ pub(super) fn views(
     (images, array): (&str, &Array),
     (poses, c2ws): (&str, &[[[f64; 4]; 3]]),
     focal: f64,
-    axes: Axes,
+    world: World,
 ) -> Result<Vec<View>, DatasetError> {
     let (count, width, height, channels) = picture_shape(archive, images, array)?;
     if c2ws.len() != count {
@@ -86,7 +112,7 @@ pub(super) fn views(
             found: c2ws.len().to_string(),
         });
     }
-    let cameras = cameras(archive, images, c2ws, (width, height, focal), axes)?;
+    let cameras = cameras(archive, images, c2ws, (width, height, focal), world)?;
     let size = width as usize * height as usize * channels;
     let decoded: Vec<Result<View, DatasetError>> = cameras
         .into_par_iter()
@@ -133,11 +159,14 @@ fn cameras(
     key: &str,
     c2ws: &[[[f64; 4]; 3]],
     (width, height, focal): (u32, u32, f64),
-    axes: Axes,
+    world: World,
 ) -> Result<Vec<Camera>, DatasetError> {
     let intrinsics = Intrinsics::centred(width, height, focal as f32);
     let make = |(index, rows): (usize, &[[f64; 4]; 3])| {
-        let pose = axes.to_opengl(Pose::from_rows(rows.map(|row| row.map(|v| v as f32))));
+        let [x, y, z] = (DVec3::from(position(rows)) - world.origin).to_array();
+        let mut rows = *rows;
+        (rows[0][3], rows[1][3], rows[2][3]) = (x, y, z);
+        let pose = world.axes.to_opengl(Pose::from_rows(rows.map(|row| row.map(|v| v as f32))));
         Camera::new(intrinsics, Lens::NONE, pose).map_err(|source| DatasetError::Camera {
             file: archive.file.clone(),
             view: format!("{key}[{index}]"),

@@ -1,5 +1,6 @@
 //! What can be wrong with a data set.
 
+use super::colmap::commands::{RENAMED, quoted};
 use nerf_core::camera::CameraError;
 use nerf_core::ray::BoundsError;
 use std::path::{Path, PathBuf};
@@ -29,6 +30,20 @@ pub enum DatasetError {
         path: PathBuf,
         /// What would have been one.
         expected: String,
+    },
+    /// Photographs without poses.
+    #[error(
+        "{}: found {photographs} photographs and no poses of them; `nerf-train poses {}` makes a folder with poses, by \
+         COLMAP. By hand: {} ({RENAMED}); then fit {} again",
+        path.display(), quoted(path), commands.join(" && "), path.display()
+    )]
+    NoPoses {
+        /// The folder.
+        path: PathBuf,
+        /// How many.
+        photographs: usize,
+        /// The lines of shell that make poses beside them.
+        commands: Vec<String>,
     },
     /// Not a zip archive, or one whose directory is damaged.
     #[error("{}: expected a whole .npz (zip) archive, found {found}", file.display())]

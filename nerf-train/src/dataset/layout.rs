@@ -1,5 +1,6 @@
 //! Which layout a folder has.
 
+use super::bare::Bare;
 use super::{Dataset, DatasetError, ReadOptions, Watch, blender, colmap, llff, nerfstudio};
 use std::path::Path;
 
@@ -68,6 +69,10 @@ pub(super) fn read(folder: &Path, options: &ReadOptions, watch: &Watch) -> Resul
     let fitting: Vec<Layout> = Layout::ALL.into_iter().filter(|layout| layout.fits(folder)).collect();
     let wanted = options.layout.or(fitting.first().copied());
     let Some(layout) = wanted.filter(|layout| fitting.contains(layout)) else {
+        let bare = if fitting.is_empty() { Bare::of(folder)? } else { None };
+        if let Some(bare) = bare {
+            return Err(bare.no_poses(folder));
+        }
         let expected: Vec<String> = match wanted {
             Some(layout) => vec![layout.expected()],
             None => Layout::ALL.into_iter().map(Layout::expected).collect(),

@@ -3,9 +3,11 @@
 use super::folders::{Folders, Located};
 use super::found::Found;
 use super::npz::read_npy;
+use super::origin::origin;
 use super::photo::{Fence, Optics, Photo, Source};
 use super::split::every_eighth;
 use super::{Axes, Background, Dataset, DatasetError, Format, ReadOptions, View, Watch, colmap, scene_name};
+use glam::DVec3;
 use nerf_core::camera::Pose;
 use nerf_core::lens::Lens;
 use std::path::Path;
@@ -31,9 +33,12 @@ struct Row {
 }
 
 impl Row {
-    /// From its numbers: `[down right backward | centre | height width focal]`, row by row, and the bounds.
-    fn new(n: &[f64]) -> Self {
-        let rows = [0, 1, 2].map(|i| [n[5 * i + 1], -n[5 * i], n[5 * i + 2], n[5 * i + 3]].map(|v| v as f32));
+    /// From its numbers: `[down right backward | centre | height width focal]`, row by row, and the bounds. The centre is
+    /// counted from `origin`.
+    fn new(n: &[f64], origin: DVec3) -> Self {
+        let row =
+            |i: usize| [n[5 * i + 1], -n[5 * i], n[5 * i + 2], n[5 * i + 3] - origin[i]].map(|v| v as f32);
+        let rows = [0, 1, 2].map(row);
         Self { pose: Pose::from_rows(rows), size: (n[9], n[4]), focal: n[14], bounds: [n[15], n[16]] }
     }
 }
@@ -42,7 +47,7 @@ impl Row {
 /// of their names, as many as there are poses.
 pub(super) fn read(folder: &Path, options: &ReadOptions, watch: &Watch) -> Result<Dataset, DatasetError> {
     let file = folder.join(FILE);
-    let rows = rows(&file, options)?;
+    let (rows, origin) = rows(&file, options)?;
     let folders = Folders::of(folder)?;
     let size = rows.first().map_or((1.0, 1.0), |row| row.size);
     let pictures = folders.list(options.downscale, size)?;
@@ -87,17 +92,17 @@ pub(super) fn read(folder: &Path, options: &ReadOptions, watch: &Watch) -> Resul
     })?;
     let read = folder_of(&pictures).unwrap_or_default();
     found.notes.insert(0, format!("{FILE}: {} photographs of {read}", views.len()));
-    let points = points(folder, &mut found)?;
+    let points = points(folder, origin, &mut found)?;
     if !points.is_empty() {
         found.notes.push("its points are those of COLMAP's points3D beside it".into());
     }
-    dataset(folder, options, (views, rows), points, found)
+    dataset(folder, options, (views, rows), (points, origin), found)
 }
 
 /// The sparse points of a COLMAP model beside it, whose world is the same.
-fn points(folder: &Path, found: &mut Found) -> Result<Vec<[f32; 3]>, DatasetError> {
+fn points(folder: &Path, origin: DVec3, found: &mut Found) -> Result<Vec<[f32; 3]>, DatasetError> {
     for place in [folder.join("sparse/0"), folder.join("sparse"), folder.to_owned()] {
-        let points = colmap::points_of(&place, found)?;
+        let points = colmap::points_of(&place, origin, found)?;
         if !points.is_empty() {
             return Ok(points);
         }
@@ -109,7 +114,7 @@ fn dataset(
     folder: &Path,
     options: &ReadOptions,
     (views, rows): (Vec<View>, Vec<Row>),
-    points: Vec<[f32; 3]>,
+    (points, origin): (Vec<[f32; 3]>, DVec3),
     found: Found,
 ) -> Result<Dataset, DatasetError> {
     let (mut notes, warnings) = found.into_sentences();
@@ -128,9 +133,11 @@ fn dataset(
         far: Some(far as f32),
         background: Background::Unknown,
         points,
+        origin: [0.0; 3],
         notes,
         warnings,
-    })
+    }
+    .counted_from(origin))
 }
 
 /// The name of the folder that pictures are in.
@@ -139,7 +146,7 @@ fn folder_of(pictures: &[(String, Located)]) -> Option<String> {
     Some(folder.file_name()?.to_string_lossy().into_owned())
 }
 
-fn rows(file: &Path, options: &ReadOptions) -> Result<Vec<Row>, DatasetError> {
+fn rows(file: &Path, options: &ReadOptions) -> Result<(Vec<Row>, DVec3), DatasetError> {
     let array = read_npy(file, options.max_array_bytes)?;
     let key = || "poses_bounds".to_owned();
     let &[_, NUMBERS] = array.shape.as_slice() else {
@@ -152,7 +159,8 @@ fn rows(file: &Path, options: &ReadOptions) -> Result<Vec<Row>, DatasetError> {
         expected: "f8 (or f4)",
         found: "another".into(),
     })?;
-    let rows: Vec<Row> = numbers.chunks_exact(NUMBERS).map(Row::new).collect();
+    let origin = origin(numbers.chunks_exact(NUMBERS).map(|n| [n[3], n[8], n[13]]));
+    let rows: Vec<Row> = numbers.chunks_exact(NUMBERS).map(|n| Row::new(n, origin)).collect();
     for (index, row) in rows.iter().enumerate() {
         let value = |field: &str, expected: &str, found: String| DatasetError::Value {
             file: file.into(),
@@ -169,5 +177,5 @@ fn rows(file: &Path, options: &ReadOptions) -> Result<Vec<Row>, DatasetError> {
             return Err(value("bounds", "0 <= near < far, both finite", format!("{near}, {far}")));
         }
     }
-    Ok(rows)
+    Ok((rows, origin))
 }

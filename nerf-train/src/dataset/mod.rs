@@ -14,10 +14,12 @@
 //! | a folder with `poses_bounds.npy` | [`Format::Llff`] | columns down, right, backward |
 //!
 //! Of several that fit a folder the first of transforms, COLMAP, LLFF is read, or the one that [`ReadOptions::layout`]
-//! asks for. The world stays the file's own.
+//! asks for. The world stays the file's own, except that cameras far from its origin bring that nearer
+//! ([`Dataset::origin`]).
 
+pub(crate) mod bare;
 mod blender;
-mod colmap;
+pub(crate) mod colmap;
 mod cs180;
 mod error;
 mod files;
@@ -28,6 +30,7 @@ mod layout;
 mod llff;
 mod nerfstudio;
 pub(crate) mod npz;
+mod origin;
 mod photo;
 mod picture;
 mod pose;
@@ -78,6 +81,8 @@ pub struct Dataset {
     pub background: Background,
     /// Points that are known to lie on surfaces, world units: a reconstruction's sparse ones, or none.
     pub points: Vec<[f32; 3]>,
+    /// Where the origin of all its coordinates is in the file's own world, which may be too far from its own for f32.
+    pub origin: [f64; 3],
     /// What was read and how, in sentences.
     pub notes: Vec<String>,
     /// What was odd but could be read, in sentences.

@@ -1,6 +1,7 @@
 //! A `transforms.json` of nerfstudio or instant-ngp: all views in one file.
 
 use super::found::Found;
+use super::origin::origin;
 use super::split::every_eighth;
 use super::transforms::{Header, Transforms, listed};
 use super::{Axes, Background, Dataset, DatasetError, Format, ReadOptions, View, Watch, scene_name};
@@ -17,7 +18,8 @@ pub(super) fn read(file: &Path, options: &ReadOptions, watch: &Watch) -> Result<
     let mut found = Found::default();
     let transforms = Transforms::read(file)?;
     watch.expect(transforms.len());
-    let mut views = transforms.views(file, options, Some(options.downscale), watch, &mut found)?;
+    let origin = origin(transforms.positions());
+    let mut views = transforms.views(file, options, (Some(options.downscale), origin), watch, &mut found)?;
     let (mut notes, mut warnings) = found.into_sentences();
     views.sort_by(|a, b| a.name.cmp(&b.name));
     let count = (views.len(), transforms.len());
@@ -45,9 +47,11 @@ pub(super) fn read(file: &Path, options: &ReadOptions, watch: &Watch) -> Result<
         far: header.far,
         background: Background::Unknown,
         points: Vec::new(),
+        origin: [0.0; 3],
         notes,
         warnings,
-    })
+    }
+    .counted_from(origin))
 }
 
 fn shown(file: &Path) -> String {

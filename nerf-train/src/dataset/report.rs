@@ -45,6 +45,8 @@ pub struct Report {
     pub points: usize,
     /// Cameras that differ in their intrinsics or lens.
     pub cameras: usize,
+    /// Where the origin of all these coordinates is in the file's own world.
+    pub origin: [f64; 3],
     /// What was read and how.
     pub notes: Vec<String>,
     /// The reader's warnings, then those of this report.
@@ -99,6 +101,7 @@ impl Report {
             background: dataset.background,
             points: dataset.points.len(),
             cameras: distinct(&cameras),
+            origin: dataset.origin,
             notes: dataset.notes.clone(),
             warnings,
         }

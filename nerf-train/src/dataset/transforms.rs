@@ -7,6 +7,7 @@ use super::picture::{self, StatedSize};
 use super::pose::{BOTTOM_ROW, angle_fault, bottom_row_fault};
 use super::{Axes, DatasetError, Downscale, ReadOptions, View, Watch};
 use crate::input::{MAX_JSON_BYTES, read_limited, without_mark};
+use glam::DVec3;
 use nerf_core::camera::Pose;
 use nerf_core::lens::{Lens, Projection};
 use serde::Deserialize;
@@ -91,19 +92,27 @@ impl Transforms {
         self.frames.len()
     }
 
+    /// The positions of its cameras, as far as its matrices have them.
+    pub(super) fn positions(&self) -> impl Iterator<Item = [f64; 3]> {
+        self.frames.iter().filter_map(|(frame, _)| match frame.transform_matrix.as_slice() {
+            [x, y, z, ..] => Some([*x.get(3)?, *y.get(3)?, *z.get(3)?]),
+            _ => None,
+        })
+    }
+
     /// All views whose picture exists, in the file's order; what is to be said of the rest goes into `found`.
     pub(super) fn views(
         &self,
         file: &Path,
         options: &ReadOptions,
-        downscale: Option<Downscale>,
+        (downscale, origin): (Option<Downscale>, DVec3),
         watch: &Watch,
         found: &mut Found,
     ) -> Result<Vec<View>, DatasetError> {
         let file_name = file.file_name().unwrap_or_default().to_string_lossy().into_owned();
         let path = file.parent().filter(|path| !path.as_os_str().is_empty()).unwrap_or(Path::new("."));
         let axes = options.axes.unwrap_or(Axes::Opengl);
-        let folder = Folder { path, fence: Fence::around(path, options)?, axes, downscale };
+        let folder = Folder { path, fence: Fence::around(path, options)?, axes, downscale, origin };
         let source = Source { file, says: "the json" };
         let pictures: Vec<_> =
             self.frames.iter().map(|(frame, _)| picture::locate(path, &frame.file_path)).collect();
@@ -138,7 +147,7 @@ impl Transforms {
         let (file, name) = (source.file, &frame.file_path);
         let at = Place { file, view: name };
         folder.fence.check(file, name, &picture)?;
-        let pose = at.pose(&frame.transform_matrix)?;
+        let pose = at.pose(&frame.transform_matrix, folder.origin)?;
         let fields = own.over(&self.shared);
         let stated = at.size(&fields)?;
         let mask = match &frame.mask_path {
@@ -180,6 +189,8 @@ struct Folder<'a> {
     fence: Fence,
     axes: Axes,
     downscale: Option<Downscale>,
+    /// What positions are counted from.
+    origin: DVec3,
 }
 
 /// The first few names, and how many more there are.
@@ -242,7 +253,7 @@ impl Place<'_> {
         }
     }
 
-    fn pose(&self, matrix: &[Vec<f64>]) -> Result<Pose, DatasetError> {
+    fn pose(&self, matrix: &[Vec<f64>], origin: DVec3) -> Result<Pose, DatasetError> {
         let mut rows = [[0.0f32; 4]; 3];
         let fits = (3..=4).contains(&matrix.len()) && matrix.iter().all(|row| row.len() == 4);
         if !fits {
@@ -253,10 +264,11 @@ impl Place<'_> {
         if let Some(found) = bottom_row_fault(matrix) {
             return Err(self.value("transform_matrix", BOTTOM_ROW, found));
         }
-        for (row, source) in rows.iter_mut().zip(matrix) {
+        for ((row, source), origin) in rows.iter_mut().zip(matrix).zip(origin.to_array()) {
             for (value, &number) in row.iter_mut().zip(source) {
                 *value = number as f32;
             }
+            row[3] = (source[3] - origin) as f32;
         }
         Ok(Pose::from_rows(rows))
     }

@@ -98,6 +98,7 @@ pub fn dataset(spec: &DemoSpec) -> Result<Dataset, CameraError> {
         far: Some(spec.radius + reach),
         background: Background::Alpha,
         points: Vec::new(),
+        origin: [0.0; 3],
         notes: Vec::new(),
         warnings: Vec::new(),
     })

@@ -8,7 +8,7 @@
 use super::animation::{check_rate, check_size};
 use super::error::ReportError;
 use super::picture::Picture;
-use crate::child::{Heard, Helper};
+use crate::child::{Heard, Helper, last_lines};
 use crate::output::AtomicFile;
 use crate::output::mark::MARK;
 use std::ffi::OsString;
@@ -29,8 +29,6 @@ const LAST_WORDS: Duration = Duration::from_millis(200);
 const LISTING_BYTES: usize = 1 << 20;
 /// What is kept of ffmpeg's messages, bytes: the last ones say why it failed.
 const KEPT_BYTES: usize = 8 << 10;
-/// Lines of them that an error shows.
-const SHOWN_LINES: usize = 4;
 
 /// Why there is no MP4.
 #[derive(Debug, thiserror::Error)]
@@ -335,16 +333,6 @@ fn even_rgb8(frame: &Picture) -> Vec<u8> {
         padded.extend_from_within(padded.len() - even(frame.width) * 3..);
     }
     padded
-}
-
-/// The last lines that are not empty, on one line.
-fn last_lines(bytes: &[u8]) -> String {
-    let text = String::from_utf8_lossy(bytes);
-    let lines: Vec<&str> = text.lines().map(str::trim).filter(|line| !line.is_empty()).collect();
-    match lines.len() {
-        0 => "it said nothing".to_owned(),
-        count => lines[count.saturating_sub(SHOWN_LINES)..].join("; "),
-    }
 }
 
 #[cfg(test)]

@@ -5,7 +5,7 @@ use crate::config::Config;
 use crate::dataset::{Dataset, LookAt, View, frusta_box, scene_bounds};
 use crate::occupancy::Occupancy;
 use crate::rays::Bounds;
-use glam::Vec3;
+use glam::{DVec3, Vec3};
 use nerf_core::contraction::Contraction;
 use nerf_core::ray::{BoundsError, SceneBox};
 use rayon::prelude::*;
@@ -36,7 +36,12 @@ pub(crate) fn find_box(dataset: &Dataset, config: &Config) -> Result<Bounds, Tra
         return Err(BoundsError::Range { near, far }.into());
     }
     let given = match s.scene_box {
-        Some([x0, y0, z0, x1, y1, z1]) => Some(SceneBox::new(Vec3::new(x0, y0, z0), Vec3::new(x1, y1, z1))?),
+        Some([x0, y0, z0, x1, y1, z1]) => {
+            // In the file's own coordinates.
+            let here =
+                |corner: [f32; 3]| (Vec3::from(corner).as_dvec3() - DVec3::from(dataset.origin)).as_vec3();
+            Some(SceneBox::new(here([x0, y0, z0]), here([x1, y1, z1]))?)
+        }
         None => None,
     };
     let cameras: Vec<_> = dataset.cameras().copied().collect();

@@ -6,7 +6,7 @@ use crate::{fails, ok};
 fn completions_name_every_command() {
     for shell in ["bash", "zsh", "fish", "powershell", "elvish"] {
         let script = ok(["completions", shell]);
-        for name in ["demo", "fit", "eval", "render", "inspect", "completions", "orbit"] {
+        for name in ["demo", "poses", "fit", "eval", "render", "inspect", "completions", "orbit"] {
             assert!(script.contains(name), "{shell}: {name}");
         }
     }

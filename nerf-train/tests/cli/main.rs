@@ -15,6 +15,8 @@ mod made;
 mod picture;
 mod pipeline;
 mod places;
+#[cfg(unix)]
+mod poses;
 mod show;
 #[cfg(unix)]
 mod signals;

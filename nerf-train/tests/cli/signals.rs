@@ -182,7 +182,7 @@ fn is_whole(path: &Path) -> bool {
 }
 
 /// Command lines of processes that were given a name in this folder.
-fn processes_with(folder: &str) -> Vec<String> {
+pub fn processes_with(folder: &str) -> Vec<String> {
     let Ok(all) = fs::read_dir("/proc") else { return Vec::new() };
     let lines = all.filter_map(|entry| fs::read(entry.ok()?.path().join("cmdline")).ok());
     let lines = lines.map(|line| String::from_utf8_lossy(&line).replace('\0', " "));

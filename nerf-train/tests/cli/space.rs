@@ -2,7 +2,10 @@
 
 use crate::made::{Folder, scene};
 use crate::{fails, fit, fit_grid, json, ok, run};
+use glam::{DQuat, DVec3};
 use nerf_core::blob::Blob;
+use nerf_train::dataset::{self, ReadOptions};
+use std::path::Path;
 
 /// The built-in scene in front of something that no border says the colour of.
 fn photographs(folder: &Folder) -> String {
@@ -15,6 +18,76 @@ fn photographs(folder: &Folder) -> String {
         }
     }
     folder.npz_of("photographs.npz", &dataset, |_| {})
+}
+
+/// The same as a nerfstudio folder whose world is `scale` times as large, turned, and moved this far.
+fn moved(folder: &Folder, name: &str, scale: f64, turn: DQuat, by: DVec3) -> String {
+    let plain = folder.path("photographs.npz");
+    let plain = if Path::new(&plain).exists() { plain } else { photographs(folder) };
+    let data = dataset::read(Path::new(&plain), &ReadOptions::default()).expect("a data set");
+    let place = folder.path(name);
+    std::fs::create_dir(&place).expect("a folder");
+    let (mut frames, mut lists) = (Vec::new(), [Vec::new(), Vec::new()]);
+    for (views, list) in [&data.train, &data.val].into_iter().zip(&mut lists) {
+        for view in views {
+            let (width, height) = view.size();
+            let picture = format!("{}.png", frames.len());
+            let bytes = view.pixels.iter().flat_map(|p| [p[0], p[1], p[2]]).collect();
+            let image = image::RgbImage::from_raw(width, height, bytes).expect("a picture");
+            image.save(format!("{place}/{picture}")).expect("saved");
+            let pose = view.camera.pose();
+            let position = by + turn * (scale * pose.position.as_dvec3());
+            let [a, b, c] = [pose.rotation.x_axis, pose.rotation.y_axis, pose.rotation.z_axis]
+                .map(|axis| turn * axis.as_dvec3());
+            let row = |i: usize| [a[i], b[i], c[i], position[i]];
+            let matrix = [row(0), row(1), row(2), [0.0, 0.0, 0.0, 1.0]];
+            frames.push(serde_json::json!({ "file_path": picture, "transform_matrix": matrix }));
+            list.push(picture);
+        }
+    }
+    let [train, val] = lists;
+    let focal = data.train[0].camera.intrinsics().fx;
+    let lists = serde_json::json!({
+        "fl_x": focal, "frames": frames, "train_filenames": train, "val_filenames": val
+    });
+    std::fs::write(format!("{place}/transforms.json"), lists.to_string()).expect("written");
+    place
+}
+
+/// PSNR over validation views and the smallest z-depth in these after a fit, dB and world units.
+fn fitted(folder: &Folder, data: &str) -> (f64, f64) {
+    let (file, report) = (format!("{data}.nerf"), format!("{data}_report"));
+    let small = ["--table", "10", "--rays", "256", "--live-samples", "4096", "--steps", "300", "-q"];
+    ok([&["fit", data, "-o", &file, "--report", &report], &small[..]].concat());
+    let film = folder.path("views.gif");
+    let views = ["--path", data, "--split", "val", "--outputs", "z-depth", "--no-mp4", "--json", "-q"];
+    let said = ok([&["render", &file, "-o", &film, "--width", "24"], &views[..]].concat());
+    let said: serde_json::Value = serde_json::from_str(&said).expect("one object");
+    let psnr = json(format!("{report}/summary.json"))["val_psnr_db"].as_f64().expect("dB");
+    (psnr, said["z_depth_range"][0].as_f64().unwrap_or_else(|| panic!("{said}")))
+}
+
+#[test]
+fn a_world_of_another_size_and_place_fits_as_well_in_its_own_units() {
+    let folder = Folder::new();
+    let turn = DQuat::from_euler(glam::EulerRot::XYZ, 0.7, -1.1, 0.4);
+    let plain = moved(&folder, "plain", 1.0, DQuat::IDENTITY, DVec3::ZERO);
+    let (psnr, depth) = fitted(&folder, &plain);
+    println!("as it is: {psnr:.2} dB, nearest z-depth {depth:.4}");
+    for (name, scale, turn, by) in [
+        ("small", 1e-3, DQuat::IDENTITY, DVec3::ZERO),
+        ("large", 1e3, DQuat::IDENTITY, DVec3::ZERO),
+        // In f32 all cameras would stand at one place.
+        ("gps", 1e-3, turn, DVec3::new(1e6, -2e6, 5e5)),
+    ] {
+        let data = moved(&folder, name, scale, turn, by);
+        let (own, own_depth) = fitted(&folder, &data);
+        println!("{name}: {own:.2} dB, nearest z-depth {own_depth:.4}");
+        assert!((own - psnr).abs() < 0.4, "{name}: {own} dB, as it is {psnr} dB");
+        assert!((own_depth / (scale * depth) - 1.0).abs() < 0.2, "{name}: {own_depth}, as it is {depth}");
+        let inspected = ok(["inspect", &format!("{data}.nerf")]);
+        assert_eq!(inspected.contains("origin at ("), name == "gps", "{inspected}");
+    }
 }
 
 /// The power of a file's contraction.

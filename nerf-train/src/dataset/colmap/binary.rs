@@ -168,11 +168,12 @@ pub(super) fn points(file: &Path, points: &mut Points) -> Result<(), DatasetErro
         let field = format!("point number {index}");
         bytes.u64(&field)?;
         let position = bytes.f64s(&field)?;
-        // Colour and error.
-        bytes.array::<11>(&field)?;
+        // Colour.
+        bytes.array::<3>(&field)?;
+        let [error] = bytes.f64s(&field)?;
         let track = bytes.u64(&field)?;
         bytes.skip(&field, track, 8)?;
-        points.push(position, track)?;
+        points.push(position, error, track)?;
     }
     bytes.end()
 }

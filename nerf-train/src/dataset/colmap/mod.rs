@@ -1,11 +1,13 @@
 //! A COLMAP model: `cameras`, `images` and perhaps `points3D`, binary or text, with the photographs beside it.
 
 mod binary;
+pub(crate) mod commands;
 mod model;
 mod text;
 
 use super::folders::Folders;
 use super::found::Found;
+use super::origin::origin;
 use super::photo::{Fence, Loaded, Photo, Source};
 use super::split::every_eighth;
 use super::transforms::listed;
@@ -97,10 +99,11 @@ pub(super) fn read(folder: &Path, options: &ReadOptions, watch: &Watch) -> Resul
         _ => folder,
     };
     let folders = Folders::of(root)?;
+    let origin = origin(model.images.iter().filter_map(|image| Some(c2w(image)?.1.into())));
     let file = encoding.file(&model_folder, "images");
-    let views =
-        Reader { model: &model, file: &file, folders: &folders, root, options }.views(watch, &mut found)?;
-    let points = points_of(&model_folder, &mut found)?;
+    let views = Reader { model: &model, file: &file, folders: &folders, root, origin, options }
+        .views(watch, &mut found)?;
+    let points = points_of(&model_folder, origin, &mut found)?;
     let axes = options.axes.unwrap_or(Axes::Opencv);
     let cameras = model.cameras.len();
     found.notes.insert(
@@ -128,9 +131,11 @@ pub(super) fn read(folder: &Path, options: &ReadOptions, watch: &Watch) -> Resul
         far: None,
         background: Background::Unknown,
         points,
+        origin: [0.0; 3],
         notes,
         warnings,
-    })
+    }
+    .counted_from(origin))
 }
 
 /// The models that its cameras are of.
@@ -168,16 +173,13 @@ fn largest(folder: &Path, found: &mut Found) -> Result<(PathBuf, Encoding), Data
     Ok((model, encoding))
 }
 
-/// The sparse points of `folder`, if it has any: those that some photograph sees.
-pub(super) fn points_of(folder: &Path, found: &mut Found) -> Result<Vec<[f32; 3]>, DatasetError> {
-    let [binary, text] = [Encoding::Binary, Encoding::Text].map(|encoding| encoding.file(folder, "points3D"));
-    let mut points = Points { file: binary.clone(), kept: Vec::new(), stride: 1, seen: 0, unseen: 0 };
-    if binary.is_file() {
-        binary::points(&binary, &mut points)?;
-    } else if text.is_file() {
-        points.file = text.clone();
-        text::points(&text, &mut points)?;
-    }
+/// The sparse points of `folder`, if it has any, counted from `origin`: those that some photograph sees.
+pub(super) fn points_of(
+    folder: &Path,
+    origin: DVec3,
+    found: &mut Found,
+) -> Result<Vec<[f32; 3]>, DatasetError> {
+    let points = read_points(folder, origin)?;
     if points.unseen > 0 {
         found.warnings.push(format!(
             "{}: skipped {} points that no photograph sees",
@@ -188,21 +190,74 @@ pub(super) fn points_of(folder: &Path, found: &mut Found) -> Result<Vec<[f32; 3]
     Ok(points.kept)
 }
 
+fn read_points(folder: &Path, origin: DVec3) -> Result<Points, DatasetError> {
+    let [binary, text] = [Encoding::Binary, Encoding::Text].map(|encoding| encoding.file(folder, "points3D"));
+    let mut points =
+        Points { file: binary.clone(), origin, kept: Vec::new(), stride: 1, seen: 0, unseen: 0, errors: 0.0 };
+    if binary.is_file() {
+        binary::points(&binary, &mut points)?;
+    } else if text.is_file() {
+        points.file = text.clone();
+        text::points(&text, &mut points)?;
+    }
+    Ok(points)
+}
+
+/// What there is to report of a model that was just made.
+#[derive(Debug)]
+pub(crate) struct Facts {
+    /// Its folder.
+    pub(crate) folder: PathBuf,
+    /// How many models there are, of which it is the largest.
+    pub(crate) models: usize,
+    /// The photographs that have a pose.
+    pub(crate) names: Vec<String>,
+    /// Sparse points.
+    pub(crate) points: usize,
+    /// The mean over the points of the distance between where a point is seen and where it is projected to, pixels, as
+    /// COLMAP states it.
+    pub(crate) mean_error: f64,
+}
+
+/// Those of the largest model in `sparse` of `folder`; `None` where there is none.
+pub(crate) fn facts(folder: &Path) -> Result<Option<Facts>, DatasetError> {
+    if !is_here(folder) {
+        return Ok(None);
+    }
+    let (largest, encoding) = largest(folder, &mut Found::default())?;
+    let model = match encoding {
+        Encoding::Binary => binary::model(&largest)?,
+        Encoding::Text => text::model(&largest)?,
+    };
+    let points = read_points(&largest, DVec3::ZERO)?;
+    Ok(Some(Facts {
+        folder: largest,
+        models: models(folder).len(),
+        names: model.images.into_iter().map(|image| image.name).collect(),
+        points: points.seen,
+        mean_error: points.errors / points.seen.max(1) as f64,
+    }))
+}
+
 /// Points as they are read.
 struct Points {
     file: PathBuf,
+    /// What they are counted from.
+    origin: DVec3,
     kept: Vec<[f32; 3]>,
     /// One in this many is kept.
     stride: usize,
     seen: usize,
     /// Points without a photograph.
     unseen: usize,
+    /// The sum of the others' reprojection errors, pixels.
+    errors: f64,
 }
 
 impl Points {
-    /// Takes a point that `photographs` see.
-    fn push(&mut self, position: [f64; 3], photographs: u64) -> Result<(), DatasetError> {
-        let point = position.map(|v| v as f32);
+    /// Takes a point that `photographs` see, with its reprojection error, pixels.
+    fn push(&mut self, position: [f64; 3], error: f64, photographs: u64) -> Result<(), DatasetError> {
+        let point = (DVec3::from(position) - self.origin).as_vec3().to_array();
         if !point.iter().all(|v| v.is_finite()) {
             return Err(DatasetError::Value {
                 file: self.file.clone(),
@@ -219,6 +274,7 @@ impl Points {
             self.kept.push(point);
         }
         self.seen += 1;
+        self.errors += error;
         if self.kept.len() > MAX_POINTS {
             let mut index = 0;
             self.kept.retain(|_| {
@@ -238,6 +294,8 @@ struct Reader<'a> {
     file: &'a Path,
     folders: &'a Folders,
     root: &'a Path,
+    /// What positions are counted from.
+    origin: DVec3,
     options: &'a ReadOptions,
 }
 
@@ -298,7 +356,7 @@ impl Reader<'_> {
             return Ok(None);
         };
         fence.check(self.file, &image.name, &place.path)?;
-        let pose = pose(image).ok_or_else(|| {
+        let pose = pose(image, self.origin).ok_or_else(|| {
             value("pose", "finite numbers and a quaternion above 0", format!("{:?}", image.rotation))
         })?;
         let optics = camera.optics(self.file, &image.name)?;
@@ -315,8 +373,14 @@ impl Reader<'_> {
     }
 }
 
-/// Camera to world, in COLMAP's axes; `None` where the numbers are none.
-fn pose(image: &Registered) -> Option<Pose> {
+/// Camera to world, in COLMAP's axes, counted from `origin`; `None` where the numbers are none.
+fn pose(image: &Registered, origin: DVec3) -> Option<Pose> {
+    let (rotation, position) = c2w(image)?;
+    Some(Pose { rotation: rotation.as_mat3(), position: (position - origin).as_vec3() })
+}
+
+/// Camera to world: rotation and position.
+fn c2w(image: &Registered) -> Option<(DMat3, DVec3)> {
     let [w, x, y, z] = image.rotation;
     let rotation = DQuat::from_xyzw(x, y, z, w);
     let length = rotation.length();
@@ -325,5 +389,5 @@ fn pose(image: &Registered) -> Option<Pose> {
     }
     let c2w = DMat3::from_quat(rotation * (1.0 / length)).transpose();
     let position = -(c2w * DVec3::from(image.translation));
-    position.is_finite().then(|| Pose { rotation: c2w.as_mat3(), position: position.as_vec3() })
+    position.is_finite().then_some((c2w, position))
 }

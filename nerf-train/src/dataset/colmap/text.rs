@@ -185,8 +185,8 @@ pub(super) fn points(file: &Path, points: &mut Points) -> Result<(), DatasetErro
         lines.number::<u64>(&mut words, "point id")?;
         let position = lines.numbers(&mut words, "position")?;
         // Colour and error, then pairs: photograph, point in it.
-        lines.numbers::<4>(&mut words, "colour and error")?;
-        points.push(position, words.count() as u64 / 2)?;
+        let [.., error] = lines.numbers::<4>(&mut words, "colour and error")?;
+        points.push(position, error, words.count() as u64 / 2)?;
         count += 1;
     }
     let none = count == 0 && lines.announced.unwrap_or(0) == 0;

@@ -157,3 +157,27 @@ fn of_several_layouts_the_first_is_read_and_the_others_said() {
     assert_names(&error, &["not a data set", "COLMAP model"]);
     assert!("blender".parse::<Layout>().is_err() && "llff".parse() == Ok(Layout::Llff));
 }
+
+#[test]
+fn poses_far_from_the_origin_keep_their_distances() {
+    let folder = folder(&[1]);
+    let near = read_plain(folder.path()).expect("poses");
+    let file = folder.path().join("poses_bounds.npy");
+    let mut bytes = std::fs::read(&file).expect("poses");
+    let start = bytes.len() - 10 * 17 * 8;
+    for row in bytes[start..].chunks_exact_mut(17 * 8) {
+        for (place, moved) in [(3, 1e6), (8, 2e6), (13, -3e6)] {
+            let number = &mut row[8 * place..8 * place + 8];
+            let value = f64::from_le_bytes(number.try_into().expect("8 bytes")) + moved;
+            number.copy_from_slice(&value.to_le_bytes());
+        }
+    }
+    std::fs::write(&file, bytes).expect("written");
+    let far = read_plain(folder.path()).expect("poses");
+    assert_eq!(far.origin, [1e6, 2e6, -3e6]);
+    for (view, expected) in far.train.iter().zip(&near.train) {
+        let off = view.camera.pose().position - expected.camera.pose().position;
+        assert!(off.length() < 1e-5, "{}: {off}", view.name);
+    }
+    assert_eq!((far.near, far.far), (near.near, near.far));
+}

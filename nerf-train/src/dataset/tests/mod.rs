@@ -47,6 +47,7 @@ fn dataset_of(poses: &[Pose], axes: Axes) -> Dataset {
         far: None,
         background: Background::Alpha,
         points: Vec::new(),
+        origin: [0.0; 3],
         notes: Vec::new(),
         warnings: Vec::new(),
     }

@@ -1,7 +1,7 @@
 //! Folders of photographs: COLMAP models and LLFF's poses, made here, and what is wrong with them.
 
 use super::*;
-use glam::Quat;
+use glam::{DQuat, DVec3, Quat};
 use image::{Rgb, RgbImage};
 use nerf_core::lens::Projection;
 use tempfile::TempDir;
@@ -15,6 +15,8 @@ pub(super) struct Made {
     pub(super) cameras: Vec<(u32, i32, Vec<f64>)>,
     pub(super) images: Vec<(String, u32)>,
     pub(super) points: Vec<([f64; 3], u64)>,
+    /// How far all of it is moved.
+    pub(super) moved: DVec3,
 }
 
 impl Made {
@@ -24,14 +26,21 @@ impl Made {
             cameras: vec![(1, 1, vec![10.0, 11.0, 4.5, 2.5])],
             images: (0..count).map(|i| (format!("{i}.jpg"), 1)).collect(),
             points: vec![([1.0, 2.0, 3.0], 2), ([-1.0, 0.5, 0.0], 3), ([9.0, 9.0, 9.0], 0)],
+            moved: DVec3::ZERO,
         }
     }
 
     /// World to camera in COLMAP's axes, of photograph `i`.
-    fn world_to_camera(&self, i: usize) -> (Quat, Vec3) {
+    fn world_to_camera(&self, i: usize) -> (DQuat, DVec3) {
         let pose = Axes::Opencv.to_opengl(orbit(self.images.len(), 4.0, Vec3::ZERO)[i]);
-        let rotation = pose.rotation.transpose();
-        (Quat::from_mat3(&rotation), -(rotation * pose.position))
+        let rotation = Quat::from_mat3(&pose.rotation.transpose()).as_dquat().normalize();
+        (rotation, -(rotation * (pose.position.as_dvec3() + self.moved)))
+    }
+
+    /// Where its points are.
+    fn positions(&self) -> impl Iterator<Item = (usize, [f64; 3], u64)> {
+        let moved = |position: [f64; 3]| (DVec3::from(position) + self.moved).to_array();
+        self.points.iter().enumerate().map(move |(i, &(position, track))| (i, moved(position), track))
     }
 
     pub(super) fn binary(&self, folder: &Path) {
@@ -46,8 +55,7 @@ impl Made {
         for (i, (name, camera)) in self.images.iter().enumerate() {
             let (q, t) = self.world_to_camera(i);
             images.extend((i as u32 + 1).to_le_bytes());
-            images
-                .extend([q.w, q.x, q.y, q.z, t.x, t.y, t.z].iter().flat_map(|&v| f64::from(v).to_le_bytes()));
+            images.extend([q.w, q.x, q.y, q.z, t.x, t.y, t.z].iter().flat_map(|v| v.to_le_bytes()));
             images.extend(camera.to_le_bytes());
             images.extend(name.as_bytes());
             images.push(0);
@@ -55,12 +63,12 @@ impl Made {
             images.extend([7; 48]);
         }
         let mut points = (self.points.len() as u64).to_le_bytes().to_vec();
-        for (i, (position, track)) in self.points.iter().enumerate() {
+        for (i, position, track) in self.positions() {
             points.extend((i as u64).to_le_bytes());
             points.extend(position.iter().flat_map(|v| v.to_le_bytes()));
             points.extend([5; 11]);
             points.extend(track.to_le_bytes());
-            points.extend(vec![1; 8 * *track as usize]);
+            points.extend(vec![1; 8 * track as usize]);
         }
         for (name, bytes) in [("cameras", cameras), ("images", images), ("points3D", points)] {
             put(folder, &format!("{name}.bin"), bytes);
@@ -80,14 +88,14 @@ impl Made {
             format!("# Number of images: {}, mean observations per image: 2\n", self.images.len());
         for (i, (name, camera)) in self.images.iter().enumerate() {
             let (q, t) = self.world_to_camera(i);
-            let numbers = [q.w, q.x, q.y, q.z, t.x, t.y, t.z].map(f64::from);
+            let numbers = [q.w, q.x, q.y, q.z, t.x, t.y, t.z];
             let points = if i % 2 == 0 { "1.5 2.5 -1 3 4 7" } else { "" };
             images += &format!("{} {} {camera} {name}\n{points}\n", i + 1, words(&numbers));
         }
         let mut points = String::from("# 3D point list\n");
-        for (i, (position, track)) in self.points.iter().enumerate() {
-            let track = " 1 0".repeat(*track as usize);
-            points += &format!("{i} {} 1 2 3 0.5{track}\n", words(position));
+        for (i, position, track) in self.positions() {
+            let track = " 1 0".repeat(track as usize);
+            points += &format!("{i} {} 1 2 3 0.5{track}\n", words(&position));
         }
         for (name, text) in [("cameras", cameras), ("images", images), ("points3D", points)] {
             put(folder, &format!("{name}.txt"), text.into_bytes());
@@ -395,4 +403,31 @@ fn odd_sets_of_cameras_are_named() {
     let away = Report::of(&read(folder_of(&Made::plain(9)).path(), &options).expect("a model"));
     assert_names(&away.warnings.join("\n"), &["look away from the point", "--axes opencv"]);
     assert!(away.near.is_none());
+}
+
+#[test]
+fn a_world_far_from_its_origin_is_counted_from_near_its_cameras() {
+    let near = read_plain(folder_of(&Made::plain(10)).path()).expect("a model");
+    assert_eq!(near.origin, [0.0; 3]);
+    for moved in [DVec3::new(1e6, -2e6, 5e5), DVec3::new(0.0, 4e9, 0.0)] {
+        let text = tempfile::tempdir().expect("a folder");
+        let made = Made { moved, ..Made::plain(10) };
+        made.text(&text.path().join("sparse/0"));
+        made.photographs(&text.path().join("images"), SIZE);
+        for folder in [folder_of(&made), text] {
+            let far = read_plain(folder.path()).expect("a model");
+            let origin = DVec3::from(far.origin);
+            assert!((origin - moved).abs().max_element() <= 10.0, "{origin}");
+            let shown = format!("({}, {}, {})", origin.x, origin.y, origin.z);
+            assert!(far.name.ends_with(&shown) && said(&far).contains(&shown), "{} {}", far.name, said(&far));
+            let here = |position: Vec3| (position.as_dvec3() + (moved - origin)).as_vec3();
+            for (view, expected) in far.train.iter().zip(&near.train) {
+                let expected = here(expected.camera.pose().position);
+                assert!((view.camera.pose().position - expected).length() < 1e-5, "{moved}: {}", view.name);
+            }
+            for (&point, &expected) in far.points.iter().zip(&near.points) {
+                assert!((Vec3::from(point) - here(expected.into())).length() < 1e-5, "{moved}");
+            }
+        }
+    }
 }

@@ -1,0 +1,237 @@
+//! Poses of bare photographs: with a COLMAP of shell, and with the real one where there is one.
+
+use crate::made::{Folder, names};
+use crate::stopping::Running;
+use crate::{Ran, command, fails, fit, fit_grid, interruptible, ok, ran};
+use std::fs;
+use std::os::unix::fs::{MetadataExt, PermissionsExt};
+use std::path::{Path, PathBuf};
+use std::process::Command;
+use std::time::{Duration, Instant};
+
+/// Writes down what it is asked for, does what `$FAKE` says at the stage `$AT`, and copies models that are there already.
+const FAKE: &str = r#"#!/bin/sh
+here=$(dirname "$0")
+[ "$2" = --help ] && { echo "--FeatureExtraction.use_gpu arg (=1)"; exit 0; }
+echo "$QT_QPA_PLATFORM $*" >> "$here/asked"
+echo 'Processed file [2/4]'
+echo '  junk' >&2
+[ "$1" = "$AT" ] && eval "$FAKE"
+[ "$1" = feature_extractor ] && : > "$5"
+[ "$1" = mapper ] || exit 0
+while [ "$1" != --output_path ]; do shift; done
+cp -r "$here"/models/* "$2"
+"#;
+
+/// Photographs `a b.jpg`, `1.png`, `2.png`, `3.png` in `photos`, and the fake with the models of some of them.
+struct World {
+    folder: Folder,
+    photos: String,
+}
+
+impl World {
+    fn new() -> Self {
+        let folder = Folder::new();
+        let photos = folder.path("photos");
+        fs::create_dir(&photos).expect("a folder");
+        for (i, name) in ["a b.jpg", "1.png", "2.png", "3.png"].into_iter().enumerate() {
+            let pixel = |x: u32, y: u32| image::Rgb([(20 * x) as u8, (30 * y) as u8, i as u8]);
+            image::RgbImage::from_fn(8, 6, pixel).save(Path::new(&photos).join(name)).expect("a picture");
+        }
+        fs::write(Path::new(&photos).join("notes.txt"), "not a picture").expect("written");
+        fs::create_dir(folder.path("bin")).expect("a folder");
+        let fake = folder.file("bin/colmap", FAKE);
+        fs::set_permissions(&fake, fs::Permissions::from_mode(0o755)).expect("a script");
+        let world = Self { folder, photos };
+        world.model(0, &["2.png"]);
+        world.model(1, &["a b.jpg", "1.png", "3.png"]);
+        world
+    }
+
+    /// A model, as text, of these photographs: side by side, two points with errors of 0.5 and 1 pixels.
+    fn model(&self, number: usize, names: &[&str]) {
+        let folder = self.folder.path(&format!("bin/models/{number}"));
+        fs::create_dir_all(&folder).expect("a folder");
+        let write = |name: &str, text: String| fs::write(format!("{folder}/{name}"), text).expect("written");
+        write("cameras.txt", "1 OPENCV 8 6 10 10 4 3 0 0 0 0\n".into());
+        let image = |(i, name): (usize, &&str)| format!("{} 1 0 0 0 {i} 0 0 1 {name}\n4 3 1\n", i + 1);
+        write("images.txt", names.iter().enumerate().map(image).collect());
+        write("points3D.txt", "1 0 0 3 9 9 9 0.5 1 0\n2 1 0 3 9 9 9 1 1 0\n".into());
+        write("project.ini", "image_path=hidden".into());
+    }
+
+    fn path(&self) -> String {
+        format!("{}:{}", self.folder.path("bin"), std::env::var("PATH").unwrap_or_default())
+    }
+
+    /// `poses` with this COLMAP, which does `what` at a stage.
+    fn poses(&self, more: &[&str], at: &str, what: &str) -> Ran {
+        let args = [&["poses", self.photos.as_str()], more].concat();
+        ran(command(args).env("PATH", self.path()).env("AT", at).env("FAKE", what))
+    }
+
+    /// That a command failed in one line that holds these words, and left nothing.
+    fn refused(&self, ran: &Ran, words: &[&str]) {
+        assert_eq!(ran.code, Some(1), "{}", ran.err);
+        let line = ran.err.lines().last().expect("an error");
+        assert!(line.starts_with("error: ") && words.iter().all(|word| line.contains(word)), "{}", ran.err);
+        self.is_as_it_was();
+    }
+
+    fn is_as_it_was(&self) {
+        assert_eq!(self.folder.names(), ["bin", "photos"]);
+        assert_eq!(names(Path::new(&self.photos)), ["1.png", "2.png", "3.png", "a b.jpg", "notes.txt"]);
+    }
+}
+
+#[test]
+fn photographs_alone_are_told_how_to_get_poses_and_that_is_how() {
+    let world = World::new();
+    let told = ran(&mut command(fit(&world.photos, &world.folder.path("a.nerf"), &[])));
+    let words = ["found 4 photographs and no poses", "`nerf-train poses ", "single_camera 1 --Sift"];
+    world.refused(&told, &words);
+    let (_, by_hand) = told.err.split_once("By hand: ").expect("commands");
+    let (by_hand, _) = by_hand.split_once(" (since").expect("their end");
+    let mut shell = Command::new("sh");
+    shell.args(["-c", by_hand]).env("PATH", world.path()).env("AT", "").env("FAKE", "");
+    assert!(shell.status().expect("sh").success(), "{by_hand}");
+    let more = ["--near", "1", "--far", "4", "--steps", "2"];
+    ok(fit(&world.photos, &world.folder.path("a.nerf"), &more));
+    // Elsewhere nothing is said of COLMAP's commands.
+    fs::create_dir(world.folder.path("empty")).expect("a folder");
+    fails(fit(&world.folder.path("empty"), &world.folder.path("b.nerf"), &[]), &["not a data set"]);
+}
+
+#[test]
+fn poses_makes_a_folder_to_fit_and_only_reads_the_photographs() {
+    let world = World::new();
+    let made = world.poses(&[], "", "");
+    assert_eq!(made.code, Some(0), "{}", made.err);
+    let folder = world.folder.path("photos_poses");
+    let expected = format!(
+        "3 of 4 photographs registered, mean reprojection error 0.75 px over 2 points\nwithout a pose: 2.png\n\
+         2 separate models were found: the largest is kept\n{folder}\n"
+    );
+    assert_eq!(made.out, expected);
+    assert_eq!(names(Path::new(&folder)), ["images", "sparse"]);
+    assert_eq!(names(&Path::new(&folder).join("images")), ["1.png", "2.png", "3.png", "a b.jpg"]);
+    let sparse = Path::new(&folder).join("sparse");
+    assert_eq!(names(&sparse), ["0"]);
+    assert_eq!(names(&sparse.join("0")), ["cameras.txt", "images.txt", "points3D.txt"]);
+    let inode = |folder: &str| fs::metadata(format!("{folder}/a b.jpg")).expect("there").ino();
+    assert_eq!(inode(&world.photos), inode(&format!("{folder}/images")), "a link, not a copy");
+    let asked = fs::read_to_string(world.folder.path("bin/asked")).expect("what was asked for");
+    let asked: Vec<&str> = asked.lines().collect();
+    let stages = ["feature_extractor", "exhaustive_matcher", "mapper"];
+    assert!(asked.iter().zip(stages).all(|(line, stage)| line.starts_with(&format!("offscreen {stage} "))));
+    let newer =
+        "--ImageReader.camera_model OPENCV --ImageReader.single_camera 1 --FeatureExtraction.use_gpu 0";
+    assert!(asked.len() == 3 && asked[0].ends_with(newer), "{asked:?}");
+    ok(fit(&folder, &world.folder.path("a.nerf"), &["--near", "1", "--far", "4", "--steps", "2"]));
+
+    // A second time there is something of that name.
+    let again = world.poses(&[], "", "");
+    assert!(again.code == Some(1) && again.err.contains("it is there already"), "{}", again.err);
+    let other = world.folder.path("new/other");
+    let json = world.poses(&["-o", &other, "--json", "--sequential", "--threads", "2"], "", "");
+    let said: serde_json::Value = serde_json::from_str(&json.out).expect("one object");
+    assert_eq!((said["photographs"].as_u64(), said["registered"].as_u64()), (Some(4), Some(3)), "{said}");
+    assert_eq!(said["mean_reprojection_error_px"].as_f64(), Some(0.75));
+    assert_eq!(said["unregistered"], serde_json::json!(["2.png"]));
+    let last = fs::read_to_string(world.folder.path("bin/asked")).expect("what was asked for");
+    assert!(last.contains("sequential_matcher") && last.contains("--Mapper.num_threads 2"), "{last}");
+}
+
+#[test]
+fn without_poses_nothing_is_left() {
+    let world = World::new();
+    let missing = ran(command(["poses", &world.photos]).env("PATH", ""));
+    world.refused(&missing, &["no colmap found", "apt-get install colmap"]);
+    let failed = world.poses(&[], "exhaustive_matcher", "echo 'the sky is falling' >&2; exit 3");
+    world.refused(&failed, &["colmap exhaustive_matcher failed", "exit status: 3", "the sky is falling"]);
+    let killed = world.poses(&[], "mapper", "kill -9 $$");
+    world.refused(&killed, &["colmap mapper failed", "signal: 9"]);
+    let none = "echo '=> No good initial image pair found.'; echo 'ERROR: failed to create sparse model' >&2; exit 1";
+    world.refused(&world.poses(&[], "mapper", none), &["registered none of 4", "No good initial image pair"]);
+    world.refused(&world.poses(&[], "mapper", "exit 0"), &["registered none of 4"]);
+    let damaged = "rm -r \"$here/models/1\"; echo 9 > \"$here/models/0/cameras.txt\"";
+    world.refused(&world.poses(&[], "mapper", damaged), &["cameras.txt"]);
+    let inside = world.poses(&["-o", &format!("{}/made", world.photos)], "", "");
+    world.refused(&inside, &["-o", "which is being read"]);
+    let file = world.poses(&["-o", "made.nerf"], "", "");
+    world.refused(&file, &["-o", "the name of a folder"]);
+
+    let few = world.folder.path("few");
+    fs::create_dir(&few).expect("a folder");
+    let of_few = || ran(command(["poses", &few]).env("PATH", world.path()));
+    let starts = |ran: &Ran, words: &[&str]| {
+        assert_eq!(ran.code, Some(1));
+        assert!(words.iter().all(|word| ran.err.contains(word)), "{}", ran.err);
+    };
+    starts(&of_few(), &["few", "at least 3 photographs, found 0"]);
+    for name in ["1.png", "2.png"] {
+        fs::copy(format!("{}/{name}", world.photos), format!("{few}/{name}")).expect("copied");
+    }
+    fs::write(format!("{few}/3.png"), "no picture").expect("written");
+    starts(&of_few(), &["at least 3 photographs, found 2", "1 files that are no whole pictures"]);
+    fs::write(format!("{few}/4.heic"), b"\0\0\0\x18ftypheic").expect("written");
+    starts(&of_few(), &["4.heic", "HEIC", "heif-convert"]);
+    starts(&ran(&mut command(["poses", "nowhere"])), &["nowhere: no such file"]);
+    assert_eq!(world.folder.names(), ["bin", "few", "photos"]);
+}
+
+#[test]
+fn a_signal_ends_colmap_and_leaves_nothing() {
+    let world = World::new();
+    for signal in ["INT", "TERM"] {
+        let mut poses = interruptible(["poses", &world.photos, "--json"]);
+        let busy = "touch \"$here/busy\"; while :; do echo x > \"$(dirname \"$3\")/$$\"; sleep 0.01; done";
+        poses.env("PATH", world.path()).env("AT", "exhaustive_matcher").env("FAKE", busy);
+        let mut running = Running::of(&mut poses);
+        let mark = PathBuf::from(world.folder.path("bin/busy"));
+        crate::stopping::wait_for(&mark, &mut running);
+        fs::remove_file(&mark).expect("it is there");
+        let begun = Instant::now();
+        running.signal(signal);
+        let output = running.output();
+        assert!(begun.elapsed() < Duration::from_secs(2), "{:?}", begun.elapsed());
+        assert!(matches!(output.status.code(), Some(130 | 143)), "{:?}", output.status);
+        let said: serde_json::Value = serde_json::from_slice(&output.stdout).expect("one object");
+        assert_eq!(said["error"], "interrupted; nothing is written");
+        world.is_as_it_was();
+        let running = crate::signals::processes_with(&world.folder.path("bin"));
+        assert!(running.is_empty(), "{running:?}");
+    }
+}
+
+/// `$NERF_DATA`, or `../shared/data` beside the workspace.
+fn cup() -> Option<PathBuf> {
+    let beside = || Path::new(env!("CARGO_MANIFEST_DIR")).join("../../shared/data");
+    let data = std::env::var_os("NERF_DATA").map_or_else(beside, PathBuf::from);
+    Some(data.join("real/cup_colmap/images")).filter(|folder| folder.is_dir())
+}
+
+#[test]
+fn the_real_colmap_finds_the_poses_of_twelve_photographs() {
+    let has_colmap = Command::new("colmap").arg("help").output().is_ok();
+    assert!(has_colmap || std::env::var_os("CI").is_none(), "no colmap on this machine");
+    let Some(cup) = cup().filter(|_| has_colmap) else {
+        println!("skipped: no colmap, or no data");
+        return;
+    };
+    let folder = Folder::new();
+    let photos = folder.path("cup");
+    fs::create_dir(&photos).expect("a folder");
+    for name in names(&cup).iter().take(12) {
+        let photo = image::open(cup.join(name)).expect("a photograph");
+        let small = photo.resize_exact(400, 300, image::imageops::FilterType::Triangle);
+        small.save(format!("{photos}/{name}.png")).expect("saved");
+    }
+    let made = ok(["poses", &photos, "--json", "-q"]);
+    let said: serde_json::Value = serde_json::from_str(&made).expect("one object");
+    println!("{said:#}");
+    assert_eq!(said["photographs"], 12);
+    assert!(said["registered"].as_u64() >= Some(10), "{said}");
+    assert!(said["mean_reprojection_error_px"].as_f64().is_some_and(|e| e > 0.05 && e < 0.8), "{said}");
+    ok(fit_grid(&folder.path("cup_poses"), &folder.path("cup.nerf"), &["--steps", "2"]));
+}
