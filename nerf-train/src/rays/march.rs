@@ -145,12 +145,13 @@ impl Op for MarchContracted<'_> {
                 }
             }
             let mut live = 0u32;
-            for i in 0..GROUP {
-                let cell = |axis: usize| {
-                    let x = (points[axis][i] - min[axis]) * scale[axis] - 0.5;
+            let [xs, ys, zs] = &points;
+            for (i, ((&x, &y), &z)) in xs.iter().zip(ys).zip(zs).enumerate() {
+                let cell = |axis: usize, x: f32| {
+                    let x = (x - min[axis]) * scale[axis] - 0.5;
                     (x.max(0.0).min(last[axis]) + MAGIC).to_bits() & 0x007f_ffff
                 };
-                let index = (cell(0) * ny + cell(1)) * nz + cell(2);
+                let index = (cell(0, x) * ny + cell(1, y)) * nz + cell(2, z);
                 let byte = cells.bits.get(index as usize / 8).copied().unwrap_or(0);
                 live |= u32::from(byte >> (index % 8) & 1) << i;
             }
