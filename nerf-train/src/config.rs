@@ -584,13 +584,16 @@ impl Config {
     /// [`Config::without_hull`].
     pub fn unbounded(mut self) -> Self {
         let Some(grid) = &mut self.network.grid else { return self.without_hull() };
-        (grid.log2_entries, grid.coarsest, grid.finest) = (17, 16, 1024);
+        (grid.log2_entries, grid.coarsest, grid.finest) = (16, 16, 1024);
         self.sampling.contraction = Some(1);
-        self.sampling.steps_across = 256;
+        self.sampling.steps_across = 160;
         self.sampling.random_background = true;
-        self.network.density_bias = 0.9;
+        self.sampling.live_samples = 4096;
+        self.optimiser.rate = 1.5e-2;
+        // A step absorbs less than what keeps a cell: what no view needs goes away.
+        self.network.density_bias = 1.9;
         self.occupancy.resolution = 128;
-        self.occupancy.threshold = 0.01;
+        self.occupancy.threshold = 0.1;
         self.occupancy.hull = false;
         self
     }

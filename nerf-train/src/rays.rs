@@ -7,7 +7,7 @@ use crate::dataset::{Background, View};
 use crate::engine::{Batch, BatchRay};
 use crate::occupancy::{LiveCells, is_foreground};
 use glam::Vec3;
-use march::{Cells, march};
+use march::{Cells, march, march_contracted};
 use nerf_core::blob::SceneSampling;
 use nerf_core::camera::Camera;
 use nerf_core::contraction::Contraction;
@@ -20,6 +20,8 @@ use rayon::prelude::*;
 const FOREGROUND_MARGIN: usize = 4;
 /// Rays that are walked together by one task.
 const CHUNK: usize = 128;
+/// The same of an unbounded scene, whose rays are fewer and longer.
+const CONTRACTED_CHUNK: usize = 16;
 
 /// All pixels a run may draw, and how their rays are sampled.
 pub struct RayBank<'d> {
@@ -55,13 +57,16 @@ pub struct Bounds {
     pub scene_box: SceneBox,
     /// Of an unbounded scene, which is contracted into the box.
     pub contraction: Option<Contraction>,
+    /// Whether the cameras of an unbounded scene look outward from its middle.
+    pub outward: bool,
 }
 
 impl Bounds {
     /// Width of a marched step, world units: `steps_across` of them are as long as the longest side of the scene box, or in
-    /// an unbounded scene as the ball that stays as it is is wide.
+    /// an unbounded scene as a ray's way through the ball that stays as it is: its diameter, or from its middle the radius.
     pub fn step(&self, steps_across: u16) -> f32 {
         let across = match self.contraction {
+            Some(contraction) if self.outward => contraction.radius(),
             Some(contraction) => 2.0 * contraction.radius(),
             None => (self.scene_box.max - self.scene_box.min).max_element(),
         };
@@ -71,9 +76,10 @@ impl Bounds {
     /// Samples of a ray that is marched at that step.
     pub fn sampling(&self, steps_across: u16) -> SceneSampling {
         match self.contraction {
-            Some(contraction) => {
-                SceneSampling::Contracted { step: 2.0 / f32::from(steps_across), power: contraction.power() }
-            }
+            Some(contraction) => SceneSampling::Contracted {
+                step: self.step(steps_across) / contraction.radius(),
+                power: contraction.power(),
+            },
             None => SceneSampling::March(self.step(steps_across)),
         }
     }
@@ -110,7 +116,7 @@ impl<'d> RayBank<'d> {
             0 => Vec::new(),
             _ => views.iter().map(|view| counting(std::slice::from_ref(view), &[0])).collect(),
         };
-        let Bounds { near, far, scene_box, contraction } = bounds;
+        let Bounds { near, far, scene_box, contraction, outward: _ } = bounds;
         Ok(Self {
             views,
             starts,
@@ -184,12 +190,12 @@ impl<'d> RayBank<'d> {
         cells: &LiveCells,
         width: f32,
     ) {
+        let cells = Cells { bounds: cells.bounds(), resolution: cells.resolution(), bits: cells.bits() };
         if let Some(contraction) = &self.contraction {
             let width = width / contraction.radius();
-            return self.fill_contracted(batch, step, rays, cells, contraction, width);
+            return self.fill_contracted(tier, batch, (step, rays), &cells, contraction, width);
         }
         batch.clear();
-        let cells = Cells { bounds: cells.bounds(), resolution: cells.resolution(), bits: cells.bits() };
         let chunks: Vec<(Vec<BatchRay>, Vec<[f32; 3]>)> = (0..rays.div_ceil(CHUNK))
             .into_par_iter()
             .map(|chunk| {
@@ -221,20 +227,20 @@ impl<'d> RayBank<'d> {
     /// contracted.
     fn fill_contracted(
         &self,
+        tier: Tier,
         batch: &mut Batch,
-        step: u64,
-        rays: usize,
-        cells: &LiveCells,
+        (step, rays): (u64, usize),
+        cells: &Cells<'_>,
         contraction: &Contraction,
         width: f32,
     ) {
         batch.clear();
-        let lookup = cells.lookup();
+        batch.faint = Some((self.seed, step));
         let far = contraction.step_at(self.far);
-        let chunks: Vec<Marched> = (0..rays.div_ceil(CHUNK))
+        let chunks: Vec<Marched> = (0..rays.div_ceil(CONTRACTED_CHUNK))
             .into_par_iter()
             .map(|chunk| {
-                let range = chunk * CHUNK..rays.min((chunk + 1) * CHUNK);
+                let range = chunk * CONTRACTED_CHUNK..rays.min((chunk + 1) * CONTRACTED_CHUNK);
                 let (mut rays_of, mut positions, mut deltas) = (Vec::new(), Vec::new(), Vec::new());
                 for index in range {
                     let before = positions.len();
@@ -244,15 +250,8 @@ impl<'d> RayBank<'d> {
                     let first = contraction.step_at(self.nears[view] - start);
                     let u = uniform(self.seed, Purpose::Jitter, step, index as u64);
                     let count = ((far - first) / width).ceil().max(0.0) as u32;
-                    for bin in 0..count {
-                        let at = first + (bin as f32 + u) * width;
-                        let p = contraction.contract(ray.at(contraction.distance(at)));
-                        if lookup.occupied(p) {
-                            let (from, to) = (at - 0.5 * width, at + 0.5 * width);
-                            positions.push(p.to_array());
-                            deltas.push(contraction.distance(to) - contraction.distance(from));
-                        }
-                    }
+                    let walk = (first + u * width, width, count);
+                    march_contracted(tier, cells, contraction, &ray, walk, (&mut positions, &mut deltas));
                     batch_ray.samples = (positions.len() - before) as u32;
                     rays_of.push(batch_ray);
                 }

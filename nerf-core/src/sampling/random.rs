@@ -20,6 +20,8 @@ pub enum Purpose {
     Cell = 7,
     /// Where a ray goes through the aperture.
     Aperture = 8,
+    /// Which samples of little weight are trained on.
+    Faint = 9,
 }
 
 /// 32 random bits for the `index`-th number of `stream` (a step, a pixel) in a run.

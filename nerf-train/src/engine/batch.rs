@@ -29,6 +29,9 @@ pub struct Batch {
     pub empty: Vec<[f32; 3]>,
     /// Weight of their term in the loss.
     pub empty_weight: f32,
+    /// Where samples of little weight are kept by chance, so that fog of them is learned from: the seed and the step of the
+    /// draw. Otherwise none of them is. Of a grid's batches only.
+    pub faint: Option<(u64, u64)>,
 }
 
 impl Batch {

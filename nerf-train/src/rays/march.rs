@@ -1,5 +1,6 @@
 //! The samples of one ray in occupied cells, sixteen at a time.
 
+use nerf_core::contraction::Contraction;
 use nerf_core::kernels::{Op, Tier};
 use nerf_core::math::lanes::Lanes;
 use nerf_core::ray::{Ray, SceneBox};
@@ -88,6 +89,93 @@ impl Op for March<'_> {
     }
 }
 
+/// As [`march`], of a ray through an unbounded scene: the points are at `first + i step` of the steps of its contraction
+/// ([`Contraction::distance`]), contracted; `deltas` gets how long each step is, world units.
+pub(super) fn march_contracted(
+    tier: Tier,
+    cells: &Cells<'_>,
+    contraction: &Contraction,
+    ray: &Ray,
+    (first, step, count): (f32, f32, u32),
+    (positions, deltas): (&mut Vec<[f32; 3]>, &mut Vec<f32>),
+) {
+    tier.run(MarchContracted { cells, contraction, ray, first, step, count, positions, deltas });
+}
+
+struct MarchContracted<'a> {
+    cells: &'a Cells<'a>,
+    contraction: &'a Contraction,
+    ray: &'a Ray,
+    first: f32,
+    step: f32,
+    count: u32,
+    positions: &'a mut Vec<[f32; 3]>,
+    deltas: &'a mut Vec<f32>,
+}
+
+impl Op for MarchContracted<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run<V: Lanes>(self) {
+        let Self { cells, contraction, ray, first, step, count, positions, deltas } = self;
+        let sides = cells.resolution.map(f32::from);
+        let extent = (cells.bounds.max - cells.bounds.min).to_array();
+        let (origin, dir) = (ray.origin.to_array(), ray.dir.to_array());
+        let min = cells.bounds.min.to_array();
+        let scale: [f32; 3] = std::array::from_fn(|axis| sides[axis] / extent[axis]);
+        let last = sides.map(|side| side - 1.0);
+        let [_, ny, nz] = cells.resolution.map(u32::from);
+        let half = V::splat(0.5 * step);
+        for base in (0..count).step_by(GROUP) {
+            let mut at = [0.0f32; GROUP];
+            for (i, at) in at.iter_mut().enumerate() {
+                *at = first + (base + i as u32) as f32 * step;
+            }
+            let mut points = [[0.0f32; GROUP]; 3];
+            for from in (0..GROUP).step_by(V::COUNT) {
+                let t = contraction.distance_lanes(V::load(&at[from..]));
+                let mut p = [t; 3];
+                for (axis, p) in p.iter_mut().enumerate() {
+                    *p = V::splat(origin[axis]).add(V::splat(dir[axis]).mul(t));
+                }
+                let p = contraction.contract_lanes(p);
+                for (axis, p) in p.into_iter().enumerate() {
+                    p.store(&mut points[axis][from..]);
+                }
+            }
+            let mut live = 0u32;
+            let [xs, ys, zs] = &points;
+            for (i, ((&x, &y), &z)) in xs.iter().zip(ys).zip(zs).enumerate() {
+                let cell = |axis: usize, x: f32| {
+                    let x = (x - min[axis]) * scale[axis] - 0.5;
+                    (x.max(0.0).min(last[axis]) + MAGIC).to_bits() & 0x007f_ffff
+                };
+                let index = (cell(0, x) * ny + cell(1, y)) * nz + cell(2, z);
+                let byte = cells.bits.get(index as usize / 8).copied().unwrap_or(0);
+                live |= u32::from(byte >> (index % 8) & 1) << i;
+            }
+            live &= u32::MAX >> (32 - (count - base).min(GROUP as u32));
+            if live == 0 {
+                continue;
+            }
+            let mut lengths = [0.0f32; GROUP];
+            for from in (0..GROUP).step_by(V::COUNT) {
+                let at = V::load(&at[from..]);
+                let length =
+                    contraction.distance_lanes(at.add(half)).sub(contraction.distance_lanes(at.sub(half)));
+                length.store(&mut lengths[from..]);
+            }
+            while live != 0 {
+                let i = live.trailing_zeros() as usize;
+                live &= live - 1;
+                positions.push([points[0][i], points[1][i], points[2][i]]);
+                deltas.push(lengths[i]);
+            }
+        }
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -122,5 +210,45 @@ mod tests {
         }
         // Points on a face belong to either cell.
         assert!(expected > 4_000 && apart <= 3, "{found} found, {expected} expected, {apart} apart");
+    }
+
+    #[test]
+    fn the_samples_of_a_contracted_march_are_those_in_occupied_cells() {
+        let bounds = Contraction::cube(Vec3::new(0.5, -1.0, 2.0), 1.5);
+        let contraction = Contraction::new(&bounds, 2).expect("a cube");
+        let resolution = [9u16, 17, 5];
+        let draw = |i: u64| uniform(7, Purpose::Cell, 1, i);
+        let bits: Vec<u8> = (0..96u64).map(|i| (draw(i) * 256.0) as u8).collect();
+        let cells = Cells { bounds, resolution, bits: &bits };
+        let occupancy = OccupancyGrid::new(bounds, resolution, &bits);
+        let (mut expected, mut apart) = (0, 0);
+        for i in 0..200u64 {
+            let v =
+                |j: u64| Vec3::new(draw(1000 + 6 * i + j), draw(2000 + 6 * i + j), draw(3000 + 6 * i + j));
+            let origin = bounds.min + (bounds.max - bounds.min) * v(0);
+            let Some(dir) = (v(1) - Vec3::splat(0.5)).try_normalize() else { continue };
+            let (ray, _) = contraction.centred(&Ray { origin, dir });
+            // No whole number of groups.
+            let (first, step, count) = (-1.3, 0.03, 130);
+            let (mut positions, mut deltas) = (Vec::new(), Vec::new());
+            let walk = (first, step, count);
+            let to = (&mut positions, &mut deltas);
+            march_contracted(Tier::detect(), &cells, &contraction, &ray, walk, to);
+            assert_eq!(positions.len(), deltas.len());
+            let at = (0..count).map(|i| first + i as f32 * step);
+            let point = |s: f32| contraction.contract(ray.at(contraction.distance(s)));
+            let oracle: Vec<f32> = at.filter(|&s| occupancy.occupied(point(s))).collect();
+            expected += oracle.len();
+            apart += positions.len().abs_diff(oracle.len());
+            if positions.len() == oracle.len() {
+                for ((p, delta), &s) in positions.iter().zip(deltas).zip(&oracle) {
+                    let length = contraction.distance(s + 0.5 * step) - contraction.distance(s - 0.5 * step);
+                    assert!((Vec3::from(*p) - point(s)).length() < 1e-4, "{p:?} at {s}");
+                    assert!((delta - length).abs() < 1e-3 * length, "{delta}, not {length}");
+                }
+            }
+        }
+        // Points on a face belong to either cell.
+        assert!(expected > 4_000 && apart <= 3, "{expected} expected, {apart} apart");
     }
 }

@@ -21,6 +21,11 @@ const ENOUGH_POINTS: usize = 50;
 /// of the rest that is, as a share of the distance: many points are outliers, and surfaces lie between them.
 const ALL_VIEWS: (f32, f32) = (0.001, 0.6);
 const ONE_VIEW: (f32, f32) = (0.01, 0.7);
+/// The same, where all of these points are in front of cameras that look much the same way: the ball that stays as it is
+/// ends there.
+const IN_FRONT: (f32, f32) = (0.01, 1.0);
+/// The same of where rays end: nearly all points are nearer.
+const BEHIND: (f32, f32) = (0.999, 2.0);
 
 /// Near, far and scene box from settings and data.
 pub(crate) fn find_box(dataset: &Dataset, config: &Config) -> Result<Bounds, TrainError> {
@@ -53,7 +58,7 @@ pub(crate) fn find_box(dataset: &Dataset, config: &Config) -> Result<Bounds, Tra
     };
     let tight = || hull(dataset, config, wide, COARSE_HULL).and_then(|coarse| coarse.tight_box());
     let scene_box = if given.is_some() { wide } else { tight().unwrap_or(wide) };
-    Ok(Bounds { near, far, scene_box, contraction: None })
+    Ok(Bounds { near, far, scene_box, contraction: None, outward: false })
 }
 
 /// Of an unbounded scene: contracted around what the cameras look at, or where they look much the same way, around
@@ -63,17 +68,27 @@ fn unbounded(dataset: &Dataset, config: &Config, power: u8) -> Result<Bounds, Tr
     let cameras: Vec<_> = dataset.train.iter().map(|view| view.camera).collect();
     let missing = || TrainError::NoBounds { data: dataset.name.clone() };
     let look_at = LookAt::of(&cameras).ok_or_else(missing)?;
-    let centre = Vec3::from(look_at.point);
-    let radius = median(cameras.iter().map(|camera| (camera.pose().position - centre).length()).collect());
+    let seen = distances(dataset).concat();
+    let near = s.near.or(dataset.near).or_else(|| begin(seen.clone(), ALL_VIEWS));
+    let in_front = begin(seen.clone(), IN_FRONT).or(near).filter(|_| look_at.forward_facing());
+    let (centre, radius) = match in_front {
+        Some(distance) => (mean(cameras.iter().map(|camera| camera.pose().position).collect()), distance),
+        None => {
+            let centre = Vec3::from(look_at.point);
+            (
+                centre,
+                median(cameras.iter().map(|camera| (camera.pose().position - centre).length()).collect()),
+            )
+        }
+    };
     let scene_box = Contraction::cube(centre, radius);
     let contraction = Contraction::new(&scene_box, power).ok_or_else(missing)?;
-    let seen = || distances(dataset).concat();
-    let near = s.near.or(dataset.near).or_else(|| begin(seen(), ALL_VIEWS)).unwrap_or(NEAR_RADII * radius);
-    let far = s.far.or(dataset.far).unwrap_or(FAR_RADII * radius);
+    let near = near.unwrap_or(NEAR_RADII * radius);
+    let far = s.far.or(dataset.far).or_else(|| begin(seen, BEHIND)).unwrap_or(FAR_RADII * radius);
     if !(near >= 0.0 && near < far && far.is_finite()) {
         return Err(BoundsError::Range { near, far }.into());
     }
-    Ok(Bounds { near, far, scene_box, contraction: Some(contraction) })
+    Ok(Bounds { near, far, scene_box, contraction: Some(contraction), outward: in_front.is_some() })
 }
 
 /// Where the rays of each training view begin: in front of the sparse points that it sees, where nobody says otherwise. What
@@ -102,12 +117,17 @@ fn distances(dataset: &Dataset) -> Vec<Vec<f32>> {
     dataset.train.par_iter().map(of_view).collect()
 }
 
+/// The distance that a share of those of many points is in front of, times another one.
 fn begin(mut distances: Vec<f32>, (in_front, share): (f32, f32)) -> Option<f32> {
     if distances.len() < ENOUGH_POINTS {
         return None;
     }
     distances.sort_unstable_by(f32::total_cmp);
     Some(share * distances[(in_front * distances.len() as f32) as usize])
+}
+
+fn mean(points: Vec<Vec3>) -> Vec3 {
+    points.iter().sum::<Vec3>() / points.len() as f32
 }
 
 fn median(mut values: Vec<f32>) -> f32 {

@@ -36,6 +36,11 @@ use std::time::Instant;
 const DEAD_STEPS: u32 = 100;
 /// Refreshes within which a grid field is asked for every cell once.
 const REFRESHES: usize = 24;
+/// How much longer the steps through an unbounded scene are at first, when most of it is still fog; the share of the run in
+/// which they become as short as they stay, and in how many stages.
+const LONGEST_STEP: f64 = 4.0;
+const GROWTH: f64 = 0.15;
+const STAGES: f64 = 8.0;
 /// Times a run is started anew before it is given up.
 const RESEEDS: u32 = 3;
 
@@ -294,7 +299,7 @@ impl<'d> Trainer<'d> {
     pub fn step(&mut self, share: f64) -> Result<(), TrainError> {
         let step = u64::from(self.progressed.step);
         let now = Instant::now();
-        self.draw(step);
+        self.draw(step, share);
         self.phases.lap(Phase::March, now);
         if self.config.network.grid.as_ref().is_some_and(|grid| grid.is_rounded(share)) {
             self.engine.round_tables();
@@ -323,7 +328,7 @@ impl<'d> Trainer<'d> {
         Ok(())
     }
 
-    fn draw(&mut self, step: u64) {
+    fn draw(&mut self, step: u64, share: f64) {
         let s = &self.config.sampling;
         let skip = self.config.occupancy.skip;
         let occupancy = self.occupancy.as_ref().filter(|_| skip).map(Occupancy::lookup);
@@ -337,6 +342,7 @@ impl<'d> Trainer<'d> {
             s.rays
         };
         if let (Some(width), Some(occupancy)) = (self.step_width, &self.occupancy) {
+            let width = if self.bounds.contraction.is_some() { lengthened(share) * width } else { width };
             self.bank.fill_marched(self.tier, &mut self.batch, step, rays, occupancy.live(), width);
         } else {
             self.bank.fill(&mut self.batch, step, rays, limit, occupancy.as_ref());
@@ -398,6 +404,12 @@ impl<'d> Trainer<'d> {
         self.snapshots.clear();
         Ok(())
     }
+}
+
+/// How many times as long as in the end the steps through an unbounded scene are when `share` of the budget is used.
+fn lengthened(share: f64) -> f32 {
+    let stage = (STAGES * share / GROWTH).floor().min(STAGES);
+    LONGEST_STEP.powf(1.0 - stage / STAGES) as f32
 }
 
 /// Bins between near and far that are `steps` to the longest side of the box.

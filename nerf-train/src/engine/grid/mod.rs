@@ -47,7 +47,12 @@ use std::sync::{Mutex, PoisonError};
 const ACCUMULATORS: usize = 16;
 /// Rays of a chunk: their samples, activations included, fit the second-level cache.
 const CHUNK_RAYS: usize = 64;
-/// The same of a 2D field, whose rays have one sample.
+/// Chunks that a batch of few rays has at least, so that there is work for every thread: an unbounded scene's rays are
+/// few and long.
+const FEWEST_CHUNKS: usize = 6;
+/// Rays of such a chunk, at least.
+const FEWEST_RAYS: usize = 8;
+/// Rays of a chunk of a 2D field, whose rays have one sample.
 const CHUNK_PIXELS: usize = 512;
 
 /// Trains a grid field; the same bits for any number of threads.
@@ -133,7 +138,10 @@ impl GridEngine {
         self.layers.load(&self.parameters[..self.layers.parameters()]);
         let tables = GridTables::new(TableValues::F16(&self.halves), Some(&self.bounds));
         let job = Job { tier: self.tier, model: &self.model, grid: &self.grid, tables, layers: &self.layers };
-        let chunk_rays = if self.layers.density.is_some() { CHUNK_RAYS } else { CHUNK_PIXELS };
+        let chunk_rays = match &self.layers.density {
+            Some(_) => (batch.rays.len() / FEWEST_CHUNKS).clamp(FEWEST_RAYS, CHUNK_RAYS),
+            None => CHUNK_PIXELS,
+        };
         let mut firsts = Vec::with_capacity(batch.rays.len().div_ceil(chunk_rays) + 1);
         let mut first = 0;
         for chunk in batch.rays.chunks(chunk_rays) {

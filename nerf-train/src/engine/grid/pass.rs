@@ -10,6 +10,7 @@ use nerf_core::encoding::{
 use nerf_core::kernels::{Init, Tier};
 use nerf_core::math::MathBackend;
 use nerf_core::network::EXPONENTIAL_LIMIT;
+use nerf_core::sampling::{Purpose, uniform};
 use std::ops::{Add, Range};
 use std::time::Instant;
 
@@ -19,6 +20,9 @@ const WAVE: usize = 8;
 const T_MIN: f32 = 1e-3;
 /// Samples whose weight is at most this are neither coloured nor trained.
 const GATE: f32 = 1e-3;
+/// Where faint samples are drawn ([`Batch::faint`]): the weight below which a sample is kept with a chance of its share of
+/// this, and then stands for all that were not.
+const FAINT: f32 = 3e-3;
 
 /// What a chunk is computed from.
 #[derive(Clone, Copy)]
@@ -100,6 +104,8 @@ pub(super) struct Scratch {
     kept_ray: Vec<u32>,
     weight: Vec<f32>,
     after: Vec<f32>,
+    /// How many samples of its kind each stands for: 1, but of faint ones that were drawn.
+    stands_for: Vec<f32>,
     kept_encoded: Vec<f32>,
     kept_hidden: Vec<Vec<f32>>,
     coloured: Vec<Vec<f32>>,
@@ -150,7 +156,7 @@ impl Scratch {
             Some(density) => {
                 let evaluated = self.evaluate(job, density, batch, rays.clone(), first);
                 let now = Instant::now();
-                self.keep(job, evaluated, first);
+                self.keep(job, batch.faint, evaluated, first);
                 self.phases.lap(Phase::Composite, now);
                 evaluated
             }
@@ -248,6 +254,8 @@ impl Scratch {
         self.weight.resize(count, 1.0);
         self.after.clear();
         self.after.resize(count, 0.0);
+        self.stands_for.clear();
+        self.stands_for.resize(count, 1.0);
         if count > 0 {
             self.trunk(job, batch, 0..count);
         }
@@ -322,8 +330,8 @@ impl Scratch {
         self.phases.lap(Phase::Forward, now);
     }
 
-    /// Weights along the rays; the samples that weigh more than the gate are kept.
-    fn keep(&mut self, job: &Job<'_>, evaluated: usize, first: usize) {
+    /// Weights along the rays; the samples that weigh more than the gate are kept, and of the others those that are drawn.
+    fn keep(&mut self, job: &Job<'_>, faint: Option<(u64, u64)>, evaluated: usize, first: usize) {
         let stride = padded(evaluated);
         grow(&mut self.passed, stride);
         grow(&mut self.sigma, stride);
@@ -334,6 +342,8 @@ impl Scratch {
         }
         self.weight.clear();
         self.after.clear();
+        self.stands_for.clear();
+        let gate = if faint.is_some() { FAINT } else { GATE };
         for (ray, state) in self.rays.iter_mut().enumerate() {
             let mut left = 1.0f32;
             let begin = self.kept_row.len();
@@ -342,7 +352,10 @@ impl Scratch {
                 let passed = self.passed[row as usize];
                 let (weight, after) = (left * (1.0 - passed), left * passed);
                 // NaN is kept, so that the loss shows it.
-                if weight > GATE || weight.is_nan() {
+                let heavy = weight > gate || weight.is_nan();
+                let drawn = |(seed, step)| uniform(seed, Purpose::Faint, step, sample as u64) * gate < weight;
+                if heavy || faint.is_some_and(drawn) {
+                    self.stands_for.push(if heavy { 1.0 } else { gate / weight });
                     self.kept_row.push(row);
                     self.kept_ray.push(ray as u32);
                     self.weight.push(weight);
@@ -435,7 +448,7 @@ impl Scratch {
             let range = state.kept.0..state.kept.1;
             for i in range.clone() {
                 for (k, seen) in seen.iter_mut().enumerate() {
-                    *seen += self.weight[i] * rgb[i * VECTOR + k];
+                    *seen += self.stands_for[i] * self.weight[i] * rgb[i * VECTOR + k];
                 }
             }
             let error: [f32; 3] = std::array::from_fn(|k| seen[k] - ray.rgb[k]);
@@ -443,12 +456,13 @@ impl Scratch {
             let gradient = error.map(|e| scale * e);
             let mut behind = ray.background.map(|c| c * state.left);
             for i in range.rev() {
-                let mut of_depth = 0.0;
+                let (mut of_depth, stands_for) = (0.0, self.stands_for[i]);
+                let weight = stands_for * self.weight[i];
                 for k in 0..3 {
                     let colour = rgb[i * VECTOR + k];
                     of_depth += gradient[k] * (colour * self.after[i] - behind[k]);
-                    behind[k] += self.weight[i] * colour;
-                    self.upper[i * VECTOR + k] = gradient[k] * self.weight[i] * colour * (1.0 - colour);
+                    behind[k] += weight * colour;
+                    self.upper[i * VECTOR + k] = gradient[k] * weight * colour * (1.0 - colour);
                 }
                 if job.layers.density.is_none() {
                     continue;
@@ -458,7 +472,7 @@ impl Scratch {
                 let sigma = self.sigma[row];
                 let slope = if sigma < EXPONENTIAL_LIMIT.exp() { sigma } else { 0.0 };
                 // In this order: a density times a wide bin may overflow where nothing is left to be seen.
-                self.d_raw[i * VECTOR] = slope * of_depth * self.deltas[row];
+                self.d_raw[i * VECTOR] = stands_for * slope * of_depth * self.deltas[row];
             }
         }
         squared

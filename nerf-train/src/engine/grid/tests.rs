@@ -418,6 +418,30 @@ fn samples_below_the_gate_or_behind_what_is_opaque_have_no_gradient() {
 }
 
 #[test]
+fn faint_samples_that_are_drawn_stand_for_those_that_are_not() {
+    let (_, model) = &models()[0];
+    let ray = BatchRay { dir: [0.0, 0.0, 1.0], rgb: [0.9, 0.1, 0.4], background: [0.0; 3], samples: 1 };
+    let positions = vec![[0.0, 1.0, 0.0]];
+    let mut batch = Batch { rays: vec![ray], positions, deltas: vec![2e-3], ..Batch::default() };
+    let mut engine = engine(model, BARE, 4);
+    let (loss, all) = gradients(&mut engine, &batch);
+    assert_eq!(loss.kept, 1, "the test means a sample above the gate");
+    let mut kept = 0;
+    let mut mean = vec![0.0; all.len()];
+    for step in 0..2000 {
+        batch.faint = Some((7, step));
+        let (loss, found) = gradients(&mut engine, &batch);
+        kept += loss.kept;
+        mean.iter_mut().zip(found).for_each(|(mean, found)| *mean += found / 2000.0);
+    }
+    assert!((200..1800).contains(&kept), "{kept} of 2000");
+    let largest = all.iter().fold(0.0f32, |most, g| most.max(g.abs()));
+    let off = mean.iter().zip(&all).fold(0.0f32, |most, (mean, all)| most.max((mean - all).abs()));
+    // Five deviations of a share that is a third or more.
+    assert!(largest > 0.0 && off < 0.16 * largest, "{off} of {largest}");
+}
+
+#[test]
 fn rays_without_samples_and_batches_of_nothing_move_nothing() {
     let (_, model) = &models()[0];
     let mut engine = engine(model, Adam::default(), 1);
