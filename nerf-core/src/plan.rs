@@ -232,6 +232,11 @@ impl<'a> Plan<'a> {
         Ok(self)
     }
 
+    /// What [`Plan::with_range`] set.
+    pub fn range(&self) -> (f32, f32) {
+        (self.t_min, self.t_max)
+    }
+
     /// The same frame with no bins but those the scene's network was trained on, from its near to its far: what figures
     /// that were measured so are reproduced with. A scene that names a step is not changed.
     #[must_use]

@@ -54,6 +54,8 @@ fn mean(values: impl ExactSizeIterator<Item = f64>) -> Option<f64> {
 
 /// Renders every view over `background` and compares it with its picture over the same, where its pixels count.
 ///
+/// Rays through an unbounded scene begin at the view's own [`View::near`], unless the plan says where.
+///
 /// `each` sees every view with its frame and truth, in order.
 ///
 /// # Errors
@@ -66,8 +68,11 @@ pub fn evaluate<'v>(
     mut each: impl FnMut(&'v View, &Frame, &[[f32; 3]], &ViewScore),
 ) -> Result<Scores, RenderError> {
     let mut scores = Scores { views: Vec::new(), counters: Counters::default() };
+    let (near, far) = plan.range();
+    let own_near = near == 0.0 && renderer.blob().scene().is_some_and(|scene| scene.contraction().is_some());
     for view in views {
-        let frame = frame::render(renderer, plan, &view.camera)?;
+        let own = own_near.then(|| plan.clone().with_range(view.near, far).ok()).flatten();
+        let frame = frame::render(renderer, own.as_ref().unwrap_or(plan), &view.camera)?;
         let truth = view.composite_over(background);
         let score = ViewScore {
             view: view.name.clone(),

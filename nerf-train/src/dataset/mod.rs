@@ -28,6 +28,7 @@ mod found;
 mod geometry;
 mod layout;
 mod llff;
+pub(crate) mod nearest;
 mod nerfstudio;
 pub(crate) mod npz;
 mod origin;
@@ -264,6 +265,7 @@ pub fn read_watched(path: &Path, options: &ReadOptions, watch: &Watch) -> Result
             .push("--downscale changes nothing: the pictures of an .npz are read as they are".into());
     }
     dataset.background = Background::of(&dataset.train);
+    nearest::set_near(&mut dataset);
     Ok(dataset)
 }
 

@@ -17,6 +17,9 @@ pub struct View {
     pub pixels: Vec<[u8; 4]>,
     /// Which pixels count, in the same order; `None`: all of them. The others are neither trained on nor measured.
     pub mask: Option<Vec<bool>>,
+    /// Where its rays through an unbounded scene begin, world units: in front of the sparse points that it sees; 0 where
+    /// there are none. What is in front of a camera and seen by no other could be anything: fog.
+    pub near: f32,
 }
 
 impl View {
@@ -57,7 +60,7 @@ impl View {
         if mask.as_ref().is_some_and(|mask| !mask.contains(&true)) {
             return Cow::Borrowed(self);
         }
-        Cow::Owned(Self { name: self.name.clone(), camera, pixels, mask })
+        Cow::Owned(Self { name: self.name.clone(), camera, pixels, mask, near: self.near })
     }
 
     /// Whether the pixel at `index`, counted row by row, is trained on and measured.

@@ -80,6 +80,7 @@ pub fn dataset(spec: &DemoSpec) -> Result<Dataset, CameraError> {
             camera,
             pixels: render(&camera),
             mask: None,
+            near: 0.0,
         };
         views.map(view).collect()
     };

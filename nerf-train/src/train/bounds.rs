@@ -2,6 +2,7 @@
 
 use super::TrainError;
 use crate::config::Config;
+use crate::dataset::nearest::{begin, distances};
 use crate::dataset::{Dataset, LookAt, View, frusta_box, scene_bounds};
 use crate::occupancy::Occupancy;
 use crate::rays::Bounds;
@@ -15,12 +16,9 @@ const COARSE_HULL: u16 = 64;
 /// Where rays begin in an unbounded scene, and where they end, in radii of the ball that stays as it is.
 const NEAR_RADII: f32 = 0.1;
 const FAR_RADII: f32 = 100.0;
-/// Sparse points that a view has to see before they say where its rays begin.
-const ENOUGH_POINTS: usize = 50;
-/// Share of the points of all views, and of a single one, that may lie in front of where rays begin; and how far in front
-/// of the rest that is, as a share of the distance: many points are outliers, and surfaces lie between them.
+/// Share of the points of all views that may lie in front of where rays begin, and how far in front of the rest that is, as
+/// a share of the distance.
 const ALL_VIEWS: (f32, f32) = (0.001, 0.6);
-const ONE_VIEW: (f32, f32) = (0.01, 0.7);
 /// The same, where all of these points are in front of cameras that look much the same way: the ball that stays as it is
 /// ends there.
 const IN_FRONT: (f32, f32) = (0.01, 1.0);
@@ -68,7 +66,8 @@ fn unbounded(dataset: &Dataset, config: &Config, power: u8) -> Result<Bounds, Tr
     let cameras: Vec<_> = dataset.train.iter().map(|view| view.camera).collect();
     let missing = || TrainError::NoBounds { data: dataset.name.clone() };
     let look_at = LookAt::of(&cameras).ok_or_else(missing)?;
-    let seen = distances(dataset).concat();
+    let of_view = |view: &View| distances(view, &dataset.points);
+    let seen = dataset.train.par_iter().map(of_view).collect::<Vec<_>>().concat();
     let near = s.near.or(dataset.near).or_else(|| begin(seen.clone(), ALL_VIEWS));
     let in_front = begin(seen.clone(), IN_FRONT).or(near).filter(|_| look_at.forward_facing());
     let (centre, radius) = match in_front {
@@ -91,39 +90,11 @@ fn unbounded(dataset: &Dataset, config: &Config, power: u8) -> Result<Bounds, Tr
     Ok(Bounds { near, far, scene_box, contraction: Some(contraction), outward: in_front.is_some() })
 }
 
-/// Where the rays of each training view begin: in front of the sparse points that it sees, where nobody says otherwise. What
-/// is in front of a camera and seen by no other could be anything: fog.
+/// Where the rays of each training view begin, where nobody says otherwise.
 fn nears(dataset: &Dataset, config: &Config, bounds: &Bounds) -> Vec<f32> {
-    let own = bounds.contraction.is_some() && config.sampling.near.is_none() && !dataset.points.is_empty();
-    if !own {
-        return vec![bounds.near; dataset.train.len()];
-    }
-    let near = |distances| begin(distances, ONE_VIEW).map_or(bounds.near, |near| near.max(bounds.near));
-    distances(dataset).into_iter().map(near).collect()
-}
-
-/// How far the sparse points that each training view sees are from it.
-fn distances(dataset: &Dataset) -> Vec<Vec<f32>> {
-    let of_view = |view: &View| {
-        let (camera, (width, height)) = (&view.camera, view.size());
-        let distance = |&point: &[f32; 3]| {
-            let point = Vec3::from(point);
-            let (x, y) = camera.project(point)?;
-            let inside = (0.0..=width as f32).contains(&x) && (0.0..=height as f32).contains(&y);
-            inside.then(|| (point - camera.pose().position).length())
-        };
-        dataset.points.iter().filter_map(distance).collect()
-    };
-    dataset.train.par_iter().map(of_view).collect()
-}
-
-/// The distance that a share of those of many points is in front of, times another one.
-fn begin(mut distances: Vec<f32>, (in_front, share): (f32, f32)) -> Option<f32> {
-    if distances.len() < ENOUGH_POINTS {
-        return None;
-    }
-    distances.sort_unstable_by(f32::total_cmp);
-    Some(share * distances[(in_front * distances.len() as f32) as usize])
+    let own = bounds.contraction.is_some() && config.sampling.near.is_none();
+    let near = |view: &View| if own { view.near.max(bounds.near) } else { bounds.near };
+    dataset.train.iter().map(near).collect()
 }
 
 fn mean(points: Vec<Vec3>) -> Vec3 {

@@ -33,8 +33,13 @@ fn camera(pose: Pose) -> Camera {
 }
 
 fn dataset_of(poses: &[Pose], axes: Axes) -> Dataset {
-    let view =
-        |pose: &Pose| View { name: "v".into(), camera: camera(*pose), pixels: vec![[0; 4]; 48], mask: None };
+    let view = |pose: &Pose| View {
+        name: "v".into(),
+        camera: camera(*pose),
+        pixels: vec![[0; 4]; 48],
+        mask: None,
+        near: 0.0,
+    };
     Dataset {
         name: "made".into(),
         format: Format::Nerfstudio,
