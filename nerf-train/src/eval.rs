@@ -71,8 +71,8 @@ pub fn evaluate<'v>(
     let (near, far) = plan.range();
     let own_near = near == 0.0 && renderer.blob().scene().is_some_and(|scene| scene.contraction().is_some());
     for view in views {
-        let own = own_near.then(|| plan.clone().with_range(view.near, far).ok()).flatten();
-        let frame = frame::render(renderer, own.as_ref().unwrap_or(plan), &view.camera)?;
+        let own = if own_near { plan.with_range(view.near, far).unwrap_or(*plan) } else { *plan };
+        let frame = frame::render(renderer, &own, &view.camera)?;
         let truth = view.composite_over(background);
         let score = ViewScore {
             view: view.name.clone(),
