@@ -59,7 +59,7 @@ fn reference(blob: &[u8], camera: &Value) -> (Vec<Vec<u32>>, u64) {
     };
     let camera = Camera::new(intrinsics, Lens::NONE, pose).expect("a camera");
     let blob = Blob::open(blob).expect("a blob");
-    let quality = Quality { transmittance_cut: 0.01, colour_cut: 0.001, ..Quality::default() };
+    let quality = Quality::default();
     let outputs = Outputs { median_distance: true, normals: true, ..Outputs::ALL };
     let plan = Plan::new(&blob, &quality, outputs, Batch::for_tier(Tier::Scalar)).expect("a plan");
     let plan = plan.with_normal_blur(1.0).expect("a plan");
