@@ -7,6 +7,7 @@
 use super::Counters;
 use super::frame::{Frame, columns_of};
 use super::proposal::Drawn;
+use super::surface::Medians;
 use super::window::{self, Window};
 use crate::effects::jitter::Place;
 use crate::kernels::{Op, Tier, VECTORS, at, column, head, head_mut, put, put_column, tail, tail_mut};
@@ -262,12 +263,17 @@ impl Frame<'_, '_> {
         for column in 0..n {
             let owner = at(self.block.owner, column);
             let Some(state) = self.rays.get_mut(owner as usize) else { break };
-            let (before, sigma) = (state.gathered.optical_thickness(), at(self.block.sigma, column));
+            let sigma = at(self.block.sigma, column);
+            let before = if Medians::BUILT { state.gathered.optical_thickness() } else { 0.0 };
             let mut tau = 0.0;
             if sigma > 0.0 {
                 let t = at(self.block.t, column);
                 let (t, middle, delta) = part(self.plan, &self.drawn, state, owner, t, column);
-                put_column(self.positions, room, column, [t, middle, delta]);
+                if Medians::BUILT {
+                    put_column(self.positions, room, column, [t, middle, delta]);
+                } else {
+                    put(self.positions, column, t);
+                }
                 tau = thickness(sigma, delta);
             }
             put_column(self.triples, room, column, [before, tau, state.gathered.add_thickness(tau)]);

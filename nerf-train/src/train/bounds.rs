@@ -65,19 +65,19 @@ fn unbounded(dataset: &Dataset, config: &Config, power: u8) -> Result<Bounds, Tr
     let s = &config.sampling;
     let cameras: Vec<_> = dataset.train.iter().map(|view| view.camera).collect();
     let missing = || TrainError::NoBounds { data: dataset.name.clone() };
-    let look_at = LookAt::of(&cameras).ok_or_else(missing)?;
+    // Parallel axes meet nowhere.
+    let look_at = LookAt::of(&cameras);
+    let same_way = look_at.is_none_or(|look_at| look_at.forward_facing());
     let of_view = |view: &View| distances(view, &dataset.points);
     let seen = dataset.train.par_iter().map(of_view).collect::<Vec<_>>().concat();
     let near = s.near.or(dataset.near).or_else(|| begin(seen.clone(), ALL_VIEWS));
-    let in_front = begin(seen.clone(), IN_FRONT).or(near).filter(|_| look_at.forward_facing());
+    let in_front = begin(seen.clone(), IN_FRONT).or(near).filter(|_| same_way);
+    let eyes = || cameras.iter().map(|camera| camera.pose().position);
     let (centre, radius) = match in_front {
-        Some(distance) => (mean(cameras.iter().map(|camera| camera.pose().position).collect()), distance),
+        Some(distance) => (eyes().sum::<Vec3>() / cameras.len() as f32, distance),
         None => {
-            let centre = Vec3::from(look_at.point);
-            (
-                centre,
-                median(cameras.iter().map(|camera| (camera.pose().position - centre).length()).collect()),
-            )
+            let centre = Vec3::from(look_at.ok_or_else(missing)?.point);
+            (centre, median(eyes().map(|eye| (eye - centre).length()).collect()))
         }
     };
     let scene_box = Contraction::cube(centre, radius);
@@ -95,10 +95,6 @@ fn nears(dataset: &Dataset, config: &Config, bounds: &Bounds) -> Vec<f32> {
     let own = bounds.contraction.is_some() && config.sampling.near.is_none();
     let near = |view: &View| if own { view.near.max(bounds.near) } else { bounds.near };
     dataset.train.iter().map(near).collect()
-}
-
-fn mean(points: Vec<Vec3>) -> Vec3 {
-    points.iter().sum::<Vec3>() / points.len() as f32
 }
 
 fn median(mut values: Vec<f32>) -> f32 {

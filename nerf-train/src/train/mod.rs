@@ -92,7 +92,7 @@ pub enum TrainError {
     /// Neither the data nor the flags say where the scene is.
     #[error(
         "scene bounds: the cameras of {data} do not look at a common place; say where rays begin and end \
-         with --near and --far, and where the scene is with --box"
+         with --near and --far, or where the scene is with --space box and --box"
     )]
     NoBounds {
         /// The data's name.

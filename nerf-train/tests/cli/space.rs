@@ -2,8 +2,10 @@
 
 use crate::made::{Folder, scene};
 use crate::{fails, fit, fit_grid, json, ok, run};
-use glam::{DQuat, DVec3};
+use glam::{DQuat, DVec3, Mat3, Vec3};
 use nerf_core::blob::Blob;
+use nerf_core::camera::{Camera, Pose};
+use nerf_core::lens::Lens;
 use nerf_train::dataset::{self, ReadOptions};
 use std::path::Path;
 
@@ -146,6 +148,21 @@ fn an_unbounded_scene_is_fitted_rendered_and_shown() {
     // What is drawn ends at the cameras' surroundings.
     let far = summary["far_world_units"].as_f64().zip(near).map(|(far, near)| far / near);
     assert!(far.is_some_and(|times| (30.0..=50.0).contains(&times)), "{summary}");
+}
+
+#[test]
+fn cameras_side_by_side_need_only_say_where_rays_begin() {
+    let folder = Folder::new();
+    let mut dataset = scene();
+    for (i, view) in dataset.train.iter_mut().chain(&mut dataset.val).enumerate() {
+        let pose = Pose { rotation: Mat3::IDENTITY, position: Vec3::new(0.1 * i as f32, 0.0, 0.0) };
+        view.camera = Camera::new(*view.camera.intrinsics(), Lens::NONE, pose).expect("a camera");
+    }
+    let (data, file) = (folder.npz_of("data.npz", &dataset, |_| {}), folder.path("a.nerf"));
+    let contracted = ["--space", "contracted"];
+    fails(fit_grid(&data, &file, &contracted), &["do not look at a common place", "--near"]);
+    ok(fit_grid(&data, &file, &[&contracted[..], &["--near", "0.5"]].concat()));
+    assert_eq!(power(&file), Some(1));
 }
 
 #[test]

@@ -16,6 +16,9 @@ pub(in crate::render) struct Medians<'w> {
 }
 
 impl<'w> Medians<'w> {
+    /// Whether this build has medians.
+    pub const BUILT: bool = true;
+
     fn rays(plan: &Plan<'_>) -> usize {
         if plan.outputs.median_distance { plan.batch.rays } else { 0 }
     }

@@ -9,6 +9,9 @@ use core::marker::PhantomData;
 pub(in crate::render) struct Medians<'w>(PhantomData<&'w mut [f32]>);
 
 impl<'w> Medians<'w> {
+    /// Whether this build has medians.
+    pub const BUILT: bool = false;
+
     pub fn lines(_: &Plan<'_>) -> usize {
         0
     }
