@@ -57,16 +57,13 @@ pub struct Bounds {
     pub scene_box: SceneBox,
     /// Of an unbounded scene, which is contracted into the box.
     pub contraction: Option<Contraction>,
-    /// Whether the cameras of an unbounded scene look outward from its middle.
-    pub outward: bool,
 }
 
 impl Bounds {
     /// Width of a marched step, world units: `steps_across` of them are as long as the longest side of the scene box, or in
-    /// an unbounded scene as a ray's way through the ball that stays as it is: its diameter, or from its middle the radius.
+    /// an unbounded scene as the ball that stays as it is.
     pub fn step(&self, steps_across: u16) -> f32 {
         let across = match self.contraction {
-            Some(contraction) if self.outward => contraction.radius(),
             Some(contraction) => 2.0 * contraction.radius(),
             None => (self.scene_box.max - self.scene_box.min).max_element(),
         };
@@ -116,7 +113,7 @@ impl<'d> RayBank<'d> {
             0 => Vec::new(),
             _ => views.iter().map(|view| counting(std::slice::from_ref(view), &[0])).collect(),
         };
-        let Bounds { near, far, scene_box, contraction, outward: _ } = bounds;
+        let Bounds { near, far, scene_box, contraction } = bounds;
         Ok(Self {
             views,
             starts,

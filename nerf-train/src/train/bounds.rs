@@ -56,7 +56,7 @@ pub(crate) fn find_box(dataset: &Dataset, config: &Config) -> Result<Bounds, Tra
     };
     let tight = || hull(dataset, config, wide, COARSE_HULL).and_then(|coarse| coarse.tight_box());
     let scene_box = if given.is_some() { wide } else { tight().unwrap_or(wide) };
-    Ok(Bounds { near, far, scene_box, contraction: None, outward: false })
+    Ok(Bounds { near, far, scene_box, contraction: None })
 }
 
 /// Of an unbounded scene: contracted around what the cameras look at, or where they look much the same way, around
@@ -87,7 +87,7 @@ fn unbounded(dataset: &Dataset, config: &Config, power: u8) -> Result<Bounds, Tr
     if !(near >= 0.0 && near < far && far.is_finite()) {
         return Err(BoundsError::Range { near, far }.into());
     }
-    Ok(Bounds { near, far, scene_box, contraction: Some(contraction), outward: in_front.is_some() })
+    Ok(Bounds { near, far, scene_box, contraction: Some(contraction) })
 }
 
 /// Where the rays of each training view begin, where nobody says otherwise.

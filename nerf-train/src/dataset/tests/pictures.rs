@@ -127,7 +127,7 @@ fn rays_are_drawn_of_what_counts_alone() {
     views.iter_mut().for_each(|view| view.pixels = vec![[9, 9, 9, 255]; 48]);
     views[2].pixels[5] = [200, 0, 0, 255];
     let scene_box = SceneBox { min: -Vec3::ONE, max: Vec3::ONE };
-    let bounds = Bounds { near: 1.0, far: 6.0, scene_box, contraction: None, outward: false };
+    let bounds = Bounds { near: 1.0, far: 6.0, scene_box, contraction: None };
     for (background, images, pixels) in [
         (Background::Unknown, 0, Some(48 + 6 + 48)),
         (Background::Unknown, 2, Some(48 + 6 + 48)),
