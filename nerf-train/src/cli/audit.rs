@@ -69,9 +69,9 @@ impl Audit {
             .writes_folder_if("--report", self.report.as_deref(), &places::AUDIT)
             .settle()?;
         let bytes = read_file(&self.file)?;
-        super::common::open_blob(&self.file, &bytes)?;
+        let blob = super::common::open_blob(&self.file, &bytes)?;
         let mut lab = Lab::new(&bytes)?;
-        let dataset = self.data_options.read(&self.data, global)?;
+        let dataset = self.data_options.read_for(&self.data, &blob, global)?;
         let views: Vec<&View> = spread(self.split.of(&dataset), self.views);
         if views.is_empty() {
             bail!("{}: the split `{}` has no views", self.data.display(), self.split.name());

@@ -1,7 +1,9 @@
 //! What several commands share.
 
 use crate::config::{Config, Surroundings};
-use crate::dataset::{self, Axes, Background, Dataset, Downscale, Layout, ReadOptions, Report, Watch};
+use crate::dataset::{
+    self, Axes, Background, Dataset, Downscale, Layout, ReadOptions, Report, Watch, origin_in_name,
+};
 use crate::input::{MAX_BLOB_BYTES, read_limited};
 use crate::printable;
 use crate::report::progress::{self, Message, Progress, ProgressStyle, Total};
@@ -232,11 +234,26 @@ impl DataOptions {
 
     /// Reads the data set and shows how that is getting on where it takes a while.
     pub fn read(&self, path: &Path, global: &Global) -> anyhow::Result<Dataset> {
+        self.read_from(path, None, global)
+    }
+
+    /// As [`Self::read`], with coordinates that count from where those of `blob` do.
+    pub fn read_for(&self, path: &Path, blob: &Blob<'_>, global: &Global) -> anyhow::Result<Dataset> {
+        self.read_from(path, Some(origin_in_name(blob.provenance().data)), global)
+    }
+
+    /// As [`Self::read`], with coordinates that count from `origin`.
+    pub fn read_from(
+        &self,
+        path: &Path,
+        origin: Option<[f64; 3]>,
+        global: &Global,
+    ) -> anyhow::Result<Dataset> {
         let (watch, style) = (Watch::default(), global.style());
         std::thread::scope(|scope| {
             let (reading, ended) = mpsc::channel::<()>();
             scope.spawn(|| show_reading(&watch, style, ended));
-            let dataset = dataset::read_watched(path, &self.options(), &watch);
+            let dataset = dataset::read_watched(path, &ReadOptions { origin, ..self.options() }, &watch);
             drop(reading);
             Ok(dataset?)
         })

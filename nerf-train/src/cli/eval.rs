@@ -108,7 +108,7 @@ impl Eval {
         let own = blob.scene().map_or([0.0; 3], |scene| scene.background);
         let background = self.background.unwrap_or(own);
         let plan = plan.with_background(background)?;
-        let dataset = self.data_options.read(&self.data, global)?;
+        let dataset = self.data_options.read_for(&self.data, &blob, global)?;
         let split = self.split.of(&dataset);
         let (views, names): (Vec<&View>, _) =
             (split.iter().step_by(self.every).collect(), FileNames::of(split));

@@ -9,6 +9,7 @@ use crate::output::claims::Claims;
 use crate::report::progress::{Message, Progress, Total};
 use crate::report::summary::Summary;
 use crate::show::{Request, Scene, page, sheet};
+use anyhow::bail;
 use clap::Args;
 use clap::builder::RangedU64ValueParser;
 use glam::Vec3;
@@ -40,14 +41,14 @@ pub struct Show {
     /// Rays to show, at most.
     #[arg(long, value_name = "N", default_value_t = 100, value_parser = within(1, 5000))]
     rays: usize,
-    /// Samples a ray [default: the preset's].
+    /// Samples a ray, of presets without a learned grid [default: the preset's].
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=4096))]
     samples: Option<u16>,
     /// The training step whose rays are shown.
     #[arg(long, value_name = "N", default_value_t = 0)]
     step: u32,
     /// Settings of the training whose rays are shown.
-    #[arg(long, value_enum, default_value = "small")]
+    #[arg(long, value_enum, default_value = "grid")]
     preset: Preset,
     /// Seed of everything random.
     #[arg(long, value_name = "N")]
@@ -93,6 +94,11 @@ impl Show {
     pub fn run(&self, global: &Global) -> anyhow::Result<ExitCode> {
         let [png, html] = ["show.png", "show.html"].map(|name| self.output.join(name));
         places::check_folder("-o", &self.output)?;
+        if self.samples.is_some() && self.preset.config().network.grid.is_some() {
+            bail!(
+                "--samples: expected none with --preset grid, whose rays are marched at a fixed step; expected --preset small or seed"
+            );
+        }
         Claims::new().reads_data(&self.data).writes_folder("-o", &self.output, &places::SHOW).settle()?;
         let dataset = self.data_options.read(&self.data, global)?;
         print_report(&dataset, global);
@@ -178,5 +184,10 @@ fn summary(scene: &Scene) -> Summary {
         .numbers("box_max_world_units", &numbers(b.scene_box.max))
         .number_f32("frustum_world_units", scene.frustum)
         .numbers("up", &numbers(scene.up));
+    if let Some(contraction) = &b.contraction {
+        summary
+            .numbers("ball_centre_world_units", &numbers(contraction.centre()))
+            .number_f32("ball_radius_world_units", contraction.radius());
+    }
     summary
 }

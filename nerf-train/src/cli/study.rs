@@ -133,7 +133,7 @@ impl Study {
         if let Some(source) = &self.source {
             lab.set_source(unrounded(source, &blob)?);
         }
-        let dataset = self.data_options.read(data, global)?;
+        let dataset = self.data_options.read_for(data, &blob, global)?;
         let split = self.split.of(&dataset);
         let views: Vec<&View> = spread(split, self.views);
         if views.is_empty() {

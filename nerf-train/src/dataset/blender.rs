@@ -1,7 +1,6 @@
 //! A Blender (NeRF-synthetic) folder: one json for each split.
 
 use super::found::Found;
-use super::origin::origin;
 use super::transforms::Transforms;
 use super::{Axes, Background, Dataset, DatasetError, Downscale, Format, ReadOptions, Watch, scene_name};
 use std::path::{Path, PathBuf};
@@ -31,7 +30,7 @@ pub(super) fn read(folder: &Path, options: &ReadOptions, watch: &Watch) -> Resul
     };
     let lists = [list(TRAIN)?, list(VAL)?, list(TEST)?];
     let all = || lists.iter().filter_map(|(_, transforms)| transforms.as_ref());
-    let origin = origin(all().flat_map(Transforms::positions));
+    let origin = options.origin_for(all().flat_map(Transforms::positions));
     let headers = || all().map(|transforms| &transforms.header);
     let near = headers().find_map(|header| header.near);
     let far = headers().find_map(|header| header.far);

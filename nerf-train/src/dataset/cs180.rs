@@ -1,7 +1,6 @@
 //! The CS180 course's `.npz`: splits by name, OpenCV poses, one focal length.
 
 use super::npz::{Archive, Array};
-use super::origin::origin;
 use super::{Axes, Background, Dataset, DatasetError, Format, ReadOptions, View, scene_name};
 use glam::DVec3;
 use nerf_core::camera::{Camera, Intrinsics, Pose};
@@ -20,7 +19,7 @@ pub(super) fn read(archive: &mut Archive, options: &ReadOptions) -> Result<Datas
             positions.extend(archive.matrices(poses)?.iter().map(position));
         }
     }
-    let origin = origin(positions);
+    let origin = options.origin_for(positions);
     let world = World { axes, origin };
     let train = split(archive, "images_train", "c2ws_train", focal, world)?;
     let mut warnings = Vec::new();

@@ -3,7 +3,6 @@
 use super::folders::{Folders, Located};
 use super::found::Found;
 use super::npz::read_npy;
-use super::origin::origin;
 use super::photo::{Fence, Optics, Photo, Source};
 use super::split::every_eighth;
 use super::{Axes, Background, Dataset, DatasetError, Format, ReadOptions, View, Watch, colmap, scene_name};
@@ -159,7 +158,7 @@ fn rows(file: &Path, options: &ReadOptions) -> Result<(Vec<Row>, DVec3), Dataset
         expected: "f8 (or f4)",
         found: "another".into(),
     })?;
-    let origin = origin(numbers.chunks_exact(NUMBERS).map(|n| [n[3], n[8], n[13]]));
+    let origin = options.origin_for(numbers.chunks_exact(NUMBERS).map(|n| [n[3], n[8], n[13]]));
     let rows: Vec<Row> = numbers.chunks_exact(NUMBERS).map(|n| Row::new(n, origin)).collect();
     for (index, row) in rows.iter().enumerate() {
         let value = |field: &str, expected: &str, found: String| DatasetError::Value {

@@ -47,6 +47,7 @@ pub use error::DatasetError;
 pub use files::files;
 pub use geometry::{LookAt, SceneBounds, frusta_box, scene_bounds};
 pub use layout::Layout;
+pub use origin::origin_in_name;
 pub use report::Report;
 pub use scale::Downscale;
 pub use view::{Background, View, over};
@@ -204,6 +205,9 @@ pub struct ReadOptions {
     pub downscale: Downscale,
     /// Where no list says what is held out: which of every eight photographs, in the order of their names, is.
     pub hold_offset: usize,
+    /// What all coordinates count from, in the file's own world ([`Dataset::origin`]): that of a blob which the data are
+    /// for. `None`: a point near cameras that are far from the file's origin, else that.
+    pub origin: Option<[f64; 3]>,
 }
 
 impl Default for ReadOptions {
@@ -217,6 +221,7 @@ impl Default for ReadOptions {
             layout: None,
             downscale: Downscale::Auto,
             hold_offset: 0,
+            origin: None,
         }
     }
 }

@@ -1,7 +1,6 @@
 //! A `transforms.json` of nerfstudio or instant-ngp: all views in one file.
 
 use super::found::Found;
-use super::origin::origin;
 use super::split::every_eighth;
 use super::transforms::{Header, Transforms, listed};
 use super::{Axes, Background, Dataset, DatasetError, Format, ReadOptions, View, Watch, scene_name};
@@ -18,7 +17,7 @@ pub(super) fn read(file: &Path, options: &ReadOptions, watch: &Watch) -> Result<
     let mut found = Found::default();
     let transforms = Transforms::read(file)?;
     watch.expect(transforms.len());
-    let origin = origin(transforms.positions());
+    let origin = options.origin_for(transforms.positions());
     let mut views = transforms.views(file, options, (Some(options.downscale), origin), watch, &mut found)?;
     let (mut notes, mut warnings) = found.into_sentences();
     views.sort_by(|a, b| a.name.cmp(&b.name));

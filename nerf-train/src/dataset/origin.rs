@@ -1,11 +1,14 @@
 //! Worlds far from their origin, such as GPS coordinates, moved to where 32-bit numbers are fine enough.
 
-use super::Dataset;
+use super::{Dataset, ReadOptions};
 use glam::DVec3;
 
 /// The world is moved where its cameras are further from the origin than this many times their distance from their
 /// middle: f32 then rounds positions to 4e-6 of that distance, a hundredth of a pixel.
 const FAR_AWAY: f64 = 64.0;
+
+/// How a name states an origin, in front of its coordinates.
+const STATED: &str = ", origin at (";
 
 /// Which point of the file's world becomes the origin: (0, 0, 0), or near the middle of cameras that are far from it, in
 /// whole units of a power of ten, so that it is exact and does not depend on a single camera.
@@ -27,6 +30,24 @@ pub(super) fn origin(cameras: impl IntoIterator<Item = [f64; 3]>) -> DVec3 {
     if rounded.is_finite() { rounded } else { DVec3::ZERO }
 }
 
+impl ReadOptions {
+    /// What the coordinates of a data set with these cameras count from.
+    pub(super) fn origin_for(&self, cameras: impl IntoIterator<Item = [f64; 3]>) -> DVec3 {
+        self.origin.map_or_else(|| origin(cameras), DVec3::from)
+    }
+}
+
+/// The origin that the name of a data set states, which is how a blob keeps it; (0, 0, 0) where it states none.
+pub fn origin_in_name(name: &str) -> [f64; 3] {
+    let stated = || {
+        let numbers = name.rsplit_once(STATED)?.1.strip_suffix(')')?;
+        let numbers: Option<Vec<f64>> = numbers.split(", ").map(|number| number.parse().ok()).collect();
+        let origin: [f64; 3] = numbers?.try_into().ok()?;
+        origin.iter().all(|v| v.is_finite()).then_some(origin)
+    };
+    stated().unwrap_or_default()
+}
+
 impl Dataset {
     /// The data set with all it holds counted from `origin`, as its reader has done; says so, also in the name, which a
     /// blob keeps.
@@ -35,7 +56,7 @@ impl Dataset {
             return self;
         }
         let DVec3 { x, y, z } = origin;
-        self.name = format!("{}, origin at ({x}, {y}, {z})", self.name);
+        self.name = format!("{}{STATED}{x}, {y}, {z})", self.name);
         self.notes.push(format!(
             "the cameras are far from the origin: all coordinates here, and those of a blob, count from ({x}, {y}, {z}) in \
              the file's world; distances are the file's own"
@@ -48,6 +69,24 @@ impl Dataset {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_name_gives_its_origin_back() {
+        let named = |name: &str| {
+            let like = crate::demo_scene::DemoSpec { train: 1, val: 0, size: 4, ..Default::default() };
+            Dataset { name: name.into(), ..crate::demo_scene::dataset(&like).expect("a scene") }
+        };
+        for origin in [[0.0; 3], [1e6, -2e6, 0.125], [123456.7, 0.1 + 0.2, -4e300]] {
+            for name in ["fox", "a, origin at (1, 2, 3)"] {
+                let moved = named(name).counted_from(origin.into());
+                let expected = if origin == [0.0; 3] { origin_in_name(name) } else { origin };
+                assert_eq!(origin_in_name(&moved.name), expected, "{}", moved.name);
+            }
+        }
+        for name in ["", "fox", "x, origin at (", "x, origin at (1, 2)", "x, origin at (1, 2, inf)"] {
+            assert_eq!(origin_in_name(name), [0.0; 3], "{name}");
+        }
+    }
 
     #[test]
     fn only_worlds_far_from_their_origin_are_moved() {

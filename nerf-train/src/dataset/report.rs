@@ -9,6 +9,9 @@ use nerf_core::camera::Camera;
 use serde::Serialize;
 use std::collections::{BTreeMap, BTreeSet, HashMap};
 
+/// Fewer photographs than this are said to be few.
+const FEW: usize = 6;
+
 /// A summary to print or to keep.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 #[non_exhaustive]
@@ -80,6 +83,13 @@ impl Report {
         let mut warnings = dataset.warnings.clone();
         warnings.extend(look_at.and_then(|look_at| axes_warning(&look_at, &cameras, dataset.axes)));
         warnings.extend(one_place(dataset));
+        if dataset.train.len() < FEW {
+            warnings.push(format!(
+                "photographs to fit: {}; so few leave most of a scene unseen, and what no two of them see is guessed: 30 \
+                 to 100 are usual",
+                dataset.train.len()
+            ));
+        }
         if bounds.is_none() {
             warnings.push("the cameras do not tell where the scene is: give --near and --far".into());
         }

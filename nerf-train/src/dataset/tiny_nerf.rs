@@ -1,7 +1,6 @@
 //! `tiny_nerf_data.npz` of the original notebook: pictures in floats, OpenGL poses, no splits.
 
 use super::npz::Archive;
-use super::origin::origin;
 use super::{Axes, Background, Dataset, DatasetError, Format, ReadOptions, cs180, scene_name};
 
 /// The notebook's file has this many views, of which it fits the first 100.
@@ -19,7 +18,7 @@ pub(super) fn read(archive: &mut Archive, options: &ReadOptions) -> Result<Datas
     let axes = options.axes.unwrap_or(Axes::Opengl);
     let focal = archive.scalar("focal")?;
     let c2ws = archive.matrices("poses")?;
-    let origin = origin(c2ws.iter().map(cs180::position));
+    let origin = options.origin_for(c2ws.iter().map(cs180::position));
     let world = cs180::World { axes, origin };
     let array = archive.array("images")?;
     let mut train = cs180::views(archive, ("images", &array), ("poses", &c2ws), focal, world)?;

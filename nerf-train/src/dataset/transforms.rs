@@ -11,6 +11,7 @@ use glam::DVec3;
 use nerf_core::camera::Pose;
 use nerf_core::lens::{Lens, Projection};
 use serde::Deserialize;
+use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 
 /// A file: one JSON read three times, so that every error has its own line.
@@ -79,7 +80,8 @@ impl Transforms {
     pub(super) fn read(file: &Path) -> Result<Self, DatasetError> {
         let bytes = read_limited(file, MAX_JSON_BYTES).map_err(|source| DatasetError::io(file, source))?;
         let bytes = without_mark(&bytes);
-        let json = |error| DatasetError::json(file, &error);
+        let json =
+            |error| number_fault(file, bytes, &error).unwrap_or_else(|| DatasetError::json(file, &error));
         let mut header: Header = serde_json::from_slice(bytes).map_err(json)?;
         let cameras: FrameCameras = serde_json::from_slice(bytes).map_err(json)?;
         let shared = serde_json::from_slice(bytes).map_err(json)?;
@@ -123,6 +125,15 @@ impl Transforms {
                 .map(|picture| self.view(&source, &folder, frame, own, picture))
                 .transpose()
         })?;
+        let sizes: BTreeSet<_> = views.iter().map(View::size).collect();
+        let shared = self.shared.fl_x.is_some() && self.shared.w.or(self.shared.h).is_none();
+        let own = self.frames.iter().all(|(_, own)| own.fl_x.or(own.w).or(own.h).is_some());
+        if sizes.len() > 1 && shared && !own {
+            found.warnings.push(format!(
+                "{file_name}: pictures of {} sizes with one fl_x and no w and h that say which size it is of",
+                sizes.len()
+            ));
+        }
         let without = self.frames.iter().zip(&pictures).filter(|(_, picture)| picture.is_none());
         let missing: Vec<&str> = without.map(|((frame, _), _)| frame.file_path.as_str()).collect();
         if !missing.is_empty() {
@@ -181,6 +192,51 @@ impl Transforms {
         };
         source.load(photo, |size, notes| at.optics(&fields, size, notes))
     }
+}
+
+/// The largest file that is read once more to say which frame has no number, bytes.
+const MAX_EXPLAINED_BYTES: usize = 16 << 20;
+
+/// Of a file that does not parse since it has NaN or Infinity, which no JSON has but many write: the frame and field
+/// of the first.
+fn number_fault(file: &Path, bytes: &[u8], error: &serde_json::Error) -> Option<DatasetError> {
+    // A larger one is no list of photographs, and would take many times its size here.
+    let text = std::str::from_utf8(bytes).ok().filter(|text| text.len() <= MAX_EXPLAINED_BYTES)?;
+    let mut cleared = text.to_owned();
+    for word in ["-Infinity", "Infinity", "NaN"] {
+        let text = std::mem::take(&mut cleared);
+        for (index, part) in text.split(word).enumerate() {
+            // Where a value stands, rather than in a name.
+            let value = cleared.trim_end().ends_with(['[', ',', ':'])
+                && part.trim_start().starts_with([']', ',', '}']);
+            match (index, value) {
+                (0, _) => {}
+                (_, true) => cleared += &format!("\"{NO_NUMBER}\""),
+                (_, false) => cleared += word,
+            }
+            cleared += part;
+        }
+    }
+    let value: serde_json::Value = serde_json::from_str(&cleared).ok()?;
+    let frames = value.get("frames")?.as_array()?;
+    let place = frames.iter().find_map(|frame| {
+        let (field, _) = frame.as_object()?.iter().find(|(_, value)| lacks_number(value))?;
+        let name = frame.get("file_path").and_then(serde_json::Value::as_str).unwrap_or("?");
+        Some(format!("view `{name}`, {field}"))
+    })?;
+    Some(DatasetError::Value {
+        file: file.into(),
+        field: format!("line {}, {place}", error.line()),
+        expected: "finite numbers".into(),
+        found: "NaN or Infinity".into(),
+    })
+}
+
+/// What stands for NaN and Infinity where they are looked for.
+const NO_NUMBER: &str = "(no number)";
+
+fn lacks_number(value: &serde_json::Value) -> bool {
+    value == NO_NUMBER || value.as_array().is_some_and(|values| values.iter().any(lacks_number))
 }
 
 /// Where pictures are looked for, and how they and their poses are read.

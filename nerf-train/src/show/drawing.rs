@@ -37,6 +37,8 @@ pub const RANGE: Pen = Pen { width: 1.2, colour: [0.55, 0.20, 0.60], opacity: 0.
 pub const CULLED: Pen = Pen { width: 1.9, colour: [0.55, 0.56, 0.60], opacity: 0.8 };
 /// The rim of a live sample, so that pale ones stand out from paper.
 pub const RIM: Pen = Pen { width: 5.2, colour: [0.15, 0.15, 0.2], opacity: 0.6 };
+/// Dots of many samples shrink to this share.
+const SMALLEST_DOT: f32 = 0.55;
 /// A live sample; its colour is its distance.
 pub const LIVE: Pen = Pen { width: 4.2, colour: [0.0; 3], opacity: 1.0 };
 
@@ -52,15 +54,12 @@ pub fn panel(scene: &Scene, towards: Vec3, up: Vec3, size: (usize, usize)) -> Pi
             canvas.line(ends, pen);
         }
     };
-    let corners = scene.box_corners();
-    for (i, axis) in (0..8).flat_map(|i| (0..3).map(move |axis| (i, 1 << axis))) {
-        if i & axis == 0 {
-            line(corners[i], corners[i | axis], &BOX);
-        }
+    for lines in scene.outline() {
+        lines.windows(2).for_each(|ends| line(ends[0], ends[1], &BOX));
     }
     for ray in &scene.rays {
-        line(ray.origin, ray.at(scene.bounds.near), &BEFORE_NEAR);
-        line(ray.at(scene.bounds.near), ray.at(scene.bounds.far), &RAY);
+        line(ray.origin, ray.at(ray.near), &BEFORE_NEAR);
+        line(ray.at(ray.near), ray.at(scene.bounds.far), &RAY);
     }
     for camera in &scene.cameras {
         let corners = camera.corners(scene.frustum);
@@ -69,7 +68,7 @@ pub fn panel(scene: &Scene, towards: Vec3, up: Vec3, size: (usize, usize)) -> Pi
             line(corners[i], corners[(i + 1) % 4], &FRUSTUM);
         }
         if scene.alone {
-            for t in [scene.bounds.near, scene.bounds.far] {
+            for t in [camera.near, scene.bounds.far] {
                 let border = camera.border(t);
                 border.windows(2).for_each(|ends| line(ends[0], ends[1], &RANGE));
             }
@@ -103,7 +102,7 @@ fn draw_samples(canvas: &mut Canvas, view: &Viewpoint, scene: &Scene) {
     let mut live = Vec::new();
     let (low, high) = scene.colour_range();
     // Thousands of dots would cover each other.
-    let scale = (800.0 / scene.live().max(1) as f32).sqrt().clamp(0.78, 1.0);
+    let scale = (800.0 / scene.live().max(1) as f32).sqrt().clamp(SMALLEST_DOT, 1.0);
     let sized = |pen: Pen| Pen { width: pen.width * scale, ..pen };
     let colour = |t: f32| DISTANCE_MAP.colour((t - low) / (high - low));
     for ray in &scene.rays {
@@ -177,7 +176,7 @@ fn labels(canvas: &Canvas, view: &Viewpoint, scene: &Scene) -> Vec<Label> {
         let height = |p: Vec3| view.project(p).map_or(0.0, |p| p.y);
         let below = height(pose.position + pose.forward() * scene.frustum) < height(pose.position);
         labels.push(Label::new(view, pose.position, name, style, below));
-        for (t, name) in [(scene.bounds.near, "near"), (scene.bounds.far, "far")] {
+        for (t, name) in [(camera.near, "near"), (scene.bounds.far, "far")] {
             let style = (LABEL_SIZE, RANGE.colour);
             let corner = camera.border(t).first().copied();
             labels

@@ -6,7 +6,7 @@ use crate::dataset::{Background, View};
 use crate::engine::Batch;
 use crate::occupancy::{LiveCells, Occupancy};
 use crate::rays::{Bounds, RayBank};
-use crate::train::TrainError;
+use crate::train::{TrainError, lengthened, nears};
 use glam::Vec3;
 use nerf_core::kernels::Tier;
 use nerf_core::sampling::OccupancyGrid;
@@ -20,6 +20,8 @@ pub struct ShownRay {
     pub origin: Vec3,
     /// Unit direction, world.
     pub dir: Vec3,
+    /// Where it begins, world units along it: the scene's near, or in an unbounded scene its view's own.
+    pub near: f32,
     /// The colour it is trained towards, display-encoded.
     pub rgb: [f32; 3],
     /// Samples that training asks the network for: `t`, world units along the ray, ascending.
@@ -33,6 +35,11 @@ impl ShownRay {
     pub fn at(&self, t: f32) -> Vec3 {
         self.origin + self.dir * t
     }
+
+    /// The `t` of all its samples.
+    pub fn samples(&self) -> impl Iterator<Item = f32> {
+        self.live.iter().chain(&self.culled).copied()
+    }
 }
 
 /// How the rays were drawn.
@@ -42,8 +49,10 @@ pub struct StepFacts {
     pub step: u32,
     /// Seed of everything random.
     pub seed: u64,
-    /// Bins between near and far, one sample in each; of an unbounded scene the most steps of a ray.
+    /// Bins between near and far, one sample in each; where rays are marched, the most steps of a ray.
     pub bins: u16,
+    /// Whether rays are marched.
+    pub marched: bool,
     /// Rays the step trains on; those that are shown are the first of them.
     pub rays: usize,
     /// Live samples it trains on.
@@ -73,18 +82,22 @@ impl Drawer<'_> {
         count: usize,
         whole: bool,
     ) -> Result<(Vec<ShownRay>, StepFacts), ShowError> {
-        let bank =
-            RayBank::new(views, self.background, self.bounds, self.config).map_err(TrainError::from)?;
+        let nears = nears(views, self.config, &self.bounds);
+        let bank = RayBank::new(views, self.background, self.bounds, self.config)
+            .map_err(TrainError::from)?
+            .with_nears(nears.clone());
         let s = &self.config.sampling;
         let step = u64::from(self.step);
         let (rays, most) = if whole { (s.rays, s.live_samples) } else { (count, 0) };
         let (mut kept, mut all) = (Batch::default(), Batch::default());
         let mut bins = s.samples;
-        match &self.bounds.contraction {
-            Some(_) => {
-                let width = self.bounds.step(s.steps_across);
+        let marched = self.cells.filter(|_| self.config.network.grid.is_some());
+        match marched {
+            Some(cells) => {
+                let share = f64::from(self.step) / f64::from(self.config.optimiser.steps.max(1));
+                let longer = if self.bounds.contraction.is_some() { lengthened(share) } else { 1.0 };
+                let width = longer * self.bounds.step(s.steps_across);
                 let everywhere = Occupancy::full(self.bounds.scene_box, 1);
-                let cells = self.cells.unwrap_or(everywhere.live());
                 bank.fill_marched(Tier::Scalar, &mut kept, step, rays, cells, width);
                 bank.fill_marched(Tier::Scalar, &mut all, step, rays, everywhere.live(), width);
                 let most = all.rays.iter().map(|ray| ray.samples).max();
@@ -99,6 +112,7 @@ impl Drawer<'_> {
             step: self.step,
             seed: self.config.seed,
             bins,
+            marched: marched.is_some(),
             rays: kept.rays.len(),
             live: kept.positions.len(),
             occupancy: self.occupancy.is_some(),
@@ -124,6 +138,7 @@ impl Drawer<'_> {
                 camera: first + view,
                 origin,
                 dir,
+                near: nears[view],
                 rgb: ray.rgb,
                 live: live.iter().map(t).filter(drawn).collect(),
                 culled,

@@ -6,7 +6,7 @@ use crate::config::Config;
 use crate::dataset::{Dataset, View};
 use crate::occupancy::Occupancy;
 use crate::rays::Bounds;
-use crate::train::{TrainError, find_bounds};
+use crate::train::{TrainError, find_bounds, nears};
 use glam::{Mat3, Vec3};
 use nerf_core::camera::Camera;
 
@@ -14,7 +14,9 @@ use nerf_core::camera::Camera;
 /// megabyte of the page.
 const OWN_SAMPLES: usize = 300_000;
 /// Rays of an unbounded scene are drawn so far, in radii of the ball that is not contracted.
-const SHOWN_RADII: f32 = 4.0;
+const SHOWN_RADII: f32 = 2.0;
+/// Photographs of an unbounded scene are at least and at most so far from their cameras, in the same radii.
+const FRUSTUM_RADII: (f32, f32) = (0.1, 0.35);
 
 /// What to show.
 #[derive(Clone, Copy, Debug)]
@@ -101,6 +103,8 @@ pub struct ShownCamera {
     pub name: String,
     /// Where it is.
     pub camera: Camera,
+    /// Where its rays begin, world units.
+    pub near: f32,
     /// Its picture, small.
     pub thumbnail: Thumbnail,
     /// The rays that the same step draws where this camera is alone; none if the whole scene is.
@@ -155,6 +159,7 @@ impl Scene {
         let side = thumbnail::side_for(shown.len());
         let bins = usize::from(config.sampling.samples);
         let own = (OWN_SAMPLES / (shown.len() * bins)).max(4).min(request.rays);
+        let nears = nears(shown, config, &bounds);
         let camera = |(i, view): (usize, &View)| -> Result<ShownCamera, ShowError> {
             let own_rays = match alone {
                 true => Vec::new(),
@@ -165,11 +170,18 @@ impl Scene {
                 index: first + i,
                 name: view.name.clone(),
                 camera: view.camera,
+                near: nears[i],
                 thumbnail,
                 own_rays,
             })
         };
         let cameras = shown.iter().enumerate().map(camera).collect::<Result<Vec<_>, _>>()?;
+        // A march keeps to the scene box, whatever near and far are.
+        for t in
+            rays.iter().chain(cameras.iter().flat_map(|camera| &camera.own_rays)).flat_map(ShownRay::samples)
+        {
+            (bounds.near, bounds.far) = (bounds.near.min(t), bounds.far.max(t));
+        }
         let frustum = request.frustum.unwrap_or_else(|| frustum_length(&cameras, &bounds));
         let up = request.up.unwrap_or_else(|| nearest_axis(views));
         let axes = Axes::of(&cameras, &bounds);
@@ -179,26 +191,46 @@ impl Scene {
 
     /// Everything that a viewpoint should hold, world units.
     pub fn points(&self) -> Vec<Vec3> {
-        let mut points = self.box_corners().to_vec();
+        let mut points = self.outline().concat();
         for camera in &self.cameras {
             points.push(camera.camera.pose().position);
             points.extend(camera.corners(self.frustum));
             if self.alone {
-                points.extend([self.bounds.near, self.bounds.far].map(|t| camera.border(t)).concat());
+                points.extend([camera.near, self.bounds.far].map(|t| camera.border(t)).concat());
             }
         }
         for ray in &self.rays {
-            points.extend([ray.at(self.bounds.near), ray.at(self.bounds.far)]);
+            points.extend([ray.at(ray.near), ray.at(self.bounds.far)]);
         }
         points.push(self.axes.origin);
         points.extend(Mat3::IDENTITY.to_cols_array_2d().map(|axis| self.axes.tip(Vec3::from(axis))));
         points
     }
 
-    /// The corners of the scene box; bit `axis` of the index says which end, world units.
-    pub fn box_corners(&self) -> [Vec3; 8] {
-        let ends = [self.bounds.scene_box.min, self.bounds.scene_box.max];
-        std::array::from_fn(|i| Vec3::new(ends[i & 1].x, ends[i >> 1 & 1].y, ends[i >> 2].z))
+    /// Where the scene is, as lines of short pieces, world units: the edges of the scene box, or of an unbounded scene
+    /// three circles around the ball that is not contracted.
+    pub fn outline(&self) -> Vec<Vec<Vec3>> {
+        const EDGE: usize = 8;
+        const CIRCLE: usize = 64;
+        let Some(contraction) = &self.bounds.contraction else {
+            let ends = [self.bounds.scene_box.min, self.bounds.scene_box.max];
+            let corner = |i: usize| Vec3::new(ends[i & 1].x, ends[i >> 1 & 1].y, ends[i >> 2].z);
+            let edges = (0..8).flat_map(|i| [1, 2, 4].map(|axis| (i, i | axis))).filter(|(a, b)| a != b);
+            let pieces = |(a, b)| {
+                let at = |k| corner(a).lerp(corner(b), k as f32 / EDGE as f32);
+                (0..=EDGE).map(at).collect()
+            };
+            return edges.map(pieces).collect();
+        };
+        let (side, ahead) = self.up.any_orthonormal_pair();
+        let circle = |(x, y): (Vec3, Vec3)| {
+            let at = |k: usize| {
+                let (sin, cos) = (std::f32::consts::TAU * k as f32 / CIRCLE as f32).sin_cos();
+                contraction.centre() + contraction.radius() * (x * cos + y * sin)
+            };
+            (0..=CIRCLE).map(at).collect()
+        };
+        [(side, ahead), (side, self.up), (ahead, self.up)].map(circle).to_vec()
     }
 
     /// The middle of the scene box, world units.
@@ -209,8 +241,12 @@ impl Scene {
     /// From the scene towards a viewpoint at `elevation` degrees that sees the cameras from the side.
     pub fn towards_viewer(&self, elevation: f32) -> Vec3 {
         let (side, ahead) = self.up.any_orthonormal_pair();
-        let from_centre = |camera: &ShownCamera| camera.camera.pose().position - self.centre();
-        let mean = self.cameras.iter().map(from_centre).sum::<Vec3>() / self.cameras.len() as f32;
+        // Cameras in the middle look outward: their photographs are seen from where they look away from.
+        let behind = |camera: &ShownCamera| match self.bounds.outward {
+            true => -camera.camera.pose().forward(),
+            false => camera.camera.pose().position - self.centre(),
+        };
+        let mean = self.cameras.iter().map(behind).sum::<Vec3>() / self.cameras.len() as f32;
         // Behind the shoulder of one camera; of many, where they overlap least.
         let turn = if self.alone { 40f32 } else { 55f32 };
         let azimuth = mean.dot(ahead).atan2(mean.dot(side)) + turn.to_radians();
@@ -268,10 +304,13 @@ impl Axes {
     fn of(cameras: &[ShownCamera], bounds: &Bounds) -> Self {
         let b = bounds.scene_box;
         let centre = 0.5 * (b.min + b.max);
+        // Of an unbounded scene by the radius of the ball.
+        let share = if bounds.contraction.is_some() { 0.25 } else { 1.0 };
+        let size = share * (b.max - b.min);
         let reach = cameras.iter().map(|c| c.camera.pose().position.distance(centre));
-        let reach = reach.fold((b.max - b.min).length(), f32::max);
+        let reach = reach.fold(size.length(), f32::max);
         let origin = if centre.length() <= reach { Vec3::ZERO } else { centre };
-        Self { origin, length: round_length(0.6 * (b.max - b.min).max_element()) }
+        Self { origin, length: round_length(0.6 * size.max_element()) }
     }
 
     /// "1 world unit long".
@@ -296,12 +335,17 @@ fn frustum_length(cameras: &[ShownCamera], bounds: &Bounds) -> f32 {
     };
     let mut spacing: Vec<f32> = positions.iter().enumerate().filter_map(nearest).collect();
     spacing.sort_by(f32::total_cmp);
+    let (least, most) = match &bounds.contraction {
+        // Its near says little of where things are.
+        Some(contraction) => (FRUSTUM_RADII.0 * contraction.radius(), FRUSTUM_RADII.1 * contraction.radius()),
+        None => (0.02 * before_scene, 0.8 * before_scene),
+    };
     let Some(&spacing) = spacing.get(spacing.len() / 2).filter(|&&spacing| spacing > 0.0) else {
-        return before_scene;
+        return most;
     };
     let i = cameras[0].camera.intrinsics();
     let width = (i.width as f32 / i.fx).max(i.height as f32 / i.fy);
-    (0.7 * spacing / width).clamp(0.02 * before_scene, 0.8 * before_scene)
+    (0.7 * spacing / width).clamp(least, most)
 }
 
 /// The world axis that is nearest to the cameras' mean up.

@@ -74,17 +74,33 @@ impl Scene {
             false => String::new(),
         };
         let (b, ends) = (&self.bounds, self.bounds.scene_box);
+        let range = format!("from near {} to far {}", short(b.near), short(b.far));
+        let range = match (s.marched, &b.contraction) {
+            (_, Some(_)) => format!("at most {} steps a ray, {range} and on, which is not drawn", s.bins),
+            (true, None) => format!("at most {} steps a ray, {range}", s.bins),
+            (false, None) => format!("{} bins {range}", s.bins),
+        };
+        let place = match &b.contraction {
+            Some(contraction) => format!(
+                "unbounded, contracted outside of a ball of radius {} around {}",
+                short(contraction.radius()),
+                corner(contraction.centre())
+            ),
+            None => format!("scene box {} to {}", corner(ends.min), corner(ends.max)),
+        };
         format!(
-            "{of} (seed {}); {} live samples{culled}; {} bins from near {} to far {}; scene box {} to {}; lengths \
-             in world units",
+            "{of} (seed {}); {} live samples{culled}; {range}; {place}; lengths in world units",
             s.seed,
-            self.live(),
-            s.bins,
-            short(b.near),
-            short(b.far),
-            corner(ends.min),
-            corner(ends.max)
+            self.live()
         )
+    }
+
+    /// What the outline shows.
+    pub fn ends(&self) -> &'static str {
+        match self.bounds.contraction {
+            Some(_) => "ball outside of which space is contracted",
+            None => "scene box",
+        }
     }
 }
 
@@ -157,16 +173,16 @@ const LIVE_KEY: [Pen; 2] = [RIM, Pen { colour: [0.13, 0.57, 0.55], ..LIVE }];
 impl<'s> Legend<'s> {
     fn of(scene: &'s Scene, widest: usize) -> Self {
         let whose =
-            if scene.axes.origin == Vec3::ZERO { "world axes" } else { "world axes at the box's centre" };
+            if scene.axes.origin == Vec3::ZERO { "world axes" } else { "world axes at the scene's centre" };
         let mut entries = vec![
             (Key::Line(FRUSTUM), "camera: frustum and photograph".to_owned()),
-            (Key::Line(RAY), "ray, from near to far (fainter before near)".to_owned()),
+            (Key::Line(RAY), "ray, from its camera's near to far (fainter before)".to_owned()),
             (Key::Dots(&LIVE_KEY), "live sample, coloured by t".to_owned()),
         ];
         if scene.step.occupancy {
             entries.push((Key::Dots(&[CULLED]), "culled sample".to_owned()));
         }
-        entries.push((Key::Line(BOX), "scene box".to_owned()));
+        entries.push((Key::Line(BOX), scene.ends().to_owned()));
         if scene.alone {
             entries.push((Key::Line(RANGE), "the picture's border at near and at far".to_owned()));
         }

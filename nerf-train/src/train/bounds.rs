@@ -90,11 +90,11 @@ fn unbounded(dataset: &Dataset, config: &Config, power: u8) -> Result<Bounds, Tr
     Ok(Bounds { near, far, scene_box, contraction: Some(contraction) })
 }
 
-/// Where the rays of each training view begin, where nobody says otherwise.
-fn nears(dataset: &Dataset, config: &Config, bounds: &Bounds) -> Vec<f32> {
+/// Where the rays of each view begin, where nobody says otherwise.
+pub(crate) fn nears(views: &[View], config: &Config, bounds: &Bounds) -> Vec<f32> {
     let own = bounds.contraction.is_some() && config.sampling.near.is_none();
     let near = |view: &View| if own { view.near.max(bounds.near) } else { bounds.near };
-    dataset.train.iter().map(near).collect()
+    views.iter().map(near).collect()
 }
 
 fn median(mut values: Vec<f32>) -> f32 {
@@ -114,7 +114,7 @@ pub(crate) fn find_bounds(
     config: &Config,
 ) -> Result<(Bounds, Vec<f32>, Option<Occupancy>), TrainError> {
     let bounds = find_box(dataset, config)?;
-    let nears = nears(dataset, config, &bounds);
+    let nears = nears(&dataset.train, config, &bounds);
     let scene_box = bounds.scene_box;
     // A hull of half the resolution takes an eighth of the time; the network finds the rest by itself.
     let resolution = config.occupancy_resolution(scene_box.max - scene_box.min);

@@ -22,7 +22,7 @@ use crate::export::ExportError;
 use crate::occupancy::{Ask, Occupancy};
 use crate::rays::{Bounds, RayBank};
 use average::Average;
-pub(crate) use bounds::{find_bounds, find_box};
+pub(crate) use bounds::{find_bounds, find_box, nears};
 use checkpoint::{Checkpoint, fingerprint};
 use nerf_core::blob::MAX_SAMPLES;
 use nerf_core::kernels::Tier;
@@ -407,7 +407,7 @@ impl<'d> Trainer<'d> {
 }
 
 /// How many times as long as in the end the steps through an unbounded scene are when `share` of the budget is used.
-fn lengthened(share: f64) -> f32 {
+pub(crate) fn lengthened(share: f64) -> f32 {
     let stage = (STAGES * share / GROWTH).floor().min(STAGES);
     LONGEST_STEP.powf(1.0 - stage / STAGES) as f32
 }

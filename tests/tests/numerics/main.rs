@@ -2,6 +2,7 @@
 
 mod blob;
 mod cameras;
+mod contraction;
 mod elementary;
 mod encoding;
 mod frame;
@@ -22,6 +23,7 @@ fn sections() -> Vec<(&'static str, &'static [&'static table::Case])> {
         (table::ELEMENTARY, elementary::CASES),
         ("Rays and boxes", geometry::CASES),
         ("Cameras and lenses", cameras::CASES),
+        ("Unbounded space", contraction::CASES),
         ("The occupancy grid", walk::CASES),
         ("Sampling", sampling::CASES),
         ("Sampling: laws", sampling::LAWS),

@@ -218,7 +218,8 @@ impl Import {
             downscale: Downscale::Auto,
             outside_files: self.outside_files,
         };
-        let dataset = options.read(path, global)?;
+        // What is imported was trained in the file's own world.
+        let dataset = options.read_from(path, Some([0.0; 3]), global)?;
         let all = split(&dataset);
         let views: Vec<&View> = if self.views.is_empty() {
             spread(all, VIEWS)

@@ -47,10 +47,10 @@ impl Render {
             return Ok((0..frames).map(at).collect::<Result<_, _>>()?);
         }
         if let Some(data) = &self.path {
-            return self.path_of(data, global);
+            return self.path_of(data, blob, global);
         }
         if let Some(data) = &self.data {
-            return Ok(vec![self.view_of(data, global)?]);
+            return Ok(vec![self.view_of(data, blob, global)?]);
         }
         match &self.pose {
             Some(m) => {
@@ -64,8 +64,8 @@ impl Render {
     }
 
     /// All cameras of a split, in order; frames of a video have one size: that of the first camera.
-    fn path_of(&self, data: &Path, global: &Global) -> anyhow::Result<Vec<Camera>> {
-        let dataset = self.data_options.read(data, global)?;
+    fn path_of(&self, data: &Path, blob: &Blob<'_>, global: &Global) -> anyhow::Result<Vec<Camera>> {
+        let dataset = self.data_options.read_for(data, blob, global)?;
         let split = self.split.unwrap_or(Split::Test);
         let cameras = split.cameras(&dataset);
         let Some(first) = cameras.first() else {
@@ -83,8 +83,8 @@ impl Render {
     }
 
     /// The camera of a view, scaled to the size that was asked for.
-    fn view_of(&self, data: &Path, global: &Global) -> anyhow::Result<Camera> {
-        let dataset = self.data_options.read(data, global)?;
+    fn view_of(&self, data: &Path, blob: &Blob<'_>, global: &Global) -> anyhow::Result<Camera> {
+        let dataset = self.data_options.read_for(data, blob, global)?;
         let split = self.split.unwrap_or(Split::Val);
         let cameras = split.cameras(&dataset);
         let Some(camera) = cameras.get(self.view) else {

@@ -7,7 +7,6 @@ mod text;
 
 use super::folders::Folders;
 use super::found::Found;
-use super::origin::origin;
 use super::photo::{Fence, Loaded, Photo, Source};
 use super::split::every_eighth;
 use super::transforms::listed;
@@ -99,7 +98,7 @@ pub(super) fn read(folder: &Path, options: &ReadOptions, watch: &Watch) -> Resul
         _ => folder,
     };
     let folders = Folders::of(root)?;
-    let origin = origin(model.images.iter().filter_map(|image| Some(c2w(image)?.1.into())));
+    let origin = options.origin_for(model.images.iter().filter_map(|image| Some(c2w(image)?.1.into())));
     let file = encoding.file(&model_folder, "images");
     let views = Reader { model: &model, file: &file, folders: &folders, root, origin, options }
         .views(watch, &mut found)?;

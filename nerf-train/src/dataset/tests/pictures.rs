@@ -203,3 +203,23 @@ fn a_cut_photograph_among_good_ones_is_named() {
     std::fs::write(folder.path().join("b.jpg"), &whole).expect("written");
     assert_eq!(read_plain(&path).expect("three").train.len(), 2);
 }
+
+#[test]
+fn a_photograph_of_another_size_among_good_ones_is_named() {
+    let folder = tempfile::tempdir().expect("a folder");
+    for (name, (width, height)) in [("a.png", (8, 4)), ("b.png", (6, 6)), ("c.png", (8, 4))] {
+        save(&folder, name, ramp(width, height));
+    }
+    let names = ["a.png", "b.png", "c.png"];
+    let sized = write(&folder, &names, &json!({}));
+    assert_names(&error_of(&sized), &["b.png", "a picture of 8x4 pixels", "found 6x6"]);
+    let focal = json!({ "w": null, "h": null });
+    let angle = json!({ "w": null, "h": null, "fl_x": null, "camera_angle_x": 1.0 });
+    let warnings =
+        |extra: &Value| read_plain(&write(&folder, &names, extra)).expect("three").warnings.join("\n");
+    assert_names(&warnings(&focal), &["transforms.json", "pictures of 2 sizes", "fl_x"]);
+    // An angle is that of any size; and of one size a length is, too.
+    assert!(!warnings(&angle).contains("sizes"), "{}", warnings(&angle));
+    save(&folder, "b.png", ramp(8, 4));
+    assert!(!warnings(&focal).contains("sizes"), "{}", warnings(&focal));
+}

@@ -262,12 +262,29 @@ fn json_errors_have_a_line() {
             "{ \"frames\": [\n { \"file_path\": 3, \"transform_matrix\": [] }\n] }",
             &["line 2", "expected a string"],
         ),
+        // What may be absent is no number that is none.
+        (
+            "{ \"frames\": [\n { \"file_path\": \"a\", \"mask_path\": null }\n] }",
+            &["line 2", "missing field `transform_matrix`"],
+        ),
         ("{ \"fl_x\": \"ten\",\n \"frames\": [] }", &["line 1", "f64"]),
         ("", &["line 1"]),
         ("{ \"frames\": [] }", &["at least one training view"]),
     ] {
         std::fs::write(&path, text).expect("write");
         assert_names(&error_of(&path), parts);
+    }
+    // What Python's json writes of a pose that is none.
+    for (word, name) in [("NaN", "a.jpg"), ("-Infinity", "b, NaN.jpg"), ("Infinity", "c.jpg")] {
+        let frame = |name: &str, value: &str| {
+            format!(
+                "{{ \"file_path\": \"{name}\",\n \"transform_matrix\": [[1, 0, 0, {value}], [0, 1, 0, 0], [0, 0, 1, 0]] }}"
+            )
+        };
+        let text = format!("{{ \"frames\": [{}, {}] }}", frame("whole.jpg", "3"), frame(name, word));
+        std::fs::write(&path, text).expect("write");
+        let place = format!("transforms.json: line 3, view `{name}`, transform_matrix");
+        assert_names(&error_of(&path), &[&place, "expected finite numbers", "NaN or Infinity"]);
     }
     std::fs::write(&path, "[".repeat(100_000)).expect("write");
     assert!(read_plain(&path).is_err());

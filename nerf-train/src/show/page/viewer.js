@@ -51,9 +51,7 @@ function collect(drawn) {
     for (let i = 0; i < count; i++) line(at(i), at(i + 1), style, width);
   };
   if (checked('box')) {
-    for (let i = 0; i < 8; i++) for (const axis of [1, 2, 4]) {
-      if (!(i & axis)) pieces(data.box_corners[i], data.box_corners[i | axis], BOX, 1.5, 8);
-    }
+    for (const points of data.outline) points.slice(1).forEach((p, i) => line(points[i], p, BOX, 1.5));
   }
   for (const camera of shown()) {
     const plane = corners(camera);
@@ -69,7 +67,7 @@ function collect(drawn) {
       }
     }
     if (checked('range') && only !== null) {
-      for (const t of [data.near, data.far]) {
+      for (const t of [camera.near, data.far]) {
         const edge = border(camera, t);
         edge.forEach((p, i) => line(p, edge[(i + 1) % edge.length], RANGE, 1.2));
       }
@@ -77,11 +75,11 @@ function collect(drawn) {
     drawn.cameras += 1;
   }
   for (const ray of rays()) {
-    const origin = data.cameras[ray.camera].origin;
+    const { origin, near } = data.cameras[ray.camera];
     const at = t => add(origin, ray.dir, t);
     if (checked('rays')) {
-      line(origin, at(data.near), BEFORE_NEAR, 1);
-      pieces(at(data.near), at(data.far), RAY, 1, 8);
+      line(origin, at(near), BEFORE_NEAR, 1);
+      pieces(at(near), at(data.far), RAY, 1, 8);
       drawn.rays += 1;
     }
     const dots = (stored, draw) => {
@@ -216,14 +214,14 @@ function resize() {
 
 /** What the viewpoint must hold. */
 function content() {
-  const points = [...data.box_corners];
+  const points = data.outline.flat();
   for (const camera of shown()) {
     points.push(camera.origin, ...corners(camera));
-    if (only !== null) points.push(...border(camera, data.near), ...border(camera, data.far));
+    if (only !== null) points.push(...border(camera, camera.near), ...border(camera, data.far));
   }
   for (const ray of rays()) {
-    const origin = data.cameras[ray.camera].origin;
-    points.push(add(origin, ray.dir, data.near), add(origin, ray.dir, data.far));
+    const { origin, near } = data.cameras[ray.camera];
+    points.push(add(origin, ray.dir, near), add(origin, ray.dir, data.far));
   }
   return points;
 }
@@ -231,8 +229,7 @@ function content() {
 function reset(towards) {
   if (!towards && only !== null && !data.alone) {
     // Behind the camera's shoulder.
-    const centre = scaled(add(data.box_corners[0], data.box_corners[7]), 0.5);
-    const from = add(data.cameras[only].origin, centre, -1);
+    const from = add(data.cameras[only].origin, data.centre, -1);
     const angle = Math.atan2(dot(from, data.across[1]), dot(from, data.across[0])) + 40 * Math.PI / 180;
     const flat = add(scaled(data.across[0], Math.cos(angle)), data.across[1], Math.sin(angle));
     towards = add(scaled(flat, Math.cos(0.42)), data.up, Math.sin(0.42));
@@ -356,6 +353,7 @@ function start() {
   element('reset').addEventListener('click', () => reset());
   element('above').addEventListener('click', () => reset(data.up));
   element('length').textContent = data.axes_length;
+  element('ends').textContent = data.ends;
   element('bar').style.background = `linear-gradient(to right, ${data.colours.join(', ')})`;
   element('low').textContent = data.colour_range[0].toFixed(2);
   element('high').textContent = data.colour_range[1].toFixed(2);

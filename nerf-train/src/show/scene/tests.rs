@@ -1,9 +1,10 @@
 use super::*;
-use crate::config::Preset;
+use crate::config::{Preset, Surroundings};
 use crate::demo_scene::{DemoSpec, dataset};
 use crate::engine::Batch;
 use crate::rays::RayBank;
 use crate::show::{page, sheet};
+use nerf_core::kernels::Tier;
 
 fn small() -> Dataset {
     dataset(&DemoSpec { train: 6, val: 2, size: 24, ..DemoSpec::default() }).expect("a scene")
@@ -40,6 +41,63 @@ fn the_rays_are_those_of_the_training_step() {
         }
         assert!(shown.culled.iter().all(|&t| !occupancy.lookup().occupied(shown.at(t))));
     }
+}
+
+#[test]
+fn rays_of_an_unbounded_scene_begin_where_their_views_say_and_its_ball_is_drawn() {
+    let mut data = small();
+    let config = Preset::Grid.config().around(Surroundings::Unbounded);
+    let least = find_bounds(&data, &config).unwrap().0.near;
+    let own = 1.3 * least;
+    for (i, view) in data.train.iter_mut().enumerate() {
+        view.near = [0.0, own][i % 2];
+    }
+    let scene = Scene::new(&data, &config, &request(&data.train)).unwrap();
+    let (bounds, nears, _) = find_bounds(&data, &config).unwrap();
+    let contraction = bounds.contraction.unwrap();
+    assert!(scene.step.marched && bounds.near == least && scene.live() > 0);
+    for ray in &scene.rays {
+        assert_eq!((ray.near, scene.cameras[ray.camera].near), (nears[ray.camera], nears[ray.camera]));
+        assert_eq!(ray.near, data.train[ray.camera].near.max(bounds.near));
+        assert!(ray.samples().all(|t| t > ray.near - 1e-4 && t <= scene.bounds.far), "{ray:?}");
+    }
+    let first = |near: f32| {
+        let rays = scene.rays.iter().filter(move |ray| ray.near == near);
+        rays.flat_map(ShownRay::samples).fold(f32::INFINITY, f32::min)
+    };
+    assert!(first(least) < own && first(own) < 1.3 * own, "{least}: {}, {own}: {}", first(least), first(own));
+    let outline = scene.outline();
+    let from_centre = |p: &Vec3| p.distance(contraction.centre()) / contraction.radius();
+    assert_eq!(outline.len(), 3);
+    assert!(outline.concat().iter().all(|p| (from_centre(p) - 1.0).abs() < 1e-5));
+    // Photographs are large enough to see, and the page says what is drawn.
+    assert!(scene.frustum >= 0.1 * contraction.radius() && scene.facts().contains("ball of radius"));
+    assert!(page::page(&scene).unwrap().contains(scene.ends()));
+}
+
+#[test]
+fn a_grid_shows_the_marched_rays_of_its_training_in_a_box() {
+    let data = small();
+    let config = Preset::Grid.config().around(Surroundings::Known);
+    let scene = Scene::new(&data, &config, &request(&data.train)).unwrap();
+    let (bounds, _, occupancy) = find_bounds(&data, &config).unwrap();
+    let bank = RayBank::new(&data.train, data.background, bounds, &config).unwrap();
+    let (mut batch, s) = (Batch::default(), &config.sampling);
+    let width = bounds.step(s.steps_across);
+    bank.fill_marched(Tier::Scalar, &mut batch, 3, s.rays, occupancy.unwrap().live(), width);
+    assert_eq!((scene.step.rays, scene.step.live), (batch.rays.len(), batch.positions.len()));
+    let mut positions = batch.positions.iter();
+    for shown in &scene.rays {
+        for (&t, &p) in shown.live.iter().zip(&mut positions) {
+            assert!(shown.at(t).distance(Vec3::from(p)) < 1e-4);
+            assert!((scene.bounds.near..=scene.bounds.far).contains(&t));
+        }
+    }
+    let edges = scene.outline();
+    assert!(scene.live() > 0 && edges.len() == 12);
+    assert!(
+        edges.iter().all(|edge| (*edge.first().unwrap() - *edge.last().unwrap()).abs().min_element() == 0.0)
+    );
 }
 
 #[test]
