@@ -241,10 +241,10 @@ impl Scene {
     /// From the scene towards a viewpoint at `elevation` degrees that sees the cameras from the side.
     pub fn towards_viewer(&self, elevation: f32) -> Vec3 {
         let (side, ahead) = self.up.any_orthonormal_pair();
-        // Cameras in the middle look outward: their photographs are seen from where they look away from.
-        let behind = |camera: &ShownCamera| match self.bounds.outward {
-            true => -camera.camera.pose().forward(),
-            false => camera.camera.pose().position - self.centre(),
+        // The cameras of an unbounded scene may stand in its middle and look outward.
+        let behind = |camera: &ShownCamera| match self.bounds.contraction {
+            Some(_) => -camera.camera.pose().forward(),
+            None => camera.camera.pose().position - self.centre(),
         };
         let mean = self.cameras.iter().map(behind).sum::<Vec3>() / self.cameras.len() as f32;
         // Behind the shoulder of one camera; of many, where they overlap least.

@@ -122,7 +122,8 @@ impl Pace {
     }
 
     /// Seconds to keep for the work after the last step, of views with so many pixels: the last validation, the
-    /// export, its questions over `asked` pixels each, the final evaluation over `validation` pixels, and files.
+    /// export, its questions over `asked` pixels each and that of rounding over `validation` pixels, the final
+    /// evaluation over those, and files.
     pub fn reserve(&self, validation: u64, asked: u64) -> f64 {
         let Some(seconds) = self.seconds else { return 0.0 };
         let price = |pixels: u64, share: f64| match self.per_pixel {
@@ -131,7 +132,8 @@ impl Pace {
         };
         // Without its occupancy grid a scene is asked in many more places: that question takes all it may.
         let dense = if self.dense { QUESTION_SHARE * seconds } else { 0.0 };
-        let questions = (QUESTIONS - 1) as f64 * price(asked, QUESTION_SHARE) + dense;
+        let rounding = price(validation, QUESTION_SHARE);
+        let questions = (QUESTIONS - 2) as f64 * price(asked, QUESTION_SHARE) + rounding + dense;
         // The last validation, and the export.
         let files = 2.0 * self.overhead.unwrap_or(0.01 * seconds);
         let last = (VALIDATION_SHARE * seconds - self.validated).clamp(0.0, 0.02 * seconds);
@@ -172,7 +174,8 @@ mod tests {
             }
         };
         let (mut last, mut way) = (0.0, 0.0);
-        while machine.now + machine.step < seconds - pace.reserve(views * view, asked) {
+        let on_lattice = asked / u64::from(pace.lattice_on_the_way(asked, view, f64::INFINITY)).pow(2);
+        while machine.now + machine.step < seconds - pace.reserve(views * view, on_lattice) {
             if machine.now - last > seconds / 8.0 && pace.affords(machine.now, 2) {
                 let (from, allowed) = (machine.now, pace.allowance(machine.now));
                 machine.now += machine.file;
@@ -198,7 +201,7 @@ mod tests {
             (asked, QUESTION_SHARE, 1.0),
             (asked, QUESTION_SHARE, machine.dense),
             (views * view, FINAL_SHARE, 1.0),
-            (asked, QUESTION_SHARE, 1.0),
+            (views * view, QUESTION_SHARE, 1.0),
         ] {
             // What a question without the occupancy grid costs is asked first.
             let mut asked =
@@ -209,7 +212,10 @@ mod tests {
                 render(&mut machine, &mut pace, pixels, step, dense);
                 asked.measured(pixels / u64::from(step).pow(2), machine.now - from);
             }
-            let step = asked.lattice(pixels, view, pace.share(share));
+            let step = match pixels == 3 * view {
+                true => asked.lattice_on_the_way(pixels, view, pace.share(share)),
+                false => asked.lattice(pixels, view, pace.share(share)),
+            };
             render(&mut machine, &mut pace, pixels, step, dense);
         }
         (machine.now + WRITING[1], way, validations)

@@ -134,7 +134,9 @@ pub fn run_since(
     let started = *trainer.progressed();
     let pace = Pace::new(options.budget.seconds, options.report, trainer.config().network.grid.is_none());
     let asked = spread(&dataset.train, ASKED_VIEWS);
-    let pixels = [pixels_of(&dataset.val).0, pixels_of(asked).0];
+    let (of_asked, largest) = pixels_of(asked);
+    let lattice = pace.lattice_on_the_way(of_asked, largest, f64::INFINITY);
+    let pixels = [pixels_of(&dataset.val).0, of_asked / u64::from(lattice).pow(2)];
     let (taken_up, last_checkpoint) = (Instant::now(), Instant::now());
     let session = Session {
         trainer,
@@ -167,7 +169,7 @@ pub(super) struct Session<'a, 'd> {
     pub(super) clock: Clock,
     /// What validation and the work after the last step may take.
     pub(super) pace: Pace,
-    /// Pixels of all validation views, and of the training views that questions are asked of.
+    /// Pixels of all validation views, and those that a question is asked of on training views.
     pixels: [u64; 2],
     /// Counters at the start, or when the run was taken up again.
     started: Progressed,
