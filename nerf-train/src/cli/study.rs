@@ -10,7 +10,7 @@ use crate::output::claims::Claims;
 use crate::output::write_atomic;
 use crate::report::progress::{Message, Progress, Total};
 use crate::study::{
-    Clock, Effort, Findings, Lab, Progressed, SPAN_LOSS_DB, Setting, Study as Measured, unrounded,
+    Clock, Effort, Findings, Lab, Progressed, SPAN_LOSS_DB, Setting, Study as Measured, front_of, unrounded,
 };
 use crate::train::run::spread;
 use anyhow::bail;
@@ -43,6 +43,9 @@ pub struct Study {
     /// Folder for points.csv, report.md, the plot of the front, pictures of its ends, summary.json.
     #[arg(long, value_name = "DIR")]
     report: Option<PathBuf>,
+    /// The points.csv of another study, for example of another network on the same data: its front is drawn beside.
+    #[arg(long, value_name = "CSV", requires = "report")]
+    beside: Vec<PathBuf>,
     /// Write the blob with its front here.
     #[arg(long, short, value_name = "FILE")]
     output: Option<PathBuf>,
@@ -126,7 +129,12 @@ impl Study {
             output.map_or(Ok(()), |output| places::check_extension("-o", output, places::BLOB))?;
             claims = claims.reads("the blob", file);
         }
+        for table in &self.beside {
+            claims = claims.reads("the table", table);
+        }
         claims.settle()?;
+        let beside: Result<Vec<_>, _> = self.beside.iter().map(|table| front_of(table, self.clock)).collect();
+        let beside = beside?;
         let bytes = read_file(file)?;
         let blob = open_blob(file, &bytes)?;
         let mut lab = Lab::new(&bytes)?;
@@ -171,6 +179,7 @@ impl Study {
             background: background_name(study.background),
             cpu: cpu_name(),
             seconds: start.elapsed().as_secs_f64(),
+            beside,
         };
         if let Some(folder) = &self.report {
             findings.write(&setting, folder)?;

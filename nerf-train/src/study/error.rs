@@ -9,6 +9,7 @@ use nerf_core::blob::BlobError;
 use nerf_core::camera::CameraError;
 use nerf_core::plan::PlanError;
 use nerf_core::render::RenderError;
+use std::path::PathBuf;
 
 /// Why a study or an audit cannot be made.
 #[derive(Debug, thiserror::Error)]
@@ -42,6 +43,14 @@ pub enum StudyError {
     #[error("--source: expected the network that the blob was rounded from, found another: {found}")]
     OtherSource {
         /// What is different.
+        found: String,
+    },
+    /// What is to stand beside it is no table of a study.
+    #[error("--beside: {}: expected the points.csv of a study, found {found}", path.display())]
+    Beside {
+        /// The file.
+        path: PathBuf,
+        /// What is there instead.
         found: String,
     },
     /// A training run failed.

@@ -34,6 +34,6 @@ pub use knobs::{KNOBS, Knob};
 pub use lab::source::unrounded;
 pub use lab::{Bench, Clocked, Lab, Memory, Variant};
 pub use point::{Clock, Origin, Point, Seconds, Totals, ViewErrors};
-pub use report::{Findings, SPAN_LOSS_DB, Setting};
+pub use report::{Findings, SPAN_LOSS_DB, Setting, front_of};
 pub use run::{Effort, Progressed, Study};
 pub use settings::{Precision, Settings};

@@ -1,5 +1,6 @@
 //! What a study says: points.csv, report.md, the front as a plot, pictures of its ends, summary.json.
 
+mod beside;
 mod markdown;
 mod pictures;
 mod tables;
@@ -10,6 +11,7 @@ use super::run::Study;
 use crate::output::write_atomic;
 use crate::report::plot::{Label, LinePlot, Marker, Reference, Series};
 use crate::report::summary::Summary;
+pub use beside::front_of;
 use std::path::Path;
 
 /// The loss within which the front's span is told, dB.
@@ -30,6 +32,8 @@ pub struct Setting<'a> {
     pub cpu: String,
     /// Seconds the study took.
     pub seconds: f64,
+    /// Fronts of other studies, drawn in the same plot.
+    pub beside: Vec<Series>,
 }
 
 /// Everything of a study in numbers, worked out once.
@@ -91,6 +95,7 @@ impl<'s, 'a, 'b> Findings<'s, 'a, 'b> {
         };
         // Under the points, whose colours say more.
         plot.series = vec![series("front", self.front.clone(), Marker::Line)];
+        plot.series.extend(setting.beside.iter().cloned());
         plot.series.extend(sizes.iter().map(of_size));
         plot.log_x = true;
         // Names would cover the points: the front's have the numbers of the tables, and a legend below.
