@@ -50,7 +50,7 @@ pub use layout::Layout;
 pub use origin::origin_in_name;
 pub use report::Report;
 pub use scale::Downscale;
-pub use view::{Background, View, over};
+pub use view::{Background, View, mean_colour, over};
 pub use watch::Watch;
 
 use nerf_core::camera::{Camera, Pose};

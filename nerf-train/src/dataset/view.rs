@@ -105,6 +105,19 @@ pub fn over(pixel: [u8; 4], background: [f32; 3]) -> [f32; 3] {
     std::array::from_fn(|c| f32::from(pixel[c]) / 255.0 * alpha + background[c] * (1.0 - alpha))
 }
 
+/// Mean sRGB of the pixels that count, in `[0, 1]`; black without any.
+pub fn mean_colour(views: &[View]) -> [f32; 3] {
+    let counts = |view: &View, i: usize| view.mask.as_ref().is_none_or(|mask| mask[i]);
+    let (mut sum, mut count) = ([0u64; 3], 0u64);
+    for view in views {
+        for (_, pixel) in view.pixels.iter().enumerate().filter(|&(i, _)| counts(view, i)) {
+            sum.iter_mut().zip(pixel).for_each(|(sum, &c)| *sum += u64::from(c));
+            count += 1;
+        }
+    }
+    sum.map(|sum| (sum as f64 / (255 * count.max(1)) as f64) as f32)
+}
+
 /// What is behind the scene in its pictures.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]

@@ -1,7 +1,6 @@
 //! The state of a run as it would be exported.
 
 use super::{TrainError, Trainer};
-use crate::dataset::Background;
 use crate::export::{Contents, Exported, Tables, export};
 use crate::occupancy::{Ask, LiveCells, Occupancy};
 use nerf_core::blob::{Content, Provenance, SceneFacts, SceneSampling};
@@ -115,11 +114,9 @@ impl Trainer<'_> {
         Ok(exported)
     }
 
-    /// What is behind the scene, display-encoded: the data's own colour, or black.
+    /// What is behind the scene, display-encoded: the data's own colour; of an unbounded scene, where it shows through
+    /// what no photograph saw, their mean colour; or else black.
     pub fn background(&self) -> [f32; 3] {
-        match self.dataset.background {
-            Background::Constant(colour) => colour.map(|c| f32::from(c) / 255.0),
-            _ => [0.0; 3],
-        }
+        self.background
     }
 }

@@ -16,7 +16,7 @@ mod validation;
 pub use validation::FINAL_VIEWS;
 
 use crate::config::{Config, ConfigError, Density};
-use crate::dataset::Dataset;
+use crate::dataset::{Background, Dataset, mean_colour};
 use crate::engine::{Batch, Engine, EngineError, Model, Phase, Phases, engine_for};
 use crate::export::ExportError;
 use crate::occupancy::{Ask, Occupancy};
@@ -131,6 +131,8 @@ pub enum TrainError {
 pub struct Trainer<'d> {
     config: Config,
     dataset: &'d Dataset,
+    /// Of what is exported, display-encoded.
+    background: [f32; 3],
     model: Model,
     tier: Tier,
     bounds: Bounds,
@@ -168,9 +170,15 @@ impl<'d> Trainer<'d> {
         }
         let bank = RayBank::new(&dataset.train, dataset.background, bounds, &config)?.with_nears(nears);
         let engine = engine_for(&model, bounds.scene_box, config.adam(), config.seed, tier)?;
+        let background = match dataset.background {
+            Background::Constant(colour) => colour.map(|c| f32::from(c) / 255.0),
+            Background::Unknown if bounds.contraction.is_some() => mean_colour(&dataset.train),
+            Background::Alpha | Background::Unknown => [0.0; 3],
+        };
         Ok(Self {
             average: Average::new(config.optimiser.average, model.parameters()),
             dataset,
+            background,
             model,
             tier,
             bounds,

@@ -148,6 +148,15 @@ fn a_world_of_another_size_and_place_fits_as_well_in_its_own_units() {
     let plain = moved(&folder, "plain", 1.0, DQuat::IDENTITY, DVec3::ZERO);
     let (psnr, depth) = fitted(&folder, &plain);
     println!("as it is: {psnr:.2} dB, nearest z-depth {depth:.4}");
+    // What no photograph saw shows their mean colour.
+    let data = dataset::read(Path::new(&plain), &ReadOptions::default()).expect("a data set");
+    let pixels = || data.train.iter().flat_map(|view| &view.pixels);
+    let bytes = std::fs::read(format!("{plain}.nerf")).expect("a blob");
+    let background = Blob::open(&bytes).expect("a blob").scene().expect("a scene").background;
+    for (c, found) in background.into_iter().enumerate() {
+        let mean = pixels().map(|pixel| f64::from(pixel[c]) / 255.0).sum::<f64>() / pixels().count() as f64;
+        assert!((f64::from(found) - mean).abs() < 1e-6 && mean > 0.1, "{background:?}, expected {mean}");
+    }
     for (name, scale, turn, by) in [
         ("small", 1e-3, DQuat::IDENTITY, DVec3::ZERO),
         ("large", 1e3, DQuat::IDENTITY, DVec3::ZERO),

@@ -9,7 +9,9 @@ mod real;
 mod transforms;
 mod untrusted;
 
-use super::{Axes, Background, Dataset, DatasetError, Format, LookAt, ReadOptions, Report, View, read};
+use super::{
+    Axes, Background, Dataset, DatasetError, Format, LookAt, ReadOptions, Report, View, mean_colour, read,
+};
 use glam::Vec3;
 use nerf_core::camera::{Camera, Intrinsics, Pose};
 use nerf_core::lens::Lens;
@@ -135,4 +137,16 @@ fn background_is_alpha_or_the_border_colour_or_unknown() {
         pixel[0] = i as u8;
     }
     assert_eq!(Background::of(&views), Background::Unknown);
+}
+
+#[test]
+fn the_mean_colour_is_that_of_the_pixels_that_count() {
+    let mut views = dataset_of(&orbit(2, 3.0, Vec3::ZERO), Axes::Opengl).train;
+    assert_eq!(mean_colour(&views), [0.0; 3]);
+    views[0].pixels[..24].fill([255, 51, 0, 255]);
+    assert_eq!(mean_colour(&views), [0.25, 0.05, 0.0]);
+    views[0].mask = Some((0..48).map(|i| i < 24).collect());
+    views[1].mask = Some(vec![false; 48]);
+    assert_eq!(mean_colour(&views), [1.0, 0.2, 0.0]);
+    assert_eq!(mean_colour(&[]), [0.0; 3]);
 }
