@@ -132,9 +132,9 @@ impl Study {
         for table in &self.beside {
             claims = claims.reads("the table", table);
         }
-        claims.settle()?;
         let beside: Result<Vec<_>, _> = self.beside.iter().map(|table| front_of(table, self.clock)).collect();
         let beside = beside?;
+        claims.settle()?;
         let bytes = read_file(file)?;
         let blob = open_blob(file, &bytes)?;
         let mut lab = Lab::new(&bytes)?;
