@@ -10,6 +10,9 @@ use std::borrow::Cow;
 /// The program, in a blob's provenance.
 pub(crate) const MADE_BY: &str = concat!("nerf-train ", env!("CARGO_PKG_VERSION"));
 
+/// Optical thickness of a marched step that keeps a cell in the file, where training keeps more.
+const EXPORTED: f32 = 0.03;
+
 /// A state of the run as it would be exported: what is measured of it is what its blob shows.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Candidate {
@@ -55,7 +58,9 @@ impl Trainer<'_> {
             contraction: self.bounds.contraction,
         };
         if settle || self.config.network.grid.is_none() {
-            occupancy.settle(&ask, self.threshold());
+            let threshold = self.threshold();
+            let threshold = self.step_width.map_or(threshold, |step| threshold.max(EXPORTED / step));
+            occupancy.settle(&ask, threshold);
         }
         Candidate { step: self.progressed.step, live: occupancy.into_live(), parameters, architecture: None }
     }
