@@ -182,7 +182,8 @@ pub(crate) fn check_table_values(grid: &GridEncoding, what: &str) -> Result<(), 
 pub struct SamplingConfig {
     /// Samples per ray, equal bins between near and far; beside a grid they follow from `steps_across`.
     pub samples: u16,
-    /// Steps that a ray takes across the longest side of the scene box, beside a grid.
+    /// Steps that a ray takes across the longest side of the scene box, beside a grid; in an unbounded scene across the
+    /// ball that is not contracted.
     pub steps_across: u16,
     /// Share of a bin, around its start, that a sample is drawn from; or a width in world units.
     pub jitter: Jitter,
@@ -245,7 +246,7 @@ pub struct OccupancyConfig {
     pub cells: usize,
     /// First step at which cells may be dropped.
     pub from: u32,
-    /// A cell is kept while its density times the bin width exceeds this.
+    /// A cell is kept while its density times the bin width exceeds this; in the file of a marched scene, at least 0.03.
     pub threshold: f32,
     /// What a cell's remembered density is multiplied with at each refresh.
     pub decay: f32,

@@ -61,7 +61,7 @@ pub struct Bounds {
 
 impl Bounds {
     /// Width of a marched step, world units: `steps_across` of them are as long as the longest side of the scene box, or in
-    /// an unbounded scene as the ball that stays as it is.
+    /// an unbounded scene as the diameter of the ball that is not contracted.
     pub fn step(&self, steps_across: u16) -> f32 {
         let across = match self.contraction {
             Some(contraction) => 2.0 * contraction.radius(),

@@ -87,7 +87,8 @@ pub struct Fit {
     settings: Settings,
     #[command(flatten)]
     table: TableSettings,
-    /// Steps that a ray takes across the longest side of the scene box.
+    /// Steps that a ray takes across the longest side of the scene box; in an unbounded scene across the ball that is
+    /// not contracted.
     #[arg(long, value_name = "N", help_heading = super::grid::HEADING)]
     steps_across: Option<u16>,
     /// Choose what no flag says of table, levels, storage and occupancy so that the whole file is no larger, with room
