@@ -84,8 +84,10 @@ impl SceneBox {
                 continue;
             }
             let (a, b) = ((low - origin) / dir, (high - origin) / dir);
-            enter = enter.max(a.min(b));
-            exit = exit.min(a.max(b));
+            // None is a NaN: plain comparisons, where `min` is a call in WebAssembly.
+            let (first, last) = if b < a { (b, a) } else { (a, b) };
+            enter = if first > enter { first } else { enter };
+            exit = if last < exit { last } else { exit };
         }
         (enter <= exit).then_some((enter, exit))
     }

@@ -23,6 +23,7 @@ impl Lanes for F32x4 {
     const COUNT: usize = 4;
     const TILE_ROWS: usize = 2;
     const TILE_COLS: usize = 4;
+    const LEVEL_BY_LEVEL: bool = true;
     type Mask = v128;
     type Indices = U32x4;
 
@@ -85,6 +86,10 @@ impl Lanes for F32x4 {
         Self(f32x4_add(f32x4_nearest(self.0), f32x4_splat(0.0)))
     }
     #[inline(always)]
+    fn floor(self) -> Self {
+        Self(f32x4_floor(self.0))
+    }
+    #[inline(always)]
     fn exp2_integer(self) -> Self {
         let biased = i32x4_add(i32x4_trunc_sat_f32x4(self.0), i32x4_splat(127));
         Self(i32x4_shl(biased, 23))
@@ -110,8 +115,32 @@ impl Lanes for F32x4 {
     }
     #[inline(always)]
     fn to_indices(self) -> U32x4 {
-        // Signed: that is fewer instructions where no machine converts unsigned ones.
-        U32x4(i32x4_trunc_sat_f32x4(self.0))
+        // WebAssembly's conversion saturates, for which x86 takes five instructions.
+        let whole = f32x4_splat(8_388_608.0);
+        U32x4(i32x4_sub(f32x4_add(self.0, whole), whole))
+    }
+    #[inline(always)]
+    fn bits(bytes: &[u8], at: U32x4) -> u32 {
+        let Some(last) = bytes.len().checked_sub(1) else { return 0 };
+        let byte = u32x4_shr(at.0, 3);
+        let inside = u32x4_le(byte, u32x4_splat(last as u32));
+        let byte = u32x4_min(byte, u32x4_splat(last as u32));
+        let start = bytes.as_ptr();
+        // SAFETY: no index is beyond that of the last byte.
+        let found = unsafe {
+            let found =
+                v128_load8_lane::<0>(u32x4_splat(0), start.add(u32x4_extract_lane::<0>(byte) as usize));
+            let found = v128_load8_lane::<4>(found, start.add(u32x4_extract_lane::<1>(byte) as usize));
+            let found = v128_load8_lane::<8>(found, start.add(u32x4_extract_lane::<2>(byte) as usize));
+            v128_load8_lane::<12>(found, start.add(u32x4_extract_lane::<3>(byte) as usize))
+        };
+        // Of the table, byte i is bit i; only the lowest byte of each lane of `found` is not 0.
+        let bit = u8x16_swizzle(
+            i64x2_splat(0x8040_2010_0804_0201u64.cast_signed()),
+            v128_and(at.0, u32x4_splat(7)),
+        );
+        let empty = i32x4_eq(v128_and(found, bit), u32x4_splat(0));
+        u32::from(i32x4_bitmask(v128_andnot(inside, empty)))
     }
     #[inline(always)]
     fn weighted_rows<T: Table, const ROWS: usize>(
@@ -174,7 +203,7 @@ fn lane<T: Table, const ROWS: usize, const LANE: usize>(
         let values = match T::FORMAT {
             // SAFETY: `last_row` keeps each row, and with it four values from `plus` on, inside the table; unaligned
             // reads.
-            Format::F16 => widen_finite(unsafe { v128_load64_zero(at.cast()) }),
+            Format::F16 => widen_finite(unsafe { i32x4_load_extend_i16x4(at.cast()) }),
             // SAFETY: as above, with values of four bytes.
             Format::F32 => unsafe { v128_load(at.cast()) },
             Format::Int8 => {
@@ -185,21 +214,24 @@ fn lane<T: Table, const ROWS: usize, const LANE: usize>(
         };
         sum = F32x4(i32x4_shuffle::<LANE, LANE, LANE, LANE>(weight.0, weight.0)).mul_add(F32x4(values), sum);
     }
-    sum.0
+    // Through memory: else V8 moves the next lanes' reads to the front, and most of what they found to the stack.
+    core::hint::black_box(sum.0)
 }
 
-/// The lower four f16, finite, widened as [`crate::math::gather::widen_finite`] does.
+/// Four f16, finite, each with its sign above it, widened.
 ///
-/// With shifts rather than masks: V8 makes each constant of 128 bits anew, in four instructions.
+/// `v = 2 v − v`; of a subnormal, which has no leading 1, `v = (2^-14 + v) − 2^-14`: both exact, and no f32 is subnormal
+/// on the way: multiplications of many Intel cores stall on those.
 #[inline(always)]
 fn widen_finite(bits: v128) -> v128 {
-    let bits = i32x4_extend_low_i16x8(bits);
-    let sign = i32x4_shl(i32x4_shr(bits, 31), 31);
-    let magnitude = u32x4_shr(i32x4_shl(bits, 17), 4); // 2^13 times what it is, in place
-    let normal = i32x4_add(magnitude, i32x4_splat((127 - 15) << 23));
-    let subnormal = f32x4_mul(f32x4_convert_i32x4(magnitude), f32x4_splat(1.0 / (1u64 << 37) as f32));
-    let is_subnormal = i32x4_eq(u32x4_shr(magnitude, 23), i32x4_splat(0));
-    v128_or(sign, v128_bitselect(subnormal, normal, is_subnormal))
+    const SMALLEST_NORMAL: i32 = (127 - 14) << 23;
+    let magnitude = u32x4_shr(i32x4_shl(bits, 17), 4);
+    let more = i32x4_add(magnitude, i32x4_splat(SMALLEST_NORMAL));
+    let less = i32x4_max(
+        i32x4_add(magnitude, i32x4_splat(SMALLEST_NORMAL - (1 << 23))),
+        i32x4_splat(SMALLEST_NORMAL),
+    );
+    v128_or(f32x4_sub(more, less), v128_and(bits, u32x4_splat(0x8000_0000)))
 }
 
 /// Four u32 in a `v128`. Made only where `F32x4` is.

@@ -13,6 +13,9 @@ pub trait Lanes: Copy {
     const TILE_ROWS: usize;
     /// Vectors of C a register tile of the product kernel covers.
     const TILE_COLS: usize;
+    /// Whether a grid encodes several vectors at one level before it goes to the next: where there are too few
+    /// registers to find the entries of one level while those of another are read.
+    const LEVEL_BY_LEVEL: bool = false;
     /// The result of a comparison.
     type Mask: Copy;
     /// As many `u32`.
@@ -50,6 +53,12 @@ pub trait Lanes: Copy {
     fn abs(self) -> Self;
     /// The nearest integer, ties to even, for every finite value.
     fn round_even(self) -> Self;
+    /// The largest integer that is not larger, for every finite value.
+    #[inline(always)]
+    fn floor(self) -> Self {
+        let nearest = self.round_even();
+        Self::select(self.less(nearest), nearest.sub(Self::splat(1.0)), nearest)
+    }
     /// `2^self` for an integer in `-126..=127`.
     fn exp2_integer(self) -> Self;
     /// Splits a positive normal number into `(m, e)` with `self = m 2^e`, `m` in `[√½, √2)`.

@@ -45,15 +45,12 @@ impl<'a> OccupancyGrid<'a> {
     #[inline(always)]
     pub(crate) fn occupied_lanes<V: Lanes>(&self, points: [V; 3]) -> u32 {
         let (min, scale) = (self.bounds.min.to_array(), self.cells_per_unit.to_array());
-        let (zero, one) = (V::splat(0.0), V::splat(1.0));
         let mut index = V::Indices::splat(0);
         for axis in 0..3 {
             let side = u32::from(self.resolution[axis]);
             let at = points[axis].sub(V::splat(min[axis])).mul(V::splat(scale[axis]));
-            let nearest = at.round_even();
-            let floor = V::select(at.less(nearest), nearest.sub(one), nearest);
             // As in `cell_of`.
-            let cell = floor.min_of(V::splat(side.saturating_sub(1) as f32)).max_of(zero);
+            let cell = at.floor().min_of(V::splat(side.saturating_sub(1) as f32)).max_of(V::splat(0.0));
             index = index.mul(V::Indices::splat(side)).add(cell.to_indices());
         }
         V::bits(self.bits, index)

@@ -126,8 +126,6 @@ impl<V: Lanes> Cells<V> {
 #[inline(always)]
 fn locate<V: Lanes>(unit: V, cells: u32) -> (V::Indices, V) {
     let g = unit.mul(V::splat(cells as f32));
-    let nearest = g.round_even();
-    let floor = V::select(g.less(nearest), nearest.sub(V::splat(1.0)), nearest);
-    let cell = floor.min_of(V::splat(cells.saturating_sub(1) as f32));
+    let cell = g.floor().min_of(V::splat(cells.saturating_sub(1) as f32));
     (cell.to_indices(), g.sub(cell))
 }

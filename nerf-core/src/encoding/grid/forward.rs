@@ -80,6 +80,9 @@ fn encode_one_by_one(
     }
 }
 
+/// Vectors that go through a level together, where they go level by level.
+const AT_ONCE: usize = 16;
+
 struct Encode<'a, T> {
     grid: &'a GridEncoding,
     tables: &'a GridTables<'a>,
@@ -110,6 +113,9 @@ impl<T: Table> Op for Encode<'_, T> {
 impl<T: Table> Encode<'_, T> {
     #[inline(always)]
     fn encode<V: Lanes, const ROWS: usize, const FEATURES: usize>(self) {
+        if V::LEVEL_BY_LEVEL {
+            return self.level_by_level::<V, ROWS, FEATURES>();
+        }
         let stride = self.stride;
         for column in (0..stride).step_by(V::COUNT) {
             let inputs = usize::from(self.grid.inputs);
@@ -128,6 +134,40 @@ impl<T: Table> Encode<'_, T> {
                 here.interpolate(self.table, &level, FEATURES, (column, stride, self.out));
             }
         }
+    }
+
+    /// The same, several vectors at one level and then at the next.
+    fn level_by_level<V: Lanes, const ROWS: usize, const FEATURES: usize>(self) {
+        let (stride, inputs) = (self.stride, usize::from(self.grid.inputs));
+        for first in (0..stride).step_by(AT_ONCE * V::COUNT) {
+            let mut units = [[V::splat(0.0); 3]; AT_ONCE];
+            let columns = (first..stride).step_by(V::COUNT);
+            let mut count = 0;
+            for (unit, column) in units.iter_mut().zip(columns) {
+                *unit = unit_positions(self.tables, inputs, stride, self.x, column);
+                count += 1;
+            }
+            for level in self.grid.levels() {
+                let to = (first, stride, &mut *self.out);
+                encode_level::<V, T, ROWS, FEATURES>(self.table, &level, head(&units, count), to);
+            }
+        }
+    }
+}
+
+/// Values of one level at the positions `units`, from column `first` on, into `out`.
+///
+/// A function of its own: within a larger one V8 makes what is the same for all vectors again for each.
+#[inline(never)]
+fn encode_level<V: Lanes, T: Table, const ROWS: usize, const FEATURES: usize>(
+    table: T,
+    level: &GridLevel,
+    units: &[[V; 3]],
+    (first, stride, out): (usize, usize, &mut [f32]),
+) {
+    for (i, &unit) in units.iter().enumerate() {
+        let read = Read::<V, ROWS>::of(level, unit);
+        read.interpolate(table, level, FEATURES, (first + i * V::COUNT, stride, &mut *out));
     }
 }
 
