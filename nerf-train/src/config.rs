@@ -309,13 +309,12 @@ impl Preset {
                 },
                 optimiser: OptimiserConfig {
                     steps: 12_000,
-                    rate: 3e-2,
-                    final_share: 0.15,
-                    long: 10_000,
+                    rate: 2e-2,
+                    final_share: 0.3,
                     warm_up: 0,
                     beta2: 0.99,
                     epsilon: 1e-15,
-                    average: 0.0,
+                    average: 0.998,
                 },
                 seed: 0,
             },
@@ -363,7 +362,6 @@ impl Preset {
                     steps: 12_000,
                     rate: 1e-2,
                     final_share: 0.02,
-                    long: 0,
                     warm_up: 300,
                     beta2: 0.99,
                     epsilon: 1e-15,
@@ -415,7 +413,6 @@ impl Preset {
                     steps: 1500,
                     rate: 5e-4,
                     final_share: 1.0,
-                    long: 0,
                     warm_up: 0,
                     beta2: 0.999,
                     epsilon: 1e-8,
@@ -597,6 +594,11 @@ impl Config {
         self.occupancy.threshold = 0.1;
         self.occupancy.hull = false;
         self
+    }
+
+    /// Steps from one that is averaged to the next: a grid has many parameters, of which a step moves few.
+    pub(crate) fn averaged_every(&self) -> u32 {
+        if self.network.grid.is_some() { 16 } else { 1 }
     }
 
     /// The network as it is trained, over a cube of side 1.

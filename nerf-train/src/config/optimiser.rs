@@ -14,15 +14,14 @@ pub struct OptimiserConfig {
     pub rate: f64,
     /// Learning rate at the end, as a share of `rate`; 1 keeps it constant.
     pub final_share: f64,
-    /// Steps of a run up to which that holds: one of twice as many ends at half that rate, and so on; 0 if all end alike.
-    pub long: u32,
     /// Steps over which the rate rises from 0.
     pub warm_up: u32,
     /// Adam's decay of the second moment.
     pub beta2: f64,
     /// Adam's epsilon.
     pub epsilon: f64,
-    /// Decay of the exponential average of the parameters that is exported; 0 exports the last.
+    /// Decay, a step, of the exponential average of the parameters that is exported, which reaches back over a ninth of the
+    /// steps so far at most; 0 exports the last.
     pub average: f64,
 }
 

@@ -23,6 +23,7 @@ use nerf_core::ray::SceneBox;
 use nerf_core::render::{RenderError, Renderer};
 use nerf_core::sampling::{Purpose, uniform_u32};
 use rayon::prelude::*;
+use std::borrow::Cow;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
@@ -82,7 +83,7 @@ impl<'p> FieldTrainer<'p> {
         let model = config.model(photo.size());
         let picture = SceneBox { min: Vec3::ZERO, max: Vec3::ONE };
         let engine = engine_for(&model, picture, config.adam(), config.seed, tier)?;
-        let average = Average::new(config.optimiser.average, model.parameters());
+        let average = Average::new(config.optimiser.average, 1, model.parameters());
         let batch = Batch::default();
         Ok(Self { photo, config, model, tier, engine, average, batch, step: 0, mse: f64::NAN })
     }
@@ -100,7 +101,7 @@ impl<'p> FieldTrainer<'p> {
         let loss = self.engine.step(&self.batch, rate)?;
         self.mse = if self.step == 0 { loss.mse } else { 0.95 * self.mse + 0.05 * loss.mse };
         self.step += 1;
-        self.average.update(|| self.engine.parameters().into_owned());
+        self.average.update(self.step, || self.engine.parameters());
         Ok(())
     }
 
@@ -157,8 +158,7 @@ impl<'p> FieldTrainer<'p> {
     /// # Errors
     /// [`FieldError::Export`] on parameters that do not fit f16.
     pub fn export(&self, psnr_db: Option<f64>) -> Result<Exported, FieldError> {
-        let parameters =
-            self.average.corrected(self.step).unwrap_or_else(|| self.engine.parameters().into_owned());
+        let parameters = self.average.values().map_or_else(|| self.engine.parameters(), Cow::Borrowed);
         let [width, height] = self.photo.size();
         let (parameters, tables) = parameters.split_at(self.model.layer_parameters());
         Ok(export(&Contents {

@@ -1,46 +1,66 @@
 //! The exponential average of the parameters: smoother than any single step's.
 
+use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
+use std::borrow::Cow;
 
-/// A running average, started at 0 and corrected for that when it is read.
+/// A share of the updates so far that the average reaches back over at most: at first those are of a field that is
+/// still far off.
+const REACH: f64 = 1.0 / 9.0;
+/// Parameters that one task averages.
+const PART: usize = 1 << 14;
+
+/// A running average over a run's last steps.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Average {
+    /// Of the average, from one update to the next.
     decay: f64,
+    /// Steps from one update to the next.
+    every: u32,
+    updates: u32,
     values: Vec<f32>,
 }
 
 impl Average {
-    /// An average of `parameters` values; a `decay` of 0 keeps none.
-    pub fn new(decay: f64, parameters: usize) -> Self {
-        Self { decay, values: vec![0.0; if decay > 0.0 { parameters } else { 0 }] }
+    /// An average of `parameters` values, to which every so many steps add one; `decay` is that of a step, and 0 keeps
+    /// no average.
+    pub fn new(decay: f64, every: u32, parameters: usize) -> Self {
+        let values = vec![0.0; if decay > 0.0 { parameters } else { 0 }];
+        Self { decay: decay.powi(every as i32), every, updates: 0, values }
     }
 
-    /// Whether this is the same average of other steps.
-    pub(super) fn is_like(&self, other: &Self) -> bool {
+    /// Whether this is the same average after `steps` other steps.
+    pub(super) fn is_like(&self, other: &Self, steps: u32) -> bool {
         let finite = self.values.iter().all(|value| value.is_finite());
-        finite && (self.decay, self.values.len()) == (other.decay, other.values.len())
+        let counted = self.values.is_empty() || self.updates == steps / self.every;
+        let shape = |average: &Self| (average.decay, average.every, average.values.len());
+        finite && counted && shape(self) == shape(other)
     }
 
     /// Begins anew.
     pub fn clear(&mut self) {
-        self.values.fill(0.0);
+        self.updates = 0;
     }
 
-    /// Takes a step's parameters in; they are not asked for where no average is kept.
-    pub fn update(&mut self, parameters: impl FnOnce() -> Vec<f32>) {
-        if self.values.is_empty() {
+    /// Takes in the parameters after `steps` steps, if it is their turn; only then are they asked for.
+    pub fn update<'p>(&mut self, steps: u32, parameters: impl FnOnce() -> Cow<'p, [f32]>) {
+        if self.values.is_empty() || !steps.is_multiple_of(self.every) {
             return;
         }
-        let decay = self.decay as f32;
-        for (average, parameter) in self.values.iter_mut().zip(parameters()) {
-            *average = decay * *average + (1.0 - decay) * parameter;
-        }
+        let before = f64::from(self.updates);
+        let decay = self.decay.min(before / (before + 1.0 / REACH)) as f32;
+        self.updates += 1;
+        let parameters = parameters();
+        let parts = self.values.par_chunks_mut(PART).zip(parameters.par_chunks(PART));
+        parts.for_each(|(values, parameters)| {
+            for (average, parameter) in values.iter_mut().zip(parameters) {
+                *average = decay * *average + (1.0 - decay) * parameter;
+            }
+        });
     }
 
-    /// The average after `steps` updates; `None` if there is none, or nothing in it yet.
-    pub fn corrected(&self, steps: u32) -> Option<Vec<f32>> {
-        let started = 1.0 - self.decay.powf(f64::from(steps));
-        let correct = |&average: &f32| (f64::from(average) / started) as f32;
-        (self.decay > 0.0 && started > 0.0).then(|| self.values.iter().map(correct).collect())
+    /// The average; `None` if there is none, or nothing in it yet.
+    pub fn values(&self) -> Option<&[f32]> {
+        (self.updates > 0).then_some(&self.values)
     }
 }

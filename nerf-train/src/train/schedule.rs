@@ -58,13 +58,9 @@ impl Budget {
     }
 }
 
-/// The learning rate when `share` of the budget is used and `step` steps are done.
-///
-/// `rate · final_share^share`, after a linear warm-up; of a long run, which `step / share` tells, with a smaller final
-/// share.
+/// The learning rate when `share` of the budget is used and `step` steps are done: `rate · final_share^share`, after a
+/// linear warm-up.
 pub fn learning_rate(config: &OptimiserConfig, step: u32, share: f64) -> f64 {
     let warm = if config.warm_up == 0 { 1.0 } else { f64::from(step + 1) / f64::from(config.warm_up) };
-    let times =
-        if config.long == 0 { 1.0 } else { f64::from(step) / share.max(1e-3) / f64::from(config.long) };
-    config.rate * (config.final_share / times.max(1.0)).powf(share) * warm.min(1.0)
+    config.rate * config.final_share.powf(share) * warm.min(1.0)
 }

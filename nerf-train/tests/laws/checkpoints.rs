@@ -197,8 +197,8 @@ fn wrong_checkpoints(whole: &Checkpoint) -> Vec<(&'static str, Checkpoint)> {
     with("counters", &|c| c.progressed.rays = u64::MAX);
     with("counters", &|c| c.progressed.reseeds = u32::MAX);
     with("counters", &|c| (c.progressed.step, c.optimiser.steps) = (u32::MAX, u64::MAX));
-    with("averaged parameters", &|c| c.average = Average::new(0.98, 3));
-    with("averaged parameters", &|c| c.average = Average::new(0.0, 0));
+    with("averaged parameters", &|c| c.average = Average::new(0.98, 1, 3));
+    with("averaged parameters", &|c| c.average = Average::new(0.0, 1, 0));
     with("occupancy cells", &|c| c.occupancy = None);
     let finer = |c: &Checkpoint| {
         let bounds = c.occupancy.clone().expect("an occupancy grid").into_live().bounds();
