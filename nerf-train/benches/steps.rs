@@ -1,7 +1,8 @@
 //! Where a training step's time goes, at two sizes of the grid's table.
 //!
 //! `cargo bench -p nerf-train --bench steps`; `NERF_BENCH_DATA=FILE` trains on that data instead of the built-in
-//! scene, `NERF_BENCH_STEPS=N` times N steps after as many that are not timed. On a quiet machine.
+//! scene, `NERF_BENCH_UNBOUNDED=1` as photographs of an unbounded scene, `NERF_BENCH_STEPS=N` times N steps after as many
+//! that are not timed. On a quiet machine.
 
 use nerf_core::kernels::Tier;
 use nerf_train::config::Preset;
@@ -36,6 +37,9 @@ fn main() {
 /// Trains, and prints the row of the second half.
 fn row(data: &dataset::Dataset, log2_entries: u8, threads: usize, steps: u32) {
     let mut config = Preset::Grid.config();
+    if std::env::var_os("NERF_BENCH_UNBOUNDED").is_some() {
+        config = config.unbounded();
+    }
     if let Some(grid) = &mut config.network.grid {
         grid.log2_entries = log2_entries;
     }
@@ -52,8 +56,7 @@ fn row(data: &dataset::Dataset, log2_entries: u8, threads: usize, steps: u32) {
     let evaluated = after.evaluated - before.evaluated;
     let parts = Phase::ALL.map(|phase| (trainer.phases().of(phase) - phases.of(phase)).as_secs_f64());
     // What waits or is done by one thread alone.
-    let of_all =
-        |phase: usize| if matches!(Phase::ALL[phase], Phase::March | Phase::Occupancy) { threads } else { 1 };
+    let of_all = |phase: usize| if matches!(Phase::ALL[phase], Phase::Occupancy) { threads } else { 1 };
     let parts: Vec<f64> = parts.iter().enumerate().map(|(i, s)| s * of_all(i) as f64).collect();
     let whole = seconds * threads as f64;
     let shares: Vec<String> = parts.iter().map(|s| format!("{:.1} %", 100.0 * s / whole)).collect();

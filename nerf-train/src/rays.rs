@@ -5,9 +5,10 @@ mod march;
 use crate::config::{Config, Jitter};
 use crate::dataset::{Background, View};
 use crate::engine::{Batch, BatchRay};
-use crate::occupancy::{LiveCells, is_foreground};
+use crate::occupancy::is_foreground;
 use glam::Vec3;
-use march::{Cells, march, march_contracted};
+pub use march::MarchCells;
+use march::{march, march_contracted};
 use nerf_core::blob::SceneSampling;
 use nerf_core::camera::Camera;
 use nerf_core::contraction::Contraction;
@@ -15,6 +16,8 @@ use nerf_core::kernels::Tier;
 use nerf_core::ray::{Ray, SceneBox};
 use nerf_core::sampling::{Bins, OccupancyGrid, Purpose, uniform, uniform_u32};
 use rayon::prelude::*;
+use std::ops::Range;
+use std::time::{Duration, Instant};
 
 /// How far around the foreground rays are still drawn, pixels.
 const FOREGROUND_MARGIN: usize = 4;
@@ -82,8 +85,8 @@ impl Bounds {
     }
 }
 
-/// Some rays, where their samples lie, and how wide these are.
-type Marched = (Vec<BatchRay>, Vec<[f32; 3]>, Vec<f32>);
+/// Some rays, where their samples lie, how wide these are, and the time it took.
+type Marched = (Vec<BatchRay>, Vec<[f32; 3]>, Vec<f32>, Duration);
 
 impl<'d> RayBank<'d> {
     /// A bank over `views`.
@@ -161,7 +164,10 @@ impl<'d> RayBank<'d> {
             .into_par_iter()
             .map(|chunk| {
                 let range = chunk * CHUNK..rays.min((chunk + 1) * CHUNK);
-                range.map(|index| self.ray(step, index as u64, rays, occupancy)).collect()
+                let targets = self.targets(step, range, rays);
+                targets
+                    .map(|(index, _, ray, target)| self.samples(step, index, ray, target, occupancy))
+                    .collect()
             })
             .collect();
         for (ray, positions) in chunks.into_iter().flatten() {
@@ -175,7 +181,7 @@ impl<'d> RayBank<'d> {
     }
 
     /// Fills `batch` with `rays` rays of `step`: of each the samples in `cells`, `width` apart, from a random place in
-    /// the first of these steps on.
+    /// the first of these steps on. Gives the time that this took, summed over threads.
     ///
     /// Where the training cameras stood does not matter: what is marched is the ray within the scene box.
     pub fn fill_marched(
@@ -184,40 +190,42 @@ impl<'d> RayBank<'d> {
         batch: &mut Batch,
         step: u64,
         rays: usize,
-        cells: &LiveCells,
+        cells: &MarchCells,
         width: f32,
-    ) {
-        let cells = Cells { bounds: cells.bounds(), resolution: cells.resolution(), bits: cells.bits() };
+    ) -> Duration {
         if let Some(contraction) = &self.contraction {
             let width = width / contraction.radius();
-            return self.fill_contracted(tier, batch, (step, rays), &cells, contraction, width);
+            return self.fill_contracted(tier, batch, (step, rays), cells, contraction, width);
         }
         batch.clear();
-        let chunks: Vec<(Vec<BatchRay>, Vec<[f32; 3]>)> = (0..rays.div_ceil(CHUNK))
+        let chunks: Vec<(Vec<BatchRay>, Vec<[f32; 3]>, Duration)> = (0..rays.div_ceil(CHUNK))
             .into_par_iter()
             .map(|chunk| {
+                let begun = Instant::now();
                 let range = chunk * CHUNK..rays.min((chunk + 1) * CHUNK);
                 let (mut rays_of, mut positions) =
                     (Vec::with_capacity(CHUNK), Vec::with_capacity(16 * CHUNK));
-                for index in range {
+                for (index, _, ray, mut batch_ray) in self.targets(step, range, rays) {
                     let before = positions.len();
-                    let (ray, mut batch_ray) = self.target(step, index as u64, rays);
                     if let Some((enter, exit)) = self.bounds.clip(&ray, 0.0, f32::MAX) {
-                        let u = uniform(self.seed, Purpose::Jitter, step, index as u64);
+                        let u = uniform(self.seed, Purpose::Jitter, step, index);
                         let (first, count) = (enter + u * width, ((exit - enter) / width).ceil() as u32);
-                        march(tier, &cells, &ray, first, width, count, &mut positions);
+                        march(tier, cells, &ray, first, width, count, &mut positions);
                     }
                     batch_ray.samples = (positions.len() - before) as u32;
                     rays_of.push(batch_ray);
                 }
-                (rays_of, positions)
+                (rays_of, positions, begun.elapsed())
             })
             .collect();
-        for (rays, positions) in chunks {
+        let mut time = Duration::ZERO;
+        for (rays, positions, taken) in chunks {
             batch.rays.extend(rays);
             batch.positions.extend(positions);
+            time += taken;
         }
         batch.deltas.resize(batch.positions.len(), width);
+        time
     }
 
     /// As [`Self::fill_marched`], of an unbounded scene: `step` is in radii of `contraction`'s ball where nothing is
@@ -227,39 +235,41 @@ impl<'d> RayBank<'d> {
         tier: Tier,
         batch: &mut Batch,
         (step, rays): (u64, usize),
-        cells: &Cells<'_>,
+        cells: &MarchCells,
         contraction: &Contraction,
         width: f32,
-    ) {
+    ) -> Duration {
         batch.clear();
         batch.faint = Some((self.seed, step));
         let far = contraction.step_at(self.far);
         let chunks: Vec<Marched> = (0..rays.div_ceil(CONTRACTED_CHUNK))
             .into_par_iter()
             .map(|chunk| {
+                let begun = Instant::now();
                 let range = chunk * CONTRACTED_CHUNK..rays.min((chunk + 1) * CONTRACTED_CHUNK);
                 let (mut rays_of, mut positions, mut deltas) = (Vec::new(), Vec::new(), Vec::new());
-                for index in range {
+                for (index, view, ray, mut batch_ray) in self.targets(step, range, rays) {
                     let before = positions.len();
-                    let (ray, mut batch_ray) = self.target(step, index as u64, rays);
                     let (ray, start) = contraction.centred(&ray);
-                    let (view, _) = self.source(step, index as u64, rays);
                     let first = contraction.step_at(self.nears[view] - start);
-                    let u = uniform(self.seed, Purpose::Jitter, step, index as u64);
+                    let u = uniform(self.seed, Purpose::Jitter, step, index);
                     let count = ((far - first) / width).ceil().max(0.0) as u32;
                     let walk = (first + u * width, width, count);
                     march_contracted(tier, cells, contraction, &ray, walk, (&mut positions, &mut deltas));
                     batch_ray.samples = (positions.len() - before) as u32;
                     rays_of.push(batch_ray);
                 }
-                (rays_of, positions, deltas)
+                (rays_of, positions, deltas, begun.elapsed())
             })
             .collect();
-        for (rays, positions, deltas) in chunks {
+        let mut time = Duration::ZERO;
+        for (rays, positions, deltas, taken) in chunks {
             batch.rays.extend(rays);
             batch.positions.extend(positions);
             batch.deltas.extend(deltas);
+            time += taken;
         }
+        time
     }
 
     /// Adds `count` points that `occupancy` calls empty: half along rays of the data, half anywhere.
@@ -293,7 +303,16 @@ impl<'d> RayBank<'d> {
     }
 
     fn locate(&self, pixel: u64) -> (usize, usize) {
-        let view = self.starts.partition_point(|&start| start <= pixel) - 1;
+        // Views are mostly of one size: the first guess is then right, where a search would be mispredicted.
+        let views = self.views.len();
+        let share = pixel as f64 / self.starts[views] as f64;
+        let mut view = ((share * views as f64) as usize).min(views - 1);
+        while pixel < self.starts[view] {
+            view -= 1;
+        }
+        while pixel >= self.starts[view + 1] {
+            view += 1;
+        }
         (view, (pixel - self.starts[view]) as usize)
     }
 
@@ -315,11 +334,27 @@ impl<'d> RayBank<'d> {
         }
     }
 
-    /// Ray `index` of a step that draws `rays`, and what it should show; without samples.
-    fn target(&self, step: u64, index: u64, rays: usize) -> (Ray, BatchRay) {
-        let (view, pixel) = self.source(step, index, rays);
-        let view = &self.views[view];
-        let ray = ray_of(&view.camera, pixel);
+    /// Rays `range` of a step that draws `rays`: the number of each, its view, the ray, and what it should show; without
+    /// samples.
+    fn targets(
+        &self,
+        step: u64,
+        range: Range<usize>,
+        rays: usize,
+    ) -> impl Iterator<Item = (u64, usize, Ray, BatchRay)> {
+        // One after another: memory answers for many at a time, where each had to wait for it by itself.
+        let sources: Vec<_> = range.clone().map(|index| self.source(step, index as u64, rays)).collect();
+        let pixels: Vec<_> = sources.iter().map(|&(view, pixel)| self.views[view].pixels[pixel]).collect();
+        let all = range.zip(sources).zip(pixels);
+        all.map(move |((index, (view, pixel)), rgba)| {
+            let (ray, target) = self.target(step, index as u64, (view, pixel), rgba);
+            (index as u64, view, ray, target)
+        })
+    }
+
+    /// The ray of a pixel, which is `rgba`, and what it should show; without samples.
+    fn target(&self, step: u64, index: u64, (view, pixel): (usize, usize), rgba: [u8; 4]) -> (Ray, BatchRay) {
+        let ray = ray_of(&self.views[view].camera, pixel);
         let background = match self.background {
             // Corners of the colour cube, where errors of opacity weigh most; white one time in
             // three, since against it the edges of most things do.
@@ -336,18 +371,19 @@ impl<'d> RayBank<'d> {
             }
             _ => [0.0; 3],
         };
-        let rgb = crate::dataset::over(view.pixels[pixel], background);
+        let rgb = crate::dataset::over(rgba, background);
         (ray, BatchRay { dir: ray.dir.to_array(), rgb, background, samples: 0 })
     }
 
-    fn ray(
+    /// The live samples of ray `index`.
+    fn samples(
         &self,
         step: u64,
         index: u64,
-        rays: usize,
+        ray: Ray,
+        batch_ray: BatchRay,
         occupancy: Option<&OccupancyGrid<'_>>,
     ) -> (BatchRay, Vec<[f32; 3]>) {
-        let (ray, batch_ray) = self.target(step, index, rays);
         let mut positions = Vec::new();
         if let Some((enter, exit)) = self.bounds.clip(&ray, self.near, self.far) {
             for bin in self.bins.overlapping(enter, exit) {

@@ -54,20 +54,26 @@ impl Batch {
                 return Err(BatchError::Length { field, expected: claimed, found });
             }
         }
+        // All of it at once; who it is is asked where one is not.
+        let sound = |values: &[f32]| values.iter().fold(true, |all, x| all & x.is_finite());
+        let lengths = self.deltas.iter().fold(true, |all, d| all & (*d >= 0.0));
+        let points = sound(self.positions.as_flattened()) && sound(self.empty.as_flattened());
         let finite = |v: &[f32; 3]| v.iter().all(|x| x.is_finite());
         let bad = |field, index| Err(BatchError::NonFinite { field, index });
         let ray_ok = |ray: &BatchRay| finite(&ray.dir) && finite(&ray.rgb) && finite(&ray.background);
         if let Some(index) = self.rays.iter().position(|ray| !ray_ok(ray)) {
             return bad("rays", index);
         }
-        if let Some(index) = self.positions.iter().position(|x| !finite(x)) {
-            return bad("positions", index);
-        }
-        if let Some(index) = self.deltas.iter().position(|d| !(d.is_finite() && *d >= 0.0)) {
-            return bad("deltas", index);
-        }
-        if let Some(index) = self.empty.iter().position(|x| !finite(x)) {
-            return bad("empty", index);
+        if !(points && lengths && sound(&self.deltas)) {
+            if let Some(index) = self.positions.iter().position(|x| !finite(x)) {
+                return bad("positions", index);
+            }
+            if let Some(index) = self.deltas.iter().position(|d| !(d.is_finite() && *d >= 0.0)) {
+                return bad("deltas", index);
+            }
+            if let Some(index) = self.empty.iter().position(|x| !finite(x)) {
+                return bad("empty", index);
+            }
         }
         if !self.empty_weight.is_finite() {
             return bad("empty_weight", 0);

@@ -77,6 +77,22 @@ pub trait Engine: Send {
     /// before the call.
     fn step(&mut self, batch: &Batch, rate: f64) -> Result<StepLoss, EngineError>;
 
+    /// As [`Engine::step`], and calls `beside` once the loss is known: at the same time as the rest of the step, where an
+    /// engine can.
+    ///
+    /// # Errors
+    /// Those of [`Engine::step`]; `beside` is then not called.
+    fn step_beside(
+        &mut self,
+        batch: &Batch,
+        rate: f64,
+        beside: &mut (dyn FnMut(&StepLoss) + Send),
+    ) -> Result<StepLoss, EngineError> {
+        let loss = self.step(batch, rate)?;
+        beside(&loss);
+        Ok(loss)
+    }
+
     /// From now on encodes with a grid's tables as int8 has them; the first call says what a step of each level counts.
     /// Nothing without a grid.
     fn round_tables(&mut self) {}

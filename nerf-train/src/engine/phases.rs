@@ -70,6 +70,13 @@ impl Phases {
     }
 }
 
+impl Phases {
+    /// Adds `time` to a phase.
+    pub fn add(&mut self, phase: Phase, time: Duration) {
+        self.0[phase as usize] += time;
+    }
+}
+
 impl AddAssign for Phases {
     fn add_assign(&mut self, other: Self) {
         self.0.iter_mut().zip(other.0).for_each(|(a, b)| *a += b);

@@ -5,7 +5,7 @@ use crate::config::Config;
 use crate::dataset::{Background, View};
 use crate::engine::Batch;
 use crate::occupancy::{LiveCells, Occupancy};
-use crate::rays::{Bounds, RayBank};
+use crate::rays::{Bounds, MarchCells, RayBank};
 use crate::train::{TrainError, lengthened, nears};
 use glam::Vec3;
 use nerf_core::kernels::Tier;
@@ -97,9 +97,9 @@ impl Drawer<'_> {
                 let share = f64::from(self.step) / f64::from(self.config.optimiser.steps.max(1));
                 let longer = if self.bounds.contraction.is_some() { lengthened(share) } else { 1.0 };
                 let width = longer * self.bounds.step(s.steps_across);
-                let everywhere = Occupancy::full(self.bounds.scene_box, 1);
-                bank.fill_marched(Tier::Scalar, &mut kept, step, rays, cells, width);
-                bank.fill_marched(Tier::Scalar, &mut all, step, rays, everywhere.live(), width);
+                let everywhere = MarchCells::new(Occupancy::full(self.bounds.scene_box, 1).live());
+                bank.fill_marched(Tier::Scalar, &mut kept, step, rays, &MarchCells::new(cells), width);
+                bank.fill_marched(Tier::Scalar, &mut all, step, rays, &everywhere, width);
                 let most = all.rays.iter().map(|ray| ray.samples).max();
                 bins = most.unwrap_or(0).min(u16::MAX.into()) as u16;
             }

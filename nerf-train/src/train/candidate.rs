@@ -65,10 +65,9 @@ impl Trainer<'_> {
         Candidate { step: self.progressed.step, live: occupancy.into_live(), parameters, architecture: None }
     }
 
-    /// In export order: the corrected average, or the last where the run does not average.
+    /// In export order: the average, or the last where the run does not average.
     fn averaged_parameters(&self) -> Vec<f32> {
-        let average = self.average.corrected(self.progressed.step);
-        let parameters = average.map_or_else(|| self.engine.parameters(), Cow::Owned);
+        let parameters = self.average.values().map_or_else(|| self.engine.parameters(), Cow::Borrowed);
         self.model.fold(parameters).into_owned()
     }
 

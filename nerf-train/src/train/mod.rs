@@ -15,12 +15,12 @@ mod validation;
 
 pub use validation::FINAL_VIEWS;
 
-use crate::config::{Config, ConfigError, Density};
+use crate::config::{Config, ConfigError, Density, SamplingConfig};
 use crate::dataset::{Background, Dataset, mean_colour};
 use crate::engine::{Batch, Engine, EngineError, Model, Phase, Phases, engine_for};
 use crate::export::ExportError;
 use crate::occupancy::{Ask, Occupancy};
-use crate::rays::{Bounds, RayBank};
+use crate::rays::{Bounds, MarchCells, RayBank};
 use average::Average;
 pub(crate) use bounds::{find_bounds, find_box, nears};
 use checkpoint::{Checkpoint, fingerprint};
@@ -30,7 +30,7 @@ use nerf_core::ray::BoundsError;
 use schedule::learning_rate;
 use serde::{Deserialize, Serialize};
 use snapshot::Snapshot;
-use std::time::Instant;
+use std::time::{Duration, Instant};
 
 /// Steps in a row without any density after which a run is started anew with another seed.
 const DEAD_STEPS: u32 = 100;
@@ -143,6 +143,10 @@ pub struct Trainer<'d> {
     occupancy: Option<Occupancy>,
     average: Average,
     batch: Batch,
+    /// The occupied cells as they are marched; none until they are asked for.
+    cells: Option<MarchCells>,
+    /// The next step's samples, where they were marched beside this step's update, and what they were marched with.
+    ahead: (Option<March>, Batch),
     progressed: Progressed,
     phases: Phases,
     fingerprint: u64,
@@ -176,7 +180,7 @@ impl<'d> Trainer<'d> {
             Background::Alpha | Background::Unknown => [0.0; 3],
         };
         Ok(Self {
-            average: Average::new(config.optimiser.average, model.parameters()),
+            average: Average::new(config.optimiser.average, config.averaged_every(), model.parameters()),
             dataset,
             background,
             model,
@@ -187,6 +191,8 @@ impl<'d> Trainer<'d> {
             engine,
             occupancy,
             batch: Batch::default(),
+            cells: None,
+            ahead: Default::default(),
             progressed: Progressed::default(),
             phases: Phases::default(),
             curve: Vec::new(),
@@ -206,6 +212,7 @@ impl<'d> Trainer<'d> {
         self.engine.restore(&checkpoint.optimiser)?;
         self.average = checkpoint.average;
         self.occupancy = checkpoint.occupancy;
+        self.forget_marched();
         self.progressed = checkpoint.progressed;
         self.curve = checkpoint.curve;
         self.snapshots = checkpoint.snapshots;
@@ -226,7 +233,7 @@ impl<'d> Trainer<'d> {
         let curve = ascending && curve.last().is_none_or(|point| point.step <= p.step);
         let parts = [
             ("counters", counted && alive),
-            ("averaged parameters", average.is_like(&self.average)),
+            ("averaged parameters", average.is_like(&self.average, p.step)),
             ("occupancy cells", cells),
             ("points of the curve", curve),
         ];
@@ -257,7 +264,7 @@ impl<'d> Trainer<'d> {
         &self.config
     }
 
-    /// Where the time of this process's steps went: of march and occupancy as it passed, of the rest over all threads.
+    /// Where the time of this process's steps went: of the occupancy as it passed, of the rest over all threads.
     pub fn phases(&self) -> Phases {
         let mut phases = self.phases;
         phases += self.engine.phases();
@@ -306,15 +313,30 @@ impl<'d> Trainer<'d> {
     /// [`TrainError::Dead`] if every restart ended without density.
     pub fn step(&mut self, share: f64) -> Result<(), TrainError> {
         let step = u64::from(self.progressed.step);
-        let now = Instant::now();
         self.draw(step, share);
-        self.phases.lap(Phase::March, now);
         if self.config.network.grid.as_ref().is_some_and(|grid| grid.is_rounded(share)) {
             self.engine.round_tables();
         }
         let rate = learning_rate(&self.config.optimiser, self.progressed.step, share);
-        let loss = self.engine.step(&self.batch, rate)?;
-        let p = &mut self.progressed;
+        let refreshed = self.config.occupancy.skip
+            && (self.progressed.step + 1).is_multiple_of(self.config.occupancy.every);
+        let width = self.step_width(share);
+        let Self { bank, batch, ahead, cells, phases, progressed: p, tier, .. } = self;
+        let s = &self.config.sampling;
+        let grid = self.config.network.grid.is_some();
+        let mut live_per_ray = p.live_per_ray;
+        let loss = self.engine.step_beside(batch, rate, &mut |loss| {
+            if grid {
+                live_per_ray = smoothed(live_per_ray, loss.kept, batch.rays.len());
+            }
+            // The cells that a refresh leaves are not known yet.
+            if let (Some(width), Some(cells), false) = (width, &cells, refreshed) {
+                let march = March { step: step + 1, rays: rays_of(s, 1.0, live_per_ray), width };
+                ahead.0 = Some(march);
+                phases.add(Phase::March, march.fill(bank, *tier, cells, &mut ahead.1));
+            }
+        })?;
+        p.live_per_ray = live_per_ray;
         p.step += 1;
         p.rays += self.batch.rays.len() as u64;
         p.evaluated += loss.evaluated as u64;
@@ -324,40 +346,44 @@ impl<'d> Trainer<'d> {
         if p.dead_steps >= DEAD_STEPS {
             return self.reseed();
         }
-        self.average.update(|| self.engine.parameters().into_owned());
-        if self.config.network.grid.is_some() {
-            let p = &mut self.progressed;
-            let now = loss.kept as f64 / self.batch.rays.len().max(1) as f64;
-            p.live_per_ray = if p.live_per_ray == 0.0 { now } else { 0.9 * p.live_per_ray + 0.1 * now };
+        self.average.update(self.progressed.step, || self.engine.parameters());
+        if refreshed {
+            let now = Instant::now();
+            self.refresh_occupancy();
+            self.phases.lap(Phase::Occupancy, now);
         }
-        let now = Instant::now();
-        self.refresh_occupancy();
-        self.phases.lap(Phase::Occupancy, now);
         Ok(())
+    }
+
+    /// Width of the marched steps when `share` of the budget is used.
+    fn step_width(&self, share: f64) -> Option<f32> {
+        let longer = if self.bounds.contraction.is_some() { lengthened(share) } else { 1.0 };
+        self.step_width.filter(|_| self.occupancy.is_some()).map(|width| longer * width)
     }
 
     fn draw(&mut self, step: u64, share: f64) {
         let s = &self.config.sampling;
-        let skip = self.config.occupancy.skip;
-        let occupancy = self.occupancy.as_ref().filter(|_| skip).map(Occupancy::lookup);
-        let p = &mut self.progressed;
+        let occupancy = self.occupancy.as_ref().filter(|_| self.config.occupancy.skip).map(Occupancy::lookup);
+        let live_per_ray = self.progressed.live_per_ray;
         // A grid's samples count once they are kept, which is known after the step.
         let counted_after = self.config.network.grid.is_some();
-        let (margin, limit) = if counted_after { (1.0, 0) } else { (1.1, s.live_samples) };
-        let rays = if s.live_samples > 0 && p.live_per_ray > 0.0 {
-            ((margin * s.live_samples as f64 / p.live_per_ray) as usize).clamp(64, 65_536)
+        if let (Some(width), Some(occupancy)) = (self.step_width(share), &self.occupancy) {
+            let march = March { step, rays: rays_of(s, 1.0, live_per_ray), width };
+            if self.ahead.0.take() == Some(march) {
+                std::mem::swap(&mut self.batch, &mut self.ahead.1);
+            } else {
+                let cells = self.cells.get_or_insert_with(|| MarchCells::new(occupancy.live()));
+                let time = march.fill(&self.bank, self.tier, cells, &mut self.batch);
+                self.phases.add(Phase::March, time);
+            }
         } else {
-            s.rays
-        };
-        if let (Some(width), Some(occupancy)) = (self.step_width, &self.occupancy) {
-            let width = if self.bounds.contraction.is_some() { lengthened(share) * width } else { width };
-            self.bank.fill_marched(self.tier, &mut self.batch, step, rays, occupancy.live(), width);
-        } else {
+            let (margin, limit) = if counted_after { (1.0, 0) } else { (1.1, s.live_samples) };
+            let rays = rays_of(s, margin, live_per_ray);
             self.bank.fill(&mut self.batch, step, rays, limit, occupancy.as_ref());
         }
         if !counted_after {
-            let now = self.batch.positions.len() as f64 / self.batch.rays.len().max(1) as f64;
-            p.live_per_ray = if p.live_per_ray == 0.0 { now } else { 0.9 * p.live_per_ray + 0.1 * now };
+            let live = self.batch.positions.len();
+            self.progressed.live_per_ray = smoothed(live_per_ray, live, self.batch.rays.len());
         }
         self.batch.empty_weight = self.config.occupancy.empty_weight;
         if let Some(occupancy) = &occupancy {
@@ -366,11 +392,13 @@ impl<'d> Trainer<'d> {
         }
     }
 
+    /// Forgets what was marched with the cells of before.
+    fn forget_marched(&mut self) {
+        (self.cells, self.ahead.0) = (None, None);
+    }
+
     fn refresh_occupancy(&mut self) {
         let g = &self.config.occupancy;
-        if !g.skip || !self.progressed.step.is_multiple_of(g.every) {
-            return;
-        }
         let parameters = self.model.fold(self.engine.parameters());
         let threshold = self.threshold();
         if let Some(occupancy) = &mut self.occupancy {
@@ -387,6 +415,7 @@ impl<'d> Trainer<'d> {
             let cells = if self.config.network.grid.is_some() { g.cells.max(turn) } else { g.cells };
             occupancy.refresh(&ask, cells, threshold, g.decay, self.progressed.step >= g.from);
         }
+        self.forget_marched();
     }
 
     /// sigma that keeps a cell, 1/world unit.
@@ -406,12 +435,43 @@ impl<'d> Trainer<'d> {
         let seed = self.config.seed.wrapping_add(1000 * u64::from(restarts));
         self.engine = engine_for(&self.model, self.bounds.scene_box, self.config.adam(), seed, self.tier)?;
         self.occupancy = find_bounds(self.dataset, &self.config)?.2;
+        self.forget_marched();
         self.average.clear();
         self.progressed = Progressed { reseeds: restarts, ..Progressed::default() };
         self.curve.clear();
         self.snapshots.clear();
         Ok(())
     }
+}
+
+/// What a step's samples are marched with.
+#[derive(Clone, Copy, PartialEq)]
+struct March {
+    step: u64,
+    rays: usize,
+    /// Of the steps along a ray.
+    width: f32,
+}
+
+impl March {
+    fn fill(&self, bank: &RayBank<'_>, tier: Tier, cells: &MarchCells, batch: &mut Batch) -> Duration {
+        bank.fill_marched(tier, batch, self.step, self.rays, cells, self.width)
+    }
+}
+
+/// How many rays a step draws, where each has so many live samples; 0 is not known yet.
+fn rays_of(sampling: &SamplingConfig, margin: f64, live_per_ray: f64) -> usize {
+    if sampling.live_samples > 0 && live_per_ray > 0.0 {
+        ((margin * sampling.live_samples as f64 / live_per_ray) as usize).clamp(64, 65_536)
+    } else {
+        sampling.rays
+    }
+}
+
+/// Live samples a ray over the steps so far, when this one had `live` on `rays`.
+fn smoothed(before: f64, live: usize, rays: usize) -> f64 {
+    let now = live as f64 / rays.max(1) as f64;
+    if before == 0.0 { now } else { 0.9 * before + 0.1 * now }
 }
 
 /// How many times as long as in the end the steps through an unbounded scene are when `share` of the budget is used.

@@ -181,12 +181,14 @@ impl LayerSums {
             let parts = [(Some(main), 0, 0), (extra.as_ref(), dense.main, 1)];
             for (product, first, part) in parts {
                 let Some(product) = product else { continue };
+                let mut total = vec![0.0; product.sum_len()];
                 for sum in sums.clone() {
                     let sum = if part == 0 { &sum.main[l] } else { &sum.extra[l] };
-                    for (input, row) in sum.chunks_exact(padded(product.outputs)).enumerate() {
-                        for (output, &value) in row[..product.outputs].iter().enumerate() {
-                            gradient[dense.weights + output * dense.inputs() + first + input] += value;
-                        }
+                    total.iter_mut().zip(sum).for_each(|(total, value)| *total += value);
+                }
+                for (input, row) in total.chunks_exact(padded(product.outputs)).enumerate() {
+                    for (output, &value) in row[..product.outputs].iter().enumerate() {
+                        gradient[dense.weights + output * dense.inputs() + first + input] = value;
                     }
                 }
             }

@@ -46,7 +46,7 @@ use std::sync::{Mutex, PoisonError};
 /// Accumulators, hence threads that a step can use before the tables.
 const ACCUMULATORS: usize = 16;
 /// Rays of a chunk: their samples, activations included, fit the second-level cache.
-const CHUNK_RAYS: usize = 64;
+const CHUNK_RAYS: usize = 32;
 /// Chunks that a batch of few rays has at least, so that there is work for every thread: an unbounded scene's rays are
 /// few and long.
 const FEWEST_CHUNKS: usize = 6;
@@ -187,6 +187,15 @@ impl GridEngine {
 
 impl Engine for GridEngine {
     fn step(&mut self, batch: &Batch, rate: f64) -> Result<StepLoss, EngineError> {
+        self.step_beside(batch, rate, &mut |_| ())
+    }
+
+    fn step_beside(
+        &mut self,
+        batch: &Batch,
+        rate: f64,
+        beside: &mut (dyn FnMut(&StepLoss) + Send),
+    ) -> Result<StepLoss, EngineError> {
         check_rate(rate)?;
         batch.check()?;
         let loss = self.differentiate(batch)?;
@@ -218,12 +227,15 @@ impl Engine for GridEngine {
         // Only the box of it is used.
         let tables = GridTables::new(TableValues::F16(&[]), Some(&self.bounds));
         // The large ones first: they are the last ones.
-        levels.into_par_iter().rev().with_max_len(1).for_each(|mut level| {
-            // Each thread has its own: nobody waits for the lock.
-            let own = rayon::current_thread_index().unwrap_or(0) % threads;
-            let mut scratch = scratch[own].lock().unwrap_or_else(PoisonError::into_inner);
-            scratch.step(tier, grid, &tables, passes.iter().map(|pass| &pass.kept), &step, &mut level);
-        });
+        let update = || {
+            levels.into_par_iter().rev().with_max_len(1).for_each(|mut level| {
+                // Each thread has its own: nobody waits for the lock.
+                let own = rayon::current_thread_index().unwrap_or(0) % threads;
+                let mut scratch = scratch[own].lock().unwrap_or_else(PoisonError::into_inner);
+                scratch.step(tier, grid, &tables, passes.iter().map(|pass| &pass.kept), &step, &mut level);
+            });
+        };
+        rayon::join(|| beside(&loss), update);
         Ok(loss)
     }
 

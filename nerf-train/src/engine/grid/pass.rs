@@ -388,7 +388,7 @@ impl Scratch {
             grow(y, padded(kept) * across);
             let init = if layer.extra.is_some() {
                 for (row, &ray) in y.chunks_exact_mut(across).zip(&self.kept_ray) {
-                    row.copy_from_slice(&self.shares[ray as usize * across..][..across]);
+                    copy_row(&self.shares[ray as usize * across..], row);
                 }
                 Init::Accumulate
             } else {
@@ -537,6 +537,13 @@ impl Scratch {
 fn take_rows(from: &[f32], width: usize, rows: &[u32], to: &mut Vec<f32>) {
     grow(to, padded(rows.len()) * width);
     for (to, &row) in to.chunks_exact_mut(width).zip(rows) {
-        to.copy_from_slice(&from[row as usize * width..][..width]);
+        copy_row(&from[row as usize * width..], to);
+    }
+}
+
+/// Copies a row of whole vectors, `from` may be longer: of some 16 values, for which a call would take longer.
+fn copy_row(from: &[f32], to: &mut [f32]) {
+    for (to, from) in to.as_chunks_mut::<VECTOR>().0.iter_mut().zip(from.as_chunks::<VECTOR>().0) {
+        *to = *from;
     }
 }

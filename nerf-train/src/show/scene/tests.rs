@@ -2,7 +2,7 @@ use super::*;
 use crate::config::{Preset, Surroundings};
 use crate::demo_scene::{DemoSpec, dataset};
 use crate::engine::Batch;
-use crate::rays::RayBank;
+use crate::rays::{MarchCells, RayBank};
 use crate::show::{page, sheet};
 use nerf_core::kernels::Tier;
 
@@ -84,7 +84,8 @@ fn a_grid_shows_the_marched_rays_of_its_training_in_a_box() {
     let bank = RayBank::new(&data.train, data.background, bounds, &config).unwrap();
     let (mut batch, s) = (Batch::default(), &config.sampling);
     let width = bounds.step(s.steps_across);
-    bank.fill_marched(Tier::Scalar, &mut batch, 3, s.rays, occupancy.unwrap().live(), width);
+    let cells = MarchCells::new(occupancy.unwrap().live());
+    bank.fill_marched(Tier::Scalar, &mut batch, 3, s.rays, &cells, width);
     assert_eq!((scene.step.rays, scene.step.live), (batch.rays.len(), batch.positions.len()));
     let mut positions = batch.positions.iter();
     for shown in &scene.rays {
