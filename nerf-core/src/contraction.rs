@@ -73,7 +73,35 @@ impl Contraction {
     /// [`Contraction::contract`] of a vector of points: x, y, z.
     #[inline(always)]
     pub fn contract_lanes<V: Lanes>(&self, p: [V; 3]) -> [V; 3] {
-        let (centre, one) = (self.centre.to_array(), V::splat(1.0));
+        let one = V::splat(1.0);
+        let q = self.in_radii(p);
+        let square = q[0].mul(q[0]).add(q[1].mul(q[1])).add(q[2].mul(q[2]));
+        // (2 − 1/r) / r.
+        let inverse = one.div(square.max_of(one).sqrt());
+        self.shrunk(q, V::splat(2.0).sub(inverse).mul(inverse).mul(V::splat(self.radius)))
+    }
+
+    /// Whether all of a ray between two of its steps, in ascending order, is in the ball that stays as it is.
+    #[inline]
+    pub(crate) fn keeps(&self, ray: &Ray, from: f32, to: f32) -> bool {
+        // A ball is convex. Rounding must not move a point out of it.
+        const INNER: f32 = 0.9999;
+        let within = |s: f32| {
+            (ray.at(s * self.radius) - self.centre).length_squared() < INNER * self.radius * self.radius
+        };
+        from.abs() <= 1.0 && to.abs() <= 1.0 && within(from) && within(to)
+    }
+
+    /// [`Contraction::contract_lanes`] of points in the ball that stays as it is, bit for bit.
+    #[inline(always)]
+    pub(crate) fn kept_lanes<V: Lanes>(&self, p: [V; 3]) -> [V; 3] {
+        self.shrunk(self.in_radii(p), V::splat(self.radius))
+    }
+
+    /// Points from the centre, in radii; squares of them are numbers.
+    #[inline(always)]
+    fn in_radii<V: Lanes>(&self, p: [V; 3]) -> [V; 3] {
+        let centre = self.centre.to_array();
         let (into, largest) = (V::splat(1.0 / self.radius), V::splat(FARTHEST));
         let mut q = [V::splat(0.0); 3];
         for axis in 0..3 {
@@ -82,10 +110,13 @@ impl Contraction {
             let x = V::select(x.equals(x), x, V::splat(0.0));
             q[axis] = x.min_of(largest).max_of(largest.neg());
         }
-        let square = q[0].mul(q[0]).add(q[1].mul(q[1])).add(q[2].mul(q[2]));
-        // (2 − 1/r) / r.
-        let inverse = one.div(square.max_of(one).sqrt());
-        let shrink = V::splat(2.0).sub(inverse).mul(inverse).mul(V::splat(self.radius));
+        q
+    }
+
+    /// Points of the scene box at `shrink` times `q` from the centre.
+    #[inline(always)]
+    fn shrunk<V: Lanes>(&self, mut q: [V; 3], shrink: V) -> [V; 3] {
+        let centre = self.centre.to_array();
         // No closure: it would lose the leaf's instructions.
         for axis in 0..3 {
             let (low, high) = (V::splat(self.cube.min[axis]), V::splat(self.cube.max[axis]));

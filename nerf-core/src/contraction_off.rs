@@ -40,6 +40,14 @@ impl Contraction {
         match *self {}
     }
 
+    pub(crate) fn keeps(&self, _: &Ray, _: f32, _: f32) -> bool {
+        match *self {}
+    }
+
+    pub(crate) fn kept_lanes<V: Lanes>(&self, _: [V; 3]) -> [V; 3] {
+        match *self {}
+    }
+
     #[cfg(feature = "normals")]
     pub(crate) fn gradient_in_world(&self, _: Vec3, _: Vec3) -> Vec3 {
         match *self {}

@@ -89,9 +89,15 @@ impl LookUp<'_> {
         let Self { occupancy, ray, bins, .. } = *self;
         let mut live = 0;
         if let Some(contraction) = self.contraction {
+            let [near, far] = [first, first + WIDTH - 1].map(|bin| bins.at(bin, 0.5));
+            let kept = contraction.keeps(ray, near, far);
             for from in (0..WIDTH).step_by(V::COUNT) {
-                let t: V = contraction.distance_lanes(bins.middles(first + from));
-                let points = contraction.contract_lanes(points_at(ray, t));
+                let t: V = bins.middles(first + from);
+                let points = if kept {
+                    contraction.kept_lanes(points_at(ray, t.mul(V::splat(contraction.radius()))))
+                } else {
+                    contraction.contract_lanes(points_at(ray, contraction.distance_lanes(t)))
+                };
                 live |= occupancy.occupied_lanes(points) << from;
             }
             // All of space is in the box.
