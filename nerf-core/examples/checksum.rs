@@ -76,7 +76,7 @@ fn line(
 fn main() -> Result<(), Box<dyn Error>> {
     let file = std::env::args_os().nth(1).ok_or("usage: checksum SCENE.nerf")?;
     let bytes = std::fs::read(file)?;
-    for tier in [Tier::Scalar, Tier::detect()] {
+    for tier in Tier::ALL.into_iter().filter(|tier| tier.available()) {
         let blob = Blob::open(&bytes)?;
         let mut memory = vec![Line::UNINIT; Renderer::prepared_lines(&blob, tier)];
         let renderer = Renderer::new(blob, tier, &mut memory)?;

@@ -76,6 +76,7 @@
 //! | `proposal` | yes | samples drawn from a coarse proposal network, where a scene has one |
 //! | `grid` | yes | learned multiresolution grids ([`encoding::GridEncoding`]), and spherical harmonics |
 //! | `contraction` | yes | unbounded scenes ([`contraction::Contraction`]) |
+//! | `std` | yes | [`host`]: scenes that own their bytes, files, threads |
 //! | `train` | no | backward kernels, for trainers |
 //!
 //! The project's own polynomials ([`MathBackend::Polynomial`]) are always there. An effect or output whose
@@ -197,15 +198,23 @@ pub mod blob;
 pub mod kernels;
 pub mod math;
 
+#[cfg(feature = "std")]
+pub mod host;
+
 #[cfg(test)]
 mod testing;
+
+#[cfg(feature = "std")]
+extern crate std;
 
 pub use blob::Blob;
 pub use camera::{Camera, Intrinsics, Pose};
 pub use effects::Effects;
+#[cfg(feature = "std")]
+pub use host::{Image, Scene};
 pub use kernels::{Line, Tier};
 pub use lens::Lens;
 pub use math::MathBackend;
 pub use plan::{Batch, Choice, Outputs, Plan, Preset, Quality};
-pub use render::{Counters, Rect, Renderer, Target};
+pub use render::{Counters, Rect, Renderer, Target, Worker};
 pub use volume::Pixel;

@@ -21,6 +21,7 @@ mod proposal;
 mod rect;
 mod surface;
 mod window;
+mod worker;
 
 #[cfg(test)]
 mod tests;
@@ -31,21 +32,22 @@ pub use explain::{Explanation, Shares, Stage, Switch};
 pub use pace::Pace;
 pub use picture::MAX_RENDER_SIDE;
 pub use rect::{Rect, Target};
+pub use worker::Worker;
 
 use crate::blob::Blob;
 use crate::camera::Camera;
 use crate::encoding::GridTables;
-use crate::kernels::{Arena, Line, Tier, VECTORS, lines_for};
-use crate::math::with_math;
+use crate::kernels::{Arena, Layout, Line, Measure, Tier, VECTORS};
 use crate::network::{Network, Weights};
 use crate::plan::Plan;
-use crate::ray::{SceneBox, is_unit};
-use frame::{Frame, Sizes};
-use glam::Vec3;
+use crate::ray::SceneBox;
+use frame::Frame;
 use proposal::Proposer;
 
-/// Width of the squares a rectangle is rendered in, pixels: neighbouring rays end together.
-const TILE_SIDE: u32 = 16;
+/// Whether a tier reads weights where they lie.
+fn in_place(tier: Tier) -> bool {
+    tier == Tier::Scalar || !VECTORS
+}
 
 /// A scene made ready for one kernel tier.
 #[derive(Clone, Debug)]
@@ -60,11 +62,22 @@ pub struct Renderer<'a> {
 impl<'a> Renderer<'a> {
     /// Lines of memory [`Renderer::new`] needs: 0 on the scalar tier, which reads the blob in place.
     pub fn prepared_lines(blob: &Blob<'_>, tier: Tier) -> usize {
-        if tier == Tier::Scalar || !VECTORS {
-            0
-        } else {
-            lines_for::<f32>(blob.architecture().parameters()) + Proposer::prepared_lines(blob)
+        let mut measure = Measure::default();
+        Self::lay_out(&mut measure, blob, tier);
+        measure.lines
+    }
+
+    /// The parameters of the scene's network and of its proposal, unpacked.
+    fn lay_out(layout: &mut impl Layout<'a>, blob: &Blob<'_>, tier: Tier) -> [&'a mut [f32]; 2] {
+        Self::unpacked_lengths(blob, tier).map(|count| layout.slice(count, 0.0))
+    }
+
+    /// How many values the parameters of the scene's network and of its proposal are unpacked to.
+    pub(crate) fn unpacked_lengths(blob: &Blob<'_>, tier: Tier) -> [usize; 2] {
+        if in_place(tier) {
+            return [0; 2];
         }
+        [blob.architecture().parameters(), Proposer::parameters(blob)]
     }
 
     /// Prepares a scene for `tier`, unpacking its weights once into `memory`.
@@ -72,26 +85,41 @@ impl<'a> Renderer<'a> {
     /// # Errors
     /// [`RenderError::Memory`] if `memory` is smaller than [`Renderer::prepared_lines`] says.
     pub fn new(blob: Blob<'a>, tier: Tier, memory: &'a mut [Line]) -> Result<Self, RenderError> {
-        let expected = Self::prepared_lines(&blob, tier);
-        let found = memory.len();
+        let (expected, found) = (Self::prepared_lines(&blob, tier), memory.len());
         let too_small = RenderError::Memory { expected, found };
-        let (weights, proposer) = if tier == Tier::Scalar || !VECTORS {
+        if found < expected {
+            return Err(too_small);
+        }
+        let mut unpacked = Self::lay_out(&mut Arena::new(memory), &blob, tier);
+        Self::unpack(&blob, tier, &mut unpacked);
+        let occupied = blob.occupancy().and_then(|occupancy| occupancy.occupied_box());
+        Self::of_unpacked(blob, tier, unpacked.map(|it| &*it), occupied).ok_or(too_small)
+    }
+
+    /// Unpacks the parameters of the scene's network and of its proposal.
+    pub(crate) fn unpack<T: AsMut<[f32]>>(blob: &Blob<'_>, tier: Tier, to: &mut [T; 2]) {
+        if !in_place(tier) {
+            let [own, proposal] = to;
+            Weights::unpack(blob.architecture(), tier, blob.weights(), own.as_mut());
+            Proposer::unpack(blob, tier, proposal.as_mut());
+        }
+    }
+
+    /// The scene of `blob` with what [`Renderer::unpack`] made of it.
+    pub(crate) fn of_unpacked(
+        blob: Blob<'a>,
+        tier: Tier,
+        [own, proposal]: [&'a [f32]; 2],
+        occupied: Option<SceneBox>,
+    ) -> Option<Self> {
+        let (weights, proposer) = if in_place(tier) {
             (Weights::InPlace(blob.weights()), Proposer::in_place(&blob, tier))
         } else {
-            let parameters = blob.architecture().parameters();
-            let mut arena = Arena::new(memory);
-            let unpacked = arena.slice(parameters, 0.0f32).ok_or(too_small)?;
-            let weights = Weights::prepare(blob.architecture(), tier, blob.weights(), unpacked);
-            (weights, Proposer::prepare(&blob, tier, &mut arena).ok_or(too_small)?)
+            (Weights::unpacked(tier, own), Proposer::of_unpacked(&blob, tier, proposal))
         };
         let tables = Self::tables_of(&blob);
-        let network = Network::with_grid(blob.architecture(), weights, tables, tier).ok_or(too_small)?;
-        Ok(Self {
-            occupied: blob.occupancy().and_then(|occupancy| occupancy.occupied_box()),
-            blob,
-            network,
-            proposer,
-        })
+        let network = Network::with_grid(blob.architecture(), weights, tables, tier)?;
+        Some(Self { blob, network, proposer, occupied })
     }
 
     /// The tables of the blob's grid, where they lie.
@@ -120,12 +148,8 @@ impl<'a> Renderer<'a> {
         let weights = Weights::Prepared(parameters);
         let network = Network::with_grid(blob.architecture(), weights, tables, tier)?;
         let proposer = Proposer::in_place(&blob, tier);
-        Some(Self {
-            occupied: blob.occupancy().and_then(|occupancy| occupancy.occupied_box()),
-            blob,
-            network,
-            proposer,
-        })
+        let occupied = blob.occupancy().and_then(|occupancy| occupancy.occupied_box());
+        Some(Self { blob, network, proposer, occupied })
     }
 
     /// The scene.
@@ -138,19 +162,40 @@ impl<'a> Renderer<'a> {
         &self.network
     }
 
-    /// Lines of workspace one [`Renderer::render`] or [`Renderer::query`] call needs under `plan`.
+    /// Lines of workspace that [`Renderer::worker`] needs for `plan`, as do [`Renderer::render`] and
+    /// [`Renderer::query`].
     pub fn workspace_lines(&self, plan: &Plan<'_>) -> usize {
-        Sizes::of(&self.network, &self.proposer, plan).lines()
+        let mut measure = Measure::default();
+        Frame::lay_out(&mut measure, &self.network, &self.proposer, plan, None);
+        measure.lines
     }
 
-    /// Renders the pixels of `rect`.
-    ///
-    /// Within one tier and maths backend the pixels do not depend on `rect`, on the plan's batch or
-    /// on who else renders at the same time, bit for bit.
+    /// Makes a worker for frames of `plan`: one for each thread, for as many calls as there are.
     ///
     /// # Errors
-    /// [`RenderError`] on a rectangle outside the image and on too little workspace; nothing has
-    /// been written then.
+    /// [`RenderError::OtherScene`] if the plan was made for another blob, and [`RenderError::Memory`] if `workspace` is
+    /// smaller than [`Renderer::workspace_lines`] says.
+    pub fn worker<'f>(
+        &'f self,
+        plan: &'f Plan<'f>,
+        workspace: &'f mut [Line],
+    ) -> Result<Worker<'f>, RenderError> {
+        if plan.scene != self.blob.checksum() {
+            return Err(RenderError::OtherScene);
+        }
+        let (expected, found) = (self.workspace_lines(plan), workspace.len());
+        if found < expected {
+            return Err(RenderError::Memory { expected, found });
+        }
+        let mut arena = Arena::new(workspace);
+        let frame = Frame::lay_out(&mut arena, &self.network, &self.proposer, plan, self.occupied);
+        Ok(Worker { frame })
+    }
+
+    /// [`Worker::render`] by a worker for this call alone.
+    ///
+    /// # Errors
+    /// As [`Renderer::worker`] and [`Worker::render`].
     pub fn render(
         &self,
         plan: &Plan<'_>,
@@ -159,30 +204,13 @@ impl<'a> Renderer<'a> {
         workspace: &mut [Line],
         target: &mut impl Target,
     ) -> Result<Counters, RenderError> {
-        let i = camera.intrinsics();
-        if !rect.fits(i.width, i.height) {
-            return Err(RenderError::Rect { rect, width: i.width, height: i.height });
-        }
-        let mut frame = Frame::carve(&self.network, &self.proposer, plan, self.occupied, workspace)?;
-        // Lossless: a plan has at most `Batch::MOST_RAYS`.
-        let capacity = plan.batch.rays as u32;
-        let width = TILE_SIDE.min(capacity);
-        for tile in rect.tiles(width, capacity / width.max(1)) {
-            with_math!(plan.math, M => frame.tile::<M>(camera, tile, target));
-        }
-        Ok(frame.counters)
+        self.worker(plan, workspace)?.render(camera, rect, target)
     }
 
-    /// Asks for density and colour at points seen along directions.
-    ///
-    /// `positions`, `dirs` (unit): `[n]`, world space; `sigma`: `[n]`, 1/world unit; `rgb`: `[n]`,
-    /// display-encoded. Points outside the scene box or in a cell the plan's occupancy calls empty, and
-    /// points where its density is NaN, have density 0 and black colour; where its colour is NaN, it is
-    /// black ([`Counters::invalid_samples`]).
+    /// [`Worker::query`] by a worker for this call alone.
     ///
     /// # Errors
-    /// [`RenderError`] on lengths that differ, on a direction that is not of unit length where colour is asked for,
-    /// and on too little workspace.
+    /// As [`Renderer::worker`] and [`Worker::query`].
     pub fn query(
         &self,
         plan: &Plan<'_>,
@@ -192,29 +220,6 @@ impl<'a> Renderer<'a> {
         sigma: &mut [f32],
         rgb: &mut [[f32; 3]],
     ) -> Result<Counters, RenderError> {
-        let n = positions.len();
-        if dirs.len() != n || sigma.len() != n || rgb.len() != n {
-            return Err(RenderError::Lengths {
-                positions: n,
-                dirs: dirs.len(),
-                sigma: sigma.len(),
-                rgb: rgb.len(),
-            });
-        }
-        // A position outside the box is never encoded, nor is what is no direction.
-        if plan.outputs.rgb
-            && let Some((index, &found)) =
-                dirs.iter().enumerate().find(|(_, dir)| !is_unit(Vec3::from(**dir)))
-        {
-            return Err(RenderError::Direction { index, found });
-        }
-        let mut frame = Frame::carve(&self.network, &self.proposer, plan, self.occupied, workspace)?;
-        let capacity = plan.batch.rays.min(plan.batch.samples).max(1);
-        let points = positions.chunks(capacity).zip(dirs.chunks(capacity));
-        let answers = sigma.chunks_mut(capacity).zip(rgb.chunks_mut(capacity));
-        for ((positions, dirs), (sigma, rgb)) in points.zip(answers) {
-            frame.points(positions, dirs, sigma, rgb);
-        }
-        Ok(frame.counters)
+        self.worker(plan, workspace)?.query(positions, dirs, sigma, rgb)
     }
 }

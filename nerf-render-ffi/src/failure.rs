@@ -172,7 +172,7 @@ impl fmt::Display for Failure {
             Self::KernelVariable => {
                 write!(
                     f,
-                    "environment variable NERF_KERNEL: expected scalar, avx2, avx512, avx512bf16 or simd128"
+                    "environment variable NERF_KERNEL: expected scalar, avx2, avx512, avx512bf16, simd128 or neon"
                 )
             }
             Self::Stride { name, expected, found } => {

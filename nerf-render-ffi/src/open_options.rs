@@ -11,7 +11,7 @@ use nerf_core::kernels::Tier;
 #[repr(u32)]
 pub enum Kernel {
     /// The fastest of this machine that computes in f32, or the one named by the environment variable
-    /// `NERF_KERNEL` ("scalar", "avx2", "avx512", "avx512bf16", "simd128") where the library was built with std.
+    /// `NERF_KERNEL` ("scalar", "avx2", "avx512", "avx512bf16", "simd128", "neon") where the library was built with std.
     Auto = 0,
     /// Plain f32: on every machine; weights are read in place and take no memory.
     Scalar = 1,
@@ -24,6 +24,8 @@ pub enum Kernel {
     Avx512Bf16 = 4,
     /// WebAssembly SIMD: the scalar tier's bits, faster; there in a library built with `simd128`.
     Simd128 = 5,
+    /// NEON: on every 64-bit ARM processor.
+    Neon = 6,
 }
 
 impl Kernel {
@@ -33,6 +35,7 @@ impl Kernel {
             Tier::Avx512 => Self::Avx512,
             Tier::Avx512Bf16 => Self::Avx512Bf16,
             Tier::Simd128 => Self::Simd128,
+            Tier::Neon => Self::Neon,
             _ => Self::Scalar,
         }
     }
@@ -74,6 +77,7 @@ pub(crate) unsafe fn read_tier(options: *const OpenOptions) -> Result<Tier, Fail
     const AVX512: u32 = Kernel::Avx512 as u32;
     const AVX512_BF16: u32 = Kernel::Avx512Bf16 as u32;
     const SIMD128: u32 = Kernel::Simd128 as u32;
+    const NEON: u32 = Kernel::Neon as u32;
     match options.kernel {
         AUTO => automatic(),
         SCALAR => available(Tier::Scalar),
@@ -81,6 +85,7 @@ pub(crate) unsafe fn read_tier(options: *const OpenOptions) -> Result<Tier, Fail
         AVX512 => available(Tier::Avx512),
         AVX512_BF16 => available(Tier::Avx512Bf16),
         SIMD128 => available(Tier::Simd128),
+        NEON => available(Tier::Neon),
         found => Err(Failure::Setting { name: "options.kernel", expected: "a nerf_kernel", found }),
     }
 }

@@ -66,6 +66,9 @@ pub unsafe extern "C" fn nerf_query(
             return Err(Failure::Render(RenderError::Direction { index, found: dir_at(index) }));
         }
 
+        // SAFETY: the memory is this call's own by the caller's promise.
+        let (_, lines) = unsafe { workspace.split(settings.batch, outputs)? };
+        let mut worker = scene.renderer().worker(&plan, lines).map_err(Failure::Render)?;
         let mut work = render::Counters::default();
         for start in (0..n).step_by(CHUNK) {
             let count = CHUNK.min(n - start);
@@ -78,11 +81,8 @@ pub unsafe extern "C" fn nerf_query(
                     d[i] = dir_at(start + i);
                 }
             }
-            // SAFETY: the memory is this call's own by the caller's promise.
-            let (_, lines) = unsafe { workspace.split(settings.batch, outputs)? };
-            let renderer = scene.renderer();
-            work += renderer
-                .query(&plan, &p[..count], &d[..count], lines, &mut s[..count], &mut c[..count])
+            work += worker
+                .query(&p[..count], &d[..count], &mut s[..count], &mut c[..count])
                 .map_err(Failure::Render)?;
             for i in 0..count {
                 // SAFETY: as for `dir_at`; the results overlap nothing.

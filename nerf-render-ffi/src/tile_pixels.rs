@@ -1,6 +1,6 @@
 //! A tile's pixels, finished aside.
 
-use nerf_core::kernels::{Arena, lines_for};
+use nerf_core::kernels::{Layout, Measure};
 use nerf_core::plan::Outputs;
 use nerf_core::volume::Pixel;
 
@@ -34,18 +34,18 @@ fn if_asked(asked: bool, pixels: usize) -> usize {
 impl<'w> TilePixels<'w> {
     /// Lines that `pixels` take.
     pub fn lines(pixels: usize, outputs: Outputs) -> usize {
-        lines_for::<Plain>(pixels)
-            + lines_for::<f32>(if_asked(outputs.median_distance, pixels))
-            + lines_for::<[f32; 3]>(if_asked(outputs.normals, pixels))
+        let mut measure = Measure::default();
+        Self::lay_out(&mut measure, pixels, outputs);
+        measure.lines
     }
 
-    /// Blank pixels; `None` if the memory is used up.
-    pub fn carve(arena: &mut Arena<'w>, pixels: usize, outputs: Outputs) -> Option<Self> {
-        Some(Self {
-            plain: arena.slice(pixels, Plain::BLANK)?,
-            median_distance: arena.slice(if_asked(outputs.median_distance, pixels), 0.0f32)?,
-            normals: arena.slice(if_asked(outputs.normals, pixels), [0.0f32; 3])?,
-        })
+    /// Blank pixels.
+    pub fn lay_out(layout: &mut impl Layout<'w>, pixels: usize, outputs: Outputs) -> Self {
+        Self {
+            plain: layout.slice(pixels, Plain::BLANK),
+            median_distance: layout.slice(if_asked(outputs.median_distance, pixels), 0.0),
+            normals: layout.slice(if_asked(outputs.normals, pixels), [0.0; 3]),
+        }
     }
 
     /// Keeps the tile's pixel `i`.

@@ -95,9 +95,7 @@ impl Workspace {
         let count = tile_pixels(batch);
         let first = TilePixels::lines(count, outputs);
         let (first, rest) = lines.split_at_mut_checked(first).ok_or(Failure::Null("workspace"))?;
-        let pixels = TilePixels::carve(&mut Arena::new(first), count, outputs);
-        let pixels = pixels.ok_or(Failure::Null("workspace"))?;
-        Ok((pixels, rest))
+        Ok((TilePixels::lay_out(&mut Arena::new(first), count, outputs), rest))
     }
 }
 

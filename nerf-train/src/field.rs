@@ -1,7 +1,7 @@
 //! Densities of a network at many points, on all cores.
 
 use nerf_core::encoding::{GridTables, TableValues};
-use nerf_core::kernels::{Arena, BLOCK, Line, Tier, lines_for};
+use nerf_core::kernels::{Arena, BLOCK, Layout, Line, Tier, lines_for};
 use nerf_core::math::MathBackend;
 use nerf_core::network::{Architecture, Network, Scratch, Weights};
 use nerf_core::ray::SceneBox;
@@ -30,7 +30,7 @@ pub fn densities(
         || vec![Line::UNINIT; lines],
         |memory, (sigma, points)| {
             let mut arena = Arena::new(memory);
-            let mut floats = |count| arena.slice(count, 0.0f32).expect("sized above");
+            let mut floats = |count| arena.slice(count, 0.0f32);
             let (encoded, front, back) = (floats(encoded), floats(rows), floats(rows));
             let mut scratch = Scratch { stride: BLOCK, encoded, front, back };
             let mut positions = [0.0; 3 * BLOCK];

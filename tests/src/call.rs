@@ -32,6 +32,7 @@ pub fn kernel(tier: Tier) -> u32 {
         Tier::Avx2 => ffi::Kernel::Avx2 as u32,
         Tier::Avx512Bf16 => ffi::Kernel::Avx512Bf16 as u32,
         Tier::Simd128 => ffi::Kernel::Simd128 as u32,
+        Tier::Neon => ffi::Kernel::Neon as u32,
         _ => ffi::Kernel::Avx512 as u32,
     }
 }

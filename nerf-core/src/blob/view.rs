@@ -23,6 +23,7 @@ const GRID_TAG: u8 = 1;
 #[derive(Clone, Debug)]
 pub struct Blob<'a> {
     body: Body<'a>,
+    checksum: u32,
 }
 
 impl<'a> Blob<'a> {
@@ -31,12 +32,21 @@ impl<'a> Blob<'a> {
     /// # Errors
     /// [`BlobError`] says what was expected and found. No input panics or is read out of bounds.
     pub fn open(bytes: &'a [u8]) -> Result<Self, BlobError> {
-        let bytes = header::open(bytes)?;
+        let body = header::open(bytes)?;
         #[cfg(not(feature = "grid"))]
-        if bytes.first() == Some(&GRID_TAG) {
+        if body.first() == Some(&GRID_TAG) {
             return Err(BlobError::NotBuilt { feature: "grid" });
         }
-        let mut input = Deserializer::from_bytes(bytes);
+        let blob = Self::decode(bytes)?;
+        check_form(&blob.body, body)?;
+        check(&blob.body)?;
+        Ok(blob)
+    }
+
+    /// [`Blob::open`] of bytes that it has checked before.
+    pub(crate) fn decode(bytes: &'a [u8]) -> Result<Self, BlobError> {
+        let (body, checksum) = header::parts(bytes);
+        let mut input = Deserializer::from_bytes(body);
         // Section by section, so that an error can say which one.
         let body = Body {
             architecture: Architecture {
@@ -54,9 +64,12 @@ impl<'a> Blob<'a> {
             weights: read(&mut input, Section::Weights)?,
             tables: read(&mut input, Section::Tables)?,
         };
-        check_form(&body, bytes)?;
-        check(&body)?;
-        Ok(Self { body })
+        Ok(Self { body, checksum })
+    }
+
+    /// The checksum in its header: what tells blobs apart.
+    pub(crate) fn checksum(&self) -> u32 {
+        self.checksum
     }
 
     /// The network's shape.

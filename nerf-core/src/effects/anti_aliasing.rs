@@ -1,7 +1,7 @@
 //! Several rays a pixel: where they go through it, and their mean.
 
 use super::Effects;
-use crate::kernels::{Arena, lines_for};
+use crate::kernels::Layout;
 use crate::volume::{OPACITY_EPSILON, Pixel, Sum, mean_direction};
 
 /// Whether this build has the effect.
@@ -128,23 +128,12 @@ pub(crate) struct Sums<'w> {
 }
 
 impl<'w> Sums<'w> {
-    /// Sums of each kind for `pixels`.
-    fn counts(effects: &Effects, surface: bool, pixels: usize) -> (usize, usize) {
+    /// Their memory, for `pixels`; `surface` says whether a median distance or a normal is asked for.
+    pub fn lay_out(layout: &mut impl Layout<'w>, effects: &Effects, surface: bool, pixels: usize) -> Self {
         let pixels = if rays(effects) > 1 { pixels } else { 0 };
-        (pixels, if surface { pixels } else { 0 })
-    }
-
-    /// Lines of memory they take; `surface` says whether a median distance or a normal is asked for.
-    pub fn lines(effects: &Effects, surface: bool, pixels: usize) -> usize {
-        let (pixels, surfaces) = Self::counts(effects, surface, pixels);
-        lines_for::<PixelSum>(pixels) + lines_for::<SurfaceSum>(surfaces)
-    }
-
-    /// Takes them from `arena`; `None` if it is used up.
-    pub fn carve(arena: &mut Arena<'w>, effects: &Effects, surface: bool, pixels: usize) -> Option<Self> {
-        let (pixels, surfaces) = Self::counts(effects, surface, pixels);
-        let pixels = arena.slice(pixels, PixelSum::NONE)?;
-        Some(Self { pixels, surfaces: arena.slice(surfaces, SurfaceSum::NONE)? })
+        let surfaces = if surface { pixels } else { 0 };
+        let pixels = layout.slice(pixels, PixelSum::NONE);
+        Self { pixels, surfaces: layout.slice(surfaces, SurfaceSum::NONE) }
     }
 
     /// Adds the `ray`-th ray of a tile's `index`-th pixel; the pixel, once that was the last.

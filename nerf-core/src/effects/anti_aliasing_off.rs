@@ -1,7 +1,7 @@
 //! In place of `anti_aliasing.rs` in a build without it: one ray through each pixel's centre.
 
 use super::Effects;
-use crate::kernels::Arena;
+use crate::kernels::Layout;
 use crate::volume::Pixel;
 use core::marker::PhantomData;
 
@@ -24,16 +24,10 @@ pub(crate) fn offset(_: &Effects, _ray: u32) -> (f32, f32) {
 pub(crate) struct Sums<'w>(PhantomData<&'w ()>);
 
 impl<'w> Sums<'w> {
-    /// Lines of memory they take.
+    /// Their memory.
     #[inline(always)]
-    pub fn lines(_: &Effects, _surface: bool, _pixels: usize) -> usize {
-        0
-    }
-
-    /// Takes them from `arena`.
-    #[inline(always)]
-    pub fn carve(_: &mut Arena<'w>, _: &Effects, _surface: bool, _pixels: usize) -> Option<Self> {
-        Some(Self(PhantomData))
+    pub fn lay_out(_: &mut impl Layout<'w>, _: &Effects, _surface: bool, _pixels: usize) -> Self {
+        Self(PhantomData)
     }
 
     /// The pixel of its only ray.

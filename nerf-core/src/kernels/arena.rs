@@ -1,4 +1,4 @@
-//! Typed slices out of the caller's memory.
+//! Typed slices out of the caller's memory: a stage lists its buffers once, and the list is measured and carved.
 
 use core::mem::{MaybeUninit, align_of, size_of};
 
@@ -18,6 +18,26 @@ pub const fn lines_for<T>(count: usize) -> usize {
     count.saturating_mul(size_of::<T>()).div_ceil(size_of::<Line>())
 }
 
+/// Where a stage's buffers come from: whoever lists them asks for each here, in order.
+pub trait Layout<'w> {
+    /// `count` values on lines of their own, all `value`; none where there is no memory, or not enough.
+    fn slice<T: Copy>(&mut self, count: usize, value: T) -> &'w mut [T];
+}
+
+/// Counts the lines that a list of buffers takes; its slices are empty.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Measure {
+    /// Lines so far.
+    pub lines: usize,
+}
+
+impl<'w> Layout<'w> for Measure {
+    fn slice<T: Copy>(&mut self, count: usize, _: T) -> &'w mut [T] {
+        self.lines = self.lines.saturating_add(lines_for::<T>(count));
+        &mut []
+    }
+}
+
 /// Hands out slices from the front of a workspace.
 pub struct Arena<'w> {
     rest: &'w mut [Line],
@@ -28,12 +48,15 @@ impl<'w> Arena<'w> {
     pub fn new(lines: &'w mut [Line]) -> Self {
         Self { rest: lines }
     }
+}
 
-    /// `count` values, all `value`, on lines of their own; `None` if the memory is used up.
-    pub fn slice<T: Copy>(&mut self, count: usize, value: T) -> Option<&'w mut [T]> {
+impl<'w> Layout<'w> for Arena<'w> {
+    fn slice<T: Copy>(&mut self, count: usize, value: T) -> &'w mut [T] {
         const { assert!(align_of::<T>() <= align_of::<Line>()) };
         let lines = lines_for::<T>(count);
-        let (taken, rest) = core::mem::take(&mut self.rest).split_at_mut_checked(lines)?;
+        let Some((taken, rest)) = core::mem::take(&mut self.rest).split_at_mut_checked(lines) else {
+            return &mut [];
+        };
         self.rest = rest;
         let start = taken.as_mut_ptr().cast::<T>();
         for i in 0..count {
@@ -42,6 +65,6 @@ impl<'w> Arena<'w> {
             unsafe { start.add(i).write(value) };
         }
         // SAFETY: as above, and every value has just been written.
-        Some(unsafe { core::slice::from_raw_parts_mut(start, count) })
+        unsafe { core::slice::from_raw_parts_mut(start, count) }
     }
 }

@@ -13,10 +13,16 @@ mod avx512;
 mod bf16;
 #[cfg(feature = "normals")]
 mod bf16_transposed;
-#[cfg(any(target_arch = "x86_64", all(target_arch = "wasm32", target_feature = "simd128")))]
+#[cfg(any(
+    target_arch = "x86_64",
+    all(target_arch = "aarch64", target_feature = "neon"),
+    all(target_arch = "wasm32", target_feature = "simd128")
+))]
 mod gather;
 mod gemm;
 mod half;
+#[cfg(all(target_arch = "aarch64", target_feature = "neon"))]
+mod neon;
 mod portable;
 #[cfg(feature = "train")]
 mod prefetch;
@@ -28,7 +34,7 @@ mod slices;
 #[cfg(test)]
 mod tests;
 
-pub use arena::{Arena, Line, lines_for};
+pub use arena::{Arena, Layout, Line, Measure, lines_for};
 pub use bf16::{PairedInput, PairedOutput, dense_bf16, pair, pair_rows, pairs};
 pub use gemm::{Gemm, Init, gemm};
 pub use half::{HalfInit, f16_at, gemm_f16};

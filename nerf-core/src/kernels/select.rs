@@ -19,6 +19,8 @@ pub enum Tier {
     /// WebAssembly SIMD, four lanes, unfused: the scalar tier's bits. There if the build has the target
     /// feature `simd128`, since a module cannot ask.
     Simd128,
+    /// NEON, four lanes, fused: what every 64-bit ARM processor has.
+    Neon,
 }
 
 /// Whether this target is taken to have vectors, the compiler's or a tier's own.
@@ -34,7 +36,8 @@ pub const VECTORS: bool = if cfg!(target_arch = "wasm32") {
 
 impl Tier {
     /// Every tier, slowest first among those of one machine.
-    pub const ALL: [Self; 5] = [Self::Scalar, Self::Avx2, Self::Avx512, Self::Avx512Bf16, Self::Simd128];
+    pub const ALL: [Self; 6] =
+        [Self::Scalar, Self::Avx2, Self::Avx512, Self::Avx512Bf16, Self::Simd128, Self::Neon];
 
     /// The fastest tier of this machine that computes in f32.
     pub fn detect() -> Self {
@@ -52,6 +55,7 @@ impl Tier {
         match self {
             Self::Scalar => true,
             Self::Simd128 => cfg!(all(target_arch = "wasm32", target_feature = "simd128")),
+            Self::Neon => cfg!(all(target_arch = "aarch64", target_feature = "neon")),
             #[cfg(target_arch = "x86_64")]
             Self::Avx2 => cpu::features().avx2,
             #[cfg(target_arch = "x86_64")]
@@ -71,6 +75,7 @@ impl Tier {
             Self::Avx512 => "avx512",
             Self::Avx512Bf16 => "avx512bf16",
             Self::Simd128 => "simd128",
+            Self::Neon => "neon",
         }
     }
 
@@ -97,6 +102,8 @@ impl Tier {
             Self::Avx512 | Self::Avx512Bf16 if self.available() => unsafe { super::avx512::run(op) },
             #[cfg(all(target_arch = "wasm32", target_feature = "simd128"))]
             Self::Simd128 => super::simd128::run(op),
+            #[cfg(all(target_arch = "aarch64", target_feature = "neon"))]
+            Self::Neon => super::neon::run(op),
             // Bit for bit the same; sixteen lanes of code are many where no vector holds them.
             _ if !VECTORS => op.run::<f32>(),
             _ => op.run::<Portable>(),

@@ -32,9 +32,20 @@ impl<'a> Weights<'a> {
     /// # Panics
     /// If `bytes` or `memory` is shorter than that.
     pub fn prepare(architecture: &Architecture, tier: Tier, bytes: &[u8], memory: &'a mut [f32]) -> Self {
+        Self::unpack(architecture, tier, bytes, memory);
+        Self::unpacked(tier, memory)
+    }
+
+    /// What [`Weights::unpack`] made for `tier`.
+    pub(crate) fn unpacked(tier: Tier, memory: &'a [f32]) -> Self {
+        if tier == Tier::Avx512Bf16 { Self::Paired(memory) } else { Self::Prepared(memory) }
+    }
+
+    /// The first half of [`Weights::prepare`].
+    pub(crate) fn unpack(architecture: &Architecture, tier: Tier, bytes: &[u8], memory: &mut [f32]) {
         unpack(bytes, memory);
         if tier != Tier::Avx512Bf16 {
-            return Self::Prepared(memory);
+            return;
         }
         let parameters = memory.len();
         for layer in architecture.layers().iter().filter(|layer| layer.bias + layer.outputs <= parameters) {
@@ -51,7 +62,6 @@ impl<'a> Weights<'a> {
                 }
             }
         }
-        Self::Paired(memory)
     }
 }
 

@@ -9,6 +9,8 @@ use crate::plan::Batch;
 pub enum RenderError {
     /// The blob is a scene, not a 2D field.
     NotAPicture,
+    /// The plan was made for another blob.
+    OtherScene,
     /// A picture with a side of 0 or beyond [`MAX_RENDER_SIDE`].
     Size {
         /// Pixels to a row.
@@ -38,6 +40,18 @@ pub enum RenderError {
         /// Lines that were given.
         found: usize,
     },
+    /// A ray of the caller's that is not finite or whose direction is not of unit length.
+    Ray {
+        /// Which one.
+        index: usize,
+    },
+    /// An axis for z_depth that is not of unit length.
+    Axis {
+        /// What was given.
+        found: [f32; 3],
+    },
+    /// Rays of the caller's under a plan with several rays a pixel or with an aperture, which only a camera has.
+    CameraEffects,
     /// The slices of a query differ in length.
     Lengths {
         /// Length of `positions`.
@@ -58,10 +72,22 @@ pub enum RenderError {
     },
 }
 
+impl RenderError {
+    /// The same of a part that begins at index `first` of the whole.
+    #[cfg(feature = "std")]
+    pub(crate) fn behind(self, first: usize) -> Self {
+        match self {
+            Self::Ray { index } => Self::Ray { index: first + index },
+            other => other,
+        }
+    }
+}
+
 impl core::fmt::Display for RenderError {
     fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
         match self {
             Self::NotAPicture => write!(f, "blob: expected a 2D field, found a scene"),
+            Self::OtherScene => write!(f, "plan: expected one of this scene, found one of another"),
             Self::Size { width, height } => {
                 write!(f, "size: expected sides of 1 to {MAX_RENDER_SIDE} pixels, found {width}x{height}")
             }
@@ -79,6 +105,16 @@ impl core::fmt::Display for RenderError {
                 "query: expected slices of one length, found positions {positions}, dirs {dirs}, sigma {sigma}, \
                  rgb {rgb}"
             ),
+            Self::Ray { index } => {
+                write!(f, "rays[{index}]: expected a finite origin and a direction of unit length")
+            }
+            Self::Axis { found } => write!(f, "axis: expected a vector of unit length, found {found:?}"),
+            Self::CameraEffects => {
+                write!(
+                    f,
+                    "effects: expected no anti-aliasing and no aperture, which are a camera's, for rays"
+                )
+            }
             Self::Direction { index, found } => {
                 write!(f, "dirs[{index}]: expected a vector of unit length, found {found:?}")
             }

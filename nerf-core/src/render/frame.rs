@@ -1,15 +1,15 @@
-//! The state of one call: its memory, a tile's rays from pixel to pixel, the network's blocks.
+//! The state of a worker: its memory, a tile's rays from pixel to pixel, the network's blocks.
 
 use super::march::{Block, ColourQueue, Picks, RayState, Waiting};
 use super::proposal::{Drawn, Proposer};
 use super::surface::{Medians, Normals};
-use super::{Counters, Rect, RenderError, Target};
+use super::{Counters, Rect, Target};
 use crate::camera::Camera;
 use crate::effects::anti_aliasing::{self, Sums};
 use crate::effects::depth_of_field;
 use crate::effects::jitter::Place;
 use crate::effects::tone;
-use crate::kernels::{Arena, BLOCK, Line, at, column, head, head_mut, lines_for, put, put_column, tail};
+use crate::kernels::{BLOCK, Layout, at, column, head, head_mut, put, put_column, tail};
 use crate::math::Math;
 use crate::network::{Network, Scratch};
 use crate::plan::Plan;
@@ -19,75 +19,7 @@ use glam::Vec3;
 /// Columns of the widest vector: a block of prepared weights has a multiple of it.
 const VECTOR: usize = 16;
 
-/// Lengths of the slices a frame works in; the workspace query and the carving share them.
-pub(super) struct Sizes {
-    rays: usize,
-    samples: usize,
-    encoded: usize,
-    activation: usize,
-    /// Samples picked out of a block: 0 where a density is all that is asked of one.
-    picks: usize,
-    /// Colours worked out at once: 0 where none is asked for.
-    colours: usize,
-    /// Samples that may wait for their colour: 0 where one is a block.
-    queue: usize,
-    queued_activation: usize,
-    direction: usize,
-    /// Lines of what median distances and normals need.
-    surface: usize,
-    /// Lines of the pixels' sums: 0 where a pixel is one ray.
-    sums: usize,
-    /// Samples of a ray that are kept because they were drawn: 0 without a proposal.
-    row: usize,
-}
-
-impl Sizes {
-    pub(super) fn of(network: &Network<'_>, proposer: &Proposer<'_>, plan: &Plan<'_>) -> Self {
-        let samples = block_samples(network, plan);
-        let rays = plan.batch.rays;
-        let colours = if plan.outputs.rgb { samples } else { 0 };
-        let queue = if colours > 1 { colours } else { 0 };
-        let direction_rows = if plan.outputs.rgb { network.direction_rows() } else { 0 };
-        let row = proposer.row(plan);
-        let (encoded, activation) = if row > 0 { proposer.rows() } else { (0, 0) };
-        Self {
-            rays,
-            samples,
-            encoded: network.encoded_rows().max(encoded) * samples,
-            activation: network.activation_rows().max(activation) * samples,
-            picks: if plan.outputs.picks() { samples } else { 0 },
-            colours,
-            queue,
-            queued_activation: network.activation_rows() * queue,
-            direction: direction_rows.saturating_mul(rays.div_ceil(samples.max(1)) * samples),
-            surface: Medians::lines(plan) + Normals::lines(network, plan),
-            sums: Sums::lines(&plan.effects, plan.outputs.surface(), rays),
-            row,
-        }
-    }
-
-    pub(super) fn lines(&self) -> usize {
-        lines_for::<RayState>(self.rays)
-            + lines_for::<u32>(self.rays)
-            + lines_for::<u32>(self.samples)
-            + lines_for::<f32>(self.samples) * 2
-            + lines_for::<f32>(3 * self.samples) * 2
-            + lines_for::<f32>(self.encoded)
-            + lines_for::<f32>(self.activation) * 2
-            + lines_for::<u32>(self.picks) * 2
-            + lines_for::<f32>(self.picks)
-            + lines_for::<f32>(3 * self.colours)
-            + lines_for::<u32>(self.queue)
-            + lines_for::<f32>(self.queue)
-            + lines_for::<f32>(self.queued_activation)
-            + lines_for::<f32>(self.direction)
-            + self.surface
-            + self.sums
-            + Drawn::lines([self.rays, self.samples, self.row])
-    }
-}
-
-/// The state of one `render` call.
+/// What a worker works with, from its memory to the tile at hand.
 pub(super) struct Frame<'f, 'w> {
     pub(super) plan: &'f Plan<'f>,
     pub(super) network: &'f Network<'f>,
@@ -118,101 +50,117 @@ pub(super) struct Frame<'f, 'w> {
     /// Which of their pixels' rays are in flight: the first, the second, and on.
     pub(super) turn: u32,
     tile: Rect,
-    /// The distance of a pixel without a surface.
-    far: f32,
-    /// What the camera looks along.
+    /// What z_depth is measured along.
     forward: Vec3,
 }
 
 impl<'f, 'w> Frame<'f, 'w> {
-    pub(super) fn carve(
+    /// All memory of a frame: measured and carved by this list alone.
+    pub(super) fn lay_out(
+        layout: &mut impl Layout<'w>,
         network: &'f Network<'f>,
         proposer: &'f Proposer<'f>,
         plan: &'f Plan<'f>,
         occupied: Option<SceneBox>,
-        lines: &'w mut [Line],
-    ) -> Result<Self, RenderError> {
-        let sizes = Sizes::of(network, proposer, plan);
-        let too_small = RenderError::Memory { expected: sizes.lines(), found: lines.len() };
-        if lines.len() < sizes.lines() {
-            return Err(too_small);
-        }
-        let mut arena = Arena::new(lines);
-        let rays = arena.slice(sizes.rays, RayState::NONE).ok_or(too_small)?;
-        let medians = Medians::carve(&mut arena, plan).ok_or(too_small)?;
-        let normals = Normals::carve(&mut arena, network, plan).ok_or(too_small)?;
-        let sums =
-            Sums::carve(&mut arena, &plan.effects, plan.outputs.surface(), sizes.rays).ok_or(too_small)?;
-        let drawn =
-            Drawn::carve(proposer, &mut arena, [sizes.rays, sizes.samples, sizes.row]).ok_or(too_small)?;
-        let mut numbers = |count| arena.slice(count, 0u32).ok_or(too_small);
-        let (ring, owner) = (numbers(sizes.rays)?, numbers(sizes.samples)?);
-        let (column, picked_owner) = (numbers(sizes.picks)?, numbers(sizes.picks)?);
-        let queued_owner = numbers(sizes.queue)?;
-        let mut floats = |count| arena.slice(count, 0.0f32).ok_or(too_small);
-        Ok(Self {
+    ) -> Self {
+        let (rays, samples) = (plan.batch.rays, block_samples(network, plan));
+        let picks = if plan.outputs.picks() { samples } else { 0 };
+        let colours = if plan.outputs.rgb { samples } else { 0 };
+        // Where a block is one sample, none waits for others.
+        let queue = if colours > 1 { colours } else { 0 };
+        let direction_rows = if plan.outputs.rgb { network.direction_rows() } else { 0 };
+        let row = proposer.row(plan);
+        let (encoded, activation) = if row > 0 { proposer.rows() } else { (0, 0) };
+        let encoded = network.encoded_rows().max(encoded) * samples;
+        let activation = network.activation_rows().max(activation) * samples;
+        let shares = direction_rows.saturating_mul(rays.div_ceil(samples.max(1)) * samples);
+        Self {
             plan,
             network,
             occupied,
-            rays,
-            waiting: Waiting::new(ring),
-            drawn,
-            block: Block { owner, t: floats(sizes.samples)?, sigma: floats(sizes.samples)? },
-            picks: Picks { column, owner: picked_owner, weight: floats(sizes.picks)? },
+            rays: layout.slice(rays, RayState::NONE),
+            waiting: Waiting::new(layout.slice(rays, 0)),
+            drawn: Drawn::lay_out(layout, proposer, [rays, samples, row]),
+            block: Block {
+                owner: layout.slice(samples, 0),
+                t: layout.slice(samples, 0.0),
+                sigma: layout.slice(samples, 0.0),
+            },
+            picks: Picks {
+                column: layout.slice(picks, 0),
+                owner: layout.slice(picks, 0),
+                weight: layout.slice(picks, 0.0),
+            },
             queue: ColourQueue {
-                h: floats(sizes.queued_activation)?,
-                owner: queued_owner,
-                weight: floats(sizes.queue)?,
+                h: layout.slice(network.activation_rows() * queue, 0.0),
+                owner: layout.slice(queue, 0),
+                weight: layout.slice(queue, 0.0),
                 count: 0,
             },
-            medians,
-            normals,
-            positions: floats(3 * sizes.samples)?,
-            rgb: floats(3 * sizes.colours)?,
-            triples: floats(3 * sizes.samples)?,
-            shares: Shares { values: floats(sizes.direction)?, block: sizes.samples },
+            medians: Medians::lay_out(layout, plan),
+            normals: Normals::lay_out(layout, network, plan),
+            positions: layout.slice(3 * samples, 0.0),
+            rgb: layout.slice(3 * colours, 0.0),
+            triples: layout.slice(3 * samples, 0.0),
+            shares: Shares { values: layout.slice(shares, 0.0), block: samples },
             scratch: Scratch {
-                stride: sizes.samples,
-                encoded: floats(sizes.encoded)?,
-                front: floats(sizes.activation)?,
-                back: floats(sizes.activation)?,
+                stride: samples,
+                encoded: layout.slice(encoded, 0.0),
+                front: layout.slice(activation, 0.0),
+                back: layout.slice(activation, 0.0),
             },
             counters: Counters::default(),
-            sums,
+            sums: Sums::lay_out(layout, &plan.effects, plan.outputs.surface(), rays),
             turn: 0,
             tile: Rect { x: 0, y: 0, width: 0, height: 0 },
-            far: plan.far,
             forward: Vec3::ZERO,
-        })
+        }
     }
 
     /// Renders one tile of at most `plan.batch.rays` pixels, a ray of every pixel at a time.
     pub(super) fn tile<M: Math>(&mut self, camera: &Camera, tile: Rect, target: &mut impl Target) {
-        self.tile = tile;
-        self.far = self.plan.far_from(camera.pose().position);
-        self.forward = camera.pose().forward();
-        for turn in 0..anti_aliasing::rays(&self.plan.effects) {
-            self.turn = turn;
-            let mut hits = self.start::<M>(camera, target);
-            if self.drawn.is_on() {
-                hits = self.propose::<M>(hits, target);
-            }
-            self.directions(hits);
-            while self.step::<M>() {}
-            self.flush_colour();
-            self.flush_normals();
-            for i in 0..hits {
-                let Some(&state) = self.rays.get(i) else { break };
-                self.finish::<M>(&state, Some(i), target);
-            }
+        let effects = &self.plan.effects;
+        let far = self.plan.far_from(camera.pose().position);
+        (self.tile, self.forward) = (tile, camera.pose().forward());
+        for turn in 0..anti_aliasing::rays(effects) {
+            let (right, down) = anti_aliasing::offset(effects, turn);
+            let area = depth_of_field::area(effects, turn);
+            let ray = |x: u32, y: u32| {
+                let ray = camera.ray(x as f32 + right, y as f32 + down);
+                depth_of_field::through_lens(effects, camera.pose(), ray, (x, y), area)
+            };
+            self.turn::<M>(turn, &CameraRays { ray, far }, target);
+        }
+    }
+
+    /// Renders up to `plan.batch.rays` rays as the pixels of a row; `axis` is what their z_depth is measured along.
+    pub(super) fn row_of_rays<M: Math>(&mut self, rays: &[Ray], axis: Vec3, target: &mut impl Target) {
+        // Lossless: a plan has at most `Batch::MOST_RAYS`.
+        self.tile = Rect { x: 0, y: 0, width: rays.len() as u32, height: 1 };
+        self.forward = axis;
+        self.turn::<M>(0, &OwnRays { rays, plan: self.plan }, target);
+    }
+
+    /// The `turn`-th ray of each pixel of the tile.
+    fn turn<M: Math>(&mut self, turn: u32, source: &impl RaySource, target: &mut impl Target) {
+        self.turn = turn;
+        let mut hits = self.start::<M>(source, target);
+        if self.drawn.is_on() {
+            hits = self.propose::<M>(hits, source, target);
+        }
+        self.directions(hits);
+        while self.step::<M>() {}
+        self.flush_colour();
+        self.flush_normals();
+        for i in 0..hits {
+            let Some(&state) = self.rays.get(i) else { break };
+            self.finish::<M>(&state, Some(i), source, target);
         }
     }
 
     /// Makes the tile's rays; those that meet nothing are finished at once. Returns how many do.
-    fn start<M: Math>(&mut self, camera: &Camera, target: &mut impl Target) -> usize {
+    fn start<M: Math>(&mut self, source: &impl RaySource, target: &mut impl Target) -> usize {
         let (plan, tile, turn) = (self.plan, self.tile, self.turn);
-        let (right, down) = anti_aliasing::offset(&plan.effects, turn);
-        let area = depth_of_field::area(&plan.effects, turn);
         let mut hits = 0;
         // Nothing outside is live, so that most rays of most pictures end here.
         let walk = plan.proposal.as_ref().unwrap_or(&plan.bins);
@@ -220,8 +168,7 @@ impl<'f, 'w> Frame<'f, 'w> {
         for y in tile.y..tile.y + tile.height {
             for x in tile.x..tile.x + tile.width {
                 self.counters.rays += 1;
-                let ray = camera.ray(x as f32 + right, y as f32 + down);
-                let ray = depth_of_field::through_lens(&plan.effects, camera.pose(), ray, (x, y), area);
+                let ray = source.ray(x, y);
                 let mut state = RayState { ray, x, y, done: false, ..RayState::NONE };
                 if let Some(span) = around.and_then(|bounds| plan.span(&bounds, &ray)) {
                     (state.ray, state.start, state.ends) = (span.ray, span.start, span.ends);
@@ -243,7 +190,7 @@ impl<'f, 'w> Frame<'f, 'w> {
                     }
                     hits += 1;
                 } else {
-                    self.finish::<M>(&state, None, target);
+                    self.finish::<M>(&state, None, source, target);
                 }
             }
         }
@@ -255,11 +202,12 @@ impl<'f, 'w> Frame<'f, 'w> {
         if self.shares.values.is_empty() {
             return;
         }
-        let (rows, stride) = (self.network.direction_rows(), self.shares.block);
+        let (rows, block) = (self.network.direction_rows(), self.shares.block);
         let Scratch { encoded, front, back, .. } = &mut self.scratch;
-        let mut scratch = Scratch { stride, encoded, front, back: &mut [] };
-        let shares = self.shares.values.chunks_exact_mut((rows * stride).max(1));
-        for (states, out) in head(self.rays, count).chunks(stride.max(1)).zip(shares) {
+        let shares = self.shares.values.chunks_exact_mut((rows * block).max(1));
+        for (states, out) in head(self.rays, count).chunks(block.max(1)).zip(shares) {
+            let stride = columns_of(self.network, states.len());
+            let mut scratch = Scratch { stride, encoded: &mut *encoded, front: &mut *front, back: &mut [] };
             for (column, state) in states.iter().enumerate() {
                 put_column(self.triples, stride, column, state.ray.dir.to_array());
             }
@@ -295,18 +243,19 @@ impl<'f, 'w> Frame<'f, 'w> {
         &mut self,
         state: &RayState,
         place: Option<usize>,
+        source: &impl RaySource,
         target: &mut impl Target,
     ) {
-        let (plan, tile) = (self.plan, self.tile);
+        let (plan, tile, far) = (self.plan, self.tile, source.far(state.x));
         self.counters.samples_skipped += u64::from(plan.samples_per_ray().saturating_sub(state.kept));
         let cosine = state.ray.dir.dot(self.forward);
         let background = if plan.outputs.rgb { plan.background } else { [0.0; 3] };
-        let mut seen = state.gathered.finish_from(state.start, state.done, background, self.far, cosine);
+        let mut seen = state.gathered.finish_from(state.start, state.done, background, far, cosine);
         seen.rgb = tone::to_light::<M>(&plan.effects.tone, seen.rgb);
-        seen.median_distance = self.medians.finish(place, plan, state.start, self.far);
+        seen.median_distance = self.medians.finish(place, plan, state.start, far);
         seen.normal = self.normals.finish(place, seen.opacity);
         let index = (state.y - tile.y) as usize * tile.width as usize + (state.x - tile.x) as usize;
-        if let Some(mut pixel) = self.sums.add(&plan.effects, index, self.turn, seen, self.far) {
+        if let Some(mut pixel) = self.sums.add(&plan.effects, index, self.turn, seen, far) {
             pixel.rgb = tone::to_display::<M>(&plan.effects.tone, pixel.rgb);
             target.put(state.x, state.y, &pixel);
         }
@@ -366,6 +315,46 @@ impl<'f, 'w> Frame<'f, 'w> {
                 put(rgb, state.x as usize, colour);
             }
         }
+    }
+}
+
+/// Where the rays of a tile's pixels come from.
+pub(super) trait RaySource {
+    /// The ray of a pixel.
+    fn ray(&self, x: u32, y: u32) -> Ray;
+    /// The distance of a pixel of that column where its ray meets no surface.
+    fn far(&self, x: u32) -> f32;
+}
+
+/// The rays of a camera.
+struct CameraRays<F> {
+    ray: F,
+    far: f32,
+}
+
+impl<F: Fn(u32, u32) -> Ray> RaySource for CameraRays<F> {
+    fn ray(&self, x: u32, y: u32) -> Ray {
+        (self.ray)(x, y)
+    }
+
+    fn far(&self, _: u32) -> f32 {
+        self.far
+    }
+}
+
+/// Rays of the caller's own, each from where it likes.
+struct OwnRays<'a> {
+    rays: &'a [Ray],
+    plan: &'a Plan<'a>,
+}
+
+impl RaySource for OwnRays<'_> {
+    fn ray(&self, x: u32, _: u32) -> Ray {
+        self.rays.get(x as usize).copied().unwrap_or(RayState::NONE.ray)
+    }
+
+    fn far(&self, x: u32) -> f32 {
+        self.plan.far_from(self.ray(x, 0).origin)
     }
 }
 

@@ -9,6 +9,7 @@ use super::frame::{Frame, columns_of};
 use super::proposal::Drawn;
 use super::surface::Medians;
 use super::window::{self, Window};
+use crate::contraction::Contraction;
 use crate::effects::jitter::Place;
 use crate::kernels::{Op, Tier, VECTORS, at, column, head, head_mut, put, put_column, tail, tail_mut};
 use crate::math::Math;
@@ -196,6 +197,19 @@ impl Frame<'_, '_> {
     /// Puts the positions of the block's `n` samples where the network takes them.
     pub(super) fn put_positions(&mut self, n: usize) {
         let stride = columns_of(self.network, n);
+        if VECTORS && let Some(contraction) = &self.plan.contraction {
+            for column in 0..stride {
+                let from = column.min(n.saturating_sub(1));
+                let ray = at(self.rays, at(self.block.owner, from) as usize).ray;
+                put_column(self.positions, stride, column, ray.origin.to_array());
+                put_column(self.triples, stride, column, ray.dir.to_array());
+                put(self.block.t, column, at(self.block.t, from));
+            }
+            let (positions, dirs, t) = (&mut *self.positions, &*self.triples, &*self.block.t);
+            let points = ContractPoints { contraction, stride, positions, dirs, t };
+            self.network.tier().run_columns(stride, points);
+            return;
+        }
         for column in 0..stride {
             // What only fills the block up is a copy of its last sample.
             let from = column.min(n.saturating_sub(1));
@@ -260,6 +274,9 @@ impl Frame<'_, '_> {
     /// The exponentials are the same bits on every tier, sixteen at a time where there are so many.
     fn absorb<M: Math>(&mut self, n: usize) {
         let room = self.block.owner.len();
+        if let Some(contraction) = &self.plan.contraction {
+            self.parts_in_world(contraction, n);
+        }
         for column in 0..n {
             let owner = at(self.block.owner, column);
             let Some(state) = self.rays.get_mut(owner as usize) else { break };
@@ -267,12 +284,18 @@ impl Frame<'_, '_> {
             let before = if Medians::BUILT { state.gathered.optical_thickness() } else { 0.0 };
             let mut tau = 0.0;
             if sigma > 0.0 {
-                let t = at(self.block.t, column);
-                let (t, middle, delta) = part(self.plan, &self.drawn, state, owner, t, column);
-                if Medians::BUILT {
-                    put_column(self.positions, room, column, [t, middle, delta]);
+                let delta;
+                if self.plan.contraction.is_some() {
+                    [_, _, delta] = self::column(self.positions, room, column);
                 } else {
-                    put(self.positions, column, t);
+                    let (t, middle);
+                    (t, middle, delta) =
+                        part(self.plan, &self.drawn, state, owner, at(self.block.t, column), column);
+                    if Medians::BUILT {
+                        put_column(self.positions, room, column, [t, middle, delta]);
+                    } else {
+                        put(self.positions, column, t);
+                    }
                 }
                 tau = thickness(sigma, delta);
             }
@@ -283,6 +306,22 @@ impl Frame<'_, '_> {
             let (alpha, light) = (head_mut(alpha, columns), head_mut(light, columns));
             Tier::Scalar.run_columns(columns, Absorb::<M> { alpha, light, math: PhantomData });
         }
+    }
+
+    /// Puts where each of the block's `n` samples counts as, the middle of its bin and its width into the positions, world
+    /// units along the ray: [`Plan::part_around`] of a block.
+    fn parts_in_world(&mut self, contraction: &Contraction, n: usize) {
+        let (room, plan) = (self.block.owner.len(), self.plan);
+        let columns = columns_of(self.network, n);
+        for column in 0..columns {
+            let from = column.min(n.saturating_sub(1));
+            let state = at(self.rays, at(self.block.owner, from) as usize);
+            let (t, start, end) = plan.bins.with(state.ends).ends_around(at(self.block.t, from));
+            put_column(self.positions, room, column, [t, start, end]);
+            put(self.triples, column, plan.near.max(plan.t_min) - state.start);
+        }
+        let (parts, near) = (&mut *self.positions, &*self.triples);
+        self.network.tier().run_columns(columns, PartsInWorld { contraction, room, columns, parts, near });
     }
 
     /// Sends the block's `n` samples through the colour branch from where they lie, and takes those that were picked.
@@ -390,6 +429,64 @@ impl<M: Math> Op for Absorb<'_, M> {
         for (a, l) in self.alpha.chunks_exact_mut(V::COUNT).zip(self.light.chunks_exact_mut(V::COUNT)) {
             alpha::<M, V>(V::load(a)).store(a);
             light::<M, V>(V::load(l)).store(l);
+        }
+    }
+}
+
+/// From origins to the points at `t` of an unbounded scene's steps, contracted: `[3][stride]`.
+struct ContractPoints<'a> {
+    contraction: &'a Contraction,
+    stride: usize,
+    positions: &'a mut [f32],
+    dirs: &'a [f32],
+    t: &'a [f32],
+}
+
+impl Op for ContractPoints<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run<V: Lanes>(self) {
+        let Self { contraction, stride, positions, dirs, t } = self;
+        for from in (0..stride).step_by(V::COUNT) {
+            let distance: V = contraction.distance_lanes(V::load(tail(t, from)));
+            let mut p = [distance; 3];
+            for (axis, p) in p.iter_mut().enumerate() {
+                let (origin, dir) = (tail(positions, axis * stride + from), tail(dirs, axis * stride + from));
+                *p = V::load(origin).add(V::load(dir).mul(distance));
+            }
+            let p = contraction.contract_lanes(p);
+            for (axis, p) in p.into_iter().enumerate() {
+                p.store(tail_mut(positions, axis * stride + from));
+            }
+        }
+    }
+}
+
+/// From where samples and the ends of their bins are, in steps, to [`Plan::part_around`]: `[3][room]`.
+struct PartsInWorld<'a> {
+    contraction: &'a Contraction,
+    room: usize,
+    columns: usize,
+    parts: &'a mut [f32],
+    near: &'a [f32],
+}
+
+impl Op for PartsInWorld<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run<V: Lanes>(self) {
+        let Self { contraction, room, columns, parts, near } = self;
+        for at in (0..columns).step_by(V::COUNT) {
+            let near = V::load(tail(near, at));
+            let [t, from, to] = [0, room, 2 * room].map(|row| V::load(tail(parts, row + at)));
+            let from = contraction.distance_lanes(from).max_of(near);
+            let to = contraction.distance_lanes(to).max_of(from);
+            let (t, width) = (contraction.distance_lanes(t).max_of(near), to.sub(from));
+            t.store(tail_mut(parts, at));
+            from.add(V::splat(0.5).mul(width)).store(tail_mut(parts, room + at));
+            width.store(tail_mut(parts, 2 * room + at));
         }
     }
 }

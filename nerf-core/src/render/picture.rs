@@ -2,7 +2,7 @@
 
 use super::{Counters, Rect, RenderError, Renderer};
 use crate::camera::MAX_IMAGE_SIDE;
-use crate::kernels::{Arena, BLOCK, Line, column, lines_for, put_column};
+use crate::kernels::{Arena, BLOCK, Layout, Line, Measure, column, put_column};
 use crate::math::MathBackend;
 use crate::network::{Network, Scratch};
 use crate::plan::Batch;
@@ -15,28 +15,30 @@ mod tests;
 /// Up to it no two pixels ask for the same point, and none asks for 1.
 pub const MAX_RENDER_SIDE: u32 = MAX_IMAGE_SIDE;
 
-/// Lengths of the slices a picture is worked out in; the workspace query and the carving share them.
-struct Sizes {
-    samples: usize,
-    encoded: usize,
-    activation: usize,
+/// The memory a picture is worked out in.
+struct Buffers<'w> {
+    /// `[2][stride]`.
+    positions: &'w mut [f32],
+    /// `[3][stride]`.
+    rgb: &'w mut [f32],
+    scratch: Scratch<'w>,
 }
 
-impl Sizes {
-    fn of(network: &Network<'_>, batch: Batch) -> Self {
-        let samples = if network.whole_blocks() { BLOCK } else { batch.samples };
+impl<'w> Buffers<'w> {
+    fn lay_out(layout: &mut impl Layout<'w>, network: &Network<'_>, batch: Batch) -> Self {
+        let stride = if network.whole_blocks() { BLOCK } else { batch.samples };
+        let (encoded, activation) = (network.encoded_rows(), network.activation_rows());
+        let mut rows = |count: usize| layout.slice(stride.saturating_mul(count), 0.0);
         Self {
-            samples,
-            encoded: network.encoded_rows().saturating_mul(samples),
-            activation: network.activation_rows().saturating_mul(samples),
+            positions: rows(2),
+            rgb: rows(3),
+            scratch: Scratch {
+                stride,
+                encoded: rows(encoded),
+                front: rows(activation),
+                back: rows(activation),
+            },
         }
-    }
-
-    fn lines(&self) -> usize {
-        lines_for::<f32>(self.samples.saturating_mul(2))
-            + lines_for::<f32>(self.samples.saturating_mul(3))
-            + lines_for::<f32>(self.encoded)
-            + lines_for::<f32>(self.activation) * 2
     }
 }
 
@@ -46,7 +48,9 @@ impl Renderer<'_> {
     /// Of `batch` only the samples matter, and only to weights read in place: other tiers always take
     /// whole blocks.
     pub fn picture_workspace_lines(&self, batch: Batch) -> usize {
-        Sizes::of(&self.network, batch).lines()
+        let mut measure = Measure::default();
+        Buffers::lay_out(&mut measure, &self.network, batch);
+        measure.lines
     }
 
     /// Renders the pixels of `rect` of the 2D field, drawn in `size[0]` × `size[1]` pixels.
@@ -76,18 +80,13 @@ impl Renderer<'_> {
     ) -> Result<Counters, RenderError> {
         self.check_picture(batch, size, rect)?;
         let network = &self.network;
-        let sizes = Sizes::of(network, batch);
-        let too_small = RenderError::Memory { expected: sizes.lines(), found: workspace.len() };
-        let mut arena = Arena::new(workspace);
-        let mut floats = |count| arena.slice(count, 0.0f32).ok_or(too_small);
-        let stride = sizes.samples;
-        let (positions, rgb) = (floats(2 * stride)?, floats(3 * stride)?);
-        let mut scratch = Scratch {
-            stride,
-            encoded: floats(sizes.encoded)?,
-            front: floats(sizes.activation)?,
-            back: floats(sizes.activation)?,
-        };
+        let (expected, found) = (self.picture_workspace_lines(batch), workspace.len());
+        if found < expected {
+            return Err(RenderError::Memory { expected, found });
+        }
+        let Buffers { positions, rgb, mut scratch } =
+            Buffers::lay_out(&mut Arena::new(workspace), network, batch);
+        let stride = scratch.stride;
 
         let architecture = network.architecture();
         let macs = (architecture.density_macs() + architecture.colour_macs()) as u64;

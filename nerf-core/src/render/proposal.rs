@@ -6,11 +6,11 @@
 //! stands here.
 
 use super::Target;
-use super::frame::{Frame, columns_of};
+use super::frame::{Frame, RaySource, columns_of};
 use super::march::RayState;
 use crate::blob::Blob;
 use crate::effects::jitter::Place;
-use crate::kernels::{Arena, Tier, at, head, head_mut, lines_for, put, tail, tail_mut};
+use crate::kernels::{Layout, Tier, at, head, head_mut, put, tail, tail_mut};
 use crate::math::Math;
 use crate::network::{Network, Weights};
 use crate::plan::Plan;
@@ -32,9 +32,9 @@ pub(super) struct Proposer<'a> {
 }
 
 impl<'a> Proposer<'a> {
-    /// Lines of memory [`Proposer::prepare`] needs.
-    pub fn prepared_lines(blob: &Blob<'_>) -> usize {
-        blob.proposal().map_or(0, |it| lines_for::<f32>(it.architecture().density_parameters()))
+    /// Parameters that are unpacked; 0 without a network.
+    pub fn parameters(blob: &Blob<'_>) -> usize {
+        blob.proposal().map_or(0, |it| it.architecture().density_parameters())
     }
 
     /// The weights where they lie in the blob.
@@ -45,13 +45,18 @@ impl<'a> Proposer<'a> {
         Self { network }
     }
 
-    /// The weights as `tier` multiplies them; `None` if the memory is used up.
-    pub fn prepare(blob: &Blob<'a>, tier: Tier, arena: &mut Arena<'a>) -> Option<Self> {
-        let Some(proposal) = blob.proposal() else { return Some(Self { network: None }) };
-        let architecture = proposal.architecture();
-        let unpacked = arena.slice(architecture.density_parameters(), 0.0f32)?;
-        let weights = Weights::prepare(&architecture, tier, proposal.weights, unpacked);
-        Some(Self { network: Some(Network::of_density(&architecture, weights, tier)?) })
+    /// Unpacks the weights as `tier` multiplies them, into as many values as there are parameters.
+    pub fn unpack(blob: &Blob<'_>, tier: Tier, to: &mut [f32]) {
+        if let Some(proposal) = blob.proposal() {
+            Weights::unpack(&proposal.architecture(), tier, proposal.weights, to);
+        }
+    }
+
+    /// With what [`Proposer::unpack`] made.
+    pub fn of_unpacked(blob: &Blob<'a>, tier: Tier, unpacked: &'a [f32]) -> Self {
+        let weights = Weights::unpacked(tier, unpacked);
+        let network = blob.proposal().and_then(|it| Network::of_density(&it.architecture(), weights, tier));
+        Self { network }
     }
 
     /// Multiply-adds of an evaluation; 0 without a network.
@@ -81,24 +86,14 @@ pub(super) struct Drawn<'f, 'w> {
 }
 
 impl<'f, 'w> Drawn<'f, 'w> {
-    /// Lines of memory [`Drawn::carve`] needs.
-    pub fn lines([rays, samples, row]: [usize; 3]) -> usize {
-        if row == 0 { 0 } else { lines_for::<f32>(rays.saturating_mul(row)) + lines_for::<u32>(samples) }
-    }
-
     /// `row` samples for each of the `rays`; nothing where `row` is 0.
-    pub fn carve(
+    pub fn lay_out(
+        layout: &mut impl Layout<'w>,
         proposer: &'f Proposer<'f>,
-        arena: &mut Arena<'w>,
         [rays, samples, row]: [usize; 3],
-    ) -> Option<Self> {
-        let index = if row == 0 { 0 } else { samples };
-        Some(Self {
-            proposer,
-            t: arena.slice(rays.saturating_mul(row), 0.0f32)?,
-            row,
-            index: arena.slice(index, 0u32)?,
-        })
+    ) -> Self {
+        let index = layout.slice(if row == 0 { 0 } else { samples }, 0);
+        Self { proposer, t: layout.slice(rays.saturating_mul(row), 0.0), row, index }
     }
 
     /// Whether samples are drawn.
@@ -164,7 +159,12 @@ impl Frame<'_, '_> {
     /// Asks the proposal where the samples of the tile's first `hits` rays should be, and draws them.
     ///
     /// Rays of which none is live are finished; those left move together. Returns their number.
-    pub(super) fn propose<M: Math>(&mut self, hits: usize, target: &mut impl Target) -> usize {
+    pub(super) fn propose<M: Math>(
+        &mut self,
+        hits: usize,
+        source: &impl RaySource,
+        target: &mut impl Target,
+    ) -> usize {
         let (plan, row, proposer) = (self.plan, self.drawn.row, self.drawn.proposer);
         let (Some(network), Some(coarse)) = (&proposer.network, &plan.proposal) else { return hits };
         head_mut(self.drawn.t, hits * row).fill(0.0);
@@ -193,7 +193,7 @@ impl Frame<'_, '_> {
                 self.waiting.push(left as u32);
                 left += 1;
             } else {
-                self.finish::<M>(&state, None, target);
+                self.finish::<M>(&state, None, source, target);
             }
         }
         left

@@ -1,11 +1,11 @@
 //! In the place of `proposal.rs` where the feature is off: no samples are drawn, and no code says how.
 
 use super::Target;
-use super::frame::Frame;
+use super::frame::{Frame, RaySource};
 use super::march::RayState;
 use crate::blob::Blob;
 use crate::effects::jitter::Place;
-use crate::kernels::{Arena, Tier};
+use crate::kernels::{Layout, Tier};
 use crate::math::Math;
 use crate::plan::Plan;
 use core::marker::PhantomData;
@@ -15,7 +15,7 @@ use core::marker::PhantomData;
 pub(super) struct Proposer<'a>(PhantomData<&'a ()>);
 
 impl<'a> Proposer<'a> {
-    pub fn prepared_lines(_: &Blob<'_>) -> usize {
+    pub fn parameters(_: &Blob<'_>) -> usize {
         0
     }
 
@@ -23,8 +23,10 @@ impl<'a> Proposer<'a> {
         Self(PhantomData)
     }
 
-    pub fn prepare(_: &Blob<'a>, _: Tier, _: &mut Arena<'a>) -> Option<Self> {
-        Some(Self(PhantomData))
+    pub fn unpack(_: &Blob<'_>, _: Tier, _: &mut [f32]) {}
+
+    pub fn of_unpacked(_: &Blob<'a>, _: Tier, _: &'a [f32]) -> Self {
+        Self(PhantomData)
     }
 
     pub fn macs(&self) -> u64 {
@@ -44,12 +46,8 @@ impl<'a> Proposer<'a> {
 pub(super) struct Drawn<'f, 'w>(PhantomData<(&'f (), &'w ())>);
 
 impl<'f, 'w> Drawn<'f, 'w> {
-    pub fn lines(_: [usize; 3]) -> usize {
-        0
-    }
-
-    pub fn carve(_: &'f Proposer<'f>, _: &mut Arena<'w>, _: [usize; 3]) -> Option<Self> {
-        Some(Self(PhantomData))
+    pub fn lay_out(_: &mut impl Layout<'w>, _: &'f Proposer<'f>, _: [usize; 3]) -> Self {
+        Self(PhantomData)
     }
 
     #[inline]
@@ -75,7 +73,7 @@ impl<'f, 'w> Drawn<'f, 'w> {
 
 impl Frame<'_, '_> {
     #[allow(clippy::extra_unused_type_parameters, reason = "the signature is that of `proposal.rs`")]
-    pub(super) fn propose<M: Math>(&mut self, hits: usize, _: &mut impl Target) -> usize {
+    pub(super) fn propose<M: Math>(&mut self, hits: usize, _: &impl RaySource, _: &mut impl Target) -> usize {
         hits
     }
 }

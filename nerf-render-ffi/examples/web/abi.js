@@ -65,7 +65,7 @@ structure('nerf_counters', {
 structure('nerf_choice', { struct_size: 'size', loss_db: 'f32', cost: 'f32', milliseconds: 'f32', within: 'u32' });
 structure('nerf_pace', { struct_size: 'size', milliseconds: ['f32', 16] });
 
-const KERNELS = ['auto', 'scalar', 'avx2', 'avx512', 'avx512bf16', 'simd128'];
+const KERNELS = ['auto', 'scalar', 'avx2', 'avx512', 'avx512bf16', 'simd128', 'neon'];
 const FORMAT_RGB_F32 = 2, FORMAT_F32 = 5, FORMAT_VEC3_F32 = 6;
 /** Planes of a target: the bit of `NERF_OUTPUT_*`, the format, and floats of a pixel. */
 const PLANES = {

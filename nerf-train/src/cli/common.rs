@@ -135,7 +135,7 @@ impl Global {
 }
 
 fn parse_tier(name: &str) -> Result<Tier, String> {
-    let tier = Tier::by_name(name).ok_or("expected scalar, avx2, avx512 or avx512bf16")?;
+    let tier = Tier::by_name(name).ok_or("expected scalar, avx2, avx512, avx512bf16 or neon")?;
     if tier.available() { Ok(tier) } else { Err(format!("this machine has no {name}")) }
 }
 

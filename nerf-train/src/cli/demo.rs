@@ -154,7 +154,7 @@ impl Demo {
             let mut progress = Progress::new("orbit", total, global.style());
             for i in 0..ORBIT_FRAMES {
                 let camera = orbit.camera(i as f32 / ORBIT_FRAMES as f32, 192, 192, fov)?;
-                film.push(frame::render(&renderer, &plan, &camera)?.picture())?;
+                film.push(frame::picture(&frame::render(&renderer, &plan, &camera)?))?;
                 progress.update(i as u64 + 1, &Message::default());
             }
             let finished = film.finish()?;
@@ -231,8 +231,8 @@ fn median(values: &mut [f64]) -> f64 {
 
 fn sheet_row(cells: &mut Vec<Cell>, name: &str, frame: &Frame, truth: &[[f32; 3]]) -> anyhow::Result<()> {
     let truth = Picture::new(frame.width, frame.height, truth.to_vec())?;
-    cells.push(Cell::new(frame.picture(), format!("{name}: rendered")));
+    cells.push(Cell::new(frame::picture(frame), format!("{name}: rendered")));
     cells.push(Cell::new(truth, format!("{name}: truth")));
-    cells.push(Cell::new(frame.z_depth_picture()?, format!("{name}: z_depth")));
+    cells.push(Cell::new(frame::z_depth_picture(frame)?, format!("{name}: z_depth")));
     Ok(())
 }

@@ -7,6 +7,7 @@ use super::common::{
 use super::places;
 use crate::dataset::View;
 use crate::eval::{ViewScore, evaluate};
+use crate::frame;
 use crate::output::claims::Claims;
 use crate::report::metrics::psnr_db;
 use crate::report::names::FileNames;
@@ -141,7 +142,7 @@ impl Eval {
             table.push([score.view.clone(), format!("{:.3}", score.psnr_db), format!("{:.4}", score.ssim)]);
             if let (Some(folder), Ok(())) = (&self.report, &written) {
                 let name = format!("{}.png", names.stem(view));
-                written = frame.picture().write_png(folder.join(name));
+                written = frame::picture(frame).write_png(folder.join(name));
             }
         })?;
         written?;

@@ -4,6 +4,7 @@ use super::common::{background_name, cpu_name, tell};
 use super::grid;
 use crate::config::Config;
 use crate::dataset::{Dataset, Report};
+use crate::frame;
 use crate::report::contact_sheet::{Cell, contact_sheet};
 use crate::report::names::FileNames;
 use crate::report::picture::Picture;
@@ -239,10 +240,10 @@ fn write_views(folder: &Path, outcome: &Outcome, dataset: &Dataset) -> anyhow::R
     for Shown { view, frame, truth, psnr_db } in &outcome.shown {
         let view = &dataset.val[*view];
         let (file, name) = (names.stem(view), &view.name);
-        frame.picture().write_png(folder.join(format!("{file}.png")))?;
-        frame.z_depth_picture()?.write_png(folder.join(format!("{file}_z_depth.png")))?;
+        frame::picture(frame).write_png(folder.join(format!("{file}.png")))?;
+        frame::z_depth_picture(frame)?.write_png(folder.join(format!("{file}_z_depth.png")))?;
         let truth = Picture::new(frame.width, frame.height, truth.clone())?;
-        cells.push(Cell::new(frame.picture(), format!("{name}: {psnr_db:.2} dB")));
+        cells.push(Cell::new(frame::picture(frame), format!("{name}: {psnr_db:.2} dB")));
         cells.push(Cell::new(truth, format!("{name}: truth")));
     }
     if !cells.is_empty() {

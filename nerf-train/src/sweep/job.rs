@@ -5,7 +5,7 @@ use crate::config::{Config, ConfigError, TableConfig};
 use crate::dataset::{Dataset, View};
 use crate::engine::EngineError;
 use crate::eval::measure;
-use crate::frame::Frame;
+use crate::frame::{self, Frame};
 use crate::image_field::{self, Ended as FieldEnded, FieldConfig, FieldError, Photo};
 use crate::report::metrics::{flat_psnr_db, is_flat};
 use crate::report::picture::Picture;
@@ -300,7 +300,7 @@ fn run_scene(
     };
     judge(&mut record, outcome.flat, outcome.flat_psnr_db);
     let mut picture = None;
-    let each = |_: &View, frame: &Frame, _: &[[f32; 3]], _: &_| picture = Some(frame.picture());
+    let each = |_: &View, frame: &Frame, _: &[[f32; 3]], _: &_| picture = Some(frame::picture(frame));
     let first = views.first().copied();
     measure(&outcome.bytes, None, runner.tier, &Quality::default(), outcome.background, first, each)
         .map_err(|error| JobError::Run(error.into()))?;

@@ -8,6 +8,7 @@ use super::run::{RunError, Session};
 use super::snapshot::Snapshot;
 use crate::dataset::View;
 use crate::eval::{Scores, measure};
+use crate::frame;
 use nerf_core::plan::Quality;
 use std::time::Instant;
 
@@ -195,7 +196,7 @@ impl Session<'_, '_> {
         let views = || thinned.iter().map(|view| &**view);
         let scores =
             measure(bytes, None, tier, &Quality::default(), background, views(), |view, frame, _, _| {
-                each(frame.picture());
+                each(frame::picture(frame));
                 // The first view's time has the opening of the file in it: it counts only where it is the only one.
                 if counted == 0 && thinned.len() > 1 {
                     (begun, counted) = (Instant::now(), view.pixel_count());

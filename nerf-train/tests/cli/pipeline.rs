@@ -178,7 +178,10 @@ fn kernels_and_thread_counts_are_flags_that_change_no_result_file() {
     assert!(blobs[0] == blobs[1] && blobs[0] == blobs[2]);
     let scalar = folder.path("scalar.nerf");
     ok(fit(&data, &scalar, &["--steps", "2", "--kernel", "scalar"]));
-    fails(fit(&data, &scalar, &["--kernel", "mmx"]), &["--kernel", "scalar, avx2, avx512 or avx512bf16"]);
+    fails(
+        fit(&data, &scalar, &["--kernel", "mmx"]),
+        &["--kernel", "scalar, avx2, avx512, avx512bf16 or neon"],
+    );
     fails(fit(&data, &scalar, &["--threads", "0"]), &["--threads"]);
 }
 

@@ -303,8 +303,8 @@ fn settings_outside_their_range_are_refused() {
     let mut options = call::open_options(Tier::Scalar);
     let bytes = blob.as_ptr().cast();
     // No kernel has the first number; the second is none of this machine's.
-    let kernel = ffi::Kernel::Simd128 as u32;
-    for (kernel, status) in [(kernel + 1, Status::Options), (kernel, Status::Kernel)] {
+    let (last, foreign) = (ffi::Kernel::Neon as u32, ffi::Kernel::Simd128 as u32);
+    for (kernel, status) in [(last + 1, Status::Options), (foreign, Status::Kernel)] {
         options.kernel = kernel;
         // SAFETY: as above.
         let found = unsafe {

@@ -1,6 +1,6 @@
 //! Median distances of the rays in flight.
 
-use crate::kernels::{Arena, lines_for};
+use crate::kernels::Layout;
 use crate::plan::Plan;
 use crate::volume::{Accumulator, median_in_bin};
 
@@ -19,17 +19,9 @@ impl<'w> Medians<'w> {
     /// Whether this build has medians.
     pub const BUILT: bool = true;
 
-    fn rays(plan: &Plan<'_>) -> usize {
-        if plan.outputs.median_distance { plan.batch.rays } else { 0 }
-    }
-
-    /// Lines of workspace.
-    pub fn lines(plan: &Plan<'_>) -> usize {
-        lines_for::<f32>(Self::rays(plan))
-    }
-
-    pub fn carve(arena: &mut Arena<'w>, plan: &Plan<'_>) -> Option<Self> {
-        Some(Self { distance: arena.slice(Self::rays(plan), NOT_YET)? })
+    pub fn lay_out(layout: &mut impl Layout<'w>, plan: &Plan<'_>) -> Self {
+        let rays = if plan.outputs.median_distance { plan.batch.rays } else { 0 };
+        Self { distance: layout.slice(rays, NOT_YET) }
     }
 
     /// A new ray in place `ray`.

@@ -1,6 +1,6 @@
 //! No median distances: this build was made without the feature `median`.
 
-use crate::kernels::Arena;
+use crate::kernels::Layout;
 use crate::plan::Plan;
 use crate::volume::Accumulator;
 use core::marker::PhantomData;
@@ -12,12 +12,8 @@ impl<'w> Medians<'w> {
     /// Whether this build has medians.
     pub const BUILT: bool = false;
 
-    pub fn lines(_: &Plan<'_>) -> usize {
-        0
-    }
-
-    pub fn carve(_: &mut Arena<'w>, _: &Plan<'_>) -> Option<Self> {
-        Some(Self(PhantomData))
+    pub fn lay_out(_: &mut impl Layout<'w>, _: &Plan<'_>) -> Self {
+        Self(PhantomData)
     }
 
     pub fn begin(&mut self, _: usize) {}

@@ -1,6 +1,6 @@
 //! Normals of the rays in flight: gradients of the samples that count, in blocks of their own.
 
-use crate::kernels::{Arena, at, column, head, lines_for, put, put_column};
+use crate::kernels::{Layout, at, column, head, put, put_column};
 use crate::network::{GradientScratch, Network, Scratch};
 use crate::plan::Plan;
 use crate::render::frame::{Frame, block_samples, columns_of};
@@ -28,51 +28,24 @@ struct Queue<'w> {
     count: usize,
 }
 
-/// Lengths of the slices.
-struct Sizes {
-    rays: usize,
-    samples: usize,
-    signs: usize,
-    encoded: usize,
-}
-
-impl Sizes {
-    fn of(network: &Network<'_>, plan: &Plan<'_>) -> Self {
-        if !plan.outputs.normals {
-            return Self { rays: 0, samples: 0, signs: 0, encoded: 0 };
-        }
-        let samples = block_samples(network, plan);
-        let (signs, encoded) = (network.sign_words(samples), network.gradient_rows() * samples);
-        Self { rays: plan.batch.rays, samples, signs, encoded }
-    }
-
-    fn lines(&self) -> usize {
-        lines_for::<NormalSum>(self.rays)
-            + lines_for::<u32>(self.samples)
-            + lines_for::<f32>(self.samples) * 2
-            + lines_for::<u16>(self.signs)
-            + lines_for::<f32>(self.encoded)
-            + lines_for::<f32>(3 * self.samples)
-    }
-}
-
 impl<'w> Normals<'w> {
-    /// Lines of workspace.
-    pub fn lines(network: &Network<'_>, plan: &Plan<'_>) -> usize {
-        Sizes::of(network, plan).lines()
-    }
-
-    pub fn carve(arena: &mut Arena<'w>, network: &Network<'_>, plan: &Plan<'_>) -> Option<Self> {
-        let sizes = Sizes::of(network, plan);
-        let (sums, owner) = (arena.slice(sizes.rays, NormalSum::NONE)?, arena.slice(sizes.samples, 0u32)?);
-        let signs = arena.slice(sizes.signs, 0u16)?;
-        let mut floats = |count| arena.slice(count, 0.0f32);
-        Some(Self {
-            sums,
-            queue: Queue { owner, t: floats(sizes.samples)?, weight: floats(sizes.samples)?, count: 0 },
-            memory: GradientScratch { signs, encoded: floats(sizes.encoded)? },
-            gradient: floats(3 * sizes.samples)?,
-        })
+    pub fn lay_out(layout: &mut impl Layout<'w>, network: &Network<'_>, plan: &Plan<'_>) -> Self {
+        let (rays, samples) =
+            if plan.outputs.normals { (plan.batch.rays, block_samples(network, plan)) } else { (0, 0) };
+        Self {
+            sums: layout.slice(rays, NormalSum::NONE),
+            queue: Queue {
+                owner: layout.slice(samples, 0),
+                t: layout.slice(samples, 0.0),
+                weight: layout.slice(samples, 0.0),
+                count: 0,
+            },
+            memory: GradientScratch {
+                signs: layout.slice(network.sign_words(samples), 0),
+                encoded: layout.slice(network.gradient_rows() * samples, 0.0),
+            },
+            gradient: layout.slice(3 * samples, 0.0),
+        }
     }
 
     /// A new ray in place `ray`.

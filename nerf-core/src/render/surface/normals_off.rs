@@ -1,6 +1,6 @@
 //! No normals: this build was made without the feature `normals`.
 
-use crate::kernels::Arena;
+use crate::kernels::Layout;
 use crate::network::Network;
 use crate::plan::Plan;
 use crate::render::frame::Frame;
@@ -10,12 +10,8 @@ use core::marker::PhantomData;
 pub(in crate::render) struct Normals<'w>(PhantomData<&'w mut [f32]>);
 
 impl<'w> Normals<'w> {
-    pub fn lines(_: &Network<'_>, _: &Plan<'_>) -> usize {
-        0
-    }
-
-    pub fn carve(_: &mut Arena<'w>, _: &Network<'_>, _: &Plan<'_>) -> Option<Self> {
-        Some(Self(PhantomData))
+    pub fn lay_out(_: &mut impl Layout<'w>, _: &Network<'_>, _: &Plan<'_>) -> Self {
+        Self(PhantomData)
     }
 
     pub fn begin(&mut self, _: usize) {}

@@ -4,7 +4,7 @@ use super::Output;
 use super::Render;
 use crate::cli::common::{Global, say_no_mp4};
 use crate::cli::places;
-use crate::frame::Frame;
+use crate::frame::{self, Frame};
 use crate::output::claims::{Claims, Existing};
 use crate::report::colour_map::{depth_picture_with_legend, normal_picture};
 use crate::report::film::{Files, Film, beside};
@@ -215,7 +215,7 @@ fn picture_of(frame: &Frame, output: Output, range: Option<(f32, f32)>) -> anyho
         depth_picture_with_legend(values, &frame.opacity, frame.width, frame.height, range, title)
     };
     Ok(match output {
-        Output::Rgb | Output::All => frame.picture(),
+        Output::Rgb | Output::All => frame::picture(frame),
         Output::Opacity => {
             let grey = frame.opacity.iter().map(|&opacity| [opacity; 3]).collect();
             Picture::new(frame.width, frame.height, grey)?

@@ -1,6 +1,7 @@
 //! Both ends of a front as pictures, and how far they are from the truth and from the exact rendering.
 
 use super::{Findings, SPAN_LOSS_DB};
+use crate::frame;
 use crate::report::colour_map::{ColourMap, with_legend};
 use crate::report::contact_sheet::{Cell, contact_sheet};
 use crate::report::picture::Picture;
@@ -46,7 +47,7 @@ pub fn write(findings: &Findings<'_, '_, '_>, folder: &Path) -> Result<(), Study
                 totals.psnr_db,
                 1.0 / findings.times[i]
             );
-            cells.push(Cell::new(frame.picture(), caption));
+            cells.push(Cell::new(frame::picture(&frame), caption));
             cells.push(Cell::new(to_truth, format!("to the truth, 0 to {BRIGHTEST}")));
             cells.push(Cell::new(to_exact, format!("to the exact rendering, 0 to {BRIGHTEST}")));
         }

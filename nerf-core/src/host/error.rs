@@ -1,0 +1,64 @@
+//! Why a scene was not opened or rendered.
+
+use crate::blob::BlobError;
+use crate::plan::PlanError;
+use crate::render::RenderError;
+use std::path::PathBuf;
+
+/// Why a scene was not opened or rendered.
+#[derive(Debug)]
+#[non_exhaustive]
+pub enum HostError {
+    /// The file could not be read.
+    Read {
+        /// The file.
+        path: PathBuf,
+        /// What the operating system says.
+        source: std::io::Error,
+    },
+    /// The file is no blob.
+    Open {
+        /// The file.
+        path: PathBuf,
+        /// What is wrong with it.
+        source: BlobError,
+    },
+    /// The request does not go with the scene.
+    Plan(PlanError),
+    /// The camera, the size or a direction is out of range.
+    Render(RenderError),
+}
+
+impl core::fmt::Display for HostError {
+    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+        match self {
+            Self::Read { path, source } => write!(f, "{}: {source}", path.display()),
+            Self::Open { path, source } => write!(f, "{}: {source}", path.display()),
+            Self::Plan(error) => error.fmt(f),
+            Self::Render(error) => error.fmt(f),
+        }
+    }
+}
+
+impl core::error::Error for HostError {
+    fn source(&self) -> Option<&(dyn core::error::Error + 'static)> {
+        match self {
+            Self::Read { source, .. } => Some(source),
+            Self::Open { source, .. } => Some(source),
+            Self::Plan(error) => Some(error),
+            Self::Render(error) => Some(error),
+        }
+    }
+}
+
+impl From<PlanError> for HostError {
+    fn from(error: PlanError) -> Self {
+        Self::Plan(error)
+    }
+}
+
+impl From<RenderError> for HostError {
+    fn from(error: RenderError) -> Self {
+        Self::Render(error)
+    }
+}

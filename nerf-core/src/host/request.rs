@@ -1,0 +1,138 @@
+//! What is asked of a scene.
+
+use super::{HostError, Image, Scene, threads};
+use crate::blob::Blob;
+use crate::camera::Camera;
+use crate::effects::Effects;
+use crate::kernels::Tier;
+use crate::plan::{Batch, Outputs, Plan, PlanError, Quality};
+use crate::ray::Ray;
+use crate::volume::Pixel;
+use glam::Vec3;
+use std::num::NonZeroUsize;
+use std::vec::Vec;
+
+/// What is asked of a scene; each setting replaces its default.
+#[derive(Clone, Debug)]
+#[must_use = "ask for something: render, render_rays, render_picture"]
+pub struct Request<'s> {
+    scene: &'s Scene,
+    quality: Quality,
+    outputs: Outputs,
+    effects: Effects,
+    background: Option<[f32; 3]>,
+    range: (f32, f32),
+    normal_blur: f32,
+    threads: NonZeroUsize,
+}
+
+impl<'s> Request<'s> {
+    pub(super) fn new(scene: &'s Scene) -> Self {
+        Self {
+            scene,
+            quality: Quality::default(),
+            outputs: Outputs::ALL,
+            effects: Effects::NONE,
+            background: None,
+            range: (0.0, f32::MAX),
+            normal_blur: Plan::NORMAL_BLUR,
+            threads: std::thread::available_parallelism().unwrap_or(NonZeroUsize::MIN),
+        }
+    }
+
+    /// What a pixel is asked for; by default [`Outputs::ALL`].
+    pub fn outputs(mut self, outputs: Outputs) -> Self {
+        self.outputs = outputs;
+        self
+    }
+
+    /// Which shortcuts are taken.
+    pub fn quality(mut self, quality: Quality) -> Self {
+        self.quality = quality;
+        self
+    }
+
+    /// What a frame does beyond one ray through each pixel's centre; by default nothing.
+    pub fn effects(mut self, effects: Effects) -> Self {
+        self.effects = effects;
+        self
+    }
+
+    /// What shows where opacity is below 1, display-encoded; by default the scene's.
+    pub fn background(mut self, background: [f32; 3]) -> Self {
+        self.background = Some(background);
+        self
+    }
+
+    /// Between which distances on a ray the scene is seen, world units; by default everywhere.
+    pub fn range(mut self, t_min: f32, t_max: f32) -> Self {
+        self.range = (t_min, t_max);
+        self
+    }
+
+    /// Blur of normals, in bins ([`Plan::with_normal_blur`]).
+    pub fn normal_blur(mut self, bins: f32) -> Self {
+        self.normal_blur = bins;
+        self
+    }
+
+    /// How many threads share a call; by default as many as there are cores. Pixels do not depend on it.
+    pub fn threads(mut self, threads: NonZeroUsize) -> Self {
+        self.threads = threads;
+        self
+    }
+
+    /// The plan of these settings for a blob of the scene.
+    ///
+    /// # Errors
+    /// [`PlanError`] names the setting that does not go with the scene.
+    pub fn plan<'b>(&self, blob: &Blob<'b>) -> Result<Plan<'b>, PlanError> {
+        let batch = Batch::for_tier(Tier::Scalar);
+        let mut plan = Plan::new(blob, &self.quality, self.outputs, batch)?
+            .with_range(self.range.0, self.range.1)?
+            .with_normal_blur(self.normal_blur)?;
+        if let Some(background) = self.background {
+            plan = plan.with_background(background)?;
+        }
+        plan.with_effects(self.effects)
+    }
+
+    /// Renders an image.
+    ///
+    /// # Errors
+    /// [`HostError::Plan`] names the setting that does not go with the scene.
+    pub fn render(&self, camera: &Camera) -> Result<Image, HostError> {
+        let renderer = self.scene.renderer();
+        let plan = self.plan(renderer.blob())?;
+        Ok(threads::render(&renderer, &plan, camera, self.threads)?)
+    }
+
+    /// Renders rays of the caller's, each a pixel of its own; the `z_depth` of those is 0.
+    ///
+    /// # Errors
+    /// As [`Request::render`], and [`HostError::Render`] with the index of the first ray that is none.
+    pub fn render_rays(&self, rays: &[Ray]) -> Result<Vec<Pixel>, HostError> {
+        self.render_rays_along(rays, None)
+    }
+
+    /// The same with a `z_depth` along `axis`, of unit length.
+    ///
+    /// # Errors
+    /// As [`Request::render_rays`].
+    pub fn render_rays_along(&self, rays: &[Ray], axis: Option<Vec3>) -> Result<Vec<Pixel>, HostError> {
+        let renderer = self.scene.renderer();
+        let plan = self.plan(renderer.blob())?;
+        Ok(threads::render_rays(&renderer, &plan, rays, axis, self.threads)?.0)
+    }
+
+    /// Renders a 2D field in `width` × `height` pixels, display-encoded, row by row.
+    ///
+    /// # Errors
+    /// [`HostError::Render`] if the file is a scene, and on a side of 0 or beyond
+    /// [`MAX_RENDER_SIDE`](crate::render::MAX_RENDER_SIDE).
+    pub fn render_picture(&self, width: u32, height: u32) -> Result<Vec<[f32; 3]>, HostError> {
+        let renderer = self.scene.renderer();
+        let size = [width, height];
+        Ok(threads::render_picture(&renderer, self.quality.math, size, self.threads, |_| {})?.0)
+    }
+}

@@ -1,0 +1,97 @@
+//! A scene and its bytes in one value.
+
+use super::{HostError, Image, Request};
+use crate::blob::{Blob, BlobError};
+use crate::camera::Camera;
+use crate::kernels::Tier;
+use crate::ray::SceneBox;
+use crate::render::Renderer;
+use std::boxed::Box;
+use std::path::Path;
+use std::vec;
+
+/// A scene that owns its bytes: storable, shared by threads, without a lifetime.
+///
+/// ```no_run
+/// use nerf_core::{Camera, Scene};
+///
+/// let scene = Scene::open("lego.nerf")?;
+/// let camera = Camera::look_at([2.0, 3.0, 1.5], [0.0; 3], 800, 600)?;
+/// let image = scene.render(&camera)?;
+/// image::save_buffer("lego.png", &image.rgb8(), 800, 600, image::ColorType::Rgb8)?;
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
+#[derive(Clone, Debug)]
+pub struct Scene {
+    /// Checked once; nobody changes them.
+    bytes: Box<[u8]>,
+    tier: Tier,
+    /// The parameters of the network and of its proposal, unpacked for the tier.
+    unpacked: [Box<[f32]>; 2],
+    occupied: Option<SceneBox>,
+}
+
+const _: () = {
+    const fn shared<T: Send + Sync + 'static>() {}
+    shared::<Scene>();
+};
+
+impl Scene {
+    /// Reads a file and makes it ready for this machine's fastest instructions that compute in f32.
+    ///
+    /// # Errors
+    /// [`HostError::Read`] and [`HostError::Open`], which name the file.
+    pub fn open(path: impl AsRef<Path>) -> Result<Self, HostError> {
+        let path = path.as_ref();
+        let bytes = std::fs::read(path).map_err(|source| HostError::Read { path: path.into(), source })?;
+        Self::from_bytes(bytes).map_err(|source| HostError::Open { path: path.into(), source })
+    }
+
+    /// The same of bytes.
+    ///
+    /// # Errors
+    /// [`BlobError`] says what was expected and found.
+    pub fn from_bytes(bytes: impl Into<Box<[u8]>>) -> Result<Self, BlobError> {
+        Self::for_tier(bytes, Tier::detect())
+    }
+
+    /// The same for other instructions; on a machine without them, plain f32.
+    ///
+    /// # Errors
+    /// As [`Scene::from_bytes`].
+    pub fn for_tier(bytes: impl Into<Box<[u8]>>, tier: Tier) -> Result<Self, BlobError> {
+        let bytes = bytes.into();
+        let tier = if tier.available() { tier } else { Tier::Scalar };
+        let blob = Blob::open(&bytes)?;
+        let mut unpacked = Renderer::unpacked_lengths(&blob, tier).map(|count| vec![0.0; count]);
+        Renderer::unpack(&blob, tier, &mut unpacked);
+        let occupied = blob.occupancy().and_then(|occupancy| occupancy.occupied_box());
+        Ok(Self { occupied, tier, unpacked: unpacked.map(Into::into), bytes })
+    }
+
+    /// What the file says.
+    pub fn blob(&self) -> Blob<'_> {
+        // `for_tier` has checked the same bytes.
+        Blob::decode(&self.bytes).unwrap_or_else(|_| unreachable!("checked bytes decode"))
+    }
+
+    /// The borrowed renderer of this scene, for whoever brings memory and threads.
+    pub fn renderer(&self) -> Renderer<'_> {
+        let unpacked = self.unpacked.each_ref().map(|it| &**it);
+        Renderer::of_unpacked(self.blob(), self.tier, unpacked, self.occupied)
+            .unwrap_or_else(|| unreachable!("parameters fit the checked architecture"))
+    }
+
+    /// Renders an image with colour, opacity, ray_distance and z_depth at the default quality, on all cores.
+    ///
+    /// # Errors
+    /// [`HostError::Plan`] if the file is a 2D field.
+    pub fn render(&self, camera: &Camera) -> Result<Image, HostError> {
+        self.request().render(camera)
+    }
+
+    /// What else may be asked for, to begin with as [`Scene::render`] has it.
+    pub fn request(&self) -> Request<'_> {
+        Request::new(self)
+    }
+}

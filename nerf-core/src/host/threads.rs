@@ -1,0 +1,175 @@
+//! One frame on many threads: tiles are rendered where there is time, and put together under a lock.
+
+use super::Image;
+use crate::camera::Camera;
+use crate::kernels::Line;
+use crate::math::MathBackend;
+use crate::plan::{Batch, Plan};
+use crate::ray::Ray;
+use crate::render::{Counters, Rect, RenderError, Renderer};
+use crate::volume::Pixel;
+use glam::Vec3;
+use std::num::NonZeroUsize;
+use std::sync::{Mutex, PoisonError};
+use std::vec;
+use std::vec::Vec;
+
+/// Side of the tiles that threads take, pixels.
+const TILE: u32 = 16;
+/// Rows of a 2D field that threads take.
+const BAND: u32 = 8;
+/// Rays that threads take together.
+const CHUNK: u32 = 256;
+
+/// Renders all of `camera`'s image on so many threads; its planes are those of the plan's outputs.
+///
+/// # Errors
+/// [`RenderError::OtherScene`] if the plan was made for another scene.
+pub fn render(
+    renderer: &Renderer<'_>,
+    plan: &Plan<'_>,
+    camera: &Camera,
+    threads: NonZeroUsize,
+) -> Result<Image, RenderError> {
+    let full = Rect::full(camera);
+    let mut image = Image::new(full.width as usize, full.height as usize, &plan.outputs());
+    let width = image.width;
+    let lines = renderer.workspace_lines(plan);
+    let counters = in_parallel(
+        threads,
+        full.tiles(TILE, TILE),
+        |tiles| {
+            let mut memory = vec![Line::UNINIT; lines];
+            let mut worker = renderer.worker(plan, &mut memory)?;
+            tiles.each(|tile, pixels| {
+                worker.render(camera, tile, &mut |x, y, pixel: &Pixel| pixels.push((x, y, *pixel)))
+            })
+        },
+        |(x, y, pixel)| image.put(y as usize * width + x as usize, &pixel),
+    )?;
+    image.counters = counters;
+    Ok(image)
+}
+
+/// Renders rays of the caller's on so many threads, each a pixel of its own ([`Worker::render_rays`]).
+///
+/// [`Worker::render_rays`]: crate::render::Worker::render_rays
+///
+/// # Errors
+/// As there, and [`RenderError::OtherScene`] if the plan was made for another scene.
+pub fn render_rays(
+    renderer: &Renderer<'_>,
+    plan: &Plan<'_>,
+    rays: &[Ray],
+    axis: Option<Vec3>,
+    threads: NonZeroUsize,
+) -> Result<(Vec<Pixel>, Counters), RenderError> {
+    let mut found = vec![Pixel::BLANK; rays.len()];
+    let lines = renderer.workspace_lines(plan);
+    let chunks = (0..rays.len()).step_by(CHUNK as usize);
+    let counters = in_parallel(
+        threads,
+        chunks,
+        |chunks| {
+            let mut memory = vec![Line::UNINIT; lines];
+            let mut worker = renderer.worker(plan, &mut memory)?;
+            chunks.each(|first, pixels| {
+                let end = rays.len().min(first + CHUNK as usize);
+                let mut put = |i: usize, pixel: &Pixel| pixels.push((first + i, *pixel));
+                worker.render_rays(&rays[first..end], axis, &mut put).map_err(|error| error.behind(first))
+            })
+        },
+        |(i, pixel)| found[i] = pixel,
+    )?;
+    Ok((found, counters))
+}
+
+/// Renders a 2D field in `size` (width, height) pixels on so many threads; row by row from the top left.
+///
+/// `each` is told, now and then, how many more rows are done.
+///
+/// # Errors
+/// [`RenderError`] if the blob is a scene, and on a size beyond the format's.
+pub fn render_picture(
+    renderer: &Renderer<'_>,
+    math: MathBackend,
+    size: [u32; 2],
+    threads: NonZeroUsize,
+    mut each: impl FnMut(u32) + Send,
+) -> Result<(Vec<[f32; 3]>, Counters), RenderError> {
+    let [width, height] = size;
+    let batch = Batch::for_tier(renderer.network().tier());
+    let full = Rect { x: 0, y: 0, width, height };
+    renderer.check_picture(batch, size, full)?;
+    let mut rgb = vec![[0.0; 3]; width as usize * height as usize];
+    let lines = renderer.picture_workspace_lines(batch);
+    let counters = in_parallel(
+        threads,
+        full.tiles(width, BAND),
+        |bands| {
+            let mut memory = vec![Line::UNINIT; lines];
+            bands.each(|band, rows: &mut Vec<(u32, Vec<[f32; 3]>)>| {
+                let mut pixels = Vec::with_capacity(band.width as usize * band.height as usize);
+                let mut put = |_: u32, _: u32, rgb: [f32; 3]| pixels.push(rgb);
+                let done = renderer.render_picture(math, batch, size, band, &mut memory, &mut put);
+                rows.push((band.y, pixels));
+                done
+            })
+        },
+        |(y, pixels)| {
+            let first = y as usize * width as usize;
+            rgb[first..first + pixels.len()].copy_from_slice(&pixels);
+            each((pixels.len() / width as usize) as u32);
+        },
+    )?;
+    Ok((rgb, counters))
+}
+
+/// What threads share: the tasks that are left, and where results go.
+struct Tasks<I, F> {
+    shared: Mutex<(I, F)>,
+}
+
+impl<I: Iterator, F> Tasks<I, F> {
+    /// Takes task after task until none is left, and hands on what each has found.
+    fn each<T>(
+        &self,
+        mut run: impl FnMut(I::Item, &mut Vec<T>) -> Result<Counters, RenderError>,
+    ) -> Result<Counters, RenderError>
+    where
+        F: FnMut(T),
+    {
+        // A thread that panicked ends the whole; until then the others find what it left in order.
+        let lock = || self.shared.lock().unwrap_or_else(PoisonError::into_inner);
+        let (mut found, mut counters) = (Vec::new(), Counters::default());
+        loop {
+            let Some(task) = lock().0.next() else { return Ok(counters) };
+            counters += run(task, &mut found)?;
+            let mut shared = lock();
+            found.drain(..).for_each(&mut shared.1);
+        }
+    }
+}
+
+/// Runs `work` on so many threads, this one among them, until the tasks are done; `take` gets what they find, in any order.
+fn in_parallel<I: Iterator + Send, F: Send>(
+    threads: NonZeroUsize,
+    tasks: I,
+    work: impl Fn(&Tasks<I, F>) -> Result<Counters, RenderError> + Sync,
+    take: F,
+) -> Result<Counters, RenderError> {
+    let tasks = Tasks { shared: Mutex::new((tasks, take)) };
+    std::thread::scope(|scope| {
+        let others: Vec<_> = (1..threads.get()).map(|_| scope.spawn(|| work(&tasks))).collect();
+        let mut all = work(&tasks);
+        for other in others {
+            let found = other.join().unwrap_or_else(|panic| std::panic::resume_unwind(panic));
+            match (&mut all, found) {
+                (Ok(all), Ok(found)) => *all += found,
+                (Ok(_), Err(error)) => all = Err(error),
+                (Err(_), _) => {}
+            }
+        }
+        all
+    })
+}

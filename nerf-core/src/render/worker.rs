@@ -1,0 +1,130 @@
+//! A renderer, a plan and memory, made ready once for any number of calls.
+
+use super::frame::Frame;
+use super::{Counters, Rect, RenderError, Target};
+use crate::camera::Camera;
+use crate::math::with_math;
+use crate::ray::{Ray, is_unit};
+use crate::volume::Pixel;
+use glam::Vec3;
+
+/// Width of the squares a rectangle is rendered in, pixels: neighbouring rays end together.
+const TILE_SIDE: u32 = 16;
+
+/// Renders frames of one plan in memory of its own; [`Renderer::worker`](super::Renderer::worker) makes it.
+///
+/// What a call costs beyond its rays and points is a few comparisons: the memory is made ready once.
+pub struct Worker<'f> {
+    pub(super) frame: Frame<'f, 'f>,
+}
+
+impl Worker<'_> {
+    /// Renders the pixels of `rect`.
+    ///
+    /// Within one tier and maths backend the pixels do not depend on `rect`, on the plan's batch, on what the worker
+    /// did before or on who else renders at the same time, bit for bit.
+    ///
+    /// # Errors
+    /// [`RenderError::Rect`] on a rectangle outside the image; nothing has been written then.
+    pub fn render(
+        &mut self,
+        camera: &Camera,
+        rect: Rect,
+        target: &mut impl Target,
+    ) -> Result<Counters, RenderError> {
+        let i = camera.intrinsics();
+        if !rect.fits(i.width, i.height) {
+            return Err(RenderError::Rect { rect, width: i.width, height: i.height });
+        }
+        let plan = self.frame.plan;
+        // Lossless: a plan has at most `Batch::MOST_RAYS`.
+        let capacity = plan.batch.rays as u32;
+        let width = TILE_SIDE.min(capacity);
+        for tile in rect.tiles(width, capacity / width.max(1)) {
+            with_math!(plan.math, M => self.frame.tile::<M>(camera, tile, target));
+        }
+        Ok(core::mem::take(&mut self.frame.counters))
+    }
+
+    /// Renders rays of the caller's own, each a pixel: `target` takes its index and what it sees.
+    ///
+    /// A ray begins anywhere, in the scene or outside of it; where it meets no surface, distances are
+    /// [`Plan::far_from`](crate::plan::Plan::far_from) of its origin. `axis`, of unit length, is what `z_depth` is
+    /// measured along; without one it is 0. The rays of a camera give its pixels, bit for bit, but for jitter, whose
+    /// noise is that of a row of pixels.
+    ///
+    /// # Errors
+    /// [`RenderError::Ray`] with the index of the first ray that is not finite or whose direction is not of unit length,
+    /// [`RenderError::Axis`], and [`RenderError::CameraEffects`] on a plan with several rays a pixel or a lens with an
+    /// aperture, which are a camera's; nothing has been written then.
+    pub fn render_rays(
+        &mut self,
+        rays: &[Ray],
+        axis: Option<Vec3>,
+        target: &mut impl FnMut(usize, &Pixel),
+    ) -> Result<Counters, RenderError> {
+        let plan = self.frame.plan;
+        if plan.effects.anti_aliasing > 1 || plan.effects.depth_of_field.is_some() {
+            return Err(RenderError::CameraEffects);
+        }
+        if let Some(found) = axis.filter(|axis| !is_unit(*axis)) {
+            return Err(RenderError::Axis { found: found.into() });
+        }
+        let valid = |ray: &Ray| ray.origin.is_finite() && is_unit(ray.dir);
+        if let Some(index) = rays.iter().position(|ray| !valid(ray)) {
+            return Err(RenderError::Ray { index });
+        }
+        let capacity = plan.batch.rays.max(1);
+        for (chunk, rays) in rays.chunks(capacity).enumerate() {
+            let mut put = |x: u32, _: u32, pixel: &Pixel| match axis {
+                Some(_) => target(chunk * capacity + x as usize, pixel),
+                None => target(chunk * capacity + x as usize, &Pixel { z_depth: 0.0, ..*pixel }),
+            };
+            let axis = axis.unwrap_or(Vec3::ZERO);
+            with_math!(plan.math, M => self.frame.row_of_rays::<M>(rays, axis, &mut put));
+        }
+        Ok(core::mem::take(&mut self.frame.counters))
+    }
+
+    /// Asks for density and colour at points seen along directions.
+    ///
+    /// `positions`, `dirs` (unit): `[n]`, world space; `sigma`: `[n]`, 1/world unit; `rgb`: `[n]`,
+    /// display-encoded. Points outside the scene box or in a cell the plan's occupancy calls empty, and
+    /// points where its density is NaN, have density 0 and black colour; where its colour is NaN, it is
+    /// black ([`Counters::invalid_samples`]).
+    ///
+    /// # Errors
+    /// [`RenderError`] on lengths that differ, and on a direction that is not of unit length where colour is asked for.
+    pub fn query(
+        &mut self,
+        positions: &[[f32; 3]],
+        dirs: &[[f32; 3]],
+        sigma: &mut [f32],
+        rgb: &mut [[f32; 3]],
+    ) -> Result<Counters, RenderError> {
+        let n = positions.len();
+        if dirs.len() != n || sigma.len() != n || rgb.len() != n {
+            return Err(RenderError::Lengths {
+                positions: n,
+                dirs: dirs.len(),
+                sigma: sigma.len(),
+                rgb: rgb.len(),
+            });
+        }
+        let plan = self.frame.plan;
+        // A position outside the box is never encoded, nor is what is no direction.
+        if plan.outputs.rgb
+            && let Some((index, &found)) =
+                dirs.iter().enumerate().find(|(_, dir)| !is_unit(Vec3::from(**dir)))
+        {
+            return Err(RenderError::Direction { index, found });
+        }
+        let capacity = plan.batch.rays.min(plan.batch.samples).max(1);
+        let points = positions.chunks(capacity).zip(dirs.chunks(capacity));
+        let answers = sigma.chunks_mut(capacity).zip(rgb.chunks_mut(capacity));
+        for ((positions, dirs), (sigma, rgb)) in points.zip(answers) {
+            self.frame.points(positions, dirs, sigma, rgb);
+        }
+        Ok(core::mem::take(&mut self.frame.counters))
+    }
+}
