@@ -221,7 +221,7 @@ enum nerf_kernel
  {
     /**
      * The fastest of this machine that computes in f32, or the one named by the environment variable
-     * `NERF_KERNEL` ("scalar", "avx2", "avx512", "avx512bf16", "simd128") where the library was built with std.
+     * `NERF_KERNEL` ("scalar", "avx2", "avx512", "avx512bf16", "simd128", "neon") where the library was built with std.
      */
     NERF_KERNEL_AUTO = 0,
     /**
@@ -245,6 +245,10 @@ enum nerf_kernel
      * WebAssembly SIMD: the scalar tier's bits, faster; there in a library built with `simd128`.
      */
     NERF_KERNEL_SIMD128 = 5,
+    /**
+     * NEON: on every 64-bit ARM processor.
+     */
+    NERF_KERNEL_NEON = 6,
 };
 #ifndef __cplusplus
 #if __STDC_VERSION__ >= 202311L

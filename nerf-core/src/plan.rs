@@ -111,8 +111,8 @@ impl Batch {
 /// The stages of a frame, decided once.
 #[derive(Clone, Copy, Debug)]
 pub struct Plan<'a> {
-    /// Checksum of the blob it was made for.
-    pub(crate) scene: u32,
+    /// [`Blob::identity`] of the one it was made for.
+    pub(crate) scene: usize,
     pub(crate) bounds: SceneBox,
     /// Of an unbounded scene: then the bins of a ray are steps of this, which [`Plan::point`] and [`Plan::part_around`]
     /// turn into points and distances.
@@ -186,7 +186,7 @@ impl<'a> Plan<'a> {
         let proposal = proposal.map_err(PlanError::Bounds)?;
         let (lattice, bins) = lattice(scene, samples, proposal.is_some()).map_err(PlanError::Bounds)?;
         Ok(Self {
-            scene: blob.checksum(),
+            scene: blob.identity(),
             bounds,
             contraction: scene.contraction(),
             lattice,

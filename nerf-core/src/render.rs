@@ -92,8 +92,15 @@ impl<'a> Renderer<'a> {
         }
         let mut unpacked = Self::lay_out(&mut Arena::new(memory), &blob, tier);
         Self::unpack(&blob, tier, &mut unpacked);
-        let occupied = blob.occupancy().and_then(|occupancy| occupancy.occupied_box());
-        Self::of_unpacked(blob, tier, unpacked.map(|it| &*it), occupied).ok_or(too_small)
+        let (weights, proposer) = Self::unpacked(&blob, tier, unpacked.map(|it| &*it));
+        let tables = Self::tables_of(&blob);
+        let network = Network::with_grid(blob.architecture(), weights, tables, tier).ok_or(too_small)?;
+        Ok(Self {
+            occupied: blob.occupancy().and_then(|occupancy| occupancy.occupied_box()),
+            blob,
+            network,
+            proposer,
+        })
     }
 
     /// Unpacks the parameters of the scene's network and of its proposal.
@@ -105,18 +112,24 @@ impl<'a> Renderer<'a> {
         }
     }
 
-    /// The scene of `blob` with what [`Renderer::unpack`] made of it.
+    /// What [`Renderer::unpack`] made, or the weights where they lie.
+    fn unpacked(blob: &Blob<'a>, tier: Tier, [own, proposal]: [&'a [f32]; 2]) -> (Weights<'a>, Proposer<'a>) {
+        if in_place(tier) {
+            (Weights::InPlace(blob.weights()), Proposer::in_place(blob, tier))
+        } else {
+            (Weights::unpacked(tier, own), Proposer::of_unpacked(blob, tier, proposal))
+        }
+    }
+
+    /// The scene of `blob` with what was unpacked before, and the box around what its occupancy grid has.
+    #[cfg(feature = "std")]
     pub(crate) fn of_unpacked(
         blob: Blob<'a>,
         tier: Tier,
-        [own, proposal]: [&'a [f32]; 2],
+        unpacked: [&'a [f32]; 2],
         occupied: Option<SceneBox>,
     ) -> Option<Self> {
-        let (weights, proposer) = if in_place(tier) {
-            (Weights::InPlace(blob.weights()), Proposer::in_place(&blob, tier))
-        } else {
-            (Weights::unpacked(tier, own), Proposer::of_unpacked(&blob, tier, proposal))
-        };
+        let (weights, proposer) = Self::unpacked(&blob, tier, unpacked);
         let tables = Self::tables_of(&blob);
         let network = Network::with_grid(blob.architecture(), weights, tables, tier)?;
         Some(Self { blob, network, proposer, occupied })
@@ -180,7 +193,7 @@ impl<'a> Renderer<'a> {
         plan: &'f Plan<'f>,
         workspace: &'f mut [Line],
     ) -> Result<Worker<'f>, RenderError> {
-        if plan.scene != self.blob.checksum() {
+        if plan.scene != self.blob.identity() {
             return Err(RenderError::OtherScene);
         }
         let (expected, found) = (self.workspace_lines(plan), workspace.len());

@@ -36,13 +36,6 @@ pub(super) fn write(body: &[u8]) -> [u8; HEADER_LEN] {
     header
 }
 
-/// The body of a blob whose header was checked, and its checksum.
-pub(super) fn parts(bytes: &[u8]) -> (&[u8], u32) {
-    let Some((header, body)) = bytes.split_first_chunk::<HEADER_LEN>() else { return (&[], 0) };
-    let [.., c0, c1, c2, c3, _, _, _, _] = *header;
-    (body, u32::from_le_bytes([c0, c1, c2, c3]))
-}
-
 /// Checks the header and returns the body.
 pub(super) fn open(bytes: &[u8]) -> Result<&[u8], BlobError> {
     let found = bytes.len() as u64;

@@ -13,10 +13,12 @@ use std::vec;
 /// A scene that owns its bytes: storable, shared by threads, without a lifetime.
 ///
 /// ```no_run
-/// use nerf_core::{Camera, Scene};
+/// use glam::Vec3;
+/// use nerf_core::{Camera, Intrinsics, Lens, Pose, Scene};
 ///
 /// let scene = Scene::open("lego.nerf")?;
-/// let camera = Camera::look_at([2.0, 3.0, 1.5], [0.0; 3], 800, 600)?;
+/// let pose = Pose::look_at(Vec3::new(2.0, -3.0, 1.5), Vec3::ZERO, Vec3::Z).ok_or("no pose")?;
+/// let camera = Camera::new(Intrinsics::centred(800, 600, 900.0), Lens::NONE, pose)?;
 /// let image = scene.render(&camera)?;
 /// image::save_buffer("lego.png", &image.rgb8(), 800, 600, image::ColorType::Rgb8)?;
 /// # Ok::<(), Box<dyn std::error::Error>>(())

@@ -15,6 +15,7 @@ pub fn last_row<T: Table>(table: T, features: usize) -> Option<u32> {
 }
 
 /// The last byte that four can be read from and still lie inside `bytes`, if an offset to it fits a lane.
+#[cfg(target_arch = "x86_64")]
 #[inline(always)]
 pub fn last_word(bytes: &[u8]) -> Option<u32> {
     i32::try_from(bytes.len().checked_sub(4)?).ok().map(i32::cast_unsigned)

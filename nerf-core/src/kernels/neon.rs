@@ -11,6 +11,14 @@ use core::arch::asm;
 #[derive(Clone, Copy)]
 pub struct F32x4(float32x4_t);
 
+/// An intrinsic: safe to call where its instructions exist.
+macro_rules! neon {
+    ($e:expr) => {
+        // SAFETY: this file is compiled only where the target has NEON (`mod.rs`).
+        unsafe { $e }
+    };
+}
+
 /// Runs `op` with four lanes.
 pub fn run<O: Op>(op: O) -> O::Output {
     op.run::<F32x4>()
@@ -25,7 +33,7 @@ impl Lanes for F32x4 {
 
     #[inline(always)]
     fn splat(x: f32) -> Self {
-        Self(vdupq_n_f32(x))
+        Self(neon!(vdupq_n_f32(x)))
     }
     #[inline(always)]
     fn load(from: &[f32]) -> Self {
@@ -41,23 +49,23 @@ impl Lanes for F32x4 {
     }
     #[inline(always)]
     fn add(self, b: Self) -> Self {
-        Self(vaddq_f32(self.0, b.0))
+        Self(neon!(vaddq_f32(self.0, b.0)))
     }
     #[inline(always)]
     fn sub(self, b: Self) -> Self {
-        Self(vsubq_f32(self.0, b.0))
+        Self(neon!(vsubq_f32(self.0, b.0)))
     }
     #[inline(always)]
     fn mul(self, b: Self) -> Self {
-        Self(vmulq_f32(self.0, b.0))
+        Self(neon!(vmulq_f32(self.0, b.0)))
     }
     #[inline(always)]
     fn div(self, b: Self) -> Self {
-        Self(vdivq_f32(self.0, b.0))
+        Self(neon!(vdivq_f32(self.0, b.0)))
     }
     #[inline(always)]
     fn mul_add(self, b: Self, c: Self) -> Self {
-        Self(vfmaq_f32(c.0, self.0, b.0))
+        Self(neon!(vfmaq_f32(c.0, self.0, b.0)))
     }
     // NEON's own maximum and minimum are NaN if either is.
     #[inline(always)]
@@ -70,48 +78,52 @@ impl Lanes for F32x4 {
     }
     #[inline(always)]
     fn sqrt(self) -> Self {
-        Self(vsqrtq_f32(self.0))
+        Self(neon!(vsqrtq_f32(self.0)))
     }
     #[inline(always)]
     fn abs(self) -> Self {
-        Self(vabsq_f32(self.0))
+        Self(neon!(vabsq_f32(self.0)))
     }
     #[inline(always)]
     fn round_even(self) -> Self {
-        Self(vrndnq_f32(self.0))
+        Self(neon!(vrndnq_f32(self.0)))
     }
     #[inline(always)]
     fn floor(self) -> Self {
-        Self(vrndmq_f32(self.0))
+        Self(neon!(vrndmq_f32(self.0)))
     }
     #[inline(always)]
     fn exp2_integer(self) -> Self {
-        let biased = vaddq_s32(vcvtq_s32_f32(self.0), vdupq_n_s32(127));
-        Self(vreinterpretq_f32_s32(vshlq_n_s32::<23>(biased)))
+        Self(neon!({
+            let biased = vaddq_s32(vcvtq_s32_f32(self.0), vdupq_n_s32(127));
+            vreinterpretq_f32_s32(vshlq_n_s32::<23>(biased))
+        }))
     }
     #[inline(always)]
     fn split_exponent(self) -> (Self, Self) {
-        let border = vdupq_n_s32(SQRT_HALF_BITS as i32);
-        let shifted = vsubq_s32(vreinterpretq_s32_f32(self.0), border);
-        let mantissa = vaddq_s32(vandq_s32(shifted, vdupq_n_s32(0x007f_ffff)), border);
-        let exponent = vcvtq_f32_s32(vshrq_n_s32::<23>(shifted));
-        (Self(vreinterpretq_f32_s32(mantissa)), Self(exponent))
+        neon!({
+            let border = vdupq_n_s32(SQRT_HALF_BITS as i32);
+            let shifted = vsubq_s32(vreinterpretq_s32_f32(self.0), border);
+            let mantissa = vaddq_s32(vandq_s32(shifted, vdupq_n_s32(0x007f_ffff)), border);
+            let exponent = vcvtq_f32_s32(vshrq_n_s32::<23>(shifted));
+            (Self(vreinterpretq_f32_s32(mantissa)), Self(exponent))
+        })
     }
     #[inline(always)]
     fn equals(self, b: Self) -> uint32x4_t {
-        vceqq_f32(self.0, b.0)
+        neon!(vceqq_f32(self.0, b.0))
     }
     #[inline(always)]
     fn less(self, b: Self) -> uint32x4_t {
-        vcltq_f32(self.0, b.0)
+        neon!(vcltq_f32(self.0, b.0))
     }
     #[inline(always)]
     fn select(mask: uint32x4_t, a: Self, b: Self) -> Self {
-        Self(vbslq_f32(mask, a.0, b.0))
+        Self(neon!(vbslq_f32(mask, a.0, b.0)))
     }
     #[inline(always)]
     fn to_indices(self) -> U32x4 {
-        U32x4(vcvtq_u32_f32(self.0))
+        U32x4(neon!(vcvtq_u32_f32(self.0)))
     }
     #[inline(always)]
     fn from_f16(bits: &[u16; MAX_LANES]) -> Self {
@@ -167,10 +179,18 @@ fn four<T: Table, const ROWS: usize>(
     let s1 = lane::<T, ROWS, 1>(table, offsets, weights, plus);
     let s2 = lane::<T, ROWS, 2>(table, offsets, weights, plus);
     let s3 = lane::<T, ROWS, 3>(table, offsets, weights, plus);
-    let [a, b] = [vzip1q_f32(s0, s1), vzip2q_f32(s0, s1)].map(|it| vreinterpretq_f64_f32(it));
-    let [c, d] = [vzip1q_f32(s2, s3), vzip2q_f32(s2, s3)].map(|it| vreinterpretq_f64_f32(it));
-    [vzip1q_f64(a, c), vzip2q_f64(a, c), vzip1q_f64(b, d), vzip2q_f64(b, d)]
-        .map(|it| F32x4(vreinterpretq_f32_f64(it)))
+    neon!({
+        let (a, b) = (vzip1q_f32(s0, s1), vzip2q_f32(s0, s1));
+        let (c, d) = (vzip1q_f32(s2, s3), vzip2q_f32(s2, s3));
+        let (a, b) = (vreinterpretq_f64_f32(a), vreinterpretq_f64_f32(b));
+        let (c, d) = (vreinterpretq_f64_f32(c), vreinterpretq_f64_f32(d));
+        [
+            F32x4(vreinterpretq_f32_f64(vzip1q_f64(a, c))),
+            F32x4(vreinterpretq_f32_f64(vzip2q_f64(a, c))),
+            F32x4(vreinterpretq_f32_f64(vzip1q_f64(b, d))),
+            F32x4(vreinterpretq_f32_f64(vzip2q_f64(b, d))),
+        ]
+    })
 }
 
 /// Lane `LANE`, its four values.
@@ -181,22 +201,22 @@ fn lane<T: Table, const ROWS: usize, const LANE: i32>(
     weights: &[F32x4; ROWS],
     plus: usize,
 ) -> float32x4_t {
-    let mut sum = vdupq_n_f32(0.0);
+    let mut sum = neon!(vdupq_n_f32(0.0));
     for (offset, weight) in offsets.iter().zip(weights) {
-        let offset = vgetq_lane_u32::<LANE>(offset.0) as usize;
+        let offset = neon!(vgetq_lane_u32::<LANE>(offset.0)) as usize;
         let at = table.start().wrapping_add(T::FORMAT.bytes() * (offset + plus));
         let values = match T::FORMAT {
             // SAFETY: `last_row` keeps each row, and with it four values from `plus` on, inside the table.
-            Format::F16 => widen(vcreate_u16(unsafe { at.cast::<u64>().read_unaligned() })),
+            Format::F16 => widen(unsafe { vcreate_u16(at.cast::<u64>().read_unaligned()) }),
             // SAFETY: as above, with values of four bytes.
             Format::F32 => unsafe { at.cast::<float32x4_t>().read_unaligned() },
             Format::Int8 => {
                 // SAFETY: as above, with values of one byte.
                 let bytes = u64::from(unsafe { at.cast::<u32>().read_unaligned() });
-                vcvtq_f32_s32(vmovl_s16(vget_low_s16(vmovl_s8(vcreate_s8(bytes)))))
+                neon!(vcvtq_f32_s32(vmovl_s16(vget_low_s16(vmovl_s8(vcreate_s8(bytes))))))
             }
         };
-        sum = vfmaq_laneq_f32::<LANE>(sum, values, weight.0);
+        sum = neon!(vfmaq_laneq_f32::<LANE>(sum, values, weight.0));
     }
     sum
 }
@@ -220,31 +240,31 @@ pub struct U32x4(uint32x4_t);
 impl Indices for U32x4 {
     #[inline(always)]
     fn splat(x: u32) -> Self {
-        Self(vdupq_n_u32(x))
+        Self(neon!(vdupq_n_u32(x)))
     }
     #[inline(always)]
     fn add(self, b: Self) -> Self {
-        Self(vaddq_u32(self.0, b.0))
+        Self(neon!(vaddq_u32(self.0, b.0)))
     }
     #[inline(always)]
     fn mul(self, b: Self) -> Self {
-        Self(vmulq_u32(self.0, b.0))
+        Self(neon!(vmulq_u32(self.0, b.0)))
     }
     #[inline(always)]
     fn xor(self, b: Self) -> Self {
-        Self(veorq_u32(self.0, b.0))
+        Self(neon!(veorq_u32(self.0, b.0)))
     }
     #[inline(always)]
     fn and(self, b: Self) -> Self {
-        Self(vandq_u32(self.0, b.0))
+        Self(neon!(vandq_u32(self.0, b.0)))
     }
     #[inline(always)]
     fn min(self, b: Self) -> Self {
-        Self(vminq_u32(self.0, b.0))
+        Self(neon!(vminq_u32(self.0, b.0)))
     }
     #[inline(always)]
     fn shift_right_15(self) -> Self {
-        Self(vshrq_n_u32::<15>(self.0))
+        Self(neon!(vshrq_n_u32::<15>(self.0)))
     }
     #[inline(always)]
     fn store(self, to: &mut [u32; MAX_LANES]) {

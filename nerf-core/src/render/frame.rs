@@ -207,7 +207,7 @@ impl<'f, 'w> Frame<'f, 'w> {
         let shares = self.shares.values.chunks_exact_mut((rows * block).max(1));
         for (states, out) in head(self.rays, count).chunks(block.max(1)).zip(shares) {
             let stride = columns_of(self.network, states.len());
-            let mut scratch = Scratch { stride, encoded: &mut *encoded, front: &mut *front, back: &mut [] };
+            let mut scratch = Scratch { stride, encoded, front, back: &mut [] };
             for (column, state) in states.iter().enumerate() {
                 put_column(self.triples, stride, column, state.ray.dir.to_array());
             }
