@@ -176,7 +176,7 @@ impl Contraction {
 
     /// How many times as long as in the ball that stays as it is the steps of a ray through the centre are at `p` of the
     /// scene box.
-    pub fn stretch(&self, p: Vec3) -> f32 {
+    pub fn step_growth(&self, p: Vec3) -> f32 {
         let contracted = (p - self.centre).length() / self.radius;
         let radii = 1.0 / (2.0 - contracted.max(1.0)).max(1.0 / FARTHEST);
         // d(b^−p)/ds of b = 1 − (s − 1)/p is b^−(p + 1): radii^((p + 1) / p).

@@ -44,7 +44,7 @@ pub use error::EffectError;
 pub struct Effects {
     /// Whether a sample lies anywhere in its bin in place of the middle.
     pub jitter: Option<Jitter>,
-    /// Rays a pixel, 1 to [`Effects::MOST_RAYS`]; 1 is one ray through its centre.
+    /// Rays a pixel, 1 to [`Effects::MAX_RAYS`]; 1 is one ray through its centre.
     pub anti_aliasing: u16,
     /// A lens that is no pinhole.
     pub depth_of_field: Option<ThinLens>,
@@ -85,7 +85,7 @@ impl ThinLens {
 /// From the network's display-encoded colours to light, and back: exposure, tone curve, linear output.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Tone {
-    /// Doublings of the light, −[`Tone::MOST_STOPS`] to [`Tone::MOST_STOPS`]; 0 leaves it as it is.
+    /// Doublings of the light, −[`Tone::MAX_STOPS`] to [`Tone::MAX_STOPS`]; 0 leaves it as it is.
     pub exposure: f32,
     /// What brings light beyond 1 back into the picture.
     pub map: ToneMap,
@@ -97,7 +97,7 @@ impl Tone {
     /// Colours stay as the network gives them.
     pub const NONE: Self = Self { exposure: 0.0, map: ToneMap::None, linear: false };
     /// The largest exposure, stops.
-    pub const MOST_STOPS: f32 = 32.0;
+    pub const MAX_STOPS: f32 = 32.0;
 }
 
 /// A curve from `[0, ∞)` to `[0, 1]`, channel by channel on linear light.
@@ -142,14 +142,14 @@ impl Effects {
     /// network gives them.
     pub const NONE: Self = Self { jitter: None, anti_aliasing: 1, depth_of_field: None, tone: Tone::NONE };
     /// Most rays a pixel.
-    pub const MOST_RAYS: u16 = 256;
+    pub const MAX_RAYS: u16 = 256;
 
     /// What is asked for, without what asks for nothing.
     ///
     /// # Errors
     /// [`EffectError`] names the first setting that is out of range or not in this build.
     pub(crate) fn checked(mut self) -> Result<Self, EffectError> {
-        if !(1..=Self::MOST_RAYS).contains(&self.anti_aliasing) {
+        if !(1..=Self::MAX_RAYS).contains(&self.anti_aliasing) {
             return Err(EffectError::AntiAliasing { found: self.anti_aliasing });
         }
         if let Some(ThinLens { aperture_radius, focus_distance }) = self.depth_of_field {
@@ -162,7 +162,7 @@ impl Effects {
                 return Err(EffectError::Focus { found: focus_distance });
             }
         }
-        if !(-Tone::MOST_STOPS..=Tone::MOST_STOPS).contains(&self.tone.exposure) {
+        if !(-Tone::MAX_STOPS..=Tone::MAX_STOPS).contains(&self.tone.exposure) {
             return Err(EffectError::Exposure { found: self.tone.exposure });
         }
         let asked = [

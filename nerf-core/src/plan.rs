@@ -2,7 +2,7 @@
 
 use crate::blob::{Blob, MAX_SAMPLES, SceneFacts, SceneSampling, steps};
 use crate::contraction::Contraction;
-use crate::effects::jitter::Place;
+use crate::effects::jitter::SampleJitter;
 use crate::effects::{EffectError, Effects, Tone};
 use crate::kernels::{BLOCK, Tier};
 use crate::math::MathBackend;
@@ -87,7 +87,7 @@ pub struct Batch {
 
 impl Batch {
     /// Most rays in flight: more than any picture needs, few enough for 32-bit columns.
-    pub const MOST_RAYS: usize = 1 << 24;
+    pub const MAX_RAYS: usize = 1 << 24;
 
     /// One of everything: what a microcontroller has room for. Scalar tier only.
     pub const SMALLEST: Self = Self { rays: 1, samples: 1 };
@@ -97,14 +97,14 @@ impl Batch {
         Self { rays: 256, samples: BLOCK }
     }
 
-    /// Whether there is something in it, and no more than [`Batch::MOST_RAYS`] and [`BLOCK`].
+    /// Whether there is something in it, and no more than [`Batch::MAX_RAYS`] and [`BLOCK`].
     pub(crate) fn is_valid(&self) -> bool {
-        (1..=Self::MOST_RAYS).contains(&self.rays) && (1..=BLOCK).contains(&self.samples)
+        (1..=Self::MAX_RAYS).contains(&self.rays) && (1..=BLOCK).contains(&self.samples)
     }
 
     /// What is wrong with a batch that is not valid.
     pub(crate) fn write_refusal(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
-        write!(f, "batch: expected 1 to {} rays and 1 to {BLOCK} samples, found {self:?}", Self::MOST_RAYS)
+        write!(f, "batch: expected 1 to {} rays and 1 to {BLOCK} samples, found {self:?}", Self::MAX_RAYS)
     }
 }
 
@@ -266,9 +266,9 @@ impl<'a> Plan<'a> {
         Ok(self)
     }
 
-    /// The deviation of the normals' blur, world units.
+    /// The standard deviation of the normals' blur, world units.
     pub(crate) fn normal_deviation(&self) -> f32 {
-        // 1/√12: the deviation of what is spread evenly over a bin.
+        // 1/√12: the standard deviation of what is spread evenly over a bin.
         const EVEN: f32 = 0.288_675_13;
         // Drawn samples have no bins: their mean distance stands in.
         let width = match self.proposal {
@@ -316,10 +316,17 @@ impl<'a> Plan<'a> {
         u32::from(self.samples) + self.proposal.map_or(0, |coarse| coarse.count())
     }
 
-    /// The first live one of the bins `from..end` on a ray whose samples lie at `place`, or `end`.
+    /// The first of the bins `from..end` on a ray whose sample, jittered by `place`, is occupied, or `end`.
     // Inlined at each of its calls it would be a large part of a microcontroller's code.
     #[inline(never)]
-    pub(crate) fn first_live(&self, bins: &Bins, ray: &Ray, place: Place, from: u32, end: u32) -> u32 {
+    pub(crate) fn first_occupied(
+        &self,
+        bins: &Bins,
+        ray: &Ray,
+        place: SampleJitter,
+        from: u32,
+        end: u32,
+    ) -> u32 {
         let t = |bin| place.t(bins, bin);
         match &self.occupancy {
             // What is straight in the world is not in the occupancy's cells.
@@ -327,14 +334,14 @@ impl<'a> Plan<'a> {
                 (from..end).find(|&bin| occupancy.occupied(self.point(ray, t(bin)))).unwrap_or(end)
             }
             None if self.contraction.is_some() => from.min(end),
-            Some(occupancy) => occupancy.first_live_at(ray, bins, from, end, t),
+            Some(occupancy) => occupancy.first_occupied_at(ray, bins, from, end, t),
             None => (from..end).find(|&bin| self.bounds.contains(ray.at(t(bin)))).unwrap_or(end),
         }
     }
 
-    /// Whether a sample at a point of the network's is worth asking for.
+    /// Whether a point of the network's space is in an occupied cell, or without an occupancy grid in the scene box.
     #[inline]
-    pub(crate) fn live(&self, p: Vec3) -> bool {
+    pub(crate) fn occupied(&self, p: Vec3) -> bool {
         match &self.occupancy {
             Some(occupancy) => occupancy.occupied(p),
             None => self.bounds.contains(p),
@@ -452,7 +459,7 @@ pub enum PlanError {
         /// What was asked for.
         found: [f32; 3],
     },
-    /// A batch of nothing, of more than [`Batch::MOST_RAYS`] rays or of more than [`BLOCK`] samples.
+    /// A batch of nothing, of more than [`Batch::MAX_RAYS`] rays or of more than [`BLOCK`] samples.
     Batch {
         /// What was asked for.
         found: Batch,

@@ -1,10 +1,10 @@
-//! One frame: rays to live samples to network to pixels, in the caller's memory.
+//! One frame: rays to occupied samples to network to pixels, in the caller's memory.
 //!
-//! A tile's rays walk front to back (`march`). A block takes the next live sample of as many rays as it
-//! has room for and goes through trunk and density head; rays that still see wait for another block. The
-//! samples whose colour matters are gathered over several blocks until they fill one for the colour
-//! branch. Neither pixels nor work depend on the size of tile or batch. A 2D field has no rays: its
-//! pixels go through the network block by block (`picture`).
+//! A tile's rays are marched front to back (`march`). A block takes the next occupied sample of as many active rays as
+//! it has room for and goes through trunk and density head; rays above the transmittance threshold join a later block.
+//! Samples whose weight calls for a colour are compacted over several blocks until they fill one for the colour branch.
+//! Neither pixels nor work depend on the size of tile or batch. A 2D field has no rays: its pixels go through the
+//! network block by block (`picture`).
 
 mod counters;
 mod error;

@@ -3,7 +3,7 @@
 extern crate std;
 
 use crate::blob::{
-    self, Body, Content, Front, PictureFacts, Provenance, SceneFacts, SceneSampling, StoredOccupancy,
+    self, Body, Content, ParetoFront, PictureFacts, Provenance, SceneFacts, SceneSampling, StoredOccupancy,
 };
 use crate::encoding::{AngleScale, PositionEncoding, SinusoidalEncoding};
 use crate::kernels::Tier;
@@ -133,7 +133,7 @@ pub fn body<'a>(
         architecture,
         content: Content::Scene(SCENE),
         occupancy,
-        front: Front::new(),
+        front: ParetoFront::new(),
         proposal: None,
         provenance: PROVENANCE,
         weights,

@@ -62,7 +62,7 @@ impl Effects {
         if self.reserved != [0; 5] {
             return Err(Failure::Reserved("options.effects.reserved"));
         }
-        let most = effects::Effects::MOST_RAYS.into();
+        let most = effects::Effects::MAX_RAYS.into();
         let rays = at_most("options.effects.anti_aliasing", "0 to 256", self.anti_aliasing, most)?;
         let jitter = flag("options.effects.jitter", self.jitter)?;
         Ok(effects::Effects {

@@ -8,7 +8,7 @@ use zune_jpeg::errors::DecodeErrors;
 use zune_jpeg::zune_core::options::DecoderOptions;
 
 /// Most pixels of a picture, 16,384 × 16,384: a few bytes of header may ask for any number.
-const MOST_PIXELS: u64 = 1 << 28;
+const MAX_PIXELS: u64 = 1 << 28;
 
 /// What says of a file whether it is HEIF, bytes.
 const HEAD_BYTES: u64 = 12;
@@ -76,8 +76,8 @@ pub fn decode(file: &Path) -> Result<(DynamicImage, Orientation), DecodeError> {
             ImageReader::with_format(Cursor::new(bytes), format).into_decoder().map_err(text)?;
         // What follows allocates all that the header asks for.
         let (width, height) = decoder.dimensions();
-        if u64::from(width) * u64::from(height) > MOST_PIXELS {
-            return Err(format!("{width}x{height} pixels, where at most {MOST_PIXELS} are read"));
+        if u64::from(width) * u64::from(height) > MAX_PIXELS {
+            return Err(format!("{width}x{height} pixels, where at most {MAX_PIXELS} are read"));
         }
         if format == ImageFormat::Jpeg {
             check_jpeg(bytes)?;

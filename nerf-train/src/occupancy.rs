@@ -330,7 +330,7 @@ impl Occupancy {
         let mut sigma = densities(ask.tier, ask.architecture, ask.parameters, &self.live.bounds(), &points);
         // Where steps are longer, less density is as much light.
         if let Some(contraction) = &ask.contraction {
-            sigma.iter_mut().zip(points).for_each(|(sigma, p)| *sigma *= contraction.stretch(p.into()));
+            sigma.iter_mut().zip(points).for_each(|(sigma, p)| *sigma *= contraction.step_growth(p.into()));
         }
         sigma
     }

@@ -1,8 +1,8 @@
 //! Small scenes and pictures of pseudo-random weights.
 
 use nerf_core::blob::{
-    Blob, Body, Content, Front, FrontPoint, PictureFacts, Proposal, Provenance, SceneFacts, SceneSampling,
-    StoredOccupancy, StoredTables, encoded_len, write,
+    Blob, Body, Content, FrontPoint, ParetoFront, PictureFacts, Proposal, Provenance, SceneFacts,
+    SceneSampling, StoredOccupancy, StoredTables, encoded_len, write,
 };
 use nerf_core::camera::{Camera, Intrinsics, Pose};
 use nerf_core::encoding::{
@@ -260,7 +260,7 @@ impl Recipe {
 }
 
 /// Two points: the exact rendering, and one with every shortcut.
-fn front(occupancy: bool) -> Front {
+fn front(occupancy: bool) -> ParetoFront {
     let exact = FrontPoint {
         samples: 48,
         transmittance_cut: 0.0,

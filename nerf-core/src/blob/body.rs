@@ -1,6 +1,6 @@
 //! What a blob says, as plain data.
 
-use super::front::Front;
+use super::front::ParetoFront;
 use super::proposal::Proposal;
 use crate::contraction::Contraction;
 use crate::network::Architecture;
@@ -28,7 +28,7 @@ pub struct Body<'a> {
     #[serde(borrow)]
     pub occupancy: Option<StoredOccupancy<'a>>,
     /// What accuracy costs in this scene, as a study measured it: dearest point first; empty without one.
-    pub front: Front,
+    pub front: ParetoFront,
     /// A second, cheaper network that says where on a ray the scene's own is asked.
     #[serde(borrow)]
     pub proposal: Option<Proposal<'a>>,

@@ -10,7 +10,7 @@ use serde::{Deserialize, Serialize};
 pub const MAX_FRONT: usize = 16;
 
 /// The points of a scene, dearest first.
-pub type Front = heapless::Vec<FrontPoint, MAX_FRONT>;
+pub type ParetoFront = heapless::Vec<FrontPoint, MAX_FRONT>;
 
 /// A setting, as [`Quality`](crate::plan::Quality) has it, and its price. Of a front's points none is both cheaper
 /// and better than another.

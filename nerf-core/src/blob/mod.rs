@@ -21,7 +21,7 @@ pub use body::{
     Provenance, SceneFacts, SceneSampling, StoredOccupancy, StoredTables,
 };
 pub use error::{BlobError, FrontFault, Section};
-pub use front::{Front, FrontPoint, MAX_FRONT};
+pub use front::{FrontPoint, MAX_FRONT, ParetoFront};
 pub use header::{FORMAT_VERSION, HEADER_LEN, MAGIC};
 pub use proposal::Proposal;
 pub use view::Blob;

@@ -302,7 +302,7 @@ fn steps_stretch_as_distances_grow() {
             let s = c.step_at(2.0 * r);
             let (h, s) = (1e-5, f64::from(s));
             let expected = (distance(&c, s + h) - distance(&c, s - h)) / (2.0 * h) / 2.0;
-            let found = f64::from(c.stretch(c.contract(Vec3::ONE + Vec3::X * 2.0 * r)));
+            let found = f64::from(c.step_growth(c.contract(Vec3::ONE + Vec3::X * 2.0 * r)));
             assert!((found / expected - 1.0).abs() < 1e-3, "{power} {r}: {found} {expected}");
         }
     }

@@ -6,7 +6,7 @@ use super::{Effects, ThinLens, Tone};
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[non_exhaustive]
 pub enum EffectError {
-    /// Rays a pixel beyond 1 to [`Effects::MOST_RAYS`].
+    /// Rays a pixel beyond 1 to [`Effects::MAX_RAYS`].
     AntiAliasing {
         /// What was asked for.
         found: u16,
@@ -21,7 +21,7 @@ pub enum EffectError {
         /// What was asked for, world units.
         found: f32,
     },
-    /// An exposure of more than [`Tone::MOST_STOPS`] up or down.
+    /// An exposure of more than [`Tone::MAX_STOPS`] up or down.
     Exposure {
         /// What was asked for, stops.
         found: f32,
@@ -39,7 +39,7 @@ impl core::fmt::Display for EffectError {
             Self::AntiAliasing { found } => write!(
                 f,
                 "effects.anti_aliasing: expected 1 to {} rays a pixel, found {found}",
-                Effects::MOST_RAYS
+                Effects::MAX_RAYS
             ),
             Self::Aperture { found } => write!(
                 f,
@@ -52,11 +52,9 @@ impl core::fmt::Display for EffectError {
                 ThinLens::NEAREST,
                 ThinLens::LARGEST
             ),
-            Self::Exposure { found } => write!(
-                f,
-                "effects.tone.exposure: expected -{0} to {0} stops, found {found}",
-                Tone::MOST_STOPS
-            ),
+            Self::Exposure { found } => {
+                write!(f, "effects.tone.exposure: expected -{0} to {0} stops, found {found}", Tone::MAX_STOPS)
+            }
             Self::NotBuilt { feature } => {
                 write!(f, "effects: expected a build with the feature {feature}, found one without")
             }

@@ -1,4 +1,4 @@
-//! Where in their bins a ray's samples lie.
+//! Jitter: where within their bins a ray's samples lie.
 
 use super::Effects;
 use crate::sampling::{Bins, Purpose, uniform};
@@ -6,16 +6,16 @@ use crate::sampling::{Bins, Purpose, uniform};
 /// Whether this build has the effect.
 pub(crate) const BUILT: bool = true;
 
-/// Where the samples of one ray lie.
+/// The jitter of one ray's samples.
 #[derive(Clone, Copy)]
-pub(crate) struct Place {
+pub(crate) struct SampleJitter {
     seed: Option<u64>,
     stream: u64,
     /// The ray's number in its pixel, in the upper half.
     first: u64,
 }
 
-impl Place {
+impl SampleJitter {
     /// The middle of each bin.
     pub const MIDDLE: Self = Self { seed: None, stream: 0, first: 0 };
 

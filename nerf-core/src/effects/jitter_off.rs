@@ -8,9 +8,9 @@ pub(crate) const BUILT: bool = false;
 
 /// Where the samples of one ray lie.
 #[derive(Clone, Copy)]
-pub(crate) struct Place;
+pub(crate) struct SampleJitter;
 
-impl Place {
+impl SampleJitter {
     /// The middle of each bin.
     pub const MIDDLE: Self = Self;
 

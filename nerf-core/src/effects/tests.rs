@@ -79,8 +79,8 @@ mod jittered {
     use glam::Vec3;
     use std::vec::Vec;
 
-    fn place(seed: u64, x: u32, y: u32, ray: u32) -> jitter::Place {
-        jitter::Place::of(&Effects { jitter: Some(Jitter { seed }), ..Effects::NONE }, x, y, ray)
+    fn place(seed: u64, x: u32, y: u32, ray: u32) -> jitter::SampleJitter {
+        jitter::SampleJitter::of(&Effects { jitter: Some(Jitter { seed }), ..Effects::NONE }, x, y, ray)
     }
 
     #[test]
@@ -162,7 +162,7 @@ mod jittered {
             for _ in 0..20 {
                 let naive = (from..end).find(|&bin| occupancy.occupied(ray.at(t(bin)))).unwrap_or(end);
                 assert_eq!(
-                    occupancy.first_live_at(&ray, &bins, from, end, t),
+                    occupancy.first_occupied_at(&ray, &bins, from, end, t),
                     naive,
                     "case {case} from {from}"
                 );

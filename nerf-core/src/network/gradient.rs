@@ -49,7 +49,7 @@ impl Network<'_> {
     /// `positions`: `[3][stride]`, inside the scene box; `gradient`: `[3][stride]`, 1/world unit². What
     /// `scratch` held is lost.
     ///
-    /// `blur`: deviation, world units, of the Gaussian that the gradient is a mean over: levels of the encoding
+    /// `blur`: standard deviation, world units, of the Gaussian that the gradient is a mean over: levels of the encoding
     /// finer than that are damped, with the network taken as linear around each sample. 0 for the gradient
     /// itself. Of a grid it is that of the cell a sample falls into; on a face, of the one further on.
     ///

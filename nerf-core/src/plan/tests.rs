@@ -66,12 +66,12 @@ fn batches_of_nothing_or_of_more_than_fits_are_refused() {
         (1, usize::MAX),
         (usize::MAX, 1),
         (usize::MAX - 63, 64),
-        (Batch::MOST_RAYS + 1, 64),
+        (Batch::MAX_RAYS + 1, 64),
     ] {
         let batch = Batch { rays, samples };
         assert_eq!(plan(&bytes, Quality::EXACT, batch).unwrap_err(), PlanError::Batch { found: batch });
     }
-    for batch in [Batch::SMALLEST, Batch { rays: Batch::MOST_RAYS, samples: 3 }] {
+    for batch in [Batch::SMALLEST, Batch { rays: Batch::MAX_RAYS, samples: 3 }] {
         assert!(plan(&bytes, Quality::EXACT, batch).is_ok());
     }
 }

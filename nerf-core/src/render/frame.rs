@@ -1,13 +1,13 @@
 //! The state of a worker: its memory, a tile's rays from pixel to pixel, the network's blocks.
 
-use super::march::{Block, ColourQueue, Picks, RayState, Waiting};
-use super::proposal::{Drawn, Proposer};
+use super::march::{ActiveRays, Block, ColourQueue, Picks, RayState};
+use super::proposal::{ProposalSamples, Proposer};
 use super::surface::{Medians, Normals};
 use super::{Counters, Rect, Target};
 use crate::camera::Camera;
 use crate::effects::anti_aliasing::{self, Sums};
 use crate::effects::depth_of_field;
-use crate::effects::jitter::Place;
+use crate::effects::jitter::SampleJitter;
 use crate::effects::tone;
 use crate::kernels::{BLOCK, Layout, at, column, head, head_mut, put, put_column, tail};
 use crate::math::Math;
@@ -27,8 +27,8 @@ pub(super) struct Frame<'f, 'w> {
     occupied: Option<SceneBox>,
     /// The tile's rays that meet something live; they stay where they are until the tile is done.
     pub(super) rays: &'w mut [RayState],
-    pub(super) waiting: Waiting<'w>,
-    pub(super) drawn: Drawn<'f, 'w>,
+    pub(super) active: ActiveRays<'w>,
+    pub(super) drawn: ProposalSamples<'f, 'w>,
     pub(super) block: Block<'w>,
     pub(super) picks: Picks<'w>,
     pub(super) queue: ColourQueue<'w>,
@@ -79,8 +79,8 @@ impl<'f, 'w> Frame<'f, 'w> {
             network,
             occupied,
             rays: layout.slice(rays, RayState::NONE),
-            waiting: Waiting::new(layout.slice(rays, 0)),
-            drawn: Drawn::lay_out(layout, proposer, [rays, samples, row]),
+            active: ActiveRays::new(layout.slice(rays, 0)),
+            drawn: ProposalSamples::lay_out(layout, proposer, [rays, samples, row]),
             block: Block {
                 owner: layout.slice(samples, 0),
                 t: layout.slice(samples, 0.0),
@@ -135,7 +135,7 @@ impl<'f, 'w> Frame<'f, 'w> {
 
     /// Renders up to `plan.batch.rays` rays as the pixels of a row; `axis` is what their z_depth is measured along.
     pub(super) fn row_of_rays<M: Math>(&mut self, rays: &[Ray], axis: Vec3, target: &mut impl Target) {
-        // Lossless: a plan has at most `Batch::MOST_RAYS`.
+        // Lossless: a plan has at most `Batch::MAX_RAYS`.
         self.tile = Rect { x: 0, y: 0, width: rays.len() as u32, height: 1 };
         self.forward = axis;
         self.turn::<M>(0, &OwnRays { rays, plan: self.plan }, target);
@@ -176,8 +176,8 @@ impl<'f, 'w> Frame<'f, 'w> {
                 }
                 let (next, end) = (state.next, state.end);
                 // A proposal is asked in the middle of its bins.
-                let place = if self.drawn.is_on() { Place::MIDDLE } else { state.place(plan, turn) };
-                let live = state.seek(self.network.tier(), plan, walk, place);
+                let place = if self.drawn.is_on() { SampleJitter::MIDDLE } else { state.place(plan, turn) };
+                let live = state.march(self.network.tier(), plan, walk, place);
                 // Between the proposal's samples there may be drawn ones that are live.
                 if (live || (self.drawn.is_on() && next < end))
                     && let Some(place) = self.rays.get_mut(hits)
@@ -186,7 +186,7 @@ impl<'f, 'w> Frame<'f, 'w> {
                     self.medians.begin(hits);
                     self.normals.begin(hits);
                     if live {
-                        self.waiting.push(hits as u32);
+                        self.active.push(hits as u32);
                     }
                     hits += 1;
                 } else {
@@ -274,7 +274,7 @@ impl<'f, 'w> Frame<'f, 'w> {
         let mut n = 0;
         for (i, (&p, &dir)) in positions.iter().zip(dirs).enumerate() {
             let (origin, dir) = (self.plan.inside(p.into()), Vec3::from(dir));
-            if self.plan.live(origin)
+            if self.plan.occupied(origin)
                 && let Some(place) = self.rays.get_mut(n)
             {
                 *place = RayState { ray: Ray { origin, dir }, x: i as u32, ..RayState::NONE };

@@ -1,16 +1,16 @@
-//! Rays walk front to back, one sample at a time, through blocks that are full as long as there are rays.
+//! Ray marching: each block takes the next occupied sample of as many active rays as it has room for.
 //!
-//! A ray is in one block at a time: whether its next sample is worth the network is known before it is
-//! asked. So no sample behind the transmittance cut is ever evaluated, and the work of a frame depends on
-//! the scene and the request alone, as its pixels do.
+//! A ray has one sample in flight, so that its transmittance is known before the next one is evaluated. No sample
+//! behind the transmittance threshold is ever evaluated, and the work of a frame depends on the scene and the request
+//! alone, as its pixels do.
 
 use super::Counters;
 use super::frame::{Frame, columns_of};
-use super::proposal::Drawn;
+use super::proposal::ProposalSamples;
 use super::surface::Medians;
 use super::window::{self, Window};
 use crate::contraction::Contraction;
-use crate::effects::jitter::Place;
+use crate::effects::jitter::SampleJitter;
 use crate::kernels::{Op, Tier, VECTORS, at, column, head, head_mut, put, put_column, tail, tail_mut};
 use crate::math::Math;
 use crate::math::lanes::Lanes;
@@ -36,14 +36,14 @@ pub(super) struct RayState {
     pub ends: Ends,
     pub x: u32,
     pub y: u32,
-    /// The next bin or drawn sample to look at, and the end of them.
+    /// The next bin or proposal sample, and the end of them.
     pub next: u32,
     pub end: u32,
-    /// Which bins have been looked up.
+    /// The bins that were looked up in the occupancy grid.
     pub window: Window,
-    /// Samples the network was asked for.
+    /// Samples that the network was evaluated at.
     pub kept: u32,
-    /// Whether the transmittance is below the cut.
+    /// Whether the transmittance is below the threshold.
     pub done: bool,
     pub gathered: Accumulator,
 }
@@ -71,36 +71,36 @@ impl RayState {
 
     /// Where its samples lie, if it is the `turn`-th ray of its pixel.
     #[inline]
-    pub fn place(&self, plan: &Plan<'_>, turn: u32) -> Place {
-        Place::of(&plan.effects, self.x, self.y, turn)
+    pub fn place(&self, plan: &Plan<'_>, turn: u32) -> SampleJitter {
+        SampleJitter::of(&plan.effects, self.x, self.y, turn)
     }
 
     /// Moves `next` to the first live one of `bins` at or after it; `false` if there is none.
     #[inline]
-    pub fn seek(&mut self, tier: Tier, plan: &Plan<'_>, bins: &Bins, place: Place) -> bool {
+    pub fn march(&mut self, tier: Tier, plan: &Plan<'_>, bins: &Bins, place: SampleJitter) -> bool {
         let (bins, next, end) = (bins.with(self.ends), self.next, self.end);
         self.next = match &plan.occupancy {
             Some(occupancy)
-                if VECTORS && tier != Tier::Scalar && end <= window::MOST && place.is_middle() =>
+                if VECTORS && tier != Tier::Scalar && end <= window::MAX_BINS && place.is_middle() =>
             {
                 let contraction = plan.contraction.as_ref();
-                self.window.first_live(tier, occupancy, contraction, &self.ray, &bins, next, end)
+                self.window.first_occupied(tier, occupancy, contraction, &self.ray, &bins, next, end)
             }
-            _ => plan.first_live(&bins, &self.ray, place, next, end),
+            _ => plan.first_occupied(&bins, &self.ray, place, next, end),
         };
         self.next < end
     }
 }
 
-/// The rays whose next sample is live, first in, first out; each at most once.
-pub(super) struct Waiting<'w> {
+/// The rays whose next sample is occupied, each at most once: a queue in a ring buffer.
+pub(super) struct ActiveRays<'w> {
     ring: &'w mut [u32],
     first: usize,
     count: usize,
 }
 
-impl<'w> Waiting<'w> {
-    /// Nobody waits; `ring` is as long as there are rays.
+impl<'w> ActiveRays<'w> {
+    /// An empty queue; `ring` has room for every ray.
     pub fn new(ring: &'w mut [u32]) -> Self {
         Self { ring, first: 0, count: 0 }
     }
@@ -121,24 +121,24 @@ impl<'w> Waiting<'w> {
 
 /// The block that goes through trunk and density head: `[samples]` each.
 pub(super) struct Block<'w> {
-    /// Whose sample it is, and where on the ray; the samples of a ray are neighbours, in order.
+    /// The index of each sample's ray, and its distance along that; the samples of a ray are neighbours, in order.
     pub owner: &'w mut [u32],
     pub t: &'w mut [f32],
     pub sigma: &'w mut [f32],
 }
 
-/// The samples of a block whose colour or normal is worth asking for, in order: `[samples]` each, or empty
-/// where neither is asked for.
+/// The samples of a block whose colour or normal is evaluated, in order: `[samples]` each, or empty where the request
+/// has neither.
 pub(super) struct Picks<'w> {
     pub column: &'w mut [u32],
     pub owner: &'w mut [u32],
     pub weight: &'w mut [f32],
 }
 
-/// Picks of several blocks, until there are enough for a block of their own: `[samples]` each, or empty
-/// where a block of picks is full at once.
+/// The picks of several blocks, compacted into a block of their own: `[samples]` each, or empty where a block is one
+/// sample.
 pub(super) struct ColourQueue<'w> {
-    /// What the trunk made of them, `[activation_rows][samples]`: the colour branch uses it up.
+    /// The trunk's outputs, `[activation_rows][samples]`: the colour branch overwrites them.
     pub h: &'w mut [f32],
     pub owner: &'w mut [u32],
     pub weight: &'w mut [f32],
@@ -146,7 +146,7 @@ pub(super) struct ColourQueue<'w> {
 }
 
 impl Frame<'_, '_> {
-    /// One block of samples, front to back; `false` if no ray has any left.
+    /// Evaluates one block of samples; `false` if no ray is active.
     pub(super) fn step<M: Math>(&mut self) -> bool {
         let n = self.fill();
         if n == 0 {
@@ -166,20 +166,20 @@ impl Frame<'_, '_> {
         true
     }
 
-    /// Takes the next sample of as many rays as a block has room for; without a transmittance cut, all
-    /// samples of as many as it takes. Returns their number.
+    /// Fills a block with the next sample of each active ray, or without a transmittance threshold with all samples of
+    /// as many rays as fit. Returns the number of samples.
     fn fill(&mut self) -> usize {
         let (plan, tier) = (self.plan, self.network.tier());
         let room = self.block.owner.len();
         let burst = if plan.transmittance_cut > 0.0 { 1 } else { room };
         let mut n = 0;
         while n < room {
-            let Some(i) = self.waiting.pop() else { break };
+            let Some(i) = self.active.pop() else { break };
             let Some(state) = self.rays.get_mut(i as usize) else { break };
             for taken in 0..burst.min(room - n) {
                 let place = state.place(plan, self.turn);
-                // The next sample of a ray that waits is live.
-                if taken > 0 && !self.drawn.seek(tier, plan, i, state, place) {
+                // The next sample of an active ray is occupied.
+                if taken > 0 && !self.drawn.march(tier, plan, i, state, place) {
                     break;
                 }
                 let t = self.drawn.take(plan, i, state, place, n);
@@ -219,8 +219,8 @@ impl Frame<'_, '_> {
         }
     }
 
-    /// Adds the densities of the block's `n` samples to their rays, picks those whose colour or normal is
-    /// worth asking for, and sends the rays that see on back to wait. Returns how many were picked.
+    /// Composites the densities of the block's `n` samples, picks those whose colour or normal is evaluated, and marches
+    /// the rays that go on to their next occupied sample. Returns how many were picked.
     fn gather<M: Math>(&mut self, n: usize) -> usize {
         let (plan, tier) = (self.plan, self.network.tier());
         // Without vectors it would be the same work in more code.
@@ -262,8 +262,8 @@ impl Frame<'_, '_> {
             }
             let last = column + 1 == n || at(self.block.owner, column + 1) != owner;
             let place = state.place(plan, self.turn);
-            if last && !state.done && self.drawn.seek(tier, plan, owner, state, place) {
-                self.waiting.push(owner);
+            if last && !state.done && self.drawn.march(tier, plan, owner, state, place) {
+                self.active.push(owner);
             }
         }
         picked
@@ -397,13 +397,13 @@ impl Frame<'_, '_> {
 #[inline]
 fn part(
     plan: &Plan<'_>,
-    drawn: &Drawn<'_, '_>,
+    drawn: &ProposalSamples<'_, '_>,
     state: &RayState,
     owner: u32,
     t: f32,
     column: usize,
 ) -> (f32, f32, f32) {
-    if let Some((middle, delta)) = drawn.stretch(plan, owner, column) {
+    if let Some((middle, delta)) = drawn.interval(plan, owner, column) {
         return (t.max(plan.t_min).min(plan.t_max), middle, delta);
     }
     let bins = plan.bins.with(state.ends);

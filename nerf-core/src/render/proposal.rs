@@ -9,12 +9,12 @@ use super::Target;
 use super::frame::{Frame, RaySource, columns_of};
 use super::march::RayState;
 use crate::blob::Blob;
-use crate::effects::jitter::Place;
+use crate::effects::jitter::SampleJitter;
 use crate::kernels::{Layout, Tier, at, head, head_mut, put, tail, tail_mut};
 use crate::math::Math;
 use crate::network::{Network, Weights};
 use crate::plan::Plan;
-use crate::sampling::{draw, stretch};
+use crate::sampling::{sample_interval, sample_pdf};
 use crate::volume::Accumulator;
 
 #[cfg(test)]
@@ -76,7 +76,7 @@ impl<'a> Proposer<'a> {
 }
 
 /// The samples of the rays in flight, where they are drawn; else nothing, and the plan's bins are meant.
-pub(super) struct Drawn<'f, 'w> {
+pub(super) struct ProposalSamples<'f, 'w> {
     proposer: &'f Proposer<'f>,
     /// `[rays][row]`: `t`, ascending; before they are drawn, a row's last values are the proposal's weights.
     t: &'w mut [f32],
@@ -85,7 +85,7 @@ pub(super) struct Drawn<'f, 'w> {
     index: &'w mut [u32],
 }
 
-impl<'f, 'w> Drawn<'f, 'w> {
+impl<'f, 'w> ProposalSamples<'f, 'w> {
     /// `row` samples for each of the `rays`; nothing where `row` is 0.
     pub fn lay_out(
         layout: &mut impl Layout<'w>,
@@ -104,12 +104,19 @@ impl<'f, 'w> Drawn<'f, 'w> {
 
     /// Moves `state.next` to the first live sample of ray `ray` at or after it; `false` if there is none.
     #[inline]
-    pub fn seek(&self, tier: Tier, plan: &Plan<'_>, ray: u32, state: &mut RayState, place: Place) -> bool {
+    pub fn march(
+        &self,
+        tier: Tier,
+        plan: &Plan<'_>,
+        ray: u32,
+        state: &mut RayState,
+        place: SampleJitter,
+    ) -> bool {
         if self.row == 0 {
-            return state.seek(tier, plan, &plan.bins, place);
+            return state.march(tier, plan, &plan.bins, place);
         }
         let row = self.row_of(ray);
-        while state.next < state.end && !plan.live(state.ray.at(at(row, state.next as usize))) {
+        while state.next < state.end && !plan.occupied(state.ray.at(at(row, state.next as usize))) {
             state.next += 1;
         }
         state.next < state.end
@@ -117,7 +124,14 @@ impl<'f, 'w> Drawn<'f, 'w> {
 
     /// Where the next sample of ray `ray` is, which goes into column `column` of the block.
     #[inline]
-    pub fn take(&mut self, plan: &Plan<'_>, ray: u32, state: &RayState, place: Place, column: usize) -> f32 {
+    pub fn take(
+        &mut self,
+        plan: &Plan<'_>,
+        ray: u32,
+        state: &RayState,
+        place: SampleJitter,
+        column: usize,
+    ) -> f32 {
         if self.row == 0 {
             return place.t(&plan.bins.with(state.ends), state.next);
         }
@@ -128,11 +142,12 @@ impl<'f, 'w> Drawn<'f, 'w> {
     /// Middle and width of what the sample in column `column` of the block stands for, world units along its
     /// ray; `None` for a bin.
     #[inline]
-    pub fn stretch(&self, plan: &Plan<'_>, ray: u32, column: usize) -> Option<(f32, f32)> {
+    pub fn interval(&self, plan: &Plan<'_>, ray: u32, column: usize) -> Option<(f32, f32)> {
         if self.row == 0 {
             return None;
         }
-        let (middle, width) = stretch(plan.near, plan.far, self.row_of(ray), at(self.index, column) as usize);
+        let (middle, width) =
+            sample_interval(plan.near, plan.far, self.row_of(ray), at(self.index, column) as usize);
         if plan.t_min <= plan.near && plan.t_max >= plan.far {
             return Some((middle, width));
         }
@@ -184,13 +199,13 @@ impl Frame<'_, '_> {
         for from in 0..hits {
             let mut state = at(self.rays, from);
             let place = state.place(plan, self.turn);
-            draw(coarse, head_mut(tail_mut(self.drawn.t, from * row), row), |k| place.within(k));
+            sample_pdf(coarse, head_mut(tail_mut(self.drawn.t, from * row), row), |k| place.within(k));
             self.drawn.move_row(from, left);
             (state.next, state.end, state.done) = (0, row as u32, false);
             state.gathered = Accumulator::NONE;
-            if self.drawn.seek(self.network.tier(), plan, left as u32, &mut state, place) {
+            if self.drawn.march(self.network.tier(), plan, left as u32, &mut state, place) {
                 put(self.rays, left, state);
-                self.waiting.push(left as u32);
+                self.active.push(left as u32);
                 left += 1;
             } else {
                 self.finish::<M>(&state, None, source, target);
@@ -206,7 +221,7 @@ impl Frame<'_, '_> {
         let mut n = 0;
         // Who waits has a live bin: a ray is sent to wait only where it has found one.
         while n < self.block.owner.len()
-            && let Some(i) = self.waiting.pop()
+            && let Some(i) = self.active.pop()
         {
             let Some(state) = self.rays.get_mut(i as usize) else { break };
             put(self.block.owner, n, i);
@@ -236,8 +251,8 @@ impl Frame<'_, '_> {
                 put(self.drawn.t, owner as usize * row + drawn + bin, weight);
                 state.done = state.gathered.transmittance() < DARK;
             }
-            if !state.done && state.seek(self.network.tier(), plan, coarse, Place::MIDDLE) {
-                self.waiting.push(owner);
+            if !state.done && state.march(self.network.tier(), plan, coarse, SampleJitter::MIDDLE) {
+                self.active.push(owner);
             }
         }
     }

@@ -4,7 +4,7 @@ use super::Target;
 use super::frame::{Frame, RaySource};
 use super::march::RayState;
 use crate::blob::Blob;
-use crate::effects::jitter::Place;
+use crate::effects::jitter::SampleJitter;
 use crate::kernels::{Layout, Tier};
 use crate::math::Math;
 use crate::plan::Plan;
@@ -43,9 +43,9 @@ impl<'a> Proposer<'a> {
 }
 
 /// The plan's bins are always meant.
-pub(super) struct Drawn<'f, 'w>(PhantomData<(&'f (), &'w ())>);
+pub(super) struct ProposalSamples<'f, 'w>(PhantomData<(&'f (), &'w ())>);
 
-impl<'f, 'w> Drawn<'f, 'w> {
+impl<'f, 'w> ProposalSamples<'f, 'w> {
     pub fn lay_out(_: &mut impl Layout<'w>, _: &'f Proposer<'f>, _: [usize; 3]) -> Self {
         Self(PhantomData)
     }
@@ -56,17 +56,24 @@ impl<'f, 'w> Drawn<'f, 'w> {
     }
 
     #[inline]
-    pub fn seek(&self, tier: Tier, plan: &Plan<'_>, _: u32, state: &mut RayState, place: Place) -> bool {
-        state.seek(tier, plan, &plan.bins, place)
+    pub fn march(
+        &self,
+        tier: Tier,
+        plan: &Plan<'_>,
+        _: u32,
+        state: &mut RayState,
+        place: SampleJitter,
+    ) -> bool {
+        state.march(tier, plan, &plan.bins, place)
     }
 
     #[inline]
-    pub fn take(&mut self, plan: &Plan<'_>, _: u32, state: &RayState, place: Place, _: usize) -> f32 {
+    pub fn take(&mut self, plan: &Plan<'_>, _: u32, state: &RayState, place: SampleJitter, _: usize) -> f32 {
         place.t(&plan.bins.with(state.ends), state.next)
     }
 
     #[inline]
-    pub fn stretch(&self, _: &Plan<'_>, _: u32, _: usize) -> Option<(f32, f32)> {
+    pub fn interval(&self, _: &Plan<'_>, _: u32, _: usize) -> Option<(f32, f32)> {
         None
     }
 }

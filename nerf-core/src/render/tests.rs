@@ -318,9 +318,9 @@ fn the_most_rays_a_plan_allows_can_be_asked_for_their_workspace() {
     let bytes = bytes(&body(a, None, &weights));
     let blob = Blob::open(&bytes).unwrap();
     let renderer = Renderer::new(blob.clone(), Tier::Scalar, &mut []).unwrap();
-    let batch = Batch { rays: Batch::MOST_RAYS, samples: 1 };
+    let batch = Batch { rays: Batch::MAX_RAYS, samples: 1 };
     let plan = Plan::new(&blob, &Quality::EXACT, Outputs::ALL, batch).unwrap();
-    assert!(renderer.workspace_lines(&plan) > Batch::MOST_RAYS);
+    assert!(renderer.workspace_lines(&plan) > Batch::MAX_RAYS);
     let found =
         renderer.render(&plan, &camera(2, 2), Rect::full(&camera(2, 2)), &mut [], &mut |_, _, _: &Pixel| {});
     assert!(matches!(found, Err(RenderError::Memory { found: 0, .. })));

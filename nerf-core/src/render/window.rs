@@ -10,7 +10,7 @@ use crate::sampling::{Bins, OccupancyGrid};
 mod tests;
 
 /// Most bins of a ray: beyond, vectors do not count by ones.
-pub(super) const MOST: u32 = 1 << 22;
+pub(super) const MAX_BINS: u32 = 1 << 22;
 /// Bins of a window.
 const WIDTH: u32 = 16;
 
@@ -27,13 +27,13 @@ impl Window {
     /// Nothing has.
     pub const NONE: Self = Self { end: 0, live: 0 };
 
-    /// The first live one of the bins `from..end`, or `end`; what [`Plan::first_live`](crate::plan::Plan::first_live)
+    /// The first live one of the bins `from..end`, or `end`; what [`Plan::first_occupied`](crate::plan::Plan::first_occupied)
     /// says of their middles, bit for bit.
     ///
-    /// `from` never falls from call to call, and the bins stay those of the first; `end` is at most [`MOST`].
+    /// `from` never falls from call to call, and the bins stay those of the first; `end` is at most [`MAX_BINS`].
     #[inline]
     #[allow(clippy::too_many_arguments, reason = "what a plan has of them is taken apart only here")]
-    pub fn first_live(
+    pub fn first_occupied(
         &mut self,
         tier: Tier,
         occupancy: &OccupancyGrid<'_>,

@@ -37,7 +37,7 @@ impl Worker<'_> {
             return Err(RenderError::Rect { rect, width: i.width, height: i.height });
         }
         let plan = self.frame.plan;
-        // Lossless: a plan has at most `Batch::MOST_RAYS`.
+        // Lossless: a plan has at most `Batch::MAX_RAYS`.
         let capacity = plan.batch.rays as u32;
         let width = TILE_SIDE.min(capacity);
         for tile in rect.tiles(width, capacity / width.max(1)) {

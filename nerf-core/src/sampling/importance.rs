@@ -33,16 +33,16 @@ pub const WEIGHT_FLOOR: f32 = 1e-5;
 ///
 /// # Examples
 /// ```
-/// use nerf_core::sampling::{Bins, draw};
+/// use nerf_core::sampling::{Bins, sample_pdf};
 /// // Two bins, all the weight in the second, two samples: middles at 2.5 and 3.5.
 /// let bins = Bins::new(2.0, 4.0, 2)?;
 /// let mut row = [0.0, 0.0, /* weights: */ 0.0, 1.0];
-/// draw(&bins, &mut row, |_| 0.5);
+/// sample_pdf(&bins, &mut row, |_| 0.5);
 /// assert!((row[0] - 2.5).abs() < 1e-4 && (row[2] - 3.5).abs() < 1e-4);
 /// assert!((row[1] - 3.25).abs() < 1e-4 && (row[3] - 3.75).abs() < 1e-4);
 /// # Ok::<(), nerf_core::ray::BoundsError>(())
 /// ```
-pub fn draw(bins: &Bins, row: &mut [f32], within: impl Fn(u32) -> f32) {
+pub fn sample_pdf(bins: &Bins, row: &mut [f32], within: impl Fn(u32) -> f32) {
     let count = bins.count() as usize;
     let Some(drawn) = row.len().checked_sub(count) else { return };
     let mut total = Mass::default();
@@ -81,13 +81,13 @@ pub fn draw(bins: &Bins, row: &mut [f32], within: impl Fn(u32) -> f32) {
     }
 }
 
-/// Middle and width of what sample `k` of a row stands for: the stretch that is nearer to it than to any other
+/// Middle and width of what sample `k` of a row stands for: the interval that is nearer to it than to any other
 /// sample.
 ///
-/// `row`: ascending `t`, `k` one of its indices. The first stretch begins at `near`, the last ends at `far`,
+/// `row`: ascending `t`, `k` one of its indices. The first interval begins at `near`, the last ends at `far`,
 /// so that they add up to `far − near`, and equal bins have the width they would have anyway.
 #[inline]
-pub fn stretch(near: f32, far: f32, row: &[f32], k: usize) -> (f32, f32) {
+pub fn sample_interval(near: f32, far: f32, row: &[f32], k: usize) -> (f32, f32) {
     let between = |a: f32, b: f32| 0.5 * a + 0.5 * b;
     let start = if k == 0 { near } else { between(at(row, k - 1), at(row, k)) };
     let end = if k + 1 == row.len() { far } else { between(at(row, k), at(row, k + 1)) };

@@ -12,6 +12,6 @@ mod tests;
 pub use bins::Bins;
 pub(crate) use bins::Ends;
 #[cfg(feature = "proposal")]
-pub use importance::{WEIGHT_FLOOR, draw, stretch};
+pub use importance::{WEIGHT_FLOOR, sample_interval, sample_pdf};
 pub use occupancy::OccupancyGrid;
 pub use random::{Purpose, uniform, uniform_u32};

@@ -94,16 +94,23 @@ impl<'a> OccupancyGrid<'a> {
     /// Rounding keeps order: a coordinate that does not fall along the ray does not fall in f32 either,
     /// so that all bins between two in one cell are in it.
     #[inline]
-    pub fn first_live(&self, ray: &Ray, bins: &Bins, from: u32, end: u32) -> u32 {
-        self.first_live_at(ray, bins, from, end, |bin| bins.at(bin, 0.5))
+    pub fn first_occupied(&self, ray: &Ray, bins: &Bins, from: u32, end: u32) -> u32 {
+        self.first_occupied_at(ray, bins, from, end, |bin| bins.at(bin, 0.5))
     }
 
-    /// As [`OccupancyGrid::first_live`] for samples that lie elsewhere in their bins: that of `bin` at `t(bin)`.
+    /// As [`OccupancyGrid::first_occupied`] for samples that lie elsewhere in their bins: that of `bin` at `t(bin)`.
     ///
     /// Exact as well: `t` must not fall from bin to bin, and the estimate of how many bins a cell has, off by
     /// one where samples lie anywhere, is never believed without a look.
     #[inline]
-    pub fn first_live_at(&self, ray: &Ray, bins: &Bins, from: u32, end: u32, t: impl Fn(u32) -> f32) -> u32 {
+    pub fn first_occupied_at(
+        &self,
+        ray: &Ray,
+        bins: &Bins,
+        from: u32,
+        end: u32,
+        t: impl Fn(u32) -> f32,
+    ) -> u32 {
         let cells_per_bin = ray.dir.abs() * self.cells_per_unit * bins.delta();
         let passes_cells = cells_per_bin.max_element() >= 1.0;
         let mut bin = from;

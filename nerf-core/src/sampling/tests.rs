@@ -305,12 +305,12 @@ fn a_walk_meets_the_bins_that_asking_at_each_meets() {
                             if occupancy.occupied(p) {
                                 live += 1;
                                 assert!(around.is_some_and(|around| around.contains(p)), "{p} of {around:?}");
-                                next = occupancy.first_live(ray, &bins, next, count);
+                                next = occupancy.first_occupied(ray, &bins, next, count);
                                 assert_eq!(next, bin, "{bounds:?} {resolution:?} {ray:?}");
                                 next += 1;
                             }
                         }
-                        assert_eq!(occupancy.first_live(ray, &bins, next, count), count, "{ray:?}");
+                        assert_eq!(occupancy.first_occupied(ray, &bins, next, count), count, "{ray:?}");
                     }
                 }
             }

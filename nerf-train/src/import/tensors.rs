@@ -14,7 +14,7 @@ use std::path::{Path, PathBuf};
 const LAYERS: [&str; 6] =
     ["pts_linears.", "views_linears.", "feature_linear.", "alpha_linear.", "rgb_linear.", "output_linear."];
 /// Weights and biases of the largest network, and a few for a message that names what is too much.
-const MOST_TENSORS: usize = 2 * (MAX_TRUNK + MAX_COLOUR + 4) + 16;
+const MAX_TENSORS: usize = 2 * (MAX_TRUNK + MAX_COLOUR + 4) + 16;
 /// Largest array that is unpacked, bytes: 30 times the largest layer in f64.
 const MAX_ARRAY_BYTES: u64 = 1 << 26;
 /// Largest `.safetensors` file, bytes; it is read whole.
@@ -96,8 +96,8 @@ impl Tensors {
         let own = names.iter().filter(|name| prefix_of(name).is_none_or(|own| own == prefix));
         let named: Vec<(&str, &str)> =
             own.filter_map(|name| Some((name.as_str(), name.strip_prefix(&prefix)?))).collect();
-        if named.len() > MOST_TENSORS {
-            return Err(fail(Fault::TooMany { most: MOST_TENSORS, found: named.len() }));
+        if named.len() > MAX_TENSORS {
+            return Err(fail(Fault::TooMany { most: MAX_TENSORS, found: named.len() }));
         }
         let mut tensors = BTreeMap::new();
         for (whole, name) in named {

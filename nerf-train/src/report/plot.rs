@@ -29,7 +29,7 @@ const NOTE_SIZE: f32 = 17.0;
 /// Length of a key in the legend, pixels.
 const KEY: i32 = 34;
 /// Points a series keeps: more than two a pixel column only make the SVG heavy.
-const MOST_POINTS: usize = 2_000;
+const MAX_POINTS: usize = 2_000;
 /// Named by every SVG viewer; in the PNG the font that is compiled in.
 const FONT: &str = "sans-serif";
 const INK: RGBColor = RGBColor(30, 30, 30);
@@ -376,14 +376,14 @@ fn register_font() {
     });
 }
 
-/// At most about [`MOST_POINTS`] of the points: of each run the lowest and the highest, so that no
+/// At most about [`MAX_POINTS`] of the points: of each run the lowest and the highest, so that no
 /// spike is lost. Points that do not ascend in x are a drawing of their own and stay as they are.
 fn thinned(points: Vec<(f64, f64)>) -> Vec<(f64, f64)> {
-    if points.len() <= MOST_POINTS || points.windows(2).any(|pair| pair[0].0 > pair[1].0) {
+    if points.len() <= MAX_POINTS || points.windows(2).any(|pair| pair[0].0 > pair[1].0) {
         return points;
     }
-    let run = points.len().div_ceil(MOST_POINTS / 2);
-    let mut kept = Vec::with_capacity(MOST_POINTS + 2);
+    let run = points.len().div_ceil(MAX_POINTS / 2);
+    let mut kept = Vec::with_capacity(MAX_POINTS + 2);
     kept.push(points[0]);
     for chunk in points.chunks(run) {
         let by_y = |a: &&(f64, f64), b: &&(f64, f64)| a.1.total_cmp(&b.1);

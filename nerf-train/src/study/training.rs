@@ -19,7 +19,7 @@ use std::path::Path;
 use std::time::Duration;
 
 /// Curves of a plot that can be told apart.
-const MOST_SERIES: usize = 7;
+const MAX_SERIES: usize = 7;
 
 /// One fit of the study.
 #[derive(Clone, Debug)]
@@ -265,7 +265,7 @@ fn groups(fits: &[Fitted]) -> Vec<&'static str> {
 fn plot(fits: &[Fitted], data: &str, group: &str) -> LinePlot {
     let title = format!("{data}: PSNR over the time of a fit, by {group}");
     let mut plot = LinePlot::new(title, "seconds, everything included", "mean PSNR of watched views, dB");
-    let of_group = fits.iter().filter(|fit| fit.trial.group == group).take(MOST_SERIES);
+    let of_group = fits.iter().filter(|fit| fit.trial.group == group).take(MAX_SERIES);
     let series = |fit: &Fitted| Series {
         name: fit.trial.name.clone(),
         points: fit.curve.clone(),
@@ -295,7 +295,7 @@ fn size_plot(fits: &[Fitted], data: &str) -> Option<LinePlot> {
     }
     let title = format!("{data}: what a file of each size holds");
     let mut plot = LinePlot::new(title, "whole file, KiB", "mean PSNR of validation views, dB");
-    plot.series = seconds.iter().take(MOST_SERIES).map(series).collect();
+    plot.series = seconds.iter().take(MAX_SERIES).map(series).collect();
     plot.log_x = true;
     Some(plot)
 }

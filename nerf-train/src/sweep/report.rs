@@ -10,7 +10,7 @@ use crate::report::table::Table;
 use std::fmt::Write as _;
 
 /// Curves of a plot that can be told apart.
-const MOST_SERIES: usize = 7;
+const MAX_SERIES: usize = 7;
 /// Longest side of a picture on the sheet, pixels.
 const THUMBNAIL: usize = 256;
 
@@ -202,7 +202,7 @@ fn knob_plot(folder: &Folder, records: &[Record], knob: Knob) -> LinePlot {
     let title = format!("{}: PSNR over {}", folder.header().data, knob.axis());
     let mut plot = LinePlot::new(title, knob.axis(), measured(folder.header().kind));
     let curves = curves(records, knob, |record| record.point.get(knob).unwrap_or(f64::NAN));
-    plot.series = if (1..=MOST_SERIES).contains(&curves.len()) { curves } else { summarised(records, knob) };
+    plot.series = if (1..=MAX_SERIES).contains(&curves.len()) { curves } else { summarised(records, knob) };
     plot.log_x = knob == Knob::Rate;
     plot.notes = notes(records);
     plot
@@ -221,7 +221,7 @@ fn time_plot(folder: &Folder, records: &[Record]) -> LinePlot {
         points
     };
     plot.series = match group {
-        Some(knob) if values(records, knob).len() <= MOST_SERIES => values(records, knob)
+        Some(knob) if values(records, knob).len() <= MAX_SERIES => values(records, knob)
             .into_iter()
             .map(|value| Series {
                 name: format!("{} {value}", knob.name()),

@@ -3,7 +3,7 @@
 use crate::checkpoint::Shape;
 use crate::made::{Array, Folder, scene};
 use crate::{Ran, blob, command, fails, fit, ok, ran, run};
-use nerf_core::blob::{Blob, Body, Content, Front, Provenance, encoded_len, write};
+use nerf_core::blob::{Blob, Body, Content, ParetoFront, Provenance, encoded_len, write};
 use serde_json::Value;
 use std::path::Path;
 use std::time::{Duration, Instant};
@@ -54,7 +54,7 @@ fn with_words(folder: &Folder, data: &str, made_by: &str, psnr_convention: &str)
         architecture: old.architecture().clone(),
         content: Content::Scene(facts),
         occupancy: None,
-        front: Front::default(),
+        front: ParetoFront::default(),
         proposal: None,
         provenance: Provenance {
             data,

@@ -16,7 +16,7 @@ use nerf_fuzz::laws::check_pixel;
 use nerf_tests::scenes;
 
 /// Multiply-adds one input may cost: what is dearer is drawn with fewer samples, or not at all.
-const MOST_MACS: u64 = 30_000_000;
+const MAX_MACS: u64 = 30_000_000;
 const SIZE: [u32; 2] = [5, 3];
 
 fuzz_mutator!(|data: &mut [u8], size: usize, max_size: usize, seed: u32| {
@@ -81,7 +81,7 @@ fuzz_target!(|data: &[u8]| {
     let shape = blob.architecture();
     let macs = (shape.density_macs() + shape.colour_macs() + shape.gradient_macs()) as u64;
     if blob.picture().is_some() {
-        if macs * 64 < MOST_MACS {
+        if macs * 64 < MAX_MACS {
             picture(&renderer, math, batch, [SIZE, [1, 1 << 23]][choose(2)]);
         }
         return;
@@ -91,12 +91,12 @@ fuzz_target!(|data: &[u8]| {
     let coarse =
         blob.proposal().map_or(0, |it| it.architecture().density_macs() as u64 * u64::from(it.samples));
     let rays = u64::from(SIZE[0] * SIZE[1]);
-    let Some(affordable) = (MOST_MACS / rays).checked_sub(coarse).map(|left| left / macs.max(1)) else {
+    let Some(affordable) = (MAX_MACS / rays).checked_sub(coarse).map(|left| left / macs.max(1)) else {
         return;
     };
     let samples = u64::from(scene.samples()).min(affordable) as u16;
     // A full block is evaluated whatever its samples.
-    if samples == 0 || macs * 64 > MOST_MACS {
+    if samples == 0 || macs * 64 > MAX_MACS {
         return;
     }
     let exact = Quality::exact(&blob);

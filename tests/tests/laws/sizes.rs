@@ -154,7 +154,7 @@ fn workspaces_up_to_the_most_rays_are_those_of_few_times_as_many() {
                         };
                         // 64 rays of anything are whole lines: from there on each 64 more take the same.
                         let (once, more) = (lines(64), lines(128) - lines(64));
-                        for rays in [192, 1 << 12, 1 << 20, Batch::MOST_RAYS] {
+                        for rays in [192, 1 << 12, 1 << 20, Batch::MAX_RAYS] {
                             let exact = once + (rays as u128 / 64 - 1) * more;
                             assert_eq!(lines(rays), exact, "{recipe:?}, {}, {rays} rays", tier.name());
                         }
@@ -209,7 +209,7 @@ fn a_workspace_of_any_plan_is_enough_and_a_line_less_is_not() {
     let blob = Blob::open(&bytes).expect("a blob");
     let renderer = Renderer::new(blob, Tier::Scalar, &mut []).expect("a renderer");
     let lines = |rays, samples| renderer.picture_workspace_lines(Batch { rays, samples });
-    assert_eq!(lines(1, 17), lines(Batch::MOST_RAYS, 17));
+    assert_eq!(lines(1, 17), lines(Batch::MAX_RAYS, 17));
     let mut workspace = vec![Line::UNINIT; lines(1, 17)];
     let rect = Rect { x: 0, y: 0, width: 5, height: 5 };
     let draw = |workspace: &mut [Line]| {

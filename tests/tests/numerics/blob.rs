@@ -1,6 +1,8 @@
 //! Blobs of networks that a case makes itself.
 
-use nerf_core::blob::{Body, Content, Front, Provenance, SceneFacts, SceneSampling, encoded_len, write};
+use nerf_core::blob::{
+    Body, Content, ParetoFront, Provenance, SceneFacts, SceneSampling, encoded_len, write,
+};
 use nerf_core::network::Architecture;
 
 /// The box of [`body`], and what its rays are.
@@ -20,7 +22,7 @@ pub fn body<'a>(architecture: Architecture, weights: &'a [u8]) -> Body<'a> {
         content: Content::Scene(SCENE),
         architecture,
         occupancy: None,
-        front: Front::new(),
+        front: ParetoFront::new(),
         proposal: None,
         provenance: Provenance {
             data: "none",

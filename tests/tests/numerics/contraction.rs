@@ -175,7 +175,7 @@ fn stretched() -> Vec<Row> {
             let radii = 10f64.powf(0.01 * f64::from(i));
             let p = f64::from(power);
             let exact = radii.powf((p + 1.0) / p);
-            let found = c.stretch(c.contract(Vec3::Y * radii as f32));
+            let found = c.step_growth(c.contract(Vec3::Y * radii as f32));
             worst.see((f64::from(found) / exact - 1.0).abs(), || format!("{radii} radii of {}", named(&c)));
         }
     }

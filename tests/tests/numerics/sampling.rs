@@ -5,7 +5,7 @@ mod laws;
 pub use laws::CASES as LAWS;
 
 use crate::table::{Row, Worst, cases};
-use nerf_core::sampling::{Bins, draw};
+use nerf_core::sampling::{Bins, sample_pdf};
 use nerf_tests::error::worst_of;
 use nerf_tests::oracle::sampling::{inverse_cdf_at, middles};
 
@@ -45,7 +45,7 @@ fn row(weights: &[f32], count: usize) -> Vec<f32> {
 fn row_of(bins: &Bins, weights: &[f32], drawn: usize, within: impl Fn(u32) -> f32) -> Vec<f32> {
     let mut row = vec![f32::NAN; drawn];
     row.extend(weights);
-    draw(bins, &mut row, within);
+    sample_pdf(bins, &mut row, within);
     row
 }
 

@@ -138,7 +138,7 @@ fn live() -> Vec<Row> {
         let places: Vec<_> = places.collect();
         for bits in &filled {
             let occupancy = OccupancyGrid::new(cells.bounds, cells.resolution, bits);
-            let mut next = occupancy.first_live(ray, bins, 0, bins.count());
+            let mut next = occupancy.first_occupied(ray, bins, 0, bins.count());
             for (bin, (candidates, outside)) in (0..bins.count()).zip(&places) {
                 let found = bin == next;
                 let set = candidates.iter().filter(|cell| bit(bits, **cell)).count();
@@ -149,7 +149,7 @@ fn live() -> Vec<Row> {
                 }
                 if found {
                     walked += 1;
-                    next = occupancy.first_live(ray, bins, bin + 1, bins.count());
+                    next = occupancy.first_occupied(ray, bins, bin + 1, bins.count());
                 }
                 bins_seen += 1;
             }
@@ -173,7 +173,7 @@ fn single() -> Vec<Row> {
             }
             touched.iter().for_each(|cell| bits[cell / 8] |= 1 << (cell % 8));
             let occupancy = OccupancyGrid::new(cells.bounds, cells.resolution, &bits);
-            let found = occupancy.first_live(ray, bins, 0, bins.count());
+            let found = occupancy.first_occupied(ray, bins, 0, bins.count());
             all += 1;
             // Not behind it, and not where none of them can be.
             let place = (found <= bin).then(|| candidates(cells, place(cells, ray, bins.at(found, 0.5))).0);
@@ -208,7 +208,7 @@ fn steps() -> Vec<Row> {
             assert!(asked.get() <= 2 * bins.count(), "{ray:?}, {:?}", cells.bounds);
             bins.at(bin, 0.5)
         };
-        assert_eq!(occupancy.first_live_at(ray, bins, 0, bins.count(), t), bins.count());
+        assert_eq!(occupancy.first_occupied_at(ray, bins, 0, bins.count(), t), bins.count());
         worst
             .see(f64::from(asked.get()) / f64::from(bins.count()), || format!("{ray:?}, {:?}", cells.bounds));
     };

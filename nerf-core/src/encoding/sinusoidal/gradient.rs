@@ -14,7 +14,7 @@ use core::f32::consts::PI;
 /// `d sin(2^k s x)/dx = 2^k s cos(2^k s x)` and `d cos(2^k s x)/dx = −2^k s sin(2^k s x)`: both are
 /// encoded values themselves, so that no angle is computed again.
 ///
-/// `blur`: the mean over a Gaussian of that deviation around each sample, world units, as far as f is
+/// `blur`: the mean over a Gaussian of that standard deviation around each sample, world units, as far as f is
 /// linear in what was encoded: level `k` is damped by `exp(−½ (2^k s blur)²)`. With 0 it is the gradient, to
 /// the bit.
 ///

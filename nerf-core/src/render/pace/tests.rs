@@ -1,7 +1,7 @@
 extern crate std;
 
 use super::*;
-use crate::blob::{Body, Front, FrontPoint};
+use crate::blob::{Body, FrontPoint, ParetoFront};
 use crate::camera::{Intrinsics, Pose};
 use crate::kernels::Tier;
 use crate::lens::Lens;
@@ -27,7 +27,7 @@ fn scene(points: &[(u16, f32, f32)]) -> Vec<u8> {
         loss_db,
         cost,
     };
-    let front: Front = points.iter().map(point).collect();
+    let front: ParetoFront = points.iter().map(point).collect();
     bytes(&Body { front, ..body(a, None, &weights) })
 }
 

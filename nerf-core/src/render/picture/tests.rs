@@ -261,7 +261,7 @@ fn sizes_rectangles_and_batches_of_no_picture_are_refused() {
             let expected = RenderError::Rect { rect, width: 8, height: 6 };
             assert_eq!(refused(renderer, batch, [8, 6], rect, 64), expected);
         }
-        for (rays, samples) in [(0, 1), (1, 0), (1, BLOCK + 1), (Batch::MOST_RAYS + 1, 1), (1, usize::MAX)] {
+        for (rays, samples) in [(0, 1), (1, 0), (1, BLOCK + 1), (Batch::MAX_RAYS + 1, 1), (1, usize::MAX)] {
             let found = Batch { rays, samples };
             assert_eq!(refused(renderer, found, [8, 6], full, 64), RenderError::Batch { found });
             // And asking for its workspace is harmless.

@@ -1,7 +1,7 @@
 extern crate std;
 
 use super::DARK;
-use crate::blob::{Blob, Body, Front, Proposal, StoredOccupancy};
+use crate::blob::{Blob, Body, ParetoFront, Proposal, StoredOccupancy};
 use crate::camera::{Camera, Intrinsics, Pose};
 use crate::encoding::{AngleScale, SinusoidalEncoding};
 use crate::kernels::{Line, Tier};
@@ -10,7 +10,7 @@ use crate::math::polynomial::Polynomial;
 use crate::network::{Architecture, DensityActivation, TrunkLayer};
 use crate::plan::{Batch, Outputs, Plan, Quality};
 use crate::render::{Counters, Rect, RenderError, Renderer, Switch};
-use crate::sampling::{Bins, draw, stretch};
+use crate::sampling::{Bins, sample_interval, sample_pdf};
 use crate::testing::{SCENE, body, bytes, every_kind, halve, noise, parameters};
 use crate::volume::{Accumulator, Pixel};
 use glam::Vec3;
@@ -65,7 +65,7 @@ fn scene_of(occupancy: Option<StoredOccupancy<'_>>, coarse: Option<(&Architectur
         samples: COARSE as u16,
         weights: &coarse_weights[..2 * shape.density_parameters()],
     });
-    bytes(&Body { proposal, front: Front::new(), ..body(a, occupancy, &weights) })
+    bytes(&Body { proposal, front: ParetoFront::new(), ..body(a, occupancy, &weights) })
 }
 
 fn camera(width: u32, height: u32) -> Camera {
@@ -138,13 +138,13 @@ fn a_picture_is_the_composite_of_the_drawn_samples_bit_for_bit() {
                         row[(DRAWN + bin) as usize] = seen.add_density::<Polynomial>(sigma, t, bins.delta());
                     }
                 }
-                draw(&bins, &mut row, |_| 0.5);
+                sample_pdf(&bins, &mut row, |_| 0.5);
                 let mut ray_sum = Accumulator::NONE;
                 for k in 0..row.len() {
                     let (sigma, rgb) = ask(&fine, &plans[0], ray.at(row[k]), ray.dir);
                     if sigma > 0.0 && ray_sum.transmittance() >= cut {
                         hits += 1;
-                        ray_sum.add::<Polynomial>(sigma, rgb, row[k], stretch(2.0, 6.0, &row, k).1);
+                        ray_sum.add::<Polynomial>(sigma, rgb, row[k], sample_interval(2.0, 6.0, &row, k).1);
                     }
                 }
                 let is_cut = ray_sum.transmittance() < cut;

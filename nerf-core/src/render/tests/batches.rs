@@ -21,7 +21,7 @@ fn sample_by_sample(
     for i in 0..size.0 * size.1 {
         let ray = camera.ray((i % size.0) as f32 + 0.5, (i / size.0) as f32 + 0.5);
         let mut gathered = Accumulator::NONE;
-        for t in (0..32).map(|i| bins.at(i, 0.5)).filter(|&t| plan.live(ray.at(t))) {
+        for t in (0..32).map(|i| bins.at(i, 0.5)).filter(|&t| plan.occupied(ray.at(t))) {
             let (mut sigma, mut rgb) = ([f32::NAN], [[f32::NAN; 3]]);
             let dirs = [ray.dir.into()];
             renderer.query(&plan, &[ray.at(t).into()], &dirs, &mut memory, &mut sigma, &mut rgb).unwrap();

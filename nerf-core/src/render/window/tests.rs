@@ -52,12 +52,13 @@ fn windows_find_the_bins_that_asking_at_each_finds() {
                             asked += 1;
                             if occupancy.occupied(ray.at(bins.at(bin, 0.5))) {
                                 live += 1;
-                                next = window.first_live(tier, &occupancy, None, &ray, &bins, next, part.end);
+                                next = window
+                                    .first_occupied(tier, &occupancy, None, &ray, &bins, next, part.end);
                                 assert_eq!(next, bin, "{} {resolution:?} {ray:?} {bins:?}", tier.name());
                                 next += 1;
                             }
                         }
-                        let end = window.first_live(tier, &occupancy, None, &ray, &bins, next, part.end);
+                        let end = window.first_occupied(tier, &occupancy, None, &ray, &bins, next, part.end);
                         assert_eq!(end, part.end, "{} {resolution:?} {ray:?} {bins:?}", tier.name());
                     }
                 }
@@ -101,7 +102,7 @@ fn windows_find_the_bins_of_a_contraction() {
                     for tier in tiers() {
                         let (mut window, mut next) = (Window::NONE, part.start);
                         let mut find = |next| {
-                            window.first_live(
+                            window.first_occupied(
                                 tier,
                                 &occupancy,
                                 Some(&contraction),

@@ -16,7 +16,7 @@ fn bins(count: usize) -> Bins {
 fn row(weights: &[f32], drawn: usize) -> Vec<f32> {
     let mut row = vec![f32::NAN; drawn];
     row.extend(weights);
-    draw(&bins(weights.len()), &mut row, |_| 0.5);
+    sample_pdf(&bins(weights.len()), &mut row, |_| 0.5);
     row
 }
 
@@ -135,7 +135,7 @@ fn a_wall_gets_nearly_every_sample() {
 #[test]
 fn a_row_too_short_for_its_weights_stays() {
     let mut short = [0.5, 0.25];
-    draw(&bins(3), &mut short, |_| 0.5);
+    sample_pdf(&bins(3), &mut short, |_| 0.5);
     assert_eq!(short, [0.5, 0.25]);
 }
 
@@ -143,7 +143,7 @@ fn a_row_too_short_for_its_weights_stays() {
 fn stretches_tile_the_range() {
     for (name, weights) in cases() {
         let row = row(&weights, 100);
-        let widths: Vec<f32> = (0..row.len()).map(|k| stretch(NEAR, FAR, &row, k).1).collect();
+        let widths: Vec<f32> = (0..row.len()).map(|k| sample_interval(NEAR, FAR, &row, k).1).collect();
         assert!(widths.iter().all(|&width| width >= 0.0), "{name}");
         let sum: f64 = widths.iter().map(|&width| f64::from(width)).sum();
         // The edges are the same from both sides, so that only the subtractions round.
@@ -153,5 +153,5 @@ fn stretches_tile_the_range() {
     }
     // Middles alone stand for their bins.
     let row = row(&[0.0; 32], 0);
-    assert!((0..32).all(|k| (stretch(NEAR, FAR, &row, k).1 - 0.125).abs() <= f32::EPSILON * FAR));
+    assert!((0..32).all(|k| (sample_interval(NEAR, FAR, &row, k).1 - 0.125).abs() <= f32::EPSILON * FAR));
 }

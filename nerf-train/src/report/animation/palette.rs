@@ -4,7 +4,7 @@
 //! background it left a dozen colours for the object. Here the colours go where the error is.
 
 /// Entries of a GIF palette.
-const MOST: usize = 256;
+const MAX_COLOURS: usize = 256;
 /// Rounds of moving each entry to the mean of the colours nearest to it.
 const ROUNDS: usize = 2;
 
@@ -29,12 +29,12 @@ pub struct Quantised {
 /// clustering", greedy over the per-axis error.
 pub fn quantise(rgb: &[u8]) -> Quantised {
     let colours = count(rgb);
-    let mut entries: Vec<[u8; 3]> = if colours.len() <= MOST {
+    let mut entries: Vec<[u8; 3]> = if colours.len() <= MAX_COLOURS {
         colours.iter().map(|c| c.0).collect()
     } else {
         cut(&colours).iter().map(|set| representative(set)).collect()
     };
-    if colours.len() > MOST {
+    if colours.len() > MAX_COLOURS {
         for _ in 0..ROUNDS {
             let mut sets = vec![Vec::new(); entries.len()];
             colours.iter().for_each(|&colour| sets[nearest(&entries, colour.0)].push(colour));
@@ -84,7 +84,7 @@ impl Set {
 /// At most 256 sets, none empty; `colours` has at least one.
 fn cut(colours: &[Counted]) -> Vec<Vec<Counted>> {
     let mut sets = vec![Set::new(colours.to_vec())];
-    while sets.len() < MOST {
+    while sets.len() < MAX_COLOURS {
         let splittable = sets.iter().enumerate().filter(|(_, set)| set.colours.len() > 1);
         let Some((worst, _)) = splittable.max_by(|a, b| a.1.error.total_cmp(&b.1.error)) else { break };
         let set = sets.swap_remove(worst);

@@ -82,7 +82,7 @@ fn thinning_keeps_spikes_and_ends() {
     let mut points: Vec<(f64, f64)> = (0..100_000).map(|i| (f64::from(i), 1.0)).collect();
     points[77_777].1 = 9.0;
     let kept = thinned(points.clone());
-    assert!(kept.len() <= MOST_POINTS + 2);
+    assert!(kept.len() <= MAX_POINTS + 2);
     assert!(kept.contains(&(77_777.0, 9.0)));
     assert_eq!((kept.first(), kept.last()), (points.first(), points.last()));
     assert!(kept.windows(2).all(|pair| pair[0].0 <= pair[1].0));

@@ -3,7 +3,7 @@
 use super::{off, row_of};
 use crate::property::law;
 use crate::table::{Row, cases};
-use nerf_core::sampling::{Bins, stretch};
+use nerf_core::sampling::{Bins, sample_interval};
 use proptest::collection::vec;
 use proptest::prelude::{Just, Strategy, any, prop_oneof};
 use std::fmt;
@@ -115,7 +115,7 @@ fn missing(it: &Weights) -> f64 {
 /// Neighbours share an edge; each width is a difference of two edges, rounded once: 2^-24 of it.
 fn tiles(it: &Weights) -> f64 {
     let row = it.row();
-    let widths: Vec<f32> = (0..row.len()).map(|k| stretch(it.near, it.far, &row, k).1).collect();
+    let widths: Vec<f32> = (0..row.len()).map(|k| sample_interval(it.near, it.far, &row, k).1).collect();
     let sum: f64 = widths.iter().map(|&width| f64::from(width)).sum();
     let range = f64::from(it.far) - f64::from(it.near);
     if widths.iter().all(|&width| width >= 0.0) { (sum - range).abs() / range } else { f64::INFINITY }

@@ -30,7 +30,8 @@ fn half_of_a_constant_medium_s_light_is_gone_after_ln_2_over_sigma() {
             let (mut reached, mut missed, mut worst) = (0, 0, 0.0f64);
             for (i, pixel) in render(&renderer, &plan, &camera).pixels.iter().enumerate() {
                 let ray = camera.ray((i % 20) as f32 + 0.5, (i / 20) as f32 + 0.5);
-                let live: Vec<u32> = (0..32).filter(|&bin| plan.live(ray.at(bins.at(bin, 0.5)))).collect();
+                let live: Vec<u32> =
+                    (0..32).filter(|&bin| plan.occupied(ray.at(bins.at(bin, 0.5)))).collect();
                 let delta = 0.125;
                 let thickness = f64::from(sigma) * delta * live.len() as f64;
                 if live.is_empty() || thickness <= f64::from(LN_2) {

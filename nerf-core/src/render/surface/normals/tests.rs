@@ -119,7 +119,7 @@ fn sample_by_sample(
     for i in 0..width * height {
         let ray = camera.ray((i % width) as f32 + 0.5, (i / width) as f32 + 0.5);
         let (mut gathered, mut sum) = (Accumulator::NONE, NormalSum::NONE);
-        for t in (0..32).map(|i| bins.at(i, 0.5)).filter(|&t| plan.live(ray.at(t))) {
+        for t in (0..32).map(|i| bins.at(i, 0.5)).filter(|&t| plan.occupied(ray.at(t))) {
             let (mut sigma, mut rgb) = ([f32::NAN], [[f32::NAN; 3]]);
             let (p, dir) = (ray.at(t), ray.dir.into());
             renderer.query(&plan, &[p.into()], &[dir], &mut memory, &mut sigma, &mut rgb).unwrap();
