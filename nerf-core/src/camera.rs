@@ -83,7 +83,7 @@ impl Pose {
     }
 }
 
-/// `v` at unit length; `None` for 0 and for what is no number.
+/// `v` at unit length; `None` for 0 and for NaN.
 fn unit(v: Vec3) -> Option<Vec3> {
     // Its square leaves f32 long before `v` does; a power of two changes no digit.
     const UP: f32 = 1.267_650_6e30; // 2^100

@@ -111,7 +111,7 @@ pub const SCENE: SceneFacts = SceneFacts {
 /// The picture of the tests.
 pub const PICTURE: PictureFacts = PictureFacts { width: 30, height: 20 };
 
-/// Nobody made it.
+/// The provenance of test blobs.
 pub const PROVENANCE: Provenance<'static> = Provenance {
     data: "none",
     made_by: "unit tests",

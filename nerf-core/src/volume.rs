@@ -97,7 +97,7 @@ pub struct Pixel {
 }
 
 impl Pixel {
-    /// A pixel nobody has computed.
+    /// A pixel of zeros.
     pub const BLANK: Self = Self {
         rgb: [0.0; 3],
         opacity: 0.0,

@@ -127,7 +127,7 @@ unsafe fn size_of_versioned<T: Versioned>(at: *const T) -> Result<usize, Failure
 /// # Safety
 /// `at` is NULL or points to `struct_size` readable bytes.
 pub(crate) unsafe fn read_versioned<T: Versioned>(at: *const T) -> Result<T, Failure> {
-    // SAFETY: the caller's promise.
+    // SAFETY: `at` is as this function's `# Safety` has it.
     let size = unsafe { size_of_versioned(at)? };
     for offset in size_of::<T>()..size {
         // SAFETY: `offset < struct_size`, all of which is readable.
@@ -157,7 +157,7 @@ impl<T: Versioned> Out<T> {
     /// # Safety
     /// `at` is NULL or points to `struct_size` bytes that may be read and written until the call ends.
     pub unsafe fn new(at: *mut T) -> Result<Self, Failure> {
-        // SAFETY: the caller's promise.
+        // SAFETY: `at` is as this function's `# Safety` has it.
         let size = unsafe { size_of_versioned(at)? };
         Ok(Self { at, size })
     }

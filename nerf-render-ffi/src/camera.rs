@@ -77,7 +77,7 @@ impl Camera {
     /// # Safety
     /// `at` is NULL or points to `struct_size` readable bytes.
     pub(crate) unsafe fn read(at: *const Self) -> Result<camera::Camera, Failure> {
-        // SAFETY: the caller's promise.
+        // SAFETY: `at` is as this function's `# Safety` has it.
         let c = unsafe { read_versioned(at)? };
         if c.reserved != 0 {
             return Err(Failure::Reserved("camera.reserved"));
@@ -108,7 +108,7 @@ impl Camera {
 /// `at` is NULL or points to three floats.
 unsafe fn read_vec3(name: &'static str, at: *const f32) -> Result<Vec3, Failure> {
     Span::of(name, at, 3)?;
-    // SAFETY: not NULL, aligned, and readable by the caller's promise.
+    // SAFETY: not NULL, aligned, and readable by this function's `# Safety`.
     Ok(Vec3::from_array(unsafe { at.cast::<[f32; 3]>().read() }))
 }
 
@@ -131,9 +131,9 @@ pub unsafe extern "C" fn nerf_camera_look_at(
     message_capacity: usize,
 ) -> Status {
     call(Message { text: message, capacity: message_capacity }, || {
-        // SAFETY: the caller's promise.
+        // SAFETY: `camera` is NULL or readable and writable, as this function's `# Safety` has it.
         let (mut turned, place) = unsafe { (read_versioned(camera.cast_const())?, Out::new(camera)?) };
-        // SAFETY: the caller's promise.
+        // SAFETY: the three vectors are NULL or readable, as this function's `# Safety` has them.
         let [eye, target, up] =
             unsafe { [read_vec3("eye", eye)?, read_vec3("target", target)?, read_vec3("up", up)?] };
         let rows = Pose::look_at(eye, target, up).ok_or(Failure::NoView)?.to_rows();
@@ -165,7 +165,7 @@ pub unsafe extern "C" fn nerf_camera_ray(
     message_capacity: usize,
 ) -> Status {
     call(Message { text: message, capacity: message_capacity }, || {
-        // SAFETY: the caller's promise.
+        // SAFETY: `camera` is as this function's `# Safety` has it.
         let camera = unsafe { Camera::read(camera)? };
         check_out("origin", origin)?;
         check_out("dir", dir)?;
@@ -173,7 +173,7 @@ pub unsafe extern "C" fn nerf_camera_ray(
             check_out("z_per_distance", z_per_distance)?;
         }
         let ray = camera.try_ray(x, y).ok_or(Failure::NoRay { x, y })?;
-        // SAFETY: checked above, and writable by the caller's promise.
+        // SAFETY: checked above, and writable by this function's `# Safety`.
         unsafe {
             origin.cast::<[f32; 3]>().write(ray.origin.to_array());
             dir.cast::<[f32; 3]>().write(ray.dir.to_array());

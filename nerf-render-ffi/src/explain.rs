@@ -63,19 +63,19 @@ pub unsafe extern "C" fn nerf_explain(
     message_capacity: usize,
 ) -> Status {
     call(Message { text: message, capacity: message_capacity }, || {
-        // SAFETY: the caller's promise.
+        // SAFETY: `scene` is as this function's `# Safety` has it.
         let scene = unsafe { Scene::of(scene)? };
         if !needed.is_null() {
             check_out("needed", needed)?;
         }
         let renderer = scene.renderer();
-        // SAFETY: the caller's promise.
+        // SAFETY: `options` is as this function's `# Safety` has it.
         let settings = unsafe { Settings::read(options, renderer.network().tier())? };
         let plan = settings.plan(renderer.blob(), workspace::read_outputs(outputs)?, false)?;
         let bytes = workspace::size(settings.batch, plan.outputs(), renderer.workspace_lines(&plan))?;
         let mut explanation = plan.explain(renderer).with_workspace(bytes);
         if !counters.is_null() {
-            // SAFETY: the caller's promise.
+            // SAFETY: `counters` is as this function's `# Safety` has it.
             let found = unsafe { read_versioned(counters)? };
             explanation = explanation.with_counters(render::Counters::from(found));
         }
@@ -86,7 +86,7 @@ pub unsafe extern "C" fn nerf_explain(
             // Nothing fails: the text is cut.
             let _ = write!(cut, "{explanation}");
         }
-        // SAFETY: `kept < capacity`, `needed` was checked, and the rest is the caller's promise.
+        // SAFETY: `kept < capacity`, `needed` was checked, and the rest is as this function's `# Safety` has it.
         unsafe {
             if writes {
                 text.add(cut.kept).write(0);

@@ -66,7 +66,7 @@ pub(crate) unsafe fn read_tier(options: *const OpenOptions) -> Result<Tier, Fail
     if options.is_null() {
         return automatic();
     }
-    // SAFETY: the caller's promise.
+    // SAFETY: `options` is as this function's `# Safety` has it.
     let options = unsafe { read_versioned(options)? };
     if options.reserved != [0; 7] {
         return Err(Failure::Reserved("options.reserved"));

@@ -51,9 +51,9 @@ pub unsafe extern "C" fn nerf_pace_workspace_size(
     message_capacity: usize,
 ) -> Status {
     call(Message { text: message, capacity: message_capacity }, || {
-        // SAFETY: the caller's promise.
+        // SAFETY: `size` and `align` are as this function's `# Safety` has it.
         let layout = unsafe { LayoutOut::new(size, align)? };
-        // SAFETY: the caller's promise.
+        // SAFETY: `scene` and `options` are as this function's `# Safety` has it.
         let (scene, plan) = unsafe { planned(scene, options, outputs)? };
         let bytes = scene.renderer().pace_lines(&plan).checked_mul(size_of::<Line>());
         let bytes = bytes.ok_or(Failure::Overflow("workspace"))?;
@@ -92,16 +92,16 @@ pub unsafe extern "C" fn nerf_pace_measure(
     message_capacity: usize,
 ) -> Status {
     call(Message { text: message, capacity: message_capacity }, || {
-        // SAFETY: the caller's promise.
+        // SAFETY: `scene` and `options` are as this function's `# Safety` has it.
         let (scene, plan) = unsafe { planned(scene, options, outputs)? };
-        // SAFETY: the caller's promise.
+        // SAFETY: `camera` is as this function's `# Safety` has it.
         let (camera, out) = unsafe { (Camera::read(camera)?, Out::new(pace)?) };
         if Quality::front(scene.renderer().blob()).next().is_none() {
             return Err(Failure::NoFront);
         }
         let mut workspace = Workspace::new(workspace, workspace_size, scene)?;
         let mut now = time(clock, user)?;
-        // SAFETY: the caller's promise.
+        // SAFETY: the workspace is this call's own, as this function's `# Safety` has it.
         let lines = unsafe { workspace.lines() };
         let found = scene.renderer().pace(&plan, &camera, limit_milliseconds, lines, &mut now);
         let found = found.map_err(Failure::of_workspace)?;
@@ -119,9 +119,9 @@ unsafe fn planned<'s>(
     options: *const RenderOptions,
     outputs: u32,
 ) -> Result<(&'s Scene, Plan<'s>), Failure> {
-    // SAFETY: the caller's promise.
+    // SAFETY: `scene` is as this function's `# Safety` has it.
     let scene = unsafe { Scene::of(scene)? };
-    // SAFETY: the caller's promise.
+    // SAFETY: `options` is as this function's `# Safety` has it.
     let mut settings = unsafe { Settings::read(options, scene.renderer().network().tier())? };
     // Each point brings its own; what the caller's are is no reason to refuse.
     settings.quality = Quality::exact(scene.renderer().blob());

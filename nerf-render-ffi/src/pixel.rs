@@ -100,7 +100,7 @@ pub(crate) unsafe fn put(to: *mut u8, format: PixelFormat, channel: Channel, pix
         Channel::ZDepth => pixel.z_depth,
         Channel::MedianDistance => pixel.median_distance,
     };
-    // SAFETY: the caller's promise, format by format.
+    // SAFETY: the pointer is writable for a value of its format, as this function's `# Safety` has it.
     unsafe {
         match format {
             PixelFormat::RgbU8 => to.cast::<[u8; 3]>().write([r, g, b].map(byte)),

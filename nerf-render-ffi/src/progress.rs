@@ -26,6 +26,6 @@ pub(crate) unsafe fn call(progress: Progress, user: *mut c_void, done: u64, all:
     let progress = unsafe {
         core::mem::transmute::<unsafe extern "C-unwind" fn(*mut c_void, u64, u64) -> i32, Bare>(progress)
     };
-    // SAFETY: the caller's promise.
+    // SAFETY: `user` and `done` are as this function's `# Safety` has it.
     unsafe { progress(user, done, all) == 0 }
 }

@@ -57,11 +57,11 @@ unsafe fn answer(
     choice: *mut Choice,
     choose: impl FnOnce(&Scene) -> Result<Option<(plan::Choice, f32)>, Failure>,
 ) -> Result<(), Failure> {
-    // SAFETY: the caller's promise.
+    // SAFETY: `scene` is as this function's `# Safety` has it.
     let scene = unsafe { Scene::of(scene)? };
-    // SAFETY: the caller's promise.
+    // SAFETY: `options` is NULL or readable and writable, as this function's `# Safety` has it.
     let (read, place) = unsafe { (read_versioned(options.cast_const())?, Out::new(options)?) };
-    // SAFETY: the caller's promise.
+    // SAFETY: `choice` is as this function's `# Safety` has it.
     let out = if choice.is_null() { None } else { Some(unsafe { Out::new(choice)? }) };
     let Some((found, milliseconds)) = choose(scene)? else { return Err(Failure::NoFront) };
     place.write(read.with(&found.quality));
@@ -101,7 +101,7 @@ pub unsafe extern "C" fn nerf_quality_within_loss(
         let choose = |scene: &Scene| {
             Ok(Quality::within_loss(scene.renderer().blob(), loss_db).map(|choice| (choice, f32::NAN)))
         };
-        // SAFETY: the caller's promise.
+        // SAFETY: `scene` and `options` are as this function's `# Safety` has it.
         unsafe { answer(scene, options, choice, choose) }
     })
 }
@@ -126,7 +126,7 @@ pub unsafe extern "C" fn nerf_quality_within_cost(
         let choose = |scene: &Scene| {
             Ok(Quality::within_cost(scene.renderer().blob(), ratio).map(|choice| (choice, f32::NAN)))
         };
-        // SAFETY: the caller's promise.
+        // SAFETY: `scene` and `options` are as this function's `# Safety` has it.
         unsafe { answer(scene, options, choice, choose) }
     })
 }
@@ -150,10 +150,10 @@ pub unsafe extern "C" fn nerf_quality_within_time(
     message_capacity: usize,
 ) -> Status {
     call(Message { text: message, capacity: message_capacity }, || {
-        // SAFETY: the caller's promise.
+        // SAFETY: `pace` is as this function's `# Safety` has it.
         let pace = render::Pace { milliseconds: unsafe { read_versioned(pace)? }.milliseconds };
         let choose = |scene: &Scene| Ok(Quality::within_time(scene.renderer().blob(), milliseconds, &pace));
-        // SAFETY: the caller's promise.
+        // SAFETY: `scene` and `options` are as this function's `# Safety` has it.
         unsafe { answer(scene, options, choice, choose) }
     })
 }
@@ -185,7 +185,7 @@ pub unsafe extern "C" fn nerf_quality_point(
             let found = Quality::front(blob).find(|(index, _)| *index == point as usize);
             Ok(found.map(|(_, choice)| (plan::Choice { within: true, ..choice }, f32::NAN)))
         };
-        // SAFETY: the caller's promise.
+        // SAFETY: `scene` and `options` are as this function's `# Safety` has it.
         unsafe { answer(scene, options, choice, choose) }
     })
 }
@@ -209,9 +209,9 @@ pub unsafe extern "C" fn nerf_quality_preset(
         let Some(&preset) = plan::Preset::ALL.get(preset as usize) else {
             return Err(Failure::Setting { name: "preset", expected: "a nerf_preset", found: preset });
         };
-        // SAFETY: the caller's promise.
+        // SAFETY: `scene` is as this function's `# Safety` has it.
         let scene = unsafe { Scene::of(scene)? };
-        // SAFETY: the caller's promise.
+        // SAFETY: `options` is NULL or readable and writable, as this function's `# Safety` has it.
         let (read, place) = unsafe { (read_versioned(options.cast_const())?, Out::new(options)?) };
         place.write(read.with(&Quality::preset(scene.renderer().blob(), preset)));
         Ok(())

@@ -44,11 +44,11 @@ pub unsafe extern "C" fn nerf_query(
     message_capacity: usize,
 ) -> Status {
     call(Message { text: message, capacity: message_capacity }, || {
-        // SAFETY: the caller's promise.
+        // SAFETY: `scene` is as this function's `# Safety` has it.
         let scene = unsafe { Scene::of(scene)? };
-        // SAFETY: the caller's promise.
+        // SAFETY: `options` is as this function's `# Safety` has it.
         let settings = unsafe { Settings::read(options, scene.renderer().network().tier())? };
-        // SAFETY: the caller's promise.
+        // SAFETY: `counters` is as this function's `# Safety` has it.
         let out = if counters.is_null() { None } else { Some(unsafe { Out::new(counters)? }) };
         let mut workspace = Workspace::new(workspace, workspace_size, scene)?;
         let colour = !rgb.is_null();
@@ -66,7 +66,7 @@ pub unsafe extern "C" fn nerf_query(
             return Err(Failure::Render(RenderError::Direction { index, found: dir_at(index) }));
         }
 
-        // SAFETY: the memory is this call's own by the caller's promise.
+        // SAFETY: the memory is this call's own by this function's `# Safety`.
         let (_, lines) = unsafe { workspace.split(settings.batch, outputs)? };
         let mut worker = scene.renderer().worker(&plan, lines).map_err(Failure::Render)?;
         let mut work = render::Counters::default();

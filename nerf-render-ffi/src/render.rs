@@ -42,7 +42,7 @@ impl Rect {
             return Ok(render::Rect { x: 0, y: 0, width, height });
         }
         check_aligned("rect", at as usize, align_of::<Self>())?;
-        // SAFETY: not NULL, aligned, and readable by the caller's promise.
+        // SAFETY: not NULL, aligned, and readable by this function's `# Safety`.
         let found = unsafe { at.read() };
         let rect = render::Rect { x: found.x, y: found.y, width: found.width, height: found.height };
         if rect.fits(width, height) {
@@ -86,19 +86,19 @@ pub unsafe extern "C" fn nerf_render(
     message_capacity: usize,
 ) -> Status {
     call(Message { text: message, capacity: message_capacity }, || {
-        // SAFETY: the caller's promise.
+        // SAFETY: `scene` is as this function's `# Safety` has it.
         let scene = unsafe { Scene::of(scene)? };
-        // SAFETY: the caller's promise.
+        // SAFETY: `camera` is as this function's `# Safety` has it.
         let camera = unsafe { Camera::read(camera)? };
-        // SAFETY: the caller's promise.
+        // SAFETY: `options` is as this function's `# Safety` has it.
         let settings = unsafe { Settings::read(options, scene.renderer().network().tier())? };
         let image = camera.intrinsics();
-        // SAFETY: the caller's promise.
+        // SAFETY: `rect` is as this function's `# Safety` has it.
         let rect = unsafe { Rect::read(rect, image.width, image.height)? };
-        // SAFETY: the caller's promise.
+        // SAFETY: `counters` is as this function's `# Safety` has it.
         let out = if counters.is_null() { None } else { Some(unsafe { Out::new(counters)? }) };
         let workspace = Workspace::new(workspace, workspace_size, scene)?;
-        // SAFETY: the caller's promise.
+        // SAFETY: `target` and its planes are as this function's `# Safety` has them.
         let canvas = unsafe { Canvas::new(target, rect, scene, workspace.span())? };
         let renderer = scene.renderer();
         let plan = settings.plan(renderer.blob(), canvas.outputs(), canvas.has_alpha())?;
@@ -111,7 +111,7 @@ pub unsafe extern "C" fn nerf_render(
             renderer.render(&plan, &camera, tile, lines, &mut put).map_err(Failure::Render)
         };
         let watcher = Watcher { progress, user };
-        // SAFETY: the size was checked, and the memory is this call's own by the caller's promise.
+        // SAFETY: the size was checked, and the memory is this call's own by this function's `# Safety`.
         let work = unsafe { render_tiles(rect, settings.batch, workspace, canvas, watcher, draw)? };
         if let Some(out) = out {
             out.write(work.into());

@@ -149,7 +149,7 @@ impl Settings {
                 effects: Effects::NONE.read()?,
             });
         }
-        // SAFETY: the caller's promise.
+        // SAFETY: `at` is as this function's `# Safety` has it.
         let o = unsafe { read_versioned(at)? };
         if o.reserved != 0 {
             return Err(Failure::Reserved("options.reserved"));

@@ -46,12 +46,12 @@ pub unsafe extern "C" fn nerf_picture_workspace_size(
     message_capacity: usize,
 ) -> Status {
     call(Message { text: message, capacity: message_capacity }, || {
-        // SAFETY: the caller's promise.
+        // SAFETY: `scene` is as this function's `# Safety` has it.
         let scene = unsafe { Scene::of(scene)? };
-        // SAFETY: the caller's promise.
+        // SAFETY: `size` and `align` are as this function's `# Safety` has it.
         let layout = unsafe { LayoutOut::new(size, align)? };
         let renderer = picture_of(scene)?;
-        // SAFETY: the caller's promise.
+        // SAFETY: `options` is as this function's `# Safety` has it.
         let settings = unsafe { Settings::read(options, renderer.network().tier())? };
         let lines = renderer.picture_workspace_lines(settings.batch);
         let bytes = self::size(settings.batch, Outputs::NONE, lines)?;
@@ -91,20 +91,20 @@ pub unsafe extern "C" fn nerf_render_picture(
     message_capacity: usize,
 ) -> Status {
     call(Message { text: message, capacity: message_capacity }, || {
-        // SAFETY: the caller's promise.
+        // SAFETY: `scene` is as this function's `# Safety` has it.
         let scene = unsafe { Scene::of(scene)? };
         let renderer = picture_of(scene)?;
-        // SAFETY: the caller's promise.
+        // SAFETY: `options` is as this function's `# Safety` has it.
         let settings = unsafe { Settings::read(options, renderer.network().tier())? };
         let (quality, batch) = (settings.quality, settings.batch);
         let nothing = render::Rect { x: 0, y: 0, width: 0, height: 0 };
         renderer.check_picture(batch, [width, height], nothing).map_err(Failure::Render)?;
-        // SAFETY: the caller's promise.
+        // SAFETY: `rect` and `width` are as this function's `# Safety` has it.
         let rect = unsafe { Rect::read(rect, width, height)? };
-        // SAFETY: the caller's promise.
+        // SAFETY: `counters` is as this function's `# Safety` has it.
         let out = if counters.is_null() { None } else { Some(unsafe { Out::new(counters)? }) };
         let workspace = Workspace::new(workspace, workspace_size, scene)?;
-        // SAFETY: the caller's promise.
+        // SAFETY: `target` and its planes are as this function's `# Safety` has them.
         let canvas = unsafe { Canvas::new(target, rect, scene, workspace.span())? };
         canvas.check_colour_only()?;
         workspace.check_size(batch, Outputs::NONE, renderer.picture_workspace_lines(batch))?;
@@ -118,7 +118,7 @@ pub unsafe extern "C" fn nerf_render_picture(
             drawn.map_err(Failure::Render)
         };
         let watcher = Watcher { progress, user };
-        // SAFETY: the size was checked, and the memory is this call's own by the caller's promise.
+        // SAFETY: the size was checked, and the memory is this call's own by this function's `# Safety`.
         let work = unsafe { render_tiles(rect, batch, workspace, canvas, watcher, draw)? };
         if let Some(out) = out {
             out.write(work.into());

@@ -40,7 +40,7 @@ impl Scene {
             return Err(Failure::Null("scene"));
         }
         check_aligned("scene", scene as usize, align_of::<Self>())?;
-        // SAFETY: not NULL, aligned, and a scene by the caller's promise; nobody writes to it.
+        // SAFETY: not NULL, aligned, and a scene by this function's contract; scenes are never written to.
         Ok(unsafe { &*scene })
     }
 
@@ -66,7 +66,7 @@ pub(crate) fn memory_lines(blob: &Blob<'_>, tier: Tier) -> usize {
 /// `blob` is NULL or points to `blob_size` bytes that stay as they are during `'a`.
 unsafe fn open_blob<'a>(blob: *const c_void, blob_size: usize) -> Result<Blob<'a>, Failure> {
     Span::of("blob", blob.cast::<u8>(), blob_size)?;
-    // SAFETY: not NULL, no longer than a slice may be, and readable by the caller's promise.
+    // SAFETY: not NULL, no longer than a slice may be, and readable by this function's `# Safety`.
     let bytes = unsafe { core::slice::from_raw_parts(blob.cast::<u8>(), blob_size) };
     Blob::open(bytes).map_err(Failure::Blob)
 }
@@ -90,11 +90,11 @@ pub unsafe extern "C" fn nerf_scene_memory(
     message_capacity: usize,
 ) -> Status {
     call(Message { text: message, capacity: message_capacity }, || {
-        // SAFETY: the caller's promise.
+        // SAFETY: `size` and `align` are as this function's `# Safety` has it.
         let layout = unsafe { LayoutOut::new(size, align)? };
-        // SAFETY: the caller's promise.
+        // SAFETY: `options` is as this function's `# Safety` has it.
         let tier = unsafe { read_tier(options)? };
-        // SAFETY: the caller's promise; the view ends with this call.
+        // SAFETY: `blob` is as this function's `# Safety` has it; the view ends with this call.
         let blob = unsafe { open_blob(blob, blob_size)? };
         let bytes = memory_lines(&blob, tier).checked_mul(size_of::<Line>());
         let bytes = bytes.ok_or(Failure::Overflow("size"))?;
@@ -125,14 +125,14 @@ pub unsafe extern "C" fn nerf_scene_open(
 ) -> Status {
     call(Message { text: message, capacity: message_capacity }, || {
         check_out("scene", scene)?;
-        // SAFETY: the caller's promise.
+        // SAFETY: `options` is as this function's `# Safety` has it.
         let tier = unsafe { read_tier(options)? };
         Span::of("blob", blob.cast::<u8>(), blob_size)?;
         Span::of("memory", memory.cast::<Line>().cast_const(), 0)?;
         let bytes = core::ptr::slice_from_raw_parts(blob.cast::<u8>(), blob_size);
-        // SAFETY: not NULL, aligned, no longer than a slice may be, and lent by the caller's promise.
+        // SAFETY: not NULL, aligned, no longer than a slice may be, and lent by this function's `# Safety`.
         let handle = unsafe { open_in(bytes, memory, memory_size, tier)? };
-        // SAFETY: checked above, and writable by the caller's promise.
+        // SAFETY: checked above, and writable by this function's `# Safety`.
         unsafe { scene.write(handle) };
         Ok(())
     })
@@ -152,7 +152,7 @@ pub(crate) unsafe fn open_in(
     let blob_span = Span::new("blob", blob.cast(), blob.len())?;
     let memory_span = Span::new("memory", memory, memory_size)?;
     memory_span.check_apart("memory", blob_span, "the blob")?;
-    // SAFETY: the caller's promise.
+    // SAFETY: `blob` is readable and stays as it is, as this function's `# Safety` has it.
     let blob = Blob::open(unsafe { &*blob })?;
     let lines = memory_lines(&blob, tier);
     if memory_size / size_of::<Line>() < lines {

@@ -22,7 +22,7 @@ pub(crate) struct Owned {
     memory: NonNull<[Line]>,
 }
 
-// SAFETY: plain memory, which nobody writes to between opening and closing.
+// SAFETY: plain memory, never written to between opening and closing.
 unsafe impl Send for Owned {}
 // SAFETY: as above.
 unsafe impl Sync for Owned {}
@@ -34,7 +34,7 @@ impl Owned {
     }
 
     /// # Safety
-    /// Nobody uses the blob or the memory any more.
+    /// The blob and the memory are not used any more.
     unsafe fn free(self) {
         // SAFETY: both come from boxes (`new`), and are freed once: `self` is not `Copy`.
         drop(unsafe { (Box::from_raw(self.blob.as_ptr()), Box::from_raw(self.memory.as_ptr())) });
@@ -113,12 +113,12 @@ pub unsafe extern "C" fn nerf_scene_open_file(
     call_with_reason(Message { text: message, capacity: message_capacity }, || {
         let unnamed = |failure| FileFailure { path: c"", cause: Cause::Scene(failure) };
         check_out("scene", scene).map_err(unnamed)?;
-        // SAFETY: the caller's promise.
+        // SAFETY: `options` is as this function's `# Safety` has it.
         let tier = unsafe { read_tier(options) }.map_err(unnamed)?;
         if path.is_null() {
             return Err(unnamed(Failure::Null("path")));
         }
-        // SAFETY: not NULL, and NUL-terminated by the caller's promise.
+        // SAFETY: not NULL, and NUL-terminated by this function's `# Safety`.
         let path = unsafe { CStr::from_ptr(path) };
         let named = |cause| FileFailure { path, cause };
         let blob = read(path).map_err(named)?;
@@ -129,13 +129,13 @@ pub unsafe extern "C" fn nerf_scene_open_file(
         let memory = filled(lines, Line::UNINIT).map_err(named)?;
         let owned = Owned::new(blob, memory);
         let (memory, size) = (owned.memory.as_ptr().cast(), lines * size_of::<Line>());
-        // SAFETY: both are alive, apart, and nobody else's until `nerf_scene_close`.
+        // SAFETY: both are alive, apart, and owned by this scene until `nerf_scene_close`.
         let opened = unsafe { open_in(owned.blob.as_ptr(), memory, size, tier) };
         match opened {
             Ok(handle) => {
-                // SAFETY: just written by `open_in`, and known to nobody yet.
+                // SAFETY: just written by `open_in`, and not yet handed out.
                 unsafe { (*handle).owned = Some(owned) };
-                // SAFETY: checked above, and writable by the caller's promise.
+                // SAFETY: checked above, and writable by this function's `# Safety`.
                 unsafe { scene.write(handle) };
                 Ok(())
             }
@@ -159,7 +159,7 @@ pub unsafe extern "C" fn nerf_scene_close(scene: *const Scene) {
     call(Message::NONE, || {
         if !scene.is_null() {
             check_aligned("scene", scene as usize, align_of::<Scene>())?;
-            // SAFETY: an intact scene by the caller's promise, and nobody else's any more.
+            // SAFETY: an intact scene by this function's contract, and not used elsewhere any more.
             let owned = unsafe { (*scene.cast_mut()).owned.take() };
             if let Some(owned) = owned {
                 // SAFETY: the scene, which borrows both, is not used any more.

@@ -148,9 +148,9 @@ unsafe impl Versioned for SceneInfo {
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn nerf_scene_describe(scene: *const Scene, info: *mut SceneInfo) -> Status {
     call(Message::NONE, || {
-        // SAFETY: the caller's promise.
+        // SAFETY: `scene` is as this function's `# Safety` has it.
         let scene = unsafe { Scene::of(scene)? };
-        // SAFETY: the caller's promise.
+        // SAFETY: `info` is as this function's `# Safety` has it.
         let out = unsafe { Out::new(info)? };
         out.write(describe(scene));
         Ok(())

@@ -86,7 +86,7 @@ impl Canvas {
         scene: &Scene,
         workspace: Span,
     ) -> Result<Self, Failure> {
-        // SAFETY: the caller's promise.
+        // SAFETY: `at` is as this function's `# Safety` has it.
         let target = unsafe { read_versioned(at)? };
         let planes = [
             (Channel::Colour, target.rgb),

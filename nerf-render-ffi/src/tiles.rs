@@ -20,7 +20,7 @@ pub(crate) struct Watcher {
 impl Watcher {
     /// Calls the caller, who may cancel.
     fn report(&self, done: u64, all: u64) -> Result<(), Failure> {
-        // SAFETY: whoever passes a function over the border vouches for it.
+        // SAFETY: the caller of `nerf_render` passed the function with this argument.
         let on = unsafe { progress::call(self.progress, self.user, done, all) };
         if on { Ok(()) } else { Err(Failure::Cancelled) }
     }
@@ -47,7 +47,7 @@ pub(crate) unsafe fn render_tiles(
     for tile in rect.tiles(width, height) {
         // A tile is finished aside and then copied, so that not even a panic leaves half of one;
         // no slice of the workspace outlives the tile, so that the callback may use it.
-        // SAFETY: the memory is this call's own by the caller's promise.
+        // SAFETY: the memory is this call's own by this function's `# Safety`.
         let (mut pixels, lines) = unsafe { workspace.split(batch, canvas.outputs())? };
         work += render(tile, &mut pixels, lines)?;
         canvas.write(tile, &pixels);

@@ -75,22 +75,22 @@ impl Workspace {
     /// All of it.
     ///
     /// # Safety
-    /// The memory is writable, and nobody else uses it as long as the slice lives.
+    /// The memory is writable, and not used elsewhere as long as the slice lives.
     pub unsafe fn lines(&mut self) -> &mut [Line] {
-        // SAFETY: aligned (`new`), a line holds any bytes, and the rest is the caller's promise.
+        // SAFETY: aligned (`new`), a line holds any bytes, and the rest is as this function's `# Safety` has it.
         unsafe { core::slice::from_raw_parts_mut(self.at, self.lines) }
     }
 
     /// Room for a tile's pixels, and the rest.
     ///
     /// # Safety
-    /// The memory is writable, and nobody else uses it as long as the slices live.
+    /// The memory is writable, and not used elsewhere as long as the slices live.
     pub unsafe fn split(
         &mut self,
         batch: Batch,
         outputs: Outputs,
     ) -> Result<(TilePixels<'_>, &mut [Line]), Failure> {
-        // SAFETY: aligned (`new`), a line holds any bytes, and the rest is the caller's promise.
+        // SAFETY: aligned (`new`), a line holds any bytes, and the rest is as this function's `# Safety` has it.
         let lines = unsafe { core::slice::from_raw_parts_mut(self.at, self.lines) };
         let count = tile_pixels(batch);
         let first = TilePixels::lines(count, outputs);
@@ -119,11 +119,11 @@ pub unsafe extern "C" fn nerf_workspace_size(
     message_capacity: usize,
 ) -> Status {
     call(Message { text: message, capacity: message_capacity }, || {
-        // SAFETY: the caller's promise.
+        // SAFETY: `scene` is as this function's `# Safety` has it.
         let scene = unsafe { Scene::of(scene)? };
-        // SAFETY: the caller's promise.
+        // SAFETY: `size` and `align` are as this function's `# Safety` has it.
         let layout = unsafe { LayoutOut::new(size, align)? };
-        // SAFETY: the caller's promise.
+        // SAFETY: `options` is as this function's `# Safety` has it.
         let settings = unsafe { Settings::read(options, scene.renderer().network().tier())? };
         let plan = settings.plan(scene.renderer().blob(), read_outputs(outputs)?, false)?;
         let lines = scene.renderer().workspace_lines(&plan);

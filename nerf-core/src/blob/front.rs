@@ -26,7 +26,7 @@ pub struct FrontPoint {
     pub colour_cut: f32,
     /// Whether empty cells are skipped: only of a scene with an occupancy grid.
     pub occupancy: bool,
-    /// [`MathBackend::tag`] of who computes the elementary functions.
+    /// [`MathBackend::tag`] of the elementary functions.
     pub math: u8,
     /// Whether the samples are drawn from the proposal: only of a scene with a proposal network.
     pub proposal: bool,

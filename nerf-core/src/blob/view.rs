@@ -110,7 +110,7 @@ impl<'a> Blob<'a> {
         Some(OccupancyGrid::new(self.scene_box()?, occupancy.resolution, occupancy.bits))
     }
 
-    /// What accuracy costs, dearest point first; empty where nobody measured it.
+    /// What accuracy costs, dearest point first; empty where no study measured it.
     pub fn front(&self) -> &[FrontPoint] {
         &self.body.front
     }

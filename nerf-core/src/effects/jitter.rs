@@ -52,7 +52,7 @@ impl SampleJitter {
     }
 }
 
-/// A point of `bin` that is a function of what it is for, not of who asks when.
+/// A random point of `bin`: a function of seed, pixel, ray and bin alone, so that neither tile nor thread changes it.
 #[inline(never)]
 fn jittered(seed: u64, stream: u64, index: u64, bins: &Bins, bin: u32) -> f32 {
     bins.within(bin, uniform(seed, Purpose::Jitter, stream, index))

@@ -25,7 +25,7 @@ use std::vec;
 /// ```
 #[derive(Clone, Debug)]
 pub struct Scene {
-    /// Checked once; nobody changes them.
+    /// Checked once, and never changed.
     bytes: Box<[u8]>,
     tier: Tier,
     /// The parameters of the network and of its proposal, unpacked for the tier.
@@ -77,7 +77,7 @@ impl Scene {
         Blob::decode(&self.bytes).unwrap_or_else(|_| unreachable!("checked bytes decode"))
     }
 
-    /// The borrowed renderer of this scene, for whoever brings memory and threads.
+    /// The borrowed renderer of this scene, for callers with memory and threads of their own.
     pub fn renderer(&self) -> Renderer<'_> {
         let unpacked = self.unpacked.each_ref().map(|it| &**it);
         Renderer::of_unpacked(self.blob(), self.tier, unpacked, self.occupied)

@@ -9,7 +9,7 @@ use core::mem::{MaybeUninit, align_of, size_of};
 pub struct Line([MaybeUninit<u8>; 64]);
 
 impl Line {
-    /// A line nobody has written to.
+    /// An uninitialised line.
     pub const UNINIT: Self = Self([MaybeUninit::uninit(); 64]);
 }
 
@@ -18,7 +18,7 @@ pub const fn lines_for<T>(count: usize) -> usize {
     count.saturating_mul(size_of::<T>()).div_ceil(size_of::<Line>())
 }
 
-/// Where a stage's buffers come from: whoever lists them asks for each here, in order.
+/// The memory of a stage: the stage lists its buffers once, and the same list is measured and carved.
 pub trait Layout<'w> {
     /// `count` values on lines of their own, all `value`; none where there is no memory, or not enough.
     fn slice<T: Copy>(&mut self, count: usize, value: T) -> &'w mut [T];

@@ -64,7 +64,7 @@ impl Transposed<'_> {
     #[inline(always)]
     fn tile<V: Lanes, const COLS: usize>(&mut self, pair: usize, column: usize) {
         let stride = self.stride;
-        // The partner of an odd last row is nobody's: its words' upper halves are 0.
+        // An odd last row has no partner: the upper halves of its words are 0.
         let rows = [2 * pair, 2 * pair + 1].map(|row| (row < self.inputs).then_some(row * stride + column));
         let mut sums = [[V::splat(0.0); COLS]; 2];
         for (sums, row) in sums.iter_mut().zip(rows) {

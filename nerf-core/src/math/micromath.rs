@@ -16,7 +16,7 @@ impl Math for Micromath {
     #[inline(always)]
     fn exp<V: Lanes>(x: V) -> V {
         let e = V::splat(-87.0).max_of(V::splat(88.0).min_of(x)).map(F32Ext::exp);
-        // The crate makes a number of a NaN, and nobody would count it.
+        // The crate turns a NaN into a number, which would then not be counted as an invalid sample.
         V::select(x.equals(x), e, x)
     }
     #[inline(always)]

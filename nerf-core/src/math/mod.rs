@@ -24,7 +24,7 @@ pub use elementary::Elementary;
 
 use lanes::Lanes;
 
-/// Who computes the elementary functions.
+/// The implementation of the elementary functions.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Default)]
 #[non_exhaustive]
 pub enum MathBackend {

@@ -445,7 +445,7 @@ impl<M: Math> Op for Density<'_, M> {
         for values in self.values.chunks_exact_mut(V::COUNT) {
             let raw = V::load(values);
             let sigma = match self.activation {
-                // Of −0 the maximum may be −0; nobody should divide by that.
+                // The maximum of 0 and −0 may be −0; adding 0 makes it 0.
                 DensityActivation::Relu => V::splat(0.0).max_of(raw).add(V::splat(0.0)),
                 DensityActivation::ShiftedSoftplus => M::softplus(raw.sub(V::splat(1.0))),
                 // What is no number stays so.

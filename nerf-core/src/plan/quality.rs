@@ -23,7 +23,7 @@ pub struct Quality {
     pub colour_cut: f32,
     /// Whether cells that the occupancy grid calls empty are skipped.
     pub occupancy: bool,
-    /// Who computes the elementary functions.
+    /// The implementation of the elementary functions.
     pub math: MathBackend,
     /// Whether samples are drawn from the scene's proposal network, if it has one; else they are even.
     /// No shortcut: it is how such a scene was made, and may cost more or less than even samples.

@@ -17,7 +17,7 @@ pub enum Switch {
     On,
     /// The scene has nothing for it to do.
     AbsentInScene,
-    /// Nobody asked for it, and no output needs it.
+    /// Not requested, and no output needs it.
     NotAskedFor,
     /// This build has no code for it: a cargo feature is off.
     NotBuilt,

@@ -219,7 +219,7 @@ impl Frame<'_, '_> {
         let plan = self.plan;
         let Some(coarse) = &plan.proposal else { return 0 };
         let mut n = 0;
-        // Who waits has a live bin: a ray is sent to wait only where it has found one.
+        // The next bin of an active ray is occupied.
         while n < self.block.owner.len()
             && let Some(i) = self.active.pop()
         {

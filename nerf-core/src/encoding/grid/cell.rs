@@ -8,7 +8,7 @@ use crate::math::lanes::Lanes;
 
 /// A vector of positions in 0..1 on each axis of the box.
 ///
-/// What is outside by rounding is moved to the face, and what is no number to 0.
+/// A coordinate outside by rounding is moved to the face, and NaN to 0.
 #[inline(always)]
 pub(super) fn unit_positions<V: Lanes>(
     tables: &GridTables<'_>,

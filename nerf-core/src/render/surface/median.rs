@@ -10,7 +10,7 @@ mod tests;
 /// No half of the light is gone yet.
 const NOT_YET: f32 = f32::INFINITY;
 
-/// The rays' median distances, `[rays]`, or empty where nobody asks.
+/// The rays' median distances, `[rays]`, or empty where they are not requested.
 pub(in crate::render) struct Medians<'w> {
     distance: &'w mut [f32],
 }

@@ -10,7 +10,7 @@ use glam::Vec3;
 #[cfg(test)]
 mod tests;
 
-/// The rays' normals, and the samples that wait for their gradient; all empty where nobody asks.
+/// The rays' normals, and the samples queued for their gradient; all empty where normals are not requested.
 pub(in crate::render) struct Normals<'w> {
     /// `[rays]`.
     sums: &'w mut [NormalSum],
