@@ -8,7 +8,6 @@ mod encoding;
 mod frame;
 mod geometry;
 mod gradient;
-mod index;
 mod network;
 mod noise;
 mod property;
@@ -46,7 +45,7 @@ fn the_page_names_every_case_with_its_bound() {
     let path = table::path();
     if std::env::var_os("NERF_BLESS").is_some_and(|bless| bless == "numerics") {
         let old = std::fs::read_to_string(&path).unwrap_or_default();
-        let page = table::page(&sections(), &old) + &index::section();
+        let page = table::page(&sections(), &old);
         std::fs::write(&path, page).expect("the page");
     }
     let page = std::fs::read_to_string(&path).expect("nerf-core/docs/numerics.md");
@@ -66,5 +65,4 @@ fn the_page_names_every_case_with_its_bound() {
     };
     let strange: Vec<_> = lines.iter().filter(|line| !owned(line)).collect();
     assert!(strange.is_empty(), "no case has measured {strange:?}");
-    assert!(page.ends_with(&index::section()), "numerics.md's index is old: NERF_BLESS=numerics renews it");
 }
