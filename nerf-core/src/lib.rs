@@ -1,8 +1,10 @@
 #![no_std]
 //! Radiance fields in fixed memory: open one small file, render any view of it, allocate nothing.
 //!
-//! The crate needs neither `std` nor `alloc`, reads fp16 weights where they lie, and does all
-//! arithmetic of the hot path in f32. Memory is the caller's, asked for by size first. On microcontrollers
+//! Programs with an operating system open a `Scene` (feature `std`, module `host`), which owns its bytes and renders on all
+//! cores. Everything below it needs neither `std` nor `alloc`, reads fp16 weights where they lie, and does all
+//! arithmetic of the hot path in f32. Memory is the caller's, asked for by size first: a [`Renderer`] is a scene made
+//! ready, a [`Plan`] what is asked of it, a [`Worker`] both in memory of its own, for any number of calls. On microcontrollers
 //! nothing panics from blob to pixel in a build without debug assertions; `examples/firmware` lets the linker
 //! prove it.
 //!
