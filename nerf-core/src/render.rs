@@ -68,7 +68,11 @@ impl<'a> Renderer<'a> {
     }
 
     /// The parameters of the scene's network and of its proposal, unpacked.
+    #[inline]
     fn lay_out(layout: &mut impl Layout<'a>, blob: &Blob<'_>, tier: Tier) -> [&'a mut [f32]; 2] {
+        if in_place(tier) {
+            return [&mut [], &mut []];
+        }
         Self::unpacked_lengths(blob, tier).map(|count| layout.slice(count, 0.0))
     }
 

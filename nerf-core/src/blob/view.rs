@@ -4,7 +4,7 @@ use super::body::{Body, Content, PictureFacts, Provenance, SceneFacts, StoredTab
 use super::check::check;
 use super::error::{BlobError, Section};
 use super::front::FrontPoint;
-use super::header::{self, HEADER_LEN};
+use super::header;
 use super::proposal::Proposal;
 use crate::network::{Architecture, Layers};
 use crate::ray::SceneBox;
@@ -19,6 +19,28 @@ use serde::Deserialize;
 #[cfg(not(feature = "grid"))]
 const GRID_TAG: u8 = 1;
 
+/// The body, section by section, so that an error can say which one. Not a function: a body is large to pass on.
+macro_rules! read_body {
+    ($input:expr) => {
+        Body {
+            architecture: Architecture {
+                position: read($input, Section::Position)?,
+                direction: read($input, Section::Direction)?,
+                trunk: read($input, Section::Architecture)?,
+                density: read($input, Section::Architecture)?,
+                colour: read($input, Section::Architecture)?,
+            },
+            content: read($input, Section::Content)?,
+            occupancy: read($input, Section::Occupancy)?,
+            front: read($input, Section::Front)?,
+            proposal: read($input, Section::Proposal)?,
+            provenance: read($input, Section::Provenance)?,
+            weights: read($input, Section::Weights)?,
+            tables: read($input, Section::Tables)?,
+        }
+    };
+}
+
 /// An opened blob: a view of the caller's bytes in which everything has been checked.
 #[derive(Clone, Debug)]
 pub struct Blob<'a> {
@@ -31,40 +53,23 @@ impl<'a> Blob<'a> {
     /// # Errors
     /// [`BlobError`] says what was expected and found. No input panics or is read out of bounds.
     pub fn open(bytes: &'a [u8]) -> Result<Self, BlobError> {
-        let body = header::open(bytes)?;
+        let bytes = header::open(bytes)?;
         #[cfg(not(feature = "grid"))]
-        if body.first() == Some(&GRID_TAG) {
+        if bytes.first() == Some(&GRID_TAG) {
             return Err(BlobError::NotBuilt { feature: "grid" });
         }
-        let blob = Self::decode(bytes)?;
-        check_form(&blob.body, body)?;
-        check(&blob.body)?;
-        Ok(blob)
+        let mut input = Deserializer::from_bytes(bytes);
+        let body = read_body!(&mut input);
+        check_form(&body, bytes)?;
+        check(&body)?;
+        Ok(Self { body })
     }
 
     /// [`Blob::open`] of bytes that it has checked before.
-    // Its description is large to pass on.
-    #[inline(always)]
+    #[cfg(feature = "std")]
     pub(crate) fn decode(bytes: &'a [u8]) -> Result<Self, BlobError> {
-        let mut input = Deserializer::from_bytes(bytes.get(HEADER_LEN..).unwrap_or_default());
-        // Section by section, so that an error can say which one.
-        let body = Body {
-            architecture: Architecture {
-                position: read(&mut input, Section::Position)?,
-                direction: read(&mut input, Section::Direction)?,
-                trunk: read(&mut input, Section::Architecture)?,
-                density: read(&mut input, Section::Architecture)?,
-                colour: read(&mut input, Section::Architecture)?,
-            },
-            content: read(&mut input, Section::Content)?,
-            occupancy: read(&mut input, Section::Occupancy)?,
-            front: read(&mut input, Section::Front)?,
-            proposal: read(&mut input, Section::Proposal)?,
-            provenance: read(&mut input, Section::Provenance)?,
-            weights: read(&mut input, Section::Weights)?,
-            tables: read(&mut input, Section::Tables)?,
-        };
-        Ok(Self { body })
+        let mut input = Deserializer::from_bytes(bytes.get(header::HEADER_LEN..).unwrap_or_default());
+        Ok(Self { body: read_body!(&mut input) })
     }
 
     /// What tells it from other blobs that are borrowed at the same time: where its weights lie.
