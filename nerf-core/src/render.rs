@@ -36,9 +36,9 @@ pub use worker::Worker;
 
 use crate::blob::Blob;
 use crate::camera::Camera;
-use crate::encoding::GridTables;
+use crate::encoding::{GridTables, TableValues};
 use crate::kernels::{Arena, Layout, Line, Measure, Tier, VECTORS};
-use crate::network::{Network, Weights};
+use crate::network::{Network, Weights, unpack};
 use crate::plan::Plan;
 use crate::ray::SceneBox;
 use frame::Frame;
@@ -67,21 +67,28 @@ impl<'a> Renderer<'a> {
         measure.lines
     }
 
-    /// The parameters of the scene's network and of its proposal, unpacked.
+    /// The parameters of the scene's network and of its proposal, and the grid's tables, unpacked.
     #[inline]
-    fn lay_out(layout: &mut impl Layout<'a>, blob: &Blob<'_>, tier: Tier) -> [&'a mut [f32]; 2] {
+    fn lay_out(layout: &mut impl Layout<'a>, blob: &Blob<'_>, tier: Tier) -> [&'a mut [f32]; 3] {
         if in_place(tier) {
-            return [&mut [], &mut []];
+            return [&mut [], &mut [], &mut []];
         }
         Self::unpacked_lengths(blob, tier).map(|count| layout.slice(count, 0.0))
     }
 
-    /// How many values the parameters of the scene's network and of its proposal are unpacked to.
-    pub(crate) fn unpacked_lengths(blob: &Blob<'_>, tier: Tier) -> [usize; 2] {
+    /// How many values the parameters of the scene's network and of its proposal are unpacked to, and the grid's tables.
+    pub(crate) fn unpacked_lengths(blob: &Blob<'_>, tier: Tier) -> [usize; 3] {
         if in_place(tier) {
-            return [0; 2];
+            return [0; 3];
         }
-        [blob.architecture().parameters(), Proposer::parameters(blob)]
+        let tables = Self::widened_tables(blob, tier).map_or(0, |bytes| bytes.len() / 2);
+        [blob.architecture().parameters(), Proposer::parameters(blob), tables]
+    }
+
+    /// The f16 tables of a tier that has no instruction to widen them.
+    fn widened_tables<'b>(blob: &Blob<'b>, tier: Tier) -> Option<&'b [u8]> {
+        let tables = blob.tables().filter(|tables| tier == Tier::Simd128 && tables.scales().is_none());
+        tables.map(|tables| tables.bytes())
     }
 
     /// Prepares a scene for `tier`, unpacking its weights once into `memory`.
@@ -96,8 +103,7 @@ impl<'a> Renderer<'a> {
         }
         let mut unpacked = Self::lay_out(&mut Arena::new(memory), &blob, tier);
         Self::unpack(&blob, tier, &mut unpacked);
-        let (weights, proposer) = Self::unpacked(&blob, tier, unpacked.map(|it| &*it));
-        let tables = Self::tables_of(&blob);
+        let (weights, proposer, tables) = Self::unpacked(&blob, tier, unpacked.map(|it| &*it));
         let network = Network::with_grid(blob.architecture(), weights, tables, tier).ok_or(too_small)?;
         Ok(Self {
             occupied: blob.occupancy().and_then(|occupancy| occupancy.occupied_box()),
@@ -108,21 +114,32 @@ impl<'a> Renderer<'a> {
     }
 
     /// Unpacks the parameters of the scene's network and of its proposal.
-    pub(crate) fn unpack<T: AsMut<[f32]>>(blob: &Blob<'_>, tier: Tier, to: &mut [T; 2]) {
+    pub(crate) fn unpack<T: AsMut<[f32]>>(blob: &Blob<'_>, tier: Tier, to: &mut [T; 3]) {
         if !in_place(tier) {
-            let [own, proposal] = to;
+            let [own, proposal, tables] = to;
             Weights::unpack(blob.architecture(), tier, blob.weights(), own.as_mut());
             Proposer::unpack(blob, tier, proposal.as_mut());
+            if let Some(bytes) = Self::widened_tables(blob, tier) {
+                unpack(bytes, tables.as_mut());
+            }
         }
     }
 
     /// What [`Renderer::unpack`] made, or the weights where they lie.
-    fn unpacked(blob: &Blob<'a>, tier: Tier, [own, proposal]: [&'a [f32]; 2]) -> (Weights<'a>, Proposer<'a>) {
+    fn unpacked(
+        blob: &Blob<'a>,
+        tier: Tier,
+        [own, proposal, tables]: [&'a [f32]; 3],
+    ) -> (Weights<'a>, Proposer<'a>, GridTables<'a>) {
+        let in_file = Self::tables_of(blob);
         if in_place(tier) {
-            (Weights::InPlace(blob.weights()), Proposer::in_place(blob, tier))
-        } else {
-            (Weights::unpacked(tier, own), Proposer::of_unpacked(blob, tier, proposal))
+            return (Weights::InPlace(blob.weights()), Proposer::in_place(blob, tier), in_file);
         }
+        let tables = match Self::widened_tables(blob, tier) {
+            Some(_) => GridTables::new(TableValues::F32(tables), blob.scene_box().as_ref()),
+            None => in_file,
+        };
+        (Weights::unpacked(tier, own), Proposer::of_unpacked(blob, tier, proposal), tables)
     }
 
     /// The scene of `blob` with what was unpacked before, and the box around what its occupancy grid has.
@@ -130,11 +147,10 @@ impl<'a> Renderer<'a> {
     pub(crate) fn of_unpacked(
         blob: Blob<'a>,
         tier: Tier,
-        unpacked: [&'a [f32]; 2],
+        unpacked: [&'a [f32]; 3],
         occupied: Option<SceneBox>,
     ) -> Option<Self> {
-        let (weights, proposer) = Self::unpacked(&blob, tier, unpacked);
-        let tables = Self::tables_of(&blob);
+        let (weights, proposer, tables) = Self::unpacked(&blob, tier, unpacked);
         let network = Network::with_grid(blob.architecture(), weights, tables, tier)?;
         Some(Self { blob, network, proposer, occupied })
     }

@@ -28,8 +28,8 @@ pub struct Scene {
     /// Checked once, and never changed.
     bytes: Box<[u8]>,
     tier: Tier,
-    /// The parameters of the network and of its proposal, unpacked for the tier.
-    unpacked: [Box<[f32]>; 2],
+    /// The parameters of the network and of its proposal, and the grid's tables, unpacked for the tier.
+    unpacked: [Box<[f32]>; 3],
     occupied: Option<SceneBox>,
 }
 

@@ -88,11 +88,12 @@ impl LookUp<'_> {
     fn live<V: Lanes>(&self, first: u32) -> u32 {
         let Self { occupancy, ray, bins, .. } = *self;
         let mut live = 0;
+        let whole = bins.whole_up_to(first + WIDTH - 1);
         if let Some(contraction) = self.contraction {
             let [near, far] = [first, first + WIDTH - 1].map(|bin| bins.at(bin, 0.5));
             let kept = contraction.keeps(ray, near, far);
             for from in (0..WIDTH).step_by(V::COUNT) {
-                let t: V = bins.middles(first + from);
+                let t: V = bins.middles(first + from, whole);
                 let points = if kept {
                     contraction.kept_lanes(points_at(ray, t.mul(V::splat(contraction.radius()))))
                 } else {
@@ -104,7 +105,7 @@ impl LookUp<'_> {
             return live;
         }
         for from in (0..WIDTH).step_by(V::COUNT) {
-            let points = points_at::<V>(ray, bins.middles(first + from));
+            let points = points_at::<V>(ray, bins.middles(first + from, whole));
             live |= occupancy.occupied_lanes(points) << from;
         }
         if live == 0 {

@@ -156,17 +156,28 @@ impl Bins {
         if t < far { t } else { far }
     }
 
-    /// The middles of a vector of bins from `first` on, a number below 2^23: [`Bins::at`] ½ of each.
+    /// Whether the middle of bin `last`, and of each before it, is that of a whole bin.
     #[inline(always)]
-    pub(crate) fn middles<V: Lanes>(&self, first: u32) -> V {
+    pub(crate) fn whole_up_to(&self, last: u32) -> bool {
+        let Ends { high, far, .. } = self.ends;
+        self.edge(last) < high && self.near + (last as f32 + 0.5) * self.delta < far
+    }
+
+    /// The middles of a vector of bins from `first` on, a number below 2^23: [`Bins::at`] ½ of each; `whole`: as
+    /// [`Bins::whole_up_to`] says of the last.
+    #[inline(always)]
+    pub(crate) fn middles<V: Lanes>(&self, first: u32, whole: bool) -> V {
         const LANES: [f32; MAX_LANES] =
             [0., 1., 2., 3., 4., 5., 6., 7., 8., 9., 10., 11., 12., 13., 14., 15.];
         let Ends { high, far, .. } = self.ends;
         let (near, delta, half) = (V::splat(self.near), V::splat(self.delta), V::splat(0.5));
         let i = V::splat(first as f32).add(V::load(&LANES));
-        let whole = near.add(i.add(half).mul(delta));
+        let middle = near.add(i.add(half).mul(delta));
+        if whole {
+            return middle;
+        }
         let cut = V::splat(high + 0.5 * (far - high));
-        let t = V::select(near.add(i.mul(delta)).less(V::splat(high)), whole, cut);
+        let t = V::select(near.add(i.mul(delta)).less(V::splat(high)), middle, cut);
         V::select(t.less(V::splat(far)), t, V::splat(far))
     }
 

@@ -6,6 +6,9 @@ use crate::math::lanes::Lanes;
 use crate::ray::{Ray, SceneBox};
 use glam::Vec3;
 
+/// Cells that f32 counts, and [`Lanes::to_indices`] takes.
+const EXACT_CELLS: u64 = 1 << 23;
+
 /// A borrowed bit per cell of the scene box, x slowest.
 #[derive(Clone, Copy, Debug)]
 pub struct OccupancyGrid<'a> {
@@ -45,14 +48,22 @@ impl<'a> OccupancyGrid<'a> {
     #[inline(always)]
     pub(crate) fn occupied_lanes<V: Lanes>(&self, points: [V; 3]) -> u32 {
         let (min, scale) = (self.bounds.min.to_array(), self.cells_per_unit.to_array());
-        let mut index = V::Indices::splat(0);
-        for axis in 0..3 {
-            let side = u32::from(self.resolution[axis]);
-            let at = points[axis].sub(V::splat(min[axis])).mul(V::splat(scale[axis]));
+        let mut cells = points;
+        for (axis, cell) in cells.iter_mut().enumerate() {
+            let at = cell.sub(V::splat(min[axis])).mul(V::splat(scale[axis]));
             // As in `cell_of`.
-            let cell = at.floor().min_of(V::splat(side.saturating_sub(1) as f32)).max_of(V::splat(0.0));
-            index = index.mul(V::Indices::splat(side)).add(cell.to_indices());
+            let last = V::splat(f32::from(self.resolution[axis].saturating_sub(1)));
+            *cell = at.floor().min_of(last).max_of(V::splat(0.0));
         }
+        let ([x, y, z], [_, ny, nz]) = (cells, self.resolution);
+        let count: u64 = self.resolution.iter().map(|&side| u64::from(side)).product();
+        let index = if count <= EXACT_CELLS {
+            let row = x.mul_add(V::splat(f32::from(ny)), y);
+            row.mul_add(V::splat(f32::from(nz)), z).to_indices()
+        } else {
+            let row = x.to_indices().mul(V::Indices::splat(ny.into())).add(y.to_indices());
+            row.mul(V::Indices::splat(nz.into())).add(z.to_indices())
+        };
         V::bits(self.bits, index)
     }
 

@@ -8,7 +8,7 @@ use glam::Vec3;
 use std::vec;
 
 /// Every bin of every ray, asked one by one, on each tier: near and far boxes, rays along axes and faces, bins that
-/// are cut, windows that end beyond the bins.
+/// are cut, windows that end beyond the bins, more cells than f32 counts for certain.
 #[test]
 fn windows_find_the_bins_that_asking_at_each_finds() {
     let boxes = [
@@ -19,7 +19,7 @@ fn windows_find_the_bins_that_asking_at_each_finds() {
     let (mut live, mut asked) = (0u32, 0u32);
     for (k, bounds) in boxes.iter().enumerate() {
         let sides = bounds.max - bounds.min;
-        for resolution in [[1, 1, 1], [5, 3, 8], [32, 31, 33]] {
+        for resolution in [[1, 1, 1], [5, 3, 8], [32, 31, 33], [300, 200, 180]] {
             let cells: usize = resolution.iter().map(|&side| usize::from(side)).product();
             let bits: vec::Vec<u8> = noise(cells.div_ceil(8), 7 + k as u32)
                 .iter()
