@@ -205,6 +205,9 @@ pub struct SamplingConfig {
     /// An unbounded scene, contracted around what the cameras look at: the power that its steps grow with, 1, 2 or 4.
     /// Beside a grid only.
     pub contraction: Option<u8>,
+    /// Weight of the distortion loss in an unbounded scene, lengths in sides of its cube: the weights of a ray draw
+    /// together. 0 for none.
+    pub distortion: f32,
 }
 
 /// What the data says of what lies around a scene.
@@ -294,6 +297,7 @@ impl Preset {
                     far: None,
                     scene_box: None,
                     contraction: None,
+                    distortion: 0.01,
                 },
                 occupancy: OccupancyConfig {
                     skip: true,
@@ -345,6 +349,7 @@ impl Preset {
                     far: None,
                     scene_box: None,
                     contraction: None,
+                    distortion: 0.01,
                 },
                 occupancy: OccupancyConfig {
                     skip: true,
@@ -396,6 +401,7 @@ impl Preset {
                     far: None,
                     scene_box: None,
                     contraction: None,
+                    distortion: 0.01,
                 },
                 occupancy: OccupancyConfig {
                     skip: false,
@@ -488,6 +494,8 @@ impl Config {
             // Its samples are trained where light reaches them, which culled space is not.
             rule("occupancy.empty_share", g.empty_share == 0.0, "0 beside a grid", g.empty_share)?;
         }
+        let sound = s.distortion.is_finite() && s.distortion >= 0.0;
+        rule("sampling.distortion", sound, "finite, at least 0", s.distortion)?;
         if let Some(power) = s.contraction {
             let field = "sampling.contraction";
             rule(field, Contraction::POWERS.contains(&power), "1, 2 or 4", power)?;

@@ -46,6 +46,8 @@ pub struct RayBank<'d> {
     jitter: Jitter,
     images: usize,
     random_background: bool,
+    /// Weight of the distortion loss in an unbounded scene.
+    distortion: f32,
     seed: u64,
 }
 
@@ -132,6 +134,7 @@ impl<'d> RayBank<'d> {
             jitter: config.sampling.jitter,
             images: config.sampling.images,
             random_background: config.sampling.random_background,
+            distortion: config.sampling.distortion,
             seed: config.seed,
         })
     }
@@ -241,6 +244,7 @@ impl<'d> RayBank<'d> {
     ) -> Duration {
         batch.clear();
         batch.faint = Some((self.seed, step));
+        batch.distortion = self.distortion / (self.bounds.max - self.bounds.min).max_element();
         let far = contraction.step_at(self.far);
         let chunks: Vec<Marched> = (0..rays.div_ceil(CONTRACTED_CHUNK))
             .into_par_iter()

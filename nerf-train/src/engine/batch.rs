@@ -32,6 +32,9 @@ pub struct Batch {
     /// Where samples of little weight are kept by chance, so that fog of them is learned from: the seed and the step of the
     /// draw. Otherwise none of them is. Of a grid's batches only.
     pub faint: Option<(u64, u64)>,
+    /// Weight of the distortion loss, per unit of length of the space that the positions are in; 0 for none. Of a grid's
+    /// batches only.
+    pub distortion: f32,
 }
 
 impl Batch {
@@ -75,8 +78,10 @@ impl Batch {
                 return bad("empty", index);
             }
         }
-        if !self.empty_weight.is_finite() {
-            return bad("empty_weight", 0);
+        for (field, weight) in [("empty_weight", self.empty_weight), ("distortion", self.distortion)] {
+            if !weight.is_finite() {
+                return bad(field, 0);
+            }
         }
         Ok(())
     }

@@ -19,6 +19,7 @@
 //! measured to be worth it on a CPU.
 
 mod adam;
+mod distortion;
 mod layers;
 mod pass;
 mod scatter;

@@ -1,5 +1,6 @@
 //! One accumulator's work: chunks of rays, forward and backward.
 
+use super::distortion::distortion_gradient;
 use super::layers::{Layer, LayerSums, Layers, padded};
 use super::scatter::Kept;
 use super::vector::{VECTOR, exponentials, mask, sigmoids, to_rows, transmitted};
@@ -106,6 +107,10 @@ pub(super) struct Scratch {
     after: Vec<f32>,
     /// How many samples of its kind each stands for: 1, but of faint ones that were drawn.
     stands_for: Vec<f32>,
+    /// Of a ray's kept samples: how many times their weight counts, the gaps in front of them, the distortion's gradient.
+    counted: Vec<f32>,
+    gaps: Vec<f32>,
+    distortion: Vec<f32>,
     kept_encoded: Vec<f32>,
     kept_hidden: Vec<Vec<f32>>,
     coloured: Vec<Vec<f32>>,
@@ -432,6 +437,27 @@ impl Scratch {
         extra.forward(job.tier, count, &self.dir_rows, width, &mut self.shares, Init::Zero, false);
     }
 
+    /// The gradient of the distortion loss by the weight of each of a ray's kept samples.
+    fn distort(&mut self, batch: &Batch, kept: Range<usize>) {
+        self.distortion.clear();
+        self.distortion.resize(kept.len(), 0.0);
+        if batch.distortion == 0.0 {
+            return;
+        }
+        let position = |i: usize| batch.positions[self.index_of[self.kept_row[i] as usize] as usize];
+        let gap = |i: usize| {
+            let (from, to) = (position(i.saturating_sub(1).max(kept.start)), position(i));
+            (0..3).map(|axis| (to[axis] - from[axis]).powi(2)).sum::<f32>().sqrt()
+        };
+        self.counted.clear();
+        self.counted.extend(kept.clone().map(|i| self.stands_for[i] * self.weight[i]));
+        self.gaps.clear();
+        self.gaps.extend(kept.clone().map(gap));
+        distortion_gradient(&self.counted, &self.gaps, &mut self.distortion);
+        let weight = batch.distortion / batch.rays.len() as f32;
+        self.distortion.iter_mut().for_each(|g| *g *= weight);
+    }
+
     /// Sum of the pixels' squared errors; the gradients of colours before their sigmoid in `upper`, of raw densities in `d_raw`.
     fn loss(&mut self, job: &Job<'_>, batch: &Batch, rays: Range<usize>) -> f64 {
         let mut squared = 0.0;
@@ -441,9 +467,11 @@ impl Scratch {
         grow(&mut self.d_raw, padded(kept) * VECTOR);
         self.d_raw[..kept * VECTOR].fill(0.0);
         let empty = Vec::new();
-        let rgb = if kept > 0 { self.coloured.last().unwrap_or(&empty) } else { &empty };
         let scale = 2.0 / (3 * batch.rays.len()) as f32;
-        for (state, ray) in self.rays.iter().zip(&batch.rays[rays]) {
+        for (index, ray) in batch.rays[rays].iter().enumerate() {
+            let state = self.rays[index];
+            self.distort(batch, state.kept.0..state.kept.1);
+            let rgb = if kept > 0 { self.coloured.last().unwrap_or(&empty) } else { &empty };
             let mut seen = ray.background.map(|c| c * state.left);
             let range = state.kept.0..state.kept.1;
             for i in range.clone() {
@@ -455,7 +483,8 @@ impl Scratch {
             squared += error.iter().map(|&e| f64::from(e) * f64::from(e)).sum::<f64>();
             let gradient = error.map(|e| scale * e);
             let mut behind = ray.background.map(|c| c * state.left);
-            for i in range.rev() {
+            let mut distorted = 0.0;
+            for (i, of_weight) in range.zip(&self.distortion).rev() {
                 let (mut of_depth, stands_for) = (0.0, self.stands_for[i]);
                 let weight = stands_for * self.weight[i];
                 for k in 0..3 {
@@ -467,6 +496,8 @@ impl Scratch {
                 if job.layers.density.is_none() {
                     continue;
                 }
+                of_depth += of_weight * self.after[i] - distorted;
+                distorted += weight * of_weight;
                 let row = self.kept_row[i] as usize;
                 // sigma' = sigma below the limit of the exponential, and 0 above.
                 let sigma = self.sigma[row];

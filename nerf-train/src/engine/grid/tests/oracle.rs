@@ -98,6 +98,8 @@ fn evaluate(m: &Model, bounds: &SceneBox, p: &[f64], x: &[f32; 3], dir: &[f32; 3
 pub(super) struct Found {
     /// Mean over rays and channels of the squared error.
     pub loss: f64,
+    /// Mean over rays of the distortion, times its weight.
+    pub distortion: f64,
     /// The smallest weight of a sample.
     pub least_weight: f64,
     /// The smallest transmittance in front of a sample.
@@ -106,10 +108,11 @@ pub(super) struct Found {
 
 /// The batch's loss.
 pub(super) fn loss(m: &Model, bounds: &SceneBox, p: &[f64], batch: &Batch) -> Found {
-    let mut found = Found { loss: 0.0, least_weight: f64::INFINITY, least_transmittance: 1.0 };
+    let mut found = Found { loss: 0.0, distortion: 0.0, least_weight: f64::INFINITY, least_transmittance: 1.0 };
     let mut first = 0;
     for ray in &batch.rays {
         let (mut shown, mut transmittance) = ([0.0; 3], 1.0f64);
+        let (mut along, mut weights) = (0.0f64, Vec::new());
         for i in first..first + ray.samples as usize {
             let (sigma, colour) = evaluate(m, bounds, p, &batch.positions[i], &ray.dir);
             let alpha = -(-sigma * f64::from(batch.deltas[i])).exp_m1();
@@ -118,13 +121,22 @@ pub(super) fn loss(m: &Model, bounds: &SceneBox, p: &[f64], batch: &Batch) -> Fo
             found.least_transmittance = found.least_transmittance.min(transmittance);
             shown.iter_mut().zip(&colour).for_each(|(shown, colour)| *shown += weight * colour);
             transmittance *= 1.0 - alpha;
+            if i > first {
+                let [from, to] = [i - 1, i].map(|i| batch.positions[i].map(f64::from));
+                along += (0..3).map(|axis| (to[axis] - from[axis]).powi(2)).sum::<f64>().sqrt();
+            }
+            weights.push((weight, along));
         }
         first += ray.samples as usize;
+        for (w, s) in &weights {
+            found.distortion += weights.iter().map(|(v, t)| w * v * (s - t).abs()).sum::<f64>();
+        }
         for (k, shown) in shown.into_iter().enumerate() {
             let error = shown + transmittance * f64::from(ray.background[k]) - f64::from(ray.rgb[k]);
             found.loss += error * error;
         }
     }
     found.loss /= (3 * batch.rays.len()).max(1) as f64;
+    found.distortion *= f64::from(batch.distortion) / batch.rays.len().max(1) as f64;
     found
 }
