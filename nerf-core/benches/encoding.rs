@@ -8,7 +8,7 @@ mod support;
 
 use nerf_core::MathBackend;
 use nerf_core::encoding::{GridEncoding, GridTables, TableValues, encode_block, encode_grid_block};
-use nerf_core::kernels::BLOCK;
+use nerf_core::simd::BLOCK;
 use std::hint::black_box;
 use support::networks::pi;
 use support::{Table, noise, tiers};

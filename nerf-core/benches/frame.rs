@@ -5,7 +5,8 @@
 
 mod support;
 
-use nerf_core::kernels::{Line, Tier};
+use nerf_core::memory::Line;
+use nerf_core::simd::Tier;
 use nerf_core::{Batch, Blob, Outputs, Pixel, Plan, Quality, Rect, Renderer};
 use std::hint::black_box;
 use std::process::Command;

@@ -3,8 +3,9 @@
 mod support;
 
 use nerf_core::MathBackend;
-use nerf_core::kernels::{BLOCK, Gemm, Init, PairedInput, PairedOutput, dense_bf16, gemm, pair, pairs};
+use nerf_core::matrix::{Gemm, Init, PairedInput, PairedOutput, dense_bf16, gemm, pair, pairs};
 use nerf_core::network::{Network, Weights};
+use nerf_core::simd::BLOCK;
 use std::hint::black_box;
 use support::networks::{Activations, halves, seed};
 use support::{Table, noise, tiers};

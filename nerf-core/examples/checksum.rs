@@ -5,12 +5,13 @@
 //! builds with and without the features.
 
 use nerf_core::blob::Blob;
-use nerf_core::camera::{Camera, CameraError, Intrinsics, Pose};
-use nerf_core::effects::{EffectError, Effects, Jitter, ThinLens, Tone, ToneMap};
-use nerf_core::kernels::{Line, Tier};
-use nerf_core::lens::Lens;
-use nerf_core::plan::{Batch, Outputs, Plan, PlanError, Quality};
+use nerf_core::camera::{Camera, CameraError, Intrinsics, Lens, Pose};
+use nerf_core::memory::Line;
+use nerf_core::plan::{
+    Batch, EffectError, Effects, Jitter, Outputs, Plan, PlanError, Quality, ThinLens, Tone, ToneMap,
+};
 use nerf_core::render::{Rect, Renderer};
+use nerf_core::simd::Tier;
 use nerf_core::volume::Pixel;
 use std::error::Error;
 

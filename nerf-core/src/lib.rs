@@ -31,10 +31,10 @@
 //! colour branch in the same blocks, and what comes out is the pixel
 //! ([`Renderer::render_picture`]).
 //!
-//! Modules stand in the order data flows: [`camera`] and [`lens`] make a [`ray`], [`sampling`] says
-//! where on it the network is asked, [`encoding`] and [`network`] answer, [`volume`] adds up,
-//! [`plan`] decides which of these a frame needs, and [`render`] runs them. [`blob`] is the file;
-//! [`math`] and [`kernels`] are what the stages are made of.
+//! Modules stand in the order data flows, and each uses those above it: the stages are made of [`memory`], [`simd`],
+//! [`math`] and [`matrix`]; [`camera`] makes rays, [`sampling`] says where on them the network is asked, [`encoding`] and
+//! [`network`] answer, [`volume`] adds up. [`blob`] is the file, [`plan`] decides what of it a frame needs, and [`render`]
+//! runs it.
 //!
 //! # Conventions
 //!
@@ -43,7 +43,7 @@
 //! | world | right-handed; the units are the scene's own |
 //! | camera | looks down −Z, +Y up, +X right; a [`Pose`] is camera-to-world (Blender, OpenGL) |
 //! | pixels | (0, 0) is top left and its centre is (0.5, 0.5); `fx fy cx cy` in pixels |
-//! | [`ray::Ray::dir`] | unit length, so `t`, `near` and `far` are world units **along the ray** |
+//! | [`camera::Ray::dir`] | unit length, so `t`, `near` and `far` are world units **along the ray** |
 //! | `ray_distance` | mean of `t` under the weights, world units along the ray |
 //! | `z_depth` | `ray_distance` times the cosine between ray and view axis |
 //! | `median_distance` | first `t` at which the transmittance is below one half, `far` where there is none |
@@ -53,7 +53,7 @@
 //! | `alpha` | `−expm1(−sigma delta)`: what one bin keeps of the light |
 //! | `transmittance` | `exp(−Σ sigma delta)` over the bins in front, summed in log space, compensated |
 //! | `weights`, `opacity` | `transmittance · alpha`; their sum, `<= 1` |
-//! | samples | where a ray is in the scene box, wherever the camera is: at the step the scene names, or in its bins from near to far and as many more as the box needs; of an unbounded scene from near on, at steps that grow beyond its ball ([`contraction::Contraction`]) |
+//! | samples | where a ray is in the scene box, wherever the camera is: at the step the scene names, or in its bins from near to far and as many more as the box needs; of an unbounded scene from near on, at steps that grow beyond its ball ([`camera::Contraction`]) |
 //! | `far` | one number for all pixels of a camera: the scene's far, or the farthest corner of its box if that is farther ([`Plan::far_from`]); of an unbounded scene its far behind the middle |
 //! | last bin | finite: a march's ends where the ray leaves the box |
 //! | colour | display-encoded (sRGB, as the training images were), `[0, 1]`, composited in that space |
@@ -68,16 +68,16 @@
 //! | --- | --- | --- |
 //! | `libm` | yes | `MathBackend::Libm` |
 //! | `micromath` | yes | `MathBackend::Micromath`: small and rough |
-//! | `jitter` | yes | [`effects::Jitter`]: samples at random places in their bins |
+//! | `jitter` | yes | [`plan::Jitter`]: samples at random places in their bins |
 //! | `anti-aliasing` | yes | several rays a pixel |
-//! | `depth-of-field` | yes | [`effects::ThinLens`]: an aperture that is no pinhole |
-//! | `tone-map` | yes | [`effects::Tone`]: exposure, tone curve, linear output |
+//! | `depth-of-field` | yes | [`plan::ThinLens`]: an aperture that is no pinhole |
+//! | `tone-map` | yes | [`plan::Tone`]: exposure, tone curve, linear output |
 //! | `lens` | yes | lens distortion ([`Lens`]) |
 //! | `median` | yes | the output `median_distance` |
 //! | `normals` | yes | the output `normals`: the gradient of the density, backward through the network |
 //! | `proposal` | yes | samples drawn from a coarse proposal network, where a scene has one |
 //! | `grid` | yes | learned multiresolution grids ([`encoding::GridEncoding`]), and spherical harmonics |
-//! | `contraction` | yes | unbounded scenes ([`contraction::Contraction`]) |
+//! | `contraction` | yes | unbounded scenes ([`camera::Contraction`]) |
 //! | `std` | yes | [`host`]: scenes that own their bytes, files, threads |
 //! | `train` | no | backward kernels, for trainers |
 //!
@@ -174,31 +174,18 @@
 //! the inner loops, with measured errors) and `docs/numerics.md` (worst errors, case by case, beside their
 //! bounds).
 
+pub mod blob;
 pub mod camera;
-pub mod lens;
-
-#[cfg(feature = "contraction")]
-pub mod contraction;
-#[cfg(not(feature = "contraction"))]
-#[path = "contraction_off.rs"]
-pub mod contraction;
-pub mod ray;
-pub mod sampling;
-
 pub mod encoding;
+pub mod math;
+pub mod matrix;
+pub mod memory;
 pub mod network;
-
-pub mod volume;
-
-pub mod effects;
-
 pub mod plan;
 pub mod render;
-
-pub mod blob;
-
-pub mod kernels;
-pub mod math;
+pub mod sampling;
+pub mod simd;
+pub mod volume;
 
 #[cfg(feature = "std")]
 pub mod host;
@@ -210,13 +197,12 @@ mod testing;
 extern crate std;
 
 pub use blob::Blob;
-pub use camera::{Camera, Intrinsics, Pose};
-pub use effects::Effects;
+pub use camera::{Camera, Intrinsics, Lens, Pose};
 #[cfg(feature = "std")]
 pub use host::{Image, Scene};
-pub use kernels::{Line, Tier};
-pub use lens::Lens;
 pub use math::MathBackend;
-pub use plan::{Batch, Choice, Outputs, Plan, Preset, Quality};
+pub use memory::Line;
+pub use plan::{Batch, Choice, Effects, Outputs, Plan, Preset, Quality};
 pub use render::{Counters, Rect, Renderer, Target, Worker};
+pub use simd::Tier;
 pub use volume::Pixel;

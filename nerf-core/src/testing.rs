@@ -6,8 +6,8 @@ use crate::blob::{
     self, Body, Content, ParetoFront, PictureFacts, Provenance, SceneFacts, SceneSampling, StoredOccupancy,
 };
 use crate::encoding::{AngleScale, PositionEncoding, SinusoidalEncoding};
-use crate::kernels::Tier;
 use crate::network::{Architecture, DensityActivation, TrunkLayer};
+use crate::simd::Tier;
 use std::vec;
 use std::vec::Vec;
 

@@ -6,7 +6,7 @@ use crate::status::Status;
 use core::ffi::c_char;
 use core::fmt::{self, Write};
 use core::mem::MaybeUninit;
-use nerf_core::kernels::Line;
+use nerf_core::memory::Line;
 
 /// Largest `struct_size` that is believed: beyond it the field is garbage, not a later version.
 const MAX_STRUCT_SIZE: usize = 4096;

@@ -6,8 +6,7 @@ use crate::span::Span;
 use crate::status::Status;
 use core::ffi::c_char;
 use glam::Vec3;
-use nerf_core::camera::{self, Intrinsics, Pose};
-use nerf_core::lens::{Lens, Projection};
+use nerf_core::camera::{self, Intrinsics, Lens, Pose, Projection};
 
 /// What the coefficients of a `nerf_camera`'s lens are of.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -2,7 +2,7 @@
 
 use crate::failure::Failure;
 use crate::render_options::{at_most, flag};
-use nerf_core::effects;
+use nerf_core::plan;
 
 /// What brings light beyond 1 back into the picture: a curve on each linear channel.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -58,21 +58,21 @@ impl Effects {
     };
 
     /// The same for the renderer, which checks the ranges of what is no integer.
-    pub(crate) fn read(&self) -> Result<effects::Effects, Failure> {
+    pub(crate) fn read(&self) -> Result<plan::Effects, Failure> {
         if self.reserved != [0; 5] {
             return Err(Failure::Reserved("options.effects.reserved"));
         }
-        let most = effects::Effects::MAX_RAYS.into();
+        let most = plan::Effects::MAX_RAYS.into();
         let rays = at_most("options.effects.anti_aliasing", "0 to 256", self.anti_aliasing, most)?;
         let jitter = flag("options.effects.jitter", self.jitter)?;
-        Ok(effects::Effects {
-            jitter: jitter.then_some(effects::Jitter { seed: self.seed }),
+        Ok(plan::Effects {
+            jitter: jitter.then_some(plan::Jitter { seed: self.seed }),
             anti_aliasing: rays.max(1) as u16,
-            depth_of_field: Some(effects::ThinLens {
+            depth_of_field: Some(plan::ThinLens {
                 aperture_radius: self.aperture_radius,
                 focus_distance: self.focus_distance,
             }),
-            tone: effects::Tone {
+            tone: plan::Tone {
                 exposure: self.exposure,
                 map: tone_map(self.tone_map)?,
                 linear: flag("options.effects.linear", self.linear)?,
@@ -81,14 +81,14 @@ impl Effects {
     }
 }
 
-fn tone_map(found: u32) -> Result<effects::ToneMap, Failure> {
+fn tone_map(found: u32) -> Result<plan::ToneMap, Failure> {
     const NONE: u32 = ToneMap::None as u32;
     const REINHARD: u32 = ToneMap::Reinhard as u32;
     const FILMIC: u32 = ToneMap::Filmic as u32;
     match found {
-        NONE => Ok(effects::ToneMap::None),
-        REINHARD => Ok(effects::ToneMap::Reinhard),
-        FILMIC => Ok(effects::ToneMap::Filmic),
+        NONE => Ok(plan::ToneMap::None),
+        REINHARD => Ok(plan::ToneMap::Reinhard),
+        FILMIC => Ok(plan::ToneMap::Filmic),
         _ => Err(Failure::Setting { name: "options.effects.tone_map", expected: "a nerf_tone_map", found }),
     }
 }

@@ -5,7 +5,7 @@ use crate::status::Status;
 use core::fmt;
 use nerf_core::blob::BlobError;
 use nerf_core::camera::CameraError;
-use nerf_core::kernels::Line;
+use nerf_core::memory::Line;
 use nerf_core::plan::PlanError;
 use nerf_core::render::RenderError;
 

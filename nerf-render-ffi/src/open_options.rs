@@ -2,7 +2,7 @@
 
 use crate::boundary::{Versioned, read_versioned};
 use crate::failure::Failure;
-use nerf_core::kernels::Tier;
+use nerf_core::simd::Tier;
 
 /// A kernel tier: which instructions the inner loops use.
 ///

@@ -9,7 +9,7 @@ use crate::status::Status;
 use crate::workspace::{Workspace, read_outputs};
 use core::ffi::{c_char, c_void};
 use nerf_core::blob::MAX_FRONT;
-use nerf_core::kernels::Line;
+use nerf_core::memory::Line;
 use nerf_core::plan::{Plan, Quality};
 
 /// What a frame takes at each point of a scene's front, on one thread of this host.

@@ -10,8 +10,8 @@ use crate::status::Status;
 use crate::workspace::Workspace;
 use core::ffi::{c_char, c_void};
 use glam::Vec3;
+use nerf_core::camera::is_unit;
 use nerf_core::plan::Outputs;
-use nerf_core::ray::is_unit;
 use nerf_core::render::{self, RenderError};
 
 /// Points that are copied in and out together.

@@ -14,7 +14,7 @@ use crate::tile_pixels::TilePixels;
 use crate::tiles::{Watcher, render_tiles};
 use crate::workspace::Workspace;
 use core::ffi::{c_char, c_void};
-use nerf_core::kernels::Line;
+use nerf_core::memory::Line;
 use nerf_core::render;
 use nerf_core::volume::Pixel;
 

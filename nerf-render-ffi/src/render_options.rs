@@ -4,10 +4,9 @@ use crate::boundary::{Versioned, read_versioned};
 use crate::effects::Effects;
 use crate::failure::Failure;
 use nerf_core::blob::{Blob, MAX_SAMPLES};
-use nerf_core::effects::{self, Tone};
-use nerf_core::kernels::{BLOCK, Tier};
 use nerf_core::math::MathBackend;
-use nerf_core::plan::{Batch, Outputs, Plan, PlanError, Quality};
+use nerf_core::plan::{self, Batch, Outputs, Plan, PlanError, Quality, Tone};
+use nerf_core::simd::{BLOCK, Tier};
 
 /// Most rays in flight: the pixels of one tile.
 const MAX_RAYS: u32 = 256;
@@ -123,7 +122,7 @@ pub(crate) struct Settings {
     range: (f32, f32),
     own_bins: bool,
     pub batch: Batch,
-    effects: effects::Effects,
+    effects: plan::Effects,
 }
 
 impl Settings {

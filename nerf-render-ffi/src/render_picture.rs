@@ -13,7 +13,7 @@ use crate::tile_pixels::TilePixels;
 use crate::tiles::{Watcher, render_tiles};
 use crate::workspace::{Workspace, size};
 use core::ffi::{c_char, c_void};
-use nerf_core::kernels::Line;
+use nerf_core::memory::Line;
 use nerf_core::plan::Outputs;
 use nerf_core::render::{self, RenderError, Renderer};
 use nerf_core::volume::Pixel;

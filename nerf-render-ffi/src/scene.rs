@@ -7,8 +7,9 @@ use crate::span::{Span, check_aligned};
 use crate::status::Status;
 use core::ffi::{c_char, c_void};
 use nerf_core::blob::Blob;
-use nerf_core::kernels::{Line, Tier, lines_for};
+use nerf_core::memory::{Line, lines_for};
 use nerf_core::render::Renderer;
+use nerf_core::simd::Tier;
 
 /// An opened scene: lies at the beginning of the memory it was opened in and borrows the blob.
 ///

@@ -10,7 +10,7 @@ use core::ffi::{CStr, c_char};
 use core::fmt;
 use core::ptr::NonNull;
 use nerf_core::blob::{Blob, BlobError, HEADER_LEN};
-use nerf_core::kernels::Line;
+use nerf_core::memory::Line;
 use std::fs::File;
 use std::io::{self, Read};
 

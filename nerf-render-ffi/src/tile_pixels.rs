@@ -1,6 +1,6 @@
 //! A tile's pixels, finished aside.
 
-use nerf_core::kernels::{Layout, Measure};
+use nerf_core::memory::{Layout, Measure};
 use nerf_core::plan::Outputs;
 use nerf_core::volume::Pixel;
 

@@ -6,7 +6,7 @@ use crate::target::Canvas;
 use crate::tile_pixels::TilePixels;
 use crate::workspace::{Workspace, tile_size};
 use core::ffi::c_void;
-use nerf_core::kernels::Line;
+use nerf_core::memory::Line;
 use nerf_core::plan::Batch;
 use nerf_core::render::{Counters, Rect};
 

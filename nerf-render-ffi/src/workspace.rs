@@ -8,7 +8,7 @@ use crate::span::Span;
 use crate::status::Status;
 use crate::tile_pixels::TilePixels;
 use core::ffi::{c_char, c_void};
-use nerf_core::kernels::{Arena, Line};
+use nerf_core::memory::{Arena, Line};
 use nerf_core::plan::{Batch, Outputs};
 
 /// Colour is wanted.

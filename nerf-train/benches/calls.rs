@@ -6,9 +6,10 @@
 
 use nerf_core::blob::Blob;
 use nerf_core::camera::{Camera, Intrinsics};
-use nerf_core::kernels::{Line, Tier};
+use nerf_core::memory::Line;
 use nerf_core::plan::{Batch, Outputs, Plan, Quality};
 use nerf_core::render::{Rect, Renderer};
+use nerf_core::simd::Tier;
 use nerf_core::volume::Pixel;
 use nerf_train::demo_scene::{self, DemoSpec};
 use std::hint::black_box;

@@ -4,7 +4,7 @@
 //! scene, `NERF_BENCH_UNBOUNDED=1` as photographs of an unbounded scene, `NERF_BENCH_STEPS=N` times N steps after as many
 //! that are not timed. On a quiet machine.
 
-use nerf_core::kernels::Tier;
+use nerf_core::simd::Tier;
 use nerf_train::config::Preset;
 use nerf_train::dataset::{self, ReadOptions};
 use nerf_train::demo_scene::{self, DemoSpec};

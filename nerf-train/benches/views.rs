@@ -6,9 +6,10 @@
 
 use nerf_core::blob::Blob;
 use nerf_core::camera::{Camera, Intrinsics};
-use nerf_core::kernels::{Line, Tier};
+use nerf_core::memory::Line;
 use nerf_core::plan::{Batch, Outputs, Plan, Quality};
 use nerf_core::render::Renderer;
+use nerf_core::simd::Tier;
 use nerf_train::dataset::{self, ReadOptions, View};
 use nerf_train::frame::{Frame, render};
 use nerf_train::report::metrics::psnr_db;

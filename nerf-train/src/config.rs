@@ -10,7 +10,7 @@ use crate::engine::{Adam, Model};
 use crate::quantise::{ROUNDED_FROM, TableStorage};
 use glam::Vec3;
 use nerf_core::blob::MAX_SAMPLES;
-use nerf_core::contraction::Contraction;
+use nerf_core::camera::Contraction;
 use nerf_core::encoding::{
     AngleScale, DirectionEncoding, GridEncoding, MAX_GRID_LEVELS, MAX_GRID_RESOLUTION, MAX_HARMONICS_DEGREE,
     MAX_LEVELS, MAX_LOG2_ENTRIES, PositionEncoding, SinusoidalEncoding,

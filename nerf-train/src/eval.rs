@@ -5,9 +5,10 @@ use crate::frame::{self, Frame};
 use crate::report::metrics::{psnr_db, ssim_of};
 use nerf_core::blob::{Blob, BlobError};
 use nerf_core::encoding::{GridEncoding, GridTables, TableValues};
-use nerf_core::kernels::{Line, Tier};
+use nerf_core::memory::Line;
 use nerf_core::plan::{Batch, Outputs, Plan, PlanError, Quality};
 use nerf_core::render::{Counters, RenderError, Renderer};
+use nerf_core::simd::Tier;
 use serde::Serialize;
 
 /// One view's figures.

@@ -4,12 +4,10 @@ use crate::dataset::{Background, View};
 use crate::field::densities;
 use glam::Vec3;
 use nerf_core::blob::StoredOccupancy;
-use nerf_core::camera::Camera;
-use nerf_core::contraction::Contraction;
-use nerf_core::kernels::Tier;
+use nerf_core::camera::{Camera, Contraction, SceneBox};
 use nerf_core::network::Architecture;
-use nerf_core::ray::SceneBox;
 use nerf_core::sampling::{OccupancyGrid, Purpose, uniform};
+use nerf_core::simd::Tier;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 

@@ -1,9 +1,7 @@
 //! Cameras on a circle around a scene.
 
 use glam::Vec3;
-use nerf_core::camera::{Camera, CameraError, Intrinsics, Pose};
-use nerf_core::lens::Lens;
-use nerf_core::ray::SceneBox;
+use nerf_core::camera::{Camera, CameraError, Intrinsics, Lens, Pose, SceneBox};
 
 /// A circle of cameras that look at its centre.
 #[derive(Clone, Copy, Debug, PartialEq)]

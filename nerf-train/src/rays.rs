@@ -10,11 +10,9 @@ use glam::Vec3;
 pub use march::MarchCells;
 use march::{march, march_contracted};
 use nerf_core::blob::SceneSampling;
-use nerf_core::camera::Camera;
-use nerf_core::contraction::Contraction;
-use nerf_core::kernels::Tier;
-use nerf_core::ray::{Ray, SceneBox};
+use nerf_core::camera::{Camera, Contraction, Ray, SceneBox};
 use nerf_core::sampling::{Bins, OccupancyGrid, Purpose, uniform, uniform_u32};
+use nerf_core::simd::Tier;
 use rayon::prelude::*;
 use std::ops::Range;
 use std::time::{Duration, Instant};
@@ -100,7 +98,7 @@ impl<'d> RayBank<'d> {
         background: Background,
         bounds: Bounds,
         config: &Config,
-    ) -> Result<Self, nerf_core::ray::BoundsError> {
+    ) -> Result<Self, nerf_core::camera::BoundsError> {
         let mut starts = vec![0u64];
         for view in views {
             starts.push(starts[starts.len() - 1] + view.pixels.len() as u64);

@@ -2,8 +2,8 @@
 
 use crate::memory::Guarded;
 use nerf_core::camera;
-use nerf_core::kernels::Tier;
-use nerf_core::lens::Projection;
+use nerf_core::camera::Projection;
+use nerf_core::simd::Tier;
 use nerf_render as ffi;
 use std::ffi::{CStr, c_char, c_void};
 use std::ptr;

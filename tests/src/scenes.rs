@@ -4,16 +4,17 @@ use nerf_core::blob::{
     Blob, Body, Content, FrontPoint, ParetoFront, PictureFacts, Proposal, Provenance, SceneFacts,
     SceneSampling, StoredOccupancy, StoredTables, encoded_len, write,
 };
+use nerf_core::camera::Lens;
 use nerf_core::camera::{Camera, Intrinsics, Pose};
 use nerf_core::encoding::{
     AngleScale, DirectionEncoding, GridEncoding, PositionEncoding, SinusoidalEncoding,
 };
-use nerf_core::kernels::{Line, Tier};
-use nerf_core::lens::Lens;
 use nerf_core::math::MathBackend;
+use nerf_core::memory::Line;
 use nerf_core::network::{Architecture, DensityActivation, TrunkLayer};
 use nerf_core::plan::Batch;
 use nerf_core::render::{Rect, Renderer};
+use nerf_core::simd::Tier;
 
 /// A scene to be made.
 #[derive(Clone, Copy, Debug)]

@@ -1,8 +1,7 @@
 //! The multiply-adds a tier can do at most, measured: independent chains that never leave registers.
 
 use nerf_core::Tier;
-use nerf_core::kernels::Op;
-use nerf_core::math::lanes::Lanes;
+use nerf_core::simd::{Lanes, Op};
 use std::hint::black_box;
 use std::sync::Barrier;
 use std::time::Instant;

@@ -2,9 +2,8 @@
 
 use super::front::ParetoFront;
 use super::proposal::Proposal;
-use crate::contraction::Contraction;
+use crate::camera::{Contraction, SceneBox};
 use crate::network::Architecture;
-use crate::ray::SceneBox;
 use glam::Vec3;
 use serde::{Deserialize, Serialize};
 

@@ -9,11 +9,10 @@ use super::body::{
 use super::error::{BlobError, Section};
 use super::front;
 use super::proposal::Proposal;
-use crate::contraction::Contraction;
+use crate::camera::{BoundsError, Contraction, SceneBox};
 use crate::encoding::{AngleScale, SinusoidalEncoding};
 use crate::math::polynomial::SIN_COS_DOMAIN;
 use crate::network::{Architecture, Layers};
-use crate::ray::{BoundsError, SceneBox};
 use crate::sampling::Bins;
 use glam::Vec3;
 

@@ -1,9 +1,9 @@
 //! What can be wrong with a blob.
 
 use super::body::{MAX_PICTURE_SIDE, MAX_SAMPLES};
+use crate::camera::BoundsError;
 use crate::math::MathBackend;
 use crate::network::{ArchitectureError, Role};
-use crate::ray::BoundsError;
 use core::fmt;
 
 /// A part of the body, for messages.

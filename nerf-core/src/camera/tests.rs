@@ -1,7 +1,7 @@
 extern crate std;
 
 use super::*;
-use crate::lens::Lens;
+use crate::camera::Lens;
 use std::format;
 
 const IDENTITY: Pose = Pose { rotation: Mat3::IDENTITY, position: Vec3::ZERO };

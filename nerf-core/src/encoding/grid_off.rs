@@ -1,8 +1,8 @@
 //! In the place of `grid` where the feature is off: there is no grid, and no code that encodes by one.
 
-use crate::kernels::Tier;
+use crate::camera::SceneBox;
 use crate::network::ArchitectureError;
-use crate::ray::SceneBox;
+use crate::simd::Tier;
 use core::marker::PhantomData;
 use serde::{Deserialize, Serialize};
 
@@ -42,6 +42,11 @@ impl<'a> GridTables<'a> {
 
     /// Nothing.
     pub(crate) fn in_place(_bytes: &'a [u8], _scales: Option<&'a [u8]>, _bounds: Option<&SceneBox>) -> Self {
+        Self::NONE
+    }
+
+    /// Nothing.
+    pub(crate) fn widened(_values: &'a [f32], _bounds: Option<&SceneBox>) -> Self {
         Self::NONE
     }
 

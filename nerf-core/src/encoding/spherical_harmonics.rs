@@ -1,7 +1,7 @@
 //! Real spherical harmonics of a direction.
 
-use crate::kernels::{Op, Tier, head, head_mut, tail, tail_mut};
-use crate::math::lanes::Lanes;
+use crate::memory::{head, head_mut, tail, tail_mut};
+use crate::simd::{Lanes, Op, Tier};
 
 #[cfg(test)]
 mod tests;

@@ -1,6 +1,6 @@
 //! In the place of `spherical_harmonics` where the feature `grid` is off: networks that need them are refused.
 
-use crate::kernels::Tier;
+use crate::simd::Tier;
 
 /// Whether this build has spherical harmonics.
 pub(crate) const BUILT: bool = false;

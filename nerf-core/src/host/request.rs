@@ -2,11 +2,9 @@
 
 use super::{HostError, Image, Scene, threads};
 use crate::blob::Blob;
-use crate::camera::Camera;
-use crate::effects::Effects;
-use crate::kernels::Tier;
-use crate::plan::{Batch, Outputs, Plan, PlanError, Quality};
-use crate::ray::Ray;
+use crate::camera::{Camera, Ray};
+use crate::plan::{Batch, Effects, Outputs, Plan, PlanError, Quality};
+use crate::simd::Tier;
 use crate::volume::Pixel;
 use glam::Vec3;
 use std::num::NonZeroUsize;

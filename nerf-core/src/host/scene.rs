@@ -2,10 +2,9 @@
 
 use super::{HostError, Image, Request};
 use crate::blob::{Blob, BlobError};
-use crate::camera::Camera;
-use crate::kernels::Tier;
-use crate::ray::SceneBox;
+use crate::camera::{Camera, SceneBox};
 use crate::render::Renderer;
+use crate::simd::Tier;
 use std::boxed::Box;
 use std::path::Path;
 use std::vec;

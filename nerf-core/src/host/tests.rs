@@ -1,12 +1,11 @@
 use super::*;
-use crate::camera::{Camera, Intrinsics, Pose};
+use crate::camera::{Camera, Intrinsics, Lens, Pose, Ray};
 use crate::encoding::PositionEncoding;
-use crate::kernels::{Line, Tier};
-use crate::lens::Lens;
 use crate::math::MathBackend;
+use crate::memory::Line;
 use crate::plan::{Batch, Outputs, Plan, Quality};
-use crate::ray::Ray;
 use crate::render::{Rect, RenderError, Renderer, Worker};
+use crate::simd::Tier;
 use crate::testing::{architecture, body, bytes, every_kind, halve, parameters, pi, picture_body};
 use crate::volume::Pixel;
 use crate::{Blob, Effects};

@@ -1,11 +1,10 @@
 //! One frame on many threads: tiles are rendered where there is time, and put together under a lock.
 
 use super::Image;
-use crate::camera::Camera;
-use crate::kernels::Line;
+use crate::camera::{Camera, Ray};
 use crate::math::MathBackend;
+use crate::memory::Line;
 use crate::plan::{Batch, Plan};
-use crate::ray::Ray;
 use crate::render::{Counters, Rect, RenderError, Renderer};
 use crate::volume::Pixel;
 use glam::Vec3;

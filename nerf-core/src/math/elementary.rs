@@ -1,8 +1,7 @@
 //! One elementary function over a slice, on a tier: what tests and benchmarks of the backends call.
 
-use super::lanes::Lanes;
 use super::{Math, MathBackend, with_math};
-use crate::kernels::{Op, Tier};
+use crate::simd::{Lanes, Op, Tier};
 use core::marker::PhantomData;
 
 /// A function of [`Math`].

@@ -1,7 +1,7 @@
 //! The `libm` crate, lane by lane.
 
 use super::Math;
-use super::lanes::Lanes;
+use crate::simd::Lanes;
 
 /// See [`super::MathBackend::Libm`].
 pub struct Libm;

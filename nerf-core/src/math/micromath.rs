@@ -1,8 +1,8 @@
 //! The `micromath` crate, lane by lane.
 
 use super::Math;
-use super::lanes::Lanes;
 use super::polynomial::Polynomial;
+use crate::simd::Lanes;
 use micromath::F32Ext;
 
 /// See [`super::MathBackend::Micromath`].

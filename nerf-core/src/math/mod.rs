@@ -8,8 +8,6 @@
 //! | [`MathBackend::Recurrence`] | own at level 0, then angle doubling | own | own | own |
 
 mod elementary;
-pub mod gather;
-pub mod lanes;
 #[cfg(feature = "libm")]
 pub(crate) mod libm;
 #[cfg(feature = "micromath")]
@@ -22,7 +20,7 @@ mod tests;
 
 pub use elementary::Elementary;
 
-use lanes::Lanes;
+use crate::simd::Lanes;
 
 /// The implementation of the elementary functions.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Default)]
@@ -106,12 +104,6 @@ pub trait Math {
         let one = V::splat(1.0);
         one.div(one.add(Self::exp(x.neg())))
     }
-}
-
-/// `√x` for `x >= 0`, correctly rounded.
-#[inline]
-pub(crate) fn sqrt(x: f32) -> f32 {
-    ::libm::sqrtf(x)
 }
 
 /// Runs `$body` with `$M` bound to the [`Math`] of a backend, for what is no encoding: there the recurrence is the

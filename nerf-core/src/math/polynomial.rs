@@ -3,7 +3,7 @@
 //! Coefficients are minimax fits (Remez exchange in 40-digit arithmetic), rounded to f32.
 
 use super::Math;
-use super::lanes::Lanes;
+use crate::simd::Lanes;
 use core::f32::consts::{FRAC_2_PI, LN_2, LOG2_E, PI};
 
 /// The backend of this module's functions.

@@ -1,8 +1,8 @@
 //! Polynomials, but the encoding's levels follow each other by angle doubling.
 
 use super::Math;
-use super::lanes::Lanes;
 use super::polynomial::{self, Polynomial};
+use crate::simd::Lanes;
 
 /// See [`super::MathBackend::Recurrence`].
 pub struct Recurrence;

@@ -2,7 +2,6 @@
 
 extern crate std;
 
-use super::lanes::Lanes;
 #[cfg(feature = "libm")]
 use super::libm::Libm;
 #[cfg(feature = "micromath")]
@@ -10,7 +9,8 @@ use super::micromath::Micromath;
 use super::polynomial::Polynomial;
 use super::recurrence::Recurrence;
 use super::{Math, MathBackend};
-use crate::kernels::{Op, Tier};
+use crate::simd::Lanes;
+use crate::simd::{Op, Tier};
 use crate::testing::Worse;
 use half::f16;
 

@@ -11,11 +11,9 @@
 use super::architecture::{Layer, Role};
 use super::view::{Network, Scratch, Weights};
 use crate::encoding::{PositionEncoding, encode_gradient_block};
-use crate::kernels::{
-    Gemm, HalfInit, Init, f16_at, gemm, gemm_f16, head, head_mut, pairs, tail, tail_mut, transposed_bf16,
-    unpair,
-};
 use crate::math::MathBackend;
+use crate::matrix::{Gemm, HalfInit, Init, f16_at, gemm, gemm_f16, pairs, transposed_bf16, unpair};
+use crate::memory::{head, head_mut, tail, tail_mut};
 use core::ops::Range;
 
 #[cfg(test)]

@@ -2,8 +2,8 @@ extern crate std;
 
 use super::*;
 use crate::encoding::{AngleScale, SinusoidalEncoding};
-use crate::kernels::Tier;
 use crate::math::MathBackend;
+use crate::simd::Tier;
 use crate::testing::{Worse, architecture, every_kind, halve, noise, parameters, pi};
 use std::string::ToString;
 use std::vec;

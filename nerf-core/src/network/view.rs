@@ -4,12 +4,13 @@ use super::architecture::{Architecture, DensityActivation, EXPONENTIAL_LIMIT, La
 use crate::encoding::{
     DirectionEncoding, GridTables, PositionEncoding, encode_block, encode_harmonics_block,
 };
-use crate::kernels::{
-    Gemm, HalfInit, Init, Op, PairedInput, PairedOutput, Tier, VECTORS, dense_bf16, f16_at, gemm, gemm_f16,
-    head_mut, pair, pair_rows, pairs, tail,
-};
-use crate::math::lanes::Lanes;
 use crate::math::{Math, MathBackend, with_math};
+use crate::matrix::{
+    Gemm, HalfInit, Init, PairedInput, PairedOutput, dense_bf16, f16_at, gemm, gemm_f16, pair, pair_rows,
+    pairs,
+};
+use crate::memory::{head_mut, tail};
+use crate::simd::{Lanes, Op, Tier, VECTORS};
 use core::marker::PhantomData;
 
 /// Where the parameters lie.

@@ -1,8 +1,7 @@
 //! Which part of a ray is sampled, and where.
 
 use super::Plan;
-use crate::contraction::Contraction;
-use crate::ray::{Ray, SceneBox};
+use crate::camera::{Contraction, Ray, SceneBox};
 use crate::sampling::Ends;
 use core::ops::Range;
 use glam::Vec3;

@@ -18,7 +18,7 @@ pub enum RenderError {
         /// Rows.
         height: u32,
     },
-    /// A batch of nothing, of more than [`Batch::MAX_RAYS`] rays or of more than [`BLOCK`](crate::kernels::BLOCK)
+    /// A batch of nothing, of more than [`Batch::MAX_RAYS`] rays or of more than [`BLOCK`](crate::simd::BLOCK)
     /// samples.
     Batch {
         /// What was asked for.

@@ -1,10 +1,9 @@
 //! What a frame does and what not, and why; with counters, where its work went.
 
 use super::{Counters, Renderer};
-use crate::effects::{self, ThinLens, Tone, ToneMap};
-use crate::kernels::Line;
-use crate::lens::Lens;
-use crate::plan::{Lattice, Plan};
+use crate::camera::Lens;
+use crate::memory::Line;
+use crate::plan::{Lattice, Plan, ThinLens, Tone, ToneMap};
 use core::fmt;
 
 #[cfg(test)]
@@ -108,11 +107,11 @@ impl Explanation<'_> {
         let directional = self.renderer.network().architecture().direction.is_some();
         let view = if directional { Switch::On } else { Switch::AbsentInScene };
         let asked = &plan.effects;
-        let lens = Switch::built(effects::depth_of_field::BUILT, asked.depth_of_field.is_some());
+        let lens = Switch::built(cfg!(feature = "depth-of-field"), asked.depth_of_field.is_some());
         [
-            ("anti-aliasing", Switch::built(effects::anti_aliasing::BUILT, asked.anti_aliasing > 1)),
+            ("anti-aliasing", Switch::built(cfg!(feature = "anti-aliasing"), asked.anti_aliasing > 1)),
             ("depth of field", lens),
-            ("jitter", Switch::built(effects::jitter::BUILT, asked.jitter.is_some())),
+            ("jitter", Switch::built(cfg!(feature = "jitter"), asked.jitter.is_some())),
             ("occupancy", occupancy),
             ("proposal", proposal),
             ("density", Switch::On),
@@ -126,7 +125,7 @@ impl Explanation<'_> {
             ("z_depth", Switch::asked(plan.outputs.z_depth)),
             ("median_distance", Switch::built(cfg!(feature = "median"), plan.outputs.median_distance)),
             ("normals", Switch::built(cfg!(feature = "normals"), plan.outputs.normals)),
-            ("tone", Switch::built(effects::tone::BUILT, asked.tone != Tone::NONE)),
+            ("tone", Switch::built(cfg!(feature = "tone-map"), asked.tone != Tone::NONE)),
         ]
         .map(|(name, switch)| Stage { name, switch })
     }

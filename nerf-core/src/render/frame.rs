@@ -4,16 +4,16 @@ use super::march::{ActiveRays, Block, ColourQueue, Picks, RayState};
 use super::proposal::{ProposalSamples, Proposer};
 use super::surface::{Medians, Normals};
 use super::{Counters, Rect, Target};
-use crate::camera::Camera;
-use crate::effects::anti_aliasing::{self, Sums};
-use crate::effects::depth_of_field;
-use crate::effects::jitter::SampleJitter;
-use crate::effects::tone;
-use crate::kernels::{BLOCK, Layout, at, column, head, head_mut, put, put_column, tail};
+use crate::camera::{Camera, Ray, SceneBox};
 use crate::math::Math;
+use crate::memory::{Layout, at, column, head, head_mut, put, put_column, tail};
 use crate::network::{Network, Scratch};
 use crate::plan::Plan;
-use crate::ray::{Ray, SceneBox};
+use crate::render::anti_aliasing::{self, Sums};
+use crate::render::depth_of_field;
+use crate::render::tone;
+use crate::sampling::SampleJitter;
+use crate::simd::BLOCK;
 use glam::Vec3;
 
 /// Columns of the widest vector: a block of prepared weights has a multiple of it.

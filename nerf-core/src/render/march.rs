@@ -9,15 +9,13 @@ use super::frame::{Frame, columns_of};
 use super::proposal::ProposalSamples;
 use super::surface::Medians;
 use super::window::{self, Window};
-use crate::contraction::Contraction;
-use crate::effects::jitter::SampleJitter;
-use crate::kernels::{Op, Tier, VECTORS, at, column, head, head_mut, put, put_column, tail, tail_mut};
+use crate::camera::{Contraction, Ray};
 use crate::math::Math;
-use crate::math::lanes::Lanes;
+use crate::memory::{at, column, head, head_mut, put, put_column, tail, tail_mut};
 use crate::network::Scratch;
 use crate::plan::Plan;
-use crate::ray::Ray;
-use crate::sampling::{Bins, Ends};
+use crate::sampling::{Bins, Ends, SampleJitter};
+use crate::simd::{Lanes, Op, Tier, VECTORS};
 use crate::volume::{Accumulator, alpha, light, thickness};
 use core::marker::PhantomData;
 use glam::Vec3;
@@ -72,7 +70,7 @@ impl RayState {
     /// Where its samples lie, if it is the `turn`-th ray of its pixel.
     #[inline]
     pub fn place(&self, plan: &Plan<'_>, turn: u32) -> SampleJitter {
-        SampleJitter::of(&plan.effects, self.x, self.y, turn)
+        SampleJitter::of(plan.effects.jitter.map(|jitter| jitter.seed), self.x, self.y, turn)
     }
 
     /// Moves `next` to the first live one of `bins` at or after it; `false` if there is none.

@@ -3,7 +3,7 @@
 use super::{Rect, RenderError, Renderer};
 use crate::blob::{Blob, MAX_FRONT};
 use crate::camera::Camera;
-use crate::kernels::{Line, put};
+use crate::memory::{Line, put};
 use crate::plan::{Choice, Plan, Quality};
 use crate::volume::Pixel;
 

@@ -2,10 +2,11 @@
 
 use super::{Counters, Rect, RenderError, Renderer};
 use crate::camera::MAX_IMAGE_SIDE;
-use crate::kernels::{Arena, BLOCK, Layout, Line, Measure, column, put_column};
 use crate::math::MathBackend;
+use crate::memory::{Arena, Layout, Line, Measure, column, put_column};
 use crate::network::{Network, Scratch};
 use crate::plan::Batch;
+use crate::simd::BLOCK;
 
 #[cfg(test)]
 mod tests;

@@ -9,12 +9,12 @@ use super::Target;
 use super::frame::{Frame, RaySource, columns_of};
 use super::march::RayState;
 use crate::blob::Blob;
-use crate::effects::jitter::SampleJitter;
-use crate::kernels::{Layout, Tier, at, head, head_mut, put, tail, tail_mut};
 use crate::math::Math;
+use crate::memory::{Layout, at, head, head_mut, put, tail, tail_mut};
 use crate::network::{Network, Weights};
 use crate::plan::Plan;
-use crate::sampling::{sample_interval, sample_pdf};
+use crate::sampling::{SampleJitter, sample_interval, sample_pdf};
+use crate::simd::Tier;
 use crate::volume::Accumulator;
 
 #[cfg(test)]

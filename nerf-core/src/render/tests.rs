@@ -10,14 +10,12 @@ mod views;
 
 use super::*;
 use crate::blob::StoredOccupancy;
-use crate::camera::{Intrinsics, Pose};
-use crate::kernels::BLOCK;
-use crate::lens::Lens;
+use crate::camera::{Intrinsics, Lens, Pose, SceneBox};
 use crate::math::MathBackend;
 use crate::network::{Architecture, Role};
 use crate::plan::{Batch, Outputs, Quality};
-use crate::ray::SceneBox;
 use crate::sampling::Bins;
+use crate::simd::BLOCK;
 use crate::testing::{SCENE, Worse, architecture, body, bytes, every_kind, halve, parameters, pi};
 use crate::volume::Pixel;
 use glam::Vec3;
@@ -376,7 +374,7 @@ fn the_seed_network_takes_the_memory_the_docs_say() {
     assert_eq!(lines(&prepared, Outputs::ALL, batch) * size_of::<Line>(), 384_000);
     #[cfg(feature = "anti-aliasing")]
     for anti_aliasing in [2, 256] {
-        let effects = crate::effects::Effects { anti_aliasing, ..crate::effects::Effects::NONE };
+        let effects = crate::plan::Effects { anti_aliasing, ..crate::plan::Effects::NONE };
         let plan = Plan::new(&blob, &Quality::EXACT, Outputs::ALL, batch).unwrap();
         let plan = plan.with_effects(effects).unwrap();
         assert_eq!(prepared.workspace_lines(&plan) * size_of::<Line>(), 398_336);

@@ -1,10 +1,8 @@
 //! Sixteen bins of a ray at a time: which of them have their sample in an occupied cell.
 
-use crate::contraction::Contraction;
-use crate::kernels::{Op, Tier};
-use crate::math::lanes::Lanes;
-use crate::ray::Ray;
+use crate::camera::{Contraction, Ray};
 use crate::sampling::{Bins, OccupancyGrid};
+use crate::simd::{Lanes, Op, Tier};
 
 #[cfg(test)]
 mod tests;

@@ -2,9 +2,8 @@
 
 use super::frame::Frame;
 use super::{Counters, Rect, RenderError, Target};
-use crate::camera::Camera;
+use crate::camera::{Camera, Ray, is_unit};
 use crate::math::with_math;
-use crate::ray::{Ray, is_unit};
 use crate::volume::Pixel;
 use glam::Vec3;
 

@@ -1,7 +1,7 @@
 //! Equal bins along a ray.
 
-use crate::math::lanes::{Lanes, MAX_LANES};
-use crate::ray::BoundsError;
+use crate::camera::BoundsError;
+use crate::simd::{Lanes, MAX_LANES};
 use core::ops::Range;
 
 /// `near..far` cut into `count` equal bins; every ray of a picture shares them.

@@ -3,6 +3,11 @@
 mod bins;
 #[cfg(feature = "proposal")]
 mod importance;
+#[cfg(feature = "jitter")]
+mod jitter;
+#[cfg(not(feature = "jitter"))]
+#[path = "jitter_off.rs"]
+mod jitter;
 mod occupancy;
 mod random;
 
@@ -13,5 +18,10 @@ pub use bins::Bins;
 pub(crate) use bins::Ends;
 #[cfg(feature = "proposal")]
 pub use importance::{WEIGHT_FLOOR, sample_interval, sample_pdf};
+pub(crate) use jitter::SampleJitter;
 pub use occupancy::OccupancyGrid;
+#[cfg(any(feature = "jitter", feature = "depth-of-field"))]
+pub(crate) use random::pixel_stream;
+#[cfg(any(feature = "anti-aliasing", feature = "depth-of-field"))]
+pub(crate) use random::{GOLDEN, rank};
 pub use random::{Purpose, uniform, uniform_u32};

@@ -1,9 +1,8 @@
 //! The occupancy grid: which cells of the scene box may hold something.
 
 use super::Bins;
-use crate::math::gather::Indices;
-use crate::math::lanes::Lanes;
-use crate::ray::{Ray, SceneBox};
+use crate::camera::{Ray, SceneBox};
+use crate::simd::{Indices, Lanes};
 use glam::Vec3;
 
 /// Cells that f32 counts, and [`Lanes::to_indices`] takes.

@@ -47,3 +47,21 @@ fn mix(mut z: u64) -> u64 {
     z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
     z ^ (z >> 31)
 }
+
+/// The random stream of a pixel: the same whatever image, tile or thread it is in.
+#[cfg(any(feature = "jitter", feature = "depth-of-field"))]
+pub(crate) fn pixel_stream(x: u32, y: u32) -> u64 {
+    u64::from(y) << 32 | u64::from(x)
+}
+
+/// The golden ratio's fraction, in 2^-32.
+#[cfg(any(feature = "anti-aliasing", feature = "depth-of-field"))]
+pub(crate) const GOLDEN: u32 = 0x9e37_79b9;
+
+/// How many of the first `count` multiples of `ratio`, modulo 1 and in 2^-32, are below the `index`-th: an even
+/// shuffle of `0..count`, exact in integers.
+#[cfg(any(feature = "anti-aliasing", feature = "depth-of-field"))]
+pub(crate) fn rank(ratio: u32, index: u32, count: u32) -> u32 {
+    let own = index.wrapping_mul(ratio);
+    (0..count).filter(|other| other.wrapping_mul(ratio) < own).count() as u32
+}

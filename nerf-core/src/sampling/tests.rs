@@ -1,7 +1,7 @@
 extern crate std;
 
 use super::*;
-use crate::ray::{BoundsError, Ray, SceneBox};
+use crate::camera::{BoundsError, Ray, SceneBox};
 use glam::Vec3;
 use std::vec;
 

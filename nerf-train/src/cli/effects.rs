@@ -2,8 +2,7 @@
 
 use anyhow::Context;
 use clap::{Args, ValueEnum, value_parser};
-use nerf_core::effects::{self, EffectError, Effects, Jitter, ThinLens, Tone};
-use nerf_core::plan::{Plan, PlanError};
+use nerf_core::plan::{EffectError, Effects, Jitter, Plan, PlanError, ThinLens, Tone};
 
 /// The effects of a rendering: none unless asked for.
 #[derive(Debug, Args)]
@@ -71,9 +70,9 @@ impl EffectOptions {
             tone: Tone {
                 exposure: self.exposure,
                 map: match self.tone_map {
-                    ToneMap::None => effects::ToneMap::None,
-                    ToneMap::Reinhard => effects::ToneMap::Reinhard,
-                    ToneMap::Filmic => effects::ToneMap::Filmic,
+                    ToneMap::None => nerf_core::plan::ToneMap::None,
+                    ToneMap::Reinhard => nerf_core::plan::ToneMap::Reinhard,
+                    ToneMap::Filmic => nerf_core::plan::ToneMap::Filmic,
                 },
                 linear: self.linear,
             },

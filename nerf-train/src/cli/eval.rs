@@ -16,7 +16,7 @@ use crate::report::summary::Summary;
 use crate::report::table::Table;
 use anyhow::{Context, bail};
 use clap::{Args, ValueEnum};
-use nerf_core::kernels::Line;
+use nerf_core::memory::Line;
 use nerf_core::plan::{Batch, Outputs, Plan};
 use nerf_core::render::Renderer;
 use std::path::PathBuf;

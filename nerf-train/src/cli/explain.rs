@@ -10,7 +10,7 @@ use anyhow::{Context, bail};
 use clap::Args;
 use nerf_core::blob::Blob;
 use nerf_core::camera::Camera;
-use nerf_core::kernels::Line;
+use nerf_core::memory::Line;
 use nerf_core::plan::{Batch, Outputs, Plan};
 use nerf_core::render::{Explanation, Renderer, Switch};
 use std::path::PathBuf;

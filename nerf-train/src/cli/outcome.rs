@@ -16,7 +16,7 @@ use crate::train::direction::ViewDependence;
 use crate::train::finish::{Outcome, Shown};
 use crate::train::snapshot;
 use nerf_core::blob::Blob;
-use nerf_core::kernels::Tier;
+use nerf_core::simd::Tier;
 use std::path::Path;
 
 /// Prints the result.

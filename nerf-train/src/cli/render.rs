@@ -18,7 +18,7 @@ use crate::stop::Note;
 use anyhow::Context;
 use clap::{Args, ValueEnum};
 use nerf_core::camera::Camera;
-use nerf_core::kernels::Line;
+use nerf_core::memory::Line;
 use nerf_core::plan::{Batch, Outputs, Plan};
 use nerf_core::render::{Counters, Renderer};
 use std::path::PathBuf;

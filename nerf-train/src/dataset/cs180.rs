@@ -3,8 +3,7 @@
 use super::npz::{Archive, Array};
 use super::{Axes, Background, Dataset, DatasetError, Format, ReadOptions, View, scene_name};
 use glam::DVec3;
-use nerf_core::camera::{Camera, Intrinsics, Pose};
-use nerf_core::lens::Lens;
+use nerf_core::camera::{Camera, Intrinsics, Lens, Pose};
 use rayon::prelude::*;
 
 /// Reads `images_{train,val,test}`, `c2ws_{train,val,test}` and `focal`.

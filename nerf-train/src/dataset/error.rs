@@ -1,8 +1,7 @@
 //! What can be wrong with a data set.
 
 use super::colmap::commands::{RENAMED, quoted};
-use nerf_core::camera::CameraError;
-use nerf_core::ray::BoundsError;
+use nerf_core::camera::{BoundsError, CameraError};
 use std::path::{Path, PathBuf};
 
 /// A data set that cannot be read: which file, which field, what was expected and found.

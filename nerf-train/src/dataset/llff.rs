@@ -7,8 +7,7 @@ use super::photo::{Fence, Optics, Photo, Source};
 use super::split::every_eighth;
 use super::{Axes, Background, Dataset, DatasetError, Format, ReadOptions, View, Watch, colmap, scene_name};
 use glam::DVec3;
-use nerf_core::camera::Pose;
-use nerf_core::lens::Lens;
+use nerf_core::camera::{Lens, Pose};
 use std::path::Path;
 
 /// The file that makes a folder one of these.

@@ -53,8 +53,7 @@ pub use scale::Downscale;
 pub use view::{Background, View, mean_colour, over};
 pub use watch::Watch;
 
-use nerf_core::camera::{Camera, Pose};
-use nerf_core::ray::BoundsError;
+use nerf_core::camera::{BoundsError, Camera, Pose};
 use serde::{Deserialize, Serialize};
 use std::path::Path;
 

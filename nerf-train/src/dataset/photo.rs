@@ -5,8 +5,7 @@ use super::picture::{self, Picture, StatedSize};
 use super::scale::{shrunk, shrunk_mask};
 use super::{DatasetError, Downscale, ReadOptions, View, Watch};
 use image::DynamicImage;
-use nerf_core::camera::{Camera, Intrinsics, Pose};
-use nerf_core::lens::Lens;
+use nerf_core::camera::{Camera, Intrinsics, Lens, Pose};
 use rayon::prelude::*;
 use std::path::{Path, PathBuf};
 

@@ -10,9 +10,7 @@ mod shapes;
 
 use crate::dataset::{Axes, Background, Dataset, Format, View};
 use glam::{DVec3, Vec3};
-use nerf_core::camera::{Camera, CameraError, Intrinsics, Pose};
-use nerf_core::lens::Lens;
-use nerf_core::ray::SceneBox;
+use nerf_core::camera::{Camera, CameraError, Intrinsics, Lens, Pose, SceneBox};
 use rayon::prelude::*;
 
 /// Subsamples along each side of a pixel.

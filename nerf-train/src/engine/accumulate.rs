@@ -1,7 +1,8 @@
 //! Sums of weight gradients: over the blocks of a chunk, over chunks, over accumulators.
 
 use super::graph::{Node, block_of, blocks};
-use nerf_core::kernels::{BLOCK, Gemm, Init, Tier, gemm};
+use nerf_core::matrix::{Gemm, Init, gemm};
+use nerf_core::simd::{BLOCK, Tier};
 use rayon::prelude::*;
 
 /// Columns are padded to whole vectors of this many.

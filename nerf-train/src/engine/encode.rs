@@ -1,8 +1,8 @@
 //! Encodes blocks of points. The only place of the engine that evaluates an encoding.
 
 use nerf_core::encoding::{SinusoidalEncoding, encode_block};
-use nerf_core::kernels::{BLOCK, Tier};
 use nerf_core::math::MathBackend;
+use nerf_core::simd::{BLOCK, Tier};
 
 /// Encodes up to [`BLOCK`] points into `out`, `[outputs][BLOCK]`; missing points are zeros.
 ///

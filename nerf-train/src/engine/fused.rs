@@ -10,7 +10,7 @@ use super::graph::Graph;
 use super::optimiser::{Optimiser, usable};
 use super::pass::{ChunkLoss, Job, Pass};
 use super::{Adam, Batch, Engine, EngineError, Model, OptimiserState, StepLoss, check_rate};
-use nerf_core::kernels::Tier;
+use nerf_core::simd::Tier;
 use rayon::prelude::*;
 use std::borrow::Cow;
 

@@ -4,7 +4,8 @@
 //! `FIRST + l` the output of layer `l`.
 
 use super::{Dense, Model, ModelError, Part};
-use nerf_core::kernels::{BLOCK, Gemm, Init, Tier, gemm};
+use nerf_core::matrix::{Gemm, Init, gemm};
+use nerf_core::simd::{BLOCK, Tier};
 use std::ops::Range;
 
 pub(super) const POSITION: usize = 0;

@@ -3,7 +3,7 @@
 //! `Batch` → encode → network → volume rendering → loss → gradients → Adam → parameters
 //!
 //! [`ReferenceEngine`] leaves the derivatives to dfdx's tape: slow and obvious, the oracle.
-//! [`FusedEngine`] computes them with explicit backward passes on `nerf_core::kernels::gemm`; only
+//! [`FusedEngine`] computes them with explicit backward passes on `nerf_core::matrix::gemm`; only
 //! its parameters, gradients and Adam are dfdx's. Both take the same [`Batch`] and minimise
 //!
 //! `loss = mean over rays and channels of (C − rgb)² + empty_weight · mean over empty of ln(1 + sigma)`
@@ -35,8 +35,8 @@ pub use model::{Dense, Initialisation, Model, ModelError, Part};
 pub use phases::{Phase, Phases};
 pub use reference::ReferenceEngine;
 
-use nerf_core::kernels::Tier;
-use nerf_core::ray::SceneBox;
+use nerf_core::camera::SceneBox;
+use nerf_core::simd::Tier;
 use serde::{Deserialize, Serialize};
 use std::borrow::Cow;
 

@@ -6,8 +6,8 @@ use super::encode::encode_points;
 use super::graph::{DIRECTION, FIRST, Graph, POSITION, block_of_mut, mask_relu};
 use super::volume_grad::{Samples, Scratch, squared_error};
 use super::{Batch, SIGMA_LIMIT};
-use nerf_core::kernels::{BLOCK, Tier};
 use nerf_core::network::{DensityActivation, EXPONENTIAL_LIMIT};
+use nerf_core::simd::{BLOCK, Tier};
 use std::ops::Range;
 
 /// Sums over an accumulator's chunks.

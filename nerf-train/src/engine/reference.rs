@@ -8,8 +8,8 @@ use super::{
 };
 use dfdx::prelude::*;
 use nerf_core::encoding::SinusoidalEncoding;
-use nerf_core::kernels::{BLOCK, Tier};
 use nerf_core::network::{DensityActivation, EXPONENTIAL_LIMIT};
+use nerf_core::simd::{BLOCK, Tier};
 use std::borrow::Cow;
 
 type Matrix<T = NoneTape> = Tensor<(usize, usize), f32, Cpu, T>;

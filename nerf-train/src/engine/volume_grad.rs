@@ -1,7 +1,7 @@
 //! Volume rendering of whole rays, its loss, and the derivative of that loss.
 
 use super::BatchRay;
-use nerf_core::kernels::BLOCK;
+use nerf_core::simd::BLOCK;
 
 /// What every sample has; colours `[blocks][3][BLOCK]`, the rest `[samples]`.
 pub(super) struct Samples<'a> {

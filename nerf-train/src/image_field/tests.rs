@@ -7,7 +7,7 @@ use crate::train::schedule::{Budget, Clock};
 use image::{DynamicImage, ImageBuffer, ImageFormat, Luma, Rgb, Rgba};
 use nerf_core::blob::Blob;
 use nerf_core::encoding::MAX_GRID_RESOLUTION;
-use nerf_core::kernels::Tier;
+use nerf_core::simd::Tier;
 use std::path::PathBuf;
 use std::time::Duration;
 use tempfile::TempDir;

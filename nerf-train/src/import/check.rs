@@ -4,8 +4,8 @@ use crate::dataset::{Dataset, View};
 use crate::eval::{EvalError, Scores, measure};
 use crate::report::metrics::gain_db;
 use crate::train::finish::OCCUPANCY_LOSS_DB;
-use nerf_core::kernels::Tier;
 use nerf_core::plan::Quality;
+use nerf_core::simd::Tier;
 
 /// Every so many pixels of a row, and rows, are measured. Odd: the middle of a block of so many is a pixel's centre.
 pub const STRIDE: u32 = 3;

@@ -5,7 +5,7 @@ use super::settings::Settings;
 use crate::dataset::npz::read_npy;
 use crate::occupancy::{Ask, LiveCells, Occupancy};
 use nerf_core::blob::MAX_OCCUPANCY_RESOLUTION;
-use nerf_core::ray::SceneBox;
+use nerf_core::camera::SceneBox;
 use std::path::Path;
 
 /// Largest array that is read, bytes: the largest occupancy grid in f64.

@@ -12,8 +12,8 @@ use crate::export::{Contents, Tables, export};
 use clap::ValueEnum;
 use nerf_core::blob::{Content, Provenance};
 use nerf_core::camera::Camera;
-use nerf_core::kernels::Tier;
 use nerf_core::plan::Quality;
+use nerf_core::simd::Tier;
 
 /// Views that are looked at, each thinned twice.
 const VIEWS: usize = 3;

@@ -3,8 +3,8 @@
 use super::error::ImportError;
 use super::order::{Identity, Order};
 use nerf_core::blob::{MAX_OCCUPANCY_RESOLUTION, MAX_SAMPLES, SceneFacts, SceneSampling};
+use nerf_core::camera::SceneBox;
 use nerf_core::encoding::AngleScale;
-use nerf_core::ray::SceneBox;
 use serde::{Deserialize, Serialize};
 
 /// The factor `s` in `sin(2^k s x)`.

@@ -2,10 +2,8 @@
 
 use crate::occupancy::LiveCells;
 use glam::Vec3;
-use nerf_core::contraction::Contraction;
-use nerf_core::kernels::{Op, Tier};
-use nerf_core::math::lanes::Lanes;
-use nerf_core::ray::{Ray, SceneBox};
+use nerf_core::camera::{Contraction, Ray, SceneBox};
+use nerf_core::simd::{Lanes, Op, Tier};
 
 /// Samples that are looked up together.
 const GROUP: usize = 16;

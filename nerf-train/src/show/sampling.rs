@@ -8,8 +8,8 @@ use crate::occupancy::{LiveCells, Occupancy};
 use crate::rays::{Bounds, MarchCells, RayBank};
 use crate::train::{TrainError, lengthened, nears};
 use glam::Vec3;
-use nerf_core::kernels::Tier;
 use nerf_core::sampling::OccupancyGrid;
+use nerf_core::simd::Tier;
 
 /// A ray with its samples.
 #[derive(Clone, Debug, PartialEq)]

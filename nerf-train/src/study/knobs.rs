@@ -3,8 +3,8 @@
 use super::lab::Lab;
 use super::settings::{Precision, Settings, math_name};
 use nerf_core::blob::MAX_SAMPLES;
-use nerf_core::kernels::Tier;
 use nerf_core::math::MathBackend;
+use nerf_core::simd::Tier;
 
 /// A setting that trades accuracy for time.
 pub struct Knob {

@@ -22,8 +22,8 @@ use crate::dataset::View;
 use crate::frame::Frame;
 use nerf_core::blob::{FrontPoint, MAX_FRONT};
 use nerf_core::camera::{Camera, Intrinsics};
-use nerf_core::kernels::Tier;
 use nerf_core::plan::Preset;
+use nerf_core::simd::Tier;
 use std::time::{Duration, Instant};
 
 /// Loss against the base beyond which combinations are not looked for, dB.

@@ -1,9 +1,9 @@
 //! One way to render a frame: every knob at one value.
 
 use nerf_core::blob::Blob;
-use nerf_core::kernels::Tier;
 use nerf_core::math::MathBackend;
 use nerf_core::plan::Quality;
+use nerf_core::simd::Tier;
 
 /// Whose weights the network has.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]

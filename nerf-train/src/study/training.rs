@@ -13,7 +13,7 @@ use crate::report::table::Table;
 use crate::train::TrainError;
 use crate::train::run::{Ended, RunError, RunOptions, run_since};
 use crate::train::schedule::{Budget, Clock};
-use nerf_core::kernels::Tier;
+use nerf_core::simd::Tier;
 use std::fmt::Write as _;
 use std::path::Path;
 use std::time::Duration;

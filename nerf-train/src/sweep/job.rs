@@ -14,9 +14,9 @@ use crate::train::checkpoint::fingerprint;
 use crate::train::run::{self, Ended, RunError, spread};
 use crate::train::schedule::{Budget, Clock};
 use crate::train::{FINAL_VIEWS, TrainError};
-use nerf_core::kernels::Tier;
 use nerf_core::network::Architecture;
 use nerf_core::plan::Quality;
+use nerf_core::simd::Tier;
 use serde_json::json;
 use std::time::Duration;
 

@@ -2,7 +2,7 @@ use super::*;
 use crate::image_field::{FieldPreset, Photo};
 use crate::report::picture::Picture;
 use crate::report::progress::ProgressStyle;
-use nerf_core::kernels::Tier;
+use nerf_core::simd::Tier;
 use std::path::Path;
 
 fn point(levels: f64, layers: f64, width: f64, rate: f64) -> Point {

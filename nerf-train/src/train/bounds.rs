@@ -7,8 +7,7 @@ use crate::dataset::{Dataset, LookAt, View, frusta_box, scene_bounds};
 use crate::occupancy::Occupancy;
 use crate::rays::Bounds;
 use glam::{DVec3, Vec3};
-use nerf_core::contraction::Contraction;
-use nerf_core::ray::{BoundsError, SceneBox};
+use nerf_core::camera::{BoundsError, Contraction, SceneBox};
 use rayon::prelude::*;
 
 /// Cells along the longest side of the first, coarse hull, which only finds the scene box.

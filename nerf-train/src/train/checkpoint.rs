@@ -12,7 +12,7 @@ use crate::engine::OptimiserState;
 use crate::input::{MAX_CHECKPOINT_BYTES, read_limited};
 use crate::occupancy::Occupancy;
 use crate::output::{OutputError, write_atomic};
-use nerf_core::lens::{Lens, Projection};
+use nerf_core::camera::{Lens, Projection};
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 use std::path::{Path, PathBuf};

@@ -14,7 +14,7 @@ use crate::output::{OutputError, ensure_folder};
 use crate::report::error::ReportError;
 use crate::report::progress::{Message, Progress, ProgressStyle};
 use crate::stop::{Claim, Cover};
-use nerf_core::kernels::Tier;
+use nerf_core::simd::Tier;
 use std::path::PathBuf;
 use std::time::{Duration, Instant};
 

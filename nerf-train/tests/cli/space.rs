@@ -4,8 +4,7 @@ use crate::made::{Folder, scene};
 use crate::{fails, fit, fit_grid, json, ok, run};
 use glam::{DQuat, DVec3, Mat3, Vec3};
 use nerf_core::blob::Blob;
-use nerf_core::camera::{Camera, Pose};
-use nerf_core::lens::Lens;
+use nerf_core::camera::{Camera, Lens, Pose};
 use nerf_train::dataset::{self, Dataset, LookAt, ReadOptions, View};
 use std::path::Path;
 

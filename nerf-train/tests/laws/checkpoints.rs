@@ -1,7 +1,7 @@
 //! Runs that are interrupted and taken up again; checkpoints that are damaged or another run's.
 
 use crate::{fit, options, scene, tiny, tiny_grid, tiny_seed, tiny_unbounded};
-use nerf_core::kernels::Tier;
+use nerf_core::simd::Tier;
 use nerf_train::config::{Config, Jitter};
 use nerf_train::dataset::Dataset;
 use nerf_train::occupancy::Occupancy;

@@ -8,7 +8,7 @@ mod parity_dfdx;
 mod quality;
 mod training;
 
-use nerf_core::kernels::Tier;
+use nerf_core::simd::Tier;
 use nerf_train::config::{Config, Preset};
 use nerf_train::dataset::Dataset;
 use nerf_train::demo_scene::{self, DemoSpec};

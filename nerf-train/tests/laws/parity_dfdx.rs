@@ -2,10 +2,11 @@
 
 use nerf_core::blob::{Blob, Content, Provenance, SceneFacts, SceneSampling};
 use nerf_core::encoding::{AngleScale, SinusoidalEncoding};
-use nerf_core::kernels::{Line, Tier};
+use nerf_core::memory::Line;
 use nerf_core::network::{Architecture, DensityActivation, TrunkLayer};
 use nerf_core::plan::{Batch, Outputs, Plan, Quality};
 use nerf_core::render::Renderer;
+use nerf_core::simd::Tier;
 use nerf_train::engine::{Adam, Model, ReferenceEngine};
 use nerf_train::export::{Contents, Tables, export};
 

@@ -2,11 +2,11 @@
 
 use crate::{fit, options, scene, tiny, tiny_grid};
 use nerf_core::blob::{Blob, Content, SceneFacts};
-use nerf_core::effects::Effects;
-use nerf_core::kernels::{Line, Tier};
+use nerf_core::memory::Line;
 use nerf_core::network::Role;
-use nerf_core::plan::{Batch, Outputs, Plan, PlanError, Quality};
+use nerf_core::plan::{Batch, Effects, Outputs, Plan, PlanError, Quality};
 use nerf_core::render::{Rect, Renderer};
+use nerf_core::simd::Tier;
 use nerf_train::config::Jitter;
 use nerf_train::dataset::View;
 use nerf_train::demo_scene::{self, DemoSpec};
@@ -211,7 +211,7 @@ fn what_is_fitted_with_jitter_is_measured_in_the_middle_of_the_bins() {
     let still = Plan::new(&blob, &quality, Outputs::ALL, Batch::for_tier(tier)).expect("a plan");
     // As scenes are measured: on the bins that they were fitted on.
     let still = still.with_background(outcome.background).expect("a colour").with_own_bins();
-    let jitter = Some(nerf_core::effects::Jitter { seed: config.seed });
+    let jitter = Some(nerf_core::plan::Jitter { seed: config.seed });
     let jittered = still.with_effects(Effects { jitter, ..Effects::NONE }).expect("built in");
     let mut memory = vec![Line::UNINIT; Renderer::prepared_lines(&blob, tier)];
     let renderer = Renderer::new(blob, tier, &mut memory).expect("a renderer");

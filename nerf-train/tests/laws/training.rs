@@ -2,7 +2,7 @@
 
 use crate::{fit, scene, tiny, tiny_grid, tiny_seed, tiny_unbounded};
 use nerf_core::blob::Blob;
-use nerf_core::kernels::Tier;
+use nerf_core::simd::Tier;
 use nerf_train::config::{Config, Density, Jitter};
 use nerf_train::dataset::{Background, Dataset};
 use nerf_train::demo_scene::{self, DemoSpec};

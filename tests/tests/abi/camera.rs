@@ -1,7 +1,6 @@
 //! Cameras and their rays through the C ABI.
 
-use nerf_core::camera::{Camera, Pose};
-use nerf_core::lens::{Lens, Projection};
+use nerf_core::camera::{Camera, Lens, Pose, Projection};
 use nerf_render::{self as ffi, Status};
 use nerf_tests::call::{self, Message};
 use nerf_tests::scenes;

@@ -1,6 +1,6 @@
 //! What the C interface refuses, and that it then has written nothing.
 
-use nerf_core::kernels::Tier;
+use nerf_core::simd::Tier;
 use nerf_render as ffi;
 use nerf_render::{PixelFormat, Status};
 use nerf_tests::call::{self, Message, Opened, plane};

@@ -1,10 +1,10 @@
 //! Effects over the C interface: those of Rust, refused by the name of their field.
 
 use nerf_core::blob::Blob;
-use nerf_core::effects::{Effects, Jitter, ThinLens, Tone, ToneMap};
-use nerf_core::kernels::{Line, Tier};
-use nerf_core::plan::{Batch, Outputs, Plan, Quality};
+use nerf_core::memory::Line;
+use nerf_core::plan::{Batch, Effects, Jitter, Outputs, Plan, Quality, ThinLens, Tone, ToneMap};
 use nerf_core::render::{Rect, Renderer};
+use nerf_core::simd::Tier;
 use nerf_core::volume::Pixel;
 use nerf_render as ffi;
 use nerf_render::{PixelFormat, Status};

@@ -1,6 +1,6 @@
 //! A frame in words, over the C interface.
 
-use nerf_core::kernels::Tier;
+use nerf_core::simd::Tier;
 use nerf_render as ffi;
 use nerf_render::Status;
 use nerf_tests::call::{self, Message, Opened};

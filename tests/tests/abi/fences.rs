@@ -1,7 +1,8 @@
 //! The library touches the memory it is lent and nothing beside it: everything a host passes ends, or begins, at a page
 //! that nobody may touch.
 
-use nerf_core::kernels::{Line, Tier};
+use nerf_core::memory::Line;
+use nerf_core::simd::Tier;
 use nerf_render as ffi;
 use nerf_render::{PixelFormat, Status};
 use nerf_tests::call::{self, plane};

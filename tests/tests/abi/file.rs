@@ -1,6 +1,6 @@
 //! `nerf_scene_open_file` and `nerf_scene_close`: the one place where the library owns something.
 
-use nerf_core::kernels::Tier;
+use nerf_core::simd::Tier;
 use nerf_render as ffi;
 use nerf_render::Status;
 use nerf_tests::call::{self, Message, plane};

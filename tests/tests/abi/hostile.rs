@@ -1,6 +1,6 @@
 //! Addresses that are none, or that are somebody else's: every argument of every function.
 
-use nerf_core::kernels::Tier;
+use nerf_core::simd::Tier;
 use nerf_render as ffi;
 use nerf_render::{PixelFormat, Status};
 use nerf_tests::call::{self, Opened, plane};

@@ -4,9 +4,8 @@
 //! tile, in a minute or several and 1 GiB:
 //! `NERF_LONG=1 cargo test --release -p nerf-tests --test abi large -- --nocapture`
 
-use nerf_core::camera::{Camera, Intrinsics, MAX_IMAGE_SIDE, Pose};
-use nerf_core::kernels::Tier;
-use nerf_core::lens::Lens;
+use nerf_core::camera::{Camera, Intrinsics, Lens, MAX_IMAGE_SIDE, Pose};
+use nerf_core::simd::Tier;
 use nerf_render as ffi;
 use nerf_render::{PixelFormat, Status};
 use nerf_tests::call::{self, Message, NO_PLANE, Opened, plane};

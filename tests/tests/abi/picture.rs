@@ -1,8 +1,8 @@
 //! Pictures (2D fields) at the C interface: what is drawn, and what is refused with nothing written.
 
-use nerf_core::kernels::Tier;
 use nerf_core::math::MathBackend;
 use nerf_core::render::MAX_RENDER_SIDE;
+use nerf_core::simd::Tier;
 use nerf_render as ffi;
 use nerf_render::{PixelFormat, Status};
 use nerf_tests::call::{self, Message, NO_PLANE, Opened, plane};

@@ -1,8 +1,8 @@
 //! Settings by loss, cost, time and preset, through the C ABI.
 
 use nerf_core::blob::Blob;
-use nerf_core::kernels::Tier;
 use nerf_core::plan::{Preset, Quality};
+use nerf_core::simd::Tier;
 use nerf_render::{self as ffi, Status};
 use nerf_tests::call::{self, Message, Opened};
 use nerf_tests::memory::Guarded;

@@ -1,7 +1,7 @@
 //! Every versioned structure with a `struct_size` that no version of it has, in every call of the smaller ones that
 //! takes it: refused, and nothing is written. Those of a frame have a test of their own (`cases.rs`).
 
-use nerf_core::kernels::Tier;
+use nerf_core::simd::Tier;
 use nerf_render as ffi;
 use nerf_render::{NERF_OUTPUT_RGB, Status};
 use nerf_tests::call::{self, Opened};

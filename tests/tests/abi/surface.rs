@@ -1,9 +1,10 @@
 //! Median distance and normals over the C interface, and callers whose headers do not know them.
 
 use nerf_core::blob::Blob;
-use nerf_core::kernels::{Line, Tier};
+use nerf_core::memory::Line;
 use nerf_core::plan::{Batch, Outputs, Plan, Quality};
 use nerf_core::render::{Counters, Rect, Renderer};
+use nerf_core::simd::Tier;
 use nerf_core::volume::Pixel;
 use nerf_render as ffi;
 use nerf_render::{PixelFormat, Status};

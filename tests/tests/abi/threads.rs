@@ -1,6 +1,6 @@
 //! Threads, callbacks and panics at the C interface; formats and strides of its pictures.
 
-use nerf_core::kernels::Tier;
+use nerf_core::simd::Tier;
 use nerf_render as ffi;
 use nerf_render::{PixelFormat, Status};
 use nerf_tests::call::{self, NO_PLANE, Opened, plane};
@@ -268,7 +268,7 @@ fn formats_and_strides_agree() {
 
 #[test]
 fn queries_are_what_the_rust_renderer_says() {
-    use nerf_core::{blob::Blob, kernels::Line, plan, render::Renderer};
+    use nerf_core::{blob::Blob, memory::Line, plan, render::Renderer};
     for (tier, recipe) in tiers().flat_map(|tier| [(tier, Recipe::PLAIN), (tier, Recipe::OCCUPANCY)]) {
         let opened = call::open(recipe.blob(), tier);
         let mut workspace = opened.workspace(None, ffi::NERF_OUTPUT_RGB);

@@ -1,8 +1,7 @@
 //! Views from anywhere over the C interface, and a caller's own near and far.
 
-use nerf_core::camera::{Camera, Intrinsics, Pose};
-use nerf_core::kernels::Tier;
-use nerf_core::lens::Lens;
+use nerf_core::camera::{Camera, Intrinsics, Lens, Pose};
+use nerf_core::simd::Tier;
 use nerf_render as ffi;
 use nerf_render::{PixelFormat, Status};
 use nerf_tests::call::{self, Message, Opened, plane};

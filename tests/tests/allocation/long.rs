@@ -5,9 +5,8 @@
 //! `NERF_LONG=1 NERF_LONG_BLOB=out/demo/demo.nerf cargo test --release -p nerf-tests --test allocation long -- --nocapture`
 
 use crate::LIVE;
-use nerf_core::camera::{Camera, Intrinsics, Pose};
-use nerf_core::kernels::Tier;
-use nerf_core::lens::Lens;
+use nerf_core::camera::{Camera, Intrinsics, Lens, Pose};
+use nerf_core::simd::Tier;
 use nerf_render as ffi;
 use nerf_render::{PixelFormat, Status};
 use nerf_tests::call::{self, plane};

@@ -7,10 +7,9 @@
 mod long;
 
 use nerf_core::blob::Blob;
-use nerf_core::effects::{Effects, Jitter, ThinLens, Tone, ToneMap};
-use nerf_core::kernels::Line;
 use nerf_core::math::MathBackend;
-use nerf_core::plan::{Batch, Outputs, Plan, Quality};
+use nerf_core::memory::Line;
+use nerf_core::plan::{Batch, Effects, Jitter, Outputs, Plan, Quality, ThinLens, Tone, ToneMap};
 use nerf_core::render::{Rect, Renderer};
 use nerf_core::volume::Pixel;
 use nerf_tests::scenes::{Recipe, camera, tiers};

@@ -1,12 +1,12 @@
 //! C and C++ programs that link the static library render what Rust renders, bit for bit.
 
 use nerf_core::blob::Blob;
-use nerf_core::camera::{Camera, Intrinsics, Pose};
-use nerf_core::kernels::{Line, Tier};
-use nerf_core::lens::Lens;
+use nerf_core::camera::{Camera, Intrinsics, Lens, Pose};
 use nerf_core::math::MathBackend;
+use nerf_core::memory::Line;
 use nerf_core::plan::{Batch, Outputs, Plan, Quality};
 use nerf_core::render::{Rect, Renderer};
+use nerf_core::simd::Tier;
 use nerf_tests::build::{Language, program, run};
 use nerf_tests::paths;
 use nerf_tests::scenes::{Recipe, picture, tiers};

@@ -1,11 +1,11 @@
 //! `nerf_render.hpp` with each compiler, and what the C++ examples draw: what Rust draws, bit for bit.
 
 use nerf_core::blob::Blob;
-use nerf_core::camera::{Camera, Intrinsics, Pose};
-use nerf_core::kernels::{Line, Tier};
-use nerf_core::lens::Lens;
+use nerf_core::camera::{Camera, Intrinsics, Lens, Pose};
+use nerf_core::memory::Line;
 use nerf_core::plan::{Batch, Outputs, Plan, Preset, Quality};
 use nerf_core::render::{Rect, Renderer};
+use nerf_core::simd::Tier;
 use nerf_core::volume::Pixel;
 use nerf_tests::build::{Language, libraries, program, run};
 use nerf_tests::paths;

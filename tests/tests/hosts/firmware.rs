@@ -1,6 +1,6 @@
 //! The firmware example: on an emulated microcontroller the picture is the host's, and within its budgets.
 
-use nerf_core::kernels::Line;
+use nerf_core::memory::Line;
 use nerf_tests::build::run;
 use nerf_tests::paths;
 use nerf_tests::scenes::Recipe;

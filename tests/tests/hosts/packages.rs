@@ -5,11 +5,11 @@
 #![cfg(target_os = "linux")]
 
 use nerf_core::blob::Blob;
-use nerf_core::camera::{Camera, Intrinsics, Pose};
-use nerf_core::kernels::{Line, Tier};
-use nerf_core::lens::Lens;
+use nerf_core::camera::{Camera, Intrinsics, Lens, Pose};
+use nerf_core::memory::Line;
 use nerf_core::plan::{Batch, Outputs, Plan, Quality};
 use nerf_core::render::{Rect, Renderer};
+use nerf_core::simd::Tier;
 use nerf_tests::build::run;
 use nerf_tests::scenes::Recipe;
 use nerf_tests::{paths, symbols, tools};

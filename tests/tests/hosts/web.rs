@@ -1,11 +1,11 @@
 //! The WebAssembly module in a page of its own: same exports, same layouts, and the scalar tier's bits.
 
 use nerf_core::blob::Blob;
-use nerf_core::camera::{Camera, Intrinsics, Pose};
-use nerf_core::kernels::{Line, Tier};
-use nerf_core::lens::Lens;
+use nerf_core::camera::{Camera, Intrinsics, Lens, Pose};
+use nerf_core::memory::Line;
 use nerf_core::plan::{Batch, Outputs, Plan, Quality};
 use nerf_core::render::{Rect, Renderer};
+use nerf_core::simd::Tier;
 use nerf_core::volume::Pixel;
 use nerf_tests::browser::{chromium, document, left, noted};
 use nerf_tests::scenes::Recipe;

@@ -4,10 +4,11 @@ use nerf_core::blob::{
     Blob, BlobError, Body, Content, HEADER_LEN, PictureFacts, SceneFacts, SceneSampling, Section,
     encoded_len, write,
 };
-use nerf_core::kernels::{Line, Tier};
 use nerf_core::math::MathBackend;
+use nerf_core::memory::Line;
 use nerf_core::plan::{Batch, Outputs, Plan, Quality};
 use nerf_core::render::{Rect, Renderer};
+use nerf_core::simd::Tier;
 use nerf_core::volume::Pixel;
 use nerf_tests::scenes::{Recipe, camera};
 

@@ -5,14 +5,16 @@ use nerf_core::blob::Blob;
 use nerf_core::encoding::{
     AngleScale, GridEncoding, GridTables, SinusoidalEncoding, TableValues, encode_block, encode_grid_block,
 };
-use nerf_core::kernels::{
-    Gemm, HalfInit, Init, Line, PairedInput, PairedOutput, Tier, dense_bf16, gemm, gemm_f16, pair_rows,
-    pairs, transposed_bf16,
-};
 use nerf_core::math::MathBackend;
+use nerf_core::matrix::{
+    Gemm, HalfInit, Init, PairedInput, PairedOutput, dense_bf16, gemm, gemm_f16, pair_rows, pairs,
+    transposed_bf16,
+};
+use nerf_core::memory::Line;
 use nerf_core::network::{Network, Scratch, Weights};
 use nerf_core::plan::{Batch, Outputs, Plan, Quality};
 use nerf_core::render::{Rect, Renderer};
+use nerf_core::simd::Tier;
 use nerf_core::volume::Pixel;
 use nerf_tests::fence::{Fenced, Flush};
 use nerf_tests::scenes::{Recipe, camera, f16_bits, tiers};

@@ -3,11 +3,12 @@
 use crate::blob_damage::fix_checksum;
 use nerf_core::blob::{Blob, BlobError, HEADER_LEN, MAX_SAMPLES, Section};
 use nerf_core::camera::Camera;
-use nerf_core::kernels::{Line, Tier};
+use nerf_core::memory::Line;
 use nerf_core::network::{ArchitectureError, MAX_TRUNK, MAX_WIDTH};
 use nerf_core::plan::{Batch, Outputs, Plan, PlanError, Quality};
 use nerf_core::render::{Rect, RenderError, Renderer};
 use nerf_core::sampling::Bins;
+use nerf_core::simd::Tier;
 use nerf_core::volume::Pixel;
 use nerf_tests::error::worst_of;
 use nerf_tests::fence::{Fenced, Flush};

@@ -1,10 +1,11 @@
 //! Results depend on the scene and the request, on nothing else.
 
 use nerf_core::blob::Blob;
-use nerf_core::kernels::{BLOCK, Line, Tier};
 use nerf_core::math::MathBackend;
+use nerf_core::memory::Line;
 use nerf_core::plan::{Batch, Outputs, Plan, Quality};
 use nerf_core::render::{Counters, Rect, Renderer, Shares};
+use nerf_core::simd::{BLOCK, Tier};
 use nerf_core::volume::Pixel;
 use nerf_tests::error::worst_of;
 use nerf_tests::scenes::{Recipe, camera, tiers};

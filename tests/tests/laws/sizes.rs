@@ -1,15 +1,16 @@
 //! Every size that is asked for, against arithmetic that cannot overflow.
 
 use nerf_core::blob::{Blob, StoredOccupancy};
-use nerf_core::effects::Effects;
 use nerf_core::encoding::{AngleScale, MAX_LEVELS, SinusoidalEncoding};
-use nerf_core::kernels::{Line, Tier, lines_for};
 use nerf_core::math::MathBackend;
+use nerf_core::memory::{Line, lines_for};
 use nerf_core::network::{
     Architecture, DensityActivation, Layer, MAX_COLOUR, MAX_TRUNK, MAX_WIDTH, TrunkLayer,
 };
+use nerf_core::plan::Effects;
 use nerf_core::plan::{Batch, Outputs, Plan, Quality};
 use nerf_core::render::{Rect, RenderError, Renderer};
+use nerf_core::simd::Tier;
 use nerf_core::volume::Pixel;
 use nerf_tests::scenes::{Recipe, camera, tiers};
 use proptest::prelude::*;

@@ -4,9 +4,7 @@ use crate::geometry::somewhere;
 use crate::noise::signed_f64;
 use crate::table::{Row, Worst, cases};
 use glam::{Mat3, Vec3};
-use nerf_core::camera::{Camera, CameraError, Intrinsics, Pose};
-use nerf_core::lens::Lens;
-use nerf_core::ray::Ray;
+use nerf_core::camera::{Camera, CameraError, Intrinsics, Lens, Pose, Ray};
 use nerf_tests::error::worst_of;
 
 cases! {

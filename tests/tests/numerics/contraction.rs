@@ -4,9 +4,8 @@ use crate::geometry::somewhere;
 use crate::noise::signed_f64;
 use crate::table::{Row, Worst, cases, exact_tiers};
 use glam::Vec3;
-use nerf_core::contraction::Contraction;
-use nerf_core::kernels::{Op, Tier};
-use nerf_core::math::lanes::Lanes;
+use nerf_core::camera::Contraction;
+use nerf_core::simd::{Lanes, Op, Tier};
 use nerf_tests::oracle::contraction as oracle;
 
 cases! {

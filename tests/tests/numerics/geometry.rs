@@ -3,7 +3,7 @@
 use crate::noise::signed_f64;
 use crate::table::{Row, Worst, cases};
 use glam::Vec3;
-use nerf_core::ray::{Ray, SceneBox};
+use nerf_core::camera::{Ray, SceneBox};
 use nerf_tests::error::excess;
 use nerf_tests::oracle;
 

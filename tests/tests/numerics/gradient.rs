@@ -3,11 +3,11 @@
 use crate::noise::signed;
 use crate::table::{BACKENDS, Row, Worst, cases, exact_tiers};
 use nerf_core::encoding::{AngleScale, SinusoidalEncoding};
-use nerf_core::kernels::Tier;
 use nerf_core::math::MathBackend;
 use nerf_core::network::{
     Architecture, DensityActivation, GradientScratch, Network, Scratch, TrunkLayer, Weights,
 };
+use nerf_core::simd::Tier;
 use nerf_tests::error::worst_of;
 use nerf_tests::oracle;
 use nerf_tests::oracle::network::f16;

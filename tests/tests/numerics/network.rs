@@ -7,12 +7,14 @@ pub use activations::CASES as ACTIVATIONS;
 use crate::noise::signed;
 use crate::table::{BACKENDS, Row, Worst, cases, exact_tiers};
 use nerf_core::blob::Blob;
-use nerf_core::kernels::{
-    Gemm, HalfInit, Init, Line, PairedInput, PairedOutput, Tier, dense_bf16, gemm, gemm_f16, pair_rows, pairs,
-};
 use nerf_core::math::MathBackend;
+use nerf_core::matrix::{
+    Gemm, HalfInit, Init, PairedInput, PairedOutput, dense_bf16, gemm, gemm_f16, pair_rows, pairs,
+};
+use nerf_core::memory::Line;
 use nerf_core::plan::{Batch, Outputs, Plan, Quality};
 use nerf_core::render::{Counters, Renderer};
+use nerf_core::simd::Tier;
 use nerf_tests::error::worst_of;
 use nerf_tests::oracle::network::{Network, f16};
 use nerf_tests::scenes::{Recipe, tiers};

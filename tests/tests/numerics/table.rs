@@ -1,7 +1,7 @@
 //! The table of worst errors: what each case measured, beside its bound, and `nerf-core/docs/numerics.md`.
 
-use nerf_core::kernels::Tier;
 use nerf_core::math::MathBackend;
+use nerf_core::simd::Tier;
 use nerf_tests::paths;
 use std::sync::OnceLock;
 

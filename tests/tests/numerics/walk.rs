@@ -4,7 +4,7 @@ use crate::geometry::somewhere;
 use crate::noise::signed_f64;
 use crate::table::{Row, Worst, cases};
 use glam::Vec3;
-use nerf_core::ray::{Ray, SceneBox};
+use nerf_core::camera::{Ray, SceneBox};
 use nerf_core::sampling::{Bins, OccupancyGrid};
 use std::cell::Cell;
 

@@ -12,7 +12,7 @@ mod picture;
 
 use core::hint::black_box;
 use core::panic::PanicInfo;
-use nerf_core::kernels::Line;
+use nerf_core::memory::Line;
 use picture::{Checksums, View, draw};
 
 /// The scene; what is known of it at run time alone must not be known to the optimiser.

@@ -3,13 +3,12 @@
 //! `tests/tests/hosts/firmware.rs` includes this file and compares the host's picture with the microcontroller's.
 
 use nerf_core::blob::Blob;
-use nerf_core::camera::{Camera, Intrinsics, Pose};
-use nerf_core::effects::{Effects, Jitter, ThinLens, Tone, ToneMap};
-use nerf_core::kernels::{Line, Tier};
-use nerf_core::lens::Lens;
+use nerf_core::camera::{Camera, Intrinsics, Lens, Pose};
 use nerf_core::math::MathBackend;
-use nerf_core::plan::{Batch, Outputs, Plan, Quality};
+use nerf_core::memory::Line;
+use nerf_core::plan::{Batch, Effects, Jitter, Outputs, Plan, Quality, ThinLens, Tone, ToneMap};
 use nerf_core::render::{Rect, Renderer};
+use nerf_core::simd::Tier;
 use nerf_core::volume::Pixel;
 
 /// Camera-to-world: 3.2 from the origin, which is straight ahead, and +Z is up. `c/main.c` has the same.

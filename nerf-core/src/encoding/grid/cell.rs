@@ -2,9 +2,8 @@
 
 use super::level::{HASH_Y, HASH_Z};
 use super::{GridLevel, GridTables};
-use crate::kernels::tail;
-use crate::math::gather::Indices;
-use crate::math::lanes::Lanes;
+use crate::memory::tail;
+use crate::simd::{Indices, Lanes};
 
 /// A vector of positions in 0..1 on each axis of the box.
 ///

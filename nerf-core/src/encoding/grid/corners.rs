@@ -2,9 +2,8 @@
 
 use super::cell::{Cells, unit_positions};
 use super::{GridEncoding, GridLevel, GridTables};
-use crate::kernels::{Op, Tier, head, head_mut, tail_mut};
-use crate::math::gather::Indices;
-use crate::math::lanes::{Lanes, MAX_LANES};
+use crate::memory::{head, head_mut, tail_mut};
+use crate::simd::{Indices, Lanes, MAX_LANES, Op, Tier};
 
 /// The corners of a block's cells at one level, in rows along x: 2 in two dimensions, 4 in three.
 ///

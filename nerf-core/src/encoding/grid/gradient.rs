@@ -2,10 +2,9 @@
 
 use super::cell::{Cells, unit_positions};
 use super::{GridEncoding, GridLevel, GridTables, TableValues};
-use crate::kernels::{Op, Tier, VECTORS, head, head_mut, tail, tail_mut};
-use crate::math::gather::{F16Table, F32Table, Int8Table, Table};
-use crate::math::lanes::Lanes;
 use crate::math::polynomial::exp;
+use crate::memory::{head, head_mut, tail, tail_mut};
+use crate::simd::{F16Table, F32Table, Int8Table, Lanes, Op, Table, Tier, VECTORS};
 
 /// Takes a gradient back through the encoding of a block of samples.
 ///

@@ -24,9 +24,9 @@ pub use corners::{GridCorners, grid_corners_block};
 pub use forward::encode_grid_block;
 pub use level::{GridLevel, GridLevels};
 
-use crate::kernels::Tier;
+use crate::camera::SceneBox;
 use crate::network::ArchitectureError;
-use crate::ray::SceneBox;
+use crate::simd::Tier;
 use serde::{Deserialize, Serialize};
 
 /// Most levels of a grid.
@@ -175,6 +175,11 @@ impl<'a> GridTables<'a> {
             None => TableValues::F16(bytes),
         };
         Self::new(values, bounds)
+    }
+
+    /// Tables whose f16 were widened.
+    pub(crate) fn widened(values: &'a [f32], bounds: Option<&SceneBox>) -> Self {
+        Self::new(TableValues::F32(values), bounds)
     }
 
     /// Whether there are as many values as `grid` has, and a scale for each level if they need any.

@@ -1,9 +1,9 @@
 //! The encoding's derivative, from what the encoding gave.
 
 use super::{AngleScale, MAX_LEVELS, SinusoidalEncoding};
-use crate::kernels::{Op, Tier, head, head_mut, tail, tail_mut};
-use crate::math::lanes::Lanes;
 use crate::math::polynomial::exp;
+use crate::memory::{head, head_mut, tail, tail_mut};
+use crate::simd::{Lanes, Op, Tier};
 use core::f32::consts::PI;
 
 /// Takes a gradient back through the encoding of a block of samples.

@@ -1,9 +1,9 @@
 //! Sinusoidal positional encoding.
 
-use crate::kernels::{Op, Tier, head, head_mut, tail, tail_mut};
-use crate::math::lanes::Lanes;
 use crate::math::recurrence::double;
 use crate::math::{Math, MathBackend, with_encoding_math};
+use crate::memory::{head, head_mut, tail, tail_mut};
+use crate::simd::{Lanes, Op, Tier};
 use core::marker::PhantomData;
 use serde::{Deserialize, Serialize};
 

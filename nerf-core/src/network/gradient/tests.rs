@@ -4,8 +4,8 @@ extern crate std;
 
 use super::*;
 use crate::encoding::{AngleScale, SinusoidalEncoding};
-use crate::kernels::Tier;
 use crate::network::{Architecture, DensityActivation};
+use crate::simd::Tier;
 use crate::testing::{Worse, architecture, every_kind, halve, noise, parameters, pi};
 use std::vec;
 use std::vec::Vec;

@@ -2,9 +2,9 @@ extern crate std;
 
 use super::*;
 use crate::blob::{Blob, StoredOccupancy};
-use crate::kernels::Tier;
 use crate::plan::{Batch, Outputs, Quality};
 use crate::render::tests::{camera, render};
+use crate::simd::Tier;
 use crate::testing::{body, bytes, every_kind, halve, parameters};
 
 /// Text in fixed memory: an explanation needs no heap.

@@ -2,10 +2,9 @@ extern crate std;
 
 use super::*;
 use crate::blob::{Body, FrontPoint, ParetoFront};
-use crate::camera::{Intrinsics, Pose};
-use crate::kernels::Tier;
-use crate::lens::Lens;
+use crate::camera::{Intrinsics, Lens, Pose};
 use crate::plan::{Batch, Outputs};
+use crate::simd::Tier;
 use crate::testing::{body, bytes, every_kind, halve, parameters};
 use glam::Vec3;
 use std::vec;

@@ -6,8 +6,8 @@ use crate::blob::Blob;
 use crate::blob::{Body, StoredTables};
 #[cfg(feature = "grid")]
 use crate::encoding::{GridEncoding, PositionEncoding};
-use crate::kernels::Tier;
 use crate::network::{Architecture, Role};
+use crate::simd::Tier;
 #[cfg(feature = "grid")]
 use crate::testing::noise;
 use crate::testing::{

@@ -2,15 +2,15 @@ extern crate std;
 
 use super::DARK;
 use crate::blob::{Blob, Body, ParetoFront, Proposal, StoredOccupancy};
-use crate::camera::{Camera, Intrinsics, Pose};
+use crate::camera::{Camera, Intrinsics, Lens, Pose};
 use crate::encoding::{AngleScale, SinusoidalEncoding};
-use crate::kernels::{Line, Tier};
-use crate::lens::Lens;
 use crate::math::polynomial::Polynomial;
+use crate::memory::Line;
 use crate::network::{Architecture, DensityActivation, TrunkLayer};
 use crate::plan::{Batch, Outputs, Plan, Quality};
 use crate::render::{Counters, Rect, RenderError, Renderer, Switch};
 use crate::sampling::{Bins, sample_interval, sample_pdf};
+use crate::simd::Tier;
 use crate::testing::{SCENE, body, bytes, every_kind, halve, noise, parameters};
 use crate::volume::{Accumulator, Pixel};
 use glam::Vec3;
@@ -173,7 +173,7 @@ fn a_picture_does_not_depend_on_the_batch() {
 #[test]
 #[cfg(all(feature = "jitter", feature = "anti-aliasing", feature = "median"))]
 fn effects_and_medians_of_drawn_samples_do_not_depend_on_the_batch() {
-    use crate::effects::{Effects, Jitter};
+    use crate::plan::{Effects, Jitter};
     let bytes = scene(None, Some(&coarse_parameters(11)));
     let blob = Blob::open(&bytes).unwrap();
     let renderer = Renderer::new(blob.clone(), Tier::Scalar, &mut []).unwrap();

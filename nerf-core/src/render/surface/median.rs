@@ -1,6 +1,6 @@
 //! Median distances of the rays in flight.
 
-use crate::kernels::Layout;
+use crate::memory::Layout;
 use crate::plan::Plan;
 use crate::volume::{Accumulator, median_in_bin};
 

@@ -1,6 +1,6 @@
 //! No median distances: this build was made without the feature `median`.
 
-use crate::kernels::Layout;
+use crate::memory::Layout;
 use crate::plan::Plan;
 use crate::volume::Accumulator;
 use core::marker::PhantomData;

@@ -1,6 +1,6 @@
 //! Normals of the rays in flight: gradients of the samples that count, in blocks of their own.
 
-use crate::kernels::{Layout, at, column, head, put, put_column};
+use crate::memory::{Layout, at, column, head, put, put_column};
 use crate::network::{GradientScratch, Network, Scratch};
 use crate::plan::Plan;
 use crate::render::frame::{Frame, block_samples, columns_of};

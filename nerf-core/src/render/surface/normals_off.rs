@@ -1,6 +1,6 @@
 //! No normals: this build was made without the feature `normals`.
 
-use crate::kernels::Layout;
+use crate::memory::Layout;
 use crate::network::Network;
 use crate::plan::Plan;
 use crate::render::frame::Frame;

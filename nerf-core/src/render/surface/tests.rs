@@ -3,7 +3,7 @@
 extern crate std;
 
 use crate::blob::{Blob, StoredOccupancy};
-use crate::kernels::{Line, lines_for};
+use crate::memory::{Line, lines_for};
 use crate::plan::{Batch, Outputs, Plan, PlanError, Quality};
 use crate::render::tests::{camera, render, tiers};
 use crate::render::{Counters, Renderer};
@@ -137,7 +137,7 @@ fn what_this_build_lacks_is_refused_by_name() {
 #[test]
 #[cfg(all(feature = "median", feature = "jitter"))]
 fn a_median_stays_in_the_bin_of_a_jittered_sample() {
-    use crate::effects::{Effects, Jitter};
+    use crate::plan::{Effects, Jitter};
     // Opaque from the first bin on: half of the light is gone at its very beginning, wherever the sample lies.
     let a = every_kind();
     let mut all = vec![0.0; a.parameters()];
@@ -147,7 +147,7 @@ fn a_median_stays_in_the_bin_of_a_jittered_sample() {
     let (weights, _) = halve(&all);
     let bytes = bytes(&body(a, None, &weights));
     let blob = Blob::open(&bytes).unwrap();
-    let renderer = Renderer::new(blob.clone(), crate::kernels::Tier::Scalar, &mut []).unwrap();
+    let renderer = Renderer::new(blob.clone(), crate::simd::Tier::Scalar, &mut []).unwrap();
     let camera = camera(13, 11);
     let outputs = Outputs { median_distance: true, ..Outputs::NONE };
     let go = |jitter| {

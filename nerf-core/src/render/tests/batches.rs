@@ -1,9 +1,9 @@
 //! Whatever the batch: the pixels and the work of one sample at a time.
 
 use super::*;
-use crate::kernels::BLOCK;
 use crate::math::polynomial::Polynomial;
 use crate::sampling::Bins;
+use crate::simd::BLOCK;
 use crate::volume::Accumulator;
 
 /// A frame without blocks, rays in flight or queues: sample by sample, from what a query gives.

@@ -2,9 +2,8 @@
 
 use super::*;
 use crate::blob::{Body, Content, SceneFacts, SceneSampling};
-use crate::contraction::Contraction;
-use crate::kernels::Line;
-use crate::ray::Ray;
+use crate::camera::{Contraction, Ray};
+use crate::memory::Line;
 use crate::testing::noise;
 use crate::volume::OPACITY_EPSILON;
 

@@ -1,7 +1,7 @@
 //! Laws of the effects, on whole frames.
 
 use super::*;
-use crate::effects::{Effects, Jitter, ThinLens, Tone, ToneMap};
+use crate::plan::{Effects, Jitter, ThinLens, Tone, ToneMap};
 
 const LENS: ThinLens = ThinLens { aperture_radius: 0.2, focus_distance: 3.5 };
 

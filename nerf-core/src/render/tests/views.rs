@@ -4,11 +4,8 @@ extern crate std;
 
 use super::{constant, tiers};
 use crate::blob::{Body, Content, SceneFacts, SceneSampling, StoredOccupancy};
-use crate::camera::{Camera, Intrinsics, Pose};
-use crate::effects::Effects;
-use crate::lens::Lens;
-use crate::plan::{Batch, Outputs, Plan, PlanError, Quality};
-use crate::ray::Ray;
+use crate::camera::{Camera, Intrinsics, Lens, Pose, Ray};
+use crate::plan::{Batch, Effects, Outputs, Plan, PlanError, Quality};
 use crate::render::{Rect, Renderer};
 use crate::testing::{SCENE, Worse, architecture, body, bytes, halve, pi};
 use crate::volume::{OPACITY_EPSILON, Pixel};
@@ -340,7 +337,7 @@ fn tiles_and_batches_change_no_bit_of_any_view() {
                 let batch = Batch { rays, samples: 64 };
                 let plan = Plan::new(&blob, &quality, outputs(), batch).unwrap();
                 #[cfg(feature = "jitter")]
-                let effects = Effects { jitter: Some(crate::effects::Jitter { seed: 5 }), ..Effects::NONE };
+                let effects = Effects { jitter: Some(crate::plan::Jitter { seed: 5 }), ..Effects::NONE };
                 #[cfg(not(feature = "jitter"))]
                 let effects = Effects::NONE;
                 plan.with_range(range.0, range.1).unwrap().with_effects(effects).unwrap()

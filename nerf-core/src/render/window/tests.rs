@@ -1,7 +1,7 @@
 extern crate std;
 
 use super::*;
-use crate::ray::SceneBox;
+use crate::camera::SceneBox;
 use crate::render::tests::tiers;
 use crate::testing::noise;
 use glam::Vec3;

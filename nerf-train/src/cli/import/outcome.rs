@@ -9,8 +9,8 @@ use crate::occupancy::LiveCells;
 use crate::report::summary::Summary;
 use crate::study::Verdict;
 use nerf_core::encoding::SinusoidalEncoding;
-use nerf_core::kernels::Tier;
 use nerf_core::network::Architecture;
+use nerf_core::simd::Tier;
 use std::path::Path;
 
 /// Where the occupancy grid comes from.

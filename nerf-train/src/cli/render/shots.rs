@@ -7,8 +7,7 @@ use crate::dataset::Dataset;
 use crate::orbit::Orbit;
 use anyhow::{Context, bail};
 use nerf_core::blob::Blob;
-use nerf_core::camera::{Camera, CameraError, Intrinsics, Pose};
-use nerf_core::lens::Lens;
+use nerf_core::camera::{Camera, CameraError, Intrinsics, Lens, Pose};
 use std::path::Path;
 
 /// A coarse pass has a quarter of the sides, but no less than this, pixels.

@@ -2,7 +2,7 @@
 
 use super::super::DatasetError;
 use super::super::photo::Optics;
-use nerf_core::lens::{Lens, Projection};
+use nerf_core::camera::{Lens, Projection};
 use std::path::Path;
 
 /// A camera: model, size and parameters.

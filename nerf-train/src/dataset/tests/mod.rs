@@ -13,8 +13,7 @@ use super::{
     Axes, Background, Dataset, DatasetError, Format, LookAt, ReadOptions, Report, View, mean_colour, read,
 };
 use glam::Vec3;
-use nerf_core::camera::{Camera, Intrinsics, Pose};
-use nerf_core::lens::Lens;
+use nerf_core::camera::{Camera, Intrinsics, Lens, Pose};
 use std::path::Path;
 
 /// `count` poses on a golden spiral of the upper hemisphere of `radius`, looking at `target`.

@@ -3,7 +3,7 @@
 use super::*;
 use glam::{DQuat, DVec3, Quat};
 use image::{Rgb, RgbImage};
-use nerf_core::lens::Projection;
+use nerf_core::camera::Projection;
 use tempfile::TempDir;
 
 /// Pixels of the photographs here.

@@ -121,7 +121,7 @@ fn what_a_mask_is_black_at_does_not_count() {
 fn rays_are_drawn_of_what_counts_alone() {
     use crate::config::Preset;
     use crate::rays::{Bounds, RayBank};
-    use nerf_core::ray::SceneBox;
+    use nerf_core::camera::SceneBox;
     let mut views = dataset_of(&orbit(3, 4.0, Vec3::ZERO), Axes::Opengl).train;
     views[1].mask = Some((0..48).map(|i| i % 8 == 3).collect());
     views.iter_mut().for_each(|view| view.pixels = vec![[9, 9, 9, 255]; 48]);

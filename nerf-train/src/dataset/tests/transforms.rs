@@ -1,6 +1,6 @@
 use super::*;
 use image::{DynamicImage, ImageFormat};
-use nerf_core::lens::Projection;
+use nerf_core::camera::Projection;
 use serde_json::{Value, json};
 use std::path::PathBuf;
 use tempfile::TempDir;

@@ -1,8 +1,7 @@
 //! Adam, of entries that have a gradient.
 
 use super::super::Adam;
-use nerf_core::kernels::{Op, Tier};
-use nerf_core::math::lanes::Lanes;
+use nerf_core::simd::{Lanes, Op, Tier};
 
 /// Smallest second moment that a step divides by, the square of the usual epsilon: none overflows.
 const SMALLEST: f32 = 1e-30;

@@ -4,7 +4,8 @@
 //! layer of features that are learned needs none (as in tiny-cuda-nn).
 
 use crate::engine::{Dense, Model, Part};
-use nerf_core::kernels::{Gemm, Init, Tier, gemm};
+use nerf_core::matrix::{Gemm, Init, gemm};
+use nerf_core::simd::Tier;
 
 /// Columns are padded to whole vectors of this many.
 pub(super) const VECTOR: usize = 16;

@@ -34,10 +34,10 @@ use super::{
 use crate::quantise::scales;
 use adam::AdamStep;
 use layers::{LayerSums, Layers};
+use nerf_core::camera::SceneBox;
 use nerf_core::encoding::{GridEncoding, GridTables, TableValues};
-use nerf_core::kernels::Tier;
 use nerf_core::network::DensityActivation;
-use nerf_core::ray::SceneBox;
+use nerf_core::simd::Tier;
 use pass::{Job, Pass, Scratch, Totals};
 use rayon::prelude::*;
 use scatter::{Kept, LevelScratch, LevelState, write_halves};

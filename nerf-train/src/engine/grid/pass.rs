@@ -8,10 +8,11 @@ use crate::engine::{Batch, Model, Phase, Phases};
 use nerf_core::encoding::{
     DirectionEncoding, GridEncoding, GridTables, encode_block, encode_grid_block, encode_harmonics_block,
 };
-use nerf_core::kernels::{Init, Tier};
 use nerf_core::math::MathBackend;
+use nerf_core::matrix::Init;
 use nerf_core::network::EXPONENTIAL_LIMIT;
 use nerf_core::sampling::{Purpose, uniform};
+use nerf_core::simd::Tier;
 use std::ops::{Add, Range};
 use std::time::Instant;
 

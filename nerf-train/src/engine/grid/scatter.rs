@@ -6,8 +6,7 @@ use super::adam::{AdamStep, move_16, moved};
 use crate::engine::{GRADIENT_LIMIT, Phase, Phases};
 use crate::quantise::STEPS;
 use nerf_core::encoding::{GridCorners, GridEncoding, GridLevel, GridTables, grid_corners_block};
-use nerf_core::kernels::{BLOCK, Op, Tier, prefetch};
-use nerf_core::math::lanes::Lanes;
+use nerf_core::simd::{BLOCK, Lanes, Op, Tier, prefetch};
 use std::time::Instant;
 
 /// Values of a part of a level that is left alone if no sample read from it.

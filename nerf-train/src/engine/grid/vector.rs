@@ -1,8 +1,7 @@
 //! Loops over slices, compiled for the tier's instructions.
 
-use nerf_core::kernels::{Op, Tier};
-use nerf_core::math::lanes::Lanes;
 use nerf_core::math::polynomial::exp;
+use nerf_core::simd::{Lanes, Op, Tier};
 
 /// Multiples of this many values go through [`Tier::run`]'s vectors on every tier.
 pub(super) const VECTOR: usize = 16;

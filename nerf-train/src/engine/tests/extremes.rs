@@ -3,7 +3,7 @@
 use super::volume::error_of;
 use super::*;
 use crate::engine::pass::activate;
-use nerf_core::kernels::{BLOCK, Tier};
+use nerf_core::simd::{BLOCK, Tier};
 
 /// Rounding to f32, relative.
 const ROUND: f64 = 1.0 / (1 << 24) as f64;

@@ -143,7 +143,7 @@ fn the_scalar_tier_agrees_with_the_fastest() {
         let batch = batch_of(&model, 40, 70, 5);
         let (_, expected) = fused(&model, 2).gradients(&batch).unwrap();
         let mut scalar = fused(&model, 2);
-        scalar.set_tier(nerf_core::kernels::Tier::Scalar);
+        scalar.set_tier(nerf_core::simd::Tier::Scalar);
         let error = worst_layer(&model, &scalar.gradients(&batch).unwrap().1, &expected);
         assert!(error < 1e-4, "{name}: {error}");
     }

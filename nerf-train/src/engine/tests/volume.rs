@@ -3,7 +3,7 @@
 use super::*;
 use crate::engine::chunk::{Chunk, cut};
 use crate::engine::volume_grad::{Samples, Scratch, squared_error};
-use nerf_core::kernels::BLOCK;
+use nerf_core::simd::BLOCK;
 
 pub(super) const RAY: BatchRay =
     BatchRay { dir: [0.0, 0.0, -1.0], rgb: [0.2, 0.5, 0.9], background: [1.0, 0.5, 0.0], samples: 3 };

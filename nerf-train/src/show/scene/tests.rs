@@ -4,7 +4,7 @@ use crate::demo_scene::{DemoSpec, dataset};
 use crate::engine::Batch;
 use crate::rays::{MarchCells, RayBank};
 use crate::show::{page, sheet};
-use nerf_core::kernels::Tier;
+use nerf_core::simd::Tier;
 
 fn small() -> Dataset {
     dataset(&DemoSpec { train: 6, val: 2, size: 24, ..DemoSpec::default() }).expect("a scene")

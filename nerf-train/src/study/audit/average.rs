@@ -2,9 +2,9 @@
 
 use crate::dataset::View;
 use nerf_core::encoding::{DirectionEncoding, encode_block, encode_harmonics_block};
-use nerf_core::kernels::Tier;
 use nerf_core::math::MathBackend;
 use nerf_core::network::{Architecture, Layer, Role};
+use nerf_core::simd::Tier;
 
 /// Rays a view adds to the mean, at most: they lie close to each other.
 const RAYS: usize = 4096;

@@ -14,11 +14,11 @@ use nerf_core::blob::{
     StoredTables, encoded_len, write,
 };
 use nerf_core::camera::Camera;
-use nerf_core::effects::Effects;
-use nerf_core::kernels::{Line, Tier};
+use nerf_core::memory::Line;
 use nerf_core::network::{Architecture, unpack};
-use nerf_core::plan::{Batch, Outputs, Plan};
+use nerf_core::plan::{Batch, Effects, Outputs, Plan};
 use nerf_core::render::Renderer;
+use nerf_core::simd::Tier;
 use std::time::Instant;
 
 /// The blob with something else in it.

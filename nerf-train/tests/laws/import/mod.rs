@@ -8,9 +8,10 @@ mod reference;
 
 use made::{Checkpoint, Shape};
 use nerf_core::blob::{Blob, Content, Provenance};
-use nerf_core::kernels::{Line, Tier};
+use nerf_core::memory::Line;
 use nerf_core::plan::{Batch, Outputs, Plan, Quality};
 use nerf_core::render::Renderer;
+use nerf_core::simd::Tier;
 use nerf_train::export::{Contents, Tables, export};
 use nerf_train::import::{AngleFactor, Identity, Imported, Order, RawDensity, Settings, Tensors, network};
 use oracle::Oracle;

@@ -3,13 +3,13 @@
 use crate::blob::{SCENE, body};
 use crate::table::{Row, Worst, cases};
 use nerf_core::blob::{Blob, BlobError, Body, Content, SceneFacts, encoded_len};
-use nerf_core::camera::{Camera, Intrinsics, Pose};
+use nerf_core::camera::{Camera, Intrinsics, Lens, Pose};
 use nerf_core::encoding::{AngleScale, SinusoidalEncoding};
-use nerf_core::kernels::{Line, Tier};
-use nerf_core::lens::Lens;
+use nerf_core::memory::Line;
 use nerf_core::network::Architecture;
 use nerf_core::plan::{Batch, Outputs, Plan, Quality};
 use nerf_core::render::{Counters, RenderError, Renderer};
+use nerf_core::simd::Tier;
 use nerf_tests::scenes::{Recipe, tiers};
 
 cases! {

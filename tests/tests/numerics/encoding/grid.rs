@@ -4,7 +4,7 @@ use crate::table::{Row, Worst, cases, exact_tiers};
 use nerf_core::encoding::{
     GridEncoding, GridLevel, GridTables, TableValues, encode_grid_block, encode_harmonics_block,
 };
-use nerf_core::kernels::Tier;
+use nerf_core::simd::Tier;
 use nerf_tests::oracle::grid::Grid;
 use nerf_tests::oracle::network::f16;
 

@@ -3,8 +3,8 @@
 use crate::property::law;
 use crate::table::{BACKENDS, Row, cases, exact_tiers};
 use nerf_core::encoding::{AngleScale, SinusoidalEncoding, encode_block};
-use nerf_core::kernels::Tier;
 use nerf_core::math::MathBackend;
+use nerf_core::simd::Tier;
 use nerf_tests::error::{worse, worst_of};
 use proptest::prelude::{Strategy, any, prop_oneof};
 use std::fmt;

@@ -4,14 +4,13 @@ use super::frame;
 use crate::blob::{SCENE, bytes, weights};
 use crate::network::ask;
 use crate::table::{BACKENDS, Row, Worst, cases};
-use nerf_core::camera::{Camera, Intrinsics, Pose};
+use nerf_core::camera::{Camera, Intrinsics, Lens, Pose};
 use nerf_core::encoding::{AngleScale, SinusoidalEncoding};
-use nerf_core::kernels::Tier;
-use nerf_core::lens::Lens;
 use nerf_core::math::MathBackend;
 use nerf_core::network::{Architecture, DensityActivation, TrunkLayer};
 use nerf_core::plan::Outputs;
 use nerf_core::render::Counters;
+use nerf_core::simd::Tier;
 use nerf_core::volume::Pixel;
 use nerf_tests::scenes::tiers;
 

@@ -1,11 +1,12 @@
 extern crate std;
 
 use crate::blob::Blob;
-use crate::kernels::{Line, Tier};
+use crate::memory::Line;
 use crate::plan::{Batch, Outputs, Plan, PlanError, Quality};
 use crate::render::Renderer;
 use crate::render::tests::{camera, constant, render, tiers};
 use crate::sampling::Bins;
+use crate::simd::Tier;
 use crate::testing::{Worse, architecture, body, bytes, every_kind, halve, parameters, pi};
 use crate::volume::median_in_bin;
 use core::f32::consts::LN_2;

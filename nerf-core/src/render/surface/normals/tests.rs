@@ -2,14 +2,15 @@ extern crate std;
 
 use crate::blob::{Blob, StoredOccupancy};
 use crate::camera::Camera;
-use crate::kernels::{BLOCK, Line, Tier};
 use crate::math::MathBackend;
 use crate::math::polynomial::Polynomial;
+use crate::memory::Line;
 use crate::network::{Architecture, GradientScratch, Network, Scratch, Weights};
 use crate::plan::{Batch, Outputs, Plan, PlanError, Quality};
 use crate::render::Renderer;
 use crate::render::tests::{camera, constant, render, tiers};
 use crate::sampling::Bins;
+use crate::simd::{BLOCK, Tier};
 use crate::testing::{architecture, body, bytes, every_kind, halve, parameters, pi, tolerance};
 use crate::volume::{Accumulator, NormalSum, Pixel};
 use glam::Vec3;

@@ -3,8 +3,8 @@
 //! It has no gate and ends no ray: where the engine leaves samples out, the two differ.
 
 use crate::engine::{Batch, Dense, Model, Part};
+use nerf_core::camera::SceneBox;
 use nerf_core::encoding::{DirectionEncoding, GridEncoding};
-use nerf_core::ray::SceneBox;
 
 /// Value `out[level · features + feature]` at `x`, from the tables in `p[first..]`.
 fn encode(grid: &GridEncoding, bounds: &SceneBox, p: &[f64], x: &[f32; 3]) -> Vec<f64> {
@@ -108,7 +108,8 @@ pub(super) struct Found {
 
 /// The batch's loss.
 pub(super) fn loss(m: &Model, bounds: &SceneBox, p: &[f64], batch: &Batch) -> Found {
-    let mut found = Found { loss: 0.0, distortion: 0.0, least_weight: f64::INFINITY, least_transmittance: 1.0 };
+    let mut found =
+        Found { loss: 0.0, distortion: 0.0, least_weight: f64::INFINITY, least_transmittance: 1.0 };
     let mut first = 0;
     for ray in &batch.rays {
         let (mut shown, mut transmittance) = ([0.0; 3], 1.0f64);

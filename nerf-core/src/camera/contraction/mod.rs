@@ -1,0 +1,218 @@
+//! Unbounded space, contracted into a box: what is far away gets fewer of the field's cells and longer steps.
+
+use crate::camera::{Ray, SceneBox};
+use crate::simd::Lanes;
+use glam::Vec3;
+
+#[cfg(test)]
+mod tests;
+
+/// The contraction of a scene: all of space into a ball of twice the radius of one that stays as it is.
+///
+/// With `q = (p − centre) / radius` and `r = |q|`: `q` where `r <= 1`, else `(2 − 1/r) q/r`, back in world units around
+/// the same centre. The scene box is the cube around that ball, so that its sides are 4 radii.
+///
+/// # Source
+/// Barron et al. 2022, eq. 10.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Contraction {
+    cube: SceneBox,
+    centre: Vec3,
+    radius: f32,
+    power: u8,
+}
+
+impl Contraction {
+    /// Powers that steps along a ray may grow with ([`Contraction::distance`]).
+    pub const POWERS: [u8; 3] = [1, 2, 4];
+
+    /// The contraction into a cube; `None` unless it is one, with a radius of 1e-30 to 1e30, and `power` is one of
+    /// [`Contraction::POWERS`].
+    pub fn new(cube: &SceneBox, power: u8) -> Option<Self> {
+        let (extent, centre) = (cube.max - cube.min, 0.5 * cube.min + 0.5 * cube.max);
+        let (longest, shortest) = (extent.max_element(), extent.min_element());
+        // Corners far from the origin are rounded.
+        let rounding = 4.0 * f32::EPSILON * cube.min.abs().max(cube.max.abs()).max_element();
+        let radius = 0.25 * longest;
+        let valid = extent.is_finite()
+            && longest - shortest <= rounding
+            && radius > rounding
+            && (1e-30..=1e30).contains(&radius);
+        (valid && Self::POWERS.contains(&power)).then_some(Self { cube: *cube, centre, radius, power })
+    }
+
+    /// The cube of a contraction around a ball.
+    pub fn cube(centre: Vec3, radius: f32) -> SceneBox {
+        let reach = Vec3::splat(2.0 * radius);
+        SceneBox { min: centre - reach, max: centre + reach }
+    }
+
+    /// Middle of the ball that stays as it is, world units.
+    pub fn centre(&self) -> Vec3 {
+        self.centre
+    }
+
+    /// Radius of the ball that stays as it is, world units.
+    pub fn radius(&self) -> f32 {
+        self.radius
+    }
+
+    /// The power that steps along a ray grow with.
+    pub fn power(&self) -> u8 {
+        self.power
+    }
+
+    /// Where a point of the world is in the scene box, never outside: a coordinate further than 1e8 radii from the centre
+    /// counts as that far, and one that is NaN as the centre's.
+    #[inline]
+    pub fn contract(&self, p: Vec3) -> Vec3 {
+        Vec3::from_array(self.contract_lanes(p.to_array()))
+    }
+
+    /// [`Contraction::contract`] of a vector of points: x, y, z.
+    #[inline(always)]
+    pub fn contract_lanes<V: Lanes>(&self, p: [V; 3]) -> [V; 3] {
+        let one = V::splat(1.0);
+        let q = self.in_radii(p);
+        let square = q[0].mul(q[0]).add(q[1].mul(q[1])).add(q[2].mul(q[2]));
+        // (2 − 1/r) / r.
+        let inverse = one.div(square.max_of(one).sqrt());
+        self.shrunk(q, V::splat(2.0).sub(inverse).mul(inverse).mul(V::splat(self.radius)))
+    }
+
+    /// Whether all of a ray between two of its steps, in ascending order, is in the ball that stays as it is.
+    #[inline]
+    pub(crate) fn keeps(&self, ray: &Ray, from: f32, to: f32) -> bool {
+        // A ball is convex. Rounding must not move a point out of it.
+        const INNER: f32 = 0.9999;
+        let within = |s: f32| {
+            (ray.at(s * self.radius) - self.centre).length_squared() < INNER * self.radius * self.radius
+        };
+        from.abs() <= 1.0 && to.abs() <= 1.0 && within(from) && within(to)
+    }
+
+    /// [`Contraction::contract_lanes`] of points in the ball that stays as it is, bit for bit.
+    #[inline(always)]
+    pub(crate) fn kept_lanes<V: Lanes>(&self, p: [V; 3]) -> [V; 3] {
+        self.shrunk(self.in_radii(p), V::splat(self.radius))
+    }
+
+    /// Points from the centre, in radii; squares of them are numbers.
+    #[inline(always)]
+    fn in_radii<V: Lanes>(&self, p: [V; 3]) -> [V; 3] {
+        let centre = self.centre.to_array();
+        let (into, largest) = (V::splat(1.0 / self.radius), V::splat(FARTHEST));
+        let mut q = [V::splat(0.0); 3];
+        for axis in 0..3 {
+            // Squares stay numbers; a NaN becomes 0.
+            let x = p[axis].sub(V::splat(centre[axis])).mul(into);
+            let x = V::select(x.equals(x), x, V::splat(0.0));
+            q[axis] = x.min_of(largest).max_of(largest.neg());
+        }
+        q
+    }
+
+    /// Points of the scene box at `shrink` times `q` from the centre.
+    #[inline(always)]
+    fn shrunk<V: Lanes>(&self, mut q: [V; 3], shrink: V) -> [V; 3] {
+        let centre = self.centre.to_array();
+        // No closure: it would lose the leaf's instructions.
+        for axis in 0..3 {
+            let (low, high) = (V::splat(self.cube.min[axis]), V::splat(self.cube.max[axis]));
+            q[axis] = V::splat(centre[axis]).add(q[axis].mul(shrink)).max_of(low).min_of(high);
+        }
+        q
+    }
+
+    /// The gradient in the world of what has `gradient` at `p`, both in the scene box: the transpose of the
+    /// contraction's derivative, times it.
+    #[cfg(feature = "normals")]
+    pub(crate) fn gradient_in_world(&self, p: Vec3, gradient: Vec3) -> Vec3 {
+        let q = (p - self.centre) / self.radius;
+        let contracted = Lanes::sqrt(q.length_squared());
+        if contracted <= 1.0 {
+            return gradient;
+        }
+        let out = q / contracted;
+        // Contracted radius 2 − 1/r; at the rim what is left is the direction.
+        let inverse = (2.0 - contracted).max(1.0 / FARTHEST);
+        let along = out * out.dot(gradient);
+        (gradient - along) * (contracted * inverse) + along * (inverse * inverse)
+    }
+
+    /// The ray, from the point nearest to the centre, or from its origin if it leads away; and how far that is.
+    pub fn centred(&self, ray: &Ray) -> (Ray, f32) {
+        let start = (self.centre - ray.origin).dot(ray.dir).max(0.0);
+        (Ray { origin: ray.at(start), ..*ray }, start)
+    }
+
+    /// The distance along a ray from the point nearest to the centre, world units, at `s` of equal steps: `s` radii where
+    /// `|s| <= 1`, and `(1 − (|s| − 1)/p)^−p` beyond, for the power `p`. 1 makes steps even in disparity, as a line through
+    /// the centre is even in contracted space; larger ones make them nearly even in the logarithm.
+    ///
+    /// # Source
+    /// Barron et al. 2025, power ladder; deviation: linear up to 1, and symmetric, since rays come from anywhere.
+    #[inline]
+    pub fn distance(&self, s: f32) -> f32 {
+        self.distance_lanes(s)
+    }
+
+    /// [`Contraction::distance`] of a vector of steps.
+    #[inline(always)]
+    pub fn distance_lanes<V: Lanes>(&self, s: V) -> V {
+        let (one, size, least) = (V::splat(1.0), s.abs(), V::splat(1.0 / FARTHEST));
+        let per_power = V::splat(1.0 / f32::from(self.power));
+        let mut base = one.sub(size.sub(one).mul(per_power)).max_of(least).min_of(one);
+        let mut doubled = 1;
+        while doubled < self.power {
+            base = base.mul(base);
+            doubled *= 2;
+        }
+        let far = one.div(base.max_of(least));
+        let size = V::select(one.less(size), far, size).mul(V::splat(self.radius));
+        V::select(s.less(V::splat(0.0)), size.neg(), size)
+    }
+
+    /// How many times as long as in the ball that stays as it is the steps of a ray through the centre are at `p` of the
+    /// scene box.
+    pub fn step_growth(&self, p: Vec3) -> f32 {
+        let contracted = (p - self.centre).length() / self.radius;
+        let radii = 1.0 / (2.0 - contracted.max(1.0)).max(1.0 / FARTHEST);
+        // d(b^−p)/ds of b = 1 − (s − 1)/p is b^−(p + 1): radii^((p + 1) / p).
+        radii * self.root(radii)
+    }
+
+    /// The point of the world that is at `p` of the scene box.
+    pub fn in_world(&self, p: Vec3) -> Vec3 {
+        let q = (p - self.centre) / self.radius;
+        let contracted = q.length();
+        if contracted <= 1.0 {
+            return p;
+        }
+        let radii = 1.0 / (2.0 - contracted).max(1.0 / FARTHEST);
+        self.centre + q * (radii / contracted * self.radius)
+    }
+
+    /// The inverse of [`Contraction::distance`]; finite for every number.
+    pub fn step_at(&self, distance: f32) -> f32 {
+        let size = (distance.abs() / self.radius).min(FARTHEST);
+        if size <= 1.0 {
+            return (distance / self.radius).clamp(-1.0, 1.0);
+        }
+        let steps = 1.0 + f32::from(self.power) * (1.0 - 1.0 / self.root(size));
+        if distance < 0.0 { -steps } else { steps }
+    }
+
+    /// `x^(1/p)` for the power `p`.
+    fn root(&self, mut x: f32) -> f32 {
+        let mut halved = self.power;
+        while halved > 1 {
+            x = Lanes::sqrt(x);
+            halved /= 2;
+        }
+        x
+    }
+}
+
+/// Radii beyond which everything is as far.
+const FARTHEST: f32 = 1e8;

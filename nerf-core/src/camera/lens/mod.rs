@@ -1,0 +1,97 @@
+//! Lens distortion and its inverse: radial-tangential lenses and fisheyes.
+//!
+//! Without the feature `lens` there is one lens, [`Lens::NONE`]; a camera with another is refused.
+
+#[cfg(feature = "lens")]
+mod fisheye;
+#[cfg(feature = "lens")]
+mod model;
+#[cfg(not(feature = "lens"))]
+#[path = "model_off.rs"]
+mod model;
+
+#[cfg(all(test, feature = "lens"))]
+mod oracle;
+#[cfg(all(test, feature = "lens"))]
+mod tests;
+
+/// Coefficients of a lens on normalised image coordinates, +y down.
+///
+/// [`Projection::Perspective`]: with `r² = x² + y²` and `radial = (1 + k1 r² + k2 r⁴ + k3 r⁶) / (1 + k4 r² + k5 r⁴ +
+/// k6 r⁶)` an ideal image point `(x, y)` is seen at `x radial + 2 p1 x y + p2 (r² + 2x²)`, and likewise
+/// `y radial + p1 (r² + 2y²) + 2 p2 x y`.
+///
+/// [`Projection::Fisheye`]: a direction `θ` radians off the axis is seen `θ (1 + k1 θ² + k2 θ⁴ + k3 θ⁶ + k4 θ⁸)` from the
+/// principal point, the way it points; `k5 k6 p1 p2` are 0.
+///
+/// # Source
+/// Brown 1966 and Kannala, Brandt 2006, as OpenCV and COLMAP have them: `k1 k2 p1 p2` are the parameters of OPENCV, all
+/// eight those of FULL_OPENCV, `k1 k2 k3 k4` of a fisheye those of OPENCV_FISHEYE.
+#[derive(Clone, Copy, Default, PartialEq)]
+pub struct Lens {
+    /// Radial, second order.
+    pub k1: f32,
+    /// Radial, fourth order.
+    pub k2: f32,
+    /// Tangential.
+    pub p1: f32,
+    /// Tangential.
+    pub p2: f32,
+    /// Radial, sixth order.
+    pub k3: f32,
+    /// Radial, of the denominator, second order; of a fisheye, eighth.
+    pub k4: f32,
+    /// Radial, of the denominator, fourth order.
+    pub k5: f32,
+    /// Radial, of the denominator, sixth order.
+    pub k6: f32,
+    /// What the coefficients are of.
+    pub projection: Projection,
+}
+
+/// How far from the principal point a direction is seen without any coefficient.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Projection {
+    /// The tangent of the angle to the axis: straight lines stay straight.
+    #[default]
+    Perspective,
+    /// The angle itself; up to half a turn.
+    Fisheye,
+}
+
+impl Lens {
+    /// A lens that moves nothing.
+    pub const NONE: Self = Self {
+        k1: 0.0,
+        k2: 0.0,
+        p1: 0.0,
+        p2: 0.0,
+        k3: 0.0,
+        k4: 0.0,
+        k5: 0.0,
+        k6: 0.0,
+        projection: Projection::Perspective,
+    };
+
+    /// The coefficients with their names.
+    pub(crate) fn coefficients(&self) -> [(&'static str, f32); 8] {
+        let Self { k1, k2, p1, p2, k3, k4, k5, k6, .. } = *self;
+        [("k1", k1), ("k2", k2), ("p1", p1), ("p2", p2), ("k3", k3), ("k4", k4), ("k5", k5), ("k6", k6)]
+    }
+}
+
+/// What every lens has, and of the rest what is not 0.
+impl core::fmt::Debug for Lens {
+    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+        let mut lens = f.debug_struct("Lens");
+        for (index, (name, value)) in self.coefficients().iter().enumerate() {
+            if index < 4 || *value != 0.0 {
+                lens.field(name, value);
+            }
+        }
+        if self.projection != Projection::Perspective {
+            lens.field("projection", &self.projection);
+        }
+        lens.finish()
+    }
+}

@@ -1,0 +1,425 @@
+//! From pixels to rays: intrinsics, lens and camera-to-world pose; where rays meet the scene.
+
+#[cfg(feature = "contraction")]
+mod contraction;
+#[cfg(not(feature = "contraction"))]
+#[path = "contraction_off.rs"]
+mod contraction;
+mod lens;
+mod ray;
+
+pub use contraction::Contraction;
+pub use lens::{Lens, Projection};
+pub use ray::{BoundsError, Ray, SceneBox, is_unit};
+
+use glam::{Mat3, Vec2, Vec3};
+
+#[cfg(test)]
+mod tests;
+
+/// Longest side of an image, pixels: up to it every pixel's centre is exact in f32, so that no two are one.
+pub const MAX_IMAGE_SIDE: u32 = 1 << 23;
+/// Furthest image point from the principal point, in focal lengths: its square is well inside f32.
+const MAX_NORMALISED: f32 = 1e9;
+
+/// A pinhole's intrinsics, in pixels; pixel (0, 0) is top left and its centre is (0.5, 0.5).
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Intrinsics {
+    /// Image width, pixels.
+    pub width: u32,
+    /// Image height, pixels.
+    pub height: u32,
+    /// Focal length along x, pixels.
+    pub fx: f32,
+    /// Focal length along y, pixels.
+    pub fy: f32,
+    /// Principal point, pixels from the left edge.
+    pub cx: f32,
+    /// Principal point, pixels from the top edge.
+    pub cy: f32,
+}
+
+impl Intrinsics {
+    /// A camera with square pixels and its principal point at the image centre.
+    pub fn centred(width: u32, height: u32, focal: f32) -> Self {
+        Self { width, height, fx: focal, fy: focal, cx: width as f32 / 2.0, cy: height as f32 / 2.0 }
+    }
+}
+
+/// A camera-to-world transform: the camera looks down −Z, +Y is up, +X right (OpenGL, Blender).
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Pose {
+    /// Columns are the camera's right, up and backward axes in world space, orthonormal.
+    pub rotation: Mat3,
+    /// The camera's centre, world units.
+    pub position: Vec3,
+}
+
+impl Pose {
+    /// From the upper three rows of a row-major camera-to-world matrix.
+    pub fn from_rows(c2w: [[f32; 4]; 3]) -> Self {
+        let column = |j: usize| Vec3::new(c2w[0][j], c2w[1][j], c2w[2][j]);
+        Self { rotation: Mat3::from_cols(column(0), column(1), column(2)), position: column(3) }
+    }
+
+    /// The upper three rows of the row-major camera-to-world matrix.
+    pub fn to_rows(&self) -> [[f32; 4]; 3] {
+        let (m, p) = (self.rotation, self.position);
+        [
+            [m.x_axis.x, m.y_axis.x, m.z_axis.x, p.x],
+            [m.x_axis.y, m.y_axis.y, m.z_axis.y, p.y],
+            [m.x_axis.z, m.y_axis.z, m.z_axis.z, p.z],
+        ]
+    }
+
+    /// A camera at `eye` that looks at `target`, with `up` upwards in its image.
+    ///
+    /// `None` where `eye` equals `target` or `up` is parallel to the line of sight (within 1e-4 rad,
+    /// where the cross product is rounding noise), and where either difference is no number.
+    pub fn look_at(eye: Vec3, target: Vec3, up: Vec3) -> Option<Self> {
+        let backward = unit(eye - target)?;
+        let side = unit(up)?.cross(backward);
+        if side.length() < 1e-4 {
+            return None;
+        }
+        let right = side.try_normalize()?;
+        Some(Self { rotation: Mat3::from_cols(right, backward.cross(right), backward), position: eye })
+    }
+
+    /// The unit vector the camera looks along, in world space.
+    pub fn forward(&self) -> Vec3 {
+        // A pose is a rotation only within 1e-3; the axis is of unit length all the same.
+        (-self.rotation.z_axis).normalize_or_zero()
+    }
+}
+
+/// `v` at unit length; `None` for 0 and for NaN.
+fn unit(v: Vec3) -> Option<Vec3> {
+    // Its square leaves f32 long before `v` does; a power of two changes no digit.
+    const UP: f32 = 1.267_650_6e30; // 2^100
+    const DOWN: f32 = 8.271_806e-25; // 2^-80
+    let size = v.abs().max_element();
+    let scale = if size < 1e-15 {
+        UP
+    } else if size > 1e15 {
+        DOWN
+    } else {
+        1.0
+    };
+    (v * scale).try_normalize()
+}
+
+/// A checked camera: every pixel of it has a ray.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Camera {
+    intrinsics: Intrinsics,
+    lens: Lens,
+    pose: Pose,
+}
+
+impl Camera {
+    /// Checks the parts once, so that [`Camera::ray`] cannot fail.
+    ///
+    /// # Errors
+    /// [`CameraError`] on sides of 0 or beyond [`MAX_IMAGE_SIDE`], focal lengths that are not positive and
+    /// finite, a principal point or a lens that is no number, a pose that is not finite or not a rotation within
+    /// 1e-3 (scaled, sheared, reflected, singular), an image point more than 1e9 focal lengths off the principal
+    /// point, and a lens that cannot be inverted at some point of the image, that turns back on the way there from
+    /// the axis, or that this build lacks (feature `lens`).
+    pub fn new(intrinsics: Intrinsics, lens: Lens, pose: Pose) -> Result<Self, CameraError> {
+        let Intrinsics { width, height, fx, fy, cx, cy } = intrinsics;
+        if ![width, height].iter().all(|side| (1..=MAX_IMAGE_SIDE).contains(side)) {
+            return Err(CameraError::ImageSize { width, height });
+        }
+        for (name, value) in [("fx", fx), ("fy", fy)] {
+            if !(value > 0.0 && value.is_finite() && (1.0 / value).is_finite()) {
+                return Err(CameraError::Focal { name, value });
+            }
+        }
+        for (name, value) in [("cx", cx), ("cy", cy)] {
+            if !value.is_finite() {
+                return Err(CameraError::PrincipalPoint { name, value });
+            }
+        }
+        for (name, value) in lens.coefficients() {
+            if !value.is_finite() {
+                return Err(CameraError::LensNotFinite { name, value });
+            }
+        }
+        if lens.projection == Projection::Fisheye {
+            let unused = lens
+                .coefficients()
+                .into_iter()
+                .filter(|(name, _)| matches!(*name, "p1" | "p2" | "k5" | "k6"));
+            if let Some((name, value)) = { unused }.find(|(_, value)| *value != 0.0) {
+                return Err(CameraError::LensNotOfFisheyes { name, value });
+            }
+        }
+        let position_fits = pose.position.is_finite() && pose.position.abs().max_element() <= 1e9;
+        if !position_fits || !pose.rotation.is_finite() {
+            return Err(CameraError::PoseNotFinite);
+        }
+        let gram = pose.rotation.transpose() * pose.rotation;
+        let (g, i) = (gram.to_cols_array(), Mat3::IDENTITY.to_cols_array());
+        let off = g.iter().zip(i).fold(0.0f32, |worst, (a, b)| worst.max((a - b).abs()));
+        let determinant = pose.rotation.determinant();
+        if !(off <= 1e-3 && determinant > 0.0) {
+            return Err(CameraError::PoseNotRotation { off, determinant });
+        }
+        let camera = Self { intrinsics, lens, pose };
+        camera.check_view()?;
+        camera.check_lens()?;
+        Ok(camera)
+    }
+
+    /// Whether the image's corners, and so all of its points, have a direction.
+    fn check_view(&self) -> Result<(), CameraError> {
+        let (w, h) = (self.intrinsics.width as f32, self.intrinsics.height as f32);
+        for (x, y) in [(0.0, 0.0), (w, h)] {
+            let (u, v) = self.normalised(x, y);
+            if !(u.abs() <= MAX_NORMALISED && v.abs() <= MAX_NORMALISED) {
+                return Err(CameraError::FieldOfView { x, y });
+            }
+        }
+        Ok(())
+    }
+
+    /// Inverts the lens on a lattice over the image, unless it bends too little to fail; that no fold lies in front of
+    /// a point is asked along the border, which is behind all others.
+    fn check_lens(&self) -> Result<(), CameraError> {
+        if self.lens == Lens::NONE {
+            return Ok(());
+        }
+        if !Lens::BUILT {
+            return Err(CameraError::LensNotBuilt { lens: self.lens });
+        }
+        let (w, h) = (self.intrinsics.width as f32, self.intrinsics.height as f32);
+        let [first, last] = [self.normalised(0.0, 0.0), self.normalised(w, h)].map(Vec2::from);
+        if self.lens.is_gentle(first.abs().max(last.abs()).length()) {
+            return Ok(());
+        }
+        for step in 0..=16u8 {
+            let y = f32::from(step) / 16.0 * h;
+            for step in 0..=16u8 {
+                let x = f32::from(step) / 16.0 * w;
+                let (u, v) = self.normalised(x, y);
+                let border = [0.0, w].contains(&x) || [0.0, h].contains(&y);
+                if self.lens.invert(u, v, border).is_none() {
+                    return Err(CameraError::LensNotInvertible { x, y });
+                }
+            }
+        }
+        Ok(())
+    }
+
+    /// The intrinsics this camera was made with.
+    pub fn intrinsics(&self) -> &Intrinsics {
+        &self.intrinsics
+    }
+
+    /// The lens this camera was made with.
+    pub fn lens(&self) -> &Lens {
+        &self.lens
+    }
+
+    /// The pose this camera was made with.
+    pub fn pose(&self) -> &Pose {
+        &self.pose
+    }
+
+    /// Normalised image coordinates (+y down) of the image point `(x, y)`, in pixels.
+    fn normalised(&self, x: f32, y: f32) -> (f32, f32) {
+        let i = &self.intrinsics;
+        ((x - i.cx) / i.fx, (y - i.cy) / i.fy)
+    }
+
+    /// The ray through the image point `(x, y)`, in pixels; a pixel's centre is at `+ 0.5`.
+    ///
+    /// # Examples
+    /// ```
+    /// use nerf_core::camera::{Camera, Intrinsics, Lens, Pose};
+    /// use glam::{Mat3, Vec3};
+    /// let pose = Pose { rotation: Mat3::IDENTITY, position: Vec3::new(0.0, 0.0, 4.0) };
+    /// let camera = Camera::new(Intrinsics::centred(2, 2, 1.0), Lens::NONE, pose)?;
+    /// // The image centre is straight ahead, down −Z; a pixel to the right is at 45 degrees.
+    /// assert_eq!(camera.ray(1.0, 1.0).dir, Vec3::NEG_Z);
+    /// assert!((camera.ray(2.0, 1.0).dir - Vec3::new(0.5f32.sqrt(), 0.0, -0.5f32.sqrt())).length() < 1e-7);
+    /// # Ok::<(), nerf_core::camera::CameraError>(())
+    /// ```
+    pub fn ray(&self, x: f32, y: f32) -> Ray {
+        let (u, v) = self.normalised(x, y);
+        self.towards(self.lens.straighten(u, v))
+    }
+
+    /// The ray along a direction of the camera: right, down, forward, of any length.
+    fn towards(&self, dir: Vec3) -> Ray {
+        let local = Vec3::new(dir.x, -dir.y, -dir.z);
+        let dir = self.pose.rotation * local;
+        Ray { origin: self.pose.position, dir: dir.normalize() }
+    }
+
+    /// [`Camera::ray`] through a point that may lie beyond the image, where [`Camera::new`] has not asked; `None` where
+    /// the lens has no inverse or folds on the way there, and where the direction leaves f32.
+    pub fn try_ray(&self, x: f32, y: f32) -> Option<Ray> {
+        let (u, v) = self.normalised(x, y);
+        let ray = self.towards(self.lens.invert(u, v, true)?);
+        ray.dir.is_normalized().then_some(ray)
+    }
+
+    /// Where a point of the world is seen, in pixels, within the image or beyond; `None` where it is at the camera or, but
+    /// for fisheyes, behind it.
+    pub fn project(&self, point: Vec3) -> Option<(f32, f32)> {
+        let local = self.pose.rotation.transpose() * (point - self.pose.position);
+        if local == Vec3::ZERO {
+            return None;
+        }
+        let (u, v) = self.lens.project(Vec3::new(local.x, -local.y, -local.z))?;
+        let i = &self.intrinsics;
+        Some((i.cx + i.fx * u, i.cy + i.fy * v))
+    }
+
+    /// One pixel for each `right` by `down` of them, as an image of its own, seen through their middles; at
+    /// least one along each side, and none beyond the edges.
+    pub fn thinned(&self, right: u32, down: u32) -> Self {
+        let Intrinsics { width, height, fx, fy, cx, cy } = self.intrinsics;
+        // Neither side is 0 (`new`).
+        let (right, down) = (right.clamp(1, width.max(1)), down.clamp(1, height.max(1)));
+        let (x, y) = (right as f32, down as f32);
+        let intrinsics = Intrinsics {
+            width: width / right,
+            height: height / down,
+            fx: fx / x,
+            fy: fy / y,
+            cx: cx / x,
+            cy: cy / y,
+        };
+        // The same directions, all of which were checked.
+        Self { intrinsics, ..*self }
+    }
+
+    /// How much `z_depth` one unit of `ray_distance` is along `ray`: the cosine to the view axis.
+    pub fn z_per_distance(&self, ray: &Ray) -> f32 {
+        ray.dir.dot(self.pose.forward())
+    }
+}
+
+/// A camera that cannot make rays.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[non_exhaustive]
+pub enum CameraError {
+    /// Width or height is 0 or beyond [`MAX_IMAGE_SIDE`].
+    ImageSize {
+        /// The width that was given, pixels.
+        width: u32,
+        /// The height that was given, pixels.
+        height: u32,
+    },
+    /// A focal length is not positive and finite.
+    Focal {
+        /// `fx` or `fy`.
+        name: &'static str,
+        /// The value that was given, pixels.
+        value: f32,
+    },
+    /// The principal point is not finite.
+    PrincipalPoint {
+        /// `cx` or `cy`.
+        name: &'static str,
+        /// The value that was given, pixels.
+        value: f32,
+    },
+    /// A NaN or infinity in the pose, or a position beyond 1e9 world units.
+    PoseNotFinite,
+    /// The upper left 3×3 of the pose is no rotation.
+    PoseNotRotation {
+        /// Largest entry of |RᵀR − I|.
+        off: f32,
+        /// Its determinant: 1 for a rotation, −1 for a reflection, 0 if singular.
+        determinant: f32,
+    },
+    /// An image point is so far off the axis that its direction leaves f32.
+    FieldOfView {
+        /// Where, pixels from the left.
+        x: f32,
+        /// Where, pixels from the top.
+        y: f32,
+    },
+    /// A coefficient of the lens is no finite number.
+    LensNotFinite {
+        /// `k1` to `k6`, `p1` or `p2`.
+        name: &'static str,
+        /// The value that was given.
+        value: f32,
+    },
+    /// A coefficient that a fisheye does not have is not 0.
+    LensNotOfFisheyes {
+        /// `p1`, `p2`, `k5` or `k6`.
+        name: &'static str,
+        /// The value that was given.
+        value: f32,
+    },
+    /// The lens model has no inverse at an image point, or turns back on the way to it from the axis.
+    LensNotInvertible {
+        /// Where, pixels from the left.
+        x: f32,
+        /// Where, pixels from the top.
+        y: f32,
+    },
+    /// Lens distortion, in a build without the feature `lens`.
+    LensNotBuilt {
+        /// The lens that was given.
+        lens: Lens,
+    },
+}
+
+impl core::fmt::Display for CameraError {
+    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+        match self {
+            Self::ImageSize { width, height } => {
+                write!(
+                    f,
+                    "image size: expected sides of 1 to {MAX_IMAGE_SIDE} pixels, found {width}x{height}"
+                )
+            }
+            Self::Focal { name, value } => {
+                write!(f, "{name}: expected a positive finite focal length in pixels, found {value}")
+            }
+            Self::PrincipalPoint { name, value } => {
+                write!(f, "{name}: expected a finite principal point in pixels, found {value}")
+            }
+            Self::PoseNotFinite => {
+                write!(
+                    f,
+                    "camera-to-world pose: expected finite numbers and a position within 1e9, found otherwise"
+                )
+            }
+            Self::PoseNotRotation { off, determinant } => write!(
+                f,
+                "camera-to-world pose: expected a rotation (|RtR - I| <= 1e-3, determinant 1), \
+                 found |RtR - I| = {off}, determinant {determinant}"
+            ),
+            Self::FieldOfView { x, y } => write!(
+                f,
+                "intrinsics: expected image points within {MAX_NORMALISED} focal lengths of the principal \
+                 point, found pixel ({x}, {y}) beyond"
+            ),
+            Self::LensNotFinite { name, value } => {
+                write!(f, "lens {name}: expected a finite number, found {value}")
+            }
+            Self::LensNotOfFisheyes { name, value } => {
+                write!(f, "lens {name}: expected 0 in a fisheye, found {value}")
+            }
+            Self::LensNotInvertible { x, y } => {
+                write!(
+                    f,
+                    "lens: expected a distortion that does not turn back up to pixel ({x}, {y}) of the image"
+                )
+            }
+            Self::LensNotBuilt { lens } => {
+                write!(f, "lens: expected a build with the feature lens, or zeros, found {lens:?}")
+            }
+        }
+    }
+}
+
+impl core::error::Error for CameraError {}

@@ -1,0 +1,162 @@
+//! `C = init + A B`, the one product behind every dense layer, forward and backward.
+
+use crate::simd::{Lanes, Op, Tier};
+
+/// Sizes and strides of one product, in elements.
+#[derive(Clone, Copy, Debug)]
+pub struct Gemm {
+    /// Rows of A and C.
+    pub m: usize,
+    /// Columns of B and C: a multiple of 16.
+    pub n: usize,
+    /// Columns of A, rows of B.
+    pub k: usize,
+    /// Distance from `A[i][p]` to `A[i+1][p]`.
+    pub a_row: usize,
+    /// Distance from `A[i][p]` to `A[i][p+1]`: so a transposed or a packed A costs nothing.
+    pub a_col: usize,
+    /// Distance from `B[p]` to `B[p+1]`; columns of B are contiguous.
+    pub b_row: usize,
+    /// Distance from `C[i]` to `C[i+1]`; columns of C are contiguous.
+    pub c_row: usize,
+}
+
+/// What a product starts from.
+#[derive(Clone, Copy, Debug)]
+pub enum Init<'a> {
+    /// 0.
+    Zero,
+    /// `bias[i]` in the whole row `i`; `[m]`.
+    Bias(&'a [f32]),
+    /// What C holds.
+    Accumulate,
+}
+
+/// `C[i][j] = act(init + Σ_p A[i][p] B[p][j])`, summed in ascending `p`; `act` is ReLU or nothing.
+///
+/// Every element is summed by itself in the same order whatever the sizes, so that a result does
+/// not depend on how work is cut into products; tiers differ in whether each step is fused.
+/// A NaN stays a NaN through the ReLU.
+///
+/// # Panics
+/// If `n` is no multiple of 16 or a slice is shorter than sizes and strides say.
+#[inline]
+pub fn gemm(tier: Tier, g: Gemm, a: &[f32], b: &[f32], c: &mut [f32], init: Init<'_>, relu: bool) {
+    if g.m == 0 || g.n == 0 {
+        return;
+    }
+    assert!(g.n.is_multiple_of(16), "gemm: n is a multiple of 16");
+    let (last_row, last_col) = (g.m - 1, g.k.saturating_sub(1));
+    // Checked arithmetic: `tile` reads A and B by address, so a wrapped product must not pass.
+    let reach =
+        |steps: usize, stride: usize, more: Option<usize>| steps.checked_mul(stride)?.checked_add(more?);
+    let a_reach = reach(last_row, g.a_row, reach(last_col, g.a_col, Some(1)));
+    assert!(g.k == 0 || a_reach.is_some_and(|end| a.len() >= end), "gemm: A is too short");
+    let b_reach = reach(last_col, g.b_row, Some(g.n));
+    assert!(g.k == 0 || b_reach.is_some_and(|end| b.len() >= end), "gemm: B is too short");
+    let c_reach = reach(last_row, g.c_row, Some(g.n));
+    let rows_apart = g.m == 1 || g.c_row >= g.n;
+    assert!(rows_apart && c_reach.is_some_and(|end| c.len() >= end), "gemm: C is too short");
+    if let Init::Bias(bias) = init {
+        assert!(bias.len() >= g.m, "gemm: bias is too short");
+    }
+    tier.run(Product { g, a, b, c, init, relu });
+}
+
+/// A product whose slices are long enough: [`gemm`] checked them.
+struct Product<'a> {
+    g: Gemm,
+    a: &'a [f32],
+    b: &'a [f32],
+    c: &'a mut [f32],
+    init: Init<'a>,
+    relu: bool,
+}
+
+impl Op for Product<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run<V: Lanes>(mut self) {
+        let mut row = 0;
+        while row < self.g.m {
+            let rows = V::TILE_ROWS.min(self.g.m - row);
+            match rows {
+                1 => self.panel::<V, 1>(row),
+                2 => self.panel::<V, 2>(row),
+                3 => self.panel::<V, 3>(row),
+                4 => self.panel::<V, 4>(row),
+                5 => self.panel::<V, 5>(row),
+                _ => self.panel::<V, 6>(row),
+            }
+            row += rows;
+        }
+    }
+}
+
+impl Product<'_> {
+    /// `ROWS` rows of C from `row` on, tile by tile.
+    #[inline(always)]
+    fn panel<V: Lanes, const ROWS: usize>(&mut self, row: usize) {
+        let mut col = 0;
+        while col < self.g.n {
+            let left = (self.g.n - col) / V::COUNT;
+            if V::TILE_COLS >= 4 && left >= 4 {
+                self.tile::<V, ROWS, 4>(row, col);
+                col += 4 * V::COUNT;
+            } else if V::TILE_COLS >= 2 && left >= 2 {
+                self.tile::<V, ROWS, 2>(row, col);
+                col += 2 * V::COUNT;
+            } else {
+                self.tile::<V, ROWS, 1>(row, col);
+                col += V::COUNT;
+            }
+        }
+    }
+
+    /// `ROWS` × `COLS` vectors of C, held in registers over all of `k`.
+    #[inline(always)]
+    fn tile<V: Lanes, const ROWS: usize, const COLS: usize>(&mut self, row: usize, col: usize) {
+        let g = &self.g;
+        let mut sums = [[V::splat(0.0); COLS]; ROWS];
+        match self.init {
+            Init::Zero => {}
+            Init::Bias(bias) => {
+                for (i, sums) in sums.iter_mut().enumerate() {
+                    *sums = [V::splat(bias[row + i]); COLS];
+                }
+            }
+            Init::Accumulate => {
+                for (i, sums) in sums.iter_mut().enumerate() {
+                    for (j, sum) in sums.iter_mut().enumerate() {
+                        *sum = V::load(&self.c[(row + i) * g.c_row + col + j * V::COUNT..]);
+                    }
+                }
+            }
+        }
+        let a = self.a.as_ptr().wrapping_add(row * g.a_row);
+        let b = self.b.as_ptr().wrapping_add(col);
+        for p in 0..g.k {
+            let mut x = [V::splat(0.0); COLS];
+            for (j, x) in x.iter_mut().enumerate() {
+                let from = b.wrapping_add(p * g.b_row + j * V::COUNT);
+                // SAFETY: `gemm` checked that row `p` of B holds `n` columns, and this tile's
+                // columns end at or before `n`.
+                *x = V::load(unsafe { core::slice::from_raw_parts(from, V::COUNT) });
+            }
+            for (i, sums) in sums.iter_mut().enumerate() {
+                // SAFETY: `gemm` checked that A reaches to row `m - 1`, column `k - 1`.
+                let weight = V::splat(unsafe { *a.wrapping_add(i * g.a_row + p * g.a_col) });
+                for (sum, &x) in sums.iter_mut().zip(&x) {
+                    *sum = weight.mul_add(x, *sum);
+                }
+            }
+        }
+        for (i, sums) in sums.iter().enumerate() {
+            for (j, &sum) in sums.iter().enumerate() {
+                let sum = if self.relu { V::splat(0.0).max_of(sum) } else { sum };
+                sum.store(&mut self.c[(row + i) * g.c_row + col + j * V::COUNT..]);
+            }
+        }
+    }
+}

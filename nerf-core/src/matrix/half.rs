@@ -1,0 +1,90 @@
+//! Dense layers whose f16 weights are read where they lie: the scalar tier and microcontrollers.
+
+use super::Gemm;
+use crate::memory::{at, tail, tail_mut};
+use crate::simd::{Lanes, Op, Tier};
+
+/// As [`super::gemm`] on the scalar tier, with A as little-endian f16 at any alignment, and any
+/// number of columns; `c_row` is at least `n`.
+///
+/// # Panics
+/// With debug assertions, if a slice is shorter than sizes and strides say; without, what is not there is 0.
+pub fn gemm_f16(g: Gemm, a: &[u8], b: &[f32], c: &mut [f32], init: HalfInit<'_>, relu: bool) {
+    Tier::Scalar.run_columns(g.n, Product { g, a, b, c, init, relu });
+}
+
+/// As [`super::Init`], with the bias as little-endian f16.
+#[derive(Clone, Copy, Debug)]
+pub enum HalfInit<'a> {
+    /// `bias[i]` in the whole row `i`; `[2 m]` bytes.
+    Bias(&'a [u8]),
+    /// 0.
+    Zero,
+    /// What C holds.
+    Accumulate,
+}
+
+/// The `i`-th little-endian f16 of `bytes`.
+#[inline(always)]
+pub fn f16_at(bytes: &[u8], i: usize) -> f32 {
+    let pair = tail(bytes, 2 * i).first_chunk();
+    debug_assert!(pair.is_some(), "expected more than {i} f16, found {} bytes", bytes.len());
+    widen(pair.copied().unwrap_or_default())
+}
+
+/// A little-endian f16.
+///
+/// What `half` does where no instruction converts, but for the order of its questions: weights are normal
+/// numbers, and there is one of them for every multiplication.
+#[inline(always)]
+fn widen(bytes: [u8; 2]) -> f32 {
+    /// What the exponents' biases differ by, in place.
+    const BIAS: u32 = (127 - 15) << 23;
+    let bits = u32::from(u16::from_le_bytes(bytes));
+    let (sign, magnitude) = ((bits & 0x8000) << 16, bits & 0x7fff);
+    let widened = (magnitude << 13) + BIAS;
+    f32::from_bits(
+        sign | match magnitude {
+            0x0400..0x7c00 => widened,
+            // No leading 1: a multiple of 2^-24.
+            0..0x0400 => (magnitude as f32 * (1.0 / 16_777_216.0)).to_bits(),
+            // Infinities and NaN have the largest exponent here, too.
+            _ => widened + BIAS,
+        },
+    )
+}
+
+struct Product<'a> {
+    g: Gemm,
+    a: &'a [u8],
+    b: &'a [f32],
+    c: &'a mut [f32],
+    init: HalfInit<'a>,
+    relu: bool,
+}
+
+impl Op for Product<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run<V: Lanes>(self) {
+        let g = &self.g;
+        for (row, to) in self.c.chunks_mut(g.c_row.max(1)).take(g.m).enumerate() {
+            let weights = tail(self.a, 2 * row * g.a_row).as_chunks().0;
+            for col in (0..g.n).step_by(V::COUNT) {
+                let to = tail_mut(to, col);
+                let mut sum = match self.init {
+                    HalfInit::Bias(bias) => V::splat(f16_at(bias, row)),
+                    HalfInit::Zero => V::splat(0.0),
+                    HalfInit::Accumulate => V::load(to),
+                };
+                for p in 0..g.k {
+                    let weight = V::splat(widen(at(weights, p * g.a_col)));
+                    sum = weight.mul_add(V::load(tail(self.b, p * g.b_row + col)), sum);
+                }
+                let sum = if self.relu { V::splat(0.0).max_of(sum) } else { sum };
+                sum.store(to);
+            }
+        }
+    }
+}

@@ -1,0 +1,17 @@
+//! Dense products: weights as f32, as f16 where they lie, or as pairs of bf16, times a block of samples.
+#![allow(unsafe_code, reason = "register tiles are read without a check for each value")]
+
+mod bf16;
+#[cfg(feature = "normals")]
+mod bf16_transposed;
+mod gemm;
+mod half;
+
+#[cfg(test)]
+mod tests;
+
+pub use bf16::{PairedInput, PairedOutput, dense_bf16, pair, pair_rows, pairs};
+pub use gemm::{Gemm, Init, gemm};
+pub use half::{HalfInit, f16_at, gemm_f16};
+#[cfg(feature = "normals")]
+pub use {bf16::unpair, bf16_transposed::transposed_bf16};

@@ -1,0 +1,514 @@
+//! What a frame consists of: what the scene holds, met with what the caller asks for.
+
+use crate::blob::{Blob, MAX_SAMPLES, SceneFacts, SceneSampling, steps};
+use crate::camera::{BoundsError, Contraction, Ray, SceneBox};
+use crate::math::MathBackend;
+use crate::sampling::{Bins, OccupancyGrid, SampleJitter};
+use crate::simd::{BLOCK, Tier};
+use glam::Vec3;
+
+mod effects;
+mod quality;
+mod span;
+
+#[cfg(test)]
+mod tests;
+
+pub use effects::{EffectError, Effects, Jitter, ThinLens, Tone, ToneMap};
+pub use quality::{Choice, Preset, Quality};
+pub(crate) use span::Lattice;
+
+/// What a pixel is asked for; what is off is not computed.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Outputs {
+    /// Colour over the background: without it the colour branch never runs.
+    pub rgb: bool,
+    /// Opacity.
+    pub opacity: bool,
+    /// Distance along the ray.
+    pub ray_distance: bool,
+    /// Distance along the view axis.
+    pub z_depth: bool,
+    /// Distance along the ray at which half of the light is gone (feature `median`).
+    pub median_distance: bool,
+    /// Normals, by the gradient of the density: about one [`Architecture::gradient_macs`] a ray that meets
+    /// something (feature `normals`).
+    ///
+    /// [`Architecture::gradient_macs`]: crate::network::Architecture::gradient_macs
+    pub normals: bool,
+}
+
+impl Outputs {
+    /// Nothing: what others are made of.
+    pub const NONE: Self = Self {
+        rgb: false,
+        opacity: false,
+        ray_distance: false,
+        z_depth: false,
+        median_distance: false,
+        normals: false,
+    };
+    /// Colour and opacity.
+    pub const RGB: Self = Self { rgb: true, opacity: true, ..Self::NONE };
+    /// Colour, opacity and both mean distances, what every build has. Median distance and normals are asked
+    /// for by name.
+    pub const ALL: Self = Self { ray_distance: true, z_depth: true, ..Self::RGB };
+
+    /// Whether single samples are picked for more than their density.
+    pub(crate) const fn picks(&self) -> bool {
+        self.rgb || (cfg!(feature = "normals") && self.normals)
+    }
+
+    /// Whether something is asked for that only the samples near a surface say.
+    pub(crate) const fn surface(&self) -> bool {
+        self.median_distance || self.normals
+    }
+
+    /// An output that is asked for and that this build lacks.
+    fn not_built(&self) -> Option<&'static str> {
+        [
+            ("median_distance", self.median_distance, cfg!(feature = "median")),
+            ("normals", self.normals, cfg!(feature = "normals")),
+        ]
+        .into_iter()
+        .find_map(|(effect, asked, built)| (asked && !built).then_some(effect))
+    }
+}
+
+/// How much goes through the renderer at once; never changes a picture, only memory and time.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Batch {
+    /// Rays in flight.
+    pub rays: usize,
+    /// Samples that go through the network together: [`BLOCK`] on the vector tiers.
+    pub samples: usize,
+}
+
+impl Batch {
+    /// Most rays in flight: more than any picture needs, few enough for 32-bit columns.
+    pub const MAX_RAYS: usize = 1 << 24;
+
+    /// One of everything: what a microcontroller has room for. Scalar tier only.
+    pub const SMALLEST: Self = Self { rays: 1, samples: 1 };
+
+    /// The batch that keeps a tier busy.
+    pub const fn for_tier(_tier: Tier) -> Self {
+        Self { rays: 256, samples: BLOCK }
+    }
+
+    /// Whether there is something in it, and no more than [`Batch::MAX_RAYS`] and [`BLOCK`].
+    pub(crate) fn is_valid(&self) -> bool {
+        (1..=Self::MAX_RAYS).contains(&self.rays) && (1..=BLOCK).contains(&self.samples)
+    }
+
+    /// What is wrong with a batch that is not valid.
+    pub(crate) fn write_refusal(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+        write!(f, "batch: expected 1 to {} rays and 1 to {BLOCK} samples, found {self:?}", Self::MAX_RAYS)
+    }
+}
+
+/// The stages of a frame, decided once.
+#[derive(Clone, Copy, Debug)]
+pub struct Plan<'a> {
+    /// [`Blob::identity`] of the one it was made for.
+    pub(crate) scene: usize,
+    pub(crate) bounds: SceneBox,
+    /// Of an unbounded scene: then the bins of a ray are steps of this, which [`Plan::point`] and [`Plan::part_around`]
+    /// turn into points and distances.
+    pub(crate) contraction: Option<Contraction>,
+    /// How the samples of a ray are found from `bins`.
+    pub(crate) lattice: Lattice,
+    /// The samples of a ray; with a proposal only their number counts.
+    pub(crate) bins: Bins,
+    /// Samples a ray that were asked for.
+    samples: u16,
+    /// What the caller wants to see of a ray, world units along it.
+    pub(crate) t_min: f32,
+    pub(crate) t_max: f32,
+    /// Where the proposal is asked, if samples are drawn from one.
+    pub(crate) proposal: Option<Bins>,
+    pub(crate) near: f32,
+    pub(crate) far: f32,
+    pub(crate) background: [f32; 3],
+    pub(crate) occupancy: Option<OccupancyGrid<'a>>,
+    pub(crate) outputs: Outputs,
+    pub(crate) transmittance_cut: f32,
+    pub(crate) colour_cut: f32,
+    pub(crate) math: MathBackend,
+    pub(crate) batch: Batch,
+    pub(crate) normal_blur: f32,
+    pub(crate) effects: Effects,
+}
+
+impl<'a> Plan<'a> {
+    /// The default blur of normals: one bin, the finest that the samples of a ray tell apart.
+    pub const NORMAL_BLUR: f32 = 1.0;
+
+    /// What `blob` holds, met with what is asked for.
+    ///
+    /// # Errors
+    /// [`PlanError`] names the setting that does not go with the scene.
+    pub fn new(
+        blob: &Blob<'a>,
+        quality: &Quality,
+        outputs: Outputs,
+        batch: Batch,
+    ) -> Result<Self, PlanError> {
+        let (Some(scene), Some(bounds)) = (blob.scene(), blob.scene_box()) else {
+            return Err(PlanError::NotAScene);
+        };
+        if let Some(effect) = outputs.not_built() {
+            return Err(PlanError::NotBuilt { effect });
+        }
+        if scene.occupancy_required && !quality.occupancy {
+            return Err(PlanError::OccupancyRequired);
+        }
+        let samples = if quality.samples == 0 { scene.samples() } else { quality.samples };
+        if samples > MAX_SAMPLES {
+            return Err(PlanError::Samples { found: samples });
+        }
+        if !(0.0..1.0).contains(&quality.transmittance_cut) {
+            return Err(PlanError::TransmittanceCut { found: quality.transmittance_cut });
+        }
+        if outputs.median_distance && quality.transmittance_cut > 0.5 {
+            return Err(PlanError::MedianBehindCut { found: quality.transmittance_cut });
+        }
+        if !(0.0..1.0).contains(&quality.colour_cut) {
+            return Err(PlanError::ColourCut { found: quality.colour_cut });
+        }
+        if !batch.is_valid() {
+            return Err(PlanError::Batch { found: batch });
+        }
+        let proposal = blob.proposal().filter(|_| quality.proposal && cfg!(feature = "proposal"));
+        let coarse = |samples: u16| Bins::new(scene.near, scene.far, u32::from(samples));
+        let proposal = proposal.map(|proposal| coarse(proposal.samples)).transpose();
+        let proposal = proposal.map_err(PlanError::Bounds)?;
+        let (lattice, bins) = lattice(scene, samples, proposal.is_some()).map_err(PlanError::Bounds)?;
+        Ok(Self {
+            scene: blob.identity(),
+            bounds,
+            contraction: scene.contraction(),
+            lattice,
+            bins,
+            samples,
+            t_min: 0.0,
+            t_max: f32::MAX,
+            proposal,
+            near: scene.near,
+            far: scene.far,
+            background: scene.background,
+            occupancy: if quality.occupancy { blob.occupancy() } else { None },
+            outputs,
+            transmittance_cut: quality.transmittance_cut,
+            colour_cut: quality.colour_cut,
+            math: quality.math,
+            batch,
+            normal_blur: Self::NORMAL_BLUR,
+            effects: Effects::NONE,
+        })
+    }
+
+    /// The same frame of `blob` with other shortcuts.
+    ///
+    /// # Errors
+    /// As [`Plan::new`].
+    pub fn at(&self, blob: &Blob<'a>, quality: &Quality) -> Result<Self, PlanError> {
+        let plan = Self::new(blob, quality, self.outputs, self.batch)?;
+        let plan = if self.lattice == Lattice::Own { plan.with_own_bins() } else { plan };
+        let Self { background, normal_blur, effects, t_min, t_max, .. } = *self;
+        Ok(Self { background, normal_blur, effects, t_min, t_max, ..plan })
+    }
+
+    /// The same frame of what lies between these distances on a ray, world units; by default 0 and no end.
+    ///
+    /// They cut the bins they lie in: opacity goes continuously with both. Whatever is marched behind `t_max` is
+    /// as if it were not there, and a pixel without a surface has no larger distance.
+    ///
+    /// # Errors
+    /// [`PlanError::Range`] unless `0 <= t_min <= t_max`; `t_max` may be infinite.
+    pub fn with_range(mut self, t_min: f32, t_max: f32) -> Result<Self, PlanError> {
+        if !(t_min >= 0.0 && t_min <= t_max && t_min.is_finite()) {
+            return Err(PlanError::Range { t_min, t_max });
+        }
+        (self.t_min, self.t_max) = (t_min, t_max.min(f32::MAX));
+        Ok(self)
+    }
+
+    /// What [`Plan::with_range`] set.
+    pub fn range(&self) -> (f32, f32) {
+        (self.t_min, self.t_max)
+    }
+
+    /// The same frame with no bins but those the scene's network was trained on, from its near to its far: what figures
+    /// that were measured so are reproduced with. A scene that names a step is not changed.
+    #[must_use]
+    pub fn with_own_bins(mut self) -> Self {
+        if self.lattice == Lattice::Extended {
+            self.lattice = Lattice::Own;
+        }
+        self
+    }
+
+    /// The same frame with normals of another blur, in bins; 0 for the density's gradient itself.
+    ///
+    /// A field that was fitted through samples a bin apart has ripples far finer than a bin, which no sum along a
+    /// ray shows, but which are most of its gradient: 2^9 π for the tenth level of an encoding. A blur of
+    /// one bin takes the gradient's mean over a Gaussian as wide as a bin (deviation: a bin's width / √12).
+    ///
+    /// # Errors
+    /// [`PlanError::NormalBlur`] unless it is finite and at least 0.
+    pub fn with_normal_blur(mut self, bins: f32) -> Result<Self, PlanError> {
+        if !(0.0..=f32::MAX).contains(&bins) {
+            return Err(PlanError::NormalBlur { found: bins });
+        }
+        self.normal_blur = bins;
+        Ok(self)
+    }
+
+    /// The standard deviation of the normals' blur, world units.
+    pub(crate) fn normal_deviation(&self) -> f32 {
+        // 1/√12: the standard deviation of what is spread evenly over a bin.
+        const EVEN: f32 = 0.288_675_13;
+        // Drawn samples have no bins: their mean distance stands in.
+        let width = match self.proposal {
+            Some(_) => (self.far - self.near) / self.samples_per_ray() as f32,
+            None => self.bins.delta() * self.contraction.map_or(1.0, |contraction| contraction.radius()),
+        };
+        self.normal_blur * width * EVEN
+    }
+
+    /// What a pixel is asked for.
+    pub fn outputs(&self) -> Outputs {
+        self.outputs
+    }
+
+    /// The same frame over another background.
+    ///
+    /// # Errors
+    /// [`PlanError::Background`] unless every channel is in `[0, 1]`.
+    pub fn with_background(mut self, background: [f32; 3]) -> Result<Self, PlanError> {
+        if !background.iter().all(|c| (0.0..=1.0).contains(c)) {
+            return Err(PlanError::Background { found: background });
+        }
+        self.background = background;
+        Ok(self)
+    }
+
+    /// The same frame with effects; in place of those it had.
+    ///
+    /// What asks for nothing is left out: a lens without aperture, and the tone stage of a frame without
+    /// colour.
+    ///
+    /// # Errors
+    /// [`PlanError::Effects`] on a setting that is out of range or not in this build.
+    pub fn with_effects(mut self, effects: Effects) -> Result<Self, PlanError> {
+        self.effects = effects.checked().map_err(PlanError::Effects)?;
+        if !self.outputs.rgb {
+            self.effects.tone = Tone::NONE;
+        }
+        Ok(self)
+    }
+
+    /// Samples of a ray: the scene's bins or the steps through its box, or with a proposal those drawn and the
+    /// proposal's own. A ray that needs more bins than the scene has takes more.
+    pub(crate) fn samples_per_ray(&self) -> u32 {
+        u32::from(self.samples) + self.proposal.map_or(0, |coarse| coarse.count())
+    }
+
+    /// The first of the bins `from..end` on a ray whose sample, jittered by `place`, is occupied, or `end`.
+    // Inlined at each of its calls it would be a large part of a microcontroller's code.
+    #[inline(never)]
+    pub(crate) fn first_occupied(
+        &self,
+        bins: &Bins,
+        ray: &Ray,
+        place: SampleJitter,
+        from: u32,
+        end: u32,
+    ) -> u32 {
+        let t = |bin| place.t(bins, bin);
+        match &self.occupancy {
+            // What is straight in the world is not in the occupancy's cells.
+            Some(occupancy) if self.contraction.is_some() => {
+                (from..end).find(|&bin| occupancy.occupied(self.point(ray, t(bin)))).unwrap_or(end)
+            }
+            None if self.contraction.is_some() => from.min(end),
+            Some(occupancy) => occupancy.first_occupied_at(ray, bins, from, end, t),
+            None => (from..end).find(|&bin| self.bounds.contains(ray.at(t(bin)))).unwrap_or(end),
+        }
+    }
+
+    /// Whether a point of the network's space is in an occupied cell, or without an occupancy grid in the scene box.
+    #[inline]
+    pub(crate) fn occupied(&self, p: Vec3) -> bool {
+        match &self.occupancy {
+            Some(occupancy) => occupancy.occupied(p),
+            None => self.bounds.contains(p),
+        }
+    }
+
+    /// Where the network has a point of the world; a NaN stays one, which is in no box.
+    #[inline]
+    pub(crate) fn inside(&self, p: Vec3) -> Vec3 {
+        match &self.contraction {
+            Some(contraction) if !p.is_nan() => contraction.contract(p),
+            _ => p,
+        }
+    }
+
+    /// Where the network has the point of a ray that its bins count as `t`.
+    #[inline]
+    pub(crate) fn point(&self, ray: &Ray, t: f32) -> Vec3 {
+        match &self.contraction {
+            Some(contraction) => contraction.contract(ray.at(contraction.distance(t))),
+            None => ray.at(t),
+        }
+    }
+
+    /// Of the bin that `t` lies in, world units: [`Bins::part_around`]; the ray's samples are counted from `start`.
+    #[inline]
+    pub(crate) fn part_around(&self, bins: &Bins, start: f32, t: f32) -> (f32, Option<f32>, f32) {
+        match &self.contraction {
+            Some(contraction) => {
+                // A thousand radii away a step's number is rounded to a ten-thousandth of the way: not in front of near.
+                let near = self.near.max(self.t_min) - start;
+                let (t, from, to) = bins.ends_around(t);
+                let from = contraction.distance(from).max(near);
+                let to = contraction.distance(to).max(from);
+                // The largest step of all may be longer than f32 tells apart.
+                (contraction.distance(t).max(near), Some(from + 0.5 * (to - from)), to - from)
+            }
+            None => bins.part_around(t),
+        }
+    }
+}
+
+/// The bins of a frame, and how rays use them.
+fn lattice(scene: &SceneFacts, samples: u16, proposal: bool) -> Result<(Lattice, Bins), BoundsError> {
+    let diagonal = scene.diagonal();
+    let (mut lattice, near, step) = match scene.sampling {
+        SceneSampling::March(own) if samples == scene.samples() => (Lattice::March, 0.0, own),
+        SceneSampling::March(_) => (Lattice::March, 0.0, diagonal / f32::from(samples)),
+        SceneSampling::Contracted { step: own, power } => {
+            let step = if samples == scene.samples() { own } else { scene.reach() / f32::from(samples) };
+            let farthest = 1.0 + f32::from(power);
+            return Ok((Lattice::Contracted, Bins::of_width(-farthest, step, steps(2.0 * farthest, step))));
+        }
+        SceneSampling::Bins(_) => {
+            let own = Bins::new(scene.near, scene.far, samples.into())?;
+            (Lattice::Extended, scene.near, own.delta())
+        }
+    };
+    // Rounding may make a ray longer than the diagonal, and bins begin in front of the box.
+    let mut count = steps(diagonal, step).saturating_add(3).max(samples.into());
+    // More of them would take longer than any scene was meant to.
+    if lattice == Lattice::Extended && (proposal || count > u32::from(MAX_SAMPLES)) {
+        (lattice, count) = (Lattice::Own, samples.into());
+    }
+    Ok((lattice, Bins::of_width(near, step, count)))
+}
+
+/// A request that does not go with the scene.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[non_exhaustive]
+pub enum PlanError {
+    /// The blob is a 2D field.
+    NotAScene,
+    /// The occupancy grid is part of the model, and the request switches it off.
+    OccupancyRequired,
+    /// More samples per ray than the format allows.
+    Samples {
+        /// What was asked for.
+        found: u16,
+    },
+    /// A transmittance cut outside `[0, 1)`.
+    TransmittanceCut {
+        /// What was asked for.
+        found: f32,
+    },
+    /// The median distance with a transmittance cut above one half: rays would end in front of it.
+    MedianBehindCut {
+        /// The cut that was asked for.
+        found: f32,
+    },
+    /// A range of distances that is none: not `0 <= t_min <= t_max`.
+    Range {
+        /// The least distance that was asked for.
+        t_min: f32,
+        /// The largest distance that was asked for.
+        t_max: f32,
+    },
+    /// A blur of normals that is no finite number of bins, or less than none.
+    NormalBlur {
+        /// What was asked for.
+        found: f32,
+    },
+    /// An output or effect that this build has no code for.
+    NotBuilt {
+        /// Its name.
+        effect: &'static str,
+    },
+    /// A colour cut outside `[0, 1)`.
+    ColourCut {
+        /// What was asked for.
+        found: f32,
+    },
+    /// A background outside `[0, 1]`.
+    Background {
+        /// What was asked for.
+        found: [f32; 3],
+    },
+    /// A batch of nothing, of more than [`Batch::MAX_RAYS`] rays or of more than [`BLOCK`] samples.
+    Batch {
+        /// What was asked for.
+        found: Batch,
+    },
+    /// Near and far leave no bins.
+    Bounds(BoundsError),
+    /// An effect that is out of range or not in this build.
+    Effects(EffectError),
+}
+
+impl core::fmt::Display for PlanError {
+    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+        match self {
+            Self::NotAScene => write!(f, "blob: expected a scene, found a 2D field"),
+            Self::OccupancyRequired => write!(
+                f,
+                "quality.occupancy: this scene's occupancy is part of its model (outside of it the network was \
+                 never trained), so it cannot be switched off"
+            ),
+            Self::Samples { found } => {
+                write!(f, "quality.samples: expected at most {MAX_SAMPLES} a ray, found {found}")
+            }
+            Self::TransmittanceCut { found } => {
+                write!(f, "quality.transmittance_cut: expected 0 <= cut < 1, found {found}")
+            }
+            Self::MedianBehindCut { found } => write!(
+                f,
+                "quality.transmittance_cut: expected at most 0.5, since median_distance is asked for and rays \
+                 would end in front of it, found {found}"
+            ),
+            Self::Range { t_min, t_max } => {
+                write!(f, "near/far: expected 0 <= near <= far, found near {t_min}, far {t_max}")
+            }
+            Self::NormalBlur { found } => {
+                write!(f, "normal_blur: expected a finite number of bins, at least 0, found {found}")
+            }
+            Self::NotBuilt { effect } => {
+                write!(f, "{effect}: not built in: expected a build with its feature, found one without")
+            }
+            Self::ColourCut { found } => {
+                write!(f, "quality.colour_cut: expected 0 <= cut < 1, found {found}")
+            }
+            Self::Background { found } => {
+                write!(f, "background: expected channels in 0..=1, found {found:?}")
+            }
+            Self::Batch { found } => found.write_refusal(f),
+            Self::Bounds(error) => error.fmt(f),
+            Self::Effects(error) => error.fmt(f),
+        }
+    }
+}
+
+impl core::error::Error for PlanError {}

@@ -1,0 +1,177 @@
+//! Several rays a pixel: where they go through it, and their mean.
+
+use crate::memory::Layout;
+use crate::plan::Effects;
+use crate::sampling::{GOLDEN, rank};
+use crate::volume::{OPACITY_EPSILON, Pixel, Sum, mean_direction};
+
+#[cfg(test)]
+mod tests;
+
+/// Rays a pixel.
+#[inline]
+pub(crate) fn rays(effects: &Effects) -> u32 {
+    effects.anti_aliasing.into()
+}
+
+/// Where in its pixel the `ray`-th ray lies, right and down, in `(0, 1)`; in the middle where it is the only one.
+///
+/// The same in every pixel: `n` rays a pixel are the mean of `n` shifted pictures. Each of `n` columns and of
+/// `n` rows has one ray, so that their mean is the pixel's centre.
+#[inline]
+pub(crate) fn offset(effects: &Effects, ray: u32) -> (f32, f32) {
+    match rays(effects) {
+        1 => (0.5, 0.5),
+        rays => place_in_pixel(ray, rays),
+    }
+}
+
+/// Fibonacci's lattice, for any number of points: columns in order, rows in the order of multiples of the
+/// golden ratio.
+#[inline(never)]
+fn place_in_pixel(ray: u32, rays: u32) -> (f32, f32) {
+    let middle = |cell: u32| (cell as f32 + 0.5) / rays as f32;
+    (middle(ray), middle(rank(GOLDEN, ray, rays)))
+}
+
+/// What the rays of one pixel have given so far.
+#[derive(Clone, Copy)]
+struct PixelSum {
+    rgb: [Sum; 3],
+    opacity: Sum,
+    /// Opacity of the rays that have a surface, and their distances times it.
+    surface: Sum,
+    ray_distance: Sum,
+    z_depth: Sum,
+}
+
+impl PixelSum {
+    const NONE: Self = Self {
+        rgb: [Sum::ZERO; 3],
+        opacity: Sum::ZERO,
+        surface: Sum::ZERO,
+        ray_distance: Sum::ZERO,
+        z_depth: Sum::ZERO,
+    };
+
+    fn add(&mut self, pixel: &Pixel) {
+        // In full, so that a new field is not forgotten here.
+        let Pixel { rgb, opacity, ray_distance, z_depth, median_distance: _, normal: _ } = *pixel;
+        for (sum, c) in self.rgb.iter_mut().zip(rgb) {
+            sum.add(c);
+        }
+        self.opacity.add(opacity);
+        if opacity > OPACITY_EPSILON {
+            self.surface.add(opacity);
+            self.ray_distance.add(opacity * ray_distance);
+            self.z_depth.add(opacity * z_depth);
+        }
+    }
+
+    /// The mean of `rays` pixels: of colour and opacity over all, of the distances by opacity.
+    fn mean(&self, rays: u32, far: f32) -> Pixel {
+        let rays = rays as f32;
+        let opacity = self.opacity.value / rays;
+        // More than the epsilon on average, but for rounding: at least one ray has a surface.
+        let seen = opacity > OPACITY_EPSILON && self.surface.value > 0.0;
+        let distance = |sum: Sum| if seen { sum.value / self.surface.value } else { far };
+        Pixel {
+            rgb: self.rgb.map(|sum| sum.value / rays),
+            opacity,
+            ray_distance: distance(self.ray_distance),
+            z_depth: distance(self.z_depth),
+            ..Pixel::BLANK
+        }
+    }
+}
+
+/// The same of median distances and normals, which are asked for more rarely.
+#[derive(Clone, Copy)]
+struct SurfaceSum {
+    /// Rays half of whose light is gone, and where it was.
+    halved: u16,
+    median_distance: Sum,
+    normal: [Sum; 3],
+}
+
+impl SurfaceSum {
+    const NONE: Self = Self { halved: 0, median_distance: Sum::ZERO, normal: [Sum::ZERO; 3] };
+
+    fn add(&mut self, pixel: &Pixel, far: f32) {
+        if pixel.median_distance < far {
+            self.halved += 1;
+            self.median_distance.add(pixel.median_distance);
+        }
+        for (sum, axis) in self.normal.iter_mut().zip(pixel.normal) {
+            sum.add(pixel.opacity * axis);
+        }
+    }
+
+    /// The mean of the medians where at least half of the rays have one, and of the normals by opacity; what
+    /// was not asked for is 0 on every ray, and stays so.
+    fn mean(&self, rays: u32, far: f32, opacity: f32) -> ([f32; 3], f32) {
+        let sum = self.normal.map(|sum| sum.value);
+        let normal = mean_direction(sum, opacity * rays as f32, opacity);
+        let median_distance = if 2 * u32::from(self.halved) >= rays {
+            self.median_distance.value / f32::from(self.halved)
+        } else {
+            far
+        };
+        (normal, median_distance)
+    }
+}
+
+/// The sums of a tile's pixels; none where a pixel is one ray.
+pub(crate) struct Sums<'w> {
+    pixels: &'w mut [PixelSum],
+    /// As long as `pixels` where a median distance or a normal is asked for, else empty.
+    surfaces: &'w mut [SurfaceSum],
+}
+
+impl<'w> Sums<'w> {
+    /// Their memory, for `pixels`; `surface` says whether a median distance or a normal is asked for.
+    pub fn lay_out(layout: &mut impl Layout<'w>, effects: &Effects, surface: bool, pixels: usize) -> Self {
+        let pixels = if rays(effects) > 1 { pixels } else { 0 };
+        let surfaces = if surface { pixels } else { 0 };
+        let pixels = layout.slice(pixels, PixelSum::NONE);
+        Self { pixels, surfaces: layout.slice(surfaces, SurfaceSum::NONE) }
+    }
+
+    /// Adds the `ray`-th ray of a tile's `index`-th pixel; the pixel, once that was the last.
+    #[inline]
+    pub fn add(
+        &mut self,
+        effects: &Effects,
+        index: usize,
+        ray: u32,
+        pixel: Pixel,
+        far: f32,
+    ) -> Option<Pixel> {
+        let rays = rays(effects);
+        if rays == 1 { Some(pixel) } else { self.add_ray(index, ray, rays, &pixel, far) }
+    }
+
+    #[inline(never)]
+    fn add_ray(&mut self, index: usize, ray: u32, rays: u32, pixel: &Pixel, far: f32) -> Option<Pixel> {
+        let sum = self.pixels.get_mut(index)?;
+        let mut surface = self.surfaces.get_mut(index);
+        if ray == 0 {
+            *sum = PixelSum::NONE;
+            if let Some(surface) = &mut surface {
+                **surface = SurfaceSum::NONE;
+            }
+        }
+        sum.add(pixel);
+        if let Some(surface) = &mut surface {
+            surface.add(pixel, far);
+        }
+        if ray + 1 < rays {
+            return None;
+        }
+        let mut mean = sum.mean(rays, far);
+        if let Some(surface) = surface {
+            (mean.normal, mean.median_distance) = surface.mean(rays, far, mean.opacity);
+        }
+        Some(mean)
+    }
+}

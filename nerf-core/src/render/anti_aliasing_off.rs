@@ -1,0 +1,35 @@
+//! In place of `anti_aliasing.rs` in a build without it: one ray through each pixel's centre.
+
+use crate::memory::Layout;
+use crate::plan::Effects;
+use crate::volume::Pixel;
+use core::marker::PhantomData;
+
+/// Rays a pixel.
+#[inline(always)]
+pub(crate) fn rays(_: &Effects) -> u32 {
+    1
+}
+
+/// Where in its pixel a ray lies, right and down: in the middle.
+#[inline(always)]
+pub(crate) fn offset(_: &Effects, _ray: u32) -> (f32, f32) {
+    (0.5, 0.5)
+}
+
+/// The sums of a tile's pixels: none.
+pub(crate) struct Sums<'w>(PhantomData<&'w ()>);
+
+impl<'w> Sums<'w> {
+    /// Their memory.
+    #[inline(always)]
+    pub fn lay_out(_: &mut impl Layout<'w>, _: &Effects, _surface: bool, _pixels: usize) -> Self {
+        Self(PhantomData)
+    }
+
+    /// The pixel of its only ray.
+    #[inline(always)]
+    pub fn add(&mut self, _: &Effects, _index: usize, _ray: u32, pixel: Pixel, _far: f32) -> Option<Pixel> {
+        Some(pixel)
+    }
+}

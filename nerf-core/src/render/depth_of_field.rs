@@ -1,0 +1,73 @@
+//! Rays through a lens that is no pinhole.
+
+use crate::camera::{Pose, Ray};
+use crate::math::{Math, polynomial::Polynomial};
+use crate::plan::{Effects, ThinLens};
+use crate::sampling::{GOLDEN, Purpose, pixel_stream, rank, uniform, uniform_u32};
+use crate::simd::Lanes;
+use glam::Vec3;
+
+#[cfg(test)]
+mod tests;
+
+/// Which of the aperture's areas the `ray`-th ray of every pixel goes through.
+///
+/// In another order than the rays go through the pixel, so that no side of a pixel has the aperture's rim.
+#[inline]
+pub(crate) fn area(effects: &Effects, ray: u32) -> u32 {
+    /// The silver ratio's fraction, in 2^-32.
+    const SILVER: u32 = 0x6a09_e667;
+    match effects.depth_of_field {
+        None => 0,
+        Some(_) => rank(SILVER, ray, effects.anti_aliasing.into()),
+    }
+}
+
+/// The ray of pixel `(x, y)` through an [`area`] of the aperture, whose pinhole's ray is `pinhole`.
+#[inline]
+pub(crate) fn through_lens(
+    effects: &Effects,
+    pose: &Pose,
+    pinhole: Ray,
+    (x, y): (u32, u32),
+    area: u32,
+) -> Ray {
+    match &effects.depth_of_field {
+        None => pinhole,
+        Some(lens) => lens_ray(lens, pose, &pinhole, aperture_point(effects, pixel_stream(x, y), area)),
+    }
+}
+
+/// The ray from point `at` of the aperture's unit disc to where `pinhole` meets the plane of focus.
+///
+/// The plane of focus is perpendicular to the view axis, and so is the aperture: what lies at `t` of the
+/// new ray is `t` times its cosine to the view axis away from the camera's centre, along that axis.
+#[inline(never)]
+fn lens_ray(lens: &ThinLens, pose: &Pose, pinhole: &Ray, at: (f32, f32)) -> Ray {
+    let offset = pose.rotation * (Vec3::new(at.0, at.1, 0.0) * lens.aperture_radius);
+    // From the camera's centre: far from the world's origin nothing is lost.
+    let cosine = pinhole.dir.dot(pose.forward());
+    // A fisheye sees beside and behind itself, where no plane of focus is.
+    if cosine <= 0.0 {
+        return *pinhole;
+    }
+    let focus = pinhole.dir * (lens.focus_distance / cosine);
+    Ray { origin: pinhole.origin + offset, dir: (focus - offset).normalize() }
+}
+
+/// A point of an [`area`] of the unit disc.
+///
+/// A sunflower: equal areas out from the middle, the golden angle apart. Where the first point lies in
+/// its area and at which angle is a pixel's own, so that every ray is uniform over the disc and
+/// neighbours do not repeat each other.
+///
+/// # Source
+/// Vogel 1979; deviation: random start.
+fn aperture_point(effects: &Effects, stream: u64, area: u32) -> (f32, f32) {
+    let seed = effects.jitter.map_or(0, |jitter| jitter.seed);
+    let start = uniform(seed, Purpose::Aperture, stream, 0);
+    let radius = Lanes::sqrt((area as f32 + start) / f32::from(effects.anti_aliasing));
+    let turn = uniform_u32(seed, Purpose::Aperture, stream, 1).wrapping_add(area.wrapping_mul(GOLDEN));
+    let (sin, cos) = Polynomial::sin_cos_pi((turn >> 8) as f32 / 8_388_608.0);
+    (radius * cos, radius * sin)
+}

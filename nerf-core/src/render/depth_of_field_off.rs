@@ -1,0 +1,16 @@
+//! In place of `depth_of_field.rs` in a build without it: every lens is a pinhole.
+
+use crate::camera::{Pose, Ray};
+use crate::plan::Effects;
+
+/// Which of the aperture's areas the `ray`-th ray of every pixel goes through.
+#[inline(always)]
+pub(crate) fn area(_: &Effects, _ray: u32) -> u32 {
+    0
+}
+
+/// The ray of pixel `(x, y)` whose pinhole's ray is `pinhole`: that one.
+#[inline(always)]
+pub(crate) fn through_lens(_: &Effects, _: &Pose, pinhole: Ray, (_x, _y): (u32, u32), _area: u32) -> Ray {
+    pinhole
+}

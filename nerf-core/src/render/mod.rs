@@ -1,0 +1,273 @@
+//! One frame: rays to occupied samples to network to pixels, in the caller's memory.
+//!
+//! A tile's rays are marched front to back (`march`). A block takes the next occupied sample of as many active rays as
+//! it has room for and goes through trunk and density head; rays above the transmittance threshold join a later block.
+//! Samples whose weight calls for a colour are compacted over several blocks until they fill one for the colour branch.
+//! Neither pixels nor work depend on the size of tile or batch. A 2D field has no rays: its pixels go through the
+//! network block by block (`picture`).
+
+#[cfg(feature = "anti-aliasing")]
+mod anti_aliasing;
+#[cfg(not(feature = "anti-aliasing"))]
+#[path = "anti_aliasing_off.rs"]
+mod anti_aliasing;
+mod counters;
+#[cfg(feature = "depth-of-field")]
+mod depth_of_field;
+#[cfg(not(feature = "depth-of-field"))]
+#[path = "depth_of_field_off.rs"]
+mod depth_of_field;
+mod error;
+mod explain;
+mod frame;
+mod march;
+mod pace;
+mod picture;
+#[cfg(feature = "proposal")]
+mod proposal;
+#[cfg(not(feature = "proposal"))]
+#[path = "proposal_off.rs"]
+mod proposal;
+mod rect;
+mod surface;
+#[cfg(feature = "tone-map")]
+mod tone;
+#[cfg(not(feature = "tone-map"))]
+#[path = "tone_off.rs"]
+mod tone;
+mod window;
+mod worker;
+
+#[cfg(test)]
+mod tests;
+
+pub use counters::Counters;
+pub use error::RenderError;
+pub use explain::{Explanation, Shares, Stage, Switch};
+pub use pace::Pace;
+pub use picture::MAX_RENDER_SIDE;
+pub use rect::{Rect, Target};
+pub use worker::Worker;
+
+use crate::blob::Blob;
+use crate::camera::{Camera, SceneBox};
+use crate::encoding::GridTables;
+use crate::memory::{Arena, Layout, Line, Measure};
+use crate::network::{Network, Weights, unpack};
+use crate::plan::Plan;
+use crate::simd::{Tier, VECTORS};
+use frame::Frame;
+use proposal::Proposer;
+
+/// Whether a tier reads weights where they lie.
+fn in_place(tier: Tier) -> bool {
+    tier == Tier::Scalar || !VECTORS
+}
+
+/// A scene made ready for one kernel tier.
+#[derive(Clone, Debug)]
+pub struct Renderer<'a> {
+    blob: Blob<'a>,
+    network: Network<'a>,
+    proposer: Proposer<'a>,
+    /// A box around what the occupancy grid has.
+    occupied: Option<SceneBox>,
+}
+
+impl<'a> Renderer<'a> {
+    /// Lines of memory [`Renderer::new`] needs: 0 on the scalar tier, which reads the blob in place.
+    pub fn prepared_lines(blob: &Blob<'_>, tier: Tier) -> usize {
+        let mut measure = Measure::default();
+        Self::lay_out(&mut measure, blob, tier);
+        measure.lines
+    }
+
+    /// The parameters of the scene's network and of its proposal, and the grid's tables, unpacked.
+    #[inline]
+    fn lay_out(layout: &mut impl Layout<'a>, blob: &Blob<'_>, tier: Tier) -> [&'a mut [f32]; 3] {
+        if in_place(tier) {
+            return [&mut [], &mut [], &mut []];
+        }
+        Self::unpacked_lengths(blob, tier).map(|count| layout.slice(count, 0.0))
+    }
+
+    /// How many values the parameters of the scene's network and of its proposal are unpacked to, and the grid's tables.
+    pub(crate) fn unpacked_lengths(blob: &Blob<'_>, tier: Tier) -> [usize; 3] {
+        if in_place(tier) {
+            return [0; 3];
+        }
+        let tables = Self::widened_tables(blob, tier).map_or(0, |bytes| bytes.len() / 2);
+        [blob.architecture().parameters(), Proposer::parameters(blob), tables]
+    }
+
+    /// The f16 tables of a tier that has no instruction to widen them.
+    fn widened_tables<'b>(blob: &Blob<'b>, tier: Tier) -> Option<&'b [u8]> {
+        let tables = blob.tables().filter(|tables| tier == Tier::Simd128 && tables.scales().is_none());
+        tables.map(|tables| tables.bytes())
+    }
+
+    /// Prepares a scene for `tier`, unpacking its weights once into `memory`.
+    ///
+    /// # Errors
+    /// [`RenderError::Memory`] if `memory` is smaller than [`Renderer::prepared_lines`] says.
+    pub fn new(blob: Blob<'a>, tier: Tier, memory: &'a mut [Line]) -> Result<Self, RenderError> {
+        let (expected, found) = (Self::prepared_lines(&blob, tier), memory.len());
+        let too_small = RenderError::Memory { expected, found };
+        if found < expected {
+            return Err(too_small);
+        }
+        let mut unpacked = Self::lay_out(&mut Arena::new(memory), &blob, tier);
+        Self::unpack(&blob, tier, &mut unpacked);
+        let (weights, proposer, tables) = Self::unpacked(&blob, tier, unpacked.map(|it| &*it));
+        let network = Network::with_grid(blob.architecture(), weights, tables, tier).ok_or(too_small)?;
+        Ok(Self {
+            occupied: blob.occupancy().and_then(|occupancy| occupancy.occupied_box()),
+            blob,
+            network,
+            proposer,
+        })
+    }
+
+    /// Unpacks the parameters of the scene's network and of its proposal.
+    pub(crate) fn unpack<T: AsMut<[f32]>>(blob: &Blob<'_>, tier: Tier, to: &mut [T; 3]) {
+        if !in_place(tier) {
+            let [own, proposal, tables] = to;
+            Weights::unpack(blob.architecture(), tier, blob.weights(), own.as_mut());
+            Proposer::unpack(blob, tier, proposal.as_mut());
+            if let Some(bytes) = Self::widened_tables(blob, tier) {
+                unpack(bytes, tables.as_mut());
+            }
+        }
+    }
+
+    /// What [`Renderer::unpack`] made, or the weights where they lie.
+    fn unpacked(
+        blob: &Blob<'a>,
+        tier: Tier,
+        [own, proposal, tables]: [&'a [f32]; 3],
+    ) -> (Weights<'a>, Proposer<'a>, GridTables<'a>) {
+        let in_file = Self::tables_of(blob);
+        if in_place(tier) {
+            return (Weights::InPlace(blob.weights()), Proposer::in_place(blob, tier), in_file);
+        }
+        let tables = match Self::widened_tables(blob, tier) {
+            Some(_) => GridTables::widened(tables, blob.scene_box().as_ref()),
+            None => in_file,
+        };
+        (Weights::unpacked(tier, own), Proposer::of_unpacked(blob, tier, proposal), tables)
+    }
+
+    /// The scene of `blob` with what was unpacked before, and the box around what its occupancy grid has.
+    #[cfg(feature = "std")]
+    pub(crate) fn of_unpacked(
+        blob: Blob<'a>,
+        tier: Tier,
+        unpacked: [&'a [f32]; 3],
+        occupied: Option<SceneBox>,
+    ) -> Option<Self> {
+        let (weights, proposer, tables) = Self::unpacked(&blob, tier, unpacked);
+        let network = Network::with_grid(blob.architecture(), weights, tables, tier)?;
+        Some(Self { blob, network, proposer, occupied })
+    }
+
+    /// The tables of the blob's grid, where they lie.
+    fn tables_of(blob: &Blob<'a>) -> GridTables<'a> {
+        let (bytes, scales) =
+            blob.tables().map_or((&[][..], None), |tables| (tables.bytes(), tables.scales()));
+        GridTables::in_place(bytes, scales, blob.scene_box().as_ref())
+    }
+
+    /// The scene of `blob` with other parameters, f32 in the same order: what rounding costs. Its proposal and its
+    /// tables keep their own.
+    ///
+    /// `None` if they are too few, and where there are no [`VECTORS`].
+    pub fn with_parameters(blob: Blob<'a>, tier: Tier, parameters: &'a [f32]) -> Option<Self> {
+        let tables = Self::tables_of(&blob);
+        Self::with_parameters_and_tables(blob, tier, parameters, tables)
+    }
+
+    /// As [`Renderer::with_parameters`], with other tables for the grid, too.
+    pub fn with_parameters_and_tables(
+        blob: Blob<'a>,
+        tier: Tier,
+        parameters: &'a [f32],
+        tables: GridTables<'a>,
+    ) -> Option<Self> {
+        let weights = Weights::Prepared(parameters);
+        let network = Network::with_grid(blob.architecture(), weights, tables, tier)?;
+        let proposer = Proposer::in_place(&blob, tier);
+        let occupied = blob.occupancy().and_then(|occupancy| occupancy.occupied_box());
+        Some(Self { blob, network, proposer, occupied })
+    }
+
+    /// The scene.
+    pub fn blob(&self) -> &Blob<'a> {
+        &self.blob
+    }
+
+    /// The network.
+    pub fn network(&self) -> &Network<'a> {
+        &self.network
+    }
+
+    /// Lines of workspace that [`Renderer::worker`] needs for `plan`, as do [`Renderer::render`] and
+    /// [`Renderer::query`].
+    pub fn workspace_lines(&self, plan: &Plan<'_>) -> usize {
+        let mut measure = Measure::default();
+        Frame::lay_out(&mut measure, &self.network, &self.proposer, plan, None);
+        measure.lines
+    }
+
+    /// Makes a worker for frames of `plan`: one for each thread, for as many calls as there are.
+    ///
+    /// # Errors
+    /// [`RenderError::OtherScene`] if the plan was made for another blob, and [`RenderError::Memory`] if `workspace` is
+    /// smaller than [`Renderer::workspace_lines`] says.
+    pub fn worker<'f>(
+        &'f self,
+        plan: &'f Plan<'f>,
+        workspace: &'f mut [Line],
+    ) -> Result<Worker<'f>, RenderError> {
+        if plan.scene != self.blob.identity() {
+            return Err(RenderError::OtherScene);
+        }
+        let (expected, found) = (self.workspace_lines(plan), workspace.len());
+        if found < expected {
+            return Err(RenderError::Memory { expected, found });
+        }
+        let mut arena = Arena::new(workspace);
+        let frame = Frame::lay_out(&mut arena, &self.network, &self.proposer, plan, self.occupied);
+        Ok(Worker { frame })
+    }
+
+    /// [`Worker::render`] by a worker for this call alone.
+    ///
+    /// # Errors
+    /// As [`Renderer::worker`] and [`Worker::render`].
+    pub fn render(
+        &self,
+        plan: &Plan<'_>,
+        camera: &Camera,
+        rect: Rect,
+        workspace: &mut [Line],
+        target: &mut impl Target,
+    ) -> Result<Counters, RenderError> {
+        self.worker(plan, workspace)?.render(camera, rect, target)
+    }
+
+    /// [`Worker::query`] by a worker for this call alone.
+    ///
+    /// # Errors
+    /// As [`Renderer::worker`] and [`Worker::query`].
+    pub fn query(
+        &self,
+        plan: &Plan<'_>,
+        positions: &[[f32; 3]],
+        dirs: &[[f32; 3]],
+        workspace: &mut [Line],
+        sigma: &mut [f32],
+        rgb: &mut [[f32; 3]],
+    ) -> Result<Counters, RenderError> {
+        self.worker(plan, workspace)?.query(positions, dirs, sigma, rgb)
+    }
+}

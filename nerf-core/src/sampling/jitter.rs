@@ -1,0 +1,57 @@
+//! Jitter: where within their bins a ray's samples lie.
+
+use super::{Bins, Purpose, pixel_stream, uniform};
+
+#[cfg(test)]
+mod tests;
+
+/// The jitter of one ray's samples.
+#[derive(Clone, Copy)]
+pub(crate) struct SampleJitter {
+    seed: Option<u64>,
+    stream: u64,
+    /// The ray's number in its pixel, in the upper half.
+    first: u64,
+}
+
+impl SampleJitter {
+    /// The middle of each bin.
+    pub const MIDDLE: Self = Self { seed: None, stream: 0, first: 0 };
+
+    /// Of the `ray`-th ray of pixel `(x, y)`; the middle of each bin without a seed.
+    #[inline]
+    pub fn of(seed: Option<u64>, x: u32, y: u32, ray: u32) -> Self {
+        Self { seed, stream: pixel_stream(x, y), first: u64::from(ray) << 32 }
+    }
+
+    /// Whether samples lie in the middle of their bins.
+    #[inline]
+    pub fn is_middle(&self) -> bool {
+        self.seed.is_none()
+    }
+
+    /// Where in the `k`-th of equal parts a ray's drawn sample lies, in `[0, 1)`.
+    #[cfg_attr(not(feature = "proposal"), allow(dead_code, reason = "only proposals draw samples"))]
+    #[inline]
+    pub fn within(&self, k: u32) -> f32 {
+        match self.seed {
+            None => 0.5,
+            Some(seed) => uniform(seed, Purpose::Jitter, self.stream, self.first | u64::from(k)),
+        }
+    }
+
+    /// The sample of `bin`, world units along the ray; never falls from bin to bin.
+    #[inline]
+    pub fn t(&self, bins: &Bins, bin: u32) -> f32 {
+        match self.seed {
+            None => bins.at(bin, 0.5),
+            Some(seed) => jittered(seed, self.stream, self.first | u64::from(bin), bins, bin),
+        }
+    }
+}
+
+/// A random point of `bin`: a function of seed, pixel, ray and bin alone, so that neither tile nor thread changes it.
+#[inline(never)]
+fn jittered(seed: u64, stream: u64, index: u64, bins: &Bins, bin: u32) -> f32 {
+    bins.within(bin, uniform(seed, Purpose::Jitter, stream, index))
+}

@@ -1,0 +1,291 @@
+//! AVX2 + FMA leaf: eight lanes.
+
+use super::Op;
+use super::gather::{last_row, last_word};
+use crate::simd::lanes::SQRT_HALF_BITS;
+use crate::simd::{Format, Indices, Lanes, MAX_LANES, Table, bits_by_lane, weighted_rows_by_lane};
+use core::arch::x86_64::*;
+
+/// Eight f32 in a `ymm` register. Made only inside [`run`], where the instructions are known to exist.
+#[derive(Clone, Copy)]
+pub struct F32x8(__m256);
+
+/// Runs `op` with eight lanes.
+///
+/// # Safety
+/// The CPU has AVX2, FMA and F16C, and the OS saves their registers.
+#[target_feature(enable = "avx2,fma,f16c")]
+pub unsafe fn run<O: Op>(op: O) -> O::Output {
+    op.run::<F32x8>()
+}
+
+/// An intrinsic that needs what [`run`]'s contract promises.
+macro_rules! avx2 {
+    ($e:expr) => {
+        // SAFETY: F32x8 exists only inside `run`, whose caller vouches for AVX2, FMA and F16C.
+        unsafe { $e }
+    };
+}
+
+impl Lanes for F32x8 {
+    const COUNT: usize = 8;
+    const TILE_ROWS: usize = 6;
+    const TILE_COLS: usize = 2;
+    type Mask = __m256;
+    type Indices = U32x8;
+
+    #[inline(always)]
+    fn splat(x: f32) -> Self {
+        Self(avx2!(_mm256_set1_ps(x)))
+    }
+    #[inline(always)]
+    fn load(from: &[f32]) -> Self {
+        let from = &from[..8];
+        // SAFETY: eight values are in bounds; unaligned loads are allowed. Features as above.
+        Self(unsafe { _mm256_loadu_ps(from.as_ptr()) })
+    }
+    #[inline(always)]
+    fn store(self, to: &mut [f32]) {
+        let to = &mut to[..8];
+        // SAFETY: eight values are in bounds; unaligned stores are allowed. Features as above.
+        unsafe { _mm256_storeu_ps(to.as_mut_ptr(), self.0) }
+    }
+    #[inline(always)]
+    fn add(self, b: Self) -> Self {
+        Self(avx2!(_mm256_add_ps(self.0, b.0)))
+    }
+    #[inline(always)]
+    fn sub(self, b: Self) -> Self {
+        Self(avx2!(_mm256_sub_ps(self.0, b.0)))
+    }
+    #[inline(always)]
+    fn mul(self, b: Self) -> Self {
+        Self(avx2!(_mm256_mul_ps(self.0, b.0)))
+    }
+    #[inline(always)]
+    fn div(self, b: Self) -> Self {
+        Self(avx2!(_mm256_div_ps(self.0, b.0)))
+    }
+    #[inline(always)]
+    fn mul_add(self, b: Self, c: Self) -> Self {
+        Self(avx2!(_mm256_fmadd_ps(self.0, b.0, c.0)))
+    }
+    #[inline(always)]
+    fn max_of(self, b: Self) -> Self {
+        Self(avx2!(_mm256_max_ps(self.0, b.0)))
+    }
+    #[inline(always)]
+    fn min_of(self, b: Self) -> Self {
+        Self(avx2!(_mm256_min_ps(self.0, b.0)))
+    }
+    #[inline(always)]
+    fn sqrt(self) -> Self {
+        Self(avx2!(_mm256_sqrt_ps(self.0)))
+    }
+    #[inline(always)]
+    fn abs(self) -> Self {
+        Self(avx2!(_mm256_andnot_ps(_mm256_set1_ps(-0.0), self.0)))
+    }
+    #[inline(always)]
+    fn round_even(self) -> Self {
+        Self(avx2!(_mm256_round_ps::<{ _MM_FROUND_TO_NEAREST_INT | _MM_FROUND_NO_EXC }>(self.0)))
+    }
+    #[inline(always)]
+    fn exp2_integer(self) -> Self {
+        Self(avx2!({
+            let biased = _mm256_add_epi32(_mm256_cvtps_epi32(self.0), _mm256_set1_epi32(127));
+            _mm256_castsi256_ps(_mm256_slli_epi32::<23>(biased))
+        }))
+    }
+    #[inline(always)]
+    fn split_exponent(self) -> (Self, Self) {
+        avx2!({
+            let border = _mm256_set1_epi32(SQRT_HALF_BITS as i32);
+            let shifted = _mm256_sub_epi32(_mm256_castps_si256(self.0), border);
+            let mantissa = _mm256_and_si256(shifted, _mm256_set1_epi32(0x007f_ffff));
+            let mantissa = _mm256_castsi256_ps(_mm256_add_epi32(mantissa, border));
+            let exponent = _mm256_cvtepi32_ps(_mm256_srai_epi32::<23>(shifted));
+            (Self(mantissa), Self(exponent))
+        })
+    }
+    #[inline(always)]
+    fn equals(self, b: Self) -> __m256 {
+        avx2!(_mm256_cmp_ps::<_CMP_EQ_OQ>(self.0, b.0))
+    }
+    #[inline(always)]
+    fn less(self, b: Self) -> __m256 {
+        avx2!(_mm256_cmp_ps::<_CMP_LT_OQ>(self.0, b.0))
+    }
+    #[inline(always)]
+    fn select(mask: __m256, a: Self, b: Self) -> Self {
+        Self(avx2!(_mm256_blendv_ps(b.0, a.0, mask)))
+    }
+    #[inline(always)]
+    fn to_indices(self) -> U32x8 {
+        U32x8(avx2!(_mm256_cvtps_epi32(self.0)))
+    }
+    #[inline(always)]
+    fn from_f16(bits: &[u16; MAX_LANES]) -> Self {
+        // SAFETY: sixteen values are in bounds, of which eight are read. Features as above.
+        Self(unsafe { _mm256_cvtph_ps(_mm_loadu_si128(bits.as_ptr().cast())) })
+    }
+    #[inline(always)]
+    fn to_f16(self) -> [u16; MAX_LANES] {
+        let mut bits = [0; MAX_LANES];
+        // SAFETY: there is room for sixteen values, of which eight are written. Features as above.
+        unsafe {
+            let halves = _mm256_cvtps_ph::<_MM_FROUND_TO_NEAREST_INT>(self.0);
+            _mm_storeu_si128(bits.as_mut_ptr().cast(), halves);
+        }
+        bits
+    }
+    #[inline(always)]
+    fn bits(bytes: &[u8], at: U32x8) -> u32 {
+        let Some(last) = last_word(bytes) else {
+            return bits_by_lane::<Self>(bytes, at);
+        };
+        // SAFETY: `last_word` keeps the four bytes of each lane inside `bytes`; unaligned reads. Features as above.
+        unsafe {
+            let from = _mm256_min_epu32(_mm256_srli_epi32::<3>(at.0), _mm256_set1_epi32(last as i32));
+            let words = _mm256_i32gather_epi32::<1>(bytes.as_ptr().cast(), from);
+            // Beyond the last byte that is more than a word has: 0.
+            let shift = _mm256_sub_epi32(at.0, _mm256_slli_epi32::<3>(from));
+            let bit = _mm256_slli_epi32::<31>(_mm256_srlv_epi32(words, shift));
+            _mm256_movemask_ps(_mm256_castsi256_ps(bit)) as u32
+        }
+    }
+    #[inline(always)]
+    fn weighted_rows<T: Table, const ROWS: usize>(
+        table: T,
+        rows: &[U32x8; ROWS],
+        weights: &[Self; ROWS],
+        features: usize,
+    ) -> [Self; 8] {
+        let Some(last) = last_row(table, features) else {
+            return weighted_rows_by_lane(table, rows, weights, features);
+        };
+        let (last, features_of_each) = (U32x8::splat(last), U32x8::splat(features as u32));
+        let mut offsets = [[0; MAX_LANES]; ROWS];
+        for (offsets, row) in offsets.iter_mut().zip(rows) {
+            row.min(last).mul(features_of_each).store(offsets);
+        }
+        // Through memory, from where each is an address at once: taking lanes out of registers is slower.
+        let offsets = core::hint::black_box(&offsets);
+        let zero = Self::splat(0.0);
+        let [a, b, c, d] = four::<T, ROWS>(table, offsets, weights, 0);
+        if features == 2 {
+            return [a, b, c, d, zero, zero, zero, zero];
+        }
+        let [e, f, g, h] = four::<T, ROWS>(table, offsets, weights, 4);
+        [a, b, c, d, e, f, g, h]
+    }
+}
+
+/// Four weighted values of each lane, from `plus` behind each of the `offsets` on.
+///
+/// Two lanes' four values lie in one register while they are summed; lanes and values change places after.
+#[inline(always)]
+fn four<T: Table, const ROWS: usize>(
+    table: T,
+    offsets: &[[u32; MAX_LANES]; ROWS],
+    weights: &[F32x8; ROWS],
+    plus: usize,
+) -> [F32x8; 4] {
+    let s0 = pair::<T, ROWS, 0>(table, offsets, weights, plus);
+    let s1 = pair::<T, ROWS, 1>(table, offsets, weights, plus);
+    let s2 = pair::<T, ROWS, 2>(table, offsets, weights, plus);
+    let s3 = pair::<T, ROWS, 3>(table, offsets, weights, plus);
+    avx2!({
+        let (a, b) = (_mm256_unpacklo_ps(s0, s1), _mm256_unpackhi_ps(s0, s1));
+        let (c, d) = (_mm256_unpacklo_ps(s2, s3), _mm256_unpackhi_ps(s2, s3));
+        let (a, b) = (_mm256_castps_pd(a), _mm256_castps_pd(b));
+        let (c, d) = (_mm256_castps_pd(c), _mm256_castps_pd(d));
+        [
+            F32x8(_mm256_castpd_ps(_mm256_unpacklo_pd(a, c))),
+            F32x8(_mm256_castpd_ps(_mm256_unpackhi_pd(a, c))),
+            F32x8(_mm256_castpd_ps(_mm256_unpacklo_pd(b, d))),
+            F32x8(_mm256_castpd_ps(_mm256_unpackhi_pd(b, d))),
+        ]
+    })
+}
+
+/// Lanes `LANE` and `4 + LANE`, four values of each.
+#[inline(always)]
+fn pair<T: Table, const ROWS: usize, const LANE: usize>(
+    table: T,
+    offsets: &[[u32; MAX_LANES]; ROWS],
+    weights: &[F32x8; ROWS],
+    plus: usize,
+) -> __m256 {
+    let mut sum = avx2!(_mm256_setzero_ps());
+    for (offsets, weight) in offsets.iter().zip(weights) {
+        let at =
+            |lane: usize| table.start().wrapping_add(T::FORMAT.bytes() * (offsets[lane] as usize + plus));
+        let (low, high) = (at(LANE), at(4 + LANE));
+        let values = match T::FORMAT {
+            // SAFETY: `last_row` keeps each row, and with it four values from `plus` on, inside the table; unaligned
+            // reads. Features as above.
+            Format::F16 => unsafe {
+                _mm256_cvtph_ps(_mm_castpd_si128(_mm_loadh_pd(_mm_load_sd(low.cast()), high.cast())))
+            },
+            // SAFETY: as above, with values of four bytes.
+            Format::F32 => unsafe { _mm256_set_m128(_mm_loadu_ps(high.cast()), _mm_loadu_ps(low.cast())) },
+            // SAFETY: as above, with values of one byte.
+            Format::Int8 => unsafe {
+                let both = _mm_insert_epi32::<1>(_mm_loadu_si32(low), high.cast::<i32>().read_unaligned());
+                _mm256_cvtepi32_ps(_mm256_cvtepi8_epi32(both))
+            },
+        };
+        sum = avx2!(_mm256_fmadd_ps(
+            match LANE {
+                0 => _mm256_permute_ps::<0x00>(weight.0),
+                1 => _mm256_permute_ps::<0x55>(weight.0),
+                2 => _mm256_permute_ps::<0xaa>(weight.0),
+                _ => _mm256_permute_ps::<0xff>(weight.0),
+            },
+            values,
+            sum
+        ));
+    }
+    sum
+}
+
+/// Eight u32 in a `ymm` register. Made only where `F32x8` is.
+#[derive(Clone, Copy)]
+pub struct U32x8(__m256i);
+
+impl Indices for U32x8 {
+    #[inline(always)]
+    fn splat(x: u32) -> Self {
+        Self(avx2!(_mm256_set1_epi32(x as i32)))
+    }
+    #[inline(always)]
+    fn add(self, b: Self) -> Self {
+        Self(avx2!(_mm256_add_epi32(self.0, b.0)))
+    }
+    #[inline(always)]
+    fn mul(self, b: Self) -> Self {
+        Self(avx2!(_mm256_mullo_epi32(self.0, b.0)))
+    }
+    #[inline(always)]
+    fn xor(self, b: Self) -> Self {
+        Self(avx2!(_mm256_xor_si256(self.0, b.0)))
+    }
+    #[inline(always)]
+    fn and(self, b: Self) -> Self {
+        Self(avx2!(_mm256_and_si256(self.0, b.0)))
+    }
+    #[inline(always)]
+    fn min(self, b: Self) -> Self {
+        Self(avx2!(_mm256_min_epu32(self.0, b.0)))
+    }
+    #[inline(always)]
+    fn shift_right_15(self) -> Self {
+        Self(avx2!(_mm256_srli_epi32::<15>(self.0)))
+    }
+    #[inline(always)]
+    fn store(self, to: &mut [u32; MAX_LANES]) {
+        // SAFETY: sixteen values are in bounds, of which eight are written; unaligned stores are allowed. Features as above.
+        unsafe { _mm256_storeu_si256(to.as_mut_ptr().cast(), self.0) }
+    }
+}

@@ -1,0 +1,297 @@
+//! AVX-512 F leaf: sixteen lanes.
+
+use super::Op;
+use super::gather::{last_row, last_word};
+use crate::simd::lanes::SQRT_HALF_BITS;
+use crate::simd::{Format, Indices, Lanes, MAX_LANES, Table, bits_by_lane, weighted_rows_by_lane};
+use core::arch::x86_64::*;
+
+/// Sixteen f32 in a `zmm` register. Made only inside [`run`], where the instructions are known to exist.
+#[derive(Clone, Copy)]
+pub struct F32x16(__m512);
+
+/// Runs `op` with sixteen lanes.
+///
+/// # Safety
+/// The CPU has AVX-512 F, and the OS saves its registers.
+#[target_feature(enable = "avx512f")]
+pub unsafe fn run<O: Op>(op: O) -> O::Output {
+    op.run::<F32x16>()
+}
+
+/// An intrinsic that needs what [`run`]'s contract promises.
+macro_rules! avx512 {
+    ($e:expr) => {
+        // SAFETY: F32x16 exists only inside `run`, whose caller vouches for AVX-512 F.
+        unsafe { $e }
+    };
+}
+
+impl Lanes for F32x16 {
+    const COUNT: usize = 16;
+    const TILE_ROWS: usize = 6;
+    const TILE_COLS: usize = 4;
+    type Mask = __mmask16;
+    type Indices = U32x16;
+
+    #[inline(always)]
+    fn splat(x: f32) -> Self {
+        Self(avx512!(_mm512_set1_ps(x)))
+    }
+    #[inline(always)]
+    fn load(from: &[f32]) -> Self {
+        let from = &from[..16];
+        // SAFETY: sixteen values are in bounds; unaligned loads are allowed. Features as above.
+        Self(unsafe { _mm512_loadu_ps(from.as_ptr()) })
+    }
+    #[inline(always)]
+    fn store(self, to: &mut [f32]) {
+        let to = &mut to[..16];
+        // SAFETY: sixteen values are in bounds; unaligned stores are allowed. Features as above.
+        unsafe { _mm512_storeu_ps(to.as_mut_ptr(), self.0) }
+    }
+    #[inline(always)]
+    fn add(self, b: Self) -> Self {
+        Self(avx512!(_mm512_add_ps(self.0, b.0)))
+    }
+    #[inline(always)]
+    fn sub(self, b: Self) -> Self {
+        Self(avx512!(_mm512_sub_ps(self.0, b.0)))
+    }
+    #[inline(always)]
+    fn mul(self, b: Self) -> Self {
+        Self(avx512!(_mm512_mul_ps(self.0, b.0)))
+    }
+    #[inline(always)]
+    fn div(self, b: Self) -> Self {
+        Self(avx512!(_mm512_div_ps(self.0, b.0)))
+    }
+    #[inline(always)]
+    fn mul_add(self, b: Self, c: Self) -> Self {
+        Self(avx512!(_mm512_fmadd_ps(self.0, b.0, c.0)))
+    }
+    #[inline(always)]
+    fn max_of(self, b: Self) -> Self {
+        Self(avx512!(_mm512_max_ps(self.0, b.0)))
+    }
+    #[inline(always)]
+    fn min_of(self, b: Self) -> Self {
+        Self(avx512!(_mm512_min_ps(self.0, b.0)))
+    }
+    #[inline(always)]
+    fn sqrt(self) -> Self {
+        Self(avx512!(_mm512_sqrt_ps(self.0)))
+    }
+    #[inline(always)]
+    fn abs(self) -> Self {
+        Self(avx512!(_mm512_abs_ps(self.0)))
+    }
+    #[inline(always)]
+    fn round_even(self) -> Self {
+        Self(avx512!(_mm512_roundscale_ps::<{ _MM_FROUND_TO_NEAREST_INT | _MM_FROUND_NO_EXC }>(self.0)))
+    }
+    #[inline(always)]
+    fn exp2_integer(self) -> Self {
+        Self(avx512!({
+            let biased = _mm512_add_epi32(_mm512_cvtps_epi32(self.0), _mm512_set1_epi32(127));
+            _mm512_castsi512_ps(_mm512_slli_epi32::<23>(biased))
+        }))
+    }
+    #[inline(always)]
+    fn split_exponent(self) -> (Self, Self) {
+        avx512!({
+            let border = _mm512_set1_epi32(SQRT_HALF_BITS as i32);
+            let shifted = _mm512_sub_epi32(_mm512_castps_si512(self.0), border);
+            let mantissa = _mm512_and_si512(shifted, _mm512_set1_epi32(0x007f_ffff));
+            let mantissa = _mm512_castsi512_ps(_mm512_add_epi32(mantissa, border));
+            let exponent = _mm512_cvtepi32_ps(_mm512_srai_epi32::<23>(shifted));
+            (Self(mantissa), Self(exponent))
+        })
+    }
+    #[inline(always)]
+    fn equals(self, b: Self) -> __mmask16 {
+        avx512!(_mm512_cmp_ps_mask::<_CMP_EQ_OQ>(self.0, b.0))
+    }
+    #[inline(always)]
+    fn less(self, b: Self) -> __mmask16 {
+        avx512!(_mm512_cmp_ps_mask::<_CMP_LT_OQ>(self.0, b.0))
+    }
+    #[inline(always)]
+    fn select(mask: __mmask16, a: Self, b: Self) -> Self {
+        Self(avx512!(_mm512_mask_blend_ps(mask, b.0, a.0)))
+    }
+    #[inline(always)]
+    fn to_indices(self) -> U32x16 {
+        U32x16(avx512!(_mm512_cvtps_epi32(self.0)))
+    }
+    #[inline(always)]
+    fn from_f16(bits: &[u16; MAX_LANES]) -> Self {
+        // SAFETY: sixteen values are in bounds. Features as above.
+        Self(unsafe { _mm512_cvtph_ps(_mm256_loadu_si256(bits.as_ptr().cast())) })
+    }
+    #[inline(always)]
+    fn to_f16(self) -> [u16; MAX_LANES] {
+        let mut bits = [0; MAX_LANES];
+        // SAFETY: there is room for sixteen values. Features as above.
+        unsafe {
+            let halves = _mm512_cvtps_ph::<_MM_FROUND_TO_NEAREST_INT>(self.0);
+            _mm256_storeu_si256(bits.as_mut_ptr().cast(), halves);
+        }
+        bits
+    }
+    #[inline(always)]
+    fn bits(bytes: &[u8], at: U32x16) -> u32 {
+        let Some(last) = last_word(bytes) else {
+            return bits_by_lane::<Self>(bytes, at);
+        };
+        // SAFETY: `last_word` keeps the four bytes of each lane inside `bytes`; unaligned reads. Features as above.
+        unsafe {
+            let from = _mm512_min_epu32(_mm512_srli_epi32::<3>(at.0), _mm512_set1_epi32(last as i32));
+            let words = _mm512_i32gather_epi32::<1>(from, bytes.as_ptr().cast());
+            // Beyond the last byte that is more than a word has: 0.
+            let shift = _mm512_sub_epi32(at.0, _mm512_slli_epi32::<3>(from));
+            u32::from(_mm512_test_epi32_mask(_mm512_srlv_epi32(words, shift), _mm512_set1_epi32(1)))
+        }
+    }
+    #[inline(always)]
+    fn weighted_rows<T: Table, const ROWS: usize>(
+        table: T,
+        rows: &[U32x16; ROWS],
+        weights: &[Self; ROWS],
+        features: usize,
+    ) -> [Self; 8] {
+        let Some(last) = last_row(table, features) else {
+            return weighted_rows_by_lane(table, rows, weights, features);
+        };
+        let (last, features_of_each) = (U32x16::splat(last), U32x16::splat(features as u32));
+        let mut offsets = [[0; MAX_LANES]; ROWS];
+        for (offsets, row) in offsets.iter_mut().zip(rows) {
+            row.min(last).mul(features_of_each).store(offsets);
+        }
+        // Through memory, from where each is an address at once: taking lanes out of registers is slower.
+        let offsets = core::hint::black_box(&offsets);
+        let zero = Self::splat(0.0);
+        let [a, b, c, d] = four::<T, ROWS>(table, offsets, weights, 0);
+        if features == 2 {
+            return [a, b, c, d, zero, zero, zero, zero];
+        }
+        let [e, f, g, h] = four::<T, ROWS>(table, offsets, weights, 4);
+        [a, b, c, d, e, f, g, h]
+    }
+}
+
+/// Four weighted values of each lane, from `plus` behind each of the `offsets` on.
+///
+/// Four lanes' four values lie in one register while they are summed; lanes and values change places after.
+#[inline(always)]
+fn four<T: Table, const ROWS: usize>(
+    table: T,
+    offsets: &[[u32; MAX_LANES]; ROWS],
+    weights: &[F32x16; ROWS],
+    plus: usize,
+) -> [F32x16; 4] {
+    let s0 = quad::<T, ROWS, 0>(table, offsets, weights, plus);
+    let s1 = quad::<T, ROWS, 1>(table, offsets, weights, plus);
+    let s2 = quad::<T, ROWS, 2>(table, offsets, weights, plus);
+    let s3 = quad::<T, ROWS, 3>(table, offsets, weights, plus);
+    avx512!({
+        let (a, b) = (_mm512_unpacklo_ps(s0, s1), _mm512_unpackhi_ps(s0, s1));
+        let (c, d) = (_mm512_unpacklo_ps(s2, s3), _mm512_unpackhi_ps(s2, s3));
+        let (a, b) = (_mm512_castps_pd(a), _mm512_castps_pd(b));
+        let (c, d) = (_mm512_castps_pd(c), _mm512_castps_pd(d));
+        [
+            F32x16(_mm512_castpd_ps(_mm512_unpacklo_pd(a, c))),
+            F32x16(_mm512_castpd_ps(_mm512_unpackhi_pd(a, c))),
+            F32x16(_mm512_castpd_ps(_mm512_unpacklo_pd(b, d))),
+            F32x16(_mm512_castpd_ps(_mm512_unpackhi_pd(b, d))),
+        ]
+    })
+}
+
+/// Lanes `LANE`, `4 + LANE`, `8 + LANE` and `12 + LANE`, four values of each.
+#[inline(always)]
+fn quad<T: Table, const ROWS: usize, const LANE: usize>(
+    table: T,
+    offsets: &[[u32; MAX_LANES]; ROWS],
+    weights: &[F32x16; ROWS],
+    plus: usize,
+) -> __m512 {
+    let mut sum = avx512!(_mm512_setzero_ps());
+    for (offsets, weight) in offsets.iter().zip(weights) {
+        let at =
+            |lane: usize| table.start().wrapping_add(T::FORMAT.bytes() * (offsets[lane] as usize + plus));
+        let (a, b, c, d) = (at(LANE), at(4 + LANE), at(8 + LANE), at(12 + LANE));
+        let values = match T::FORMAT {
+            // SAFETY: `last_row` keeps each row, and with it four values from `plus` on, inside the table; unaligned
+            // reads. Features as above.
+            Format::F16 => unsafe {
+                let low = _mm_loadh_pd(_mm_load_sd(a.cast()), b.cast());
+                let high = _mm_loadh_pd(_mm_load_sd(c.cast()), d.cast());
+                _mm512_cvtph_ps(_mm256_castpd_si256(_mm256_set_m128d(high, low)))
+            },
+            // SAFETY: as above, with values of four bytes.
+            Format::F32 => unsafe {
+                let low = _mm512_castps128_ps512(_mm_loadu_ps(a.cast()));
+                let low = _mm512_insertf32x4::<1>(low, _mm_loadu_ps(b.cast()));
+                let low = _mm512_insertf32x4::<2>(low, _mm_loadu_ps(c.cast()));
+                _mm512_insertf32x4::<3>(low, _mm_loadu_ps(d.cast()))
+            },
+            // SAFETY: as above, with values of one byte.
+            Format::Int8 => unsafe {
+                let [a, b, c, d] = [a, b, c, d].map(|at| at.cast::<i32>().read_unaligned());
+                _mm512_cvtepi32_ps(_mm512_cvtepi8_epi32(_mm_set_epi32(d, c, b, a)))
+            },
+        };
+        sum = avx512!(_mm512_fmadd_ps(
+            match LANE {
+                0 => _mm512_permute_ps::<0x00>(weight.0),
+                1 => _mm512_permute_ps::<0x55>(weight.0),
+                2 => _mm512_permute_ps::<0xaa>(weight.0),
+                _ => _mm512_permute_ps::<0xff>(weight.0),
+            },
+            values,
+            sum
+        ));
+    }
+    sum
+}
+
+/// Sixteen u32 in a `zmm` register. Made only where `F32x16` is.
+#[derive(Clone, Copy)]
+pub struct U32x16(__m512i);
+
+impl Indices for U32x16 {
+    #[inline(always)]
+    fn splat(x: u32) -> Self {
+        Self(avx512!(_mm512_set1_epi32(x as i32)))
+    }
+    #[inline(always)]
+    fn add(self, b: Self) -> Self {
+        Self(avx512!(_mm512_add_epi32(self.0, b.0)))
+    }
+    #[inline(always)]
+    fn mul(self, b: Self) -> Self {
+        Self(avx512!(_mm512_mullo_epi32(self.0, b.0)))
+    }
+    #[inline(always)]
+    fn xor(self, b: Self) -> Self {
+        Self(avx512!(_mm512_xor_si512(self.0, b.0)))
+    }
+    #[inline(always)]
+    fn and(self, b: Self) -> Self {
+        Self(avx512!(_mm512_and_si512(self.0, b.0)))
+    }
+    #[inline(always)]
+    fn min(self, b: Self) -> Self {
+        Self(avx512!(_mm512_min_epu32(self.0, b.0)))
+    }
+    #[inline(always)]
+    fn shift_right_15(self) -> Self {
+        Self(avx512!(_mm512_srli_epi32::<15>(self.0)))
+    }
+    #[inline(always)]
+    fn store(self, to: &mut [u32; MAX_LANES]) {
+        // SAFETY: sixteen values are in bounds; unaligned stores are allowed. Features as above.
+        unsafe { _mm512_storeu_si512(to.as_mut_ptr().cast(), self.0) }
+    }
+}

@@ -1,0 +1,232 @@
+//! One vector of `f32`: the interface every elementary function and kernel is written against.
+
+use super::table::{Indices, Table, bits_by_lane, weighted_rows_by_lane, widen_finite};
+
+/// `COUNT` values of f32 that move through arithmetic together.
+///
+/// `f32` itself is the one-lane instance; the vector instances are the leaves of this room. Every operation
+/// acts on each lane alone, so that a value never depends on its neighbours.
+pub trait Lanes: Copy {
+    /// Lanes of a vector.
+    const COUNT: usize;
+    /// Rows of C a register tile of the product kernel covers.
+    const TILE_ROWS: usize;
+    /// Vectors of C a register tile of the product kernel covers.
+    const TILE_COLS: usize;
+    /// Whether a grid encodes several vectors at one level before it goes to the next: where there are too few
+    /// registers to find the entries of one level while those of another are read.
+    const LEVEL_BY_LEVEL: bool = false;
+    /// The result of a comparison.
+    type Mask: Copy;
+    /// As many `u32`.
+    type Indices: Indices;
+
+    /// `x` in every lane.
+    fn splat(x: f32) -> Self;
+    /// The first `COUNT` values of `from`.
+    ///
+    /// # Panics
+    /// If `from` is shorter than that; one lane only with debug assertions, else it is 0.
+    fn load(from: &[f32]) -> Self;
+    /// Writes the lanes to the first `COUNT` values of `to`.
+    ///
+    /// # Panics
+    /// If `to` is shorter than that; one lane only with debug assertions, else it is lost.
+    fn store(self, to: &mut [f32]);
+    /// `self + b`.
+    fn add(self, b: Self) -> Self;
+    /// `self - b`.
+    fn sub(self, b: Self) -> Self;
+    /// `self * b`.
+    fn mul(self, b: Self) -> Self;
+    /// `self / b`.
+    fn div(self, b: Self) -> Self;
+    /// `self * b + c`: fused on x86's vector tiers, two roundings on the scalar and the WebAssembly one.
+    fn mul_add(self, b: Self, c: Self) -> Self;
+    /// The larger; `self` only if it is greater, so that a NaN in `b` stays.
+    fn max_of(self, b: Self) -> Self;
+    /// The smaller; `self` only if it is less, so that a NaN in `b` stays.
+    fn min_of(self, b: Self) -> Self;
+    /// The root, rounded correctly.
+    fn sqrt(self) -> Self;
+    /// `|self|`.
+    fn abs(self) -> Self;
+    /// The nearest integer, ties to even, for every finite value.
+    fn round_even(self) -> Self;
+    /// The largest integer that is not larger, for every finite value.
+    #[inline(always)]
+    fn floor(self) -> Self {
+        let nearest = self.round_even();
+        Self::select(self.less(nearest), nearest.sub(Self::splat(1.0)), nearest)
+    }
+    /// `2^self` for an integer in `-126..=127`.
+    fn exp2_integer(self) -> Self;
+    /// Splits a positive normal number into `(m, e)` with `self = m 2^e`, `m` in `[√½, √2)`.
+    fn split_exponent(self) -> (Self, Self);
+    /// Where `self == b`.
+    fn equals(self, b: Self) -> Self::Mask;
+    /// Where `self < b`.
+    fn less(self, b: Self) -> Self::Mask;
+    /// `a` where the mask holds, else `b`.
+    fn select(mask: Self::Mask, a: Self, b: Self) -> Self;
+
+    /// A whole number in `0..=2^23` in each lane, as `u32`.
+    fn to_indices(self) -> Self::Indices;
+
+    /// Finite f16, the first `COUNT` of `bits`.
+    #[inline(always)]
+    fn from_f16(bits: &[u16; MAX_LANES]) -> Self {
+        let mut values = [0.0; MAX_LANES];
+        for lane in 0..Self::COUNT {
+            values[lane] = widen_finite(bits[lane]);
+        }
+        Self::load(&values)
+    }
+
+    /// The nearest f16 of each lane, ties to even; beyond the largest, infinity.
+    #[inline(always)]
+    fn to_f16(self) -> [u16; MAX_LANES] {
+        let mut values = [0.0; MAX_LANES];
+        self.store(&mut values);
+        values.map(|value| half::f16::from_f32(value).to_bits())
+    }
+
+    /// Bit `i` of the result: bit `at[i]` of `bytes`, LSB first, in lane `i`; 0 beyond their end.
+    #[inline(always)]
+    fn bits(bytes: &[u8], at: Self::Indices) -> u32 {
+        bits_by_lane::<Self>(bytes, at)
+    }
+
+    /// `Σ_r weights[r] · row r` of each lane, of rows of two neighbouring entries of 1, 2 or 4 `features`, summed
+    /// from 0 in ascending `r`; the first `2 · features` results count.
+    ///
+    /// `rows`: the number of each row's first entry. Where that is beyond the table, it is any entry, or 0.
+    #[inline(always)]
+    fn weighted_rows<T: Table, const ROWS: usize>(
+        table: T,
+        rows: &[Self::Indices; ROWS],
+        weights: &[Self; ROWS],
+        features: usize,
+    ) -> [Self; 8] {
+        weighted_rows_by_lane(table, rows, weights, features)
+    }
+
+    /// `-self`.
+    #[inline(always)]
+    fn neg(self) -> Self {
+        Self::splat(-0.0).sub(self)
+    }
+
+    /// `f` of every lane, one by one.
+    #[inline(always)]
+    fn map(self, f: impl Fn(f32) -> f32) -> Self {
+        let mut lanes = [0.0; MAX_LANES];
+        self.store(&mut lanes);
+        for x in &mut lanes[..Self::COUNT] {
+            *x = f(*x);
+        }
+        Self::load(&lanes)
+    }
+}
+
+/// The widest vector of any tier.
+pub const MAX_LANES: usize = 16;
+
+/// √½ as bits: the border between the halves of `split_exponent`.
+pub(crate) const SQRT_HALF_BITS: u32 = 0x3f35_04f3;
+
+impl Lanes for f32 {
+    const COUNT: usize = 1;
+    const TILE_ROWS: usize = 4;
+    const TILE_COLS: usize = 1;
+    type Mask = bool;
+    type Indices = u32;
+
+    #[inline(always)]
+    fn splat(x: f32) -> Self {
+        x
+    }
+    #[inline(always)]
+    fn load(from: &[f32]) -> Self {
+        debug_assert!(!from.is_empty(), "expected a value, found none");
+        from.first().copied().unwrap_or_default()
+    }
+    #[inline(always)]
+    fn store(self, to: &mut [f32]) {
+        debug_assert!(!to.is_empty(), "expected room for a value, found none");
+        if let Some(first) = to.first_mut() {
+            *first = self;
+        }
+    }
+    #[inline(always)]
+    fn add(self, b: Self) -> Self {
+        self + b
+    }
+    #[inline(always)]
+    fn sub(self, b: Self) -> Self {
+        self - b
+    }
+    #[inline(always)]
+    fn mul(self, b: Self) -> Self {
+        self * b
+    }
+    #[inline(always)]
+    fn div(self, b: Self) -> Self {
+        self / b
+    }
+    #[inline(always)]
+    fn mul_add(self, b: Self, c: Self) -> Self {
+        self * b + c
+    }
+    #[inline(always)]
+    fn max_of(self, b: Self) -> Self {
+        if self > b { self } else { b }
+    }
+    #[inline(always)]
+    fn min_of(self, b: Self) -> Self {
+        if self < b { self } else { b }
+    }
+    #[inline(always)]
+    fn sqrt(self) -> Self {
+        libm::sqrtf(self)
+    }
+    #[inline(always)]
+    fn abs(self) -> Self {
+        f32::from_bits(self.to_bits() & 0x7fff_ffff)
+    }
+    #[inline(always)]
+    fn round_even(self) -> Self {
+        // Adding 2^23 leaves no room for a fraction; larger numbers have none.
+        const MAGIC: f32 = 8_388_608.0;
+        let magic = if self < 0.0 { -MAGIC } else { MAGIC };
+        let rounded = (self + magic) - magic;
+        if self.abs() < MAGIC { rounded } else { self }
+    }
+    #[inline(always)]
+    fn exp2_integer(self) -> Self {
+        f32::from_bits(((self as i32 + 127) as u32) << 23)
+    }
+    #[inline(always)]
+    fn split_exponent(self) -> (Self, Self) {
+        let shifted = self.to_bits().wrapping_sub(SQRT_HALF_BITS);
+        let exponent = (shifted as i32) >> 23;
+        let mantissa = (shifted & 0x007f_ffff).wrapping_add(SQRT_HALF_BITS);
+        (f32::from_bits(mantissa), exponent as f32)
+    }
+    #[inline(always)]
+    fn equals(self, b: Self) -> bool {
+        self == b
+    }
+    #[inline(always)]
+    fn less(self, b: Self) -> bool {
+        self < b
+    }
+    #[inline(always)]
+    fn select(mask: bool, a: Self, b: Self) -> Self {
+        if mask { a } else { b }
+    }
+    #[inline(always)]
+    fn to_indices(self) -> u32 {
+        self as u32
+    }
+}

@@ -1,0 +1,47 @@
+//! Vectors: an [`Op`] is written once, generic over [`Lanes`]; a leaf per instruction set compiles it for that set, and
+//! [`Tier::run`] picks the leaf. Activations are laid out `[channel][BLOCK]`: a vector holds one channel of neighbouring
+//! samples.
+#![allow(unsafe_code, reason = "instructions that the compiler does not choose by itself")]
+
+#[cfg(target_arch = "x86_64")]
+mod avx2;
+#[cfg(target_arch = "x86_64")]
+mod avx512;
+#[cfg(any(
+    target_arch = "x86_64",
+    all(target_arch = "aarch64", target_feature = "neon"),
+    all(target_arch = "wasm32", target_feature = "simd128")
+))]
+mod gather;
+mod lanes;
+#[cfg(all(target_arch = "aarch64", target_feature = "neon"))]
+mod neon;
+mod portable;
+#[cfg(feature = "train")]
+mod prefetch;
+#[cfg(all(target_arch = "wasm32", target_feature = "simd128"))]
+mod simd128;
+mod table;
+mod tier;
+
+#[cfg(test)]
+mod tests;
+
+pub use lanes::{Lanes, MAX_LANES};
+#[cfg(feature = "train")]
+pub use prefetch::prefetch;
+pub use table::{
+    F16Table, F32Table, Format, Indices, Int8Table, Table, bits_by_lane, weighted_rows_by_lane, widen_finite,
+};
+pub use tier::{Tier, VECTORS};
+
+/// Samples that go through the network together, on every tier.
+pub const BLOCK: usize = 64;
+
+/// A loop that can be compiled for every tier.
+pub trait Op {
+    /// What it returns.
+    type Output;
+    /// The loop; must be `#[inline(always)]`, or it loses the leaf's instructions.
+    fn run<V: Lanes>(self) -> Self::Output;
+}

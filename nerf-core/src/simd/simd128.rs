@@ -1,0 +1,275 @@
+//! WebAssembly SIMD leaf: four lanes, unfused, so that it gives bit for bit what the scalar tier gives.
+//!
+//! Without run-time detection: a module with these instructions loads only where they exist, so that the
+//! tier is there if the build has the target feature. Relaxed SIMD could fuse, but what it computes is up
+//! to the engine.
+
+use super::Op;
+use super::gather::last_row;
+use crate::simd::lanes::SQRT_HALF_BITS;
+use crate::simd::{Format, Indices, Lanes, MAX_LANES, Table, weighted_rows_by_lane};
+use core::arch::wasm32::*;
+
+/// Four f32 in a `v128`.
+#[derive(Clone, Copy)]
+pub struct F32x4(v128);
+
+/// Runs `op` with four lanes.
+pub fn run<O: Op>(op: O) -> O::Output {
+    op.run::<F32x4>()
+}
+
+impl Lanes for F32x4 {
+    const COUNT: usize = 4;
+    const TILE_ROWS: usize = 2;
+    const TILE_COLS: usize = 4;
+    const LEVEL_BY_LEVEL: bool = true;
+    type Mask = v128;
+    type Indices = U32x4;
+
+    #[inline(always)]
+    fn splat(x: f32) -> Self {
+        Self(f32x4_splat(x))
+    }
+    #[inline(always)]
+    fn load(from: &[f32]) -> Self {
+        let from = &from[..4];
+        // SAFETY: four values are in bounds; unaligned loads are allowed.
+        Self(unsafe { v128_load(from.as_ptr().cast()) })
+    }
+    #[inline(always)]
+    fn store(self, to: &mut [f32]) {
+        let to = &mut to[..4];
+        // SAFETY: four values are in bounds; unaligned stores are allowed.
+        unsafe { v128_store(to.as_mut_ptr().cast(), self.0) }
+    }
+    #[inline(always)]
+    fn add(self, b: Self) -> Self {
+        Self(f32x4_add(self.0, b.0))
+    }
+    #[inline(always)]
+    fn sub(self, b: Self) -> Self {
+        Self(f32x4_sub(self.0, b.0))
+    }
+    #[inline(always)]
+    fn mul(self, b: Self) -> Self {
+        Self(f32x4_mul(self.0, b.0))
+    }
+    #[inline(always)]
+    fn div(self, b: Self) -> Self {
+        Self(f32x4_div(self.0, b.0))
+    }
+    #[inline(always)]
+    fn mul_add(self, b: Self, c: Self) -> Self {
+        self.mul(b).add(c)
+    }
+    // `pmax(b, a)` is `b < a ? a : b`, one instruction on x86; the plain `max` would spread NaNs.
+    #[inline(always)]
+    fn max_of(self, b: Self) -> Self {
+        Self(f32x4_pmax(b.0, self.0))
+    }
+    #[inline(always)]
+    fn min_of(self, b: Self) -> Self {
+        Self(f32x4_pmin(b.0, self.0))
+    }
+    #[inline(always)]
+    fn sqrt(self) -> Self {
+        Self(f32x4_sqrt(self.0))
+    }
+    #[inline(always)]
+    fn abs(self) -> Self {
+        Self(f32x4_abs(self.0))
+    }
+    #[inline(always)]
+    fn round_even(self) -> Self {
+        // + 0: the scalar tier has no negative zero here.
+        Self(f32x4_add(f32x4_nearest(self.0), f32x4_splat(0.0)))
+    }
+    #[inline(always)]
+    fn floor(self) -> Self {
+        Self(f32x4_floor(self.0))
+    }
+    #[inline(always)]
+    fn exp2_integer(self) -> Self {
+        let biased = i32x4_add(i32x4_trunc_sat_f32x4(self.0), i32x4_splat(127));
+        Self(i32x4_shl(biased, 23))
+    }
+    #[inline(always)]
+    fn split_exponent(self) -> (Self, Self) {
+        let border = i32x4_splat(SQRT_HALF_BITS as i32);
+        let shifted = i32x4_sub(self.0, border);
+        let mantissa = i32x4_add(v128_and(shifted, i32x4_splat(0x007f_ffff)), border);
+        (Self(mantissa), Self(f32x4_convert_i32x4(i32x4_shr(shifted, 23))))
+    }
+    #[inline(always)]
+    fn equals(self, b: Self) -> v128 {
+        f32x4_eq(self.0, b.0)
+    }
+    #[inline(always)]
+    fn less(self, b: Self) -> v128 {
+        f32x4_lt(self.0, b.0)
+    }
+    #[inline(always)]
+    fn select(mask: v128, a: Self, b: Self) -> Self {
+        Self(v128_bitselect(a.0, b.0, mask))
+    }
+    #[inline(always)]
+    fn to_indices(self) -> U32x4 {
+        // WebAssembly's conversion saturates, for which x86 takes five instructions.
+        let whole = f32x4_splat(8_388_608.0);
+        U32x4(i32x4_sub(f32x4_add(self.0, whole), whole))
+    }
+    #[inline(always)]
+    fn bits(bytes: &[u8], at: U32x4) -> u32 {
+        let Some(last) = bytes.len().checked_sub(1) else { return 0 };
+        let byte = u32x4_shr(at.0, 3);
+        let inside = u32x4_le(byte, u32x4_splat(last as u32));
+        let byte = u32x4_min(byte, u32x4_splat(last as u32));
+        let start = bytes.as_ptr();
+        // SAFETY: no index is beyond that of the last byte.
+        let found = unsafe {
+            let found =
+                v128_load8_lane::<0>(u32x4_splat(0), start.add(u32x4_extract_lane::<0>(byte) as usize));
+            let found = v128_load8_lane::<4>(found, start.add(u32x4_extract_lane::<1>(byte) as usize));
+            let found = v128_load8_lane::<8>(found, start.add(u32x4_extract_lane::<2>(byte) as usize));
+            v128_load8_lane::<12>(found, start.add(u32x4_extract_lane::<3>(byte) as usize))
+        };
+        // Of the table, byte i is bit i; only the lowest byte of each lane of `found` is not 0.
+        let bit = u8x16_swizzle(
+            i64x2_splat(0x8040_2010_0804_0201u64.cast_signed()),
+            v128_and(at.0, u32x4_splat(7)),
+        );
+        let empty = i32x4_eq(v128_and(found, bit), u32x4_splat(0));
+        u32::from(i32x4_bitmask(v128_andnot(inside, empty)))
+    }
+    #[inline(always)]
+    fn weighted_rows<T: Table, const ROWS: usize>(
+        table: T,
+        rows: &[U32x4; ROWS],
+        weights: &[Self; ROWS],
+        features: usize,
+    ) -> [Self; 8] {
+        let Some(last) = last_row(table, features) else {
+            return weighted_rows_by_lane(table, rows, weights, features);
+        };
+        let (last, features_of_each) = (U32x4::splat(last), U32x4::splat(features as u32));
+        let offsets = rows.map(|row| row.min(last).mul(features_of_each));
+        let zero = Self::splat(0.0);
+        let [a, b, c, d] = four::<T, ROWS>(table, &offsets, weights, 0);
+        if features == 2 {
+            return [a, b, c, d, zero, zero, zero, zero];
+        }
+        let [e, f, g, h] = four::<T, ROWS>(table, &offsets, weights, 4);
+        [a, b, c, d, e, f, g, h]
+    }
+}
+
+/// Four weighted values of each lane, from `plus` behind each of the `offsets` on.
+///
+/// A lane's four values lie in one register while they are summed; lanes and values change places after.
+#[inline(always)]
+fn four<T: Table, const ROWS: usize>(
+    table: T,
+    offsets: &[U32x4; ROWS],
+    weights: &[F32x4; ROWS],
+    plus: usize,
+) -> [F32x4; 4] {
+    let s0 = lane::<T, ROWS, 0>(table, offsets, weights, plus);
+    let s1 = lane::<T, ROWS, 1>(table, offsets, weights, plus);
+    let s2 = lane::<T, ROWS, 2>(table, offsets, weights, plus);
+    let s3 = lane::<T, ROWS, 3>(table, offsets, weights, plus);
+    let (a, b) = (i32x4_shuffle::<0, 4, 1, 5>(s0, s1), i32x4_shuffle::<2, 6, 3, 7>(s0, s1));
+    let (c, d) = (i32x4_shuffle::<0, 4, 1, 5>(s2, s3), i32x4_shuffle::<2, 6, 3, 7>(s2, s3));
+    [
+        F32x4(i64x2_shuffle::<0, 2>(a, c)),
+        F32x4(i64x2_shuffle::<1, 3>(a, c)),
+        F32x4(i64x2_shuffle::<0, 2>(b, d)),
+        F32x4(i64x2_shuffle::<1, 3>(b, d)),
+    ]
+}
+
+/// Lane `LANE`, its four values.
+#[inline(always)]
+fn lane<T: Table, const ROWS: usize, const LANE: usize>(
+    table: T,
+    offsets: &[U32x4; ROWS],
+    weights: &[F32x4; ROWS],
+    plus: usize,
+) -> v128 {
+    let mut sum = F32x4::splat(0.0);
+    for (offset, weight) in offsets.iter().zip(weights) {
+        let offset = u32x4_extract_lane::<LANE>(offset.0) as usize;
+        let at = table.start().wrapping_add(T::FORMAT.bytes() * (offset + plus));
+        let values = match T::FORMAT {
+            // SAFETY: `last_row` keeps each row, and with it four values from `plus` on, inside the table; unaligned
+            // reads.
+            Format::F16 => widen_finite(unsafe { i32x4_load_extend_i16x4(at.cast()) }),
+            // SAFETY: as above, with values of four bytes.
+            Format::F32 => unsafe { v128_load(at.cast()) },
+            Format::Int8 => {
+                // SAFETY: as above, with values of one byte.
+                let bytes = i16x8_extend_low_i8x16(unsafe { v128_load32_zero(at.cast()) });
+                f32x4_convert_i32x4(i32x4_extend_low_i16x8(bytes))
+            }
+        };
+        sum = F32x4(i32x4_shuffle::<LANE, LANE, LANE, LANE>(weight.0, weight.0)).mul_add(F32x4(values), sum);
+    }
+    // Through memory: else V8 moves the next lanes' reads to the front, and most of what they found to the stack.
+    core::hint::black_box(sum.0)
+}
+
+/// Four f16, finite, each with its sign above it, widened.
+///
+/// `v = 2 v − v`; of a subnormal, which has no leading 1, `v = (2^-14 + v) − 2^-14`: both exact, and no f32 is subnormal
+/// on the way: multiplications of many Intel cores stall on those.
+#[inline(always)]
+fn widen_finite(bits: v128) -> v128 {
+    const SMALLEST_NORMAL: i32 = (127 - 14) << 23;
+    let magnitude = u32x4_shr(i32x4_shl(bits, 17), 4);
+    let more = i32x4_add(magnitude, i32x4_splat(SMALLEST_NORMAL));
+    let less = i32x4_max(
+        i32x4_add(magnitude, i32x4_splat(SMALLEST_NORMAL - (1 << 23))),
+        i32x4_splat(SMALLEST_NORMAL),
+    );
+    v128_or(f32x4_sub(more, less), v128_and(bits, u32x4_splat(0x8000_0000)))
+}
+
+/// Four u32 in a `v128`. Made only where `F32x4` is.
+#[derive(Clone, Copy)]
+pub struct U32x4(v128);
+
+impl Indices for U32x4 {
+    #[inline(always)]
+    fn splat(x: u32) -> Self {
+        Self(u32x4_splat(x))
+    }
+    #[inline(always)]
+    fn add(self, b: Self) -> Self {
+        Self(i32x4_add(self.0, b.0))
+    }
+    #[inline(always)]
+    fn mul(self, b: Self) -> Self {
+        Self(i32x4_mul(self.0, b.0))
+    }
+    #[inline(always)]
+    fn xor(self, b: Self) -> Self {
+        Self(v128_xor(self.0, b.0))
+    }
+    #[inline(always)]
+    fn and(self, b: Self) -> Self {
+        Self(v128_and(self.0, b.0))
+    }
+    #[inline(always)]
+    fn min(self, b: Self) -> Self {
+        Self(u32x4_min(self.0, b.0))
+    }
+    #[inline(always)]
+    fn shift_right_15(self) -> Self {
+        Self(u32x4_shr(self.0, 15))
+    }
+    #[inline(always)]
+    fn store(self, to: &mut [u32; MAX_LANES]) {
+        // SAFETY: sixteen values are in bounds, of which four are written; unaligned stores are allowed.
+        unsafe { v128_store(to.as_mut_ptr().cast(), self.0) }
+    }
+}
