@@ -8,7 +8,7 @@ use crate::engine::{Batch, BatchRay};
 use crate::occupancy::is_foreground;
 use glam::Vec3;
 pub use march::MarchCells;
-use march::{march, march_contracted};
+use march::{Samples, march, march_contracted};
 use nerf_core::blob::SceneSampling;
 use nerf_core::camera::{Camera, Contraction, Ray, SceneBox};
 use nerf_core::sampling::{Bins, OccupancyGrid, Purpose, uniform, uniform_u32};
@@ -86,7 +86,7 @@ impl Bounds {
 }
 
 /// Some rays, where their samples lie, how wide these are, and the time it took.
-type Marched = (Vec<BatchRay>, Vec<[f32; 3]>, Vec<f32>, Duration);
+type Marched = (Vec<BatchRay>, Samples, Duration);
 
 impl<'d> RayBank<'d> {
     /// A bank over `views`.
@@ -249,26 +249,27 @@ impl<'d> RayBank<'d> {
             .map(|chunk| {
                 let begun = Instant::now();
                 let range = chunk * CONTRACTED_CHUNK..rays.min((chunk + 1) * CONTRACTED_CHUNK);
-                let (mut rays_of, mut positions, mut deltas) = (Vec::new(), Vec::new(), Vec::new());
+                let (mut rays_of, mut samples) = (Vec::new(), Samples::default());
                 for (index, view, ray, mut batch_ray) in self.targets(step, range, rays) {
-                    let before = positions.len();
+                    let before = samples.positions.len();
                     let (ray, start) = contraction.centred(&ray);
                     let first = contraction.step_at(self.nears[view] - start);
                     let u = uniform(self.seed, Purpose::Jitter, step, index);
                     let count = ((far - first) / width).ceil().max(0.0) as u32;
                     let walk = (first + u * width, width, count);
-                    march_contracted(tier, cells, contraction, &ray, walk, (&mut positions, &mut deltas));
-                    batch_ray.samples = (positions.len() - before) as u32;
+                    march_contracted(tier, cells, contraction, &ray, walk, start, &mut samples);
+                    batch_ray.samples = (samples.positions.len() - before) as u32;
                     rays_of.push(batch_ray);
                 }
-                (rays_of, positions, deltas, begun.elapsed())
+                (rays_of, samples, begun.elapsed())
             })
             .collect();
         let mut time = Duration::ZERO;
-        for (rays, positions, deltas, taken) in chunks {
+        for (rays, samples, taken) in chunks {
             batch.rays.extend(rays);
-            batch.positions.extend(positions);
-            batch.deltas.extend(deltas);
+            batch.positions.extend(samples.positions);
+            batch.deltas.extend(samples.deltas);
+            batch.gradient_scales.extend(samples.gradient_scales);
             time += taken;
         }
         time

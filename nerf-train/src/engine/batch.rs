@@ -25,6 +25,8 @@ pub struct Batch {
     pub positions: Vec<[f32; 3]>,
     /// Length of each sample's bin, world units, at least 0.
     pub deltas: Vec<f32>,
+    /// What the gradient of each sample is multiplied with; empty: 1. Of a grid's batches only.
+    pub gradient_scales: Vec<f32>,
     /// Points of culled space, whose density is pushed to zero.
     pub empty: Vec<[f32; 3]>,
     /// Weight of their term in the loss.
@@ -43,6 +45,7 @@ impl Batch {
         self.rays.clear();
         self.positions.clear();
         self.deltas.clear();
+        self.gradient_scales.clear();
         self.empty.clear();
     }
 
@@ -52,13 +55,21 @@ impl Batch {
     /// [`BatchError`] names the field.
     pub fn check(&self) -> Result<(), BatchError> {
         let claimed: u64 = self.rays.iter().map(|ray| u64::from(ray.samples)).sum();
-        for (field, found) in [("positions", self.positions.len()), ("deltas", self.deltas.len())] {
+        let scales =
+            if self.gradient_scales.is_empty() { self.deltas.len() } else { self.gradient_scales.len() };
+        for (field, found) in
+            [("positions", self.positions.len()), ("deltas", self.deltas.len()), ("gradient_scales", scales)]
+        {
             if claimed != found as u64 {
                 return Err(BatchError::Length { field, expected: claimed, found });
             }
         }
         // All of it at once; who it is is asked where one is not.
         let sound = |values: &[f32]| values.iter().fold(true, |all, x| all & x.is_finite());
+        if !sound(&self.gradient_scales) {
+            let index = self.gradient_scales.iter().position(|x| !x.is_finite());
+            return Err(BatchError::NonFinite { field: "gradient_scales", index: index.unwrap_or_default() });
+        }
         let lengths = self.deltas.iter().fold(true, |all, d| all & (*d >= 0.0));
         let points = sound(self.positions.as_flattened()) && sound(self.empty.as_flattened());
         let finite = |v: &[f32; 3]| v.iter().all(|x| x.is_finite());
@@ -94,7 +105,7 @@ pub enum BatchError {
     /// The rays claim another number of samples than there are.
     #[error("{field}: the rays claim {expected} samples, found {found}")]
     Length {
-        /// `positions` or `deltas`.
+        /// `positions`, `deltas` or `gradient_scales`.
         field: &'static str,
         /// Sum of the rays' samples.
         expected: u64,

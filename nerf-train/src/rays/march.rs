@@ -181,16 +181,31 @@ impl Op for March<'_> {
 }
 
 /// As [`march`], of a ray through an unbounded scene: the points are at `first + i step` of the steps of its contraction
-/// ([`Contraction::distance`]), contracted; `deltas` gets how long each step is, world units.
+/// ([`Contraction::distance`]), contracted, in `samples` with how long each step is, world units, and what its gradient
+/// is scaled by: nearer to the camera, which is `start` before the ray, than a radius of the ball, the square of the
+/// distance in radii. Cells close to a camera have many rays through them, and all are of that camera: fog would settle
+/// there.
+///
+/// # Source
+/// Philip and Deschaintre 2023, "Floaters No More".
 pub(super) fn march_contracted(
     tier: Tier,
     cells: &MarchCells,
     contraction: &Contraction,
     ray: &Ray,
     (first, step, count): (f32, f32, u32),
-    (positions, deltas): (&mut Vec<[f32; 3]>, &mut Vec<f32>),
+    start: f32,
+    samples: &mut Samples,
 ) {
-    tier.run(MarchContracted { cells, contraction, ray, first, step, count, positions, deltas });
+    tier.run(MarchContracted { cells, contraction, ray, first, step, count, start, samples });
+}
+
+/// Samples of rays through an unbounded scene: see [`march_contracted`].
+#[derive(Default)]
+pub(super) struct Samples {
+    pub positions: Vec<[f32; 3]>,
+    pub deltas: Vec<f32>,
+    pub gradient_scales: Vec<f32>,
 }
 
 struct MarchContracted<'a> {
@@ -200,8 +215,8 @@ struct MarchContracted<'a> {
     first: f32,
     step: f32,
     count: u32,
-    positions: &'a mut Vec<[f32; 3]>,
-    deltas: &'a mut Vec<f32>,
+    start: f32,
+    samples: &'a mut Samples,
 }
 
 impl Op for MarchContracted<'_> {
@@ -209,7 +224,7 @@ impl Op for MarchContracted<'_> {
 
     #[inline(always)]
     fn run<V: Lanes>(self) {
-        let Self { cells, contraction, ray, first, step, count, positions, deltas } = self;
+        let Self { cells, contraction, ray, first, step, count, start, samples } = self;
         let sides = cells.resolution.map(f32::from);
         let extent = (cells.bounds.max - cells.bounds.min).to_array();
         let (origin, dir) = (ray.origin.to_array(), ray.dir.to_array());
@@ -217,7 +232,7 @@ impl Op for MarchContracted<'_> {
         let scale: [f32; 3] = std::array::from_fn(|axis| sides[axis] / extent[axis]);
         let last = sides.map(|side| side - 1.0);
         let [_, ny, nz] = cells.resolution.map(u32::from);
-        let half = V::splat(0.5 * step);
+        let (half, per_radius) = (V::splat(0.5 * step), V::splat(contraction.radius().recip()));
         for base in (0..count).step_by(GROUP) {
             let mut at = [0.0f32; GROUP];
             for (i, at) in at.iter_mut().enumerate() {
@@ -250,9 +265,11 @@ impl Op for MarchContracted<'_> {
             if live == 0 {
                 continue;
             }
-            let mut lengths = [0.0f32; GROUP];
+            let (mut lengths, mut scales) = ([0.0f32; GROUP], [0.0f32; GROUP]);
             for from in (0..GROUP).step_by(V::COUNT) {
                 let at = V::load(&at[from..]);
+                let radii = contraction.distance_lanes(at).add(V::splat(start)).mul(per_radius);
+                V::splat(1.0).min_of(radii.mul(radii)).store(&mut scales[from..]);
                 let length =
                     contraction.distance_lanes(at.add(half)).sub(contraction.distance_lanes(at.sub(half)));
                 length.store(&mut lengths[from..]);
@@ -260,8 +277,9 @@ impl Op for MarchContracted<'_> {
             while live != 0 {
                 let i = live.trailing_zeros() as usize;
                 live &= live - 1;
-                positions.push([points[0][i], points[1][i], points[2][i]]);
-                deltas.push(lengths[i]);
+                samples.positions.push([points[0][i], points[1][i], points[2][i]]);
+                samples.deltas.push(lengths[i]);
+                samples.gradient_scales.push(scales[i]);
             }
         }
     }
@@ -332,21 +350,35 @@ mod tests {
                 |j: u64| Vec3::new(draw(1000 + 6 * i + j), draw(2000 + 6 * i + j), draw(3000 + 6 * i + j));
             let origin = bounds.min + (bounds.max - bounds.min) * v(0);
             let Some(dir) = (v(1) - Vec3::splat(0.5)).try_normalize() else { continue };
-            let (ray, _) = contraction.centred(&Ray { origin, dir });
+            let eye = Ray { origin, dir };
+            let (ray, start) = contraction.centred(&eye);
             // No whole number of groups.
             let (first, step, count) = (-1.3, 0.03, 130);
-            let (mut positions, mut deltas) = (Vec::new(), Vec::new());
-            let walk = (first, step, count);
-            let to = (&mut positions, &mut deltas);
-            march_contracted(Tier::detect(), &cells, &contraction, &ray, walk, to);
-            assert_eq!(positions.len(), deltas.len());
+            let mut samples = Samples::default();
+            march_contracted(
+                Tier::detect(),
+                &cells,
+                &contraction,
+                &ray,
+                (first, step, count),
+                start,
+                &mut samples,
+            );
+            let Samples { positions, deltas, gradient_scales } = samples;
+            assert_eq!((positions.len(), positions.len()), (deltas.len(), gradient_scales.len()));
             let at = (0..count).map(|i| first + i as f32 * step);
             let point = |s: f32| contraction.contract(ray.at(contraction.distance(s)));
             let oracle: Vec<f32> = at.filter(|&s| occupancy.occupied(point(s))).collect();
             expected += oracle.len();
             apart += positions.len().abs_diff(oracle.len());
             if positions.len() == oracle.len() {
-                for ((p, delta), &s) in positions.iter().zip(deltas).zip(&oracle) {
+                for (((p, delta), scale), &s) in
+                    positions.iter().zip(deltas).zip(gradient_scales).zip(&oracle)
+                {
+                    let radii =
+                        (ray.at(contraction.distance(s)) - eye.origin).dot(dir) / contraction.radius();
+                    let expected = (radii * radii).min(1.0);
+                    assert!((scale - expected).abs() < 1e-3, "{scale}, not {expected}");
                     let length = contraction.distance(s + 0.5 * step) - contraction.distance(s - 0.5 * step);
                     assert!((Vec3::from(*p) - point(s)).length() < 1e-4, "{p:?} at {s}");
                     assert!((delta - length).abs() < 1e-3 * length, "{delta}, not {length}");

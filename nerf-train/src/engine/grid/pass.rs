@@ -487,24 +487,25 @@ impl Scratch {
             let mut distorted = 0.0;
             for (i, of_weight) in range.zip(&self.distortion).rev() {
                 let (mut of_depth, stands_for) = (0.0, self.stands_for[i]);
+                let row = self.kept_row[i] as usize;
+                let scale = batch.gradient_scales.get(self.index_of[row] as usize).copied().unwrap_or(1.0);
                 let weight = stands_for * self.weight[i];
                 for k in 0..3 {
                     let colour = rgb[i * VECTOR + k];
                     of_depth += gradient[k] * (colour * self.after[i] - behind[k]);
                     behind[k] += weight * colour;
-                    self.upper[i * VECTOR + k] = gradient[k] * weight * colour * (1.0 - colour);
+                    self.upper[i * VECTOR + k] = scale * gradient[k] * weight * colour * (1.0 - colour);
                 }
                 if job.layers.density.is_none() {
                     continue;
                 }
                 of_depth += of_weight * self.after[i] - distorted;
                 distorted += weight * of_weight;
-                let row = self.kept_row[i] as usize;
                 // sigma' = sigma below the limit of the exponential, and 0 above.
                 let sigma = self.sigma[row];
                 let slope = if sigma < EXPONENTIAL_LIMIT.exp() { sigma } else { 0.0 };
                 // In this order: a density times a wide bin may overflow where nothing is left to be seen.
-                self.d_raw[i * VECTOR] = stands_for * slope * of_depth * self.deltas[row];
+                self.d_raw[i * VECTOR] = scale * stands_for * slope * of_depth * self.deltas[row];
             }
         }
         squared

@@ -199,6 +199,30 @@ fn gradients_of_tables_and_layers_are_finite_differences() {
 }
 
 #[test]
+fn gradients_are_scaled_sample_by_sample() {
+    for (name, model) in models() {
+        let batch = batch_of(12, 21);
+        let found = |scales: Vec<f32>| {
+            gradients(&mut engine(&model, BARE, 4), &Batch { gradient_scales: scales, ..batch.clone() })
+        };
+        let samples = batch.positions.len();
+        let (loss, whole) = found(Vec::new());
+        let (half_loss, half) = found(vec![0.5; samples]);
+        assert_eq!(loss, half_loss, "{name}");
+        assert_eq!(bits(&half), bits(&whole.iter().map(|g| 0.5 * g).collect::<Vec<_>>()), "{name}");
+        // Those of some samples and those of the others add up.
+        let some: Vec<f32> = (0..samples).map(|i| (i % 2) as f32).collect();
+        let others = some.iter().map(|s| 1.0 - s).collect();
+        let ((_, some), (_, others)) = (found(some), found(others));
+        let largest = whole.iter().fold(0.0f32, |most, g| most.max(g.abs()));
+        for ((a, b), g) in some.iter().zip(&others).zip(&whole) {
+            assert!((a + b - g).abs() < 1e-5 * largest, "{name}: {a} and {b}, not {g}");
+        }
+        assert!(some.iter().zip(&others).any(|(a, b)| *a != 0.0 && *b != 0.0 && a != b), "{name}");
+    }
+}
+
+#[test]
 fn of_a_ray_through_a_2d_field_only_the_first_sample_is_seen() {
     let (_, model) = &pictures()[0];
     let mut batch = batch_of(12, 24);
