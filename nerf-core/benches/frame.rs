@@ -48,7 +48,7 @@ fn main() {
             if tier == Tier::Scalar && what == "dense" {
                 continue;
             }
-            let plan = Plan::new(&blob, &quality, Outputs::ALL, Batch::for_tier(tier)).expect("a plan");
+            let plan = Plan::new(&blob, &quality, Outputs::ALL, Batch::FULL).expect("a plan");
             let name = |threads: usize| {
                 let plural = if threads == 1 { "" } else { "s" };
                 format!("frame {side}×{side}, {what}, {}, {threads} thread{plural}", tier.name())
@@ -112,7 +112,7 @@ fn frame(renderer: &Renderer<'_>, plan: &Plan<'_>, side: u32, threads: usize) ->
 fn first_tile(file: &[u8], tier: Tier) -> u64 {
     let blob = Blob::open(file).expect("a blob");
     let mut memory = vec![Line::UNINIT; Renderer::prepared_lines(&blob, tier)];
-    let batch = Batch::for_tier(tier);
+    let batch = Batch::FULL;
     let plan = Plan::new(&blob, &Quality::default(), Outputs::ALL, batch).expect("a plan");
     let renderer = Renderer::new(blob.clone(), tier, &mut memory).expect("a renderer");
     let mut workspace = vec![Line::UNINIT; renderer.workspace_lines(&plan)];

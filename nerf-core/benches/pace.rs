@@ -29,7 +29,7 @@ fn main() {
     let tier = Tier::detect();
     let mut memory = vec![Line::UNINIT; Renderer::prepared_lines(&blob, tier)];
     let renderer = Renderer::new(blob.clone(), tier, &mut memory).expect("a renderer");
-    let batch = Batch::for_tier(tier);
+    let batch = Batch::FULL;
     let plan = Plan::new(&blob, &Quality::default(), Outputs::ALL, batch).expect("a plan");
     let camera = networks::camera(side);
     let mut workspace = vec![Line::UNINIT; renderer.pace_lines(&plan).max(renderer.workspace_lines(&plan))];

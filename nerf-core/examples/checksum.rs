@@ -52,7 +52,7 @@ fn line(
         Err(CameraError::LensNotBuilt { .. }) => return Ok("not built".into()),
         camera => camera?,
     };
-    let batch = Batch::for_tier(renderer.network().tier());
+    let batch = Batch::FULL;
     let plan = Plan::new(renderer.blob(), &Quality::default(), outputs, batch);
     let plan = match plan.and_then(|plan| plan.with_effects(effects)) {
         Err(PlanError::Effects(EffectError::NotBuilt { .. }) | PlanError::NotBuilt { .. }) => {

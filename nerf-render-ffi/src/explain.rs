@@ -70,7 +70,7 @@ pub unsafe extern "C" fn nerf_explain(
         }
         let renderer = scene.renderer();
         // SAFETY: `options` is as this function's `# Safety` has it.
-        let settings = unsafe { Settings::read(options, renderer.network().tier())? };
+        let settings = unsafe { Settings::read(options)? };
         let plan = settings.plan(renderer.blob(), workspace::read_outputs(outputs)?, false)?;
         let bytes = workspace::size(settings.batch, plan.outputs(), renderer.workspace_lines(&plan))?;
         let mut explanation = plan.explain(renderer).with_workspace(bytes);

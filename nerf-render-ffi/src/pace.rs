@@ -122,7 +122,7 @@ unsafe fn planned<'s>(
     // SAFETY: `scene` is as this function's `# Safety` has it.
     let scene = unsafe { Scene::of(scene)? };
     // SAFETY: `options` is as this function's `# Safety` has it.
-    let mut settings = unsafe { Settings::read(options, scene.renderer().network().tier())? };
+    let mut settings = unsafe { Settings::read(options)? };
     // Each point brings its own; what the caller's are is no reason to refuse.
     settings.quality = Quality::exact(scene.renderer().blob());
     let plan = settings.plan(scene.renderer().blob(), read_outputs(outputs)?, false)?;

@@ -47,7 +47,7 @@ pub unsafe extern "C" fn nerf_query(
         // SAFETY: `scene` is as this function's `# Safety` has it.
         let scene = unsafe { Scene::of(scene)? };
         // SAFETY: `options` is as this function's `# Safety` has it.
-        let settings = unsafe { Settings::read(options, scene.renderer().network().tier())? };
+        let settings = unsafe { Settings::read(options)? };
         // SAFETY: `counters` is as this function's `# Safety` has it.
         let out = if counters.is_null() { None } else { Some(unsafe { Out::new(counters)? }) };
         let mut workspace = Workspace::new(workspace, workspace_size, scene)?;

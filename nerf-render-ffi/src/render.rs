@@ -91,7 +91,7 @@ pub unsafe extern "C" fn nerf_render(
         // SAFETY: `camera` is as this function's `# Safety` has it.
         let camera = unsafe { Camera::read(camera)? };
         // SAFETY: `options` is as this function's `# Safety` has it.
-        let settings = unsafe { Settings::read(options, scene.renderer().network().tier())? };
+        let settings = unsafe { Settings::read(options)? };
         let image = camera.intrinsics();
         // SAFETY: `rect` is as this function's `# Safety` has it.
         let rect = unsafe { Rect::read(rect, image.width, image.height)? };

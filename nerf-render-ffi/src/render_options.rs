@@ -6,7 +6,7 @@ use crate::failure::Failure;
 use nerf_core::blob::{Blob, MAX_SAMPLES};
 use nerf_core::math::MathBackend;
 use nerf_core::plan::{self, Batch, Outputs, Plan, PlanError, Quality, Tone};
-use nerf_core::simd::{BLOCK, Tier};
+use nerf_core::simd::BLOCK;
 
 /// Most rays in flight: the pixels of one tile.
 const MAX_RAYS: u32 = 256;
@@ -130,8 +130,7 @@ impl Settings {
     ///
     /// # Safety
     /// `at` is NULL or points to `struct_size` readable bytes.
-    pub unsafe fn read(at: *const RenderOptions, tier: Tier) -> Result<Self, Failure> {
-        let batch = Batch::for_tier(tier);
+    pub unsafe fn read(at: *const RenderOptions) -> Result<Self, Failure> {
         if at.is_null() {
             let quality = Quality {
                 transmittance_cut: NERF_TRANSMITTANCE_CUT_DEFAULT,
@@ -144,7 +143,7 @@ impl Settings {
                 normal_blur: NERF_NORMAL_BLUR_DEFAULT,
                 range: (0.0, f32::MAX),
                 own_bins: false,
-                batch,
+                batch: Batch::FULL,
                 effects: Effects::NONE.read()?,
             });
         }
@@ -171,8 +170,8 @@ impl Settings {
             range: (o.near_distance, if o.far_distance == 0.0 { f32::MAX } else { o.far_distance }),
             own_bins: flag("options.own_bins", o.own_bins)?,
             batch: Batch {
-                rays: or(rays, batch.rays.min(MAX_RAYS as usize)),
-                samples: or(columns, batch.samples),
+                rays: or(rays, Batch::FULL.rays.min(MAX_RAYS as usize)),
+                samples: or(columns, Batch::FULL.samples),
             },
             effects: o.effects.read()?,
         })

@@ -52,7 +52,7 @@ pub unsafe extern "C" fn nerf_picture_workspace_size(
         let layout = unsafe { LayoutOut::new(size, align)? };
         let renderer = picture_of(scene)?;
         // SAFETY: `options` is as this function's `# Safety` has it.
-        let settings = unsafe { Settings::read(options, renderer.network().tier())? };
+        let settings = unsafe { Settings::read(options)? };
         let lines = renderer.picture_workspace_lines(settings.batch);
         let bytes = self::size(settings.batch, Outputs::NONE, lines)?;
         layout.write(bytes);
@@ -95,7 +95,7 @@ pub unsafe extern "C" fn nerf_render_picture(
         let scene = unsafe { Scene::of(scene)? };
         let renderer = picture_of(scene)?;
         // SAFETY: `options` is as this function's `# Safety` has it.
-        let settings = unsafe { Settings::read(options, renderer.network().tier())? };
+        let settings = unsafe { Settings::read(options)? };
         let (quality, batch) = (settings.quality, settings.batch);
         let nothing = render::Rect { x: 0, y: 0, width: 0, height: 0 };
         renderer.check_picture(batch, [width, height], nothing).map_err(Failure::Render)?;

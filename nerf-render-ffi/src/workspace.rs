@@ -124,7 +124,7 @@ pub unsafe extern "C" fn nerf_workspace_size(
         // SAFETY: `size` and `align` are as this function's `# Safety` has it.
         let layout = unsafe { LayoutOut::new(size, align)? };
         // SAFETY: `options` is as this function's `# Safety` has it.
-        let settings = unsafe { Settings::read(options, scene.renderer().network().tier())? };
+        let settings = unsafe { Settings::read(options)? };
         let plan = settings.plan(scene.renderer().blob(), read_outputs(outputs)?, false)?;
         let lines = scene.renderer().workspace_lines(&plan);
         let bytes = self::size(settings.batch, plan.outputs(), lines)?;

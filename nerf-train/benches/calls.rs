@@ -29,7 +29,7 @@ fn main() {
     let tier = Tier::detect();
     let mut memory = vec![Line::UNINIT; Renderer::prepared_lines(&blob, tier)];
     let renderer = Renderer::new(blob.clone(), tier, &mut memory).expect("a renderer");
-    let plan = Plan::new(&blob, &Quality::default(), Outputs::ALL, Batch::for_tier(tier)).expect("a plan");
+    let plan = Plan::new(&blob, &Quality::default(), Outputs::ALL, Batch::FULL).expect("a plan");
     let mut workspace = vec![Line::UNINIT; renderer.workspace_lines(&plan)];
 
     let data = demo_scene::dataset(&DemoSpec::default()).expect("the built-in scene");

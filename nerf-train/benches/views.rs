@@ -33,7 +33,7 @@ fn main() {
     let mut memory = vec![Line::UNINIT; Renderer::prepared_lines(&blob, tier)];
     let renderer = Renderer::new(blob.clone(), tier, &mut memory).expect("a renderer");
     let plan = |quality: &Quality, outputs| {
-        Plan::new(&blob, quality, outputs, Batch::for_tier(tier)).expect("a plan").with_own_bins()
+        Plan::new(&blob, quality, outputs, Batch::FULL).expect("a plan").with_own_bins()
     };
     let (default, exact) =
         (plan(&Quality::default(), Outputs::ALL), plan(&Quality::exact(&blob), Outputs::ALL));

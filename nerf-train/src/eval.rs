@@ -126,7 +126,7 @@ pub fn measure<'v>(
     each: impl FnMut(&'v View, &Frame, &[[f32; 3]], &ViewScore),
 ) -> Result<Scores, EvalError> {
     let blob = Blob::open(blob)?;
-    let plan = Plan::new(&blob, quality, Outputs::ALL, Batch::for_tier(tier))?;
+    let plan = Plan::new(&blob, quality, Outputs::ALL, Batch::FULL)?;
     // Of the bins that the network was trained on: a figure is theirs.
     let plan = plan.with_background(background)?.with_own_bins();
     let mut memory = vec![Line::UNINIT; Renderer::prepared_lines(&blob, tier)];

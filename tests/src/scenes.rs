@@ -301,7 +301,7 @@ pub fn picture(blob: &[u8], tier: Tier, math: MathBackend, size: [u32; 2]) -> Ve
     let blob = Blob::open(blob).expect("a blob");
     let mut memory = vec![Line::UNINIT; Renderer::prepared_lines(&blob, tier)];
     let renderer = Renderer::new(blob, tier, &mut memory).expect("a renderer");
-    let (batch, rect) = (Batch::for_tier(tier), Rect { x: 0, y: 0, width: size[0], height: size[1] });
+    let (batch, rect) = (Batch::FULL, Rect { x: 0, y: 0, width: size[0], height: size[1] });
     let mut workspace = vec![Line::UNINIT; renderer.picture_workspace_lines(batch)];
     let mut pixels = Vec::new();
     let mut put = |_: u32, _: u32, rgb: [f32; 3]| pixels.push(rgb);

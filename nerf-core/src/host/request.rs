@@ -4,7 +4,6 @@ use super::{HostError, Image, Scene, threads};
 use crate::blob::Blob;
 use crate::camera::{Camera, Ray};
 use crate::plan::{Batch, Effects, Outputs, Plan, PlanError, Quality};
-use crate::simd::Tier;
 use crate::volume::Pixel;
 use glam::Vec3;
 use std::num::NonZeroUsize;
@@ -85,7 +84,7 @@ impl<'s> Request<'s> {
     /// # Errors
     /// [`PlanError`] names the setting that does not go with the scene.
     pub fn plan<'b>(&self, blob: &Blob<'b>) -> Result<Plan<'b>, PlanError> {
-        let batch = Batch::for_tier(Tier::Scalar);
+        let batch = Batch::FULL;
         let mut plan = Plan::new(blob, &self.quality, self.outputs, batch)?
             .with_range(self.range.0, self.range.1)?
             .with_normal_blur(self.normal_blur)?;

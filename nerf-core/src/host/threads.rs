@@ -97,7 +97,7 @@ pub fn render_picture(
     mut each: impl FnMut(u32) + Send,
 ) -> Result<(Vec<[f32; 3]>, Counters), RenderError> {
     let [width, height] = size;
-    let batch = Batch::for_tier(renderer.network().tier());
+    let batch = Batch::FULL;
     let full = Rect { x: 0, y: 0, width, height };
     renderer.check_picture(batch, size, full)?;
     let mut rgb = vec![[0.0; 3]; width as usize * height as usize];

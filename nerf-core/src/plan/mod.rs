@@ -4,7 +4,7 @@ use crate::blob::{Blob, MAX_SAMPLES, SceneFacts, SceneSampling, steps};
 use crate::camera::{BoundsError, Contraction, Ray, SceneBox};
 use crate::math::MathBackend;
 use crate::sampling::{Bins, OccupancyGrid, SampleJitter};
-use crate::simd::{BLOCK, Tier};
+use crate::simd::BLOCK;
 use glam::Vec3;
 
 mod effects;
@@ -91,10 +91,8 @@ impl Batch {
     /// One of everything: what a microcontroller has room for. Scalar tier only.
     pub const SMALLEST: Self = Self { rays: 1, samples: 1 };
 
-    /// The batch that keeps a tier busy.
-    pub const fn for_tier(_tier: Tier) -> Self {
-        Self { rays: 256, samples: BLOCK }
-    }
+    /// As many rays as a tile has pixels and whole blocks: what keeps any instruction set busy.
+    pub const FULL: Self = Self { rays: 256, samples: BLOCK };
 
     /// Whether there is something in it, and no more than [`Batch::MAX_RAYS`] and [`BLOCK`].
     pub(crate) fn is_valid(&self) -> bool {

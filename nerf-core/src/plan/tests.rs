@@ -17,7 +17,7 @@ fn plan(bytes: &[u8], quality: Quality, batch: Batch) -> Result<Plan<'_>, PlanEr
     Plan::new(&Blob::open(bytes).unwrap(), &quality, Outputs::ALL, batch)
 }
 
-const BATCH: Batch = Batch::for_tier(Tier::Scalar);
+const BATCH: Batch = Batch::FULL;
 
 #[test]
 fn a_plan_takes_the_scene_s_own_settings_where_nothing_is_asked() {

@@ -72,7 +72,7 @@ fn a_constant_medium_has_the_closed_form() {
     for tier in tiers() {
         let mut memory = vec![Line::UNINIT; Renderer::prepared_lines(&blob, tier)];
         let renderer = Renderer::new(blob.clone(), tier, &mut memory).unwrap();
-        let plan = Plan::new(&blob, &Quality::EXACT, Outputs::ALL, Batch::for_tier(tier)).unwrap();
+        let plan = Plan::new(&blob, &Quality::EXACT, Outputs::ALL, Batch::FULL).unwrap();
         let picture = render(&renderer, &plan, &camera);
         let (mut worst, mut worst_distance, mut hits) = (0.0f64, 0.0f64, 0);
         for (i, pixel) in picture.pixels.iter().enumerate() {
@@ -143,7 +143,7 @@ fn counters_add_up_and_without_colour_only_the_density_is_paid() {
         [Quality::EXACT, Quality::default(), Quality { transmittance_cut: 0.9, ..Quality::default() }]
     {
         let mut kept = None;
-        for batch in [Batch::SMALLEST, Batch { rays: 9, samples: 5 }, Batch::for_tier(Tier::Scalar)] {
+        for batch in [Batch::SMALLEST, Batch { rays: 9, samples: 5 }, Batch::FULL] {
             let plan = |outputs| Plan::new(&blob, &quality, outputs, batch).unwrap();
             let colour = render(&renderer, &plan(Outputs::ALL), &camera);
             let distance = Outputs { rgb: false, ..Outputs::ALL };
@@ -261,7 +261,7 @@ fn samples_that_are_no_numbers_are_counted_the_same_in_every_batch() {
     }
     assert!(seen[0] > 0 && seen.iter().all(|&n| n == seen[0]), "{seen:?}");
     // A query says so too, and passes no NaN on.
-    let plan = Plan::new(&blob, &Quality::EXACT, Outputs::ALL, Batch::for_tier(Tier::Scalar)).unwrap();
+    let plan = Plan::new(&blob, &Quality::EXACT, Outputs::ALL, Batch::FULL).unwrap();
     let mut memory = vec![Line::UNINIT; renderer.workspace_lines(&plan)];
     let points: Vec<[f32; 3]> = crate::testing::noise(300, 2).chunks(3).map(|p| [p[0], p[1], p[2]]).collect();
     let (mut sigma, mut rgb) = (vec![9.0; 100], vec![[9.0; 3]; 100]);
@@ -370,7 +370,7 @@ fn the_seed_network_takes_the_memory_the_docs_say() {
     let no_colour = Outputs { rgb: false, ..Outputs::ALL };
     assert_eq!(lines(&in_place, no_colour, Batch::SMALLEST) * size_of::<Line>(), 2_880);
     let prepared = Renderer::with_parameters(blob.clone(), Tier::Scalar, &unpacked).unwrap();
-    let batch = Batch::for_tier(Tier::Scalar);
+    let batch = Batch::FULL;
     assert_eq!(lines(&prepared, Outputs::ALL, batch) * size_of::<Line>(), 384_000);
     #[cfg(feature = "anti-aliasing")]
     for anti_aliasing in [2, 256] {

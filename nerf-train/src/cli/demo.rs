@@ -110,7 +110,7 @@ impl Demo {
         write_atomic(self.out.join("data.json"), crate::printable::json(&json).as_bytes())?;
 
         let blob = open_blob(&blob_path, &outcome.bytes)?;
-        let plan = Plan::new(&blob, &Quality::default(), Outputs::ALL, Batch::for_tier(tier))?;
+        let plan = Plan::new(&blob, &Quality::default(), Outputs::ALL, Batch::FULL)?;
         let (scene, bounds) = (blob.scene().cloned(), blob.scene_box());
         let mut memory = vec![Line::UNINIT; Renderer::prepared_lines(&blob, tier)];
         let renderer = Renderer::new(blob, tier, &mut memory)?;

@@ -102,7 +102,7 @@ impl Eval {
         let blob = open_blob(&self.file, &bytes)?;
         let tier = global.tier();
         let quality = self.quality.quality();
-        let plan = Plan::new(&blob, &quality, Outputs::ALL, Batch::for_tier(tier))
+        let plan = Plan::new(&blob, &quality, Outputs::ALL, Batch::FULL)
             .and_then(|plan| self.data_options.range_of(plan))
             .map(|plan| self.quality.bins_of(plan, WhichBins::Own))
             .with_context(|| self.file.display().to_string())?;

@@ -70,7 +70,7 @@ impl Explain {
             normals: self.normals,
             ..Outputs::ALL
         };
-        let plan = Plan::new(&blob, &self.quality.quality(), outputs, Batch::for_tier(tier))
+        let plan = Plan::new(&blob, &self.quality.quality(), outputs, Batch::FULL)
             .and_then(|plan| plan.with_normal_blur(self.normal_blur))
             .and_then(|plan| self.data_options.range_of(plan))
             .map(|plan| self.quality.bins_of(plan, WhichBins::Whole))

@@ -172,7 +172,7 @@ impl Render {
         let cameras = self.cameras(&blob, global)?;
         self.check_memory(&cameras)?;
         let tier = global.tier();
-        let plan = Plan::new(&blob, &self.quality.quality(), self.wanted(), Batch::for_tier(tier))
+        let plan = Plan::new(&blob, &self.quality.quality(), self.wanted(), Batch::FULL)
             .and_then(|plan| plan.with_normal_blur(self.normal_blur))
             .and_then(|plan| self.data_options.range_of(plan))
             .map(|plan| self.quality.bins_of(plan, WhichBins::Whole))

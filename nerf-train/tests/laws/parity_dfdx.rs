@@ -140,8 +140,7 @@ fn points() -> (Vec<[f32; 3]>, Vec<[f32; 3]>) {
 type Answers = (Vec<f32>, Vec<[f32; 3]>);
 
 fn ask_core(renderer: &Renderer<'_>, tier: Tier) -> Answers {
-    let plan =
-        Plan::new(renderer.blob(), &Quality::EXACT, Outputs::ALL, Batch::for_tier(tier)).expect("a plan");
+    let plan = Plan::new(renderer.blob(), &Quality::EXACT, Outputs::ALL, Batch::FULL).expect("a plan");
     let (positions, dirs) = points();
     let mut workspace = vec![Line::UNINIT; renderer.workspace_lines(&plan)];
     let (mut sigma, mut rgb) = (vec![f32::NAN; POINTS], vec![[f32::NAN; 3]; POINTS]);
@@ -180,7 +179,7 @@ fn forward_equals_dfdx_on_the_same_rounded_weights() {
             let blob = Blob::open(&bytes).expect("a blob");
             let mut memory = vec![Line::UNINIT; Renderer::prepared_lines(&blob, tier)];
             let renderer = Renderer::new(blob, tier, &mut memory).expect("a renderer");
-            assert_equal(&ask_core(&renderer, tier), &expected, &format!("{name}, {}", tier.name()));
+            assert_equal(&ask_core(&renderer), &expected, &format!("{name}, {}", tier.name()));
         }
     }
 }
@@ -194,7 +193,7 @@ fn folding_feature_layer_and_density_scale_changes_no_output() {
         for tier in tiers() {
             let blob = Blob::open(&bytes).expect("a blob");
             let renderer = Renderer::with_parameters(blob, tier, &folded).expect("a renderer");
-            assert_equal(&ask_core(&renderer, tier), &expected, &format!("{name}, {}", tier.name()));
+            assert_equal(&ask_core(&renderer), &expected, &format!("{name}, {}", tier.name()));
         }
     }
 }

@@ -50,7 +50,7 @@ fn an_occupancy_that_matters_is_part_of_the_model() {
         );
         assert_eq!(scene.occupancy_required, outcome.occupancy_required);
         let without = Quality { occupancy: false, ..Quality::default() };
-        let plan = Plan::new(&blob, &without, Outputs::ALL, Batch::for_tier(Tier::detect()));
+        let plan = Plan::new(&blob, &without, Outputs::ALL, Batch::FULL);
         if outcome.occupancy_required {
             assert_eq!(plan.err(), Some(PlanError::OccupancyRequired));
             continue;
@@ -208,7 +208,7 @@ fn what_is_fitted_with_jitter_is_measured_in_the_middle_of_the_bins() {
     let outcome = fit(&dataset, &config).expect("a blob");
     let (tier, quality) = (Tier::detect(), Quality::default());
     let blob = Blob::open(&outcome.bytes).expect("a blob");
-    let still = Plan::new(&blob, &quality, Outputs::ALL, Batch::for_tier(tier)).expect("a plan");
+    let still = Plan::new(&blob, &quality, Outputs::ALL, Batch::FULL).expect("a plan");
     // As scenes are measured: on the bins that they were fitted on.
     let still = still.with_background(outcome.background).expect("a colour").with_own_bins();
     let jitter = Some(nerf_core::plan::Jitter { seed: config.seed });

@@ -70,7 +70,7 @@ fuzz_target!(|data: &[u8]| {
     let tiers: Vec<Tier> = scenes::tiers().collect();
     let tier = tiers[choose(tiers.len())];
     let math = [MathBackend::Polynomial, MathBackend::Libm, MathBackend::Micromath][choose(3)];
-    let batch = if tier == Tier::Scalar && choose(2) == 0 { Batch::SMALLEST } else { Batch::for_tier(tier) };
+    let batch = if tier == Tier::Scalar && choose(2) == 0 { Batch::SMALLEST } else { Batch::FULL };
     let mut memory = vec![Line::UNINIT; Renderer::prepared_lines(&blob, tier)];
     if let Some((_, short)) = memory.split_last_mut() {
         let refused = Renderer::new(blob.clone(), tier, short).map(drop);

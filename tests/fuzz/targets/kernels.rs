@@ -124,7 +124,7 @@ fn query(blob: &Blob<'_>, tier: Tier, positions: &[[f32; 3]], dirs: &[[f32; 3]])
     let mut memory = vec![Line::UNINIT; Renderer::prepared_lines(blob, tier)];
     let renderer = Renderer::new(blob.clone(), tier, &mut memory).expect("a renderer");
     let quality = Quality { math: MathBackend::Polynomial, ..Quality::EXACT };
-    let plan = Plan::new(blob, &quality, Outputs::RGB, Batch::for_tier(tier)).expect("a plan");
+    let plan = Plan::new(blob, &quality, Outputs::RGB, Batch::FULL).expect("a plan");
     let mut workspace = vec![Line::UNINIT; renderer.workspace_lines(&plan)];
     let (mut sigma, mut rgb) = (vec![f32::NAN; positions.len()], vec![[f32::NAN; 3]; positions.len()]);
     let work =

@@ -57,7 +57,7 @@ fn reference(blob: &[u8], effects: Effects) -> Vec<f32> {
     let blob = Blob::open(blob).expect("a blob");
     let quality = Quality { occupancy: true, ..Quality::EXACT };
     let outputs = Outputs { opacity: false, ray_distance: false, z_depth: false, ..Outputs::ALL };
-    let plan = Plan::new(&blob, &quality, outputs, Batch::for_tier(Tier::Scalar)).expect("a plan");
+    let plan = Plan::new(&blob, &quality, outputs, Batch::FULL).expect("a plan");
     let plan = plan.with_effects(effects).expect("effects in range");
     let renderer = Renderer::new(blob, Tier::Scalar, &mut []).expect("a renderer");
     let mut workspace = vec![Line::UNINIT; renderer.workspace_lines(&plan)];

@@ -67,7 +67,7 @@ fn render(
 /// The same by the Rust renderer.
 fn reference(blob: &[u8], tier: Tier, outputs: Outputs) -> (Vec<Pixel>, Counters) {
     let blob = Blob::open(blob).expect("a blob");
-    let plan = Plan::new(&blob, &Quality::default(), outputs, Batch::for_tier(tier)).expect("a plan");
+    let plan = Plan::new(&blob, &Quality::default(), outputs, Batch::FULL).expect("a plan");
     let mut memory = vec![Line::UNINIT; Renderer::prepared_lines(&blob, tier)];
     let renderer = Renderer::new(blob, tier, &mut memory).expect("a renderer");
     let mut lines = vec![Line::UNINIT; renderer.workspace_lines(&plan)];
@@ -160,8 +160,7 @@ fn planes_that_are_not_asked_for_take_no_workspace() {
         assert!(bytes(PLAIN | ffi::NERF_OUTPUT_NORMALS) > plain);
         // What a pixel of a tile had before either existed.
         let blob = Blob::open(&opened.blob).expect("a blob");
-        let plan =
-            Plan::new(&blob, &Quality::default(), Outputs::ALL, Batch::for_tier(tier)).expect("a plan");
+        let plan = Plan::new(&blob, &Quality::default(), Outputs::ALL, Batch::FULL).expect("a plan");
         let mut memory = vec![Line::UNINIT; Renderer::prepared_lines(&blob, tier)];
         let renderer = Renderer::new(blob, tier, &mut memory).expect("a renderer");
         assert_eq!(plain, 64 * renderer.workspace_lines(&plan) + 256 * 24);

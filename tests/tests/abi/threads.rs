@@ -314,8 +314,7 @@ fn queries_are_what_the_rust_renderer_says() {
         let blob = Blob::open(&opened.blob).expect("a blob");
         let mut memory = vec![Line::UNINIT; Renderer::prepared_lines(&blob, tier)];
         let quality = plan::Quality::default();
-        let plan = plan::Plan::new(&blob, &quality, plan::Outputs::RGB, plan::Batch::for_tier(tier))
-            .expect("a plan");
+        let plan = plan::Plan::new(&blob, &quality, plan::Outputs::RGB, plan::Batch::FULL).expect("a plan");
         let renderer = Renderer::new(blob, tier, &mut memory).expect("a renderer");
         let mut lines = vec![Line::UNINIT; renderer.workspace_lines(&plan)];
         let (mut expected, mut colours) = (vec![0.0; n], vec![[0.0; 3]; n]);

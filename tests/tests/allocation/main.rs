@@ -100,7 +100,7 @@ fn a_scene_is_opened_rendered_and_queried_without_allocating() {
         for tier in tiers() {
             let blob = Blob::open(&file).expect("a blob");
             let quality = Quality { samples: 16, ..Quality::default() };
-            let plan = Plan::new(&blob, &quality, EVERYTHING, Batch::for_tier(tier)).expect("a plan");
+            let plan = Plan::new(&blob, &quality, EVERYTHING, Batch::FULL).expect("a plan");
             let plan = plan.with_effects(EFFECTS).expect("effects in range");
             let mut prepared = vec![Line::UNINIT; Renderer::prepared_lines(&blob, tier)];
             let mut again = prepared.clone();
@@ -113,7 +113,7 @@ fn a_scene_is_opened_rendered_and_queried_without_allocating() {
             let (mut sigma, mut rgb) = ([0.0; 100], [[0.0; 3]; 100]);
             let counted = allocations(|| {
                 let blob = Blob::open(&file).expect("a blob");
-                let plan = Plan::new(&blob, &quality, EVERYTHING, Batch::for_tier(tier)).expect("a plan");
+                let plan = Plan::new(&blob, &quality, EVERYTHING, Batch::FULL).expect("a plan");
                 let plan = plan.with_effects(EFFECTS).expect("effects in range");
                 let renderer = Renderer::new(blob, tier, &mut again).expect("a renderer");
                 assert_eq!(renderer.workspace_lines(&plan), lines);
@@ -135,7 +135,7 @@ fn a_scene_is_opened_rendered_and_queried_without_allocating() {
 fn a_picture_is_opened_and_rendered_without_allocating() {
     let file = Recipe::PICTURE.blob();
     for tier in tiers() {
-        let (batch, size) = (Batch::for_tier(tier), [40, 30]);
+        let (batch, size) = (Batch::FULL, [40, 30]);
         let rect = Rect { x: 0, y: 0, width: 40, height: 30 };
         let blob = Blob::open(&file).expect("a blob");
         let mut prepared = vec![Line::UNINIT; Renderer::prepared_lines(&blob, tier)];

@@ -25,7 +25,7 @@ fn reference(blob: &[u8], tier: Tier, camera: &Camera) -> (Vec<u8>, Vec<f32>) {
     let blob = Blob::open(blob).expect("a blob");
     let mut memory = vec![Line::UNINIT; Renderer::prepared_lines(&blob, tier)];
     let outputs = Outputs { opacity: false, ray_distance: false, ..Outputs::ALL };
-    let plan = Plan::new(&blob, &Quality::default(), outputs, Batch::for_tier(tier)).expect("a plan");
+    let plan = Plan::new(&blob, &Quality::default(), outputs, Batch::FULL).expect("a plan");
     let renderer = Renderer::new(blob, tier, &mut memory).expect("a renderer");
     let mut workspace = vec![Line::UNINIT; renderer.workspace_lines(&plan)];
     let (width, pixels) = (camera.intrinsics().width, camera.intrinsics().width * camera.intrinsics().height);

@@ -27,7 +27,7 @@ fn examples() -> PathBuf {
 fn reference(blob: &[u8], tier: Tier, camera: &Camera, outputs: Outputs) -> Vec<Pixel> {
     let blob = Blob::open(blob).expect("a blob");
     let quality = Quality::preset(&blob, Preset::High);
-    let plan = Plan::new(&blob, &quality, outputs, Batch::for_tier(tier)).expect("a plan");
+    let plan = Plan::new(&blob, &quality, outputs, Batch::FULL).expect("a plan");
     let mut memory = vec![Line::UNINIT; Renderer::prepared_lines(&blob, tier)];
     let renderer = Renderer::new(blob, tier, &mut memory).expect("a renderer");
     let mut workspace = vec![Line::UNINIT; renderer.workspace_lines(&plan)];

@@ -115,7 +115,7 @@ fn picture() -> Vec<u8> {
     let blob = Blob::open(&blob).expect("a blob");
     let pose = Pose::from_rows([[1.0, 0.0, 0.0, 0.0], [0.0, 1.0, 0.0, 0.0], [0.0, 0.0, 1.0, 4.0]]);
     let camera = Camera::new(Intrinsics::centred(37, 29, 44.0), Lens::NONE, pose).expect("a camera");
-    let batch = Batch::for_tier(Tier::Scalar);
+    let batch = Batch::FULL;
     let plan = Plan::new(&blob, &Quality::default(), Outputs::RGB, batch).expect("a plan");
     let renderer = Renderer::new(blob, Tier::Scalar, &mut []).expect("a renderer");
     let mut workspace = vec![Line::UNINIT; renderer.workspace_lines(&plan)];

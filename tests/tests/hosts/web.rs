@@ -61,7 +61,7 @@ fn reference(blob: &[u8], camera: &Value) -> (Vec<Vec<u32>>, u64) {
     let blob = Blob::open(blob).expect("a blob");
     let quality = Quality::default();
     let outputs = Outputs { median_distance: true, normals: true, ..Outputs::ALL };
-    let plan = Plan::new(&blob, &quality, outputs, Batch::for_tier(Tier::Scalar)).expect("a plan");
+    let plan = Plan::new(&blob, &quality, outputs, Batch::FULL).expect("a plan");
     let plan = plan.with_normal_blur(1.0).expect("a plan");
     let renderer = Renderer::new(blob, Tier::Scalar, &mut []).expect("a renderer");
     let mut workspace = vec![Line::UNINIT; renderer.workspace_lines(&plan)];

@@ -316,7 +316,7 @@ fn frames_queries_and_pictures_stay_between_the_fences() {
     ];
     for (tier, recipe) in tiers().flat_map(|tier| recipes.map(|recipe| (tier, recipe))) {
         let blob = recipe.blob();
-        let mut batches = vec![Batch::for_tier(tier), Batch { rays: 17, samples: 64 }];
+        let mut batches = vec![Batch::FULL, Batch { rays: 17, samples: 64 }];
         if tier == Tier::Scalar {
             batches.extend([Batch::SMALLEST, Batch { rays: 5, samples: 7 }]);
         }

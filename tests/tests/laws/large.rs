@@ -26,7 +26,7 @@ fn pictures(bytes: &[u8], samples: u16, camera: &Camera) -> Vec<(Tier, Vec<Found
     let blob = Blob::open(bytes).expect("a blob");
     let quality = Quality { samples, ..Quality::EXACT };
     let draw = |tier: Tier| {
-        let plan = Plan::new(&blob, &quality, Outputs::ALL, Batch::for_tier(tier)).expect("a plan");
+        let plan = Plan::new(&blob, &quality, Outputs::ALL, Batch::FULL).expect("a plan");
         let lines = Renderer::prepared_lines(&blob, tier);
         if let Some(less) = lines.checked_sub(1) {
             let refused = Renderer::new(blob.clone(), tier, &mut vec![Line::UNINIT; less]).map(|_| ());

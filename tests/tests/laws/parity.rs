@@ -55,7 +55,7 @@ fn picture(
 }
 
 fn whole(blob: &[u8], tier: Tier, quality: Quality) -> Vec<[f32; 6]> {
-    picture(blob, tier, quality, Batch::for_tier(tier), (SIDE, SIDE)).0
+    picture(blob, tier, quality, Batch::FULL, (SIDE, SIDE)).0
 }
 
 fn bits(picture: &[[f32; 6]]) -> Vec<[u32; 6]> {
@@ -90,7 +90,7 @@ fn sizes_change_no_bit(recipes: &[(&str, Recipe)], cuts: &[(f32, f32)], rays: &[
         let blob = recipe.blob();
         let &(transmittance_cut, colour_cut) = cuts;
         let quality = Quality { transmittance_cut, colour_cut, ..Quality::default() };
-        let (expected, work) = picture(&blob, tier, quality, Batch::for_tier(tier), (SIDE, SIDE));
+        let (expected, work) = picture(&blob, tier, quality, Batch::FULL, (SIDE, SIDE));
         let expected = bits(&expected);
         let different = expected.iter().collect::<std::collections::BTreeSet<_>>().len();
         assert!(different > 100, "{name}: a flat picture proves nothing ({different} values)");
@@ -129,8 +129,7 @@ fn thread_count_changes_no_bit() {
         let expected = bits(&whole(&bytes, tier, Quality::default()));
         let blob = Blob::open(&bytes).expect("a blob");
         let mut memory = vec![Line::UNINIT; Renderer::prepared_lines(&blob, tier)];
-        let plan =
-            Plan::new(&blob, &Quality::default(), Outputs::ALL, Batch::for_tier(tier)).expect("a plan");
+        let plan = Plan::new(&blob, &Quality::default(), Outputs::ALL, Batch::FULL).expect("a plan");
         let renderer = Renderer::new(blob, tier, &mut memory).expect("a renderer");
         for threads in [1, 2, 3, 5] {
             let (renderer, plan) = (&renderer, &plan);
@@ -192,7 +191,7 @@ fn occupancy_of_ones_changes_no_bit_and_skips_nothing() {
     for tier in tiers() {
         let with = Recipe { occupancy: Some((8, true)), ..Recipe::PLAIN };
         let on = Quality { occupancy: true, ..Quality::EXACT };
-        let batch = Batch::for_tier(tier);
+        let batch = Batch::FULL;
         let (expected, all) = picture(&with.blob(), tier, Quality::EXACT, batch, (SIDE, SIDE));
         let (found, kept) = picture(&with.blob(), tier, on, batch, (SIDE, SIDE));
         let without = whole(&Recipe::PLAIN.blob(), tier, on);
@@ -203,7 +202,7 @@ fn occupancy_of_ones_changes_no_bit_and_skips_nothing() {
 
 #[test]
 fn occupancy_saves_what_it_calls_empty() {
-    let (blob, batch) = (Recipe::OCCUPANCY.blob(), Batch::for_tier(Tier::Scalar));
+    let (blob, batch) = (Recipe::OCCUPANCY.blob(), Batch::FULL);
     let on = Quality { occupancy: true, ..Quality::EXACT };
     let (_, all) = picture(&blob, Tier::Scalar, Quality::EXACT, batch, (SIDE, SIDE));
     let (_, kept) = picture(&blob, Tier::Scalar, on, batch, (SIDE, SIDE));
@@ -214,7 +213,7 @@ fn occupancy_saves_what_it_calls_empty() {
 #[test]
 fn transmittance_cut_costs_little_and_saves_work() {
     for (tier, (name, recipe)) in tiers().flat_map(|tier| RECIPES.map(|recipe| (tier, recipe))) {
-        let (blob, batch) = (recipe.blob(), Batch::for_tier(tier));
+        let (blob, batch) = (recipe.blob(), Batch::FULL);
         let exact = Quality { transmittance_cut: 0.0, colour_cut: 0.0, ..Quality::default() };
         let (a, all) = picture(&blob, tier, exact, batch, (SIDE, SIDE));
         let (b, cut) =
@@ -232,7 +231,7 @@ fn transmittance_cut_costs_little_and_saves_work() {
 #[test]
 fn colour_cut_costs_little_saves_work_and_never_touches_the_shape() {
     for (tier, (name, recipe)) in tiers().flat_map(|tier| RECIPES.map(|recipe| (tier, recipe))) {
-        let (blob, batch) = (recipe.blob(), Batch::for_tier(tier));
+        let (blob, batch) = (recipe.blob(), Batch::FULL);
         let exact = Quality { transmittance_cut: 0.0, colour_cut: 0.0, ..Quality::default() };
         let (a, all) = picture(&blob, tier, exact, batch, (SIDE, SIDE));
         let mut before = all;
@@ -262,7 +261,7 @@ fn without_colour_its_branch_is_never_asked_and_the_rest_is_the_same() {
         let renderer = Renderer::new(blob.clone(), tier, &mut memory).expect("a renderer");
         let work = |rgb| {
             let outputs = Outputs { rgb, ..Outputs::ALL };
-            let plan = Plan::new(&blob, &Quality::default(), outputs, Batch::for_tier(tier)).expect("a plan");
+            let plan = Plan::new(&blob, &Quality::default(), outputs, Batch::FULL).expect("a plan");
             let mut workspace = vec![Line::UNINIT; renderer.workspace_lines(&plan)];
             let mut put = |_: u32, _: u32, _: &Pixel| {};
             let found = renderer.render(&plan, &camera(SIDE, SIDE), full(), &mut workspace, &mut put);
@@ -333,7 +332,7 @@ fn batches_tiles_and_threads_change_no_bit_of_a_2d_field() {
         let blob = Blob::open(&bytes).expect("a blob");
         let mut memory = vec![Line::UNINIT; Renderer::prepared_lines(&blob, tier)];
         let renderer = Renderer::new(blob, tier, &mut memory).expect("a renderer");
-        let expected = field(&renderer, Batch::for_tier(tier), size, (70, 19), 1);
+        let expected = field(&renderer, Batch::FULL, size, (70, 19), 1);
         let different = expected.iter().collect::<std::collections::BTreeSet<_>>().len();
         assert!(different > 1000, "a flat picture proves nothing ({different} values)");
         for (samples, tile, threads) in

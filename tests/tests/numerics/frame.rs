@@ -185,7 +185,7 @@ fn frame(
 ) -> (Vec<Pixel>, Counters) {
     let blob = Blob::open(bytes).expect("a blob");
     let quality = Quality { math, samples, ..Quality::EXACT };
-    let plan = Plan::new(&blob, &quality, outputs, Batch::for_tier(tier)).expect("a plan");
+    let plan = Plan::new(&blob, &quality, outputs, Batch::FULL).expect("a plan");
     let mut memory = vec![Line::UNINIT; Renderer::prepared_lines(&blob, tier)];
     let renderer = Renderer::new(blob.clone(), tier, &mut memory).expect("a renderer");
     let mut workspace = vec![Line::UNINIT; renderer.workspace_lines(&plan)];

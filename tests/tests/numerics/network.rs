@@ -92,7 +92,7 @@ pub(crate) fn ask(
 ) -> (Vec<f32>, Vec<[f32; 3]>, Counters) {
     let blob = Blob::open(bytes).expect("a blob");
     let quality = Quality { math, ..Quality::default() };
-    let plan = Plan::new(&blob, &quality, Outputs::RGB, Batch::for_tier(tier)).expect("a plan");
+    let plan = Plan::new(&blob, &quality, Outputs::RGB, Batch::FULL).expect("a plan");
     let mut memory = vec![Line::UNINIT; Renderer::prepared_lines(&blob, tier)];
     let renderer = Renderer::new(blob.clone(), tier, &mut memory).expect("a renderer");
     let mut workspace = vec![Line::UNINIT; renderer.workspace_lines(&plan)];

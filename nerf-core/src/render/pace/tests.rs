@@ -69,7 +69,7 @@ fn a_pace_is_read_from_the_caller_s_clock_cheapest_point_first() {
     let bytes = scene(&POINTS);
     let blob = Blob::open(&bytes).unwrap();
     let renderer = Renderer::new(blob.clone(), Tier::Scalar, &mut []).unwrap();
-    let plan = Plan::new(&blob, &Quality::default(), Outputs::ALL, Batch::for_tier(Tier::Scalar)).unwrap();
+    let plan = Plan::new(&blob, &Quality::default(), Outputs::ALL, Batch::FULL).unwrap();
     let mut workspace = vec![Line::UNINIT; renderer.pace_lines(&plan)];
     assert!(workspace.len() >= renderer.workspace_lines(&plan));
     let camera = camera(200, 100);

@@ -53,7 +53,7 @@ fn draw(
 }
 
 fn whole(renderer: &Renderer<'_>, size: [u32; 2]) -> Vec<[f32; 3]> {
-    draw(renderer, POLYNOMIAL, Batch::for_tier(renderer.network().tier()), size, full(size)).0
+    draw(renderer, POLYNOMIAL, Batch::FULL, size, full(size)).0
 }
 
 /// A field with a skip layer and a hidden colour layer.
@@ -114,7 +114,7 @@ fn a_pixel_is_the_field_at_its_centre() {
         ([MAX_RENDER_SIDE; 2], Rect { x: last, y: 0, width: 2, height: 3 }),
     ];
     for (tier, (size, rect)) in tiers().flat_map(|tier| cases.map(|case| (tier, case))) {
-        let batch = Batch::for_tier(tier);
+        let batch = Batch::FULL;
         let (pixels, _) = on(&bytes, tier, |renderer| draw(renderer, POLYNOMIAL, batch, size, rect));
         let mut worst = 0.0f64;
         for (i, pixel) in pixels.iter().enumerate() {
@@ -177,7 +177,7 @@ fn tiers_and_backends_agree_with_the_scalar_oracle() {
     for (_, bytes) in fields() {
         let oracle = on(&bytes, Tier::Scalar, |renderer| whole(renderer, size));
         for (tier, (math, limit)) in tiers().flat_map(|tier| rows.map(|row| (tier, row))) {
-            let batch = Batch::for_tier(tier);
+            let batch = Batch::FULL;
             let (found, _) = on(&bytes, tier, |renderer| draw(renderer, math, batch, size, full(size)));
             let pairs = found.iter().flatten().zip(oracle.iter().flatten());
             let worst = pairs.fold(0.0f32, |worst, (a, b)| worst.worse((a - b).abs()));
@@ -210,7 +210,7 @@ fn what_is_no_number_is_black_and_counted() {
     let blob = Blob::open(&bytes).unwrap();
     for tier in tiers() {
         let renderer = Renderer::with_parameters(blob.clone(), tier, &broken).unwrap();
-        let (found, counters) = draw(&renderer, POLYNOMIAL, Batch::for_tier(tier), [9, 8], full([9, 8]));
+        let (found, counters) = draw(&renderer, POLYNOMIAL, Batch::FULL, [9, 8], full([9, 8]));
         assert!(found.iter().all(|pixel| *pixel == [0.0; 3]));
         assert_eq!((counters.invalid_samples, counters.colour_evaluations), (72, 72));
     }

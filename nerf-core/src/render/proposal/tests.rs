@@ -115,11 +115,11 @@ fn a_picture_is_the_composite_of_the_drawn_samples_bit_for_bit() {
         for (tier, cut) in tiers().flat_map(|tier| [(tier, 0.0), (tier, 0.3)]) {
             let occupancy = occupancy.is_some();
             let quality = Quality { transmittance_cut: cut, occupancy, ..Quality::EXACT };
-            let (found, ..) = render(&bytes, tier, quality, Batch::for_tier(tier));
+            let (found, ..) = render(&bytes, tier, quality, Batch::FULL);
             let (fine, coarse) = (Blob::open(&bytes).unwrap(), Blob::open(&alone).unwrap());
             let plain = Quality { proposal: false, ..quality };
-            let plans = [&fine, &coarse]
-                .map(|blob| Plan::new(blob, &plain, Outputs::RGB, Batch::for_tier(tier)).unwrap());
+            let plans =
+                [&fine, &coarse].map(|blob| Plan::new(blob, &plain, Outputs::RGB, Batch::FULL).unwrap());
             let mut memory =
                 [&fine, &coarse].map(|blob| vec![Line::UNINIT; Renderer::prepared_lines(blob, tier)]);
             let [fine_memory, coarse_memory] = &mut memory;
@@ -161,7 +161,7 @@ fn a_picture_is_the_composite_of_the_drawn_samples_bit_for_bit() {
 fn a_picture_does_not_depend_on_the_batch() {
     let bytes = scene(None, Some(&coarse_parameters(11)));
     for quality in [Quality::EXACT, Quality::default()] {
-        let (expected, work, _) = render(&bytes, Tier::Scalar, quality, Batch::for_tier(Tier::Scalar));
+        let (expected, work, _) = render(&bytes, Tier::Scalar, quality, Batch::FULL);
         for (rays, samples) in [(1, 1), (3, 1), (7, 5), (400, 64)] {
             let (found, counters, _) = render(&bytes, Tier::Scalar, quality, Batch { rays, samples });
             assert_eq!(found, expected, "{rays} rays, {samples} samples");
@@ -187,7 +187,7 @@ fn effects_and_medians_of_drawn_samples_do_not_depend_on_the_batch() {
         renderer.render(&plan, &camera, Rect::full(&camera), &mut workspace, &mut put).unwrap();
         pixels
     };
-    let large = Batch::for_tier(Tier::Scalar);
+    let large = Batch::FULL;
     let plain = go(Effects::NONE, large);
     let halved = plain.iter().filter(|pixel| pixel.median_distance < 6.0).count();
     assert!(halved > 20 && halved < 400, "{halved}");
@@ -212,9 +212,9 @@ fn without_it_bits_work_and_memory_are_those_of_a_scene_that_has_none() {
     for quality in [Quality::EXACT, Quality::default()] {
         let off = Quality { proposal: false, ..quality };
         for tier in tiers() {
-            let expected = render(&without, tier, quality, Batch::for_tier(tier));
-            assert_eq!(render(&with, tier, off, Batch::for_tier(tier)), expected, "{tier:?}");
-            let (_, on, memory) = render(&with, tier, quality, Batch::for_tier(tier));
+            let expected = render(&without, tier, quality, Batch::FULL);
+            assert_eq!(render(&with, tier, off, Batch::FULL), expected, "{tier:?}");
+            let (_, on, memory) = render(&with, tier, quality, Batch::FULL);
             assert!(on.proposal_evaluations > 0 && memory > expected.2);
             assert_eq!(expected.1.proposal_evaluations, 0);
         }
@@ -307,7 +307,7 @@ fn a_workspace_one_line_short_is_refused() {
         }
         let mut memory = vec![Line::UNINIT; lines];
         let renderer = Renderer::new(blob.clone(), tier, &mut memory).unwrap();
-        let plan = Plan::new(&blob, &Quality::EXACT, Outputs::ALL, Batch::for_tier(tier)).unwrap();
+        let plan = Plan::new(&blob, &Quality::EXACT, Outputs::ALL, Batch::FULL).unwrap();
         let expected = renderer.workspace_lines(&plan);
         let mut short = vec![Line::UNINIT; expected - 1];
         let mut put = |_: u32, _: u32, _: &Pixel| panic!("a pixel was written");

@@ -90,7 +90,7 @@ fn depth_alone_is_trunk_and_density_and_exactly_those_of_the_colour_frame() {
         let renderer = Renderer::new(blob.clone(), tier, &mut memory).unwrap();
         for quality in [Quality::EXACT, Quality::default()] {
             let go = |outputs| {
-                let plan = Plan::new(&blob, &quality, outputs, Batch::for_tier(tier)).unwrap();
+                let plan = Plan::new(&blob, &quality, outputs, Batch::FULL).unwrap();
                 render(&renderer, &plan, &camera)
             };
             let colour = go(Outputs::RGB).counters;

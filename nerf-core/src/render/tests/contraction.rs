@@ -28,7 +28,7 @@ fn fog(sigma: f32, facts: &SceneFacts, occupancy: Option<StoredOccupancy<'_>>) -
 fn draw(file: &[u8], tier: Tier, camera: &Camera, change: impl Fn(Plan<'_>) -> Plan<'_>) -> Picture {
     let blob = Blob::open(file).unwrap();
     let quality = Quality { occupancy: true, ..Quality::EXACT };
-    let plan = change(Plan::new(&blob, &quality, outputs(), Batch::for_tier(tier)).unwrap());
+    let plan = change(Plan::new(&blob, &quality, outputs(), Batch::FULL).unwrap());
     let mut memory = vec![Line::UNINIT; Renderer::prepared_lines(&blob, tier)];
     let renderer = Renderer::new(blob.clone(), tier, &mut memory).unwrap();
     render(&renderer, &plan, camera)
@@ -327,7 +327,7 @@ fn distances_and_normals_of_a_plane_are_the_world_s() {
             for tier in tiers().filter(|tier| !tier.rounds()) {
                 let Some(renderer) = Renderer::with_parameters(blob.clone(), tier, &all) else { panic!() };
                 let outputs = Outputs { normals: cfg!(feature = "normals"), ..outputs() };
-                let plan = Plan::new(&blob, &Quality::EXACT, outputs, Batch::for_tier(tier)).unwrap();
+                let plan = Plan::new(&blob, &Quality::EXACT, outputs, Batch::FULL).unwrap();
                 let plan = plan.with_normal_blur(0.0).unwrap();
                 let pixel = render(&renderer, &plan, &camera).pixels[0];
                 let ray = camera.ray(0.5, 0.5);

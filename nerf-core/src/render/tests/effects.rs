@@ -44,7 +44,7 @@ fn in_place<'a>(blob: &Blob<'a>) -> Renderer<'a> {
 }
 
 fn plan<'a>(blob: &Blob<'a>, effects: Effects) -> Plan<'a> {
-    let plan = Plan::new(blob, &Quality::default(), Outputs::ALL, Batch::for_tier(Tier::Scalar)).unwrap();
+    let plan = Plan::new(blob, &Quality::default(), Outputs::ALL, Batch::FULL).unwrap();
     plan.with_effects(effects).unwrap()
 }
 
@@ -61,13 +61,13 @@ fn tiles_batches_and_tiers_memory_change_no_bit_of_any_effect() {
             let plan = |batch| {
                 Plan::new(&blob, &quality, Outputs::ALL, batch).unwrap().with_effects(effects).unwrap()
             };
-            let whole = render(&renderer, &plan(Batch::for_tier(tier)), &camera);
+            let whole = render(&renderer, &plan(Batch::FULL), &camera);
             for rays in [1, 5, 64] {
                 let found = render(&renderer, &plan(Batch { rays, samples: BLOCK }), &camera);
                 assert_eq!(found.pixels, whole.pixels, "{tier:?} {effects:?} {rays} rays");
                 assert_eq!(found.counters, whole.counters, "{tier:?} {effects:?} {rays} rays");
             }
-            let plan = plan(Batch::for_tier(tier));
+            let plan = plan(Batch::FULL);
             let mut workspace = vec![Line::UNINIT; renderer.workspace_lines(&plan)];
             for tile in Rect::full(&camera).tiles(4, 3) {
                 let mut check = |x: u32, y: u32, pixel: &Pixel| {
@@ -85,7 +85,7 @@ fn what_is_off_costs_nothing_and_what_asks_for_nothing_is_off() {
     let blob = Blob::open(&bytes).unwrap();
     let renderer = in_place(&blob);
     let camera = camera(9, 8);
-    let plain = Plan::new(&blob, &Quality::default(), Outputs::ALL, Batch::for_tier(Tier::Scalar)).unwrap();
+    let plain = Plan::new(&blob, &Quality::default(), Outputs::ALL, Batch::FULL).unwrap();
     let picture = render(&renderer, &plain, &camera);
     let pinhole = Some(ThinLens { aperture_radius: 0.0, focus_distance: 3.0 });
     for effects in [Effects::NONE, Effects { depth_of_field: pinhole, ..Effects::NONE }] {
@@ -112,7 +112,7 @@ fn a_frame_without_colour_has_no_tone_stage() {
     let blob = Blob::open(&bytes).unwrap();
     let renderer = in_place(&blob);
     let shape = Outputs { rgb: false, ..Outputs::ALL };
-    let plain = Plan::new(&blob, &Quality::default(), shape, Batch::for_tier(Tier::Scalar)).unwrap();
+    let plain = Plan::new(&blob, &Quality::default(), shape, Batch::FULL).unwrap();
     let tone = Tone { exposure: 3.0, map: ToneMap::Reinhard, linear: true };
     let toned = plain.with_effects(Effects { tone, ..Effects::NONE }).unwrap();
     let stages = toned.explain(&renderer).stages();
@@ -231,7 +231,7 @@ fn the_expectation_of_jitter_is_the_integral() {
     let mut sums = vec![0.0f64; 30];
     for seed in 0..SEEDS {
         let effects = Effects { jitter: Some(Jitter { seed }), ..Effects::NONE };
-        let plan = Plan::new(&blob, &Quality::EXACT, Outputs::ALL, Batch::for_tier(Tier::Scalar)).unwrap();
+        let plan = Plan::new(&blob, &Quality::EXACT, Outputs::ALL, Batch::FULL).unwrap();
         let picture = render(&renderer, &plan.with_effects(effects).unwrap(), &camera);
         for (sum, pixel) in sums.iter_mut().zip(&picture.pixels) {
             *sum += f64::from(pixel.opacity);
@@ -242,7 +242,7 @@ fn the_expectation_of_jitter_is_the_integral() {
     // than δ/√2, and its mean over the seeds by 5 of those over √400. Curvature: at most δ²/2 times ½.
     let delta = 0.125 * f64::from(sigma);
     let limit = 5.0 * delta / (2.0 * SEEDS as f64).sqrt() + delta * delta / 4.0;
-    let plain = Plan::new(&blob, &Quality::EXACT, Outputs::ALL, Batch::for_tier(Tier::Scalar)).unwrap();
+    let plain = Plan::new(&blob, &Quality::EXACT, Outputs::ALL, Batch::FULL).unwrap();
     let plain = render(&renderer, &plain, &camera).pixels;
     let (mut worst, mut worst_plain) = (0.0f64, 0.0f64);
     for (k, sum) in sums.iter().enumerate() {

@@ -82,7 +82,7 @@ fn every_tier_draws_the_same_scene_whatever_the_batch() {
             assert!(expected.pixels.iter().any(|p| p.opacity > 0.5), "something to see");
             assert_eq!(expected.counters.invalid_samples, 0);
             for tier in tiers() {
-                let found = draw(&scene.file, tier, ALL, Batch::for_tier(tier));
+                let found = draw(&scene.file, tier, ALL, Batch::FULL);
                 let other = draw(&scene.file, tier, ALL, Batch { rays: 3, samples: BLOCK });
                 assert_eq!(bits(&found), bits(&other), "{tier:?}, {features} features");
                 if tier == Tier::Scalar {
@@ -109,7 +109,7 @@ fn f32_tables_of_the_same_values_draw_the_same_picture() {
         for tier in tiers().filter(|tier| !tier.rounds()) {
             let tables =
                 crate::encoding::GridTables::new(TableValues::F32(&scene.tables), blob.scene_box().as_ref());
-            let plan = Plan::new(&blob, &Quality::EXACT, ALL, Batch::for_tier(tier)).unwrap();
+            let plan = Plan::new(&blob, &Quality::EXACT, ALL, Batch::FULL).unwrap();
             let pictures = [
                 Renderer::with_parameters(blob.clone(), tier, &scene.parameters),
                 Renderer::with_parameters_and_tables(blob.clone(), tier, &scene.parameters, tables),
@@ -152,7 +152,7 @@ fn entries_that_no_occupied_cell_reads_change_nothing() {
     let (clean, poisoned) = (scene(&a, occupancy(), &clean), scene(&a, occupancy(), &poisoned));
     for tier in tiers() {
         let [clean, poisoned] =
-            [&clean, &poisoned].map(|scene| bits(&draw(&scene.file, tier, ALL, Batch::for_tier(tier))));
+            [&clean, &poisoned].map(|scene| bits(&draw(&scene.file, tier, ALL, Batch::FULL)));
         assert_eq!(clean, poisoned, "{tier:?}");
     }
 }
@@ -184,7 +184,7 @@ fn a_picture_by_a_grid_is_the_network_at_its_pixels_on_every_tier() {
         expected.iter().map(|c| c[0]).fold(0.0, f32::max) - expected.iter().map(|c| c[0]).fold(1.0, f32::min);
     assert!(spread > 0.05, "something to see");
     for tier in tiers() {
-        for (found, expected) in draw(tier, Batch::for_tier(tier)).iter().zip(&expected) {
+        for (found, expected) in draw(tier, Batch::FULL).iter().zip(&expected) {
             let worst = found.iter().zip(expected).map(|(a, b)| (a - b).abs()).fold(0.0, f32::max);
             assert!(f64::from(worst) <= tolerance(tier, 2e-6), "{tier:?}: {worst:e}");
         }

@@ -86,7 +86,7 @@ fn way_in_ball(ray: &Ray, (enter, exit): (f64, f64)) -> f64 {
 fn pixels(bytes: &[u8], tier: Tier, camera: &Camera, change: impl Fn(Plan<'_>) -> Plan<'_>) -> Vec<Pixel> {
     let blob = Blob::open(bytes).unwrap();
     let quality = Quality { occupancy: true, ..Quality::EXACT };
-    let plan = change(Plan::new(&blob, &quality, outputs(), Batch::for_tier(tier)).unwrap());
+    let plan = change(Plan::new(&blob, &quality, outputs(), Batch::FULL).unwrap());
     let mut memory = vec![Line::UNINIT; Renderer::prepared_lines(&blob, tier)];
     let renderer = Renderer::new(blob.clone(), tier, &mut memory).unwrap();
     super::render(&renderer, &plan, camera).pixels

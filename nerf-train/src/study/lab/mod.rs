@@ -339,7 +339,7 @@ impl Bench<'_, '_> {
         background: [f32; 3],
     ) -> Result<(Frame, Clocked, Memory), StudyError> {
         let &(ref renderer, prepared) = self.renderer(settings);
-        let batch = Batch::for_tier(settings.tier);
+        let batch = Batch::FULL;
         let plan = Plan::new(renderer.blob(), &settings.quality, Outputs::ALL, batch)?;
         let effects = Effects { anti_aliasing: settings.rays, ..Effects::NONE };
         let plan = plan.with_background(background)?.with_effects(effects)?.with_own_bins();

@@ -55,7 +55,7 @@ fn ask(
     });
     let bytes = exported.expect("a blob").bytes;
     let blob = Blob::open(&bytes).expect("a blob");
-    let plan = Plan::new(&blob, &Quality::EXACT, Outputs::ALL, Batch::for_tier(tier)).expect("a plan");
+    let plan = Plan::new(&blob, &Quality::EXACT, Outputs::ALL, Batch::FULL).expect("a plan");
     let mut memory = vec![Line::UNINIT; Renderer::prepared_lines(&blob, tier)];
     let unrounded = Renderer::with_parameters(blob.clone(), tier, &parameters).expect("enough");
     let rounded = Renderer::new(blob.clone(), tier, &mut memory).expect("enough");

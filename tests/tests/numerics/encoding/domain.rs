@@ -66,7 +66,7 @@ fn ask(tier: Tier, position: [f32; 3], dir: [f32; 3]) -> Result<(f32, [f32; 3], 
     let blob = Blob::open(&bytes).expect("a blob");
     let mut memory = vec![Line::UNINIT; Renderer::prepared_lines(&blob, tier)];
     let renderer = Renderer::new(blob.clone(), tier, &mut memory).expect("a renderer");
-    let plan = Plan::new(&blob, &Quality::EXACT, Outputs::RGB, Batch::for_tier(tier)).expect("a plan");
+    let plan = Plan::new(&blob, &Quality::EXACT, Outputs::RGB, Batch::FULL).expect("a plan");
     let mut workspace = vec![Line::UNINIT; renderer.workspace_lines(&plan)];
     let (mut sigma, mut rgb) = ([7.0], [[7.0; 3]]);
     let counters = renderer.query(&plan, &[position], &[dir], &mut workspace, &mut sigma, &mut rgb)?;

@@ -27,7 +27,7 @@ fn half_of_a_constant_medium_s_light_is_gone_after_ln_2_over_sigma() {
         for tier in tiers() {
             let mut memory = vec![Line::UNINIT; Renderer::prepared_lines(&blob, tier)];
             let renderer = Renderer::new(blob.clone(), tier, &mut memory).unwrap();
-            let plan = Plan::new(&blob, &Quality::default(), MEDIAN, Batch::for_tier(tier)).unwrap();
+            let plan = Plan::new(&blob, &Quality::default(), MEDIAN, Batch::FULL).unwrap();
             let (mut reached, mut missed, mut worst) = (0, 0, 0.0f64);
             for (i, pixel) in render(&renderer, &plan, &camera).pixels.iter().enumerate() {
                 let ray = camera.ray((i % 20) as f32 + 0.5, (i / 20) as f32 + 0.5);

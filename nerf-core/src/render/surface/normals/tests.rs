@@ -56,7 +56,7 @@ fn a_plane_s_normal_is_the_plane_s() {
     for tier in tiers() {
         let mut memory = vec![Line::UNINIT; Renderer::prepared_lines(&blob, tier)];
         let renderer = Renderer::new(blob.clone(), tier, &mut memory).unwrap();
-        let plan = Plan::new(&blob, &Quality::default(), NORMALS, Batch::for_tier(tier)).unwrap();
+        let plan = Plan::new(&blob, &Quality::default(), NORMALS, Batch::FULL).unwrap();
         let picture = render(&renderer, &plan, &camera(24, 17));
         // What is fainter than the colour cut may have been asked for none.
         let solid = picture.pixels.iter().filter(|pixel| pixel.opacity > Quality::COLOUR_CUT);
@@ -84,7 +84,7 @@ fn a_ball_s_normals_point_outward() {
         let mut memory = vec![Line::UNINIT; Renderer::prepared_lines(&blob, tier)];
         let renderer = Renderer::new(blob.clone(), tier, &mut memory).unwrap();
         let quality = Quality { samples: 512, ..Quality::default() };
-        let plan = Plan::new(&blob, &quality, outputs, Batch::for_tier(tier)).unwrap();
+        let plan = Plan::new(&blob, &quality, outputs, Batch::FULL).unwrap();
         let (mut seen, mut worst) = (0, 1.0f32);
         for (i, pixel) in render(&renderer, &plan, &camera).pixels.iter().enumerate() {
             let ray = camera.ray((i % 32) as f32 + 0.5, (i / 32) as f32 + 0.5);
@@ -204,7 +204,7 @@ fn tiers_agree_about_normals() {
     let go = |tier| {
         let mut memory = vec![Line::UNINIT; Renderer::prepared_lines(&blob, tier)];
         let renderer = Renderer::new(blob.clone(), tier, &mut memory).unwrap();
-        let plan = Plan::new(&blob, &Quality::default(), NORMALS, Batch::for_tier(tier)).unwrap();
+        let plan = Plan::new(&blob, &Quality::default(), NORMALS, Batch::FULL).unwrap();
         render(&renderer, &plan, &camera(16, 16)).pixels
     };
     let scalar = go(Tier::Scalar);
