@@ -130,12 +130,8 @@
 //!     provenance: Provenance {
 //!         data: "fog",
 //!         made_by: "the crate's documentation",
-//!         steps: 0,
-//!         seed: 0,
-//!         psnr_db: None,
-//!         psnr_convention: "",
-//!         quantisation_loss_db: None,
 //!         trained_parameters: 36,
+//!         ..Provenance::NONE
 //!     },
 //!     weights: &weights,
 //!     tables: None,

@@ -112,16 +112,8 @@ pub const SCENE: SceneFacts = SceneFacts {
 pub const PICTURE: PictureFacts = PictureFacts { width: 30, height: 20 };
 
 /// The provenance of test blobs.
-pub const PROVENANCE: Provenance<'static> = Provenance {
-    data: "none",
-    made_by: "unit tests",
-    steps: 0,
-    seed: 0,
-    psnr_db: None,
-    psnr_convention: "",
-    quantisation_loss_db: None,
-    trained_parameters: 0,
-};
+pub const PROVENANCE: Provenance<'static> =
+    Provenance { data: "none", made_by: "unit tests", ..Provenance::NONE };
 
 /// A body of the tests' scene.
 pub fn body<'a>(

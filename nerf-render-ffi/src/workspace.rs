@@ -10,6 +10,7 @@ use crate::tile_pixels::TilePixels;
 use core::ffi::{c_char, c_void};
 use nerf_core::memory::{Arena, Line};
 use nerf_core::plan::{Batch, Outputs};
+use nerf_core::render::TILE_SIDE;
 
 /// Colour is wanted.
 pub const NERF_OUTPUT_RGB: u32 = 1;
@@ -24,13 +25,11 @@ pub const NERF_OUTPUT_MEDIAN_DISTANCE: u32 = 16;
 /// Normals are wanted.
 pub const NERF_OUTPUT_NORMALS: u32 = 32;
 
-/// Longest side of a tile, pixels.
-const TILE_SIDE: usize = 16;
-
 /// Width and height of the tiles a batch is rendered in: no more pixels than rays.
 pub(crate) fn tile_size(batch: Batch) -> (u32, u32) {
-    let width = TILE_SIDE.min(batch.rays).max(1);
-    (width as u32, TILE_SIDE.min(batch.rays / width).max(1) as u32)
+    let side = TILE_SIDE as usize;
+    let width = side.min(batch.rays).max(1);
+    (width as u32, side.min(batch.rays / width).max(1) as u32)
 }
 
 /// Pixels of the largest tile.

@@ -297,9 +297,8 @@ fn provenance(data: &str, seed: u64) -> Provenance<'_> {
         steps: u32::MAX,
         seed,
         psnr_db: Some(0.0),
-        psnr_convention: "",
-        quantisation_loss_db: None,
         trained_parameters: u32::MAX,
+        ..Provenance::NONE
     }
 }
 

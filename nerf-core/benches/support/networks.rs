@@ -76,12 +76,9 @@ pub fn file() -> Vec<u8> {
         provenance: Provenance {
             data: "noise",
             made_by: "benches",
-            steps: 0,
             seed: 1,
-            psnr_db: None,
-            psnr_convention: "",
-            quantisation_loss_db: None,
             trained_parameters: architecture.parameters() as u32,
+            ..Provenance::NONE
         },
         architecture,
         weights: &weights,

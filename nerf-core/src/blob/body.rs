@@ -239,3 +239,17 @@ pub struct Provenance<'a> {
     /// Parameters before folding.
     pub trained_parameters: u32,
 }
+
+impl Provenance<'_> {
+    /// Nothing is said.
+    pub const NONE: Self = Self {
+        data: "",
+        made_by: "",
+        steps: 0,
+        seed: 0,
+        psnr_db: None,
+        psnr_convention: "",
+        quantisation_loss_db: None,
+        trained_parameters: 0,
+    };
+}

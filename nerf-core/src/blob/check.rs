@@ -6,12 +6,12 @@ use super::body::{
     Body, Content, MAX_OCCUPANCY_RESOLUTION, MAX_PICTURE_SIDE, MAX_SAMPLES, MAX_TEXT, PictureFacts,
     SceneFacts, SceneSampling, StoredOccupancy, steps,
 };
-use super::error::{BlobError, Section};
-use super::front;
+use super::error::{BlobError, FrontFault, Section};
+use super::front::FrontPoint;
 use super::proposal::Proposal;
 use crate::camera::{BoundsError, Contraction, SceneBox};
 use crate::encoding::{AngleScale, SinusoidalEncoding};
-use crate::math::polynomial::SIN_COS_DOMAIN;
+use crate::math::{MathBackend, polynomial::SIN_COS_DOMAIN};
 use crate::network::{Architecture, Layers};
 use crate::sampling::Bins;
 use glam::Vec3;
@@ -41,7 +41,7 @@ pub(super) fn check(body: &Body<'_>) -> Result<(), BlobError> {
         Content::Picture(_) if body.proposal.is_some() => return Err(BlobError::Field(Section::Proposal)),
         Content::Picture(_) => {}
         Content::Scene(scene) => {
-            front::check(&body.front, scene, body.occupancy.is_some(), body.proposal.is_some())
+            check_front(&body.front, scene, body.occupancy.is_some(), body.proposal.is_some())
                 .map_err(|(index, fault)| BlobError::Front { index: index as u8, fault })?;
             if let Some(proposal) = &body.proposal {
                 check_proposal(proposal, scene)?;
@@ -225,4 +225,59 @@ fn check_values(
         Some(layer) => BlobError::Weight { section, role: layer.role, index: (at - layer.weights) as u32 },
         None => BlobError::Field(section),
     })
+}
+
+/// Whether every point can be planned, and together they are a front; `occupancy` and `proposal` say whether
+/// the scene has them.
+fn check_front(
+    front: &[FrontPoint],
+    scene: &SceneFacts,
+    occupancy: bool,
+    proposal: bool,
+) -> Result<(), (usize, FrontFault)> {
+    for (index, point) in front.iter().enumerate() {
+        check_point(point, scene, occupancy, proposal).map_err(|fault| (index, fault))?;
+        if let Some(before) = index.checked_sub(1).and_then(|i| front.get(i)) {
+            if point.cost >= before.cost {
+                return Err((index, FrontFault::CostOrder { before: before.cost, found: point.cost }));
+            }
+            if point.loss_db < before.loss_db {
+                return Err((index, FrontFault::LossOrder { before: before.loss_db, found: point.loss_db }));
+            }
+        }
+    }
+    Ok(())
+}
+
+fn check_point(
+    point: &FrontPoint,
+    scene: &SceneFacts,
+    occupancy: bool,
+    proposal: bool,
+) -> Result<(), FrontFault> {
+    if !samples_fit(scene, point.samples) {
+        return Err(FrontFault::Samples { found: point.samples });
+    }
+    if !(0.0..1.0).contains(&point.transmittance_cut) {
+        return Err(FrontFault::TransmittanceCut { found: point.transmittance_cut });
+    }
+    if !(0.0..1.0).contains(&point.colour_cut) {
+        return Err(FrontFault::ColourCut { found: point.colour_cut });
+    }
+    if (point.occupancy && !occupancy) || (scene.occupancy_required && !point.occupancy) {
+        return Err(FrontFault::Occupancy { found: point.occupancy });
+    }
+    if point.math >= MathBackend::TAGS {
+        return Err(FrontFault::Math { found: point.math });
+    }
+    if point.proposal && !proposal {
+        return Err(FrontFault::Proposal);
+    }
+    if !point.loss_db.is_finite() {
+        return Err(FrontFault::LossDb { found: point.loss_db });
+    }
+    if !(point.cost > 0.0 && point.cost.is_finite()) {
+        return Err(FrontFault::Cost { found: point.cost });
+    }
+    Ok(())
 }

@@ -11,6 +11,7 @@
 //! | 28 | 4 | reserved, 0 |
 
 use super::BlobError;
+use core::ops::Range;
 use crc::{CRC_32_ISO_HDLC, Crc, Table};
 
 /// First bytes of every blob; in the manner of PNG, a text-mode copy damages them.
@@ -20,6 +21,13 @@ pub const FORMAT_VERSION: u16 = 4;
 /// Length of the header, bytes.
 pub const HEADER_LEN: usize = 32;
 
+const VERSION: Range<usize> = 8..10;
+const ENDIAN: Range<usize> = 10..12;
+const FLAGS: Range<usize> = 12..16;
+const BODY_LENGTH: Range<usize> = 16..24;
+const CHECKSUM: Range<usize> = 24..28;
+const RESERVED: Range<usize> = 28..HEADER_LEN;
+
 const ENDIAN_TAG: u16 = 0xfeff;
 /// One 1 KiB table: a microcontroller carries it too.
 const CRC: Crc<u32, Table<1>> = Crc::<u32, Table<1>>::new(&CRC_32_ISO_HDLC);
@@ -27,12 +35,12 @@ const CRC: Crc<u32, Table<1>> = Crc::<u32, Table<1>>::new(&CRC_32_ISO_HDLC);
 /// The header of `body`.
 pub(super) fn write(body: &[u8]) -> [u8; HEADER_LEN] {
     let mut header = [0; HEADER_LEN];
-    header[..8].copy_from_slice(&MAGIC);
-    header[8..10].copy_from_slice(&FORMAT_VERSION.to_le_bytes());
-    header[10..12].copy_from_slice(&ENDIAN_TAG.to_le_bytes());
-    header[16..24].copy_from_slice(&(body.len() as u64).to_le_bytes());
+    header[..MAGIC.len()].copy_from_slice(&MAGIC);
+    header[VERSION].copy_from_slice(&FORMAT_VERSION.to_le_bytes());
+    header[ENDIAN].copy_from_slice(&ENDIAN_TAG.to_le_bytes());
+    header[BODY_LENGTH].copy_from_slice(&(body.len() as u64).to_le_bytes());
     let crc = checksum(&header, body);
-    header[24..28].copy_from_slice(&crc.to_le_bytes());
+    header[CHECKSUM].copy_from_slice(&crc.to_le_bytes());
     header
 }
 
@@ -46,21 +54,19 @@ pub(super) fn open(bytes: &[u8]) -> Result<&[u8], BlobError> {
     let Some((header, body)) = bytes.split_first_chunk::<HEADER_LEN>() else {
         return Err(BlobError::Truncated { expected: HEADER_LEN as u64, found });
     };
-    let [_, _, _, _, _, _, _, _, v0, v1, e0, e1, f0, f1, f2, f3, rest @ ..] = *header;
-    let endian = u16::from_le_bytes([e0, e1]);
+    let endian = u16::from_le_bytes(field(header, ENDIAN));
     if endian != ENDIAN_TAG {
         return Err(BlobError::Endian { found: endian });
     }
-    let version = u16::from_le_bytes([v0, v1]);
+    let version = u16::from_le_bytes(field(header, VERSION));
     if version != FORMAT_VERSION {
         return Err(BlobError::Version { expected: FORMAT_VERSION, found: version });
     }
-    let flags = u32::from_le_bytes([f0, f1, f2, f3]);
+    let flags = u32::from_le_bytes(field(header, FLAGS));
     if flags != 0 {
         return Err(BlobError::Flags { found: flags });
     }
-    let [l0, l1, l2, l3, l4, l5, l6, l7, c0, c1, c2, c3, r @ ..] = rest;
-    let length = u64::from_le_bytes([l0, l1, l2, l3, l4, l5, l6, l7]);
+    let length = u64::from_le_bytes(field(header, BODY_LENGTH));
     let expected = length.saturating_add(HEADER_LEN as u64);
     if found < expected {
         return Err(BlobError::Truncated { expected, found });
@@ -68,22 +74,31 @@ pub(super) fn open(bytes: &[u8]) -> Result<&[u8], BlobError> {
     if found > expected {
         return Err(BlobError::TrailingBytes { expected, found });
     }
-    let stored = u32::from_le_bytes([c0, c1, c2, c3]);
+    let stored = u32::from_le_bytes(field(header, CHECKSUM));
     let computed = checksum(header, body);
     if stored != computed {
         return Err(BlobError::Checksum { expected: stored, found: computed });
     }
-    let reserved = u32::from_le_bytes(r);
+    let reserved = u32::from_le_bytes(field(header, RESERVED));
     if reserved != 0 {
         return Err(BlobError::Reserved { found: reserved });
     }
     Ok(body)
 }
 
+/// The bytes of a field.
+fn field<const N: usize>(header: &[u8; HEADER_LEN], at: Range<usize>) -> [u8; N] {
+    let mut bytes = [0; N];
+    for (to, from) in bytes.iter_mut().zip(header.get(at).unwrap_or_default()) {
+        *to = *from;
+    }
+    bytes
+}
+
 fn checksum(header: &[u8; HEADER_LEN], body: &[u8]) -> u32 {
     let mut digest = CRC.digest();
-    digest.update(&header[..24]);
-    digest.update(&[0; 8]);
+    digest.update(&header[..CHECKSUM.start]);
+    digest.update(&[0; HEADER_LEN - CHECKSUM.start]);
     digest.update(body);
     digest.finalize()
 }

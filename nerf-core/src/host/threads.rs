@@ -5,7 +5,7 @@ use crate::camera::{Camera, Ray};
 use crate::math::MathBackend;
 use crate::memory::Line;
 use crate::plan::{Batch, Plan};
-use crate::render::{Counters, Rect, RenderError, Renderer};
+use crate::render::{Counters, Rect, RenderError, Renderer, TILE_SIDE};
 use crate::volume::Pixel;
 use glam::Vec3;
 use std::num::NonZeroUsize;
@@ -13,8 +13,6 @@ use std::sync::{Mutex, PoisonError};
 use std::vec;
 use std::vec::Vec;
 
-/// Side of the tiles that threads take, pixels.
-const TILE: u32 = 16;
 /// Rows of a 2D field that threads take.
 const BAND: u32 = 8;
 /// Rays that threads take together.
@@ -36,7 +34,7 @@ pub fn render(
     let lines = renderer.workspace_lines(plan);
     let counters = in_parallel(
         threads,
-        full.tiles(TILE, TILE),
+        full.tiles(TILE_SIDE, TILE_SIDE),
         |tiles| {
             let mut memory = vec![Line::UNINIT; lines];
             let mut worker = renderer.worker(plan, &mut memory)?;

@@ -14,11 +14,13 @@ pub(crate) mod libm;
 pub(crate) mod micromath;
 pub mod polynomial;
 pub(crate) mod recurrence;
+mod sum;
 
 #[cfg(test)]
 mod tests;
 
 pub use elementary::Elementary;
+pub(crate) use sum::Sum;
 
 use crate::simd::Lanes;
 

@@ -1,9 +1,10 @@
 //! Several rays a pixel: where they go through it, and their mean.
 
+use crate::math::Sum;
 use crate::memory::Layout;
 use crate::plan::Effects;
 use crate::sampling::{GOLDEN, rank};
-use crate::volume::{OPACITY_EPSILON, Pixel, Sum, mean_direction};
+use crate::volume::{OPACITY_EPSILON, Pixel, mean_direction};
 
 #[cfg(test)]
 mod tests;

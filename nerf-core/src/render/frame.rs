@@ -42,7 +42,7 @@ pub(super) struct Frame<'f, 'w> {
     /// `[3][samples]`: directions of a block of rays; once they walk, of each sample of a block the optical thickness in
     /// front of it, what it keeps of the light, and what is left of that behind it.
     pub(super) triples: &'w mut [f32],
-    pub(super) shares: Shares<'w>,
+    pub(super) shares: DirectionShares<'w>,
     /// `stride` is that of the block at work: no more columns than its samples need.
     pub(super) scratch: Scratch<'w>,
     pub(super) counters: Counters,
@@ -102,7 +102,7 @@ impl<'f, 'w> Frame<'f, 'w> {
             positions: layout.slice(3 * samples, 0.0),
             rgb: layout.slice(3 * colours, 0.0),
             triples: layout.slice(3 * samples, 0.0),
-            shares: Shares { values: layout.slice(shares, 0.0), block: samples },
+            shares: DirectionShares { values: layout.slice(shares, 0.0), block: samples },
             scratch: Scratch {
                 stride: samples,
                 encoded: layout.slice(encoded, 0.0),
@@ -359,12 +359,12 @@ impl RaySource for OwnRays<'_> {
 }
 
 /// The direction's share of the colour branch, once a ray: `[rays][direction_rows]`, room for whole blocks of rays.
-pub(super) struct Shares<'w> {
+pub(super) struct DirectionShares<'w> {
     values: &'w mut [f32],
     block: usize,
 }
 
-impl Shares<'_> {
+impl DirectionShares<'_> {
     /// Colours of the samples whose `h` is in `scratch.front`; `owner` says whose they are.
     ///
     /// `rgb`: `[3][scratch.stride]`.

@@ -47,7 +47,7 @@ pub use explain::{Explanation, Shares, Stage, Switch};
 pub use pace::Pace;
 pub use picture::MAX_RENDER_SIDE;
 pub use rect::{Rect, Target};
-pub use worker::Worker;
+pub use worker::{TILE_SIDE, Worker};
 
 use crate::blob::Blob;
 use crate::camera::{Camera, SceneBox};

@@ -7,8 +7,8 @@ use crate::math::with_math;
 use crate::volume::Pixel;
 use glam::Vec3;
 
-/// Width of the squares a rectangle is rendered in, pixels: neighbouring rays end together.
-const TILE_SIDE: u32 = 16;
+/// Side of the squares that a rectangle is rendered in, pixels: neighbouring rays end together.
+pub const TILE_SIDE: u32 = 16;
 
 /// Renders frames of one plan in memory of its own; [`Renderer::worker`](super::Renderer::worker) makes it.
 ///

@@ -1,6 +1,7 @@
 //! Samples where the weights are: the fine samples of a ray with a coarse network.
 
 use super::Bins;
+use crate::math::Sum;
 use crate::memory::{at, put, tail};
 
 #[cfg(test)]
@@ -45,9 +46,9 @@ pub const WEIGHT_FLOOR: f32 = 1e-5;
 pub fn sample_pdf(bins: &Bins, row: &mut [f32], within: impl Fn(u32) -> f32) {
     let count = bins.count() as usize;
     let Some(drawn) = row.len().checked_sub(count) else { return };
-    let mut total = Mass::default();
+    let mut total = Sum::ZERO;
     tail(row, drawn).iter().for_each(|&weight| total.add(mass(weight)));
-    let step = total.sum / drawn.max(1) as f32;
+    let step = total.value / drawn.max(1) as f32;
     // Behind a bin there are at most its middle, those in front and what has been drawn so far: the
     // weights that are still to be read lie behind that.
     let (mut written, mut k) = (0, 0);
@@ -55,15 +56,15 @@ pub fn sample_pdf(bins: &Bins, row: &mut [f32], within: impl Fn(u32) -> f32) {
         put(row, written, t);
         written += 1;
     };
-    let mut reached = Mass::default();
+    let mut reached = Sum::ZERO;
     for bin in 0..count {
-        let (before, own) = (reached.sum, mass(at(row, drawn + bin)));
+        let (before, own) = (reached.value, mass(at(row, drawn + bin)));
         reached.add(own);
         let (last, index) = (bin + 1 == count, bin as u32);
         let mut middle = Some(bins.at(index, 0.5));
         while k < drawn {
             let target = (k as f32 + within(k as u32)) * step;
-            if target >= reached.sum && !last {
+            if target >= reached.value && !last {
                 break;
             }
             let fraction = ((target - before) / own).clamp(0.0, 1.0);
@@ -99,21 +100,4 @@ pub fn sample_interval(near: f32, far: f32, row: &[f32], k: usize) -> (f32, f32)
 fn mass(weight: f32) -> f32 {
     // A NaN is not above 0.
     WEIGHT_FLOOR + if weight > 0.0 { weight.min(1.0) } else { 0.0 }
-}
-
-/// A compensated sum (Kahan 1965), so that 4,096 floors beside one weight of 1 are not lost.
-#[derive(Clone, Copy, Default)]
-struct Mass {
-    sum: f32,
-    lost: f32,
-}
-
-impl Mass {
-    #[inline]
-    fn add(&mut self, x: f32) {
-        let corrected = x - self.lost;
-        let sum = self.sum + corrected;
-        self.lost = (sum - self.sum) - corrected;
-        self.sum = sum;
-    }
 }

@@ -27,6 +27,9 @@ macro_rules! avx2 {
     };
 }
 
+impl super::lanes::sealed::Sealed for F32x8 {}
+const _: () = super::lanes::divides::<F32x8>();
+
 impl Lanes for F32x8 {
     const COUNT: usize = 8;
     const TILE_ROWS: usize = 6;

@@ -27,6 +27,9 @@ macro_rules! avx512 {
     };
 }
 
+impl super::lanes::sealed::Sealed for F32x16 {}
+const _: () = super::lanes::divides::<F32x16>();
+
 impl Lanes for F32x16 {
     const COUNT: usize = 16;
     const TILE_ROWS: usize = 6;

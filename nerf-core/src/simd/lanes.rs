@@ -4,10 +4,10 @@ use super::table::{Indices, Table, bits_by_lane, weighted_rows_by_lane, widen_fi
 
 /// `COUNT` values of f32 that move through arithmetic together.
 ///
-/// `f32` itself is the one-lane instance; the vector instances are the leaves of this room. Every operation
-/// acts on each lane alone, so that a value never depends on its neighbours.
-pub trait Lanes: Copy {
-    /// Lanes of a vector.
+/// `f32` itself is the one-lane instance; the vector instances are the leaves of this room, and there are no others: it
+/// is sealed. Every operation acts on each lane alone, so that a value never depends on its neighbours.
+pub trait Lanes: Copy + sealed::Sealed {
+    /// Lanes of a vector: a divisor of [`MAX_LANES`], of which blocks have a multiple.
     const COUNT: usize;
     /// Rows of C a register tile of the product kernel covers.
     const TILE_ROWS: usize;
@@ -132,8 +132,20 @@ pub trait Lanes: Copy {
 /// The widest vector of any tier.
 pub const MAX_LANES: usize = 16;
 
+pub(super) mod sealed {
+    /// What [`super::Lanes`] is for alone.
+    pub trait Sealed {}
+}
+
+/// Fails to compile for a number of lanes that does not divide [`MAX_LANES`].
+pub(super) const fn divides<V: Lanes>() {
+    assert!(MAX_LANES.is_multiple_of(V::COUNT));
+}
+
 /// √½ as bits: the border between the halves of `split_exponent`.
 pub(crate) const SQRT_HALF_BITS: u32 = 0x3f35_04f3;
+
+impl sealed::Sealed for f32 {}
 
 impl Lanes for f32 {
     const COUNT: usize = 1;

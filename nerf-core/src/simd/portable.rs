@@ -16,6 +16,9 @@ impl Portable {
     }
 }
 
+impl super::lanes::sealed::Sealed for Portable {}
+const _: () = super::lanes::divides::<Portable>();
+
 impl Lanes for Portable {
     const COUNT: usize = 16;
     const TILE_ROWS: usize = 2;

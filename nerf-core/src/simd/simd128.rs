@@ -19,6 +19,9 @@ pub fn run<O: Op>(op: O) -> O::Output {
     op.run::<F32x4>()
 }
 
+impl super::lanes::sealed::Sealed for F32x4 {}
+const _: () = super::lanes::divides::<F32x4>();
+
 impl Lanes for F32x4 {
     const COUNT: usize = 4;
     const TILE_ROWS: usize = 2;

@@ -1,6 +1,6 @@
 //! Volume rendering: densities and colours along a ray become one pixel.
 
-use crate::math::{Math, MathBackend, with_math};
+use crate::math::{Math, MathBackend, Sum, with_math};
 use crate::simd::Lanes;
 
 #[cfg(feature = "median")]
@@ -21,25 +21,6 @@ pub const OPACITY_EPSILON: f32 = 1e-4;
 
 /// Optical thickness beyond which a sample is an opaque wall; `e^-100` is 0 in any picture.
 const MAX_TAU: f32 = 100.0;
-
-/// A sum that keeps what rounding loses (Kahan 1965): 4,096 terms err like one.
-#[derive(Clone, Copy, Debug, Default)]
-pub(crate) struct Sum {
-    pub value: f32,
-    lost: f32,
-}
-
-impl Sum {
-    pub const ZERO: Self = Self { value: 0.0, lost: 0.0 };
-
-    #[inline]
-    pub fn add(&mut self, x: f32) {
-        let corrected = x - self.lost;
-        let sum = self.value + corrected;
-        self.lost = (sum - self.value) - corrected;
-        self.value = sum;
-    }
-}
 
 /// Optical thickness of a sample: `sigma` 1/world unit, `delta` world units.
 #[inline(always)]

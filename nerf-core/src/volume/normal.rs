@@ -1,6 +1,7 @@
 //! The normal of the surface a ray sees: the mean of its samples' directions.
 
-use super::{Sum, mean_direction};
+use super::mean_direction;
+use crate::math::Sum;
 use glam::Vec3;
 
 /// The sum of a ray's normals, front to back: `Σ weight · −∇sigma/|∇sigma|`.
@@ -11,7 +12,7 @@ pub struct NormalSum([Sum; 3]);
 
 impl NormalSum {
     /// A ray that has met nothing.
-    pub const NONE: Self = Self([Sum { value: 0.0, lost: 0.0 }; 3]);
+    pub const NONE: Self = Self([Sum::ZERO; 3]);
 
     /// Adds a sample of this `weight`, where the density's gradient points along `gradient`.
     ///

@@ -91,16 +91,7 @@ fn score(tensors: &Tensors, settings: &Settings, tier: Tier, views: &[View]) -> 
         tables: Tables::None,
         content: Content::Scene(settings.facts(false)),
         occupancy: None,
-        provenance: Provenance {
-            data: "",
-            made_by: "",
-            steps: 0,
-            seed: 0,
-            psnr_db: None,
-            psnr_convention: "",
-            quantisation_loss_db: None,
-            trained_parameters: 0,
-        },
+        provenance: Provenance::NONE,
     })?;
     let quality = Quality::default();
     let scores = measure(&blob.bytes, None, tier, &quality, settings.background, views, |_, _, _, _| {})?;

@@ -85,16 +85,7 @@ fn grey(side: u32) -> Vec<u8> {
         density: None,
         colour: [].into_iter().collect(),
     };
-    let provenance = Provenance {
-        data: "grey",
-        made_by: "test",
-        steps: 0,
-        seed: 0,
-        psnr_db: None,
-        psnr_convention: "",
-        quantisation_loss_db: None,
-        trained_parameters: 27,
-    };
+    let provenance = Provenance { data: "grey", made_by: "test", trained_parameters: 27, ..Provenance::NONE };
     let contents = Contents {
         architecture: &architecture,
         parameters: &[0.0; 27],

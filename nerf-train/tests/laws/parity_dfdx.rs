@@ -106,16 +106,7 @@ fn blob(model: &Model, folded: &[f32]) -> Vec<u8> {
         background: [0.0; 3],
         occupancy_required: false,
     };
-    let provenance = Provenance {
-        data: "noise",
-        made_by: "test",
-        steps: 0,
-        seed: 0,
-        psnr_db: None,
-        psnr_convention: "",
-        quantisation_loss_db: None,
-        trained_parameters: 0,
-    };
+    let provenance = Provenance { data: "noise", made_by: "test", ..Provenance::NONE };
     let contents = Contents {
         architecture: &model.architecture,
         parameters: folded,
@@ -139,7 +130,7 @@ fn points() -> (Vec<[f32; 3]>, Vec<[f32; 3]>) {
 
 type Answers = (Vec<f32>, Vec<[f32; 3]>);
 
-fn ask_core(renderer: &Renderer<'_>, tier: Tier) -> Answers {
+fn ask_core(renderer: &Renderer<'_>) -> Answers {
     let plan = Plan::new(renderer.blob(), &Quality::EXACT, Outputs::ALL, Batch::FULL).expect("a plan");
     let (positions, dirs) = points();
     let mut workspace = vec![Line::UNINIT; renderer.workspace_lines(&plan)];

@@ -74,12 +74,8 @@ fn check(
         provenance: Provenance {
             data: "fuzz",
             made_by: "fuzz",
-            steps: 0,
-            seed: 0,
-            psnr_db: None,
-            psnr_convention: "",
-            quantisation_loss_db: None,
             trained_parameters: imported.parameters.len() as u32,
+            ..Provenance::default()
         },
     };
     match export(&contents) {

@@ -24,16 +24,7 @@ pub fn body<'a>(architecture: Architecture, weights: &'a [u8]) -> Body<'a> {
         occupancy: None,
         front: ParetoFront::new(),
         proposal: None,
-        provenance: Provenance {
-            data: "none",
-            made_by: "nerf-tests",
-            steps: 0,
-            seed: 0,
-            psnr_db: None,
-            psnr_convention: "",
-            quantisation_loss_db: None,
-            trained_parameters: 0,
-        },
+        provenance: Provenance { data: "none", made_by: "nerf-tests", ..Provenance::NONE },
         weights,
         tables: None,
     }

@@ -296,12 +296,11 @@ impl Work<'_> {
             provenance: Provenance {
                 data: about.data.unwrap_or(&stem),
                 made_by: &made_by,
-                steps: 0,
-                seed: 0,
                 psnr_db: about.check.and_then(|check| finite(check.psnr_db())),
                 psnr_convention: &convention,
                 quantisation_loss_db: about.check.and_then(|check| finite(check.quantisation_loss_db)),
                 trained_parameters: self.network.parameters.len() as u32,
+                ..Provenance::NONE
             },
         };
         Ok(export_with(&contents, coarse.as_ref())?)

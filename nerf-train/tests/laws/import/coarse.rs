@@ -23,16 +23,7 @@ fn exported(
         tables: Tables::None,
         content: Content::Scene(settings.facts(false)),
         occupancy: None,
-        provenance: Provenance {
-            data: "",
-            made_by: "",
-            steps: 0,
-            seed: 0,
-            psnr_db: None,
-            psnr_convention: "",
-            quantisation_loss_db: None,
-            trained_parameters: 0,
-        },
+        provenance: Provenance { data: "", made_by: "", ..Provenance::NONE },
     };
     let Some(coarse) = coarse else { return export(&contents) };
     let parameters = coarse.folded();

@@ -35,16 +35,7 @@ fn ask(
     dirs: &[[f32; 3]],
 ) -> [Answers; 2] {
     let parameters = imported.folded();
-    let provenance = Provenance {
-        data: "",
-        made_by: "",
-        steps: 0,
-        seed: 0,
-        psnr_db: None,
-        psnr_convention: "",
-        quantisation_loss_db: None,
-        trained_parameters: 0,
-    };
+    let provenance = Provenance { data: "", made_by: "", ..Provenance::NONE };
     let exported = export(&Contents {
         architecture: &imported.model.architecture,
         parameters: &parameters,

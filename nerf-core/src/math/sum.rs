@@ -1,0 +1,20 @@
+//! Sums that do not lose small terms.
+
+/// A sum that keeps what rounding loses (Kahan 1965): 4,096 terms err like one.
+#[derive(Clone, Copy, Debug, Default)]
+pub(crate) struct Sum {
+    pub value: f32,
+    lost: f32,
+}
+
+impl Sum {
+    pub const ZERO: Self = Self { value: 0.0, lost: 0.0 };
+
+    #[inline]
+    pub fn add(&mut self, x: f32) {
+        let corrected = x - self.lost;
+        let sum = self.value + corrected;
+        self.lost = (sum - self.value) - corrected;
+        self.value = sum;
+    }
+}
