@@ -128,8 +128,9 @@ impl Product<'_> {
             }
             Init::Accumulate => {
                 for (i, sums) in sums.iter_mut().enumerate() {
+                    let from = &self.c[(row + i) * g.c_row + col..][..COLS * V::COUNT];
                     for (j, sum) in sums.iter_mut().enumerate() {
-                        *sum = V::load(&self.c[(row + i) * g.c_row + col + j * V::COUNT..]);
+                        *sum = V::load(&from[j * V::COUNT..]);
                     }
                 }
             }
@@ -153,9 +154,10 @@ impl Product<'_> {
             }
         }
         for (i, sums) in sums.iter().enumerate() {
+            let to = &mut self.c[(row + i) * g.c_row + col..][..COLS * V::COUNT];
             for (j, &sum) in sums.iter().enumerate() {
                 let sum = if self.relu { V::splat(0.0).max_of(sum) } else { sum };
-                sum.store(&mut self.c[(row + i) * g.c_row + col + j * V::COUNT..]);
+                sum.store(&mut to[j * V::COUNT..]);
             }
         }
     }
