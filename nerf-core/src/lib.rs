@@ -165,23 +165,33 @@
 //!
 //! # Where to read on
 //!
-//! `docs/conventions.md` (conventions with their reasons), `docs/architecture.md` (one frame step by
-//! step, memory), `docs/blob-format.md` (the file, normative) and `docs/kernels.md` (the journal of
-//! the inner loops, with measured errors) and `docs/numerics.md` (worst errors, case by case, beside their
-//! bounds).
+//! `docs/conventions.md` (conventions with their reasons), `docs/architecture.md` (one frame step by step, memory),
+//! `docs/blob-format.md` (the file, normative), `docs/numerics.md` (worst errors, case by case, beside their bounds),
+//! `docs/journal.md` and `docs/kernels.md` (what was measured and tried, the latter of the inner loops).
+
+pub mod memory;
+
+pub mod simd;
+
+pub mod math;
+
+pub mod matrix;
+
+pub mod camera;
+
+pub mod sampling;
+
+pub mod encoding;
+
+pub mod network;
+
+pub mod volume;
 
 pub mod blob;
-pub mod camera;
-pub mod encoding;
-pub mod math;
-pub mod matrix;
-pub mod memory;
-pub mod network;
+
 pub mod plan;
+
 pub mod render;
-pub mod sampling;
-pub mod simd;
-pub mod volume;
 
 #[cfg(feature = "std")]
 pub mod host;
