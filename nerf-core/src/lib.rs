@@ -13,7 +13,7 @@
 //! ```text
 //!  camera ──► ray ──► clip to the scene box ──► bins, occupancy        one ray at a time
 //!                                                    │
-//!                                next live sample of each ray ◄────────────────────┐
+//!                            next occupied sample of each ray ◄────────────────────┐
 //!                                                    ▼                             │
 //!   blocks of 64, [channel][64]:       encoding ──► trunk ──► density ──► sigma    │ rays that
 //!                                                     │                     ▼      │ still see
@@ -167,7 +167,7 @@
 //!
 //! `docs/conventions.md` (conventions with their reasons), `docs/architecture.md` (one frame step by step, memory),
 //! `docs/blob-format.md` (the file, normative), `docs/numerics.md` (worst errors, case by case, beside their bounds),
-//! `docs/journal.md` and `docs/kernels.md` (what was measured and tried, the latter of the inner loops).
+//! `docs/journal/` and `docs/kernels.md` (what was measured and tried, the latter of the inner loops).
 
 pub mod memory;
 
