@@ -1,4 +1,5 @@
-//! Elementary functions; the only room that names `libm` or `micromath`.
+//! Elementary functions; the only room that names `libm` or `micromath`, but for the root of one lane
+//! ([`Lanes::sqrt`]).
 //!
 //! | backend | sin/cos of the encoding | exp, softplus | expm1 | powers (tone stage) |
 //! | --- | --- | --- | --- | --- |

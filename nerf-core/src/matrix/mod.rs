@@ -1,9 +1,10 @@
 //! Dense products: weights as f32, as f16 where they lie, or as pairs of bf16, times a block of samples.
-#![allow(unsafe_code, reason = "register tiles are read without a check for each value")]
 
+#[allow(unsafe_code, reason = "a leaf of AVX-512 BF16, and reads by address")]
 mod bf16;
 #[cfg(feature = "normals")]
 mod bf16_transposed;
+#[allow(unsafe_code, reason = "tiles are read by address, checked once a product")]
 mod gemm;
 mod half;
 

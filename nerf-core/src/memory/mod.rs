@@ -1,7 +1,7 @@
 //! Memory that the caller gives: what a stage needs is listed once ([`Layout`]), measured by [`Measure`] and cut out by
 //! [`Arena`].
-#![allow(unsafe_code, reason = "values are placed in the caller's bytes")]
 
+#[allow(unsafe_code, reason = "values are placed in the caller's bytes")]
 mod arena;
 mod slices;
 

@@ -32,7 +32,7 @@ pub struct Quality {
 
 impl Quality {
     /// The default transmittance cut: with the default colour cut 0.01 dB against no cut, and less than half the
-    /// evaluations (`docs/architecture.md`).
+    /// evaluations (`docs/journal/2026-11-22-frames.md`).
     pub const TRANSMITTANCE_CUT: f32 = 2e-2;
     /// The default colour cut.
     pub const COLOUR_CUT: f32 = 5e-3;

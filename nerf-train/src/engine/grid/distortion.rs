@@ -10,7 +10,8 @@
 
 /// Puts dL/dw of each sample of a ray into `gradient`.
 ///
-/// `weights`, `gaps`: of each sample, front to back, its weight and how far behind the one in front it lies.
+/// `weights`, `gaps`: `[samples]`, front to back: of each its weight, and how far behind the one in front it lies (of the
+/// first: any finite number). `gradient`: `[samples]`.
 pub(super) fn distortion_gradient(weights: &[f32], gaps: &[f32], gradient: &mut [f32]) {
     // Of the samples in front: the sum of their weights, and of weights times distances.
     let (mut sum, mut moment) = (0.0, 0.0);

@@ -108,7 +108,7 @@ pub(super) struct Scratch {
     after: Vec<f32>,
     /// How many samples of its kind each stands for: 1, but of faint ones that were drawn.
     stands_for: Vec<f32>,
-    /// Of a ray's kept samples: how many times their weight counts, the gaps in front of them, the distortion's gradient.
+    /// Of the kept samples: weights as often as they count, the gaps in front of them, the distortion's gradient.
     counted: Vec<f32>,
     gaps: Vec<f32>,
     distortion: Vec<f32>,
@@ -438,23 +438,29 @@ impl Scratch {
         extra.forward(job.tier, count, &self.dir_rows, width, &mut self.shares, Init::Zero, false);
     }
 
-    /// The gradient of the distortion loss by the weight of each of a ray's kept samples.
-    fn distort(&mut self, batch: &Batch, kept: Range<usize>) {
+    /// The gradient of the distortion loss by the weight of each kept sample.
+    fn distort(&mut self, batch: &Batch) {
+        let kept = self.kept_row.len();
         self.distortion.clear();
-        self.distortion.resize(kept.len(), 0.0);
+        self.distortion.resize(kept, 0.0);
         if batch.distortion == 0.0 {
             return;
         }
         let position = |i: usize| batch.positions[self.index_of[self.kept_row[i] as usize] as usize];
+        // In front of a ray's first sample lies another ray's: nothing is made of that gap.
         let gap = |i: usize| {
-            let (from, to) = (position(i.saturating_sub(1).max(kept.start)), position(i));
+            let (from, to) = (position(i.saturating_sub(1)), position(i));
             (0..3).map(|axis| (to[axis] - from[axis]).powi(2)).sum::<f32>().sqrt()
         };
         self.counted.clear();
-        self.counted.extend(kept.clone().map(|i| self.stands_for[i] * self.weight[i]));
+        self.counted.extend(self.stands_for.iter().zip(&self.weight).map(|(count, weight)| count * weight));
         self.gaps.clear();
-        self.gaps.extend(kept.clone().map(gap));
-        distortion_gradient(&self.counted, &self.gaps, &mut self.distortion);
+        self.gaps.extend((0..kept).map(gap));
+        for state in &self.rays {
+            let kept = state.kept.0..state.kept.1;
+            let gradient = &mut self.distortion[kept.clone()];
+            distortion_gradient(&self.counted[kept.clone()], &self.gaps[kept], gradient);
+        }
         let weight = batch.distortion / batch.rays.len() as f32;
         self.distortion.iter_mut().for_each(|g| *g *= weight);
     }
@@ -467,12 +473,11 @@ impl Scratch {
         self.upper[..kept * VECTOR].fill(0.0);
         grow(&mut self.d_raw, padded(kept) * VECTOR);
         self.d_raw[..kept * VECTOR].fill(0.0);
+        self.distort(batch);
         let empty = Vec::new();
+        let rgb = if kept > 0 { self.coloured.last().unwrap_or(&empty) } else { &empty };
         let scale = 2.0 / (3 * batch.rays.len()) as f32;
-        for (index, ray) in batch.rays[rays].iter().enumerate() {
-            let state = self.rays[index];
-            self.distort(batch, state.kept.0..state.kept.1);
-            let rgb = if kept > 0 { self.coloured.last().unwrap_or(&empty) } else { &empty };
+        for (state, ray) in self.rays.iter().zip(&batch.rays[rays]) {
             let mut seen = ray.background.map(|c| c * state.left);
             let range = state.kept.0..state.kept.1;
             for i in range.clone() {
@@ -485,7 +490,7 @@ impl Scratch {
             let gradient = error.map(|e| scale * e);
             let mut behind = ray.background.map(|c| c * state.left);
             let mut distorted = 0.0;
-            for (i, of_weight) in range.zip(&self.distortion).rev() {
+            for i in range.rev() {
                 let (mut of_depth, stands_for) = (0.0, self.stands_for[i]);
                 let row = self.kept_row[i] as usize;
                 let scale = batch.gradient_scales.get(self.index_of[row] as usize).copied().unwrap_or(1.0);
@@ -499,8 +504,8 @@ impl Scratch {
                 if job.layers.density.is_none() {
                     continue;
                 }
-                of_depth += of_weight * self.after[i] - distorted;
-                distorted += weight * of_weight;
+                of_depth += self.distortion[i] * self.after[i] - distorted;
+                distorted += weight * self.distortion[i];
                 // sigma' = sigma below the limit of the exponential, and 0 above.
                 let sigma = self.sigma[row];
                 let slope = if sigma < EXPONENTIAL_LIMIT.exp() { sigma } else { 0.0 };
