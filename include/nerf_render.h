@@ -117,7 +117,7 @@ enum nerf_status
      */
     NERF_STATUS_OPTIONS = 8,
     /**
-     * The kernel tier does not exist on this machine.
+     * This machine lacks the instructions, or has none for that storage.
      */
     NERF_STATUS_KERNEL = 9,
     /**
@@ -210,9 +210,9 @@ typedef int32_t nerf_status;
 #endif // __cplusplus
 
 /**
- * A kernel tier: which instructions the inner loops use.
+ * Which instructions the inner loops use.
  *
- * Within one tier pictures are the same bit for bit, whatever the rectangles and threads.
+ * With one of them and one storage pictures are the same bit for bit, whatever the rectangles and threads.
  */
 enum nerf_kernel
 #if defined(__cplusplus) || __STDC_VERSION__ >= 202311L
@@ -220,16 +220,17 @@ enum nerf_kernel
 #endif // defined(__cplusplus) || __STDC_VERSION__ >= 202311L
  {
     /**
-     * The fastest of this machine that computes in f32, or the one named by the environment variable
-     * `NERF_KERNEL` ("scalar", "avx2", "avx512", "avx512bf16", "simd128", "neon") where the library was built with std.
+     * The fastest of this machine, or what the environment variable `NERF_KERNEL` names ("portable", "avx2", "avx512",
+     * "simd128", "neon", each with "-f16" or "-bf16" behind it where weights are not f32) where the library was built
+     * with std.
      */
     NERF_KERNEL_AUTO = 0,
     /**
-     * Plain f32: on every machine; weights are read in place and take no memory.
+     * Plain, unfused f32: on every machine.
      */
-    NERF_KERNEL_SCALAR = 1,
+    NERF_KERNEL_PORTABLE = 1,
     /**
-     * AVX2 and FMA.
+     * AVX2, FMA and F16C.
      */
     NERF_KERNEL_AVX2 = 2,
     /**
@@ -237,18 +238,13 @@ enum nerf_kernel
      */
     NERF_KERNEL_AVX512 = 3,
     /**
-     * AVX-512 BF16: faster, with weights and activations rounded to 8 significant bits; never chosen by
-     * itself.
+     * WebAssembly SIMD: the portable bits, faster; there in a library built with `simd128`.
      */
-    NERF_KERNEL_AVX512_BF16 = 4,
-    /**
-     * WebAssembly SIMD: the scalar tier's bits, faster; there in a library built with `simd128`.
-     */
-    NERF_KERNEL_SIMD128 = 5,
+    NERF_KERNEL_SIMD128 = 4,
     /**
      * NEON: on every 64-bit ARM processor.
      */
-    NERF_KERNEL_NEON = 6,
+    NERF_KERNEL_NEON = 5,
 };
 #ifndef __cplusplus
 #if __STDC_VERSION__ >= 202311L
@@ -426,6 +422,39 @@ typedef uint32_t nerf_preset;
 #endif // __cplusplus
 
 /**
+ * How the weights of a scene lie in memory.
+ */
+enum nerf_storage
+#if defined(__cplusplus) || __STDC_VERSION__ >= 202311L
+  : uint32_t
+#endif // defined(__cplusplus) || __STDC_VERSION__ >= 202311L
+ {
+    /**
+     * f32; read in place where a build has no vectors, as on microcontrollers.
+     */
+    NERF_STORAGE_AUTO = 0,
+    /**
+     * f16, read in place: the scene takes no memory for them.
+     */
+    NERF_STORAGE_F16 = 1,
+    /**
+     * f32, unpacked when the scene is opened: the same products, faster.
+     */
+    NERF_STORAGE_F32 = 2,
+    /**
+     * Pairs of bf16, as are the activations: rounded to 8 significant bits. With AVX-512 BF16 alone.
+     */
+    NERF_STORAGE_BF16 = 3,
+};
+#ifndef __cplusplus
+#if __STDC_VERSION__ >= 202311L
+typedef enum nerf_storage nerf_storage;
+#else
+typedef uint32_t nerf_storage;
+#endif // __STDC_VERSION__ >= 202311L
+#endif // __cplusplus
+
+/**
  * What a scene's learned grid is stored in.
  */
 enum nerf_table_storage
@@ -505,9 +534,13 @@ typedef struct nerf_open_options {
      */
     uint32_t kernel;
     /**
+     * A `nerf_storage`.
+     */
+    uint32_t storage;
+    /**
      * Zeros.
      */
-    uint32_t reserved[7];
+    uint32_t reserved[6];
 } nerf_open_options;
 
 /**
@@ -676,6 +709,10 @@ typedef struct nerf_scene_info {
      * The power that steps beyond that ball grow with, 1, 2 or 4; 0 where the scene ends at its box.
      */
     uint32_t contraction_power;
+    /**
+     * The `nerf_storage` that its weights lie in; never `NERF_STORAGE_AUTO`.
+     */
+    uint32_t storage;
 } nerf_scene_info;
 
 /**
@@ -844,13 +881,13 @@ typedef struct nerf_render_options {
      */
     float background[3];
     /**
-     * Rays in flight, at most 256; 0 for what keeps the tier busy. Never changes a picture, only
+     * Rays in flight, at most 256; 0 for what keeps vectors busy. Never changes a picture, only
      * workspace and time; tiles have no more pixels than this.
      */
     uint32_t batch_rays;
     /**
-     * Samples that go through the network together, at most 64; 0 for what keeps the tier busy.
-     * Only the scalar tier takes fewer than 64.
+     * Samples that go through the network together, at most 64; 0 for what keeps vectors busy.
+     * Only portable instructions over f16 weights take fewer than 64.
      */
     uint32_t batch_samples;
     /**
@@ -1243,7 +1280,7 @@ nerf_status nerf_workspace_size(const struct nerf_scene *scene,
  * Renders a rectangle of a camera's image of a scene into the planes of a target.
  *
  * The pixels do not depend on the rectangle, the batch or on who else renders, bit for bit within
- * one tier. Threads may render one scene at the same time, each with a workspace of its own.
+ * one kernel. Threads may render one scene at the same time, each with a workspace of its own.
  *
  * `options`: NULL for the defaults. `rect`: NULL for the whole image; an empty one is rendered
  * with nothing written. `workspace`: at least the size and alignment that `nerf_workspace_size`

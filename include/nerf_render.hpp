@@ -573,8 +573,9 @@ public:
     scene() noexcept = default;
 
     /// How much memory a blob's scene lies in.
-    static result<layout> memory_layout(bytes blob, nerf_kernel kernel = NERF_KERNEL_AUTO) noexcept {
-        const nerf_open_options how = opening(kernel);
+    static result<layout> memory_layout(bytes blob, nerf_kernel kernel = NERF_KERNEL_AUTO,
+        nerf_storage storage = NERF_STORAGE_AUTO) noexcept {
+        const nerf_open_options how = opening(kernel, storage);
         return detail::checked(layout{}, [&](layout &to, char *message, std::size_t capacity) {
             return nerf_scene_memory(blob.data(), blob.size(), &how, &to.size, &to.align, message, capacity);
         });
@@ -582,8 +583,9 @@ public:
 
     /// Opens a blob in the caller's memory, or owned one. `blob` is borrowed: it stays as it is for as long as
     /// the scene is used.
-    static result<scene> open(bytes blob, memory home, nerf_kernel kernel = NERF_KERNEL_AUTO) noexcept {
-        const nerf_open_options how = opening(kernel);
+    static result<scene> open(bytes blob, memory home, nerf_kernel kernel = NERF_KERNEL_AUTO,
+        nerf_storage storage = NERF_STORAGE_AUTO) noexcept {
+        const nerf_open_options how = opening(kernel, storage);
         scene opened;
         opened.home_ = std::move(home);
         return detail::checked(std::move(opened), [&](scene &to, char *message, std::size_t capacity) {
@@ -594,18 +596,20 @@ public:
     }
 
     /// Opens a blob in memory from the heap. `blob` is borrowed, as above.
-    static result<scene> open(bytes blob, nerf_kernel kernel = NERF_KERNEL_AUTO) noexcept {
-        const result<layout> needed = memory_layout(blob, kernel);
+    static result<scene> open(bytes blob, nerf_kernel kernel = NERF_KERNEL_AUTO,
+        nerf_storage storage = NERF_STORAGE_AUTO) noexcept {
+        const result<layout> needed = memory_layout(blob, kernel, storage);
         if (!needed) {
             return needed.error();
         }
         result<memory> home = memory::allocate(*needed);
-        return home ? open(blob, std::move(*home), kernel) : result<scene>(home.error());
+        return home ? open(blob, std::move(*home), kernel, storage) : result<scene>(home.error());
     }
 
     /// Opens a file, in memory of the library's own; only with a library that was built with `std`.
-    static result<scene> open_file(const char *path, nerf_kernel kernel = NERF_KERNEL_AUTO) noexcept {
-        const nerf_open_options how = opening(kernel);
+    static result<scene> open_file(const char *path, nerf_kernel kernel = NERF_KERNEL_AUTO,
+        nerf_storage storage = NERF_STORAGE_AUTO) noexcept {
+        const nerf_open_options how = opening(kernel, storage);
         return detail::checked(scene(), [&](scene &to, char *message, std::size_t capacity) {
             const nerf_status status = nerf_scene_open_file(path, &how, &to.handle_, message, capacity);
             if (status == NERF_STATUS_OK) {
@@ -792,10 +796,11 @@ private:
     static rect resolved(const rect &part, std::uint32_t width, std::uint32_t height) noexcept {
         return part.width == whole.width && part.height == whole.height ? rect{0, 0, width, height} : part;
     }
-    static nerf_open_options opening(nerf_kernel kernel) noexcept {
+    static nerf_open_options opening(nerf_kernel kernel, nerf_storage storage) noexcept {
         nerf_open_options how = {};
         how.struct_size = sizeof how;
         how.kernel = kernel;
+        how.storage = storage;
         return how;
     }
     static result<memory> allocated(const result<layout> &needed) noexcept {

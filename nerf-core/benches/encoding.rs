@@ -1,4 +1,4 @@
-//! Positional encoding: 63 sines and cosines with every maths backend, and learned grids, on every tier.
+//! Positional encoding: 63 sines and cosines with every maths backend, and learned grids, with every instruction set.
 //!
 //! The share counts the polynomial's operations on every line, whatever a backend really does: it says
 //! how fast the same encoding is made. A grid's counts the multiply-adds of its interpolation alone; what it costs
@@ -6,12 +6,12 @@
 
 mod support;
 
-use nerf_core::MathBackend;
 use nerf_core::encoding::{GridEncoding, GridTables, TableValues, encode_block, encode_grid_block};
 use nerf_core::simd::BLOCK;
+use nerf_core::{MathBackend, Storage};
 use std::hint::black_box;
 use support::networks::pi;
-use support::{Table, noise, tiers};
+use support::{Table, kernels, noise};
 
 const SAMPLES: usize = 4096;
 /// Operations of one interpolated feature: weights of four rows, two ends of x, and between them.
@@ -37,11 +37,11 @@ fn main() {
     let positions = noise(3 * SAMPLES, 1);
     let mut encoded = vec![0.0; rows * BLOCK];
     for (backend, math) in backends {
-        for tier in tiers() {
-            let name = format!("encoding {backend} {}, {SAMPLES} samples", tier.name());
-            table.line(&name, tier, 1, (FLOP_PER_PAIR * pairs * SAMPLES) as f64, || {
+        for kernel in kernels().filter(|kernel| kernel.storage == Storage::F32) {
+            let name = format!("encoding {backend} {}, {SAMPLES} samples", kernel);
+            table.line(&name, kernel, 1, (FLOP_PER_PAIR * pairs * SAMPLES) as f64, || {
                 for positions in positions.chunks(3 * BLOCK) {
-                    encode_block(tier, math, &encoding, BLOCK, positions, &mut encoded);
+                    encode_block(kernel.isa, math, &encoding, BLOCK, positions, &mut encoded);
                     black_box(&mut encoded);
                 }
             });
@@ -67,13 +67,12 @@ fn grids(table: &mut Table) {
             [("f16", TableValues::F16(&half)), ("int8", int8), ("f32", TableValues::F32(&values))]
         {
             let tables = GridTables::new(values, None);
-            for tier in tiers() {
-                let name =
-                    format!("grid 8x2, 2^{log2_entries}, {storage}, {}, {SAMPLES} samples", tier.name());
+            for kernel in kernels().filter(|kernel| kernel.storage == Storage::F32) {
+                let name = format!("grid 8x2, 2^{log2_entries}, {storage}, {}, {SAMPLES} samples", kernel);
                 let flop = (FLOP_PER_FEATURE * grid.outputs() * SAMPLES) as f64;
-                table.line(&name, tier, 1, flop, || {
+                table.line(&name, kernel, 1, flop, || {
                     for positions in unit.chunks(3 * BLOCK) {
-                        encode_grid_block(tier, &grid, &tables, BLOCK, positions, &mut encoded);
+                        encode_grid_block(kernel.isa, &grid, &tables, BLOCK, positions, &mut encoded);
                         black_box(&mut encoded);
                     }
                 });

@@ -6,13 +6,13 @@
 mod support;
 
 use nerf_core::memory::Line;
-use nerf_core::simd::Tier;
 use nerf_core::{Batch, Blob, Outputs, Pixel, Plan, Quality, Rect, Renderer};
+use nerf_core::{Isa, Kernel};
 use std::hint::black_box;
 use std::process::Command;
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicUsize, Ordering};
-use support::{Table, networks, tiers};
+use support::{Table, kernels, networks};
 
 /// Pixels along each side, where nobody says otherwise.
 const SIDE: u32 = 32;
@@ -27,7 +27,7 @@ fn main() {
         && flag == FIRST_TILE
     {
         let file = std::fs::read(path).expect("the file");
-        first_tile(&file, Tier::detect());
+        first_tile(&file, Kernel::detect());
         return;
     }
     let file = match std::env::var_os("NERF_BENCH_BLOB") {
@@ -38,20 +38,20 @@ fn main() {
         std::env::var("NERF_BENCH_SIDE").map_or(SIDE, |side| side.parse().expect("NERF_BENCH_SIDE: pixels"));
     let mut table = Table::new();
     let blob = Blob::open(&file).expect("a blob");
-    for tier in tiers() {
-        let mut memory = vec![Line::UNINIT; Renderer::prepared_lines(&blob, tier)];
-        let renderer = Renderer::new(blob.clone(), tier, &mut memory).expect("a renderer");
+    for kernel in kernels() {
+        let mut memory = vec![Line::UNINIT; Renderer::prepared_lines(&blob, kernel)];
+        let renderer = Renderer::new(blob.clone(), kernel, &mut memory).expect("a renderer");
         for (what, quality) in
             [("dense", Quality::exact(&blob)), ("occupancy grid and cut", Quality::default())]
         {
-            // A dense frame of the scalar tier takes minutes and says nothing the kernels do not.
-            if tier == Tier::Scalar && what == "dense" {
+            // A dense frame of portable instructions takes minutes and says nothing the kernels do not.
+            if kernel.isa == Isa::Portable && what == "dense" {
                 continue;
             }
             let plan = Plan::new(&blob, &quality, Outputs::ALL, Batch::FULL).expect("a plan");
             let name = |threads: usize| {
                 let plural = if threads == 1 { "" } else { "s" };
-                format!("frame {side}×{side}, {what}, {}, {threads} thread{plural}", tier.name())
+                format!("frame {side}×{side}, {what}, {}, {threads} thread{plural}", kernel)
             };
             // A dense frame takes seconds, and its work has to be known first.
             if ![1, 2].into_iter().any(|threads| table.wants(&name(threads))) {
@@ -60,25 +60,25 @@ fn main() {
             let flop = 2.0 * frame(&renderer, &plan, side, 1) as f64;
             for threads in [1, 2] {
                 let name = name(threads);
-                table.line(&name, tier, threads, flop, || {
+                table.line(&name, kernel, threads, flop, || {
                     black_box(frame(&renderer, &plan, side, threads));
                 });
             }
         }
     }
-    for tier in tiers().filter(|&tier| tier != Tier::Scalar) {
-        let name = format!("open to first tile, same process, {}", tier.name());
-        let flop = 2.0 * first_tile(&file, tier) as f64;
-        table.line(&name, tier, 1, flop, || {
-            black_box(first_tile(&file, tier));
+    for kernel in kernels().filter(|&kernel| kernel != Kernel::IN_PLACE) {
+        let name = format!("open to first tile, same process, {}", kernel);
+        let flop = 2.0 * first_tile(&file, kernel) as f64;
+        table.line(&name, kernel, 1, flop, || {
+            black_box(first_tile(&file, kernel));
         });
     }
     let path = std::env::temp_dir().join(format!("nerf-bench-{}.nerf", std::process::id()));
     std::fs::write(&path, &file).expect("a temporary file");
     let program = std::env::current_exe().expect("this program");
-    let tier = Tier::detect();
-    let flop = 2.0 * first_tile(&file, tier) as f64;
-    table.line("open to first tile, fresh process", tier, 1, flop, || {
+    let kernel = Kernel::detect();
+    let flop = 2.0 * first_tile(&file, kernel) as f64;
+    table.line("open to first tile, fresh process", kernel, 1, flop, || {
         let status = Command::new(&program).arg(FIRST_TILE).arg(&path).status().expect("a process");
         assert!(status.success());
     });
@@ -109,12 +109,12 @@ fn frame(renderer: &Renderer<'_>, plan: &Plan<'_>, side: u32, threads: usize) ->
 }
 
 /// Opens `file` and renders the 16×16 pixels in the middle of a 200×200 view; gives its multiply-adds.
-fn first_tile(file: &[u8], tier: Tier) -> u64 {
+fn first_tile(file: &[u8], kernel: Kernel) -> u64 {
     let blob = Blob::open(file).expect("a blob");
-    let mut memory = vec![Line::UNINIT; Renderer::prepared_lines(&blob, tier)];
+    let mut memory = vec![Line::UNINIT; Renderer::prepared_lines(&blob, kernel)];
     let batch = Batch::FULL;
     let plan = Plan::new(&blob, &Quality::default(), Outputs::ALL, batch).expect("a plan");
-    let renderer = Renderer::new(blob.clone(), tier, &mut memory).expect("a renderer");
+    let renderer = Renderer::new(blob.clone(), kernel, &mut memory).expect("a renderer");
     let mut workspace = vec![Line::UNINIT; renderer.workspace_lines(&plan)];
     let tile = Rect { x: 92, y: 92, width: TILE, height: TILE };
     let mut put = |_: u32, _: u32, pixel: &Pixel| {

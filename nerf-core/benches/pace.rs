@@ -5,8 +5,8 @@
 
 mod support;
 
+use nerf_core::Kernel;
 use nerf_core::memory::Line;
-use nerf_core::simd::Tier;
 use nerf_core::{Batch, Blob, Camera, Outputs, Pixel, Plan, Quality, Rect, Renderer};
 use std::hint::black_box;
 use std::time::Instant;
@@ -26,9 +26,9 @@ fn main() {
         std::env::var("NERF_BENCH_SIDE").map_or(SIDE, |side| side.parse().expect("NERF_BENCH_SIDE: pixels"));
     let smoke = std::env::args().any(|word| word == "--smoke");
     let blob = Blob::open(&file).expect("a blob");
-    let tier = Tier::detect();
-    let mut memory = vec![Line::UNINIT; Renderer::prepared_lines(&blob, tier)];
-    let renderer = Renderer::new(blob.clone(), tier, &mut memory).expect("a renderer");
+    let kernel = Kernel::detect();
+    let mut memory = vec![Line::UNINIT; Renderer::prepared_lines(&blob, kernel)];
+    let renderer = Renderer::new(blob.clone(), kernel, &mut memory).expect("a renderer");
     let batch = Batch::FULL;
     let plan = Plan::new(&blob, &Quality::default(), Outputs::ALL, batch).expect("a plan");
     let camera = networks::camera(side);
@@ -41,7 +41,7 @@ fn main() {
         "calibration: {:.0} ms, {} pixels, {}",
         start.elapsed().as_secs_f64() * 1e3,
         side * side,
-        tier.name()
+        kernel
     );
     println!("| asked for, ms | settings | foreseen, ms | measured, ms | measured / foreseen |");
     println!("| ---: | --- | ---: | ---: | ---: |");

@@ -2,7 +2,7 @@
 
 mod support;
 
-use nerf_core::Tier;
+use nerf_core::Kernel;
 use nerf_core::volume::composite;
 use std::hint::black_box;
 use support::{Table, noise};
@@ -19,9 +19,9 @@ fn main() {
         let sigma: Vec<f32> = noise(RAYS * samples, 1).iter().map(|x| x.abs()).collect();
         let rgb: Vec<[f32; 3]> = noise(3 * RAYS * samples, 2).chunks(3).map(|c| [c[0], c[1], c[2]]).collect();
         let flop = (FLOP_PER_SAMPLE * RAYS * samples) as f64;
-        // Against the fastest tier: one ray is one lane wide whatever the tier.
+        // Against the fastest kernel: one ray is one lane wide whatever the kernel.
         let name = format!("composite, {RAYS} rays of {samples} samples");
-        table.line(&name, Tier::detect(), 1, flop, || {
+        table.line(&name, Kernel::detect(), 1, flop, || {
             for (sigma, rgb) in sigma.chunks(samples).zip(rgb.chunks(samples)) {
                 black_box(composite(sigma, rgb, &edges, [0.0; 3]).expect("a ray"));
             }

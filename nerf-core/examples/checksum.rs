@@ -1,9 +1,10 @@
 //! Renders a blob without effects, then with each, and prints a checksum of every bit of the pixels.
 //!
-//! `cargo run -p nerf-core --example checksum -- scene.nerf`. A line is a kernel tier, the name of the effect, the
+//! `cargo run -p nerf-core --example checksum -- scene.nerf`. A line is a kernel, the name of the effect, the
 //! checksum, bytes of workspace and the work; or `not built`. `tests/tests/laws/effects_cost.rs` compares the lines of
 //! builds with and without the features.
 
+use nerf_core::Kernel;
 use nerf_core::blob::Blob;
 use nerf_core::camera::{Camera, CameraError, Intrinsics, Lens, Pose};
 use nerf_core::memory::Line;
@@ -11,7 +12,6 @@ use nerf_core::plan::{
     Batch, EffectError, Effects, Jitter, Outputs, Plan, PlanError, Quality, ThinLens, Tone, ToneMap,
 };
 use nerf_core::render::{Rect, Renderer};
-use nerf_core::simd::Tier;
 use nerf_core::volume::Pixel;
 use std::error::Error;
 
@@ -77,12 +77,12 @@ fn line(
 fn main() -> Result<(), Box<dyn Error>> {
     let file = std::env::args_os().nth(1).ok_or("usage: checksum SCENE.nerf")?;
     let bytes = std::fs::read(file)?;
-    for tier in Tier::ALL.into_iter().filter(|tier| tier.available()) {
+    for kernel in Kernel::all() {
         let blob = Blob::open(&bytes)?;
-        let mut memory = vec![Line::UNINIT; Renderer::prepared_lines(&blob, tier)];
-        let renderer = Renderer::new(blob, tier, &mut memory)?;
+        let mut memory = vec![Line::UNINIT; Renderer::prepared_lines(&blob, kernel)];
+        let renderer = Renderer::new(blob, kernel, &mut memory)?;
         for (name, effects, lens, outputs) in cases() {
-            println!("{} {name}: {}", tier.name(), line(&renderer, effects, lens, outputs)?);
+            println!("{} {name}: {}", kernel, line(&renderer, effects, lens, outputs)?);
         }
     }
     Ok(())

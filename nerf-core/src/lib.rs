@@ -94,7 +94,7 @@
 //! use nerf_core::encoding::{AngleScale, SinusoidalEncoding};
 //! use nerf_core::network::{Architecture, DensityActivation, TrunkLayer};
 //! use nerf_core::{
-//!     Batch, Blob, Camera, Intrinsics, Lens, Line, Outputs, Pixel, Plan, Pose, Quality, Rect, Renderer, Tier,
+//!     Batch, Blob, Camera, Intrinsics, Lens, Line, Outputs, Pixel, Plan, Pose, Quality, Rect, Renderer, Kernel,
 //! };
 //!
 //! // The network: one trunk layer of 4, no view dependence. Parameters in file order are the trunk
@@ -139,9 +139,9 @@
 //! let mut file = [0; 256];
 //! let bytes = blob::write(&body, &mut file)?;
 //!
-//! // Open and plan. The scalar tier reads the weights in place: no memory to prepare.
+//! // Open and plan. Weights are read in place: no memory to prepare.
 //! let blob = Blob::open(bytes)?;
-//! let renderer = Renderer::new(blob.clone(), Tier::Scalar, &mut [])?;
+//! let renderer = Renderer::new(blob.clone(), Kernel::IN_PLACE, &mut [])?;
 //! let plan = Plan::new(&blob, &Quality::EXACT, Outputs::ALL, Batch::SMALLEST)?;
 //!
 //! // A camera four units up the Z axis, and workspace of the size that was asked for.
@@ -207,8 +207,9 @@ pub use camera::{Camera, Intrinsics, Lens, Pose};
 #[cfg(feature = "std")]
 pub use host::{Image, Scene};
 pub use math::MathBackend;
+pub use matrix::{Kernel, Storage};
 pub use memory::Line;
 pub use plan::{Batch, Choice, Effects, Outputs, Plan, Preset, Quality};
 pub use render::{Counters, Rect, Renderer, Target, Worker};
-pub use simd::Tier;
+pub use simd::Isa;
 pub use volume::Pixel;

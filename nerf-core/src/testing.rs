@@ -2,12 +2,12 @@
 
 extern crate std;
 
+use crate::Kernel;
 use crate::blob::{
     self, Body, Content, ParetoFront, PictureFacts, Provenance, SceneFacts, SceneSampling, StoredOccupancy,
 };
 use crate::encoding::{AngleScale, PositionEncoding, SinusoidalEncoding};
 use crate::network::{Architecture, DensityActivation, TrunkLayer};
-use crate::simd::Tier;
 use std::vec;
 use std::vec::Vec;
 
@@ -38,10 +38,10 @@ pub fn every_kind() -> Architecture {
     architecture(pi(3, 4), Some(pi(3, 2)), &[(24, false), (20, false), (17, true)], &[12, 9])
 }
 
-/// How far `tier` may be off where the f32 tiers stay below `exact`: 1% where weights and activations are
+/// How far `kernel` may be off where exact kernels stay below `exact`: 1% where weights and activations are
 /// rounded to bf16's 8 bits.
-pub fn tolerance(tier: Tier, exact: f64) -> f64 {
-    if tier.rounds() { exact.max(1e-2) } else { exact }
+pub fn tolerance(kernel: Kernel, exact: f64) -> f64 {
+    if kernel.rounds() { exact.max(1e-2) } else { exact }
 }
 
 /// The worse of two errors.

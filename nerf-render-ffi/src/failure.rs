@@ -40,7 +40,7 @@ pub(crate) enum Failure {
         expected: &'static str,
         found: u32,
     },
-    Kernel(&'static str),
+    Kernel(nerf_core::Kernel),
     #[cfg(feature = "std")]
     KernelVariable,
     Stride {
@@ -167,12 +167,12 @@ impl fmt::Display for Failure {
             Self::Setting { name, expected, found } => {
                 write!(f, "{name}: expected {expected}, found {found}")
             }
-            Self::Kernel(name) => write!(f, "kernel tier {name}: not on this machine"),
+            Self::Kernel(kernel) => write!(f, "kernel {kernel}: not on this machine"),
             #[cfg(feature = "std")]
             Self::KernelVariable => {
                 write!(
                     f,
-                    "environment variable NERF_KERNEL: expected scalar, avx2, avx512, avx512bf16, simd128 or neon"
+                    "environment variable NERF_KERNEL: expected portable, avx2, avx512, simd128 or neon, perhaps with -f16 or -bf16 behind it"
                 )
             }
             Self::Stride { name, expected, found } => {

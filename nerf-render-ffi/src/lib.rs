@@ -61,7 +61,7 @@ pub use camera::{Camera, LensModel, nerf_camera_look_at, nerf_camera_ray};
 pub use counters::Counters;
 pub use effects::{Effects, ToneMap};
 pub use explain::nerf_explain;
-pub use open_options::{Kernel, OpenOptions};
+pub use open_options::{Kernel, OpenOptions, Storage};
 pub use pace::{Clock, Pace, nerf_pace_measure, nerf_pace_workspace_size};
 pub use pixel::PixelFormat;
 pub use progress::Progress;

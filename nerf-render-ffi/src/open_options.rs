@@ -2,41 +2,63 @@
 
 use crate::boundary::{Versioned, read_versioned};
 use crate::failure::Failure;
-use nerf_core::simd::Tier;
+use nerf_core::matrix;
+use nerf_core::simd::Isa;
 
-/// A kernel tier: which instructions the inner loops use.
+/// Which instructions the inner loops use.
 ///
-/// Within one tier pictures are the same bit for bit, whatever the rectangles and threads.
+/// With one of them and one storage pictures are the same bit for bit, whatever the rectangles and threads.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(u32)]
 pub enum Kernel {
-    /// The fastest of this machine that computes in f32, or the one named by the environment variable
-    /// `NERF_KERNEL` ("scalar", "avx2", "avx512", "avx512bf16", "simd128", "neon") where the library was built with std.
+    /// The fastest of this machine, or what the environment variable `NERF_KERNEL` names ("portable", "avx2", "avx512",
+    /// "simd128", "neon", each with "-f16" or "-bf16" behind it where weights are not f32) where the library was built
+    /// with std.
     Auto = 0,
-    /// Plain f32: on every machine; weights are read in place and take no memory.
-    Scalar = 1,
-    /// AVX2 and FMA.
+    /// Plain, unfused f32: on every machine.
+    Portable = 1,
+    /// AVX2, FMA and F16C.
     Avx2 = 2,
     /// AVX-512 F.
     Avx512 = 3,
-    /// AVX-512 BF16: faster, with weights and activations rounded to 8 significant bits; never chosen by
-    /// itself.
-    Avx512Bf16 = 4,
-    /// WebAssembly SIMD: the scalar tier's bits, faster; there in a library built with `simd128`.
-    Simd128 = 5,
+    /// WebAssembly SIMD: the portable bits, faster; there in a library built with `simd128`.
+    Simd128 = 4,
     /// NEON: on every 64-bit ARM processor.
-    Neon = 6,
+    Neon = 5,
 }
 
 impl Kernel {
-    pub(crate) fn of(tier: Tier) -> Self {
-        match tier {
-            Tier::Avx2 => Self::Avx2,
-            Tier::Avx512 => Self::Avx512,
-            Tier::Avx512Bf16 => Self::Avx512Bf16,
-            Tier::Simd128 => Self::Simd128,
-            Tier::Neon => Self::Neon,
-            _ => Self::Scalar,
+    pub(crate) fn of(isa: Isa) -> Self {
+        match isa {
+            Isa::Avx2 => Self::Avx2,
+            Isa::Avx512 => Self::Avx512,
+            Isa::Simd128 => Self::Simd128,
+            Isa::Neon => Self::Neon,
+            _ => Self::Portable,
+        }
+    }
+}
+
+/// How the weights of a scene lie in memory.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[repr(u32)]
+pub enum Storage {
+    /// f32; read in place where a build has no vectors, as on microcontrollers.
+    Auto = 0,
+    /// f16, read in place: the scene takes no memory for them.
+    F16 = 1,
+    /// f32, unpacked when the scene is opened: the same products, faster.
+    F32 = 2,
+    /// Pairs of bf16, as are the activations: rounded to 8 significant bits. With AVX-512 BF16 alone.
+    Bf16 = 3,
+}
+
+impl Storage {
+    pub(crate) fn of(storage: matrix::Storage) -> Self {
+        match storage {
+            matrix::Storage::F32 => Self::F32,
+            matrix::Storage::Bf16 => Self::Bf16,
+            _ => Self::F16,
         }
     }
 }
@@ -49,8 +71,10 @@ pub struct OpenOptions {
     pub struct_size: usize,
     /// A `nerf_kernel`.
     pub kernel: u32,
+    /// A `nerf_storage`.
+    pub storage: u32,
     /// Zeros.
-    pub reserved: [u32; 7],
+    pub reserved: [u32; 6],
 }
 
 // SAFETY: `repr(C)`, `struct_size` comes first, and integers have no invalid bytes.
@@ -58,54 +82,60 @@ unsafe impl Versioned for OpenOptions {
     const NAME: &'static str = "options";
 }
 
-/// The tier the caller asks for.
+/// What the caller asks for.
 ///
 /// # Safety
 /// `options` is NULL or points to `struct_size` readable bytes.
-pub(crate) unsafe fn read_tier(options: *const OpenOptions) -> Result<Tier, Failure> {
+pub(crate) unsafe fn read_kernel(options: *const OpenOptions) -> Result<matrix::Kernel, Failure> {
     if options.is_null() {
         return automatic();
     }
     // SAFETY: `options` is as this function's `# Safety` has it.
     let options = unsafe { read_versioned(options)? };
-    if options.reserved != [0; 7] {
+    if options.reserved != [0; 6] {
         return Err(Failure::Reserved("options.reserved"));
     }
-    const AUTO: u32 = Kernel::Auto as u32;
-    const SCALAR: u32 = Kernel::Scalar as u32;
-    const AVX2: u32 = Kernel::Avx2 as u32;
-    const AVX512: u32 = Kernel::Avx512 as u32;
-    const AVX512_BF16: u32 = Kernel::Avx512Bf16 as u32;
-    const SIMD128: u32 = Kernel::Simd128 as u32;
-    const NEON: u32 = Kernel::Neon as u32;
-    match options.kernel {
-        AUTO => automatic(),
-        SCALAR => available(Tier::Scalar),
-        AVX2 => available(Tier::Avx2),
-        AVX512 => available(Tier::Avx512),
-        AVX512_BF16 => available(Tier::Avx512Bf16),
-        SIMD128 => available(Tier::Simd128),
-        NEON => available(Tier::Neon),
-        found => Err(Failure::Setting { name: "options.kernel", expected: "a nerf_kernel", found }),
-    }
+    let isa = match options.kernel {
+        0 => None,
+        1 => Some(Isa::Portable),
+        2 => Some(Isa::Avx2),
+        3 => Some(Isa::Avx512),
+        4 => Some(Isa::Simd128),
+        5 => Some(Isa::Neon),
+        found => {
+            return Err(Failure::Setting { name: "options.kernel", expected: "a nerf_kernel", found });
+        }
+    };
+    let storage = match options.storage {
+        0 => None,
+        1 => Some(matrix::Storage::F16),
+        2 => Some(matrix::Storage::F32),
+        3 => Some(matrix::Storage::Bf16),
+        found => {
+            return Err(Failure::Setting { name: "options.storage", expected: "a nerf_storage", found });
+        }
+    };
+    // The environment speaks where the caller does not.
+    let open = if isa.is_some() { matrix::Kernel::detect() } else { automatic()? };
+    available(matrix::Kernel::new(isa.unwrap_or(open.isa), storage.unwrap_or(open.storage)))
 }
 
-fn available(tier: Tier) -> Result<Tier, Failure> {
-    if tier.available() { Ok(tier) } else { Err(Failure::Kernel(tier.name())) }
+fn available(kernel: matrix::Kernel) -> Result<matrix::Kernel, Failure> {
+    if kernel.available() { Ok(kernel) } else { Err(Failure::Kernel(kernel)) }
 }
 
 #[cfg(feature = "std")]
-fn automatic() -> Result<Tier, Failure> {
+fn automatic() -> Result<matrix::Kernel, Failure> {
     match std::env::var_os("NERF_KERNEL") {
         Some(name) if !name.is_empty() => {
-            let tier = name.to_str().and_then(Tier::by_name).ok_or(Failure::KernelVariable)?;
-            available(tier)
+            let kernel = name.to_str().and_then(matrix::Kernel::by_name).ok_or(Failure::KernelVariable)?;
+            available(kernel)
         }
-        _ => Ok(Tier::detect()),
+        _ => Ok(matrix::Kernel::detect()),
     }
 }
 
 #[cfg(not(feature = "std"))]
-fn automatic() -> Result<Tier, Failure> {
-    Ok(Tier::detect())
+fn automatic() -> Result<matrix::Kernel, Failure> {
+    Ok(matrix::Kernel::detect())
 }

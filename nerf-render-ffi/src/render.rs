@@ -56,7 +56,7 @@ impl Rect {
 /// Renders a rectangle of a camera's image of a scene into the planes of a target.
 ///
 /// The pixels do not depend on the rectangle, the batch or on who else renders, bit for bit within
-/// one tier. Threads may render one scene at the same time, each with a workspace of its own.
+/// one kernel. Threads may render one scene at the same time, each with a workspace of its own.
 ///
 /// `options`: NULL for the defaults. `rect`: NULL for the whole image; an empty one is rendered
 /// with nothing written. `workspace`: at least the size and alignment that `nerf_workspace_size`

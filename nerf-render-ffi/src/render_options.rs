@@ -57,11 +57,11 @@ pub struct RenderOptions {
     pub background_set: u32,
     /// Display-encoded, in `[0, 1]`; read only where `background_set` is 1.
     pub background: [f32; 3],
-    /// Rays in flight, at most 256; 0 for what keeps the tier busy. Never changes a picture, only
+    /// Rays in flight, at most 256; 0 for what keeps vectors busy. Never changes a picture, only
     /// workspace and time; tiles have no more pixels than this.
     pub batch_rays: u32,
-    /// Samples that go through the network together, at most 64; 0 for what keeps the tier busy.
-    /// Only the scalar tier takes fewer than 64.
+    /// Samples that go through the network together, at most 64; 0 for what keeps vectors busy.
+    /// Only portable instructions over f16 weights take fewer than 64.
     pub batch_samples: u32,
     /// Samples whose weight is at most this take the colour of one behind them, in `[0, 1)`; 0 asks the
     /// network for every colour. Opacity and distances never depend on it.

@@ -2,14 +2,14 @@
 
 use crate::boundary::{LayoutOut, Message, call, check_out};
 use crate::failure::Failure;
-use crate::open_options::{OpenOptions, read_tier};
+use crate::open_options::{OpenOptions, read_kernel};
 use crate::span::{Span, check_aligned};
 use crate::status::Status;
 use core::ffi::{c_char, c_void};
+use nerf_core::Kernel;
 use nerf_core::blob::Blob;
 use nerf_core::memory::{Line, lines_for};
 use nerf_core::render::Renderer;
-use nerf_core::simd::Tier;
 
 /// An opened scene: lies at the beginning of the memory it was opened in and borrows the blob.
 ///
@@ -57,8 +57,8 @@ impl Scene {
 }
 
 /// Lines of memory a scene takes.
-pub(crate) fn memory_lines(blob: &Blob<'_>, tier: Tier) -> usize {
-    lines_for::<Scene>(1) + Renderer::prepared_lines(blob, tier)
+pub(crate) fn memory_lines(blob: &Blob<'_>, kernel: Kernel) -> usize {
+    lines_for::<Scene>(1) + Renderer::prepared_lines(blob, kernel)
 }
 
 /// Checks the blob.
@@ -94,10 +94,10 @@ pub unsafe extern "C" fn nerf_scene_memory(
         // SAFETY: `size` and `align` are as this function's `# Safety` has it.
         let layout = unsafe { LayoutOut::new(size, align)? };
         // SAFETY: `options` is as this function's `# Safety` has it.
-        let tier = unsafe { read_tier(options)? };
+        let kernel = unsafe { read_kernel(options)? };
         // SAFETY: `blob` is as this function's `# Safety` has it; the view ends with this call.
         let blob = unsafe { open_blob(blob, blob_size)? };
-        let bytes = memory_lines(&blob, tier).checked_mul(size_of::<Line>());
+        let bytes = memory_lines(&blob, kernel).checked_mul(size_of::<Line>());
         let bytes = bytes.ok_or(Failure::Overflow("size"))?;
         layout.write(bytes);
         Ok(())
@@ -127,12 +127,12 @@ pub unsafe extern "C" fn nerf_scene_open(
     call(Message { text: message, capacity: message_capacity }, || {
         check_out("scene", scene)?;
         // SAFETY: `options` is as this function's `# Safety` has it.
-        let tier = unsafe { read_tier(options)? };
+        let kernel = unsafe { read_kernel(options)? };
         Span::of("blob", blob.cast::<u8>(), blob_size)?;
         Span::of("memory", memory.cast::<Line>().cast_const(), 0)?;
         let bytes = core::ptr::slice_from_raw_parts(blob.cast::<u8>(), blob_size);
         // SAFETY: not NULL, aligned, no longer than a slice may be, and lent by this function's `# Safety`.
-        let handle = unsafe { open_in(bytes, memory, memory_size, tier)? };
+        let handle = unsafe { open_in(bytes, memory, memory_size, kernel)? };
         // SAFETY: checked above, and writable by this function's `# Safety`.
         unsafe { scene.write(handle) };
         Ok(())
@@ -148,14 +148,14 @@ pub(crate) unsafe fn open_in(
     blob: *const [u8],
     memory: *mut c_void,
     memory_size: usize,
-    tier: Tier,
+    kernel: Kernel,
 ) -> Result<*mut Scene, Failure> {
     let blob_span = Span::new("blob", blob.cast(), blob.len())?;
     let memory_span = Span::new("memory", memory, memory_size)?;
     memory_span.check_apart("memory", blob_span, "the blob")?;
     // SAFETY: `blob` is readable and stays as it is, as this function's `# Safety` has it.
     let blob = Blob::open(unsafe { &*blob })?;
-    let lines = memory_lines(&blob, tier);
+    let lines = memory_lines(&blob, kernel);
     if memory_size / size_of::<Line>() < lines {
         let expected = lines.saturating_mul(size_of::<Line>());
         return Err(Failure::Memory { name: "memory", expected, found: memory_size });
@@ -163,7 +163,7 @@ pub(crate) unsafe fn open_in(
     let (own, memory) = (lines_for::<Scene>(1), memory.cast::<Line>());
     // SAFETY: aligned, `lines` long, apart from the blob and lent; a line holds any bytes.
     let prepared = unsafe { core::slice::from_raw_parts_mut(memory.add(own), lines - own) };
-    let renderer = match Renderer::new(blob, tier, prepared) {
+    let renderer = match Renderer::new(blob, kernel, prepared) {
         Ok(renderer) => renderer,
         Err(error) => return Err(Failure::Render(error)),
     };

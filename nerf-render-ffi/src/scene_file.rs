@@ -2,7 +2,7 @@
 
 use crate::boundary::{Message, Reason, call, call_with_reason, check_out};
 use crate::failure::Failure;
-use crate::open_options::{OpenOptions, read_tier};
+use crate::open_options::{OpenOptions, read_kernel};
 use crate::scene::{Scene, memory_lines, open_in};
 use crate::span::check_aligned;
 use crate::status::Status;
@@ -114,7 +114,7 @@ pub unsafe extern "C" fn nerf_scene_open_file(
         let unnamed = |failure| FileFailure { path: c"", cause: Cause::Scene(failure) };
         check_out("scene", scene).map_err(unnamed)?;
         // SAFETY: `options` is as this function's `# Safety` has it.
-        let tier = unsafe { read_tier(options) }.map_err(unnamed)?;
+        let kernel = unsafe { read_kernel(options) }.map_err(unnamed)?;
         if path.is_null() {
             return Err(unnamed(Failure::Null("path")));
         }
@@ -124,13 +124,13 @@ pub unsafe extern "C" fn nerf_scene_open_file(
         let blob = read(path).map_err(named)?;
         let lines = {
             let blob = Blob::open(&blob).map_err(|error| named(error.into()))?;
-            memory_lines(&blob, tier)
+            memory_lines(&blob, kernel)
         };
         let memory = filled(lines, Line::UNINIT).map_err(named)?;
         let owned = Owned::new(blob, memory);
         let (memory, size) = (owned.memory.as_ptr().cast(), lines * size_of::<Line>());
         // SAFETY: both are alive, apart, and owned by this scene until `nerf_scene_close`.
-        let opened = unsafe { open_in(owned.blob.as_ptr(), memory, size, tier) };
+        let opened = unsafe { open_in(owned.blob.as_ptr(), memory, size, kernel) };
         match opened {
             Ok(handle) => {
                 // SAFETY: just written by `open_in`, and not yet handed out.

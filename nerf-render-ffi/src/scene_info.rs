@@ -1,7 +1,7 @@
 //! What a scene says about itself.
 
 use crate::boundary::{Message, Out, Versioned, call};
-use crate::open_options::Kernel;
+use crate::open_options::{Kernel, Storage};
 use crate::scene::Scene;
 use crate::status::Status;
 use core::ffi::c_char;
@@ -126,6 +126,8 @@ pub struct SceneInfo {
     pub contraction_radius: f32,
     /// The power that steps beyond that ball grow with, 1, 2 or 4; 0 where the scene ends at its box.
     pub contraction_power: u32,
+    /// The `nerf_storage` that its weights lie in; never `NERF_STORAGE_AUTO`.
+    pub storage: u32,
 }
 
 // The header spells the format's caps out.
@@ -165,7 +167,7 @@ fn describe(scene: &Scene) -> SceneInfo {
     SceneInfo {
         struct_size: size_of::<SceneInfo>(),
         kind: if facts.is_some() { Kind::Scene } else { Kind::Picture } as u32,
-        kernel: Kernel::of(renderer.network().tier()) as u32,
+        kernel: Kernel::of(renderer.network().kernel().isa) as u32,
         box_min: facts.map_or([0.0; 3], |facts| facts.min),
         box_max: facts.map_or([0.0; 3], |facts| facts.max),
         near_distance: facts.map_or(0.0, |facts| facts.near),
@@ -206,5 +208,6 @@ fn describe(scene: &Scene) -> SceneInfo {
         } as u32,
         contraction_radius: contraction.map_or(0.0, |contraction| contraction.radius()),
         contraction_power: contraction.map_or(0, |contraction| contraction.power().into()),
+        storage: Storage::of(renderer.network().kernel().storage) as u32,
     }
 }

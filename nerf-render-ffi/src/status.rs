@@ -24,7 +24,7 @@ pub enum Status {
     Overflow = 7,
     /// A setting is outside its range.
     Options = 8,
-    /// The kernel tier does not exist on this machine.
+    /// This machine lacks the instructions, or has none for that storage.
     Kernel = 9,
     /// The camera makes no rays.
     Camera = 10,
@@ -117,7 +117,7 @@ impl Status {
             Self::Overlap => c"two pieces of memory overlap that must not",
             Self::Overflow => c"a size or a range of addresses overflows",
             Self::Options => c"a setting is outside its range",
-            Self::Kernel => c"the kernel tier does not exist on this machine",
+            Self::Kernel => c"this machine lacks the instructions, or has none for that storage",
             Self::Camera => c"the camera makes no rays",
             Self::Rect => c"the rectangle is not inside the image",
             Self::Target => c"no plane is wanted, or a plane's format or stride is wrong",

@@ -4,12 +4,12 @@
 //! on one thread, the least of twenty rounds, by a worker that is made once and by one that each call makes for itself.
 //! The ray is the one through the middle of the demo's first held-out view. On a quiet machine.
 
+use nerf_core::Kernel;
 use nerf_core::blob::Blob;
 use nerf_core::camera::{Camera, Intrinsics};
 use nerf_core::memory::Line;
 use nerf_core::plan::{Batch, Outputs, Plan, Quality};
 use nerf_core::render::{Rect, Renderer};
-use nerf_core::simd::Tier;
 use nerf_core::volume::Pixel;
 use nerf_train::demo_scene::{self, DemoSpec};
 use std::hint::black_box;
@@ -26,9 +26,9 @@ fn main() {
     };
     let bytes = std::fs::read(file).expect("NERF_BENCH_BLOB: a file");
     let blob = Blob::open(&bytes).expect("a blob");
-    let tier = Tier::detect();
-    let mut memory = vec![Line::UNINIT; Renderer::prepared_lines(&blob, tier)];
-    let renderer = Renderer::new(blob.clone(), tier, &mut memory).expect("a renderer");
+    let kernel = Kernel::detect();
+    let mut memory = vec![Line::UNINIT; Renderer::prepared_lines(&blob, kernel)];
+    let renderer = Renderer::new(blob.clone(), kernel, &mut memory).expect("a renderer");
     let plan = Plan::new(&blob, &Quality::default(), Outputs::ALL, Batch::FULL).expect("a plan");
     let mut workspace = vec![Line::UNINIT; renderer.workspace_lines(&plan)];
 
@@ -42,10 +42,7 @@ fn main() {
     let (surface, nothing) = (ray.at(seen.ray_distance).to_array(), [1e6; 3]);
     println!(
         "{}; the ray: opacity {:.3}, {} densities, {} colours",
-        tier.name(),
-        seen.opacity,
-        work.density_evaluations,
-        work.colour_evaluations
+        kernel, seen.opacity, work.density_evaluations, work.colour_evaluations
     );
     println!("| call | a worker made once, ns | a worker a call, ns |");
     println!("| --- | ---: | ---: |");

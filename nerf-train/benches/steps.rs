@@ -4,7 +4,7 @@
 //! scene, `NERF_BENCH_UNBOUNDED=1` as photographs of an unbounded scene, `NERF_BENCH_STEPS=N` times N steps after as many
 //! that are not timed. On a quiet machine.
 
-use nerf_core::simd::Tier;
+use nerf_core::Kernel;
 use nerf_train::config::Preset;
 use nerf_train::dataset::{self, ReadOptions};
 use nerf_train::demo_scene::{self, DemoSpec};
@@ -43,7 +43,7 @@ fn row(data: &dataset::Dataset, log2_entries: u8, threads: usize, steps: u32) {
     if let Some(grid) = &mut config.network.grid {
         grid.log2_entries = log2_entries;
     }
-    let mut trainer = Trainer::new(data, config, Tier::detect()).expect("a trainer");
+    let mut trainer = Trainer::new(data, config, Kernel::detect()).expect("a trainer");
     let run = |trainer: &mut Trainer<'_>, from: u32| {
         for step in from..from + steps {
             trainer.step(f64::from(step) / f64::from(2 * steps)).expect("a step");

@@ -4,12 +4,12 @@
 //! least of five rounds over all views, on one thread and on two, at the views' own size and at four times it;
 //! PSNR against the photographs, and that of the default quality against `exact`. On a quiet machine.
 
+use nerf_core::Kernel;
 use nerf_core::blob::Blob;
 use nerf_core::camera::{Camera, Intrinsics};
 use nerf_core::memory::Line;
 use nerf_core::plan::{Batch, Outputs, Plan, Quality};
 use nerf_core::render::Renderer;
-use nerf_core::simd::Tier;
 use nerf_train::dataset::{self, ReadOptions, View};
 use nerf_train::frame::{Frame, render};
 use nerf_train::report::metrics::psnr_db;
@@ -29,9 +29,9 @@ fn main() {
     let bytes = std::fs::read(file).expect("NERF_BENCH_BLOB: a file");
     let blob = Blob::open(&bytes).expect("a blob");
     let data = dataset::read(Path::new(&data), &ReadOptions::default()).expect("NERF_BENCH_DATA: a data set");
-    let tier = Tier::detect();
-    let mut memory = vec![Line::UNINIT; Renderer::prepared_lines(&blob, tier)];
-    let renderer = Renderer::new(blob.clone(), tier, &mut memory).expect("a renderer");
+    let kernel = Kernel::detect();
+    let mut memory = vec![Line::UNINIT; Renderer::prepared_lines(&blob, kernel)];
+    let renderer = Renderer::new(blob.clone(), kernel, &mut memory).expect("a renderer");
     let plan = |quality: &Quality, outputs| {
         Plan::new(&blob, quality, outputs, Batch::FULL).expect("a plan").with_own_bins()
     };

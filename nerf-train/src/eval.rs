@@ -3,12 +3,12 @@
 use crate::dataset::View;
 use crate::frame::{self, Frame};
 use crate::report::metrics::{psnr_db, ssim_of};
+use nerf_core::Kernel;
 use nerf_core::blob::{Blob, BlobError};
 use nerf_core::encoding::{GridEncoding, GridTables, TableValues};
 use nerf_core::memory::Line;
 use nerf_core::plan::{Batch, Outputs, Plan, PlanError, Quality};
 use nerf_core::render::{Counters, RenderError, Renderer};
-use nerf_core::simd::Tier;
 use serde::Serialize;
 
 /// One view's figures.
@@ -119,7 +119,7 @@ pub enum EvalError {
 pub fn measure<'v>(
     blob: &[u8],
     parameters: Option<&[f32]>,
-    tier: Tier,
+    kernel: Kernel,
     quality: &Quality,
     background: [f32; 3],
     views: impl IntoIterator<Item = &'v View>,
@@ -129,7 +129,7 @@ pub fn measure<'v>(
     let plan = Plan::new(&blob, quality, Outputs::ALL, Batch::FULL)?;
     // Of the bins that the network was trained on: a figure is theirs.
     let plan = plan.with_background(background)?.with_own_bins();
-    let mut memory = vec![Line::UNINIT; Renderer::prepared_lines(&blob, tier)];
+    let mut memory = vec![Line::UNINIT; Renderer::prepared_lines(&blob, kernel)];
     let renderer = match parameters {
         Some(parameters) => {
             let layers = blob.architecture().parameters();
@@ -138,9 +138,9 @@ pub fn measure<'v>(
             let (layers, tables) = parameters.split_at_checked(layers).ok_or(fault)?;
             let bounds = blob.scene_box();
             let tables = GridTables::new(TableValues::F32(tables), bounds.as_ref());
-            Renderer::with_parameters_and_tables(blob, tier, layers, tables).ok_or(fault)?
+            Renderer::with_parameters_and_tables(blob, kernel, layers, tables).ok_or(fault)?
         }
-        None => Renderer::new(blob, tier, &mut memory)?,
+        None => Renderer::new(blob, kernel, &mut memory)?,
     };
     Ok(evaluate(&renderer, &plan, background, views, each)?)
 }

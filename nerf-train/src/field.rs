@@ -5,7 +5,7 @@ use nerf_core::encoding::{GridTables, TableValues};
 use nerf_core::math::MathBackend;
 use nerf_core::memory::{Arena, Layout, Line, lines_for};
 use nerf_core::network::{Architecture, Network, Scratch, Weights};
-use nerf_core::simd::{BLOCK, Tier};
+use nerf_core::simd::{BLOCK, Isa};
 use rayon::prelude::*;
 
 /// sigma, 1/world unit, at each of `points`; `parameters` in the architecture's own order, and behind them the values
@@ -14,7 +14,7 @@ use rayon::prelude::*;
 /// # Panics
 /// If the parameters do not fit the architecture.
 pub fn densities(
-    tier: Tier,
+    isa: Isa,
     architecture: &Architecture,
     parameters: &[f32],
     bounds: &SceneBox,
@@ -22,7 +22,7 @@ pub fn densities(
 ) -> Vec<f32> {
     let (layers, tables) = parameters.split_at(architecture.parameters());
     let tables = GridTables::new(TableValues::F32(tables), Some(bounds));
-    let network = Network::with_grid(architecture, Weights::Prepared(layers), tables, tier);
+    let network = Network::with_grid(architecture, Weights::Prepared(layers), tables, isa);
     let network = network.expect("parameters fit the architecture");
     let (encoded, rows) = (network.encoded_rows() * BLOCK, network.activation_rows() * BLOCK);
     let lines = 2 * lines_for::<f32>(rows) + lines_for::<f32>(encoded);

@@ -7,7 +7,7 @@ use nerf_core::blob::StoredOccupancy;
 use nerf_core::camera::{Camera, Contraction, SceneBox};
 use nerf_core::network::Architecture;
 use nerf_core::sampling::{OccupancyGrid, Purpose, uniform};
-use nerf_core::simd::Tier;
+use nerf_core::simd::Isa;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
@@ -325,7 +325,7 @@ impl Occupancy {
             self.live.point(cell, std::array::from_fn(|axis| u(axis as u64, cell))).to_array()
         };
         let points: Vec<[f32; 3]> = which.par_iter().map(point).collect();
-        let mut sigma = densities(ask.tier, ask.architecture, ask.parameters, &self.live.bounds(), &points);
+        let mut sigma = densities(ask.isa, ask.architecture, ask.parameters, &self.live.bounds(), &points);
         // Where steps are longer, less density is as much light.
         if let Some(contraction) = &ask.contraction {
             sigma.iter_mut().zip(points).for_each(|(sigma, p)| *sigma *= contraction.step_growth(p.into()));
@@ -352,8 +352,8 @@ impl Occupancy {
 /// The network an occupancy grid asks.
 #[derive(Clone, Copy, Debug)]
 pub struct Ask<'a> {
-    /// Kernel tier.
-    pub tier: Tier,
+    /// With which instructions.
+    pub isa: Isa,
     /// Its shape.
     pub architecture: &'a Architecture,
     /// Its parameters, in export order.

@@ -12,7 +12,7 @@ use march::{Samples, march, march_contracted};
 use nerf_core::blob::SceneSampling;
 use nerf_core::camera::{Camera, Contraction, Ray, SceneBox};
 use nerf_core::sampling::{Bins, OccupancyGrid, Purpose, uniform, uniform_u32};
-use nerf_core::simd::Tier;
+use nerf_core::simd::Isa;
 use rayon::prelude::*;
 use std::ops::Range;
 use std::time::{Duration, Instant};
@@ -187,7 +187,7 @@ impl<'d> RayBank<'d> {
     /// Where the training cameras stood does not matter: what is marched is the ray within the scene box.
     pub fn fill_marched(
         &self,
-        tier: Tier,
+        isa: Isa,
         batch: &mut Batch,
         step: u64,
         rays: usize,
@@ -196,7 +196,7 @@ impl<'d> RayBank<'d> {
     ) -> Duration {
         if let Some(contraction) = &self.contraction {
             let width = width / contraction.radius();
-            return self.fill_contracted(tier, batch, (step, rays), cells, contraction, width);
+            return self.fill_contracted(isa, batch, (step, rays), cells, contraction, width);
         }
         batch.clear();
         let chunks: Vec<(Vec<BatchRay>, Vec<[f32; 3]>, Duration)> = (0..rays.div_ceil(CHUNK))
@@ -211,7 +211,7 @@ impl<'d> RayBank<'d> {
                     if let Some((enter, exit)) = self.bounds.clip(&ray, 0.0, f32::MAX) {
                         let u = uniform(self.seed, Purpose::Jitter, step, index);
                         let (first, count) = (enter + u * width, ((exit - enter) / width).ceil() as u32);
-                        march(tier, cells, &ray, first, width, count, &mut positions);
+                        march(isa, cells, &ray, first, width, count, &mut positions);
                     }
                     batch_ray.samples = (positions.len() - before) as u32;
                     rays_of.push(batch_ray);
@@ -233,7 +233,7 @@ impl<'d> RayBank<'d> {
     /// contracted.
     fn fill_contracted(
         &self,
-        tier: Tier,
+        isa: Isa,
         batch: &mut Batch,
         (step, rays): (u64, usize),
         cells: &MarchCells,
@@ -257,7 +257,7 @@ impl<'d> RayBank<'d> {
                     let u = uniform(self.seed, Purpose::Jitter, step, index);
                     let count = ((far - first) / width).ceil().max(0.0) as u32;
                     let walk = (first + u * width, width, count);
-                    march_contracted(tier, cells, contraction, &ray, walk, start, &mut samples);
+                    march_contracted(isa, cells, contraction, &ray, walk, start, &mut samples);
                     batch_ray.samples = (samples.positions.len() - before) as u32;
                     rays_of.push(batch_ray);
                 }

@@ -8,7 +8,7 @@ alignas(64) static unsigned char home[4096], workspace[65536];
 static float z_depth[64];
 
 int draw() {
-    const auto scene = nerf::scene::open(nerf::bytes(blob, blob_size), nerf::memory::lend(home), NERF_KERNEL_SCALAR);
+    const auto scene = nerf::scene::open(nerf::bytes(blob, blob_size), nerf::memory::lend(home), NERF_KERNEL_PORTABLE);
     if (!scene) {
         return scene.status();
     }

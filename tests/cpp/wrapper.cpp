@@ -92,15 +92,15 @@ void memory_is_owned_or_lent_and_moves() {
 }
 
 void scenes_open_in_any_memory(const std::vector<char> &blob, const char *path, const char *damaged) {
-    const auto needed = nerf::scene::memory_layout(blob, NERF_KERNEL_SCALAR);
+    const auto needed = nerf::scene::memory_layout(blob, NERF_KERNEL_PORTABLE);
     CHECK(needed && needed->size > 0 && needed->align == 64);
     auto home = nerf::memory::allocate(*needed);
     unsigned char *const first = static_cast<unsigned char *>(home->data());
-    const auto lent = nerf::scene::open(blob, nerf::memory::lend(nerf::span(first, needed->size)), NERF_KERNEL_SCALAR);
-    CHECK(lent && lent->get() != nullptr && lent->info().kernel == NERF_KERNEL_SCALAR && lent->info().samples == 48);
+    const auto lent = nerf::scene::open(blob, nerf::memory::lend(nerf::span(first, needed->size)), NERF_KERNEL_PORTABLE);
+    CHECK(lent && lent->get() != nullptr && lent->info().kernel == NERF_KERNEL_PORTABLE && lent->info().samples == 48);
     CHECK(nerf::view(lent->info().data) == "noise");
     const nerf::span one_less(first, needed->size - 1);
-    const auto small = nerf::scene::open(blob, nerf::memory::lend(one_less), NERF_KERNEL_SCALAR);
+    const auto small = nerf::scene::open(blob, nerf::memory::lend(one_less), NERF_KERNEL_PORTABLE);
     CHECK(!small && small.status() == NERF_STATUS_MEMORY && says(small.error(), "expected"));
 
     const auto file = nerf::scene::open_file(path);

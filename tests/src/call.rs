@@ -3,7 +3,7 @@
 use crate::memory::Guarded;
 use nerf_core::camera;
 use nerf_core::camera::Projection;
-use nerf_core::simd::Tier;
+use nerf_core::{Isa, Kernel, Storage};
 use nerf_render as ffi;
 use std::ffi::{CStr, c_char, c_void};
 use std::ptr;
@@ -25,22 +25,22 @@ impl Message {
     }
 }
 
-/// The number of a tier in C.
-pub fn kernel(tier: Tier) -> u32 {
-    match tier {
-        Tier::Scalar => ffi::Kernel::Scalar as u32,
-        Tier::Avx2 => ffi::Kernel::Avx2 as u32,
-        Tier::Avx512Bf16 => ffi::Kernel::Avx512Bf16 as u32,
-        Tier::Simd128 => ffi::Kernel::Simd128 as u32,
-        Tier::Neon => ffi::Kernel::Neon as u32,
-        _ => ffi::Kernel::Avx512 as u32,
-    }
-}
-
-/// Options that open a scene on `tier`.
-pub fn open_options(tier: Tier) -> ffi::OpenOptions {
+/// Options that open a scene for `kernel`.
+pub fn open_options(kernel: Kernel) -> ffi::OpenOptions {
+    let isa = match kernel.isa {
+        Isa::Avx2 => ffi::Kernel::Avx2,
+        Isa::Avx512 => ffi::Kernel::Avx512,
+        Isa::Simd128 => ffi::Kernel::Simd128,
+        Isa::Neon => ffi::Kernel::Neon,
+        _ => ffi::Kernel::Portable,
+    };
+    let storage = match kernel.storage {
+        Storage::F32 => ffi::Storage::F32,
+        Storage::Bf16 => ffi::Storage::Bf16,
+        _ => ffi::Storage::F16,
+    };
     let struct_size = size_of::<ffi::OpenOptions>();
-    ffi::OpenOptions { struct_size, kernel: kernel(tier), reserved: [0; 7] }
+    ffi::OpenOptions { struct_size, kernel: isa as u32, storage: storage as u32, reserved: [0; 6] }
 }
 
 /// All zeros: the exact picture.
@@ -161,8 +161,8 @@ pub struct Opened {
 }
 
 /// Opens a blob.
-pub fn open(blob: Vec<u8>, tier: Tier) -> Opened {
-    let (options, mut message) = (open_options(tier), Message::default());
+pub fn open(blob: Vec<u8>, kernel: Kernel) -> Opened {
+    let (options, mut message) = (open_options(kernel), Message::default());
     let (mut size, mut align, mut scene) = (0, 0, ptr::null());
     let (bytes, text) = (blob.as_ptr().cast(), message.0.as_mut_ptr());
     // SAFETY: everything lives until the call returns, blob and memory as long as `Opened`.

@@ -7,6 +7,7 @@ pub mod call;
 pub mod error;
 pub mod fence;
 pub mod memory;
+pub mod noise;
 pub mod oracle;
 pub mod paths;
 pub mod scenes;

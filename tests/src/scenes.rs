@@ -1,5 +1,7 @@
 //! Small scenes and pictures of pseudo-random weights.
 
+use crate::noise::signed;
+use nerf_core::Kernel;
 use nerf_core::blob::{
     Blob, Body, Content, FrontPoint, ParetoFront, PictureFacts, Proposal, Provenance, SceneFacts,
     SceneSampling, StoredOccupancy, StoredTables, encoded_len, write,
@@ -14,7 +16,6 @@ use nerf_core::memory::Line;
 use nerf_core::network::{Architecture, DensityActivation, TrunkLayer};
 use nerf_core::plan::Batch;
 use nerf_core::render::{Rect, Renderer};
-use nerf_core::simd::Tier;
 
 /// A scene to be made.
 #[derive(Clone, Copy, Debug)]
@@ -201,12 +202,7 @@ impl Recipe {
     /// enough above 0 for pictures that are neither empty nor flat.
     fn weights(&self, architecture: &Architecture) -> Vec<u8> {
         let mut state = self.seed.wrapping_mul(0x9e37_79b9_7f4a_7c15) | 1;
-        let mut uniform = || {
-            state ^= state << 13;
-            state ^= state >> 7;
-            state ^= state << 17;
-            (state >> 40) as f32 / (1u64 << 23) as f32 - 1.0
-        };
+        let mut uniform = || signed(&mut state);
         let mut weights = Vec::new();
         for layer in architecture.layers() {
             let limit = (6.0 / layer.inputs() as f32).sqrt();
@@ -237,12 +233,7 @@ impl Recipe {
 
     fn tables(&self, grid: &GridEncoding) -> Vec<u8> {
         let mut state = self.seed | 1;
-        let values = (0..grid.values()).map(|_| {
-            state ^= state << 13;
-            state ^= state >> 7;
-            state ^= state << 17;
-            (state >> 40) as f32 / (1u64 << 23) as f32 - 1.0
-        });
+        let values = (0..grid.values()).map(|_| signed(&mut state));
         match self.int8 {
             true => values.map(|value| (127.0 * value) as i8 as u8).collect(),
             false => values.flat_map(|value| f16_bits(value).to_le_bytes()).collect(),
@@ -291,16 +282,16 @@ pub fn camera(width: u32, height: u32) -> Camera {
     Camera::new(intrinsics, lens, pose.expect("a pose")).expect("a camera")
 }
 
-/// The tiers of this machine.
-pub fn tiers() -> impl Iterator<Item = Tier> {
-    Tier::ALL.into_iter().filter(|tier| tier.available())
+/// The kernels of this machine.
+pub fn kernels() -> impl Iterator<Item = Kernel> {
+    Kernel::all()
 }
 
 /// The pixels of a 2D field drawn in `size`, by the Rust renderer.
-pub fn picture(blob: &[u8], tier: Tier, math: MathBackend, size: [u32; 2]) -> Vec<[f32; 3]> {
+pub fn picture(blob: &[u8], kernel: Kernel, math: MathBackend, size: [u32; 2]) -> Vec<[f32; 3]> {
     let blob = Blob::open(blob).expect("a blob");
-    let mut memory = vec![Line::UNINIT; Renderer::prepared_lines(&blob, tier)];
-    let renderer = Renderer::new(blob, tier, &mut memory).expect("a renderer");
+    let mut memory = vec![Line::UNINIT; Renderer::prepared_lines(&blob, kernel)];
+    let renderer = Renderer::new(blob, kernel, &mut memory).expect("a renderer");
     let (batch, rect) = (Batch::FULL, Rect { x: 0, y: 0, width: size[0], height: size[1] });
     let mut workspace = vec![Line::UNINIT; renderer.picture_workspace_lines(batch)];
     let mut pixels = Vec::new();

@@ -10,7 +10,8 @@
 pub mod networks;
 pub mod peak;
 
-use nerf_core::Tier;
+use nerf_core::Kernel;
+use nerf_core::sampling::{Purpose, uniform};
 use peak::Peak;
 use std::hint::black_box;
 use std::time::Instant;
@@ -29,7 +30,7 @@ const LONG: f64 = 0.1;
 pub struct Table {
     filters: Vec<String>,
     smoke: bool,
-    peaks: Vec<((Tier, usize), Peak)>,
+    peaks: Vec<((Kernel, usize), Peak)>,
 }
 
 impl Table {
@@ -47,9 +48,9 @@ impl Table {
         self.filters.is_empty() || self.filters.iter().any(|word| name.contains(word))
     }
 
-    /// Measures `work`, `flop` operations a call, against the peak of `tier` on `threads` threads.
-    pub fn line(&mut self, name: &str, tier: Tier, threads: usize, flop: f64, mut work: impl FnMut()) {
-        if !self.wants(name) || !tier.available() {
+    /// Measures `work`, `flop` operations a call, against the peak of `kernel` on `threads` threads.
+    pub fn line(&mut self, name: &str, kernel: Kernel, threads: usize, flop: f64, mut work: impl FnMut()) {
+        if !self.wants(name) || !kernel.available() {
             return;
         }
         let mut time = |calls: u32| {
@@ -60,7 +61,7 @@ impl Table {
         if self.smoke {
             return println!("| {name} | {} | | | |", seconds(time(1)));
         }
-        let peak = self.peak(tier, threads);
+        let peak = self.peak(kernel, threads);
         let cold = time(1); // caches, pages and branch predictors
         let once = if cold > LONG { cold } else { time(1) };
         let calls = (BURST / once).ceil().clamp(1.0, 1e6) as u32;
@@ -85,29 +86,25 @@ impl Table {
         );
     }
 
-    fn peak(&mut self, tier: Tier, threads: usize) -> Peak {
-        let known = self.peaks.iter().find(|(of, _)| *of == (tier, threads)).map(|(_, peak)| *peak);
+    fn peak(&mut self, kernel: Kernel, threads: usize) -> Peak {
+        let known = self.peaks.iter().find(|(of, _)| *of == (kernel, threads)).map(|(_, peak)| *peak);
         known.unwrap_or_else(|| {
-            let peak = Peak::of(tier, threads);
-            self.peaks.push(((tier, threads), peak));
+            let peak = Peak::of(kernel, threads);
+            self.peaks.push(((kernel, threads), peak));
             peak
         })
     }
 }
 
-/// The tiers of this machine.
-pub fn tiers() -> impl Iterator<Item = Tier> {
-    Tier::ALL.into_iter().filter(|tier| tier.available())
+/// The kernels of this machine.
+pub fn kernels() -> impl Iterator<Item = Kernel> {
+    Kernel::all()
 }
 
 /// Repeatable values in [-1, 1).
 pub fn noise(n: usize, seed: u32) -> Vec<f32> {
-    let mut state = seed;
-    let mut next = || {
-        state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
-        (state >> 8) as f32 / 8_388_608.0 - 1.0
-    };
-    black_box((0..n).map(|_| next()).collect())
+    let unit = |i| uniform(seed.into(), Purpose::Parameters, 0, i as u64);
+    black_box((0..n).map(|i| 2.0 * unit(i) - 1.0).collect())
 }
 
 /// A duration in the unit that suits it.

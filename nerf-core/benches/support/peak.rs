@@ -1,6 +1,6 @@
-//! The multiply-adds a tier can do at most, measured: independent chains that never leave registers.
+//! The multiply-adds a kernel can do at most, measured: independent chains that never leave registers.
 
-use nerf_core::Tier;
+use nerf_core::Kernel;
 use nerf_core::simd::{Lanes, Op};
 use std::hint::black_box;
 use std::sync::Barrier;
@@ -12,7 +12,7 @@ const BURST: f64 = 1e-3;
 /// A way to keep every multiply-add unit of some threads busy.
 #[derive(Clone, Copy, Debug)]
 pub struct Peak {
-    tier: Tier,
+    kernel: Kernel,
     threads: usize,
     /// Chains side by side: enough to hide the latency, few enough for the registers.
     chains: usize,
@@ -20,10 +20,10 @@ pub struct Peak {
 }
 
 impl Peak {
-    /// The best loop for `tier`, found by trying.
-    pub fn of(tier: Tier, threads: usize) -> Self {
+    /// The best loop for `kernel`, found by trying.
+    pub fn of(kernel: Kernel, threads: usize) -> Self {
         let with = |chains| {
-            let short = Self { tier, threads: 1, chains, steps: 10_000 };
+            let short = Self { kernel, threads: 1, chains, steps: 10_000 };
             let steps = (short.steps as f64 * BURST / short.burst().1).clamp(1e3, 1e8);
             let long = Self { steps: steps as u32, ..short };
             ((0..5).map(|_| long.rate()).fold(0.0, f64::max), long)
@@ -54,11 +54,11 @@ impl Peak {
     fn burst(&self) -> (f64, f64) {
         let start = Instant::now();
         let flop = match self.chains {
-            2 => self.tier.run(Chains::<2>(self.steps)),
-            3 => self.tier.run(Chains::<3>(self.steps)),
-            4 => self.tier.run(Chains::<4>(self.steps)),
-            8 => self.tier.run(Chains::<8>(self.steps)),
-            _ => self.tier.run(Chains::<12>(self.steps)),
+            2 => self.kernel.isa.run(Chains::<2>(self.steps)),
+            3 => self.kernel.isa.run(Chains::<3>(self.steps)),
+            4 => self.kernel.isa.run(Chains::<4>(self.steps)),
+            8 => self.kernel.isa.run(Chains::<8>(self.steps)),
+            _ => self.kernel.isa.run(Chains::<12>(self.steps)),
         };
         (flop, start.elapsed().as_secs_f64())
     }

@@ -2,7 +2,7 @@
 
 use crate::camera::SceneBox;
 use crate::network::ArchitectureError;
-use crate::simd::Tier;
+use crate::simd::Isa;
 use core::marker::PhantomData;
 use serde::{Deserialize, Serialize};
 
@@ -55,21 +55,14 @@ impl<'a> GridTables<'a> {
         match *grid {}
     }
 
-    pub(crate) fn encode(
-        &self,
-        _tier: Tier,
-        grid: &GridEncoding,
-        _stride: usize,
-        _x: &[f32],
-        _out: &mut [f32],
-    ) {
+    pub(crate) fn encode(&self, _: Isa, grid: &GridEncoding, _stride: usize, _x: &[f32], _out: &mut [f32]) {
         match *grid {}
     }
 
     #[cfg(feature = "normals")]
     pub(crate) fn gradient(
         &self,
-        _tier: Tier,
+        _: Isa,
         grid: &GridEncoding,
         _stride: usize,
         _x: &[f32],

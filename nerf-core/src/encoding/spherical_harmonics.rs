@@ -1,7 +1,7 @@
 //! Real spherical harmonics of a direction.
 
 use crate::memory::{head, head_mut, tail, tail_mut};
-use crate::simd::{Lanes, Op, Tier};
+use crate::simd::{Isa, Lanes, Op};
 
 #[cfg(test)]
 mod tests;
@@ -17,7 +17,7 @@ pub const MAX_HARMONICS_DEGREE: u8 = 4;
 /// `dirs`: `[3][stride]`, unit length. `out`: `[degree²][stride]`. Value `l² + l + m` is `Y_l^m`,
 /// orthonormal over the sphere, with the Condon–Shortley phase: `Y_0^0 = ½ √(1/π)`,
 /// `Y_1^{−1,0,1} = −√(3/4π) y, √(3/4π) z, −√(3/4π) x`. `stride` is a multiple of 16, or any number on the
-/// scalar tier.
+/// portable instructions.
 ///
 /// # Accuracy
 /// 5e-7 absolute, for directions of unit length.
@@ -28,11 +28,11 @@ pub const MAX_HARMONICS_DEGREE: u8 = 4;
 /// # Panics
 /// With debug assertions, if a slice is shorter than that.
 #[inline]
-pub fn encode_harmonics_block(tier: Tier, degree: u8, stride: usize, dirs: &[f32], out: &mut [f32]) {
+pub fn encode_harmonics_block(isa: Isa, degree: u8, stride: usize, dirs: &[f32], out: &mut [f32]) {
     let dirs = head(dirs, 3 * stride);
     let count = usize::from(degree) * usize::from(degree);
     let out = head_mut(out, count * stride);
-    tier.run_columns(stride, Harmonics { count, stride, dirs, out });
+    isa.run_columns(stride, Harmonics { count, stride, dirs, out });
 }
 
 struct Harmonics<'a> {

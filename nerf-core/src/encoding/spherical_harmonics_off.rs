@@ -1,6 +1,6 @@
 //! In the place of `spherical_harmonics` where the feature `grid` is off: networks that need them are refused.
 
-use crate::simd::Tier;
+use crate::simd::Isa;
 
 /// Whether this build has spherical harmonics.
 pub(crate) const BUILT: bool = false;
@@ -9,4 +9,4 @@ pub(crate) const BUILT: bool = false;
 pub const MAX_HARMONICS_DEGREE: u8 = 4;
 
 /// Nothing: no network that asks for it is made.
-pub(crate) fn encode_harmonics_block(_: Tier, _: u8, _: usize, _: &[f32], _: &mut [f32]) {}
+pub(crate) fn encode_harmonics_block(_: Isa, _: u8, _: usize, _: &[f32], _: &mut [f32]) {}

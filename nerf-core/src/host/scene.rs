@@ -3,8 +3,8 @@
 use super::{HostError, Image, Request};
 use crate::blob::{Blob, BlobError};
 use crate::camera::{Camera, SceneBox};
+use crate::matrix::Kernel;
 use crate::render::Renderer;
-use crate::simd::Tier;
 use std::boxed::Box;
 use std::path::Path;
 use std::vec;
@@ -26,8 +26,8 @@ use std::vec;
 pub struct Scene {
     /// Checked once, and never changed.
     bytes: Box<[u8]>,
-    tier: Tier,
-    /// The parameters of the network and of its proposal, and the grid's tables, unpacked for the tier.
+    kernel: Kernel,
+    /// The parameters of the network and of its proposal, and the grid's tables, unpacked for the kernel.
     unpacked: [Box<[f32]>; 3],
     occupied: Option<SceneBox>,
 }
@@ -53,33 +53,33 @@ impl Scene {
     /// # Errors
     /// [`BlobError`] says what was expected and found.
     pub fn from_bytes(bytes: impl Into<Box<[u8]>>) -> Result<Self, BlobError> {
-        Self::for_tier(bytes, Tier::detect())
+        Self::for_kernel(bytes, Kernel::detect())
     }
 
     /// The same for other instructions; on a machine without them, plain f32.
     ///
     /// # Errors
     /// As [`Scene::from_bytes`].
-    pub fn for_tier(bytes: impl Into<Box<[u8]>>, tier: Tier) -> Result<Self, BlobError> {
+    pub fn for_kernel(bytes: impl Into<Box<[u8]>>, kernel: Kernel) -> Result<Self, BlobError> {
         let bytes = bytes.into();
-        let tier = if tier.available() { tier } else { Tier::Scalar };
+        let kernel = if kernel.available() { kernel } else { Kernel::IN_PLACE };
         let blob = Blob::open(&bytes)?;
-        let mut unpacked = Renderer::unpacked_lengths(&blob, tier).map(|count| vec![0.0; count]);
-        Renderer::unpack(&blob, tier, &mut unpacked);
+        let mut unpacked = Renderer::unpacked_lengths(&blob, kernel).map(|count| vec![0.0; count]);
+        Renderer::unpack(&blob, kernel, &mut unpacked);
         let occupied = blob.occupancy().and_then(|occupancy| occupancy.occupied_box());
-        Ok(Self { occupied, tier, unpacked: unpacked.map(Into::into), bytes })
+        Ok(Self { occupied, kernel, unpacked: unpacked.map(Into::into), bytes })
     }
 
     /// What the file says.
     pub fn blob(&self) -> Blob<'_> {
-        // `for_tier` has checked the same bytes.
+        // `for_kernel` has checked the same bytes.
         Blob::decode(&self.bytes).unwrap_or_else(|_| unreachable!("checked bytes decode"))
     }
 
     /// The borrowed renderer of this scene, for callers with memory and threads of their own.
     pub fn renderer(&self) -> Renderer<'_> {
         let unpacked = self.unpacked.each_ref().map(|it| &**it);
-        Renderer::of_unpacked(self.blob(), self.tier, unpacked, self.occupied)
+        Renderer::of_unpacked(self.blob(), self.kernel, unpacked, self.occupied)
             .unwrap_or_else(|| unreachable!("parameters fit the checked architecture"))
     }
 

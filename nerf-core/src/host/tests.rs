@@ -1,11 +1,11 @@
 use super::*;
+use crate::Kernel;
 use crate::camera::{Camera, Intrinsics, Lens, Pose, Ray};
 use crate::encoding::PositionEncoding;
 use crate::math::MathBackend;
 use crate::memory::Line;
 use crate::plan::{Batch, Outputs, Plan, Quality};
 use crate::render::{Rect, RenderError, Renderer, Worker};
-use crate::simd::Tier;
 use crate::testing::{architecture, body, bytes, every_kind, halve, parameters, pi, picture_body};
 use crate::volume::Pixel;
 use crate::{Blob, Effects};
@@ -37,10 +37,10 @@ fn threads(n: usize) -> NonZeroUsize {
 }
 
 /// The pixels of a frame by the borrowed API, row by row.
-fn by_hand(bytes: &[u8], tier: Tier) -> Vec<Pixel> {
+fn by_hand(bytes: &[u8], kernel: Kernel) -> Vec<Pixel> {
     let blob = Blob::open(bytes).unwrap();
-    let mut prepared = vec![Line::UNINIT; Renderer::prepared_lines(&blob, tier)];
-    let renderer = Renderer::new(blob.clone(), tier, &mut prepared).unwrap();
+    let mut prepared = vec![Line::UNINIT; Renderer::prepared_lines(&blob, kernel)];
+    let renderer = Renderer::new(blob.clone(), kernel, &mut prepared).unwrap();
     let plan = Plan::new(&blob, &Quality::default(), all(), Batch { rays: 50, samples: 64 }).unwrap();
     let mut workspace = vec![Line::UNINIT; renderer.workspace_lines(&plan)];
     let mut pixels = vec![Pixel::BLANK; (SIZE.0 * SIZE.1) as usize];
@@ -53,9 +53,9 @@ fn by_hand(bytes: &[u8], tier: Tier) -> Vec<Pixel> {
 #[test]
 fn an_owned_scene_gives_the_borrowed_ones_bits_on_any_number_of_threads() {
     let bytes = file(3);
-    for tier in Tier::ALL.into_iter().filter(|tier| tier.available()) {
-        let expected = by_hand(&bytes, tier);
-        let scene = Scene::for_tier(bytes.clone(), tier).unwrap();
+    for kernel in Kernel::all() {
+        let expected = by_hand(&bytes, kernel);
+        let scene = Scene::for_kernel(bytes.clone(), kernel).unwrap();
         for n in [1, 2, 3, 16] {
             let image = scene.request().outputs(all()).threads(threads(n)).render(&camera()).unwrap();
             assert_eq!((image.width as u32, image.height as u32), SIZE);
@@ -68,7 +68,7 @@ fn an_owned_scene_gives_the_borrowed_ones_bits_on_any_number_of_threads() {
                     median_distance: image.median_distance.get(i).copied().unwrap_or_default(),
                     normal: image.normals.get(i).copied().unwrap_or_default(),
                 };
-                assert_eq!(found, *pixel, "{} on {n} threads, pixel {i}", tier.name());
+                assert_eq!(found, *pixel, "{} on {n} threads, pixel {i}", kernel);
             }
             assert_eq!(image.counters.rays, expected.len() as u64);
         }
@@ -83,7 +83,7 @@ fn a_cameras_rays_as_the_callers_own_give_its_pixels() {
     let rays: Vec<Ray> = (0..SIZE.0 * SIZE.1)
         .map(|i| camera.ray((i % SIZE.0) as f32 + 0.5, (i / SIZE.0) as f32 + 0.5))
         .collect();
-    let expected = by_hand(&bytes, Tier::detect());
+    let expected = by_hand(&bytes, Kernel::detect());
     assert!(
         expected.iter().any(|pixel| pixel.opacity > 0.01)
             && expected.iter().any(|pixel| pixel.opacity == 0.0)

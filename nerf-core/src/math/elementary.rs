@@ -1,7 +1,7 @@
-//! One elementary function over a slice, on a tier: what tests and benchmarks of the backends call.
+//! One elementary function over a slice, with an instruction set: what tests and benchmarks of the backends call.
 
 use super::{Math, MathBackend, with_math};
-use crate::simd::{Lanes, Op, Tier};
+use crate::simd::{Isa, Lanes, Op};
 use core::marker::PhantomData;
 
 /// A function of [`Math`].
@@ -29,13 +29,13 @@ pub enum Elementary {
 }
 
 impl Elementary {
-    /// `out[i] = f(x[i])` by a backend on a tier; what is left beyond the shorter slice, or beyond the last whole
+    /// `out[i] = f(x[i])` by a backend with an instruction set; what is left beyond the shorter slice, or beyond the last whole
     /// vector of 16, is computed one by one.
-    pub fn apply(self, tier: Tier, math: MathBackend, x: &[f32], out: &mut [f32]) {
+    pub fn apply(self, isa: Isa, math: MathBackend, x: &[f32], out: &mut [f32]) {
         let whole = x.len().min(out.len()) / 16 * 16;
         let ((x, rest), (out, rest_out)) = (x.split_at(whole), out.split_at_mut(whole));
         with_math!(math, M => {
-            tier.run(Apply::<M> { function: self, x, out, math: PhantomData });
+            isa.run(Apply::<M> { function: self, x, out, math: PhantomData });
             Apply::<M> { function: self, x: rest, out: rest_out, math: PhantomData }.run::<f32>();
         });
     }

@@ -29,7 +29,7 @@ use crate::simd::Lanes;
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Default)]
 #[non_exhaustive]
 pub enum MathBackend {
-    /// The project's own polynomials: always built in, vectorised on every tier.
+    /// The project's own polynomials: always built in, vectorised with every instruction set.
     #[default]
     Polynomial,
     /// The `libm` crate, one value at a time.

@@ -10,7 +10,7 @@ use super::polynomial::Polynomial;
 use super::recurrence::Recurrence;
 use super::{Math, MathBackend};
 use crate::simd::Lanes;
-use crate::simd::{Op, Tier};
+use crate::simd::{Isa, Op};
 use crate::testing::Worse;
 use half::f16;
 
@@ -119,9 +119,9 @@ fn extremes_are_finite() {
     assert!(Polynomial::exp(f32::NAN).is_nan() && Polynomial::expm1(f32::NAN).is_nan());
 }
 
-/// Every f16, what lies half-way to the next, and the numbers beside those, on each tier.
+/// Every f16, what lies half-way to the next, and the numbers beside those, with each instruction set.
 #[test]
-fn halves_are_rounded_alike_on_every_tier() {
+fn halves_are_rounded_alike_with_every_kernel() {
     struct Halves<'a>(&'a [f32]);
     impl Op for Halves<'_> {
         type Output = std::vec::Vec<u16>;
@@ -141,8 +141,8 @@ fn halves_are_rounded_alike_on_every_tier() {
     values.extend([f32::MAX, f32::INFINITY, 1e-40, -1e-40, 70_000.0, -70_000.0, 0.0, -0.0]);
     values.resize(values.len().next_multiple_of(16), 1.0);
     let expected: std::vec::Vec<u16> = values.iter().map(|&x| f16::from_f32(x).to_bits()).collect();
-    for tier in Tier::ALL.into_iter().filter(|tier| tier.available()) {
-        assert_eq!(tier.run(Halves(&values)), expected, "{}", tier.name());
+    for isa in Isa::ALL.into_iter().filter(|isa| isa.available()) {
+        assert_eq!(isa.run(Halves(&values)), expected, "{}", isa.name());
     }
 }
 

@@ -2,10 +2,10 @@
 //!
 //! Inputs come in pairs: a 32-bit word holds input `2q` (low half) and `2q + 1` (high half) of one sample,
 //! or of one row of weights; an odd last input is paired with 0. Words travel in `f32` slices as bits, so
-//! that one workspace serves every tier.
+//! that one workspace serves every storage.
 
 use super::Init;
-use crate::simd::Tier;
+use crate::simd::Isa;
 use half::bf16;
 
 /// One matrix of a layer with what it is multiplied by.
@@ -70,7 +70,7 @@ pub fn pair_rows(values: &mut [f32], rows: usize, stride: usize) {
 /// If `stride` is no multiple of 16 or a slice is shorter than that.
 #[allow(clippy::too_many_arguments, reason = "one layer, described in full")]
 pub fn dense_bf16(
-    tier: Tier,
+    isa: Isa,
     parts: [PairedInput<'_>; 2],
     outputs: usize,
     stride: usize,
@@ -96,10 +96,10 @@ pub fn dense_bf16(
         assert!(bias.len() >= outputs, "dense_bf16: bias is too short");
     }
     let layer = Layer { parts, outputs, stride, init, to, relu, output };
-    match tier {
+    match isa {
         #[cfg(target_arch = "x86_64")]
-        // SAFETY: the CPU and the OS have what the kernel needs; `available` asked them.
-        Tier::Avx512Bf16 if tier.available() => unsafe { layer.avx512() },
+        // SAFETY: the CPU and the OS have what the kernel needs; `multiplies_bf16` asked them.
+        Isa::Avx512 if isa.multiplies_bf16() => unsafe { layer.avx512() },
         _ => layer.plain(),
     }
 }

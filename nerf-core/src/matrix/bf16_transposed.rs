@@ -1,7 +1,7 @@
-//! Products with the transpose of paired weights: the way back through a layer of the tier that rounds.
+//! Products with the transpose of paired weights: the way back through a layer of the storage that rounds.
 
 use super::bf16::{pairs, unpair};
-use crate::simd::{Lanes, Op, Tier};
+use crate::simd::{Isa, Lanes, Op};
 
 /// `to = start + Wᵀ from`, in f32 but for the weights, which are pairs of bf16 as [`super::dense_bf16`] has
 /// them.
@@ -14,7 +14,7 @@ use crate::simd::{Lanes, Op, Tier};
 /// If `stride` is no multiple of 16 or a slice is shorter than that.
 #[allow(clippy::too_many_arguments, reason = "one product, described in full")]
 pub fn transposed_bf16(
-    tier: Tier,
+    isa: Isa,
     weights: &[f32],
     row: usize,
     [outputs, inputs]: [usize; 2],
@@ -24,7 +24,7 @@ pub fn transposed_bf16(
     accumulate: bool,
 ) {
     assert!(stride.is_multiple_of(16), "transposed_bf16: stride is a multiple of 16");
-    tier.run(Transposed { weights, row, outputs, inputs, stride, from, to, accumulate });
+    isa.run(Transposed { weights, row, outputs, inputs, stride, from, to, accumulate });
 }
 
 struct Transposed<'a> {

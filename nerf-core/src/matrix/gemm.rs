@@ -1,6 +1,6 @@
 //! `C = init + A B`, the one product behind every dense layer, forward and backward.
 
-use crate::simd::{Lanes, Op, Tier};
+use crate::simd::{Isa, Lanes, Op};
 
 /// Sizes and strides of one product, in elements.
 #[derive(Clone, Copy, Debug)]
@@ -35,13 +35,13 @@ pub enum Init<'a> {
 /// `C[i][j] = act(init + Σ_p A[i][p] B[p][j])`, summed in ascending `p`; `act` is ReLU or nothing.
 ///
 /// Every element is summed by itself in the same order whatever the sizes, so that a result does
-/// not depend on how work is cut into products; tiers differ in whether each step is fused.
+/// not depend on how work is cut into products; instruction sets differ in whether each step is fused.
 /// A NaN stays a NaN through the ReLU.
 ///
 /// # Panics
 /// If `n` is no multiple of 16 or a slice is shorter than sizes and strides say.
 #[inline]
-pub fn gemm(tier: Tier, g: Gemm, a: &[f32], b: &[f32], c: &mut [f32], init: Init<'_>, relu: bool) {
+pub fn gemm(isa: Isa, g: Gemm, a: &[f32], b: &[f32], c: &mut [f32], init: Init<'_>, relu: bool) {
     if g.m == 0 || g.n == 0 {
         return;
     }
@@ -60,7 +60,7 @@ pub fn gemm(tier: Tier, g: Gemm, a: &[f32], b: &[f32], c: &mut [f32], init: Init
     if let Init::Bias(bias) = init {
         assert!(bias.len() >= g.m, "gemm: bias is too short");
     }
-    tier.run(Product { g, a, b, c, init, relu });
+    isa.run(Product { g, a, b, c, init, relu });
 }
 
 /// A product whose slices are long enough: [`gemm`] checked them.

@@ -1,16 +1,16 @@
-//! Dense layers whose f16 weights are read where they lie: the scalar tier and microcontrollers.
+//! Dense layers whose f16 weights are read where they lie: microcontrollers, and scenes without memory of their own.
 
 use super::Gemm;
 use crate::memory::{at, tail, tail_mut};
-use crate::simd::{Lanes, Op, Tier};
+use crate::simd::{Isa, Lanes, Op};
 
-/// As [`super::gemm`] on the scalar tier, with A as little-endian f16 at any alignment, and any
-/// number of columns; `c_row` is at least `n`.
+/// As [`super::gemm`], with A as little-endian f16 at any alignment, and any
+/// number of columns: where they are no multiple of 16, with portable instructions one by one. `c_row` is at least `n`.
 ///
 /// # Panics
 /// With debug assertions, if a slice is shorter than sizes and strides say; without, what is not there is 0.
-pub fn gemm_f16(g: Gemm, a: &[u8], b: &[f32], c: &mut [f32], init: HalfInit<'_>, relu: bool) {
-    Tier::Scalar.run_columns(g.n, Product { g, a, b, c, init, relu });
+pub fn gemm_f16(isa: Isa, g: Gemm, a: &[u8], b: &[f32], c: &mut [f32], init: HalfInit<'_>, relu: bool) {
+    isa.run_columns(g.n, Product { g, a, b, c, init, relu });
 }
 
 /// As [`super::Init`], with the bias as little-endian f16.

@@ -7,6 +7,7 @@ mod bf16_transposed;
 #[allow(unsafe_code, reason = "tiles are read by address, checked once a product")]
 mod gemm;
 mod half;
+mod kernel;
 
 #[cfg(test)]
 mod tests;
@@ -14,5 +15,6 @@ mod tests;
 pub use bf16::{PairedInput, PairedOutput, dense_bf16, pair, pair_rows, pairs};
 pub use gemm::{Gemm, Init, gemm};
 pub use half::{HalfInit, f16_at, gemm_f16};
+pub use kernel::{Kernel, Storage};
 #[cfg(feature = "normals")]
 pub use {bf16::unpair, bf16_transposed::transposed_bf16};

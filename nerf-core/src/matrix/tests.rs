@@ -1,9 +1,9 @@
-//! Every tier against plain loops.
+//! Every instruction set against plain loops.
 
 extern crate std;
 
 use super::*;
-use crate::simd::Tier;
+use crate::simd::Isa;
 use crate::testing::noise;
 use std::format;
 use std::vec;
@@ -26,7 +26,7 @@ fn naive(g: Gemm, a: &[f32], b: &[f32], c: &mut [f32], init: Init<'_>, relu: boo
 }
 
 #[test]
-fn products_equal_plain_loops_on_every_tier() {
+fn products_equal_plain_loops_with_every_kernel() {
     for (case, (m, n, k)) in
         [(1, 16, 0), (1, 64, 63), (3, 64, 1), (6, 64, 27), (13, 80, 64), (128, 64, 155), (70, 320, 64)]
             .into_iter()
@@ -41,17 +41,14 @@ fn products_equal_plain_loops_on_every_tier() {
                 for relu in [false, true] {
                     let mut expected = c.clone();
                     naive(g, &a, &b, &mut expected, init, relu);
-                    for tier in Tier::ALL.into_iter().filter(|tier| tier.available()) {
+                    for isa in Isa::ALL.into_iter().filter(|isa| isa.available()) {
                         let mut found = c.clone();
-                        gemm(tier, g, &a, &b, &mut found, init, relu);
-                        if tier == Tier::Scalar {
+                        gemm(isa, g, &a, &b, &mut found, init, relu);
+                        if isa == Isa::Portable {
                             assert_eq!(found, expected, "case {case}");
                         }
                         for (e, f) in expected.iter().zip(&found) {
-                            assert!(
-                                (e - f).abs() <= 1e-5 * e.abs().max(1.0),
-                                "{tier:?} case {case}: {e} {f}"
-                            );
+                            assert!((e - f).abs() <= 1e-5 * e.abs().max(1.0), "{isa:?} case {case}: {e} {f}");
                         }
                     }
                 }
@@ -61,12 +58,12 @@ fn products_equal_plain_loops_on_every_tier() {
 }
 
 #[test]
-fn a_nan_passes_through_the_relu_on_every_tier() {
-    for tier in Tier::ALL.into_iter().filter(|tier| tier.available()) {
+fn a_nan_passes_through_the_relu_with_every_kernel() {
+    for isa in Isa::ALL.into_iter().filter(|isa| isa.available()) {
         let g = Gemm { m: 1, n: 16, k: 1, a_row: 1, a_col: 1, b_row: 16, c_row: 16 };
         let mut c = vec![0.0; 16];
-        gemm(tier, g, &[f32::NAN], &[1.0; 16], &mut c, Init::Zero, true);
-        assert!(c.iter().all(|x| x.is_nan()), "{tier:?}");
+        gemm(isa, g, &[f32::NAN], &[1.0; 16], &mut c, Init::Zero, true);
+        assert!(c.iter().all(|x| x.is_nan()), "{isa:?}");
     }
 }
 
@@ -82,7 +79,7 @@ fn strides_whose_reach_overflows_are_refused() {
     ] {
         let refused = std::panic::catch_unwind(|| {
             let (a, b, mut c) = (vec![0.0; 64], vec![0.0; 64], vec![0.0; 64]);
-            gemm(Tier::Scalar, g, &a, &b, &mut c, Init::Zero, false);
+            gemm(Isa::Portable, g, &a, &b, &mut c, Init::Zero, false);
         });
         let message = refused.expect_err("refused");
         let text = message.downcast_ref::<&str>().copied().unwrap_or("not the kernel's own message");
@@ -91,7 +88,7 @@ fn strides_whose_reach_overflows_are_refused() {
 }
 
 #[test]
-fn paired_layers_equal_the_oracle_on_every_tier() {
+fn paired_layers_equal_the_oracle_with_every_kernel() {
     for (outputs, stride, main, extra) in
         [(1, 16, 1, 0), (6, 64, 63, 0), (13, 80, 64, 27), (128, 64, 255, 1), (3, 64, 128, 0), (4, 128, 7, 2)]
     {
@@ -117,11 +114,11 @@ fn paired_layers_equal_the_oracle_on_every_tier() {
         let (bias, start) = (noise(outputs, 1002), noise(outputs * stride, 1003));
         for init in [Init::Zero, Init::Bias(&bias), Init::Accumulate] {
             for relu in [false, true] {
-                for tier in [Tier::Scalar, Tier::Avx512Bf16].into_iter().filter(|tier| tier.available()) {
+                for isa in [Isa::Portable, Isa::Avx512] {
                     let mut found = start.clone();
-                    dense_bf16(tier, parts, outputs, stride, init, &mut found, relu, PairedOutput::Floats);
+                    dense_bf16(isa, parts, outputs, stride, init, &mut found, relu, PairedOutput::Floats);
                     let mut words = start.clone();
-                    dense_bf16(tier, parts, outputs, stride, init, &mut words, relu, PairedOutput::Pairs);
+                    dense_bf16(isa, parts, outputs, stride, init, &mut words, relu, PairedOutput::Pairs);
                     for i in 0..outputs {
                         for j in 0..stride {
                             let mut sum = match init {
@@ -139,7 +136,7 @@ fn paired_layers_equal_the_oracle_on_every_tier() {
                             }
                             let expected = if relu { sum.max(0.0) } else { sum };
                             let value = found[i * stride + j];
-                            let what = format!("{tier:?} {outputs}x{stride}x{main}+{extra} {init:?} row {i}");
+                            let what = format!("{isa:?} {outputs}x{stride}x{main}+{extra} {init:?} row {i}");
                             assert!(
                                 (f64::from(value) - expected).abs() <= 2e-5,
                                 "{what}: {value} {expected}"
@@ -163,7 +160,7 @@ fn paired_layers_equal_the_oracle_on_every_tier() {
 
 #[cfg(feature = "normals")]
 #[test]
-fn transposed_paired_weights_equal_plain_loops_on_every_tier() {
+fn transposed_paired_weights_equal_plain_loops_with_every_kernel() {
     for (outputs, inputs, stride) in [(1, 1, 16), (6, 63, 64), (13, 8, 80), (128, 27, 64), (3, 2, 48)] {
         // Rows with a word to spare at each end, as those of a part of a layer have.
         let row = pairs(inputs) + 2;
@@ -177,10 +174,10 @@ fn transposed_paired_weights_equal_plain_loops_on_every_tier() {
             .collect();
         let (from, start) = (noise(outputs * stride, 2000), noise(inputs * stride + 16, 2001));
         for accumulate in [false, true] {
-            for tier in Tier::ALL.into_iter().filter(|tier| tier.available()) {
+            for isa in Isa::ALL.into_iter().filter(|isa| isa.available()) {
                 let mut found = start.clone();
                 let sizes = [outputs, inputs];
-                transposed_bf16(tier, &words[1..], row, sizes, stride, &from, &mut found, accumulate);
+                transposed_bf16(isa, &words[1..], row, sizes, stride, &from, &mut found, accumulate);
                 for i in 0..inputs {
                     for j in 0..stride {
                         let at = i * stride + j;
@@ -192,7 +189,7 @@ fn transposed_paired_weights_equal_plain_loops_on_every_tier() {
                         // γ of a sum of that many products, none above 1.
                         let bound = (outputs + 2) as f64 * 6e-8 * (outputs + 1) as f64;
                         let off = (f64::from(found[at]) - sum).abs();
-                        assert!(off <= bound, "{tier:?} {outputs}x{inputs}x{stride}: {off:e}");
+                        assert!(off <= bound, "{isa:?} {outputs}x{inputs}x{stride}: {off:e}");
                     }
                 }
                 assert_eq!(found[inputs * stride..], start[inputs * stride..], "nothing beyond");
@@ -207,4 +204,21 @@ fn every_f16_widens_to_what_half_says() {
         let (found, expected) = (f16_at(&bits.to_le_bytes(), 0), ::half::f16::from_bits(bits).to_f32());
         assert!(found.to_bits() == expected.to_bits() || found.is_nan() && expected.is_nan(), "{bits:#06x}");
     }
+}
+
+#[test]
+fn kernels_are_named_both_ways() {
+    let every = Isa::ALL.into_iter().flat_map(|isa| Storage::ALL.map(|storage| Kernel::new(isa, storage)));
+    for kernel in every {
+        assert_eq!(Kernel::by_name(&format!("{kernel}")), Some(kernel));
+    }
+    for name in ["gpu", "", "avx2-", "avx2-f64", "-f16", "avx2-f16-f16"] {
+        assert_eq!(Kernel::by_name(name), None, "{name}");
+    }
+    assert_eq!(
+        format!("{} {}", Kernel::IN_PLACE, Kernel::new(Isa::Avx512, Storage::F32)),
+        "portable-f16 avx512"
+    );
+    assert!(Kernel::detect().available() && !Kernel::detect().rounds());
+    assert!(Kernel::all().any(|kernel| kernel == Kernel::IN_PLACE) && Kernel::all().count() >= 2);
 }

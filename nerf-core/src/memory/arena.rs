@@ -3,7 +3,7 @@
 use core::mem::{MaybeUninit, align_of, size_of};
 
 /// One cache line of workspace. A slice of lines is how memory is handed to this crate: it brings
-/// the alignment that every tier's loads like.
+/// the alignment that every instruction set's loads like.
 #[derive(Clone, Copy, Debug)]
 #[repr(C, align(64))]
 pub struct Line([MaybeUninit<u8>; 64]);

@@ -51,8 +51,8 @@ impl Network<'_> {
     /// finer than that are damped, with the network taken as linear around each sample. 0 for the gradient
     /// itself. Of a grid it is that of the cell a sample falls into; on a face, of the one further on.
     ///
-    /// Where a unit's sum is exactly 0, it is off. All of it is f32, with the units that the tier's own
-    /// forward pass found on; on the tier that rounds, weights are bf16 on the way back, too.
+    /// Where a unit's sum is exactly 0, it is off. All of it is f32, with the units that the kernel's own
+    /// forward pass found on; where the storage rounds, weights are bf16 on the way back, too.
     ///
     /// # Panics
     /// If a slice is shorter than its rows times [`Scratch::stride`], as [`Network::trunk`] does.
@@ -104,10 +104,10 @@ impl Network<'_> {
         match encoding {
             PositionEncoding::Sinusoidal(encoding) => {
                 let (encoded, of_encoded) = (&*scratch.encoded, &*memory.encoded);
-                encode_gradient_block(self.tier, encoding, stride, encoded, of_encoded, blur, gradient);
+                encode_gradient_block(self.isa, encoding, stride, encoded, of_encoded, blur, gradient);
             }
             PositionEncoding::Grid(grid) => {
-                self.tables.gradient(self.tier, grid, stride, positions, memory.encoded, blur, gradient);
+                self.tables.gradient(self.isa, grid, stride, positions, memory.encoded, blur, gradient);
             }
         }
     }
@@ -144,17 +144,17 @@ impl Network<'_> {
         match self.weights() {
             Weights::Prepared(parameters) => {
                 let init = if accumulate { Init::Accumulate } else { Init::Zero };
-                gemm(self.tier, g, &parameters[at..], from, to, init, false);
+                gemm(self.isa, g, &parameters[at..], from, to, init, false);
             }
             Weights::InPlace(bytes) => {
                 let init = if accumulate { HalfInit::Accumulate } else { HalfInit::Zero };
-                gemm_f16(g, tail(bytes, 2 * at), from, to, init, false);
+                gemm_f16(self.isa, g, tail(bytes, 2 * at), from, to, init, false);
             }
             Weights::Paired(words) => {
                 let row = pairs(layer.main) + pairs(layer.extra);
                 let first = if inputs.start == 0 { 0 } else { pairs(layer.main) };
                 let weights = &words[layer.weights + first..];
-                transposed_bf16(self.tier, weights, row, [k, m], stride, from, to, accumulate);
+                transposed_bf16(self.isa, weights, row, [k, m], stride, from, to, accumulate);
             }
         }
     }

@@ -3,7 +3,8 @@ extern crate std;
 use super::*;
 use crate::encoding::{AngleScale, SinusoidalEncoding};
 use crate::math::MathBackend;
-use crate::simd::Tier;
+use crate::matrix::Kernel;
+use crate::simd::Isa;
 use crate::testing::{Worse, architecture, every_kind, halve, noise, parameters, pi};
 use std::string::ToString;
 use std::vec;
@@ -113,28 +114,30 @@ fn block(seed: u32) -> (Vec<f32>, Vec<f32>) {
     (noise(3 * STRIDE, seed), dirs)
 }
 
+/// The instruction sets of this machine.
+fn isas() -> impl Iterator<Item = Isa> {
+    Isa::ALL.into_iter().filter(|isa| isa.available())
+}
+
 fn column(rows: &[f32], inputs: usize, i: usize) -> Vec<f64> {
     (0..inputs).map(|c| f64::from(rows[c * STRIDE + i])).collect()
 }
 
 #[test]
-fn every_architecture_is_its_drawing_on_every_tier() {
+fn every_architecture_is_its_drawing_with_every_kernel() {
     for (name, a) in architectures() {
         a.check().unwrap();
         let (bytes, parameters) = halve(&parameters(&a, 3));
         let (positions, dirs) = block(5);
-        // sigma and rgb, f32 tiers and tiers that round.
+        // sigma and rgb, kernels that are exact and kernels that round.
         let mut worst = [[0.0f64; 2]; 2];
-        let in_place = Network::new(&a, Weights::InPlace(&bytes), Tier::Scalar).unwrap();
-        let mut memories: Vec<_> =
-            Tier::ALL.into_iter().map(|tier| (tier, vec![0.0; a.parameters()])).collect();
-        let prepared = memories.iter_mut().filter(|(tier, _)| tier.available()).map(|(tier, memory)| {
-            Network::new(&a, Weights::prepare(&a, *tier, &bytes, memory), *tier).unwrap()
-        });
-        for network in core::iter::once(in_place).chain(prepared) {
-            let [worst_sigma, worst_rgb] = &mut worst[usize::from(network.tier().rounds())];
-            let network = &network;
-            let (sigma, rgb) = evaluate(network, STRIDE, &positions, &dirs);
+        for kernel in Kernel::all() {
+            let mut memory = vec![0.0; a.parameters()];
+            let weights = Weights::prepare(&a, kernel.storage, &bytes, &mut memory);
+            let network = Network::new(&a, weights, kernel.isa).unwrap();
+            assert_eq!(network.kernel(), kernel);
+            let [worst_sigma, worst_rgb] = &mut worst[usize::from(kernel.rounds())];
+            let (sigma, rgb) = evaluate(&network, STRIDE, &positions, &dirs);
             for i in 0..STRIDE {
                 let x = column(&positions, usize::from(a.position.inputs()), i);
                 let (s, c) = oracle(&a, &parameters, &x, &column(&dirs, 3, i));
@@ -152,16 +155,18 @@ fn every_architecture_is_its_drawing_on_every_tier() {
 }
 
 #[test]
-fn weights_in_place_and_prepared_agree_bit_for_bit_on_the_scalar_tier() {
-    for (name, a) in architectures() {
+fn weights_in_place_and_unpacked_agree_bit_for_bit() {
+    for ((name, a), isa) in
+        architectures().into_iter().flat_map(|it| isas().map(move |isa| (it.clone(), isa)))
+    {
         let (bytes, parameters) = halve(&parameters(&a, 11));
         let (positions, dirs) = block(13);
-        let in_place = Network::new(&a, Weights::InPlace(&bytes), Tier::Scalar).unwrap();
-        let prepared = Network::new(&a, Weights::Prepared(&parameters), Tier::Scalar).unwrap();
-        assert!(!in_place.whole_blocks() && prepared.whole_blocks());
+        let in_place = Network::new(&a, Weights::InPlace(&bytes), isa).unwrap();
+        let prepared = Network::new(&a, Weights::Prepared(&parameters), isa).unwrap();
+        assert!(in_place.whole_blocks() != (isa == Isa::Portable) && prepared.whole_blocks());
         let wide = evaluate(&in_place, STRIDE, &positions, &dirs);
-        assert_eq!(wide, evaluate(&prepared, STRIDE, &positions, &dirs), "{name}");
-        for stride in [1, 3, 16] {
+        assert_eq!(wide, evaluate(&prepared, STRIDE, &positions, &dirs), "{name} {isa:?}");
+        for stride in [1, 3, 16].into_iter().filter(|stride| stride % 16 == 0 || isa == Isa::Portable) {
             let inputs = usize::from(a.position.inputs());
             let cut = |rows: &[f32], inputs: usize| -> Vec<f32> {
                 (0..inputs).flat_map(|c| rows[c * STRIDE..c * STRIDE + stride].to_vec()).collect()
@@ -195,7 +200,7 @@ fn unpacking_is_exact_for_every_finite_half() {
 fn a_512_wide_sum_of_the_largest_halves_is_finite() {
     let a = architecture(pi(3, 0), None, &[(512, false), (1, false)], &[]);
     let (bytes, _) = halve(&vec![65_504.0; a.parameters()]);
-    let network = Network::new(&a, Weights::InPlace(&bytes), Tier::Scalar).unwrap();
+    let network = Network::new(&a, Weights::InPlace(&bytes), Isa::Portable).unwrap();
     let (sigma, rgb) = evaluate(&network, 1, &[1.0; 3], &[]);
     assert!(
         sigma[0].is_finite() && (sigma[0] / 5.756e17 - 1.0).abs() < 1e-3 && rgb == [1.0; 3],
@@ -225,8 +230,8 @@ fn an_exponential_density_is_finite_positive_and_flat_above_its_limit_and_nan_st
         #[cfg(feature = "micromath")]
         MathBackend::Micromath,
     ] {
-        for tier in Tier::ALL.into_iter().filter(|tier| tier.available() && !tier.rounds()) {
-            let network = Network::new(&a, Weights::Prepared(&all), tier).unwrap();
+        for isa in isas() {
+            let network = Network::new(&a, Weights::Prepared(&all), isa).unwrap();
             let mut encoded = vec![0.0; 3 * 16];
             let (mut front, mut back) = (vec![0.0; 48], vec![0.0; 48]);
             let mut scratch =
@@ -234,7 +239,7 @@ fn an_exponential_density_is_finite_positive_and_flat_above_its_limit_and_nan_st
             let mut sigma = vec![0.0; 16];
             network.trunk(math, &mut scratch, &positions);
             network.density(math, &scratch, &mut sigma);
-            let what = std::format!("{math:?}, {tier:?}: {sigma:?}");
+            let what = std::format!("{math:?}, {isa:?}: {sigma:?}");
             assert!(sigma[..9].iter().all(|s| *s > 0.0 && s.is_finite()), "{what}");
             assert!(sigma[..2].iter().all(|s| *s < 1e-37) && (sigma[3] - 1.0).abs() < 1e-2, "{what}");
             assert!(sigma[6] == sigma[7] && sigma[7] == sigma[8], "{what}");
@@ -247,11 +252,11 @@ fn an_exponential_density_is_finite_positive_and_flat_above_its_limit_and_nan_st
 fn parameters_that_are_too_few_make_no_network() {
     let a = every_kind();
     let n = a.parameters();
-    assert!(Network::new(&a, Weights::Prepared(&vec![0.0; n - 1]), Tier::Scalar).is_none());
-    assert!(Network::new(&a, Weights::InPlace(&vec![0; 2 * n - 1]), Tier::Scalar).is_none());
-    assert!(Network::new(&a, Weights::Prepared(&vec![0.0; n]), Tier::Scalar).is_some());
+    assert!(Network::new(&a, Weights::Prepared(&vec![0.0; n - 1]), Isa::Portable).is_none());
+    assert!(Network::new(&a, Weights::InPlace(&vec![0; 2 * n - 1]), Isa::Portable).is_none());
+    assert!(Network::new(&a, Weights::Prepared(&vec![0.0; n]), Isa::Portable).is_some());
     let no_trunk = Architecture { trunk: heapless::Vec::new(), ..a };
-    assert!(Network::new(&no_trunk, Weights::Prepared(&vec![0.0; n]), Tier::Scalar).is_none());
+    assert!(Network::new(&no_trunk, Weights::Prepared(&vec![0.0; n]), Isa::Portable).is_none());
 }
 
 #[test]

@@ -6,11 +6,11 @@ use crate::encoding::{
 };
 use crate::math::{Math, MathBackend, with_math};
 use crate::matrix::{
-    Gemm, HalfInit, Init, PairedInput, PairedOutput, dense_bf16, f16_at, gemm, gemm_f16, pair, pair_rows,
-    pairs,
+    Gemm, HalfInit, Init, Kernel, PairedInput, PairedOutput, Storage, dense_bf16, f16_at, gemm, gemm_f16,
+    pair, pair_rows, pairs,
 };
 use crate::memory::{head_mut, tail};
-use crate::simd::{Lanes, Op, Tier, VECTORS};
+use crate::simd::{Isa, Lanes, Op, VECTORS};
 use core::marker::PhantomData;
 
 /// Where the parameters lie.
@@ -18,34 +18,42 @@ use core::marker::PhantomData;
 pub enum Weights<'a> {
     /// Little-endian f16, read in place: no memory but the activations.
     InPlace(&'a [u8]),
-    /// f32, for the vector tiers.
+    /// f32, for instructions with vectors.
     Prepared(&'a [f32]),
     /// Pairs of bf16, each layer where its f32 would be: [`Weights::prepare`] makes them.
     Paired(&'a [f32]),
 }
 
 impl<'a> Weights<'a> {
-    /// Unpacks little-endian f16 `bytes` once, into what `tier` multiplies best.
+    /// Unpacks little-endian f16 `bytes` once, as `storage` has it, unless it has them in place.
     ///
     /// `memory`: one value for each parameter of the `architecture`, or for its trunk and density head
-    /// alone ([`Architecture::density_parameters`]) where no colour will be asked for.
+    /// alone ([`Architecture::density_parameters`]) where no colour will be asked for; unused in place.
     ///
     /// # Panics
     /// If `bytes` or `memory` is shorter than that.
-    pub fn prepare(architecture: &Architecture, tier: Tier, bytes: &[u8], memory: &'a mut [f32]) -> Self {
-        Self::unpack(architecture, tier, bytes, memory);
-        Self::unpacked(tier, memory)
+    pub fn prepare(
+        architecture: &Architecture,
+        storage: Storage,
+        bytes: &'a [u8],
+        memory: &'a mut [f32],
+    ) -> Self {
+        if storage == Storage::F16 {
+            return Self::InPlace(bytes);
+        }
+        Self::unpack(architecture, storage, bytes, memory);
+        Self::unpacked(storage, memory)
     }
 
-    /// What [`Weights::unpack`] made for `tier`.
-    pub(crate) fn unpacked(tier: Tier, memory: &'a [f32]) -> Self {
-        if tier == Tier::Avx512Bf16 { Self::Paired(memory) } else { Self::Prepared(memory) }
+    /// What [`Weights::unpack`] made for `storage`.
+    pub(crate) fn unpacked(storage: Storage, memory: &'a [f32]) -> Self {
+        if storage == Storage::Bf16 { Self::Paired(memory) } else { Self::Prepared(memory) }
     }
 
     /// The first half of [`Weights::prepare`].
-    pub(crate) fn unpack(architecture: &Architecture, tier: Tier, bytes: &[u8], memory: &mut [f32]) {
+    pub(crate) fn unpack(architecture: &Architecture, storage: Storage, bytes: &[u8], memory: &mut [f32]) {
         unpack(bytes, memory);
-        if tier != Tier::Avx512Bf16 {
+        if storage != Storage::Bf16 {
             return;
         }
         let parameters = memory.len();
@@ -66,14 +74,14 @@ impl<'a> Weights<'a> {
     }
 }
 
-/// A network that can be evaluated: shape, parameters, tier and maths backend.
+/// A network that can be evaluated: shape, parameters, instructions and maths backend.
 #[derive(Clone, Debug)]
 pub struct Network<'a> {
     pub(super) architecture: Architecture,
     pub(super) layers: Layers,
     weights: Weights<'a>,
     pub(super) tables: GridTables<'a>,
-    pub(super) tier: Tier,
+    pub(super) isa: Isa,
 }
 
 /// Memory for one block of samples, `[channel][stride]` each.
@@ -111,8 +119,8 @@ impl<'a> Network<'a> {
     /// `None` if the architecture breaks a cap or the parameters are too few, and where
     /// there are no [`VECTORS`] for any but those read in place; of an architecture whose position is a
     /// grid, too, which takes [`Network::with_grid`].
-    pub fn new(architecture: &Architecture, weights: Weights<'a>, tier: Tier) -> Option<Self> {
-        Self::with_grid(architecture, weights, GridTables::NONE, tier)
+    pub fn new(architecture: &Architecture, weights: Weights<'a>, isa: Isa) -> Option<Self> {
+        Self::with_grid(architecture, weights, GridTables::NONE, isa)
     }
 
     /// As [`Network::new`], with the tables of the architecture's grid; `None` if they are too short, too.
@@ -122,18 +130,18 @@ impl<'a> Network<'a> {
         architecture: &Architecture,
         weights: Weights<'a>,
         tables: GridTables<'a>,
-        tier: Tier,
+        isa: Isa,
     ) -> Option<Self> {
-        Self::of_layers(architecture, architecture.layers(), weights, tables, tier)
+        Self::of_layers(architecture, architecture.layers(), weights, tables, isa)
     }
 
     /// The same without the colour branch, over the parameters of trunk and density head
     /// ([`Architecture::density_parameters`]); [`Network::colour`] must not be called.
     #[cfg(feature = "proposal")]
-    pub(crate) fn of_density(architecture: &Architecture, weights: Weights<'a>, tier: Tier) -> Option<Self> {
+    pub(crate) fn of_density(architecture: &Architecture, weights: Weights<'a>, isa: Isa) -> Option<Self> {
         let mut layers = architecture.layers();
         layers.retain(|layer| matches!(layer.role, Role::Trunk(_) | Role::Density));
-        Self::of_layers(architecture, layers, weights, GridTables::NONE, tier)
+        Self::of_layers(architecture, layers, weights, GridTables::NONE, isa)
     }
 
     fn of_layers(
@@ -141,7 +149,7 @@ impl<'a> Network<'a> {
         layers: Layers,
         weights: Weights<'a>,
         tables: GridTables<'a>,
-        tier: Tier,
+        isa: Isa,
     ) -> Option<Self> {
         architecture.check().ok()?;
         if architecture.position.grid().is_some_and(|grid| !tables.fit(grid)) {
@@ -153,7 +161,7 @@ impl<'a> Network<'a> {
             Weights::Prepared(parameters) | Weights::Paired(parameters) => parameters.len(),
         };
         let needed = layers.last().map_or(0, |layer| layer.bias + layer.outputs);
-        (have >= needed).then(|| Self { architecture: architecture.clone(), layers, weights, tables, tier })
+        (have >= needed).then(|| Self { architecture: architecture.clone(), layers, weights, tables, isa })
     }
 
     /// Its shape.
@@ -161,9 +169,18 @@ impl<'a> Network<'a> {
         &self.architecture
     }
 
-    /// The tier its products run on.
-    pub fn tier(&self) -> Tier {
-        self.tier
+    /// What it runs with.
+    pub fn kernel(&self) -> Kernel {
+        let storage = match self.weights() {
+            Weights::InPlace(_) => Storage::F16,
+            Weights::Prepared(_) => Storage::F32,
+            Weights::Paired(_) => Storage::Bf16,
+        };
+        Kernel::new(self.isa, storage)
+    }
+
+    pub(crate) fn isa(&self) -> Isa {
+        self.isa
     }
 
     /// Where its parameters lie; says so in a way that leaves a build without [`VECTORS`] but one answer.
@@ -176,9 +193,9 @@ impl<'a> Network<'a> {
         }
     }
 
-    /// Whether [`Scratch::stride`] must be a multiple of 16: only weights read in place take any.
+    /// Whether [`Scratch::stride`] must be a multiple of 16: only portable instructions over weights read in place take any.
     pub fn whole_blocks(&self) -> bool {
-        !matches!(self.weights(), Weights::InPlace(_))
+        VECTORS && (self.isa != Isa::Portable || !matches!(self.weights, Weights::InPlace(_)))
     }
 
     /// Rows of [`Scratch::encoded`].
@@ -229,7 +246,7 @@ impl<'a> Network<'a> {
     ///
     /// # Panics
     /// If a slice is shorter than its rows times [`Scratch::stride`] (where weights are read in place, only with
-    /// debug assertions), or if the weights are prepared and the stride is no multiple of 16
+    /// debug assertions), or if the stride must be a multiple of 16 and is none
     /// ([`Network::whole_blocks`]). So do the three methods beside it.
     pub fn trunk(&self, math: MathBackend, scratch: &mut Scratch<'_>, positions: &[f32]) {
         self.trunk_with(math, scratch, positions, |_, _| {});
@@ -264,7 +281,7 @@ impl<'a> Network<'a> {
             let stride = scratch.stride;
             self.dense(layer, [Some(&*scratch.front), None], stride, sigma, Start::Bias, false);
             let values = head_mut(sigma, stride);
-            with_math!(math, M => self.tier.run_columns(stride, Density::<M> { activation, values, math: PhantomData }));
+            with_math!(math, M => self.isa.run_columns(stride, Density::<M> { activation, values, math: PhantomData }));
         }
     }
 
@@ -300,18 +317,18 @@ impl<'a> Network<'a> {
             }
         }
         let values = head_mut(rgb, 3 * stride);
-        with_math!(math, M => self.tier.run_columns(stride, Sigmoid::<M> { values, math: PhantomData }));
+        with_math!(math, M => self.isa.run_columns(stride, Sigmoid::<M> { values, math: PhantomData }));
     }
 
     /// Encodes a block of positions into [`Scratch::encoded`].
     pub(super) fn encode_position(&self, math: MathBackend, scratch: &mut Scratch<'_>, positions: &[f32]) {
-        let (tier, stride) = (self.tier, scratch.stride);
+        let (isa, stride) = (self.isa, scratch.stride);
         match &self.architecture.position {
             PositionEncoding::Sinusoidal(encoding) => {
-                encode_block(tier, math, encoding, stride, positions, scratch.encoded);
+                encode_block(isa, math, encoding, stride, positions, scratch.encoded);
             }
             PositionEncoding::Grid(grid) => {
-                self.tables.encode(tier, grid, stride, positions, scratch.encoded);
+                self.tables.encode(isa, grid, stride, positions, scratch.encoded);
             }
         }
     }
@@ -326,10 +343,10 @@ impl<'a> Network<'a> {
     ) {
         match encoding {
             DirectionEncoding::Sinusoidal(encoding) => {
-                encode_block(self.tier, math, encoding, scratch.stride, dirs, scratch.encoded);
+                encode_block(self.isa, math, encoding, scratch.stride, dirs, scratch.encoded);
             }
             DirectionEncoding::SphericalHarmonics { degree } => {
-                encode_harmonics_block(self.tier, *degree, scratch.stride, dirs, scratch.encoded);
+                encode_harmonics_block(self.isa, *degree, scratch.stride, dirs, scratch.encoded);
             }
         }
         self.pair_encoded(encoding.outputs(), scratch);
@@ -365,14 +382,14 @@ impl<'a> Network<'a> {
             match self.weights() {
                 Weights::Prepared(parameters) => {
                     let init = start.of(&parameters[layer.bias..]);
-                    gemm(self.tier, g, &parameters[offset..], from, to, init, hidden && last);
+                    gemm(self.isa, g, &parameters[offset..], from, to, init, hidden && last);
                 }
                 Weights::InPlace(bytes) => {
                     let init = match start {
                         Start::Bias => HalfInit::Bias(tail(bytes, 2 * layer.bias)),
                         Start::Output => HalfInit::Accumulate,
                     };
-                    gemm_f16(g, tail(bytes, 2 * offset), from, to, init, hidden && last);
+                    gemm_f16(self.isa, g, tail(bytes, 2 * offset), from, to, init, hidden && last);
                 }
                 // Both parts at once: what lies between them is not rounded.
                 Weights::Paired(words) => {
@@ -405,7 +422,7 @@ impl<'a> Network<'a> {
         let parts = [part(0, main, inputs[0]), part(main, extra, inputs[1])];
         let output = if hidden { PairedOutput::Pairs } else { PairedOutput::Floats };
         let init = start.of(&words[layer.bias..]);
-        dense_bf16(self.tier, parts, layer.outputs, stride, init, to, hidden, output);
+        dense_bf16(self.isa, parts, layer.outputs, stride, init, to, hidden, output);
     }
 }
 

@@ -80,7 +80,7 @@ impl Outputs {
 pub struct Batch {
     /// Rays in flight.
     pub rays: usize,
-    /// Samples that go through the network together: [`BLOCK`] on the vector tiers.
+    /// Samples that go through the network together: [`BLOCK`] with vectors.
     pub samples: usize,
 }
 
@@ -88,7 +88,7 @@ impl Batch {
     /// Most rays in flight: more than any picture needs, few enough for 32-bit columns.
     pub const MAX_RAYS: usize = 1 << 24;
 
-    /// One of everything: what a microcontroller has room for. Scalar tier only.
+    /// One of everything: what a microcontroller has room for. Only for weights read in place.
     pub const SMALLEST: Self = Self { rays: 1, samples: 1 };
 
     /// As many rays as a tile has pixels and whole blocks: what keeps any instruction set busy.

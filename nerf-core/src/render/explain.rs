@@ -228,7 +228,7 @@ impl fmt::Display for Explanation<'_> {
         writeln!(f, "lens distortion    {lens}")?;
         writeln!(f, "maths              {:?}", plan.math)?;
         let batch = plan.batch;
-        writeln!(f, "kernel             {}, {} rays in flight", network.tier().name(), batch.rays)?;
+        writeln!(f, "kernel             {}, {} rays in flight", network.isa().name(), batch.rays)?;
         writeln!(f, "workspace          {} bytes", self.workspace_bytes())?;
         let Some(c) = &self.counters else { return Ok(()) };
         let rays = c.rays.max(1) as f32;

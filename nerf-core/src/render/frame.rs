@@ -177,7 +177,7 @@ impl<'f, 'w> Frame<'f, 'w> {
                 let (next, end) = (state.next, state.end);
                 // A proposal is asked in the middle of its bins.
                 let place = if self.drawn.is_on() { SampleJitter::MIDDLE } else { state.place(plan, turn) };
-                let live = state.march(self.network.tier(), plan, walk, place);
+                let live = state.march(self.network.isa(), plan, walk, place);
                 // Between the proposal's samples there may be drawn ones that are live.
                 if (live || (self.drawn.is_on() && next < end))
                     && let Some(place) = self.rays.get_mut(hits)
@@ -394,7 +394,7 @@ pub(super) fn block_samples(network: &Network<'_>, plan: &Plan<'_>) -> usize {
     if network.whole_blocks() { BLOCK } else { plan.batch.samples }
 }
 
-/// Columns that `n` samples take: as many as they are, or whole vectors on the tiers that need them.
+/// Columns that `n` samples take: as many as they are, or whole vectors for the kernels that need them.
 ///
 /// A column's result does not depend on how many stand beside it.
 pub(super) fn columns_of(network: &Network<'_>, n: usize) -> usize {

@@ -15,7 +15,7 @@ use crate::memory::{at, column, head, head_mut, put, put_column, tail, tail_mut}
 use crate::network::Scratch;
 use crate::plan::Plan;
 use crate::sampling::{Bins, Ends, SampleJitter};
-use crate::simd::{Lanes, Op, Tier, VECTORS};
+use crate::simd::{Isa, Lanes, Op, VECTORS};
 use crate::volume::{Accumulator, alpha, light, thickness};
 use core::marker::PhantomData;
 use glam::Vec3;
@@ -75,14 +75,14 @@ impl RayState {
 
     /// Moves `next` to the first live one of `bins` at or after it; `false` if there is none.
     #[inline]
-    pub fn march(&mut self, tier: Tier, plan: &Plan<'_>, bins: &Bins, place: SampleJitter) -> bool {
+    pub fn march(&mut self, isa: Isa, plan: &Plan<'_>, bins: &Bins, place: SampleJitter) -> bool {
         let (bins, next, end) = (bins.with(self.ends), self.next, self.end);
         self.next = match &plan.occupancy {
             Some(occupancy)
-                if VECTORS && tier != Tier::Scalar && end <= window::MAX_BINS && place.is_middle() =>
+                if VECTORS && isa != Isa::Portable && end <= window::MAX_BINS && place.is_middle() =>
             {
                 let contraction = plan.contraction.as_ref();
-                self.window.first_occupied(tier, occupancy, contraction, &self.ray, &bins, next, end)
+                self.window.first_occupied(isa, occupancy, contraction, &self.ray, &bins, next, end)
             }
             _ => plan.first_occupied(&bins, &self.ray, place, next, end),
         };
@@ -167,7 +167,7 @@ impl Frame<'_, '_> {
     /// Fills a block with the next sample of each active ray, or without a transmittance threshold with all samples of
     /// as many rays as fit. Returns the number of samples.
     fn fill(&mut self) -> usize {
-        let (plan, tier) = (self.plan, self.network.tier());
+        let (plan, isa) = (self.plan, self.network.isa());
         let room = self.block.owner.len();
         let burst = if plan.transmittance_cut > 0.0 { 1 } else { room };
         let mut n = 0;
@@ -177,7 +177,7 @@ impl Frame<'_, '_> {
             for taken in 0..burst.min(room - n) {
                 let place = state.place(plan, self.turn);
                 // The next sample of an active ray is occupied.
-                if taken > 0 && !self.drawn.march(tier, plan, i, state, place) {
+                if taken > 0 && !self.drawn.march(isa, plan, i, state, place) {
                     break;
                 }
                 let t = self.drawn.take(plan, i, state, place, n);
@@ -205,7 +205,7 @@ impl Frame<'_, '_> {
             }
             let (positions, dirs, t) = (&mut *self.positions, &*self.triples, &*self.block.t);
             let points = ContractPoints { contraction, stride, positions, dirs, t };
-            self.network.tier().run_columns(stride, points);
+            self.network.isa().run_columns(stride, points);
             return;
         }
         for column in 0..stride {
@@ -220,7 +220,7 @@ impl Frame<'_, '_> {
     /// Composites the densities of the block's `n` samples, picks those whose colour or normal is evaluated, and marches
     /// the rays that go on to their next occupied sample. Returns how many were picked.
     fn gather<M: Math>(&mut self, n: usize) -> usize {
-        let (plan, tier) = (self.plan, self.network.tier());
+        let (plan, isa) = (self.plan, self.network.isa());
         // Without vectors it would be the same work in more code.
         if VECTORS {
             self.absorb::<M>(n);
@@ -260,7 +260,7 @@ impl Frame<'_, '_> {
             }
             let last = column + 1 == n || at(self.block.owner, column + 1) != owner;
             let place = state.place(plan, self.turn);
-            if last && !state.done && self.drawn.march(tier, plan, owner, state, place) {
+            if last && !state.done && self.drawn.march(isa, plan, owner, state, place) {
                 self.active.push(owner);
             }
         }
@@ -269,7 +269,7 @@ impl Frame<'_, '_> {
 
     /// Adds the optical thickness of the block's `n` samples to their rays, and works out what each keeps of the light.
     ///
-    /// The exponentials are the same bits on every tier, sixteen at a time where there are so many.
+    /// The exponentials are the same bits with every instruction set, sixteen at a time where there are so many.
     fn absorb<M: Math>(&mut self, n: usize) {
         let room = self.block.owner.len();
         if let Some(contraction) = &self.plan.contraction {
@@ -302,7 +302,7 @@ impl Frame<'_, '_> {
         let columns = columns_of(self.network, n);
         if let Some((alpha, light)) = tail_mut(self.triples, room).split_at_mut_checked(room) {
             let (alpha, light) = (head_mut(alpha, columns), head_mut(light, columns));
-            Tier::Scalar.run_columns(columns, Absorb::<M> { alpha, light, math: PhantomData });
+            Isa::Portable.run_columns(columns, Absorb::<M> { alpha, light, math: PhantomData });
         }
     }
 
@@ -319,7 +319,7 @@ impl Frame<'_, '_> {
             put(self.triples, column, plan.near.max(plan.t_min) - state.start);
         }
         let (parts, near) = (&mut *self.positions, &*self.triples);
-        self.network.tier().run_columns(columns, PartsInWorld { contraction, room, columns, parts, near });
+        self.network.isa().run_columns(columns, PartsInWorld { contraction, room, columns, parts, near });
     }
 
     /// Sends the block's `n` samples through the colour branch from where they lie, and takes those that were picked.

@@ -52,19 +52,20 @@ pub use worker::{TILE_SIDE, Worker};
 use crate::blob::Blob;
 use crate::camera::{Camera, SceneBox};
 use crate::encoding::GridTables;
+use crate::matrix::{Kernel, Storage};
 use crate::memory::{Arena, Layout, Line, Measure};
 use crate::network::{Network, Weights, unpack};
 use crate::plan::Plan;
-use crate::simd::{Tier, VECTORS};
+use crate::simd::VECTORS;
 use frame::Frame;
 use proposal::Proposer;
 
-/// Whether a tier reads weights where they lie.
-fn in_place(tier: Tier) -> bool {
-    tier == Tier::Scalar || !VECTORS
+/// Whether a kernel reads weights where they lie.
+fn in_place(kernel: Kernel) -> bool {
+    kernel.storage == Storage::F16 || !VECTORS
 }
 
-/// A scene made ready for one kernel tier.
+/// A scene made ready for one kernel.
 #[derive(Clone, Debug)]
 pub struct Renderer<'a> {
     blob: Blob<'a>,
@@ -75,51 +76,52 @@ pub struct Renderer<'a> {
 }
 
 impl<'a> Renderer<'a> {
-    /// Lines of memory [`Renderer::new`] needs: 0 on the scalar tier, which reads the blob in place.
-    pub fn prepared_lines(blob: &Blob<'_>, tier: Tier) -> usize {
+    /// Lines of memory [`Renderer::new`] needs: 0 with portable instructions, which reads the blob in place.
+    pub fn prepared_lines(blob: &Blob<'_>, kernel: Kernel) -> usize {
         let mut measure = Measure::default();
-        Self::lay_out(&mut measure, blob, tier);
+        Self::lay_out(&mut measure, blob, kernel);
         measure.lines
     }
 
     /// The parameters of the scene's network and of its proposal, and the grid's tables, unpacked.
     #[inline]
-    fn lay_out(layout: &mut impl Layout<'a>, blob: &Blob<'_>, tier: Tier) -> [&'a mut [f32]; 3] {
-        if in_place(tier) {
+    fn lay_out(layout: &mut impl Layout<'a>, blob: &Blob<'_>, kernel: Kernel) -> [&'a mut [f32]; 3] {
+        if in_place(kernel) {
             return [&mut [], &mut [], &mut []];
         }
-        Self::unpacked_lengths(blob, tier).map(|count| layout.slice(count, 0.0))
+        Self::unpacked_lengths(blob, kernel).map(|count| layout.slice(count, 0.0))
     }
 
     /// How many values the parameters of the scene's network and of its proposal are unpacked to, and the grid's tables.
-    pub(crate) fn unpacked_lengths(blob: &Blob<'_>, tier: Tier) -> [usize; 3] {
-        if in_place(tier) {
+    pub(crate) fn unpacked_lengths(blob: &Blob<'_>, kernel: Kernel) -> [usize; 3] {
+        if in_place(kernel) {
             return [0; 3];
         }
-        let tables = Self::widened_tables(blob, tier).map_or(0, |bytes| bytes.len() / 2);
+        let tables = Self::widened_tables(blob, kernel).map_or(0, |bytes| bytes.len() / 2);
         [blob.architecture().parameters(), Proposer::parameters(blob), tables]
     }
 
-    /// The f16 tables of a tier that has no instruction to widen them.
-    fn widened_tables<'b>(blob: &Blob<'b>, tier: Tier) -> Option<&'b [u8]> {
-        let tables = blob.tables().filter(|tables| tier == Tier::Simd128 && tables.scales().is_none());
+    /// The f16 tables of an instruction set that has no instruction to widen them.
+    fn widened_tables<'b>(blob: &Blob<'b>, kernel: Kernel) -> Option<&'b [u8]> {
+        let tables = blob.tables().filter(|tables| !kernel.isa.widens_f16() && tables.scales().is_none());
         tables.map(|tables| tables.bytes())
     }
 
-    /// Prepares a scene for `tier`, unpacking its weights once into `memory`.
+    /// Prepares a scene for `kernel`, unpacking its weights once into `memory`.
     ///
     /// # Errors
     /// [`RenderError::Memory`] if `memory` is smaller than [`Renderer::prepared_lines`] says.
-    pub fn new(blob: Blob<'a>, tier: Tier, memory: &'a mut [Line]) -> Result<Self, RenderError> {
-        let (expected, found) = (Self::prepared_lines(&blob, tier), memory.len());
+    pub fn new(blob: Blob<'a>, kernel: Kernel, memory: &'a mut [Line]) -> Result<Self, RenderError> {
+        let (expected, found) = (Self::prepared_lines(&blob, kernel), memory.len());
         let too_small = RenderError::Memory { expected, found };
         if found < expected {
             return Err(too_small);
         }
-        let mut unpacked = Self::lay_out(&mut Arena::new(memory), &blob, tier);
-        Self::unpack(&blob, tier, &mut unpacked);
-        let (weights, proposer, tables) = Self::unpacked(&blob, tier, unpacked.map(|it| &*it));
-        let network = Network::with_grid(blob.architecture(), weights, tables, tier).ok_or(too_small)?;
+        let mut unpacked = Self::lay_out(&mut Arena::new(memory), &blob, kernel);
+        Self::unpack(&blob, kernel, &mut unpacked);
+        let (weights, proposer, tables) = Self::unpacked(&blob, kernel, unpacked.map(|it| &*it));
+        let network =
+            Network::with_grid(blob.architecture(), weights, tables, kernel.isa).ok_or(too_small)?;
         Ok(Self {
             occupied: blob.occupancy().and_then(|occupancy| occupancy.occupied_box()),
             blob,
@@ -129,12 +131,12 @@ impl<'a> Renderer<'a> {
     }
 
     /// Unpacks the parameters of the scene's network and of its proposal.
-    pub(crate) fn unpack<T: AsMut<[f32]>>(blob: &Blob<'_>, tier: Tier, to: &mut [T; 3]) {
-        if !in_place(tier) {
+    pub(crate) fn unpack<T: AsMut<[f32]>>(blob: &Blob<'_>, kernel: Kernel, to: &mut [T; 3]) {
+        if !in_place(kernel) {
             let [own, proposal, tables] = to;
-            Weights::unpack(blob.architecture(), tier, blob.weights(), own.as_mut());
-            Proposer::unpack(blob, tier, proposal.as_mut());
-            if let Some(bytes) = Self::widened_tables(blob, tier) {
+            Weights::unpack(blob.architecture(), kernel.storage, blob.weights(), own.as_mut());
+            Proposer::unpack(blob, kernel.storage, proposal.as_mut());
+            if let Some(bytes) = Self::widened_tables(blob, kernel) {
                 unpack(bytes, tables.as_mut());
             }
         }
@@ -143,30 +145,30 @@ impl<'a> Renderer<'a> {
     /// What [`Renderer::unpack`] made, or the weights where they lie.
     fn unpacked(
         blob: &Blob<'a>,
-        tier: Tier,
+        kernel: Kernel,
         [own, proposal, tables]: [&'a [f32]; 3],
     ) -> (Weights<'a>, Proposer<'a>, GridTables<'a>) {
         let in_file = Self::tables_of(blob);
-        if in_place(tier) {
-            return (Weights::InPlace(blob.weights()), Proposer::in_place(blob, tier), in_file);
+        if in_place(kernel) {
+            return (Weights::InPlace(blob.weights()), Proposer::in_place(blob, kernel.isa), in_file);
         }
-        let tables = match Self::widened_tables(blob, tier) {
+        let tables = match Self::widened_tables(blob, kernel) {
             Some(_) => GridTables::widened(tables, blob.scene_box().as_ref()),
             None => in_file,
         };
-        (Weights::unpacked(tier, own), Proposer::of_unpacked(blob, tier, proposal), tables)
+        (Weights::unpacked(kernel.storage, own), Proposer::of_unpacked(blob, kernel, proposal), tables)
     }
 
     /// The scene of `blob` with what was unpacked before, and the box around what its occupancy grid has.
     #[cfg(feature = "std")]
     pub(crate) fn of_unpacked(
         blob: Blob<'a>,
-        tier: Tier,
+        kernel: Kernel,
         unpacked: [&'a [f32]; 3],
         occupied: Option<SceneBox>,
     ) -> Option<Self> {
-        let (weights, proposer, tables) = Self::unpacked(&blob, tier, unpacked);
-        let network = Network::with_grid(blob.architecture(), weights, tables, tier)?;
+        let (weights, proposer, tables) = Self::unpacked(&blob, kernel, unpacked);
+        let network = Network::with_grid(blob.architecture(), weights, tables, kernel.isa)?;
         Some(Self { blob, network, proposer, occupied })
     }
 
@@ -181,21 +183,21 @@ impl<'a> Renderer<'a> {
     /// tables keep their own.
     ///
     /// `None` if they are too few, and where there are no [`VECTORS`].
-    pub fn with_parameters(blob: Blob<'a>, tier: Tier, parameters: &'a [f32]) -> Option<Self> {
+    pub fn with_parameters(blob: Blob<'a>, kernel: Kernel, parameters: &'a [f32]) -> Option<Self> {
         let tables = Self::tables_of(&blob);
-        Self::with_parameters_and_tables(blob, tier, parameters, tables)
+        Self::with_parameters_and_tables(blob, kernel, parameters, tables)
     }
 
     /// As [`Renderer::with_parameters`], with other tables for the grid, too.
     pub fn with_parameters_and_tables(
         blob: Blob<'a>,
-        tier: Tier,
+        kernel: Kernel,
         parameters: &'a [f32],
         tables: GridTables<'a>,
     ) -> Option<Self> {
         let weights = Weights::Prepared(parameters);
-        let network = Network::with_grid(blob.architecture(), weights, tables, tier)?;
-        let proposer = Proposer::in_place(&blob, tier);
+        let network = Network::with_grid(blob.architecture(), weights, tables, kernel.isa)?;
+        let proposer = Proposer::in_place(&blob, kernel.isa);
         let occupied = blob.occupancy().and_then(|occupancy| occupancy.occupied_box());
         Some(Self { blob, network, proposer, occupied })
     }

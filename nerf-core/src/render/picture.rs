@@ -46,7 +46,7 @@ impl<'w> Buffers<'w> {
 impl Renderer<'_> {
     /// Lines of workspace one [`Renderer::render_picture`] call needs.
     ///
-    /// Of `batch` only the samples matter, and only to weights read in place: other tiers always take
+    /// Of `batch` only the samples matter, and only to portable instructions over weights read in place: others always take
     /// whole blocks.
     pub fn picture_workspace_lines(&self, batch: Batch) -> usize {
         let mut measure = Measure::default();
@@ -62,7 +62,7 @@ impl Renderer<'_> {
     /// a `rect` of a larger size is a detail of it.
     ///
     /// `target` takes x, y and the display-encoded colour, in `[0, 1]`; each pixel comes once, row by
-    /// row. Within one tier and maths backend it does not depend on `rect` or `batch` or on who else
+    /// row. Within one kernel and maths backend it does not depend on `rect` or `batch` or on who else
     /// renders at the same time, bit for bit. A colour that is NaN becomes black and is counted
     /// ([`Counters::invalid_samples`]).
     ///

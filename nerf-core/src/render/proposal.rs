@@ -10,11 +10,12 @@ use super::frame::{Frame, RaySource, columns_of};
 use super::march::RayState;
 use crate::blob::Blob;
 use crate::math::Math;
+use crate::matrix::{Kernel, Storage};
 use crate::memory::{Layout, at, head, head_mut, put, tail, tail_mut};
 use crate::network::{Network, Weights};
 use crate::plan::Plan;
 use crate::sampling::{SampleJitter, sample_interval, sample_pdf};
-use crate::simd::Tier;
+use crate::simd::Isa;
 use crate::volume::Accumulator;
 
 #[cfg(test)]
@@ -38,24 +39,25 @@ impl<'a> Proposer<'a> {
     }
 
     /// The weights where they lie in the blob.
-    pub fn in_place(blob: &Blob<'a>, tier: Tier) -> Self {
+    pub fn in_place(blob: &Blob<'a>, isa: Isa) -> Self {
         let network = blob
             .proposal()
-            .and_then(|it| Network::of_density(&it.architecture(), Weights::InPlace(it.weights), tier));
+            .and_then(|it| Network::of_density(&it.architecture(), Weights::InPlace(it.weights), isa));
         Self { network }
     }
 
-    /// Unpacks the weights as `tier` multiplies them, into as many values as there are parameters.
-    pub fn unpack(blob: &Blob<'_>, tier: Tier, to: &mut [f32]) {
+    /// Unpacks the weights as `storage` has them, into as many values as there are parameters.
+    pub fn unpack(blob: &Blob<'_>, storage: Storage, to: &mut [f32]) {
         if let Some(proposal) = blob.proposal() {
-            Weights::unpack(&proposal.architecture(), tier, proposal.weights, to);
+            Weights::unpack(&proposal.architecture(), storage, proposal.weights, to);
         }
     }
 
     /// With what [`Proposer::unpack`] made.
-    pub fn of_unpacked(blob: &Blob<'a>, tier: Tier, unpacked: &'a [f32]) -> Self {
-        let weights = Weights::unpacked(tier, unpacked);
-        let network = blob.proposal().and_then(|it| Network::of_density(&it.architecture(), weights, tier));
+    pub fn of_unpacked(blob: &Blob<'a>, kernel: Kernel, unpacked: &'a [f32]) -> Self {
+        let weights = Weights::unpacked(kernel.storage, unpacked);
+        let network =
+            blob.proposal().and_then(|it| Network::of_density(&it.architecture(), weights, kernel.isa));
         Self { network }
     }
 
@@ -106,14 +108,14 @@ impl<'f, 'w> ProposalSamples<'f, 'w> {
     #[inline]
     pub fn march(
         &self,
-        tier: Tier,
+        isa: Isa,
         plan: &Plan<'_>,
         ray: u32,
         state: &mut RayState,
         place: SampleJitter,
     ) -> bool {
         if self.row == 0 {
-            return state.march(tier, plan, &plan.bins, place);
+            return state.march(isa, plan, &plan.bins, place);
         }
         let row = self.row_of(ray);
         while state.next < state.end && !plan.occupied(state.ray.at(at(row, state.next as usize))) {
@@ -203,7 +205,7 @@ impl Frame<'_, '_> {
             self.drawn.move_row(from, left);
             (state.next, state.end, state.done) = (0, row as u32, false);
             state.gathered = Accumulator::NONE;
-            if self.drawn.march(self.network.tier(), plan, left as u32, &mut state, place) {
+            if self.drawn.march(self.network.isa(), plan, left as u32, &mut state, place) {
                 put(self.rays, left, state);
                 self.active.push(left as u32);
                 left += 1;
@@ -251,7 +253,7 @@ impl Frame<'_, '_> {
                 put(self.drawn.t, owner as usize * row + drawn + bin, weight);
                 state.done = state.gathered.transmittance() < DARK;
             }
-            if !state.done && state.march(self.network.tier(), plan, coarse, SampleJitter::MIDDLE) {
+            if !state.done && state.march(self.network.isa(), plan, coarse, SampleJitter::MIDDLE) {
                 self.active.push(owner);
             }
         }

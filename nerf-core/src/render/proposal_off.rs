@@ -5,10 +5,11 @@ use super::frame::{Frame, RaySource};
 use super::march::RayState;
 use crate::blob::Blob;
 use crate::math::Math;
+use crate::matrix::{Kernel, Storage};
 use crate::memory::Layout;
 use crate::plan::Plan;
 use crate::sampling::SampleJitter;
-use crate::simd::Tier;
+use crate::simd::Isa;
 use core::marker::PhantomData;
 
 /// No proposal network, whatever the scene has.
@@ -20,13 +21,13 @@ impl<'a> Proposer<'a> {
         0
     }
 
-    pub fn in_place(_: &Blob<'a>, _: Tier) -> Self {
+    pub fn in_place(_: &Blob<'a>, _: Isa) -> Self {
         Self(PhantomData)
     }
 
-    pub fn unpack(_: &Blob<'_>, _: Tier, _: &mut [f32]) {}
+    pub fn unpack(_: &Blob<'_>, _: Storage, _: &mut [f32]) {}
 
-    pub fn of_unpacked(_: &Blob<'a>, _: Tier, _: &'a [f32]) -> Self {
+    pub fn of_unpacked(_: &Blob<'a>, _: Kernel, _: &'a [f32]) -> Self {
         Self(PhantomData)
     }
 
@@ -59,13 +60,13 @@ impl<'f, 'w> ProposalSamples<'f, 'w> {
     #[inline]
     pub fn march(
         &self,
-        tier: Tier,
+        isa: Isa,
         plan: &Plan<'_>,
         _: u32,
         state: &mut RayState,
         place: SampleJitter,
     ) -> bool {
-        state.march(tier, plan, &plan.bins, place)
+        state.march(isa, plan, &plan.bins, place)
     }
 
     #[inline]

@@ -55,8 +55,8 @@ pub(super) fn render(renderer: &Renderer<'_>, plan: &Plan<'_>, camera: &Camera) 
     Picture { pixels, counters }
 }
 
-pub(super) fn tiers() -> impl Iterator<Item = Tier> {
-    Tier::ALL.into_iter().filter(|tier| tier.available())
+pub(super) fn kernels() -> impl Iterator<Item = Kernel> {
+    Kernel::all()
 }
 
 #[test]
@@ -69,9 +69,9 @@ fn a_constant_medium_has_the_closed_form() {
     let camera = camera(20, 13);
     let (bins, scene_box) =
         (Bins::new(2.0, 6.0, 32).unwrap(), SceneBox { min: Vec3::NEG_ONE, max: Vec3::ONE });
-    for tier in tiers() {
-        let mut memory = vec![Line::UNINIT; Renderer::prepared_lines(&blob, tier)];
-        let renderer = Renderer::new(blob.clone(), tier, &mut memory).unwrap();
+    for kernel in kernels() {
+        let mut memory = vec![Line::UNINIT; Renderer::prepared_lines(&blob, kernel)];
+        let renderer = Renderer::new(blob.clone(), kernel, &mut memory).unwrap();
         let plan = Plan::new(&blob, &Quality::EXACT, Outputs::ALL, Batch::FULL).unwrap();
         let picture = render(&renderer, &plan, &camera);
         let (mut worst, mut worst_distance, mut hits) = (0.0f64, 0.0f64, 0);
@@ -108,7 +108,7 @@ fn a_constant_medium_has_the_closed_form() {
             worst_distance = worst_distance.worse((f64::from(pixel.ray_distance) - distance).abs());
             worst_distance = worst_distance.worse((f64::from(pixel.z_depth) - z).abs());
         }
-        std::println!("{tier:?}: {hits} hits, {worst:e}, distances {worst_distance:e}");
+        std::println!("{kernel:?}: {hits} hits, {worst:e}, distances {worst_distance:e}");
         assert!(hits > 50 && hits < 260 && worst <= 1e-6 && worst_distance <= 4e-6);
     }
 }
@@ -119,7 +119,7 @@ fn no_density_is_background_at_far_and_no_colour_is_computed() {
     let (weights, _) = halve(&constant(&a, -1.0, [1.0; 3]));
     let bytes = bytes(&body(a, None, &weights));
     let blob = Blob::open(&bytes).unwrap();
-    let renderer = Renderer::new(blob.clone(), Tier::Scalar, &mut []).unwrap();
+    let renderer = Renderer::new(blob.clone(), Kernel::IN_PLACE, &mut []).unwrap();
     let plan = Plan::new(&blob, &Quality::EXACT, Outputs::ALL, Batch::SMALLEST).unwrap();
     for background in [SCENE.background, [0.0; 3], [1.0, 0.0, 0.125]] {
         let picture = render(&renderer, &plan.with_background(background).unwrap(), &camera(6, 5));
@@ -137,7 +137,7 @@ fn counters_add_up_and_without_colour_only_the_density_is_paid() {
     let bits = [0b0110_1001];
     let bytes = bytes(&body(a.clone(), Some(StoredOccupancy { resolution: [2; 3], bits: &bits }), &weights));
     let blob = Blob::open(&bytes).unwrap();
-    let renderer = Renderer::new(blob.clone(), Tier::Scalar, &mut []).unwrap();
+    let renderer = Renderer::new(blob.clone(), Kernel::IN_PLACE, &mut []).unwrap();
     let camera = camera(11, 7);
     for quality in
         [Quality::EXACT, Quality::default(), Quality { transmittance_cut: 0.9, ..Quality::default() }]
@@ -183,7 +183,7 @@ fn a_full_occupancy_changes_nothing() {
         &weights,
     ));
     let blob = Blob::open(&bytes).unwrap();
-    let renderer = Renderer::new(blob.clone(), Tier::Scalar, &mut []).unwrap();
+    let renderer = Renderer::new(blob.clone(), Kernel::IN_PLACE, &mut []).unwrap();
     let gated = Quality { occupancy: true, ..Quality::EXACT };
     let plan = |quality: &Quality| Plan::new(&blob, quality, Outputs::ALL, Batch::SMALLEST).unwrap();
     let (a, b) = (
@@ -200,7 +200,7 @@ fn query_refuses_lengths_and_ignores_points_outside() {
     let (weights, _) = halve(&constant(&a, 0.5, [0.0; 3]));
     let bytes = bytes(&body(a, None, &weights));
     let blob = Blob::open(&bytes).unwrap();
-    let renderer = Renderer::new(blob.clone(), Tier::Scalar, &mut []).unwrap();
+    let renderer = Renderer::new(blob.clone(), Kernel::IN_PLACE, &mut []).unwrap();
     let plan = Plan::new(&blob, &Quality::EXACT, Outputs::ALL, Batch::SMALLEST).unwrap();
     let mut memory = vec![Line::UNINIT; renderer.workspace_lines(&plan)];
     let points = [[0.0; 3], [1.0; 3], [1.01, 0.0, 0.0], [f32::NAN; 3], [f32::INFINITY; 3]];
@@ -238,7 +238,7 @@ fn samples_that_are_no_numbers_are_counted_the_same_in_every_batch() {
     let mut broken = unpacked.clone();
     broken[at(Role::Rgb).bias] = f32::NAN;
     broken[at(Role::Density).bias] -= 0.5;
-    let renderer = Renderer::with_parameters(blob.clone(), Tier::Scalar, &broken).unwrap();
+    let renderer = Renderer::with_parameters(blob.clone(), Kernel::IN_PLACE, &broken).unwrap();
     let mut seen = vec![];
     for batch in
         [Batch { rays: 1, samples: 64 }, Batch { rays: 7, samples: 64 }, Batch { rays: 256, samples: 64 }]
@@ -278,15 +278,15 @@ fn rectangles_outside_the_image_and_small_workspaces_are_refused() {
     let bytes = bytes(&body(a, None, &weights));
     let blob = Blob::open(&bytes).unwrap();
     let camera = camera(8, 6);
-    for tier in tiers() {
-        let need = Renderer::prepared_lines(&blob, tier);
+    for kernel in kernels() {
+        let need = Renderer::prepared_lines(&blob, kernel);
         if need > 0 {
             let error = RenderError::Memory { expected: need, found: need - 1 };
             let mut short = vec![Line::UNINIT; need - 1];
-            assert_eq!(Renderer::new(blob.clone(), tier, &mut short).unwrap_err(), error);
+            assert_eq!(Renderer::new(blob.clone(), kernel, &mut short).unwrap_err(), error);
         }
         let mut memory = vec![Line::UNINIT; need];
-        let renderer = Renderer::new(blob.clone(), tier, &mut memory).unwrap();
+        let renderer = Renderer::new(blob.clone(), kernel, &mut memory).unwrap();
         let plan = Plan::new(&blob, &Quality::EXACT, Outputs::ALL, Batch { rays: 3, samples: 1 }).unwrap();
         let lines = renderer.workspace_lines(&plan);
         let mut workspace = vec![Line::UNINIT; lines];
@@ -315,7 +315,7 @@ fn the_most_rays_a_plan_allows_can_be_asked_for_their_workspace() {
     let (weights, _) = halve(&constant(&a, 0.5, [0.0; 3]));
     let bytes = bytes(&body(a, None, &weights));
     let blob = Blob::open(&bytes).unwrap();
-    let renderer = Renderer::new(blob.clone(), Tier::Scalar, &mut []).unwrap();
+    let renderer = Renderer::new(blob.clone(), Kernel::IN_PLACE, &mut []).unwrap();
     let batch = Batch { rays: Batch::MAX_RAYS, samples: 1 };
     let plan = Plan::new(&blob, &Quality::EXACT, Outputs::ALL, batch).unwrap();
     assert!(renderer.workspace_lines(&plan) > Batch::MAX_RAYS);
@@ -330,7 +330,7 @@ fn every_backend_renders_about_the_same_picture() {
     let (weights, _) = halve(&parameters(&a, 51));
     let bytes = bytes(&body(a, None, &weights));
     let blob = Blob::open(&bytes).unwrap();
-    let renderer = Renderer::new(blob.clone(), Tier::Scalar, &mut []).unwrap();
+    let renderer = Renderer::new(blob.clone(), Kernel::IN_PLACE, &mut []).unwrap();
     let go = |math| {
         let quality = Quality { math, ..Quality::EXACT };
         let plan = Plan::new(&blob, &quality, Outputs::ALL, Batch::SMALLEST).unwrap();
@@ -365,11 +365,11 @@ fn the_seed_network_takes_the_memory_the_docs_say() {
     let lines = |renderer: &Renderer<'_>, outputs, batch| {
         renderer.workspace_lines(&Plan::new(&blob, &Quality::EXACT, outputs, batch).unwrap())
     };
-    let in_place = Renderer::new(blob.clone(), Tier::Scalar, &mut []).unwrap();
+    let in_place = Renderer::new(blob.clone(), Kernel::IN_PLACE, &mut []).unwrap();
     assert_eq!(lines(&in_place, Outputs::ALL, Batch::SMALLEST) * size_of::<Line>(), 3_648);
     let no_colour = Outputs { rgb: false, ..Outputs::ALL };
     assert_eq!(lines(&in_place, no_colour, Batch::SMALLEST) * size_of::<Line>(), 2_880);
-    let prepared = Renderer::with_parameters(blob.clone(), Tier::Scalar, &unpacked).unwrap();
+    let prepared = Renderer::with_parameters(blob.clone(), Kernel::IN_PLACE, &unpacked).unwrap();
     let batch = Batch::FULL;
     assert_eq!(lines(&prepared, Outputs::ALL, batch) * size_of::<Line>(), 384_000);
     #[cfg(feature = "anti-aliasing")]
@@ -379,5 +379,9 @@ fn the_seed_network_takes_the_memory_the_docs_say() {
         let plan = plan.with_effects(effects).unwrap();
         assert_eq!(prepared.workspace_lines(&plan) * size_of::<Line>(), 398_336);
     }
-    assert_eq!(Renderer::prepared_lines(&blob, Tier::Avx2) * size_of::<Line>(), 2_120_256);
+    assert_eq!(
+        Renderer::prepared_lines(&blob, Kernel::new(crate::Isa::Avx2, crate::Storage::F32))
+            * size_of::<Line>(),
+        2_120_256
+    );
 }

@@ -2,7 +2,7 @@
 
 use crate::camera::{Contraction, Ray};
 use crate::sampling::{Bins, OccupancyGrid};
-use crate::simd::{Lanes, Op, Tier};
+use crate::simd::{Isa, Lanes, Op};
 
 #[cfg(test)]
 mod tests;
@@ -33,7 +33,7 @@ impl Window {
     #[allow(clippy::too_many_arguments, reason = "what a plan has of them is taken apart only here")]
     pub fn first_occupied(
         &mut self,
-        tier: Tier,
+        isa: Isa,
         occupancy: &OccupancyGrid<'_>,
         contraction: Option<&Contraction>,
         ray: &Ray,
@@ -52,7 +52,7 @@ impl Window {
         if from >= end {
             return end;
         }
-        *self = tier.run(LookUp { occupancy, contraction, ray, bins, from, end });
+        *self = isa.run(LookUp { occupancy, contraction, ray, bins, from, end });
         end.min(self.end - WIDTH + self.live.trailing_zeros())
     }
 }

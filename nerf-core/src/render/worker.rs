@@ -20,7 +20,7 @@ pub struct Worker<'f> {
 impl Worker<'_> {
     /// Renders the pixels of `rect`.
     ///
-    /// Within one tier and maths backend the pixels do not depend on `rect`, on the plan's batch, on what the worker
+    /// Within one kernel and maths backend the pixels do not depend on `rect`, on the plan's batch, on what the worker
     /// did before or on who else renders at the same time, bit for bit.
     ///
     /// # Errors

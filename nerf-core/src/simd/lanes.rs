@@ -41,7 +41,7 @@ pub trait Lanes: Copy + sealed::Sealed {
     fn mul(self, b: Self) -> Self;
     /// `self / b`.
     fn div(self, b: Self) -> Self;
-    /// `self * b + c`: fused on x86's vector tiers, two roundings on the scalar and the WebAssembly one.
+    /// `self * b + c`: fused by AVX2, AVX-512 and NEON, two roundings elsewhere.
     fn mul_add(self, b: Self, c: Self) -> Self;
     /// The larger; `self` only if it is greater, so that a NaN in `b` stays.
     fn max_of(self, b: Self) -> Self;
@@ -129,7 +129,7 @@ pub trait Lanes: Copy + sealed::Sealed {
     }
 }
 
-/// The widest vector of any tier.
+/// The widest vector of any instruction set.
 pub const MAX_LANES: usize = 16;
 
 pub(super) mod sealed {

@@ -1,5 +1,5 @@
 //! Vectors: an [`Op`] is written once, generic over [`Lanes`]; a leaf per instruction set compiles it for that set, and
-//! [`Tier::run`] picks the leaf. Activations are laid out `[channel][BLOCK]`: a vector holds one channel of neighbouring
+//! [`Isa::run`] picks the leaf. Activations are laid out `[channel][BLOCK]`: a vector holds one channel of neighbouring
 //! samples.
 #![allow(unsafe_code, reason = "instructions that the compiler does not choose by itself")]
 
@@ -13,6 +13,7 @@ mod avx512;
     all(target_arch = "wasm32", target_feature = "simd128")
 ))]
 mod gather;
+mod isa;
 mod lanes;
 #[cfg(all(target_arch = "aarch64", target_feature = "neon"))]
 mod neon;
@@ -22,23 +23,22 @@ mod prefetch;
 #[cfg(all(target_arch = "wasm32", target_feature = "simd128"))]
 mod simd128;
 mod table;
-mod tier;
 
 #[cfg(test)]
 mod tests;
 
+pub use isa::{Isa, VECTORS};
 pub use lanes::{Lanes, MAX_LANES};
 #[cfg(feature = "train")]
 pub use prefetch::prefetch;
 pub use table::{
     F16Table, F32Table, Format, Indices, Int8Table, Table, bits_by_lane, weighted_rows_by_lane, widen_finite,
 };
-pub use tier::{Tier, VECTORS};
 
-/// Samples that go through the network together, on every tier.
+/// Samples that go through the network together, with every instruction set.
 pub const BLOCK: usize = 64;
 
-/// A loop that can be compiled for every tier.
+/// A loop that can be compiled for every instruction set.
 pub trait Op {
     /// What it returns.
     type Output;

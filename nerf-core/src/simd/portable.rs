@@ -1,4 +1,4 @@
-//! Sixteen lanes in plain, unfused f32: what the scalar tier runs where a block is at hand.
+//! Sixteen lanes in plain, unfused f32: what the portable instructions are where a block is at hand.
 //!
 //! Bit for bit what one lane at a time gives; the compiler vectorises it with whatever the target
 //! has.

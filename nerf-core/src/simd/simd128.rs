@@ -1,7 +1,7 @@
-//! WebAssembly SIMD leaf: four lanes, unfused, so that it gives bit for bit what the scalar tier gives.
+//! WebAssembly SIMD leaf: four lanes, unfused, so that it gives bit for bit what the portable instructions give.
 //!
 //! Without run-time detection: a module with these instructions loads only where they exist, so that the
-//! tier is there if the build has the target feature. Relaxed SIMD could fuse, but what it computes is up
+//! leaf is there if the build has the target feature. Relaxed SIMD could fuse, but what it computes is up
 //! to the engine.
 
 use super::Op;
@@ -85,7 +85,7 @@ impl Lanes for F32x4 {
     }
     #[inline(always)]
     fn round_even(self) -> Self {
-        // + 0: the scalar tier has no negative zero here.
+        // + 0: the portable instructions have no negative zero here.
         Self(f32x4_add(f32x4_nearest(self.0), f32x4_splat(0.0)))
     }
     #[inline(always)]

@@ -1,4 +1,4 @@
-//! Every tier against plain loops.
+//! Every instruction set against plain loops.
 
 extern crate std;
 
@@ -23,7 +23,7 @@ impl Op for Bits<'_> {
 }
 
 #[test]
-fn bits_are_read_alike_on_every_tier() {
+fn bits_are_read_alike_with_every_kernel() {
     let bytes: Vec<u8> = (0..70u32).map(|i| (i.wrapping_mul(0x9e37_79b9) >> 24) as u8).collect();
     for length in [0, 1, 3, 4, 5, 8, 70] {
         let bytes = &bytes[..length];
@@ -35,19 +35,10 @@ fn bits_are_read_alike_on_every_tier() {
                 bytes.get(at / 8).map_or(0, |byte| u32::from(byte >> (at % 8) & 1))
             };
             let expected = (0..16).fold(0, |bits, i| bits | bit(i) << i);
-            for tier in Tier::ALL.into_iter().filter(|tier| tier.available()) {
-                let found = tier.run(Bits(bytes, first, step));
-                assert_eq!(found, expected, "{tier:?}, {length} bytes, from {first} by {step}");
+            for isa in Isa::ALL.into_iter().filter(|isa| isa.available()) {
+                let found = isa.run(Bits(bytes, first, step));
+                assert_eq!(found, expected, "{isa:?}, {length} bytes, from {first} by {step}");
             }
         }
     }
-}
-
-#[test]
-fn tiers_are_named_both_ways() {
-    for tier in Tier::ALL {
-        assert_eq!(Tier::by_name(tier.name()), Some(tier));
-    }
-    assert_eq!(Tier::by_name("gpu"), None);
-    assert!(Tier::detect().available());
 }

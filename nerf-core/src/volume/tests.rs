@@ -2,7 +2,7 @@ extern crate std;
 
 use super::*;
 use crate::math::polynomial::Polynomial;
-use crate::testing::Worse;
+use crate::testing::{self, Worse};
 use std::format;
 use std::vec;
 use std::vec::Vec;
@@ -11,12 +11,7 @@ const SIZES: [f32; 7] = [0.0, 1e-30, 1e-10, 1.0, 1e10, 1e30, f32::INFINITY];
 
 /// Repeatable values in [0, 1).
 fn noise(n: usize, seed: u32) -> Vec<f32> {
-    let mut state = seed;
-    let mut next = || {
-        state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
-        (state >> 8) as f32 / 16_777_216.0
-    };
-    (0..n).map(|_| next()).collect()
+    testing::noise(n, seed).into_iter().map(|x| 0.5 + 0.5 * x).collect()
 }
 
 fn edges(n: usize, near: f32, far: f32) -> Vec<f32> {

@@ -24,7 +24,7 @@ function structure(name, fields) {
   STRUCTURES[name] = made;
 }
 
-structure('nerf_open_options', { struct_size: 'size', kernel: 'u32', reserved: ['u32', 7] });
+structure('nerf_open_options', { struct_size: 'size', kernel: 'u32', storage: 'u32', reserved: ['u32', 6] });
 structure('nerf_text', { data: 'pointer', length: 'size' });
 structure('nerf_scene_info', {
   struct_size: 'size', kind: 'u32', kernel: 'u32', box_min: ['f32', 3], box_max: ['f32', 3],
@@ -35,6 +35,7 @@ structure('nerf_scene_info', {
   seed: 'u64', data: 'nerf_text', made_by: 'nerf_text', psnr_convention: 'nerf_text', picture_width: 'u32',
   picture_height: 'u32', proposal_samples: 'u32', front_points: 'u32', proposal_macs: 'u64',
   step: 'f32', table_storage: 'u32', contraction_radius: 'f32', contraction_power: 'u32',
+  storage: 'u32',
 });
 structure('nerf_camera', {
   struct_size: 'size', width: 'u32', height: 'u32', fx: 'f32', fy: 'f32', cx: 'f32', cy: 'f32', k1: 'f32',
@@ -65,7 +66,7 @@ structure('nerf_counters', {
 structure('nerf_choice', { struct_size: 'size', loss_db: 'f32', cost: 'f32', milliseconds: 'f32', within: 'u32' });
 structure('nerf_pace', { struct_size: 'size', milliseconds: ['f32', 16] });
 
-const KERNELS = ['auto', 'scalar', 'avx2', 'avx512', 'avx512bf16', 'simd128', 'neon'];
+const KERNELS = ['auto', 'portable', 'avx2', 'avx512', 'simd128', 'neon'];
 const FORMAT_RGB_F32 = 2, FORMAT_F32 = 5, FORMAT_VEC3_F32 = 6;
 /** Planes of a target: the bit of `NERF_OUTPUT_*`, the format, and floats of a pixel. */
 const PLANES = {

@@ -7,7 +7,7 @@ const [file, blob, side = '100', frames = '10'] = process.argv.slice(2);
 const source = name => readFileSync(new URL(name, import.meta.url), 'utf8');
 const { Scene, Orbit } = new Function(`${source('abi.js')}${source('view.js')}; return { Scene, Orbit };`)();
 const module = new WebAssembly.Module(readFileSync(file));
-const kernels = ['scalar', 'simd128'].map(kernel => ({ kernel, fastest: Infinity, scene: new Scene(module, readFileSync(blob), kernel) }));
+const kernels = ['portable', 'simd128'].map(kernel => ({ kernel, fastest: Infinity, scene: new Scene(module, readFileSync(blob), kernel) }));
 
 const info = kernels[0].scene.describe();
 const centre = info.box_min.map((low, i) => 0.5 * (low + info.box_max[i]));
@@ -30,4 +30,4 @@ for (let i = 0; i <= Number(frames); i++) {
 for (const { kernel, fastest, flop } of kernels) {
   console.log(`${kernel}: ${fastest.toFixed(1)} ms, ${(flop / fastest / 1e6).toFixed(1)} GFLOP/s`);
 }
-console.log(`simd128 is ${(kernels[0].fastest / kernels[1].fastest).toFixed(2)} times scalar, bit for bit the same picture`);
+console.log(`simd128 is ${(kernels[0].fastest / kernels[1].fastest).toFixed(2)} times portable, bit for bit the same picture`);

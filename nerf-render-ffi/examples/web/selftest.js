@@ -112,12 +112,12 @@ async function drive(check, words) {
     last = pixels();
   }
   document.querySelector('input[value=colour]').click();
-  element('kernel').value = 'scalar';
+  element('kernel').value = 'portable';
   element('kernel').dispatchEvent(new Event('change', { bubbles: true }));
-  while (body.dataset.kernel !== 'scalar') await sleep(5);
+  while (body.dataset.kernel !== 'portable') await sleep(5);
   await rest();
-  check('the scalar kernel draws the same bits', same(pixels(), first));
+  check('the portable kernel draws the same bits', same(pixels(), first));
   check('the frame is explained', element('explain').textContent.length > 200);
-  for (const kernel of ['simd128', 'scalar']) leave(`dump-${kernel}`, await dump(kernel));
+  for (const kernel of ['simd128', 'portable']) leave(`dump-${kernel}`, await dump(kernel));
   leave('layouts', await threads[0].ask('layouts'));
 }

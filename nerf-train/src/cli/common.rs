@@ -12,10 +12,10 @@ use crate::report::video::{Ffmpeg, VideoError};
 use anyhow::{Context, bail};
 use clap::{Args, ValueEnum};
 use glam::Vec3;
+use nerf_core::Kernel;
 use nerf_core::blob::Blob;
 use nerf_core::math::MathBackend;
 use nerf_core::plan::{Plan, PlanError, Quality};
-use nerf_core::simd::Tier;
 use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::sync::mpsc::{self, Receiver, RecvTimeoutError};
@@ -67,10 +67,10 @@ pub struct Global {
     /// Threads, at most four for each core [default: all cores].
     #[arg(long, global = true, value_name = "N")]
     pub threads: Option<usize>,
-    /// Kernel tier: scalar, avx2, avx512, avx512bf16 [default: the fastest that computes in f32]. avx512bf16
-    /// renders with numbers rounded to bf16.
-    #[arg(long, global = true, value_name = "TIER", env = "NERF_KERNEL", hide_env_values = true, value_parser = parse_tier)]
-    pub kernel: Option<Tier>,
+    /// Instructions, and how weights lie where it is not f32: portable, avx2, avx512, neon; avx2-f16 (read in
+    /// place), avx512-bf16 (rounded) [default: the fastest in f32].
+    #[arg(long, global = true, value_name = "KERNEL", env = "NERF_KERNEL", hide_env_values = true, value_parser = parse_kernel)]
+    pub kernel: Option<Kernel>,
 }
 
 impl Global {
@@ -92,9 +92,9 @@ impl Global {
         Ok(())
     }
 
-    /// The tier to run on.
-    pub fn tier(&self) -> Tier {
-        self.kernel.unwrap_or_else(Tier::detect)
+    /// What to run with.
+    pub fn kernel(&self) -> Kernel {
+        self.kernel.unwrap_or_else(Kernel::detect)
     }
 
     /// How to show progress.
@@ -113,7 +113,7 @@ impl Global {
 
     /// Says what a training runs on.
     pub fn say_training(&self, seed: u64) {
-        let (cpu, kernel, threads) = (cpu_name(), self.tier().name(), rayon::current_num_threads());
+        let (cpu, kernel, threads) = (cpu_name(), self.kernel(), rayon::current_num_threads());
         self.say(format!("training on {cpu} ({kernel}, {threads} threads), seed {seed}"));
     }
 
@@ -134,9 +134,12 @@ impl Global {
     }
 }
 
-fn parse_tier(name: &str) -> Result<Tier, String> {
-    let tier = Tier::by_name(name).ok_or("expected scalar, avx2, avx512, avx512bf16 or neon")?;
-    if tier.available() { Ok(tier) } else { Err(format!("this machine has no {name}")) }
+fn parse_kernel(name: &str) -> Result<Kernel, String> {
+    let kernel = Kernel::by_name(name).filter(|kernel| kernel.available());
+    kernel.ok_or_else(|| {
+        let known: Vec<String> = Kernel::all().map(|kernel| kernel.to_string()).collect();
+        format!("expected one of this machine's: {}", known.join(", "))
+    })
 }
 
 /// How to read a data set.

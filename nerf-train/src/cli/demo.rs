@@ -79,7 +79,7 @@ impl Demo {
 
         config.seed = self.seed;
         config.optimiser.steps = self.steps.max(1);
-        let tier = global.tier();
+        let kernel = global.kernel();
         let options = RunOptions {
             budget: Budget { steps: Some(config.optimiser.steps), seconds: None },
             checkpoint: None,
@@ -93,7 +93,7 @@ impl Demo {
             report: false,
             validate_every: None,
             effect_threshold_db: None,
-            tier,
+            kernel,
             style: global.style(),
         };
         let Ended::Finished(outcome) = run_since(clock, &dataset, config.clone(), &options, &|_| false)?
@@ -103,7 +103,7 @@ impl Demo {
         let blob_path = self.out.join("demo.nerf");
         write_atomic(&blob_path, &outcome.bytes)?;
 
-        let mut summary = outcome::summary(&outcome, &config, tier, clock.seconds());
+        let mut summary = outcome::summary(&outcome, &config, kernel, clock.seconds());
         outcome::write_curve(&self.out, &outcome)?;
         outcome::write_snapshots(&self.out, &outcome, &dataset)?;
         let json = serde_json::to_string_pretty(&report)?;
@@ -112,8 +112,8 @@ impl Demo {
         let blob = open_blob(&blob_path, &outcome.bytes)?;
         let plan = Plan::new(&blob, &Quality::default(), Outputs::ALL, Batch::FULL)?;
         let (scene, bounds) = (blob.scene().cloned(), blob.scene_box());
-        let mut memory = vec![Line::UNINIT; Renderer::prepared_lines(&blob, tier)];
-        let renderer = Renderer::new(blob, tier, &mut memory)?;
+        let mut memory = vec![Line::UNINIT; Renderer::prepared_lines(&blob, kernel)];
+        let renderer = Renderer::new(blob, kernel, &mut memory)?;
 
         let mut errors = Vec::new();
         let mut cells = Vec::new();

@@ -100,7 +100,7 @@ impl Eval {
             .settle()?;
         let bytes = read_file(&self.file)?;
         let blob = open_blob(&self.file, &bytes)?;
-        let tier = global.tier();
+        let kernel = global.kernel();
         let quality = self.quality.quality();
         let plan = Plan::new(&blob, &quality, Outputs::ALL, Batch::FULL)
             .and_then(|plan| self.data_options.range_of(plan))
@@ -125,8 +125,8 @@ impl Eval {
         }
         let parameters = blob.architecture().parameters();
         let steps = blob.provenance().steps;
-        let mut memory = vec![Line::UNINIT; Renderer::prepared_lines(&blob, tier)];
-        let renderer = Renderer::new(blob, tier, &mut memory)?;
+        let mut memory = vec![Line::UNINIT; Renderer::prepared_lines(&blob, kernel)];
+        let renderer = Renderer::new(blob, kernel, &mut memory)?;
         let start = Instant::now();
         let mut progress = Progress::new("eval", Total::Steps(views.len() as u64), global.style());
         let mut table = Table::new(["view", "psnr_db", "ssim"]);
@@ -170,7 +170,7 @@ impl Eval {
             .number("proposal_evaluations_per_ray", proposal)
             .integer("invalid_samples", c.invalid_samples)
             .integer("macs", c.macs)
-            .text("kernel", tier.name())
+            .text("kernel", kernel.to_string())
             .integer("threads", rayon::current_num_threads() as u64)
             .text("cpu", cpu_name())
             .sections("view_scores", scores.views.iter().map(of_view).collect());

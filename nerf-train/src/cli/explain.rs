@@ -63,7 +63,7 @@ impl Explain {
     pub fn run(&self, global: &Global) -> anyhow::Result<ExitCode> {
         let bytes = read_file(&self.file)?;
         let blob = open_blob(&self.file, &bytes)?;
-        let tier = global.tier();
+        let kernel = global.kernel();
         let outputs = Outputs {
             rgb: !self.no_colour,
             median_distance: self.median_distance,
@@ -77,8 +77,8 @@ impl Explain {
             .with_context(|| self.file.display().to_string())?;
         let plan = self.effects.of(plan)?;
         let camera = self.camera(&blob, global)?;
-        let mut memory = vec![Line::UNINIT; Renderer::prepared_lines(&blob, tier)];
-        let renderer = Renderer::new(blob, tier, &mut memory)?;
+        let mut memory = vec![Line::UNINIT; Renderer::prepared_lines(&blob, kernel)];
+        let renderer = Renderer::new(blob, kernel, &mut memory)?;
         let counters = frame::render(&renderer, &plan, &camera)?.counters;
         let explanation = plan.explain(&renderer).with_counters(counters);
 
@@ -87,7 +87,7 @@ impl Explain {
         let share = |macs: u64| macs as f64 / counters.macs.max(1) as f64;
         let a = renderer.network().architecture();
         summary
-            .text("kernel", tier.name())
+            .text("kernel", kernel.to_string())
             .integer("workspace_bytes", explanation.workspace_bytes() as u64)
             .integer("macs_per_density_evaluation", a.density_macs() as u64)
             .integer(

@@ -389,7 +389,7 @@ impl Fit {
             report: self.report.is_some(),
             validate_every: self.validate_every,
             effect_threshold_db: Some(self.effect_threshold),
-            tier: global.tier(),
+            kernel: global.kernel(),
             style: global.style(),
         };
         let config = self.within_bytes(config, &dataset, global)?;
@@ -404,7 +404,7 @@ impl Fit {
         };
         crate::output::write_atomic(&self.output, &outcome.bytes)?;
         outcome::tell_missed(&outcome);
-        let mut summary = outcome::summary(&outcome, &config, options.tier, clock.seconds());
+        let mut summary = outcome::summary(&outcome, &config, options.kernel, clock.seconds());
         summary.text("data", dataset.name.clone()).text("blob", self.output.display().to_string());
         let printed = global.finish(&summary, || outcome::print(&outcome, &self.output));
         if let Some(folder) = &self.report {

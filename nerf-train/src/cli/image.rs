@@ -248,7 +248,7 @@ impl Fit {
             output: Some(self.output.clone()),
             snapshots: self.snapshots.clone(),
             evaluate_every: self.evaluate_every,
-            tier: global.tier(),
+            kernel: global.kernel(),
             style: global.style(),
         };
         global.say_training(config.seed);
@@ -286,7 +286,7 @@ impl Fit {
                 global.say(format!("--snapshots: the run ended before step {}", missed.join(", ")));
             }
         }
-        let mut summary = summary(&photo, &config, &outcome, options.tier.name(), clock.seconds());
+        let mut summary = summary(&photo, &config, &outcome, options.kernel, clock.seconds());
         summary.text("blob", self.output.display().to_string());
         let blob = Blob::open(&outcome.bytes)?;
         grid::summarise(&blob, &mut summary);
@@ -315,7 +315,7 @@ fn summary(
     photo: &Photo,
     config: &FieldConfig,
     outcome: &Outcome,
-    kernel: &str,
+    kernel: nerf_core::Kernel,
     total_seconds: f64,
 ) -> Summary {
     let mut summary = Summary::new();
@@ -337,7 +337,7 @@ fn summary(
         .number("rate", config.optimiser.rate)
         .integer("pixels_a_step", config.pixels as u64)
         .integer("seed", config.seed)
-        .text("kernel", kernel)
+        .text("kernel", kernel.to_string())
         .integer("threads", rayon::current_num_threads() as u64)
         .text("cpu", cpu_name());
     summary
@@ -446,8 +446,8 @@ impl Render {
         let [width, height] = size.map(u64::from);
         let what = format!("{}: a picture of {width}x{height} pixels", self.file.display());
         memory::check(what, width * height, BYTES_PER_PIXEL, "choose a smaller --width")?;
-        let mut memory = vec![Line::UNINIT; Renderer::prepared_lines(&blob, global.tier())];
-        let renderer = Renderer::new(blob, global.tier(), &mut memory)?;
+        let mut memory = vec![Line::UNINIT; Renderer::prepared_lines(&blob, global.kernel())];
+        let renderer = Renderer::new(blob, global.kernel(), &mut memory)?;
         let mut progress = Progress::new("render", Total::Steps(size[1].into()), global.style());
         let (picture, counters) = frame::render_picture(&renderer, self.math, size, |rows| {
             progress.update(rows, &Message { note: "rows".into(), ..Message::default() });

@@ -15,8 +15,8 @@ use crate::train::CurvePoint;
 use crate::train::direction::ViewDependence;
 use crate::train::finish::{Outcome, Shown};
 use crate::train::snapshot;
+use nerf_core::Kernel;
 use nerf_core::blob::Blob;
-use nerf_core::simd::Tier;
 use std::path::Path;
 
 /// Prints the result.
@@ -93,7 +93,7 @@ pub fn tell_missed(outcome: &Outcome) {
 }
 
 /// The fields of `summary.json`.
-pub fn summary(outcome: &Outcome, config: &Config, tier: Tier, total_seconds: f64) -> Summary {
+pub fn summary(outcome: &Outcome, config: &Config, kernel: Kernel, total_seconds: f64) -> Summary {
     let mut summary = Summary::new();
     // Without validation views null, with a note: scripts rely on the names.
     summary
@@ -117,7 +117,7 @@ pub fn summary(outcome: &Outcome, config: &Config, tier: Tier, total_seconds: f6
         .number("evaluated_samples_per_second", outcome.samples_per_second[0])
         .number("trained_samples_per_second", outcome.samples_per_second[1])
         .integer("seed", config.seed)
-        .text("kernel", tier.name())
+        .text("kernel", kernel.to_string())
         .integer("threads", rayon::current_num_threads() as u64)
         .text("cpu", cpu_name());
     if let Some(ViewDependence { gain_db, left_out }) = outcome.view_dependence {

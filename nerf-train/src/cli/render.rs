@@ -171,7 +171,7 @@ impl Render {
         let blob = open_blob(&self.file, &bytes)?;
         let cameras = self.cameras(&blob, global)?;
         self.check_memory(&cameras)?;
-        let tier = global.tier();
+        let kernel = global.kernel();
         let plan = Plan::new(&blob, &self.quality.quality(), self.wanted(), Batch::FULL)
             .and_then(|plan| plan.with_normal_blur(self.normal_blur))
             .and_then(|plan| self.data_options.range_of(plan))
@@ -183,8 +183,8 @@ impl Render {
             None => plan,
         };
         let plan = self.effects.of(plan)?;
-        let mut memory = vec![Line::UNINIT; Renderer::prepared_lines(&blob, tier)];
-        let renderer = Renderer::new(blob, tier, &mut memory)?;
+        let mut memory = vec![Line::UNINIT; Renderer::prepared_lines(&blob, kernel)];
+        let renderer = Renderer::new(blob, kernel, &mut memory)?;
 
         let start = Instant::now();
         let mut counters = Counters::default();

@@ -123,12 +123,12 @@ impl Lists {
         let mine: Vec<_> =
             points.iter().enumerate().filter(|&(i, _)| shard.takes(i)).map(|(_, p)| p).collect();
         let cpu = cpu_name();
-        let runner = Runner { tier: global.tier(), style: global.style(), cpu: &cpu };
+        let runner = Runner { kernel: global.kernel(), style: global.style(), cpu: &cpu };
         global.say(format!(
             "{} points, {} of them this part's; on {cpu} ({}, {} threads)",
             points.len(),
             mine.len(),
-            runner.tier.name(),
+            runner.kernel,
             rayon::current_num_threads()
         ));
         let note = Note::new(

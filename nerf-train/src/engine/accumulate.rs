@@ -2,7 +2,7 @@
 
 use super::graph::{Node, block_of, blocks};
 use nerf_core::matrix::{Gemm, Init, gemm};
-use nerf_core::simd::{BLOCK, Tier};
+use nerf_core::simd::{BLOCK, Isa};
 use rayon::prelude::*;
 
 /// Columns are padded to whole vectors of this many.
@@ -38,7 +38,7 @@ impl LayerSum {
     /// Adds `dy [main, extra, 1]ᵀ` of a chunk; `transposed` is scratch.
     pub(super) fn add(
         &mut self,
-        tier: Tier,
+        isa: Isa,
         node: &Node,
         dy: &[f32],
         slots: &[Vec<f32>],
@@ -79,7 +79,7 @@ impl LayerSum {
                     c_row: columns,
                 };
                 let init = if self.touched { Init::Accumulate } else { Init::Zero };
-                gemm(tier, product, dy, transposed, gradient, init, false);
+                gemm(isa, product, dy, transposed, gradient, init, false);
             }
             self.touched = true;
         }

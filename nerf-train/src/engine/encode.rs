@@ -2,13 +2,13 @@
 
 use nerf_core::encoding::{SinusoidalEncoding, encode_block};
 use nerf_core::math::MathBackend;
-use nerf_core::simd::{BLOCK, Tier};
+use nerf_core::simd::{BLOCK, Isa};
 
 /// Encodes up to [`BLOCK`] points into `out`, `[outputs][BLOCK]`; missing points are zeros.
 ///
 /// Of each point the first `encoding.inputs` coordinates are used.
 pub(super) fn encode_points<'a>(
-    tier: Tier,
+    isa: Isa,
     encoding: &SinusoidalEncoding,
     points: impl Iterator<Item = &'a [f32; 3]>,
     out: &mut [f32],
@@ -20,5 +20,5 @@ pub(super) fn encode_points<'a>(
             x[axis * BLOCK + lane] = coordinate;
         }
     }
-    encode_block(tier, MathBackend::Polynomial, encoding, BLOCK, &x[..inputs * BLOCK], out);
+    encode_block(isa, MathBackend::Polynomial, encoding, BLOCK, &x[..inputs * BLOCK], out);
 }

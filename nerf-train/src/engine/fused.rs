@@ -10,7 +10,7 @@ use super::graph::Graph;
 use super::optimiser::{Optimiser, usable};
 use super::pass::{ChunkLoss, Job, Pass};
 use super::{Adam, Batch, Engine, EngineError, Model, OptimiserState, StepLoss, check_rate};
-use nerf_core::simd::Tier;
+use nerf_core::simd::Isa;
 use rayon::prelude::*;
 use std::borrow::Cow;
 
@@ -23,7 +23,7 @@ const ACCUMULATORS: usize = 16;
 /// 512 samples, or one longer ray): some 150 MiB for the 8×256 network, whatever the batch.
 pub struct FusedEngine {
     graph: Graph,
-    tier: Tier,
+    isa: Isa,
     optimiser: Optimiser,
     /// The optimiser's values, in one piece.
     parameters: Vec<f32>,
@@ -50,12 +50,12 @@ impl FusedEngine {
         let optimiser = Optimiser::new(&model.layers(), adam, parameters)?;
         let passes = (0..ACCUMULATORS).map(|_| Pass::new(&graph)).collect();
         let parameters = parameters.to_vec();
-        Ok(Self { graph, tier: Tier::detect(), optimiser, parameters, chunks: Vec::new(), passes })
+        Ok(Self { graph, isa: Isa::detect(), optimiser, parameters, chunks: Vec::new(), passes })
     }
 
-    /// Chooses the kernel tier; [`Tier::detect`] is the default.
-    pub fn set_tier(&mut self, tier: Tier) {
-        self.tier = tier;
+    /// Chooses the instructions; [`Isa::detect`] is the default.
+    pub fn set_isa(&mut self, isa: Isa) {
+        self.isa = isa;
     }
 
     /// The model that is trained.
@@ -65,9 +65,9 @@ impl FusedEngine {
 
     /// Loss of a checked batch; its gradients are left with the optimiser.
     fn differentiate(&mut self, batch: &Batch) -> Result<StepLoss, EngineError> {
-        let Self { graph, tier, optimiser, parameters, chunks, passes } = self;
+        let Self { graph, isa, optimiser, parameters, chunks, passes } = self;
         cut(batch, chunks);
-        let job = Job { graph, tier: *tier, parameters };
+        let job = Job { graph, isa: *isa, parameters };
         passes.par_iter_mut().with_max_len(1).enumerate().for_each(|(i, pass)| {
             pass.clear();
             chunks.iter().skip(i).step_by(ACCUMULATORS).for_each(|chunk| pass.run(job, batch, chunk));

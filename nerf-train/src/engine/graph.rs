@@ -5,7 +5,7 @@
 
 use super::{Dense, Model, ModelError, Part};
 use nerf_core::matrix::{Gemm, Init, gemm};
-use nerf_core::simd::{BLOCK, Tier};
+use nerf_core::simd::{BLOCK, Isa};
 use std::ops::Range;
 
 pub(super) const POSITION: usize = 0;
@@ -94,7 +94,7 @@ impl Node {
     /// Computes the layer's output slot from the slots before it.
     pub(super) fn forward(
         &self,
-        tier: Tier,
+        isa: Isa,
         parameters: &[f32],
         slots: &[Vec<f32>],
         out: &mut [f32],
@@ -108,11 +108,11 @@ impl Node {
             let y = block_of_mut(out, d.outputs, block);
             let x = block_of(&slots[self.main], d.main, block);
             let whole = d.extra == 0;
-            gemm(tier, product(lanes, d.main), weights, x, y, Init::Bias(bias), self.relu && whole);
+            gemm(isa, product(lanes, d.main), weights, x, y, Init::Bias(bias), self.relu && whole);
             if !whole {
                 let x = block_of(&slots[self.extra], d.extra, block);
                 let weights = &weights[d.main..];
-                gemm(tier, product(lanes, d.extra), weights, x, y, Init::Accumulate, self.relu);
+                gemm(isa, product(lanes, d.extra), weights, x, y, Init::Accumulate, self.relu);
             }
         }
     }
@@ -120,7 +120,7 @@ impl Node {
     /// `dx (+)= W_mainᵀ dy`: the gradient of the layer's main input, `[blocks][main][BLOCK]`.
     pub(super) fn backward(
         &self,
-        tier: Tier,
+        isa: Isa,
         parameters: &[f32],
         dy: &[f32],
         dx: &mut [f32],
@@ -141,7 +141,7 @@ impl Node {
             };
             let init = if accumulate { Init::Accumulate } else { Init::Zero };
             let (dy, dx) = (block_of(dy, d.outputs, block), block_of_mut(dx, d.main, block));
-            gemm(tier, product, weights, dy, dx, init, false);
+            gemm(isa, product, weights, dy, dx, init, false);
         }
     }
 }

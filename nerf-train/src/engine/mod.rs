@@ -36,7 +36,7 @@ pub use phases::{Phase, Phases};
 pub use reference::ReferenceEngine;
 
 use nerf_core::camera::SceneBox;
-use nerf_core::simd::Tier;
+use nerf_core::simd::Isa;
 use serde::{Deserialize, Serialize};
 use std::borrow::Cow;
 
@@ -55,15 +55,15 @@ pub fn engine_for(
     bounds: SceneBox,
     adam: Adam,
     seed: u64,
-    tier: Tier,
+    isa: Isa,
 ) -> Result<Box<dyn Engine>, EngineError> {
     if model.architecture.position.grid().is_some() {
         let mut engine = GridEngine::new(model, bounds, adam, seed)?;
-        engine.set_tier(tier);
+        engine.set_isa(isa);
         return Ok(Box::new(engine));
     }
     let mut engine = FusedEngine::new(model, adam, seed)?;
-    engine.set_tier(tier);
+    engine.set_isa(isa);
     Ok(Box::new(engine))
 }
 

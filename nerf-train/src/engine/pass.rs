@@ -7,7 +7,7 @@ use super::graph::{DIRECTION, FIRST, Graph, POSITION, block_of_mut, mask_relu};
 use super::volume_grad::{Samples, Scratch, squared_error};
 use super::{Batch, SIGMA_LIMIT};
 use nerf_core::network::{DensityActivation, EXPONENTIAL_LIMIT};
-use nerf_core::simd::{BLOCK, Tier};
+use nerf_core::simd::{BLOCK, Isa};
 use std::ops::Range;
 
 /// Sums over an accumulator's chunks.
@@ -25,7 +25,7 @@ pub(super) struct ChunkLoss {
 #[derive(Clone, Copy)]
 pub(super) struct Job<'a> {
     pub(super) graph: &'a Graph,
-    pub(super) tier: Tier,
+    pub(super) isa: Isa,
     pub(super) parameters: &'a [f32],
 }
 
@@ -80,7 +80,7 @@ impl Pass {
             for (block, rays) in self.ray_of.chunks(BLOCK).enumerate() {
                 let out = block_of_mut(&mut self.slots[DIRECTION], direction.outputs(), block);
                 let dirs = rays.iter().map(|&ray| &batch.rays[ray as usize].dir);
-                encode_points(job.tier, direction, dirs, out);
+                encode_points(job.isa, direction, dirs, out);
             }
         }
         for l in 0..graph.nodes.len() {
@@ -145,7 +145,7 @@ impl Pass {
         grow(slot, encoding.outputs(), points.len());
         for (block, points) in points.chunks(BLOCK).enumerate() {
             let out = block_of_mut(slot, encoding.outputs(), block);
-            encode_points(job.tier, encoding, points.iter(), out);
+            encode_points(job.isa, encoding, points.iter(), out);
         }
     }
 
@@ -153,7 +153,7 @@ impl Pass {
         let (inputs, outputs) = self.slots.split_at_mut(FIRST + layer);
         let out = &mut outputs[0];
         grow(out, job.graph.channels(FIRST + layer), samples);
-        job.graph.nodes[layer].forward(job.tier, job.parameters, inputs, out, samples);
+        job.graph.nodes[layer].forward(job.isa, job.parameters, inputs, out, samples);
     }
 
     /// raw → sigma, clamped; the raw values are replaced by d sigma / d raw.
@@ -186,7 +186,7 @@ impl Pass {
         for l in colour.clone().rev() {
             self.weight_gradient(job, l, samples);
             grow(&mut self.lower, nodes[l].dense.main, samples);
-            nodes[l].backward(job.tier, job.parameters, &self.upper, &mut self.lower, false, samples);
+            nodes[l].backward(job.isa, job.parameters, &self.upper, &mut self.lower, false, samples);
             std::mem::swap(&mut self.upper, &mut self.lower);
             if l > colour.start && nodes[l - 1].relu {
                 let channels = nodes[l].dense.main;
@@ -205,16 +205,16 @@ impl Pass {
             }
             let node = &nodes[l];
             let (sums, slots) = (&mut self.sums[l], &self.slots);
-            sums.add(job.tier, node, &self.d_sigma, slots, samples, &mut self.transposed);
+            sums.add(job.isa, node, &self.d_sigma, slots, samples, &mut self.transposed);
             grow(&mut self.upper, node.dense.main, samples);
-            node.backward(job.tier, job.parameters, &self.d_sigma, &mut self.upper, colour, samples);
+            node.backward(job.isa, job.parameters, &self.d_sigma, &mut self.upper, colour, samples);
         }
         for l in trunk.clone().rev() {
             mask_relu(&mut self.upper, &self.slots[FIRST + l], nodes[l].dense.outputs, samples);
             self.weight_gradient(job, l, samples);
             if l > 0 {
                 grow(&mut self.lower, nodes[l].dense.main, samples);
-                nodes[l].backward(job.tier, job.parameters, &self.upper, &mut self.lower, false, samples);
+                nodes[l].backward(job.isa, job.parameters, &self.upper, &mut self.lower, false, samples);
                 std::mem::swap(&mut self.upper, &mut self.lower);
             }
         }
@@ -223,7 +223,7 @@ impl Pass {
     fn weight_gradient(&mut self, job: Job<'_>, layer: usize, samples: usize) {
         let node = &job.graph.nodes[layer];
         let slots = &self.slots;
-        self.sums[layer].add(job.tier, node, &self.upper, slots, samples, &mut self.transposed);
+        self.sums[layer].add(job.isa, node, &self.upper, slots, samples, &mut self.transposed);
     }
 }
 

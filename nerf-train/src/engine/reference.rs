@@ -9,7 +9,7 @@ use super::{
 use dfdx::prelude::*;
 use nerf_core::encoding::SinusoidalEncoding;
 use nerf_core::network::{DensityActivation, EXPONENTIAL_LIMIT};
-use nerf_core::simd::{BLOCK, Tier};
+use nerf_core::simd::{BLOCK, Isa};
 use std::borrow::Cow;
 
 type Matrix<T = NoneTape> = Tensor<(usize, usize), f32, Cpu, T>;
@@ -110,7 +110,7 @@ impl ReferenceEngine {
         let mut block = vec![0.0; channels * BLOCK];
         let mut values = Vec::with_capacity(points.len() * channels);
         for points in points.chunks(BLOCK) {
-            encode_points(Tier::Scalar, &encoding, points.iter(), &mut block);
+            encode_points(Isa::Portable, &encoding, points.iter(), &mut block);
             for lane in 0..points.len() {
                 values.extend(block.iter().skip(lane).step_by(BLOCK));
             }

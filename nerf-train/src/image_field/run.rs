@@ -16,13 +16,13 @@ use crate::train::candidate::MADE_BY;
 use crate::train::pace::VALIDATION_SHARE;
 use crate::train::schedule::{Budget, Clock, learning_rate};
 use glam::Vec3;
+use nerf_core::Kernel;
 use nerf_core::blob::{Blob, BlobError, Content, PictureFacts, Provenance};
 use nerf_core::camera::SceneBox;
 use nerf_core::math::MathBackend;
 use nerf_core::memory::Line;
 use nerf_core::render::{RenderError, Renderer};
 use nerf_core::sampling::{Purpose, uniform_u32};
-use nerf_core::simd::Tier;
 use rayon::prelude::*;
 use std::borrow::Cow;
 use std::path::{Path, PathBuf};
@@ -66,7 +66,7 @@ pub struct FieldTrainer<'p> {
     photo: &'p Photo,
     config: FieldConfig,
     model: Model,
-    tier: Tier,
+    kernel: Kernel,
     engine: Box<dyn Engine>,
     average: Average,
     batch: Batch,
@@ -79,14 +79,14 @@ impl<'p> FieldTrainer<'p> {
     ///
     /// # Errors
     /// [`FieldError::Config`] on settings out of range.
-    pub fn new(photo: &'p Photo, config: FieldConfig, tier: Tier) -> Result<Self, FieldError> {
+    pub fn new(photo: &'p Photo, config: FieldConfig, kernel: Kernel) -> Result<Self, FieldError> {
         config.check_for(photo.size())?;
         let model = config.model(photo.size());
         let picture = SceneBox { min: Vec3::ZERO, max: Vec3::ONE };
-        let engine = engine_for(&model, picture, config.adam(), config.seed, tier)?;
+        let engine = engine_for(&model, picture, config.adam(), config.seed, kernel.isa)?;
         let average = Average::new(config.optimiser.average, 1, model.parameters());
         let batch = Batch::default();
-        Ok(Self { photo, config, model, tier, engine, average, batch, step: 0, mse: f64::NAN })
+        Ok(Self { photo, config, model, kernel, engine, average, batch, step: 0, mse: f64::NAN })
     }
 
     /// One step at the learning rate that `share` of the budget used calls for.
@@ -195,17 +195,17 @@ impl<'p> FieldTrainer<'p> {
         let small = size.map(|side| side.div_ceil(SMALLER));
         let bytes = self.export(None)?.bytes;
         let begun = Instant::now();
-        render_blob(&bytes, self.tier, small)?;
+        render_blob(&bytes, self.kernel, small)?;
         let pixels = |size: [u32; 2]| f64::from(size[0]) * f64::from(size[1]);
         Ok(begun.elapsed().as_secs_f64() * pixels(size) / pixels(small))
     }
 }
 
 /// Renders a blob's picture at a size.
-pub(super) fn render_blob(bytes: &[u8], tier: Tier, size: [u32; 2]) -> Result<Picture, FieldError> {
+pub(super) fn render_blob(bytes: &[u8], kernel: Kernel, size: [u32; 2]) -> Result<Picture, FieldError> {
     let blob = Blob::open(bytes)?;
-    let mut memory = vec![Line::UNINIT; Renderer::prepared_lines(&blob, tier)];
-    let renderer = Renderer::new(blob, tier, &mut memory)?;
+    let mut memory = vec![Line::UNINIT; Renderer::prepared_lines(&blob, kernel)];
+    let renderer = Renderer::new(blob, kernel, &mut memory)?;
     Ok(frame::render_picture(&renderer, MathBackend::Polynomial, size, |_| {})?.0)
 }
 
@@ -232,8 +232,8 @@ pub struct RunOptions {
     /// Steps between evaluations; a tenth of the budget if absent. With a limit in seconds they take at most a tenth
     /// of it.
     pub evaluate_every: Option<u32>,
-    /// Kernel tier.
-    pub tier: Tier,
+    /// What to run with.
+    pub kernel: Kernel,
     /// Display.
     pub style: ProgressStyle,
 }
@@ -356,7 +356,7 @@ pub fn run(
     stop: &dyn Fn(u32) -> bool,
     mut each: impl FnMut(Evaluation<'_>),
 ) -> Result<Ended, FieldError> {
-    let mut trainer = FieldTrainer::new(photo, config, options.tier)?;
+    let mut trainer = FieldTrainer::new(photo, config, options.kernel)?;
     let mut keeper = Keeper { output: options.output.as_deref(), claim: None };
     let budget = options.budget;
     let mut progress = Progress::new("fit", budget.total(), options.style);
@@ -369,7 +369,7 @@ pub fn run(
     let mut score = |trainer: &FieldTrainer<'_>, keeper: &Keeper<'_>| -> Result<(Picture, f64), FieldError> {
         let (step, bytes) = (trainer.steps(), trainer.export(None)?.bytes);
         keeper.during(step, &bytes, || {
-            let picture = render_blob(&bytes, trainer.tier, photo.size())?;
+            let picture = render_blob(&bytes, trainer.kernel, photo.size())?;
             let psnr_db = psnr_db(&picture.rgb, &photo.picture.rgb);
             each(Evaluation { step, picture: &picture, psnr_db });
             Ok((picture, psnr_db))

@@ -5,9 +5,9 @@ use crate::report::picture::Picture;
 use crate::report::progress::ProgressStyle;
 use crate::train::schedule::{Budget, Clock};
 use image::{DynamicImage, ImageBuffer, ImageFormat, Luma, Rgb, Rgba};
+use nerf_core::Kernel;
 use nerf_core::blob::Blob;
 use nerf_core::encoding::MAX_GRID_RESOLUTION;
-use nerf_core::simd::Tier;
 use std::path::PathBuf;
 use std::time::Duration;
 use tempfile::TempDir;
@@ -155,7 +155,7 @@ fn options(steps: u32) -> RunOptions {
         output: None,
         snapshots: vec![0],
         evaluate_every: None,
-        tier: Tier::detect(),
+        kernel: Kernel::detect(),
         style: ProgressStyle::Quiet,
     }
 }
@@ -212,7 +212,7 @@ fn a_grid_shows_no_noise_between_the_pixels_it_was_trained_on() {
     let config = FieldConfig { pixels: 1024, ..FieldPreset::Grid.config().for_picture(small.size()) };
     let (outcome, _) = fit(&small, config, &options(1000));
     println!("{:.2} dB at its pixels", outcome.psnr_db);
-    let shown = super::run::render_blob(&outcome.bytes, Tier::detect(), large.size()).unwrap();
+    let shown = super::run::render_blob(&outcome.bytes, Kernel::detect(), large.size()).unwrap();
     let found = psnr_db(&shown.rgb, &large.picture.rgb);
     let linear = |x: f32, y: f32| {
         let at = |x: f32, y: f32| {
@@ -258,7 +258,7 @@ fn no_level_is_finer_than_the_picture() {
     }
     let mut finer = FieldPreset::Grid.config().for_picture([100, 37]);
     finer.grid.as_mut().unwrap().finest = 101;
-    let error = FieldTrainer::new(&test_photo(100, 37), finer, Tier::Scalar).err().unwrap().to_string();
+    let error = FieldTrainer::new(&test_photo(100, 37), finer, Kernel::IN_PLACE).err().unwrap().to_string();
     let expected =
         "network.grid.finest: expected at most the picture's 100 pixels along its longest side, found 101";
     assert_eq!(error, expected);
@@ -319,6 +319,6 @@ fn settings_out_of_range_are_named() {
     let mut config = small_config();
     config.layers = 17;
     let photo = test_photo(4, 4);
-    let error = FieldTrainer::new(&photo, config, Tier::Scalar).err().unwrap().to_string();
+    let error = FieldTrainer::new(&photo, config, Kernel::IN_PLACE).err().unwrap().to_string();
     assert_eq!(error, "layers: expected 1 to 16, found 17");
 }

@@ -4,8 +4,8 @@ use crate::dataset::{Dataset, View};
 use crate::eval::{EvalError, Scores, measure};
 use crate::report::metrics::gain_db;
 use crate::train::finish::OCCUPANCY_LOSS_DB;
+use nerf_core::Kernel;
 use nerf_core::plan::Quality;
-use nerf_core::simd::Tier;
 
 /// Every so many pixels of a row, and rows, are measured. Odd: the middle of a block of so many is a pixel's centre.
 pub const STRIDE: u32 = 3;
@@ -69,12 +69,12 @@ pub struct Draft<'a> {
 /// [`EvalError`] if the blob cannot be opened or rendered.
 pub fn check(
     draft: &Draft<'_>,
-    tier: Tier,
+    kernel: Kernel,
     views: &[View],
     mut each: impl FnMut(),
 ) -> Result<Check, EvalError> {
     let mut score = |parameters, quality: &Quality| {
-        measure(draft.blob, parameters, tier, quality, draft.background, views, |_, _, _, _| each())
+        measure(draft.blob, parameters, kernel, quality, draft.background, views, |_, _, _, _| each())
     };
     let with_occupancy = Quality::default();
     let scores = score(None, &with_occupancy)?;

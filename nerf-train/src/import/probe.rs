@@ -10,10 +10,10 @@ use crate::dataset::{Axes, View};
 use crate::eval::measure;
 use crate::export::{Contents, Tables, export};
 use clap::ValueEnum;
+use nerf_core::Kernel;
 use nerf_core::blob::{Content, Provenance};
 use nerf_core::camera::Camera;
 use nerf_core::plan::Quality;
-use nerf_core::simd::Tier;
 
 /// Views that are looked at, each thinned twice.
 const VIEWS: usize = 3;
@@ -37,7 +37,7 @@ pub fn probe(
     tensors: &Tensors,
     settings: &Settings,
     axes: Axes,
-    tier: Tier,
+    kernel: Kernel,
     views: &[View],
 ) -> Result<Vec<Probe>, ImportError> {
     let sparse: Vec<View> = views.iter().take(VIEWS).map(|view| thinned(&thinned(view))).collect();
@@ -45,11 +45,11 @@ pub fn probe(
     let mut probes = Vec::new();
     for (flag, settings) in alternatives(settings) {
         // Not every order goes with every file.
-        if let Ok(psnr_db) = score(tensors, &settings, tier, &sparse) {
+        if let Ok(psnr_db) = score(tensors, &settings, kernel, &sparse) {
             probes.push(Probe { flag, psnr_db });
         }
     }
-    let psnr_db = score(tensors, settings, tier, &turned)?;
+    let psnr_db = score(tensors, settings, kernel, &turned)?;
     probes.push(Probe { flag: format!("--axes {}", axes.other()), psnr_db });
     probes.sort_by(|a, b| b.psnr_db.total_cmp(&a.psnr_db));
     Ok(probes)
@@ -83,7 +83,7 @@ pub fn name(value: impl ValueEnum) -> String {
     value.to_possible_value().map_or_else(String::new, |value| value.get_name().to_owned())
 }
 
-fn score(tensors: &Tensors, settings: &Settings, tier: Tier, views: &[View]) -> Result<f64, ImportError> {
+fn score(tensors: &Tensors, settings: &Settings, kernel: Kernel, views: &[View]) -> Result<f64, ImportError> {
     let network = network(tensors, settings)?;
     let blob = export(&Contents {
         architecture: &network.model.architecture,
@@ -94,7 +94,7 @@ fn score(tensors: &Tensors, settings: &Settings, tier: Tier, views: &[View]) -> 
         provenance: Provenance::NONE,
     })?;
     let quality = Quality::default();
-    let scores = measure(&blob.bytes, None, tier, &quality, settings.background, views, |_, _, _, _| {})?;
+    let scores = measure(&blob.bytes, None, kernel, &quality, settings.background, views, |_, _, _, _| {})?;
     Ok(scores.psnr_db().unwrap_or(f64::NAN))
 }
 

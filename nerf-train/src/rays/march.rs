@@ -3,7 +3,7 @@
 use crate::occupancy::LiveCells;
 use glam::Vec3;
 use nerf_core::camera::{Contraction, Ray, SceneBox};
-use nerf_core::simd::{Lanes, Op, Tier};
+use nerf_core::simd::{Isa, Lanes, Op};
 
 /// Samples that are looked up together.
 const GROUP: usize = 16;
@@ -100,7 +100,7 @@ impl<'a> Lookup<'a> {
     fn live(&self, first: f32, step: f32, base: u32) -> u32 {
         let [_, ny, nz] = self.resolution;
         let mut index = [0u32; GROUP];
-        // Written for the compiler to vectorise with the tier's instructions.
+        // Written for the compiler to vectorise with the instruction set's own.
         for (i, index) in index.iter_mut().enumerate() {
             let t = first + (base + i as u32) as f32 * step;
             let cell = |axis: usize| {
@@ -128,7 +128,7 @@ fn first_bits(count: u32) -> u32 {
 ///
 /// A point is taken as one of the box; on a face between two cells, as one of either.
 pub(super) fn march(
-    tier: Tier,
+    isa: Isa,
     cells: &MarchCells,
     ray: &Ray,
     first: f32,
@@ -136,7 +136,7 @@ pub(super) fn march(
     count: u32,
     positions: &mut Vec<[f32; 3]>,
 ) {
-    tier.run(March { cells, ray, first, step, count, positions });
+    isa.run(March { cells, ray, first, step, count, positions });
 }
 
 struct March<'a> {
@@ -189,7 +189,7 @@ impl Op for March<'_> {
 /// # Source
 /// Philip and Deschaintre 2023, "Floaters No More".
 pub(super) fn march_contracted(
-    tier: Tier,
+    isa: Isa,
     cells: &MarchCells,
     contraction: &Contraction,
     ray: &Ray,
@@ -197,7 +197,7 @@ pub(super) fn march_contracted(
     start: f32,
     samples: &mut Samples,
 ) {
-    tier.run(MarchContracted { cells, contraction, ray, first, step, count, start, samples });
+    isa.run(MarchContracted { cells, contraction, ray, first, step, count, start, samples });
 }
 
 /// Samples of rays through an unbounded scene: see [`march_contracted`].
@@ -323,7 +323,7 @@ mod tests {
                 let Some((enter, exit)) = bounds.clip(&ray, 0.0, 1e9) else { continue };
                 let count = ((exit - enter) / step) as u32;
                 let mut positions = Vec::new();
-                march(Tier::detect(), &marched, &ray, enter, step, count, &mut positions);
+                march(Isa::detect(), &marched, &ray, enter, step, count, &mut positions);
                 let points = (0..count).map(|i| ray.at(enter + i as f32 * step));
                 let oracle: Vec<Vec3> = points.filter(|&p| occupancy.occupied(p)).collect();
                 found += positions.len();
@@ -356,7 +356,7 @@ mod tests {
             let (first, step, count) = (-1.3, 0.03, 130);
             let mut samples = Samples::default();
             march_contracted(
-                Tier::detect(),
+                Isa::detect(),
                 &cells,
                 &contraction,
                 &ray,

@@ -8,8 +8,8 @@ use crate::occupancy::{LiveCells, Occupancy};
 use crate::rays::{Bounds, MarchCells, RayBank};
 use crate::train::{TrainError, lengthened, nears};
 use glam::Vec3;
+use nerf_core::Isa;
 use nerf_core::sampling::OccupancyGrid;
-use nerf_core::simd::Tier;
 
 /// A ray with its samples.
 #[derive(Clone, Debug, PartialEq)]
@@ -98,8 +98,8 @@ impl Drawer<'_> {
                 let longer = if self.bounds.contraction.is_some() { lengthened(share) } else { 1.0 };
                 let width = longer * self.bounds.step(s.steps_across);
                 let everywhere = MarchCells::new(Occupancy::full(self.bounds.scene_box, 1).live());
-                bank.fill_marched(Tier::Scalar, &mut kept, step, rays, &MarchCells::new(cells), width);
-                bank.fill_marched(Tier::Scalar, &mut all, step, rays, &everywhere, width);
+                bank.fill_marched(Isa::Portable, &mut kept, step, rays, &MarchCells::new(cells), width);
+                bank.fill_marched(Isa::Portable, &mut all, step, rays, &everywhere, width);
                 let most = all.rays.iter().map(|ray| ray.samples).max();
                 bins = most.unwrap_or(0).min(u16::MAX.into()) as u16;
             }

@@ -4,7 +4,7 @@ use super::lab::Lab;
 use super::settings::{Precision, Settings, math_name};
 use nerf_core::blob::MAX_SAMPLES;
 use nerf_core::math::MathBackend;
-use nerf_core::simd::Tier;
+use nerf_core::{Isa, Kernel, Storage};
 
 /// A setting that trades accuracy for time.
 pub struct Knob {
@@ -139,11 +139,15 @@ pub const KNOBS: &[Knob] = &[
         name: "kernel",
         in_blob: false,
         combines: false,
-        copy: |from, to| to.tier = from.tier,
-        read: |_, s| s.tier.name().into(),
+        copy: |from, to| to.kernel = from.kernel,
+        read: |_, s| s.kernel.to_string().into(),
         values: |_, base| {
-            let tiers = Tier::ALL.into_iter().filter(|tier| tier.available() && *tier != base.tier);
-            vary(base, tiers, |s, tier| s.tier = tier)
+            // Weights that are read in place render what f32 does: the oracle alone.
+            let differs = |it: &Kernel| {
+                *it == Kernel::IN_PLACE || it.isa != Isa::Portable && it.storage != Storage::F16
+            };
+            let kernels = Kernel::all().filter(differs).filter(|it| *it != base.kernel);
+            vary(base, kernels, |s, kernel| s.kernel = kernel)
         },
     },
     Knob {
@@ -182,7 +186,7 @@ fn vary<T>(
     values.into_iter().map(with).collect()
 }
 
-/// What `settings` has other than `base`, for example `samples 48, kernel avx512bf16`; empty if nothing.
+/// What `settings` has other than `base`, for example `samples 48, kernel avx512-bf16`; empty if nothing.
 pub fn difference(lab: &Lab<'_>, base: &Settings, settings: &Settings) -> String {
     let changed = KNOBS.iter().filter(|knob| (knob.read)(lab, base) != (knob.read)(lab, settings));
     let parts: Vec<String> =

@@ -8,7 +8,7 @@
 //!                                  Pareto front ─► report, blob
 //! ```
 //!
-//! *Exact* is every sample inside the scene box, no cuts, the exact encoding, f32 on the fastest f32 tier;
+//! *Exact* is every sample inside the scene box, no cuts, the exact encoding, f32 with the fastest instructions;
 //! behind the occupancy grid only where the blob says that it is part of the model. *Base* is what a renderer
 //! does when nobody asks for anything. Knobs are turned one at a time from the base.
 

@@ -20,10 +20,10 @@ use super::point::{Clock, Origin, Point, Totals, ViewErrors};
 use super::settings::Settings;
 use crate::dataset::View;
 use crate::frame::Frame;
+use nerf_core::Kernel;
 use nerf_core::blob::{FrontPoint, MAX_FRONT};
 use nerf_core::camera::{Camera, Intrinsics};
 use nerf_core::plan::Preset;
-use nerf_core::simd::Tier;
 use std::time::{Duration, Instant};
 
 /// Loss against the base beyond which combinations are not looked for, dB.
@@ -35,7 +35,7 @@ pub const BLOB_LOSS_DB: f64 = 3.0;
 pub const TRAINED_STEP_LOSS_DB: f32 = Preset::Balanced.loss_db();
 /// Combinations of all knobs, and of those that a blob's front can hold.
 const COMBINATIONS: usize = 12;
-/// Side of the square that the scalar oracle renders, pixels.
+/// Side of the square that the portable oracle renders, pixels.
 const ORACLE_SIDE: u32 = 16;
 
 /// How long to measure.
@@ -81,7 +81,7 @@ pub struct Study<'a, 'b> {
     pub exact: Vec<Frame>,
     /// Rounds of timing there was no time for.
     pub rounds_left_out: usize,
-    /// Largest difference of a colour channel between the exact rendering and the scalar oracle, on the
+    /// Largest difference of a colour channel between the exact rendering and the portable oracle, on the
     /// middle of the first view.
     pub oracle_max: f64,
     truth: Vec<Vec<[f32; 3]>>,
@@ -204,9 +204,9 @@ impl<'a, 'b> Study<'a, 'b> {
         let base = Settings::base();
         let found = |in_blob| combinations(base, &self.choices(in_blob), COMBINATION_LOSS_DB, COMBINATIONS);
         let (all, plain) = (found(false), found(true));
-        let rounding = Tier::ALL.into_iter().filter(|tier| tier.rounds() && tier.available());
+        let rounding = Kernel::all().filter(|kernel| kernel.rounds());
         let rounded: Vec<Settings> = rounding
-            .flat_map(|tier| all.iter().map(move |settings| Settings { tier, ..*settings }))
+            .flat_map(|kernel| all.iter().map(move |settings| Settings { kernel, ..*settings }))
             .collect();
         for settings in plain.into_iter().chain(all).chain(rounded) {
             self.add(Origin::Combination, settings);
@@ -271,7 +271,7 @@ impl<'a, 'b> Study<'a, 'b> {
         })
     }
 
-    /// Compares the exact rendering with the scalar oracle in a square in the middle of the first view.
+    /// Compares the exact rendering with the portable oracle in a square in the middle of the first view.
     fn check_oracle(&mut self) -> Result<(), StudyError> {
         let camera = &self.views[0].camera;
         let i = *camera.intrinsics();
@@ -281,7 +281,7 @@ impl<'a, 'b> Study<'a, 'b> {
         let (cx, cy) = (i.cx - left as f32, i.cy - top as f32);
         let cut = Camera::new(Intrinsics { width, height, cx, cy, ..i }, *camera.lens(), *camera.pose())?;
         let exact = Settings::exact(self.lab.blob());
-        let scalar = Settings { tier: Tier::Scalar, ..exact };
+        let scalar = Settings { kernel: Kernel::IN_PLACE, ..exact };
         let background = self.background;
         self.oracle_max = self.lab.prepared(&[exact, scalar], |bench| {
             let (exact, ..) = bench.render(&exact, &cut, background)?;

@@ -1,9 +1,9 @@
 //! One way to render a frame: every knob at one value.
 
+use nerf_core::Kernel;
 use nerf_core::blob::Blob;
 use nerf_core::math::MathBackend;
 use nerf_core::plan::Quality;
-use nerf_core::simd::Tier;
 
 /// Whose weights the network has.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
@@ -19,8 +19,8 @@ pub enum Precision {
 pub struct Settings {
     /// The shortcuts that a caller asks for.
     pub quality: Quality,
-    /// Kernel tier.
-    pub tier: Tier,
+    /// Instructions, and how weights lie.
+    pub kernel: Kernel,
     /// Which of the laboratory's variants of the blob; 0 is the blob itself.
     pub variant: usize,
     /// Whose weights.
@@ -33,16 +33,16 @@ pub struct Settings {
 
 impl Settings {
     /// The exact rendering: every sample inside the scene box, behind the occupancy grid only where the blob says
-    /// that it is part of the model; no cuts, the exact encoding, f32 on the fastest f32 tier.
+    /// that it is part of the model; no cuts, the exact encoding, f32 with the fastest instructions.
     pub fn exact(blob: &Blob<'_>) -> Self {
         Self { quality: Quality::exact(blob), ..Self::base() }
     }
 
-    /// What the renderer does when nobody asks for anything, on the fastest f32 tier.
+    /// What the renderer does when nobody asks for anything, in f32 with the fastest instructions.
     pub fn base() -> Self {
         Self {
             quality: Quality::default(),
-            tier: Tier::detect(),
+            kernel: Kernel::detect(),
             variant: 0,
             precision: Precision::Rounded,
             quarters: 4,
@@ -51,9 +51,9 @@ impl Settings {
     }
 
     /// Whether a frame takes so long that it is rendered on the timing views only: it asks the network
-    /// everywhere, or on the scalar tier.
+    /// everywhere, or with weights read in place by portable instructions.
     pub fn is_slow(&self, has_occupancy: bool) -> bool {
-        self.tier == Tier::Scalar || !(has_occupancy && self.quality.occupancy)
+        self.kernel == Kernel::IN_PLACE || !(has_occupancy && self.quality.occupancy)
     }
 }
 

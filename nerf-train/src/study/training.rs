@@ -13,7 +13,7 @@ use crate::report::table::Table;
 use crate::train::TrainError;
 use crate::train::run::{Ended, RunError, RunOptions, run_since};
 use crate::train::schedule::{Budget, Clock};
-use nerf_core::simd::Tier;
+use nerf_core::Kernel;
 use std::fmt::Write as _;
 use std::path::Path;
 use std::time::Duration;
@@ -132,7 +132,12 @@ impl Lists {
 ///
 /// # Errors
 /// [`StudyError::Run`] for whatever is wrong besides.
-pub fn fit(dataset: &Dataset, trial: &Trial, tier: Tier, style: ProgressStyle) -> Result<Fitted, StudyError> {
+pub fn fit(
+    dataset: &Dataset,
+    trial: &Trial,
+    kernel: Kernel,
+    style: ProgressStyle,
+) -> Result<Fitted, StudyError> {
     let options = RunOptions {
         budget: Budget { steps: None, seconds: Some(trial.budget_seconds) },
         checkpoint: None,
@@ -142,7 +147,7 @@ pub fn fit(dataset: &Dataset, trial: &Trial, tier: Tier, style: ProgressStyle) -
         report: false,
         validate_every: None,
         effect_threshold_db: None,
-        tier,
+        kernel,
         style,
     };
     let clock = Clock::resume(Duration::ZERO);

@@ -14,9 +14,9 @@ use crate::train::checkpoint::fingerprint;
 use crate::train::run::{self, Ended, RunError, spread};
 use crate::train::schedule::{Budget, Clock};
 use crate::train::{FINAL_VIEWS, TrainError};
+use nerf_core::Kernel;
 use nerf_core::network::Architecture;
 use nerf_core::plan::Quality;
-use nerf_core::simd::Tier;
 use serde_json::json;
 use std::time::Duration;
 
@@ -44,8 +44,8 @@ pub enum Job<'a> {
 /// How runs are made.
 #[derive(Clone, Copy, Debug)]
 pub struct Runner<'a> {
-    /// Kernel tier.
-    pub tier: Tier,
+    /// What to run with.
+    pub kernel: Kernel,
     /// Display.
     pub style: ProgressStyle,
     /// The CPU's name, for the records.
@@ -207,7 +207,7 @@ fn diverged(point: &Point, runner: &Runner<'_>, architecture: &Architecture, not
         blob_bytes: 0,
         train_seconds: 0.0,
         threads: rayon::current_num_threads(),
-        kernel: runner.tier.name().into(),
+        kernel: runner.kernel.to_string(),
         cpu: runner.cpu.into(),
     }
 }
@@ -228,7 +228,7 @@ fn run_image(
         output: None,
         snapshots: Vec::new(),
         evaluate_every: Some(u32::MAX),
-        tier: runner.tier,
+        kernel: runner.kernel,
         style: runner.style,
     };
     let clock = Clock::resume(Duration::ZERO);
@@ -272,7 +272,7 @@ fn run_scene(
         report: false,
         validate_every: None,
         effect_threshold_db: None,
-        tier: runner.tier,
+        kernel: runner.kernel,
         style: runner.style,
     };
     let clock = Clock::resume(Duration::ZERO);
@@ -302,7 +302,7 @@ fn run_scene(
     let mut picture = None;
     let each = |_: &View, frame: &Frame, _: &[[f32; 3]], _: &_| picture = Some(frame::picture(frame));
     let first = views.first().copied();
-    measure(&outcome.bytes, None, runner.tier, &Quality::default(), outcome.background, first, each)
+    measure(&outcome.bytes, None, runner.kernel, &Quality::default(), outcome.background, first, each)
         .map_err(|error| JobError::Run(error.into()))?;
     Ok((record, picture))
 }

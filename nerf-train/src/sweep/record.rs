@@ -63,7 +63,7 @@ pub struct Record {
     pub train_seconds: f64,
     /// Threads it ran on.
     pub threads: usize,
-    /// Kernel tier it ran on.
+    /// What it ran with.
     pub kernel: String,
     /// CPU it ran on.
     pub cpu: String,

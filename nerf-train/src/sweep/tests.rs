@@ -2,7 +2,7 @@ use super::*;
 use crate::image_field::{FieldPreset, Photo};
 use crate::report::picture::Picture;
 use crate::report::progress::ProgressStyle;
-use nerf_core::simd::Tier;
+use nerf_core::Kernel;
 use std::path::Path;
 
 fn point(levels: f64, layers: f64, width: f64, rate: f64) -> Point {
@@ -93,8 +93,8 @@ fn job(photo: &Photo, steps: u32) -> Job<'_> {
 
 fn sweep(job: &Job<'_>, path: &Path, points: &[Point], shard: Shard) -> Folder {
     let folder = Folder::open(path, job.header(Mode::Full)).unwrap();
-    let (tier, style) = (Tier::detect(), ProgressStyle::Quiet);
-    let runner = Runner { tier, style, cpu: "test" };
+    let (kernel, style) = (Kernel::detect(), ProgressStyle::Quiet);
+    let runner = Runner { kernel, style, cpu: "test" };
     for (i, point) in points.iter().enumerate() {
         if shard.takes(i) && folder.record(point).unwrap().is_none() {
             let (record, picture) = job.run(point, &runner).unwrap();

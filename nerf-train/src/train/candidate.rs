@@ -51,7 +51,7 @@ impl Trainer<'_> {
         let full = || Occupancy::full(scene_box, resolution);
         let mut occupancy = self.occupancy.clone().unwrap_or_else(full);
         let ask = Ask {
-            tier: self.tier,
+            isa: self.kernel.isa,
             architecture: &self.model.architecture,
             parameters: &parameters,
             seed: self.config.seed,

@@ -172,9 +172,9 @@ impl Session<'_, '_> {
         let on = |lattice: u32| -> Result<Vec<Scores>, EvalError> {
             let views: Vec<_> = views.iter().map(|view| view.thinned(lattice)).collect();
             let measured = |&(bytes, quality): &(&[u8], Quality)| {
-                let (tier, background) = (self.options.tier, self.trainer.background());
+                let (kernel, background) = (self.options.kernel, self.trainer.background());
                 let views = views.iter().map(|view| &**view);
-                measure(bytes, None, tier, &quality, background, views, |_, _, _, _| {})
+                measure(bytes, None, kernel, &quality, background, views, |_, _, _, _| {})
             };
             renderings.iter().map(measured).collect()
         };
@@ -217,7 +217,7 @@ impl Session<'_, '_> {
         let lattice = self.pace.lattice(pixels, largest, self.pace.share(FINAL_SHARE));
         let kept: Vec<usize> = spread_indices(views.len(), SHOWN_VIEWS).collect();
         let (mut index, mut shown) = (0, Vec::new());
-        let (tier, background) = (self.options.tier, self.trainer.background());
+        let (kernel, background) = (self.options.kernel, self.trainer.background());
         let thinned: Vec<_> = views.iter().map(|view| view.thinned(lattice)).collect();
         let views = thinned.iter().map(|view| &**view);
         let each = |_: &View, frame: &Frame, truth: &[[f32; 3]], score: &ViewScore| {
@@ -227,7 +227,7 @@ impl Session<'_, '_> {
             }
             index += 1;
         };
-        let scores = measure(draft, None, tier, &Quality::default(), background, views, each)?;
+        let scores = measure(draft, None, kernel, &Quality::default(), background, views, each)?;
         Ok((scores, lattice, shown))
     }
 
@@ -245,11 +245,11 @@ impl Session<'_, '_> {
         let count = ((self.pace.share(QUESTION_SHARE) / taken) as usize).clamp(1, FINAL_VIEWS);
         let indices: Vec<usize> = spread_indices(views.len(), count).collect();
         let thinned: Vec<_> = indices.iter().map(|&view| views[view].thinned(lattice)).collect();
-        let (tier, background) = (self.options.tier, self.trainer.background());
+        let (kernel, background) = (self.options.kernel, self.trainer.background());
         let unrounded = measure(
             draft,
             Some(&candidate.parameters),
-            tier,
+            kernel,
             &Quality::default(),
             background,
             thinned.iter().map(|view| &**view),

@@ -24,9 +24,9 @@ use crate::rays::{Bounds, MarchCells, RayBank};
 use average::Average;
 pub(crate) use bounds::{find_bounds, find_box, nears};
 use checkpoint::{Checkpoint, fingerprint};
+use nerf_core::Kernel;
 use nerf_core::blob::MAX_SAMPLES;
 use nerf_core::camera::BoundsError;
-use nerf_core::simd::Tier;
 use schedule::learning_rate;
 use serde::{Deserialize, Serialize};
 use snapshot::Snapshot;
@@ -134,7 +134,7 @@ pub struct Trainer<'d> {
     /// Of what is exported, display-encoded.
     background: [f32; 3],
     model: Model,
-    tier: Tier,
+    kernel: Kernel,
     bounds: Bounds,
     bank: RayBank<'d>,
     /// Width of the steps that rays are marched in; none where they are cut into bins between near and far.
@@ -161,7 +161,7 @@ impl<'d> Trainer<'d> {
     ///
     /// # Errors
     /// [`TrainError`] on settings out of range and on data whose bounds cannot be found.
-    pub fn new(dataset: &'d Dataset, config: Config, tier: Tier) -> Result<Self, TrainError> {
+    pub fn new(dataset: &'d Dataset, config: Config, kernel: Kernel) -> Result<Self, TrainError> {
         config.check()?;
         let (bounds, nears, occupancy) = find_bounds(dataset, &config)?;
         let extent = bounds.scene_box.max - bounds.scene_box.min;
@@ -173,7 +173,7 @@ impl<'d> Trainer<'d> {
             step_width = Some(bounds.step(config.sampling.steps_across));
         }
         let bank = RayBank::new(&dataset.train, dataset.background, bounds, &config)?.with_nears(nears);
-        let engine = engine_for(&model, bounds.scene_box, config.adam(), config.seed, tier)?;
+        let engine = engine_for(&model, bounds.scene_box, config.adam(), config.seed, kernel.isa)?;
         let background = match dataset.background {
             Background::Constant(colour) => colour.map(|c| f32::from(c) / 255.0),
             Background::Unknown if bounds.contraction.is_some() => mean_colour(&dataset.train),
@@ -184,7 +184,7 @@ impl<'d> Trainer<'d> {
             dataset,
             background,
             model,
-            tier,
+            kernel,
             bounds,
             bank,
             step_width,
@@ -321,7 +321,7 @@ impl<'d> Trainer<'d> {
         let refreshed = self.config.occupancy.skip
             && (self.progressed.step + 1).is_multiple_of(self.config.occupancy.every);
         let width = self.step_width(share);
-        let Self { bank, batch, ahead, cells, phases, progressed: p, tier, .. } = self;
+        let Self { bank, batch, ahead, cells, phases, progressed: p, kernel, .. } = self;
         let s = &self.config.sampling;
         let grid = self.config.network.grid.is_some();
         let mut live_per_ray = p.live_per_ray;
@@ -333,7 +333,7 @@ impl<'d> Trainer<'d> {
             if let (Some(width), Some(cells), false) = (width, &cells, refreshed) {
                 let march = March { step: step + 1, rays: rays_of(s, 1.0, live_per_ray), width };
                 ahead.0 = Some(march);
-                phases.add(Phase::March, march.fill(bank, *tier, cells, &mut ahead.1));
+                phases.add(Phase::March, march.fill(bank, *kernel, cells, &mut ahead.1));
             }
         })?;
         p.live_per_ray = live_per_ray;
@@ -373,7 +373,7 @@ impl<'d> Trainer<'d> {
                 std::mem::swap(&mut self.batch, &mut self.ahead.1);
             } else {
                 let cells = self.cells.get_or_insert_with(|| MarchCells::new(occupancy.live()));
-                let time = march.fill(&self.bank, self.tier, cells, &mut self.batch);
+                let time = march.fill(&self.bank, self.kernel, cells, &mut self.batch);
                 self.phases.add(Phase::March, time);
             }
         } else {
@@ -404,7 +404,7 @@ impl<'d> Trainer<'d> {
         if let Some(occupancy) = &mut self.occupancy {
             let architecture = &self.model.architecture;
             let ask = Ask {
-                tier: self.tier,
+                isa: self.kernel.isa,
                 architecture,
                 parameters: &parameters,
                 seed: self.config.seed,
@@ -433,7 +433,8 @@ impl<'d> Trainer<'d> {
             return Err(TrainError::Dead { restarts, relu });
         }
         let seed = self.config.seed.wrapping_add(1000 * u64::from(restarts));
-        self.engine = engine_for(&self.model, self.bounds.scene_box, self.config.adam(), seed, self.tier)?;
+        self.engine =
+            engine_for(&self.model, self.bounds.scene_box, self.config.adam(), seed, self.kernel.isa)?;
         self.occupancy = find_bounds(self.dataset, &self.config)?.2;
         self.forget_marched();
         self.average.clear();
@@ -454,8 +455,8 @@ struct March {
 }
 
 impl March {
-    fn fill(&self, bank: &RayBank<'_>, tier: Tier, cells: &MarchCells, batch: &mut Batch) -> Duration {
-        bank.fill_marched(tier, batch, self.step, self.rays, cells, self.width)
+    fn fill(&self, bank: &RayBank<'_>, kernel: Kernel, cells: &MarchCells, batch: &mut Batch) -> Duration {
+        bank.fill_marched(kernel.isa, batch, self.step, self.rays, cells, self.width)
     }
 }
 

@@ -14,7 +14,7 @@ use crate::output::{OutputError, ensure_folder};
 use crate::report::error::ReportError;
 use crate::report::progress::{Message, Progress, ProgressStyle};
 use crate::stop::{Claim, Cover};
-use nerf_core::simd::Tier;
+use nerf_core::Kernel;
 use std::path::PathBuf;
 use std::time::{Duration, Instant};
 
@@ -40,8 +40,8 @@ pub struct RunOptions {
     pub validate_every: Option<u32>,
     /// What view dependence must gain to be exported, dB; it is not asked if absent.
     pub effect_threshold_db: Option<f64>,
-    /// Kernel tier.
-    pub tier: Tier,
+    /// What to run with.
+    pub kernel: Kernel,
     /// Display.
     pub style: ProgressStyle,
 }
@@ -120,7 +120,7 @@ pub fn run_since(
         pictured = snapshots.views_of(dataset, &watched)?;
         ensure_folder(snapshots.folder.join("snapshots"))?;
     }
-    let mut trainer = Trainer::new(dataset, config, options.tier)?;
+    let mut trainer = Trainer::new(dataset, config, options.kernel)?;
     if let Some(path) = options.checkpoint.as_deref().filter(|_| options.resume) {
         let checkpoint = Checkpoint::read(path)?;
         checkpoint.check_belongs(path, trainer.config(), (&dataset.name, trainer.fingerprint()))?;

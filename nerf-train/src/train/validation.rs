@@ -192,10 +192,10 @@ impl Session<'_, '_> {
     ) -> Result<Scores, RunError> {
         let (mut begun, mut counted) = (Instant::now(), 0);
         let thinned: Vec<_> = views.iter().map(|view| view.thinned(lattice)).collect();
-        let (tier, background) = (self.options.tier, self.trainer.background());
+        let (kernel, background) = (self.options.kernel, self.trainer.background());
         let views = || thinned.iter().map(|view| &**view);
         let scores =
-            measure(bytes, None, tier, &Quality::default(), background, views(), |view, frame, _, _| {
+            measure(bytes, None, kernel, &Quality::default(), background, views(), |view, frame, _, _| {
                 each(frame::picture(frame));
                 // The first view's time has the opening of the file in it: it counts only where it is the only one.
                 if counted == 0 && thinned.len() > 1 {

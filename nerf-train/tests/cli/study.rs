@@ -35,7 +35,7 @@ fn a_study_reports_its_points_and_writes_a_front() {
     }
     let summary = json(Path::new(&report).join("summary.json"));
     assert!(summary["points"].as_u64().is_some_and(|n| n > 20), "{summary}");
-    // Another tier, and the rounding of sums in another order; nothing else.
+    // Another kernel, and the rounding of sums in another order; nothing else.
     assert!(summary["oracle_max_error"].as_f64().is_some_and(|max| max < 1e-4), "{summary}");
     assert_eq!(summary["views"].as_u64(), Some(2));
 
@@ -188,7 +188,7 @@ fn what_cannot_be_studied_is_said() {
         (["--minutes", "nan"], "--minutes"),
         (["--split", "test"], "no views"),
         (["--source", "nowhere.npz"], "nowhere.npz"),
-        (["--kernel", "scalar"], "--kernel"),
+        (["--kernel", "portable"], "--kernel"),
     ] {
         fails(["study", file, &data, "--quiet"].into_iter().chain(flags), &[word]);
     }

@@ -1,7 +1,7 @@
 //! Runs that are interrupted and taken up again; checkpoints that are damaged or another run's.
 
 use crate::{fit, options, scene, tiny, tiny_grid, tiny_seed, tiny_unbounded};
-use nerf_core::simd::Tier;
+use nerf_core::Kernel;
 use nerf_train::config::{Config, Jitter};
 use nerf_train::dataset::Dataset;
 use nerf_train::occupancy::Occupancy;
@@ -83,7 +83,7 @@ fn resuming_with_other_settings_is_refused_and_keeps_the_checkpoint() {
     // A seed beyond i64 is one that TOML cannot write.
     for seed in [0, u64::MAX] {
         let config = Config { seed, ..tiny(10) };
-        let trainer = Trainer::new(&dataset, config.clone(), Tier::detect()).expect("a trainer");
+        let trainer = Trainer::new(&dataset, config.clone(), Kernel::detect()).expect("a trainer");
         trainer.checkpoint(1.0).write(&path).expect("a checkpoint");
         let before = std::fs::read(&path).expect("a checkpoint");
         let cases: [Change<Config>; 6] = [
@@ -109,7 +109,7 @@ fn resuming_with_other_settings_is_refused_and_keeps_the_checkpoint() {
     }
     // A grid's own settings; and a grid where there was none.
     let config = tiny_grid(10);
-    let trainer = Trainer::new(&dataset, config.clone(), Tier::detect()).expect("a trainer");
+    let trainer = Trainer::new(&dataset, config.clone(), Kernel::detect()).expect("a trainer");
     trainer.checkpoint(1.0).write(&path).expect("a checkpoint");
     let cases: [Change<Config>; 5] = [
         ("network.grid.log2_entries", |c| c.network.grid.as_mut().expect("a grid").log2_entries = 11),
@@ -132,7 +132,7 @@ fn resuming_with_other_settings_is_refused_and_keeps_the_checkpoint() {
 fn resuming_with_other_data_is_refused_even_under_the_same_name() {
     let (dataset, folder) = (scene(), tempfile::tempdir().expect("a folder"));
     let (config, path) = (tiny(10), folder.path().join("checkpoint"));
-    let trainer = Trainer::new(&dataset, config.clone(), Tier::detect()).expect("a trainer");
+    let trainer = Trainer::new(&dataset, config.clone(), Kernel::detect()).expect("a trainer");
     trainer.checkpoint(0.0).write(&path).expect("a checkpoint");
     let changes: [Change<Dataset>; 5] = [
         // The scene box is found from all cameras.
@@ -158,7 +158,7 @@ fn resuming_with_other_data_is_refused_even_under_the_same_name() {
 fn every_damage_to_a_checkpoint_is_an_error_naming_the_file() {
     let (dataset, folder) = (scene(), tempfile::tempdir().expect("a folder"));
     let (config, path) = (tiny(10), folder.path().join("lego.checkpoint"));
-    let trainer = Trainer::new(&dataset, config.clone(), Tier::detect()).expect("a trainer");
+    let trainer = Trainer::new(&dataset, config.clone(), Kernel::detect()).expect("a trainer");
     trainer.checkpoint(0.0).write(&path).expect("a checkpoint");
     let whole = std::fs::read(&path).expect("a checkpoint");
     let mut damaged: Vec<Vec<u8>> = [0, 1, 7, 8, 11, 12, 13, whole.len() / 2, whole.len() - 1]

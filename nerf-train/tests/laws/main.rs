@@ -8,7 +8,7 @@ mod parity_dfdx;
 mod quality;
 mod training;
 
-use nerf_core::simd::Tier;
+use nerf_core::Kernel;
 use nerf_train::config::{Config, Preset};
 use nerf_train::dataset::Dataset;
 use nerf_train::demo_scene::{self, DemoSpec};
@@ -74,7 +74,7 @@ fn options(config: &Config, checkpoint: Option<PathBuf>, resume: bool) -> RunOpt
         report: false,
         validate_every: None,
         effect_threshold_db: None,
-        tier: Tier::detect(),
+        kernel: Kernel::detect(),
         style: ProgressStyle::from_quiet(true),
     }
 }

@@ -1,12 +1,13 @@
 //! nerf-core computes the network that dfdx does.
 
+use nerf_core::Kernel;
 use nerf_core::blob::{Blob, Content, Provenance, SceneFacts, SceneSampling};
 use nerf_core::encoding::{AngleScale, SinusoidalEncoding};
 use nerf_core::memory::Line;
 use nerf_core::network::{Architecture, DensityActivation, TrunkLayer};
 use nerf_core::plan::{Batch, Outputs, Plan, Quality};
 use nerf_core::render::Renderer;
-use nerf_core::simd::Tier;
+use nerf_core::sampling::{Purpose, uniform};
 use nerf_train::engine::{Adam, Model, ReferenceEngine};
 use nerf_train::export::{Contents, Tables, export};
 
@@ -81,12 +82,9 @@ fn models() -> Vec<(&'static str, Model)> {
 }
 
 /// Repeatable values in [-1, 1).
-fn noise(n: usize, mut state: u32) -> Vec<f32> {
-    let mut next = || {
-        state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
-        (state >> 8) as f32 / 8_388_608.0 - 1.0
-    };
-    (0..n).map(|_| next()).collect()
+fn noise(n: usize, seed: u32) -> Vec<f32> {
+    let unit = |i| uniform(seed.into(), Purpose::Parameters, 0, i as u64);
+    (0..n).map(|i| 2.0 * unit(i) - 1.0).collect()
 }
 
 /// Start values, made larger: signals of a fitted network's size, densities beyond 0.
@@ -155,8 +153,8 @@ fn assert_equal(found: &Answers, expected: &Answers, what: &str) {
     assert!(live > POINTS / 20, "{what}: only {live} densities above 0 prove little");
 }
 
-fn tiers() -> impl Iterator<Item = Tier> {
-    Tier::ALL.into_iter().filter(|tier| tier.available() && !tier.rounds())
+fn kernels() -> impl Iterator<Item = Kernel> {
+    Kernel::all().filter(|kernel| !kernel.rounds())
 }
 
 #[test]
@@ -166,11 +164,11 @@ fn forward_equals_dfdx_on_the_same_rounded_weights() {
         let weights = Blob::open(&bytes).expect("a blob").weights();
         let halves = weights.chunks_exact(2).map(|b| half::f16::from_le_bytes([b[0], b[1]]).to_f32());
         let expected = ask_dfdx(&Model::plain(model.architecture.clone()), &halves.collect::<Vec<_>>());
-        for tier in tiers() {
+        for kernel in kernels() {
             let blob = Blob::open(&bytes).expect("a blob");
-            let mut memory = vec![Line::UNINIT; Renderer::prepared_lines(&blob, tier)];
-            let renderer = Renderer::new(blob, tier, &mut memory).expect("a renderer");
-            assert_equal(&ask_core(&renderer), &expected, &format!("{name}, {}", tier.name()));
+            let mut memory = vec![Line::UNINIT; Renderer::prepared_lines(&blob, kernel)];
+            let renderer = Renderer::new(blob, kernel, &mut memory).expect("a renderer");
+            assert_equal(&ask_core(&renderer), &expected, &format!("{name}, {}", kernel));
         }
     }
 }
@@ -181,10 +179,10 @@ fn folding_feature_layer_and_density_scale_changes_no_output() {
         let trained = parameters(&model);
         let (expected, folded) = (ask_dfdx(&model, &trained), model.fold((&trained[..]).into()));
         let bytes = blob(&model, &folded);
-        for tier in tiers() {
+        for kernel in kernels() {
             let blob = Blob::open(&bytes).expect("a blob");
-            let renderer = Renderer::with_parameters(blob, tier, &folded).expect("a renderer");
-            assert_equal(&ask_core(&renderer), &expected, &format!("{name}, {}", tier.name()));
+            let renderer = Renderer::with_parameters(blob, kernel, &folded).expect("a renderer");
+            assert_equal(&ask_core(&renderer), &expected, &format!("{name}, {}", kernel));
         }
     }
 }

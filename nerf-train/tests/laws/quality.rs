@@ -1,12 +1,12 @@
 //! What a blob promises of its own occupancy grid and weights.
 
 use crate::{fit, options, scene, tiny, tiny_grid};
+use nerf_core::Kernel;
 use nerf_core::blob::{Blob, Content, SceneFacts};
 use nerf_core::memory::Line;
 use nerf_core::network::Role;
 use nerf_core::plan::{Batch, Effects, Outputs, Plan, PlanError, Quality};
 use nerf_core::render::{Rect, Renderer};
-use nerf_core::simd::Tier;
 use nerf_train::config::Jitter;
 use nerf_train::dataset::View;
 use nerf_train::demo_scene::{self, DemoSpec};
@@ -22,7 +22,7 @@ fn psnr_db<'v>(
     views: impl IntoIterator<Item = &'v View>,
     quality: &Quality,
 ) -> Option<f64> {
-    measure(&outcome.bytes, None, Tier::detect(), quality, outcome.background, views, |_, _, _, _| {})
+    measure(&outcome.bytes, None, Kernel::detect(), quality, outcome.background, views, |_, _, _, _| {})
         .ok()?
         .psnr_db()
 }
@@ -184,17 +184,25 @@ fn what_rounding_costs_is_measured_and_written_into_the_blob() {
     let blob = Blob::open(&outcome.bytes).expect("a blob");
     assert_eq!(blob.provenance().quantisation_loss_db, Some(loss_db as f32));
     // Once more by hand: the same parameters, rounded and not, on the same views.
-    let mut trainer = Trainer::new(&dataset, config, Tier::detect()).expect("a trainer");
+    let mut trainer = Trainer::new(&dataset, config, Kernel::detect()).expect("a trainer");
     for step in 0..100 {
         trainer.step(f64::from(step) / 100.0).expect("a step");
     }
     let parameters = trainer.candidate(true).parameters;
     let psnr_db = |parameters| {
-        let (tier, quality) = (Tier::detect(), Quality::default());
-        measure(&outcome.bytes, parameters, tier, &quality, outcome.background, &dataset.val, |_, _, _, _| {})
-            .expect("rendered")
-            .psnr_db()
-            .expect("views")
+        let (kernel, quality) = (Kernel::detect(), Quality::default());
+        measure(
+            &outcome.bytes,
+            parameters,
+            kernel,
+            &quality,
+            outcome.background,
+            &dataset.val,
+            |_, _, _, _| {},
+        )
+        .expect("rendered")
+        .psnr_db()
+        .expect("views")
     };
     assert_eq!(loss_db, psnr_db(Some(&parameters[..])) - psnr_db(None));
     assert!(loss_db != 0.0, "rounding changed no pixel");
@@ -206,15 +214,15 @@ fn what_is_fitted_with_jitter_is_measured_in_the_middle_of_the_bins() {
     let (dataset, mut config) = (scene(), tiny(100));
     config.sampling.jitter = Jitter::Bin;
     let outcome = fit(&dataset, &config).expect("a blob");
-    let (tier, quality) = (Tier::detect(), Quality::default());
+    let (kernel, quality) = (Kernel::detect(), Quality::default());
     let blob = Blob::open(&outcome.bytes).expect("a blob");
     let still = Plan::new(&blob, &quality, Outputs::ALL, Batch::FULL).expect("a plan");
     // As scenes are measured: on the bins that they were fitted on.
     let still = still.with_background(outcome.background).expect("a colour").with_own_bins();
     let jitter = Some(nerf_core::plan::Jitter { seed: config.seed });
     let jittered = still.with_effects(Effects { jitter, ..Effects::NONE }).expect("built in");
-    let mut memory = vec![Line::UNINIT; Renderer::prepared_lines(&blob, tier)];
-    let renderer = Renderer::new(blob, tier, &mut memory).expect("a renderer");
+    let mut memory = vec![Line::UNINIT; Renderer::prepared_lines(&blob, kernel)];
+    let renderer = Renderer::new(blob, kernel, &mut memory).expect("a renderer");
     let rendered = |plan: &Plan<'_>, view: &View| {
         let full = Rect::full(&view.camera);
         let mut workspace = vec![Line::UNINIT; renderer.workspace_lines(plan)];
@@ -229,7 +237,7 @@ fn what_is_fitted_with_jitter_is_measured_in_the_middle_of_the_bins() {
     let scores = measure(
         &outcome.bytes,
         None,
-        tier,
+        kernel,
         &quality,
         outcome.background,
         &dataset.val,

@@ -1,8 +1,8 @@
 //! Same seed, same blob; dead ends are reported.
 
 use crate::{fit, scene, tiny, tiny_grid, tiny_seed, tiny_unbounded};
+use nerf_core::Kernel;
 use nerf_core::blob::Blob;
-use nerf_core::simd::Tier;
 use nerf_train::config::{Config, Density, Jitter};
 use nerf_train::dataset::{Background, Dataset};
 use nerf_train::demo_scene::{self, DemoSpec};
@@ -88,7 +88,7 @@ fn a_batch_larger_than_the_data_draws_its_pixels_again() {
         config.sampling.images = images;
         let outcome = fit(&dataset, &config).expect(name);
         assert!(Blob::open(&outcome.bytes).is_ok());
-        let mut trainer = Trainer::new(&dataset, config, Tier::detect()).expect("a trainer");
+        let mut trainer = Trainer::new(&dataset, config, Kernel::detect()).expect("a trainer");
         trainer.step(0.0).expect("a step");
         assert_eq!(trainer.progressed().rays, 10 * pixels as u64, "{name}");
         assert!(trainer.pixels() <= pixels as u64);
@@ -146,7 +146,7 @@ fn a_sweep_calls_flat_what_a_fit_calls_flat() {
         assert_eq!(fitted.flat, flat, "{name}: {:?}", fitted.scores.views);
         let job = Job::Scene { dataset, base: Box::new(config), seconds: None };
         let style = ProgressStyle::from_quiet(true);
-        let runner = Runner { tier: Tier::detect(), style, cpu: "test" };
+        let runner = Runner { kernel: Kernel::detect(), style, cpu: "test" };
         let (record, _) = job.run(&job.base_point(), &runner).expect("a run");
         assert_eq!(record.status == Status::Flat, flat, "{name}: {record:?}");
         assert_eq!(record.psnr_db, fitted.scores.psnr_db(), "{name}");
@@ -176,7 +176,7 @@ fn a_network_that_died_is_started_anew_and_still_reproducible() {
         let mut config = Config { seed, ..tiny_seed(130) };
         config.network.density_bias = 0.0;
         (config.sampling.rays, config.sampling.samples) = (16, 4);
-        let mut trainer = Trainer::new(&dataset, config.clone(), Tier::detect()).expect("a trainer");
+        let mut trainer = Trainer::new(&dataset, config.clone(), Kernel::detect()).expect("a trainer");
         let mut steps = 0;
         while trainer.progressed().step < config.optimiser.steps && steps < 1000 {
             let share = f64::from(trainer.progressed().step) / f64::from(config.optimiser.steps);
@@ -219,7 +219,7 @@ fn ends_well(dataset: &Dataset, config: &Config) -> Result<f64, String> {
     nerf_train::eval::measure(
         &outcome.bytes,
         None,
-        Tier::detect(),
+        Kernel::detect(),
         &Default::default(),
         outcome.background,
         dataset.train.iter().chain(&dataset.val),

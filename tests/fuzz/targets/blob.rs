@@ -9,7 +9,7 @@ use nerf_core::math::MathBackend;
 use nerf_core::memory::Line;
 use nerf_core::plan::{Batch, Outputs, Plan, Quality};
 use nerf_core::render::{Counters, Rect, RenderError, Renderer};
-use nerf_core::simd::Tier;
+use nerf_core::Kernel;
 use nerf_core::volume::Pixel;
 use nerf_fuzz::damage::{RECIPES, body_of, edit, fix_header};
 use nerf_fuzz::laws::check_pixel;
@@ -67,17 +67,17 @@ fuzz_target!(|data: &[u8]| {
         choice = choice.wrapping_mul(0x9e37_79b1).rotate_left(13);
         choice as usize % n
     };
-    let tiers: Vec<Tier> = scenes::tiers().collect();
-    let tier = tiers[choose(tiers.len())];
+    let kernels: Vec<Kernel> = scenes::kernels().collect();
+    let kernel = kernels[choose(kernels.len())];
     let math = [MathBackend::Polynomial, MathBackend::Libm, MathBackend::Micromath][choose(3)];
-    let batch = if tier == Tier::Scalar && choose(2) == 0 { Batch::SMALLEST } else { Batch::FULL };
-    let mut memory = vec![Line::UNINIT; Renderer::prepared_lines(&blob, tier)];
+    let batch = if kernel == Kernel::IN_PLACE && choose(2) == 0 { Batch::SMALLEST } else { Batch::FULL };
+    let mut memory = vec![Line::UNINIT; Renderer::prepared_lines(&blob, kernel)];
     if let Some((_, short)) = memory.split_last_mut() {
-        let refused = Renderer::new(blob.clone(), tier, short).map(drop);
+        let refused = Renderer::new(blob.clone(), kernel, short).map(drop);
         assert!(matches!(refused, Err(RenderError::Memory { .. })), "{refused:?}");
     }
     let renderer =
-        Renderer::new(blob.clone(), tier, &mut memory).expect("memory of the size that was asked for");
+        Renderer::new(blob.clone(), kernel, &mut memory).expect("memory of the size that was asked for");
     let shape = blob.architecture();
     let macs = (shape.density_macs() + shape.colour_macs() + shape.gradient_macs()) as u64;
     if blob.picture().is_some() {

@@ -9,7 +9,7 @@ use nerf_core::camera::{Camera, Intrinsics, Lens, Pose, Projection};
 use nerf_core::memory::Line;
 use nerf_core::plan::{Batch, Effects, Jitter, Outputs, Plan, Quality, ThinLens, Tone};
 use nerf_core::render::{Rect, Renderer};
-use nerf_core::simd::Tier;
+use nerf_core::Kernel;
 use nerf_core::volume::Pixel;
 use nerf_fuzz::damage::RECIPES;
 use nerf_fuzz::laws::check_pixel;
@@ -168,7 +168,7 @@ fn check_pixels(camera: &Camera, u: &mut Unstructured<'_>) -> Result<()> {
             return Ok(());
         }
     };
-    let renderer = Renderer::new(blob.clone(), Tier::Scalar, &mut []).expect("a renderer");
+    let renderer = Renderer::new(blob.clone(), Kernel::IN_PLACE, &mut []).expect("a renderer");
     let mut workspace = vec![Line::UNINIT; renderer.workspace_lines(&plan)];
     let far = plan.far_from(camera.pose().position);
     let mut put = |_: u32, _: u32, pixel: &Pixel| check_pixel(pixel, outputs, 0.0, far);

@@ -1,8 +1,8 @@
-//! Every kernel tier against an f64 evaluation that carries a bound of its own rounding along.
+//! Every kernel against an f64 evaluation that carries a bound of its own rounding along.
 //!
 //! The bound follows from the number formats alone (Higham 2002, section 3.1): a sum of `n` products
 //! in f32, in any order, fused or not, is off by at most `γ_n Σ|w||x|`, `γ_n = n u / (1 − n u)`,
-//! `u = 2⁻²⁴`; errors of the inputs pass through `Σ|w|`. The rounding tier adds 2⁻⁸ for each operand.
+//! `u = 2⁻²⁴`; errors of the inputs pass through `Σ|w|`. The kernel that rounds adds 2⁻⁸ for each operand.
 #![no_main]
 
 use arbitrary::{Result, Unstructured};
@@ -14,12 +14,12 @@ use nerf_core::memory::Line;
 use nerf_core::network::{DensityActivation, TrunkLayer};
 use nerf_core::plan::{Batch, Outputs, Plan, Quality};
 use nerf_core::render::{Counters, Renderer};
-use nerf_core::simd::Tier;
+use nerf_core::Kernel;
 use nerf_fuzz::damage::{blob_of, body_of};
 use nerf_fuzz::values::any_f32;
 use nerf_tests::oracle::encoding::encode;
 use nerf_tests::oracle::network::{f16, sigmoid, softplus};
-use nerf_tests::scenes::{Recipe, tiers};
+use nerf_tests::scenes::{Recipe, kernels};
 use std::sync::LazyLock;
 
 static BASE: LazyLock<Vec<u8>> = LazyLock::new(|| Recipe { occupancy: None, ..Recipe::TINY }.blob());
@@ -96,10 +96,10 @@ fn compare(u: &mut Unstructured<'_>) -> Result<()> {
         .step_by(positions.len() / 8 + 1)
         .map(|i| (i, [false, true].map(|rounds| evaluation.at(positions[i], dirs[i], rounds))))
         .collect();
-    for tier in tiers() {
-        let (sigma, rgb, work) = query(&blob, tier, &positions, &dirs);
+    for kernel in kernels() {
+        let (sigma, rgb, work) = query(&blob, kernel, &positions, &dirs);
         let at = |what, i: usize| {
-            format!("{what} of point {i}, {:?} along {:?}, {}", positions[i], dirs[i], tier.name())
+            format!("{what} of point {i}, {:?} along {:?}, {}", positions[i], dirs[i], kernel)
         };
         for i in 0..positions.len() {
             assert!(sigma[i] >= 0.0, "{}: {}", at("sigma", i), sigma[i]);
@@ -107,22 +107,22 @@ fn compare(u: &mut Unstructured<'_>) -> Result<()> {
             assert!(inside(&i) || (sigma[i], rgb[i]) == (0.0, [0.0; 3]), "{}", at("outside", i));
         }
         for (i, by_rounding) in &expected {
-            let (density, colour) = &by_rounding[usize::from(tier.rounds())];
+            let (density, colour) = &by_rounding[usize::from(kernel.rounds())];
             density.check(sigma[*i], || at("sigma", *i));
             for (c, expected) in rgb[*i].iter().zip(colour) {
                 expected.check(*c, || at("rgb", *i));
             }
         }
-        assert_eq!((work.samples_kept, work.density_evaluations), (live, live), "{}: {work:?}", tier.name());
+        assert_eq!((work.samples_kept, work.density_evaluations), (live, live), "{}: {work:?}", kernel);
     }
     Ok(())
 }
 
 type Answer = (Vec<f32>, Vec<[f32; 3]>, Counters);
 
-fn query(blob: &Blob<'_>, tier: Tier, positions: &[[f32; 3]], dirs: &[[f32; 3]]) -> Answer {
-    let mut memory = vec![Line::UNINIT; Renderer::prepared_lines(blob, tier)];
-    let renderer = Renderer::new(blob.clone(), tier, &mut memory).expect("a renderer");
+fn query(blob: &Blob<'_>, kernel: Kernel, positions: &[[f32; 3]], dirs: &[[f32; 3]]) -> Answer {
+    let mut memory = vec![Line::UNINIT; Renderer::prepared_lines(blob, kernel)];
+    let renderer = Renderer::new(blob.clone(), kernel, &mut memory).expect("a renderer");
     let quality = Quality { math: MathBackend::Polynomial, ..Quality::EXACT };
     let plan = Plan::new(blob, &quality, Outputs::RGB, Batch::FULL).expect("a plan");
     let mut workspace = vec![Line::UNINIT; renderer.workspace_lines(&plan)];
@@ -162,7 +162,7 @@ impl<'b> Evaluation<'b> {
         Self { blob, parameters }
     }
 
-    /// Sigma and colour; `rounds` as the tier does.
+    /// Sigma and colour; `rounds` as the kernel does.
     fn at(&self, p: [f32; 3], dir: [f32; 3], rounds: bool) -> (Bounded, [Bounded; 3]) {
         let shape = self.blob.architecture();
         // The encoder's bound; the inputs themselves are exact.
@@ -227,7 +227,7 @@ fn product(weights: &[f64], inputs: &[Bounded], bias: f64, rounds: bool) -> Boun
     let n = weights.len() as f64 + 4.0;
     let gamma = 1.01 * n * U;
     let (mut value, mut passed, mut size) = (bias, 0.0, bias.abs());
-    // What the rounding tier makes of a product: both operands to 8 bits, an accumulator that flushes.
+    // What the kernel that rounds makes of a product: both operands to 8 bits, an accumulator that flushes.
     let rounded = if rounds { 2.01 / 256.0 } else { 0.0 };
     let mut fits = true;
     for (w, x) in weights.iter().zip(inputs) {

@@ -1,11 +1,11 @@
 //! What the C interface refuses, and that it then has written nothing.
 
-use nerf_core::simd::Tier;
+use nerf_core::Kernel;
 use nerf_render as ffi;
 use nerf_render::{PixelFormat, Status};
 use nerf_tests::call::{self, Message, Opened, plane};
 use nerf_tests::memory::Guarded;
-use nerf_tests::scenes::{Recipe, camera, tiers};
+use nerf_tests::scenes::{Recipe, camera, kernels};
 use std::ffi::c_void;
 use std::ptr::{null, null_mut};
 
@@ -26,8 +26,8 @@ struct Case {
 }
 
 impl Case {
-    fn new(recipe: Recipe, tier: Tier) -> Self {
-        let opened = call::open(recipe.blob(), tier);
+    fn new(recipe: Recipe, kernel: Kernel) -> Self {
+        let opened = call::open(recipe.blob(), kernel);
         let options = call::render_options();
         let workspace = opened.workspace(Some(&options), ffi::NERF_OUTPUT_RGB);
         let mut picture = Guarded::new(PICTURE, 0);
@@ -80,7 +80,7 @@ impl Case {
             "{what}: something was written"
         );
         assert_eq!(self.counters.rays, 0, "{what}: counters were written");
-        let fresh = Self::new(Recipe::OCCUPANCY, Tier::Scalar);
+        let fresh = Self::new(Recipe::OCCUPANCY, Kernel::IN_PLACE);
         let Self { camera, options, target, .. } = fresh;
         self.opened.scene = self.opened.memory.at().cast_const().cast();
         (self.camera, self.options, self.rect) = (camera, options, None);
@@ -93,7 +93,7 @@ impl Case {
 
 /// Renders with one argument spoilt.
 fn refuses(expected: Status, what: &str, spoil: impl FnOnce(&mut Case)) {
-    let mut case = Case::new(Recipe::OCCUPANCY, Tier::Scalar);
+    let mut case = Case::new(Recipe::OCCUPANCY, Kernel::IN_PLACE);
     spoil(&mut case);
     let found = case.render();
     case.refused(found, expected, what);
@@ -101,24 +101,24 @@ fn refuses(expected: Status, what: &str, spoil: impl FnOnce(&mut Case)) {
 
 #[test]
 fn exact_sizes_pass_one_byte_less_fails_and_canaries_live() {
-    for tier in tiers() {
-        let mut case = Case::new(Recipe::SKIP, tier);
+    for kernel in kernels() {
+        let mut case = Case::new(Recipe::SKIP, kernel);
         assert_eq!(case.render(), Status::Ok, "{}", case.message.text());
         assert_eq!((case.message.text(), case.counters.rays), (String::new(), u64::from(SIDE * SIDE)));
         for memory in [&case.picture, &case.workspace, &case.opened.memory] {
             assert!(memory.surroundings_are_intact());
         }
-        let mut case = Case::new(Recipe::SKIP, tier);
+        let mut case = Case::new(Recipe::SKIP, kernel);
         let (at, size) = (case.workspace.at(), case.workspace.size());
         let found = case.render_in(at, size - 1);
         case.refused(found, Status::Memory, "workspace of size - 1");
-        let mut case = Case::new(Recipe::SKIP, tier);
+        let mut case = Case::new(Recipe::SKIP, kernel);
         let at = case.workspace.at();
         let found = case.render_in(at, 0);
         case.refused(found, Status::Memory, "workspace of size 0");
 
-        let (blob, options) = (Recipe::SKIP.blob(), call::open_options(tier));
-        let exact = call::open(blob.clone(), tier).memory.size();
+        let (blob, options) = (Recipe::SKIP.blob(), call::open_options(kernel));
+        let exact = call::open(blob.clone(), kernel).memory.size();
         for (size, misaligned, expected) in [(exact - 1, 0, Status::Memory), (0, 0, Status::Memory)]
             .into_iter()
             .chain((1..64).map(|m| (exact, m, Status::Alignment)))
@@ -138,7 +138,7 @@ fn exact_sizes_pass_one_byte_less_fails_and_canaries_live() {
 #[test]
 fn misaligned_workspaces_fail() {
     for offset in 1..64 {
-        let mut case = Case::new(Recipe::OCCUPANCY, Tier::Scalar);
+        let mut case = Case::new(Recipe::OCCUPANCY, Kernel::IN_PLACE);
         let mut elsewhere = Guarded::new(case.workspace.size(), offset);
         let found = case.render_in(elsewhere.at(), elsewhere.size());
         assert!(elsewhere.is_untouched());
@@ -165,12 +165,12 @@ fn blobs_open_at_any_alignment() {
 #[test]
 fn null_in_each_argument_is_refused() {
     refuses(Status::NullPointer, "scene", |case| case.opened.scene = null());
-    let mut case = Case::new(Recipe::OCCUPANCY, Tier::Scalar);
+    let mut case = Case::new(Recipe::OCCUPANCY, Kernel::IN_PLACE);
     let found = case.render_in(null_mut(), 1 << 20);
     case.refused(found, Status::NullPointer, "workspace");
     refuses(Status::Target, "no plane", |case| case.target.rgb.data = null_mut());
 
-    let opened = call::open(Recipe::OCCUPANCY.blob(), Tier::Scalar);
+    let opened = call::open(Recipe::OCCUPANCY.blob(), Kernel::IN_PLACE);
     let (mut size, mut align, mut scene) = (0usize, 0usize, null());
     let (blob, length) = (opened.blob.as_ptr().cast::<c_void>(), opened.blob.len());
     let (camera, target) = (call::camera(&camera(4, 4)), call::target(call::NO_PLANE));
@@ -243,7 +243,7 @@ fn structures_of_wrong_size_are_refused_and_larger_ones_need_zeros() {
         known: T,
         tail: [u8; 24],
     }
-    let opened = call::open(Recipe::OCCUPANCY.blob(), Tier::Scalar);
+    let opened = call::open(Recipe::OCCUPANCY.blob(), Kernel::IN_PLACE);
     let mut later = Later { known: call::render_options(), tail: [0; 24] };
     later.known.struct_size = size_of::<Later<ffi::RenderOptions>>();
     let (mut size, mut align) = (0, 0);
@@ -284,12 +284,12 @@ fn settings_outside_their_range_are_refused() {
     refuses(Status::Camera, "fx", |case| case.camera.fx = 0.0);
     refuses(Status::Camera, "c2w", |case| case.camera.c2w[0] = f32::NAN);
     refuses(Status::Camera, "0x0", |case| case.camera.width = 0);
-    let mut case = Case::new(Recipe::OCCUPANCY_REQUIRED, Tier::Scalar);
+    let mut case = Case::new(Recipe::OCCUPANCY_REQUIRED, Kernel::IN_PLACE);
     case.options.ignore_occupancy = 1;
     let found = case.render();
     case.refused(found, Status::OccupancyRequired, "occupancy grid required");
 
-    let opened = call::open(Recipe::PICTURE.blob(), Tier::Scalar);
+    let opened = call::open(Recipe::PICTURE.blob(), Kernel::IN_PLACE);
     let (mut size, mut align) = (0, 0);
     // SAFETY: everything lives until the call returns.
     let found =
@@ -300,7 +300,7 @@ fn settings_outside_their_range_are_refused() {
         unsafe { ffi::nerf_workspace_size(opened.scene, null(), 64, &mut size, &mut align, null_mut(), 0) };
     assert_eq!(found, Status::Options);
     let blob = Recipe::TINY.blob();
-    let mut options = call::open_options(Tier::Scalar);
+    let mut options = call::open_options(Kernel::IN_PLACE);
     let bytes = blob.as_ptr().cast();
     // No kernel has the first number; the second is none of this machine's.
     let (last, foreign) = (ffi::Kernel::Neon as u32, ffi::Kernel::Simd128 as u32);
@@ -323,7 +323,7 @@ fn rectangles_outside_are_refused_and_empty_ones_write_nothing() {
         refuses(Status::Rect, "outside", |case| case.rect = Some(ffi::Rect { x, y, width, height }));
     }
     for (width, height) in [(0, 0), (0, 5), (5, 0)] {
-        let mut case = Case::new(Recipe::OCCUPANCY, Tier::Scalar);
+        let mut case = Case::new(Recipe::OCCUPANCY, Kernel::IN_PLACE);
         case.rect = Some(ffi::Rect { x: 3, y: 3, width, height });
         assert_eq!(case.render(), Status::Ok);
         assert!(case.picture.is_untouched() && case.counters.rays == 0);
@@ -370,7 +370,7 @@ fn planes_that_do_not_fit_are_refused() {
             case.workspace.at().wrapping_byte_offset(stride * i32::try_from(SIDE - 1).unwrap() as isize);
         case.target.rgb.row_stride = -stride;
     });
-    let mut case = Case::new(Recipe::OCCUPANCY, Tier::Avx2);
+    let mut case = Case::new(Recipe::OCCUPANCY, Kernel::new(nerf_core::Isa::Avx2, nerf_core::Storage::F32));
     let memory = case.opened.memory.at();
     let size = case.opened.memory.size();
     let found = case.render_in(memory, size);

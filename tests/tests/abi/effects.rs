@@ -1,10 +1,10 @@
 //! Effects over the C interface: those of Rust, refused by the name of their field.
 
+use nerf_core::Kernel;
 use nerf_core::blob::Blob;
 use nerf_core::memory::Line;
 use nerf_core::plan::{Batch, Effects, Jitter, Outputs, Plan, Quality, ThinLens, Tone, ToneMap};
 use nerf_core::render::{Rect, Renderer};
-use nerf_core::simd::Tier;
 use nerf_core::volume::Pixel;
 use nerf_render as ffi;
 use nerf_render::{PixelFormat, Status};
@@ -59,7 +59,7 @@ fn reference(blob: &[u8], effects: Effects) -> Vec<f32> {
     let outputs = Outputs { opacity: false, ray_distance: false, z_depth: false, ..Outputs::ALL };
     let plan = Plan::new(&blob, &quality, outputs, Batch::FULL).expect("a plan");
     let plan = plan.with_effects(effects).expect("effects in range");
-    let renderer = Renderer::new(blob, Tier::Scalar, &mut []).expect("a renderer");
+    let renderer = Renderer::new(blob, Kernel::IN_PLACE, &mut []).expect("a renderer");
     let mut workspace = vec![Line::UNINIT; renderer.workspace_lines(&plan)];
     let (camera, mut picture) = (camera(SIDE, SIDE), vec![0.0; (SIDE * SIDE * 3) as usize]);
     let mut put = |x: u32, y: u32, pixel: &Pixel| {
@@ -71,7 +71,7 @@ fn reference(blob: &[u8], effects: Effects) -> Vec<f32> {
 
 #[test]
 fn effects_in_c_are_those_of_rust_bit_for_bit() {
-    let opened = call::open(Recipe::OCCUPANCY.blob(), Tier::Scalar);
+    let opened = call::open(Recipe::OCCUPANCY.blob(), Kernel::IN_PLACE);
     let none = Effects::NONE;
     let lens = Some(ThinLens { aperture_radius: 0.1, focus_distance: 4.0 });
     let filmic = Tone { exposure: 1.5, map: ToneMap::Filmic, linear: false };
@@ -101,7 +101,7 @@ fn effects_in_c_are_those_of_rust_bit_for_bit() {
 
 #[test]
 fn options_of_a_header_without_effects_have_none() {
-    let opened = call::open(Recipe::OCCUPANCY.blob(), Tier::Scalar);
+    let opened = call::open(Recipe::OCCUPANCY.blob(), Kernel::IN_PLACE);
     // What lies behind an older structure is not read.
     let mut old = options(|e| (e.anti_aliasing, e.linear, e.tone_map) = (u32::MAX, 9, 9));
     old.struct_size = offset_of!(ffi::RenderOptions, effects);
@@ -114,7 +114,7 @@ fn options_of_a_header_without_effects_have_none() {
 
 #[test]
 fn effects_out_of_range_are_refused_by_the_name_of_their_field() {
-    let opened = call::open(Recipe::OCCUPANCY.blob(), Tier::Scalar);
+    let opened = call::open(Recipe::OCCUPANCY.blob(), Kernel::IN_PLACE);
     type Spoil = fn(&mut ffi::Effects);
     let cases: [(&str, Spoil); 11] = [
         ("jitter", |e| e.jitter = 2),
@@ -140,7 +140,7 @@ fn effects_out_of_range_are_refused_by_the_name_of_their_field() {
 
 #[test]
 fn premultiplied_planes_have_no_tone_stage_but_all_other_effects() {
-    let opened = call::open(Recipe::OCCUPANCY.blob(), Tier::Scalar);
+    let opened = call::open(Recipe::OCCUPANCY.blob(), Kernel::IN_PLACE);
     let tones: [fn(&mut ffi::Effects); 3] = [|e| e.linear = 1, |e| e.tone_map = 1, |e| e.exposure = -1.0];
     for tone in tones {
         let (status, message, picture) = render(&opened, &options(tone), PixelFormat::RgbaF32);
@@ -156,7 +156,7 @@ fn premultiplied_planes_have_no_tone_stage_but_all_other_effects() {
 
 #[test]
 fn only_several_rays_a_pixel_take_workspace() {
-    let opened = call::open(Recipe::OCCUPANCY.blob(), Tier::Scalar);
+    let opened = call::open(Recipe::OCCUPANCY.blob(), Kernel::IN_PLACE);
     let plain = opened.workspace(Some(&options(|_| ())), RGB).size();
     let rich = options(|e| {
         (e.jitter, e.anti_aliasing, e.aperture_radius, e.focus_distance) = (1, 1, 0.1, 4.0);

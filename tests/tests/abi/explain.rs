@@ -1,6 +1,6 @@
 //! A frame in words, over the C interface.
 
-use nerf_core::simd::Tier;
+use nerf_core::Kernel;
 use nerf_render as ffi;
 use nerf_render::Status;
 use nerf_tests::call::{self, Message, Opened};
@@ -37,7 +37,7 @@ fn text(page: &Guarded) -> &str {
 
 #[test]
 fn a_text_fits_the_size_it_names_and_is_cut_below() {
-    let opened = call::open(Recipe::OCCUPANCY.blob(), Tier::Scalar);
+    let opened = call::open(Recipe::OCCUPANCY.blob(), Kernel::IN_PLACE);
     let none = null_mut();
     let mut needed = 0;
     // SAFETY: the scene is intact; a size may be asked for without a text.
@@ -65,7 +65,7 @@ fn a_text_fits_the_size_it_names_and_is_cut_below() {
 
 #[test]
 fn counters_add_where_the_work_went_and_wrong_arguments_write_nothing() {
-    let opened = call::open(Recipe::PLAIN.blob(), Tier::Scalar);
+    let opened = call::open(Recipe::PLAIN.blob(), Kernel::IN_PLACE);
     let mut counters = call::counters();
     (counters.rays, counters.macs, counters.density_evaluations) = (10, u64::MAX, u64::MAX);
     let mut page = Guarded::new(4096, 0);

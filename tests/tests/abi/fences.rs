@@ -1,13 +1,13 @@
 //! The library touches the memory it is lent and nothing beside it: everything a host passes ends, or begins, at a page
 //! that nobody may touch.
 
+use nerf_core::Kernel;
 use nerf_core::memory::Line;
-use nerf_core::simd::Tier;
 use nerf_render as ffi;
 use nerf_render::{PixelFormat, Status};
 use nerf_tests::call::{self, plane};
 use nerf_tests::fence::{Fenced, Flush};
-use nerf_tests::scenes::{Recipe, camera, tiers};
+use nerf_tests::scenes::{Recipe, camera, kernels};
 use std::ffi::{c_char, c_void};
 use std::os::unix::process::ExitStatusExt;
 use std::process::Command;
@@ -72,9 +72,9 @@ struct Lent {
 }
 
 impl Lent {
-    fn new(recipe: Recipe, tier: Tier, options: ffi::RenderOptions, flush: Flush) -> Self {
+    fn new(recipe: Recipe, kernel: Kernel, options: ffi::RenderOptions, flush: Flush) -> Self {
         let blob = Fenced::of(&recipe.blob(), flush);
-        let open = Fenced::of(&[call::open_options(tier)], flush);
+        let open = Fenced::of(&[call::open_options(kernel)], flush);
         let mut message = Fenced::filled(SAID, 0x55, flush);
         let (mut sizes, mut scene) = (Fenced::filled(2, 0usize, flush), Fenced::filled(1, null(), flush));
         let (bytes, length, size) = (blob.as_ptr().cast(), blob.len(), sizes.first());
@@ -277,26 +277,27 @@ fn scenes_and_all_that_is_passed_with_them_stay_between_the_fences() {
     let small = ffi::RenderOptions { batch_rays: 5, samples: 20, ..plain };
     let cases =
         [(Recipe::SKIP, plain), (Recipe::PROPOSAL, effects()), (odd, effects()), (Recipe::TINY, small)];
-    for (tier, (recipe, options)) in tiers().flat_map(|tier| cases.map(|case| (tier, case))) {
+    for (kernel, (recipe, options)) in kernels().flat_map(|kernel| cases.map(|case| (kernel, case))) {
         let draw = |flush| {
-            let mut lent = Lent::new(recipe, tier, options, flush);
+            let mut lent = Lent::new(recipe, kernel, options, flush);
             (lent.frame(), lent.words())
         };
         let expected = draw(Flush::Neither);
         for flush in Flush::BOTH {
-            assert!(draw(flush) == expected, "{tier:?}, {recipe:?}, {flush:?}");
+            assert!(draw(flush) == expected, "{kernel:?}, {recipe:?}, {flush:?}");
         }
     }
 }
 
 #[test]
 fn pictures_and_all_that_is_passed_with_them_stay_between_the_fences() {
-    for (tier, recipe) in tiers().flat_map(|tier| [Recipe::PICTURE, Recipe::TINY_PICTURE].map(|r| (tier, r)))
+    for (kernel, recipe) in
+        kernels().flat_map(|kernel| [Recipe::PICTURE, Recipe::TINY_PICTURE].map(|r| (kernel, r)))
     {
-        let draw = |flush| Lent::new(recipe, tier, call::render_options(), flush).picture();
+        let draw = |flush| Lent::new(recipe, kernel, call::render_options(), flush).picture();
         let expected = draw(Flush::Neither);
         for flush in Flush::BOTH {
-            assert!(draw(flush) == expected, "{tier:?}, {recipe:?}, {flush:?}");
+            assert!(draw(flush) == expected, "{kernel:?}, {recipe:?}, {flush:?}");
         }
     }
 }

@@ -1,20 +1,20 @@
 //! `nerf_scene_open_file` and `nerf_scene_close`: the one place where the library owns something.
 
-use nerf_core::simd::Tier;
+use nerf_core::Kernel;
 use nerf_render as ffi;
 use nerf_render::Status;
 use nerf_tests::call::{self, Message, plane};
 use nerf_tests::paths;
-use nerf_tests::scenes::{Recipe, camera, tiers};
+use nerf_tests::scenes::{Recipe, camera, kernels};
 use std::ffi::{CString, OsStr};
 use std::os::unix::ffi::OsStrExt;
 use std::path::Path;
 use std::ptr::{null, null_mut};
 
 /// Opens a file; the handle stays as it was where that fails.
-fn open(path: &Path, tier: Tier) -> (Status, *const ffi::Scene, String) {
+fn open(path: &Path, kernel: Kernel) -> (Status, *const ffi::Scene, String) {
     let path = CString::new(path.as_os_str().as_bytes()).expect("a path without NULs");
-    let (options, mut message, mut scene) = (call::open_options(tier), Message::default(), null());
+    let (options, mut message, mut scene) = (call::open_options(kernel), Message::default(), null());
     // SAFETY: everything lives until the call returns.
     let status = unsafe {
         ffi::nerf_scene_open_file(path.as_ptr(), &options, &mut scene, message.0.as_mut_ptr(), 256)
@@ -45,14 +45,16 @@ fn a_scene_from_a_file_is_the_scene_of_its_bytes() {
     let directory = paths::temporary();
     // Names are bytes: this one is no UTF-8.
     let file = directory.path().join(OsStr::from_bytes(b"sc\xffne.nerf"));
-    for (tier, recipe) in tiers().flat_map(|tier| [(tier, Recipe::PLAIN), (tier, Recipe::OCCUPANCY)]) {
+    for (kernel, recipe) in
+        kernels().flat_map(|kernel| [(kernel, Recipe::PLAIN), (kernel, Recipe::OCCUPANCY)])
+    {
         std::fs::write(&file, recipe.blob()).expect("a temporary file");
-        let lent = call::open(recipe.blob(), tier);
-        let (status, scene, message) = open(&file, tier);
+        let lent = call::open(recipe.blob(), kernel);
+        let (status, scene, message) = open(&file, kernel);
         assert_eq!((status, message.as_str()), (Status::Ok, ""));
         // The file is read, not mapped: it may change and go.
         std::fs::write(&file, b"gone").expect("a temporary file");
-        assert!(picture(scene) == picture(lent.scene), "{}", tier.name());
+        assert!(picture(scene) == picture(lent.scene), "{}", kernel);
         // SAFETY: nobody uses the first any more; the second lies in memory of the caller.
         unsafe {
             ffi::nerf_scene_close(scene);
@@ -72,7 +74,7 @@ fn files_that_are_no_scene_are_named_with_the_reason() {
         if let Some(bytes) = bytes {
             std::fs::write(&file, bytes).expect("a temporary file");
         }
-        let (status, _, message) = open(&file, Tier::Scalar);
+        let (status, _, message) = open(&file, Kernel::IN_PLACE);
         assert_eq!(status, expected, "{name}: {message}");
         let path = file.display().to_string();
         assert!(message.starts_with(&path[..path.len().min(200)]), "{message}");
@@ -119,7 +121,7 @@ fn arguments_are_checked() {
         (status, message.text().as_str()),
         (Status::NullPointer, "scene: expected an address, found NULL")
     );
-    let options = ffi::OpenOptions { kernel: 99, ..call::open_options(Tier::Scalar) };
+    let options = ffi::OpenOptions { kernel: 99, ..call::open_options(Kernel::IN_PLACE) };
     // SAFETY: as above.
     let status = unsafe {
         ffi::nerf_scene_open_file(c"x".as_ptr(), &options, &mut scene, message.0.as_mut_ptr(), 256)

@@ -1,11 +1,11 @@
 //! Addresses that are none, or that are somebody else's: every argument of every function.
 
-use nerf_core::simd::Tier;
+use nerf_core::Kernel;
 use nerf_render as ffi;
 use nerf_render::{PixelFormat, Status};
 use nerf_tests::call::{self, Opened, plane};
 use nerf_tests::memory::Guarded;
-use nerf_tests::scenes::{Recipe, camera, tiers};
+use nerf_tests::scenes::{Recipe, camera, kernels};
 use std::ffi::c_void;
 use std::ptr::{null, null_mut};
 
@@ -20,7 +20,7 @@ fn draw(opened: &Opened, target: &ffi::Target, workspace: &mut Guarded) -> Statu
 
 #[test]
 fn null_in_each_argument_of_the_smaller_functions_is_refused() {
-    let opened = call::open(Recipe::PROPOSAL.blob(), Tier::Scalar);
+    let opened = call::open(Recipe::PROPOSAL.blob(), Kernel::IN_PLACE);
     let scene = opened.scene;
     let seen = call::camera(&camera(SIDE, SIDE));
     let (mut turned, mut options) = (seen, call::render_options());
@@ -106,7 +106,7 @@ fn null_in_each_argument_of_the_smaller_functions_is_refused() {
 
 #[test]
 fn structures_at_odd_addresses_are_refused_unread() {
-    let opened = call::open(Recipe::OCCUPANCY.blob(), Tier::Scalar);
+    let opened = call::open(Recipe::OCCUPANCY.blob(), Kernel::IN_PLACE);
     let mut picture = Guarded::new((3 * SIDE * SIDE) as usize, 0);
     let mut workspace = opened.workspace(None, ffi::NERF_OUTPUT_RGB);
     let (seen, options) = (call::camera(&camera(SIDE, SIDE)), call::render_options());
@@ -165,8 +165,8 @@ fn edges(start: usize, size: usize, length: usize) -> [(usize, bool); 6] {
 
 #[test]
 fn overlap_is_found_to_the_last_pixel() {
-    let (blob, tier) = (Recipe::OCCUPANCY.blob(), tiers().last().expect("a tier"));
-    let apart = call::open(blob.clone(), tier);
+    let (blob, kernel) = (Recipe::OCCUPANCY.blob(), kernels().last().expect("a kernel"));
+    let apart = call::open(blob.clone(), kernel);
     let (length, row) = ((4 * SIDE * SIDE) as usize, 4 * SIDE as isize);
     let sizes = [apart.workspace(None, ffi::NERF_OUTPUT_OPACITY).size(), blob.len(), apart.memory.size()];
     // Workspace, blob and scene in one piece of memory, with room for a plane between them.
@@ -179,7 +179,7 @@ fn overlap_is_found_to_the_last_pixel() {
     let mut memory = Guarded::new(end.next_multiple_of(4) + length, 0);
     let base = memory.at().cast::<u8>();
     let [workspace, bytes, scene_memory] = starts.map(|start| base.wrapping_add(start));
-    let (options, mut scene, none) = (call::open_options(tier), null(), null_mut());
+    let (options, mut scene, none) = (call::open_options(kernel), null(), null_mut());
     // SAFETY: all within `memory`, apart from each other, and alive until the end.
     let status = unsafe {
         bytes.copy_from_nonoverlapping(blob.as_ptr(), blob.len());
@@ -215,8 +215,8 @@ fn overlap_is_found_to_the_last_pixel() {
 
 #[test]
 fn a_scene_s_memory_is_apart_from_its_blob_to_the_last_byte() {
-    let (blob, options) = (Recipe::OCCUPANCY.blob(), call::open_options(Tier::Scalar));
-    let size = call::open(blob.clone(), Tier::Scalar).memory.size();
+    let (blob, options) = (Recipe::OCCUPANCY.blob(), call::open_options(Kernel::IN_PLACE));
+    let size = call::open(blob.clone(), Kernel::IN_PLACE).memory.size();
     let mut memory = Guarded::new(2 * size + blob.len(), 0);
     let base = memory.at().cast::<u8>();
     // The blob behind the memory, from where it touches nothing down to where it begins with it.
@@ -236,7 +236,7 @@ fn a_scene_s_memory_is_apart_from_its_blob_to_the_last_byte() {
 
 #[test]
 fn lengths_that_no_memory_has_are_refused_unread() {
-    let opened = call::open(Recipe::OCCUPANCY.blob(), Tier::Scalar);
+    let opened = call::open(Recipe::OCCUPANCY.blob(), Kernel::IN_PLACE);
     let blob = opened.blob.as_ptr().cast::<c_void>();
     let mut memory = Guarded::new(opened.memory.size(), 0);
     let mut workspace = opened.workspace(None, ffi::NERF_OUTPUT_OPACITY);
@@ -264,7 +264,7 @@ fn lengths_that_no_memory_has_are_refused_unread() {
 
 #[test]
 fn planes_in_one_place_hold_one_of_them_and_nothing_else_is_written() {
-    let opened = call::open(Recipe::OCCUPANCY.blob(), Tier::Scalar);
+    let opened = call::open(Recipe::OCCUPANCY.blob(), Kernel::IN_PLACE);
     let count = (SIDE * SIDE) as usize;
     let mut workspace = opened.workspace(None, 15);
     let mut each = [(); 3].map(|()| Guarded::new(4 * count, 0));

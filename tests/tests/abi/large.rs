@@ -4,8 +4,8 @@
 //! tile, in a minute or several and 1 GiB:
 //! `NERF_LONG=1 cargo test --release -p nerf-tests --test abi large -- --nocapture`
 
+use nerf_core::Kernel;
 use nerf_core::camera::{Camera, Intrinsics, Lens, MAX_IMAGE_SIDE, Pose};
-use nerf_core::simd::Tier;
 use nerf_render as ffi;
 use nerf_render::{PixelFormat, Status};
 use nerf_tests::call::{self, Message, NO_PLANE, Opened, plane};
@@ -57,7 +57,7 @@ impl Large {
         let camera = Camera::new(intrinsics, Lens::NONE, pose.expect("a pose")).expect("a camera");
         let mut options = call::render_options();
         options.samples = 8;
-        let opened = call::open(Recipe::TINY.blob(), Tier::detect());
+        let opened = call::open(Recipe::TINY.blob(), Kernel::detect());
         Self { opened, camera: call::camera(&camera), options }
     }
 

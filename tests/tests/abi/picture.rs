@@ -1,13 +1,13 @@
 //! Pictures (2D fields) at the C interface: what is drawn, and what is refused with nothing written.
 
+use nerf_core::Kernel;
 use nerf_core::math::MathBackend;
 use nerf_core::render::MAX_RENDER_SIDE;
-use nerf_core::simd::Tier;
 use nerf_render as ffi;
 use nerf_render::{PixelFormat, Status};
 use nerf_tests::call::{self, Message, NO_PLANE, Opened, plane};
 use nerf_tests::memory::Guarded;
-use nerf_tests::scenes::{self, Recipe, camera, tiers};
+use nerf_tests::scenes::{self, Recipe, camera, kernels};
 use std::ffi::c_void;
 use std::ptr::{null, null_mut};
 use std::sync::atomic::{AtomicU32, Ordering};
@@ -30,16 +30,16 @@ struct Case {
 }
 
 impl Case {
-    fn new(tier: Tier) -> Self {
-        Self::with(tier, call::render_options())
+    fn new(kernel: Kernel) -> Self {
+        Self::with(kernel, call::render_options())
     }
 
-    fn with(tier: Tier, options: ffi::RenderOptions) -> Self {
-        Self::of(Recipe::PICTURE, tier, options)
+    fn with(kernel: Kernel, options: ffi::RenderOptions) -> Self {
+        Self::of(Recipe::PICTURE, kernel, options)
     }
 
-    fn of(recipe: Recipe, tier: Tier, options: ffi::RenderOptions) -> Self {
-        let opened = call::open(recipe.blob(), tier);
+    fn of(recipe: Recipe, kernel: Kernel, options: ffi::RenderOptions) -> Self {
+        let opened = call::open(recipe.blob(), kernel);
         let workspace = opened.picture_workspace(Some(&options));
         let mut picture = Guarded::new(12 * PIXELS, 0);
         Self {
@@ -123,7 +123,7 @@ impl Case {
 
 /// Renders with one argument spoilt; the message must contain `text`.
 fn refuses(expected: Status, text: &str, spoil: impl FnOnce(&mut Case)) {
-    let mut case = Case::new(Tier::Scalar);
+    let mut case = Case::new(Kernel::IN_PLACE);
     spoil(&mut case);
     let found = case.render();
     case.refused(found, expected, text);
@@ -131,18 +131,18 @@ fn refuses(expected: Status, text: &str, spoil: impl FnOnce(&mut Case)) {
 
 #[test]
 fn c_draws_what_rust_draws_in_exactly_the_memory_it_asked_for() {
-    for (tier, recipe) in
-        tiers().flat_map(|tier| [Recipe::PICTURE, Recipe::LEARNED_PICTURE].map(|recipe| (tier, recipe)))
+    for (kernel, recipe) in
+        kernels().flat_map(|kernel| [Recipe::PICTURE, Recipe::LEARNED_PICTURE].map(|recipe| (kernel, recipe)))
     {
         for (maths, math) in [(0, MathBackend::Polynomial), (1, MathBackend::Libm)] {
             for (batch_rays, batch_samples) in [(0, 0), (1, 1), (7, 64), (100, 5)] {
                 let options =
                     ffi::RenderOptions { maths, batch_rays, batch_samples, ..call::render_options() };
-                let mut case = Case::of(recipe, tier, options);
-                let expected = scenes::picture(&case.opened.blob, tier, math, [WIDTH, HEIGHT]);
+                let mut case = Case::of(recipe, kernel, options);
+                let expected = scenes::picture(&case.opened.blob, kernel, math, [WIDTH, HEIGHT]);
                 assert_eq!(case.render(), Status::Ok, "{}", case.message.text());
                 assert_eq!(case.message.text(), "");
-                let what = format!("{recipe:?}, {}, {math:?}, {batch_rays}, {batch_samples}", tier.name());
+                let what = format!("{recipe:?}, {}, {math:?}, {batch_rays}, {batch_samples}", kernel);
                 assert!(case.colours() == expected, "{what}");
                 let (c, macs) = (case.counters, case.macs());
                 let work = (c.colour_evaluations, c.macs, c.rays, c.samples_kept, c.density_evaluations);
@@ -150,7 +150,7 @@ fn c_draws_what_rust_draws_in_exactly_the_memory_it_asked_for() {
                 for memory in [&case.picture, &case.workspace, &case.opened.memory] {
                     assert!(memory.surroundings_are_intact(), "{what}");
                 }
-                let mut case = Case::of(recipe, tier, options);
+                let mut case = Case::of(recipe, kernel, options);
                 let (at, size) = (case.workspace.at(), case.workspace.size());
                 let found = case.render_in(at, size - 1, None, null_mut());
                 case.refused(found, Status::Memory, "workspace: expected at least");
@@ -161,11 +161,11 @@ fn c_draws_what_rust_draws_in_exactly_the_memory_it_asked_for() {
 
 #[test]
 fn a_picture_says_how_large_it_was_and_a_scene_says_nothing_of_that() {
-    let mut case = Case::new(Tier::Scalar);
+    let mut case = Case::new(Kernel::IN_PLACE);
     let info = case.describe();
     assert_eq!((info.kind, info.picture_width, info.picture_height), (ffi::Kind::Picture as u32, 33, 21));
     assert_eq!((info.near_distance, info.far_distance, info.samples), (0.0, 0.0, 0));
-    case.opened = call::open(Recipe::OCCUPANCY.blob(), Tier::Scalar);
+    case.opened = call::open(Recipe::OCCUPANCY.blob(), Kernel::IN_PLACE);
     let info = case.describe();
     assert_eq!((info.kind, info.picture_width, info.picture_height), (ffi::Kind::Scene as u32, 0, 0));
 }
@@ -173,10 +173,10 @@ fn a_picture_says_how_large_it_was_and_a_scene_says_nothing_of_that() {
 #[test]
 fn scenes_and_pictures_are_not_taken_for_each_other() {
     refuses(Status::NotAPicture, "expected a 2D field, found a scene", |case| {
-        case.opened = call::open(Recipe::OCCUPANCY.blob(), Tier::Scalar);
+        case.opened = call::open(Recipe::OCCUPANCY.blob(), Kernel::IN_PLACE);
     });
     let (mut size, mut align, mut message) = (0, 0, Message::default());
-    let scene = call::open(Recipe::OCCUPANCY.blob(), Tier::Scalar);
+    let scene = call::open(Recipe::OCCUPANCY.blob(), Kernel::IN_PLACE);
     let text = message.0.as_mut_ptr();
     // SAFETY: everything lives until the call returns.
     let found =
@@ -184,7 +184,7 @@ fn scenes_and_pictures_are_not_taken_for_each_other() {
     assert_eq!((found, size, align), (Status::NotAPicture, 0, 0));
     assert_eq!(message.text(), "blob: expected a 2D field, found a scene");
 
-    let mut case = Case::new(Tier::Scalar);
+    let mut case = Case::new(Kernel::IN_PLACE);
     let camera = call::camera(&camera(WIDTH, HEIGHT));
     let (at, room) = (case.workspace.at(), case.workspace.size());
     let (none, text) = (null_mut(), case.message.0.as_mut_ptr());
@@ -237,7 +237,7 @@ fn null_misaligned_and_overlapping_memory_is_refused() {
     });
     refuses(Status::Overlap, "the workspace", |case| case.target.rgb.data = case.workspace.at());
     refuses(Status::Overlap, "the scene's memory", |case| case.target.rgb.data = case.opened.memory.at());
-    let mut case = Case::new(Tier::Scalar);
+    let mut case = Case::new(Kernel::IN_PLACE);
     let found = case.render_in(null_mut(), 1 << 20, None, null_mut());
     case.refused(found, Status::NullPointer, "workspace");
     for offset in 1..64 {
@@ -299,7 +299,7 @@ fn sizes_settings_and_rectangles_outside_their_range_are_refused() {
         });
     }
     for (width, height) in [(0, 0), (0, 5), (5, 0)] {
-        let mut case = Case::new(Tier::Scalar);
+        let mut case = Case::new(Kernel::IN_PLACE);
         case.rect = Some(ffi::Rect { x: 3, y: 3, width, height });
         assert_eq!(case.render(), Status::Ok);
         assert!(case.picture.is_untouched() && case.counters.colour_evaluations == 0);
@@ -326,7 +326,7 @@ fn only_colour_has_a_plane_and_it_is_opaque() {
     });
     refuses(Status::Target, "format", |case| case.target.rgb.format = PixelFormat::F32 as u32);
 
-    let mut case = Case::new(Tier::detect());
+    let mut case = Case::new(Kernel::detect());
     // A background, which must not show.
     (case.options.background_set, case.options.background) = (1, [0.0, 1.0, 0.0]);
     assert_eq!(case.render(), Status::Ok);
@@ -359,11 +359,11 @@ unsafe extern "C-unwind" fn stop_at(user: *mut c_void, done: u64, all: u64) -> i
 
 #[test]
 fn cancelling_stops_within_one_tile_and_the_rest_is_untouched() {
-    let mut case = Case::new(Tier::detect());
+    let mut case = Case::new(Kernel::detect());
     assert_eq!(case.render(), Status::Ok);
     let expected = case.colours();
     for limit in [0, 1, 256, 257, 700, PIXELS as u64] {
-        let mut case = Case::new(Tier::detect());
+        let mut case = Case::new(Kernel::detect());
         let mut state = (0u64, limit);
         let (at, size) = (case.workspace.at(), case.workspace.size());
         let found = case.render_in(at, size, Some(stop_at), (&raw mut state).cast());
@@ -384,12 +384,12 @@ unsafe impl Sync for Shared {}
 
 #[test]
 fn threads_share_a_picture() {
-    for tier in tiers() {
-        let mut case = Case::new(tier);
+    for kernel in kernels() {
+        let mut case = Case::new(kernel);
         assert_eq!(case.render(), Status::Ok);
         let expected = case.colours();
         let mut picture = Guarded::new(12 * PIXELS, 0);
-        let shared = Shared(call::open(Recipe::PICTURE.blob(), tier), picture.at());
+        let shared = Shared(call::open(Recipe::PICTURE.blob(), kernel), picture.at());
         let next = AtomicU32::new(0);
         std::thread::scope(|scope| {
             for _ in 0..4 {
@@ -427,7 +427,7 @@ fn threads_share_a_picture() {
             }
         });
         case.picture = picture;
-        assert!(case.colours() == expected, "{}", tier.name());
+        assert!(case.colours() == expected, "{}", kernel);
         assert!(case.picture.surroundings_are_intact());
     }
 }

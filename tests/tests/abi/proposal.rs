@@ -1,11 +1,11 @@
 //! A proposal network over the C interface.
 
-use nerf_core::simd::Tier;
+use nerf_core::Kernel;
 use nerf_render as ffi;
 use nerf_render::{PixelFormat, Status};
 use nerf_tests::call::{self, Message, Opened, plane};
 use nerf_tests::memory::Guarded;
-use nerf_tests::scenes::{Recipe, camera, tiers};
+use nerf_tests::scenes::{Recipe, camera, kernels};
 use std::ptr::{null, null_mut};
 
 const SIDE: u32 = 20;
@@ -51,14 +51,14 @@ fn describe(opened: &Opened) -> ffi::SceneInfo {
 
 #[test]
 fn a_proposal_ignored_is_a_scene_without_one() {
-    for tier in tiers() {
-        let with = call::open(Recipe::PROPOSAL.blob(), tier);
-        let without = call::open(Recipe { proposal: None, ..Recipe::PROPOSAL }.blob(), tier);
+    for kernel in kernels() {
+        let with = call::open(Recipe::PROPOSAL.blob(), kernel);
+        let without = call::open(Recipe { proposal: None, ..Recipe::PROPOSAL }.blob(), kernel);
         let on = call::render_options();
         let off = ffi::RenderOptions { ignore_proposal: 1, ..on };
         let (drawn, even, plain) = (render(&with, &on), render(&with, &off), render(&without, &on));
         assert_eq!([drawn.0, even.0, plain.0], [Status::Ok; 3]);
-        assert!(even.1 == plain.1 && even.3 == plain.3 && even.2.macs == plain.2.macs, "{}", tier.name());
+        assert!(even.1 == plain.1 && even.3 == plain.3 && even.2.macs == plain.2.macs, "{}", kernel);
         assert_eq!((even.2.proposal_evaluations, plain.2.proposal_evaluations), (0, 0));
         let rays = u64::from(SIDE * SIDE);
         assert!(drawn.2.proposal_evaluations > 0 && drawn.3 > even.3 && drawn.1 != even.1);
@@ -70,18 +70,18 @@ fn a_proposal_ignored_is_a_scene_without_one() {
 
 #[test]
 fn a_scene_says_that_it_has_one_and_what_it_costs() {
-    let info = describe(&call::open(Recipe::PROPOSAL.blob(), Tier::Scalar));
+    let info = describe(&call::open(Recipe::PROPOSAL.blob(), Kernel::IN_PLACE));
     assert_eq!((info.proposal_samples, info.front_points), (12, 2));
     assert!(info.proposal_macs > 0 && info.proposal_macs < info.density_macs);
     for recipe in [Recipe::OCCUPANCY, Recipe::PICTURE] {
-        let info = describe(&call::open(recipe.blob(), Tier::Scalar));
+        let info = describe(&call::open(recipe.blob(), Kernel::IN_PLACE));
         assert_eq!((info.proposal_samples, info.front_points, info.proposal_macs), (0, 0, 0));
     }
 }
 
 #[test]
 fn a_flag_is_0_or_1() {
-    let opened = call::open(Recipe::PROPOSAL.blob(), Tier::Scalar);
+    let opened = call::open(Recipe::PROPOSAL.blob(), Kernel::IN_PLACE);
     let good = call::render_options();
     let wrong = ffi::RenderOptions { ignore_proposal: 2, ..good };
     let (mut size, mut align, mut message) = (7, 7, Message::default());

@@ -1,8 +1,8 @@
 //! Settings by loss, cost, time and preset, through the C ABI.
 
+use nerf_core::Kernel;
 use nerf_core::blob::Blob;
 use nerf_core::plan::{Preset, Quality};
-use nerf_core::simd::Tier;
 use nerf_render::{self as ffi, Status};
 use nerf_tests::call::{self, Message, Opened};
 use nerf_tests::memory::Guarded;
@@ -36,7 +36,7 @@ fn expected(quality: &Quality) -> (u32, f32, f32, u32, u32, u32) {
 
 #[test]
 fn wishes_are_answered_as_in_rust_and_leave_the_rest_of_the_options() {
-    let opened = call::open(Recipe::PROPOSAL.blob(), Tier::Scalar);
+    let opened = call::open(Recipe::PROPOSAL.blob(), Kernel::IN_PLACE);
     let blob = Blob::open(&opened.blob).expect("a blob");
     let mut options = call::render_options();
     options.effects.anti_aliasing = 3;
@@ -79,7 +79,7 @@ fn wishes_are_answered_as_in_rust_and_leave_the_rest_of_the_options() {
 /// A clock that ticks by what stands behind `user`.
 #[test]
 fn each_point_of_a_front_can_be_had() {
-    let opened = call::open(Recipe::PROPOSAL.blob(), Tier::Scalar);
+    let opened = call::open(Recipe::PROPOSAL.blob(), Kernel::IN_PLACE);
     let blob = Blob::open(&opened.blob).expect("a blob");
     let ask = |point, options: &mut ffi::RenderOptions, seen: &mut ffi::Choice| {
         let mut message = Message::default();
@@ -135,7 +135,7 @@ fn measure(opened: &Opened, workspace: &mut Guarded, size: usize, limit: f32) ->
 
 #[test]
 fn a_pace_is_measured_in_memory_of_the_size_that_was_asked_and_buys_quality() {
-    let opened = call::open(Recipe::PROPOSAL.blob(), Tier::Scalar);
+    let opened = call::open(Recipe::PROPOSAL.blob(), Kernel::IN_PLACE);
     let (mut size, mut align, none) = (0, 0, ptr::null_mut());
     // SAFETY: the scene is intact and the places live until the call returns.
     let status = unsafe {
@@ -190,7 +190,7 @@ fn a_pace_is_measured_in_memory_of_the_size_that_was_asked_and_buys_quality() {
 
 #[test]
 fn a_scene_without_a_front_says_so_and_writes_nothing() {
-    let opened = call::open(Recipe::PLAIN.blob(), Tier::Scalar);
+    let opened = call::open(Recipe::PLAIN.blob(), Kernel::IN_PLACE);
     let (mut options, mut seen, mut message) = (call::render_options(), choice(), Message::default());
     options.samples = 77;
     let text = message.0.as_mut_ptr();
@@ -211,7 +211,7 @@ fn a_scene_without_a_front_says_so_and_writes_nothing() {
 
 #[test]
 fn a_host_of_an_older_header_is_described_its_scene() {
-    let opened = call::open(Recipe::PROPOSAL.blob(), Tier::Scalar);
+    let opened = call::open(Recipe::PROPOSAL.blob(), Kernel::IN_PLACE);
     let old = std::mem::offset_of!(ffi::SceneInfo, proposal_samples);
     let mut words = vec![0xa5a5_a5a5_a5a5_a5a5u64; size_of::<ffi::SceneInfo>().div_ceil(8)];
     let at = words.as_mut_ptr().cast::<ffi::SceneInfo>();

@@ -1,7 +1,7 @@
 //! Every versioned structure with a `struct_size` that no version of it has, in every call of the smaller ones that
 //! takes it: refused, and nothing is written. Those of a frame have a test of their own (`cases.rs`).
 
-use nerf_core::simd::Tier;
+use nerf_core::Kernel;
 use nerf_render as ffi;
 use nerf_render::{NERF_OUTPUT_RGB, Status};
 use nerf_tests::call::{self, Opened};
@@ -46,7 +46,7 @@ impl<T> OfSize<T> {
 
 /// A scene with a front.
 fn opened() -> Opened {
-    call::open(Recipe::PROPOSAL.blob(), Tier::Scalar)
+    call::open(Recipe::PROPOSAL.blob(), Kernel::IN_PLACE)
 }
 
 /// Options that a call must leave as they are.

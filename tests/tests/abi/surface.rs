@@ -1,16 +1,16 @@
 //! Median distance and normals over the C interface, and callers whose headers do not know them.
 
+use nerf_core::Kernel;
 use nerf_core::blob::Blob;
 use nerf_core::memory::Line;
 use nerf_core::plan::{Batch, Outputs, Plan, Quality};
 use nerf_core::render::{Counters, Rect, Renderer};
-use nerf_core::simd::Tier;
 use nerf_core::volume::Pixel;
 use nerf_render as ffi;
 use nerf_render::{PixelFormat, Status};
 use nerf_tests::call::{self, Message, NO_PLANE, Opened, plane};
 use nerf_tests::memory::Guarded;
-use nerf_tests::scenes::{Recipe, camera, tiers};
+use nerf_tests::scenes::{Recipe, camera, kernels};
 use std::mem::offset_of;
 use std::ptr::{null, null_mut};
 
@@ -65,11 +65,11 @@ fn render(
 }
 
 /// The same by the Rust renderer.
-fn reference(blob: &[u8], tier: Tier, outputs: Outputs) -> (Vec<Pixel>, Counters) {
+fn reference(blob: &[u8], kernel: Kernel, outputs: Outputs) -> (Vec<Pixel>, Counters) {
     let blob = Blob::open(blob).expect("a blob");
     let plan = Plan::new(&blob, &Quality::default(), outputs, Batch::FULL).expect("a plan");
-    let mut memory = vec![Line::UNINIT; Renderer::prepared_lines(&blob, tier)];
-    let renderer = Renderer::new(blob, tier, &mut memory).expect("a renderer");
+    let mut memory = vec![Line::UNINIT; Renderer::prepared_lines(&blob, kernel)];
+    let renderer = Renderer::new(blob, kernel, &mut memory).expect("a renderer");
     let mut lines = vec![Line::UNINIT; renderer.workspace_lines(&plan)];
     let mut pixels = vec![Pixel::BLANK; COUNT];
     let mut put = |x: u32, y: u32, pixel: &Pixel| pixels[(y * SIDE + x) as usize] = *pixel;
@@ -80,8 +80,8 @@ fn reference(blob: &[u8], tier: Tier, outputs: Outputs) -> (Vec<Pixel>, Counters
 
 #[test]
 fn planes_of_medians_and_normals_are_the_rust_renderers() {
-    for tier in tiers() {
-        let opened = call::open(Recipe::PLAIN.blob(), tier);
+    for kernel in kernels() {
+        let opened = call::open(Recipe::PLAIN.blob(), kernel);
         let blank = Interleaved { between: 77, ..Interleaved::default() };
         let mut pixels = vec![blank; COUNT];
         let first = pixels.as_mut_ptr().cast::<u8>();
@@ -100,14 +100,14 @@ fn planes_of_medians_and_normals_are_the_rust_renderers() {
         assert_eq!(found, (Status::Ok, String::new()));
 
         let asked = Outputs { median_distance: true, normals: true, ..Outputs::NONE };
-        let (expected, work) = reference(&opened.blob, tier, asked);
+        let (expected, work) = reference(&opened.blob, kernel, asked);
         assert_eq!((counters.normal_evaluations, counters.macs), (work.normal_evaluations, work.macs));
         assert!(counters.normal_evaluations > 0 && counters.colour_evaluations == 0);
         let mut surfaces = 0;
         for (pixel, expected) in pixels.iter().zip(&expected) {
             assert_eq!(pixel.between, 77);
-            assert_eq!(pixel.normal, expected.normal, "{}", tier.name());
-            assert_eq!(pixel.median_distance, expected.median_distance, "{}", tier.name());
+            assert_eq!(pixel.normal, expected.normal, "{}", kernel);
+            assert_eq!(pixel.median_distance, expected.median_distance, "{}", kernel);
             surfaces += usize::from(pixel.normal != [0.0; 3] && pixel.median_distance < 6.0);
         }
         assert!(surfaces > COUNT / 10, "{surfaces} pixels with a surface prove nothing");
@@ -116,7 +116,7 @@ fn planes_of_medians_and_normals_are_the_rust_renderers() {
 
 #[test]
 fn a_caller_s_older_structures_are_neither_read_nor_written_beyond_their_end() {
-    let opened = call::open(Recipe::PLAIN.blob(), Tier::detect());
+    let opened = call::open(Recipe::PLAIN.blob(), Kernel::detect());
     let mut rgb = vec![[0u8; 3]; COUNT];
     let (old_target, old_counters) =
         (offset_of!(ffi::Target, median_distance), offset_of!(ffi::Counters, normal_evaluations));
@@ -150,26 +150,26 @@ fn a_caller_s_older_structures_are_neither_read_nor_written_beyond_their_end() {
 
 #[test]
 fn planes_that_are_not_asked_for_take_no_workspace() {
-    for tier in tiers() {
-        let opened = call::open(Recipe::PLAIN.blob(), tier);
+    for kernel in kernels() {
+        let opened = call::open(Recipe::PLAIN.blob(), kernel);
         let bytes = |outputs| opened.workspace(None, outputs).size();
         let (plain, line) = (bytes(PLAIN), 64);
         // A tile's and the renderer's 256 floats.
         let median = 2 * (256 * 4usize).next_multiple_of(line);
-        assert_eq!(bytes(PLAIN | ffi::NERF_OUTPUT_MEDIAN_DISTANCE), plain + median, "{}", tier.name());
+        assert_eq!(bytes(PLAIN | ffi::NERF_OUTPUT_MEDIAN_DISTANCE), plain + median, "{}", kernel);
         assert!(bytes(PLAIN | ffi::NERF_OUTPUT_NORMALS) > plain);
         // What a pixel of a tile had before either existed.
         let blob = Blob::open(&opened.blob).expect("a blob");
         let plan = Plan::new(&blob, &Quality::default(), Outputs::ALL, Batch::FULL).expect("a plan");
-        let mut memory = vec![Line::UNINIT; Renderer::prepared_lines(&blob, tier)];
-        let renderer = Renderer::new(blob, tier, &mut memory).expect("a renderer");
+        let mut memory = vec![Line::UNINIT; Renderer::prepared_lines(&blob, kernel)];
+        let renderer = Renderer::new(blob, kernel, &mut memory).expect("a renderer");
         assert_eq!(plain, 64 * renderer.workspace_lines(&plan) + 256 * 24);
     }
 }
 
 #[test]
 fn the_blur_of_normals_is_the_caller_s() {
-    let opened = call::open(Recipe::PLAIN.blob(), Tier::detect());
+    let opened = call::open(Recipe::PLAIN.blob(), Kernel::detect());
     let draw = |options: Option<&ffi::RenderOptions>| {
         let mut normals = vec![[9.0f32; 3]; COUNT];
         let to = plane(normals.as_mut_ptr().cast(), PixelFormat::Vec3F32);
@@ -192,7 +192,7 @@ fn the_blur_of_normals_is_the_caller_s() {
 
 #[test]
 fn a_median_behind_the_cut_is_refused_by_name() {
-    let opened = call::open(Recipe::PLAIN.blob(), Tier::Scalar);
+    let opened = call::open(Recipe::PLAIN.blob(), Kernel::IN_PLACE);
     let mut median = vec![9.0f32; COUNT];
     let mut options = call::render_options();
     options.transmittance_cut = 0.6;

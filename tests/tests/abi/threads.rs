@@ -1,10 +1,10 @@
 //! Threads, callbacks and panics at the C interface; formats and strides of its pictures.
 
-use nerf_core::simd::Tier;
+use nerf_core::Kernel;
 use nerf_render as ffi;
 use nerf_render::{PixelFormat, Status};
 use nerf_tests::call::{self, NO_PLANE, Opened, plane};
-use nerf_tests::scenes::{Recipe, camera, tiers};
+use nerf_tests::scenes::{Recipe, camera, kernels};
 use std::ffi::c_void;
 use std::ptr::{null, null_mut};
 use std::sync::atomic::{AtomicU32, Ordering};
@@ -101,8 +101,8 @@ unsafe impl Sync for Shared {}
 
 #[test]
 fn threads_share_a_scene_and_a_picture() {
-    for tier in tiers() {
-        let opened = call::open(Recipe::PLAIN.blob(), tier);
+    for kernel in kernels() {
+        let opened = call::open(Recipe::PLAIN.blob(), kernel);
         let expected = whole(&opened);
         let mut picture = vec![UNTOUCHED; (SIDE * SIDE) as usize];
         let shared = Shared(opened, picture.as_mut_ptr());
@@ -125,13 +125,13 @@ fn threads_share_a_scene_and_a_picture() {
                 });
             }
         });
-        assert!(picture == expected, "{}", tier.name());
+        assert!(picture == expected, "{}", kernel);
     }
 }
 
 #[test]
 fn cancelling_stops_within_one_tile_and_leaves_whole_tiles() {
-    let opened = call::open(Recipe::PLAIN.blob(), Tier::detect());
+    let opened = call::open(Recipe::PLAIN.blob(), Kernel::detect());
     let expected = whole(&opened);
     let mut workspace = opened.workspace(None, ffi::NERF_OUTPUT_RGB);
     let (at, size) = (workspace.at(), workspace.size());
@@ -164,7 +164,7 @@ fn cancelling_stops_within_one_tile_and_leaves_whole_tiles() {
 
 #[test]
 fn panics_become_a_status_and_the_scene_lives_on() {
-    let opened = call::open(Recipe::PLAIN.blob(), Tier::detect());
+    let opened = call::open(Recipe::PLAIN.blob(), Kernel::detect());
     let expected = whole(&opened);
     let mut workspace = opened.workspace(None, ffi::NERF_OUTPUT_RGB);
     let (at, size) = (workspace.at(), workspace.size());
@@ -180,8 +180,8 @@ fn panics_become_a_status_and_the_scene_lives_on() {
 
 #[test]
 fn callbacks_may_render_in_the_same_workspace() {
-    for tier in tiers() {
-        let opened = call::open(Recipe::PLAIN.blob(), tier);
+    for kernel in kernels() {
+        let opened = call::open(Recipe::PLAIN.blob(), kernel);
         let expected = whole(&opened);
         let mut workspace = opened.workspace(None, ffi::NERF_OUTPUT_RGB);
         let (at, size) = (workspace.at(), workspace.size());
@@ -191,7 +191,7 @@ fn callbacks_may_render_in_the_same_workspace() {
             render(&opened, None, picture.as_mut_ptr(), SIDE, at, size, Some(&mut watcher)),
             Status::Ok
         );
-        assert!(picture == expected && watcher.calls == 10, "{}", tier.name());
+        assert!(picture == expected && watcher.calls == 10, "{}", kernel);
     }
 }
 
@@ -209,7 +209,7 @@ struct Interleaved {
 
 #[test]
 fn formats_and_strides_agree() {
-    let opened = call::open(Recipe::PLAIN.blob(), Tier::detect());
+    let opened = call::open(Recipe::PLAIN.blob(), Kernel::detect());
     let premultiplied = whole(&opened);
     let (count, camera) = ((SIDE * SIDE) as usize, call::camera(&camera(SIDE, SIDE)));
     let mut workspace = opened.workspace(None, ALL);
@@ -269,8 +269,10 @@ fn formats_and_strides_agree() {
 #[test]
 fn queries_are_what_the_rust_renderer_says() {
     use nerf_core::{blob::Blob, memory::Line, plan, render::Renderer};
-    for (tier, recipe) in tiers().flat_map(|tier| [(tier, Recipe::PLAIN), (tier, Recipe::OCCUPANCY)]) {
-        let opened = call::open(recipe.blob(), tier);
+    for (kernel, recipe) in
+        kernels().flat_map(|kernel| [(kernel, Recipe::PLAIN), (kernel, Recipe::OCCUPANCY)])
+    {
+        let opened = call::open(recipe.blob(), kernel);
         let mut workspace = opened.workspace(None, ffi::NERF_OUTPUT_RGB);
         let (at, size, n) = (workspace.at(), workspace.size(), 150);
         let positions: Vec<[f32; 3]> =
@@ -312,13 +314,13 @@ fn queries_are_what_the_rust_renderer_says() {
         assert!(alone == sigma && counters.density_evaluations == 0, "the last good call was the empty one");
 
         let blob = Blob::open(&opened.blob).expect("a blob");
-        let mut memory = vec![Line::UNINIT; Renderer::prepared_lines(&blob, tier)];
+        let mut memory = vec![Line::UNINIT; Renderer::prepared_lines(&blob, kernel)];
         let quality = plan::Quality::default();
         let plan = plan::Plan::new(&blob, &quality, plan::Outputs::RGB, plan::Batch::FULL).expect("a plan");
-        let renderer = Renderer::new(blob, tier, &mut memory).expect("a renderer");
+        let renderer = Renderer::new(blob, kernel, &mut memory).expect("a renderer");
         let mut lines = vec![Line::UNINIT; renderer.workspace_lines(&plan)];
         let (mut expected, mut colours) = (vec![0.0; n], vec![[0.0; 3]; n]);
         renderer.query(&plan, &positions, &dirs, &mut lines, &mut expected, &mut colours).expect("an answer");
-        assert!(sigma == expected && rgb == colours, "{}", tier.name());
+        assert!(sigma == expected && rgb == colours, "{}", kernel);
     }
 }

@@ -1,7 +1,7 @@
 //! Views from anywhere over the C interface, and a caller's own near and far.
 
+use nerf_core::Kernel;
 use nerf_core::camera::{Camera, Intrinsics, Lens, Pose};
-use nerf_core::simd::Tier;
 use nerf_render as ffi;
 use nerf_render::{PixelFormat, Status};
 use nerf_tests::call::{self, Message, Opened, plane};
@@ -56,7 +56,7 @@ fn a_scene_is_there_from_anywhere() {
         (Recipe::LEARNED_INT8, 0.08, 49, ffi::TableStorage::Int8),
     ];
     for (recipe, step, samples, storage) in scenes {
-        let opened = call::open(recipe.blob(), Tier::Scalar);
+        let opened = call::open(recipe.blob(), Kernel::IN_PLACE);
         let info = info(&opened);
         assert_eq!(
             (info.step, info.samples, info.near_distance, info.far_distance),
@@ -81,7 +81,7 @@ fn a_scene_is_there_from_anywhere() {
 
 #[test]
 fn an_unbounded_scene_says_so_and_surrounds_the_camera() {
-    let opened = call::open(Recipe::CONTRACTED.blob(), Tier::Scalar);
+    let opened = call::open(Recipe::CONTRACTED.blob(), Kernel::IN_PLACE);
     let info = info(&opened);
     assert_eq!((info.contraction_radius, info.contraction_power, info.step), (1.0, 2, 0.0625));
     // The cube around the contracted space.
@@ -97,7 +97,7 @@ fn an_unbounded_scene_says_so_and_surrounds_the_camera() {
 fn near_and_far_are_the_caller_s() {
     let camera = from(4.0, [0.3, 0.5, 0.8]);
     for recipe in [Recipe::PLAIN, Recipe::LEARNED] {
-        let opened = call::open(recipe.blob(), Tier::Scalar);
+        let opened = call::open(recipe.blob(), Kernel::IN_PLACE);
         let with = |near_distance, far_distance, own_bins| {
             let options =
                 ffi::RenderOptions { near_distance, far_distance, own_bins, ..call::render_options() };

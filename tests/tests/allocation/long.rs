@@ -5,14 +5,14 @@
 //! `NERF_LONG=1 NERF_LONG_BLOB=out/demo/demo.nerf cargo test --release -p nerf-tests --test allocation long -- --nocapture`
 
 use crate::LIVE;
+use nerf_core::Kernel;
 use nerf_core::camera::{Camera, Intrinsics, Lens, Pose};
-use nerf_core::simd::Tier;
 use nerf_render as ffi;
 use nerf_render::{PixelFormat, Status};
 use nerf_tests::call::{self, plane};
 use nerf_tests::memory::Guarded;
 use nerf_tests::paths;
-use nerf_tests::scenes::{Recipe, tiers};
+use nerf_tests::scenes::{Recipe, kernels};
 use nerf_tests::tools;
 use std::ffi::{CString, c_void};
 use std::os::unix::ffi::OsStrExt;
@@ -26,7 +26,7 @@ const PIXELS: usize = (SIDE * SIDE) as usize;
 const THREADS: usize = 2;
 /// Views around the scene, seen again and again.
 const POSES: usize = 20;
-/// Frames from one opening of the file to the next, each on the next tier.
+/// Frames from one opening of the file to the next, each with the next kernel.
 const OPEN_FRAMES: usize = 25;
 /// Ways to ask for a frame: the defaults, four presets, few samples, and every output with effects.
 const REQUESTS: usize = 7;
@@ -97,8 +97,9 @@ impl Memory {
 fn draw_and_measure(file: &Path, checks: [usize; 3]) {
     let damaged = damaged(file);
     let files = [file, damaged.1.as_path(), Path::new("/nowhere/absent.nerf")].map(as_c);
-    // The picture of each view, request and tier: 0 until it has been drawn once.
-    let seen: Vec<AtomicU64> = (0..POSES * REQUESTS * Tier::ALL.len()).map(|_| AtomicU64::new(0)).collect();
+    // The picture of each view, request and kernel: 0 until it has been drawn once.
+    let seen: Vec<AtomicU64> =
+        (0..POSES * REQUESTS * Kernel::all().count()).map(|_| AtomicU64::new(0)).collect();
     let run = |frames: std::ops::Range<usize>| {
         std::thread::scope(|scope| {
             let worker = |thread| {
@@ -112,7 +113,7 @@ fn draw_and_measure(file: &Path, checks: [usize; 3]) {
         Memory::now()
     };
     // Every stretch takes memory in the same way, threads, scenes and workspaces of its own; the first is long enough
-    // for every request and tier.
+    // for every request and kernel.
     let mut from = 0;
     let seen_at = checks.map(|until| {
         let memory = run(from..until);
@@ -147,8 +148,8 @@ fn as_c(path: &Path) -> CString {
 }
 
 /// Opens a file that must, or must not, be a scene.
-fn open(path: &CString, tier: Tier, expected: Status) -> *const ffi::Scene {
-    let (options, mut scene) = (call::open_options(tier), null());
+fn open(path: &CString, kernel: Kernel, expected: Status) -> *const ffi::Scene {
+    let (options, mut scene) = (call::open_options(kernel), null());
     // SAFETY: everything lives until the call returns.
     let status = unsafe { ffi::nerf_scene_open_file(path.as_ptr(), &options, &mut scene, null_mut(), 0) };
     assert_eq!(status, expected, "{path:?}");
@@ -191,10 +192,10 @@ unsafe extern "C-unwind" fn stop(_: *mut c_void, _: u64, _: u64) -> i32 {
 
 /// Draws one thread's frames.
 fn draw(files: &[CString; 3], seen: &[AtomicU64], frames: impl Iterator<Item = usize>) {
-    // The scalar tier is the slowest, and the vector tiers' memory is more.
-    let mut vectors: Vec<Tier> = tiers().filter(|tier| *tier != Tier::Scalar).collect();
+    // Portable instructions are the slowest, and unpacked weights take memory.
+    let mut vectors: Vec<Kernel> = kernels().filter(|kernel| *kernel != Kernel::IN_PLACE).collect();
     if vectors.is_empty() {
-        vectors.push(Tier::Scalar);
+        vectors.push(Kernel::IN_PLACE);
     }
     let mut opened: Option<(*const ffi::Scene, usize, Guarded)> = None;
     // r, g, b, opacity, z_depth, normal
@@ -205,14 +206,14 @@ fn draw(files: &[CString; 3], seen: &[AtomicU64], frames: impl Iterator<Item = u
                 // SAFETY: nobody uses it any more.
                 unsafe { ffi::nerf_scene_close(scene) };
             }
-            let tier = turn / OPEN_FRAMES % vectors.len();
-            open(&files[1], vectors[tier], Status::BlobChecksum);
-            open(&files[2], vectors[tier], Status::File);
-            let scene = open(&files[0], vectors[tier], Status::Ok);
+            let kernel = turn / OPEN_FRAMES % vectors.len();
+            open(&files[1], vectors[kernel], Status::BlobChecksum);
+            open(&files[2], vectors[kernel], Status::File);
+            let scene = open(&files[0], vectors[kernel], Status::Ok);
             let most = (0..REQUESTS).map(|i| workspace_size(scene, request(scene, i).as_ref())).max();
-            opened = Some((scene, tier, Guarded::new(most.expect("requests"), 0)));
+            opened = Some((scene, kernel, Guarded::new(most.expect("requests"), 0)));
         }
-        let (scene, tier, workspace) = opened.as_mut().expect("a scene");
+        let (scene, kernel, workspace) = opened.as_mut().expect("a scene");
         let (pose, asked) = (frame % POSES, TURNS[frame / POSES % TURNS.len()]);
         let options = request(*scene, asked);
         picture.fill([-7.0; 8]);
@@ -236,7 +237,7 @@ fn draw(files: &[CString; 3], seen: &[AtomicU64], frames: impl Iterator<Item = u
         }
         assert_eq!(ask(workspace_size(*scene, options.as_ref()), None, &mut picture), Status::Ok);
         let hash = hash(&picture);
-        let first = &seen[(*tier * REQUESTS + asked) * POSES + pose];
+        let first = &seen[(*kernel * REQUESTS + asked) * POSES + pose];
         let before = first.compare_exchange(0, hash, Ordering::Relaxed, Ordering::Relaxed).err();
         assert!(before.is_none_or(|before| before == hash), "frame {frame} is not what it was");
     }

@@ -12,7 +12,7 @@ use nerf_core::memory::Line;
 use nerf_core::plan::{Batch, Effects, Jitter, Outputs, Plan, Quality, ThinLens, Tone, ToneMap};
 use nerf_core::render::{Rect, Renderer};
 use nerf_core::volume::Pixel;
-use nerf_tests::scenes::{Recipe, camera, tiers};
+use nerf_tests::scenes::{Recipe, camera, kernels};
 use std::alloc::{GlobalAlloc, Layout, System};
 use std::cell::Cell;
 use std::sync::atomic::{AtomicIsize, Ordering};
@@ -97,14 +97,14 @@ fn a_scene_is_opened_rendered_and_queried_without_allocating() {
     let full = Rect::full(&camera);
     for recipe in [Recipe::PLAIN, Recipe::SKIP, Recipe::OCCUPANCY_REQUIRED, Recipe::PROPOSAL] {
         let file = recipe.blob();
-        for tier in tiers() {
+        for kernel in kernels() {
             let blob = Blob::open(&file).expect("a blob");
             let quality = Quality { samples: 16, ..Quality::default() };
             let plan = Plan::new(&blob, &quality, EVERYTHING, Batch::FULL).expect("a plan");
             let plan = plan.with_effects(EFFECTS).expect("effects in range");
-            let mut prepared = vec![Line::UNINIT; Renderer::prepared_lines(&blob, tier)];
+            let mut prepared = vec![Line::UNINIT; Renderer::prepared_lines(&blob, kernel)];
             let mut again = prepared.clone();
-            let renderer = Renderer::new(blob, tier, &mut prepared).expect("a renderer");
+            let renderer = Renderer::new(blob, kernel, &mut prepared).expect("a renderer");
             // To the line what the query says: one less is refused.
             let mut workspace = vec![Line::UNINIT; renderer.workspace_lines(&plan)];
             let lines = workspace.len();
@@ -115,7 +115,7 @@ fn a_scene_is_opened_rendered_and_queried_without_allocating() {
                 let blob = Blob::open(&file).expect("a blob");
                 let plan = Plan::new(&blob, &quality, EVERYTHING, Batch::FULL).expect("a plan");
                 let plan = plan.with_effects(EFFECTS).expect("effects in range");
-                let renderer = Renderer::new(blob, tier, &mut again).expect("a renderer");
+                let renderer = Renderer::new(blob, kernel, &mut again).expect("a renderer");
                 assert_eq!(renderer.workspace_lines(&plan), lines);
                 let mut put = |x: u32, y: u32, pixel: &Pixel| picture[(y * 24 + x) as usize] = pixel.rgb;
                 renderer.render(&plan, &camera, full, &mut workspace, &mut put).expect("a picture");
@@ -125,7 +125,7 @@ fn a_scene_is_opened_rendered_and_queried_without_allocating() {
                 assert!(answer.is_ok());
                 assert!(Blob::open(&file[1..]).is_err());
             });
-            assert_eq!(counted, 0, "{recipe:?}, {}", tier.name());
+            assert_eq!(counted, 0, "{recipe:?}, {}", kernel);
             assert!(picture.iter().any(|pixel| *pixel != picture[0]), "a flat picture proves nothing");
         }
     }
@@ -134,19 +134,19 @@ fn a_scene_is_opened_rendered_and_queried_without_allocating() {
 #[test]
 fn a_picture_is_opened_and_rendered_without_allocating() {
     let file = Recipe::PICTURE.blob();
-    for tier in tiers() {
+    for kernel in kernels() {
         let (batch, size) = (Batch::FULL, [40, 30]);
         let rect = Rect { x: 0, y: 0, width: 40, height: 30 };
         let blob = Blob::open(&file).expect("a blob");
-        let mut prepared = vec![Line::UNINIT; Renderer::prepared_lines(&blob, tier)];
+        let mut prepared = vec![Line::UNINIT; Renderer::prepared_lines(&blob, kernel)];
         let mut again = prepared.clone();
-        let renderer = Renderer::new(blob, tier, &mut prepared).expect("a renderer");
+        let renderer = Renderer::new(blob, kernel, &mut prepared).expect("a renderer");
         let mut workspace = vec![Line::UNINIT; renderer.picture_workspace_lines(batch)];
         let lines = workspace.len();
         let mut pixels = 0;
         let counted = allocations(|| {
             let renderer =
-                Renderer::new(Blob::open(&file).expect("a blob"), tier, &mut again).expect("a renderer");
+                Renderer::new(Blob::open(&file).expect("a blob"), kernel, &mut again).expect("a renderer");
             let math = MathBackend::Polynomial;
             let mut put = |_: u32, _: u32, _: [f32; 3]| pixels += 1;
             let drawn = renderer.render_picture(math, batch, size, rect, &mut workspace, &mut put);
@@ -154,6 +154,6 @@ fn a_picture_is_opened_and_rendered_without_allocating() {
             let short = &mut workspace[..lines - 1];
             assert!(renderer.render_picture(math, batch, size, rect, short, &mut put).is_err());
         });
-        assert_eq!((counted, pixels), (0, 40 * 30), "{}", tier.name());
+        assert_eq!((counted, pixels), (0, 40 * 30), "{}", kernel);
     }
 }

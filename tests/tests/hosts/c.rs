@@ -1,15 +1,15 @@
 //! C and C++ programs that link the static library render what Rust renders, bit for bit.
 
+use nerf_core::Kernel;
 use nerf_core::blob::Blob;
 use nerf_core::camera::{Camera, Intrinsics, Lens, Pose};
 use nerf_core::math::MathBackend;
 use nerf_core::memory::Line;
 use nerf_core::plan::{Batch, Outputs, Plan, Quality};
 use nerf_core::render::{Rect, Renderer};
-use nerf_core::simd::Tier;
 use nerf_tests::build::{Language, program, run};
 use nerf_tests::paths;
-use nerf_tests::scenes::{Recipe, picture, tiers};
+use nerf_tests::scenes::{Recipe, kernels, picture};
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
@@ -21,12 +21,12 @@ fn example(path: &str) -> PathBuf {
 }
 
 /// 8-bit colour, and z_depth from the top row down, by the Rust renderer.
-fn reference(blob: &[u8], tier: Tier, camera: &Camera) -> (Vec<u8>, Vec<f32>) {
+fn reference(blob: &[u8], kernel: Kernel, camera: &Camera) -> (Vec<u8>, Vec<f32>) {
     let blob = Blob::open(blob).expect("a blob");
-    let mut memory = vec![Line::UNINIT; Renderer::prepared_lines(&blob, tier)];
+    let mut memory = vec![Line::UNINIT; Renderer::prepared_lines(&blob, kernel)];
     let outputs = Outputs { opacity: false, ray_distance: false, ..Outputs::ALL };
     let plan = Plan::new(&blob, &Quality::default(), outputs, Batch::FULL).expect("a plan");
-    let renderer = Renderer::new(blob, tier, &mut memory).expect("a renderer");
+    let renderer = Renderer::new(blob, kernel, &mut memory).expect("a renderer");
     let mut workspace = vec![Line::UNINIT; renderer.workspace_lines(&plan)];
     let (width, pixels) = (camera.intrinsics().width, camera.intrinsics().width * camera.intrinsics().height);
     let (mut rgb, mut z_depth) = (vec![0; 3 * pixels as usize], vec![0.0; pixels as usize]);
@@ -68,13 +68,13 @@ fn pictures_are_the_rust_renderers(language: Language, source: &str, arguments: 
     ] {
         let (blob, file) = (recipe.blob(), directory.path().join("scene.nerf"));
         std::fs::write(&file, &blob).expect("a temporary file");
-        for tier in tiers() {
+        for kernel in kernels() {
             let mut command = Command::new(&program);
-            command.current_dir(directory.path()).env("NERF_KERNEL", tier.name());
+            command.current_dir(directory.path()).env("NERF_KERNEL", kernel.to_string());
             command.arg(&file).arg("out").args([WIDTH.to_string(), HEIGHT.to_string()]).args(arguments);
             let camera = printed_camera(&run(&mut command).stdout);
-            let (rgb, z_depth) = reference(&blob, tier, &camera);
-            let what = format!("{source}, {name}, {}", tier.name());
+            let (rgb, z_depth) = reference(&blob, kernel, &camera);
+            let what = format!("{source}, {name}, {}", kernel);
 
             assert_eq!(
                 content(&directory.path().join("out.ppm"), &format!("P6\n{size}255\n")),
@@ -95,8 +95,8 @@ fn pictures_are_the_rust_renderers(language: Language, source: &str, arguments: 
 }
 
 /// 8-bit colour of a picture in `size`, by the Rust renderer.
-fn picture_reference(blob: &[u8], tier: Tier, size: [u32; 2]) -> Vec<u8> {
-    let pixels = picture(blob, tier, MathBackend::Polynomial, size);
+fn picture_reference(blob: &[u8], kernel: Kernel, size: [u32; 2]) -> Vec<u8> {
+    let pixels = picture(blob, kernel, MathBackend::Polynomial, size);
     pixels.iter().flatten().map(|c| (c * 255.0 + 0.5) as u8).collect()
 }
 
@@ -109,13 +109,13 @@ fn c_and_cpp_hosts_draw_the_pictures_rust_draws() {
         let program = program(language, &example(source), directory.path(), &[]);
         // In the picture's own size, and larger than the C++ host's tiles.
         for (asked, size) in [(vec![], [33, 21]), (vec!["131", "70"], [131, 70])] {
-            for tier in tiers() {
+            for kernel in kernels() {
                 let mut command = Command::new(&program);
-                command.current_dir(directory.path()).env("NERF_KERNEL", tier.name());
+                command.current_dir(directory.path()).env("NERF_KERNEL", kernel.to_string());
                 run(command.arg(&file).arg("out").args(&asked));
                 let header = format!("P6\n{} {}\n255\n", size[0], size[1]);
                 let found = content(&directory.path().join("out.ppm"), &header);
-                assert!(found == picture_reference(&blob, tier, size), "{source}, {}, {size:?}", tier.name());
+                assert!(found == picture_reference(&blob, kernel, size), "{source}, {}, {size:?}", kernel);
                 let different = found.iter().collect::<std::collections::BTreeSet<_>>().len();
                 assert!(different > 50, "{source}: a flat picture proves nothing ({different} values)");
             }

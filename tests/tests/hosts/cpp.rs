@@ -1,15 +1,15 @@
 //! `nerf_render.hpp` with each compiler, and what the C++ examples draw: what Rust draws, bit for bit.
 
+use nerf_core::Kernel;
 use nerf_core::blob::Blob;
 use nerf_core::camera::{Camera, Intrinsics, Lens, Pose};
 use nerf_core::memory::Line;
 use nerf_core::plan::{Batch, Outputs, Plan, Preset, Quality};
 use nerf_core::render::{Rect, Renderer};
-use nerf_core::simd::Tier;
 use nerf_core::volume::Pixel;
 use nerf_tests::build::{Language, libraries, program, run};
 use nerf_tests::paths;
-use nerf_tests::scenes::{Recipe, tiers};
+use nerf_tests::scenes::{Recipe, kernels};
 use nerf_tests::tools::all_here;
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
@@ -24,12 +24,12 @@ fn examples() -> PathBuf {
 }
 
 /// The pixels of a camera's image, row by row, by the Rust renderer.
-fn reference(blob: &[u8], tier: Tier, camera: &Camera, outputs: Outputs) -> Vec<Pixel> {
+fn reference(blob: &[u8], kernel: Kernel, camera: &Camera, outputs: Outputs) -> Vec<Pixel> {
     let blob = Blob::open(blob).expect("a blob");
     let quality = Quality::preset(&blob, Preset::High);
     let plan = Plan::new(&blob, &quality, outputs, Batch::FULL).expect("a plan");
-    let mut memory = vec![Line::UNINIT; Renderer::prepared_lines(&blob, tier)];
-    let renderer = Renderer::new(blob, tier, &mut memory).expect("a renderer");
+    let mut memory = vec![Line::UNINIT; Renderer::prepared_lines(&blob, kernel)];
+    let renderer = Renderer::new(blob, kernel, &mut memory).expect("a renderer");
     let mut workspace = vec![Line::UNINIT; renderer.workspace_lines(&plan)];
     let (width, height) = (camera.intrinsics().width as usize, camera.intrinsics().height as usize);
     let mut pixels = vec![None; width * height];
@@ -125,9 +125,9 @@ fn every_wrapper_keeps_its_word() {
     for (name, blob) in names.iter().zip(&blobs) {
         std::fs::write(directory.path().join(name), blob).expect("a temporary file");
     }
-    for tier in tiers() {
+    for kernel in kernels() {
         let mut command = Command::new(&program);
-        run(command.current_dir(directory.path()).env("NERF_KERNEL", tier.name()).args(names));
+        run(command.current_dir(directory.path()).env("NERF_KERNEL", kernel.to_string()).args(names));
     }
 }
 
@@ -190,23 +190,23 @@ fn depth_map_is_the_rust_renderers_in_floats_and_in_steps() {
     let program = program(Language::Cpp, &examples().join("depth_map.cpp"), directory.path(), &[]);
     let (blob, file) = (Recipe::OCCUPANCY.blob(), directory.path().join("scene.nerf"));
     std::fs::write(&file, &blob).expect("a temporary file");
-    for tier in tiers() {
+    for kernel in kernels() {
         let mut command = Command::new(&program);
-        command.current_dir(directory.path()).env("NERF_KERNEL", tier.name()).arg(&file);
+        command.current_dir(directory.path()).env("NERF_KERNEL", kernel.to_string()).arg(&file);
         let output = run(command.arg("out").args([width.to_string(), height.to_string()]));
         let said = String::from_utf8(output.stdout).expect("UTF-8");
         let outputs = Outputs { rgb: true, opacity: true, z_depth: true, ..Outputs::NONE };
-        let pixels = reference(&blob, tier, &printed_camera(&said, [width, height]), outputs);
+        let pixels = reference(&blob, kernel, &printed_camera(&said, [width, height]), outputs);
 
         let colour = read_png(&directory.path().join("out.png"));
         assert_eq!(colour.header, [width, height, 8, 2]);
-        assert!(colour.pixels == bytes_of(&pixels), "{}: colour", tier.name());
+        assert!(colour.pixels == bytes_of(&pixels), "{}: colour", kernel);
 
         let upwards = pixels.chunks(width as usize).rev().flatten();
         let expected: Vec<u8> = upwards.flat_map(|pixel| pixel.z_depth.to_ne_bytes()).collect();
         let order = if cfg!(target_endian = "little") { "-1.0" } else { "1.0" };
         let pfm = content(&directory.path().join("out.pfm"), &format!("Pf\n{width} {height}\n{order}\n"));
-        assert!(pfm == expected, "{}: floats", tier.name());
+        assert!(pfm == expected, "{}: floats", kernel);
 
         let steps = read_png(&directory.path().join("out_z_depth.png"));
         let [scale] = numbers(&said, "scale");
@@ -257,9 +257,9 @@ fn viewer_is_coarse_while_it_moves_and_rests_at_the_rust_renderers_picture() {
     for (name, recipe) in [("without a front", Recipe::PLAIN), ("with a front", Recipe::PROPOSAL)] {
         let blob = recipe.blob();
         std::fs::write(directory.path().join("scene.nerf"), &blob).expect("a temporary file");
-        for tier in tiers() {
+        for kernel in kernels() {
             let mut command = Command::new(program);
-            command.current_dir(directory.path()).env("NERF_KERNEL", tier.name());
+            command.current_dir(directory.path()).env("NERF_KERNEL", kernel.to_string());
             command.args([
                 "scene.nerf",
                 "--headless",
@@ -272,7 +272,7 @@ fn viewer_is_coarse_while_it_moves_and_rests_at_the_rust_renderers_picture() {
             command.args(["--moving-ms", "0.01", "--resting-ms", "50", "--screenshot", "rest.png"]);
             command.args(["--script", "turn 0.2 0.1; pan 0.01 0.02; dolly 1"]);
             let said = String::from_utf8(run(&mut command).stdout).expect("UTF-8");
-            let what = format!("{name}, {}: {said}", tier.name());
+            let what = format!("{name}, {}: {said}", kernel);
 
             let lines: Vec<&str> = said.lines().collect();
             let moving: Vec<_> = lines.iter().filter(|line| line.starts_with("moving")).collect();
@@ -285,7 +285,7 @@ fn viewer_is_coarse_while_it_moves_and_rests_at_the_rust_renderers_picture() {
             let outputs = Outputs { rgb: true, ..Outputs::NONE };
             let picture = read_png(&directory.path().join("rest.png"));
             assert_eq!(picture.header, [width, height, 8, 2]);
-            assert!(picture.pixels == bytes_of(&reference(&blob, tier, &camera, outputs)), "{what}");
+            assert!(picture.pixels == bytes_of(&reference(&blob, kernel, &camera, outputs)), "{what}");
         }
     }
 }

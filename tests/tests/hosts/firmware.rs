@@ -16,7 +16,7 @@ use picture::{Checksums, View, draw};
 /// The seed's size.
 const LARGE: Recipe = Recipe { trunk: (8, 256), skip: true, seed: 11, ..Recipe::PLAIN };
 
-/// The checksums of the host's scalar tier, as the firmware prints them.
+/// The checksums of the host's portable instructions, as the firmware prints them.
 fn host(blob: &[u8], view: View) -> String {
     let mut workspace = [Line::UNINIT; 128];
     let mut sums = Checksums::NONE;

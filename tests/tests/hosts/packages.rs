@@ -4,12 +4,12 @@
 //! second is left out, and the tests say so.
 #![cfg(target_os = "linux")]
 
+use nerf_core::Kernel;
 use nerf_core::blob::Blob;
 use nerf_core::camera::{Camera, Intrinsics, Lens, Pose};
 use nerf_core::memory::Line;
 use nerf_core::plan::{Batch, Outputs, Plan, Quality};
 use nerf_core::render::{Rect, Renderer};
-use nerf_core::simd::Tier;
 use nerf_tests::build::run;
 use nerf_tests::scenes::Recipe;
 use nerf_tests::{paths, symbols, tools};
@@ -117,7 +117,7 @@ fn picture() -> Vec<u8> {
     let camera = Camera::new(Intrinsics::centred(37, 29, 44.0), Lens::NONE, pose).expect("a camera");
     let batch = Batch::FULL;
     let plan = Plan::new(&blob, &Quality::default(), Outputs::RGB, batch).expect("a plan");
-    let renderer = Renderer::new(blob, Tier::Scalar, &mut []).expect("a renderer");
+    let renderer = Renderer::new(blob, Kernel::IN_PLACE, &mut []).expect("a renderer");
     let mut workspace = vec![Line::UNINIT; renderer.workspace_lines(&plan)];
     let mut rgb = vec![0; 37 * 29 * 3];
     let mut put = |x: u32, y: u32, pixel: &nerf_core::volume::Pixel| {
@@ -139,7 +139,7 @@ fn draws(program: &Path, shared: bool, libdir: &Path) {
     std::fs::write(&file, Recipe::PLAIN.blob()).expect("a temporary file");
     let scene = std::fs::File::open(&file).expect("a temporary file");
     let mut command = Command::new(program);
-    command.env("NERF_KERNEL", "scalar").env("LD_LIBRARY_PATH", libdir).stdin(scene);
+    command.env("NERF_KERNEL", "portable-f16").env("LD_LIBRARY_PATH", libdir).stdin(scene);
     let (found, expected) = (run(&mut command).stdout, picture());
     let different = expected.iter().collect::<BTreeSet<_>>().len();
     assert!(different > 50, "a flat picture proves nothing ({different} values)");

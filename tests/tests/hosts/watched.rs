@@ -8,18 +8,18 @@
 
 use nerf_tests::build::{self, Language, Sanitizer, sanitized_program};
 use nerf_tests::paths;
-use nerf_tests::scenes::{Recipe, tiers};
+use nerf_tests::scenes::{Recipe, kernels};
 use nerf_tests::tools::{all_here, there_is};
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
 
-/// Every tier, and a scene with and without an occupancy grid, without a report.
+/// Every kernel, and a scene with and without an occupancy grid, without a report.
 fn is_clean(mut command: impl FnMut() -> Command, directory: &Path, watchable: impl Fn(&str) -> bool) {
     for (name, recipe) in [("plain.nerf", Recipe::PLAIN), ("occupancy.nerf", Recipe::OCCUPANCY)] {
         std::fs::write(directory.join(name), recipe.blob()).expect("a temporary file");
-        for tier in tiers().map(|tier| tier.name()).filter(|name| watchable(name)) {
-            let output = run(command().env("NERF_KERNEL", tier).args(["good", name]), directory);
-            assert!(output.status.success(), "{name}, {tier}: {}", said(&output));
+        for kernel in kernels().map(|kernel| kernel.to_string()).filter(|name| watchable(name)) {
+            let output = run(command().env("NERF_KERNEL", &kernel).args(["good", name]), directory);
+            assert!(output.status.success(), "{name}, {kernel}: {}", said(&output));
         }
     }
 }
@@ -27,7 +27,7 @@ fn is_clean(mut command: impl FnMut() -> Command, directory: &Path, watchable: i
 /// What is wrong on purpose is found, in the library's own code.
 fn is_found(command: &mut Command, directory: &Path, wrong: &str, report: &str, place: &str) {
     std::fs::write(directory.join("plain.nerf"), Recipe::PLAIN.blob()).expect("a temporary file");
-    let output = run(command.env("NERF_KERNEL", "scalar").args([wrong, "plain.nerf"]), directory);
+    let output = run(command.env("NERF_KERNEL", "portable-f16").args([wrong, "plain.nerf"]), directory);
     let text = said(&output);
     assert!(!output.status.success() && text.contains(report) && text.contains(place), "{wrong}: {text}");
 }
@@ -74,13 +74,13 @@ fn valgrind_has_nothing_to_report() {
     };
     let program = build::program(Language::C, &watched(), directory.path(), &[]);
     // It has no AVX-512.
-    is_clean(|| valgrind(&program), directory.path(), |tier| !tier.starts_with("avx512"));
+    is_clean(|| valgrind(&program), directory.path(), |kernel| !kernel.starts_with("avx512"));
     is_found(&mut valgrind(&program), directory.path(), "leak", "definitely lost", "nerf_scene_open_file");
     is_found(&mut valgrind(&program), directory.path(), "short", "Invalid write", "nerf_render");
 
     let program = build::program(Language::Cpp, &cpp_example(), directory.path(), &[]);
     let mut command = valgrind(&program);
-    command.env("NERF_KERNEL", "scalar");
+    command.env("NERF_KERNEL", "portable-f16");
     example_is_clean(command, directory.path());
 }
 

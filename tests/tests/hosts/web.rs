@@ -1,11 +1,11 @@
-//! The WebAssembly module in a page of its own: same exports, same layouts, and the scalar tier's bits.
+//! The WebAssembly module in a page of its own: same exports, same layouts, and the portable bits.
 
+use nerf_core::Kernel;
 use nerf_core::blob::Blob;
 use nerf_core::camera::{Camera, Intrinsics, Lens, Pose};
 use nerf_core::memory::Line;
 use nerf_core::plan::{Batch, Outputs, Plan, Quality};
 use nerf_core::render::{Rect, Renderer};
-use nerf_core::simd::Tier;
 use nerf_core::volume::Pixel;
 use nerf_tests::browser::{chromium, document, left, noted};
 use nerf_tests::scenes::Recipe;
@@ -43,7 +43,7 @@ fn drawn(dump: &Value) -> Vec<(&'static str, Vec<u32>)> {
     ["rgb", "opacity", "ray_distance", "z_depth", "median_distance", "normals"].map(plane).into()
 }
 
-/// The same planes by the scalar tier of this machine, and its multiply-adds.
+/// The same planes by the portable instructions of this machine, and its multiply-adds.
 fn reference(blob: &[u8], camera: &Value) -> (Vec<Vec<u32>>, u64) {
     let number = |name: &str| camera[name].as_f64().expect("a number") as f32;
     let c2w: Vec<f32> =
@@ -63,7 +63,7 @@ fn reference(blob: &[u8], camera: &Value) -> (Vec<Vec<u32>>, u64) {
     let outputs = Outputs { median_distance: true, normals: true, ..Outputs::ALL };
     let plan = Plan::new(&blob, &quality, outputs, Batch::FULL).expect("a plan");
     let plan = plan.with_normal_blur(1.0).expect("a plan");
-    let renderer = Renderer::new(blob, Tier::Scalar, &mut []).expect("a renderer");
+    let renderer = Renderer::new(blob, Kernel::IN_PLACE, &mut []).expect("a renderer");
     let mut workspace = vec![Line::UNINIT; renderer.workspace_lines(&plan)];
     let mut planes = vec![Vec::new(); 6];
     let width = intrinsics.width;
@@ -105,7 +105,7 @@ fn layouts_are_the_headers(layouts: &Value, folder: &Path) {
 }
 
 #[test]
-fn the_page_turns_and_draws_the_scalar_tiers_bits() {
+fn the_page_turns_and_draws_the_portable_bits() {
     for (name, recipe) in [
         ("skip", Recipe::SKIP),
         ("proposal", Recipe::PROPOSAL),
@@ -134,8 +134,8 @@ fn the_page_turns_and_draws_the_scalar_tiers_bits() {
         let imports = noted(&document, "imports");
         assert!(imports.is_empty() || imports == "nerf_panicked", "{name}: {imports}");
 
-        // Tolerance row: simd128 against scalar, and wasm's scalar against the host's, 0. Nothing is fused.
-        for kernel in ["simd128", "scalar"] {
+        // Tolerance row: simd128 against portable instructions, and wasm's of those against the host's, 0. Nothing is fused.
+        for kernel in ["simd128", "portable"] {
             let dump = left(&document, &format!("dump-{kernel}"));
             let (expected, macs) = reference(&blob, &dump["camera"]);
             for ((plane, found), expected) in drawn(&dump).iter().zip(&expected) {

@@ -1,5 +1,6 @@
 //! Whatever happens to a blob's bytes: a typed error, never a panic, never a picture.
 
+use nerf_core::Kernel;
 use nerf_core::blob::{
     Blob, BlobError, Body, Content, HEADER_LEN, PictureFacts, SceneFacts, SceneSampling, Section,
     encoded_len, write,
@@ -8,7 +9,6 @@ use nerf_core::math::MathBackend;
 use nerf_core::memory::Line;
 use nerf_core::plan::{Batch, Outputs, Plan, Quality};
 use nerf_core::render::{Rect, Renderer};
-use nerf_core::simd::Tier;
 use nerf_core::volume::Pixel;
 use nerf_tests::scenes::{Recipe, camera};
 
@@ -77,7 +77,7 @@ fn every_flipped_bit_is_an_error() {
 /// Whether one pixel of it can be drawn.
 fn draws(blob: Blob<'_>) -> bool {
     let (batch, rect) = (Batch::SMALLEST, Rect { x: 0, y: 0, width: 1, height: 1 });
-    let renderer = Renderer::new(blob.clone(), Tier::Scalar, &mut []).expect("a renderer");
+    let renderer = Renderer::new(blob.clone(), Kernel::IN_PLACE, &mut []).expect("a renderer");
     let mut workspace = vec![Line::UNINIT; 1 << 12];
     let drawn = if blob.picture().is_some() {
         let mut put = |_: u32, _: u32, _: [f32; 3]| {};

@@ -20,7 +20,7 @@ const EFFECTS: [(&str, &[&str]); 7] = [
 
 /// A program that was built with some of the features.
 struct Build {
-    /// Lines of `nerf-core/examples/checksum.rs` by tier and effect: checksum, workspace and work.
+    /// Lines of `nerf-core/examples/checksum.rs` by kernel and effect: checksum, workspace and work.
     lines: BTreeMap<(String, String), String>,
     /// Bytes of machine code.
     text: u64,
@@ -34,8 +34,8 @@ fn build(features: &str, scene: &Path) -> Build {
     let output = run(Command::new(program).arg(scene)).stdout;
     let line = |line: &str| {
         let (name, rest) = line.split_once(": ").expect("a name");
-        let (tier, effect) = name.split_once(' ').expect("tier and effect");
-        ((tier.to_owned(), effect.to_owned()), rest.to_owned())
+        let (kernel, effect) = name.split_once(' ').expect("kernel and effect");
+        ((kernel.to_owned(), effect.to_owned()), rest.to_owned())
     };
     let lines = String::from_utf8(output).expect("UTF-8").lines().map(line).collect();
     let size = String::from_utf8(run(Command::new("size").arg(program)).stdout).expect("UTF-8");
@@ -52,10 +52,10 @@ impl Build {
         self.symbols.lines().any(|line| line.contains("nerf_core") && line.contains(&mangled))
     }
 
-    /// The lines of one effect, by tier.
+    /// The lines of one effect, by kernel.
     fn of(&self, effect: &str) -> Vec<(&str, &str)> {
         let lines = self.lines.iter().filter(|((_, name), _)| name == effect);
-        lines.map(|((tier, _), line)| (tier.as_str(), line.as_str())).collect()
+        lines.map(|((kernel, _), line)| (kernel.as_str(), line.as_str())).collect()
     }
 }
 
@@ -87,8 +87,11 @@ fn a_build_without_an_effect_has_none_of_its_code_and_draws_the_same_bits() {
         assert_eq!(none.of("off"), alone.of("off"), "{feature}");
         // What it adds is its own, and no other's business.
         assert_eq!(alone.of(feature), all.of(feature), "{feature}");
-        for (tier, line) in all.of(feature) {
-            assert!(line != "not built" && !all.of("off").contains(&(tier, line)), "{feature} must be seen");
+        for (kernel, line) in all.of(feature) {
+            assert!(
+                line != "not built" && !all.of("off").contains(&(kernel, line)),
+                "{feature} must be seen"
+            );
         }
         for (other, its_functions) in EFFECTS {
             if other != feature {

@@ -1,4 +1,4 @@
-//! Kernels touch what they were given and nothing beside it, on any tier: their slices end, or begin, at a page that
+//! Kernels touch what they were given and nothing beside it, with any instructions: their slices end, or begin, at a page that
 //! nobody may touch. (That such a page works is shown in `tests/tests/abi/fences.rs`.)
 
 use nerf_core::blob::Blob;
@@ -14,23 +14,14 @@ use nerf_core::memory::Line;
 use nerf_core::network::{Network, Scratch, Weights};
 use nerf_core::plan::{Batch, Outputs, Plan, Quality};
 use nerf_core::render::{Rect, Renderer};
-use nerf_core::simd::Tier;
 use nerf_core::volume::Pixel;
+use nerf_core::{Isa, Kernel};
 use nerf_tests::fence::{Fenced, Flush};
-use nerf_tests::scenes::{Recipe, camera, f16_bits, tiers};
+use nerf_tests::noise::noise;
+use nerf_tests::scenes::{Recipe, camera, f16_bits, kernels};
 
 const BACKENDS: [MathBackend; 4] =
     [MathBackend::Polynomial, MathBackend::Libm, MathBackend::Micromath, MathBackend::Recurrence];
-
-/// Repeatable values in [-1, 1).
-fn noise(n: usize, seed: u32) -> Vec<f32> {
-    let mut state = seed;
-    let mut next = || {
-        state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
-        (state >> 8) as f32 / 8_388_608.0 - 1.0
-    };
-    (0..n).map(|_| next()).collect()
-}
 
 /// The same in f16: powers of two, of either sign.
 fn halves(n: usize, seed: u32) -> Vec<u8> {
@@ -42,7 +33,12 @@ fn bits(values: &[f32]) -> Vec<u32> {
     values.iter().map(|x| x.to_bits()).collect()
 }
 
-/// `values`, and as many NaNs behind them as no kernel may see.
+/// The instruction sets of this machine.
+fn isas() -> impl Iterator<Item = Isa> {
+    Isa::ALL.into_iter().filter(|isa| isa.available())
+}
+
+/// `values`, and as many NaNs behind them as no isa may see.
 fn roomy(values: &[f32]) -> Vec<f32> {
     [values, &[f32::NAN; 64]].concat()
 }
@@ -60,11 +56,11 @@ fn products_stay_between_the_fences() {
             let a_length = if k == 0 { 0 } else { (m - 1) * a_row + (k - 1) * a_col + 1 };
             let (a, b) = (noise(a_length, 1), noise(if k == 0 { 0 } else { reach(k, n + gap, n) }, 2));
             let (c, bias) = (noise(reach(m, n + gap, n), 3), noise(m, 4));
-            for (tier, relu) in tiers().enumerate().map(|(i, tier)| (tier, (i + m + k).is_multiple_of(2))) {
+            for (isa, relu) in isas().enumerate().map(|(i, isa)| (isa, (i + m + k).is_multiple_of(2))) {
                 let expected = [Init::Zero, Init::Bias(&bias), Init::Accumulate].map(|init| {
                     let mut expected = roomy(&c);
-                    gemm(tier, g, &roomy(&a), &roomy(&b), &mut expected, init, relu);
-                    assert!(expected[c.len()..].iter().all(|x| x.is_nan()), "{tier:?}, {g:?}: beyond C");
+                    gemm(isa, g, &roomy(&a), &roomy(&b), &mut expected, init, relu);
+                    assert!(expected[c.len()..].iter().all(|x| x.is_nan()), "{isa:?}, {g:?}: beyond C");
                     bits(&expected[..c.len()])
                 });
                 for flush in Flush::BOTH {
@@ -73,8 +69,8 @@ fn products_stay_between_the_fences() {
                         [Init::Zero, Init::Bias(&bias), Init::Accumulate].into_iter().zip(&expected)
                     {
                         let mut found = Fenced::of(&c, flush);
-                        gemm(tier, g, &a, &b, &mut found, init, relu);
-                        assert!(bits(&found) == *expected, "{tier:?}, {g:?}, {init:?}, {flush:?}");
+                        gemm(isa, g, &a, &b, &mut found, init, relu);
+                        assert!(bits(&found) == *expected, "{isa:?}, {g:?}, {init:?}, {flush:?}");
                     }
                 }
             }
@@ -84,12 +80,15 @@ fn products_stay_between_the_fences() {
 
 #[test]
 fn products_of_halves_stay_between_the_fences() {
-    for (m, n, k) in (1..=5).flat_map(|m| [1, 3, 15, 16, 17, 64].map(move |n| (m, n, m * n % 7))) {
+    let sizes = || (1..=5).flat_map(|m| [1, 3, 15, 16, 17, 64].map(move |n| (m, n, m * n % 7)));
+    for ((m, n, k), isa) in sizes().flat_map(|size| isas().map(move |isa| (size, isa))) {
         let g = Gemm { m, n, k, a_row: k + 1, a_col: 1, b_row: n + 2, c_row: n };
         let a_length = if k == 0 { 0 } else { (m - 1) * (k + 1) + k };
         let (a, b) = (halves(a_length, 1), noise(if k == 0 { 0 } else { (k - 1) * (n + 2) + n }, 2));
         let (c, bias) = (noise(m * n, 3), halves(m, 4));
-        let draw = |init: HalfInit<'_>, a: &[u8], b: &[f32], c: &mut [f32]| gemm_f16(g, a, b, c, init, true);
+        let draw = |init: HalfInit<'_>, a: &[u8], b: &[f32], c: &mut [f32]| {
+            gemm_f16(isa, g, a, b, c, init, true);
+        };
         for flush in Flush::BOTH {
             // Weights lie in a file at any byte.
             let shifted = Fenced::of(&[&[0u8][..], &a].concat(), flush);
@@ -100,7 +99,7 @@ fn products_of_halves_stay_between_the_fences() {
                 draw(init, &a, &b, &mut expected);
                 draw(init, &fenced, &b_fenced, &mut found);
                 draw(init, &shifted[1..], &b_fenced, &mut odd);
-                assert!(*found == *expected && odd == expected, "{g:?}, {init:?}, {flush:?}");
+                assert!(*found == *expected && odd == expected, "{isa:?}, {g:?}, {init:?}, {flush:?}");
             }
         }
     }
@@ -122,12 +121,12 @@ fn paired_layers_stay_between_the_fences() {
         let weights = |count: usize, seed| noise((outputs - 1) * row + pairs(count), seed);
         let (bias, start) = (noise(outputs, 5), noise(outputs * stride, 6));
         let plain = [weights(main, 1), inputs(main, 2), weights(extra, 3), inputs(extra, 4)];
-        let layer = |tier, at: [&[f32]; 4], init: Init<'_>, to: &mut [f32], output| {
+        let layer = |isa, at: [&[f32]; 4], init: Init<'_>, to: &mut [f32], output| {
             let part = |count, weights, inputs| PairedInput { weights, row, pairs: pairs(count), inputs };
             let parts = [part(main, at[0], at[1]), part(extra, at[2], at[3])];
-            dense_bf16(tier, parts, outputs, stride, init, to, true, output);
+            dense_bf16(isa, parts, outputs, stride, init, to, true, output);
         };
-        for tier in [Tier::Scalar, Tier::Avx512Bf16].into_iter().filter(|tier| tier.available()) {
+        for isa in [Isa::Portable, Isa::Avx512] {
             for (output, flush) in [PairedOutput::Floats, PairedOutput::Pairs]
                 .into_iter()
                 .flat_map(|o| Flush::BOTH.map(|f| (o, f)))
@@ -141,11 +140,11 @@ fn paired_layers_stay_between_the_fences() {
                     let length = if floats { outputs } else { pairs(outputs) } * stride;
                     let (mut expected, mut found) =
                         (roomy(&start[..length]), Fenced::of(&start[..length], flush));
-                    layer(tier, all.each_ref().map(|v| &v[..]), init, &mut expected, output);
-                    layer(tier, fenced.each_ref().map(|v| &v[..]), init, &mut found, output);
+                    layer(isa, all.each_ref().map(|v| &v[..]), init, &mut expected, output);
+                    layer(isa, fenced.each_ref().map(|v| &v[..]), init, &mut found, output);
                     assert!(
                         bits(&found) == bits(&expected[..length]),
-                        "{tier:?}, {outputs}x{stride}x{main}+{extra}, {init:?}, {output:?}, {flush:?}"
+                        "{isa:?}, {outputs}x{stride}x{main}+{extra}, {init:?}, {output:?}, {flush:?}"
                     );
                 }
             }
@@ -161,11 +160,11 @@ fn transposed_paired_weights_stay_between_the_fences() {
         let row = pairs(inputs) + 1;
         let weights = noise((outputs - 1) * row + pairs(inputs), 1);
         let (from, start) = (noise(outputs * stride, 2), noise(inputs * stride, 3));
-        for (tier, accumulate) in tiers().flat_map(|tier| [(tier, false), (tier, true)]) {
+        for (isa, accumulate) in isas().flat_map(|isa| [(isa, false), (isa, true)]) {
             let sizes = [outputs, inputs];
             let mut expected = roomy(&start);
             transposed_bf16(
-                tier,
+                isa,
                 &roomy(&weights),
                 row,
                 sizes,
@@ -177,10 +176,10 @@ fn transposed_paired_weights_stay_between_the_fences() {
             for flush in Flush::BOTH {
                 let (weights, from) = (Fenced::of(&weights, flush), Fenced::of(&from, flush));
                 let mut found = Fenced::of(&start, flush);
-                transposed_bf16(tier, &weights, row, sizes, stride, &from, &mut found, accumulate);
+                transposed_bf16(isa, &weights, row, sizes, stride, &from, &mut found, accumulate);
                 assert!(
                     bits(&found) == bits(&expected[..start.len()]),
-                    "{tier:?}, {sizes:?}, {stride}, {flush:?}"
+                    "{isa:?}, {sizes:?}, {stride}, {flush:?}"
                 );
             }
         }
@@ -209,15 +208,15 @@ fn encodings_stay_between_the_fences() {
             [AngleScale::One, AngleScale::Pi].into_iter().flat_map(|s| BACKENDS.map(|m| (s, m)))
         {
             let encoding = SinusoidalEncoding { inputs, levels, scale, identity };
-            for (tier, stride) in tiers().flat_map(|tier| [1, 7, 16, 48, 64].map(|stride| (tier, stride))) {
+            for (isa, stride) in isas().flat_map(|isa| [1, 7, 16, 48, 64].map(|stride| (isa, stride))) {
                 let x = noise(usize::from(inputs) * stride, 1);
                 let blank = vec![-7.0; encoding.outputs() * stride];
                 let mut expected = blank.clone();
-                encode_block(tier, math, &encoding, stride, &x, &mut expected);
+                encode_block(isa, math, &encoding, stride, &x, &mut expected);
                 for flush in Flush::BOTH {
                     let (x, mut found) = (Fenced::of(&x, flush), Fenced::of(&blank, flush));
-                    encode_block(tier, math, &encoding, stride, &x, &mut found);
-                    assert!(bits(&found) == bits(&expected), "{tier:?}, {encoding:?}, {math:?}, {stride}");
+                    encode_block(isa, math, &encoding, stride, &x, &mut found);
+                    assert!(bits(&found) == bits(&expected), "{isa:?}, {encoding:?}, {math:?}, {stride}");
                 }
             }
         }
@@ -238,7 +237,7 @@ fn grids_read_no_further_than_their_last_entry() {
         let bytes: Vec<u8> = values.iter().flat_map(|&x| f16_bits(x).to_le_bytes()).collect();
         let steps: Vec<u8> = values.iter().map(|&x| (x * 64.0) as i8 as u8).collect();
         let scales = (1.0f32 / 64.0).to_le_bytes().repeat(grid.resolutions.len());
-        for (tier, stride) in tiers().flat_map(|tier| [1, 7, 16, 64].map(|stride| (tier, stride))) {
+        for (isa, stride) in isas().flat_map(|isa| [1, 7, 16, 64].map(|stride| (isa, stride))) {
             // The largest corner of the box is the last entry of a dense level; others are anywhere.
             let mut x: Vec<f32> =
                 noise(usize::from(inputs) * stride, 1).iter().map(|x| 0.5 + 0.5 * x).collect();
@@ -249,12 +248,12 @@ fn grids_read_no_further_than_their_last_entry() {
                 let int8 = TableValues::Int8 { values: &steps, scales: &scales };
                 let found = [TableValues::F16(&f16), int8, TableValues::F32(&f32)].map(|values| {
                     let mut found = Fenced::filled(grid.outputs() * stride, f32::NAN, flush);
-                    encode_grid_block(tier, &grid, &GridTables::new(values, None), stride, &x, &mut found);
+                    encode_grid_block(isa, &grid, &GridTables::new(values, None), stride, &x, &mut found);
                     bits(&found)
                 });
                 assert!(
                     found.iter().all(|other| *other == found[0]),
-                    "{tier:?}, {grid:?}, {stride}, {flush:?}"
+                    "{isa:?}, {grid:?}, {stride}, {flush:?}"
                 );
             }
         }
@@ -262,12 +261,12 @@ fn grids_read_no_further_than_their_last_entry() {
 }
 
 /// Everything the Rust renderer says of a blob, its bytes, weights, workspace and answers lying where `flush` says.
-fn answers(bytes: &[u8], tier: Tier, batch: Batch, flush: Flush) -> Vec<u32> {
+fn answers(bytes: &[u8], kernel: Kernel, batch: Batch, flush: Flush) -> Vec<u32> {
     let bytes = Fenced::of(bytes, flush);
     let blob = Blob::open(&bytes).expect("a blob");
-    let mut memory = Fenced::of(&vec![Line::UNINIT; Renderer::prepared_lines(&blob, tier)], flush);
+    let mut memory = Fenced::of(&vec![Line::UNINIT; Renderer::prepared_lines(&blob, kernel)], flush);
     let (mut found, all) = (Vec::new(), Outputs { median_distance: true, normals: true, ..Outputs::ALL });
-    let renderer = Renderer::new(blob.clone(), tier, &mut memory).expect("a renderer");
+    let renderer = Renderer::new(blob.clone(), kernel, &mut memory).expect("a renderer");
     if blob.picture().is_some() {
         let mut workspace = Fenced::of(&vec![Line::UNINIT; renderer.picture_workspace_lines(batch)], flush);
         let mut put = |_: u32, _: u32, rgb: [f32; 3]| found.extend(rgb.map(f32::to_bits));
@@ -314,31 +313,28 @@ fn frames_queries_and_pictures_stay_between_the_fences() {
         single,
         odd,
     ];
-    for (tier, recipe) in tiers().flat_map(|tier| recipes.map(|recipe| (tier, recipe))) {
+    for (kernel, recipe) in kernels().flat_map(|kernel| recipes.map(|recipe| (kernel, recipe))) {
         let blob = recipe.blob();
         let mut batches = vec![Batch::FULL, Batch { rays: 17, samples: 64 }];
-        if tier == Tier::Scalar {
+        if kernel == Kernel::IN_PLACE {
             batches.extend([Batch::SMALLEST, Batch { rays: 5, samples: 7 }]);
         }
-        let expected = answers(&blob, tier, batches[0], Flush::Neither);
+        let expected = answers(&blob, kernel, batches[0], Flush::Neither);
         assert!(!expected.is_empty());
         for (batch, flush) in batches.into_iter().flat_map(|batch| Flush::BOTH.map(|flush| (batch, flush))) {
-            let found = answers(&blob, tier, batch, flush);
-            assert!(found == expected, "{tier:?}, {recipe:?}, {batch:?}, {flush:?}");
+            let found = answers(&blob, kernel, batch, flush);
+            assert!(found == expected, "{kernel:?}, {recipe:?}, {batch:?}, {flush:?}");
         }
     }
 }
 
 /// Densities and colours of a block, by a network whose weights and rows lie where `flush` says, not a line longer
 /// than they are asked for.
-fn evaluated(blob: &Blob<'_>, tier: Tier, stride: usize, flush: Flush) -> Vec<u32> {
+fn evaluated(blob: &Blob<'_>, kernel: Kernel, stride: usize, flush: Flush) -> Vec<u32> {
     let math = MathBackend::Polynomial;
     let file = Fenced::of(blob.weights(), flush);
     let mut unpacked = Fenced::filled(blob.architecture().parameters(), f32::NAN, flush);
-    let weights = match tier {
-        Tier::Scalar => Weights::InPlace(&file),
-        _ => Weights::prepare(blob.architecture(), tier, &file, &mut unpacked),
-    };
+    let weights = Weights::prepare(blob.architecture(), kernel.storage, &file, &mut unpacked);
     let entries = Fenced::of(blob.tables().map_or(&[][..], |tables| tables.bytes()), flush);
     let scales = blob.tables().and_then(|tables| tables.scales()).map(|scales| Fenced::of(scales, flush));
     let values = match &scales {
@@ -346,7 +342,7 @@ fn evaluated(blob: &Blob<'_>, tier: Tier, stride: usize, flush: Flush) -> Vec<u3
         None => TableValues::F16(&entries),
     };
     let tables = GridTables::new(values, blob.scene_box().as_ref());
-    let network = Network::with_grid(blob.architecture(), weights, tables, tier).expect("a network");
+    let network = Network::with_grid(blob.architecture(), weights, tables, kernel.isa).expect("a network");
     let rows = |count: usize| Fenced::filled(count * stride, f32::NAN, flush);
     let [mut encoded, mut front, mut back] =
         [network.encoded_rows(), network.activation_rows(), network.activation_rows()].map(rows);
@@ -363,14 +359,14 @@ fn evaluated(blob: &Blob<'_>, tier: Tier, stride: usize, flush: Flush) -> Vec<u3
 
 #[test]
 fn networks_stay_between_the_fences() {
-    for (tier, recipe) in tiers().flat_map(|tier| {
-        [Recipe::SKIP, Recipe::TINY, Recipe::LEARNED, Recipe::LEARNED_INT8].map(|recipe| (tier, recipe))
+    for (kernel, recipe) in kernels().flat_map(|kernel| {
+        [Recipe::SKIP, Recipe::TINY, Recipe::LEARNED, Recipe::LEARNED_INT8].map(|recipe| (kernel, recipe))
     }) {
         let bytes = recipe.blob();
         let blob = Blob::open(&bytes).expect("a blob");
         for stride in [16, 48, 64] {
-            let [at_start, at_end] = Flush::BOTH.map(|flush| evaluated(&blob, tier, stride, flush));
-            assert!(at_start == at_end, "{tier:?}, {recipe:?}, {stride}");
+            let [at_start, at_end] = Flush::BOTH.map(|flush| evaluated(&blob, kernel, stride, flush));
+            assert!(at_start == at_end, "{kernel:?}, {recipe:?}, {stride}");
         }
     }
 }

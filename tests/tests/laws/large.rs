@@ -1,6 +1,7 @@
-//! What the format allows most of: 4,096 samples a ray, 16 layers of 512, on every tier; and one more than that.
+//! What the format allows most of: 4,096 samples a ray, 16 layers of 512, with every kernel; and one more than that.
 
 use crate::blob_damage::fix_checksum;
+use nerf_core::Kernel;
 use nerf_core::blob::{Blob, BlobError, HEADER_LEN, MAX_SAMPLES, Section};
 use nerf_core::camera::Camera;
 use nerf_core::memory::Line;
@@ -8,32 +9,31 @@ use nerf_core::network::{ArchitectureError, MAX_TRUNK, MAX_WIDTH};
 use nerf_core::plan::{Batch, Outputs, Plan, PlanError, Quality};
 use nerf_core::render::{Rect, RenderError, Renderer};
 use nerf_core::sampling::Bins;
-use nerf_core::simd::Tier;
 use nerf_core::volume::Pixel;
 use nerf_tests::error::worst_of;
 use nerf_tests::fence::{Fenced, Flush};
 use nerf_tests::oracle::network::{Network, f16};
 use nerf_tests::oracle::{sampling, volume};
-use nerf_tests::scenes::{Recipe, camera, tiers};
+use nerf_tests::scenes::{Recipe, camera, kernels};
 use nerf_tests::tools;
 
 /// r, g, b, opacity.
 type Found = [f32; 4];
 
-/// Every tier's picture of `samples` samples a ray, in memory of exactly the sizes that were asked for; a line less is
+/// Every kernel's picture of `samples` samples a ray, in memory of exactly the sizes that were asked for; a line less is
 /// refused.
-fn pictures(bytes: &[u8], samples: u16, camera: &Camera) -> Vec<(Tier, Vec<Found>)> {
+fn pictures(bytes: &[u8], samples: u16, camera: &Camera) -> Vec<(Kernel, Vec<Found>)> {
     let blob = Blob::open(bytes).expect("a blob");
     let quality = Quality { samples, ..Quality::EXACT };
-    let draw = |tier: Tier| {
+    let draw = |kernel: Kernel| {
         let plan = Plan::new(&blob, &quality, Outputs::ALL, Batch::FULL).expect("a plan");
-        let lines = Renderer::prepared_lines(&blob, tier);
+        let lines = Renderer::prepared_lines(&blob, kernel);
         if let Some(less) = lines.checked_sub(1) {
-            let refused = Renderer::new(blob.clone(), tier, &mut vec![Line::UNINIT; less]).map(|_| ());
+            let refused = Renderer::new(blob.clone(), kernel, &mut vec![Line::UNINIT; less]).map(|_| ());
             assert_eq!(refused, Err(RenderError::Memory { expected: lines, found: less }));
         }
         let mut memory = Fenced::filled(lines, Line::UNINIT, Flush::End);
-        let renderer = Renderer::new(blob.clone(), tier, &mut memory).expect("a renderer");
+        let renderer = Renderer::new(blob.clone(), kernel, &mut memory).expect("a renderer");
         let lines = renderer.workspace_lines(&plan);
         let mut workspace = Fenced::filled(lines, Line::UNINIT, Flush::End);
         let i = camera.intrinsics();
@@ -46,11 +46,11 @@ fn pictures(bytes: &[u8], samples: u16, camera: &Camera) -> Vec<(Tier, Vec<Found
         assert_eq!(refused, Err(RenderError::Memory { expected: lines, found: lines - 1 }));
         let work = renderer.render(&plan, camera, rect, &mut workspace, &mut put).expect("a picture");
         let all = u64::from(i.width * i.height) * u64::from(samples);
-        assert_eq!(work.samples_kept + work.samples_skipped, all, "{tier:?}");
-        assert!(work.samples_kept > all / 8, "{tier:?}: {work:?} proves little");
-        (tier, picture)
+        assert_eq!(work.samples_kept + work.samples_skipped, all, "{kernel:?}");
+        assert!(work.samples_kept > all / 8, "{kernel:?}: {work:?} proves little");
+        (kernel, picture)
     };
-    tiers().map(draw).collect()
+    kernels().map(draw).collect()
 }
 
 /// The f64 oracle's pixel: of the camera's ray, and of the points that f32 makes of its samples.
@@ -80,7 +80,7 @@ fn oracle(bytes: &[u8], samples: u16, camera: &Camera, x: u32, y: u32) -> [f64; 
     [pixel.rgb[0], pixel.rgb[1], pixel.rgb[2], pixel.opacity]
 }
 
-/// Compares every tier with the scalar one and with the oracle, whose pixels are those of the list.
+/// Compares every kernel with the one that reads in place and with the oracle, whose pixels are those of the list.
 fn compare(
     bytes: &[u8],
     samples: u16,
@@ -90,27 +90,30 @@ fn compare(
     bf16_bound: f64,
 ) {
     let found = pictures(bytes, samples, camera);
-    let (_, scalar) = &found[0];
-    let different: std::collections::BTreeSet<_> = scalar.iter().map(|p| p[3].to_bits()).collect();
-    assert!(different.len() > scalar.len() / 2, "a flat picture proves nothing");
+    let (_, portable) = &found[0];
+    let different: std::collections::BTreeSet<_> = portable.iter().map(|p| p[3].to_bits()).collect();
+    assert!(different.len() > portable.len() / 2, "a flat picture proves nothing");
     let truth: Vec<_> = pixels.iter().map(|&(x, y)| oracle(bytes, samples, camera, x, y)).collect();
-    for (tier, picture) in &found {
+    for (kernel, picture) in &found {
         // A picture starts as NaNs.
-        assert!(picture.iter().flatten().all(|x| x.is_finite()), "{tier:?}: a pixel is missing or no number");
-        let bound = if tier.rounds() { bf16_bound } else { f32_bound };
-        let errors = picture.iter().flatten().zip(scalar.iter().flatten());
+        assert!(
+            picture.iter().flatten().all(|x| x.is_finite()),
+            "{kernel:?}: a pixel is missing or no number"
+        );
+        let bound = if kernel.rounds() { bf16_bound } else { f32_bound };
+        let errors = picture.iter().flatten().zip(portable.iter().flatten());
         let apart = worst_of(errors.map(|(a, b)| f64::from((a - b).abs())));
         let at = |&(x, y): &(u32, u32)| picture[(y * camera.intrinsics().width + x) as usize];
         let errors = pixels.iter().map(at).zip(&truth);
         let errors = errors.flat_map(|(a, b)| (0..4).map(move |c| (f64::from(a[c]) - b[c]).abs()));
         let off = worst_of(errors);
-        println!("{}: {apart:.1e} from the scalar tier, {off:.1e} from the oracle", tier.name());
-        assert!(apart <= bound && off <= bound, "{tier:?}: {apart}, {off}, bound {bound}");
+        println!("{}: {apart:.1e} from portable instructions, {off:.1e} from the oracle", kernel);
+        assert!(apart <= bound && off <= bound, "{kernel:?}: {apart}, {off}, bound {bound}");
     }
 }
 
 #[test]
-fn rays_of_4096_samples_are_the_oracle_s_on_every_tier() {
+fn rays_of_4096_samples_are_the_oracle_s_with_every_kernel() {
     let bytes = Recipe::SKIP.blob();
     let camera = camera(4, 3);
     let pixels: Vec<_> = (0..12).map(|i| (i % 4, i / 4)).collect();
@@ -131,9 +134,9 @@ const LARGEST: Recipe =
     Recipe { trunk: (MAX_TRUNK, MAX_WIDTH as u16), skip: true, seed: 31, ..Recipe::PLAIN };
 
 #[test]
-fn sixteen_layers_of_512_are_the_oracle_s_on_every_tier() {
+fn sixteen_layers_of_512_are_the_oracle_s_with_every_kernel() {
     let bytes = LARGEST.blob();
-    // About seven times what was seen between two tiers, 3.1e-6 and 1.4e-2: sums of 512 in another order, 16 deep.
+    // About seven times what was seen between two kernels, 3.1e-6 and 1.4e-2: sums of 512 in another order, 16 deep.
     compare(&bytes, 8, &camera(3, 2), &[(0, 0), (1, 1)], 2e-5, 1e-1);
     if tools::long() {
         // Both at once: 4,096 samples of the largest network, whose errors cancel. Eight times 1.2e-7 and 1.7e-3.

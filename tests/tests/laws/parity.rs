@@ -1,14 +1,15 @@
 //! Results depend on the scene and the request, on nothing else.
 
+use nerf_core::Kernel;
 use nerf_core::blob::Blob;
 use nerf_core::math::MathBackend;
 use nerf_core::memory::Line;
 use nerf_core::plan::{Batch, Outputs, Plan, Quality};
 use nerf_core::render::{Counters, Rect, Renderer, Shares};
-use nerf_core::simd::{BLOCK, Tier};
+use nerf_core::simd::BLOCK;
 use nerf_core::volume::Pixel;
 use nerf_tests::error::worst_of;
-use nerf_tests::scenes::{Recipe, camera, tiers};
+use nerf_tests::scenes::{Recipe, camera, kernels};
 
 const SIDE: u32 = 24;
 /// The cuts a picture is checked under: the default's, none, and ones that drop a lot.
@@ -34,15 +35,15 @@ fn numbers(pixel: &Pixel) -> [f32; 6] {
 /// The picture, tile by tile of `tile` pixels.
 fn picture(
     blob: &[u8],
-    tier: Tier,
+    kernel: Kernel,
     quality: Quality,
     batch: Batch,
     tile: (u32, u32),
 ) -> (Vec<[f32; 6]>, Counters) {
     let blob = Blob::open(blob).expect("a blob");
-    let mut memory = vec![Line::UNINIT; Renderer::prepared_lines(&blob, tier)];
+    let mut memory = vec![Line::UNINIT; Renderer::prepared_lines(&blob, kernel)];
     let plan = Plan::new(&blob, &quality, Outputs::ALL, batch).expect("a plan");
-    let renderer = Renderer::new(blob, tier, &mut memory).expect("a renderer");
+    let renderer = Renderer::new(blob, kernel, &mut memory).expect("a renderer");
     let mut workspace = vec![Line::UNINIT; renderer.workspace_lines(&plan)];
     let mut picture = vec![[f32::NAN; 6]; (SIDE * SIDE) as usize];
     let mut work = Counters::default();
@@ -54,8 +55,8 @@ fn picture(
     (picture, work)
 }
 
-fn whole(blob: &[u8], tier: Tier, quality: Quality) -> Vec<[f32; 6]> {
-    picture(blob, tier, quality, Batch::FULL, (SIDE, SIDE)).0
+fn whole(blob: &[u8], kernel: Kernel, quality: Quality) -> Vec<[f32; 6]> {
+    picture(blob, kernel, quality, Batch::FULL, (SIDE, SIDE)).0
 }
 
 fn bits(picture: &[[f32; 6]]) -> Vec<[u32; 6]> {
@@ -85,38 +86,38 @@ fn batch_and_tile_sizes_change_no_bit_of_occupancies_and_proposals_under_other_c
 }
 
 fn sizes_change_no_bit(recipes: &[(&str, Recipe)], cuts: &[(f32, f32)], rays: &[usize]) {
-    let cases = tiers().flat_map(|tier| recipes.iter().map(move |recipe| (tier, recipe)));
-    for ((tier, (name, recipe)), cuts) in cases.flat_map(|case| cuts.iter().map(move |cuts| (case, cuts))) {
+    let cases = kernels().flat_map(|kernel| recipes.iter().map(move |recipe| (kernel, recipe)));
+    for ((kernel, (name, recipe)), cuts) in cases.flat_map(|case| cuts.iter().map(move |cuts| (case, cuts))) {
         let blob = recipe.blob();
         let &(transmittance_cut, colour_cut) = cuts;
         let quality = Quality { transmittance_cut, colour_cut, ..Quality::default() };
-        let (expected, work) = picture(&blob, tier, quality, Batch::FULL, (SIDE, SIDE));
+        let (expected, work) = picture(&blob, kernel, quality, Batch::FULL, (SIDE, SIDE));
         let expected = bits(&expected);
         let different = expected.iter().collect::<std::collections::BTreeSet<_>>().len();
         assert!(different > 100, "{name}: a flat picture proves nothing ({different} values)");
         let mut batches: Vec<(usize, usize)> = rays.iter().map(|&rays| (rays, BLOCK)).collect();
-        if tier == Tier::Scalar {
+        if kernel == Kernel::IN_PLACE {
             batches.extend([(1, 1), (1, 7), (5, 2), (100, 16), (256, 63)]);
         }
         for (rays, samples) in batches {
             let small = if rays <= 3 { [(1, 1), (SIDE, 1)] } else { [(5, 3), (16, 16)] };
             for tile in small.into_iter().chain([(SIDE, SIDE)]) {
                 let batch = Batch { rays, samples };
-                let (found, same_work) = picture(&blob, tier, quality, batch, tile);
-                assert!(bits(&found) == expected, "{name}, {}, {batch:?}, tile {tile:?}", tier.name());
-                assert_eq!(same_work, work, "{name}, {}, {batch:?}, tile {tile:?}", tier.name());
+                let (found, same_work) = picture(&blob, kernel, quality, batch, tile);
+                assert!(bits(&found) == expected, "{name}, {}, {batch:?}, tile {tile:?}", kernel);
+                assert_eq!(same_work, work, "{name}, {}, {batch:?}, tile {tile:?}", kernel);
             }
         }
     }
 }
 
 #[test]
-fn smallest_batch_of_the_scalar_tier_changes_no_bit() {
+fn smallest_batch_in_place_changes_no_bit() {
     for (name, recipe) in RECIPES {
         let blob = recipe.blob();
         for quality in [Quality::default(), Quality { occupancy: true, ..Quality::EXACT }] {
-            let expected = bits(&whole(&blob, Tier::Scalar, quality));
-            let found = picture(&blob, Tier::Scalar, quality, Batch::SMALLEST, (SIDE, SIDE)).0;
+            let expected = bits(&whole(&blob, Kernel::IN_PLACE, quality));
+            let found = picture(&blob, Kernel::IN_PLACE, quality, Batch::SMALLEST, (SIDE, SIDE)).0;
             assert!(bits(&found) == expected, "{name}");
         }
     }
@@ -124,13 +125,13 @@ fn smallest_batch_of_the_scalar_tier_changes_no_bit() {
 
 #[test]
 fn thread_count_changes_no_bit() {
-    for (tier, (name, recipe)) in tiers().flat_map(|tier| RECIPES.map(|recipe| (tier, recipe))) {
+    for (kernel, (name, recipe)) in kernels().flat_map(|kernel| RECIPES.map(|recipe| (kernel, recipe))) {
         let bytes = recipe.blob();
-        let expected = bits(&whole(&bytes, tier, Quality::default()));
+        let expected = bits(&whole(&bytes, kernel, Quality::default()));
         let blob = Blob::open(&bytes).expect("a blob");
-        let mut memory = vec![Line::UNINIT; Renderer::prepared_lines(&blob, tier)];
+        let mut memory = vec![Line::UNINIT; Renderer::prepared_lines(&blob, kernel)];
         let plan = Plan::new(&blob, &Quality::default(), Outputs::ALL, Batch::FULL).expect("a plan");
-        let renderer = Renderer::new(blob, tier, &mut memory).expect("a renderer");
+        let renderer = Renderer::new(blob, kernel, &mut memory).expect("a renderer");
         for threads in [1, 2, 3, 5] {
             let (renderer, plan) = (&renderer, &plan);
             let tiles: Vec<Rect> = full().tiles(7, 5).collect();
@@ -155,48 +156,48 @@ fn thread_count_changes_no_bit() {
             });
             let mut found = vec![[0; 6]; expected.len()];
             parts.into_iter().flatten().for_each(|(i, pixel)| found[i] = pixel);
-            assert!(found == expected, "{name}, {}, {threads} threads", tier.name());
+            assert!(found == expected, "{name}, {}, {threads} threads", kernel);
         }
     }
 }
 
 #[test]
-fn tiers_agree_with_the_scalar_oracle() {
+fn kernels_agree_with_the_oracle() {
     // A proposal's rounding moves the samples, in these fields of noise by more than a tolerance says: there
-    // every tier has an oracle of its own, bit for bit (`render/proposal/tests.rs`).
+    // every kernel has an oracle of its own, bit for bit (`render/proposal/tests.rs`).
     for (name, recipe) in RECIPES.into_iter().filter(|(_, recipe)| recipe.proposal.is_none()) {
         let blob = recipe.blob();
-        // The cut may end a ray a sample sooner or later: that is its price, not a tier's error.
+        // The cut may end a ray a sample sooner or later: that is its price, not a kernel's error.
         let quality = Quality { transmittance_cut: 0.0, colour_cut: 0.0, ..Quality::default() };
-        let oracle = whole(&blob, Tier::Scalar, quality);
-        for tier in tiers() {
-            let found = whole(&blob, tier, quality);
-            // A tier that rounds to bf16 keeps 8 bits of each weight and activation; and a pixel whose opacity
+        let oracle = whole(&blob, Kernel::IN_PLACE, quality);
+        for kernel in kernels() {
+            let found = whole(&blob, kernel, quality);
+            // A kernel that rounds to bf16 keeps 8 bits of each weight and activation; and a pixel whose opacity
             // is barely above its epsilon there may have no distance here.
-            let (limit, numbers) = if tier.rounds() { (5e-2, 4) } else { (1e-4, 6) };
+            let (limit, numbers) = if kernel.rounds() { (5e-2, 4) } else { (1e-4, 6) };
             for (i, (a, b)) in found.iter().zip(&oracle).enumerate() {
                 for (a, b) in a.iter().zip(b).take(numbers) {
                     let error = (a - b).abs() / b.abs().max(1.0);
-                    assert!(error <= limit, "{name}, {}, pixel {i}: {a} instead of {b}", tier.name());
+                    assert!(error <= limit, "{name}, {}, pixel {i}: {a} instead of {b}", kernel);
                 }
             }
             let worst = largest_difference(&found, &oracle, 0..numbers);
-            println!("{name}, {}: largest difference {worst:e}", tier.name());
+            println!("{name}, {}: largest difference {worst:e}", kernel);
         }
     }
 }
 
 #[test]
 fn occupancy_of_ones_changes_no_bit_and_skips_nothing() {
-    for tier in tiers() {
+    for kernel in kernels() {
         let with = Recipe { occupancy: Some((8, true)), ..Recipe::PLAIN };
         let on = Quality { occupancy: true, ..Quality::EXACT };
         let batch = Batch::FULL;
-        let (expected, all) = picture(&with.blob(), tier, Quality::EXACT, batch, (SIDE, SIDE));
-        let (found, kept) = picture(&with.blob(), tier, on, batch, (SIDE, SIDE));
-        let without = whole(&Recipe::PLAIN.blob(), tier, on);
-        assert!(bits(&found) == bits(&expected) && bits(&without) == bits(&expected), "{}", tier.name());
-        assert_eq!(all, kept, "{}", tier.name());
+        let (expected, all) = picture(&with.blob(), kernel, Quality::EXACT, batch, (SIDE, SIDE));
+        let (found, kept) = picture(&with.blob(), kernel, on, batch, (SIDE, SIDE));
+        let without = whole(&Recipe::PLAIN.blob(), kernel, on);
+        assert!(bits(&found) == bits(&expected) && bits(&without) == bits(&expected), "{}", kernel);
+        assert_eq!(all, kept, "{}", kernel);
     }
 }
 
@@ -204,47 +205,47 @@ fn occupancy_of_ones_changes_no_bit_and_skips_nothing() {
 fn occupancy_saves_what_it_calls_empty() {
     let (blob, batch) = (Recipe::OCCUPANCY.blob(), Batch::FULL);
     let on = Quality { occupancy: true, ..Quality::EXACT };
-    let (_, all) = picture(&blob, Tier::Scalar, Quality::EXACT, batch, (SIDE, SIDE));
-    let (_, kept) = picture(&blob, Tier::Scalar, on, batch, (SIDE, SIDE));
+    let (_, all) = picture(&blob, Kernel::IN_PLACE, Quality::EXACT, batch, (SIDE, SIDE));
+    let (_, kept) = picture(&blob, Kernel::IN_PLACE, on, batch, (SIDE, SIDE));
     assert!(kept.samples_kept < all.samples_kept * 7 / 10, "{kept:?} of {all:?}");
     assert_eq!(kept.samples_kept + kept.samples_skipped, all.samples_kept + all.samples_skipped);
 }
 
 #[test]
 fn transmittance_cut_costs_little_and_saves_work() {
-    for (tier, (name, recipe)) in tiers().flat_map(|tier| RECIPES.map(|recipe| (tier, recipe))) {
+    for (kernel, (name, recipe)) in kernels().flat_map(|kernel| RECIPES.map(|recipe| (kernel, recipe))) {
         let (blob, batch) = (recipe.blob(), Batch::FULL);
         let exact = Quality { transmittance_cut: 0.0, colour_cut: 0.0, ..Quality::default() };
-        let (a, all) = picture(&blob, tier, exact, batch, (SIDE, SIDE));
+        let (a, all) = picture(&blob, kernel, exact, batch, (SIDE, SIDE));
         let (b, cut) =
-            picture(&blob, tier, Quality { transmittance_cut: 1e-3, ..exact }, batch, (SIDE, SIDE));
+            picture(&blob, kernel, Quality { transmittance_cut: 1e-3, ..exact }, batch, (SIDE, SIDE));
         // What is behind the cut has weights that sum to less than it.
         let colour = largest_difference(&a, &b, 0..4);
-        assert!(colour <= 1.001e-3, "{name}, {}: {colour}", tier.name());
+        assert!(colour <= 1.001e-3, "{name}, {}: {colour}", kernel);
         // Distances are weighted by t <= 6: 1e-3 of (6 + 6), with opacity near 1.
         let distance = largest_difference(&a, &b, 4..6);
-        assert!(distance <= 1.3e-2, "{name}, {}: {distance}", tier.name());
+        assert!(distance <= 1.3e-2, "{name}, {}: {distance}", kernel);
         assert!(cut.density_evaluations <= all.density_evaluations, "{name}: {cut:?}, {all:?}");
     }
 }
 
 #[test]
 fn colour_cut_costs_little_saves_work_and_never_touches_the_shape() {
-    for (tier, (name, recipe)) in tiers().flat_map(|tier| RECIPES.map(|recipe| (tier, recipe))) {
+    for (kernel, (name, recipe)) in kernels().flat_map(|kernel| RECIPES.map(|recipe| (kernel, recipe))) {
         let (blob, batch) = (recipe.blob(), Batch::FULL);
         let exact = Quality { transmittance_cut: 0.0, colour_cut: 0.0, ..Quality::default() };
-        let (a, all) = picture(&blob, tier, exact, batch, (SIDE, SIDE));
+        let (a, all) = picture(&blob, kernel, exact, batch, (SIDE, SIDE));
         let mut before = all;
         for colour_cut in [1e-3, 1e-2, 0.1, 0.5] {
-            let (b, cut) = picture(&blob, tier, Quality { colour_cut, ..exact }, batch, (SIDE, SIDE));
+            let (b, cut) = picture(&blob, kernel, Quality { colour_cut, ..exact }, batch, (SIDE, SIDE));
             assert_eq!(largest_difference(&a, &b, 3..6), 0.0, "{name}: opacity or a distance");
             assert_eq!(cut.density_evaluations, all.density_evaluations);
             assert!(cut.colour_evaluations <= before.colour_evaluations, "{name}: {cut:?}, {before:?}");
             if colour_cut <= 1e-2 {
                 // Noise is the worst case: no colour has anything to do with the one behind it.
                 let worst = largest_difference(&a, &b, 0..3);
-                println!("{name}, {}, {colour_cut}: {worst:e}", tier.name());
-                assert!(worst <= f64::from(20.0 * colour_cut), "{name}, {}: {worst}", tier.name());
+                println!("{name}, {}, {colour_cut}: {worst:e}", kernel);
+                assert!(worst <= f64::from(20.0 * colour_cut), "{name}, {}: {worst}", kernel);
             }
             before = cut;
         }
@@ -254,11 +255,11 @@ fn colour_cut_costs_little_saves_work_and_never_touches_the_shape() {
 
 #[test]
 fn without_colour_its_branch_is_never_asked_and_the_rest_is_the_same() {
-    for (tier, (name, recipe)) in tiers().flat_map(|tier| RECIPES.map(|recipe| (tier, recipe))) {
+    for (kernel, (name, recipe)) in kernels().flat_map(|kernel| RECIPES.map(|recipe| (kernel, recipe))) {
         let bytes = recipe.blob();
         let blob = Blob::open(&bytes).expect("a blob");
-        let mut memory = vec![Line::UNINIT; Renderer::prepared_lines(&blob, tier)];
-        let renderer = Renderer::new(blob.clone(), tier, &mut memory).expect("a renderer");
+        let mut memory = vec![Line::UNINIT; Renderer::prepared_lines(&blob, kernel)];
+        let renderer = Renderer::new(blob.clone(), kernel, &mut memory).expect("a renderer");
         let work = |rgb| {
             let outputs = Outputs { rgb, ..Outputs::ALL };
             let plan = Plan::new(&blob, &Quality::default(), outputs, Batch::FULL).expect("a plan");
@@ -282,14 +283,14 @@ fn without_colour_its_branch_is_never_asked_and_the_rest_is_the_same() {
 fn maths_backends_agree_in_a_picture() {
     let blob = Recipe::SKIP.blob();
     let exact = Quality { transmittance_cut: 0.0, ..Quality::default() };
-    for tier in tiers() {
-        let reference = whole(&blob, tier, exact);
+    for kernel in kernels() {
+        let reference = whole(&blob, kernel, exact);
         for (math, most) in
             [(MathBackend::Libm, 1e-4), (MathBackend::Recurrence, 0.3), (MathBackend::Micromath, 0.3)]
         {
-            let found = whole(&blob, tier, Quality { math, ..exact });
+            let found = whole(&blob, kernel, Quality { math, ..exact });
             let worst = largest_difference(&found, &reference, 0..4);
-            assert!(worst <= most, "{math:?}, {}: {worst}", tier.name());
+            assert!(worst <= most, "{math:?}, {}: {worst}", kernel);
         }
     }
 }
@@ -328,10 +329,10 @@ fn field(
 fn batches_tiles_and_threads_change_no_bit_of_a_2d_field() {
     let bytes = Recipe { skip: true, ..Recipe::PICTURE }.blob();
     let size = [70, 19];
-    for tier in tiers() {
+    for kernel in kernels() {
         let blob = Blob::open(&bytes).expect("a blob");
-        let mut memory = vec![Line::UNINIT; Renderer::prepared_lines(&blob, tier)];
-        let renderer = Renderer::new(blob, tier, &mut memory).expect("a renderer");
+        let mut memory = vec![Line::UNINIT; Renderer::prepared_lines(&blob, kernel)];
+        let renderer = Renderer::new(blob, kernel, &mut memory).expect("a renderer");
         let expected = field(&renderer, Batch::FULL, size, (70, 19), 1);
         let different = expected.iter().collect::<std::collections::BTreeSet<_>>().len();
         assert!(different > 1000, "a flat picture proves nothing ({different} values)");
@@ -340,7 +341,7 @@ fn batches_tiles_and_threads_change_no_bit_of_a_2d_field() {
         {
             let batch = Batch { rays: 1, samples };
             let found = field(&renderer, batch, size, tile, threads);
-            assert!(found == expected, "{}, {samples}, {tile:?}, {threads} threads", tier.name());
+            assert!(found == expected, "{}, {samples}, {tile:?}, {threads} threads", kernel);
         }
     }
 }

@@ -1,5 +1,6 @@
 //! Every size that is asked for, against arithmetic that cannot overflow.
 
+use nerf_core::Kernel;
 use nerf_core::blob::{Blob, StoredOccupancy};
 use nerf_core::encoding::{AngleScale, MAX_LEVELS, SinusoidalEncoding};
 use nerf_core::math::MathBackend;
@@ -10,9 +11,8 @@ use nerf_core::network::{
 use nerf_core::plan::Effects;
 use nerf_core::plan::{Batch, Outputs, Plan, Quality};
 use nerf_core::render::{Rect, RenderError, Renderer};
-use nerf_core::simd::Tier;
 use nerf_core::volume::Pixel;
-use nerf_tests::scenes::{Recipe, camera, tiers};
+use nerf_tests::scenes::{Recipe, camera, kernels};
 use proptest::prelude::*;
 
 /// Networks of every shape that the caps allow, the largest among them.
@@ -135,9 +135,9 @@ fn workspaces_up_to_the_most_rays_are_those_of_few_times_as_many() {
     for recipe in recipes() {
         let bytes = recipe.blob();
         let blob = Blob::open(&bytes).expect("a blob");
-        for tier in tiers() {
-            let mut memory = vec![Line::UNINIT; Renderer::prepared_lines(&blob, tier)];
-            let renderer = Renderer::new(blob.clone(), tier, &mut memory).expect("a renderer");
+        for kernel in kernels() {
+            let mut memory = vec![Line::UNINIT; Renderer::prepared_lines(&blob, kernel)];
+            let renderer = Renderer::new(blob.clone(), kernel, &mut memory).expect("a renderer");
             for outputs in [
                 Outputs::NONE,
                 Outputs::RGB,
@@ -157,7 +157,7 @@ fn workspaces_up_to_the_most_rays_are_those_of_few_times_as_many() {
                         let (once, more) = (lines(64), lines(128) - lines(64));
                         for rays in [192, 1 << 12, 1 << 20, Batch::MAX_RAYS] {
                             let exact = once + (rays as u128 / 64 - 1) * more;
-                            assert_eq!(lines(rays), exact, "{recipe:?}, {}, {rays} rays", tier.name());
+                            assert_eq!(lines(rays), exact, "{recipe:?}, {}, {rays} rays", kernel);
                         }
                     }
                 }
@@ -169,24 +169,19 @@ fn workspaces_up_to_the_most_rays_are_those_of_few_times_as_many() {
 #[test]
 fn a_workspace_of_any_plan_is_enough_and_a_line_less_is_not() {
     let mut state = 37u64;
-    let mut pick = |n: usize| {
-        state ^= state << 13;
-        state ^= state >> 7;
-        state ^= state << 17;
-        (state >> 33) as usize % n
-    };
+    let mut pick = |n: usize| (nerf_tests::noise::next(&mut state) >> 33) as usize % n;
     for round in 0..120 {
         let recipe = recipes()[round % 5];
         let bytes = recipe.blob();
         let blob = Blob::open(&bytes).expect("a blob");
-        let all: Vec<Tier> = tiers().collect();
-        let tier = all[pick(all.len())];
-        let prepared = Renderer::prepared_lines(&blob, tier);
+        let all: Vec<Kernel> = kernels().collect();
+        let kernel = all[pick(all.len())];
+        let prepared = Renderer::prepared_lines(&blob, kernel);
         let mut memory = vec![Line::UNINIT; prepared];
         if let Some(short) = memory.get_mut(1..) {
-            assert!(Renderer::new(blob.clone(), tier, short).is_err(), "{prepared} lines");
+            assert!(Renderer::new(blob.clone(), kernel, short).is_err(), "{prepared} lines");
         }
-        let renderer = Renderer::new(blob.clone(), tier, &mut memory).expect("a renderer");
+        let renderer = Renderer::new(blob.clone(), kernel, &mut memory).expect("a renderer");
         let batch = Batch { rays: [1, 2, 63, 64, 65, 300][pick(6)], samples: 1 + pick(64) };
         let outputs = Outputs {
             rgb: pick(2) == 0,
@@ -203,12 +198,12 @@ fn a_workspace_of_any_plan_is_enough_and_a_line_less_is_not() {
         let found = renderer.render(&plan, &camera, rect, &mut workspace[1..], &mut put);
         assert_eq!(found, Err(RenderError::Memory { expected: lines, found: lines - 1 }));
         let work = renderer.render(&plan, &camera, rect, &mut workspace, &mut put);
-        assert!(work.is_ok_and(|work| work.rays == 21), "{recipe:?}, {batch:?}, {}", tier.name());
+        assert!(work.is_ok_and(|work| work.rays == 21), "{recipe:?}, {batch:?}, {}", kernel);
     }
     // A 2D field: its batch has samples alone.
     let bytes = Recipe::PICTURE.blob();
     let blob = Blob::open(&bytes).expect("a blob");
-    let renderer = Renderer::new(blob, Tier::Scalar, &mut []).expect("a renderer");
+    let renderer = Renderer::new(blob, Kernel::IN_PLACE, &mut []).expect("a renderer");
     let lines = |rays, samples| renderer.picture_workspace_lines(Batch { rays, samples });
     assert_eq!(lines(1, 17), lines(Batch::MAX_RAYS, 17));
     let mut workspace = vec![Line::UNINIT; lines(1, 17)];

@@ -1,11 +1,11 @@
 //! Cameras and lenses against the oracle.
 
 use crate::geometry::somewhere;
-use crate::noise::signed_f64;
 use crate::table::{Row, Worst, cases};
 use glam::{Mat3, Vec3};
 use nerf_core::camera::{Camera, CameraError, Intrinsics, Lens, Pose, Ray};
 use nerf_tests::error::worst_of;
+use nerf_tests::noise::signed_f64;
 
 cases! {
     rays_are_of_unit_length: "error of the length over images from 1x1 to 65535x65535" => unit_rays;

@@ -1,11 +1,12 @@
 //! Unbounded space, contracted, against the oracle.
 
 use crate::geometry::somewhere;
-use crate::noise::signed_f64;
-use crate::table::{Row, Worst, cases, exact_tiers};
+use crate::table::{Row, Worst, cases, isas};
 use glam::Vec3;
+use nerf_core::Isa;
 use nerf_core::camera::Contraction;
-use nerf_core::simd::{Lanes, Op, Tier};
+use nerf_core::simd::{Lanes, Op};
+use nerf_tests::noise::signed_f64;
 use nerf_tests::oracle::contraction as oracle;
 
 cases! {
@@ -87,7 +88,7 @@ impl Op for Vectors<'_> {
 }
 
 /// Sixteen points and steps at a time, with what each became.
-fn each(tier: Tier, c: &Contraction, steps: &[f32], mut see: impl FnMut(Vec3, Vec3, f32, f32)) {
+fn each(isa: Isa, c: &Contraction, steps: &[f32], mut see: impl FnMut(Vec3, Vec3, f32, f32)) {
     let points = points(c);
     for (index, block) in points.chunks_exact(16).enumerate() {
         let rows = std::array::from_fn(|row| {
@@ -96,7 +97,7 @@ fn each(tier: Tier, c: &Contraction, steps: &[f32], mut see: impl FnMut(Vec3, Ve
                 axis => block[lane][axis],
             })
         });
-        let [x, y, z, t] = tier.run(Vectors(c, &rows));
+        let [x, y, z, t] = isa.run(Vectors(c, &rows));
         for lane in 0..16 {
             see(block[lane], Vec3::new(x[lane], y[lane], z[lane]), rows[3][lane], t[lane]);
         }
@@ -104,16 +105,16 @@ fn each(tier: Tier, c: &Contraction, steps: &[f32], mut see: impl FnMut(Vec3, Ve
 }
 
 fn contracted() -> Vec<Row> {
-    let row = |tier: Tier| {
+    let row = |isa: Isa| {
         let mut worst = Worst::default();
         for c in contractions(1) {
-            each(tier, &c, &[0.0], |p, found, _, _| {
+            each(isa, &c, &[0.0], |p, found, _, _| {
                 worst.see(apart(wide(found), truth(&c, p)) / largest(&c), || format!("{p} of {}", named(&c)));
             });
         }
-        worst.row("any", tier.name(), 2.4e-7)
+        worst.row("any", isa.name(), 2.4e-7)
     };
-    exact_tiers().map(row).collect()
+    isas().map(row).collect()
 }
 
 fn undone() -> Vec<Row> {
@@ -134,12 +135,12 @@ fn steps_of(power: u8) -> Vec<f32> {
 }
 
 fn distances() -> Vec<Row> {
-    let row = |tier: Tier| {
+    let row = |isa: Isa| {
         let mut worst = Worst::default();
         for power in Contraction::POWERS {
             let p = f64::from(power);
             for c in contractions(power) {
-                each(tier, &c, &steps_of(power), |_, _, s, found| {
+                each(isa, &c, &steps_of(power), |_, _, s, found| {
                     let exact = oracle::distance(power, f64::from(s)) * f64::from(c.radius());
                     let base = (1.0 - (f64::from(s.abs()) - 1.0) / p).min(1.0);
                     let off = (f64::from(found) - exact).abs() / exact.abs().max(f64::MIN_POSITIVE);
@@ -147,9 +148,9 @@ fn distances() -> Vec<Row> {
                 });
             }
         }
-        worst.row("any", tier.name(), 2.4e-7)
+        worst.row("any", isa.name(), 2.4e-7)
     };
-    exact_tiers().map(row).collect()
+    isas().map(row).collect()
 }
 
 fn steps() -> Vec<Row> {

@@ -1,6 +1,6 @@
-//! Every f32 of each function's domain (or every 1,009th), by each backend, on every tier.
+//! Every f32 of each function's domain (or every 1,009th), by each backend, with every kernel.
 
-use crate::table::{BACKENDS, Row, Worst, cases, exact_tiers};
+use crate::table::{BACKENDS, Row, Worst, cases, isas};
 use nerf_core::math::{Elementary, MathBackend};
 use nerf_tests::oracle::encoding::sin_cos_pi;
 use nerf_tests::oracle::network::{sigmoid, softplus};
@@ -73,12 +73,12 @@ fn sweep(
             let x: Vec<f32> = bits.flat_map(|bits| [f32::from_bits(bits), -f32::from_bits(bits)]).collect();
             let truths: Vec<f64> = x.iter().map(|&x| truth(f64::from(x))).collect();
             for (&(_, math), worst) in backends.iter().zip(&mut worst) {
-                // One value at a time is one value at a time on every tier.
-                let tiers = exact_tiers().take(if math == MathBackend::Polynomial { usize::MAX } else { 1 });
-                for tier in tiers {
-                    function.apply(tier, math, &x, &mut out);
+                // One value at a time is one value at a time with every kernel.
+                let kernels = isas().take(if math == MathBackend::Polynomial { usize::MAX } else { 1 });
+                for isa in kernels {
+                    function.apply(isa, math, &x, &mut out);
                     for ((&x, &found), &truth) in x.iter().zip(&out).zip(&truths) {
-                        worst.see(error(f64::from(found), truth), || format!("{x:e}, {}", tier.name()));
+                        worst.see(error(f64::from(found), truth), || format!("{x:e}, {}", isa.name()));
                     }
                 }
             }
@@ -92,8 +92,8 @@ fn sweep(
     let rows = backends.iter().enumerate().map(|(i, &(name, _))| {
         let mut all = Worst::default();
         parts.iter().for_each(|part| all.see(part[i].error, || part[i].at.clone()));
-        let tiers = if i == 0 { "f32 tiers" } else { "scalar" };
-        all.row(name, tiers, bounds[i])
+        let kernels = if i == 0 { "exact" } else { "portable" };
+        all.row(name, kernels, bounds[i])
     });
     rows.collect()
 }

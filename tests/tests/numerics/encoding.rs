@@ -1,4 +1,4 @@
-//! The encoding at every level, on every tier, by every backend.
+//! The encoding at every level, with every kernel, by every backend.
 
 mod domain;
 mod grid;
@@ -6,8 +6,9 @@ mod laws;
 
 pub use {domain::CASES as DOMAIN, grid::CASES as GRID, laws::CASES as LAWS};
 
-use crate::table::{BACKENDS, Row, Worst, cases, exact_tiers};
+use crate::table::{BACKENDS, Row, Worst, cases, isas};
 use nerf_core::encoding::{AngleScale, SinusoidalEncoding, encode_block};
+use nerf_tests::noise::share;
 use nerf_tests::oracle;
 
 /// Three roundings of the largest angle among [`least`], 2^15 π 2^-126; cosines are 1.
@@ -40,10 +41,9 @@ fn hard(limit: f32) -> Vec<f32> {
     for e in -12..=4 {
         all.extend([1.0, 1.234_567, 3.3, 9.876_543].map(|m| m * 10f32.powi(e)));
     }
-    let mut state = 1u32;
+    let mut state = 1;
     for _ in 0..200_000 {
-        state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
-        let unit = (state >> 8) as f32 / (1 << 24) as f32;
+        let unit = share(&mut state);
         all.extend([unit, unit * limit]);
     }
     let negative: Vec<f32> = all.iter().map(|x| -x).collect();
@@ -75,13 +75,13 @@ fn levels(scale: AngleScale, levels: u8, points: &[f32], bounds: [f64; 4]) -> Ve
             .map(|&x| oracle::encoding::encode(&[f64::from(x)], levels, scale == AngleScale::Pi, true))
             .collect();
         for (&(_, math), worst) in BACKENDS.iter().zip(&mut worst) {
-            for tier in exact_tiers() {
-                encode_block(tier, math, &encoding, 64, x, &mut out);
+            for isa in isas() {
+                encode_block(isa, math, &encoding, 64, x, &mut out);
                 for (row, values) in out.chunks_exact(64).enumerate() {
                     for (column, &found) in values.iter().enumerate() {
                         let error = (f64::from(found) - truth[column][row]).abs();
                         let level = row.saturating_sub(1) / 2;
-                        let at = || format!("x = {:e}, level {level}, {}", x[column], tier.name());
+                        let at = || format!("x = {:e}, level {level}, {}", x[column], isa.name());
                         worst.see(error, at);
                     }
                 }
@@ -89,5 +89,5 @@ fn levels(scale: AngleScale, levels: u8, points: &[f32], bounds: [f64; 4]) -> Ve
         }
     }
     let rows = worst.into_iter().zip(BACKENDS).zip(bounds);
-    rows.map(|((worst, (name, _)), bound)| worst.row(name, "f32 tiers", bound)).collect()
+    rows.map(|((worst, (name, _)), bound)| worst.row(name, "exact", bound)).collect()
 }

@@ -6,7 +6,8 @@ mod hostile;
 pub use hostile::CASES as HOSTILE;
 
 use crate::blob::{SCENE, bytes, weights};
-use crate::table::{BACKENDS, Row, Worst, cases, exact_tiers};
+use crate::table::{BACKENDS, Row, Worst, cases, exact_kernels};
+use nerf_core::Kernel;
 use nerf_core::blob::Blob;
 use nerf_core::camera::{Camera, SceneBox};
 use nerf_core::encoding::{AngleScale, SinusoidalEncoding};
@@ -16,12 +17,11 @@ use nerf_core::network::{Architecture, DensityActivation, TrunkLayer};
 use nerf_core::plan::{Batch, Outputs, Plan, Quality};
 use nerf_core::render::{Counters, Rect, Renderer};
 use nerf_core::sampling::Bins;
-use nerf_core::simd::Tier;
 use nerf_core::volume::{OPACITY_EPSILON, Pixel};
 use nerf_tests::error::{excess, worse};
 use nerf_tests::oracle;
 use nerf_tests::oracle::network::f16;
-use nerf_tests::scenes::{Recipe, camera, tiers};
+use nerf_tests::scenes::{Recipe, camera, kernels};
 use std::sync::OnceLock;
 
 cases! {
@@ -129,9 +129,9 @@ impl Scene {
         })
     }
 
-    /// The frame of one tier and backend.
-    fn frame(&self, tier: Tier, math: MathBackend, outputs: Outputs) -> (Vec<Pixel>, Counters) {
-        frame(&self.bytes, &self.camera, tier, math, 0, outputs)
+    /// The frame of one kernel and backend.
+    fn frame(&self, kernel: Kernel, math: MathBackend, outputs: Outputs) -> (Vec<Pixel>, Counters) {
+        frame(&self.bytes, &self.camera, kernel, math, 0, outputs)
     }
 
     fn light(&self, samples: &Samples, found: &Pixel) -> f64 {
@@ -178,7 +178,7 @@ impl Scene {
 fn frame(
     bytes: &[u8],
     camera: &Camera,
-    tier: Tier,
+    kernel: Kernel,
     math: MathBackend,
     samples: u16,
     outputs: Outputs,
@@ -186,8 +186,8 @@ fn frame(
     let blob = Blob::open(bytes).expect("a blob");
     let quality = Quality { math, samples, ..Quality::EXACT };
     let plan = Plan::new(&blob, &quality, outputs, Batch::FULL).expect("a plan");
-    let mut memory = vec![Line::UNINIT; Renderer::prepared_lines(&blob, tier)];
-    let renderer = Renderer::new(blob.clone(), tier, &mut memory).expect("a renderer");
+    let mut memory = vec![Line::UNINIT; Renderer::prepared_lines(&blob, kernel)];
+    let renderer = Renderer::new(blob.clone(), kernel, &mut memory).expect("a renderer");
     let mut workspace = vec![Line::UNINIT; renderer.workspace_lines(&plan)];
     let width = camera.intrinsics().width;
     let mut pixels = vec![Pixel::BLANK; (width * camera.intrinsics().height) as usize];
@@ -216,15 +216,15 @@ fn medium() -> Vec<Row> {
         for (bits, sigma) in [(0x1400, 2f64.powi(-10)), (0x3800, 0.5), (0x4800, 8.0)] {
             let all = weights(&shape, |layer, _, column| if (layer, column) == (1, None) { bits } else { 0 });
             let blob = bytes(&shape, &all);
-            for tier in tiers() {
-                let (pixels, _) = frame(&blob, &camera, tier, math, SAMPLES, OUTPUTS);
+            for kernel in kernels() {
+                let (pixels, _) = frame(&blob, &camera, kernel, math, SAMPLES, OUTPUTS);
                 for (i, pixel) in pixels.iter().enumerate() {
                     let ray = camera.ray((i % 4) as f32 + 0.5, (i / 4) as f32 + 0.5);
                     let inside = |bin: &u32| bounds.contains(ray.at(bins.at(*bin, 0.5)));
                     let n = (0..u32::from(SAMPLES)).filter(inside).count();
                     let truth = -(-sigma * f64::from(bins.delta()) * n as f64).exp_m1();
                     let error = (f64::from(pixel.opacity) - truth).abs();
-                    worst.see(error, || format!("sigma {sigma}, {n} samples, {}", tier.name()));
+                    worst.see(error, || format!("sigma {sigma}, {n} samples, {}", kernel));
                 }
             }
         }
@@ -241,36 +241,36 @@ fn whole(measure: fn(&Scene, &Samples, &Pixel) -> f64, output: usize) -> Vec<Row
     let (scene, rays) = Scene::truth();
     let row = |(&(name, math), bounds): (&(&'static str, MathBackend), [f64; 3])| {
         let mut worst = Worst::default();
-        for tier in exact_tiers() {
-            let (pixels, _) = scene.frame(tier, math, OUTPUTS);
+        for kernel in exact_kernels() {
+            let (pixels, _) = scene.frame(kernel, math, OUTPUTS);
             for ((pixel, samples), at) in pixels.iter().zip(rays).zip(scene.pixels()) {
-                worst.see(measure(scene, samples, pixel), || format!("pixel {at:?}, {}", tier.name()));
+                worst.see(measure(scene, samples, pixel), || format!("pixel {at:?}, {}", kernel));
             }
         }
-        worst.row(name, "f32 tiers", bounds[output])
+        worst.row(name, "exact", bounds[output])
     };
     BACKENDS.iter().zip(BOUNDS).map(row).collect()
 }
 
-/// On every tier, the one that rounds among them: a frame is the oracle's sum of what the same network says of the
+/// With every kernel, the one that rounds among them: a frame is the oracle's sum of what the same network says of the
 /// same points.
 fn sums() -> Vec<Row> {
     let (scene, _) = Scene::truth();
     let row = |&(name, math): &(&'static str, MathBackend)| {
         let mut worst = Worst::default();
-        for tier in tiers() {
-            let (pixels, _) = scene.frame(tier, math, OUTPUTS);
+        for kernel in kernels() {
+            let (pixels, _) = scene.frame(kernel, math, OUTPUTS);
             for (pixel, at) in pixels.iter().zip(scene.pixels()) {
                 let (t, points, dir) = scene.points(at);
                 let (sigma, rgb, _) =
-                    super::network::ask(&scene.bytes, tier, math, &points, &vec![dir; t.len()]);
+                    super::network::ask(&scene.bytes, kernel, math, &points, &vec![dir; t.len()]);
                 let samples = Samples {
                     sigma: sigma.into_iter().map(f64::from).collect(),
                     rgb: rgb.into_iter().map(|c| c.map(f64::from)).collect(),
                     t: t.into_iter().map(f64::from).collect(),
                     cosine: scene.cosine(dir),
                 };
-                worst.see(scene.light(&samples, pixel), || format!("pixel {at:?}, {}", tier.name()));
+                worst.see(scene.light(&samples, pixel), || format!("pixel {at:?}, {}", kernel));
             }
         }
         worst.row(name, "any", super::volume::RAY)

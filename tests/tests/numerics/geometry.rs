@@ -1,10 +1,10 @@
 //! Rays and boxes against the oracle.
 
-use crate::noise::signed_f64;
 use crate::table::{Row, Worst, cases};
 use glam::Vec3;
 use nerf_core::camera::{Ray, SceneBox};
 use nerf_tests::error::excess;
+use nerf_tests::noise::signed_f64;
 use nerf_tests::oracle;
 
 cases! {

@@ -1,17 +1,17 @@
 //! Gradients of the density in space, as normals take them: against differences of the oracle's f64 network.
 
-use crate::noise::signed;
-use crate::table::{BACKENDS, Row, Worst, cases, exact_tiers};
+use crate::table::{BACKENDS, Row, Worst, cases, exact_kernels};
+use nerf_core::Kernel;
 use nerf_core::encoding::{AngleScale, SinusoidalEncoding};
 use nerf_core::math::MathBackend;
 use nerf_core::network::{
     Architecture, DensityActivation, GradientScratch, Network, Scratch, TrunkLayer, Weights,
 };
-use nerf_core::simd::Tier;
 use nerf_tests::error::worst_of;
+use nerf_tests::noise::signed;
 use nerf_tests::oracle;
 use nerf_tests::oracle::network::f16;
-use nerf_tests::scenes::tiers;
+use nerf_tests::scenes::kernels;
 
 cases! {
     gradients_of_random_networks: "error over what the gradient's terms add up to without signs" => random;
@@ -163,13 +163,10 @@ impl Case {
     }
 
     /// ∂raw/∂x of a block of points, `[3][STRIDE]`.
-    fn found(&self, tier: Tier, math: MathBackend, points: &[f32]) -> Vec<f32> {
+    fn found(&self, kernel: Kernel, math: MathBackend, points: &[f32]) -> Vec<f32> {
         let mut memory = vec![0.0; self.shape.parameters()];
-        let weights = match tier {
-            Tier::Scalar => Weights::InPlace(&self.bytes),
-            _ => Weights::prepare(&self.shape, tier, &self.bytes, &mut memory),
-        };
-        let network = Network::new(&self.shape, weights, tier).expect("a network");
+        let weights = Weights::prepare(&self.shape, kernel.storage, &self.bytes, &mut memory);
+        let network = Network::new(&self.shape, weights, kernel.isa).expect("a network");
         let rows = |rows: usize| vec![f32::NAN; rows * STRIDE];
         let (mut encoded, mut front) = (rows(network.encoded_rows()), rows(network.activation_rows()));
         let mut back = front.clone();
@@ -231,17 +228,17 @@ fn known(bias: fn(&mut u64, f32) -> f32, doubt: f64) -> Vec<Known> {
 }
 
 /// Worst errors over the terms' sum.
-fn compare(cases: &[Known], tier: Tier, math: MathBackend, worst: &mut Worst) {
+fn compare(cases: &[Known], kernel: Kernel, math: MathBackend, worst: &mut Worst) {
     let points = points();
     for Known { case, at } in cases {
-        let found = case.found(tier, math, &points);
+        let found = case.found(kernel, math, &points);
         for (i, known) in at.iter().enumerate() {
             let Some((truth, terms)) = known else { continue };
             for axis in 0..3 {
                 let off = (f64::from(found[axis * STRIDE + i]) - truth[axis]).abs();
                 // Without terms there is no gradient: it is exactly 0 then.
                 let error = if off == 0.0 { 0.0 } else { off / terms[axis] };
-                worst.see(error, || format!("{}, point {i}, {}", case.name, tier.name()));
+                worst.see(error, || format!("{}, point {i}, {}", case.name, kernel));
             }
         }
     }
@@ -262,8 +259,8 @@ fn random() -> Vec<Row> {
     for (i, doubt) in [(0, 1e-5), (1, 1e-5), (3, 1e-3)] {
         let (cases, (name, math)) = (known(bias, doubt), BACKENDS[i]);
         let mut worst = Worst::default();
-        exact_tiers().for_each(|tier| compare(&cases, tier, math, &mut worst));
-        rows.push(worst.row(name, "f32 tiers", bound(&cases, SINES[i], 0.0)));
+        exact_kernels().for_each(|kernel| compare(&cases, kernel, math, &mut worst));
+        rows.push(worst.row(name, "exact", bound(&cases, SINES[i], 0.0)));
     }
     rows
 }
@@ -275,13 +272,13 @@ fn certain() -> Vec<Row> {
     let mut rows = Vec::new();
     for (&(name, math), sine) in BACKENDS.iter().zip(SINES) {
         let mut worst = Worst::default();
-        exact_tiers().for_each(|tier| compare(&cases, tier, math, &mut worst));
-        rows.push(worst.row(name, "f32 tiers", bound(&cases, sine, 0.0)));
+        exact_kernels().for_each(|kernel| compare(&cases, kernel, math, &mut worst));
+        rows.push(worst.row(name, "exact", bound(&cases, sine, 0.0)));
     }
-    for tier in tiers().filter(|tier| tier.rounds()) {
+    for kernel in kernels().filter(|kernel| kernel.rounds()) {
         let mut worst = Worst::default();
-        compare(&cases, tier, MathBackend::Polynomial, &mut worst);
-        rows.push(worst.row("polynomial", "avx512bf16", bound(&cases, SINES[0], 2f64.powi(-9))));
+        compare(&cases, kernel, MathBackend::Polynomial, &mut worst);
+        rows.push(worst.row("polynomial", "avx512-bf16", bound(&cases, SINES[0], 2f64.powi(-9))));
     }
     rows
 }
@@ -299,11 +296,11 @@ fn dark() -> Vec<Row> {
                     .chunks_exact_mut(2)
                     .for_each(|b| b.copy_from_slice(&[0, b[1] & 0x80]));
             }
-            for tier in tiers() {
+            for kernel in kernels() {
                 for (_, math) in BACKENDS {
-                    let found = case.found(tier, math, &points());
+                    let found = case.found(kernel, math, &points());
                     let some = found.iter().filter(|&&x| x != 0.0).count() as f64;
-                    worst.see(some, || format!("{name}, {}", tier.name()));
+                    worst.see(some, || format!("{name}, {}", kernel));
                 }
             }
         }

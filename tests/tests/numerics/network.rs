@@ -1,11 +1,10 @@
-//! The network at exact points, on every tier, by every backend; sums of extremes.
+//! The network at exact points, with every kernel, by every backend; sums of extremes.
 
 mod activations;
 
 pub use activations::CASES as ACTIVATIONS;
 
-use crate::noise::signed;
-use crate::table::{BACKENDS, Row, Worst, cases, exact_tiers};
+use crate::table::{BACKENDS, Row, Worst, cases, exact_kernels, isas};
 use nerf_core::blob::Blob;
 use nerf_core::math::MathBackend;
 use nerf_core::matrix::{
@@ -14,10 +13,11 @@ use nerf_core::matrix::{
 use nerf_core::memory::Line;
 use nerf_core::plan::{Batch, Outputs, Plan, Quality};
 use nerf_core::render::{Counters, Renderer};
-use nerf_core::simd::Tier;
+use nerf_core::{Isa, Kernel};
 use nerf_tests::error::worst_of;
+use nerf_tests::noise::signed;
 use nerf_tests::oracle::network::{Network, f16};
-use nerf_tests::scenes::{Recipe, tiers};
+use nerf_tests::scenes::{Recipe, kernels};
 
 cases! {
     densities_of_random_networks: "error of sigma, relative above 1" => || queries(0);
@@ -27,7 +27,7 @@ cases! {
 
 const POINTS: usize = 640;
 
-/// Worst error of sigma (0) or rgb (1) by each backend, and by the tier that rounds.
+/// Worst error of sigma (0) or rgb (1) by each backend, and by the kernel that rounds.
 fn queries(output: usize) -> Vec<Row> {
     let mut worst = vec![Worst::default(); BACKENDS.len() + 1];
     let wide = Recipe { trunk: (8, 256), skip: true, seed: 21, ..Recipe::PLAIN };
@@ -47,21 +47,21 @@ fn queries(output: usize) -> Vec<Row> {
             .zip(&dirs)
             .map(|(p, d)| (oracle.sigma(&double(p)), oracle.rgb(&double(p), &double(d))))
             .collect();
-        let compare = |tier: Tier, math: MathBackend, worst: &mut Worst| {
-            let (sigma, rgb, _) = ask(&bytes, tier, math, &positions, &dirs);
+        let compare = |kernel: Kernel, math: MathBackend, worst: &mut Worst| {
+            let (sigma, rgb, _) = ask(&bytes, kernel, math, &positions, &dirs);
             for (i, (s, c)) in truth.iter().enumerate() {
                 let error = match output {
                     0 => (f64::from(sigma[i]) - s).abs() / s.max(1.0),
                     _ => worst_of((0..3).map(|k| (f64::from(rgb[i][k]) - c[k]).abs())),
                 };
-                worst.see(error, || format!("{name}, point {i}, {}", tier.name()));
+                worst.see(error, || format!("{name}, point {i}, {}", kernel));
             }
         };
         for (&(_, math), worst) in BACKENDS.iter().zip(&mut worst) {
-            exact_tiers().for_each(|tier| compare(tier, math, worst));
+            exact_kernels().for_each(|kernel| compare(kernel, math, worst));
         }
-        for tier in tiers().filter(|tier| tier.rounds()) {
-            compare(tier, MathBackend::Polynomial, &mut worst[BACKENDS.len()]);
+        for kernel in kernels().filter(|kernel| kernel.rounds()) {
+            compare(kernel, MathBackend::Polynomial, &mut worst[BACKENDS.len()]);
         }
     }
     // Up to nine times what was seen: the rough backends' errors at the input go through eight layers, and cancel.
@@ -69,9 +69,9 @@ fn queries(output: usize) -> Vec<Row> {
     let mut rows: Vec<Row> = Vec::new();
     for (i, worst) in worst.into_iter().enumerate() {
         match BACKENDS.get(i) {
-            Some(&(name, _)) => rows.push(worst.row(name, "f32 tiers", bounds[i])),
+            Some(&(name, _)) => rows.push(worst.row(name, "exact", bounds[i])),
             None if worst.at.is_empty() => {}
-            None => rows.push(worst.row("polynomial", "avx512bf16", bounds[i])),
+            None => rows.push(worst.row("polynomial", "avx512-bf16", bounds[i])),
         }
     }
     rows
@@ -85,7 +85,7 @@ fn unit(v: [f32; 3]) -> [f32; 3] {
 /// What the renderer says of points.
 pub(crate) fn ask(
     bytes: &[u8],
-    tier: Tier,
+    kernel: Kernel,
     math: MathBackend,
     positions: &[[f32; 3]],
     dirs: &[[f32; 3]],
@@ -93,8 +93,8 @@ pub(crate) fn ask(
     let blob = Blob::open(bytes).expect("a blob");
     let quality = Quality { math, ..Quality::default() };
     let plan = Plan::new(&blob, &quality, Outputs::RGB, Batch::FULL).expect("a plan");
-    let mut memory = vec![Line::UNINIT; Renderer::prepared_lines(&blob, tier)];
-    let renderer = Renderer::new(blob.clone(), tier, &mut memory).expect("a renderer");
+    let mut memory = vec![Line::UNINIT; Renderer::prepared_lines(&blob, kernel)];
+    let renderer = Renderer::new(blob.clone(), kernel, &mut memory).expect("a renderer");
     let mut workspace = vec![Line::UNINIT; renderer.workspace_lines(&plan)];
     let (mut sigma, mut rgb) = (vec![0.0; positions.len()], vec![[0.0; 3]; positions.len()]);
     let counters =
@@ -113,24 +113,23 @@ fn extremes() -> Vec<Row> {
         (0..k).map(|i| sizes[i % 5] | if signed(&mut state) < 0.0 { 0x8000 } else { 0 }).collect();
     let a: Vec<f32> = halves.iter().map(|&bits| f16(bits) as f32).collect();
     let b: Vec<f32> = (0..k * n).map(|i| signed(&mut state) * [1.0, 1e4, 1e-4][i % 3]).collect();
-    let see = |worst: &mut Worst, a: &[f32], b: &[f32], c: &[f32], tier: Tier| {
+    let see = |worst: &mut Worst, a: &[f32], b: &[f32], c: &[f32], isa: Isa| {
         for (column, &found) in c.iter().enumerate() {
             let terms = (0..k).map(|p| f64::from(a[p]) * f64::from(b[p * n + column]));
             let (truth, all) = terms.fold((0.0, 0.0), |(sum, all), term| (sum + term, all + term.abs()));
-            worst.see((f64::from(found) - truth).abs() / all, || format!("column {column}, {}", tier.name()));
+            worst.see((f64::from(found) - truth).abs() / all, || format!("column {column}, {}", isa.name()));
         }
     };
     let g = Gemm { m: 1, n, k, a_row: k, a_col: 1, b_row: n, c_row: n };
     let [mut unpacked, mut in_place, mut rounded] = [(); 3].map(|()| Worst::default());
-    for tier in exact_tiers() {
-        let mut c = vec![f32::NAN; n];
-        gemm(tier, g, &a, &b, &mut c, Init::Zero, false);
-        see(&mut unpacked, &a, &b, &c, tier);
-    }
     let bytes: Vec<u8> = halves.iter().flat_map(|bits| bits.to_le_bytes()).collect();
-    let mut c = vec![f32::NAN; n];
-    gemm_f16(g, &bytes, &b, &mut c, HalfInit::Zero, false);
-    see(&mut in_place, &a, &b, &c, Tier::Scalar);
+    for isa in isas() {
+        let mut c = vec![f32::NAN; n];
+        gemm(isa, g, &a, &b, &mut c, Init::Zero, false);
+        see(&mut unpacked, &a, &b, &c, isa);
+        gemm_f16(isa, g, &bytes, &b, &mut c, HalfInit::Zero, false);
+        see(&mut in_place, &a, &b, &c, isa);
+    }
 
     // The layer against the sums of what is left after rounding: that is half an ulp of 8 bits, and not the layer's.
     let (mut weights, mut inputs) = (a.clone(), b.clone());
@@ -139,14 +138,14 @@ fn extremes() -> Vec<Row> {
     let [a, b] = [&a, &b].map(|all| all.iter().copied().map(bf16).collect::<Vec<f32>>());
     let parts = [(&weights[..], &inputs[..], pairs(k)), (&[], &[], 0)];
     let parts = parts.map(|(weights, inputs, pairs)| PairedInput { weights, row: pairs, pairs, inputs });
-    for tier in [Tier::Scalar, Tier::Avx512Bf16].into_iter().filter(|tier| tier.available()) {
+    for isa in [Isa::Portable, Isa::Avx512] {
         let mut c = vec![f32::NAN; n];
-        dense_bf16(tier, parts, 1, n, Init::Zero, &mut c, false, PairedOutput::Floats);
-        see(&mut rounded, &a, &b, &c, tier);
+        dense_bf16(isa, parts, 1, n, Init::Zero, &mut c, false, PairedOutput::Floats);
+        see(&mut rounded, &a, &b, &c, isa);
     }
     vec![
-        unpacked.row("any", "f32 tiers", DOT),
-        in_place.row("any", "scalar, in place", DOT),
+        unpacked.row("any", "exact", DOT),
+        in_place.row("any", "exact, f16 in place", DOT),
         rounded.row("any", "bf16, of what it rounds to", DOT),
     ]
 }

@@ -7,6 +7,7 @@ pub use laws::CASES as LAWS;
 use crate::table::{Row, Worst, cases};
 use nerf_core::sampling::{Bins, sample_pdf};
 use nerf_tests::error::worst_of;
+use nerf_tests::noise::share;
 use nerf_tests::oracle::sampling::{inverse_cdf_at, middles};
 
 cases! {
@@ -25,12 +26,9 @@ fn weights() -> Vec<(String, Vec<f32>)> {
     let odd = [f32::INFINITY, -1.0, f32::NEG_INFINITY, 1e-30, 1e30, f32::NAN, -0.0, 0.5];
     all.push(("what is no weight".to_string(), (0..64).map(|i| odd[i % 8]).collect()));
     all.push(("a ramp".to_string(), (0..4096).map(|i| i as f32 / 4096.0 / 64.0).collect()));
-    let mut state = 1u32;
+    let mut state = 1;
     for n in [1, 2, 7, 64, 192, 4096] {
-        let noise = (0..n).map(|_| {
-            state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
-            ((state >> 8) as f32 / (1 << 24) as f32).powi(8) / n as f32
-        });
+        let noise = (0..n).map(|_| share(&mut state).powi(8) / n as f32);
         all.push((format!("noise of {n}"), noise.collect()));
     }
     all

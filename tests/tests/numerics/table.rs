@@ -1,7 +1,7 @@
 //! The table of worst errors: what each case measured, beside its bound, and `nerf-core/docs/numerics.md`.
 
 use nerf_core::math::MathBackend;
-use nerf_core::simd::Tier;
+use nerf_core::{Isa, Kernel};
 use nerf_tests::paths;
 use std::sync::OnceLock;
 
@@ -10,8 +10,8 @@ use std::sync::OnceLock;
 pub struct Row {
     /// Maths backend, or "any" where none takes part.
     pub backend: &'static str,
-    /// Kernel tiers it holds on.
-    pub tier: &'static str,
+    /// Kernels it holds for.
+    pub kernel: &'static str,
     /// The worst that was seen.
     pub observed: f64,
     /// What it may be at most.
@@ -38,10 +38,10 @@ impl Case {
         let rows = self.rows.get_or_init(self.measure);
         assert!(!rows.is_empty(), "{}: nothing was measured", self.name);
         for row in rows {
-            let Row { backend, tier, observed, bound, at } = row;
-            println!("{}: {backend}, {tier}: {observed:.2e} of {bound:.1e}, {at}", self.name);
+            let Row { backend, kernel, observed, bound, at } = row;
+            println!("{}: {backend}, {kernel}: {observed:.2e} of {bound:.1e}, {at}", self.name);
             // Not `>`: a NaN is no success.
-            assert!(observed <= bound, "{}: {backend}, {tier}: {observed:e} > {bound:e}, {at}", self.name);
+            assert!(observed <= bound, "{}: {backend}, {kernel}: {observed:e} > {bound:e}, {at}", self.name);
         }
         rows
     }
@@ -80,9 +80,14 @@ pub const BACKENDS: [(&str, MathBackend); 4] = [
     ("recurrence", MathBackend::Recurrence),
 ];
 
-/// The tiers that compute in f32.
-pub fn exact_tiers() -> impl Iterator<Item = Tier> {
-    nerf_tests::scenes::tiers().filter(|tier| !tier.rounds())
+/// The kernels that do not round.
+pub fn exact_kernels() -> impl Iterator<Item = Kernel> {
+    Kernel::all().filter(|kernel| !kernel.rounds())
+}
+
+/// The instruction sets of this machine.
+pub fn isas() -> impl Iterator<Item = Isa> {
+    Isa::ALL.into_iter().filter(|isa| isa.available())
 }
 
 /// Keeps the worst of what it is shown.
@@ -104,12 +109,12 @@ impl Worst {
     }
 
     /// Its row.
-    pub fn row(self, backend: &'static str, tier: &'static str, bound: f64) -> Row {
-        Row { backend, tier, observed: self.error, bound, at: self.at }
+    pub fn row(self, backend: &'static str, kernel: &'static str, bound: f64) -> Row {
+        Row { backend, kernel, observed: self.error, bound, at: self.at }
     }
 }
 
-/// What of a line stays from machine to machine: case, backend, tiers and bound; `None` of other lines.
+/// What of a line stays from machine to machine: case, backend, kernels and bound; `None` of other lines.
 pub fn fixed_cells(line: &str) -> Option<[&str; 4]> {
     if !line.starts_with("| ") || line.starts_with("| ---") || line.matches(" | ").count() != 5 {
         return None;
@@ -133,7 +138,8 @@ pub fn page(sections: &[(&str, &[&Case])], old: &str) -> String {
             page += if every { EVERY } else { "Of a run with every 1,009th f32 of the domain.\n" };
             page += "\n";
         }
-        page += "| case | backend | tiers | worst | bound | where |\n| --- | --- | --- | --- | --- | --- |\n";
+        page +=
+            "| case | backend | kernels | worst | bound | where |\n| --- | --- | --- | --- | --- | --- |\n";
         lines.iter().for_each(|line| page += &format!("{line}\n"));
     }
     page
@@ -143,9 +149,9 @@ pub fn page(sections: &[(&str, &[&Case])], old: &str) -> String {
 fn lines(cases: &[&Case]) -> Vec<String> {
     let mut lines = Vec::new();
     for case in cases {
-        for Row { backend, tier, observed, bound, at } in case.check() {
+        for Row { backend, kernel, observed, bound, at } in case.check() {
             let what = format!("{}: {}", case.name.replace('_', " "), case.what);
-            lines.push(format!("| {what} | {backend} | {tier} | {observed:.1e} | {bound:.1e} | {at} |"));
+            lines.push(format!("| {what} | {backend} | {kernel} | {observed:.1e} | {bound:.1e} | {at} |"));
         }
     }
     lines
@@ -189,10 +195,10 @@ pub fn path() -> std::path::PathBuf {
 
 #[test]
 fn a_quick_page_keeps_what_took_minutes_until_a_case_changes() {
-    let line = |bound: &str| format!("| sin: error | libm | scalar | 3.0e-8 | {bound} | 2.5e2, scalar |");
+    let line = |bound: &str| format!("| sin: error | libm | portable | 3.0e-8 | {bound} | 2.5e2, portable |");
     let page = |step: &str| {
         let table =
-            "| case | backend | tiers | worst | bound | where |\n| --- | --- | --- | --- | --- | --- |";
+            "| case | backend | kernels | worst | bound | where |\n| --- | --- | --- | --- | --- | --- |";
         format!(
             "# Numerics\n\n## {ELEMENTARY}\n\n{step}\n{table}\n{}\n\n## Sampling\n\n{table}\n",
             line("1.2e-7")

@@ -4,11 +4,11 @@ mod laws;
 
 pub use laws::CASES as LAWS;
 
-use crate::noise::share;
 use crate::table::{BACKENDS, Row, Worst, cases};
 use nerf_core::math::MathBackend;
 use nerf_core::volume::{OPACITY_EPSILON, Pixel, composite_with};
 use nerf_tests::error::{excess, worse};
+use nerf_tests::noise::share;
 use nerf_tests::oracle;
 
 /// What breaks volume renderers (camp_zipnerf's `render_test.py`).

@@ -1,11 +1,11 @@
 //! The walk through the occupancy grid against exact coordinates: through corners, along faces, far from the origin.
 
 use crate::geometry::somewhere;
-use crate::noise::signed_f64;
 use crate::table::{Row, Worst, cases};
 use glam::Vec3;
 use nerf_core::camera::{Ray, SceneBox};
 use nerf_core::sampling::{Bins, OccupancyGrid};
+use nerf_tests::noise::signed_f64;
 use std::cell::Cell;
 
 cases! {

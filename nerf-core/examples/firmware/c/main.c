@@ -67,7 +67,7 @@ static void check(nerf_status status) {
 int main(void) {
     const size_t length = (size_t)(scene_end - scene_begin);
     const nerf_scene *scene;
-    nerf_open_options open = {.struct_size = sizeof open, .kernel = NERF_KERNEL_SCALAR};
+    nerf_open_options open = {.struct_size = sizeof open, .kernel = NERF_KERNEL_PORTABLE};
     check(nerf_scene_open(scene_begin, length, &open, memory, sizeof memory, &scene, NULL, 0));
     /* The view of src/picture.rs. */
     nerf_camera camera = {.struct_size = sizeof camera, .width = SIDE, .height = SIDE, .fx = 1.3f * SIDE,

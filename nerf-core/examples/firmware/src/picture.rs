@@ -2,13 +2,13 @@
 //!
 //! `tests/tests/hosts/firmware.rs` includes this file and compares the host's picture with the microcontroller's.
 
+use nerf_core::Kernel;
 use nerf_core::blob::Blob;
 use nerf_core::camera::{Camera, Intrinsics, Lens, Pose};
 use nerf_core::math::MathBackend;
 use nerf_core::memory::Line;
 use nerf_core::plan::{Batch, Effects, Jitter, Outputs, Plan, Quality, ThinLens, Tone, ToneMap};
 use nerf_core::render::{Rect, Renderer};
-use nerf_core::simd::Tier;
 use nerf_core::volume::Pixel;
 
 /// Camera-to-world: 3.2 from the origin, which is straight ahead, and +Z is up. `c/main.c` has the same.
@@ -71,7 +71,7 @@ pub fn draw(
     let intrinsics = Intrinsics::centred(view.side.into(), view.side.into(), 1.3 * side);
     let camera = Camera::new(intrinsics, lens, Pose::from_rows(C2W)).map_err(|_| "no camera")?;
 
-    let Ok(renderer) = Renderer::new(blob, Tier::Scalar, &mut []) else { return Err("no renderer") };
+    let Ok(renderer) = Renderer::new(blob, Kernel::IN_PLACE, &mut []) else { return Err("no renderer") };
     let lines = renderer.workspace_lines(&plan);
     let mut put = |_: u32, _: u32, pixel: &Pixel| put(pixel);
     let work = renderer.render(&plan, &camera, Rect::full(&camera), workspace, &mut put);

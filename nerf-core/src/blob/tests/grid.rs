@@ -249,7 +249,7 @@ fn is_the_ramp(file: &str, tables: StoredTables<'_>) {
     assert_eq!(blob.tables(), tables);
     assert_eq!(bytes(&Body { content, provenance, tables, ..picture_body(a, blob.weights()) }), file);
 
-    let renderer = crate::Renderer::new(blob, crate::Tier::Scalar, &mut []).unwrap();
+    let renderer = crate::Renderer::new(blob, crate::Kernel::IN_PLACE, &mut []).unwrap();
     let (math, batch) = (crate::MathBackend::Polynomial, crate::Batch::SMALLEST);
     let mut workspace = [crate::Line::UNINIT; 16];
     assert!(renderer.picture_workspace_lines(batch) <= workspace.len());

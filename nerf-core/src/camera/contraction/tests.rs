@@ -1,7 +1,7 @@
 extern crate std;
 
 use super::*;
-use crate::simd::{Op, Tier};
+use crate::simd::{Isa, Op};
 #[cfg(feature = "normals")]
 use crate::testing::Worse;
 use crate::testing::noise;
@@ -206,7 +206,7 @@ impl Op for All<'_> {
 }
 
 #[test]
-fn lanes_of_every_tier_are_the_scalar_ones() {
+fn lanes_of_every_isa_are_the_portable_ones() {
     let odd =
         [0.0, -0.0, 1.0, -1.0, 1e-30, 1e30, f32::INFINITY, f32::NEG_INFINITY, f32::NAN, f32::MAX, 2.0, 5.0];
     for (k, (centre, radius)) in balls().into_iter().enumerate() {
@@ -231,12 +231,12 @@ fn lanes_of_every_tier_are_the_scalar_ones() {
                         _ => points.iter().map(|p| p[row]).collect(),
                     })
                 };
-                for tier in Tier::ALL.into_iter().filter(|tier| tier.available()) {
-                    let found = tier.run(All(&c, &rows));
+                for isa in Isa::ALL.into_iter().filter(|isa| isa.available()) {
+                    let found = isa.run(All(&c, &rows));
                     for (found, expected) in found.iter().zip(&expected) {
                         let bits = |x: &f32| x.to_bits();
                         let (found, expected) = (found.iter().map(bits), expected.iter().map(bits));
-                        assert!(found.eq(expected), "{} {rows:?}", tier.name());
+                        assert!(found.eq(expected), "{} {rows:?}", isa.name());
                     }
                 }
             }

@@ -1,6 +1,7 @@
 extern crate std;
 
 use super::*;
+use crate::testing::noise;
 use std::format;
 
 const UNIT: SceneBox = SceneBox { min: Vec3::NEG_ONE, max: Vec3::ONE };
@@ -78,14 +79,9 @@ fn rays_and_ranges_that_are_no_numbers_meet_nothing() {
 
 #[test]
 fn clipping_agrees_with_walking() {
-    let mut state = 1u32;
-    let mut next = || {
-        state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
-        (state >> 8) as f32 / 8_388_608.0 - 1.0
-    };
-    for _ in 0..2000 {
-        let origin = Vec3::new(next(), next(), next()) * 3.0;
-        let dir = Vec3::new(next(), next(), next()).normalize();
+    for row in noise(2000 * 6, 1).as_chunks::<6>().0 {
+        let origin = Vec3::from_slice(&row[..3]) * 3.0;
+        let dir = Vec3::from_slice(&row[3..]).normalize();
         let ray = Ray { origin, dir };
         let span = UNIT.clip(&ray, 0.0, 8.0);
         for i in 0..=800 {

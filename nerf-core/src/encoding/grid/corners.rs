@@ -3,7 +3,7 @@
 use super::cell::{Cells, unit_positions};
 use super::{GridEncoding, GridLevel, GridTables};
 use crate::memory::{head, head_mut, tail_mut};
-use crate::simd::{Indices, Lanes, MAX_LANES, Op, Tier};
+use crate::simd::{Indices, Isa, Lanes, MAX_LANES, Op};
 
 /// The corners of a block's cells at one level, in rows along x: 2 in two dimensions, 4 in three.
 ///
@@ -28,7 +28,7 @@ pub struct GridCorners<'w> {
 /// # Panics
 /// With debug assertions, if a slice is shorter than that.
 pub fn grid_corners_block(
-    tier: Tier,
+    isa: Isa,
     grid: &GridEncoding,
     tables: &GridTables<'_>,
     level: &GridLevel,
@@ -38,7 +38,7 @@ pub fn grid_corners_block(
 ) {
     let inputs = usize::from(grid.inputs);
     let x = head(x, inputs * stride);
-    tier.run_columns(stride, Corners { inputs, tables, level, stride, x, corners });
+    isa.run_columns(stride, Corners { inputs, tables, level, stride, x, corners });
 }
 
 struct Corners<'a, 'w> {

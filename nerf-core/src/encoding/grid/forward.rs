@@ -3,16 +3,16 @@
 use super::cell::{Cells, unit_positions};
 use super::{GridEncoding, GridLevel, GridTables, TableValues};
 use crate::memory::{head, head_mut, tail_mut};
-use crate::simd::{F16Table, F32Table, Int8Table, Lanes, Op, Table, Tier, VECTORS};
+use crate::simd::{F16Table, F32Table, Int8Table, Isa, Lanes, Op, Table, VECTORS};
 
 /// Encodes a block of samples by a grid.
 ///
 /// `x`: `[inputs][stride]`, in the box of the `tables`; `out`: `[levels · features][stride]`. `stride` is a
-/// multiple of 16, or any number on the scalar tier. A position outside of the box is moved onto it, and one
+/// multiple of 16, or any number with portable instructions. A position outside of the box is moved onto it, and one
 /// that is no number to its smallest corner.
 ///
 /// A sample's values do not depend on the others of its block. f16 and f32 tables of the same values give the
-/// same bits, and so do int8 tables whose scales are powers of two. Which cell a sample falls into is the same on every tier.
+/// same bits, and so do int8 tables whose scales are powers of two. Which cell a sample falls into is the same with every instruction set.
 ///
 /// # Accuracy
 /// Against the same sum in f64: `2^-24 (n (6 cells + 6) + 12)` of the largest entry around a sample, with n axes,
@@ -23,7 +23,7 @@ use crate::simd::{F16Table, F32Table, Int8Table, Lanes, Op, Table, Tier, VECTORS
 /// there are any others.
 #[inline]
 pub fn encode_grid_block(
-    tier: Tier,
+    isa: Isa,
     grid: &GridEncoding,
     tables: &GridTables<'_>,
     stride: usize,
@@ -38,15 +38,15 @@ pub fn encode_grid_block(
     match tables.values {
         TableValues::F16(bytes) => {
             let table = F16Table::new(bytes);
-            tier.run_columns(stride, Encode { grid, tables, table, stride, x, out });
+            isa.run_columns(stride, Encode { grid, tables, table, stride, x, out });
         }
         TableValues::Int8 { values, scales } => {
             let table = Int8Table::new(values, scales);
-            tier.run_columns(stride, Encode { grid, tables, table, stride, x, out });
+            isa.run_columns(stride, Encode { grid, tables, table, stride, x, out });
         }
         TableValues::F32(values) => {
             let table = F32Table::new(values);
-            tier.run_columns(stride, Encode { grid, tables, table, stride, x, out });
+            isa.run_columns(stride, Encode { grid, tables, table, stride, x, out });
         }
     }
 }

@@ -4,7 +4,7 @@ use super::cell::{Cells, unit_positions};
 use super::{GridEncoding, GridLevel, GridTables, TableValues};
 use crate::math::polynomial::exp;
 use crate::memory::{head, head_mut, tail, tail_mut};
-use crate::simd::{F16Table, F32Table, Int8Table, Lanes, Op, Table, Tier, VECTORS};
+use crate::simd::{F16Table, F32Table, Int8Table, Isa, Lanes, Op, Table, VECTORS};
 
 /// Takes a gradient back through the encoding of a block of samples.
 ///
@@ -20,7 +20,7 @@ use crate::simd::{F16Table, F32Table, Int8Table, Lanes, Op, Table, Tier, VECTORS
 /// Barron et al. 2023 (Zip-NeRF), section 2: down-weighting of levels finer than the sample.
 #[allow(clippy::too_many_arguments, reason = "those of the sinusoidal encoding's gradient")]
 pub(super) fn grid_gradient_block(
-    tier: Tier,
+    isa: Isa,
     grid: &GridEncoding,
     tables: &GridTables<'_>,
     stride: usize,
@@ -35,15 +35,15 @@ pub(super) fn grid_gradient_block(
     match tables.values {
         TableValues::F16(bytes) => {
             let table = F16Table::new(bytes);
-            tier.run_columns(stride, Gradient { grid, tables, table, stride, x, of_encoded, blur, of_x });
+            isa.run_columns(stride, Gradient { grid, tables, table, stride, x, of_encoded, blur, of_x });
         }
         TableValues::Int8 { values, scales } => {
             let table = Int8Table::new(values, scales);
-            tier.run_columns(stride, Gradient { grid, tables, table, stride, x, of_encoded, blur, of_x });
+            isa.run_columns(stride, Gradient { grid, tables, table, stride, x, of_encoded, blur, of_x });
         }
         TableValues::F32(values) => {
             let table = F32Table::new(values);
-            tier.run_columns(stride, Gradient { grid, tables, table, stride, x, of_encoded, blur, of_x });
+            isa.run_columns(stride, Gradient { grid, tables, table, stride, x, of_encoded, blur, of_x });
         }
     }
 }

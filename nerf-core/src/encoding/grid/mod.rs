@@ -26,7 +26,7 @@ pub use level::{GridLevel, GridLevels};
 
 use crate::camera::SceneBox;
 use crate::network::ArchitectureError;
-use crate::simd::Tier;
+use crate::simd::Isa;
 use serde::{Deserialize, Serialize};
 
 /// Most levels of a grid.
@@ -194,8 +194,8 @@ impl<'a> GridTables<'a> {
     }
 
     #[inline]
-    pub(crate) fn encode(&self, tier: Tier, grid: &GridEncoding, stride: usize, x: &[f32], out: &mut [f32]) {
-        encode_grid_block(tier, grid, self, stride, x, out);
+    pub(crate) fn encode(&self, isa: Isa, grid: &GridEncoding, stride: usize, x: &[f32], out: &mut [f32]) {
+        encode_grid_block(isa, grid, self, stride, x, out);
     }
 
     #[cfg(feature = "normals")]
@@ -203,7 +203,7 @@ impl<'a> GridTables<'a> {
     #[allow(clippy::too_many_arguments, reason = "those of the sinusoidal encoding's gradient")]
     pub(crate) fn gradient(
         &self,
-        tier: Tier,
+        isa: Isa,
         grid: &GridEncoding,
         stride: usize,
         x: &[f32],
@@ -211,6 +211,6 @@ impl<'a> GridTables<'a> {
         blur: f32,
         of_x: &mut [f32],
     ) {
-        gradient::grid_gradient_block(tier, grid, self, stride, x, of_encoded, blur, of_x);
+        gradient::grid_gradient_block(isa, grid, self, stride, x, of_encoded, blur, of_x);
     }
 }

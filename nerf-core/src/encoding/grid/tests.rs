@@ -8,8 +8,8 @@ use glam::Vec3;
 use std::vec;
 use std::vec::Vec;
 
-fn tiers() -> impl Iterator<Item = Tier> {
-    Tier::ALL.into_iter().filter(|tier| tier.available())
+fn isas() -> impl Iterator<Item = Isa> {
+    Isa::ALL.into_iter().filter(|isa| isa.available())
 }
 
 fn grid(features: u8, log2_entries: u8, resolutions: &[[u16; 3]]) -> GridEncoding {
@@ -61,17 +61,11 @@ fn bounds_of(grid: &GridEncoding, bounds: &SceneBox) -> Option<SceneBox> {
 }
 
 /// An encoded block, `[outputs][stride]`.
-fn encode(
-    tier: Tier,
-    grid: &GridEncoding,
-    values: TableValues<'_>,
-    bounds: &SceneBox,
-    x: &[f32],
-) -> Vec<f32> {
+fn encode(isa: Isa, grid: &GridEncoding, values: TableValues<'_>, bounds: &SceneBox, x: &[f32]) -> Vec<f32> {
     let stride = x.len() / usize::from(grid.inputs);
     let mut out = vec![f32::NAN; grid.outputs() * stride];
     let tables = GridTables::new(values, bounds_of(grid, bounds).as_ref());
-    encode_grid_block(tier, grid, &tables, stride, x, &mut out);
+    encode_grid_block(isa, grid, &tables, stride, x, &mut out);
     out
 }
 
@@ -207,45 +201,40 @@ fn boxes_of(grid: &GridEncoding) -> &'static [SceneBox] {
 }
 
 #[test]
-fn every_tier_and_storage_is_the_oracle() {
+fn every_isa_and_storage_is_the_oracle() {
     for grid in grids() {
         grid.check().unwrap();
         let noise = noise(grid.values(), 3);
         let (bytes, values) = halve(&noise);
-        every_tier_is_the_oracle(&grid, TableValues::F16(&bytes), &values, true);
+        every_isa_is_the_oracle(&grid, TableValues::F16(&bytes), &values, true);
         // Products with a power of two are exact, so that the bits are those of f32.
         let (bytes, scales, values) = quantise(&grid, &noise, |level| 2f32.powi(-4 - level as i32 % 5));
-        every_tier_is_the_oracle(&grid, TableValues::Int8 { values: &bytes, scales: &scales }, &values, true);
+        every_isa_is_the_oracle(&grid, TableValues::Int8 { values: &bytes, scales: &scales }, &values, true);
         let (bytes, scales, values) = quantise(&grid, &noise, |level| 0.37 / (1 + level) as f32);
-        every_tier_is_the_oracle(
-            &grid,
-            TableValues::Int8 { values: &bytes, scales: &scales },
-            &values,
-            false,
-        );
+        every_isa_is_the_oracle(&grid, TableValues::Int8 { values: &bytes, scales: &scales }, &values, false);
     }
 }
 
 /// `stored` against the f64 oracle of `values`, and where `exact` against f32 tables of them, bit for bit.
-fn every_tier_is_the_oracle(grid: &GridEncoding, stored: TableValues<'_>, values: &[f32], exact: bool) {
+fn every_isa_is_the_oracle(grid: &GridEncoding, stored: TableValues<'_>, values: &[f32], exact: bool) {
     for bounds in boxes_of(grid) {
         let x = hard_points(grid, bounds);
         let n = x.len() / usize::from(grid.inputs);
         let truth: Vec<_> = (0..n)
             .map(|i| oracle(grid, values, bounds, &x.iter().skip(i).step_by(n).copied().collect::<Vec<_>>()))
             .collect();
-        for tier in tiers() {
-            let all = encode(tier, grid, stored, bounds, &x);
-            let full = encode(tier, grid, TableValues::F32(values), bounds, &x);
+        for isa in isas() {
+            let all = encode(isa, grid, stored, bounds, &x);
+            let full = encode(isa, grid, TableValues::F32(values), bounds, &x);
             let same = all.iter().zip(&full).all(|(a, b)| a.to_bits() == b.to_bits());
-            assert!(same || !exact, "{tier:?} {grid:?}");
+            assert!(same || !exact, "{isa:?} {grid:?}");
             for (i, truth) in truth.iter().enumerate() {
                 for (channel, &(value, error)) in truth.iter().enumerate() {
                     let found = f64::from(all[channel * n + i]);
                     let point: Vec<_> = x.iter().skip(i).step_by(n).collect();
                     assert!(
                         (found - value).abs() <= error,
-                        "{tier:?}, {grid:?}, channel {channel} at {point:?}: {found} is not {value} +- {error:e}"
+                        "{isa:?}, {grid:?}, channel {channel} at {point:?}: {found} is not {value} +- {error:e}"
                     );
                 }
             }
@@ -256,20 +245,20 @@ fn every_tier_is_the_oracle(grid: &GridEncoding, stored: TableValues<'_>, values
 /// Entries, weights and x's weights of a block at one level.
 type Read = (Vec<u32>, Vec<u32>, Vec<u32>);
 
-fn corners(tier: Tier, grid: &GridEncoding, level: &GridLevel, bounds: &SceneBox, x: &[f32]) -> Read {
+fn corners(isa: Isa, grid: &GridEncoding, level: &GridLevel, bounds: &SceneBox, x: &[f32]) -> Read {
     let stride = x.len() / usize::from(grid.inputs);
     let rows = 1 << (grid.inputs - 1);
     let (mut entry, mut weight, mut wx) =
         (vec![0; rows * stride], vec![0.0; rows * stride], vec![0.0; stride]);
     let tables = GridTables::new(TableValues::F32(&[]), bounds_of(grid, bounds).as_ref());
     let mut corners = GridCorners { entry: &mut entry, weight: &mut weight, x: &mut wx };
-    grid_corners_block(tier, grid, &tables, level, stride, x, &mut corners);
+    grid_corners_block(isa, grid, &tables, level, stride, x, &mut corners);
     let bits = |v: Vec<f32>| v.into_iter().map(f32::to_bits).collect();
     (entry, bits(weight), bits(wx))
 }
 
 #[test]
-fn corners_are_the_same_on_every_tier_in_range_and_those_of_the_oracle() {
+fn corners_are_the_same_with_every_kernel_in_range_and_those_of_the_oracle() {
     for grid in grids() {
         for bounds in boxes_of(&grid) {
             let mut x = hard_points(&grid, bounds);
@@ -280,9 +269,9 @@ fn corners_are_the_same_on_every_tier_in_range_and_those_of_the_oracle() {
                 x[i] = bad;
             }
             for level in grid.levels() {
-                let expected = corners(Tier::Scalar, &grid, &level, bounds, &x);
-                for tier in tiers() {
-                    assert_eq!(corners(tier, &grid, &level, bounds, &x), expected, "{tier:?}, {grid:?}");
+                let expected = corners(Isa::Portable, &grid, &level, bounds, &x);
+                for isa in isas() {
+                    assert_eq!(corners(isa, &grid, &level, bounds, &x), expected, "{isa:?}, {grid:?}");
                 }
                 let (entries, weights, wx) = expected;
                 for weight in weights.iter().chain(&wx) {
@@ -316,18 +305,18 @@ fn the_box_s_faces_are_their_own_vertices() {
     let grid = grid(1, 20, &[[3, 5, 7], [64, 64, 64]]);
     let (bytes, values) = halve(&noise(grid.values(), 5));
     for bounds in BOXES {
-        for tier in tiers() {
+        for isa in isas() {
             for corner in 0..8usize {
                 let p = [0, 1, 2].map(|a| if corner >> a & 1 == 1 { bounds.max[a] } else { bounds.min[a] });
                 let x: Vec<f32> = p.iter().flat_map(|&x| [x; 16]).collect();
-                let found = encode(tier, &grid, TableValues::F16(&bytes), &bounds, &x);
+                let found = encode(isa, &grid, TableValues::F16(&bytes), &bounds, &x);
                 for level in grid.levels() {
                     let v = [0, 1, 2].map(|a| if corner >> a & 1 == 1 { level.cells[a] } else { 0 });
                     let entry = level.first + (level.row(v[1], v[2]) + v[0]) as usize;
                     assert_eq!(
                         found[level.index * 16],
                         values[entry],
-                        "{tier:?}, corner {corner}, {bounds:?}"
+                        "{isa:?}, corner {corner}, {bounds:?}"
                     );
                 }
             }
@@ -341,14 +330,14 @@ fn a_sample_does_not_depend_on_those_beside_it() {
         let (bytes, _) = halve(&noise(grid.values(), 3));
         let inputs = usize::from(grid.inputs);
         let x: Vec<f32> = noise(inputs * 64, 8).iter().map(|x| 0.5 + 0.5 * x).collect();
-        for tier in tiers() {
-            let all = encode(tier, &grid, TableValues::F16(&bytes), &UNIT, &x);
-            let strides: &[usize] = if tier == Tier::Scalar { &[1, 3, 16] } else { &[16, 48] };
+        for isa in isas() {
+            let all = encode(isa, &grid, TableValues::F16(&bytes), &UNIT, &x);
+            let strides: &[usize] = if isa == Isa::Portable { &[1, 3, 16] } else { &[16, 48] };
             for &stride in strides {
                 let cut: Vec<f32> = x.chunks(64).flat_map(|row| row[64 - stride..].to_vec()).collect();
-                let found = encode(tier, &grid, TableValues::F16(&bytes), &UNIT, &cut);
+                let found = encode(isa, &grid, TableValues::F16(&bytes), &UNIT, &cut);
                 let expected: Vec<f32> = all.chunks(64).flat_map(|row| row[64 - stride..].to_vec()).collect();
-                assert_eq!(found, expected, "{tier:?}, {grid:?}, stride {stride}");
+                assert_eq!(found, expected, "{isa:?}, {grid:?}, stride {stride}");
             }
         }
     }
@@ -358,7 +347,7 @@ fn a_sample_does_not_depend_on_those_beside_it() {
 fn a_face_is_crossed_without_a_step() {
     let grid = grid(2, 9, &[[4, 5, 6], [50, 40, 60]]);
     let (bytes, _) = halve(&noise(grid.values(), 3));
-    for tier in tiers() {
+    for isa in isas() {
         for (level, resolution) in grid.resolutions.iter().enumerate() {
             for axis in 0..3 {
                 let n = resolution[axis];
@@ -366,12 +355,12 @@ fn a_face_is_crossed_without_a_step() {
                     let face = f32::from(k) / f32::from(n);
                     let mut x = vec![0.3; 48];
                     x[16 * axis..16 * axis + 3].copy_from_slice(&[face.next_down(), face, face.next_up()]);
-                    let found = encode(tier, &grid, TableValues::F16(&bytes), &UNIT, &x);
+                    let found = encode(isa, &grid, TableValues::F16(&bytes), &UNIT, &x);
                     for channel in 2 * level..2 * level + 2 {
                         let [a, b, c, ..] = found[channel * 16..][..16] else { unreachable!() };
                         // Two ulps of a position times the steepest slope, and rounding.
                         let most = f32::from(n) * 2.0 * 3e-7 + 1e-6;
-                        assert!((a - b).abs() <= most && (c - b).abs() <= most, "{tier:?}: {a} {b} {c}");
+                        assert!((a - b).abs() <= most && (c - b).abs() <= most, "{isa:?}: {a} {b} {c}");
                     }
                 }
             }
@@ -387,16 +376,16 @@ fn f16_at_its_edges_is_read_exactly() {
         let bytes: Vec<u8> = (0..grid.values()).flat_map(|i| edges[i % 9].to_le_bytes()).collect();
         // One byte in front: no alignment is needed.
         let shifted: Vec<u8> = core::iter::once(7).chain(bytes).collect();
-        for tier in tiers() {
+        for isa in isas() {
             for vertex in 0..9 {
                 let x: Vec<f32> =
                     [vertex, 8 - vertex, vertex / 2].iter().flat_map(|&v| [v as f32 / 8.0; 16]).collect();
-                let found = encode(tier, &grid, TableValues::F16(&shifted[1..]), &UNIT, &x);
+                let found = encode(isa, &grid, TableValues::F16(&shifted[1..]), &UNIT, &x);
                 let entry = (vertex / 2 * 9 + 8 - vertex) * 9 + vertex;
                 for feature in 0..usize::from(features) {
                     let bits = edges[(entry * usize::from(features) + feature) % 9];
                     let expected = half::f16::from_bits(bits).to_f32();
-                    assert_eq!(found[feature * 16], expected, "{tier:?}: {bits:#06x}");
+                    assert_eq!(found[feature * 16], expected, "{isa:?}: {bits:#06x}");
                 }
             }
         }
@@ -414,17 +403,17 @@ fn int8_at_its_edges_is_read_exactly_at_every_size_of_scale() {
         let stored: Vec<u8> =
             core::iter::once(7).chain(scales.iter().flat_map(|scale| scale.to_le_bytes())).collect();
         let tables = TableValues::Int8 { values: &values[1..], scales: &stored[1..] };
-        for (tier, vertex) in tiers().flat_map(|tier| (0..9).map(move |vertex| (tier, vertex))) {
+        for (isa, vertex) in isas().flat_map(|isa| (0..9).map(move |vertex| (isa, vertex))) {
             let x: Vec<f32> =
                 [vertex, 8 - vertex, vertex / 2].iter().flat_map(|&v| [v as f32 / 8.0; 16]).collect();
-            let found = encode(tier, &grid, tables, &UNIT, &x);
+            let found = encode(isa, &grid, tables, &UNIT, &x);
             for level in grid.levels() {
                 let entry = level.first + (vertex / 2 * 9 + 8 - vertex) * 9 + vertex;
                 for feature in 0..usize::from(features) {
                     let edge = edges[(entry * usize::from(features) + feature) % 9];
                     let channel = level.index * usize::from(features) + feature;
                     let expected = f32::from(edge) * scales[level.index];
-                    assert_eq!(found[channel * 16], expected, "{tier:?}: {edge} of level {}", level.index);
+                    assert_eq!(found[channel * 16], expected, "{isa:?}: {edge} of level {}", level.index);
                 }
             }
         }
@@ -458,18 +447,18 @@ fn tables_that_are_too_short_are_read_within_what_is_there() {
         let x: Vec<f32> = noise(inputs * 64, 8).iter().map(|x| 0.5 + 0.5 * x).collect();
         for count in [0, 1, 2, 3, 7, grid.values() / 2] {
             let (bytes, values) = halve(&vec![1.0; count.min(grid.values())]);
-            for tier in tiers() {
-                let half = encode(tier, &grid, TableValues::F16(&bytes), &UNIT, &x);
-                let full = encode(tier, &grid, TableValues::F32(&values), &UNIT, &x);
+            for isa in isas() {
+                let half = encode(isa, &grid, TableValues::F16(&bytes), &UNIT, &x);
+                let full = encode(isa, &grid, TableValues::F32(&values), &UNIT, &x);
                 // Scales of 1 for some levels.
                 let scales = &[0, 0, 128, 63].repeat(grid.resolutions.len())[4 * (count % 2)..];
                 let ones = vec![1; values.len()];
                 let int8 = TableValues::Int8 { values: &ones, scales };
                 let enough = values.len() == grid.values() && count % 2 == 0;
                 assert_eq!(GridTables::new(int8, None).fit(&grid), enough, "{grid:?}, {count}");
-                let int8 = encode(tier, &grid, int8, &UNIT, &x);
+                let int8 = encode(isa, &grid, int8, &UNIT, &x);
                 let mut all = half.iter().chain(&full).chain(&int8);
-                assert!(all.all(|v| (-1e-6..=1.00001).contains(v)), "{tier:?}, {count}");
+                assert!(all.all(|v| (-1e-6..=1.00001).contains(v)), "{isa:?}, {count}");
             }
         }
     }
@@ -481,7 +470,7 @@ mod derivative {
 
     /// ∂(Σ of_encoded · encoded)/∂x of a block.
     fn gradient(
-        tier: Tier,
+        isa: Isa,
         grid: &GridEncoding,
         bytes: &[u8],
         bounds: &SceneBox,
@@ -489,11 +478,11 @@ mod derivative {
         of: &[f32],
         blur: f32,
     ) -> Vec<f32> {
-        gradient_of(tier, grid, TableValues::F16(bytes), bounds, x, of, blur)
+        gradient_of(isa, grid, TableValues::F16(bytes), bounds, x, of, blur)
     }
 
     fn gradient_of(
-        tier: Tier,
+        isa: Isa,
         grid: &GridEncoding,
         values: TableValues<'_>,
         bounds: &SceneBox,
@@ -504,7 +493,7 @@ mod derivative {
         let stride = x.len() / usize::from(grid.inputs);
         let tables = GridTables::new(values, bounds_of(grid, bounds).as_ref());
         let mut out = vec![f32::NAN; x.len()];
-        tables.gradient(tier, grid, stride, x, of, blur, &mut out);
+        tables.gradient(isa, grid, stride, x, of, blur, &mut out);
         out
     }
 
@@ -584,8 +573,8 @@ mod derivative {
                     .map(|(i, u)| bounds.min[i / 64] + u * (bounds.max[i / 64] - bounds.min[i / 64]))
                     .collect();
                 let of_block: Vec<f32> = of.iter().flat_map(|&of| [of; 64]).collect();
-                for tier in tiers() {
-                    let found = gradient(tier, &grid, &bytes, bounds, &x, &of_block, 0.0);
+                for isa in isas() {
+                    let found = gradient(isa, &grid, &bytes, bounds, &x, &of_block, 0.0);
                     let mut worst = 0.0f64;
                     for i in 0..64 {
                         let point: Vec<f32> = x.iter().skip(i).step_by(64).copied().collect();
@@ -607,7 +596,7 @@ mod derivative {
                             worst = worst.worse(error / (cells / side));
                         }
                     }
-                    assert!(worst <= 2e-4, "{tier:?}, {grid:?}, {bounds:?}: {worst:e}");
+                    assert!(worst <= 2e-4, "{isa:?}, {grid:?}, {bounds:?}: {worst:e}");
                 }
             }
         }
@@ -622,16 +611,16 @@ mod derivative {
                 let (bytes, scales, values) =
                     quantise(&grid, &noise(grid.values(), 3), |level| scale / (1 + level) as f32);
                 let stored = TableValues::Int8 { values: &bytes, scales: &scales };
-                for tier in tiers() {
+                for isa in isas() {
                     let [found, expected] = [stored, TableValues::F32(&values)]
-                        .map(|values| gradient_of(tier, &grid, values, &BOXES[1], &x, &of, blur));
+                        .map(|values| gradient_of(isa, &grid, values, &BOXES[1], &x, &of, blur));
                     // Sums of up to 32 levels in another order of rounding.
                     let largest = expected.iter().fold(0.0f32, |most, g| most.max(g.abs()));
                     let worst =
                         found.iter().zip(&expected).fold(0.0f32, |most, (a, b)| most.worse((a - b).abs()));
                     assert!(
                         largest > 0.0 && worst <= 1e-5 * largest,
-                        "{tier:?}, {grid:?}: {worst} of {largest}"
+                        "{isa:?}, {grid:?}: {worst} of {largest}"
                     );
                 }
             }
@@ -650,8 +639,8 @@ mod derivative {
         };
         let points = noise(3 * 16, 31);
         let x: Vec<f32> = points.iter().map(|x| 0.5 + 0.5 * x).collect();
-        for tier in tiers() {
-            let found = gradient(tier, &grid, &bytes, &UNIT, &x, &of_block, 0.0);
+        for isa in isas() {
+            let found = gradient(isa, &grid, &bytes, &UNIT, &x, &of_block, 0.0);
             for i in 0..16 {
                 for axis in 0..3 {
                     let at = |step: f32| {
@@ -662,7 +651,7 @@ mod derivative {
                     let ((a, low), (b, high)) = (at(-1e-5), at(1e-5));
                     let expected = (high - low) / (b - a);
                     let found = f64::from(found[axis * 16 + i]);
-                    assert!((found - expected).abs() < 2e-3, "{tier:?}: {found}, differences say {expected}");
+                    assert!((found - expected).abs() < 2e-3, "{isa:?}: {found}, differences say {expected}");
                 }
             }
         }
@@ -677,13 +666,13 @@ mod derivative {
         let xs = [0.0, 0.25, 0.5, 0.75, 1.0, 0.25f32.next_down(), 0.75f32.next_down(), 0.6];
         let slopes = [4.0, -4.0, 4.0, -4.0, -4.0, 4.0, 4.0, 4.0];
         let x: Vec<f32> = (0..16).map(|i| xs[i % 8]).chain([0.5; 32]).collect();
-        for tier in tiers() {
-            let found = gradient(tier, &grid, &bytes, &UNIT, &x, &[1.0; 16], 0.0);
+        for isa in isas() {
+            let found = gradient(isa, &grid, &bytes, &UNIT, &x, &[1.0; 16], 0.0);
             for i in 0..16 {
                 assert_eq!(
                     [found[i], found[16 + i], found[32 + i]],
                     [slopes[i % 8], 0.0, 0.0],
-                    "{tier:?}, {i}"
+                    "{isa:?}, {i}"
                 );
             }
         }
@@ -695,13 +684,13 @@ mod derivative {
         let (bytes, _) = halve(&noise(grid.values(), 3));
         let x: Vec<f32> = noise(48, 8).iter().map(|x| 0.5 + 0.5 * x).collect();
         let of = |coarse: f32, fine: f32| [[coarse; 16], [fine; 16]].concat();
-        for tier in tiers() {
-            let by = |of: &[f32], blur| gradient(tier, &grid, &bytes, &UNIT, &x, of, blur);
+        for isa in isas() {
+            let by = |of: &[f32], blur| gradient(isa, &grid, &bytes, &UNIT, &x, of, blur);
             // A cell of 1/12 and a deviation as wide: erf(1/√8) = 0.38292; one of 1: erf(12/√8) = 1.
             for (of, factor) in [(of(0.0, 1.0), 0.382_925), (of(1.0, 0.0), 1.0)] {
                 let (sharp, blurred) = (by(&of, 0.0), by(&of, 1.0 / 12.0));
                 for (a, b) in sharp.iter().zip(&blurred) {
-                    assert!((a * factor - b).abs() <= 1e-5 * a.abs(), "{tier:?}: {a} {b}");
+                    assert!((a * factor - b).abs() <= 1e-5 * a.abs(), "{isa:?}: {a} {b}");
                 }
             }
         }

@@ -3,7 +3,7 @@
 use super::{AngleScale, MAX_LEVELS, SinusoidalEncoding};
 use crate::math::polynomial::exp;
 use crate::memory::{head, head_mut, tail, tail_mut};
-use crate::simd::{Lanes, Op, Tier};
+use crate::simd::{Isa, Lanes, Op};
 use core::f32::consts::PI;
 
 /// Takes a gradient back through the encoding of a block of samples.
@@ -24,7 +24,7 @@ use core::f32::consts::PI;
 /// # Panics
 /// With debug assertions, if a slice is shorter than that.
 pub(crate) fn encode_gradient_block(
-    tier: Tier,
+    isa: Isa,
     encoding: &SinusoidalEncoding,
     stride: usize,
     encoded: &[f32],
@@ -42,7 +42,7 @@ pub(crate) fn encode_gradient_block(
         *factor = scale * exp(-0.5 * deviation * deviation);
         scale *= 2.0;
     }
-    tier.run_columns(stride, Gradient { encoding, stride, s, factors, encoded, of_encoded, of_x });
+    isa.run_columns(stride, Gradient { encoding, stride, s, factors, encoded, of_encoded, of_x });
 }
 
 struct Gradient<'a> {

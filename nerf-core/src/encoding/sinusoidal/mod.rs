@@ -3,7 +3,7 @@
 use crate::math::recurrence::double;
 use crate::math::{Math, MathBackend, with_encoding_math};
 use crate::memory::{head, head_mut, tail, tail_mut};
-use crate::simd::{Lanes, Op, Tier};
+use crate::simd::{Isa, Lanes, Op};
 use core::marker::PhantomData;
 use serde::{Deserialize, Serialize};
 
@@ -62,7 +62,7 @@ impl SinusoidalEncoding {
 /// Encodes a block of samples.
 ///
 /// `x`: `[inputs][stride]`, `out`: `[outputs][stride]`, both with `stride` samples to a channel, a
-/// multiple of 16 or any number on the scalar tier.
+/// multiple of 16 or any number with portable instructions.
 ///
 /// # Accuracy
 /// 1.2e-7 at every level with [`MathBackend::Polynomial`]: `2^k x` is exact, and the angle is
@@ -72,7 +72,7 @@ impl SinusoidalEncoding {
 /// With debug assertions, if a slice is shorter than that.
 #[inline]
 pub fn encode_block(
-    tier: Tier,
+    isa: Isa,
     math: MathBackend,
     encoding: &SinusoidalEncoding,
     stride: usize,
@@ -81,7 +81,7 @@ pub fn encode_block(
 ) {
     let x = head(x, usize::from(encoding.inputs) * stride);
     let out = head_mut(out, encoding.outputs() * stride);
-    with_encoding_math!(math, M => tier.run_columns(stride, Encode::<M> { encoding, stride, x, out, math: PhantomData }));
+    with_encoding_math!(math, M => isa.run_columns(stride, Encode::<M> { encoding, stride, x, out, math: PhantomData }));
 }
 
 struct Encode<'a, M> {

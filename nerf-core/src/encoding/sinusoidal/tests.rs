@@ -6,8 +6,8 @@ use crate::testing::Worse;
 use std::vec;
 use std::vec::Vec;
 
-fn tiers() -> impl Iterator<Item = Tier> {
-    Tier::ALL.into_iter().filter(|tier| tier.available())
+fn isas() -> impl Iterator<Item = Isa> {
+    Isa::ALL.into_iter().filter(|isa| isa.available())
 }
 
 /// Values that hurt: ±0, subnormals, multiples of 2^-k and their neighbours, decades up to `limit`.
@@ -44,12 +44,12 @@ fn truth(scale: AngleScale, level: i32, x: f32) -> (f64, f64) {
 }
 
 /// Worst error over every value of `points`, and a check of order and identity on the way.
-fn worst(tier: Tier, math: MathBackend, encoding: SinusoidalEncoding, points: &[f32]) -> f64 {
+fn worst(isa: Isa, math: MathBackend, encoding: SinusoidalEncoding, points: &[f32]) -> f64 {
     let (inputs, stride) = (usize::from(encoding.inputs), 64);
     let mut worst = 0.0f64;
     for block in points.chunks_exact(inputs * stride) {
         let mut out = vec![f32::NAN; encoding.outputs() * stride];
-        encode_block(tier, math, &encoding, stride, block, &mut out);
+        encode_block(isa, math, &encoding, stride, block, &mut out);
         let mut rows = out.chunks_exact(stride);
         if encoding.identity {
             for input in 0..inputs {
@@ -75,25 +75,25 @@ fn worst(tier: Tier, math: MathBackend, encoding: SinusoidalEncoding, points: &[
 
 #[test]
 fn sixteen_levels_of_pi_stay_within_1_2e_7_up_to_1e4() {
-    for tier in tiers() {
+    for isa in isas() {
         for (inputs, identity) in [(2, true), (3, true), (3, false)] {
             let encoding = SinusoidalEncoding { inputs, levels: 16, scale: AngleScale::Pi, identity };
-            let worst = worst(tier, MathBackend::Polynomial, encoding, &hard(1e4));
-            std::println!("{tier:?}, {inputs} inputs: {worst:e}");
-            assert!(worst <= 1.2e-7, "{tier:?}: {worst:e}");
+            let worst = worst(isa, MathBackend::Polynomial, encoding, &hard(1e4));
+            std::println!("{isa:?}, {inputs} inputs: {worst:e}");
+            assert!(worst <= 1.2e-7, "{isa:?}: {worst:e}");
         }
     }
 }
 
 #[test]
 fn scale_one_stays_within_1_2e_7_on_its_domain() {
-    for tier in tiers() {
+    for isa in isas() {
         for levels in [1, 4, 10, 16] {
             let encoding = SinusoidalEncoding { inputs: 3, levels, scale: AngleScale::One, identity: true };
             let limit = SIN_COS_DOMAIN / 2f32.powi(i32::from(levels) - 1);
-            let worst = worst(tier, MathBackend::Polynomial, encoding, &hard(limit));
-            std::println!("{tier:?}, s = 1, {levels} levels: {worst:e}");
-            assert!(worst <= 1.2e-7, "{tier:?}: {worst:e}");
+            let worst = worst(isa, MathBackend::Polynomial, encoding, &hard(limit));
+            std::println!("{isa:?}, s = 1, {levels} levels: {worst:e}");
+            assert!(worst <= 1.2e-7, "{isa:?}: {worst:e}");
         }
     }
 }
@@ -101,7 +101,7 @@ fn scale_one_stays_within_1_2e_7_on_its_domain() {
 #[test]
 fn other_backends_err_by_their_rows() {
     let encoding = |levels| SinusoidalEncoding { inputs: 3, levels, scale: AngleScale::Pi, identity: true };
-    for tier in tiers() {
+    for isa in isas() {
         let points = hard(2.0);
         let rows = [
             #[cfg(feature = "libm")]
@@ -111,9 +111,9 @@ fn other_backends_err_by_their_rows() {
             (MathBackend::Recurrence, 10, 1e-4),
         ];
         for (math, levels, limit) in rows {
-            let worst = worst(tier, math, encoding(levels), &points);
-            std::println!("{tier:?} {math:?}, {levels} levels: {worst:e}");
-            assert!(worst <= limit, "{tier:?} {math:?}: {worst:e}");
+            let worst = worst(isa, math, encoding(levels), &points);
+            std::println!("{isa:?} {math:?}, {levels} levels: {worst:e}");
+            assert!(worst <= limit, "{isa:?} {math:?}: {worst:e}");
         }
     }
 }
@@ -123,23 +123,23 @@ fn exact_multiples_give_exact_values() {
     let encoding = SinusoidalEncoding { inputs: 3, levels: 4, scale: AngleScale::Pi, identity: false };
     // x = 0, ½, 1 at level 0: quarter turns.
     let (x, mut out) = ([-0.0, 0.5, 1.0], [f32::NAN; 24]);
-    encode_block(Tier::Scalar, MathBackend::Polynomial, &encoding, 1, &x, &mut out);
+    encode_block(Isa::Portable, MathBackend::Polynomial, &encoding, 1, &x, &mut out);
     assert_eq!(out[..6], [0.0, 1.0, 0.0, 1.0, 0.0, -1.0]);
     assert_eq!(out[6..12], [0.0, 0.0, 0.0, 1.0, -1.0, 1.0]);
 }
 
 #[test]
-fn one_column_equals_sixty_four_on_the_scalar_tier() {
+fn one_column_equals_sixty_four_with_portable_instructions() {
     let points = hard(1e4);
     for scale in [AngleScale::Pi, AngleScale::One] {
         let encoding = SinusoidalEncoding { inputs: 3, levels: 4, scale, identity: true };
         for block in points.chunks_exact(3 * 64) {
             let mut wide = vec![0.0; encoding.outputs() * 64];
-            encode_block(Tier::Scalar, MathBackend::Polynomial, &encoding, 64, block, &mut wide);
+            encode_block(Isa::Portable, MathBackend::Polynomial, &encoding, 64, block, &mut wide);
             for column in 0..64 {
                 let one: [f32; 3] = core::array::from_fn(|input| block[input * 64 + column]);
                 let mut narrow = vec![0.0; encoding.outputs()];
-                encode_block(Tier::Scalar, MathBackend::Polynomial, &encoding, 1, &one, &mut narrow);
+                encode_block(Isa::Portable, MathBackend::Polynomial, &encoding, 1, &one, &mut narrow);
                 for (channel, value) in narrow.iter().enumerate() {
                     assert_eq!(value.to_bits(), wide[channel * 64 + column].to_bits(), "channel {channel}");
                 }
@@ -149,14 +149,14 @@ fn one_column_equals_sixty_four_on_the_scalar_tier() {
 }
 
 #[test]
-fn a_value_does_not_depend_on_its_neighbours_on_any_tier() {
+fn a_value_does_not_depend_on_its_neighbours_with_any_instruction_set() {
     let encoding = SinusoidalEncoding { inputs: 3, levels: 10, scale: AngleScale::Pi, identity: true };
     let points = hard(10.0);
     let (a, b) = (&points[..192], &points[192..384]);
-    for tier in tiers() {
+    for isa in isas() {
         let go = |x: &[f32]| {
             let mut out = vec![0.0; encoding.outputs() * 64];
-            encode_block(tier, MathBackend::Polynomial, &encoding, 64, x, &mut out);
+            encode_block(isa, MathBackend::Polynomial, &encoding, 64, x, &mut out);
             out
         };
         let mut mixed = b.to_vec();
@@ -165,7 +165,7 @@ fn a_value_does_not_depend_on_its_neighbours_on_any_tier() {
         let (from_a, from_mixed) = (go(a), go(&mixed));
         for channel in 0..encoding.outputs() {
             let at = channel * 64 + column;
-            assert_eq!(from_a[at].to_bits(), from_mixed[at].to_bits(), "{tier:?} channel {channel}");
+            assert_eq!(from_a[at].to_bits(), from_mixed[at].to_bits(), "{isa:?} channel {channel}");
         }
     }
 }
@@ -188,7 +188,7 @@ fn a_short_output_is_refused_or_filled_as_far_as_it_goes() {
     let encoding = SinusoidalEncoding { inputs: 3, levels: 1, scale: AngleScale::Pi, identity: true };
     let x: [f32; 15] = core::array::from_fn(|i| i as f32 / 16.0);
     let (mut whole, mut short) = ([0.0; 45], [0.0; 44]);
-    encode_block(Tier::Scalar, MathBackend::Polynomial, &encoding, 5, &x, &mut whole);
-    encode_block(Tier::Scalar, MathBackend::Polynomial, &encoding, 5, &x, &mut short);
+    encode_block(Isa::Portable, MathBackend::Polynomial, &encoding, 5, &x, &mut whole);
+    encode_block(Isa::Portable, MathBackend::Polynomial, &encoding, 5, &x, &mut short);
     assert_eq!(short, whole[..44]);
 }

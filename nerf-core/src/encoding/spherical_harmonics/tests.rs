@@ -5,8 +5,8 @@ use crate::testing::{Worse, noise};
 use std::vec;
 use std::vec::Vec;
 
-fn tiers() -> impl Iterator<Item = Tier> {
-    Tier::ALL.into_iter().filter(|tier| tier.available())
+fn isas() -> impl Iterator<Item = Isa> {
+    Isa::ALL.into_iter().filter(|isa| isa.available())
 }
 
 /// `[3][n]` directions: axes, diagonals, noise.
@@ -50,14 +50,14 @@ fn truth(l: i32, m: i32, [x, y, z]: [f64; 3]) -> f64 {
 }
 
 #[test]
-fn every_band_is_its_legendre_function_on_every_tier() {
+fn every_band_is_its_legendre_function_with_every_kernel() {
     let n = 192;
     let x = dirs(n);
-    for tier in tiers() {
+    for isa in isas() {
         for degree in 1..=MAX_HARMONICS_DEGREE {
             let count = usize::from(degree).pow(2);
             let mut out = vec![f32::NAN; count * n];
-            encode_harmonics_block(tier, degree, n, &x, &mut out);
+            encode_harmonics_block(isa, degree, n, &x, &mut out);
             let mut worst = 0.0f64;
             for i in 0..n {
                 let d = [0, 1, 2].map(|axis| f64::from(x[axis * n + i]));
@@ -68,7 +68,7 @@ fn every_band_is_its_legendre_function_on_every_tier() {
                     }
                 }
             }
-            assert!(worst <= 5e-7, "{tier:?}, degree {degree}: {worst:e}");
+            assert!(worst <= 5e-7, "{isa:?}, degree {degree}: {worst:e}");
         }
     }
 }
@@ -86,7 +86,7 @@ fn harmonics_are_orthonormal_over_the_sphere() {
         (x[i], x[n + i], x[2 * n + i]) = ((r * phi.cos()) as f32, (r * phi.sin()) as f32, z as f32);
     }
     let mut out = vec![0.0; 16 * n];
-    encode_harmonics_block(Tier::Scalar, 4, n, &x, &mut out);
+    encode_harmonics_block(Isa::Portable, 4, n, &x, &mut out);
     for (a, b) in (0..16).flat_map(|a| (0..=a).map(move |b| (a, b))) {
         let product = |i: usize| f64::from(out[a * n + i]) * f64::from(out[b * n + i]);
         let mean = (0..n).map(product).sum::<f64>() / n as f64 * 4.0 * core::f64::consts::PI;
@@ -97,16 +97,16 @@ fn harmonics_are_orthonormal_over_the_sphere() {
 #[test]
 fn a_direction_does_not_depend_on_those_beside_it() {
     let x = dirs(64);
-    for tier in tiers() {
+    for isa in isas() {
         let mut all = vec![0.0; 16 * 64];
-        encode_harmonics_block(tier, 4, 64, &x, &mut all);
-        let columns = if tier == Tier::Scalar { 3 } else { 16 };
+        encode_harmonics_block(isa, 4, 64, &x, &mut all);
+        let columns = if isa == Isa::Portable { 3 } else { 16 };
         let cut = |rows: &[f32]| -> Vec<u32> {
             rows.chunks(64).flat_map(|row| row[..columns].iter().map(|x| x.to_bits())).collect()
         };
         let some: Vec<f32> = x.chunks(64).flat_map(|row| row[..columns].to_vec()).collect();
         let mut out = vec![0.0; 16 * columns];
-        encode_harmonics_block(tier, 4, columns, &some, &mut out);
-        assert!(out.iter().map(|x| x.to_bits()).eq(cut(&all)), "{tier:?}");
+        encode_harmonics_block(isa, 4, columns, &some, &mut out);
+        assert!(out.iter().map(|x| x.to_bits()).eq(cut(&all)), "{isa:?}");
     }
 }

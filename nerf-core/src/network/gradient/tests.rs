@@ -4,15 +4,16 @@ extern crate std;
 
 use super::*;
 use crate::encoding::{AngleScale, SinusoidalEncoding};
+use crate::matrix::Kernel;
 use crate::network::{Architecture, DensityActivation};
-use crate::simd::Tier;
+use crate::simd::Isa;
 use crate::testing::{Worse, architecture, every_kind, halve, noise, parameters, pi};
 use std::vec;
 use std::vec::Vec;
 
 const STRIDE: usize = 64;
 
-/// Rounding of one tier: units in the last place of sums, of weights and of activations, and the largest
+/// Rounding of one kernel: units in the last place of sums, of weights and of activations, and the largest
 /// error of a sine.
 #[derive(Clone, Copy)]
 struct Rounding {
@@ -23,10 +24,10 @@ struct Rounding {
 }
 
 impl Rounding {
-    fn of(tier: Tier) -> Self {
+    fn of(kernel: Kernel) -> Self {
         let f32s = Self { sums: 2f64.powi(-24), weights: 0.0, activations: 0.0, trigonometry: 1.2e-7 };
         let bf16 = 2f64.powi(-9);
-        if tier.rounds() { Self { weights: bf16, activations: bf16, ..f32s } } else { f32s }
+        if kernel.rounds() { Self { weights: bf16, activations: bf16, ..f32s } } else { f32s }
     }
 
     /// What f64 itself is off.
@@ -215,25 +216,11 @@ fn blurred(
     gradient
 }
 
-/// The network in every form that this machine has: `(tier, prepared)`.
-fn forms() -> impl Iterator<Item = (Tier, bool)> {
-    let prepared = Tier::ALL.into_iter().filter(|tier| tier.available()).map(|tier| (tier, true));
-    core::iter::once((Tier::Scalar, false)).chain(prepared)
-}
-
-/// Gradients by a form of the network.
-fn gradients_of(
-    (tier, prepared): (Tier, bool),
-    a: &Architecture,
-    bytes: &[u8],
-    positions: &[f32],
-) -> Vec<f32> {
+/// Gradients by a kernel.
+fn gradients_of(kernel: Kernel, a: &Architecture, bytes: &[u8], positions: &[f32]) -> Vec<f32> {
     let mut memory = vec![0.0; a.parameters()];
-    let weights = match prepared {
-        true => Weights::prepare(a, tier, bytes, &mut memory),
-        false => Weights::InPlace(bytes),
-    };
-    gradients(&Network::new(a, weights, tier).unwrap(), MathBackend::Polynomial, STRIDE, positions)
+    let weights = Weights::prepare(a, kernel.storage, bytes, &mut memory);
+    gradients(&Network::new(a, weights, kernel.isa).unwrap(), MathBackend::Polynomial, STRIDE, positions)
 }
 
 fn point(positions: &[f32], i: usize) -> [f64; 3] {
@@ -241,16 +228,16 @@ fn point(positions: &[f32], i: usize) -> [f64; 3] {
 }
 
 #[test]
-fn gradients_are_the_oracle_s_on_every_tier() {
+fn gradients_are_the_oracle_s_with_every_kernel() {
     let mut of_rounding = 0;
     for (name, a) in architectures() {
         let (bytes, parameters) = halve(&parameters(&a, 3));
         let positions = noise(3 * STRIDE, 5);
-        for form in forms() {
-            let found = gradients_of(form, &a, &bytes, &positions);
+        for kernel in Kernel::all() {
+            let found = gradients_of(kernel, &a, &bytes, &positions);
             let (mut checked, mut worst, mut size) = (0, 0.0f64, 0.0f64);
             for i in 0..STRIDE {
-                let o = oracle(&a, &parameters, point(&positions, i), Rounding::of(form.0));
+                let o = oracle(&a, &parameters, point(&positions, i), Rounding::of(kernel));
                 // Rounding may switch a unit there: the gradient jumps, and either side is right.
                 if o.ambiguous {
                     continue;
@@ -258,19 +245,19 @@ fn gradients_are_the_oracle_s_on_every_tier() {
                 checked += 1;
                 for (axis, truth) in o.gradient.into_iter().enumerate() {
                     let off = (f64::from(found[axis * STRIDE + i]) - truth.value).abs();
-                    assert!(off <= truth.error, "{name} {form:?}: {off:e} > {:e}", truth.error);
+                    assert!(off <= truth.error, "{name} {kernel}: {off:e} > {:e}", truth.error);
                     (worst, size) = (worst.worse(off / truth.error), size.max(truth.value.abs()));
                 }
             }
-            std::println!("{name} {form:?}: {checked} points, {worst:.3} of the bound, size {size:.1}");
-            match form.0.rounds() {
+            std::println!("{name} {kernel}: {checked} points, {worst:.3} of the bound, size {size:.1}");
+            match kernel.rounds() {
                 true => of_rounding += checked,
-                false => assert!(checked > STRIDE / 2 && size > 0.1, "{name} {form:?}"),
+                false => assert!(checked > STRIDE / 2 && size > 0.1, "{name} {kernel}"),
             }
         }
     }
     // With 8 bits a deep network's units are nearly all in doubt: what is left are the shallow ones.
-    assert!(of_rounding > STRIDE || forms().all(|(tier, _)| !tier.rounds()), "{of_rounding}");
+    assert!(of_rounding > STRIDE || Kernel::all().all(|kernel| !kernel.rounds()), "{of_rounding}");
 }
 
 #[test]
@@ -316,21 +303,23 @@ fn one_block_of_any_width_gives_the_same_bits() {
         let cut = |rows: &[f32], n: usize| -> Vec<f32> {
             (0..3).flat_map(|axis| rows[axis * STRIDE..][..n].to_vec()).collect()
         };
-        let in_place = Network::new(&a, Weights::InPlace(&bytes), Tier::Scalar).unwrap();
+        let in_place = Network::new(&a, Weights::InPlace(&bytes), Isa::Portable).unwrap();
         let math = MathBackend::Polynomial;
         let wide = gradients(&in_place, math, STRIDE, &positions);
-        let prepared = Network::new(&a, Weights::Prepared(&unpacked), Tier::Scalar).unwrap();
+        let prepared = Network::new(&a, Weights::Prepared(&unpacked), Isa::Portable).unwrap();
         assert_eq!(wide, gradients(&prepared, math, STRIDE, &positions), "{name}: in place and prepared");
         for n in [1, 3, 16, 37] {
             assert_eq!(gradients(&in_place, math, n, &cut(&positions, n)), cut(&wide, n), "{name} {n}");
         }
-        for (tier, _) in forms().filter(|form| form.1) {
+        for kernel in Kernel::all() {
             let mut memory = vec![0.0; a.parameters()];
-            let network = Network::new(&a, Weights::prepare(&a, tier, &bytes, &mut memory), tier).unwrap();
+            let network =
+                Network::new(&a, Weights::prepare(&a, kernel.storage, &bytes, &mut memory), kernel.isa)
+                    .unwrap();
             let wide = gradients(&network, math, STRIDE, &positions);
             for n in [16, 48] {
                 let found = gradients(&network, math, n, &cut(&positions, n));
-                assert_eq!(found, cut(&wide, n), "{name} {tier:?} {n}");
+                assert_eq!(found, cut(&wide, n), "{name} {kernel} {n}");
             }
         }
     }
@@ -340,7 +329,7 @@ fn one_block_of_any_width_gives_the_same_bits() {
 fn every_backend_s_gradient_is_about_the_same() {
     let a = every_kind();
     let (bytes, _) = halve(&parameters(&a, 17));
-    let network = Network::new(&a, Weights::InPlace(&bytes), Tier::Scalar).unwrap();
+    let network = Network::new(&a, Weights::InPlace(&bytes), Isa::Portable).unwrap();
     let positions = noise(3 * STRIDE, 19);
     let exact = gradients(&network, MathBackend::Polynomial, STRIDE, &positions);
     let size = exact.iter().fold(0.0f32, |size, x| size.max(x.abs()));
@@ -380,10 +369,10 @@ fn the_gradient_of_a_linear_density_is_exact() {
     let slope = [1.5, -2.0, 0.25];
     let (a, all) = linear(slope);
     let (bytes, _) = halve(&all);
-    for form in forms() {
-        let found = gradients_of(form, &a, &bytes, &noise(3 * STRIDE, 23));
+    for kernel in Kernel::all() {
+        let found = gradients_of(kernel, &a, &bytes, &noise(3 * STRIDE, 23));
         for (axis, slope) in slope.into_iter().enumerate() {
-            assert!(found[axis * STRIDE..][..STRIDE].iter().all(|&x| x == slope), "{form:?}");
+            assert!(found[axis * STRIDE..][..STRIDE].iter().all(|&x| x == slope), "{kernel}");
         }
     }
 }
@@ -405,7 +394,7 @@ fn a_blurred_gradient_is_the_gradient_s_mean_over_a_gaussian() {
     for encoding in [pi(3, 10), SinusoidalEncoding { scale: AngleScale::One, identity: false, ..pi(3, 7) }] {
         let (a, all) = linear_in_the_encoding(encoding);
         let (bytes, unpacked) = halve(&all);
-        let network = Network::new(&a, Weights::InPlace(&bytes), Tier::Scalar).unwrap();
+        let network = Network::new(&a, Weights::InPlace(&bytes), Isa::Portable).unwrap();
         let positions = noise(3 * STRIDE, 41);
         let sharp = gradients(&network, MathBackend::Polynomial, STRIDE, &positions);
         for blur in [0.0f32, 0.002, 0.01, 0.1] {
@@ -447,7 +436,7 @@ fn a_blurred_gradient_is_the_gradient_s_mean_over_a_gaussian() {
 fn a_2d_field_has_no_gradient_of_a_density() {
     let a = architecture(pi(2, 3), None, &[(16, false)], &[]);
     let (bytes, _) = halve(&parameters(&a, 29));
-    let network = Network::new(&a, Weights::InPlace(&bytes), Tier::Scalar).unwrap();
+    let network = Network::new(&a, Weights::InPlace(&bytes), Isa::Portable).unwrap();
     let found = gradients(&network, MathBackend::Polynomial, STRIDE, &noise(2 * STRIDE, 31));
     assert!(found[..2 * STRIDE].iter().all(|&x| x == 0.0));
 }
@@ -460,6 +449,6 @@ fn the_work_is_the_trunk_twice() {
     assert_eq!(seed.gradient_macs(), 2 * (seed.density_macs() - 256));
     // A bit for each of its 2,048 units.
     let bytes = vec![0; 2 * seed.parameters()];
-    let network = Network::new(&seed, Weights::InPlace(&bytes), Tier::Scalar).unwrap();
+    let network = Network::new(&seed, Weights::InPlace(&bytes), Isa::Portable).unwrap();
     assert_eq!(network.sign_words(1) * size_of::<u16>(), 256);
 }

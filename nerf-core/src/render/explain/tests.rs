@@ -1,10 +1,10 @@
 extern crate std;
 
 use super::*;
+use crate::Kernel;
 use crate::blob::{Blob, StoredOccupancy};
 use crate::plan::{Batch, Outputs, Quality};
 use crate::render::tests::{camera, render};
-use crate::simd::Tier;
 use crate::testing::{body, bytes, every_kind, halve, parameters};
 
 /// Text in fixed memory: an explanation needs no heap.
@@ -29,7 +29,7 @@ fn an_explanation_says_what_is_off_and_why() {
     let bits = [0b1110_1011];
     let bytes = bytes(&body(a, Some(StoredOccupancy { resolution: [2; 3], bits: &bits }), &weights));
     let blob = Blob::open(&bytes).unwrap();
-    let renderer = Renderer::new(blob.clone(), Tier::Scalar, &mut []).unwrap();
+    let renderer = Renderer::new(blob.clone(), Kernel::IN_PLACE, &mut []).unwrap();
     let plan = |quality, outputs| Plan::new(&blob, &quality, outputs, Batch::SMALLEST).unwrap();
     let switch = |plan: &Plan<'_>, name| {
         plan.explain(&renderer).stages().into_iter().find(|stage| stage.name == name).unwrap().switch

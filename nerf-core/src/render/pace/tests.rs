@@ -1,10 +1,10 @@
 extern crate std;
 
 use super::*;
+use crate::Kernel;
 use crate::blob::{Body, FrontPoint, ParetoFront};
 use crate::camera::{Intrinsics, Lens, Pose};
 use crate::plan::{Batch, Outputs};
-use crate::simd::Tier;
 use crate::testing::{body, bytes, every_kind, halve, parameters};
 use glam::Vec3;
 use std::vec;
@@ -68,7 +68,7 @@ fn a_time_buys_the_least_loss_it_can() {
 fn a_pace_is_read_from_the_caller_s_clock_cheapest_point_first() {
     let bytes = scene(&POINTS);
     let blob = Blob::open(&bytes).unwrap();
-    let renderer = Renderer::new(blob.clone(), Tier::Scalar, &mut []).unwrap();
+    let renderer = Renderer::new(blob.clone(), Kernel::IN_PLACE, &mut []).unwrap();
     let plan = Plan::new(&blob, &Quality::default(), Outputs::ALL, Batch::FULL).unwrap();
     let mut workspace = vec![Line::UNINIT; renderer.pace_lines(&plan)];
     assert!(workspace.len() >= renderer.workspace_lines(&plan));

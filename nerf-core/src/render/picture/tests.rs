@@ -1,13 +1,13 @@
 extern crate std;
 
 use super::*;
+use crate::Kernel;
 use crate::blob::Blob;
 #[cfg(feature = "grid")]
 use crate::blob::{Body, StoredTables};
 #[cfg(feature = "grid")]
 use crate::encoding::{GridEncoding, PositionEncoding};
 use crate::network::{Architecture, Role};
-use crate::simd::Tier;
 #[cfg(feature = "grid")]
 use crate::testing::noise;
 use crate::testing::{
@@ -19,8 +19,8 @@ use std::vec::Vec;
 
 const POLYNOMIAL: MathBackend = MathBackend::Polynomial;
 
-fn tiers() -> impl Iterator<Item = Tier> {
-    Tier::ALL.into_iter().filter(|tier| tier.available())
+fn kernels() -> impl Iterator<Item = Kernel> {
+    Kernel::all()
 }
 
 /// Every batch that changes how pixels fall into blocks, if the weights are read in place.
@@ -86,11 +86,11 @@ fn fields() -> Vec<(Architecture, Vec<u8>)> {
     ]
 }
 
-/// The blob, opened on `tier`, passed on.
-fn on<T>(bytes: &[u8], tier: Tier, then: impl FnOnce(&Renderer<'_>) -> T) -> T {
+/// The blob, opened for `kernel`, passed on.
+fn on<T>(bytes: &[u8], kernel: Kernel, then: impl FnOnce(&Renderer<'_>) -> T) -> T {
     let blob = Blob::open(bytes).unwrap();
-    let mut memory = vec![Line::UNINIT; Renderer::prepared_lines(&blob, tier)];
-    then(&Renderer::new(blob, tier, &mut memory).unwrap())
+    let mut memory = vec![Line::UNINIT; Renderer::prepared_lines(&blob, kernel)];
+    then(&Renderer::new(blob, kernel, &mut memory).unwrap())
 }
 
 /// No levels, one trunk layer that copies x and y, and raw colours 4x − 2, 4y − 2 and x − y.
@@ -113,9 +113,9 @@ fn a_pixel_is_the_field_at_its_centre() {
         // A detail of a picture of 70 million million pixels.
         ([MAX_RENDER_SIDE; 2], Rect { x: last, y: 0, width: 2, height: 3 }),
     ];
-    for (tier, (size, rect)) in tiers().flat_map(|tier| cases.map(|case| (tier, case))) {
+    for (kernel, (size, rect)) in kernels().flat_map(|kernel| cases.map(|case| (kernel, case))) {
         let batch = Batch::FULL;
-        let (pixels, _) = on(&bytes, tier, |renderer| draw(renderer, POLYNOMIAL, batch, size, rect));
+        let (pixels, _) = on(&bytes, kernel, |renderer| draw(renderer, POLYNOMIAL, batch, size, rect));
         let mut worst = 0.0f64;
         for (i, pixel) in pixels.iter().enumerate() {
             let at = |start: u32, i: u32, side: u32| (f64::from(start + i) + 0.5) / f64::from(side);
@@ -125,8 +125,8 @@ fn a_pixel_is_the_field_at_its_centre() {
                 worst = worst.worse((f64::from(*found) - 1.0 / (1.0 + (-raw).exp())).abs());
             }
         }
-        std::println!("{tier:?} {size:?}: {worst:e}");
-        assert!(worst <= tolerance(tier, 3e-7), "{tier:?} {size:?}: {worst:e}");
+        std::println!("{kernel:?} {size:?}: {worst:e}");
+        assert!(worst <= tolerance(kernel, 3e-7), "{kernel:?} {size:?}: {worst:e}");
     }
 }
 
@@ -141,8 +141,8 @@ fn pixels_depend_on_neither_rectangle_nor_batch() {
         Rect { x: 3, y: 4, width: 66, height: 7 },
     ];
     let fields = fields();
-    for (tier, (_, bytes)) in tiers().flat_map(|tier| fields.iter().map(move |field| (tier, field))) {
-        on(bytes, tier, |renderer| {
+    for (kernel, (_, bytes)) in kernels().flat_map(|kernel| fields.iter().map(move |field| (kernel, field))) {
+        on(bytes, kernel, |renderer| {
             let expected = whole(renderer, size);
             assert!(expected.iter().any(|pixel| pixel != &expected[0]), "a flat picture proves nothing");
             for (rect, batch) in rects.into_iter().flat_map(|rect| batches().map(move |batch| (rect, batch)))
@@ -154,7 +154,7 @@ fn pixels_depend_on_neither_rectangle_nor_batch() {
                     assert_eq!(
                         pixel.map(f32::to_bits),
                         whole.map(f32::to_bits),
-                        "{tier:?} {batch:?} {x} {y}"
+                        "{kernel:?} {batch:?} {x} {y}"
                     );
                 }
                 assert_eq!(counters.colour_evaluations, found.len() as u64);
@@ -164,7 +164,7 @@ fn pixels_depend_on_neither_rectangle_nor_batch() {
 }
 
 #[test]
-fn tiers_and_backends_agree_with_the_scalar_oracle() {
+fn kernels_and_backends_agree_with_the_oracle() {
     let size = [30, 20];
     let rows = [
         (POLYNOMIAL, 1e-6),
@@ -175,14 +175,14 @@ fn tiers_and_backends_agree_with_the_scalar_oracle() {
         (MathBackend::Recurrence, 1e-4),
     ];
     for (_, bytes) in fields() {
-        let oracle = on(&bytes, Tier::Scalar, |renderer| whole(renderer, size));
-        for (tier, (math, limit)) in tiers().flat_map(|tier| rows.map(|row| (tier, row))) {
+        let oracle = on(&bytes, Kernel::IN_PLACE, |renderer| whole(renderer, size));
+        for (kernel, (math, limit)) in kernels().flat_map(|kernel| rows.map(|row| (kernel, row))) {
             let batch = Batch::FULL;
-            let (found, _) = on(&bytes, tier, |renderer| draw(renderer, math, batch, size, full(size)));
+            let (found, _) = on(&bytes, kernel, |renderer| draw(renderer, math, batch, size, full(size)));
             let pairs = found.iter().flatten().zip(oracle.iter().flatten());
             let worst = pairs.fold(0.0f32, |worst, (a, b)| worst.worse((a - b).abs()));
-            std::println!("{tier:?} {math:?}: {worst:e}");
-            assert!(f64::from(worst) <= tolerance(tier, limit), "{tier:?} {math:?}: {worst:e}");
+            std::println!("{kernel:?} {math:?}: {worst:e}");
+            assert!(f64::from(worst) <= tolerance(kernel, limit), "{kernel:?} {math:?}: {worst:e}");
         }
     }
 }
@@ -191,10 +191,10 @@ fn tiers_and_backends_agree_with_the_scalar_oracle() {
 fn a_pixel_costs_one_evaluation_of_everything_and_nothing_else() {
     for (a, bytes) in fields() {
         let macs: usize = a.layers().iter().map(|layer| layer.macs()).sum();
-        for (tier, batch) in tiers().flat_map(|tier| batches().map(move |batch| (tier, batch))) {
+        for (kernel, batch) in kernels().flat_map(|kernel| batches().map(move |batch| (kernel, batch))) {
             let rect = Rect { x: 1, y: 0, width: 9, height: 11 };
             let (_, counters) =
-                on(&bytes, tier, |renderer| draw(renderer, POLYNOMIAL, batch, [10, 11], rect));
+                on(&bytes, kernel, |renderer| draw(renderer, POLYNOMIAL, batch, [10, 11], rect));
             let expected = Counters { colour_evaluations: 99, macs: 99 * macs as u64, ..Counters::default() };
             assert_eq!(counters, expected);
         }
@@ -208,8 +208,8 @@ fn what_is_no_number_is_black_and_counted() {
     let rgb = *a.layers().iter().find(|layer| layer.role == Role::Rgb).unwrap();
     broken[rgb.bias + 1] = f32::NAN;
     let blob = Blob::open(&bytes).unwrap();
-    for tier in tiers() {
-        let renderer = Renderer::with_parameters(blob.clone(), tier, &broken).unwrap();
+    for kernel in kernels() {
+        let renderer = Renderer::with_parameters(blob.clone(), kernel, &broken).unwrap();
         let (found, counters) = draw(&renderer, POLYNOMIAL, Batch::FULL, [9, 8], full([9, 8]));
         assert!(found.iter().all(|pixel| *pixel == [0.0; 3]));
         assert_eq!((counters.invalid_samples, counters.colour_evaluations), (72, 72));
@@ -229,8 +229,8 @@ fn refused(renderer: &Renderer<'_>, batch: Batch, size: [u32; 2], rect: Rect, li
 #[test]
 fn a_workspace_one_line_short_is_refused() {
     let (_, bytes) = layered();
-    for (tier, batch) in tiers().flat_map(|tier| batches().map(move |batch| (tier, batch))) {
-        on(&bytes, tier, |renderer| {
+    for (kernel, batch) in kernels().flat_map(|kernel| batches().map(move |batch| (kernel, batch))) {
+        on(&bytes, kernel, |renderer| {
             let expected = renderer.picture_workspace_lines(batch);
             draw(renderer, POLYNOMIAL, batch, [8, 6], full([8, 6]));
             for found in [expected - 1, 0] {
@@ -244,7 +244,7 @@ fn a_workspace_one_line_short_is_refused() {
 #[test]
 fn sizes_rectangles_and_batches_of_no_picture_are_refused() {
     let (_, bytes) = layered();
-    on(&bytes, Tier::Scalar, |renderer| {
+    on(&bytes, Kernel::IN_PLACE, |renderer| {
         let batch = Batch::SMALLEST;
         let none = Rect { x: 0, y: 0, width: 0, height: 0 };
         for size in [[0, 6], [8, 0], [MAX_RENDER_SIDE + 1, 1], [1, u32::MAX]] {
@@ -284,7 +284,7 @@ fn draw_nothing(renderer: &Renderer<'_>, rect: Rect) -> Counters {
 fn a_scene_is_no_picture() {
     let (weights, _) = halve(&parameters(&every_kind(), 1));
     let bytes = bytes(&body(every_kind(), None, &weights));
-    on(&bytes, Tier::Scalar, |renderer| {
+    on(&bytes, Kernel::IN_PLACE, |renderer| {
         let error = refused(renderer, Batch::SMALLEST, [8, 6], full([8, 6]), 4096);
         assert_eq!(error, RenderError::NotAPicture);
         assert_eq!(error.to_string(), "blob: expected a 2D field, found a scene");

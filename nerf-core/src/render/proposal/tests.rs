@@ -1,6 +1,7 @@
 extern crate std;
 
 use super::DARK;
+use crate::Kernel;
 use crate::blob::{Blob, Body, ParetoFront, Proposal, StoredOccupancy};
 use crate::camera::{Camera, Intrinsics, Lens, Pose};
 use crate::encoding::{AngleScale, SinusoidalEncoding};
@@ -10,7 +11,6 @@ use crate::network::{Architecture, DensityActivation, TrunkLayer};
 use crate::plan::{Batch, Outputs, Plan, Quality};
 use crate::render::{Counters, Rect, RenderError, Renderer, Switch};
 use crate::sampling::{Bins, sample_interval, sample_pdf};
-use crate::simd::Tier;
 use crate::testing::{SCENE, body, bytes, every_kind, halve, noise, parameters};
 use crate::volume::{Accumulator, Pixel};
 use glam::Vec3;
@@ -73,16 +73,16 @@ fn camera(width: u32, height: u32) -> Camera {
     Camera::new(Intrinsics::centred(width, height, width.max(height) as f32), Lens::NONE, pose).unwrap()
 }
 
-fn tiers() -> impl Iterator<Item = Tier> {
-    Tier::ALL.into_iter().filter(|tier| tier.available())
+fn kernels() -> impl Iterator<Item = Kernel> {
+    Kernel::all()
 }
 
 /// The picture of a blob, its counters and the lines of workspace it took.
-fn render(bytes: &[u8], tier: Tier, quality: Quality, batch: Batch) -> (Vec<Pixel>, Counters, usize) {
+fn render(bytes: &[u8], kernel: Kernel, quality: Quality, batch: Batch) -> (Vec<Pixel>, Counters, usize) {
     let blob = Blob::open(bytes).unwrap();
-    let mut memory = vec![Line::UNINIT; Renderer::prepared_lines(&blob, tier)];
+    let mut memory = vec![Line::UNINIT; Renderer::prepared_lines(&blob, kernel)];
     let plan = Plan::new(&blob, &quality, Outputs::ALL, batch).unwrap();
-    let renderer = Renderer::new(blob, tier, &mut memory).unwrap();
+    let renderer = Renderer::new(blob, kernel, &mut memory).unwrap();
     let camera = camera(23, 19);
     let none = Pixel { rgb: [f32::NAN; 3], opacity: f32::NAN, ..Pixel::BLANK };
     let mut pixels = vec![none; 23 * 19];
@@ -112,19 +112,19 @@ fn a_picture_is_the_composite_of_the_drawn_samples_bit_for_bit() {
             scene(occupancy.clone(), Some(&coarse)),
             crate::testing::bytes(&body(coarse_architecture(), occupancy.clone(), &coarse_weights)),
         );
-        for (tier, cut) in tiers().flat_map(|tier| [(tier, 0.0), (tier, 0.3)]) {
+        for (kernel, cut) in kernels().flat_map(|kernel| [(kernel, 0.0), (kernel, 0.3)]) {
             let occupancy = occupancy.is_some();
             let quality = Quality { transmittance_cut: cut, occupancy, ..Quality::EXACT };
-            let (found, ..) = render(&bytes, tier, quality, Batch::FULL);
+            let (found, ..) = render(&bytes, kernel, quality, Batch::FULL);
             let (fine, coarse) = (Blob::open(&bytes).unwrap(), Blob::open(&alone).unwrap());
             let plain = Quality { proposal: false, ..quality };
             let plans =
                 [&fine, &coarse].map(|blob| Plan::new(blob, &plain, Outputs::RGB, Batch::FULL).unwrap());
             let mut memory =
-                [&fine, &coarse].map(|blob| vec![Line::UNINIT; Renderer::prepared_lines(blob, tier)]);
+                [&fine, &coarse].map(|blob| vec![Line::UNINIT; Renderer::prepared_lines(blob, kernel)]);
             let [fine_memory, coarse_memory] = &mut memory;
-            let fine = Renderer::new(fine, tier, fine_memory).unwrap();
-            let coarse = Renderer::new(coarse, tier, coarse_memory).unwrap();
+            let fine = Renderer::new(fine, kernel, fine_memory).unwrap();
+            let coarse = Renderer::new(coarse, kernel, coarse_memory).unwrap();
             let (camera, bins) = (camera(23, 19), Bins::new(2.0, 6.0, COARSE).unwrap());
             let mut hits = 0;
             for (i, found) in found.iter().enumerate().step_by(5) {
@@ -150,7 +150,7 @@ fn a_picture_is_the_composite_of_the_drawn_samples_bit_for_bit() {
                 let is_cut = ray_sum.transmittance() < cut;
                 let cosine = camera.z_per_distance(&ray);
                 let expected = ray_sum.finish_from(0.0, is_cut, SCENE.background, 6.0, cosine);
-                assert_eq!(*found, expected, "{tier:?}, cut {cut}, pixel {i}");
+                assert_eq!(*found, expected, "{kernel:?}, cut {cut}, pixel {i}");
             }
             assert!(hits > 200, "{hits}");
         }
@@ -161,9 +161,9 @@ fn a_picture_is_the_composite_of_the_drawn_samples_bit_for_bit() {
 fn a_picture_does_not_depend_on_the_batch() {
     let bytes = scene(None, Some(&coarse_parameters(11)));
     for quality in [Quality::EXACT, Quality::default()] {
-        let (expected, work, _) = render(&bytes, Tier::Scalar, quality, Batch::FULL);
+        let (expected, work, _) = render(&bytes, Kernel::IN_PLACE, quality, Batch::FULL);
         for (rays, samples) in [(1, 1), (3, 1), (7, 5), (400, 64)] {
-            let (found, counters, _) = render(&bytes, Tier::Scalar, quality, Batch { rays, samples });
+            let (found, counters, _) = render(&bytes, Kernel::IN_PLACE, quality, Batch { rays, samples });
             assert_eq!(found, expected, "{rays} rays, {samples} samples");
             assert_eq!(counters, work);
         }
@@ -176,7 +176,7 @@ fn effects_and_medians_of_drawn_samples_do_not_depend_on_the_batch() {
     use crate::plan::{Effects, Jitter};
     let bytes = scene(None, Some(&coarse_parameters(11)));
     let blob = Blob::open(&bytes).unwrap();
-    let renderer = Renderer::new(blob.clone(), Tier::Scalar, &mut []).unwrap();
+    let renderer = Renderer::new(blob.clone(), Kernel::IN_PLACE, &mut []).unwrap();
     let outputs = Outputs { median_distance: true, ..Outputs::ALL };
     let go = |effects: Effects, batch: Batch| {
         let plan = Plan::new(&blob, &Quality::EXACT, outputs, batch).unwrap();
@@ -211,10 +211,10 @@ fn without_it_bits_work_and_memory_are_those_of_a_scene_that_has_none() {
     let (with, without) = (scene(occupancy.clone(), Some(&coarse_parameters(11))), scene(occupancy, None));
     for quality in [Quality::EXACT, Quality::default()] {
         let off = Quality { proposal: false, ..quality };
-        for tier in tiers() {
-            let expected = render(&without, tier, quality, Batch::FULL);
-            assert_eq!(render(&with, tier, off, Batch::FULL), expected, "{tier:?}");
-            let (_, on, memory) = render(&with, tier, quality, Batch::FULL);
+        for kernel in kernels() {
+            let expected = render(&without, kernel, quality, Batch::FULL);
+            assert_eq!(render(&with, kernel, off, Batch::FULL), expected, "{kernel:?}");
+            let (_, on, memory) = render(&with, kernel, quality, Batch::FULL);
             assert!(on.proposal_evaluations > 0 && memory > expected.2);
             assert_eq!(expected.1.proposal_evaluations, 0);
         }
@@ -227,11 +227,11 @@ fn counters_add_up() {
     let bytes =
         scene(Some(StoredOccupancy { resolution: [2; 3], bits: &bits }), Some(&coarse_parameters(11)));
     let blob = Blob::open(&bytes).unwrap();
-    let renderer = Renderer::new(blob, Tier::Scalar, &mut []).unwrap();
+    let renderer = Renderer::new(blob, Kernel::IN_PLACE, &mut []).unwrap();
     let batch = Batch { rays: 9, samples: 4 };
-    let (_, exact, _) = render(&bytes, Tier::Scalar, Quality::EXACT, batch);
+    let (_, exact, _) = render(&bytes, Kernel::IN_PLACE, Quality::EXACT, batch);
     for quality in [Quality::EXACT, Quality::default()] {
-        let (_, c, _) = render(&bytes, Tier::Scalar, quality, batch);
+        let (_, c, _) = render(&bytes, Kernel::IN_PLACE, quality, batch);
         assert_eq!(c.samples_kept + c.samples_skipped, c.rays * ROW);
         assert_eq!(c.density_evaluations, c.samples_kept);
         assert!(c.proposal_evaluations <= exact.proposal_evaluations);
@@ -250,8 +250,10 @@ fn a_full_occupancy_changes_no_bit() {
     let full = scene(Some(StoredOccupancy { resolution: [2; 3], bits: &bits }), Some(&coarse));
     let batch = Batch { rays: 30, samples: 16 };
     let gated = Quality { occupancy: true, ..Quality::EXACT };
-    let (found, expected) =
-        (render(&full, Tier::Scalar, gated, batch), render(&full, Tier::Scalar, Quality::EXACT, batch));
+    let (found, expected) = (
+        render(&full, Kernel::IN_PLACE, gated, batch),
+        render(&full, Kernel::IN_PLACE, Quality::EXACT, batch),
+    );
     assert_eq!((found.0, found.1), (expected.0, expected.1));
 }
 
@@ -262,13 +264,13 @@ fn a_proposal_that_sees_nothing_gives_even_samples() {
     blind[a.density_parameters() - 1] = -1.0;
     let bytes = scene(None, Some(&blind));
     let batch = Batch { rays: 30, samples: 16 };
-    let (found, counters, _) = render(&bytes, Tier::Scalar, Quality::EXACT, batch);
+    let (found, counters, _) = render(&bytes, Kernel::IN_PLACE, Quality::EXACT, batch);
     assert!(counters.proposal_evaluations > 0 && counters.samples_kept > 0);
     // Dense even samples are what it comes to.
     let dense = Quality { samples: 4096, proposal: false, ..Quality::EXACT };
-    let (expected, ..) = render(&bytes, Tier::Scalar, dense, batch);
+    let (expected, ..) = render(&bytes, Kernel::IN_PLACE, dense, batch);
     let even = Quality { samples: ROW as u16, proposal: false, ..Quality::EXACT };
-    let (even, ..) = render(&bytes, Tier::Scalar, even, batch);
+    let (even, ..) = render(&bytes, Kernel::IN_PLACE, even, batch);
     let error = |pixels: &[Pixel]| -> f64 {
         let square = |(a, b): (&Pixel, &Pixel)| f64::from(a.opacity - b.opacity).powi(2);
         pixels.iter().zip(&expected).map(square).sum()
@@ -286,9 +288,10 @@ fn densities_that_are_no_numbers_are_counted_and_never_seen() {
     let deep = Architecture { trunk: [layer; 10].into_iter().collect(), ..coarse_architecture() };
     let wild: Vec<f32> = noise(deep.parameters(), 5).iter().map(|w| w * 60_000.0).collect();
     let bytes = scene_of(None, Some((&deep, &wild)));
-    let (pixels, counters, _) = render(&bytes, Tier::Scalar, Quality::EXACT, Batch { rays: 5, samples: 8 });
+    let (pixels, counters, _) =
+        render(&bytes, Kernel::IN_PLACE, Quality::EXACT, Batch { rays: 5, samples: 8 });
     let (_, without, _) =
-        render(&bytes, Tier::Scalar, Quality { proposal: false, ..Quality::EXACT }, Batch::SMALLEST);
+        render(&bytes, Kernel::IN_PLACE, Quality { proposal: false, ..Quality::EXACT }, Batch::SMALLEST);
     assert!(counters.invalid_samples > 0 && without.invalid_samples == 0);
     assert!(pixels.iter().all(|p| p.rgb.iter().all(|c| c.is_finite()) && p.opacity <= 1.0));
     assert_eq!(counters.samples_kept + counters.samples_skipped, counters.rays * ROW);
@@ -298,15 +301,15 @@ fn densities_that_are_no_numbers_are_counted_and_never_seen() {
 fn a_workspace_one_line_short_is_refused() {
     let bytes = scene(None, Some(&coarse_parameters(11)));
     let blob = Blob::open(&bytes).unwrap();
-    for tier in tiers() {
-        let lines = Renderer::prepared_lines(&blob, tier);
+    for kernel in kernels() {
+        let lines = Renderer::prepared_lines(&blob, kernel);
         if lines > 0 {
             let mut short = vec![Line::UNINIT; lines - 1];
-            let error = Renderer::new(blob.clone(), tier, &mut short).map(drop).unwrap_err();
+            let error = Renderer::new(blob.clone(), kernel, &mut short).map(drop).unwrap_err();
             assert_eq!(error, RenderError::Memory { expected: lines, found: lines - 1 });
         }
         let mut memory = vec![Line::UNINIT; lines];
-        let renderer = Renderer::new(blob.clone(), tier, &mut memory).unwrap();
+        let renderer = Renderer::new(blob.clone(), kernel, &mut memory).unwrap();
         let plan = Plan::new(&blob, &Quality::EXACT, Outputs::ALL, Batch::FULL).unwrap();
         let expected = renderer.workspace_lines(&plan);
         let mut short = vec![Line::UNINIT; expected - 1];
@@ -321,7 +324,7 @@ fn a_workspace_one_line_short_is_refused() {
 fn what_drawing_needs_in_memory_is_a_row_a_ray() {
     let bytes = scene(None, Some(&coarse_parameters(11)));
     let blob = Blob::open(&bytes).unwrap();
-    let renderer = Renderer::new(blob.clone(), Tier::Scalar, &mut []).unwrap();
+    let renderer = Renderer::new(blob.clone(), Kernel::IN_PLACE, &mut []).unwrap();
     let lines = |quality: Quality, rays| {
         let batch = Batch { rays, samples: 16 };
         renderer.workspace_lines(&Plan::new(&blob, &quality, Outputs::ALL, batch).unwrap())
@@ -336,11 +339,11 @@ fn what_drawing_needs_in_memory_is_a_row_a_ray() {
 fn an_explanation_names_the_proposal_and_why_it_is_off() {
     let bytes = scene(None, Some(&coarse_parameters(11)));
     let blob = Blob::open(&bytes).unwrap();
-    let renderer = Renderer::new(blob.clone(), Tier::Scalar, &mut []).unwrap();
+    let renderer = Renderer::new(blob.clone(), Kernel::IN_PLACE, &mut []).unwrap();
     let explain = |proposal| {
         let quality = Quality { proposal, ..Quality::EXACT };
         let plan = Plan::new(&blob, &quality, Outputs::ALL, Batch::SMALLEST).unwrap();
-        let (_, counters, _) = render(&bytes, Tier::Scalar, quality, Batch::SMALLEST);
+        let (_, counters, _) = render(&bytes, Kernel::IN_PLACE, quality, Batch::SMALLEST);
         let explanation = plan.explain(&renderer).with_counters(counters);
         let stage = explanation.stages().into_iter().find(|stage| stage.name == "proposal").unwrap();
         (stage.switch, explanation.to_string())

@@ -5,7 +5,7 @@ extern crate std;
 use crate::blob::{Blob, StoredOccupancy};
 use crate::memory::{Line, lines_for};
 use crate::plan::{Batch, Outputs, Plan, PlanError, Quality};
-use crate::render::tests::{camera, render, tiers};
+use crate::render::tests::{camera, kernels, render};
 use crate::render::{Counters, Renderer};
 use crate::testing::{body, bytes, every_kind, halve, parameters};
 use crate::volume::Pixel;
@@ -42,9 +42,9 @@ fn off_costs_nothing_and_on_changes_nothing_else() {
     let bytes = bytes(&body(a.clone(), Some(StoredOccupancy { resolution: [2; 3], bits: &bits }), &weights));
     let blob = Blob::open(&bytes).unwrap();
     let camera = camera(13, 11);
-    for tier in tiers() {
-        let mut memory = vec![Line::UNINIT; Renderer::prepared_lines(&blob, tier)];
-        let renderer = Renderer::new(blob.clone(), tier, &mut memory).unwrap();
+    for kernel in kernels() {
+        let mut memory = vec![Line::UNINIT; Renderer::prepared_lines(&blob, kernel)];
+        let renderer = Renderer::new(blob.clone(), kernel, &mut memory).unwrap();
         let batch = Batch { rays: 40, samples: 64 };
         for (quality, outputs) in
             [Quality::EXACT, Quality::default()].into_iter().flat_map(|q| sets().map(move |set| (q, set)))
@@ -85,9 +85,9 @@ fn depth_alone_is_trunk_and_density_and_exactly_those_of_the_colour_frame() {
     let camera = camera(13, 11);
     let depth = Outputs { z_depth: true, ..Outputs::NONE };
     let median = Outputs { median_distance: cfg!(feature = "median"), ..depth };
-    for tier in tiers() {
-        let mut memory = vec![Line::UNINIT; Renderer::prepared_lines(&blob, tier)];
-        let renderer = Renderer::new(blob.clone(), tier, &mut memory).unwrap();
+    for kernel in kernels() {
+        let mut memory = vec![Line::UNINIT; Renderer::prepared_lines(&blob, kernel)];
+        let renderer = Renderer::new(blob.clone(), kernel, &mut memory).unwrap();
         for quality in [Quality::EXACT, Quality::default()] {
             let go = |outputs| {
                 let plan = Plan::new(&blob, &quality, outputs, Batch::FULL).unwrap();
@@ -147,7 +147,7 @@ fn a_median_stays_in_the_bin_of_a_jittered_sample() {
     let (weights, _) = halve(&all);
     let bytes = bytes(&body(a, None, &weights));
     let blob = Blob::open(&bytes).unwrap();
-    let renderer = Renderer::new(blob.clone(), crate::simd::Tier::Scalar, &mut []).unwrap();
+    let renderer = Renderer::new(blob.clone(), crate::Kernel::IN_PLACE, &mut []).unwrap();
     let camera = camera(13, 11);
     let outputs = Outputs { median_distance: true, ..Outputs::NONE };
     let go = |jitter| {

@@ -50,8 +50,8 @@ fn every_batch_gives_the_pixels_and_the_work_of_one_sample_at_a_time() {
     let bytes = bytes(&body(a, Some(StoredOccupancy { resolution: [2; 3], bits: &bits }), &weights));
     let blob = Blob::open(&bytes).unwrap();
     let camera = camera(9, 7);
-    for tier in tiers() {
-        let renderer = Renderer::with_parameters(blob.clone(), tier, &unpacked).unwrap();
+    for kernel in kernels() {
+        let renderer = Renderer::with_parameters(blob.clone(), kernel, &unpacked).unwrap();
         for (transmittance_cut, colour_cut) in [(0.0, 0.0), (1e-2, 1e-3), (0.0, 0.02), (0.3, 0.0), (0.3, 0.2)]
         {
             let quality =
@@ -62,7 +62,7 @@ fn every_batch_gives_the_pixels_and_the_work_of_one_sample_at_a_time() {
                 let batch = Batch { rays, samples: BLOCK };
                 let plan = Plan::new(&blob, &quality, Outputs::ALL, batch).unwrap();
                 let found = render(&renderer, &plan, &camera);
-                assert_eq!(found.pixels, pixels, "{tier:?} {quality:?} {rays} rays");
+                assert_eq!(found.pixels, pixels, "{kernel:?} {quality:?} {rays} rays");
                 let c = found.counters;
                 assert_eq!((c.density_evaluations, c.colour_evaluations), (densities, colours));
                 assert!(c.colour_evaluations <= c.density_evaluations);
@@ -77,7 +77,7 @@ fn weights_read_in_place_take_batches_of_any_size() {
     let (weights, _) = halve(&parameters(&a, 31));
     let bytes = bytes(&body(a, None, &weights));
     let blob = Blob::open(&bytes).unwrap();
-    let renderer = Renderer::new(blob.clone(), Tier::Scalar, &mut []).unwrap();
+    let renderer = Renderer::new(blob.clone(), Kernel::IN_PLACE, &mut []).unwrap();
     let camera = camera(9, 7);
     let quality = Quality { transmittance_cut: 0.05, colour_cut: 0.02, ..Quality::EXACT };
     let (pixels, densities, colours) = sample_by_sample(&renderer, &quality, &camera, (9, 7));

@@ -25,12 +25,12 @@ fn fog(sigma: f32, facts: &SceneFacts, occupancy: Option<StoredOccupancy<'_>>) -
 }
 
 /// A picture of all that is asked for, in the quality that evaluates every sample.
-fn draw(file: &[u8], tier: Tier, camera: &Camera, change: impl Fn(Plan<'_>) -> Plan<'_>) -> Picture {
+fn draw(file: &[u8], kernel: Kernel, camera: &Camera, change: impl Fn(Plan<'_>) -> Plan<'_>) -> Picture {
     let blob = Blob::open(file).unwrap();
     let quality = Quality { occupancy: true, ..Quality::EXACT };
     let plan = change(Plan::new(&blob, &quality, outputs(), Batch::FULL).unwrap());
-    let mut memory = vec![Line::UNINIT; Renderer::prepared_lines(&blob, tier)];
-    let renderer = Renderer::new(blob.clone(), tier, &mut memory).unwrap();
+    let mut memory = vec![Line::UNINIT; Renderer::prepared_lines(&blob, kernel)];
+    let renderer = Renderer::new(blob.clone(), kernel, &mut memory).unwrap();
     render(&renderer, &plan, camera)
 }
 
@@ -155,7 +155,9 @@ fn contracted(step: f32, power: u8) -> SceneSampling {
 #[test]
 fn a_fog_everywhere_is_as_thick_as_the_way_through_it() {
     let sigma = 0.0078125;
-    for (power, tier) in Contraction::POWERS.into_iter().flat_map(|p| tiers().map(move |tier| (p, tier))) {
+    for (power, kernel) in
+        Contraction::POWERS.into_iter().flat_map(|p| kernels().map(move |kernel| (p, kernel)))
+    {
         let facts = facts(contracted(1.0 / 32.0, power));
         let file = fog(sigma, &facts, None);
         let ranges = [0.0, 0.3, 1.9, 37.0].into_iter().flat_map(|min: f32| {
@@ -163,7 +165,7 @@ fn a_fog_everywhere_is_as_thick_as_the_way_through_it() {
         });
         for (t_min, t_max) in ranges.filter(|(min, max)| min < max) {
             for (k, camera) in cameras().iter().enumerate() {
-                let found = draw(&file, tier, camera, |plan| plan.with_range(t_min, t_max).unwrap());
+                let found = draw(&file, kernel, camera, |plan| plan.with_range(t_min, t_max).unwrap());
                 for (pixel, ray) in found.pixels.iter().zip(rays(camera)) {
                     let steps = Steps::of(&ray, &facts, t_min.into(), t_max.into());
                     // A digit of the steps, and of the point that they are counted from.
@@ -226,9 +228,9 @@ fn no_occupied_cell_is_missed_and_no_other_asked() {
                     most += u64::from(!clear || occupied(cell));
                 }
             }
-            for tier in tiers() {
-                let found = draw(&file, tier, &camera, |plan| plan).counters.samples_kept;
-                assert!((least..=most).contains(&found), "{power} {tier:?}: {least} <= {found} <= {most}");
+            for kernel in kernels() {
+                let found = draw(&file, kernel, &camera, |plan| plan).counters.samples_kept;
+                assert!((least..=most).contains(&found), "{power} {kernel:?}: {least} <= {found} <= {most}");
             }
             (kept, unclear) = (kept + least, unclear + most - least);
         }
@@ -260,7 +262,7 @@ fn what_lies_in_the_ball_is_seen_as_in_a_bounded_scene() {
     for (power, samples) in [(1, 256.0f32), (2, 256.0), (4, 256.0), (1, 500.0)] {
         let step = 1.0 / samples;
         let pictures = [contracted(step, power), SceneSampling::March(step * RADIUS)].map(|sampling| {
-            draw(&file(sampling), Tier::detect(), &cameras()[1], |plan| {
+            draw(&file(sampling), Kernel::detect(), &cameras()[1], |plan| {
                 plan.with_range(0.1 * RADIUS, f32::MAX).unwrap()
             })
             .pixels
@@ -277,7 +279,7 @@ fn what_lies_in_the_ball_is_seen_as_in_a_bounded_scene() {
             }
         }
         std::println!("power {power}, {samples} steps: {worst:e}, distances {distance:e}, {seen} seen");
-        let exact = if Tier::detect().rounds() { 0.02 } else { 0.0 };
+        let exact = if Kernel::detect().rounds() { 0.02 } else { 0.0 };
         assert!(worst <= 0.2 * step + exact && distance <= step * RADIUS + exact, "{worst} {distance}");
         assert!(seen > 30);
     }
@@ -324,8 +326,8 @@ fn distances_and_normals_of_a_plane_are_the_world_s() {
                 let pose = Pose::look_at(CENTRE, CENTRE + Vec3::NEG_Z, Vec3::Y).unwrap();
                 Camera::new(Intrinsics::centred(1, 1, 1.0), Lens::NONE, pose).unwrap()
             };
-            for tier in tiers().filter(|tier| !tier.rounds()) {
-                let Some(renderer) = Renderer::with_parameters(blob.clone(), tier, &all) else { panic!() };
+            for kernel in kernels().filter(|kernel| !kernel.rounds()) {
+                let Some(renderer) = Renderer::with_parameters(blob.clone(), kernel, &all) else { panic!() };
                 let outputs = Outputs { normals: cfg!(feature = "normals"), ..outputs() };
                 let plan = Plan::new(&blob, &Quality::EXACT, outputs, Batch::FULL).unwrap();
                 let plan = plan.with_normal_blur(0.0).unwrap();
@@ -361,7 +363,7 @@ fn distances_and_normals_of_a_plane_are_the_world_s() {
                 let length = expected.iter().map(|x| x * x).sum::<f64>().sqrt();
                 for (found, expected) in pixel.normal.iter().zip(expected) {
                     let error = (f64::from(*found) - expected / length).abs();
-                    assert!(error < 1e-5 + 2e-6 * r, "{power} {radii} {tier:?}: {pixel:?}, {error:e}");
+                    assert!(error < 1e-5 + 2e-6 * r, "{power} {radii} {kernel:?}: {pixel:?}, {error:e}");
                 }
             }
         }
@@ -374,7 +376,7 @@ fn from_inside_something_opaque_it_is_all_there_is() {
         let facts = facts(contracted(1.0 / 64.0, power));
         let file = fog(65_504.0, &facts, None);
         for camera in cameras() {
-            let found = draw(&file, Tier::detect(), &camera, |plan| plan);
+            let found = draw(&file, Kernel::detect(), &camera, |plan| plan);
             for (pixel, ray) in found.pixels.iter().zip(rays(&camera)) {
                 let steps = Steps::of(&ray, &facts, 0.0, f64::INFINITY);
                 // Of the first, little may be left.
@@ -393,7 +395,7 @@ fn from_inside_something_opaque_it_is_all_there_is() {
 fn points_are_asked_for_anywhere_but_nowhere() {
     let file = fog(0.5, &facts(contracted(0.01, 1)), None);
     let blob = Blob::open(&file).unwrap();
-    let renderer = Renderer::new(blob.clone(), Tier::Scalar, &mut []).unwrap();
+    let renderer = Renderer::new(blob.clone(), Kernel::IN_PLACE, &mut []).unwrap();
     let plan = Plan::new(&blob, &Quality::EXACT, Outputs::ALL, Batch::SMALLEST).unwrap();
     let mut memory = vec![Line::UNINIT; renderer.workspace_lines(&plan)];
     let there = [0.0, 1e-30, 1e6, -1e30, f32::MAX, f32::INFINITY, f32::NEG_INFINITY];
@@ -435,7 +437,7 @@ fn no_distance_from_far_away_is_in_front_of_near() {
             }
             // The way to the middle and back, rounded.
             let least = facts.near - f32::EPSILON * radii * RADIUS;
-            for pixel in &draw(&file, Tier::Scalar, &camera, |plan| plan).pixels {
+            for pixel in &draw(&file, Kernel::IN_PLACE, &camera, |plan| plan).pixels {
                 let Pixel { opacity, ray_distance, median_distance, .. } = *pixel;
                 assert!(opacity > 0.99 && ray_distance >= least, "{radii}: {pixel:?}");
                 assert!(cfg!(not(feature = "median")) || median_distance >= least, "{radii}: {pixel:?}");
@@ -518,7 +520,7 @@ fn the_scene_in_other_units_gives_the_same_picture() {
             ..body(a.clone(), None, &weights)
         });
         let blob = Blob::open(&file).unwrap();
-        let renderer = Renderer::with_parameters(blob.clone(), Tier::Scalar, &all).unwrap();
+        let renderer = Renderer::with_parameters(blob.clone(), Kernel::IN_PLACE, &all).unwrap();
         let plan = Plan::new(&blob, &Quality::EXACT, outputs(), Batch::SMALLEST).unwrap();
         let eye = CENTRE + 0.9 * RADIUS * Vec3::new(0.3, 0.5, 0.8).normalize();
         render(&renderer, &plan, &camera_at(eye * unit, CENTRE * unit)).pixels

@@ -40,7 +40,7 @@ fn scene() -> Vec<u8> {
 }
 
 fn in_place<'a>(blob: &Blob<'a>) -> Renderer<'a> {
-    Renderer::new(blob.clone(), Tier::Scalar, &mut []).unwrap()
+    Renderer::new(blob.clone(), Kernel::IN_PLACE, &mut []).unwrap()
 }
 
 fn plan<'a>(blob: &Blob<'a>, effects: Effects) -> Plan<'a> {
@@ -49,13 +49,13 @@ fn plan<'a>(blob: &Blob<'a>, effects: Effects) -> Plan<'a> {
 }
 
 #[test]
-fn tiles_batches_and_tiers_memory_change_no_bit_of_any_effect() {
+fn tiles_batches_and_kernels_memory_change_no_bit_of_any_effect() {
     let bytes = scene();
     let blob = Blob::open(&bytes).unwrap();
     let camera = camera(11, 9);
-    for tier in tiers() {
-        let mut memory = vec![Line::UNINIT; Renderer::prepared_lines(&blob, tier)];
-        let renderer = Renderer::new(blob.clone(), tier, &mut memory).unwrap();
+    for kernel in kernels() {
+        let mut memory = vec![Line::UNINIT; Renderer::prepared_lines(&blob, kernel)];
+        let renderer = Renderer::new(blob.clone(), kernel, &mut memory).unwrap();
         for effects in each() {
             let quality = Quality::default();
             let plan = |batch| {
@@ -64,14 +64,14 @@ fn tiles_batches_and_tiers_memory_change_no_bit_of_any_effect() {
             let whole = render(&renderer, &plan(Batch::FULL), &camera);
             for rays in [1, 5, 64] {
                 let found = render(&renderer, &plan(Batch { rays, samples: BLOCK }), &camera);
-                assert_eq!(found.pixels, whole.pixels, "{tier:?} {effects:?} {rays} rays");
-                assert_eq!(found.counters, whole.counters, "{tier:?} {effects:?} {rays} rays");
+                assert_eq!(found.pixels, whole.pixels, "{kernel:?} {effects:?} {rays} rays");
+                assert_eq!(found.counters, whole.counters, "{kernel:?} {effects:?} {rays} rays");
             }
             let plan = plan(Batch::FULL);
             let mut workspace = vec![Line::UNINIT; renderer.workspace_lines(&plan)];
             for tile in Rect::full(&camera).tiles(4, 3) {
                 let mut check = |x: u32, y: u32, pixel: &Pixel| {
-                    assert_eq!(*pixel, whole.pixels[(y * 11 + x) as usize], "{tier:?} {effects:?}");
+                    assert_eq!(*pixel, whole.pixels[(y * 11 + x) as usize], "{kernel:?} {effects:?}");
                 };
                 renderer.render(&plan, &camera, tile, &mut workspace, &mut check).unwrap();
             }

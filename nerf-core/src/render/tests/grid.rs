@@ -42,10 +42,10 @@ fn scene(a: &Architecture, occupancy: Option<StoredOccupancy<'_>>, tables: &[f32
 const ALL: Outputs =
     Outputs { median_distance: cfg!(feature = "median"), normals: cfg!(feature = "normals"), ..Outputs::ALL };
 
-fn draw(file: &[u8], tier: Tier, outputs: Outputs, batch: Batch) -> Picture {
+fn draw(file: &[u8], kernel: Kernel, outputs: Outputs, batch: Batch) -> Picture {
     let blob = Blob::open(file).unwrap();
-    let mut memory = vec![Line::UNINIT; Renderer::prepared_lines(&blob, tier)];
-    let renderer = Renderer::new(blob.clone(), tier, &mut memory).unwrap();
+    let mut memory = vec![Line::UNINIT; Renderer::prepared_lines(&blob, kernel)];
+    let renderer = Renderer::new(blob.clone(), kernel, &mut memory).unwrap();
     let plan = Plan::new(&blob, &Quality::default(), outputs, batch).unwrap();
     render(&renderer, &plan, &camera(20, 13))
 }
@@ -73,19 +73,19 @@ fn bits(picture: &Picture) -> Vec<[u32; 9]> {
 }
 
 #[test]
-fn every_tier_draws_the_same_scene_whatever_the_batch() {
+fn every_kernel_draws_the_same_scene_whatever_the_batch() {
     for features in [1, 2, 4] {
         let a = shape(grid(3, features, 9, &[4, 9, 20]));
         let values = noise(a.position.grid().unwrap().values(), 5);
         for scene in [scene(&a, None, &values), scene_in_int8(&a, &values)] {
-            let expected = draw(&scene.file, Tier::Scalar, ALL, Batch::SMALLEST);
+            let expected = draw(&scene.file, Kernel::IN_PLACE, ALL, Batch::SMALLEST);
             assert!(expected.pixels.iter().any(|p| p.opacity > 0.5), "something to see");
             assert_eq!(expected.counters.invalid_samples, 0);
-            for tier in tiers() {
-                let found = draw(&scene.file, tier, ALL, Batch::FULL);
-                let other = draw(&scene.file, tier, ALL, Batch { rays: 3, samples: BLOCK });
-                assert_eq!(bits(&found), bits(&other), "{tier:?}, {features} features");
-                if tier == Tier::Scalar {
+            for kernel in kernels() {
+                let found = draw(&scene.file, kernel, ALL, Batch::FULL);
+                let other = draw(&scene.file, kernel, ALL, Batch { rays: 3, samples: BLOCK });
+                assert_eq!(bits(&found), bits(&other), "{kernel:?}, {features} features");
+                if kernel == Kernel::IN_PLACE {
                     assert_eq!(bits(&found), bits(&expected));
                 }
                 let mut worst = 0.0f64;
@@ -94,7 +94,7 @@ fn every_tier_draws_the_same_scene_whatever_the_batch() {
                         worst = worst.worse(f64::from((a - b).abs()));
                     }
                 }
-                assert!(worst <= tolerance(tier, 1e-5) * 3.0, "{tier:?}, {features} features: {worst:e}");
+                assert!(worst <= tolerance(kernel, 1e-5) * 3.0, "{kernel:?}, {features} features: {worst:e}");
             }
         }
     }
@@ -106,21 +106,21 @@ fn f32_tables_of_the_same_values_draw_the_same_picture() {
     let values = noise(a.position.grid().unwrap().values(), 5);
     for scene in [scene(&a, None, &values), scene_in_int8(&a, &values)] {
         let blob = Blob::open(&scene.file).unwrap();
-        for tier in tiers().filter(|tier| !tier.rounds()) {
+        for kernel in kernels().filter(|kernel| !kernel.rounds()) {
             let tables =
                 crate::encoding::GridTables::new(TableValues::F32(&scene.tables), blob.scene_box().as_ref());
             let plan = Plan::new(&blob, &Quality::EXACT, ALL, Batch::FULL).unwrap();
             let pictures = [
-                Renderer::with_parameters(blob.clone(), tier, &scene.parameters),
-                Renderer::with_parameters_and_tables(blob.clone(), tier, &scene.parameters, tables),
+                Renderer::with_parameters(blob.clone(), kernel, &scene.parameters),
+                Renderer::with_parameters_and_tables(blob.clone(), kernel, &scene.parameters, tables),
             ]
             .map(|renderer| bits(&render(&renderer.unwrap(), &plan, &camera(20, 13))));
-            assert_eq!(pictures[0], pictures[1], "{tier:?}");
+            assert_eq!(pictures[0], pictures[1], "{kernel:?}");
         }
         assert!(
             Renderer::with_parameters_and_tables(
                 blob.clone(),
-                Tier::Scalar,
+                Kernel::IN_PLACE,
                 &scene.parameters,
                 crate::encoding::GridTables::new(TableValues::F32(&scene.tables[1..]), None),
             )
@@ -150,15 +150,15 @@ fn entries_that_no_occupied_cell_reads_change_nothing() {
     }
     let occupancy = || Some(StoredOccupancy { resolution: [2; 3], bits: &[1] });
     let (clean, poisoned) = (scene(&a, occupancy(), &clean), scene(&a, occupancy(), &poisoned));
-    for tier in tiers() {
+    for kernel in kernels() {
         let [clean, poisoned] =
-            [&clean, &poisoned].map(|scene| bits(&draw(&scene.file, tier, ALL, Batch::FULL)));
-        assert_eq!(clean, poisoned, "{tier:?}");
+            [&clean, &poisoned].map(|scene| bits(&draw(&scene.file, kernel, ALL, Batch::FULL)));
+        assert_eq!(clean, poisoned, "{kernel:?}");
     }
 }
 
 #[test]
-fn a_picture_by_a_grid_is_the_network_at_its_pixels_on_every_tier() {
+fn a_picture_by_a_grid_is_the_network_at_its_pixels_with_every_kernel() {
     let a = Architecture {
         position: PositionEncoding::Grid(grid(2, 2, 6, &[3, 7, 30])),
         ..architecture(pi(2, 0), None, &[(16, false)], &[8])
@@ -168,9 +168,9 @@ fn a_picture_by_a_grid_is_the_network_at_its_pixels_on_every_tier() {
     let bytes = bytes(&Body { tables: stored(&tables), ..picture_body(a, &weights) });
     let blob = Blob::open(&bytes).unwrap();
     let size = [PICTURE.width, PICTURE.height];
-    let draw = |tier, batch| {
-        let mut memory = vec![Line::UNINIT; Renderer::prepared_lines(&blob, tier)];
-        let renderer = Renderer::new(blob.clone(), tier, &mut memory).unwrap();
+    let draw = |kernel, batch| {
+        let mut memory = vec![Line::UNINIT; Renderer::prepared_lines(&blob, kernel)];
+        let renderer = Renderer::new(blob.clone(), kernel, &mut memory).unwrap();
         let mut workspace = vec![Line::UNINIT; renderer.picture_workspace_lines(batch)];
         let rect = Rect { x: 0, y: 0, width: size[0], height: size[1] };
         let mut found = vec![];
@@ -179,14 +179,14 @@ fn a_picture_by_a_grid_is_the_network_at_its_pixels_on_every_tier() {
         renderer.render_picture(math, batch, size, rect, &mut workspace, &mut put).unwrap();
         found
     };
-    let expected = draw(Tier::Scalar, Batch::SMALLEST);
+    let expected = draw(Kernel::IN_PLACE, Batch::SMALLEST);
     let spread =
         expected.iter().map(|c| c[0]).fold(0.0, f32::max) - expected.iter().map(|c| c[0]).fold(1.0, f32::min);
     assert!(spread > 0.05, "something to see");
-    for tier in tiers() {
-        for (found, expected) in draw(tier, Batch::FULL).iter().zip(&expected) {
+    for kernel in kernels() {
+        for (found, expected) in draw(kernel, Batch::FULL).iter().zip(&expected) {
             let worst = found.iter().zip(expected).map(|(a, b)| (a - b).abs()).fold(0.0, f32::max);
-            assert!(f64::from(worst) <= tolerance(tier, 2e-6), "{tier:?}: {worst:e}");
+            assert!(f64::from(worst) <= tolerance(kernel, 2e-6), "{kernel:?}: {worst:e}");
         }
     }
 }

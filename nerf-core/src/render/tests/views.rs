@@ -2,14 +2,14 @@
 
 extern crate std;
 
-use super::{constant, tiers};
+use super::{constant, kernels};
 use crate::blob::{Body, Content, SceneFacts, SceneSampling, StoredOccupancy};
 use crate::camera::{Camera, Intrinsics, Lens, Pose, Ray};
 use crate::plan::{Batch, Effects, Outputs, Plan, PlanError, Quality};
 use crate::render::{Rect, Renderer};
 use crate::testing::{SCENE, Worse, architecture, body, bytes, halve, pi};
 use crate::volume::{OPACITY_EPSILON, Pixel};
-use crate::{Blob, Line, Tier};
+use crate::{Blob, Kernel, Line};
 use glam::Vec3;
 use std::vec;
 use std::vec::Vec;
@@ -83,12 +83,17 @@ fn way_in_ball(ray: &Ray, (enter, exit): (f64, f64)) -> f64 {
     (0..points).filter(|&i| in_ball(cell(enter + (f64::from(i) + 0.5) * width))).count() as f64 * width
 }
 
-fn pixels(bytes: &[u8], tier: Tier, camera: &Camera, change: impl Fn(Plan<'_>) -> Plan<'_>) -> Vec<Pixel> {
+fn pixels(
+    bytes: &[u8],
+    kernel: Kernel,
+    camera: &Camera,
+    change: impl Fn(Plan<'_>) -> Plan<'_>,
+) -> Vec<Pixel> {
     let blob = Blob::open(bytes).unwrap();
     let quality = Quality { occupancy: true, ..Quality::EXACT };
     let plan = change(Plan::new(&blob, &quality, outputs(), Batch::FULL).unwrap());
-    let mut memory = vec![Line::UNINIT; Renderer::prepared_lines(&blob, tier)];
-    let renderer = Renderer::new(blob.clone(), tier, &mut memory).unwrap();
+    let mut memory = vec![Line::UNINIT; Renderer::prepared_lines(&blob, kernel)];
+    let renderer = Renderer::new(blob.clone(), kernel, &mut memory).unwrap();
     super::render(&renderer, &plan, camera).pixels
 }
 
@@ -118,7 +123,7 @@ fn a_fog_is_as_dense_from_anywhere() {
                 let camera = from(times, towards);
                 // Rounding of where the camera is, in f32.
                 let off = 4.0 * f64::from(times * TRAINED * f32::EPSILON) + 2e-6;
-                let found = pixels(&bytes, Tier::Scalar, &camera, |plan| plan);
+                let found = pixels(&bytes, Kernel::IN_PLACE, &camera, |plan| plan);
                 let mut hits = 0;
                 for (pixel, ray) in found.iter().zip(rays(&camera)) {
                     let Some((enter, exit)) = chord(&ray).filter(|(a, b)| b - a > 10.0 * off + ends) else {
@@ -157,7 +162,7 @@ fn a_ball_is_lost_from_nowhere() {
         for times in [0.3, 0.6, 1.0, 1.5, 4.0, 100.0] {
             for towards in SIDES {
                 let camera = from(times, towards);
-                let found = pixels(&bytes, Tier::detect(), &camera, |plan| plan);
+                let found = pixels(&bytes, Kernel::detect(), &camera, |plan| plan);
                 let (mut lost, mut seen) = (0, 0);
                 for (pixel, ray) in found.iter().zip(rays(&camera)) {
                     let way = chord(&ray).map_or(0.0, |chord| way_in_ball(&ray, chord));
@@ -180,7 +185,7 @@ fn a_million_units_away_it_is_still_there() {
             let bytes = scene(sampling, ball);
             for towards in SIDES {
                 let camera = from(2.5e5, towards);
-                let found = pixels(&bytes, Tier::detect(), &camera, |plan| plan);
+                let found = pixels(&bytes, Kernel::detect(), &camera, |plan| plan);
                 let far = f64::from(camera.pose().position.length());
                 let (mut seen, mut lost) = (0, 0);
                 for (pixel, ray) in found.iter().zip(rays(&camera)) {
@@ -206,7 +211,7 @@ fn away_from_the_scene_nothing_is_seen_and_far_is_one_finite_number() {
             let eye = Vec3::new(0.0, 0.0, times * TRAINED);
             let pose = Pose::look_at(eye, 2.0 * eye, Vec3::Y).unwrap();
             let camera = Camera::new(Intrinsics::centred(SIDE, SIDE, 20.0), Lens::NONE, pose).unwrap();
-            let found = pixels(&bytes, Tier::Scalar, &camera, |plan| plan);
+            let found = pixels(&bytes, Kernel::IN_PLACE, &camera, |plan| plan);
             let far = found[0].ray_distance;
             assert!(far.is_finite() && far >= times * TRAINED, "{far}");
             assert!(found.iter().all(|p| p.opacity == 0.0 && p.rgb == SCENE.background));
@@ -225,7 +230,7 @@ fn a_range_cuts_bins_and_never_drops_them() {
         for own in [false, true] {
             let bytes = scene(sampling, false);
             let of = |t_min: f32, t_max: f32| {
-                pixels(&bytes, Tier::Scalar, &camera, |plan| {
+                pixels(&bytes, Kernel::IN_PLACE, &camera, |plan| {
                     let plan = if own { plan.with_own_bins() } else { plan };
                     plan.with_range(t_min, t_max).unwrap()
                 })
@@ -289,7 +294,7 @@ fn rays_along_and_in_faces_are_marched() {
             let pose = Pose::from_rows([[-1.0, 0.0, 0.0, x], [0.0, 1.0, 0.0, y], [0.0, 0.0, -1.0, z]]);
             let camera = Camera::new(Intrinsics::centred(1, 1, 1.0), Lens::NONE, pose).unwrap();
             assert_eq!(camera.ray(0.5, 0.5).dir, Vec3::Z);
-            let pixel = pixels(&bytes, Tier::Scalar, &camera, |plan| plan)[0];
+            let pixel = pixels(&bytes, Kernel::IN_PLACE, &camera, |plan| plan)[0];
             let way = 1.0 - f64::from(z.max(-1.0));
             let opacity = -(-SIGMA * way).exp_m1();
             assert!((f64::from(pixel.opacity) - opacity).abs() < 1e-5, "{x}, {y}, {z}: {pixel:?}");
@@ -300,14 +305,14 @@ fn rays_along_and_in_faces_are_marched() {
 #[test]
 fn what_training_cameras_saw_is_the_same_with_the_scene_s_own_bins() {
     let camera = super::camera(SIDE, SIDE);
-    for tier in tiers() {
+    for kernel in kernels() {
         let bytes = scene(SceneSampling::Bins(32), true);
-        let own = pixels(&bytes, tier, &camera, |plan| plan.with_own_bins());
-        assert_eq!(own, pixels(&bytes, tier, &camera, |plan| plan));
+        let own = pixels(&bytes, kernel, &camera, |plan| plan.with_own_bins());
+        assert_eq!(own, pixels(&bytes, kernel, &camera, |plan| plan));
         // What is in front of near is not there.
         let close = from(0.3, Vec3::Z);
-        assert!(pixels(&bytes, tier, &close, |plan| plan.with_own_bins()).iter().all(|p| p.opacity == 0.0));
-        assert!(pixels(&bytes, tier, &close, |plan| plan).iter().any(|p| p.opacity > 0.5));
+        assert!(pixels(&bytes, kernel, &close, |plan| plan.with_own_bins()).iter().all(|p| p.opacity == 0.0));
+        assert!(pixels(&bytes, kernel, &close, |plan| plan).iter().any(|p| p.opacity > 0.5));
     }
 }
 
@@ -342,8 +347,8 @@ fn tiles_and_batches_change_no_bit_of_any_view() {
                 let effects = Effects::NONE;
                 plan.with_range(range.0, range.1).unwrap().with_effects(effects).unwrap()
             };
-            let mut memory = vec![Line::UNINIT; Renderer::prepared_lines(&blob, Tier::detect())];
-            let renderer = Renderer::new(blob.clone(), Tier::detect(), &mut memory).unwrap();
+            let mut memory = vec![Line::UNINIT; Renderer::prepared_lines(&blob, Kernel::detect())];
+            let renderer = Renderer::new(blob.clone(), Kernel::detect(), &mut memory).unwrap();
             let whole = super::render(&renderer, &plan(256), &camera);
             assert!(whole.pixels.iter().any(|p| p.opacity > 0.1));
             assert_eq!(whole.pixels, super::render(&renderer, &plan(7), &camera).pixels);

@@ -2,12 +2,16 @@ extern crate std;
 
 use super::*;
 use crate::camera::SceneBox;
-use crate::render::tests::tiers;
+use crate::simd::Isa;
 use crate::testing::noise;
 use glam::Vec3;
 use std::vec;
 
-/// Every bin of every ray, asked one by one, on each tier: near and far boxes, rays along axes and faces, bins that
+fn isas() -> impl Iterator<Item = Isa> {
+    Isa::ALL.into_iter().filter(|isa| isa.available())
+}
+
+/// Every bin of every ray, asked one by one, with each instruction set: near and far boxes, rays along axes and faces, bins that
 /// are cut, windows that end beyond the bins, more cells than f32 counts for certain.
 #[test]
 fn windows_find_the_bins_that_asking_at_each_finds() {
@@ -46,27 +50,27 @@ fn windows_find_the_bins_that_asking_at_each_finds() {
                         0 => (whole, 0..count),
                         _ => whole.cut(reach * (0.7 + 0.2 * r[6]), reach * (1.4 + 0.2 * r[7]), f32::MAX),
                     };
-                    for tier in tiers() {
+                    for isa in isas() {
                         let (mut window, mut next) = (Window::NONE, part.start);
                         for bin in part.clone() {
                             asked += 1;
                             if occupancy.occupied(ray.at(bins.at(bin, 0.5))) {
                                 live += 1;
-                                next = window
-                                    .first_occupied(tier, &occupancy, None, &ray, &bins, next, part.end);
-                                assert_eq!(next, bin, "{} {resolution:?} {ray:?} {bins:?}", tier.name());
+                                next =
+                                    window.first_occupied(isa, &occupancy, None, &ray, &bins, next, part.end);
+                                assert_eq!(next, bin, "{} {resolution:?} {ray:?} {bins:?}", isa.name());
                                 next += 1;
                             }
                         }
-                        let end = window.first_occupied(tier, &occupancy, None, &ray, &bins, next, part.end);
-                        assert_eq!(end, part.end, "{} {resolution:?} {ray:?} {bins:?}", tier.name());
+                        let end = window.first_occupied(isa, &occupancy, None, &ray, &bins, next, part.end);
+                        assert_eq!(end, part.end, "{} {resolution:?} {ray:?} {bins:?}", isa.name());
                     }
                 }
             }
         }
     }
-    let tiers = tiers().count() as u32;
-    assert!(live > 2_500 * tiers && live < asked / 4, "{live} of {asked}");
+    let isas = isas().count() as u32;
+    assert!(live > 2_500 * isas && live < asked / 4, "{live} of {asked}");
 }
 
 /// The same of unbounded space, where rays are curves: through the ball, past it and from far away.
@@ -99,11 +103,11 @@ fn windows_find_the_bins_of_a_contraction() {
                     let whole = Bins::of_width(-farthest, 2.0 * farthest / 300.0, 300);
                     let (bins, part) =
                         whole.cut(r[6] * farthest, contraction.step_at(100.0 * radius), f32::MAX);
-                    for tier in tiers() {
+                    for isa in isas() {
                         let (mut window, mut next) = (Window::NONE, part.start);
                         let mut find = |next| {
                             window.first_occupied(
-                                tier,
+                                isa,
                                 &occupancy,
                                 Some(&contraction),
                                 &ray,
@@ -117,16 +121,11 @@ fn windows_find_the_bins_of_a_contraction() {
                             let p = contraction.contract(ray.at(contraction.distance(bins.at(bin, 0.5))));
                             if occupancy.occupied(p) {
                                 live += 1;
-                                assert_eq!(
-                                    find(next),
-                                    bin,
-                                    "{} {resolution:?} {ray:?} {bins:?}",
-                                    tier.name()
-                                );
+                                assert_eq!(find(next), bin, "{} {resolution:?} {ray:?} {bins:?}", isa.name());
                                 next = bin + 1;
                             }
                         }
-                        assert_eq!(find(next), part.end, "{} {resolution:?} {ray:?}", tier.name());
+                        assert_eq!(find(next), part.end, "{} {resolution:?} {ray:?}", isa.name());
                     }
                 }
             }

@@ -21,10 +21,10 @@ use crate::study::{THRESHOLD_DB, Verdict, flattened};
 use crate::train::run::spread;
 use anyhow::bail;
 use clap::Args;
+use nerf_core::Kernel;
 use nerf_core::blob::{Content, Provenance};
 use nerf_core::network::Architecture;
 use nerf_core::plan::Quality;
-use nerf_core::simd::Tier;
 use options::Guesses;
 use outcome::{OccupancySource, Outcome};
 use std::path::{Path, PathBuf};
@@ -108,7 +108,7 @@ impl Import {
         if guesses.coarse_samples.is_some() && self.coarse.is_none() {
             bail!("coarse_samples: expected only with --coarse");
         }
-        let (settings, tier) = (guesses.settings(self.coarse.is_some()), global.tier());
+        let (settings, kernel) = (guesses.settings(self.coarse.is_some()), global.kernel());
         settings.check()?;
         check_threshold(self.effect_threshold)?;
         places::check_extension("-o", &self.output, places::BLOB)?;
@@ -143,18 +143,18 @@ impl Import {
             None => {
                 global.say("asking the network which cells of the scene box hold something");
                 let (architecture, parameters) = (&work.architecture, work.parameters.as_slice());
-                let ask = Ask { tier, architecture, parameters, seed: 0, contraction: None };
+                let ask = Ask { isa: kernel.isa, architecture, parameters, seed: 0, contraction: None };
                 (occupancy::build(&settings, &ask), OccupancySource::Built)
             }
         };
-        let mut check = data.as_ref().map(|data| work.check(tier, data, global)).transpose()?;
+        let mut check = data.as_ref().map(|data| work.check(kernel, data, global)).transpose()?;
         let mut direction = None;
         if let (Some(data), Some(seen)) = (&data, &check)
             && !seen.is_suspicious()
         {
-            direction = work.ask_direction(tier, data, seen.psnr_db(), self.effect_threshold)?;
+            direction = work.ask_direction(kernel, data, seen.psnr_db(), self.effect_threshold)?;
             if direction.is_some_and(|(_, verdict)| verdict == Verdict::Drops) {
-                check = Some(work.check(tier, data, global)?);
+                check = Some(work.check(kernel, data, global)?);
             }
         }
         let occupancy_required = work.cells.is_some()
@@ -175,7 +175,7 @@ impl Import {
         let probes = match (&check, &data) {
             (Some(check), Some(data)) if check.is_suspicious() => {
                 global.say("that is no picture of the scene; trying other guesses");
-                probe(&tensors, &settings, data.axes, tier, &data.views)?
+                probe(&tensors, &settings, data.axes, kernel, &data.views)?
             }
             _ => Vec::new(),
         };
@@ -195,7 +195,7 @@ impl Import {
             output: &self.output,
         };
         warn(&outcome);
-        global.finish(&outcome.summary(tier), || outcome.print())?;
+        global.finish(&outcome.summary(kernel), || outcome.print())?;
         Ok(ExitCode::SUCCESS)
     }
 
@@ -310,7 +310,7 @@ impl Work<'_> {
     /// place. `None` if colour does not depend on the direction.
     fn ask_direction(
         &mut self,
-        tier: Tier,
+        kernel: Kernel,
         data: &Data,
         with_db: f64,
         threshold_db: f64,
@@ -322,7 +322,7 @@ impl Work<'_> {
         let flat = Self { architecture, parameters, cells: self.cells.clone(), ..*self };
         let (draft, quality) = (flat.export(&About::default())?.bytes, Quality::default());
         let (background, views) = (self.settings.background, &data.views);
-        let scores = measure(&draft, None, tier, &quality, background, views, |_, _, _, _| {})?;
+        let scores = measure(&draft, None, kernel, &quality, background, views, |_, _, _, _| {})?;
         let gain_db = gain_db(with_db, scores.psnr_db().unwrap_or(f64::NAN));
         // It takes work and spares none.
         let verdict = Verdict::of(gain_db, 1.0, threshold_db);
@@ -332,7 +332,7 @@ impl Work<'_> {
         Ok(Some((gain_db, verdict)))
     }
 
-    fn check(&self, tier: Tier, data: &Data, global: &Global) -> anyhow::Result<Check> {
+    fn check(&self, kernel: Kernel, data: &Data, global: &Global) -> anyhow::Result<Check> {
         let blob = &self.export(&About::default())?.bytes;
         let has_occupancy = self.cells.is_some();
         let total = renderings(has_occupancy) * data.views.len() as u64;
@@ -340,7 +340,7 @@ impl Work<'_> {
         let mut done = 0;
         let background = self.settings.background;
         let draft = Draft { blob, parameters: &self.parameters, has_occupancy, background };
-        let check = check(&draft, tier, &data.views, || {
+        let check = check(&draft, kernel, &data.views, || {
             done += 1;
             progress.update(done, &Message::default());
         })?;

@@ -8,9 +8,9 @@ use crate::import::{Check, Imported, Settings, Tensors};
 use crate::occupancy::LiveCells;
 use crate::report::summary::Summary;
 use crate::study::Verdict;
+use nerf_core::Kernel;
 use nerf_core::encoding::SinusoidalEncoding;
 use nerf_core::network::Architecture;
-use nerf_core::simd::Tier;
 use std::path::Path;
 
 /// Where the occupancy grid comes from.
@@ -133,7 +133,7 @@ impl Outcome<'_> {
     }
 
     /// As fields.
-    pub fn summary(&self, tier: Tier) -> Summary {
+    pub fn summary(&self, kernel: Kernel) -> Summary {
         let (s, a) = (self.settings, &self.network.model.architecture);
         let mut summary = Summary::new();
         summary
@@ -198,7 +198,7 @@ impl Outcome<'_> {
             summary.sections("other_guesses", self.probes.iter().map(fields).collect());
         }
         summary
-            .text("kernel", tier.name())
+            .text("kernel", kernel.to_string())
             .text("blob", self.output.display().to_string())
             .integer("blob_bytes", self.exported.bytes.len() as u64);
         summary

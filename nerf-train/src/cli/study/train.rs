@@ -127,12 +127,8 @@ impl StudyTrain {
             let share = 60.0 * minutes / trials.len() as f64;
             trials.iter_mut().for_each(|trial| trial.budget_seconds = share);
         }
-        let machine = format!(
-            "{}, {} threads, kernel {}",
-            cpu_name(),
-            rayon::current_num_threads(),
-            global.tier().name()
-        );
+        let machine =
+            format!("{}, {} threads, kernel {}", cpu_name(), rayon::current_num_threads(), global.kernel());
         let total: f64 = trials.iter().map(|trial| trial.budget_seconds).sum();
         global.say(format!("{} fits in {total:.0} s, on {machine}", trials.len()));
         let mut fits: Vec<Fitted> = Vec::new();
@@ -140,7 +136,7 @@ impl StudyTrain {
         for (i, trial) in trials.iter().enumerate() {
             let place = format!("[{}/{}] {}", i + 1, trials.len(), trial.name);
             global.say(&place);
-            let fitted = fit(&dataset, trial, global.tier(), global.style())?;
+            let fitted = fit(&dataset, trial, global.kernel(), global.style())?;
             global.say(format!("{place}: {:.2} dB in {:.1} s", fitted.psnr_db, fitted.seconds));
             fits.push(fitted);
             let (done, data, machine) = (fits.clone(), dataset.name.clone(), machine.clone());

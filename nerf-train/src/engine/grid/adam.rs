@@ -1,7 +1,7 @@
 //! Adam, of entries that have a gradient.
 
 use super::super::Adam;
-use nerf_core::simd::{Lanes, Op, Tier};
+use nerf_core::simd::{Isa, Lanes, Op};
 
 /// Smallest second moment that a step divides by, the square of the usual epsilon: none overflows.
 const SMALLEST: f32 = 1e-30;
@@ -34,13 +34,13 @@ impl AdamStep {
     /// Moves the values that have a gradient. One without is left alone, its moments too.
     pub fn apply(
         &self,
-        tier: Tier,
+        isa: Isa,
         values: &mut [f32],
         moment1: &mut [f32],
         moment2: &mut [f32],
         gradient: &[f32],
     ) {
-        tier.run(Apply { step: *self, values, moment1, moment2, gradient });
+        isa.run(Apply { step: *self, values, moment1, moment2, gradient });
     }
 }
 

@@ -5,7 +5,7 @@
 
 use crate::engine::{Dense, Model, Part};
 use nerf_core::matrix::{Gemm, Init, gemm};
-use nerf_core::simd::Tier;
+use nerf_core::simd::Isa;
 
 /// Columns are padded to whole vectors of this many.
 pub(super) const VECTOR: usize = 16;
@@ -49,7 +49,7 @@ impl Product {
     #[allow(clippy::too_many_arguments, reason = "a product's")]
     pub fn forward(
         &self,
-        tier: Tier,
+        isa: Isa,
         rows: usize,
         x: &[f32],
         x_row: usize,
@@ -59,30 +59,22 @@ impl Product {
     ) {
         let n = padded(self.outputs);
         let g = Gemm { m: rows, n, k: self.inputs, a_row: x_row, a_col: 1, b_row: n, c_row: n };
-        gemm(tier, g, x, &self.forward, y, init, relu);
+        gemm(isa, g, x, &self.forward, y, init, relu);
     }
 
     /// `dx = init + dy W`; `dy`: `[rows][padded outputs]`, `dx`: `[rows][padded inputs]`.
-    pub fn backward(&self, tier: Tier, rows: usize, dy: &[f32], dx: &mut [f32], init: Init<'_>) {
+    pub fn backward(&self, isa: Isa, rows: usize, dy: &[f32], dx: &mut [f32], init: Init<'_>) {
         let n = padded(self.inputs);
         let g =
             Gemm { m: rows, n, k: self.outputs, a_row: padded(self.outputs), a_col: 1, b_row: n, c_row: n };
-        gemm(tier, g, dy, &self.backward, dx, init, false);
+        gemm(isa, g, dy, &self.backward, dx, init, false);
     }
 
     /// `sum += xᵀ dy`, `[inputs][padded outputs]`.
-    pub fn add_gradient(
-        &self,
-        tier: Tier,
-        rows: usize,
-        x: &[f32],
-        x_row: usize,
-        dy: &[f32],
-        sum: &mut [f32],
-    ) {
+    pub fn add_gradient(&self, isa: Isa, rows: usize, x: &[f32], x_row: usize, dy: &[f32], sum: &mut [f32]) {
         let n = padded(self.outputs);
         let g = Gemm { m: self.inputs, n, k: rows, a_row: 1, a_col: x_row, b_row: n, c_row: n };
-        gemm(tier, g, x, dy, sum, Init::Accumulate, false);
+        gemm(isa, g, x, dy, sum, Init::Accumulate, false);
     }
 
     /// Values of a gradient's sum.

@@ -37,7 +37,7 @@ use layers::{LayerSums, Layers};
 use nerf_core::camera::SceneBox;
 use nerf_core::encoding::{GridEncoding, GridTables, TableValues};
 use nerf_core::network::DensityActivation;
-use nerf_core::simd::Tier;
+use nerf_core::simd::Isa;
 use pass::{Job, Pass, Scratch, Totals};
 use rayon::prelude::*;
 use scatter::{Kept, LevelScratch, LevelState, write_halves};
@@ -61,7 +61,7 @@ pub struct GridEngine {
     model: Model,
     grid: GridEncoding,
     bounds: SceneBox,
-    tier: Tier,
+    isa: Isa,
     adam: Adam,
     steps: u64,
     /// In the model's own order: layers, then tables.
@@ -98,7 +98,7 @@ impl GridEngine {
         let mut engine = Self {
             model: model.clone(),
             bounds,
-            tier: Tier::detect(),
+            isa: Isa::detect(),
             adam,
             steps: 0,
             moment1: vec![0.0; parameters.len()],
@@ -124,21 +124,21 @@ impl GridEngine {
         for (i, level) in self.grid.levels().enumerate() {
             let length = level.entries * features;
             let (level_halves, rest) = std::mem::take(&mut halves).split_at_mut(2 * length);
-            write_halves(self.tier, &values[..length], self.scales.get(i).copied(), level_halves);
+            write_halves(self.isa, &values[..length], self.scales.get(i).copied(), level_halves);
             (values, halves) = (&values[length..], rest);
         }
     }
 
-    /// Chooses the kernel tier; [`Tier::detect`] is the default.
-    pub fn set_tier(&mut self, tier: Tier) {
-        self.tier = tier;
+    /// Chooses the instructions; [`Isa::detect`] is the default.
+    pub fn set_isa(&mut self, isa: Isa) {
+        self.isa = isa;
     }
 
     /// Loss of a checked batch; its gradients are left in `gradient` and in the passes.
     fn differentiate(&mut self, batch: &Batch) -> Result<StepLoss, EngineError> {
         self.layers.load(&self.parameters[..self.layers.parameters()]);
         let tables = GridTables::new(TableValues::F16(&self.halves), Some(&self.bounds));
-        let job = Job { tier: self.tier, model: &self.model, grid: &self.grid, tables, layers: &self.layers };
+        let job = Job { isa: self.isa, model: &self.model, grid: &self.grid, tables, layers: &self.layers };
         let chunk_rays = match &self.layers.density {
             Some(_) => (batch.rays.len() / FEWEST_CHUNKS).clamp(FEWEST_RAYS, CHUNK_RAYS),
             None => CHUNK_PIXELS,
@@ -206,7 +206,7 @@ impl Engine for GridEngine {
         let (values, tables) = self.parameters.split_at_mut(dense);
         let (moment1, table_moment1) = self.moment1.split_at_mut(dense);
         let (moment2, table_moment2) = self.moment2.split_at_mut(dense);
-        step.apply(self.tier, values, moment1, moment2, &self.gradient);
+        step.apply(self.isa, values, moment1, moment2, &self.gradient);
         let features = usize::from(self.grid.features);
         let mut rest = (tables, table_moment1, table_moment2, &mut self.halves[..]);
         let mut levels = Vec::new();
@@ -221,7 +221,7 @@ impl Engine for GridEngine {
             levels.push(LevelState { level, values, moment1, moment2, halves, scale });
             rest = (v_rest, m1_rest, m2_rest, h_rest);
         }
-        let (tier, grid, passes) = (self.tier, &self.grid, &self.passes);
+        let (isa, grid, passes) = (self.isa, &self.grid, &self.passes);
         let threads = rayon::current_num_threads().max(1);
         self.level_scratch.resize_with(threads, || Mutex::new(LevelScratch::new(grid)));
         let scratch = &self.level_scratch;
@@ -233,7 +233,7 @@ impl Engine for GridEngine {
                 // Each thread has its own: nobody waits for the lock.
                 let own = rayon::current_thread_index().unwrap_or(0) % threads;
                 let mut scratch = scratch[own].lock().unwrap_or_else(PoisonError::into_inner);
-                scratch.step(tier, grid, &tables, passes.iter().map(|pass| &pass.kept), &step, &mut level);
+                scratch.step(isa, grid, &tables, passes.iter().map(|pass| &pass.kept), &step, &mut level);
             });
         };
         rayon::join(|| beside(&loss), update);

@@ -12,7 +12,7 @@ use nerf_core::math::MathBackend;
 use nerf_core::matrix::Init;
 use nerf_core::network::EXPONENTIAL_LIMIT;
 use nerf_core::sampling::{Purpose, uniform};
-use nerf_core::simd::Tier;
+use nerf_core::simd::Isa;
 use std::ops::{Add, Range};
 use std::time::Instant;
 
@@ -29,7 +29,7 @@ const FAINT: f32 = 3e-3;
 /// What a chunk is computed from.
 #[derive(Clone, Copy)]
 pub(super) struct Job<'a> {
-    pub tier: Tier,
+    pub isa: Isa,
     pub model: &'a Model,
     pub grid: &'a GridEncoding,
     pub tables: GridTables<'a>,
@@ -290,7 +290,7 @@ impl Scratch {
         let outputs = job.grid.outputs();
         grow(&mut self.channels, outputs * stride);
         encode_grid_block(
-            job.tier,
+            job.isa,
             job.grid,
             &job.tables,
             stride,
@@ -311,7 +311,7 @@ impl Scratch {
                 None => (&self.encoded, width),
             };
             let y = &mut rest[0][range.start * across..];
-            layer.main.forward(job.tier, count, &x[range.start * x_row..], x_row, y, Init::Zero, true);
+            layer.main.forward(job.isa, count, &x[range.start * x_row..], x_row, y, Init::Zero, true);
         }
         self.phases.lap(Phase::Forward, now);
     }
@@ -324,7 +324,7 @@ impl Scratch {
         let across = padded(density.main.inputs);
         let h = &self.hidden[self.hidden.len() - 1][range.start * across..];
         grow(&mut self.raw, stride * VECTOR);
-        density.main.forward(job.tier, count, h, across, &mut self.raw, Init::Zero, false);
+        density.main.forward(job.isa, count, h, across, &mut self.raw, Init::Zero, false);
         // The first column of each row, in place: reading runs ahead of writing.
         for i in 0..count {
             self.raw[i] = self.raw[i * VECTOR];
@@ -332,7 +332,7 @@ impl Scratch {
         self.raw[count..stride].fill(0.0);
         grow(&mut self.sigma, range.start + stride);
         let sigma = &mut self.sigma[range.start..range.start + stride];
-        exponentials(job.tier, &self.raw[..stride], job.layers.bias, EXPONENTIAL_LIMIT, sigma);
+        exponentials(job.isa, &self.raw[..stride], job.layers.bias, EXPONENTIAL_LIMIT, sigma);
         self.phases.lap(Phase::Forward, now);
     }
 
@@ -342,7 +342,7 @@ impl Scratch {
         grow(&mut self.passed, stride);
         grow(&mut self.sigma, stride);
         grow(&mut self.deltas, stride);
-        transmitted(job.tier, &self.sigma[..stride], &self.deltas[..stride], &mut self.passed[..stride]);
+        transmitted(job.isa, &self.sigma[..stride], &self.deltas[..stride], &mut self.passed[..stride]);
         for list in [&mut self.kept_row, &mut self.kept_ray] {
             list.clear();
         }
@@ -402,10 +402,10 @@ impl Scratch {
             };
             let x = before.last().unwrap_or(&self.kept_hidden[self.kept_hidden.len() - 1]);
             let relu = l + 1 < job.layers.colour.len();
-            layer.main.forward(job.tier, kept, x, padded(layer.main.inputs), y, init, relu);
+            layer.main.forward(job.isa, kept, x, padded(layer.main.inputs), y, init, relu);
         }
         let rgb = self.coloured.last_mut().expect("a colour layer");
-        sigmoids(job.tier, &mut rgb[..kept * VECTOR]);
+        sigmoids(job.isa, &mut rgb[..kept * VECTOR]);
     }
 
     /// The direction's share of the first colour layer, `[rays][padded outputs]`.
@@ -424,10 +424,10 @@ impl Scratch {
         let (dirs, out) = (&self.dirs[..3 * stride], &mut self.dir_channels[..]);
         match direction {
             DirectionEncoding::Sinusoidal(encoding) => {
-                encode_block(job.tier, MathBackend::Polynomial, encoding, stride, dirs, out);
+                encode_block(job.isa, MathBackend::Polynomial, encoding, stride, dirs, out);
             }
             DirectionEncoding::SphericalHarmonics { degree } => {
-                encode_harmonics_block(job.tier, *degree, stride, dirs, out);
+                encode_harmonics_block(job.isa, *degree, stride, dirs, out);
             }
         }
         let width = padded(outputs);
@@ -435,7 +435,7 @@ impl Scratch {
         let channels = &self.dir_channels[..outputs * stride];
         to_rows(channels, stride, count, &mut self.dir_rows[..count * width], width);
         grow(&mut self.shares, count * padded(extra.outputs));
-        extra.forward(job.tier, count, &self.dir_rows, width, &mut self.shares, Init::Zero, false);
+        extra.forward(job.isa, count, &self.dir_rows, width, &mut self.shares, Init::Zero, false);
     }
 
     /// The gradient of the distortion loss by the weight of each kept sample.
@@ -518,14 +518,14 @@ impl Scratch {
 
     /// From `upper` and `d_raw` to the layers' sums and the tables' samples.
     fn backward(&mut self, job: &Job<'_>, batch: &Batch, pass: &mut Pass) {
-        let (tier, kept) = (job.tier, self.kept_row.len());
+        let (isa, kept) = (job.isa, self.kept_row.len());
         let (trunk, layers) = (job.layers.trunk.len(), job.layers);
         let h = &self.kept_hidden[trunk - 1];
         for (l, layer) in layers.colour.iter().enumerate().rev() {
             let at = trunk + usize::from(layers.density.is_some()) + l;
             let x = if l == 0 { h } else { &self.coloured[l - 1] };
             let x_row = padded(layer.main.inputs);
-            layer.main.add_gradient(tier, kept, x, x_row, &self.upper, &mut pass.sums.main[at]);
+            layer.main.add_gradient(isa, kept, x, x_row, &self.upper, &mut pass.sums.main[at]);
             if let Some(extra) = &layer.extra {
                 // A ray's samples have its direction: their gradients are summed first.
                 let across = padded(extra.outputs);
@@ -536,34 +536,34 @@ impl Scratch {
                     share.iter_mut().zip(row).for_each(|(share, row)| *share += row);
                 }
                 let width = padded(extra.inputs);
-                extra.add_gradient(tier, rays, &self.dir_rows, width, &self.shares, &mut pass.sums.extra[at]);
+                extra.add_gradient(isa, rays, &self.dir_rows, width, &self.shares, &mut pass.sums.extra[at]);
             }
             grow(&mut self.lower, padded(kept) * x_row);
-            layer.main.backward(tier, kept, &self.upper, &mut self.lower, Init::Zero);
+            layer.main.backward(isa, kept, &self.upper, &mut self.lower, Init::Zero);
             std::mem::swap(&mut self.upper, &mut self.lower);
             if l > 0 {
-                mask(tier, &mut self.upper[..kept * x_row], &x[..kept * x_row]);
+                mask(isa, &mut self.upper[..kept * x_row], &x[..kept * x_row]);
             }
         }
         if let Some(density) = &layers.density {
             let (density, across) = (&density.main, padded(density.main.inputs));
-            density.add_gradient(tier, kept, h, across, &self.d_raw, &mut pass.sums.main[trunk]);
-            density.backward(tier, kept, &self.d_raw, &mut self.upper, Init::Accumulate);
+            density.add_gradient(isa, kept, h, across, &self.d_raw, &mut pass.sums.main[trunk]);
+            density.backward(isa, kept, &self.d_raw, &mut self.upper, Init::Accumulate);
         }
         for (l, layer) in layers.trunk.iter().enumerate().rev() {
             let across = padded(layer.main.outputs);
-            mask(tier, &mut self.upper[..kept * across], &self.kept_hidden[l][..kept * across]);
+            mask(isa, &mut self.upper[..kept * across], &self.kept_hidden[l][..kept * across]);
             let (x, x_row) = match l {
                 0 => (&self.kept_encoded, padded(layer.main.inputs)),
                 _ => (&self.kept_hidden[l - 1], padded(layer.main.inputs)),
             };
-            layer.main.add_gradient(tier, kept, x, x_row, &self.upper, &mut pass.sums.main[l]);
+            layer.main.add_gradient(isa, kept, x, x_row, &self.upper, &mut pass.sums.main[l]);
             grow(&mut self.lower, padded(kept) * x_row);
-            layer.main.backward(tier, kept, &self.upper, &mut self.lower, Init::Zero);
+            layer.main.backward(isa, kept, &self.upper, &mut self.lower, Init::Zero);
             std::mem::swap(&mut self.upper, &mut self.lower);
         }
         pass.kept.width = padded(job.grid.outputs());
-        pass.kept.extend(tier, &self.upper[..kept * pass.kept.width]);
+        pass.kept.extend(isa, &self.upper[..kept * pass.kept.width]);
         for (axis, positions) in pass.kept.positions.iter_mut().enumerate() {
             let along = |&row: &u32| batch.positions[self.index_of[row as usize] as usize][axis];
             positions.extend(self.kept_row.iter().map(along));

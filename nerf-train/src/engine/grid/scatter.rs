@@ -6,7 +6,7 @@ use super::adam::{AdamStep, move_16, moved};
 use crate::engine::{GRADIENT_LIMIT, Phase, Phases};
 use crate::quantise::STEPS;
 use nerf_core::encoding::{GridCorners, GridEncoding, GridLevel, GridTables, grid_corners_block};
-use nerf_core::simd::{BLOCK, Lanes, Op, Tier, prefetch};
+use nerf_core::simd::{BLOCK, Isa, Lanes, Op, prefetch};
 use std::time::Instant;
 
 /// Values of a part of a level that is left alone if no sample read from it.
@@ -35,8 +35,8 @@ impl Kept {
     }
 
     /// Adds the samples' gradients, `[samples][width]`.
-    pub fn extend(&mut self, tier: Tier, gradients: &[f32]) {
-        self.largest = f32::from_bits(tier.run(Largest { gradients }).max(self.largest.to_bits()));
+    pub fn extend(&mut self, isa: Isa, gradients: &[f32]) {
+        self.largest = f32::from_bits(isa.run(Largest { gradients }).max(self.largest.to_bits()));
         self.gradients.extend_from_slice(gradients);
     }
 
@@ -102,7 +102,7 @@ impl LevelScratch {
     /// One step of a level: the sum over all samples, in their order, then Adam.
     pub fn step<'k>(
         &mut self,
-        tier: Tier,
+        isa: Isa,
         grid: &GridEncoding,
         tables: &GridTables<'_>,
         kept: impl Iterator<Item = &'k Kept>,
@@ -111,17 +111,17 @@ impl LevelScratch {
     ) {
         let begun = Instant::now();
         for kept in kept {
-            self.add(tier, grid, tables, &state.level, kept);
+            self.add(isa, grid, tables, &state.level, kept);
         }
         let begun = self.phases.lap(Phase::Scatter, begun);
         let Self { gradient, touched, .. } = self;
-        tier.run(Update { adam, gradient, touched, state });
+        isa.run(Update { adam, gradient, touched, state });
         self.phases.lap(Phase::Adam, begun);
     }
 
     fn add(
         &mut self,
-        tier: Tier,
+        isa: Isa,
         grid: &GridEncoding,
         tables: &GridTables<'_>,
         level: &GridLevel,
@@ -136,17 +136,17 @@ impl LevelScratch {
                 x[..samples].copy_from_slice(&positions[first..first + samples]);
             }
             let mut corners = GridCorners { entry, weight, x: across };
-            grid_corners_block(tier, grid, tables, level, BLOCK, &x, &mut corners);
+            grid_corners_block(isa, grid, tables, level, BLOCK, &x, &mut corners);
             let rows = &kept.gradients[first * kept.width..][..samples * kept.width];
             let (first, index) = (level.first, level.index);
             let add = Add { entry, weight, across, rows, width: kept.width, first, index, gradient, touched };
             match (grid.inputs, grid.features) {
-                (2, 1) => tier.run(Features::<2, 1, 2>(add)),
-                (2, 2) => tier.run(Features::<2, 2, 4>(add)),
-                (2, _) => tier.run(Features::<2, 4, 8>(add)),
-                (_, 1) => tier.run(Features::<4, 1, 2>(add)),
-                (_, 2) => tier.run(Features::<4, 2, 4>(add)),
-                _ => tier.run(Features::<4, 4, 8>(add)),
+                (2, 1) => isa.run(Features::<2, 1, 2>(add)),
+                (2, 2) => isa.run(Features::<2, 2, 4>(add)),
+                (2, _) => isa.run(Features::<2, 4, 8>(add)),
+                (_, 1) => isa.run(Features::<4, 1, 2>(add)),
+                (_, 2) => isa.run(Features::<4, 2, 4>(add)),
+                _ => isa.run(Features::<4, 4, 8>(add)),
             }
         }
     }
@@ -258,8 +258,8 @@ fn update_part(adam: AdamStep, gradient: &[f32], values: &mut [f32], m: &mut [f3
 }
 
 /// Writes little-endian f16, of values in whole steps of int8 where there is a `scale` of those.
-pub(super) fn write_halves(tier: Tier, values: &[f32], scale: Option<f32>, halves: &mut [u8]) {
-    tier.run(Halve { values, scale, halves });
+pub(super) fn write_halves(isa: Isa, values: &[f32], scale: Option<f32>, halves: &mut [u8]) {
+    isa.run(Halve { values, scale, halves });
 }
 
 struct Halve<'a> {

@@ -244,13 +244,13 @@ fn of_a_ray_through_a_2d_field_only_the_first_sample_is_seen() {
 }
 
 #[test]
-fn every_tier_has_the_same_gradients_within_rounding() {
+fn every_instruction_set_has_the_same_gradients_within_rounding() {
     let (name, model) = &models()[1];
-    for tier in Tier::ALL.into_iter().filter(|tier| tier.available() && *tier != Tier::Avx512Bf16) {
+    for isa in Isa::ALL.into_iter().filter(|isa| isa.available()) {
         let mut engine = engine(model, BARE, 4);
-        engine.set_tier(tier);
+        engine.set_isa(isa);
         let worst = worst_of_differences(name, model, &mut engine, &batch_of(12, 23));
-        assert!(worst < 2e-4, "{}: {worst}", tier.name());
+        assert!(worst < 2e-4, "{}: {worst}", isa.name());
     }
 }
 

@@ -1,14 +1,14 @@
-//! Loops over slices, compiled for the tier's instructions.
+//! Loops over slices, compiled for the instruction set.
 
 use nerf_core::math::polynomial::exp;
-use nerf_core::simd::{Lanes, Op, Tier};
+use nerf_core::simd::{Isa, Lanes, Op};
 
-/// Multiples of this many values go through [`Tier::run`]'s vectors on every tier.
+/// Multiples of this many values go through [`Isa::run`]'s vectors with every instruction set.
 pub(super) const VECTOR: usize = 16;
 
 /// `out[i] = exp(min(x[i] + bias, limit))`, NaN stays NaN; `[n]`, n a multiple of [`VECTOR`].
-pub(super) fn exponentials(tier: Tier, x: &[f32], bias: f32, limit: f32, out: &mut [f32]) {
-    tier.run(Exponentials { x, bias, limit, out });
+pub(super) fn exponentials(isa: Isa, x: &[f32], bias: f32, limit: f32, out: &mut [f32]) {
+    isa.run(Exponentials { x, bias, limit, out });
 }
 
 struct Exponentials<'a> {
@@ -33,8 +33,8 @@ impl Op for Exponentials<'_> {
 }
 
 /// `out[i] = exp(−a[i] · b[i])`.
-pub(super) fn transmitted(tier: Tier, a: &[f32], b: &[f32], out: &mut [f32]) {
-    tier.run(Transmitted { a, b, out });
+pub(super) fn transmitted(isa: Isa, a: &[f32], b: &[f32], out: &mut [f32]) {
+    isa.run(Transmitted { a, b, out });
 }
 
 struct Transmitted<'a> {
@@ -57,8 +57,8 @@ impl Op for Transmitted<'_> {
 }
 
 /// `x[i] = 1 / (1 + exp(−x[i]))`.
-pub(super) fn sigmoids(tier: Tier, x: &mut [f32]) {
-    tier.run(Sigmoids { x });
+pub(super) fn sigmoids(isa: Isa, x: &mut [f32]) {
+    isa.run(Sigmoids { x });
 }
 
 struct Sigmoids<'a> {
@@ -80,8 +80,8 @@ impl Op for Sigmoids<'_> {
 }
 
 /// `d[i] = 0` where `h[i]` is not above 0: back through a ReLU.
-pub(super) fn mask(tier: Tier, d: &mut [f32], h: &[f32]) {
-    tier.run(Mask { d, h });
+pub(super) fn mask(isa: Isa, d: &mut [f32], h: &[f32]) {
+    isa.run(Mask { d, h });
 }
 
 struct Mask<'a> {

@@ -3,7 +3,7 @@
 use super::volume::error_of;
 use super::*;
 use crate::engine::pass::activate;
-use nerf_core::simd::{BLOCK, Tier};
+use nerf_core::simd::{BLOCK, Isa};
 
 /// Rounding to f32, relative.
 const ROUND: f64 = 1.0 / (1 << 24) as f64;
@@ -153,16 +153,16 @@ fn densities_are_clamped_forward_and_backward_and_their_slopes_are_finite_differ
     assert_eq!(activate(DensityActivation::Relu, -0.0), (0.0, 0.0));
 }
 
-/// The tiers of this machine.
-fn tiers() -> impl Iterator<Item = Tier> {
-    Tier::ALL.into_iter().filter(|tier| tier.available())
+/// The instruction sets of this machine.
+fn isas() -> impl Iterator<Item = Isa> {
+    Isa::ALL.into_iter().filter(|isa| isa.available())
 }
 
 #[test]
-fn pre_activations_of_ten_thousand_give_finite_gradients_on_every_tier() {
+fn pre_activations_of_ten_thousand_give_finite_gradients_with_every_instruction_set() {
     for (name, model) in models() {
         let batch = batch_of(&model, 30, 20, 31);
-        for tier in tiers() {
+        for isa in isas() {
             for (density, rgb) in [(1e4, 1e4), (1e4, -1e4), (-1e4, 1e4), (-1e4, -1e4), (1e12, 1e30)] {
                 let mut parameters = model.initial_parameters(3);
                 for layer in model.layers() {
@@ -173,15 +173,15 @@ fn pre_activations_of_ten_thousand_give_finite_gradients_on_every_tier() {
                     }
                 }
                 let mut engine = FusedEngine::with_parameters(&model, Adam::default(), &parameters).unwrap();
-                engine.set_tier(tier);
+                engine.set_isa(isa);
                 let (loss, gradients) = engine.gradients(&batch).unwrap();
                 assert!(loss.mse.is_finite() && loss.mse <= 1.0 && loss.empty <= 13.9, "{name}: {loss:?}");
-                assert!(gradients.iter().all(|g| g.is_finite()), "{name}, {}: {density} {rgb}", tier.name());
+                assert!(gradients.iter().all(|g| g.is_finite()), "{name}, {}: {density} {rgb}", isa.name());
                 // A saturated colour has no slope left.
                 let colours = model.layers().into_iter().filter(|layer| layer.part == Part::Rgb);
                 for layer in colours {
                     let own = &gradients[layer.weights..layer.weights + layer.parameters()];
-                    assert!(own.iter().all(|&g| g == 0.0), "{name}, {}", tier.name());
+                    assert!(own.iter().all(|&g| g == 0.0), "{name}, {}", isa.name());
                 }
             }
         }
@@ -189,14 +189,14 @@ fn pre_activations_of_ten_thousand_give_finite_gradients_on_every_tier() {
 }
 
 #[test]
-fn gradients_of_walls_and_haze_are_finite_differences_on_every_tier() {
+fn gradients_of_walls_and_haze_are_finite_differences_with_every_instruction_set() {
     let kinds: [(&str, f32, f32, [f32; 4]); 3] = [
         ("moderate", 1.0, 0.0, [0.05, 0.1, 0.2, 0.4]),
         ("walls", 1e3, 1e3, [0.0, 1e-3, 0.1, 10.0]),
         ("haze", 1e-3, 1e-3, [0.0, 1e-30, 0.1, 10.0]),
     ];
     for (kind, scale, bias, lengths) in kinds {
-        let mut worst: Vec<(Tier, f64)> = tiers().map(|tier| (tier, 0.0)).collect();
+        let mut worst: Vec<(Isa, f64)> = isas().map(|isa| (isa, 0.0)).collect();
         for (name, model) in models() {
             let Some(DensityActivation::Relu) = model.architecture.density else { continue };
             let scaled = model.density_scale * scale;
@@ -214,25 +214,25 @@ fn gradients_of_walls_and_haze_are_finite_differences_on_every_tier() {
                 (at(1e-6) - at(-1e-6)) / 2e-6
             };
             let expected: Vec<[f64; 3]> = model.layers().iter().map(|d| chosen(d).map(difference)).collect();
-            for (tier, worst) in &mut worst {
+            for (isa, worst) in &mut worst {
                 let mut engine = fused(&model, 4);
-                engine.set_tier(*tier);
+                engine.set_isa(*isa);
                 let (_, found) = engine.gradients(&batch).unwrap();
                 for (d, expected) in model.layers().iter().zip(&expected) {
                     let range = d.weights..d.weights + d.parameters();
                     let largest = largest(&found[range], 1e-6);
                     for (index, expected) in chosen(d).into_iter().zip(expected) {
                         let error = (f64::from(found[index]) - expected).abs() / largest;
-                        assert!(error.is_finite(), "{kind}, {name}, {}", tier.name());
+                        assert!(error.is_finite(), "{kind}, {name}, {}", isa.name());
                         *worst = worse(*worst, error);
                     }
                 }
             }
         }
-        for (tier, worst) in worst {
-            println!("{kind}, {}: worst error over a layer's largest gradient {worst:.1e}", tier.name());
+        for (isa, worst) in worst {
+            println!("{kind}, {}: worst error over a layer's largest gradient {worst:.1e}", isa.name());
             // Sums of some hundred f32 products, five layers deep: 5 √700 halves of 2^-23.
-            assert!(worst < 1e-5, "{kind}, {}: {worst}", tier.name());
+            assert!(worst < 1e-5, "{kind}, {}: {worst}", isa.name());
         }
     }
 }

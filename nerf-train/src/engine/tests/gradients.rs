@@ -138,12 +138,12 @@ fn a_dead_density_is_reported() {
 }
 
 #[test]
-fn the_scalar_tier_agrees_with_the_fastest() {
+fn portable_instructions_agree_with_the_fastest() {
     for (name, model) in models() {
         let batch = batch_of(&model, 40, 70, 5);
         let (_, expected) = fused(&model, 2).gradients(&batch).unwrap();
         let mut scalar = fused(&model, 2);
-        scalar.set_tier(nerf_core::simd::Tier::Scalar);
+        scalar.set_isa(nerf_core::simd::Isa::Portable);
         let error = worst_layer(&model, &scalar.gradients(&batch).unwrap().1, &expected);
         assert!(error < 1e-4, "{name}: {error}");
     }

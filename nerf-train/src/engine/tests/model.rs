@@ -4,7 +4,7 @@ use super::oracle;
 use super::*;
 use glam::Vec3;
 use nerf_core::camera::SceneBox;
-use nerf_core::simd::Tier;
+use nerf_core::simd::Isa;
 
 #[test]
 fn folding_keeps_the_outputs() {
@@ -91,7 +91,7 @@ fn densities_for_a_grid_are_those_of_the_forward_pass() {
         // Sinusoidal encodings take positions as they are: of which box these are does not matter.
         let bounds = SceneBox::new(Vec3::ZERO, Vec3::ONE).expect("a box");
         let found =
-            crate::field::densities(Tier::detect(), &model.architecture, &parameters, &bounds, &points);
+            crate::field::densities(Isa::detect(), &model.architecture, &parameters, &bounds, &points);
         let (expected, _) = reference(&model, 6).forward(&points, &points).unwrap();
         let mut pairs = found.iter().zip(&expected);
         assert!(pairs.all(|(a, b)| (a - b).abs() < 1e-5 * (1.0 + b)), "{name}");

@@ -1,13 +1,10 @@
 use super::*;
+use nerf_core::sampling::{Purpose, uniform};
 
 /// A deterministic noise picture.
 fn noise(pixels: usize, seed: u32) -> Vec<[f32; 3]> {
-    let mut state = seed;
-    let mut next = || {
-        state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
-        (state >> 8) as f32 / (1 << 24) as f32
-    };
-    (0..pixels).map(|_| [next(), next(), next()]).collect()
+    let value = |pixel, channel| uniform(seed.into(), Purpose::Image, pixel as u64, channel);
+    (0..pixels).map(|pixel| [0, 1, 2].map(|channel| value(pixel, channel))).collect()
 }
 
 /// SSIM by its definition: every window's weighted mean, variance and covariance, two passes.

@@ -4,7 +4,7 @@ use crate::demo_scene::{DemoSpec, dataset};
 use crate::engine::Batch;
 use crate::rays::{MarchCells, RayBank};
 use crate::show::{page, sheet};
-use nerf_core::simd::Tier;
+use nerf_core::Isa;
 
 fn small() -> Dataset {
     dataset(&DemoSpec { train: 6, val: 2, size: 24, ..DemoSpec::default() }).expect("a scene")
@@ -85,7 +85,7 @@ fn a_grid_shows_the_marched_rays_of_its_training_in_a_box() {
     let (mut batch, s) = (Batch::default(), &config.sampling);
     let width = bounds.step(s.steps_across);
     let cells = MarchCells::new(occupancy.unwrap().live());
-    bank.fill_marched(Tier::Scalar, &mut batch, 3, s.rays, &cells, width);
+    bank.fill_marched(Isa::Portable, &mut batch, 3, s.rays, &cells, width);
     assert_eq!((scene.step.rays, scene.step.live), (batch.rays.len(), batch.positions.len()));
     let mut positions = batch.positions.iter();
     for shown in &scene.rays {

@@ -1,10 +1,10 @@
 //! A scene without view dependence, out of one with it: the direction's share becomes its mean.
 
 use crate::dataset::View;
+use nerf_core::Isa;
 use nerf_core::encoding::{DirectionEncoding, encode_block, encode_harmonics_block};
 use nerf_core::math::MathBackend;
 use nerf_core::network::{Architecture, Layer, Role};
-use nerf_core::simd::Tier;
 
 /// Rays a view adds to the mean, at most: they lie close to each other.
 const RAYS: usize = 4096;
@@ -37,10 +37,10 @@ pub fn mean_encoding(encoding: &DirectionEncoding, views: &[&View]) -> Option<Ve
         }
         match encoding {
             DirectionEncoding::Sinusoidal(encoding) => {
-                encode_block(Tier::Scalar, MathBackend::Polynomial, encoding, BLOCK, &x, &mut encoded);
+                encode_block(Isa::Portable, MathBackend::Polynomial, encoding, BLOCK, &x, &mut encoded);
             }
             DirectionEncoding::SphericalHarmonics { degree } => {
-                encode_harmonics_block(Tier::Scalar, *degree, BLOCK, &x, &mut encoded);
+                encode_harmonics_block(Isa::Portable, *degree, BLOCK, &x, &mut encoded);
             }
         }
         for (sum, channel) in sums.iter_mut().zip(encoded.chunks_exact(BLOCK)) {

@@ -9,6 +9,7 @@ use crate::export::{Contents, Tables, export};
 use crate::frame::{self, Frame};
 use crate::occupancy::{Ask, LiveCells, Occupancy};
 use crate::quantise::{Quantised, TableStorage, values_of};
+use nerf_core::Kernel;
 use nerf_core::blob::{
     Blob, BlobError, Body, Content, FrontPoint, MAX_FRONT, SceneFacts, SceneSampling, StoredOccupancy,
     StoredTables, encoded_len, write,
@@ -18,7 +19,6 @@ use nerf_core::memory::Line;
 use nerf_core::network::{Architecture, unpack};
 use nerf_core::plan::{Batch, Effects, Outputs, Plan};
 use nerf_core::render::Renderer;
-use nerf_core::simd::Tier;
 use std::time::Instant;
 
 /// The blob with something else in it.
@@ -159,9 +159,9 @@ impl<'b> Lab<'b> {
             return Ok(None);
         }
         let parameters = [self.parameters(), self.table_values()].concat();
-        let (architecture, tier) = (self.blob.architecture(), Tier::detect());
+        let (architecture, kernel) = (self.blob.architecture(), Kernel::detect());
         let contraction = self.blob.scene().and_then(|scene| scene.contraction());
-        let ask = Ask { tier, architecture, parameters: &parameters, seed: 0, contraction };
+        let ask = Ask { isa: kernel.isa, architecture, parameters: &parameters, seed: 0, contraction };
         let Some(bounds) = self.blob.scene_box() else { return Err(StudyError::NotAScene) };
         let sigma = threshold / self.scene.step();
         let cells = match own {
@@ -283,7 +283,7 @@ impl<'b> Lab<'b> {
         let open = |key: &Key| Blob::open(&self.variants[key.variant].bytes);
         let blobs: Vec<Blob<'_>> = keys.iter().map(open).collect::<Result<_, _>>()?;
         let lines = |(key, blob): (&Key, &Blob<'_>)| match key.precision {
-            Precision::Rounded => Renderer::prepared_lines(blob, key.tier),
+            Precision::Rounded => Renderer::prepared_lines(blob, key.kernel),
             Precision::Unrounded => 0,
         };
         let mut memory: Vec<Vec<Line>> =
@@ -292,11 +292,11 @@ impl<'b> Lab<'b> {
         for ((key, blob), memory) in keys.iter().zip(blobs).zip(&mut memory) {
             let prepared = memory.len() * size_of::<Line>();
             let renderer = match (key.precision, &self.source) {
-                (Precision::Unrounded, Some(source)) => Renderer::with_parameters(blob, key.tier, source)
+                (Precision::Unrounded, Some(source)) => Renderer::with_parameters(blob, key.kernel, source)
                     .ok_or_else(|| StudyError::OtherSource {
-                        found: format!("{} parameters", source.len()),
-                    })?,
-                _ => Renderer::new(blob, key.tier, memory)?,
+                    found: format!("{} parameters", source.len()),
+                })?,
+                _ => Renderer::new(blob, key.kernel, memory)?,
             };
             renderers.push((renderer, prepared));
         }
@@ -308,13 +308,13 @@ impl<'b> Lab<'b> {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 struct Key {
     variant: usize,
-    tier: Tier,
+    kernel: Kernel,
     precision: Precision,
 }
 
 impl Key {
     fn of(settings: &Settings) -> Self {
-        Self { variant: settings.variant, tier: settings.tier, precision: settings.precision }
+        Self { variant: settings.variant, kernel: settings.kernel, precision: settings.precision }
     }
 }
 

@@ -77,13 +77,13 @@ impl Findings<'_, '_, '_> {
         line(format_args!("## How it was measured"));
         line(format_args!(
             "- *exact*: every sample inside the scene box{}, no cuts, polynomial encoding, f32 on {}. Against the \
-             scalar oracle it differs by at most {:.1e} in a square of 16 pixels in the middle of {}.",
+             portable oracle it differs by at most {:.1e} in a square of 16 pixels in the middle of {}.",
             if study.lab.occupancy_required() {
                 " and its occupancy grid, which is part of the model"
             } else {
                 ""
             },
-            study.points[0].settings.tier.name(),
+            study.points[0].settings.kernel,
             study.oracle_max,
             printable::markdown(&study.views[0].name)
         ));
@@ -96,7 +96,7 @@ impl Findings<'_, '_, '_> {
         line(format_args!(
             "- Times are {} for whole frames of {}. In each round all points are rendered \
              view by view in turned order; *s a view* is the median over the rounds, *times faster* the median of \
-             the ratios within a round. Slow points (no occupancy grid, or the scalar tier) are rendered on these views only; \
+             the ratios within a round. Slow points (no occupancy grid, or portable instructions) are rendered on these views only; \
              in a scene without an occupancy grid all points are.",
             if study.effort.clock == Clock::Cpu {
                 "CPU seconds of all cores together"

@@ -187,5 +187,5 @@ fn whole(point: &Point) -> bool {
 }
 
 fn whole_f32(point: &Point) -> bool {
-    whole(point) && !point.settings.tier.rounds()
+    whole(point) && !point.settings.kernel.rounds()
 }

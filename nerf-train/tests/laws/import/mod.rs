@@ -7,11 +7,11 @@ mod oracle;
 mod reference;
 
 use made::{Checkpoint, Shape};
+use nerf_core::Kernel;
 use nerf_core::blob::{Blob, Content, Provenance};
 use nerf_core::memory::Line;
 use nerf_core::plan::{Batch, Outputs, Plan, Quality};
 use nerf_core::render::Renderer;
-use nerf_core::simd::Tier;
 use nerf_train::export::{Contents, Tables, export};
 use nerf_train::import::{AngleFactor, Identity, Imported, Order, RawDensity, Settings, Tensors, network};
 use oracle::Oracle;
@@ -30,7 +30,7 @@ fn wide() -> Settings {
 fn ask(
     imported: &Imported,
     settings: &Settings,
-    tier: Tier,
+    kernel: Kernel,
     points: &[[f32; 3]],
     dirs: &[[f32; 3]],
 ) -> [Answers; 2] {
@@ -47,9 +47,9 @@ fn ask(
     let bytes = exported.expect("a blob").bytes;
     let blob = Blob::open(&bytes).expect("a blob");
     let plan = Plan::new(&blob, &Quality::EXACT, Outputs::ALL, Batch::FULL).expect("a plan");
-    let mut memory = vec![Line::UNINIT; Renderer::prepared_lines(&blob, tier)];
-    let unrounded = Renderer::with_parameters(blob.clone(), tier, &parameters).expect("enough");
-    let rounded = Renderer::new(blob.clone(), tier, &mut memory).expect("enough");
+    let mut memory = vec![Line::UNINIT; Renderer::prepared_lines(&blob, kernel)];
+    let unrounded = Renderer::with_parameters(blob.clone(), kernel, &parameters).expect("enough");
+    let rounded = Renderer::new(blob.clone(), kernel, &mut memory).expect("enough");
     [unrounded, rounded].map(|renderer| {
         let mut workspace = vec![Line::UNINIT; renderer.workspace_lines(&plan)];
         let (mut sigma, mut rgb) = (vec![0.0; points.len()], vec![[0.0; 3]; points.len()]);
@@ -58,8 +58,8 @@ fn ask(
     })
 }
 
-fn tiers() -> [Tier; 2] {
-    [Tier::Scalar, Tier::detect()]
+fn kernels() -> [Kernel; 2] {
+    [Kernel::IN_PLACE, Kernel::detect()]
 }
 
 fn read(path: &Path, settings: &Settings) -> Imported {
@@ -80,20 +80,20 @@ fn close(a: f32, b: f64) -> bool {
     (f64::from(a) - b).abs() <= 1e-4 * b.abs().max(1.0)
 }
 
-/// The import of `checkpoint` against the formulas in f64, on every tier.
+/// The import of `checkpoint` against the formulas in f64, with every kernel.
 fn assert_same(path: &Path, checkpoint: &Checkpoint, oracle: &Oracle, settings: &Settings, what: &str) {
     let imported = read(path, settings);
     let (points, dirs) = points();
-    for tier in tiers() {
-        let [found, _] = ask(&imported, settings, tier, &points, &dirs);
+    for kernel in kernels() {
+        let [found, _] = ask(&imported, settings, kernel, &points, &dirs);
         let mut seen = 0;
         for ((p, d), (sigma, rgb)) in points.iter().zip(&dirs).zip(found) {
             let (expected_sigma, expected_rgb) = oracle.forward(checkpoint, *p, *d);
-            assert!(close(sigma, expected_sigma), "{what}, {tier:?}: {sigma}, {expected_sigma}");
+            assert!(close(sigma, expected_sigma), "{what}, {kernel:?}: {sigma}, {expected_sigma}");
             // Where nothing is there is no colour.
             if sigma > 0.0 {
                 let same = rgb.iter().zip(expected_rgb).all(|(&a, b)| close(a, b));
-                assert!(same, "{what}, {tier:?}: {rgb:?}, {expected_rgb:?}");
+                assert!(same, "{what}, {kernel:?}: {rgb:?}, {expected_rgb:?}");
                 seen += 1;
             }
         }

@@ -1,6 +1,6 @@
 //! The original authors' network against outputs of their own code.
 
-use super::{ask, read, tiers, wide};
+use super::{ask, kernels, read, wide};
 use crate::golden::data;
 use serde::Deserialize;
 
@@ -56,8 +56,8 @@ fn the_original_network_answers_as_the_original_code_did() {
             .collect();
         for ending in ["npz", "safetensors"] {
             let imported = read(&nets.join(format!("lego_200k_{which}.{ending}")), &wide());
-            for tier in tiers() {
-                let worst = ask(&imported, &wide(), tier, &points, &dirs).map(|answers| {
+            for kernel in kernels() {
+                let worst = ask(&imported, &wide(), kernel, &points, &dirs).map(|answers| {
                     let mut worst = [0.0f64; 2];
                     for (&(sigma, rgb), &(expected_sigma, expected_rgb)) in answers.iter().zip(&expected) {
                         worst[0] = worse(worst[0], sigma, expected_sigma);
@@ -72,13 +72,12 @@ fn the_original_network_answers_as_the_original_code_did() {
                 });
                 println!(
                     "{which}.{ending}, {}: worst error sigma {:.1e}, rgb {:.1e}; with f16 weights {:.1e}, {:.1e}",
-                    tier.name(),
-                    worst[0][0],
-                    worst[0][1],
-                    worst[1][0],
-                    worst[1][1]
+                    kernel, worst[0][0], worst[0][1], worst[1][0], worst[1][1]
                 );
-                assert!(worst[0].iter().all(|&error| error <= 1e-4), "{which}.{ending}, {tier:?}: {worst:?}");
+                assert!(
+                    worst[0].iter().all(|&error| error <= 1e-4),
+                    "{which}.{ending}, {kernel:?}: {worst:?}"
+                );
             }
         }
     }

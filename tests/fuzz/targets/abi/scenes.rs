@@ -37,10 +37,12 @@ pub fn open(u: &mut Unstructured<'_>) -> Result<Option<Host>> {
         blob[bit / 8] ^= 1 << (bit % 8);
     }
     let kernel = if u.ratio(1, 8)? { u.arbitrary()? } else { u.int_in_range(0..=5)? };
+    let storage = if u.ratio(1, 8)? { u.arbitrary()? } else { u.int_in_range(0..=3)? };
     let options = ffi::OpenOptions {
         kernel,
-        reserved: [u32::from(u.ratio(1, 32)?); 7],
-        ..call::open_options(nerf_core::Tier::Scalar)
+        storage,
+        reserved: [u32::from(u.ratio(1, 32)?); 6],
+        ..call::open_options(nerf_core::Kernel::IN_PLACE)
     };
     let mut options = Lent::new(&options, u)?;
     let options: *const ffi::OpenOptions = if u.ratio(1, 8)? { null() } else { options.at() };

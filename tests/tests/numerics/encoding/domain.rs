@@ -2,6 +2,7 @@
 
 use crate::blob::{SCENE, body};
 use crate::table::{Row, Worst, cases};
+use nerf_core::Kernel;
 use nerf_core::blob::{Blob, BlobError, Body, Content, SceneFacts, encoded_len};
 use nerf_core::camera::{Camera, Intrinsics, Lens, Pose};
 use nerf_core::encoding::{AngleScale, SinusoidalEncoding};
@@ -9,8 +10,7 @@ use nerf_core::memory::Line;
 use nerf_core::network::Architecture;
 use nerf_core::plan::{Batch, Outputs, Plan, Quality};
 use nerf_core::render::{Counters, RenderError, Renderer};
-use nerf_core::simd::Tier;
-use nerf_tests::scenes::{Recipe, tiers};
+use nerf_tests::scenes::{Recipe, kernels};
 
 cases! {
     boxes_that_leave_the_domain_are_refused: "scenes that are written all the same, or refused within it" => boxes;
@@ -61,11 +61,11 @@ fn boxes() -> Vec<Row> {
 }
 
 /// A query of colour at one point.
-fn ask(tier: Tier, position: [f32; 3], dir: [f32; 3]) -> Result<(f32, [f32; 3], Counters), RenderError> {
+fn ask(kernel: Kernel, position: [f32; 3], dir: [f32; 3]) -> Result<(f32, [f32; 3], Counters), RenderError> {
     let bytes = Recipe::PLAIN.blob();
     let blob = Blob::open(&bytes).expect("a blob");
-    let mut memory = vec![Line::UNINIT; Renderer::prepared_lines(&blob, tier)];
-    let renderer = Renderer::new(blob.clone(), tier, &mut memory).expect("a renderer");
+    let mut memory = vec![Line::UNINIT; Renderer::prepared_lines(&blob, kernel)];
+    let renderer = Renderer::new(blob.clone(), kernel, &mut memory).expect("a renderer");
     let plan = Plan::new(&blob, &Quality::EXACT, Outputs::RGB, Batch::FULL).expect("a plan");
     let mut workspace = vec![Line::UNINIT; renderer.workspace_lines(&plan)];
     let (mut sigma, mut rgb) = ([7.0], [[7.0; 3]]);
@@ -75,14 +75,14 @@ fn ask(tier: Tier, position: [f32; 3], dir: [f32; 3]) -> Result<(f32, [f32; 3], 
 
 fn outside() -> Vec<Row> {
     let mut worst = Worst::default();
-    for tier in tiers() {
+    for kernel in kernels() {
         for bad in FAR.into_iter().chain([-1e30, 1.0f32.next_up()]) {
             for axis in 0..3 {
                 let mut p = [0.0; 3];
                 p[axis] = if axis == 2 && bad == 1.0f32.next_up() { 1.5f32.next_up() } else { bad };
-                let (sigma, rgb, work) = ask(tier, p, [0.0, 0.0, -1.0]).expect("an answer");
+                let (sigma, rgb, work) = ask(kernel, p, [0.0, 0.0, -1.0]).expect("an answer");
                 let nothing = sigma == 0.0 && rgb == [0.0; 3] && work == Counters::default();
-                worst.see(f64::from(u8::from(!nothing)), || format!("{p:?}, {}", tier.name()));
+                worst.see(f64::from(u8::from(!nothing)), || format!("{p:?}, {}", kernel));
             }
         }
     }
@@ -91,14 +91,14 @@ fn outside() -> Vec<Row> {
 
 fn directions() -> Vec<Row> {
     let mut worst = Worst::default();
-    for tier in tiers() {
+    for kernel in kernels() {
         for bad in FAR.into_iter().chain([0.0, 0.99, 1.01, 1e-30, 1e15, -1e30]) {
             for axis in 0..3 {
                 let mut dir = [0.0; 3];
                 dir[axis] = bad;
                 let refused =
-                    matches!(ask(tier, [0.0; 3], dir), Err(RenderError::Direction { index: 0, .. }));
-                worst.see(f64::from(u8::from(!refused)), || format!("{dir:?}, {}", tier.name()));
+                    matches!(ask(kernel, [0.0; 3], dir), Err(RenderError::Direction { index: 0, .. }));
+                worst.see(f64::from(u8::from(!refused)), || format!("{dir:?}, {}", kernel));
             }
         }
     }

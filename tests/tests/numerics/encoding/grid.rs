@@ -1,10 +1,11 @@
-//! Learned grids at every level, on every tier, from f16, from f32 and from int8.
+//! Learned grids at every level, with every kernel, from f16, from f32 and from int8.
 
-use crate::table::{Row, Worst, cases, exact_tiers};
+use crate::table::{Row, Worst, cases, isas};
+use nerf_core::Isa;
 use nerf_core::encoding::{
     GridEncoding, GridLevel, GridTables, TableValues, encode_grid_block, encode_harmonics_block,
 };
-use nerf_core::simd::Tier;
+use nerf_tests::noise::{next, share, signed};
 use nerf_tests::oracle::grid::Grid;
 use nerf_tests::oracle::network::f16;
 
@@ -22,11 +23,7 @@ cases! {
 
 /// Points of 0..1 that hurt: faces of cells and their neighbours, ±0, subnormals, both ends, and noise.
 fn points(inputs: usize, cells: &[u16]) -> Vec<f32> {
-    let mut state = 1u32;
-    let mut noise = || {
-        state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
-        (state >> 8) as f32 / (1 << 24) as f32
-    };
+    let mut state = 1;
     let ends = [1.0, 1f32.next_down(), 1f32.next_up()];
     let mut all: Vec<f32> = [0.0, -0.0, 1e-45, 1e-40, f32::MIN_POSITIVE].into_iter().chain(ends).collect();
     for &n in cells {
@@ -36,18 +33,20 @@ fn points(inputs: usize, cells: &[u16]) -> Vec<f32> {
         }
     }
     let hard = all.len();
-    (0..inputs * 64 * 300).map(|i| if i % 3 == 0 { all[i / 3 * 7 % hard] } else { noise() }).collect()
+    (0..inputs * 64 * 300)
+        .map(|i| if i % 3 == 0 { all[i / 3 * 7 % hard] } else { share(&mut state) })
+        .collect()
 }
 
 fn grid(inputs: u8, features: u8, log2_entries: u8, cells: &[u16]) -> Vec<Row> {
     let resolutions = cells.iter().map(|&n| [n, n, if inputs == 3 { n } else { 0 }]).collect();
     let encoding = GridEncoding { inputs, features, log2_entries, resolutions };
-    let mut state = 7u64;
+    let mut state = 7;
     let bits: Vec<u16> = (0..encoding.values())
         .map(|_| {
-            state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+            let bits = next(&mut state);
             // Of every size: exponents from subnormal to 2^2.
-            ((state >> 33) as u16 & 0x83ff) | ((state >> 50) as u16 % 18) << 10
+            ((bits >> 33) as u16 & 0x83ff) | ((bits >> 50) as u16 % 18) << 10
         })
         .collect();
     let bytes: Vec<u8> = bits.iter().flat_map(|bits| bits.to_le_bytes()).collect();
@@ -76,15 +75,15 @@ fn grid(inputs: u8, features: u8, log2_entries: u8, cells: &[u16]) -> Vec<Row> {
         (TableValues::F32(&wide), &halves),
         (TableValues::Int8 { values: &steps, scales: &scales }, &int8),
     ];
-    let tiers: Vec<Tier> = exact_tiers().collect();
+    let kernels: Vec<Isa> = isas().collect();
     let mut worst = stored.map(|_| Worst::default());
     let mut out = vec![0.0; encoding.outputs() * 64];
     for x in points(axes, cells).chunks_exact(64 * axes) {
         let unit = |i: usize| -> Vec<f64> { (0..axes).map(|axis| f64::from(x[64 * axis + i])).collect() };
         for (worst, (values, oracle)) in worst.iter_mut().zip(stored) {
             let truth: Vec<_> = (0..64).map(|i| oracle.encode(&unit(i))).collect();
-            for &tier in &tiers {
-                encode_grid_block(tier, &encoding, &GridTables::new(values, None), 64, x, &mut out);
+            for &isa in &kernels {
+                encode_grid_block(isa, &encoding, &GridTables::new(values, None), 64, x, &mut out);
                 for (row, found) in out.chunks_exact(64).enumerate() {
                     // Rounding moves a position by three half ulps, and with it a value by that share of the
                     // difference of two entries, which is at most twice the largest; then the sum is rounded.
@@ -94,14 +93,14 @@ fn grid(inputs: u8, features: u8, log2_entries: u8, cells: &[u16]) -> Vec<Row> {
                         let truth = truth[column][row];
                         let error =
                             (f64::from(found) - truth.value).abs() / (most * truth.largest.max(1e-35));
-                        worst.see(error, || format!("{:?}, value {row}, {}", unit(column), tier.name()));
+                        worst.see(error, || format!("{:?}, value {row}, {}", unit(column), isa.name()));
                     }
                 }
             }
         }
     }
     let names = ["f16 tables", "f32 tables", "int8 tables"];
-    worst.into_iter().zip(names).map(|(worst, name)| worst.row(name, "f32 tiers", 1.0)).collect()
+    worst.into_iter().zip(names).map(|(worst, name)| worst.row(name, "exact", 1.0)).collect()
 }
 
 /// Bands 0 to 3 in Cartesian form, from the table in Sloan 2013, in f64.
@@ -130,30 +129,26 @@ fn table([x, y, z]: [f64; 3]) -> [f64; 16] {
 fn harmonics() -> Vec<Row> {
     let mut worst = Worst::default();
     let mut out = vec![0.0; 16 * 64];
-    let mut state = 5u32;
+    let mut state = 5;
     for _ in 0..500 {
         let mut x = vec![0.0f32; 192];
         for i in 0..64 {
-            let mut next = || {
-                state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
-                (state >> 8) as f32 / (1 << 23) as f32 - 1.0
-            };
-            let d = glam::Vec3::new(next(), next(), next());
+            let d = glam::Vec3::from([0; 3].map(|_| signed(&mut state)));
             // Axes among them.
             let d = if i % 16 == 0 { glam::Vec3::AXES[i / 16 % 3] } else { d };
             let d = d.try_normalize().unwrap_or(glam::Vec3::NEG_Z);
             (x[i], x[64 + i], x[128 + i]) = (d.x, d.y, d.z);
         }
-        for tier in exact_tiers() {
-            encode_harmonics_block(tier, 4, 64, &x, &mut out);
+        for isa in isas() {
+            encode_harmonics_block(isa, 4, 64, &x, &mut out);
             for i in 0..64 {
                 let d = [0, 1, 2].map(|axis| f64::from(x[64 * axis + i]));
                 for (row, truth) in table(d).into_iter().enumerate() {
                     let error = (f64::from(out[64 * row + i]) - truth).abs();
-                    worst.see(error, || format!("{d:?}, value {row}, {}", tier.name()));
+                    worst.see(error, || format!("{d:?}, value {row}, {}", isa.name()));
                 }
             }
         }
     }
-    vec![worst.row("any", "f32 tiers", 5e-7)]
+    vec![worst.row("any", "exact", 5e-7)]
 }

@@ -1,10 +1,10 @@
 //! Laws of the encoding at points that proptest draws: what is exact in it is exact to the bit.
 
 use crate::property::law;
-use crate::table::{BACKENDS, Row, cases, exact_tiers};
+use crate::table::{BACKENDS, Row, cases, isas};
+use nerf_core::Isa;
 use nerf_core::encoding::{AngleScale, SinusoidalEncoding, encode_block};
 use nerf_core::math::MathBackend;
-use nerf_core::simd::Tier;
 use nerf_tests::error::{worse, worst_of};
 use proptest::prelude::{Strategy, any, prop_oneof};
 use std::fmt;
@@ -57,31 +57,31 @@ fn known() -> impl Iterator<Item = Point> {
 /// Points of each law for each backend.
 const POINTS: u32 = 4000;
 
-fn points(bounds: [f64; 4], measure: fn(&Point, Tier, MathBackend) -> f64) -> Vec<Row> {
+fn points(bounds: [f64; 4], measure: fn(&Point, Isa, MathBackend) -> f64) -> Vec<Row> {
     points_of(&BACKENDS, &bounds, measure)
 }
 
 fn points_of(
     backends: &[(&'static str, MathBackend)],
     bounds: &[f64],
-    measure: fn(&Point, Tier, MathBackend) -> f64,
+    measure: fn(&Point, Isa, MathBackend) -> f64,
 ) -> Vec<Row> {
     let backends = backends.iter().zip(bounds);
     backends
         .map(|(&(name, math), &bound)| {
             let seen = law(&any_point(), POINTS, known(), bound, |point| {
-                let errors = exact_tiers().map(|tier| measure(point, tier, math));
+                let errors = isas().map(|isa| measure(point, isa, math));
                 worst_of(errors)
             });
-            seen.row(name, "f32 tiers", bound)
+            seen.row(name, "exact", bound)
         })
         .collect()
 }
 
 /// `(sin, cos)` of every level.
-fn encode(x: f32, tier: Tier, math: MathBackend) -> [(f32, f32); LEVELS as usize] {
+fn encode(x: f32, isa: Isa, math: MathBackend) -> [(f32, f32); LEVELS as usize] {
     let mut out = [0.0; 2 * LEVELS as usize * 16];
-    encode_block(tier, math, &ENCODING, 16, &[x; 16], &mut out);
+    encode_block(isa, math, &ENCODING, 16, &[x; 16], &mut out);
     std::array::from_fn(|level| (out[32 * level], out[32 * level + 16]))
 }
 
@@ -91,24 +91,24 @@ fn differing(a: impl IntoIterator<Item = (f32, f32)>, b: impl IntoIterator<Item 
     worst_of(pairs.map(|(a, b)| (f64::from(a) - f64::from(b)).abs()))
 }
 
-fn symmetry(point: &Point, tier: Tier, math: MathBackend) -> f64 {
-    let mirrored = encode(-point.x, tier, math).map(|(sin, cos)| (-sin, cos));
-    differing(encode(point.x, tier, math), mirrored)
+fn symmetry(point: &Point, isa: Isa, math: MathBackend) -> f64 {
+    let mirrored = encode(-point.x, isa, math).map(|(sin, cos)| (-sin, cos));
+    differing(encode(point.x, isa, math), mirrored)
 }
 
-fn circle(point: &Point, tier: Tier, math: MathBackend) -> f64 {
-    let norms = encode(point.x, tier, math).map(|(sin, cos)| f64::from(sin).powi(2) + f64::from(cos).powi(2));
+fn circle(point: &Point, isa: Isa, math: MathBackend) -> f64 {
+    let norms = encode(point.x, isa, math).map(|(sin, cos)| f64::from(sin).powi(2) + f64::from(cos).powi(2));
     worst_of(norms.iter().map(|norm| (norm - 1.0).abs()))
 }
 
-fn turns(point: &Point, tier: Tier, math: MathBackend) -> f64 {
+fn turns(point: &Point, isa: Isa, math: MathBackend) -> f64 {
     let shift = (2 * point.turns) as f32;
     let moved = point.x + shift;
     // Where the sum is exact (Knuth's test), it is whole turns on.
     if moved - shift != point.x || moved - point.x != shift {
         return 0.0;
     }
-    differing(encode(point.x, tier, math), encode(moved, tier, math))
+    differing(encode(point.x, isa, math), encode(moved, isa, math))
 }
 
 /// Of all backends but the recurrence, which saves just that: it takes each level from the one before.
@@ -117,19 +117,19 @@ fn firsts() -> Vec<Row> {
     points_of(&BACKENDS[..3], &[0.0; 3], first)
 }
 
-fn first(point: &Point, tier: Tier, math: MathBackend) -> f64 {
-    let multiples = (0..LEVELS).map(|level| encode(point.x * 2f32.powi(level.into()), tier, math)[0]);
-    differing(encode(point.x, tier, math), multiples)
+fn first(point: &Point, isa: Isa, math: MathBackend) -> f64 {
+    let multiples = (0..LEVELS).map(|level| encode(point.x * 2f32.powi(level.into()), isa, math)[0]);
+    differing(encode(point.x, isa, math), multiples)
 }
 
-fn places(point: &Point, tier: Tier, math: MathBackend) -> f64 {
-    let alone = encode(point.x, tier, math);
+fn places(point: &Point, isa: Isa, math: MathBackend) -> f64 {
+    let alone = encode(point.x, isa, math);
     let mut changed: f64 = 0.0;
     for place in [0, 5, 15] {
         let mut x: [f32; 16] = std::array::from_fn(|i| (i as f32 - 7.3) * 11.0);
         x[place] = point.x;
         let mut out = [0.0; 2 * LEVELS as usize * 16];
-        encode_block(tier, math, &ENCODING, 16, &x, &mut out);
+        encode_block(isa, math, &ENCODING, 16, &x, &mut out);
         let among = (0..LEVELS as usize).map(|level| (out[32 * level + place], out[32 * level + 16 + place]));
         changed = worse(changed, differing(alone, among));
     }

@@ -4,15 +4,15 @@ use super::frame;
 use crate::blob::{SCENE, bytes, weights};
 use crate::network::ask;
 use crate::table::{BACKENDS, Row, Worst, cases};
+use nerf_core::Kernel;
 use nerf_core::camera::{Camera, Intrinsics, Lens, Pose};
 use nerf_core::encoding::{AngleScale, SinusoidalEncoding};
 use nerf_core::math::MathBackend;
 use nerf_core::network::{Architecture, DensityActivation, TrunkLayer};
 use nerf_core::plan::Outputs;
 use nerf_core::render::Counters;
-use nerf_core::simd::Tier;
 use nerf_core::volume::Pixel;
-use nerf_tests::scenes::tiers;
+use nerf_tests::scenes::kernels;
 
 cases! {
     infinite_densities_are_walls: "frames that are not the wall's, or that count it as no number" => || frames(0, wall);
@@ -64,11 +64,11 @@ fn frames(kind: usize, wrong: fn(&[Pixel], &Counters) -> Option<String>) -> Vec<
     let bytes = blob(kind);
     let row = |&(name, math): &(&'static str, MathBackend)| {
         let mut worst = Worst::default();
-        for tier in tiers() {
-            let (pixels, counters) = frame(&bytes, &camera(), tier, math, 0, OUTPUTS);
+        for kernel in kernels() {
+            let (pixels, counters) = frame(&bytes, &camera(), kernel, math, 0, OUTPUTS);
             let wrong = wrong(&pixels, &counters).or_else(|| numbers(&pixels));
             let error = f64::from(u8::from(wrong.is_some()));
-            worst.see(error, || format!("{}: {}", tier.name(), wrong.unwrap_or_default()));
+            worst.see(error, || format!("{}: {}", kernel, wrong.unwrap_or_default()));
         }
         worst.row(name, "any", 0.0)
     };
@@ -122,14 +122,14 @@ fn queries() -> Vec<Row> {
     };
     let row = |&(name, math): &(&'static str, MathBackend)| {
         let mut worst = Worst::default();
-        for (kind, tier) in (0..3).flat_map(|kind| tiers().map(move |tier: Tier| (kind, tier))) {
+        for (kind, kernel) in (0..3).flat_map(|kind| kernels().map(move |kernel: Kernel| (kind, kernel))) {
             let points: Vec<[f32; 3]> = (0..70).map(|i| [i as f32 / 80.0, 0.0, 0.5]).collect();
-            let (sigma, rgb, counters) = ask(&blob(kind), tier, math, &points, &[[0.0, 0.0, -1.0]; 70]);
+            let (sigma, rgb, counters) = ask(&blob(kind), kernel, math, &points, &[[0.0, 0.0, -1.0]; 70]);
             let bad = sigma.iter().zip(&rgb).filter(|(s, c)| !expected(kind, **s, **c)).count() as f64;
             // Of each point the density, or the colour.
             let counted = counters.invalid_samples == if kind == 0 { 0 } else { 70 };
             worst.see(bad + f64::from(u8::from(!counted)), || {
-                format!("kind {kind}, {}: {}, {:?}, {counters:?}", tier.name(), sigma[0], rgb[0])
+                format!("kind {kind}, {}: {}, {:?}, {counters:?}", kernel, sigma[0], rgb[0])
             });
         }
         worst.row(name, "any", 0.0)

@@ -2,11 +2,11 @@
 
 use super::ask;
 use crate::blob::{bytes, weights};
-use crate::table::{BACKENDS, Row, Worst, cases, exact_tiers};
+use crate::table::{BACKENDS, Row, Worst, cases, isas};
 use nerf_core::encoding::{AngleScale, SinusoidalEncoding};
 use nerf_core::math::{Elementary, MathBackend};
 use nerf_core::network::{Architecture, DensityActivation, TrunkLayer};
-use nerf_tests::scenes::tiers;
+use nerf_tests::scenes::kernels;
 
 cases! {
     sigmoid_at_ten_thousand: "distance from 1 and 0, at infinity too" => || ends(Elementary::Sigmoid, [1.0, 1.0]);
@@ -21,19 +21,19 @@ cases! {
 fn ends(function: Elementary, expected: [f64; 2]) -> Vec<Row> {
     let row = |&(name, math): &(&'static str, MathBackend)| {
         let mut worst = Worst::default();
-        for tier in exact_tiers() {
+        for isa in isas() {
             let x: [f32; 16] = std::array::from_fn(|i| [1e4, -1e4, f32::INFINITY, f32::NEG_INFINITY][i % 4]);
             let mut out = [f32::NAN; 16];
-            function.apply(tier, math, &x, &mut out);
+            function.apply(isa, math, &x, &mut out);
             for (x, found) in x.iter().zip(out) {
                 let truth = if *x < 0.0 { 0.0 } else { expected[usize::from(x.is_infinite())] };
                 // Of two infinities there is no difference.
                 let error = if f64::from(found) == truth { 0.0 } else { (f64::from(found) - truth).abs() };
-                worst.see(error, || format!("{x:e}, {}", tier.name()));
+                worst.see(error, || format!("{x:e}, {}", isa.name()));
             }
         }
         // Exponentials end at e^-87, which is what is left of 0.
-        worst.row(name, "f32 tiers", 1.7e-38)
+        worst.row(name, "exact", 1.7e-38)
     };
     BACKENDS.iter().map(row).collect()
 }
@@ -42,7 +42,7 @@ fn ranges() -> Vec<Row> {
     let row = |&(name, math): &(&'static str, MathBackend)| {
         let mut worst = Worst::default();
         let mut outside = 0.0;
-        for tier in exact_tiers() {
+        for isa in isas() {
             // Every exponent, with 128 mantissas each, of either sign; then the infinities.
             let x: Vec<f32> = (0..0x7f80u32)
                 .flat_map(|high| [high << 16 | high & 0x7fff, high << 16 | 0x8000_0000])
@@ -51,7 +51,7 @@ fn ranges() -> Vec<Row> {
                 .collect();
             let mut out = vec![f32::NAN; x.len()];
             for function in [Elementary::Softplus, Elementary::Sigmoid, Elementary::Decay, Elementary::Exp] {
-                function.apply(tier, math, &x, &mut out);
+                function.apply(isa, math, &x, &mut out);
                 for (&x, &found) in x.iter().zip(&out) {
                     let inside = match function {
                         Elementary::Softplus => found >= 0.0,
@@ -61,11 +61,11 @@ fn ranges() -> Vec<Row> {
                         _ => found > 0.0 && found.is_finite(),
                     };
                     outside += f64::from(u8::from(!inside));
-                    worst.see(outside, || format!("{function:?} of {x:e} is {found:e}, {}", tier.name()));
+                    worst.see(outside, || format!("{function:?} of {x:e} is {found:e}, {}", isa.name()));
                 }
             }
         }
-        worst.row(name, "f32 tiers", 0.0)
+        worst.row(name, "exact", 0.0)
     };
     BACKENDS.iter().map(row).collect()
 }
@@ -75,18 +75,16 @@ fn no_numbers() -> Vec<Row> {
     use Elementary::{Decay, Exp, Expm1, Sigmoid, Softplus};
     let row = |&(name, math): &(&'static str, MathBackend)| {
         let mut worst = Worst::default();
-        for (tier, function) in
-            exact_tiers().flat_map(|t| [Exp, Expm1, Decay, Softplus, Sigmoid].map(|f| (t, f)))
-        {
+        for (isa, function) in isas().flat_map(|t| [Exp, Expm1, Decay, Softplus, Sigmoid].map(|f| (t, f))) {
             let mut x: [f32; 16] = std::array::from_fn(|i| i as f32 - 8.0);
             let nans = [0x7fc0_0000, 0xffc0_0000, 0x7f80_0001, 0xffff_ffff].map(f32::from_bits);
             x[3..7].copy_from_slice(&nans);
             let mut out = [0.0; 16];
-            function.apply(tier, math, &x, &mut out);
+            function.apply(isa, math, &x, &mut out);
             let hidden = x.iter().zip(&out).filter(|(x, y)| x.is_nan() != y.is_nan()).count() as f64;
-            worst.see(hidden, || format!("{function:?}, {}: {:?}", tier.name(), &out[3..7]));
+            worst.see(hidden, || format!("{function:?}, {}: {:?}", isa.name(), &out[3..7]));
         }
-        worst.row(name, "f32 tiers", 0.0)
+        worst.row(name, "exact", 0.0)
     };
     BACKENDS.iter().map(row).collect()
 }
@@ -114,11 +112,11 @@ fn minus_zero() -> Vec<Row> {
             (_, None) => minus_zero,
         });
         let blob = bytes(&shape, &all);
-        for tier in tiers() {
+        for kernel in kernels() {
             for (name, math) in BACKENDS {
-                let (sigma, ..) = ask(&blob, tier, math, &[[0.5; 3]; 3], &[[0.0, 0.0, -1.0]; 3]);
+                let (sigma, ..) = ask(&blob, kernel, math, &[[0.5; 3]; 3], &[[0.0, 0.0, -1.0]; 3]);
                 let bad = sigma.iter().filter(|sigma| sigma.to_bits() != 0).count() as f64;
-                worst.see(bad, || format!("{name}, {}: {sigma:?}", tier.name()));
+                worst.see(bad, || format!("{name}, {}: {sigma:?}", kernel));
             }
         }
     }
@@ -151,13 +149,13 @@ fn densities() -> Vec<Row> {
         let blob = bytes(&shape, &all);
         let positions: Vec<[f32; 3]> = (0..=256).map(|i| [i as f32 / 128.0 - 1.0, 0.0, 0.0]).collect();
         let dirs = vec![[0.0, 0.0, -1.0]; positions.len()];
-        for tier in tiers() {
+        for kernel in kernels() {
             for (name, math) in BACKENDS {
-                let (sigma, ..) = ask(&blob, tier, math, &positions, &dirs);
+                let (sigma, ..) = ask(&blob, kernel, math, &positions, &dirs);
                 let bad =
                     sigma.iter().filter(|sigma| !(sigma.is_finite() && sigma.is_sign_positive())).count()
                         as f64;
-                worst.see(bad, || format!("{activation:?}, {name}, {}", tier.name()));
+                worst.see(bad, || format!("{activation:?}, {name}, {}", kernel));
             }
         }
     }

@@ -1,12 +1,12 @@
 extern crate std;
 
+use crate::Kernel;
 use crate::blob::Blob;
 use crate::memory::Line;
 use crate::plan::{Batch, Outputs, Plan, PlanError, Quality};
 use crate::render::Renderer;
-use crate::render::tests::{camera, constant, render, tiers};
+use crate::render::tests::{camera, constant, kernels, render};
 use crate::sampling::Bins;
-use crate::simd::Tier;
 use crate::testing::{Worse, architecture, body, bytes, every_kind, halve, parameters, pi};
 use crate::volume::median_in_bin;
 use core::f32::consts::LN_2;
@@ -24,9 +24,9 @@ fn half_of_a_constant_medium_s_light_is_gone_after_ln_2_over_sigma() {
         let (weights, _) = halve(&constant(&a, sigma, [0.0; 3]));
         let bytes = bytes(&body(a.clone(), None, &weights));
         let blob = Blob::open(&bytes).unwrap();
-        for tier in tiers() {
-            let mut memory = vec![Line::UNINIT; Renderer::prepared_lines(&blob, tier)];
-            let renderer = Renderer::new(blob.clone(), tier, &mut memory).unwrap();
+        for kernel in kernels() {
+            let mut memory = vec![Line::UNINIT; Renderer::prepared_lines(&blob, kernel)];
+            let renderer = Renderer::new(blob.clone(), kernel, &mut memory).unwrap();
             let plan = Plan::new(&blob, &Quality::default(), MEDIAN, Batch::FULL).unwrap();
             let (mut reached, mut missed, mut worst) = (0, 0, 0.0f64);
             for (i, pixel) in render(&renderer, &plan, &camera).pixels.iter().enumerate() {
@@ -45,7 +45,7 @@ fn half_of_a_constant_medium_s_light_is_gone_after_ln_2_over_sigma() {
                 worst = worst.worse((f64::from(pixel.median_distance) - expected).abs());
                 reached += 1;
             }
-            std::println!("{sigma} {tier:?}: {reached} reached, {missed} not, {worst:e}");
+            std::println!("{sigma} {kernel:?}: {reached} reached, {missed} not, {worst:e}");
             // Half an ulp of t (2.4e-7) for the middle, for the edge and for the sum; thickness in f32 is off
             // by an ulp of ln 2, 6e-8, and that divided by sigma.
             assert!(worst <= 3.0 * 2.4e-7 + 1.2e-7 / f64::from(sigma), "{worst:e}");
@@ -61,7 +61,7 @@ fn a_cut_of_up_to_one_half_changes_no_median_and_more_is_refused() {
     let (weights, _) = halve(&parameters(&a, 61));
     let bytes = bytes(&body(a, None, &weights));
     let blob = Blob::open(&bytes).unwrap();
-    let renderer = Renderer::new(blob.clone(), Tier::Scalar, &mut []).unwrap();
+    let renderer = Renderer::new(blob.clone(), Kernel::IN_PLACE, &mut []).unwrap();
     let plan = |transmittance_cut, outputs| {
         let quality = Quality { transmittance_cut, ..Quality::EXACT };
         Plan::new(&blob, &quality, outputs, Batch::SMALLEST)

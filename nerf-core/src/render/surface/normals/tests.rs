@@ -1,5 +1,6 @@
 extern crate std;
 
+use crate::Kernel;
 use crate::blob::{Blob, StoredOccupancy};
 use crate::camera::Camera;
 use crate::math::MathBackend;
@@ -8,9 +9,9 @@ use crate::memory::Line;
 use crate::network::{Architecture, GradientScratch, Network, Scratch, Weights};
 use crate::plan::{Batch, Outputs, Plan, PlanError, Quality};
 use crate::render::Renderer;
-use crate::render::tests::{camera, constant, render, tiers};
+use crate::render::tests::{camera, constant, kernels, render};
 use crate::sampling::Bins;
-use crate::simd::{BLOCK, Tier};
+use crate::simd::BLOCK;
 use crate::testing::{architecture, body, bytes, every_kind, halve, parameters, pi, tolerance};
 use crate::volume::{Accumulator, NormalSum, Pixel};
 use glam::Vec3;
@@ -53,9 +54,9 @@ fn a_plane_s_normal_is_the_plane_s() {
     let bytes = bytes(&body(a, None, &weights));
     let blob = Blob::open(&bytes).unwrap();
     let expected = -slope.normalize();
-    for tier in tiers() {
-        let mut memory = vec![Line::UNINIT; Renderer::prepared_lines(&blob, tier)];
-        let renderer = Renderer::new(blob.clone(), tier, &mut memory).unwrap();
+    for kernel in kernels() {
+        let mut memory = vec![Line::UNINIT; Renderer::prepared_lines(&blob, kernel)];
+        let renderer = Renderer::new(blob.clone(), kernel, &mut memory).unwrap();
         let plan = Plan::new(&blob, &Quality::default(), NORMALS, Batch::FULL).unwrap();
         let picture = render(&renderer, &plan, &camera(24, 17));
         // What is fainter than the colour cut may have been asked for none.
@@ -80,9 +81,9 @@ fn a_ball_s_normals_point_outward() {
     let bytes = bytes(&body(a, None, &weights));
     let blob = Blob::open(&bytes).unwrap();
     let (camera, outputs) = (camera(32, 32), Outputs { ray_distance: true, ..NORMALS });
-    for tier in tiers() {
-        let mut memory = vec![Line::UNINIT; Renderer::prepared_lines(&blob, tier)];
-        let renderer = Renderer::new(blob.clone(), tier, &mut memory).unwrap();
+    for kernel in kernels() {
+        let mut memory = vec![Line::UNINIT; Renderer::prepared_lines(&blob, kernel)];
+        let renderer = Renderer::new(blob.clone(), kernel, &mut memory).unwrap();
         let quality = Quality { samples: 512, ..Quality::default() };
         let plan = Plan::new(&blob, &quality, outputs, Batch::FULL).unwrap();
         let (mut seen, mut worst) = (0, 1.0f32);
@@ -96,7 +97,7 @@ fn a_ball_s_normals_point_outward() {
             worst = worst.min(normal.dot(ray.at(pixel.ray_distance).normalize()));
             seen += 1;
         }
-        std::println!("{tier:?}: {seen} pixels, at most {:.2} degrees off", worst.acos().to_degrees());
+        std::println!("{kernel:?}: {seen} pixels, at most {:.2} degrees off", worst.acos().to_degrees());
         // Directions are about √(4π / n) apart, 14 degrees, and a normal is the mean of half a sphere of them.
         assert!(seen > 50 && worst > 5f32.to_radians().cos(), "{seen} {worst}");
     }
@@ -162,9 +163,9 @@ fn every_batch_gives_the_normals_and_the_work_of_one_sample_at_a_time() {
     let bytes = bytes(&body(a.clone(), Some(StoredOccupancy { resolution: [2; 3], bits: &bits }), &weights));
     let blob = Blob::open(&bytes).unwrap();
     let camera = camera(9, 7);
-    for tier in tiers() {
-        let mut memory = vec![Line::UNINIT; Renderer::prepared_lines(&blob, tier)];
-        let renderer = Renderer::new(blob.clone(), tier, &mut memory).unwrap();
+    for kernel in kernels() {
+        let mut memory = vec![Line::UNINIT; Renderer::prepared_lines(&blob, kernel)];
+        let renderer = Renderer::new(blob.clone(), kernel, &mut memory).unwrap();
         for (transmittance_cut, colour_cut) in [(0.0, 0.0), (1e-2, 1e-3), (0.0, 0.02), (0.3, 0.2)] {
             let quality = Quality { transmittance_cut, colour_cut, ..Quality::default() };
             let (normals, evaluations) = sample_by_sample(&renderer, &quality, &camera, (9, 7));
@@ -178,7 +179,7 @@ fn every_batch_gives_the_normals_and_the_work_of_one_sample_at_a_time() {
                 for outputs in [NORMALS, Outputs { normals: true, ..Outputs::ALL }] {
                     let plan = Plan::new(&blob, &quality, outputs, batch).unwrap();
                     let found = render(&renderer, &plan, &camera);
-                    let what = std::format!("{tier:?} {quality:?} {batch:?} {outputs:?}");
+                    let what = std::format!("{kernel:?} {quality:?} {batch:?} {outputs:?}");
                     let of_pixels: Vec<_> = found.pixels.iter().map(|pixel| pixel.normal).collect();
                     assert_eq!(of_pixels, normals, "{what}");
                     let c = found.counters;
@@ -196,31 +197,34 @@ fn every_batch_gives_the_normals_and_the_work_of_one_sample_at_a_time() {
 }
 
 #[test]
-fn tiers_agree_about_normals() {
+fn kernels_agree_about_normals() {
     let a = every_kind();
     let (weights, _) = halve(&parameters(&a, 33));
     let bytes = bytes(&body(a, None, &weights));
     let blob = Blob::open(&bytes).unwrap();
-    let go = |tier| {
-        let mut memory = vec![Line::UNINIT; Renderer::prepared_lines(&blob, tier)];
-        let renderer = Renderer::new(blob.clone(), tier, &mut memory).unwrap();
+    let go = |kernel| {
+        let mut memory = vec![Line::UNINIT; Renderer::prepared_lines(&blob, kernel)];
+        let renderer = Renderer::new(blob.clone(), kernel, &mut memory).unwrap();
         let plan = Plan::new(&blob, &Quality::default(), NORMALS, Batch::FULL).unwrap();
         render(&renderer, &plan, &camera(16, 16)).pixels
     };
-    let scalar = go(Tier::Scalar);
-    for tier in tiers() {
-        // Units that are nearly off may switch where tiers round differently, and where they have 8 bits in
+    let oracle = go(Kernel::IN_PLACE);
+    for kernel in kernels() {
+        // Units that are nearly off may switch where kernels round differently, and where they have 8 bits in
         // many a sample: the median pixel is held to the bound.
-        let mut off: Vec<f32> = go(tier)
+        let mut off: Vec<f32> = go(kernel)
             .iter()
-            .zip(&scalar)
+            .zip(&oracle)
             .filter(|(a, b)| a.opacity > 0.1 && b.opacity > 0.1)
             .map(|(a, b)| (Vec3::from(a.normal) - Vec3::from(b.normal)).length())
             .collect();
         off.sort_unstable_by(f32::total_cmp);
         let median = off[off.len() / 2];
-        std::println!("{tier:?}: {median:e} of {}", off.len());
-        assert!(off.len() > 50 && f64::from(median) <= 5.0 * tolerance(tier, 2e-6), "{tier:?}: {median:e}");
+        std::println!("{kernel:?}: {median:e} of {}", off.len());
+        assert!(
+            off.len() > 50 && f64::from(median) <= 5.0 * tolerance(kernel, 2e-6),
+            "{kernel:?}: {median:e}"
+        );
     }
 }
 
@@ -235,7 +239,7 @@ fn a_blur_takes_ripples_away_and_none_gives_the_gradient_itself() {
     let (weights, _) = halve(&all);
     let bytes = bytes(&body(a, None, &weights));
     let blob = Blob::open(&bytes).unwrap();
-    let renderer = Renderer::new(blob.clone(), Tier::Scalar, &mut []).unwrap();
+    let renderer = Renderer::new(blob.clone(), Kernel::IN_PLACE, &mut []).unwrap();
     let tilt = |blur| {
         let plan = Plan::new(&blob, &Quality::default(), NORMALS, Batch::SMALLEST).unwrap();
         let picture = render(&renderer, &plan.with_normal_blur(blur).unwrap(), &camera(16, 16));
@@ -256,7 +260,7 @@ fn a_medium_without_a_slope_has_no_normal() {
     let (weights, _) = halve(&constant(&a, 2.0, [0.0; 3]));
     let bytes = bytes(&body(a, None, &weights));
     let blob = Blob::open(&bytes).unwrap();
-    let renderer = Renderer::new(blob.clone(), Tier::Scalar, &mut []).unwrap();
+    let renderer = Renderer::new(blob.clone(), Kernel::IN_PLACE, &mut []).unwrap();
     let plan = Plan::new(&blob, &Quality::EXACT, NORMALS, Batch::SMALLEST).unwrap();
     let picture = render(&renderer, &plan, &camera(8, 8));
     assert!(picture.pixels.iter().any(|pixel| pixel.opacity > 0.5));
@@ -274,14 +278,14 @@ fn gradients_beyond_the_numbers_are_counted_and_have_no_direction() {
     all[layers[1].weights] = 1e30;
     let bytes = bytes(&body(a.clone(), None, &vec![0; 2 * a.parameters()]));
     let blob = Blob::open(&bytes).unwrap();
-    let renderer = Renderer::with_parameters(blob.clone(), Tier::Scalar, &all).unwrap();
+    let renderer = Renderer::with_parameters(blob.clone(), Kernel::IN_PLACE, &all).unwrap();
     let plan = Plan::new(&blob, &Quality::EXACT, NORMALS, Batch { rays: 3, samples: BLOCK }).unwrap();
     let picture = render(&renderer, &plan, &camera(8, 8));
     assert!(picture.counters.normal_evaluations > 0);
     assert_eq!(picture.counters.invalid_samples, picture.counters.normal_evaluations);
     assert!(picture.pixels.iter().all(|pixel| pixel.normal == [0.0; 3]));
     // The same network as f32 weights of its own.
-    assert!(Network::new(&a, Weights::Prepared(&all), Tier::Scalar).is_some());
+    assert!(Network::new(&a, Weights::Prepared(&all), crate::Isa::Portable).is_some());
 }
 
 #[test]

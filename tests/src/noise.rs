@@ -1,7 +1,13 @@
 //! Numbers that look random, the same in every run.
 
+/// `n` numbers of [-1, 1).
+pub fn noise(n: usize, seed: u32) -> Vec<f32> {
+    let mut state = u64::from(seed) + 1;
+    (0..n).map(|_| signed(&mut state)).collect()
+}
+
 /// Marsaglia's 64-bit xorshift, 13, 7, 17; the state is never 0.
-fn next(state: &mut u64) -> u64 {
+pub fn next(state: &mut u64) -> u64 {
     *state ^= *state << 13;
     *state ^= *state >> 7;
     *state ^= *state << 17;

@@ -1,32 +1,29 @@
-//! Which tiers this machine has, and the one place where a tier becomes a function.
+//! Which instruction sets this machine has, and the one place where one becomes a function.
 
 use super::Op;
 use super::portable::Portable;
 
-/// A kernel tier: which instructions the inner loops use.
+/// Which instructions the inner loops use.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 #[non_exhaustive]
-pub enum Tier {
-    /// Plain, unfused f32: the oracle, the same on every target.
-    Scalar,
+pub enum Isa {
+    /// Plain, unfused f32: the oracle, the same bits on every target.
+    Portable,
     /// AVX2, FMA and F16C, eight lanes.
     Avx2,
     /// AVX-512 F, sixteen lanes.
     Avx512,
-    /// AVX-512 BF16: weights and activations are rounded to bf16 and summed in f32. Only by name:
-    /// [`Tier::detect`] never chooses a tier that rounds.
-    Avx512Bf16,
-    /// WebAssembly SIMD, four lanes, unfused: the scalar tier's bits. There if the build has the target
-    /// feature `simd128`, since a module cannot ask.
+    /// WebAssembly SIMD, four lanes, unfused: the portable bits. There if the build has the target feature `simd128`,
+    /// since a module cannot ask.
     Simd128,
     /// NEON, four lanes, fused: what every 64-bit ARM processor has.
     Neon,
 }
 
-/// Whether this target is taken to have vectors, the compiler's or a tier's own.
+/// Whether this target is taken to have vectors, the compiler's or an instruction set's own.
 ///
-/// Where there are none, as on microcontrollers and in WebAssembly without `simd128`, every tier is the scalar one,
-/// weights are read in place, and a build has no code for anything else.
+/// Where there are none, as on microcontrollers and in WebAssembly without `simd128`, every instruction set is the
+/// portable one, weights are read in place, and a build has no code for anything else.
 pub const VECTORS: bool = if cfg!(target_arch = "wasm32") {
     cfg!(target_feature = "simd128")
 } else {
@@ -34,63 +31,62 @@ pub const VECTORS: bool = if cfg!(target_arch = "wasm32") {
     !cfg!(target_os = "none") || cfg!(any(target_arch = "x86_64", target_arch = "aarch64"))
 };
 
-impl Tier {
-    /// Every tier, slowest first among those of one machine.
-    pub const ALL: [Self; 6] =
-        [Self::Scalar, Self::Avx2, Self::Avx512, Self::Avx512Bf16, Self::Simd128, Self::Neon];
+impl Isa {
+    /// Every one, slowest first among those of one machine.
+    pub const ALL: [Self; 5] = [Self::Portable, Self::Avx2, Self::Avx512, Self::Simd128, Self::Neon];
 
-    /// The fastest tier of this machine that computes in f32.
+    /// The fastest of this machine.
     pub fn detect() -> Self {
-        let wanted = |tier: &Self| !tier.rounds() && tier.available();
-        Self::ALL.into_iter().rev().find(wanted).unwrap_or(Self::Scalar)
+        Self::ALL.into_iter().rev().find(|isa| isa.available()).unwrap_or(Self::Portable)
     }
 
-    /// Whether weights and activations are rounded to fewer bits than f32 has.
-    pub const fn rounds(self) -> bool {
-        matches!(self, Self::Avx512Bf16)
-    }
-
-    /// Whether this build and this machine have the tier.
+    /// Whether this build and this machine have it.
     pub fn available(self) -> bool {
         match self {
-            Self::Scalar => true,
+            Self::Portable => true,
             Self::Simd128 => cfg!(all(target_arch = "wasm32", target_feature = "simd128")),
             Self::Neon => cfg!(all(target_arch = "aarch64", target_feature = "neon")),
             #[cfg(target_arch = "x86_64")]
             Self::Avx2 => cpu::features().avx2,
             #[cfg(target_arch = "x86_64")]
             Self::Avx512 => cpu::features().avx512,
-            #[cfg(target_arch = "x86_64")]
-            Self::Avx512Bf16 => cpu::features().avx512_bf16,
             #[cfg(not(target_arch = "x86_64"))]
             _ => false,
         }
     }
 
-    /// Its name in `NERF_KERNEL`, flags and reports.
+    /// Whether this machine has instructions of it that multiply bf16: AVX-512 BF16.
+    pub fn multiplies_bf16(self) -> bool {
+        match self {
+            #[cfg(target_arch = "x86_64")]
+            Self::Avx512 => cpu::features().avx512_bf16,
+            _ => false,
+        }
+    }
+
+    /// Whether it has an instruction that widens f16: without one, the tables of prepared scenes are widened once.
+    pub const fn widens_f16(self) -> bool {
+        !matches!(self, Self::Portable | Self::Simd128)
+    }
+
+    /// Its name in reports and in [`crate::Kernel`]'s.
     pub const fn name(self) -> &'static str {
         match self {
-            Self::Scalar => "scalar",
+            Self::Portable => "portable",
             Self::Avx2 => "avx2",
             Self::Avx512 => "avx512",
-            Self::Avx512Bf16 => "avx512bf16",
             Self::Simd128 => "simd128",
             Self::Neon => "neon",
         }
     }
 
-    /// The tier of that name.
-    pub fn by_name(name: &str) -> Option<Self> {
-        Self::ALL.into_iter().find(|tier| tier.name() == name)
-    }
-
-    /// As [`Tier::run`], for an op over `columns` samples: one by one where they fill no vector.
+    /// As [`Isa::run`], for an op over `columns` samples: one by one where they fill no vector.
     #[inline]
     pub fn run_columns<O: Op>(self, columns: usize, op: O) -> O::Output {
         if VECTORS && columns.is_multiple_of(16) { self.run(op) } else { op.run::<f32>() }
     }
 
-    /// Runs `op` on this tier, or on the scalar one where the machine lacks it.
+    /// Runs `op` with these instructions, or with the portable ones where the machine lacks them.
     #[inline]
     pub fn run<O: Op>(self, op: O) -> O::Output {
         match self {
@@ -99,7 +95,7 @@ impl Tier {
             Self::Avx2 if self.available() => unsafe { super::avx2::run(op) },
             // SAFETY: as above.
             #[cfg(target_arch = "x86_64")]
-            Self::Avx512 | Self::Avx512Bf16 if self.available() => unsafe { super::avx512::run(op) },
+            Self::Avx512 if self.available() => unsafe { super::avx512::run(op) },
             #[cfg(all(target_arch = "wasm32", target_feature = "simd128"))]
             Self::Simd128 => super::simd128::run(op),
             #[cfg(all(target_arch = "aarch64", target_feature = "neon"))]

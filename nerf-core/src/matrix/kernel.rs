@@ -1,0 +1,99 @@
+//! How weights lie in memory, and with which instructions they are multiplied.
+
+use crate::simd::{Isa, VECTORS};
+use core::fmt;
+
+/// How the weights of a scene lie in memory while it is rendered.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+#[non_exhaustive]
+pub enum Storage {
+    /// As in the file, read in place: no memory of their own.
+    F16,
+    /// Unpacked to f32 once: the same products, faster.
+    F32,
+    /// Pairs of bf16, as are the activations: each rounded to 8 significant bits and summed in f32. Only by name:
+    /// [`Kernel::detect`] never chooses what rounds.
+    Bf16,
+}
+
+impl Storage {
+    /// Every one.
+    pub const ALL: [Self; 3] = [Self::F16, Self::F32, Self::Bf16];
+
+    /// Whether products round weights and activations to fewer bits than the file and f32 have.
+    pub const fn rounds(self) -> bool {
+        matches!(self, Self::Bf16)
+    }
+
+    /// Its name in reports and in [`Kernel`]'s.
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::F16 => "f16",
+            Self::F32 => "f32",
+            Self::Bf16 => "bf16",
+        }
+    }
+}
+
+/// What a scene is rendered with. Shown and parsed as `avx2` where weights are f32, else as `avx2-f16`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub struct Kernel {
+    /// Which instructions.
+    pub isa: Isa,
+    /// How the weights lie.
+    pub storage: Storage,
+}
+
+impl Kernel {
+    /// What every machine has: portable instructions, weights read in place. The oracle.
+    pub const IN_PLACE: Self = Self::new(Isa::Portable, Storage::F16);
+
+    /// The pair.
+    pub const fn new(isa: Isa, storage: Storage) -> Self {
+        Self { isa, storage }
+    }
+
+    /// The fastest of this machine that does not round: f32, or in place where there are no [`VECTORS`].
+    pub fn detect() -> Self {
+        Self::new(Isa::detect(), if VECTORS { Storage::F32 } else { Storage::F16 })
+    }
+
+    /// Every pair that this build and this machine have, slowest instructions first.
+    pub fn all() -> impl Iterator<Item = Self> + Clone {
+        let pairs = |isa| Storage::ALL.into_iter().map(move |storage| Self::new(isa, storage));
+        Isa::ALL.into_iter().flat_map(pairs).filter(|kernel| kernel.available())
+    }
+
+    /// Whether this build and this machine have it.
+    pub fn available(self) -> bool {
+        self.isa.available()
+            && match self.storage {
+                Storage::F16 => true,
+                Storage::F32 => VECTORS,
+                Storage::Bf16 => self.isa.multiplies_bf16(),
+            }
+    }
+
+    /// Whether products round: [`Storage::rounds`].
+    pub const fn rounds(self) -> bool {
+        self.storage.rounds()
+    }
+
+    /// The kernel that is shown as `name`.
+    pub fn by_name(name: &str) -> Option<Self> {
+        let (isa, storage) = name.split_once('-').unwrap_or((name, Storage::F32.name()));
+        let isa = Isa::ALL.into_iter().find(|it| it.name() == isa)?;
+        let storage = Storage::ALL.into_iter().find(|it| it.name() == storage)?;
+        Some(Self::new(isa, storage))
+    }
+}
+
+impl fmt::Display for Kernel {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(self.isa.name())?;
+        match self.storage {
+            Storage::F32 => Ok(()),
+            storage => write!(f, "-{}", storage.name()),
+        }
+    }
+}
