@@ -1,4 +1,8 @@
 #![no_std]
+#![cfg_attr(
+    not(feature = "train"),
+    allow(dead_code, unused_imports, reason = "parts that only trainers use")
+)]
 //! Radiance fields in fixed memory: open one small file, render any view of it, allocate nothing.
 //!
 //! Programs with an operating system open a `Scene` (feature `std`, module `host`), which owns its bytes and renders on all
@@ -31,8 +35,8 @@
 //! colour branch in the same blocks, and what comes out is the pixel
 //! ([`Renderer::render_picture`]).
 //!
-//! Modules stand in the order data flows, and each uses those above it: the stages are made of [`memory`], [`simd`],
-//! [`math`] and [`matrix`]; [`camera`] makes rays, [`sampling`] says where on them the network is asked, [`encoding`] and
+//! Modules stand in the order data flows, and each uses those above it: the stages are made of [`memory`], `simd`,
+//! `math` and `matrix`; [`camera`] makes rays, `sampling` says where on them the network is asked, [`encoding`] and
 //! [`network`] answer, [`volume`] adds up. [`blob`] is the file, [`plan`] decides what of it a frame needs, and [`render`]
 //! runs it.
 //!
@@ -79,7 +83,7 @@
 //! | `grid` | yes | learned multiresolution grids ([`encoding::GridEncoding`]), and spherical harmonics |
 //! | `contraction` | yes | unbounded scenes ([`camera::Contraction`]) |
 //! | `std` | yes | [`host`]: scenes that own their bytes, files, threads |
-//! | `train` | no | backward kernels, for trainers |
+//! | `train` | no | for trainers and tests: the parts a renderer is made of are public (`simd`, `math`, `matrix`, `sampling`, networks and encodings at work), and backward kernels |
 //!
 //! The project's own polynomials ([`MathBackend::Polynomial`]) are always there. An effect or output whose
 //! feature is off has no code in the build; asking for it is an error that names the feature.
@@ -171,15 +175,27 @@
 
 pub mod memory;
 
+#[cfg(feature = "train")]
 pub mod simd;
+#[cfg(not(feature = "train"))]
+mod simd;
 
+#[cfg(feature = "train")]
 pub mod math;
+#[cfg(not(feature = "train"))]
+mod math;
 
+#[cfg(feature = "train")]
 pub mod matrix;
+#[cfg(not(feature = "train"))]
+mod matrix;
 
 pub mod camera;
 
+#[cfg(feature = "train")]
 pub mod sampling;
+#[cfg(not(feature = "train"))]
+mod sampling;
 
 pub mod encoding;
 

@@ -2,8 +2,7 @@
 
 use crate::boundary::{Versioned, read_versioned};
 use crate::failure::Failure;
-use nerf_core::matrix;
-use nerf_core::simd::Isa;
+use nerf_core::Isa;
 
 /// Which instructions the inner loops use.
 ///
@@ -54,10 +53,10 @@ pub enum Storage {
 }
 
 impl Storage {
-    pub(crate) fn of(storage: matrix::Storage) -> Self {
+    pub(crate) fn of(storage: nerf_core::Storage) -> Self {
         match storage {
-            matrix::Storage::F32 => Self::F32,
-            matrix::Storage::Bf16 => Self::Bf16,
+            nerf_core::Storage::F32 => Self::F32,
+            nerf_core::Storage::Bf16 => Self::Bf16,
             _ => Self::F16,
         }
     }
@@ -86,7 +85,7 @@ unsafe impl Versioned for OpenOptions {
 ///
 /// # Safety
 /// `options` is NULL or points to `struct_size` readable bytes.
-pub(crate) unsafe fn read_kernel(options: *const OpenOptions) -> Result<matrix::Kernel, Failure> {
+pub(crate) unsafe fn read_kernel(options: *const OpenOptions) -> Result<nerf_core::Kernel, Failure> {
     if options.is_null() {
         return automatic();
     }
@@ -108,34 +107,34 @@ pub(crate) unsafe fn read_kernel(options: *const OpenOptions) -> Result<matrix::
     };
     let storage = match options.storage {
         0 => None,
-        1 => Some(matrix::Storage::F16),
-        2 => Some(matrix::Storage::F32),
-        3 => Some(matrix::Storage::Bf16),
+        1 => Some(nerf_core::Storage::F16),
+        2 => Some(nerf_core::Storage::F32),
+        3 => Some(nerf_core::Storage::Bf16),
         found => {
             return Err(Failure::Setting { name: "options.storage", expected: "a nerf_storage", found });
         }
     };
     // The environment speaks where the caller does not.
-    let open = if isa.is_some() { matrix::Kernel::detect() } else { automatic()? };
-    available(matrix::Kernel::new(isa.unwrap_or(open.isa), storage.unwrap_or(open.storage)))
+    let open = if isa.is_some() { nerf_core::Kernel::detect() } else { automatic()? };
+    available(nerf_core::Kernel::new(isa.unwrap_or(open.isa), storage.unwrap_or(open.storage)))
 }
 
-fn available(kernel: matrix::Kernel) -> Result<matrix::Kernel, Failure> {
+fn available(kernel: nerf_core::Kernel) -> Result<nerf_core::Kernel, Failure> {
     if kernel.available() { Ok(kernel) } else { Err(Failure::Kernel(kernel)) }
 }
 
 #[cfg(feature = "std")]
-fn automatic() -> Result<matrix::Kernel, Failure> {
+fn automatic() -> Result<nerf_core::Kernel, Failure> {
     match std::env::var_os("NERF_KERNEL") {
         Some(name) if !name.is_empty() => {
-            let kernel = name.to_str().and_then(matrix::Kernel::by_name).ok_or(Failure::KernelVariable)?;
+            let kernel = name.to_str().and_then(nerf_core::Kernel::by_name).ok_or(Failure::KernelVariable)?;
             available(kernel)
         }
-        _ => Ok(matrix::Kernel::detect()),
+        _ => Ok(nerf_core::Kernel::detect()),
     }
 }
 
 #[cfg(not(feature = "std"))]
-fn automatic() -> Result<matrix::Kernel, Failure> {
-    Ok(matrix::Kernel::detect())
+fn automatic() -> Result<nerf_core::Kernel, Failure> {
+    Ok(nerf_core::Kernel::detect())
 }

@@ -3,10 +3,9 @@
 use crate::boundary::{Versioned, read_versioned};
 use crate::effects::Effects;
 use crate::failure::Failure;
+use nerf_core::MathBackend;
 use nerf_core::blob::{Blob, MAX_SAMPLES};
-use nerf_core::math::MathBackend;
 use nerf_core::plan::{self, Batch, Outputs, Plan, PlanError, Quality, Tone};
-use nerf_core::simd::BLOCK;
 
 /// Most rays in flight: the pixels of one tile.
 const MAX_RAYS: u32 = 256;
@@ -154,7 +153,8 @@ impl Settings {
         }
         let samples = at_most("options.samples", "0 to 4096", o.samples, MAX_SAMPLES.into())?;
         let rays = at_most("options.batch_rays", "0 to 256", o.batch_rays, MAX_RAYS)?;
-        let columns = at_most("options.batch_samples", "0 to 64", o.batch_samples, BLOCK as u32)?;
+        let columns =
+            at_most("options.batch_samples", "0 to 64", o.batch_samples, Batch::FULL.samples as u32)?;
         let or = |asked: u32, default: usize| if asked == 0 { default } else { asked as usize };
         Ok(Self {
             quality: Quality {

@@ -167,7 +167,7 @@ fn describe(scene: &Scene) -> SceneInfo {
     SceneInfo {
         struct_size: size_of::<SceneInfo>(),
         kind: if facts.is_some() { Kind::Scene } else { Kind::Picture } as u32,
-        kernel: Kernel::of(renderer.network().kernel().isa) as u32,
+        kernel: Kernel::of(renderer.kernel().isa) as u32,
         box_min: facts.map_or([0.0; 3], |facts| facts.min),
         box_max: facts.map_or([0.0; 3], |facts| facts.max),
         near_distance: facts.map_or(0.0, |facts| facts.near),
@@ -208,6 +208,6 @@ fn describe(scene: &Scene) -> SceneInfo {
         } as u32,
         contraction_radius: contraction.map_or(0.0, |contraction| contraction.radius()),
         contraction_power: contraction.map_or(0, |contraction| contraction.power().into()),
-        storage: Storage::of(renderer.network().kernel().storage) as u32,
+        storage: Storage::of(renderer.kernel().storage) as u32,
     }
 }

@@ -18,23 +18,26 @@ mod spherical_harmonics;
 #[path = "spherical_harmonics_off.rs"]
 mod spherical_harmonics;
 
+pub use grid::GridEncoding;
 #[cfg(all(feature = "grid", feature = "train"))]
-pub use grid::{GridCorners, grid_corners_block};
-pub use grid::{GridEncoding, GridTables};
+pub use grid::{GridCorners, TableValues, encode_grid_block, grid_corners_block};
 #[cfg(feature = "grid")]
 pub use grid::{
     GridLevel, GridLevels, MAX_GRID_LEVELS, MAX_GRID_RESOLUTION, MAX_GRID_VALUES, MAX_LOG2_ENTRIES,
-    TableValues, encode_grid_block,
 };
 #[cfg(feature = "normals")]
 pub(crate) use sinusoidal::encode_gradient_block;
-pub use sinusoidal::{AngleScale, MAX_LEVELS, SinusoidalEncoding, encode_block};
+pub use sinusoidal::{AngleScale, MAX_LEVELS, SinusoidalEncoding};
 pub(crate) use spherical_harmonics::BUILT as HARMONICS_BUILT;
 pub use spherical_harmonics::MAX_HARMONICS_DEGREE;
-#[cfg(not(feature = "grid"))]
+#[cfg(not(all(feature = "grid", feature = "train")))]
 pub(crate) use spherical_harmonics::encode_harmonics_block;
-#[cfg(feature = "grid")]
+#[cfg(all(feature = "grid", feature = "train"))]
 pub use spherical_harmonics::encode_harmonics_block;
+#[cfg(not(feature = "train"))]
+pub(crate) use {grid::GridTables, sinusoidal::encode_block};
+#[cfg(feature = "train")]
+pub use {grid::GridTables, sinusoidal::encode_block};
 
 use serde::{Deserialize, Serialize};
 

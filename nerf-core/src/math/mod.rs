@@ -8,6 +8,7 @@
 //! | [`MathBackend::Micromath`] | `micromath` after exact reduction | `micromath` | own (it has none); so transmittance too | own |
 //! | [`MathBackend::Recurrence`] | own at level 0, then angle doubling | own | own | own |
 
+#[cfg(feature = "train")]
 mod elementary;
 #[cfg(feature = "libm")]
 pub(crate) mod libm;
@@ -20,6 +21,7 @@ mod sum;
 #[cfg(test)]
 mod tests;
 
+#[cfg(feature = "train")]
 pub use elementary::Elementary;
 pub(crate) use sum::Sum;
 

@@ -53,7 +53,7 @@ impl Kernel {
         Self { isa, storage }
     }
 
-    /// The fastest of this machine that does not round: f32, or in place where there are no [`VECTORS`].
+    /// The fastest of this machine that does not round: f32, or in place where there are no vectors.
     pub fn detect() -> Self {
         Self::new(Isa::detect(), if VECTORS { Storage::F32 } else { Storage::F16 })
     }

@@ -17,6 +17,11 @@ pub use architecture::{
     Architecture, ArchitectureError, DensityActivation, EXPONENTIAL_LIMIT, Layer, Layers, MAX_COLOUR,
     MAX_LAYERS, MAX_TRUNK, MAX_WIDTH, Role, TrunkLayer,
 };
-#[cfg(feature = "normals")]
+#[cfg(all(feature = "normals", not(feature = "train")))]
+pub(crate) use gradient::GradientScratch;
+#[cfg(all(feature = "normals", feature = "train"))]
 pub use gradient::GradientScratch;
+#[cfg(not(feature = "train"))]
+pub(crate) use view::{Network, Scratch, Weights, unpack};
+#[cfg(feature = "train")]
 pub use view::{Network, Scratch, Weights, unpack};

@@ -80,7 +80,7 @@ impl Outputs {
 pub struct Batch {
     /// Rays in flight.
     pub rays: usize,
-    /// Samples that go through the network together: [`BLOCK`] with vectors.
+    /// Samples that go through the network together: 64 with vectors.
     pub samples: usize,
 }
 
@@ -94,7 +94,7 @@ impl Batch {
     /// As many rays as a tile has pixels and whole blocks: what keeps any instruction set busy.
     pub const FULL: Self = Self { rays: 256, samples: BLOCK };
 
-    /// Whether there is something in it, and no more than [`Batch::MAX_RAYS`] and [`BLOCK`].
+    /// Whether there is something in it, and no more than [`Batch::MAX_RAYS`] and 64 samples.
     pub(crate) fn is_valid(&self) -> bool {
         (1..=Self::MAX_RAYS).contains(&self.rays) && (1..=BLOCK).contains(&self.samples)
     }
@@ -456,7 +456,7 @@ pub enum PlanError {
         /// What was asked for.
         found: [f32; 3],
     },
-    /// A batch of nothing, of more than [`Batch::MAX_RAYS`] rays or of more than [`BLOCK`] samples.
+    /// A batch of nothing, of more than [`Batch::MAX_RAYS`] rays or of more than 64 samples.
     Batch {
         /// What was asked for.
         found: Batch,

@@ -18,7 +18,7 @@ pub enum RenderError {
         /// Rows.
         height: u32,
     },
-    /// A batch of nothing, of more than [`Batch::MAX_RAYS`] rays or of more than [`BLOCK`](crate::simd::BLOCK)
+    /// A batch of nothing, of more than [`Batch::MAX_RAYS`] rays or of more than 64
     /// samples.
     Batch {
         /// What was asked for.

@@ -104,7 +104,7 @@ impl Explanation<'_> {
             (None, Some(_)) => Switch::SwitchedOff,
         };
         let colour = Switch::asked(plan.outputs.rgb);
-        let directional = self.renderer.network().architecture().direction.is_some();
+        let directional = self.renderer.network.architecture().direction.is_some();
         let view = if directional { Switch::On } else { Switch::AbsentInScene };
         let asked = &plan.effects;
         let lens = Switch::built(cfg!(feature = "depth-of-field"), asked.depth_of_field.is_some());
@@ -136,7 +136,7 @@ impl Explanation<'_> {
     }
 
     fn write_setting(&self, name: &str, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let (plan, network) = (self.plan, self.renderer.network());
+        let (plan, network) = (self.plan, &self.renderer.network);
         let a = network.architecture();
         match name {
             "occupancy" => {
@@ -194,7 +194,7 @@ fn write_tone(tone: &Tone, f: &mut fmt::Formatter<'_>) -> fmt::Result {
 
 impl fmt::Display for Explanation<'_> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let (plan, network) = (self.plan, self.renderer.network());
+        let (plan, network) = (self.plan, &self.renderer.network);
         write!(f, "samples            {} a ray ", plan.samples_per_ray())?;
         match plan.lattice {
             Lattice::March => write!(f, "at most, where it is in the scene box, ")?,
@@ -292,7 +292,7 @@ pub struct Shares {
 impl Counters {
     /// Where the work of a scene's frames went.
     pub fn shares(&self, renderer: &Renderer<'_>) -> Shares {
-        let network = renderer.network();
+        let network = &renderer.network;
         let a = network.architecture();
         let proposal = self.proposal_evaluations.saturating_mul(renderer.proposer.macs());
         let density = self.density_evaluations.saturating_mul(a.density_macs() as u64);

@@ -183,12 +183,14 @@ impl<'a> Renderer<'a> {
     /// tables keep their own.
     ///
     /// `None` if they are too few, and where there are no [`VECTORS`].
+    #[cfg(feature = "train")]
     pub fn with_parameters(blob: Blob<'a>, kernel: Kernel, parameters: &'a [f32]) -> Option<Self> {
         let tables = Self::tables_of(&blob);
         Self::with_parameters_and_tables(blob, kernel, parameters, tables)
     }
 
     /// As [`Renderer::with_parameters`], with other tables for the grid, too.
+    #[cfg(feature = "train")]
     pub fn with_parameters_and_tables(
         blob: Blob<'a>,
         kernel: Kernel,
@@ -207,7 +209,13 @@ impl<'a> Renderer<'a> {
         &self.blob
     }
 
+    /// What it renders with.
+    pub fn kernel(&self) -> Kernel {
+        self.network.kernel()
+    }
+
     /// The network.
+    #[cfg(feature = "train")]
     pub fn network(&self) -> &Network<'a> {
         &self.network
     }

@@ -16,8 +16,10 @@ mod tests;
 
 pub use bins::Bins;
 pub(crate) use bins::Ends;
+#[cfg(all(feature = "proposal", feature = "train"))]
+pub use importance::WEIGHT_FLOOR;
 #[cfg(feature = "proposal")]
-pub use importance::{WEIGHT_FLOOR, sample_interval, sample_pdf};
+pub use importance::{sample_interval, sample_pdf};
 pub(crate) use jitter::SampleJitter;
 pub use occupancy::OccupancyGrid;
 #[cfg(any(feature = "jitter", feature = "depth-of-field"))]

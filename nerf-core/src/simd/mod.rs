@@ -31,9 +31,7 @@ pub use isa::{Isa, VECTORS};
 pub use lanes::{Lanes, MAX_LANES};
 #[cfg(feature = "train")]
 pub use prefetch::prefetch;
-pub use table::{
-    F16Table, F32Table, Format, Indices, Int8Table, Table, bits_by_lane, weighted_rows_by_lane, widen_finite,
-};
+pub use table::{F16Table, F32Table, Format, Indices, Int8Table, Table, bits_by_lane, weighted_rows_by_lane};
 
 /// Samples that go through the network together, with every instruction set.
 pub const BLOCK: usize = 64;

@@ -140,7 +140,7 @@ pub const KNOBS: &[Knob] = &[
         in_blob: false,
         combines: false,
         copy: |from, to| to.kernel = from.kernel,
-        read: |_, s| s.kernel.to_string().into(),
+        read: |_, s| s.kernel.to_string(),
         values: |_, base| {
             // Weights that are read in place render what f32 does: the oracle alone.
             let differs = |it: &Kernel| {

@@ -3,9 +3,9 @@
 //! `tests/tests/hosts/firmware.rs` includes this file and compares the host's picture with the microcontroller's.
 
 use nerf_core::Kernel;
+use nerf_core::MathBackend;
 use nerf_core::blob::Blob;
 use nerf_core::camera::{Camera, Intrinsics, Lens, Pose};
-use nerf_core::math::MathBackend;
 use nerf_core::memory::Line;
 use nerf_core::plan::{Batch, Effects, Jitter, Outputs, Plan, Quality, ThinLens, Tone, ToneMap};
 use nerf_core::render::{Rect, Renderer};

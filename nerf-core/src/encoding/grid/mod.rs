@@ -41,7 +41,7 @@ pub const MAX_GRID_VALUES: u64 = 1 << 27;
 /// A multiresolution grid of features, dense at the levels that fit into `2^log2_entries` entries and hashed at
 /// the finer ones.
 ///
-/// Encoded values: level by level, `features` each. Values of the tables ([`TableValues`]): level by level,
+/// Encoded values: level by level, `features` each. Values of the tables (`TableValues`): level by level,
 /// entry by entry, `features` each; [`GridEncoding::levels`] says which entries are whose.
 ///
 /// # Source
