@@ -265,7 +265,7 @@ impl Progress {
 /// What the caller knows: "31.4 k rays/s · train 24.10 dB · val 23.87 dB".
 fn details(message: &Message) -> String {
     let parts = [
-        message.rays_per_s.map(|rate| format!("{} rays/s", scaled(rate))),
+        message.rays_per_s.filter(|rate| rate.is_finite()).map(|rate| format!("{} rays/s", scaled(rate))),
         message.train_psnr_db.map(|db| format!("train {db:.2} dB")),
         message.val_psnr_db.map(|db| format!("val {db:.2} dB")),
         (!message.note.is_empty()).then(|| message.note.clone()),

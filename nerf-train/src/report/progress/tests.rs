@@ -47,7 +47,7 @@ fn a_resumed_run_estimates_by_its_own_pace() {
 }
 
 #[test]
-fn odd_totals_do_not_panic() {
+fn odd_totals_show_no_share_beyond_the_whole_and_no_number_that_is_none() {
     let totals = [
         Total::Steps(0),
         Total::Steps(u64::MAX),
@@ -65,7 +65,10 @@ fn odd_totals_do_not_panic() {
     for total in totals {
         for position in [0, 1, u64::MAX] {
             for elapsed in [Duration::ZERO, seconds(2), Duration::MAX] {
-                plain(total).describe(position, elapsed, &odd);
+                let line = plain(total).describe(position, elapsed, &odd);
+                let share = line.split_once(" %").map_or(0, |(share, _)| share.parse().expect("a share"));
+                assert!((0..=100).contains(&share) && line.contains("train "), "{total:?}: {line}");
+                assert!(!line.contains("NaN"), "{total:?}: {line}");
             }
         }
     }
@@ -83,18 +86,21 @@ fn plain_lines_come_seldom() {
 }
 
 #[test]
-fn every_style_runs_through() {
+fn a_run_ends_where_its_last_update_was_in_every_style() {
     for style in [ProgressStyle::Auto, ProgressStyle::Plain, ProgressStyle::Json, ProgressStyle::Quiet] {
         let mut progress = Progress::new("render", Total::Steps(3), style);
         (0..=3).for_each(|i| progress.update(i, &Message::default()));
         progress.println("half way");
-        drop(progress);
+        assert_eq!(progress.share(3, progress.elapsed()), Some(1.0), "{style:?}");
+        assert_eq!(matches!(progress.display, Display::Quiet), style == ProgressStyle::Quiet, "{style:?}");
     }
     let hidden = ProgressBar::with_draw_target(Some(1), ProgressDrawTarget::hidden());
     let mut progress = plain(Total::Steps(1));
     progress.display = Display::Bar(hidden);
     progress.update(1, &Message::default());
     progress.println("above the bar");
+    let Display::Bar(bar) = &progress.display else { panic!("no bar") };
+    assert_eq!(bar.position(), 10_000, "all of the bar");
     progress.finish("done");
 }
 
