@@ -75,7 +75,7 @@ fn main() {
         black_box(pixel);
     };
     let once = least(|| {
-        black_box(worker.render_rays(&[ray], None, &mut take).expect("a ray"));
+        black_box(worker.render_rays(&[ray.into()], None, &mut take).expect("a ray"));
     });
     println!("| the same as a ray | {once:.0} | |");
 }

@@ -2,8 +2,9 @@
 
 use super::{HostError, Image, Scene, threads};
 use crate::blob::Blob;
-use crate::camera::{Camera, Ray};
+use crate::camera::Camera;
 use crate::plan::{Batch, Effects, Outputs, Plan, PlanError, Quality};
+use crate::render::RaySegment;
 use crate::volume::Pixel;
 use glam::Vec3;
 use std::num::NonZeroUsize;
@@ -108,7 +109,7 @@ impl<'s> Request<'s> {
     ///
     /// # Errors
     /// As [`Request::render`], and [`HostError::Render`] with the index of the first ray that is none.
-    pub fn render_rays(&self, rays: &[Ray]) -> Result<Vec<Pixel>, HostError> {
+    pub fn render_rays(&self, rays: &[RaySegment]) -> Result<Vec<Pixel>, HostError> {
         self.render_rays_along(rays, None)
     }
 
@@ -116,7 +117,11 @@ impl<'s> Request<'s> {
     ///
     /// # Errors
     /// As [`Request::render_rays`].
-    pub fn render_rays_along(&self, rays: &[Ray], axis: Option<Vec3>) -> Result<Vec<Pixel>, HostError> {
+    pub fn render_rays_along(
+        &self,
+        rays: &[RaySegment],
+        axis: Option<Vec3>,
+    ) -> Result<Vec<Pixel>, HostError> {
         let renderer = self.scene.renderer();
         let plan = self.plan(renderer.blob())?;
         Ok(threads::render_rays(&renderer, &plan, rays, axis, self.threads)?.0)

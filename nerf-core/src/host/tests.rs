@@ -5,6 +5,7 @@ use crate::encoding::PositionEncoding;
 use crate::math::MathBackend;
 use crate::memory::Line;
 use crate::plan::{Batch, Outputs, Plan, Quality};
+use crate::render::RaySegment;
 use crate::render::{Rect, RenderError, Renderer, Worker};
 use crate::testing::{architecture, body, bytes, every_kind, halve, parameters, pi, picture_body};
 use crate::volume::Pixel;
@@ -80,8 +81,8 @@ fn a_cameras_rays_as_the_callers_own_give_its_pixels() {
     let bytes = file(5);
     let scene = Scene::from_bytes(bytes.clone()).unwrap();
     let camera = camera();
-    let rays: Vec<Ray> = (0..SIZE.0 * SIZE.1)
-        .map(|i| camera.ray((i % SIZE.0) as f32 + 0.5, (i / SIZE.0) as f32 + 0.5))
+    let rays: Vec<RaySegment> = (0..SIZE.0 * SIZE.1)
+        .map(|i| camera.ray((i % SIZE.0) as f32 + 0.5, (i / SIZE.0) as f32 + 0.5).into())
         .collect();
     let expected = by_hand(&bytes, Kernel::detect());
     assert!(
@@ -104,18 +105,30 @@ fn a_cameras_rays_as_the_callers_own_give_its_pixels() {
 fn rays_that_are_none_are_refused_naming_the_first() {
     let scene = Scene::from_bytes(file(5)).unwrap();
     let good = Ray { origin: Vec3::new(0.0, 0.0, 4.0), dir: Vec3::NEG_Z };
-    let mut rays = vec![good; 600];
+    let mut rays = vec![RaySegment::from(good); 600];
     for bad in [
         Ray { dir: Vec3::ZERO, ..good },
         Ray { dir: Vec3::new(0.0, 0.0, -2.0), ..good },
         Ray { dir: Vec3::NAN, ..good },
         Ray { origin: Vec3::new(0.0, f32::INFINITY, 0.0), ..good },
     ] {
-        rays[513] = bad;
+        rays[513] = bad.into();
         let error = scene.request().threads(threads(1)).render_rays(&rays).unwrap_err();
         assert!(matches!(error, HostError::Render(RenderError::Ray { index: 513 })), "{bad:?}: {error}");
     }
-    rays[513] = good;
+    for (t_min, t_max) in
+        [(-1.0, 2.0), (2.0, 1.0), (f32::NAN, 1.0), (0.0, f32::NAN), (f32::INFINITY, f32::INFINITY)]
+    {
+        rays[514] = RaySegment { ray: good, t_min, t_max };
+        let error = scene.request().threads(threads(2)).render_rays(&rays[510..]).unwrap_err();
+        assert!(error.to_string().contains("rays[3]: expected a finite origin"), "{error}");
+        rays[513] = good.into();
+        let error = scene.request().threads(threads(1)).render_rays(&rays).unwrap_err();
+        assert!(error.to_string().contains("rays[514]: expected 0 <= t_min <= t_max"), "{error}");
+        rays[513] = RaySegment { ray: Ray { dir: Vec3::NAN, ..good }, t_min: 0.0, t_max: 1.0 };
+    }
+    rays[513] = good.into();
+    rays[514] = good.into();
     let error = scene.request().render_rays_along(&rays, Some(Vec3::ONE)).unwrap_err();
     assert!(error.to_string().contains("axis: expected a vector of unit length"), "{error}");
     #[cfg(feature = "anti-aliasing")]

@@ -1,11 +1,11 @@
 //! One frame on many threads: tiles are rendered where there is time, and put together under a lock.
 
 use super::Image;
-use crate::camera::{Camera, Ray};
+use crate::camera::Camera;
 use crate::math::MathBackend;
 use crate::memory::Line;
 use crate::plan::{Batch, Plan};
-use crate::render::{Counters, Rect, RenderError, Renderer, TILE_SIDE};
+use crate::render::{Counters, RaySegment, Rect, RenderError, Renderer, TILE_SIDE};
 use crate::volume::Pixel;
 use glam::Vec3;
 use std::num::NonZeroUsize;
@@ -57,7 +57,7 @@ pub fn render(
 pub fn render_rays(
     renderer: &Renderer<'_>,
     plan: &Plan<'_>,
-    rays: &[Ray],
+    rays: &[RaySegment],
     axis: Option<Vec3>,
     threads: NonZeroUsize,
 ) -> Result<(Vec<Pixel>, Counters), RenderError> {

@@ -363,13 +363,14 @@ impl<'a> Plan<'a> {
         }
     }
 
-    /// Of the bin that `t` lies in, world units: [`Bins::part_around`]; the ray's samples are counted from `start`.
+    /// Of the bin that `t` lies in, world units: [`Bins::part_around`]; the ray is seen from `t_min` on, and its samples are
+    /// counted from `start`.
     #[inline]
-    pub(crate) fn part_around(&self, bins: &Bins, start: f32, t: f32) -> (f32, Option<f32>, f32) {
+    pub(crate) fn part_around(&self, bins: &Bins, start: f32, t_min: f32, t: f32) -> (f32, Option<f32>, f32) {
         match &self.contraction {
             Some(contraction) => {
                 // A thousand radii away a step's number is rounded to a ten-thousandth of the way: not in front of near.
-                let near = self.near.max(self.t_min) - start;
+                let near = self.near.max(t_min) - start;
                 let (t, from, to) = bins.ends_around(t);
                 let from = contraction.distance(from).max(near);
                 let to = contraction.distance(to).max(from);

@@ -35,17 +35,20 @@ pub(crate) struct Span {
 const ROUNDING: f32 = 4.0 * f32::EPSILON;
 
 impl Plan<'_> {
-    /// What is sampled of `ray`; nothing outside of `around` is worth it.
+    /// What is sampled of `ray` within a `range` of distances ([`Plan::range_of`]); nothing outside of `around` is worth it.
     ///
     /// Distances within the scene are small, whatever the way there: samples are counted from a point at the box, and
     /// only what leaves the frame has the way there added.
-    pub(crate) fn span(&self, around: &SceneBox, ray: &Ray) -> Option<Span> {
+    pub(crate) fn span(&self, around: &SceneBox, ray: &Ray, range: [f32; 2]) -> Option<Span> {
+        if range[0] >= range[1] {
+            return None;
+        }
         if let Some(contraction) = &self.contraction {
-            return self.contracted_span(contraction, ray);
+            return self.contracted_span(contraction, ray, range);
         }
         let walk = self.proposal.as_ref().unwrap_or(&self.bins);
         // What of a proposal's samples counts is cut when they are drawn.
-        let (t_min, t_max) = if self.proposal.is_some() { (0.0, f32::MAX) } else { (self.t_min, self.t_max) };
+        let (t_min, t_max) = if self.proposal.is_some() { (0.0, f32::MAX) } else { range.into() };
         let (near, far) = match self.lattice {
             Lattice::Own => (self.near.max(t_min), self.far.min(t_max)),
             Lattice::Extended | Lattice::March | Lattice::Contracted => (t_min, t_max),
@@ -75,17 +78,27 @@ impl Plan<'_> {
 
     /// What is sampled of a ray through an unbounded scene: from near on, where the caller does not begin behind it.
     #[inline(never)]
-    fn contracted_span(&self, contraction: &Contraction, ray: &Ray) -> Option<Span> {
+    fn contracted_span(
+        &self,
+        contraction: &Contraction,
+        ray: &Ray,
+        [t_min, t_max]: [f32; 2],
+    ) -> Option<Span> {
         // What is as far away as f32 goes has no point nearest to the middle.
         let (centred, start) = contraction.centred(ray);
         if !(ray.origin.is_finite() && ray.dir.is_finite() && centred.origin.is_finite()) {
             return None;
         }
-        let enter = contraction.step_at(self.near.max(self.t_min) - start);
+        let enter = contraction.step_at(self.near.max(t_min) - start);
         let far = contraction.step_at(self.far);
-        let stop = contraction.step_at(self.t_max - start);
+        let stop = contraction.step_at(t_max - start);
         let (walk, bins) = self.bins.cut(enter, far, stop);
         Some(Span { ray: centred, start, bins, ends: walk.ends() }).filter(|_| enter < far.min(stop))
+    }
+
+    /// The distances that are seen of a ray whose own range is `t_min` to `t_max`.
+    pub(crate) fn range_of(&self, t_min: f32, t_max: f32) -> [f32; 2] {
+        [self.t_min.max(t_min), self.t_max.min(t_max)]
     }
 
     /// The distance of pixels without a surface in a frame seen from `eye`: at least that of anything in the scene, and

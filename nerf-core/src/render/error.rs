@@ -45,6 +45,15 @@ pub enum RenderError {
         /// Which one.
         index: usize,
     },
+    /// A ray of the caller's whose range is none: not `0 <= t_min <= t_max`.
+    RayRange {
+        /// Which one.
+        index: usize,
+        /// From which distance on it was to be seen.
+        t_min: f32,
+        /// Up to which.
+        t_max: f32,
+    },
     /// An axis for z_depth that is not of unit length.
     Axis {
         /// What was given.
@@ -78,6 +87,7 @@ impl RenderError {
     pub(crate) fn behind(self, first: usize) -> Self {
         match self {
             Self::Ray { index } => Self::Ray { index: first + index },
+            Self::RayRange { index, t_min, t_max } => Self::RayRange { index: first + index, t_min, t_max },
             other => other,
         }
     }
@@ -107,6 +117,9 @@ impl core::fmt::Display for RenderError {
             ),
             Self::Ray { index } => {
                 write!(f, "rays[{index}]: expected a finite origin and a direction of unit length")
+            }
+            Self::RayRange { index, t_min, t_max } => {
+                write!(f, "rays[{index}]: expected 0 <= t_min <= t_max, found t_min {t_min}, t_max {t_max}")
             }
             Self::Axis { found } => write!(f, "axis: expected a vector of unit length, found {found:?}"),
             Self::CameraEffects => {

@@ -3,7 +3,7 @@
 use super::march::{ActiveRays, Block, ColourQueue, Picks, RayState};
 use super::proposal::{ProposalSamples, Proposer};
 use super::surface::{Medians, Normals};
-use super::{Counters, Rect, Target};
+use super::{Counters, Limit, RaySegment, Rect, Target};
 use crate::camera::{Camera, Ray, SceneBox};
 use crate::math::Math;
 use crate::memory::{Layout, at, column, head, head_mut, put, put_column, tail};
@@ -118,7 +118,13 @@ impl<'f, 'w> Frame<'f, 'w> {
     }
 
     /// Renders one tile of at most `plan.batch.rays` pixels, a ray of every pixel at a time.
-    pub(super) fn tile<M: Math>(&mut self, camera: &Camera, tile: Rect, target: &mut impl Target) {
+    pub(super) fn tile<M: Math>(
+        &mut self,
+        camera: &Camera,
+        tile: Rect,
+        limit: &impl Fn(u32, u32) -> Limit,
+        target: &mut impl Target,
+    ) {
         let effects = &self.plan.effects;
         let far = self.plan.far_from(camera.pose().position);
         (self.tile, self.forward) = (tile, camera.pose().forward());
@@ -129,12 +135,16 @@ impl<'f, 'w> Frame<'f, 'w> {
                 let ray = camera.ray(x as f32 + right, y as f32 + down);
                 depth_of_field::through_lens(effects, camera.pose(), ray, (x, y), area)
             };
-            self.turn::<M>(turn, &CameraRays { ray, far }, target);
+            self.turn::<M>(
+                turn,
+                &CameraRays { ray, limit, far, plan: self.plan, forward: self.forward },
+                target,
+            );
         }
     }
 
     /// Renders up to `plan.batch.rays` rays as the pixels of a row; `axis` is what their z_depth is measured along.
-    pub(super) fn row_of_rays<M: Math>(&mut self, rays: &[Ray], axis: Vec3, target: &mut impl Target) {
+    pub(super) fn row_of_rays<M: Math>(&mut self, rays: &[RaySegment], axis: Vec3, target: &mut impl Target) {
         // Lossless: a plan has at most `Batch::MAX_RAYS`.
         self.tile = Rect { x: 0, y: 0, width: rays.len() as u32, height: 1 };
         self.forward = axis;
@@ -169,8 +179,9 @@ impl<'f, 'w> Frame<'f, 'w> {
             for x in tile.x..tile.x + tile.width {
                 self.counters.rays += 1;
                 let ray = source.ray(x, y);
-                let mut state = RayState { ray, x, y, done: false, ..RayState::NONE };
-                if let Some(span) = around.and_then(|bounds| plan.span(&bounds, &ray)) {
+                let range = source.range(x, y, &ray);
+                let mut state = RayState { ray, range, x, y, done: false, ..RayState::NONE };
+                if let Some(span) = around.and_then(|bounds| plan.span(&bounds, &ray, range)) {
                     (state.ray, state.start, state.ends) = (span.ray, span.start, span.ends);
                     (state.next, state.end) = (span.bins.start, span.bins.end);
                 }
@@ -246,7 +257,7 @@ impl<'f, 'w> Frame<'f, 'w> {
         source: &impl RaySource,
         target: &mut impl Target,
     ) {
-        let (plan, tile, far) = (self.plan, self.tile, source.far(state.x));
+        let (plan, tile, far) = (self.plan, self.tile, source.far(state.x).min(state.range[1]));
         self.counters.samples_skipped += u64::from(plan.samples_per_ray().saturating_sub(state.kept));
         let cosine = state.ray.dir.dot(self.forward);
         let background = if plan.outputs.rgb { plan.background } else { [0.0; 3] };
@@ -322,19 +333,28 @@ impl<'f, 'w> Frame<'f, 'w> {
 pub(super) trait RaySource {
     /// The ray of a pixel.
     fn ray(&self, x: u32, y: u32) -> Ray;
-    /// The distance of a pixel of that column where its ray meets no surface.
+    /// The distances that are seen of it.
+    fn range(&self, x: u32, y: u32, ray: &Ray) -> [f32; 2];
+    /// The distance of a pixel of that column where its ray meets no surface, but for its own range.
     fn far(&self, x: u32) -> f32;
 }
 
 /// The rays of a camera.
-struct CameraRays<F> {
+struct CameraRays<'a, F, L> {
     ray: F,
+    limit: L,
     far: f32,
+    plan: &'a Plan<'a>,
+    forward: Vec3,
 }
 
-impl<F: Fn(u32, u32) -> Ray> RaySource for CameraRays<F> {
+impl<F: Fn(u32, u32) -> Ray, L: Fn(u32, u32) -> Limit> RaySource for CameraRays<'_, F, L> {
     fn ray(&self, x: u32, y: u32) -> Ray {
         (self.ray)(x, y)
+    }
+
+    fn range(&self, x: u32, y: u32, ray: &Ray) -> [f32; 2] {
+        self.plan.range_of(0.0, (self.limit)(x, y).along(ray, self.forward))
     }
 
     fn far(&self, _: u32) -> f32 {
@@ -344,13 +364,24 @@ impl<F: Fn(u32, u32) -> Ray> RaySource for CameraRays<F> {
 
 /// Rays of the caller's own, each from where it likes.
 struct OwnRays<'a> {
-    rays: &'a [Ray],
+    rays: &'a [RaySegment],
     plan: &'a Plan<'a>,
+}
+
+impl OwnRays<'_> {
+    fn segment(&self, x: u32) -> RaySegment {
+        self.rays.get(x as usize).copied().unwrap_or(RayState::NONE.ray.into())
+    }
 }
 
 impl RaySource for OwnRays<'_> {
     fn ray(&self, x: u32, _: u32) -> Ray {
-        self.rays.get(x as usize).copied().unwrap_or(RayState::NONE.ray)
+        self.segment(x).ray
+    }
+
+    fn range(&self, x: u32, _: u32, _: &Ray) -> [f32; 2] {
+        let RaySegment { t_min, t_max, .. } = self.segment(x);
+        self.plan.range_of(t_min, t_max)
     }
 
     fn far(&self, x: u32) -> f32 {

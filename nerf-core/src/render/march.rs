@@ -30,6 +30,8 @@ pub(super) struct RayState {
     pub ray: Ray,
     /// How far that is along the ray.
     pub start: f32,
+    /// The distances that are seen of it.
+    pub range: [f32; 2],
     /// How the outermost of its bins are cut.
     pub ends: Ends,
     pub x: u32,
@@ -56,6 +58,7 @@ impl RayState {
     pub const NONE: Self = Self {
         ray: Ray { origin: Vec3::ZERO, dir: Vec3::NEG_Z },
         start: 0.0,
+        range: [0.0, f32::MAX],
         ends: Ends::NONE,
         x: 0,
         y: 0,
@@ -316,7 +319,7 @@ impl Frame<'_, '_> {
             let state = at(self.rays, at(self.block.owner, from) as usize);
             let (t, start, end) = plan.bins.with(state.ends).ends_around(at(self.block.t, from));
             put_column(self.positions, room, column, [t, start, end]);
-            put(self.triples, column, plan.near.max(plan.t_min) - state.start);
+            put(self.triples, column, plan.near.max(state.range[0]) - state.start);
         }
         let (parts, near) = (&mut *self.positions, &*self.triples);
         self.network.isa().run_columns(columns, PartsInWorld { contraction, room, columns, parts, near });
@@ -401,13 +404,13 @@ fn part(
     t: f32,
     column: usize,
 ) -> (f32, f32, f32) {
-    if let Some((middle, delta)) = drawn.interval(plan, owner, column) {
-        return (t.max(plan.t_min).min(plan.t_max), middle, delta);
+    if let Some((middle, delta)) = drawn.interval(plan, owner, column, state.range) {
+        return (t.max(state.range[0]).min(state.range[1]), middle, delta);
     }
     let bins = plan.bins.with(state.ends);
     // A jittered sample lies anywhere in its bin, which stays where it is.
     let jittered = plan.outputs.median_distance && plan.effects.jitter.is_some();
-    let (t, middle, delta) = plan.part_around(&bins, state.start, t);
+    let (t, middle, delta) = plan.part_around(&bins, state.start, state.range[0], t);
     let whole = || if jittered { bins.middle_around(t) } else { t };
     (t, middle.unwrap_or_else(whole), delta)
 }

@@ -29,6 +29,7 @@ mod proposal;
 #[path = "proposal_off.rs"]
 mod proposal;
 mod rect;
+mod segment;
 mod surface;
 #[cfg(feature = "tone-map")]
 mod tone;
@@ -47,6 +48,7 @@ pub use explain::{Explanation, Shares, Stage, Switch};
 pub use pace::Pace;
 pub use picture::MAX_RENDER_SIDE;
 pub use rect::{Rect, Target};
+pub use segment::{Limit, RaySegment};
 pub use worker::{TILE_SIDE, Worker};
 
 use crate::blob::Blob;

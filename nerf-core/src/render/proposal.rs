@@ -144,17 +144,23 @@ impl<'f, 'w> ProposalSamples<'f, 'w> {
     /// Middle and width of what the sample in column `column` of the block stands for, world units along its
     /// ray; `None` for a bin.
     #[inline]
-    pub fn interval(&self, plan: &Plan<'_>, ray: u32, column: usize) -> Option<(f32, f32)> {
+    pub fn interval(
+        &self,
+        plan: &Plan<'_>,
+        ray: u32,
+        column: usize,
+        [t_min, t_max]: [f32; 2],
+    ) -> Option<(f32, f32)> {
         if self.row == 0 {
             return None;
         }
         let (middle, width) =
             sample_interval(plan.near, plan.far, self.row_of(ray), at(self.index, column) as usize);
-        if plan.t_min <= plan.near && plan.t_max >= plan.far {
+        if t_min <= plan.near && t_max >= plan.far {
             return Some((middle, width));
         }
-        let start = (middle - 0.5 * width).max(plan.t_min);
-        let end = (middle + 0.5 * width).min(plan.t_max);
+        let start = (middle - 0.5 * width).max(t_min);
+        let end = (middle + 0.5 * width).min(t_max);
         Some((0.5 * start + 0.5 * end, end - start))
     }
 

@@ -75,7 +75,7 @@ impl<'f, 'w> ProposalSamples<'f, 'w> {
     }
 
     #[inline]
-    pub fn interval(&self, _: &Plan<'_>, _: u32, _: usize) -> Option<(f32, f32)> {
+    pub fn interval(&self, _: &Plan<'_>, _: u32, _: usize, _: [f32; 2]) -> Option<(f32, f32)> {
         None
     }
 }

@@ -6,6 +6,7 @@ mod contraction;
 mod effects;
 #[cfg(feature = "grid")]
 mod grid;
+mod segments;
 mod views;
 
 use super::*;

@@ -1,8 +1,8 @@
 //! A renderer, a plan and memory, made ready once for any number of calls.
 
 use super::frame::Frame;
-use super::{Counters, Rect, RenderError, Target};
-use crate::camera::{Camera, Ray, is_unit};
+use super::{Counters, Limit, RaySegment, Rect, RenderError, Target};
+use crate::camera::{Camera, is_unit};
 use crate::math::with_math;
 use crate::volume::Pixel;
 use glam::Vec3;
@@ -31,6 +31,23 @@ impl Worker<'_> {
         rect: Rect,
         target: &mut impl Target,
     ) -> Result<Counters, RenderError> {
+        self.render_limited(camera, rect, |_, _| Limit::NONE, target)
+    }
+
+    /// [`Worker::render`] where something stands in front: the ray of pixel (x, y) ends at `limit`, as of a depth buffer.
+    ///
+    /// The last bin is cut there, not dropped: opacity goes continuously with the limit. Where a ray meets no surface in
+    /// front of it, distances are the limit's, if that is nearer than far.
+    ///
+    /// # Errors
+    /// As [`Worker::render`].
+    pub fn render_limited(
+        &mut self,
+        camera: &Camera,
+        rect: Rect,
+        limit: impl Fn(u32, u32) -> Limit,
+        target: &mut impl Target,
+    ) -> Result<Counters, RenderError> {
         let i = camera.intrinsics();
         if !rect.fits(i.width, i.height) {
             return Err(RenderError::Rect { rect, width: i.width, height: i.height });
@@ -40,7 +57,7 @@ impl Worker<'_> {
         let capacity = plan.batch.rays as u32;
         let width = TILE_SIDE.min(capacity);
         for tile in rect.tiles(width, capacity / width.max(1)) {
-            with_math!(plan.math, M => self.frame.tile::<M>(camera, tile, target));
+            with_math!(plan.math, M => self.frame.tile::<M>(camera, tile, &limit, target));
         }
         Ok(core::mem::take(&mut self.frame.counters))
     }
@@ -54,11 +71,11 @@ impl Worker<'_> {
     ///
     /// # Errors
     /// [`RenderError::Ray`] with the index of the first ray that is not finite or whose direction is not of unit length,
-    /// [`RenderError::Axis`], and [`RenderError::CameraEffects`] on a plan with several rays a pixel or a lens with an
+    /// [`RenderError::RayRange`] with that of the first without `0 <= t_min <= t_max`, [`RenderError::Axis`], and [`RenderError::CameraEffects`] on a plan with several rays a pixel or a lens with an
     /// aperture, which are a camera's; nothing has been written then.
     pub fn render_rays(
         &mut self,
-        rays: &[Ray],
+        rays: &[RaySegment],
         axis: Option<Vec3>,
         target: &mut impl FnMut(usize, &Pixel),
     ) -> Result<Counters, RenderError> {
@@ -69,9 +86,13 @@ impl Worker<'_> {
         if let Some(found) = axis.filter(|axis| !is_unit(*axis)) {
             return Err(RenderError::Axis { found: found.into() });
         }
-        let valid = |ray: &Ray| ray.origin.is_finite() && is_unit(ray.dir);
-        if let Some(index) = rays.iter().position(|ray| !valid(ray)) {
-            return Err(RenderError::Ray { index });
+        for (index, &RaySegment { ray, t_min, t_max }) in rays.iter().enumerate() {
+            if !(ray.origin.is_finite() && is_unit(ray.dir)) {
+                return Err(RenderError::Ray { index });
+            }
+            if !(t_min >= 0.0 && t_min <= t_max && t_min.is_finite()) {
+                return Err(RenderError::RayRange { index, t_min, t_max });
+            }
         }
         let capacity = plan.batch.rays.max(1);
         for (chunk, rays) in rays.chunks(capacity).enumerate() {

@@ -412,7 +412,7 @@ fn points_are_asked_for_anywhere_but_nowhere() {
     // From as far away as f32 goes, and from nowhere: the background, not the middle.
     for origin in [[f32::MAX; 3], [f32::NAN, 0.0, 0.0], [f32::INFINITY, 0.0, 0.0]] {
         let ray = Ray { origin: origin.into(), dir: -Vec3::ONE.normalize() };
-        assert!(plan.span(&plan.bounds, &ray).is_none(), "{ray:?}");
+        assert!(plan.span(&plan.bounds, &ray, plan.range().into()).is_none(), "{ray:?}");
     }
 }
 
@@ -430,7 +430,7 @@ fn no_distance_from_far_away_is_in_front_of_near() {
             let plan = Plan::new(&blob, &Quality::EXACT, outputs(), Batch::SMALLEST).unwrap();
             let contraction = plan.contraction.unwrap();
             for ray in rays(&camera) {
-                let span = plan.span(&plan.bounds, &ray).unwrap();
+                let span = plan.span(&plan.bounds, &ray, plan.range().into()).unwrap();
                 let (bins, first) = (plan.bins.with(span.ends), span.bins.start);
                 let (_, from, _) = bins.ends_around(bins.at(first, 0.5));
                 rounded |= span.start + contraction.distance(from) < facts.near;
@@ -457,7 +457,7 @@ fn bins_tile_the_ray() {
         let plan = Plan::new(&blob, &Quality::EXACT, Outputs::ALL, Batch::SMALLEST).unwrap();
         let contraction = plan.contraction.unwrap();
         for ray in cameras().iter().flat_map(rays) {
-            let span = plan.span(&plan.bounds, &ray).unwrap();
+            let span = plan.span(&plan.bounds, &ray, plan.range().into()).unwrap();
             let bins = plan.bins.with(span.ends);
             let (mut before, mut first) = (f32::NAN, f32::NAN);
             for bin in span.bins.clone() {
@@ -472,7 +472,7 @@ fn bins_tile_the_ray() {
                 }
                 // Rounding alone puts a bin in front of near.
                 let [at, from, to] = [at, from, to].map(|t| t.max(plan.near - span.start));
-                let part = plan.part_around(&bins, span.start, t);
+                let part = plan.part_around(&bins, span.start, plan.range().0, t);
                 assert_eq!(part, (at, Some(from + 0.5 * (to - from)), to - from));
                 before = to;
             }
