@@ -37,7 +37,8 @@ pub struct Effects {
     pub exposure: f32,
     /// A `nerf_tone_map`.
     pub tone_map: u32,
-    /// 1: colour is linear light, unbounded above, in place of display-encoded. Else 0.
+    /// 1: colour is linear light, unbounded above: each sample is decoded, and the background, before they are composited.
+    /// Also of RGBA planes (premultiplied) and of queries. 0: display-encoded.
     pub linear: u32,
     /// Zeros.
     pub reserved: [u32; 5],

@@ -53,7 +53,7 @@ pub(crate) enum Failure {
         found: u32,
     },
     NoPlane,
-    /// Exposure, tone map or linear output of an RGBA plane.
+    /// A tone map, or exposure of display-encoded values, of an RGBA plane.
     ToneOfAlpha,
     /// A plane that a picture has not.
     ScenePlane(&'static str),
@@ -184,8 +184,8 @@ impl fmt::Display for Failure {
             Self::NoPlane => write!(f, "target: expected at least one plane, found none"),
             Self::ToneOfAlpha => write!(
                 f,
-                "target.rgb: expected an RGB format where options.effects has exposure, tone_map or linear, \
-                 found RGBA, whose premultiplied values are display-encoded"
+                "target.rgb: expected an RGB format where options.effects has tone_map, or exposure without linear, \
+                 found RGBA, whose values are premultiplied"
             ),
             Self::ScenePlane(name) => {
                 write!(f, "{name}: expected NULL for a picture, which has colour alone")

@@ -5,7 +5,8 @@ use nerf_core::volume;
 /// How a pixel of a plane lies in memory; 8-bit channels are clamped and rounded half up.
 ///
 /// RGB is composited over the background. RGBA is the scene alone, premultiplied by its opacity,
-/// which is the alpha: `rgb + (1 - a) * background` is what RGB gives, in display-encoded values.
+/// which is the alpha: `rgb + (1 - a) * background` is what RGB gives, in display-encoded values or in linear light, as
+/// `options.effects.linear` says.
 /// A picture (a 2D field) is opaque: its alpha is 1, and it shows no background.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(u32)]

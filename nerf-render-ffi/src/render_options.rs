@@ -5,7 +5,7 @@ use crate::effects::Effects;
 use crate::failure::Failure;
 use nerf_core::MathBackend;
 use nerf_core::blob::{Blob, MAX_SAMPLES};
-use nerf_core::plan::{self, Batch, Outputs, Plan, PlanError, Quality, Tone};
+use nerf_core::plan::{self, Batch, Outputs, Plan, PlanError, Quality, Tone, ToneMap};
 
 /// Most rays in flight: the pixels of one tile.
 const MAX_RAYS: u32 = 256;
@@ -179,13 +179,15 @@ impl Settings {
 
     /// The frame these settings make of a scene; over nothing, for targets that have an alpha.
     ///
-    /// Those have no tone stage: what is premultiplied in display-encoded values is no light.
+    /// Those have no tone stage but linear light: what is premultiplied in display-encoded values is no light, and a curve of
+    /// what is premultiplied is not that of the colour.
     pub fn plan<'a>(&self, blob: &Blob<'a>, outputs: Outputs, alpha: bool) -> Result<Plan<'a>, Failure> {
         let plan = self.plan_over_background(blob, outputs).map_err(Failure::Plan)?;
         if !alpha {
             return Ok(plan);
         }
-        if self.effects.tone != Tone::NONE {
+        let tone = self.effects.tone;
+        if tone != Tone::NONE && !(tone.linear && tone.map == ToneMap::None) {
             return Err(Failure::ToneOfAlpha);
         }
         plan.with_background([0.0; 3]).map_err(Failure::Plan)

@@ -35,7 +35,7 @@ pub struct Plane {
 pub struct Target {
     /// `sizeof(nerf_target)`.
     pub struct_size: usize,
-    /// Colour, display-encoded unless `options.effects.linear` is 1.
+    /// Colour, composited display-encoded unless `options.effects.linear` is 1.
     pub rgb: Plane,
     /// Opacity, in `[0, 1]`.
     pub opacity: Plane,

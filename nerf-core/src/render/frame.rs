@@ -261,6 +261,7 @@ impl<'f, 'w> Frame<'f, 'w> {
         self.counters.samples_skipped += u64::from(plan.samples_per_ray().saturating_sub(state.kept));
         let cosine = state.ray.dir.dot(self.forward);
         let background = if plan.outputs.rgb { plan.background } else { [0.0; 3] };
+        let background = tone::background::<M>(&plan.effects.tone, background);
         let mut seen = state.gathered.finish_from(state.start, state.done, background, far, cosine);
         seen.rgb = tone::to_light::<M>(&plan.effects.tone, seen.rgb);
         seen.median_distance = self.medians.finish(place, plan, state.start, far);
@@ -417,6 +418,7 @@ impl DirectionShares<'_> {
             }
         };
         network.colour(plan.math, scratch, spread, rgb);
+        tone::samples_to_light(&plan.effects.tone, plan.math, network.isa(), head_mut(rgb, 3 * stride));
     }
 }
 

@@ -1,12 +1,54 @@
 //! Display-encoded colour to light and back, with exposure and tone curve between.
+//!
+//! Linear output is composited as light: each sample is decoded, as is the background. Else a ray's colour is composited as
+//! the photographs are, display-encoded, and decoded once.
 
-use crate::math::Math;
+use crate::math::{Math, MathBackend, with_math};
 use crate::plan::{Tone, ToneMap};
+use crate::simd::{Isa, Lanes, Op};
+use core::marker::PhantomData;
 
-/// A ray's colour as light; as it is where nothing is asked for.
+/// The colours of a block's samples as light, where output is linear; `values`: any number of channels.
+#[inline]
+pub(crate) fn samples_to_light(tone: &Tone, math: MathBackend, isa: Isa, values: &mut [f32]) {
+    if tone.linear {
+        let columns = values.len();
+        with_math!(math, M => isa.run_columns(columns, Decode::<M> { values, math: PhantomData }));
+    }
+}
+
+/// The background of rays, as their samples are.
+#[inline]
+pub(crate) fn background<M: Math>(tone: &Tone, rgb: [f32; 3]) -> [f32; 3] {
+    if tone.linear { decode_srgb::<M>(rgb) } else { rgb }
+}
+
+/// A ray's colour as light; as it is where nothing is asked for, or its samples were light.
 #[inline]
 pub(crate) fn to_light<M: Math>(tone: &Tone, rgb: [f32; 3]) -> [f32; 3] {
-    if *tone == Tone::NONE { rgb } else { decode_srgb::<M>(rgb) }
+    if *tone == Tone::NONE || tone.linear { rgb } else { decode_srgb::<M>(rgb) }
+}
+
+struct Decode<'a, M> {
+    values: &'a mut [f32],
+    math: PhantomData<M>,
+}
+
+impl<M: Math> Op for Decode<'_, M> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run<V: Lanes>(self) {
+        let (zero, knee) = (V::splat(0.0), V::splat(0.040_45));
+        for values in self.values.chunks_exact_mut(V::COUNT) {
+            let c = V::load(values);
+            let c = zero.max_of(c);
+            let low = c.div(V::splat(12.92));
+            // Where it is not used its argument is no longer that of a power.
+            let high = M::pow(knee.max_of(c).add(V::splat(0.055)).div(V::splat(1.055)), 2.4);
+            V::select(knee.less(c), high, low).store(values);
+        }
+    }
 }
 
 /// A pixel's colour, from what [`to_light`] gave.

@@ -2,8 +2,19 @@
 
 #![expect(clippy::extra_unused_type_parameters, reason = "the interface of `tone.rs`")]
 
-use crate::math::Math;
+use crate::math::{Math, MathBackend};
 use crate::plan::Tone;
+use crate::simd::Isa;
+
+/// The colours of a block's samples, as they are.
+#[inline(always)]
+pub(crate) fn samples_to_light(_: &Tone, _: MathBackend, _: Isa, _: &mut [f32]) {}
+
+/// The background of rays, as it is.
+#[inline(always)]
+pub(crate) fn background<M: Math>(_: &Tone, rgb: [f32; 3]) -> [f32; 3] {
+    rgb
+}
 
 /// A ray's colour, as it is.
 #[inline(always)]

@@ -3,13 +3,13 @@
 
 use arbitrary::Unstructured;
 use libfuzzer_sys::{fuzz_mutator, fuzz_target, fuzzer_mutate};
+use nerf_core::Kernel;
 use nerf_core::blob::{self, Blob, HEADER_LEN, SceneSampling};
 use nerf_core::camera::{Camera, Intrinsics, Lens, Pose};
 use nerf_core::math::MathBackend;
 use nerf_core::memory::Line;
 use nerf_core::plan::{Batch, Outputs, Plan, Quality};
 use nerf_core::render::{Counters, Rect, RenderError, Renderer};
-use nerf_core::Kernel;
 use nerf_core::volume::Pixel;
 use nerf_fuzz::damage::{RECIPES, body_of, edit, fix_header};
 use nerf_fuzz::laws::check_pixel;

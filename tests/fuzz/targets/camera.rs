@@ -4,12 +4,12 @@
 use arbitrary::{Result, Unstructured};
 use glam::{Mat3, Vec3};
 use libfuzzer_sys::{Corpus, fuzz_target};
+use nerf_core::Kernel;
 use nerf_core::blob::Blob;
 use nerf_core::camera::{Camera, Intrinsics, Lens, Pose, Projection};
 use nerf_core::memory::Line;
 use nerf_core::plan::{Batch, Effects, Jitter, Outputs, Plan, Quality, ThinLens, Tone};
 use nerf_core::render::{Rect, Renderer};
-use nerf_core::Kernel;
 use nerf_core::volume::Pixel;
 use nerf_fuzz::damage::RECIPES;
 use nerf_fuzz::laws::check_pixel;

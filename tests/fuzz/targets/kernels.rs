@@ -7,6 +7,7 @@
 
 use arbitrary::{Result, Unstructured};
 use libfuzzer_sys::{Corpus, fuzz_target};
+use nerf_core::Kernel;
 use nerf_core::blob::Blob;
 use nerf_core::encoding::{AngleScale, SinusoidalEncoding};
 use nerf_core::math::MathBackend;
@@ -14,7 +15,6 @@ use nerf_core::memory::Line;
 use nerf_core::network::{DensityActivation, TrunkLayer};
 use nerf_core::plan::{Batch, Outputs, Plan, Quality};
 use nerf_core::render::{Counters, Renderer};
-use nerf_core::Kernel;
 use nerf_fuzz::damage::{blob_of, body_of};
 use nerf_fuzz::values::any_f32;
 use nerf_tests::oracle::encoding::encode;

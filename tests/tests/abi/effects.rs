@@ -139,13 +139,29 @@ fn effects_out_of_range_are_refused_by_the_name_of_their_field() {
 }
 
 #[test]
-fn premultiplied_planes_have_no_tone_stage_but_all_other_effects() {
+fn premultiplied_planes_have_no_tone_stage_but_linear_light_and_all_other_effects() {
     let opened = call::open(Recipe::OCCUPANCY.blob(), Kernel::IN_PLACE);
-    let tones: [fn(&mut ffi::Effects); 3] = [|e| e.linear = 1, |e| e.tone_map = 1, |e| e.exposure = -1.0];
+    let tones: [fn(&mut ffi::Effects); 3] =
+        [|e| (e.linear, e.tone_map) = (1, 1), |e| e.tone_map = 1, |e| e.exposure = -1.0];
     for tone in tones {
         let (status, message, picture) = render(&opened, &options(tone), PixelFormat::RgbaF32);
         assert_eq!(status, Status::Target, "{message}");
         assert!(message.contains("RGBA") && picture.iter().all(|c| c.is_nan()), "{message}");
+    }
+    // RGB is premultiplied light over the background's.
+    let linear = options(|e| (e.linear, e.exposure) = (1, 1.0));
+    let [over, alone] = [PixelFormat::RgbF32, PixelFormat::RgbaF32].map(|format| {
+        let (status, message, picture) = render(&opened, &linear, format);
+        assert_eq!(status, Status::Ok, "{message}");
+        picture
+    });
+    let decode = |c: f32| if c <= 0.040_45 { c / 12.92 } else { ((c + 0.055) / 1.055).powf(2.4) };
+    let background = super::proposal::describe(&opened).background;
+    for (over, alone) in over.as_chunks::<3>().0.iter().zip(alone.as_chunks::<4>().0) {
+        for c in 0..3 {
+            let expected = alone[c] + (1.0 - alone[3]) * 2.0 * decode(background[c]);
+            assert!((over[c] - expected).abs() <= 2e-6, "{over:?} {alone:?}");
+        }
     }
     let others = options(|e| {
         (e.jitter, e.anti_aliasing, e.aperture_radius, e.focus_distance) = (1, 3, 0.1, 4.0);

@@ -39,7 +39,7 @@ fn render(opened: &Opened, options: &ffi::RenderOptions) -> (Status, Vec<u8>, ff
     (status, picture.bytes().to_vec(), counters, size)
 }
 
-fn describe(opened: &Opened) -> ffi::SceneInfo {
+pub(super) fn describe(opened: &Opened) -> ffi::SceneInfo {
     let mut info = std::mem::MaybeUninit::<ffi::SceneInfo>::zeroed();
     // SAFETY: zeros are valid numbers and pointers that nobody follows; the place lives until the call returns.
     unsafe {

@@ -5,7 +5,7 @@
 //! | [`Jitter`] | `jitter` | a hash for each bin that is looked at |
 //! | anti-aliasing | `anti-aliasing` | its rays, and a sum a pixel in flight |
 //! | [`ThinLens`] | `depth-of-field` | a few dozen operations a ray |
-//! | [`Tone`] | `tone-map` | three powers a ray, three more a pixel |
+//! | [`Tone`] | `tone-map` | three powers a ray, three more a pixel; linear output three a coloured sample |
 //!
 //! What is asked for here is checked by [`Plan::with_effects`](crate::plan::Plan::with_effects). Each effect is a stage of
 //! the frame ([`crate::render`], of [`Jitter`] in [`crate::sampling`]) with a sibling `*_off.rs` of the same interface, which
@@ -69,7 +69,7 @@ pub struct Tone {
     pub exposure: f32,
     /// What brings light beyond 1 back into the picture.
     pub map: ToneMap,
-    /// Whether a pixel's colour stays linear light, unbounded above, in place of sRGB in `[0, 1]`.
+    /// Whether colour is linear light, unbounded above, composited as such, in place of sRGB in `[0, 1]`.
     pub linear: bool,
 }
 

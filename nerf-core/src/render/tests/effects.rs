@@ -2,6 +2,7 @@
 
 use super::*;
 use crate::plan::{Effects, Jitter, ThinLens, Tone, ToneMap};
+use crate::testing::noise;
 
 const LENS: ThinLens = ThinLens { aperture_radius: 0.2, focus_distance: 3.5 };
 
@@ -122,30 +123,69 @@ fn a_frame_without_colour_has_no_tone_stage() {
 }
 
 #[cfg(feature = "tone-map")]
+fn decode(c: f64) -> f64 {
+    if c <= 0.04045 { c / 12.92 } else { ((c + 0.055) / 1.055).powf(2.4) }
+}
+
+/// A fog of one colour: what is in front of the background is as much light as it is opaque.
+#[cfg(feature = "tone-map")]
 #[test]
-fn linear_output_is_the_display_picture_decoded_and_a_stop_doubles_it() {
-    let bytes = scene();
+fn linear_output_is_composited_as_light_and_a_stop_doubles_it() {
+    let a = architecture(pi(3, 4), None, &[(4, false)], &[]);
+    let raw = [0.0f32, 2.0, -1.0];
+    let (weights, _) = halve(&constant(&a, 0.3, raw));
+    let bytes = bytes(&body(a, None, &weights));
     let blob = Blob::open(&bytes).unwrap();
     let renderer = in_place(&blob);
     let camera = camera(9, 9);
     let go = |tone| render(&renderer, &plan(&blob, Effects { tone, ..Effects::NONE }), &camera).pixels;
-    let display = render(&renderer, &plan(&blob, Effects::NONE), &camera).pixels;
     let linear = go(Tone { linear: true, ..Tone::NONE });
     let doubled = go(Tone { linear: true, exposure: 1.0, ..Tone::NONE });
-    let encode = |x: f64| if x <= 0.0031308 { 12.92 * x } else { 1.055 * x.powf(1.0 / 2.4) - 0.055 };
-    let mut worst = 0.0f64;
+    let display = go(Tone::NONE);
+    let (mut worst, mut other) = (0.0f64, 0.0f64);
     for ((display, linear), doubled) in display.iter().zip(&linear).zip(&doubled) {
         for c in 0..3 {
-            worst = worst.max((encode(linear.rgb[c].into()) - f64::from(display.rgb[c])).abs());
+            let colour = decode(1.0 / (1.0 + f64::from(-raw[c]).exp()));
+            let (opacity, background) = (f64::from(linear.opacity), f64::from(SCENE.background[c]));
+            let expected = opacity * colour + (1.0 - opacity) * decode(background);
+            worst = worst.max((f64::from(linear.rgb[c]) - expected).abs());
+            other = other.max((f64::from(linear.rgb[c]) - decode(display.rgb[c].into())).abs());
             assert_eq!(doubled.rgb[c], 2.0 * linear.rgb[c]);
         }
         let rest = |p: &Pixel| (p.opacity, p.ray_distance, p.z_depth);
         assert_eq!((rest(linear), rest(doubled)), (rest(display), rest(display)));
     }
-    std::println!("linear to display: {worst:e}");
-    assert!(worst <= 1e-6);
+    std::println!("linear: {worst:e}; of the decoded display picture: {other:e}");
+    assert!(worst <= 1e-6 && other > 0.01);
     let mapped = go(Tone { map: ToneMap::Filmic, exposure: 4.0, ..Tone::NONE });
     assert!(mapped.iter().flat_map(|pixel| pixel.rgb).all(|c| (0.0..=1.0).contains(&c)));
+}
+
+/// Samples are decoded with every kernel alike, each by itself.
+#[cfg(feature = "tone-map")]
+#[test]
+fn samples_of_linear_output_are_those_of_display_output_decoded() {
+    let bytes = scene();
+    let blob = Blob::open(&bytes).unwrap();
+    for kernel in crate::Kernel::all() {
+        let mut memory = vec![crate::Line::UNINIT; Renderer::prepared_lines(&blob, kernel)];
+        let renderer = Renderer::new(blob.clone(), kernel, &mut memory).unwrap();
+        let points: Vec<[f32; 3]> = noise(3 * 200, 3).as_chunks().0.to_vec();
+        let dirs = vec![[0.0, 0.6, -0.8]; points.len()];
+        let go = |tone| {
+            let plan = plan(&blob, Effects { tone, ..Effects::NONE });
+            let mut workspace = vec![crate::Line::UNINIT; renderer.workspace_lines(&plan)];
+            let (mut sigma, mut rgb) = (vec![0.0; points.len()], vec![[0.0; 3]; points.len()]);
+            renderer.query(&plan, &points, &dirs, &mut workspace, &mut sigma, &mut rgb).unwrap();
+            rgb
+        };
+        let (display, linear) = (go(Tone::NONE), go(Tone { linear: true, ..Tone::NONE }));
+        for (display, linear) in display.as_flattened().iter().zip(linear.as_flattened()) {
+            let off = (f64::from(*linear) - decode((*display).into())).abs();
+            assert!(off <= 4e-7, "{kernel}: {display} {linear}");
+        }
+        assert!(display.as_flattened().iter().any(|c| *c > 0.5) && display.as_flattened().contains(&0.0));
+    }
 }
 
 #[cfg(feature = "anti-aliasing")]
