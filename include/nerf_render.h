@@ -343,7 +343,8 @@ typedef uint32_t nerf_maths;
  * How a pixel of a plane lies in memory; 8-bit channels are clamped and rounded half up.
  *
  * RGB is composited over the background. RGBA is the scene alone, premultiplied by its opacity,
- * which is the alpha: `rgb + (1 - a) * background` is what RGB gives, in display-encoded values.
+ * which is the alpha: `rgb + (1 - a) * background` is what RGB gives, in display-encoded values or in linear light, as
+ * `options.effects.linear` says.
  * A picture (a 2D field) is opaque: its alpha is 1, and it shows no background.
  */
 enum nerf_format
@@ -832,7 +833,8 @@ typedef struct nerf_effects {
      */
     uint32_t tone_map;
     /**
-     * 1: colour is linear light, unbounded above, in place of display-encoded. Else 0.
+     * 1: colour is linear light, unbounded above: each sample is decoded, and the background, before they are composited.
+     * Also of RGBA planes (premultiplied) and of queries. 0: display-encoded.
      */
     uint32_t linear;
     /**
@@ -987,7 +989,7 @@ typedef struct nerf_target {
      */
     size_t struct_size;
     /**
-     * Colour, display-encoded unless `options.effects.linear` is 1.
+     * Colour, composited display-encoded unless `options.effects.linear` is 1.
      */
     struct nerf_plane rgb;
     /**

@@ -144,8 +144,8 @@ fn linear_output_is_composited_as_light_and_a_stop_doubles_it() {
     let display = go(Tone::NONE);
     let (mut worst, mut other) = (0.0f64, 0.0f64);
     for ((display, linear), doubled) in display.iter().zip(&linear).zip(&doubled) {
-        for c in 0..3 {
-            let colour = decode(1.0 / (1.0 + f64::from(-raw[c]).exp()));
+        for (c, raw) in raw.into_iter().enumerate() {
+            let colour = decode(1.0 / (1.0 + f64::from(-raw).exp()));
             let (opacity, background) = (f64::from(linear.opacity), f64::from(SCENE.background[c]));
             let expected = opacity * colour + (1.0 - opacity) * decode(background);
             worst = worst.max((f64::from(linear.rgb[c]) - expected).abs());
