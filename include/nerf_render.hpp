@@ -100,6 +100,39 @@ private:
     std::size_t size_;
 };
 
+/// Points, directions or colours that lie side by side in somebody else's memory: floats, three to each, or any trivially
+/// copyable structure of three (a host's own vector), in whatever has data and size. T is float or const float.
+template <class T>
+class triples {
+public:
+    constexpr triples() noexcept = default;
+
+    template <class C, class E = std::remove_pointer_t<decltype(std::data(std::declval<C &>()))>,
+              class = std::enable_if_t<(std::is_same_v<std::remove_const_t<E>, float> ||
+                                        (std::is_trivially_copyable_v<E> && std::is_class_v<E> &&
+                                         sizeof(E) == 3 * sizeof(float) && alignof(E) == alignof(float))) &&
+                                       (std::is_const_v<T> || (!std::is_const_v<E> && detail::lends<C>))>>
+    triples(C &&container) noexcept
+        : data_(at(std::data(container))), floats_(std::size(container) * (sizeof(E) / sizeof(float))) {}
+
+    T *data() const noexcept { return data_; }
+    /// How many floats: three times as many as points.
+    std::size_t floats() const noexcept { return floats_; }
+    bool empty() const noexcept { return floats_ == 0; }
+
+private:
+    static T *at(T *first) noexcept { return first; }
+    // The C library reads and writes floats by copying them.
+    template <class E>
+    static T *at(E *first) noexcept {
+        using untyped = std::conditional_t<std::is_const_v<T>, const void, void>;
+        return static_cast<T *>(static_cast<untyped *>(first));
+    }
+
+    T *data_ = nullptr;
+    std::size_t floats_ = 0;
+};
+
 /// Whether the library speaks the ABI this header was written for.
 inline bool abi_matches() noexcept { return nerf_abi_version() == NERF_ABI_VERSION; }
 /// The library's version, "0.1.0".
@@ -127,10 +160,15 @@ public:
     result(const nerf::error &error) noexcept : error_(error) {}
 
     explicit operator bool() const noexcept { return value_.has_value(); }
-    T &operator*() noexcept { return assert(value_), *value_; }
-    const T &operator*() const noexcept { return assert(value_), *value_; }
-    T *operator->() noexcept { return &**this; }
-    const T *operator->() const noexcept { return &**this; }
+    T &operator*() & noexcept { return assert(value_), *value_; }
+    const T &operator*() const & noexcept { return assert(value_), *value_; }
+    /// Of a result that is going away the value moves out: `auto w = *scene.workspace(...)`.
+    T &&operator*() && noexcept { return assert(value_), std::move(*value_); }
+    T &value() & noexcept { return **this; }
+    const T &value() const & noexcept { return **this; }
+    T &&value() && noexcept { return *std::move(*this); }
+    T *operator->() noexcept { return assert(value_), &*value_; }
+    const T *operator->() const noexcept { return assert(value_), &*value_; }
 
     /// Status 0 where there is a value.
     const nerf::error &error() const noexcept { return error_; }
@@ -230,7 +268,8 @@ public:
     }
     memory(memory &&other) noexcept { swap(other); }
     memory &operator=(memory &&other) noexcept {
-        memory(std::move(other)).swap(*this);
+        memory taken(std::move(other));
+        taken.swap(*this);
         return *this;
     }
 
@@ -290,6 +329,46 @@ struct camera : nerf_camera {
     /// With `fov` radians from the bottom of the image to its top.
     static camera from_vertical_fov(std::uint32_t columns, std::uint32_t rows, float fov) noexcept {
         return {columns, rows, 0.5f * static_cast<float>(rows) / std::tan(0.5f * fov)};
+    }
+
+    /// The camera of a renderer's own matrices, 16 floats each, column-major as in OpenGL and glTF: `view` takes the world to
+    /// the eye (a rotation and a translation), `projection` a perspective one of depth along -Z; its near and far planes
+    /// are not those of a field. NERF_STATUS_CAMERA for any other kind.
+    static result<camera> from_matrices(std::uint32_t columns, std::uint32_t rows, span<const float> view,
+                                        span<const float> projection) noexcept {
+        if (view.size() != 16 || projection.size() != 16) {
+            return detail::failed(NERF_STATUS_CAMERA, "from_matrices: expected 16 floats each");
+        }
+        const auto near_to = [](float a, float b) { return std::fabs(a - b) <= 1e-4f; };
+        const float *const v = view.data(), *const p = projection.data();
+        const bool perspective = p[3] == 0.0f && p[7] == 0.0f && p[15] == 0.0f && p[11] == -1.0f && p[1] == 0.0f &&
+                                 p[4] == 0.0f && p[12] == 0.0f && p[13] == 0.0f && p[0] > 0.0f && p[5] > 0.0f;
+        if (!perspective) {
+            return detail::failed(NERF_STATUS_CAMERA, "projection: expected a perspective one that looks along -Z");
+        }
+        const vec3 x{v[0], v[4], v[8]}, y{v[1], v[5], v[9]}, z{v[2], v[6], v[10]};
+        const bool rigid = near_to(dot(x, x), 1.0f) && near_to(dot(y, y), 1.0f) && near_to(dot(x, y), 0.0f) &&
+                           near_to(dot(cross(x, y), z), 1.0f) && near_to(dot(z, z), 1.0f) && v[3] == 0.0f &&
+                           v[7] == 0.0f && v[11] == 0.0f && v[15] == 1.0f;
+        if (!rigid) {
+            return detail::failed(NERF_STATUS_CAMERA, "view: expected a rotation and a translation");
+        }
+        const float half_width = 0.5f * static_cast<float>(columns), half_height = 0.5f * static_cast<float>(rows);
+        camera made(columns, rows, half_width * p[0]);
+        made.fy = half_height * p[5];
+        made.cx = half_width * (1.0f - p[8]);
+        made.cy = half_height * (1.0f + p[9]);
+        const vec3 axes[3] = {x, y, z};
+        const vec3 centre = -1.0f * (v[12] * x + v[13] * y + v[14] * z);
+        for (int i = 0; i < 3; ++i) {
+            made.c2w[i] = axes[i].x;
+            made.c2w[4 + i] = axes[i].y;
+            made.c2w[8 + i] = axes[i].z;
+        }
+        made.c2w[3] = centre.x;
+        made.c2w[7] = centre.y;
+        made.c2w[11] = centre.z;
+        return made;
     }
 
     /// Puts it at `eye`, looking at `target`, with `up` upwards in its image. Where there is no such view
@@ -619,6 +698,13 @@ public:
         });
     }
 
+    /// The same of a std::string, a std::filesystem::path (where its characters are char) and the like.
+    template <class P, class = std::enable_if_t<std::is_same_v<decltype(std::declval<const P &>().c_str()), const char *>>>
+    static result<scene> open_file(const P &path, nerf_kernel kernel = NERF_KERNEL_AUTO,
+                                   nerf_storage storage = NERF_STORAGE_AUTO) noexcept {
+        return open_file(path.c_str(), kernel, storage);
+    }
+
     ~scene() {
         if (close_ != nullptr) {
             close_(handle_);
@@ -626,7 +712,8 @@ public:
     }
     scene(scene &&other) noexcept { swap(other); }
     scene &operator=(scene &&other) noexcept {
-        scene(std::move(other)).swap(*this);
+        scene taken(std::move(other));
+        taken.swap(*this);
         return *this;
     }
     void swap(scene &other) noexcept {
@@ -705,15 +792,15 @@ public:
 
     /// Density, and where `rgb` is not empty colour, at points seen along unit directions.
     ///
-    /// `positions`, `dirs`: x, y, z, world space; `sigma`: as many as points; `rgb`: r, g, b, display-encoded.
-    /// `dirs` may be empty where `rgb` is.
-    result<counters> query(span<const float> positions, span<const float> dirs, span<float> sigma, span<float> rgb,
-                           memory &workspace, const options &how = {}) const noexcept {
+    /// `positions`, `dirs`: x, y, z, world space; `sigma`: as many as points; `rgb`: r, g, b, display-encoded unless
+    /// `how.effects.linear` is 1. `dirs` may be empty where `rgb` is.
+    result<counters> query(triples<const float> positions, triples<const float> dirs, span<float> sigma,
+                           triples<float> rgb, memory &workspace, const options &how = {}) const noexcept {
         const std::size_t n = sigma.size();
         const auto fits = [n](std::size_t length, bool optional) {
             return (optional && length == 0) || (length / 3 == n && length % 3 == 0);
         };
-        if (!fits(positions.size(), false) || !fits(dirs.size(), rgb.empty()) || !fits(rgb.size(), true)) {
+        if (!fits(positions.floats(), false) || !fits(dirs.floats(), rgb.empty()) || !fits(rgb.floats(), true)) {
             return detail::failed(NERF_STATUS_MEMORY, "query: expected views of 3 n floats, and of n for sigma");
         }
         return detail::checked(counters(), [&](counters &work, char *message, std::size_t capacity) {

@@ -3,10 +3,13 @@
 //     wrapper front.nerf plain.nerf picture.nerf damaged.nerf
 #include "nerf_render.hpp"
 
+#include <algorithm>
 #include <array>
 #include <cstdint>
 #include <cstdio>
 #include <cstring>
+#include <filesystem>
+#include <string>
 #include <vector>
 #if __cplusplus >= 202002L
 #include <span>
@@ -84,6 +87,11 @@ void memory_is_owned_or_lent_and_moves() {
     CHECK(owned && owned->size() == 1000 && reinterpret_cast<std::uintptr_t>(owned->data()) % 64 == 0);
     nerf::memory home = std::move(*owned);
     CHECK(home.size() == 1000 && owned->size() == 0 && owned->data() == nullptr);
+    // A value moves out of a result that goes away; of one that stays it is referred to.
+    nerf::memory moved = *nerf::memory::allocate({10, 64});
+    CHECK(moved.size() == 10 && nerf::memory::allocate({20, 64}).value().size() == 20);
+    const auto kept = nerf::memory::allocate({30, 64});
+    CHECK(&kept.value() == &*kept && kept.value().size() == 30 && kept->size() == 30);
     alignas(64) static unsigned char buffer[128];
     home = nerf::memory::lend(buffer);
     CHECK(home.data() == buffer && home.size() == sizeof buffer);
@@ -105,6 +113,7 @@ void scenes_open_in_any_memory(const std::vector<char> &blob, const char *path, 
 
     const auto file = nerf::scene::open_file(path);
     CHECK(file && file->info().parameters == lent->info().parameters && !file->is_picture());
+    CHECK(nerf::scene::open_file(std::string(path)) && nerf::scene::open_file(std::filesystem::path(path)));
     const auto absent = nerf::scene::open_file("absent.nerf");
     CHECK(!absent && absent.status() == NERF_STATUS_FILE && says(absent.error(), "absent.nerf"));
     const auto broken = nerf::scene::open_file(damaged);
@@ -160,6 +169,39 @@ void cameras_look_where_they_are_told(const nerf::scene &scene) {
         CHECK(close(dot(there, camera.backward()), 3.0f) && close(dot(camera.right(), up), 0.0f));
         CHECK(dot(camera.up(), up) > 0.0f);
         CHECK(close(dot(cross(camera.right(), camera.up()), camera.backward()), 1.0f));
+    }
+    // A renderer's own matrices say the same.
+    {
+        const nerf::vec3 r = camera.right(), u = camera.up(), b = camera.backward(), c = camera.centre();
+        const float view[16] = {r.x, u.x, b.x, 0.0f, r.y, u.y, b.y, 0.0f, r.z, u.z, b.z, 0.0f,
+                                -dot(r, c), -dot(u, c), -dot(b, c), 1.0f};
+        float projection[16] = {};
+        projection[0] = 2.0f * 60.0f / width;
+        projection[5] = 2.0f * 50.0f / height;
+        projection[8] = 0.1f;
+        projection[9] = -0.2f;
+        projection[10] = -1.02f;
+        projection[11] = -1.0f;
+        projection[14] = -0.2f;
+        const auto same = nerf::camera::from_matrices(width, height, view, projection);
+        CHECK(same && close(same->fx, 60.0f) && close(same->fy, 50.0f));
+        CHECK(close(same->cx, 0.45f * width) && close(same->cy, 0.4f * height));
+        for (int i = 0; i < 12; ++i) {
+            CHECK(std::fabs(same->c2w[i] - camera.c2w[i]) < 2e-5f);
+        }
+        // Where OpenGL puts a point, its ray goes.
+        const nerf::vec3 point = c + -2.0f * b + 0.3f * r + 0.2f * u;
+        const float x = projection[0] * 0.3f / 2.0f - projection[8], y = projection[5] * 0.2f / 2.0f - projection[9];
+        const auto towards = same->ray(0.5f * width * (x + 1.0f), 0.5f * height * (1.0f - y));
+        CHECK(towards && close(dot(cross(towards->dir, point - c), cross(towards->dir, point - c)), 0.0f));
+        projection[11] = 0.0f;
+        CHECK(nerf::camera::from_matrices(width, height, view, projection).status() == NERF_STATUS_CAMERA);
+        projection[11] = -1.0f;
+        float mirrored[16];
+        std::copy_n(view, 16, mirrored);
+        mirrored[0] = -mirrored[0], mirrored[4] = -mirrored[4], mirrored[8] = -mirrored[8];
+        CHECK(nerf::camera::from_matrices(width, height, mirrored, projection).status() == NERF_STATUS_CAMERA);
+        CHECK(nerf::camera::from_matrices(width, height, nerf::span(view, 15), projection).status() == NERF_STATUS_CAMERA);
     }
     // The middle of the image looks along the view axis; a corner's ray is longer than deep.
     const auto middle = camera.ray(0.5f * width, 0.5f * height), corner = camera.ray(0.0f, 0.0f);
@@ -378,6 +420,17 @@ void points_can_be_asked(const nerf::scene &scene) {
     CHECK(scene.query(positions, dirs, sigma, rgb, *workspace));
     CHECK(sigma[0] >= 0.0f && sigma[1] == 0.0f && rgb[3] == 0.0f);
     CHECK(scene.query(positions, {}, again, {}, *workspace) && again[0] == sigma[0]);
+    // A host's own vectors, and nobody's copies of them.
+    struct colour { float r, g, b; };
+    const std::vector<nerf::vec3> points{{positions[0], positions[1], positions[2]}};
+    const std::array<nerf::vec3, 1> along{{{dirs[0], dirs[1], dirs[2]}}};
+    std::vector<colour> colours(1);
+    CHECK(scene.query(points, along, nerf::span(again, 1), colours, *workspace));
+    CHECK(again[0] == sigma[0] && colours[0].r == rgb[0] && colours[0].b == rgb[2]);
+    struct four { float x, y, z, w; };
+    static_assert(!std::is_constructible_v<nerf::triples<const float>, std::vector<four> &>);
+    static_assert(!std::is_constructible_v<nerf::triples<float>, const std::vector<colour> &>);
+    static_assert(!std::is_constructible_v<nerf::triples<float>, std::vector<colour>>);
     CHECK(scene.query(positions, {}, sigma, rgb, *workspace).status() == NERF_STATUS_MEMORY);
     CHECK(scene.query(nerf::span(positions.data(), 5), {}, sigma, {}, *workspace).status() == NERF_STATUS_MEMORY);
     const std::array<float, 6> long_dirs{0.0f, 0.0f, 2.0f, 1.0f, 0.0f, 0.0f};

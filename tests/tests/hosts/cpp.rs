@@ -16,7 +16,9 @@ use std::path::{Path, PathBuf};
 use std::process::Command;
 use std::sync::OnceLock;
 
-const WARNINGS: [&str; 5] = ["-Wall", "-Wextra", "-Wpedantic", "-Wconversion", "-Werror"];
+const WARNINGS: [&str; 6] = ["-Wall", "-Wextra", "-Wpedantic", "-Wconversion", "-Wshadow", "-Werror"];
+/// What GCC alone knows.
+const OF_GCC: &str = "-Wuseless-cast";
 const LEAN: [&str; 2] = ["-fno-exceptions", "-fno-rtti"];
 
 fn examples() -> PathBuf {
@@ -72,6 +74,9 @@ fn cpp_compiles_with_each_compiler_and_standard_with_and_without_exceptions() {
             for lean in [&[][..], &LEAN] {
                 let mut command = Command::new(compiler);
                 command.args(["-fsyntax-only", standard]).args(WARNINGS).args(lean);
+                if compiler == "g++" {
+                    command.arg(OF_GCC);
+                }
                 run(command.arg("-I").arg(paths::workspace().join("include")).arg(&source));
             }
         }
