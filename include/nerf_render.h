@@ -1502,8 +1502,10 @@ nerf_status nerf_quality_point(const struct nerf_scene *scene,
 /**
  * Sets the settings of a `nerf_preset`, which lose no more than it says.
  *
- * Of a scene without a front nothing is known: `NERF_PRESET_EXACT` is every sample inside the scene box, every
- * other preset the defaults. `options` and `message` as in `nerf_quality_within_loss`.
+ * Of a scene without a front it is not known what they lose: `NERF_PRESET_EXACT` is every sample inside the scene box,
+ * `NERF_PRESET_HIGH` the defaults, and the others are what loses 0.05, 0.2 and 0.9 dB in the scene of the project's own
+ * study: transmittance cuts of 0.03, 0.1 and 0.1, colour cuts of 0.03, 0.03 and 0.1, and for `NERF_PRESET_PREVIEW` four
+ * fifths of the samples. `options` and `message` as in `nerf_quality_within_loss`.
  *
  * # Safety
  * Pointers are NULL or point to what is described here; `scene` is intact.

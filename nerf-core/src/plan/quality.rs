@@ -78,15 +78,38 @@ impl Quality {
     /// The settings of a preset in this scene; they lose no more than [`Preset::loss_db`] says.
     ///
     /// The front decides. Where even its best point loses too much, [`Quality::exact`], which loses
-    /// nothing by definition. Without a front nothing is known: `Preset::Exact` is [`Quality::exact`], and
-    /// every other is [`Quality::default`].
+    /// nothing by definition.
+    ///
+    /// Without a front what they lose in this scene is not known. `Preset::Exact` is then [`Quality::exact`],
+    /// `Preset::High` [`Quality::default`]; the others cut what a study of another scene says:
+    ///
+    /// | preset | transmittance cut | colour cut | samples | lost there |
+    /// | --- | ---: | ---: | ---: | ---: |
+    /// | `Balanced` | 0.03 | 0.03 | all | 0.05 dB |
+    /// | `Fast` | 0.1 | 0.03 | all | 0.2 dB |
+    /// | `Preview` | 0.1 | 0.1 | four fifths | 0.9 dB |
+    ///
+    /// # Source
+    /// `docs/accuracy-and-time.md`, the learned grid.
     pub fn preset(blob: &Blob<'_>, preset: Preset) -> Self {
         match Self::within_loss(blob, preset.loss_db()) {
             Some(choice) if choice.within => choice.quality,
             Some(_) => Self::exact(blob),
             None if preset == Preset::Exact => Self::exact(blob),
-            None => Self::default(),
+            None => Self::unmeasured(blob, preset),
         }
+    }
+
+    /// A preset below exact of a scene without a front.
+    fn unmeasured(blob: &Blob<'_>, preset: Preset) -> Self {
+        let all = blob.scene().map_or(0, |scene| scene.samples());
+        let (transmittance_cut, colour_cut, samples) = match preset {
+            Preset::Exact | Preset::High => return Self::default(),
+            Preset::Balanced => (0.03, 0.03, 0),
+            Preset::Fast => (0.1, 0.03, 0),
+            Preset::Preview => (0.1, 0.1, (all - all / 5).max(1)),
+        };
+        Self { transmittance_cut, colour_cut, samples, ..Self::default() }
     }
 
     /// These settings as a point of the blob's front, for who measured them.

@@ -92,14 +92,21 @@ fn presets_lose_no_more_than_they_say() {
 }
 
 #[test]
-fn without_a_front_there_is_no_choice_and_presets_fall_back() {
+fn without_a_front_there_is_no_choice_and_presets_are_rules_of_thumb() {
     let bytes = scene(&[]);
     let blob = Blob::open(&bytes).unwrap();
     assert_eq!(Quality::within_loss(&blob, 1.0), None);
     assert_eq!(Quality::within_cost(&blob, 1.0), None);
     assert_eq!(Quality::preset(&blob, Preset::Exact), Quality::EXACT);
-    for preset in &Preset::ALL[1..] {
-        assert_eq!(Quality::preset(&blob, *preset), Quality::default());
+    assert_eq!(Quality::preset(&blob, Preset::High), Quality::default());
+    let [balanced, fast, preview] =
+        [Preset::Balanced, Preset::Fast, Preset::Preview].map(|preset| Quality::preset(&blob, preset));
+    let cuts = |quality: &Quality| (quality.transmittance_cut, quality.colour_cut, quality.samples);
+    assert_eq!([&balanced, &fast].map(cuts), [(0.03, 0.03, 0), (0.1, 0.03, 0)]);
+    // Four fifths of the scene's 32, rounded up; a plan takes them all.
+    assert_eq!(cuts(&preview), (0.1, 0.1, 26));
+    for quality in [balanced, fast, preview] {
+        assert!(quality.occupancy && Plan::new(&blob, &quality, Outputs::ALL, Batch::SMALLEST).is_ok());
     }
 }
 
