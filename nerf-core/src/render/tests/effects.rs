@@ -2,7 +2,6 @@
 
 use super::*;
 use crate::plan::{Effects, Jitter, ThinLens, Tone, ToneMap};
-use crate::testing::noise;
 
 const LENS: ThinLens = ThinLens { aperture_radius: 0.2, focus_distance: 3.5 };
 
@@ -170,7 +169,7 @@ fn samples_of_linear_output_are_those_of_display_output_decoded() {
     for kernel in crate::Kernel::all() {
         let mut memory = vec![crate::Line::UNINIT; Renderer::prepared_lines(&blob, kernel)];
         let renderer = Renderer::new(blob.clone(), kernel, &mut memory).unwrap();
-        let points: Vec<[f32; 3]> = noise(3 * 200, 3).as_chunks().0.to_vec();
+        let points: Vec<[f32; 3]> = crate::testing::noise(3 * 200, 3).as_chunks().0.to_vec();
         let dirs = vec![[0.0, 0.6, -0.8]; points.len()];
         let go = |tone| {
             let plan = plan(&blob, Effects { tone, ..Effects::NONE });
