@@ -28,17 +28,17 @@
 #define NERF_ABI_VERSION 1
 
 /**
- * The transmittance cut that costs nothing visible.
+ * Default of `transmittance_cut`: no difference to be seen from none.
  */
 #define NERF_TRANSMITTANCE_CUT_DEFAULT 2e-2
 
 /**
- * The colour cut that costs nothing visible.
+ * Default of `colour_cut`: no difference to be seen from none.
  */
 #define NERF_COLOUR_CUT_DEFAULT 5e-3
 
 /**
- * The blur of normals that shows what samples a bin apart can tell.
+ * Default of `normal_blur`: one bin.
  */
 #define NERF_NORMAL_BLUR_DEFAULT 1.0
 
@@ -898,8 +898,8 @@ typedef struct nerf_render_options {
      */
     float colour_cut;
     /**
-     * Bins whose finer ripples normals do not show, at least 0; 0 for the density's gradient itself, most
-     * of which is such ripples.
+     * Width, in bins, of the Gaussian that the density is blurred by before its gradient is taken for normals (standard
+     * deviation: this over the root of 12), at least 0. 0 is the gradient itself, which is mostly noise finer than a bin.
      */
     float normal_blur;
     /**
@@ -1097,7 +1097,7 @@ typedef struct nerf_pace {
 } nerf_pace;
 
 /**
- * What a scene's front offers for a wish.
+ * The point of a scene's front that was chosen: what its settings lose and cost.
  */
 typedef struct nerf_choice {
     /**
@@ -1117,7 +1117,7 @@ typedef struct nerf_choice {
      */
     float milliseconds;
     /**
-     * 1 if they are what was wished for, 0 if only the nearest there is.
+     * 1 if they meet the limit that was asked for; 0 if no point of the front does, and these come nearest.
      */
     uint32_t within;
 } nerf_choice;

@@ -582,7 +582,7 @@ struct counters : nerf_counters {
     }
 };
 
-/// What a scene's front offered for a wish.
+/// The point of a scene's front that was chosen.
 struct choice : nerf_choice {
     choice() noexcept : nerf_choice() { struct_size = sizeof(nerf_choice); }
 };

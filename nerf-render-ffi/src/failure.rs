@@ -57,7 +57,7 @@ pub(crate) enum Failure {
     ToneOfAlpha,
     /// A plane that a picture has not.
     ScenePlane(&'static str),
-    /// A wish that only a measured front can answer.
+    /// A choice that only a measured front can make.
     NoFront,
     /// An eye, a target and an up that make no camera.
     NoView,

@@ -26,7 +26,7 @@ pub enum Preset {
     Preview = 4,
 }
 
-/// What a scene's front offers for a wish.
+/// The point of a scene's front that was chosen: what its settings lose and cost.
 #[derive(Clone, Copy, Debug)]
 #[repr(C)]
 pub struct Choice {
@@ -38,7 +38,7 @@ pub struct Choice {
     pub cost: f32,
     /// Milliseconds a frame is expected to take; NaN where time was not asked for.
     pub milliseconds: f32,
-    /// 1 if they are what was wished for, 0 if only the nearest there is.
+    /// 1 if they meet the limit that was asked for; 0 if no point of the front does, and these come nearest.
     pub within: u32,
 }
 

@@ -10,11 +10,11 @@ use nerf_core::plan::{self, Batch, Outputs, Plan, PlanError, Quality, Tone, Tone
 /// Most rays in flight: the pixels of one tile.
 const MAX_RAYS: u32 = 256;
 
-/// The transmittance cut that costs nothing visible.
+/// Default of `transmittance_cut`: no difference to be seen from none.
 pub const NERF_TRANSMITTANCE_CUT_DEFAULT: f32 = 2e-2;
-/// The colour cut that costs nothing visible.
+/// Default of `colour_cut`: no difference to be seen from none.
 pub const NERF_COLOUR_CUT_DEFAULT: f32 = 5e-3;
-/// The blur of normals that shows what samples a bin apart can tell.
+/// Default of `normal_blur`: one bin.
 pub const NERF_NORMAL_BLUR_DEFAULT: f32 = 1.0;
 
 /// Who computes the elementary functions.
@@ -65,8 +65,8 @@ pub struct RenderOptions {
     /// Samples whose weight is at most this take the colour of one behind them, in `[0, 1)`; 0 asks the
     /// network for every colour. Opacity and distances never depend on it.
     pub colour_cut: f32,
-    /// Bins whose finer ripples normals do not show, at least 0; 0 for the density's gradient itself, most
-    /// of which is such ripples.
+    /// Width, in bins, of the Gaussian that the density is blurred by before its gradient is taken for normals (standard
+    /// deviation: this over the root of 12), at least 0. 0 is the gradient itself, which is mostly noise finer than a bin.
     pub normal_blur: f32,
     /// 1: samples are even where the scene would draw them from its proposal network. Else 0.
     pub ignore_proposal: u32,

@@ -249,7 +249,7 @@ impl<'a> Plan<'a> {
 
     /// The same frame with normals of another blur, in bins; 0 for the density's gradient itself.
     ///
-    /// A field that was fitted through samples a bin apart has ripples far finer than a bin, which no sum along a
+    /// A field that was fitted through samples a bin apart varies on scales far finer than a bin, which no sum along a
     /// ray shows, but which are most of its gradient: 2^9 π for the tenth level of an encoding. A blur of
     /// one bin takes the gradient's mean over a Gaussian as wide as a bin (deviation: a bin's width / √12).
     ///

@@ -145,7 +145,7 @@ impl Default for Quality {
     }
 }
 
-/// What the blob's front offers for a wish.
+/// The point of the blob's front that was chosen.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Choice {
     /// The settings.
@@ -154,7 +154,7 @@ pub struct Choice {
     pub loss_db: f32,
     /// Their multiply-adds relative to the exact rendering's.
     pub cost: f32,
-    /// Whether they are what was wished for, or only the nearest there is.
+    /// Whether they meet the limit that was asked for; else no point of the front does, and these come nearest.
     pub within: bool,
 }
 

@@ -1,4 +1,4 @@
-//! What a frame takes on this host: the measurement that turns a wish in milliseconds into settings.
+//! What a frame takes on this host: the measurement that turns a limit in milliseconds into settings.
 
 use super::{Rect, RenderError, Renderer};
 use crate::blob::{Blob, MAX_FRONT};
