@@ -148,3 +148,8 @@ macro_rules! with_encoding_math {
     };
 }
 pub(crate) use with_encoding_math;
+
+/// `ln(1 + x)`, by the libm crate.
+pub(crate) fn log1p(x: f32) -> f32 {
+    ::libm::log1pf(x)
+}

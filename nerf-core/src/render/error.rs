@@ -54,6 +54,11 @@ pub enum RenderError {
         /// Up to which.
         t_max: f32,
     },
+    /// A random number of a ray that is not in `[0, 1)`, or is not there, or has no ray.
+    Random {
+        /// Which one.
+        index: usize,
+    },
     /// An axis for z_depth that is not of unit length.
     Axis {
         /// What was given.
@@ -88,6 +93,7 @@ impl RenderError {
         match self {
             Self::Ray { index } => Self::Ray { index: first + index },
             Self::RayRange { index, t_min, t_max } => Self::RayRange { index: first + index, t_min, t_max },
+            Self::Random { index } => Self::Random { index: first + index },
             other => other,
         }
     }
@@ -120,6 +126,9 @@ impl core::fmt::Display for RenderError {
             }
             Self::RayRange { index, t_min, t_max } => {
                 write!(f, "rays[{index}]: expected 0 <= t_min <= t_max, found t_min {t_min}, t_max {t_max}")
+            }
+            Self::Random { index } => {
+                write!(f, "random[{index}]: expected a number in [0, 1) for every ray and no more")
             }
             Self::Axis { found } => write!(f, "axis: expected a vector of unit length, found {found:?}"),
             Self::CameraEffects => {

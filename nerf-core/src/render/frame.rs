@@ -2,6 +2,7 @@
 
 use super::march::{ActiveRays, Block, ColourQueue, Picks, RayState};
 use super::proposal::{ProposalSamples, Proposer};
+use super::source::{CameraRays, OwnRays, RaySource};
 use super::surface::{Medians, Normals};
 use super::{Counters, Limit, RaySegment, Rect, Target};
 use crate::camera::{Camera, Ray, SceneBox};
@@ -10,14 +11,14 @@ use crate::memory::{Layout, at, column, head, head_mut, put, put_column, tail};
 use crate::network::{Network, Scratch};
 use crate::plan::Plan;
 use crate::render::anti_aliasing::{self, Sums};
-use crate::render::depth_of_field;
 use crate::render::tone;
 use crate::sampling::SampleJitter;
 use crate::simd::BLOCK;
+use crate::volume::Accumulator;
 use glam::Vec3;
 
 /// Columns of the widest vector: a block of prepared weights has a multiple of it.
-const VECTOR: usize = 16;
+pub(super) const VECTOR: usize = 16;
 
 /// What a worker works with, from its memory to the tile at hand.
 pub(super) struct Frame<'f, 'w> {
@@ -50,6 +51,8 @@ pub(super) struct Frame<'f, 'w> {
     /// Which of their pixels' rays are in flight: the first, the second, and on.
     pub(super) turn: u32,
     tile: Rect,
+    /// Whether colour is over the background.
+    pub(super) background: bool,
     /// What z_depth is measured along.
     forward: Vec3,
 }
@@ -113,6 +116,7 @@ impl<'f, 'w> Frame<'f, 'w> {
             sums: Sums::lay_out(layout, &plan.effects, plan.outputs.surface(), rays),
             turn: 0,
             tile: Rect { x: 0, y: 0, width: 0, height: 0 },
+            background: true,
             forward: Vec3::ZERO,
         }
     }
@@ -125,41 +129,45 @@ impl<'f, 'w> Frame<'f, 'w> {
         limit: &impl Fn(u32, u32) -> Limit,
         target: &mut impl Target,
     ) {
-        let effects = &self.plan.effects;
         let far = self.plan.far_from(camera.pose().position);
         (self.tile, self.forward) = (tile, camera.pose().forward());
-        for turn in 0..anti_aliasing::rays(effects) {
-            let (right, down) = anti_aliasing::offset(effects, turn);
-            let area = depth_of_field::area(effects, turn);
-            let ray = |x: u32, y: u32| {
-                let ray = camera.ray(x as f32 + right, y as f32 + down);
-                depth_of_field::through_lens(effects, camera.pose(), ray, (x, y), area)
-            };
-            self.turn::<M>(
-                turn,
-                &CameraRays { ray, limit, far, plan: self.plan, forward: self.forward },
-                target,
-            );
+        for turn in 0..anti_aliasing::rays(&self.plan.effects) {
+            let source = CameraRays::new(camera, &self.plan.effects, turn, limit, far);
+            self.turn::<M, false>(turn, &source, target);
         }
     }
 
-    /// Renders up to `plan.batch.rays` rays as the pixels of a row; `axis` is what their z_depth is measured along.
-    pub(super) fn row_of_rays<M: Math>(&mut self, rays: &[RaySegment], axis: Vec3, target: &mut impl Target) {
+    /// Renders up to `plan.batch.rays` rays as the pixels of a row; with `COLLIDE` each as far as its random number has it
+    /// collide.
+    pub(super) fn row_of_rays<M: Math, const COLLIDE: bool>(
+        &mut self,
+        rays: &[RaySegment],
+        random: &[f32],
+        axis: Vec3,
+        target: &mut impl Target,
+    ) {
         // Lossless: a plan has at most `Batch::MAX_RAYS`.
         self.tile = Rect { x: 0, y: 0, width: rays.len() as u32, height: 1 };
         self.forward = axis;
-        self.turn::<M>(0, &OwnRays { rays, plan: self.plan }, target);
+        let plan = self.plan;
+        let far = |eye| plan.far_from(eye);
+        self.turn::<M, COLLIDE>(0, &OwnRays { rays, random, far }, target);
     }
 
     /// The `turn`-th ray of each pixel of the tile.
-    fn turn<M: Math>(&mut self, turn: u32, source: &impl RaySource, target: &mut impl Target) {
+    fn turn<M: Math, const COLLIDE: bool>(
+        &mut self,
+        turn: u32,
+        source: &impl RaySource,
+        target: &mut impl Target,
+    ) {
         self.turn = turn;
-        let mut hits = self.start::<M>(source, target);
+        let mut hits = self.start::<M, COLLIDE>(source, target);
         if self.drawn.is_on() {
             hits = self.propose::<M>(hits, source, target);
         }
         self.directions(hits);
-        while self.step::<M>() {}
+        while self.step::<M, COLLIDE>() {}
         self.flush_colour();
         self.flush_normals();
         for i in 0..hits {
@@ -169,7 +177,11 @@ impl<'f, 'w> Frame<'f, 'w> {
     }
 
     /// Makes the tile's rays; those that meet nothing are finished at once. Returns how many do.
-    fn start<M: Math>(&mut self, source: &impl RaySource, target: &mut impl Target) -> usize {
+    fn start<M: Math, const COLLIDE: bool>(
+        &mut self,
+        source: &impl RaySource,
+        target: &mut impl Target,
+    ) -> usize {
         let (plan, tile, turn) = (self.plan, self.tile, self.turn);
         let mut hits = 0;
         // Nothing outside is live, so that most rays of most pictures end here.
@@ -179,8 +191,12 @@ impl<'f, 'w> Frame<'f, 'w> {
             for x in tile.x..tile.x + tile.width {
                 self.counters.rays += 1;
                 let ray = source.ray(x, y);
-                let range = source.range(x, y, &ray);
+                let [t_min, t_max] = source.range(x, y, &ray);
+                let range = plan.range_of(t_min, t_max);
                 let mut state = RayState { ray, range, x, y, done: false, ..RayState::NONE };
+                if COLLIDE {
+                    state.gathered = Accumulator::until(source.until(x));
+                }
                 if let Some(span) = around.and_then(|bounds| plan.span(&bounds, &ray, range)) {
                     (state.ray, state.start, state.ends) = (span.ray, span.start, span.ends);
                     (state.next, state.end) = (span.bins.start, span.bins.end);
@@ -238,7 +254,6 @@ impl<'f, 'w> Frame<'f, 'w> {
         self.scratch.stride = columns_of(self.network, n);
         self.network.trunk(self.plan.math, &mut self.scratch, self.positions);
         self.network.density(self.plan.math, &self.scratch, self.block.sigma);
-        self.counters.add_density(self.network, n);
     }
 
     /// Colours of the block whose trunk has just run; its first `n` columns are the picks, in order.
@@ -260,7 +275,8 @@ impl<'f, 'w> Frame<'f, 'w> {
         let (plan, tile, far) = (self.plan, self.tile, source.far(state.x).min(state.range[1]));
         self.counters.samples_skipped += u64::from(plan.samples_per_ray().saturating_sub(state.kept));
         let cosine = state.ray.dir.dot(self.forward);
-        let background = if plan.outputs.rgb { plan.background } else { [0.0; 3] };
+        let shown = plan.outputs.rgb && self.background;
+        let background = if shown { plan.background } else { [0.0; 3] };
         let background = tone::background::<M>(&plan.effects.tone, background);
         let mut seen = state.gathered.finish_from(state.start, state.done, background, far, cosine);
         seen.rgb = tone::to_light::<M>(&plan.effects.tone, seen.rgb);
@@ -303,6 +319,7 @@ impl<'f, 'w> Frame<'f, 'w> {
             put_column(self.positions, stride, column, state.ray.origin.to_array());
         }
         self.evaluate_density(n);
+        self.counters.add_density(self.network, n);
         if self.plan.outputs.rgb {
             for (column, owner) in head_mut(self.picks.owner, n).iter_mut().enumerate() {
                 *owner = column as u32;
@@ -327,66 +344,6 @@ impl<'f, 'w> Frame<'f, 'w> {
                 put(rgb, state.x as usize, colour);
             }
         }
-    }
-}
-
-/// Where the rays of a tile's pixels come from.
-pub(super) trait RaySource {
-    /// The ray of a pixel.
-    fn ray(&self, x: u32, y: u32) -> Ray;
-    /// The distances that are seen of it.
-    fn range(&self, x: u32, y: u32, ray: &Ray) -> [f32; 2];
-    /// The distance of a pixel of that column where its ray meets no surface, but for its own range.
-    fn far(&self, x: u32) -> f32;
-}
-
-/// The rays of a camera.
-struct CameraRays<'a, F, L> {
-    ray: F,
-    limit: L,
-    far: f32,
-    plan: &'a Plan<'a>,
-    forward: Vec3,
-}
-
-impl<F: Fn(u32, u32) -> Ray, L: Fn(u32, u32) -> Limit> RaySource for CameraRays<'_, F, L> {
-    fn ray(&self, x: u32, y: u32) -> Ray {
-        (self.ray)(x, y)
-    }
-
-    fn range(&self, x: u32, y: u32, ray: &Ray) -> [f32; 2] {
-        self.plan.range_of(0.0, (self.limit)(x, y).along(ray, self.forward))
-    }
-
-    fn far(&self, _: u32) -> f32 {
-        self.far
-    }
-}
-
-/// Rays of the caller's own, each from where it likes.
-struct OwnRays<'a> {
-    rays: &'a [RaySegment],
-    plan: &'a Plan<'a>,
-}
-
-impl OwnRays<'_> {
-    fn segment(&self, x: u32) -> RaySegment {
-        self.rays.get(x as usize).copied().unwrap_or(RayState::NONE.ray.into())
-    }
-}
-
-impl RaySource for OwnRays<'_> {
-    fn ray(&self, x: u32, _: u32) -> Ray {
-        self.segment(x).ray
-    }
-
-    fn range(&self, x: u32, _: u32, _: &Ray) -> [f32; 2] {
-        let RaySegment { t_min, t_max, .. } = self.segment(x);
-        self.plan.range_of(t_min, t_max)
-    }
-
-    fn far(&self, x: u32) -> f32 {
-        self.plan.far_from(self.ray(x, 0).origin)
     }
 }
 

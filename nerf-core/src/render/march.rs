@@ -1,11 +1,12 @@
 //! Ray marching: each block takes the next occupied sample of as many active rays as it has room for.
 //!
-//! A ray has one sample in flight, so that its transmittance is known before the next one is evaluated. No sample
-//! behind the transmittance threshold is ever evaluated, and the work of a frame depends on the scene and the request
-//! alone, as its pixels do.
+//! A ray has one sample in flight, so that its transmittance is known before the next one is evaluated. Where fewer rays
+//! are active than a vector has columns, the next samples of the same rays take the rest, which would hold copies
+//! otherwise; what turns out to lie behind the transmittance threshold is dropped and not counted. So the work of a frame
+//! depends on the scene and the request alone, as its pixels do.
 
 use super::Counters;
-use super::frame::{Frame, columns_of};
+use super::frame::{Frame, VECTOR, columns_of};
 use super::proposal::ProposalSamples;
 use super::surface::Medians;
 use super::window::{self, Window};
@@ -148,13 +149,14 @@ pub(super) struct ColourQueue<'w> {
 
 impl Frame<'_, '_> {
     /// Evaluates one block of samples; `false` if no ray is active.
-    pub(super) fn step<M: Math>(&mut self) -> bool {
-        let n = self.fill();
+    pub(super) fn step<M: Math, const COLLIDE: bool>(&mut self) -> bool {
+        let n = self.fill::<COLLIDE>();
         if n == 0 {
             return false;
         }
         self.evaluate_density(n);
-        let picked = self.gather::<M>(n);
+        let (used, picked) = self.gather::<M, COLLIDE>(n);
+        self.counters.add_density(self.network, used);
         if self.plan.outputs.rgb {
             if picked * QUEUED_BELOW.1 >= self.block.owner.len() * QUEUED_BELOW.0 {
                 self.flush_colour();
@@ -167,12 +169,16 @@ impl Frame<'_, '_> {
         true
     }
 
-    /// Fills a block with the next sample of each active ray, or without a transmittance threshold with all samples of
-    /// as many rays as fit. Returns the number of samples.
-    fn fill(&mut self) -> usize {
+    /// Fills a block with the next sample of each active ray, or with several of each: a vector's columns where there are
+    /// fewer rays, and without a transmittance threshold all samples of as many rays as fit. Returns the number of samples.
+    fn fill<const COLLIDE: bool>(&mut self) -> usize {
         let (plan, isa) = (self.plan, self.network.isa());
         let room = self.block.owner.len();
-        let burst = if plan.transmittance_cut > 0.0 { 1 } else { room };
+        let burst = match columns_of(self.network, 1) {
+            _ if plan.transmittance_cut == 0.0 && !COLLIDE => room,
+            1 => 1,
+            _ => (VECTOR / self.active.count.max(1)).max(1),
+        };
         let mut n = 0;
         while n < room {
             let Some(i) = self.active.pop() else { break };
@@ -187,7 +193,6 @@ impl Frame<'_, '_> {
                 put(self.block.owner, n, i);
                 put(self.block.t, n, t);
                 state.next += 1;
-                state.kept += 1;
                 n += 1;
             }
         }
@@ -221,39 +226,56 @@ impl Frame<'_, '_> {
     }
 
     /// Composites the densities of the block's `n` samples, picks those whose colour or normal is evaluated, and marches
-    /// the rays that go on to their next occupied sample. Returns how many were picked.
-    fn gather<M: Math>(&mut self, n: usize) -> usize {
+    /// the rays that go on to their next occupied sample. Returns how many of the samples lie before the end of their ray,
+    /// and how many were picked.
+    fn gather<M: Math, const COLLIDE: bool>(&mut self, n: usize) -> (usize, usize) {
         let (plan, isa) = (self.plan, self.network.isa());
         // Without vectors it would be the same work in more code.
         if VECTORS {
-            self.absorb::<M>(n);
+            self.absorb::<M, COLLIDE>(n);
         }
-        let mut picked = 0;
+        let (mut used, mut picked) = (0, 0);
         for column in 0..n {
             let owner = at(self.block.owner, column);
             let Some(state) = self.rays.get_mut(owner as usize) else { break };
+            if state.done {
+                continue;
+            }
+            state.kept += 1;
+            used += 1;
             let sigma = at(self.block.sigma, column);
             if sigma.is_nan() {
                 self.counters.invalid_samples += 1;
             } else if sigma > 0.0 {
-                let (before, middle, delta);
+                let (before, t, middle, delta);
                 if VECTORS {
                     let room = self.block.owner.len();
-                    let (alpha, light, t);
                     [t, middle, delta] = self::column(self.positions, room, column);
+                    let (alpha, light);
                     [before, alpha, light] = self::column(self.triples, room, column);
-                    state.gathered.add_alpha(alpha, light, t);
+                    if !COLLIDE {
+                        state.gathered.add_alpha(alpha, light, t);
+                    }
                 } else {
-                    let t;
                     (t, middle, delta) =
                         part(plan, &self.drawn, state, owner, at(self.block.t, column), column);
                     before = state.gathered.optical_thickness();
-                    state.gathered.add_density::<M>(sigma, t, delta);
+                    if COLLIDE {
+                        state.gathered.add_thickness(thickness(sigma, delta));
+                    } else {
+                        state.gathered.add_density::<M>(sigma, t, delta);
+                    }
                 }
-                self.medians.look(owner, before, &state.gathered, sigma, middle, delta);
-                state.done = state.gathered.transmittance() < plan.transmittance_cut;
+                let weight = if COLLIDE {
+                    state.done = state.gathered.collide(before, sigma, middle, delta);
+                    state.done.then_some(1.0)
+                } else {
+                    self.medians.look(owner, before, &state.gathered, sigma, middle, delta);
+                    state.done = state.gathered.transmittance() < plan.transmittance_cut;
+                    if plan.outputs.picks() { state.gathered.take_uncoloured(plan.colour_cut) } else { None }
+                };
                 if plan.outputs.picks()
-                    && let Some(weight) = state.gathered.take_uncoloured(plan.colour_cut)
+                    && let Some(weight) = weight
                 {
                     put(self.picks.column, picked, column as u32);
                     put(self.picks.owner, picked, owner);
@@ -267,13 +289,13 @@ impl Frame<'_, '_> {
                 self.active.push(owner);
             }
         }
-        picked
+        (used, picked)
     }
 
     /// Adds the optical thickness of the block's `n` samples to their rays, and works out what each keeps of the light.
     ///
     /// The exponentials are the same bits with every instruction set, sixteen at a time where there are so many.
-    fn absorb<M: Math>(&mut self, n: usize) {
+    fn absorb<M: Math, const COLLIDE: bool>(&mut self, n: usize) {
         let room = self.block.owner.len();
         if let Some(contraction) = &self.plan.contraction {
             self.parts_in_world(contraction, n);
@@ -282,7 +304,7 @@ impl Frame<'_, '_> {
             let owner = at(self.block.owner, column);
             let Some(state) = self.rays.get_mut(owner as usize) else { break };
             let sigma = at(self.block.sigma, column);
-            let before = if Medians::BUILT { state.gathered.optical_thickness() } else { 0.0 };
+            let before = if Medians::BUILT || COLLIDE { state.gathered.optical_thickness() } else { 0.0 };
             let mut tau = 0.0;
             if sigma > 0.0 {
                 let delta;
@@ -292,7 +314,7 @@ impl Frame<'_, '_> {
                     let (t, middle);
                     (t, middle, delta) =
                         part(self.plan, &self.drawn, state, owner, at(self.block.t, column), column);
-                    if Medians::BUILT {
+                    if Medians::BUILT || COLLIDE {
                         put_column(self.positions, room, column, [t, middle, delta]);
                     } else {
                         put(self.positions, column, t);

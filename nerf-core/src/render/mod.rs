@@ -30,6 +30,7 @@ mod proposal;
 mod proposal;
 mod rect;
 mod segment;
+mod source;
 mod surface;
 #[cfg(feature = "tone-map")]
 mod tone;

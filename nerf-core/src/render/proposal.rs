@@ -6,8 +6,9 @@
 //! stands here.
 
 use super::Target;
-use super::frame::{Frame, RaySource, columns_of};
+use super::frame::{Frame, columns_of};
 use super::march::RayState;
+use super::source::RaySource;
 use crate::blob::Blob;
 use crate::math::Math;
 use crate::matrix::{Kernel, Storage};

@@ -1,8 +1,9 @@
 //! In the place of `proposal.rs` where the feature is off: no samples are drawn, and no code says how.
 
 use super::Target;
-use super::frame::{Frame, RaySource};
+use super::frame::Frame;
 use super::march::RayState;
+use super::source::RaySource;
 use crate::blob::Blob;
 use crate::math::Math;
 use crate::matrix::{Kernel, Storage};

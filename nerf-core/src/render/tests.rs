@@ -1,6 +1,7 @@
 extern crate std;
 
 mod batches;
+mod collisions;
 #[cfg(feature = "contraction")]
 mod contraction;
 mod effects;

@@ -4,6 +4,7 @@ use super::frame::Frame;
 use super::{Counters, Limit, RaySegment, Rect, RenderError, Target};
 use crate::camera::{Camera, is_unit};
 use crate::math::with_math;
+use crate::memory::tail;
 use crate::volume::Pixel;
 use glam::Vec3;
 
@@ -62,6 +63,11 @@ impl Worker<'_> {
         Ok(core::mem::take(&mut self.frame.counters))
     }
 
+    /// Whether colour is composited over the plan's background, as it is from the beginning, or over nothing.
+    pub fn show_background(&mut self, shown: bool) {
+        self.frame.background = shown;
+    }
+
     /// Renders rays of the caller's own, each a pixel: `target` takes its index and what it sees.
     ///
     /// A ray begins anywhere, in the scene or outside of it; where it meets no surface, distances are
@@ -71,16 +77,58 @@ impl Worker<'_> {
     ///
     /// # Errors
     /// [`RenderError::Ray`] with the index of the first ray that is not finite or whose direction is not of unit length,
-    /// [`RenderError::RayRange`] with that of the first without `0 <= t_min <= t_max`, [`RenderError::Axis`], and [`RenderError::CameraEffects`] on a plan with several rays a pixel or a lens with an
-    /// aperture, which are a camera's; nothing has been written then.
+    /// [`RenderError::RayRange`] with that of the first without `0 <= t_min <= t_max`, [`RenderError::Axis`], and
+    /// [`RenderError::CameraEffects`] on a plan with several rays a pixel or a lens with an aperture, which are a camera's;
+    /// nothing has been written then.
     pub fn render_rays(
         &mut self,
         rays: &[RaySegment],
         axis: Option<Vec3>,
         target: &mut impl FnMut(usize, &Pixel),
     ) -> Result<Counters, RenderError> {
-        let plan = self.frame.plan;
-        if plan.effects.anti_aliasing > 1 || plan.effects.depth_of_field.is_some() {
+        self.check_rays(rays, axis)?;
+        Ok(self.rows_of_rays::<false>(rays, &[], axis, target))
+    }
+
+    /// Draws where a photon that flies along each ray collides, for path tracers: `target` takes the index of the ray and
+    /// what there is.
+    ///
+    /// `random`: a number in `[0, 1)` a ray. A ray collides where its opacity reaches that: there `opacity` is 1, the
+    /// distances are that point's, colour and normal the sample's. One that does not has opacity 0, infinite distances and
+    /// the background's colour. Colour is that of one sample in [`Worker::render_rays`], and its probability that sample's
+    /// weight: over uniform numbers the mean of the colours is what that composites without cuts. The plan's cuts are not
+    /// used.
+    ///
+    /// # Errors
+    /// As [`Worker::render_rays`]; [`RenderError::Random`] with the index of the first number that is not in `[0, 1)`, or of
+    /// the first ray without one.
+    pub fn sample_rays(
+        &mut self,
+        rays: &[RaySegment],
+        random: &[f32],
+        axis: Option<Vec3>,
+        target: &mut impl FnMut(usize, &Pixel),
+    ) -> Result<Counters, RenderError> {
+        self.check_rays(rays, axis)?;
+        let wrong = random.iter().position(|u| !(0.0..1.0).contains(u));
+        let length = if random.len() == rays.len() { None } else { Some(random.len().min(rays.len())) };
+        if let Some(index) = wrong.or(length) {
+            return Err(RenderError::Random { index });
+        }
+        let mut put = |index: usize, pixel: &Pixel| {
+            let t = if pixel.opacity > 0.0 { pixel.ray_distance } else { f32::INFINITY };
+            let z_depth = match axis {
+                Some(_) if pixel.opacity == 0.0 => f32::INFINITY,
+                _ => pixel.z_depth,
+            };
+            target(index, &Pixel { ray_distance: t, z_depth, median_distance: t, ..*pixel });
+        };
+        Ok(self.rows_of_rays::<true>(rays, random, axis, &mut put))
+    }
+
+    fn check_rays(&self, rays: &[RaySegment], axis: Option<Vec3>) -> Result<(), RenderError> {
+        let effects = &self.frame.plan.effects;
+        if effects.anti_aliasing > 1 || effects.depth_of_field.is_some() {
             return Err(RenderError::CameraEffects);
         }
         if let Some(found) = axis.filter(|axis| !is_unit(*axis)) {
@@ -94,16 +142,28 @@ impl Worker<'_> {
                 return Err(RenderError::RayRange { index, t_min, t_max });
             }
         }
+        Ok(())
+    }
+
+    fn rows_of_rays<const COLLIDE: bool>(
+        &mut self,
+        rays: &[RaySegment],
+        random: &[f32],
+        axis: Option<Vec3>,
+        target: &mut impl FnMut(usize, &Pixel),
+    ) -> Counters {
+        let plan = self.frame.plan;
         let capacity = plan.batch.rays.max(1);
         for (chunk, rays) in rays.chunks(capacity).enumerate() {
+            let first = chunk * capacity;
             let mut put = |x: u32, _: u32, pixel: &Pixel| match axis {
-                Some(_) => target(chunk * capacity + x as usize, pixel),
-                None => target(chunk * capacity + x as usize, &Pixel { z_depth: 0.0, ..*pixel }),
+                Some(_) => target(first + x as usize, pixel),
+                None => target(first + x as usize, &Pixel { z_depth: 0.0, ..*pixel }),
             };
-            let axis = axis.unwrap_or(Vec3::ZERO);
-            with_math!(plan.math, M => self.frame.row_of_rays::<M>(rays, axis, &mut put));
+            let (axis, random) = (axis.unwrap_or(Vec3::ZERO), tail(random, first));
+            with_math!(plan.math, M => self.frame.row_of_rays::<M, COLLIDE>(rays, random, axis, &mut put));
         }
-        Ok(core::mem::take(&mut self.frame.counters))
+        core::mem::take(&mut self.frame.counters)
     }
 
     /// Asks for density and colour at points seen along directions.

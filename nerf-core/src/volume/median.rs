@@ -1,5 +1,6 @@
 //! The median distance: where half of the light is gone.
 
+use super::thickness_in_bin;
 use core::f32::consts::LN_2;
 
 /// Where in a bin the transmittance falls to one half, world units along the ray.
@@ -21,7 +22,5 @@ use core::f32::consts::LN_2;
 /// ```
 #[inline(never)]
 pub fn median_in_bin(thickness: f32, sigma: f32, t: f32, delta: f32) -> f32 {
-    // Neither operand of the clamp is NaN: sigma is not 0, and the difference is finite.
-    let inside = ((LN_2 - thickness) / sigma).clamp(0.0, delta.max(0.0));
-    (t - 0.5 * delta) + inside
+    thickness_in_bin(LN_2 - thickness, sigma, t, delta)
 }

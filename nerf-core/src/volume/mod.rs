@@ -34,6 +34,16 @@ pub(crate) fn alpha<M: Math, V: Lanes>(tau: V) -> V {
     M::expm1(tau.neg()).neg()
 }
 
+/// Where in a bin an optical thickness of `left` is behind the ray: density is constant in there. `sigma`: not 0; `t`: the
+/// bin's middle, `delta`: its width, world units along the ray. Rounding does not leave the bin; in a wall (`sigma = +inf`)
+/// it is the front edge.
+#[inline]
+pub(crate) fn thickness_in_bin(left: f32, sigma: f32, t: f32, delta: f32) -> f32 {
+    // Neither operand of the clamp is NaN: sigma is not 0, and the difference is finite.
+    let inside = (left / sigma).clamp(0.0, delta.max(0.0));
+    (t - 0.5 * delta) + inside
+}
+
 /// What is left of the light behind an optical thickness of `total`.
 #[inline(always)]
 pub(crate) fn light<M: Math, V: Lanes>(total: V) -> V {
@@ -180,6 +190,26 @@ impl Accumulator {
         self.distance.add(weight * t);
         self.uncoloured += weight;
         weight
+    }
+
+    /// A ray that has met nothing and collides once an optical thickness of `total` is behind it: its own counts from
+    /// `-total` to 0.
+    pub(crate) fn until(total: f32) -> Self {
+        let mut ray = Self::NONE;
+        ray.tau.add(-total);
+        ray
+    }
+
+    /// Whether such a ray, at an optical thickness of `before`, collides in the bin of density `sigma` (not 0), middle `t`
+    /// and width `delta`; then it sees that point alone.
+    #[inline]
+    pub(crate) fn collide(&mut self, before: f32, sigma: f32, t: f32, delta: f32) -> bool {
+        let collides = -before < thickness(sigma, delta);
+        if collides {
+            self.opacity.add(1.0);
+            self.distance.add(thickness_in_bin(-before, sigma, t, delta));
+        }
+        collides
     }
 
     /// The weight that still waits for a colour, if it is more than `cut`: the sample that was added last

@@ -7,7 +7,7 @@ use crate::render::{Limit, RaySegment};
 
 const SIZE: u32 = 20;
 
-fn scenes() -> Vec<Vec<u8>> {
+pub(super) fn scenes() -> Vec<Vec<u8>> {
     let a = every_kind();
     scenes_of(&a, &parameters(&a, 7), 0b1110_1101)
 }
@@ -30,17 +30,18 @@ fn scenes_of(a: &Architecture, all: &[f32], bits: u8) -> Vec<Vec<u8>> {
     .into()
 }
 
-fn segments(t_min: f32, t_max: f32) -> Vec<RaySegment> {
+pub(super) fn segments(t_min: f32, t_max: f32) -> Vec<RaySegment> {
     let camera = camera(SIZE, SIZE);
     let ray = |i: u32| camera.ray((i % SIZE) as f32 + 0.5, (i / SIZE) as f32 + 0.5);
     (0..SIZE * SIZE).map(|i| RaySegment { ray: ray(i), t_min, t_max }).collect()
 }
 
 /// The pixels of what `render` asks of a worker of `file`, whose plan has a range.
-fn pixels(
+pub(super) fn pixels(
     file: &[u8],
     kernel: Kernel,
     (t_min, t_max): (f32, f32),
+    count: usize,
     render: impl Fn(&mut Worker<'_>, &mut dyn FnMut(usize, &Pixel)),
 ) -> Vec<Pixel> {
     let blob = Blob::open(file).unwrap();
@@ -51,14 +52,14 @@ fn pixels(
     let renderer = Renderer::new(blob, kernel, &mut memory).unwrap();
     let mut workspace = vec![Line::UNINIT; renderer.workspace_lines(&plan)];
     let mut worker = renderer.worker(&plan, &mut workspace).unwrap();
-    let mut found = vec![Pixel::BLANK; (SIZE * SIZE) as usize];
+    let mut found = vec![Pixel::BLANK; count];
     render(&mut worker, &mut |i, pixel| found[i] = *pixel);
     found
 }
 
-fn of_rays(file: &[u8], kernel: Kernel, rays: &[RaySegment]) -> Vec<Pixel> {
+pub(super) fn of_rays(file: &[u8], kernel: Kernel, rays: &[RaySegment]) -> Vec<Pixel> {
     let forward = camera(SIZE, SIZE).pose().forward();
-    pixels(file, kernel, (0.0, f32::INFINITY), |worker, put| {
+    pixels(file, kernel, (0.0, f32::INFINITY), rays.len(), |worker, put| {
         worker.render_rays(rays, Some(forward), &mut |i, pixel: &Pixel| put(i, pixel)).unwrap();
     })
 }
@@ -70,7 +71,7 @@ fn of_camera(
     limit: impl Fn(u32, u32) -> Limit,
 ) -> Vec<Pixel> {
     let camera = camera(SIZE, SIZE);
-    pixels(file, kernel, range, |worker, put| {
+    pixels(file, kernel, range, (SIZE * SIZE) as usize, |worker, put| {
         let mut target = |x: u32, y: u32, pixel: &Pixel| put((y * SIZE + x) as usize, pixel);
         worker.render_limited(&camera, Rect::full(&camera), &limit, &mut target).unwrap();
     })

@@ -1,0 +1,88 @@
+//! Rays of a caller's own: what a ray costs in one call of many, in order and not, in calls of sixteen and of one.
+//!
+//! `NERF_BENCH_BLOB=scene.nerf` names the scene. 16,384 rays of four cameras around it and one inside; every row is the same
+//! rays. A row's ratio is to the first, the rays of each camera in tiles as a frame has them.
+
+mod support;
+
+use nerf_core::memory::Line;
+use nerf_core::render::RaySegment;
+use nerf_core::{Batch, Blob, Camera, Intrinsics, Kernel, Lens, Outputs, Plan, Pose, Quality, Renderer};
+use std::hint::black_box;
+use std::time::Instant;
+
+/// Pixels along each side of a camera's image.
+const SIDE: u32 = 64;
+/// How often each row is timed, in turns; the fastest counts.
+const ROUNDS: usize = 15;
+
+fn main() {
+    let path = std::env::var_os("NERF_BENCH_BLOB").expect("NERF_BENCH_BLOB: a scene's file");
+    let file = std::fs::read(path).expect("NERF_BENCH_BLOB: a file");
+    let blob = Blob::open(&file).expect("a blob");
+    let kernel = Kernel::detect();
+    let mut memory = vec![Line::UNINIT; Renderer::prepared_lines(&blob, kernel)];
+    let renderer = Renderer::new(blob.clone(), kernel, &mut memory).expect("a renderer");
+    let sorted = rays(&blob);
+    let mut shuffled = sorted.clone();
+    for i in (1..shuffled.len()).rev() {
+        let noise = support::noise(1, i as u32)[0].abs();
+        shuffled.swap(i, ((noise * i as f32) as usize).min(i));
+    }
+    for (what, outputs) in [("rgb and distance", Outputs::ALL), ("opacity", OPACITY)] {
+        let plan = Plan::new(&blob, &Quality::default(), outputs, Batch::FULL).expect("a plan");
+        let mut workspace = vec![Line::UNINIT; renderer.workspace_lines(&plan)];
+        let mut worker = renderer.worker(&plan, &mut workspace).expect("a worker");
+        let rows = [
+            ("in tiles, one call", &sorted, sorted.len()),
+            ("shuffled, one call", &shuffled, shuffled.len()),
+            ("shuffled, 256 a call", &shuffled, 256),
+            ("shuffled, 16 a call", &shuffled, 16),
+            ("shuffled, 1 a call", &shuffled, 1),
+        ];
+        let mut best = [f64::INFINITY; 5];
+        for _ in 0..ROUNDS {
+            for ((_, rays, size), best) in rows.iter().zip(&mut best) {
+                let start = Instant::now();
+                for rays in rays.chunks(*size) {
+                    let put = &mut |_: usize, pixel: &nerf_core::Pixel| {
+                        black_box(pixel.opacity);
+                    };
+                    worker.render_rays(rays, None, put).expect("rays");
+                }
+                *best = best.min(start.elapsed().as_secs_f64());
+            }
+        }
+        for ((name, rays, _), time) in rows.iter().zip(best) {
+            let each = 1e6 * time / rays.len() as f64;
+            println!("{kernel}, {what}, {name:24} {each:8.2} µs a ray  {:5.2}x", time / best[0]);
+        }
+    }
+}
+
+const OPACITY: Outputs = Outputs { opacity: true, ..Outputs::NONE };
+
+/// The rays of four cameras, one of them in the middle of the scene, tile by tile.
+fn rays(blob: &Blob<'_>) -> Vec<RaySegment> {
+    let bounds = blob.scene_box().expect("a scene");
+    let middle = 0.5 * (bounds.min + bounds.max);
+    let radius = (bounds.max - bounds.min).length();
+    let eyes = [[1.0, 0.2, 0.3], [-0.6, 0.7, 0.4], [0.1, -0.9, 0.5], [0.01, 0.0, 0.05]];
+    let mut rays = Vec::new();
+    for eye in eyes {
+        let eye = middle + radius * glam::Vec3::from(eye);
+        let pose = Pose::look_at(eye, middle, glam::Vec3::Z).expect("a view");
+        let side = SIDE as f32;
+        let intrinsics =
+            Intrinsics { width: SIDE, height: SIDE, fx: side, fy: side, cx: 0.5 * side, cy: 0.5 * side };
+        let camera = Camera::new(intrinsics, Lens::NONE, pose).expect("a camera");
+        for tile in 0..(SIDE / 16) * (SIDE / 16) {
+            let (left, top) = (tile % (SIDE / 16) * 16, tile / (SIDE / 16) * 16);
+            for pixel in 0..256 {
+                let (x, y) = (left + pixel % 16, top + pixel / 16);
+                rays.push(RaySegment::from(camera.ray(x as f32 + 0.5, y as f32 + 0.5)));
+            }
+        }
+    }
+    rays
+}
