@@ -5,8 +5,9 @@
 
 mod support;
 
+use nerf_core::camera::Placement;
 use nerf_core::memory::Line;
-use nerf_core::render::RaySegment;
+use nerf_core::render::{Instance, RaySegment, Worker};
 use nerf_core::{Batch, Blob, Camera, Intrinsics, Kernel, Lens, Outputs, Plan, Pose, Quality, Renderer};
 use std::hint::black_box;
 use std::time::Instant;
@@ -15,6 +16,7 @@ use std::time::Instant;
 const SIDE: u32 = 64;
 /// How often each row is timed, in turns; the fastest counts.
 const ROUNDS: usize = 15;
+const ROWS: usize = 7;
 
 fn main() {
     let path = std::env::var_os("NERF_BENCH_BLOB").expect("NERF_BENCH_BLOB: a scene's file");
@@ -39,10 +41,17 @@ fn main() {
             ("shuffled, 256 a call", &shuffled, 256),
             ("shuffled, 16 a call", &shuffled, 16),
             ("shuffled, 1 a call", &shuffled, 1),
+            ("as an instance, in tiles", &sorted, sorted.len()),
+            ("as an instance, shuffled, 1 a call", &shuffled, 1),
         ];
-        let mut best = [f64::INFINITY; 5];
+        let placed = [Instance { renderer: &renderer, plan: &plan, placement: Placement::IDENTITY }];
+        let lines = Worker::instances_lines(&placed).expect("an instance");
+        let mut memory = vec![Line::UNINIT; lines];
+        let mut instance = Worker::of_instances(&placed, &mut memory).expect("a worker");
+        let mut best = [f64::INFINITY; ROWS];
         for _ in 0..ROUNDS {
-            for ((_, rays, size), best) in rows.iter().zip(&mut best) {
+            for ((name, rays, size), best) in rows.iter().zip(&mut best) {
+                let worker = if name.starts_with("as an instance") { &mut instance } else { &mut worker };
                 let start = Instant::now();
                 for rays in rays.chunks(*size) {
                     let put = &mut |_: usize, pixel: &nerf_core::Pixel| {
@@ -55,7 +64,7 @@ fn main() {
         }
         for ((name, rays, _), time) in rows.iter().zip(best) {
             let each = 1e6 * time / rays.len() as f64;
-            println!("{kernel}, {what}, {name:24} {each:8.2} µs a ray  {:5.2}x", time / best[0]);
+            println!("{kernel}, {what}, {name:36} {each:8.2} µs a ray  {:5.2}x", time / best[0]);
         }
     }
 }

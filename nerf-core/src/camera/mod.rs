@@ -6,10 +6,14 @@ mod contraction;
 #[path = "contraction_off.rs"]
 mod contraction;
 mod lens;
+#[cfg(feature = "instances")]
+mod placement;
 mod ray;
 
 pub use contraction::Contraction;
 pub use lens::{Lens, Projection};
+#[cfg(feature = "instances")]
+pub use placement::{Placement, PlacementError};
 pub use ray::{BoundsError, Ray, SceneBox, is_unit};
 
 use glam::{Mat3, Vec2, Vec3};

@@ -66,6 +66,17 @@ pub enum RenderError {
     },
     /// Rays of the caller's under a plan with several rays a pixel or with an aperture, which only a camera has.
     CameraEffects,
+    /// No field to look at.
+    #[cfg(feature = "instances")]
+    NoInstances,
+    /// An instance that cannot be rendered with the others.
+    #[cfg(feature = "instances")]
+    Instance {
+        /// Which one.
+        index: usize,
+        /// Why.
+        problem: super::InstanceProblem,
+    },
     /// The slices of a query differ in length.
     Lengths {
         /// Length of `positions`.
@@ -137,6 +148,10 @@ impl core::fmt::Display for RenderError {
                     "effects: expected no anti-aliasing and no aperture, which are a camera's, for rays"
                 )
             }
+            #[cfg(feature = "instances")]
+            Self::NoInstances => write!(f, "instances: expected at least one, found none"),
+            #[cfg(feature = "instances")]
+            Self::Instance { index, problem } => write!(f, "instances[{index}]: {problem}"),
             Self::Direction { index, found } => {
                 write!(f, "dirs[{index}]: expected a vector of unit length, found {found:?}")
             }

@@ -6,7 +6,7 @@ use super::source::{CameraRays, OwnRays, RaySource};
 use super::surface::{Medians, Normals};
 use super::{Counters, Limit, RaySegment, Rect, Target};
 use crate::camera::{Camera, Ray, SceneBox};
-use crate::math::Math;
+use crate::math::{Math, MathBackend};
 use crate::memory::{Layout, at, column, head, head_mut, put, put_column, tail};
 use crate::network::{Network, Scratch};
 use crate::plan::Plan;
@@ -226,27 +226,11 @@ impl<'f, 'w> Frame<'f, 'w> {
 
     /// The direction's share of the colour branch, for the first `count` rays.
     fn directions(&mut self, count: usize) {
-        if self.shares.values.is_empty() {
-            return;
+        if !self.shares.values.is_empty() {
+            let (rays, triples) = (head(self.rays, count), &mut *self.triples);
+            self.shares.fill(self.network, self.plan.math, &mut self.scratch, triples, rays);
+            self.counters.macs += count as u64 * self.network.direction_macs() as u64;
         }
-        let (rows, block) = (self.network.direction_rows(), self.shares.block);
-        let Scratch { encoded, front, back, .. } = &mut self.scratch;
-        let shares = self.shares.values.chunks_exact_mut((rows * block).max(1));
-        for (states, out) in head(self.rays, count).chunks(block.max(1)).zip(shares) {
-            let stride = columns_of(self.network, states.len());
-            let mut scratch = Scratch { stride, encoded, front, back: &mut [] };
-            for (column, state) in states.iter().enumerate() {
-                put_column(self.triples, stride, column, state.ray.dir.to_array());
-            }
-            self.network.direction(self.plan.math, &mut scratch, self.triples, back);
-            // Each ray's side by side: they are copied to every sample of it.
-            for (column, share) in out.chunks_exact_mut(rows.max(1)).take(states.len()).enumerate() {
-                for (to, from) in share.iter_mut().zip(back.chunks_exact(stride.max(1))) {
-                    *to = at(from, column);
-                }
-            }
-        }
-        self.counters.macs += count as u64 * self.network.direction_macs() as u64;
     }
 
     /// Trunk and density of the block's `n` samples; its positions have the stride of `n`.
@@ -349,11 +333,40 @@ impl<'f, 'w> Frame<'f, 'w> {
 
 /// The direction's share of the colour branch, once a ray: `[rays][direction_rows]`, room for whole blocks of rays.
 pub(super) struct DirectionShares<'w> {
-    values: &'w mut [f32],
-    block: usize,
+    pub values: &'w mut [f32],
+    /// Rays that are encoded together.
+    pub block: usize,
 }
 
 impl DirectionShares<'_> {
+    /// Works them out for some rays; what `scratch` and `triples` (`[3][block]`) held is lost.
+    pub fn fill(
+        &mut self,
+        network: &Network<'_>,
+        math: MathBackend,
+        scratch: &mut Scratch<'_>,
+        triples: &mut [f32],
+        rays: &[RayState],
+    ) {
+        let (rows, block) = (network.direction_rows(), self.block);
+        let Scratch { encoded, front, back, .. } = scratch;
+        let shares = self.values.chunks_exact_mut((rows * block).max(1));
+        for (states, out) in rays.chunks(block.max(1)).zip(shares) {
+            let stride = columns_of(network, states.len());
+            let mut scratch = Scratch { stride, encoded, front, back: &mut [] };
+            for (column, state) in states.iter().enumerate() {
+                put_column(triples, stride, column, state.ray.dir.to_array());
+            }
+            network.direction(math, &mut scratch, triples, back);
+            // Each ray's side by side: they are copied to every sample of it.
+            for (column, share) in out.chunks_exact_mut(rows.max(1)).take(states.len()).enumerate() {
+                for (to, from) in share.iter_mut().zip(back.chunks_exact(stride.max(1))) {
+                    *to = at(from, column);
+                }
+            }
+        }
+    }
+
     /// Colours of the samples whose `h` is in `scratch.front`; `owner` says whose they are.
     ///
     /// `rgb`: `[3][scratch.stride]`.

@@ -20,6 +20,8 @@ mod depth_of_field;
 mod error;
 mod explain;
 mod frame;
+#[cfg(feature = "instances")]
+mod instances;
 mod march;
 mod pace;
 mod picture;
@@ -41,11 +43,13 @@ mod window;
 mod worker;
 
 #[cfg(test)]
-mod tests;
+pub(crate) mod tests;
 
 pub use counters::Counters;
 pub use error::RenderError;
 pub use explain::{Explanation, Shares, Stage, Switch};
+#[cfg(feature = "instances")]
+pub use instances::{Instance, InstanceProblem};
 pub use pace::Pace;
 pub use picture::MAX_RENDER_SIDE;
 pub use rect::{Rect, Target};
@@ -218,7 +222,11 @@ impl<'a> Renderer<'a> {
     }
 
     /// The network.
-    #[cfg(feature = "train")]
+    #[cfg(any(feature = "train", feature = "instances"))]
+    #[cfg_attr(
+        not(feature = "train"),
+        allow(unreachable_pub, reason = "networks are public for trainers alone")
+    )]
     pub fn network(&self) -> &Network<'a> {
         &self.network
     }
@@ -250,7 +258,7 @@ impl<'a> Renderer<'a> {
         }
         let mut arena = Arena::new(workspace);
         let frame = Frame::lay_out(&mut arena, &self.network, &self.proposer, plan, self.occupied);
-        Ok(Worker { frame })
+        Ok(Worker::of_frame(frame))
     }
 
     /// [`Worker::render`] by a worker for this call alone.

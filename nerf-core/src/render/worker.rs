@@ -1,10 +1,15 @@
 //! A renderer, a plan and memory, made ready once for any number of calls.
 
 use super::frame::Frame;
+#[cfg(feature = "instances")]
+use super::instances::{Instance, Merge, check};
 use super::{Counters, Limit, RaySegment, Rect, RenderError, Target};
 use crate::camera::{Camera, is_unit};
 use crate::math::with_math;
 use crate::memory::tail;
+#[cfg(feature = "instances")]
+use crate::memory::{Arena, Line, Measure};
+use crate::plan::Plan;
 use crate::volume::Pixel;
 use glam::Vec3;
 
@@ -15,10 +20,79 @@ pub const TILE_SIDE: u32 = 16;
 ///
 /// What a call costs beyond its rays and points is a few comparisons: the memory is made ready once.
 pub struct Worker<'f> {
-    pub(super) frame: Frame<'f, 'f>,
+    fields: Fields<'f>,
 }
 
-impl Worker<'_> {
+/// What a worker looks at.
+#[cfg_attr(
+    feature = "instances",
+    allow(clippy::large_enum_variant, reason = "a worker is one or the other, and there is no heap")
+)]
+enum Fields<'f> {
+    One(Frame<'f, 'f>),
+    #[cfg(feature = "instances")]
+    Several(Merge<'f, 'f>),
+}
+
+/// The same of one field or of several.
+macro_rules! of_fields {
+    ($fields:expr, $it:ident => $body:expr) => {
+        match $fields {
+            Fields::One($it) => $body,
+            #[cfg(feature = "instances")]
+            Fields::Several($it) => $body,
+        }
+    };
+}
+
+#[cfg(feature = "instances")]
+impl<'f> Worker<'f> {
+    /// Lines of memory that [`Worker::of_instances`] needs.
+    ///
+    /// # Errors
+    /// [`RenderError::NoInstances`], and [`RenderError::Instance`] with the first that does not go with the others.
+    pub fn instances_lines(instances: &[Instance<'_>]) -> Result<usize, RenderError> {
+        check(instances)?;
+        let mut measure = Measure::default();
+        if let Some(last) = instances.last() {
+            Merge::lay_out(&mut measure, instances, last.plan);
+        }
+        Ok(measure.lines)
+    }
+
+    /// A worker that looks at several fields at once, or at one that a host has placed.
+    ///
+    /// Cameras, rays, points and distances are the world's that the instances are placed in. Where fields overlap densities
+    /// add, and colours are mixed by density. Rays are not drawn to each field's own end: one field hides another, and is not
+    /// asked where it is hidden.
+    ///
+    /// # Errors
+    /// As [`Worker::instances_lines`], and [`RenderError::Memory`] if `memory` is smaller than that says.
+    pub fn of_instances(instances: &'f [Instance<'f>], memory: &'f mut [Line]) -> Result<Self, RenderError> {
+        let (expected, found) = (Self::instances_lines(instances)?, memory.len());
+        let last = instances.last().ok_or(RenderError::NoInstances)?;
+        if found < expected {
+            return Err(RenderError::Memory { expected, found });
+        }
+        let merge = Merge::lay_out(&mut Arena::new(memory), instances, last.plan);
+        Ok(Self { fields: Fields::Several(merge) })
+    }
+}
+
+impl<'f> Worker<'f> {
+    pub(super) fn of_frame(frame: Frame<'f, 'f>) -> Self {
+        Self { fields: Fields::One(frame) }
+    }
+
+    /// The plan of its frames; of several fields that of the last.
+    pub fn plan(&self) -> &'f Plan<'f> {
+        of_fields!(&self.fields, it => it.plan)
+    }
+
+    fn counters(&mut self) -> Counters {
+        core::mem::take(of_fields!(&mut self.fields, it => &mut it.counters))
+    }
+
     /// Renders the pixels of `rect`.
     ///
     /// Within one kernel and maths backend the pixels do not depend on `rect`, on the plan's batch, on what the worker
@@ -53,19 +127,21 @@ impl Worker<'_> {
         if !rect.fits(i.width, i.height) {
             return Err(RenderError::Rect { rect, width: i.width, height: i.height });
         }
-        let plan = self.frame.plan;
+        let plan = self.plan();
         // Lossless: a plan has at most `Batch::MAX_RAYS`.
         let capacity = plan.batch.rays as u32;
         let width = TILE_SIDE.min(capacity);
         for tile in rect.tiles(width, capacity / width.max(1)) {
-            with_math!(plan.math, M => self.frame.tile::<M>(camera, tile, &limit, target));
+            of_fields!(&mut self.fields, it => {
+                with_math!(plan.math, M => it.tile::<M>(camera, tile, &limit, target));
+            });
         }
-        Ok(core::mem::take(&mut self.frame.counters))
+        Ok(self.counters())
     }
 
     /// Whether colour is composited over the plan's background, as it is from the beginning, or over nothing.
     pub fn show_background(&mut self, shown: bool) {
-        self.frame.background = shown;
+        of_fields!(&mut self.fields, it => it.background = shown);
     }
 
     /// Renders rays of the caller's own, each a pixel: `target` takes its index and what it sees.
@@ -127,7 +203,7 @@ impl Worker<'_> {
     }
 
     fn check_rays(&self, rays: &[RaySegment], axis: Option<Vec3>) -> Result<(), RenderError> {
-        let effects = &self.frame.plan.effects;
+        let effects = &self.plan().effects;
         if effects.anti_aliasing > 1 || effects.depth_of_field.is_some() {
             return Err(RenderError::CameraEffects);
         }
@@ -152,7 +228,7 @@ impl Worker<'_> {
         axis: Option<Vec3>,
         target: &mut impl FnMut(usize, &Pixel),
     ) -> Counters {
-        let plan = self.frame.plan;
+        let plan = self.plan();
         let capacity = plan.batch.rays.max(1);
         for (chunk, rays) in rays.chunks(capacity).enumerate() {
             let first = chunk * capacity;
@@ -161,9 +237,11 @@ impl Worker<'_> {
                 None => target(first + x as usize, &Pixel { z_depth: 0.0, ..*pixel }),
             };
             let (axis, random) = (axis.unwrap_or(Vec3::ZERO), tail(random, first));
-            with_math!(plan.math, M => self.frame.row_of_rays::<M, COLLIDE>(rays, random, axis, &mut put));
+            of_fields!(&mut self.fields, it => {
+                with_math!(plan.math, M => it.row_of_rays::<M, COLLIDE>(rays, random, axis, &mut put));
+            });
         }
-        core::mem::take(&mut self.frame.counters)
+        self.counters()
     }
 
     /// Asks for density and colour at points seen along directions.
@@ -191,7 +269,7 @@ impl Worker<'_> {
                 rgb: rgb.len(),
             });
         }
-        let plan = self.frame.plan;
+        let plan = self.plan();
         // A position outside the box is never encoded, nor is what is no direction.
         if plan.outputs.rgb
             && let Some((index, &found)) =
@@ -203,8 +281,8 @@ impl Worker<'_> {
         let points = positions.chunks(capacity).zip(dirs.chunks(capacity));
         let answers = sigma.chunks_mut(capacity).zip(rgb.chunks_mut(capacity));
         for ((positions, dirs), (sigma, rgb)) in points.zip(answers) {
-            self.frame.points(positions, dirs, sigma, rgb);
+            of_fields!(&mut self.fields, it => it.points(positions, dirs, sigma, rgb));
         }
-        Ok(core::mem::take(&mut self.frame.counters))
+        Ok(self.counters())
     }
 }

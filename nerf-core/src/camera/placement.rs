@@ -1,0 +1,105 @@
+//! Where a field stands in a host's world.
+
+use super::Ray;
+use glam::{Mat3, Vec3};
+
+/// What columns of a rotation may be off by, of their length.
+const TOLERANCE: f32 = 1e-3;
+/// Largest scale, and one over the smallest: distances in both units stay well inside f32.
+const MAX_SCALE: f32 = 1e9;
+
+/// Where a field stands in a host's world: rotated, scaled alike along all axes, and moved.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Placement {
+    rotation: Mat3,
+    scale: f32,
+    translation: Vec3,
+}
+
+/// A transform that no field can be placed by.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[non_exhaustive]
+pub enum PlacementError {
+    /// A number that is not finite.
+    NotFinite,
+    /// It takes space to a plane or less, or its scale is not in `[1e-9, 1e9]`.
+    Singular,
+    /// Its axes are of different lengths, or not at right angles.
+    Sheared,
+    /// It takes right hands to left ones.
+    Mirrored,
+}
+
+impl core::fmt::Display for PlacementError {
+    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+        let found = match self {
+            Self::NotFinite => "a number that is not finite",
+            Self::Singular => "a scale that is not in [1e-9, 1e9]",
+            Self::Sheared => "axes of different lengths or not at right angles",
+            Self::Mirrored => "a mirrored one",
+        };
+        write!(f, "expected a rotation, one scale and a translation, found {found}")
+    }
+}
+
+impl core::error::Error for PlacementError {}
+
+impl Placement {
+    /// The field's own coordinates are the world's.
+    pub const IDENTITY: Self = Self { rotation: Mat3::IDENTITY, scale: 1.0, translation: Vec3::ZERO };
+
+    /// From the upper three rows of a row-major matrix that takes the field's coordinates to the world's.
+    ///
+    /// # Errors
+    /// [`PlacementError`] where that is not a rotation times one scale, and a translation.
+    pub fn from_rows(to_world: [[f32; 4]; 3]) -> Result<Self, PlacementError> {
+        if !to_world.iter().flatten().all(|x| x.is_finite()) {
+            return Err(PlacementError::NotFinite);
+        }
+        let column = |c: usize| Vec3::new(to_world[0][c], to_world[1][c], to_world[2][c]);
+        let axes = [column(0), column(1), column(2)];
+        let lengths = axes.map(|axis| axis.length());
+        let scale = (lengths[0] + lengths[1] + lengths[2]) / 3.0;
+        if !(1.0 / MAX_SCALE..=MAX_SCALE).contains(&scale) {
+            return Err(PlacementError::Singular);
+        }
+        let [x, y, z] = axes.map(|axis| axis / scale);
+        let off = lengths.map(|length| (length / scale - 1.0).abs());
+        let skew = [x.dot(y), y.dot(z), z.dot(x)].map(f32::abs);
+        if off.into_iter().chain(skew).any(|error| error > TOLERANCE) {
+            return Err(PlacementError::Sheared);
+        }
+        if x.cross(y).dot(z) < 0.0 {
+            return Err(PlacementError::Mirrored);
+        }
+        // Exactly at right angles, so that a direction of unit length stays one.
+        let x = x.normalize();
+        let z = x.cross(y).normalize();
+        Ok(Self { rotation: Mat3::from_cols(x, z.cross(x), z), scale, translation: column(3) })
+    }
+
+    /// World units to one of the field's.
+    pub fn scale(&self) -> f32 {
+        self.scale
+    }
+
+    /// A point of the world, where the field has it.
+    pub fn point_in_field(&self, p: Vec3) -> Vec3 {
+        self.rotation.transpose() * ((p - self.translation) / self.scale)
+    }
+
+    /// A direction of unit length, where the field has it.
+    pub fn dir_in_field(&self, dir: Vec3) -> Vec3 {
+        self.rotation.transpose() * dir
+    }
+
+    /// A ray of the world, where the field has it: distances along it are divided by [`Placement::scale`].
+    pub fn ray_in_field(&self, ray: &Ray) -> Ray {
+        Ray { origin: self.point_in_field(ray.origin), dir: self.dir_in_field(ray.dir) }
+    }
+
+    /// A direction of the field, where the world has it.
+    pub fn dir_in_world(&self, dir: Vec3) -> Vec3 {
+        self.rotation * dir
+    }
+}

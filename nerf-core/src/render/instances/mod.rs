@@ -1,0 +1,71 @@
+//! Several fields in one world: each stands where a host has placed it, and a ray goes through all of them at once.
+
+mod merge;
+#[cfg(test)]
+mod tests;
+
+pub(super) use merge::Merge;
+
+use super::{RenderError, Renderer};
+use crate::camera::Placement;
+use crate::plan::Plan;
+
+/// A field that stands somewhere in a host's world.
+#[derive(Clone, Copy, Debug)]
+pub struct Instance<'a> {
+    /// The field.
+    pub renderer: &'a Renderer<'a>,
+    /// How it is rendered; a range of the plan's is in the field's own units. Outputs, effects and batch are those of all
+    /// instances, cuts, maths and background those of the last.
+    pub plan: &'a Plan<'a>,
+    /// Where it stands.
+    pub placement: Placement,
+}
+
+/// What keeps an instance from being rendered with the others.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[non_exhaustive]
+pub enum InstanceProblem {
+    /// Its plan was made for another blob.
+    OtherScene,
+    /// Outputs, effects or batch are not those of the last.
+    OtherRequest,
+    /// It draws samples from a proposal network: [`Quality::proposal`](crate::plan::Quality) is to be off.
+    Proposal,
+    /// It is unbounded, and not the last.
+    Unbounded,
+}
+
+impl core::fmt::Display for InstanceProblem {
+    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+        f.write_str(match self {
+            Self::OtherScene => "expected a plan of this scene, found one of another",
+            Self::OtherRequest => "expected outputs, effects and batch of the last instance, found others",
+            Self::Proposal => "expected a plan without a proposal network, found one with it",
+            Self::Unbounded => {
+                "expected an unbounded scene as the last instance alone, found one in front of it"
+            }
+        })
+    }
+}
+
+/// The first of what is wrong with them.
+pub(super) fn check(instances: &[Instance<'_>]) -> Result<(), RenderError> {
+    let last = instances.last().ok_or(RenderError::NoInstances)?;
+    for (index, Instance { renderer, plan, .. }) in instances.iter().enumerate() {
+        let request = |plan: &Plan<'_>| (plan.outputs, plan.effects, plan.batch);
+        let problem = if plan.scene != renderer.blob().identity() {
+            InstanceProblem::OtherScene
+        } else if request(plan) != request(last.plan) {
+            InstanceProblem::OtherRequest
+        } else if plan.proposal.is_some() {
+            InstanceProblem::Proposal
+        } else if plan.contraction.is_some() && index + 1 < instances.len() {
+            InstanceProblem::Unbounded
+        } else {
+            continue;
+        };
+        return Err(RenderError::Instance { index, problem });
+    }
+    Ok(())
+}
