@@ -45,7 +45,7 @@ fn main() {
             ("as an instance, shuffled, 1 a call", &shuffled, 1),
         ];
         let placed = [Instance { renderer: &renderer, plan: &plan, placement: Placement::IDENTITY }];
-        let lines = Worker::instances_lines(&placed).expect("an instance");
+        let lines = Worker::instances_lines([&renderer].into_iter(), &plan);
         let mut memory = vec![Line::UNINIT; lines];
         let mut instance = Worker::of_instances(&placed, &mut memory).expect("a worker");
         let mut best = [f64::INFINITY; ROWS];

@@ -369,16 +369,38 @@ impl<'a> Plan<'a> {
     pub(crate) fn part_around(&self, bins: &Bins, start: f32, t_min: f32, t: f32) -> (f32, Option<f32>, f32) {
         match &self.contraction {
             Some(contraction) => {
-                // A thousand radii away a step's number is rounded to a ten-thousandth of the way: not in front of near.
-                let near = self.near.max(t_min) - start;
-                let (t, from, to) = bins.ends_around(t);
-                let from = contraction.distance(from).max(near);
-                let to = contraction.distance(to).max(from);
+                let (t, from, to) = self.contracted_ends(contraction, bins, start, t_min, t);
                 // The largest step of all may be longer than f32 tells apart.
-                (contraction.distance(t).max(near), Some(from + 0.5 * (to - from)), to - from)
+                (t, Some(from + 0.5 * (to - from)), to - from)
             }
             None => bins.part_around(t),
         }
+    }
+
+    /// The same: where it counts as, and where that part of the bin begins and ends.
+    #[cfg(feature = "instances")]
+    pub(crate) fn ends_around(&self, bins: &Bins, start: f32, t_min: f32, t: f32) -> (f32, f32, f32) {
+        match &self.contraction {
+            Some(contraction) => self.contracted_ends(contraction, bins, start, t_min, t),
+            None => bins.ends_around(t),
+        }
+    }
+
+    #[inline]
+    fn contracted_ends(
+        &self,
+        contraction: &Contraction,
+        bins: &Bins,
+        start: f32,
+        t_min: f32,
+        t: f32,
+    ) -> (f32, f32, f32) {
+        // A thousand radii away a step's number is rounded to a ten-thousandth of the way: not in front of near.
+        let near = self.near.max(t_min) - start;
+        let (t, from, to) = bins.ends_around(t);
+        let from = contraction.distance(from).max(near);
+        let to = contraction.distance(to).max(from);
+        (contraction.distance(t).max(near), from, to)
     }
 }
 

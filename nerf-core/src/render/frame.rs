@@ -137,21 +137,22 @@ impl<'f, 'w> Frame<'f, 'w> {
         }
     }
 
-    /// Renders up to `plan.batch.rays` rays as the pixels of a row; with `COLLIDE` each as far as its random number has it
-    /// collide.
+    /// Renders up to `plan.batch.rays` rays from the `first` on as the pixels of a row; with `COLLIDE` each as far as its
+    /// random number has it collide.
     pub(super) fn row_of_rays<M: Math, const COLLIDE: bool>(
         &mut self,
-        rays: &[RaySegment],
-        random: &[f32],
+        (first, count): (usize, usize),
+        ray: &impl Fn(usize) -> RaySegment,
+        random: &impl Fn(usize) -> f32,
         axis: Vec3,
         target: &mut impl Target,
     ) {
         // Lossless: a plan has at most `Batch::MAX_RAYS`.
-        self.tile = Rect { x: 0, y: 0, width: rays.len() as u32, height: 1 };
+        self.tile = Rect { x: 0, y: 0, width: count as u32, height: 1 };
         self.forward = axis;
         let plan = self.plan;
         let far = |eye| plan.far_from(eye);
-        self.turn::<M, COLLIDE>(0, &OwnRays { rays, random, far }, target);
+        self.turn::<M, COLLIDE>(0, &OwnRays { first, ray, random, far }, target);
     }
 
     /// The `turn`-th ray of each pixel of the tile.

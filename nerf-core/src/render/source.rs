@@ -58,35 +58,33 @@ impl<L: Fn(u32, u32) -> Limit> RaySource for CameraRays<'_, L> {
     }
 }
 
-/// Rays of the caller's own, each from where it likes; `random` may be empty where none collides.
-pub(super) struct OwnRays<'a, F> {
-    pub rays: &'a [RaySegment],
-    pub random: &'a [f32],
+/// Rays of the caller's own, each from where it likes: `first` and those behind it, the pixels of a row.
+pub(super) struct OwnRays<'a, R, U, F> {
+    pub first: usize,
+    pub ray: &'a R,
+    /// The random number of a ray.
+    pub random: &'a U,
     /// The distance of rays from a point that meet no surface.
     pub far: F,
 }
 
-impl<F> OwnRays<'_, F> {
-    fn segment(&self, x: u32) -> RaySegment {
-        self.rays.get(x as usize).copied().unwrap_or(Ray { origin: Vec3::ZERO, dir: Vec3::NEG_Z }.into())
-    }
-}
-
-impl<F: Fn(Vec3) -> f32> RaySource for OwnRays<'_, F> {
+impl<R: Fn(usize) -> RaySegment, U: Fn(usize) -> f32, F: Fn(Vec3) -> f32> RaySource for OwnRays<'_, R, U, F> {
+    #[inline]
     fn ray(&self, x: u32, _: u32) -> Ray {
-        self.segment(x).ray
+        (self.ray)(self.first + x as usize).ray
     }
 
+    #[inline]
     fn range(&self, x: u32, _: u32, _: &Ray) -> [f32; 2] {
-        let RaySegment { t_min, t_max, .. } = self.segment(x);
+        let RaySegment { t_min, t_max, .. } = (self.ray)(self.first + x as usize);
         [t_min, t_max]
     }
 
     fn far(&self, x: u32) -> f32 {
-        (self.far)(self.segment(x).ray.origin)
+        (self.far)(self.ray(x, 0).origin)
     }
 
     fn until(&self, x: u32) -> f32 {
-        self.random.get(x as usize).map_or(f32::INFINITY, |&u| -log1p(-u))
+        -log1p(-(self.random)(self.first + x as usize))
     }
 }

@@ -1,12 +1,13 @@
 //! A renderer, a plan and memory, made ready once for any number of calls.
 
+#[cfg(feature = "instances")]
+use super::Renderer;
 use super::frame::Frame;
 #[cfg(feature = "instances")]
 use super::instances::{Instance, Merge, check};
 use super::{Counters, Limit, RaySegment, Rect, RenderError, Target};
-use crate::camera::{Camera, is_unit};
+use crate::camera::{Camera, Ray, is_unit};
 use crate::math::with_math;
-use crate::memory::tail;
 #[cfg(feature = "instances")]
 use crate::memory::{Arena, Line, Measure};
 use crate::plan::Plan;
@@ -47,17 +48,15 @@ macro_rules! of_fields {
 
 #[cfg(feature = "instances")]
 impl<'f> Worker<'f> {
-    /// Lines of memory that [`Worker::of_instances`] needs.
-    ///
-    /// # Errors
-    /// [`RenderError::NoInstances`], and [`RenderError::Instance`] with the first that does not go with the others.
-    pub fn instances_lines(instances: &[Instance<'_>]) -> Result<usize, RenderError> {
-        check(instances)?;
+    /// Lines of memory that [`Worker::of_instances`] needs for these fields, of whose instances the last has the plan
+    /// `plan`.
+    pub fn instances_lines<'n>(
+        renderers: impl Iterator<Item = &'n Renderer<'n>> + Clone,
+        plan: &Plan<'_>,
+    ) -> usize {
         let mut measure = Measure::default();
-        if let Some(last) = instances.last() {
-            Merge::lay_out(&mut measure, instances, last.plan);
-        }
-        Ok(measure.lines)
+        Merge::lay_out(&mut measure, &[], renderers.map(|renderer| renderer.network()), plan);
+        measure.lines
     }
 
     /// A worker that looks at several fields at once, or at one that a host has placed.
@@ -67,14 +66,18 @@ impl<'f> Worker<'f> {
     /// asked where it is hidden.
     ///
     /// # Errors
-    /// As [`Worker::instances_lines`], and [`RenderError::Memory`] if `memory` is smaller than that says.
+    /// [`RenderError::NoInstances`], [`RenderError::Instance`] with the first that does not go with the others, and
+    /// [`RenderError::Memory`] if `memory` is smaller than [`Worker::instances_lines`] says.
     pub fn of_instances(instances: &'f [Instance<'f>], memory: &'f mut [Line]) -> Result<Self, RenderError> {
-        let (expected, found) = (Self::instances_lines(instances)?, memory.len());
+        check(instances)?;
         let last = instances.last().ok_or(RenderError::NoInstances)?;
+        let renderers = instances.iter().map(|instance| instance.renderer);
+        let (expected, found) = (Self::instances_lines(renderers.clone(), last.plan), memory.len());
         if found < expected {
             return Err(RenderError::Memory { expected, found });
         }
-        let merge = Merge::lay_out(&mut Arena::new(memory), instances, last.plan);
+        let networks = renderers.map(|renderer| renderer.network());
+        let merge = Merge::lay_out(&mut Arena::new(memory), instances, networks, last.plan);
         Ok(Self { fields: Fields::Several(merge) })
     }
 }
@@ -162,8 +165,23 @@ impl<'f> Worker<'f> {
         axis: Option<Vec3>,
         target: &mut impl FnMut(usize, &Pixel),
     ) -> Result<Counters, RenderError> {
-        self.check_rays(rays, axis)?;
-        Ok(self.rows_of_rays::<false>(rays, &[], axis, target))
+        self.render_rays_with(rays.len(), &|i| ray_at(rays, i), axis, target)
+    }
+
+    /// [`Worker::render_rays`] of rays that lie somewhere else: `ray` says which is the `i`-th of `count`, as often as it
+    /// is asked.
+    ///
+    /// # Errors
+    /// As there.
+    pub fn render_rays_with(
+        &mut self,
+        count: usize,
+        ray: &impl Fn(usize) -> RaySegment,
+        axis: Option<Vec3>,
+        target: &mut impl FnMut(usize, &Pixel),
+    ) -> Result<Counters, RenderError> {
+        self.check_rays(count, ray, axis)?;
+        Ok(self.rows_of_rays::<false>(count, ray, &|_| 0.0, axis, target))
     }
 
     /// Draws where a photon that flies along each ray collides, for path tracers: `target` takes the index of the ray and
@@ -185,10 +203,27 @@ impl<'f> Worker<'f> {
         axis: Option<Vec3>,
         target: &mut impl FnMut(usize, &Pixel),
     ) -> Result<Counters, RenderError> {
-        self.check_rays(rays, axis)?;
-        let wrong = random.iter().position(|u| !(0.0..1.0).contains(u));
-        let length = if random.len() == rays.len() { None } else { Some(random.len().min(rays.len())) };
-        if let Some(index) = wrong.or(length) {
+        if random.len() > rays.len() {
+            return Err(RenderError::Random { index: rays.len() });
+        }
+        let number = |i: usize| random.get(i).copied().unwrap_or(f32::NAN);
+        self.sample_rays_with(rays.len(), &|i| ray_at(rays, i), &number, axis, target)
+    }
+
+    /// [`Worker::sample_rays`] of rays and numbers that lie somewhere else, as [`Worker::render_rays_with`] has them.
+    ///
+    /// # Errors
+    /// As there.
+    pub fn sample_rays_with(
+        &mut self,
+        count: usize,
+        ray: &impl Fn(usize) -> RaySegment,
+        random: &impl Fn(usize) -> f32,
+        axis: Option<Vec3>,
+        target: &mut impl FnMut(usize, &Pixel),
+    ) -> Result<Counters, RenderError> {
+        self.check_rays(count, ray, axis)?;
+        if let Some(index) = (0..count).find(|&i| !(0.0..1.0).contains(&random(i))) {
             return Err(RenderError::Random { index });
         }
         let mut put = |index: usize, pixel: &Pixel| {
@@ -199,10 +234,15 @@ impl<'f> Worker<'f> {
             };
             target(index, &Pixel { ray_distance: t, z_depth, median_distance: t, ..*pixel });
         };
-        Ok(self.rows_of_rays::<true>(rays, random, axis, &mut put))
+        Ok(self.rows_of_rays::<true>(count, ray, random, axis, &mut put))
     }
 
-    fn check_rays(&self, rays: &[RaySegment], axis: Option<Vec3>) -> Result<(), RenderError> {
+    fn check_rays(
+        &self,
+        count: usize,
+        ray: &impl Fn(usize) -> RaySegment,
+        axis: Option<Vec3>,
+    ) -> Result<(), RenderError> {
         let effects = &self.plan().effects;
         if effects.anti_aliasing > 1 || effects.depth_of_field.is_some() {
             return Err(RenderError::CameraEffects);
@@ -210,7 +250,8 @@ impl<'f> Worker<'f> {
         if let Some(found) = axis.filter(|axis| !is_unit(*axis)) {
             return Err(RenderError::Axis { found: found.into() });
         }
-        for (index, &RaySegment { ray, t_min, t_max }) in rays.iter().enumerate() {
+        for index in 0..count {
+            let RaySegment { ray, t_min, t_max } = ray(index);
             if !(ray.origin.is_finite() && is_unit(ray.dir)) {
                 return Err(RenderError::Ray { index });
             }
@@ -223,22 +264,23 @@ impl<'f> Worker<'f> {
 
     fn rows_of_rays<const COLLIDE: bool>(
         &mut self,
-        rays: &[RaySegment],
-        random: &[f32],
+        count: usize,
+        ray: &impl Fn(usize) -> RaySegment,
+        random: &impl Fn(usize) -> f32,
         axis: Option<Vec3>,
         target: &mut impl FnMut(usize, &Pixel),
     ) -> Counters {
         let plan = self.plan();
         let capacity = plan.batch.rays.max(1);
-        for (chunk, rays) in rays.chunks(capacity).enumerate() {
-            let first = chunk * capacity;
+        for first in (0..count).step_by(capacity) {
+            let row = (first, capacity.min(count - first));
             let mut put = |x: u32, _: u32, pixel: &Pixel| match axis {
                 Some(_) => target(first + x as usize, pixel),
                 None => target(first + x as usize, &Pixel { z_depth: 0.0, ..*pixel }),
             };
-            let (axis, random) = (axis.unwrap_or(Vec3::ZERO), tail(random, first));
+            let axis = axis.unwrap_or(Vec3::ZERO);
             of_fields!(&mut self.fields, it => {
-                with_math!(plan.math, M => it.row_of_rays::<M, COLLIDE>(rays, random, axis, &mut put));
+                with_math!(plan.math, M => it.row_of_rays::<M, COLLIDE>(row, ray, random, axis, &mut put));
             });
         }
         self.counters()
@@ -285,4 +327,9 @@ impl<'f> Worker<'f> {
         }
         Ok(self.counters())
     }
+}
+
+/// The `i`-th of some rays, of which there are as many.
+fn ray_at(rays: &[RaySegment], i: usize) -> RaySegment {
+    rays.get(i).copied().unwrap_or(Ray { origin: Vec3::ZERO, dir: Vec3::NEG_Z }.into())
 }

@@ -137,13 +137,19 @@ pub(in crate::render) struct Merge<'f, 'w> {
 }
 
 impl<'f, 'w> Merge<'f, 'w> {
-    /// All memory of a worker of `instances`, whose last has the plan `plan`: measured and carved by this list alone.
-    pub fn lay_out(layout: &mut impl Layout<'w>, instances: &'f [Instance<'f>], plan: &'f Plan<'f>) -> Self {
-        let networks = || instances.iter().map(|instance| instance.renderer.network());
-        let most = |rows: &dyn Fn(&Network<'f>) -> usize| networks().map(rows).max().unwrap_or(0);
-        let samples = instances.iter().map(|it| block_samples(it.renderer.network(), it.plan)).max();
+    /// All memory of a worker of `instances`, whose networks are `networks` and whose last has the plan `plan`: measured
+    /// and carved by this list alone.
+    pub fn lay_out<'n>(
+        layout: &mut impl Layout<'w>,
+        instances: &'f [Instance<'f>],
+        networks: impl Iterator<Item = &'n Network<'n>> + Clone,
+        plan: &'f Plan<'f>,
+    ) -> Self {
+        let networks = || networks.clone();
+        let most = |rows: &dyn Fn(&Network<'n>) -> usize| networks().map(rows).max().unwrap_or(0);
+        let samples = networks().map(|network| block_samples(network, plan)).max();
         let (rays, samples) = (plan.batch.rays, samples.unwrap_or(1));
-        let each = rays.saturating_mul(instances.len());
+        let each = rays.saturating_mul(networks().count());
         let outputs = plan.outputs;
         let colours = if outputs.rgb { samples } else { 0 };
         let (normals, gradients) = if outputs.normals { (rays, samples) } else { (0, 0) };
@@ -200,20 +206,22 @@ impl<'f, 'w> Merge<'f, 'w> {
         }
     }
 
-    /// Renders up to `plan.batch.rays` rays as the pixels of a row; with `COLLIDE` each as far as its random number has it
-    /// collide.
+    /// Renders up to `plan.batch.rays` rays from the `first` on as the pixels of a row; with `COLLIDE` each as far as its
+    /// random number has it collide.
     pub fn row_of_rays<M: Math, const COLLIDE: bool>(
         &mut self,
-        rays: &[RaySegment],
-        random: &[f32],
+        (first, count): (usize, usize),
+        ray: &impl Fn(usize) -> RaySegment,
+        random: &impl Fn(usize) -> f32,
         axis: Vec3,
         target: &mut impl Target,
     ) {
         let instances = self.instances;
         // Lossless: a plan has at most `Batch::MAX_RAYS`.
-        self.tile = Rect { x: 0, y: 0, width: rays.len() as u32, height: 1 };
+        self.tile = Rect { x: 0, y: 0, width: count as u32, height: 1 };
         (self.forward, self.turn) = (axis, 0);
-        self.turn::<M, COLLIDE>(&OwnRays { rays, random, far: |eye| far_from(instances, eye) }, target);
+        let far = |eye| far_from(instances, eye);
+        self.turn::<M, COLLIDE>(&OwnRays { first, ray, random, far }, target);
     }
 
     fn turn<M: Math, const COLLIDE: bool>(&mut self, source: &impl RaySource, target: &mut impl Target) {
@@ -285,12 +293,10 @@ impl<'f, 'w> Merge<'f, 'w> {
         }
         let bins = plan.bins.with(state.ends);
         let t = jitter.t(&bins, state.next);
-        let (counts_at, middle, width) = plan.part_around(&bins, state.start, state.range[0], t);
-        let middle = middle.unwrap_or_else(|| if jitter.is_middle() { t } else { bins.middle_around(t) });
+        let (counts_at, from, to) = plan.ends_around(&bins, state.start, state.range[0], t);
         let scale = placement.scale();
         let offset = scale * state.start - at(self.fronts, i).start;
-        let [from, to, counts_at] =
-            [middle - 0.5 * width, middle + 0.5 * width, counts_at].map(|t| offset + scale * t);
+        let [from, to, counts_at] = [from, to, counts_at].map(|t| offset + scale * t);
         *part = Part { known: Known::Place, t, from, to, counts_at, ..Part::NONE };
         state.next += 1;
     }

@@ -88,10 +88,8 @@ fn with_worker<T>(
     let each = renderers.iter().zip(&plans).zip(fields);
     let instances: Vec<Instance<'_>> =
         each.map(|((renderer, plan), &(_, placement))| Instance { renderer, plan, placement }).collect();
-    match Worker::instances_lines(&instances) {
-        Ok(lines) => use_it(Worker::of_instances(&instances, &mut vec![Line::UNINIT; lines])),
-        Err(error) => use_it(Err(error)),
-    }
+    let lines = Worker::instances_lines(renderers.iter(), &plans[plans.len() - 1]);
+    use_it(Worker::of_instances(&instances, &mut vec![Line::UNINIT; lines]))
 }
 
 fn view_of(worker: &mut Worker<'_>, camera: &Camera) -> Seen {
@@ -389,7 +387,7 @@ fn transforms_that_are_none_are_refused() {
 
 #[test]
 fn instances_that_do_not_go_together_are_refused_by_index() {
-    assert!(matches!(Worker::instances_lines(&[]), Err(RenderError::NoInstances)));
+    assert!(matches!(Worker::of_instances(&[], &mut []), Err(RenderError::NoInstances)));
     #[cfg(feature = "contraction")]
     {
         let room = noise_of(SceneSampling::Contracted { step: 0.07, power: 2 }, 7, 1.0);
