@@ -8,7 +8,7 @@
  *   (nerf_scene_open_file is the exception, for hosts with a heap.)
  * - Structures begin with struct_size: set it to sizeof, everything unused to zero.
  * - Scalars and handles are written on success only, pictures only in whole tiles.
- * - A scene never changes: threads may use it at the same time, each with its own workspace.
+ * - A scene never changes: threads may use it at the same time, each with a worker of its own.
  * - World units throughout; right-handed; cameras look down -Z; colour is display-encoded.
  *
  * The whole contract: nerf-render-ffi/README.md.
@@ -25,7 +25,7 @@
  *
  * It changes only when a program built against the old header would break.
  */
-#define NERF_ABI_VERSION 1
+#define NERF_ABI_VERSION 2
 
 /**
  * Default of `transmittance_cut`: no difference to be seen from none.
@@ -41,6 +41,11 @@
  * Default of `normal_blur`: one bin.
  */
 #define NERF_NORMAL_BLUR_DEFAULT 1.0
+
+/**
+ * In the place of a cut or a blur: none at all.
+ */
+#define NERF_NONE -1.0
 
 /**
  * Colour is wanted.
@@ -89,7 +94,7 @@ enum nerf_status
      */
     NERF_STATUS_NULL_POINTER = 1,
     /**
-     * `struct_size` is smaller than in version 1 of the structure, or absurdly large.
+     * `struct_size` is smaller than in version 2 of the structure, or absurdly large.
      */
     NERF_STATUS_STRUCT_SIZE = 2,
     /**
@@ -168,6 +173,18 @@ enum nerf_status
      * The system has no memory left for what the library was asked to own.
      */
     NERF_STATUS_OUT_OF_MEMORY = 21,
+    /**
+     * A ray of the caller's has no direction of unit length, no finite origin, no range or no random number.
+     */
+    NERF_STATUS_RAY = 22,
+    /**
+     * An instance's transform is not a rotation, one scale and a translation.
+     */
+    NERF_STATUS_TRANSFORM = 23,
+    /**
+     * Another call works with the worker, or one of its calls has panicked.
+     */
+    NERF_STATUS_BUSY = 24,
     /**
      * The bytes do not begin as a blob does.
      */
@@ -523,6 +540,15 @@ typedef uint32_t nerf_tone_map;
 typedef struct nerf_scene nerf_scene;
 
 /**
+ * A worker: lies at the beginning of the memory it was opened in and borrows the scenes.
+ *
+ * It owns nothing, and there is nothing to close. One call at a time works with it, of one thread: another is
+ * `NERF_STATUS_BUSY`, as is every one after `NERF_STATUS_PANIC`. It ends where the caller reuses its memory or a
+ * scene's.
+ */
+typedef struct nerf_worker nerf_worker;
+
+/**
  * How a scene is opened; NULL in its place means all zeros.
  */
 typedef struct nerf_open_options {
@@ -798,6 +824,25 @@ typedef struct nerf_camera {
 } nerf_camera;
 
 /**
+ * A scene that stands somewhere in the host's world.
+ */
+typedef struct nerf_instance {
+    /**
+     * `sizeof(nerf_instance)`: also from one of an array to the next.
+     */
+    size_t struct_size;
+    /**
+     * The scene.
+     */
+    const struct nerf_scene *scene;
+    /**
+     * Takes the scene's coordinates to the world's: the upper three rows of the 4x4 matrix, row-major, a rotation times
+     * one scale and a translation. All zeros is the identity.
+     */
+    float to_world[12];
+} nerf_instance;
+
+/**
  * What a frame does beyond one ray through each pixel's centre. All zeros is nothing, and costs nothing.
  *
  * An effect that this build of the library lacks is `NERF_STATUS_OPTIONS`.
@@ -846,10 +891,9 @@ typedef struct nerf_effects {
 /**
  * The shortcuts of a frame.
  *
- * All zeros (but for `struct_size`) is the exact picture: every sample that the occupancy grid does
- * not call empty. NULL in its place is the same with
- * `transmittance_cut = NERF_TRANSMITTANCE_CUT_DEFAULT` and `colour_cut = NERF_COLOUR_CUT_DEFAULT`,
- * faster and not visibly different, and `normal_blur = NERF_NORMAL_BLUR_DEFAULT`.
+ * All zeros (but for `struct_size`) is the defaults, as is NULL in its place: cuts that cost nothing visible. With
+ * `transmittance_cut` and `colour_cut` at `NERF_NONE` it is the exact picture: every sample that the occupancy grid does not
+ * call empty.
  */
 typedef struct nerf_render_options {
     /**
@@ -863,7 +907,8 @@ typedef struct nerf_render_options {
      */
     uint32_t samples;
     /**
-     * A ray ends where its transmittance falls below this, in `[0, 1)`; 0 never ends one.
+     * A ray ends where its transmittance falls below this, less than 1; 0 for `NERF_TRANSMITTANCE_CUT_DEFAULT`, `NERF_NONE` (or
+     * anything below 0) never ends one.
      */
     float transmittance_cut;
     /**
@@ -893,13 +938,14 @@ typedef struct nerf_render_options {
      */
     uint32_t batch_samples;
     /**
-     * Samples whose weight is at most this take the colour of one behind them, in `[0, 1)`; 0 asks the
-     * network for every colour. Opacity and distances never depend on it.
+     * Samples whose weight is at most this take the colour of one behind them, less than 1; 0 for `NERF_COLOUR_CUT_DEFAULT`,
+     * `NERF_NONE` asks the network for every colour. Opacity and distances never depend on it.
      */
     float colour_cut;
     /**
      * Width, in bins, of the Gaussian that the density is blurred by before its gradient is taken for normals (standard
-     * deviation: this over the root of 12), at least 0. 0 is the gradient itself, which is mostly noise finer than a bin.
+     * deviation: this over the root of 12); 0 for `NERF_NORMAL_BLUR_DEFAULT`. `NERF_NONE` is the gradient itself, which is mostly
+     * noise finer than a bin.
      */
     float normal_blur;
     /**
@@ -930,6 +976,42 @@ typedef struct nerf_render_options {
 } nerf_render_options;
 
 /**
+ * What a worker is opened for; what it points to is read by the call alone, but for the scenes.
+ */
+typedef struct nerf_request {
+    /**
+     * `sizeof(nerf_request)`.
+     */
+    size_t struct_size;
+    /**
+     * The scene, or a picture (a 2D field), in coordinates of its own; NULL where there are `instances`.
+     */
+    const struct nerf_scene *scene;
+    /**
+     * NULL, or scenes that the host has placed in a world of its own: cameras, rays, points and distances are that
+     * world's. Where they overlap, densities add and colours are mixed by density. An unbounded scene is the last, and
+     * shows its background. In a library built with `instances`.
+     */
+    const struct nerf_instance *instances;
+    /**
+     * How many; with `scene` 0.
+     */
+    size_t instance_count;
+    /**
+     * NULL for the defaults.
+     */
+    const struct nerf_render_options *options;
+    /**
+     * `NERF_OUTPUT_*` of what targets will have planes for, or-ed; for queries `NERF_OUTPUT_RGB` or 0.
+     */
+    uint32_t outputs;
+    /**
+     * Zero.
+     */
+    uint32_t reserved;
+} nerf_request;
+
+/**
  * Pixels of an image, `x..x + width`, `y..y + height`.
  */
 typedef struct nerf_rect {
@@ -952,7 +1034,8 @@ typedef struct nerf_rect {
 } nerf_rect;
 
 /**
- * One plane of a picture, in the caller's memory; it begins with the **rectangle's** top left pixel.
+ * One plane of a picture, in the caller's memory; it begins with the **rectangle's** top left pixel. Of rays and points it
+ * is one row.
  */
 typedef struct nerf_plane {
     /**
@@ -1015,6 +1098,16 @@ typedef struct nerf_target {
      * samples a ray.
      */
     struct nerf_plane normals;
+    /**
+     * Read, not written: where each pixel's ray ends, world units along it, as of what a host has traced there; infinity
+     * or a NaN is no end. NULL for none. It cuts the bin it lies in, so that edges are smooth, and what is behind it costs
+     * nothing.
+     */
+    struct nerf_plane limit_ray_distance;
+    /**
+     * The same, world units along the view axis, as of a depth buffer. One of the two at most.
+     */
+    struct nerf_plane limit_z_depth;
 } nerf_target;
 
 /**
@@ -1027,6 +1120,44 @@ typedef struct nerf_target {
 typedef int32_t (*nerf_progress)(void *user,
                                  uint64_t pixels_done,
                                  uint64_t pixels_all);
+
+/**
+ * What is rendered of an image, and where to.
+ */
+typedef struct nerf_frame {
+    /**
+     * `sizeof(nerf_frame)`.
+     */
+    size_t struct_size;
+    /**
+     * Where a scene is seen from; NULL for a picture.
+     */
+    const struct nerf_camera *camera;
+    /**
+     * NULL for the whole image; an empty one is rendered with nothing written.
+     */
+    const struct nerf_rect *rect;
+    /**
+     * Where the pixels go; planes the worker was not opened for are NULL.
+     */
+    const struct nerf_target *target;
+    /**
+     * Width of a picture's image, pixels; of a scene 0.
+     */
+    uint32_t width;
+    /**
+     * Height of a picture's image, pixels; of a scene 0.
+     */
+    uint32_t height;
+    /**
+     * NULL, or called with `user` before the first tile and after each tile of at most 16x16 pixels.
+     */
+    nerf_progress progress;
+    /**
+     * Handed to `progress`.
+     */
+    void *user;
+} nerf_frame;
 
 /**
  * The work a call did; exact, no clock readings. A picture (a 2D field) has no rays and no samples:
@@ -1077,9 +1208,137 @@ typedef struct nerf_counters {
 } nerf_counters;
 
 /**
+ * Numbers of the caller's, one or three to each ray or point.
+ */
+typedef struct nerf_floats {
+    /**
+     * The first of them.
+     */
+    const float *data;
+    /**
+     * From one ray's or point's to the next, bytes; 0 for side by side.
+     */
+    size_t stride;
+} nerf_floats;
+
+/**
+ * Rays of the caller's own, in any order, from anywhere.
+ */
+typedef struct nerf_rays {
+    /**
+     * `sizeof(nerf_rays)`.
+     */
+    size_t struct_size;
+    /**
+     * How many.
+     */
+    size_t count;
+    /**
+     * Where each begins, x, y, z.
+     */
+    struct nerf_floats origins;
+    /**
+     * In which direction, x, y, z, of unit length.
+     */
+    struct nerf_floats dirs;
+    /**
+     * What is nearer is not seen, world units along the ray, at least 0; NULL for 0.
+     */
+    struct nerf_floats t_min;
+    /**
+     * What is farther is not seen, at least `t_min`, may be infinite; NULL for no end. It cuts the bin it lies in: opacity
+     * goes continuously with it.
+     */
+    struct nerf_floats t_max;
+    /**
+     * A number in [0, 1) each, for `nerf_sample_rays`; else NULL.
+     */
+    struct nerf_floats random;
+    /**
+     * Three numbers, of unit length: what `z_depth` is measured along. NULL where that is not asked for.
+     */
+    const float *axis;
+    /**
+     * Where results go: planes of one row of `count` pixels, of which only `pixel_stride` matters. No limits: `t_max` is
+     * the ray's.
+     */
+    const struct nerf_target *target;
+} nerf_rays;
+
+/**
+ * Points that are seen along directions.
+ */
+typedef struct nerf_points {
+    /**
+     * `sizeof(nerf_points)`.
+     */
+    size_t struct_size;
+    /**
+     * How many.
+     */
+    size_t count;
+    /**
+     * x, y, z, world space. Points outside the scene box, or in a cell that the occupancy grid calls empty, have density 0
+     * and black colour.
+     */
+    struct nerf_floats positions;
+    /**
+     * From the camera to the point, of unit length; not read where there is no plane for colour.
+     */
+    struct nerf_floats dirs;
+    /**
+     * Receives the density of each, per world unit: a row of `count` pixels, `NERF_FORMAT_F32`, of which only `pixel_stride`
+     * matters.
+     */
+    struct nerf_plane sigma;
+    /**
+     * Receives the colour of each, display-encoded unless the options say linear: `NERF_FORMAT_RGB_F32`; NULL if not wanted.
+     */
+    struct nerf_plane rgb;
+} nerf_points;
+
+/**
  * Microseconds since any moment, never falling.
  */
 typedef uint64_t (*nerf_clock)(void *user);
+
+/**
+ * Frames whose pace is measured.
+ */
+typedef struct nerf_pace_request {
+    /**
+     * `sizeof(nerf_pace_request)`.
+     */
+    size_t struct_size;
+    /**
+     * The scene.
+     */
+    const struct nerf_scene *scene;
+    /**
+     * The view; not read where only the workspace's size is asked for.
+     */
+    const struct nerf_camera *camera;
+    /**
+     * NULL for the defaults; what shortcuts they have does not matter.
+     */
+    const struct nerf_render_options *options;
+    /**
+     * `NERF_OUTPUT_*` of the planes that will not be NULL, or-ed.
+     */
+    uint32_t outputs;
+    /**
+     * Where measuring stops: behind the first point whose frame would take more than so many milliseconds.
+     */
+    float limit_milliseconds;
+    /**
+     * Called with `user`, must not touch the workspace; NULL for the library's own, which a build without std has not.
+     */
+    nerf_clock clock;
+    /**
+     * Handed to `clock`.
+     */
+    void *user;
+} nerf_pace_request;
 
 /**
  * What a frame takes at each point of a scene's front, on one thread of this host.
@@ -1260,125 +1519,126 @@ nerf_status nerf_camera_ray(const struct nerf_camera *camera,
                             size_t message_capacity);
 
 /**
- * Says how much workspace one `nerf_render` or `nerf_query` call needs, and at which alignment.
+ * Says how much memory a worker for a request takes, and at which alignment.
  *
- * `options`: those of the call, NULL for the defaults. `outputs`: `NERF_OUTPUT_*` of the planes
- * that will not be NULL, or-ed; for a query `NERF_OUTPUT_RGB` or 0. `size` and `align` are written
- * on success only. `message`: NULL, or `message_capacity` bytes for a sentence about what was
- * expected and found; empty on success.
+ * `size` and `align` are written on success only. `message`: NULL, or `message_capacity` bytes for a sentence about what
+ * was expected and found; empty on success.
  *
  * # Safety
- * Pointers are NULL or point to what is described here; `scene` is intact.
+ * Pointers are NULL or point to what is described here; scenes are intact.
  */
-nerf_status nerf_workspace_size(const struct nerf_scene *scene,
-                                const struct nerf_render_options *options,
-                                uint32_t outputs,
-                                size_t *size,
-                                size_t *align,
-                                char *message,
-                                size_t message_capacity);
+nerf_status nerf_worker_size(const struct nerf_request *request,
+                             size_t *size,
+                             size_t *align,
+                             char *message,
+                             size_t message_capacity);
 
 /**
- * Renders a rectangle of a camera's image of a scene into the planes of a target.
+ * Opens a worker in the caller's memory: everything that a call of it does not change is checked and made ready here.
  *
- * The pixels do not depend on the rectangle, the batch or on who else renders, bit for bit within
- * one kernel. Threads may render one scene at the same time, each with a workspace of its own.
- *
- * `options`: NULL for the defaults. `rect`: NULL for the whole image; an empty one is rendered
- * with nothing written. `workspace`: at least the size and alignment that `nerf_workspace_size`
- * says for these options and planes, apart from scene, blob and planes. `progress`: NULL, or
- * called with `user` before the first tile and after each tile of at most 16x16 pixels.
- * `counters`: NULL, or written on success, with `struct_size` set by the caller. `message`: NULL,
- * or `message_capacity` bytes for a sentence about what was expected and found; empty on success.
- *
- * Everything is checked before the first pixel is written. Pixels are written in whole tiles:
- * after `NERF_STATUS_CANCELLED` or `NERF_STATUS_PANIC` each tile is finished or untouched.
+ * The worker borrows `memory` and the scenes: they stay where and as they are for as long as it is used. One for each
+ * thread. `memory`: at least the size and alignment that `nerf_worker_size` says, apart from scenes and blobs. `worker`
+ * receives the handle on success only; there is nothing to close. `message`: as in `nerf_worker_size`.
  *
  * # Safety
- * Pointers are NULL or point to what is described here; `scene` is intact.
+ * Pointers are NULL or point to what is described here; scenes are intact.
  */
-nerf_status nerf_render(const struct nerf_scene *scene,
-                        const struct nerf_camera *camera,
-                        const struct nerf_render_options *options,
-                        const struct nerf_rect *rect,
-                        const struct nerf_target *target,
-                        void *workspace,
-                        size_t workspace_size,
-                        nerf_progress progress,
-                        void *user,
+nerf_status nerf_worker_open(const struct nerf_request *request,
+                             void *memory,
+                             size_t memory_size,
+                             struct nerf_worker **worker,
+                             char *message,
+                             size_t message_capacity);
+
+/**
+ * Renders a rectangle of a camera's image into the planes of a target.
+ *
+ * The pixels do not depend on the rectangle, the batch, what the worker did before or on who else renders, bit for bit
+ * within one kernel. `frame->target` may carry limits: what a depth buffer holds.
+ *
+ * `counters`: NULL, or written on success, with `struct_size` set by the caller. `message`: NULL, or `message_capacity`
+ * bytes for a sentence about what was expected and found; empty on success.
+ *
+ * Everything is checked before the first pixel is written. Pixels are written in whole tiles: after
+ * `NERF_STATUS_CANCELLED` or `NERF_STATUS_PANIC` each tile is finished or untouched.
+ *
+ * # Safety
+ * Pointers are NULL or point to what is described here; `worker` and its scenes are intact.
+ */
+nerf_status nerf_render(struct nerf_worker *worker,
+                        const struct nerf_frame *frame,
                         struct nerf_counters *counters,
                         char *message,
                         size_t message_capacity);
 
 /**
- * Says how much workspace one `nerf_render_picture` call needs, and at which alignment.
+ * Renders a rectangle of a picture (a 2D field: `NERF_KIND_PICTURE`), drawn in `frame->width` x `frame->height` pixels.
  *
- * `options`: those of the call, NULL for the defaults; neither the picture's size nor its rectangle
- * matters. `size` and `align` are written on success only. `message`: NULL, or `message_capacity`
- * bytes for a sentence about what was expected and found; empty on success.
+ * Pixel (x, y) is the field's colour at its centre, ((x + 0.5) / width, (y + 0.5) / height): any size from 1x1 to
+ * 8388608x8388608 shows the whole picture, `picture_width` x `picture_height` of `nerf_scene_info` without distortion, and
+ * a rectangle of a larger size is a detail of it.
  *
- * # Safety
- * Pointers are NULL or point to what is described here; `scene` is intact.
- */
-nerf_status nerf_picture_workspace_size(const struct nerf_scene *scene,
-                                        const struct nerf_render_options *options,
-                                        size_t *size,
-                                        size_t *align,
-                                        char *message,
-                                        size_t message_capacity);
-
-/**
- * Renders a rectangle of a picture (a 2D field: `NERF_KIND_PICTURE`), drawn in `width` x `height`
- * pixels.
- *
- * Pixel (x, y) is the field's colour at its centre, ((x + 0.5) / width, (y + 0.5) / height): any
- * size from 1x1 to 8388608x8388608 shows the whole picture, `picture_width` x `picture_height` of
- * `nerf_scene_info` without distortion, and a rectangle of a larger size is a detail of it.
- *
- * `options`: NULL for the defaults; only maths and batch matter. `rect`: NULL for the whole picture;
- * an empty one is rendered with nothing written. `target`: only `rgb` may be a plane; a picture is
- * opaque, so that the alpha of RGBA formats is 1. `workspace`: at least the size and alignment that
- * `nerf_picture_workspace_size` says for these options. The rest, and all else: as in `nerf_render`.
+ * `worker`: of the picture; of its options only maths and batch matter. The target has a plane for `rgb` alone; a picture
+ * is opaque, so that the alpha of RGBA formats is 1. The rest as in `nerf_render`.
  *
  * # Safety
- * Pointers are NULL or point to what is described here; `scene` is intact.
+ * Pointers are NULL or point to what is described here; `worker` and its scene are intact.
  */
-nerf_status nerf_render_picture(const struct nerf_scene *scene,
-                                uint32_t width,
-                                uint32_t height,
-                                const struct nerf_render_options *options,
-                                const struct nerf_rect *rect,
-                                const struct nerf_target *target,
-                                void *workspace,
-                                size_t workspace_size,
-                                nerf_progress progress,
-                                void *user,
+nerf_status nerf_render_picture(struct nerf_worker *worker,
+                                const struct nerf_frame *frame,
                                 struct nerf_counters *counters,
                                 char *message,
                                 size_t message_capacity);
 
 /**
- * Asks for density and colour at points seen along directions.
+ * Renders rays of the caller's own: each is a pixel of the target.
  *
- * `positions`: `n` times x, y, z, world space; points outside the scene box, or in a cell that the
- * occupancy grid calls empty, have density 0 and black colour. `dirs`: `n` unit vectors, from the
- * camera to the point; may be NULL where `rgb` is. `sigma`: receives `n` densities per world unit.
- * `rgb`: receives `n` times r, g, b, display-encoded; NULL if not wanted. The four may be NULL if
- * `n` is 0, and the results must not overlap the others. The rest: as in `nerf_render`; of the
- * options only occupancy grid, maths and batch matter to the results; the workspace is that of all of them.
+ * A ray may begin anywhere: outside of the scene, inside, behind it. Where it meets no surface, distances are one that is
+ * beyond everything in the scene, or `t_max`. The rays of a camera give its pixels, bit for bit, without jitter. A plane of
+ * opacity alone is what a shadow ray needs: the same bits as beside others, for less work.
+ *
+ * Rays are checked before the first result is written: `NERF_STATUS_RAY` names the first that has an origin that is not
+ * finite, a direction that is not of unit length or no range. Anti-aliasing and a lens' aperture are a camera's:
+ * `NERF_STATUS_OPTIONS`. `counters` and `message`: as in `nerf_render`.
  *
  * # Safety
- * Pointers are NULL or point to what is described here; `scene` is intact.
+ * Pointers are NULL or point to what is described here; `worker` and its scenes are intact.
  */
-nerf_status nerf_query(const struct nerf_scene *scene,
-                       const struct nerf_render_options *options,
-                       size_t n,
-                       const float *positions,
-                       const float *dirs,
-                       float *sigma,
-                       float *rgb,
-                       void *workspace,
-                       size_t workspace_size,
+nerf_status nerf_render_rays(struct nerf_worker *worker,
+                             const struct nerf_rays *rays,
+                             struct nerf_counters *counters,
+                             char *message,
+                             size_t message_capacity);
+
+/**
+ * Draws where a photon that flies along each ray collides with the field: for path tracers.
+ *
+ * A ray collides where its opacity reaches its number of `random`. Then `opacity` is 1, the distances are that point's, and
+ * colour and normal are the field's there. Else opacity is 0, distances are infinite, and colour is the background (0 in
+ * RGBA planes). Over uniform numbers the mean of the colours is what `nerf_render_rays` composites without cuts, which are
+ * not used here. `NERF_STATUS_RAY` also where a number is not in [0, 1). The rest as in `nerf_render_rays`.
+ *
+ * # Safety
+ * Pointers are NULL or point to what is described there; `worker` and its scenes are intact.
+ */
+nerf_status nerf_sample_rays(struct nerf_worker *worker,
+                             const struct nerf_rays *rays,
+                             struct nerf_counters *counters,
+                             char *message,
+                             size_t message_capacity);
+
+/**
+ * Asks for density and colour at points seen along directions.
+ *
+ * `worker`: opened with `NERF_OUTPUT_RGB` where colour is wanted; of its options only occupancy grid, maths and tone matter
+ * to the results. Results must not overlap anything else. A direction that is not of unit length is
+ * `NERF_STATUS_DIRECTION`, with nothing written. `counters` and `message`: as in `nerf_render`.
+ *
+ * # Safety
+ * Pointers are NULL or point to what is described here; `worker` and its scenes are intact.
+ */
+nerf_status nerf_query(struct nerf_worker *worker,
+                       const struct nerf_points *points,
                        struct nerf_counters *counters,
                        char *message,
                        size_t message_capacity);
@@ -1386,14 +1646,12 @@ nerf_status nerf_query(const struct nerf_scene *scene,
 /**
  * Says how much workspace `nerf_pace_measure` needs, and at which alignment.
  *
- * `options`, `outputs`, `size`, `align` and `message` as in `nerf_workspace_size`.
+ * `size`, `align` and `message` as in `nerf_worker_size`.
  *
  * # Safety
- * Pointers are NULL or point to what is described there; `scene` is intact.
+ * Pointers are NULL or point to what is described there; the scene is intact.
  */
-nerf_status nerf_pace_workspace_size(const struct nerf_scene *scene,
-                                     const struct nerf_render_options *options,
-                                     uint32_t outputs,
+nerf_status nerf_pace_workspace_size(const struct nerf_pace_request *request,
                                      size_t *size,
                                      size_t *align,
                                      char *message,
@@ -1403,25 +1661,16 @@ nerf_status nerf_pace_workspace_size(const struct nerf_scene *scene,
  * Measures what a frame takes on this thread at each point of the scene's front.
  *
  * Renders about 2,048 pixels over the whole view at each point, cheapest first, and stops behind the first whose
- * frame would take more than `limit_milliseconds`; dearer ones stay at infinity. Measure on an idle host.
+ * frame would take more than the limit; dearer ones stay at infinity. Measure on an idle host.
  *
- * `options`: what `nerf_render` will get; its shortcuts do not matter. `outputs`: `NERF_OUTPUT_*` of the
- * planes that will not be NULL. `clock`: called with `user`, must not touch the workspace; NULL for the
- * library's own, which a build without std has not. `workspace`: of the size and alignment that
- * `nerf_pace_workspace_size` says, apart from scene and blob. `pace`: `struct_size` set by the caller; written
- * on success. A scene without a front is `NERF_STATUS_NO_FRONT`. `message`: NULL, or `message_capacity` bytes
- * for a sentence about what was expected and found; empty on success.
+ * `workspace`: of the size and alignment that `nerf_pace_workspace_size` says, apart from scene and blob. `pace`:
+ * `struct_size` set by the caller; written on success. A scene without a front is `NERF_STATUS_NO_FRONT`. `message`: NULL,
+ * or `message_capacity` bytes for a sentence about what was expected and found; empty on success.
  *
  * # Safety
- * Pointers are NULL or point to what is described here; `scene` is intact.
+ * Pointers are NULL or point to what is described here; the scene is intact.
  */
-nerf_status nerf_pace_measure(const struct nerf_scene *scene,
-                              const struct nerf_camera *camera,
-                              const struct nerf_render_options *options,
-                              uint32_t outputs,
-                              float limit_milliseconds,
-                              nerf_clock clock,
-                              void *user,
+nerf_status nerf_pace_measure(const struct nerf_pace_request *request,
                               void *workspace,
                               size_t workspace_size,
                               struct nerf_pace *pace,
@@ -1517,22 +1766,19 @@ nerf_status nerf_quality_preset(const struct nerf_scene *scene,
                                 size_t message_capacity);
 
 /**
- * Says in English which stages a frame has, which not, and why; with counters, where its work went.
+ * Says in English which stages a worker's frames have, which not, and why; with counters, where its work went.
  *
- * For people: the wording may change from version to version.
+ * For people: the wording may change from version to version. Of several instances each has its own part.
  *
- * `options`: those of the call, NULL for the defaults. `outputs`: `NERF_OUTPUT_*`, or-ed. `counters`:
- * NULL, or what `nerf_render` wrote for such a frame. `text`: NULL, or `capacity` bytes, which get the
- * text, cut where it does not fit, always with a NUL. `needed`: NULL, or the bytes of the whole text with
- * its NUL. Text and `needed` are written on success only; a text that was cut is a success. `message`:
- * NULL, or `message_capacity` bytes for a sentence about what was expected and found; empty on success.
+ * `counters`: NULL, or what a call of this worker wrote; of several instances it is not looked at. `text`: NULL, or
+ * `capacity` bytes, which get the text, cut where it does not fit, always with a NUL. `needed`: NULL, or the bytes of the
+ * whole text with its NUL. Text and `needed` are written on success only; a text that was cut is a success. `message`: NULL,
+ * or `message_capacity` bytes for a sentence about what was expected and found; empty on success.
  *
  * # Safety
- * Pointers are NULL or point to what is described here; `scene` is intact.
+ * Pointers are NULL or point to what is described here; `worker` and its scenes are intact.
  */
-nerf_status nerf_explain(const struct nerf_scene *scene,
-                         const struct nerf_render_options *options,
-                         uint32_t outputs,
+nerf_status nerf_explain(struct nerf_worker *worker,
                          const struct nerf_counters *counters,
                          char *text,
                          size_t capacity,

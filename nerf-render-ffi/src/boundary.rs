@@ -18,8 +18,8 @@ const MAX_STRUCT_SIZE: usize = 4096;
 pub(crate) unsafe trait Versioned: Copy {
     /// The argument's name, for messages.
     const NAME: &'static str;
-    /// Its size in version 1 of the ABI; stays when fields are added.
-    const SIZE_V1: usize = size_of::<Self>();
+    /// Its size in version 2 of the ABI; stays when fields are added.
+    const SIZE_V2: usize = size_of::<Self>();
 }
 
 /// The caller's buffer for a sentence that says what was expected and found; NULL for none.
@@ -114,10 +114,10 @@ unsafe fn size_of_versioned<T: Versioned>(at: *const T) -> Result<usize, Failure
     check_aligned(T::NAME, at as usize, align_of::<T>())?;
     // SAFETY: not NULL, aligned, and `struct_size` comes first (`Versioned`).
     let found = unsafe { at.cast::<usize>().read() };
-    if (T::SIZE_V1..=MAX_STRUCT_SIZE).contains(&found) {
+    if (T::SIZE_V2..=MAX_STRUCT_SIZE).contains(&found) {
         Ok(found)
     } else {
-        Err(Failure::StructSize { name: T::NAME, expected: T::SIZE_V1, found })
+        Err(Failure::StructSize { name: T::NAME, expected: T::SIZE_V2, found })
     }
 }
 
@@ -160,6 +160,15 @@ impl<T: Versioned> Out<T> {
         // SAFETY: `at` is as this function's `# Safety` has it.
         let size = unsafe { size_of_versioned(at)? };
         Ok(Self { at, size })
+    }
+
+    /// The same of a place that may be NULL.
+    ///
+    /// # Safety
+    /// As [`Out::new`].
+    pub unsafe fn new_or_none(at: *mut T) -> Result<Option<Self>, Failure> {
+        // SAFETY: `at` is as this function's `# Safety` has it.
+        if at.is_null() { Ok(None) } else { unsafe { Self::new(at).map(Some) } }
     }
 
     /// Writes as much of `value` as the caller's structure has, whose `struct_size` stays; what this build

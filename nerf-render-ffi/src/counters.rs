@@ -34,7 +34,6 @@ pub struct Counters {
 // SAFETY: `repr(C)`, `struct_size` comes first, and integers have no invalid bytes.
 unsafe impl Versioned for Counters {
     const NAME: &'static str = "counters";
-    const SIZE_V1: usize = core::mem::offset_of!(Self, normal_evaluations);
 }
 
 impl From<Counters> for render::Counters {

@@ -3,10 +3,8 @@
 use crate::boundary::{Message, call, check_out, read_versioned};
 use crate::counters::Counters;
 use crate::failure::Failure;
-use crate::render_options::{RenderOptions, Settings};
-use crate::scene::Scene;
 use crate::status::Status;
-use crate::workspace;
+use crate::worker::{Worker, with_worker};
 use core::ffi::c_char;
 use core::fmt::{self, Write};
 use nerf_core::render;
@@ -38,23 +36,20 @@ impl Write for Cut {
     }
 }
 
-/// Says in English which stages a frame has, which not, and why; with counters, where its work went.
+/// Says in English which stages a worker's frames have, which not, and why; with counters, where its work went.
 ///
-/// For people: the wording may change from version to version.
+/// For people: the wording may change from version to version. Of several instances each has its own part.
 ///
-/// `options`: those of the call, NULL for the defaults. `outputs`: `NERF_OUTPUT_*`, or-ed. `counters`:
-/// NULL, or what `nerf_render` wrote for such a frame. `text`: NULL, or `capacity` bytes, which get the
-/// text, cut where it does not fit, always with a NUL. `needed`: NULL, or the bytes of the whole text with
-/// its NUL. Text and `needed` are written on success only; a text that was cut is a success. `message`:
-/// NULL, or `message_capacity` bytes for a sentence about what was expected and found; empty on success.
+/// `counters`: NULL, or what a call of this worker wrote; of several instances it is not looked at. `text`: NULL, or
+/// `capacity` bytes, which get the text, cut where it does not fit, always with a NUL. `needed`: NULL, or the bytes of the
+/// whole text with its NUL. Text and `needed` are written on success only; a text that was cut is a success. `message`: NULL,
+/// or `message_capacity` bytes for a sentence about what was expected and found; empty on success.
 ///
 /// # Safety
-/// Pointers are NULL or point to what is described here; `scene` is intact.
+/// Pointers are NULL or point to what is described here; `worker` and its scenes are intact.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn nerf_explain(
-    scene: *const Scene,
-    options: *const RenderOptions,
-    outputs: u32,
+    worker: *mut Worker,
     counters: *const Counters,
     text: *mut c_char,
     capacity: usize,
@@ -63,38 +58,48 @@ pub unsafe extern "C" fn nerf_explain(
     message_capacity: usize,
 ) -> Status {
     call(Message { text: message, capacity: message_capacity }, || {
-        // SAFETY: `scene` is as this function's `# Safety` has it.
-        let scene = unsafe { Scene::of(scene)? };
-        if !needed.is_null() {
-            check_out("needed", needed)?;
-        }
-        let renderer = scene.renderer();
-        // SAFETY: `options` is as this function's `# Safety` has it.
-        let settings = unsafe { Settings::read(options)? };
-        let plan = settings.plan(renderer.blob(), workspace::read_outputs(outputs)?, false)?;
-        let bytes = workspace::size(settings.batch, plan.outputs(), renderer.workspace_lines(&plan))?;
-        let mut explanation = plan.explain(renderer).with_workspace(bytes);
-        if !counters.is_null() {
-            // SAFETY: `counters` is as this function's `# Safety` has it.
-            let found = unsafe { read_versioned(counters)? };
-            explanation = explanation.with_counters(render::Counters::from(found));
-        }
-        let writes = !text.is_null() && capacity > 0;
-        let room = if writes { capacity - 1 } else { 0 };
-        let mut cut = Cut { text, room, kept: 0, all: 0 };
-        if cfg!(feature = "messages") {
-            // Nothing fails: the text is cut.
-            let _ = write!(cut, "{explanation}");
-        }
-        // SAFETY: `kept < capacity`, `needed` was checked, and the rest is as this function's `# Safety` has it.
-        unsafe {
-            if writes {
-                text.add(cut.kept).write(0);
-            }
+        let say = |worker: &mut Worker| {
             if !needed.is_null() {
-                needed.write(cut.all + 1);
+                check_out("needed", needed)?;
             }
-        }
-        Ok::<(), Failure>(())
+            let work = if counters.is_null() {
+                None
+            } else {
+                // SAFETY: `counters` is as this function's `# Safety` has it.
+                Some(render::Counters::from(unsafe { read_versioned(counters)? }))
+            };
+            worker.fields()?;
+            let writes = !text.is_null() && capacity > 0;
+            let room = if writes { capacity - 1 } else { 0 };
+            let mut cut = Cut { text, room, kept: 0, all: 0 };
+            for (index, member) in worker.members.iter().enumerate() {
+                let Some(plan) = &member.plan else { continue };
+                let mut explanation = plan.explain(member.scene.renderer()).with_workspace(worker.size);
+                let alone = worker.members.len() == 1;
+                if let Some(work) = work.filter(|_| alone) {
+                    explanation = explanation.with_counters(work);
+                }
+                if cfg!(feature = "messages") {
+                    // Nothing fails: the text is cut.
+                    let _ = if alone {
+                        write!(cut, "{explanation}")
+                    } else {
+                        write!(cut, "instance {index}\n{explanation}\n")
+                    };
+                }
+            }
+            // SAFETY: `kept < capacity`, `needed` was checked, and the rest is as this function's `# Safety` has it.
+            unsafe {
+                if writes {
+                    text.add(cut.kept).write(0);
+                }
+                if !needed.is_null() {
+                    needed.write(cut.all + 1);
+                }
+            }
+            Ok::<(), Failure>(())
+        };
+        // SAFETY: `worker` is as this function's `# Safety` has it.
+        unsafe { with_worker(worker, say) }
     })
 }

@@ -1,6 +1,7 @@
 //! Why a call failed: a status for programs, a sentence for people.
 
 use crate::boundary::Reason;
+use crate::pixel::{Channel, PixelFormat};
 use crate::status::Status;
 use core::fmt;
 use nerf_core::blob::BlobError;
@@ -49,10 +50,25 @@ pub(crate) enum Failure {
         found: usize,
     },
     Format {
-        name: &'static str,
+        channel: Channel,
         found: u32,
     },
+    /// A plane that the worker was not opened for.
+    NotRequested(&'static str),
+    /// A worker that another call works with.
+    Busy,
+    /// A request with neither a scene nor instances, or with both.
+    SceneOrInstances,
+    /// Something that this build of the library lacks.
+    NotBuilt(&'static str),
+    #[cfg(feature = "instances")]
+    Placement {
+        index: usize,
+        error: nerf_core::camera::PlacementError,
+    },
     NoPlane,
+    /// Limits of both kinds.
+    TwoLimits,
     /// A tone map, or exposure of display-encoded values, of an RGBA plane.
     ToneOfAlpha,
     /// A plane that a picture has not.
@@ -117,8 +133,14 @@ impl Reason for Failure {
             Self::Stride { .. }
             | Self::Format { .. }
             | Self::NoPlane
+            | Self::TwoLimits
+            | Self::NotRequested(_)
             | Self::ScenePlane(_)
             | Self::ToneOfAlpha => Status::Target,
+            Self::Busy => Status::Busy,
+            Self::SceneOrInstances | Self::NotBuilt(_) => Status::Options,
+            #[cfg(feature = "instances")]
+            Self::Placement { .. } => Status::Transform,
             Self::NoFront => Status::NoFront,
             Self::Cancelled => Status::Cancelled,
             #[cfg(feature = "std")]
@@ -140,6 +162,10 @@ impl Reason for Failure {
             Self::Render(RenderError::Rect { .. }) => Status::Rect,
             Self::Render(RenderError::NotAPicture) => Status::NotAPicture,
             Self::Render(RenderError::Direction { .. }) => Status::Direction,
+            Self::Render(
+                RenderError::Ray { .. } | RenderError::RayRange { .. } | RenderError::Random { .. },
+            ) => Status::Ray,
+            Self::Render(RenderError::Axis { .. }) => Status::Direction,
             Self::Render(_) => Status::Options,
         }
     }
@@ -178,10 +204,34 @@ impl fmt::Display for Failure {
             Self::Stride { name, expected, found } => {
                 write!(f, "{name}: expected a stride of at least {expected} bytes, found {found}")
             }
-            Self::Format { name, found } => {
-                write!(f, "{name}: expected a pixel format that suits the plane, found {found}")
+            Self::Format { channel, found } => {
+                write!(f, "{}: expected {}, found ", channel.name(), channel.formats())?;
+                match PixelFormat::name_of(*found) {
+                    Some(name) => f.write_str(name),
+                    None => write!(f, "{found}, which is no nerf_format"),
+                }
             }
+            Self::NotRequested(name) => {
+                write!(
+                    f,
+                    "target.{name}: expected NULL, since the worker was opened without it in request.outputs"
+                )
+            }
+            Self::Busy => write!(
+                f,
+                "worker: expected one that no other call works with, and of which no call has panicked"
+            ),
+            Self::SceneOrInstances => write!(
+                f,
+                "request: expected either a scene, or instances and how many they are, found both or neither"
+            ),
+            Self::NotBuilt(name) => write!(f, "{name}: this build of the library has none"),
+            #[cfg(feature = "instances")]
+            Self::Placement { index, error } => write!(f, "instances[{index}].to_world: {error}"),
             Self::NoPlane => write!(f, "target: expected at least one plane, found none"),
+            Self::TwoLimits => {
+                write!(f, "target: expected limit_ray_distance or limit_z_depth, found both")
+            }
             Self::ToneOfAlpha => write!(
                 f,
                 "target.rgb: expected an RGB format where options.effects has tone_map, or exposure without linear, \

@@ -13,7 +13,6 @@ mod failure;
 mod panic_handler;
 mod span;
 mod tile_pixels;
-mod tiles;
 
 // What follows is the header's order, which is the order of use.
 mod version;
@@ -35,19 +34,23 @@ mod effects;
 
 mod render_options;
 
+mod outputs;
+
+mod instance;
+
+mod worker;
+
 mod pixel;
 
 mod target;
-
-mod workspace;
 
 mod progress;
 
 mod counters;
 
-mod render;
+mod frame;
 
-mod render_picture;
+mod rays;
 
 mod query;
 
@@ -61,20 +64,26 @@ pub use camera::{Camera, LensModel, nerf_camera_look_at, nerf_camera_ray};
 pub use counters::Counters;
 pub use effects::{Effects, ToneMap};
 pub use explain::nerf_explain;
+pub use frame::{Frame, Rect, nerf_render, nerf_render_picture};
+pub use instance::Instance;
 pub use open_options::{Kernel, OpenOptions, Storage};
-pub use pace::{Clock, Pace, nerf_pace_measure, nerf_pace_workspace_size};
+pub use outputs::{
+    NERF_OUTPUT_MEDIAN_DISTANCE, NERF_OUTPUT_NORMALS, NERF_OUTPUT_OPACITY, NERF_OUTPUT_RAY_DISTANCE,
+    NERF_OUTPUT_RGB, NERF_OUTPUT_Z_DEPTH,
+};
+pub use pace::{Clock, Pace, PaceRequest, nerf_pace_measure, nerf_pace_workspace_size};
 pub use pixel::PixelFormat;
 pub use progress::Progress;
 pub use quality::{
     Choice, Preset, nerf_quality_point, nerf_quality_preset, nerf_quality_within_cost,
     nerf_quality_within_loss, nerf_quality_within_time,
 };
-pub use query::nerf_query;
-pub use render::{Rect, nerf_render};
+pub use query::{Points, nerf_query};
+pub use rays::{Floats, Rays, nerf_render_rays, nerf_sample_rays};
 pub use render_options::{
-    Maths, NERF_COLOUR_CUT_DEFAULT, NERF_NORMAL_BLUR_DEFAULT, NERF_TRANSMITTANCE_CUT_DEFAULT, RenderOptions,
+    Maths, NERF_COLOUR_CUT_DEFAULT, NERF_NONE, NERF_NORMAL_BLUR_DEFAULT, NERF_TRANSMITTANCE_CUT_DEFAULT,
+    RenderOptions,
 };
-pub use render_picture::{nerf_picture_workspace_size, nerf_render_picture};
 pub use scene::{Scene, nerf_scene_memory, nerf_scene_open};
 #[cfg(feature = "std")]
 pub use scene_file::{nerf_scene_close, nerf_scene_open_file};
@@ -82,7 +91,4 @@ pub use scene_info::{Kind, SceneInfo, TableStorage, Text, nerf_scene_describe};
 pub use status::{Status, nerf_status_text};
 pub use target::{Plane, Target};
 pub use version::{NERF_ABI_VERSION, nerf_abi_version, nerf_version_text};
-pub use workspace::{
-    NERF_OUTPUT_MEDIAN_DISTANCE, NERF_OUTPUT_NORMALS, NERF_OUTPUT_OPACITY, NERF_OUTPUT_RAY_DISTANCE,
-    NERF_OUTPUT_RGB, NERF_OUTPUT_Z_DEPTH, nerf_workspace_size,
-};
+pub use worker::{Request, Worker, nerf_worker_open, nerf_worker_size};

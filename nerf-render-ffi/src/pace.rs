@@ -1,12 +1,14 @@
 //! What a frame takes on this host, measured.
 
-use crate::boundary::{LayoutOut, Message, Out, Versioned, call};
+use crate::boundary::{LayoutOut, Message, Out, Versioned, call, read_versioned};
 use crate::camera::Camera;
 use crate::failure::Failure;
+use crate::outputs::read_outputs;
 use crate::render_options::{RenderOptions, Settings};
 use crate::scene::Scene;
+use crate::span::Span;
 use crate::status::Status;
-use crate::workspace::{Workspace, read_outputs};
+
 use core::ffi::{c_char, c_void};
 use nerf_core::blob::MAX_FRONT;
 use nerf_core::memory::Line;
@@ -34,17 +36,43 @@ unsafe impl Versioned for Pace {
 /// Microseconds since any moment, never falling.
 pub type Clock = Option<unsafe extern "C-unwind" fn(user: *mut c_void) -> u64>;
 
+/// Frames whose pace is measured.
+#[derive(Clone, Copy, Debug)]
+#[repr(C)]
+pub struct PaceRequest {
+    /// `sizeof(nerf_pace_request)`.
+    pub struct_size: usize,
+    /// The scene.
+    pub scene: *const Scene,
+    /// The view; not read where only the workspace's size is asked for.
+    pub camera: *const Camera,
+    /// NULL for the defaults; what shortcuts they have does not matter.
+    pub options: *const RenderOptions,
+    /// `NERF_OUTPUT_*` of the planes that will not be NULL, or-ed.
+    pub outputs: u32,
+    /// Where measuring stops: behind the first point whose frame would take more than so many milliseconds.
+    pub limit_milliseconds: f32,
+    /// Called with `user`, must not touch the workspace; NULL for the library's own, which a build without std has not.
+    pub clock: Clock,
+    /// Handed to `clock`.
+    pub user: *mut c_void,
+}
+
+// SAFETY: `repr(C)`, `struct_size` comes first, and numbers, pointers and an optional function have no invalid bytes
+// that C could write.
+unsafe impl Versioned for PaceRequest {
+    const NAME: &'static str = "request";
+}
+
 /// Says how much workspace `nerf_pace_measure` needs, and at which alignment.
 ///
-/// `options`, `outputs`, `size`, `align` and `message` as in `nerf_workspace_size`.
+/// `size`, `align` and `message` as in `nerf_worker_size`.
 ///
 /// # Safety
-/// Pointers are NULL or point to what is described there; `scene` is intact.
+/// Pointers are NULL or point to what is described there; the scene is intact.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn nerf_pace_workspace_size(
-    scene: *const Scene,
-    options: *const RenderOptions,
-    outputs: u32,
+    request: *const PaceRequest,
     size: *mut usize,
     align: *mut usize,
     message: *mut c_char,
@@ -53,8 +81,8 @@ pub unsafe extern "C" fn nerf_pace_workspace_size(
     call(Message { text: message, capacity: message_capacity }, || {
         // SAFETY: `size` and `align` are as this function's `# Safety` has it.
         let layout = unsafe { LayoutOut::new(size, align)? };
-        // SAFETY: `scene` and `options` are as this function's `# Safety` has it.
-        let (scene, plan) = unsafe { planned(scene, options, outputs)? };
+        // SAFETY: `request` is as this function's `# Safety` has it.
+        let (_, scene, plan) = unsafe { planned(request)? };
         let bytes = scene.renderer().pace_lines(&plan).checked_mul(size_of::<Line>());
         let bytes = bytes.ok_or(Failure::Overflow("workspace"))?;
         layout.write(bytes);
@@ -65,26 +93,17 @@ pub unsafe extern "C" fn nerf_pace_workspace_size(
 /// Measures what a frame takes on this thread at each point of the scene's front.
 ///
 /// Renders about 2,048 pixels over the whole view at each point, cheapest first, and stops behind the first whose
-/// frame would take more than `limit_milliseconds`; dearer ones stay at infinity. Measure on an idle host.
+/// frame would take more than the limit; dearer ones stay at infinity. Measure on an idle host.
 ///
-/// `options`: what `nerf_render` will get; its shortcuts do not matter. `outputs`: `NERF_OUTPUT_*` of the
-/// planes that will not be NULL. `clock`: called with `user`, must not touch the workspace; NULL for the
-/// library's own, which a build without std has not. `workspace`: of the size and alignment that
-/// `nerf_pace_workspace_size` says, apart from scene and blob. `pace`: `struct_size` set by the caller; written
-/// on success. A scene without a front is `NERF_STATUS_NO_FRONT`. `message`: NULL, or `message_capacity` bytes
-/// for a sentence about what was expected and found; empty on success.
+/// `workspace`: of the size and alignment that `nerf_pace_workspace_size` says, apart from scene and blob. `pace`:
+/// `struct_size` set by the caller; written on success. A scene without a front is `NERF_STATUS_NO_FRONT`. `message`: NULL,
+/// or `message_capacity` bytes for a sentence about what was expected and found; empty on success.
 ///
 /// # Safety
-/// Pointers are NULL or point to what is described here; `scene` is intact.
+/// Pointers are NULL or point to what is described here; the scene is intact.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn nerf_pace_measure(
-    scene: *const Scene,
-    camera: *const Camera,
-    options: *const RenderOptions,
-    outputs: u32,
-    limit_milliseconds: f32,
-    clock: Clock,
-    user: *mut c_void,
+    request: *const PaceRequest,
     workspace: *mut c_void,
     workspace_size: usize,
     pace: *mut Pace,
@@ -92,18 +111,21 @@ pub unsafe extern "C" fn nerf_pace_measure(
     message_capacity: usize,
 ) -> Status {
     call(Message { text: message, capacity: message_capacity }, || {
-        // SAFETY: `scene` and `options` are as this function's `# Safety` has it.
-        let (scene, plan) = unsafe { planned(scene, options, outputs)? };
+        // SAFETY: `request` is as this function's `# Safety` has it.
+        let (request, scene, plan) = unsafe { planned(request)? };
         // SAFETY: `camera` is as this function's `# Safety` has it.
-        let (camera, out) = unsafe { (Camera::read(camera)?, Out::new(pace)?) };
+        let (camera, out) = unsafe { (Camera::read(request.camera)?, Out::new(pace)?) };
         if Quality::front(scene.renderer().blob()).next().is_none() {
             return Err(Failure::NoFront);
         }
-        let mut workspace = Workspace::new(workspace, workspace_size, scene)?;
-        let mut now = time(clock, user)?;
-        // SAFETY: the workspace is this call's own, as this function's `# Safety` has it.
-        let lines = unsafe { workspace.lines() };
-        let found = scene.renderer().pace(&plan, &camera, limit_milliseconds, lines, &mut now);
+        Span::of("workspace", workspace.cast::<Line>().cast_const(), 0)?;
+        scene.check_apart("workspace", Span::new("workspace", workspace, workspace_size)?)?;
+        let mut now = time(request.clock, request.user)?;
+        let lines = workspace_size / size_of::<Line>();
+        // SAFETY: aligned, a line holds any bytes, and the workspace is this call's own, as this function's `# Safety` has
+        // it.
+        let lines = unsafe { core::slice::from_raw_parts_mut(workspace.cast::<Line>(), lines) };
+        let found = scene.renderer().pace(&plan, &camera, request.limit_milliseconds, lines, &mut now);
         let found = found.map_err(Failure::of_workspace)?;
         out.write(Pace { struct_size: size_of::<Pace>(), milliseconds: found.milliseconds });
         Ok(())
@@ -114,19 +136,18 @@ pub unsafe extern "C" fn nerf_pace_measure(
 ///
 /// # Safety
 /// As [`nerf_pace_measure`].
-unsafe fn planned<'s>(
-    scene: *const Scene,
-    options: *const RenderOptions,
-    outputs: u32,
-) -> Result<(&'s Scene, Plan<'s>), Failure> {
-    // SAFETY: `scene` is as this function's `# Safety` has it.
-    let scene = unsafe { Scene::of(scene)? };
-    // SAFETY: `options` is as this function's `# Safety` has it.
-    let mut settings = unsafe { Settings::read(options)? };
+unsafe fn planned<'s>(at: *const PaceRequest) -> Result<(PaceRequest, &'s Scene, Plan<'s>), Failure> {
+    // SAFETY: `at` is as this function's `# Safety` has it.
+    let request = unsafe { read_versioned(at)? };
+    // SAFETY: the scene is as this function's `# Safety` has it.
+    let scene = unsafe { Scene::of(request.scene)? };
+    // SAFETY: the options are as this function's `# Safety` has them.
+    let mut settings = unsafe { Settings::read(request.options)? };
     // Each point brings its own; what the caller's are is no reason to refuse.
     settings.quality = Quality::exact(scene.renderer().blob());
-    let plan = settings.plan(scene.renderer().blob(), read_outputs(outputs)?, false)?;
-    Ok((scene, plan))
+    let outputs = read_outputs("request.outputs", request.outputs)?;
+    let plan = settings.plan(scene.renderer().blob(), outputs, 1.0)?;
+    Ok((request, scene, plan))
 }
 
 /// The caller's clock, or the library's own.

@@ -32,6 +32,19 @@ impl PixelFormat {
         [RgbU8, RgbF32, RgbaU8, RgbaF32].into_iter().find(|&format| format as u32 == number)
     }
 
+    /// The name of that number's, for messages.
+    pub(crate) fn name_of(number: u32) -> Option<&'static str> {
+        let names = [
+            "NERF_FORMAT_RGB_U8",
+            "NERF_FORMAT_RGB_F32",
+            "NERF_FORMAT_RGBA_U8",
+            "NERF_FORMAT_RGBA_F32",
+            "NERF_FORMAT_F32",
+            "NERF_FORMAT_VEC3_F32",
+        ];
+        names.get((number as usize).wrapping_sub(1)).copied()
+    }
+
     pub(crate) fn has_alpha(self) -> bool {
         matches!(self, Self::RgbaU8 | Self::RgbaF32)
     }
@@ -62,6 +75,12 @@ pub(crate) enum Channel {
     ZDepth,
     MedianDistance,
     Normal,
+    /// Of points.
+    Density,
+    PointColour,
+    /// Which are read.
+    LimitRayDistance,
+    LimitZDepth,
 }
 
 impl Channel {
@@ -74,6 +93,20 @@ impl Channel {
             Self::ZDepth => "target.z_depth",
             Self::MedianDistance => "target.median_distance",
             Self::Normal => "target.normals",
+            Self::Density => "points.sigma",
+            Self::PointColour => "points.rgb",
+            Self::LimitRayDistance => "target.limit_ray_distance",
+            Self::LimitZDepth => "target.limit_z_depth",
+        }
+    }
+
+    /// The formats that suit, for messages.
+    pub fn formats(self) -> &'static str {
+        match self {
+            Self::Colour => "NERF_FORMAT_RGB_U8, RGB_F32, RGBA_U8 or RGBA_F32",
+            Self::Normal => "NERF_FORMAT_VEC3_F32",
+            Self::PointColour => "NERF_FORMAT_RGB_F32",
+            _ => "NERF_FORMAT_F32",
         }
     }
 
@@ -82,7 +115,8 @@ impl Channel {
         let only = match self {
             Self::Colour => return PixelFormat::colour(number),
             Self::Normal => PixelFormat::Vec3F32,
-            Self::Opacity | Self::RayDistance | Self::ZDepth | Self::MedianDistance => PixelFormat::F32,
+            Self::PointColour => PixelFormat::RgbF32,
+            _ => PixelFormat::F32,
         };
         (number == only as u32).then_some(only)
     }
@@ -96,10 +130,10 @@ impl Channel {
 pub(crate) unsafe fn put(to: *mut u8, format: PixelFormat, channel: Channel, pixel: &volume::Pixel) {
     let [r, g, b] = pixel.rgb;
     let value = match channel {
-        Channel::Colour | Channel::Opacity | Channel::Normal => pixel.opacity,
         Channel::RayDistance => pixel.ray_distance,
         Channel::ZDepth => pixel.z_depth,
         Channel::MedianDistance => pixel.median_distance,
+        _ => pixel.opacity,
     };
     // SAFETY: the pointer is writable for a value of its format, as this function's `# Safety` has it.
     unsafe {

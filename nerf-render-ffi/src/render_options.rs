@@ -16,6 +16,8 @@ pub const NERF_TRANSMITTANCE_CUT_DEFAULT: f32 = 2e-2;
 pub const NERF_COLOUR_CUT_DEFAULT: f32 = 5e-3;
 /// Default of `normal_blur`: one bin.
 pub const NERF_NORMAL_BLUR_DEFAULT: f32 = 1.0;
+/// In the place of a cut or a blur: none at all.
+pub const NERF_NONE: f32 = -1.0;
 
 /// Who computes the elementary functions.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -33,10 +35,9 @@ pub enum Maths {
 
 /// The shortcuts of a frame.
 ///
-/// All zeros (but for `struct_size`) is the exact picture: every sample that the occupancy grid does
-/// not call empty. NULL in its place is the same with
-/// `transmittance_cut = NERF_TRANSMITTANCE_CUT_DEFAULT` and `colour_cut = NERF_COLOUR_CUT_DEFAULT`,
-/// faster and not visibly different, and `normal_blur = NERF_NORMAL_BLUR_DEFAULT`.
+/// All zeros (but for `struct_size`) is the defaults, as is NULL in its place: cuts that cost nothing visible. With
+/// `transmittance_cut` and `colour_cut` at `NERF_NONE` it is the exact picture: every sample that the occupancy grid does not
+/// call empty.
 #[derive(Clone, Copy, Debug)]
 #[repr(C)]
 pub struct RenderOptions {
@@ -46,7 +47,8 @@ pub struct RenderOptions {
     /// `nerf_scene_info` is not 0) so many steps to the diagonal of its box; of another so many between its near and far.
     /// With a proposal network these are drawn from it, and its own come on top.
     pub samples: u32,
-    /// A ray ends where its transmittance falls below this, in `[0, 1)`; 0 never ends one.
+    /// A ray ends where its transmittance falls below this, less than 1; 0 for `NERF_TRANSMITTANCE_CUT_DEFAULT`, `NERF_NONE` (or
+    /// anything below 0) never ends one.
     pub transmittance_cut: f32,
     /// 1: cells that the occupancy grid calls empty are computed, too. Else 0.
     pub ignore_occupancy: u32,
@@ -62,11 +64,12 @@ pub struct RenderOptions {
     /// Samples that go through the network together, at most 64; 0 for what keeps vectors busy.
     /// Only portable instructions over f16 weights take fewer than 64.
     pub batch_samples: u32,
-    /// Samples whose weight is at most this take the colour of one behind them, in `[0, 1)`; 0 asks the
-    /// network for every colour. Opacity and distances never depend on it.
+    /// Samples whose weight is at most this take the colour of one behind them, less than 1; 0 for `NERF_COLOUR_CUT_DEFAULT`,
+    /// `NERF_NONE` asks the network for every colour. Opacity and distances never depend on it.
     pub colour_cut: f32,
     /// Width, in bins, of the Gaussian that the density is blurred by before its gradient is taken for normals (standard
-    /// deviation: this over the root of 12), at least 0. 0 is the gradient itself, which is mostly noise finer than a bin.
+    /// deviation: this over the root of 12); 0 for `NERF_NORMAL_BLUR_DEFAULT`. `NERF_NONE` is the gradient itself, which is mostly
+    /// noise finer than a bin.
     pub normal_blur: f32,
     /// 1: samples are even where the scene would draw them from its proposal network. Else 0.
     pub ignore_proposal: u32,
@@ -86,10 +89,29 @@ pub struct RenderOptions {
 // SAFETY: `repr(C)`, `struct_size` comes first, and numbers have no invalid bytes.
 unsafe impl Versioned for RenderOptions {
     const NAME: &'static str = "options";
-    const SIZE_V1: usize = core::mem::offset_of!(RenderOptions, effects);
 }
 
 impl RenderOptions {
+    const DEFAULT: Self = Self {
+        struct_size: size_of::<Self>(),
+        samples: 0,
+        transmittance_cut: 0.0,
+        ignore_occupancy: 0,
+        maths: 0,
+        background_set: 0,
+        background: [0.0; 3],
+        batch_rays: 0,
+        batch_samples: 0,
+        colour_cut: 0.0,
+        normal_blur: 0.0,
+        ignore_proposal: 0,
+        near_distance: 0.0,
+        far_distance: 0.0,
+        own_bins: 0,
+        reserved: 0,
+        effects: Effects::NONE,
+    };
+
     /// The same with other shortcuts.
     pub(crate) fn with(self, quality: &Quality) -> Self {
         let maths = match quality.math {
@@ -102,8 +124,8 @@ impl RenderOptions {
         };
         Self {
             samples: quality.samples.into(),
-            transmittance_cut: quality.transmittance_cut,
-            colour_cut: quality.colour_cut,
+            transmittance_cut: or_none(quality.transmittance_cut),
+            colour_cut: or_none(quality.colour_cut),
             ignore_occupancy: (!quality.occupancy).into(),
             maths: maths as u32,
             ignore_proposal: (!quality.proposal).into(),
@@ -131,23 +153,13 @@ impl Settings {
     /// `at` is NULL or points to `struct_size` readable bytes.
     pub unsafe fn read(at: *const RenderOptions) -> Result<Self, Failure> {
         if at.is_null() {
-            let quality = Quality {
-                transmittance_cut: NERF_TRANSMITTANCE_CUT_DEFAULT,
-                colour_cut: NERF_COLOUR_CUT_DEFAULT,
-                ..Quality::default()
-            };
-            return Ok(Self {
-                quality,
-                background: None,
-                normal_blur: NERF_NORMAL_BLUR_DEFAULT,
-                range: (0.0, f32::MAX),
-                own_bins: false,
-                batch: Batch::FULL,
-                effects: Effects::NONE.read()?,
-            });
+            return Self::of(&RenderOptions::DEFAULT);
         }
         // SAFETY: `at` is as this function's `# Safety` has it.
-        let o = unsafe { read_versioned(at)? };
+        Self::of(&unsafe { read_versioned(at)? })
+    }
+
+    fn of(o: &RenderOptions) -> Result<Self, Failure> {
         if o.reserved != 0 {
             return Err(Failure::Reserved("options.reserved"));
         }
@@ -159,14 +171,14 @@ impl Settings {
         Ok(Self {
             quality: Quality {
                 samples: samples as u16,
-                transmittance_cut: o.transmittance_cut,
-                colour_cut: o.colour_cut,
+                transmittance_cut: or_default(o.transmittance_cut, NERF_TRANSMITTANCE_CUT_DEFAULT),
+                colour_cut: or_default(o.colour_cut, NERF_COLOUR_CUT_DEFAULT),
                 occupancy: !flag("options.ignore_occupancy", o.ignore_occupancy)?,
                 math: backend(o.maths)?,
                 proposal: !flag("options.ignore_proposal", o.ignore_proposal)?,
             },
             background: flag("options.background_set", o.background_set)?.then_some(o.background),
-            normal_blur: o.normal_blur,
+            normal_blur: or_default(o.normal_blur, NERF_NORMAL_BLUR_DEFAULT),
             range: (o.near_distance, if o.far_distance == 0.0 { f32::MAX } else { o.far_distance }),
             own_bins: flag("options.own_bins", o.own_bins)?,
             batch: Batch {
@@ -177,26 +189,23 @@ impl Settings {
         })
     }
 
-    /// The frame these settings make of a scene; over nothing, for targets that have an alpha.
-    ///
-    /// Those have no tone stage but linear light: what is premultiplied in display-encoded values is no light, and a curve of
-    /// what is premultiplied is not that of the colour.
-    pub fn plan<'a>(&self, blob: &Blob<'a>, outputs: Outputs, alpha: bool) -> Result<Plan<'a>, Failure> {
-        let plan = self.plan_over_background(blob, outputs).map_err(Failure::Plan)?;
-        if !alpha {
-            return Ok(plan);
-        }
-        let tone = self.effects.tone;
-        if tone != Tone::NONE && !(tone.linear && tone.map == ToneMap::None) {
-            return Err(Failure::ToneOfAlpha);
-        }
-        plan.with_background([0.0; 3]).map_err(Failure::Plan)
+    /// The frame these settings make of a scene, of whose units one is `scale` of the world's.
+    pub fn plan<'a>(&self, blob: &Blob<'a>, outputs: Outputs, scale: f32) -> Result<Plan<'a>, Failure> {
+        self.plan_of(blob, outputs, scale).map_err(Failure::Plan)
     }
 
-    fn plan_over_background<'a>(&self, blob: &Blob<'a>, outputs: Outputs) -> Result<Plan<'a>, PlanError> {
+    /// An error unless the tone stage is none but that to linear light: what is premultiplied in display-encoded values is no
+    /// light, and a curve of what is premultiplied is not that of the colour.
+    pub fn check_tone_of_alpha(&self) -> Result<(), Failure> {
+        let tone = self.effects.tone;
+        let fits = tone == Tone::NONE || (tone.linear && tone.map == ToneMap::None);
+        if fits { Ok(()) } else { Err(Failure::ToneOfAlpha) }
+    }
+
+    fn plan_of<'a>(&self, blob: &Blob<'a>, outputs: Outputs, scale: f32) -> Result<Plan<'a>, PlanError> {
         let mut plan = Plan::new(blob, &self.quality, outputs, self.batch)?
             .with_normal_blur(self.normal_blur)?
-            .with_range(self.range.0, self.range.1)?;
+            .with_range(self.range.0 / scale, self.range.1 / scale)?;
         if self.own_bins {
             plan = plan.with_own_bins();
         }
@@ -205,6 +214,22 @@ impl Settings {
         }
         plan.with_effects(self.effects)
     }
+}
+
+/// A cut or a blur: 0 is the default, and less is none.
+fn or_default(asked: f32, default: f32) -> f32 {
+    if asked == 0.0 {
+        default
+    } else if asked < 0.0 {
+        0.0
+    } else {
+        asked
+    }
+}
+
+/// The other way: a cut of 0 is none.
+fn or_none(cut: f32) -> f32 {
+    if cut == 0.0 { NERF_NONE } else { cut }
 }
 
 pub(crate) fn at_most(

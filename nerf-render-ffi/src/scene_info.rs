@@ -136,7 +136,6 @@ const _: () = assert!(MAX_TRUNK == 16 && MAX_COLOUR == 4);
 // SAFETY: `repr(C)`, `struct_size` comes first, and numbers and pointers have no invalid bytes.
 unsafe impl Versioned for SceneInfo {
     const NAME: &'static str = "info";
-    const SIZE_V1: usize = core::mem::offset_of!(SceneInfo, proposal_samples);
 }
 
 /// Says what a scene is: where to put a camera, what it costs, where it comes from.

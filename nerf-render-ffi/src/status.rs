@@ -10,7 +10,7 @@ pub enum Status {
     Ok = 0,
     /// A pointer that must not be NULL is.
     NullPointer = 1,
-    /// `struct_size` is smaller than in version 1 of the structure, or absurdly large.
+    /// `struct_size` is smaller than in version 2 of the structure, or absurdly large.
     StructSize = 2,
     /// A reserved field, or a field this library does not know, is not zero.
     Reserved = 3,
@@ -50,6 +50,12 @@ pub enum Status {
     File = 20,
     /// The system has no memory left for what the library was asked to own.
     OutOfMemory = 21,
+    /// A ray of the caller's has no direction of unit length, no finite origin, no range or no random number.
+    Ray = 22,
+    /// An instance's transform is not a rotation, one scale and a translation.
+    Transform = 23,
+    /// Another call works with the worker, or one of its calls has panicked.
+    Busy = 24,
     /// The bytes do not begin as a blob does.
     BlobMagic = 32,
     /// The blob ends early.
@@ -70,7 +76,7 @@ pub enum Status {
 
 impl Status {
     /// Every status.
-    pub const ALL: [Self; 30] = {
+    pub const ALL: [Self; 33] = {
         use Status::*;
         [
             Ok,
@@ -95,6 +101,9 @@ impl Status {
             NoFront,
             File,
             OutOfMemory,
+            Ray,
+            Transform,
+            Busy,
             BlobMagic,
             BlobTruncated,
             BlobTrailing,
@@ -132,6 +141,9 @@ impl Status {
             Self::NoFront => c"the scene has no front of accuracy against work",
             Self::File => c"the file cannot be read",
             Self::OutOfMemory => c"out of memory",
+            Self::Ray => c"a ray has no unit direction, no finite origin, no range or no random number",
+            Self::Transform => c"a transform is not a rotation, one scale and a translation",
+            Self::Busy => c"another call works with the worker, or one of its calls has panicked",
             Self::BlobMagic => c"not a .nerf blob",
             Self::BlobTruncated => c"the blob ends early",
             Self::BlobTrailing => c"bytes follow the blob",

@@ -3,14 +3,16 @@
 use crate::boundary::{Versioned, read_versioned};
 use crate::failure::Failure;
 use crate::pixel::{Channel, PixelFormat, put};
-use crate::scene::Scene;
 use crate::span::{Span, check_aligned};
 use crate::tile_pixels::TilePixels;
+use crate::worker::Worker;
 use core::ffi::c_void;
 use nerf_core::plan::Outputs;
-use nerf_core::render::Rect;
+use nerf_core::render::{Limit, Rect};
+use nerf_core::volume::Pixel;
 
-/// One plane of a picture, in the caller's memory; it begins with the **rectangle's** top left pixel.
+/// One plane of a picture, in the caller's memory; it begins with the **rectangle's** top left pixel. Of rays and points it
+/// is one row.
 #[derive(Clone, Copy, Debug)]
 #[repr(C)]
 pub struct Plane {
@@ -50,12 +52,17 @@ pub struct Target {
     /// length, or 0 where opacity is 1e-4 or less or directions cancel. Costs about as much as two more
     /// samples a ray.
     pub normals: Plane,
+    /// Read, not written: where each pixel's ray ends, world units along it, as of what a host has traced there; infinity
+    /// or a NaN is no end. NULL for none. It cuts the bin it lies in, so that edges are smooth, and what is behind it costs
+    /// nothing.
+    pub limit_ray_distance: Plane,
+    /// The same, world units along the view axis, as of a depth buffer. One of the two at most.
+    pub limit_z_depth: Plane,
 }
 
 // SAFETY: `repr(C)`, `struct_size` comes first, and numbers and pointers have no invalid bytes.
 unsafe impl Versioned for Target {
     const NAME: &'static str = "target";
-    const SIZE_V1: usize = core::mem::offset_of!(Self, median_distance);
 }
 
 /// A plane that can be written to without a further check.
@@ -68,23 +75,111 @@ struct Surface {
     row_stride: isize,
 }
 
-/// A checked target for the pixels of one rectangle.
+/// What the planes are laid over: the pixels of a rectangle, or a row of them.
+#[derive(Clone, Copy)]
+struct Extent {
+    columns: usize,
+    rows: usize,
+}
+
+/// A checked target.
 pub(crate) struct Canvas {
-    rect: Rect,
     surfaces: [Option<Surface>; 6],
+    limits: [Option<Surface>; 2],
+    /// Its own top left pixel in the image.
+    origin: [u32; 2],
 }
 
 impl Canvas {
-    /// Checks every plane against the rectangle, the scene and the workspace.
+    /// The planes of a rectangle of a scene's image.
     ///
     /// # Safety
-    /// `at` is NULL or points to `struct_size` readable bytes; its planes are NULL or span memory
-    /// that is writable while the canvas is used.
-    pub unsafe fn new(
+    /// `at` is NULL or points to `struct_size` readable bytes; its planes are NULL or span memory that is writable while the
+    /// canvas is used.
+    pub unsafe fn of_frame(at: *const Target, rect: Rect, worker: &mut Worker) -> Result<Self, Failure> {
+        let extent = Extent { columns: rect.width as usize, rows: rect.height as usize };
+        // SAFETY: the caller's promise.
+        let mut canvas = unsafe { Self::of_target(at, extent, &[], worker)? };
+        canvas.origin = [rect.x, rect.y];
+        canvas.set_up(worker)?;
+        Ok(canvas)
+    }
+
+    /// The plane of a rectangle of a picture's image.
+    ///
+    /// # Safety
+    /// As [`Canvas::of_frame`].
+    pub unsafe fn of_picture(at: *const Target, rect: Rect, worker: &Worker) -> Result<Self, Failure> {
+        let extent = Extent { columns: rect.width as usize, rows: rect.height as usize };
+        // SAFETY: the caller's promise.
+        let mut canvas = unsafe { Self::of_target(at, extent, &[], worker)? };
+        canvas.origin = [rect.x, rect.y];
+        let planes = canvas.surfaces.iter().chain(&canvas.limits).flatten();
+        let other = planes.map(|surface| surface.channel).find(|channel| *channel != Channel::Colour);
+        other.map_or(Ok(canvas), |channel| Err(Failure::ScenePlane(channel.name())))
+    }
+
+    /// The planes of `count` rays; `read` is memory that they must not lie over.
+    ///
+    /// # Safety
+    /// As [`Canvas::of_frame`].
+    pub unsafe fn of_rays(
         at: *const Target,
-        rect: Rect,
-        scene: &Scene,
-        workspace: Span,
+        count: usize,
+        read: &[(&'static str, Span)],
+        worker: &mut Worker,
+    ) -> Result<Self, Failure> {
+        // SAFETY: the caller's promise.
+        let canvas = unsafe { Self::of_target(at, Extent { columns: count, rows: 1 }, read, worker)? };
+        if let Some(limit) = canvas.limits.iter().flatten().next() {
+            return Err(Failure::Reserved(limit.channel.name()));
+        }
+        canvas.set_up(worker)?;
+        Ok(canvas)
+    }
+
+    /// The planes of `count` points; `rgb` may be none.
+    ///
+    /// # Safety
+    /// As [`Canvas::of_frame`].
+    pub unsafe fn of_points(
+        sigma: &Plane,
+        rgb: &Plane,
+        count: usize,
+        read: &[(&'static str, Span)],
+        worker: &Worker,
+    ) -> Result<Self, Failure> {
+        let mut canvas = Self { surfaces: [None; 6], limits: [None; 2], origin: [0; 2] };
+        if sigma.data.is_null() && count > 0 {
+            return Err(Failure::Null("points.sigma"));
+        }
+        let mut spans = [Span::EMPTY; 2];
+        for (k, (channel, plane)) in
+            [(Channel::Density, sigma), (Channel::PointColour, rgb)].into_iter().enumerate()
+        {
+            if !plane.data.is_null() {
+                let extent = Extent { columns: count, rows: 1 };
+                let (surface, span) = check(channel, plane, extent, worker)?;
+                for (name, read) in read {
+                    span.check_apart(channel.name(), *read, name)?;
+                }
+                (canvas.surfaces[k], spans[k]) = (Some(surface), span);
+            }
+        }
+        spans[0].check_apart("points.sigma", spans[1], "points.rgb")?;
+        worker.check_outputs(Outputs { rgb: canvas.surfaces[1].is_some(), ..Outputs::NONE })?;
+        Ok(canvas)
+    }
+
+    /// Checks every plane against its extent, the scenes, the worker and what is read.
+    ///
+    /// # Safety
+    /// As [`Canvas::of_frame`].
+    unsafe fn of_target(
+        at: *const Target,
+        extent: Extent,
+        read: &[(&'static str, Span)],
+        worker: &Worker,
     ) -> Result<Self, Failure> {
         // SAFETY: `at` is as this function's `# Safety` has it.
         let target = unsafe { read_versioned(at)? };
@@ -96,20 +191,42 @@ impl Canvas {
             (Channel::MedianDistance, target.median_distance),
             (Channel::Normal, target.normals),
         ];
-        let mut surfaces = [None; 6];
-        for ((channel, plane), surface) in planes.into_iter().zip(&mut surfaces) {
-            let name = channel.name();
+        let limits = [
+            (Channel::LimitRayDistance, target.limit_ray_distance),
+            (Channel::LimitZDepth, target.limit_z_depth),
+        ];
+        let mut canvas = Self { surfaces: [None; 6], limits: [None; 2], origin: [0; 2] };
+        let surfaces = canvas.surfaces.iter_mut().chain(&mut canvas.limits);
+        for ((channel, plane), surface) in planes.into_iter().chain(limits).zip(surfaces) {
             if plane.reserved != 0 {
-                return Err(Failure::Reserved(name));
+                return Err(Failure::Reserved(channel.name()));
             }
             if !plane.data.is_null() {
-                let (checked, span) = check(name, channel, &plane, rect)?;
-                scene.check_apart(name, span)?;
-                span.check_apart(name, workspace, "the workspace")?;
+                let (checked, span) = check(channel, &plane, extent, worker)?;
+                for (name, read) in read {
+                    span.check_apart(channel.name(), *read, name)?;
+                }
                 *surface = Some(checked);
             }
         }
-        if surfaces.iter().all(Option::is_none) { Err(Failure::NoPlane) } else { Ok(Self { rect, surfaces }) }
+        if canvas.surfaces.iter().all(Option::is_none) {
+            return Err(Failure::NoPlane);
+        }
+        if canvas.limits.iter().all(Option::is_some) {
+            return Err(Failure::TwoLimits);
+        }
+        worker.check_outputs(canvas.outputs())?;
+        Ok(canvas)
+    }
+
+    /// Lets the worker composite as the planes need it.
+    fn set_up(&self, worker: &mut Worker) -> Result<(), Failure> {
+        let alpha = self.surfaces.iter().flatten().any(|surface| surface.format.has_alpha());
+        if alpha {
+            worker.settings.check_tone_of_alpha()?;
+        }
+        worker.fields()?.show_background(!alpha);
+        Ok(())
     }
 
     /// What the planes ask for.
@@ -119,47 +236,77 @@ impl Canvas {
         Outputs { rgb, opacity, ray_distance, z_depth, median_distance, normals }
     }
 
-    /// An error where a plane is wanted that only a scene has.
-    pub fn check_colour_only(&self) -> Result<(), Failure> {
-        let other = self.surfaces.iter().flatten().find(|surface| surface.channel != Channel::Colour);
-        other.map_or(Ok(()), |surface| Err(Failure::ScenePlane(surface.channel.name())))
-    }
-
-    /// Whether the colour's background is the caller's business.
-    pub fn has_alpha(&self) -> bool {
-        self.surfaces.iter().flatten().any(|surface| surface.format.has_alpha())
+    /// Where the rays of the pixels end; `None` if nowhere.
+    pub fn limit(&self) -> Option<LimitPlane> {
+        self.limits.iter().flatten().next().map(|surface| LimitPlane(*surface))
     }
 
     /// Writes a finished tile, row by row; it lies in the rectangle.
     pub fn write(&mut self, tile: Rect, pixels: &TilePixels<'_>) {
+        let [left, top] = self.origin;
         for surface in self.surfaces.iter().flatten() {
             for row in 0..tile.height {
                 for column in 0..tile.width {
-                    let (x, y) = (tile.x - self.rect.x + column, tile.y - self.rect.y + row);
-                    let pixel = &pixels.get((row * tile.width + column) as usize);
-                    // SAFETY: `check` found that the plane's span holds every pixel of the rectangle
-                    // at its alignment; it is writable by the promise of `new`.
+                    let pixel = pixels.get((row * tile.width + column) as usize);
+                    let (x, y) = (tile.x - left + column, tile.y - top + row);
+                    // SAFETY: the tile lies in the rectangle that `check` was given; the memory is writable by the promise
+                    // of `of_frame`.
                     unsafe {
-                        let row = surface.data.offset(y as isize * surface.row_stride);
-                        let to = row.add(x as usize * surface.pixel_stride);
-                        put(to, surface.format, surface.channel, pixel);
-                    }
+                        put(surface.at(x as usize, y as usize), surface.format, surface.channel, &pixel)
+                    };
                 }
             }
         }
     }
+
+    /// Writes pixel `i` of a row.
+    #[inline]
+    pub fn put(&mut self, i: usize, pixel: &Pixel) {
+        for surface in self.surfaces.iter().flatten() {
+            // SAFETY: `i` is below the count that `check` was given; the memory is writable by the promise of `of_rays`.
+            unsafe { put(surface.at(i, 0), surface.format, surface.channel, pixel) };
+        }
+    }
 }
 
-/// Format, strides, alignment and extent of a plane.
+/// Where the rays of a rectangle's pixels end.
+#[derive(Clone, Copy)]
+pub(crate) struct LimitPlane(Surface);
+
+impl LimitPlane {
+    /// That of a pixel of the rectangle.
+    #[inline]
+    pub fn at(&self, x: u32, y: u32) -> Limit {
+        // SAFETY: the pixel lies in the rectangle that `check` was given; the memory is readable by the promise of
+        // `of_frame`.
+        let t = unsafe { self.0.at(x as usize, y as usize).cast::<f32>().read() };
+        if self.0.channel == Channel::LimitZDepth { Limit::ZDepth(t) } else { Limit::RayDistance(t) }
+    }
+}
+
+impl Surface {
+    /// A pixel's place.
+    ///
+    /// # Safety
+    /// The pixel lies in the extent that was checked.
+    #[inline]
+    unsafe fn at(&self, x: usize, y: usize) -> *mut u8 {
+        // SAFETY: `check` found that the plane's span holds every pixel of the extent.
+        unsafe { self.data.offset(y as isize * self.row_stride).add(x * self.pixel_stride) }
+    }
+}
+
+/// Format, strides, alignment and extent of a plane, which lies apart from scenes and worker.
 fn check(
-    name: &'static str,
     channel: Channel,
     plane: &Plane,
-    rect: Rect,
+    extent: Extent,
+    worker: &Worker,
 ) -> Result<(Surface, Span), Failure> {
-    let format = channel.format(plane.format).ok_or(Failure::Format { name, found: plane.format })?;
+    let name = channel.name();
+    let format = channel.format(plane.format).ok_or(Failure::Format { channel, found: plane.format })?;
     let overflow = Failure::Overflow(name);
-    let (columns, rows) = (rect.width.saturating_sub(1) as usize, rect.height.saturating_sub(1) as usize);
+    let (columns, rows) = (extent.columns.saturating_sub(1), extent.rows.saturating_sub(1));
     let pixel_stride = if plane.pixel_stride == 0 { format.size() } else { plane.pixel_stride };
     if pixel_stride < format.size() {
         return Err(Failure::Stride { name, expected: format.size(), found: pixel_stride });
@@ -167,7 +314,9 @@ fn check(
     let row = columns.checked_mul(pixel_stride).and_then(|gap| gap.checked_add(format.size()));
     let row = row.ok_or(overflow)?;
     let tight = pixel_stride.checked_mul(columns + 1).and_then(|bytes| isize::try_from(bytes).ok());
-    let row_stride = if plane.row_stride == 0 { tight.ok_or(overflow)? } else { plane.row_stride };
+    // A row of its own has none below it.
+    let own = if rows == 0 { 0 } else { plane.row_stride };
+    let row_stride = if own == 0 { tight.ok_or(overflow)? } else { own };
     if row_stride.unsigned_abs() < row {
         return Err(Failure::Stride { name, expected: row, found: row_stride.unsigned_abs() });
     }
@@ -175,11 +324,12 @@ fn check(
         check_aligned(name, value, format.align())?;
     }
     let down = rows.checked_mul(row_stride.unsigned_abs()).ok_or(overflow)?;
-    let length =
-        if rect.width == 0 || rect.height == 0 { 0 } else { down.checked_add(row).ok_or(overflow)? };
+    let empty = extent.columns == 0 || extent.rows == 0;
+    let length = if empty { 0 } else { down.checked_add(row).ok_or(overflow)? };
     let below = if row_stride < 0 { down } else { 0 };
     let first = (plane.data as usize).checked_sub(below).ok_or(overflow)?;
     let span = Span::new(name, first as *const c_void, length)?;
+    worker.check_apart(name, span)?;
     let data = plane.data.cast::<u8>();
     Ok((Surface { channel, format, data, pixel_stride, row_stride }, span))
 }

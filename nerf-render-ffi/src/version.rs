@@ -5,7 +5,7 @@ use core::ffi::{CStr, c_char};
 /// Version of the ABI this header describes; the library's own is `nerf_abi_version()`.
 ///
 /// It changes only when a program built against the old header would break.
-pub const NERF_ABI_VERSION: u32 = 1;
+pub const NERF_ABI_VERSION: u32 = 2;
 
 const TEXT: &CStr = match CStr::from_bytes_with_nul(concat!(env!("CARGO_PKG_VERSION"), "\0").as_bytes()) {
     Ok(text) => text,

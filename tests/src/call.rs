@@ -43,20 +43,20 @@ pub fn open_options(kernel: Kernel) -> ffi::OpenOptions {
     ffi::OpenOptions { struct_size, kernel: isa as u32, storage: storage as u32, reserved: [0; 6] }
 }
 
-/// All zeros: the exact picture.
+/// The exact picture: no cut, no blur.
 pub fn render_options() -> ffi::RenderOptions {
     ffi::RenderOptions {
         struct_size: size_of::<ffi::RenderOptions>(),
         samples: 0,
-        transmittance_cut: 0.0,
+        transmittance_cut: ffi::NERF_NONE,
         ignore_occupancy: 0,
         maths: 0,
         background_set: 0,
         background: [0.0; 3],
         batch_rays: 0,
         batch_samples: 0,
-        colour_cut: 0.0,
-        normal_blur: 0.0,
+        colour_cut: ffi::NERF_NONE,
+        normal_blur: ffi::NERF_NONE,
         ignore_proposal: 0,
         near_distance: 0.0,
         far_distance: 0.0,
@@ -121,6 +121,274 @@ pub fn target(rgb: ffi::Plane) -> ffi::Target {
         z_depth: NO_PLANE,
         median_distance: NO_PLANE,
         normals: NO_PLANE,
+        limit_ray_distance: NO_PLANE,
+        limit_z_depth: NO_PLANE,
+    }
+}
+
+/// What `target` has planes for.
+///
+/// # Safety
+/// `target` is NULL or points to as many bytes as its `struct_size` says, and at least to that.
+pub unsafe fn outputs(target: *const ffi::Target) -> u32 {
+    // SAFETY: the caller's promise.
+    if target.is_null() || unsafe { (*target).struct_size } < size_of::<ffi::Target>() {
+        return ffi::NERF_OUTPUT_RGB;
+    }
+    // SAFETY: as above.
+    let t = unsafe { &*target };
+    let planes = [t.rgb, t.opacity, t.ray_distance, t.z_depth, t.median_distance, t.normals];
+    planes.iter().enumerate().map(|(bit, plane)| u32::from(!plane.data.is_null()) << bit).sum()
+}
+
+/// A request for one scene.
+pub fn request(scene: *const ffi::Scene, options: *const ffi::RenderOptions, outputs: u32) -> ffi::Request {
+    let struct_size = size_of::<ffi::Request>();
+    ffi::Request {
+        struct_size,
+        scene,
+        instances: ptr::null(),
+        instance_count: 0,
+        options,
+        outputs,
+        reserved: 0,
+    }
+}
+
+/// A frame of a scene.
+pub fn whole_frame(camera: *const ffi::Camera, target: *const ffi::Target) -> ffi::Frame {
+    ffi::Frame {
+        struct_size: size_of::<ffi::Frame>(),
+        camera,
+        rect: ptr::null(),
+        target,
+        width: 0,
+        height: 0,
+        progress: None,
+        user: ptr::null_mut(),
+    }
+}
+
+/// Numbers that lie side by side.
+pub fn floats(data: *const f32) -> ffi::Floats {
+    ffi::Floats { data, stride: 0 }
+}
+
+/// `nerf_worker_size` of a worker for one scene.
+///
+/// # Safety
+/// As `nerf_worker_size`.
+#[allow(clippy::too_many_arguments, reason = "what the C function is given, and what it is made of")]
+pub unsafe fn worker_size(
+    scene: *const ffi::Scene,
+    options: *const ffi::RenderOptions,
+    outputs: u32,
+    size: *mut usize,
+    align: *mut usize,
+    message: *mut c_char,
+    capacity: usize,
+) -> ffi::Status {
+    // SAFETY: the caller's promise.
+    unsafe { ffi::nerf_worker_size(&request(scene, options, outputs), size, align, message, capacity) }
+}
+
+/// One frame: opens a worker for the planes of the target in `memory`, and renders with it once.
+///
+/// # Safety
+/// As `nerf_worker_open` and `nerf_render`.
+#[allow(clippy::too_many_arguments, reason = "what the C functions are given")]
+pub unsafe fn render(
+    scene: *const ffi::Scene,
+    camera: *const ffi::Camera,
+    options: *const ffi::RenderOptions,
+    rect: *const ffi::Rect,
+    target: *const ffi::Target,
+    memory: *mut c_void,
+    size: usize,
+    progress: ffi::Progress,
+    user: *mut c_void,
+    counters: *mut ffi::Counters,
+    message: *mut c_char,
+    capacity: usize,
+) -> ffi::Status {
+    // SAFETY: the caller's promise.
+    unsafe {
+        let mut worker = ptr::null_mut();
+        let request = request(scene, options, outputs(target));
+        let status = ffi::nerf_worker_open(&request, memory, size, &mut worker, message, capacity);
+        if status != ffi::Status::Ok {
+            return status;
+        }
+        let frame = ffi::Frame { rect, progress, user, ..whole_frame(camera, target) };
+        ffi::nerf_render(worker, &frame, counters, message, capacity)
+    }
+}
+
+/// The same of a picture.
+///
+/// # Safety
+/// As `nerf_worker_open` and `nerf_render_picture`.
+#[allow(clippy::too_many_arguments, reason = "what the C functions are given")]
+pub unsafe fn render_picture(
+    scene: *const ffi::Scene,
+    width: u32,
+    height: u32,
+    options: *const ffi::RenderOptions,
+    rect: *const ffi::Rect,
+    target: *const ffi::Target,
+    memory: *mut c_void,
+    size: usize,
+    progress: ffi::Progress,
+    user: *mut c_void,
+    counters: *mut ffi::Counters,
+    message: *mut c_char,
+    capacity: usize,
+) -> ffi::Status {
+    // SAFETY: the caller's promise.
+    unsafe {
+        let mut worker = ptr::null_mut();
+        let request = request(scene, options, ffi::NERF_OUTPUT_RGB);
+        let status = ffi::nerf_worker_open(&request, memory, size, &mut worker, message, capacity);
+        if status != ffi::Status::Ok {
+            return status;
+        }
+        let frame = ffi::Frame { rect, width, height, progress, user, ..whole_frame(ptr::null(), target) };
+        ffi::nerf_render_picture(worker, &frame, counters, message, capacity)
+    }
+}
+
+/// `nerf_pace_request`, of frames with the options' own background.
+pub fn pace_request(
+    scene: *const ffi::Scene,
+    options: *const ffi::RenderOptions,
+    outputs: u32,
+) -> ffi::PaceRequest {
+    let struct_size = size_of::<ffi::PaceRequest>();
+    let (camera, user) = (ptr::null(), ptr::null_mut());
+    ffi::PaceRequest {
+        struct_size,
+        scene,
+        camera,
+        options,
+        outputs,
+        limit_milliseconds: f32::INFINITY,
+        clock: None,
+        user,
+    }
+}
+
+/// `nerf_pace_workspace_size`.
+///
+/// # Safety
+/// As there.
+#[allow(clippy::too_many_arguments, reason = "what the C function is given, and what it is made of")]
+pub unsafe fn pace_workspace_size(
+    scene: *const ffi::Scene,
+    options: *const ffi::RenderOptions,
+    outputs: u32,
+    size: *mut usize,
+    align: *mut usize,
+    message: *mut c_char,
+    capacity: usize,
+) -> ffi::Status {
+    let request = pace_request(scene, options, outputs);
+    // SAFETY: the caller's promise.
+    unsafe { ffi::nerf_pace_workspace_size(&request, size, align, message, capacity) }
+}
+
+/// `nerf_pace_measure`.
+///
+/// # Safety
+/// As there.
+#[allow(clippy::too_many_arguments, reason = "what the C function is given, and what it is made of")]
+pub unsafe fn pace_measure(
+    scene: *const ffi::Scene,
+    camera: *const ffi::Camera,
+    options: *const ffi::RenderOptions,
+    outputs: u32,
+    limit_milliseconds: f32,
+    clock: ffi::Clock,
+    user: *mut c_void,
+    workspace: *mut c_void,
+    size: usize,
+    pace: *mut ffi::Pace,
+    message: *mut c_char,
+    capacity: usize,
+) -> ffi::Status {
+    let request = pace_request(scene, options, outputs);
+    let request = ffi::PaceRequest { camera, limit_milliseconds, clock, user, ..request };
+    // SAFETY: the caller's promise.
+    unsafe { ffi::nerf_pace_measure(&request, workspace, size, pace, message, capacity) }
+}
+
+/// `nerf_explain`, of a worker for one scene that is opened for it.
+///
+/// # Safety
+/// As `nerf_worker_open` and `nerf_explain`.
+#[allow(clippy::too_many_arguments, reason = "what the C functions are given")]
+pub unsafe fn explain(
+    scene: *const ffi::Scene,
+    options: *const ffi::RenderOptions,
+    outputs: u32,
+    counters: *const ffi::Counters,
+    text: *mut c_char,
+    room: usize,
+    needed: *mut usize,
+    message: *mut c_char,
+    capacity: usize,
+) -> ffi::Status {
+    let (mut size, mut align, mut worker) = (0, 0, ptr::null_mut());
+    // SAFETY: the caller's promise.
+    unsafe {
+        let status = worker_size(scene, options, outputs, &mut size, &mut align, message, capacity);
+        if status != ffi::Status::Ok {
+            return status;
+        }
+        let mut memory = Guarded::new(size, 0);
+        let request = request(scene, options, outputs);
+        let status = ffi::nerf_worker_open(&request, memory.at(), size, &mut worker, message, capacity);
+        assert_eq!(status, ffi::Status::Ok);
+        ffi::nerf_explain(worker, counters, text, room, needed, message, capacity)
+    }
+}
+
+/// One query: opens a worker in `memory`, for colour if `rgb` is not NULL, and asks it once.
+///
+/// # Safety
+/// As `nerf_worker_open` and `nerf_query`.
+#[allow(clippy::too_many_arguments, reason = "what the C functions are given")]
+pub unsafe fn query(
+    scene: *const ffi::Scene,
+    options: *const ffi::RenderOptions,
+    count: usize,
+    positions: *const f32,
+    dirs: *const f32,
+    sigma: *mut f32,
+    rgb: *mut f32,
+    memory: *mut c_void,
+    size: usize,
+    counters: *mut ffi::Counters,
+    message: *mut c_char,
+    capacity: usize,
+) -> ffi::Status {
+    // SAFETY: the caller's promise.
+    unsafe {
+        let mut worker = ptr::null_mut();
+        let outputs = if rgb.is_null() { 0 } else { ffi::NERF_OUTPUT_RGB };
+        let request = request(scene, options, outputs);
+        let status = ffi::nerf_worker_open(&request, memory, size, &mut worker, message, capacity);
+        if status != ffi::Status::Ok {
+            return status;
+        }
+        let points = ffi::Points {
+            struct_size: size_of::<ffi::Points>(),
+            count,
+            positions: floats(positions),
+            dirs: floats(dirs),
+            sigma: plane(sigma.cast(), ffi::PixelFormat::F32),
+            rgb: plane(rgb.cast(), ffi::PixelFormat::RgbF32),
+        };
+        ffi::nerf_query(worker, &points, counters, message, capacity)
     }
 }
 
@@ -143,11 +411,7 @@ pub unsafe fn frame(
     let (options, rect, user) = (ptr::null(), ptr::null(), ptr::null_mut());
     let (counters, message) = (ptr::null_mut(), ptr::null_mut());
     // SAFETY: the caller's promise.
-    unsafe {
-        ffi::nerf_render(
-            scene, camera, options, rect, target, workspace, size, None, user, counters, message, 0,
-        )
-    }
+    unsafe { render(scene, camera, options, rect, target, workspace, size, None, user, counters, message, 0) }
 }
 
 /// An opened scene with the memory it lies in.
@@ -188,8 +452,7 @@ impl Opened {
         let options = options.map_or(ptr::null(), |options| options as *const _);
         let (mut size, mut align, none) = (0, 0, ptr::null_mut());
         // SAFETY: the scene is intact and the places live until the call returns.
-        let status =
-            unsafe { ffi::nerf_workspace_size(self.scene, options, outputs, &mut size, &mut align, none, 0) };
+        let status = unsafe { worker_size(self.scene, options, outputs, &mut size, &mut align, none, 0) };
         assert_eq!((status, align), (ffi::Status::Ok, 64));
         Guarded::new(size, 0)
     }
@@ -200,7 +463,7 @@ impl Opened {
         let (mut size, mut align, none) = (0, 0, ptr::null_mut());
         // SAFETY: the scene is intact and the places live until the call returns.
         let status =
-            unsafe { ffi::nerf_picture_workspace_size(self.scene, options, &mut size, &mut align, none, 0) };
+            unsafe { worker_size(self.scene, options, ffi::NERF_OUTPUT_RGB, &mut size, &mut align, none, 0) };
         assert_eq!((status, align), (ffi::Status::Ok, 64));
         Guarded::new(size, 0)
     }

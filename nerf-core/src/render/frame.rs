@@ -297,7 +297,10 @@ impl<'f, 'w> Frame<'f, 'w> {
         if n == 0 {
             return;
         }
-        self.directions(n);
+        let coloured = self.plan.outputs.rgb && !rgb.is_empty();
+        if coloured {
+            self.directions(n);
+        }
         let stride = columns_of(self.network, n);
         for column in 0..stride {
             let state = at(self.rays, column.min(n - 1));
@@ -305,14 +308,14 @@ impl<'f, 'w> Frame<'f, 'w> {
         }
         self.evaluate_density(n);
         self.counters.add_density(self.network, n);
-        if self.plan.outputs.rgb {
+        if coloured {
             for (column, owner) in head_mut(self.picks.owner, n).iter_mut().enumerate() {
                 *owner = column as u32;
             }
             self.evaluate_colour(n);
         }
         for (i, state) in head(self.rays, n).iter().enumerate() {
-            let colour = match self.plan.outputs.rgb {
+            let colour = match coloured {
                 true => column(self.rgb, stride, i),
                 false => [0.0f32; 3],
             };
@@ -325,7 +328,7 @@ impl<'f, 'w> Frame<'f, 'w> {
             put(sigma, state.x as usize, density);
             if colour.iter().any(|c| c.is_nan()) {
                 self.counters.invalid_samples += u64::from(density > 0.0);
-            } else {
+            } else if coloured {
                 put(rgb, state.x as usize, colour);
             }
         }

@@ -289,7 +289,7 @@ impl<'f> Worker<'f> {
     /// Asks for density and colour at points seen along directions.
     ///
     /// `positions`, `dirs` (unit): `[n]`, world space; `sigma`: `[n]`, 1/world unit; `rgb`: `[n]`,
-    /// display-encoded. Points outside the scene box or in a cell the plan's occupancy calls empty, and
+    /// display-encoded, or empty where it is not wanted. Points outside the scene box or in a cell the plan's occupancy calls empty, and
     /// points where its density is NaN, have density 0 and black colour; where its colour is NaN, it is
     /// black ([`Counters::invalid_samples`]).
     ///
@@ -303,7 +303,7 @@ impl<'f> Worker<'f> {
         rgb: &mut [[f32; 3]],
     ) -> Result<Counters, RenderError> {
         let n = positions.len();
-        if dirs.len() != n || sigma.len() != n || rgb.len() != n {
+        if dirs.len() != n || sigma.len() != n || !(rgb.len() == n || rgb.is_empty()) {
             return Err(RenderError::Lengths {
                 positions: n,
                 dirs: dirs.len(),
@@ -314,6 +314,7 @@ impl<'f> Worker<'f> {
         let plan = self.plan();
         // A position outside the box is never encoded, nor is what is no direction.
         if plan.outputs.rgb
+            && !rgb.is_empty()
             && let Some((index, &found)) =
                 dirs.iter().enumerate().find(|(_, dir)| !is_unit(Vec3::from(**dir)))
         {
@@ -321,8 +322,9 @@ impl<'f> Worker<'f> {
         }
         let capacity = plan.batch.rays.min(plan.batch.samples).max(1);
         let points = positions.chunks(capacity).zip(dirs.chunks(capacity));
-        let answers = sigma.chunks_mut(capacity).zip(rgb.chunks_mut(capacity));
-        for ((positions, dirs), (sigma, rgb)) in points.zip(answers) {
+        let mut colours = rgb.chunks_mut(capacity);
+        for ((positions, dirs), sigma) in points.zip(sigma.chunks_mut(capacity)) {
+            let rgb = colours.next().unwrap_or_default();
             of_fields!(&mut self.fields, it => it.points(positions, dirs, sigma, rgb));
         }
         Ok(self.counters())

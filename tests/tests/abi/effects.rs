@@ -11,7 +11,6 @@ use nerf_render::{PixelFormat, Status};
 use nerf_tests::call::{self, Message, Opened, plane};
 use nerf_tests::memory::Guarded;
 use nerf_tests::scenes::{Recipe, camera};
-use std::mem::offset_of;
 use std::ptr::{null, null_mut};
 
 const SIDE: u32 = 18;
@@ -34,7 +33,7 @@ fn render(opened: &Opened, options: &ffi::RenderOptions, format: PixelFormat) ->
     let (at, size, text) = (workspace.at(), workspace.size(), message.0.as_mut_ptr());
     // SAFETY: everything lives until the call returns.
     let status = unsafe {
-        ffi::nerf_render(
+        call::render(
             opened.scene,
             &seen,
             options,
@@ -97,19 +96,6 @@ fn effects_in_c_are_those_of_rust_bit_for_bit() {
         assert!(picture == reference(&opened.blob, effects), "{effects:?}");
         assert_eq!(picture == plain, effects == none, "{effects:?} must be seen");
     }
-}
-
-#[test]
-fn options_of_a_header_without_effects_have_none() {
-    let opened = call::open(Recipe::OCCUPANCY.blob(), Kernel::IN_PLACE);
-    // What lies behind an older structure is not read.
-    let mut old = options(|e| (e.anti_aliasing, e.linear, e.tone_map) = (u32::MAX, 9, 9));
-    old.struct_size = offset_of!(ffi::RenderOptions, effects);
-    let (status, message, picture) = render(&opened, &old, PixelFormat::RgbF32);
-    assert_eq!(status, Status::Ok, "{message}");
-    assert!(picture == reference(&opened.blob, Effects::NONE));
-    old.struct_size -= 1;
-    assert_eq!(render(&opened, &old, PixelFormat::RgbF32).0, Status::StructSize);
 }
 
 #[test]

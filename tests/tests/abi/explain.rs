@@ -23,9 +23,8 @@ fn explain(
     let counters = counters.map_or(null(), |counters| counters as *const _);
     let (at, size, text) = (page.at().cast(), page.size(), message.0.as_mut_ptr());
     // SAFETY: everything lives until the call returns.
-    let status = unsafe {
-        ffi::nerf_explain(opened.scene, options, outputs, counters, at, size, &mut needed, text, 256)
-    };
+    let status =
+        unsafe { call::explain(opened.scene, options, outputs, counters, at, size, &mut needed, text, 256) };
     assert_eq!(message.text().is_empty(), status == Status::Ok);
     (status, needed)
 }
@@ -42,7 +41,7 @@ fn a_text_fits_the_size_it_names_and_is_cut_below() {
     let mut needed = 0;
     // SAFETY: the scene is intact; a size may be asked for without a text.
     let status =
-        unsafe { ffi::nerf_explain(opened.scene, null(), RGB, null(), none, 0, &mut needed, null_mut(), 0) };
+        unsafe { call::explain(opened.scene, null(), RGB, null(), none, 0, &mut needed, null_mut(), 0) };
     assert_eq!(status, Status::Ok);
     let mut page = Guarded::new(needed, 0);
     assert_eq!(explain(&opened, None, RGB, None, &mut page), (Status::Ok, needed));

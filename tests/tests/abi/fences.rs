@@ -115,15 +115,7 @@ impl Lent {
         let mut workspace = self.workspace(|size, align, lent, text| {
             // SAFETY: the caller's promise.
             unsafe {
-                ffi::nerf_workspace_size(
-                    lent.scene,
-                    lent.options.as_ptr(),
-                    EVERYTHING,
-                    size,
-                    align,
-                    text,
-                    SAID,
-                )
+                call::worker_size(lent.scene, lent.options.as_ptr(), EVERYTHING, size, align, text, SAID)
             }
         });
         let size = workspace.len() * size_of::<Line>();
@@ -151,7 +143,7 @@ impl Lent {
         let (target, mut counters) = (Fenced::of(&[target], flush), Fenced::of(&[call::counters()], flush));
         // SAFETY: everything lives until the call returns.
         let status = unsafe {
-            ffi::nerf_render(
+            call::render(
                 self.scene,
                 camera.as_ptr(),
                 self.options.as_ptr(),
@@ -177,7 +169,7 @@ impl Lent {
             (Fenced::filled(POINTS, -7.0, flush), Fenced::filled(3 * POINTS, -7.0, flush));
         // SAFETY: as above.
         let status = unsafe {
-            ffi::nerf_query(
+            call::query(
                 self.scene,
                 self.options.as_ptr(),
                 POINTS,
@@ -202,7 +194,15 @@ impl Lent {
         let mut workspace = self.workspace(|size, align, lent, text| {
             // SAFETY: the caller's promise.
             unsafe {
-                ffi::nerf_picture_workspace_size(lent.scene, lent.options.as_ptr(), size, align, text, SAID)
+                call::worker_size(
+                    lent.scene,
+                    lent.options.as_ptr(),
+                    ffi::NERF_OUTPUT_RGB,
+                    size,
+                    align,
+                    text,
+                    SAID,
+                )
             }
         });
         let size = workspace.len() * size_of::<Line>();
@@ -211,7 +211,7 @@ impl Lent {
         let target = Fenced::of(&[target], self.flush);
         // SAFETY: everything lives until the call returns.
         let status = unsafe {
-            ffi::nerf_render_picture(
+            call::render_picture(
                 self.scene,
                 WIDTH,
                 HEIGHT,

@@ -29,9 +29,8 @@ fn picture(scene: *const ffi::Scene) -> Vec<[f32; 3]> {
     let target = call::target(plane(pixels.as_mut_ptr().cast(), ffi::PixelFormat::RgbF32));
     let (mut size, mut align, none) = (0, 0, null_mut());
     // SAFETY: the scene is open and the places live until the call returns.
-    let status = unsafe {
-        ffi::nerf_workspace_size(scene, null(), ffi::NERF_OUTPUT_RGB, &mut size, &mut align, none, 0)
-    };
+    let status =
+        unsafe { call::worker_size(scene, null(), ffi::NERF_OUTPUT_RGB, &mut size, &mut align, none, 0) };
     assert_eq!(status, Status::Ok);
     let mut workspace = nerf_tests::memory::Guarded::new(size, 0);
     // SAFETY: as above.

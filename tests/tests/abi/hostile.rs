@@ -42,20 +42,7 @@ fn null_in_each_argument_of_the_smaller_functions_is_refused() {
     let measure = |scene, seen, at, pace| {
         // SAFETY: every pointer is NULL or lives until the call returns.
         unsafe {
-            ffi::nerf_pace_measure(
-                scene,
-                seen,
-                null(),
-                rgb,
-                9.0,
-                None,
-                null_mut(),
-                at,
-                room,
-                pace,
-                message,
-                0,
-            )
+            call::pace_measure(scene, seen, null(), rgb, 9.0, None, null_mut(), at, room, pace, message, 0)
         }
     };
     // SAFETY: as above.
@@ -68,7 +55,7 @@ fn null_in_each_argument_of_the_smaller_functions_is_refused() {
             ffi::nerf_camera_ray(null(), 1.0, 1.0, o, d, s, message, 0),
             ffi::nerf_camera_ray(&seen, 1.0, 1.0, null_mut(), d, s, message, 0),
             ffi::nerf_camera_ray(&seen, 1.0, 1.0, o, null_mut(), s, message, 0),
-            ffi::nerf_explain(null(), null(), rgb, null(), null_mut(), 0, null_mut(), message, 0),
+            call::explain(null(), null(), rgb, null(), null_mut(), 0, null_mut(), message, 0),
             ffi::nerf_quality_within_loss(null(), 0.1, options_at, null_mut(), message, 0),
             ffi::nerf_quality_within_loss(scene, 0.1, null_mut(), null_mut(), message, 0),
             ffi::nerf_quality_within_cost(null(), 0.5, options_at, null_mut(), message, 0),
@@ -80,25 +67,25 @@ fn null_in_each_argument_of_the_smaller_functions_is_refused() {
             ffi::nerf_quality_point(scene, 0, null_mut(), null_mut(), message, 0),
             ffi::nerf_quality_preset(null(), 0, options_at, message, 0),
             ffi::nerf_quality_preset(scene, 0, null_mut(), message, 0),
-            ffi::nerf_pace_workspace_size(null(), null(), rgb, pace_size, pace_align, message, 0),
-            ffi::nerf_pace_workspace_size(scene, null(), rgb, null_mut(), pace_align, message, 0),
-            ffi::nerf_pace_workspace_size(scene, null(), rgb, pace_size, null_mut(), message, 0),
+            call::pace_workspace_size(null(), null(), rgb, pace_size, pace_align, message, 0),
+            call::pace_workspace_size(scene, null(), rgb, null_mut(), pace_align, message, 0),
+            call::pace_workspace_size(scene, null(), rgb, pace_size, null_mut(), message, 0),
             measure(null(), &seen, at, pace_at),
             measure(scene, null(), at, pace_at),
             measure(scene, &seen, null_mut(), pace_at),
             measure(scene, &seen, at, null_mut()),
-            ffi::nerf_query(null(), null(), 1, e, u, s, null_mut(), at, room, null_mut(), message, 0),
-            ffi::nerf_query(scene, null(), 1, null(), u, s, null_mut(), at, room, null_mut(), message, 0),
-            ffi::nerf_query(scene, null(), 1, e, null(), s, o, at, room, null_mut(), message, 0),
-            ffi::nerf_query(scene, null(), 1, e, u, null_mut(), o, at, room, null_mut(), message, 0),
-            ffi::nerf_query(scene, null(), 1, e, u, s, o, null_mut(), room, null_mut(), message, 0),
+            call::query(null(), null(), 1, e, u, s, null_mut(), at, room, null_mut(), message, 0),
+            call::query(scene, null(), 1, null(), u, s, null_mut(), at, room, null_mut(), message, 0),
+            call::query(scene, null(), 1, e, null(), s, o, at, room, null_mut(), message, 0),
+            call::query(scene, null(), 1, e, u, null_mut(), o, at, room, null_mut(), message, 0),
+            call::query(scene, null(), 1, e, u, s, o, null_mut(), room, null_mut(), message, 0),
         ]
     };
     for (call, status) in found.into_iter().enumerate() {
         assert_eq!(status, Status::NullPointer, "call {call}");
     }
     assert_eq!((origin, dir, sigma, size, align), ([7.0; 3], [7.0; 3], 7.0, 7, 7));
-    assert!(turned.c2w == seen.c2w && workspace.is_untouched());
+    assert!(turned.c2w == seen.c2w);
     // No scene to close is no mistake.
     // SAFETY: NULL is allowed.
     unsafe { ffi::nerf_scene_close(null()) };
@@ -129,7 +116,7 @@ fn structures_at_odd_addresses_are_refused_unread() {
         let none = null_mut();
         // SAFETY: everything lives until the call returns, and what is misaligned must not be read.
         let found = unsafe {
-            ffi::nerf_render(
+            call::render(
                 opened.scene,
                 seen,
                 options,
@@ -146,7 +133,7 @@ fn structures_at_odd_addresses_are_refused_unread() {
         };
         assert_eq!(found, Status::Alignment, "argument {argument}, off by {odd}");
     }
-    assert!(picture.is_untouched() && workspace.is_untouched() && counters.rays == 0);
+    assert!(picture.is_untouched() && counters.rays == 0);
 }
 
 /// Where a plane of `length` bytes begins that touches memory at `start` with its last or first pixel, or just

@@ -79,7 +79,7 @@ impl Large {
         let (at, size) = (workspace.at(), workspace.size());
         // SAFETY: everything lives until the call returns.
         let status = unsafe {
-            ffi::nerf_render(
+            call::render(
                 self.opened.scene,
                 &self.camera,
                 &self.options,

@@ -71,7 +71,7 @@ impl Case {
         let text = self.message.0.as_mut_ptr();
         // SAFETY: every pointer is NULL or lives in `self`; wrong ones must be refused unread.
         unsafe {
-            ffi::nerf_render_picture(
+            call::render_picture(
                 self.opened.scene,
                 self.size.0,
                 self.size.1,
@@ -113,10 +113,7 @@ impl Case {
         let said = self.message.text();
         assert_eq!(found, expected, "{text}: {said}");
         assert!(said.contains(text), "{text}: {said}");
-        assert!(
-            self.picture.is_untouched() && self.workspace.is_untouched(),
-            "{text}: something was written"
-        );
+        assert!(self.picture.is_untouched(), "{text}: something was written");
         assert_eq!(self.counters.colour_evaluations, 0, "{text}: counters were written");
     }
 }
@@ -153,7 +150,7 @@ fn c_draws_what_rust_draws_in_exactly_the_memory_it_asked_for() {
                 let mut case = Case::of(recipe, kernel, options);
                 let (at, size) = (case.workspace.at(), case.workspace.size());
                 let found = case.render_in(at, size - 1, None, null_mut());
-                case.refused(found, Status::Memory, "workspace: expected at least");
+                case.refused(found, Status::Memory, "memory: expected at least");
             }
         }
     }
@@ -174,15 +171,8 @@ fn a_picture_says_how_large_it_was_and_a_scene_says_nothing_of_that() {
 fn scenes_and_pictures_are_not_taken_for_each_other() {
     refuses(Status::NotAPicture, "expected a 2D field, found a scene", |case| {
         case.opened = call::open(Recipe::OCCUPANCY.blob(), Kernel::IN_PLACE);
+        case.workspace = case.opened.workspace(Some(&case.options), ffi::NERF_OUTPUT_RGB);
     });
-    let (mut size, mut align, mut message) = (0, 0, Message::default());
-    let scene = call::open(Recipe::OCCUPANCY.blob(), Kernel::IN_PLACE);
-    let text = message.0.as_mut_ptr();
-    // SAFETY: everything lives until the call returns.
-    let found =
-        unsafe { ffi::nerf_picture_workspace_size(scene.scene, null(), &mut size, &mut align, text, 256) };
-    assert_eq!((found, size, align), (Status::NotAPicture, 0, 0));
-    assert_eq!(message.text(), "blob: expected a 2D field, found a scene");
 
     let mut case = Case::new(Kernel::IN_PLACE);
     let camera = call::camera(&camera(WIDTH, HEIGHT));
@@ -190,7 +180,7 @@ fn scenes_and_pictures_are_not_taken_for_each_other() {
     let (none, text) = (null_mut(), case.message.0.as_mut_ptr());
     // SAFETY: as above.
     let found = unsafe {
-        ffi::nerf_render(
+        call::render(
             case.opened.scene,
             &camera,
             &case.options,
@@ -209,7 +199,7 @@ fn scenes_and_pictures_are_not_taken_for_each_other() {
     let (position, dir, mut sigma, mut rgb) = ([0.5f32; 3], [0.0f32, 0.0, 1.0], -1.0f32, [-1.0f32; 3]);
     // SAFETY: as above.
     let found = unsafe {
-        ffi::nerf_query(
+        call::query(
             case.opened.scene,
             null(),
             1,
@@ -235,15 +225,15 @@ fn null_misaligned_and_overlapping_memory_is_refused() {
     refuses(Status::Alignment, "target.rgb", |case| {
         case.target.rgb.data = case.picture.at().wrapping_byte_add(1)
     });
-    refuses(Status::Overlap, "the workspace", |case| case.target.rgb.data = case.workspace.at());
+    refuses(Status::Overlap, "the worker's memory", |case| case.target.rgb.data = case.workspace.at());
     refuses(Status::Overlap, "the scene's memory", |case| case.target.rgb.data = case.opened.memory.at());
     let mut case = Case::new(Kernel::IN_PLACE);
     let found = case.render_in(null_mut(), 1 << 20, None, null_mut());
-    case.refused(found, Status::NullPointer, "workspace");
+    case.refused(found, Status::NullPointer, "memory");
     for offset in 1..64 {
         let mut elsewhere = Guarded::new(case.workspace.size(), offset);
         let found = case.render_in(elsewhere.at(), elsewhere.size(), None, null_mut());
-        case.refused(found, Status::Alignment, "workspace");
+        case.refused(found, Status::Alignment, "memory");
         assert!(elsewhere.is_untouched());
     }
     let (scene, mut size, mut align, none) = (case.opened.scene, 0usize, 0usize, null_mut());
@@ -252,10 +242,10 @@ fn null_misaligned_and_overlapping_memory_is_refused() {
     let found = unsafe {
         let (target, user, text) = (null(), null_mut(), null_mut());
         [
-            ffi::nerf_picture_workspace_size(null(), null(), &mut size, &mut align, none, 0),
-            ffi::nerf_picture_workspace_size(scene, null(), null_mut(), &mut align, none, 0),
-            ffi::nerf_picture_workspace_size(scene, null(), &mut size, null_mut(), none, 0),
-            ffi::nerf_render_picture(
+            call::worker_size(null(), null(), ffi::NERF_OUTPUT_RGB, &mut size, &mut align, none, 0),
+            call::worker_size(scene, null(), ffi::NERF_OUTPUT_RGB, null_mut(), &mut align, none, 0),
+            call::worker_size(scene, null(), ffi::NERF_OUTPUT_RGB, &mut size, null_mut(), none, 0),
+            call::render_picture(
                 scene,
                 4,
                 4,
@@ -324,7 +314,7 @@ fn only_colour_has_a_plane_and_it_is_opaque() {
     refuses(Status::Target, "target.z_depth", |case| {
         case.target.z_depth = plane(case.picture.at(), PixelFormat::F32);
     });
-    refuses(Status::Target, "format", |case| case.target.rgb.format = PixelFormat::F32 as u32);
+    refuses(Status::Target, "NERF_FORMAT_RGB_U8", |case| case.target.rgb.format = PixelFormat::F32 as u32);
 
     let mut case = Case::new(Kernel::detect());
     // A background, which must not show.
@@ -405,7 +395,7 @@ fn threads_share_a_picture() {
                         let (at, size, none) = (workspace.at(), workspace.size(), null_mut());
                         // SAFETY: everything lives until the call returns.
                         let status = unsafe {
-                            ffi::nerf_render_picture(
+                            call::render_picture(
                                 opened.scene,
                                 WIDTH,
                                 HEIGHT,

@@ -20,7 +20,7 @@ fn render(opened: &Opened, options: &ffi::RenderOptions) -> (Status, Vec<u8>, ff
     let (text, none) = (message.0.as_mut_ptr(), null_mut());
     // SAFETY: everything lives until the call returns.
     let status = unsafe {
-        ffi::nerf_render(
+        call::render(
             opened.scene,
             &camera,
             options,
@@ -88,7 +88,7 @@ fn a_flag_is_0_or_1() {
     let text = message.0.as_mut_ptr();
     // SAFETY: everything lives until the call returns.
     let status = unsafe {
-        ffi::nerf_workspace_size(opened.scene, &wrong, ffi::NERF_OUTPUT_RGB, &mut size, &mut align, text, 256)
+        call::worker_size(opened.scene, &wrong, ffi::NERF_OUTPUT_RGB, &mut size, &mut align, text, 256)
     };
     assert!(status != Status::Ok && (size, align) == (7, 7));
     assert!(message.text().contains("options.ignore_proposal"), "{}", message.text());

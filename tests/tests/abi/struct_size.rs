@@ -92,7 +92,7 @@ fn structures_of_pace_of_no_version_s_size_measure_and_buy_nothing() {
     let (scene, rgb) = (opened.scene, NERF_OUTPUT_RGB);
     let (mut size, mut align) = (0, 0);
     // SAFETY: as above.
-    let status = unsafe { ffi::nerf_pace_workspace_size(scene, null(), rgb, &mut size, &mut align, none, 0) };
+    let status = unsafe { call::pace_workspace_size(scene, null(), rgb, &mut size, &mut align, none, 0) };
     assert_eq!(status, Status::Ok);
     let mut workspace = Guarded::new(size, 0);
     let (seen, mut options, lines) = (call::camera(&scenes::camera(8, 8)), options(), workspace.at());
@@ -101,7 +101,7 @@ fn structures_of_pace_of_no_version_s_size_measure_and_buy_nothing() {
         // SAFETY: as above.
         let found = unsafe {
             [
-                ffi::nerf_pace_measure(scene, &seen, null(), rgb, 9.0, None, user, lines, size, at, none, 0),
+                call::pace_measure(scene, &seen, null(), rgb, 9.0, None, user, lines, size, at, none, 0),
                 ffi::nerf_quality_within_time(scene, 9.0, at, &mut options, null_mut(), none, 0),
             ]
         };
@@ -142,8 +142,8 @@ fn structures_of_render_options_of_no_version_s_size_plan_and_choose_nothing() {
         // SAFETY: as above.
         let found = unsafe {
             [
-                ffi::nerf_workspace_size(scene, at, rgb, &mut size, &mut align, none, 0),
-                ffi::nerf_pace_workspace_size(scene, at, rgb, &mut size, &mut align, none, 0),
+                call::worker_size(scene, at, rgb, &mut size, &mut align, none, 0),
+                call::pace_workspace_size(scene, at, rgb, &mut size, &mut align, none, 0),
                 ffi::nerf_quality_within_loss(scene, 0.1, at, null_mut(), none, 0),
                 ffi::nerf_quality_point(scene, 0, at, null_mut(), none, 0),
                 ffi::nerf_quality_preset(scene, 0, at, none, 0),

@@ -69,7 +69,7 @@ fn render(
     let (options, none, text) = (null(), null_mut(), null_mut());
     // SAFETY: everything lives until the call returns.
     unsafe {
-        ffi::nerf_render(
+        call::render(
             opened.scene,
             &camera,
             options,
@@ -284,7 +284,7 @@ fn queries_are_what_the_rust_renderer_says() {
             let (positions, none) = (positions.as_ptr().cast(), null_mut());
             // SAFETY: everything lives until the call returns.
             unsafe {
-                ffi::nerf_query(
+                call::query(
                     opened.scene,
                     null(),
                     n,

@@ -32,7 +32,7 @@ fn seen(opened: &Opened, camera: &Camera, options: &ffi::RenderOptions) -> (Stat
     let (scene, rect) = (opened.scene, null());
     // SAFETY: everything lives until the call returns.
     let status = unsafe {
-        ffi::nerf_render(scene, &camera, options, rect, &target, at, size, None, none, counters, text, 256)
+        call::render(scene, &camera, options, rect, &target, at, size, None, none, counters, text, 256)
     };
     let foreground = picture.bytes().chunks_exact(3).filter(|pixel| **pixel != [255, 128, 64]).count();
     (status, foreground as f32 / (SIDE * SIDE) as f32, message.text())

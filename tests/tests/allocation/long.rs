@@ -253,7 +253,7 @@ fn workspace_size(scene: *const ffi::Scene, options: Option<&ffi::RenderOptions>
     let (mut size, mut align) = (0, 0);
     // SAFETY: the scene is open and the places live until the call returns.
     let status =
-        unsafe { ffi::nerf_workspace_size(scene, options, EVERYTHING, &mut size, &mut align, null_mut(), 0) };
+        unsafe { call::worker_size(scene, options, EVERYTHING, &mut size, &mut align, null_mut(), 0) };
     assert_eq!((status, align), (Status::Ok, 64));
     size
 }
@@ -281,7 +281,7 @@ fn render(
     let (mut counters, none) = (call::counters(), null_mut());
     // SAFETY: everything lives until the call returns; the planes are channels of `picture`.
     let status = unsafe {
-        ffi::nerf_render(
+        call::render(
             scene,
             camera,
             options,

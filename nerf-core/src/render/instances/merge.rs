@@ -579,9 +579,10 @@ impl<'f, 'w> Merge<'f, 'w> {
             if n == 0 {
                 continue;
             }
+            let coloured = plan.outputs.rgb && !rgb.is_empty();
             let stride = columns_of(network, n);
             let points = self.rays.get(first..first + n).unwrap_or(&[]);
-            if plan.outputs.rgb {
+            if coloured {
                 let mut shares = shares_at(self.instances, self.plan, self.owner.len(), self.shares, member);
                 shares.fill(network, plan.math, &mut self.scratch, self.triples, points);
                 self.counters.macs += n as u64 * network.direction_macs() as u64;
@@ -594,14 +595,14 @@ impl<'f, 'w> Merge<'f, 'w> {
             network.trunk(plan.math, &mut self.scratch, self.positions);
             network.density(plan.math, &self.scratch, self.sigma);
             self.counters.add_density(network, n);
-            if plan.outputs.rgb {
+            if coloured {
                 let shares = shares_at(self.instances, self.plan, self.owner.len(), self.shares, member);
                 shares.colour(network, plan, &mut self.scratch, head(self.picked, n), self.rgb);
                 self.counters.add_colour(network, n);
             }
             for (k, state) in points.iter().enumerate() {
                 let (i, density) = (state.x as usize, at(self.sigma, k) / placement.scale());
-                let own: [f32; 3] = if plan.outputs.rgb { column(self.rgb, stride, k) } else { [0.0; 3] };
+                let own: [f32; 3] = if coloured { column(self.rgb, stride, k) } else { [0.0; 3] };
                 let invalid = density.is_nan() || (density > 0.0 && own.iter().any(|c| c.is_nan()));
                 self.counters.invalid_samples += u64::from(invalid);
                 if density.is_nan() || density <= 0.0 {

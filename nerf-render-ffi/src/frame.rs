@@ -1,0 +1,243 @@
+//! A scene, seen by a camera; a 2D field, drawn at any size.
+
+use crate::boundary::{Message, Out, Versioned, call, read_versioned};
+use crate::camera::Camera;
+use crate::counters::Counters;
+use crate::failure::Failure;
+use crate::progress::{self, Progress};
+use crate::span::check_aligned;
+use crate::status::Status;
+use crate::target::{Canvas, Target};
+use crate::worker::{Worker, tile_size, with_worker};
+use core::ffi::{c_char, c_void};
+use nerf_core::render;
+use nerf_core::volume::Pixel;
+
+/// Pixels of an image, `x..x + width`, `y..y + height`.
+#[derive(Clone, Copy, Debug)]
+#[repr(C)]
+pub struct Rect {
+    /// Left edge, pixels.
+    pub x: u32,
+    /// Top edge, pixels.
+    pub y: u32,
+    /// Width, pixels.
+    pub width: u32,
+    /// Height, pixels.
+    pub height: u32,
+}
+
+impl Rect {
+    /// The rectangle behind a pointer, or all of a `width` × `height` image.
+    ///
+    /// # Safety
+    /// `at` is NULL or points to a readable rectangle.
+    unsafe fn read(at: *const Self, width: u32, height: u32) -> Result<render::Rect, Failure> {
+        if at.is_null() {
+            return Ok(render::Rect { x: 0, y: 0, width, height });
+        }
+        check_aligned("frame.rect", at as usize, align_of::<Self>())?;
+        // SAFETY: not NULL, aligned, and readable by this function's `# Safety`.
+        let found = unsafe { at.read() };
+        let rect = render::Rect { x: found.x, y: found.y, width: found.width, height: found.height };
+        if rect.fits(width, height) {
+            Ok(rect)
+        } else {
+            Err(Failure::Render(render::RenderError::Rect { rect, width, height }))
+        }
+    }
+}
+
+/// What is rendered of an image, and where to.
+#[derive(Clone, Copy, Debug)]
+#[repr(C)]
+pub struct Frame {
+    /// `sizeof(nerf_frame)`.
+    pub struct_size: usize,
+    /// Where a scene is seen from; NULL for a picture.
+    pub camera: *const Camera,
+    /// NULL for the whole image; an empty one is rendered with nothing written.
+    pub rect: *const Rect,
+    /// Where the pixels go; planes the worker was not opened for are NULL.
+    pub target: *const Target,
+    /// Width of a picture's image, pixels; of a scene 0.
+    pub width: u32,
+    /// Height of a picture's image, pixels; of a scene 0.
+    pub height: u32,
+    /// NULL, or called with `user` before the first tile and after each tile of at most 16x16 pixels.
+    pub progress: Progress,
+    /// Handed to `progress`.
+    pub user: *mut c_void,
+}
+
+// SAFETY: `repr(C)`, `struct_size` comes first, and numbers, pointers and an optional function have no invalid bytes
+// that C could write.
+unsafe impl Versioned for Frame {
+    const NAME: &'static str = "frame";
+}
+
+/// Renders a rectangle of a camera's image into the planes of a target.
+///
+/// The pixels do not depend on the rectangle, the batch, what the worker did before or on who else renders, bit for bit
+/// within one kernel. `frame->target` may carry limits: what a depth buffer holds.
+///
+/// `counters`: NULL, or written on success, with `struct_size` set by the caller. `message`: NULL, or `message_capacity`
+/// bytes for a sentence about what was expected and found; empty on success.
+///
+/// Everything is checked before the first pixel is written. Pixels are written in whole tiles: after
+/// `NERF_STATUS_CANCELLED` or `NERF_STATUS_PANIC` each tile is finished or untouched.
+///
+/// # Safety
+/// Pointers are NULL or point to what is described here; `worker` and its scenes are intact.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn nerf_render(
+    worker: *mut Worker,
+    frame: *const Frame,
+    counters: *mut Counters,
+    message: *mut c_char,
+    message_capacity: usize,
+) -> Status {
+    call(Message { text: message, capacity: message_capacity }, || {
+        let draw = |worker: &mut Worker| {
+            // SAFETY: `frame` is as this function's `# Safety` has it.
+            let frame = unsafe { read_versioned(frame)? };
+            // SAFETY: `counters` is as this function's `# Safety` has it.
+            let out = unsafe { Out::new_or_none(counters)? };
+            if worker.fields.is_none() {
+                return Err(Failure::Plan(nerf_core::plan::PlanError::NotAScene));
+            }
+            if [frame.width, frame.height] != [0; 2] {
+                return Err(Failure::Reserved("frame.width, frame.height"));
+            }
+            // SAFETY: `camera` is as this function's `# Safety` has it.
+            let camera = unsafe { Camera::read(frame.camera)? };
+            let image = camera.intrinsics();
+            // SAFETY: `rect` and `target` are as this function's `# Safety` has them.
+            let rect = unsafe { Rect::read(frame.rect, image.width, image.height)? };
+            // SAFETY: as above.
+            let canvas = unsafe { Canvas::of_frame(frame.target, rect, worker)? };
+            let all = (rect, Watcher { progress: frame.progress, user: frame.user });
+            let limit = canvas.limit();
+            let work = render_tiles(worker, canvas, all, |worker, tile| {
+                let Worker { fields: Some(fields), pixels, .. } = worker else {
+                    return Err(Failure::Null("worker"));
+                };
+                let mut put = |x: u32, y: u32, pixel: &Pixel| {
+                    pixels.put(((y - tile.y) * tile.width + (x - tile.x)) as usize, pixel);
+                };
+                let drawn = match limit {
+                    Some(limit) => fields.render_limited(
+                        &camera,
+                        tile,
+                        |x, y| limit.at(x - rect.x, y - rect.y),
+                        &mut put,
+                    ),
+                    None => fields.render(&camera, tile, &mut put),
+                };
+                drawn.map_err(Failure::Render)
+            })?;
+            if let Some(out) = out {
+                out.write(work.into());
+            }
+            Ok(())
+        };
+        // SAFETY: `worker` is as this function's `# Safety` has it.
+        unsafe { with_worker(worker, draw) }
+    })
+}
+
+/// Renders a rectangle of a picture (a 2D field: `NERF_KIND_PICTURE`), drawn in `frame->width` x `frame->height` pixels.
+///
+/// Pixel (x, y) is the field's colour at its centre, ((x + 0.5) / width, (y + 0.5) / height): any size from 1x1 to
+/// 8388608x8388608 shows the whole picture, `picture_width` x `picture_height` of `nerf_scene_info` without distortion, and
+/// a rectangle of a larger size is a detail of it.
+///
+/// `worker`: of the picture; of its options only maths and batch matter. The target has a plane for `rgb` alone; a picture
+/// is opaque, so that the alpha of RGBA formats is 1. The rest as in `nerf_render`.
+///
+/// # Safety
+/// Pointers are NULL or point to what is described here; `worker` and its scene are intact.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn nerf_render_picture(
+    worker: *mut Worker,
+    frame: *const Frame,
+    counters: *mut Counters,
+    message: *mut c_char,
+    message_capacity: usize,
+) -> Status {
+    call(Message { text: message, capacity: message_capacity }, || {
+        let draw = |worker: &mut Worker| {
+            // SAFETY: `frame` is as this function's `# Safety` has it.
+            let frame = unsafe { read_versioned(frame)? };
+            // SAFETY: `counters` is as this function's `# Safety` has it.
+            let out = unsafe { Out::new_or_none(counters)? };
+            let [member] = worker.members else {
+                return Err(Failure::Render(render::RenderError::NotAPicture));
+            };
+            let renderer = member.scene.renderer();
+            let (math, batch) = (worker.settings.quality.math, worker.settings.batch);
+            let size = [frame.width, frame.height];
+            let nothing = render::Rect { x: 0, y: 0, width: 0, height: 0 };
+            renderer.check_picture(batch, size, nothing).map_err(Failure::Render)?;
+            if !frame.camera.is_null() {
+                return Err(Failure::Reserved("frame.camera"));
+            }
+            // SAFETY: `rect` and `target` are as this function's `# Safety` has them.
+            let rect = unsafe { Rect::read(frame.rect, size[0], size[1])? };
+            // SAFETY: as above.
+            let canvas = unsafe { Canvas::of_picture(frame.target, rect, worker)? };
+            let all = (rect, Watcher { progress: frame.progress, user: frame.user });
+            let work = render_tiles(worker, canvas, all, |worker, tile| {
+                let pixels = &mut worker.pixels;
+                let mut put = |x: u32, y: u32, rgb: [f32; 3]| {
+                    let pixel = Pixel { rgb, opacity: 1.0, ..Pixel::BLANK };
+                    pixels.put(((y - tile.y) * tile.width + (x - tile.x)) as usize, &pixel);
+                };
+                let drawn = renderer.render_picture(math, batch, size, tile, worker.lines, &mut put);
+                drawn.map_err(Failure::Render)
+            })?;
+            if let Some(out) = out {
+                out.write(work.into());
+            }
+            Ok(())
+        };
+        // SAFETY: `worker` is as this function's `# Safety` has it.
+        unsafe { with_worker(worker, draw) }
+    })
+}
+
+/// The caller's progress function with its argument.
+#[derive(Clone, Copy)]
+struct Watcher {
+    progress: Progress,
+    user: *mut c_void,
+}
+
+impl Watcher {
+    /// Calls the caller, who may cancel.
+    fn report(&self, done: u64, all: u64) -> Result<(), Failure> {
+        // SAFETY: the caller of `nerf_render` passed the function with this argument.
+        let on = unsafe { progress::call(self.progress, self.user, done, all) };
+        if on { Ok(()) } else { Err(Failure::Cancelled) }
+    }
+}
+
+/// Renders `rect`, the canvas' own, tile by tile: `draw` puts every pixel of one, row by row, into the worker's.
+fn render_tiles(
+    worker: &mut Worker,
+    mut canvas: Canvas,
+    (rect, watcher): (render::Rect, Watcher),
+    mut draw: impl FnMut(&mut Worker, render::Rect) -> Result<render::Counters, Failure>,
+) -> Result<render::Counters, Failure> {
+    let all = u64::from(rect.width) * u64::from(rect.height);
+    let (mut done, mut work) = (0, render::Counters::default());
+    watcher.report(done, all)?;
+    let (width, height) = tile_size(worker.settings.batch);
+    for tile in rect.tiles(width, height) {
+        work += draw(worker, tile)?;
+        canvas.write(tile, &worker.pixels);
+        done += u64::from(tile.width * tile.height);
+        watcher.report(done, all)?;
+    }
+    Ok(work)
+}

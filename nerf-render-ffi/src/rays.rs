@@ -1,0 +1,230 @@
+//! Rays of the caller's own: what each sees, and where a photon on it collides.
+
+use crate::boundary::{Message, Out, Versioned, call, read_versioned};
+use crate::counters::Counters;
+use crate::failure::Failure;
+use crate::span::{Span, check_aligned};
+use crate::status::Status;
+use crate::target::{Canvas, Target};
+use crate::worker::{Worker, with_worker};
+use core::ffi::c_char;
+use glam::Vec3;
+use nerf_core::camera::Ray;
+use nerf_core::render::RaySegment;
+use nerf_core::volume::Pixel;
+
+/// Numbers of the caller's, one or three to each ray or point.
+#[derive(Clone, Copy, Debug)]
+#[repr(C)]
+pub struct Floats {
+    /// The first of them.
+    pub data: *const f32,
+    /// From one ray's or point's to the next, bytes; 0 for side by side.
+    pub stride: usize,
+}
+
+impl Floats {
+    /// `count` groups of `each` numbers, checked.
+    pub(crate) fn check(
+        &self,
+        name: &'static str,
+        count: usize,
+        each: usize,
+    ) -> Result<(Numbers, Span), Failure> {
+        let size = each * size_of::<f32>();
+        let stride = if self.stride == 0 { size } else { self.stride };
+        let numbers = Numbers { data: self.data.cast(), stride };
+        if count == 0 {
+            return Ok((numbers, Span::EMPTY));
+        }
+        Span::of(name, self.data, 0)?;
+        check_aligned(name, stride, align_of::<f32>())?;
+        if stride < size {
+            return Err(Failure::Stride { name, expected: size, found: stride });
+        }
+        let length = (count - 1).checked_mul(stride).and_then(|bytes| bytes.checked_add(size));
+        let span = Span::new(name, self.data.cast(), length.ok_or(Failure::Overflow(name))?)?;
+        Ok((numbers, span))
+    }
+}
+
+/// Numbers whose extent was checked.
+#[derive(Clone, Copy)]
+pub(crate) struct Numbers {
+    data: *const u8,
+    stride: usize,
+}
+
+impl Numbers {
+    /// The `i`-th.
+    ///
+    /// # Safety
+    /// `i` is below the count that was checked, and the caller's memory is readable.
+    #[inline]
+    pub unsafe fn one(&self, i: usize) -> f32 {
+        // SAFETY: inside of what was checked, and aligned; the caller vouches for the memory.
+        unsafe { self.data.add(i * self.stride).cast::<f32>().read() }
+    }
+
+    /// The `i`-th three.
+    ///
+    /// # Safety
+    /// As [`Numbers::one`].
+    #[inline]
+    pub unsafe fn three(&self, i: usize) -> [f32; 3] {
+        // SAFETY: inside of what was checked, and aligned; the caller vouches for the memory.
+        unsafe { self.data.add(i * self.stride).cast::<[f32; 3]>().read() }
+    }
+}
+
+/// Rays of the caller's own, in any order, from anywhere.
+#[derive(Clone, Copy, Debug)]
+#[repr(C)]
+pub struct Rays {
+    /// `sizeof(nerf_rays)`.
+    pub struct_size: usize,
+    /// How many.
+    pub count: usize,
+    /// Where each begins, x, y, z.
+    pub origins: Floats,
+    /// In which direction, x, y, z, of unit length.
+    pub dirs: Floats,
+    /// What is nearer is not seen, world units along the ray, at least 0; NULL for 0.
+    pub t_min: Floats,
+    /// What is farther is not seen, at least `t_min`, may be infinite; NULL for no end. It cuts the bin it lies in: opacity
+    /// goes continuously with it.
+    pub t_max: Floats,
+    /// A number in [0, 1) each, for `nerf_sample_rays`; else NULL.
+    pub random: Floats,
+    /// Three numbers, of unit length: what `z_depth` is measured along. NULL where that is not asked for.
+    pub axis: *const f32,
+    /// Where results go: planes of one row of `count` pixels, of which only `pixel_stride` matters. No limits: `t_max` is
+    /// the ray's.
+    pub target: *const Target,
+}
+
+// SAFETY: `repr(C)`, `struct_size` comes first, and numbers and pointers have no invalid bytes.
+unsafe impl Versioned for Rays {
+    const NAME: &'static str = "rays";
+}
+
+/// Renders rays of the caller's own: each is a pixel of the target.
+///
+/// A ray may begin anywhere: outside of the scene, inside, behind it. Where it meets no surface, distances are one that is
+/// beyond everything in the scene, or `t_max`. The rays of a camera give its pixels, bit for bit, without jitter. A plane of
+/// opacity alone is what a shadow ray needs: the same bits as beside others, for less work.
+///
+/// Rays are checked before the first result is written: `NERF_STATUS_RAY` names the first that has an origin that is not
+/// finite, a direction that is not of unit length or no range. Anti-aliasing and a lens' aperture are a camera's:
+/// `NERF_STATUS_OPTIONS`. `counters` and `message`: as in `nerf_render`.
+///
+/// # Safety
+/// Pointers are NULL or point to what is described here; `worker` and its scenes are intact.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn nerf_render_rays(
+    worker: *mut Worker,
+    rays: *const Rays,
+    counters: *mut Counters,
+    message: *mut c_char,
+    message_capacity: usize,
+) -> Status {
+    call(Message { text: message, capacity: message_capacity }, || {
+        // SAFETY: the arguments are as this function's `# Safety` has them.
+        unsafe { trace(worker, rays, counters, false) }
+    })
+}
+
+/// Draws where a photon that flies along each ray collides with the field: for path tracers.
+///
+/// A ray collides where its opacity reaches its number of `random`. Then `opacity` is 1, the distances are that point's, and
+/// colour and normal are the field's there. Else opacity is 0, distances are infinite, and colour is the background (0 in
+/// RGBA planes). Over uniform numbers the mean of the colours is what `nerf_render_rays` composites without cuts, which are
+/// not used here. `NERF_STATUS_RAY` also where a number is not in [0, 1). The rest as in `nerf_render_rays`.
+///
+/// # Safety
+/// Pointers are NULL or point to what is described there; `worker` and its scenes are intact.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn nerf_sample_rays(
+    worker: *mut Worker,
+    rays: *const Rays,
+    counters: *mut Counters,
+    message: *mut c_char,
+    message_capacity: usize,
+) -> Status {
+    call(Message { text: message, capacity: message_capacity }, || {
+        // SAFETY: the arguments are as this function's `# Safety` has them.
+        unsafe { trace(worker, rays, counters, true) }
+    })
+}
+
+/// Both of them.
+///
+/// # Safety
+/// As theirs.
+#[inline]
+unsafe fn trace(
+    worker: *mut Worker,
+    rays: *const Rays,
+    counters: *mut Counters,
+    collide: bool,
+) -> Result<(), Failure> {
+    let draw = |worker: &mut Worker| {
+        // SAFETY: `rays` is as this function's `# Safety` has it.
+        let rays = unsafe { read_versioned(rays)? };
+        // SAFETY: `counters` is as this function's `# Safety` has it.
+        let out = unsafe { Out::new_or_none(counters)? };
+        let (worker, count) = (worker, rays.count);
+        worker.fields()?;
+        let mut spans = [("rays.origins", Span::EMPTY); 5];
+        let mut check = |k: usize, name: &'static str, floats: &Floats, each: usize, optional: bool| {
+            if optional && floats.data.is_null() {
+                return Ok(None);
+            }
+            let (numbers, span) = floats.check(name, count, each)?;
+            spans[k] = (name, span);
+            Ok::<_, Failure>(Some(numbers))
+        };
+        let origins = check(0, "rays.origins", &rays.origins, 3, false)?;
+        let dirs = check(1, "rays.dirs", &rays.dirs, 3, false)?;
+        let t_min = check(2, "rays.t_min", &rays.t_min, 1, true)?;
+        let t_max = check(3, "rays.t_max", &rays.t_max, 1, true)?;
+        let random = check(4, "rays.random", &rays.random, 1, !collide)?;
+        let (Some(origins), Some(dirs)) = (origins, dirs) else { return Err(Failure::Null("rays.origins")) };
+        let axis = if rays.axis.is_null() {
+            None
+        } else {
+            Span::of("rays.axis", rays.axis, 3)?;
+            // SAFETY: not NULL, aligned, and readable by this function's `# Safety`.
+            Some(Vec3::from(unsafe { rays.axis.cast::<[f32; 3]>().read() }))
+        };
+        // SAFETY: `target` and its planes are as this function's `# Safety` has them.
+        let mut canvas = unsafe { Canvas::of_rays(rays.target, count, &spans, worker)? };
+        if canvas.outputs().z_depth && axis.is_none() {
+            return Err(Failure::Null("rays.axis"));
+        }
+        // SAFETY: all of them were found inside of arrays that the caller vouches for.
+        let ray = |i: usize| unsafe {
+            RaySegment {
+                ray: Ray { origin: origins.three(i).into(), dir: dirs.three(i).into() },
+                t_min: t_min.map_or(0.0, |t| t.one(i)),
+                t_max: t_max.map_or(f32::INFINITY, |t| t.one(i)),
+            }
+        };
+        // SAFETY: as above.
+        let number = |i: usize| random.map_or(0.0, |random| unsafe { random.one(i) });
+        let fields = worker.fields()?;
+        let mut put = |i: usize, pixel: &Pixel| canvas.put(i, pixel);
+        let work = if collide {
+            fields.sample_rays_with(count, &ray, &number, axis, &mut put)
+        } else {
+            fields.render_rays_with(count, &ray, axis, &mut put)
+        };
+        let work = work.map_err(Failure::Render)?;
+        if let Some(out) = out {
+            out.write(work.into());
+        }
+        Ok(())
+    };
+    // SAFETY: `worker` is as this function's `# Safety` has it.
+    unsafe { with_worker(worker, draw) }
+}

@@ -1,0 +1,435 @@
+//! Scenes, options, outputs and memory, checked once for any number of calls.
+
+use crate::boundary::{LayoutOut, Message, Versioned, call, check_out, read_versioned};
+use crate::failure::Failure;
+#[cfg(feature = "instances")]
+use crate::instance::Instance;
+use crate::outputs::read_outputs;
+use crate::render_options::{RenderOptions, Settings};
+use crate::scene::Scene;
+use crate::span::{Span, check_aligned};
+use crate::status::Status;
+use crate::tile_pixels::TilePixels;
+use core::ffi::{c_char, c_void};
+use core::sync::atomic::{AtomicBool, Ordering};
+use nerf_core::memory::{Arena, Line, lines_for};
+use nerf_core::plan::{Batch, Outputs, Plan};
+use nerf_core::render::{self, TILE_SIDE};
+
+/// What a worker is opened for; what it points to is read by the call alone, but for the scenes.
+#[derive(Clone, Copy, Debug)]
+#[repr(C)]
+pub struct Request {
+    /// `sizeof(nerf_request)`.
+    pub struct_size: usize,
+    /// The scene, or a picture (a 2D field), in coordinates of its own; NULL where there are `instances`.
+    pub scene: *const Scene,
+    /// NULL, or scenes that the host has placed in a world of its own: cameras, rays, points and distances are that
+    /// world's. Where they overlap, densities add and colours are mixed by density. An unbounded scene is the last, and
+    /// shows its background. In a library built with `instances`.
+    pub instances: *const crate::instance::Instance,
+    /// How many; with `scene` 0.
+    pub instance_count: usize,
+    /// NULL for the defaults.
+    pub options: *const RenderOptions,
+    /// `NERF_OUTPUT_*` of what targets will have planes for, or-ed; for queries `NERF_OUTPUT_RGB` or 0.
+    pub outputs: u32,
+    /// Zero.
+    pub reserved: u32,
+}
+
+// SAFETY: `repr(C)`, `struct_size` comes first, and numbers and pointers have no invalid bytes.
+unsafe impl Versioned for Request {
+    const NAME: &'static str = "request";
+}
+
+/// A scene of a worker, with its plan.
+pub(crate) struct Member {
+    pub scene: &'static Scene,
+    /// `None` of a picture, which has none.
+    pub plan: Option<Plan<'static>>,
+}
+
+/// A worker: lies at the beginning of the memory it was opened in and borrows the scenes.
+///
+/// It owns nothing, and there is nothing to close. One call at a time works with it, of one thread: another is
+/// `NERF_STATUS_BUSY`, as is every one after `NERF_STATUS_PANIC`. It ends where the caller reuses its memory or a
+/// scene's.
+#[repr(align(64))]
+pub struct Worker {
+    busy: AtomicBool,
+    /// What the frames are rendered by; `None` of a picture.
+    pub(crate) fields: Option<render::Worker<'static>>,
+    pub(crate) members: &'static [Member],
+    pub(crate) settings: Settings,
+    pub(crate) outputs: Outputs,
+    /// A tile is finished aside and then copied, so that not even a panic leaves half of one.
+    pub(crate) pixels: TilePixels<'static>,
+    /// What a picture is rendered in.
+    pub(crate) lines: &'static mut [Line],
+    pub(crate) memory: Span,
+    /// Bytes that were needed.
+    pub(crate) size: usize,
+}
+
+/// A worker that one call has for itself.
+pub(crate) struct Busy<'a>(pub &'a mut Worker);
+
+impl Busy<'_> {
+    /// The worker behind a handle.
+    ///
+    /// # Safety
+    /// `worker` is NULL or a handle whose memory and scenes are intact, and their memory is used through it alone.
+    pub unsafe fn new(worker: *mut Worker) -> Result<Self, Failure> {
+        if worker.is_null() {
+            return Err(Failure::Null("worker"));
+        }
+        check_aligned("worker", worker as usize, align_of::<Worker>())?;
+        // SAFETY: not NULL, aligned, and a worker by this function's contract. No reference to the rest of it is made
+        // before this says that no other call has one.
+        let busy = unsafe { &(*worker).busy };
+        #[cfg(target_has_atomic = "8")]
+        let taken = busy.swap(true, Ordering::Acquire);
+        #[cfg(not(target_has_atomic = "8"))]
+        let taken = {
+            let taken = busy.load(Ordering::Acquire);
+            busy.store(true, Ordering::Relaxed);
+            taken
+        };
+        if taken {
+            return Err(Failure::Busy);
+        }
+        // SAFETY: as above; this is the only call that works with it.
+        Ok(Self(unsafe { &mut *worker }))
+    }
+}
+
+impl Busy<'_> {
+    /// The worker may be used again; not after a panic, which leaves its work half done.
+    pub fn release(self) {
+        self.0.busy.store(false, Ordering::Release);
+    }
+}
+
+/// Runs the body of a call with the worker, for itself.
+///
+/// # Safety
+/// As [`Busy::new`].
+pub(crate) unsafe fn with_worker(
+    worker: *mut Worker,
+    body: impl FnOnce(&mut Worker) -> Result<(), Failure>,
+) -> Result<(), Failure> {
+    // SAFETY: the caller's promise.
+    let busy = unsafe { Busy::new(worker)? };
+    let result = body(busy.0);
+    busy.release();
+    result
+}
+
+impl Worker {
+    /// An error where memory that will be written to, or is read, holds part of a blob, a scene or the worker.
+    pub(crate) fn check_apart(&self, name: &'static str, span: Span) -> Result<(), Failure> {
+        span.check_apart(name, self.memory, "the worker's memory")?;
+        self.members.iter().try_for_each(|member| member.scene.check_apart(name, span))
+    }
+
+    /// What the frames are rendered by.
+    pub(crate) fn fields(&mut self) -> Result<&mut render::Worker<'static>, Failure> {
+        self.fields.as_mut().ok_or(Failure::Plan(nerf_core::plan::PlanError::NotAScene))
+    }
+
+    /// An error where a plane is wanted that the worker was not opened for.
+    pub(crate) fn check_outputs(&self, wanted: Outputs) -> Result<(), Failure> {
+        let of = |o: &Outputs| [o.rgb, o.opacity, o.ray_distance, o.z_depth, o.median_distance, o.normals];
+        let names = ["rgb", "opacity", "ray_distance", "z_depth", "median_distance", "normals"];
+        let pairs = of(&wanted).into_iter().zip(of(&self.outputs)).zip(names);
+        match pairs.into_iter().find(|((wanted, has), _)| *wanted && !has) {
+            Some((_, name)) => Err(Failure::NotRequested(name)),
+            None => Ok(()),
+        }
+    }
+}
+
+/// Width and height of the tiles a batch is rendered in: no more pixels than rays.
+pub(crate) fn tile_size(batch: Batch) -> (u32, u32) {
+    let side = TILE_SIDE as usize;
+    let width = side.min(batch.rays).max(1);
+    (width as u32, side.min(batch.rays / width).max(1) as u32)
+}
+
+/// A request, checked; the scenes one by one.
+#[derive(Clone, Copy)]
+struct Checked {
+    request: Request,
+    settings: Settings,
+    outputs: Outputs,
+    placed: bool,
+}
+
+/// How the lines of a worker's memory are shared out.
+struct Shares {
+    own: usize,
+    members: usize,
+    #[cfg(feature = "instances")]
+    instances: usize,
+    pixels: usize,
+    rest: usize,
+}
+
+impl Shares {
+    fn bytes(&self) -> Result<usize, Failure> {
+        let mut lines = self.own + self.members + self.pixels;
+        #[cfg(feature = "instances")]
+        {
+            lines += self.instances;
+        }
+        let bytes = lines.checked_add(self.rest).and_then(|lines| lines.checked_mul(size_of::<Line>()));
+        bytes.ok_or(Failure::Overflow("memory"))
+    }
+}
+
+impl Checked {
+    /// # Safety
+    /// `at` is NULL or points to a request whose pointers are NULL or point to what it says.
+    unsafe fn read(at: *const Request) -> Result<Self, Failure> {
+        // SAFETY: `at` is as this function's `# Safety` has it.
+        let request = unsafe { read_versioned(at)? };
+        if request.reserved != 0 {
+            return Err(Failure::Reserved("request.reserved"));
+        }
+        let placed = !request.instances.is_null();
+        if !placed && request.scene.is_null() {
+            return Err(Failure::Null("request.scene"));
+        }
+        if placed != request.scene.is_null() || placed != (request.instance_count > 0) {
+            return Err(Failure::SceneOrInstances);
+        }
+        if placed && !cfg!(feature = "instances") {
+            return Err(Failure::NotBuilt("request.instances"));
+        }
+        // SAFETY: `options` is as this function's `# Safety` has it.
+        let mut settings = unsafe { Settings::read(request.options)? };
+        if placed {
+            // Fields that are merged have their own bins alone.
+            settings.quality.proposal = false;
+        }
+        let outputs = read_outputs("request.outputs", request.outputs)?;
+        Ok(Self { request, settings, outputs, placed })
+    }
+
+    fn count(&self) -> usize {
+        self.request.instance_count.max(1)
+    }
+
+    /// One of the scenes.
+    ///
+    /// # Safety
+    /// As [`Checked::read`]; the scenes are intact during `'a`.
+    unsafe fn scene<'a>(&self, _index: usize) -> Result<&'a Scene, Failure> {
+        #[cfg(feature = "instances")]
+        if self.placed {
+            // SAFETY: `_index` is less than their number, and the rest is as this function's `# Safety` has it.
+            return unsafe { Scene::of(Instance::read(self.request.instances, _index)?.scene) };
+        }
+        // SAFETY: `scene` is as this function's `# Safety` has it.
+        unsafe { Scene::of(self.request.scene) }
+    }
+
+    /// The plan of one of the scenes, in its own units; `None` of a picture.
+    fn plan(&self, scene: &Scene, scale: f32) -> Result<Option<Plan<'static>>, Failure> {
+        let blob = scene.renderer().blob();
+        if blob.picture().is_some() && !self.placed {
+            return Ok(None);
+        }
+        self.settings.plan(blob, self.outputs, scale).map(Some)
+    }
+
+    /// How much memory a worker takes.
+    ///
+    /// # Safety
+    /// As [`Checked::scene`].
+    unsafe fn shares(&self) -> Result<Shares, Failure> {
+        // SAFETY: the caller's promise.
+        let last = unsafe { self.scene(self.count() - 1)? };
+        let batch = self.settings.batch;
+        let rest = match self.plan(last, 1.0)? {
+            #[cfg(feature = "instances")]
+            Some(plan) if self.placed => {
+                for index in 0..self.count() {
+                    // SAFETY: the caller's promise.
+                    unsafe { self.scene(index)? };
+                }
+                // SAFETY: as above; each was just looked at.
+                let scenes = (0..self.count()).filter_map(|index| unsafe { self.scene(index) }.ok());
+                render::Worker::instances_lines(scenes.map(Scene::renderer), &plan)
+            }
+            Some(plan) => last.renderer().workspace_lines(&plan),
+            None => last.renderer().picture_workspace_lines(batch),
+        };
+        let (width, height) = tile_size(batch);
+        Ok(Shares {
+            own: lines_for::<Worker>(1),
+            members: lines_for::<Member>(self.count()),
+            #[cfg(feature = "instances")]
+            instances: if self.placed { lines_for::<render::Instance<'_>>(self.count()) } else { 0 },
+            pixels: TilePixels::lines((width * height) as usize, self.outputs),
+            rest,
+        })
+    }
+}
+
+/// Says how much memory a worker for a request takes, and at which alignment.
+///
+/// `size` and `align` are written on success only. `message`: NULL, or `message_capacity` bytes for a sentence about what
+/// was expected and found; empty on success.
+///
+/// # Safety
+/// Pointers are NULL or point to what is described here; scenes are intact.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn nerf_worker_size(
+    request: *const Request,
+    size: *mut usize,
+    align: *mut usize,
+    message: *mut c_char,
+    message_capacity: usize,
+) -> Status {
+    call(Message { text: message, capacity: message_capacity }, || {
+        // SAFETY: `size` and `align` are as this function's `# Safety` has it.
+        let layout = unsafe { LayoutOut::new(size, align)? };
+        // SAFETY: `request` is as this function's `# Safety` has it.
+        let bytes = unsafe { Checked::read(request)?.shares()?.bytes()? };
+        layout.write(bytes);
+        Ok(())
+    })
+}
+
+/// Opens a worker in the caller's memory: everything that a call of it does not change is checked and made ready here.
+///
+/// The worker borrows `memory` and the scenes: they stay where and as they are for as long as it is used. One for each
+/// thread. `memory`: at least the size and alignment that `nerf_worker_size` says, apart from scenes and blobs. `worker`
+/// receives the handle on success only; there is nothing to close. `message`: as in `nerf_worker_size`.
+///
+/// # Safety
+/// Pointers are NULL or point to what is described here; scenes are intact.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn nerf_worker_open(
+    request: *const Request,
+    memory: *mut c_void,
+    memory_size: usize,
+    worker: *mut *mut Worker,
+    message: *mut c_char,
+    message_capacity: usize,
+) -> Status {
+    call(Message { text: message, capacity: message_capacity }, || {
+        check_out("worker", worker)?;
+        // SAFETY: `request` is as this function's `# Safety` has it.
+        let checked = unsafe { Checked::read(request)? };
+        // SAFETY: as above.
+        let shares = unsafe { checked.shares()? };
+        Span::of("memory", memory.cast::<Line>().cast_const(), 0)?;
+        let span = Span::new("memory", memory, memory_size)?;
+        for index in 0..checked.count() {
+            // SAFETY: as above.
+            unsafe { checked.scene(index)?.check_apart("memory", span)? };
+        }
+        let expected = shares.bytes()?;
+        if memory_size < expected {
+            return Err(Failure::Memory { name: "memory", expected, found: memory_size });
+        }
+        // SAFETY: aligned, as large as it needs to be, apart from the scenes, and lent by this function's `# Safety`.
+        let handle = unsafe { open_in(&checked, &shares, memory.cast(), span)? };
+        // SAFETY: checked above, and writable by this function's `# Safety`.
+        unsafe { worker.write(handle) };
+        Ok(())
+    })
+}
+
+/// Opens a worker at the beginning of `memory`.
+///
+/// # Safety
+/// `memory` has as many lines as the shares say, is apart from the scenes and lent for as long as the worker is used, as
+/// are the scenes.
+unsafe fn open_in(
+    checked: &Checked,
+    shares: &Shares,
+    memory: *mut Line,
+    span: Span,
+) -> Result<*mut Worker, Failure> {
+    let count = checked.count();
+    // SAFETY: in order, inside of `memory`, each as long as its share.
+    let (members, mut at) =
+        unsafe { (memory.add(shares.own).cast::<Member>(), memory.add(shares.own + shares.members)) };
+    for index in 0..count {
+        // SAFETY: the caller's promise.
+        let scene = unsafe { checked.scene(index)? };
+        #[cfg(feature = "instances")]
+        let scale = if checked.placed {
+            // SAFETY: as above.
+            unsafe { Instance::read(checked.request.instances, index)?.placement(index)?.scale() }
+        } else {
+            1.0
+        };
+        #[cfg(not(feature = "instances"))]
+        let scale = 1.0;
+        let plan = checked.plan(scene, scale)?;
+        // SAFETY: one of `count` places in their share, aligned as a line is.
+        unsafe { members.add(index).write(Member { scene, plan }) };
+    }
+    // SAFETY: `count` of them have just been written, and nobody writes to them again.
+    let members: &'static [Member] = unsafe { core::slice::from_raw_parts(members, count) };
+    #[cfg(feature = "instances")]
+    let instances: &'static [render::Instance<'static>] = if checked.placed {
+        let first = at.cast::<render::Instance<'static>>();
+        for (index, member) in members.iter().enumerate() {
+            // SAFETY: the caller's promise.
+            let placement = unsafe { Instance::read(checked.request.instances, index)?.placement(index)? };
+            let plan = member.plan.as_ref().ok_or(Failure::Plan(nerf_core::plan::PlanError::NotAScene))?;
+            let instance = render::Instance { renderer: member.scene.renderer(), plan, placement };
+            // SAFETY: one of `count` places in their share, aligned as a line is.
+            unsafe { first.add(index).write(instance) };
+        }
+        // SAFETY: as for the members.
+        unsafe {
+            at = at.add(shares.instances);
+            core::slice::from_raw_parts(first, count)
+        }
+    } else {
+        &[]
+    };
+    // SAFETY: inside of `memory`, apart from each other and from what was written, lent to the worker alone; a line
+    // holds any bytes.
+    let (pixels, lines): (&'static mut [Line], &'static mut [Line]) = unsafe {
+        let pixels = core::slice::from_raw_parts_mut(at, shares.pixels);
+        at = at.add(shares.pixels);
+        (pixels, core::slice::from_raw_parts_mut(at, shares.rest))
+    };
+    let (width, height) = tile_size(checked.settings.batch);
+    let pixels = TilePixels::lay_out(&mut Arena::new(pixels), (width * height) as usize, checked.outputs);
+    let mut kept: &'static mut [Line] = &mut [];
+    let fields = match members {
+        #[cfg(feature = "instances")]
+        _ if checked.placed => Some(render::Worker::of_instances(instances, lines).map_err(Failure::Render)?),
+        [Member { scene, plan: Some(plan) }] => {
+            Some(scene.renderer().worker(plan, lines).map_err(Failure::Render)?)
+        }
+        _ => {
+            kept = lines;
+            None
+        }
+    };
+    let handle = memory.cast::<Worker>();
+    let worker = Worker {
+        busy: AtomicBool::new(false),
+        fields,
+        members,
+        settings: checked.settings,
+        outputs: checked.outputs,
+        pixels,
+        lines: kept,
+        memory: span,
+        size: shares.bytes()?,
+    };
+    // SAFETY: the first lines hold a worker, are aligned for it, and are in no slice.
+    unsafe { handle.write(worker) };
+    Ok(handle)
+}

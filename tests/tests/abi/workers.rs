@@ -1,0 +1,229 @@
+//! Workers over the C interface: what they are opened for, used again and by several threads, and placed fields.
+
+use nerf_core::Kernel;
+use nerf_render as ffi;
+use nerf_render::{PixelFormat, Status};
+use nerf_tests::call::{self, Message, plane};
+use nerf_tests::memory::Guarded;
+use nerf_tests::scenes::{self, Recipe};
+use std::ffi::c_void;
+use std::ptr::{null, null_mut};
+
+const SIDE: u32 = 20;
+const COUNT: usize = (SIDE * SIDE) as usize;
+const RGB: u32 = ffi::NERF_OUTPUT_RGB;
+
+/// A worker in memory of exactly the size it needs, or why there is none.
+fn open(request: &ffi::Request) -> Result<(*mut ffi::Worker, Guarded), (Status, String)> {
+    let (mut size, mut align, mut message) = (0, 0, Message::default());
+    let text = message.0.as_mut_ptr();
+    // SAFETY: everything the request points to lives until the call returns.
+    let status = unsafe { ffi::nerf_worker_size(request, &mut size, &mut align, text, 256) };
+    if status != Status::Ok {
+        return Err((status, message.text()));
+    }
+    assert_eq!(align, 64);
+    let mut handle = null_mut();
+    let mut short = Guarded::new(size - 1, 0);
+    let text = message.0.as_mut_ptr();
+    // SAFETY: as above; the memory lives as long as the worker is used.
+    let status = unsafe { ffi::nerf_worker_open(request, short.at(), size - 1, &mut handle, text, 256) };
+    if status == Status::Memory {
+        assert!(handle.is_null() && short.is_untouched());
+        assert!(message.text().contains(&size.to_string()), "{}", message.text());
+    } else {
+        return Err((status, message.text()));
+    }
+    let mut memory = Guarded::new(size, 0);
+    let text = message.0.as_mut_ptr();
+    // SAFETY: as above.
+    let status = unsafe { ffi::nerf_worker_open(request, memory.at(), size, &mut handle, text, 256) };
+    assert!(memory.surroundings_are_intact());
+    if status == Status::Ok { Ok((handle, memory)) } else { Err((status, message.text())) }
+}
+
+fn picture(worker: *mut ffi::Worker) -> (Status, Vec<[f32; 4]>, ffi::Counters) {
+    let mut pixels = vec![[9.0f32; 4]; COUNT];
+    let target = call::target(plane(pixels.as_mut_ptr().cast(), PixelFormat::RgbaF32));
+    let (camera, mut counters) = (call::camera(&scenes::camera(SIDE, SIDE)), call::counters());
+    let frame = call::whole_frame(&camera, &target);
+    // SAFETY: the worker is intact.
+    let status = unsafe { ffi::nerf_render(worker, &frame, &mut counters, null_mut(), 0) };
+    (status, pixels, counters)
+}
+
+fn instance(scene: *const ffi::Scene, to_world: [f32; 12]) -> ffi::Instance {
+    ffi::Instance { struct_size: size_of::<ffi::Instance>(), scene, to_world }
+}
+
+/// Turned by a quarter about z, scaled, moved.
+fn placed(scale: f32, at: [f32; 3]) -> [f32; 12] {
+    let s = scale;
+    [0.0, -s, 0.0, at[0], s, 0.0, 0.0, at[1], 0.0, 0.0, s, at[2]]
+}
+
+fn request_of(instances: &[ffi::Instance]) -> ffi::Request {
+    let instance_count = instances.len();
+    ffi::Request { instances: instances.as_ptr(), instance_count, ..call::request(null(), null(), RGB) }
+}
+
+#[test]
+fn a_worker_renders_the_same_again_and_zeros_are_the_defaults() {
+    for kernel in Kernel::all() {
+        let opened = call::open(Recipe::OCCUPANCY.blob(), kernel);
+        // SAFETY: zeros are numbers.
+        let mut zeros: ffi::RenderOptions = unsafe { std::mem::zeroed() };
+        zeros.struct_size = size_of::<ffi::RenderOptions>();
+        let (worker, memory) = open(&call::request(opened.scene, &zeros, RGB)).expect("a worker");
+        let (other, _memory) = open(&call::request(opened.scene, null(), RGB)).expect("a worker");
+        let first = picture(worker);
+        assert_eq!(first.0, Status::Ok);
+        let (again, defaults) = (picture(worker), picture(other));
+        assert!(first.1 == again.1 && first.1 == defaults.1, "{kernel}");
+        let work = |found: &ffi::Counters| (found.rays, found.macs, found.density_evaluations);
+        assert!(work(&first.2) == work(&again.2) && work(&first.2) == work(&defaults.2), "{kernel}");
+        assert!(memory.surroundings_are_intact());
+        let exact = call::render_options();
+        let (exact, _memory) = open(&call::request(opened.scene, &exact, RGB)).expect("a worker");
+        assert!(picture(exact).2.colour_evaluations > first.2.colour_evaluations, "{kernel}");
+    }
+}
+
+#[test]
+fn requests_that_make_no_worker_say_which_field() {
+    let opened = call::open(Recipe::OCCUPANCY.blob(), Kernel::IN_PLACE);
+    let one = [instance(opened.scene, [0.0; 12])];
+    let good = call::request(opened.scene, null(), RGB);
+    let refused = |request: ffi::Request, expected: Status, text: &str| match open(&request) {
+        Ok(_) => panic!("{text}: opened"),
+        Err((status, said)) => assert!(status == expected && said.contains(text), "{status:?}: {said}"),
+    };
+    refused(ffi::Request { scene: null(), ..good }, Status::NullPointer, "request.scene");
+    refused(
+        ffi::Request { instances: one.as_ptr(), ..good },
+        Status::Options,
+        "either a scene, or instances",
+    );
+    refused(ffi::Request { instance_count: 1, ..good }, Status::Options, "either a scene, or instances");
+    refused(ffi::Request { instance_count: 0, ..request_of(&one) }, Status::Options, "instances");
+    refused(ffi::Request { outputs: 64, ..good }, Status::Options, "request.outputs");
+    refused(ffi::Request { reserved: 1, ..good }, Status::Reserved, "request.reserved");
+    refused(ffi::Request { struct_size: 8, ..good }, Status::StructSize, "request.struct_size");
+    let (mut size, mut align) = (7, 7);
+    // SAFETY: NULL is refused.
+    let status = unsafe { ffi::nerf_worker_size(null(), &mut size, &mut align, null_mut(), 0) };
+    assert_eq!((status, size, align), (Status::NullPointer, 7, 7));
+}
+
+#[test]
+fn transforms_of_instances_are_checked_one_by_one() {
+    let opened = call::open(Recipe::OCCUPANCY.blob(), Kernel::IN_PLACE);
+    let bad: [(&str, [f32; 12]); 6] = [
+        ("not finite", [1.0, 0.0, 0.0, f32::NAN, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0]),
+        ("scale", [0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0]),
+        ("different lengths", [1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0]),
+        ("different lengths", [1.0, 0.0, 0.0, 0.0, 0.0, 2.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0]),
+        ("right angles", [1.0, 0.5, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0]),
+        ("mirrored", [1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, -1.0, 0.0]),
+    ];
+    for (text, transform) in bad {
+        let both = [instance(opened.scene, placed(2.0, [0.0; 3])), instance(opened.scene, transform)];
+        let (status, said) = open(&request_of(&both)).map(|_| ()).expect_err(text);
+        assert!(status == Status::Transform && said.contains(text), "{status:?}: {said}");
+        assert!(said.starts_with("instances[1].to_world"), "{said}");
+    }
+    let none = [instance(opened.scene, [0.0; 12]), instance(null(), [0.0; 12])];
+    assert_eq!(open(&request_of(&none)).map(|_| ()).expect_err("NULL").0, Status::NullPointer);
+    let picture = call::open(Recipe::PICTURE.blob(), Kernel::IN_PLACE);
+    let field = [instance(picture.scene, [0.0; 12])];
+    assert_eq!(open(&request_of(&field)).map(|_| ()).expect_err("2D").0, Status::NotAScene);
+}
+
+/// Of a scene where it was, of one elsewhere as its camera goes with it, of two and of the host's structures of any size.
+#[test]
+fn placed_fields_are_seen_where_they_stand() {
+    for kernel in Kernel::all() {
+        let opened = call::open(Recipe::OCCUPANCY.blob(), kernel);
+        // Without cuts, which are drawn at other samples.
+        let exact = call::render_options();
+        let (alone, _memory) = open(&call::request(opened.scene, &exact, RGB)).expect("a worker");
+        let alone = picture(alone).1;
+        let of = |instances: &[ffi::Instance]| {
+            open(&ffi::Request { options: &exact, ..request_of(instances) }).expect("a worker")
+        };
+        let (here, _memory) = of(&[instance(opened.scene, [0.0; 12])]);
+        let here = picture(here).1;
+        let limit = if kernel.rounds() { 2e-2 } else { 1e-4 };
+        let off = |a: &[[f32; 4]], b: &[[f32; 4]]| {
+            a.iter().flatten().zip(b.iter().flatten()).map(|(a, b)| (a - b).abs()).fold(0.0, f32::max)
+        };
+        assert!(off(&here, &alone) < limit, "{kernel}: {}", off(&here, &alone));
+        // Behind the camera there is nothing to be seen of it, and with both the one in front is.
+        let eye = scenes::camera(SIDE, SIDE).pose().position;
+        let away = instance(opened.scene, placed(0.5, (eye * 3.0).to_array()));
+        let (behind, _memory) = of(&[away]);
+        assert!(picture(behind).1.iter().all(|pixel| *pixel == [0.0; 4]));
+        let (both, _memory) = of(&[away, instance(opened.scene, [0.0; 12])]);
+        assert!(off(&picture(both).1, &here) < 1e-6, "{kernel}");
+    }
+}
+
+#[test]
+fn a_scene_is_unbounded_at_the_end_or_not_at_all() {
+    let (room, thing) = (
+        call::open(Recipe::CONTRACTED.blob(), Kernel::detect()),
+        call::open(Recipe::OCCUPANCY.blob(), Kernel::detect()),
+    );
+    let (room, thing) = (instance(room.scene, [0.0; 12]), instance(thing.scene, [0.0; 12]));
+    assert!(open(&request_of(&[thing, room])).is_ok());
+    for wrong in [[room, thing], [room, room]] {
+        let (status, said) = open(&request_of(&wrong)).map(|_| ()).expect_err("refused");
+        assert!(status == Status::Options && said.starts_with("instances[0]"), "{status:?}: {said}");
+    }
+}
+
+unsafe extern "C-unwind" fn again(user: *mut c_void, done: u64, _: u64) -> i32 {
+    // SAFETY: the test passes the worker and a place.
+    let [worker, found] = unsafe { &mut *user.cast::<[usize; 2]>() };
+    if done > 0 {
+        *found = picture(*worker as *mut ffi::Worker).0 as usize;
+    }
+    0
+}
+
+#[test]
+fn a_worker_at_work_is_busy_for_others_and_free_behind() {
+    let opened = call::open(Recipe::OCCUPANCY.blob(), Kernel::detect());
+    let (worker, _memory) = open(&call::request(opened.scene, null(), RGB)).expect("a worker");
+    let mut pixels = vec![[9.0f32; 4]; COUNT];
+    let target = call::target(plane(pixels.as_mut_ptr().cast(), PixelFormat::RgbaF32));
+    let (camera, mut user) = (call::camera(&scenes::camera(SIDE, SIDE)), [worker as usize, 0]);
+    let frame = call::whole_frame(&camera, &target);
+    let frame = ffi::Frame { progress: Some(again), user: (&raw mut user).cast(), ..frame };
+    // SAFETY: everything lives until the call returns.
+    let status = unsafe { ffi::nerf_render(worker, &frame, null_mut(), null_mut(), 0) };
+    assert_eq!((status, user[1]), (Status::Ok, Status::Busy as usize));
+    let after = picture(worker);
+    assert_eq!((after.0, after.1), (Status::Ok, pixels));
+}
+
+#[test]
+fn threads_with_a_worker_each_see_the_same() {
+    let opened = call::open(Recipe::OCCUPANCY.blob(), Kernel::detect());
+    let two = [instance(opened.scene, [0.0; 12]), instance(opened.scene, placed(0.8, [0.3, 0.1, 0.2]))];
+    let (worker, _memory) = open(&request_of(&two)).expect("a worker");
+    let expected = picture(worker).1;
+    let address = opened.scene as usize;
+    std::thread::scope(|scope| {
+        for _ in 0..4 {
+            scope.spawn(|| {
+                let scene = address as *const ffi::Scene;
+                let two = [instance(scene, [0.0; 12]), instance(scene, placed(0.8, [0.3, 0.1, 0.2]))];
+                let (worker, _memory) = open(&request_of(&two)).expect("a worker");
+                for _ in 0..3 {
+                    assert!(picture(worker).1 == expected);
+                }
+            });
+        }
+    });
+}
