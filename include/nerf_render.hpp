@@ -11,13 +11,13 @@
 //     std::vector<std::uint8_t> pixels(640 * 480 * 3);
 //     nerf::target target;
 //     target.rgb = nerf::plane::rgb_u8(pixels);
-//     auto workspace = scene->workspace(target.outputs());
-//     if (!workspace) return complain(workspace.error().text());
-//     auto counters = scene->render(camera, target, *workspace);
+//     auto worker = scene->worker(target.outputs());
+//     if (!worker) return complain(worker.error().text());
+//     auto counters = worker->render(camera, target);
 //
 // - Names, units and rules are those of nerf_render.h: a wrapper begins where C needs a struct_size.
 // - nerf::memory is owned or lent by the caller: without a heap, lend everything.
-// - A scene never changes: threads may share it, each with a workspace of its own.
+// - A scene never changes: threads may share it, each with a worker of its own.
 // - What was moved from is empty: calls on it are NERF_STATUS_NULL_POINTER, not undefined.
 #ifndef NERF_RENDER_HPP
 #define NERF_RENDER_HPP
@@ -50,6 +50,13 @@ template <class C>
 inline constexpr bool lends =
     std::is_lvalue_reference_v<C> || std::is_same_v<decltype(std::data(std::declval<C &>())),
                                                     decltype(std::data(std::declval<const C &>()))>;
+
+/// The C library reads and writes floats by copying them, whatever structure they are in.
+template <class T, class E>
+T *floats_at(E *first) noexcept {
+    using untyped = std::conditional_t<std::is_const_v<T>, const void, void>;
+    return static_cast<T *>(static_cast<untyped *>(first));
+}
 
 } // namespace detail
 
@@ -100,38 +107,81 @@ private:
     std::size_t size_;
 };
 
-/// Points, directions or colours that lie side by side in somebody else's memory: floats, three to each, or any trivially
-/// copyable structure of three (a host's own vector), in whatever has data and size. T is float or const float.
-template <class T>
-class triples {
+template <class T, std::size_t each>
+class strided;
+
+namespace detail {
+
+template <class C>
+inline constexpr bool is_strided = false;
+template <class T, std::size_t each>
+inline constexpr bool is_strided<strided<T, each>> = true;
+
+} // namespace detail
+
+/// Numbers in somebody else's memory, `each` to a ray or point, side by side or a stride apart. T is float or const float.
+///
+/// Made of floats in whatever has data and size, of any trivially copyable structures of so many floats (a host's own
+/// vector), or with nerf::member of one field of larger structures.
+template <class T, std::size_t each>
+class strided {
 public:
-    constexpr triples() noexcept = default;
+    constexpr strided() noexcept = default;
+    strided(T *data, std::size_t count, std::size_t stride) noexcept : data_(data), count_(count), stride_(stride) {}
+
+    /// What may be written may be read.
+    template <class U, class = std::enable_if_t<std::is_same_v<const U, T>>>
+    strided(const strided<U, each> &other) noexcept
+        : data_(other.data_), count_(other.count_), stride_(other.stride_), whole_(other.whole_) {}
 
     template <class C, class E = std::remove_pointer_t<decltype(std::data(std::declval<C &>()))>,
               class = std::enable_if_t<(std::is_same_v<std::remove_const_t<E>, float> ||
                                         (std::is_trivially_copyable_v<E> && std::is_class_v<E> &&
-                                         sizeof(E) == 3 * sizeof(float) && alignof(E) == alignof(float))) &&
-                                       (std::is_const_v<T> || (!std::is_const_v<E> && detail::lends<C>))>>
-    triples(C &&container) noexcept
-        : data_(at(std::data(container))), floats_(std::size(container) * (sizeof(E) / sizeof(float))) {}
+                                         sizeof(E) == each * sizeof(float) && alignof(E) == alignof(float))) &&
+                                       (std::is_const_v<T> || (!std::is_const_v<E> && detail::lends<C>)) &&
+                                       !detail::is_strided<std::decay_t<C>>>>
+    strided(C &&container) noexcept
+        : data_(detail::floats_at<T>(std::data(container))), count_(std::size(container) * sizeof(E) / (each * sizeof(float))),
+          whole_(std::size(container) * sizeof(E) % (each * sizeof(float)) == 0) {}
 
     T *data() const noexcept { return data_; }
-    /// How many floats: three times as many as points.
-    std::size_t floats() const noexcept { return floats_; }
-    bool empty() const noexcept { return floats_ == 0; }
+    /// How many rays or points have some.
+    std::size_t size() const noexcept { return count_; }
+    bool empty() const noexcept { return data_ == nullptr; }
+    /// Bytes from one to the next; 0 for side by side.
+    std::size_t stride() const noexcept { return stride_; }
+    /// Whether there are so many, and none beyond them.
+    bool holds(std::size_t count) const noexcept { return whole_ && count_ == count; }
 
 private:
-    static T *at(T *first) noexcept { return first; }
-    // The C library reads and writes floats by copying them.
-    template <class E>
-    static T *at(E *first) noexcept {
-        using untyped = std::conditional_t<std::is_const_v<T>, const void, void>;
-        return static_cast<T *>(static_cast<untyped *>(first));
-    }
+    template <class, std::size_t>
+    friend class strided;
 
     T *data_ = nullptr;
-    std::size_t floats_ = 0;
+    std::size_t count_ = 0;
+    std::size_t stride_ = 0;
+    bool whole_ = true;
 };
+
+/// Points, directions or colours.
+template <class T>
+using triples = strided<T, 3>;
+/// One number each.
+template <class T>
+using numbers = strided<T, 1>;
+
+/// A field of the structures in a container: `nerf::member(rays, &my_ray::origin)`.
+template <class C, class S, class F>
+auto member(C &&container, F S::*field) noexcept {
+    using element = std::remove_pointer_t<decltype(std::data(container))>;
+    using number = std::conditional_t<std::is_const_v<element>, const float, float>;
+    static_assert(std::is_trivially_copyable_v<F> && sizeof(F) % sizeof(float) == 0 && alignof(F) == alignof(float));
+    static_assert(std::is_const_v<element> || detail::lends<C>, "a temporary takes its memory along");
+    auto *const first = std::data(container);
+    const std::size_t count = std::size(container);
+    return strided<number, sizeof(F) / sizeof(float)>(
+        count == 0 ? nullptr : detail::floats_at<number>(std::addressof(first->*field)), count, sizeof(S));
+}
 
 /// Whether the library speaks the ABI this header was written for.
 inline bool abi_matches() noexcept { return nerf_abi_version() == NERF_ABI_VERSION; }
@@ -229,7 +279,7 @@ struct layout {
     std::size_t align = 1;
 };
 
-/// Bytes for a scene or a workspace: owned and freed, or lent by the caller. Movable.
+/// Bytes for a scene or a worker: owned and freed, or lent by the caller. Movable.
 class memory {
 public:
     memory() noexcept = default;
@@ -434,19 +484,18 @@ private:
     std::uint32_t across() const noexcept { return count(width); }
 };
 
-/// From a pixel to the one below (negative where rows go up) and to its right neighbour, bytes; 0 is side by side.
+/// From a pixel to the one below (negative where the last row is first in memory) and to its right neighbour, bytes; 0 is
+/// side by side.
 struct strides {
     std::ptrdiff_t row = 0;
     std::size_t pixel = 0;
 };
 
-/// Where one output goes: every pixel of the target's window. One that is left out is not computed.
-struct plane : nerf_plane {
-    plane() noexcept : nerf_plane() {}
-
-    /// Raw, for rows that go up and for whatever the others cannot say; nobody checks where it ends.
-    plane(nerf_format f, void *first_pixel, strides by = {}) noexcept
-        : nerf_plane{first_pixel, by.pixel, by.row, f, 0} {}
+/// Where one output goes, or where a limit is read: every pixel of the target's window, in a view that knows its end. One
+/// that is left out is not computed.
+class plane {
+public:
+    plane() noexcept = default;
 
     // Colour.
     static plane rgb_u8(span<std::uint8_t> s, strides by = {}) noexcept { return {NERF_FORMAT_RGB_U8, s, by}; }
@@ -457,16 +506,41 @@ struct plane : nerf_plane {
     static plane f32(span<float> s, strides by = {}) noexcept { return {NERF_FORMAT_F32, s, by}; }
     // Normals.
     static plane vec3_f32(span<float> s, strides by = {}) noexcept { return {NERF_FORMAT_VEC3_F32, s, by}; }
+    // Limits, which are read.
+    static plane limit(span<const float> s, strides by = {}) noexcept {
+        return {NERF_FORMAT_F32, span<float>(const_cast<float *>(s.data()), s.size()), by};
+    }
+    // A field of structures that lie side by side: three floats are colour, or with `normals` a normal; four are RGBA.
+    template <class C, class S, class F>
+    static plane member(C &&pixels, F S::*field, bool normals = false) noexcept {
+        static_assert(std::is_trivially_copyable_v<F> && alignof(F) == alignof(float) && detail::lends<C>);
+        static_assert(sizeof(F) == 4 || sizeof(F) == 12 || sizeof(F) == 16, "expected one, three or four floats");
+        plane of;
+        of.format_ = sizeof(F) == 4    ? NERF_FORMAT_F32
+                     : sizeof(F) == 16 ? NERF_FORMAT_RGBA_F32
+                     : normals         ? NERF_FORMAT_VEC3_F32
+                                       : NERF_FORMAT_RGB_F32;
+        of.by_.pixel = sizeof(S);
+        auto *const first = std::data(pixels);
+        const std::size_t count = std::size(pixels);
+        of.data_ = count == 0 ? nullptr : static_cast<void *>(std::addressof(first->*field));
+        of.extent_ = count == 0 ? 0 : (count - 1) * sizeof(S) + sizeof(F);
+        of.there_ = true;
+        return of;
+    }
+
+    /// Whether it is there; a view without elements is, and too short.
+    explicit operator bool() const noexcept { return there_; }
 
 private:
     friend struct target;
 
     template <class T>
     plane(nerf_format f, span<T> s, strides by) noexcept
-        : nerf_plane{s.data(), by.pixel, by.row, f, 0}, extent(s.size() * sizeof(T)) {}
+        : data_(s.data()), by_(by), format_(f), extent_(s.size() * sizeof(T)), there_(true) {}
 
-    static std::size_t pixel_size(std::uint32_t format) noexcept {
-        switch (format) {
+    std::size_t pixel_size() const noexcept {
+        switch (format_) {
         case NERF_FORMAT_RGB_U8: return 3;
         case NERF_FORMAT_RGBA_U8: case NERF_FORMAT_F32: return 4;
         case NERF_FORMAT_RGBA_F32: return 16;
@@ -474,18 +548,24 @@ private:
         }
     }
 
-    std::size_t extent = std::numeric_limits<std::size_t>::max(); // bytes of the view it was made of
+    void *data_ = nullptr;
+    strides by_;
+    nerf_format format_ = NERF_FORMAT_F32;
+    std::size_t extent_ = 0; // bytes of the view
+    bool there_ = false;
 };
 
-/// Planes of an image, or of a window of it: any rectangle in there can be rendered into its place.
+/// Planes of an image, or of a window of it: any rectangle in there can be rendered into its place. Of rays they are a row.
 struct target {
-    plane rgb, opacity, ray_distance, z_depth, median_distance, normals;
+    plane rgb = {}, opacity = {}, ray_distance = {}, z_depth = {}, median_distance = {}, normals = {};
+    /// Where the ray of each pixel ends: what a host has traced there, or a depth buffer. One of the two at most.
+    plane limit_ray_distance = {}, limit_z_depth = {};
     /// The part of the image that the planes hold; empty for all of it.
     rect window = {};
 
     /// NERF_OUTPUT_* of the planes that are there, or-ed.
     std::uint32_t outputs() const noexcept {
-        const auto bit = [](const plane &p, std::uint32_t output) { return wanted(p) ? output : 0u; };
+        const auto bit = [](const plane &p, std::uint32_t output) { return p ? output : 0u; };
         return bit(rgb, NERF_OUTPUT_RGB) | bit(opacity, NERF_OUTPUT_OPACITY) |
                bit(ray_distance, NERF_OUTPUT_RAY_DISTANCE) | bit(z_depth, NERF_OUTPUT_Z_DEPTH) |
                bit(median_distance, NERF_OUTPUT_MEDIAN_DISTANCE) | bit(normals, NERF_OUTPUT_NORMALS);
@@ -502,11 +582,12 @@ struct target {
         }
         nerf_target to = {};
         to.struct_size = sizeof to;
-        const plane *const from[6] = {&rgb, &opacity, &ray_distance, &z_depth, &median_distance, &normals};
-        nerf_plane *const into[6] = {&to.rgb,     &to.opacity,         &to.ray_distance,
-                                     &to.z_depth, &to.median_distance, &to.normals};
-        for (int i = 0; i < 6; ++i) {
-            const error wrong = !wanted(*from[i]) ? error() : place(*from[i], part, all, *into[i]);
+        const plane *const from[8] = {&rgb,     &opacity, &ray_distance,       &z_depth, &median_distance,
+                                      &normals, &limit_ray_distance, &limit_z_depth};
+        nerf_plane *const into[8] = {&to.rgb,     &to.opacity, &to.ray_distance,       &to.z_depth, &to.median_distance,
+                                     &to.normals, &to.limit_ray_distance, &to.limit_z_depth};
+        for (int i = 0; i < 8; ++i) {
+            const error wrong = !*from[i] ? error() : place(*from[i], part, all, *into[i]);
             if (wrong.status != NERF_STATUS_OK) {
                 return wrong;
             }
@@ -515,52 +596,87 @@ struct target {
     }
 
 private:
-    /// An empty view is wanted, too, and too short.
-    static bool wanted(const plane &from) noexcept { return from.data != nullptr || from.extent == 0; }
-
     static error place(const plane &from, const rect &part, const rect &all, nerf_plane &to) noexcept {
         constexpr std::int64_t limit = 1 << 30; // times a 32-bit side it is still a 64-bit number
-        const std::size_t size = plane::pixel_size(from.format);
-        to = from;
-        to.pixel_stride = from.pixel_stride == 0 ? size : from.pixel_stride;
+        const std::size_t size = from.pixel_size();
+        to.format = from.format_;
+        to.pixel_stride = from.by_.pixel == 0 ? size : from.by_.pixel;
         const std::int64_t step = to.pixel_stride > std::size_t{limit} ? limit + 1 : std::int64_t(to.pixel_stride);
-        const std::int64_t row = from.row_stride == 0 ? step * all.width : from.row_stride;
-        if (step > limit || row > limit || row < -limit) {
+        const std::int64_t row = from.by_.row == 0 ? step * all.width : from.by_.row;
+        if (step > limit || (all.height > 1 && (row > limit || row < -limit))) {
             return detail::failed(NERF_STATUS_OVERFLOW, "target: expected strides of at most 1 GiB");
         }
         to.row_stride = static_cast<std::ptrdiff_t>(row);
         if (part.width == 0 || part.height == 0) {
+            to.data = from.data_;
             return {};
         }
-        const std::int64_t first = row * (part.y - all.y) + step * (part.x - all.x);
+        const std::int64_t top = row < 0 ? -row * (std::int64_t{all.height} - 1) : 0; // where the window's first row is
+        const std::int64_t first = top + row * (part.y - all.y) + step * (part.x - all.x);
         const std::int64_t right = step * (part.width - 1), down = row * (part.height - 1);
-        const std::int64_t lowest = first + (down < 0 ? down : 0), highest = first + right + (down < 0 ? 0 : down);
-        const bool known = from.extent != std::numeric_limits<std::size_t>::max();
-        if (known && (lowest < 0 || from.extent < size || std::uint64_t(highest) > from.extent - size)) {
+        const std::int64_t highest = first + right + (down < 0 ? 0 : down);
+        if (from.extent_ < size || std::uint64_t(highest) > from.extent_ - size) {
             return detail::failed(NERF_STATUS_MEMORY, "target: a view ends before its last pixel");
         }
-        to.data = static_cast<unsigned char *>(from.data) + static_cast<std::ptrdiff_t>(first);
+        to.data = static_cast<unsigned char *>(from.data_) + static_cast<std::ptrdiff_t>(first);
         return {};
     }
 };
 
 // ------------------------------------------------------------------------------ settings, figures
 
-/// How a frame is rendered: fields of nerf_render_options, `effects` among them.
-struct options : nerf_render_options {
-    /// The defaults: cuts that cost nothing visible.
-    options() noexcept : nerf_render_options() {
-        struct_size = sizeof(nerf_render_options);
-        transmittance_cut = static_cast<float>(NERF_TRANSMITTANCE_CUT_DEFAULT);
-        colour_cut = static_cast<float>(NERF_COLOUR_CUT_DEFAULT);
-        normal_blur = static_cast<float>(NERF_NORMAL_BLUR_DEFAULT);
-    }
+/// How a frame is rendered: the fields of nerf_render_options by their names. As it is made it is the defaults, cuts that
+/// cost nothing visible; in C++20 `{.samples = 64}` says what is other.
+struct options {
+    std::uint32_t samples = 0;
+    float transmittance_cut = 0.0f;
+    std::uint32_t ignore_occupancy = 0;
+    std::uint32_t maths = NERF_MATHS_POLYNOMIAL;
+    std::uint32_t background_set = 0;
+    float background[3] = {};
+    std::uint32_t batch_rays = 0;
+    std::uint32_t batch_samples = 0;
+    float colour_cut = 0.0f;
+    float normal_blur = 0.0f;
+    std::uint32_t ignore_proposal = 0;
+    float near_distance = 0.0f;
+    float far_distance = 0.0f;
+    std::uint32_t own_bins = 0;
+    nerf_effects effects = {};
 
-    /// No cut, no blur: all zeros in C.
+    /// No cut, no blur.
     static options uncut() noexcept {
         options all;
-        all.transmittance_cut = all.colour_cut = all.normal_blur = 0.0f;
+        all.transmittance_cut = all.colour_cut = all.normal_blur = static_cast<float>(NERF_NONE);
         return all;
+    }
+
+    nerf_render_options to_c() const noexcept {
+        nerf_render_options c = {};
+        c.struct_size = sizeof c;
+        copy(*this, c);
+        return c;
+    }
+    void from_c(const nerf_render_options &c) noexcept { copy(c, *this); }
+
+private:
+    template <class From, class To>
+    static void copy(const From &from, To &to) noexcept {
+        to.samples = from.samples;
+        to.transmittance_cut = from.transmittance_cut;
+        to.ignore_occupancy = from.ignore_occupancy;
+        to.maths = from.maths;
+        to.background_set = from.background_set;
+        std::copy_n(from.background, 3, to.background);
+        to.batch_rays = from.batch_rays;
+        to.batch_samples = from.batch_samples;
+        to.colour_cut = from.colour_cut;
+        to.normal_blur = from.normal_blur;
+        to.ignore_proposal = from.ignore_proposal;
+        to.near_distance = from.near_distance;
+        to.far_distance = from.far_distance;
+        to.own_bins = from.own_bins;
+        to.effects = from.effects;
     }
 };
 
@@ -637,6 +753,19 @@ std::enable_if_t<!std::is_function_v<F>, F &> object(F &f) noexcept {
 }
 
 template <class F>
+void *address(F &f) noexcept {
+    return const_cast<void *>(static_cast<const void *>(std::addressof(f)));
+}
+
+inline result<layout> worker_layout(nerf_request asked, const options &how) noexcept {
+    const nerf_render_options c = how.to_c();
+    asked.options = &c;
+    return checked(layout{}, [&](layout &to, char *message, std::size_t capacity) {
+        return nerf_worker_size(&asked, &to.size, &to.align, message, capacity);
+    });
+}
+
+template <class F>
 std::uint64_t clock(void *user) noexcept {
     return (*static_cast<F *>(user))();
 }
@@ -644,6 +773,8 @@ std::uint64_t clock(void *user) noexcept {
 } // namespace detail
 
 // ---------------------------------------------------------------------------------------- scene
+
+class worker;
 
 /// An opened scene, or an opened picture (a 2D field), with the memory it lies in. Movable.
 class scene {
@@ -738,75 +869,14 @@ public:
     /// From where a camera sees it: half way between near and far.
     float orbit_radius() const noexcept { return 0.5f * (info_.near_distance + info_.far_distance); }
 
-    /// How much workspace a frame needs; of a scene also how much a query does (NERF_OUTPUT_RGB or 0).
-    result<layout> workspace_layout(std::uint32_t outputs, const options &how = {}) const noexcept {
-        return detail::checked(layout{}, [&](layout &to, char *message, std::size_t capacity) {
-            return is_picture()
-                       ? nerf_picture_workspace_size(handle_, &how, &to.size, &to.align, message, capacity)
-                       : nerf_workspace_size(handle_, &how, outputs, &to.size, &to.align, message, capacity);
-        });
-    }
-    /// That much of the heap. One for each thread.
-    result<memory> workspace(std::uint32_t outputs, const options &how = {}) const noexcept {
-        return allocated(workspace_layout(outputs, how));
-    }
-
-    /// Renders a camera's image of a scene, or a rectangle of it.
-    ///
-    /// `progress`: called as (pixels done, all) or () before the first tile of at most 16x16 pixels and after
-    /// each, on this thread; it says whether to go on, or nothing. Must not throw. After NERF_STATUS_CANCELLED
-    /// each such tile is finished or untouched.
-    template <class F = detail::none>
-    result<counters> render(const nerf_camera &camera, const target &to, memory &workspace, const options &how = {},
-                            const rect &part = whole, F &&progress = {}) const noexcept {
-        const rect all = resolved(part, camera.width, camera.height);
-        const result<nerf_target> planes = to.at(all, camera.width, camera.height);
-        if (!planes) {
-            return planes.error();
-        }
-        return detail::checked(counters(), [&](counters &work, char *message, std::size_t capacity) {
-            auto &&callable = detail::object(progress);
-            const auto [call, user] = hook(callable);
-            return nerf_render(handle_, &camera, &how, &all, &*planes, workspace.data(), workspace.size(), call, user,
-                               &work, message, capacity);
-        });
-    }
-
-    /// Renders a picture (a 2D field) at width x height pixels, or a rectangle of that; the rest as above.
-    template <class F = detail::none>
-    result<counters> render_picture(std::uint32_t width, std::uint32_t height, const target &to, memory &workspace,
-                                    const options &how = {}, const rect &part = whole,
-                                    F &&progress = {}) const noexcept {
-        const rect all = resolved(part, width, height);
-        const result<nerf_target> planes = to.at(all, width, height);
-        if (!planes) {
-            return planes.error();
-        }
-        return detail::checked(counters(), [&](counters &work, char *message, std::size_t capacity) {
-            auto &&callable = detail::object(progress);
-            const auto [call, user] = hook(callable);
-            return nerf_render_picture(handle_, width, height, &how, &all, &*planes, workspace.data(),
-                                       workspace.size(), call, user, &work, message, capacity);
-        });
-    }
-
-    /// Density, and where `rgb` is not empty colour, at points seen along unit directions.
-    ///
-    /// `positions`, `dirs`: x, y, z, world space; `sigma`: as many as points; `rgb`: r, g, b, display-encoded unless
-    /// `how.effects.linear` is 1. `dirs` may be empty where `rgb` is.
-    result<counters> query(triples<const float> positions, triples<const float> dirs, span<float> sigma,
-                           triples<float> rgb, memory &workspace, const options &how = {}) const noexcept {
-        const std::size_t n = sigma.size();
-        const auto fits = [n](std::size_t length, bool optional) {
-            return (optional && length == 0) || (length / 3 == n && length % 3 == 0);
-        };
-        if (!fits(positions.floats(), false) || !fits(dirs.floats(), rgb.empty()) || !fits(rgb.floats(), true)) {
-            return detail::failed(NERF_STATUS_MEMORY, "query: expected views of 3 n floats, and of n for sigma");
-        }
-        return detail::checked(counters(), [&](counters &work, char *message, std::size_t capacity) {
-            return nerf_query(handle_, &how, n, positions.data(), dirs.data(), sigma.data(), rgb.data(),
-                              workspace.data(), workspace.size(), &work, message, capacity);
-        });
+    /// A worker of this scene, in memory of the heap: one for each thread. `outputs`: those of the targets that it will
+    /// render into; for queries NERF_OUTPUT_RGB or 0.
+    result<nerf::worker> worker(std::uint32_t outputs, const options &how = {}) const noexcept;
+    /// The same in the caller's memory, or owned one.
+    result<nerf::worker> worker(std::uint32_t outputs, const options &how, memory home) const noexcept;
+    /// How much memory that is.
+    result<layout> worker_layout(std::uint32_t outputs, const options &how = {}) const noexcept {
+        return detail::worker_layout(request(outputs, nullptr), how);
     }
 
     // The five below set the shortcuts of `how` (samples, cuts, occupancy grid, maths, proposal); the rest of it
@@ -815,42 +885,55 @@ public:
     /// The cheapest settings that lose at most `loss_db` against the exact rendering.
     result<choice> within_loss(float loss_db, options &how) const noexcept {
         return detail::checked(choice(), [&](choice &to, char *message, std::size_t capacity) {
-            return nerf_quality_within_loss(handle_, loss_db, &how, &to, message, capacity);
+            return chosen(how, [&](nerf_render_options *c) {
+                return nerf_quality_within_loss(handle_, loss_db, c, &to, message, capacity);
+            });
         });
     }
     /// Those that lose least at `ratio` of the exact rendering's multiply-adds.
     result<choice> within_cost(float ratio, options &how) const noexcept {
         return detail::checked(choice(), [&](choice &to, char *message, std::size_t capacity) {
-            return nerf_quality_within_cost(handle_, ratio, &how, &to, message, capacity);
+            return chosen(how, [&](nerf_render_options *c) {
+                return nerf_quality_within_cost(handle_, ratio, c, &to, message, capacity);
+            });
         });
     }
     /// Those that lose least in `milliseconds` a frame, at a pace that was measured.
     result<choice> within_time(float milliseconds, const pace &at, options &how) const noexcept {
         return detail::checked(choice(), [&](choice &to, char *message, std::size_t capacity) {
-            return nerf_quality_within_time(handle_, milliseconds, &at, &how, &to, message, capacity);
+            return chosen(how, [&](nerf_render_options *c) {
+                return nerf_quality_within_time(handle_, milliseconds, &at, c, &to, message, capacity);
+            });
         });
     }
     /// Those of one point of the front, dearest first; info().front_points says how many there are.
     result<choice> point(std::uint32_t index, options &how) const noexcept {
         return detail::checked(choice(), [&](choice &to, char *message, std::size_t capacity) {
-            return nerf_quality_point(handle_, index, &how, &to, message, capacity);
+            return chosen(how, [&](nerf_render_options *c) {
+                return nerf_quality_point(handle_, index, c, &to, message, capacity);
+            });
         });
     }
     /// Those of a preset, which lose no more than it says.
     result<void> preset(nerf_preset wish, options &how) const noexcept {
         return detail::checked([&](char *message, std::size_t capacity) {
-            return nerf_quality_preset(handle_, wish, &how, message, capacity);
+            return chosen(how, [&](nerf_render_options *c) {
+                return nerf_quality_preset(handle_, wish, c, message, capacity);
+            });
         });
     }
 
     /// How much workspace measuring the pace needs.
     result<layout> pace_layout(std::uint32_t outputs, const options &how = {}) const noexcept {
+        const nerf_render_options c = how.to_c();
+        const nerf_pace_request asked = pace_of(outputs, c);
         return detail::checked(layout{}, [&](layout &to, char *message, std::size_t capacity) {
-            return nerf_pace_workspace_size(handle_, &how, outputs, &to.size, &to.align, message, capacity);
+            return nerf_pace_workspace_size(&asked, &to.size, &to.align, message, capacity);
         });
     }
     result<memory> pace_workspace(std::uint32_t outputs, const options &how = {}) const noexcept {
-        return allocated(pace_layout(outputs, how));
+        const result<layout> needed = pace_layout(outputs, how);
+        return needed ? memory::allocate(*needed) : result<memory>(needed.error());
     }
     /// Renders some pixels at each point of the front on this thread, cheapest first, until a frame would take
     /// more than `limit` milliseconds. `clock`: microseconds since any moment; the library's own if left out.
@@ -858,30 +941,44 @@ public:
     result<pace> measure_pace(const nerf_camera &camera, std::uint32_t outputs, float limit, memory &workspace,
                               const options &how = {}, F &&clock = {}) const noexcept {
         auto &&callable = detail::object(clock);
+        const nerf_render_options c = how.to_c();
+        nerf_pace_request asked = pace_of(outputs, c);
+        asked.camera = &camera;
+        asked.limit_milliseconds = limit;
+        if constexpr (!std::is_same_v<std::decay_t<F>, detail::none>) {
+            asked.clock = detail::clock<std::remove_reference_t<decltype(callable)>>;
+            asked.user = detail::address(callable);
+        }
         return detail::checked(pace(), [&](pace &to, char *message, std::size_t capacity) {
-            nerf_clock call = nullptr;
-            void *user = nullptr;
-            if constexpr (!std::is_same_v<std::decay_t<F>, detail::none>) {
-                call = detail::clock<std::remove_reference_t<decltype(callable)>>;
-                user = address(callable);
-            }
-            return nerf_pace_measure(handle_, &camera, &how, outputs, limit, call, user, workspace.data(),
-                                     workspace.size(), &to, message, capacity);
-        });
-    }
-
-    /// Says in English which stages a frame has and why; with counters, where its work went. Gives the bytes
-    /// of the whole text with its NUL; `text` gets what fits.
-    result<std::size_t> explain(span<char> text, std::uint32_t outputs, const options &how = {},
-                                const nerf_counters *work = nullptr) const noexcept {
-        return detail::checked(std::size_t{0}, [&](std::size_t &needed, char *message, std::size_t capacity) {
-            return nerf_explain(handle_, &how, outputs, work, text.data(), text.size(), &needed, message, capacity);
+            return nerf_pace_measure(&asked, workspace.data(), workspace.size(), &to, message, capacity);
         });
     }
 
 private:
-    static rect resolved(const rect &part, std::uint32_t width, std::uint32_t height) noexcept {
-        return part.width == whole.width && part.height == whole.height ? rect{0, 0, width, height} : part;
+    nerf_request request(std::uint32_t outputs, const nerf_render_options *how) const noexcept {
+        nerf_request asked = {};
+        asked.struct_size = sizeof asked;
+        asked.scene = handle_;
+        asked.options = how;
+        asked.outputs = outputs;
+        return asked;
+    }
+    nerf_pace_request pace_of(std::uint32_t outputs, const nerf_render_options &how) const noexcept {
+        nerf_pace_request asked = {};
+        asked.struct_size = sizeof asked;
+        asked.scene = handle_;
+        asked.options = &how;
+        asked.outputs = outputs;
+        return asked;
+    }
+    template <class Call>
+    static nerf_status chosen(options &how, Call &&call) noexcept {
+        nerf_render_options c = how.to_c();
+        const nerf_status status = call(&c);
+        if (status == NERF_STATUS_OK) {
+            how.from_c(c);
+        }
+        return status;
     }
     static nerf_open_options opening(nerf_kernel kernel, nerf_storage storage) noexcept {
         nerf_open_options how = {};
@@ -889,21 +986,6 @@ private:
         how.kernel = kernel;
         how.storage = storage;
         return how;
-    }
-    static result<memory> allocated(const result<layout> &needed) noexcept {
-        return needed ? memory::allocate(*needed) : result<memory>(needed.error());
-    }
-    template <class F>
-    static void *address(F &f) noexcept {
-        return const_cast<void *>(static_cast<const void *>(std::addressof(f)));
-    }
-    template <class F>
-    static std::pair<nerf_progress, void *> hook(F &f) noexcept {
-        if constexpr (std::is_same_v<std::decay_t<F>, detail::none>) {
-            return {nullptr, nullptr};
-        } else {
-            return {detail::progress<F>, address(f)};
-        }
     }
     nerf_status describe() noexcept {
         info_.struct_size = sizeof info_;
@@ -915,6 +997,225 @@ private:
     void (*close_)(const nerf_scene *) = nullptr; // a pointer, as in nerf::memory
     nerf_scene_info info_ = {};
 };
+
+// --------------------------------------------------------------------------------------- worker
+
+/// A scene that stands somewhere in a host's world: rotated, scaled alike along all axes, and moved.
+struct instance : nerf_instance {
+    /// Where it was.
+    explicit instance(const nerf::scene &of) noexcept : nerf_instance() {
+        struct_size = sizeof(nerf_instance);
+        scene = of.get();
+    }
+    /// `matrix`: 16 floats, column-major as in OpenGL and glTF, that take the scene's coordinates to the world's.
+    instance(const nerf::scene &of, span<const float> matrix) noexcept : instance(of) {
+        for (std::size_t i = 0; i < 12; ++i) { // another number of them is refused when a worker is opened
+            to_world[i] = matrix.size() == 16 ? matrix[i % 4 * 4 + i / 4] : std::numeric_limits<float>::quiet_NaN();
+        }
+    }
+};
+
+/// Rays of a host's own. What is left empty is not given: `t_min` is then 0, and `t_max` no end. In C++20
+/// `{.origins = ..., .dirs = ...}`.
+struct rays {
+    triples<const float> origins, dirs;
+    numbers<const float> t_min = {}, t_max = {};
+    /// Of sample_rays: a number in [0, 1) each.
+    numbers<const float> random = {};
+    /// What z_depth is measured along, of unit length.
+    std::optional<vec3> axis = {};
+};
+
+/// Scene, options, outputs and memory, made ready for any number of calls: one for each thread. Movable; the scene stays
+/// where it is for as long as it is used.
+class worker {
+public:
+    /// An empty one.
+    worker() noexcept = default;
+
+    /// Looks at several scenes at once, each where the host has placed it, or at one; the rest as in scene::worker.
+    static result<worker> open(span<const instance> instances, std::uint32_t outputs, const options &how = {}) noexcept {
+        return open_on_heap(request(instances, outputs), how);
+    }
+    static result<worker> open(span<const instance> instances, std::uint32_t outputs, const options &how,
+                               memory home) noexcept {
+        return open_in(request(instances, outputs), how, std::move(home));
+    }
+    static result<layout> memory_layout(span<const instance> instances, std::uint32_t outputs,
+                                        const options &how = {}) noexcept {
+        return detail::worker_layout(request(instances, outputs), how);
+    }
+
+    worker(worker &&other) noexcept { swap(other); }
+    worker &operator=(worker &&other) noexcept {
+        worker taken(std::move(other));
+        taken.swap(*this);
+        return *this;
+    }
+    void swap(worker &other) noexcept {
+        home_.swap(other.home_);
+        std::swap(handle_, other.handle_);
+    }
+
+    /// For calls of the C library; null if empty.
+    nerf_worker *get() const noexcept { return handle_; }
+
+    /// Renders a camera's image, or a rectangle of it.
+    ///
+    /// `progress`: called as (pixels done, all) or () before the first tile of at most 16x16 pixels and after
+    /// each, on this thread; it says whether to go on, or nothing. Must not throw. After NERF_STATUS_CANCELLED
+    /// each such tile is finished or untouched.
+    template <class F = detail::none>
+    result<counters> render(const nerf_camera &camera, const target &to, const rect &part = whole,
+                            F &&progress = {}) noexcept {
+        nerf_frame frame = {};
+        frame.camera = &camera;
+        return draw(nerf_render, frame, camera.width, camera.height, to, part, progress);
+    }
+
+    /// Renders a picture (a 2D field) at width x height pixels, or a rectangle of that; the rest as above.
+    template <class F = detail::none>
+    result<counters> render_picture(std::uint32_t width, std::uint32_t height, const target &to, const rect &part = whole,
+                                    F &&progress = {}) noexcept {
+        nerf_frame frame = {};
+        frame.width = width;
+        frame.height = height;
+        return draw(nerf_render_picture, frame, width, height, to, part, progress);
+    }
+
+    /// Renders rays of the host's own: pixel i of the planes is what ray i sees.
+    result<counters> render_rays(const rays &of, const target &to) noexcept { return trace(nerf_render_rays, of, to); }
+
+    /// Draws where a photon on each ray collides, by its number of `of.random`.
+    result<counters> sample_rays(const rays &of, const target &to) noexcept { return trace(nerf_sample_rays, of, to); }
+
+    /// Density and colour at points seen along unit directions.
+    ///
+    /// `rgb` is display-encoded unless the options say linear; it may be empty, and `dirs` then, too.
+    result<counters> query(triples<const float> positions, triples<const float> dirs, numbers<float> sigma,
+                           triples<float> rgb) noexcept {
+        const std::size_t n = sigma.size();
+        const bool coloured = !rgb.empty();
+        if (!sigma.holds(n) || !positions.holds(n) || (coloured && (!dirs.holds(n) || !rgb.holds(n)))) {
+            return detail::failed(NERF_STATUS_MEMORY, "query: expected views of one length");
+        }
+        nerf_points asked = {};
+        asked.struct_size = sizeof asked;
+        asked.count = n;
+        asked.positions = {positions.data(), positions.stride()};
+        asked.dirs = {dirs.data(), dirs.stride()};
+        asked.sigma.data = sigma.data();
+        asked.sigma.pixel_stride = sigma.stride();
+        asked.sigma.format = NERF_FORMAT_F32;
+        asked.rgb.data = rgb.data();
+        asked.rgb.pixel_stride = rgb.stride();
+        asked.rgb.format = NERF_FORMAT_RGB_F32;
+        return detail::checked(counters(), [&](counters &work, char *message, std::size_t capacity) {
+            return nerf_query(handle_, &asked, &work, message, capacity);
+        });
+    }
+
+    /// Says in English which stages a frame has and why; with counters, where its work went. Gives the bytes
+    /// of the whole text with its NUL; `text` gets what fits.
+    result<std::size_t> explain(span<char> text, const nerf_counters *work = nullptr) noexcept {
+        return detail::checked(std::size_t{0}, [&](std::size_t &needed, char *message, std::size_t capacity) {
+            return nerf_explain(handle_, work, text.data(), text.size(), &needed, message, capacity);
+        });
+    }
+
+private:
+    friend class scene;
+
+    static nerf_request request(span<const instance> instances, std::uint32_t outputs) noexcept {
+        static_assert(sizeof(instance) == sizeof(nerf_instance));
+        nerf_request asked = {};
+        asked.struct_size = sizeof asked;
+        asked.instances = instances.data();
+        asked.instance_count = instances.size();
+        asked.outputs = outputs;
+        return asked;
+    }
+    static result<worker> open_on_heap(const nerf_request &asked, const options &how) noexcept {
+        const result<layout> needed = detail::worker_layout(asked, how);
+        if (!needed) {
+            return needed.error();
+        }
+        result<memory> home = memory::allocate(*needed);
+        return home ? open_in(asked, how, *std::move(home)) : result<worker>(home.error());
+    }
+    static result<worker> open_in(nerf_request asked, const options &how, memory home) noexcept {
+        const nerf_render_options c = how.to_c();
+        asked.options = &c;
+        worker opened;
+        opened.home_ = std::move(home);
+        return detail::checked(std::move(opened), [&](worker &to, char *message, std::size_t capacity) {
+            return nerf_worker_open(&asked, to.home_.data(), to.home_.size(), &to.handle_, message, capacity);
+        });
+    }
+
+    template <class Call, class F>
+    result<counters> draw(Call &&call, nerf_frame &frame, std::uint32_t width, std::uint32_t height, const target &to,
+                          const rect &part, F &progress) noexcept {
+        const bool all = part.width == whole.width && part.height == whole.height;
+        const rect asked = all ? rect{0, 0, width, height} : part;
+        const result<nerf_target> planes = to.at(asked, width, height);
+        if (!planes) {
+            return planes.error();
+        }
+        auto &&callable = detail::object(progress);
+        frame.struct_size = sizeof frame;
+        frame.rect = &asked;
+        frame.target = &*planes;
+        if constexpr (!std::is_same_v<std::decay_t<F>, detail::none>) {
+            frame.progress = detail::progress<std::remove_reference_t<decltype(callable)>>;
+            frame.user = detail::address(callable);
+        }
+        return detail::checked(counters(), [&](counters &work, char *message, std::size_t capacity) {
+            return call(handle_, &frame, &work, message, capacity);
+        });
+    }
+
+    template <class Call>
+    result<counters> trace(Call &&call, const rays &of, const target &to) noexcept {
+        const std::size_t n = of.origins.size();
+        const auto fits = [n](const auto &view) { return view.empty() || view.holds(n); };
+        if (!of.origins.holds(n) || !of.dirs.holds(n) || !fits(of.t_min) || !fits(of.t_max) || !fits(of.random) ||
+            n > std::numeric_limits<std::uint32_t>::max()) {
+            return detail::failed(NERF_STATUS_MEMORY, "rays: expected views of one length");
+        }
+        const auto count = static_cast<std::uint32_t>(n);
+        const result<nerf_target> planes = to.at({0, 0, count, 1}, count, 1);
+        if (!planes) {
+            return planes.error();
+        }
+        const float axis[3] = {of.axis ? of.axis->x : 0.0f, of.axis ? of.axis->y : 0.0f, of.axis ? of.axis->z : 0.0f};
+        const auto numbers_of = [](const auto &view) { return nerf_floats{view.data(), view.stride()}; };
+        nerf_rays asked = {};
+        asked.struct_size = sizeof asked;
+        asked.count = n;
+        asked.origins = numbers_of(of.origins);
+        asked.dirs = numbers_of(of.dirs);
+        asked.t_min = numbers_of(of.t_min);
+        asked.t_max = numbers_of(of.t_max);
+        asked.random = numbers_of(of.random);
+        asked.axis = of.axis ? axis : nullptr;
+        asked.target = &*planes;
+        return detail::checked(counters(), [&](counters &work, char *message, std::size_t capacity) {
+            return call(handle_, &asked, &work, message, capacity);
+        });
+    }
+
+    memory home_;
+    nerf_worker *handle_ = nullptr;
+};
+
+inline result<worker> scene::worker(std::uint32_t outputs, const options &how) const noexcept {
+    return nerf::worker::open_on_heap(request(outputs, nullptr), how);
+}
+
+inline result<worker> scene::worker(std::uint32_t outputs, const options &how, memory home) const noexcept {
+    return nerf::worker::open_in(request(outputs, nullptr), how, std::move(home));
+}
 
 } // namespace nerf
 

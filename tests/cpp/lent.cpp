@@ -16,6 +16,6 @@ int draw() {
     camera.orbit(scene->centre(), scene->orbit_radius(), 0.0f, 0.3f);
     nerf::target target;
     target.z_depth = nerf::plane::f32(z_depth);
-    auto lent = nerf::memory::lend(workspace);
-    return scene->render(camera, target, lent).status();
+    auto worker = scene->worker(target.outputs(), {}, nerf::memory::lend(workspace));
+    return worker ? worker->render(camera, target).status() : worker.status();
 }

@@ -131,17 +131,10 @@ void what_was_moved_from_is_empty(const char *path) {
     for (const nerf::scene *const empty : {&*opened, &scene}) {
         nerf::memory nowhere;
         nerf::options options;
-        std::array<float, 3> point{};
-        std::vector<std::uint8_t> rgb(3 * pixels);
-        nerf::target target;
-        target.rgb = nerf::plane::rgb_u8(rgb);
-        char text[8];
         CHECK(empty->get() == nullptr && empty->info().kind == 0 && !empty->is_picture());
-        CHECK(empty->workspace(NERF_OUTPUT_RGB).status() == NERF_STATUS_NULL_POINTER);
+        CHECK(empty->worker(NERF_OUTPUT_RGB).status() == NERF_STATUS_NULL_POINTER);
+        CHECK(empty->worker_layout(NERF_OUTPUT_RGB).status() == NERF_STATUS_NULL_POINTER);
         CHECK(empty->pace_workspace(NERF_OUTPUT_RGB).status() == NERF_STATUS_NULL_POINTER);
-        CHECK(empty->render(camera_of(other), target, nowhere).status() == NERF_STATUS_NULL_POINTER);
-        CHECK(empty->render_picture(width, height, target, nowhere).status() == NERF_STATUS_NULL_POINTER);
-        CHECK(empty->query(point, {}, nerf::span(point.data(), 1), {}, nowhere).status() == NERF_STATUS_NULL_POINTER);
         CHECK(empty->within_loss(0.1f, options).status() == NERF_STATUS_NULL_POINTER);
         CHECK(empty->within_cost(0.1f, options).status() == NERF_STATUS_NULL_POINTER);
         CHECK(empty->within_time(1.0f, {}, options).status() == NERF_STATUS_NULL_POINTER);
@@ -149,7 +142,27 @@ void what_was_moved_from_is_empty(const char *path) {
         CHECK(empty->preset(NERF_PRESET_FAST, options).status() == NERF_STATUS_NULL_POINTER);
         const auto pace = empty->measure_pace(camera_of(other), NERF_OUTPUT_RGB, 1.0f, nowhere);
         CHECK(pace.status() == NERF_STATUS_NULL_POINTER);
-        CHECK(empty->explain(text, NERF_OUTPUT_RGB).status() == NERF_STATUS_NULL_POINTER);
+    }
+    auto first = *other.worker(NERF_OUTPUT_RGB);
+    nerf::worker second = std::move(first), worker;
+    worker = std::move(second);
+    std::vector<std::uint8_t> rgb(3 * pixels);
+    nerf::target target;
+    target.rgb = nerf::plane::rgb_u8(rgb);
+    CHECK(worker.get() != nullptr && worker.render(camera_of(other), target));
+    for (nerf::worker *const empty : {&first, &second}) {
+        std::array<float, 3> point{};
+        char text[8];
+        const nerf::rays rays{point, point};
+        nerf::target one;
+        one.rgb = nerf::plane::rgb_f32(point);
+        CHECK(empty->get() == nullptr);
+        CHECK(empty->render(camera_of(other), target).status() == NERF_STATUS_NULL_POINTER);
+        CHECK(empty->render_picture(width, height, target).status() == NERF_STATUS_NULL_POINTER);
+        CHECK(empty->render_rays(rays, one).status() == NERF_STATUS_NULL_POINTER);
+        CHECK(empty->sample_rays(rays, one).status() == NERF_STATUS_NULL_POINTER);
+        CHECK(empty->query(point, {}, nerf::span(point.data(), 1), {}).status() == NERF_STATUS_NULL_POINTER);
+        CHECK(empty->explain(text).status() == NERF_STATUS_NULL_POINTER);
     }
 }
 
@@ -215,9 +228,9 @@ void cameras_look_where_they_are_told(const nerf::scene &scene) {
     std::vector<std::uint8_t> rgb(3 * pixels);
     nerf::target target;
     target.rgb = nerf::plane::rgb_u8(rgb);
-    auto workspace = scene.workspace(target.outputs());
+    auto worker = scene.worker(target.outputs());
     camera.look_at({0.0f, 0.0f, 4.0f}, {}, {0.0f, 0.0f, 1.0f}); // along `up`: no such view
-    CHECK(scene.render(camera, target, *workspace).status() == NERF_STATUS_CAMERA);
+    CHECK(worker->render(camera, target).status() == NERF_STATUS_CAMERA);
     CHECK(camera.ray(1.0f, 1.0f).status() == NERF_STATUS_CAMERA);
 }
 
@@ -238,8 +251,8 @@ void targets_may_be_any_shape(const nerf::scene &scene) {
     target.median_distance = nerf::plane::f32(median);
     target.normals = nerf::plane::vec3_f32(normals);
     CHECK(target.outputs() == 63);
-    auto workspace = scene.workspace(target.outputs());
-    const auto whole = scene.render(camera, target, *workspace);
+    auto worker = scene.worker(target.outputs());
+    const auto whole = worker->render(camera, target);
     CHECK(whole && whole->rays == pixels && whole->normal_evaluations > 0);
     CHECK(total(opacity) > 1.0f && total(opacity) < static_cast<float>(pixels));
 
@@ -247,19 +260,18 @@ void targets_may_be_any_shape(const nerf::scene &scene) {
     std::vector<Pixel> structures(pixels, Pixel{{}, 0, 0, 0, 0, {}, 77});
     const std::size_t stride = sizeof(Pixel), floats = pixels * stride / sizeof(float);
     float *const first = structures[0].rgba;
-    const auto channel = [&](std::size_t at) { return nerf::span(first + at, floats - at); };
     nerf::target strided;
-    strided.rgb = nerf::plane::rgba_f32(channel(0), {0, stride});
-    strided.opacity = nerf::plane::f32(channel(4), {0, stride});
-    strided.ray_distance = nerf::plane::f32(channel(5), {width * stride, stride});
-    strided.z_depth = nerf::plane::f32(channel(6), {0, stride});
-    strided.median_distance = nerf::plane::f32(channel(7), {0, stride});
-    strided.normals = nerf::plane::vec3_f32(channel(8), {0, stride});
+    strided.rgb = nerf::plane::member(structures, &Pixel::rgba);
+    strided.opacity = nerf::plane::member(structures, &Pixel::opacity);
+    strided.ray_distance = nerf::plane::f32(nerf::span(first + 5, floats - 5), {width * stride, stride});
+    strided.z_depth = nerf::plane::member(structures, &Pixel::z_depth);
+    strided.median_distance = nerf::plane::member(structures, &Pixel::median_distance);
+    strided.normals = nerf::plane::member(structures, &Pixel::normal, true);
     const nerf::tiles tiles{width, height, 16};
     CHECK(tiles.size() == 12 && tiles[11].width == 2 && tiles[11].height == 9);
     nerf::counters sum;
     for (std::size_t i = 0; i < tiles.size(); ++i) {
-        const auto part = scene.render(camera, strided, *workspace, {}, tiles[i]);
+        const auto part = worker->render(camera, strided, tiles[i]);
         CHECK(part);
         sum += *part;
     }
@@ -276,8 +288,8 @@ void targets_may_be_any_shape(const nerf::scene &scene) {
     // Rows that go up, from the last row of the memory.
     std::vector<float> upwards(pixels);
     nerf::target up;
-    up.z_depth = nerf::plane(NERF_FORMAT_F32, &upwards[pixels - width], {-std::ptrdiff_t{width * sizeof(float)}, 0});
-    CHECK(scene.render(camera, up, *workspace));
+    up.z_depth = nerf::plane::f32(upwards, {-std::ptrdiff_t{width * sizeof(float)}, 0});
+    CHECK(worker->render(camera, up));
     for (std::size_t y = 0; y < height; ++y) {
         equal = equal && std::memcmp(&upwards[(height - 1 - y) * width], &z[y * width], width * sizeof(float)) == 0;
     }
@@ -289,42 +301,42 @@ void targets_may_be_any_shape(const nerf::scene &scene) {
     nerf::target in_window;
     in_window.z_depth = nerf::plane::f32(small);
     in_window.window = window;
-    CHECK(scene.render(camera, in_window, *workspace, {}, nerf::rect{11, 7, 20, 5}));
-    CHECK(scene.render(camera, in_window, *workspace, {}, nerf::rect{11, 12, 20, 5}));
+    CHECK(worker->render(camera, in_window, nerf::rect{11, 7, 20, 5}));
+    CHECK(worker->render(camera, in_window, nerf::rect{11, 12, 20, 5}));
     for (std::size_t y = 0; y < 10; ++y) {
         equal = equal && std::memcmp(&small[y * 20], &z[(7 + y) * width + 11], 20 * sizeof(float)) == 0;
     }
     CHECK(equal);
 
     // Nothing is written outside of a view.
-    CHECK(scene.render(camera, in_window, *workspace, {}, nerf::rect{10, 7, 1, 1}).status() == NERF_STATUS_RECT);
-    CHECK(scene.render(camera, in_window, *workspace).status() == NERF_STATUS_RECT);
+    CHECK(worker->render(camera, in_window, nerf::rect{10, 7, 1, 1}).status() == NERF_STATUS_RECT);
+    CHECK(worker->render(camera, in_window).status() == NERF_STATUS_RECT);
     nerf::target short_one;
     short_one.z_depth = nerf::plane::f32(nerf::span(small.data(), 199));
     short_one.window = window;
-    CHECK(scene.render(camera, short_one, *workspace, {}, window).status() == NERF_STATUS_MEMORY);
-    CHECK(scene.render(camera, short_one, *workspace, {}, nerf::rect{11, 7, 20, 9}));
-    short_one.z_depth = nerf::plane::f32(small, {-80, 0});
-    CHECK(scene.render(camera, short_one, *workspace, {}, window).status() == NERF_STATUS_MEMORY);
+    CHECK(worker->render(camera, short_one, window).status() == NERF_STATUS_MEMORY);
+    CHECK(worker->render(camera, short_one, nerf::rect{11, 7, 20, 9}));
+    short_one.z_depth = nerf::plane::f32(small, {-84, 0});
+    CHECK(worker->render(camera, short_one, window).status() == NERF_STATUS_MEMORY);
     short_one.z_depth = nerf::plane::f32(small, {0, std::size_t{1} << 31});
-    CHECK(scene.render(camera, short_one, *workspace, {}, window).status() == NERF_STATUS_OVERFLOW);
+    CHECK(worker->render(camera, short_one, window).status() == NERF_STATUS_OVERFLOW);
     short_one.z_depth = nerf::plane::f32(small, {0, std::size_t{1} << 29}); // and so a row of twenty such
-    CHECK(scene.render(camera, short_one, *workspace, {}, window).status() == NERF_STATUS_OVERFLOW);
+    CHECK(worker->render(camera, short_one, window).status() == NERF_STATUS_OVERFLOW);
     // Rows that go up by one pixel each: the last pixel is inside, but not the first row's end.
-    short_one.z_depth = nerf::plane::f32(nerf::span(small.data(), 11), {-4, 0});
-    CHECK(scene.render(camera, short_one, *workspace, {}, window).status() == NERF_STATUS_MEMORY);
-    CHECK(scene.render(camera, {}, *workspace).status() == NERF_STATUS_TARGET);
+    short_one.z_depth = nerf::plane::f32(nerf::span(small.data(), 20), {-4, 0});
+    CHECK(worker->render(camera, short_one, window).status() == NERF_STATUS_MEMORY);
+    CHECK(worker->render(camera, {}).status() == NERF_STATUS_TARGET);
 
     // Eight bits, and colour over the background.
     std::vector<std::uint8_t> bytes(3 * pixels), bytes4(4 * pixels);
     std::vector<float> rgb(3 * pixels);
     nerf::target colour;
     colour.rgb = nerf::plane::rgb_f32(rgb);
-    CHECK(scene.render(camera, colour, *workspace));
+    CHECK(worker->render(camera, colour));
     colour.rgb = nerf::plane::rgb_u8(bytes);
-    CHECK(scene.render(camera, colour, *workspace));
+    CHECK(worker->render(camera, colour));
     colour.rgb = nerf::plane::rgba_u8(bytes4);
-    CHECK(scene.render(camera, colour, *workspace));
+    CHECK(worker->render(camera, colour));
     for (std::size_t i = 0; i < pixels; ++i) {
         const auto alpha = static_cast<std::uint8_t>(rgba[4 * i + 3] * 255.0f + 0.5f);
         const auto red = static_cast<std::uint8_t>(rgb[3 * i] * 255.0f + 0.5f);
@@ -340,22 +352,22 @@ void progress_may_be_any_callable_and_cancels_whole_tiles(const nerf::scene &sce
     std::vector<float> z(pixels, -1.0f), all(pixels);
     nerf::target target;
     target.z_depth = nerf::plane::f32(all);
-    auto workspace = scene.workspace(target.outputs());
+    auto worker = scene.worker(target.outputs());
     std::uint64_t last = 0;
     int calls = 0;
-    CHECK(scene.render(camera, target, *workspace, {}, nerf::whole, [&](std::uint64_t done, std::uint64_t of) {
+    CHECK(worker->render(camera, target, nerf::whole, [&](std::uint64_t done, std::uint64_t of) {
         CHECK(done >= last && of == pixels);
         last = done;
     }));
     CHECK(last == pixels);
-    CHECK(scene.render(camera, target, *workspace, {}, nerf::whole, [&calls] { ++calls; }));
+    CHECK(worker->render(camera, target, nerf::whole, [&calls] { ++calls; }));
     CHECK(calls == 13);
     struct Counting {
         int left;
         bool operator()() { return left-- > 0; }
     } counting{5};
     target.z_depth = nerf::plane::f32(z);
-    const auto cancelled = scene.render(camera, target, *workspace, {}, nerf::whole, counting);
+    const auto cancelled = worker->render(camera, target, nerf::whole, counting);
     CHECK(!cancelled && cancelled.status() == NERF_STATUS_CANCELLED && says(cancelled.error(), "cancel"));
     CHECK(counting.left == -1);
     const nerf::tiles tiles{width, height, 16};
@@ -374,13 +386,13 @@ void progress_may_be_any_callable_and_cancels_whole_tiles(const nerf::scene &sce
         finished += equal == size;
     }
     CHECK(finished == 5);
-    CHECK(scene.render(camera, target, *workspace, {}, nerf::whole, &go_on));
-    CHECK(scene.render(camera, target, *workspace, {}, nerf::whole, go_on));
+    CHECK(worker->render(camera, target, nerf::whole, &go_on));
+    CHECK(worker->render(camera, target, nerf::whole, go_on));
     // An empty view is no plane that was left out.
     std::vector<float> nothing;
     nerf::target short_of = target;
     short_of.opacity = nerf::plane::f32(nothing);
-    CHECK(scene.render(camera, short_of, *workspace).status() == NERF_STATUS_MEMORY);
+    CHECK(worker->render(camera, short_of).status() == NERF_STATUS_MEMORY);
     CHECK(std::memcmp(z.data(), all.data(), pixels * sizeof(float)) == 0);
 }
 
@@ -391,51 +403,184 @@ void effects_and_settings_reach_the_frame(const nerf::scene &scene) {
     target.rgb = nerf::plane::rgb_f32(rgb);
     nerf::options options;
     options.effects.anti_aliasing = 4;
-    auto workspace = scene.workspace(target.outputs(), options);
-    const auto four = scene.render(camera, target, *workspace, options);
+    auto worker = scene.worker(target.outputs(), options);
+    const auto four = worker->render(camera, target);
     CHECK(four && four->rays == 4 * pixels);
     target.rgb = nerf::plane::rgb_f32(other);
-    const auto cut = scene.render(camera, target, *workspace);
-    const auto uncut = scene.render(camera, target, *workspace, nerf::options::uncut());
+    const auto cut = scene.worker(target.outputs())->render(camera, target);
+    const auto uncut = scene.worker(target.outputs(), nerf::options::uncut())->render(camera, target);
     CHECK(cut && uncut && uncut->colour_evaluations > cut->colour_evaluations && rgb != other);
     options.effects.anti_aliasing = 257;
-    const auto wrong = scene.workspace(target.outputs(), options);
+    const auto wrong = scene.worker(target.outputs(), options);
     CHECK(!wrong && wrong.status() == NERF_STATUS_OPTIONS && says(wrong.error(), "anti_aliasing"));
+#if __cplusplus >= 202002L
+    const nerf::target to{.rgb = nerf::plane::rgb_f32(other)};
+    const auto few = scene.worker(to.outputs(), {.samples = 8})->render(camera, to);
+    CHECK(few && few->density_evaluations < cut->density_evaluations);
+#endif
 
-    // Memory that is too small, or lies askew.
-    const auto needed = scene.workspace_layout(target.outputs());
-    auto *const first = static_cast<unsigned char *>(workspace->data());
-    auto small = nerf::memory::lend(nerf::span(first, needed->size - 1));
-    CHECK(scene.render(camera, target, small).status() == NERF_STATUS_MEMORY);
-    auto askew = nerf::memory::lend(nerf::span(first + 4, workspace->size() - 4));
-    CHECK(scene.render(camera, target, askew).status() == NERF_STATUS_ALIGNMENT);
+    // A worker in memory of the caller's; some that is too small, or lies askew.
+    const auto needed = scene.worker_layout(target.outputs());
+    auto home = *nerf::memory::allocate({needed->size + 4, needed->align});
+    auto *const first = static_cast<unsigned char *>(home.data());
+    const auto lent = [&](std::size_t from, std::size_t size) {
+        return scene.worker(target.outputs(), {}, nerf::memory::lend(nerf::span(first + from, size)));
+    };
+    CHECK(lent(0, needed->size)->render(camera, target));
+    CHECK(lent(0, needed->size - 1).status() == NERF_STATUS_MEMORY);
+    CHECK(lent(4, needed->size).status() == NERF_STATUS_ALIGNMENT);
+    // One plane more than it was opened for.
+    auto one = scene.worker(target.outputs());
+    target.z_depth = nerf::plane::f32(nerf::span(rgb.data(), pixels));
+    const auto more = one->render(camera, target);
+    CHECK(more.status() == NERF_STATUS_TARGET && says(more.error(), "z_depth"));
+}
+
+struct Ray {
+    int id;
+    nerf::vec3 origin;
+    float range[2];
+    nerf::vec3 dir;
+    float t_min, t_max, random;
+};
+
+struct Hit {
+    nerf::vec3 normal;
+    float rgba[4], opacity, distance;
+    int untouched;
+};
+
+void rays_are_a_host_s_own(const nerf::scene &scene) {
+    const nerf::camera camera = camera_of(scene);
+    std::vector<float> rgba(4 * pixels), z(pixels), limits(pixels);
+    nerf::target frame;
+    frame.rgb = nerf::plane::rgba_f32(rgba);
+    frame.z_depth = nerf::plane::f32(z);
+    auto worker = *scene.worker(63);
+    CHECK(worker.render(camera, frame));
+    std::vector<Ray> rays(pixels);
+    std::vector<Hit> hits(pixels, Hit{{}, {}, 0.0f, 0.0f, 77});
+    for (std::uint32_t i = 0; i < pixels; ++i) {
+        const auto from = camera.ray(static_cast<float>(i % width) + 0.5f, static_cast<float>(i / width) + 0.5f);
+        rays[i] = {0, from->origin, {}, from->dir, 0.0f, 2.0f + 0.001f * static_cast<float>(i), 0.999f};
+        limits[i] = rays[i].t_max;
+    }
+    nerf::target to;
+    to.rgb = nerf::plane::member(hits, &Hit::rgba);
+    to.opacity = nerf::plane::member(hits, &Hit::opacity);
+    to.normals = nerf::plane::member(hits, &Hit::normal, true);
+    to.ray_distance = nerf::plane::member(hits, &Hit::distance);
+    nerf::rays all;
+    all.origins = nerf::member(rays, &Ray::origin);
+    all.dirs = nerf::member(rays, &Ray::dir);
+    const auto counters = worker.render_rays(all, to);
+    CHECK(counters && counters->rays == pixels);
+    bool equal = true;
+    for (std::size_t i = 0; i < pixels; ++i) {
+        equal = equal && std::memcmp(hits[i].rgba, &rgba[4 * i], sizeof hits[i].rgba) == 0 && hits[i].untouched == 77;
+    }
+    CHECK(equal);
+    // Depths need an axis; with the camera's they are the frame's.
+    std::vector<float> depths(pixels);
+    to.z_depth = nerf::plane::f32(depths);
+    CHECK(worker.render_rays(all, to).status() == NERF_STATUS_NULL_POINTER);
+    all.axis = -1.0f * camera.backward();
+    CHECK(worker.render_rays(all, to) && depths == z);
+    // The end of a ray is the limit of a pixel.
+    all.t_min = nerf::member(rays, &Ray::t_min);
+    all.t_max = nerf::member(rays, &Ray::t_max);
+    frame.limit_ray_distance = nerf::plane::limit(limits);
+    CHECK(worker.render_rays(all, to) && worker.render(camera, frame));
+    for (std::size_t i = 0; i < pixels; ++i) {
+        equal = equal && std::memcmp(hits[i].rgba, &rgba[4 * i], sizeof hits[i].rgba) == 0;
+    }
+    CHECK(equal);
+    all.t_max = {};
+    // A photon collides where there is something, or not at all.
+    CHECK(worker.sample_rays(all, to).status() == NERF_STATUS_NULL_POINTER);
+    all.random = nerf::member(rays, &Ray::random);
+    CHECK(worker.sample_rays(all, to));
+    for (const Hit &hit : hits) {
+        equal = equal && (hit.opacity == 1.0f ? std::isfinite(hit.distance) : hit.opacity == 0.0f && std::isinf(hit.distance));
+    }
+    CHECK(equal);
+    // Views of other lengths, and a ray that is none.
+    all.random = nerf::numbers<const float>(nerf::span<const float>(z.data(), 7));
+    CHECK(worker.sample_rays(all, to).status() == NERF_STATUS_MEMORY);
+    all.random = {};
+    rays[5].dir.x = 3.0f;
+    const auto wrong = worker.render_rays(all, to);
+    CHECK(wrong.status() == NERF_STATUS_RAY && says(wrong.error(), "rays[5]"));
+}
+
+void fields_stand_where_a_host_puts_them(const nerf::scene &scene) {
+    const nerf::camera camera = camera_of(scene);
+    std::vector<float> alone(4 * pixels), placed(4 * pixels);
+    nerf::target target;
+    target.rgb = nerf::plane::rgba_f32(alone);
+    const nerf::options uncut = nerf::options::uncut();
+    CHECK(scene.worker(target.outputs(), uncut)->render(camera, target));
+    // Twice as large about its middle, seen from twice as far away.
+    const nerf::vec3 c = scene.centre();
+    const float matrix[16] = {2.0f, 0.0f, 0.0f, 0.0f, 0.0f, 2.0f, 0.0f, 0.0f, 0.0f, 0.0f, 2.0f, 0.0f, -c.x, -c.y, -c.z, 1.0f};
+    const std::vector<nerf::instance> one{nerf::instance(scene, matrix)};
+    nerf::camera farther = camera;
+    const nerf::vec3 eye = 2.0f * camera.centre() - c;
+    farther.c2w[3] = eye.x;
+    farther.c2w[7] = eye.y;
+    farther.c2w[11] = eye.z;
+    target.rgb = nerf::plane::rgba_f32(placed);
+    const auto layout = nerf::worker::memory_layout(one, target.outputs(), uncut);
+    auto worker = nerf::worker::open(one, target.outputs(), uncut, *nerf::memory::allocate(*layout));
+    CHECK(worker && worker->render(farther, target));
+    float worst = 0.0f;
+    for (std::size_t i = 0; i < alone.size(); ++i) {
+        worst = std::fmax(worst, std::fabs(alone[i] - placed[i]));
+    }
+    CHECK(worst < 0.02f);
+    // Both at once are as dense as one of twice the density.
+    const std::array<nerf::instance, 2> both{nerf::instance(scene), nerf::instance(scene)};
+    CHECK(nerf::worker::open(both, target.outputs(), uncut)->render(camera, target));
+    worst = 0.0f;
+    for (std::size_t i = 0; i < pixels; ++i) {
+        const float through = 1.0f - alone[4 * i + 3];
+        worst = std::fmax(worst, std::fabs(1.0f - placed[4 * i + 3] - through * through));
+    }
+    CHECK(worst < 1e-3f);
+    const float mirror[16] = {-1.0f, 0.0f, 0.0f, 0.0f, 0.0f, 1.0f, 0.0f, 0.0f, 0.0f, 0.0f, 1.0f, 0.0f, 0.0f, 0.0f, 0.0f, 1.0f};
+    const nerf::instance mirrored[1] = {nerf::instance(scene, mirror)};
+    const auto refused = nerf::worker::open(mirrored, target.outputs());
+    CHECK(refused.status() == NERF_STATUS_TRANSFORM && says(refused.error(), "mirrored"));
+    const nerf::instance cut_short[1] = {nerf::instance(scene, nerf::span(mirror, 15))};
+    CHECK(nerf::worker::open(cut_short, target.outputs()).status() == NERF_STATUS_TRANSFORM);
+    CHECK(nerf::worker::open({}, target.outputs()).status() == NERF_STATUS_NULL_POINTER);
 }
 
 void points_can_be_asked(const nerf::scene &scene) {
-    auto workspace = scene.workspace(NERF_OUTPUT_RGB);
+    auto worker = scene.worker(NERF_OUTPUT_RGB);
     const nerf::vec3 middle = scene.centre();
     const std::vector<float> positions{middle.x, middle.y, middle.z, 9.0f, 9.0f, 9.0f};
     const std::array<float, 6> dirs{0.0f, 0.0f, 1.0f, 1.0f, 0.0f, 0.0f};
     float sigma[2] = {-1.0f, -1.0f}, rgb[6], again[2];
-    CHECK(scene.query(positions, dirs, sigma, rgb, *workspace));
+    CHECK(worker->query(positions, dirs, sigma, rgb));
     CHECK(sigma[0] >= 0.0f && sigma[1] == 0.0f && rgb[3] == 0.0f);
-    CHECK(scene.query(positions, {}, again, {}, *workspace) && again[0] == sigma[0]);
+    CHECK(worker->query(positions, {}, again, {}) && again[0] == sigma[0]);
     // A host's own vectors, and nobody's copies of them.
     struct colour { float r, g, b; };
     const std::vector<nerf::vec3> points{{positions[0], positions[1], positions[2]}};
     const std::array<nerf::vec3, 1> along{{{dirs[0], dirs[1], dirs[2]}}};
     std::vector<colour> colours(1);
-    CHECK(scene.query(points, along, nerf::span(again, 1), colours, *workspace));
+    CHECK(worker->query(points, along, nerf::span(again, 1), colours));
     CHECK(again[0] == sigma[0] && colours[0].r == rgb[0] && colours[0].b == rgb[2]);
     struct four { float x, y, z, w; };
     static_assert(!std::is_constructible_v<nerf::triples<const float>, std::vector<four> &>);
     static_assert(!std::is_constructible_v<nerf::triples<float>, const std::vector<colour> &>);
     static_assert(!std::is_constructible_v<nerf::triples<float>, std::vector<colour>>);
-    CHECK(scene.query(positions, {}, sigma, rgb, *workspace).status() == NERF_STATUS_MEMORY);
-    CHECK(scene.query(nerf::span(positions.data(), 5), {}, sigma, {}, *workspace).status() == NERF_STATUS_MEMORY);
+    CHECK(worker->query(positions, {}, sigma, rgb).status() == NERF_STATUS_MEMORY);
+    CHECK(worker->query(nerf::span(positions.data(), 5), {}, sigma, {}).status() == NERF_STATUS_MEMORY);
     const std::array<float, 6> long_dirs{0.0f, 0.0f, 2.0f, 1.0f, 0.0f, 0.0f};
-    CHECK(scene.query(positions, long_dirs, sigma, rgb, *workspace).status() == NERF_STATUS_DIRECTION);
-    CHECK(scene.query({}, {}, {}, {}, *workspace));
+    CHECK(worker->query(positions, long_dirs, sigma, rgb).status() == NERF_STATUS_DIRECTION);
+    CHECK(worker->query({}, {}, {}, {}));
 }
 
 void quality_has_a_price(const nerf::scene &scene, const nerf::scene &without) {
@@ -464,14 +609,15 @@ void quality_has_a_price(const nerf::scene &scene, const nerf::scene &without) {
 }
 
 void frames_explain_themselves(const nerf::scene &scene) {
-    const auto needed = scene.explain({}, NERF_OUTPUT_RGB);
+    auto worker = scene.worker(NERF_OUTPUT_RGB);
+    const auto needed = worker->explain({});
     CHECK(needed && *needed > 100);
     std::vector<char> text(*needed);
     char cut[10];
     const nerf::counters work;
-    CHECK(scene.explain(text, NERF_OUTPUT_RGB) && std::strlen(text.data()) + 1 == *needed);
-    CHECK(scene.explain(cut, NERF_OUTPUT_RGB) && std::strlen(cut) == 9 && std::memcmp(cut, text.data(), 9) == 0);
-    const auto more = scene.explain({}, NERF_OUTPUT_RGB, {}, &work);
+    CHECK(worker->explain(text) && std::strlen(text.data()) + 1 == *needed);
+    CHECK(worker->explain(cut) && std::strlen(cut) == 9 && std::memcmp(cut, text.data(), 9) == 0);
+    const auto more = worker->explain({}, &work);
     CHECK(more && *more > *needed);
 }
 
@@ -480,18 +626,18 @@ void pictures_are_drawn_without_a_camera(const nerf::scene &picture, const nerf:
     std::vector<std::uint8_t> rgb(3 * pixels), tiled(3 * pixels);
     nerf::target target;
     target.rgb = nerf::plane::rgb_u8(rgb);
-    auto workspace = picture.workspace(target.outputs());
-    const auto whole = picture.render_picture(width, height, target, *workspace);
+    auto worker = picture.worker(target.outputs());
+    const auto whole = worker->render_picture(width, height, target);
     CHECK(whole && whole->colour_evaluations == pixels);
     target.rgb = nerf::plane::rgb_u8(tiled);
     const nerf::tiles tiles{width, height, 30};
     int calls = 0;
     for (std::size_t i = 0; i < tiles.size(); ++i) {
-        CHECK(picture.render_picture(width, height, target, *workspace, {}, tiles[i], [&calls] { ++calls; }));
+        CHECK(worker->render_picture(width, height, target, tiles[i], [&calls] { ++calls; }));
     }
     CHECK(rgb == tiled && calls > 4);
-    CHECK(picture.render(camera_of(scene), target, *workspace).status() == NERF_STATUS_NOT_A_SCENE);
-    CHECK(scene.render_picture(width, height, target, *workspace).status() == NERF_STATUS_NOT_A_PICTURE);
+    CHECK(worker->render(camera_of(scene), target).status() == NERF_STATUS_NOT_A_SCENE);
+    CHECK(scene.worker(target.outputs())->render_picture(width, height, target).status() == NERF_STATUS_NOT_A_PICTURE);
 }
 
 } // namespace
@@ -518,6 +664,8 @@ int main(int argc, char **argv) {
     progress_may_be_any_callable_and_cancels_whole_tiles(*plain);
     effects_and_settings_reach_the_frame(*plain);
     points_can_be_asked(*plain);
+    rays_are_a_host_s_own(*plain);
+    fields_stand_where_a_host_puts_them(*plain);
     quality_has_a_price(*front, *plain);
     frames_explain_themselves(*plain);
     pictures_are_drawn_without_a_camera(*picture, *plain);

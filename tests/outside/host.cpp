@@ -55,9 +55,18 @@ int main() {
     target.struct_size = sizeof target;
     target.rgb.data = rgb.data();
     target.rgb.format = NERF_FORMAT_RGB_U8;
-    check(nerf_workspace_size(scene, nullptr, NERF_OUTPUT_RGB, &size, &align, message.data(), message.size()));
-    const Memory workspace(std::aligned_alloc(align, size));
-    check(nerf_render(scene, &camera, nullptr, nullptr, &target, workspace.get(), size, nullptr, nullptr, nullptr,
-        message.data(), message.size()));
+    nerf_request request = {};
+    request.struct_size = sizeof request;
+    request.scene = scene;
+    request.outputs = NERF_OUTPUT_RGB;
+    check(nerf_worker_size(&request, &size, &align, message.data(), message.size()));
+    const Memory home(std::aligned_alloc(align, size));
+    nerf_worker *worker = nullptr;
+    check(nerf_worker_open(&request, home.get(), size, &worker, message.data(), message.size()));
+    nerf_frame frame = {};
+    frame.struct_size = sizeof frame;
+    frame.camera = &camera;
+    frame.target = &target;
+    check(nerf_render(worker, &frame, nullptr, message.data(), message.size()));
     return std::fwrite(rgb.data(), rgb.size(), 1, stdout) == 1 ? 0 : 1;
 }

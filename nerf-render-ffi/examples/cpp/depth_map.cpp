@@ -67,14 +67,14 @@ int main(int argc, char **argv) {
     if (const auto set = scene->preset(NERF_PRESET_HIGH, options); !set) {
         return fail(set.error().text());
     }
-    auto workspace = scene->workspace(target.outputs(), options);
-    if (!workspace) {
-        return fail(workspace.error().text());
+    auto worker = scene->worker(target.outputs(), options);
+    if (!worker) {
+        return fail(worker.error().text());
     }
     const auto progress = [](std::uint64_t done, std::uint64_t all) {
         std::cerr << "\r" << 100 * done / all << " %" << std::flush;
     };
-    const auto counters = scene->render(camera, target, *workspace, options, nerf::whole, progress);
+    const auto counters = worker->render(camera, target, nerf::whole, progress);
     std::cerr << '\n';
     if (!counters) {
         return fail(counters.error().text());

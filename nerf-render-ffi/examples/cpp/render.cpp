@@ -41,18 +41,17 @@ struct Image {
     std::vector<float> z_depth; // empty for a picture
 };
 
-// One worker: takes tiles until none is left, in a workspace of its own.
+// One thread, with a worker of its own: takes tiles until none is left.
 nerf::result<void> work(const nerf::scene &scene, const nerf::camera &camera, const nerf::target &target,
                         std::atomic<std::size_t> &next) {
-    nerf::result<nerf::memory> workspace = scene.workspace(target.outputs());
-    if (!workspace) {
-        return workspace.error();
+    nerf::result<nerf::worker> worker = scene.worker(target.outputs());
+    if (!worker) {
+        return worker.error();
     }
     const nerf::tiles tiles{camera.width, camera.height, 64};
     for (std::size_t i = next++; i < tiles.size(); i = next++) {
-        const auto done = scene.is_picture()
-                              ? scene.render_picture(camera.width, camera.height, target, *workspace, {}, tiles[i])
-                              : scene.render(camera, target, *workspace, {}, tiles[i]);
+        const auto done = scene.is_picture() ? worker->render_picture(camera.width, camera.height, target, tiles[i])
+                                             : worker->render(camera, target, tiles[i]);
         if (!done) {
             return done.error();
         }

@@ -71,7 +71,7 @@ double Painter::milliseconds_so_far() const {
 }
 
 void Painter::live() {
-    nerf::memory workspace;
+    nerf::memory home;
     std::uint64_t seen = 0;
     for (;;) {
         {
@@ -82,7 +82,7 @@ void Painter::live() {
             }
             seen = generation_;
         }
-        draw(workspace);
+        draw(home);
         {
             const std::lock_guard<std::mutex> lock(mutex_);
             if (--running_ == 0) {
@@ -95,26 +95,31 @@ void Painter::live() {
 }
 
 // Frame and tiles do not change while any thread draws: no lock to read them.
-void Painter::draw(nerf::memory &workspace) {
+void Painter::draw(nerf::memory &home) {
     const auto fail = [this](const nerf::error &error) {
         const std::lock_guard<std::mutex> lock(mutex_);
         outcome_.error = error;
         cancel();
     };
-    const auto needed = scene_.workspace_layout(frame_.target.outputs(), frame_.options);
+    const auto needed = scene_.worker_layout(frame_.target.outputs(), frame_.options);
     if (!needed) {
         return fail(needed.error());
     }
-    if (workspace.size() < needed->size) {
+    if (home.size() < needed->size) {
         auto larger = nerf::memory::allocate(*needed);
         if (!larger) {
             return fail(larger.error());
         }
-        workspace = std::move(*larger);
+        home = std::move(*larger);
+    }
+    // In memory that is kept from frame to frame, whatever their settings.
+    const nerf::span bytes(static_cast<unsigned char *>(home.data()), home.size());
+    auto worker = scene_.worker(frame_.target.outputs(), frame_.options, nerf::memory::lend(bytes));
+    if (!worker) {
+        return fail(worker.error());
     }
     for (std::size_t i = next_++; i < tiles_.size() && !cancelled_; i = next_++) {
-        const auto done = scene_.render(frame_.camera, frame_.target, workspace, frame_.options, tiles_[i],
-                                        [this] { return !cancelled_; });
+        const auto done = worker->render(frame_.camera, frame_.target, tiles_[i], [this] { return !cancelled_; });
         if (!done && done.status() != NERF_STATUS_CANCELLED) {
             return fail(done.error());
         }

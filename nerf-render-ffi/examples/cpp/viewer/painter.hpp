@@ -1,4 +1,4 @@
-// Draws one frame after the other on all cores: threads take tiles, each in a workspace of its own.
+// Draws one frame after the other on all cores: threads take tiles, each with a worker of its own.
 #ifndef VIEWER_PAINTER_HPP
 #define VIEWER_PAINTER_HPP
 
@@ -61,7 +61,7 @@ private:
     using Clock = std::chrono::steady_clock;
 
     void live();
-    void draw(nerf::memory &workspace);
+    void draw(nerf::memory &home);
 
     const nerf::scene &scene_;
     std::vector<std::thread> threads_;
