@@ -4,7 +4,7 @@ use crate::boundary::{Message, Out, Versioned, call, read_versioned};
 use crate::counters::Counters;
 use crate::failure::Failure;
 use crate::rays::Floats;
-use crate::span::Span;
+use crate::span::Pieces;
 use crate::status::Status;
 use crate::target::{Canvas, Plane};
 use crate::worker::{Worker, with_worker};
@@ -67,10 +67,10 @@ pub unsafe extern "C" fn nerf_query(
             worker.fields()?;
             let n = points.count;
             let colour = !points.rgb.data.is_null();
-            let (positions, positions_span) = points.positions.check("points.positions", n, 3)?;
-            let (dirs, dirs_span) =
-                if colour { points.dirs.check("points.dirs", n, 3)? } else { (positions, Span::EMPTY) };
-            let read = [("points.positions", positions_span), ("points.dirs", dirs_span)];
+            let (positions, of_positions) = points.positions.check("points.positions", n, 3)?;
+            let (dirs, of_dirs) =
+                if colour { points.dirs.check("points.dirs", n, 3)? } else { (positions, Pieces::NONE) };
+            let read = [("points.positions", of_positions), ("points.dirs", of_dirs)];
             // SAFETY: the planes are as this function's `# Safety` has them.
             let mut canvas = unsafe { Canvas::of_points(&points.sigma, &points.rgb, n, &read, worker)? };
             // SAFETY: all of them were found inside of arrays that the caller vouches for.

@@ -3,7 +3,7 @@
 use crate::boundary::{Message, Out, Versioned, call, read_versioned};
 use crate::counters::Counters;
 use crate::failure::Failure;
-use crate::span::{Span, check_aligned};
+use crate::span::{Pieces, Span, check_aligned};
 use crate::status::Status;
 use crate::target::{Canvas, Target};
 use crate::worker::{Worker, with_worker};
@@ -30,12 +30,12 @@ impl Floats {
         name: &'static str,
         count: usize,
         each: usize,
-    ) -> Result<(Numbers, Span), Failure> {
+    ) -> Result<(Numbers, Pieces), Failure> {
         let size = each * size_of::<f32>();
         let stride = if self.stride == 0 { size } else { self.stride };
         let numbers = Numbers { data: self.data.cast(), stride };
         if count == 0 {
-            return Ok((numbers, Span::EMPTY));
+            return Ok((numbers, Pieces::NONE));
         }
         Span::of(name, self.data, 0)?;
         check_aligned(name, stride, align_of::<f32>())?;
@@ -44,7 +44,7 @@ impl Floats {
         }
         let length = (count - 1).checked_mul(stride).and_then(|bytes| bytes.checked_add(size));
         let span = Span::new(name, self.data.cast(), length.ok_or(Failure::Overflow(name))?)?;
-        Ok((numbers, span))
+        Ok((numbers, Pieces { span, stride, size }))
     }
 }
 
@@ -98,8 +98,8 @@ pub struct Rays {
     pub random: Floats,
     /// Three numbers, of unit length: what `z_depth` is measured along. NULL where that is not asked for.
     pub axis: *const f32,
-    /// Where results go: planes of one row of `count` pixels, of which only `pixel_stride` matters. No limits: `t_max` is
-    /// the ray's.
+    /// Where results go: planes of one row of `count` pixels, of which only `pixel_stride` matters. They may be fields of the
+    /// structures that the rays are in. No limits: `t_max` is the ray's.
     pub target: *const Target,
 }
 
@@ -175,13 +175,13 @@ unsafe fn trace(
         let out = unsafe { Out::new_or_none(counters)? };
         let (worker, count) = (worker, rays.count);
         worker.fields()?;
-        let mut spans = [("rays.origins", Span::EMPTY); 5];
+        let mut read = [("rays.origins", Pieces::NONE); 5];
         let mut check = |k: usize, name: &'static str, floats: &Floats, each: usize, optional: bool| {
             if optional && floats.data.is_null() {
                 return Ok(None);
             }
-            let (numbers, span) = floats.check(name, count, each)?;
-            spans[k] = (name, span);
+            let (numbers, pieces) = floats.check(name, count, each)?;
+            read[k] = (name, pieces);
             Ok::<_, Failure>(Some(numbers))
         };
         let origins = check(0, "rays.origins", &rays.origins, 3, false)?;
@@ -198,7 +198,7 @@ unsafe fn trace(
             Some(Vec3::from(unsafe { rays.axis.cast::<[f32; 3]>().read() }))
         };
         // SAFETY: `target` and its planes are as this function's `# Safety` has them.
-        let mut canvas = unsafe { Canvas::of_rays(rays.target, count, &spans, worker)? };
+        let mut canvas = unsafe { Canvas::of_rays(rays.target, count, &read, worker)? };
         if canvas.outputs().z_depth && axis.is_none() {
             return Err(Failure::Null("rays.axis"));
         }

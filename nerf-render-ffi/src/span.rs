@@ -43,6 +43,36 @@ impl Span {
     }
 }
 
+/// Pieces of `size` bytes, each a `stride` behind the one before; they lie in `span`.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Pieces {
+    pub span: Span,
+    pub stride: usize,
+    pub size: usize,
+}
+
+impl Pieces {
+    /// None.
+    pub const NONE: Self = Self { span: Span::EMPTY, stride: 1, size: 0 };
+
+    /// An error where the two share a byte, or may: fields of the same structures do not.
+    pub fn check_apart(self, name: &'static str, other: Self, of: &'static str) -> Result<(), Failure> {
+        let behind = other.span.start.wrapping_sub(self.span.start);
+        if self.stride == other.stride && self.stride > 0 {
+            // Where the other's pieces begin in the gaps of these: the address space is a multiple of no stride.
+            let offset = if other.span.start >= self.span.start {
+                behind % self.stride
+            } else {
+                (self.stride - self.span.start.wrapping_sub(other.span.start) % self.stride) % self.stride
+            };
+            if offset >= self.size && offset + other.size <= self.stride {
+                return Ok(());
+            }
+        }
+        self.span.check_apart(name, other.span, of)
+    }
+}
+
 /// An error unless `value` is a multiple of `expected`.
 pub(crate) fn check_aligned(name: &'static str, value: usize, expected: usize) -> Result<(), Failure> {
     if value.is_multiple_of(expected) {

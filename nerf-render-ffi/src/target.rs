@@ -3,7 +3,7 @@
 use crate::boundary::{Versioned, read_versioned};
 use crate::failure::Failure;
 use crate::pixel::{Channel, PixelFormat, put};
-use crate::span::{Span, check_aligned};
+use crate::span::{Pieces, Span, check_aligned};
 use crate::tile_pixels::TilePixels;
 use crate::worker::Worker;
 use core::ffi::c_void;
@@ -126,7 +126,7 @@ impl Canvas {
     pub unsafe fn of_rays(
         at: *const Target,
         count: usize,
-        read: &[(&'static str, Span)],
+        read: &[(&'static str, Pieces)],
         worker: &mut Worker,
     ) -> Result<Self, Failure> {
         // SAFETY: the caller's promise.
@@ -146,27 +146,27 @@ impl Canvas {
         sigma: &Plane,
         rgb: &Plane,
         count: usize,
-        read: &[(&'static str, Span)],
+        read: &[(&'static str, Pieces)],
         worker: &Worker,
     ) -> Result<Self, Failure> {
         let mut canvas = Self { surfaces: [None; 6], limits: [None; 2], origin: [0; 2] };
         if sigma.data.is_null() && count > 0 {
             return Err(Failure::Null("points.sigma"));
         }
-        let mut spans = [Span::EMPTY; 2];
+        let mut written = [Pieces::NONE; 2];
         for (k, (channel, plane)) in
             [(Channel::Density, sigma), (Channel::PointColour, rgb)].into_iter().enumerate()
         {
             if !plane.data.is_null() {
                 let extent = Extent { columns: count, rows: 1 };
-                let (surface, span) = check(channel, plane, extent, worker)?;
+                let (surface, pieces) = check(channel, plane, extent, worker)?;
                 for (name, read) in read {
-                    span.check_apart(channel.name(), *read, name)?;
+                    pieces.check_apart(channel.name(), *read, name)?;
                 }
-                (canvas.surfaces[k], spans[k]) = (Some(surface), span);
+                (canvas.surfaces[k], written[k]) = (Some(surface), pieces);
             }
         }
-        spans[0].check_apart("points.sigma", spans[1], "points.rgb")?;
+        written[0].check_apart("points.sigma", written[1], "points.rgb")?;
         worker.check_outputs(Outputs { rgb: canvas.surfaces[1].is_some(), ..Outputs::NONE })?;
         Ok(canvas)
     }
@@ -178,7 +178,7 @@ impl Canvas {
     unsafe fn of_target(
         at: *const Target,
         extent: Extent,
-        read: &[(&'static str, Span)],
+        read: &[(&'static str, Pieces)],
         worker: &Worker,
     ) -> Result<Self, Failure> {
         // SAFETY: `at` is as this function's `# Safety` has it.
@@ -202,14 +202,15 @@ impl Canvas {
                 return Err(Failure::Reserved(channel.name()));
             }
             if !plane.data.is_null() {
-                let (checked, span) = check(channel, &plane, extent, worker)?;
+                let (checked, pieces) = check(channel, &plane, extent, worker)?;
                 for (name, read) in read {
-                    span.check_apart(channel.name(), *read, name)?;
+                    pieces.check_apart(channel.name(), *read, name)?;
                 }
                 *surface = Some(checked);
             }
         }
-        if canvas.surfaces.iter().all(Option::is_none) {
+        // What lies beside no rays at all may be nowhere.
+        if canvas.surfaces.iter().all(Option::is_none) && extent.columns > 0 {
             return Err(Failure::NoPlane);
         }
         if canvas.limits.iter().all(Option::is_some) {
@@ -302,7 +303,7 @@ fn check(
     plane: &Plane,
     extent: Extent,
     worker: &Worker,
-) -> Result<(Surface, Span), Failure> {
+) -> Result<(Surface, Pieces), Failure> {
     let name = channel.name();
     let format = channel.format(plane.format).ok_or(Failure::Format { channel, found: plane.format })?;
     let overflow = Failure::Overflow(name);
@@ -331,5 +332,6 @@ fn check(
     let span = Span::new(name, first as *const c_void, length)?;
     worker.check_apart(name, span)?;
     let data = plane.data.cast::<u8>();
-    Ok((Surface { channel, format, data, pixel_stride, row_stride }, span))
+    let pieces = Pieces { span, stride: pixel_stride, size: format.size() };
+    Ok((Surface { channel, format, data, pixel_stride, row_stride }, pieces))
 }

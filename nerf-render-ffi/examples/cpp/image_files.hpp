@@ -33,14 +33,15 @@ inline std::string pnm(std::uint32_t width, std::uint32_t height, const std::vec
            text_of(pixels.data(), pixels.size());
 }
 
-/// PFM of one float a pixel, in the machine's byte order; the format begins with the bottom row.
+/// PFM of one or three floats a pixel, in the machine's byte order; the format begins with the bottom row.
 inline std::string pfm(std::uint32_t width, std::uint32_t height, const std::vector<float> &pixels) {
     const std::uint16_t one = 1;
     const bool little = *reinterpret_cast<const unsigned char *>(&one) == 1;
-    std::string file = "Pf\n" + std::to_string(width) + " " + std::to_string(height);
+    const std::size_t row = height == 0 ? 0 : pixels.size() / height;
+    std::string file = (row == width ? "Pf\n" : "PF\n") + std::to_string(width) + " " + std::to_string(height);
     file += little ? "\n-1.0\n" : "\n1.0\n";
     for (std::size_t y = height; y-- > 0;) {
-        file += text_of(pixels.data() + y * width, width * sizeof(float));
+        file += text_of(pixels.data() + y * row, row * sizeof(float));
     }
     return file;
 }

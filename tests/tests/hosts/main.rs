@@ -6,5 +6,6 @@ mod cpp;
 mod firmware;
 mod header;
 mod packages;
+mod renderers;
 mod watched;
 mod web;

@@ -44,15 +44,17 @@ fn watched() -> PathBuf {
     paths::workspace().join("tests/c/watched.c")
 }
 
-/// The C++ example on three threads.
+/// A C++ example on three threads, or with three samples.
 fn example_is_clean(mut command: Command, directory: &Path) {
     std::fs::write(directory.join("scene.nerf"), Recipe::OCCUPANCY.blob()).expect("a temporary file");
     let output = run(command.args(["scene.nerf", "out", "24", "20", "3"]), directory);
     assert!(output.status.success(), "{}", said(&output));
 }
 
-fn cpp_example() -> PathBuf {
-    paths::workspace().join("nerf-render-ffi/examples/cpp/render.cpp")
+/// Those that render on threads, with limits and with collisions.
+fn cpp_examples() -> [PathBuf; 4] {
+    let folder = paths::workspace().join("nerf-render-ffi/examples/cpp");
+    ["render.cpp", "hybrid.cpp", "path.cpp", "raster.cpp"].map(|name| folder.join(name))
 }
 
 #[test]
@@ -78,10 +80,12 @@ fn valgrind_has_nothing_to_report() {
     is_found(&mut valgrind(&program), directory.path(), "leak", "definitely lost", "nerf_scene_open_file");
     is_found(&mut valgrind(&program), directory.path(), "short", "Invalid write", "nerf_render");
 
-    let program = build::program(Language::Cpp, &cpp_example(), directory.path(), &[]);
-    let mut command = valgrind(&program);
-    command.env("NERF_KERNEL", "portable-f16");
-    example_is_clean(command, directory.path());
+    for example in cpp_examples() {
+        let program = build::program(Language::Cpp, &example, directory.path(), &[]);
+        let mut command = valgrind(&program);
+        command.env("NERF_KERNEL", "portable-f16");
+        example_is_clean(command, directory.path());
+    }
 }
 
 #[test]
@@ -95,8 +99,10 @@ fn address_sanitizer_has_nothing_to_report() {
     is_found(&mut Command::new(&program), directory.path(), "leak", "LeakSanitizer", "nerf_scene_open_file");
     is_found(&mut Command::new(&program), directory.path(), "short", "heap-buffer-overflow", "nerf_core::");
 
-    let program = sanitized_program(Sanitizer::Address, Language::Cpp, &cpp_example(), directory.path());
-    example_is_clean(Command::new(program), directory.path());
+    for example in cpp_examples() {
+        let program = sanitized_program(Sanitizer::Address, Language::Cpp, &example, directory.path());
+        example_is_clean(Command::new(program), directory.path());
+    }
 }
 
 #[test]
@@ -115,6 +121,8 @@ fn thread_sanitizer_has_nothing_to_report() {
     is_clean(|| under(&program), directory.path(), |_| true);
     is_found(&mut under(&program), directory.path(), "race", "data race", "nerf_render::target");
 
-    let program = sanitized_program(Sanitizer::Thread, Language::Cpp, &cpp_example(), directory.path());
-    example_is_clean(under(&program), directory.path());
+    for example in cpp_examples() {
+        let program = sanitized_program(Sanitizer::Thread, Language::Cpp, &example, directory.path());
+        example_is_clean(under(&program), directory.path());
+    }
 }
