@@ -531,6 +531,11 @@ typedef uint32_t nerf_tone_map;
 #endif // __cplusplus
 
 /**
+ * Pieces of `size` bytes, each a `stride` behind the one before; they lie in `span`.
+ */
+typedef struct Pieces Pieces;
+
+/**
  * An opened scene: lies at the beginning of the memory it was opened in and borrows the blob.
  *
  * It owns nothing and never changes: threads may use it at the same time, and there is nothing to
@@ -1259,8 +1264,8 @@ typedef struct nerf_rays {
      */
     const float *axis;
     /**
-     * Where results go: planes of one row of `count` pixels, of which only `pixel_stride` matters. No limits: `t_max` is
-     * the ray's.
+     * Where results go: planes of one row of `count` pixels, of which only `pixel_stride` matters. They may be fields of the
+     * structures that the rays are in. No limits: `t_max` is the ray's.
      */
     const struct nerf_target *target;
 } nerf_rays;
@@ -1380,6 +1385,8 @@ typedef struct nerf_choice {
      */
     uint32_t within;
 } nerf_choice;
+
+
 
 
 

@@ -1,4 +1,4 @@
-# find_package(nerf_render 1 CONFIG REQUIRED) gives
+# find_package(nerf_render 2 CONFIG REQUIRED) gives
 #
 #   nerf_render::nerf_render   the shared library; where only the static one is installed, that
 #   nerf_render::static        the static library, with what it needs of the system

@@ -98,6 +98,30 @@ static int32_t show_progress(void *user, uint64_t done, uint64_t all) {
     return 0; /* anything else cancels */
 }
 
+/* Opens a worker in memory of its own, which is to be freed; NULL on any error, which it says. */
+static void *open_worker(const nerf_scene *scene, uint32_t outputs, nerf_worker **worker) {
+    char message[MESSAGE];
+    nerf_request request;
+    memset(&request, 0, sizeof request); /* no options: the defaults */
+    request.struct_size = sizeof request;
+    request.scene = scene;
+    request.outputs = outputs;
+    size_t size, align;
+    nerf_status status = nerf_worker_size(&request, &size, &align, message, MESSAGE);
+    if (status != NERF_STATUS_OK) {
+        fail("worker", status, message);
+        return NULL;
+    }
+    void *memory = aligned_alloc(align, size);
+    status = nerf_worker_open(&request, memory, size, worker, message, MESSAGE);
+    if (status != NERF_STATUS_OK) {
+        fail("worker", status, message);
+        free(memory);
+        return NULL;
+    }
+    return memory;
+}
+
 /* One view of a scene: colour and z_depth. */
 static int render_scene(const nerf_scene *scene, const nerf_scene_info *info, uint32_t width, uint32_t height,
                         const char *prefix) {
@@ -120,19 +144,23 @@ static int render_scene(const nerf_scene *scene, const nerf_scene_info *info, ui
     target.z_depth.row_stride = -(ptrdiff_t)row_bytes;
     target.z_depth.format = NERF_FORMAT_F32;
 
-    size_t workspace_size, align;
-    const uint32_t outputs = NERF_OUTPUT_RGB | NERF_OUTPUT_Z_DEPTH;
-    nerf_status status = nerf_workspace_size(scene, NULL, outputs, &workspace_size, &align, message, MESSAGE);
-    if (status != NERF_STATUS_OK) {
-        return fail("workspace", status, message);
+    nerf_worker *worker;
+    void *memory = open_worker(scene, NERF_OUTPUT_RGB | NERF_OUTPUT_Z_DEPTH, &worker);
+    if (memory == NULL) {
+        return EXIT_FAILURE;
     }
-    void *workspace = aligned_alloc(align, workspace_size);
     const nerf_camera camera = orbit(info, width, height);
     nerf_counters counters;
     counters.struct_size = sizeof counters;
     unsigned percent = 101;
-    status = nerf_render(scene, &camera, NULL, NULL, &target, workspace, workspace_size, show_progress, &percent,
-                         &counters, message, MESSAGE);
+    nerf_frame frame;
+    memset(&frame, 0, sizeof frame);
+    frame.struct_size = sizeof frame;
+    frame.camera = &camera;
+    frame.target = &target;
+    frame.progress = show_progress;
+    frame.user = &percent;
+    const nerf_status status = nerf_render(worker, &frame, &counters, message, MESSAGE);
     fputc('\n', stderr);
     if (status != NERF_STATUS_OK) {
         return fail("render", status, message);
@@ -162,7 +190,7 @@ static int render_scene(const nerf_scene *scene, const nerf_scene_info *info, ui
     snprintf(header, sizeof header, "P5\n%u %u\n255\n", (unsigned)width, (unsigned)height);
     bad |= write_file(prefix, ".pgm", header, grey, pixels);
 
-    free(workspace);
+    free(memory); /* the worker ends here */
     free(z_depth);
     free(grey);
     free(rgb);
@@ -184,17 +212,23 @@ static int render_picture(const nerf_scene *scene, uint32_t width, uint32_t heig
     target.rgb.data = rgb;
     target.rgb.format = NERF_FORMAT_RGB_U8;
 
-    size_t workspace_size, align;
-    nerf_status status = nerf_picture_workspace_size(scene, NULL, &workspace_size, &align, message, MESSAGE);
-    if (status != NERF_STATUS_OK) {
-        return fail("workspace", status, message);
+    nerf_worker *worker;
+    void *memory = open_worker(scene, NERF_OUTPUT_RGB, &worker);
+    if (memory == NULL) {
+        return EXIT_FAILURE;
     }
-    void *workspace = aligned_alloc(align, workspace_size);
     nerf_counters counters;
     counters.struct_size = sizeof counters;
     unsigned percent = 101;
-    status = nerf_render_picture(scene, width, height, NULL, NULL, &target, workspace, workspace_size, show_progress,
-                                 &percent, &counters, message, MESSAGE);
+    nerf_frame frame;
+    memset(&frame, 0, sizeof frame);
+    frame.struct_size = sizeof frame;
+    frame.target = &target;
+    frame.width = width;
+    frame.height = height;
+    frame.progress = show_progress;
+    frame.user = &percent;
+    const nerf_status status = nerf_render_picture(worker, &frame, &counters, message, MESSAGE);
     fputc('\n', stderr);
     if (status != NERF_STATUS_OK) {
         return fail("render", status, message);
@@ -205,7 +239,7 @@ static int render_picture(const nerf_scene *scene, uint32_t width, uint32_t heig
     char header[64];
     snprintf(header, sizeof header, "P6\n%u %u\n255\n", (unsigned)width, (unsigned)height);
     const int bad = write_file(prefix, ".ppm", header, rgb, bytes);
-    free(workspace);
+    free(memory);
     free(rgb);
     return bad ? EXIT_FAILURE : EXIT_SUCCESS;
 }

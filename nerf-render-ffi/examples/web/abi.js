@@ -52,18 +52,31 @@ structure('nerf_render_options', {
   normal_blur: 'f32', ignore_proposal: 'u32', near_distance: 'f32', far_distance: 'f32',
   own_bins: 'u32', reserved: 'u32', effects: 'nerf_effects',
 });
+structure('nerf_request', {
+  struct_size: 'size', scene: 'pointer', instances: 'pointer', instance_count: 'size', options: 'pointer',
+  outputs: 'u32', reserved: 'u32',
+});
 structure('nerf_plane', { data: 'pointer', pixel_stride: 'size', row_stride: 'size', format: 'u32', reserved: 'u32' });
 structure('nerf_target', {
   struct_size: 'size', rgb: 'nerf_plane', opacity: 'nerf_plane', ray_distance: 'nerf_plane',
-  z_depth: 'nerf_plane', median_distance: 'nerf_plane', normals: 'nerf_plane',
+  z_depth: 'nerf_plane', median_distance: 'nerf_plane', normals: 'nerf_plane', limit_ray_distance: 'nerf_plane',
+  limit_z_depth: 'nerf_plane',
 });
 structure('nerf_rect', { x: 'u32', y: 'u32', width: 'u32', height: 'u32' });
+structure('nerf_frame', {
+  struct_size: 'size', camera: 'pointer', rect: 'pointer', target: 'pointer', width: 'u32', height: 'u32',
+  progress: 'pointer', user: 'pointer',
+});
 structure('nerf_counters', {
   struct_size: 'size', rays: 'u64', samples_kept: 'u64', samples_skipped: 'u64', density_evaluations: 'u64',
   colour_evaluations: 'u64', macs: 'u64', invalid_samples: 'u64', normal_evaluations: 'u64',
   proposal_evaluations: 'u64',
 });
 structure('nerf_choice', { struct_size: 'size', loss_db: 'f32', cost: 'f32', milliseconds: 'f32', within: 'u32' });
+structure('nerf_pace_request', {
+  struct_size: 'size', scene: 'pointer', camera: 'pointer', options: 'pointer', outputs: 'u32',
+  limit_milliseconds: 'f32', clock: 'pointer', user: 'pointer',
+});
 structure('nerf_pace', { struct_size: 'size', milliseconds: ['f32', 16] });
 
 const KERNELS = ['auto', 'portable', 'avx2', 'avx512', 'simd128', 'neon'];
@@ -73,6 +86,7 @@ const PLANES = {
   rgb: [1, FORMAT_RGB_F32, 3], opacity: [2, FORMAT_F32, 1], ray_distance: [4, FORMAT_F32, 1],
   z_depth: [8, FORMAT_F32, 1], median_distance: [16, FORMAT_F32, 1], normals: [32, FORMAT_VEC3_F32, 3],
 };
+const outputsOf = planes => planes.reduce((bits, name) => bits | PLANES[name][0], 0);
 
 /** A module `(import "h" "f" (func (param i32) (result i64))) (export "f")`: JavaScript in C's function table. */
 const CLOCK_TYPE = Uint8Array.of(
@@ -163,7 +177,7 @@ class Library {
   }
 }
 
-/** An opened scene. */
+/** An opened scene, with one worker. */
 class Scene {
   constructor(module, blob, kernel) {
     const library = this.library = new Library(module);
@@ -187,31 +201,35 @@ class Scene {
     return { ...info, kernel: KERNELS[info.kernel] };
   }
 
-  /** Options at their place; 0, the defaults, for null. */
-  options(values) {
-    return values ? this.library.structure('nerf_render_options', values) : 0;
-  }
-
-  workspace(query, options, outputs) {
-    const { library } = this;
-    library.call(query, this.handle, options, outputs, library.out, library.out + 4);
+  /** The worker for options (null: the defaults) and planes: the one there is, or another in its place. */
+  worker(options, planes) {
+    const { library } = this, outputs = outputsOf(planes);
+    const settings = library.structure('nerf_render_options', options ?? {});
+    const bytes = new Uint8Array(library.memory, settings, STRUCTURES.nerf_render_options.size);
+    const key = `${outputs}: ${bytes}`;
+    if (this.opened?.key === key) return this.opened.worker;
+    this.opened = null;
+    const request = library.structure('nerf_request', { scene: this.handle, options: settings, outputs });
+    library.call('nerf_worker_size', request, library.out, library.out + 4);
     const size = library.answer()[0];
-    return [library.room('workspace', size), size];
+    library.call('nerf_worker_open', request, library.room('worker', size), size, library.out);
+    this.opened = { key, worker: library.answer()[0] };
+    return this.opened.worker;
   }
 
   /** Renders a rectangle; its planes as floats, and the work. */
   render({ camera, options = null, rect, planes }) {
     const { library } = this;
-    const outputs = planes.reduce((bits, name) => bits | PLANES[name][0], 0);
+    const worker = this.worker(options, planes);
     const pixels = rect.width * rect.height;
     const at = planes.map(name => library.room(name, 4 * pixels * PLANES[name][2]));
     const target = planes.map((name, i) => [name, { data: at[i], format: PLANES[name][1] }]);
-    const settings = this.options(options);
-    const workspace = this.workspace('nerf_workspace_size', settings, outputs);
     const counters = library.structure('nerf_counters');
-    library.call('nerf_render', this.handle, library.structure('nerf_camera', camera), settings,
-      library.structure('nerf_rect', rect), library.structure('nerf_target', Object.fromEntries(target)),
-      ...workspace, 0, 0, counters);
+    const frame = library.structure('nerf_frame', {
+      camera: library.structure('nerf_camera', camera), rect: library.structure('nerf_rect', rect),
+      target: library.structure('nerf_target', Object.fromEntries(target)),
+    });
+    library.call('nerf_render', worker, frame, counters);
     const floats = planes.map((name, i) => [name, new Float32Array(library.memory, at[i], pixels * PLANES[name][2]).slice()]);
     return { planes: Object.fromEntries(floats), counters: library.read('nerf_counters', counters) };
   }
@@ -219,12 +237,14 @@ class Scene {
   /** Milliseconds at each point of the front, on this thread. */
   pace({ camera, planes, limit }) {
     const { library } = this;
-    const outputs = planes.reduce((bits, name) => bits | PLANES[name][0], 0);
     this.clock ??= library.clock(() => BigInt(Math.round(1000 * performance.now())));
-    const workspace = this.workspace('nerf_pace_workspace_size', 0, outputs);
-    const pace = library.structure('nerf_pace');
-    library.call('nerf_pace_measure', this.handle, library.structure('nerf_camera', camera), 0, outputs, limit,
-      this.clock, 0, ...workspace, pace);
+    const request = library.structure('nerf_pace_request', {
+      scene: this.handle, camera: library.structure('nerf_camera', camera), outputs: outputsOf(planes),
+      limit_milliseconds: limit, clock: this.clock,
+    });
+    library.call('nerf_pace_workspace_size', request, library.out, library.out + 4);
+    const size = library.answer()[0], pace = library.structure('nerf_pace');
+    library.call('nerf_pace_measure', request, library.room('workspace', size), size, pace);
     return library.read('nerf_pace', pace).milliseconds;
   }
 
@@ -241,9 +261,8 @@ class Scene {
   /** A frame in words. */
   explain({ options = null, planes, counters }) {
     const { library } = this;
-    const outputs = planes.reduce((bits, name) => bits | PLANES[name][0], 0);
     const [text, capacity] = [library.room('text', 8192), 8192];
-    library.call('nerf_explain', this.handle, this.options(options), outputs,
+    library.call('nerf_explain', this.worker(options, planes),
       library.structure('nerf_counters', { ...counters, struct_size: STRUCTURES.nerf_counters.size }), text, capacity, 0);
     return library.text(text, new Uint8Array(library.memory, text, capacity).indexOf(0));
   }

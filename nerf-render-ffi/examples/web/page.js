@@ -19,7 +19,6 @@ const EMPTY = [22, 24, 29];
 const MODES = { colour: ['rgb'], depth: ['opacity', 'z_depth'], normals: ['normals'] };
 /** Viridis, from far to near. */
 const SCALE = [[68, 1, 84], [59, 82, 139], [33, 145, 140], [94, 201, 98], [253, 231, 37]];
-const SETTINGS = { transmittance_cut: 0.02, colour_cut: 0.005, normal_blur: 1 };
 
 const canvas = element('canvas');
 const context = canvas.getContext('2d', { alpha: false });
@@ -124,11 +123,11 @@ async function frame(request, paint, wanted) {
 /** Settings and size of a frame that should take `MOVING_MS`: by the scene's front where it has one, then by size. */
 async function quick() {
   const { width, height } = canvas;
-  let options = SETTINGS, loss = null, expected = pixelMs;
+  let options = null, loss = null, expected = pixelMs;
   if (pace) {
     const found = await threads[0].ask('within', { milliseconds: MOVING_MS * threads.length, pace });
     loss = found.choice.loss_db;
-    options = { ...found.options, normal_blur: SETTINGS.normal_blur };
+    options = found.options;
     expected ??= found.choice.milliseconds / (width * height);
   }
   const pixels = expected ? MOVING_MS * threads.length / expected : 0;
@@ -157,15 +156,14 @@ async function drawQuickly() {
 async function drawFully(now) {
   const planes = MODES[mode], { width, height } = canvas;
   const began = performance.now();
-  const done = await frame({ camera: view.camera(width, height, ANGLE), options: SETTINGS, planes },
+  const done = await frame({ camera: view.camera(width, height, ANGLE), planes },
     (rect, image) => context.putImageData(image, rect.x, rect.y), () => generation === now);
   if (!done) return;
   const spent = performance.now() - began;
   const rate = 2 * Number(done.counters.macs) / done.busy / 1e6;
   element('still').textContent = `${Math.round(spent)} ms at ${width}×${height}`;
   element('threads').textContent = `${threads.length}, ${rate.toFixed(1)} GFLOP/s each`;
-  element('explain').textContent =
-    await threads[0].ask('explain', { options: SETTINGS, planes, counters: done.counters });
+  element('explain').textContent = await threads[0].ask('explain', { planes, counters: done.counters });
   body.dataset.milliseconds = Math.round(spent);
 }
 
@@ -209,7 +207,7 @@ async function middle() {
     const from = Object.assign(new Orbit(centre, view.home, view.up, view.across), { azimuth: i * Math.PI / 2 });
     const camera = from.camera(side, side, ANGLE), column = k => [0, 4, 8].map(row => camera.c2w[row + k]);
     const rect = { x: 0, y: 0, width: side, height: side };
-    const { planes } = await threads[0].ask('render', { camera, rect, options: SETTINGS, planes: MODES.depth });
+    const { planes } = await threads[0].ask('render', { camera, rect, planes: MODES.depth });
     planes.opacity.forEach((opacity, pixel) => {
       const [x, y] = [pixel % side + 0.5 - camera.cx, camera.cy - Math.floor(pixel / side) - 0.5];
       const way = add(add(scaled(column(0), x / camera.fx), column(1), y / camera.fy), column(2), -1);

@@ -31,7 +31,7 @@ async function dump(kernel) {
   const rect = { x: 0, y: 0, width: 48, height: 36 };
   const thread = new Thread(URL.createObjectURL(new Blob([element('library').textContent])));
   await thread.ask('open', { module: new WebAssembly.Module(bytes('module')), blob: bytes('blob'), kernel });
-  const found = await thread.ask('render', { camera, rect, options: SETTINGS, planes: ALL });
+  const found = await thread.ask('render', { camera, rect, planes: ALL });
   thread.worker.terminate();
   const hex = floats => Array.from(new Uint32Array(floats.buffer), x => x.toString(16).padStart(8, '0')).join('');
   const exact = Object.fromEntries(Object.entries(camera).map(([name, value]) =>

@@ -8,7 +8,7 @@
 //! library shows its functions exactly (`packages.rs`), and C programs get Rust's pictures (`c.rs`).
 //!
 //! New functions, enumerators and constants pass. A structure that grows does not, although the ABI promise
-//! allows growth at the end: somebody must look whether `Versioned::SIZE_V1` kept the old size. Then, and when a
+//! allows growth at the end: somebody must look whether `Versioned::SIZE_V2` kept the old size. Then, and when a
 //! new NERF_ABI_VERSION breaks things on purpose, the baseline is renewed by
 //! `NERF_BLESS=abi cargo test --release -p nerf-tests --test hosts baseline`.
 #![cfg(all(target_arch = "x86_64", target_os = "linux"))]
@@ -94,7 +94,7 @@ fn nothing_a_program_was_built_with_has_changed() {
     if let Some(changes) = changes(&header()) {
         panic!(
             "not the interface of {}. Programs break, unless structures only grew at their end and \
-             Versioned::SIZE_V1 kept the old size; then renew it (see {}).\n{changes}",
+             Versioned::SIZE_V2 kept the old size; then renew it (see {}).\n{changes}",
             baseline().display(),
             file!()
         );

@@ -21,7 +21,7 @@ use std::sync::OnceLock;
 const TOOLS: [&str; 7] = ["cmake", "make", "pkg-config", "gcc", "g++", "clang", "clang++"];
 /// Compilers of C and of C++.
 const COMPILERS: [[&str; 2]; 2] = [["gcc", "g++"], ["clang", "clang++"]];
-const SONAME: &str = "libnerf_render.so.1";
+const SONAME: &str = "libnerf_render.so.2";
 
 fn ffi_crate() -> PathBuf {
     paths::workspace().join("nerf-render-ffi")
@@ -198,14 +198,14 @@ fn both_ways_install_the_same_files() {
         }
         let plain = [
             "lib/libnerf_render.a",
-            "lib/libnerf_render.so.1.0.0",
+            "lib/libnerf_render.so.2.0.0",
             "lib/pkgconfig/nerf_render.pc",
             "share/cmake/nerf_render/nerf_renderConfig.cmake",
             "share/cmake/nerf_render/nerf_renderConfigVersion.cmake",
         ];
         expected.extend(plain.map(|name| (name.to_owned(), None)));
-        let links = ["lib/libnerf_render.so", "lib/libnerf_render.so.1"];
-        expected.extend(links.map(|name| (name.to_owned(), Some("libnerf_render.so.1.0.0".into()))));
+        let links = ["lib/libnerf_render.so", "lib/libnerf_render.so.2"];
+        expected.extend(links.map(|name| (name.to_owned(), Some("libnerf_render.so.2.0.0".into()))));
         assert_eq!(files(prefix), expected, "{by}");
         let header = |root: &Path| std::fs::read(root.join("include/nerf_render.h")).expect("a header");
         assert!(header(prefix) == header(&paths::workspace()), "{by}: another header");
@@ -237,7 +237,7 @@ fn a_prefix_may_move_and_do_without_the_shared_library() {
     for (by, prefix) in installed() {
         let moved = fresh(&format!("moved-{by}"));
         run(Command::new("cp").arg("-a").arg(prefix.join(".")).arg(&moved));
-        for link in ["", ".1", ".1.0.0"] {
+        for link in ["", ".2", ".2.0.0"] {
             std::fs::remove_file(moved.join(format!("lib/libnerf_render.so{link}")))
                 .expect("it was installed");
         }
@@ -306,12 +306,12 @@ fn first_number_of_the_packages_version_is_the_abis() {
         let source = paths::temporary();
         for (asked, found) in [
             ("", true),
-            ("1", true),
-            ("1.0.0 EXACT", true),
-            ("1...2", true),
-            ("0.1", false),
-            ("1.99", false),
-            ("2", false),
+            ("2", true),
+            ("2.0.0 EXACT", true),
+            ("2...3", true),
+            ("1.0", false),
+            ("2.99", false),
+            ("3", false),
         ] {
             let project = format!(
                 "cmake_minimum_required(VERSION 3.19)\nproject(asks LANGUAGES C)\n\
