@@ -1119,7 +1119,7 @@ typedef struct nerf_target {
  * Called before the first tile and after each tile, on the thread that renders, with the pixels
  * done so far, which only grow, of all; a return value other than 0 cancels.
  *
- * It may call this library, also with the workspace of the render it is called from. It must not
+ * It may call this library, but not with the worker of the render it is called from. It must not
  * let a C++ exception escape.
  */
 typedef int32_t (*nerf_progress)(void *user,
@@ -1260,7 +1260,8 @@ typedef struct nerf_rays {
      */
     struct nerf_floats random;
     /**
-     * Three numbers, of unit length: what `z_depth` is measured along. NULL where that is not asked for.
+     * Three numbers, of unit length: what `z_depth` is measured along, of a camera the direction of its ray through
+     * (cx, cy). NULL where that is not asked for.
      */
     const float *axis;
     /**

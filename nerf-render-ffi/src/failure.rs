@@ -212,10 +212,7 @@ impl fmt::Display for Failure {
                 }
             }
             Self::NotRequested(name) => {
-                write!(
-                    f,
-                    "target.{name}: expected NULL, since the worker was opened without it in request.outputs"
-                )
+                write!(f, "{name}: expected NULL, since the worker was opened without it in request.outputs")
             }
             Self::Busy => write!(
                 f,

@@ -10,7 +10,7 @@ use crate::status::Status;
 use crate::target::{Canvas, Target};
 use crate::worker::{Worker, tile_size, with_worker};
 use core::ffi::{c_char, c_void};
-use nerf_core::render;
+use nerf_core::render::{self, Limit};
 use nerf_core::volume::Pixel;
 
 /// Pixels of an image, `x..x + width`, `y..y + height`.
@@ -125,15 +125,10 @@ pub unsafe extern "C" fn nerf_render(
                 let mut put = |x: u32, y: u32, pixel: &Pixel| {
                     pixels.put(((y - tile.y) * tile.width + (x - tile.x)) as usize, pixel);
                 };
-                let drawn = match limit {
-                    Some(limit) => fields.render_limited(
-                        &camera,
-                        tile,
-                        |x, y| limit.at(x - rect.x, y - rect.y),
-                        &mut put,
-                    ),
-                    None => fields.render(&camera, tile, &mut put),
-                };
+                // One instance of the frame loop, whether there is a plane or not.
+                let limit =
+                    |x: u32, y: u32| limit.map_or(Limit::NONE, |limit| limit.at(x - rect.x, y - rect.y));
+                let drawn = fields.render_limited(&camera, tile, limit, &mut put);
                 drawn.map_err(Failure::Render)
             })?;
             if let Some(out) = out {

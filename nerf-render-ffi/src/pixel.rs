@@ -1,5 +1,6 @@
 //! How a pixel lies in memory.
 
+use nerf_core::plan::Outputs;
 use nerf_core::volume;
 
 /// How a pixel of a plane lies in memory; 8-bit channels are clamped and rounded half up.
@@ -97,6 +98,19 @@ impl Channel {
             Self::PointColour => "points.rgb",
             Self::LimitRayDistance => "target.limit_ray_distance",
             Self::LimitZDepth => "target.limit_z_depth",
+        }
+    }
+
+    /// Whether these have it; what no output is needed for always is.
+    pub fn is_in(self, outputs: &Outputs) -> bool {
+        match self {
+            Self::Colour | Self::PointColour => outputs.rgb,
+            Self::Opacity => outputs.opacity,
+            Self::RayDistance => outputs.ray_distance,
+            Self::ZDepth => outputs.z_depth,
+            Self::MedianDistance => outputs.median_distance,
+            Self::Normal => outputs.normals,
+            Self::Density | Self::LimitRayDistance | Self::LimitZDepth => true,
         }
     }
 

@@ -3,6 +3,7 @@
 use crate::boundary::{Message, Out, Versioned, call, read_versioned};
 use crate::counters::Counters;
 use crate::failure::Failure;
+use crate::pixel::Channel;
 use crate::span::{Pieces, Span, check_aligned};
 use crate::status::Status;
 use crate::target::{Canvas, Target};
@@ -96,7 +97,8 @@ pub struct Rays {
     pub t_max: Floats,
     /// A number in [0, 1) each, for `nerf_sample_rays`; else NULL.
     pub random: Floats,
-    /// Three numbers, of unit length: what `z_depth` is measured along. NULL where that is not asked for.
+    /// Three numbers, of unit length: what `z_depth` is measured along, of a camera the direction of its ray through
+    /// (cx, cy). NULL where that is not asked for.
     pub axis: *const f32,
     /// Where results go: planes of one row of `count` pixels, of which only `pixel_stride` matters. They may be fields of the
     /// structures that the rays are in. No limits: `t_max` is the ray's.
@@ -199,7 +201,7 @@ unsafe fn trace(
         };
         // SAFETY: `target` and its planes are as this function's `# Safety` has them.
         let mut canvas = unsafe { Canvas::of_rays(rays.target, count, &read, worker)? };
-        if canvas.outputs().z_depth && axis.is_none() {
+        if canvas.has(Channel::ZDepth) && axis.is_none() {
             return Err(Failure::Null("rays.axis"));
         }
         // SAFETY: all of them were found inside of arrays that the caller vouches for.

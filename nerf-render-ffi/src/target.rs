@@ -7,7 +7,6 @@ use crate::span::{Pieces, Span, check_aligned};
 use crate::tile_pixels::TilePixels;
 use crate::worker::Worker;
 use core::ffi::c_void;
-use nerf_core::plan::Outputs;
 use nerf_core::render::{Limit, Rect};
 use nerf_core::volume::Pixel;
 
@@ -85,7 +84,7 @@ struct Extent {
 /// A checked target.
 pub(crate) struct Canvas {
     surfaces: [Option<Surface>; 6],
-    limits: [Option<Surface>; 2],
+    limit: Option<Surface>,
     /// Its own top left pixel in the image.
     origin: [u32; 2],
 }
@@ -114,7 +113,7 @@ impl Canvas {
         // SAFETY: the caller's promise.
         let mut canvas = unsafe { Self::of_target(at, extent, &[], worker)? };
         canvas.origin = [rect.x, rect.y];
-        let planes = canvas.surfaces.iter().chain(&canvas.limits).flatten();
+        let planes = canvas.surfaces.iter().chain([&canvas.limit]).flatten();
         let other = planes.map(|surface| surface.channel).find(|channel| *channel != Channel::Colour);
         other.map_or(Ok(canvas), |channel| Err(Failure::ScenePlane(channel.name())))
     }
@@ -131,7 +130,7 @@ impl Canvas {
     ) -> Result<Self, Failure> {
         // SAFETY: the caller's promise.
         let canvas = unsafe { Self::of_target(at, Extent { columns: count, rows: 1 }, read, worker)? };
-        if let Some(limit) = canvas.limits.iter().flatten().next() {
+        if let Some(limit) = canvas.limit {
             return Err(Failure::Reserved(limit.channel.name()));
         }
         canvas.set_up(worker)?;
@@ -149,7 +148,7 @@ impl Canvas {
         read: &[(&'static str, Pieces)],
         worker: &Worker,
     ) -> Result<Self, Failure> {
-        let mut canvas = Self { surfaces: [None; 6], limits: [None; 2], origin: [0; 2] };
+        let mut canvas = Self { surfaces: [None; 6], limit: None, origin: [0; 2] };
         if sigma.data.is_null() && count > 0 {
             return Err(Failure::Null("points.sigma"));
         }
@@ -157,6 +156,9 @@ impl Canvas {
         for (k, (channel, plane)) in
             [(Channel::Density, sigma), (Channel::PointColour, rgb)].into_iter().enumerate()
         {
+            if plane.reserved != 0 {
+                return Err(Failure::Reserved(channel.name()));
+            }
             if !plane.data.is_null() {
                 let extent = Extent { columns: count, rows: 1 };
                 let (surface, pieces) = check(channel, plane, extent, worker)?;
@@ -167,7 +169,6 @@ impl Canvas {
             }
         }
         written[0].check_apart("points.sigma", written[1], "points.rgb")?;
-        worker.check_outputs(Outputs { rgb: canvas.surfaces[1].is_some(), ..Outputs::NONE })?;
         Ok(canvas)
     }
 
@@ -184,39 +185,37 @@ impl Canvas {
         // SAFETY: `at` is as this function's `# Safety` has it.
         let target = unsafe { read_versioned(at)? };
         let planes = [
-            (Channel::Colour, target.rgb),
-            (Channel::Opacity, target.opacity),
-            (Channel::RayDistance, target.ray_distance),
-            (Channel::ZDepth, target.z_depth),
-            (Channel::MedianDistance, target.median_distance),
-            (Channel::Normal, target.normals),
+            (Channel::Colour, &target.rgb),
+            (Channel::Opacity, &target.opacity),
+            (Channel::RayDistance, &target.ray_distance),
+            (Channel::ZDepth, &target.z_depth),
+            (Channel::MedianDistance, &target.median_distance),
+            (Channel::Normal, &target.normals),
+            (Channel::LimitRayDistance, &target.limit_ray_distance),
+            (Channel::LimitZDepth, &target.limit_z_depth),
         ];
-        let limits = [
-            (Channel::LimitRayDistance, target.limit_ray_distance),
-            (Channel::LimitZDepth, target.limit_z_depth),
-        ];
-        let mut canvas = Self { surfaces: [None; 6], limits: [None; 2], origin: [0; 2] };
-        let surfaces = canvas.surfaces.iter_mut().chain(&mut canvas.limits);
-        for ((channel, plane), surface) in planes.into_iter().chain(limits).zip(surfaces) {
+        let mut canvas = Self { surfaces: [None; 6], limit: None, origin: [0; 2] };
+        for (k, &(channel, plane)) in planes.iter().enumerate() {
             if plane.reserved != 0 {
                 return Err(Failure::Reserved(channel.name()));
             }
-            if !plane.data.is_null() {
-                let (checked, pieces) = check(channel, &plane, extent, worker)?;
-                for (name, read) in read {
-                    pieces.check_apart(channel.name(), *read, name)?;
-                }
-                *surface = Some(checked);
+            if plane.data.is_null() {
+                continue;
+            }
+            let (checked, pieces) = check(channel, plane, extent, worker)?;
+            for (name, read) in read {
+                pieces.check_apart(channel.name(), *read, name)?;
+            }
+            match canvas.surfaces.get_mut(k) {
+                Some(surface) => *surface = Some(checked),
+                None if canvas.limit.is_some() => return Err(Failure::TwoLimits),
+                None => canvas.limit = Some(checked),
             }
         }
         // What lies beside no rays at all may be nowhere.
         if canvas.surfaces.iter().all(Option::is_none) && extent.columns > 0 {
             return Err(Failure::NoPlane);
         }
-        if canvas.limits.iter().all(Option::is_some) {
-            return Err(Failure::TwoLimits);
-        }
-        worker.check_outputs(canvas.outputs())?;
         Ok(canvas)
     }
 
@@ -230,16 +229,14 @@ impl Canvas {
         Ok(())
     }
 
-    /// What the planes ask for.
-    pub fn outputs(&self) -> Outputs {
-        let [rgb, opacity, ray_distance, z_depth, median_distance, normals] =
-            self.surfaces.map(|surface| surface.is_some());
-        Outputs { rgb, opacity, ray_distance, z_depth, median_distance, normals }
+    /// Whether a plane is there.
+    pub fn has(&self, channel: Channel) -> bool {
+        self.surfaces.iter().flatten().any(|surface| surface.channel == channel)
     }
 
     /// Where the rays of the pixels end; `None` if nowhere.
     pub fn limit(&self) -> Option<LimitPlane> {
-        self.limits.iter().flatten().next().map(|surface| LimitPlane(*surface))
+        self.limit.map(LimitPlane)
     }
 
     /// Writes a finished tile, row by row; it lies in the rectangle.
@@ -297,7 +294,7 @@ impl Surface {
     }
 }
 
-/// Format, strides, alignment and extent of a plane, which lies apart from scenes and worker.
+/// Output, format, strides, alignment and extent of a plane, which lies apart from scenes and worker.
 fn check(
     channel: Channel,
     plane: &Plane,
@@ -305,6 +302,9 @@ fn check(
     worker: &Worker,
 ) -> Result<(Surface, Pieces), Failure> {
     let name = channel.name();
+    if !channel.is_in(&worker.outputs) {
+        return Err(Failure::NotRequested(name));
+    }
     let format = channel.format(plane.format).ok_or(Failure::Format { channel, found: plane.format })?;
     let overflow = Failure::Overflow(name);
     let (columns, rows) = (extent.columns.saturating_sub(1), extent.rows.saturating_sub(1));

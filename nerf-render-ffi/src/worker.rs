@@ -12,6 +12,8 @@ use crate::status::Status;
 use crate::tile_pixels::TilePixels;
 use core::ffi::{c_char, c_void};
 use core::sync::atomic::{AtomicBool, Ordering};
+#[cfg(feature = "instances")]
+use nerf_core::camera::Placement;
 use nerf_core::memory::{Arena, Line, lines_for};
 use nerf_core::plan::{Batch, Outputs, Plan};
 use nerf_core::render::{self, TILE_SIDE};
@@ -137,17 +139,6 @@ impl Worker {
     pub(crate) fn fields(&mut self) -> Result<&mut render::Worker<'static>, Failure> {
         self.fields.as_mut().ok_or(Failure::Plan(nerf_core::plan::PlanError::NotAScene))
     }
-
-    /// An error where a plane is wanted that the worker was not opened for.
-    pub(crate) fn check_outputs(&self, wanted: Outputs) -> Result<(), Failure> {
-        let of = |o: &Outputs| [o.rgb, o.opacity, o.ray_distance, o.z_depth, o.median_distance, o.normals];
-        let names = ["rgb", "opacity", "ray_distance", "z_depth", "median_distance", "normals"];
-        let pairs = of(&wanted).into_iter().zip(of(&self.outputs)).zip(names);
-        match pairs.into_iter().find(|((wanted, has), _)| *wanted && !has) {
-            Some((_, name)) => Err(Failure::NotRequested(name)),
-            None => Ok(()),
-        }
-    }
 }
 
 /// Width and height of the tiles a batch is rendered in: no more pixels than rays.
@@ -170,7 +161,7 @@ struct Checked {
 struct Shares {
     own: usize,
     members: usize,
-    #[cfg(feature = "instances")]
+    /// 0 without the feature `instances`.
     instances: usize,
     pixels: usize,
     rest: usize,
@@ -178,12 +169,8 @@ struct Shares {
 
 impl Shares {
     fn bytes(&self) -> Result<usize, Failure> {
-        let mut lines = self.own + self.members + self.pixels;
-        #[cfg(feature = "instances")]
-        {
-            lines += self.instances;
-        }
-        let bytes = lines.checked_add(self.rest).and_then(|lines| lines.checked_mul(size_of::<Line>()));
+        let own = self.own + self.members + self.instances + self.pixels;
+        let bytes = own.checked_add(self.rest).and_then(|lines| lines.checked_mul(size_of::<Line>()));
         bytes.ok_or(Failure::Overflow("memory"))
     }
 }
@@ -235,6 +222,19 @@ impl Checked {
         unsafe { Scene::of(self.request.scene) }
     }
 
+    /// Where one of the instances stands.
+    ///
+    /// # Safety
+    /// As [`Checked::read`].
+    #[cfg(feature = "instances")]
+    unsafe fn placement(&self, index: usize) -> Result<Placement, Failure> {
+        if !self.placed {
+            return Ok(Placement::IDENTITY);
+        }
+        // SAFETY: `index` is less than their number, and the rest is as this function's `# Safety` has it.
+        unsafe { Instance::read(self.request.instances, index)?.placement(index) }
+    }
+
     /// The plan of one of the scenes, in its own units; `None` of a picture.
     fn plan(&self, scene: &Scene, scale: f32) -> Result<Option<Plan<'static>>, Failure> {
         let blob = scene.renderer().blob();
@@ -255,9 +255,13 @@ impl Checked {
         let rest = match self.plan(last, 1.0)? {
             #[cfg(feature = "instances")]
             Some(plan) if self.placed => {
+                // What opening refuses is refused here.
                 for index in 0..self.count() {
                     // SAFETY: the caller's promise.
-                    unsafe { self.scene(index)? };
+                    let scene = unsafe { self.scene(index)? };
+                    // SAFETY: as above.
+                    let scale = unsafe { self.placement(index)? }.scale();
+                    self.plan(scene, scale)?;
                 }
                 // SAFETY: as above; each was just looked at.
                 let scenes = (0..self.count()).filter_map(|index| unsafe { self.scene(index) }.ok());
@@ -272,6 +276,8 @@ impl Checked {
             members: lines_for::<Member>(self.count()),
             #[cfg(feature = "instances")]
             instances: if self.placed { lines_for::<render::Instance<'_>>(self.count()) } else { 0 },
+            #[cfg(not(feature = "instances"))]
+            instances: 0,
             pixels: TilePixels::lines((width * height) as usize, self.outputs),
             rest,
         })
@@ -363,12 +369,8 @@ unsafe fn open_in(
         // SAFETY: the caller's promise.
         let scene = unsafe { checked.scene(index)? };
         #[cfg(feature = "instances")]
-        let scale = if checked.placed {
-            // SAFETY: as above.
-            unsafe { Instance::read(checked.request.instances, index)?.placement(index)?.scale() }
-        } else {
-            1.0
-        };
+        // SAFETY: as above.
+        let scale = unsafe { checked.placement(index)? }.scale();
         #[cfg(not(feature = "instances"))]
         let scale = 1.0;
         let plan = checked.plan(scene, scale)?;
@@ -382,7 +384,7 @@ unsafe fn open_in(
         let first = at.cast::<render::Instance<'static>>();
         for (index, member) in members.iter().enumerate() {
             // SAFETY: the caller's promise.
-            let placement = unsafe { Instance::read(checked.request.instances, index)?.placement(index)? };
+            let placement = unsafe { checked.placement(index)? };
             let plan = member.plan.as_ref().ok_or(Failure::Plan(nerf_core::plan::PlanError::NotAScene))?;
             let instance = render::Instance { renderer: member.scene.renderer(), plan, placement };
             // SAFETY: one of `count` places in their share, aligned as a line is.

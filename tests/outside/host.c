@@ -18,9 +18,12 @@ static int failed(nerf_status status) {
 int main(void) {
     size_t length = fread(blob, 1, sizeof blob, stdin), size = 0, align = 0;
     const nerf_scene *scene = NULL;
+    nerf_worker *worker = NULL;
     nerf_camera camera = {.struct_size = sizeof camera, .width = WIDTH, .height = HEIGHT, .fx = 44.0f, .fy = 44.0f,
         .cx = WIDTH / 2.0f, .cy = HEIGHT / 2.0f, .c2w = {1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 4}};
     nerf_target target = {.struct_size = sizeof target, .rgb = {.data = rgb, .format = NERF_FORMAT_RGB_U8}};
+    nerf_request request = {.struct_size = sizeof request, .outputs = NERF_OUTPUT_RGB};
+    nerf_frame frame = {.struct_size = sizeof frame, .camera = &camera, .target = &target};
     void *memory, *workspace;
     int bad;
 
@@ -31,10 +34,12 @@ int main(void) {
     if (failed(nerf_scene_memory(blob, length, NULL, &size, &align, message, sizeof message))) return 1;
     memory = aligned_alloc(align, size);
     if (failed(nerf_scene_open(blob, length, NULL, memory, size, &scene, message, sizeof message))) return 1;
-    if (failed(nerf_workspace_size(scene, NULL, NERF_OUTPUT_RGB, &size, &align, message, sizeof message))) return 1;
+    request.scene = scene;
+    if (failed(nerf_worker_size(&request, &size, &align, message, sizeof message))) return 1;
     workspace = aligned_alloc(align, size);
-    bad = failed(nerf_render(scene, &camera, NULL, NULL, &target, workspace, size, NULL, NULL, NULL, message,
-        sizeof message)) || fwrite(rgb, sizeof rgb, 1, stdout) != 1;
+    bad = failed(nerf_worker_open(&request, workspace, size, &worker, message, sizeof message)) ||
+        failed(nerf_render(worker, &frame, NULL, message, sizeof message)) ||
+        fwrite(rgb, sizeof rgb, 1, stdout) != 1;
     free(workspace);
     free(memory);
     return bad;

@@ -67,6 +67,11 @@ structure('nerf_frame', {
   struct_size: 'size', camera: 'pointer', rect: 'pointer', target: 'pointer', width: 'u32', height: 'u32',
   progress: 'pointer', user: 'pointer',
 });
+structure('nerf_floats', { data: 'pointer', stride: 'size' });
+structure('nerf_rays', {
+  struct_size: 'size', count: 'size', origins: 'nerf_floats', dirs: 'nerf_floats', t_min: 'nerf_floats',
+  t_max: 'nerf_floats', random: 'nerf_floats', axis: 'pointer', target: 'pointer',
+});
 structure('nerf_counters', {
   struct_size: 'size', rays: 'u64', samples_kept: 'u64', samples_skipped: 'u64', density_evaluations: 'u64',
   colour_evaluations: 'u64', macs: 'u64', invalid_samples: 'u64', normal_evaluations: 'u64',
@@ -217,21 +222,75 @@ class Scene {
     return this.opened.worker;
   }
 
-  /** Renders a rectangle; its planes as floats, and the work. */
-  render({ camera, options = null, rect, planes }) {
+  /** Memory for planes of so many pixels: the fields of a target, and how to read them. */
+  planes(names, pixels) {
     const { library } = this;
-    const worker = this.worker(options, planes);
-    const pixels = rect.width * rect.height;
-    const at = planes.map(name => library.room(name, 4 * pixels * PLANES[name][2]));
-    const target = planes.map((name, i) => [name, { data: at[i], format: PLANES[name][1] }]);
+    const at = names.map(name => library.room(name, 4 * pixels * PLANES[name][2]));
+    const floats = i => new Float32Array(library.memory, at[i], pixels * PLANES[names[i]][2]).slice();
+    return {
+      fields: Object.fromEntries(names.map((name, i) => [name, { data: at[i], format: PLANES[name][1] }])),
+      read: () => Object.fromEntries(names.map((name, i) => [name, floats(i)])),
+    };
+  }
+
+  /** Floats of the page's, copied to where the library reads them; their address. */
+  floats(name, values) {
+    const at = this.library.room(name, 4 * values.length);
+    new Float32Array(this.library.memory, at, values.length).set(values);
+    return at;
+  }
+
+  /**
+   * Renders a rectangle; its planes as floats, and the work. `limits`: null, or `limit_ray_distance` or `limit_z_depth` with a
+   * float for each of its pixels, where their rays end.
+   */
+  render({ camera, options = null, rect, planes, limits = null }) {
+    const { library } = this;
+    const worker = this.worker(options, planes), to = this.planes(planes, rect.width * rect.height);
+    const ends = Object.entries(limits ?? {}).map(([name, values]) =>
+      [name, { data: this.floats(name, values), format: FORMAT_F32 }]);
     const counters = library.structure('nerf_counters');
     const frame = library.structure('nerf_frame', {
       camera: library.structure('nerf_camera', camera), rect: library.structure('nerf_rect', rect),
-      target: library.structure('nerf_target', Object.fromEntries(target)),
+      target: library.structure('nerf_target', { ...to.fields, ...Object.fromEntries(ends) }),
     });
     library.call('nerf_render', worker, frame, counters);
-    const floats = planes.map((name, i) => [name, new Float32Array(library.memory, at[i], pixels * PLANES[name][2]).slice()]);
-    return { planes: Object.fromEntries(floats), counters: library.read('nerf_counters', counters) };
+    return { planes: to.read(), counters: library.read('nerf_counters', counters) };
+  }
+
+  /** What rays of the page's own see: `origins`, `dirs` three floats each, `t_max` null or one each; `axis` for z_depth. */
+  rays({ origins, dirs, t_max = null, axis = null, options = null, planes }) {
+    const { library } = this, count = origins.length / 3;
+    const worker = this.worker(options, planes), to = this.planes(planes, count);
+    const counters = library.structure('nerf_counters');
+    const rays = library.structure('nerf_rays', {
+      count, origins: { data: this.floats('origins', origins), stride: 0 },
+      dirs: { data: this.floats('dirs', dirs), stride: 0 },
+      t_max: { data: t_max ? this.floats('t_max', t_max) : 0, stride: 0 },
+      axis: axis ? this.floats('axis', axis) : 0, target: library.structure('nerf_target', to.fields),
+    });
+    library.call('nerf_render_rays', worker, rays, counters);
+    return { planes: to.read(), counters: library.read('nerf_counters', counters) };
+  }
+
+  /** The ray through an image point of a camera. */
+  cameraRay(camera, x, y) {
+    const { library } = this, at = library.room('ray', 24);
+    library.call('nerf_camera_ray', library.structure('nerf_camera', camera), x, y, at, at + 12, 0);
+    const floats = new Float32Array(library.memory, at, 6).slice();
+    return { origin: floats.subarray(0, 3), dir: floats.subarray(3) };
+  }
+
+  /** The rays of all pixels of a camera, and what their z_depth is along. */
+  cameraRays(camera) {
+    const pixels = camera.width * camera.height;
+    const origins = new Float32Array(3 * pixels), dirs = new Float32Array(3 * pixels);
+    for (let i = 0; i < pixels; i++) {
+      const ray = this.cameraRay(camera, i % camera.width + 0.5, Math.floor(i / camera.width) + 0.5);
+      origins.set(ray.origin, 3 * i);
+      dirs.set(ray.dir, 3 * i);
+    }
+    return { origins, dirs, axis: this.cameraRay(camera, camera.cx, camera.cy).dir };
   }
 
   /** Milliseconds at each point of the front, on this thread. */

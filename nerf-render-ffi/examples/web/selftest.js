@@ -32,6 +32,17 @@ async function dump(kernel) {
   const thread = new Thread(URL.createObjectURL(new Blob([element('library').textContent])));
   await thread.ask('open', { module: new WebAssembly.Module(bytes('module')), blob: bytes('blob'), kernel });
   const found = await thread.ask('render', { camera, rect, planes: ALL });
+  // The same by rays of the page's own; and where a plane ends the rays, as by their own ends.
+  const rays = await thread.ask('cameraRays', camera);
+  const traced = await thread.ask('rays', { ...rays, planes: ALL });
+  const t_max = found.planes.ray_distance.map((t, i) => i % 2 ? t : 0.9 * t);
+  const cut = await thread.ask('rays', { ...rays, t_max, planes: ALL });
+  const limited = await thread.ask('render', { camera, rect, planes: ALL, limits: { limit_ray_distance: t_max } });
+  for (const name of ALL) {
+    if (!same(traced.planes[name], found.planes[name])) throw new Error(`${kernel}: rays: ${name}`);
+    if (!same(cut.planes[name], limited.planes[name])) throw new Error(`${kernel}: limits: ${name}`);
+  }
+  if (same(cut.planes.opacity, found.planes.opacity)) throw new Error(`${kernel}: limits end no ray`);
   thread.worker.terminate();
   const hex = floats => Array.from(new Uint32Array(floats.buffer), x => x.toString(16).padStart(8, '0')).join('');
   const exact = Object.fromEntries(Object.entries(camera).map(([name, value]) =>

@@ -10,6 +10,8 @@ const calls = {
     const began = performance.now();
     return { ...scene.render(request), milliseconds: performance.now() - began };
   },
+  rays: request => scene.rays(request),
+  cameraRays: camera => scene.cameraRays(camera),
   pace: request => scene.pace(request),
   within: request => scene.within(request),
   explain: request => scene.explain(request),

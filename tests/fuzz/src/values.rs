@@ -40,6 +40,11 @@ pub fn any_vec3(u: &mut Unstructured<'_>) -> Result<[f32; 3]> {
     Ok([any_f32(u)?, any_f32(u)?, any_f32(u)?])
 }
 
+/// Once in `of`, and not where bytes have run out.
+pub fn rarely(u: &mut Unstructured<'_>, of: u8) -> Result<bool> {
+    Ok(u.int_in_range(1..=of)? == of)
+}
+
 /// `sound` for the most part, else any number.
 pub fn mostly(u: &mut Unstructured<'_>, sound: f32) -> Result<f32> {
     if u.ratio(7, 8)? { Ok(sound) } else { any_f32(u) }

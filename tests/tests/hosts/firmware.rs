@@ -62,6 +62,7 @@ fn a_microcontroller_draws_the_hosts_bits_within_its_budgets_and_without_a_panic
         "large",
         "c",
         "c-grid",
+        "c-rays",
         "c-all",
         "panic",
     ]);
@@ -79,6 +80,7 @@ fn a_microcontroller_draws_the_hosts_bits_within_its_budgets_and_without_a_panic
         ("large", &large, View { side: 2, ..plain }),
         ("c", &small, plain),
         ("c-grid", &grid, plain),
+        ("c-rays", &small, plain),
         ("c-all", &small, plain),
     ] {
         let row = said.lines().find(|line| line.starts_with(&format!("| {name} |")));

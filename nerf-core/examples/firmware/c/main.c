@@ -1,5 +1,5 @@
 /* Draws a radiance field on a microcontroller through the C library, and says what that took: the same picture,
- * checksums and lines as src/main.rs. The scene lies in flash; the scene's handle, the workspace and two rows of
+ * checksums and lines as src/main.rs. The scene lies in flash; the scene's handle, the worker and two rows of
  * pixels are all there is in RAM but the stack. */
 #include "nerf_render.h"
 #include <stdbool.h>
@@ -10,7 +10,7 @@ enum { SIDE = 32 };
 extern const unsigned char scene_begin[], scene_end[];
 extern uint32_t stack_bottom[], stack_top[];
 
-static _Alignas(64) unsigned char memory[2048], workspace[2048];
+static _Alignas(64) unsigned char memory[2048], work[2560];
 static float rgb[SIDE][3], z_depth[SIDE], opacity[SIDE];
 
 /* Text to the debugger's console (semihosting). */
@@ -75,18 +75,31 @@ int main(void) {
         .c2w = {0.661622f, -0.315121f, 0.680408f, 2.176f,
                 0.749838f, 0.278048f, -0.60036f, -1.92f,
                 0.0f, 0.907407f, 0.420252f, 1.344f}};
-    nerf_render_options options = {.struct_size = sizeof options,
-        .transmittance_cut = NERF_TRANSMITTANCE_CUT_DEFAULT, .colour_cut = NERF_COLOUR_CUT_DEFAULT,
-        .batch_rays = 1, .batch_samples = 1};
+    nerf_render_options options = {.struct_size = sizeof options, .batch_rays = 1, .batch_samples = 1};
+    const nerf_request request = {.struct_size = sizeof request, .scene = scene, .options = &options,
+        .outputs = NERF_OUTPUT_RGB | NERF_OUTPUT_OPACITY | NERF_OUTPUT_Z_DEPTH};
+    nerf_worker *worker;
+    check(nerf_worker_open(&request, work, sizeof work, &worker, NULL, 0));
     nerf_target target = {.struct_size = sizeof target,
         .rgb = {.data = rgb, .format = NERF_FORMAT_RGB_F32},
         .opacity = {.data = opacity, .format = NERF_FORMAT_F32},
         .z_depth = {.data = z_depth, .format = NERF_FORMAT_F32}};
     uint32_t colour = ~0u, depth = ~0u;
     for (uint32_t y = 0; y < SIDE; ++y) {
+#ifdef NERF_RAYS /* the same picture by rays of the program's own */
+        static struct { float origin[3], dir[3]; } rays[SIDE];
+        float axis[3];
+        check(nerf_camera_ray(&camera, camera.cx, camera.cy, rays[0].origin, axis, NULL, NULL, 0));
+        for (int x = 0; x < SIDE; ++x)
+            check(nerf_camera_ray(&camera, (float)x + 0.5f, (float)y + 0.5f, rays[x].origin, rays[x].dir, NULL, NULL, 0));
+        const nerf_rays row = {.struct_size = sizeof row, .count = SIDE, .origins = {rays[0].origin, sizeof rays[0]},
+            .dirs = {rays[0].dir, sizeof rays[0]}, .axis = axis, .target = &target};
+        check(nerf_render_rays(worker, &row, NULL, NULL, 0));
+#else
         const nerf_rect row = {.x = 0, .y = y, .width = SIDE, .height = 1};
-        check(nerf_render(scene, &camera, &options, &row, &target, workspace, sizeof workspace, NULL, NULL, NULL,
-                          NULL, 0));
+        const nerf_frame frame = {.struct_size = sizeof frame, .camera = &camera, .rect = &row, .target = &target};
+        check(nerf_render(worker, &frame, NULL, NULL, 0));
+#endif
         colour = checksum(colour, rgb[0], 3 * SIDE);
         depth = checksum(depth, z_depth, SIDE);
         char text[2 * SIDE + 4];

@@ -1,6 +1,7 @@
 //! What a host lends a call: room for a message, structures of any size, memory to work in.
 
 use arbitrary::{Result, Unstructured};
+use nerf_fuzz::values::rarely;
 use nerf_render::Status;
 use nerf_tests::memory::Guarded;
 use std::ffi::c_char;
@@ -38,17 +39,17 @@ impl Lent {
     pub fn new<T: Copy>(value: &T, u: &mut Unstructured<'_>) -> Result<Self> {
         let own = size_of::<T>();
         let size = match u.int_in_range(0..=15u8)? {
-            0 => u.arbitrary()?,
-            1 => own - 1,
-            2 => own + 8 * u.int_in_range(0..=3usize)?,
-            3 => u.int_in_range(0..=own)?,
+            15 => u.arbitrary()?,
+            14 => own - 1,
+            13 => own + 8 * u.int_in_range(0..=3usize)?,
+            12 => u.int_in_range(0..=own)?,
             _ => own,
         };
         let mut words = vec![0u64; own.max(size.min(4096)).div_ceil(8)];
         // SAFETY: plain C structures of numbers and pointers, and as many bytes as the words have.
         unsafe { std::ptr::from_ref(value).cast::<u8>().copy_to(words.as_mut_ptr().cast(), own) };
         words[0] = size as u64;
-        if u.ratio(1, 32)? && words.len() > own.div_ceil(8) {
+        if rarely(u, 32)? && words.len() > own.div_ceil(8) {
             words[own.div_ceil(8)] = 1;
         }
         Ok(Self { before: words.clone(), words })
@@ -72,11 +73,11 @@ impl Lent {
 pub fn workspace(u: &mut Unstructured<'_>, asked: Option<usize>) -> Result<(Guarded, bool)> {
     let size = asked.unwrap_or(1 << 14);
     let given = match u.int_in_range(0..=15u8)? {
-        0 => size.saturating_sub(1),
-        1 => u.int_in_range(0..=size)?,
-        2 => size + u.int_in_range(0..=200usize)?,
+        15 => size.saturating_sub(1),
+        14 => u.int_in_range(0..=size)?,
+        13 => size + u.int_in_range(0..=200usize)?,
         _ => size,
     };
-    let misaligned = if u.ratio(1, 16)? { u.int_in_range(0..=63)? } else { 0 };
+    let misaligned = if rarely(u, 16)? { u.int_in_range(0..=63)? } else { 0 };
     Ok((Guarded::new(given, misaligned), asked.is_some() && given >= size && misaligned == 0))
 }

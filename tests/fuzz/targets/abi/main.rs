@@ -9,10 +9,12 @@
 
 mod draw;
 mod lent;
+mod numbers;
 mod planes;
 mod points;
 mod scenes;
 mod settings;
+mod workers;
 
 use arbitrary::{Result, Unstructured};
 use libfuzzer_sys::{Corpus, fuzz_target};
@@ -32,22 +34,23 @@ fn host(u: &mut Unstructured<'_>) -> Result<()> {
         }
         let at = u.choose_index(hosts.len())?;
         let host = &hosts[at];
-        let memory = host.memory.bytes().to_vec();
-        match u.int_in_range(0..=14u8)? {
-            0..=3 => draw::render(host, u)?,
-            4 | 5 => draw::picture(host, u)?,
-            6 | 7 => points::query(host, u)?,
+        let memory: Vec<Vec<u8>> = hosts.iter().map(|host| host.memory.bytes().to_vec()).collect();
+        match u.int_in_range(0..=17u8)? {
+            0..=3 => draw::render(&hosts, at, u)?,
+            4 | 5 => draw::picture(&hosts, at, u)?,
+            6 | 7 => points::query(&hosts, at, u)?,
             8 => points::cameras(u)?,
             9 => scenes::describe(host, u)?,
             10 => scenes::file(host, u)?,
             11 | 12 => settings::wish(host, u)?,
             13 => settings::pace(host, u)?,
-            _ => settings::explain(host, u)?,
+            14 => settings::explain(&hosts, at, u)?,
+            _ => points::rays(&hosts, at, u)?,
         }
-        assert!(
-            host.memory.surroundings_are_intact() && host.memory.bytes() == memory,
-            "a scene was written to"
-        );
+        for (host, memory) in hosts.iter().zip(memory) {
+            let intact = host.memory.surroundings_are_intact() && host.memory.bytes() == memory;
+            assert!(intact, "a scene was written to");
+        }
     }
     Ok(())
 }

@@ -1,12 +1,13 @@
 //! Rectangles and planes, most of which fit.
 
 use arbitrary::{Result, Unstructured};
+use nerf_fuzz::values::{mostly, rarely};
 use nerf_render::{self as ffi, Status};
 use nerf_tests::memory::Guarded;
 
 /// A rectangle of an image of `side` pixels, or one that is not.
 pub fn rect(u: &mut Unstructured<'_>, side: [u32; 2]) -> Result<ffi::Rect> {
-    if u.ratio(1, 16)? {
+    if rarely(u, 16)? {
         return Ok(ffi::Rect {
             x: u.arbitrary()?,
             y: u.arbitrary()?,
@@ -43,7 +44,7 @@ pub fn surface(
         (_, true) => (6, 12, 4),
         _ => (5, 4, 4),
     };
-    let step = if u.ratio(1, 16)? { 1 } else { align };
+    let step = if rarely(u, 16)? { 1 } else { align };
     let pixel = if u.arbitrary()? { 0 } else { size / step * step + step * u.int_in_range(0..=3usize)? };
     let tight = (if pixel == 0 { size } else { pixel }) as i64;
     let row = match u.int_in_range(0..=3u8)? {
@@ -58,7 +59,7 @@ pub fn surface(
     if span > 1 << 15 || width > 4096 || height > 4096 {
         return Ok(None);
     }
-    let mut memory = Guarded::new(span as usize, if u.ratio(1, 16)? { u.int_in_range(0..=63)? } else { 0 });
+    let mut memory = Guarded::new(span as usize, if rarely(u, 16)? { u.int_in_range(0..=63)? } else { 0 });
     let first = if down < 0 { rows * -down } else { 0 };
     let mut own = vec![false; span as usize];
     for y in 0..i64::from(height) {
@@ -73,14 +74,35 @@ pub fn surface(
         pixel_stride: pixel,
         row_stride: row as isize,
         // One that is none, or suits another plane but is no larger than this one's.
-        format: if u.ratio(1, 32)? { *u.choose(&[0u32, 5, 7, u32::MAX])? } else { format },
-        reserved: u32::from(u.ratio(1, 64)?),
+        format: if rarely(u, 32)? { *u.choose(&[0u32, 5, 7, u32::MAX])? } else { format },
+        reserved: u32::from(rarely(u, 64)?),
     };
     Ok(Some(Surface { plane, memory, own, floats: size != 3 && format != 3 }))
 }
 
 impl Surface {
-    pub fn check(&self, status: Status, cancelled_early: bool) {
+    /// Numbers to read, about `sound`; returns all the bytes.
+    pub fn fill(&mut self, sound: f32, u: &mut Unstructured<'_>) -> Result<Vec<u8>> {
+        let first = self.memory.at().cast::<u8>();
+        let own: Vec<usize> = (0..self.own.len()).filter(|&i| self.own[i]).collect();
+        for four in own.chunks(4) {
+            for (&i, byte) in four.iter().zip(mostly(u, sound)?.to_ne_bytes()) {
+                // SAFETY: one of the memory's own bytes.
+                unsafe { first.add(i).write(byte) };
+            }
+        }
+        Ok(self.memory.bytes().to_vec())
+    }
+
+    /// The floats of all pixels.
+    pub fn floats(&self) -> Vec<f32> {
+        let all = self.memory.bytes().iter().zip(&self.own);
+        let bytes: Vec<u8> = all.filter_map(|(&byte, &own)| own.then_some(byte)).collect();
+        bytes.as_chunks().0.iter().map(|&four| f32::from_le_bytes(four)).collect()
+    }
+
+    /// What a call may have written; `sound` is what floats are after one that did not fail.
+    pub fn check(&self, status: Status, cancelled_early: bool, sound: fn(f32) -> bool) {
         assert!(self.memory.surroundings_are_intact(), "{status:?}: written beyond a plane");
         let between = self.memory.bytes().iter().zip(&self.own).all(|(&byte, &own)| own || byte == 0xc5);
         assert!(between, "{status:?}: written between pixels");
@@ -88,10 +110,8 @@ impl Surface {
             assert!(self.memory.is_untouched(), "{status:?}: a failed call wrote pixels");
         }
         if status == Status::Ok && self.floats {
-            let bytes: Vec<u8> =
-                self.memory.bytes().iter().zip(&self.own).filter_map(|(&b, &own)| own.then_some(b)).collect();
-            let finite = bytes.as_chunks().0.iter().all(|&four| f32::from_le_bytes(four).is_finite());
-            assert!(finite, "a pixel is not finite");
+            let wrong = self.floats().into_iter().find(|&value| !sound(value));
+            assert_eq!(wrong, None, "a pixel that is none");
         }
     }
 }

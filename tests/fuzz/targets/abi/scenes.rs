@@ -3,6 +3,7 @@
 use crate::lent::{Lent, Message};
 use arbitrary::{Result, Unstructured};
 use nerf_fuzz::damage::{RECIPES, edit};
+use nerf_fuzz::values::rarely;
 use nerf_render::{self as ffi, Status};
 use nerf_tests::call;
 use nerf_tests::memory::Guarded;
@@ -32,7 +33,7 @@ pub fn open(u: &mut Unstructured<'_>) -> Result<Option<Host>> {
     if nerf_core::Blob::open(&blob).is_ok_and(|blob| cost(&blob) > 200_000) {
         return Ok(None);
     }
-    if u.ratio(1, 16)? {
+    if rarely(u, 16)? {
         let bit = u.choose_index(8 * blob.len())?;
         blob[bit / 8] ^= 1 << (bit % 8);
     }
@@ -41,13 +42,13 @@ pub fn open(u: &mut Unstructured<'_>) -> Result<Option<Host>> {
     let options = ffi::OpenOptions {
         kernel,
         storage,
-        reserved: [u32::from(u.ratio(1, 32)?); 6],
+        reserved: [u32::from(rarely(u, 32)?); 6],
         ..call::open_options(nerf_core::Kernel::IN_PLACE)
     };
     let mut options = Lent::new(&options, u)?;
     let options: *const ffi::OpenOptions = if u.ratio(1, 8)? { null() } else { options.at() };
     let (mut size, mut align, mut message) = (usize::MAX, usize::MAX, Message::new(u)?);
-    let bytes: *const c_void = if u.ratio(1, 32)? { null() } else { blob.as_ptr().cast() };
+    let bytes: *const c_void = if rarely(u, 32)? { null() } else { blob.as_ptr().cast() };
     let (text, room) = (message.at(), message.0.size());
     // SAFETY: everything lives until the call returns.
     let status =
@@ -60,10 +61,10 @@ pub fn open(u: &mut Unstructured<'_>) -> Result<Option<Host>> {
     }
     let (found, off) = (if status == Status::Ok { size } else { 4096 }, u.int_in_range(0..=15u8)?);
     let (given, misaligned) = match off {
-        0 => (found - 1, 0),
-        1 => (u.int_in_range(0..=found)?, 0),
-        2 => (found, u.int_in_range(0..=63)?),
-        3 => (found + u.int_in_range(0..=100usize)?, 0),
+        15 => (found - 1, 0),
+        14 => (u.int_in_range(0..=found)?, 0),
+        13 => (found, u.int_in_range(0..=63)?),
+        12 => (found + u.int_in_range(0..=100usize)?, 0),
         _ => (found, 0),
     };
     let mut memory = Guarded::new(given, misaligned);
@@ -119,7 +120,7 @@ pub fn file(host: &Host, u: &mut Unstructured<'_>) -> Result<()> {
     let length = if u.ratio(1, 4)? { u.int_in_range(0..=host.blob.len() - 1)? } else { host.blob.len() };
     std::fs::write(&path, &host.blob[..length]).expect("a temporary file");
     let name = CString::new(path.to_str().expect("UTF-8")).expect("no NUL");
-    let at = if u.ratio(1, 16)? { null() } else { name.as_ptr() };
+    let at = if rarely(u, 16)? { null() } else { name.as_ptr() };
     let (mut scene, mut message) = (null(), Message::new(u)?);
     let (text, room) = (message.at(), message.0.size());
     // SAFETY: everything lives until the call returns.

@@ -3,8 +3,9 @@
 use crate::draw::any_camera;
 use crate::lent::{Lent, Message, workspace};
 use crate::scenes::Host;
+use crate::workers;
 use arbitrary::{Result, Unstructured};
-use nerf_fuzz::values::{any_f32, any_vec3, mostly};
+use nerf_fuzz::values::{any_f32, any_vec3, mostly, rarely};
 use nerf_render::{self as ffi, Status};
 use nerf_tests::call;
 use nerf_tests::memory::Guarded;
@@ -13,7 +14,7 @@ use std::ptr::{null, null_mut};
 
 pub fn options(u: &mut Unstructured<'_>) -> Result<ffi::RenderOptions> {
     let flag =
-        |u: &mut Unstructured<'_>| if u.ratio(1, 32)? { u.arbitrary() } else { u.int_in_range(0..=1u32) };
+        |u: &mut Unstructured<'_>| if rarely(u, 32)? { u.arbitrary() } else { u.int_in_range(0..=1u32) };
     let mut o = ffi::RenderOptions {
         samples: *u.choose(&[4u32, 9, 16, 0, 1, 4097, u32::MAX])?,
         ignore_occupancy: flag(u)?,
@@ -25,7 +26,7 @@ pub fn options(u: &mut Unstructured<'_>) -> Result<ffi::RenderOptions> {
         near_distance: if u.ratio(1, 4)? { any_f32(u)? } else { 0.0 },
         far_distance: if u.ratio(1, 4)? { any_f32(u)? } else { 0.0 },
         own_bins: u.int_in_range(0..=1)?,
-        reserved: u32::from(u.ratio(1, 64)?),
+        reserved: u32::from(rarely(u, 64)?),
         ..call::render_options()
     };
     if u.ratio(1, 3)? {
@@ -90,8 +91,7 @@ fn paces(u: &mut Unstructured<'_>) -> Result<[f32; 16]> {
 fn can_be_rendered_with(host: &Host, options: *const ffi::RenderOptions) -> bool {
     let (mut size, mut align, rgb) = (0, 0, ffi::NERF_OUTPUT_RGB);
     // SAFETY: the scene is intact and everything lives until the call returns.
-    let status =
-        unsafe { ffi::nerf_workspace_size(host.scene, options, rgb, &mut size, &mut align, null_mut(), 0) };
+    let status = unsafe { call::worker_size(host.scene, options, rgb, &mut size, &mut align, null_mut(), 0) };
     status == Status::Ok
 }
 
@@ -112,11 +112,18 @@ pub fn pace(host: &Host, u: &mut Unstructured<'_>) -> Result<()> {
     }
     let (mut camera, mut options) = (Lent::new(&camera, u)?, Lent::new(&options(u)?, u)?);
     let outputs = u.int_in_range(0..=15u32)?;
+    let mut time = [u.arbitrary()?, *u.choose(&[250u64, 0, 1, 1 << 40, u64::MAX])?];
+    let request = ffi::PaceRequest {
+        camera: camera.at(),
+        limit_milliseconds: mostly(u, 1e9)?,
+        clock: Some(ticking),
+        user: (&raw mut time).cast(),
+        ..call::pace_request(host.scene, options.at(), outputs)
+    };
+    let mut request = Lent::new(&request, u)?;
     let (mut size, mut align, none) = (usize::MAX, usize::MAX, null_mut());
-    let at = options.at();
     // SAFETY: the scene is intact and everything lives until the call returns.
-    let asked =
-        unsafe { ffi::nerf_pace_workspace_size(host.scene, at, outputs, &mut size, &mut align, none, 0) };
+    let asked = unsafe { ffi::nerf_pace_workspace_size(request.at(), &mut size, &mut align, none, 0) };
     let known = asked == Status::Ok;
     if known && size > 1 << 25 {
         return Ok(());
@@ -124,26 +131,10 @@ pub fn pace(host: &Host, u: &mut Unstructured<'_>) -> Result<()> {
     let (mut room, enough) = workspace(u, known.then_some(size))?;
     let pace = ffi::Pace { struct_size: size_of::<ffi::Pace>(), milliseconds: [-1.0; 16] };
     let (mut pace, mut message) = (Lent::new(&pace, u)?, Message::new(u)?);
-    let mut time = [u.arbitrary()?, *u.choose(&[250u64, 0, 1, 1 << 40, u64::MAX])?];
-    let (given, limit) = (room.size(), mostly(u, 1e9)?);
+    let given = room.size();
     let (text, capacity) = (message.at(), message.0.size());
     // SAFETY: as above.
-    let status = unsafe {
-        ffi::nerf_pace_measure(
-            host.scene,
-            camera.at(),
-            at,
-            outputs,
-            limit,
-            Some(ticking),
-            (&raw mut time).cast(),
-            room.at(),
-            given,
-            pace.at(),
-            text,
-            capacity,
-        )
-    };
+    let status = unsafe { ffi::nerf_pace_measure(request.at(), room.at(), given, pace.at(), text, capacity) };
     message.check(status);
     assert!(room.surroundings_are_intact(), "{status:?}: written beyond the workspace");
     assert!(status != Status::Ok || enough, "{status:?} in {given} bytes, misaligned or of {size}");
@@ -157,9 +148,10 @@ pub fn pace(host: &Host, u: &mut Unstructured<'_>) -> Result<()> {
     Ok(())
 }
 
-pub fn explain(host: &Host, u: &mut Unstructured<'_>) -> Result<()> {
+pub fn explain(hosts: &[Host], at: usize, u: &mut Unstructured<'_>) -> Result<()> {
     let options = options(u)?;
     let (mut options, outputs) = (Lent::new(&options, u)?, u.int_in_range(0..=64u32)?);
+    let Some(worker) = workers::open(hosts, at, options.at(), outputs, u)? else { return Ok(()) };
     let mut counters = Lent::new(&call::counters(), u)?;
     let mut text = Guarded::new(*u.choose(&[0usize, 1, 17, 4096])?, 3);
     let (mut needed, mut message, capacity) = (usize::MAX, Message::new(u)?, text.size());
@@ -167,19 +159,10 @@ pub fn explain(host: &Host, u: &mut Unstructured<'_>) -> Result<()> {
     // SAFETY: the scene is intact and everything lives until the call returns.
     let status = unsafe {
         let work = if u.arbitrary()? { null() } else { counters.at::<ffi::Counters>().cast_const() };
-        ffi::nerf_explain(
-            host.scene,
-            options.at(),
-            outputs,
-            work,
-            text.at().cast(),
-            capacity,
-            &mut needed,
-            said,
-            room,
-        )
+        ffi::nerf_explain(worker.handle, work, text.at().cast(), capacity, &mut needed, said, room)
     };
     message.check(status);
+    worker.check(status);
     assert!(text.surroundings_are_intact(), "{status:?}: written beyond the text");
     if status == Status::Ok {
         let end = text.bytes().iter().position(|&byte| byte == 0);
