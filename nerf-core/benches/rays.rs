@@ -1,6 +1,6 @@
 //! Rays of a caller's own: what a ray costs in one call of many, in order and not, in calls of sixteen and of one.
 //!
-//! `NERF_BENCH_BLOB=scene.nerf` names the scene. 16,384 rays of four cameras around it and one inside; every row is the same
+//! `NERF_BENCH_BLOB=scene.nerf` takes another scene than the seed network. 16,384 rays of four cameras around it and one inside; every row is the same
 //! rays. A row's ratio is to the first, the rays of each camera in tiles as a frame has them.
 
 mod support;
@@ -19,13 +19,17 @@ const ROUNDS: usize = 15;
 const ROWS: usize = 7;
 
 fn main() {
-    let path = std::env::var_os("NERF_BENCH_BLOB").expect("NERF_BENCH_BLOB: a scene's file");
-    let file = std::fs::read(path).expect("NERF_BENCH_BLOB: a file");
+    let file = match std::env::var_os("NERF_BENCH_BLOB") {
+        Some(path) => std::fs::read(path).expect("NERF_BENCH_BLOB: a file"),
+        None => support::networks::file(),
+    };
     let blob = Blob::open(&file).expect("a blob");
     let kernel = Kernel::detect();
     let mut memory = vec![Line::UNINIT; Renderer::prepared_lines(&blob, kernel)];
     let renderer = Renderer::new(blob.clone(), kernel, &mut memory).expect("a renderer");
-    let sorted = rays(&blob);
+    let smoke = std::env::args().any(|argument| argument == "--smoke");
+    let (rounds, most) = if smoke { (1, 64) } else { (ROUNDS, usize::MAX) };
+    let sorted: Vec<RaySegment> = rays(&blob).into_iter().take(most).collect();
     let mut shuffled = sorted.clone();
     for i in (1..shuffled.len()).rev() {
         let noise = support::noise(1, i as u32)[0].abs();
@@ -49,7 +53,7 @@ fn main() {
         let mut memory = vec![Line::UNINIT; lines];
         let mut instance = Worker::of_instances(&placed, &mut memory).expect("a worker");
         let mut best = [f64::INFINITY; ROWS];
-        for _ in 0..ROUNDS {
+        for _ in 0..rounds {
             for ((name, rays, size), best) in rows.iter().zip(&mut best) {
                 let worker = if name.starts_with("as an instance") { &mut instance } else { &mut worker };
                 let start = Instant::now();

@@ -2,7 +2,7 @@
 
 extern crate std;
 
-use super::{Instance, InstanceProblem};
+use super::Instance;
 use crate::blob::{Blob, Body, Content, SceneFacts, SceneSampling, StoredOccupancy};
 use crate::camera::{Camera, Intrinsics, Lens, Placement, PlacementError, Pose, Ray};
 use crate::memory::Line;
@@ -15,7 +15,6 @@ use crate::testing::{SCENE, body, bytes, every_kind, halve, parameters, toleranc
 use crate::volume::Pixel;
 use crate::{Isa, Kernel, Storage};
 use glam::{Mat3, Vec3};
-use std::string::ToString;
 use std::vec;
 use std::vec::Vec;
 
@@ -390,6 +389,8 @@ fn instances_that_do_not_go_together_are_refused_by_index() {
     assert!(matches!(Worker::of_instances(&[], &mut []), Err(RenderError::NoInstances)));
     #[cfg(feature = "contraction")]
     {
+        use super::InstanceProblem;
+        use std::string::ToString;
         let room = noise_of(SceneSampling::Contracted { step: 0.07, power: 2 }, 7, 1.0);
         let thing = noise_of(SceneSampling::March(0.09), 7, 1.0);
         let one = Placement::IDENTITY;
