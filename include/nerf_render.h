@@ -858,7 +858,7 @@ typedef struct nerf_effects {
      */
     uint32_t jitter;
     /**
-     * Rays a pixel, at most 256; 0 and 1 are one through its centre. More take more workspace.
+     * Rays a pixel, at most 256; 0 and 1 are one through its centre. More take more memory.
      */
     uint32_t anti_aliasing;
     /**
@@ -934,7 +934,7 @@ typedef struct nerf_render_options {
     float background[3];
     /**
      * Rays in flight, at most 256; 0 for what keeps vectors busy. Never changes a picture, only
-     * workspace and time; tiles have no more pixels than this.
+     * memory and time; tiles have no more pixels than this.
      */
     uint32_t batch_rays;
     /**
@@ -1066,7 +1066,7 @@ typedef struct nerf_plane {
 } nerf_plane;
 
 /**
- * Where a picture goes: what is NULL is not computed, and takes no workspace.
+ * Where a picture goes: what is NULL is not computed, and takes no memory.
  *
  * Planes may share memory as channels of one structure; what lies between their pixels is never
  * touched.

@@ -24,7 +24,7 @@ pub enum ToneMap {
 pub struct Effects {
     /// 1: samples lie at random places in their bins, by `seed`. Else 0.
     pub jitter: u32,
-    /// Rays a pixel, at most 256; 0 and 1 are one through its centre. More take more workspace.
+    /// Rays a pixel, at most 256; 0 and 1 are one through its centre. More take more memory.
     pub anti_aliasing: u32,
     /// Read only where `jitter` is 1; places on the aperture depend on it, too.
     pub seed: u64,

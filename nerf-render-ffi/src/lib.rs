@@ -2,7 +2,7 @@
 //!
 //! One file per C type, in the order a host meets them. The contract is prose, in this crate's
 //! README; `include/nerf_render.h` is generated from these files. Nothing here allocates, and
-//! nothing is owned: scene and workspace lie in memory of the caller. The one exception has a room
+//! nothing is owned: scenes and workers lie in memory of the caller. The one exception has a room
 //! of its own, `scene_file.rs`, and needs the feature `std`.
 #![cfg_attr(not(feature = "std"), no_std)]
 #![allow(unsafe_code, reason = "this crate is the boundary: it turns C's pointers into slices")]

@@ -59,7 +59,7 @@ pub struct RenderOptions {
     /// Display-encoded, in `[0, 1]`; read only where `background_set` is 1.
     pub background: [f32; 3],
     /// Rays in flight, at most 256; 0 for what keeps vectors busy. Never changes a picture, only
-    /// workspace and time; tiles have no more pixels than this.
+    /// memory and time; tiles have no more pixels than this.
     pub batch_rays: u32,
     /// Samples that go through the network together, at most 64; 0 for what keeps vectors busy.
     /// Only portable instructions over f16 weights take fewer than 64.

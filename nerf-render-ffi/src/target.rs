@@ -27,7 +27,7 @@ pub struct Plane {
     pub reserved: u32,
 }
 
-/// Where a picture goes: what is NULL is not computed, and takes no workspace.
+/// Where a picture goes: what is NULL is not computed, and takes no memory.
 ///
 /// Planes may share memory as channels of one structure; what lies between their pixels is never
 /// touched.

@@ -56,16 +56,14 @@ struct Tracer {
         const Stopwatch watch;
         const nerf::rays rays{nerf::member(wave, &Path::origin), nerf::member(wave, &Path::dir), {},
                               nerf::member(wave, &Path::t_max)};
-        nerf::target target;
-        target.rgb = nerf::plane::member(wave, &Path::seen); // linear, premultiplied
+        const nerf::target target{nerf::plane::member(wave, &Path::seen)}; // linear, premultiplied
         expect(colours.render_rays(rays, target));
         in_fields += watch.seconds();
     }
     void look_at_the_sun() {
         const Stopwatch watch;
         const nerf::rays rays{nerf::member(waiting, &Shadow::origin), nerf::member(waiting, &Shadow::dir)};
-        nerf::target target;
-        target.opacity = nerf::plane::member(waiting, &Shadow::opacity);
+        const nerf::target target{{}, nerf::plane::member(waiting, &Shadow::opacity)};
         expect(shadows.render_rays(rays, target));
         in_fields += watch.seconds();
     }

@@ -1,6 +1,5 @@
 // A z-buffer rasteriser with a field in it: triangles are drawn as ever, and the field is drawn in front of them, each of
-// its rays up to the depth that the buffer has there. Two rings go
-// through the scene, and a square lies under it.
+// its rays up to the depth that the buffer has there. Two rings go through the scene, and a square lies under it.
 //
 //     raster scene.nerf out_prefix [width height]
 #include "world.hpp"

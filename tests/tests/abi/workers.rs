@@ -227,3 +227,90 @@ fn threads_with_a_worker_each_see_the_same() {
         }
     });
 }
+
+unsafe extern "C-unwind" fn panics(_: *mut c_void, _: u64, _: u64) -> i32 {
+    std::panic::resume_unwind(Box::new(()))
+}
+
+#[test]
+fn a_worker_whose_call_panicked_is_of_no_more_use_but_its_scene_is() {
+    let opened = call::open(Recipe::OCCUPANCY.blob(), Kernel::detect());
+    let (worker, _memory) = open(&call::request(opened.scene, null(), RGB)).expect("a worker");
+    let expected = picture(worker).1;
+    let mut pixels = vec![[9.0f32; 4]; COUNT];
+    let target = call::target(plane(pixels.as_mut_ptr().cast(), PixelFormat::RgbaF32));
+    let camera = call::camera(&scenes::camera(SIDE, SIDE));
+    let frame = ffi::Frame { progress: Some(panics), ..call::whole_frame(&camera, &target) };
+    // SAFETY: everything lives until the call returns.
+    let status = unsafe { ffi::nerf_render(worker, &frame, null_mut(), null_mut(), 0) };
+    assert_eq!(status, Status::Panic);
+    assert_eq!(picture(worker).0, Status::Busy);
+    let (another, _memory) = open(&call::request(opened.scene, null(), RGB)).expect("a worker");
+    assert!(picture(another).1 == expected);
+}
+
+/// Densities and colours may be fields of one structure, beside the points they are of.
+#[test]
+fn points_and_their_answers_may_lie_in_one_structure() {
+    #[repr(C)]
+    #[derive(Clone, Copy)]
+    struct Point {
+        position: [f32; 3],
+        sigma: f32,
+        rgb: [f32; 3],
+        dir: [f32; 3],
+    }
+    let opened = call::open(Recipe::OCCUPANCY.blob(), Kernel::detect());
+    let (worker, _memory) = open(&call::request(opened.scene, null(), RGB)).expect("a worker");
+    let at = |i: usize| [-0.9 + 0.02 * i as f32, -0.4 + 0.01 * i as f32, 0.9 - 0.02 * i as f32];
+    let blank = Point { position: [0.0; 3], sigma: -1.0, rgb: [-1.0; 3], dir: [0.0, 0.0, -1.0] };
+    let mut points: Vec<Point> = (0..90).map(|i| Point { position: at(i), ..blank }).collect();
+    let first = points.as_mut_ptr().cast::<u8>();
+    let stride = size_of::<Point>();
+    let floats = |offset: usize| ffi::Floats { data: first.wrapping_add(offset).cast(), stride };
+    let to = |offset: usize, format| ffi::Plane {
+        pixel_stride: stride,
+        ..plane(first.wrapping_add(offset).cast(), format)
+    };
+    let asked = ffi::Points {
+        struct_size: size_of::<ffi::Points>(),
+        count: points.len(),
+        positions: floats(0),
+        dirs: floats(28),
+        sigma: to(12, PixelFormat::F32),
+        rgb: to(16, PixelFormat::RgbF32),
+    };
+    // SAFETY: everything lives until the call returns.
+    let status = unsafe { ffi::nerf_query(worker, &asked, null_mut(), null_mut(), 0) };
+    assert_eq!(status, Status::Ok);
+    let (positions, dirs): (Vec<_>, Vec<_>) = (0..90).map(|i| (at(i), [0.0, 0.0, -1.0f32])).unzip();
+    let (mut sigma, mut rgb) = (vec![-1.0f32; 90], vec![[-1.0f32; 3]; 90]);
+    let mut room = opened.workspace(None, RGB);
+    // SAFETY: as above.
+    let status = unsafe {
+        call::query(
+            opened.scene,
+            null(),
+            90,
+            positions.as_ptr().cast(),
+            dirs.as_ptr().cast(),
+            sigma.as_mut_ptr(),
+            rgb.as_mut_ptr().cast(),
+            room.at(),
+            room.size(),
+            null_mut(),
+            null_mut(),
+            0,
+        )
+    };
+    assert_eq!(status, Status::Ok);
+    for (i, point) in points.iter().enumerate() {
+        assert!(point.sigma == sigma[i] && point.rgb == rgb[i] && point.position == at(i), "point {i}");
+    }
+    assert!(sigma.iter().filter(|sigma| **sigma > 0.0).count() > 5);
+    // A row of densities that runs into the colours is refused.
+    let wrong = ffi::Points { sigma: to(16, PixelFormat::F32), ..asked };
+    // SAFETY: as above.
+    let status = unsafe { ffi::nerf_query(worker, &wrong, null_mut(), null_mut(), 0) };
+    assert_eq!(status, Status::Overlap);
+}
