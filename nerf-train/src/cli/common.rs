@@ -240,9 +240,14 @@ impl DataOptions {
         self.read_from(path, None, global)
     }
 
-    /// As [`Self::read`], with coordinates that count from where those of `blob` do.
+    /// As [`Self::read`], with coordinates that count from where those of `blob` do; any split will do.
     pub fn read_for(&self, path: &Path, blob: &Blob<'_>, global: &Global) -> anyhow::Result<Dataset> {
-        self.read_from(path, Some(origin_in_name(blob.provenance().data)), global)
+        let options = ReadOptions { to_fit: false, ..self.options() };
+        self.read_with(
+            path,
+            ReadOptions { origin: Some(origin_in_name(blob.provenance().data)), ..options },
+            global,
+        )
     }
 
     /// As [`Self::read`], with coordinates that count from `origin`.
@@ -252,11 +257,15 @@ impl DataOptions {
         origin: Option<[f64; 3]>,
         global: &Global,
     ) -> anyhow::Result<Dataset> {
+        self.read_with(path, ReadOptions { origin, ..self.options() }, global)
+    }
+
+    fn read_with(&self, path: &Path, options: ReadOptions, global: &Global) -> anyhow::Result<Dataset> {
         let (watch, style) = (Watch::default(), global.style());
         std::thread::scope(|scope| {
             let (reading, ended) = mpsc::channel::<()>();
             scope.spawn(|| show_reading(&watch, style, ended));
-            let dataset = dataset::read_watched(path, &ReadOptions { origin, ..self.options() }, &watch);
+            let dataset = dataset::read_watched(path, &options, &watch);
             drop(reading);
             Ok(dataset?)
         })

@@ -114,7 +114,14 @@ impl Eval {
         let (views, names): (Vec<&View>, _) =
             (split.iter().step_by(self.every).collect(), FileNames::of(split));
         if views.is_empty() {
-            bail!("{}: the split `{}` has no views", self.data.display(), self.split.name());
+            bail!(
+                "{}: the split `{}` has no views; it has {} train, {} val and {} test: choose with --split",
+                self.data.display(),
+                self.split.name(),
+                dataset.train.len(),
+                dataset.val.len(),
+                dataset.test.len()
+            );
         }
         let opaque = views.iter().all(|view| !view.has_alpha());
         if opaque && background != own {

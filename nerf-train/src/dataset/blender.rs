@@ -17,14 +17,20 @@ pub(super) fn is_split_file(name: &str) -> bool {
     SPLITS.contains(&name)
 }
 
-/// Reads a folder with `transforms_train.json` and perhaps `_val` and `_test`.
+/// Whether a folder has one of the lists.
+pub(super) fn is_here(folder: &Path) -> bool {
+    SPLITS.iter().any(|name| folder.join(name).is_file())
+}
+
+/// Reads a folder with `transforms_train.json` and perhaps `_val` and `_test`; any of them do where nothing is fitted.
 pub(super) fn read(folder: &Path, options: &ReadOptions, watch: &Watch) -> Result<Dataset, DatasetError> {
     let axes = options.axes.unwrap_or(Axes::Opengl);
     let mut found = Found::default();
     // All of the lists before the first picture: then it is known how many there are.
     let list = |name: &str| {
         let file = folder.join(name);
-        let transforms = if name == TRAIN || file.is_file() { Some(Transforms::read(&file)?) } else { None };
+        let needed = name == TRAIN && options.to_fit;
+        let transforms = if needed || file.is_file() { Some(Transforms::read(&file)?) } else { None };
         watch.expect(transforms.as_ref().map_or(0, Transforms::len));
         Ok::<_, DatasetError>((file, transforms))
     };
@@ -42,7 +48,7 @@ pub(super) fn read(folder: &Path, options: &ReadOptions, watch: &Watch) -> Resul
     };
     let (train, val, test) = (views(&lists[0])?, views(&lists[1])?, views(&lists[2])?);
     let (notes, mut warnings) = found.into_sentences();
-    if val.is_empty() {
+    if val.is_empty() && options.to_fit {
         warnings.push(format!("no pictures of {VAL}: no validation views"));
     }
     Ok(Dataset {

@@ -6,7 +6,8 @@ use glam::DVec3;
 use nerf_core::camera::{Camera, Intrinsics, Lens, Pose};
 use rayon::prelude::*;
 
-/// Reads `images_{train,val,test}`, `c2ws_{train,val,test}` and `focal`.
+/// Reads `images_{train,val,test}`, `c2ws_{train,val,test}` and `focal`; those of training may be missing where nothing is
+/// fitted.
 ///
 /// `c2ws_test` without `images_test` is a path to render.
 pub(super) fn read(archive: &mut Archive, options: &ReadOptions) -> Result<Dataset, DatasetError> {
@@ -20,12 +21,18 @@ pub(super) fn read(archive: &mut Archive, options: &ReadOptions) -> Result<Datas
     }
     let origin = options.origin_for(positions);
     let world = World { axes, origin };
-    let train = split(archive, "images_train", "c2ws_train", focal, world)?;
+    let train = if options.to_fit || archive.has("images_train") {
+        split(archive, "images_train", "c2ws_train", focal, world)?
+    } else {
+        Vec::new()
+    };
     let mut warnings = Vec::new();
     let val = if archive.has("images_val") {
         split(archive, "images_val", "c2ws_val", focal, world)?
     } else {
-        warnings.push("no array `images_val`: no validation views".into());
+        if options.to_fit {
+            warnings.push("no array `images_val`: no validation views".into());
+        }
         Vec::new()
     };
     let mut test = Vec::new();
@@ -33,7 +40,7 @@ pub(super) fn read(archive: &mut Archive, options: &ReadOptions) -> Result<Datas
     if archive.has("images_test") {
         test = split(archive, "images_test", "c2ws_test", focal, world)?;
     } else if archive.has("c2ws_test")
-        && let Some(like) = train.first()
+        && let Some(like) = train.first().or(val.first())
     {
         let (width, height) = like.size();
         let poses = archive.matrices("c2ws_test")?;

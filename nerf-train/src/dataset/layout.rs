@@ -40,9 +40,7 @@ impl Layout {
 
     fn fits(self, folder: &Path) -> bool {
         match self {
-            Self::Transforms => {
-                [blender::TRAIN, nerfstudio::FILE].iter().any(|name| folder.join(name).is_file())
-            }
+            Self::Transforms => blender::is_here(folder) || folder.join(nerfstudio::FILE).is_file(),
             Self::Colmap => colmap::is_here(folder),
             Self::Llff => folder.join(llff::FILE).is_file(),
         }
@@ -82,7 +80,11 @@ pub(super) fn read(folder: &Path, options: &ReadOptions, watch: &Watch) -> Resul
     };
     let mut dataset = match layout {
         Layout::Transforms if folder.join(blender::TRAIN).is_file() => blender::read(folder, options, watch)?,
-        Layout::Transforms => nerfstudio::read(&folder.join(nerfstudio::FILE), options, watch)?,
+        Layout::Transforms if folder.join(nerfstudio::FILE).is_file() => {
+            nerfstudio::read(&folder.join(nerfstudio::FILE), options, watch)?
+        }
+        // Without its list of training views: an error that names it, where there must be some.
+        Layout::Transforms => blender::read(folder, options, watch)?,
         Layout::Colmap => colmap::read(folder, options, watch)?,
         Layout::Llff => llff::read(folder, options, watch)?,
     };

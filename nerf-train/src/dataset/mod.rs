@@ -66,7 +66,7 @@ pub struct Dataset {
     pub format: Format,
     /// The convention its poses were taken to be in; behind the reader they are all OpenGL.
     pub axes: Axes,
-    /// What is fitted; at least one view.
+    /// What is fitted; at least one view, unless the data were read for a field that is there ([`ReadOptions::to_fit`]).
     pub train: Vec<View>,
     /// What the fit is watched on; may be empty.
     pub val: Vec<View>,
@@ -207,6 +207,8 @@ pub struct ReadOptions {
     /// What all coordinates count from, in the file's own world ([`Dataset::origin`]): that of a blob which the data are
     /// for. `None`: a point near cameras that are far from the file's origin, else that.
     pub origin: Option<[f64; 3]>,
+    /// Whether a field is to be fitted: then there must be training views, else views of any split.
+    pub to_fit: bool,
 }
 
 impl Default for ReadOptions {
@@ -221,6 +223,7 @@ impl Default for ReadOptions {
             downscale: Downscale::Auto,
             hold_offset: 0,
             origin: None,
+            to_fit: true,
         }
     }
 }
@@ -248,9 +251,13 @@ pub fn read_watched(path: &Path, options: &ReadOptions, watch: &Watch) -> Result
     } else {
         read_npz(path, options)?
     };
-    if dataset.train.is_empty() {
+    let read = [&dataset.train, &dataset.val, &dataset.test];
+    let Some(first) =
+        read.into_iter().take(if options.to_fit { 1 } else { 3 }).find(|views| !views.is_empty())
+    else {
         return Err(DatasetError::Empty { path: path.into(), warnings: dataset.warnings });
-    }
+    };
+    let background = Background::of(first);
     dataset.near = options.near.or(dataset.near);
     dataset.far = options.far.or(dataset.far);
     if check_range(dataset.near, dataset.far).is_err() {
@@ -268,7 +275,7 @@ pub fn read_watched(path: &Path, options: &ReadOptions, watch: &Watch) -> Result
             .warnings
             .push("--downscale changes nothing: the pictures of an .npz are read as they are".into());
     }
-    dataset.background = Background::of(&dataset.train);
+    dataset.background = background;
     nearest::set_near(&mut dataset);
     Ok(dataset)
 }
@@ -276,7 +283,7 @@ pub fn read_watched(path: &Path, options: &ReadOptions, watch: &Watch) -> Result
 fn read_json(path: &Path, options: &ReadOptions, watch: &Watch) -> Result<Dataset, DatasetError> {
     let folder = path.parent().unwrap_or(Path::new(""));
     let name = path.file_name().and_then(|n| n.to_str()).unwrap_or_default();
-    if blender::is_split_file(name) && folder.join(blender::TRAIN).is_file() {
+    if blender::is_split_file(name) && (folder.join(blender::TRAIN).is_file() || !options.to_fit) {
         return blender::read(folder, options, watch);
     }
     nerfstudio::read(path, options, watch)

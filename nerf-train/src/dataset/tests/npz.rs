@@ -66,6 +66,21 @@ fn error_with(key: &'static str, bytes: Vec<u8>) -> String {
 }
 
 #[test]
+fn arrays_of_training_may_be_missing_where_nothing_is_fitted() {
+    let folder = tempfile::tempdir().expect("tempdir");
+    let of_validation: Vec<_> = cs180().into_iter().filter(|(key, _)| !key.ends_with("_train")).collect();
+    let path = npz(folder.path(), &of_validation);
+    let measure = ReadOptions { to_fit: false, ..ReadOptions::default() };
+    let data = read(&path, &measure).expect("validation alone");
+    // The path to render has the size of the pictures that are there.
+    assert_eq!((data.train.len(), data.val.len(), data.test_path.len()), (0, 2, 3));
+    assert_names(&error_of(&path), &["c2ws_train"]);
+    let neither: Vec<_> = of_validation.into_iter().filter(|(key, _)| !key.ends_with("_val")).collect();
+    let path = npz(folder.path(), &neither);
+    assert_names(&read(&path, &measure).expect_err("no pictures").to_string(), &["made.npz"]);
+}
+
+#[test]
 fn cs180_is_converted_from_opencv() {
     let folder = tempfile::tempdir().expect("tempdir");
     let path = npz(folder.path(), &cs180());

@@ -76,6 +76,23 @@ fn blender_reads_splits_with_and_without_extension() {
 }
 
 #[test]
+fn any_list_will_do_where_nothing_is_fitted() {
+    let folder = folder(4);
+    let all = frames(4);
+    let path = write(&folder, "transforms_test.json", &json!({ "camera_angle_x": 1.0, "frames": all[..4] }));
+    let measure = ReadOptions { to_fit: false, ..ReadOptions::default() };
+    for path in [folder.path(), &path] {
+        let data = read(path, &measure).expect("test alone");
+        assert_eq!(
+            (data.format, data.train.len(), data.val.len(), data.test.len()),
+            (Format::Blender, 0, 0, 4)
+        );
+        assert!(data.warnings.is_empty(), "{:?}", data.warnings);
+    }
+    assert_names(&error_of(folder.path()), &["transforms_train.json"]);
+}
+
+#[test]
 fn nerfstudio_holds_every_eighth_view() {
     let (_folder, path) =
         single(&json!({ "fl_y": 11.0, "cx": 3.5, "cy": 2.5, "k1": 0.01, "p2": 0.001, "near": 0.5 }));
