@@ -62,6 +62,14 @@ impl EffectOptions {
     /// # Errors
     /// A setting out of range, by the name of its flag.
     pub fn of<'a>(&self, plan: Plan<'a>) -> anyhow::Result<Plan<'a>> {
+        self.in_light(plan, false)
+    }
+
+    /// The same; `linear` for linear light whether or not --linear asks for it.
+    ///
+    /// # Errors
+    /// As [`Self::of`].
+    pub fn in_light<'a>(&self, plan: Plan<'a>, linear: bool) -> anyhow::Result<Plan<'a>> {
         let lens = |aperture_radius| ThinLens { aperture_radius, focus_distance: self.focus.unwrap_or(0.0) };
         let effects = Effects {
             jitter: self.jitter.map(|seed| Jitter { seed }),
@@ -74,7 +82,7 @@ impl EffectOptions {
                     ToneMap::Reinhard => nerf_core::plan::ToneMap::Reinhard,
                     ToneMap::Filmic => nerf_core::plan::ToneMap::Filmic,
                 },
-                linear: self.linear,
+                linear: self.linear || linear,
             },
         };
         let planned = plan.with_effects(effects);

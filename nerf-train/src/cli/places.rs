@@ -3,7 +3,8 @@
 //! | command | `-o` |
 //! | --- | --- |
 //! | `fit`, `image fit`, `import`, `study` | [`BLOB`] |
-//! | `image render`, `render` of one view | [`PICTURE`] |
+//! | `image render` | [`PICTURE`] |
+//! | `render` of one view | [`VIEW`] |
 //! | `render` of a video | `.gif`, `.mp4`, or a folder of frames |
 //! | `show`, `sweep`, `demo`, `--report` | a folder |
 //!
@@ -18,6 +19,8 @@ use std::path::{Path, PathBuf};
 pub const BLOB: &[&str] = &["nerf"];
 /// Pictures.
 pub const PICTURE: &[&str] = &["png"];
+/// Pictures of a scene's view.
+pub const VIEW: &[&str] = &["png", "exr"];
 /// Extensions that are no part of a folder's name.
 const FILES: &[&str] = &[
     "nerf",

@@ -47,7 +47,8 @@ enum Output {
 
 /// Render a view of a blob, or a video: an orbit, or the cameras of a data set one after the other.
 ///
-/// A view becomes a PNG. A video becomes what the name says: `orbit.gif` a GIF, and beside it orbit.mp4 where
+/// A view becomes a PNG, or by its name an EXR: floats as they are, colour as linear light (with --transparent
+/// premultiplied, with A), z-depth as Z. A video becomes what the name says: `orbit.gif` a GIF, and beside it orbit.mp4 where
 /// ffmpeg is installed; `orbit.mp4` an MP4 alone; a folder (`frames/`) numbered PNGs. Further outputs get
 /// their name appended: with -o view.png, z-depth goes to view_z_depth.png.
 ///
@@ -64,7 +65,7 @@ enum Output {
 pub struct Render {
     /// The blob.
     file: PathBuf,
-    /// The picture (.png), video (.gif, .mp4) or folder of frames to write.
+    /// The picture (.png, .exr), video (.gif, .mp4) or folder of frames to write.
     #[arg(long, short, value_name = "PATH")]
     output: PathBuf,
     /// Upper three rows of the camera-to-world matrix, row by row (looks down −Z, +Y up).
@@ -182,7 +183,7 @@ impl Render {
             None if self.transparent => plan.with_background([0.0; 3])?,
             None => plan,
         };
-        let plan = self.effects.of(plan)?;
+        let plan = self.effects.in_light(plan, self.is_exr())?;
         let mut memory = vec![Line::UNINIT; Renderer::prepared_lines(&blob, kernel)];
         let renderer = Renderer::new(blob, kernel, &mut memory)?;
 

@@ -1,6 +1,7 @@
 //! How a picture or film of this program is told from somebody else's.
 //!
-//! A PNG holds the mark as a comment (tEXt), a GIF in a comment extension, an MP4 in its metadata.
+//! A PNG holds the mark as a comment (tEXt), a GIF in a comment extension, an MP4 in its metadata, an EXR in its attribute
+//! `comments`.
 
 use std::fs::File;
 use std::io::Read;

@@ -5,6 +5,7 @@ pub mod axis;
 pub mod colour_map;
 pub mod contact_sheet;
 pub mod error;
+pub mod exr;
 pub mod film;
 pub mod metrics;
 pub mod names;

@@ -7,6 +7,7 @@ use crate::cli::places;
 use crate::frame::{self, Frame};
 use crate::output::claims::{Claims, Existing};
 use crate::report::colour_map::{depth_picture_with_legend, normal_picture};
+use crate::report::exr::write_exr;
 use crate::report::film::{Files, Film, beside};
 use crate::report::picture::{Picture, write_grey16_png, write_rgba_png};
 use crate::report::video::Ffmpeg;
@@ -58,6 +59,11 @@ impl Render {
         self.orbit.is_some() || self.path.is_some()
     }
 
+    /// Whether floats are written: then colour is linear light.
+    pub(super) fn is_exr(&self) -> bool {
+        !self.is_sequence() && is_exr(&self.output)
+    }
+
     /// What `-o` names; refuses what cannot be before any work is done.
     pub(super) fn target(&self) -> anyhow::Result<Target> {
         let name = self.output.display();
@@ -65,9 +71,9 @@ impl Render {
         let extension = extension.as_deref();
         if !self.is_sequence() {
             if let Some("gif" | "mp4") = extension {
-                bail!("-o: expected a picture (.png), found {name}; --orbit and --path make videos");
+                bail!("-o: expected a picture (.png, .exr), found {name}; --orbit and --path make videos");
             }
-            places::check_extension("-o", &self.output, places::PICTURE)?;
+            places::check_extension("-o", &self.output, places::VIEW)?;
             return Ok(Target::Still);
         }
         let ends_in_slash = self.output.as_os_str().as_encoded_bytes().ends_with(b"/");
@@ -199,6 +205,9 @@ fn write_still(
     transparent: bool,
 ) -> anyhow::Result<()> {
     match output {
+        _ if is_exr(path) => {
+            write_exr(path, frame.width, frame.height, &channels_of(frame, output, transparent))?;
+        }
         Output::Rgb if transparent => {
             write_rgba_png(path, &frame.rgb, &frame.opacity, frame.width, frame.height)?;
         }
@@ -208,6 +217,34 @@ fn write_still(
         _ => picture_of(frame, output, range)?.write_png(path)?,
     }
     Ok(())
+}
+
+fn is_exr(path: &Path) -> bool {
+    places::extension(path).as_deref() == Some("exr")
+}
+
+/// The channels of an output, by the names that compositors know where there are such.
+fn channels_of(frame: &Frame, output: Output, transparent: bool) -> Vec<(&'static str, Vec<f32>)> {
+    let axis = |of: &[[f32; 3]], axis: usize| of.iter().map(|value| value[axis]).collect();
+    match output {
+        Output::Rgb | Output::All => {
+            let mut channels =
+                vec![("R", axis(&frame.rgb, 0)), ("G", axis(&frame.rgb, 1)), ("B", axis(&frame.rgb, 2))];
+            if transparent {
+                channels.push(("A", frame.opacity.clone()));
+            }
+            channels
+        }
+        Output::Opacity => vec![("A", frame.opacity.clone())],
+        Output::ZDepth => vec![("Z", frame.z_depth.clone())],
+        Output::RayDistance => vec![("ray_distance", frame.ray_distance.clone())],
+        Output::MedianDistance => vec![("median_distance", frame.median_distance.clone())],
+        Output::Normals => vec![
+            ("N.X", axis(&frame.normals, 0)),
+            ("N.Y", axis(&frame.normals, 1)),
+            ("N.Z", axis(&frame.normals, 2)),
+        ],
+    }
 }
 
 fn picture_of(frame: &Frame, output: Output, range: Option<(f32, f32)>) -> anyhow::Result<Picture> {
