@@ -15,7 +15,7 @@ use core::sync::atomic::{AtomicBool, Ordering};
 #[cfg(feature = "instances")]
 use nerf_core::camera::Placement;
 use nerf_core::memory::{Arena, Line, lines_for};
-use nerf_core::plan::{Batch, Outputs, Plan};
+use nerf_core::plan::{Batch, Outputs, Plan, PlanError};
 use nerf_core::render::{self, TILE_SIDE};
 
 /// What a worker is opened for; what it points to is read by the call alone, but for the scenes.
@@ -137,7 +137,7 @@ impl Worker {
 
     /// What the frames are rendered by.
     pub(crate) fn fields(&mut self) -> Result<&mut render::Worker<'static>, Failure> {
-        self.fields.as_mut().ok_or(Failure::Plan(nerf_core::plan::PlanError::NotAScene))
+        self.fields.as_mut().ok_or(Failure::Plan(PlanError::NotAScene))
     }
 }
 
@@ -350,6 +350,48 @@ pub unsafe extern "C" fn nerf_worker_open(
     })
 }
 
+/// What is left of the memory that a worker lies in.
+struct Lent {
+    at: *mut Line,
+}
+
+impl Lent {
+    /// The next lines.
+    ///
+    /// # Safety
+    /// So many are left, and lent to the worker alone.
+    #[inline]
+    unsafe fn lines(&mut self, count: usize) -> &'static mut [Line] {
+        let first = self.at;
+        // SAFETY: the caller's promise; a line holds any bytes, and none is taken twice.
+        unsafe {
+            self.at = first.add(count);
+            core::slice::from_raw_parts_mut(first, count)
+        }
+    }
+
+    /// The next lines, filled with `count` values.
+    ///
+    /// # Safety
+    /// As [`Lent::lines`], of as many lines as the values take.
+    #[inline(always)]
+    unsafe fn values<T>(
+        &mut self,
+        count: usize,
+        mut make: impl FnMut(usize) -> Result<T, Failure>,
+    ) -> Result<&'static [T], Failure> {
+        // SAFETY: the caller's promise.
+        let first = unsafe { self.lines(lines_for::<T>(count)) }.as_mut_ptr().cast::<T>();
+        for index in 0..count {
+            let value = make(index)?;
+            // SAFETY: one of `count` places in the lines, aligned as a line is.
+            unsafe { first.add(index).write(value) };
+        }
+        // SAFETY: all of them have just been written, and nobody writes to them again.
+        Ok(unsafe { core::slice::from_raw_parts(first, count) })
+    }
+}
+
 /// Opens a worker at the beginning of `memory`.
 ///
 /// # Safety
@@ -361,11 +403,9 @@ unsafe fn open_in(
     memory: *mut Line,
     span: Span,
 ) -> Result<*mut Worker, Failure> {
-    let count = checked.count();
-    // SAFETY: in order, inside of `memory`, each as long as its share.
-    let (members, mut at) =
-        unsafe { (memory.add(shares.own).cast::<Member>(), memory.add(shares.own + shares.members)) };
-    for index in 0..count {
+    // SAFETY: the worker's own lines are the first.
+    let mut lent = Lent { at: unsafe { memory.add(shares.own) } };
+    let member = |index| {
         // SAFETY: the caller's promise.
         let scene = unsafe { checked.scene(index)? };
         #[cfg(feature = "instances")]
@@ -373,38 +413,22 @@ unsafe fn open_in(
         let scale = unsafe { checked.placement(index)? }.scale();
         #[cfg(not(feature = "instances"))]
         let scale = 1.0;
-        let plan = checked.plan(scene, scale)?;
-        // SAFETY: one of `count` places in their share, aligned as a line is.
-        unsafe { members.add(index).write(Member { scene, plan }) };
-    }
-    // SAFETY: `count` of them have just been written, and nobody writes to them again.
-    let members: &'static [Member] = unsafe { core::slice::from_raw_parts(members, count) };
+        Ok(Member { scene, plan: checked.plan(scene, scale)? })
+    };
+    // SAFETY: these are the shares, in order.
+    let members = unsafe { lent.values(checked.count(), member)? };
     #[cfg(feature = "instances")]
-    let instances: &'static [render::Instance<'static>] = if checked.placed {
-        let first = at.cast::<render::Instance<'static>>();
-        for (index, member) in members.iter().enumerate() {
-            // SAFETY: the caller's promise.
-            let placement = unsafe { checked.placement(index)? };
-            let plan = member.plan.as_ref().ok_or(Failure::Plan(nerf_core::plan::PlanError::NotAScene))?;
-            let instance = render::Instance { renderer: member.scene.renderer(), plan, placement };
-            // SAFETY: one of `count` places in their share, aligned as a line is.
-            unsafe { first.add(index).write(instance) };
-        }
-        // SAFETY: as for the members.
-        unsafe {
-            at = at.add(shares.instances);
-            core::slice::from_raw_parts(first, count)
-        }
-    } else {
-        &[]
+    // SAFETY: as above; there are as many members.
+    let instances = unsafe {
+        lent.values(if checked.placed { members.len() } else { 0 }, |index| {
+            let Member { scene, plan } = &members[index];
+            let plan = plan.as_ref().ok_or(Failure::Plan(PlanError::NotAScene))?;
+            let placement = checked.placement(index)?;
+            Ok(render::Instance { renderer: scene.renderer(), plan, placement })
+        })?
     };
-    // SAFETY: inside of `memory`, apart from each other and from what was written, lent to the worker alone; a line
-    // holds any bytes.
-    let (pixels, lines): (&'static mut [Line], &'static mut [Line]) = unsafe {
-        let pixels = core::slice::from_raw_parts_mut(at, shares.pixels);
-        at = at.add(shares.pixels);
-        (pixels, core::slice::from_raw_parts_mut(at, shares.rest))
-    };
+    // SAFETY: as above.
+    let (pixels, lines) = unsafe { (lent.lines(shares.pixels), lent.lines(shares.rest)) };
     let (width, height) = tile_size(checked.settings.batch);
     let pixels = TilePixels::lay_out(&mut Arena::new(pixels), (width * height) as usize, checked.outputs);
     let mut kept: &'static mut [Line] = &mut [];
@@ -419,7 +443,6 @@ unsafe fn open_in(
             None
         }
     };
-    let handle = memory.cast::<Worker>();
     let worker = Worker {
         busy: AtomicBool::new(false),
         fields,
@@ -431,6 +454,7 @@ unsafe fn open_in(
         memory: span,
         size: shares.bytes()?,
     };
+    let handle = memory.cast::<Worker>();
     // SAFETY: the first lines hold a worker, are aligned for it, and are in no slice.
     unsafe { handle.write(worker) };
     Ok(handle)
