@@ -159,6 +159,51 @@ pub unsafe extern "C" fn nerf_sample_rays(
     })
 }
 
+/// The arrays of a call, checked, and where they lie.
+struct Arrays {
+    origins: Numbers,
+    dirs: Numbers,
+    t_min: Option<Numbers>,
+    t_max: Option<Numbers>,
+    random: Option<Numbers>,
+    read: [(&'static str, Pieces); 5],
+}
+
+impl Arrays {
+    fn of(rays: &Rays, collide: bool) -> Result<Self, Failure> {
+        let count = rays.count;
+        let (origins, of_origins) = rays.origins.check("rays.origins", count, 3)?;
+        let (dirs, of_dirs) = rays.dirs.check("rays.dirs", count, 3)?;
+        let optional = |name: &'static str, floats: &Floats, needed: bool| {
+            if floats.data.is_null() && !needed {
+                return Ok((None, (name, Pieces::NONE)));
+            }
+            floats.check(name, count, 1).map(|(numbers, pieces)| (Some(numbers), (name, pieces)))
+        };
+        let (t_min, of_t_min) = optional("rays.t_min", &rays.t_min, false)?;
+        let (t_max, of_t_max) = optional("rays.t_max", &rays.t_max, false)?;
+        let (random, of_random) = optional("rays.random", &rays.random, collide)?;
+        let read = [("rays.origins", of_origins), ("rays.dirs", of_dirs), of_t_min, of_t_max, of_random];
+        Ok(Self { origins, dirs, t_min, t_max, random, read })
+    }
+
+    /// The `i`-th ray.
+    ///
+    /// # Safety
+    /// As [`Numbers::one`].
+    #[inline]
+    unsafe fn ray(&self, i: usize) -> RaySegment {
+        // SAFETY: the caller's promise.
+        unsafe {
+            RaySegment {
+                ray: Ray { origin: self.origins.three(i).into(), dir: self.dirs.three(i).into() },
+                t_min: self.t_min.map_or(0.0, |t| t.one(i)),
+                t_max: self.t_max.map_or(f32::INFINITY, |t| t.one(i)),
+            }
+        }
+    }
+}
+
 /// Both of them.
 ///
 /// # Safety
@@ -175,23 +220,8 @@ unsafe fn trace(
         let rays = unsafe { read_versioned(rays)? };
         // SAFETY: `counters` is as this function's `# Safety` has it.
         let out = unsafe { Out::new_or_none(counters)? };
-        let (worker, count) = (worker, rays.count);
         worker.fields()?;
-        let mut read = [("rays.origins", Pieces::NONE); 5];
-        let mut check = |k: usize, name: &'static str, floats: &Floats, each: usize, optional: bool| {
-            if optional && floats.data.is_null() {
-                return Ok(None);
-            }
-            let (numbers, pieces) = floats.check(name, count, each)?;
-            read[k] = (name, pieces);
-            Ok::<_, Failure>(Some(numbers))
-        };
-        let origins = check(0, "rays.origins", &rays.origins, 3, false)?;
-        let dirs = check(1, "rays.dirs", &rays.dirs, 3, false)?;
-        let t_min = check(2, "rays.t_min", &rays.t_min, 1, true)?;
-        let t_max = check(3, "rays.t_max", &rays.t_max, 1, true)?;
-        let random = check(4, "rays.random", &rays.random, 1, !collide)?;
-        let (Some(origins), Some(dirs)) = (origins, dirs) else { return Err(Failure::Null("rays.origins")) };
+        let arrays = Arrays::of(&rays, collide)?;
         let axis = if rays.axis.is_null() {
             None
         } else {
@@ -200,26 +230,20 @@ unsafe fn trace(
             Some(Vec3::from(unsafe { rays.axis.cast::<[f32; 3]>().read() }))
         };
         // SAFETY: `target` and its planes are as this function's `# Safety` has them.
-        let mut canvas = unsafe { Canvas::of_rays(rays.target, count, &read, worker)? };
+        let mut canvas = unsafe { Canvas::of_rays(rays.target, rays.count, &arrays.read, worker)? };
         if canvas.has(Channel::ZDepth) && axis.is_none() {
             return Err(Failure::Null("rays.axis"));
         }
         // SAFETY: all of them were found inside of arrays that the caller vouches for.
-        let ray = |i: usize| unsafe {
-            RaySegment {
-                ray: Ray { origin: origins.three(i).into(), dir: dirs.three(i).into() },
-                t_min: t_min.map_or(0.0, |t| t.one(i)),
-                t_max: t_max.map_or(f32::INFINITY, |t| t.one(i)),
-            }
-        };
+        let ray = |i: usize| unsafe { arrays.ray(i) };
         // SAFETY: as above.
-        let number = |i: usize| random.map_or(0.0, |random| unsafe { random.one(i) });
+        let number = |i: usize| arrays.random.map_or(0.0, |random| unsafe { random.one(i) });
         let fields = worker.fields()?;
         let mut put = |i: usize, pixel: &Pixel| canvas.put(i, pixel);
         let work = if collide {
-            fields.sample_rays_with(count, &ray, &number, axis, &mut put)
+            fields.sample_rays_with(rays.count, &ray, &number, axis, &mut put)
         } else {
-            fields.render_rays_with(count, &ray, axis, &mut put)
+            fields.render_rays_with(rays.count, &ray, axis, &mut put)
         };
         let work = work.map_err(Failure::Render)?;
         if let Some(out) = out {
