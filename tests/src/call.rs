@@ -132,7 +132,8 @@ pub fn target(rgb: ffi::Plane) -> ffi::Target {
 /// `target` is NULL or points to as many bytes as its `struct_size` says, and at least to that.
 pub unsafe fn outputs(target: *const ffi::Target) -> u32 {
     // SAFETY: the caller's promise.
-    if target.is_null() || unsafe { (*target).struct_size } < size_of::<ffi::Target>() {
+    let whole = |target: *const ffi::Target| unsafe { (*target).struct_size } >= size_of::<ffi::Target>();
+    if target.is_null() || !target.is_aligned() || !whole(target) {
         return ffi::NERF_OUTPUT_RGB;
     }
     // SAFETY: as above.
