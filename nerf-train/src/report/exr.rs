@@ -26,8 +26,7 @@ pub fn write_exr(
     }
     let channel =
         |(name, values): &(&str, Vec<f32>)| AnyChannel::new(*name, FlatSamples::F32(values.clone()));
-    let mut attributes = LayerAttributes::default();
-    attributes.comments = Some(MARK.into());
+    let attributes = LayerAttributes { comments: Some(MARK.into()), ..LayerAttributes::default() };
     let channels = AnyChannels::sort(channels.iter().map(channel).collect());
     let layer = Layer::new((width, height), attributes, Encoding::SMALL_LOSSLESS, channels);
     let mut bytes = Vec::new();
