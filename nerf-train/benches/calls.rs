@@ -11,7 +11,8 @@ use nerf_core::memory::Line;
 use nerf_core::plan::{Batch, Outputs, Plan, Quality};
 use nerf_core::render::{Rect, Renderer};
 use nerf_core::volume::Pixel;
-use nerf_train::demo_scene::{self, DemoSpec};
+use nerf_train::data::demo;
+use nerf_train::data::demo::DemoSpec;
 use std::hint::black_box;
 use std::time::Instant;
 
@@ -32,7 +33,7 @@ fn main() {
     let plan = Plan::new(&blob, &Quality::default(), Outputs::ALL, Batch::FULL).expect("a plan");
     let mut workspace = vec![Line::UNINIT; renderer.workspace_lines(&plan)];
 
-    let data = demo_scene::dataset(&DemoSpec::default()).expect("the built-in scene");
+    let data = demo::dataset(&DemoSpec::default()).expect("the built-in scene");
     let middle = middle_of(&data.val.first().expect("a held-out view").camera);
     let one = Rect::full(&middle);
     let mut seen = Pixel::BLANK;

@@ -8,7 +8,8 @@
 mod made;
 
 use made::Folder;
-use nerf_train::demo_scene::{self, DemoSpec};
+use nerf_train::data::demo;
+use nerf_train::data::demo::DemoSpec;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 use std::time::Instant;
@@ -26,7 +27,7 @@ fn main() {
     };
     let mut data: Vec<PathBuf> = arguments.iter().skip(1).map(PathBuf::from).collect();
     if data.is_empty() {
-        let demo = demo_scene::dataset(&DemoSpec::default()).expect("the built-in scene");
+        let demo = demo::dataset(&DemoSpec::default()).expect("the built-in scene");
         data.push(folder.blender_of("demo", &demo).into());
         let real = std::env::var_os("NERF_DATA")
             .map_or_else(|| Path::new(env!("CARGO_MANIFEST_DIR")).join("../../shared/data"), PathBuf::from);

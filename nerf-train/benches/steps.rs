@@ -5,10 +5,12 @@
 //! that are not timed. On a quiet machine.
 
 use nerf_core::Kernel;
-use nerf_train::config::Preset;
-use nerf_train::dataset::{self, ReadOptions};
-use nerf_train::demo_scene::{self, DemoSpec};
-use nerf_train::engine::Phase;
+use nerf_train::data;
+use nerf_train::data::ReadOptions;
+use nerf_train::data::demo;
+use nerf_train::data::demo::DemoSpec;
+use nerf_train::model::config::Preset;
+use nerf_train::model::engine::Phase;
 use nerf_train::train::Trainer;
 use std::path::Path;
 use std::time::Instant;
@@ -16,9 +18,9 @@ use std::time::Instant;
 fn main() {
     let data = match std::env::var_os("NERF_BENCH_DATA") {
         Some(path) => {
-            dataset::read(Path::new(&path), &ReadOptions::default()).expect("NERF_BENCH_DATA: a data set")
+            data::read(Path::new(&path), &ReadOptions::default()).expect("NERF_BENCH_DATA: a data set")
         }
-        None => demo_scene::dataset(&DemoSpec::default()).expect("the built-in scene"),
+        None => demo::dataset(&DemoSpec::default()).expect("the built-in scene"),
     };
     let steps =
         std::env::var("NERF_BENCH_STEPS").map_or(600, |steps| steps.parse().expect("a number of steps"));
@@ -35,7 +37,7 @@ fn main() {
 }
 
 /// Trains, and prints the row of the second half.
-fn row(data: &dataset::Dataset, log2_entries: u8, threads: usize, steps: u32) {
+fn row(data: &data::Dataset, log2_entries: u8, threads: usize, steps: u32) {
     let mut config = Preset::Grid.config();
     if std::env::var_os("NERF_BENCH_UNBOUNDED").is_some() {
         config = config.unbounded();

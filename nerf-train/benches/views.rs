@@ -10,9 +10,12 @@ use nerf_core::camera::{Camera, Intrinsics};
 use nerf_core::memory::Line;
 use nerf_core::plan::{Batch, Outputs, Plan, Quality};
 use nerf_core::render::Renderer;
-use nerf_train::dataset::{self, ReadOptions, View};
-use nerf_train::frame::{Frame, render};
-use nerf_train::report::metrics::psnr_db;
+use nerf_train::data;
+use nerf_train::data::ReadOptions;
+use nerf_train::data::View;
+use nerf_train::measure::frame::Frame;
+use nerf_train::measure::frame::render;
+use nerf_train::measure::metrics::psnr_db;
 use std::path::Path;
 use std::time::Instant;
 
@@ -28,7 +31,7 @@ fn main() {
     };
     let bytes = std::fs::read(file).expect("NERF_BENCH_BLOB: a file");
     let blob = Blob::open(&bytes).expect("a blob");
-    let data = dataset::read(Path::new(&data), &ReadOptions::default()).expect("NERF_BENCH_DATA: a data set");
+    let data = data::read(Path::new(&data), &ReadOptions::default()).expect("NERF_BENCH_DATA: a data set");
     let kernel = Kernel::detect();
     let mut memory = vec![Line::UNINIT; Renderer::prepared_lines(&blob, kernel)];
     let renderer = Renderer::new(blob.clone(), kernel, &mut memory).expect("a renderer");

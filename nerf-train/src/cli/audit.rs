@@ -3,12 +3,15 @@
 use super::common::{DataOptions, Global, background_name, cpu_name, read_file};
 use super::eval::Split;
 use super::places;
-use crate::dataset::View;
-use crate::output::claims::Claims;
-use crate::report::progress::{Message, Progress, Total};
-use crate::report::summary::Summary;
-use crate::study::{Audit as Findings, AuditOptions, Clock, Lab, THRESHOLD_DB, Verdict, audit, audit_table};
-use crate::train::run::spread;
+use crate::data::View;
+use crate::data::system::output::claims::Claims;
+use crate::data::system::progress::{Message, Progress, Total};
+use crate::fit::run::spread;
+use crate::measure::audit;
+use crate::measure::audit::{Audit as Findings, AuditOptions, THRESHOLD_DB, Verdict, table as audit_table};
+use crate::measure::bench::Lab;
+use crate::measure::point::Clock;
+use crate::show::summary::Summary;
 use anyhow::bail;
 use clap::Args;
 use std::path::PathBuf;
@@ -82,7 +85,7 @@ impl Audit {
         let options =
             AuditOptions { threshold_db: self.effect_threshold, repeats: self.repeats, clock: self.clock };
         let mut progress: Option<Progress> = None;
-        let findings = audit(&mut lab, &views, &rays, &options, &mut |done, total| {
+        let findings = audit::audit(&mut lab, &views, &rays, &options, &mut |done, total| {
             let new = || Progress::new("audit", Total::Steps(total), global.style());
             progress.get_or_insert_with(new).update(done, &Message::default());
         })?;
@@ -122,7 +125,10 @@ pub fn check_threshold(threshold: f64) -> anyhow::Result<()> {
 }
 
 fn summary(findings: &Findings) -> Summary {
-    let effect = |(effect, worth): &(&'static crate::study::Effect, Result<crate::study::Worth, &str>)| {
+    let effect = |(effect, worth): &(
+        &'static crate::measure::audit::Effect,
+        Result<crate::measure::audit::Worth, &str>,
+    )| {
         let mut fields = Summary::new();
         fields.text("effect", effect.name);
         match worth {

@@ -1,14 +1,14 @@
 //! What several commands share.
 
-use crate::config::{Config, Surroundings};
-use crate::dataset::{
-    self, Axes, Background, Dataset, Downscale, Layout, ReadOptions, Report, Watch, origin_in_name,
-};
-use crate::input::{MAX_BLOB_BYTES, read_limited};
-use crate::printable;
-use crate::report::progress::{self, Message, Progress, ProgressStyle, Total};
-use crate::report::summary::Summary;
-use crate::report::video::{Ffmpeg, VideoError};
+use crate::data;
+use crate::data::system::input::{MAX_BLOB_BYTES, read_limited};
+use crate::data::system::printable;
+use crate::data::system::progress;
+use crate::data::system::progress::{Message, Progress, ProgressStyle, Total};
+use crate::data::{Axes, Background, Dataset, Downscale, Layout, ReadOptions, Report, Watch, origin_in_name};
+use crate::model::config::{Config, Surroundings};
+use crate::show::summary::Summary;
+use crate::show::video::{Ffmpeg, VideoError};
 use anyhow::{Context, bail};
 use clap::{Args, ValueEnum};
 use glam::Vec3;
@@ -27,7 +27,7 @@ const THREADS_PER_CORE: usize = 4;
 /// Prints a line of the result, which stays one line whatever is in it; returns from the function where that fails.
 macro_rules! outln {
     ($($arg:tt)*) => {
-        $crate::cli::common::print(&$crate::printable::line(&format!($($arg)*)))?
+        $crate::cli::common::print(&$crate::data::system::printable::line(&format!($($arg)*)))?
     };
 }
 
@@ -265,7 +265,7 @@ impl DataOptions {
         std::thread::scope(|scope| {
             let (reading, ended) = mpsc::channel::<()>();
             scope.spawn(|| show_reading(&watch, style, ended));
-            let dataset = dataset::read_watched(path, &options, &watch);
+            let dataset = data::read_watched(path, &options, &watch);
             drop(reading);
             Ok(dataset?)
         })

@@ -1,7 +1,7 @@
 //! `nerf-train completions`
 
 use super::common::Global;
-use crate::report::summary::Summary;
+use crate::show::summary::Summary;
 use clap::{Args, Command};
 use clap_complete::{Shell, generate};
 use std::process::ExitCode;

@@ -4,21 +4,23 @@ use super::common::{Global, Mp4Options, background_name, open_blob, print_report
 use super::fit::read_config;
 use super::outcome;
 use super::places;
-use crate::config::{Preset, Surroundings};
-use crate::demo_scene::{self, DemoSpec, Truth};
-use crate::eval::evaluate;
-use crate::frame::{self, Frame};
-use crate::orbit::Orbit;
-use crate::output::claims::{Claims, Existing};
-use crate::output::write_atomic;
-use crate::report::contact_sheet::{Cell, contact_sheet};
-use crate::report::film::{Files, Film};
-use crate::report::picture::Picture;
-use crate::report::progress::{Message, Progress, Total};
-use crate::report::table::Table;
-use crate::train::run::{Ended, RunOptions, run_since};
+use crate::data::demo;
+use crate::data::demo::{DemoSpec, Truth};
+use crate::data::rgb::Picture;
+use crate::data::system::output::claims::{Claims, Existing};
+use crate::data::system::output::write_atomic;
+use crate::data::system::progress::{Message, Progress, Total};
+use crate::fit::run::{Ended, RunOptions, run_since};
+use crate::fit::snapshot::SnapshotOptions;
+use crate::measure::eval::evaluate;
+use crate::measure::frame;
+use crate::measure::frame::Frame;
+use crate::model::config::{Preset, Surroundings};
+use crate::show::contact_sheet::{Cell, contact_sheet};
+use crate::show::film::{Files, Film};
+use crate::show::orbit::Orbit;
+use crate::show::table::Table;
 use crate::train::schedule::{Budget, Clock};
-use crate::train::snapshot::SnapshotOptions;
 use clap::Args;
 use nerf_core::memory::Line;
 use nerf_core::plan::{Batch, Outputs, Plan, Quality};
@@ -74,7 +76,7 @@ impl Demo {
             Err(_) => claims.settle()?,
         }
         let spec = DemoSpec::default();
-        let dataset = demo_scene::dataset(&spec)?;
+        let dataset = demo::dataset(&spec)?;
         let report = print_report(&dataset, global);
 
         config.seed = self.seed;
@@ -107,7 +109,7 @@ impl Demo {
         outcome::write_curve(&self.out, &outcome)?;
         outcome::write_snapshots(&self.out, &outcome, &dataset)?;
         let json = serde_json::to_string_pretty(&report)?;
-        write_atomic(self.out.join("data.json"), crate::printable::json(&json).as_bytes())?;
+        write_atomic(self.out.join("data.json"), crate::data::system::printable::json(&json).as_bytes())?;
 
         let blob = open_blob(&blob_path, &outcome.bytes)?;
         let plan = Plan::new(&blob, &Quality::default(), Outputs::ALL, Batch::FULL)?;
@@ -123,7 +125,7 @@ impl Demo {
         let mut measured = 0;
         let scores =
             evaluate(&renderer, &plan, outcome.background, &dataset.val, |view, frame, truth, score| {
-                let exact = demo_scene::render_truth(&view.camera);
+                let exact = demo::render_truth(&view.camera);
                 let mut of_view = z_depth_errors(frame, &exact);
                 let median = median(&mut of_view);
                 errors.extend(of_view);

@@ -5,15 +5,15 @@ use super::common::{
     read_file,
 };
 use super::places;
-use crate::dataset::View;
-use crate::eval::{ViewScore, evaluate};
-use crate::frame;
-use crate::output::claims::Claims;
-use crate::report::metrics::psnr_db;
-use crate::report::names::FileNames;
-use crate::report::progress::{Message, Progress, Total};
-use crate::report::summary::Summary;
-use crate::report::table::Table;
+use crate::data::View;
+use crate::data::system::output::claims::Claims;
+use crate::data::system::progress::{Message, Progress, Total};
+use crate::measure::eval::{ViewScore, evaluate};
+use crate::measure::frame;
+use crate::measure::metrics::psnr_db;
+use crate::show::names::FileNames;
+use crate::show::summary::Summary;
+use crate::show::table::Table;
 use anyhow::{Context, bail};
 use clap::{Args, ValueEnum};
 use nerf_core::memory::Line;
@@ -36,7 +36,7 @@ pub enum Split {
 
 impl Split {
     /// Its views.
-    pub fn of(self, dataset: &crate::dataset::Dataset) -> &[View] {
+    pub fn of(self, dataset: &crate::data::Dataset) -> &[View] {
         match self {
             Self::Train => &dataset.train,
             Self::Val => &dataset.val,

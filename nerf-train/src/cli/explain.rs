@@ -3,9 +3,9 @@
 use super::common::{DataOptions, Global, QualityOptions, WhichBins, open_blob, read_file};
 use super::effects::EffectOptions;
 use super::eval::Split;
-use crate::frame;
-use crate::orbit::Orbit;
-use crate::report::summary::Summary;
+use crate::measure::frame;
+use crate::show::orbit::Orbit;
+use crate::show::summary::Summary;
 use anyhow::{Context, bail};
 use clap::Args;
 use nerf_core::blob::Blob;

@@ -7,18 +7,19 @@ use super::common::{
 use super::grid::{self, TableSettings, check_memory, given, of_sinusoidal, parse_bytes, set};
 use super::outcome;
 use super::places;
-use crate::config::{Config, Density, Jitter, Preset, Surroundings};
-use crate::dataset::{Background, Dataset};
-use crate::input;
-use crate::memory;
-use crate::output::claims::{Claims, Existing, is_device};
-use crate::size::{self, Chosen};
-use crate::stop;
-use crate::study::THRESHOLD_DB;
+use crate::data::system::input;
+use crate::data::system::memory;
+use crate::data::system::output::claims::{Claims, Existing, is_device};
+use crate::data::system::stop;
+use crate::data::{Background, Dataset};
+use crate::fit::run::{Ended, RunOptions, interrupted, run_since};
+use crate::fit::size;
+use crate::fit::size::Chosen;
+use crate::fit::snapshot::SnapshotOptions;
+use crate::measure::audit::THRESHOLD_DB;
+use crate::model::config::{Config, Density, Jitter, Preset, Surroundings};
 use crate::train::find_box;
-use crate::train::run::{Ended, RunOptions, interrupted, run_since};
 use crate::train::schedule::{Budget, Clock};
-use crate::train::snapshot::SnapshotOptions;
 use anyhow::{Context, bail};
 use clap::Args;
 use glam::Vec3;
@@ -402,7 +403,7 @@ impl Fit {
                 return Ok(stop::status());
             }
         };
-        crate::output::write_atomic(&self.output, &outcome.bytes)?;
+        crate::data::system::output::write_atomic(&self.output, &outcome.bytes)?;
         outcome::tell_missed(&outcome);
         let mut summary = outcome::summary(&outcome, &config, options.kernel, clock.seconds());
         summary.text("data", dataset.name.clone()).text("blob", self.output.display().to_string());
@@ -446,7 +447,7 @@ mod tests {
         // A grid's own table over a preset without one is filled up; what does not go with it is refused by name.
         let mixed = read("[network.grid]\nlevels = 4");
         let grid = Preset::Grid.config().network.grid.expect("a grid");
-        assert_eq!(mixed.network.grid, Some(crate::config::TableConfig { levels: 4, ..grid }));
+        assert_eq!(mixed.network.grid, Some(crate::model::config::TableConfig { levels: 4, ..grid }));
         assert_eq!(mixed.check().expect_err("contradictory").field, "network.position_levels");
         let whole = "[network]\nposition_levels = 0\ndensity = \"exponential\"\ndensity_scale = 1.0\n[network.grid]\n\
                      features = 4\n[occupancy]\nempty_share = 0.0";

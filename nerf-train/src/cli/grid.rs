@@ -1,10 +1,10 @@
 //! A learned grid on the command line: its flags, and in words and as fields what a blob has.
 
-use crate::config::TableConfig;
-use crate::memory;
-use crate::quantise::TableStorage;
-use crate::report::summary::Summary;
-use crate::size::Chosen;
+use crate::data::system::memory;
+use crate::fit::size::Chosen;
+use crate::model::config::TableConfig;
+use crate::model::quantise::TableStorage;
+use crate::show::summary::Summary;
 use clap::{Args, ValueEnum};
 use nerf_core::blob::Blob;
 use nerf_core::encoding::GridEncoding;

@@ -5,21 +5,21 @@ use super::common::{
 };
 use super::grid::{self, TableSettings, check_memory, given, of_sinusoidal, parse_bytes};
 use super::places;
-use crate::frame;
-use crate::image_field::{
-    Ended, Evaluation, FieldConfig, FieldPreset, MAX_SIDE, Outcome, Photo, RunOptions, kept, run,
-};
-use crate::memory;
-use crate::output::claims::Claims;
-use crate::output::ensure_folder;
-use crate::report::contact_sheet::{Cell, contact_sheet};
-use crate::report::picture::Picture;
-use crate::report::plot::{LinePlot, Marker, Series};
-use crate::report::progress::{Message, Progress, Total};
-use crate::report::summary::Summary;
-use crate::report::table::Table;
-use crate::size;
-use crate::stop;
+use crate::data::photograph::{MAX_SIDE, Photo};
+use crate::data::rgb::Picture;
+use crate::data::system::memory;
+use crate::data::system::output::claims::Claims;
+use crate::data::system::output::ensure_folder;
+use crate::data::system::progress::{Message, Progress, Total};
+use crate::data::system::stop;
+use crate::fit::picture::{Ended, Evaluation, Outcome, RunOptions, kept, run};
+use crate::fit::size;
+use crate::measure::frame;
+use crate::model::picture_config::{FieldConfig, FieldPreset};
+use crate::show::contact_sheet::{Cell, contact_sheet};
+use crate::show::plot::{LinePlot, Marker, Series};
+use crate::show::summary::Summary;
+use crate::show::table::Table;
 use crate::train::schedule::{Budget, Clock};
 use anyhow::{Context, bail};
 use clap::{Args, Subcommand};

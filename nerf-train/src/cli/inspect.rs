@@ -2,7 +2,7 @@
 
 use super::common::{Global, background_name, open_blob, read_file};
 use super::grid;
-use crate::report::summary::Summary;
+use crate::show::summary::Summary;
 use clap::Args;
 use nerf_core::blob::{Blob, FrontPoint, SceneSampling};
 use nerf_core::encoding::DirectionEncoding;

@@ -21,7 +21,7 @@ mod show;
 mod study;
 mod sweep;
 
-use crate::report::summary::Summary;
+use crate::show::summary::Summary;
 use clap::{CommandFactory, Parser, Subcommand};
 use std::process::ExitCode;
 
@@ -85,7 +85,7 @@ fn print_error(message: &str) {
 
 /// Says on stderr that a signal ended the command, and what is left of its work.
 pub(crate) fn interrupted(message: &str) {
-    crate::report::progress::abandon();
+    crate::data::system::progress::abandon();
     common::tell(message);
 }
 
@@ -115,7 +115,7 @@ pub fn main() -> ExitCode {
     common::survive_file_size_limits();
     let cli = parse();
     let say = if cli.global.json { interrupted_json } else { interrupted };
-    if let Err(error) = crate::stop::watch(say) {
+    if let Err(error) = crate::data::system::stop::watch(say) {
         common::tell(&format!("warning: signals end this command without saving: {error}"));
     }
     let result = cli.global.apply().and_then(|()| match cli.command {
@@ -134,7 +134,7 @@ pub fn main() -> ExitCode {
         Command::Explain(explain) => explain.run(&cli.global),
         Command::Completions(completions) => completions.run(Cli::command(), &cli.global),
     });
-    crate::stop::leave_to_signal();
+    crate::data::system::stop::leave_to_signal();
     match result {
         Ok(status) => status,
         Err(error) => {

@@ -2,19 +2,19 @@
 
 use super::common::{background_name, cpu_name, tell};
 use super::grid;
-use crate::config::Config;
-use crate::dataset::{Dataset, Report};
-use crate::frame;
-use crate::report::contact_sheet::{Cell, contact_sheet};
-use crate::report::names::FileNames;
-use crate::report::picture::Picture;
-use crate::report::plot::{LinePlot, Marker, Series};
-use crate::report::summary::Summary;
-use crate::report::table::Table;
+use crate::data::rgb::Picture;
+use crate::data::{Dataset, Report};
+use crate::fit::direction::ViewDependence;
+use crate::fit::finish::{Outcome, Shown};
+use crate::fit::snapshot;
+use crate::measure::frame;
+use crate::model::config::Config;
+use crate::show::contact_sheet::{Cell, contact_sheet};
+use crate::show::names::FileNames;
+use crate::show::plot::{LinePlot, Marker, Series};
+use crate::show::summary::Summary;
+use crate::show::table::Table;
 use crate::train::CurvePoint;
-use crate::train::direction::ViewDependence;
-use crate::train::finish::{Outcome, Shown};
-use crate::train::snapshot;
 use nerf_core::Kernel;
 use nerf_core::blob::Blob;
 use std::path::Path;
@@ -171,7 +171,10 @@ pub fn write(
     write_snapshots(folder, outcome, dataset)?;
     write_views(folder, outcome, dataset)?;
     let json = serde_json::to_string_pretty(report)?;
-    crate::output::write_atomic(folder.join("data.json"), crate::printable::json(&json).as_bytes())?;
+    crate::data::system::output::write_atomic(
+        folder.join("data.json"),
+        crate::data::system::printable::json(&json).as_bytes(),
+    )?;
     summary.write(folder)?;
     Ok(())
 }

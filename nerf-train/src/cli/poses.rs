@@ -2,10 +2,10 @@
 
 use super::common::Global;
 use super::places;
-use crate::output::claims::{Claims, Contents};
-use crate::poses::{Found, Request, find};
-use crate::report::summary::Summary;
-use crate::stop::Note;
+use crate::data::poses::{Found, Request, find};
+use crate::data::system::output::claims::{Claims, Contents};
+use crate::data::system::stop::Note;
+use crate::show::summary::Summary;
 use clap::Args;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;

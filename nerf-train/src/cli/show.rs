@@ -3,12 +3,12 @@
 use super::common::{DataOptions, Global, Space, UpAxis, parse_numbers, print_report};
 use super::eval::Split;
 use super::places;
-use crate::config::{Config, Preset};
-use crate::dataset::Background;
-use crate::output::claims::Claims;
-use crate::report::progress::{Message, Progress, Total};
-use crate::report::summary::Summary;
-use crate::show::{Request, Scene, page, sheet};
+use crate::data::Background;
+use crate::data::system::output::claims::Claims;
+use crate::data::system::progress::{Message, Progress, Total};
+use crate::model::config::{Config, Preset};
+use crate::show::cameras::{Request, Scene, page, sheet};
+use crate::show::summary::Summary;
 use anyhow::bail;
 use clap::Args;
 use clap::builder::RangedU64ValueParser;
@@ -124,7 +124,7 @@ impl Show {
         advance("show.png");
         sheet::sheet(&scene, self.width, self.height).write_png(&png)?;
         advance("show.html");
-        crate::output::write_atomic(&html, page::page(&scene)?.as_bytes())?;
+        crate::data::system::output::write_atomic(&html, page::page(&scene)?.as_bytes())?;
         progress.finish(format!("{}; {}", scene.title(), scene.facts()));
         if self.camera.is_none() && scene.rays.len() < self.rays {
             let (asked, found) = (self.rays, scene.rays.len());

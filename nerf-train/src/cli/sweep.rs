@@ -5,12 +5,12 @@ use super::fit::read_config;
 use super::grid::of_sinusoidal;
 use super::image::{PhotoOptions, Settings};
 use super::places;
-use crate::config::Preset;
-use crate::image_field::FieldPreset;
-use crate::output::claims::Claims;
-use crate::report::summary::Summary;
-use crate::stop::Note;
-use crate::sweep::{Combinations, Folder, Job, Knob, Mode, Record, Runner, Shard, Status, write_report};
+use crate::data::system::output::claims::Claims;
+use crate::data::system::stop::Note;
+use crate::lab::sweep::{Combinations, Folder, Job, Knob, Mode, Record, Runner, Shard, Status, write_report};
+use crate::model::config::Preset;
+use crate::model::picture_config::FieldPreset;
+use crate::show::summary::Summary;
 use anyhow::bail;
 use clap::{Args, Subcommand};
 use std::path::{Path, PathBuf};
@@ -172,7 +172,7 @@ fn finish(folder: &Folder, global: &Global) -> anyhow::Result<()> {
         .text("report", report.display().to_string())
         .sections("runs", records.iter().map(fields).collect());
     global.finish(&summary, || {
-        outlines!(crate::sweep::table(&records).to_text().trim_end());
+        outlines!(crate::lab::sweep::table(&records).to_text().trim_end());
         outln!("report: {}", report.display());
         Ok(())
     })

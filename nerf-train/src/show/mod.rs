@@ -1,15 +1,16 @@
-//! What training sees, in 3D: cameras with frusta and pictures, rays and samples of one step.
-//!
-//! One [`Scene`] is made from the data and the very code that draws training batches; a PNG of two
-//! viewpoints ([`sheet`]) and an interactive page ([`page`]) are two ways to look at it.
+//! Pictures, plots, films, pages and tables.
 
-mod canvas;
-mod drawing;
-pub mod page;
-mod projection;
-pub mod sampling;
-pub mod scene;
-pub mod sheet;
-mod thumbnail;
-
-pub use scene::{Request, Scene, ShowError};
+pub mod animation;
+pub mod axis;
+pub mod cameras;
+pub mod colour_map;
+pub mod contact_sheet;
+pub mod exr;
+pub mod film;
+pub mod names;
+pub mod orbit;
+pub mod plot;
+pub mod summary;
+pub mod table;
+pub mod text;
+pub mod video;

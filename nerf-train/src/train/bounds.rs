@@ -1,11 +1,11 @@
 //! Where the scene is, and which of its cells are worth a sample.
 
 use super::TrainError;
-use crate::config::Config;
-use crate::dataset::nearest::{begin, distances};
-use crate::dataset::{Dataset, LookAt, View, frusta_box, scene_bounds};
-use crate::occupancy::Occupancy;
-use crate::rays::Bounds;
+use crate::data::nearest::{begin, distances};
+use crate::data::{Dataset, LookAt, View, frusta_box, scene_bounds};
+use crate::model::config::Config;
+use crate::train::occupancy::Occupancy;
+use crate::train::rays::Bounds;
 use glam::{DVec3, Vec3};
 use nerf_core::camera::{BoundsError, Contraction, SceneBox};
 use rayon::prelude::*;

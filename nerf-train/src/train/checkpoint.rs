@@ -4,14 +4,14 @@
 //! [`Checkpoint::check_belongs`] keeps the other from going on from it: no run is ever a mix of two.
 
 use super::average::Average;
-use super::snapshot::Snapshot;
 use super::{CurvePoint, Progressed};
-use crate::config::Config;
-use crate::dataset::Dataset;
-use crate::engine::OptimiserState;
-use crate::input::{MAX_CHECKPOINT_BYTES, read_limited};
-use crate::occupancy::Occupancy;
-use crate::output::{OutputError, write_atomic};
+use crate::data::Dataset;
+use crate::data::system::input::{MAX_CHECKPOINT_BYTES, read_limited};
+use crate::data::system::output::{OutputError, write_atomic};
+use crate::fit::snapshot::Snapshot;
+use crate::model::config::Config;
+use crate::model::engine::OptimiserState;
+use crate::train::occupancy::Occupancy;
 use nerf_core::camera::{Lens, Projection};
 use serde::{Deserialize, Serialize};
 use serde_json::Value;

@@ -4,23 +4,17 @@ pub mod average;
 mod bounds;
 pub mod candidate;
 pub mod checkpoint;
-pub mod direction;
-pub mod finish;
-pub mod pace;
-pub mod run;
+pub mod occupancy;
+pub mod rays;
 pub mod schedule;
-pub mod snapshot;
-pub mod trend;
-mod validation;
 
-pub use validation::FINAL_VIEWS;
-
-use crate::config::{Config, ConfigError, Density, SamplingConfig};
-use crate::dataset::{Background, Dataset, mean_colour};
-use crate::engine::{Batch, Engine, EngineError, Model, Phase, Phases, engine_for};
-use crate::export::ExportError;
-use crate::occupancy::{Ask, Occupancy};
-use crate::rays::{Bounds, MarchCells, RayBank};
+use crate::data::{Background, Dataset, mean_colour};
+use crate::fit::snapshot::Snapshot;
+use crate::model::config::{Config, ConfigError, Density, SamplingConfig};
+use crate::model::engine::{Batch, Engine, EngineError, Model, Phase, Phases, engine_for};
+use crate::model::export::ExportError;
+use crate::train::occupancy::{Ask, Occupancy};
+use crate::train::rays::{Bounds, MarchCells, RayBank};
 use average::Average;
 pub(crate) use bounds::{find_bounds, find_box, nears};
 use checkpoint::{Checkpoint, fingerprint};
@@ -29,7 +23,6 @@ use nerf_core::blob::MAX_SAMPLES;
 use nerf_core::camera::BoundsError;
 use schedule::learning_rate;
 use serde::{Deserialize, Serialize};
-use snapshot::Snapshot;
 use std::time::{Duration, Instant};
 
 /// Steps in a row without any density after which a run is started anew with another seed.
@@ -202,6 +195,11 @@ impl<'d> Trainer<'d> {
         })
     }
 
+    /// What is trained.
+    pub fn model(&self) -> &Model {
+        &self.model
+    }
+
     /// Takes up a checkpoint of the same run.
     ///
     /// # Errors
@@ -303,7 +301,7 @@ impl<'d> Trainer<'d> {
 
     /// Smoothed PSNR of the rays trained on, dB.
     pub fn train_psnr_db(&self) -> f64 {
-        crate::report::metrics::psnr_db_of_mse(self.progressed.mse)
+        crate::measure::metrics::psnr_db_of_mse(self.progressed.mse)
     }
 
     /// One step at the learning rate that `share` of the budget used calls for.

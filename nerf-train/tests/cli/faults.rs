@@ -299,8 +299,8 @@ fn what_was_not_learned_and_what_was_started_anew_is_said() {
 fn odd_but_valid_pictures_end_in_a_blob_or_a_message() {
     let folder = Folder::new();
     let made = |train, size| {
-        let spec = nerf_train::demo_scene::DemoSpec { train, val: 1, size, ..Default::default() };
-        nerf_train::demo_scene::dataset(&spec).expect("a scene")
+        let spec = nerf_train::data::demo::DemoSpec { train, val: 1, size, ..Default::default() };
+        nerf_train::data::demo::dataset(&spec).expect("a scene")
     };
     let mut sizes = made(4, 12);
     sizes.train.extend(made(3, 7).train);

@@ -1,7 +1,11 @@
 //! Small data sets on disk.
 
-use nerf_train::dataset::{Axes, Dataset, View, over};
-use nerf_train::demo_scene::{self, DemoSpec};
+use nerf_train::data::Axes;
+use nerf_train::data::Dataset;
+use nerf_train::data::View;
+use nerf_train::data::demo;
+use nerf_train::data::demo::DemoSpec;
+use nerf_train::data::over;
 use std::io::Write;
 use std::path::Path;
 
@@ -10,7 +14,7 @@ pub struct Folder(tempfile::TempDir);
 
 /// Six training and two validation views of the built-in scene.
 pub fn scene() -> Dataset {
-    demo_scene::dataset(&DemoSpec { train: 6, val: 2, size: 24, ..DemoSpec::default() }).expect("a scene")
+    demo::dataset(&DemoSpec { train: 6, val: 2, size: 24, ..DemoSpec::default() }).expect("a scene")
 }
 
 impl Folder {

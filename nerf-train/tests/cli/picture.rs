@@ -5,7 +5,9 @@ use super::{fails, ok};
 use nerf_core::blob::{Content, PictureFacts, Provenance};
 use nerf_core::encoding::{AngleScale, SinusoidalEncoding};
 use nerf_core::network::{Architecture, TrunkLayer};
-use nerf_train::export::{Contents, Tables, export};
+use nerf_train::model::export::Contents;
+use nerf_train::model::export::Tables;
+use nerf_train::model::export::export;
 
 /// A grey picture of 30×20 pixels: 2×4 + 4 parameters in the trunk, 4×3 + 3 in rgb.
 fn blob() -> Vec<u8> {

@@ -5,7 +5,9 @@ use crate::{blob, command, fails, fit, ok, ran, run};
 use nerf_core::blob::{Content, PictureFacts, Provenance};
 use nerf_core::encoding::{AngleScale, SinusoidalEncoding};
 use nerf_core::network::{Architecture, TrunkLayer};
-use nerf_train::export::{Contents, Tables, export};
+use nerf_train::model::export::Contents;
+use nerf_train::model::export::Tables;
+use nerf_train::model::export::export;
 use std::path::Path;
 
 const ENDLESS: &[&str] = &["--steps", "1000000000"];

@@ -7,8 +7,9 @@ use crate::stopping::{Running, wait_for};
 use crate::{blob, fit, interruptible, ok};
 use nerf_core::blob::Blob;
 use nerf_core::sampling::{Purpose, uniform};
-use nerf_train::demo_scene::{self, DemoSpec};
-use nerf_train::stop;
+use nerf_train::data::demo;
+use nerf_train::data::demo::DemoSpec;
+use nerf_train::data::system::stop;
 use nerf_train::train::checkpoint::Checkpoint;
 use std::fs;
 use std::os::unix::process::ExitStatusExt;
@@ -36,7 +37,7 @@ impl Inputs {
     fn new() -> Self {
         let folder = Folder::in_memory();
         let spec = DemoSpec { train: 3, val: 2, size: 200, ..DemoSpec::default() };
-        let large = folder.npz_of("large.npz", &demo_scene::dataset(&spec).expect("a scene"), |_| {});
+        let large = folder.npz_of("large.npz", &demo::dataset(&spec).expect("a scene"), |_| {});
         let photo = folder.path("photo.png");
         let pixel = |x: u32, y: u32| image::Rgb([x as u8, if x > y { 200 } else { 30 }, (y / 2) as u8]);
         image::ImageBuffer::from_fn(900, 600, pixel).save(&photo).expect("a picture");

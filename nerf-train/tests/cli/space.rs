@@ -5,7 +5,11 @@ use crate::{fails, fit, fit_grid, json, ok, run};
 use glam::{DQuat, DVec3, Mat3, Vec3};
 use nerf_core::blob::Blob;
 use nerf_core::camera::{Camera, Lens, Pose};
-use nerf_train::dataset::{self, Dataset, LookAt, ReadOptions, View};
+use nerf_train::data;
+use nerf_train::data::Dataset;
+use nerf_train::data::LookAt;
+use nerf_train::data::ReadOptions;
+use nerf_train::data::View;
 use std::path::Path;
 
 /// The built-in scene in front of something that no border says the colour of.
@@ -97,7 +101,7 @@ fn a_wall_in_front_of_cameras_side_by_side_is_fitted_where_it_is() {
 fn moved(folder: &Folder, name: &str, scale: f64, turn: DQuat, by: DVec3) -> String {
     let plain = folder.path("photographs.npz");
     let plain = if Path::new(&plain).exists() { plain } else { photographs(folder) };
-    let data = dataset::read(Path::new(&plain), &ReadOptions::default()).expect("a data set");
+    let data = data::read(Path::new(&plain), &ReadOptions::default()).expect("a data set");
     let place = folder.path(name);
     std::fs::create_dir(&place).expect("a folder");
     let (mut frames, mut lists) = (Vec::new(), [Vec::new(), Vec::new()]);
@@ -148,7 +152,7 @@ fn a_world_of_another_size_and_place_fits_as_well_in_its_own_units() {
     let (psnr, depth) = fitted(&folder, &plain);
     println!("as it is: {psnr:.2} dB, nearest z-depth {depth:.4}");
     // What no photograph saw shows their mean colour.
-    let data = dataset::read(Path::new(&plain), &ReadOptions::default()).expect("a data set");
+    let data = data::read(Path::new(&plain), &ReadOptions::default()).expect("a data set");
     let pixels = || data.train.iter().flat_map(|view| &view.pixels);
     let bytes = std::fs::read(format!("{plain}.nerf")).expect("a blob");
     let background = Blob::open(&bytes).expect("a blob").scene().expect("a scene").background;
@@ -196,7 +200,7 @@ fn a_blob_is_measured_in_its_own_coordinates_whatever_the_origin_of_the_data() {
     list["frames"].as_array_mut().expect("frames").push(far);
     list["train_filenames"].as_array_mut().expect("names").push("far.png".into());
     std::fs::write(&path, list.to_string()).expect("written");
-    let origin = |options: &ReadOptions| dataset::read(Path::new(&data), options).expect("a data set").origin;
+    let origin = |options: &ReadOptions| data::read(Path::new(&data), options).expect("a data set").origin;
     assert_ne!(
         origin(&ReadOptions::default()),
         origin(&ReadOptions { origin: Some(by.into()), ..ReadOptions::default() })

@@ -2,13 +2,16 @@
 
 use crate::{fit, options, scene, tiny, tiny_grid, tiny_seed, tiny_unbounded};
 use nerf_core::Kernel;
-use nerf_train::config::{Config, Jitter};
-use nerf_train::dataset::Dataset;
-use nerf_train::occupancy::Occupancy;
+use nerf_train::data::Dataset;
+use nerf_train::fit::run::Ended;
+use nerf_train::fit::run::RunError;
+use nerf_train::fit::run::run;
+use nerf_train::model::config::Config;
+use nerf_train::model::config::Jitter;
 use nerf_train::train::Trainer;
 use nerf_train::train::average::Average;
 use nerf_train::train::checkpoint::Checkpoint;
-use nerf_train::train::run::{Ended, RunError, run};
+use nerf_train::train::occupancy::Occupancy;
 use std::path::Path;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;

@@ -2,21 +2,26 @@
 
 use crate::{options, tiny};
 use nerf_core::blob::Blob;
-use nerf_train::config::Config;
-use nerf_train::dataset::Dataset;
-use nerf_train::demo_scene::{self, DemoSpec};
+use nerf_train::data::Dataset;
+use nerf_train::data::demo;
+use nerf_train::data::demo::DemoSpec;
+use nerf_train::fit::finish::Outcome;
+use nerf_train::fit::run::Ended;
+use nerf_train::fit::run::RunOptions;
+use nerf_train::fit::run::run;
+use nerf_train::fit::run::run_since;
+use nerf_train::fit::snapshot::SnapshotOptions;
+use nerf_train::fit::trend::Trend;
+use nerf_train::model::config::Config;
 use nerf_train::train::CurvePoint;
-use nerf_train::train::finish::Outcome;
-use nerf_train::train::run::{Ended, RunOptions, run, run_since};
-use nerf_train::train::schedule::{Budget, Clock};
-use nerf_train::train::snapshot::SnapshotOptions;
-use nerf_train::train::trend::Trend;
+use nerf_train::train::schedule::Budget;
+use nerf_train::train::schedule::Clock;
 use std::path::Path;
 use std::time::Duration;
 
 /// Three training views: few enough to learn by heart.
 fn few_views() -> Dataset {
-    demo_scene::dataset(&DemoSpec { train: 3, val: 4, size: 24, ..DemoSpec::default() }).expect("a scene")
+    demo::dataset(&DemoSpec { train: 3, val: 4, size: 24, ..DemoSpec::default() }).expect("a scene")
 }
 
 /// A network that has room for them.
@@ -92,7 +97,7 @@ fn without_validation_views_there_is_no_trend() {
 #[test]
 fn a_limit_in_seconds_counts_everything() {
     let spec = DemoSpec { train: 8, val: 20, size: 160, ..DemoSpec::default() };
-    let dataset = demo_scene::dataset(&spec).expect("a scene");
+    let dataset = demo::dataset(&spec).expect("a scene");
     let config = tiny(1);
     let budget = Budget { steps: None, seconds: Some(4.0) };
     let options = RunOptions { budget, report: true, ..options(&config, None, false) };

@@ -9,18 +9,23 @@ mod quality;
 mod training;
 
 use nerf_core::Kernel;
-use nerf_train::config::{Config, Preset};
-use nerf_train::dataset::Dataset;
-use nerf_train::demo_scene::{self, DemoSpec};
-use nerf_train::report::progress::ProgressStyle;
-use nerf_train::train::finish::Outcome;
-use nerf_train::train::run::{Ended, RunError, RunOptions, run};
+use nerf_train::data::Dataset;
+use nerf_train::data::demo;
+use nerf_train::data::demo::DemoSpec;
+use nerf_train::data::system::progress::ProgressStyle;
+use nerf_train::fit::finish::Outcome;
+use nerf_train::fit::run::Ended;
+use nerf_train::fit::run::RunError;
+use nerf_train::fit::run::RunOptions;
+use nerf_train::fit::run::run;
+use nerf_train::model::config::Config;
+use nerf_train::model::config::Preset;
 use nerf_train::train::schedule::Budget;
 use std::path::PathBuf;
 
 /// Six training and two validation views of the built-in scene.
 fn scene() -> Dataset {
-    demo_scene::dataset(&DemoSpec { train: 6, val: 2, size: 24, ..DemoSpec::default() }).expect("a scene")
+    demo::dataset(&DemoSpec { train: 6, val: 2, size: 24, ..DemoSpec::default() }).expect("a scene")
 }
 
 /// The small preset, 2×16.

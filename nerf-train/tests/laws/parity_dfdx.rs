@@ -8,8 +8,12 @@ use nerf_core::network::{Architecture, DensityActivation, TrunkLayer};
 use nerf_core::plan::{Batch, Outputs, Plan, Quality};
 use nerf_core::render::Renderer;
 use nerf_core::sampling::{Purpose, uniform};
-use nerf_train::engine::{Adam, Model, ReferenceEngine};
-use nerf_train::export::{Contents, Tables, export};
+use nerf_train::model::engine::Adam;
+use nerf_train::model::engine::Model;
+use nerf_train::model::engine::ReferenceEngine;
+use nerf_train::model::export::Contents;
+use nerf_train::model::export::Tables;
+use nerf_train::model::export::export;
 
 /// Points asked: whole blocks and a rest.
 const POINTS: usize = 150;

@@ -7,15 +7,21 @@ use nerf_core::memory::Line;
 use nerf_core::network::Role;
 use nerf_core::plan::{Batch, Effects, Outputs, Plan, PlanError, Quality};
 use nerf_core::render::{Rect, Renderer};
-use nerf_train::config::Jitter;
-use nerf_train::dataset::View;
-use nerf_train::demo_scene::{self, DemoSpec};
-use nerf_train::eval::measure;
-use nerf_train::export::{Contents, ExportError, Tables, export};
-use nerf_train::quantise::TableStorage;
+use nerf_train::data::View;
+use nerf_train::data::demo;
+use nerf_train::data::demo::DemoSpec;
+use nerf_train::fit::finish::Outcome;
+use nerf_train::fit::run::Ended;
+use nerf_train::fit::run::RunOptions;
+use nerf_train::fit::run::run;
+use nerf_train::measure::eval::measure;
+use nerf_train::model::config::Jitter;
+use nerf_train::model::export::Contents;
+use nerf_train::model::export::ExportError;
+use nerf_train::model::export::Tables;
+use nerf_train::model::export::export;
+use nerf_train::model::quantise::TableStorage;
 use nerf_train::train::Trainer;
-use nerf_train::train::finish::Outcome;
-use nerf_train::train::run::{Ended, RunOptions, run};
 
 fn psnr_db<'v>(
     outcome: &Outcome,
@@ -70,7 +76,7 @@ fn an_occupancy_that_matters_is_part_of_the_model() {
 #[test]
 fn a_grid_learns_the_demo_scene_in_300_steps_with_a_hull_and_without() {
     let spec = DemoSpec { train: 30, val: 3, size: 48, ..DemoSpec::default() };
-    let dataset = demo_scene::dataset(&spec).expect("a scene");
+    let dataset = demo::dataset(&spec).expect("a scene");
     let mut config = tiny_grid(300);
     let grid = config.network.grid.as_mut().expect("a grid");
     (grid.levels, grid.log2_entries, grid.finest) = (6, 13, 96);
@@ -246,7 +252,7 @@ fn what_is_fitted_with_jitter_is_measured_in_the_middle_of_the_bins() {
             let (middle, anywhere) = (rendered(&still, view), rendered(&jittered, view));
             assert!(bits(&frame.rgb) == bits(&middle), "{}", view.name);
             assert!(bits(&frame.rgb) != bits(&anywhere), "{}: jitter changes nothing", view.name);
-            assert_eq!(score.psnr_db, nerf_train::report::metrics::psnr_db(&middle, truth));
+            assert_eq!(score.psnr_db, nerf_train::measure::metrics::psnr_db(&middle, truth));
             views += 1;
         },
     )

@@ -3,14 +3,21 @@
 use crate::{fit, scene, tiny, tiny_grid, tiny_seed, tiny_unbounded};
 use nerf_core::Kernel;
 use nerf_core::blob::Blob;
-use nerf_train::config::{Config, Density, Jitter};
-use nerf_train::dataset::{Background, Dataset};
-use nerf_train::demo_scene::{self, DemoSpec};
-use nerf_train::report::metrics::psnr_db;
-use nerf_train::report::progress::ProgressStyle;
-use nerf_train::sweep::{Job, Runner, Status};
-use nerf_train::train::run::RunError;
-use nerf_train::train::{TrainError, Trainer};
+use nerf_train::data::Background;
+use nerf_train::data::Dataset;
+use nerf_train::data::demo;
+use nerf_train::data::demo::DemoSpec;
+use nerf_train::data::system::progress::ProgressStyle;
+use nerf_train::fit::run::RunError;
+use nerf_train::lab::sweep::Job;
+use nerf_train::lab::sweep::Runner;
+use nerf_train::lab::sweep::Status;
+use nerf_train::measure::metrics::psnr_db;
+use nerf_train::model::config::Config;
+use nerf_train::model::config::Density;
+use nerf_train::model::config::Jitter;
+use nerf_train::train::TrainError;
+use nerf_train::train::Trainer;
 
 /// All presets, small; and the seed preset's published variants.
 fn variants(steps: u32) -> Vec<(&'static str, Config)> {
@@ -48,7 +55,7 @@ fn thread_count_changes_no_byte_of_a_blob() {
 #[test]
 fn thread_count_changes_no_byte_of_a_grid_after_200_steps() {
     let spec = DemoSpec { train: 12, val: 1, size: 32, ..DemoSpec::default() };
-    let dataset = demo_scene::dataset(&spec).expect("a scene");
+    let dataset = demo::dataset(&spec).expect("a scene");
     let mut config = tiny_grid(200);
     // Enough samples for all accumulators to have some.
     config.sampling.live_samples = 4096;
@@ -216,7 +223,7 @@ fn ends_well(dataset: &Dataset, config: &Config) -> Result<f64, String> {
     let blob = Blob::open(&outcome.bytes).expect("the trainer's own blob");
     let finite = |b: &[u8]| half::f16::from_le_bytes([b[0], b[1]]).is_finite();
     assert!(blob.weights().chunks_exact(2).all(finite));
-    nerf_train::eval::measure(
+    nerf_train::measure::eval::measure(
         &outcome.bytes,
         None,
         Kernel::detect(),
@@ -268,8 +275,8 @@ fn rates_far_too_high_end_in_a_message_or_a_finite_blob() {
 
 #[test]
 fn strange_pictures_end_in_a_message_or_a_finite_blob() {
-    let spec = |train, size| nerf_train::demo_scene::DemoSpec { train, val: 1, size, ..Default::default() };
-    let made = |train, size| nerf_train::demo_scene::dataset(&spec(train, size)).expect("a scene");
+    let spec = |train, size| nerf_train::data::demo::DemoSpec { train, val: 1, size, ..Default::default() };
+    let made = |train, size| nerf_train::data::demo::dataset(&spec(train, size)).expect("a scene");
     let painted = |pixel: [u8; 4], background| {
         let mut dataset = made(4, 12);
         for view in dataset.train.iter_mut().chain(&mut dataset.val) {

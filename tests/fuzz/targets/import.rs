@@ -6,8 +6,16 @@ use libfuzzer_sys::fuzz_target;
 use nerf_core::blob::{Blob, Content, Provenance};
 use nerf_fuzz::files::{Named, npz, safetensors};
 use nerf_fuzz::values::any_f32;
-use nerf_train::export::{Contents, Tables, export};
-use nerf_train::import::{AngleFactor, Identity, Order, RawDensity, Settings, Tensors, network};
+use nerf_train::model::export::Contents;
+use nerf_train::model::export::Tables;
+use nerf_train::model::export::export;
+use nerf_train::model::import::AngleFactor;
+use nerf_train::model::import::Identity;
+use nerf_train::model::import::Order;
+use nerf_train::model::import::RawDensity;
+use nerf_train::model::import::Settings;
+use nerf_train::model::import::Tensors;
+use nerf_train::model::import::network;
 use std::path::Path;
 use std::sync::LazyLock;
 
@@ -49,7 +57,7 @@ fn settings(kind: u8) -> Settings {
 }
 
 fn check(
-    tensors: std::result::Result<Tensors, nerf_train::import::ImportError>,
+    tensors: std::result::Result<Tensors, nerf_train::model::import::ImportError>,
     settings: &Settings,
     file: &Path,
 ) {

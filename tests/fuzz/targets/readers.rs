@@ -5,7 +5,11 @@ use arbitrary::{Result, Unstructured};
 use libfuzzer_sys::fuzz_target;
 use nerf_fuzz::files::{npy, spoil, zip};
 use nerf_fuzz::values::{any_f32, mostly};
-use nerf_train::dataset::{Axes, Dataset, Downscale, ReadOptions, read};
+use nerf_train::data::Axes;
+use nerf_train::data::Dataset;
+use nerf_train::data::Downscale;
+use nerf_train::data::ReadOptions;
+use nerf_train::data::read;
 use std::path::Path;
 use std::sync::LazyLock;
 

@@ -1,9 +1,9 @@
 //! What the file cannot say, by flag or TOML file.
 
 use crate::cli::common::{parse_background, parse_numbers};
-use crate::dataset::Axes;
-use crate::import::{AngleFactor, Identity, Order, RawDensity, Settings};
-use crate::input;
+use crate::data::Axes;
+use crate::data::system::input;
+use crate::model::import::{AngleFactor, Identity, Order, RawDensity, Settings};
 use anyhow::Context;
 use clap::Args;
 use serde::{Deserialize, Deserializer};

@@ -1,13 +1,13 @@
 //! What an import says in the end.
 
 use crate::cli::common::background_name;
-use crate::engine::{Dense, Part};
-use crate::export::Exported;
-use crate::import::probe::{Probe, name};
-use crate::import::{Check, Imported, Settings, Tensors};
-use crate::occupancy::LiveCells;
-use crate::report::summary::Summary;
-use crate::study::Verdict;
+use crate::measure::audit::Verdict;
+use crate::model::engine::{Dense, Part};
+use crate::model::export::Exported;
+use crate::model::import::probe::{Probe, name};
+use crate::model::import::{Check, Imported, Settings, Tensors};
+use crate::show::summary::Summary;
+use crate::train::occupancy::LiveCells;
 use nerf_core::Kernel;
 use nerf_core::encoding::SinusoidalEncoding;
 use nerf_core::network::Architecture;

@@ -3,8 +3,8 @@
 use super::Render;
 use crate::cli::common::Global;
 use crate::cli::eval::Split;
-use crate::dataset::Dataset;
-use crate::orbit::Orbit;
+use crate::data::Dataset;
+use crate::show::orbit::Orbit;
 use anyhow::{Context, bail};
 use nerf_core::blob::Blob;
 use nerf_core::camera::{Camera, CameraError, Intrinsics, Lens, Pose};

@@ -3,10 +3,10 @@
 use crate::cli::common::{DataOptions, Global, Space, cpu_name, print_report};
 use crate::cli::fit::read_config;
 use crate::cli::places;
-use crate::config::Preset;
-use crate::output::claims::Claims;
-use crate::stop::Note;
-use crate::study::training::{Fitted, Lists, fit, summary, table, write};
+use crate::data::system::output::claims::Claims;
+use crate::data::system::stop::Note;
+use crate::lab::study::training::{Fitted, Lists, fit, summary, table, write};
+use crate::model::config::Preset;
 use anyhow::bail;
 use clap::Args;
 use std::path::PathBuf;

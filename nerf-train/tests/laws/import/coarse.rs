@@ -5,8 +5,16 @@ use super::{read, wide};
 use crate::golden::data;
 use nerf_core::blob::{Blob, Content, Provenance};
 use nerf_core::network::Role;
-use nerf_train::export::{Coarse, Contents, ExportError, Exported, Tables, export, export_with};
-use nerf_train::import::{Imported, Settings, Tensors};
+use nerf_train::model::export::Coarse;
+use nerf_train::model::export::Contents;
+use nerf_train::model::export::ExportError;
+use nerf_train::model::export::Exported;
+use nerf_train::model::export::Tables;
+use nerf_train::model::export::export;
+use nerf_train::model::export::export_with;
+use nerf_train::model::import::Imported;
+use nerf_train::model::import::Settings;
+use nerf_train::model::import::Tensors;
 use safetensors::Dtype;
 use std::path::Path;
 

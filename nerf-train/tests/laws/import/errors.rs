@@ -2,7 +2,13 @@
 
 use super::made::{Checkpoint, Shape, npy};
 use super::wide;
-use nerf_train::import::{Fault, Identity, ImportError, Settings, Tensors, network, occupancy};
+use nerf_train::model::import::Fault;
+use nerf_train::model::import::Identity;
+use nerf_train::model::import::ImportError;
+use nerf_train::model::import::Settings;
+use nerf_train::model::import::Tensors;
+use nerf_train::model::import::network;
+use nerf_train::model::import::occupancy;
 use safetensors::Dtype;
 use std::path::Path;
 

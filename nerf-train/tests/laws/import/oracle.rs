@@ -1,7 +1,11 @@
 //! nerf-pytorch's forward pass in f64, from its formulas.
 
 use super::made::{Checkpoint, Shape};
-use nerf_train::import::{AngleFactor, Identity, Order, RawDensity, Settings};
+use nerf_train::model::import::AngleFactor;
+use nerf_train::model::import::Identity;
+use nerf_train::model::import::Order;
+use nerf_train::model::import::RawDensity;
+use nerf_train::model::import::Settings;
 use std::f64::consts::PI;
 
 /// A network of a shape under settings.

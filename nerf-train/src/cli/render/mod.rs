@@ -1,0 +1,340 @@
+//! `nerf-train render`
+
+mod shots;
+mod target;
+
+use super::common::{
+    DataOptions, Global, Mp4Options, QualityOptions, UpAxis, WhichBins, open_blob, parse_background,
+    parse_numbers, read_file, say_no_mp4,
+};
+use super::effects::EffectOptions;
+use super::eval::Split;
+use crate::data::system::memory;
+use crate::data::system::progress::{Message, Progress, Total};
+use crate::data::system::stop::Note;
+use crate::measure::frame;
+use crate::show::colour_map::robust_range;
+use crate::show::summary::Summary;
+use anyhow::Context;
+use clap::{Args, ValueEnum};
+use nerf_core::camera::Camera;
+use nerf_core::memory::Line;
+use nerf_core::plan::{Batch, Outputs, Plan};
+use nerf_core::render::{Counters, Renderer};
+use std::path::PathBuf;
+use std::process::ExitCode;
+use std::time::Instant;
+use target::Target;
+
+/// What a pixel shows.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+enum Output {
+    /// Colour over the background.
+    Rgb,
+    /// Opacity, 16-bit grey, 0 to 1.
+    Opacity,
+    /// Distance along the ray, with a legend.
+    RayDistance,
+    /// Distance along the view axis, with a legend.
+    ZDepth,
+    /// Distance along the ray at which half of the light is gone, with a legend.
+    MedianDistance,
+    /// Normals in world space: red, green, blue are (x, y, z) / 2 + 1/2.
+    Normals,
+    /// All of these.
+    All,
+}
+
+/// Render a view of a blob, or a video: an orbit, or the cameras of a data set one after the other.
+///
+/// A view becomes a PNG, or by its name an EXR: floats as they are, colour as linear light (with --transparent
+/// premultiplied, with A), z-depth as Z. A video becomes what the name says: `orbit.gif` a GIF, and beside it orbit.mp4 where
+/// ffmpeg is installed; `orbit.mp4` an MP4 alone; a folder (`frames/`) numbered PNGs. Further outputs get
+/// their name appended: with -o view.png, z-depth goes to view_z_depth.png.
+///
+/// The file that -o names is replaced. Files it does not name (an MP4 beside a GIF, further outputs, frames in a folder)
+/// are replaced where nerf-train made them; anybody else's are kept, and the command is refused.
+#[derive(Debug, Args)]
+#[command(after_help = "Examples:
+  nerf-train render lego.nerf -o view.png --data lego_200x200.npz --split val --view 3 --outputs rgb,z-depth
+  nerf-train render lego.nerf -o orbit.gif --orbit 60 --width 200 --background red
+  nerf-train render lego.nerf -o path.gif --path lego_200x200.npz --outputs rgb,z-depth
+  nerf-train render lego.nerf -o frames/ --orbit 120 --transparent
+  nerf-train render lego.nerf -o view.png --antialias 64 --aperture 0.1 --focus 4 --tone-map filmic
+  nerf-train render lego.nerf -o view.png --pose 1,0,0,0,0,1,0,0,0,0,1,4 --focal 277")]
+pub struct Render {
+    /// The blob.
+    file: PathBuf,
+    /// The picture (.png, .exr), video (.gif, .mp4) or folder of frames to write.
+    #[arg(long, short, value_name = "PATH")]
+    output: PathBuf,
+    /// Upper three rows of the camera-to-world matrix, row by row (looks down −Z, +Y up).
+    #[arg(
+        long,
+        value_name = "M,M,…",
+        allow_hyphen_values = true,
+        value_parser = parse_numbers::<12>,
+        group = "what"
+    )]
+    pose: Option<[f32; 12]>,
+    /// Data set whose camera --view is taken.
+    #[arg(long, value_name = "DATA", groups = ["what", "dataset"])]
+    data: Option<PathBuf>,
+    /// Video of a data set's test path: its test poses in order, or the cameras of another --split.
+    #[arg(long, value_name = "DATA", groups = ["what", "dataset"])]
+    path: Option<PathBuf>,
+    /// Split of the data set [default: val with --data, test with --path].
+    #[arg(long, value_enum, requires = "dataset")]
+    split: Option<Split>,
+    /// View of the split, counted from 0.
+    #[arg(long, value_name = "I", default_value_t = 0, requires = "data")]
+    view: usize,
+    /// Video of a full circle around the scene in so many frames, at most a million.
+    #[arg(long, value_name = "FRAMES", group = "what")]
+    orbit: Option<usize>,
+    /// Height of the orbit above the scene's middle, degrees.
+    #[arg(long, value_name = "DEG", default_value_t = 25.0, allow_hyphen_values = true)]
+    elevation: f32,
+    /// Radius of the orbit, world units [default: half way between near and far].
+    #[arg(long, value_name = "R")]
+    radius: Option<f32>,
+    /// World axis that is up in an orbit.
+    #[arg(long, value_enum, value_name = "AXIS", default_value = "z", allow_hyphen_values = true)]
+    up: UpAxis,
+    /// Frames a second of a video.
+    #[arg(long, value_name = "N", default_value_t = 20.0)]
+    fps: f64,
+    /// Width, pixels [default: the data set's view, or 400].
+    #[arg(long, value_name = "N")]
+    width: Option<u32>,
+    /// Height, pixels [default: the data set's view, or the width].
+    #[arg(long, value_name = "N")]
+    height: Option<u32>,
+    /// Focal length, pixels [default: the data set's view, or a field of view of 40 degrees].
+    #[arg(long, value_name = "F")]
+    focal: Option<f32>,
+    /// What to write.
+    #[arg(long, value_enum, value_delimiter = ',', default_value = "rgb")]
+    outputs: Vec<Output>,
+    /// What is behind the scene: black, white, red, #RRGGBB or R,G,B (0 to 255) [default: the blob's own].
+    #[arg(long, value_name = "COLOUR", value_parser = parse_background)]
+    background: Option<[f32; 3]>,
+    /// Write colour as PNGs with straight alpha instead of over a background: a view, or a folder of
+    /// frames.
+    #[arg(long, conflicts_with_all = ["background", "exposure", "tone_map", "linear"])]
+    transparent: bool,
+    /// Bins whose finer ripples normals do not show; 0 for the density's gradient itself.
+    #[arg(long, value_name = "BINS", default_value_t = Plan::NORMAL_BLUR)]
+    normal_blur: f32,
+    #[command(flatten)]
+    mp4: Mp4Options,
+    #[command(flatten)]
+    quality: QualityOptions,
+    #[command(flatten)]
+    effects: EffectOptions,
+    #[command(flatten)]
+    data_options: DataOptions,
+}
+
+/// What a pixel of a frame takes: all of its values, and those of its tile.
+const BYTES_PER_PIXEL: u64 = 40 + 60;
+/// What it takes for each output: its colour as f32 and as bytes, twice, and these encoded; of a film, two frames a
+/// thread wait.
+const BYTES_PER_OUTPUT: u64 = 2 * (12 + 4) + 8;
+
+/// The range of the colours of a distance, world units.
+type Ranges = Vec<(Output, (f32, f32))>;
+
+impl Output {
+    fn is_distance(self) -> bool {
+        matches!(self, Self::RayDistance | Self::ZDepth | Self::MedianDistance)
+    }
+
+    /// What is appended to the name of a further file.
+    fn suffix(self) -> &'static str {
+        match self {
+            Self::Rgb | Self::All => "rgb",
+            Self::Opacity => "opacity",
+            Self::RayDistance => "ray_distance",
+            Self::ZDepth => "z_depth",
+            Self::MedianDistance => "median_distance",
+            Self::Normals => "normals",
+        }
+    }
+}
+
+impl Render {
+    /// Runs the command.
+    pub fn run(&self, global: &Global) -> anyhow::Result<ExitCode> {
+        let target = self.target()?;
+        self.claims(&target).settle()?;
+        let bytes = read_file(&self.file)?;
+        let blob = open_blob(&self.file, &bytes)?;
+        let cameras = self.cameras(&blob, global)?;
+        self.check_memory(&cameras)?;
+        let kernel = global.kernel();
+        let plan = Plan::new(&blob, &self.quality.quality(), self.wanted(), Batch::FULL)
+            .and_then(|plan| plan.with_normal_blur(self.normal_blur))
+            .and_then(|plan| self.data_options.range_of(plan))
+            .map(|plan| self.quality.bins_of(plan, WhichBins::Whole))
+            .with_context(|| self.file.display().to_string())?;
+        let plan = match self.background {
+            Some(background) => plan.with_background(background)?,
+            None if self.transparent => plan.with_background([0.0; 3])?,
+            None => plan,
+        };
+        let plan = self.effects.in_light(plan, self.is_exr())?;
+        let mut memory = vec![Line::UNINIT; Renderer::prepared_lines(&blob, kernel)];
+        let renderer = Renderer::new(blob, kernel, &mut memory)?;
+
+        let start = Instant::now();
+        let mut counters = Counters::default();
+        let note = Note::new("interrupted before the first view");
+        let ranges = self.ranges(&renderer, &plan, &cameras, global)?;
+        let writers = self.outputs().into_iter().map(|output| {
+            let range = ranges.iter().find(|(of, _)| *of == output).map(|&(_, range)| range);
+            self.writer(&target, output, range)
+        });
+        let mut writers = writers.collect::<anyhow::Result<Vec<_>>>()?;
+        let mut progress = Progress::new("render", Total::Steps(cameras.len() as u64), global.style());
+        for (i, camera) in cameras.iter().enumerate() {
+            note.say(format!(
+                "interrupted after {i} of {} views; {}",
+                cameras.len(),
+                target.left(&self.output)
+            ));
+            let frame = frame::render(&renderer, &plan, camera)?;
+            counters += frame.counters;
+            for writer in &mut writers {
+                writer.push(&frame)?;
+            }
+            progress.update(i as u64 + 1, &Message::default());
+        }
+        let mut files = Vec::new();
+        for writer in writers {
+            files.extend(writer.finish(global)?);
+        }
+        progress.finish(match cameras.len() {
+            1 => "1 view".to_owned(),
+            count => format!("{count} views"),
+        });
+        if let Target::Gif(Err(why)) = &target {
+            say_no_mp4(global, why, &self.output);
+        }
+
+        let rays = counters.rays.max(1) as f64;
+        let size = cameras.first().map(|camera| *camera.intrinsics());
+        let mut summary = Summary::new();
+        summary
+            .texts("files", files.iter().map(|file| file.display().to_string()))
+            .integer("frames", cameras.len() as u64)
+            .integer("width_px", size.map_or(0, |size| u64::from(size.width)))
+            .integer("height_px", size.map_or(0, |size| u64::from(size.height)))
+            .number("total_seconds", start.elapsed().as_secs_f64())
+            .number("density_evaluations_per_ray", counters.density_evaluations as f64 / rays)
+            .number("colour_evaluations_per_ray", counters.colour_evaluations as f64 / rays)
+            .number("normal_evaluations_per_ray", counters.normal_evaluations as f64 / rays)
+            .integer("invalid_samples", counters.invalid_samples);
+        for (output, (near, far)) in &ranges {
+            summary.numbers_f32(&format!("{}_range", output.suffix()), &[*near, *far]);
+        }
+        global.finish(&summary, || {
+            for file in &files {
+                outln!("{}", file.display());
+            }
+            Ok(())
+        })?;
+        Ok(ExitCode::SUCCESS)
+    }
+
+    /// One range of colours for all frames of a video, by output, world units.
+    ///
+    /// From a coarse pass, a sixteenth of the work, so that no frame must be kept until the last is there.
+    fn ranges(
+        &self,
+        renderer: &Renderer<'_>,
+        plan: &Plan<'_>,
+        cameras: &[Camera],
+        global: &Global,
+    ) -> anyhow::Result<Ranges> {
+        let distances: Vec<Output> =
+            self.outputs().into_iter().filter(|output| output.is_distance()).collect();
+        if distances.is_empty() || !self.is_sequence() {
+            return Ok(Ranges::new());
+        }
+        let total = Total::Steps(cameras.len() as u64);
+        let mut progress = Progress::new("range of distances", total, global.style());
+        let mut opacity = Vec::new();
+        let mut values = vec![Vec::new(); distances.len()];
+        for (i, camera) in cameras.iter().enumerate() {
+            let frame = frame::render(renderer, plan, &shots::coarse(camera)?)?;
+            opacity.extend_from_slice(&frame.opacity);
+            for (output, values) in distances.iter().zip(&mut values) {
+                values.extend_from_slice(match output {
+                    Output::ZDepth => &frame.z_depth,
+                    Output::MedianDistance => &frame.median_distance,
+                    _ => &frame.ray_distance,
+                });
+            }
+            progress.update(i as u64 + 1, &Message::default());
+        }
+        progress.finish(format!("{} coarse views", cameras.len()));
+        // Where nothing is solid no colour is shown, but the legend must not change from frame to frame.
+        let range = |values: &Vec<f32>| robust_range(values, &opacity).unwrap_or((0.0, 1.0));
+        Ok(distances.into_iter().zip(values.iter().map(range)).collect())
+    }
+
+    /// What to write, in order.
+    fn outputs(&self) -> Vec<Output> {
+        match self.outputs.contains(&Output::All) {
+            true => vec![
+                Output::Rgb,
+                Output::Opacity,
+                Output::RayDistance,
+                Output::ZDepth,
+                Output::MedianDistance,
+                Output::Normals,
+            ],
+            // Each once: it has one file.
+            false => self.outputs.iter().fold(Vec::new(), |mut outputs, output| {
+                if !outputs.contains(output) {
+                    outputs.push(*output);
+                }
+                outputs
+            }),
+        }
+    }
+
+    /// Refuses what does not fit: a frame on its way to its files, and the distances that a video's range is of.
+    fn check_memory(&self, cameras: &[Camera]) -> anyhow::Result<()> {
+        let pixels = |camera: &Camera| {
+            let size = camera.intrinsics();
+            u64::from(size.width) * u64::from(size.height)
+        };
+        let Some(largest) = cameras.iter().max_by_key(|camera| pixels(camera)) else { return Ok(()) };
+        let size = largest.intrinsics();
+        let what = format!("a picture of {}x{} pixels", size.width, size.height);
+        let each = BYTES_PER_PIXEL + BYTES_PER_OUTPUT * self.outputs().len() as u64;
+        memory::check(what, pixels(largest), each, "choose a smaller --width")?;
+        let distances = self.outputs().into_iter().filter(|output| output.is_distance()).count() as u64;
+        if distances > 0 && self.is_sequence() {
+            let coarse = shots::coarse(largest).map_or(0, |camera| pixels(&camera)) * cameras.len() as u64;
+            let what = format!("the range of distances of {} frames", cameras.len());
+            memory::check(what, coarse, 2 * 4 * (1 + distances), "choose fewer frames, or colour alone")?;
+        }
+        Ok(())
+    }
+
+    fn wanted(&self) -> Outputs {
+        let outputs = self.outputs();
+        let has = |output| outputs.contains(&output);
+        Outputs {
+            rgb: has(Output::Rgb),
+            opacity: true,
+            ray_distance: has(Output::RayDistance),
+            z_depth: has(Output::ZDepth),
+            median_distance: has(Output::MedianDistance),
+            normals: has(Output::Normals),
+        }
+    }
+}

@@ -1,0 +1,217 @@
+//! `nerf-train study`
+
+mod train;
+
+use super::common::{DataOptions, Global, background_name, cpu_name, open_blob, read_file, tell};
+use super::eval::Split;
+use super::places;
+use crate::data::View;
+use crate::data::system::output::claims::Claims;
+use crate::data::system::output::write_atomic;
+use crate::data::system::progress::{Message, Progress, Total};
+use crate::fit::run::spread;
+use crate::lab::study::{Effort, Findings, Progressed, SPAN_LOSS_DB, Setting, Study as Measured, front_of};
+use crate::measure::bench::Lab;
+use crate::measure::bench::source::unrounded;
+use crate::measure::point::Clock;
+use anyhow::bail;
+use clap::{Args, Subcommand};
+use std::path::{Path, PathBuf};
+use std::process::ExitCode;
+use std::time::{Duration, Instant};
+
+/// Occupancy grids that the network is asked for: cells along the longest side, density times bin width.
+const OCCUPANCIES: [(u16, f32); 5] = [(32, 0.01), (64, 0.01), (96, 0.01), (96, 0.1), (128, 0.01)];
+
+/// Measure what accuracy costs in time: every shortcut on its own, combinations, and the Pareto front.
+///
+/// Errors are against the pictures of DATA and against the exact rendering: every sample inside the scene
+/// box, no cuts, f32. The front can be written into the blob, so that a renderer can be asked for a loss.
+#[derive(Debug, Args)]
+#[command(
+    after_help = "Example: nerf-train study lego.nerf lego_200x200.npz --report out/study -o lego_front.nerf"
+)]
+#[command(args_conflicts_with_subcommands = true, subcommand_negates_reqs = true)]
+pub struct Study {
+    #[command(subcommand)]
+    of: Option<Of>,
+    /// The blob.
+    #[arg(required = true)]
+    file: Option<PathBuf>,
+    /// The data set.
+    #[arg(required = true)]
+    data: Option<PathBuf>,
+    /// Folder for points.csv, report.md, the plot of the front, pictures of its ends, summary.json.
+    #[arg(long, value_name = "DIR")]
+    report: Option<PathBuf>,
+    /// The points.csv of another study, for example of another network on the same data: its front is drawn beside.
+    #[arg(long, value_name = "CSV", requires = "report")]
+    beside: Vec<PathBuf>,
+    /// Write the blob with its front here.
+    #[arg(long, short, value_name = "FILE")]
+    output: Option<PathBuf>,
+    /// Write the front into the blob itself.
+    #[arg(long, conflicts_with = "output")]
+    write: bool,
+    /// Which views.
+    #[arg(long, value_enum, default_value = "val")]
+    split: Split,
+    /// At most so many views, spread over the split.
+    #[arg(long, value_name = "N", default_value_t = 10)]
+    views: usize,
+    /// Views that times are taken on, spread over those.
+    #[arg(long, value_name = "N", default_value_t = 2)]
+    timing_views: usize,
+    /// Rounds of timing, if time allows.
+    #[arg(long, value_name = "N", default_value_t = 4)]
+    repeats: usize,
+    /// No further round of timing begins that would end later than so many minutes from the start. What is
+    /// measured does not depend on it, only how often it is timed.
+    #[arg(long, value_name = "M", default_value_t = 15.0)]
+    minutes: f64,
+    /// What the front over time goes by: wall, or cpu (steadier on a machine that others use too).
+    #[arg(long, value_enum, default_value = "wall")]
+    clock: Clock,
+    /// The checkpoint the blob was imported from: adds the row of f32 weights.
+    #[arg(long, value_name = "CKPT")]
+    source: Option<PathBuf>,
+    /// Ask the network for no other occupancy grids.
+    #[arg(long)]
+    no_other_occupancy: bool,
+    #[command(flatten)]
+    data_options: DataOptions,
+}
+
+/// What else can be studied.
+#[derive(Debug, Subcommand)]
+enum Of {
+    Train(train::StudyTrain),
+}
+
+impl Study {
+    /// Runs the command.
+    pub fn run(&self, global: &Global) -> anyhow::Result<ExitCode> {
+        match (&self.of, &self.file, &self.data) {
+            (Some(Of::Train(train)), ..) => train.run(global),
+            (None, Some(file), Some(data)) => self.measure(file, data, global),
+            // The parser lets nothing else through.
+            _ => bail!("expected FILE and DATA, found neither"),
+        }
+    }
+
+    fn measure(&self, file: &Path, data: &Path, global: &Global) -> anyhow::Result<ExitCode> {
+        for (flag, count) in
+            [("--views", self.views), ("--timing-views", self.timing_views), ("--repeats", self.repeats)]
+        {
+            if count == 0 {
+                bail!("{flag}: expected at least 1, found 0");
+            }
+        }
+        if !(self.minutes.is_finite() && self.minutes > 0.0) {
+            bail!("--minutes: expected a number above 0, found {}", self.minutes);
+        }
+        if global.kernel.is_some() {
+            bail!(
+                "--kernel: a study compares all kernels of this machine; expected none (or no NERF_KERNEL)"
+            );
+        }
+        let start = Instant::now();
+        places::check_report(self.report.as_ref())?;
+        let output = if self.write { Some(file) } else { self.output.as_deref() };
+        let mut claims = Claims::new()
+            .reads_data(data)
+            .reads_if("the checkpoint", self.source.as_deref())
+            .writes_folder_if("--report", self.report.as_deref(), &places::STUDY);
+        if let Some(output) = output {
+            claims = claims.writes(if self.write { "--write" } else { "-o" }, output);
+        }
+        // With --write the blob is meant to be replaced.
+        if !self.write {
+            output.map_or(Ok(()), |output| places::check_extension("-o", output, places::BLOB))?;
+            claims = claims.reads("the blob", file);
+        }
+        for table in &self.beside {
+            claims = claims.reads("the table", table);
+        }
+        let beside: Result<Vec<_>, _> = self.beside.iter().map(|table| front_of(table, self.clock)).collect();
+        let beside = beside?;
+        claims.settle()?;
+        let bytes = read_file(file)?;
+        let blob = open_blob(file, &bytes)?;
+        let mut lab = Lab::new(&bytes)?;
+        if let Some(source) = &self.source {
+            lab.set_source(unrounded(source, &blob)?);
+        }
+        let dataset = self.data_options.read_for(data, &blob, global)?;
+        let split = self.split.of(&dataset);
+        let views: Vec<&View> = spread(split, self.views);
+        if views.is_empty() {
+            bail!("{}: the split `{}` has no views", data.display(), self.split.name());
+        }
+        if !self.no_other_occupancy && lab.has_occupancy(0) {
+            global.say("asking the network which cells hold something, for other occupancy grids");
+            for (resolution, threshold) in OCCUPANCIES {
+                lab.add_occupancy(resolution, threshold)?;
+            }
+        }
+        lab.add_int8()?;
+        let effort = Effort {
+            timing_views: self.timing_views,
+            repeats: self.repeats,
+            limit: Duration::from_secs_f64((60.0 * self.minutes).min(1e9)),
+            clock: self.clock,
+        };
+        let mut shown: Option<(String, Progress)> = None;
+        let study = Measured::run(&lab, views, effort, start, &mut |progressed: Progressed<'_>| {
+            let Progressed { pass, done, total } = progressed;
+            if shown.as_ref().is_none_or(|(name, _)| name != pass) {
+                let progress = Progress::new(pass, Total::Steps(total), global.style());
+                shown = Some((pass.to_owned(), progress));
+            }
+            if let Some((_, progress)) = &mut shown {
+                progress.update(done, &Message::default());
+            }
+        })?;
+        let findings = Findings::of(&study);
+        let setting = Setting {
+            blob: file.display().to_string(),
+            data: &dataset.name,
+            split: self.split.name(),
+            background: background_name(study.background),
+            cpu: cpu_name(),
+            seconds: start.elapsed().as_secs_f64(),
+            beside,
+        };
+        if let Some(folder) = &self.report {
+            findings.write(&setting, folder)?;
+        }
+        if let Some(output) = output {
+            write_atomic(output, &lab.with_front(study.front_points())?)?;
+        }
+        if study.rounds_left_out > 0 {
+            tell(&format!(
+                "note: {} rounds of timing left out: --minutes {}",
+                study.rounds_left_out, self.minutes
+            ));
+        }
+        let mut summary = findings.summary(&setting);
+        if let Some(output) = output {
+            summary.text("blob", output.display().to_string());
+        }
+        global.finish(&summary, || {
+            outlines!(findings.short_table(&findings.front).to_text());
+            if let Some((span, point)) = findings.span(|_| true) {
+                let label = &study.points[point].label;
+                outln!("within {SPAN_LOSS_DB} dB of exact, {span:.1} times faster: {label}");
+            }
+            if let Some(folder) = &self.report {
+                outln!("report: {}", folder.join("report.md").display());
+            }
+            if let Some(output) = output {
+                outln!("wrote {} with a front of {} points", output.display(), findings.blob_front.len());
+            }
+            Ok(())
+        })?;
+        Ok(ExitCode::SUCCESS)
+    }
+}

@@ -1,0 +1,162 @@
+//! A picture file, decoded whole or refused.
+
+use crate::data::system::input::{MAX_PICTURE_BYTES, read_limited};
+use image::{DynamicImage, ImageDecoder, ImageFormat, ImageReader, metadata::Orientation};
+use std::io::{BufReader, Cursor, Read};
+use std::path::{Path, PathBuf};
+use zune_jpeg::errors::DecodeErrors;
+use zune_jpeg::zune_core::options::DecoderOptions;
+
+/// Most pixels of a picture, 16,384 × 16,384: a few bytes of header may ask for any number.
+const MAX_PIXELS: u64 = 1 << 28;
+
+/// What says of a file whether it is HEIF, bytes.
+const HEAD_BYTES: u64 = 12;
+
+/// What to do with the pictures of telephones that are not decoded.
+pub(crate) const HEIF_ADVICE: &str = "turn them into JPEG first, with `heif-convert a.heic a.jpg` (libheif) or `magick mogrify -format jpg *.heic`";
+
+/// A picture file that cannot be decoded.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum DecodeError {
+    /// The file cannot be read.
+    #[error("cannot read {file}: {source}")]
+    Read {
+        /// The file.
+        file: PathBuf,
+        /// What the system said.
+        source: std::io::Error,
+    },
+    /// Its content is none of the formats that are read.
+    #[error("{file}: expected a PNG, JPEG, WebP, TIFF, BMP or GIF picture, found another kind of file")]
+    Format {
+        /// The file.
+        file: PathBuf,
+    },
+    /// It is an HEIF or AVIF picture, which is not decoded here.
+    #[error(
+        "{file}: expected a PNG, JPEG, WebP, TIFF, BMP or GIF picture, found HEIF (HEIC) or AVIF; {HEIF_ADVICE}"
+    )]
+    Heif {
+        /// The file.
+        file: PathBuf,
+    },
+    /// It is damaged, or of a kind that its format's decoder does not know.
+    #[error("{file}: expected a whole picture, found: {found}")]
+    Damaged {
+        /// The file.
+        file: PathBuf,
+        /// What the decoder said.
+        found: String,
+    },
+}
+
+/// Decodes a picture of any bit depth and channel count, as it is stored, with its EXIF orientation.
+///
+/// The format is told from the content, whatever the extension says.
+///
+/// # Errors
+/// [`DecodeError`] names the file. A JPEG that ends early or whose data is damaged is refused too: most
+/// decoders fill the rest with grey and say nothing.
+pub fn decode(file: &Path) -> Result<(DynamicImage, Orientation), DecodeError> {
+    let bytes = read_limited(file, MAX_PICTURE_BYTES)
+        .map_err(|source| DecodeError::Read { file: file.into(), source })?;
+    let damaged = |found: String| DecodeError::Damaged { file: file.into(), found };
+    if is_heif(&bytes) {
+        return Err(DecodeError::Heif { file: file.into() });
+    }
+    let format = image::guess_format(&bytes).map_err(|_| DecodeError::Format { file: file.into() })?;
+    if !format.reading_enabled() {
+        return Err(DecodeError::Format { file: file.into() });
+    }
+    let picture = |bytes: &[u8]| -> Result<_, String> {
+        let text = |error: image::ImageError| error.to_string();
+        let mut decoder =
+            ImageReader::with_format(Cursor::new(bytes), format).into_decoder().map_err(text)?;
+        // What follows allocates all that the header asks for.
+        let (width, height) = decoder.dimensions();
+        if u64::from(width) * u64::from(height) > MAX_PIXELS {
+            return Err(format!("{width}x{height} pixels, where at most {MAX_PIXELS} are read"));
+        }
+        if format == ImageFormat::Jpeg {
+            check_jpeg(bytes)?;
+        }
+        // A tag that cannot be read is no reason to refuse the picture.
+        let orientation = decoder.orientation().unwrap_or(Orientation::NoTransforms);
+        Ok((DynamicImage::from_decoder(decoder).map_err(text)?, orientation))
+    };
+    picture(&bytes).map_err(damaged)
+}
+
+/// Whether a file begins as those of the HEIF family do: a box `ftyp` of one of their brands.
+/// Width and height of a picture as it is stored, from its header, pixels.
+///
+/// # Errors
+/// [`DecodeError`] names the file.
+pub fn dimensions(file: &Path) -> Result<(u32, u32), DecodeError> {
+    let unread = |source| DecodeError::Read { file: file.into(), source };
+    let mut head = Vec::new();
+    let opened = || std::fs::File::open(file).map_err(unread);
+    opened()?.take(HEAD_BYTES).read_to_end(&mut head).map_err(unread)?;
+    if is_heif(&head) {
+        return Err(DecodeError::Heif { file: file.into() });
+    }
+    let reader = ImageReader::new(BufReader::new(opened()?)).with_guessed_format().map_err(unread)?;
+    if reader.format().is_none() {
+        return Err(DecodeError::Format { file: file.into() });
+    }
+    let damaged =
+        |found: image::ImageError| DecodeError::Damaged { file: file.into(), found: found.to_string() };
+    reader.into_dimensions().map_err(damaged)
+}
+
+fn is_heif(bytes: &[u8]) -> bool {
+    const BRANDS: [&[u8; 4]; 10] =
+        [b"heic", b"heix", b"heim", b"heis", b"hevc", b"hevx", b"mif1", b"msf1", b"avif", b"avis"];
+    bytes.get(4..8) == Some(b"ftyp")
+        && bytes.get(8..12).is_some_and(|brand| BRANDS.iter().any(|b| *b == brand))
+}
+
+/// Decodes a JPEG once more, strictly.
+fn check_jpeg(bytes: &[u8]) -> Result<(), String> {
+    let options = DecoderOptions::default()
+        .set_strict_mode(true)
+        .set_max_width(usize::from(u16::MAX))
+        .set_max_height(usize::from(u16::MAX));
+    match zune_jpeg::JpegDecoder::new_with_options(Cursor::new(bytes), options).decode() {
+        Ok(_) => Ok(()),
+        // Against the letter of the standard, but nothing is lost.
+        Err(DecodeErrors::FormatStatic(text)) if text.contains("Extra bytes between headers") => Ok(()),
+        Err(error) => Err(format!("{error:?}")),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// The header of a BMP of 24 bits a pixel, and nothing behind it.
+    fn bmp(width: i32, height: i32) -> Vec<u8> {
+        let sizes = [54i32, 40, width, height].map(i32::to_le_bytes).concat();
+        [&b"BM\x36\0\0\0\0\0\0\0"[..], &sizes, &[1, 0, 24, 0], &[0; 24]].concat()
+    }
+
+    #[test]
+    fn pictures_of_a_few_bytes_take_no_memory_on_their_headers_word() {
+        let folder = tempfile::tempdir().expect("a folder");
+        for (width, height, expected) in [
+            (1 << 14, (1 << 14) + 1, "16384x16385 pixels"),
+            (60_000, 60_000, "60000x60000 pixels"),
+            (1, 1, ""),
+        ] {
+            let file = folder.path().join("picture.png");
+            std::fs::write(&file, bmp(width, height)).expect("room");
+            let error = decode(&file).expect_err("a picture without pixels").to_string();
+            assert!(
+                error.contains("picture.png: expected a whole picture") && error.contains(expected),
+                "{error}"
+            );
+        }
+    }
+}

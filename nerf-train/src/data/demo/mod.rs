@@ -1,0 +1,194 @@
+//! A small scene of this crate's own, with exact pictures and distances.
+//!
+//! Shapes on a plinth on nothing: checkers, stripes and marble, soft shadows, and highlights that
+//! move with the camera, so that a field fitted to it needs its direction branch. It fits into
+//! the box [−1, 1]³, needs no download and has no licence but this crate's. All of it is computed:
+//! the same spec gives the same bytes.
+
+mod shade;
+mod shapes;
+
+use crate::data::{Axes, Background, Dataset, Format, View};
+use glam::{DVec3, Vec3};
+use nerf_core::camera::{Camera, CameraError, Intrinsics, Lens, Pose, SceneBox};
+use rayon::prelude::*;
+
+/// Subsamples along each side of a pixel.
+const SIDE: u32 = 3;
+
+/// The box the scene fits in.
+pub const SCENE_BOX: SceneBox = SceneBox { min: Vec3::NEG_ONE, max: Vec3::ONE };
+
+/// How the scene is photographed.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct DemoSpec {
+    /// Number of training views.
+    pub train: u32,
+    /// Number of validation views, between the training views.
+    pub val: u32,
+    /// Side of the square pictures, pixels.
+    pub size: u32,
+    /// Distance of the cameras from the origin, world units; above √3, outside of the box.
+    pub radius: f32,
+    /// Focal length over the picture's side; 1.3 shows the whole scene at the default radius.
+    pub focal: f32,
+}
+
+impl Default for DemoSpec {
+    fn default() -> Self {
+        Self { train: 60, val: 8, size: 128, radius: 3.2, focal: 1.3 }
+    }
+}
+
+impl DemoSpec {
+    /// A camera at `azimuth` (radians from +X to +Y) and at the height `z` on the unit sphere.
+    ///
+    /// # Errors
+    /// As [`Camera::new`]: an empty picture, a focal length or a radius that is not positive.
+    pub fn camera(&self, azimuth: f32, z: f32) -> Result<Camera, CameraError> {
+        let z = z.clamp(-0.999, 0.999);
+        let (sin, cos) = azimuth.sin_cos();
+        let across = (1.0 - z * z).sqrt();
+        let eye = self.radius * Vec3::new(across * cos, across * sin, z);
+        let pose = Pose::look_at(eye, Vec3::ZERO, Vec3::Z).ok_or(CameraError::PoseNotFinite)?;
+        let intrinsics = Intrinsics::centred(self.size, self.size, self.focal * self.size as f32);
+        Camera::new(intrinsics, Lens::NONE, pose)
+    }
+
+    /// `count` cameras on a golden spiral from a little below the plinth to nearly overhead.
+    fn spiral(&self, count: u32, phase: f32) -> Result<Vec<Camera>, CameraError> {
+        const GOLDEN_ANGLE: f32 = 2.399_963;
+        let at = |i: u32| {
+            let share = (i as f32 + 0.5) / count as f32;
+            self.camera(phase + GOLDEN_ANGLE * i as f32, -0.35 + 1.27 * share)
+        };
+        (0..count).map(at).collect()
+    }
+}
+
+/// Photographs the scene.
+///
+/// # Errors
+/// As [`DemoSpec::camera`].
+pub fn dataset(spec: &DemoSpec) -> Result<Dataset, CameraError> {
+    let shoot = |split: &str, cameras: Vec<Camera>| -> Vec<View> {
+        let views = cameras.into_par_iter().enumerate();
+        let view = |(i, camera)| View {
+            name: format!("{split}/{i:03}"),
+            camera,
+            pixels: render(&camera),
+            mask: None,
+            near: 0.0,
+        };
+        views.map(view).collect()
+    };
+    let (train, val) = (spec.spiral(spec.train, 0.0)?, spec.spiral(spec.val, 1.1)?);
+    // Every corner of the box is between these from every camera.
+    let reach = 3.0f32.sqrt();
+    Ok(Dataset {
+        name: "demo".into(),
+        format: Format::Demo,
+        axes: Axes::Opengl,
+        train: shoot("train", train),
+        val: shoot("val", val),
+        test: Vec::new(),
+        test_path: Vec::new(),
+        near: Some((spec.radius - reach).max(0.0)),
+        far: Some(spec.radius + reach),
+        background: Background::Alpha,
+        points: Vec::new(),
+        origin: [0.0; 3],
+        notes: Vec::new(),
+        warnings: Vec::new(),
+    })
+}
+
+/// What a single ray meets.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Hit {
+    /// World units along the ray.
+    pub ray_distance: f32,
+    /// World units along the camera's view axis.
+    pub z_depth: f32,
+    /// Outward unit normal, world space.
+    pub normal: Vec3,
+    /// Display-encoded sRGB in [0, 1].
+    pub rgb: [f32; 3],
+}
+
+/// What the ray through the image point `(x, y)` meets, pixels; a pixel's centre is at `+ 0.5`.
+///
+/// Distances are within 1e-5 of the true surface: closed form, or f64 sphere tracing.
+pub fn trace(camera: &Camera, x: f32, y: f32) -> Option<Hit> {
+    let ray = camera.ray(x, y);
+    let (origin, dir) = (ray.origin.as_dvec3(), ray.dir.as_dvec3().normalize());
+    let found = shapes::first(origin, dir)?;
+    let point = origin + dir * found.t;
+    Some(Hit {
+        ray_distance: found.t as f32,
+        z_depth: (found.t * f64::from(camera.z_per_distance(&ray))) as f32,
+        normal: found.normal.as_vec3(),
+        rgb: shade::colour(found.shape, point, found.normal, dir),
+    })
+}
+
+/// Everything that is known of one picture, each `[height * width]` row by row.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Truth {
+    /// Straight-alpha sRGB, averaged over 3×3 subsamples in display space.
+    pub rgba: Vec<[u8; 4]>,
+    /// Along the centre ray, world units; `None` where it meets nothing.
+    pub ray_distance: Vec<Option<f32>>,
+    /// Along the view axis for the centre ray, world units.
+    pub z_depth: Vec<Option<f32>>,
+    /// Whether every subsample meets the scene: no edge against the background.
+    pub opaque: Vec<bool>,
+}
+
+/// Renders a picture with its distances.
+pub fn render_truth(camera: &Camera) -> Truth {
+    let centres: Vec<Option<Hit>> = per_pixel(camera, |x, y| trace(camera, x + 0.5, y + 0.5));
+    let rgba = render(camera);
+    Truth {
+        opaque: rgba.iter().map(|pixel| pixel[3] == 255).collect(),
+        rgba,
+        ray_distance: centres.iter().map(|hit| hit.map(|hit| hit.ray_distance)).collect(),
+        z_depth: centres.iter().map(|hit| hit.map(|hit| hit.z_depth)).collect(),
+    }
+}
+
+fn render(camera: &Camera) -> Vec<[u8; 4]> {
+    per_pixel(camera, |x, y| pixel(camera, x, y))
+}
+
+fn per_pixel<T: Send>(camera: &Camera, f: impl Fn(f32, f32) -> T + Sync) -> Vec<T> {
+    let (width, height) = (camera.intrinsics().width, camera.intrinsics().height);
+    let row = |y: u32| (0..width).map(|x| f(x as f32, y as f32)).collect::<Vec<T>>();
+    (0..height).into_par_iter().flat_map_iter(row).collect()
+}
+
+/// The pixel whose top left corner is `(x, y)`.
+fn pixel(camera: &Camera, x: f32, y: f32) -> [u8; 4] {
+    let (mut sum, mut hits) = (Vec3::ZERO, 0u32);
+    for index in 0..SIDE * SIDE {
+        let offset = |i: u32| (i as f32 + 0.5) / SIDE as f32;
+        if let Some(hit) = trace(camera, x + offset(index % SIDE), y + offset(index / SIDE)) {
+            sum += Vec3::from(hit.rgb);
+            hits += 1;
+        }
+    }
+    let byte = |v: f32| (v * 255.0).round().clamp(0.0, 255.0) as u8;
+    let [r, g, b] = (sum / hits.max(1) as f32).to_array().map(byte);
+    [r, g, b, byte(hits as f32 / (SIDE * SIDE) as f32)]
+}
+
+/// Distance from `point` to the nearest surface, world units; negative inside.
+///
+/// For checks of fitted densities and distances.
+pub fn signed_distance(point: Vec3) -> f32 {
+    let point: DVec3 = point.as_dvec3();
+    shapes::SCENE.iter().map(|shape| shape.distance(point)).fold(f64::INFINITY, f64::min) as f32
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,325 @@
+//! Posed pictures, read from the layouts that are in use.
+//!
+//! One file per layout. Each converts to the project's one convention where it reads, so that
+//! nothing behind this module asks where a picture came from: camera-to-world poses that look
+//! down −Z with +Y up, pixel centres at +0.5, `fx fy cx cy` in pixels, straight alpha.
+//!
+//! | path | reader | convention of the file |
+//! | --- | --- | --- |
+//! | `*.npz` with `images_train`, `c2ws_train`, `focal` | [`Format::Cs180`] | OpenCV |
+//! | `*.npz` with `images`, `poses`, `focal` | [`Format::TinyNerf`] | OpenGL |
+//! | a folder (or file of it) with `transforms_train.json` | [`Format::Blender`] | OpenGL |
+//! | a folder with `transforms.json`, or any other `.json` | [`Format::Nerfstudio`] | OpenGL |
+//! | a folder with a COLMAP model in `sparse/0`, `sparse` or itself | [`Format::Colmap`] | OpenCV, world to camera |
+//! | a folder with `poses_bounds.npy` | [`Format::Llff`] | columns down, right, backward |
+//!
+//! Of several that fit a folder the first of transforms, COLMAP, LLFF is read, or the one that [`ReadOptions::layout`]
+//! asks for. The world stays the file's own, except that cameras far from its origin bring that nearer
+//! ([`Dataset::origin`]).
+
+pub(crate) mod bare;
+mod blender;
+pub(crate) mod colmap;
+mod cs180;
+pub mod decode;
+pub mod demo;
+mod error;
+mod files;
+mod folders;
+mod found;
+mod geometry;
+mod layout;
+mod llff;
+pub(crate) mod nearest;
+mod nerfstudio;
+pub(crate) mod npz;
+mod origin;
+mod photo;
+pub mod photograph;
+mod picture;
+mod pose;
+pub mod poses;
+pub mod report;
+pub mod rgb;
+pub mod rgb_error;
+mod scale;
+mod split;
+pub mod system;
+mod tiny_nerf;
+mod transforms;
+mod view;
+mod watch;
+
+pub use error::DatasetError;
+pub use files::files;
+pub use geometry::{LookAt, SceneBounds, frusta_box, scene_bounds};
+pub use layout::Layout;
+pub use origin::origin_in_name;
+pub use report::Report;
+pub use scale::Downscale;
+pub use view::{Background, View, mean_colour, over};
+pub use watch::Watch;
+
+use nerf_core::camera::{BoundsError, Camera, Pose};
+use serde::{Deserialize, Serialize};
+use std::path::Path;
+
+/// Posed pictures of one scene, by split, in the project's conventions.
+#[derive(Clone, Debug)]
+pub struct Dataset {
+    /// What to call the scene: the file's or folder's name.
+    pub name: String,
+    /// The layout it was read from.
+    pub format: Format,
+    /// The convention its poses were taken to be in; behind the reader they are all OpenGL.
+    pub axes: Axes,
+    /// What is fitted; at least one view, unless the data were read for a field that is there ([`ReadOptions::to_fit`]).
+    pub train: Vec<View>,
+    /// What the fit is watched on; may be empty.
+    pub val: Vec<View>,
+    /// What the result is judged on; may be empty.
+    pub test: Vec<View>,
+    /// Poses without pictures, such as `c2ws_test`: a path to render.
+    pub test_path: Vec<Camera>,
+    /// Where rays begin, world units along the ray; `None` where neither file nor caller says.
+    pub near: Option<f32>,
+    /// Where rays end, world units along the ray.
+    pub far: Option<f32>,
+    /// What is behind the scene.
+    pub background: Background,
+    /// Points that are known to lie on surfaces, world units: a reconstruction's sparse ones, or none.
+    pub points: Vec<[f32; 3]>,
+    /// Where the origin of all its coordinates is in the file's own world, which may be too far from its own for f32.
+    pub origin: [f64; 3],
+    /// What was read and how, in sentences.
+    pub notes: Vec<String>,
+    /// What was odd but could be read, in sentences.
+    pub warnings: Vec<String>,
+}
+
+impl Dataset {
+    /// All cameras that have a picture: training, validation, test.
+    pub fn cameras(&self) -> impl Iterator<Item = &Camera> {
+        [&self.train, &self.val, &self.test].into_iter().flatten().map(|view| &view.camera)
+    }
+}
+
+/// The layouts that can be read.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+#[non_exhaustive]
+pub enum Format {
+    /// The `.npz` of the CS180 course.
+    Cs180,
+    /// `tiny_nerf_data.npz` of the original notebook.
+    TinyNerf,
+    /// `transforms_{train,val,test}.json`, as NeRF-synthetic.
+    Blender,
+    /// `transforms.json`, as nerfstudio and instant-ngp write it.
+    Nerfstudio,
+    /// A model of COLMAP.
+    Colmap,
+    /// `poses_bounds.npy`, as LLFF has it.
+    Llff,
+    /// The scene this crate draws itself.
+    Demo,
+}
+
+impl std::fmt::Display for Format {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str(match self {
+            Self::Cs180 => "CS180 npz",
+            Self::TinyNerf => "tiny_nerf npz",
+            Self::Blender => "Blender transforms",
+            Self::Nerfstudio => "nerfstudio transforms",
+            Self::Colmap => "COLMAP model",
+            Self::Llff => "LLFF poses_bounds",
+            Self::Demo => "demo scene",
+        })
+    }
+}
+
+/// Which way a camera of a file looks.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Axes {
+    /// Looks down −Z, +Y up.
+    Opengl,
+    /// Looks down +Z, +Y down.
+    Opencv,
+}
+
+impl Axes {
+    /// The convention that this is not.
+    pub fn other(self) -> Self {
+        match self {
+            Self::Opengl => Self::Opencv,
+            Self::Opencv => Self::Opengl,
+        }
+    }
+
+    /// A pose of this convention in the project's; its own inverse.
+    pub fn to_opengl(self, pose: Pose) -> Pose {
+        let mut pose = pose;
+        if self == Self::Opencv {
+            pose.rotation.y_axis = -pose.rotation.y_axis;
+            pose.rotation.z_axis = -pose.rotation.z_axis;
+        }
+        pose
+    }
+}
+
+impl std::fmt::Display for Axes {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str(match self {
+            Self::Opengl => "opengl",
+            Self::Opencv => "opencv",
+        })
+    }
+}
+
+impl std::str::FromStr for Axes {
+    type Err = String;
+
+    fn from_str(s: &str) -> Result<Self, String> {
+        match s.to_ascii_lowercase().as_str() {
+            "opengl" => Ok(Self::Opengl),
+            "opencv" => Ok(Self::Opencv),
+            _ => Err(format!("axes: expected opengl or opencv, found {s:?}")),
+        }
+    }
+}
+
+/// What the caller knows better than the file.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct ReadOptions {
+    /// Overrides the pose convention that the layout has by custom (`--axes`).
+    pub axes: Option<Axes>,
+    /// Overrides where rays begin, world units.
+    pub near: Option<f32>,
+    /// Overrides where rays end, world units.
+    pub far: Option<f32>,
+    /// No array of an archive may unpack to more than this, bytes; a guard against zip bombs.
+    pub max_array_bytes: u64,
+    /// Whether pictures that a json names outside of its folder are read (`--outside-files`): by `..`, by an absolute
+    /// path, or through a link that leads out.
+    pub outside_files: bool,
+    /// Which layout a folder is read as, where several fit (`--layout`).
+    pub layout: Option<Layout>,
+    /// How much smaller photographs are read than the size of their poses (`--downscale`); those of Blender folders only
+    /// where a factor is given.
+    pub downscale: Downscale,
+    /// Where no list says what is held out: which of every eight photographs, in the order of their names, is.
+    pub hold_offset: usize,
+    /// What all coordinates count from, in the file's own world ([`Dataset::origin`]): that of a blob which the data are
+    /// for. `None`: a point near cameras that are far from the file's origin, else that.
+    pub origin: Option<[f64; 3]>,
+    /// Whether a field is to be fitted: then there must be training views, else views of any split.
+    pub to_fit: bool,
+}
+
+impl Default for ReadOptions {
+    fn default() -> Self {
+        Self {
+            axes: None,
+            near: None,
+            far: None,
+            max_array_bytes: 4 << 30,
+            outside_files: false,
+            layout: None,
+            downscale: Downscale::Auto,
+            hold_offset: 0,
+            origin: None,
+            to_fit: true,
+        }
+    }
+}
+
+/// Reads the data set at `path`: a folder, a `transforms*.json` or a `.npz`.
+///
+/// # Errors
+/// [`DatasetError`] names the file, the field, what was expected and what was found. Pictures
+/// that a json names but that do not exist are no error as long as one training view is left.
+pub fn read(path: &Path, options: &ReadOptions) -> Result<Dataset, DatasetError> {
+    read_watched(path, options, &Watch::default())
+}
+
+/// [`read`], while another thread sees in `watch` how it is getting on.
+///
+/// # Errors
+/// As [`read`].
+pub fn read_watched(path: &Path, options: &ReadOptions, watch: &Watch) -> Result<Dataset, DatasetError> {
+    check_range(options.near, options.far)?;
+    let kind = std::fs::metadata(path).map_err(|source| DatasetError::io(path, source))?;
+    let mut dataset = if kind.is_dir() {
+        layout::read(path, options, watch)?
+    } else if path.extension().is_some_and(|e| e.eq_ignore_ascii_case("json")) {
+        read_json(path, options, watch)?
+    } else {
+        read_npz(path, options)?
+    };
+    let read = [&dataset.train, &dataset.val, &dataset.test];
+    let Some(first) =
+        read.into_iter().take(if options.to_fit { 1 } else { 3 }).find(|views| !views.is_empty())
+    else {
+        return Err(DatasetError::Empty { path: path.into(), warnings: dataset.warnings });
+    };
+    let background = Background::of(first);
+    dataset.near = options.near.or(dataset.near);
+    dataset.far = options.far.or(dataset.far);
+    if check_range(dataset.near, dataset.far).is_err() {
+        let shown = |t: Option<f32>| t.map_or_else(|| "none".into(), |t| t.to_string());
+        return Err(DatasetError::Value {
+            file: path.into(),
+            field: "near, far".into(),
+            expected: "0 <= near < far, both finite".into(),
+            found: format!("near {}, far {}", shown(dataset.near), shown(dataset.far)),
+        });
+    }
+    let archive = matches!(dataset.format, Format::Cs180 | Format::TinyNerf);
+    if archive && !matches!(options.downscale, Downscale::Auto | Downscale::By(1)) {
+        dataset
+            .warnings
+            .push("--downscale changes nothing: the pictures of an .npz are read as they are".into());
+    }
+    dataset.background = background;
+    nearest::set_near(&mut dataset);
+    Ok(dataset)
+}
+
+fn read_json(path: &Path, options: &ReadOptions, watch: &Watch) -> Result<Dataset, DatasetError> {
+    let folder = path.parent().unwrap_or(Path::new(""));
+    let name = path.file_name().and_then(|n| n.to_str()).unwrap_or_default();
+    if blender::is_split_file(name) && (folder.join(blender::TRAIN).is_file() || !options.to_fit) {
+        return blender::read(folder, options, watch);
+    }
+    nerfstudio::read(path, options, watch)
+}
+
+fn read_npz(path: &Path, options: &ReadOptions) -> Result<Dataset, DatasetError> {
+    let mut archive = npz::Archive::open(path, options.max_array_bytes)?;
+    if archive.has("images") && archive.has("poses") && !archive.has("images_train") {
+        tiny_nerf::read(&mut archive, options)
+    } else {
+        cs180::read(&mut archive, options)
+    }
+}
+
+fn check_range(near: Option<f32>, far: Option<f32>) -> Result<(), DatasetError> {
+    let (low, high) = (near.unwrap_or(0.0), far.unwrap_or(f32::MAX));
+    if low >= 0.0 && low < high && high.is_finite() {
+        Ok(())
+    } else {
+        Err(DatasetError::Range(BoundsError::Range { near: low, far: high }))
+    }
+}
+
+/// The scene's name: the file's stem, or the folder's name where the file's says nothing.
+fn scene_name(path: &Path) -> String {
+    let path = std::path::absolute(path).unwrap_or(path.into());
+    let name = if path.is_dir() { path.file_name() } else { path.file_stem() };
+    name.map_or_else(|| "scene".into(), |n| n.to_string_lossy().into_owned())
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,105 @@
+//! Worlds far from their origin, such as GPS coordinates, moved to where 32-bit numbers are fine enough.
+
+use super::{Dataset, ReadOptions};
+use glam::DVec3;
+
+/// The world is moved where its cameras are further from the origin than this many times their distance from their
+/// middle: f32 then rounds positions to 4e-6 of that distance, a hundredth of a pixel.
+const FAR_AWAY: f64 = 64.0;
+
+/// How a name states an origin, in front of its coordinates.
+const STATED: &str = ", origin at (";
+
+/// Which point of the file's world becomes the origin: (0, 0, 0), or near the middle of cameras that are far from it, in
+/// whole units of a power of ten, so that it is exact and does not depend on a single camera.
+pub(super) fn origin(cameras: impl IntoIterator<Item = [f64; 3]>) -> DVec3 {
+    let cameras: Vec<DVec3> =
+        cameras.into_iter().map(DVec3::from).filter(|camera| camera.is_finite()).collect();
+    let low = cameras.iter().copied().fold(DVec3::INFINITY, DVec3::min);
+    let high = cameras.iter().copied().fold(DVec3::NEG_INFINITY, DVec3::max);
+    let (middle, reach) = (0.5 * low + 0.5 * high, 0.5 * (high - low).max_element());
+    if !(reach > 0.0 && middle.length() > FAR_AWAY * reach) {
+        return DVec3::ZERO;
+    }
+    // Powers above 1 are exact: of those below it the inverse is divided by.
+    let exponent = reach.log10().ceil();
+    let rounded = match 10f64.powf(exponent.abs()) {
+        unit if exponent >= 0.0 => (middle / unit).round() * unit,
+        parts => (middle * parts).round() / parts,
+    };
+    if rounded.is_finite() { rounded } else { DVec3::ZERO }
+}
+
+impl ReadOptions {
+    /// What the coordinates of a data set with these cameras count from.
+    pub(super) fn origin_for(&self, cameras: impl IntoIterator<Item = [f64; 3]>) -> DVec3 {
+        self.origin.map_or_else(|| origin(cameras), DVec3::from)
+    }
+}
+
+/// The origin that the name of a data set states, which is how a blob keeps it; (0, 0, 0) where it states none.
+pub fn origin_in_name(name: &str) -> [f64; 3] {
+    let stated = || {
+        let numbers = name.rsplit_once(STATED)?.1.strip_suffix(')')?;
+        let numbers: Option<Vec<f64>> = numbers.split(", ").map(|number| number.parse().ok()).collect();
+        let origin: [f64; 3] = numbers?.try_into().ok()?;
+        origin.iter().all(|v| v.is_finite()).then_some(origin)
+    };
+    stated().unwrap_or_default()
+}
+
+impl Dataset {
+    /// The data set with all it holds counted from `origin`, as its reader has done; says so, also in the name, which a
+    /// blob keeps.
+    pub(super) fn counted_from(mut self, origin: DVec3) -> Self {
+        if origin == DVec3::ZERO {
+            return self;
+        }
+        let DVec3 { x, y, z } = origin;
+        self.name = format!("{}{STATED}{x}, {y}, {z})", self.name);
+        self.notes.push(format!(
+            "the cameras are far from the origin: all coordinates here, and those of a blob, count from ({x}, {y}, {z}) in \
+             the file's world; distances are the file's own"
+        ));
+        self.origin = origin.into();
+        self
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_name_gives_its_origin_back() {
+        let named = |name: &str| {
+            let like = crate::data::demo::DemoSpec { train: 1, val: 0, size: 4, ..Default::default() };
+            Dataset { name: name.into(), ..crate::data::demo::dataset(&like).expect("a scene") }
+        };
+        for origin in [[0.0; 3], [1e6, -2e6, 0.125], [123456.7, 0.1 + 0.2, -4e300]] {
+            for name in ["fox", "a, origin at (1, 2, 3)"] {
+                let moved = named(name).counted_from(origin.into());
+                let expected = if origin == [0.0; 3] { origin_in_name(name) } else { origin };
+                assert_eq!(origin_in_name(&moved.name), expected, "{}", moved.name);
+            }
+        }
+        for name in ["", "fox", "x, origin at (", "x, origin at (1, 2)", "x, origin at (1, 2, inf)"] {
+            assert_eq!(origin_in_name(name), [0.0; 3], "{name}");
+        }
+    }
+
+    #[test]
+    fn only_worlds_far_from_their_origin_are_moved() {
+        let around = |middle: [f64; 3], reach: f64| {
+            [[reach, 0.0, 0.0], [-reach, 0.0, 0.3 * reach]]
+                .map(|p| (DVec3::from(p) + DVec3::from(middle)).into())
+        };
+        for (middle, reach) in [([0.0; 3], 1e-3), ([60.0, 0.0, 0.0], 1.0), ([0.0, 6e4, 0.0], 1e3)] {
+            assert_eq!(origin(around(middle, reach)), DVec3::ZERO, "{middle:?} {reach}");
+        }
+        assert_eq!(origin(around([1e6, -2e6, 3.0], 2.0)), DVec3::new(1e6, -2e6, 0.0));
+        assert_eq!(origin(around([123456.7, 0.0, 0.0], 0.02)), DVec3::new(123456.7, 0.0, 0.0));
+        assert_eq!(origin([[1e6; 3]]), DVec3::ZERO, "one camera has no size");
+        assert_eq!(origin([]), DVec3::ZERO);
+    }
+}

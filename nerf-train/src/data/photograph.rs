@@ -1,0 +1,117 @@
+//! A photograph, read and made ready: upright, opaque, three channels.
+
+use crate::data::decode::{DecodeError, decode};
+use crate::data::rgb::Picture;
+use image::{DynamicImage, imageops::FilterType, metadata::Orientation};
+use std::path::{Path, PathBuf};
+
+/// Longest side of a photograph, pixels: what a blob can name as its size.
+pub const MAX_SIDE: u32 = 65_535;
+
+/// A photograph.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Photo {
+    /// Its file's name.
+    pub name: String,
+    /// Its pixels, display-encoded.
+    pub picture: Picture,
+    /// What was done to it besides decoding, a sentence each.
+    pub notes: Vec<String>,
+}
+
+/// A photograph that cannot be used.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum PhotoError {
+    /// The file cannot be decoded.
+    #[error("{0}")]
+    Decode(#[from] DecodeError),
+    /// A size that no blob can name.
+    #[error("{file}: expected 1 to {MAX_SIDE} pixels a side, found {width}x{height}")]
+    Size {
+        /// The file.
+        file: PathBuf,
+        /// Pixels.
+        width: u32,
+        /// Pixels.
+        height: u32,
+    },
+    /// A scale that leaves nothing, or enlarges.
+    #[error("--scale: expected a number above 0 and at most 1, found {found}")]
+    Scale {
+        /// What was given.
+        found: f64,
+    },
+}
+
+impl Photo {
+    /// Reads a picture of any bit depth and channel count.
+    ///
+    /// It is turned upright as its EXIF tag says, composited over `background` (display-encoded) where it
+    /// is transparent, and reduced to `scale` times its width and height. The format is told from the content.
+    ///
+    /// # Errors
+    /// [`PhotoError`] names the file and what was found in it.
+    pub fn read(file: &Path, background: [f32; 3], scale: f64) -> Result<Self, PhotoError> {
+        if !(scale > 0.0 && scale <= 1.0) {
+            return Err(PhotoError::Scale { found: scale });
+        }
+        let (mut image, orientation) = decode(file)?;
+        let mut notes = Vec::new();
+        if orientation != Orientation::NoTransforms {
+            image.apply_orientation(orientation);
+            notes.push("turned as its EXIF orientation says".to_owned());
+        }
+        let (width, height) = (image.width(), image.height());
+        if !(1..=MAX_SIDE).contains(&width) || !(1..=MAX_SIDE).contains(&height) {
+            return Err(PhotoError::Size { file: file.into(), width, height });
+        }
+        let mut image = composited(image, background, &mut notes);
+        if scale < 1.0 {
+            let side = |side: u32| ((f64::from(side) * scale).round() as u32).max(1);
+            // A triangle as wide as the new pixel: every old pixel counts, nothing rings.
+            image = image.resize_exact(side(width), side(height), FilterType::Triangle);
+            notes.push(format!("reduced from {width}x{height} pixels"));
+        }
+        let rgb = image.into_rgb32f();
+        let picture = Picture {
+            width: rgb.width() as usize,
+            height: rgb.height() as usize,
+            rgb: rgb.pixels().map(|pixel| pixel.0.map(|c| c.clamp(0.0, 1.0))).collect(),
+        };
+        let name = file.file_name().unwrap_or(file.as_os_str()).to_string_lossy().into_owned();
+        Ok(Self { name, picture, notes })
+    }
+
+    /// A checksum of its pixels and size.
+    pub fn fingerprint(&self) -> u64 {
+        const CRC: crc::Crc<u64> = crc::Crc::<u64>::new(&crc::CRC_64_XZ);
+        let mut digest = CRC.digest();
+        digest.update(&(self.picture.width as u64).to_le_bytes());
+        self.picture.rgb.as_flattened().iter().for_each(|c| digest.update(&c.to_le_bytes()));
+        digest.finalize()
+    }
+
+    /// Width and height, pixels.
+    pub fn size(&self) -> [u32; 2] {
+        // Lossless: `read` holds them to `MAX_SIDE`.
+        [self.picture.width as u32, self.picture.height as u32]
+    }
+}
+
+/// The picture without alpha, in f32.
+fn composited(image: DynamicImage, background: [f32; 3], notes: &mut Vec<String>) -> DynamicImage {
+    if !image.color().has_alpha() {
+        return DynamicImage::ImageRgb32F(image.into_rgb32f());
+    }
+    let rgba = image.into_rgba32f();
+    if rgba.pixels().any(|pixel| pixel.0[3] < 1.0) {
+        notes.push("its transparent parts were composited over the background".to_owned());
+    }
+    let (width, height) = rgba.dimensions();
+    DynamicImage::ImageRgb32F(image::ImageBuffer::from_fn(width, height, |x, y| {
+        let [r, g, b, a] = rgba.get_pixel(x, y).0;
+        let over = |c: f32, behind: f32| a * c + (1.0 - a) * behind;
+        image::Rgb([over(r, background[0]), over(g, background[1]), over(b, background[2])])
+    }))
+}

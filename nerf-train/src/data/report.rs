@@ -1,0 +1,233 @@
+//! What is in a data set, and what looks wrong with it.
+
+use super::geometry::bounds;
+use super::transforms::listed;
+use super::{Axes, Background, Dataset, Format, LookAt};
+use crate::data::system::printable::line;
+use glam::DVec3;
+use nerf_core::camera::Camera;
+use serde::Serialize;
+use std::collections::{BTreeMap, BTreeSet, HashMap};
+
+/// Fewer photographs than this are said to be few.
+const FEW: usize = 6;
+
+/// A summary to print or to keep.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+#[non_exhaustive]
+pub struct Report {
+    /// The scene.
+    pub name: String,
+    /// The layout it was read from.
+    pub format: Format,
+    /// The pose convention that its file was read in.
+    pub axes: Axes,
+    /// Number of training views.
+    pub train: usize,
+    /// Number of validation views.
+    pub val: usize,
+    /// Number of test views.
+    pub test: usize,
+    /// Number of poses without pictures.
+    pub test_path: usize,
+    /// Distinct picture sizes.
+    pub sizes: Vec<SizeCount>,
+    /// Smallest and largest `fx` and `fy`, pixels.
+    pub focal: [f32; 2],
+    /// What the cameras look at; `None` with one camera or parallel axes.
+    pub look_at: Option<LookAt>,
+    /// Where rays should begin, world units; `None` where nothing says.
+    pub near: Option<f32>,
+    /// Where rays should end, world units.
+    pub far: Option<f32>,
+    /// Smallest and largest corner of the proposed scene box, world units.
+    pub scene_box: Option<[[f32; 3]; 2]>,
+    /// What is behind the scene.
+    pub background: Background,
+    /// Sparse points that came with it.
+    pub points: usize,
+    /// Cameras that differ in their intrinsics or lens.
+    pub cameras: usize,
+    /// Where the origin of all these coordinates is in the file's own world.
+    pub origin: [f64; 3],
+    /// What was read and how.
+    pub notes: Vec<String>,
+    /// The reader's warnings, then those of this report.
+    pub warnings: Vec<String>,
+}
+
+/// How many pictures have a size.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+pub struct SizeCount {
+    /// Pixels.
+    pub width: u32,
+    /// Pixels.
+    pub height: u32,
+    /// Pictures.
+    pub count: usize,
+}
+
+impl Report {
+    /// Looks a data set over.
+    pub fn of(dataset: &Dataset) -> Self {
+        let cameras: Vec<Camera> = dataset.cameras().copied().collect();
+        let look_at = LookAt::of(&cameras);
+        let bounds = bounds(&cameras, look_at.as_ref(), dataset);
+        let mut sizes = BTreeMap::new();
+        let mut focal = [f32::INFINITY, 0.0f32];
+        for camera in &cameras {
+            let i = camera.intrinsics();
+            *sizes.entry((i.width, i.height)).or_insert(0) += 1;
+            focal = [focal[0].min(i.fx.min(i.fy)), focal[1].max(i.fx.max(i.fy))];
+        }
+        let mut warnings = dataset.warnings.clone();
+        warnings.extend(look_at.and_then(|look_at| axes_warning(&look_at, &cameras, dataset.axes)));
+        warnings.extend(one_place(dataset));
+        if dataset.train.len() < FEW {
+            warnings.push(format!(
+                "photographs to fit: {}; so few leave most of a scene unseen, and what no two of them see is guessed: 30 \
+                 to 100 are usual",
+                dataset.train.len()
+            ));
+        }
+        if bounds.is_none() {
+            warnings.push("the cameras do not tell where the scene is: give --near and --far".into());
+        }
+        let size_count = |((width, height), count)| SizeCount { width, height, count };
+        Self {
+            name: dataset.name.clone(),
+            format: dataset.format,
+            axes: dataset.axes,
+            train: dataset.train.len(),
+            val: dataset.val.len(),
+            test: dataset.test.len(),
+            test_path: dataset.test_path.len(),
+            sizes: sizes.into_iter().map(size_count).collect(),
+            focal,
+            look_at,
+            near: bounds.map(|b| b.near).or(dataset.near),
+            far: bounds.map(|b| b.far).or(dataset.far),
+            scene_box: bounds.map(|b| [b.scene_box.min.into(), b.scene_box.max.into()]),
+            background: dataset.background,
+            points: dataset.points.len(),
+            cameras: distinct(&cameras),
+            origin: dataset.origin,
+            notes: dataset.notes.clone(),
+            warnings,
+        }
+    }
+}
+
+/// Names the views that were taken from exactly one place in one direction: a pose that is there twice.
+fn one_place(dataset: &Dataset) -> Option<String> {
+    let mut seen = HashMap::new();
+    let mut twins = Vec::new();
+    for view in [&dataset.train, &dataset.val, &dataset.test].into_iter().flatten() {
+        let pose =
+            view.camera.pose().to_rows().as_flattened().iter().map(|v| v.to_bits()).collect::<Vec<u32>>();
+        match seen.get(&pose) {
+            Some(first) => twins.push(format!("{} and {first}", view.name)),
+            None => drop(seen.insert(pose, view.name.as_str())),
+        }
+    }
+    let (count, names) = (twins.len(), listed(&twins));
+    (count > 0).then(|| format!("{count} views have the pose of another: {names}"))
+}
+
+/// How many differ in their intrinsics or lens.
+fn distinct(cameras: &[Camera]) -> usize {
+    let key = |camera: &Camera| format!("{:?} {:?}", camera.intrinsics(), camera.lens());
+    cameras.iter().map(key).collect::<BTreeSet<_>>().len()
+}
+
+/// Says so where the cameras do not look at a common place, and what would mend it.
+///
+/// The other convention looks along the same axes the other way, so it is right exactly where
+/// the axes meet but behind the cameras. Forward-facing captures are never warned about: their
+/// axes meet nowhere in particular.
+fn axes_warning(look_at: &LookAt, cameras: &[Camera], axes: Axes) -> Option<String> {
+    if look_at.agrees() || look_at.forward_facing() {
+        return None;
+    }
+    let share = 100.0 * look_at.behind;
+    let other = LookAt { behind: 1.0 - look_at.behind, ..*look_at };
+    if other.agrees() {
+        return Some(format!(
+            "{share:.0}% of the cameras look away from the point that their axes have in common: unless this \
+             is a panorama, its poses are of the other convention; read it with --axes {} (now: {axes})",
+            axes.other(),
+        ));
+    }
+    let mut warning = format!(
+        "the cameras do not look at a common place: their axes pass it at {:.3} on average, they are {:.3} \
+         away, and {share:.0}% have it behind them; --axes {} would not mend that",
+        look_at.mean_residual,
+        look_at.mean_distance,
+        axes.other()
+    );
+    if inverse_meets(cameras) {
+        warning += "; the matrices look like world-to-camera, and inverting them would";
+    }
+    Some(warning)
+}
+
+/// Whether the axes would meet if every matrix were read as world-to-camera.
+fn inverse_meets(cameras: &[Camera]) -> bool {
+    let line = |camera: &Camera| {
+        let inverse = camera.pose().rotation.transpose();
+        let origin = -(inverse * camera.pose().position);
+        (origin.as_dvec3(), (-inverse.z_axis).as_dvec3().normalize_or(DVec3::NEG_Z))
+    };
+    let lines: Vec<_> = cameras.iter().map(line).collect();
+    LookAt::of_lines(&lines).is_some_and(|look_at| {
+        look_at.axes_meet() && !look_at.forward_facing() && (look_at.behind <= 0.1 || look_at.behind >= 0.9)
+    })
+}
+
+impl std::fmt::Display for Report {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        writeln!(f, "{}: {}, poses read as {}", line(&self.name), self.format, self.axes)?;
+        write!(f, "  views       {} train, {} val, {} test", self.train, self.val, self.test)?;
+        match self.test_path {
+            0 => writeln!(f)?,
+            count => writeln!(f, ", {count} poses without pictures")?,
+        }
+        let sizes: Vec<String> =
+            self.sizes.iter().map(|s| format!("{}x{} ({})", s.width, s.height, s.count)).collect();
+        let cameras = if self.cameras > 1 { format!(", {} cameras", self.cameras) } else { String::new() };
+        writeln!(f, "  pixels      {}{cameras}", sizes.join(", "))?;
+        let [low, high] = self.focal;
+        match low == high {
+            true => writeln!(f, "  focal       {low:.2} px")?,
+            false => writeln!(f, "  focal       {low:.2} .. {high:.2} px")?,
+        }
+        writeln!(f, "  background  {}", self.background)?;
+        match &self.look_at {
+            Some(l) => {
+                writeln!(f, "  look-at     {}, axes pass it at {:.3}", corner(l.point), l.mean_residual)?;
+                let (min, mean, max) = (l.min_distance, l.mean_distance, l.max_distance);
+                writeln!(f, "  distance    {min:.3} min, {mean:.3} mean, {max:.3} max")?;
+            }
+            None => writeln!(f, "  look-at     none (one camera, or parallel axes)")?,
+        }
+        let number = |v: Option<f32>| v.map_or("unknown".into(), |v| format!("{v:.3}"));
+        writeln!(f, "  near, far   {}, {}", number(self.near), number(self.far))?;
+        if let Some([min, max]) = self.scene_box {
+            writeln!(f, "  box         {} .. {}", corner(min), corner(max))?;
+        }
+        if self.points > 0 {
+            writeln!(f, "  points      {}", self.points)?;
+        }
+        for note in &self.notes {
+            writeln!(f, "  note: {}", line(note))?;
+        }
+        for warning in &self.warnings {
+            writeln!(f, "  warning: {}", line(warning))?;
+        }
+        Ok(())
+    }
+}
+
+fn corner([x, y, z]: [f32; 3]) -> String {
+    format!("({x:.3}, {y:.3}, {z:.3})")
+}

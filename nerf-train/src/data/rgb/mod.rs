@@ -1,0 +1,243 @@
+//! Pictures in memory and as PNG files.
+
+use crate::data::rgb_error::{ReportError, check_length};
+use crate::data::system::output::mark::MARK;
+use crate::data::system::output::write_atomic;
+use image::codecs::png::PngEncoder;
+use image::{ExtendedColorType, ImageEncoder};
+use std::path::Path;
+
+/// A colour picture, display-encoded (sRGB as in the training images), row-major, top row first.
+///
+/// Values outside [0, 1] are clamped only where a file is written; NaN is written as 0. Every
+/// method copes with an `rgb` whose length is wrong: writers refuse, drawing leaves pixels out.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Picture {
+    /// Pixels.
+    pub width: usize,
+    /// Pixels.
+    pub height: usize,
+    /// `[height * width]`, display-encoded red, green, blue in [0, 1].
+    pub rgb: Vec<[f32; 3]>,
+}
+
+impl Picture {
+    /// A picture of `rgb`: `[height * width]`.
+    ///
+    /// # Errors
+    /// [`ReportError::Length`] where the length is not `width * height`.
+    pub fn new(width: usize, height: usize, rgb: Vec<[f32; 3]>) -> Result<Self, ReportError> {
+        check_length("a picture", width, height, rgb.len())?;
+        Ok(Self { width, height, rgb })
+    }
+
+    /// A picture of one colour; of no pixels where `width * height` overflows.
+    pub fn filled(width: usize, height: usize, colour: [f32; 3]) -> Self {
+        match width.checked_mul(height) {
+            Some(pixels) => Self { width, height, rgb: vec![colour; pixels] },
+            None => Self { width: 0, height: 0, rgb: Vec::new() },
+        }
+    }
+
+    /// The colour at column `x`, row `y`; `None` outside.
+    pub fn pixel(&self, x: usize, y: usize) -> Option<[f32; 3]> {
+        (x < self.width).then(|| self.rgb.get(y.checked_mul(self.width)?.checked_add(x)?).copied())?
+    }
+
+    /// Mixes `colour` into the pixel at column `x`, row `y`: 0 keeps, 1 replaces; nothing outside.
+    pub fn blend(&mut self, x: i64, y: i64, colour: [f32; 3], share: f32) {
+        let (Ok(x), Ok(y)) = (usize::try_from(x), usize::try_from(y)) else { return };
+        if x >= self.width || y >= self.height {
+            return;
+        }
+        if let Some(pixel) = self.rgb.get_mut(y * self.width + x) {
+            for (old, new) in pixel.iter_mut().zip(colour) {
+                *old += (new - *old) * share;
+            }
+        }
+    }
+
+    /// Copies `other` in with its top left corner at (`x`, `y`), cut off at the edges.
+    pub fn paste(&mut self, other: &Self, x: usize, y: usize) {
+        if other.width == 0 || x >= self.width {
+            return;
+        }
+        let columns = other.width.min(self.width - x);
+        let rows = other.rgb.chunks_exact(other.width).zip(y..self.height);
+        for (source, target_row) in rows {
+            let start = target_row * self.width + x;
+            if let Some(target) = self.rgb.get_mut(start..start + columns) {
+                target.copy_from_slice(&source[..columns]);
+            }
+        }
+    }
+
+    /// Every pixel as a square of `factor` × `factor` pixels (nearest neighbour, nothing smoothed).
+    pub fn enlarged(&self, factor: usize) -> Self {
+        if factor <= 1 || self.width == 0 {
+            return self.clone();
+        }
+        let mut rgb = Vec::new();
+        for row in self.rgb.chunks_exact(self.width) {
+            let wide: Vec<[f32; 3]> =
+                row.iter().flat_map(|&pixel| std::iter::repeat_n(pixel, factor)).collect();
+            (0..factor).for_each(|_| rgb.extend_from_slice(&wide));
+        }
+        Self { width: self.width * factor, height: self.height * factor, rgb }
+    }
+
+    /// Enlarged by the smallest whole factor that makes the longer side at least `pixels`.
+    pub fn enlarged_to(&self, pixels: usize) -> Self {
+        self.enlarged(pixels.div_ceil(self.width.max(self.height).max(1)))
+    }
+
+    /// Reduced by the smallest whole factor that makes the longer side at most `pixels`: means of squares,
+    /// in display space; at the right and lower edges of what is left of them.
+    pub fn reduced_to(&self, pixels: usize) -> Self {
+        let factor = self.width.max(self.height).div_ceil(pixels.max(1));
+        if factor <= 1 {
+            return self.clone();
+        }
+        let (width, height) = (self.width.div_ceil(factor), self.height.div_ceil(factor));
+        let mean = |i: usize| {
+            let (left, top) = (i % width * factor, i / width * factor);
+            let (mut sum, mut count) = ([0.0; 3], 0.0f32);
+            for y in top..(top + factor).min(self.height) {
+                for rgb in (left..left + factor).filter_map(|x| self.pixel(x, y)) {
+                    sum = std::array::from_fn(|c| sum[c] + rgb[c]);
+                    count += 1.0;
+                }
+            }
+            sum.map(|c: f32| c / count.max(1.0))
+        };
+        Self { width, height, rgb: (0..width * height).map(mean).collect() }
+    }
+
+    /// The colours of a picture file; `None` where there is none that can be read.
+    pub fn read(path: impl AsRef<Path>) -> Option<Self> {
+        let picture = crate::data::decode::decode(path.as_ref()).ok()?.0.into_rgb8();
+        let rgb = picture.pixels().map(|pixel| pixel.0.map(|c| f32::from(c) / 255.0)).collect();
+        Some(Self { width: picture.width() as usize, height: picture.height() as usize, rgb })
+    }
+
+    /// `[height * width * 3]` bytes: clamped, scaled by 255, rounded half up; NaN gives 0.
+    pub fn to_rgb8(&self) -> Vec<u8> {
+        self.rgb.iter().flatten().map(|&value| to_u8(value)).collect()
+    }
+
+    /// The bytes of an 8-bit RGB PNG.
+    ///
+    /// # Errors
+    /// [`ReportError::Length`], [`ReportError::Size`].
+    pub fn to_png(&self) -> Result<Vec<u8>, ReportError> {
+        check_length("a picture", self.width, self.height, self.rgb.len())?;
+        encode_png(&self.to_rgb8(), self.width, self.height, ExtendedColorType::Rgb8)
+    }
+
+    /// Writes an 8-bit RGB PNG, whole or not at all.
+    ///
+    /// # Errors
+    /// As [`to_png`](Self::to_png), and where the file cannot be written.
+    pub fn write_png(&self, path: impl AsRef<Path>) -> Result<(), ReportError> {
+        Ok(write_atomic(path, &self.to_png()?)?)
+    }
+}
+
+/// A value in [0, 1] as a byte: clamped, rounded half up; NaN gives 0.
+fn to_u8(value: f32) -> u8 {
+    // A cast saturates, so that infinities are safe too.
+    (value.clamp(0.0, 1.0) * 255.0 + 0.5) as u8
+}
+
+/// Straight-alpha bytes `[n * 4]` of a render over black and its opacity, each `[n]`.
+///
+/// A render over black is premultiplied: the colour is divided by the opacity *as stored* in 8 bits,
+/// so that composing the file over black gives the render again to within rounding. Where the
+/// opacity rounds to 0 the pixel is transparent black. Pixels beyond the shorter input are left out.
+pub fn straight_rgba8(rgb_over_black: &[[f32; 3]], opacity: &[f32]) -> Vec<u8> {
+    let pixel = |(rgb, &opacity): (&[f32; 3], &f32)| {
+        let alpha = to_u8(opacity);
+        let scale = if alpha == 0 { 0.0 } else { 255.0 / f32::from(alpha) };
+        [to_u8(rgb[0] * scale), to_u8(rgb[1] * scale), to_u8(rgb[2] * scale), alpha]
+    };
+    rgb_over_black.iter().zip(opacity).flat_map(pixel).collect()
+}
+
+/// Writes an 8-bit RGBA PNG with straight alpha; see [`straight_rgba8`].
+///
+/// `rgb_over_black`: `[height * width]`, display-encoded. `opacity`: `[height * width]`, in [0, 1].
+///
+/// # Errors
+/// [`ReportError::Length`], [`ReportError::Size`], [`ReportError::Output`].
+pub fn write_rgba_png(
+    path: impl AsRef<Path>,
+    rgb_over_black: &[[f32; 3]],
+    opacity: &[f32],
+    width: usize,
+    height: usize,
+) -> Result<(), ReportError> {
+    check_length("the colour of a picture", width, height, rgb_over_black.len())?;
+    check_length("the opacity of a picture", width, height, opacity.len())?;
+    let bytes = straight_rgba8(rgb_over_black, opacity);
+    Ok(write_atomic(path, &encode_png(&bytes, width, height, ExtendedColorType::Rgba8)?)?)
+}
+
+/// Writes a 16-bit grey PNG in which `range.0` is 0 and `range.1` is 65,535.
+///
+/// `values`: `[height * width]`, in the unit of `range`, for example world units. Clamped, rounded
+/// half up; NaN gives 0, as does everything where the range is empty. One step is
+/// (range.1 − range.0) / 65,535: note the range beside the file.
+///
+/// # Errors
+/// [`ReportError::Length`], [`ReportError::Size`], [`ReportError::Output`].
+pub fn write_grey16_png(
+    path: impl AsRef<Path>,
+    values: &[f32],
+    width: usize,
+    height: usize,
+    range: (f32, f32),
+) -> Result<(), ReportError> {
+    check_length("a grey picture", width, height, values.len())?;
+    let (low, span) = (f64::from(range.0), f64::from(range.1) - f64::from(range.0));
+    let grey = |&value: &f32| {
+        let share = (f64::from(value) - low) / span;
+        let level = if span > 0.0 { share.clamp(0.0, 1.0) * 65_535.0 + 0.5 } else { 0.0 };
+        (level as u16).to_ne_bytes()
+    };
+    let bytes: Vec<u8> = values.iter().flat_map(grey).collect();
+    Ok(write_atomic(path, &encode_png(&bytes, width, height, ExtendedColorType::L16)?)?)
+}
+
+/// `bytes` has the length that the size and the colour type call for; 16-bit samples native-endian.
+fn encode_png(
+    bytes: &[u8],
+    width: usize,
+    height: usize,
+    colour: ExtendedColorType,
+) -> Result<Vec<u8>, ReportError> {
+    const LIMIT: usize = i32::MAX as usize;
+    if width == 0 || height == 0 || width > LIMIT || height > LIMIT {
+        return Err(ReportError::Size { format: "PNG", width, height, limit: LIMIT });
+    }
+    let mut png = Vec::new();
+    PngEncoder::new(&mut png)
+        .write_image(bytes, width as u32, height as u32, colour)
+        .map_err(ReportError::encode("PNG"))?;
+    let comment = comment_chunk();
+    png.splice(HEADER_BYTES..HEADER_BYTES, comment);
+    Ok(png)
+}
+
+/// Signature and header of a PNG, behind which other chunks stand, bytes.
+const HEADER_BYTES: usize = 8 + 25;
+
+/// A tEXt chunk that says who made the picture: length, kind, text, checksum of kind and text.
+fn comment_chunk() -> Vec<u8> {
+    let body = [b"tEXtComment\0", MARK.as_bytes()].concat();
+    let length = (body.len() - 4) as u32;
+    let crc = crc::Crc::<u32>::new(&crc::CRC_32_ISO_HDLC).checksum(&body);
+    [&length.to_be_bytes()[..], &body, &crc.to_be_bytes()].concat()
+}
+
+#[cfg(test)]
+mod tests;

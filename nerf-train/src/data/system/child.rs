@@ -1,0 +1,261 @@
+//! Child processes: none outlives this one, and none keeps it waiting without end.
+//!
+//! On unix each is the leader of a process group of its own: a terminal's Ctrl-C reaches this process alone, which
+//! decides what is saved first ([`crate::data::system::stop`]), and what a wrapper script has started ends with the script.
+
+use std::io::{self, Read, Write};
+use std::process::{Child, ChildStderr, ChildStdin, ChildStdout, Command, ExitStatus};
+use std::sync::mpsc::{self, RecvTimeoutError};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::time::{Duration, Instant};
+
+/// How often a child that is waited for is asked whether it has ended.
+const ASK_EVERY: Duration = Duration::from_millis(5);
+/// A child that was killed ends at once, unless the system itself holds it.
+const KILLED: Duration = Duration::from_secs(1);
+/// How much is written at a time: each such piece that is taken is a sign of life.
+const PIECE_BYTES: usize = 1 << 16;
+
+/// Those that run.
+static RUNNING: Mutex<Vec<Arc<Mutex<Process>>>> = Mutex::new(Vec::new());
+
+fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
+    mutex.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+#[derive(Debug)]
+struct Process {
+    child: Child,
+    /// Once it is known; until then the process's number is its own.
+    status: Option<ExitStatus>,
+}
+
+impl Process {
+    fn ended(&mut self) -> Option<ExitStatus> {
+        self.status = self.status.or_else(|| self.child.try_wait().ok().flatten());
+        self.status
+    }
+
+    /// Ends it and whatever it has started.
+    fn kill(&mut self) {
+        if self.status.is_some() {
+            return;
+        }
+        #[cfg(unix)]
+        if let Ok(group) = i32::try_from(self.child.id()) {
+            use nix::sys::signal::{Signal, killpg};
+            // Fails where it has ended by itself.
+            let _ = killpg(nix::unistd::Pid::from_raw(group), Signal::SIGKILL);
+        }
+        let _ = self.child.kill();
+    }
+}
+
+/// A child process; killed when dropped, or when a signal ends this process.
+#[derive(Debug)]
+pub struct Helper(Arc<Mutex<Process>>);
+
+impl Helper {
+    /// Starts it.
+    ///
+    /// # Errors
+    /// What the system says.
+    pub fn spawn(command: &mut Command) -> io::Result<Self> {
+        #[cfg(unix)]
+        std::os::unix::process::CommandExt::process_group(command, 0);
+        // Held, so that a signal finds it.
+        let mut running = lock(&RUNNING);
+        let process = Arc::new(Mutex::new(Process { child: command.spawn()?, status: None }));
+        running.push(Arc::clone(&process));
+        Ok(Self(process))
+    }
+
+    /// Its pipes, those that there are; once.
+    pub fn pipes(&self) -> (Option<ChildStdin>, Option<ChildStdout>, Option<ChildStderr>) {
+        let child = &mut lock(&self.0).child;
+        (child.stdin.take(), child.stdout.take(), child.stderr.take())
+    }
+
+    /// How it ended, if that is within this time.
+    pub fn wait(&self, patience: Duration) -> Option<ExitStatus> {
+        let begun = Instant::now();
+        loop {
+            let status = lock(&self.0).ended();
+            if status.is_some() || begun.elapsed() >= patience {
+                return status;
+            }
+            std::thread::sleep(ASK_EVERY);
+        }
+    }
+
+    /// Ends it and whatever it has started; how it ended.
+    pub fn kill(&self) -> Option<ExitStatus> {
+        lock(&self.0).kill();
+        self.wait(KILLED)
+    }
+
+    /// Writes all of `bytes` to its standard input; one that takes none of it for this long is killed.
+    ///
+    /// # Errors
+    /// [`io::ErrorKind::TimedOut`] where it was killed, and what the system says where it no longer reads.
+    pub fn feed(&self, stdin: &mut ChildStdin, bytes: &[u8], patience: Duration) -> io::Result<()> {
+        let (taken, pieces) = mpsc::channel();
+        std::thread::scope(|scope| {
+            let writing = scope.spawn(move || {
+                bytes.chunks(PIECE_BYTES).try_for_each(|piece| {
+                    stdin.write_all(piece)?;
+                    // Somebody who no longer listens has killed it.
+                    let _ = taken.send(());
+                    Ok(())
+                })
+            });
+            let hangs = loop {
+                match pieces.recv_timeout(patience) {
+                    Ok(()) => {}
+                    Err(RecvTimeoutError::Disconnected) => break false,
+                    Err(RecvTimeoutError::Timeout) => break true,
+                }
+            };
+            if hangs {
+                self.kill();
+            }
+            let written = writing.join().unwrap_or_else(|_| Err(io::Error::other("the writer failed")));
+            if hangs { Err(io::ErrorKind::TimedOut.into()) } else { written }
+        })
+    }
+}
+
+impl Drop for Helper {
+    fn drop(&mut self) {
+        if lock(&self.0).ended().is_none() {
+            self.kill();
+        }
+        lock(&RUNNING).retain(|running| !Arc::ptr_eq(running, &self.0));
+    }
+}
+
+/// Ends all that run, and lets no further one start: to be called when this process ends.
+pub fn end_all() {
+    let running = lock(&RUNNING);
+    for process in &*running {
+        lock(process).kill();
+    }
+    // Whoever wants to start another waits for the end.
+    std::mem::forget(running);
+}
+
+/// What a child says on a pipe, read all the time, so that it never waits for somebody to do so.
+#[derive(Debug)]
+pub struct Heard {
+    kept: Arc<Mutex<Vec<u8>>>,
+    ended: mpsc::Receiver<()>,
+}
+
+impl Heard {
+    /// Listens; keeps the last so many bytes.
+    pub fn of(stream: Option<impl Read + Send + 'static>, keep: usize) -> Self {
+        let kept = Arc::new(Mutex::new(Vec::new()));
+        let (ending, ended) = mpsc::channel::<()>();
+        if let Some(stream) = stream {
+            let kept = Arc::clone(&kept);
+            std::thread::spawn(move || {
+                tail(stream, keep, &kept);
+                drop(ending);
+            });
+        }
+        Self { kept, ended }
+    }
+
+    /// What it has said so far.
+    pub fn so_far(&self) -> Vec<u8> {
+        lock(&self.kept).clone()
+    }
+
+    /// What it said. To be asked when the child has ended: what that one has started and left behind may hold the
+    /// pipe open, and is not waited for.
+    pub fn text(&self) -> Vec<u8> {
+        let _ = self.ended.recv_timeout(Duration::from_millis(500));
+        lock(&self.kept).clone()
+    }
+}
+
+/// Reads to the end, keeps the last bytes.
+fn tail(mut stream: impl Read, keep: usize, kept: &Mutex<Vec<u8>>) {
+    let mut buffer = [0; 4096];
+    loop {
+        let count = match stream.read(&mut buffer) {
+            Ok(count @ 1..) => count,
+            Err(error) if error.kind() == io::ErrorKind::Interrupted => 0,
+            Ok(0) | Err(_) => return,
+        };
+        let mut kept = lock(kept);
+        kept.extend_from_slice(&buffer[..count]);
+        let beyond = kept.len().saturating_sub(keep);
+        kept.drain(..beyond);
+    }
+}
+
+/// The last lines that have words, on one line.
+pub fn last_lines(bytes: &[u8]) -> String {
+    const SHOWN_LINES: usize = 4;
+    let text = String::from_utf8_lossy(bytes);
+    let lines: Vec<&str> =
+        text.lines().map(str::trim).filter(|line| line.contains(char::is_alphanumeric)).collect();
+    match lines.len() {
+        0 => "it said nothing".to_owned(),
+        count => lines[count.saturating_sub(SHOWN_LINES)..].join("; "),
+    }
+}
+
+#[cfg(all(test, unix))]
+mod tests {
+    use super::*;
+    use std::process::Stdio;
+
+    fn shell(script: &str) -> Helper {
+        let mut command = Command::new("sh");
+        command.args(["-c", script]).stdin(Stdio::piped()).stdout(Stdio::piped()).stderr(Stdio::null());
+        Helper::spawn(&mut command).unwrap()
+    }
+
+    #[test]
+    fn the_last_bytes_are_kept() {
+        let long: Vec<u8> = (0..20_000u32).flat_map(|i| format!("line {i}\n").into_bytes()).collect();
+        let kept = Mutex::new(Vec::new());
+        tail(&long[..], 1000, &kept);
+        let kept = kept.into_inner().unwrap();
+        assert!(kept.len() == 1000 && long.ends_with(&kept));
+    }
+
+    #[test]
+    fn a_child_that_reads_nothing_is_ended_with_what_it_has_started() {
+        let helper = shell("sleep 1000");
+        let (stdin, stdout, _) = helper.pipes();
+        let begun = Instant::now();
+        let bytes = vec![0; 1 << 20];
+        let error = helper.feed(&mut stdin.unwrap(), &bytes, Duration::from_millis(200)).unwrap_err();
+        assert_eq!(error.kind(), io::ErrorKind::TimedOut);
+        // Closed by both, the shell and what it waited for.
+        Heard::of(stdout, 1).text();
+        assert!(begun.elapsed() < Duration::from_secs(10), "{:?}", begun.elapsed());
+    }
+
+    #[test]
+    fn a_child_that_reads_slowly_is_waited_for() {
+        let helper = shell(
+            "while dd bs=65536 count=1 of=/dev/null 2>/dev/null; do sleep 0.1; i=x$i; \
+                            [ $i = xxxx ] && exec cat > /dev/null; done",
+        );
+        let (stdin, ..) = helper.pipes();
+        let bytes = vec![0; 8 * PIECE_BYTES];
+        helper.feed(&mut stdin.unwrap(), &bytes, Duration::from_secs(20)).unwrap();
+        assert!(helper.wait(Duration::from_secs(20)).is_some_and(|status| status.success()));
+    }
+
+    #[test]
+    fn who_has_ended_is_not_killed() {
+        let helper = shell("exit 3");
+        assert_eq!(helper.wait(Duration::from_secs(20)).and_then(|status| status.code()), Some(3));
+        assert_eq!(helper.kill().and_then(|status| status.code()), Some(3));
+    }
+}

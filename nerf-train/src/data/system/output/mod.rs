@@ -1,0 +1,419 @@
+//! The one way in which this project writes files: whole, or not at all.
+//!
+//! [`AtomicFile`] writes beside the final name and renames over it on [`AtomicFile::commit`]; a
+//! reader, a crash or a full disk never meets half a file. Of two processes that write the same
+//! name one wins whole. A signal removes what is not committed ([`crate::data::system::stop`]); a process that is
+//! killed outright may leave a hidden `.nerf-*.tmp` behind, which is safe to delete.
+
+pub mod claims;
+pub mod mark;
+
+use std::collections::BTreeSet;
+use std::fmt;
+use std::fs::{self, File};
+use std::io::{self, BufWriter, Seek, SeekFrom, Write};
+use std::path::{Path, PathBuf};
+use std::sync::{Mutex, MutexGuard, PoisonError};
+use tempfile::{NamedTempFile, TempDir};
+
+/// A large buffer: pictures and blobs are written in small pieces.
+const BUFFER_BYTES: usize = 1 << 16;
+
+/// What was tried when an output failed.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[non_exhaustive]
+pub enum Attempt {
+    /// Creating a folder and its parents.
+    CreateFolder,
+    /// Writing a trial file into a folder.
+    ProbeFolder,
+    /// Creating the temporary file beside the final name, or opening a device.
+    Create,
+    /// Writing or flushing bytes to the disk.
+    Write,
+    /// Renaming the finished file over its final name.
+    Rename,
+}
+
+impl fmt::Display for Attempt {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::CreateFolder => "create the folder",
+            Self::ProbeFolder => "write into the folder",
+            Self::Create => "create the file",
+            Self::Write => "write the file",
+            Self::Rename => "put the finished file in place as",
+        })
+    }
+}
+
+/// A file or folder that could not be written: what was tried, where, and what the system said.
+///
+/// Reads for example `cannot write the file out/a.nerf: No space left on device (os error 28)`.
+#[derive(Debug, thiserror::Error)]
+#[error("cannot {attempt} {}: {source}", path.display())]
+pub struct OutputError {
+    /// The path the caller asked for.
+    pub path: PathBuf,
+    /// What was tried.
+    pub attempt: Attempt,
+    /// The operating system's answer.
+    pub source: io::Error,
+}
+
+impl OutputError {
+    fn new(attempt: Attempt, path: &Path, source: io::Error) -> Self {
+        Self { path: path.to_owned(), attempt, source }
+    }
+}
+
+/// Where the bytes go until the commit.
+#[derive(Debug)]
+enum Sink {
+    /// A hidden file in the target's folder, which is listed as long as it is there.
+    Temporary(BufWriter<NamedTempFile>, Listed),
+    /// A device or pipe such as `/dev/null`, which must be written, not replaced.
+    Direct(BufWriter<File>),
+}
+
+/// A file that appears under its name only when [`commit`](Self::commit) succeeds.
+///
+/// Dropped without commit, the temporary is removed and an earlier file of that name stays intact.
+/// A symbolic link to an existing file is followed (the link stays a link), a replaced file keeps
+/// its permissions, a new one gets 0666 less the umask, and devices and pipes are written directly.
+#[derive(Debug)]
+pub struct AtomicFile {
+    sink: Sink,
+    /// The name the caller gave, for messages.
+    path: PathBuf,
+    /// The name that is replaced: `path` with symbolic links resolved.
+    target: PathBuf,
+    /// Set by the first failed write; such a file must never be committed.
+    failed: bool,
+}
+
+impl AtomicFile {
+    /// Opens a temporary in the folder of `path`, which must exist.
+    ///
+    /// # Errors
+    /// [`Attempt::Create`] where `path` is a folder or its folder is missing or not writable.
+    pub fn create(path: impl AsRef<Path>) -> Result<Self, OutputError> {
+        let path = path.as_ref();
+        let fail = |source| OutputError::new(Attempt::Create, path, source);
+        let existing = match fs::metadata(path) {
+            Ok(metadata) => Some(metadata),
+            Err(error) if error.kind() == io::ErrorKind::NotFound => None,
+            Err(error) => return Err(fail(error)),
+        };
+        if existing.as_ref().is_some_and(fs::Metadata::is_dir) {
+            return Err(fail(io::Error::new(io::ErrorKind::IsADirectory, "it is a folder")));
+        }
+        if path.file_name().is_none() {
+            return Err(fail(io::Error::new(io::ErrorKind::InvalidInput, "the path names no file")));
+        }
+        if existing.as_ref().is_some_and(|metadata| !metadata.is_file()) {
+            let device = File::options().write(true).open(path).map_err(fail)?;
+            let sink = Sink::Direct(BufWriter::with_capacity(BUFFER_BYTES, device));
+            return Ok(Self { sink, path: path.to_owned(), target: path.to_owned(), failed: false });
+        }
+        let target = match existing {
+            Some(_) => fs::canonicalize(path).map_err(fail)?,
+            None => path.to_owned(),
+        };
+        let (temporary, listed) = new_temporary(folder_of(&target)).map_err(fail)?;
+        if let Some(metadata) = existing {
+            // Not every file system keeps permissions; the content matters more.
+            let _ = temporary.as_file().set_permissions(metadata.permissions());
+        }
+        let sink = Sink::Temporary(BufWriter::with_capacity(BUFFER_BYTES, temporary), listed);
+        Ok(Self { sink, path: path.to_owned(), target, failed: false })
+    }
+
+    /// Flushes, syncs to the disk and renames over the final name.
+    ///
+    /// # Errors
+    /// [`Attempt::Write`] where the bytes did not reach the disk, also for any earlier write whose
+    /// error the caller passed over; [`Attempt::Rename`] where the name could not be replaced. In
+    /// both cases the earlier file is intact and the temporary gone.
+    pub fn commit(self) -> Result<(), OutputError> {
+        let Self { sink, path, target, failed } = self;
+        let cannot_write = |source| OutputError::new(Attempt::Write, &path, source);
+        if failed {
+            return Err(cannot_write(io::Error::other("an earlier write to it failed")));
+        }
+        match sink {
+            Sink::Direct(mut device) => device.flush().map_err(cannot_write),
+            Sink::Temporary(buffer, _listed) => {
+                let temporary = buffer.into_inner().map_err(|e| cannot_write(e.into_error()))?;
+                sync(temporary.as_file()).map_err(cannot_write)?;
+                let cannot_rename = |source| OutputError::new(Attempt::Rename, &path, source);
+                temporary.persist(&target).map_err(|e| cannot_rename(e.error))?;
+                sync_folder(folder_of(&target)).map_err(cannot_rename)
+            }
+        }
+    }
+
+    /// The final name, as the caller gave it.
+    pub fn path(&self) -> &Path {
+        &self.path
+    }
+
+    /// Where the bytes are until the commit, for another program to write them there.
+    ///
+    /// It must write into this file, not replace it, and be done before the commit.
+    pub fn place(&self) -> &Path {
+        match &self.sink {
+            Sink::Temporary(buffer, _) => buffer.get_ref().path(),
+            Sink::Direct(_) => &self.target,
+        }
+    }
+
+    fn writer(&mut self) -> &mut dyn Write {
+        match &mut self.sink {
+            Sink::Temporary(buffer, _) => buffer,
+            Sink::Direct(buffer) => buffer,
+        }
+    }
+
+    fn note<T>(&mut self, result: io::Result<T>) -> io::Result<T> {
+        // An interrupted write is repeated by every caller of std: not a failure.
+        self.failed |= result.as_ref().is_err_and(|e| e.kind() != io::ErrorKind::Interrupted);
+        result
+    }
+}
+
+impl Write for AtomicFile {
+    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+        let result = self.writer().write(bytes);
+        self.note(result)
+    }
+
+    fn flush(&mut self) -> io::Result<()> {
+        let result = self.writer().flush();
+        self.note(result)
+    }
+}
+
+impl Seek for AtomicFile {
+    fn seek(&mut self, position: SeekFrom) -> io::Result<u64> {
+        let result = match &mut self.sink {
+            Sink::Temporary(buffer, _) => buffer.seek(position),
+            Sink::Direct(buffer) => buffer.seek(position),
+        };
+        self.note(result)
+    }
+}
+
+/// Writes `bytes` to `path`, whole or not at all; the folder must exist.
+///
+/// # Errors
+/// As [`AtomicFile::create`] and [`AtomicFile::commit`].
+pub fn write_atomic(path: impl AsRef<Path>, bytes: &[u8]) -> Result<(), OutputError> {
+    let mut file = AtomicFile::create(path)?;
+    if let Err(source) = file.write_all(bytes) {
+        return Err(OutputError::new(Attempt::Write, &file.path, source));
+    }
+    file.commit()
+}
+
+/// Writes `bytes` to `path`, whole, unless there is a file of that name; returns whether it did.
+///
+/// Of several processes that try this with one name, exactly one is told that it did. File systems that can neither
+/// rename without replacing nor link get the file as from [`write_atomic`]: there, more than one may be told so.
+///
+/// # Errors
+/// As [`AtomicFile::create`] and [`AtomicFile::commit`].
+pub fn write_new(path: impl AsRef<Path>, bytes: &[u8]) -> Result<bool, OutputError> {
+    let path = path.as_ref();
+    let fail = |attempt| move |source| OutputError::new(attempt, path, source);
+    let (mut temporary, _listed) = new_temporary(folder_of(path)).map_err(fail(Attempt::Create))?;
+    temporary.write_all(bytes).map_err(fail(Attempt::Write))?;
+    sync(temporary.as_file()).map_err(fail(Attempt::Write))?;
+    match temporary.persist_noclobber(path) {
+        Ok(_) => sync_folder(folder_of(path)).map_err(fail(Attempt::Rename)).map(|()| true),
+        Err(error) if error.error.kind() == io::ErrorKind::AlreadyExists => Ok(false),
+        Err(error) if cannot_link(error.error.kind()) && !path.exists() => {
+            write_atomic(path, bytes).map(|()| true)
+        }
+        Err(error) => Err(fail(Attempt::Rename)(error.error)),
+    }
+}
+
+/// Whether a file system without links may have said so: link(2) has EPERM for it, others EINVAL or ENOSYS.
+fn cannot_link(kind: io::ErrorKind) -> bool {
+    matches!(kind, io::ErrorKind::Unsupported | io::ErrorKind::InvalidInput | io::ErrorKind::PermissionDenied)
+}
+
+/// Creates the folder with its parents, and makes sure now that files can be written there.
+///
+/// Called before long work, so that an hour of training does not end in "permission denied".
+///
+/// # Errors
+/// [`Attempt::CreateFolder`] or [`Attempt::ProbeFolder`].
+pub fn ensure_folder(path: impl AsRef<Path>) -> Result<(), OutputError> {
+    let path = path.as_ref();
+    let folder = if path.as_os_str().is_empty() { Path::new(".") } else { path };
+    fs::create_dir_all(folder).map_err(|e| OutputError::new(Attempt::CreateFolder, path, e))?;
+    let probe = || -> io::Result<()> {
+        let (mut temporary, _listed) = new_temporary(folder)?;
+        temporary.write_all(b"probe")?;
+        temporary.close()
+    };
+    probe().map_err(|e| OutputError::new(Attempt::ProbeFolder, path, e))
+}
+
+/// The folder a file lies in; "." for a bare name.
+fn folder_of(path: &Path) -> &Path {
+    match path.parent() {
+        Some(parent) if !parent.as_os_str().is_empty() => parent,
+        _ => Path::new("."),
+    }
+}
+
+/// The temporaries that there are now.
+static TEMPORARIES: Mutex<BTreeSet<PathBuf>> = Mutex::new(BTreeSet::new());
+
+fn temporaries() -> MutexGuard<'static, BTreeSet<PathBuf>> {
+    // A panic elsewhere leaves the list whole.
+    TEMPORARIES.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+/// A temporary's place on the list; taken off when dropped, after the file was renamed or removed.
+#[derive(Debug)]
+struct Listed(PathBuf);
+
+impl Drop for Listed {
+    fn drop(&mut self) {
+        temporaries().remove(&self.0);
+    }
+}
+
+/// Removes all temporaries, and lets no further one appear: to be called when the process ends.
+pub fn remove_temporaries() {
+    let listed = temporaries();
+    for path in &*listed {
+        // One that is in place by now has no such name any more.
+        if fs::remove_file(path).is_err() {
+            remove_folder(path);
+        }
+    }
+    // Whoever wants to make another waits for the end.
+    std::mem::forget(listed);
+}
+
+/// Removes a folder, also while a program that was killed is on its way out and still makes files in it.
+fn remove_folder(path: &Path) {
+    const ATTEMPTS: usize = 20;
+    for _ in 0..ATTEMPTS {
+        if fs::remove_dir_all(path).is_ok() || !path.exists() {
+            return;
+        }
+        std::thread::sleep(std::time::Duration::from_millis(10));
+    }
+}
+
+/// A hidden temporary with the permissions of an ordinary new file (tempfile's own default is 0600).
+fn new_temporary(folder: &Path) -> io::Result<(NamedTempFile, Listed)> {
+    let mut builder = tempfile::Builder::new();
+    // A fixed short prefix: the target's name may already be as long as the file system allows.
+    builder.prefix(".nerf-").suffix(".tmp");
+    #[cfg(unix)]
+    {
+        use std::os::unix::fs::PermissionsExt;
+        builder.permissions(fs::Permissions::from_mode(0o666));
+    }
+    // tempfile appends the path of its temporary; the name that the caller gave is what counts.
+    let mut listed = temporaries();
+    let temporary = builder.tempfile_in(folder).map_err(|error| {
+        let message = error.to_string();
+        let reason = message.split(" at path ").next().unwrap_or(&message);
+        io::Error::new(error.kind(), reason.to_owned())
+    })?;
+    let path = temporary.path().to_owned();
+    listed.insert(path.clone());
+    Ok((temporary, Listed(path)))
+}
+
+/// A folder that appears under its name only when [`commit`](Self::commit) succeeds.
+///
+/// Until then it is a hidden one beside that name, which a signal removes as well. Dropped without commit, nothing of it
+/// is left.
+#[derive(Debug)]
+pub struct AtomicFolder {
+    temporary: TempDir,
+    _listed: Listed,
+    target: PathBuf,
+}
+
+impl AtomicFolder {
+    /// Opens one in the folder of `path`, which is made where there is none.
+    ///
+    /// # Errors
+    /// [`Attempt::CreateFolder`] where `path` is there already, unless as an empty folder; as [`ensure_folder`].
+    pub fn create(path: impl AsRef<Path>) -> Result<Self, OutputError> {
+        let path = path.as_ref();
+        let fail = |source| OutputError::new(Attempt::CreateFolder, path, source);
+        check_free(path).map_err(fail)?;
+        ensure_folder(folder_of(path))?;
+        let mut builder = tempfile::Builder::new();
+        builder.prefix(".nerf-").suffix(".tmp");
+        #[cfg(unix)]
+        {
+            use std::os::unix::fs::PermissionsExt;
+            builder.permissions(fs::Permissions::from_mode(0o777));
+        }
+        let mut listed = temporaries();
+        let temporary = builder.tempdir_in(folder_of(path)).map_err(fail)?;
+        let place = temporary.path().to_owned();
+        listed.insert(place.clone());
+        Ok(Self { temporary, _listed: Listed(place), target: path.to_owned() })
+    }
+
+    /// Where it is until the commit.
+    pub fn place(&self) -> &Path {
+        self.temporary.path()
+    }
+
+    /// Renames it to its final name.
+    ///
+    /// # Errors
+    /// [`Attempt::Rename`] where something of that name has come about meanwhile; then the temporary is gone.
+    pub fn commit(self) -> Result<(), OutputError> {
+        let fail = |source| OutputError::new(Attempt::Rename, &self.target, source);
+        check_free(&self.target).map_err(fail)?;
+        // Only an empty one can be removed so, and only Unix renames over that.
+        let _ = fs::remove_dir(&self.target);
+        fs::rename(self.temporary.path(), &self.target).map_err(fail)?;
+        sync_folder(folder_of(&self.target)).map_err(fail)
+    }
+}
+
+/// Refuses a name that is taken by anything but an empty folder.
+fn check_free(path: &Path) -> io::Result<()> {
+    let empty = || fs::read_dir(path).is_ok_and(|mut entries| entries.next().is_none());
+    if fs::symlink_metadata(path).is_err() || empty() {
+        return Ok(());
+    }
+    Err(io::Error::new(io::ErrorKind::AlreadyExists, "it is there already; choose another name"))
+}
+
+/// Waits until all of a file or folder is on the disk.
+fn sync(file: &File) -> io::Result<()> {
+    #[cfg(test)]
+    tests::at_sync(file);
+    file.sync_all()
+}
+
+/// Makes a rename durable; file systems that cannot sync a folder are left to their own ways.
+fn sync_folder(folder: &Path) -> io::Result<()> {
+    if cfg!(unix) {
+        match File::open(folder).and_then(|folder| sync(&folder)) {
+            Err(error) if error.kind() == io::ErrorKind::StorageFull => return Err(error),
+            _ => {}
+        }
+    }
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests;

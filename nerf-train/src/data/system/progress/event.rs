@@ -1,0 +1,45 @@
+//! Progress as JSON lines.
+
+use serde::Serialize;
+use std::time::Duration;
+
+/// One line for a program that follows; numbers that are not finite are null.
+#[derive(Debug, Serialize)]
+#[serde(tag = "event", rename_all = "lowercase")]
+pub enum Event<'a> {
+    /// How far some work is.
+    Progress {
+        what: &'a str,
+        position: u64,
+        /// Null where time alone ends the work, or nobody knows.
+        total: Option<u64>,
+        elapsed_s: f64,
+        left_s: Option<f64>,
+        #[serde(skip_serializing_if = "Option::is_none")]
+        rays_per_s: Option<f64>,
+        #[serde(skip_serializing_if = "Option::is_none")]
+        train_psnr_db: Option<f64>,
+        #[serde(skip_serializing_if = "Option::is_none")]
+        val_psnr_db: Option<f64>,
+        #[serde(skip_serializing_if = "str::is_empty")]
+        note: &'a str,
+    },
+    /// Some work is done.
+    Done { what: &'a str, text: &'a str, elapsed_s: f64 },
+    /// Anything else worth a line.
+    Note { text: &'a str },
+}
+
+impl Event<'_> {
+    /// The JSON, without a line end.
+    pub fn line(&self) -> String {
+        // Strings and numbers alone: nothing that could fail.
+        let json = serde_json::to_string(self).unwrap_or_default();
+        crate::data::system::printable::json(&json).into_owned()
+    }
+}
+
+/// Seconds to the millisecond.
+pub fn seconds(time: Duration) -> f64 {
+    (time.as_secs_f64() * 1e3).round() / 1e3
+}

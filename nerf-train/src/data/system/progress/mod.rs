@@ -1,0 +1,374 @@
+//! How long work is getting on: a bar on a terminal, plain or JSON lines elsewhere, nothing when quiet.
+//!
+//! All of it goes to stderr, so that stdout stays free for results. Nothing here can fail: a closed
+//! stderr is passed over.
+
+mod event;
+
+use crate::data::system::printable;
+use event::Event;
+use indicatif::{ProgressBar, ProgressDrawTarget};
+use std::fmt::Write as _;
+use std::io::{IsTerminal, Write};
+use std::sync::{Mutex, PoisonError};
+use std::time::{Duration, Instant};
+
+/// Time between lines, plain or JSON, where there is no bar.
+const LINE_EVERY: Duration = Duration::from_secs(5);
+/// Positions of the bar: it shows a share, not steps, as a time budget has none.
+const BAR_LENGTH: u64 = 10_000;
+/// Before this there is no telling how long the rest will take.
+const EARLIEST_ESTIMATE: Duration = Duration::from_secs(1);
+
+/// When the work is done: at a number of steps, after some time, or at whichever comes first.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Total {
+    /// So many steps, rows, frames.
+    Steps(u64),
+    /// So much time.
+    Time(Duration),
+    /// Whichever comes first.
+    StepsOrTime(u64, Duration),
+    /// Nobody knows: no bar, no estimate, only what was done.
+    Unknown,
+}
+
+/// Where progress is shown.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum ProgressStyle {
+    /// A bar if stderr is a terminal, else plain lines every five seconds.
+    Auto,
+    /// Plain lines every five seconds, also on a terminal.
+    Plain,
+    /// One JSON object a line, at the pace of plain lines, for a program that follows.
+    ///
+    /// `{"event":"progress","what":"render","position":3,"total":60,"elapsed_s":5.2,"left_s":98.8}`, then
+    /// what is known of `rays_per_s`, `train_psnr_db`, `val_psnr_db` and `note`; `total` and `left_s` are
+    /// null where nobody knows. The end of a stretch is `{"event":"done","what":…,"text":…,"elapsed_s":…}`,
+    /// any other line `{"event":"note","text":…}`.
+    Json,
+    /// Nothing at all.
+    Quiet,
+}
+
+impl ProgressStyle {
+    /// [`Quiet`](Self::Quiet) for a `--quiet` flag that is set, else [`Auto`](Self::Auto).
+    pub fn from_quiet(quiet: bool) -> Self {
+        if quiet { Self::Quiet } else { Self::Auto }
+    }
+}
+
+/// What the caller knows besides the position; what is `None` is not shown.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Message {
+    /// Rays a second.
+    pub rays_per_s: Option<f64>,
+    /// PSNR of the training batch, dB.
+    pub train_psnr_db: Option<f64>,
+    /// PSNR of the last validation, dB.
+    pub val_psnr_db: Option<f64>,
+    /// Anything else, shown as it is; may be empty.
+    pub note: String,
+}
+
+/// The display of one stretch of work; dropped, it leaves its last state on the screen.
+#[derive(Debug)]
+pub struct Progress {
+    what: String,
+    total: Total,
+    started: Instant,
+    /// Position at the start: work that resumes must not count what was done in earlier runs.
+    first: u64,
+    display: Display,
+}
+
+#[derive(Debug)]
+enum Display {
+    Bar(ProgressBar),
+    Lines { last: Option<Instant>, json: bool },
+    Quiet,
+}
+
+impl Progress {
+    /// Starts the clock and shows an empty bar or a first line. `what` names the work: "train".
+    pub fn new(what: impl Into<String>, total: Total, style: ProgressStyle) -> Self {
+        let terminal = std::io::stderr().is_terminal();
+        let display = match style {
+            ProgressStyle::Quiet => Display::Quiet,
+            ProgressStyle::Auto if terminal => {
+                let bar = new_bar();
+                *BAR.lock().unwrap_or_else(PoisonError::into_inner) = Some(bar.clone());
+                Display::Bar(bar)
+            }
+            ProgressStyle::Auto | ProgressStyle::Plain => Display::Lines { last: None, json: false },
+            ProgressStyle::Json => Display::Lines { last: None, json: true },
+        };
+        Self { what: what.into(), total, started: Instant::now(), first: 0, display }
+    }
+
+    /// For work that resumes at `position`: the estimate counts only what this run does.
+    pub fn resume_at(mut self, position: u64) -> Self {
+        self.first = position;
+        self
+    }
+
+    /// Shows that `position` steps are done. Cheap enough for every step: the screen is redrawn at
+    /// most 20 times a second, plain lines come every five seconds.
+    pub fn update(&mut self, position: u64, message: &Message) {
+        let now = Instant::now();
+        match &mut self.display {
+            Display::Quiet => return,
+            Display::Lines { last, .. } => {
+                if last.is_some_and(|last| now.duration_since(last) < LINE_EVERY) {
+                    return;
+                }
+                *last = Some(now);
+            }
+            Display::Bar(_) => {}
+        }
+        let elapsed = now.duration_since(self.started);
+        match &self.display {
+            Display::Bar(bar) => {
+                let share = self.share(position, elapsed).unwrap_or(0.0);
+                bar.set_position((share * BAR_LENGTH as f64) as u64);
+                bar.set_prefix(printable::line(&self.standing(position, elapsed)).into_owned());
+                bar.set_message(printable::line(&details(message)).into_owned());
+            }
+            Display::Lines { json: true, .. } => print_line(&self.event(position, elapsed, message).line()),
+            _ => print_line(&self.describe(position, elapsed, message)),
+        }
+    }
+
+    /// Prints a line of its own above the bar; nothing when quiet.
+    pub fn println(&self, line: impl AsRef<str>) {
+        match &self.display {
+            Display::Bar(bar) => bar.suspend(|| print_line(line.as_ref())),
+            Display::Lines { json: true, .. } => say(ProgressStyle::Json, line.as_ref()),
+            Display::Lines { .. } => print_line(line.as_ref()),
+            Display::Quiet => {}
+        }
+    }
+
+    /// Prints a line that must be seen, also when quiet.
+    pub fn warn(&self, line: impl AsRef<str>) {
+        match &self.display {
+            Display::Quiet => print_line(line.as_ref()),
+            _ => self.println(line),
+        }
+    }
+
+    /// Takes the bar away and leaves `line` with the time that the work took; nothing when quiet.
+    pub fn finish(self, line: impl AsRef<str>) {
+        let (line, elapsed) = (line.as_ref(), self.started.elapsed());
+        let text = format!("{}: {line} ({})", self.what, in_words(elapsed));
+        match &self.display {
+            Display::Bar(bar) => {
+                bar.finish_and_clear();
+                print_line(&text);
+            }
+            Display::Lines { json: true, .. } => {
+                let (what, elapsed_s) = (&self.what, event::seconds(elapsed));
+                print_line(&Event::Done { what, text: line, elapsed_s }.line());
+            }
+            Display::Lines { .. } => print_line(&text),
+            Display::Quiet => {}
+        }
+    }
+
+    /// Time since the start.
+    pub fn elapsed(&self) -> Duration {
+        self.started.elapsed()
+    }
+
+    /// The share of the work that is done, in [0, 1]: the larger of steps and time, as either ends it.
+    fn share(&self, position: u64, elapsed: Duration) -> Option<f64> {
+        let steps = |total: u64| if total == 0 { 1.0 } else { position as f64 / total as f64 };
+        let time = |budget: Duration| {
+            if budget.is_zero() { 1.0 } else { elapsed.as_secs_f64() / budget.as_secs_f64() }
+        };
+        let share = match self.total {
+            Total::Steps(total) => steps(total),
+            Total::Time(budget) => time(budget),
+            Total::StepsOrTime(total, budget) => steps(total).max(time(budget)),
+            Total::Unknown => return None,
+        };
+        Some(share.clamp(0.0, 1.0))
+    }
+
+    /// The time that is left: the smaller of what the steps need at this run's pace and the budget.
+    fn remaining(&self, position: u64, elapsed: Duration) -> Option<Duration> {
+        let done = position.saturating_sub(self.first);
+        let steps = |total: u64| {
+            let left = total.saturating_sub(position);
+            if left == 0 {
+                return Some(Duration::ZERO);
+            }
+            let known = done > 0 && elapsed >= EARLIEST_ESTIMATE;
+            let seconds = elapsed.as_secs_f64() * left as f64 / done as f64;
+            known.then(|| Duration::try_from_secs_f64(seconds).ok())?
+        };
+        let time = |budget: Duration| budget.saturating_sub(elapsed);
+        match self.total {
+            Total::Steps(total) => steps(total),
+            Total::Time(budget) => Some(time(budget)),
+            Total::StepsOrTime(total, budget) => {
+                Some(steps(total).map_or(time(budget), |left| left.min(time(budget))))
+            }
+            Total::Unknown => None,
+        }
+    }
+
+    /// The state as a JSON event.
+    fn event<'a>(&'a self, position: u64, elapsed: Duration, message: &'a Message) -> Event<'a> {
+        let total = match self.total {
+            Total::Steps(total) | Total::StepsOrTime(total, _) => Some(total),
+            Total::Time(_) | Total::Unknown => None,
+        };
+        Event::Progress {
+            what: &self.what,
+            position,
+            total,
+            elapsed_s: event::seconds(elapsed),
+            left_s: self.remaining(position, elapsed).map(event::seconds),
+            rays_per_s: message.rays_per_s,
+            train_psnr_db: message.train_psnr_db,
+            val_psnr_db: message.val_psnr_db,
+            note: &message.note,
+        }
+    }
+
+    /// A plain line: "25 % · train 1,250/5,000 · 0:41, 2:03 left · 31.4 k rays/s · train 24.10 dB".
+    fn describe(&self, position: u64, elapsed: Duration, message: &Message) -> String {
+        let mut text = self.standing(position, elapsed);
+        if let Some(share) = self.share(position, elapsed) {
+            text = format!("{:.0} % · {text}", (share * 100.0).floor());
+        }
+        let details = details(message);
+        if details.is_empty() { text } else { format!("{text} · {details}") }
+    }
+
+    /// How far the work is, in steps and time: "train 1,250/5,000 · 0:41, 2:03 left".
+    fn standing(&self, position: u64, elapsed: Duration) -> String {
+        let mut text = format!("{} {}", self.what, grouped(position));
+        // Writing into a String cannot fail.
+        if let Total::Steps(total) | Total::StepsOrTime(total, _) = self.total {
+            let _ = write!(text, "/{}", grouped(total));
+        }
+        let _ = write!(text, " · {}", in_words(elapsed));
+        if let Some(left) = self.remaining(position, elapsed) {
+            let _ = write!(text, ", {} left", in_words(left));
+        }
+        text
+    }
+}
+
+/// What the caller knows: "31.4 k rays/s · train 24.10 dB · val 23.87 dB".
+fn details(message: &Message) -> String {
+    let parts = [
+        message.rays_per_s.filter(|rate| rate.is_finite()).map(|rate| format!("{} rays/s", scaled(rate))),
+        message.train_psnr_db.map(|db| format!("train {db:.2} dB")),
+        message.val_psnr_db.map(|db| format!("val {db:.2} dB")),
+        (!message.note.is_empty()).then(|| message.note.clone()),
+    ];
+    parts.into_iter().flatten().collect::<Vec<_>>().join(" · ")
+}
+
+/// The bar that was begun last, for a signal, which nobody takes away on its way out.
+static BAR: Mutex<Option<ProgressBar>> = Mutex::new(None);
+
+/// Leaves a bar that is under way as it is, with the cursor on a new line: what is said next ends the process.
+pub fn abandon() {
+    if let Some(bar) = BAR.lock().unwrap_or_else(PoisonError::into_inner).take()
+        && !bar.is_finished()
+    {
+        bar.abandon();
+        // Whoever still works would draw over what is said next.
+        bar.set_draw_target(ProgressDrawTarget::hidden());
+    }
+}
+
+impl Drop for Progress {
+    fn drop(&mut self) {
+        // Also on an error's way out: the bar's last state stays, the cursor is on a new line.
+        if let Display::Bar(bar) = &self.display
+            && !bar.is_finished()
+        {
+            bar.abandon();
+        }
+    }
+}
+
+fn new_bar() -> ProgressBar {
+    let bar = ProgressBar::with_draw_target(Some(BAR_LENGTH), ProgressDrawTarget::stderr());
+    // Two lines: on 80 columns one cannot hold both how long it will take and how good it is.
+    // A template that does not parse would leave the default bar, which says the same less well.
+    match indicatif::ProgressStyle::with_template("{bar:24.cyan/white} {percent:>3} % {prefix}\n{wide_msg}") {
+        Ok(style) => bar.with_style(style.progress_chars("━╸─")),
+        Err(_) => bar,
+    }
+}
+
+/// Prints a line that belongs to no stretch of work, in the manner of `style`.
+pub fn say(style: ProgressStyle, line: &str) {
+    match style {
+        ProgressStyle::Json => say_lines(style, line),
+        _ => say_lines(style, &printable::line(line)),
+    }
+}
+
+/// The same of a text that this program set in lines, in which names are [`printable::line`] already.
+pub fn say_lines(style: ProgressStyle, lines: &str) {
+    match style {
+        ProgressStyle::Quiet => {}
+        ProgressStyle::Json => print_lines(&Event::Note { text: lines }.line()),
+        ProgressStyle::Auto | ProgressStyle::Plain => print_lines(lines),
+    }
+}
+
+fn print_line(line: &str) {
+    print_lines(&printable::line(line));
+}
+
+fn print_lines(lines: &str) {
+    // eprintln! would panic where stderr is closed.
+    let _ = writeln!(std::io::stderr(), "{}", printable::lines(lines));
+}
+
+/// 1234567 as "1,234,567".
+fn grouped(number: u64) -> String {
+    let digits = number.to_string();
+    let mut text = String::new();
+    for (i, digit) in digits.chars().enumerate() {
+        if i > 0 && (digits.len() - i).is_multiple_of(3) {
+            text.push(',');
+        }
+        text.push(digit);
+    }
+    text
+}
+
+/// 31,400 as "31.4 k", 2,500,000 as "2.50 M": three digits.
+fn scaled(value: f64) -> String {
+    let (value, unit) = match value.abs() {
+        size if size >= 1e9 => (value / 1e9, " G"),
+        size if size >= 1e6 => (value / 1e6, " M"),
+        size if size >= 1e3 => (value / 1e3, " k"),
+        _ => (value, ""),
+    };
+    let decimals = match value.abs() {
+        size if size >= 99.95 => 0,
+        size if size >= 9.995 => 1,
+        _ => 2,
+    };
+    format!("{value:.decimals$}{unit}")
+}
+
+/// "0:07", "12:41", "3:05:09".
+fn in_words(time: Duration) -> String {
+    let seconds = time.as_secs();
+    let (hours, minutes, seconds) = (seconds / 3_600, seconds / 60 % 60, seconds % 60);
+    if hours > 0 { format!("{hours}:{minutes:02}:{seconds:02}") } else { format!("{minutes}:{seconds:02}") }
+}
+
+#[cfg(test)]
+mod tests;

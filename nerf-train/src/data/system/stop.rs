@@ -1,0 +1,255 @@
+//! Signals that ask the process to end (SIGINT, SIGTERM, SIGHUP), answered at once wherever it is.
+//!
+//! A thread of its own waits for them, so that the answer does not depend on what the others are at: a tile of a
+//! frame, a decoder, a read from a fifo. What a command would lose decides what the thread does:
+//!
+//! - nothing: it does what a [`Note`] asks for, ends child processes, removes temporary files, and ends the process
+//!   with status `128 + signal`;
+//! - work that a loop saves between two steps ([`Claim`]): the thread waits for the loop, which asks [`requested`].
+//!   Once the loop has let go of its claim it has [`LAST_WORD`] to say so and to end with [`status`];
+//! - the same, while the loop is busy for longer ([`Claim::cover`]): the thread writes what the loop has lent it.
+//!
+//! A further signal changes nothing: what the first has begun to save is saved. A signal that the process was
+//! started to ignore, such as SIGHUP under `nohup`, stays ignored.
+//!
+//! Child processes inherit that these signals are blocked, and do not see a terminal's Ctrl-C (`crate::data::system::child`): they
+//! live until this process, or its thread here, ends them.
+
+use crate::data::system::output::{remove_temporaries, write_atomic};
+use std::path::PathBuf;
+use std::process::ExitCode;
+use std::sync::atomic::{AtomicI32, Ordering};
+use std::sync::{Condvar, Mutex, MutexGuard, PoisonError, mpsc};
+use std::time::Duration;
+
+/// How long the owner of a claim has after it let go: to say what it saved, and to end the process itself.
+pub const LAST_WORD: Duration = Duration::from_millis(800);
+/// How long the work of a [`Note`] may take.
+const NOTE_WORK: Duration = Duration::from_millis(1000);
+/// How long ending children may take, and telling somebody who does not read.
+const TIDYING: Duration = Duration::from_millis(200);
+/// The same of temporaries, of which one may be a folder of many files.
+const REMOVING: Duration = Duration::from_millis(600);
+
+/// The first signal; 0 before.
+static SIGNAL: AtomicI32 = AtomicI32::new(0);
+static STATE: Mutex<State> = Mutex::new(State::Nothing);
+static CHANGED: Condvar = Condvar::new();
+static NOTE: Mutex<Option<Words>> = Mutex::new(None);
+
+/// What would be lost if the process ended now.
+enum State {
+    Nothing,
+    /// Work that somebody saves who asks [`requested`].
+    Claimed,
+    /// Work that is saved by writing these.
+    Covered(Cover),
+    /// Work that was saved since the signal, by its owner, who ends the process.
+    Answered,
+}
+
+/// What a signal leaves behind while the loop that owns the work is busy.
+#[derive(Clone, Debug, Default)]
+pub struct Cover {
+    /// A file to write and its bytes, if what it saves is not on the disk yet.
+    pub file: Option<(PathBuf, Vec<u8>)>,
+    /// Said on stderr: what was saved and how to go on.
+    pub message: String,
+}
+
+/// Whether a signal asked the process to end.
+pub fn requested() -> bool {
+    SIGNAL.load(Ordering::Relaxed) != 0
+}
+
+/// The status of a process that such a signal ended: 128 more than the signal, so 130 after Ctrl-C.
+pub fn status() -> ExitCode {
+    // Signals end at 64.
+    u8::try_from(128 + SIGNAL.load(Ordering::Relaxed)).map_or(ExitCode::FAILURE, ExitCode::from)
+}
+
+/// The mutexes here hold values that are only ever replaced: a panic elsewhere leaves them whole.
+fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
+    mutex.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+fn set(new: State) {
+    *lock(&STATE) = new;
+    CHANGED.notify_all();
+}
+
+/// Says that there is work to save, and that its owner asks [`requested`] often and saves it; ends when dropped.
+///
+/// One at a time: fits do not run beside each other.
+#[derive(Debug)]
+pub struct Claim(());
+
+impl Claim {
+    /// From now on a signal waits for the owner.
+    #[allow(clippy::new_without_default, reason = "it is a guard, not a value")]
+    pub fn new() -> Self {
+        set(State::Claimed);
+        Self(())
+    }
+
+    /// Runs `work`, which may take long; a signal on the way writes `cover` and ends the process.
+    pub fn cover<T>(&self, cover: Cover, work: impl FnOnce() -> T) -> T {
+        set(State::Covered(cover));
+        let done = work();
+        set(State::Claimed);
+        done
+    }
+}
+
+impl Drop for Claim {
+    fn drop(&mut self) {
+        // Asked under the lock: a signal's thread that finds nothing claimed ends the process at once.
+        let mut now = lock(&STATE);
+        *now = if requested() { State::Answered } else { State::Nothing };
+        drop(now);
+        CHANGED.notify_all();
+    }
+}
+
+/// What a signal says where nothing is claimed, and does before that.
+struct Words {
+    message: String,
+    /// What it is called, and the work.
+    last: Option<(&'static str, LastWork)>,
+}
+
+type LastWork = Box<dyn FnOnce() -> Result<(), String> + Send>;
+
+/// What a signal says instead of "interrupted" where nothing is claimed; ends when dropped. One at a time.
+#[derive(Debug)]
+pub struct Note(());
+
+impl Note {
+    /// From now on a signal says this.
+    pub fn new(message: impl Into<String>) -> Self {
+        let note = Self(());
+        note.say(message);
+        note
+    }
+
+    /// Says this instead.
+    pub fn say(&self, message: impl Into<String>) {
+        let mut words = lock(&NOTE);
+        let last = words.take().and_then(|words| words.last);
+        *words = Some(Words { message: message.into(), last });
+    }
+
+    /// Has the signal do this before it says so, if that takes less than a second; `what` is called: "the report".
+    pub fn before(&self, what: &'static str, work: impl FnOnce() -> Result<(), String> + Send + 'static) {
+        if let Some(words) = lock(&NOTE).as_mut() {
+            words.last = Some((what, Box::new(work)));
+        }
+    }
+}
+
+impl Drop for Note {
+    fn drop(&mut self) {
+        *lock(&NOTE) = None;
+    }
+}
+
+/// Runs `work` on a thread of its own, and waits for it no longer than this: a disk, a pipe or a lock that never
+/// answers must not keep the process.
+fn within<T: Send + 'static>(limit: Duration, work: impl FnOnce() -> T + Send + 'static) -> Option<T> {
+    let (done, result) = mpsc::channel();
+    std::thread::Builder::new().spawn(move || done.send(work())).ok()?;
+    result.recv_timeout(limit).ok()
+}
+
+/// The note's message, after its work.
+fn noted() -> String {
+    let Some(Words { message, last }) = lock(&NOTE).take() else { return "interrupted".to_owned() };
+    let Some((what, work)) = last else { return message };
+    let end = match within(NOTE_WORK, work) {
+        Some(Ok(())) => "is written".to_owned(),
+        Some(Err(error)) => format!("is not written: {error}"),
+        None => format!("is not written: that takes more than {} s", NOTE_WORK.as_secs()),
+    };
+    format!("{message}; {what} {end}")
+}
+
+/// Saves what is lent; what there is to say about it.
+fn saved(cover: &Cover) -> String {
+    match &cover.file {
+        Some((path, bytes)) => match write_atomic(path, bytes) {
+            Ok(()) => cover.message.clone(),
+            Err(error) => format!("interrupted, and {error}"),
+        },
+        None => cover.message.clone(),
+    }
+}
+
+/// Saves what is lent, says so, and ends the process with `128 + signal`.
+///
+/// Holds the state meanwhile, so that nobody goes on to write what is being written.
+fn end(signal: i32, say: fn(&str)) -> ! {
+    SIGNAL.store(signal, Ordering::Relaxed);
+    let claimed = |state: &mut State| matches!(state, State::Claimed);
+    let answered = |state: &mut State| matches!(state, State::Answered);
+    let now = CHANGED.wait_while(lock(&STATE), claimed).unwrap_or_else(PoisonError::into_inner);
+    // The owner ends the process; only if it is busy with something else by now is it ended here.
+    let waited = CHANGED.wait_timeout_while(now, LAST_WORD, answered);
+    let (now, _) = waited.unwrap_or_else(PoisonError::into_inner);
+    let said = match &*now {
+        State::Covered(cover) => saved(cover),
+        _ => noted(),
+    };
+    // Children first: they write into temporaries.
+    within(TIDYING, crate::data::system::child::end_all);
+    within(REMOVING, remove_temporaries);
+    within(TIDYING, move || say(&said));
+    std::process::exit(128 + signal)
+}
+
+/// Leaves the end of the process to a signal that is being answered, if there is one: what the command says now
+/// comes from a child process that was ended or a temporary that was removed.
+pub fn leave_to_signal() {
+    while requested() && !matches!(*lock(&STATE), State::Answered) {
+        std::thread::park();
+    }
+}
+
+/// Signals that are answered: those of the three that the process was not started to ignore.
+#[cfg(unix)]
+pub fn answered() -> Vec<nix::sys::signal::Signal> {
+    use nix::sys::signal::Signal;
+    // Linux keeps an ignored signal that is blocked, and would hand it out. Others drop it, and have no such file.
+    let status = std::fs::read_to_string("/proc/self/status").unwrap_or_default();
+    let ignored = status.lines().find_map(|line| line.strip_prefix("SigIgn:"));
+    let ignored = ignored.and_then(|mask| u64::from_str_radix(mask.trim(), 16).ok()).unwrap_or(0);
+    let is_answered = |signal: &Signal| ignored >> (*signal as i32 - 1) & 1 == 0;
+    [Signal::SIGINT, Signal::SIGTERM, Signal::SIGHUP].into_iter().filter(is_answered).collect()
+}
+
+/// Starts the thread that answers signals, and tells with `say`. To be called once, before there are other threads:
+/// they inherit that the signals are left to it.
+///
+/// # Errors
+/// What the system says where there can be no such thread.
+#[cfg(unix)]
+pub fn watch(say: fn(&str)) -> std::io::Result<()> {
+    let signals: nix::sys::signal::SigSet = answered().into_iter().collect();
+    signals.thread_block()?;
+    let wait = move || {
+        loop {
+            if let Ok(signal) = signals.wait() {
+                end(signal as i32, say);
+            }
+        }
+    };
+    std::thread::Builder::new().name("signals".into()).spawn(wait).map(|_| ())
+}
+
+/// As on unix, for the signals that there are.
+///
+/// # Errors
+/// What the system says where there can be no such thread.
+#[cfg(not(unix))]
+pub fn watch(say: fn(&str)) -> std::io::Result<()> {
+    ctrlc::set_handler(move || end(2, say)).map_err(std::io::Error::other)
+}

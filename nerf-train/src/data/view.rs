@@ -1,0 +1,198 @@
+//! One picture with its camera, and what is behind the scene.
+
+use nerf_core::camera::Camera;
+use serde::{Deserialize, Serialize};
+use std::borrow::Cow;
+use std::collections::HashMap;
+
+/// One posed picture.
+#[derive(Clone, Debug)]
+pub struct View {
+    /// What messages call it: the file's path as the data set writes it, or `images_train[7]`.
+    pub name: String,
+    /// Where it was taken from; its intrinsics hold the picture's size.
+    pub camera: Camera,
+    /// `[height * width]` from the top left, row by row: straight (not premultiplied) sRGB and
+    /// alpha; alpha is 255 where the file has none.
+    pub pixels: Vec<[u8; 4]>,
+    /// Which pixels count, in the same order; `None`: all of them. The others are neither trained on nor measured.
+    pub mask: Option<Vec<bool>>,
+    /// Where its rays through an unbounded scene begin, world units: in front of the sparse points that it sees; 0 where
+    /// there are none. What is in front of a camera and seen by no other could be anything: fog.
+    pub near: f32,
+}
+
+impl View {
+    /// Width and height, pixels.
+    pub fn size(&self) -> (u32, u32) {
+        let i = self.camera.intrinsics();
+        (i.width, i.height)
+    }
+
+    /// The pixel in column `x` and row `y`, or `None` outside of the picture.
+    pub fn pixel(&self, x: u32, y: u32) -> Option<[u8; 4]> {
+        let (width, height) = self.size();
+        let index = y as usize * width as usize + x as usize;
+        if x < width && y < height { self.pixels.get(index).copied() } else { None }
+    }
+
+    /// A lattice of its pixels, one of `step` by `step`, with a camera that has exactly their rays; itself where
+    /// `step` is 1.
+    ///
+    /// `step` is odd: pixel `i` of the result is pixel `step i + step / 2` of the view. A picture smaller than
+    /// that along one side keeps one pixel of it there. Where none of the lattice's pixels counts, it is the whole view.
+    pub fn thinned(&self, step: u32) -> Cow<'_, Self> {
+        if step <= 1 {
+            return Cow::Borrowed(self);
+        }
+        let (width, height) = self.size();
+        let [right, down] = [width, height].map(|side| step.min(side - 1 + side % 2));
+        let camera = self.camera.thinned(right, down);
+        let small = camera.intrinsics();
+        let middle = |i: u32, step: u32| i * step + step / 2;
+        let pixels = (0..small.height)
+            .flat_map(|y| (0..small.width).map(move |x| (middle(x, right), middle(y, down))))
+            .filter_map(|(x, y)| self.pixel(x, y))
+            .collect();
+        let kept = |i: u32| mask_at(self, middle(i % small.width, right), middle(i / small.width, down));
+        let mask: Option<Vec<bool>> =
+            self.mask.as_ref().map(|_| (0..small.width * small.height).map(kept).collect());
+        if mask.as_ref().is_some_and(|mask| !mask.contains(&true)) {
+            return Cow::Borrowed(self);
+        }
+        Cow::Owned(Self { name: self.name.clone(), camera, pixels, mask, near: self.near })
+    }
+
+    /// Whether the pixel at `index`, counted row by row, is trained on and measured.
+    pub fn counts(&self, index: usize) -> bool {
+        self.mask.as_ref().is_none_or(|mask| mask.get(index).copied().unwrap_or(false))
+    }
+
+    /// Of a picture of this view, `[height * width]`, the pixels that count.
+    pub fn counted<'p>(&self, rgb: &'p [[f32; 3]]) -> Cow<'p, [[f32; 3]]> {
+        match &self.mask {
+            Some(mask) => rgb.iter().zip(mask).filter(|(_, kept)| **kept).map(|(rgb, _)| *rgb).collect(),
+            None => Cow::Borrowed(rgb),
+        }
+    }
+
+    /// Number of its pixels.
+    pub fn pixel_count(&self) -> u64 {
+        let (width, height) = self.size();
+        u64::from(width) * u64::from(height)
+    }
+
+    /// Whether some pixel is not fully opaque.
+    pub fn has_alpha(&self) -> bool {
+        self.pixels.iter().any(|p| p[3] < 255)
+    }
+
+    /// The picture over `background`, `[height * width]`, both display-encoded in [0, 1].
+    ///
+    /// `colour * alpha + background * (1 - alpha)` in display space, as published figures are.
+    pub fn composite_over(&self, background: [f32; 3]) -> Vec<[f32; 3]> {
+        self.pixels.iter().map(|&pixel| over(pixel, background)).collect()
+    }
+}
+
+fn mask_at(view: &View, x: u32, y: u32) -> bool {
+    view.counts(y as usize * view.size().0 as usize + x as usize)
+}
+
+/// One straight-alpha pixel over a display-encoded background, in [0, 1].
+pub fn over(pixel: [u8; 4], background: [f32; 3]) -> [f32; 3] {
+    let alpha = f32::from(pixel[3]) / 255.0;
+    std::array::from_fn(|c| f32::from(pixel[c]) / 255.0 * alpha + background[c] * (1.0 - alpha))
+}
+
+/// Mean sRGB of the pixels that count, in `[0, 1]`; black without any.
+pub fn mean_colour(views: &[View]) -> [f32; 3] {
+    let counts = |view: &View, i: usize| view.mask.as_ref().is_none_or(|mask| mask[i]);
+    let (mut sum, mut count) = ([0u64; 3], 0u64);
+    for view in views {
+        for (_, pixel) in view.pixels.iter().enumerate().filter(|&(i, _)| counts(view, i)) {
+            sum.iter_mut().zip(pixel).for_each(|(sum, &c)| *sum += u64::from(c));
+            count += 1;
+        }
+    }
+    sum.map(|sum| (sum as f64 / (255 * count.max(1)) as f64) as f32)
+}
+
+/// What is behind the scene in its pictures.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Background {
+    /// Some picture has alpha below 255: the background is free to choose.
+    Alpha,
+    /// No alpha, but more than half of all border pixels are exactly this sRGB colour.
+    Constant([u8; 3]),
+    /// Neither.
+    Unknown,
+}
+
+impl Background {
+    /// The background of these pictures, from their alpha or else from their borders.
+    pub fn of(views: &[View]) -> Self {
+        if views.iter().any(View::has_alpha) {
+            return Self::Alpha;
+        }
+        let mut counts: HashMap<[u8; 3], u64> = HashMap::new();
+        let mut total = 0u64;
+        for view in views {
+            let (width, height) = view.size();
+            for (index, p) in view.pixels.iter().enumerate() {
+                let (x, y) = (index as u32 % width, index as u32 / width);
+                let border = x == 0 || y == 0 || x + 1 == width || y + 1 == height;
+                if border && view.counts(index) {
+                    *counts.entry([p[0], p[1], p[2]]).or_default() += 1;
+                    total += 1;
+                }
+            }
+        }
+        // More than half can be only one colour, so the order of the map does not matter.
+        match counts.into_iter().find(|&(_, count)| 2 * count > total) {
+            Some((colour, _)) => Self::Constant(colour),
+            None => Self::Unknown,
+        }
+    }
+}
+
+impl std::fmt::Display for Background {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        match self {
+            Self::Alpha => f.write_str("transparent"),
+            Self::Constant([r, g, b]) => write!(f, "constant sRGB ({r}, {g}, {b})"),
+            Self::Unknown => f.write_str("part of the pictures"),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use crate::data::demo;
+    use crate::data::demo::DemoSpec;
+
+    #[test]
+    fn a_thinned_view_has_pixels_and_rays_of_the_whole_one() {
+        let spec = DemoSpec { train: 2, val: 1, size: 20, ..DemoSpec::default() };
+        let dataset = demo::dataset(&spec).expect("a scene");
+        let whole = &dataset.val[0];
+        assert!(whole.thinned(1).pixels == whole.pixels);
+        for (step, side) in [(3, 6), (5, 4), (19, 1), (21, 1), (65_535, 1)] {
+            let thin = whole.thinned(step);
+            assert_eq!((thin.size(), thin.pixels.len()), ((side, side), (side * side) as usize));
+            let step = step.min(19);
+            for i in [0, side - 1] {
+                let at = step * i + step / 2;
+                assert_eq!(thin.pixel(i, i), whole.pixel(at, at));
+                let (a, b) = (
+                    thin.camera.ray(i as f32 + 0.5, 0.5),
+                    whole.camera.ray(at as f32 + 0.5, (step / 2) as f32 + 0.5),
+                );
+                assert!((a.dir - b.dir).length() < 1e-6 && a.origin == b.origin);
+            }
+        }
+        let tiny = demo::dataset(&DemoSpec { size: 2, ..spec }).expect("a scene");
+        assert_eq!(tiny.val[0].thinned(3).size(), (2, 2));
+    }
+}

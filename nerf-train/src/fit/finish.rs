@@ -1,0 +1,267 @@
+//! The end of a run: what is exported, and how good it is.
+
+use crate::data::View;
+use crate::fit::direction::ViewDependence;
+use crate::fit::pace::{FINAL_SHARE, Pace, QUESTION_SHARE};
+use crate::fit::run::{RunError, Session, spread};
+use crate::fit::snapshot::Snapshot;
+use crate::fit::trend::Trend;
+use crate::fit::validation::{ASKED_VIEWS, FINAL_VIEWS, pixels_of, spread_indices};
+use crate::measure::eval::{EvalError, Scores, ViewScore, measure};
+use crate::measure::frame::Frame;
+use crate::measure::metrics::{flat_psnr_db, gain_db, is_flat, mean_flat_psnr_db};
+use crate::train::CurvePoint;
+use crate::train::candidate::{About, Candidate};
+use nerf_core::plan::Quality;
+use std::time::Instant;
+
+/// An occupancy grid is part of the model if leaving it out changes training views by more than this, dB: a little
+/// less than the 0.1 dB that a blob promises for views nobody has seen.
+pub const OCCUPANCY_LOSS_DB: f64 = 0.08;
+/// Validation views whose pictures a report shows.
+const SHOWN_VIEWS: usize = 4;
+
+/// What a run made.
+#[derive(Clone, Debug)]
+pub struct Outcome {
+    /// The blob: the run as its last step left it.
+    pub bytes: Vec<u8>,
+    /// Scores of that very blob over `background` on all validation views; empty without any.
+    pub scores: Scores,
+    /// Of every so many rows and columns of a view one pixel is in the scores: 1 is every pixel.
+    pub lattice: u32,
+    /// Some of those views as rendered, if the run was to keep them.
+    pub shown: Vec<Shown>,
+    /// The background of the scores, display-encoded.
+    pub background: [f32; 3],
+    /// Mean PSNR that a flat colour would have on the same views, each its own, dB; on training views without any.
+    /// Views that are flat themselves do not count.
+    pub flat_psnr_db: f64,
+    /// Whether the blob shows no more than that on any of them: too fast a rate, or too few steps.
+    pub flat: bool,
+    /// dB that rounding weights to f16, and a grid's tables to what they are stored in, cost, on at most ten of the
+    /// views and the same lattice.
+    pub quantisation_loss_db: Option<f64>,
+    /// dB that leaving the occupancy grid out cost on training views; not asked of a grid field, whose tables hold
+    /// anything where it was not trained.
+    pub occupancy_loss_db: Option<f64>,
+    /// Whether the occupancy grid is part of the model.
+    pub occupancy_required: bool,
+    /// What view dependence is worth; `None` if that was not asked.
+    pub view_dependence: Option<ViewDependence>,
+    /// Weights that became f16 subnormals.
+    pub subnormal_weights: usize,
+    /// The curve.
+    pub curve: Vec<CurvePoint>,
+    /// What the curve says of the end of the run.
+    pub trend: Trend,
+    /// Names of the views that validation on the way was of.
+    pub watched: Vec<String>,
+    /// Pictures that were taken on the way.
+    pub snapshots: Vec<Snapshot>,
+    /// Steps that pictures were asked for and that the run did not come by.
+    pub missed_snapshots: Vec<u32>,
+    /// Steps.
+    pub steps: u32,
+    /// Times the run was started anew with another seed because every density had become 0.
+    pub reseeds: u32,
+    /// Parameters as trained.
+    pub parameters: usize,
+    /// Live share of the exported occupancy grid.
+    pub occupied_share: f32,
+    /// Seconds from the start until the last step, reading and validation included.
+    pub train_seconds: f64,
+    /// Samples evaluated and samples trained on, a second of training.
+    pub samples_per_second: [f64; 2],
+}
+
+/// A validation view as the blob shows it.
+#[derive(Clone, Debug)]
+pub struct Shown {
+    /// Which validation view.
+    pub view: usize,
+    /// What the blob shows.
+    pub frame: Frame,
+    /// What the picture shows, over the same background, on the same lattice.
+    pub truth: Vec<[f32; 3]>,
+    /// dB.
+    pub psnr_db: f64,
+}
+
+/// What the final scores mean.
+pub(crate) fn convention(views: usize, lattice: u32, background: [f32; 3], samples: u16) -> String {
+    let [r, g, b] = background.map(|c| (c * 255.0).round());
+    let pixels = match lattice {
+        1 => String::new(),
+        step => format!("one pixel of {step}x{step}, "),
+    };
+    format!(
+        "mean over {views} validation views, {pixels}background sRGB ({r}, {g}, {b}), {samples} samples a ray"
+    )
+}
+
+impl Session<'_, '_> {
+    /// Exports the last step, and measures the very blob that is exported.
+    pub(super) fn finish(
+        &mut self,
+        train_seconds: f64,
+        samples_per_second: [f64; 2],
+    ) -> Result<Outcome, RunError> {
+        let mut candidate = self.trainer.candidate(true);
+        let view_dependence = self.ask_direction(&mut candidate)?;
+        let draft = self.trainer.export(&candidate, &About::default())?.bytes;
+        let (occupancy_loss_db, trained) = self.ask_occupancy(&draft)?;
+        let occupancy_required =
+            occupancy_loss_db.is_none_or(|loss| loss.is_nan() || loss.abs() > OCCUPANCY_LOSS_DB);
+
+        let background = self.trainer.background();
+        let (scores, lattice, shown) = self.evaluate(&draft)?;
+        let quantisation_loss_db = self.ask_rounding(&candidate, &draft, &scores, lattice)?;
+        let psnr_db = scores.psnr_db();
+        let asked = spread(&self.dataset.train, ASKED_VIEWS);
+        let all: Vec<&View> = self.dataset.val.iter().collect();
+        let (judged, judged_scores) = if all.is_empty() { (&asked, &trained) } else { (&all, &scores) };
+        let flats: Vec<f64> = judged
+            .iter()
+            .map(|view| {
+                let thin = view.thinned(lattice);
+                flat_psnr_db(&thin.counted(&thin.composite_over(background)))
+            })
+            .collect();
+        let judged_db = judged_scores.views.iter().map(|score| score.psnr_db);
+        let flat = is_flat(judged_db.zip(flats.iter().copied()));
+        let samples = self.trainer.config().sampling.samples;
+        let convention = convention(all.len(), lattice, background, samples);
+        let about = About { occupancy_required, psnr_db, convention: &convention, quantisation_loss_db };
+        let exported = self.trainer.export(&candidate, &about)?;
+        let watched = self.watched.iter().filter_map(|&view| self.dataset.val.get(view));
+        Ok(Outcome {
+            bytes: exported.bytes,
+            scores,
+            lattice,
+            shown,
+            background,
+            flat_psnr_db: mean_flat_psnr_db(flats),
+            flat,
+            quantisation_loss_db,
+            occupancy_loss_db,
+            occupancy_required,
+            view_dependence,
+            subnormal_weights: exported.subnormal_weights,
+            trend: Trend::of(&self.trainer.curve),
+            watched: watched.map(|view| view.name.clone()).collect(),
+            missed_snapshots: self.missed_snapshots(),
+            steps: self.trainer.progressed().step,
+            reseeds: self.trainer.progressed().reseeds,
+            parameters: self.trainer.parameters(),
+            occupied_share: candidate.live.lookup().occupied_share(),
+            train_seconds,
+            samples_per_second,
+            snapshots: self.trainer.snapshots.clone(),
+            curve: self.trainer.curve.clone(),
+        })
+    }
+
+    /// Scores of several renderings of the same views, all on one lattice: as fine as their share of the time allows.
+    pub(super) fn compare(
+        &self,
+        views: &[&View],
+        renderings: &[(&[u8], Quality)],
+    ) -> Result<Vec<Scores>, EvalError> {
+        let (pixels, largest) = pixels_of(views.iter().copied());
+        let on = |lattice: u32| -> Result<Vec<Scores>, EvalError> {
+            let views: Vec<_> = views.iter().map(|view| view.thinned(lattice)).collect();
+            let measured = |&(bytes, quality): &(&[u8], Quality)| {
+                let (kernel, background) = (self.options.kernel, self.trainer.background());
+                let views = views.iter().map(|view| &**view);
+                measure(bytes, None, kernel, &quality, background, views, |_, _, _, _| {})
+            };
+            renderings.iter().map(measured).collect()
+        };
+        // The price is these renderings' own: without an occupancy grid, a scene is asked in many more places.
+        let mut pace = Pace::new(self.options.budget.seconds, false, false);
+        let everything = pace.lattice_on_the_way(pixels, largest, f64::INFINITY);
+        if !pace.is_limited() {
+            return on(everything);
+        }
+        let (probe, begun) = (pace.probe(largest).max(everything), Instant::now());
+        let scores = on(probe)?;
+        pace.measured(pixels / u64::from(probe).pow(2), begun.elapsed().as_secs_f64());
+        let allowed = pace.share(QUESTION_SHARE) * renderings.len() as f64;
+        let lattice = pace.lattice_on_the_way(pixels, largest, allowed);
+        if lattice < probe { on(lattice) } else { Ok(scores) }
+    }
+
+    /// dB that leaving the occupancy grid out costs on training views, and their scores with it.
+    fn ask_occupancy(&self, draft: &[u8]) -> Result<(Option<f64>, Scores), EvalError> {
+        let views = spread(&self.dataset.train, ASKED_VIEWS);
+        let with = Quality::default();
+        let without = Quality { occupancy: false, ..with };
+        if self.trainer.config().network.grid.is_some() {
+            return Ok((None, self.compare(&views, &[(draft, with)])?.swap_remove(0)));
+        }
+        let mut scores = self.compare(&views, &[(draft, with), (draft, without)])?;
+        let db = |scores: Option<&Scores>| scores.and_then(Scores::psnr_db).unwrap_or(f64::NAN);
+        let loss_db = gain_db(db(scores.first()), db(scores.last()));
+        Ok((Some(loss_db), scores.swap_remove(0)))
+    }
+
+    /// Scores of the blob on all validation views, their lattice, and the views that are shown.
+    fn evaluate(&mut self, draft: &[u8]) -> Result<(Scores, u32, Vec<Shown>), RunError> {
+        let views: Vec<&View> = self.dataset.val.iter().collect();
+        let (pixels, largest) = pixels_of(views.iter().copied());
+        if self.pace.is_limited() && !self.pace.knows() {
+            let some = spread(&self.dataset.val, ASKED_VIEWS);
+            self.measure_priced(draft, &some, self.pace.probe(largest), |_| {})?;
+        }
+        let lattice = self.pace.lattice(pixels, largest, self.pace.share(FINAL_SHARE));
+        let kept: Vec<usize> = spread_indices(views.len(), SHOWN_VIEWS).collect();
+        let (mut index, mut shown) = (0, Vec::new());
+        let (kernel, background) = (self.options.kernel, self.trainer.background());
+        let thinned: Vec<_> = views.iter().map(|view| view.thinned(lattice)).collect();
+        let views = thinned.iter().map(|view| &**view);
+        let each = |_: &View, frame: &Frame, truth: &[[f32; 3]], score: &ViewScore| {
+            if self.options.report && kept.contains(&index) {
+                let (frame, truth, psnr_db) = (frame.clone(), truth.to_vec(), score.psnr_db);
+                shown.push(Shown { view: index, frame, truth, psnr_db });
+            }
+            index += 1;
+        };
+        let scores = measure(draft, None, kernel, &Quality::default(), background, views, each)?;
+        Ok((scores, lattice, shown))
+    }
+
+    /// dB that rounding costs, on some of the views that `scores` are of; `None` without any.
+    fn ask_rounding(
+        &self,
+        candidate: &Candidate,
+        draft: &[u8],
+        scores: &Scores,
+        lattice: u32,
+    ) -> Result<Option<f64>, EvalError> {
+        let views = &self.dataset.val;
+        let (pixels, _) = pixels_of(views);
+        let taken = self.pace.seconds_of(pixels / u64::from(lattice).pow(2)) / views.len().max(1) as f64;
+        let count = ((self.pace.share(QUESTION_SHARE) / taken) as usize).clamp(1, FINAL_VIEWS);
+        let indices: Vec<usize> = spread_indices(views.len(), count).collect();
+        let thinned: Vec<_> = indices.iter().map(|&view| views[view].thinned(lattice)).collect();
+        let (kernel, background) = (self.options.kernel, self.trainer.background());
+        let unrounded = measure(
+            draft,
+            Some(&candidate.parameters),
+            kernel,
+            &Quality::default(),
+            background,
+            thinned.iter().map(|view| &**view),
+            |_, _, _, _| {},
+        )?;
+        let rounded = indices.iter().map(|&view| scores.views[view].clone()).collect();
+        let rounded = Scores { views: rounded, counters: scores.counters };
+        Ok(unrounded.psnr_db().zip(rounded.psnr_db()).map(|(unrounded, rounded)| gain_db(unrounded, rounded)))
+    }
+
+    fn missed_snapshots(&self) -> Vec<u32> {
+        let taken = &self.trainer.snapshots;
+        self.options.snapshots.as_ref().map_or_else(Vec::new, |options| options.missed(taken))
+    }
+}

@@ -1,0 +1,11 @@
+//! One fit from first step to blob.
+
+pub mod direction;
+pub mod finish;
+pub mod pace;
+pub mod picture;
+pub mod run;
+pub mod size;
+pub mod snapshot;
+pub mod trend;
+pub mod validation;

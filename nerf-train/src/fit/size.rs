@@ -1,0 +1,318 @@
+//! How large the file of a run gets, of a scene or a picture, and settings with which it is no larger than a wish.
+
+use crate::data::Dataset;
+use crate::fit::finish::convention;
+use crate::fit::picture::MEASURED_ON;
+use crate::model::config::{Config, TableConfig};
+use crate::model::picture_config::FieldConfig;
+use crate::model::quantise::TableStorage;
+use crate::train::candidate::MADE_BY;
+use crate::train::occupancy::Occupancy;
+use glam::Vec3;
+use nerf_core::blob::{
+    BlobError, Body, Content, FrontPoint, MAX_FRONT, MAX_SAMPLES, PictureFacts, Provenance, SceneFacts,
+    SceneSampling, StoredOccupancy, StoredTables, encoded_len,
+};
+use nerf_core::encoding::GridEncoding;
+
+/// What the occupancy grid's resolution is chosen from, cells along the longest side of the scene box.
+const RESOLUTIONS: [u16; 11] = [128, 112, 96, 80, 64, 56, 48, 40, 32, 24, 16];
+/// Share of a file that the occupancy grid may take. On lego, 128 KiB: 29.2 dB with 32 cells, 29.7 with 48 and fewer
+/// levels of the grid.
+const OCCUPANCY_SHARE: f64 = 1.0 / 6.0;
+/// Resolutions of the occupancy grid that are given up for more values. In 128 KiB, after 15,000 steps and with two seeds,
+/// eight levels and 48 cells have 31.09 and 30.98 dB, seven and 64 cells 30.87 and 30.95.
+const NEIGHBOURS: usize = 3;
+/// Least binary logarithm of the entries of a level.
+const LEAST_LOG2_ENTRIES: u8 = 4;
+/// Levels that a grid may have fewer than its settings say.
+const FEWER_LEVELS: usize = 2;
+
+/// What the coarsest level of a picture's grid is chosen from, in cells of the settings' own: what fine levels have too few
+/// entries for, coarser ones can hold. fox.jpg in 128 KiB, 2,500 steps: 30.0 dB (104 KiB) with its own alone, 30.6 dB
+/// (126 KiB) so.
+const FINER_COARSEST: [f64; 7] = [1.0, 1.25, 1.5, 2.0, 2.5, 3.0, 4.0];
+
+/// Settings that somebody has chosen, and that stay as they are.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Chosen {
+    /// The most entries of a level.
+    pub entries: bool,
+    /// The levels.
+    pub levels: bool,
+    /// Cells of the coarsest level.
+    pub coarsest: bool,
+    /// Cells of the finest level.
+    pub finest: bool,
+    /// What values are stored in.
+    pub storage: bool,
+    /// The occupancy grid's resolution.
+    pub occupancy: bool,
+}
+
+/// Why no settings fit.
+#[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
+#[non_exhaustive]
+pub enum SizeError {
+    /// Even the smallest file is larger.
+    #[error(
+        "--max-bytes: expected at least {least}, bytes of the smallest file of these settings, found {found}"
+    )]
+    TooSmall {
+        /// Bytes of the smallest file.
+        least: u64,
+        /// The wish.
+        found: u64,
+    },
+    /// Settings that make no file.
+    #[error("{0}")]
+    Blob(#[from] BlobError),
+}
+
+/// `config` with the settings of a grid, over a box of this extent, whose file is no larger than `max_bytes` whatever
+/// the run does and with room for a front; `None` without a grid.
+///
+/// Nothing is larger than `config` says. As many values as fit: in f16 if that makes none fewer, else in int8, which
+/// loses some hundredths of a decibel where half the entries lose half of one.
+///
+/// # Errors
+/// [`SizeError`] if even the smallest file is larger.
+pub fn within(
+    config: &Config,
+    chosen: Chosen,
+    extent: Vec3,
+    dataset: &Dataset,
+    max_bytes: u64,
+) -> Result<Option<Config>, SizeError> {
+    let Some(own) = &config.network.grid else { return Ok(None) };
+    let with = |table: &TableConfig, resolution: u16| {
+        let mut fitted = config.clone();
+        fitted.network.grid = Some(table.clone());
+        fitted.occupancy.resolution = resolution;
+        fitted
+    };
+    // Fewer entries are worth coarser levels: fewer vertices share one.
+    let cells = |fewer: f64| {
+        let cells = |cells: u16, fixed: bool, halved_by: f64| match fixed {
+            true => cells,
+            false => (f64::from(cells) * (-fewer / halved_by).exp2()).round().max(1.0) as u16,
+        };
+        let coarsest = cells(own.coarsest, chosen.coarsest, 5.0);
+        vec![[coarsest, cells(own.finest, chosen.finest, 6.0).max(coarsest)]]
+    };
+    let (table, resolution) = most_values(
+        tables(own, chosen, cells),
+        &resolutions(config, chosen, extent, max_bytes),
+        |table| table.encoding(extent),
+        |table, resolution| most_bytes(&with(table, resolution), extent, dataset),
+        max_bytes,
+    )?;
+    Ok(Some(with(&table, resolution)))
+}
+
+/// `config` with the settings of a grid, over a picture of this size and name, whose file is no larger than `max_bytes`
+/// whatever the run does; `None` without a grid.
+///
+/// As many values as fit, as [`within`] chooses them. The finest level stays: what the picture has of detail is there.
+///
+/// # Errors
+/// [`SizeError`] if even the smallest file is larger.
+pub fn picture_within(
+    config: &FieldConfig,
+    chosen: Chosen,
+    size: [u32; 2],
+    name: &str,
+    max_bytes: u64,
+) -> Result<Option<FieldConfig>, SizeError> {
+    let Some(own) = &config.grid else { return Ok(None) };
+    let with = |table: &TableConfig| FieldConfig { grid: Some(table.clone()), ..config.clone() };
+    let finer = if chosen.coarsest { &FINER_COARSEST[..1] } else { &FINER_COARSEST };
+    let coarsest = |&times: &f64| (f64::from(own.coarsest) * times).min(own.finest.into()) as u16;
+    let cells = |_| finer.iter().map(|times| [coarsest(times), own.finest]).collect();
+    let (table, _) = most_values(
+        tables(own, chosen, cells),
+        &[0],
+        |table| table.picture_encoding(size),
+        |table, _| most_picture_bytes(&with(table), size, name),
+        max_bytes,
+    )?;
+    Ok(Some(with(&table)))
+}
+
+/// Of the finest [`NEIGHBOURS`] resolutions of the occupancy grid with which one fits, the table with the most values, and
+/// of those the finest.
+fn most_values(
+    mut tables: Vec<TableConfig>,
+    resolutions: &[u16],
+    encoding: impl Fn(&TableConfig) -> GridEncoding,
+    most_bytes: impl Fn(&TableConfig, u16) -> Result<u64, BlobError>,
+    max_bytes: u64,
+) -> Result<(TableConfig, u16), SizeError> {
+    let bytes_of = |table: &TableConfig| encoding(table).values() * table.storage.bytes_per_value();
+    // Stable: of as many values, those that come first.
+    tables.sort_by_key(|table| std::cmp::Reverse(encoding(table).values()));
+    for neighbours in resolutions.chunks(NEIGHBOURS) {
+        for table in tables.iter().filter(|table| bytes_of(table) as u64 <= max_bytes) {
+            for &resolution in neighbours {
+                if most_bytes(table, resolution)? <= max_bytes {
+                    return Ok((table.clone(), resolution));
+                }
+            }
+        }
+    }
+    let smallest = tables.iter().min_by_key(|table| bytes_of(table)).zip(resolutions.last());
+    let least = smallest.map(|(table, &resolution)| most_bytes(table, resolution));
+    Err(SizeError::TooSmall { least: least.unwrap_or(Ok(u64::MAX))?, found: max_bytes })
+}
+
+/// Resolutions of the occupancy grid to choose from, finest first: none finer than what `config` says.
+fn resolutions(config: &Config, chosen: Chosen, extent: Vec3, max_bytes: u64) -> Vec<u16> {
+    let own = config.occupancy_resolution(extent);
+    let share = (max_bytes as f64 * OCCUPANCY_SHARE) as usize;
+    let coarsest = RESOLUTIONS[RESOLUTIONS.len() - 1];
+    let fits = |&resolution: &u16| {
+        resolution == coarsest || StoredOccupancy::bytes(most_sides(extent, resolution)) <= share
+    };
+    match chosen.occupancy {
+        true => vec![own],
+        false => RESOLUTIONS
+            .into_iter()
+            .filter(|&resolution| resolution <= own.max(coarsest))
+            .filter(fits)
+            .collect(),
+    }
+}
+
+/// Tables to choose from, none with more entries or levels than `own`; f16 comes before int8, and many levels before
+/// few. `cells`: coarsest and finest level of those with so many halvings of the entries.
+fn tables(own: &TableConfig, chosen: Chosen, cells: impl Fn(f64) -> Vec<[u16; 2]>) -> Vec<TableConfig> {
+    let least = if chosen.entries { own.log2_entries } else { own.log2_entries.min(LEAST_LOG2_ENTRIES) };
+    let fewest = if chosen.levels { own.levels } else { own.levels.saturating_sub(FEWER_LEVELS).max(1) };
+    let storages = match (chosen.storage, own.storage) {
+        (false, TableStorage::F16) => vec![TableStorage::F16, TableStorage::Int8],
+        (_, storage) => vec![storage],
+    };
+    let mut all = Vec::new();
+    for log2_entries in (least..=own.log2_entries).rev() {
+        for [coarsest, finest] in cells(f64::from(own.log2_entries - log2_entries)) {
+            for levels in (fewest..=own.levels).rev() {
+                let of = |&storage: &TableStorage| TableConfig {
+                    levels,
+                    features: own.features,
+                    log2_entries,
+                    coarsest,
+                    finest,
+                    storage,
+                };
+                all.extend(storages.iter().map(of));
+            }
+        }
+    }
+    all
+}
+
+/// Cells of an occupancy grid along each side at most: of one that was carved at half the resolution, too.
+fn most_sides(extent: Vec3, resolution: u16) -> [u16; 3] {
+    let [whole, half] =
+        [resolution, resolution.div_ceil(2)].map(|resolution| Occupancy::sides(extent, resolution));
+    std::array::from_fn(|axis| whole[axis].max(2 * half[axis]))
+}
+
+/// Bytes of the largest file that a run over a box of this extent can end in: with a full front of settings, and
+/// numbers as long as they get.
+///
+/// # Errors
+/// [`BlobError`] on settings that make no file.
+pub fn most_bytes(config: &Config, extent: Vec3, dataset: &Dataset) -> Result<u64, BlobError> {
+    let resolution = most_sides(extent, config.occupancy_resolution(extent));
+    let bits = vec![0; StoredOccupancy::bytes(resolution)];
+    let (samples, longest) = (config.sampling.samples, extent.max_element());
+    let (across, power) = (f32::from(config.sampling.steps_across), config.sampling.contraction);
+    let content = Content::Scene(SceneFacts {
+        min: [0.0; 3],
+        // Of a cube that is far from the origin, its corners are rounded.
+        max: if power.is_some() { [longest; 3] } else { extent.into() },
+        near: 0.0,
+        far: 1.0,
+        sampling: match (&config.network.grid, power) {
+            (Some(_), Some(power)) => SceneSampling::Contracted { step: 2.0 / across, power },
+            (Some(_), None) => SceneSampling::March(longest / across),
+            (None, _) => SceneSampling::Bins(samples),
+        },
+        background: [0.0; 3],
+        occupancy_required: true,
+    });
+    let point = |i: usize| FrontPoint {
+        samples: MAX_SAMPLES,
+        transmittance_cut: 0.0,
+        colour_cut: 0.0,
+        occupancy: true,
+        math: 0,
+        proposal: false,
+        loss_db: 0.0,
+        cost: (MAX_FRONT - i) as f32,
+    };
+    let convention = convention(dataset.val.len(), u32::MAX, [1.0; 3], MAX_SAMPLES);
+    let provenance = Provenance {
+        psnr_convention: &convention,
+        quantisation_loss_db: Some(0.0),
+        ..provenance(&dataset.name, config.seed)
+    };
+    let body = Body {
+        architecture: config.model_of(extent).architecture,
+        content,
+        occupancy: Some(StoredOccupancy { resolution, bits: &bits }),
+        front: (0..MAX_FRONT).map(point).collect(),
+        proposal: None,
+        provenance,
+        weights: &[],
+        tables: None,
+    };
+    length(body, config.network.grid.as_ref().map(|table| table.storage))
+}
+
+/// Bytes of the largest file that a run over a picture of this size and name can end in.
+///
+/// # Errors
+/// [`BlobError`] on settings that make no file.
+pub fn most_picture_bytes(config: &FieldConfig, size: [u32; 2], name: &str) -> Result<u64, BlobError> {
+    let [width, height] = size;
+    let body = Body {
+        architecture: config.model(size).architecture,
+        content: Content::Picture(PictureFacts { width, height }),
+        occupancy: None,
+        front: [].into_iter().collect(),
+        proposal: None,
+        provenance: Provenance { psnr_convention: MEASURED_ON, ..provenance(name, config.seed) },
+        weights: &[],
+        tables: None,
+    };
+    length(body, config.grid.as_ref().map(|table| table.storage))
+}
+
+/// Where a file comes from, with numbers as long as they get.
+fn provenance(data: &str, seed: u64) -> Provenance<'_> {
+    Provenance {
+        data,
+        made_by: MADE_BY,
+        steps: u32::MAX,
+        seed,
+        psnr_db: Some(0.0),
+        trained_parameters: u32::MAX,
+        ..Provenance::NONE
+    }
+}
+
+/// Bytes of the file of `body` with all weights, and with tables in this storage if its network has a grid.
+fn length(body: Body<'_>, storage: Option<TableStorage>) -> Result<u64, BlobError> {
+    let grid = body.architecture.position.grid();
+    let (values, levels) = grid.map_or((0, 0), |grid| (grid.values(), grid.resolutions.len()));
+    let entries = vec![0; values * storage.map_or(0, TableStorage::bytes_per_value)];
+    let scales = 1f32.to_le_bytes().repeat(levels);
+    let tables = storage.map(|storage| match storage {
+        TableStorage::F16 => StoredTables::F16(&entries),
+        TableStorage::Int8 => StoredTables::Int8 { scales: &scales, bytes: &entries },
+    });
+    let weights = vec![0; 2 * body.architecture.parameters()];
+    Ok(encoded_len(&Body { weights: &weights, tables, ..body })? as u64)
+}

@@ -1,0 +1,86 @@
+//! Which combinations of knobs are worth rendering: predicted from their rows, then measured.
+
+use super::front::{Price, pareto, thin};
+use super::knobs::{KNOBS, Knob};
+use crate::measure::settings::Settings;
+
+/// Values of one knob beside the base's, and what each was found to lose and to cost.
+#[derive(Clone, Debug, Default)]
+pub struct Choices {
+    /// Index of the knob in the table.
+    pub knob: usize,
+    /// Settings of the row, dB lost against the base, multiply-adds relative to the base's.
+    pub rows: Vec<(Settings, Price)>,
+}
+
+/// Combinations that may be on the front, dearest first, at most `most`.
+///
+/// Losses are taken to add up and costs to multiply, which is rough and good enough to choose by: what is
+/// chosen is measured. `limit_db`: largest predicted loss against the base. Only multiply-adds count as cost,
+/// so that the choice is the same on every machine.
+pub fn combinations(base: Settings, choices: &[Choices], limit_db: f64, most: usize) -> Vec<Settings> {
+    let start = (base, Price { loss_db: 0.0, cost: 1.0 });
+    let mut all = vec![start];
+    for Choices { knob, rows } in choices {
+        let knob: &Knob = &KNOBS[*knob];
+        let mut next = all.clone();
+        for (settings, price) in &all {
+            for (row, own) in rows {
+                let mut settings = *settings;
+                (knob.copy)(row, &mut settings);
+                let price = Price { loss_db: price.loss_db + own.loss_db, cost: price.cost * own.cost };
+                if price.loss_db <= limit_db {
+                    next.push((settings, price));
+                }
+            }
+        }
+        all = next;
+    }
+    let prices: Vec<Price> = all.iter().map(|(_, price)| *price).collect();
+    let front = thin(&prices, &pareto(&prices), most);
+    // The base and single knobs are measured already.
+    front.into_iter().map(|i| all[i].0).filter(|settings| turned(&base, choices, settings) > 1).collect()
+}
+
+/// Number of knobs with another value than in the base.
+fn turned(base: &Settings, choices: &[Choices], settings: &Settings) -> usize {
+    let differs = |choices: &&Choices| {
+        let mut copy = *base;
+        (KNOBS[choices.knob].copy)(settings, &mut copy);
+        copy != *base
+    };
+    choices.iter().filter(differs).count()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// The knob of that name, with settings made by `set` and their prices.
+    fn choices(name: &str, set: fn(&mut Settings, f32), rows: &[(f32, f64, f64)]) -> Choices {
+        let knob = KNOBS.iter().position(|knob| knob.name == name).expect("a knob");
+        let row = |&(value, loss_db, cost): &(f32, f64, f64)| {
+            let mut settings = Settings::base();
+            set(&mut settings, value);
+            (settings, Price { loss_db, cost })
+        };
+        Choices { knob, rows: rows.iter().map(row).collect() }
+    }
+
+    #[test]
+    fn combinations_turn_several_knobs_within_the_limit() {
+        let samples = choices(
+            "samples",
+            |s, v| s.quality.samples = v as u16,
+            &[(48.0, 0.1, 0.75), (32.0, 0.6, 0.5), (16.0, 3.0, 0.25)],
+        );
+        let cut = choices("transmittance cut", |s, v| s.quality.transmittance_cut = v, &[(0.1, 0.05, 0.8)]);
+        let found = combinations(Settings::base(), &[samples.clone(), cut.clone()], 1.0, 10);
+        let values: Vec<(u16, f32)> =
+            found.iter().map(|s| (s.quality.samples, s.quality.transmittance_cut)).collect();
+        // Too few samples lose too much; single knobs are rows already.
+        assert_eq!(values, [(48, 0.1), (32, 0.1)]);
+        assert!(combinations(Settings::base(), &[samples], 1.0, 10).is_empty());
+        assert!(combinations(Settings::base(), &[], 1.0, 10).is_empty());
+    }
+}

@@ -1,0 +1,25 @@
+//! What accuracy costs in time, and what each effect of a scene is worth: measured, not guessed.
+//!
+//! ```text
+//! knobs ─► points ─► frames against truth and the exact rendering ─► one-knob rows
+//!                         ▲                                               │ combine
+//!                         └──────────── combinations worth trying ◄───────┘
+//!                                              │
+//!                                  Pareto front ─► report, blob
+//! ```
+//!
+//! *Exact* is every sample inside the scene box, no cuts, the exact encoding, f32 with the fastest instructions;
+//! behind the occupancy grid only where the blob says that it is part of the model. *Base* is what a renderer
+//! does when nobody asks for anything. Knobs are turned one at a time from the base.
+
+mod combine;
+mod front;
+mod knobs;
+mod report;
+mod run;
+pub mod training;
+
+pub use front::{Price, cheapest_within, pareto, thin};
+pub use knobs::{KNOBS, Knob};
+pub use report::{Findings, SPAN_LOSS_DB, Setting, front_of};
+pub use run::{Effort, Progressed, Study};

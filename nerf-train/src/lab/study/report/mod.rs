@@ -1,0 +1,191 @@
+//! What a study says: points.csv, report.md, the front as a plot, pictures of its ends, summary.json.
+
+mod beside;
+mod markdown;
+mod pictures;
+mod tables;
+
+use super::run::Study;
+use crate::data::system::output::write_atomic;
+use crate::measure::error::StudyError;
+use crate::measure::point::{Clock, Point, Totals};
+use crate::show::plot::{Label, LinePlot, Marker, Reference, Series};
+use crate::show::summary::Summary;
+pub use beside::front_of;
+use std::path::Path;
+
+/// The loss within which the front's span is told, dB.
+pub const SPAN_LOSS_DB: f64 = 1.0;
+
+/// Where and on what a study was made.
+#[derive(Clone, Debug)]
+pub struct Setting<'a> {
+    /// The blob's file.
+    pub blob: String,
+    /// The data's name.
+    pub data: &'a str,
+    /// Which part of it.
+    pub split: &'a str,
+    /// The background's name.
+    pub background: String,
+    /// The CPU's name.
+    pub cpu: String,
+    /// Seconds the study took.
+    pub seconds: f64,
+    /// Fronts of other studies, drawn in the same plot.
+    pub beside: Vec<Series>,
+}
+
+/// Everything of a study in numbers, worked out once.
+pub struct Findings<'s, 'a, 'b> {
+    /// What was measured.
+    pub study: &'s Study<'a, 'b>,
+    /// By point.
+    pub totals: Vec<Totals>,
+    /// Over time.
+    pub front: Vec<usize>,
+    /// Over multiply-adds, of what a blob can hold.
+    pub blob_front: Vec<usize>,
+    /// By point: time as a share of the exact rendering's.
+    pub times: Vec<f64>,
+}
+
+impl<'s, 'a, 'b> Findings<'s, 'a, 'b> {
+    /// The findings of a study.
+    pub fn of(study: &'s Study<'a, 'b>) -> Self {
+        let times = study.times().into_iter().map(|price| price.cost).collect();
+        let (totals, front, (blob_front, _)) = (study.totals(), study.front(), study.blob_front());
+        Self { study, totals, front, blob_front, times }
+    }
+
+    /// How many times faster than the exact rendering the cheapest point within [`SPAN_LOSS_DB`] is, among
+    /// those that `keep` says, and which it is.
+    pub fn span(&self, keep: impl Fn(&Point) -> bool) -> Option<(f64, usize)> {
+        let point = self.study.cheapest(SPAN_LOSS_DB, keep)?;
+        Some((1.0 / self.times[point], point))
+    }
+
+    /// PSNR over seconds: all points, in colours by the bytes of their files, and the front through its numbered ones.
+    fn plot(&self, setting: &Setting<'_>) -> LinePlot {
+        let clock = self.study.effort.clock;
+        let name = if clock == Clock::Wall { "seconds a view" } else { "CPU seconds a view" };
+        let title = format!("{}: what accuracy costs in time", setting.data);
+        let mut plot = LinePlot::new(title, name, format!("PSNR, dB, on {}", setting.background));
+        let exact = self.study.points[0].seconds(clock).map_or(1.0, |s| s.median);
+        // Ratios of the same rounds: points do not move with the machine's load.
+        let place = |i: usize| (self.times[i] * exact, self.totals[0].psnr_db - self.totals[i].loss_db);
+        let series = |name: &str, which: Vec<usize>, marker| Series {
+            name: name.into(),
+            points: which.into_iter().map(place).collect(),
+            marker,
+        };
+        // The third axis: a colour for the bytes of each file.
+        let kib = |i: usize| (self.study.points[i].memory.file as f64 / 1024.0).round() as u64;
+        let all = || 0..self.study.points.len();
+        let mut sizes: Vec<u64> = all().map(kib).collect();
+        // Small ones last, on top: a smaller file often takes the same time.
+        sizes.sort_unstable_by(|a, b| b.cmp(a));
+        sizes.dedup();
+        let of_size = |&size: &u64| {
+            series(
+                &format!("file of {size} KiB"),
+                all().filter(|&i| kib(i) == size).collect(),
+                Marker::Points,
+            )
+        };
+        // Under the points, whose colours say more.
+        plot.series = vec![series("front", self.front.clone(), Marker::Line)];
+        plot.series.extend(setting.beside.iter().cloned());
+        plot.series.extend(sizes.iter().map(of_size));
+        plot.log_x = true;
+        // Names would cover the points: the front's have the numbers of the tables, and a legend below.
+        let label = |text: String, i: usize| Label { text, at: place(i) };
+        plot.labels = [0, 1].map(|i| label(self.study.points[i].label.clone(), i)).to_vec();
+        let numbered = || self.front.iter().copied().filter(|&i| i > 1);
+        plot.labels.extend(numbered().map(|i| label(i.to_string(), i)));
+        let named: Vec<String> = numbered().map(|i| format!("{i}: {}", self.study.points[i].label)).collect();
+        plot.notes = vec![named.join("; ")];
+        plot.references = vec![Reference {
+            label: format!("exact less {SPAN_LOSS_DB} dB"),
+            y: self.totals[0].psnr_db - SPAN_LOSS_DB,
+        }];
+        plot
+    }
+
+    /// summary.json.
+    pub fn summary(&self, setting: &Setting<'_>) -> Summary {
+        let study = self.study;
+        let mut summary = Summary::new();
+        match self.span(|_| true) {
+            Some((span, point)) => summary
+                .number("front_span_within_1db", span)
+                .text("front_span_point", study.points[point].label.clone())
+                .number("front_span_loss_db", self.totals[point].loss_db),
+            None => summary.absent("front_span_within_1db", "no point within 1 dB"),
+        };
+        for (name, span) in [
+            ("front_span_within_1db_whole_size", self.span(whole)),
+            ("front_span_within_1db_whole_size_f32", self.span(whole_f32)),
+        ] {
+            match span {
+                Some((span, _)) => summary.number(name, span),
+                None => summary.absent(name, "no such point within 1 dB"),
+            };
+        }
+        let median = |i: usize, clock| study.points[i].seconds(clock).map_or(f64::NAN, |s| s.median);
+        summary
+            .number("exact_psnr_db", self.totals[0].psnr_db)
+            .number("exact_wall_s_a_view", median(0, Clock::Wall))
+            .number("exact_cpu_s_a_view", median(0, Clock::Cpu))
+            .number("base_psnr_db", self.totals[1].psnr_db)
+            .number("base_wall_s_a_view", median(1, Clock::Wall))
+            .number("base_span", 1.0 / self.times[1])
+            .number("oracle_max_error", study.oracle_max)
+            .integer("points", study.points.len() as u64)
+            .integer("views", study.views.len() as u64)
+            .integer("timing_views", study.timing.len() as u64)
+            .integer("timing_rounds_left_out", study.rounds_left_out as u64)
+            .text("clock", if study.effort.clock == Clock::Wall { "wall" } else { "cpu" })
+            .text("data", setting.data)
+            .text("split", setting.split)
+            .text("background", setting.background.clone())
+            .number("study_seconds", setting.seconds)
+            .integer("threads", rayon::current_num_threads() as u64)
+            .text("cpu", setting.cpu.clone())
+            .sections("front", self.front.iter().map(|&i| self.fields(i)).collect())
+            .sections("blob_front", self.blob_front.iter().map(|&i| self.fields(i)).collect());
+        summary
+    }
+
+    fn fields(&self, i: usize) -> Summary {
+        let mut fields = Summary::new();
+        fields
+            .text("settings", self.study.points[i].label.clone())
+            .number("psnr_db", self.totals[i].psnr_db)
+            .number("loss_db", self.totals[i].loss_db)
+            .number("relative_time", self.times[i])
+            .number("relative_macs", self.totals[i].relative_macs);
+        fields
+    }
+
+    /// Writes everything into `folder`, which exists.
+    ///
+    /// # Errors
+    /// [`StudyError`] on files that cannot be written.
+    pub fn write(&self, setting: &Setting<'_>, folder: &Path) -> Result<(), StudyError> {
+        self.table().write_csv(folder.join("points.csv"))?;
+        self.plot(setting).write(folder.join("front"))?;
+        pictures::write(self, folder)?;
+        write_atomic(folder.join("report.md"), self.markdown(setting).as_bytes())?;
+        self.summary(setting).write(folder)?;
+        Ok(())
+    }
+}
+
+fn whole(point: &Point) -> bool {
+    point.settings.quarters == 4
+}
+
+fn whole_f32(point: &Point) -> bool {
+    whole(point) && !point.settings.kernel.rounds()
+}

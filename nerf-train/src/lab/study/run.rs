@@ -1,0 +1,356 @@
+//! A study from its first frame to its last.
+//!
+//! ```text
+//! pass 1   every view:      exact, base, each knob on its own        slow ones on the timing views only
+//! pass 2   every view:      base, combinations chosen from pass 1    exact on the timing views
+//! pass 3…  timing views:    everything, as often as time allows
+//! ```
+//!
+//! Of a scene without an occupancy grid everything is slow: then the timing views are all there are.
+//!
+//! Within a pass all points are rendered view by view, in turned order, so that a machine that slows down
+//! slows all of them. Errors come from the first rendering of a view, times from all on the timing views.
+
+use super::combine::{Choices, combinations};
+use super::front::{Price, cheapest_within, pareto, thin};
+use super::knobs::{KNOBS, difference, fits_blob};
+use crate::data::View;
+use crate::measure::bench::Lab;
+use crate::measure::error::StudyError;
+use crate::measure::frame::Frame;
+use crate::measure::point::{Clock, Origin, Point, Totals, ViewErrors};
+use crate::measure::settings::Settings;
+use nerf_core::Kernel;
+use nerf_core::blob::{FrontPoint, MAX_FRONT};
+use nerf_core::camera::{Camera, Intrinsics};
+use nerf_core::plan::Preset;
+use std::time::{Duration, Instant};
+
+/// Loss against the base beyond which combinations are not looked for, dB.
+const COMBINATION_LOSS_DB: f64 = 2.5;
+/// Loss against the exact rendering beyond which a blob's front has no points, dB: nobody wants them.
+pub const BLOB_LOSS_DB: f64 = 3.0;
+/// Points of a blob's front that lose no more than this never step longer than the field was trained to, dB: what that
+/// loses differs from view to view.
+pub const TRAINED_STEP_LOSS_DB: f32 = Preset::Balanced.loss_db();
+/// Combinations of all knobs, and of those that a blob's front can hold.
+const COMBINATIONS: usize = 12;
+/// Side of the square that the portable oracle renders, pixels.
+const ORACLE_SIDE: u32 = 16;
+
+/// How long to measure.
+#[derive(Clone, Copy, Debug)]
+pub struct Effort {
+    /// Views that times are taken on.
+    pub timing_views: usize,
+    /// Rounds of timing, if time allows.
+    pub repeats: usize,
+    /// After this no further round of timing begins.
+    pub limit: Duration,
+    /// Which clock the front over time goes by.
+    pub clock: Clock,
+}
+
+/// What is going on, for a display.
+#[derive(Clone, Copy, Debug)]
+pub struct Progressed<'a> {
+    /// The pass.
+    pub pass: &'a str,
+    /// Frames rendered in it.
+    pub done: u64,
+    /// Frames it has.
+    pub total: u64,
+}
+
+/// Everything that was measured.
+#[derive(Debug)]
+pub struct Study<'a, 'b> {
+    /// Blob and variants.
+    pub lab: &'a Lab<'b>,
+    /// The views.
+    pub views: Vec<&'a View>,
+    /// Indices of the views that times are taken on.
+    pub timing: Vec<usize>,
+    /// What is behind the scene, display-encoded.
+    pub background: [f32; 3],
+    /// How long was measured.
+    pub effort: Effort,
+    /// The exact rendering, the base, the knobs, the combinations.
+    pub points: Vec<Point>,
+    /// The exact frames, by view.
+    pub exact: Vec<Frame>,
+    /// Rounds of timing there was no time for.
+    pub rounds_left_out: usize,
+    /// Largest difference of a colour channel between the exact rendering and the portable oracle, on the
+    /// middle of the first view.
+    pub oracle_max: f64,
+    truth: Vec<Vec<[f32; 3]>>,
+    passes: usize,
+}
+
+impl<'a, 'b> Study<'a, 'b> {
+    /// Measures the scene of `lab` on `views`; `each` is told of every frame. The limit of time counts from
+    /// `start`.
+    ///
+    /// # Errors
+    /// [`StudyError`].
+    pub fn run(
+        lab: &'a Lab<'b>,
+        mut views: Vec<&'a View>,
+        effort: Effort,
+        start: Instant,
+        each: &mut dyn FnMut(Progressed<'_>),
+    ) -> Result<Self, StudyError> {
+        if views.is_empty() {
+            return Err(StudyError::NoViews);
+        }
+        let background = lab.scene().background;
+        let count = effort.timing_views.clamp(1, views.len());
+        // The middles of as many equal parts.
+        let mut timing: Vec<usize> = (0..count).map(|i| (2 * i + 1) * views.len() / (2 * count)).collect();
+        if Settings::base().is_slow(lab.has_occupancy(0)) {
+            // Without an occupancy grid everything is slow: the views that times are taken on have to do for all of
+            // it.
+            views = timing.iter().map(|&view| views[view]).collect();
+            timing = (0..count).collect();
+        }
+        let truth = views.iter().map(|view| view.composite_over(background)).collect();
+        let mut study = Self {
+            lab,
+            views,
+            timing,
+            background,
+            effort,
+            points: Vec::new(),
+            exact: Vec::new(),
+            rounds_left_out: 0,
+            oracle_max: f64::NAN,
+            truth,
+            passes: 0,
+        };
+        study.add_rows();
+        study.pass("knobs", &study.all(), false, each)?;
+        study.check_oracle()?;
+        let known = study.points.len();
+        study.add_combinations();
+        if known < study.points.len() {
+            let mut which = vec![0, 1];
+            which.extend(known..study.points.len());
+            study.pass("combinations", &which, false, each)?;
+        }
+        for round in 1..effort.repeats {
+            if start.elapsed().as_secs_f64() + study.round_seconds() > effort.limit.as_secs_f64() {
+                study.rounds_left_out = effort.repeats - round;
+                break;
+            }
+            study.pass("timing", &study.all(), true, each)?;
+        }
+        Ok(study)
+    }
+
+    /// What a round of timing is going to take, on the clock.
+    fn round_seconds(&self) -> f64 {
+        let medians = self.points.iter().filter_map(|point| Some(point.seconds(Clock::Wall)?.median));
+        medians.sum::<f64>() * self.timing.len() as f64
+    }
+
+    fn all(&self) -> Vec<usize> {
+        (0..self.points.len()).collect()
+    }
+
+    fn add(&mut self, origin: Origin, settings: Settings) {
+        let base = Settings::base();
+        if self.points.iter().any(|point| point.settings == settings) {
+            return;
+        }
+        let label = match origin {
+            Origin::Exact => "exact".into(),
+            Origin::Base => "base".into(),
+            _ => difference(self.lab, &base, &settings),
+        };
+        self.points.push(Point::new(origin, settings, label, self.views.len()));
+    }
+
+    fn add_rows(&mut self) {
+        let base = Settings::base();
+        self.add(Origin::Exact, Settings::exact(self.lab.blob()));
+        self.add(Origin::Base, base);
+        for (index, knob) in KNOBS.iter().enumerate() {
+            for settings in (knob.values)(self.lab, base) {
+                self.add(Origin::Knob(index), settings);
+            }
+        }
+    }
+
+    /// What each knob's values lose and cost against the base.
+    fn choices(&self, in_blob: bool) -> Vec<Choices> {
+        let base = self.points[1].totals(&self.points[0]);
+        let of_knob = |index: usize| {
+            let row = |point: &&Point| point.origin == Origin::Knob(index) && !self.is_slow(&point.settings);
+            let price = |point: &Point| {
+                let totals = point.totals(&self.points[0]);
+                let cost = totals.counters.macs as f64 / base.counters.macs as f64;
+                (point.settings, Price { loss_db: totals.loss_db - base.loss_db, cost })
+            };
+            self.points.iter().filter(row).map(price).collect()
+        };
+        let knobs = KNOBS.iter().enumerate();
+        let wanted = knobs.filter(|(_, knob)| knob.combines && (knob.in_blob || !in_blob));
+        let choices = wanted.map(|(knob, _)| Choices { knob, rows: of_knob(knob) });
+        choices.filter(|choices| !choices.rows.is_empty()).collect()
+    }
+
+    fn add_combinations(&mut self) {
+        let base = Settings::base();
+        let found = |in_blob| combinations(base, &self.choices(in_blob), COMBINATION_LOSS_DB, COMBINATIONS);
+        let (all, plain) = (found(false), found(true));
+        let rounding = Kernel::all().filter(|kernel| kernel.rounds());
+        let rounded: Vec<Settings> = rounding
+            .flat_map(|kernel| all.iter().map(move |settings| Settings { kernel, ..*settings }))
+            .collect();
+        for settings in plain.into_iter().chain(all).chain(rounded) {
+            self.add(Origin::Combination, settings);
+        }
+    }
+
+    fn is_slow(&self, settings: &Settings) -> bool {
+        // Where times are taken on every view, nothing is spared by leaving some out.
+        self.timing.len() < self.views.len() && settings.is_slow(self.lab.has_occupancy(settings.variant))
+    }
+
+    /// Whether a point is rendered on a view in this pass.
+    fn wanted(&self, point: &Point, view: usize, only_timing: bool) -> bool {
+        let timed = self.timing.contains(&view);
+        let first = point.views[view].is_none();
+        let slow = self.is_slow(&point.settings) && point.origin != Origin::Exact;
+        timed || (!only_timing && !slow && (first || point.origin != Origin::Exact))
+    }
+
+    fn pass(
+        &mut self,
+        name: &str,
+        which: &[usize],
+        only_timing: bool,
+        each: &mut dyn FnMut(Progressed<'_>),
+    ) -> Result<(), StudyError> {
+        let pass = self.passes;
+        self.passes += 1;
+        let settings: Vec<Settings> = which.iter().map(|&i| self.points[i].settings).collect();
+        let mut order: Vec<(usize, usize)> = Vec::new();
+        for view in 0..self.views.len() {
+            // The exact frame comes first where it is not there yet; turned, none is always behind the same.
+            let turn = if view < self.exact.len() { pass + view } else { 0 };
+            let turned = (0..which.len()).map(|i| which[(i + turn) % which.len()]);
+            let wanted = turned.filter(|&i| self.wanted(&self.points[i], view, only_timing));
+            order.extend(wanted.map(|i| (view, i)));
+        }
+        for point in &mut self.points {
+            // Those that are new have no part in the passes before.
+            point.rounds.resize(self.passes, vec![None; self.timing.len()]);
+        }
+        let lab = self.lab;
+        lab.prepared(&settings, |bench| {
+            let total = order.len() as u64;
+            for (done, &(view, i)) in order.iter().enumerate() {
+                let point = &mut self.points[i];
+                let camera = &self.views[view].camera;
+                let (frame, clocked, memory) = bench.render(&point.settings, camera, self.background)?;
+                point.memory = memory;
+                if let Some(place) = self.timing.iter().position(|&timing| timing == view) {
+                    point.rounds[pass][place] = Some(clocked);
+                }
+                if point.origin == Origin::Exact && self.exact.len() == view {
+                    self.exact.push(frame.clone());
+                }
+                if point.views[view].is_none() {
+                    point.views[view] = Some(ViewErrors::of(&frame, &self.truth[view], &self.exact[view]));
+                }
+                each(Progressed { pass: name, done: done as u64 + 1, total });
+            }
+            Ok(())
+        })
+    }
+
+    /// Compares the exact rendering with the portable oracle in a square in the middle of the first view.
+    fn check_oracle(&mut self) -> Result<(), StudyError> {
+        let camera = &self.views[0].camera;
+        let i = *camera.intrinsics();
+        let (width, height) = (i.width.min(ORACLE_SIDE), i.height.min(ORACLE_SIDE));
+        let (left, top) = ((i.width - width) / 2, (i.height - height) / 2);
+        // The same rays: a lens bends what is counted from its centre.
+        let (cx, cy) = (i.cx - left as f32, i.cy - top as f32);
+        let cut = Camera::new(Intrinsics { width, height, cx, cy, ..i }, *camera.lens(), *camera.pose())?;
+        let exact = Settings::exact(self.lab.blob());
+        let scalar = Settings { kernel: Kernel::IN_PLACE, ..exact };
+        let background = self.background;
+        self.oracle_max = self.lab.prepared(&[exact, scalar], |bench| {
+            let (exact, ..) = bench.render(&exact, &cut, background)?;
+            let (scalar, ..) = bench.render(&scalar, &cut, background)?;
+            let pairs = exact.rgb.as_flattened().iter().zip(scalar.rgb.as_flattened());
+            Ok(pairs.map(|(a, b)| f64::from(a - b).abs()).fold(0.0, f64::max))
+        })?;
+        Ok(())
+    }
+
+    /// What each point comes to, in the order of the points.
+    pub fn totals(&self) -> Vec<Totals> {
+        self.points.iter().map(|point| point.totals(&self.points[0])).collect()
+    }
+
+    /// Loss and time, as a share of the exact rendering's.
+    pub fn times(&self) -> Vec<Price> {
+        let price = |point: &Point| {
+            let cost = point.relative_time(&self.points[0], self.effort.clock).unwrap_or(f64::NAN);
+            Price { loss_db: point.totals(&self.points[0]).loss_db, cost }
+        };
+        self.points.iter().map(price).collect()
+    }
+
+    /// The front over time: indices of points, dearest first.
+    pub fn front(&self) -> Vec<usize> {
+        pareto(&self.times())
+    }
+
+    /// The front over multiply-adds of what a blob can hold: indices of points, dearest first, at most
+    /// [`MAX_FRONT`] that lose no more than `BLOB_LOSS_DB`, none within `TRAINED_STEP_LOSS_DB` at a longer step than the
+    /// field was trained with, and the price of every point.
+    pub fn blob_front(&self) -> (Vec<usize>, Vec<Price>) {
+        let base = Settings::base();
+        let price = |point: &Point| {
+            let totals = point.totals(&self.points[0]);
+            let longer = self.lab.is_marched() && self.lab.step_share(&point.settings) > 1.0;
+            // Losses on other views do not compare.
+            let fits = fits_blob(self.lab, &base, &point.settings)
+                && totals.views == self.views.len()
+                && totals.loss_db <= BLOB_LOSS_DB
+                && !(longer && totals.loss_db as f32 <= TRAINED_STEP_LOSS_DB);
+            let cost = if fits { totals.relative_macs } else { f64::NAN };
+            // As the file will have them: what is equal there must not count as different.
+            Price { loss_db: f64::from(totals.loss_db as f32), cost: f64::from(cost as f32) }
+        };
+        let prices: Vec<Price> = self.points.iter().map(price).collect();
+        (thin(&prices, &pareto(&prices), MAX_FRONT), prices)
+    }
+
+    /// That front as a blob has it.
+    pub fn front_points(&self) -> heapless::Vec<FrontPoint, MAX_FRONT> {
+        let (front, prices) = self.blob_front();
+        let point = |i: usize| {
+            let Price { loss_db, cost } = prices[i];
+            let quality = &self.points[i].settings.quality;
+            quality.front_point(self.lab.blob(), loss_db as f32, cost as f32)
+        };
+        front.into_iter().map(point).collect()
+    }
+
+    /// The cheapest point over time that loses at most `loss_db`, among those that `keep` says.
+    pub fn cheapest(&self, loss_db: f64, keep: impl Fn(&Point) -> bool) -> Option<usize> {
+        let mut times = self.times();
+        for (price, point) in times.iter_mut().zip(&self.points) {
+            if !keep(point) {
+                price.cost = f64::NAN;
+            }
+        }
+        cheapest_within(&times, loss_db)
+    }
+}

@@ -1,0 +1,322 @@
+//! One run of a sweep.
+
+use super::{Header, Kind, Knob, Mode, Point, Record, Status};
+use crate::data::photograph::Photo;
+use crate::data::rgb::Picture;
+use crate::data::system::progress::ProgressStyle;
+use crate::data::{Dataset, View};
+use crate::fit::picture;
+use crate::fit::picture::{Ended as FieldEnded, FieldError};
+use crate::fit::run;
+use crate::fit::run::{Ended, RunError, spread};
+use crate::fit::validation::FINAL_VIEWS;
+use crate::measure::eval::measure;
+use crate::measure::frame;
+use crate::measure::frame::Frame;
+use crate::measure::metrics::{flat_psnr_db, is_flat};
+use crate::model::config::{Config, ConfigError, TableConfig};
+use crate::model::engine::EngineError;
+use crate::model::picture_config::FieldConfig;
+use crate::train::TrainError;
+use crate::train::checkpoint::fingerprint;
+use crate::train::schedule::{Budget, Clock};
+use nerf_core::Kernel;
+use nerf_core::network::Architecture;
+use nerf_core::plan::Quality;
+use serde_json::json;
+use std::time::Duration;
+
+/// What all runs of a sweep fit, and from which settings.
+#[derive(Debug)]
+pub enum Job<'a> {
+    /// A 2D field.
+    Image {
+        /// To this photograph.
+        photo: &'a Photo,
+        /// From these settings.
+        base: FieldConfig,
+    },
+    /// A radiance field.
+    Scene {
+        /// To these posed photographs.
+        dataset: &'a Dataset,
+        /// From these settings.
+        base: Box<Config>,
+        /// Seconds a run may take, instead of the settings' steps.
+        seconds: Option<f64>,
+    },
+}
+
+/// How runs are made.
+#[derive(Clone, Copy, Debug)]
+pub struct Runner<'a> {
+    /// What to run with.
+    pub kernel: Kernel,
+    /// Display.
+    pub style: ProgressStyle,
+    /// The CPU's name, for the records.
+    pub cpu: &'a str,
+}
+
+/// A finished run, and its picture if there is one.
+pub type Run = (Record, Option<Picture>);
+
+/// A run that could not be made, for a reason that has nothing to do with its point.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum JobError {
+    /// A setting out of range.
+    #[error("{0}")]
+    Config(#[from] ConfigError),
+    /// A 2D field.
+    #[error("{0}")]
+    Field(FieldError),
+    /// A radiance field.
+    #[error("{0}")]
+    Run(RunError),
+}
+
+impl Job<'_> {
+    /// The settings that are varied, where no list says otherwise.
+    pub fn base_point(&self) -> Point {
+        match self {
+            Self::Image { base, .. } => {
+                base_point(base.grid.as_ref(), (base.levels, base.layers, base.width), base.optimiser.rate)
+            }
+            Self::Scene { base, .. } => {
+                let n = &base.network;
+                base_point(n.grid.as_ref(), (n.position_levels, n.depth, n.width), base.optimiser.rate)
+            }
+        }
+    }
+
+    /// What the runs share.
+    pub fn header(&self, mode: Mode) -> Header {
+        match self {
+            Self::Image { photo, base } => Header {
+                kind: Kind::Image,
+                data: photo.name.clone(),
+                fingerprint: format!("{:016x}", photo.fingerprint()),
+                mode,
+                settings: json!(base),
+            },
+            Self::Scene { dataset, base, seconds } => Header {
+                kind: Kind::Scene,
+                data: dataset.name.clone(),
+                fingerprint: format!("{:016x}", fingerprint(dataset)),
+                mode,
+                settings: json!({ "max_seconds": seconds, "config": base }),
+            },
+        }
+    }
+
+    /// Checks the settings of a point.
+    ///
+    /// # Errors
+    /// [`ConfigError`] names the setting.
+    pub fn check(&self, point: &Point) -> Result<(), ConfigError> {
+        match self {
+            Self::Image { photo, base } => field_config(base, point).check_for(photo.size()),
+            Self::Scene { base, .. } => scene_config(base, point).check(),
+        }
+    }
+
+    /// Runs one point, to its end: a signal leaves nothing of it.
+    ///
+    /// A run that diverges is a result. Its picture is the photograph's, or the first validation view's.
+    ///
+    /// # Errors
+    /// [`JobError`] for whatever is wrong besides.
+    pub fn run(&self, point: &Point, runner: &Runner<'_>) -> Result<Run, JobError> {
+        match self {
+            Self::Image { photo, base } => run_image(photo, field_config(base, point), point, runner),
+            Self::Scene { dataset, base, seconds } => {
+                let config = scene_config(base, point);
+                let steps = seconds.is_none().then_some(config.optimiser.steps);
+                let budget = Budget { steps, seconds: *seconds };
+                run_scene(dataset, config, budget, point, runner)
+            }
+        }
+    }
+}
+
+/// The settings of a learned grid, or else those of a sinusoidal network: levels, layers and width.
+fn base_point(grid: Option<&TableConfig>, (levels, layers, width): (u8, usize, usize), rate: f64) -> Point {
+    let point = match grid {
+        Some(grid) => Point::of(&[
+            (Knob::Table, grid.log2_entries.into()),
+            (Knob::GridLevels, grid.levels as f64),
+            (Knob::Features, grid.features.into()),
+            (Knob::Finest, grid.finest.into()),
+        ]),
+        None => Point::of(&[
+            (Knob::Levels, levels.into()),
+            (Knob::Layers, layers as f64),
+            (Knob::Width, width as f64),
+        ]),
+    };
+    point.with(Knob::Rate, rate)
+}
+
+/// A point's grid in place of the settings'.
+fn set_grid(grid: Option<&mut TableConfig>, point: &Point) {
+    if let Some(grid) = grid {
+        set(&mut grid.log2_entries, point.get(Knob::Table));
+        set(&mut grid.levels, point.get(Knob::GridLevels));
+        set(&mut grid.features, point.get(Knob::Features));
+        set(&mut grid.finest, point.get(Knob::Finest));
+    }
+}
+
+fn field_config(base: &FieldConfig, point: &Point) -> FieldConfig {
+    let mut config = base.clone();
+    set(&mut config.levels, point.get(Knob::Levels));
+    set(&mut config.layers, point.get(Knob::Layers));
+    set(&mut config.width, point.get(Knob::Width));
+    set_grid(config.grid.as_mut(), point);
+    config.optimiser.rate = point.get(Knob::Rate).unwrap_or(config.optimiser.rate);
+    config
+}
+
+fn scene_config(base: &Config, point: &Point) -> Config {
+    let mut config = base.clone();
+    let n = &mut config.network;
+    set(&mut n.position_levels, point.get(Knob::Levels));
+    set(&mut n.depth, point.get(Knob::Layers));
+    set(&mut n.width, point.get(Knob::Width));
+    set_grid(n.grid.as_mut(), point);
+    // The skip layer stays where it is, if the trunk reaches that far.
+    if n.skip_after >= n.depth {
+        n.skip_after = 0;
+    }
+    config.optimiser.rate = point.get(Knob::Rate).unwrap_or(config.optimiser.rate);
+    config
+}
+
+/// Sets a whole number: lists hold them as f64, which is exact.
+fn set<T: TryFrom<u64>>(to: &mut T, value: Option<f64>) {
+    if let Some(value) = value.and_then(|value| T::try_from(value as u64).ok()) {
+        *to = value;
+    }
+}
+
+/// The record of a run that came to nothing.
+fn diverged(point: &Point, runner: &Runner<'_>, architecture: &Architecture, note: String) -> Record {
+    Record {
+        point: *point,
+        status: Status::Diverged,
+        note,
+        psnr_db: None,
+        steps: 0,
+        parameters: architecture.parameters(),
+        macs: macs(architecture),
+        blob_bytes: 0,
+        train_seconds: 0.0,
+        threads: rayon::current_num_threads(),
+        kernel: runner.kernel.to_string(),
+        cpu: runner.cpu.into(),
+    }
+}
+
+fn macs(architecture: &Architecture) -> u64 {
+    (architecture.density_macs() + architecture.colour_macs()) as u64
+}
+
+fn run_image(
+    photo: &Photo,
+    config: FieldConfig,
+    point: &Point,
+    runner: &Runner<'_>,
+) -> Result<Run, JobError> {
+    let architecture = config.model(photo.size()).architecture;
+    let options = picture::RunOptions {
+        budget: Budget { steps: Some(config.optimiser.steps), seconds: None },
+        output: None,
+        snapshots: Vec::new(),
+        evaluate_every: Some(u32::MAX),
+        kernel: runner.kernel,
+        style: runner.style,
+    };
+    let clock = Clock::resume(Duration::ZERO);
+    let outcome = match picture::run(photo, config, &options, clock, &|_| false, |_| {}) {
+        Ok(FieldEnded::Finished(outcome)) => outcome,
+        Ok(FieldEnded::Stopped { .. }) => unreachable!("nobody stops it"),
+        Err(FieldError::Engine(error @ EngineError::Diverged { .. })) => {
+            let mut record = diverged(point, runner, &architecture, error.to_string());
+            record.train_seconds = clock.seconds();
+            return Ok((record, None));
+        }
+        Err(FieldError::Config(error)) => return Err(error.into()),
+        Err(error) => return Err(JobError::Field(error)),
+    };
+    let flat = flat_psnr_db(&photo.picture.rgb);
+    let mut record = Record {
+        psnr_db: Some(outcome.psnr_db),
+        steps: outcome.steps,
+        blob_bytes: outcome.bytes.len(),
+        train_seconds: outcome.train_seconds,
+        ..diverged(point, runner, &architecture, String::new())
+    };
+    judge(&mut record, is_flat([(outcome.psnr_db, flat)]), flat);
+    Ok((record, Some(outcome.picture)))
+}
+
+fn run_scene(
+    dataset: &Dataset,
+    config: Config,
+    budget: Budget,
+    point: &Point,
+    runner: &Runner<'_>,
+) -> Result<Run, JobError> {
+    let architecture = config.model().architecture;
+    let options = run::RunOptions {
+        budget,
+        checkpoint: None,
+        checkpoint_every: f64::INFINITY,
+        resume: false,
+        snapshots: None,
+        report: false,
+        validate_every: None,
+        effect_threshold_db: None,
+        kernel: runner.kernel,
+        style: runner.style,
+    };
+    let clock = Clock::resume(Duration::ZERO);
+    let outcome = match run::run_since(clock, dataset, config, &options, &|_| false) {
+        Ok(Ended::Finished(outcome)) => outcome,
+        Ok(Ended::Interrupted { .. }) => unreachable!("nobody stops it"),
+        Err(RunError::Train(
+            error @ (TrainError::Engine(EngineError::Diverged { .. })
+            | TrainError::Dead { .. }
+            | TrainError::Export(_)),
+        )) => {
+            let mut record = diverged(point, runner, &architecture, error.to_string());
+            record.train_seconds = clock.seconds();
+            return Ok((record, None));
+        }
+        Err(error) => return Err(JobError::Run(error)),
+    };
+    let views = spread(&dataset.val, FINAL_VIEWS);
+    let mut record = Record {
+        psnr_db: outcome.scores.psnr_db(),
+        steps: outcome.steps,
+        blob_bytes: outcome.bytes.len(),
+        train_seconds: outcome.train_seconds,
+        ..diverged(point, runner, &architecture, String::new())
+    };
+    judge(&mut record, outcome.flat, outcome.flat_psnr_db);
+    let mut picture = None;
+    let each = |_: &View, frame: &Frame, _: &[[f32; 3]], _: &_| picture = Some(frame::picture(frame));
+    let first = views.first().copied();
+    measure(&outcome.bytes, None, runner.kernel, &Quality::default(), outcome.background, first, each)
+        .map_err(|error| JobError::Run(error.into()))?;
+    Ok((record, picture))
+}
+
+/// Marks a run that went through to the end, and shows no more than a flat colour would, which has `flat_psnr_db`.
+fn judge(record: &mut Record, flat: bool, flat_psnr_db: f64) {
+    record.status = if flat { Status::Flat } else { Status::Ok };
+    if flat {
+        record.note = format!("no better than one flat colour, which has {flat_psnr_db:.2} dB");
+    }
+}

@@ -1,0 +1,186 @@
+//! A scene without view dependence, out of one with it: the direction's share becomes its mean.
+
+use crate::data::View;
+use nerf_core::Isa;
+use nerf_core::encoding::{DirectionEncoding, encode_block, encode_harmonics_block};
+use nerf_core::math::MathBackend;
+use nerf_core::network::{Architecture, Layer, Role};
+
+/// Rays a view adds to the mean, at most: they lie close to each other.
+const RAYS: usize = 4096;
+/// Directions that are encoded together.
+const BLOCK: usize = 64;
+
+/// Mean of the encoded direction over rays of `views` that are spread evenly over their pictures; `[outputs]`. `None` without
+/// views.
+pub fn mean_encoding(encoding: &DirectionEncoding, views: &[&View]) -> Option<Vec<f64>> {
+    let mut dirs: Vec<[f32; 3]> = Vec::new();
+    for view in views {
+        let (width, height) = view.size();
+        let pixels = width as usize * height as usize;
+        let step = (pixels as f64 / RAYS as f64).sqrt().ceil().max(1.0) as usize;
+        for y in (step / 2..height as usize).step_by(step) {
+            for x in (step / 2..width as usize).step_by(step) {
+                dirs.push(view.camera.ray(x as f32 + 0.5, y as f32 + 0.5).dir.to_array());
+            }
+        }
+    }
+    if dirs.is_empty() {
+        return None;
+    }
+    let mut sums = vec![0.0; encoding.outputs()];
+    let mut encoded = vec![0.0; encoding.outputs() * BLOCK];
+    for block in dirs.chunks(BLOCK) {
+        let mut x = [0.0; 3 * BLOCK];
+        for (i, dir) in block.iter().enumerate() {
+            (0..3).for_each(|axis| x[axis * BLOCK + i] = dir[axis]);
+        }
+        match encoding {
+            DirectionEncoding::Sinusoidal(encoding) => {
+                encode_block(Isa::Portable, MathBackend::Polynomial, encoding, BLOCK, &x, &mut encoded);
+            }
+            DirectionEncoding::SphericalHarmonics { degree } => {
+                encode_harmonics_block(Isa::Portable, *degree, BLOCK, &x, &mut encoded);
+            }
+        }
+        for (sum, channel) in sums.iter_mut().zip(encoded.chunks_exact(BLOCK)) {
+            *sum += channel[..block.len()].iter().map(|&v| f64::from(v)).sum::<f64>();
+        }
+    }
+    Some(sums.into_iter().map(|sum| sum / dirs.len() as f64).collect())
+}
+
+/// The network without its direction: `mean` in the place of PE(d), folded into the bias, in f64.
+///
+/// `parameters` and the result are in export order. `None` if colour does not depend on the direction.
+///
+/// A network whose weights for PE(d) are 0 gives exactly the same colours.
+pub fn without_direction(
+    architecture: &Architecture,
+    parameters: &[f32],
+    mean: &[f64],
+) -> Option<(Architecture, Vec<f32>)> {
+    architecture.direction?;
+    let folded = Architecture { direction: None, ..architecture.clone() };
+    let mut result = Vec::with_capacity(folded.parameters());
+    for layer in &architecture.layers() {
+        let bias = &parameters[layer.bias..][..layer.outputs];
+        if !takes_direction(layer) {
+            result.extend_from_slice(&parameters[layer.weights..layer.bias + layer.outputs]);
+            continue;
+        }
+        let rows = parameters[layer.weights..layer.bias].chunks_exact(layer.inputs());
+        rows.clone().for_each(|row| result.extend_from_slice(&row[..layer.main]));
+        result.extend(rows.zip(bias).map(|(row, &bias)| {
+            let share: f64 = row[layer.main..].iter().zip(mean).map(|(&w, &mean)| f64::from(w) * mean).sum();
+            (f64::from(bias) + share) as f32
+        }));
+    }
+    // Whatever stands behind the layers, a grid's tables, stays.
+    result.extend_from_slice(&parameters[architecture.parameters()..]);
+    Some((folded, result))
+}
+
+/// The network without its direction, in the place of which stands the mean over the rays of `views`.
+///
+/// `parameters` and the result are in export order. `None` if colour does not depend on the direction, and
+/// without views.
+pub fn flattened(
+    architecture: &Architecture,
+    parameters: &[f32],
+    views: &[&View],
+) -> Option<(Architecture, Vec<f32>)> {
+    let mean = mean_encoding(architecture.direction.as_ref()?, views)?;
+    without_direction(architecture, parameters, &mean)
+}
+
+/// Whether it is the layer that takes `[h, PE(d)]`, in a network that has a direction.
+fn takes_direction(layer: &Layer) -> bool {
+    matches!(layer.role, Role::Colour(_) | Role::Rgb) && layer.extra > 0
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::data::demo;
+    use crate::data::demo::DemoSpec;
+    use crate::model::config::{Config, Preset};
+
+    /// A small network with a direction; every parameter is another number.
+    fn network(colour_width: usize) -> (Architecture, Vec<f32>) {
+        let mut config: Config = Preset::Small.config();
+        let n = &mut config.network;
+        (n.depth, n.width, n.position_levels, n.direction_levels, n.colour_width) =
+            (2, 8, 2, 2, colour_width);
+        let architecture = config.model().architecture;
+        let parameters = (0..architecture.parameters()).map(|i| ((i * 37 % 101) as f32 - 50.0) / 64.0);
+        let parameters = parameters.collect();
+        (architecture, parameters)
+    }
+
+    fn layer_of(architecture: &Architecture) -> Layer {
+        *architecture.layers().iter().find(|layer| takes_direction(layer)).expect("a direction")
+    }
+
+    #[test]
+    fn a_colour_that_does_not_depend_on_direction_stays_bit_for_bit() {
+        for colour_width in [0, 5] {
+            let (architecture, mut parameters) = network(colour_width);
+            let layer = layer_of(&architecture);
+            for row in parameters[layer.weights..layer.bias].chunks_exact_mut(layer.inputs()) {
+                row[layer.main..].fill(0.0);
+            }
+            let mean = vec![0.7; layer.extra];
+            let (folded, found) = without_direction(&architecture, &parameters, &mean).expect("folds");
+            assert_eq!((folded.direction, found.len()), (None, folded.parameters()));
+            for (old, new) in architecture.layers().iter().zip(&folded.layers()) {
+                assert_eq!((old.role, old.main, old.outputs), (new.role, new.main, new.outputs));
+                for row in 0..old.outputs {
+                    let old_row = &parameters[old.weights + row * old.inputs()..][..old.main];
+                    assert_eq!(old_row, &found[new.weights + row * new.inputs()..][..new.main]);
+                    assert_eq!(parameters[old.bias + row], found[new.bias + row]);
+                }
+            }
+            assert!(without_direction(&folded, &found, &mean).is_none());
+        }
+    }
+
+    /// What the layer gives before its activation is linear in PE(d): its mean over directions is what the
+    /// folded layer gives, whatever `h` is.
+    #[test]
+    fn the_folded_bias_is_the_mean_over_directions_in_f64() {
+        let spec = DemoSpec { train: 3, val: 1, size: 12, ..DemoSpec::default() };
+        let dataset = demo::dataset(&spec).expect("a scene");
+        let views: Vec<&View> = dataset.train.iter().collect();
+        let (architecture, parameters) = network(5);
+        let direction = architecture.direction.expect("a direction");
+        let mean = mean_encoding(&direction, &views).expect("rays");
+        let (folded, found) = without_direction(&architecture, &parameters, &mean).expect("folds");
+        let (old, new) = (layer_of(&architecture), folded.layers()[3]);
+        assert_eq!(new.role, Role::Colour(0));
+        for row in 0..old.outputs {
+            let (mut sum, mut count) = (0.0, 0.0);
+            for view in &views {
+                for (x, y) in (0..12).flat_map(|y| (0..12).map(move |x| (x, y))) {
+                    let dir = view.camera.ray(x as f32 + 0.5, y as f32 + 0.5).dir.as_dvec3().to_array();
+                    let mut encoded = dir.to_vec();
+                    for level in 0..2 {
+                        let angle = |d: &f64| std::f64::consts::PI * f64::from(1 << level) * d;
+                        encoded.extend(dir.iter().map(|d| angle(d).sin()));
+                        encoded.extend(dir.iter().map(|d| angle(d).cos()));
+                    }
+                    let weights = &parameters[old.weights + row * old.inputs() + old.main..][..old.extra];
+                    sum += weights.iter().zip(&encoded).map(|(&w, e)| f64::from(w) * e).sum::<f64>();
+                    count += 1.0;
+                }
+            }
+            let expected = sum / count + f64::from(parameters[old.bias + row]);
+            let bias = f64::from(found[new.bias + row]);
+            // Rounding of the encoding (15 values of 1.2e-7, weights below 1) and of the bias itself.
+            assert!(
+                (bias - expected).abs() < 15.0 * 1.2e-7 + 2.0 * f64::from(f32::EPSILON),
+                "{bias} {expected}"
+            );
+        }
+    }
+}

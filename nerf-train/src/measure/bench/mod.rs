@@ -1,0 +1,398 @@
+//! Where frames are rendered: the blob, its variants, and the clocks.
+
+pub mod size;
+pub mod source;
+
+use crate::measure::error::StudyError;
+use crate::measure::frame;
+use crate::measure::frame::Frame;
+use crate::measure::settings::{Precision, Settings};
+use crate::model::export::{Contents, Tables, export};
+use crate::model::quantise::{Quantised, TableStorage, values_of};
+use crate::train::occupancy::{Ask, LiveCells, Occupancy};
+use nerf_core::Kernel;
+use nerf_core::blob::{
+    Blob, BlobError, Body, Content, FrontPoint, MAX_FRONT, SceneFacts, SceneSampling, StoredOccupancy,
+    StoredTables, encoded_len, write,
+};
+use nerf_core::camera::Camera;
+use nerf_core::memory::Line;
+use nerf_core::network::{Architecture, unpack};
+use nerf_core::plan::{Batch, Effects, Outputs, Plan};
+use nerf_core::render::Renderer;
+use std::time::Instant;
+
+/// The blob with something else in it.
+#[derive(Clone, Debug)]
+pub struct Variant {
+    /// Its name in tables.
+    pub name: String,
+    /// Its file.
+    pub bytes: Vec<u8>,
+    /// Whether it has an occupancy grid.
+    pub has_occupancy: bool,
+}
+
+/// A blob, its variants, and the weights it was rounded from where they are at hand.
+#[derive(Clone, Debug)]
+pub struct Lab<'b> {
+    blob: Blob<'b>,
+    scene: SceneFacts,
+    cells: Option<LiveCells>,
+    variants: Vec<Variant>,
+    source: Option<Vec<f32>>,
+}
+
+/// What a render took.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Clocked {
+    /// Seconds on the clock.
+    pub wall: f64,
+    /// Seconds of all cores together; NaN where the system does not say.
+    pub cpu: f64,
+}
+
+/// Memory of a setting, bytes.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Memory {
+    /// Workspace of one thread.
+    pub workspace: usize,
+    /// Prepared weights, shared by all threads.
+    pub prepared: usize,
+    /// The file.
+    pub file: usize,
+}
+
+impl<'b> Lab<'b> {
+    /// A laboratory for the scene in `bytes`.
+    ///
+    /// # Errors
+    /// [`StudyError::Blob`], [`StudyError::NotAScene`].
+    pub fn new(bytes: &'b [u8]) -> Result<Self, StudyError> {
+        let blob = Blob::open(bytes)?;
+        let scene = blob.scene().ok_or(StudyError::NotAScene)?.clone();
+        let cells = cells(&blob);
+        let variants =
+            vec![Variant { name: "as it is".into(), bytes: bytes.to_vec(), has_occupancy: cells.is_some() }];
+        Ok(Self { blob, scene, cells, variants, source: None })
+    }
+
+    /// The blob.
+    pub fn blob(&self) -> &Blob<'b> {
+        &self.blob
+    }
+
+    /// What it says of the scene.
+    pub fn scene(&self) -> &SceneFacts {
+        &self.scene
+    }
+
+    /// Samples a ray that the scene was made for.
+    pub fn samples(&self) -> u16 {
+        self.scene.samples()
+    }
+
+    /// Whether its rays are marched at a step of the scene's own; else their samples lie in bins between near and far.
+    pub fn is_marched(&self) -> bool {
+        !matches!(self.scene.sampling, SceneSampling::Bins(_))
+    }
+
+    /// The distance between samples, as a share of the one that the field was trained with.
+    pub fn step_share(&self, settings: &Settings) -> f64 {
+        let own = self.samples();
+        let samples = if settings.quality.samples == 0 { own } else { settings.quality.samples };
+        f64::from(own) / f64::from(samples)
+    }
+
+    /// Whether its occupancy grid is part of the model.
+    pub fn occupancy_required(&self) -> bool {
+        self.scene.occupancy_required
+    }
+
+    /// Number of variants, the blob itself among them.
+    pub fn variants(&self) -> usize {
+        self.variants.len()
+    }
+
+    /// Name of a variant.
+    pub fn name(&self, variant: usize) -> &str {
+        &self.variants[variant].name
+    }
+
+    /// Whether a variant has an occupancy grid.
+    pub fn has_occupancy(&self, variant: usize) -> bool {
+        self.variants[variant].has_occupancy
+    }
+
+    /// Whether its samples can be drawn from a proposal network.
+    pub fn has_proposal(&self) -> bool {
+        self.blob.proposal().is_some()
+    }
+
+    /// Adds a variant; its number.
+    pub fn add(&mut self, variant: Variant) -> usize {
+        self.variants.push(variant);
+        self.variants.len() - 1
+    }
+
+    /// Gives it the weights the blob was rounded from, in export order.
+    pub fn set_source(&mut self, parameters: Vec<f32>) {
+        self.source = Some(parameters);
+    }
+
+    /// Whether it has the weights the blob was rounded from.
+    pub fn has_source(&self) -> bool {
+        self.source.is_some()
+    }
+
+    /// Adds the blob with an occupancy grid that its network is asked for; `None` if the network is empty everywhere.
+    ///
+    /// `resolution`: cells along the longest side; `threshold`: density times bin width that keeps a cell.
+    ///
+    /// # Errors
+    /// [`StudyError::Blob`].
+    pub fn add_occupancy(&mut self, resolution: u16, threshold: f32) -> Result<Option<usize>, StudyError> {
+        // Where the occupancy grid is part of the model, the field was never trained outside of it.
+        let own = self.cells.as_ref().filter(|_| self.scene.occupancy_required);
+        let resolution = own.map_or(resolution, |own| own.resolution().into_iter().fold(0, u16::max));
+        let name = format!("with occupancy of {resolution} cells, density above {threshold}");
+        if self.variants.iter().any(|variant| variant.name == name) {
+            return Ok(None);
+        }
+        let parameters = [self.parameters(), self.table_values()].concat();
+        let (architecture, kernel) = (self.blob.architecture(), Kernel::detect());
+        let contraction = self.blob.scene().and_then(|scene| scene.contraction());
+        let ask = Ask { isa: kernel.isa, architecture, parameters: &parameters, seed: 0, contraction };
+        let Some(bounds) = self.blob.scene_box() else { return Err(StudyError::NotAScene) };
+        let sigma = threshold / self.scene.step();
+        let cells = match own {
+            Some(own) => Occupancy::asked_within(own, &ask, sigma),
+            None => Occupancy::asked(bounds, resolution, &ask, sigma),
+        };
+        let cells = cells.into_live();
+        if cells.lookup().occupied_share() == 0.0 {
+            return Ok(None);
+        }
+        let bytes = self.with_occupancy(&cells)?;
+        Ok(Some(self.add(Variant { name, bytes, has_occupancy: true })))
+    }
+
+    /// Adds the blob with its grid's tables in int8; `None` if it has no grid, or has them so.
+    ///
+    /// # Errors
+    /// [`StudyError::Blob`].
+    pub fn add_int8(&mut self) -> Result<Option<usize>, StudyError> {
+        let (Some(grid), Some(StoredTables::F16(_))) =
+            (self.blob.architecture().position.grid(), self.blob.tables())
+        else {
+            return Ok(None);
+        };
+        // A file's own values are finite.
+        let Ok(rounded) = Quantised::new(grid, &self.table_values(), TableStorage::Int8, &[]) else {
+            return Ok(None);
+        };
+        let bytes = written(&Body { tables: Some(rounded.stored()), ..self.body() })?;
+        let (name, has_occupancy) = ("with int8 tables".into(), self.has_occupancy(0));
+        Ok(Some(self.add(Variant { name, bytes, has_occupancy })))
+    }
+
+    /// The values of the blob's tables; none of a sinusoidal network.
+    fn table_values(&self) -> Vec<f32> {
+        match (self.blob.tables(), self.blob.architecture().position.grid()) {
+            (Some(tables), Some(grid)) => values_of(grid, tables),
+            _ => Vec::new(),
+        }
+    }
+
+    /// The blob's weights as f32, in export order.
+    pub fn parameters(&self) -> Vec<f32> {
+        let mut parameters = vec![0.0; self.blob.architecture().parameters()];
+        unpack(self.blob.weights(), &mut parameters);
+        parameters
+    }
+
+    /// Adds the blob with another network, rounded to f16; its number.
+    ///
+    /// # Errors
+    /// [`StudyError::Export`] on parameters beyond f16.
+    pub fn add_network(
+        &mut self,
+        name: &str,
+        architecture: &Architecture,
+        parameters: &[f32],
+    ) -> Result<usize, StudyError> {
+        let alone = export(&Contents {
+            architecture,
+            parameters,
+            tables: self.blob.tables().map_or(Tables::None, Tables::Stored),
+            content: Content::Scene(SceneFacts { occupancy_required: false, ..self.scene.clone() }),
+            occupancy: None,
+            provenance: self.blob.provenance().clone(),
+        })?;
+        let rounded = Blob::open(&alone.bytes)?;
+        // Occupancy grid and whatever else the scene has stay.
+        let body = Body { architecture: architecture.clone(), weights: rounded.weights(), ..self.body() };
+        let (name, bytes, has_occupancy) = (name.to_owned(), written(&body)?, self.has_occupancy(0));
+        Ok(self.add(Variant { name, bytes, has_occupancy }))
+    }
+
+    fn with_occupancy(&self, cells: &LiveCells) -> Result<Vec<u8>, StudyError> {
+        let occupancy = StoredOccupancy { resolution: cells.resolution(), bits: cells.bits() };
+        Ok(written(&Body { occupancy: Some(occupancy), ..self.body() })?)
+    }
+
+    /// The blob without its front.
+    fn body(&self) -> Body<'_> {
+        Body {
+            architecture: self.blob.architecture().clone(),
+            content: Content::Scene(self.scene.clone()),
+            occupancy: self
+                .cells
+                .as_ref()
+                .map(|cells| StoredOccupancy { resolution: cells.resolution(), bits: cells.bits() }),
+            front: heapless::Vec::new(),
+            proposal: self.blob.proposal().cloned(),
+            provenance: self.blob.provenance().clone(),
+            weights: self.blob.weights(),
+            tables: self.blob.tables(),
+        }
+    }
+
+    /// The blob with `front` in the place of its own.
+    ///
+    /// # Errors
+    /// [`StudyError::Blob`] on points that make no front.
+    pub fn with_front(&self, front: heapless::Vec<FrontPoint, MAX_FRONT>) -> Result<Vec<u8>, StudyError> {
+        Ok(written(&Body { front, ..self.body() })?)
+    }
+
+    /// Makes what all of `settings` need ready, and hands it to `work`.
+    ///
+    /// # Errors
+    /// [`StudyError::Blob`], [`StudyError::Render`], and whatever `work` returns.
+    pub fn prepared<T>(
+        &self,
+        settings: &[Settings],
+        work: impl FnOnce(&Bench<'_, '_>) -> Result<T, StudyError>,
+    ) -> Result<T, StudyError> {
+        let mut keys: Vec<Key> = Vec::new();
+        for s in settings {
+            if !keys.contains(&Key::of(s)) {
+                keys.push(Key::of(s));
+            }
+        }
+        let open = |key: &Key| Blob::open(&self.variants[key.variant].bytes);
+        let blobs: Vec<Blob<'_>> = keys.iter().map(open).collect::<Result<_, _>>()?;
+        let lines = |(key, blob): (&Key, &Blob<'_>)| match key.precision {
+            Precision::Rounded => Renderer::prepared_lines(blob, key.kernel),
+            Precision::Unrounded => 0,
+        };
+        let mut memory: Vec<Vec<Line>> =
+            keys.iter().zip(&blobs).map(|pair| vec![Line::UNINIT; lines(pair)]).collect();
+        let mut renderers = Vec::new();
+        for ((key, blob), memory) in keys.iter().zip(blobs).zip(&mut memory) {
+            let prepared = memory.len() * size_of::<Line>();
+            let renderer = match (key.precision, &self.source) {
+                (Precision::Unrounded, Some(source)) => Renderer::with_parameters(blob, key.kernel, source)
+                    .ok_or_else(|| StudyError::OtherSource {
+                    found: format!("{} parameters", source.len()),
+                })?,
+                _ => Renderer::new(blob, key.kernel, memory)?,
+            };
+            renderers.push((renderer, prepared));
+        }
+        work(&Bench { lab: self, keys, renderers })
+    }
+}
+
+/// What a renderer is made for; all other knobs are the plan's or the camera's.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+struct Key {
+    variant: usize,
+    kernel: Kernel,
+    precision: Precision,
+}
+
+impl Key {
+    fn of(settings: &Settings) -> Self {
+        Self { variant: settings.variant, kernel: settings.kernel, precision: settings.precision }
+    }
+}
+
+/// Renderers for a list of settings.
+pub struct Bench<'l, 'b> {
+    lab: &'l Lab<'b>,
+    keys: Vec<Key>,
+    renderers: Vec<(Renderer<'l>, usize)>,
+}
+
+impl Bench<'_, '_> {
+    /// Renders a view's picture with `settings`, at the view's own size in the end, over `background`.
+    ///
+    /// Timed is what a caller waits for: the frame on rayon's threads, and enlarging where it is smaller.
+    ///
+    /// # Errors
+    /// [`StudyError::Plan`], [`StudyError::Render`], [`StudyError::Camera`].
+    pub fn render(
+        &self,
+        settings: &Settings,
+        camera: &Camera,
+        background: [f32; 3],
+    ) -> Result<(Frame, Clocked, Memory), StudyError> {
+        let &(ref renderer, prepared) = self.renderer(settings);
+        let batch = Batch::FULL;
+        let plan = Plan::new(renderer.blob(), &settings.quality, Outputs::ALL, batch)?;
+        let effects = Effects { anti_aliasing: settings.rays, ..Effects::NONE };
+        let plan = plan.with_background(background)?.with_effects(effects)?.with_own_bins();
+        let workspace = renderer.workspace_lines(&plan) * size_of::<Line>();
+        let small = size::scaled(camera, settings.quarters)?;
+        let (cpu, start) = (cpu_seconds(), Instant::now());
+        let frame = frame::render(renderer, &plan, &small)?;
+        let frame = size::enlarged(frame, camera);
+        let clocked = Clocked { wall: start.elapsed().as_secs_f64(), cpu: cpu_seconds() - cpu };
+        let file = self.lab.variants[settings.variant].bytes.len();
+        Ok((frame, clocked, Memory { workspace, prepared, file }))
+    }
+
+    fn renderer(&self, settings: &Settings) -> &(Renderer<'_>, usize) {
+        let key = Key::of(settings);
+        let place = self.keys.iter().position(|k| *k == key);
+        debug_assert!(place.is_some() && self.lab.variants() > key.variant, "not prepared: {key:?}");
+        &self.renderers[place.unwrap_or(0)]
+    }
+}
+
+/// The occupancy grid of a blob, if it has one.
+fn cells(blob: &Blob<'_>) -> Option<LiveCells> {
+    let (occupancy, bounds) = blob.occupancy().zip(blob.scene_box())?;
+    let count: u32 = occupancy.resolution().iter().map(|&side| u32::from(side)).product();
+    let live = (0..count).filter(|&cell| occupancy.bit(cell as usize));
+    Some(LiveCells::of(bounds, occupancy.resolution(), live))
+}
+
+/// A body as a file.
+///
+/// # Errors
+/// [`BlobError`] on what the format refuses.
+pub fn written(body: &Body<'_>) -> Result<Vec<u8>, BlobError> {
+    let mut bytes = vec![0; encoded_len(body)?];
+    write(body, &mut bytes)?;
+    Ok(bytes)
+}
+
+/// Seconds that this process's living threads have run, all cores together; NaN where nobody says.
+///
+/// Linux says so to the nanosecond in `/proc/self/task/*/schedstat`.
+fn cpu_seconds() -> f64 {
+    let seconds = || -> Option<f64> {
+        let mut nanoseconds = 0u64;
+        for task in std::fs::read_dir("/proc/self/task").ok()? {
+            // A thread that ended in between has nothing to say.
+            let text = std::fs::read_to_string(task.ok()?.path().join("schedstat")).unwrap_or_default();
+            nanoseconds +=
+                text.split_whitespace().next().and_then(|first| first.parse().ok()).unwrap_or(0u64);
+        }
+        Some(nanoseconds as f64 * 1e-9)
+    };
+    seconds().filter(|seconds| *seconds > 0.0).unwrap_or(f64::NAN)
+}

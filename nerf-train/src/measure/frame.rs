@@ -1,0 +1,61 @@
+//! Whole frames through nerf-core, on as many threads as rayon has.
+
+use crate::data::rgb::Picture;
+use crate::data::rgb_error::ReportError;
+use crate::show::colour_map::depth_picture_with_legend;
+use nerf_core::camera::Camera;
+use nerf_core::host;
+use nerf_core::math::MathBackend;
+use nerf_core::plan::Plan;
+use nerf_core::render::{Counters, RenderError, Renderer};
+use std::num::NonZeroUsize;
+
+/// A rendered view.
+pub type Frame = host::Image;
+
+/// The z_depth of a frame in colours, with a legend, from the nearest to the farthest it shows.
+///
+/// # Errors
+/// None for a frame that was rendered with opacity and z_depth.
+pub fn z_depth_picture(frame: &Frame) -> Result<Picture, ReportError> {
+    let Frame { z_depth, opacity, width, height, .. } = frame;
+    depth_picture_with_legend(z_depth, opacity, *width, *height, None, "z_depth, world units")
+}
+
+/// The colours of a frame as a picture.
+pub fn picture(frame: &Frame) -> Picture {
+    Picture { width: frame.width, height: frame.height, rgb: frame.rgb.clone() }
+}
+
+/// Renders all of `camera`'s image.
+///
+/// # Errors
+/// [`RenderError`], which a plan of the renderer's own scene does not cause.
+pub fn render(renderer: &Renderer<'_>, plan: &Plan<'_>, camera: &Camera) -> Result<Frame, RenderError> {
+    host::render(renderer, plan, camera, threads())
+}
+
+/// Renders the 2D field of `renderer` as a picture of `size` (width, height).
+///
+/// `each` is told, now and then, how many rows are done.
+///
+/// # Errors
+/// [`RenderError`] if the blob is a scene, and on a size beyond the format's.
+pub fn render_picture(
+    renderer: &Renderer<'_>,
+    math: MathBackend,
+    size: [u32; 2],
+    mut each: impl FnMut(u64) + Send,
+) -> Result<(Picture, Counters), RenderError> {
+    let mut done = 0;
+    let (rgb, counters) = host::render_picture(renderer, math, size, threads(), |rows| {
+        done += u64::from(rows);
+        each(done);
+    })?;
+    let [width, height] = size.map(|side| side as usize);
+    Ok((Picture { width, height, rgb }, counters))
+}
+
+fn threads() -> NonZeroUsize {
+    NonZeroUsize::new(rayon::current_num_threads()).unwrap_or(NonZeroUsize::MIN)
+}

@@ -1,0 +1,10 @@
+//! What a blob shows, how far that is from the pictures, and what it takes.
+
+pub mod audit;
+pub mod bench;
+pub mod error;
+pub mod eval;
+pub mod frame;
+pub mod metrics;
+pub mod point;
+pub mod settings;

@@ -1,0 +1,288 @@
+//! One way to render, and what was measured of it.
+
+use super::settings::Settings;
+use crate::measure::bench::{Clocked, Memory};
+use crate::measure::frame::Frame;
+use crate::measure::metrics::{gain_db, mse, psnr_db, psnr_db_of_mse, ssim};
+use nerf_core::render::Counters;
+
+/// Opacity of the exact picture above which a pixel's distance is compared.
+const SOLID: f32 = 0.5;
+
+/// How far one view is from the truth and from the exact rendering.
+#[derive(Clone, Copy, Debug)]
+pub struct ViewErrors {
+    /// Against ground truth, dB.
+    pub psnr_db: f64,
+    /// Against ground truth.
+    pub ssim: f64,
+    /// Mean squared error against the exact rendering.
+    pub exact_mse: f64,
+    /// Largest difference of a colour channel from the exact rendering.
+    pub exact_max: f64,
+    /// Sum of |ray_distance| differences from the exact rendering over its solid pixels, world units.
+    pub distance_sum: f64,
+    /// The largest of them.
+    pub distance_max: f64,
+    /// How many there are.
+    pub solid: u64,
+    /// The work it took.
+    pub counters: Counters,
+}
+
+impl ViewErrors {
+    /// Of a frame against the truth and the exact frame of the same view.
+    pub fn of(frame: &Frame, truth: &[[f32; 3]], exact: &Frame) -> Self {
+        let difference = |(a, b): (&f32, &f32)| f64::from(a - b).abs();
+        // A NaN is not passed over, as max would.
+        let larger = |a: f64, b: f64| if b > a || b.is_nan() { b } else { a };
+        let colours = frame.rgb.as_flattened().iter().zip(exact.rgb.as_flattened());
+        let distances = frame.ray_distance.iter().zip(&exact.ray_distance).map(difference);
+        let solid = exact.opacity.iter().zip(distances).filter(|(opacity, _)| **opacity > SOLID);
+        let (mut distance_sum, mut distance_max, mut count) = (0.0, 0.0, 0);
+        for (_, distance) in solid {
+            (distance_sum, distance_max, count) =
+                (distance_sum + distance, larger(distance_max, distance), count + 1);
+        }
+        Self {
+            psnr_db: psnr_db(&frame.rgb, truth),
+            ssim: ssim(&frame.rgb, truth, frame.width, frame.height),
+            exact_mse: mse(&frame.rgb, &exact.rgb),
+            exact_max: colours.map(difference).fold(0.0, larger),
+            distance_sum,
+            distance_max,
+            solid: count,
+            counters: frame.counters,
+        }
+    }
+}
+
+/// Where a point comes from.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Origin {
+    /// The exact rendering.
+    Exact,
+    /// What a renderer does when nobody asks for anything.
+    Base,
+    /// The base with this knob (an index of the table) turned.
+    Knob(usize),
+    /// Several knobs turned together.
+    Combination,
+}
+
+/// One way to render, and what was measured of it.
+#[derive(Clone, Debug)]
+pub struct Point {
+    /// Where it comes from.
+    pub origin: Origin,
+    /// Every knob's value.
+    pub settings: Settings,
+    /// What differs from the base, for people.
+    pub label: String,
+    /// By view; `None` where it was not rendered.
+    pub views: Vec<Option<ViewErrors>>,
+    /// By round and timing view; `None` where it was not rendered.
+    pub rounds: Vec<Vec<Option<Clocked>>>,
+    /// What it needs.
+    pub memory: Memory,
+}
+
+/// What a point comes to over the views it was rendered on.
+#[derive(Clone, Copy, Debug)]
+pub struct Totals {
+    /// Views it was rendered on.
+    pub views: usize,
+    /// Mean against ground truth, dB.
+    pub psnr_db: f64,
+    /// The exact rendering's mean over the same views less this, dB.
+    pub loss_db: f64,
+    /// Mean against ground truth.
+    pub ssim: f64,
+    /// PSNR of the mean squared error against the exact rendering over all views, dB.
+    pub exact_psnr_db: f64,
+    /// Largest difference of a colour channel from the exact rendering.
+    pub exact_max: f64,
+    /// Mean |ray_distance| difference from the exact rendering where that is solid, world units.
+    pub distance_mean: f64,
+    /// The largest.
+    pub distance_max: f64,
+    /// The work on all these views.
+    pub counters: Counters,
+    /// Multiply-adds relative to the exact rendering's on the same views.
+    pub relative_macs: f64,
+}
+
+/// Seconds of a view, from rounds that were interleaved with those of all other points.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Seconds {
+    /// Rounds.
+    pub rounds: usize,
+    /// Median over the rounds of the mean over the timing views.
+    pub median: f64,
+    /// The fastest round.
+    pub low: f64,
+    /// The slowest round.
+    pub high: f64,
+}
+
+impl Point {
+    /// A point of which nothing is measured yet.
+    pub fn new(origin: Origin, settings: Settings, label: String, views: usize) -> Self {
+        let memory = Memory::default();
+        Self { origin, settings, label, views: vec![None; views], rounds: Vec::new(), memory }
+    }
+
+    /// What it comes to; `exact` is the exact rendering on at least the same views.
+    pub fn totals(&self, exact: &Self) -> Totals {
+        let pairs: Vec<(&ViewErrors, &ViewErrors)> =
+            self.views.iter().zip(&exact.views).filter_map(|(own, e)| own.as_ref().zip(e.as_ref())).collect();
+        let n = pairs.len() as f64;
+        let sum = |of: &dyn Fn(&ViewErrors) -> f64| pairs.iter().map(|(own, _)| of(own)).sum::<f64>();
+        let largest =
+            |of: &dyn Fn(&ViewErrors) -> f64| pairs.iter().map(|(own, _)| of(own)).fold(0.0, f64::max);
+        let (mut counters, mut dense) = (Counters::default(), Counters::default());
+        for (own, exact) in &pairs {
+            counters += own.counters;
+            dense += exact.counters;
+        }
+        let psnr_db = sum(&|v| v.psnr_db) / n;
+        Totals {
+            views: pairs.len(),
+            psnr_db,
+            loss_db: gain_db(pairs.iter().map(|(_, exact)| exact.psnr_db).sum::<f64>() / n, psnr_db),
+            ssim: sum(&|v| v.ssim) / n,
+            exact_psnr_db: psnr_db_of_mse(sum(&|v| v.exact_mse) / n),
+            exact_max: largest(&|v| v.exact_max),
+            distance_mean: sum(&|v| v.distance_sum) / sum(&|v| v.solid as f64),
+            distance_max: largest(&|v| v.distance_max),
+            counters,
+            // Where a scene is empty neither has anything to do.
+            relative_macs: if counters.macs == dense.macs {
+                1.0
+            } else {
+                counters.macs as f64 / dense.macs as f64
+            },
+        }
+    }
+
+    /// Seconds of a view by `clock`; `None` if it was never timed.
+    pub fn seconds(&self, clock: Clock) -> Option<Seconds> {
+        let rounds: Vec<f64> = self.rounds.iter().filter_map(|round| mean(round, clock)).collect();
+        Some(Seconds {
+            rounds: rounds.len(),
+            median: median(&rounds)?,
+            low: rounds.iter().copied().fold(f64::INFINITY, f64::min),
+            high: rounds.iter().copied().fold(0.0, f64::max),
+        })
+    }
+
+    /// Median over the rounds of this point's time over that of `exact` in the same round; `None` without a
+    /// round that both are in.
+    pub fn relative_time(&self, exact: &Self, clock: Clock) -> Option<f64> {
+        let both = self.rounds.iter().zip(&exact.rounds);
+        let ratios: Vec<f64> =
+            both.filter_map(|(own, exact)| Some(mean(own, clock)? / mean(exact, clock)?)).collect();
+        median(&ratios)
+    }
+}
+
+/// Which clock times are taken from.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
+pub enum Clock {
+    /// What a user waits.
+    Wall,
+    /// What all cores together work: steadier on a machine that others use too.
+    Cpu,
+}
+
+impl Clock {
+    fn of(self, clocked: &Clocked) -> f64 {
+        match self {
+            Self::Wall => clocked.wall,
+            Self::Cpu => clocked.cpu,
+        }
+    }
+}
+
+/// Mean over the timing views of a round that has all of them.
+fn mean(round: &[Option<Clocked>], clock: Clock) -> Option<f64> {
+    let seconds: Option<Vec<f64>> = round.iter().map(|c| c.as_ref().map(|c| clock.of(c))).collect();
+    let seconds = seconds.filter(|seconds| !seconds.is_empty())?;
+    Some(seconds.iter().sum::<f64>() / seconds.len() as f64).filter(|mean| mean.is_finite())
+}
+
+/// Of an even number the mean of the two in the middle.
+fn median(values: &[f64]) -> Option<f64> {
+    let mut sorted = values.to_vec();
+    sorted.sort_by(f64::total_cmp);
+    let n = sorted.len();
+    (n > 0).then(|| 0.5 * (sorted[(n - 1) / 2] + sorted[n / 2]))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn frame(values: [f32; 4], distance: f32) -> Frame {
+        Frame {
+            width: 2,
+            height: 2,
+            rgb: values.map(|v| [v; 3]).to_vec(),
+            opacity: vec![1.0, 1.0, 0.4, 1.0],
+            ray_distance: vec![3.0, 3.0 + distance, 9.0 * distance, 3.0],
+            z_depth: vec![3.0; 4],
+            median_distance: Vec::new(),
+            normals: Vec::new(),
+            counters: Counters { macs: 10, ..Counters::default() },
+        }
+    }
+
+    #[test]
+    fn errors_are_those_of_colours_and_of_solid_pixels_distances() {
+        let exact = frame([0.5; 4], 0.0);
+        let other = frame([0.5, 0.6, 0.5, 0.5], 0.5);
+        let truth = vec![[0.5; 3]; 4];
+        let errors = ViewErrors::of(&other, &truth, &exact);
+        assert!((errors.exact_max - 0.1).abs() < 1e-6);
+        assert!((errors.exact_mse - 0.01 / 4.0).abs() < 1e-6);
+        // The pixel of opacity 0.4 does not count.
+        assert_eq!((errors.solid, errors.distance_max, errors.distance_sum), (3, 0.5, 0.5));
+        assert!(ViewErrors::of(&exact, &truth, &exact).psnr_db.is_infinite());
+        let nan = ViewErrors::of(&frame([f32::NAN, 0.5, 0.5, 0.5], 0.0), &truth, &exact);
+        assert!(nan.exact_max.is_nan() && nan.psnr_db.is_nan());
+    }
+
+    #[test]
+    fn losses_compare_the_views_that_both_have() {
+        let base = Settings::base();
+        let point = |psnr: [Option<f64>; 3]| {
+            let mut point = Point::new(Origin::Base, base, String::new(), 3);
+            let errors = ViewErrors::of(&frame([0.5; 4], 0.0), &[[0.4; 3]; 4], &frame([0.5; 4], 0.0));
+            point.views = psnr.map(|db| db.map(|psnr_db| ViewErrors { psnr_db, ..errors })).to_vec();
+            point
+        };
+        let exact = point([Some(30.0), Some(20.0), Some(25.0)]);
+        let part = point([None, Some(19.0), Some(25.0)]);
+        let totals = part.totals(&exact);
+        assert_eq!((totals.views, totals.psnr_db, totals.loss_db), (2, 22.0, 0.5));
+        assert_eq!(totals.relative_macs, 1.0);
+        assert_eq!(exact.totals(&exact).loss_db, 0.0);
+    }
+
+    #[test]
+    fn times_are_medians_of_rounds_and_ratios_are_taken_round_by_round() {
+        let clocked = |wall: f64| Some(Clocked { wall, cpu: 2.0 * wall });
+        let mut exact = Point::new(Origin::Exact, Settings::base(), String::new(), 2);
+        let mut other = exact.clone();
+        // The machine slows down threefold in the second round.
+        exact.rounds = vec![vec![clocked(10.0), clocked(20.0)], vec![clocked(30.0), clocked(60.0)]];
+        other.rounds = vec![vec![clocked(1.0), clocked(2.0)], vec![clocked(3.0), clocked(6.0)]];
+        assert_eq!(other.relative_time(&exact, Clock::Wall), Some(0.1));
+        let seconds = other.seconds(Clock::Cpu).expect("timed");
+        assert_eq!((seconds.rounds, seconds.low, seconds.median, seconds.high), (2, 3.0, 6.0, 9.0));
+        // A round without all of its views is none.
+        other.rounds[0][1] = None;
+        assert_eq!(other.seconds(Clock::Wall).expect("timed").median, 4.5);
+        assert_eq!(Point::new(Origin::Base, Settings::base(), String::new(), 1).seconds(Clock::Wall), None);
+    }
+}

@@ -1,0 +1,58 @@
+//! What every training has: Adam, its schedule, and the average that is exported.
+
+use super::{ConfigError, positive, rule};
+use crate::model::engine::Adam;
+use serde::{Deserialize, Serialize};
+
+/// Adam and its schedule.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct OptimiserConfig {
+    /// Steps; with a limit in seconds and none in steps, time alone decides.
+    pub steps: u32,
+    /// Learning rate at the start.
+    pub rate: f64,
+    /// Learning rate at the end, as a share of `rate`; 1 keeps it constant.
+    pub final_share: f64,
+    /// Steps over which the rate rises from 0.
+    pub warm_up: u32,
+    /// Adam's decay of the second moment.
+    pub beta2: f64,
+    /// Adam's epsilon.
+    pub epsilon: f64,
+    /// Decay, a step, of the exponential average of the parameters that is exported, which reaches back over a ninth of the
+    /// steps so far at most; 0 exports the last.
+    pub average: f64,
+}
+
+impl OptimiserConfig {
+    /// Checks every setting on its own.
+    ///
+    /// # Errors
+    /// [`ConfigError`] names the first that is out of range.
+    pub fn check(&self) -> Result<(), ConfigError> {
+        rule("optimiser.steps", self.steps > 0, "at least 1", self.steps)?;
+        rule("optimiser.rate", positive(self.rate) && self.rate <= 10.0, "above 0, at most 10", self.rate)?;
+        rule(
+            "optimiser.final_share",
+            positive(self.final_share) && self.final_share <= 1.0,
+            "above 0, at most 1",
+            self.final_share,
+        )?;
+        rule("optimiser.beta2", (0.0..1.0).contains(&self.beta2), "0 to 1, without 1", self.beta2)?;
+        // Adam divides by it in f32 where a gradient was always 0.
+        rule(
+            "optimiser.epsilon",
+            (self.epsilon as f32).is_finite() && self.epsilon as f32 > 0.0,
+            "above 0, in the range of f32",
+            self.epsilon,
+        )?;
+        rule("optimiser.average", (0.0..1.0).contains(&self.average), "0 to 1, without 1", self.average)?;
+        Ok(())
+    }
+
+    /// Adam's constants.
+    pub fn adam(&self) -> Adam {
+        Adam { betas: [0.9, self.beta2], epsilon: self.epsilon, weight_decay: 0.0 }
+    }
+}

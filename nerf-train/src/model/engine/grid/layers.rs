@@ -1,0 +1,190 @@
+//! The dense layers of a grid field, for rows of samples: `Y[s] = act(X[s] Wᵀ)`, `[samples][channels]`.
+//!
+//! They have no biases but the density's, which is not trained: spherical harmonics have a constant, and a hidden
+//! layer of features that are learned needs none (as in tiny-cuda-nn).
+
+use crate::model::engine::{Dense, Model, Part};
+use nerf_core::matrix::{Gemm, Init, gemm};
+use nerf_core::simd::Isa;
+
+/// Columns are padded to whole vectors of this many.
+pub(super) const VECTOR: usize = 16;
+
+/// So many columns with the padding.
+pub(super) fn padded(columns: usize) -> usize {
+    columns.next_multiple_of(VECTOR)
+}
+
+/// Part of a layer's inputs with its weights, ready for products with rows of samples.
+#[derive(Clone, Debug, Default)]
+pub(super) struct Product {
+    /// Inputs.
+    pub inputs: usize,
+    /// Outputs.
+    pub outputs: usize,
+    /// `[inputs][padded outputs]`: forward.
+    forward: Vec<f32>,
+    /// `[outputs][padded inputs]`: backward.
+    backward: Vec<f32>,
+}
+
+impl Product {
+    fn new(inputs: usize, outputs: usize) -> Self {
+        let (forward, backward) = (inputs * padded(outputs), outputs * padded(inputs));
+        Self { inputs, outputs, forward: vec![0.0; forward], backward: vec![0.0; backward] }
+    }
+
+    /// Takes columns `first..` of `weights`, `[outputs][row]`.
+    fn load(&mut self, weights: &[f32], row: usize, first: usize) {
+        let (across, back) = (padded(self.outputs), padded(self.inputs));
+        for (output, weights) in weights.chunks_exact(row).take(self.outputs).enumerate() {
+            for (input, &weight) in weights[first..first + self.inputs].iter().enumerate() {
+                self.forward[input * across + output] = weight;
+                self.backward[output * back + input] = weight;
+            }
+        }
+    }
+
+    /// `y = act(init + x Wᵀ)` of `rows` samples; `x`: `[rows][x_row]`, `y`: `[rows][padded outputs]`.
+    #[allow(clippy::too_many_arguments, reason = "a product's")]
+    pub fn forward(
+        &self,
+        isa: Isa,
+        rows: usize,
+        x: &[f32],
+        x_row: usize,
+        y: &mut [f32],
+        init: Init<'_>,
+        relu: bool,
+    ) {
+        let n = padded(self.outputs);
+        let g = Gemm { m: rows, n, k: self.inputs, a_row: x_row, a_col: 1, b_row: n, c_row: n };
+        gemm(isa, g, x, &self.forward, y, init, relu);
+    }
+
+    /// `dx = init + dy W`; `dy`: `[rows][padded outputs]`, `dx`: `[rows][padded inputs]`.
+    pub fn backward(&self, isa: Isa, rows: usize, dy: &[f32], dx: &mut [f32], init: Init<'_>) {
+        let n = padded(self.inputs);
+        let g =
+            Gemm { m: rows, n, k: self.outputs, a_row: padded(self.outputs), a_col: 1, b_row: n, c_row: n };
+        gemm(isa, g, dy, &self.backward, dx, init, false);
+    }
+
+    /// `sum += xᵀ dy`, `[inputs][padded outputs]`.
+    pub fn add_gradient(&self, isa: Isa, rows: usize, x: &[f32], x_row: usize, dy: &[f32], sum: &mut [f32]) {
+        let n = padded(self.outputs);
+        let g = Gemm { m: self.inputs, n, k: rows, a_row: 1, a_col: x_row, b_row: n, c_row: n };
+        gemm(isa, g, x, dy, sum, Init::Accumulate, false);
+    }
+
+    /// Values of a gradient's sum.
+    fn sum_len(&self) -> usize {
+        self.inputs * padded(self.outputs)
+    }
+}
+
+/// A layer of a grid field.
+#[derive(Clone, Debug)]
+pub(super) struct Layer {
+    dense: Dense,
+    /// The layer before's outputs, or the encoded position.
+    pub main: Product,
+    /// The encoded direction, where it joins.
+    pub extra: Option<Product>,
+}
+
+/// All layers, in the order of their parameters.
+#[derive(Clone, Debug)]
+pub(super) struct Layers {
+    pub trunk: Vec<Layer>,
+    /// Absent in a 2D field.
+    pub density: Option<Layer>,
+    pub colour: Vec<Layer>,
+    /// The density's bias.
+    pub bias: f32,
+    parameters: usize,
+}
+
+impl Layers {
+    /// The layers of a model with a grid.
+    pub fn new(model: &Model) -> Self {
+        let (mut trunk, mut density, mut colour) = (Vec::new(), None, Vec::new());
+        let mut parameters = 0;
+        for dense in model.layers() {
+            parameters = dense.weights + dense.parameters();
+            let extra = (dense.extra > 0).then(|| Product::new(dense.extra, dense.outputs));
+            let layer = Layer { dense, main: Product::new(dense.main, dense.outputs), extra };
+            match dense.part {
+                Part::Trunk(_) => trunk.push(layer),
+                Part::Density => density = Some(layer),
+                Part::Feature | Part::Colour(_) | Part::Rgb => colour.push(layer),
+            }
+        }
+        Self { trunk, density, colour, bias: 0.0, parameters }
+    }
+
+    /// Number of parameters, which come before the tables.
+    pub fn parameters(&self) -> usize {
+        self.parameters
+    }
+
+    /// Takes parameters in the model's order.
+    pub fn load(&mut self, parameters: &[f32]) {
+        self.bias = self.density.as_ref().map_or(0.0, |density| parameters[density.dense.bias]);
+        let all = self.trunk.iter_mut().chain(&mut self.density).chain(&mut self.colour);
+        for Layer { dense, main, extra } in all {
+            let weights = &parameters[dense.weights..dense.bias];
+            main.load(weights, dense.inputs(), 0);
+            if let Some(extra) = extra {
+                extra.load(weights, dense.inputs(), dense.main);
+            }
+        }
+    }
+
+    fn all(&self) -> impl Iterator<Item = &Layer> {
+        self.trunk.iter().chain(&self.density).chain(&self.colour)
+    }
+}
+
+/// Sums of gradients of the layers' weights: `[inputs][padded outputs]` each.
+#[derive(Clone, Debug, Default)]
+pub(super) struct LayerSums {
+    /// In the order of the layers: trunk, density, colour.
+    pub main: Vec<Vec<f32>>,
+    pub extra: Vec<Vec<f32>>,
+}
+
+impl LayerSums {
+    pub fn new(layers: &Layers) -> Self {
+        let zeros = |product: Option<&Product>| vec![0.0; product.map_or(0, Product::sum_len)];
+        Self {
+            main: layers.all().map(|layer| zeros(Some(&layer.main))).collect(),
+            extra: layers.all().map(|layer| zeros(layer.extra.as_ref())).collect(),
+        }
+    }
+
+    pub fn clear(&mut self) {
+        self.main.iter_mut().chain(&mut self.extra).for_each(|sum| sum.fill(0.0));
+    }
+
+    /// Adds `sums` in their order into `gradient`, in the order of the parameters; biases get none.
+    pub fn reduce<'s>(layers: &Layers, sums: impl Iterator<Item = &'s Self> + Clone, gradient: &mut [f32]) {
+        gradient.fill(0.0);
+        for (l, Layer { dense, main, extra }) in layers.all().enumerate() {
+            let parts = [(Some(main), 0, 0), (extra.as_ref(), dense.main, 1)];
+            for (product, first, part) in parts {
+                let Some(product) = product else { continue };
+                let mut total = vec![0.0; product.sum_len()];
+                for sum in sums.clone() {
+                    let sum = if part == 0 { &sum.main[l] } else { &sum.extra[l] };
+                    total.iter_mut().zip(sum).for_each(|(total, value)| *total += value);
+                }
+                for (input, row) in total.chunks_exact(padded(product.outputs)).enumerate() {
+                    for (output, &value) in row[..product.outputs].iter().enumerate() {
+                        gradient[dense.weights + output * dense.inputs() + first + input] = value;
+                    }
+                }
+            }
+        }
+    }
+}

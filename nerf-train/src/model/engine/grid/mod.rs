@@ -1,0 +1,297 @@
+//! The engine of grid fields: small layers on rows of samples, tables whose gradient is scattered level by level.
+//!
+//! ```text
+//! rays, 8 samples at a time:  encode ──► trunk ──► density ──► T; rays below T_MIN leave
+//! samples with weight > gate: colour ──► pixel ──► loss
+//!                             d colour ──► d trunk ──► d encoded        sums of the layers: one an accumulator
+//! level by level:             d encoded ──► d table entries             in the samples' order; then Adam of those entries
+//!                             that have a gradient, and their f16, which the next step encodes with
+//! Adam:                       layers
+//! ```
+//!
+//! A 2D field has no density: the first sample of a ray is all that is seen of it.
+//!
+//! As in the fused engine, the bits of a step do not depend on the number of threads: chunk `i` of the rays is added
+//! to accumulator `i mod 16`, and of a table each level is summed by one thread, accumulator after accumulator.
+//!
+//! # Source
+//! Müller et al. 2022 (instant-ngp); samples are evaluated in waves and gated by their weight, as this project
+//! measured to be worth it on a CPU.
+
+mod adam;
+mod distortion;
+mod layers;
+mod pass;
+mod scatter;
+mod vector;
+
+#[cfg(test)]
+mod tests;
+
+use super::{
+    Adam, Batch, Engine, EngineError, GRADIENT_LIMIT, Model, OptimiserState, Phases, StepLoss, check_rate,
+};
+use crate::model::quantise::scales;
+use adam::AdamStep;
+use layers::{LayerSums, Layers};
+use nerf_core::camera::SceneBox;
+use nerf_core::encoding::{GridEncoding, GridTables, TableValues};
+use nerf_core::network::DensityActivation;
+use nerf_core::simd::Isa;
+use pass::{Job, Pass, Scratch, Totals};
+use rayon::prelude::*;
+use scatter::{Kept, LevelScratch, LevelState, write_halves};
+use std::borrow::Cow;
+use std::sync::{Mutex, PoisonError};
+
+/// Accumulators, hence threads that a step can use before the tables.
+const ACCUMULATORS: usize = 16;
+/// Rays of a chunk: their samples, activations included, fit the second-level cache.
+const CHUNK_RAYS: usize = 32;
+/// Chunks that a batch of few rays has at least, so that there is work for every thread: an unbounded scene's rays are
+/// few and long.
+const FEWEST_CHUNKS: usize = 6;
+/// Rays of such a chunk, at least.
+const FEWEST_RAYS: usize = 8;
+/// Rays of a chunk of a 2D field, whose rays have one sample.
+const CHUNK_PIXELS: usize = 512;
+
+/// Trains a grid field; the same bits for any number of threads.
+pub struct GridEngine {
+    model: Model,
+    grid: GridEncoding,
+    bounds: SceneBox,
+    isa: Isa,
+    adam: Adam,
+    steps: u64,
+    /// In the model's own order: layers, then tables.
+    parameters: Vec<f32>,
+    moment1: Vec<f32>,
+    moment2: Vec<f32>,
+    layers: Layers,
+    passes: Vec<Pass>,
+    scratch: Vec<Mutex<Scratch>>,
+    /// The tables in f16, as the renderer reads them: half the memory to pass through, and no rounding at export.
+    halves: Vec<u8>,
+    /// What a step of int8 counts, level by level, once the tables are rounded to those: before, empty.
+    scales: Vec<f32>,
+    level_scratch: Vec<Mutex<LevelScratch>>,
+    gradient: Vec<f32>,
+}
+
+impl GridEngine {
+    /// An engine on the start values of `seed`; `bounds`: what the grid spans, of a 2D field its x and y.
+    ///
+    /// # Errors
+    /// [`EngineError::Model`] if the model is out of bounds or has no grid.
+    pub fn new(model: &Model, bounds: SceneBox, adam: Adam, seed: u64) -> Result<Self, EngineError> {
+        model.check()?;
+        let Some(grid) = model.architecture.position.grid().cloned() else {
+            return Err(EngineError::NoGrid);
+        };
+        let density = matches!(model.architecture.density, None | Some(DensityActivation::Exponential));
+        if model.feature || model.density_scale != 1.0 || !density {
+            return Err(EngineError::NotPlain);
+        }
+        let parameters = model.initial_parameters(seed);
+        let layers = Layers::new(model);
+        let mut engine = Self {
+            model: model.clone(),
+            bounds,
+            isa: Isa::detect(),
+            adam,
+            steps: 0,
+            moment1: vec![0.0; parameters.len()],
+            moment2: vec![0.0; parameters.len()],
+            passes: (0..ACCUMULATORS).map(|_| Pass::new(&layers)).collect(),
+            scratch: Vec::new(),
+            halves: vec![0; 2 * (parameters.len() - layers.parameters())],
+            scales: Vec::new(),
+            level_scratch: Vec::new(),
+            gradient: vec![0.0; layers.parameters()],
+            grid,
+            parameters,
+            layers,
+        };
+        engine.copy_tables();
+        Ok(engine)
+    }
+
+    /// Renews the f16 copy of the tables.
+    fn copy_tables(&mut self) {
+        let features = usize::from(self.grid.features);
+        let (mut values, mut halves) = (&self.parameters[self.layers.parameters()..], &mut self.halves[..]);
+        for (i, level) in self.grid.levels().enumerate() {
+            let length = level.entries * features;
+            let (level_halves, rest) = std::mem::take(&mut halves).split_at_mut(2 * length);
+            write_halves(self.isa, &values[..length], self.scales.get(i).copied(), level_halves);
+            (values, halves) = (&values[length..], rest);
+        }
+    }
+
+    /// Chooses the instructions; [`Isa::detect`] is the default.
+    pub fn set_isa(&mut self, isa: Isa) {
+        self.isa = isa;
+    }
+
+    /// Loss of a checked batch; its gradients are left in `gradient` and in the passes.
+    fn differentiate(&mut self, batch: &Batch) -> Result<StepLoss, EngineError> {
+        self.layers.load(&self.parameters[..self.layers.parameters()]);
+        let tables = GridTables::new(TableValues::F16(&self.halves), Some(&self.bounds));
+        let job = Job { isa: self.isa, model: &self.model, grid: &self.grid, tables, layers: &self.layers };
+        let chunk_rays = match &self.layers.density {
+            Some(_) => (batch.rays.len() / FEWEST_CHUNKS).clamp(FEWEST_RAYS, CHUNK_RAYS),
+            None => CHUNK_PIXELS,
+        };
+        let mut firsts = Vec::with_capacity(batch.rays.len().div_ceil(chunk_rays) + 1);
+        let mut first = 0;
+        for chunk in batch.rays.chunks(chunk_rays) {
+            firsts.push(first);
+            first += chunk.iter().map(|ray| ray.samples as usize).sum::<usize>();
+        }
+        let threads = rayon::current_num_threads().max(1);
+        let layers = &self.layers;
+        self.scratch.resize_with(threads, || Mutex::new(Scratch::new(layers)));
+        let scratch = &self.scratch;
+        self.passes.par_iter_mut().with_max_len(1).enumerate().for_each(|(i, pass)| {
+            // Each thread has its own: nobody waits for the lock.
+            let own = rayon::current_thread_index().unwrap_or(0) % threads;
+            let mut scratch = scratch[own].lock().unwrap_or_else(PoisonError::into_inner);
+            pass.clear();
+            for (chunk, &first) in firsts.iter().enumerate().skip(i).step_by(ACCUMULATORS) {
+                let rays = chunk * chunk_rays..batch.rays.len().min((chunk + 1) * chunk_rays);
+                scratch.run(&job, batch, rays, first, pass);
+            }
+        });
+        let totals = self.passes.iter().fold(Totals::default(), |sum, pass| sum + pass.totals);
+        let diverged = EngineError::Diverged { step: self.steps + 1 };
+        if !totals.squared.is_finite() {
+            return Err(diverged);
+        }
+        LayerSums::reduce(&self.layers, self.passes.iter().map(|pass| &pass.sums), &mut self.gradient);
+        if !self.gradient.iter().fold(true, |ok, g| ok & (g.abs() < GRADIENT_LIMIT)) {
+            return Err(diverged);
+        }
+        if !Kept::usable(self.passes.iter().map(|pass| &pass.kept)) {
+            return Err(diverged);
+        }
+        let rays = batch.rays.len();
+        Ok(StepLoss {
+            mse: if rays == 0 { 0.0 } else { totals.squared / (3 * rays) as f64 },
+            empty: 0.0,
+            dead: totals.evaluated > 0 && totals.kept == 0,
+            evaluated: totals.evaluated,
+            kept: totals.kept,
+        })
+    }
+}
+
+impl Engine for GridEngine {
+    fn step(&mut self, batch: &Batch, rate: f64) -> Result<StepLoss, EngineError> {
+        self.step_beside(batch, rate, &mut |_| ())
+    }
+
+    fn step_beside(
+        &mut self,
+        batch: &Batch,
+        rate: f64,
+        beside: &mut (dyn FnMut(&StepLoss) + Send),
+    ) -> Result<StepLoss, EngineError> {
+        check_rate(rate)?;
+        batch.check()?;
+        let loss = self.differentiate(batch)?;
+        self.steps += 1;
+        let step = AdamStep::new(&self.adam, rate, self.steps);
+        let dense = self.layers.parameters();
+        let (values, tables) = self.parameters.split_at_mut(dense);
+        let (moment1, table_moment1) = self.moment1.split_at_mut(dense);
+        let (moment2, table_moment2) = self.moment2.split_at_mut(dense);
+        step.apply(self.isa, values, moment1, moment2, &self.gradient);
+        let features = usize::from(self.grid.features);
+        let mut rest = (tables, table_moment1, table_moment2, &mut self.halves[..]);
+        let mut levels = Vec::new();
+        for (i, level) in self.grid.levels().enumerate() {
+            let length = level.entries * features;
+            let (values, moment1, moment2, halves) = rest;
+            let ((values, v_rest), (moment1, m1_rest)) =
+                (values.split_at_mut(length), moment1.split_at_mut(length));
+            let ((moment2, m2_rest), (halves, h_rest)) =
+                (moment2.split_at_mut(length), halves.split_at_mut(2 * length));
+            let scale = self.scales.get(i).copied();
+            levels.push(LevelState { level, values, moment1, moment2, halves, scale });
+            rest = (v_rest, m1_rest, m2_rest, h_rest);
+        }
+        let (isa, grid, passes) = (self.isa, &self.grid, &self.passes);
+        let threads = rayon::current_num_threads().max(1);
+        self.level_scratch.resize_with(threads, || Mutex::new(LevelScratch::new(grid)));
+        let scratch = &self.level_scratch;
+        // Only the box of it is used.
+        let tables = GridTables::new(TableValues::F16(&[]), Some(&self.bounds));
+        // The large ones first: they are the last ones.
+        let update = || {
+            levels.into_par_iter().rev().with_max_len(1).for_each(|mut level| {
+                // Each thread has its own: nobody waits for the lock.
+                let own = rayon::current_thread_index().unwrap_or(0) % threads;
+                let mut scratch = scratch[own].lock().unwrap_or_else(PoisonError::into_inner);
+                scratch.step(isa, grid, &tables, passes.iter().map(|pass| &pass.kept), &step, &mut level);
+            });
+        };
+        rayon::join(|| beside(&loss), update);
+        Ok(loss)
+    }
+
+    fn round_tables(&mut self) {
+        if self.scales.is_empty() {
+            self.scales = scales(&self.grid, &self.parameters[self.layers.parameters()..]);
+            self.copy_tables();
+        }
+    }
+
+    fn table_scales(&self) -> &[f32] {
+        &self.scales
+    }
+
+    fn parameters(&self) -> Cow<'_, [f32]> {
+        Cow::Borrowed(&self.parameters)
+    }
+
+    fn phases(&self) -> Phases {
+        let mut sum = Phases::default();
+        for scratch in &self.scratch {
+            sum += scratch.lock().unwrap_or_else(PoisonError::into_inner).phases;
+        }
+        for scratch in &self.level_scratch {
+            sum += scratch.lock().unwrap_or_else(PoisonError::into_inner).phases;
+        }
+        sum
+    }
+
+    fn state(&self) -> OptimiserState {
+        OptimiserState {
+            parameters: self.parameters.clone(),
+            moment1: self.moment1.clone(),
+            moment2: self.moment2.clone(),
+            steps: self.steps,
+            scales: self.scales.clone(),
+        }
+    }
+
+    fn restore(&mut self, state: &OptimiserState) -> Result<(), EngineError> {
+        let total = self.parameters.len();
+        super::optimiser::check_values("parameters", &state.parameters, total, |_| true)?;
+        super::optimiser::check_values("moment1", &state.moment1, total, |_| true)?;
+        super::optimiser::check_values("moment2", &state.moment2, total, |v| v >= 0.0)?;
+        let levels = if state.scales.is_empty() { 0 } else { self.grid.resolutions.len() };
+        super::optimiser::check_values("scales", &state.scales, levels, |scale| scale > 0.0)?;
+        if state.steps > i32::MAX as u64 {
+            return Err(EngineError::Steps { found: state.steps });
+        }
+        self.parameters.copy_from_slice(&state.parameters);
+        self.moment1.copy_from_slice(&state.moment1);
+        self.moment2.copy_from_slice(&state.moment2);
+        self.steps = state.steps;
+        self.scales.clone_from(&state.scales);
+        self.copy_tables();
+        Ok(())
+    }
+}

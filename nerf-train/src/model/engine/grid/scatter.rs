@@ -1,0 +1,308 @@
+//! A level's step: what the samples kept is added to the entries they read, and Adam moves those.
+//!
+//! One thread takes a level, in memory that stays in its cache: level after level the gradient has the same place.
+
+use super::adam::{AdamStep, move_16, moved};
+use crate::model::engine::{GRADIENT_LIMIT, Phase, Phases};
+use crate::model::quantise::STEPS;
+use nerf_core::encoding::{GridCorners, GridEncoding, GridLevel, GridTables, grid_corners_block};
+use nerf_core::simd::{BLOCK, Isa, Lanes, Op, prefetch};
+use std::time::Instant;
+
+/// Values of a part of a level that is left alone if no sample read from it.
+const PART: usize = 64;
+/// So many parts ahead Adam asks for what it will read.
+const AHEAD: usize = 4;
+
+/// The samples whose gradient reaches the tables.
+#[derive(Clone, Debug, Default)]
+pub(super) struct Kept {
+    /// Positions, `[samples]` along each axis.
+    pub positions: [Vec<f32>; 3],
+    /// Gradients of the encoded values, `[samples][width]`.
+    pub gradients: Vec<f32>,
+    /// Row length of the gradients.
+    pub width: usize,
+    /// Largest of their absolute values; NaN if one is.
+    pub largest: f32,
+}
+
+impl Kept {
+    pub fn clear(&mut self) {
+        self.positions.iter_mut().for_each(Vec::clear);
+        self.gradients.clear();
+        self.largest = 0.0;
+    }
+
+    /// Adds the samples' gradients, `[samples][width]`.
+    pub fn extend(&mut self, isa: Isa, gradients: &[f32]) {
+        self.largest = f32::from_bits(isa.run(Largest { gradients }).max(self.largest.to_bits()));
+        self.gradients.extend_from_slice(gradients);
+    }
+
+    /// Whether no entry's sum over all of `kept` can be more than Adam takes.
+    pub fn usable<'k>(kept: impl Iterator<Item = &'k Self>) -> bool {
+        // A sample's weights at a level add up to 1.
+        let most: f64 = kept.map(|kept| kept.positions[0].len() as f64 * f64::from(kept.largest)).sum();
+        most < f64::from(GRADIENT_LIMIT)
+    }
+}
+
+/// The bits of the largest absolute value: they are in its order, and NaN comes behind all numbers.
+struct Largest<'a> {
+    gradients: &'a [f32],
+}
+
+impl Op for Largest<'_> {
+    type Output = u32;
+
+    #[inline(always)]
+    fn run<V: Lanes>(self) -> u32 {
+        self.gradients.iter().fold(0, |most, g| most.max(g.abs().to_bits()))
+    }
+}
+
+/// The level that a thread works at: its values, moments and f16 copy, a value each.
+pub(super) struct LevelState<'a> {
+    pub level: GridLevel,
+    pub values: &'a mut [f32],
+    pub moment1: &'a mut [f32],
+    pub moment2: &'a mut [f32],
+    pub halves: &'a mut [u8],
+    /// What a step of int8 counts, where values are rounded to those.
+    pub scale: Option<f32>,
+}
+
+/// A thread's memory: the gradient of the level under way, 0 between levels.
+#[derive(Clone, Debug)]
+pub(super) struct LevelScratch {
+    /// `[entries][features]`, and a part more for rows that reach beyond the last entry.
+    gradient: Vec<f32>,
+    /// Whether a row of two entries begins in a part.
+    touched: Vec<bool>,
+    /// Entries, weights and x of a block of samples.
+    corners: (Vec<u32>, Vec<f32>, Vec<f32>),
+    pub phases: Phases,
+}
+
+impl LevelScratch {
+    /// Memory for any level of `grid`.
+    pub fn new(grid: &GridEncoding) -> Self {
+        let most = grid.levels().map(|level| level.entries).max().unwrap_or(0) * usize::from(grid.features);
+        let values = most.next_multiple_of(PART) + PART;
+        let corners = (vec![0; 4 * BLOCK], vec![0.0; 4 * BLOCK], vec![0.0; BLOCK]);
+        Self {
+            gradient: vec![0.0; values],
+            touched: vec![false; values / PART],
+            corners,
+            phases: Phases::default(),
+        }
+    }
+
+    /// One step of a level: the sum over all samples, in their order, then Adam.
+    pub fn step<'k>(
+        &mut self,
+        isa: Isa,
+        grid: &GridEncoding,
+        tables: &GridTables<'_>,
+        kept: impl Iterator<Item = &'k Kept>,
+        adam: &AdamStep,
+        state: &mut LevelState<'_>,
+    ) {
+        let begun = Instant::now();
+        for kept in kept {
+            self.add(isa, grid, tables, &state.level, kept);
+        }
+        let begun = self.phases.lap(Phase::Scatter, begun);
+        let Self { gradient, touched, .. } = self;
+        isa.run(Update { adam, gradient, touched, state });
+        self.phases.lap(Phase::Adam, begun);
+    }
+
+    fn add(
+        &mut self,
+        isa: Isa,
+        grid: &GridEncoding,
+        tables: &GridTables<'_>,
+        level: &GridLevel,
+        kept: &Kept,
+    ) {
+        let Self { gradient, touched, corners: (entry, weight, across), .. } = self;
+        let count = kept.positions[0].len();
+        for first in (0..count).step_by(BLOCK) {
+            let samples = BLOCK.min(count - first);
+            let mut x = [0.0; 3 * BLOCK];
+            for (x, positions) in x.chunks_exact_mut(BLOCK).zip(&kept.positions) {
+                x[..samples].copy_from_slice(&positions[first..first + samples]);
+            }
+            let mut corners = GridCorners { entry, weight, x: across };
+            grid_corners_block(isa, grid, tables, level, BLOCK, &x, &mut corners);
+            let rows = &kept.gradients[first * kept.width..][..samples * kept.width];
+            let (first, index) = (level.first, level.index);
+            let add = Add { entry, weight, across, rows, width: kept.width, first, index, gradient, touched };
+            match (grid.inputs, grid.features) {
+                (2, 1) => isa.run(Features::<2, 1, 2>(add)),
+                (2, 2) => isa.run(Features::<2, 2, 4>(add)),
+                (2, _) => isa.run(Features::<2, 4, 8>(add)),
+                (_, 1) => isa.run(Features::<4, 1, 2>(add)),
+                (_, 2) => isa.run(Features::<4, 2, 4>(add)),
+                _ => isa.run(Features::<4, 4, 8>(add)),
+            }
+        }
+    }
+}
+
+/// Adds a block's gradients `rows`, `[samples][width]`, to the entries.
+struct Add<'a> {
+    entry: &'a [u32],
+    weight: &'a [f32],
+    across: &'a [f32],
+    rows: &'a [f32],
+    width: usize,
+    /// The level's first entry, and its number.
+    first: usize,
+    index: usize,
+    gradient: &'a mut [f32],
+    touched: &'a mut [bool],
+}
+
+/// Cells with `ROWS` rows of two entries, of `F` values each, two of them `F2`.
+struct Features<'a, const ROWS: usize, const F: usize, const F2: usize>(Add<'a>);
+
+impl<const ROWS: usize, const F: usize, const F2: usize> Op for Features<'_, ROWS, F, F2> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run<V: Lanes>(self) {
+        let Add { entry, weight, across, rows, width, first, index, gradient, touched } = self.0;
+        for (i, row) in rows.chunks_exact(width).enumerate() {
+            let of_level = &row[index * F..][..F];
+            // Of the near entry and of the far one, side by side as they lie in the table.
+            let mut both = [0.0f32; F2];
+            for f in 0..F {
+                let far = of_level[f] * across[i];
+                both[f] = of_level[f] - far;
+                both[F + f] = far;
+            }
+            for corner in 0..ROWS {
+                let at = (entry[corner * BLOCK + i] as usize - first) * F;
+                let weight = weight[corner * BLOCK + i];
+                touched[at / PART] = true;
+                let Some(values) = gradient[at..].first_chunk_mut::<F2>() else { continue };
+                for (value, both) in values.iter_mut().zip(&both) {
+                    *value += weight * both;
+                }
+            }
+        }
+    }
+}
+
+/// Adam of a level, where there is a gradient, which is then 0; and the f16 copy of what moved.
+struct Update<'a, 's, 'l> {
+    adam: &'a AdamStep,
+    gradient: &'a mut [f32],
+    touched: &'a mut [bool],
+    state: &'s mut LevelState<'l>,
+}
+
+impl Op for Update<'_, '_, '_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run<V: Lanes>(self) {
+        let Self { adam, gradient, touched, state } = self;
+        // By value: behind a reference its numbers would be read for each.
+        let length = state.values.len();
+        let mut before = false;
+        for (part, gradient) in gradient.chunks_exact_mut(PART).enumerate() {
+            let here = std::mem::take(&mut touched[part]);
+            // A row that begins in one part may end in the next.
+            if !std::mem::replace(&mut before, here) && !here {
+                continue;
+            }
+            let from = part * PART;
+            if touched.get(part + AHEAD).is_some_and(|&touched| touched) {
+                for line in (from + AHEAD * PART..from + (AHEAD + 1) * PART).step_by(16) {
+                    prefetch(state.values, line);
+                    prefetch(state.moment1, line);
+                    prefetch(state.moment2, line);
+                }
+            }
+            let to = length.min(from + PART);
+            if from < to {
+                let values = &mut state.values[from..to];
+                let (m, v) = (&mut state.moment1[from..to], &mut state.moment2[from..to]);
+                update_part(*adam, &gradient[..to - from], values, m, v);
+                halve::<V>(values, state.scale, &mut state.halves[2 * from..2 * to]);
+            }
+            gradient.fill(0.0);
+        }
+    }
+}
+
+#[inline(always)]
+fn update_part(adam: AdamStep, gradient: &[f32], values: &mut [f32], m: &mut [f32], v: &mut [f32]) {
+    let (gradient, last_gradient) = gradient.as_chunks::<16>();
+    let (values, last) = values.as_chunks_mut::<16>();
+    let (m, last_m) = m.as_chunks_mut::<16>();
+    let (v, last_v) = v.as_chunks_mut::<16>();
+    for (((value, m), v), g) in values.iter_mut().zip(m).zip(v).zip(gradient) {
+        // Where there is none, three lines of memory are neither read nor written.
+        if g.iter().fold(0, |any, g| any | g.to_bits() << 1) != 0 {
+            move_16(adam, value, m, v, g);
+        }
+    }
+    for (((value, m), v), g) in last.iter_mut().zip(last_m).zip(last_v).zip(last_gradient) {
+        moved(adam, value, m, v, *g);
+    }
+}
+
+/// Writes little-endian f16, of values in whole steps of int8 where there is a `scale` of those.
+pub(super) fn write_halves(isa: Isa, values: &[f32], scale: Option<f32>, halves: &mut [u8]) {
+    isa.run(Halve { values, scale, halves });
+}
+
+struct Halve<'a> {
+    values: &'a [f32],
+    scale: Option<f32>,
+    halves: &'a mut [u8],
+}
+
+impl Op for Halve<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run<V: Lanes>(self) {
+        halve::<V>(self.values, self.scale, self.halves);
+    }
+}
+
+#[inline(always)]
+fn halve<V: Lanes>(values: &[f32], scale: Option<f32>, halves: &mut [u8]) {
+    let (values, last) = values.as_chunks::<16>();
+    let (halves, last_halves) = halves.as_chunks_mut::<2>().0.as_chunks_mut::<16>();
+    for (values, halves) in values.iter().zip(halves) {
+        *halves = halve_16::<V>(values, scale);
+    }
+    let mut values = [0.0; 16];
+    values[..last.len()].copy_from_slice(last);
+    for (to, half) in last_halves.iter_mut().zip(halve_16::<V>(&values, scale)) {
+        *to = half;
+    }
+}
+
+#[inline(always)]
+fn halve_16<V: Lanes>(values: &[f32; 16], scale: Option<f32>) -> [[u8; 2]; 16] {
+    let mut halves = [0u16; 16];
+    for from in (0..16).step_by(V::COUNT) {
+        let mut values = V::load(&values[from..]);
+        if let Some(scale) = scale {
+            let most = V::splat(STEPS);
+            let steps = values.div(V::splat(scale)).round_even().min_of(most).max_of(most.neg());
+            values = steps.mul(V::splat(scale));
+        }
+        let bits = values.to_f16();
+        halves[from..from + V::COUNT].copy_from_slice(&bits[..V::COUNT]);
+    }
+    halves.map(u16::to_le_bytes)
+}

@@ -1,0 +1,723 @@
+//! The laws of the grid engine, on small grids.
+
+mod oracle;
+
+use super::*;
+use crate::model::config::{Preset, TableConfig};
+use crate::model::engine::model::uniform;
+use crate::model::engine::{BatchError, BatchRay, Dense, Part, ReferenceEngine};
+use crate::model::picture_config::{FieldConfig, FieldPreset};
+use crate::model::quantise::{Quantised, TableStorage, values_of};
+use glam::Vec3;
+use half::f16;
+use nerf_core::encoding::{AngleScale, DirectionEncoding, PositionEncoding, SinusoidalEncoding};
+
+/// No cube, and not around 0.
+fn bounds() -> SceneBox {
+    SceneBox::new(Vec3::new(-1.0, 0.5, -0.25), Vec3::new(1.5, 2.5, 0.75)).unwrap()
+}
+
+/// A field of `table`; the density starts at 1 per world unit.
+fn model(table: TableConfig, depth: usize, degree: u8, colour: usize) -> Model {
+    let mut config = Preset::Grid.config();
+    let n = &mut config.network;
+    (n.grid, n.depth, n.width, n.direction_levels, n.colour_width) = (Some(table), depth, 16, degree, colour);
+    let bounds = bounds();
+    Model { density_bias: 0.0, ..config.model_of(bounds.max - bounds.min) }
+}
+
+/// Levels of 3, 6 and 12 cells along the longest side: 80, 294 and 1,820 vertices and more.
+fn table(features: u8, log2_entries: u8) -> TableConfig {
+    TableConfig { levels: 3, features, log2_entries, coarsest: 3, finest: 12, storage: TableStorage::F16 }
+}
+
+fn models() -> [(&'static str, Model); 5] {
+    [
+        ("all dense", model(table(2, 19), 1, 2, 16)),
+        ("two levels hashed", model(table(2, 6), 1, 3, 16)),
+        ("4 features, two layers", model(table(4, 8), 2, 2, 20)),
+        ("1 feature, no direction", model(table(1, 5), 1, 0, 16)),
+        ("16 entries, no colour layer", model(table(2, 4), 1, 2, 0)),
+    ]
+}
+
+/// 2D fields, dense and hashed.
+fn pictures() -> [(&'static str, Model); 3] {
+    let field = |table, layers| {
+        let config = FieldPreset::Grid.config();
+        FieldConfig { grid: Some(table), layers, width: 16, ..config }.model([50, 40])
+    };
+    [
+        ("picture, all dense", field(table(2, 19), 1)),
+        ("picture, two levels hashed, 4 features", field(table(4, 5), 2)),
+        ("picture, 1 feature, 16 entries", field(table(1, 4), 1)),
+    ]
+}
+
+/// With this first decay, a first moment is the last gradient itself.
+const BARE: Adam = Adam { betas: [0.0, 0.99], epsilon: 1e-15, weight_decay: 0.0 };
+
+/// An engine whose tables are large enough to matter: U(±0.5), as f16 has them: a step is computed from those.
+fn engine(model: &Model, adam: Adam, seed: u64) -> GridEngine {
+    let mut engine = GridEngine::new(model, bounds(), adam, seed).unwrap();
+    let mut state = engine.state();
+    for (i, value) in state.parameters[model.layer_parameters()..].iter_mut().enumerate() {
+        *value = f16::from_f32(uniform(seed + 1, i as u64) as f32 - 0.5).to_f32();
+    }
+    engine.restore(&state).unwrap();
+    engine
+}
+
+/// The loss and its gradient, in the order of the parameters: a step of rate 0 leaves it in the
+/// first moments.
+fn gradients(engine: &mut GridEngine, batch: &Batch) -> (StepLoss, Vec<f32>) {
+    assert_eq!(engine.adam.betas[0], 0.0);
+    let mut state = engine.state();
+    state.moment1.fill(0.0);
+    engine.restore(&state).unwrap();
+    let loss = engine.step(batch, 0.0).unwrap();
+    (loss, engine.state().moment1)
+}
+
+/// Rays of 0 to 5 samples so thin that none weighs less than the gate.
+fn batch_of(rays: usize, seed: u64) -> Batch {
+    let mut counter = 0;
+    let mut next = || {
+        counter += 1;
+        uniform(seed, counter) as f32
+    };
+    let mut batch = Batch::default();
+    let (min, extent) = (bounds().min.to_array(), (bounds().max - bounds().min).to_array());
+    for ray in 0..rays {
+        let mut triple = || [next(), next(), next()];
+        let (dir, rgb, background) = (triple().map(|x| x - 0.5), triple(), triple());
+        let length = dir.iter().map(|x| x * x).sum::<f32>().sqrt();
+        let samples = (ray * 5 % 6) as u32;
+        batch.rays.push(BatchRay { dir: dir.map(|x| x / length), rgb, background, samples });
+        for _ in 0..samples {
+            let at = [next(), next(), next()];
+            batch.positions.push(std::array::from_fn(|axis| min[axis] + at[axis] * extent[axis]));
+            batch.deltas.push(0.1 + 0.2 * next());
+        }
+    }
+    batch
+}
+
+/// Pixels of a 2D field: rays of 0 samples or 1.
+fn pixels(rays: usize, seed: u64) -> Batch {
+    let mut batch = batch_of(rays, seed);
+    batch.rays.iter_mut().for_each(|ray| ray.samples = ray.samples.min(1));
+    let samples: u32 = batch.rays.iter().map(|ray| ray.samples).sum();
+    batch.positions.truncate(samples as usize);
+    batch.deltas.truncate(samples as usize);
+    batch
+}
+
+fn bits(values: &[f32]) -> Vec<u32> {
+    values.iter().map(|v| v.to_bits()).collect()
+}
+
+fn wide(values: &[f32]) -> Vec<f64> {
+    values.iter().map(|&v| f64::from(v)).collect()
+}
+
+/// The larger of two errors; NaN is worse than any number.
+fn worse(a: f64, b: f64) -> f64 {
+    if a.is_nan() || a > b { a } else { b }
+}
+
+/// dL/dp of one parameter by central differences of the oracle.
+fn difference(model: &Model, p: &[f64], batch: &Batch, index: usize) -> f64 {
+    let at = |h: f64| {
+        let mut p = p.to_vec();
+        p[index] += h;
+        let found = oracle::loss(model, &bounds(), &p, batch);
+        found.loss + found.distortion
+    };
+    (at(1e-5) - at(-1e-5)) / 2e-5
+}
+
+/// The ranges of parameters that errors are taken relative to the largest gradient of: layers' weights and levels.
+fn groups(model: &Model) -> Vec<std::ops::Range<usize>> {
+    let grid = model.architecture.position.grid().unwrap();
+    let features = usize::from(grid.features);
+    let first = model.layer_parameters();
+    let weights = model.layers().into_iter().map(|d| d.weights..d.bias);
+    let levels = grid
+        .levels()
+        .map(|level| first + level.first * features..first + (level.first + level.entries) * features);
+    weights.chain(levels).collect()
+}
+
+/// Largest error against finite differences over the group's largest gradient, of the worst group: in each, the
+/// largest gradients and parameters spread over all of it. Checks that nothing was left out by the gate.
+fn worst_of_differences(name: &str, model: &Model, engine: &mut GridEngine, batch: &Batch) -> f64 {
+    let (loss, found) = gradients(engine, batch);
+    let p = wide(&engine.parameters());
+    let total = oracle::loss(model, &bounds(), &p, batch);
+    assert!(total.least_weight > 2e-3 && total.least_transmittance > 2e-3, "{name}: a sample is left out");
+    assert_eq!((loss.evaluated, loss.kept), (batch.positions.len(), batch.positions.len()), "{name}");
+    assert!((loss.mse - total.loss).abs() < 1e-6, "{name}: {loss:?} {}", total.loss);
+    let mut worst = 0.0;
+    for group in groups(model) {
+        let mut order: Vec<usize> = group.clone().collect();
+        order.sort_by(|&a, &b| found[b].abs().total_cmp(&found[a].abs()));
+        let largest = f64::from(found[order[0]].abs());
+        assert!(largest > 1e-7, "{name}: no gradient in {group:?}");
+        let spread = (0..8).map(|i| group.start + i * (group.len() - 1) / 7);
+        for index in order[..8.min(order.len())].iter().copied().chain(spread) {
+            let error = difference(model, &p, batch, index) - f64::from(found[index]);
+            worst = worse(worst, error.abs() / largest);
+        }
+    }
+    worst
+}
+
+#[test]
+fn gradients_of_tables_and_layers_are_finite_differences() {
+    for (name, model) in models() {
+        // 150 rays: several chunks, hence several accumulators.
+        for (rays, seed) in [(2, 5), (12, 21), (150, 22)] {
+            let mut engine = engine(&model, BARE, 4);
+            let worst = worst_of_differences(name, &model, &mut engine, &batch_of(rays, seed));
+            println!("{name}, {rays} rays: {worst:.1e}");
+            assert!(worst < 2e-4, "{name}, {rays} rays: {worst}");
+            // Other samples: of those above one is so near a ReLU's corner that differences are of both sides of it.
+            let batch = Batch { distortion: 0.1, ..batch_of(rays, 30 + seed) };
+            let worst = worst_of_differences(name, &model, &mut engine, &batch);
+            println!("{name}, {rays} rays, distortion: {worst:.1e}");
+            assert!(worst < 2e-4, "{name}, {rays} rays, distortion: {worst}");
+        }
+    }
+    for (name, model) in pictures() {
+        for (rays, seed) in [(12, 24), (150, 27), (700, 26)] {
+            let worst = worst_of_differences(name, &model, &mut engine(&model, BARE, 4), &pixels(rays, seed));
+            println!("{name}, {rays} pixels: {worst:.1e}");
+            assert!(worst < 2e-4, "{name}, {rays} pixels: {worst}");
+        }
+    }
+}
+
+#[test]
+fn gradients_are_scaled_sample_by_sample() {
+    for (name, model) in models() {
+        let batch = batch_of(12, 21);
+        let found = |scales: Vec<f32>| {
+            gradients(&mut engine(&model, BARE, 4), &Batch { gradient_scales: scales, ..batch.clone() })
+        };
+        let samples = batch.positions.len();
+        let (loss, whole) = found(Vec::new());
+        let (half_loss, half) = found(vec![0.5; samples]);
+        assert_eq!(loss, half_loss, "{name}");
+        assert_eq!(bits(&half), bits(&whole.iter().map(|g| 0.5 * g).collect::<Vec<_>>()), "{name}");
+        // Those of some samples and those of the others add up.
+        let some: Vec<f32> = (0..samples).map(|i| (i % 2) as f32).collect();
+        let others = some.iter().map(|s| 1.0 - s).collect();
+        let ((_, some), (_, others)) = (found(some), found(others));
+        let largest = whole.iter().fold(0.0f32, |most, g| most.max(g.abs()));
+        for ((a, b), g) in some.iter().zip(&others).zip(&whole) {
+            assert!((a + b - g).abs() < 1e-5 * largest, "{name}: {a} and {b}, not {g}");
+        }
+        assert!(some.iter().zip(&others).any(|(a, b)| *a != 0.0 && *b != 0.0 && a != b), "{name}");
+    }
+}
+
+#[test]
+fn of_a_ray_through_a_2d_field_only_the_first_sample_is_seen() {
+    let (_, model) = &pictures()[0];
+    let mut batch = batch_of(12, 24);
+    let mut first = Batch { rays: batch.rays.clone(), ..Batch::default() };
+    let mut at = 0;
+    for ray in &mut first.rays {
+        if ray.samples > 0 {
+            first.positions.push(batch.positions[at]);
+            first.deltas.push(1.0);
+        }
+        at += ray.samples as usize;
+        ray.samples = ray.samples.min(1);
+    }
+    // A bin's width means nothing there.
+    batch.deltas.fill(0.0);
+    let (loss, found) = gradients(&mut engine(model, BARE, 4), &batch);
+    assert_eq!((loss.evaluated, loss.kept), (10, 10));
+    assert_eq!((loss, found), gradients(&mut engine(model, BARE, 4), &first));
+}
+
+#[test]
+fn every_instruction_set_has_the_same_gradients_within_rounding() {
+    let (name, model) = &models()[1];
+    for isa in Isa::ALL.into_iter().filter(|isa| isa.available()) {
+        let mut engine = engine(model, BARE, 4);
+        engine.set_isa(isa);
+        let worst = worst_of_differences(name, model, &mut engine, &batch_of(12, 23));
+        assert!(worst < 2e-4, "{}: {worst}", isa.name());
+    }
+}
+
+/// A grid that encodes a position as itself, and a sinusoidal network that does, too: dfdx's tape has the gradients of
+/// the latter. The spherical harmonics of degree 2 are a constant and the direction, scaled.
+#[test]
+fn gradients_of_the_layers_are_those_of_autodiff() {
+    let unit = SceneBox::new(Vec3::ZERO, Vec3::ONE).unwrap();
+    for (depth, colour) in [(1, 16), (2, 24), (1, 0)] {
+        let table = TableConfig {
+            levels: 1,
+            features: 4,
+            log2_entries: 5,
+            coarsest: 1,
+            finest: 1,
+            storage: TableStorage::F16,
+        };
+        let model = model(table, depth, 2, colour);
+        let mut plain = model.clone();
+        let identity = SinusoidalEncoding { inputs: 3, levels: 0, scale: AngleScale::Pi, identity: true };
+        plain.architecture.position = PositionEncoding::Sinusoidal(identity);
+        plain.architecture.direction = Some(DirectionEncoding::Sinusoidal(identity));
+
+        let mut engine = GridEngine::new(&model, unit, BARE, 9).unwrap();
+        let mut state = engine.state();
+        for (i, value) in state.parameters[model.layer_parameters()..].iter_mut().enumerate() {
+            let (entry, feature) = (i / 4, i % 4);
+            *value = if feature < 3 { (entry >> feature & 1) as f32 } else { 0.0 };
+        }
+        engine.restore(&state).unwrap();
+
+        // Y_0^0 joins the bias; Y_1^{-1,0,1} = -k y, k z, -k x.
+        let (constant, k) = (0.282_094_79f32, 0.488_602_51f32);
+        let dir_of = [(1, 1, -k), (2, 2, k), (3, 0, -k)];
+        let mut parameters = vec![0.0; plain.parameters()];
+        let pairs: Vec<(Dense, Dense)> = model.layers().into_iter().zip(plain.layers()).collect();
+        for (ours, theirs) in &pairs {
+            for o in 0..ours.outputs {
+                let (from, to) = (ours.weights + o * ours.inputs(), theirs.weights + o * theirs.inputs());
+                let row = &state.parameters[from..from + theirs.main];
+                parameters[to..to + theirs.main].copy_from_slice(row);
+                parameters[theirs.bias + o] = state.parameters[ours.bias + o];
+                if ours.extra > 0 {
+                    parameters[theirs.bias + o] += constant * state.parameters[from + ours.main];
+                    for (harmonic, axis, scale) in dir_of {
+                        parameters[to + theirs.main + axis] =
+                            scale * state.parameters[from + ours.main + harmonic];
+                    }
+                }
+            }
+        }
+        let mut batch = batch_of(100, 31);
+        for (i, position) in batch.positions.iter_mut().enumerate() {
+            *position = std::array::from_fn(|axis| uniform(32, (3 * i + axis) as u64) as f32);
+        }
+        let mut reference = ReferenceEngine::with_parameters(&plain, BARE, &parameters).unwrap();
+        let (expected_loss, expected) = reference.gradients(&batch).unwrap();
+        let (loss, found) = gradients(&mut engine, &batch);
+        assert_eq!(loss.kept, batch.positions.len(), "a sample is left out");
+        assert!((loss.mse - expected_loss.mse).abs() < 1e-6, "{loss:?} {expected_loss:?}");
+        let mut worst = 0.0;
+        for (ours, theirs) in &pairs {
+            let (mut largest, mut error) = (0.0f64, 0.0);
+            let mut compare = |found: f32, expected: f32| {
+                largest = largest.max(f64::from(expected.abs()));
+                error = worse(error, f64::from((found - expected).abs()));
+            };
+            for o in 0..ours.outputs {
+                let (from, to) = (ours.weights + o * ours.inputs(), theirs.weights + o * theirs.inputs());
+                (0..theirs.main).for_each(|i| compare(found[from + i], expected[to + i]));
+                if ours.extra > 0 {
+                    compare(found[from + ours.main], constant * expected[theirs.bias + o]);
+                    for (harmonic, axis, scale) in dir_of {
+                        compare(
+                            found[from + ours.main + harmonic],
+                            scale * expected[to + theirs.main + axis],
+                        );
+                    }
+                }
+                // The engine trains no biases.
+                assert_eq!(found[ours.bias + o], 0.0);
+            }
+            worst = worse(worst, error / largest);
+        }
+        println!("{depth} layers, {colour} channels of colour: {worst:.1e}");
+        assert!(worst < 1e-4, "{depth} layers, {colour} channels of colour: {worst}");
+    }
+}
+
+/// All samples at one place: each level's eight entries are touched by every one of them.
+fn constant_position(rays: usize, x: [f32; 3]) -> Batch {
+    let mut batch = batch_of(rays, 41);
+    batch.positions.fill(x);
+    batch
+}
+
+#[test]
+fn an_entry_that_every_sample_touches_has_one_sum_for_any_number_of_threads() {
+    for (name, model) in models() {
+        let batch = constant_position(2000, [0.3, 1.1, 0.2]);
+        let worst = worst_of_differences(name, &model, &mut engine(&model, BARE, 4), &batch);
+        println!("{name}: {worst:.1e}");
+        assert!(worst < 2e-4, "{name}: {worst}");
+        let after = |threads| {
+            let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+            pool.install(|| bits(&gradients(&mut engine(&model, BARE, 4), &batch).1))
+        };
+        let one = after(1);
+        assert!(one == after(2) && one == after(3) && one == after(5), "{name}");
+    }
+}
+
+#[test]
+fn corners_of_a_cell_that_share_an_entry_add_up() {
+    // One row for all (y, z): the four rows of a cell share their two entries. Then two rows for the four.
+    for log2_entries in [0, 1] {
+        let table = TableConfig {
+            levels: 1,
+            features: 2,
+            log2_entries,
+            coarsest: 6,
+            finest: 6,
+            storage: TableStorage::F16,
+        };
+        let model = model(table, 1, 2, 16);
+        for batch in [constant_position(2, [0.3, 1.1, 0.2]), batch_of(40, 42)] {
+            let mut engine = engine(&model, BARE, 4);
+            let worst = worst_of_differences("shared entries", &model, &mut engine, &batch);
+            println!("2^{log2_entries} entries: {worst:.1e}");
+            assert!(worst < 2e-4, "2^{log2_entries} entries: {worst}");
+        }
+    }
+}
+
+#[test]
+fn positions_on_faces_corners_and_outside_of_the_box_have_finite_gradients_within_the_tables() {
+    let (min, max) = (bounds().min.to_array(), bounds().max.to_array());
+    for (name, model) in models() {
+        let mut batch = batch_of(60, 43);
+        for (i, position) in batch.positions.iter_mut().enumerate() {
+            let places = |axis: usize| {
+                [
+                    min[axis],
+                    max[axis],
+                    min[axis].next_down(),
+                    max[axis].next_up(),
+                    0.5 * (min[axis] + max[axis]),
+                    1e30,
+                    -1e30,
+                ]
+            };
+            *position = std::array::from_fn(|axis| places(axis)[i / 7usize.pow(axis as u32) % 7]);
+        }
+        let (loss, found) = gradients(&mut engine(&model, BARE, 4), &batch);
+        assert!(loss.mse.is_finite() && found.iter().all(|g| g.is_finite()), "{name}: {loss:?}");
+        assert_eq!(found.len(), model.parameters());
+    }
+}
+
+#[test]
+fn samples_below_the_gate_or_behind_what_is_opaque_have_no_gradient() {
+    let (_, model) = &models()[0];
+    let ray = BatchRay { dir: [0.0, 0.0, 1.0], rgb: [0.9, 0.1, 0.4], background: [0.0; 3], samples: 3 };
+    let places = [[0.0, 1.0, 0.0], [1.0, 2.0, 0.5], [-0.8, 0.7, 0.6]];
+    let touched = |deltas: [f32; 3]| {
+        let batch = Batch {
+            rays: vec![ray],
+            positions: places.to_vec(),
+            deltas: deltas.to_vec(),
+            ..Batch::default()
+        };
+        gradients(&mut engine(model, BARE, 4), &batch)
+    };
+    let alone = |place: [f32; 3], delta: f32| {
+        let ray = BatchRay { samples: 1, ..ray };
+        let batch =
+            Batch { rays: vec![ray], positions: vec![place], deltas: vec![delta], ..Batch::default() };
+        gradients(&mut engine(model, BARE, 4), &batch).1
+    };
+    let tables = model.layer_parameters();
+    let entries = |gradient: &[f32]| -> Vec<usize> {
+        (tables..gradient.len()).filter(|&i| gradient[i] != 0.0).collect()
+    };
+    // A weight of some 1e-4 is below the gate of 1e-3; one behind an optical depth of 30 is behind what is opaque.
+    let (loss, found) = touched([0.3, 1e-4, 30.0]);
+    assert_eq!((loss.evaluated, loss.kept), (3, 2));
+    let mut expected = [entries(&alone(places[0], 0.3)), entries(&alone(places[2], 0.3))].concat();
+    expected.sort_unstable();
+    expected.dedup();
+    assert_eq!(entries(&found), expected);
+    let (loss, found) = touched([30.0, 0.3, 0.3]);
+    // All of a ray's first eight samples are evaluated before it is asked whether light is left.
+    assert_eq!((loss.evaluated, loss.kept), (3, 1));
+    assert_eq!(entries(&found), entries(&alone(places[0], 30.0)));
+}
+
+#[test]
+fn faint_samples_that_are_drawn_stand_for_those_that_are_not() {
+    let (_, model) = &models()[0];
+    let ray = BatchRay { dir: [0.0, 0.0, 1.0], rgb: [0.9, 0.1, 0.4], background: [0.0; 3], samples: 1 };
+    let positions = vec![[0.0, 1.0, 0.0]];
+    let mut batch = Batch { rays: vec![ray], positions, deltas: vec![2e-3], ..Batch::default() };
+    let mut engine = engine(model, BARE, 4);
+    let (loss, all) = gradients(&mut engine, &batch);
+    assert_eq!(loss.kept, 1, "the test means a sample above the gate");
+    let mut kept = 0;
+    let mut mean = vec![0.0; all.len()];
+    for step in 0..2000 {
+        batch.faint = Some((7, step));
+        let (loss, found) = gradients(&mut engine, &batch);
+        kept += loss.kept;
+        mean.iter_mut().zip(found).for_each(|(mean, found)| *mean += found / 2000.0);
+    }
+    assert!((200..1800).contains(&kept), "{kept} of 2000");
+    let largest = all.iter().fold(0.0f32, |most, g| most.max(g.abs()));
+    let off = mean.iter().zip(&all).fold(0.0f32, |most, (mean, all)| most.max((mean - all).abs()));
+    // Five deviations of a share that is a third or more.
+    assert!(largest > 0.0 && off < 0.16 * largest, "{off} of {largest}");
+}
+
+#[test]
+fn rays_without_samples_and_batches_of_nothing_move_nothing() {
+    let (_, model) = &models()[0];
+    let mut engine = engine(model, Adam::default(), 1);
+    let before = engine.state();
+    assert_eq!(engine.step(&Batch::default(), 1e-2).unwrap(), StepLoss::default());
+    let mut batch = batch_of(50, 1);
+    batch.rays.iter_mut().for_each(|ray| ray.samples = 0);
+    batch.positions.clear();
+    batch.deltas.clear();
+    let squares = batch.rays.iter().flat_map(|r| (0..3).map(|k| (r.background[k] - r.rgb[k]).powi(2)));
+    let expected = squares.map(f64::from).sum::<f64>() / 150.0;
+    let loss = engine.step(&batch, 1e-2).unwrap();
+    assert!((loss.mse - expected).abs() < 1e-7 && !loss.dead && loss.evaluated == 0);
+    assert_eq!(OptimiserState { steps: 0, ..engine.state() }, before);
+}
+
+/// One ray of one sample at `x`.
+fn touch(x: [f32; 3]) -> Batch {
+    let ray = BatchRay { dir: [0.6, 0.0, 0.8], rgb: [0.9, 0.1, 0.4], background: [0.2; 3], samples: 1 };
+    Batch { rays: vec![ray], positions: vec![x], deltas: vec![0.5], ..Batch::default() }
+}
+
+#[test]
+fn an_entry_keeps_value_and_moments_while_it_is_not_touched() {
+    // Far apart: the two samples share no entry of a level of 12 cells that are all dense.
+    let table = TableConfig {
+        levels: 1,
+        features: 2,
+        log2_entries: 19,
+        coarsest: 12,
+        finest: 12,
+        storage: TableStorage::F16,
+    };
+    let model = model(table, 1, 2, 16);
+    let (here, there) = (touch([-0.9, 0.6, -0.2]), touch([1.4, 2.4, 0.7]));
+    let adam = Adam::default();
+    let mut engine = engine(&model, adam, 3);
+    let first = model.layer_parameters();
+    let start = engine.state();
+    engine.step(&here, 1e-2).unwrap();
+    let once = engine.state();
+    let touched: Vec<usize> = (first..model.parameters()).filter(|&i| once.moment2[i] != 0.0).collect();
+    assert_eq!(touched.len(), 16, "eight corners of two features");
+    // A first step is the rate, whatever the gradient: m and v are corrected to g and g².
+    for &i in &touched {
+        let moved = start.parameters[i] - once.parameters[i];
+        assert!((moved.abs() - 1e-2).abs() < 1e-5 && moved.signum() == once.moment1[i].signum(), "{moved}");
+    }
+    for _ in 0..10_000 {
+        engine.step(&there, 1e-4).unwrap();
+    }
+    let idle = engine.state();
+    assert_eq!(idle.steps, 10_001);
+    for &i in &touched {
+        assert_eq!(
+            [idle.parameters[i], idle.moment1[i], idle.moment2[i]],
+            [once.parameters[i], once.moment1[i], once.moment2[i]]
+        );
+    }
+    engine.step(&here, 1e-2).unwrap();
+    let again = engine.state();
+    let [beta1, beta2] = adam.betas;
+    let corrected = |moment: f32, beta: f64| f64::from(moment) / (1.0 - beta.powi(10_002));
+    for &i in &touched {
+        // The moments go on from where they were; their correction is that of all steps.
+        let g = (f64::from(again.moment1[i]) - beta1 * f64::from(idle.moment1[i])) / (1.0 - beta1);
+        let v = beta2 * f64::from(idle.moment2[i]) + (1.0 - beta2) * g * g;
+        assert!((f64::from(again.moment2[i]) - v).abs() < 1e-4 * v, "{} {v}", again.moment2[i]);
+        let step = 1e-2 * corrected(again.moment1[i], beta1) / corrected(again.moment2[i], beta2).sqrt();
+        let moved = f64::from(idle.parameters[i]) - f64::from(again.parameters[i]);
+        assert!((moved - step).abs() < 1e-6, "{moved} {step}");
+    }
+    // Entries that nothing ever touched are as they began.
+    let untouched = (first..model.parameters()).filter(|&i| again.moment2[i] == 0.0);
+    let mut count = 0;
+    for i in untouched {
+        assert_eq!((again.parameters[i], again.moment1[i]), (start.parameters[i], 0.0));
+        count += 1;
+    }
+    assert_eq!(count, model.table_values() - 32);
+}
+
+#[test]
+fn threads_do_not_change_a_bit() {
+    let of_scenes = [batch_of(1500, 1), batch_of(65, 2), batch_of(900, 3)];
+    // More than sixteen chunks.
+    let of_pictures = [pixels(9000, 1), pixels(65, 2), pixels(9000, 3)];
+    let scenes = models().map(|(name, model)| (name, model, &of_scenes));
+    let pictures = pictures().map(|(name, model)| (name, model, &of_pictures));
+    for (name, model, batches) in scenes.into_iter().chain(pictures) {
+        let after = |threads| {
+            let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+            pool.install(|| {
+                let mut engine = engine(&model, Adam::default(), 7);
+                let losses = batches.each_ref().map(|batch| engine.step(batch, 1e-2).unwrap());
+                (losses, bits(&engine.parameters()))
+            })
+        };
+        let one = after(1);
+        assert!(one == after(2) && one == after(3) && one == after(5), "{name}");
+    }
+}
+
+#[test]
+fn resuming_gives_the_bits_of_not_stopping() {
+    let (_, model) = &models()[1];
+    let batches: Vec<_> = (0..6).map(|seed| batch_of(60, seed)).collect();
+    // Never rounded to int8, from before the checkpoint on, and from behind it on.
+    for rounded_from in [6, 1, 4] {
+        let mut whole = engine(model, Adam::default(), 1);
+        let mut half = OptimiserState::default();
+        for (i, batch) in batches.iter().enumerate() {
+            if i == 3 {
+                half = whole.state();
+            }
+            if i >= rounded_from {
+                whole.round_tables();
+            }
+            whole.step(batch, 1e-2).unwrap();
+        }
+        let mut resumed = engine(model, Adam::default(), 99);
+        resumed.restore(&half).unwrap();
+        for (i, batch) in batches.iter().enumerate().skip(3) {
+            if i >= rounded_from {
+                resumed.round_tables();
+            }
+            resumed.step(batch, 1e-2).unwrap();
+        }
+        assert_eq!(resumed.state(), whole.state(), "{rounded_from}");
+        assert_eq!(bits(&resumed.parameters()), bits(&whole.parameters()), "{rounded_from}");
+        assert_eq!(whole.table_scales().is_empty(), rounded_from == 6);
+    }
+}
+
+/// What the next step encodes with is what a blob of the parameters holds, in f16.
+#[test]
+fn rounded_tables_are_those_of_a_blob() {
+    for (name, model) in models() {
+        let mut engine = engine(&model, Adam::default(), 1);
+        (0..3).for_each(|seed| _ = engine.step(&batch_of(60, seed), 1e-2).unwrap());
+        engine.round_tables();
+        let scales = engine.table_scales().to_vec();
+        for seed in 3..6 {
+            engine.step(&batch_of(60, seed), 1e-2).unwrap();
+            engine.round_tables();
+            assert_eq!(engine.table_scales(), scales, "{name}: scales stay");
+            let values = &engine.parameters[engine.layers.parameters()..];
+            let stored = Quantised::new(&engine.grid, values, TableStorage::Int8, &scales).unwrap();
+            let of_blob = values_of(&engine.grid, stored.stored());
+            let read = engine.halves.as_chunks().0.iter().map(|&bytes| f16::from_le_bytes(bytes));
+            assert!(read.eq(of_blob.iter().map(|&value| f16::from_f32(value))), "{name}");
+            assert_ne!(of_blob, values, "{name}: what is trained is not rounded");
+        }
+    }
+}
+
+#[test]
+fn a_step_that_diverges_changes_nothing() {
+    let (_, model) = &models()[1];
+    let good = batch_of(40, 1);
+    // A target so far off that the gradient is beyond what Adam can square; and numbers that are none.
+    let mut far = good.clone();
+    far.rays.iter_mut().for_each(|ray| ray.rgb = [1e30; 3]);
+    let start = engine(model, Adam::default(), 1).state();
+    let mut endless = start.clone();
+    endless.parameters.iter_mut().for_each(|p| *p *= 1e30);
+    for (what, state, batch) in [("far targets", &start, &far), ("huge parameters", &endless, &good)] {
+        let mut engine = engine(model, Adam::default(), 1);
+        engine.restore(state).unwrap();
+        assert_eq!(engine.step(batch, 1e-2), Err(EngineError::Diverged { step: 1 }), "{what}");
+        assert_eq!(&engine.state(), state, "{what}");
+        // Its buffers hold nothing of it afterwards.
+        engine.restore(&start).unwrap();
+        let mut fresh = GridEngine::new(model, bounds(), Adam::default(), 1).unwrap();
+        fresh.restore(&start).unwrap();
+        assert_eq!(engine.step(&good, 1e-2).unwrap(), fresh.step(&good, 1e-2).unwrap(), "{what}");
+        assert_eq!(engine.state(), fresh.state(), "{what}");
+    }
+}
+
+#[test]
+fn extreme_densities_and_bins_have_finite_gradients() {
+    let (_, model) = &models()[0];
+    let bias = model.layers().iter().find(|d| d.part == Part::Density).unwrap().bias;
+    for raw in [-1e4, -100.0, -1.0, 0.0, 19.9, 20.0, 20.1, 1e4, 1e30] {
+        let mut engine = engine(model, BARE, 4);
+        let mut state = engine.state();
+        state.parameters[bias] = raw;
+        engine.restore(&state).unwrap();
+        let mut batch = batch_of(60, 3);
+        for (i, delta) in batch.deltas.iter_mut().enumerate() {
+            *delta = [0.0, 1e-30, 1e-3, 1.0, 1e10, 1e20][i % 6];
+        }
+        let (loss, found) = gradients(&mut engine, &batch);
+        assert!(loss.mse.is_finite() && loss.mse <= 1.0, "{raw}: {loss:?}");
+        assert!(found.iter().all(|g| g.is_finite()), "{raw}");
+        // Nothing is seen where nothing is: reported, so that the run is started anew.
+        assert_eq!(loss.dead, raw < -99.0, "{raw}: {loss:?}");
+    }
+}
+
+#[test]
+fn wrong_input_is_refused_by_name() {
+    let (_, model) = &models()[0];
+    let mut engine = engine(model, Adam::default(), 1);
+    let before = engine.state();
+    let good = batch_of(8, 1);
+    let non_finite = |field, index| EngineError::Batch(BatchError::NonFinite { field, index });
+    type Change = fn(&mut Batch);
+    let cases: [(Change, EngineError); 7] = [
+        (|b| b.positions[3][1] = f32::NAN, non_finite("positions", 3)),
+        (|b| b.positions[3][1] = f32::INFINITY, non_finite("positions", 3)),
+        (|b| b.rays[2].dir[0] = f32::INFINITY, non_finite("rays", 2)),
+        (|b| b.rays[2].rgb[2] = f32::NAN, non_finite("rays", 2)),
+        (|b| b.deltas[1] = -1.0, non_finite("deltas", 1)),
+        (|b| b.deltas[1] = f32::NAN, non_finite("deltas", 1)),
+        (|b| b.empty = vec![[0.0, f32::NAN, 0.0]], non_finite("empty", 0)),
+    ];
+    for (change, expected) in cases {
+        let mut bad = good.clone();
+        change(&mut bad);
+        assert_eq!(engine.step(&bad, 1e-2), Err(expected));
+    }
+    let mut short = good.clone();
+    short.deltas.pop();
+    let found = engine.step(&short, 1e-2);
+    assert!(matches!(found, Err(EngineError::Batch(BatchError::Length { field: "deltas", .. }))));
+    for rate in [f64::NAN, f64::INFINITY, -1e-3] {
+        assert!(matches!(engine.step(&good, rate), Err(EngineError::Rate { .. })));
+    }
+    let with = |change: &dyn Fn(&mut OptimiserState)| {
+        let mut state = before.clone();
+        change(&mut state);
+        state
+    };
+    let bad = |field, index| EngineError::NonFinite { field, index };
+    assert_eq!(engine.restore(&with(&|s| s.moment2[7] = -1.0)), Err(bad("moment2", 7)));
+    assert_eq!(engine.restore(&with(&|s| s.parameters[9] = f32::NAN)), Err(bad("parameters", 9)));
+    let found = engine.restore(&with(&|s| _ = s.moment1.pop()));
+    assert!(matches!(found, Err(EngineError::Parameters { field: "moment1", .. })));
+    assert_eq!(engine.restore(&with(&|s| s.scales = vec![0.0; 3])), Err(bad("scales", 0)));
+    let found = engine.restore(&with(&|s| s.scales.push(1.0)));
+    assert!(matches!(found, Err(EngineError::Parameters { field: "scales", .. })));
+    let found = engine.restore(&with(&|s| s.steps = u64::MAX));
+    assert!(matches!(found, Err(EngineError::Steps { .. })));
+    assert_eq!(engine.state(), before);
+    let sinusoidal = Preset::Small.config().model();
+    assert_eq!(GridEngine::new(&sinusoidal, bounds(), BARE, 1).err(), Some(EngineError::NoGrid));
+}

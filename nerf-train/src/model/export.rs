@@ -1,0 +1,196 @@
+//! From parameters to a blob.
+
+use crate::model::quantise::{Quantised, TableStorage};
+use half::f16;
+use nerf_core::blob::{self, BlobError, Body, Content, Proposal, Provenance, StoredOccupancy, StoredTables};
+use nerf_core::network::{Architecture, DensityActivation, Layer, Role};
+
+/// What a blob is made of besides its network.
+#[derive(Clone, Debug)]
+pub struct Contents<'a> {
+    /// The network's shape.
+    pub architecture: &'a Architecture,
+    /// Its parameters in export order.
+    pub parameters: &'a [f32],
+    /// Its grid's tables.
+    pub tables: Tables<'a>,
+    /// What the network is a field of.
+    pub content: Content,
+    /// Resolution and bits of the occupancy grid.
+    pub occupancy: Option<([u16; 3], &'a [u8])>,
+    /// Where it comes from.
+    pub provenance: Provenance<'a>,
+}
+
+/// The tables of a grid that is exported.
+#[derive(Clone, Copy, Debug)]
+pub enum Tables<'a> {
+    /// There is no grid.
+    None,
+    /// The values of all levels, to be rounded.
+    Values {
+        /// Level by level.
+        values: &'a [f32],
+        /// To what.
+        storage: TableStorage,
+        /// What an int8 of each level counts, where that is known; else empty.
+        scales: &'a [f32],
+    },
+    /// Another blob's, as they are.
+    Stored(StoredTables<'a>),
+}
+
+/// The coarse network that goes with a scene.
+#[derive(Clone, Copy, Debug)]
+pub struct Coarse<'a> {
+    /// Its shape; of its heads only the density is used.
+    pub architecture: &'a Architecture,
+    /// Its parameters in export order.
+    pub parameters: &'a [f32],
+    /// Samples a ray.
+    pub samples: u16,
+}
+
+/// A blob, and what rounding did to its weights.
+#[derive(Clone, Debug)]
+pub struct Exported {
+    /// The file.
+    pub bytes: Vec<u8>,
+    /// Weights that became f16 subnormals: they keep fewer digits.
+    pub subnormal_weights: usize,
+}
+
+/// Why parameters make no blob.
+#[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
+#[non_exhaustive]
+pub enum ExportError {
+    /// A weight does not fit f16.
+    #[error("layer {role:?}, parameter {index}: expected a finite number within ±65504 (f16), found {found}")]
+    Weight {
+        /// Layer.
+        role: Role,
+        /// Index among the layer's parameters, weights first.
+        index: usize,
+        /// The weight.
+        found: f32,
+    },
+    /// A value of the grid's tables does not fit f16.
+    #[error("grid: value {index} of its tables: expected a finite number within ±65504 (f16), found {found}")]
+    Table {
+        /// Index among the values of all levels.
+        index: usize,
+        /// The value.
+        found: f32,
+    },
+    /// A weight of the coarse network does not fit f16.
+    #[error(
+        "coarse network: layer {role:?}, parameter {index}: expected a finite number within ±65504 (f16), found \
+         {found}"
+    )]
+    CoarseWeight {
+        /// Layer.
+        role: Role,
+        /// Index among the layer's parameters, weights first.
+        index: usize,
+        /// The weight.
+        found: f32,
+    },
+    /// Something else the format refuses.
+    #[error("{0}")]
+    Blob(BlobError),
+}
+
+/// Rounds the parameters to f16, the tables to what they are stored in, and writes the blob.
+///
+/// # Errors
+/// [`ExportError`] on a weight beyond f16, and on whatever the format refuses.
+pub fn export(contents: &Contents<'_>) -> Result<Exported, ExportError> {
+    export_with(contents, None)
+}
+
+/// As [`export`], with the densities of a coarse network as the scene's proposal.
+///
+/// # Errors
+/// As [`export`], of either network.
+pub fn export_with(contents: &Contents<'_>, coarse: Option<&Coarse<'_>>) -> Result<Exported, ExportError> {
+    let layers = contents.architecture.layers();
+    let mut rounded = Rounded::default();
+    rounded.round(&layers, contents.parameters).map_err(|(role, index, found)| ExportError::Weight {
+        role,
+        index,
+        found,
+    })?;
+    let mut coarse_rounded = Rounded::default();
+    if let Some(Coarse { architecture, parameters, .. }) = coarse {
+        let layers = architecture.layers();
+        let heads = layers.iter().position(|layer| matches!(layer.role, Role::Colour(_) | Role::Rgb));
+        coarse_rounded
+            .round(&layers[..heads.unwrap_or(layers.len())], parameters)
+            .map_err(|(role, index, found)| ExportError::CoarseWeight { role, index, found })?;
+    }
+    let proposal = coarse.map(|coarse| Proposal {
+        position: *coarse.architecture.position.sinusoidal().expect("coarse networks are imported"),
+        trunk: coarse.architecture.trunk.clone(),
+        density: coarse.architecture.density.unwrap_or(DensityActivation::Relu),
+        samples: coarse.samples,
+        weights: &coarse_rounded.weights,
+    });
+    let quantised = match (contents.architecture.position.grid(), contents.tables) {
+        (Some(grid), Tables::Values { values, storage, scales }) => Some(
+            Quantised::new(grid, values, storage, scales)
+                .map_err(|(index, found)| ExportError::Table { index, found })?,
+        ),
+        _ => None,
+    };
+    let body = Body {
+        architecture: contents.architecture.clone(),
+        content: contents.content.clone(),
+        occupancy: contents.occupancy.map(|(resolution, bits)| StoredOccupancy { resolution, bits }),
+        front: Default::default(),
+        proposal,
+        provenance: contents.provenance.clone(),
+        weights: &rounded.weights,
+        tables: match contents.tables {
+            Tables::Stored(tables) => Some(tables),
+            _ => quantised.as_ref().map(Quantised::stored),
+        },
+    };
+    let mut bytes = vec![0; blob::encoded_len(&body).map_err(ExportError::Blob)?];
+    blob::write(&body, &mut bytes).map_err(ExportError::Blob)?;
+    Ok(Exported { bytes, subnormal_weights: rounded.subnormal + coarse_rounded.subnormal })
+}
+
+/// Parameters in f16.
+#[derive(Default)]
+struct Rounded {
+    weights: Vec<u8>,
+    subnormal: usize,
+}
+
+impl Rounded {
+    /// Appends the parameters of the layers; the first that does not fit is the error.
+    fn round(&mut self, layers: &[Layer], parameters: &[f32]) -> Result<(), (Role, usize, f32)> {
+        self.weights.reserve(2 * parameters.len());
+        for layer in layers {
+            let end = layer.bias + layer.outputs;
+            self.push(&parameters[layer.weights..end])
+                .map_err(|(index, found)| (layer.role, index, found))?;
+        }
+        Ok(())
+    }
+
+    /// Appends values; the first that does not fit is the error.
+    fn push(&mut self, values: &[f32]) -> Result<(), (usize, f32)> {
+        for (index, &found) in values.iter().enumerate() {
+            // What lies just beyond would round to the largest; NaN compares false.
+            let fits = found.abs() <= f16::MAX.to_f32();
+            if !fits {
+                return Err((index, found));
+            }
+            let rounded = f16::from_f32(found);
+            self.subnormal += usize::from(rounded.classify() == std::num::FpCategory::Subnormal);
+            self.weights.extend(rounded.to_le_bytes());
+        }
+        Ok(())
+    }
+}

@@ -1,0 +1,290 @@
+//! From named tensors to a model and its parameters.
+
+use super::error::{Fault, ImportError};
+use super::order::Identity;
+use super::settings::{RawDensity, Settings};
+use super::tensors::{Tensor, Tensors};
+use crate::model::engine::Model;
+use nerf_core::encoding::SinusoidalEncoding;
+use nerf_core::network::{Architecture, DensityActivation, MAX_COLOUR, MAX_TRUNK, MAX_WIDTH, TrunkLayer};
+use std::collections::BTreeSet;
+use std::iter::once;
+
+/// A network in this project's shape and order, before its feature layer is folded.
+#[derive(Clone, Debug)]
+pub struct Imported {
+    /// Its shape.
+    pub model: Model,
+    /// Its parameters in the model's own order.
+    pub parameters: Vec<f32>,
+    /// Tensors that the network has but does not use, by name.
+    pub unused: Vec<String>,
+}
+
+impl Imported {
+    /// Parameters of the exported network, f32: the feature layer folded in f64.
+    pub fn folded(&self) -> Vec<f32> {
+        self.model.fold((&self.parameters).into()).into_owned()
+    }
+}
+
+/// Puts the tensors together.
+///
+/// # Errors
+/// [`ImportError::Checkpoint`] names the tensor, and what was expected and found.
+pub fn network(tensors: &Tensors, settings: &Settings) -> Result<Imported, ImportError> {
+    let fail = |fault| ImportError::Checkpoint { file: tensors.file.clone(), fault };
+    let left = tensors.tensors.keys().map(String::as_str).collect();
+    let mut reader = Reader { tensors, settings, left, parameters: Vec::new() };
+    let (architecture, feature, unused) = reader.architecture().map_err(fail)?;
+    let model = Model { feature, ..Model::plain(architecture) };
+    Ok(Imported { model, parameters: reader.parameters, unused })
+}
+
+/// Takes layer after layer, in the order of a [`Model`]'s parameters.
+struct Reader<'t> {
+    tensors: &'t Tensors,
+    settings: &'t Settings,
+    /// Names that nobody has asked for.
+    left: BTreeSet<&'t str>,
+    parameters: Vec<f32>,
+}
+
+/// `y = W x + b`, `W` row-major `[outputs][inputs]`.
+#[derive(Clone, Copy)]
+struct Linear<'t> {
+    weight: &'t [f32],
+    bias: &'t [f32],
+    inputs: usize,
+    outputs: usize,
+}
+
+impl<'t> Reader<'t> {
+    /// The whole network; its feature layer, if it has one; names of what it does not use.
+    fn architecture(&mut self) -> Result<(Architecture, bool, Vec<String>), Fault> {
+        let (position, trunk) = self.trunk()?;
+        let width = trunk.last().map_or(0, |layer| usize::from(layer.width));
+        let has = |layer| self.tensors.tensors.contains_key(layer);
+        let directed = !has("output_linear.weight");
+        let (direction, colour) = if directed { self.colour_branch(width)? } else { self.output(width)? };
+        // nerf-pytorch makes this layer even where it asks for no direction.
+        let idle = |name: &&&str| !directed && name.starts_with("views_linears.0.");
+        let unused: Vec<&str> = self.left.iter().filter(idle).copied().collect();
+        unused.iter().for_each(|name| {
+            self.left.remove(name);
+        });
+        if let Some(&tensor) = self.left.first() {
+            let found = self.tensors.tensors[tensor].shape.clone();
+            return Err(Fault::Unexpected { tensor: tensor.into(), found });
+        }
+        let density = Some(match self.settings.density {
+            RawDensity::Relu => DensityActivation::Relu,
+            RawDensity::Softplus | RawDensity::ShiftedSoftplus => DensityActivation::ShiftedSoftplus,
+        });
+        let (position, direction) = (position.into(), direction.map(Into::into));
+        let architecture = Architecture { position, direction, trunk, density, colour };
+        architecture.check().map_err(Fault::Architecture)?;
+        Ok((architecture, directed, unused.into_iter().map(str::to_owned).collect()))
+    }
+
+    fn trunk(&mut self) -> Result<(SinusoidalEncoding, heapless::Vec<TrunkLayer, MAX_TRUNK>), Fault> {
+        let depth = self.count("pts_linears", MAX_TRUNK)?;
+        let mut trunk = heapless::Vec::new();
+        let first = self.linear("pts_linears.0", "[width, encoded position]", |_, _| true)?;
+        let encoded = first.inputs;
+        let (position, columns) = self.encoding("position", "pts_linears.0.weight", encoded)?;
+        let mut width = first.outputs;
+        self.put(first, first.rows(), &columns);
+        // Cannot overflow: `count` holds the depth to the capacity.
+        let mut push = |layer: Linear<'_>, skip| trunk.push(TrunkLayer { width: layer.outputs as u16, skip });
+        let _ = push(first, false);
+        for i in 1..depth {
+            let expected =
+                format!("[width, {width}] or, where [PE(x), h] enters, [width, {}]", encoded + width);
+            let fits = |_, inputs| inputs == width || inputs == encoded + width;
+            let layer = self.linear(&format!("pts_linears.{i}"), &expected, fits)?;
+            let skip = layer.inputs != width;
+            // [PE(x), h] there, [h, PE(x)] here.
+            let of_h = if skip { encoded..encoded + width } else { 0..width };
+            let of_position = if skip { &columns[..] } else { &[] };
+            let permuted: Vec<usize> = of_h.chain(of_position.iter().copied()).collect();
+            self.put(layer, layer.rows(), &permuted);
+            let _ = push(layer, skip);
+            width = layer.outputs;
+        }
+        Ok((position, trunk))
+    }
+
+    /// Density, feature, colour and rgb of a network that sees the direction.
+    #[allow(clippy::type_complexity, reason = "two fields of an architecture")]
+    fn colour_branch(
+        &mut self,
+        width: usize,
+    ) -> Result<(Option<SinusoidalEncoding>, heapless::Vec<u16, MAX_COLOUR>), Fault> {
+        let straight: Vec<usize> = (0..MAX_WIDTH).collect();
+        let density = self.exactly("alpha_linear", &[1], width)?;
+        self.put_density(density, 0, &straight[..width]);
+        let feature = self.exactly("feature_linear", &[width], width)?;
+        self.put(feature, feature.rows(), &straight[..width]);
+        let hidden = self.count("views_linears", MAX_COLOUR)?;
+        let expected = format!("[width, {width} + encoded direction]");
+        let first = self.linear("views_linears.0", &expected, |_, inputs| inputs >= width)?;
+        let (direction, of_direction) = match first.inputs - width {
+            0 => (None, Vec::new()),
+            encoded => {
+                let (encoding, columns) = self.encoding("direction", "views_linears.0.weight", encoded)?;
+                (Some(encoding), columns)
+            }
+        };
+        let columns: Vec<usize> =
+            (0..width).chain(of_direction.iter().map(|column| width + column)).collect();
+        self.put(first, first.rows(), &columns);
+        let mut colour: heapless::Vec<u16, MAX_COLOUR> = once(first.outputs as u16).collect();
+        let mut inputs = first.outputs;
+        for i in 1..hidden {
+            let layer =
+                self.linear(&format!("views_linears.{i}"), &format!("[width, {inputs}]"), |_, n| {
+                    n == inputs
+                })?;
+            self.put(layer, layer.rows(), &straight[..inputs]);
+            // Cannot overflow: `count` holds their number to the capacity.
+            let _ = colour.push(layer.outputs as u16);
+            inputs = layer.outputs;
+        }
+        let rgb = self.exactly("rgb_linear", &[3], inputs)?;
+        self.put(rgb, rgb.rows(), &straight[..inputs]);
+        Ok((direction, colour))
+    }
+
+    /// Density and rgb of a network that does not: rows r, g, b, sigma, and one that nerf-pytorch never reads.
+    #[allow(clippy::type_complexity, reason = "two fields of an architecture")]
+    fn output(
+        &mut self,
+        width: usize,
+    ) -> Result<(Option<SinusoidalEncoding>, heapless::Vec<u16, MAX_COLOUR>), Fault> {
+        let straight: Vec<usize> = (0..width).collect();
+        let output = self.exactly("output_linear", &[4, 5], width)?;
+        self.put_density(output, 3, &straight);
+        self.put(output, 0..3, &straight);
+        Ok((None, heapless::Vec::new()))
+    }
+
+    /// Number of layers `layers.0`, `layers.1`, …: one more than the largest index.
+    fn count(&self, layers: &'static str, most: usize) -> Result<usize, Fault> {
+        let index = |name: &String| -> Option<usize> {
+            name.strip_prefix(layers)?.strip_prefix('.')?.split('.').next()?.parse().ok()
+        };
+        let found =
+            self.tensors.tensors.keys().filter_map(index).max().map_or(0, |last| last.saturating_add(1));
+        if found > most { Err(Fault::Depth { layers, most, found }) } else { Ok(found) }
+    }
+
+    /// The layer of weight `[one of outputs][inputs]`.
+    fn exactly(&mut self, layer: &str, outputs: &[usize], inputs: usize) -> Result<Linear<'t>, Fault> {
+        let rows = outputs.iter().map(usize::to_string).collect::<Vec<_>>().join(" or ");
+        let expected = format!("[{rows}, {inputs}]");
+        self.linear(layer, &expected, |rows, found| outputs.contains(&rows) && found == inputs)
+    }
+
+    /// The layer of this name, whose numbers of rows and of inputs `fits`.
+    fn linear(
+        &mut self,
+        layer: &str,
+        expected: &str,
+        fits: impl Fn(usize, usize) -> bool,
+    ) -> Result<Linear<'t>, Fault> {
+        let (name, weight) = self.tensor(layer, "weight", expected)?;
+        let shape = |tensor, expected: &str, found: &[usize]| Fault::Shape {
+            tensor,
+            expected: expected.into(),
+            found: found.into(),
+        };
+        let (outputs, inputs) = match weight.shape[..] {
+            [outputs, inputs] if fits(outputs, inputs) => (outputs, inputs),
+            _ => return Err(shape(name, expected, &weight.shape)),
+        };
+        if !(1..=MAX_WIDTH).contains(&outputs) {
+            return Err(shape(name, &format!("1 to {MAX_WIDTH} rows"), &weight.shape));
+        }
+        let expected = format!("[{outputs}]");
+        let (name, bias) = self.tensor(layer, "bias", &expected)?;
+        if bias.shape != [outputs] {
+            return Err(shape(name, &expected, &bias.shape));
+        }
+        Ok(Linear { weight: &weight.values, bias: &bias.values, inputs, outputs })
+    }
+
+    fn tensor(&mut self, layer: &str, part: &str, expected: &str) -> Result<(String, &'t Tensor), Fault> {
+        let tensor = format!("{layer}.{part}");
+        self.left.remove(tensor.as_str());
+        match self.tensors.tensors.get(&tensor) {
+            Some(found) => Ok((tensor, found)),
+            None => Err(Fault::Missing { tensor, expected: expected.into() }),
+        }
+    }
+
+    /// The encoding of `found` values, and the column of each of our channels among them.
+    fn encoding(
+        &self,
+        field: &'static str,
+        tensor: &str,
+        found: usize,
+    ) -> Result<(SinusoidalEncoding, Vec<usize>), Fault> {
+        let settings = self.settings;
+        let fail = |expected| Err(Fault::Encoded { tensor: tensor.into(), field, expected, found });
+        // Three inputs: a level adds six values, the inputs themselves three.
+        let rest = found % 6;
+        let identity = match (rest, settings.identity) {
+            (3, None) => Identity::First,
+            (3, Some(given @ (Identity::First | Identity::Last))) => given,
+            (0, None | Some(Identity::None)) => Identity::None,
+            (_, None) => return fail("6 for each level, and 3 more with the inputs themselves,".into()),
+            (_, Some(Identity::None)) => return fail("6 for each level (identity none)".into()),
+            (_, Some(_)) => return fail("3 and 6 for each level (identity first or last)".into()),
+        };
+        let levels = match field {
+            "position" => settings.position_levels,
+            _ => settings.direction_levels,
+        };
+        let own = if rest == 3 { 3 } else { 0 };
+        if let Some(levels) = levels
+            && own + 6 * usize::from(levels) != found
+        {
+            let expected = format!("{} ({levels} levels)", own + 6 * usize::from(levels));
+            return fail(expected);
+        }
+        let encoding = SinusoidalEncoding {
+            inputs: 3,
+            levels: u8::try_from((found - own) / 6).unwrap_or(u8::MAX),
+            scale: settings.angle.scale(),
+            identity: own > 0,
+        };
+        Ok((encoding, settings.order.columns(&encoding, identity)))
+    }
+
+    /// Appends rows of a layer with `columns` in their new order, then their biases.
+    fn put(&mut self, layer: Linear<'_>, rows: std::ops::Range<usize>, columns: &[usize]) {
+        for row in rows.clone() {
+            let row = &layer.weight[row * layer.inputs..][..layer.inputs];
+            self.parameters.extend(columns.iter().map(|&column| row[column]));
+        }
+        self.parameters.extend_from_slice(&layer.bias[rows]);
+    }
+
+    /// Appends the density head: row `row` of `layer`.
+    fn put_density(&mut self, layer: Linear<'_>, row: usize, columns: &[usize]) {
+        self.put(layer, row..row + 1, columns);
+        if self.settings.density == RawDensity::Softplus
+            && let Some(bias) = self.parameters.last_mut()
+        {
+            // softplus(raw) = softplus((raw + 1) − 1).
+            *bias += 1.0;
+        }
+    }
+}
+
+impl Linear<'_> {
+    fn rows(&self) -> std::ops::Range<usize> {
+        0..self.outputs
+    }
+}

@@ -1,0 +1,186 @@
+//! Settings of a 2D field, with presets.
+
+use crate::model::config::{ConfigError, OptimiserConfig, TableConfig, check_table_values, rule};
+use crate::model::engine::{Adam, Model};
+use crate::model::quantise::TableStorage;
+use nerf_core::encoding::{
+    AngleScale, MAX_GRID_RESOLUTION, MAX_LEVELS, PositionEncoding, SinusoidalEncoding,
+};
+use nerf_core::network::{Architecture, MAX_TRUNK, MAX_WIDTH, TrunkLayer};
+use serde::{Deserialize, Serialize};
+
+/// Everything that decides what is learned from a photograph.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct FieldConfig {
+    /// The preset it started from.
+    pub preset: FieldPreset,
+    /// The grid that encodes the position; the sinusoidal encoding if absent.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub grid: Option<TableConfig>,
+    /// Levels of the position's sinusoidal encoding: 2 + 4 · levels inputs; 0 beside a grid.
+    pub levels: u8,
+    /// Hidden layers, all of one width; the output layer comes on top.
+    pub layers: usize,
+    /// Channels of every hidden layer.
+    pub width: usize,
+    /// Pixels a step, drawn at random: beside a grid one from each of so many equal parts of the picture, else each
+    /// from all of it.
+    pub pixels: usize,
+    /// The optimiser.
+    pub optimiser: OptimiserConfig,
+    /// Seed of everything random.
+    pub seed: u64,
+}
+
+/// A named starting point.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, clap::ValueEnum)]
+#[serde(rename_all = "kebab-case")]
+pub enum FieldPreset {
+    /// A learned grid as fine as the picture, and small layers: seconds to fit, about a mebibyte for a large picture.
+    Grid,
+    /// The classic exercise: L = 10, 3×256, 3,000 steps of 10,000 pixels, Adam from 1e-2. To the letter, with
+    /// a constant rate, it is `--warm-up 0 --final-share 1 --average 0`, and 2 dB worse.
+    Classic,
+    /// What comes out sharpest in eight minutes of two cores: 4×256, and many small steps that end gently.
+    Sharp,
+}
+
+impl FieldPreset {
+    /// Its settings.
+    pub fn config(self) -> FieldConfig {
+        match self {
+            Self::Grid => FieldConfig {
+                preset: self,
+                grid: Some(TableConfig {
+                    levels: 8,
+                    features: 4,
+                    log2_entries: 15,
+                    coarsest: 16,
+                    finest: 1024,
+                    storage: TableStorage::F16,
+                }),
+                levels: 0,
+                layers: 2,
+                width: 32,
+                pixels: 8_192,
+                optimiser: OptimiserConfig {
+                    steps: 8_000,
+                    rate: 1.5e-2,
+                    final_share: 0.1,
+                    warm_up: 0,
+                    beta2: 0.99,
+                    epsilon: 1e-15,
+                    average: 0.0,
+                },
+                seed: 0,
+            },
+            Self::Classic => FieldConfig {
+                preset: self,
+                grid: None,
+                levels: 10,
+                layers: 3,
+                width: 256,
+                pixels: 10_000,
+                optimiser: OptimiserConfig {
+                    steps: 3_000,
+                    rate: 1e-2,
+                    final_share: 0.05,
+                    warm_up: 200,
+                    beta2: 0.999,
+                    epsilon: 1e-8,
+                    average: 0.95,
+                },
+                seed: 0,
+            },
+            Self::Sharp => FieldConfig {
+                preset: self,
+                grid: None,
+                levels: 10,
+                layers: 4,
+                width: 256,
+                pixels: 1_024,
+                optimiser: OptimiserConfig {
+                    steps: 40_000,
+                    rate: 7e-3,
+                    final_share: 0.01,
+                    warm_up: 300,
+                    beta2: 0.99,
+                    epsilon: 1e-15,
+                    average: 0.99,
+                },
+                seed: 0,
+            },
+        }
+    }
+}
+
+impl FieldConfig {
+    /// The same with a finest level of a cell a pixel, for a picture of this size.
+    pub fn for_picture(mut self, size: [u32; 2]) -> Self {
+        if let Some(grid) = &mut self.grid {
+            grid.finest = longest(size).min(MAX_GRID_RESOLUTION.into()) as u16;
+            grid.coarsest = grid.coarsest.min(grid.finest);
+        }
+        self
+    }
+
+    /// Checks every setting on its own, and the grid's against a picture of this size, pixels.
+    ///
+    /// # Errors
+    /// [`ConfigError`] names the first that is out of range.
+    pub fn check_for(&self, size: [u32; 2]) -> Result<(), ConfigError> {
+        self.check()?;
+        let Some(grid) = &self.grid else { return Ok(()) };
+        let (finest, most) = (u32::from(grid.finest), longest(size));
+        // What is finer is seen in no pixel, and is noise between them.
+        rule(
+            "network.grid.finest",
+            finest <= most,
+            format!("at most the picture's {most} pixels along its longest side"),
+            finest,
+        )?;
+        check_table_values(&grid.picture_encoding(size), "the picture")
+    }
+
+    /// Checks every setting on its own.
+    ///
+    /// # Errors
+    /// [`ConfigError`] names the first that is out of range.
+    pub fn check(&self) -> Result<(), ConfigError> {
+        rule("levels", self.levels <= MAX_LEVELS, format!("at most {MAX_LEVELS}"), self.levels)?;
+        if let Some(grid) = &self.grid {
+            grid.check()?;
+            rule("levels", self.levels == 0, "0 beside a grid, which takes their place", self.levels)?;
+        }
+        rule("layers", (1..=MAX_TRUNK).contains(&self.layers), format!("1 to {MAX_TRUNK}"), self.layers)?;
+        rule("width", (1..=MAX_WIDTH).contains(&self.width), format!("1 to {MAX_WIDTH}"), self.width)?;
+        rule("pixels", (1..=1_000_000).contains(&self.pixels), "1 to 1000000", self.pixels)?;
+        self.optimiser.check()
+    }
+
+    /// The network as it is trained on a picture of this size, pixels, which is as it is exported.
+    pub fn model(&self, size: [u32; 2]) -> Model {
+        let layer = TrunkLayer { width: self.width as u16, skip: false };
+        let (levels, scale) = (self.levels, AngleScale::Pi);
+        Model::plain(Architecture {
+            position: match &self.grid {
+                Some(grid) => PositionEncoding::Grid(grid.picture_encoding(size)),
+                None => SinusoidalEncoding { inputs: 2, levels, scale, identity: true }.into(),
+            },
+            direction: None,
+            trunk: std::iter::repeat_n(layer, self.layers.min(MAX_TRUNK)).collect(),
+            density: None,
+            colour: [].into_iter().collect(),
+        })
+    }
+
+    /// Adam's constants.
+    pub fn adam(&self) -> Adam {
+        self.optimiser.adam()
+    }
+}
+
+fn longest(size: [u32; 2]) -> u32 {
+    size[0].max(size[1])
+}

@@ -1,0 +1,221 @@
+//! The page to turn with the mouse: one file, which asks for nothing else.
+//!
+//! A template, its style and its script stand beside this file; here the scene becomes their data.
+
+use super::drawing::{AXES, DISTANCE_MAP};
+use super::sampling::ShownRay;
+use super::scene::{Scene, ShowError, ShownCamera};
+use crate::data::system::printable;
+use crate::data::system::printable::line;
+use crate::train::rays::Bounds;
+use glam::Vec3;
+use serde::Serialize;
+use std::borrow::Cow;
+
+const TEMPLATE: &str = include_str!("page.html");
+const STYLE: &str = include_str!("page.css");
+const SCRIPT: &str = include_str!("viewer.js");
+const VIEW: &str = include_str!("view.js");
+const SELF_TEST: &str = include_str!("selftest.js");
+
+/// Steps between near and far in which the page keeps distances: finer than a pixel.
+const STEPS: f32 = 65_535.0;
+/// Colours of the map that the page gets.
+const COLOURS: usize = 64;
+
+/// What the script reads; lengths in world units.
+#[derive(Serialize)]
+struct Data<'s> {
+    title: String,
+    facts: String,
+    alone: bool,
+    near: f32,
+    far: f32,
+    /// `t = near + (far − near) · stored / steps`.
+    steps: f32,
+    colour_range: (f32, f32),
+    colours: Vec<String>,
+    /// Where the scene is, as lines.
+    outline: Vec<Vec<[f32; 3]>>,
+    /// What cameras are around.
+    centre: [f32; 3],
+    ends: &'static str,
+    axes: Vec<Axis>,
+    axes_length: String,
+    up: [f32; 3],
+    /// Two unit vectors across `up`; with it they make a right-handed frame.
+    across: [[f32; 3]; 2],
+    /// From the scene towards the first viewpoint.
+    towards: [f32; 3],
+    frustum: f32,
+    cameras: Vec<CameraData<'s>>,
+    rays: Vec<RayData>,
+}
+
+#[derive(Serialize)]
+struct Axis {
+    name: &'static str,
+    colour: String,
+    from: [f32; 3],
+    to: [f32; 3],
+}
+
+#[derive(Serialize)]
+struct CameraData<'s> {
+    index: usize,
+    name: Cow<'s, str>,
+    origin: [f32; 3],
+    near: f32,
+    /// From the centre to the picture's corners at distance 1 along the view axis, from top left.
+    corners: [[f32; 3]; 4],
+    image: String,
+    rays: Vec<RayData>,
+}
+
+#[derive(Serialize)]
+struct RayData {
+    camera: usize,
+    dir: [f32; 3],
+    live: Vec<u16>,
+    culled: Vec<u16>,
+}
+
+impl<'s> CameraData<'s> {
+    fn of(camera: &'s ShownCamera, bounds: &Bounds) -> Result<Self, ShowError> {
+        let origin = camera.camera.pose().position;
+        Ok(Self {
+            index: camera.index,
+            name: line(&camera.name),
+            origin: origin.to_array(),
+            near: camera.near,
+            corners: camera.corners(1.0).map(|corner| (corner - origin).to_array()),
+            image: camera.thumbnail.data_uri()?,
+            rays: camera.own_rays.iter().map(|ray| RayData::of(ray, bounds)).collect(),
+        })
+    }
+}
+
+impl RayData {
+    fn of(ray: &ShownRay, bounds: &Bounds) -> Self {
+        // Casts saturate: rounding may leave the range by a hair.
+        let stored = |t: &f32| ((t - bounds.near) / (bounds.far - bounds.near) * STEPS).round() as u16;
+        Self {
+            camera: ray.camera,
+            dir: ray.dir.to_array(),
+            live: ray.live.iter().map(stored).collect(),
+            culled: ray.culled.iter().map(stored).collect(),
+        }
+    }
+}
+
+/// The page of `scene`, UTF-8.
+///
+/// # Errors
+/// [`ShowError::Report`], [`ShowError::Page`]: a picture or number that cannot be encoded; none is known.
+pub fn page(scene: &Scene) -> Result<String, ShowError> {
+    let (side, ahead) = scene.up.any_orthonormal_pair();
+    let b = scene.bounds;
+    let axis = |(i, (name, colour)): (usize, &(&'static str, [f32; 3]))| {
+        let (from, to) = (scene.axes.origin.to_array(), scene.axes.tip(Vec3::AXES[i]).to_array());
+        Axis { name, colour: css(*colour), from, to }
+    };
+    let data = Data {
+        title: line(&scene.title()).into_owned(),
+        facts: line(&scene.facts()).into_owned(),
+        alone: scene.alone,
+        near: b.near,
+        far: b.far,
+        steps: STEPS,
+        colour_range: scene.colour_range(),
+        colours: (0..COLOURS).map(|i| css(DISTANCE_MAP.colour(i as f32 / (COLOURS - 1) as f32))).collect(),
+        outline: scene.outline().iter().map(|line| line.iter().map(Vec3::to_array).collect()).collect(),
+        centre: scene.centre().to_array(),
+        ends: scene.ends(),
+        axes: AXES.iter().enumerate().map(axis).collect(),
+        axes_length: scene.axes.length_in_words(),
+        up: scene.up.to_array(),
+        across: [side.to_array(), ahead.to_array()],
+        towards: scene.towards_viewer(24.0).to_array(),
+        frustum: scene.frustum,
+        cameras: scene.cameras.iter().map(|camera| CameraData::of(camera, &b)).collect::<Result<_, _>>()?,
+        rays: scene.rays.iter().map(|ray| RayData::of(ray, &b)).collect(),
+    };
+    let json = in_script(&serde_json::to_string(&data)?);
+    let parts = [
+        ("TITLE", escaped(&data.title)),
+        ("FACTS", escaped(&data.facts)),
+        ("STYLE", STYLE.to_owned()),
+        ("DATA", json),
+        ("SCRIPT", [VIEW, SCRIPT, SELF_TEST, "start();\n"].concat()),
+    ];
+    Ok(filled(TEMPLATE, &parts))
+}
+
+/// The template with each `{{NAME}}` replaced; what is put in is not looked at again.
+fn filled(template: &str, parts: &[(&str, String)]) -> String {
+    let mut page = String::new();
+    for (i, piece) in template.split("{{").enumerate() {
+        match piece.split_once("}}") {
+            Some((name, rest)) if i > 0 => {
+                page.extend(parts.iter().find(|part| part.0 == name).map(|part| part.1.as_str()));
+                page += rest;
+            }
+            _ => page += piece,
+        }
+    }
+    page
+}
+
+/// Text that HTML takes as text, also within quotes.
+fn escaped(text: &str) -> String {
+    let mut safe = String::new();
+    for character in text.chars() {
+        match character {
+            '&' => safe += "&amp;",
+            '<' => safe += "&lt;",
+            '>' => safe += "&gt;",
+            '"' => safe += "&quot;",
+            '\'' => safe += "&#39;",
+            _ => safe.push(character),
+        }
+    }
+    safe
+}
+
+/// JSON that cannot end the script element that holds it: `<` occurs in strings only.
+fn in_script(json: &str) -> String {
+    printable::json(json).replace('<', "\\u003c")
+}
+
+/// A display-encoded colour as `#rrggbb`.
+fn css(colour: [f32; 3]) -> String {
+    let [r, g, b] = colour.map(|c| (c.clamp(0.0, 1.0) * 255.0).round() as u8);
+    format!("#{r:02x}{g:02x}{b:02x}")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn names_stay_text() {
+        let name = "</script><img src=x onerror=\"a\" b='c'> & {{DATA}}";
+        let parts = [("A", escaped(name)), ("B", in_script(&serde_json::to_string(name).unwrap()))];
+        let page = filled("<title>{{A}}</title><script>{{B}}</script>{{C}}.", &parts);
+        assert_eq!(page.matches('<').count(), 4, "{page}");
+        assert_eq!(page.matches("{{DATA}}").count(), 2, "{page}");
+        let json = &page[page.find("<script>").unwrap() + 8..page.rfind("</script>").unwrap()];
+        assert_eq!(serde_json::from_str::<String>(json).unwrap(), name);
+        assert!(page.ends_with("</script>."));
+    }
+
+    #[test]
+    fn the_page_asks_for_nothing() {
+        for part in [TEMPLATE, STYLE, SCRIPT, VIEW, SELF_TEST] {
+            for word in ["http:", "https:", "import ", "fetch(", "XMLHttpRequest", "WebSocket", "@import"] {
+                assert!(!part.contains(word), "{word}");
+            }
+        }
+        assert!(TEMPLATE.contains("default-src 'none'"));
+    }
+}

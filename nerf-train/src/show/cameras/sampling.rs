@@ -1,0 +1,156 @@
+//! The rays and samples of one training step, drawn by the code that training draws them with.
+
+use super::ShowError;
+use crate::data::{Background, View};
+use crate::model::config::Config;
+use crate::model::engine::Batch;
+use crate::train::occupancy::{LiveCells, Occupancy};
+use crate::train::rays::{Bounds, MarchCells, RayBank};
+use crate::train::{TrainError, lengthened, nears};
+use glam::Vec3;
+use nerf_core::Isa;
+use nerf_core::sampling::OccupancyGrid;
+
+/// A ray with its samples.
+#[derive(Clone, Debug, PartialEq)]
+pub struct ShownRay {
+    /// Its camera: an index into the cameras of the [scene](super::Scene).
+    pub camera: usize,
+    /// Start, world units.
+    pub origin: Vec3,
+    /// Unit direction, world.
+    pub dir: Vec3,
+    /// Where it begins, world units along it: the scene's near, or in an unbounded scene its view's own.
+    pub near: f32,
+    /// The colour it is trained towards, display-encoded.
+    pub rgb: [f32; 3],
+    /// Samples that training asks the network for: `t`, world units along the ray, ascending.
+    pub live: Vec<f32>,
+    /// Samples inside the scene box that the occupancy grid culls: `t`, ascending.
+    pub culled: Vec<f32>,
+}
+
+impl ShownRay {
+    /// The point at `t`, world units.
+    pub fn at(&self, t: f32) -> Vec3 {
+        self.origin + self.dir * t
+    }
+
+    /// The `t` of all its samples.
+    pub fn samples(&self) -> impl Iterator<Item = f32> {
+        self.live.iter().chain(&self.culled).copied()
+    }
+}
+
+/// How the rays were drawn.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct StepFacts {
+    /// The step.
+    pub step: u32,
+    /// Seed of everything random.
+    pub seed: u64,
+    /// Bins between near and far, one sample in each; where rays are marched, the most steps of a ray.
+    pub bins: u16,
+    /// Whether rays are marched.
+    pub marched: bool,
+    /// Rays the step trains on; those that are shown are the first of them.
+    pub rays: usize,
+    /// Live samples it trains on.
+    pub live: usize,
+    /// Whether an occupancy grid culls samples.
+    pub occupancy: bool,
+}
+
+/// Training's own sampling, for some views.
+pub(super) struct Drawer<'a> {
+    pub(super) config: &'a Config,
+    pub(super) bounds: Bounds,
+    pub(super) background: Background,
+    pub(super) occupancy: Option<&'a OccupancyGrid<'a>>,
+    pub(super) cells: Option<&'a LiveCells>,
+    pub(super) step: u32,
+}
+
+impl Drawer<'_> {
+    /// The first `count` rays of the step over `views`, the first of which is camera `first`.
+    ///
+    /// `whole`: the step ends where training ends it; else it goes on to `count` rays.
+    pub(super) fn draw(
+        &self,
+        views: &[View],
+        first: usize,
+        count: usize,
+        whole: bool,
+    ) -> Result<(Vec<ShownRay>, StepFacts), ShowError> {
+        let nears = nears(views, self.config, &self.bounds);
+        let bank = RayBank::new(views, self.background, self.bounds, self.config)
+            .map_err(TrainError::from)?
+            .with_nears(nears.clone());
+        let s = &self.config.sampling;
+        let step = u64::from(self.step);
+        let (rays, most) = if whole { (s.rays, s.live_samples) } else { (count, 0) };
+        let (mut kept, mut all) = (Batch::default(), Batch::default());
+        let mut bins = s.samples;
+        let marched = self.cells.filter(|_| self.config.network.grid.is_some());
+        match marched {
+            Some(cells) => {
+                let share = f64::from(self.step) / f64::from(self.config.optimiser.steps.max(1));
+                let longer = if self.bounds.contraction.is_some() { lengthened(share) } else { 1.0 };
+                let width = longer * self.bounds.step(s.steps_across);
+                let everywhere = MarchCells::new(Occupancy::full(self.bounds.scene_box, 1).live());
+                bank.fill_marched(Isa::Portable, &mut kept, step, rays, &MarchCells::new(cells), width);
+                bank.fill_marched(Isa::Portable, &mut all, step, rays, &everywhere, width);
+                let most = all.rays.iter().map(|ray| ray.samples).max();
+                bins = most.unwrap_or(0).min(u16::MAX.into()) as u16;
+            }
+            None => {
+                bank.fill(&mut kept, step, rays, most, self.occupancy);
+                bank.fill(&mut all, step, rays, 0, None);
+            }
+        }
+        let facts = StepFacts {
+            step: self.step,
+            seed: self.config.seed,
+            bins,
+            marched: marched.is_some(),
+            rays: kept.rays.len(),
+            live: kept.positions.len(),
+            occupancy: self.occupancy.is_some(),
+        };
+        let (mut live, mut inside) = (kept.positions.as_slice(), all.positions.as_slice());
+        let pairs = kept.rays.iter().zip(&all.rays).enumerate().take(count);
+        let shown = pairs.map(|(index, (ray, whole))| {
+            let (view, _) = bank.source(step, index as u64, rays);
+            let (origin, dir) = (views[view].camera.pose().position, Vec3::from(ray.dir));
+            let live = take(&mut live, ray.samples);
+            // Live samples are some of those inside the box, in the same order and bit for bit.
+            let mut next = live.iter().peekable();
+            let culled = take(&mut inside, whole.samples).iter().filter(|p| next.next_if_eq(p).is_none());
+            let t = |p: &[f32; 3]| {
+                let p = Vec3::from(*p);
+                let p = self.bounds.contraction.map_or(p, |contraction| contraction.in_world(p));
+                (p - origin).dot(dir)
+            };
+            // What an unbounded scene has behind it is not drawn.
+            let drawn = |t: &f32| self.bounds.contraction.is_none() || *t <= self.bounds.far;
+            let culled = culled.map(t).filter(drawn).collect();
+            ShownRay {
+                camera: first + view,
+                origin,
+                dir,
+                near: nears[view],
+                rgb: ray.rgb,
+                live: live.iter().map(t).filter(drawn).collect(),
+                culled,
+            }
+        });
+        Ok((shown.collect(), facts))
+    }
+}
+
+/// The first `count` positions, which are left out from then on.
+fn take<'p>(positions: &mut &'p [[f32; 3]], count: u32) -> &'p [[f32; 3]] {
+    let (taken, rest) = positions.split_at((count as usize).min(positions.len()));
+    *positions = rest;
+    taken
+}

@@ -1,0 +1,367 @@
+//! What is shown, in world units: made once, drawn in several ways.
+
+use super::sampling::{Drawer, ShownRay, StepFacts};
+use super::thumbnail::{self, Thumbnail};
+use crate::data::{Dataset, View};
+use crate::model::config::Config;
+use crate::train::occupancy::Occupancy;
+use crate::train::rays::Bounds;
+use crate::train::{TrainError, find_bounds, nears};
+use glam::{Mat3, Vec3};
+use nerf_core::camera::Camera;
+
+/// Samples, live and culled, of the rays that each camera has to itself, over all cameras: about a
+/// megabyte of the page.
+const OWN_SAMPLES: usize = 300_000;
+/// Rays of an unbounded scene are drawn so far, in radii of the ball that is not contracted.
+const SHOWN_RADII: f32 = 2.0;
+/// Photographs of an unbounded scene are at least and at most so far from their cameras, in the same radii.
+const FRUSTUM_RADII: (f32, f32) = (0.1, 0.35);
+
+/// What to show.
+#[derive(Clone, Copy, Debug)]
+pub struct Request<'v> {
+    /// The views of a split.
+    pub views: &'v [View],
+    /// What the split is called.
+    pub split: &'static str,
+    /// One camera alone: its index in `views`.
+    pub camera: Option<usize>,
+    /// Rays to show, at most.
+    pub rays: usize,
+    /// The training step whose rays they are.
+    pub step: u32,
+    /// World direction that is up; found from the cameras if absent.
+    pub up: Option<Vec3>,
+    /// Distance of the pictures from their cameras along the view axis, world units; found from the
+    /// cameras' spacing if absent.
+    pub frustum: Option<f32>,
+}
+
+/// Why nothing can be shown.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum ShowError {
+    /// No cameras to show.
+    #[error("--split: expected a split with views, found none in `{split}`")]
+    NoViews {
+        /// The split that was asked for.
+        split: &'static str,
+    },
+    /// A camera that is not there.
+    #[error("--camera: expected less than {count} (split `{split}`), found {found}")]
+    Camera {
+        /// Number of cameras.
+        count: usize,
+        /// The split that was asked for.
+        split: &'static str,
+        /// The camera that was asked for.
+        found: usize,
+    },
+    /// Settings or bounds that training would refuse too.
+    #[error("{0}")]
+    Train(#[from] TrainError),
+    /// A picture that could not be encoded.
+    #[error("{0}")]
+    Report(#[from] crate::data::rgb_error::ReportError),
+    /// A page that could not be encoded.
+    #[error("page: {0}")]
+    Page(#[from] serde_json::Error),
+}
+
+/// Cameras, rays, samples and bounds.
+#[derive(Clone, Debug)]
+pub struct Scene {
+    /// What the data set is called.
+    pub name: String,
+    /// What the split is called.
+    pub split: &'static str,
+    /// The cameras, at least one.
+    pub cameras: Vec<ShownCamera>,
+    /// The rays of the step; of the one camera if `alone`.
+    pub rays: Vec<ShownRay>,
+    /// Whether one camera is shown alone.
+    pub alone: bool,
+    /// How the rays were drawn.
+    pub step: StepFacts,
+    /// Where rays begin and end, and the box that holds the scene.
+    pub bounds: Bounds,
+    /// World axis that is up, unit length.
+    pub up: Vec3,
+    /// Distance of the pictures from their cameras along the view axis, world units.
+    pub frustum: f32,
+    /// The world axes.
+    pub axes: Axes,
+}
+
+/// A camera with its picture.
+#[derive(Clone, Debug)]
+pub struct ShownCamera {
+    /// Its index in the split.
+    pub index: usize,
+    /// What its view is called.
+    pub name: String,
+    /// Where it is.
+    pub camera: Camera,
+    /// Where its rays begin, world units.
+    pub near: f32,
+    /// Its picture, small.
+    pub thumbnail: Thumbnail,
+    /// The rays that the same step draws where this camera is alone; none if the whole scene is.
+    pub own_rays: Vec<ShownRay>,
+}
+
+/// The world axes as they are drawn.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Axes {
+    /// Where they stand: the world's origin, or the box's centre where the origin is far off.
+    pub origin: Vec3,
+    /// Their length, a round number of world units.
+    pub length: f32,
+}
+
+impl Scene {
+    /// Draws the rays of a step as training would, from the occupancy grid that training starts with.
+    ///
+    /// # Errors
+    /// [`ShowError`] without views, on a camera out of range, and where training would refuse too.
+    pub fn new(dataset: &Dataset, config: &Config, request: &Request<'_>) -> Result<Self, ShowError> {
+        let Request { views, split, step, .. } = *request;
+        if views.is_empty() {
+            return Err(ShowError::NoViews { split });
+        }
+        if let Some(found) = request.camera.filter(|&camera| camera >= views.len()) {
+            return Err(ShowError::Camera { count: views.len(), split, found });
+        }
+        config.check().map_err(TrainError::from)?;
+        let (mut bounds, _, found) = find_bounds(dataset, config)?;
+        // Rays of an unbounded scene go on for ever: what is drawn of them is what surrounds the cameras.
+        if let Some(contraction) = &bounds.contraction {
+            let shown = (SHOWN_RADII * contraction.radius()).max(2.0 * bounds.near);
+            bounds.far = bounds.far.min(shown);
+        }
+        let occupancy = found.as_ref().map(Occupancy::lookup);
+        let cells = found.as_ref().map(Occupancy::live);
+        let chosen = request.camera.map_or(0..views.len(), |camera| camera..camera + 1);
+        let drawer = Drawer {
+            config,
+            bounds,
+            background: dataset.background,
+            occupancy: occupancy.as_ref(),
+            cells,
+            step,
+        };
+
+        let first = chosen.start;
+        let shown = &views[chosen];
+        let alone = request.camera.is_some();
+        let (rays, facts) = drawer.draw(shown, 0, request.rays, !alone)?;
+        let side = thumbnail::side_for(shown.len());
+        let bins = usize::from(config.sampling.samples);
+        let own = (OWN_SAMPLES / (shown.len() * bins)).max(4).min(request.rays);
+        let nears = nears(shown, config, &bounds);
+        let camera = |(i, view): (usize, &View)| -> Result<ShownCamera, ShowError> {
+            let own_rays = match alone {
+                true => Vec::new(),
+                false => drawer.draw(&shown[i..=i], i, own, false)?.0,
+            };
+            let thumbnail = Thumbnail::of(view, side);
+            Ok(ShownCamera {
+                index: first + i,
+                name: view.name.clone(),
+                camera: view.camera,
+                near: nears[i],
+                thumbnail,
+                own_rays,
+            })
+        };
+        let cameras = shown.iter().enumerate().map(camera).collect::<Result<Vec<_>, _>>()?;
+        // A march keeps to the scene box, whatever near and far are.
+        for t in
+            rays.iter().chain(cameras.iter().flat_map(|camera| &camera.own_rays)).flat_map(ShownRay::samples)
+        {
+            (bounds.near, bounds.far) = (bounds.near.min(t), bounds.far.max(t));
+        }
+        let frustum = request.frustum.unwrap_or_else(|| frustum_length(&cameras, &bounds));
+        let up = request.up.unwrap_or_else(|| nearest_axis(views));
+        let axes = Axes::of(&cameras, &bounds);
+        let name = dataset.name.clone();
+        Ok(Self { name, split, cameras, rays, alone, step: facts, bounds, up, frustum, axes })
+    }
+
+    /// Everything that a viewpoint should hold, world units.
+    pub fn points(&self) -> Vec<Vec3> {
+        let mut points = self.outline().concat();
+        for camera in &self.cameras {
+            points.push(camera.camera.pose().position);
+            points.extend(camera.corners(self.frustum));
+            if self.alone {
+                points.extend([camera.near, self.bounds.far].map(|t| camera.border(t)).concat());
+            }
+        }
+        for ray in &self.rays {
+            points.extend([ray.at(ray.near), ray.at(self.bounds.far)]);
+        }
+        points.push(self.axes.origin);
+        points.extend(Mat3::IDENTITY.to_cols_array_2d().map(|axis| self.axes.tip(Vec3::from(axis))));
+        points
+    }
+
+    /// Where the scene is, as lines of short pieces, world units: the edges of the scene box, or of an unbounded scene
+    /// three circles around the ball that is not contracted.
+    pub fn outline(&self) -> Vec<Vec<Vec3>> {
+        const EDGE: usize = 8;
+        const CIRCLE: usize = 64;
+        let Some(contraction) = &self.bounds.contraction else {
+            let ends = [self.bounds.scene_box.min, self.bounds.scene_box.max];
+            let corner = |i: usize| Vec3::new(ends[i & 1].x, ends[i >> 1 & 1].y, ends[i >> 2].z);
+            let edges = (0..8).flat_map(|i| [1, 2, 4].map(|axis| (i, i | axis))).filter(|(a, b)| a != b);
+            let pieces = |(a, b)| {
+                let at = |k| corner(a).lerp(corner(b), k as f32 / EDGE as f32);
+                (0..=EDGE).map(at).collect()
+            };
+            return edges.map(pieces).collect();
+        };
+        let (side, ahead) = self.up.any_orthonormal_pair();
+        let circle = |(x, y): (Vec3, Vec3)| {
+            let at = |k: usize| {
+                let (sin, cos) = (std::f32::consts::TAU * k as f32 / CIRCLE as f32).sin_cos();
+                contraction.centre() + contraction.radius() * (x * cos + y * sin)
+            };
+            (0..=CIRCLE).map(at).collect()
+        };
+        [(side, ahead), (side, self.up), (ahead, self.up)].map(circle).to_vec()
+    }
+
+    /// The middle of the scene box, world units.
+    pub fn centre(&self) -> Vec3 {
+        0.5 * (self.bounds.scene_box.min + self.bounds.scene_box.max)
+    }
+
+    /// From the scene towards a viewpoint at `elevation` degrees that sees the cameras from the side.
+    pub fn towards_viewer(&self, elevation: f32) -> Vec3 {
+        let (side, ahead) = self.up.any_orthonormal_pair();
+        // The cameras of an unbounded scene may stand in its middle and look outward.
+        let behind = |camera: &ShownCamera| match self.bounds.contraction {
+            Some(_) => -camera.camera.pose().forward(),
+            None => camera.camera.pose().position - self.centre(),
+        };
+        let mean = self.cameras.iter().map(behind).sum::<Vec3>() / self.cameras.len() as f32;
+        // Behind the shoulder of one camera; of many, where they overlap least.
+        let turn = if self.alone { 40f32 } else { 55f32 };
+        let azimuth = mean.dot(ahead).atan2(mean.dot(side)) + turn.to_radians();
+        let elevation = elevation.to_radians();
+        (side * azimuth.cos() + ahead * azimuth.sin()) * elevation.cos() + self.up * elevation.sin()
+    }
+
+    /// The `t` that the ends of the colours stand for, world units: of all live samples, or near and far.
+    pub fn colour_range(&self) -> (f32, f32) {
+        let live = self.rays.iter().flat_map(|ray| &ray.live);
+        let (low, high) =
+            live.fold((f32::INFINITY, f32::NEG_INFINITY), |(low, high), &t| (low.min(t), high.max(t)));
+        if low < high { (low, high) } else { (self.bounds.near, self.bounds.far) }
+    }
+
+    /// Live samples of the rays that are shown.
+    pub fn live(&self) -> usize {
+        self.rays.iter().map(|ray| ray.live.len()).sum()
+    }
+
+    /// Culled samples of the rays that are shown.
+    pub fn culled(&self) -> usize {
+        self.rays.iter().map(|ray| ray.culled.len()).sum()
+    }
+}
+
+impl ShownCamera {
+    /// The corners of its picture at `z` along the view axis, world units: clockwise from top left.
+    pub fn corners(&self, z: f32) -> [Vec3; 4] {
+        let i = self.camera.intrinsics();
+        let (w, h) = (i.width as f32, i.height as f32);
+        [(0.0, 0.0), (w, 0.0), (w, h), (0.0, h)].map(|(x, y)| {
+            let ray = self.camera.ray(x, y);
+            // A corner beside or behind the camera (a fisheye's) would be infinitely far off.
+            ray.at(z / self.camera.z_per_distance(&ray).max(0.1))
+        })
+    }
+
+    /// The border of its picture, closed, at distance `t` along the rays: world units.
+    pub fn border(&self, t: f32) -> Vec<Vec3> {
+        const PIECES: usize = 12;
+        let i = self.camera.intrinsics();
+        let (w, h) = (i.width as f32, i.height as f32);
+        let corners = [(0.0, 0.0), (w, 0.0), (w, h), (0.0, h), (0.0, 0.0)];
+        let along = |piece: usize| {
+            let (a, b) = (corners[piece / PIECES], corners[(piece / PIECES + 1).min(4)]);
+            let share = (piece % PIECES) as f32 / PIECES as f32;
+            self.camera.ray(a.0 + share * (b.0 - a.0), a.1 + share * (b.1 - a.1)).at(t)
+        };
+        (0..=4 * PIECES).map(along).collect()
+    }
+}
+
+impl Axes {
+    fn of(cameras: &[ShownCamera], bounds: &Bounds) -> Self {
+        let b = bounds.scene_box;
+        let centre = 0.5 * (b.min + b.max);
+        // Of an unbounded scene by the radius of the ball.
+        let share = if bounds.contraction.is_some() { 0.25 } else { 1.0 };
+        let size = share * (b.max - b.min);
+        let reach = cameras.iter().map(|c| c.camera.pose().position.distance(centre));
+        let reach = reach.fold(size.length(), f32::max);
+        let origin = if centre.length() <= reach { Vec3::ZERO } else { centre };
+        Self { origin, length: round_length(0.6 * size.max_element()) }
+    }
+
+    /// "1 world unit long".
+    pub fn length_in_words(&self) -> String {
+        let plural = if self.length == 1.0 { "" } else { "s" };
+        format!("{} world unit{plural} long", self.length)
+    }
+
+    /// The end of the axis along `unit`, world units.
+    pub fn tip(&self, unit: Vec3) -> Vec3 {
+        self.origin + self.length * unit
+    }
+}
+
+/// A frustum that neither hides its neighbours nor reaches into the scene, world units.
+fn frustum_length(cameras: &[ShownCamera], bounds: &Bounds) -> f32 {
+    let before_scene = 0.5 * if bounds.near > 0.0 { bounds.near } else { 0.25 * bounds.far };
+    let positions: Vec<Vec3> = cameras.iter().map(|c| c.camera.pose().position).collect();
+    let nearest = |(i, p): (usize, &Vec3)| {
+        let others = positions.iter().enumerate().filter(|&(j, _)| j != i);
+        others.map(|(_, other)| other.distance(*p)).min_by(f32::total_cmp)
+    };
+    let mut spacing: Vec<f32> = positions.iter().enumerate().filter_map(nearest).collect();
+    spacing.sort_by(f32::total_cmp);
+    let (least, most) = match &bounds.contraction {
+        // Its near says little of where things are.
+        Some(contraction) => (FRUSTUM_RADII.0 * contraction.radius(), FRUSTUM_RADII.1 * contraction.radius()),
+        None => (0.02 * before_scene, 0.8 * before_scene),
+    };
+    let Some(&spacing) = spacing.get(spacing.len() / 2).filter(|&&spacing| spacing > 0.0) else {
+        return most;
+    };
+    let i = cameras[0].camera.intrinsics();
+    let width = (i.width as f32 / i.fx).max(i.height as f32 / i.fy);
+    (0.7 * spacing / width).clamp(least, most)
+}
+
+/// The world axis that is nearest to the cameras' mean up.
+fn nearest_axis(views: &[View]) -> Vec3 {
+    let mean: Vec3 = views.iter().map(|view| view.camera.pose().rotation.y_axis).sum();
+    let axes = [Vec3::Z, Vec3::Y, Vec3::X, Vec3::NEG_Z, Vec3::NEG_Y, Vec3::NEG_X];
+    // The first of equals: z where the cameras say nothing.
+    axes.into_iter().rev().max_by(|a, b| a.dot(mean).total_cmp(&b.dot(mean))).unwrap_or(Vec3::Z)
+}
+
+/// The largest of 1, 2 or 5 times a power of ten that is at most `length`.
+fn round_length(length: f32) -> f32 {
+    let magnitude = 10f32.powf(length.log10().floor());
+    let fits = [5.0, 2.0, 1.0].into_iter().map(|factor| factor * magnitude).find(|&round| round <= length);
+    fits.unwrap_or(length)
+}
+
+#[cfg(test)]
+mod tests;

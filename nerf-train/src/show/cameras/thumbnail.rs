@@ -1,0 +1,114 @@
+//! The cameras' pictures, small enough to keep them all in one page.
+
+use crate::data::View;
+use crate::data::rgb::Picture;
+use crate::data::rgb_error::ReportError;
+use base64::Engine as _;
+use image::codecs::jpeg::JpegEncoder;
+use image::{ExtendedColorType, ImageEncoder};
+
+/// Pixels of all pictures together: as JPEG in base64 0.3 to 2.2 bytes each.
+const PIXEL_BUDGET: usize = 1_200_000;
+/// No picture is larger than this, pixels.
+const LARGEST: usize = 400;
+/// Nor smaller: there would be nothing to see.
+const SMALLEST: usize = 16;
+/// JPEG quality, 1 to 100.
+const QUALITY: u8 = 85;
+
+/// A small picture, display-encoded, over white where the original is transparent.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Thumbnail(pub Picture);
+
+/// The longest side of each of `count` pictures that keep to the budget, pixels.
+pub fn side_for(count: usize) -> usize {
+    ((PIXEL_BUDGET / count.max(1)) as f64).sqrt().floor().clamp(SMALLEST as f64, LARGEST as f64) as usize
+}
+
+impl Thumbnail {
+    /// The picture of `view`, box-filtered to at most `side` pixels; never enlarged.
+    pub fn of(view: &View, side: usize) -> Self {
+        let (width, height) = view.size();
+        let (width, height) = (width as usize, height as usize);
+        let source = Picture { width, height, rgb: view.composite_over([1.0; 3]) };
+        let scale = (side as f64 / width.max(height) as f64).min(1.0);
+        let shrunk = |length: usize| ((length as f64 * scale).round() as usize).clamp(1, length.max(1));
+        Self(box_filtered(&source, shrunk(width), shrunk(height)))
+    }
+
+    /// As a JPEG that a page can hold: `data:image/jpeg;base64,…`.
+    ///
+    /// # Errors
+    /// [`ReportError::Encode`], which no picture of this type is known to cause.
+    pub fn data_uri(&self) -> Result<String, ReportError> {
+        let mut bytes = Vec::new();
+        JpegEncoder::new_with_quality(&mut bytes, QUALITY)
+            .write_image(
+                &self.0.to_rgb8(),
+                self.0.width as u32,
+                self.0.height as u32,
+                ExtendedColorType::Rgb8,
+            )
+            .map_err(ReportError::encode("JPEG"))?;
+        Ok(format!("data:image/jpeg;base64,{}", base64::engine::general_purpose::STANDARD.encode(bytes)))
+    }
+}
+
+/// `source` shrunk to `width` × `height`: each pixel the mean of the block that falls into it.
+fn box_filtered(source: &Picture, width: usize, height: usize) -> Picture {
+    let block = |i: usize, to: usize, from: usize| (i * from / to, ((i + 1) * from).div_ceil(to).min(from));
+    let mut rgb = Vec::with_capacity(width * height);
+    for y in 0..height {
+        let (top, bottom) = block(y, height, source.height);
+        for x in 0..width {
+            let (left, right) = block(x, width, source.width);
+            let rows = (top..bottom)
+                .filter_map(|y| source.rgb.get(y * source.width + left..y * source.width + right));
+            let (mut sum, mut count) = ([0.0; 3], 0.0f32);
+            for pixel in rows.flatten() {
+                sum = std::array::from_fn(|c| sum[c] + pixel[c]);
+                count += 1.0;
+            }
+            rgb.push(sum.map(|sum| sum / count.max(1.0)));
+        }
+    }
+    Picture { width, height, rgb }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::data::demo::{DemoSpec, dataset};
+
+    #[test]
+    fn pictures_of_many_cameras_keep_to_the_budget() {
+        for count in [1, 2, 10, 100, 200, 1000] {
+            let side = side_for(count);
+            assert!(
+                (SMALLEST..=LARGEST).contains(&side)
+                    && side * side * count <= PIXEL_BUDGET.max(LARGEST * LARGEST)
+            );
+        }
+        assert_eq!(side_for(usize::MAX), SMALLEST);
+        // Noise is the worst that JPEG can meet: 200 such pictures stay below 3 MB.
+        let side = side_for(200);
+        let noise = (0..side * side).map(|i| {
+            [(i * 7919 % 256) as f32 / 255.0, (i * 104_729 % 251) as f32 / 250.0, (i * 31 % 7) as f32 / 6.0]
+        });
+        let uri = Thumbnail(Picture::new(side, side, noise.collect()).unwrap()).data_uri().unwrap();
+        assert!(200 * uri.len() < 3_000_000, "{}", uri.len());
+    }
+
+    #[test]
+    fn a_thumbnail_keeps_the_mean_and_the_aspect() {
+        let scene = dataset(&DemoSpec { train: 1, val: 0, size: 24, ..DemoSpec::default() }).unwrap();
+        let view = &scene.train[0];
+        assert_eq!(Thumbnail::of(view, 400).0.rgb, view.composite_over([1.0; 3]));
+        let small = Thumbnail::of(view, 12).0;
+        let mean = |rgb: &[[f32; 3]]| rgb.iter().map(|p| p[0]).sum::<f32>() / rgb.len() as f32;
+        assert_eq!((small.width, small.height), (12, 12));
+        assert!((mean(&small.rgb) - mean(&view.composite_over([1.0; 3]))).abs() < 1e-4);
+        let wide = Picture::filled(100, 10, [0.5; 3]);
+        assert_eq!(box_filtered(&wide, 7, 3).rgb, vec![[0.5; 3]; 21]);
+    }
+}

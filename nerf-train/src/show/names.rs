@@ -1,0 +1,140 @@
+//! Names of files that are made of views' names.
+
+use crate::data::View;
+use std::collections::HashSet;
+
+/// Stems that a report needs for itself: `views.png` is its contact sheet.
+const RESERVED: [&str; 4] = ["views", "curve", "curve_steps", "snapshots"];
+
+/// Bytes of a stem: there is room for `step_0000000000_` in front and `_z_depth.png` behind it in the 255 of a name.
+const MAX_BYTES: usize = 200;
+
+/// A stem for each view of a split; no two are equal, also where case is not told apart.
+///
+/// `./train/r_3.png` becomes `train_r_3`. Letters of any script stay. A stem that an earlier view has, or that the
+/// report needs for itself, gets a number: `照片/一.png` and `照片_一.jpg` become `照片_一` and `照片_一_2`. The names
+/// depend on the whole split, so that a view has the same one in every command.
+#[derive(Clone, Debug)]
+pub struct FileNames<'v> {
+    views: &'v [View],
+    stems: Vec<String>,
+}
+
+impl<'v> FileNames<'v> {
+    /// Of all views of a split.
+    pub fn of(views: &'v [View]) -> Self {
+        Self { views, stems: stems(views.iter().map(|view| view.name.as_str())) }
+    }
+
+    /// The stem of the view at `index`.
+    ///
+    /// # Panics
+    /// Where there is none.
+    pub fn at(&self, index: usize) -> &str {
+        &self.stems[index]
+    }
+
+    /// The stem of one of the views.
+    ///
+    /// # Panics
+    /// On a view that is none of them.
+    pub fn stem(&self, view: &View) -> &str {
+        // Names may occur twice in a file; views are told apart by where they are.
+        let index = self.views.iter().position(|other| std::ptr::eq(other, view));
+        self.at(index.expect("a view of the split"))
+    }
+}
+
+fn stems<'n>(names: impl Iterator<Item = &'n str>) -> Vec<String> {
+    let plain: Vec<String> = names.map(plain).collect();
+    let fold = |stem: &str| stem.to_lowercase();
+    let mut taken: HashSet<String> = RESERVED.into_iter().map(str::to_owned).collect();
+    // A number that is made up must not be another view's own name.
+    let own: HashSet<String> = plain.iter().map(|stem| fold(stem)).collect();
+    let with_depth = |stem: &str| [fold(stem), fold(stem) + "_z_depth"];
+    let mut assign = |stem: &str| {
+        let free = |stem: &str| with_depth(stem).iter().all(|file| !taken.contains(file));
+        let mut numbered = (2u64..).map(|n| format!("{stem}_{n}"));
+        let found = if free(stem) {
+            stem.to_owned()
+        } else {
+            numbered.find(|stem| free(stem) && !own.contains(&fold(stem))).unwrap_or_default()
+        };
+        taken.extend(with_depth(&found));
+        found
+    };
+    plain.iter().map(|stem| assign(stem)).collect()
+}
+
+/// The name without its extension, what is no letter or digit as `_`, within the limit.
+fn plain(name: &str) -> String {
+    let stem = std::path::Path::new(name).with_extension("");
+    let letter = |c: char| if c.is_alphanumeric() { c } else { '_' };
+    let mut stem: String = stem.to_string_lossy().trim_start_matches("./").chars().map(letter).collect();
+    while stem.len() > MAX_BYTES {
+        stem.pop();
+    }
+    match stem.trim_end_matches('_') {
+        "" => "view".to_owned(),
+        stem => stem.to_owned(),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn of(names: &[&str]) -> Vec<String> {
+        stems(names.iter().copied())
+    }
+
+    #[test]
+    fn names_that_do_not_collide_stay() {
+        assert_eq!(
+            of(&["./train/r_3.png", "images_val[1]", "b.c.jpg"]),
+            ["train_r_3", "images_val_1", "b_c"]
+        );
+    }
+
+    #[test]
+    fn no_two_views_share_a_file() {
+        let long = ["a".repeat(300), "a".repeat(301)];
+        let names = [
+            "a/x.png",
+            "a_x.png",
+            "a_x.jpg",
+            "a_x_2.png",
+            "A_X",
+            "照片/一.png",
+            "照片_一.png",
+            "照片/二.png",
+            "é.png",
+            "e\u{301}.png",
+            "",
+            "..",
+            "___",
+            "views.png",
+            "Curve",
+            "p",
+            "p_z_depth",
+            "q_z_depth",
+            "q",
+            "q",
+            "r_0.5",
+            "r_0.7",
+            &long[0],
+            &long[1],
+        ];
+        let stems = of(&names);
+        assert_eq!(stems[..5], ["a_x", "a_x_3", "a_x_4", "a_x_2", "A_X_5"]);
+        let files = stems.iter().flat_map(|stem| [format!("{stem}.png"), format!("{stem}_z_depth.png")]);
+        let mut files: Vec<String> = files.map(|file| file.to_lowercase()).collect();
+        files.extend(RESERVED.map(|stem| format!("{stem}.png")));
+        let count = files.len();
+        assert!(files.iter().all(|file| file.len() + "step_0000000000_".len() <= 255));
+        files.sort();
+        files.dedup();
+        assert_eq!(files.len(), count, "{stems:?}");
+        assert_eq!(of(&names), stems);
+    }
+}

@@ -1,0 +1,399 @@
+//! Line plots as PNG and SVG.
+
+mod backend;
+mod label;
+mod scale;
+
+use super::text;
+use crate::data::rgb::Picture;
+use crate::data::rgb_error::ReportError;
+use crate::data::system::output::write_atomic;
+use crate::data::system::printable;
+use backend::PictureBackend;
+pub use label::Label;
+use plotters::coord::Shift;
+use plotters::prelude::*;
+use plotters::style::text_anchor::{HPos, Pos, VPos};
+use scale::Scale;
+use std::path::{Path, PathBuf};
+use std::sync::Once;
+
+/// Width of a plot, pixels.
+const WIDTH: usize = 1_100;
+/// Height of a plot, pixels.
+const HEIGHT: usize = 720;
+const MARGIN: i32 = 18;
+const TITLE_SIZE: f32 = 28.0;
+const TEXT_SIZE: f32 = 20.0;
+const NOTE_SIZE: f32 = 17.0;
+/// Length of a key in the legend, pixels.
+const KEY: i32 = 34;
+/// Points a series keeps: more than two a pixel column only make the SVG heavy.
+const MAX_POINTS: usize = 2_000;
+/// Named by every SVG viewer; in the PNG the font that is compiled in.
+const FONT: &str = "sans-serif";
+const INK: RGBColor = RGBColor(30, 30, 30);
+const GREY: RGBColor = RGBColor(90, 90, 90);
+
+/// Colours that the colour-blind tell apart, without the yellow that vanishes on white.
+/// Source: Okabe and Ito 2008, "Color universal design".
+const COLOURS: [RGBColor; 7] = [
+    RGBColor(0, 114, 178),
+    RGBColor(213, 94, 0),
+    RGBColor(0, 158, 115),
+    RGBColor(204, 121, 167),
+    RGBColor(230, 159, 0),
+    RGBColor(86, 180, 233),
+    RGBColor(0, 0, 0),
+];
+
+/// How a series is drawn.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Marker {
+    /// A line through the points in their order; a lone point becomes a dot.
+    Line,
+    /// Dots only.
+    Points,
+    /// Dots and a line through them.
+    LineAndPoints,
+}
+
+/// A named curve.
+#[derive(Clone, Debug)]
+pub struct Series {
+    /// Stands in the legend.
+    pub name: String,
+    /// (x, y) in the units of the axes; points that are not finite are left out.
+    pub points: Vec<(f64, f64)>,
+    /// Line, dots or both.
+    pub marker: Marker,
+}
+
+/// A horizontal line to compare with, dashed.
+#[derive(Clone, Debug)]
+pub struct Reference {
+    /// Stands in the legend; empty for none.
+    pub label: String,
+    /// In the unit of the vertical axis.
+    pub y: f64,
+}
+
+/// A plot of series over two labelled axes, with the legend beside the data, never on it.
+#[derive(Clone, Debug, Default)]
+pub struct LinePlot {
+    /// Above the plot.
+    pub title: String,
+    /// With the unit, for example "training time, s".
+    pub x_label: String,
+    /// With the unit, for example "validation PSNR, dB".
+    pub y_label: String,
+    /// Drawn in this order; may be empty.
+    pub series: Vec<Series>,
+    /// Logarithmic horizontal axis; points with x ≤ 0 are left out.
+    pub log_x: bool,
+    /// Logarithmic vertical axis; points and references with y ≤ 0 are left out.
+    pub log_y: bool,
+    /// Dashed horizontal lines; the axis always reaches them.
+    pub references: Vec<Reference>,
+    /// Names beside points.
+    pub labels: Vec<Label>,
+    /// Small print below the plot, a paragraph each.
+    pub notes: Vec<String>,
+}
+
+impl LinePlot {
+    /// A plot without series, with linear axes.
+    pub fn new(title: impl Into<String>, x_label: impl Into<String>, y_label: impl Into<String>) -> Self {
+        let (title, x_label, y_label): (String, String, String) =
+            (title.into(), x_label.into(), y_label.into());
+        // Titles name data sets: a line end in such a name breaks no line.
+        let title = printable::line(&title).into_owned();
+        Self { title, x_label, y_label, ..Self::default() }
+    }
+
+    /// The plot as a picture of 1100 × 720 pixels.
+    ///
+    /// # Errors
+    /// [`ReportError::Encode`] where the plotting library fails, which no data is known to cause.
+    pub fn to_picture(&self) -> Result<Picture, ReportError> {
+        let mut picture = Picture::filled(WIDTH, HEIGHT, [1.0; 3]);
+        self.draw(PictureBackend::new(&mut picture).into_drawing_area())?;
+        Ok(picture)
+    }
+
+    /// The plot as the text of an SVG file of 1100 × 720 pixels.
+    ///
+    /// # Errors
+    /// As [`to_picture`](Self::to_picture).
+    pub fn to_svg(&self) -> Result<String, ReportError> {
+        let mut svg = String::new();
+        let size = (WIDTH as u32, HEIGHT as u32);
+        self.draw(SVGBackend::with_string(&mut svg, size).into_drawing_area())?;
+        // In the markup itself there is none of what is escaped; in texts the library escapes what is markup.
+        Ok(printable::lines(&svg).into_owned())
+    }
+
+    /// Writes `<stem>.png` and `<stem>.svg`, for example `out/psnr` → `out/psnr.png`, and returns both.
+    ///
+    /// # Errors
+    /// [`ReportError::Output`] where a file cannot be written.
+    pub fn write(&self, stem: impl AsRef<Path>) -> Result<[PathBuf; 2], ReportError> {
+        let with = |ending: &str| {
+            // Not `with_extension`: a stem such as "psnr_0.1" has a dot of its own.
+            let mut name = stem.as_ref().as_os_str().to_owned();
+            name.push(ending);
+            PathBuf::from(name)
+        };
+        let paths = [with(".png"), with(".svg")];
+        self.to_picture()?.write_png(&paths[0])?;
+        write_atomic(&paths[1], self.to_svg()?.as_bytes())?;
+        Ok(paths)
+    }
+
+    /// The drawable points of each series in axis coordinates, and how many points were left out.
+    fn prepared(&self) -> (Vec<Vec<(f64, f64)>>, usize) {
+        let mut left_out = 0;
+        let prepare = |series: &Series| {
+            let place =
+                |&(x, y): &(f64, f64)| Some((scale::place(x, self.log_x)?, scale::place(y, self.log_y)?));
+            let points: Vec<(f64, f64)> = series.points.iter().filter_map(place).collect();
+            left_out += series.points.len() - points.len();
+            thinned(points)
+        };
+        (self.series.iter().map(prepare).collect(), left_out)
+    }
+
+    fn draw<DB: DrawingBackend>(&self, root: DrawingArea<DB, Shift>) -> Result<(), ReportError>
+    where
+        DB::ErrorType: 'static,
+    {
+        register_font();
+        self.draw_on(&root).and_then(|()| root.present()).map_err(ReportError::encode("plot"))
+    }
+
+    fn draw_on<DB: DrawingBackend>(&self, root: &DrawingArea<DB, Shift>) -> Drawn<DB> {
+        let (width, height) = (WIDTH as i32, HEIGHT as i32);
+        root.fill(&WHITE)?;
+        let (points, left_out) = self.prepared();
+        let references: Vec<(&Reference, f64)> =
+            self.references.iter().filter_map(|r| Some((r, scale::place(r.y, self.log_y)?))).collect();
+
+        let title = text::wrap(&self.title, TITLE_SIZE, WIDTH - 2 * MARGIN as usize);
+        let mut top = MARGIN;
+        for line in title.iter().take(3) {
+            root.draw_text(line, &style(TITLE_SIZE, INK), (MARGIN, top))?;
+            top += TITLE_SIZE as i32 + 2;
+        }
+        let bottom = self.draw_notes(root, left_out, top)?;
+        let right = self.draw_legend(root, &references, (top + 8, bottom))?;
+
+        let all = || points.iter().flatten();
+        let x = Scale::new(all().map(|p| p.0), self.log_x, 9);
+        let reference_ys = references.iter().map(|&(_, y)| y);
+        let y = Scale::new(all().map(|p| p.1).chain(reference_ys), self.log_y, 9);
+        let label_width = y.labels().iter().map(|l| text::width(l, TEXT_SIZE)).max().unwrap_or(0) as u32;
+        let area = root.clone().shrink((0, top), (right, bottom - top));
+        let mut chart = ChartBuilder::on(&area)
+            .margin_left(MARGIN)
+            .margin_right(MARGIN)
+            .margin_top(10)
+            .x_label_area_size(2 * TEXT_SIZE as u32 + 24)
+            .y_label_area_size(label_width + TEXT_SIZE as u32 + 26)
+            .build_cartesian_2d(x.clone(), y)?;
+        chart
+            .configure_mesh()
+            .bold_line_style(RGBColor(215, 215, 215))
+            .light_line_style(RGBColor(240, 240, 240))
+            .axis_style(GREY)
+            .label_style(style(TEXT_SIZE, INK))
+            .axis_desc_style(style(TEXT_SIZE, INK))
+            .x_desc(clean(&self.x_label))
+            .y_desc(clean(&self.y_label))
+            .draw()?;
+
+        let ends = x.range();
+        for (index, &(_, y)) in references.iter().enumerate() {
+            let place = |x| chart.plotting_area().map_coordinate(&(x, y));
+            let (start, end) = (place(ends.start), place(ends.end));
+            // The pixel coordinates are those of the whole drawing.
+            dashed(root, start, end.0, index)?;
+        }
+        for (index, (series, points)) in self.series.iter().zip(&points).enumerate() {
+            let colour = COLOURS[index % COLOURS.len()];
+            if series.marker != Marker::Points && points.len() > 1 {
+                chart.draw_series(LineSeries::new(points.iter().copied(), colour.stroke_width(2)))?;
+            }
+            if series.marker != Marker::Line || points.len() == 1 {
+                chart.draw_series(points.iter().map(|&p| Circle::new(p, 4, colour.filled())))?;
+            }
+        }
+        let placed = |at: (f64, f64)| {
+            let at = (scale::place(at.0, self.log_x)?, scale::place(at.1, self.log_y)?);
+            Some(chart.plotting_area().map_coordinate(&at))
+        };
+        let labels = self.labels.iter().filter_map(|l| Some((clean(&l.text), placed(l.at)?)));
+        label::draw(root, &chart.plotting_area().get_pixel_range(), &labels.collect::<Vec<_>>())?;
+        if points.iter().all(Vec::is_empty) {
+            let (left, right) = chart.plotting_area().get_pixel_range();
+            let middle = ((left.start + left.end) / 2, (right.start + right.end) / 2);
+            let centred = style(TITLE_SIZE, GREY).pos(Pos::new(HPos::Center, VPos::Center));
+            root.draw_text("no data", &centred, middle)?;
+        }
+        debug_assert!(right <= width && bottom <= height);
+        Ok(())
+    }
+
+    /// Draws the small print, and returns the first row of pixels that it takes.
+    fn draw_notes<DB: DrawingBackend>(
+        &self,
+        root: &DrawingArea<DB, Shift>,
+        left_out: usize,
+        top: i32,
+    ) -> Drawn<DB, i32> {
+        let widest = WIDTH - 2 * MARGIN as usize;
+        let mut lines: Vec<String> =
+            self.notes.iter().flat_map(|note| text::wrap(note, NOTE_SIZE, widest)).collect();
+        if left_out > 0 {
+            let log = if self.log_x || self.log_y { " or not above 0 on a logarithmic axis" } else { "" };
+            let points = if left_out == 1 { "1 point" } else { &format!("{left_out} points") };
+            lines.push(format!("Left out, as not finite{log}: {points}."));
+        }
+        // Notes never take more than a third of the picture.
+        let step = NOTE_SIZE as i32 + 3;
+        let most = ((HEIGHT as i32 - top) / 3 / step) as usize;
+        if lines.len() > most {
+            lines.truncate(most.saturating_sub(1));
+            lines.push("…".to_owned());
+        }
+        let first = HEIGHT as i32 - MARGIN / 2 - step * lines.len() as i32;
+        for (i, line) in lines.iter().enumerate() {
+            let corner = (MARGIN, first + i as i32 * step);
+            root.draw_text(line, &style(NOTE_SIZE, GREY), corner)?;
+        }
+        Ok(first - if lines.is_empty() { 0 } else { 6 })
+    }
+
+    /// Draws keys and names at the right edge, and returns the first column of pixels they take.
+    fn draw_legend<DB: DrawingBackend>(
+        &self,
+        root: &DrawingArea<DB, Shift>,
+        references: &[(&Reference, f64)],
+        (top, bottom): (i32, i32),
+    ) -> Drawn<DB, i32> {
+        let named = self.series.iter().map(|s| s.name.as_str());
+        let labelled = references.iter().map(|(r, _)| r.label.as_str());
+        let widest = WIDTH * 3 / 10 - KEY as usize;
+        let entries: Vec<(usize, Vec<String>)> = named
+            .chain(labelled)
+            .map(|name| text::wrap(name, TEXT_SIZE, widest))
+            .enumerate()
+            .filter(|(_, lines)| lines.iter().any(|line| !line.is_empty()))
+            .collect();
+        let lines = || entries.iter().flat_map(|(_, lines)| lines);
+        let Some(text_width) = lines().map(|line| text::width(line, TEXT_SIZE)).max() else {
+            return Ok(WIDTH as i32);
+        };
+        // Viewers' own sans-serif fonts run up to a tenth wider than ours.
+        let text_width = (text_width + text_width / 10).max(110) as i32;
+        let left = WIDTH as i32 - MARGIN / 2 - text_width - KEY - 8;
+        let step = TEXT_SIZE as i32 + 2;
+        let mut y = top;
+        for (shown, (index, lines)) in entries.iter().enumerate() {
+            let rest = entries.len() - shown;
+            // The last row may be needed to say how many there is no room for.
+            let needed = lines.len() as i32 * step + if rest > 1 { step } else { 0 };
+            if y + needed > bottom && shown > 0 {
+                let more = format!("… and {rest} more");
+                root.draw_text(&more, &style(TEXT_SIZE, GREY), (left + KEY + 8, y))?;
+                break;
+            }
+            self.draw_key(root, *index, (left, y + step / 2))?;
+            for line in lines {
+                root.draw_text(line, &style(TEXT_SIZE, INK), (left + KEY + 8, y))?;
+                y += step;
+            }
+            y += 6;
+        }
+        Ok(left)
+    }
+
+    fn draw_key<DB: DrawingBackend>(
+        &self,
+        root: &DrawingArea<DB, Shift>,
+        index: usize,
+        (x, y): (i32, i32),
+    ) -> Drawn<DB> {
+        let Some(series) = self.series.get(index) else {
+            return dashed(root, (x, y), x + KEY, index - self.series.len());
+        };
+        let colour = COLOURS[index % COLOURS.len()];
+        if series.marker != Marker::Points {
+            root.draw(&PathElement::new(vec![(x, y), (x + KEY, y)], colour.stroke_width(2)))?;
+        }
+        if series.marker != Marker::Line {
+            root.draw(&Circle::new((x + KEY / 2, y), 4, colour.filled()))?;
+        }
+        Ok(())
+    }
+}
+
+type Drawn<DB, T = ()> = Result<T, DrawingAreaErrorKind<<DB as DrawingBackend>::ErrorType>>;
+
+/// A dashed horizontal line whose pattern tells the references apart.
+fn dashed<DB: DrawingBackend>(
+    root: &DrawingArea<DB, Shift>,
+    (start, y): (i32, i32),
+    end: i32,
+    index: usize,
+) -> Drawn<DB> {
+    let (dash, gap) = [(10, 5), (3, 4), (18, 4), (6, 10)][index % 4];
+    let mut x = start;
+    while x < end {
+        let stop = (x + dash).min(end);
+        root.draw(&PathElement::new(vec![(x, y), (stop, y)], GREY.stroke_width(2)))?;
+        x += dash + gap;
+    }
+    Ok(())
+}
+
+/// Text of `size` pixels line height.
+fn style(size: f32, colour: RGBColor) -> TextStyle<'static> {
+    (FONT, size).into_font().color(&colour)
+}
+
+/// Control characters would make an SVG that no viewer opens.
+fn clean(label: &str) -> String {
+    label.chars().map(|c| if c.is_control() { ' ' } else { c }).collect()
+}
+
+/// The plotting library measures text even for SVG, so that it needs a font of the name we use.
+fn register_font() {
+    static DONE: Once = Once::new();
+    DONE.call_once(|| {
+        let font = epaint_default_fonts::UBUNTU_LIGHT;
+        // A font that does not parse shows up as an error when text is first measured.
+        let _ = plotters::style::register_font(FONT, FontStyle::Normal, font);
+    });
+}
+
+/// At most about [`MAX_POINTS`] of the points: of each run the lowest and the highest, so that no
+/// spike is lost. Points that do not ascend in x are a drawing of their own and stay as they are.
+fn thinned(points: Vec<(f64, f64)>) -> Vec<(f64, f64)> {
+    if points.len() <= MAX_POINTS || points.windows(2).any(|pair| pair[0].0 > pair[1].0) {
+        return points;
+    }
+    let run = points.len().div_ceil(MAX_POINTS / 2);
+    let mut kept = Vec::with_capacity(MAX_POINTS + 2);
+    kept.push(points[0]);
+    for chunk in points.chunks(run) {
+        let by_y = |a: &&(f64, f64), b: &&(f64, f64)| a.1.total_cmp(&b.1);
+        if let (Some(&low), Some(&high)) = (chunk.iter().min_by(by_y), chunk.iter().max_by(by_y)) {
+            kept.extend(if low.0 <= high.0 { [low, high] } else { [high, low] });
+        }
+    }
+    kept.extend(points.last());
+    kept
+}
+
+#[cfg(test)]
+mod tests;

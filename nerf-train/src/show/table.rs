@@ -1,0 +1,200 @@
+//! Tables: CSV for programs, aligned text for the terminal, Markdown for reports.
+
+use crate::data::rgb_error::ReportError;
+use crate::data::system::output::write_atomic;
+use crate::data::system::printable;
+use std::path::Path;
+
+/// Named columns and rows of texts; every row has as many cells as there are columns.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct Table {
+    columns: Vec<String>,
+    rows: Vec<Vec<String>>,
+}
+
+impl Table {
+    /// A table without rows; names carry their unit: "time, s".
+    pub fn new<S: Into<String>>(columns: impl IntoIterator<Item = S>) -> Self {
+        Self { columns: columns.into_iter().map(cell).collect(), rows: Vec::new() }
+    }
+
+    /// Adds a row. Missing cells are empty; cells beyond the last column get columns without a name.
+    pub fn push<S: Into<String>>(&mut self, cells: impl IntoIterator<Item = S>) -> &mut Self {
+        let mut row: Vec<String> = cells.into_iter().map(cell).collect();
+        if row.len() > self.columns.len() {
+            self.columns.resize(row.len(), String::new());
+            let width = self.columns.len();
+            self.rows.iter_mut().for_each(|row| row.resize(width, String::new()));
+        }
+        row.resize(self.columns.len(), String::new());
+        self.rows.push(row);
+        self
+    }
+
+    /// The column names.
+    pub fn columns(&self) -> &[String] {
+        &self.columns
+    }
+
+    /// The rows, each as long as [`columns`](Self::columns).
+    pub fn rows(&self) -> &[Vec<String>] {
+        &self.rows
+    }
+
+    /// The table as CSV (RFC 4180, lines end in "\n"): the column names first, quoted where needed; a line end in a
+    /// cell is escaped, as many a reader takes a file line by line.
+    ///
+    /// # Errors
+    /// [`ReportError::Encode`], which no table is known to cause.
+    pub fn to_csv(&self) -> Result<Vec<u8>, ReportError> {
+        let mut writer = csv::Writer::from_writer(Vec::new());
+        for row in std::iter::once(&self.columns).chain(&self.rows).filter(|row| !row.is_empty()) {
+            writer
+                .write_record(row.iter().map(|cell| printable::line(cell).into_owned()))
+                .map_err(ReportError::encode("CSV"))?;
+        }
+        writer.into_inner().map_err(|e| ReportError::encode("CSV")(e.into_error()))
+    }
+
+    /// Writes the table as a CSV file, whole or not at all.
+    ///
+    /// # Errors
+    /// [`ReportError::Output`].
+    pub fn write_csv(&self, path: impl AsRef<Path>) -> Result<(), ReportError> {
+        Ok(write_atomic(path, &self.to_csv()?)?)
+    }
+
+    /// The table in columns for the terminal, numbers to the right; every line ends in "\n".
+    pub fn to_text(&self) -> String {
+        let tidy = |cell: &String| cell.split_whitespace().collect::<Vec<_>>().join(" ");
+        self.lines(tidy, "", "  ", "", |_, width| "─".repeat(width))
+    }
+
+    /// The table in Markdown (GitHub's), aligned in its source too; every line ends in "\n".
+    pub fn to_markdown(&self) -> String {
+        let tidy = |cell: &String| {
+            let cell = cell.replace('\\', "\\\\").replace('|', "\\|").replace('<', "&lt;");
+            cell.lines().map(str::trim).collect::<Vec<_>>().join("<br>")
+        };
+        self.lines(tidy, "| ", " | ", " |", |right, width| {
+            // GitHub wants three characters at least; `lines` makes no column narrower.
+            let dashes = "-".repeat(width.saturating_sub(1));
+            if right { format!("{dashes}:") } else { format!(":{dashes}") }
+        })
+    }
+
+    /// Pads cells to columns; `rule` draws the line below the names of a column (right-aligned, width).
+    fn lines(
+        &self,
+        tidy: impl Fn(&String) -> String,
+        left: &str,
+        between: &str,
+        right: &str,
+        rule: impl Fn(bool, usize) -> String,
+    ) -> String {
+        if self.columns.is_empty() {
+            return String::new();
+        }
+        let all = std::iter::once(&self.columns).chain(&self.rows);
+        let rows: Vec<Vec<String>> = all.map(|row| row.iter().map(&tidy).collect()).collect();
+        let count = |cell: &str| cell.chars().count();
+        let column = |c: usize| rows.iter().filter_map(move |row| row.get(c));
+        let widths: Vec<usize> = (0..self.columns.len())
+            .map(|c| column(c).map(|cell| count(cell)).max().unwrap_or(0).max(3))
+            .collect();
+        let numeric: Vec<bool> = (0..self.columns.len())
+            .map(|c| {
+                let mut cells = column(c).skip(1).filter(|cell| !cell.is_empty()).peekable();
+                cells.peek().is_some() && cells.all(|cell| is_number(cell))
+            })
+            .collect();
+        let write = |cells: Vec<String>| format!("{left}{}{right}", cells.join(between));
+        let pad = |row: &Vec<String>| {
+            let pad_cell = |(c, cell): (usize, &String)| {
+                let space = " ".repeat(widths[c] - count(cell));
+                if numeric[c] { space + cell } else { cell.clone() + &space }
+            };
+            write(row.iter().enumerate().map(pad_cell).collect())
+        };
+        let mut lines: Vec<String> = rows.iter().map(pad).collect();
+        lines.insert(1, write((0..widths.len()).map(|c| rule(numeric[c], widths[c])).collect()));
+        lines.iter().map(|line| format!("{}\n", line.trim_end())).collect()
+    }
+}
+
+/// The text of a cell, which may be a name out of a file; it may have several lines.
+fn cell(text: impl Into<String>) -> String {
+    printable::lines(&text.into()).into_owned()
+}
+
+/// Whether a cell reads as a number, with an optional unit or sign in front or behind: "27.3",
+/// "1,024", "12 %", "−0.02", "inf", "–".
+fn is_number(cell: &str) -> bool {
+    let first = cell.split(' ').next().unwrap_or_default();
+    let plain: String = first.trim_end_matches(['%', '×', 'x']).replace([',', '_'], "").replace('−', "-");
+    plain.parse::<f64>().is_ok() || matches!(cell, "-" | "–" | "—")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn sample() -> Table {
+        let mut table = Table::new(["setting", "PSNR, dB", "cost"]);
+        table.push(["exact", "27.31", "100 %"]);
+        table.push(["a|b, \"quoted\"", "−0.5", "7 %"]);
+        table.push(["two\nlines"]);
+        table
+    }
+
+    #[test]
+    fn csv_quotes_and_reads_back() {
+        let table = sample();
+        let bytes = table.to_csv().unwrap();
+        let text = String::from_utf8(bytes.clone()).unwrap();
+        assert!(text.starts_with("setting,\"PSNR, dB\",cost\nexact,27.31,100 %\n"), "{text}");
+        let mut reader = csv::Reader::from_reader(bytes.as_slice());
+        assert_eq!(reader.headers().unwrap(), table.columns());
+        let rows: Vec<Vec<String>> = reader.deserialize().map(Result::unwrap).collect();
+        assert_eq!(rows[..2], table.rows()[..2]);
+        assert_eq!(rows[2][0], r"two\nlines");
+        let folder = tempfile::tempdir().unwrap();
+        table.write_csv(folder.path().join("a.csv")).unwrap();
+        assert_eq!(std::fs::read(folder.path().join("a.csv")).unwrap(), bytes);
+    }
+
+    #[test]
+    fn text_is_aligned() {
+        assert_eq!(
+            sample().to_text(),
+            "setting        PSNR, dB   cost\n\
+             ─────────────  ────────  ─────\n\
+             exact             27.31  100 %\n\
+             a|b, \"quoted\"      −0.5    7 %\n\
+             two lines\n"
+        );
+    }
+
+    #[test]
+    fn markdown_escapes_bars_and_line_ends() {
+        assert_eq!(
+            sample().to_markdown(),
+            "| setting        | PSNR, dB |  cost |\n\
+             | :------------- | -------: | ----: |\n\
+             | exact          |    27.31 | 100 % |\n\
+             | a\\|b, \"quoted\" |     −0.5 |   7 % |\n\
+             | two<br>lines   |          |       |\n"
+        );
+    }
+
+    #[test]
+    fn ragged_and_empty_tables_are_whole() {
+        let mut table = Table::new(["a"]);
+        table.push(["1"]).push(["2", "3", "4"]).push(Vec::<String>::new());
+        assert!(table.rows().iter().all(|row| row.len() == 3) && table.columns().len() == 3);
+        assert!(table.to_markdown().lines().all(|line| line.matches('|').count() == 4));
+        table.to_csv().unwrap();
+        let none = Table::default();
+        assert_eq!((none.to_text(), none.to_csv().unwrap()), (String::new(), vec![]));
+    }
+}

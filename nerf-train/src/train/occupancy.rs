@@ -1,0 +1,423 @@
+//! Which cells of the scene box may hold something: carved from the pictures, then learned.
+
+use crate::data::{Background, View};
+use crate::model::field::densities;
+use glam::Vec3;
+use nerf_core::blob::StoredOccupancy;
+use nerf_core::camera::{Camera, Contraction, SceneBox};
+use nerf_core::network::Architecture;
+use nerf_core::sampling::{OccupancyGrid, Purpose, uniform};
+use nerf_core::simd::Isa;
+use rayon::prelude::*;
+use serde::{Deserialize, Serialize};
+
+/// A refresh that would leave a smaller share of the candidates is ignored: a network whose
+/// density is dead must not take the occupancy grid with it.
+const SMALLEST_SHARE: f64 = 0.02;
+/// A cell of the hull must be seen by one in so many of the views that see the best-seen cell:
+/// what lies behind the scene from a few cameras only is not carved, and is not the scene.
+const SEEN_SHARE: u32 = 4;
+/// Multiply-adds that asking every cell at eight points may take: some seconds.
+const SETTLE_MACS: usize = 300_000_000_000;
+/// Density of a cell that has not been asked yet: it stays live.
+const UNKNOWN: f32 = -1.0;
+
+/// A bit per cell: the occupancy grid as the blob keeps it.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct LiveCells {
+    min: [f32; 3],
+    max: [f32; 3],
+    resolution: [u16; 3],
+    bits: Vec<u8>,
+}
+
+impl LiveCells {
+    /// The box it divides.
+    pub fn bounds(&self) -> SceneBox {
+        SceneBox { min: Vec3::from(self.min), max: Vec3::from(self.max) }
+    }
+
+    /// Whether the cells of both are the same ones.
+    pub(crate) fn is_like(&self, other: &Self) -> bool {
+        let shape = |cells: &Self| (cells.min, cells.max, cells.resolution, cells.bits.len());
+        shape(self) == shape(other)
+    }
+
+    /// The numbers of the live cells.
+    pub(crate) fn cells(&self) -> Vec<u32> {
+        let lookup = self.lookup();
+        let count = self.resolution.iter().map(|&side| u32::from(side)).product();
+        (0..count).filter(|&cell| lookup.bit(cell as usize)).collect()
+    }
+
+    /// Cells along x, y, z.
+    pub fn resolution(&self) -> [u16; 3] {
+        self.resolution
+    }
+
+    /// One bit per cell, in the blob's order.
+    pub fn bits(&self) -> &[u8] {
+        &self.bits
+    }
+
+    /// As the renderer sees it.
+    pub fn lookup(&self) -> OccupancyGrid<'_> {
+        OccupancyGrid::new(self.bounds(), self.resolution, &self.bits)
+    }
+
+    fn cell_size(&self) -> Vec3 {
+        let sides = Vec3::from(self.resolution.map(f32::from));
+        (Vec3::from(self.max) - Vec3::from(self.min)) / sides
+    }
+
+    /// The point of a cell at fractions `u` of its sides.
+    fn point(&self, cell: u32, u: [f32; 3]) -> Vec3 {
+        let [_, ny, nz] = self.resolution.map(u32::from);
+        let index = [cell / (ny * nz), cell / nz % ny, cell % nz];
+        let at = Vec3::from_array(std::array::from_fn(|axis| index[axis] as f32 + u[axis]));
+        Vec3::from(self.min) + at * self.cell_size()
+    }
+
+    /// An occupancy grid of `resolution` over `bounds` in which the cells `live` (indices in the blob's order) may
+    /// hold something.
+    ///
+    /// # Panics
+    /// If a cell lies beyond the occupancy grid.
+    pub fn of(bounds: SceneBox, resolution: [u16; 3], live: impl IntoIterator<Item = u32>) -> Self {
+        let (min, max) = (bounds.min.into(), bounds.max.into());
+        let mut cells = Self { min, max, resolution, bits: vec![0; StoredOccupancy::bytes(resolution)] };
+        live.into_iter().for_each(|cell| cells.set(cell));
+        cells
+    }
+
+    fn set(&mut self, cell: u32) {
+        self.bits[cell as usize / 8] |= 1 << (cell % 8);
+    }
+}
+
+/// The live cells, with the densities behind them.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Occupancy {
+    live: LiveCells,
+    /// Cells that the pictures do not rule out.
+    candidates: Vec<u32>,
+    /// Remembered density of each candidate, 1/world unit.
+    density: Vec<f32>,
+    refreshes: u64,
+}
+
+impl Occupancy {
+    /// Cells along each side of a box of this extent, `resolution` along the longest.
+    pub fn sides(extent: Vec3, resolution: u16) -> [u16; 3] {
+        let cell = extent.max_element() / f32::from(resolution);
+        extent.to_array().map(|side| ((side / cell).round() as u16).clamp(1, resolution))
+    }
+
+    /// An occupancy grid with every cell live, `resolution` cells along the longest side.
+    pub fn full(bounds: SceneBox, resolution: u16) -> Self {
+        let sides = Self::sides(bounds.max - bounds.min, resolution);
+        let cells = sides.iter().map(|&side| u32::from(side)).product();
+        Self::of_candidates(bounds, sides, (0..cells).collect())
+    }
+
+    /// The cells of an unbounded scene that more than one view sees, each from its near on: in their middles.
+    pub fn seen(
+        bounds: SceneBox,
+        resolution: u16,
+        views: &[View],
+        contraction: &Contraction,
+        nears: &[f32],
+    ) -> Self {
+        let full = Self::full(bounds, resolution);
+        let seen = |&cell: &u32| {
+            let p = contraction.in_world(full.live.point(cell, [0.5; 3]));
+            let sees = |&(view, &near): &(&View, &f32)| {
+                let (camera, (width, height)) = (&view.camera, view.size());
+                let distance = (p - camera.pose().position).length();
+                let pixel = camera.project(p).filter(|_| distance >= near);
+                pixel.is_some_and(|(x, y)| {
+                    (0.0..=width as f32).contains(&x) && (0.0..=height as f32).contains(&y)
+                })
+            };
+            views.iter().zip(nears).filter(sees).take(2).count() == 2.min(views.len())
+        };
+        // The corners of the box are beyond all of space.
+        let reach = 2.0 * contraction.radius();
+        let inside = |&cell: &u32| {
+            (full.live.point(cell, [0.5; 3]) - contraction.centre()).length() < reach && seen(&cell)
+        };
+        let cells: Vec<u32> = full.candidates.par_iter().copied().filter(inside).collect();
+        Self::of_candidates(bounds, full.live.resolution, cells)
+    }
+
+    /// The same cells halved along each side: each becomes eight, live or not as it was.
+    pub fn halved(&self) -> Self {
+        let [_, ny, nz] = self.live.resolution.map(u32::from);
+        let resolution = self.live.resolution.map(|side| 2 * side);
+        let eight = |&cell: &u32| {
+            let [x, y, z] = [cell / (ny * nz), cell / nz % ny, cell % nz].map(|at| 2 * at);
+            (0..8u32).map(move |i| ((x + (i >> 2)) * 2 * ny + y + (i >> 1 & 1)) * 2 * nz + z + (i & 1))
+        };
+        let mut cells: Vec<u32> = self.candidates.iter().flat_map(eight).collect();
+        cells.sort_unstable();
+        Self::of_candidates(self.live.bounds(), resolution, cells)
+    }
+
+    fn of_candidates(bounds: SceneBox, resolution: [u16; 3], candidates: Vec<u32>) -> Self {
+        let live = LiveCells::of(bounds, resolution, candidates.iter().copied());
+        let density = vec![UNKNOWN; candidates.len()];
+        Self { live, candidates, density, refreshes: 0 }
+    }
+
+    /// The visual hull: cells that many views see, and none against its empty background.
+    ///
+    /// `None` if the pictures do not say what is empty. A view sees a cell if all of the window
+    /// that the cell's bounding sphere projects into is in the picture.
+    pub fn carve(bounds: SceneBox, resolution: u16, views: &[View], background: Background) -> Option<Self> {
+        let silhouettes: Option<Vec<Silhouette>> =
+            views.par_iter().map(|view| Silhouette::of(view, background)).collect();
+        let silhouettes = silhouettes?;
+        let full = Self::full(bounds, resolution);
+        let radius = 0.5 * full.live.cell_size().length();
+        // How many views see a cell, unless one sees it empty.
+        let seen = |&cell: &u32| {
+            let centre = full.live.point(cell, [0.5; 3]);
+            let mut seen = 0u32;
+            for silhouette in &silhouettes {
+                match silhouette.shows(centre, radius) {
+                    Some(false) => return 0,
+                    Some(true) => seen += 1,
+                    None => {}
+                }
+            }
+            seen
+        };
+        let seen: Vec<u32> = full.candidates.par_iter().map(seen).collect();
+        let enough = seen.iter().max().map_or(1, |most| most.div_ceil(SEEN_SHARE).max(1));
+        let kept = full.candidates.iter().zip(seen).filter(|&(_, seen)| seen >= enough);
+        let kept: Vec<u32> = kept.map(|(&cell, _)| cell).collect();
+        Some(Self::of_candidates(bounds, full.live.resolution, kept))
+    }
+
+    /// The box around the live cells, with a margin of one cell; `None` if nothing is live.
+    pub fn tight_box(&self) -> Option<SceneBox> {
+        let (mut low, mut high) = (Vec3::INFINITY, Vec3::NEG_INFINITY);
+        for &cell in &self.candidates {
+            low = low.min(self.live.point(cell, [-1.0; 3]));
+            high = high.max(self.live.point(cell, [2.0; 3]));
+        }
+        let (min, max) = (low.max(Vec3::from(self.live.min)), high.min(Vec3::from(self.live.max)));
+        SceneBox::new(min, max).ok()
+    }
+
+    /// Whether this may be the same occupancy grid after other steps.
+    pub(crate) fn is_like(&self, other: &Self) -> bool {
+        let candidates = self.candidates == other.candidates && self.density.len() == other.density.len();
+        candidates && self.live.is_like(&other.live) && self.refreshes <= u64::MAX / 2
+    }
+
+    /// As the renderer sees it.
+    pub fn lookup(&self) -> OccupancyGrid<'_> {
+        self.live.lookup()
+    }
+
+    /// Cells that the pictures do not rule out.
+    pub(crate) fn candidates(&self) -> usize {
+        self.candidates.len()
+    }
+
+    /// The cells that may hold something.
+    pub(crate) fn live(&self) -> &LiveCells {
+        &self.live
+    }
+
+    /// What a blob keeps of it.
+    pub fn into_live(self) -> LiveCells {
+        self.live
+    }
+
+    /// Asks the network again and, if `drop` says so, drops cells of too little density.
+    ///
+    /// `threshold`: sigma, 1/world unit, that keeps a cell. Each refresh asks at most `cells`
+    /// candidates, in turn, each at one random point; a cell remembers the larger of its answer
+    /// and `decay` times what it remembered.
+    pub fn refresh(&mut self, ask: &Ask<'_>, cells: usize, threshold: f32, decay: f32, drop: bool) {
+        let parts = self.candidates.len().div_ceil(cells.max(1)).max(1);
+        let part = (self.refreshes % parts as u64) as usize;
+        let asked: Vec<usize> = (part..self.candidates.len()).step_by(parts).collect();
+        let sigma = self.ask(ask, &asked, |axis, cell| {
+            uniform(ask.seed, Purpose::Cell, self.refreshes, 3 * u64::from(cell) + axis)
+        });
+        for (&i, sigma) in asked.iter().zip(sigma) {
+            self.density[i] = sigma.max(self.density[i] * decay);
+        }
+        self.refreshes += 1;
+        if drop {
+            self.apply(threshold, SMALLEST_SHARE);
+        }
+    }
+
+    /// The last word before export: every candidate not known to be live is asked at `2 × 2 × 2` points of its own.
+    ///
+    /// One answer above `threshold` settles a cell, so that it is not asked further. Where asking all would
+    /// take too long (a large occupancy grid and a large network) a cell is asked at its centre only, and the
+    /// neighbours of live cells stay live too.
+    pub fn settle(&mut self, ask: &Ask<'_>, threshold: f32) {
+        self.settle_to(ask, threshold, SMALLEST_SHARE);
+    }
+
+    /// The occupancy grid of a network that is finished, `resolution` cells along the longest side: as
+    /// [`Self::settle`], but however few cells are left.
+    pub fn asked(bounds: SceneBox, resolution: u16, ask: &Ask<'_>, threshold: f32) -> Self {
+        let mut occupancy = Self::full(bounds, resolution);
+        occupancy.settle_to(ask, threshold, 0.0);
+        occupancy
+    }
+
+    /// As [`Self::asked`], of the live cells of a grid alone.
+    pub fn asked_within(cells: &LiveCells, ask: &Ask<'_>, threshold: f32) -> Self {
+        let mut occupancy = Self::of_candidates(cells.bounds(), cells.resolution(), cells.cells());
+        occupancy.settle_to(ask, threshold, 0.0);
+        occupancy
+    }
+
+    fn settle_to(&mut self, ask: &Ask<'_>, threshold: f32, smallest_share: f64) {
+        let cells = self.candidates.len();
+        let macs = ask.architecture.density_macs() * cells;
+        let points: &[f32] = if 8 * macs <= SETTLE_MACS { &[0.25, 0.75] } else { &[0.5] };
+        let mut open: Vec<usize> = (0..cells).filter(|&i| self.density[i] <= threshold).collect();
+        // What is unknown is known after this.
+        open.iter().for_each(|&i| self.density[i] = self.density[i].max(0.0));
+        for corner in 0..points.len().pow(3) {
+            let u = |axis: u64| points[(corner >> axis & 1) % points.len()];
+            let sigma = self.ask(ask, &open, |axis, _| u(axis));
+            for (&i, sigma) in open.iter().zip(sigma) {
+                self.density[i] = self.density[i].max(sigma);
+            }
+            open.retain(|&i| self.density[i] <= threshold);
+        }
+        self.apply(threshold, smallest_share);
+        if points.len() == 1 {
+            self.dilate();
+        }
+    }
+
+    /// Makes the candidates next to live cells live.
+    fn dilate(&mut self) {
+        let sides = self.live.resolution.map(i64::from);
+        let live = self.lookup();
+        let near_live = |&cell: &u32| {
+            let cell = i64::from(cell);
+            let at = [cell / (sides[1] * sides[2]), cell / sides[2] % sides[1], cell % sides[2]];
+            (0..27).any(|i| {
+                let n = [at[0] + i / 9 - 1, at[1] + i / 3 % 3 - 1, at[2] + i % 3 - 1];
+                let inside = (0..3).all(|axis| (0..sides[axis]).contains(&n[axis]));
+                inside && live.bit(((n[0] * sides[1] + n[1]) * sides[2] + n[2]) as usize)
+            })
+        };
+        let near: Vec<u32> = self.candidates.par_iter().copied().filter(near_live).collect();
+        near.into_iter().for_each(|cell| self.live.set(cell));
+    }
+
+    fn ask(&self, ask: &Ask<'_>, which: &[usize], u: impl Fn(u64, u32) -> f32 + Sync) -> Vec<f32> {
+        let point = |&i: &usize| {
+            let cell = self.candidates[i];
+            self.live.point(cell, std::array::from_fn(|axis| u(axis as u64, cell))).to_array()
+        };
+        let points: Vec<[f32; 3]> = which.par_iter().map(point).collect();
+        let mut sigma = densities(ask.isa, ask.architecture, ask.parameters, &self.live.bounds(), &points);
+        // Where steps are longer, less density is as much light.
+        if let Some(contraction) = &ask.contraction {
+            sigma.iter_mut().zip(points).for_each(|(sigma, p)| *sigma *= contraction.step_growth(p.into()));
+        }
+        sigma
+    }
+
+    /// Sets the bits from the densities, unless less than that share of the candidates would be left.
+    fn apply(&mut self, threshold: f32, smallest_share: f64) {
+        let live = |&density: &f32| density == UNKNOWN || density > threshold;
+        let count = self.density.iter().filter(|density| live(density)).count();
+        if (count as f64) < smallest_share * self.candidates.len() as f64 {
+            return;
+        }
+        self.live.bits.fill(0);
+        for (&cell, density) in self.candidates.iter().zip(&self.density) {
+            if live(density) {
+                self.live.set(cell);
+            }
+        }
+    }
+}
+
+/// The network an occupancy grid asks.
+#[derive(Clone, Copy, Debug)]
+pub struct Ask<'a> {
+    /// With which instructions.
+    pub isa: Isa,
+    /// Its shape.
+    pub architecture: &'a Architecture,
+    /// Its parameters, in export order.
+    pub parameters: &'a [f32],
+    /// Seed of the run.
+    pub seed: u64,
+    /// Of an unbounded scene.
+    pub contraction: Option<Contraction>,
+}
+
+/// Where a view sees something, as sums over rectangles.
+struct Silhouette {
+    camera: Camera,
+    width: usize,
+    height: usize,
+    /// Summed-area table, `[(height + 1)][(width + 1)]`.
+    sums: Vec<u32>,
+}
+
+impl Silhouette {
+    fn of(view: &View, background: Background) -> Option<Self> {
+        let (width, height) = view.size();
+        let (width, height) = (width as usize, height as usize);
+        let mut sums = vec![0u32; (width + 1) * (height + 1)];
+        for y in 0..height {
+            let mut row = 0;
+            for x in 0..width {
+                let index = y * width + x;
+                // What does not count may show anything.
+                row += u32::from(is_foreground(view.pixels[index], background)? || !view.counts(index));
+                sums[(y + 1) * (width + 1) + x + 1] = sums[y * (width + 1) + x + 1] + row;
+            }
+        }
+        Some(Self { camera: view.camera, width, height, sums })
+    }
+
+    /// Whether the view shows anything where a ball projects to; `None` if it does not see all of it.
+    fn shows(&self, centre: Vec3, radius: f32) -> Option<bool> {
+        let pose = self.camera.pose();
+        let local = pose.rotation.transpose() * (centre - pose.position);
+        let z = -local.z;
+        if z <= 2.0 * radius {
+            return None;
+        }
+        let i = self.camera.intrinsics();
+        let (u, v) = self.camera.lens().project(Vec3::new(local.x, -local.y, z))?;
+        let (x, y) = (i.cx + i.fx * u, i.cy + i.fy * v);
+        // The ball's outline, and a pixel for resampling.
+        let reach = radius / (z - radius) * i.fx.max(i.fy) * (1.0 + u * u + v * v).sqrt() + 1.0;
+        let (x0, x1, y0, y1) = (x - reach, x + reach, y - reach, y + reach);
+        if !(x0 >= 0.0 && y0 >= 0.0 && x1 <= self.width as f32 && y1 <= self.height as f32) {
+            return None;
+        }
+        let (x0, y0, x1, y1) = (x0 as usize, y0 as usize, x1.ceil() as usize, y1.ceil() as usize);
+        let at = |x: usize, y: usize| self.sums[y * (self.width + 1) + x];
+        Some(at(x1, y1) + at(x0, y0) != at(x0, y1) + at(x1, y0))
+    }
+}
+
+/// Whether a pixel shows something; `None` if the pictures do not say.
+pub fn is_foreground(pixel: [u8; 4], background: Background) -> Option<bool> {
+    match background {
+        Background::Alpha => Some(pixel[3] > 0),
+        Background::Constant(colour) => Some(pixel[..3] != colour),
+        Background::Unknown => None,
+    }
+}

@@ -1,0 +1,391 @@
+//! The samples of one ray in occupied cells, sixteen at a time.
+
+use crate::train::occupancy::LiveCells;
+use glam::Vec3;
+use nerf_core::camera::{Contraction, Ray, SceneBox};
+use nerf_core::simd::{Isa, Lanes, Op};
+
+/// Samples that are looked up together.
+const GROUP: usize = 16;
+/// Added to a number from 0 to 2^22, it leaves the nearest whole one in the last bits.
+const MAGIC: f32 = 8_388_608.0;
+
+/// Cells along each side of a block.
+const BLOCK_SIDE: usize = 8;
+
+/// Occupied cells of a scene box, as a march takes them.
+#[derive(Clone, Debug)]
+pub struct MarchCells {
+    bounds: SceneBox,
+    resolution: [u16; 3],
+    /// Bit `(x ny + y) nz + z`, least significant bit of a byte first.
+    bits: Vec<u8>,
+    /// Blocks of [`BLOCK_SIDE`]³ cells along x, y, z.
+    blocks: [u16; 3],
+    /// Whether a block or one next to it has an occupied cell; bits as those of the cells.
+    near: Vec<u8>,
+}
+
+impl MarchCells {
+    /// The cells of an occupancy grid.
+    pub fn new(cells: &LiveCells) -> Self {
+        let (bits, resolution) = (cells.bits(), cells.resolution());
+        let blocks = resolution.map(|side| side.div_ceil(BLOCK_SIDE as u16));
+        let [nx, ny, nz] = resolution.map(usize::from);
+        let [bx, by, bz] = blocks.map(usize::from);
+        let mut live = vec![false; bx * by * bz];
+        for (x, y) in (0..nx).flat_map(|x| (0..ny).map(move |y| (x, y))) {
+            let (row, block) = ((x * ny + y) * nz, (x / BLOCK_SIDE * by + y / BLOCK_SIDE) * bz);
+            for (z, live) in live[block..][..bz].iter_mut().enumerate() {
+                let (first, count) = (row + z * BLOCK_SIDE, BLOCK_SIDE.min(nz - z * BLOCK_SIDE));
+                let byte = |i: usize| u32::from(bits.get(first / 8 + i).copied().unwrap_or(0));
+                *live |= (byte(0) | byte(1) << 8) >> (first % 8) & ((1 << count) - 1) != 0;
+            }
+        }
+        // Along one axis after another: 3 in a row are 3 x 3 x 3 in the end.
+        for (stride, side) in [(by * bz, bx), (bz, by), (1, bz)] {
+            let before = live.clone();
+            for (i, live) in live.iter_mut().enumerate() {
+                let at = i / stride % side;
+                *live |= at > 0 && before[i - stride] || at + 1 < side && before[i + stride];
+            }
+        }
+        let near =
+            live.chunks(8).map(|live| live.iter().rev().fold(0, |byte, &live| byte << 1 | u8::from(live)));
+        Self { bounds: cells.bounds(), resolution, bits: bits.to_vec(), blocks, near: near.collect() }
+    }
+
+    /// The box that the cells divide.
+    pub fn bounds(&self) -> SceneBox {
+        self.bounds
+    }
+
+    fn lookup(&self, ray: &Ray) -> Lookup<'_> {
+        Lookup::new(&self.bits, self.resolution, self.resolution.map(f32::from), &self.bounds, ray)
+    }
+
+    /// As [`Self::lookup`], of the blocks: the last ones may reach out of the box.
+    fn block_lookup(&self, ray: &Ray) -> Lookup<'_> {
+        let sides = self.resolution.map(|side| f32::from(side) / BLOCK_SIDE as f32);
+        Lookup::new(&self.near, self.blocks, sides, &self.bounds, ray)
+    }
+}
+
+/// Bits of the cells along one ray.
+struct Lookup<'a> {
+    bits: &'a [u8],
+    resolution: [u32; 3],
+    /// Last cell along each axis.
+    last: [f32; 3],
+    /// In cells, half a cell back: what rounds to a whole number is then that cell.
+    from: [f32; 3],
+    along: [f32; 3],
+}
+
+impl<'a> Lookup<'a> {
+    /// `sides`: cells that the box is long.
+    fn new(bits: &'a [u8], resolution: [u16; 3], sides: [f32; 3], bounds: &SceneBox, ray: &Ray) -> Self {
+        let scale = Vec3::from(sides) / (bounds.max - bounds.min);
+        Self {
+            bits,
+            resolution: resolution.map(u32::from),
+            last: resolution.map(|side| f32::from(side) - 1.0),
+            from: ((ray.origin - bounds.min) * scale - 0.5).to_array(),
+            along: (ray.dir * scale).to_array(),
+        }
+    }
+
+    /// Bit `i`: that of the cell at `t = first + (base + i) step`; the nearest cell's, where that is outside of the box.
+    #[inline(always)]
+    fn live(&self, first: f32, step: f32, base: u32) -> u32 {
+        let [_, ny, nz] = self.resolution;
+        let mut index = [0u32; GROUP];
+        // Written for the compiler to vectorise with the instruction set's own.
+        for (i, index) in index.iter_mut().enumerate() {
+            let t = first + (base + i as u32) as f32 * step;
+            let cell = |axis: usize| {
+                let x = (self.from[axis] + t * self.along[axis]).max(0.0).min(self.last[axis]);
+                (x + MAGIC).to_bits() & 0x007f_ffff
+            };
+            *index = (cell(0) * ny + cell(1)) * nz + cell(2);
+        }
+        let mut live = 0;
+        for (i, &index) in index.iter().enumerate() {
+            let byte = self.bits.get(index as usize / 8).copied().unwrap_or(0);
+            live |= u32::from(byte >> (index % 8) & 1) << i;
+        }
+        live
+    }
+}
+
+/// The first `count` bits of a group; all of them, if it is longer.
+#[inline(always)]
+fn first_bits(count: u32) -> u32 {
+    u32::MAX >> (32 - count.min(GROUP as u32))
+}
+
+/// Appends to `positions` the points `t = first + i step` of `ray`, `i` in `0..count`, that lie in occupied cells.
+///
+/// A point is taken as one of the box; on a face between two cells, as one of either.
+pub(super) fn march(
+    isa: Isa,
+    cells: &MarchCells,
+    ray: &Ray,
+    first: f32,
+    step: f32,
+    count: u32,
+    positions: &mut Vec<[f32; 3]>,
+) {
+    isa.run(March { cells, ray, first, step, count, positions });
+}
+
+struct March<'a> {
+    cells: &'a MarchCells,
+    ray: &'a Ray,
+    first: f32,
+    step: f32,
+    count: u32,
+    positions: &'a mut Vec<[f32; 3]>,
+}
+
+impl Op for March<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run<V: Lanes>(self) {
+        let Self { cells, ray, first, step, count, positions } = self;
+        let (origin, dir) = (ray.origin.to_array(), ray.dir.to_array());
+        let (lookup, blocks) = (cells.lookup(ray), cells.block_lookup(ray));
+        // From the middle of a group to its ends, and the rounding: less than a block.
+        let half = 0.5 * (GROUP - 1) as f32;
+        let reach = lookup.along.iter().fold(0.0f32, |most, along| most.max(along.abs())) * half * step;
+        let by_blocks = reach < BLOCK_SIDE as f32 - 0.5;
+        let groups = count.div_ceil(GROUP as u32);
+        for group in (0..groups).step_by(GROUP) {
+            let mut near = first_bits(groups - group);
+            if by_blocks {
+                near &= blocks.live(first + half * step, GROUP as f32 * step, group);
+            }
+            while near != 0 {
+                let base = (group + near.trailing_zeros()) * GROUP as u32;
+                near &= near - 1;
+                let mut live = lookup.live(first, step, base) & first_bits(count - base);
+                while live != 0 {
+                    let t = first + (base + live.trailing_zeros()) as f32 * step;
+                    live &= live - 1;
+                    positions.push(std::array::from_fn(|axis| origin[axis] + t * dir[axis]));
+                }
+            }
+        }
+    }
+}
+
+/// As [`march`], of a ray through an unbounded scene: the points are at `first + i step` of the steps of its contraction
+/// ([`Contraction::distance`]), contracted, in `samples` with how long each step is, world units, and what its gradient
+/// is scaled by: nearer to the camera, which is `start` before the ray, than a radius of the ball, the square of the
+/// distance in radii. Cells close to a camera have many rays through them, and all are of that camera: fog would settle
+/// there.
+///
+/// # Source
+/// Philip and Deschaintre 2023, "Floaters No More".
+pub(super) fn march_contracted(
+    isa: Isa,
+    cells: &MarchCells,
+    contraction: &Contraction,
+    ray: &Ray,
+    (first, step, count): (f32, f32, u32),
+    start: f32,
+    samples: &mut Samples,
+) {
+    isa.run(MarchContracted { cells, contraction, ray, first, step, count, start, samples });
+}
+
+/// Samples of rays through an unbounded scene: see [`march_contracted`].
+#[derive(Default)]
+pub(super) struct Samples {
+    pub positions: Vec<[f32; 3]>,
+    pub deltas: Vec<f32>,
+    pub gradient_scales: Vec<f32>,
+}
+
+struct MarchContracted<'a> {
+    cells: &'a MarchCells,
+    contraction: &'a Contraction,
+    ray: &'a Ray,
+    first: f32,
+    step: f32,
+    count: u32,
+    start: f32,
+    samples: &'a mut Samples,
+}
+
+impl Op for MarchContracted<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run<V: Lanes>(self) {
+        let Self { cells, contraction, ray, first, step, count, start, samples } = self;
+        let sides = cells.resolution.map(f32::from);
+        let extent = (cells.bounds.max - cells.bounds.min).to_array();
+        let (origin, dir) = (ray.origin.to_array(), ray.dir.to_array());
+        let min = cells.bounds.min.to_array();
+        let scale: [f32; 3] = std::array::from_fn(|axis| sides[axis] / extent[axis]);
+        let last = sides.map(|side| side - 1.0);
+        let [_, ny, nz] = cells.resolution.map(u32::from);
+        let (half, per_radius) = (V::splat(0.5 * step), V::splat(contraction.radius().recip()));
+        for base in (0..count).step_by(GROUP) {
+            let mut at = [0.0f32; GROUP];
+            for (i, at) in at.iter_mut().enumerate() {
+                *at = first + (base + i as u32) as f32 * step;
+            }
+            let mut points = [[0.0f32; GROUP]; 3];
+            for from in (0..GROUP).step_by(V::COUNT) {
+                let t = contraction.distance_lanes(V::load(&at[from..]));
+                let mut p = [t; 3];
+                for (axis, p) in p.iter_mut().enumerate() {
+                    *p = V::splat(origin[axis]).add(V::splat(dir[axis]).mul(t));
+                }
+                let p = contraction.contract_lanes(p);
+                for (axis, p) in p.into_iter().enumerate() {
+                    p.store(&mut points[axis][from..]);
+                }
+            }
+            let mut live = 0u32;
+            let [xs, ys, zs] = &points;
+            for (i, ((&x, &y), &z)) in xs.iter().zip(ys).zip(zs).enumerate() {
+                let cell = |axis: usize, x: f32| {
+                    let x = (x - min[axis]) * scale[axis] - 0.5;
+                    (x.max(0.0).min(last[axis]) + MAGIC).to_bits() & 0x007f_ffff
+                };
+                let index = (cell(0, x) * ny + cell(1, y)) * nz + cell(2, z);
+                let byte = cells.bits.get(index as usize / 8).copied().unwrap_or(0);
+                live |= u32::from(byte >> (index % 8) & 1) << i;
+            }
+            live &= first_bits(count - base);
+            if live == 0 {
+                continue;
+            }
+            let (mut lengths, mut scales) = ([0.0f32; GROUP], [0.0f32; GROUP]);
+            for from in (0..GROUP).step_by(V::COUNT) {
+                let at = V::load(&at[from..]);
+                let radii = contraction.distance_lanes(at).add(V::splat(start)).mul(per_radius);
+                V::splat(1.0).min_of(radii.mul(radii)).store(&mut scales[from..]);
+                let length =
+                    contraction.distance_lanes(at.add(half)).sub(contraction.distance_lanes(at.sub(half)));
+                length.store(&mut lengths[from..]);
+            }
+            while live != 0 {
+                let i = live.trailing_zeros() as usize;
+                live &= live - 1;
+                samples.positions.push([points[0][i], points[1][i], points[2][i]]);
+                samples.deltas.push(lengths[i]);
+                samples.gradient_scales.push(scales[i]);
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use nerf_core::sampling::{Purpose, uniform};
+
+    /// An occupancy grid of which about so large a share is live, in clumps of `side` cells each way.
+    fn cells(bounds: SceneBox, resolution: [u16; 3], side: u32, share: f32) -> LiveCells {
+        let [nx, ny, nz] = resolution.map(u32::from);
+        let clump = |cell: u32| {
+            [cell / (ny * nz), cell / nz % ny, cell % nz]
+                .iter()
+                .fold(0, |all, at| 1000 * all + u64::from(at / side))
+        };
+        let live = |&cell: &u32| uniform(7, Purpose::Cell, 0, clump(cell)) < share;
+        LiveCells::of(bounds, resolution, (0..nx * ny * nz).filter(live))
+    }
+
+    #[test]
+    fn the_samples_of_a_march_are_those_in_occupied_cells() {
+        let bounds = SceneBox::new(Vec3::new(-1.0, -0.5, 0.25), Vec3::new(1.0, 2.0, 1.0)).expect("a box");
+        let draw = |i: u64| uniform(7, Purpose::Cell, 1, i);
+        // Blocks of cells with nothing in them, and steps that are too long for those.
+        for (resolution, side, share, step) in
+            [([9u16, 17, 5], 1, 0.5, 0.013), ([70, 83, 25], 5, 0.02, 0.025), ([70, 83, 25], 5, 0.02, 0.06)]
+        {
+            let live = cells(bounds, resolution, side, share);
+            let (marched, occupancy) = (MarchCells::new(&live), live.lookup());
+            let (mut found, mut expected, mut apart) = (0, 0, 0);
+            for i in 0..600u64 {
+                let v = |j: u64| {
+                    Vec3::new(draw(1000 + 6 * i + j), draw(9000 + 6 * i + j), draw(19000 + 6 * i + j))
+                };
+                let origin = bounds.min + (bounds.max - bounds.min) * v(0);
+                let Some(dir) = (v(1) - Vec3::splat(0.5)).try_normalize() else { continue };
+                let ray = Ray { origin, dir };
+                let Some((enter, exit)) = bounds.clip(&ray, 0.0, 1e9) else { continue };
+                let count = ((exit - enter) / step) as u32;
+                let mut positions = Vec::new();
+                march(Isa::detect(), &marched, &ray, enter, step, count, &mut positions);
+                let points = (0..count).map(|i| ray.at(enter + i as f32 * step));
+                let oracle: Vec<Vec3> = points.filter(|&p| occupancy.occupied(p)).collect();
+                found += positions.len();
+                expected += oracle.len();
+                apart += positions.len().abs_diff(oracle.len());
+            }
+            // Points on a face belong to either cell.
+            let few = expected > 100 && apart <= 3;
+            assert!(few, "{resolution:?}: {found} found, {expected} expected, {apart} apart");
+        }
+    }
+
+    #[test]
+    fn the_samples_of_a_contracted_march_are_those_in_occupied_cells() {
+        let bounds = Contraction::cube(Vec3::new(0.5, -1.0, 2.0), 1.5);
+        let contraction = Contraction::new(&bounds, 2).expect("a cube");
+        let resolution = [9u16, 17, 5];
+        let draw = |i: u64| uniform(7, Purpose::Cell, 1, i);
+        let live = cells(bounds, resolution, 1, 0.5);
+        let (cells, occupancy) = (MarchCells::new(&live), live.lookup());
+        let (mut expected, mut apart) = (0, 0);
+        for i in 0..200u64 {
+            let v =
+                |j: u64| Vec3::new(draw(1000 + 6 * i + j), draw(2000 + 6 * i + j), draw(3000 + 6 * i + j));
+            let origin = bounds.min + (bounds.max - bounds.min) * v(0);
+            let Some(dir) = (v(1) - Vec3::splat(0.5)).try_normalize() else { continue };
+            let eye = Ray { origin, dir };
+            let (ray, start) = contraction.centred(&eye);
+            // No whole number of groups.
+            let (first, step, count) = (-1.3, 0.03, 130);
+            let mut samples = Samples::default();
+            march_contracted(
+                Isa::detect(),
+                &cells,
+                &contraction,
+                &ray,
+                (first, step, count),
+                start,
+                &mut samples,
+            );
+            let Samples { positions, deltas, gradient_scales } = samples;
+            assert_eq!((positions.len(), positions.len()), (deltas.len(), gradient_scales.len()));
+            let at = (0..count).map(|i| first + i as f32 * step);
+            let point = |s: f32| contraction.contract(ray.at(contraction.distance(s)));
+            let oracle: Vec<f32> = at.filter(|&s| occupancy.occupied(point(s))).collect();
+            expected += oracle.len();
+            apart += positions.len().abs_diff(oracle.len());
+            if positions.len() == oracle.len() {
+                for (((p, delta), scale), &s) in
+                    positions.iter().zip(deltas).zip(gradient_scales).zip(&oracle)
+                {
+                    let radii =
+                        (ray.at(contraction.distance(s)) - eye.origin).dot(dir) / contraction.radius();
+                    let expected = (radii * radii).min(1.0);
+                    assert!((scale - expected).abs() < 1e-3, "{scale}, not {expected}");
+                    let length = contraction.distance(s + 0.5 * step) - contraction.distance(s - 0.5 * step);
+                    assert!((Vec3::from(*p) - point(s)).length() < 1e-4, "{p:?} at {s}");
+                    assert!((delta - length).abs() < 1e-3 * length, "{delta}, not {length}");
+                }
+            }
+        }
+        // Points on a face belong to either cell.
+        assert!(expected > 4_000 && apart <= 3, "{expected} expected, {apart} apart");
+    }
+}

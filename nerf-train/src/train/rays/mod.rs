@@ -1,0 +1,466 @@
+//! Batches: which pixels, which samples along their rays.
+
+mod march;
+
+use crate::data::{Background, View};
+use crate::model::config::{Config, Jitter};
+use crate::model::engine::{Batch, BatchRay};
+use crate::train::occupancy::is_foreground;
+use glam::Vec3;
+pub use march::MarchCells;
+use march::{Samples, march, march_contracted};
+use nerf_core::blob::SceneSampling;
+use nerf_core::camera::{Camera, Contraction, Ray, SceneBox};
+use nerf_core::sampling::{Bins, OccupancyGrid, Purpose, uniform, uniform_u32};
+use nerf_core::simd::Isa;
+use rayon::prelude::*;
+use std::ops::Range;
+use std::time::{Duration, Instant};
+
+/// How far around the foreground rays are still drawn, pixels.
+const FOREGROUND_MARGIN: usize = 4;
+/// Rays that are walked together by one task.
+const CHUNK: usize = 128;
+/// The same of an unbounded scene, whose rays are fewer and longer.
+const CONTRACTED_CHUNK: usize = 16;
+
+/// All pixels a run may draw, and how their rays are sampled.
+pub struct RayBank<'d> {
+    views: &'d [View],
+    /// First pixel of each view in the numbering over all views, and the end.
+    starts: Vec<u64>,
+    /// Pixels that may be drawn: near the foreground, where the pictures tell it, and not masked. `None`: all.
+    drawn: Option<Vec<u32>>,
+    /// Of each view with a mask, the pixels that count, where views are drawn before their pixels; else empty.
+    unmasked: Vec<Option<Vec<u32>>>,
+    background: Background,
+    bins: Bins,
+    bounds: SceneBox,
+    contraction: Option<Contraction>,
+    /// Where the rays of each view of an unbounded scene begin.
+    nears: Vec<f32>,
+    near: f32,
+    far: f32,
+    jitter: Jitter,
+    images: usize,
+    random_background: bool,
+    /// Weight of the distortion loss in an unbounded scene.
+    distortion: f32,
+    seed: u64,
+}
+
+/// Where the scene is.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Bounds {
+    /// Rays begin here, world units.
+    pub near: f32,
+    /// Rays end here, world units.
+    pub far: f32,
+    /// Nothing is outside of it.
+    pub scene_box: SceneBox,
+    /// Of an unbounded scene, which is contracted into the box.
+    pub contraction: Option<Contraction>,
+}
+
+impl Bounds {
+    /// Width of a marched step, world units: `steps_across` of them are as long as the longest side of the scene box, or in
+    /// an unbounded scene as the diameter of the ball that is not contracted.
+    pub fn step(&self, steps_across: u16) -> f32 {
+        let across = match self.contraction {
+            Some(contraction) => 2.0 * contraction.radius(),
+            None => (self.scene_box.max - self.scene_box.min).max_element(),
+        };
+        across / f32::from(steps_across)
+    }
+
+    /// Samples of a ray that is marched at that step.
+    pub fn sampling(&self, steps_across: u16) -> SceneSampling {
+        match self.contraction {
+            Some(contraction) => SceneSampling::Contracted {
+                step: self.step(steps_across) / contraction.radius(),
+                power: contraction.power(),
+            },
+            None => SceneSampling::March(self.step(steps_across)),
+        }
+    }
+}
+
+/// Some rays, where their samples lie, how wide these are, and the time it took.
+type Marched = (Vec<BatchRay>, Samples, Duration);
+
+impl<'d> RayBank<'d> {
+    /// A bank over `views`.
+    ///
+    /// # Errors
+    /// Bounds that leave no bins.
+    pub fn new(
+        views: &'d [View],
+        background: Background,
+        bounds: Bounds,
+        config: &Config,
+    ) -> Result<Self, nerf_core::camera::BoundsError> {
+        let mut starts = vec![0u64];
+        for view in views {
+            starts.push(starts[starts.len() - 1] + view.pixels.len() as u64);
+        }
+        let total = starts[views.len()];
+        // Without an occupancy grid every ray counts: the network itself must learn what is empty.
+        let near_foreground =
+            if config.occupancy.skip && config.occupancy.hull && total <= u64::from(u32::MAX) {
+                near_foreground(views, &starts, background).filter(|pixels| !pixels.is_empty())
+            } else {
+                None
+            };
+        let drawn = near_foreground.or_else(|| counting(views, &starts));
+        let unmasked = match config.sampling.images {
+            0 => Vec::new(),
+            _ => views.iter().map(|view| counting(std::slice::from_ref(view), &[0])).collect(),
+        };
+        let Bounds { near, far, scene_box, contraction } = bounds;
+        Ok(Self {
+            views,
+            starts,
+            drawn,
+            unmasked,
+            background,
+            bins: Bins::new(near, far, u32::from(config.sampling.samples))?,
+            bounds: scene_box,
+            contraction,
+            nears: vec![near; views.len()],
+            near,
+            far,
+            jitter: config.sampling.jitter,
+            images: config.sampling.images,
+            random_background: config.sampling.random_background,
+            distortion: config.sampling.distortion,
+            seed: config.seed,
+        })
+    }
+
+    /// The same bank with rays of an unbounded scene that begin at these distances, one a view.
+    #[must_use]
+    pub fn with_nears(mut self, nears: Vec<f32>) -> Self {
+        self.nears = nears;
+        self
+    }
+
+    /// Pixels that may be drawn.
+    pub fn pixels(&self) -> u64 {
+        self.drawn.as_ref().map_or(self.starts[self.views.len()], |pixels| pixels.len() as u64)
+    }
+
+    /// Fills `batch` with the rays of `step`: `rays` of them, or as many as bring `live` samples.
+    ///
+    /// `occupancy` says where a sample is live; without it every sample inside the scene box is.
+    pub fn fill(
+        &self,
+        batch: &mut Batch,
+        step: u64,
+        rays: usize,
+        live: usize,
+        occupancy: Option<&OccupancyGrid<'_>>,
+    ) {
+        batch.clear();
+        let chunks: Vec<Vec<(BatchRay, Vec<[f32; 3]>)>> = (0..rays.div_ceil(CHUNK))
+            .into_par_iter()
+            .map(|chunk| {
+                let range = chunk * CHUNK..rays.min((chunk + 1) * CHUNK);
+                let targets = self.targets(step, range, rays);
+                targets
+                    .map(|(index, _, ray, target)| self.samples(step, index, ray, target, occupancy))
+                    .collect()
+            })
+            .collect();
+        for (ray, positions) in chunks.into_iter().flatten() {
+            if live > 0 && batch.positions.len() + positions.len() > live && !batch.rays.is_empty() {
+                break;
+            }
+            batch.positions.extend(positions);
+            batch.rays.push(ray);
+        }
+        batch.deltas.resize(batch.positions.len(), self.bins.delta());
+    }
+
+    /// Fills `batch` with `rays` rays of `step`: of each the samples in `cells`, `width` apart, from a random place in
+    /// the first of these steps on. Gives the time that this took, summed over threads.
+    ///
+    /// Where the training cameras stood does not matter: what is marched is the ray within the scene box.
+    pub fn fill_marched(
+        &self,
+        isa: Isa,
+        batch: &mut Batch,
+        step: u64,
+        rays: usize,
+        cells: &MarchCells,
+        width: f32,
+    ) -> Duration {
+        if let Some(contraction) = &self.contraction {
+            let width = width / contraction.radius();
+            return self.fill_contracted(isa, batch, (step, rays), cells, contraction, width);
+        }
+        batch.clear();
+        let chunks: Vec<(Vec<BatchRay>, Vec<[f32; 3]>, Duration)> = (0..rays.div_ceil(CHUNK))
+            .into_par_iter()
+            .map(|chunk| {
+                let begun = Instant::now();
+                let range = chunk * CHUNK..rays.min((chunk + 1) * CHUNK);
+                let (mut rays_of, mut positions) =
+                    (Vec::with_capacity(CHUNK), Vec::with_capacity(16 * CHUNK));
+                for (index, _, ray, mut batch_ray) in self.targets(step, range, rays) {
+                    let before = positions.len();
+                    if let Some((enter, exit)) = self.bounds.clip(&ray, 0.0, f32::MAX) {
+                        let u = uniform(self.seed, Purpose::Jitter, step, index);
+                        let (first, count) = (enter + u * width, ((exit - enter) / width).ceil() as u32);
+                        march(isa, cells, &ray, first, width, count, &mut positions);
+                    }
+                    batch_ray.samples = (positions.len() - before) as u32;
+                    rays_of.push(batch_ray);
+                }
+                (rays_of, positions, begun.elapsed())
+            })
+            .collect();
+        let mut time = Duration::ZERO;
+        for (rays, positions, taken) in chunks {
+            batch.rays.extend(rays);
+            batch.positions.extend(positions);
+            time += taken;
+        }
+        batch.deltas.resize(batch.positions.len(), width);
+        time
+    }
+
+    /// As [`Self::fill_marched`], of an unbounded scene: `step` is in radii of `contraction`'s ball where nothing is
+    /// contracted.
+    fn fill_contracted(
+        &self,
+        isa: Isa,
+        batch: &mut Batch,
+        (step, rays): (u64, usize),
+        cells: &MarchCells,
+        contraction: &Contraction,
+        width: f32,
+    ) -> Duration {
+        batch.clear();
+        batch.faint = Some((self.seed, step));
+        batch.distortion = self.distortion / (self.bounds.max - self.bounds.min).max_element();
+        let far = contraction.step_at(self.far);
+        let chunks: Vec<Marched> = (0..rays.div_ceil(CONTRACTED_CHUNK))
+            .into_par_iter()
+            .map(|chunk| {
+                let begun = Instant::now();
+                let range = chunk * CONTRACTED_CHUNK..rays.min((chunk + 1) * CONTRACTED_CHUNK);
+                let (mut rays_of, mut samples) = (Vec::new(), Samples::default());
+                for (index, view, ray, mut batch_ray) in self.targets(step, range, rays) {
+                    let before = samples.positions.len();
+                    let (ray, start) = contraction.centred(&ray);
+                    let first = contraction.step_at(self.nears[view] - start);
+                    let u = uniform(self.seed, Purpose::Jitter, step, index);
+                    let count = ((far - first) / width).ceil().max(0.0) as u32;
+                    let walk = (first + u * width, width, count);
+                    march_contracted(isa, cells, contraction, &ray, walk, start, &mut samples);
+                    batch_ray.samples = (samples.positions.len() - before) as u32;
+                    rays_of.push(batch_ray);
+                }
+                (rays_of, samples, begun.elapsed())
+            })
+            .collect();
+        let mut time = Duration::ZERO;
+        for (rays, samples, taken) in chunks {
+            batch.rays.extend(rays);
+            batch.positions.extend(samples.positions);
+            batch.deltas.extend(samples.deltas);
+            batch.gradient_scales.extend(samples.gradient_scales);
+            time += taken;
+        }
+        time
+    }
+
+    /// Adds `count` points that `occupancy` calls empty: half along rays of the data, half anywhere.
+    pub fn fill_empty(&self, batch: &mut Batch, step: u64, count: usize, occupancy: &OccupancyGrid<'_>) {
+        let extent = self.bounds.max - self.bounds.min;
+        for try_index in 0..4 * count as u64 {
+            if batch.empty.len() == count {
+                break;
+            }
+            let draw = |i: u64| uniform(self.seed, Purpose::Empty, step, 4 * try_index + i);
+            let p = if try_index % 2 == 0 {
+                let (view, pixel) = self.any_pixel(step, u64::MAX - try_index);
+                let ray = ray_of(&self.views[view].camera, pixel);
+                let clipped = self.bounds.clip(&ray, self.near, self.far);
+                let Some((enter, exit)) = clipped else { continue };
+                ray.at(enter + draw(0) * (exit - enter))
+            } else {
+                self.bounds.min + extent * Vec3::new(draw(0), draw(1), draw(2))
+            };
+            if self.bounds.contains(p) && !occupancy.occupied(p) {
+                batch.empty.push(p.to_array());
+            }
+        }
+    }
+
+    /// A pixel of all views, near foreground or not.
+    fn any_pixel(&self, step: u64, index: u64) -> (usize, usize) {
+        let total = self.starts[self.views.len()];
+        let bits = uniform_u32(self.seed, Purpose::Pixel, step, index);
+        self.locate(scale(bits, total))
+    }
+
+    fn locate(&self, pixel: u64) -> (usize, usize) {
+        // Views are mostly of one size: the first guess is then right, where a search would be mispredicted.
+        let views = self.views.len();
+        let share = pixel as f64 / self.starts[views] as f64;
+        let mut view = ((share * views as f64) as usize).min(views - 1);
+        while pixel < self.starts[view] {
+            view -= 1;
+        }
+        while pixel >= self.starts[view + 1] {
+            view += 1;
+        }
+        (view, (pixel - self.starts[view]) as usize)
+    }
+
+    /// The view and the pixel in it, counted row by row, of ray `index` of a step that draws `rays`.
+    pub fn source(&self, step: u64, index: u64, rays: usize) -> (usize, usize) {
+        let bits = uniform_u32(self.seed, Purpose::Pixel, step, index);
+        if self.images > 0 {
+            let group = index / (rays.div_ceil(self.images) as u64);
+            let chosen = uniform_u32(self.seed, Purpose::Image, step, group);
+            let view = scale(chosen, self.views.len() as u64) as usize;
+            return match &self.unmasked[view] {
+                Some(pixels) => (view, pixels[scale(bits, pixels.len() as u64) as usize] as usize),
+                None => (view, scale(bits, self.views[view].pixels.len() as u64) as usize),
+            };
+        }
+        match &self.drawn {
+            Some(pixels) => self.locate(u64::from(pixels[scale(bits, pixels.len() as u64) as usize])),
+            None => self.locate(scale(bits, self.starts[self.views.len()])),
+        }
+    }
+
+    /// Rays `range` of a step that draws `rays`: the number of each, its view, the ray, and what it should show; without
+    /// samples.
+    fn targets(
+        &self,
+        step: u64,
+        range: Range<usize>,
+        rays: usize,
+    ) -> impl Iterator<Item = (u64, usize, Ray, BatchRay)> {
+        // One after another: memory answers for many at a time, where each had to wait for it by itself.
+        let sources: Vec<_> = range.clone().map(|index| self.source(step, index as u64, rays)).collect();
+        let pixels: Vec<_> = sources.iter().map(|&(view, pixel)| self.views[view].pixels[pixel]).collect();
+        let all = range.zip(sources).zip(pixels);
+        all.map(move |((index, (view, pixel)), rgba)| {
+            let (ray, target) = self.target(step, index as u64, (view, pixel), rgba);
+            (index as u64, view, ray, target)
+        })
+    }
+
+    /// The ray of a pixel, which is `rgba`, and what it should show; without samples.
+    fn target(&self, step: u64, index: u64, (view, pixel): (usize, usize), rgba: [u8; 4]) -> (Ray, BatchRay) {
+        let ray = ray_of(&self.views[view].camera, pixel);
+        let background = match self.background {
+            // Corners of the colour cube, where errors of opacity weigh most; white one time in
+            // three, since against it the edges of most things do.
+            Background::Alpha if self.random_background => {
+                let bits = uniform_u32(self.seed, Purpose::Background, step, index);
+                let white = bits >> 30 == 0;
+                std::array::from_fn(|c| if white { 1.0 } else { (bits >> c & 1) as f32 })
+            }
+            Background::Constant(colour) => colour.map(|c| f32::from(c) / 255.0),
+            // Nothing is behind the scene: light that passes through it is an error whatever its colour.
+            Background::Unknown if self.contraction.is_some() => {
+                let bits = uniform_u32(self.seed, Purpose::Background, step, index);
+                std::array::from_fn(|c| (bits >> (8 * c) & 255) as f32 / 255.0)
+            }
+            _ => [0.0; 3],
+        };
+        let rgb = crate::data::over(rgba, background);
+        (ray, BatchRay { dir: ray.dir.to_array(), rgb, background, samples: 0 })
+    }
+
+    /// The live samples of ray `index`.
+    fn samples(
+        &self,
+        step: u64,
+        index: u64,
+        ray: Ray,
+        batch_ray: BatchRay,
+        occupancy: Option<&OccupancyGrid<'_>>,
+    ) -> (BatchRay, Vec<[f32; 3]>) {
+        let mut positions = Vec::new();
+        if let Some((enter, exit)) = self.bounds.clip(&ray, self.near, self.far) {
+            for bin in self.bins.overlapping(enter, exit) {
+                let p = ray.at(self.t(step, index, bin));
+                if occupancy.map_or_else(|| self.bounds.contains(p), |occupancy| occupancy.occupied(p)) {
+                    positions.push(p.to_array());
+                }
+            }
+        }
+        (BatchRay { samples: positions.len() as u32, ..batch_ray }, positions)
+    }
+
+    /// Where the sample of `bin` lies on ray `index` of `step`, world units along it; never falls from bin to bin.
+    fn t(&self, step: u64, index: u64, bin: u32) -> f32 {
+        let draw = || uniform(self.seed, Purpose::Jitter, step, (index << 12) + u64::from(bin));
+        match self.jitter {
+            Jitter::None => self.bins.at(bin, 0.5),
+            Jitter::Bin => self.bins.within(bin, draw()),
+            Jitter::Width(width) => {
+                // A width beyond the bin is the bin's: evenly over it, none of it piled up at the end.
+                let delta = self.bins.delta();
+                let u = draw() * width.min(delta) / delta;
+                self.bins.within(bin, u.min(1f32.next_down()))
+            }
+        }
+    }
+}
+
+/// A 32-bit random number as an index below `count`.
+fn scale(bits: u32, count: u64) -> u64 {
+    (u64::from(bits) * count) >> 32
+}
+
+fn ray_of(camera: &Camera, pixel: usize) -> Ray {
+    let width = camera.intrinsics().width as usize;
+    camera.ray((pixel % width) as f32 + 0.5, (pixel / width) as f32 + 0.5)
+}
+
+/// Pixels within [`FOREGROUND_MARGIN`] of something, in the numbering over all views.
+fn near_foreground(views: &[View], starts: &[u64], background: Background) -> Option<Vec<u32>> {
+    let of_view = |(view, &start): (&View, &u64)| -> Option<Vec<u32>> {
+        let (width, height) = view.size();
+        let (width, height) = (width as usize, height as usize);
+        let mut mask = Vec::with_capacity(view.pixels.len());
+        for &pixel in &view.pixels {
+            mask.push(is_foreground(pixel, background)?);
+        }
+        if let Some(kept) = &view.mask {
+            mask.iter_mut().zip(kept).for_each(|(mask, kept)| *mask &= kept);
+        }
+        let spread = |mask: &[bool], stride: usize, length: usize, at: usize, line: usize| {
+            let from = at.saturating_sub(FOREGROUND_MARGIN);
+            (from..(at + FOREGROUND_MARGIN + 1).min(length)).any(|i| mask[line + i * stride])
+        };
+        let rows: Vec<bool> =
+            (0..mask.len()).map(|i| spread(&mask, 1, width, i % width, i / width * width)).collect();
+        let near = |i: &usize| spread(&rows, width, height, i / width, i % width) && view.counts(*i);
+        let near = (0..mask.len()).filter(near);
+        Some(near.map(|i| (start + i as u64) as u32).collect())
+    };
+    let parts: Option<Vec<Vec<u32>>> = views.par_iter().zip(starts).map(of_view).collect();
+    Some(parts?.concat())
+}
+
+/// Pixels that count, in the numbering over all views; `None` where all do. At least one of each view does, and there
+/// are at most 2^32 where some do not (`dataset`).
+fn counting(views: &[View], starts: &[u64]) -> Option<Vec<u32>> {
+    views.iter().any(|view| view.mask.is_some()).then_some(())?;
+    let of_view = |(view, &start): (&View, &u64)| {
+        let kept = (0..view.pixels.len()).filter(|&i| view.counts(i));
+        kept.map(|i| (start + i as u64) as u32).collect::<Vec<_>>()
+    };
+    Some(views.iter().zip(starts).flat_map(of_view).collect())
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,95 @@
+use super::*;
+use crate::model::config::Preset;
+
+/// A bank of no pixels whose rays are cut into `samples` bins.
+fn bank((near, far): (f32, f32), samples: u16, jitter: Jitter) -> RayBank<'static> {
+    let mut config = Preset::Small.config();
+    (config.sampling.samples, config.sampling.jitter) = (samples, jitter);
+    let scene_box = SceneBox { min: -Vec3::ONE, max: Vec3::ONE };
+    let bounds = Bounds { near, far, scene_box, contraction: None };
+    RayBank::new(&[], Background::Constant([0; 3]), bounds, &config).unwrap()
+}
+
+/// Ranges and numbers of bins, some of which once put a fraction of nearly 1 on the next bin.
+const CUTS: [((f32, f32), u16); 8] = [
+    ((2.0, 6.0), 1),
+    ((2.0, 6.0), 2),
+    ((2.0, 6.0), 64),
+    ((2.0, 6.0), 4096),
+    ((2.0, 6.1), 4096),
+    ((0.0, 217.783_08), 473),
+    ((6.590_017_3, 109.108_185), 399),
+    ((1e4, 1e4 + 4.0), 4096),
+];
+
+#[test]
+fn samples_of_training_lie_in_their_bins_and_evenly_over_the_jitter_s_width() {
+    for (range, samples) in CUTS {
+        let delta = bank(range, samples, Jitter::None).bins.delta();
+        for jitter in [
+            Jitter::Bin,
+            Jitter::Width(0.0),
+            Jitter::Width(0.02),
+            Jitter::Width(delta),
+            Jitter::Width(10.0 * delta),
+        ] {
+            let bank = bank(range, samples, jitter);
+            let bins = bank.bins;
+            let (mut sum, mut n) = (0.0, 0u32);
+            for (step, index) in [(0, 0), (0, 1), (1, 0), (77, 4095), (200_000, 65_535)] {
+                for bin in 0..bins.count() {
+                    let t = bank.t(step, index, bin);
+                    let own = bins.at(bin, 0.0)..bins.at(bin + 1, 0.0);
+                    assert!(own.contains(&t), "{range:?}, {samples}, {jitter:?}: {t} of bin {bin}, {own:?}");
+                    sum += f64::from((t - own.start) / delta);
+                    n += 1;
+                }
+            }
+            // The mean of n numbers that are uniform up to `width` is within 5 deviations of half of it; t rounds.
+            let width = match jitter {
+                Jitter::Width(width) => f64::from(width / delta).min(1.0),
+                _ => 1.0,
+            };
+            let rounding = f64::from(f32::EPSILON * range.1 / delta);
+            let off = (sum / f64::from(n) - 0.5 * width).abs();
+            let limit = 5.0 * width / (12.0 * f64::from(n)).sqrt() + rounding;
+            assert!(off <= limit, "{range:?}, {samples}, {jitter:?}: {off}, at most {limit}");
+        }
+    }
+}
+
+#[test]
+fn a_sample_lies_where_its_fraction_says_and_without_jitter_in_the_middle() {
+    for (range, samples) in CUTS {
+        let still = bank(range, samples, Jitter::None);
+        let bins = still.bins;
+        let width = bins.delta().min(0.02);
+        for (jitter, width) in [(Jitter::Bin, None), (Jitter::Width(width), Some(width))] {
+            let bank = bank(range, samples, jitter);
+            for bin in 0..bins.count() {
+                let u = uniform(bank.seed, Purpose::Jitter, 3, (17 << 12) + u64::from(bin));
+                let u = width.map_or(u, |width| u * width / bins.delta());
+                let (t, next) = (bins.at(bin, u), bins.at(bin + 1, 0.0));
+                assert!(bank.t(3, 17, bin) == t || t >= next, "{range:?}, {samples}, {jitter:?}, bin {bin}");
+                assert_eq!(still.t(3, 17, bin), bins.at(bin, 0.5));
+            }
+        }
+    }
+}
+
+#[test]
+fn every_step_ray_and_bin_of_training_has_a_fraction_of_its_own() {
+    // A bin is 1 long: the fraction is what is left of t.
+    for jitter in [Jitter::Bin, Jitter::Width(0.5), Jitter::Width(10.0)] {
+        let bank = bank((0.0, 64.0), 64, jitter);
+        let mut seen: Vec<u32> = Vec::new();
+        for (step, index) in (0..4).flat_map(|step| (0..8).map(move |index| (step, index))) {
+            seen.extend((0..64).map(|bin| (bank.t(step, index, bin) - bin as f32).to_bits()));
+        }
+        let count = seen.len();
+        seen.sort_unstable();
+        seen.dedup();
+        // Of 2^18 numbers that a fraction behind 32 can be, 2,048 meet a few times by chance.
+        assert!(100 * seen.len() >= 99 * count, "{jitter:?}: {} of {count}", seen.len());
+    }
+}
