@@ -1,7 +1,7 @@
 //! Arrays out of an untrusted `.npz` or `.npy`.
 //!
-//! `npyz` unpacks the archive; the array headers are parsed here, because npyz multiplies shapes
-//! unchecked and allocates what a header asks for. Nothing is allocated on a header's word alone.
+//! The array headers are parsed here, because npyz multiplies shapes unchecked and allocates what a header asks for, and
+//! brings every compression of zip files. Nothing is allocated on a header's word alone.
 
 use super::DatasetError;
 use super::pose::{BOTTOM_ROW, bottom_row_fault};
@@ -9,11 +9,12 @@ use crate::data::system::input::open_regular;
 use std::fs::File;
 use std::io::{BufReader, Read};
 use std::path::{Path, PathBuf};
+use zip::ZipArchive;
 
 /// An open archive.
 pub(crate) struct Archive {
     pub(super) file: PathBuf,
-    zip: npyz::npz::NpzArchive<BufReader<File>>,
+    zip: ZipArchive<BufReader<File>>,
     max_array_bytes: u64,
 }
 
@@ -40,42 +41,39 @@ const NUMBERS: &str = "f2, f4, f8, b1 or a plain integer";
 impl Archive {
     pub(crate) fn open(file: &Path, max_array_bytes: u64) -> Result<Self, DatasetError> {
         let stream = open_regular(file).map_err(|source| DatasetError::io(file, source))?;
-        let zip = npyz::npz::NpzArchive::new(BufReader::new(stream)).map_err(|error| {
-            DatasetError::NotAnArchive {
-                file: file.into(),
-                found: format!("damage or another format ({error})"),
-            }
+        let zip = ZipArchive::new(BufReader::new(stream)).map_err(|error| DatasetError::NotAnArchive {
+            file: file.into(),
+            found: format!("damage or another format ({error})"),
         })?;
         Ok(Self { file: file.into(), zip, max_array_bytes })
     }
 
     /// The names of its arrays as they stand in the archive: a name that is there twice is here twice.
     pub(crate) fn names(&mut self) -> Result<Vec<String>, DatasetError> {
-        let zip = self.zip.zip_archive();
         let mut names = Vec::new();
-        for index in 0..zip.len() {
-            let entry = zip.by_index_raw(index).map_err(|error| DatasetError::NotAnArchive {
+        for index in 0..self.zip.len() {
+            let entry = self.zip.by_index_raw(index).map_err(|error| DatasetError::NotAnArchive {
                 file: self.file.clone(),
                 found: format!("damage ({error})"),
             })?;
-            names.extend(npyz::npz::array_name_from_file_name(entry.name()).map(str::to_owned));
+            names.extend(entry.name().strip_suffix(".npy").map(str::to_owned));
         }
         Ok(names)
     }
 
     pub(super) fn has(&self, key: &str) -> bool {
-        self.zip.array_names().any(|name| name == key)
+        self.zip.file_names().any(|name| name.strip_suffix(".npy") == Some(key))
     }
 
     /// The array `key`, whole.
     pub(crate) fn array(&mut self, key: &str) -> Result<Array, DatasetError> {
         if !self.has(key) {
-            let mut present: Vec<String> = self.zip.array_names().map(Into::into).collect();
+            let mut present = self.names()?;
             present.sort();
             return Err(DatasetError::MissingKey { file: self.file.clone(), key: key.into(), present });
         }
         let (file, limit) = (self.file.clone(), self.max_array_bytes);
-        let mut entry = self.zip.zip_archive().by_name(&format!("{key}.npy")).map_err(|error| {
+        let mut entry = self.zip.by_name(&format!("{key}.npy")).map_err(|error| {
             let expected = "a readable zip entry".into();
             DatasetError::Array { file: file.clone(), key: key.into(), expected, found: error.to_string() }
         })?;

@@ -96,17 +96,17 @@ impl Folder {
         ];
         change(&mut arrays);
         let path = self.path(name);
-        let mut writer = npyz::npz::NpzWriter::create(&path).expect("create");
+        let mut writer = zip::ZipWriter::new(std::fs::File::create(&path).expect("create"));
         for Array { key, dtype, shape, data } in arrays {
             let header = format!("{{'descr': '{dtype}', 'fortran_order': False, 'shape': {shape}, }}\n");
             let mut bytes = b"\x93NUMPY\x01\x00".to_vec();
             bytes.extend((header.len() as u16).to_le_bytes());
             bytes.extend(header.into_bytes());
             bytes.extend(data);
-            writer.zip_writer().start_file(format!("{key}.npy"), Default::default()).expect("entry");
-            writer.zip_writer().write_all(&bytes).expect("write");
+            writer.start_file(format!("{key}.npy"), zip::write::FileOptions::default()).expect("entry");
+            writer.write_all(&bytes).expect("write");
         }
-        writer.zip_writer().finish().expect("finish");
+        writer.finish().expect("finish");
         path
     }
 }
