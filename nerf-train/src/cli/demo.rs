@@ -16,6 +16,7 @@ use crate::measure::eval::evaluate;
 use crate::measure::frame;
 use crate::measure::frame::Frame;
 use crate::model::config::{Preset, Surroundings};
+use crate::show::colour_map::z_depth_picture;
 use crate::show::contact_sheet::{Cell, contact_sheet};
 use crate::show::film::{Files, Film};
 use crate::show::orbit::Orbit;
@@ -235,6 +236,6 @@ fn sheet_row(cells: &mut Vec<Cell>, name: &str, frame: &Frame, truth: &[[f32; 3]
     let truth = Picture::new(frame.width, frame.height, truth.to_vec())?;
     cells.push(Cell::new(frame::picture(frame), format!("{name}: rendered")));
     cells.push(Cell::new(truth, format!("{name}: truth")));
-    cells.push(Cell::new(frame::z_depth_picture(frame)?, format!("{name}: z_depth")));
+    cells.push(Cell::new(z_depth_picture(frame)?, format!("{name}: z_depth")));
     Ok(())
 }

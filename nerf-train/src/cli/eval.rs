@@ -6,12 +6,12 @@ use super::common::{
 };
 use super::places;
 use crate::data::View;
+use crate::data::names::FileNames;
 use crate::data::system::output::claims::Claims;
 use crate::data::system::progress::{Message, Progress, Total};
 use crate::measure::eval::{ViewScore, evaluate};
 use crate::measure::frame;
 use crate::measure::metrics::psnr_db;
-use crate::show::names::FileNames;
 use crate::show::summary::Summary;
 use crate::show::table::Table;
 use anyhow::{Context, bail};

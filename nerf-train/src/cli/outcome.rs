@@ -2,16 +2,17 @@
 
 use super::common::{background_name, cpu_name, tell};
 use super::grid;
+use crate::data::names::FileNames;
 use crate::data::rgb::Picture;
 use crate::data::{Dataset, Report};
 use crate::fit::direction::ViewDependence;
 use crate::fit::finish::{Outcome, Shown};
-use crate::fit::snapshot;
 use crate::measure::frame;
 use crate::model::config::Config;
+use crate::show::colour_map::z_depth_picture;
 use crate::show::contact_sheet::{Cell, contact_sheet};
-use crate::show::names::FileNames;
 use crate::show::plot::{LinePlot, Marker, Series};
+use crate::show::snapshots;
 use crate::show::summary::Summary;
 use crate::show::table::Table;
 use crate::train::CurvePoint;
@@ -230,7 +231,7 @@ pub fn write_snapshots(folder: &Path, outcome: &Outcome, dataset: &Dataset) -> a
         dataset.name,
         background_name(background)
     );
-    if let Some(sheet) = snapshot::sheet(&title, folder, dataset, taken, background) {
+    if let Some(sheet) = snapshots::sheet(&title, folder, dataset, taken, background) {
         sheet.write_png(folder.join("snapshots.png"))?;
     }
     Ok(())
@@ -244,7 +245,7 @@ fn write_views(folder: &Path, outcome: &Outcome, dataset: &Dataset) -> anyhow::R
         let view = &dataset.val[*view];
         let (file, name) = (names.stem(view), &view.name);
         frame::picture(frame).write_png(folder.join(format!("{file}.png")))?;
-        frame::z_depth_picture(frame)?.write_png(folder.join(format!("{file}_z_depth.png")))?;
+        z_depth_picture(frame)?.write_png(folder.join(format!("{file}_z_depth.png")))?;
         let truth = Picture::new(frame.width, frame.height, truth.clone())?;
         cells.push(Cell::new(frame::picture(frame), format!("{name}: {psnr_db:.2} dB")));
         cells.push(Cell::new(truth, format!("{name}: truth")));

@@ -7,9 +7,10 @@ use super::image::{PhotoOptions, Settings};
 use super::places;
 use crate::data::system::output::claims::Claims;
 use crate::data::system::stop::Note;
-use crate::lab::sweep::{Combinations, Folder, Job, Knob, Mode, Record, Runner, Shard, Status, write_report};
+use crate::lab::sweep::{Combinations, Folder, Job, Knob, Mode, Record, Runner, Shard, Status};
 use crate::model::config::Preset;
 use crate::model::picture_config::FieldPreset;
+use crate::show::reports::sweep::{table, write_report};
 use crate::show::summary::Summary;
 use anyhow::bail;
 use clap::{Args, Subcommand};
@@ -172,7 +173,7 @@ fn finish(folder: &Folder, global: &Global) -> anyhow::Result<()> {
         .text("report", report.display().to_string())
         .sections("runs", records.iter().map(fields).collect());
     global.finish(&summary, || {
-        outlines!(crate::lab::sweep::table(&records).to_text().trim_end());
+        outlines!(table(&records).to_text().trim_end());
         outln!("report: {}", report.display());
         Ok(())
     })

@@ -30,6 +30,7 @@ mod found;
 mod geometry;
 mod layout;
 mod llff;
+pub mod names;
 pub(crate) mod nearest;
 mod nerfstudio;
 pub(crate) mod npz;

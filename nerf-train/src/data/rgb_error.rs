@@ -1,7 +1,6 @@
 //! What can go wrong in making and writing a report.
 
 use crate::data::system::output::OutputError;
-use crate::show::video::VideoError;
 use std::error::Error;
 
 /// A picture, plot, table or summary that could not be made or written.
@@ -50,7 +49,7 @@ pub enum ReportError {
     Animation(String),
     /// `ffmpeg` is missing or failed.
     #[error(transparent)]
-    Video(#[from] VideoError),
+    Video(Box<dyn Error + Send + Sync>),
 }
 
 impl ReportError {

@@ -4,20 +4,17 @@ use crate::data::View;
 use crate::fit::direction::ViewDependence;
 use crate::fit::pace::{FINAL_SHARE, Pace, QUESTION_SHARE};
 use crate::fit::run::{RunError, Session, spread};
-use crate::fit::snapshot::Snapshot;
 use crate::fit::trend::Trend;
 use crate::fit::validation::{ASKED_VIEWS, FINAL_VIEWS, pixels_of, spread_indices};
-use crate::measure::eval::{EvalError, Scores, ViewScore, measure};
+use crate::measure::eval::{EvalError, OCCUPANCY_LOSS_DB, Scores, ViewScore, measure};
 use crate::measure::frame::Frame;
 use crate::measure::metrics::{flat_psnr_db, gain_db, is_flat, mean_flat_psnr_db};
 use crate::train::CurvePoint;
+use crate::train::Snapshot;
 use crate::train::candidate::{About, Candidate};
 use nerf_core::plan::Quality;
 use std::time::Instant;
 
-/// An occupancy grid is part of the model if leaving it out changes training views by more than this, dB: a little
-/// less than the 0.1 dB that a blob promises for views nobody has seen.
-pub const OCCUPANCY_LOSS_DB: f64 = 0.08;
 /// Validation views whose pictures a report shows.
 const SHOWN_VIEWS: usize = 4;
 

@@ -4,10 +4,10 @@
 
 use crate::data::View;
 use crate::fit::run::{RunError, Session};
-use crate::fit::snapshot::Snapshot;
 use crate::measure::eval::{Scores, measure};
 use crate::measure::frame;
 use crate::train::CurvePoint;
+use crate::train::Snapshot;
 use crate::train::candidate::About;
 use nerf_core::plan::Quality;
 use std::time::Instant;

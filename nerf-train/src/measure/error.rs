@@ -2,7 +2,6 @@
 
 use crate::data::rgb_error::ReportError;
 use crate::data::system::output::OutputError;
-use crate::fit::run::RunError;
 use crate::model::export::ExportError;
 use crate::model::import::ImportError;
 use nerf_core::blob::BlobError;
@@ -53,9 +52,6 @@ pub enum StudyError {
         /// What is there instead.
         found: String,
     },
-    /// A training run failed.
-    #[error("{0}")]
-    Run(#[from] RunError),
     /// A file cannot be written.
     #[error("{0}")]
     Output(#[from] OutputError),

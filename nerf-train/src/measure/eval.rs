@@ -12,6 +12,10 @@ use nerf_core::plan::{Batch, Outputs, Plan, PlanError, Quality};
 use nerf_core::render::{Counters, RenderError, Renderer};
 use serde::Serialize;
 
+/// An occupancy grid is part of the model if leaving it out changes training views by more than this, dB: a little
+/// less than the 0.1 dB that a blob promises for views nobody has seen.
+pub const OCCUPANCY_LOSS_DB: f64 = 0.08;
+
 /// One view's figures.
 #[derive(Clone, Debug, Serialize)]
 pub struct ViewScore {

@@ -1,8 +1,6 @@
 //! Whole frames through nerf-core, on as many threads as rayon has.
 
 use crate::data::rgb::Picture;
-use crate::data::rgb_error::ReportError;
-use crate::show::colour_map::depth_picture_with_legend;
 use nerf_core::camera::Camera;
 use nerf_core::host;
 use nerf_core::math::MathBackend;
@@ -12,15 +10,6 @@ use std::num::NonZeroUsize;
 
 /// A rendered view.
 pub type Frame = host::Image;
-
-/// The z_depth of a frame in colours, with a legend, from the nearest to the farthest it shows.
-///
-/// # Errors
-/// None for a frame that was rendered with opacity and z_depth.
-pub fn z_depth_picture(frame: &Frame) -> Result<Picture, ReportError> {
-    let Frame { z_depth, opacity, width, height, .. } = frame;
-    depth_picture_with_legend(z_depth, opacity, *width, *height, None, "z_depth, world units")
-}
 
 /// The colours of a frame as a picture.
 pub fn picture(frame: &Frame) -> Picture {

@@ -5,6 +5,7 @@ pub mod bench;
 pub mod error;
 pub mod eval;
 pub mod frame;
+pub mod import;
 pub mod metrics;
 pub mod point;
 pub mod settings;

@@ -3,7 +3,8 @@
 use super::settings::Settings;
 use crate::measure::bench::{Clocked, Memory};
 use crate::measure::frame::Frame;
-use crate::measure::metrics::{gain_db, mse, psnr_db, psnr_db_of_mse, ssim};
+use crate::measure::metrics::{gain_db, mse, psnr_db, ssim};
+use crate::train::psnr_db_of_mse;
 use nerf_core::render::Counters;
 
 /// Opacity of the exact picture above which a pixel's distance is compared.

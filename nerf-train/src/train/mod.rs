@@ -8,8 +8,8 @@ pub mod occupancy;
 pub mod rays;
 pub mod schedule;
 
+use crate::data::names::FileNames;
 use crate::data::{Background, Dataset, mean_colour};
-use crate::fit::snapshot::Snapshot;
 use crate::model::config::{Config, ConfigError, Density, SamplingConfig};
 use crate::model::engine::{Batch, Engine, EngineError, Model, Phase, Phases, engine_for};
 use crate::model::export::ExportError;
@@ -23,6 +23,7 @@ use nerf_core::blob::MAX_SAMPLES;
 use nerf_core::camera::BoundsError;
 use schedule::learning_rate;
 use serde::{Deserialize, Serialize};
+use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
 /// Steps in a row without any density after which a run is started anew with another seed.
@@ -58,6 +59,12 @@ pub struct Progressed {
     pub reseeds: u32,
 }
 
+/// The PSNR in dB that belongs to a mean squared error; +inf at 0, NaN at NaN.
+pub fn psnr_db_of_mse(mse: f64) -> f64 {
+    // Not 0 × −10: a plain log10(0) is −inf already, and +0.0 keeps "-0" out of the reports.
+    -10.0 * mse.log10() + 0.0
+}
+
 /// One point of the training curve.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct CurvePoint {
@@ -73,6 +80,27 @@ pub struct CurvePoint {
     pub val_views: u32,
     /// Of every so many rows and columns of a view one pixel was measured: 1 is every pixel.
     pub val_lattice: u32,
+}
+
+/// A picture that was taken.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Snapshot {
+    /// Steps done.
+    pub step: u32,
+    /// Seconds since the start.
+    pub seconds: f64,
+    /// Index into the validation split.
+    pub view: usize,
+    /// dB.
+    pub psnr_db: f64,
+}
+
+impl Snapshot {
+    /// Its file in the report's `folder`; `dataset` is the one it was taken of.
+    pub fn path(&self, folder: &Path, dataset: &Dataset) -> PathBuf {
+        let names = FileNames::of(&dataset.val);
+        folder.join("snapshots").join(format!("step_{:06}_{}.png", self.step, names.at(self.view)))
+    }
 }
 
 /// Why training could not start or go on.
@@ -301,7 +329,7 @@ impl<'d> Trainer<'d> {
 
     /// Smoothed PSNR of the rays trained on, dB.
     pub fn train_psnr_db(&self) -> f64 {
-        crate::measure::metrics::psnr_db_of_mse(self.progressed.mse)
+        crate::train::psnr_db_of_mse(self.progressed.mse)
     }
 
     /// One step at the learning rate that `share` of the budget used calls for.

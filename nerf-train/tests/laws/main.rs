@@ -6,6 +6,7 @@ mod golden;
 mod import;
 mod parity_dfdx;
 mod quality;
+mod rooms;
 mod training;
 
 use nerf_core::Kernel;

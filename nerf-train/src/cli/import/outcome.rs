@@ -2,10 +2,11 @@
 
 use crate::cli::common::background_name;
 use crate::measure::audit::Verdict;
+use crate::measure::import::Check;
+use crate::measure::import::probe::{Probe, name};
 use crate::model::engine::{Dense, Part};
 use crate::model::export::Exported;
-use crate::model::import::probe::{Probe, name};
-use crate::model::import::{Check, Imported, Settings, Tensors};
+use crate::model::import::{Imported, Settings, Tensors};
 use crate::show::summary::Summary;
 use crate::train::occupancy::LiveCells;
 use nerf_core::Kernel;

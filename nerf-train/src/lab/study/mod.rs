@@ -15,11 +15,9 @@
 mod combine;
 mod front;
 mod knobs;
-mod report;
 mod run;
 pub mod training;
 
 pub use front::{Price, cheapest_within, pareto, thin};
 pub use knobs::{KNOBS, Knob};
-pub use report::{Findings, SPAN_LOSS_DB, Setting, front_of};
-pub use run::{Effort, Progressed, Study};
+pub use run::{BLOB_LOSS_DB, Effort, Progressed, Study, TRAINED_STEP_LOSS_DB};

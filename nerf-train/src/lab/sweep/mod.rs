@@ -10,7 +10,6 @@ mod combinations;
 mod folder;
 mod job;
 mod record;
-mod report;
 
 #[cfg(test)]
 mod tests;
@@ -19,4 +18,3 @@ pub use combinations::{Combinations, CombinationsError, Knob, Mode, Point, Shard
 pub use folder::{Folder, SweepError};
 pub use job::{Job, JobError, Runner};
 pub use record::{Header, Kind, Record, Status};
-pub use report::{table, write_report};

@@ -3,6 +3,7 @@ use crate::data::photograph::Photo;
 use crate::data::rgb::Picture;
 use crate::data::system::progress::ProgressStyle;
 use crate::model::picture_config::FieldPreset;
+use crate::show::reports::sweep::{table, write_report};
 use nerf_core::Kernel;
 use std::path::Path;
 

@@ -10,7 +10,6 @@ pub use average::{flattened, mean_encoding, without_direction};
 
 use crate::data::View;
 use crate::measure::metrics::gain_db;
-use crate::show::table::Table;
 use nerf_core::plan::Quality;
 
 /// What an effect must gain to be kept where nothing else is said, dB.
@@ -220,29 +219,6 @@ fn measure(
         Ok(())
     })?;
     Ok(points)
-}
-
-/// The findings as a table.
-pub fn table(audit: &Audit) -> Table {
-    let columns =
-        ["effect", "in its place", "with, dB", "without, dB", "gains, dB", "time", "MACs", "verdict"];
-    let mut table = Table::new(columns);
-    for (effect, worth) in audit {
-        match worth {
-            Ok(worth) => table.push([
-                effect.name.to_owned(),
-                effect.instead.to_owned(),
-                format!("{:.3}", worth.with_db),
-                format!("{:.3}", worth.without_db),
-                format!("{:.3}", worth.gain_db()),
-                format!("{:.3}", worth.relative_time),
-                format!("{:.4}", worth.relative_macs),
-                worth.verdict.name().to_owned(),
-            ]),
-            Err(why) => table.push([effect.name, effect.instead, "–", "–", "–", "–", "–", why]),
-        };
-    }
-    table
 }
 
 #[cfg(test)]

@@ -3,6 +3,8 @@
 //! Pictures are display-encoded RGB in [0, 1], row-major. Nothing is clamped here: what a network
 //! put out beyond [0, 1] counts as error unless the caller clamped it. Sums are f64 throughout.
 
+use crate::train::psnr_db_of_mse;
+
 /// Side of the SSIM window, pixels; Wang et al. use 11 with the sigma below.
 const WINDOW: usize = 11;
 /// Standard deviation of the SSIM window, pixels.
@@ -37,12 +39,6 @@ pub fn mse(a: &[[f32; 3]], b: &[[f32; 3]]) -> f64 {
 /// ```
 pub fn psnr_db(a: &[[f32; 3]], b: &[[f32; 3]]) -> f64 {
     psnr_db_of_mse(mse(a, b))
-}
-
-/// The PSNR in dB that belongs to a mean squared error; +inf at 0, NaN at NaN.
-pub fn psnr_db_of_mse(mse: f64) -> f64 {
-    // Not 0 × −10: a plain log10(0) is −inf already, and +0.0 keeps "-0" out of the reports.
-    -10.0 * mse.log10() + 0.0
 }
 
 /// dB by which one PSNR is above another; 0 for two of equal pictures, whose PSNR is infinite.

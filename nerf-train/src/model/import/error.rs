@@ -1,7 +1,6 @@
 //! What can be wrong with a network from elsewhere.
 
 use crate::data::DatasetError;
-use crate::measure::eval::EvalError;
 use crate::model::export::ExportError;
 use nerf_core::network::ArchitectureError;
 use std::path::PathBuf;
@@ -44,9 +43,6 @@ pub enum ImportError {
     /// The format refuses the network.
     #[error(transparent)]
     Export(#[from] ExportError),
-    /// The check failed to render.
-    #[error(transparent)]
-    Eval(#[from] EvalError),
 }
 
 /// What is wrong with the tensors of a file.

@@ -25,16 +25,12 @@
 //! The names and the order of columns are those of github.com/yenchenlin/nerf-pytorch (`run_nerf_helpers.py`),
 //! which copies the original authors' TensorFlow code.
 
-pub mod check;
 mod error;
 mod network;
-pub mod occupancy;
 mod order;
-pub mod probe;
 mod settings;
 mod tensors;
 
-pub use check::{Check, thinned};
 pub use error::{Fault, ImportError};
 pub use network::{Imported, network};
 pub use order::{Identity, Order};

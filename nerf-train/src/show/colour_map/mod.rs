@@ -4,6 +4,7 @@ use super::axis;
 use super::text::{self, Direction};
 use crate::data::rgb::Picture;
 use crate::data::rgb_error::{ReportError, check_length};
+use crate::measure::frame::Frame;
 
 /// The colour of pixels that hold no value: a light grey, which occurs in none of the maps.
 pub const EMPTY: [f32; 3] = [0.86; 3];
@@ -214,6 +215,15 @@ pub fn with_legend(picture: &Picture, map: ColourMap, range: (f32, f32), title: 
         text::draw(&mut page, title, corner, SIZE, INK, Direction::Up);
     }
     page
+}
+
+/// The z_depth of a frame in colours, with a legend, from the nearest to the farthest it shows.
+///
+/// # Errors
+/// None for a frame that was rendered with opacity and z_depth.
+pub fn z_depth_picture(frame: &Frame) -> Result<Picture, ReportError> {
+    let Frame { z_depth, opacity, width, height, .. } = frame;
+    depth_picture_with_legend(z_depth, opacity, *width, *height, None, "z_depth, world units")
 }
 
 #[cfg(test)]

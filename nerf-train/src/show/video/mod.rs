@@ -100,6 +100,12 @@ pub struct Ffmpeg {
     patience: Duration,
 }
 
+impl From<VideoError> for ReportError {
+    fn from(error: VideoError) -> Self {
+        Self::Video(error.into())
+    }
+}
+
 impl Ffmpeg {
     /// Tries out `program`; `ffmpeg` from `PATH` where it is `None`.
     ///

@@ -2,13 +2,13 @@
 
 use super::made::{Checkpoint, Shape, npy};
 use super::wide;
+use nerf_train::measure::import::occupancy;
 use nerf_train::model::import::Fault;
 use nerf_train::model::import::Identity;
 use nerf_train::model::import::ImportError;
 use nerf_train::model::import::Settings;
 use nerf_train::model::import::Tensors;
 use nerf_train::model::import::network;
-use nerf_train::model::import::occupancy;
 use safetensors::Dtype;
 use std::path::Path;
 

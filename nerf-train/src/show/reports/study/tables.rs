@@ -1,7 +1,7 @@
 //! Points as tables: all that was measured, and what matters most.
 
 use super::Findings;
-use crate::lab::study::knobs::KNOBS;
+use crate::lab::study::KNOBS;
 use crate::measure::point::{Clock, Origin, Seconds};
 use crate::show::table::Table;
 

@@ -1,8 +1,7 @@
 //! The occupancy grid of an imported network: one it was trained with, or one asked of the network itself.
 
-use super::error::ImportError;
-use super::settings::Settings;
 use crate::data::npz::read_npy;
+use crate::model::import::{ImportError, Settings};
 use crate::train::occupancy::{Ask, LiveCells, Occupancy};
 use nerf_core::blob::MAX_OCCUPANCY_RESOLUTION;
 use nerf_core::camera::SceneBox;

@@ -1,14 +1,10 @@
 //! Which other guess would have shown the scene.
 
-use super::check::thinned;
-use super::error::ImportError;
-use super::network::network;
-use super::order::{Identity, Order};
-use super::settings::{AngleFactor, Settings};
-use super::tensors::Tensors;
+use super::thinned;
 use crate::data::{Axes, View};
-use crate::measure::eval::measure;
+use crate::measure::eval::{EvalError, measure};
 use crate::model::export::{Contents, Tables, export};
+use crate::model::import::{AngleFactor, Identity, ImportError, Order, Settings, Tensors, network};
 use clap::ValueEnum;
 use nerf_core::Kernel;
 use nerf_core::blob::{Content, Provenance};
@@ -17,6 +13,18 @@ use nerf_core::plan::Quality;
 
 /// Views that are looked at, each thinned twice.
 const VIEWS: usize = 3;
+
+/// Why the guesses could not be tried.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum ProbeError {
+    /// The file is no network of these settings.
+    #[error(transparent)]
+    Import(#[from] ImportError),
+    /// It could not be rendered.
+    #[error(transparent)]
+    Eval(#[from] EvalError),
+}
 
 /// One change of the settings, and what it would have brought.
 #[derive(Clone, Debug, PartialEq)]
@@ -32,14 +40,14 @@ pub struct Probe {
 /// `views`: as they were read with `axes`.
 ///
 /// # Errors
-/// [`ImportError`] if a network cannot be exported or rendered.
+/// [`ProbeError`] if a network cannot be exported or rendered.
 pub fn probe(
     tensors: &Tensors,
     settings: &Settings,
     axes: Axes,
     kernel: Kernel,
     views: &[View],
-) -> Result<Vec<Probe>, ImportError> {
+) -> Result<Vec<Probe>, ProbeError> {
     let sparse: Vec<View> = views.iter().take(VIEWS).map(|view| thinned(&thinned(view))).collect();
     let turned: Vec<View> = sparse.iter().map(turned).collect();
     let mut probes = Vec::new();
@@ -83,7 +91,7 @@ pub fn name(value: impl ValueEnum) -> String {
     value.to_possible_value().map_or_else(String::new, |value| value.get_name().to_owned())
 }
 
-fn score(tensors: &Tensors, settings: &Settings, kernel: Kernel, views: &[View]) -> Result<f64, ImportError> {
+fn score(tensors: &Tensors, settings: &Settings, kernel: Kernel, views: &[View]) -> Result<f64, ProbeError> {
     let network = network(tensors, settings)?;
     let blob = export(&Contents {
         architecture: &network.model.architecture,
@@ -92,7 +100,8 @@ fn score(tensors: &Tensors, settings: &Settings, kernel: Kernel, views: &[View])
         content: Content::Scene(settings.facts(false)),
         occupancy: None,
         provenance: Provenance::NONE,
-    })?;
+    })
+    .map_err(ImportError::from)?;
     let quality = Quality::default();
     let scores = measure(&blob.bytes, None, kernel, &quality, settings.background, views, |_, _, _, _| {})?;
     Ok(scores.psnr_db().unwrap_or(f64::NAN))

@@ -5,8 +5,8 @@ mod markdown;
 mod pictures;
 mod tables;
 
-use super::run::Study;
 use crate::data::system::output::write_atomic;
+use crate::lab::study::Study;
 use crate::measure::error::StudyError;
 use crate::measure::point::{Clock, Point, Totals};
 use crate::show::plot::{Label, LinePlot, Marker, Reference, Series};

@@ -1,9 +1,9 @@
 //! What a sweep says: a table, plots of PSNR over each setting and over time, a sheet of pictures.
 
-use super::{Folder, Kind, Knob, Record, Status, SweepError};
 use crate::data::rgb::Picture;
 use crate::data::system::output::write_atomic;
 use crate::data::system::printable::markdown as markdown_text;
+use crate::lab::sweep::{Folder, Kind, Knob, Record, Status, SweepError};
 use crate::show::contact_sheet::{Cell, contact_sheet};
 use crate::show::plot::{LinePlot, Marker, Series};
 use crate::show::table::Table;
@@ -50,7 +50,7 @@ fn values(records: &[Record], knob: Knob) -> Vec<f64> {
 }
 
 /// All runs, the best first; those that diverged last.
-pub(super) fn ranked(records: &[Record]) -> Vec<&Record> {
+fn ranked(records: &[Record]) -> Vec<&Record> {
     let mut ranked: Vec<&Record> = records.iter().collect();
     let key = |record: &Record| match record.status {
         Status::Ok | Status::Flat => record.psnr_db.unwrap_or(f64::MIN),

@@ -1,7 +1,10 @@
 //! What an imported network shows of a data set: whether the guesses about it were right.
 
+pub mod occupancy;
+pub mod probe;
+
 use crate::data::{Dataset, View};
-use crate::fit::finish::OCCUPANCY_LOSS_DB;
+use crate::measure::eval::OCCUPANCY_LOSS_DB;
 use crate::measure::eval::{EvalError, Scores, measure};
 use crate::measure::metrics::gain_db;
 use nerf_core::Kernel;

@@ -1,0 +1,6 @@
+//! What experiments say: tables, plots, pages of text.
+
+pub mod audit;
+pub mod study;
+pub mod sweep;
+pub mod training;

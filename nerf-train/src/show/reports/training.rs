@@ -1,0 +1,136 @@
+//! What fits of the same time say: PSNR over time, and over the size of the file.
+
+use crate::data::rgb_error::ReportError;
+use crate::data::system::output::write_atomic;
+use crate::data::system::printable::markdown;
+use crate::lab::study::training::Fitted;
+use crate::show::plot::{LinePlot, Marker, Series};
+use crate::show::summary::Summary;
+use crate::show::table::Table;
+use std::fmt::Write as _;
+use std::path::Path;
+
+/// Curves of a plot that can be told apart.
+const MAX_SERIES: usize = 7;
+
+/// One row a fit, in their order.
+pub fn table(fits: &[Fitted]) -> Table {
+    let columns = ["group", "fit", "PSNR, dB", "time, s", "steps", "parameters", "file, bytes", "note"];
+    let mut table = Table::new(columns);
+    for fit in fits {
+        let db = if fit.psnr_db.is_nan() { String::new() } else { format!("{:.2}", fit.psnr_db) };
+        table.push([
+            fit.trial.group.to_owned(),
+            fit.trial.name.clone(),
+            db,
+            format!("{:.1}", fit.seconds),
+            fit.steps.to_string(),
+            fit.parameters.to_string(),
+            fit.bytes.to_string(),
+            fit.note.clone(),
+        ]);
+    }
+    table
+}
+
+/// Writes table.csv, curves.csv, report.md, a plot a group, and summary.json into `folder`.
+///
+/// # Errors
+/// [`ReportError`] on files that cannot be written.
+pub fn write(fits: &[Fitted], data: &str, machine: &str, folder: &Path) -> Result<(), ReportError> {
+    table(fits).write_csv(folder.join("table.csv"))?;
+    let mut curves = Table::new(["fit", "seconds", "val_psnr_db"]);
+    for fit in fits {
+        for (seconds, db) in &fit.curve {
+            curves.push([fit.trial.name.clone(), seconds.to_string(), db.to_string()]);
+        }
+    }
+    curves.write_csv(folder.join("curves.csv"))?;
+    let mut text = format!("# PSNR over the time of a fit: {}\n\n", markdown(data));
+    // Writing into a String cannot fail.
+    let _ = writeln!(text, "On {machine}.\n\n{}", table(fits).to_markdown());
+    for group in groups(fits) {
+        plot(fits, data, group).write(folder.join(format!("psnr_over_time_{group}")))?;
+        let _ = writeln!(text, "![{group}](psnr_over_time_{group}.png)\n");
+    }
+    if let Some(plot) = size_plot(fits, data) {
+        plot.write(folder.join("psnr_over_bytes"))?;
+        let _ = writeln!(text, "![what a file holds](psnr_over_bytes.png)\n");
+    }
+    let _ = writeln!(
+        text,
+        "Curves are means over the few validation views that a fit watches; the table's PSNR is the exported blob's, \
+         over all of them. A fit follows its schedule to the end of its time: a curve is not what a longer fit \
+         shows on its way."
+    );
+    write_atomic(folder.join("report.md"), text.as_bytes())?;
+    summary(fits).write(folder)?;
+    Ok(())
+}
+
+/// summary.json.
+pub fn summary(fits: &[Fitted]) -> Summary {
+    let fields = |fit: &Fitted| {
+        let (seconds, psnr): (Vec<f64>, Vec<f64>) = fit.curve.iter().copied().unzip();
+        let mut fields = Summary::new();
+        fields
+            .text("fit", fit.trial.name.clone())
+            .text("group", fit.trial.group)
+            .number("val_psnr_db", fit.psnr_db)
+            .number("train_seconds", fit.seconds)
+            .integer("steps", u64::from(fit.steps))
+            .integer("parameters", fit.parameters as u64)
+            .integer("bytes", fit.bytes as u64)
+            .text("note", fit.note.clone())
+            .numbers("curve_seconds", &seconds)
+            .numbers("curve_val_psnr_db", &psnr);
+        fields
+    };
+    let mut summary = Summary::new();
+    summary.sections("fits", fits.iter().map(fields).collect());
+    summary
+}
+
+fn groups(fits: &[Fitted]) -> Vec<&'static str> {
+    let mut groups: Vec<&'static str> = fits.iter().map(|fit| fit.trial.group).collect();
+    groups.dedup();
+    groups
+}
+
+fn plot(fits: &[Fitted], data: &str, group: &str) -> LinePlot {
+    let title = format!("{data}: PSNR over the time of a fit, by {group}");
+    let mut plot = LinePlot::new(title, "seconds, everything included", "mean PSNR of watched views, dB");
+    let of_group = fits.iter().filter(|fit| fit.trial.group == group).take(MAX_SERIES);
+    let series = |fit: &Fitted| Series {
+        name: fit.trial.name.clone(),
+        points: fit.curve.clone(),
+        marker: Marker::LineAndPoints,
+    };
+    plot.series = of_group.map(series).collect();
+    plot
+}
+
+/// What files of different sizes hold after each time: the table sizes, or all fits where none are compared; `None` of
+/// fewer than two.
+fn size_plot(fits: &[Fitted], data: &str) -> Option<LinePlot> {
+    let tables = fits.iter().any(|fit| fit.trial.group == "table");
+    let shown = || fits.iter().filter(|fit| !fit.psnr_db.is_nan() && (fit.trial.group == "table" || !tables));
+    let mut seconds: Vec<f64> = shown().map(|fit| fit.trial.budget_seconds).collect();
+    seconds.sort_by(f64::total_cmp);
+    seconds.dedup();
+    let series = |&seconds: &f64| {
+        let fits = shown().filter(|fit| fit.trial.budget_seconds == seconds);
+        let mut points: Vec<(f64, f64)> = fits.map(|fit| (fit.bytes as f64 / 1024.0, fit.psnr_db)).collect();
+        points.sort_by(|a, b| a.0.total_cmp(&b.0));
+        let marker = if tables { Marker::LineAndPoints } else { Marker::Points };
+        Series { name: format!("{seconds} s"), points, marker }
+    };
+    if shown().count() < 2 {
+        return None;
+    }
+    let title = format!("{data}: what a file of each size holds");
+    let mut plot = LinePlot::new(title, "whole file, KiB", "mean PSNR of validation views, dB");
+    plot.series = seconds.iter().take(MAX_SERIES).map(series).collect();
+    plot.log_x = true;
+    Some(plot)
+}
