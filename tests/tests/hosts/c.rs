@@ -164,21 +164,30 @@ fn hosts_say_what_is_wrong() {
 }
 
 #[test]
-fn minimal_program_of_the_readmes_works() {
-    let source = std::fs::read_to_string(example("c/minimal.c")).expect("minimal.c");
-    for readme in ["README.md", "nerf-render-ffi/README.md"] {
+fn minimal_programs_of_the_readmes_work() {
+    let holds = |readme: &str, example: &Path| {
+        let source = std::fs::read_to_string(example).expect("an example");
         let text = std::fs::read_to_string(paths::workspace().join(readme)).expect(readme);
-        assert!(text.contains(source.trim()), "the program in {readme} is not examples/c/minimal.c");
-    }
+        assert!(text.contains(source.trim()), "the program in {readme} is not {}", example.display());
+    };
+    let (c, cpp) = (example("c/minimal.c"), example("cpp/minimal.cpp"));
+    holds("README.md", &c);
+    holds("nerf-render-ffi/README.md", &c);
+    holds("README.md", &cpp);
 
     let directory = paths::temporary();
-    let program = program(Language::C, &example("c/minimal.c"), directory.path(), &[]);
     let file = directory.path().join("scene.nerf");
     std::fs::write(&file, Recipe::PLAIN.blob()).expect("a temporary file");
     let scene = std::fs::File::open(&file).expect("a temporary file");
-    let output = run(Command::new(program).stdin(scene));
-    assert_eq!(output.stdout.len(), "P6 64 64 255\n".len() + 64 * 64 * 3);
-    assert!(output.stdout.starts_with(b"P6 64 64 255\n"));
+    let drawn = |command: &mut Command, side: usize| {
+        let (output, header) = (run(command), format!("P6 {side} {side} 255\n"));
+        assert_eq!(output.stdout.len(), header.len() + side * side * 3);
+        assert!(output.stdout.starts_with(header.as_bytes()));
+    };
+    drawn(Command::new(program(Language::C, &c, directory.path(), &[])).stdin(scene), 64);
+    let folder = directory.path().join("cpp");
+    std::fs::create_dir(&folder).expect("a temporary folder");
+    drawn(Command::new(program(Language::Cpp, &cpp, &folder, &[])).arg(&file), 400);
 }
 
 #[test]
