@@ -102,18 +102,8 @@ fn main() {
 
 fn row(data: &Dataset, recipe: &Recipe, minutes: f64) {
     let begun = Instant::now();
-    let options = RunOptions {
-        budget: Budget { steps: Some(recipe.steps), seconds: Some(60.0 * minutes) },
-        checkpoint: None,
-        checkpoint_every: f64::INFINITY,
-        resume: false,
-        snapshots: None,
-        report: false,
-        validate_every: None,
-        effect_threshold_db: None,
-        kernel: Kernel::detect(),
-        style: ProgressStyle::Auto,
-    };
+    let budget = Budget { steps: Some(recipe.steps), seconds: Some(60.0 * minutes) };
+    let options = RunOptions::unattended(budget, Kernel::detect(), ProgressStyle::Auto);
     let ended = run(data, recipe.config(false), &options, &|_| false).expect("a run");
     let Ended::Finished(outcome) = ended else { unreachable!("nobody stops it") };
     let views = spread(&data.train, data.val.len().max(1));

@@ -2,6 +2,7 @@
 
 use crate::data;
 use crate::data::system::input::{MAX_BLOB_BYTES, read_limited};
+use crate::data::system::output::claims::{Claims, Existing, is_device};
 use crate::data::system::printable;
 use crate::data::system::progress;
 use crate::data::system::progress::{Message, Progress, ProgressStyle, Total};
@@ -560,4 +561,33 @@ pub fn cpu_name() -> String {
     let info = std::fs::read_to_string("/proc/cpuinfo").unwrap_or_default();
     let name = info.lines().find_map(|line| line.strip_prefix("model name")?.split_once(':'));
     name.map_or_else(|| std::env::consts::ARCH.to_string(), |(_, name)| name.trim().to_string())
+}
+
+/// Settles what a fit reads and writes, the checkpoint beside `output` among it; where that lies, if there is one.
+pub fn claim_checkpoint(
+    claims: Claims,
+    output: &Path,
+    resume: bool,
+    restart: bool,
+) -> anyhow::Result<Option<PathBuf>> {
+    let existing = match resume || restart {
+        true => Existing::Replace,
+        false => Existing::Refuse(": --resume goes on from it, --restart replaces it"),
+    };
+    let checkpoint = checkpoint_path(output);
+    match &checkpoint {
+        Some(checkpoint) => claims.derives("the checkpoint beside -o", checkpoint, existing).settle()?,
+        None => claims.settle()?,
+    }
+    if resume && checkpoint.is_none() {
+        bail!("--resume: {} is a device, which has no checkpoint beside it", output.display());
+    }
+    Ok(checkpoint)
+}
+
+/// Where the checkpoint of a blob lies; a device has none.
+fn checkpoint_path(output: &Path) -> Option<PathBuf> {
+    let mut name = output.as_os_str().to_owned();
+    name.push(".checkpoint");
+    (!is_device(output)).then_some(name.into())
 }

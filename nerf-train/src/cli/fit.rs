@@ -2,14 +2,15 @@
 
 use super::audit::check_threshold;
 use super::common::{
-    DataOptions, Global, Space, check_checkpoint_every, check_max_seconds, parse_numbers, print_report,
+    DataOptions, Global, Space, check_checkpoint_every, check_max_seconds, claim_checkpoint, parse_numbers,
+    print_report,
 };
 use super::grid::{self, TableSettings, check_memory, given, of_sinusoidal, parse_bytes, set};
 use super::outcome;
 use super::places;
 use crate::data::system::input;
 use crate::data::system::memory;
-use crate::data::system::output::claims::{Claims, Existing, is_device};
+use crate::data::system::output::claims::Claims;
 use crate::data::system::stop;
 use crate::data::{Background, Dataset};
 use crate::fit::run::{Ended, RunOptions, interrupted, run_since};
@@ -20,7 +21,7 @@ use crate::measure::audit::THRESHOLD_DB;
 use crate::model::config::{Config, Density, Jitter, Preset, Surroundings};
 use crate::train::find_box;
 use crate::train::schedule::{Budget, Clock};
-use anyhow::{Context, bail};
+use anyhow::Context;
 use clap::Args;
 use glam::Vec3;
 use std::path::{Path, PathBuf};
@@ -342,19 +343,11 @@ impl Fit {
 
     /// What it reads and writes.
     fn claims(&self) -> Claims {
-        let existing = match self.resume || self.restart {
-            true => Existing::Replace,
-            false => Existing::Refuse(": --resume goes on from it, --restart replaces it"),
-        };
-        let claims = Claims::new()
+        Claims::new()
             .reads_data(&self.data)
             .reads_if("the file of settings", self.config.as_deref())
             .writes("-o", &self.output)
-            .writes_folder_if("--report", self.report.as_deref(), &places::FIT);
-        match checkpoint_path(&self.output) {
-            Some(checkpoint) => claims.derives("the checkpoint beside -o", &checkpoint, existing),
-            None => claims,
-        }
+            .writes_folder_if("--report", self.report.as_deref(), &places::FIT)
     }
 
     /// Runs the command.
@@ -369,11 +362,7 @@ impl Fit {
         // Whatever cannot be written, or must not, is found out before the work, not after it.
         places::check_extension("-o", &self.output, places::BLOB)?;
         places::check_report(self.report.as_ref())?;
-        self.claims().settle()?;
-        let checkpoint = checkpoint_path(&self.output);
-        if self.resume && checkpoint.is_none() {
-            bail!("--resume: {} is a device, which has no checkpoint beside it", self.output.display());
-        }
+        let checkpoint = claim_checkpoint(self.claims(), &self.output, self.resume, self.restart)?;
 
         let dataset = self.data_options.read(&self.data, global)?;
         let report = print_report(&dataset, global);
@@ -399,7 +388,7 @@ impl Fit {
         let outcome = match run_since(clock, &dataset, config.clone(), &options, &stop)? {
             Ended::Finished(outcome) => outcome,
             Ended::Interrupted { step, checkpoint } => {
-                global.interrupted(&interrupted(step, checkpoint.as_ref()));
+                global.interrupted(&interrupted(step, checkpoint.as_deref()));
                 return Ok(stop::status());
             }
         };
@@ -414,13 +403,6 @@ impl Fit {
         printed?;
         Ok(ExitCode::SUCCESS)
     }
-}
-
-/// Where the checkpoint of a blob lies; a device has none.
-fn checkpoint_path(output: &Path) -> Option<PathBuf> {
-    let mut name = output.as_os_str().to_owned();
-    name.push(".checkpoint");
-    (!is_device(output)).then_some(name.into())
 }
 
 #[cfg(test)]

@@ -1,7 +1,8 @@
 //! `nerf-train image`
 
 use super::common::{
-    Global, check_max_seconds, cpu_name, open_blob, parse_background, parse_math, read_file,
+    Global, check_checkpoint_every, check_max_seconds, claim_checkpoint, cpu_name, open_blob,
+    parse_background, parse_math, read_file,
 };
 use super::grid::{self, TableSettings, check_memory, given, of_sinusoidal, parse_bytes};
 use super::places;
@@ -12,7 +13,8 @@ use crate::data::system::output::claims::Claims;
 use crate::data::system::output::ensure_folder;
 use crate::data::system::progress::{Message, Progress, Total};
 use crate::data::system::stop;
-use crate::fit::picture::{Ended, Evaluation, Outcome, RunOptions, kept, run};
+use crate::fit::drive::Ended;
+use crate::fit::picture::{Evaluation, Outcome, RunOptions, kept, run};
 use crate::fit::size;
 use crate::measure::frame;
 use crate::model::picture_config::{FieldConfig, FieldPreset};
@@ -144,6 +146,16 @@ pub struct Fit {
     /// Steps between evaluations of the whole picture, for the curve [default: a tenth of the run].
     #[arg(long, value_name = "N")]
     evaluate_every: Option<u32>,
+    /// Go on from the checkpoint beside the output file.
+    #[arg(long)]
+    resume: bool,
+    /// Begin anew and replace the checkpoint beside the output file: without this or --resume a fit that finds one
+    /// is refused.
+    #[arg(long, conflicts_with = "resume")]
+    restart: bool,
+    /// Seconds between checkpoints.
+    #[arg(long, value_name = "S", default_value_t = 30.0)]
+    checkpoint_every: f64,
     /// Stop after so much time; with --steps, at whichever comes first.
     #[arg(long, value_name = "S")]
     max_seconds: Option<f64>,
@@ -219,13 +231,14 @@ impl Fit {
         // Wrong settings are found before the picture is read, and once more with its size.
         self.config([MAX_SIDE; 2])?;
         check_max_seconds(self.max_seconds)?;
+        check_checkpoint_every(self.checkpoint_every)?;
         places::check_extension("-o", &self.output, places::BLOB)?;
         places::check_report(self.report.as_ref())?;
-        Claims::new()
+        let claims = Claims::new()
             .reads("the picture", &self.photo)
             .writes("-o", &self.output)
-            .writes_folder_if("--report", self.report.as_deref(), &places::IMAGE_FIT)
-            .settle()?;
+            .writes_folder_if("--report", self.report.as_deref(), &places::IMAGE_FIT);
+        let checkpoint = claim_checkpoint(claims, &self.output, self.resume, self.restart)?;
         let snapshots = match &self.report {
             Some(folder) if !self.snapshots.is_empty() => {
                 ensure_folder(folder.join("snapshots"))?;
@@ -246,6 +259,9 @@ impl Fit {
         let options = RunOptions {
             budget: Budget { steps, seconds: self.max_seconds },
             output: Some(self.output.clone()),
+            checkpoint,
+            checkpoint_every: self.checkpoint_every,
+            resume: self.resume,
             snapshots: self.snapshots.clone(),
             evaluate_every: self.evaluate_every,
             kernel: global.kernel(),
@@ -268,8 +284,8 @@ impl Fit {
         })?;
         let outcome = match ended {
             Ended::Finished(outcome) => outcome,
-            Ended::Stopped { steps } => {
-                global.interrupted(&kept(steps, &self.output));
+            Ended::Interrupted { step, .. } => {
+                global.interrupted(&kept(step, &self.output));
                 return Ok(stop::status());
             }
         };

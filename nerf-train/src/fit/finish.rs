@@ -99,11 +99,7 @@ pub(crate) fn convention(views: usize, lattice: u32, background: [f32; 3], sampl
 
 impl Session<'_, '_> {
     /// Exports the last step, and measures the very blob that is exported.
-    pub(super) fn finish(
-        &mut self,
-        train_seconds: f64,
-        samples_per_second: [f64; 2],
-    ) -> Result<Outcome, RunError> {
+    pub(super) fn export(&mut self) -> Result<Outcome, RunError> {
         let mut candidate = self.trainer.candidate(true);
         let view_dependence = self.ask_direction(&mut candidate)?;
         let draft = self.trainer.export(&candidate, &About::default())?.bytes;
@@ -152,8 +148,8 @@ impl Session<'_, '_> {
             reseeds: self.trainer.progressed().reseeds,
             parameters: self.trainer.parameters(),
             occupied_share: candidate.live.lookup().occupied_share(),
-            train_seconds,
-            samples_per_second,
+            train_seconds: self.train_seconds,
+            samples_per_second: self.samples_per_second,
             snapshots: self.trainer.snapshots.clone(),
             curve: self.trainer.curve.clone(),
         })

@@ -1,6 +1,7 @@
 //! One fit from first step to blob.
 
 pub mod direction;
+pub mod drive;
 pub mod finish;
 pub mod pace;
 pub mod picture;

@@ -3,12 +3,13 @@
 use crate::data::rgb_error::ReportError;
 use crate::data::system::output::{OutputError, ensure_folder};
 use crate::data::system::progress::{Message, Progress, ProgressStyle};
-use crate::data::system::stop::{Claim, Cover};
 use crate::data::{Dataset, View};
+pub use crate::fit::drive::{Ended, interrupted};
+use crate::fit::drive::{File, Task, drive};
 use crate::fit::finish::Outcome;
 use crate::fit::pace::Pace;
 use crate::fit::snapshot::{SnapshotError, SnapshotOptions};
-use crate::fit::validation::{ASKED_VIEWS, pixels_of, spread_indices, watched};
+use crate::fit::validation::{ASKED_VIEWS, Due, pixels_of, spread_indices, watched};
 use crate::measure::eval::EvalError;
 use crate::model::config::Config;
 use crate::train::checkpoint::{Checkpoint, CheckpointError};
@@ -17,9 +18,6 @@ use crate::train::{Progressed, TrainError, Trainer};
 use nerf_core::Kernel;
 use std::path::PathBuf;
 use std::time::{Duration, Instant};
-
-/// Seconds that a step may take without a checkpoint at hand for a signal that comes meanwhile.
-const LONG_STEP: f64 = 0.3;
 
 /// How a run is conducted.
 #[derive(Clone, Debug)]
@@ -46,19 +44,22 @@ pub struct RunOptions {
     pub style: ProgressStyle,
 }
 
-/// How a run ended.
-#[derive(Debug)]
-#[allow(clippy::large_enum_variant, reason = "made once a run")]
-pub enum Ended {
-    /// With a blob.
-    Finished(Outcome),
-    /// By Ctrl-C, with a checkpoint if there is a place for one.
-    Interrupted {
-        /// Steps done.
-        step: u32,
-        /// Where the checkpoint is.
-        checkpoint: Option<PathBuf>,
-    },
+impl RunOptions {
+    /// A run that writes nothing on the way and asks nothing of what is exported.
+    pub fn unattended(budget: Budget, kernel: Kernel, style: ProgressStyle) -> Self {
+        Self {
+            budget,
+            checkpoint: None,
+            checkpoint_every: f64::INFINITY,
+            resume: false,
+            snapshots: None,
+            report: false,
+            validate_every: None,
+            effect_threshold_db: None,
+            kernel,
+            style,
+        }
+    }
 }
 
 /// Why a run failed.
@@ -99,7 +100,7 @@ pub fn run(
     config: Config,
     options: &RunOptions,
     stop: &dyn Fn(u32) -> bool,
-) -> Result<Ended, RunError> {
+) -> Result<Ended<Outcome>, RunError> {
     run_since(Clock::resume(Duration::ZERO), dataset, config, options, stop)
 }
 
@@ -113,7 +114,7 @@ pub fn run_since(
     config: Config,
     options: &RunOptions,
     stop: &dyn Fn(u32) -> bool,
-) -> Result<Ended, RunError> {
+) -> Result<Ended<Outcome>, RunError> {
     let watched = watched(dataset.val.len());
     let mut pictured = Vec::new();
     if let Some(snapshots) = &options.snapshots {
@@ -137,8 +138,7 @@ pub fn run_since(
     let (of_asked, largest) = pixels_of(asked);
     let lattice = pace.lattice_on_the_way(of_asked, largest, f64::INFINITY);
     let pixels = [pixels_of(&dataset.val).0, of_asked / u64::from(lattice).pow(2)];
-    let (taken_up, last_checkpoint) = (Instant::now(), Instant::now());
-    let session = Session {
+    let mut session = Session {
         trainer,
         dataset,
         options,
@@ -146,15 +146,14 @@ pub fn run_since(
         pictured,
         clock,
         started,
-        taken_up,
+        taken_up: Instant::now(),
         pace,
         pixels,
-        last_checkpoint,
-        last_step: 0.0,
-        claim: options.checkpoint.is_some().then(Claim::new),
-        warned: false,
+        train_seconds: 0.0,
+        samples_per_second: [0.0; 2],
     };
-    session.run(stop)
+    let progress = session.progress();
+    drive(&mut session, options.checkpoint_every, progress, stop)
 }
 
 /// A run under way.
@@ -174,78 +173,103 @@ pub(super) struct Session<'a, 'd> {
     /// Counters at the start, or when the run was taken up again.
     started: Progressed,
     taken_up: Instant,
-    last_checkpoint: Instant,
-    /// Seconds that the last step took.
-    last_step: f64,
-    /// Makes signals wait for the checkpoint.
-    claim: Option<Claim>,
-    /// Whether it was said that checkpoints cannot be written.
-    warned: bool,
+    /// Seconds from the start until the last step.
+    pub(super) train_seconds: f64,
+    /// Samples evaluated and samples trained on, a second of training.
+    pub(super) samples_per_second: [f64; 2],
 }
 
-impl Session<'_, '_> {
-    fn run(mut self, stop: &dyn Fn(u32) -> bool) -> Result<Ended, RunError> {
-        let mut progress = self.progress();
-        let train_seconds = loop {
-            let (step, seconds) = (self.trainer.progressed().step, self.clock.seconds());
-            let share = self.share(step, seconds + self.last_step);
-            let ended = share >= 1.0;
-            let due = self.due(share, ended);
-            if due.any() {
-                self.covered(|session| session.validate(due))?;
-            }
-            self.note(ended);
-            if ended {
-                break seconds;
-            }
-            if stop(step) {
-                let checkpoint = self.save()?;
-                progress.finish(format!("interrupted after step {step}"));
-                return Ok(Ended::Interrupted { step, checkpoint });
-            }
-            let due = self.last_checkpoint.elapsed().as_secs_f64() >= self.options.checkpoint_every;
-            if due && step > self.started.step {
-                self.save_on_the_way(&progress);
-            }
-            if self.last_step > LONG_STEP {
-                self.covered(|session| session.step(share, &mut progress))?;
-            } else {
-                self.step(share, &mut progress)?;
-            }
-        };
+impl Task for Session<'_, '_> {
+    type Outcome = Outcome;
+    type Error = RunError;
+    type Due = Due;
+
+    fn steps(&self) -> u32 {
+        self.trainer.progressed().step
+    }
+
+    fn share(&mut self, last_step: f64) -> Result<f64, RunError> {
+        Ok(self.share_at(self.steps(), self.clock.seconds() + last_step))
+    }
+
+    fn due(&self, share: f64, ended: bool) -> Option<Due> {
+        Some(self.due_at(share, ended)).filter(|due| due.any())
+    }
+
+    fn validate(&mut self, due: Due, _: f64) -> Result<(), RunError> {
+        self.measure_views(due)
+    }
+
+    fn note(&mut self, ended: bool) {
+        self.note_point(ended);
+    }
+
+    fn step(&mut self, share: f64, progress: &Progress) -> Result<(), RunError> {
+        let before = self.trainer.progressed().reseeds;
+        // On a thread of the pool, so that the parts of a step need not wake it one by one.
+        rayon::scope(|_| self.trainer.step(share))?;
+        let p = *self.trainer.progressed();
+        if p.reseeds != before {
+            self.started = p;
+            progress.println(format!(
+                "every density became 0 (a known failure of ReLU densities); starting anew with another seed, \
+                 attempt {} of 4",
+                p.reseeds + 1
+            ));
+        }
+        Ok(())
+    }
+
+    fn message(&self) -> Message {
+        let rays = self.trainer.progressed().rays.saturating_sub(self.started.rays) as f64;
+        Message {
+            rays_per_s: Some(rays / self.seconds_here()),
+            train_psnr_db: Some(self.trainer.train_psnr_db()),
+            val_psnr_db: self.last_val_psnr_db(),
+            note: String::new(),
+        }
+    }
+
+    fn is_worth_keeping(&self) -> bool {
+        self.options.checkpoint.is_some()
+    }
+
+    fn checkpoint(&self) -> Option<File> {
+        let path = self.options.checkpoint.clone()?;
+        Some((path, self.trainer.checkpoint(self.clock.seconds()).to_bytes()))
+    }
+
+    fn as_it_stands(&self) -> Result<Option<File>, RunError> {
+        Ok(None)
+    }
+
+    fn interrupted(&self) -> String {
+        interrupted(self.steps(), self.options.checkpoint.as_deref())
+    }
+
+    fn ended(&mut self) -> String {
         let p = *self.trainer.progressed();
         let a_second = |now: u64, then: u64| now.saturating_sub(then) as f64 / self.seconds_here();
         let samples = a_second(p.samples, self.started.samples);
         let evaluated = a_second(p.evaluated, self.started.evaluated);
-        self.save_on_the_way(&progress);
-        let (of_all, of_kept) = (evaluated / 1e6, samples / 1e6);
-        progress.finish(format!(
-            "{} steps; {of_all:.2} million samples evaluated a second, {of_kept:.2} million trained on",
-            p.step
-        ));
-        self.covered(|session| session.finish(train_seconds, [evaluated, samples])).map(Ended::Finished)
+        (self.train_seconds, self.samples_per_second) = (self.clock.seconds(), [evaluated, samples]);
+        format!(
+            "{} steps; {:.2} million samples evaluated a second, {:.2} million trained on",
+            p.step,
+            evaluated / 1e6,
+            samples / 1e6
+        )
     }
 
+    fn finish(&mut self) -> Result<Outcome, RunError> {
+        self.export()
+    }
+}
+
+impl Session<'_, '_> {
     /// Share of the budget that is used, what is kept for the end left out.
-    pub(super) fn share(&self, step: u32, seconds: f64) -> f64 {
+    pub(super) fn share_at(&self, step: u32, seconds: f64) -> f64 {
         self.options.budget.share(step, seconds, self.pace.reserve(self.pixels[0], self.pixels[1]))
-    }
-
-    /// Does what may take long; a signal meanwhile leaves a checkpoint of the run as it stands.
-    fn covered<T>(&mut self, work: impl FnOnce(&mut Self) -> T) -> T {
-        let Some(claim) = self.claim.take() else { return work(self) };
-        let cover = self.cover();
-        let done = claim.cover(cover, || work(self));
-        self.claim = Some(claim);
-        done
-    }
-
-    /// What a signal writes and says while the run is busy.
-    fn cover(&self) -> Cover {
-        let step = self.trainer.progressed().step;
-        let Some(path) = &self.options.checkpoint else { return Cover::default() };
-        let bytes = self.trainer.checkpoint(self.clock.seconds()).to_bytes();
-        Cover { file: Some((path.clone(), bytes)), message: interrupted(step, Some(path)) }
     }
 
     fn progress(&self) -> Progress {
@@ -266,61 +290,5 @@ impl Session<'_, '_> {
     /// Seconds since the start, or since the run was taken up again; above 0.
     fn seconds_here(&self) -> f64 {
         self.taken_up.elapsed().as_secs_f64().max(1e-9)
-    }
-
-    fn step(&mut self, share: f64, progress: &mut Progress) -> Result<(), RunError> {
-        let begun = Instant::now();
-        let before = self.trainer.progressed().reseeds;
-        // On a thread of the pool, so that the parts of a step need not wake it one by one.
-        rayon::scope(|_| self.trainer.step(share))?;
-        self.last_step = begun.elapsed().as_secs_f64();
-        let p = *self.trainer.progressed();
-        if p.reseeds != before {
-            self.started = p;
-            progress.println(format!(
-                "every density became 0 (a known failure of ReLU densities); starting anew with another seed, \
-                 attempt {} of 4",
-                p.reseeds + 1
-            ));
-        }
-        let rays = p.rays.saturating_sub(self.started.rays) as f64;
-        progress.update(
-            u64::from(p.step),
-            &Message {
-                rays_per_s: Some(rays / self.seconds_here()),
-                train_psnr_db: Some(self.trainer.train_psnr_db()),
-                val_psnr_db: self.last_val_psnr_db(),
-                note: String::new(),
-            },
-        );
-        Ok(())
-    }
-
-    /// Writes a checkpoint if there is a place for it.
-    fn save(&mut self) -> Result<Option<PathBuf>, RunError> {
-        self.last_checkpoint = Instant::now();
-        let Some(path) = &self.options.checkpoint else { return Ok(None) };
-        self.trainer.checkpoint(self.clock.seconds()).write(path)?;
-        Ok(Some(path.clone()))
-    }
-
-    /// As [`Session::save`]; where it cannot be written, the one before stays, and that is said once.
-    fn save_on_the_way(&mut self, progress: &Progress) {
-        if let Err(error) = self.save()
-            && !std::mem::replace(&mut self.warned, true)
-        {
-            progress.warn(format!("warning: checkpoint: {error}; the one before stays, and the run goes on"));
-        }
-    }
-}
-
-/// What a run says that was interrupted.
-pub fn interrupted(step: u32, checkpoint: Option<&PathBuf>) -> String {
-    match checkpoint {
-        Some(path) => format!(
-            "interrupted after step {step}; the checkpoint is {}: go on with the same command and --resume",
-            path.display()
-        ),
-        None => format!("interrupted after step {step}"),
     }
 }

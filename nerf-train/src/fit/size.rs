@@ -2,11 +2,11 @@
 
 use crate::data::Dataset;
 use crate::fit::finish::convention;
-use crate::fit::picture::MEASURED_ON;
 use crate::model::config::{Config, TableConfig};
 use crate::model::picture_config::FieldConfig;
 use crate::model::quantise::TableStorage;
 use crate::train::candidate::MADE_BY;
+use crate::train::field::MEASURED_ON;
 use crate::train::occupancy::Occupancy;
 use glam::Vec3;
 use nerf_core::blob::{

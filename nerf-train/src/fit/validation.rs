@@ -61,7 +61,7 @@ impl Session<'_, '_> {
     /// again validates where an undisturbed one does; with a limit in seconds, also by what it takes.
     ///
     /// `share`: of the budget that is used.
-    pub(super) fn due(&self, share: f64, ended: bool) -> Due {
+    pub(super) fn due_at(&self, share: f64, ended: bool) -> Due {
         Due {
             validation: self.validation_is_due(share, ended),
             pictures: self.pictures_are_due(share, ended),
@@ -69,7 +69,7 @@ impl Session<'_, '_> {
     }
 
     /// Puts a point into the curve, if one is due and validation has put none there.
-    pub(super) fn note(&mut self, ended: bool) {
+    pub(super) fn note_point(&mut self, ended: bool) {
         let point = self.point();
         let noted = self.trainer.curve.last().is_some_and(|last| last.step == point.step);
         if !noted && point.step > 0 && (ended || point.step.is_multiple_of(POINT_EVERY)) {
@@ -104,7 +104,7 @@ impl Session<'_, '_> {
     /// What is kept for the end of a run is estimated anew all the time, and moves the eighths of a limit in
     /// seconds a little: an eighth that was just begun must not begin again.
     fn in_another_part(&self, share: f64, last: Option<(u32, f64)>) -> bool {
-        let then = last.map_or(0.0, |(step, seconds)| self.share(step, seconds));
+        let then = last.map_or(0.0, |(step, seconds)| self.share_at(step, seconds));
         let part = |share: f64| (share * PARTS) as u32;
         part(share) > part(then) && share - then > 0.5 / PARTS
     }
@@ -139,7 +139,7 @@ impl Session<'_, '_> {
     }
 
     /// Renders the run as it stands from the watched views and from those to take pictures of, all on one lattice.
-    pub(super) fn validate(&mut self, due: Due) -> Result<(), RunError> {
+    pub(super) fn measure_views(&mut self, due: Due) -> Result<(), RunError> {
         let (begun, mut point) = (Instant::now(), self.point());
         let allowed = self.pace.allowance(point.seconds);
         let candidate = self.trainer.candidate(false);

@@ -13,6 +13,7 @@ use crate::model::engine::OptimiserState;
 use crate::train::Snapshot;
 use crate::train::occupancy::Occupancy;
 use nerf_core::camera::{Lens, Projection};
+use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 use std::path::{Path, PathBuf};
@@ -93,13 +94,7 @@ impl Checkpoint {
 
     /// The file's bytes.
     pub fn to_bytes(&self) -> Vec<u8> {
-        // Serialising plain data to memory has no way to fail.
-        let body = postcard::to_stdvec(self).expect("plain data");
-        let mut bytes = Vec::with_capacity(body.len() + 12);
-        bytes.extend(MAGIC);
-        bytes.extend(crc(&body).to_le_bytes());
-        bytes.extend(body);
-        bytes
+        pack(MAGIC, self)
     }
 
     /// Reads one back.
@@ -107,18 +102,7 @@ impl Checkpoint {
     /// # Errors
     /// [`CheckpointError`] names the file.
     pub fn read(path: &Path) -> Result<Self, CheckpointError> {
-        let bytes = read_limited(path, MAX_CHECKPOINT_BYTES)
-            .map_err(|source| CheckpointError::Read { path: path.into(), source })?;
-        let format = |found: &str| CheckpointError::Format { path: path.into(), found: found.into() };
-        let rest = bytes.strip_prefix(&MAGIC).ok_or_else(|| format("another kind of file or version"))?;
-        let (stored, body) = rest.split_first_chunk::<4>().ok_or_else(|| format("a truncated file"))?;
-        if u32::from_le_bytes(*stored) != crc(body) {
-            return Err(format("a damaged file (checksum)"));
-        }
-        match postcard::take_from_bytes(body) {
-            Ok((checkpoint, [])) => Ok(checkpoint),
-            _ => Err(format("a body of another shape")),
-        }
+        unpack(MAGIC, path)
     }
 
     /// Refuses a checkpoint of other data or settings.
@@ -133,17 +117,7 @@ impl Checkpoint {
         config: &Config,
         data: (&str, u64),
     ) -> Result<(), CheckpointError> {
-        let other = |field: String, expected: String, found: String| {
-            Err(CheckpointError::Other { path: path.into(), field, expected, found })
-        };
-        let (name, now) = data;
-        if self.data != name {
-            return other("data".into(), name.into(), self.data.clone());
-        }
-        if self.fingerprint != now {
-            let text = |print: u64| format!("pictures and cameras {print:016x}");
-            return other("data".into(), text(now), text(self.fingerprint));
-        }
+        check_data(path, data, (&self.data, self.fingerprint))?;
         // JSON and not TOML, which has no u64 for the seed.
         let tree = |config: &Config| {
             let mut config = config.clone();
@@ -154,10 +128,59 @@ impl Checkpoint {
             }
             serde_json::to_value(config).expect("plain data")
         };
-        match difference(&tree(config), &tree(&self.config)) {
-            Some((field, now, then)) => other(field, now, then),
-            None => Ok(()),
+        check_settings(path, &tree(config), &tree(&self.config))
+    }
+}
+
+/// A checkpoint's file: what it is and its version, a checksum, the state.
+pub(crate) fn pack(magic: [u8; 8], state: &impl Serialize) -> Vec<u8> {
+    // Serialising plain data to memory has no way to fail.
+    let body = postcard::to_stdvec(state).expect("plain data");
+    let mut bytes = Vec::with_capacity(body.len() + 12);
+    bytes.extend(magic);
+    bytes.extend(crc(&body).to_le_bytes());
+    bytes.extend(body);
+    bytes
+}
+
+/// Reads one back.
+pub(crate) fn unpack<T: DeserializeOwned>(magic: [u8; 8], path: &Path) -> Result<T, CheckpointError> {
+    let bytes = read_limited(path, MAX_CHECKPOINT_BYTES)
+        .map_err(|source| CheckpointError::Read { path: path.into(), source })?;
+    let format = |found: &str| CheckpointError::Format { path: path.into(), found: found.into() };
+    let rest = bytes.strip_prefix(&magic).ok_or_else(|| format("another kind of file or version"))?;
+    let (stored, body) = rest.split_first_chunk::<4>().ok_or_else(|| format("a truncated file"))?;
+    if u32::from_le_bytes(*stored) != crc(body) {
+        return Err(format("a damaged file (checksum)"));
+    }
+    match postcard::take_from_bytes(body) {
+        Ok((state, [])) => Ok(state),
+        _ => Err(format("a body of another shape")),
+    }
+}
+
+/// Refuses a checkpoint of other data, each a name and a fingerprint.
+pub(crate) fn check_data(path: &Path, now: (&str, u64), then: (&str, u64)) -> Result<(), CheckpointError> {
+    let other = |expected: String, found: String| {
+        Err(CheckpointError::Other { path: path.into(), field: "data".into(), expected, found })
+    };
+    if then.0 != now.0 {
+        return other(now.0.into(), then.0.into());
+    }
+    if then.1 != now.1 {
+        let text = |print: u64| format!("pictures and cameras {print:016x}");
+        return other(text(now.1), text(then.1));
+    }
+    Ok(())
+}
+
+/// Refuses a checkpoint of other settings, both as JSON.
+pub(crate) fn check_settings(path: &Path, now: &Value, then: &Value) -> Result<(), CheckpointError> {
+    match difference(now, then) {
+        Some((field, expected, found)) => {
+            Err(CheckpointError::Other { path: path.into(), field, expected, found })
         }
+        None => Ok(()),
     }
 }
 

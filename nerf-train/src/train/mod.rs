@@ -4,6 +4,7 @@ pub mod average;
 mod bounds;
 pub mod candidate;
 pub mod checkpoint;
+pub mod field;
 pub mod occupancy;
 pub mod rays;
 pub mod schedule;

@@ -16,7 +16,8 @@ fn photo(folder: &Folder) -> String {
 }
 
 fn image_fit<'a>(photo: &'a str, output: &'a str, more: &[&'a str]) -> Vec<&'a str> {
-    [&["image", "fit", photo, "-o", output, "-q", "--layers", "2", "--width", "16"], TINY, more].concat()
+    [&["image", "fit", photo, "-o", output, "--restart", "-q", "--layers", "2", "--width", "16"], TINY, more]
+        .concat()
 }
 
 fn sweep<'a>(photo: &'a str, output: &'a str, more: &[&'a str]) -> Vec<&'a str> {
@@ -80,7 +81,7 @@ fn a_grid_is_the_default_and_its_flags_set_what_is_said_of_it() {
     // The same bytes on any number of threads.
     let bytes = |threads: &str| {
         let run = ["-q", "--steps", "20", "--pixels", "9000", "--threads", threads];
-        ok([&["image", "fit", &photo, "-o", &file], &run[..]].concat());
+        ok([&["image", "fit", &photo, "-o", &file, "--restart"], &run[..]].concat());
         std::fs::read(&file).expect("a blob")
     };
     let one = bytes("1");
@@ -129,7 +130,7 @@ fn a_file_is_no_larger_than_it_was_asked_to_be() {
     let (photo, file) = (folder.path("noise.png"), folder.path("a.nerf"));
     let pixel = |x: u32, y: u32| image::Rgb([((x * 37) ^ (y * 91)) as u8, (x * y) as u8, (x + y) as u8]);
     image::ImageBuffer::from_fn(200, 150, pixel).save(&photo).expect("a picture");
-    let args = ["image", "fit", &photo, "-o", &file, "--steps", "2", "--pixels", "64"];
+    let args = ["image", "fit", &photo, "-o", &file, "--restart", "--steps", "2", "--pixels", "64"];
     let with = |flags: &[&'static str]| [&args, flags].concat();
     for (wish, bytes) in [("20k", 20 << 10), ("65536", 65_536), ("256k", 256 << 10)] {
         let said = ran(&mut command(with(&["--max-bytes", wish]))).err;

@@ -11,6 +11,7 @@ use nerf_train::data::demo;
 use nerf_train::data::demo::DemoSpec;
 use nerf_train::data::system::stop;
 use nerf_train::train::checkpoint::Checkpoint;
+use nerf_train::train::field::FieldCheckpoint;
 use std::fs;
 use std::os::unix::process::ExitStatusExt;
 use std::path::{Path, PathBuf};
@@ -83,6 +84,11 @@ const ROWS: &[Row] = &[
     ("image fit", 1.5, |i, o| {
         let run = ["--evaluate-every", "5", "--pixels", "500", "--steps", "1000000"];
         owned(&[&["image", "fit", &i.photo, "-o", &o.path("a.nerf"), "--preset", "classic"], &run])
+    }),
+    ("image fit, gone on with", f64::NAN, |i, o| {
+        let run =
+            ["--evaluate-every", "30", "--pixels", "500", "--steps", "120", "--checkpoint-every", "0.05"];
+        owned(&[&["image", "fit", &i.photo, "-o", &o.path("a.nerf")], &run])
     }),
     ("image fit, a grid", 1.5, |i, o| {
         let run = ["--evaluate-every", "5", "--pixels", "500", "--steps", "1000000"];
@@ -170,7 +176,7 @@ fn is_whole(path: &Path) -> bool {
     let bytes = fs::read(path).expect("a file");
     match path.extension().and_then(|extension| extension.to_str()).unwrap_or_default() {
         "nerf" => Blob::open(&bytes).is_ok(),
-        "checkpoint" => Checkpoint::read(path).is_ok(),
+        "checkpoint" => Checkpoint::read(path).is_ok() || FieldCheckpoint::read(path).is_ok(),
         "png" => image::load_from_memory(&bytes).is_ok(),
         "json" => serde_json::from_slice::<serde_json::Value>(&bytes).is_ok(),
         "csv" => csv::Reader::from_reader(&bytes[..]).records().all(|row| row.is_ok()),

@@ -3,6 +3,7 @@
 use crate::{fit, options, scene, tiny, tiny_grid, tiny_seed, tiny_unbounded};
 use nerf_core::Kernel;
 use nerf_train::data::Dataset;
+use nerf_train::fit::finish::Outcome;
 use nerf_train::fit::run::Ended;
 use nerf_train::fit::run::RunError;
 use nerf_train::fit::run::run;
@@ -19,11 +20,11 @@ use std::time::Duration;
 /// A name, and something done to a value.
 type Change<T> = (&'static str, fn(&mut T));
 
-fn resume(dataset: &Dataset, config: &Config, checkpoint: &Path) -> Result<Ended, RunError> {
+fn resume(dataset: &Dataset, config: &Config, checkpoint: &Path) -> Result<Ended<Outcome>, RunError> {
     run(dataset, config.clone(), &options(config, Some(checkpoint.into()), true), &|_| false)
 }
 
-fn bytes_of(ended: Ended) -> Vec<u8> {
+fn bytes_of(ended: Ended<Outcome>) -> Vec<u8> {
     match ended {
         Ended::Finished(outcome) => outcome.bytes,
         Ended::Interrupted { step, .. } => panic!("interrupted after step {step}"),

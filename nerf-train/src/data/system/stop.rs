@@ -51,8 +51,8 @@ enum State {
 /// What a signal leaves behind while the loop that owns the work is busy.
 #[derive(Clone, Debug, Default)]
 pub struct Cover {
-    /// A file to write and its bytes, if what it saves is not on the disk yet.
-    pub file: Option<(PathBuf, Vec<u8>)>,
+    /// Files to write and their bytes, of what is not on the disk yet.
+    pub files: Vec<(PathBuf, Vec<u8>)>,
     /// Said on stderr: what was saved and how to go on.
     pub message: String,
 }
@@ -175,12 +175,9 @@ fn noted() -> String {
 
 /// Saves what is lent; what there is to say about it.
 fn saved(cover: &Cover) -> String {
-    match &cover.file {
-        Some((path, bytes)) => match write_atomic(path, bytes) {
-            Ok(()) => cover.message.clone(),
-            Err(error) => format!("interrupted, and {error}"),
-        },
-        None => cover.message.clone(),
+    match cover.files.iter().try_for_each(|(path, bytes)| write_atomic(path, bytes)) {
+        Ok(()) => cover.message.clone(),
+        Err(error) => format!("interrupted, and {error}"),
     }
 }
 

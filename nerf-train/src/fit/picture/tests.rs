@@ -1,9 +1,11 @@
 use super::*;
 use crate::data::decode::DecodeError;
-use crate::measure::metrics::psnr_db;
+use crate::data::photograph::PhotoError;
 use crate::data::rgb::Picture;
 use crate::data::system::progress::ProgressStyle;
-use crate::train::schedule::{Budget, Clock};
+use crate::measure::metrics::psnr_db;
+use crate::model::picture_config::FieldPreset;
+use crate::train::schedule::Clock;
 use image::{DynamicImage, ImageBuffer, ImageFormat, Luma, Rgb, Rgba};
 use nerf_core::Kernel;
 use nerf_core::blob::Blob;
@@ -151,12 +153,9 @@ fn configs(photo: &Photo) -> [FieldConfig; 2] {
 
 fn options(steps: u32) -> RunOptions {
     RunOptions {
-        budget: Budget { steps: Some(steps), seconds: None },
-        output: None,
         snapshots: vec![0],
         evaluate_every: None,
-        kernel: Kernel::detect(),
-        style: ProgressStyle::Quiet,
+        ..RunOptions::unattended(steps, Kernel::detect(), ProgressStyle::Quiet)
     }
 }
 
@@ -212,7 +211,7 @@ fn a_grid_shows_no_noise_between_the_pixels_it_was_trained_on() {
     let config = FieldConfig { pixels: 1024, ..FieldPreset::Grid.config().for_picture(small.size()) };
     let (outcome, _) = fit(&small, config, &options(1000));
     println!("{:.2} dB at its pixels", outcome.psnr_db);
-    let shown = crate::fit::picture::run::render_blob(&outcome.bytes, Kernel::detect(), large.size()).unwrap();
+    let shown = render_blob(&outcome.bytes, Kernel::detect(), large.size()).unwrap();
     let found = psnr_db(&shown.rgb, &large.picture.rgb);
     let linear = |x: f32, y: f32| {
         let at = |x: f32, y: f32| {
@@ -307,7 +306,7 @@ fn a_run_that_is_stopped_keeps_what_it_has() {
         let options = RunOptions { output: Some(output.clone()), ..options(1_000_000) };
         let clock = Clock::resume(Duration::ZERO);
         let ended = run(&photo, config, &options, clock, &|step| step == at, |_| {}).unwrap();
-        assert!(matches!(ended, Ended::Stopped { steps } if steps == at));
+        assert!(matches!(ended, Ended::Interrupted { step, .. } if step == at));
         let bytes = std::fs::read(&output).unwrap();
         let blob = Blob::open(&bytes).unwrap();
         assert_eq!((blob.provenance().steps, blob.provenance().psnr_db), (at, None));
@@ -321,4 +320,46 @@ fn settings_out_of_range_are_named() {
     let photo = test_photo(4, 4);
     let error = FieldTrainer::new(&photo, config, Kernel::IN_PLACE).err().unwrap().to_string();
     assert_eq!(error, "layers: expected 1 to 16, found 17");
+}
+
+/// Interrupted and taken up again, a fit ends with the bytes of one that was not; another's checkpoint is refused.
+#[test]
+fn a_run_that_is_taken_up_again_ends_as_if_it_had_not_stopped() {
+    let (photo, folder) = (test_photo(16, 12), tempfile::tempdir().unwrap());
+    let (output, checkpoint) = (folder.path().join("a.nerf"), folder.path().join("a.nerf.checkpoint"));
+    for config in configs(&photo) {
+        let kept = RunOptions {
+            output: Some(output.clone()),
+            checkpoint: Some(checkpoint.clone()),
+            evaluate_every: Some(15),
+            ..options(60)
+        };
+        let start = Clock::resume(Duration::ZERO);
+        let go = |photo: &Photo, config: FieldConfig, options: &RunOptions, at: u32| {
+            run(photo, config, options, start, &|step| step == at, |_| {})
+        };
+        let ended = go(&photo, config.clone(), &kept, 37).unwrap();
+        assert!(matches!(&ended, Ended::Interrupted { step: 37, checkpoint: Some(at) } if *at == checkpoint));
+        let again = RunOptions { resume: true, ..kept.clone() };
+        let steps = |options: &RunOptions, at| match go(&photo, config.clone(), options, at).unwrap() {
+            Ended::Finished(outcome) => {
+                let curve = outcome.curve.iter().map(|point| (point.step, point.val_psnr_db));
+                (outcome.bytes, curve.collect::<Vec<_>>())
+            }
+            Ended::Interrupted { .. } => panic!("nobody stops it"),
+        };
+        let resumed = steps(&again, u32::MAX);
+        assert_eq!(resumed, steps(&kept, u32::MAX));
+        assert_eq!(std::fs::read(&output).unwrap(), resumed.0);
+
+        let mut faster = config.clone();
+        faster.optimiser.rate *= 2.0;
+        let refused = go(&photo, faster, &again, u32::MAX).unwrap_err().to_string();
+        assert!(refused.contains("optimiser.rate") && refused.contains("a.nerf.checkpoint"), "{refused}");
+        let refused = go(&test_photo(16, 13), config, &again, u32::MAX).unwrap_err().to_string();
+        assert!(refused.contains("data differs"), "{refused}");
+        std::fs::write(&checkpoint, b"no checkpoint").unwrap();
+        let refused = go(&photo, small_config(), &again, u32::MAX).unwrap_err().to_string();
+        assert!(refused.contains("expected a whole checkpoint"), "{refused}");
+    }
 }

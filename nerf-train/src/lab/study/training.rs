@@ -127,18 +127,8 @@ pub fn fit(
     kernel: Kernel,
     style: ProgressStyle,
 ) -> Result<Fitted, RunError> {
-    let options = RunOptions {
-        budget: Budget { steps: None, seconds: Some(trial.budget_seconds) },
-        checkpoint: None,
-        checkpoint_every: f64::INFINITY,
-        resume: false,
-        snapshots: None,
-        report: false,
-        validate_every: None,
-        effect_threshold_db: None,
-        kernel,
-        style,
-    };
+    let budget = Budget { steps: None, seconds: Some(trial.budget_seconds) };
+    let options = RunOptions::unattended(budget, kernel, style);
     let clock = Clock::resume(Duration::ZERO);
     let nothing = |note: String| Fitted {
         trial: trial.clone(),

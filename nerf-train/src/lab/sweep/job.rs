@@ -6,7 +6,7 @@ use crate::data::rgb::Picture;
 use crate::data::system::progress::ProgressStyle;
 use crate::data::{Dataset, View};
 use crate::fit::picture;
-use crate::fit::picture::{Ended as FieldEnded, FieldError};
+use crate::fit::picture::FieldError;
 use crate::fit::run;
 use crate::fit::run::{Ended, RunError, spread};
 use crate::fit::validation::FINAL_VIEWS;
@@ -19,6 +19,7 @@ use crate::model::engine::EngineError;
 use crate::model::picture_config::FieldConfig;
 use crate::train::TrainError;
 use crate::train::checkpoint::fingerprint;
+use crate::train::field::FieldTrainError;
 use crate::train::schedule::{Budget, Clock};
 use nerf_core::Kernel;
 use nerf_core::network::Architecture;
@@ -229,24 +230,17 @@ fn run_image(
     runner: &Runner<'_>,
 ) -> Result<Run, JobError> {
     let architecture = config.model(photo.size()).architecture;
-    let options = picture::RunOptions {
-        budget: Budget { steps: Some(config.optimiser.steps), seconds: None },
-        output: None,
-        snapshots: Vec::new(),
-        evaluate_every: Some(u32::MAX),
-        kernel: runner.kernel,
-        style: runner.style,
-    };
+    let options = picture::RunOptions::unattended(config.optimiser.steps, runner.kernel, runner.style);
     let clock = Clock::resume(Duration::ZERO);
     let outcome = match picture::run(photo, config, &options, clock, &|_| false, |_| {}) {
-        Ok(FieldEnded::Finished(outcome)) => outcome,
-        Ok(FieldEnded::Stopped { .. }) => unreachable!("nobody stops it"),
-        Err(FieldError::Engine(error @ EngineError::Diverged { .. })) => {
+        Ok(Ended::Finished(outcome)) => outcome,
+        Ok(Ended::Interrupted { .. }) => unreachable!("nobody stops it"),
+        Err(FieldError::Train(FieldTrainError::Engine(error @ EngineError::Diverged { .. }))) => {
             let mut record = diverged(point, runner, &architecture, error.to_string());
             record.train_seconds = clock.seconds();
             return Ok((record, None));
         }
-        Err(FieldError::Config(error)) => return Err(error.into()),
+        Err(FieldError::Train(FieldTrainError::Config(error))) => return Err(error.into()),
         Err(error) => return Err(JobError::Field(error)),
     };
     let flat = flat_psnr_db(&photo.picture.rgb);
@@ -269,18 +263,7 @@ fn run_scene(
     runner: &Runner<'_>,
 ) -> Result<Run, JobError> {
     let architecture = config.model().architecture;
-    let options = run::RunOptions {
-        budget,
-        checkpoint: None,
-        checkpoint_every: f64::INFINITY,
-        resume: false,
-        snapshots: None,
-        report: false,
-        validate_every: None,
-        effect_threshold_db: None,
-        kernel: runner.kernel,
-        style: runner.style,
-    };
+    let options = run::RunOptions::unattended(budget, runner.kernel, runner.style);
     let clock = Clock::resume(Duration::ZERO);
     let outcome = match run::run_since(clock, dataset, config, &options, &|_| false) {
         Ok(Ended::Finished(outcome)) => outcome,

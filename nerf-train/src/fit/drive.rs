@@ -1,0 +1,168 @@
+//! The loop of every fit, of scenes and of pictures: budget, validation, checkpoints, Ctrl-C, progress.
+
+use crate::data::system::output::{OutputError, write_atomic};
+use crate::data::system::progress::{Message, Progress};
+use crate::data::system::stop::{Claim, Cover};
+use std::path::{Path, PathBuf};
+use std::time::Instant;
+
+/// Seconds that a step may take without anything at hand for a signal that comes meanwhile.
+const LONG_STEP: f64 = 0.3;
+
+/// A file to write, and its bytes.
+pub(super) type File = (PathBuf, Vec<u8>);
+
+/// A fit under way.
+pub(super) trait Task {
+    /// What it makes.
+    type Outcome;
+    /// Why it fails.
+    type Error: From<OutputError>;
+    /// What is to be validated at a step.
+    type Due;
+
+    /// Steps done.
+    fn steps(&self) -> u32;
+    /// Share of the budget that is used, if the next step takes as long as the last one did.
+    fn share(&mut self, last_step: f64) -> Result<f64, Self::Error>;
+    /// What is to be validated now, if anything is.
+    fn due(&self, share: f64, ended: bool) -> Option<Self::Due>;
+    /// Validates the run as it stands.
+    fn validate(&mut self, due: Self::Due, share: f64) -> Result<(), Self::Error>;
+    /// Puts a point into the curve, if one is due and validation has put none there.
+    fn note(&mut self, ended: bool);
+    /// One step.
+    fn step(&mut self, share: f64, progress: &Progress) -> Result<(), Self::Error>;
+    /// What is shown after a step.
+    fn message(&self) -> Message;
+
+    /// Whether a signal finds something that must not be lost.
+    fn is_worth_keeping(&self) -> bool;
+    /// The checkpoint of the run as it stands, if there is a place for one.
+    fn checkpoint(&self) -> Option<File>;
+    /// What else is written when the run is interrupted: a picture's blob.
+    fn as_it_stands(&self) -> Result<Option<File>, Self::Error>;
+    /// What is said of a run that was interrupted.
+    fn interrupted(&self) -> String;
+
+    /// The last step is done; what is said of the steps.
+    fn ended(&mut self) -> String;
+    /// Makes and measures what is exported.
+    fn finish(&mut self) -> Result<Self::Outcome, Self::Error>;
+}
+
+/// How a run ended.
+#[derive(Clone, Debug)]
+#[allow(clippy::large_enum_variant, reason = "made once a run")]
+pub enum Ended<O> {
+    /// With what it was to make.
+    Finished(O),
+    /// By Ctrl-C, with a checkpoint if there is a place for one.
+    Interrupted {
+        /// Steps done.
+        step: u32,
+        /// Where the checkpoint is.
+        checkpoint: Option<PathBuf>,
+    },
+}
+
+/// Runs until the budget is used or `stop` says so, which is asked between steps with the steps done.
+///
+/// A checkpoint is written every so many seconds; whatever else takes long, a signal meanwhile leaves the run as it
+/// stood before.
+pub(super) fn drive<T: Task>(
+    task: &mut T,
+    checkpoint_every: f64,
+    mut progress: Progress,
+    stop: &dyn Fn(u32) -> bool,
+) -> Result<Ended<T::Outcome>, T::Error> {
+    let started = task.steps();
+    let mut keeper = Keeper { claim: None, last: Instant::now(), warned: false };
+    let mut last_step = 0.0;
+    loop {
+        keeper.begin(task);
+        let step = task.steps();
+        let share = task.share(last_step)?;
+        let ended = share >= 1.0;
+        if let Some(due) = task.due(share, ended) {
+            keeper.covered(task, |task| task.validate(due, share))?;
+        }
+        task.note(ended);
+        if ended {
+            break;
+        }
+        if stop(step) {
+            let checkpoint = task.checkpoint();
+            let mut files = task.as_it_stands()?.into_iter().chain(checkpoint.clone());
+            files.try_for_each(|(path, bytes)| write_atomic(path, &bytes))?;
+            progress.finish(format!("interrupted after step {step}"));
+            return Ok(Ended::Interrupted { step, checkpoint: checkpoint.map(|(path, _)| path) });
+        }
+        if keeper.last.elapsed().as_secs_f64() >= checkpoint_every && step > started {
+            keeper.save(task, &progress);
+        }
+        let begun = Instant::now();
+        if last_step > LONG_STEP {
+            keeper.covered(task, |task| task.step(share, &progress))?;
+        } else {
+            task.step(share, &progress)?;
+        }
+        last_step = begun.elapsed().as_secs_f64();
+        progress.update(u64::from(task.steps()), &task.message());
+    }
+    let said = task.ended();
+    keeper.save(task, &progress);
+    progress.finish(said);
+    keeper.covered(task, T::finish).map(Ended::Finished)
+}
+
+/// Keeps a run from being lost.
+struct Keeper {
+    /// Makes signals wait for the run's owner, while there is something to keep.
+    claim: Option<Claim>,
+    /// When a checkpoint was written last.
+    last: Instant,
+    /// Whether it was said that checkpoints cannot be written.
+    warned: bool,
+}
+
+impl Keeper {
+    fn begin(&mut self, task: &impl Task) {
+        if self.claim.is_none() && task.is_worth_keeping() {
+            self.claim = Some(Claim::new());
+        }
+    }
+
+    /// Does what may take long; a signal meanwhile leaves the run as it stands.
+    fn covered<T: Task, R>(
+        &self,
+        task: &mut T,
+        work: impl FnOnce(&mut T) -> Result<R, T::Error>,
+    ) -> Result<R, T::Error> {
+        let Some(claim) = &self.claim else { return work(task) };
+        let files = task.as_it_stands()?.into_iter().chain(task.checkpoint()).collect();
+        claim.cover(Cover { files, message: task.interrupted() }, || work(task))
+    }
+
+    /// Writes the checkpoint; where it cannot be written, the one before stays, and that is said once.
+    fn save(&mut self, task: &impl Task, progress: &Progress) {
+        self.last = Instant::now();
+        let Some((path, bytes)) = task.checkpoint() else { return };
+        if let Err(error) = write_atomic(&path, &bytes)
+            && !std::mem::replace(&mut self.warned, true)
+        {
+            progress.warn(format!("warning: checkpoint: {error}; the one before stays, and the run goes on"));
+        }
+    }
+}
+
+/// What a run says that was interrupted, and has a checkpoint or none.
+pub fn interrupted(step: u32, checkpoint: Option<&Path>) -> String {
+    match checkpoint {
+        Some(path) => format!(
+            "interrupted after step {step}; the checkpoint is {}: go on with the same command and --resume",
+            path.display()
+        ),
+        None => format!("interrupted after step {step}"),
+    }
+}
