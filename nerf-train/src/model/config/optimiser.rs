@@ -1,6 +1,6 @@
 //! What every training has: Adam, its schedule, and the average that is exported.
 
-use super::{ConfigError, positive, rule};
+use super::check::{ConfigError, positive, rule};
 use crate::model::engine::Adam;
 use serde::{Deserialize, Serialize};
 

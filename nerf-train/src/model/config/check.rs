@@ -1,0 +1,210 @@
+//! Which settings there can be.
+
+use super::{Config, Density, Jitter, NetworkConfig, OccupancyConfig, SamplingConfig, TableConfig};
+use glam::Vec3;
+use nerf_core::blob::MAX_SAMPLES;
+use nerf_core::camera::Contraction;
+use nerf_core::encoding::{
+    GridEncoding, MAX_GRID_LEVELS, MAX_GRID_RESOLUTION, MAX_HARMONICS_DEGREE, MAX_LEVELS, MAX_LOG2_ENTRIES,
+};
+use nerf_core::network::{MAX_TRUNK, MAX_WIDTH};
+
+/// Samples a step may draw: some gigabytes of positions, where none is skipped; a first step may skip none.
+const MAX_STEP_SAMPLES: usize = 1 << 27;
+/// Values of the tables of a grid that is trained, half of what the format holds: a checkpoint, which has each value
+/// with two moments, then stays within what is read of one.
+const MAX_TABLE_VALUES: usize = 1 << 26;
+
+/// A setting outside its range.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+#[error("{field}: expected {expected}, found {found}")]
+pub struct ConfigError {
+    /// The setting, as in the TOML file.
+    pub field: &'static str,
+    /// What is allowed.
+    pub expected: String,
+    /// What was given.
+    pub found: String,
+}
+
+impl Config {
+    /// Checks every setting on its own.
+    ///
+    /// # Errors
+    /// [`ConfigError`] names the first that is out of range.
+    pub fn check(&self) -> Result<(), ConfigError> {
+        let (n, s, g) = (&self.network, &self.sampling, &self.occupancy);
+        check_network(n)?;
+        if let Some(grid) = &n.grid {
+            check_beside_grid(n, grid, g)?;
+        }
+        let sound = s.distortion.is_finite() && s.distortion >= 0.0;
+        rule("sampling.distortion", sound, "finite, at least 0", s.distortion)?;
+        if let Some(power) = s.contraction {
+            check_contraction(power, n, s, g)?;
+        }
+        check_sampling(s)?;
+        check_occupancy(g)?;
+        self.optimiser.check()?;
+        if let Jitter::Width(width) = s.jitter
+            && !(width.is_finite() && width >= 0.0)
+        {
+            let (expected, found) = ("a finite width of at least 0".into(), width.to_string());
+            return Err(ConfigError { field: "sampling.jitter", expected, found });
+        }
+        Ok(())
+    }
+}
+
+fn check_network(n: &NetworkConfig) -> Result<(), ConfigError> {
+    rule("network.depth", (1..=MAX_TRUNK).contains(&n.depth), format!("1 to {MAX_TRUNK}"), n.depth)?;
+    rule("network.width", (1..=MAX_WIDTH).contains(&n.width), format!("1 to {MAX_WIDTH}"), n.width)?;
+    rule("network.skip_after", n.skip_after < n.depth, "less than the depth", n.skip_after)?;
+    rule(
+        "network.position_levels",
+        n.position_levels <= MAX_LEVELS,
+        format!("at most {MAX_LEVELS}"),
+        n.position_levels,
+    )?;
+    rule(
+        "network.direction_levels",
+        n.direction_levels <= MAX_LEVELS,
+        format!("at most {MAX_LEVELS}"),
+        n.direction_levels,
+    )?;
+    rule(
+        "network.colour_width",
+        n.colour_width <= MAX_WIDTH,
+        format!("at most {MAX_WIDTH}"),
+        n.colour_width,
+    )?;
+    rule(
+        "network.density_scale",
+        positive(n.density_scale.into()),
+        "a finite number above 0",
+        n.density_scale,
+    )?;
+    rule("network.density_bias", n.density_bias.is_finite(), "a finite number", n.density_bias)?;
+    Ok(())
+}
+
+fn check_beside_grid(n: &NetworkConfig, grid: &TableConfig, g: &OccupancyConfig) -> Result<(), ConfigError> {
+    grid.check()?;
+    // A box that is no cube has no more.
+    check_table_values(&grid.encoding(Vec3::ONE), "a cube")?;
+    let levels = n.position_levels;
+    rule("network.position_levels", levels == 0, "0 beside a grid, which takes their place", levels)?;
+    rule("network.skip_after", n.skip_after == 0, "0 beside a grid", n.skip_after)?;
+    rule("network.feature", !n.feature, "false beside a grid", n.feature)?;
+    let degree = n.direction_levels;
+    let most = format!("at most degree {MAX_HARMONICS_DEGREE} beside a grid");
+    rule("network.direction_levels", degree <= MAX_HARMONICS_DEGREE, most, degree)?;
+    let density = n.density == Density::Exponential;
+    rule("network.density", density, "exponential beside a grid", format!("{:?}", n.density))?;
+    rule("network.density_scale", n.density_scale == 1.0, "1 beside a grid", n.density_scale)?;
+    // Its samples are trained where light reaches them, which culled space is not.
+    rule("occupancy.empty_share", g.empty_share == 0.0, "0 beside a grid", g.empty_share)?;
+    Ok(())
+}
+
+fn check_contraction(
+    power: u8,
+    n: &NetworkConfig,
+    s: &SamplingConfig,
+    g: &OccupancyConfig,
+) -> Result<(), ConfigError> {
+    let field = "sampling.contraction";
+    rule(field, Contraction::POWERS.contains(&power), "1, 2 or 4", power)?;
+    rule(field, n.grid.is_some(), "none without a learned grid", power)?;
+    rule(field, s.scene_box.is_none(), "none beside a scene box", power)?;
+    rule(field, g.skip, "none where occupancy.skip is false", power)?;
+    // The scene's own steps are as many as a file can name.
+    let steps = (1.0 + f32::from(power)) * f32::from(s.steps_across);
+    let most = format!("2 to {} beside a contraction of power {power}", MAX_SAMPLES / (1 + u16::from(power)));
+    rule(
+        "sampling.steps_across",
+        s.steps_across > 1 && steps <= f32::from(MAX_SAMPLES),
+        most,
+        s.steps_across,
+    )?;
+    Ok(())
+}
+
+fn check_sampling(s: &SamplingConfig) -> Result<(), ConfigError> {
+    rule("sampling.steps_across", s.steps_across > 0, "at least 1", s.steps_across)?;
+    rule("sampling.samples", (1..=4096).contains(&s.samples), "1 to 4096", s.samples)?;
+    rule("sampling.rays", (1..=1_000_000).contains(&s.rays), "1 to 1000000", s.rays)?;
+    let samples = s.rays * usize::from(s.samples);
+    rule(
+        "sampling.rays",
+        samples <= MAX_STEP_SAMPLES,
+        format!("at most {MAX_STEP_SAMPLES} samples a step"),
+        format!("{} rays of {} samples", s.rays, s.samples),
+    )?;
+    rule("sampling.live_samples", s.live_samples <= 10_000_000, "at most 10000000", s.live_samples)?;
+    Ok(())
+}
+
+fn check_occupancy(g: &OccupancyConfig) -> Result<(), ConfigError> {
+    rule("occupancy.resolution", (0..=512).contains(&g.resolution), "0 to 512", g.resolution)?;
+    rule("occupancy.every", g.every > 0, "at least 1", g.every)?;
+    rule(
+        "occupancy.threshold",
+        g.threshold.is_finite() && g.threshold >= 0.0,
+        "a finite number of at least 0",
+        g.threshold,
+    )?;
+    rule(
+        "occupancy.empty_weight",
+        g.empty_weight.is_finite() && g.empty_weight >= 0.0,
+        "a finite number of at least 0",
+        g.empty_weight,
+    )?;
+    rule("occupancy.decay", (0.0..=1.0).contains(&g.decay), "0 to 1", g.decay)?;
+    rule("occupancy.empty_share", (0.0..=1.0).contains(&g.empty_share), "0 to 1", g.empty_share)?;
+    Ok(())
+}
+
+impl TableConfig {
+    /// Checks every setting on its own.
+    pub(crate) fn check(&self) -> Result<(), ConfigError> {
+        let Self { levels, features, log2_entries, coarsest, finest, storage: _ } = *self;
+        let field = "network.grid.levels";
+        rule(field, (1..=MAX_GRID_LEVELS).contains(&levels), format!("1 to {MAX_GRID_LEVELS}"), levels)?;
+        rule("network.grid.features", matches!(features, 1 | 2 | 4), "1, 2 or 4", features)?;
+        let most = format!("1 to {MAX_LOG2_ENTRIES}");
+        rule(
+            "network.grid.log2_entries",
+            (1..=MAX_LOG2_ENTRIES).contains(&log2_entries),
+            most,
+            log2_entries,
+        )?;
+        rule("network.grid.coarsest", coarsest >= 1, "at least 1", coarsest)?;
+        let most = format!("the coarsest level's {coarsest} to {MAX_GRID_RESOLUTION}");
+        rule("network.grid.finest", (coarsest..=MAX_GRID_RESOLUTION).contains(&finest), most, finest)
+    }
+}
+
+/// Checks the size of the tables of a grid over `what`.
+pub(crate) fn check_table_values(grid: &GridEncoding, what: &str) -> Result<(), ConfigError> {
+    let values = grid.values();
+    let most =
+        format!("tables of at most {MAX_TABLE_VALUES} values over {what}: fewer entries, levels or features");
+    rule("network.grid.log2_entries", values <= MAX_TABLE_VALUES, most, format!("{values} values"))
+}
+
+/// A number above 0.
+pub(super) fn positive(x: f64) -> bool {
+    x.is_finite() && x > 0.0
+}
+
+/// One line of a check.
+pub(crate) fn rule(
+    field: &'static str,
+    holds: bool,
+    expected: impl Into<String>,
+    found: impl ToString,
+) -> Result<(), ConfigError> {
+    let error = || ConfigError { field, expected: expected.into(), found: found.to_string() };
+    if holds { Ok(()) } else { Err(error()) }
+}

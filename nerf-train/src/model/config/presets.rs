@@ -1,0 +1,247 @@
+//! Named starting points, and what changes with what the data says of the surroundings.
+
+use super::{
+    Config, Density, Jitter, NetworkConfig, OccupancyConfig, OptimiserConfig, Preset, SamplingConfig,
+    Surroundings, TableConfig,
+};
+use crate::model::quantise::TableStorage;
+
+impl Preset {
+    /// Its settings.
+    pub fn config(self) -> Config {
+        match self {
+            Self::Grid => grid(),
+            Self::Small => small(),
+            Self::Seed => seed(),
+        }
+    }
+}
+
+/// A learned grid and two small layers.
+fn grid() -> Config {
+    Config {
+        preset: Preset::Grid,
+        network: NetworkConfig {
+            depth: 1,
+            width: 32,
+            skip_after: 0,
+            grid: Some(TableConfig {
+                levels: 8,
+                features: 2,
+                log2_entries: 16,
+                coarsest: 24,
+                finest: 256,
+                storage: TableStorage::F16,
+            }),
+            position_levels: 0,
+            direction_levels: 4,
+            feature: false,
+            colour_width: 32,
+            density: Density::Exponential,
+            density_scale: 1.0,
+            density_bias: 3.8,
+        },
+        sampling: SamplingConfig {
+            samples: 128,
+            steps_across: 150,
+            jitter: Jitter::Bin,
+            rays: 400,
+            live_samples: 6144,
+            images: 0,
+            random_background: true,
+            near: None,
+            far: None,
+            scene_box: None,
+            contraction: None,
+            distortion: 0.01,
+        },
+        occupancy: OccupancyConfig {
+            skip: true,
+            resolution: 0,
+            hull: true,
+            every: 16,
+            cells: 8192,
+            from: 0,
+            threshold: 0.01,
+            decay: 0.5,
+            empty_share: 0.0,
+            empty_weight: 0.0,
+        },
+        optimiser: OptimiserConfig {
+            steps: 12_000,
+            rate: 2e-2,
+            final_share: 0.3,
+            warm_up: 0,
+            beta2: 0.99,
+            epsilon: 1e-15,
+            average: 0.998,
+        },
+        seed: 0,
+    }
+}
+
+/// A small sinusoidal network.
+fn small() -> Config {
+    Config {
+        preset: Preset::Small,
+        network: NetworkConfig {
+            depth: 4,
+            width: 128,
+            skip_after: 0,
+            grid: None,
+            position_levels: 10,
+            direction_levels: 4,
+            feature: false,
+            colour_width: 64,
+            density: Density::Relu,
+            density_scale: 20.0,
+            density_bias: 2.0,
+        },
+        sampling: SamplingConfig {
+            samples: 128,
+            steps_across: 150,
+            jitter: Jitter::Bin,
+            rays: 1024,
+            live_samples: 4096,
+            images: 0,
+            random_background: true,
+            near: None,
+            far: None,
+            scene_box: None,
+            contraction: None,
+            distortion: 0.01,
+        },
+        occupancy: OccupancyConfig {
+            skip: true,
+            resolution: 96,
+            hull: true,
+            every: 32,
+            cells: 1 << 16,
+            from: 100,
+            threshold: 0.05,
+            decay: 0.8,
+            empty_share: 0.06,
+            empty_weight: 0.01,
+        },
+        optimiser: OptimiserConfig {
+            steps: 12_000,
+            rate: 1e-2,
+            final_share: 0.02,
+            warm_up: 300,
+            beta2: 0.99,
+            epsilon: 1e-15,
+            average: 0.98,
+        },
+        seed: 0,
+    }
+}
+
+/// The classic recipe.
+fn seed() -> Config {
+    Config {
+        preset: Preset::Seed,
+        network: NetworkConfig {
+            depth: 8,
+            width: 256,
+            skip_after: 4,
+            grid: None,
+            position_levels: 10,
+            direction_levels: 4,
+            feature: true,
+            colour_width: 128,
+            density: Density::Relu,
+            density_scale: 1.0,
+            density_bias: 0.0,
+        },
+        sampling: SamplingConfig {
+            samples: 64,
+            steps_across: 150,
+            jitter: Jitter::Bin,
+            rays: 10_000,
+            live_samples: 0,
+            images: 0,
+            random_background: false,
+            near: None,
+            far: None,
+            scene_box: None,
+            contraction: None,
+            distortion: 0.01,
+        },
+        occupancy: OccupancyConfig {
+            skip: false,
+            resolution: 128,
+            hull: false,
+            every: 50,
+            cells: 1 << 16,
+            from: 200,
+            threshold: 0.01,
+            decay: 0.8,
+            empty_share: 0.0,
+            empty_weight: 0.0,
+        },
+        optimiser: OptimiserConfig {
+            steps: 1500,
+            rate: 5e-4,
+            final_share: 1.0,
+            warm_up: 0,
+            beta2: 0.999,
+            epsilon: 1e-8,
+            average: 0.0,
+        },
+        seed: 0,
+    }
+}
+
+impl Config {
+    /// What changes where no hull can be carved and the network itself must find the empty space:
+    /// a gentler start, or its densities die in the fog.
+    pub fn without_hull(mut self) -> Self {
+        if self.preset == Preset::Small {
+            self.network.density_bias = 0.5;
+            self.occupancy.from = 400;
+            self.optimiser.rate = 5e-3;
+        }
+        let preset = self.preset.config();
+        if let Some(grid) = &mut self.network.grid {
+            // What is found without a hull is a part of the box that the cameras' distances give: finer, where nobody
+            // has chosen.
+            if preset.network.grid.as_ref() == Some(&*grid) {
+                (grid.coarsest, grid.finest) = (32, 416);
+            }
+            if self.sampling.steps_across == preset.sampling.steps_across {
+                self.sampling.steps_across = 220;
+            }
+            // Opaque from the start, each view would be painted onto the shell of the box.
+            self.network.density_bias = 0.0;
+        }
+        self.occupancy.hull = false;
+        self
+    }
+
+    /// These settings, for what lies around a scene.
+    pub fn around(self, surroundings: Surroundings) -> Self {
+        match surroundings {
+            Surroundings::Known => self,
+            Surroundings::Unknown => self.without_hull(),
+            Surroundings::Unbounded => self.unbounded(),
+        }
+    }
+
+    /// What changes where photographs show whatever is behind the scene, too; of a preset without a grid as
+    /// [`Config::without_hull`].
+    pub fn unbounded(mut self) -> Self {
+        let Some(grid) = &mut self.network.grid else { return self.without_hull() };
+        (grid.log2_entries, grid.coarsest, grid.finest) = (16, 16, 1024);
+        self.sampling.contraction = Some(1);
+        self.sampling.steps_across = 160;
+        self.sampling.random_background = true;
+        self.sampling.live_samples = 4096;
+        self.optimiser.rate = 1.5e-2;
+        // A step absorbs less than what keeps a cell: what no view needs goes away.
+        self.network.density_bias = 1.9;
+        self.occupancy.resolution = 128;
+        self.occupancy.threshold = 0.1;
+        self.occupancy.hull = false;
+        self
+    }
+}

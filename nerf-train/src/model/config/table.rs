@@ -1,0 +1,58 @@
+//! The multiresolution grid's settings.
+
+use crate::model::quantise::{ROUNDED_FROM, TableStorage};
+use glam::Vec3;
+use nerf_core::encoding::{GridEncoding, MAX_GRID_LEVELS};
+use serde::{Deserialize, Serialize};
+
+/// The multiresolution grid that encodes positions.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct TableConfig {
+    /// Levels.
+    pub levels: usize,
+    /// Features of an entry: 1, 2 or 4.
+    pub features: u8,
+    /// Binary logarithm of the most entries a level has.
+    pub log2_entries: u8,
+    /// Cells of the first level along the longest side of the scene box.
+    pub coarsest: u16,
+    /// Cells of the last level.
+    pub finest: u16,
+    /// What its values are stored in when the run is exported; they are trained in f32.
+    pub storage: TableStorage,
+}
+
+impl TableConfig {
+    /// The grid over a box of this extent: resolutions grow geometrically, and cells are cubes as far as whole
+    /// numbers of them allow.
+    pub fn encoding(&self, extent: Vec3) -> GridEncoding {
+        self.over(3, extent)
+    }
+
+    /// The grid over a picture of this size, pixels; its cells are squares as far as whole numbers of them allow.
+    pub fn picture_encoding(&self, [width, height]: [u32; 2]) -> GridEncoding {
+        self.over(2, Vec3::new(width as f32, height as f32, 0.0))
+    }
+
+    fn over(&self, inputs: u8, extent: Vec3) -> GridEncoding {
+        let (first, last) = (f64::from(self.coarsest), f64::from(self.finest));
+        let longest = extent.max_element();
+        let level = |level: usize| {
+            let share = if self.levels > 1 { level as f64 / (self.levels - 1) as f64 } else { 0.0 };
+            let cells = (first * (last / first).powf(share)).round();
+            let mut sides = [0; 3];
+            for (axis, side) in sides.iter_mut().enumerate().take(usize::from(inputs)) {
+                *side = ((f64::from(extent[axis] / longest) * cells).round() as u16).max(1);
+            }
+            sides
+        };
+        let resolutions = (0..self.levels.min(MAX_GRID_LEVELS)).map(level).collect();
+        GridEncoding { inputs, features: self.features, log2_entries: self.log2_entries, resolutions }
+    }
+
+    /// Whether its tables are trained as they are exported, rounded, when `share` of the run is over.
+    pub(crate) fn is_rounded(&self, share: f64) -> bool {
+        self.storage == TableStorage::Int8 && share >= ROUNDED_FROM
+    }
+}
