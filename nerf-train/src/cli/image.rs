@@ -22,6 +22,7 @@ use crate::show::contact_sheet::{Cell, contact_sheet};
 use crate::show::plot::{LinePlot, Marker, Series};
 use crate::show::summary::Summary;
 use crate::show::table::Table;
+use crate::train::CurvePoint;
 use crate::train::schedule::{Budget, Clock};
 use anyhow::{Context, bail};
 use clap::{Args, Subcommand};
@@ -268,24 +269,20 @@ impl Fit {
             style: global.style(),
         };
         global.say_training(config.seed);
-        let mut shown: Vec<(u32, f64, Picture)> = Vec::new();
         let mut written = Ok(());
         let stop = |_| stop::requested();
         let ended = run(&photo, config.clone(), &options, clock, &stop, |at: Evaluation<'_>| {
             if let Some(folder) = &snapshots
                 && self.snapshots.contains(&at.step)
             {
-                let file = folder.join(format!("step_{:06}.png", at.step));
-                if written.is_ok() {
-                    written = at.picture.write_png(file);
-                }
-                shown.push((at.step, at.psnr_db, at.picture.clone()));
+                written = std::mem::replace(&mut written, Ok(()))
+                    .and(at.picture.write_png(step_file(folder, at.step)));
             }
         })?;
         let outcome = match ended {
             Ended::Finished(outcome) => outcome,
-            Ended::Interrupted { step, .. } => {
-                global.interrupted(&kept(step, &self.output));
+            Ended::Interrupted { step, checkpoint } => {
+                global.interrupted(&kept(step, &self.output, checkpoint.as_deref()));
                 return Ok(stop::status());
             }
         };
@@ -294,7 +291,7 @@ impl Fit {
         written?;
         if let Some(folder) = &self.report {
             write_curve(folder, &photo, &outcome)?;
-            write_sheet(folder, &photo, &outcome, &shown)?;
+            write_sheet(folder, &photo, &outcome, &self.snapshots)?;
             outcome.picture.write_png(folder.join("picture.png"))?;
             let missed: Vec<String> =
                 self.snapshots.iter().filter(|&&step| step > outcome.steps).map(u32::to_string).collect();
@@ -390,23 +387,23 @@ fn write_curve(folder: &Path, photo: &Photo, outcome: &Outcome) -> anyhow::Resul
 /// Longest side of a picture on the contact sheet, pixels.
 const THUMBNAIL: usize = 512;
 
-/// `sheet.png`: the snapshots, the end, and the picture itself.
-fn write_sheet(
-    folder: &Path,
-    photo: &Photo,
-    outcome: &Outcome,
-    kept: &[(u32, f64, Picture)],
-) -> anyhow::Result<()> {
-    let mut cells: Vec<Cell> = kept
-        .iter()
-        .map(|(step, db, picture)| {
-            Cell::new(picture.reduced_to(THUMBNAIL), format!("step {step}: {db:.2} dB"))
-        })
-        .collect();
-    if kept.last().is_none_or(|(step, ..)| *step != outcome.steps) {
-        let caption = format!("step {}: {:.2} dB", outcome.steps, outcome.psnr_db);
-        cells.push(Cell::new(outcome.picture.reduced_to(THUMBNAIL), caption));
-    }
+/// The picture of a step, in the folder of snapshots.
+fn step_file(snapshots: &Path, step: u32) -> PathBuf {
+    snapshots.join(format!("step_{step:06}.png"))
+}
+
+/// `sheet.png`: the snapshots, read back so that those of a run that was taken up again are there, the end, and the
+/// picture itself.
+fn write_sheet(folder: &Path, photo: &Photo, outcome: &Outcome, snapshots: &[u32]) -> anyhow::Result<()> {
+    let shown = |point: &CurvePoint| {
+        let db =
+            point.val_psnr_db.filter(|_| snapshots.contains(&point.step) && point.step < outcome.steps)?;
+        let picture = Picture::read(step_file(&folder.join("snapshots"), point.step))?;
+        Some(Cell::new(picture.reduced_to(THUMBNAIL), format!("step {}: {db:.2} dB", point.step)))
+    };
+    let mut cells: Vec<Cell> = outcome.curve.iter().filter_map(shown).collect();
+    let caption = format!("step {}: {:.2} dB", outcome.steps, outcome.psnr_db);
+    cells.push(Cell::new(outcome.picture.reduced_to(THUMBNAIL), caption));
     cells.push(Cell::new(photo.picture.reduced_to(THUMBNAIL), format!("target: {}", photo.name)));
     let columns = cells.len().min(4);
     contact_sheet(&photo.name, &cells, columns).write_png(folder.join("sheet.png"))?;

@@ -128,8 +128,8 @@ pub const STUDY: Contents = Contents {
 
 /// The report of `study train`.
 pub const STUDY_TRAIN: Contents = Contents {
-    files: &["summary.json", "table.csv", "curves.csv", "report.md"],
-    patterns: &[any("", "psnr_over_", "png"), any("", "psnr_over_", "svg")],
+    files: &["study.json", "summary.json", "table.csv", "curves.csv", "report.md"],
+    patterns: &[any("", "psnr_over_", "png"), any("", "psnr_over_", "svg"), any("runs", "", "json")],
 };
 
 /// The folder of `show`.

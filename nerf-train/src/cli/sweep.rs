@@ -7,7 +7,8 @@ use super::image::{PhotoOptions, Settings};
 use super::places;
 use crate::data::system::output::claims::Claims;
 use crate::data::system::stop::Note;
-use crate::lab::sweep::{Combinations, Folder, Job, Knob, Mode, Record, Runner, Shard, Status};
+use crate::lab::Shard;
+use crate::lab::sweep::{Combinations, Folder, Job, Knob, Mode, Point, Record, Runner, Status};
 use crate::model::config::Preset;
 use crate::model::picture_config::FieldPreset;
 use crate::show::reports::sweep::{table, write_report};
@@ -121,8 +122,7 @@ impl Lists {
         points.iter().try_for_each(|point| job.check(point))?;
         let folder = Folder::open(&self.output, job.header(combinations.mode))?;
         let shard = self.shard.unwrap_or(Shard::WHOLE);
-        let mine: Vec<_> =
-            points.iter().enumerate().filter(|&(i, _)| shard.takes(i)).map(|(_, p)| p).collect();
+        let mine = shard.of(&points, Point::name);
         let cpu = cpu_name();
         let runner = Runner { kernel: global.kernel(), style: global.style(), cpu: &cpu };
         global.say(format!(
@@ -139,28 +139,11 @@ impl Lists {
         note.before("the report", move || {
             write_report(&finished).map(drop).map_err(|error| error.to_string())
         });
-        for (i, point) in mine.iter().enumerate() {
-            let place = format!("[{}/{}] {point}", i + 1, mine.len());
-            if let Some(record) = folder.record(point)? {
-                global.say(format!("{place}: finished before, {}", result(&record)));
-                continue;
-            }
-            global.say(format!("{place}: begins"));
-            let (record, picture) = job.run(point, &runner)?;
-            folder.keep(&record, picture.as_ref())?;
-            global.say(format!("{place}: {}", result(&record)));
-        }
+        let say = |text| global.say(text);
+        folder.conduct(&mine, say, |point| job.run(point, &runner).map_err(anyhow::Error::from))?;
         drop(note);
         finish(&folder, global)?;
         Ok(ExitCode::SUCCESS)
-    }
-}
-
-fn result(record: &Record) -> String {
-    match (record.status, record.psnr_db) {
-        (Status::Ok, Some(db)) => format!("{db:.2} dB in {:.1} s", record.train_seconds),
-        (Status::Flat, _) => format!("flat ({})", record.note),
-        _ => format!("diverged ({})", record.note),
     }
 }
 

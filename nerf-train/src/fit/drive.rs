@@ -93,7 +93,7 @@ pub(super) fn drive<T: Task>(
         }
         if stop(step) {
             let checkpoint = task.checkpoint();
-            let mut files = task.as_it_stands()?.into_iter().chain(checkpoint.clone());
+            let mut files = checkpoint.clone().into_iter().chain(task.as_it_stands()?);
             files.try_for_each(|(path, bytes)| write_atomic(path, &bytes))?;
             progress.finish(format!("interrupted after step {step}"));
             return Ok(Ended::Interrupted { step, checkpoint: checkpoint.map(|(path, _)| path) });
@@ -140,7 +140,7 @@ impl Keeper {
         work: impl FnOnce(&mut T) -> Result<R, T::Error>,
     ) -> Result<R, T::Error> {
         let Some(claim) = &self.claim else { return work(task) };
-        let files = task.as_it_stands()?.into_iter().chain(task.checkpoint()).collect();
+        let files = task.checkpoint().into_iter().chain(task.as_it_stands()?).collect();
         claim.cover(Cover { files, message: task.interrupted() }, || work(task))
     }
 

@@ -55,7 +55,8 @@ impl Trend {
     /// # Examples
     /// Validations of 20, 22, 21, 20 dB while training goes 20, 23, 26, 29: stopped at the second.
     /// ```
-    /// use nerf_train::train::{CurvePoint, trend::Trend};
+    /// use nerf_train::fit::trend::Trend;
+    /// use nerf_train::train::CurvePoint;
     /// let at = |i: u32, val| CurvePoint {
     ///     step: 100 * i,
     ///     seconds: 1.0,

@@ -14,7 +14,7 @@ use std::path::{Path, PathBuf};
 ///
 /// # Examples
 /// ```
-/// let mut summary = nerf_train::report::summary::Summary::new();
+/// let mut summary = nerf_train::show::summary::Summary::new();
 /// summary.number("val_psnr_white_db", 27.5).number("train_psnr_white_db", f64::INFINITY);
 /// assert_eq!(
 ///     summary.to_json().unwrap(),

@@ -179,6 +179,29 @@ fn a_study_of_training_says_what_files_of_each_size_hold() {
 }
 
 #[test]
+fn a_study_of_training_goes_on_where_it_was_and_is_spread_over_machines() {
+    let (folder, _) = blob();
+    let (data, report) = (folder.path("scene.npz"), folder.path("parts"));
+    let args = |more: &[&str]| {
+        let base = ["study", "train", &data, "--report", &report, "--seconds", "0.5", "--width", "8,16"];
+        ok(base.into_iter().chain(more.iter().copied()))
+    };
+    let first = args(&["--shard", "1/2", "--quiet"]);
+    assert!(first.contains("width 8") && !first.contains("width 16"), "{first}");
+    let run = Path::new(&report).join("runs/width_8_0.5s.json");
+    let before = std::fs::read(&run).expect("a run");
+    let whole = args(&["--quiet"]);
+    assert!(whole.contains("width 8") && whole.contains("width 16"), "{whole}");
+    assert!(std::fs::read(&run).expect("a run") == before, "made twice");
+    assert_eq!(json(Path::new(&report).join("summary.json"))["fits"].as_array().map(Vec::len), Some(2));
+    // Other settings do not mix with what is there.
+    let more = ["--seconds", "0.5", "--width", "8", "--base", "grid", "--quiet"];
+    let other = ["study", "train", &data, "--report", &report].into_iter().chain(more);
+    fails(other, &["the study of training in this folder has another base", "nothing was changed"]);
+    fails(["study", "train", &data, "--report", &report, "--shard", "3/2"], &["I/N"]);
+}
+
+#[test]
 fn what_cannot_be_studied_is_said() {
     let (folder, file) = blob();
     let data = folder.path("scene.npz");

@@ -5,11 +5,14 @@ use crate::cli::fit::read_config;
 use crate::cli::places;
 use crate::data::system::output::claims::Claims;
 use crate::data::system::stop::Note;
-use crate::lab::study::training::{Fitted, Lists, fit};
+use crate::lab::study::training::{Fitted, Folder, Header, Lists, Trial, fit};
+use crate::lab::{Run, Shard};
 use crate::model::config::Preset;
 use crate::show::reports::training::{summary, table, write};
+use crate::train::checkpoint::fingerprint;
 use anyhow::bail;
-use clap::Args;
+use clap::{Args, ValueEnum};
+use serde_json::json;
 use std::path::PathBuf;
 use std::process::ExitCode;
 
@@ -24,7 +27,8 @@ use std::process::ExitCode;
 pub struct StudyTrain {
     /// The data set.
     data: PathBuf,
-    /// Folder for table.csv, curves.csv, report.md, plots and summary.json.
+    /// Folder for one file a finished fit, table.csv, curves.csv, report.md, plots and summary.json. Fits that are
+    /// finished in it are not repeated; lists may be extended later.
     #[arg(long, value_name = "DIR")]
     report: PathBuf,
     /// Seconds of a fit, everything included; of several, each fit is made for each.
@@ -59,6 +63,9 @@ pub struct StudyTrain {
     /// Where the scene ends, in every fit whose preset can do so.
     #[arg(long, value_enum, default_value_t)]
     space: Space,
+    /// Fit only every N-th of them, beginning with the I-th (from 1): one part of N, for batch schedulers.
+    #[arg(long, value_name = "I/N")]
+    shard: Option<Shard>,
     #[command(flatten)]
     data_options: DataOptions,
 }
@@ -130,24 +137,32 @@ impl StudyTrain {
         }
         let machine =
             format!("{}, {} threads, kernel {}", cpu_name(), rayon::current_num_threads(), global.kernel());
-        let total: f64 = trials.iter().map(|trial| trial.budget_seconds).sum();
-        global.say(format!("{} fits in {total:.0} s, on {machine}", trials.len()));
-        let mut fits: Vec<Fitted> = Vec::new();
-        let note = Note::new("interrupted: the fit that was under way is lost");
-        for (i, trial) in trials.iter().enumerate() {
-            let place = format!("[{}/{}] {}", i + 1, trials.len(), trial.name);
-            global.say(&place);
-            let fitted = fit(&dataset, trial, global.kernel(), global.style())?;
-            global.say(format!("{place}: {:.2} dB in {:.1} s", fitted.psnr_db, fitted.seconds));
-            fits.push(fitted);
-            let (done, data, machine) = (fits.clone(), dataset.name.clone(), machine.clone());
-            let folder = self.report.clone();
-            note.before("the report of those before it", move || {
-                write(&done, &data, &machine, &folder).map_err(|error| error.to_string())
-            });
-        }
+        let header = Header {
+            data: dataset.name.clone(),
+            fingerprint: format!("{:016x}", fingerprint(&dataset)),
+            settings: json!({ "base": &base, "presets": Preset::value_variants().iter().copied().map(of).collect::<Vec<_>>() }),
+        };
+        let folder = Folder::open(&self.report, header)?;
+        let mine = self.shard.unwrap_or(Shard::WHOLE).of(&trials, Trial::file_name);
+        let total: f64 = mine.iter().map(|(trial, _)| trial.budget_seconds).sum();
+        global.say(format!(
+            "{} fits, {} of them this part's, in {total:.0} s, on {machine}",
+            trials.len(),
+            mine.len()
+        ));
+        let note = Note::new(
+            "interrupted: the fit that was under way is lost, the finished ones are kept; go on with the same command",
+        );
+        let (finished, listed) = (folder.clone(), trials.clone());
+        note.before("the report", move || {
+            report(&finished, &listed).map(drop).map_err(|error| error.to_string())
+        });
+        let fit = |trial: &Trial| -> anyhow::Result<_> {
+            Ok((fit(&dataset, trial, global.kernel(), global.style(), &machine)?, None))
+        };
+        folder.conduct(&mine, |text| global.say(text), fit)?;
         drop(note);
-        write(&fits, &dataset.name, &machine, &self.report)?;
+        let fits = report(&folder, &trials)?;
         global.finish(&summary(&fits), || {
             outlines!(table(&fits).to_text().trim_end());
             outln!("report: {}", self.report.join("report.md").display());
@@ -155,4 +170,15 @@ impl StudyTrain {
         })?;
         Ok(ExitCode::SUCCESS)
     }
+}
+
+/// Writes the report of all finished fits, those of `trials` in their order and in front; returns them.
+fn report(folder: &Folder, trials: &[Trial]) -> anyhow::Result<Vec<Fitted>> {
+    let mut fits = folder.runs()?;
+    let place = |fit: &Fitted| {
+        trials.iter().position(|trial| trial.file_name() == fit.name()).unwrap_or(trials.len())
+    };
+    fits.sort_by_key(place);
+    write(&fits, &folder.header().data, folder.path())?;
+    Ok(fits)
 }

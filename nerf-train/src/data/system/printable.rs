@@ -68,7 +68,7 @@ fn replaced(
 ///
 /// # Examples
 /// ```
-/// use nerf_train::printable::line;
+/// use nerf_train::data::system::printable::line;
 /// assert_eq!(line("a\x1b[2Jb\nc\u{202e}d"), r"a\u{1b}[2Jb\nc\u{202e}d");
 /// assert_eq!(line("照片/Ågq 👩‍🚀"), "照片/Ågq 👩‍🚀");
 /// ```
@@ -92,7 +92,7 @@ pub fn lines(text: &str) -> Cow<'_, str> {
 ///
 /// # Examples
 /// ```
-/// assert_eq!(nerf_train::printable::markdown("a[b](c)<i>\x1b"), r"a\[b\](c)&lt;i>\\u{1b}");
+/// assert_eq!(nerf_train::data::system::printable::markdown("a[b](c)<i>\x1b"), r"a\[b\](c)&lt;i>\\u{1b}");
 /// ```
 pub fn markdown(text: &str) -> String {
     let safe = line(text);

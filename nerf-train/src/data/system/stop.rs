@@ -175,9 +175,11 @@ fn noted() -> String {
 
 /// Saves what is lent; what there is to say about it.
 fn saved(cover: &Cover) -> String {
-    match cover.files.iter().try_for_each(|(path, bytes)| write_atomic(path, bytes)) {
-        Ok(()) => cover.message.clone(),
-        Err(error) => format!("interrupted, and {error}"),
+    // One that cannot be written does not keep the others from it.
+    let written: Vec<_> = cover.files.iter().map(|(path, bytes)| write_atomic(path, bytes)).collect();
+    match written.into_iter().find_map(Result::err) {
+        None => cover.message.clone(),
+        Some(error) => format!("interrupted, and {error}"),
     }
 }
 

@@ -149,9 +149,12 @@ impl EvaluationTime {
 }
 
 /// What there is to say when a signal ended a run after so many steps.
-pub fn kept(steps: u32, output: &Path) -> String {
+pub fn kept(steps: u32, output: &Path, checkpoint: Option<&Path>) -> String {
+    let how = checkpoint.map_or_else(String::new, |path| {
+        format!("; the checkpoint is {}: go on with the same command and --resume", path.display())
+    });
     format!(
-        "interrupted: {} holds the field after step {steps}; its PSNR over the whole picture was not measured",
+        "interrupted: {} holds the field after step {steps}; its PSNR over the whole picture was not measured{how}",
         output.display()
     )
 }
@@ -180,10 +183,12 @@ pub fn run(
     mut each: impl FnMut(Evaluation<'_>),
 ) -> Result<Ended<Outcome>, FieldError> {
     let mut trainer = FieldTrainer::new(photo, config, options.kernel)?;
+    let mut before = 0.0;
     if let Some(path) = options.checkpoint.as_deref().filter(|_| options.resume) {
         let checkpoint = FieldCheckpoint::read(path)?;
         checkpoint.check_belongs(path, photo, trainer.config())?;
-        clock = Clock::resume(duration(checkpoint.seconds));
+        before = checkpoint.seconds;
+        clock = Clock::resume(duration(before));
         trainer.restore(checkpoint).map_err(|error| CheckpointError::Format {
             path: path.into(),
             found: format!("a damaged one ({error})"),
@@ -195,7 +200,8 @@ pub fn run(
         photo,
         options,
         clock,
-        time: EvaluationTime::default(),
+        // What a run has spent on evaluations before is about its share.
+        time: EvaluationTime { one: None, all: VALIDATION_SHARE * before },
         train_seconds: 0.0,
         each: &mut each,
     };
@@ -334,7 +340,8 @@ impl Task for Session<'_, '_> {
     }
 
     fn interrupted(&self) -> String {
-        self.options.output.as_ref().map_or_else(String::new, |output| kept(self.steps(), output))
+        let RunOptions { output, checkpoint, .. } = self.options;
+        output.as_ref().map_or_else(String::new, |output| kept(self.steps(), output, checkpoint.as_deref()))
     }
 
     fn ended(&mut self) -> String {

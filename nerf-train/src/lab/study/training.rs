@@ -1,20 +1,52 @@
 //! How long to wait for a fit: validation PSNR over time, for presets and for single settings.
 
 use crate::data::Dataset;
-use crate::data::system::progress::{ProgressStyle, say};
+use crate::data::system::progress::ProgressStyle;
 use crate::fit::run::{Ended, RunError, RunOptions, run_since};
+use crate::lab;
 use crate::model::config::{Config, ConfigError, Preset};
 use crate::model::engine::EngineError;
 use crate::train::TrainError;
 use crate::train::schedule::{Budget, Clock};
 use nerf_core::Kernel;
+use serde::{Deserialize, Serialize};
+use std::fmt;
 use std::time::Duration;
 
+/// What a fit is compared by.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Group {
+    /// Its preset.
+    Preset,
+    /// The size of its grid's table.
+    Table,
+    /// Channels of its trunk.
+    Width,
+    /// Trunk layers.
+    Depth,
+    /// Samples a ray.
+    Samples,
+}
+
+impl Group {
+    /// As in tables and names of files.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Preset => "preset",
+            Self::Table => "table",
+            Self::Width => "width",
+            Self::Depth => "depth",
+            Self::Samples => "samples",
+        }
+    }
+}
+
 /// One fit of the study.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Trial {
-    /// What it is compared by: `preset`, `table`, `width`, `depth` or `samples`.
-    pub group: &'static str,
+    /// What it is compared by.
+    pub group: Group,
     /// Its name in tables: `width 64`.
     pub name: String,
     /// Its settings.
@@ -23,15 +55,48 @@ pub struct Trial {
     pub budget_seconds: f64,
 }
 
-/// What a fit came to.
-#[derive(Clone, Debug)]
+impl Trial {
+    /// The stem of its file.
+    pub fn file_name(&self) -> String {
+        let name = self.name.split(',').next().unwrap_or_default().replace([' ', '^'], "_");
+        format!("{name}_{}s", self.budget_seconds)
+    }
+}
+
+impl fmt::Display for Trial {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(&self.name)
+    }
+}
+
+/// What all fits of a folder share; `study.json`.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Header {
+    /// Name of the data.
+    pub data: String,
+    /// Checksum of the data.
+    pub fingerprint: String,
+    /// The settings of the base and of the presets, of which lists vary some.
+    pub settings: serde_json::Value,
+}
+
+impl lab::Header for Header {
+    const FILE: &'static str = "study.json";
+    const WHAT: &'static str = "study of training";
+}
+
+/// The folder of such a study.
+pub type Folder = lab::Folder<Header, Fitted>;
+
+/// What a fit came to; `runs/NAME.json`.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Fitted {
     /// What was fitted.
     pub trial: Trial,
     /// Seconds since its start, mean PSNR of the watched validation views, dB.
     pub curve: Vec<(f64, f64)>,
-    /// Mean PSNR of the exported blob over the validation views, dB; NaN if it came to nothing.
-    pub psnr_db: f64,
+    /// Mean PSNR of the exported blob over the validation views, dB; none if it came to nothing.
+    pub psnr_db: Option<f64>,
     /// Seconds until the last step.
     pub seconds: f64,
     /// Steps.
@@ -42,6 +107,21 @@ pub struct Fitted {
     pub bytes: usize,
     /// Why it came to nothing; empty if it did not.
     pub note: String,
+    /// What it ran on.
+    pub machine: String,
+}
+
+impl lab::Run for Fitted {
+    fn name(&self) -> String {
+        self.trial.file_name()
+    }
+
+    fn result(&self) -> String {
+        match self.psnr_db {
+            Some(db) => format!("{db:.2} dB in {:.1} s", self.seconds),
+            None => self.note.clone(),
+        }
+    }
 }
 
 /// Which values are compared around a preset.
@@ -83,19 +163,19 @@ impl Lists {
             Ok(())
         };
         for &preset in &self.presets {
-            add("preset", format!("preset {preset:?}").to_lowercase(), of(preset))?;
+            add(Group::Preset, format!("preset {preset:?}").to_lowercase(), of(preset))?;
         }
         for &log2_entries in &self.tables {
             let mut config = if base.network.grid.is_some() { base.clone() } else { of(Preset::Grid) };
             if let Some(grid) = &mut config.network.grid {
                 grid.log2_entries = log2_entries;
             }
-            add("table", format!("table 2^{log2_entries}"), config)?;
+            add(Group::Table, format!("table 2^{log2_entries}"), config)?;
         }
         for &width in &self.widths {
             let mut config = base.clone();
             config.network.width = width;
-            add("width", format!("width {width}"), config)?;
+            add(Group::Width, format!("width {width}"), config)?;
         }
         for &depth in &self.depths {
             let mut config = base.clone();
@@ -104,12 +184,12 @@ impl Lists {
             if config.network.skip_after >= depth {
                 config.network.skip_after = 0;
             }
-            add("depth", format!("depth {depth}"), config)?;
+            add(Group::Depth, format!("depth {depth}"), config)?;
         }
         for &samples in &self.samples {
             let mut config = base.clone();
             config.sampling.samples = samples;
-            add("samples", format!("samples {samples}"), config)?;
+            add(Group::Samples, format!("samples {samples}"), config)?;
         }
         Ok(trials)
     }
@@ -126,6 +206,7 @@ pub fn fit(
     trial: &Trial,
     kernel: Kernel,
     style: ProgressStyle,
+    machine: &str,
 ) -> Result<Fitted, RunError> {
     let budget = Budget { steps: None, seconds: Some(trial.budget_seconds) };
     let options = RunOptions::unattended(budget, kernel, style);
@@ -133,18 +214,19 @@ pub fn fit(
     let nothing = |note: String| Fitted {
         trial: trial.clone(),
         curve: Vec::new(),
-        psnr_db: f64::NAN,
+        psnr_db: None,
         seconds: clock.seconds(),
         steps: 0,
         parameters: trial.config.model().parameters(),
         bytes: 0,
         note,
+        machine: machine.into(),
     };
     match run_since(clock, dataset, trial.config.clone(), &options, &|_| false) {
         Ok(Ended::Interrupted { .. }) => unreachable!("nobody stops it"),
         Ok(Ended::Finished(outcome)) => Ok(Fitted {
             curve: outcome.curve.iter().filter_map(|p| Some((p.seconds, p.val_psnr_db?))).collect(),
-            psnr_db: outcome.scores.psnr_db().unwrap_or(f64::NAN),
+            psnr_db: outcome.scores.psnr_db(),
             seconds: outcome.train_seconds,
             steps: outcome.steps,
             bytes: outcome.bytes.len(),
@@ -154,10 +236,7 @@ pub fn fit(
             error @ (TrainError::Engine(EngineError::Diverged { .. })
             | TrainError::Dead { .. }
             | TrainError::Export(_)),
-        )) => {
-            say(style, &format!("{}: {error}", trial.name));
-            Ok(nothing(error.to_string()))
-        }
+        )) => Ok(nothing(error.to_string())),
         Err(error) => Err(error),
     }
 }

@@ -3,7 +3,6 @@
 use serde::{Deserialize, Deserializer, Serialize, Serializer};
 use std::collections::BTreeMap;
 use std::fmt;
-use std::str::FromStr;
 
 /// A setting that sweeps vary.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -238,38 +237,5 @@ impl Combinations {
         let varied =
             self.listed().flat_map(|(knob, list)| list.iter().map(move |&value| base.with(knob, value)));
         std::iter::once(base).chain(varied).collect()
-    }
-}
-
-/// The part of a sweep that one process runs: `i/n` takes every n-th point, beginning with the i-th.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Shard {
-    /// `1..=count`.
-    pub index: usize,
-    /// At least 1.
-    pub count: usize,
-}
-
-impl Shard {
-    /// All of it.
-    pub const WHOLE: Self = Self { index: 1, count: 1 };
-
-    /// Whether the point at `position` is this part's.
-    pub fn takes(&self, position: usize) -> bool {
-        position % self.count == self.index - 1
-    }
-}
-
-impl FromStr for Shard {
-    type Err = String;
-
-    fn from_str(text: &str) -> Result<Self, String> {
-        let shard = text.split_once('/').and_then(|(index, count)| {
-            Some(Self { index: index.trim().parse().ok()?, count: count.trim().parse().ok()? })
-        });
-        match shard {
-            Some(shard) if (1..=shard.count).contains(&shard.index) => Ok(shard),
-            _ => Err("expected I/N with I from 1 to N, for example 3/25".into()),
-        }
     }
 }

@@ -1,6 +1,7 @@
 //! What a sweep keeps: what its runs share, and what each came to.
 
 use super::{Mode, Point};
+use crate::lab::{self, Run};
 use serde::{Deserialize, Serialize};
 
 /// What is fitted.
@@ -26,6 +27,11 @@ pub struct Header {
     pub mode: Mode,
     /// All settings of the base; those that are varied too, and they may be varied further later.
     pub settings: serde_json::Value,
+}
+
+impl lab::Header for Header {
+    const FILE: &'static str = "sweep.json";
+    const WHAT: &'static str = "sweep";
 }
 
 /// How a run ended.
@@ -67,4 +73,18 @@ pub struct Record {
     pub kernel: String,
     /// CPU it ran on.
     pub cpu: String,
+}
+
+impl Run for Record {
+    fn name(&self) -> String {
+        self.point.name()
+    }
+
+    fn result(&self) -> String {
+        match (self.status, self.psnr_db) {
+            (Status::Ok, Some(db)) => format!("{db:.2} dB in {:.1} s", self.train_seconds),
+            (Status::Flat, _) => format!("flat ({})", self.note),
+            _ => format!("diverged ({})", self.note),
+        }
+    }
 }

@@ -2,6 +2,7 @@ use super::*;
 use crate::data::photograph::Photo;
 use crate::data::rgb::Picture;
 use crate::data::system::progress::ProgressStyle;
+use crate::lab::{LabError, Shard};
 use crate::model::picture_config::FieldPreset;
 use crate::show::reports::sweep::{table, write_report};
 use nerf_core::Kernel;
@@ -98,7 +99,7 @@ fn sweep(job: &Job<'_>, path: &Path, points: &[Point], shard: Shard) -> Folder {
     let (kernel, style) = (Kernel::detect(), ProgressStyle::Quiet);
     let runner = Runner { kernel, style, cpu: "test" };
     for (i, point) in points.iter().enumerate() {
-        if shard.takes(i) && folder.record(point).unwrap().is_none() {
+        if shard.takes(i) && folder.run(&point.name()).unwrap().is_none() {
             let (record, picture) = job.run(point, &runner).unwrap();
             folder.keep(&record, picture.as_ref()).unwrap();
         }
@@ -118,13 +119,13 @@ fn shards_merge_to_what_one_process_finds() {
     let whole = sweep(&job, &at("whole"), &points, Shard::WHOLE);
     let parts =
         [1, 2].map(|index| sweep(&job, &at(&format!("part{index}")), &points, Shard { index, count: 2 }));
-    assert_eq!(parts.each_ref().map(|part| part.records().unwrap().len()), [2, 1]);
+    assert_eq!(parts.each_ref().map(|part| records(part).unwrap().len()), [2, 1]);
     let merged = Folder::open(&at("merged"), parts[0].header().clone()).unwrap();
     assert_eq!(parts.each_ref().map(|part| merged.take_in(part).unwrap()), [2, 1]);
     assert_eq!(parts.each_ref().map(|part| merged.take_in(part).unwrap()), [0, 0]);
     // Time differs from run to run, nothing else does.
     let timeless = |folder: &Folder| -> Vec<Record> {
-        let records = folder.records().unwrap().into_iter();
+        let records = records(folder).unwrap().into_iter();
         records.map(|record| Record { train_seconds: 0.0, ..record }).collect()
     };
     assert_eq!(timeless(&merged), timeless(&whole));
@@ -164,7 +165,7 @@ fn another_sweep_is_refused_and_nothing_is_changed() {
     assert_eq!(std::fs::read(root.path().join("sweep.json")).unwrap(), before);
     // The same sweep goes on, also with more values in its lists.
     let folder = sweep(&job(&photo, 3), root.path(), &points(&[1e-2, 1e-3]), Shard::WHOLE);
-    assert_eq!(folder.records().unwrap().len(), 2);
+    assert_eq!(records(&folder).unwrap().len(), 2);
 }
 
 #[test]
@@ -187,7 +188,7 @@ fn of_two_sweeps_that_begin_at_once_one_wins_whole() {
         });
         let won: Vec<u32> = opened.iter().filter_map(|folder| folder.as_ref().ok().copied()).collect();
         assert!(won.len() == 2 && won[0] == won[1], "{opened:?}");
-        let lost = opened.iter().filter(|folder| matches!(folder, Err(SweepError::Other { .. })));
+        let lost = opened.iter().filter(|folder| matches!(folder, Err(LabError::Other { .. })));
         assert_eq!(lost.count(), 2, "{opened:?}");
         assert!(Folder::existing(&path).unwrap().header() == &job(&photo, won[0]).header(Mode::Full));
     }
@@ -200,7 +201,7 @@ fn damaged_records_are_named() {
     let folder = sweep(&job(&photo, 3), root.path(), &[point], Shard::WHOLE);
     let file = root.path().join("runs").join(format!("{}.json", point.name()));
     std::fs::write(&file, "{\"point\":").unwrap();
-    let error = folder.record(&point).unwrap_err().to_string();
+    let error = folder.run(&point.name()).unwrap_err().to_string();
     assert!(error.contains("L2_layers1_width16_rate0.01.json"), "{error}");
-    assert!(matches!(Folder::existing(&root.path().join("runs")), Err(SweepError::NoSweep { .. })));
+    assert!(matches!(Folder::existing(&root.path().join("runs")), Err(LabError::Empty { .. })));
 }

@@ -34,7 +34,7 @@ pub fn mse(a: &[[f32; 3]], b: &[[f32; 3]]) -> f64 {
 /// # Examples
 /// ```
 /// // Off by 0.1 everywhere: MSE 0.01, 20 dB.
-/// let db = nerf_train::report::metrics::psnr_db(&[[0.5; 3]; 4], &[[0.6; 3]; 4]);
+/// let db = nerf_train::measure::metrics::psnr_db(&[[0.5; 3]; 4], &[[0.6; 3]; 4]);
 /// assert!((db - 20.0).abs() < 1e-4);
 /// ```
 pub fn psnr_db(a: &[[f32; 3]], b: &[[f32; 3]]) -> f64 {

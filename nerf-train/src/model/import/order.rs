@@ -39,7 +39,7 @@ impl Order {
     ///
     /// ```
     /// use nerf_core::encoding::{AngleScale, SinusoidalEncoding};
-    /// use nerf_train::import::{Identity, Order};
+    /// use nerf_train::model::import::{Identity, Order};
     /// let encoding = SinusoidalEncoding { inputs: 2, levels: 1, scale: AngleScale::One, identity: true };
     /// // x y, sin x, sin y, cos x, cos y out of: sin x, cos x, sin y, cos y, x y
     /// assert_eq!(Order::Pairs.columns(&encoding, Identity::Last), [4, 5, 0, 2, 1, 3]);

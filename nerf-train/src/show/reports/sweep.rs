@@ -3,7 +3,8 @@
 use crate::data::rgb::Picture;
 use crate::data::system::output::write_atomic;
 use crate::data::system::printable::markdown as markdown_text;
-use crate::lab::sweep::{Folder, Kind, Knob, Record, Status, SweepError};
+use crate::lab::LabError;
+use crate::lab::sweep::{Folder, Kind, Knob, Record, Status, records};
 use crate::show::contact_sheet::{Cell, contact_sheet};
 use crate::show::plot::{LinePlot, Marker, Series};
 use crate::show::table::Table;
@@ -19,9 +20,9 @@ const THUMBNAIL: usize = 256;
 /// Returns the records.
 ///
 /// # Errors
-/// [`SweepError`] on records that cannot be read and files that cannot be written.
-pub fn write_report(folder: &Folder) -> Result<Vec<Record>, SweepError> {
-    let records = folder.records()?;
+/// [`LabError`] on records that cannot be read and files that cannot be written.
+pub fn write_report(folder: &Folder) -> Result<Vec<Record>, LabError> {
+    let records = records(folder)?;
     let path = folder.path();
     let table = table(&records);
     table.write_csv(path.join("table.csv"))?;
@@ -253,7 +254,7 @@ fn sheet(folder: &Folder, records: &[Record]) -> Option<Picture> {
             _ => format!("{}\n{}", record.point, status(record)),
         };
         // A picture that was deleted leaves a blank cell, not a failed report.
-        let picture = Picture::read(folder.picture_path(&record.point));
+        let picture = Picture::read(folder.picture_path(&record.point.name()));
         let picture = picture.map(|picture| picture.reduced_to(THUMBNAIL));
         cells.push(Cell::new(picture.unwrap_or_else(|| Picture::filled(1, 1, [0.9; 3])), caption));
     }

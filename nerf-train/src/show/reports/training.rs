@@ -3,7 +3,7 @@
 use crate::data::rgb_error::ReportError;
 use crate::data::system::output::write_atomic;
 use crate::data::system::printable::markdown;
-use crate::lab::study::training::Fitted;
+use crate::lab::study::training::{Fitted, Group};
 use crate::show::plot::{LinePlot, Marker, Series};
 use crate::show::summary::Summary;
 use crate::show::table::Table;
@@ -18,9 +18,9 @@ pub fn table(fits: &[Fitted]) -> Table {
     let columns = ["group", "fit", "PSNR, dB", "time, s", "steps", "parameters", "file, bytes", "note"];
     let mut table = Table::new(columns);
     for fit in fits {
-        let db = if fit.psnr_db.is_nan() { String::new() } else { format!("{:.2}", fit.psnr_db) };
+        let db = fit.psnr_db.map_or_else(String::new, |db| format!("{db:.2}"));
         table.push([
-            fit.trial.group.to_owned(),
+            fit.trial.group.name().to_owned(),
             fit.trial.name.clone(),
             db,
             format!("{:.1}", fit.seconds),
@@ -37,7 +37,7 @@ pub fn table(fits: &[Fitted]) -> Table {
 ///
 /// # Errors
 /// [`ReportError`] on files that cannot be written.
-pub fn write(fits: &[Fitted], data: &str, machine: &str, folder: &Path) -> Result<(), ReportError> {
+pub fn write(fits: &[Fitted], data: &str, folder: &Path) -> Result<(), ReportError> {
     table(fits).write_csv(folder.join("table.csv"))?;
     let mut curves = Table::new(["fit", "seconds", "val_psnr_db"]);
     for fit in fits {
@@ -48,10 +48,14 @@ pub fn write(fits: &[Fitted], data: &str, machine: &str, folder: &Path) -> Resul
     curves.write_csv(folder.join("curves.csv"))?;
     let mut text = format!("# PSNR over the time of a fit: {}\n\n", markdown(data));
     // Writing into a String cannot fail.
-    let _ = writeln!(text, "On {machine}.\n\n{}", table(fits).to_markdown());
+    let mut machines: Vec<&str> = fits.iter().map(|fit| fit.machine.as_str()).collect();
+    machines.sort_unstable();
+    machines.dedup();
+    let _ = writeln!(text, "On {}.\n\n{}", machines.join("; "), table(fits).to_markdown());
     for group in groups(fits) {
-        plot(fits, data, group).write(folder.join(format!("psnr_over_time_{group}")))?;
-        let _ = writeln!(text, "![{group}](psnr_over_time_{group}.png)\n");
+        let name = group.name();
+        plot(fits, data, group).write(folder.join(format!("psnr_over_time_{name}")))?;
+        let _ = writeln!(text, "![{name}](psnr_over_time_{name}.png)\n");
     }
     if let Some(plot) = size_plot(fits, data) {
         plot.write(folder.join("psnr_over_bytes"))?;
@@ -75,8 +79,8 @@ pub fn summary(fits: &[Fitted]) -> Summary {
         let mut fields = Summary::new();
         fields
             .text("fit", fit.trial.name.clone())
-            .text("group", fit.trial.group)
-            .number("val_psnr_db", fit.psnr_db)
+            .text("group", fit.trial.group.name())
+            .number("val_psnr_db", fit.psnr_db.unwrap_or(f64::NAN))
             .number("train_seconds", fit.seconds)
             .integer("steps", u64::from(fit.steps))
             .integer("parameters", fit.parameters as u64)
@@ -91,14 +95,15 @@ pub fn summary(fits: &[Fitted]) -> Summary {
     summary
 }
 
-fn groups(fits: &[Fitted]) -> Vec<&'static str> {
-    let mut groups: Vec<&'static str> = fits.iter().map(|fit| fit.trial.group).collect();
+fn groups(fits: &[Fitted]) -> Vec<Group> {
+    let mut groups: Vec<Group> = fits.iter().map(|fit| fit.trial.group).collect();
     groups.dedup();
     groups
 }
 
-fn plot(fits: &[Fitted], data: &str, group: &str) -> LinePlot {
-    let title = format!("{data}: PSNR over the time of a fit, by {group}");
+fn plot(fits: &[Fitted], data: &str, group: Group) -> LinePlot {
+    let name = group.name();
+    let title = format!("{data}: PSNR over the time of a fit, by {name}");
     let mut plot = LinePlot::new(title, "seconds, everything included", "mean PSNR of watched views, dB");
     let of_group = fits.iter().filter(|fit| fit.trial.group == group).take(MAX_SERIES);
     let series = |fit: &Fitted| Series {
@@ -113,14 +118,16 @@ fn plot(fits: &[Fitted], data: &str, group: &str) -> LinePlot {
 /// What files of different sizes hold after each time: the table sizes, or all fits where none are compared; `None` of
 /// fewer than two.
 fn size_plot(fits: &[Fitted], data: &str) -> Option<LinePlot> {
-    let tables = fits.iter().any(|fit| fit.trial.group == "table");
-    let shown = || fits.iter().filter(|fit| !fit.psnr_db.is_nan() && (fit.trial.group == "table" || !tables));
+    let tables = fits.iter().any(|fit| fit.trial.group == Group::Table);
+    let shown =
+        || fits.iter().filter(|fit| fit.psnr_db.is_some() && (fit.trial.group == Group::Table || !tables));
     let mut seconds: Vec<f64> = shown().map(|fit| fit.trial.budget_seconds).collect();
     seconds.sort_by(f64::total_cmp);
     seconds.dedup();
     let series = |&seconds: &f64| {
         let fits = shown().filter(|fit| fit.trial.budget_seconds == seconds);
-        let mut points: Vec<(f64, f64)> = fits.map(|fit| (fit.bytes as f64 / 1024.0, fit.psnr_db)).collect();
+        let mut points: Vec<(f64, f64)> =
+            fits.filter_map(|fit| Some((fit.bytes as f64 / 1024.0, fit.psnr_db?))).collect();
         points.sort_by(|a, b| a.0.total_cmp(&b.0));
         let marker = if tables { Marker::LineAndPoints } else { Marker::Points };
         Series { name: format!("{seconds} s"), points, marker }
