@@ -8,13 +8,14 @@ use crate::data::system::output::claims::Claims;
 use crate::data::system::progress::{Message, Progress, Total};
 use crate::fit::run::spread;
 use crate::measure::audit;
-use crate::measure::audit::{Audit as Findings, AuditOptions, THRESHOLD_DB, Verdict};
+use crate::measure::audit::{AuditOptions, THRESHOLD_DB, Verdict, Worth};
 use crate::measure::bench::Lab;
 use crate::measure::point::Clock;
 use crate::show::reports::audit::table as audit_table;
-use crate::show::summary::Summary;
+use crate::show::summary::write;
 use anyhow::bail;
 use clap::Args;
+use serde::Serialize;
 use std::path::PathBuf;
 use std::process::ExitCode;
 
@@ -91,18 +92,19 @@ impl Audit {
             progress.get_or_insert_with(new).update(done, &Message::default());
         })?;
         let background = background_name(lab.scene().background);
-        let mut summary = summary(&findings);
-        summary
-            .number("threshold_db", self.effect_threshold)
-            .integer("views", views.len() as u64)
-            .text("split", self.split.name())
-            .text("background", background.clone())
-            .integer("threads", rayon::current_num_threads() as u64)
-            .text("cpu", cpu_name());
+        let summary = Summary {
+            effects: findings.iter().map(|(effect, worth)| EffectSummary::of(effect.name, worth)).collect(),
+            threshold_db: self.effect_threshold,
+            views: views.len(),
+            split: self.split.name(),
+            background: background.clone(),
+            threads: rayon::current_num_threads(),
+            cpu: cpu_name(),
+        };
         let table = audit_table(&findings);
         if let Some(folder) = &self.report {
             table.write_csv(folder.join("audit.csv"))?;
-            summary.write(folder)?;
+            write(&summary, folder)?;
         }
         global.finish(&summary, || {
             outlines!(table.to_text());
@@ -125,26 +127,51 @@ pub fn check_threshold(threshold: f64) -> anyhow::Result<()> {
     Ok(())
 }
 
-fn summary(findings: &Findings) -> Summary {
-    let effect = |(effect, worth): &(
-        &'static crate::measure::audit::Effect,
-        Result<crate::measure::audit::Worth, &str>,
-    )| {
-        let mut fields = Summary::new();
-        fields.text("effect", effect.name);
+/// What an audit found, for scripts.
+#[derive(Debug, Serialize)]
+struct Summary {
+    effects: Vec<EffectSummary>,
+    threshold_db: f64,
+    views: usize,
+    split: &'static str,
+    background: String,
+    threads: usize,
+    cpu: String,
+}
+
+/// What an effect is worth, or why it was not asked.
+#[derive(Debug, Serialize)]
+#[serde(untagged)]
+enum EffectSummary {
+    Asked {
+        effect: &'static str,
+        with_db: f64,
+        without_db: f64,
+        gain_db: f64,
+        relative_time: f64,
+        relative_macs: f64,
+        kept: bool,
+    },
+    NotAsked {
+        effect: &'static str,
+        gain_db: Option<f64>,
+        gain_db_note: &'static str,
+    },
+}
+
+impl EffectSummary {
+    fn of(effect: &'static str, worth: &Result<Worth, &'static str>) -> Self {
         match worth {
-            Ok(worth) => fields
-                .number("with_db", worth.with_db)
-                .number("without_db", worth.without_db)
-                .number("gain_db", worth.gain_db())
-                .number("relative_time", worth.relative_time)
-                .number("relative_macs", worth.relative_macs)
-                .flag("kept", worth.verdict == Verdict::Keeps),
-            Err(why) => fields.absent("gain_db", *why),
-        };
-        fields
-    };
-    let mut summary = Summary::new();
-    summary.sections("effects", findings.iter().map(effect).collect());
-    summary
+            Ok(worth) => Self::Asked {
+                effect,
+                with_db: worth.with_db,
+                without_db: worth.without_db,
+                gain_db: worth.gain_db(),
+                relative_time: worth.relative_time,
+                relative_macs: worth.relative_macs,
+                kept: worth.verdict == Verdict::Keeps,
+            },
+            Err(gain_db_note) => Self::NotAsked { effect, gain_db: None, gain_db_note },
+        }
+    }
 }

@@ -8,7 +8,7 @@ use crate::data::system::progress;
 use crate::data::system::progress::{Message, Progress, ProgressStyle, Total};
 use crate::data::{Axes, Background, Dataset, Downscale, Layout, ReadOptions, Report, Watch, origin_in_name};
 use crate::model::config::{Config, Surroundings};
-use crate::show::summary::Summary;
+use crate::show::summary::to_json;
 use crate::show::video::{Ffmpeg, VideoError};
 use anyhow::{Context, bail};
 use clap::{Args, ValueEnum};
@@ -17,6 +17,7 @@ use nerf_core::Kernel;
 use nerf_core::blob::Blob;
 use nerf_core::math::MathBackend;
 use nerf_core::plan::{Plan, PlanError, Quality};
+use serde::Serialize;
 use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::sync::mpsc::{self, Receiver, RecvTimeoutError};
@@ -123,15 +124,15 @@ impl Global {
         if self.json { super::interrupted_json(message) } else { super::interrupted(message) }
     }
 
-    /// Prints the result, once and last: `summary` as JSON where asked for, else what `human` prints.
+    /// Prints the result, once and last: `result` as JSON where asked for, else what `human` prints.
     ///
     /// With `--json` nothing else goes to stdout, so a command prints results nowhere but here.
     pub fn finish(
         &self,
-        summary: &Summary,
+        result: &impl Serialize,
         human: impl FnOnce() -> anyhow::Result<()>,
     ) -> anyhow::Result<()> {
-        if self.json { print(summary.to_json()?.trim_end()) } else { human() }
+        if self.json { print(to_json(result)?.trim_end()) } else { human() }
     }
 }
 

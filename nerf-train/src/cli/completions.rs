@@ -1,9 +1,9 @@
 //! `nerf-train completions`
 
 use super::common::Global;
-use crate::show::summary::Summary;
 use clap::{Args, Command};
 use clap_complete::{Shell, generate};
+use serde::Serialize;
 use std::process::ExitCode;
 
 /// Print a script that lets a shell complete commands and flags.
@@ -25,12 +25,18 @@ impl Completions {
         let mut script = Vec::new();
         generate(self.shell, &mut cli, "nerf-train", &mut script);
         let script = String::from_utf8(script)?;
-        let mut summary = Summary::new();
-        summary.text("shell", self.shell.to_string()).text("script", script.clone());
-        global.finish(&summary, || {
-            outlines!(script.trim_end());
+        let made = Script { shell: self.shell.to_string(), script };
+        global.finish(&made, || {
+            outlines!(made.script.trim_end());
             Ok(())
         })?;
         Ok(ExitCode::SUCCESS)
     }
+}
+
+/// What it makes.
+#[derive(Debug, Serialize)]
+struct Script {
+    shell: String,
+    script: String,
 }

@@ -20,6 +20,7 @@ use crate::show::colour_map::z_depth_picture;
 use crate::show::contact_sheet::{Cell, contact_sheet};
 use crate::show::film::{Files, Film};
 use crate::show::orbit::Orbit;
+use crate::show::summary::write;
 use crate::show::table::Table;
 use crate::train::schedule::{Budget, Clock};
 use clap::Args;
@@ -106,7 +107,6 @@ impl Demo {
         let blob_path = self.out.join("demo.nerf");
         write_atomic(&blob_path, &outcome.bytes)?;
 
-        let mut summary = outcome::summary(&outcome, &config, kernel, clock.seconds());
         outcome::write_curve(&self.out, &outcome)?;
         outcome::write_snapshots(&self.out, &outcome, &dataset)?;
         let json = serde_json::to_string_pretty(&report)?;
@@ -169,14 +169,13 @@ impl Demo {
 
         let z_depth_error = median(&mut errors);
         let (psnr, ssim) = (scores.psnr_db().unwrap_or(f64::NAN), scores.ssim().unwrap_or(f64::NAN));
-        summary
-            .number("val_psnr_db", psnr)
-            .number("val_ssim", ssim)
-            .number("z_depth_median_relative_error", z_depth_error)
-            .number("total_seconds", clock.seconds())
-            .text("data", dataset.name.clone())
-            .text("blob", blob_path.display().to_string());
-        summary.write(&self.out)?;
+        let summary = outcome::Summary {
+            val_psnr_db: psnr,
+            val_ssim: ssim,
+            z_depth_median_relative_error: Some(z_depth_error),
+            ..outcome::Summary::of(&outcome, &config, kernel, clock.seconds(), &dataset.name, &blob_path)
+        };
+        write(&summary, &self.out)?;
 
         global.finish(&summary, || {
             outlines!(table.to_text());

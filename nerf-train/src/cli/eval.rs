@@ -12,13 +12,14 @@ use crate::data::system::progress::{Message, Progress, Total};
 use crate::measure::eval::{ViewScore, evaluate};
 use crate::measure::frame;
 use crate::measure::metrics::psnr_db;
-use crate::show::summary::Summary;
+use crate::show::summary::write;
 use crate::show::table::Table;
 use anyhow::{Context, bail};
 use clap::{Args, ValueEnum};
 use nerf_core::memory::Line;
 use nerf_core::plan::{Batch, Outputs, Plan};
 use nerf_core::render::Renderer;
+use serde::Serialize;
 use std::path::PathBuf;
 use std::process::ExitCode;
 use std::time::Instant;
@@ -161,39 +162,37 @@ impl Eval {
         let rays = c.rays.max(1) as f64;
         let (density, colour) = (c.density_evaluations as f64 / rays, c.colour_evaluations as f64 / rays);
         let proposal = c.proposal_evaluations as f64 / rays;
-        let mut summary = Summary::new();
-        summary
-            .number("val_psnr_db", psnr)
-            .number("val_ssim", ssim)
-            .integer("views", done)
-            .text("split", self.split.name())
-            .text("background", name.clone())
-            .integer("steps", u64::from(steps))
-            .integer("parameters", parameters as u64)
-            .integer("blob_bytes", bytes.len() as u64)
-            .number("render_seconds", seconds)
-            .number("density_evaluations_per_ray", density)
-            .number("colour_evaluations_per_ray", colour)
-            .number("proposal_evaluations_per_ray", proposal)
-            .integer("invalid_samples", c.invalid_samples)
-            .integer("macs", c.macs)
-            .text("kernel", kernel.to_string())
-            .integer("threads", rayon::current_num_threads() as u64)
-            .text("cpu", cpu_name())
-            .sections("view_scores", scores.views.iter().map(of_view).collect());
-        let lattice_db =
+        let lattice_psnr_db =
             (!lattice_db.is_empty()).then(|| lattice_db.iter().sum::<f64>() / lattice_db.len() as f64);
-        if let Some(mean) = lattice_db {
-            summary.number("lattice_psnr_db", mean);
-        }
+        let summary = Summary {
+            val_psnr_db: psnr,
+            val_ssim: ssim,
+            views: done,
+            split: self.split.name(),
+            background: name.clone(),
+            steps,
+            parameters,
+            blob_bytes: bytes.len(),
+            render_seconds: seconds,
+            density_evaluations_per_ray: density,
+            colour_evaluations_per_ray: colour,
+            proposal_evaluations_per_ray: proposal,
+            invalid_samples: c.invalid_samples,
+            macs: c.macs,
+            kernel: kernel.to_string(),
+            threads: rayon::current_num_threads(),
+            cpu: cpu_name(),
+            view_scores: &scores.views,
+            lattice_psnr_db,
+        };
         if let Some(folder) = &self.report {
             table.write_csv(folder.join("views.csv"))?;
-            summary.write(folder)?;
+            write(&summary, folder)?;
         }
         global.finish(&summary, || {
             outlines!(table.to_text());
             outln!("mean over {done} views on {name}: {psnr:.3} dB PSNR, {ssim:.4} SSIM");
-            if let (Some(step), Some(mean)) = (self.lattice, lattice_db) {
+            if let (Some(step), Some(mean)) = (self.lattice, lattice_psnr_db) {
                 outln!("over every pixel number 0, {step}, {}, … of such rows: {mean:.3} dB PSNR", 2 * step);
             }
             outln!("{seconds:.3} s; a ray: {density:.2} density and {colour:.2} colour evaluations");
@@ -215,9 +214,27 @@ fn lattice(picture: &[[f32; 3]], width: usize, step: usize) -> Vec<[f32; 3]> {
     rows.flat_map(|row| row.iter().step_by(step)).copied().collect()
 }
 
-/// One view's figures, as a section of the summary.
-fn of_view(score: &ViewScore) -> Summary {
-    let mut view = Summary::new();
-    view.text("view", score.view.clone()).number("psnr_db", score.psnr_db).number("ssim", score.ssim);
-    view
+/// What an evaluation found, for scripts.
+#[derive(Debug, Serialize)]
+struct Summary<'s> {
+    val_psnr_db: f64,
+    val_ssim: f64,
+    views: u64,
+    split: &'static str,
+    background: String,
+    steps: u32,
+    parameters: usize,
+    blob_bytes: usize,
+    render_seconds: f64,
+    density_evaluations_per_ray: f64,
+    colour_evaluations_per_ray: f64,
+    proposal_evaluations_per_ray: f64,
+    invalid_samples: u64,
+    macs: u64,
+    kernel: String,
+    threads: usize,
+    cpu: String,
+    view_scores: &'s [ViewScore],
+    #[serde(skip_serializing_if = "Option::is_none")]
+    lattice_psnr_db: Option<f64>,
 }

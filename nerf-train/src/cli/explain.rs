@@ -5,14 +5,15 @@ use super::effects::EffectOptions;
 use super::eval::Split;
 use crate::measure::frame;
 use crate::show::orbit::Orbit;
-use crate::show::summary::Summary;
 use anyhow::{Context, bail};
 use clap::Args;
 use nerf_core::blob::Blob;
 use nerf_core::camera::Camera;
 use nerf_core::memory::Line;
 use nerf_core::plan::{Batch, Outputs, Plan};
-use nerf_core::render::{Explanation, Renderer, Switch};
+use nerf_core::render::{Counters, Explanation, Renderer, Switch};
+use serde::ser::SerializeMap;
+use serde::{Serialize, Serializer};
 use std::path::PathBuf;
 use std::process::ExitCode;
 
@@ -82,33 +83,7 @@ impl Explain {
         let counters = frame::render(&renderer, &plan, &camera)?.counters;
         let explanation = plan.explain(&renderer).with_counters(counters);
 
-        let mut summary = stages(&explanation);
-        let (rays, shares) = (counters.rays.max(1) as f64, counters.shares(&renderer));
-        let share = |macs: u64| macs as f64 / counters.macs.max(1) as f64;
-        let a = renderer.network().architecture();
-        summary
-            .text("kernel", kernel.to_string())
-            .integer("workspace_bytes", explanation.workspace_bytes() as u64)
-            .integer("macs_per_density_evaluation", a.density_macs() as u64)
-            .integer(
-                "macs_per_colour_evaluation",
-                (a.colour_macs() - renderer.network().direction_macs()) as u64,
-            )
-            .integer("macs_per_normal_evaluation", a.gradient_macs() as u64)
-            .integer("rays", counters.rays)
-            .number("samples_kept_per_ray", counters.samples_kept as f64 / rays)
-            .number("samples_skipped_per_ray", counters.samples_skipped as f64 / rays)
-            .number("density_evaluations_per_ray", counters.density_evaluations as f64 / rays)
-            .number("colour_evaluations_per_ray", counters.colour_evaluations as f64 / rays)
-            .number("normal_evaluations_per_ray", counters.normal_evaluations as f64 / rays)
-            .integer("macs", counters.macs)
-            .number("proposal_evaluations_per_ray", counters.proposal_evaluations as f64 / rays)
-            .number("proposal_share", share(shares.proposal))
-            .number("direction_share", share(shares.direction))
-            .number("density_share", share(shares.density))
-            .number("colour_share", share(shares.colour))
-            .number("normals_share", share(shares.normals))
-            .integer("invalid_samples", counters.invalid_samples);
+        let summary = Summary::of(&explanation, &renderer, counters);
         global.finish(&summary, || {
             outlines!(explanation.to_string().trim_end());
             Ok(())
@@ -134,17 +109,81 @@ impl Explain {
     }
 }
 
-/// Every stage by name, with a note on why where it is off.
-fn stages(explanation: &Explanation<'_>) -> Summary {
-    let mut stages = Summary::new();
-    for stage in explanation.stages() {
-        let name = stage.name.replace(' ', "_");
-        match stage.switch {
-            Switch::On => stages.flag(&name, true),
-            off => stages.flag(&name, false).text(&format!("{name}_note"), off.name()),
-        };
+/// The same for scripts; shares are of all multiply-adds.
+#[derive(Debug, Serialize)]
+struct Summary {
+    stages: Stages,
+    kernel: String,
+    workspace_bytes: usize,
+    macs_per_density_evaluation: usize,
+    macs_per_colour_evaluation: usize,
+    macs_per_normal_evaluation: usize,
+    rays: u64,
+    samples_kept_per_ray: f64,
+    samples_skipped_per_ray: f64,
+    density_evaluations_per_ray: f64,
+    colour_evaluations_per_ray: f64,
+    normal_evaluations_per_ray: f64,
+    macs: u64,
+    proposal_evaluations_per_ray: f64,
+    proposal_share: f64,
+    direction_share: f64,
+    density_share: f64,
+    colour_share: f64,
+    normals_share: f64,
+    invalid_samples: u64,
+}
+
+impl Summary {
+    fn of(explanation: &Explanation<'_>, renderer: &Renderer<'_>, counters: Counters) -> Self {
+        let (network, shares) = (renderer.network(), counters.shares(renderer));
+        let a = network.architecture();
+        let a_ray = |count: u64| count as f64 / counters.rays.max(1) as f64;
+        let share = |macs: u64| macs as f64 / counters.macs.max(1) as f64;
+        Self {
+            stages: Stages(
+                explanation
+                    .stages()
+                    .into_iter()
+                    .map(|stage| (stage.name.replace(' ', "_"), stage.switch))
+                    .collect(),
+            ),
+            kernel: renderer.kernel().to_string(),
+            workspace_bytes: explanation.workspace_bytes(),
+            macs_per_density_evaluation: a.density_macs(),
+            macs_per_colour_evaluation: a.colour_macs() - network.direction_macs(),
+            macs_per_normal_evaluation: a.gradient_macs(),
+            rays: counters.rays,
+            samples_kept_per_ray: a_ray(counters.samples_kept),
+            samples_skipped_per_ray: a_ray(counters.samples_skipped),
+            density_evaluations_per_ray: a_ray(counters.density_evaluations),
+            colour_evaluations_per_ray: a_ray(counters.colour_evaluations),
+            normal_evaluations_per_ray: a_ray(counters.normal_evaluations),
+            macs: counters.macs,
+            proposal_evaluations_per_ray: a_ray(counters.proposal_evaluations),
+            proposal_share: share(shares.proposal),
+            direction_share: share(shares.direction),
+            density_share: share(shares.density),
+            colour_share: share(shares.colour),
+            normals_share: share(shares.normals),
+            invalid_samples: counters.invalid_samples,
+        }
     }
-    let mut summary = Summary::new();
-    summary.section("stages", stages);
-    summary
+}
+
+/// Every stage by name, with a note on why where it is off.
+#[derive(Debug)]
+struct Stages(Vec<(String, Switch)>);
+
+impl Serialize for Stages {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        let mut map = serializer.serialize_map(None)?;
+        for (name, switch) in &self.0 {
+            map.serialize_entry(name, &(*switch == Switch::On))?;
+            if *switch != Switch::On {
+                map.serialize_entry(&format!("{name}_note"), switch.name())?;
+            }
+        }
+        map.end()
+    }
 }

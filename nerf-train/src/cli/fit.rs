@@ -394,11 +394,11 @@ impl Fit {
         };
         crate::data::system::output::write_atomic(&self.output, &outcome.bytes)?;
         outcome::tell_missed(&outcome);
-        let mut summary = outcome::summary(&outcome, &config, options.kernel, clock.seconds());
-        summary.text("data", dataset.name.clone()).text("blob", self.output.display().to_string());
+        let (seconds, data) = (clock.seconds(), &dataset.name);
+        let summary = outcome::Summary::of(&outcome, &config, options.kernel, seconds, data, &self.output);
         let printed = global.finish(&summary, || outcome::print(&outcome, &self.output));
         if let Some(folder) = &self.report {
-            outcome::write(folder, &outcome, &dataset, &mut summary, &report)?;
+            outcome::write(folder, &outcome, &dataset, &summary, &report)?;
         }
         printed?;
         Ok(ExitCode::SUCCESS)

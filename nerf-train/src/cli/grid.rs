@@ -4,10 +4,10 @@ use crate::data::system::memory;
 use crate::fit::size::Chosen;
 use crate::model::config::TableConfig;
 use crate::model::quantise::TableStorage;
-use crate::show::summary::Summary;
 use clap::{Args, ValueEnum};
 use nerf_core::blob::Blob;
 use nerf_core::encoding::GridEncoding;
+use serde::Serialize;
 
 /// The heading of its flags.
 pub const HEADING: &str = "Learned grid (--preset grid)";
@@ -169,17 +169,33 @@ pub fn describe(blob: &Blob<'_>) -> Option<String> {
     ))
 }
 
-/// The same as fields; none without a grid.
-pub fn summarise(blob: &Blob<'_>, summary: &mut Summary) {
-    let Some(grid) = blob.architecture().position.grid() else { return };
-    let [coarsest, finest] = cells(grid);
-    summary
-        .integer("grid_levels", grid.resolutions.len() as u64)
-        .integer("grid_features", u64::from(grid.features))
-        .integer("grid_log2_entries", u64::from(grid.log2_entries))
-        .integer("grid_coarsest_cells", u64::from(coarsest))
-        .integer("grid_finest_cells", u64::from(finest))
-        .integer("grid_values", grid.values() as u64)
-        .text("grid_storage", storage(blob))
-        .integer("grid_bytes", table_bytes(blob) as u64);
+/// The same for scripts.
+#[derive(Debug, Serialize)]
+pub struct GridSummary {
+    grid_levels: usize,
+    grid_features: u8,
+    grid_log2_entries: u8,
+    grid_coarsest_cells: u16,
+    grid_finest_cells: u16,
+    grid_values: usize,
+    grid_storage: &'static str,
+    grid_bytes: usize,
+}
+
+impl GridSummary {
+    /// Of a blob's grid, if it has one.
+    pub fn of(blob: &Blob<'_>) -> Option<Self> {
+        let grid = blob.architecture().position.grid()?;
+        let [grid_coarsest_cells, grid_finest_cells] = cells(grid);
+        Some(Self {
+            grid_levels: grid.resolutions.len(),
+            grid_features: grid.features,
+            grid_log2_entries: grid.log2_entries,
+            grid_coarsest_cells,
+            grid_finest_cells,
+            grid_values: grid.values(),
+            grid_storage: storage(blob),
+            grid_bytes: table_bytes(blob),
+        })
+    }
 }

@@ -4,7 +4,7 @@ use super::common::{
     Global, check_checkpoint_every, check_max_seconds, claim_checkpoint, cpu_name, open_blob,
     parse_background, parse_math, read_file,
 };
-use super::grid::{self, TableSettings, check_memory, given, of_sinusoidal, parse_bytes};
+use super::grid::{self, GridSummary, TableSettings, check_memory, given, of_sinusoidal, parse_bytes};
 use super::places;
 use crate::data::photograph::{MAX_SIDE, Photo};
 use crate::data::rgb::Picture;
@@ -20,7 +20,7 @@ use crate::measure::frame;
 use crate::model::picture_config::{FieldConfig, FieldPreset};
 use crate::show::contact_sheet::{Cell, contact_sheet};
 use crate::show::plot::{LinePlot, Marker, Series};
-use crate::show::summary::Summary;
+use crate::show::summary::write;
 use crate::show::table::Table;
 use crate::train::CurvePoint;
 use crate::train::schedule::{Budget, Clock};
@@ -30,6 +30,7 @@ use nerf_core::blob::Blob;
 use nerf_core::math::MathBackend;
 use nerf_core::memory::Line;
 use nerf_core::render::Renderer;
+use serde::Serialize;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::time::Duration;
@@ -299,12 +300,33 @@ impl Fit {
                 global.say(format!("--snapshots: the run ended before step {}", missed.join(", ")));
             }
         }
-        let mut summary = summary(&photo, &config, &outcome, options.kernel, clock.seconds());
-        summary.text("blob", self.output.display().to_string());
         let blob = Blob::open(&outcome.bytes)?;
-        grid::summarise(&blob, &mut summary);
+        let summary = FitSummary {
+            psnr_db: outcome.psnr_db,
+            photo: &photo.name,
+            width_px: photo.picture.width,
+            height_px: photo.picture.height,
+            train_seconds: outcome.train_seconds,
+            total_seconds: clock.seconds(),
+            steps: outcome.steps,
+            parameters: outcome.parameters,
+            blob_bytes: outcome.bytes.len(),
+            subnormal_weights: outcome.subnormal_weights,
+            pixels_per_second: outcome.pixels_per_second,
+            levels: config.levels,
+            layers: config.layers,
+            width: config.width,
+            rate: config.optimiser.rate,
+            pixels_a_step: config.pixels,
+            seed: config.seed,
+            kernel: options.kernel.to_string(),
+            threads: rayon::current_num_threads(),
+            cpu: cpu_name(),
+            blob: self.output.display().to_string(),
+            grid: GridSummary::of(&blob),
+        };
         if let Some(folder) = &self.report {
-            summary.write(folder)?;
+            write(&summary, folder)?;
         }
         global.finish(&summary, || {
             outln!("{:.2} dB PSNR over the whole picture", outcome.psnr_db);
@@ -324,36 +346,32 @@ impl Fit {
     }
 }
 
-fn summary(
-    photo: &Photo,
-    config: &FieldConfig,
-    outcome: &Outcome,
-    kernel: nerf_core::Kernel,
+/// What a fit made, for scripts.
+#[derive(Debug, Serialize)]
+struct FitSummary<'p> {
+    psnr_db: f64,
+    photo: &'p str,
+    width_px: usize,
+    height_px: usize,
+    train_seconds: f64,
     total_seconds: f64,
-) -> Summary {
-    let mut summary = Summary::new();
-    summary
-        .number("psnr_db", outcome.psnr_db)
-        .text("photo", photo.name.clone())
-        .integer("width_px", photo.picture.width as u64)
-        .integer("height_px", photo.picture.height as u64)
-        .number("train_seconds", outcome.train_seconds)
-        .number("total_seconds", total_seconds)
-        .integer("steps", u64::from(outcome.steps))
-        .integer("parameters", outcome.parameters as u64)
-        .integer("blob_bytes", outcome.bytes.len() as u64)
-        .integer("subnormal_weights", outcome.subnormal_weights as u64)
-        .number("pixels_per_second", outcome.pixels_per_second)
-        .integer("levels", u64::from(config.levels))
-        .integer("layers", config.layers as u64)
-        .integer("width", config.width as u64)
-        .number("rate", config.optimiser.rate)
-        .integer("pixels_a_step", config.pixels as u64)
-        .integer("seed", config.seed)
-        .text("kernel", kernel.to_string())
-        .integer("threads", rayon::current_num_threads() as u64)
-        .text("cpu", cpu_name());
-    summary
+    steps: u32,
+    parameters: usize,
+    blob_bytes: usize,
+    subnormal_weights: usize,
+    pixels_per_second: f64,
+    levels: u8,
+    layers: usize,
+    width: usize,
+    rate: f64,
+    pixels_a_step: usize,
+    seed: u64,
+    kernel: String,
+    threads: usize,
+    cpu: String,
+    blob: String,
+    #[serde(flatten)]
+    grid: Option<GridSummary>,
 }
 
 /// `curve.csv`, `curve.png` and `curve.svg`.
@@ -468,18 +486,29 @@ impl Render {
         .with_context(|| self.file.display().to_string())?;
         progress.finish(format!("{} rows", size[1]));
         picture.write_png(&self.output)?;
-        let mut summary = Summary::new();
-        summary
-            .text("file", self.output.display().to_string())
-            .integer("width_px", u64::from(size[0]))
-            .integer("height_px", u64::from(size[1]))
-            .integer("colour_evaluations", counters.colour_evaluations)
-            .integer("macs", counters.macs)
-            .integer("invalid_samples", counters.invalid_samples);
+        let summary = RenderSummary {
+            file: self.output.display().to_string(),
+            width_px: size[0],
+            height_px: size[1],
+            colour_evaluations: counters.colour_evaluations,
+            macs: counters.macs,
+            invalid_samples: counters.invalid_samples,
+        };
         global.finish(&summary, || {
             outln!("{} ({}x{} pixels)", self.output.display(), size[0], size[1]);
             Ok(())
         })?;
         Ok(ExitCode::SUCCESS)
     }
+}
+
+/// What was rendered, for scripts.
+#[derive(Debug, Serialize)]
+struct RenderSummary {
+    file: String,
+    width_px: u32,
+    height_px: u32,
+    colour_evaluations: u64,
+    macs: u64,
+    invalid_samples: u64,
 }

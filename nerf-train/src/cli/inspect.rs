@@ -2,11 +2,13 @@
 
 use super::common::{Global, background_name, open_blob, read_file};
 use super::grid;
-use crate::show::summary::Summary;
+use super::grid::GridSummary;
+use crate::show::summary::Short;
 use clap::Args;
 use nerf_core::blob::{Blob, FrontPoint, SceneSampling};
 use nerf_core::encoding::DirectionEncoding;
 use nerf_core::network::Layer;
+use serde::Serialize;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
@@ -23,7 +25,7 @@ impl Inspect {
     pub fn run(&self, global: &Global) -> anyhow::Result<ExitCode> {
         let bytes = read_file(&self.file)?;
         let blob = open_blob(&self.file, &bytes)?;
-        global.finish(&summary(&self.file, &bytes, &blob), || print(&self.file, &bytes, &blob))?;
+        global.finish(&Summary::of(&self.file, &bytes, &blob), || print(&self.file, &bytes, &blob))?;
         Ok(ExitCode::SUCCESS)
     }
 }
@@ -122,72 +124,124 @@ fn print(file: &Path, bytes: &[u8], blob: &Blob<'_>) -> anyhow::Result<()> {
     Ok(())
 }
 
-/// The same as fields.
-fn summary(file: &Path, bytes: &[u8], blob: &Blob<'_>) -> Summary {
-    let a = blob.architecture();
-    let mut summary = Summary::new();
-    summary
-        .text("file", file.display().to_string())
-        .integer("blob_bytes", bytes.len() as u64)
-        .integer("format_version", u64::from(nerf_core::blob::FORMAT_VERSION))
-        .text("kind", kind(blob))
-        .integer("position_levels", a.position.sinusoidal().map_or(0, |encoding| u64::from(encoding.levels)))
-        .integer(
-            "direction_levels",
-            a.direction.and_then(|d| d.sinusoidal().copied()).map_or(0, |e| u64::from(e.levels)),
-        )
-        .flag("view_dependent", a.direction.is_some())
-        .sections("layers", blob.layers().iter().map(layer_fields).collect())
-        .integer("parameters", a.parameters() as u64)
-        .integer("weight_bytes", blob.weights().len() as u64)
-        .integer("density_macs", a.density_macs() as u64)
-        .integer("colour_macs", a.colour_macs() as u64);
-    if let Some(DirectionEncoding::SphericalHarmonics { degree }) = a.direction {
-        summary.integer("harmonics_degree", u64::from(degree));
+/// The same for scripts; what a file has none of is left out.
+#[derive(Debug, Serialize)]
+struct Summary<'b> {
+    file: String,
+    blob_bytes: usize,
+    format_version: u16,
+    kind: &'static str,
+    position_levels: u8,
+    direction_levels: u8,
+    view_dependent: bool,
+    layers: Vec<LayerSummary>,
+    parameters: usize,
+    weight_bytes: usize,
+    density_macs: usize,
+    colour_macs: usize,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    harmonics_degree: Option<u8>,
+    #[serde(flatten)]
+    grid: Option<GridSummary>,
+    #[serde(flatten)]
+    scene: Option<SceneSummary>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    width_px: Option<u32>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    height_px: Option<u32>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    occupancy_resolution: Option<[f64; 3]>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    occupied_share: Option<Short>,
+    #[serde(flatten)]
+    proposal: Option<ProposalSummary>,
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    front: Vec<PointSummary>,
+    data: &'b str,
+    made_by: &'b str,
+    steps: u32,
+    seed: u64,
+    trained_parameters: u32,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    psnr_db: Option<Short>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    psnr_convention: Option<&'b str>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    quantisation_loss_db: Option<Short>,
+}
+
+#[derive(Debug, Serialize)]
+struct SceneSummary {
+    box_min: [Short; 3],
+    box_max: [Short; 3],
+    near: Short,
+    far: Short,
+    samples_per_ray: u16,
+    step: Short,
+    background: String,
+    occupancy_required: bool,
+}
+
+#[derive(Debug, Serialize)]
+struct ProposalSummary {
+    proposal_samples_per_ray: u16,
+    proposal_macs: usize,
+    proposal_weight_bytes: usize,
+}
+
+impl<'b> Summary<'b> {
+    fn of(file: &Path, bytes: &[u8], blob: &'b Blob<'_>) -> Self {
+        let (a, p) = (blob.architecture(), blob.provenance());
+        let harmonics_degree = match a.direction {
+            Some(DirectionEncoding::SphericalHarmonics { degree }) => Some(degree),
+            _ => None,
+        };
+        let (picture, occupancy) = (blob.picture(), blob.occupancy());
+        Self {
+            file: file.display().to_string(),
+            blob_bytes: bytes.len(),
+            format_version: nerf_core::blob::FORMAT_VERSION,
+            kind: kind(blob),
+            position_levels: a.position.sinusoidal().map_or(0, |encoding| encoding.levels),
+            direction_levels: a.direction.and_then(|d| d.sinusoidal().copied()).map_or(0, |e| e.levels),
+            view_dependent: a.direction.is_some(),
+            layers: blob.layers().iter().map(LayerSummary::of).collect(),
+            parameters: a.parameters(),
+            weight_bytes: blob.weights().len(),
+            density_macs: a.density_macs(),
+            colour_macs: a.colour_macs(),
+            harmonics_degree,
+            grid: GridSummary::of(blob),
+            scene: blob.scene().map(|scene| SceneSummary {
+                box_min: scene.min.map(Short),
+                box_max: scene.max.map(Short),
+                near: Short(scene.near),
+                far: Short(scene.far),
+                samples_per_ray: scene.samples(),
+                step: Short(scene.step()),
+                background: background_name(scene.background),
+                occupancy_required: scene.occupancy_required,
+            }),
+            width_px: picture.map(|picture| picture.width),
+            height_px: picture.map(|picture| picture.height),
+            occupancy_resolution: occupancy.map(|occupancy| occupancy.resolution().map(f64::from)),
+            occupied_share: occupancy.map(|occupancy| Short(occupancy.occupied_share())),
+            proposal: blob.proposal().map(|proposal| ProposalSummary {
+                proposal_samples_per_ray: proposal.samples,
+                proposal_macs: proposal.architecture().density_macs(),
+                proposal_weight_bytes: proposal.weights.len(),
+            }),
+            front: blob.front().iter().map(PointSummary::of).collect(),
+            data: p.data,
+            made_by: p.made_by,
+            steps: p.steps,
+            seed: p.seed,
+            trained_parameters: p.trained_parameters,
+            psnr_db: p.psnr_db.map(Short),
+            psnr_convention: p.psnr_db.map(|_| p.psnr_convention),
+            quantisation_loss_db: p.quantisation_loss_db.map(Short),
+        }
     }
-    grid::summarise(blob, &mut summary);
-    if let Some(scene) = blob.scene() {
-        summary
-            .numbers_f32("box_min", &scene.min)
-            .numbers_f32("box_max", &scene.max)
-            .number_f32("near", scene.near)
-            .number_f32("far", scene.far)
-            .integer("samples_per_ray", u64::from(scene.samples()))
-            .number_f32("step", scene.step())
-            .text("background", background_name(scene.background))
-            .flag("occupancy_required", scene.occupancy_required);
-    }
-    if let Some(picture) = blob.picture() {
-        summary.integer("width_px", u64::from(picture.width)).integer("height_px", u64::from(picture.height));
-    }
-    if let Some(occupancy) = blob.occupancy() {
-        summary
-            .numbers("occupancy_resolution", &occupancy.resolution().map(f64::from))
-            .number_f32("occupied_share", occupancy.occupied_share());
-    }
-    if let Some(proposal) = blob.proposal() {
-        summary
-            .integer("proposal_samples_per_ray", u64::from(proposal.samples))
-            .integer("proposal_macs", proposal.architecture().density_macs() as u64)
-            .integer("proposal_weight_bytes", proposal.weights.len() as u64);
-    }
-    if !blob.front().is_empty() {
-        summary.sections("front", blob.front().iter().map(point_fields).collect());
-    }
-    let p = blob.provenance();
-    summary
-        .text("data", p.data)
-        .text("made_by", p.made_by)
-        .integer("steps", u64::from(p.steps))
-        .integer("seed", p.seed)
-        .integer("trained_parameters", u64::from(p.trained_parameters));
-    if let Some(db) = p.psnr_db {
-        summary.number_f32("psnr_db", db).text("psnr_convention", p.psnr_convention);
-    }
-    if let Some(db) = p.quantisation_loss_db {
-        summary.number_f32("quantisation_loss_db", db);
-    }
-    summary
 }
 
 /// A point of the front in words.
@@ -206,33 +260,55 @@ fn front_point(p: &FrontPoint) -> String {
     )
 }
 
-/// The same as fields.
-fn point_fields(p: &FrontPoint) -> Summary {
-    let mut fields = Summary::new();
-    fields
-        .integer("samples_per_ray", u64::from(p.samples))
-        .number_f32("transmittance_cut", p.transmittance_cut)
-        .number_f32("colour_cut", p.colour_cut)
-        .flag("occupancy", p.occupancy)
-        .integer("math", u64::from(p.math))
-        .flag("proposal", p.proposal)
-        .number_f32("loss_db", p.loss_db)
-        .number_f32("cost", p.cost);
-    fields
+/// The same for scripts.
+#[derive(Debug, Serialize)]
+struct PointSummary {
+    samples_per_ray: u16,
+    transmittance_cut: Short,
+    colour_cut: Short,
+    occupancy: bool,
+    math: u8,
+    proposal: bool,
+    loss_db: Short,
+    cost: Short,
+}
+
+impl PointSummary {
+    fn of(p: &FrontPoint) -> Self {
+        Self {
+            samples_per_ray: p.samples,
+            transmittance_cut: Short(p.transmittance_cut),
+            colour_cut: Short(p.colour_cut),
+            occupancy: p.occupancy,
+            math: p.math,
+            proposal: p.proposal,
+            loss_db: Short(p.loss_db),
+            cost: Short(p.cost),
+        }
+    }
 }
 
 fn kind(blob: &Blob<'_>) -> &'static str {
     if blob.scene().is_some() { "scene" } else { "2D field" }
 }
 
-fn layer_fields(layer: &Layer) -> Summary {
-    let mut fields = Summary::new();
-    fields
-        .text("role", format!("{:?}", layer.role))
-        .integer("main_inputs", layer.main as u64)
-        .integer("extra_inputs", layer.extra as u64)
-        .integer("outputs", layer.outputs as u64);
-    fields
+#[derive(Debug, Serialize)]
+struct LayerSummary {
+    role: String,
+    main_inputs: usize,
+    extra_inputs: usize,
+    outputs: usize,
+}
+
+impl LayerSummary {
+    fn of(layer: &Layer) -> Self {
+        Self {
+            role: format!("{:?}", layer.role),
+            main_inputs: layer.main,
+            extra_inputs: layer.extra,
+            outputs: layer.outputs,
+        }
+    }
 }
 
 fn describe(layer: &Layer) -> String {

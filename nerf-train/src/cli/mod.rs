@@ -21,7 +21,7 @@ mod show;
 mod study;
 mod sweep;
 
-use crate::show::summary::Summary;
+use crate::show::summary::to_json;
 use clap::{CommandFactory, Parser, Subcommand};
 use std::process::ExitCode;
 
@@ -77,10 +77,12 @@ fn message(error: &anyhow::Error) -> String {
 
 /// The error as the one JSON object on stdout, for a program that follows.
 fn print_error(message: &str) {
-    let mut object = Summary::new();
-    object.text("error", message);
+    #[derive(serde::Serialize)]
+    struct Failure<'m> {
+        error: &'m str,
+    }
     // Whoever closed stdout is told on stderr.
-    let _ = object.to_json().map(|json| common::print(json.trim_end()));
+    let _ = to_json(&Failure { error: message }).map(|json| common::print(json.trim_end()));
 }
 
 /// Says on stderr that a signal ended the command, and what is left of its work.

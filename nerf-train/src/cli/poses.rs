@@ -5,8 +5,8 @@ use super::places;
 use crate::data::poses::{Found, Request, find};
 use crate::data::system::output::claims::{Claims, Contents};
 use crate::data::system::stop::Note;
-use crate::show::summary::Summary;
 use clap::Args;
+use serde::Serialize;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::time::Instant;
@@ -51,7 +51,8 @@ impl Poses {
             style: global.style(),
         };
         let found = find(&request)?;
-        global.finish(&summary(&found, &output, begun.elapsed().as_secs_f64()), || print(&found, &output))?;
+        let summary = Summary::of(&found, &output, begun.elapsed().as_secs_f64());
+        global.finish(&summary, || print(&found, &output))?;
         Ok(ExitCode::SUCCESS)
     }
 }
@@ -93,19 +94,36 @@ fn print(found: &Found, output: &Path) -> anyhow::Result<()> {
     Ok(())
 }
 
-fn summary(found: &Found, output: &Path, seconds: f64) -> Summary {
-    let mut summary = Summary::new();
-    summary
-        .text("folder", output.display().to_string())
-        .integer("photographs", found.photographs as u64)
-        .integer("registered", found.registered as u64)
-        .texts("unregistered", found.unregistered.iter().cloned())
-        .texts("damaged", found.damaged.iter().cloned())
-        .integer("models", found.models as u64)
-        .integer("points", found.points as u64)
-        .number("mean_reprojection_error_px", found.mean_reprojection_error)
-        .flag("one_camera", found.one_camera)
-        .flag("copied", found.copied)
-        .number("total_seconds", seconds);
-    summary
+/// What was found, for scripts.
+#[derive(Debug, Serialize)]
+struct Summary<'f> {
+    folder: String,
+    photographs: usize,
+    registered: usize,
+    unregistered: &'f [String],
+    damaged: &'f [String],
+    models: usize,
+    points: usize,
+    mean_reprojection_error_px: f64,
+    one_camera: bool,
+    copied: bool,
+    total_seconds: f64,
+}
+
+impl<'f> Summary<'f> {
+    fn of(found: &'f Found, output: &Path, total_seconds: f64) -> Self {
+        Self {
+            folder: output.display().to_string(),
+            photographs: found.photographs,
+            registered: found.registered,
+            unregistered: &found.unregistered,
+            damaged: &found.damaged,
+            models: found.models,
+            points: found.points,
+            mean_reprojection_error_px: found.mean_reprojection_error,
+            one_camera: found.one_camera,
+            copied: found.copied,
+            total_seconds,
+        }
+    }
 }

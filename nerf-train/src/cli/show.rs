@@ -8,11 +8,12 @@ use crate::data::system::output::claims::Claims;
 use crate::data::system::progress::{Message, Progress, Total};
 use crate::model::config::{Config, Preset};
 use crate::show::cameras::{Request, Scene, page, sheet};
-use crate::show::summary::Summary;
+use crate::show::summary::{Short, write};
 use anyhow::bail;
 use clap::Args;
 use clap::builder::RangedU64ValueParser;
 use glam::Vec3;
+use serde::Serialize;
 use std::path::PathBuf;
 use std::process::ExitCode;
 
@@ -131,8 +132,8 @@ impl Show {
             global
                 .say(format!("--rays: expected {asked}, found {found} in step {}: all are shown", self.step));
         }
-        let summary = summary(&scene);
-        let json = summary.write(&self.output)?;
+        let summary = Summary::of(&scene);
+        let json = write(&summary, &self.output)?;
         global.finish(&summary, || {
             for path in [&png, &html, &json] {
                 outln!("{}", path.display());
@@ -158,36 +159,62 @@ impl Show {
 }
 
 /// What was shown, for scripts.
-fn summary(scene: &Scene) -> Summary {
-    let numbers = |p: Vec3| p.to_array().map(f64::from);
-    let (s, b) = (&scene.step, &scene.bounds);
-    let mut summary = Summary::new();
-    summary
-        .text("data", scene.name.clone())
-        .text("split", scene.split)
-        .integer("cameras", scene.cameras.len() as u64);
-    if let (true, Some(only)) = (scene.alone, scene.cameras.first()) {
-        summary.integer("camera", only.index as u64).text("view", only.name.clone());
+#[derive(Debug, Serialize)]
+struct Summary<'s> {
+    data: &'s str,
+    split: &'s str,
+    cameras: usize,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    camera: Option<usize>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    view: Option<&'s str>,
+    step: u64,
+    seed: u64,
+    bins_per_ray: u64,
+    rays_shown: usize,
+    live_samples_shown: usize,
+    culled_samples_shown: usize,
+    rays_in_step: usize,
+    live_samples_in_step: usize,
+    near_world_units: Short,
+    far_world_units: Short,
+    box_min_world_units: [f64; 3],
+    box_max_world_units: [f64; 3],
+    frustum_world_units: Short,
+    up: [f64; 3],
+    #[serde(skip_serializing_if = "Option::is_none")]
+    ball_centre_world_units: Option<[f64; 3]>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    ball_radius_world_units: Option<Short>,
+}
+
+impl<'s> Summary<'s> {
+    fn of(scene: &'s Scene) -> Self {
+        let numbers = |p: Vec3| p.to_array().map(f64::from);
+        let (s, b) = (&scene.step, &scene.bounds);
+        let only = scene.cameras.first().filter(|_| scene.alone);
+        Self {
+            data: &scene.name,
+            split: scene.split,
+            cameras: scene.cameras.len(),
+            camera: only.map(|only| only.index),
+            view: only.map(|only| only.name.as_str()),
+            step: s.step.into(),
+            seed: s.seed,
+            bins_per_ray: s.bins.into(),
+            rays_shown: scene.rays.len(),
+            live_samples_shown: scene.live(),
+            culled_samples_shown: scene.culled(),
+            rays_in_step: s.rays,
+            live_samples_in_step: s.live,
+            near_world_units: Short(b.near),
+            far_world_units: Short(b.far),
+            box_min_world_units: numbers(b.scene_box.min),
+            box_max_world_units: numbers(b.scene_box.max),
+            frustum_world_units: Short(scene.frustum),
+            up: numbers(scene.up),
+            ball_centre_world_units: b.contraction.as_ref().map(|contraction| numbers(contraction.centre())),
+            ball_radius_world_units: b.contraction.as_ref().map(|contraction| Short(contraction.radius())),
+        }
     }
-    summary
-        .integer("step", s.step.into())
-        .integer("seed", s.seed)
-        .integer("bins_per_ray", s.bins.into())
-        .integer("rays_shown", scene.rays.len() as u64)
-        .integer("live_samples_shown", scene.live() as u64)
-        .integer("culled_samples_shown", scene.culled() as u64)
-        .integer("rays_in_step", s.rays as u64)
-        .integer("live_samples_in_step", s.live as u64)
-        .number_f32("near_world_units", b.near)
-        .number_f32("far_world_units", b.far)
-        .numbers("box_min_world_units", &numbers(b.scene_box.min))
-        .numbers("box_max_world_units", &numbers(b.scene_box.max))
-        .number_f32("frustum_world_units", scene.frustum)
-        .numbers("up", &numbers(scene.up));
-    if let Some(contraction) = &b.contraction {
-        summary
-            .numbers("ball_centre_world_units", &numbers(contraction.centre()))
-            .number_f32("ball_radius_world_units", contraction.radius());
-    }
-    summary
 }

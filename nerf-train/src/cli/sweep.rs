@@ -12,9 +12,10 @@ use crate::lab::sweep::{Combinations, Folder, Job, Knob, Mode, Point, Record, Ru
 use crate::model::config::Preset;
 use crate::model::picture_config::FieldPreset;
 use crate::show::reports::sweep::{table, write_report};
-use crate::show::summary::Summary;
 use anyhow::bail;
 use clap::{Args, Subcommand};
+use serde::ser::SerializeMap;
+use serde::{Serialize, Serializer};
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
@@ -151,10 +152,8 @@ impl Lists {
 fn finish(folder: &Folder, global: &Global) -> anyhow::Result<()> {
     let records = write_report(folder)?;
     let report = folder.path().join("report.md");
-    let mut summary = Summary::new();
-    summary
-        .text("report", report.display().to_string())
-        .sections("runs", records.iter().map(fields).collect());
+    let summary =
+        Summary { report: report.display().to_string(), runs: records.iter().map(RunSummary).collect() };
     global.finish(&summary, || {
         outlines!(table(&records).to_text().trim_end());
         outln!("report: {}", report.display());
@@ -162,22 +161,35 @@ fn finish(folder: &Folder, global: &Global) -> anyhow::Result<()> {
     })
 }
 
-fn fields(record: &Record) -> Summary {
-    let mut fields = Summary::new();
-    for (knob, value) in record.point.values() {
-        let name = knob.flag().replace('-', "_");
-        match knob {
-            Knob::Rate => fields.number(&name, value),
-            _ => fields.integer(&name, value as u64),
-        };
+/// What a sweep came to, for scripts.
+#[derive(Debug, Serialize)]
+struct Summary<'r> {
+    report: String,
+    runs: Vec<RunSummary<'r>>,
+}
+
+/// A run: its settings by their flags, and what it came to.
+#[derive(Debug)]
+struct RunSummary<'r>(&'r Record);
+
+impl Serialize for RunSummary<'_> {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        let record = self.0;
+        let mut map = serializer.serialize_map(None)?;
+        for (knob, value) in record.point.values() {
+            let name = knob.flag().replace('-', "_");
+            match knob {
+                Knob::Rate => map.serialize_entry(&name, &value)?,
+                _ => map.serialize_entry(&name, &(value as u64))?,
+            }
+        }
+        map.serialize_entry("diverged", &(record.status == Status::Diverged))?;
+        map.serialize_entry("flat", &(record.status == Status::Flat))?;
+        map.serialize_entry("note", &record.note)?;
+        map.serialize_entry("psnr_db", &record.psnr_db.unwrap_or(f64::NAN))?;
+        map.serialize_entry("train_seconds", &record.train_seconds)?;
+        map.end()
     }
-    fields
-        .flag("diverged", record.status == Status::Diverged)
-        .flag("flat", record.status == Status::Flat)
-        .text("note", record.note.clone())
-        .number("psnr_db", record.psnr_db.unwrap_or(f64::NAN))
-        .number("train_seconds", record.train_seconds);
-    fields
 }
 
 /// Fit 2D fields to one picture.

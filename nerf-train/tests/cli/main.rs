@@ -18,6 +18,7 @@ mod pipeline;
 mod places;
 #[cfg(unix)]
 mod poses;
+mod schema;
 mod show;
 #[cfg(unix)]
 mod signals;

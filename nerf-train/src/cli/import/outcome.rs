@@ -7,11 +7,12 @@ use crate::measure::import::probe::{Probe, name};
 use crate::model::engine::{Dense, Part};
 use crate::model::export::Exported;
 use crate::model::import::{Imported, Settings, Tensors};
-use crate::show::summary::Summary;
+use crate::show::summary::Short;
 use crate::train::occupancy::LiveCells;
 use nerf_core::Kernel;
 use nerf_core::encoding::SinusoidalEncoding;
 use nerf_core::network::Architecture;
+use serde::Serialize;
 use std::path::Path;
 
 /// Where the occupancy grid comes from.
@@ -133,77 +134,114 @@ impl Outcome<'_> {
         Ok(())
     }
 
-    /// As fields.
-    pub fn summary(&self, kernel: Kernel) -> Summary {
+    /// The same for scripts.
+    pub fn summary(&self, kernel: Kernel) -> Summary<'_> {
         let (s, a) = (self.settings, &self.network.model.architecture);
-        let mut summary = Summary::new();
-        summary
-            .text("checkpoint", self.tensors.file.display().to_string())
-            .integer("tensors", self.tensors.tensors.len() as u64)
-            .text("prefix", self.tensors.prefix.clone())
-            .texts("networks_left_out", self.tensors.others.clone())
-            .texts("unused_tensors", self.network.unused.clone())
-            .integer("trunk_layers", a.trunk.len() as u64)
-            .integer("trunk_width", a.trunk_width() as u64)
-            .integer("position_levels", a.position.sinusoidal().map_or(0, |e| u64::from(e.levels)))
-            .integer(
-                "direction_levels",
-                a.direction.and_then(|d| d.sinusoidal().copied()).map_or(0, |e| u64::from(e.levels)),
-            )
-            .flag("view_dependent", self.architecture.direction.is_some())
-            .text("angle_scale", name(s.angle))
-            .text("order", name(s.order))
-            .text("density", name(s.density))
-            .text("background", background_name(s.background))
-            .number_f32("near", s.near)
-            .number_f32("far", s.far)
-            .numbers_f32("box", &s.scene_box)
-            .integer("samples_per_ray", u64::from(s.samples))
-            .integer("trained_parameters", self.network.parameters.len() as u64)
-            .integer("parameters", self.architecture.parameters() as u64)
-            .integer("subnormal_weights", self.exported.subnormal_weights as u64)
-            .flag("occupancy_required", self.occupancy_required);
-        if let (Some(coarse), Some(samples)) = (self.coarse, s.coarse_samples) {
-            summary
-                .integer("coarse_samples_per_ray", u64::from(samples))
-                .integer("coarse_parameters", coarse.model.architecture.density_parameters() as u64);
-        }
         let skips = a.trunk.iter().enumerate().filter(|(_, layer)| layer.skip);
-        summary.numbers("skip_layers", &skips.map(|(i, _)| i as f64).collect::<Vec<_>>());
-        if let Some(cells) = self.cells {
-            summary
-                .numbers("occupancy_resolution", &cells.resolution().map(f64::from))
-                .number_f32("occupied_share", cells.lookup().occupied_share());
+        let coarse = self.coarse.zip(s.coarse_samples);
+        let direction = self.direction.filter(|_| self.check.is_some());
+        Summary {
+            checkpoint: self.tensors.file.display().to_string(),
+            tensors: self.tensors.tensors.len(),
+            prefix: &self.tensors.prefix,
+            networks_left_out: &self.tensors.others,
+            unused_tensors: &self.network.unused,
+            trunk_layers: a.trunk.len(),
+            trunk_width: a.trunk_width(),
+            position_levels: a.position.sinusoidal().map_or(0, |e| e.levels),
+            direction_levels: a.direction.and_then(|d| d.sinusoidal().copied()).map_or(0, |e| e.levels),
+            view_dependent: self.architecture.direction.is_some(),
+            angle_scale: name(s.angle),
+            order: name(s.order),
+            density: name(s.density),
+            background: background_name(s.background),
+            near: Short(s.near),
+            far: Short(s.far),
+            scene_box: s.scene_box.map(Short),
+            samples_per_ray: s.samples,
+            trained_parameters: self.network.parameters.len(),
+            parameters: self.architecture.parameters(),
+            subnormal_weights: self.exported.subnormal_weights,
+            occupancy_required: self.occupancy_required,
+            coarse_samples_per_ray: coarse.map(|(_, samples)| samples),
+            coarse_parameters: coarse.map(|(coarse, _)| coarse.model.architecture.density_parameters()),
+            skip_layers: skips.map(|(i, _)| i as f64).collect(),
+            occupancy_resolution: self.cells.map(|cells| cells.resolution().map(f64::from)),
+            occupied_share: self.cells.map(|cells| Short(cells.lookup().occupied_share())),
+            check: self.check.map(|check| CheckSummary {
+                check_psnr_db: check.psnr_db(),
+                check_views: check.scores.views.len(),
+                suspicious: check.is_suspicious(),
+                quantisation_loss_db: check.quantisation_loss_db,
+                occupancy_gain_db: check.occupancy_gain_db,
+                view_dependence_gain_db: direction.map(|(gain, _)| gain),
+                view_dependence_left_out: direction.map(|(_, verdict)| verdict == Verdict::Drops),
+            }),
+            other_guesses: self.probes,
+            kernel: kernel.to_string(),
+            blob: self.output.display().to_string(),
+            blob_bytes: self.exported.bytes.len(),
         }
-        if let Some(check) = self.check {
-            summary
-                .number("check_psnr_db", check.psnr_db())
-                .integer("check_views", check.scores.views.len() as u64)
-                .flag("suspicious", check.is_suspicious())
-                .number("quantisation_loss_db", check.quantisation_loss_db);
-            if let Some(gain) = check.occupancy_gain_db {
-                summary.number("occupancy_gain_db", gain);
-            }
-            if let Some((gain, verdict)) = self.direction {
-                summary
-                    .number("view_dependence_gain_db", gain)
-                    .flag("view_dependence_left_out", verdict == Verdict::Drops);
-            }
-        }
-        if !self.probes.is_empty() {
-            let fields = |probe: &Probe| {
-                let mut fields = Summary::new();
-                fields.text("flag", probe.flag.clone()).number("psnr_db", probe.psnr_db);
-                fields
-            };
-            summary.sections("other_guesses", self.probes.iter().map(fields).collect());
-        }
-        summary
-            .text("kernel", kernel.to_string())
-            .text("blob", self.output.display().to_string())
-            .integer("blob_bytes", self.exported.bytes.len() as u64);
-        summary
     }
+}
+
+/// What was imported, for scripts.
+#[derive(Debug, Serialize)]
+pub struct Summary<'i> {
+    checkpoint: String,
+    tensors: usize,
+    prefix: &'i str,
+    networks_left_out: &'i [String],
+    unused_tensors: &'i [String],
+    trunk_layers: usize,
+    trunk_width: usize,
+    position_levels: u8,
+    direction_levels: u8,
+    view_dependent: bool,
+    angle_scale: String,
+    order: String,
+    density: String,
+    background: String,
+    near: Short,
+    far: Short,
+    #[serde(rename = "box")]
+    scene_box: [Short; 6],
+    samples_per_ray: u16,
+    trained_parameters: usize,
+    parameters: usize,
+    subnormal_weights: usize,
+    occupancy_required: bool,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    coarse_samples_per_ray: Option<u16>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    coarse_parameters: Option<usize>,
+    skip_layers: Vec<f64>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    occupancy_resolution: Option<[f64; 3]>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    occupied_share: Option<Short>,
+    #[serde(flatten)]
+    check: Option<CheckSummary>,
+    #[serde(skip_serializing_if = "<[Probe]>::is_empty")]
+    other_guesses: &'i [Probe],
+    kernel: String,
+    blob: String,
+    blob_bytes: usize,
+}
+
+/// What the check of an import found.
+#[derive(Debug, Serialize)]
+struct CheckSummary {
+    check_psnr_db: f64,
+    check_views: usize,
+    suspicious: bool,
+    quantisation_loss_db: f64,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    occupancy_gain_db: Option<f64>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    view_dependence_gain_db: Option<f64>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    view_dependence_left_out: Option<bool>,
 }
 
 fn encoding(encoding: &SinusoidalEncoding, settings: &Settings) -> String {

@@ -14,13 +14,14 @@ use crate::data::system::progress::{Message, Progress, Total};
 use crate::data::system::stop::Note;
 use crate::measure::frame;
 use crate::show::colour_map::robust_range;
-use crate::show::summary::Summary;
+use crate::show::summary::Short;
 use anyhow::Context;
 use clap::{Args, ValueEnum};
 use nerf_core::camera::Camera;
 use nerf_core::memory::Line;
 use nerf_core::plan::{Batch, Outputs, Plan};
 use nerf_core::render::{Counters, Renderer};
+use serde::Serialize;
 use std::path::PathBuf;
 use std::process::ExitCode;
 use std::time::Instant;
@@ -224,20 +225,23 @@ impl Render {
 
         let rays = counters.rays.max(1) as f64;
         let size = cameras.first().map(|camera| *camera.intrinsics());
-        let mut summary = Summary::new();
-        summary
-            .texts("files", files.iter().map(|file| file.display().to_string()))
-            .integer("frames", cameras.len() as u64)
-            .integer("width_px", size.map_or(0, |size| u64::from(size.width)))
-            .integer("height_px", size.map_or(0, |size| u64::from(size.height)))
-            .number("total_seconds", start.elapsed().as_secs_f64())
-            .number("density_evaluations_per_ray", counters.density_evaluations as f64 / rays)
-            .number("colour_evaluations_per_ray", counters.colour_evaluations as f64 / rays)
-            .number("normal_evaluations_per_ray", counters.normal_evaluations as f64 / rays)
-            .integer("invalid_samples", counters.invalid_samples);
-        for (output, (near, far)) in &ranges {
-            summary.numbers_f32(&format!("{}_range", output.suffix()), &[*near, *far]);
-        }
+        let range = |output| {
+            ranges.iter().find(|(of, _)| *of == output).map(|&(_, (near, far))| [Short(near), Short(far)])
+        };
+        let summary = Summary {
+            files: files.iter().map(|file| file.display().to_string()).collect(),
+            frames: cameras.len(),
+            width_px: size.map_or(0, |size| size.width),
+            height_px: size.map_or(0, |size| size.height),
+            total_seconds: start.elapsed().as_secs_f64(),
+            density_evaluations_per_ray: counters.density_evaluations as f64 / rays,
+            colour_evaluations_per_ray: counters.colour_evaluations as f64 / rays,
+            normal_evaluations_per_ray: counters.normal_evaluations as f64 / rays,
+            invalid_samples: counters.invalid_samples,
+            ray_distance_range: range(Output::RayDistance),
+            z_depth_range: range(Output::ZDepth),
+            median_distance_range: range(Output::MedianDistance),
+        };
         global.finish(&summary, || {
             for file in &files {
                 outln!("{}", file.display());
@@ -337,4 +341,24 @@ impl Render {
             normals: has(Output::Normals),
         }
     }
+}
+
+/// What was rendered, for scripts; ranges are those of the colours of a sequence's distances, world units.
+#[derive(Debug, Serialize)]
+struct Summary {
+    files: Vec<String>,
+    frames: usize,
+    width_px: u32,
+    height_px: u32,
+    total_seconds: f64,
+    density_evaluations_per_ray: f64,
+    colour_evaluations_per_ray: f64,
+    normal_evaluations_per_ray: f64,
+    invalid_samples: u64,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    ray_distance_range: Option<[Short; 2]>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    z_depth_range: Option<[Short; 2]>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    median_distance_range: Option<[Short; 2]>,
 }

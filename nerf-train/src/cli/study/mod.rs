@@ -196,9 +196,7 @@ impl Study {
             ));
         }
         let mut summary = findings.summary(&setting);
-        if let Some(output) = output {
-            summary.text("blob", output.display().to_string());
-        }
+        summary.blob = output.map(|output| output.display().to_string());
         global.finish(&summary, || {
             outlines!(findings.short_table(&findings.front).to_text());
             if let Some((span, point)) = findings.span(|_| true) {

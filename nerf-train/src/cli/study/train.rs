@@ -8,7 +8,7 @@ use crate::data::system::stop::Note;
 use crate::lab::study::training::{Fitted, Folder, Header, Lists, Trial, fit};
 use crate::lab::{Run, Shard};
 use crate::model::config::Preset;
-use crate::show::reports::training::{summary, table, write};
+use crate::show::reports::training::{Summary, table, write};
 use crate::train::checkpoint::fingerprint;
 use anyhow::bail;
 use clap::{Args, ValueEnum};
@@ -163,7 +163,7 @@ impl StudyTrain {
         folder.conduct(&mine, |text| global.say(text), fit)?;
         drop(note);
         let fits = report(&folder, &trials)?;
-        global.finish(&summary(&fits), || {
+        global.finish(&Summary::of(&fits), || {
             outlines!(table(&fits).to_text().trim_end());
             outln!("report: {}", self.report.join("report.md").display());
             Ok(())

@@ -10,6 +10,7 @@ use nerf_core::Kernel;
 use nerf_core::blob::{Content, Provenance};
 use nerf_core::camera::Camera;
 use nerf_core::plan::Quality;
+use serde::Serialize;
 
 /// Views that are looked at, each thinned twice.
 const VIEWS: usize = 3;
@@ -27,7 +28,7 @@ pub enum ProbeError {
 }
 
 /// One change of the settings, and what it would have brought.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Probe {
     /// The flag, with its value.
     pub flag: String,

@@ -5,8 +5,9 @@ use crate::data::system::output::write_atomic;
 use crate::data::system::printable::markdown;
 use crate::lab::study::training::{Fitted, Group};
 use crate::show::plot::{LinePlot, Marker, Series};
-use crate::show::summary::Summary;
+use crate::show::summary;
 use crate::show::table::Table;
+use serde::Serialize;
 use std::fmt::Write as _;
 use std::path::Path;
 
@@ -68,31 +69,50 @@ pub fn write(fits: &[Fitted], data: &str, folder: &Path) -> Result<(), ReportErr
          shows on its way."
     );
     write_atomic(folder.join("report.md"), text.as_bytes())?;
-    summary(fits).write(folder)?;
+    summary::write(&Summary::of(fits), folder)?;
     Ok(())
 }
 
-/// summary.json.
-pub fn summary(fits: &[Fitted]) -> Summary {
-    let fields = |fit: &Fitted| {
-        let (seconds, psnr): (Vec<f64>, Vec<f64>) = fit.curve.iter().copied().unzip();
-        let mut fields = Summary::new();
-        fields
-            .text("fit", fit.trial.name.clone())
-            .text("group", fit.trial.group.name())
-            .number("val_psnr_db", fit.psnr_db.unwrap_or(f64::NAN))
-            .number("train_seconds", fit.seconds)
-            .integer("steps", u64::from(fit.steps))
-            .integer("parameters", fit.parameters as u64)
-            .integer("bytes", fit.bytes as u64)
-            .text("note", fit.note.clone())
-            .numbers("curve_seconds", &seconds)
-            .numbers("curve_val_psnr_db", &psnr);
-        fields
-    };
-    let mut summary = Summary::new();
-    summary.sections("fits", fits.iter().map(fields).collect());
-    summary
+/// What the fits came to; summary.json.
+#[derive(Debug, Serialize)]
+pub struct Summary<'f> {
+    fits: Vec<FitSummary<'f>>,
+}
+
+#[derive(Debug, Serialize)]
+struct FitSummary<'f> {
+    fit: &'f str,
+    group: &'static str,
+    val_psnr_db: f64,
+    train_seconds: f64,
+    steps: u32,
+    parameters: usize,
+    bytes: usize,
+    note: &'f str,
+    curve_seconds: Vec<f64>,
+    curve_val_psnr_db: Vec<f64>,
+}
+
+impl<'f> Summary<'f> {
+    /// Of these fits, in their order.
+    pub fn of(fits: &'f [Fitted]) -> Self {
+        let fit = |fit: &'f Fitted| {
+            let (curve_seconds, curve_val_psnr_db) = fit.curve.iter().copied().unzip();
+            FitSummary {
+                fit: &fit.trial.name,
+                group: fit.trial.group.name(),
+                val_psnr_db: fit.psnr_db.unwrap_or(f64::NAN),
+                train_seconds: fit.seconds,
+                steps: fit.steps,
+                parameters: fit.parameters,
+                bytes: fit.bytes,
+                note: &fit.note,
+                curve_seconds,
+                curve_val_psnr_db,
+            }
+        };
+        Self { fits: fits.iter().map(fit).collect() }
+    }
 }
 
 fn groups(fits: &[Fitted]) -> Vec<Group> {

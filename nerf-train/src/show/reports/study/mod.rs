@@ -10,8 +10,9 @@ use crate::lab::study::Study;
 use crate::measure::error::StudyError;
 use crate::measure::point::{Clock, Point, Totals};
 use crate::show::plot::{Label, LinePlot, Marker, Reference, Series};
-use crate::show::summary::Summary;
+use crate::show::summary;
 pub use beside::front_of;
+use serde::Serialize;
 use std::path::Path;
 
 /// The loss within which the front's span is told, dB.
@@ -115,57 +116,53 @@ impl<'s, 'a, 'b> Findings<'s, 'a, 'b> {
     /// summary.json.
     pub fn summary(&self, setting: &Setting<'_>) -> Summary {
         let study = self.study;
-        let mut summary = Summary::new();
-        match self.span(|_| true) {
-            Some((span, point)) => summary
-                .number("front_span_within_1db", span)
-                .text("front_span_point", study.points[point].label.clone())
-                .number("front_span_loss_db", self.totals[point].loss_db),
-            None => summary.absent("front_span_within_1db", "no point within 1 dB"),
-        };
-        for (name, span) in [
-            ("front_span_within_1db_whole_size", self.span(whole)),
-            ("front_span_within_1db_whole_size_f32", self.span(whole_f32)),
-        ] {
-            match span {
-                Some((span, _)) => summary.number(name, span),
-                None => summary.absent(name, "no such point within 1 dB"),
-            };
-        }
+        let within = self.span(|_| true);
+        let [whole_size, whole_size_f32] =
+            [self.span(whole), self.span(whole_f32)].map(|span| span.map(|(span, _)| span));
+        let none = |span: Option<f64>, why| if span.is_none() { Some(why) } else { None };
         let median = |i: usize, clock| study.points[i].seconds(clock).map_or(f64::NAN, |s| s.median);
-        summary
-            .number("exact_psnr_db", self.totals[0].psnr_db)
-            .number("exact_wall_s_a_view", median(0, Clock::Wall))
-            .number("exact_cpu_s_a_view", median(0, Clock::Cpu))
-            .number("base_psnr_db", self.totals[1].psnr_db)
-            .number("base_wall_s_a_view", median(1, Clock::Wall))
-            .number("base_span", 1.0 / self.times[1])
-            .number("oracle_max_error", study.oracle_max)
-            .integer("points", study.points.len() as u64)
-            .integer("views", study.views.len() as u64)
-            .integer("timing_views", study.timing.len() as u64)
-            .integer("timing_rounds_left_out", study.rounds_left_out as u64)
-            .text("clock", if study.effort.clock == Clock::Wall { "wall" } else { "cpu" })
-            .text("data", setting.data)
-            .text("split", setting.split)
-            .text("background", setting.background.clone())
-            .number("study_seconds", setting.seconds)
-            .integer("threads", rayon::current_num_threads() as u64)
-            .text("cpu", setting.cpu.clone())
-            .sections("front", self.front.iter().map(|&i| self.fields(i)).collect())
-            .sections("blob_front", self.blob_front.iter().map(|&i| self.fields(i)).collect());
-        summary
+        let points = |front: &[usize]| front.iter().map(|&i| self.point(i)).collect();
+        Summary {
+            front_span_within_1db: within.map(|(span, _)| span),
+            front_span_within_1db_note: none(within.map(|(span, _)| span), "no point within 1 dB"),
+            front_span_point: within.map(|(_, point)| study.points[point].label.clone()),
+            front_span_loss_db: within.map(|(_, point)| self.totals[point].loss_db),
+            front_span_within_1db_whole_size: whole_size,
+            front_span_within_1db_whole_size_note: none(whole_size, "no such point within 1 dB"),
+            front_span_within_1db_whole_size_f32: whole_size_f32,
+            front_span_within_1db_whole_size_f32_note: none(whole_size_f32, "no such point within 1 dB"),
+            exact_psnr_db: self.totals[0].psnr_db,
+            exact_wall_s_a_view: median(0, Clock::Wall),
+            exact_cpu_s_a_view: median(0, Clock::Cpu),
+            base_psnr_db: self.totals[1].psnr_db,
+            base_wall_s_a_view: median(1, Clock::Wall),
+            base_span: 1.0 / self.times[1],
+            oracle_max_error: study.oracle_max,
+            points: study.points.len(),
+            views: study.views.len(),
+            timing_views: study.timing.len(),
+            timing_rounds_left_out: study.rounds_left_out,
+            clock: if study.effort.clock == Clock::Wall { "wall" } else { "cpu" },
+            data: setting.data.to_owned(),
+            split: setting.split.to_owned(),
+            background: setting.background.clone(),
+            study_seconds: setting.seconds,
+            threads: rayon::current_num_threads(),
+            cpu: setting.cpu.clone(),
+            front: points(&self.front),
+            blob_front: points(&self.blob_front),
+            blob: None,
+        }
     }
 
-    fn fields(&self, i: usize) -> Summary {
-        let mut fields = Summary::new();
-        fields
-            .text("settings", self.study.points[i].label.clone())
-            .number("psnr_db", self.totals[i].psnr_db)
-            .number("loss_db", self.totals[i].loss_db)
-            .number("relative_time", self.times[i])
-            .number("relative_macs", self.totals[i].relative_macs);
-        fields
+    fn point(&self, i: usize) -> PointSummary {
+        PointSummary {
+            settings: self.study.points[i].label.clone(),
+            psnr_db: self.totals[i].psnr_db,
+            loss_db: self.totals[i].loss_db,
+            relative_time: self.times[i],
+            relative_macs: self.totals[i].relative_macs,
+        }
     }
 
     /// Writes everything into `folder`, which exists.
@@ -177,9 +174,61 @@ impl<'s, 'a, 'b> Findings<'s, 'a, 'b> {
         self.plot(setting).write(folder.join("front"))?;
         pictures::write(self, folder)?;
         write_atomic(folder.join("report.md"), self.markdown(setting).as_bytes())?;
-        self.summary(setting).write(folder)?;
+        summary::write(&self.summary(setting), folder)?;
         Ok(())
     }
+}
+
+/// What a study found, for scripts; what there is none of is null, with a note.
+#[derive(Debug, Serialize)]
+#[allow(missing_docs, reason = "the names say what they are, and in which unit")]
+pub struct Summary {
+    pub front_span_within_1db: Option<f64>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub front_span_within_1db_note: Option<&'static str>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub front_span_point: Option<String>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub front_span_loss_db: Option<f64>,
+    pub front_span_within_1db_whole_size: Option<f64>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub front_span_within_1db_whole_size_note: Option<&'static str>,
+    pub front_span_within_1db_whole_size_f32: Option<f64>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub front_span_within_1db_whole_size_f32_note: Option<&'static str>,
+    pub exact_psnr_db: f64,
+    pub exact_wall_s_a_view: f64,
+    pub exact_cpu_s_a_view: f64,
+    pub base_psnr_db: f64,
+    pub base_wall_s_a_view: f64,
+    pub base_span: f64,
+    pub oracle_max_error: f64,
+    pub points: usize,
+    pub views: usize,
+    pub timing_views: usize,
+    pub timing_rounds_left_out: usize,
+    pub clock: &'static str,
+    pub data: String,
+    pub split: String,
+    pub background: String,
+    pub study_seconds: f64,
+    pub threads: usize,
+    pub cpu: String,
+    pub front: Vec<PointSummary>,
+    pub blob_front: Vec<PointSummary>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub blob: Option<String>,
+}
+
+/// A point of a front.
+#[derive(Debug, Serialize)]
+#[allow(missing_docs, reason = "the names say what they are, and in which unit")]
+pub struct PointSummary {
+    pub settings: String,
+    pub psnr_db: f64,
+    pub loss_db: f64,
+    pub relative_time: f64,
+    pub relative_macs: f64,
 }
 
 fn whole(point: &Point) -> bool {
