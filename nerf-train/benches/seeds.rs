@@ -23,7 +23,8 @@ use std::time::Instant;
 struct Recipe {
     name: &'static str,
     rays: usize,
-    /// Images that a step's rays are drawn from; 0 for all.
+    /// Images that a step's rays are drawn from, as many of each over all of its pixels; there are 100 to train on.
+    /// (Rays over all images at once would, beside a visual hull, be drawn near the foreground alone.)
     images: usize,
     samples: u16,
     jitter: Jitter,
@@ -35,7 +36,7 @@ const RECIPES: [Recipe; 4] = [
     Recipe {
         name: "1500",
         rays: 10_000,
-        images: 0,
+        images: 100,
         samples: 64,
         jitter: Jitter::Bin,
         rate: 5e-4,
@@ -44,7 +45,7 @@ const RECIPES: [Recipe; 4] = [
     Recipe {
         name: "3000",
         rays: 10_000,
-        images: 0,
+        images: 100,
         samples: 32,
         jitter: Jitter::Width(0.02),
         rate: 5e-4,
@@ -53,7 +54,7 @@ const RECIPES: [Recipe; 4] = [
     Recipe {
         name: "4000",
         rays: 10_000,
-        images: 0,
+        images: 100,
         samples: 64,
         jitter: Jitter::Bin,
         rate: 1e-3,
@@ -117,7 +118,7 @@ fn row(data: &Dataset, recipe: &Recipe, minutes: f64) {
         recipe.samples,
         recipe.jitter,
         recipe.rate,
-        if recipe.images > 0 { format!(", {} images a step", recipe.images) } else { String::new() },
+        format_args!(", {} images a step", recipe.images),
         outcome.steps,
         recipe.steps,
         begun.elapsed().as_secs_f64() / 60.0,

@@ -133,7 +133,7 @@ pub const STUDY_TRAIN: Contents = Contents {
 };
 
 /// The folder of `show`.
-pub const SHOW: Contents = Contents { files: &["show.png", "show.html", "summary.json"], patterns: &[] };
+pub const SHOW: Contents = Contents { files: &["show.html", "summary.json"], patterns: &[] };
 
 /// The folder of a sweep.
 pub const SWEEP: Contents = Contents {

@@ -7,7 +7,7 @@ use crate::data::Background;
 use crate::data::system::output::claims::Claims;
 use crate::data::system::progress::{Message, Progress, Total};
 use crate::model::config::{Config, Preset};
-use crate::show::cameras::{Request, Scene, page, sheet};
+use crate::show::cameras::{Request, Scene, page};
 use crate::show::summary::{Short, write};
 use anyhow::bail;
 use clap::Args;
@@ -19,9 +19,8 @@ use std::process::ExitCode;
 
 /// Draw a data set's cameras, and the rays and samples of one training step, in 3D.
 ///
-/// Writes show.png (two viewpoints), show.html (turn it with the mouse; needs no network) and
-/// summary.json into a folder. Rays and samples come from the code that draws training batches, with
-/// the occupancy grid that training starts with.
+/// Writes show.html (turn it with the mouse; needs no network) and summary.json into a folder. Rays and samples come
+/// from the code that draws training batches, with the occupancy grid that training starts with.
 #[derive(Debug, Args)]
 #[command(after_help = "Examples:
   nerf-train show lego_200x200.npz -o out/show
@@ -68,12 +67,6 @@ pub struct Show {
         allow_hyphen_values = true
     )]
     scene_box: Option<[f32; 6]>,
-    /// Width of the PNG, pixels.
-    #[arg(long, value_name = "N", default_value_t = 1800, value_parser = within(640, 3840))]
-    width: usize,
-    /// Height of the PNG, pixels.
-    #[arg(long, value_name = "N", default_value_t = 1060, value_parser = within(400, 2160))]
-    height: usize,
     /// Where the scene ends.
     #[arg(long, value_enum, default_value_t)]
     space: Space,
@@ -93,7 +86,7 @@ fn parse_length(text: &str) -> Result<f32, String> {
 impl Show {
     /// Runs the command.
     pub fn run(&self, global: &Global) -> anyhow::Result<ExitCode> {
-        let [png, html] = ["show.png", "show.html"].map(|name| self.output.join(name));
+        let html = self.output.join("show.html");
         places::check_folder("-o", &self.output)?;
         if self.samples.is_some() && self.preset.config().network.grid.is_some() {
             bail!(
@@ -114,7 +107,7 @@ impl Show {
             frustum: self.frustum,
         };
         let config = self.config(dataset.background);
-        let mut progress = Progress::new("show", Total::Steps(3), global.style());
+        let mut progress = Progress::new("show", Total::Steps(2), global.style());
         let mut done = 0;
         let mut advance = |note: &str| {
             progress.update(done, &Message { note: note.into(), ..Message::default() });
@@ -122,8 +115,6 @@ impl Show {
         };
         advance("rays and samples");
         let scene = Scene::new(&dataset, &config, &request)?;
-        advance("show.png");
-        sheet::sheet(&scene, self.width, self.height).write_png(&png)?;
         advance("show.html");
         crate::data::system::output::write_atomic(&html, page::page(&scene)?.as_bytes())?;
         progress.finish(format!("{}; {}", scene.title(), scene.facts()));
@@ -135,7 +126,7 @@ impl Show {
         let summary = Summary::of(&scene);
         let json = write(&summary, &self.output)?;
         global.finish(&summary, || {
-            for path in [&png, &html, &json] {
+            for path in [&html, &json] {
                 outln!("{}", path.display());
             }
             Ok(())

@@ -226,7 +226,7 @@ fn derived_outputs_are_no_inputs_either() {
             "r/snapshots/step_000020.png",
             &["image", "fit", "IN", "-o", "a.nerf", "--report", "r", "--snapshots", "20"],
         ),
-        ("r/show.png", &["show", "IN", "-o", "r"]),
+        ("r/show.html", &["show", "IN", "-o", "r"]),
         ("r/demo.nerf", &["demo", "--config", "IN", "--out", "r"]),
         ("r/orbit.mp4", &["demo", "--config", "IN", "--out", "r"]),
         ("r/sheet.png", &["sweep", "image", "IN", "-o", "r", "--levels", "1,2"]),

@@ -2,11 +2,11 @@
 //!
 //! A template, its style and its script stand beside this file; here the scene becomes their data.
 
-use super::drawing::{AXES, DISTANCE_MAP};
 use super::sampling::ShownRay;
 use super::scene::{Scene, ShowError, ShownCamera};
 use crate::data::system::printable;
 use crate::data::system::printable::line;
+use crate::show::colour_map::ColourMap;
 use crate::train::rays::Bounds;
 use glam::Vec3;
 use serde::Serialize;
@@ -22,6 +22,11 @@ const SELF_TEST: &str = include_str!("selftest.js");
 const STEPS: f32 = 65_535.0;
 /// Colours of the map that the page gets.
 const COLOURS: usize = 64;
+/// What colours the distances of samples.
+const DISTANCE_MAP: ColourMap = ColourMap::Viridis;
+/// The world's x, y, z.
+const AXES: [(&str, [f32; 3]); 3] =
+    [("x", [0.80, 0.12, 0.12]), ("y", [0.10, 0.52, 0.14]), ("z", [0.12, 0.25, 0.85])];
 
 /// What the script reads; lengths in world units.
 #[derive(Serialize)]

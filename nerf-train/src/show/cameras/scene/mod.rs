@@ -7,7 +7,7 @@ use crate::model::config::Config;
 use crate::train::occupancy::Occupancy;
 use crate::train::rays::Bounds;
 use crate::train::{TrainError, find_bounds, nears};
-use glam::{Mat3, Vec3};
+use glam::Vec3;
 use nerf_core::camera::Camera;
 
 /// Samples, live and culled, of the rays that each camera has to itself, over all cameras: about a
@@ -189,24 +189,6 @@ impl Scene {
         Ok(Self { name, split, cameras, rays, alone, step: facts, bounds, up, frustum, axes })
     }
 
-    /// Everything that a viewpoint should hold, world units.
-    pub fn points(&self) -> Vec<Vec3> {
-        let mut points = self.outline().concat();
-        for camera in &self.cameras {
-            points.push(camera.camera.pose().position);
-            points.extend(camera.corners(self.frustum));
-            if self.alone {
-                points.extend([camera.near, self.bounds.far].map(|t| camera.border(t)).concat());
-            }
-        }
-        for ray in &self.rays {
-            points.extend([ray.at(ray.near), ray.at(self.bounds.far)]);
-        }
-        points.push(self.axes.origin);
-        points.extend(Mat3::IDENTITY.to_cols_array_2d().map(|axis| self.axes.tip(Vec3::from(axis))));
-        points
-    }
-
     /// Where the scene is, as lines of short pieces, world units: the edges of the scene box, or of an unbounded scene
     /// three circles around the ball that is not contracted.
     pub fn outline(&self) -> Vec<Vec<Vec3>> {
@@ -283,20 +265,6 @@ impl ShownCamera {
             // A corner beside or behind the camera (a fisheye's) would be infinitely far off.
             ray.at(z / self.camera.z_per_distance(&ray).max(0.1))
         })
-    }
-
-    /// The border of its picture, closed, at distance `t` along the rays: world units.
-    pub fn border(&self, t: f32) -> Vec<Vec3> {
-        const PIECES: usize = 12;
-        let i = self.camera.intrinsics();
-        let (w, h) = (i.width as f32, i.height as f32);
-        let corners = [(0.0, 0.0), (w, 0.0), (w, h), (0.0, h), (0.0, 0.0)];
-        let along = |piece: usize| {
-            let (a, b) = (corners[piece / PIECES], corners[(piece / PIECES + 1).min(4)]);
-            let share = (piece % PIECES) as f32 / PIECES as f32;
-            self.camera.ray(a.0 + share * (b.0 - a.0), a.1 + share * (b.1 - a.1)).at(t)
-        };
-        (0..=4 * PIECES).map(along).collect()
     }
 }
 

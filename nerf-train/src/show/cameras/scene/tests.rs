@@ -2,7 +2,7 @@ use super::*;
 use crate::data::demo::{DemoSpec, dataset};
 use crate::model::config::{Preset, Surroundings};
 use crate::model::engine::Batch;
-use crate::show::cameras::{page, sheet};
+use crate::show::cameras::page;
 use crate::train::rays::{MarchCells, RayBank};
 use nerf_core::Isa;
 
@@ -142,8 +142,6 @@ fn frusta_follow_the_picture() {
     for (found, expected) in local.iter().zip([(-x, y), (x, y), (x, -y), (-x, -y)]) {
         assert!(found.distance(Vec3::new(expected.0, expected.1, -2.0)) < 1e-4, "{found}");
     }
-    assert!(camera.border(3.0).iter().all(|p| (p.distance(pose.position) - 3.0).abs() < 1e-4));
-    assert_eq!(camera.border(3.0).first(), camera.border(3.0).last());
 }
 
 #[test]
@@ -154,20 +152,10 @@ fn lengths_are_round() {
 }
 
 #[test]
-fn pictures_and_pages_hold_ink_and_names() {
+fn pages_hold_pictures_and_names() {
     let mut data = small();
     data.name = "<b>&\"".into();
     let scene = Scene::new(&data, &Preset::Small.config(), &request(&data.train)).unwrap();
-    for (width, height) in [(640, 400), (900, 600)] {
-        let picture = sheet::sheet(&scene, width, height);
-        assert_eq!((picture.width, picture.height), (width, height));
-        let inked = |x: usize, y: usize| picture.rgb[y * width + x][1] < 0.9;
-        let ink = (0..width * height).filter(|&i| inked(i % width, i / width)).count();
-        assert!(ink > width * height / 40, "{ink}");
-        // Nothing reaches the page's edge: nothing is cut off.
-        assert!((0..height).all(|y| !inked(0, y) && !inked(width - 1, y)));
-        assert!((0..width).all(|x| !inked(x, 0) && !inked(x, height - 1)));
-    }
     let page = page::page(&scene).unwrap();
     assert!(!page.contains("<b>&") && page.contains("<title>&lt;b&gt;&amp;&quot;"));
     assert!(!page.contains("{{") && page.matches("data:image/jpeg;base64,").count() == 6);
