@@ -1,21 +1,20 @@
 //! `nerf-train audit`
 
-use super::common::{DataOptions, Global, background_name, cpu_name, read_file};
+use super::common::{DataOptions, Global, check_counts, open_blob, read_file};
 use super::eval::Split;
 use super::places;
 use crate::data::View;
 use crate::data::system::output::claims::Claims;
 use crate::data::system::progress::{Message, Progress, Total};
+use crate::data::system::summary::write;
 use crate::fit::run::spread;
 use crate::measure::audit;
-use crate::measure::audit::{AuditOptions, THRESHOLD_DB, Verdict, Worth};
+use crate::measure::audit::{AuditOptions, Summary, THRESHOLD_DB};
 use crate::measure::bench::Lab;
 use crate::measure::point::Clock;
 use crate::show::reports::audit::table as audit_table;
-use crate::show::summary::write;
 use anyhow::bail;
 use clap::Args;
-use serde::Serialize;
 use std::path::PathBuf;
 use std::process::ExitCode;
 
@@ -58,23 +57,9 @@ const MAX_REPEATS: usize = 10_000;
 impl Audit {
     /// Runs the command.
     pub fn run(&self, global: &Global) -> anyhow::Result<ExitCode> {
-        for (flag, count) in [("--views", self.views), ("--repeats", self.repeats)] {
-            if count == 0 {
-                bail!("{flag}: expected at least 1, found 0");
-            }
-        }
-        if self.repeats > MAX_REPEATS {
-            bail!("--repeats: expected at most {MAX_REPEATS}, found {}", self.repeats);
-        }
-        check_threshold(self.effect_threshold)?;
-        places::check_report(self.report.as_ref())?;
-        Claims::new()
-            .reads("the blob", &self.file)
-            .reads_data(&self.data)
-            .writes_folder_if("--report", self.report.as_deref(), &places::AUDIT)
-            .settle()?;
+        self.check()?;
         let bytes = read_file(&self.file)?;
-        let blob = super::common::open_blob(&self.file, &bytes)?;
+        let blob = open_blob(&self.file, &bytes)?;
         let mut lab = Lab::new(&bytes)?;
         let dataset = self.data_options.read_for(&self.data, &blob, global)?;
         let views: Vec<&View> = spread(self.split.of(&dataset), self.views);
@@ -91,31 +76,34 @@ impl Audit {
             let new = || Progress::new("audit", Total::Steps(total), global.style());
             progress.get_or_insert_with(new).update(done, &Message::default());
         })?;
-        let background = background_name(lab.scene().background);
-        let summary = Summary {
-            effects: findings.iter().map(|(effect, worth)| EffectSummary::of(effect.name, worth)).collect(),
-            threshold_db: self.effect_threshold,
-            views: views.len(),
-            split: self.split.name(),
-            background: background.clone(),
-            threads: rayon::current_num_threads(),
-            cpu: cpu_name(),
-        };
+        let on = (self.split.name(), views.len());
+        let summary = Summary::of(&findings, self.effect_threshold, on, lab.scene().background);
         let table = audit_table(&findings);
         if let Some(folder) = &self.report {
             table.write_csv(folder.join("audit.csv"))?;
             write(&summary, folder)?;
         }
         global.finish(&summary, || {
+            let Summary { views, split, background, .. } = &summary;
             outlines!(table.to_text());
             outln!(
-                "mean over {} views ({}) on {background}; time and MACs: with the effect over without it",
-                views.len(),
-                self.split.name()
+                "mean over {views} views ({split}) on {background}; time and MACs: with the effect over without it"
             );
             Ok(())
         })?;
         Ok(ExitCode::SUCCESS)
+    }
+
+    /// Refuses what cannot be, before anything is read.
+    fn check(&self) -> anyhow::Result<()> {
+        check_counts([("--views", self.views), ("--repeats", self.repeats)])?;
+        if self.repeats > MAX_REPEATS {
+            bail!("--repeats: expected at most {MAX_REPEATS}, found {}", self.repeats);
+        }
+        check_threshold(self.effect_threshold)?;
+        places::check_report(self.report.as_ref())?;
+        let claims = Claims::new().reads("the blob", &self.file).reads_data(&self.data);
+        Ok(claims.writes_folder_if("--report", self.report.as_deref(), &places::AUDIT).settle()?)
     }
 }
 
@@ -125,53 +113,4 @@ pub fn check_threshold(threshold: f64) -> anyhow::Result<()> {
         bail!("--effect-threshold: expected a number, found {threshold}");
     }
     Ok(())
-}
-
-/// What an audit found, for scripts.
-#[derive(Debug, Serialize)]
-struct Summary {
-    effects: Vec<EffectSummary>,
-    threshold_db: f64,
-    views: usize,
-    split: &'static str,
-    background: String,
-    threads: usize,
-    cpu: String,
-}
-
-/// What an effect is worth, or why it was not asked.
-#[derive(Debug, Serialize)]
-#[serde(untagged)]
-enum EffectSummary {
-    Asked {
-        effect: &'static str,
-        with_db: f64,
-        without_db: f64,
-        gain_db: f64,
-        relative_time: f64,
-        relative_macs: f64,
-        kept: bool,
-    },
-    NotAsked {
-        effect: &'static str,
-        gain_db: Option<f64>,
-        gain_db_note: &'static str,
-    },
-}
-
-impl EffectSummary {
-    fn of(effect: &'static str, worth: &Result<Worth, &'static str>) -> Self {
-        match worth {
-            Ok(worth) => Self::Asked {
-                effect,
-                with_db: worth.with_db,
-                without_db: worth.without_db,
-                gain_db: worth.gain_db(),
-                relative_time: worth.relative_time,
-                relative_macs: worth.relative_macs,
-                kept: worth.verdict == Verdict::Keeps,
-            },
-            Err(gain_db_note) => Self::NotAsked { effect, gain_db: None, gain_db_note },
-        }
-    }
 }

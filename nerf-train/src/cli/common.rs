@@ -1,14 +1,16 @@
 //! What several commands share.
 
 use crate::data;
+pub use crate::data::colour::{name as background_name, parse as parse_background};
+pub use crate::data::system::cpu::name as cpu_name;
 use crate::data::system::input::{MAX_BLOB_BYTES, read_limited};
 use crate::data::system::output::claims::{Claims, Existing, is_device};
 use crate::data::system::printable;
 use crate::data::system::progress;
 use crate::data::system::progress::{Message, Progress, ProgressStyle, Total};
+use crate::data::system::summary::to_json;
 use crate::data::{Axes, Background, Dataset, Downscale, Layout, ReadOptions, Report, Watch, origin_in_name};
 use crate::model::config::{Config, Surroundings};
-use crate::show::summary::to_json;
 use crate::show::video::{Ffmpeg, VideoError};
 use anyhow::{Context, bail};
 use clap::{Args, ValueEnum};
@@ -48,6 +50,11 @@ pub fn print(lines: &str) -> anyhow::Result<()> {
         }
         _ => Ok(()),
     }
+}
+
+/// Prints lines of the result, each of which stays one line whatever is in it.
+pub fn print_lines(lines: impl IntoIterator<Item = impl AsRef<str>>) -> anyhow::Result<()> {
+    lines.into_iter().try_for_each(|line| print(&printable::line(line.as_ref())))
 }
 
 /// Prints a line to stderr, if anybody listens: `eprintln!` would panic where it is closed.
@@ -503,25 +510,6 @@ pub fn open_blob<'a>(path: &Path, bytes: &'a [u8]) -> anyhow::Result<Blob<'a>> {
     Blob::open(bytes).with_context(|| path.display().to_string())
 }
 
-/// `black`, `white`, `red`, `R,G,B` with channels 0 to 255, or `#RRGGBB`, as display-encoded values in
-/// `0..=1`.
-pub fn parse_background(text: &str) -> Result<[f32; 3], String> {
-    match text {
-        "black" => return Ok([0.0; 3]),
-        "white" => return Ok([1.0; 3]),
-        "red" => return Ok([1.0, 0.0, 0.0]),
-        _ => {}
-    }
-    let hex = text.strip_prefix('#').filter(|hex| hex.len() == 6 && !hex.starts_with('+'));
-    if let Some(rgb) = hex.and_then(|hex| u32::from_str_radix(hex, 16).ok()) {
-        return Ok([16, 8, 0].map(|shift| (rgb >> shift & 255) as f32 / 255.0));
-    }
-    let channels: Option<Vec<f32>> =
-        text.split(',').map(|c| c.trim().parse::<u8>().ok().map(|c| f32::from(c) / 255.0)).collect();
-    let channels: Option<[f32; 3]> = channels.and_then(|channels| channels.try_into().ok());
-    channels.ok_or_else(|| "expected black, white, red, #RRGGBB, or R,G,B with channels from 0 to 255".into())
-}
-
 /// `N` numbers with commas between them, as one argument.
 pub fn parse_numbers<const N: usize>(text: &str) -> Result<[f32; N], String> {
     let numbers: Option<Vec<f32>> = text.split(',').map(|number| number.trim().parse().ok()).collect();
@@ -529,13 +517,11 @@ pub fn parse_numbers<const N: usize>(text: &str) -> Result<[f32; N], String> {
     numbers.ok_or_else(|| format!("expected {N} numbers with commas between them"))
 }
 
-/// A background as people write it.
-pub fn background_name(background: [f32; 3]) -> String {
-    match background {
-        [0.0, 0.0, 0.0] => "black".into(),
-        [1.0, 1.0, 1.0] => "white".into(),
-        [1.0, 0.0, 0.0] => "red".into(),
-        _ => background.map(|c| (c * 255.0).round().to_string()).join(","),
+/// Refuses counts of nothing, each by its flag.
+pub fn check_counts<const N: usize>(counts: [(&str, usize); N]) -> anyhow::Result<()> {
+    match counts.into_iter().find(|&(_, count)| count == 0) {
+        Some((flag, _)) => bail!("{flag}: expected at least 1, found 0"),
+        None => Ok(()),
     }
 }
 
@@ -555,13 +541,6 @@ pub fn check_checkpoint_every(seconds: f64) -> anyhow::Result<()> {
         bail!("--checkpoint-every: expected seconds of at least 0, found {seconds}");
     }
     Ok(())
-}
-
-/// The CPU's name, for reports.
-pub fn cpu_name() -> String {
-    let info = std::fs::read_to_string("/proc/cpuinfo").unwrap_or_default();
-    let name = info.lines().find_map(|line| line.strip_prefix("model name")?.split_once(':'));
-    name.map_or_else(|| std::env::consts::ARCH.to_string(), |(_, name)| name.trim().to_string())
 }
 
 /// Settles what a fit reads and writes, the checkpoint beside `output` among it; where that lies, if there is one.

@@ -2,7 +2,6 @@
 
 use super::common::{Global, Mp4Options, background_name, open_blob, print_report, say_no_mp4};
 use super::fit::read_config;
-use super::outcome;
 use super::places;
 use crate::data::demo;
 use crate::data::demo::{DemoSpec, Truth};
@@ -10,8 +9,10 @@ use crate::data::rgb::Picture;
 use crate::data::system::output::claims::{Claims, Existing};
 use crate::data::system::output::write_atomic;
 use crate::data::system::progress::{Message, Progress, Total};
+use crate::data::system::summary::write;
 use crate::fit::run::{Ended, RunOptions, run_since};
 use crate::fit::snapshot::SnapshotOptions;
+use crate::fit::summary::Summary;
 use crate::measure::eval::evaluate;
 use crate::measure::frame;
 use crate::measure::frame::Frame;
@@ -20,7 +21,7 @@ use crate::show::colour_map::z_depth_picture;
 use crate::show::contact_sheet::{Cell, contact_sheet};
 use crate::show::film::{Files, Film};
 use crate::show::orbit::Orbit;
-use crate::show::summary::write;
+use crate::show::reports;
 use crate::show::table::Table;
 use crate::train::schedule::{Budget, Clock};
 use clap::Args;
@@ -107,8 +108,8 @@ impl Demo {
         let blob_path = self.out.join("demo.nerf");
         write_atomic(&blob_path, &outcome.bytes)?;
 
-        outcome::write_curve(&self.out, &outcome)?;
-        outcome::write_snapshots(&self.out, &outcome, &dataset)?;
+        reports::fit::write_curve(&self.out, &outcome)?;
+        reports::fit::write_snapshots(&self.out, &outcome, &dataset)?;
         let json = serde_json::to_string_pretty(&report)?;
         write_atomic(self.out.join("data.json"), crate::data::system::printable::json(&json).as_bytes())?;
 
@@ -169,11 +170,11 @@ impl Demo {
 
         let z_depth_error = median(&mut errors);
         let (psnr, ssim) = (scores.psnr_db().unwrap_or(f64::NAN), scores.ssim().unwrap_or(f64::NAN));
-        let summary = outcome::Summary {
+        let summary = Summary {
             val_psnr_db: psnr,
             val_ssim: ssim,
             z_depth_median_relative_error: Some(z_depth_error),
-            ..outcome::Summary::of(&outcome, &config, kernel, clock.seconds(), &dataset.name, &blob_path)
+            ..Summary::of(&outcome, &config, kernel, clock.seconds(), &dataset.name, &blob_path)
         };
         write(&summary, &self.out)?;
 

@@ -1,28 +1,22 @@
 //! `nerf-train eval`
 
 use super::common::{
-    DataOptions, Global, QualityOptions, WhichBins, background_name, cpu_name, open_blob, parse_background,
-    read_file,
+    DataOptions, Global, QualityOptions, WhichBins, check_counts, open_blob, parse_background, read_file,
 };
 use super::places;
-use crate::data::View;
 use crate::data::names::FileNames;
 use crate::data::system::output::claims::Claims;
 use crate::data::system::progress::{Message, Progress, Total};
-use crate::measure::eval::{ViewScore, evaluate};
+use crate::data::system::summary::write;
+use crate::data::{Dataset, View};
+use crate::measure::eval::{EvalOptions, Evaluation, own_background};
 use crate::measure::frame;
-use crate::measure::metrics::psnr_db;
-use crate::show::summary::write;
 use crate::show::table::Table;
 use anyhow::{Context, bail};
 use clap::{Args, ValueEnum};
-use nerf_core::memory::Line;
 use nerf_core::plan::{Batch, Outputs, Plan};
-use nerf_core::render::Renderer;
-use serde::Serialize;
 use std::path::PathBuf;
 use std::process::ExitCode;
-use std::time::Instant;
 
 /// A part of a data set.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
@@ -90,9 +84,7 @@ pub struct Eval {
 impl Eval {
     /// Runs the command.
     pub fn run(&self, global: &Global) -> anyhow::Result<ExitCode> {
-        if self.every == 0 {
-            bail!("--every: expected at least 1, found 0");
-        }
+        check_counts([("--every", self.every)])?;
         places::check_report(self.report.as_ref())?;
         Claims::new()
             .reads("the blob", &self.file)
@@ -101,19 +93,38 @@ impl Eval {
             .settle()?;
         let bytes = read_file(&self.file)?;
         let blob = open_blob(&self.file, &bytes)?;
-        let kernel = global.kernel();
-        let quality = self.quality.quality();
-        let plan = Plan::new(&blob, &quality, Outputs::ALL, Batch::FULL)
+        let plan = Plan::new(&blob, &self.quality.quality(), Outputs::ALL, Batch::FULL)
             .and_then(|plan| self.data_options.range_of(plan))
             .map(|plan| self.quality.bins_of(plan, WhichBins::Own))
             .with_context(|| self.file.display().to_string())?;
-        let own = blob.scene().map_or([0.0; 3], |scene| scene.background);
-        let background = self.background.unwrap_or(own);
-        let plan = plan.with_background(background)?;
         let dataset = self.data_options.read_for(&self.data, &blob, global)?;
-        let split = self.split.of(&dataset);
-        let (views, names): (Vec<&View>, _) =
-            (split.iter().step_by(self.every).collect(), FileNames::of(split));
+        let views = self.views(&dataset)?;
+        self.say_opaque(&views, own_background(&blob), global);
+        let names = FileNames::of(self.split.of(&dataset));
+        let options = EvalOptions { background: self.background, lattice: self.lattice };
+        let mut progress = Progress::new("eval", Total::Steps(views.len() as u64), global.style());
+        let (mut table, mut written) = (Table::new(["view", "psnr_db", "ssim"]), Ok(()));
+        let views = (self.split.name(), views);
+        let found = Evaluation::of(&bytes, &plan, global.kernel(), options, views, |view, frame, score| {
+            table.push([score.view.clone(), format!("{:.3}", score.psnr_db), format!("{:.4}", score.ssim)]);
+            progress.update(table.rows().len() as u64, &Message::default());
+            if let (Some(folder), Ok(())) = (&self.report, &written) {
+                written = frame::picture(frame).write_png(folder.join(format!("{}.png", names.stem(view))));
+            }
+        })?;
+        written?;
+        progress.finish(format!("{} views", found.views));
+        if let Some(folder) = &self.report {
+            table.write_csv(folder.join("views.csv"))?;
+            write(&found, folder)?;
+        }
+        global.finish(&found, || self.print(&table, &found))?;
+        Ok(ExitCode::SUCCESS)
+    }
+
+    /// The views to measure.
+    fn views<'d>(&self, dataset: &'d Dataset) -> anyhow::Result<Vec<&'d View>> {
+        let views: Vec<&View> = self.split.of(dataset).iter().step_by(self.every).collect();
         if views.is_empty() {
             bail!(
                 "{}: the split `{}` has no views; it has {} train, {} val and {} test: choose with --split",
@@ -124,117 +135,44 @@ impl Eval {
                 dataset.test.len()
             );
         }
-        let opaque = views.iter().all(|view| !view.has_alpha());
-        if opaque && background != own {
+        Ok(views)
+    }
+
+    /// Says where --background cannot change what is behind the pictures.
+    fn say_opaque(&self, views: &[&View], own: [f32; 3], global: &Global) {
+        let other = self.background.is_some_and(|background| background != own);
+        if other && views.iter().all(|view| !view.has_alpha()) {
             global.say(
                 "note: these pictures have no alpha, so their own background stays in the truth whatever \
                  --background says",
             );
         }
-        let parameters = blob.architecture().parameters();
-        let steps = blob.provenance().steps;
-        let mut memory = vec![Line::UNINIT; Renderer::prepared_lines(&blob, kernel)];
-        let renderer = Renderer::new(blob, kernel, &mut memory)?;
-        let start = Instant::now();
-        let mut progress = Progress::new("eval", Total::Steps(views.len() as u64), global.style());
-        let mut table = Table::new(["view", "psnr_db", "ssim"]);
-        let (mut done, mut written) = (0, Ok(()));
-        let mut lattice_db = Vec::new();
-        let scores = evaluate(&renderer, &plan, background, views, |view, frame, truth, score| {
-            done += 1;
-            if let Some(step) = self.lattice {
-                let on = |picture| lattice(picture, frame.width, step as usize);
-                lattice_db.push(psnr_db(&on(&frame.rgb), &on(truth)));
-            }
-            progress.update(done, &Message::default());
-            table.push([score.view.clone(), format!("{:.3}", score.psnr_db), format!("{:.4}", score.ssim)]);
-            if let (Some(folder), Ok(())) = (&self.report, &written) {
-                let name = format!("{}.png", names.stem(view));
-                written = frame::picture(frame).write_png(folder.join(name));
-            }
-        })?;
-        written?;
-        let seconds = start.elapsed().as_secs_f64();
-        progress.finish(format!("{done} views"));
-        let (psnr, ssim) = (scores.psnr_db().unwrap_or(f64::NAN), scores.ssim().unwrap_or(f64::NAN));
-        let name = background_name(background);
-        let c = &scores.counters;
-        let rays = c.rays.max(1) as f64;
-        let (density, colour) = (c.density_evaluations as f64 / rays, c.colour_evaluations as f64 / rays);
-        let proposal = c.proposal_evaluations as f64 / rays;
-        let lattice_psnr_db =
-            (!lattice_db.is_empty()).then(|| lattice_db.iter().sum::<f64>() / lattice_db.len() as f64);
-        let summary = Summary {
-            val_psnr_db: psnr,
-            val_ssim: ssim,
-            views: done,
-            split: self.split.name(),
-            background: name.clone(),
-            steps,
-            parameters,
-            blob_bytes: bytes.len(),
-            render_seconds: seconds,
-            density_evaluations_per_ray: density,
-            colour_evaluations_per_ray: colour,
-            proposal_evaluations_per_ray: proposal,
-            invalid_samples: c.invalid_samples,
-            macs: c.macs,
-            kernel: kernel.to_string(),
-            threads: rayon::current_num_threads(),
-            cpu: cpu_name(),
-            view_scores: &scores.views,
-            lattice_psnr_db,
-        };
-        if let Some(folder) = &self.report {
-            table.write_csv(folder.join("views.csv"))?;
-            write(&summary, folder)?;
-        }
-        global.finish(&summary, || {
-            outlines!(table.to_text());
-            outln!("mean over {done} views on {name}: {psnr:.3} dB PSNR, {ssim:.4} SSIM");
-            if let (Some(step), Some(mean)) = (self.lattice, lattice_psnr_db) {
-                outln!("over every pixel number 0, {step}, {}, … of such rows: {mean:.3} dB PSNR", 2 * step);
-            }
-            outln!("{seconds:.3} s; a ray: {density:.2} density and {colour:.2} colour evaluations");
-            if c.proposal_evaluations > 0 {
-                outln!("a ray: {proposal:.2} evaluations of the proposal");
-            }
-            if c.invalid_samples > 0 {
-                outln!("{} samples were NaN and counted as empty", c.invalid_samples);
-            }
-            Ok(())
-        })?;
-        Ok(ExitCode::SUCCESS)
     }
-}
 
-/// The pixels whose column and row are multiples of `step`.
-fn lattice(picture: &[[f32; 3]], width: usize, step: usize) -> Vec<[f32; 3]> {
-    let rows = picture.chunks_exact(width).step_by(step);
-    rows.flat_map(|row| row.iter().step_by(step)).copied().collect()
-}
-
-/// What an evaluation found, for scripts.
-#[derive(Debug, Serialize)]
-struct Summary<'s> {
-    val_psnr_db: f64,
-    val_ssim: f64,
-    views: u64,
-    split: &'static str,
-    background: String,
-    steps: u32,
-    parameters: usize,
-    blob_bytes: usize,
-    render_seconds: f64,
-    density_evaluations_per_ray: f64,
-    colour_evaluations_per_ray: f64,
-    proposal_evaluations_per_ray: f64,
-    invalid_samples: u64,
-    macs: u64,
-    kernel: String,
-    threads: usize,
-    cpu: String,
-    view_scores: &'s [ViewScore],
-    #[serde(skip_serializing_if = "Option::is_none")]
-    lattice_psnr_db: Option<f64>,
+    fn print(&self, table: &Table, found: &Evaluation) -> anyhow::Result<()> {
+        outlines!(table.to_text());
+        outln!(
+            "mean over {} views on {}: {:.3} dB PSNR, {:.4} SSIM",
+            found.views,
+            found.background,
+            found.val_psnr_db,
+            found.val_ssim
+        );
+        if let (Some(step), Some(mean)) = (self.lattice, found.lattice_psnr_db) {
+            outln!("over every pixel number 0, {step}, {}, … of such rows: {mean:.3} dB PSNR", 2 * step);
+        }
+        outln!(
+            "{:.3} s; a ray: {:.2} density and {:.2} colour evaluations",
+            found.render_seconds,
+            found.density_evaluations_per_ray,
+            found.colour_evaluations_per_ray
+        );
+        if found.proposal_evaluations_per_ray > 0.0 {
+            outln!("a ray: {:.2} evaluations of the proposal", found.proposal_evaluations_per_ray);
+        }
+        if found.invalid_samples > 0 {
+            outln!("{} samples were NaN and counted as empty", found.invalid_samples);
+        }
+        Ok(())
+    }
 }

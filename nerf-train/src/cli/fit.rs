@@ -5,7 +5,7 @@ use super::common::{
     DataOptions, Global, Space, check_checkpoint_every, check_max_seconds, claim_checkpoint, parse_numbers,
     print_report,
 };
-use super::grid::{self, TableSettings, check_memory, given, of_sinusoidal, parse_bytes, set};
+use super::grid::{TableSettings, check_memory, given, of_sinusoidal, parse_bytes, set};
 use super::outcome;
 use super::places;
 use crate::data::system::input;
@@ -17,8 +17,10 @@ use crate::fit::run::{Ended, RunOptions, interrupted, run_since};
 use crate::fit::size;
 use crate::fit::size::Chosen;
 use crate::fit::snapshot::SnapshotOptions;
+use crate::fit::summary::Summary;
 use crate::measure::audit::THRESHOLD_DB;
 use crate::model::config::{Config, Density, Jitter, Preset, Surroundings};
+use crate::show::reports;
 use crate::train::find_box;
 use crate::train::schedule::{Budget, Clock};
 use anyhow::Context;
@@ -328,7 +330,7 @@ impl Fit {
         if let Some(grid) = &fitted.network.grid {
             global.say(format!(
                 "--max-bytes {max_bytes}: {}, {} cells of occupancy: at most {} bytes",
-                grid::in_words(grid),
+                grid.in_words(),
                 fitted.occupancy.resolution,
                 size::most_bytes(&fitted, extent, dataset)?,
             ));
@@ -395,10 +397,10 @@ impl Fit {
         crate::data::system::output::write_atomic(&self.output, &outcome.bytes)?;
         outcome::tell_missed(&outcome);
         let (seconds, data) = (clock.seconds(), &dataset.name);
-        let summary = outcome::Summary::of(&outcome, &config, options.kernel, seconds, data, &self.output);
+        let summary = Summary::of(&outcome, &config, options.kernel, seconds, data, &self.output);
         let printed = global.finish(&summary, || outcome::print(&outcome, &self.output));
         if let Some(folder) = &self.report {
-            outcome::write(folder, &outcome, &dataset, &summary, &report)?;
+            reports::fit::write(folder, &outcome, &dataset, &summary, &report)?;
         }
         printed?;
         Ok(ExitCode::SUCCESS)

@@ -5,9 +5,7 @@ use crate::fit::size::Chosen;
 use crate::model::config::TableConfig;
 use crate::model::quantise::TableStorage;
 use clap::{Args, ValueEnum};
-use nerf_core::blob::Blob;
 use nerf_core::encoding::GridEncoding;
-use serde::Serialize;
 
 /// The heading of its flags.
 pub const HEADING: &str = "Learned grid (--preset grid)";
@@ -118,15 +116,6 @@ impl TableSettings {
     }
 }
 
-/// `8 levels of 16 to 320 cells, at most 2^16 entries a level as f16`.
-pub fn in_words(grid: &TableConfig) -> String {
-    let TableConfig { levels, log2_entries, coarsest, finest, storage, .. } = grid;
-    let storage = storage.name();
-    format!(
-        "{levels} levels of {coarsest} to {finest} cells, at most 2^{log2_entries} entries a level as {storage}"
-    )
-}
-
 /// What a value of a grid's tables takes: itself, two moments and a gradient, and a copy of all but that in a
 /// checkpoint, as numbers and as a file.
 const BYTES_PER_VALUE: u64 = 40;
@@ -135,67 +124,4 @@ const BYTES_PER_VALUE: u64 = 40;
 pub fn check_memory(grid: &GridEncoding) -> anyhow::Result<()> {
     let values = grid.values() as u64;
     Ok(memory::check(format!("tables of {values} values"), values, BYTES_PER_VALUE, "lower --table")?)
-}
-
-/// What the tables are stored in.
-fn storage(blob: &Blob<'_>) -> &'static str {
-    blob.tables().map_or("", |tables| tables.name())
-}
-
-/// Bytes of the tables in the file.
-fn table_bytes(blob: &Blob<'_>) -> usize {
-    blob.tables().map_or(0, |tables| tables.bytes().len() + tables.scales().map_or(0, <[u8]>::len))
-}
-
-/// Cells of the coarsest and of the finest level along the longest side.
-fn cells(grid: &GridEncoding) -> [u16; 2] {
-    let longest = |level: Option<&[u16; 3]>| level.and_then(|level| level.iter().max().copied()).unwrap_or(0);
-    [longest(grid.resolutions.first()), longest(grid.resolutions.last())]
-}
-
-/// `8 levels of 16 to 320 cells, 2 features an entry, at most 2^16 entries a level: 787456 values as f16 (1574912 bytes)`.
-pub fn describe(blob: &Blob<'_>) -> Option<String> {
-    let grid = blob.architecture().position.grid()?;
-    let [coarsest, finest] = cells(grid);
-    let count = |n: usize, what: &str| if n == 1 { format!("1 {what}") } else { format!("{n} {what}s") };
-    Some(format!(
-        "{} of {coarsest} to {finest} cells, {} an entry, at most 2^{} entries a level: {} values as {} ({} bytes)",
-        count(grid.resolutions.len(), "level"),
-        count(usize::from(grid.features), "feature"),
-        grid.log2_entries,
-        grid.values(),
-        storage(blob),
-        table_bytes(blob)
-    ))
-}
-
-/// The same for scripts.
-#[derive(Debug, Serialize)]
-pub struct GridSummary {
-    grid_levels: usize,
-    grid_features: u8,
-    grid_log2_entries: u8,
-    grid_coarsest_cells: u16,
-    grid_finest_cells: u16,
-    grid_values: usize,
-    grid_storage: &'static str,
-    grid_bytes: usize,
-}
-
-impl GridSummary {
-    /// Of a blob's grid, if it has one.
-    pub fn of(blob: &Blob<'_>) -> Option<Self> {
-        let grid = blob.architecture().position.grid()?;
-        let [grid_coarsest_cells, grid_finest_cells] = cells(grid);
-        Some(Self {
-            grid_levels: grid.resolutions.len(),
-            grid_features: grid.features,
-            grid_log2_entries: grid.log2_entries,
-            grid_coarsest_cells,
-            grid_finest_cells,
-            grid_values: grid.values(),
-            grid_storage: storage(blob),
-            grid_bytes: table_bytes(blob),
-        })
-    }
 }

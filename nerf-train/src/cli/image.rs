@@ -1,36 +1,31 @@
 //! `nerf-train image`
 
 use super::common::{
-    Global, check_checkpoint_every, check_max_seconds, claim_checkpoint, cpu_name, open_blob,
-    parse_background, parse_math, read_file,
+    Global, check_checkpoint_every, check_max_seconds, claim_checkpoint, open_blob, parse_background,
+    parse_math, read_file,
 };
-use super::grid::{self, GridSummary, TableSettings, check_memory, given, of_sinusoidal, parse_bytes};
+use super::grid::{self, TableSettings, check_memory, given, of_sinusoidal, parse_bytes};
 use super::places;
 use crate::data::photograph::{MAX_SIDE, Photo};
-use crate::data::rgb::Picture;
 use crate::data::system::memory;
 use crate::data::system::output::claims::Claims;
 use crate::data::system::output::ensure_folder;
 use crate::data::system::progress::{Message, Progress, Total};
 use crate::data::system::stop;
 use crate::fit::drive::Ended;
-use crate::fit::picture::{Evaluation, Outcome, RunOptions, kept, run};
+use crate::fit::picture::{Evaluation, Outcome, RunOptions, Summary, kept, run};
 use crate::fit::size;
-use crate::measure::frame;
+use crate::measure::frame::{PictureSummary, render_picture};
+use crate::measure::inspect;
 use crate::model::picture_config::{FieldConfig, FieldPreset};
-use crate::show::contact_sheet::{Cell, contact_sheet};
-use crate::show::plot::{LinePlot, Marker, Series};
-use crate::show::summary::write;
-use crate::show::table::Table;
-use crate::train::CurvePoint;
+use crate::show::reports::picture::{step_file, write as report};
 use crate::train::schedule::{Budget, Clock};
 use anyhow::{Context, bail};
 use clap::{Args, Subcommand};
-use nerf_core::blob::Blob;
+use nerf_core::blob::{Blob, PictureFacts};
 use nerf_core::math::MathBackend;
 use nerf_core::memory::Line;
 use nerf_core::render::Renderer;
-use serde::Serialize;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::time::Duration;
@@ -222,7 +217,7 @@ impl Fit {
         let fitted = size::picture_within(&config, self.table.chosen(), size, name, max_bytes)?;
         let Some(fitted) = fitted else { return Ok(config) };
         if let Some(grid) = &fitted.grid {
-            let (grid, most) = (grid::in_words(grid), size::most_picture_bytes(&fitted, size, name)?);
+            let (grid, most) = (grid.in_words(), size::most_picture_bytes(&fitted, size, name)?);
             global.say(format!("--max-bytes {max_bytes}: {grid}: at most {most} bytes"));
         }
         Ok(fitted)
@@ -230,24 +225,7 @@ impl Fit {
 
     fn run(&self, global: &Global) -> anyhow::Result<ExitCode> {
         let clock = Clock::resume(Duration::ZERO);
-        // Wrong settings are found before the picture is read, and once more with its size.
-        self.config([MAX_SIDE; 2])?;
-        check_max_seconds(self.max_seconds)?;
-        check_checkpoint_every(self.checkpoint_every)?;
-        places::check_extension("-o", &self.output, places::BLOB)?;
-        places::check_report(self.report.as_ref())?;
-        let claims = Claims::new()
-            .reads("the picture", &self.photo)
-            .writes("-o", &self.output)
-            .writes_folder_if("--report", self.report.as_deref(), &places::IMAGE_FIT);
-        let checkpoint = claim_checkpoint(claims, &self.output, self.resume, self.restart)?;
-        let snapshots = match &self.report {
-            Some(folder) if !self.snapshots.is_empty() => {
-                ensure_folder(folder.join("snapshots"))?;
-                Some(folder.join("snapshots"))
-            }
-            _ => None,
-        };
+        let (checkpoint, snapshots) = self.check()?;
         let photo = self.photo_options.read(&self.photo, global)?;
         let config = self.config(photo.size())?;
         config.check_for(photo.size())?;
@@ -255,20 +233,7 @@ impl Fit {
         if let Some(grid) = &config.grid {
             check_memory(&grid.picture_encoding(photo.size()))?;
         }
-
-        let steps =
-            (self.settings.steps.is_some() || self.max_seconds.is_none()).then_some(config.optimiser.steps);
-        let options = RunOptions {
-            budget: Budget { steps, seconds: self.max_seconds },
-            output: Some(self.output.clone()),
-            checkpoint,
-            checkpoint_every: self.checkpoint_every,
-            resume: self.resume,
-            snapshots: self.snapshots.clone(),
-            evaluate_every: self.evaluate_every,
-            kernel: global.kernel(),
-            style: global.style(),
-        };
+        let options = self.options(&config, checkpoint, global);
         global.say_training(config.seed);
         let mut written = Ok(());
         let stop = |_| stop::requested();
@@ -290,142 +255,72 @@ impl Fit {
         let place = self.output.display();
         let _note = stop::Note::new(format!("interrupted: {place} is complete, its report is not"));
         written?;
+        let kernel = options.kernel;
+        let summary = Summary::of(&outcome, &photo, &config, kernel, clock.seconds(), &self.output);
         if let Some(folder) = &self.report {
-            write_curve(folder, &photo, &outcome)?;
-            write_sheet(folder, &photo, &outcome, &self.snapshots)?;
-            outcome.picture.write_png(folder.join("picture.png"))?;
-            let missed: Vec<String> =
-                self.snapshots.iter().filter(|&&step| step > outcome.steps).map(u32::to_string).collect();
-            if !missed.is_empty() {
-                global.say(format!("--snapshots: the run ended before step {}", missed.join(", ")));
-            }
+            report(folder, &photo, &outcome, &self.snapshots, &summary)?;
+            self.say_missed(outcome.steps, global);
         }
-        let blob = Blob::open(&outcome.bytes)?;
-        let summary = FitSummary {
-            psnr_db: outcome.psnr_db,
-            photo: &photo.name,
-            width_px: photo.picture.width,
-            height_px: photo.picture.height,
-            train_seconds: outcome.train_seconds,
-            total_seconds: clock.seconds(),
-            steps: outcome.steps,
-            parameters: outcome.parameters,
-            blob_bytes: outcome.bytes.len(),
-            subnormal_weights: outcome.subnormal_weights,
-            pixels_per_second: outcome.pixels_per_second,
-            levels: config.levels,
-            layers: config.layers,
-            width: config.width,
-            rate: config.optimiser.rate,
-            pixels_a_step: config.pixels,
-            seed: config.seed,
-            kernel: options.kernel.to_string(),
-            threads: rayon::current_num_threads(),
-            cpu: cpu_name(),
-            blob: self.output.display().to_string(),
-            grid: GridSummary::of(&blob),
-        };
-        if let Some(folder) = &self.report {
-            write(&summary, folder)?;
-        }
-        global.finish(&summary, || {
-            outln!("{:.2} dB PSNR over the whole picture", outcome.psnr_db);
-            outln!("trained: {} steps in {:.1} s", outcome.steps, outcome.train_seconds);
-            outln!(
-                "blob: {} ({} bytes, {} parameters)",
-                self.output.display(),
-                outcome.bytes.len(),
-                outcome.parameters
-            );
-            if let Some(grid) = grid::describe(&blob) {
-                outln!("learned grid: {grid}");
-            }
-            Ok(())
-        })?;
+        global.finish(&summary, || self.print(&outcome))?;
         Ok(ExitCode::SUCCESS)
     }
-}
 
-/// What a fit made, for scripts.
-#[derive(Debug, Serialize)]
-struct FitSummary<'p> {
-    psnr_db: f64,
-    photo: &'p str,
-    width_px: usize,
-    height_px: usize,
-    train_seconds: f64,
-    total_seconds: f64,
-    steps: u32,
-    parameters: usize,
-    blob_bytes: usize,
-    subnormal_weights: usize,
-    pixels_per_second: f64,
-    levels: u8,
-    layers: usize,
-    width: usize,
-    rate: f64,
-    pixels_a_step: usize,
-    seed: u64,
-    kernel: String,
-    threads: usize,
-    cpu: String,
-    blob: String,
-    #[serde(flatten)]
-    grid: Option<GridSummary>,
-}
-
-/// `curve.csv`, `curve.png` and `curve.svg`.
-fn write_curve(folder: &Path, photo: &Photo, outcome: &Outcome) -> anyhow::Result<()> {
-    let mut table = Table::new(["step", "seconds", "batch_psnr_db", "psnr_db"]);
-    let (mut batch, mut whole) = (Vec::new(), Vec::new());
-    for point in &outcome.curve {
-        table.push([
-            point.step.to_string(),
-            format!("{:.3}", point.seconds),
-            if point.step == 0 { String::new() } else { format!("{:.4}", point.train_psnr_db) },
-            point.val_psnr_db.map_or_else(String::new, |db| format!("{db:.4}")),
-        ]);
-        let step = f64::from(point.step);
-        if point.step > 0 {
-            batch.push((step, point.train_psnr_db));
-        }
-        whole.extend(point.val_psnr_db.map(|db| (step, db)));
+    /// Refuses what cannot be, before anything is read; where the checkpoint and the snapshots lie, if there are any.
+    fn check(&self) -> anyhow::Result<(Option<PathBuf>, Option<PathBuf>)> {
+        // Wrong settings are found before the picture is read, and once more with its size.
+        self.config([MAX_SIDE; 2])?;
+        check_max_seconds(self.max_seconds)?;
+        check_checkpoint_every(self.checkpoint_every)?;
+        places::check_extension("-o", &self.output, places::BLOB)?;
+        places::check_report(self.report.as_ref())?;
+        let claims = Claims::new()
+            .reads("the picture", &self.photo)
+            .writes("-o", &self.output)
+            .writes_folder_if("--report", self.report.as_deref(), &places::IMAGE_FIT);
+        let checkpoint = claim_checkpoint(claims, &self.output, self.resume, self.restart)?;
+        let snapshots = match &self.report {
+            Some(folder) if !self.snapshots.is_empty() => Some(folder.join("snapshots")),
+            _ => None,
+        };
+        snapshots.as_deref().map_or(Ok(()), ensure_folder)?;
+        Ok((checkpoint, snapshots))
     }
-    table.write_csv(folder.join("curve.csv"))?;
-    let mut plot = LinePlot::new(format!("{}: PSNR while training", photo.name), "steps", "PSNR, dB");
-    plot.series = vec![
-        Series { name: "pixels of the steps, smoothed".into(), points: batch, marker: Marker::Line },
-        Series { name: "whole picture".into(), points: whole, marker: Marker::LineAndPoints },
-    ];
-    plot.notes = vec![format!("{} steps in {:.1} s of training.", outcome.steps, outcome.train_seconds)];
-    plot.write(folder.join("curve"))?;
-    Ok(())
-}
 
-/// Longest side of a picture on the contact sheet, pixels.
-const THUMBNAIL: usize = 512;
+    fn options(&self, config: &FieldConfig, checkpoint: Option<PathBuf>, global: &Global) -> RunOptions {
+        let steps =
+            (self.settings.steps.is_some() || self.max_seconds.is_none()).then_some(config.optimiser.steps);
+        RunOptions {
+            budget: Budget { steps, seconds: self.max_seconds },
+            output: Some(self.output.clone()),
+            checkpoint,
+            checkpoint_every: self.checkpoint_every,
+            resume: self.resume,
+            snapshots: self.snapshots.clone(),
+            evaluate_every: self.evaluate_every,
+            kernel: global.kernel(),
+            style: global.style(),
+        }
+    }
 
-/// The picture of a step, in the folder of snapshots.
-fn step_file(snapshots: &Path, step: u32) -> PathBuf {
-    snapshots.join(format!("step_{step:06}.png"))
-}
+    /// Says of which steps there is no picture though one was asked for.
+    fn say_missed(&self, steps: u32, global: &Global) {
+        let missed: Vec<String> =
+            self.snapshots.iter().filter(|&&step| step > steps).map(u32::to_string).collect();
+        if !missed.is_empty() {
+            global.say(format!("--snapshots: the run ended before step {}", missed.join(", ")));
+        }
+    }
 
-/// `sheet.png`: the snapshots, read back so that those of a run that was taken up again are there, the end, and the
-/// picture itself.
-fn write_sheet(folder: &Path, photo: &Photo, outcome: &Outcome, snapshots: &[u32]) -> anyhow::Result<()> {
-    let shown = |point: &CurvePoint| {
-        let db =
-            point.val_psnr_db.filter(|_| snapshots.contains(&point.step) && point.step < outcome.steps)?;
-        let picture = Picture::read(step_file(&folder.join("snapshots"), point.step))?;
-        Some(Cell::new(picture.reduced_to(THUMBNAIL), format!("step {}: {db:.2} dB", point.step)))
-    };
-    let mut cells: Vec<Cell> = outcome.curve.iter().filter_map(shown).collect();
-    let caption = format!("step {}: {:.2} dB", outcome.steps, outcome.psnr_db);
-    cells.push(Cell::new(outcome.picture.reduced_to(THUMBNAIL), caption));
-    cells.push(Cell::new(photo.picture.reduced_to(THUMBNAIL), format!("target: {}", photo.name)));
-    let columns = cells.len().min(4);
-    contact_sheet(&photo.name, &cells, columns).write_png(folder.join("sheet.png"))?;
-    Ok(())
+    fn print(&self, outcome: &Outcome) -> anyhow::Result<()> {
+        outln!("{:.2} dB PSNR over the whole picture", outcome.psnr_db);
+        outln!("trained: {} steps in {:.1} s", outcome.steps, outcome.train_seconds);
+        let (bytes, parameters) = (outcome.bytes.len(), outcome.parameters);
+        outln!("blob: {} ({bytes} bytes, {parameters} parameters)", self.output.display());
+        if let Some(grid) = inspect::describe_grid(&Blob::open(&outcome.bytes)?) {
+            outln!("learned grid: {grid}");
+        }
+        Ok(())
+    }
 }
 
 /// Render a 2D field at any size.
@@ -464,29 +359,20 @@ impl Render {
         let Some(facts) = blob.picture() else {
             bail!("{}: expected a 2D field, found a scene: render it with `render`", self.file.display());
         };
-        let along = |side: u32, of: u32, to: u32| {
-            // Rounded, at least 1; of u16 range as the sides are.
-            ((u64::from(side) * u64::from(to) + u64::from(of) / 2) / u64::from(of)).max(1) as u32
-        };
-        let size = match (self.width, self.height) {
-            (Some(width), Some(height)) => [width, height],
-            (Some(width), None) => [width, along(width, facts.width, facts.height)],
-            (None, Some(height)) => [along(height, facts.height, facts.width), height],
-            (None, None) => [facts.width, facts.height],
-        };
+        let size = self.size(facts);
         let [width, height] = size.map(u64::from);
         let what = format!("{}: a picture of {width}x{height} pixels", self.file.display());
         memory::check(what, width * height, BYTES_PER_PIXEL, "choose a smaller --width")?;
         let mut memory = vec![Line::UNINIT; Renderer::prepared_lines(&blob, global.kernel())];
         let renderer = Renderer::new(blob, global.kernel(), &mut memory)?;
         let mut progress = Progress::new("render", Total::Steps(size[1].into()), global.style());
-        let (picture, counters) = frame::render_picture(&renderer, self.math, size, |rows| {
+        let (picture, counters) = render_picture(&renderer, self.math, size, |rows| {
             progress.update(rows, &Message { note: "rows".into(), ..Message::default() });
         })
         .with_context(|| self.file.display().to_string())?;
         progress.finish(format!("{} rows", size[1]));
         picture.write_png(&self.output)?;
-        let summary = RenderSummary {
+        let summary = PictureSummary {
             file: self.output.display().to_string(),
             width_px: size[0],
             height_px: size[1],
@@ -500,15 +386,18 @@ impl Render {
         })?;
         Ok(ExitCode::SUCCESS)
     }
-}
 
-/// What was rendered, for scripts.
-#[derive(Debug, Serialize)]
-struct RenderSummary {
-    file: String,
-    width_px: u32,
-    height_px: u32,
-    colour_evaluations: u64,
-    macs: u64,
-    invalid_samples: u64,
+    /// The size to render at: what is not given follows from the photograph's, pixels.
+    fn size(&self, facts: PictureFacts) -> [u32; 2] {
+        let along = |side: u32, of: u32, to: u32| {
+            // Rounded, at least 1; of u16 range as the sides are.
+            ((u64::from(side) * u64::from(to) + u64::from(of) / 2) / u64::from(of)).max(1) as u32
+        };
+        match (self.width, self.height) {
+            (Some(width), Some(height)) => [width, height],
+            (Some(width), None) => [width, along(width, facts.width, facts.height)],
+            (None, Some(height)) => [along(height, facts.height, facts.width), height],
+            (None, None) => [facts.width, facts.height],
+        }
+    }
 }

@@ -21,7 +21,7 @@ mod show;
 mod study;
 mod sweep;
 
-use crate::show::summary::to_json;
+use crate::data::system::summary::to_json;
 use clap::{CommandFactory, Parser, Subcommand};
 use std::process::ExitCode;
 

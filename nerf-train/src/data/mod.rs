@@ -20,6 +20,7 @@
 pub(crate) mod bare;
 mod blender;
 pub(crate) mod colmap;
+pub mod colour;
 mod cs180;
 pub mod decode;
 pub mod demo;

@@ -8,5 +8,6 @@ pub mod picture;
 pub mod run;
 pub mod size;
 pub mod snapshot;
+pub mod summary;
 pub mod trend;
 pub mod validation;

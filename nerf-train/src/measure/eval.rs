@@ -1,6 +1,7 @@
 //! How good a blob is on views it was not fitted to.
 
-use crate::data::View;
+use crate::data::system::cpu;
+use crate::data::{View, colour};
 use crate::measure::frame;
 use crate::measure::frame::Frame;
 use crate::measure::metrics::{psnr_db, ssim_of};
@@ -11,6 +12,7 @@ use nerf_core::memory::Line;
 use nerf_core::plan::{Batch, Outputs, Plan, PlanError, Quality};
 use nerf_core::render::{Counters, RenderError, Renderer};
 use serde::Serialize;
+use std::time::Instant;
 
 /// An occupancy grid is part of the model if leaving it out changes training views by more than this, dB: a little
 /// less than the 0.1 dB that a blob promises for views nobody has seen.
@@ -90,6 +92,109 @@ pub fn evaluate<'v>(
         scores.views.push(score);
     }
     Ok(scores)
+}
+
+/// What is measured beyond whole views.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct EvalOptions {
+    /// What is behind the scene; the blob's own colour where it is `None`.
+    pub background: Option<[f32; 3]>,
+    /// Measures the pixels whose column and row are multiples of this, too: many a published figure is of such a lattice.
+    pub lattice: Option<u32>,
+}
+
+/// What an evaluation found: `summary.json` of `eval`.
+#[derive(Clone, Debug, Serialize)]
+#[allow(missing_docs, reason = "the names say what they are, and in which unit")]
+pub struct Evaluation {
+    pub val_psnr_db: f64,
+    pub val_ssim: f64,
+    pub views: usize,
+    pub split: &'static str,
+    pub background: String,
+    pub steps: u32,
+    pub parameters: usize,
+    pub blob_bytes: usize,
+    pub render_seconds: f64,
+    pub density_evaluations_per_ray: f64,
+    pub colour_evaluations_per_ray: f64,
+    pub proposal_evaluations_per_ray: f64,
+    pub invalid_samples: u64,
+    pub macs: u64,
+    pub kernel: String,
+    pub threads: usize,
+    pub cpu: String,
+    pub view_scores: Vec<ViewScore>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub lattice_psnr_db: Option<f64>,
+}
+
+impl Evaluation {
+    /// Renders `views` of the split of this name with `plan`, which is of the blob in `bytes`, and compares them with their
+    /// pictures, as [`evaluate`] does.
+    ///
+    /// `each` sees every view with its frame and figures, in order.
+    ///
+    /// # Errors
+    /// [`EvalError`] if the blob cannot be rendered as asked.
+    pub fn of<'v>(
+        bytes: &[u8],
+        plan: &Plan<'_>,
+        kernel: Kernel,
+        options: EvalOptions,
+        (split, views): (&'static str, Vec<&'v View>),
+        mut each: impl FnMut(&'v View, &Frame, &ViewScore),
+    ) -> Result<Self, EvalError> {
+        let blob = Blob::open(bytes)?;
+        let background = options.background.unwrap_or(own_background(&blob));
+        let plan = plan.with_background(background)?;
+        let (parameters, steps) = (blob.architecture().parameters(), blob.provenance().steps);
+        let mut memory = vec![Line::UNINIT; Renderer::prepared_lines(&blob, kernel)];
+        let renderer = Renderer::new(blob, kernel, &mut memory)?;
+        let start = Instant::now();
+        let mut lattice_db = Vec::new();
+        let scores = evaluate(&renderer, &plan, background, views, |view, frame, truth, score| {
+            if let Some(step) = options.lattice {
+                let on = |picture| lattice(picture, frame.width, step as usize);
+                lattice_db.push(psnr_db(&on(&frame.rgb), &on(truth)));
+            }
+            each(view, frame, score);
+        })?;
+        let c = &scores.counters;
+        let a_ray = |count: u64| count as f64 / c.rays.max(1) as f64;
+        Ok(Self {
+            val_psnr_db: scores.psnr_db().unwrap_or(f64::NAN),
+            val_ssim: scores.ssim().unwrap_or(f64::NAN),
+            views: scores.views.len(),
+            split,
+            background: colour::name(background),
+            steps,
+            parameters,
+            blob_bytes: bytes.len(),
+            render_seconds: start.elapsed().as_secs_f64(),
+            density_evaluations_per_ray: a_ray(c.density_evaluations),
+            colour_evaluations_per_ray: a_ray(c.colour_evaluations),
+            proposal_evaluations_per_ray: a_ray(c.proposal_evaluations),
+            invalid_samples: c.invalid_samples,
+            macs: c.macs,
+            kernel: kernel.to_string(),
+            threads: rayon::current_num_threads(),
+            cpu: cpu::name(),
+            view_scores: scores.views,
+            lattice_psnr_db: mean(lattice_db.into_iter()),
+        })
+    }
+}
+
+/// The colour behind a blob's scene; black of a 2D field.
+pub fn own_background(blob: &Blob<'_>) -> [f32; 3] {
+    blob.scene().map_or([0.0; 3], |scene| scene.background)
+}
+
+/// The pixels whose column and row are multiples of `step`.
+fn lattice(picture: &[[f32; 3]], width: usize, step: usize) -> Vec<[f32; 3]> {
+    let rows = picture.chunks_exact(width).step_by(step);
+    rows.flat_map(|row| row.iter().step_by(step)).copied().collect()
 }
 
 /// Why a blob cannot be measured.

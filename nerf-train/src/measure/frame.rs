@@ -6,6 +6,7 @@ use nerf_core::host;
 use nerf_core::math::MathBackend;
 use nerf_core::plan::Plan;
 use nerf_core::render::{Counters, RenderError, Renderer};
+use serde::Serialize;
 use std::num::NonZeroUsize;
 
 /// A rendered view.
@@ -47,4 +48,16 @@ pub fn render_picture(
 
 fn threads() -> NonZeroUsize {
     NonZeroUsize::new(rayon::current_num_threads()).unwrap_or(NonZeroUsize::MIN)
+}
+
+/// What was rendered of a 2D field: what `image render --json` prints.
+#[derive(Debug, Serialize)]
+#[allow(missing_docs, reason = "the names say what they are, and in which unit")]
+pub struct PictureSummary {
+    pub file: String,
+    pub width_px: u32,
+    pub height_px: u32,
+    pub colour_evaluations: u64,
+    pub macs: u64,
+    pub invalid_samples: u64,
 }

@@ -6,6 +6,7 @@ pub mod error;
 pub mod eval;
 pub mod frame;
 pub mod import;
+pub mod inspect;
 pub mod metrics;
 pub mod point;
 pub mod settings;

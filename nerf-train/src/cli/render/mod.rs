@@ -5,46 +5,27 @@ mod target;
 
 use super::common::{
     DataOptions, Global, Mp4Options, QualityOptions, UpAxis, WhichBins, open_blob, parse_background,
-    parse_numbers, read_file, say_no_mp4,
+    parse_numbers, print_lines, read_file, say_no_mp4,
 };
 use super::effects::EffectOptions;
 use super::eval::Split;
 use crate::data::system::memory;
 use crate::data::system::progress::{Message, Progress, Total};
 use crate::data::system::stop::Note;
-use crate::measure::frame;
-use crate::show::colour_map::robust_range;
-use crate::show::summary::Short;
+use crate::show::render::{Ranges, Rendering, coarse, ranges, render};
+use crate::show::view::Output;
+use crate::show::writer::Written;
 use anyhow::Context;
-use clap::{Args, ValueEnum};
+use clap::Args;
+use nerf_core::blob::Blob;
 use nerf_core::camera::Camera;
 use nerf_core::memory::Line;
 use nerf_core::plan::{Batch, Outputs, Plan};
-use nerf_core::render::{Counters, Renderer};
-use serde::Serialize;
+use nerf_core::render::Renderer;
 use std::path::PathBuf;
 use std::process::ExitCode;
 use std::time::Instant;
 use target::Target;
-
-/// What a pixel shows.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-enum Output {
-    /// Colour over the background.
-    Rgb,
-    /// Opacity, 16-bit grey, 0 to 1.
-    Opacity,
-    /// Distance along the ray, with a legend.
-    RayDistance,
-    /// Distance along the view axis, with a legend.
-    ZDepth,
-    /// Distance along the ray at which half of the light is gone, with a legend.
-    MedianDistance,
-    /// Normals in world space: red, green, blue are (x, y, z) / 2 + 1/2.
-    Normals,
-    /// All of these.
-    All,
-}
 
 /// Render a view of a blob, or a video: an orbit, or the cameras of a data set one after the other.
 ///
@@ -137,32 +118,23 @@ pub struct Render {
     data_options: DataOptions,
 }
 
+/// The files of a writer; says what is to be known of them.
+fn said(written: Written, global: &Global) -> Vec<PathBuf> {
+    if let (Some(why), Some(gif)) = (written.given_up, written.files.first()) {
+        say_no_mp4(global, &why.to_string(), gif);
+    }
+    if let (Some(count), Some(folder)) = (written.older_from, written.files.first()) {
+        let folder = folder.display();
+        global.say(format!("note: {folder} also holds frames of an earlier run, from {count} on"));
+    }
+    written.files
+}
+
 /// What a pixel of a frame takes: all of its values, and those of its tile.
 const BYTES_PER_PIXEL: u64 = 40 + 60;
 /// What it takes for each output: its colour as f32 and as bytes, twice, and these encoded; of a film, two frames a
 /// thread wait.
 const BYTES_PER_OUTPUT: u64 = 2 * (12 + 4) + 8;
-
-/// The range of the colours of a distance, world units.
-type Ranges = Vec<(Output, (f32, f32))>;
-
-impl Output {
-    fn is_distance(self) -> bool {
-        matches!(self, Self::RayDistance | Self::ZDepth | Self::MedianDistance)
-    }
-
-    /// What is appended to the name of a further file.
-    fn suffix(self) -> &'static str {
-        match self {
-            Self::Rgb | Self::All => "rgb",
-            Self::Opacity => "opacity",
-            Self::RayDistance => "ray_distance",
-            Self::ZDepth => "z_depth",
-            Self::MedianDistance => "median_distance",
-            Self::Normals => "normals",
-        }
-    }
-}
 
 impl Render {
     /// Runs the command.
@@ -173,8 +145,43 @@ impl Render {
         let blob = open_blob(&self.file, &bytes)?;
         let cameras = self.cameras(&blob, global)?;
         self.check_memory(&cameras)?;
-        let kernel = global.kernel();
-        let plan = Plan::new(&blob, &self.quality.quality(), self.wanted(), Batch::FULL)
+        let plan = self.plan(&blob)?;
+        let mut memory = vec![Line::UNINIT; Renderer::prepared_lines(&blob, global.kernel())];
+        let renderer = Renderer::new(blob, global.kernel(), &mut memory)?;
+
+        let start = Instant::now();
+        let note = Note::new("interrupted before the first view");
+        let ranges = self.ranges(&renderer, &plan, &cameras, global)?;
+        let range = |output| ranges.iter().find(|(of, _)| *of == output).map(|&(_, range)| range);
+        let outputs = self.outputs().into_iter();
+        let writers = outputs.map(|output| self.writer(&target, output, range(output)));
+        let mut writers = writers.collect::<anyhow::Result<Vec<_>>>()?;
+        let mut progress = Progress::new("render", Total::Steps(cameras.len() as u64), global.style());
+        let counters = render(&renderer, &plan, &cameras, &mut writers, |done| {
+            let (all, left) = (cameras.len(), target.left(&self.output));
+            note.say(format!("interrupted after {done} of {all} views; {left}"));
+            progress.update(done as u64, &Message::default());
+        })?;
+        let mut files = Vec::new();
+        for writer in writers {
+            files.extend(said(writer.finish()?, global));
+        }
+        progress.finish(match cameras.len() {
+            1 => "1 view".to_owned(),
+            count => format!("{count} views"),
+        });
+        if let Target::Gif(Err(why)) = &target {
+            say_no_mp4(global, why, &self.output);
+        }
+        let seconds = start.elapsed().as_secs_f64();
+        let summary = Rendering::of(&files, &cameras, counters, &ranges, seconds);
+        global.finish(&summary, || print_lines(&summary.files))?;
+        Ok(ExitCode::SUCCESS)
+    }
+
+    /// What the flags say, of what the blob has.
+    fn plan<'b>(&self, blob: &Blob<'b>) -> anyhow::Result<Plan<'b>> {
+        let plan = Plan::new(blob, &self.quality.quality(), self.wanted(), Batch::FULL)
             .and_then(|plan| plan.with_normal_blur(self.normal_blur))
             .and_then(|plan| self.data_options.range_of(plan))
             .map(|plan| self.quality.bins_of(plan, WhichBins::Whole))
@@ -184,76 +191,10 @@ impl Render {
             None if self.transparent => plan.with_background([0.0; 3])?,
             None => plan,
         };
-        let plan = self.effects.in_light(plan, self.is_exr())?;
-        let mut memory = vec![Line::UNINIT; Renderer::prepared_lines(&blob, kernel)];
-        let renderer = Renderer::new(blob, kernel, &mut memory)?;
-
-        let start = Instant::now();
-        let mut counters = Counters::default();
-        let note = Note::new("interrupted before the first view");
-        let ranges = self.ranges(&renderer, &plan, &cameras, global)?;
-        let writers = self.outputs().into_iter().map(|output| {
-            let range = ranges.iter().find(|(of, _)| *of == output).map(|&(_, range)| range);
-            self.writer(&target, output, range)
-        });
-        let mut writers = writers.collect::<anyhow::Result<Vec<_>>>()?;
-        let mut progress = Progress::new("render", Total::Steps(cameras.len() as u64), global.style());
-        for (i, camera) in cameras.iter().enumerate() {
-            note.say(format!(
-                "interrupted after {i} of {} views; {}",
-                cameras.len(),
-                target.left(&self.output)
-            ));
-            let frame = frame::render(&renderer, &plan, camera)?;
-            counters += frame.counters;
-            for writer in &mut writers {
-                writer.push(&frame)?;
-            }
-            progress.update(i as u64 + 1, &Message::default());
-        }
-        let mut files = Vec::new();
-        for writer in writers {
-            files.extend(writer.finish(global)?);
-        }
-        progress.finish(match cameras.len() {
-            1 => "1 view".to_owned(),
-            count => format!("{count} views"),
-        });
-        if let Target::Gif(Err(why)) = &target {
-            say_no_mp4(global, why, &self.output);
-        }
-
-        let rays = counters.rays.max(1) as f64;
-        let size = cameras.first().map(|camera| *camera.intrinsics());
-        let range = |output| {
-            ranges.iter().find(|(of, _)| *of == output).map(|&(_, (near, far))| [Short(near), Short(far)])
-        };
-        let summary = Summary {
-            files: files.iter().map(|file| file.display().to_string()).collect(),
-            frames: cameras.len(),
-            width_px: size.map_or(0, |size| size.width),
-            height_px: size.map_or(0, |size| size.height),
-            total_seconds: start.elapsed().as_secs_f64(),
-            density_evaluations_per_ray: counters.density_evaluations as f64 / rays,
-            colour_evaluations_per_ray: counters.colour_evaluations as f64 / rays,
-            normal_evaluations_per_ray: counters.normal_evaluations as f64 / rays,
-            invalid_samples: counters.invalid_samples,
-            ray_distance_range: range(Output::RayDistance),
-            z_depth_range: range(Output::ZDepth),
-            median_distance_range: range(Output::MedianDistance),
-        };
-        global.finish(&summary, || {
-            for file in &files {
-                outln!("{}", file.display());
-            }
-            Ok(())
-        })?;
-        Ok(ExitCode::SUCCESS)
+        self.effects.in_light(plan, self.is_exr())
     }
 
-    /// One range of colours for all frames of a video, by output, world units.
-    ///
-    /// From a coarse pass, a sixteenth of the work, so that no frame must be kept until the last is there.
+    /// One range of colours for all frames of a video, by output.
     fn ranges(
         &self,
         renderer: &Renderer<'_>,
@@ -268,24 +209,11 @@ impl Render {
         }
         let total = Total::Steps(cameras.len() as u64);
         let mut progress = Progress::new("range of distances", total, global.style());
-        let mut opacity = Vec::new();
-        let mut values = vec![Vec::new(); distances.len()];
-        for (i, camera) in cameras.iter().enumerate() {
-            let frame = frame::render(renderer, plan, &shots::coarse(camera)?)?;
-            opacity.extend_from_slice(&frame.opacity);
-            for (output, values) in distances.iter().zip(&mut values) {
-                values.extend_from_slice(match output {
-                    Output::ZDepth => &frame.z_depth,
-                    Output::MedianDistance => &frame.median_distance,
-                    _ => &frame.ray_distance,
-                });
-            }
-            progress.update(i as u64 + 1, &Message::default());
-        }
+        let ranges = ranges(renderer, plan, cameras, &distances, |done| {
+            progress.update(done as u64, &Message::default());
+        })?;
         progress.finish(format!("{} coarse views", cameras.len()));
-        // Where nothing is solid no colour is shown, but the legend must not change from frame to frame.
-        let range = |values: &Vec<f32>| robust_range(values, &opacity).unwrap_or((0.0, 1.0));
-        Ok(distances.into_iter().zip(values.iter().map(range)).collect())
+        Ok(ranges)
     }
 
     /// What to write, in order.
@@ -322,7 +250,7 @@ impl Render {
         memory::check(what, pixels(largest), each, "choose a smaller --width")?;
         let distances = self.outputs().into_iter().filter(|output| output.is_distance()).count() as u64;
         if distances > 0 && self.is_sequence() {
-            let coarse = shots::coarse(largest).map_or(0, |camera| pixels(&camera)) * cameras.len() as u64;
+            let coarse = coarse(largest).map_or(0, |camera| pixels(&camera)) * cameras.len() as u64;
             let what = format!("the range of distances of {} frames", cameras.len());
             memory::check(what, coarse, 2 * 4 * (1 + distances), "choose fewer frames, or colour alone")?;
         }
@@ -341,24 +269,4 @@ impl Render {
             normals: has(Output::Normals),
         }
     }
-}
-
-/// What was rendered, for scripts; ranges are those of the colours of a sequence's distances, world units.
-#[derive(Debug, Serialize)]
-struct Summary {
-    files: Vec<String>,
-    frames: usize,
-    width_px: u32,
-    height_px: u32,
-    total_seconds: f64,
-    density_evaluations_per_ray: f64,
-    colour_evaluations_per_ray: f64,
-    normal_evaluations_per_ray: f64,
-    invalid_samples: u64,
-    #[serde(skip_serializing_if = "Option::is_none")]
-    ray_distance_range: Option<[Short; 2]>,
-    #[serde(skip_serializing_if = "Option::is_none")]
-    z_depth_range: Option<[Short; 2]>,
-    #[serde(skip_serializing_if = "Option::is_none")]
-    median_distance_range: Option<[Short; 2]>,
 }

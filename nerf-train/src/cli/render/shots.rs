@@ -5,13 +5,12 @@ use crate::cli::common::Global;
 use crate::cli::eval::Split;
 use crate::data::Dataset;
 use crate::show::orbit::Orbit;
+use crate::show::render::scaled;
 use anyhow::{Context, bail};
 use nerf_core::blob::Blob;
 use nerf_core::camera::{Camera, CameraError, Intrinsics, Lens, Pose};
 use std::path::Path;
 
-/// A coarse pass has a quarter of the sides, but no less than this, pixels.
-const COARSE: u32 = 64;
 /// Frames of an orbit: half a day at 20 a second.
 const MAX_FRAMES: usize = 1_000_000;
 
@@ -126,19 +125,4 @@ impl Split {
         }
         views.iter().map(|view| view.camera).collect()
     }
-}
-
-/// The same view in another size, pixels.
-fn scaled(camera: &Camera, (width, height): (u32, u32)) -> Result<Camera, CameraError> {
-    let old = *camera.intrinsics();
-    let (sx, sy) = (width as f32 / old.width as f32, height as f32 / old.height as f32);
-    let new =
-        Intrinsics { width, height, fx: old.fx * sx, fy: old.fy * sy, cx: old.cx * sx, cy: old.cy * sy };
-    Camera::new(new, *camera.lens(), *camera.pose())
-}
-
-/// The same view in few pixels.
-pub(super) fn coarse(camera: &Camera) -> Result<Camera, CameraError> {
-    let side = |pixels: u32| (pixels / 4).max(COARSE).min(pixels);
-    scaled(camera, (side(camera.intrinsics().width), side(camera.intrinsics().height)))
 }

@@ -1,17 +1,12 @@
 //! What a rendering writes: a picture, a film, or a folder of numbered pictures.
 
-use super::Output;
 use super::Render;
-use crate::cli::common::{Global, say_no_mp4};
 use crate::cli::places;
-use crate::data::rgb::{Picture, write_grey16_png, write_rgba_png};
 use crate::data::system::output::claims::{Claims, Existing};
-use crate::measure::frame;
-use crate::measure::frame::Frame;
-use crate::show::colour_map::{depth_picture_with_legend, normal_picture};
-use crate::show::exr::write_exr;
-use crate::show::film::{Files, Film, beside};
+use crate::show::film::{Files, beside};
 use crate::show::video::Ffmpeg;
+use crate::show::view::{Output, is_exr};
+use crate::show::writer::Writer;
 use anyhow::bail;
 use std::path::{Path, PathBuf};
 
@@ -36,22 +31,6 @@ impl Target {
             Self::Frames => format!("their pictures are in {}", output.display()),
         }
     }
-}
-
-/// One output on its way to its files.
-pub(super) struct Writer {
-    output: Output,
-    /// Of a distance in a video: the range of its colours, world units.
-    range: Option<(f32, f32)>,
-    transparent: bool,
-    sink: Sink,
-}
-
-enum Sink {
-    Still(PathBuf),
-    Film(Box<Film>),
-    /// A folder, and how many frames are in it.
-    Frames(PathBuf, usize),
 }
 
 impl Render {
@@ -144,123 +123,13 @@ impl Render {
         range: Option<(f32, f32)>,
     ) -> anyhow::Result<Writer> {
         let place = self.place_of(output);
-        let film = |files| Film::new(files, self.fps).map(|film| Sink::Film(Box::new(film)));
-        let sink = match target {
-            Target::Still => Sink::Still(place),
-            Target::Frames => Sink::Frames(place, 0),
-            Target::Gif(ffmpeg) => film(Files::gif(place, ffmpeg.as_ref().ok()))?,
-            Target::Mp4(ffmpeg) => film(Files::Mp4(place, ffmpeg.clone()))?,
-        };
-        Ok(Writer { output, range, transparent: self.transparent, sink })
-    }
-}
-
-impl Writer {
-    /// Takes the next frame.
-    pub(super) fn push(&mut self, frame: &Frame) -> anyhow::Result<()> {
-        let (output, range) = (self.output, self.range);
-        match &mut self.sink {
-            Sink::Still(path) => write_still(path, frame, output, range, self.transparent)?,
-            Sink::Film(film) => film.push(picture_of(frame, output, range)?)?,
-            Sink::Frames(folder, count) => {
-                write_still(&numbered(folder, *count), frame, output, range, self.transparent)?;
-                *count += 1;
+        Ok(match target {
+            Target::Still => Writer::still(output, place, self.transparent),
+            Target::Frames => Writer::frames(output, place, range, self.transparent),
+            Target::Gif(ffmpeg) => {
+                Writer::film(output, Files::gif(place, ffmpeg.as_ref().ok()), range, self.fps)?
             }
-        }
-        Ok(())
+            Target::Mp4(ffmpeg) => Writer::film(output, Files::Mp4(place, ffmpeg.clone()), range, self.fps)?,
+        })
     }
-
-    /// Completes the files and names them: a folder by itself.
-    pub(super) fn finish(self, global: &Global) -> anyhow::Result<Vec<PathBuf>> {
-        match self.sink {
-            Sink::Still(path) => Ok(vec![path]),
-            Sink::Film(film) => {
-                let finished = film.finish()?;
-                if let (Some(why), Some(gif)) = (finished.given_up, finished.files.first()) {
-                    say_no_mp4(global, &why.to_string(), gif);
-                }
-                Ok(finished.files)
-            }
-            Sink::Frames(folder, count) => {
-                if numbered(&folder, count).exists() {
-                    global.say(format!(
-                        "note: {} also holds frames of an earlier run, from {count} on",
-                        folder.display()
-                    ));
-                }
-                Ok(vec![folder])
-            }
-        }
-    }
-}
-
-fn numbered(folder: &Path, index: usize) -> PathBuf {
-    folder.join(format!("frame_{index:04}.png"))
-}
-
-fn write_still(
-    path: &Path,
-    frame: &Frame,
-    output: Output,
-    range: Option<(f32, f32)>,
-    transparent: bool,
-) -> anyhow::Result<()> {
-    match output {
-        _ if is_exr(path) => {
-            write_exr(path, frame.width, frame.height, &channels_of(frame, output, transparent))?;
-        }
-        Output::Rgb if transparent => {
-            write_rgba_png(path, &frame.rgb, &frame.opacity, frame.width, frame.height)?;
-        }
-        Output::Opacity => {
-            write_grey16_png(path, &frame.opacity, frame.width, frame.height, (0.0, 1.0))?;
-        }
-        _ => picture_of(frame, output, range)?.write_png(path)?,
-    }
-    Ok(())
-}
-
-fn is_exr(path: &Path) -> bool {
-    places::extension(path).as_deref() == Some("exr")
-}
-
-/// The channels of an output, by the names that compositors know where there are such.
-fn channels_of(frame: &Frame, output: Output, transparent: bool) -> Vec<(&'static str, Vec<f32>)> {
-    let axis = |of: &[[f32; 3]], axis: usize| of.iter().map(|value| value[axis]).collect();
-    match output {
-        Output::Rgb | Output::All => {
-            let mut channels =
-                vec![("R", axis(&frame.rgb, 0)), ("G", axis(&frame.rgb, 1)), ("B", axis(&frame.rgb, 2))];
-            if transparent {
-                channels.push(("A", frame.opacity.clone()));
-            }
-            channels
-        }
-        Output::Opacity => vec![("A", frame.opacity.clone())],
-        Output::ZDepth => vec![("Z", frame.z_depth.clone())],
-        Output::RayDistance => vec![("ray_distance", frame.ray_distance.clone())],
-        Output::MedianDistance => vec![("median_distance", frame.median_distance.clone())],
-        Output::Normals => vec![
-            ("N.X", axis(&frame.normals, 0)),
-            ("N.Y", axis(&frame.normals, 1)),
-            ("N.Z", axis(&frame.normals, 2)),
-        ],
-    }
-}
-
-fn picture_of(frame: &Frame, output: Output, range: Option<(f32, f32)>) -> anyhow::Result<Picture> {
-    let with_legend = |values: &[f32], title| {
-        depth_picture_with_legend(values, &frame.opacity, frame.width, frame.height, range, title)
-    };
-    Ok(match output {
-        Output::Rgb | Output::All => frame::picture(frame),
-        Output::Opacity => {
-            let grey = frame.opacity.iter().map(|&opacity| [opacity; 3]).collect();
-            Picture::new(frame.width, frame.height, grey)?
-        }
-        Output::RayDistance => with_legend(&frame.ray_distance, "ray_distance, world units")?,
-        Output::ZDepth => with_legend(&frame.z_depth, "z_depth, world units")?,
-        Output::MedianDistance => with_legend(&frame.median_distance, "median_distance, world units")?,
-        Output::Normals => normal_picture(&frame.normals, &frame.opacity, frame.width, frame.height)?,
-    })
 }

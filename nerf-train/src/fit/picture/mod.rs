@@ -1,5 +1,7 @@
 //! One fit of a picture, from first step to blob.
 
+mod summary;
+
 use super::drive::{Ended, File, Task, drive};
 use super::pace::VALIDATION_SHARE;
 use crate::data::photograph::Photo;
@@ -20,6 +22,7 @@ use nerf_core::memory::Line;
 use nerf_core::render::{RenderError, Renderer};
 use std::path::{Path, PathBuf};
 use std::time::Instant;
+pub use summary::Summary;
 
 /// Evaluations of the whole picture on the way, where no interval is given.
 const EVALUATIONS: f64 = 10.0;

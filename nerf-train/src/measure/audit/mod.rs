@@ -1,12 +1,14 @@
 //! What each effect of a scene is worth: the scene with it and without it.
 
 mod average;
+mod summary;
 
 use crate::measure::bench::Lab;
 use crate::measure::error::StudyError;
 use crate::measure::point::{Clock, Origin, Point, ViewErrors};
 use crate::measure::settings::Settings;
 pub use average::{flattened, mean_encoding, without_direction};
+pub use summary::Summary;
 
 use crate::data::View;
 use crate::measure::metrics::gain_db;

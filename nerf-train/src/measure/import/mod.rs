@@ -1,7 +1,9 @@
 //! What an imported network shows of a data set: whether the guesses about it were right.
 
 pub mod occupancy;
+mod outcome;
 pub mod probe;
+pub mod work;
 
 use crate::data::{Dataset, View};
 use crate::measure::eval::OCCUPANCY_LOSS_DB;
@@ -14,6 +16,8 @@ use nerf_core::plan::Quality;
 pub const STRIDE: u32 = 3;
 /// Views that are measured where none are named.
 pub const VIEWS: usize = 10;
+/// Views whose directions are averaged over.
+pub const RAY_VIEWS: usize = 50;
 /// Below this something about the network was guessed wrong, dB.
 pub const SUSPICIOUS_DB: f64 = 15.0;
 

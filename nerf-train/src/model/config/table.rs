@@ -24,6 +24,15 @@ pub struct TableConfig {
 }
 
 impl TableConfig {
+    /// `8 levels of 16 to 320 cells, at most 2^16 entries a level as f16`.
+    pub fn in_words(&self) -> String {
+        let Self { levels, log2_entries, coarsest, finest, storage, .. } = self;
+        let storage = storage.name();
+        format!(
+            "{levels} levels of {coarsest} to {finest} cells, at most 2^{log2_entries} entries a level as {storage}"
+        )
+    }
+
     /// The grid over a box of this extent: resolutions grow geometrically, and cells are cubes as far as whole
     /// numbers of them allow.
     pub fn encoding(&self, extent: Vec3) -> GridEncoding {

@@ -1,6 +1,8 @@
 //! What experiments say: tables, plots, pages of text.
 
 pub mod audit;
+pub mod fit;
+pub mod picture;
 pub mod study;
 pub mod sweep;
 pub mod training;

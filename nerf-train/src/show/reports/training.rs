@@ -3,9 +3,9 @@
 use crate::data::rgb_error::ReportError;
 use crate::data::system::output::write_atomic;
 use crate::data::system::printable::markdown;
+use crate::data::system::summary;
 use crate::lab::study::training::{Fitted, Group};
 use crate::show::plot::{LinePlot, Marker, Series};
-use crate::show::summary;
 use crate::show::table::Table;
 use serde::Serialize;
 use std::fmt::Write as _;

@@ -6,11 +6,11 @@ mod pictures;
 mod tables;
 
 use crate::data::system::output::write_atomic;
+use crate::data::system::summary;
 use crate::lab::study::Study;
 use crate::measure::error::StudyError;
 use crate::measure::point::{Clock, Point, Totals};
 use crate::show::plot::{Label, LinePlot, Marker, Reference, Series};
-use crate::show::summary;
 pub use beside::front_of;
 use serde::Serialize;
 use std::path::Path;

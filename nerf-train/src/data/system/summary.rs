@@ -26,7 +26,7 @@ use std::path::{Path, PathBuf};
 /// }
 /// let fit = Fit { val_psnr_db: 27.5, train_psnr_db: f64::INFINITY };
 /// assert_eq!(
-///     nerf_train::show::summary::to_json(&fit).unwrap(),
+///     nerf_train::data::system::summary::to_json(&fit).unwrap(),
 ///     "{\n  \"val_psnr_db\": 27.5,\n  \"train_psnr_db\": null,\n  \"train_psnr_db_note\": \"+infinity\"\n}\n"
 /// );
 /// ```

@@ -1,13 +1,13 @@
 //! What an import says in the end.
 
-use crate::cli::common::background_name;
+use super::Check;
+use super::probe::{Probe, name};
+use crate::data::colour;
+use crate::data::system::summary::Short;
 use crate::measure::audit::Verdict;
-use crate::measure::import::Check;
-use crate::measure::import::probe::{Probe, name};
 use crate::model::engine::{Dense, Part};
 use crate::model::export::Exported;
 use crate::model::import::{Imported, Settings, Tensors};
-use crate::show::summary::Short;
 use crate::train::occupancy::LiveCells;
 use nerf_core::Kernel;
 use nerf_core::encoding::SinusoidalEncoding;
@@ -28,117 +28,137 @@ pub enum OccupancySource {
 
 /// Everything there is to say.
 pub struct Outcome<'a> {
-    pub tensors: &'a Tensors,
-    pub network: &'a Imported,
-    /// Of what was written.
-    pub architecture: &'a Architecture,
+    pub(super) tensors: &'a Tensors,
+    pub(super) settings: &'a Settings,
+    pub(super) kernel: Kernel,
+    pub(super) network: Imported,
+    /// Of what was exported.
+    pub(super) architecture: Architecture,
     /// What view dependence gains, dB, and what became of it; `None` if that was not asked.
-    pub direction: Option<(f64, Verdict)>,
-    pub coarse: Option<&'a Imported>,
-    pub settings: &'a Settings,
-    pub exported: &'a Exported,
-    pub occupancy: OccupancySource,
-    pub cells: Option<&'a LiveCells>,
+    pub(super) direction: Option<(f64, Verdict)>,
+    pub(super) coarse: Option<Imported>,
+    /// The blob.
+    pub exported: Exported,
+    /// Where the occupancy grid comes from.
+    pub source: OccupancySource,
+    /// The occupancy grid.
+    pub cells: Option<LiveCells>,
+    /// Whether it is part of the model.
     pub occupancy_required: bool,
-    pub check: Option<&'a Check>,
-    pub probes: &'a [Probe],
-    pub output: &'a Path,
+    /// What the views showed.
+    pub check: Option<Check>,
+    /// What other guesses would have shown, the best first.
+    pub guesses: Vec<Probe>,
 }
 
 impl Outcome<'_> {
-    /// As lines.
-    pub fn print(&self) -> anyhow::Result<()> {
+    /// As lines for people; `output` is the blob's file.
+    pub fn lines(&self, output: &Path) -> Vec<String> {
+        let mut lines = self.network_lines();
+        lines.extend(self.guessed_lines());
+        lines.push(self.occupancy_line());
+        lines.extend(self.check.as_ref().map(|check| self.check_lines(check)).unwrap_or_default());
+        for Probe { flag, psnr_db } in &self.guesses {
+            lines.push(format!("             {psnr_db:6.2} dB on a few pixels with {flag}"));
+        }
+        lines.push(format!("wrote        {} ({} bytes)", output.display(), self.exported.bytes.len()));
+        lines
+    }
+
+    fn network_lines(&self) -> Vec<String> {
         let (s, a) = (self.settings, &self.network.model.architecture);
-        outln!("read         {} tensors of {}", self.tensors.tensors.len(), self.tensors.file.display());
+        let mut lines = Vec::new();
+        lines.push(format!(
+            "read         {} tensors of {}",
+            self.tensors.tensors.len(),
+            self.tensors.file.display()
+        ));
         if !self.tensors.prefix.is_empty() {
-            outln!("network      {}", self.tensors.prefix);
+            lines.push(format!("network      {}", self.tensors.prefix));
         }
         for other in &self.tensors.others {
-            outln!("left out     {other}");
+            lines.push(format!("left out     {other}"));
         }
         for unused in &self.network.unused {
-            outln!("not used     {unused}: no output depends on it");
+            lines.push(format!("not used     {unused}: no output depends on it"));
         }
         for layer in self.network.model.layers() {
-            outln!("layer        {}", describe(&layer));
+            lines.push(format!("layer        {}", describe(&layer)));
         }
         if let Some(position) = a.position.sinusoidal() {
-            outln!("position     {}", encoding(position, s));
+            lines.push(format!("position     {}", encoding(position, s)));
         }
         match a.direction.as_ref().and_then(|direction| direction.sinusoidal()) {
-            Some(direction) => outln!("direction    {}", encoding(direction, s)),
-            None => outln!("direction    none: colour does not depend on it"),
+            Some(direction) => lines.push(format!("direction    {}", encoding(direction, s))),
+            None => lines.push(format!("direction    none: colour does not depend on it")),
         }
-        outln!("taken as     density {}, background {}", name(s.density), background_name(s.background));
-        outln!(
+        lines
+    }
+
+    fn guessed_lines(&self) -> Vec<String> {
+        let s = self.settings;
+        let mut lines = Vec::new();
+        lines.push(format!(
+            "taken as     density {}, background {}",
+            name(s.density),
+            colour::name(s.background)
+        ));
+        lines.push(format!(
             "             near {}, far {}, {} samples a ray, box {:?}",
-            s.near,
-            s.far,
-            s.samples,
-            s.scene_box
-        );
-        if let (Some(coarse), Some(samples)) = (self.coarse, s.coarse_samples) {
+            s.near, s.far, s.samples, s.scene_box
+        ));
+        if let (Some(coarse), Some(samples)) = (&self.coarse, s.coarse_samples) {
             let a = &coarse.model.architecture;
-            outln!(
+            lines.push(format!(
                 "proposal     {} layers, {} parameters of densities, {samples} samples a ray; the {} are drawn \
                  from it",
                 a.trunk.len(),
                 a.density_parameters(),
                 s.samples
-            );
+            ));
         }
-        self.print_occupancy()?;
-        if let Some(check) = self.check {
-            outln!(
-                "check        {:.3} dB PSNR, mean over {} views on {}, every third pixel and row",
-                check.psnr_db(),
-                check.scores.views.len(),
-                background_name(s.background)
-            );
-            outln!(
-                "             f16 rounding cost {:.4} dB ({} subnormal weights)",
-                check.quantisation_loss_db,
-                self.exported.subnormal_weights
-            );
-            if let Some(gain) = check.occupancy_gain_db {
-                outln!("             the occupancy grid brings {gain:.3} dB");
-            }
-            if let Some((gain, verdict)) = self.direction {
-                let what =
-                    if verdict == Verdict::Drops { ": left out, its mean is in its place" } else { "" };
-                outln!("             view dependence brings {gain:.3} dB{what}");
-            }
-        }
-        for Probe { flag, psnr_db } in self.probes {
-            outln!("             {psnr_db:6.2} dB on a few pixels with {flag}");
-        }
-        outln!("wrote        {} ({} bytes)", self.output.display(), self.exported.bytes.len());
-        Ok(())
+        lines
     }
 
-    fn print_occupancy(&self) -> anyhow::Result<()> {
-        let Some(cells) = self.cells else {
-            let why = if self.occupancy == OccupancySource::Built {
-                ": the network is empty everywhere"
-            } else {
-                ""
-            };
-            outln!("occupancy    none{why}");
-            return Ok(());
+    fn check_lines(&self, check: &Check) -> Vec<String> {
+        let mut lines = Vec::new();
+        lines.push(format!(
+            "check        {:.3} dB PSNR, mean over {} views on {}, every third pixel and row",
+            check.psnr_db(),
+            check.scores.views.len(),
+            colour::name(self.settings.background)
+        ));
+        lines.push(format!(
+            "             f16 rounding cost {:.4} dB ({} subnormal weights)",
+            check.quantisation_loss_db, self.exported.subnormal_weights
+        ));
+        if let Some(gain) = check.occupancy_gain_db {
+            lines.push(format!("             the occupancy grid brings {gain:.3} dB"));
+        }
+        if let Some((gain, verdict)) = self.direction {
+            let what = if verdict == Verdict::Drops { ": left out, its mean is in its place" } else { "" };
+            lines.push(format!("             view dependence brings {gain:.3} dB{what}"));
+        }
+        lines
+    }
+
+    fn occupancy_line(&self) -> String {
+        let Some(cells) = &self.cells else {
+            let why =
+                if self.source == OccupancySource::Built { ": the network is empty everywhere" } else { "" };
+            return format!("occupancy    none{why}");
         };
-        let origin =
-            if self.occupancy == OccupancySource::Built { "asked of the network" } else { "as given" };
+        let origin = if self.source == OccupancySource::Built { "asked of the network" } else { "as given" };
         let role = if self.occupancy_required { "part of the model" } else { "only skips what is empty" };
         let occupied = 100.0 * cells.lookup().occupied_share();
-        outln!("occupancy    {:?} cells, {occupied:.2} % occupied, {origin}; {role}", cells.resolution());
-        Ok(())
+        format!("occupancy    {:?} cells, {occupied:.2} % occupied, {origin}; {role}", cells.resolution())
     }
 
-    /// The same for scripts.
-    pub fn summary(&self, kernel: Kernel) -> Summary<'_> {
+    /// The same for scripts; `output` is the blob's file.
+    pub fn summary(&self, output: &Path) -> Summary<'_> {
         let (s, a) = (self.settings, &self.network.model.architecture);
         let skips = a.trunk.iter().enumerate().filter(|(_, layer)| layer.skip);
-        let coarse = self.coarse.zip(s.coarse_samples);
+        let coarse = self.coarse.as_ref().zip(s.coarse_samples);
         let direction = self.direction.filter(|_| self.check.is_some());
         Summary {
             checkpoint: self.tensors.file.display().to_string(),
@@ -154,7 +174,7 @@ impl Outcome<'_> {
             angle_scale: name(s.angle),
             order: name(s.order),
             density: name(s.density),
-            background: background_name(s.background),
+            background: colour::name(s.background),
             near: Short(s.near),
             far: Short(s.far),
             scene_box: s.scene_box.map(Short),
@@ -166,9 +186,9 @@ impl Outcome<'_> {
             coarse_samples_per_ray: coarse.map(|(_, samples)| samples),
             coarse_parameters: coarse.map(|(coarse, _)| coarse.model.architecture.density_parameters()),
             skip_layers: skips.map(|(i, _)| i as f64).collect(),
-            occupancy_resolution: self.cells.map(|cells| cells.resolution().map(f64::from)),
-            occupied_share: self.cells.map(|cells| Short(cells.lookup().occupied_share())),
-            check: self.check.map(|check| CheckSummary {
+            occupancy_resolution: self.cells.as_ref().map(|cells| cells.resolution().map(f64::from)),
+            occupied_share: self.cells.as_ref().map(|cells| Short(cells.lookup().occupied_share())),
+            check: self.check.as_ref().map(|check| CheckSummary {
                 check_psnr_db: check.psnr_db(),
                 check_views: check.scores.views.len(),
                 suspicious: check.is_suspicious(),
@@ -177,9 +197,9 @@ impl Outcome<'_> {
                 view_dependence_gain_db: direction.map(|(gain, _)| gain),
                 view_dependence_left_out: direction.map(|(_, verdict)| verdict == Verdict::Drops),
             }),
-            other_guesses: self.probes,
-            kernel: kernel.to_string(),
-            blob: self.output.display().to_string(),
+            other_guesses: &self.guesses,
+            kernel: self.kernel.to_string(),
+            blob: output.display().to_string(),
             blob_bytes: self.exported.bytes.len(),
         }
     }

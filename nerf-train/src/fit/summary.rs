@@ -1,0 +1,147 @@
+//! What a fit made, for scripts.
+
+use crate::data::colour;
+use crate::data::system::cpu;
+use crate::data::system::summary::Short;
+use crate::fit::finish::Outcome;
+use crate::measure::inspect::GridSummary;
+use crate::model::config::Config;
+use nerf_core::Kernel;
+use nerf_core::blob::Blob;
+use serde::Serialize;
+use std::path::Path;
+
+/// `summary.json` of a fit; what there is none of is null, with a note, or left out.
+#[derive(Debug, Serialize)]
+#[allow(missing_docs, reason = "the names say what they are, and in which unit")]
+pub struct Summary {
+    // Without validation views null, with a note: scripts rely on the names.
+    pub val_psnr_db: f64,
+    pub val_worst_psnr_db: f64,
+    pub val_lattice: u32,
+    pub val_ssim: f64,
+    pub views: usize,
+    pub flat: bool,
+    pub flat_psnr_db: f64,
+    pub background: String,
+    pub train_seconds: f64,
+    pub total_seconds: f64,
+    pub steps: u32,
+    pub reseeds: u32,
+    pub parameters: usize,
+    pub blob_bytes: usize,
+    pub occupancy_required: bool,
+    pub occupied_share: Short,
+    pub subnormal_weights: usize,
+    pub evaluated_samples_per_second: f64,
+    pub trained_samples_per_second: f64,
+    pub seed: u64,
+    pub kernel: String,
+    pub threads: usize,
+    pub cpu: String,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub view_dependence_gain_db: Option<f64>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub view_dependence_left_out: Option<bool>,
+    pub occupancy_loss_db: Option<f64>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub occupancy_loss_db_note: Option<&'static str>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub quantisation_loss_db: Option<f64>,
+    #[serde(flatten)]
+    pub grid: Option<GridSummary>,
+    #[serde(flatten)]
+    pub trend: TrendSummary,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub z_depth_median_relative_error: Option<f64>,
+    pub data: String,
+    pub blob: String,
+}
+
+impl Summary {
+    /// Of a fit to the data of this name, written to `blob`.
+    pub fn of(
+        outcome: &Outcome,
+        config: &Config,
+        kernel: Kernel,
+        total_seconds: f64,
+        data: &str,
+        blob: &Path,
+    ) -> Self {
+        let [evaluated_samples_per_second, trained_samples_per_second] = outcome.samples_per_second;
+        let asked = outcome.occupancy_loss_db.is_some();
+        Self {
+            val_psnr_db: outcome.scores.psnr_db().unwrap_or(f64::NAN),
+            val_worst_psnr_db: outcome.scores.worst_psnr_db().unwrap_or(f64::NAN),
+            val_lattice: outcome.lattice,
+            val_ssim: outcome.scores.ssim().unwrap_or(f64::NAN),
+            views: outcome.scores.views.len(),
+            flat: outcome.flat,
+            flat_psnr_db: outcome.flat_psnr_db,
+            background: colour::name(outcome.background),
+            train_seconds: outcome.train_seconds,
+            total_seconds,
+            steps: outcome.steps,
+            reseeds: outcome.reseeds,
+            parameters: outcome.parameters,
+            blob_bytes: outcome.bytes.len(),
+            occupancy_required: outcome.occupancy_required,
+            occupied_share: Short(outcome.occupied_share),
+            subnormal_weights: outcome.subnormal_weights,
+            evaluated_samples_per_second,
+            trained_samples_per_second,
+            seed: config.seed,
+            kernel: kernel.to_string(),
+            threads: rayon::current_num_threads(),
+            cpu: cpu::name(),
+            view_dependence_gain_db: outcome.view_dependence.map(|found| found.gain_db),
+            view_dependence_left_out: outcome.view_dependence.map(|found| found.left_out),
+            occupancy_loss_db: outcome.occupancy_loss_db,
+            occupancy_loss_db_note: (!asked).then_some("a grid field is not asked outside of its occupancy"),
+            quantisation_loss_db: outcome.quantisation_loss_db,
+            grid: Blob::open(&outcome.bytes).ok().and_then(|blob| GridSummary::of(&blob)),
+            trend: TrendSummary::of(outcome),
+            z_depth_median_relative_error: None,
+            data: data.into(),
+            blob: blob.display().to_string(),
+        }
+    }
+}
+
+/// Validation on the way, and when it stopped rising.
+#[derive(Debug, Serialize)]
+#[allow(missing_docs, reason = "the names say what they are, and in which unit")]
+pub struct TrendSummary {
+    pub watched_views: usize,
+    pub validations: usize,
+    pub last_watched_psnr_db: Option<f64>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub last_watched_psnr_db_note: Option<String>,
+    pub val_stopped_rising_step: Option<u32>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub val_stopped_rising_step_note: Option<String>,
+    pub val_stopped_rising_seconds: Option<f64>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub val_stopped_rising_seconds_note: Option<String>,
+}
+
+impl TrendSummary {
+    fn of(outcome: &Outcome) -> Self {
+        let none = "there are no validation views";
+        let validations: Vec<f64> = outcome.curve.iter().filter_map(|point| point.val_psnr_db).collect();
+        let last = validations.last().copied();
+        let stop = if outcome.watched.is_empty() { Err(none.into()) } else { outcome.trend.overfitting() };
+        let why = stop.as_ref().err().cloned();
+        let stop = stop.ok();
+        Self {
+            watched_views: outcome.watched.len(),
+            validations: validations.len(),
+            last_watched_psnr_db: last,
+            last_watched_psnr_db_note: last.is_none().then(|| none.to_owned()),
+            val_stopped_rising_step: stop.as_ref().map(|stop| stop.step),
+            val_stopped_rising_step_note: why.clone(),
+            val_stopped_rising_seconds: stop.as_ref().map(|stop| stop.seconds),
+            val_stopped_rising_seconds_note: why,
+        }
+    }
+}

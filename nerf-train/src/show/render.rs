@@ -1,0 +1,158 @@
+//! Views of a scene, one after the other, to their files.
+
+use crate::data::rgb_error::ReportError;
+use crate::data::system::summary::Short;
+use crate::measure::frame;
+use crate::show::colour_map::robust_range;
+use crate::show::view::Output;
+use crate::show::writer::Writer;
+use nerf_core::camera::{Camera, CameraError, Intrinsics};
+use nerf_core::plan::Plan;
+use nerf_core::render::{Counters, RenderError, Renderer};
+use serde::Serialize;
+use std::path::PathBuf;
+
+/// The range of the colours of a distance, world units.
+pub type Ranges = Vec<(Output, (f32, f32))>;
+
+/// A coarse pass has a quarter of the sides, but no less than this, pixels.
+const COARSE: u32 = 64;
+
+/// Why views could not be rendered to files.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum ViewsError {
+    /// It could not be rendered.
+    #[error(transparent)]
+    Render(#[from] RenderError),
+    /// A camera has no smaller size.
+    #[error("camera: {0}")]
+    Camera(#[from] CameraError),
+    /// A file could not be made.
+    #[error(transparent)]
+    Report(#[from] ReportError),
+}
+
+/// Renders every camera's view and hands it to all writers; `each` is told how many are done, before the next begins.
+///
+/// # Errors
+/// [`ViewsError`]; what writers hold is then theirs to drop, which leaves no half-written file.
+pub fn render(
+    renderer: &Renderer<'_>,
+    plan: &Plan<'_>,
+    cameras: &[Camera],
+    writers: &mut [Writer],
+    mut each: impl FnMut(usize),
+) -> Result<Counters, ViewsError> {
+    let mut counters = Counters::default();
+    for (i, camera) in cameras.iter().enumerate() {
+        each(i);
+        let frame = frame::render(renderer, plan, camera)?;
+        counters += frame.counters;
+        writers.iter_mut().try_for_each(|writer| writer.push(&frame))?;
+    }
+    each(cameras.len());
+    Ok(counters)
+}
+
+/// One range of colours for all frames of a video, by output, world units.
+///
+/// From a coarse pass, a sixteenth of the work, so that no frame must be kept until the last is there; `each` is told how
+/// many frames are done.
+///
+/// # Errors
+/// [`ViewsError`] where a frame cannot be rendered.
+pub fn ranges(
+    renderer: &Renderer<'_>,
+    plan: &Plan<'_>,
+    cameras: &[Camera],
+    distances: &[Output],
+    mut each: impl FnMut(usize),
+) -> Result<Ranges, ViewsError> {
+    let mut opacity = Vec::new();
+    let mut values = vec![Vec::new(); distances.len()];
+    for (i, camera) in cameras.iter().enumerate() {
+        let frame = frame::render(renderer, plan, &coarse(camera)?)?;
+        opacity.extend_from_slice(&frame.opacity);
+        for (output, values) in distances.iter().zip(&mut values) {
+            values.extend_from_slice(output.distances(&frame));
+        }
+        each(i + 1);
+    }
+    // Where nothing is solid no colour is shown, but the legend must not change from frame to frame.
+    let range = |values: &Vec<f32>| robust_range(values, &opacity).unwrap_or((0.0, 1.0));
+    Ok(distances.iter().copied().zip(values.iter().map(range)).collect())
+}
+
+/// The same view in another size, pixels.
+///
+/// # Errors
+/// A size without pixels.
+pub fn scaled(camera: &Camera, (width, height): (u32, u32)) -> Result<Camera, CameraError> {
+    let old = *camera.intrinsics();
+    let (sx, sy) = (width as f32 / old.width as f32, height as f32 / old.height as f32);
+    let new =
+        Intrinsics { width, height, fx: old.fx * sx, fy: old.fy * sy, cx: old.cx * sx, cy: old.cy * sy };
+    Camera::new(new, *camera.lens(), *camera.pose())
+}
+
+/// The same view in few pixels, as the range of a video's distances is taken from.
+///
+/// # Errors
+/// None that a camera with pixels causes.
+pub fn coarse(camera: &Camera) -> Result<Camera, CameraError> {
+    let side = |pixels: u32| (pixels / 4).max(COARSE).min(pixels);
+    scaled(camera, (side(camera.intrinsics().width), side(camera.intrinsics().height)))
+}
+
+/// What was rendered, for scripts: what `render --json` prints. Ranges are those of the colours of a sequence's distances, world units.
+#[derive(Debug, Serialize)]
+#[allow(missing_docs, reason = "the names say what they are, and in which unit")]
+pub struct Rendering {
+    pub files: Vec<String>,
+    pub frames: usize,
+    pub width_px: u32,
+    pub height_px: u32,
+    pub total_seconds: f64,
+    pub density_evaluations_per_ray: f64,
+    pub colour_evaluations_per_ray: f64,
+    pub normal_evaluations_per_ray: f64,
+    pub invalid_samples: u64,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub ray_distance_range: Option<[Short; 2]>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub z_depth_range: Option<[Short; 2]>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub median_distance_range: Option<[Short; 2]>,
+}
+
+impl Rendering {
+    /// Of these cameras' views.
+    pub fn of(
+        files: &[PathBuf],
+        cameras: &[Camera],
+        counters: Counters,
+        ranges: &Ranges,
+        seconds: f64,
+    ) -> Self {
+        let a_ray = |count: u64| count as f64 / counters.rays.max(1) as f64;
+        let size = cameras.first().map(|camera| *camera.intrinsics());
+        let range = |output| {
+            ranges.iter().find(|(of, _)| *of == output).map(|&(_, (near, far))| [Short(near), Short(far)])
+        };
+        Self {
+            files: files.iter().map(|file| file.display().to_string()).collect(),
+            frames: cameras.len(),
+            width_px: size.map_or(0, |size| size.width),
+            height_px: size.map_or(0, |size| size.height),
+            total_seconds: seconds,
+            density_evaluations_per_ray: a_ray(counters.density_evaluations),
+            colour_evaluations_per_ray: a_ray(counters.colour_evaluations),
+            normal_evaluations_per_ray: a_ray(counters.normal_evaluations),
+            invalid_samples: counters.invalid_samples,
+            ray_distance_range: range(Output::RayDistance),
+            z_depth_range: range(Output::ZDepth),
+            median_distance_range: range(Output::MedianDistance),
+        }
+    }
+}

@@ -1,0 +1,136 @@
+//! What a pixel of a rendered view shows, and how it is written.
+
+use crate::data::rgb::{Picture, write_grey16_png, write_rgba_png};
+use crate::data::rgb_error::ReportError;
+use crate::measure::frame;
+use crate::measure::frame::Frame;
+use crate::show::colour_map::{depth_picture_with_legend, normal_picture};
+use crate::show::exr::write_exr;
+use clap::ValueEnum;
+use std::ffi::OsStr;
+use std::path::Path;
+
+/// What a pixel shows.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum Output {
+    /// Colour over the background.
+    Rgb,
+    /// Opacity, 16-bit grey, 0 to 1.
+    Opacity,
+    /// Distance along the ray, with a legend.
+    RayDistance,
+    /// Distance along the view axis, with a legend.
+    ZDepth,
+    /// Distance along the ray at which half of the light is gone, with a legend.
+    MedianDistance,
+    /// Normals in world space: red, green, blue are (x, y, z) / 2 + 1/2.
+    Normals,
+    /// All of these.
+    All,
+}
+
+impl Output {
+    /// Whether it is a distance, whose colours have a range.
+    pub fn is_distance(self) -> bool {
+        matches!(self, Self::RayDistance | Self::ZDepth | Self::MedianDistance)
+    }
+
+    /// What is appended to the name of a further file.
+    pub fn suffix(self) -> &'static str {
+        match self {
+            Self::Rgb | Self::All => "rgb",
+            Self::Opacity => "opacity",
+            Self::RayDistance => "ray_distance",
+            Self::ZDepth => "z_depth",
+            Self::MedianDistance => "median_distance",
+            Self::Normals => "normals",
+        }
+    }
+
+    /// Its values where it is a distance, world units; of any other output those of the distance along the ray.
+    pub fn distances(self, frame: &Frame) -> &[f32] {
+        match self {
+            Self::ZDepth => &frame.z_depth,
+            Self::MedianDistance => &frame.median_distance,
+            _ => &frame.ray_distance,
+        }
+    }
+}
+
+/// Whether a file of this name holds floats.
+pub fn is_exr(path: &Path) -> bool {
+    path.extension().is_some_and(|extension| extension.eq_ignore_ascii_case(OsStr::new("exr")))
+}
+
+/// Writes an output of a frame as PNG, or by its name as EXR.
+///
+/// `range`: of a distance's colours, world units, where they are not the frame's own; `transparent`: colour with alpha.
+///
+/// # Errors
+/// [`ReportError`] where the file cannot be made.
+pub fn write_still(
+    path: &Path,
+    frame: &Frame,
+    output: Output,
+    range: Option<(f32, f32)>,
+    transparent: bool,
+) -> Result<(), ReportError> {
+    match output {
+        _ if is_exr(path) => {
+            write_exr(path, frame.width, frame.height, &channels_of(frame, output, transparent))?;
+        }
+        Output::Rgb if transparent => {
+            write_rgba_png(path, &frame.rgb, &frame.opacity, frame.width, frame.height)?;
+        }
+        Output::Opacity => {
+            write_grey16_png(path, &frame.opacity, frame.width, frame.height, (0.0, 1.0))?;
+        }
+        _ => picture_of(frame, output, range)?.write_png(path)?,
+    }
+    Ok(())
+}
+
+/// The channels of an output, by the names that compositors know where there are such.
+fn channels_of(frame: &Frame, output: Output, transparent: bool) -> Vec<(&'static str, Vec<f32>)> {
+    let axis = |of: &[[f32; 3]], axis: usize| of.iter().map(|value| value[axis]).collect();
+    match output {
+        Output::Rgb | Output::All => {
+            let mut channels =
+                vec![("R", axis(&frame.rgb, 0)), ("G", axis(&frame.rgb, 1)), ("B", axis(&frame.rgb, 2))];
+            if transparent {
+                channels.push(("A", frame.opacity.clone()));
+            }
+            channels
+        }
+        Output::Opacity => vec![("A", frame.opacity.clone())],
+        Output::ZDepth => vec![("Z", frame.z_depth.clone())],
+        Output::RayDistance => vec![("ray_distance", frame.ray_distance.clone())],
+        Output::MedianDistance => vec![("median_distance", frame.median_distance.clone())],
+        Output::Normals => vec![
+            ("N.X", axis(&frame.normals, 0)),
+            ("N.Y", axis(&frame.normals, 1)),
+            ("N.Z", axis(&frame.normals, 2)),
+        ],
+    }
+}
+
+/// An output of a frame as a picture, as a film shows it.
+///
+/// # Errors
+/// [`ReportError`] where there are no pixels.
+pub fn picture_of(frame: &Frame, output: Output, range: Option<(f32, f32)>) -> Result<Picture, ReportError> {
+    let with_legend = |values: &[f32], title| {
+        depth_picture_with_legend(values, &frame.opacity, frame.width, frame.height, range, title)
+    };
+    Ok(match output {
+        Output::Rgb | Output::All => frame::picture(frame),
+        Output::Opacity => {
+            let grey = frame.opacity.iter().map(|&opacity| [opacity; 3]).collect();
+            Picture::new(frame.width, frame.height, grey)?
+        }
+        Output::RayDistance => with_legend(&frame.ray_distance, "ray_distance, world units")?,
+        Output::ZDepth => with_legend(&frame.z_depth, "z_depth, world units")?,
+        Output::MedianDistance => with_legend(&frame.median_distance, "median_distance, world units")?,
+        Output::Normals => normal_picture(&frame.normals, &frame.opacity, frame.width, frame.height)?,
+    })
+}

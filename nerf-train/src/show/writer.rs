@@ -1,0 +1,100 @@
+//! A rendering on its way to its files: a picture, a film, or a folder of numbered pictures.
+
+use crate::data::rgb_error::ReportError;
+use crate::measure::frame::Frame;
+use crate::show::film::{Files, Film};
+use crate::show::view::{Output, picture_of, write_still};
+use std::path::{Path, PathBuf};
+
+/// One output on its way to its files.
+pub struct Writer {
+    output: Output,
+    /// Of a distance in a video: the range of its colours, world units.
+    range: Option<(f32, f32)>,
+    transparent: bool,
+    sink: Sink,
+}
+
+enum Sink {
+    Still(PathBuf),
+    Film(Box<Film>),
+    /// A folder, and how many frames are in it.
+    Frames(PathBuf, usize),
+}
+
+/// What a writer has made.
+#[derive(Debug)]
+pub struct Written {
+    /// Its files; a folder by itself.
+    pub files: Vec<PathBuf>,
+    /// Why there is no MP4 beside a GIF, where there was to be one.
+    pub given_up: Option<ReportError>,
+    /// Frames of an earlier run that the folder holds, too, from this number on.
+    pub older_from: Option<usize>,
+}
+
+impl Writer {
+    /// To one picture; `transparent` for colour with alpha.
+    pub fn still(output: Output, path: PathBuf, transparent: bool) -> Self {
+        Self { output, range: None, transparent, sink: Sink::Still(path) }
+    }
+
+    /// To `frame_0000.png` and on in a folder; `range`: of a distance's colours, world units.
+    pub fn frames(output: Output, folder: PathBuf, range: Option<(f32, f32)>, transparent: bool) -> Self {
+        Self { output, range, transparent, sink: Sink::Frames(folder, 0) }
+    }
+
+    /// To a film of so many frames a second; `range`: of a distance's colours, world units.
+    ///
+    /// # Errors
+    /// [`ReportError::Animation`] where `fps` is not a positive number.
+    pub fn film(
+        output: Output,
+        files: Files,
+        range: Option<(f32, f32)>,
+        fps: f64,
+    ) -> Result<Self, ReportError> {
+        let sink = Sink::Film(Box::new(Film::new(files, fps)?));
+        Ok(Self { output, range, transparent: false, sink })
+    }
+
+    /// Takes the next frame.
+    ///
+    /// # Errors
+    /// [`ReportError`] where it cannot be written.
+    pub fn push(&mut self, frame: &Frame) -> Result<(), ReportError> {
+        let (output, range) = (self.output, self.range);
+        match &mut self.sink {
+            Sink::Still(path) => write_still(path, frame, output, range, self.transparent)?,
+            Sink::Film(film) => film.push(picture_of(frame, output, range)?)?,
+            Sink::Frames(folder, count) => {
+                write_still(&numbered(folder, *count), frame, output, range, self.transparent)?;
+                *count += 1;
+            }
+        }
+        Ok(())
+    }
+
+    /// Completes the files.
+    ///
+    /// # Errors
+    /// [`ReportError`] where a film cannot be completed.
+    pub fn finish(self) -> Result<Written, ReportError> {
+        let files = |files| Written { files, given_up: None, older_from: None };
+        Ok(match self.sink {
+            Sink::Still(path) => files(vec![path]),
+            Sink::Film(film) => {
+                let finished = film.finish()?;
+                Written { given_up: finished.given_up, ..files(finished.files) }
+            }
+            Sink::Frames(folder, count) => {
+                let older_from = numbered(&folder, count).exists().then_some(count);
+                Written { older_from, ..files(vec![folder]) }
+            }
+        })
+    }
+}
+
+fn numbered(folder: &Path, index: usize) -> PathBuf {
+    folder.join(format!("frame_{index:04}.png"))
+}
