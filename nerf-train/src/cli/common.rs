@@ -25,6 +25,9 @@ use std::path::{Path, PathBuf};
 use std::sync::mpsc::{self, Receiver, RecvTimeoutError};
 use std::time::Duration;
 
+/// What is said where a signal ends runs of which each has its own file.
+pub const GO_ON: &str = "interrupted: the run that was under way is lost, the finished ones are kept; go on with the same command";
+
 /// Threads a core beyond which more only cost memory.
 const THREADS_PER_CORE: usize = 4;
 

@@ -1,28 +1,29 @@
 //! `nerf-train demo`
 
-use super::common::{Global, Mp4Options, background_name, open_blob, print_report, say_no_mp4};
+use super::common::{Global, Mp4Options, open_blob, print_report, say_no_mp4};
 use super::fit::read_config;
 use super::places;
-use crate::data::demo;
-use crate::data::demo::{DemoSpec, Truth};
+use crate::data::Dataset;
+use crate::data::demo::{self, DemoSpec, Truth};
 use crate::data::rgb::Picture;
 use crate::data::system::output::claims::{Claims, Existing};
 use crate::data::system::output::write_atomic;
 use crate::data::system::progress::{Message, Progress, Total};
 use crate::data::system::summary::write;
+use crate::fit::finish::Outcome;
 use crate::fit::run::{Ended, RunOptions, run_since};
 use crate::fit::snapshot::SnapshotOptions;
 use crate::fit::summary::Summary;
-use crate::measure::eval::evaluate;
-use crate::measure::frame;
-use crate::measure::frame::Frame;
-use crate::model::config::{Preset, Surroundings};
+use crate::measure::eval::{Scores, evaluate};
+use crate::measure::frame::{self, Frame};
+use crate::model::config::{Config, Preset, Surroundings};
 use crate::show::colour_map::z_depth_picture;
 use crate::show::contact_sheet::{Cell, contact_sheet};
 use crate::show::film::{Files, Film};
 use crate::show::orbit::Orbit;
 use crate::show::reports;
 use crate::show::table::Table;
+use crate::show::video::Ffmpeg;
 use crate::train::schedule::{Budget, Clock};
 use clap::Args;
 use nerf_core::memory::Line;
@@ -63,7 +64,43 @@ impl Demo {
     /// Runs the command.
     pub fn run(&self, global: &Global) -> anyhow::Result<ExitCode> {
         let clock = Clock::resume(Duration::ZERO);
-        // First, so that what is wrong in the file costs no time.
+        let (config, ffmpeg) = self.check()?;
+        let spec = DemoSpec::default();
+        let dataset = demo::dataset(&spec)?;
+        let report = print_report(&dataset, global);
+        let options = self.options(&config, global);
+        let Ended::Finished(outcome) = run_since(clock, &dataset, config.clone(), &options, &|_| false)?
+        else {
+            unreachable!("nobody stops it");
+        };
+        let blob_path = self.out.join("demo.nerf");
+        write_atomic(&blob_path, &outcome.bytes)?;
+        reports::fit::write_curve(&self.out, &outcome)?;
+        reports::fit::write_snapshots(&self.out, &outcome, &dataset)?;
+        reports::fit::write_data(&self.out, &report)?;
+
+        let blob = open_blob(&blob_path, &outcome.bytes)?;
+        let plan = Plan::new(&blob, &Quality::default(), Outputs::ALL, Batch::FULL)?;
+        let mut memory = vec![Line::UNINIT; Renderer::prepared_lines(&blob, options.kernel)];
+        let renderer = Renderer::new(blob, options.kernel, &mut memory)?;
+        let views = self.views(&renderer, &plan, outcome.background, &dataset, global)?;
+        let has_mp4 = self.orbit(&renderer, &plan, &spec, ffmpeg, global)?;
+
+        let (seconds, data) = (clock.seconds(), &dataset.name);
+        let summary = Summary {
+            val_psnr_db: views.scores.psnr_db().unwrap_or(f64::NAN),
+            val_ssim: views.scores.ssim().unwrap_or(f64::NAN),
+            z_depth_median_relative_error: Some(views.z_depth_error),
+            ..Summary::of(&outcome, &config, options.kernel, seconds, data, &blob_path)
+        };
+        write(&summary, &self.out)?;
+        global.finish(&summary, || self.print(&summary, &views, &outcome, has_mp4))?;
+        Ok(ExitCode::SUCCESS)
+    }
+
+    /// The settings, and the ffmpeg for an MP4 beside the GIF or why there is none; first, so that what is wrong costs no
+    /// time.
+    fn check(&self) -> anyhow::Result<(Config, Result<Ffmpeg, String>)> {
         let mut config = read_config(Preset::Grid, self.config.as_deref(), Surroundings::Known)?;
         config.check()?;
         places::check_folder("--out", &self.out)?;
@@ -78,143 +115,127 @@ impl Demo {
                 .settle()?,
             Err(_) => claims.settle()?,
         }
-        let spec = DemoSpec::default();
-        let dataset = demo::dataset(&spec)?;
-        let report = print_report(&dataset, global);
-
         config.seed = self.seed;
         config.optimiser.steps = self.steps.max(1);
-        let kernel = global.kernel();
-        let options = RunOptions {
-            budget: Budget { steps: Some(config.optimiser.steps), seconds: None },
-            checkpoint: None,
-            checkpoint_every: f64::INFINITY,
-            resume: false,
-            snapshots: Some(SnapshotOptions {
-                folder: self.out.clone(),
-                steps: Vec::new(),
-                views: Vec::new(),
-            }),
-            report: false,
-            validate_every: None,
-            effect_threshold_db: None,
-            kernel,
-            style: global.style(),
-        };
-        let Ended::Finished(outcome) = run_since(clock, &dataset, config.clone(), &options, &|_| false)?
-        else {
-            unreachable!("nobody stops it");
-        };
-        let blob_path = self.out.join("demo.nerf");
-        write_atomic(&blob_path, &outcome.bytes)?;
+        Ok((config, ffmpeg))
+    }
 
-        reports::fit::write_curve(&self.out, &outcome)?;
-        reports::fit::write_snapshots(&self.out, &outcome, &dataset)?;
-        let json = serde_json::to_string_pretty(&report)?;
-        write_atomic(self.out.join("data.json"), crate::data::system::printable::json(&json).as_bytes())?;
+    fn options(&self, config: &Config, global: &Global) -> RunOptions {
+        let budget = Budget { steps: Some(config.optimiser.steps), seconds: None };
+        let folder = self.out.clone();
+        RunOptions {
+            snapshots: Some(SnapshotOptions { folder, steps: Vec::new(), views: Vec::new() }),
+            ..RunOptions::unattended(budget, global.kernel(), global.style())
+        }
+    }
 
-        let blob = open_blob(&blob_path, &outcome.bytes)?;
-        let plan = Plan::new(&blob, &Quality::default(), Outputs::ALL, Batch::FULL)?;
-        let (scene, bounds) = (blob.scene().cloned(), blob.scene_box());
-        let mut memory = vec![Line::UNINIT; Renderer::prepared_lines(&blob, kernel)];
-        let renderer = Renderer::new(blob, kernel, &mut memory)?;
-
+    /// Measures every held-out view against its picture and its true distances; a sheet of them.
+    fn views(
+        &self,
+        renderer: &Renderer<'_>,
+        plan: &Plan<'_>,
+        background: [f32; 3],
+        dataset: &Dataset,
+        global: &Global,
+    ) -> anyhow::Result<Views> {
         let mut errors = Vec::new();
         let mut cells = Vec::new();
         let mut table = Table::new(["view", "PSNR dB", "SSIM", "z_depth error, median"]);
-        let mut failed = Ok(());
+        let mut drawn = Ok(());
         let mut progress = Progress::new("eval", Total::Steps(dataset.val.len() as u64), global.style());
-        let mut measured = 0;
-        let scores =
-            evaluate(&renderer, &plan, outcome.background, &dataset.val, |view, frame, truth, score| {
-                let exact = demo::render_truth(&view.camera);
-                let mut of_view = z_depth_errors(frame, &exact);
-                let median = median(&mut of_view);
-                errors.extend(of_view);
-                table.push([
-                    view.name.clone(),
-                    format!("{:.2}", score.psnr_db),
-                    format!("{:.4}", score.ssim),
-                    format!("{:.2} %", 100.0 * median),
-                ]);
-                if cells.len() < 12 && failed.is_ok() {
-                    failed = sheet_row(&mut cells, view.name.as_str(), frame, truth);
-                }
-                measured += 1;
-                progress.update(measured, &Message::default());
-            })?;
-        failed?;
-        progress.finish(format!("{measured} views"));
+        let scores = evaluate(renderer, plan, background, &dataset.val, |view, frame, truth, score| {
+            let mut of_view = z_depth_errors(frame, &demo::render_truth(&view.camera));
+            table.push([
+                view.name.clone(),
+                format!("{:.2}", score.psnr_db),
+                format!("{:.4}", score.ssim),
+                format!("{:.2} %", 100.0 * median(&mut of_view)),
+            ]);
+            errors.extend(of_view);
+            if cells.len() < 12 && drawn.is_ok() {
+                drawn = sheet_row(&mut cells, view.name.as_str(), frame, truth);
+            }
+            progress.update(table.rows().len() as u64, &Message::default());
+        })?;
+        drawn?;
+        progress.finish(format!("{} views", scores.views.len()));
         contact_sheet("Held-out views: rendered, truth, z_depth", &cells, 3)
             .write_png(self.out.join("views.png"))?;
-
-        let mut has_mp4 = false;
-        if let (Some(scene), Some(bounds)) = (scene, bounds) {
-            let orbit = Orbit { radius: spec.radius, ..Orbit::around(bounds, scene.near, scene.far) };
-            let fov = 2.0 * (0.5 / spec.focal).atan().to_degrees();
-            let path = self.out.join("orbit.gif");
-            let mut film = Film::new(Files::gif(path.clone(), ffmpeg.as_ref().ok()), 18.0)?;
-            let total = Total::Steps(ORBIT_FRAMES as u64);
-            let mut progress = Progress::new("orbit", total, global.style());
-            for i in 0..ORBIT_FRAMES {
-                let camera = orbit.camera(i as f32 / ORBIT_FRAMES as f32, 192, 192, fov)?;
-                film.push(frame::picture(&frame::render(&renderer, &plan, &camera)?))?;
-                progress.update(i as u64 + 1, &Message::default());
-            }
-            let finished = film.finish()?;
-            progress.finish(format!("{ORBIT_FRAMES} views"));
-            let why = finished.given_up.map(|error| error.to_string());
-            say_no_mp4(global, &why.or(ffmpeg.err()).unwrap_or_default(), &path);
-            has_mp4 = finished.files.len() > 1;
-        }
-
-        let z_depth_error = median(&mut errors);
-        let (psnr, ssim) = (scores.psnr_db().unwrap_or(f64::NAN), scores.ssim().unwrap_or(f64::NAN));
-        let summary = Summary {
-            val_psnr_db: psnr,
-            val_ssim: ssim,
-            z_depth_median_relative_error: Some(z_depth_error),
-            ..Summary::of(&outcome, &config, kernel, clock.seconds(), &dataset.name, &blob_path)
-        };
-        write(&summary, &self.out)?;
-
-        global.finish(&summary, || {
-            outlines!(table.to_text());
-            outln!(
-                "mean over {} held-out views on {}: {psnr:.2} dB PSNR, {ssim:.4} SSIM",
-                scores.views.len(),
-                background_name(outcome.background)
-            );
-            outln!("z_depth of opaque pixels: {:.2} % off the true one at the median", 100.0 * z_depth_error);
-            outln!(
-                "trained {} steps in {:.1} s; {:.1} s in all",
-                outcome.steps,
-                outcome.train_seconds,
-                clock.seconds()
-            );
-            outln!("trend: {}", outcome.trend);
-            let files = [
-                ("demo.nerf", "the scene: open it with nerf-core or the C ABI"),
-                ("views.png", "held-out views, their truth, and z_depth"),
-                (
-                    "orbit.gif",
-                    if has_mp4 {
-                        "a flight around the scene (also .mp4)"
-                    } else {
-                        "a flight around the scene"
-                    },
-                ),
-                ("snapshots.png", "two held-out views while training"),
-                ("curve.png", "PSNR while training (also .svg and .csv)"),
-                ("summary.json", "every figure, with its unit in its name"),
-            ];
-            for (name, what) in files {
-                outln!("  {:<28} {what}", self.out.join(name).display().to_string());
-            }
-            Ok(())
-        })?;
-        Ok(ExitCode::SUCCESS)
+        Ok(Views { table, scores, z_depth_error: median(&mut errors) })
     }
+
+    /// A flight around the scene; whether it is an MP4, too.
+    fn orbit(
+        &self,
+        renderer: &Renderer<'_>,
+        plan: &Plan<'_>,
+        spec: &DemoSpec,
+        ffmpeg: Result<Ffmpeg, String>,
+        global: &Global,
+    ) -> anyhow::Result<bool> {
+        let blob = renderer.blob();
+        let (Some(scene), Some(bounds)) = (blob.scene(), blob.scene_box()) else { return Ok(false) };
+        let orbit = Orbit { radius: spec.radius, ..Orbit::around(bounds, scene.near, scene.far) };
+        let fov = 2.0 * (0.5 / spec.focal).atan().to_degrees();
+        let path = self.out.join("orbit.gif");
+        let mut film = Film::new(Files::gif(path.clone(), ffmpeg.as_ref().ok()), 18.0)?;
+        let mut progress = Progress::new("orbit", Total::Steps(ORBIT_FRAMES as u64), global.style());
+        for i in 0..ORBIT_FRAMES {
+            let camera = orbit.camera(i as f32 / ORBIT_FRAMES as f32, 192, 192, fov)?;
+            film.push(frame::picture(&frame::render(renderer, plan, &camera)?))?;
+            progress.update(i as u64 + 1, &Message::default());
+        }
+        let finished = film.finish()?;
+        progress.finish(format!("{ORBIT_FRAMES} views"));
+        let why = finished.given_up.map(|error| error.to_string());
+        say_no_mp4(global, &why.or(ffmpeg.err()).unwrap_or_default(), &path);
+        Ok(finished.files.len() > 1)
+    }
+
+    fn print(
+        &self,
+        summary: &Summary,
+        views: &Views,
+        outcome: &Outcome,
+        has_mp4: bool,
+    ) -> anyhow::Result<()> {
+        let (psnr, ssim) = (summary.val_psnr_db, summary.val_ssim);
+        outlines!(views.table.to_text());
+        outln!(
+            "mean over {} held-out views on {}: {psnr:.2} dB PSNR, {ssim:.4} SSIM",
+            views.scores.views.len(),
+            summary.background
+        );
+        outln!(
+            "z_depth of opaque pixels: {:.2} % off the true one at the median",
+            100.0 * views.z_depth_error
+        );
+        let Summary { steps, train_seconds, total_seconds, .. } = summary;
+        outln!("trained {steps} steps in {train_seconds:.1} s; {total_seconds:.1} s in all");
+        outln!("trend: {}", outcome.trend);
+        let flight =
+            if has_mp4 { "a flight around the scene (also .mp4)" } else { "a flight around the scene" };
+        let files = [
+            ("demo.nerf", "the scene: open it with nerf-core or the C ABI"),
+            ("views.png", "held-out views, their truth, and z_depth"),
+            ("orbit.gif", flight),
+            ("snapshots.png", "two held-out views while training"),
+            ("curve.png", "PSNR while training (also .svg and .csv)"),
+            ("summary.json", "every figure, with its unit in its name"),
+        ];
+        for (name, what) in files {
+            outln!("  {:<28} {what}", self.out.join(name).display().to_string());
+        }
+        Ok(())
+    }
+}
+
+/// What the held-out views show.
+struct Views {
+    table: Table,
+    scores: Scores,
+    /// Median relative error of the z-depth of opaque pixels.
+    z_depth_error: f64,
 }
 
 /// |z_depth − truth| / truth of the pixels that are opaque in truth and in the picture's own eyes.

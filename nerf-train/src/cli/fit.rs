@@ -11,6 +11,7 @@ use super::places;
 use crate::data::system::input;
 use crate::data::system::memory;
 use crate::data::system::output::claims::Claims;
+use crate::data::system::output::write_atomic;
 use crate::data::system::stop;
 use crate::data::{Background, Dataset};
 use crate::fit::run::{Ended, RunOptions, interrupted, run_since};
@@ -352,28 +353,22 @@ impl Fit {
             .writes_folder_if("--report", self.report.as_deref(), &places::FIT)
     }
 
-    /// Runs the command.
-    pub fn run(&self, global: &Global) -> anyhow::Result<ExitCode> {
-        let clock = Clock::resume(Duration::ZERO);
+    /// Refuses what cannot be, before any data is read; where the checkpoint lies, if there is to be one.
+    fn check(&self) -> anyhow::Result<Option<PathBuf>> {
         // Wrong settings are found before the data is read, and once more with what it says.
         self.config(Background::Alpha)?;
         check_max_seconds(self.max_seconds)?;
         check_checkpoint_every(self.checkpoint_every)?;
         check_threshold(self.effect_threshold)?;
-
-        // Whatever cannot be written, or must not, is found out before the work, not after it.
         places::check_extension("-o", &self.output, places::BLOB)?;
         places::check_report(self.report.as_ref())?;
-        let checkpoint = claim_checkpoint(self.claims(), &self.output, self.resume, self.restart)?;
+        claim_checkpoint(self.claims(), &self.output, self.resume, self.restart)
+    }
 
-        let dataset = self.data_options.read(&self.data, global)?;
-        let report = print_report(&dataset, global);
-        let config = self.config(dataset.background)?;
-        self.settings.space.say(&config, dataset.background, global);
+    fn options(&self, config: &Config, checkpoint: Option<PathBuf>, global: &Global) -> RunOptions {
         let steps = (self.steps.is_some() || self.max_seconds.is_none()).then_some(config.optimiser.steps);
-        let budget = Budget { steps, seconds: self.max_seconds };
-        let options = RunOptions {
-            budget,
+        RunOptions {
+            budget: Budget { steps, seconds: self.max_seconds },
             checkpoint,
             checkpoint_every: self.checkpoint_every,
             resume: self.resume,
@@ -383,7 +378,18 @@ impl Fit {
             effect_threshold_db: Some(self.effect_threshold),
             kernel: global.kernel(),
             style: global.style(),
-        };
+        }
+    }
+
+    /// Runs the command.
+    pub fn run(&self, global: &Global) -> anyhow::Result<ExitCode> {
+        let clock = Clock::resume(Duration::ZERO);
+        let checkpoint = self.check()?;
+        let dataset = self.data_options.read(&self.data, global)?;
+        let report = print_report(&dataset, global);
+        let config = self.config(dataset.background)?;
+        self.settings.space.say(&config, dataset.background, global);
+        let options = self.options(&config, checkpoint, global);
         let config = self.within_bytes(config, &dataset, global)?;
         global.say_training(config.seed);
         let stop = |_| stop::requested();
@@ -394,7 +400,7 @@ impl Fit {
                 return Ok(stop::status());
             }
         };
-        crate::data::system::output::write_atomic(&self.output, &outcome.bytes)?;
+        write_atomic(&self.output, &outcome.bytes)?;
         outcome::tell_missed(&outcome);
         let (seconds, data) = (clock.seconds(), &dataset.name);
         let summary = Summary::of(&outcome, &config, options.kernel, seconds, data, &self.output);

@@ -1,19 +1,18 @@
 //! `nerf-train show`
 
-use super::common::{DataOptions, Global, Space, UpAxis, parse_numbers, print_report};
+use super::common::{DataOptions, Global, Space, UpAxis, parse_numbers, print_lines, print_report};
 use super::eval::Split;
 use super::places;
 use crate::data::Background;
 use crate::data::system::output::claims::Claims;
-use crate::data::system::progress::{Message, Progress, Total};
-use crate::data::system::summary::{Short, write};
+use crate::data::system::output::write_atomic;
+use crate::data::system::progress::{Progress, Total};
+use crate::data::system::summary::write;
 use crate::model::config::{Config, Preset};
-use crate::show::cameras::{Request, Scene, page};
+use crate::show::cameras::{Request, Scene, Summary, page};
 use anyhow::bail;
 use clap::Args;
 use clap::builder::RangedU64ValueParser;
-use glam::Vec3;
-use serde::Serialize;
 use std::path::PathBuf;
 use std::process::ExitCode;
 
@@ -107,16 +106,9 @@ impl Show {
             frustum: self.frustum,
         };
         let config = self.config(dataset.background);
-        let mut progress = Progress::new("show", Total::Steps(2), global.style());
-        let mut done = 0;
-        let mut advance = |note: &str| {
-            progress.update(done, &Message { note: note.into(), ..Message::default() });
-            done += 1;
-        };
-        advance("rays and samples");
+        let progress = Progress::new("show", Total::Steps(1), global.style());
         let scene = Scene::new(&dataset, &config, &request)?;
-        advance("show.html");
-        crate::data::system::output::write_atomic(&html, page::page(&scene)?.as_bytes())?;
+        write_atomic(&html, page::page(&scene)?.as_bytes())?;
         progress.finish(format!("{}; {}", scene.title(), scene.facts()));
         if self.camera.is_none() && scene.rays.len() < self.rays {
             let (asked, found) = (self.rays, scene.rays.len());
@@ -125,12 +117,7 @@ impl Show {
         }
         let summary = Summary::of(&scene);
         let json = write(&summary, &self.output)?;
-        global.finish(&summary, || {
-            for path in [&html, &json] {
-                outln!("{}", path.display());
-            }
-            Ok(())
-        })?;
+        global.finish(&summary, || print_lines([&html, &json].map(|path| path.display().to_string())))?;
         Ok(ExitCode::SUCCESS)
     }
 
@@ -146,66 +133,5 @@ impl Show {
         s.far = self.data_options.far;
         config.seed = self.seed.unwrap_or(config.seed);
         config
-    }
-}
-
-/// What was shown, for scripts.
-#[derive(Debug, Serialize)]
-struct Summary<'s> {
-    data: &'s str,
-    split: &'s str,
-    cameras: usize,
-    #[serde(skip_serializing_if = "Option::is_none")]
-    camera: Option<usize>,
-    #[serde(skip_serializing_if = "Option::is_none")]
-    view: Option<&'s str>,
-    step: u64,
-    seed: u64,
-    bins_per_ray: u64,
-    rays_shown: usize,
-    live_samples_shown: usize,
-    culled_samples_shown: usize,
-    rays_in_step: usize,
-    live_samples_in_step: usize,
-    near_world_units: Short,
-    far_world_units: Short,
-    box_min_world_units: [f64; 3],
-    box_max_world_units: [f64; 3],
-    frustum_world_units: Short,
-    up: [f64; 3],
-    #[serde(skip_serializing_if = "Option::is_none")]
-    ball_centre_world_units: Option<[f64; 3]>,
-    #[serde(skip_serializing_if = "Option::is_none")]
-    ball_radius_world_units: Option<Short>,
-}
-
-impl<'s> Summary<'s> {
-    fn of(scene: &'s Scene) -> Self {
-        let numbers = |p: Vec3| p.to_array().map(f64::from);
-        let (s, b) = (&scene.step, &scene.bounds);
-        let only = scene.cameras.first().filter(|_| scene.alone);
-        Self {
-            data: &scene.name,
-            split: scene.split,
-            cameras: scene.cameras.len(),
-            camera: only.map(|only| only.index),
-            view: only.map(|only| only.name.as_str()),
-            step: s.step.into(),
-            seed: s.seed,
-            bins_per_ray: s.bins.into(),
-            rays_shown: scene.rays.len(),
-            live_samples_shown: scene.live(),
-            culled_samples_shown: scene.culled(),
-            rays_in_step: s.rays,
-            live_samples_in_step: s.live,
-            near_world_units: Short(b.near),
-            far_world_units: Short(b.far),
-            box_min_world_units: numbers(b.scene_box.min),
-            box_max_world_units: numbers(b.scene_box.max),
-            frustum_world_units: Short(scene.frustum),
-            up: numbers(scene.up),
-            ball_centre_world_units: b.contraction.as_ref().map(|contraction| numbers(contraction.centre())),
-            ball_radius_world_units: b.contraction.as_ref().map(|contraction| Short(contraction.radius())),
-        }
     }
 }

@@ -1,6 +1,6 @@
 //! `nerf-train sweep`
 
-use super::common::{DataOptions, Global, Space, check_max_seconds, cpu_name, print_report};
+use super::common::{DataOptions, GO_ON, Global, Space, check_max_seconds, cpu_name, print_report};
 use super::fit::read_config;
 use super::grid::of_sinusoidal;
 use super::image::{PhotoOptions, Settings};
@@ -8,14 +8,12 @@ use super::places;
 use crate::data::system::output::claims::Claims;
 use crate::data::system::stop::Note;
 use crate::lab::Shard;
-use crate::lab::sweep::{Combinations, Folder, Job, Knob, Mode, Point, Record, Runner, Status};
+use crate::lab::sweep::{Combinations, Folder, Job, Mode, Point, Runner};
 use crate::model::config::Preset;
 use crate::model::picture_config::FieldPreset;
-use crate::show::reports::sweep::{table, write_report};
+use crate::show::reports::sweep::{Summary, table, write_report};
 use anyhow::bail;
 use clap::{Args, Subcommand};
-use serde::ser::SerializeMap;
-use serde::{Serialize, Serializer};
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
@@ -133,9 +131,7 @@ impl Lists {
             runner.kernel,
             rayon::current_num_threads()
         ));
-        let note = Note::new(
-            "interrupted: the run that was under way is lost, the finished ones are kept; go on with the same command",
-        );
+        let note = Note::new(GO_ON);
         let finished = folder.clone();
         note.before("the report", move || {
             write_report(&finished).map(drop).map_err(|error| error.to_string())
@@ -152,44 +148,12 @@ impl Lists {
 fn finish(folder: &Folder, global: &Global) -> anyhow::Result<()> {
     let records = write_report(folder)?;
     let report = folder.path().join("report.md");
-    let summary =
-        Summary { report: report.display().to_string(), runs: records.iter().map(RunSummary).collect() };
+    let summary = Summary::of(&records, &report);
     global.finish(&summary, || {
         outlines!(table(&records).to_text().trim_end());
         outln!("report: {}", report.display());
         Ok(())
     })
-}
-
-/// What a sweep came to, for scripts.
-#[derive(Debug, Serialize)]
-struct Summary<'r> {
-    report: String,
-    runs: Vec<RunSummary<'r>>,
-}
-
-/// A run: its settings by their flags, and what it came to.
-#[derive(Debug)]
-struct RunSummary<'r>(&'r Record);
-
-impl Serialize for RunSummary<'_> {
-    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
-        let record = self.0;
-        let mut map = serializer.serialize_map(None)?;
-        for (knob, value) in record.point.values() {
-            let name = knob.flag().replace('-', "_");
-            match knob {
-                Knob::Rate => map.serialize_entry(&name, &value)?,
-                _ => map.serialize_entry(&name, &(value as u64))?,
-            }
-        }
-        map.serialize_entry("diverged", &(record.status == Status::Diverged))?;
-        map.serialize_entry("flat", &(record.status == Status::Flat))?;
-        map.serialize_entry("note", &record.note)?;
-        map.serialize_entry("psnr_db", &record.psnr_db.unwrap_or(f64::NAN))?;
-        map.serialize_entry("train_seconds", &record.train_seconds)?;
-        map.end()
-    }
 }
 
 /// Fit 2D fields to one picture.

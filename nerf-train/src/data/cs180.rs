@@ -46,15 +46,8 @@ pub(super) fn read(archive: &mut Archive, options: &ReadOptions) -> Result<Datas
         let poses = archive.matrices("c2ws_test")?;
         test_path = cameras(archive, "c2ws_test", &poses, (width, height, focal), world)?;
     }
-    let alpha = |views: &[View]| views.iter().any(View::has_alpha);
     let splits = [("images_train", &train), ("images_val", &val), ("images_test", &test)];
-    let read = || splits.iter().filter(|(_, views)| !views.is_empty());
-    if read().any(|(_, views)| alpha(views)) {
-        for (array, _) in read().filter(|(_, views)| !alpha(views)) {
-            warnings
-                .push(format!("alpha in only some of the arrays: `{array}` has none and counts as opaque"));
-        }
-    }
+    warnings.extend(mixed_alpha(splits));
     Ok(Dataset {
         name: scene_name(&archive.file),
         format: Format::Cs180,
@@ -179,4 +172,19 @@ fn cameras(
         })
     };
     c2ws.iter().enumerate().map(make).collect()
+}
+
+/// A warning for each array without alpha beside one that has it.
+fn mixed_alpha(splits: [(&str, &Vec<View>); 3]) -> Vec<String> {
+    let alpha = |views: &[View]| views.iter().any(View::has_alpha);
+    let read = || splits.iter().filter(|(_, views)| !views.is_empty());
+    if !read().any(|(_, views)| alpha(views)) {
+        return Vec::new();
+    }
+    let opaque = read().filter(|(_, views)| !alpha(views));
+    opaque
+        .map(|(array, _)| {
+            format!("alpha in only some of the arrays: `{array}` has none and counts as opaque")
+        })
+        .collect()
 }

@@ -49,67 +49,59 @@ pub enum FieldPreset {
 impl FieldPreset {
     /// Its settings.
     pub fn config(self) -> FieldConfig {
+        let grid = TableConfig {
+            levels: 8,
+            features: 4,
+            log2_entries: 15,
+            coarsest: 16,
+            finest: 1024,
+            storage: TableStorage::F16,
+        };
+        let (grid, levels, layers, width, pixels) = match self {
+            Self::Grid => (Some(grid), 0, 2, 32, 8_192),
+            Self::Classic => (None, 10, 3, 256, 10_000),
+            Self::Sharp => (None, 10, 4, 256, 1_024),
+        };
+        FieldConfig {
+            preset: self,
+            grid,
+            levels,
+            layers,
+            width,
+            pixels,
+            optimiser: self.optimiser(),
+            seed: 0,
+        }
+    }
+
+    fn optimiser(self) -> OptimiserConfig {
         match self {
-            Self::Grid => FieldConfig {
-                preset: self,
-                grid: Some(TableConfig {
-                    levels: 8,
-                    features: 4,
-                    log2_entries: 15,
-                    coarsest: 16,
-                    finest: 1024,
-                    storage: TableStorage::F16,
-                }),
-                levels: 0,
-                layers: 2,
-                width: 32,
-                pixels: 8_192,
-                optimiser: OptimiserConfig {
-                    steps: 8_000,
-                    rate: 1.5e-2,
-                    final_share: 0.1,
-                    warm_up: 0,
-                    beta2: 0.99,
-                    epsilon: 1e-15,
-                    average: 0.0,
-                },
-                seed: 0,
+            Self::Grid => OptimiserConfig {
+                steps: 8_000,
+                rate: 1.5e-2,
+                final_share: 0.1,
+                warm_up: 0,
+                beta2: 0.99,
+                epsilon: 1e-15,
+                average: 0.0,
             },
-            Self::Classic => FieldConfig {
-                preset: self,
-                grid: None,
-                levels: 10,
-                layers: 3,
-                width: 256,
-                pixels: 10_000,
-                optimiser: OptimiserConfig {
-                    steps: 3_000,
-                    rate: 1e-2,
-                    final_share: 0.05,
-                    warm_up: 200,
-                    beta2: 0.999,
-                    epsilon: 1e-8,
-                    average: 0.95,
-                },
-                seed: 0,
+            Self::Classic => OptimiserConfig {
+                steps: 3_000,
+                rate: 1e-2,
+                final_share: 0.05,
+                warm_up: 200,
+                beta2: 0.999,
+                epsilon: 1e-8,
+                average: 0.95,
             },
-            Self::Sharp => FieldConfig {
-                preset: self,
-                grid: None,
-                levels: 10,
-                layers: 4,
-                width: 256,
-                pixels: 1_024,
-                optimiser: OptimiserConfig {
-                    steps: 40_000,
-                    rate: 7e-3,
-                    final_share: 0.01,
-                    warm_up: 300,
-                    beta2: 0.99,
-                    epsilon: 1e-15,
-                    average: 0.99,
-                },
-                seed: 0,
+            Self::Sharp => OptimiserConfig {
+                steps: 40_000,
+                rate: 7e-3,
+                final_share: 0.01,
+                warm_up: 300,
+                beta2: 0.99,
+                epsilon: 1e-15,
+                average: 0.99,
             },
         }
     }

@@ -35,12 +35,7 @@ impl Render {
             None => 40.0,
         };
         if let Some(frames) = self.orbit {
-            if frames == 0 {
-                bail!("--orbit: expected at least 1 frame, found 0");
-            }
-            if frames > MAX_FRAMES {
-                bail!("--orbit: expected at most {MAX_FRAMES} frames, found {frames}");
-            }
+            check_frames(frames)?;
             let at = |i| orbit.camera(i as f32 / frames as f32, width, height, fov);
             return Ok((0..frames).map(at).collect::<Result<_, _>>()?);
         }
@@ -113,6 +108,15 @@ impl Render {
         let Some(focal) = self.focal else { return Ok(camera) };
         let intrinsics = Intrinsics { fx: focal, fy: focal, ..*camera.intrinsics() };
         Camera::new(intrinsics, *camera.lens(), *camera.pose())
+    }
+}
+
+/// Refuses an orbit of no frames, or of more than a film holds.
+fn check_frames(frames: usize) -> anyhow::Result<()> {
+    match frames {
+        0 => bail!("--orbit: expected at least 1 frame, found 0"),
+        1..=MAX_FRAMES => Ok(()),
+        _ => bail!("--orbit: expected at most {MAX_FRAMES} frames, found {frames}"),
     }
 }
 

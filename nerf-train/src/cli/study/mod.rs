@@ -2,7 +2,9 @@
 
 mod train;
 
-use super::common::{DataOptions, Global, background_name, cpu_name, open_blob, read_file, tell};
+use super::common::{
+    DataOptions, Global, background_name, check_counts, cpu_name, open_blob, read_file, tell,
+};
 use super::eval::Split;
 use super::places;
 use crate::data::View;
@@ -101,42 +103,12 @@ impl Study {
     }
 
     fn measure(&self, file: &Path, data: &Path, global: &Global) -> anyhow::Result<ExitCode> {
-        for (flag, count) in
-            [("--views", self.views), ("--timing-views", self.timing_views), ("--repeats", self.repeats)]
-        {
-            if count == 0 {
-                bail!("{flag}: expected at least 1, found 0");
-            }
-        }
-        if !(self.minutes.is_finite() && self.minutes > 0.0) {
-            bail!("--minutes: expected a number above 0, found {}", self.minutes);
-        }
-        if global.kernel.is_some() {
-            bail!(
-                "--kernel: a study compares all kernels of this machine; expected none (or no NERF_KERNEL)"
-            );
-        }
         let start = Instant::now();
-        places::check_report(self.report.as_ref())?;
+        self.check(global)?;
         let output = if self.write { Some(file) } else { self.output.as_deref() };
-        let mut claims = Claims::new()
-            .reads_data(data)
-            .reads_if("the checkpoint", self.source.as_deref())
-            .writes_folder_if("--report", self.report.as_deref(), &places::STUDY);
-        if let Some(output) = output {
-            claims = claims.writes(if self.write { "--write" } else { "-o" }, output);
-        }
-        // With --write the blob is meant to be replaced.
-        if !self.write {
-            output.map_or(Ok(()), |output| places::check_extension("-o", output, places::BLOB))?;
-            claims = claims.reads("the blob", file);
-        }
-        for table in &self.beside {
-            claims = claims.reads("the table", table);
-        }
-        let beside: Result<Vec<_>, _> = self.beside.iter().map(|table| front_of(table, self.clock)).collect();
-        let beside = beside?;
-        claims.settle()?;
+        self.claims(file, data, output)?;
+        let beside =
+            self.beside.iter().map(|table| front_of(table, self.clock)).collect::<Result<Vec<_>, _>>()?;
         let bytes = read_file(file)?;
         let blob = open_blob(file, &bytes)?;
         let mut lab = Lab::new(&bytes)?;
@@ -144,35 +116,12 @@ impl Study {
             lab.set_source(unrounded(source, &blob)?);
         }
         let dataset = self.data_options.read_for(data, &blob, global)?;
-        let split = self.split.of(&dataset);
-        let views: Vec<&View> = spread(split, self.views);
+        let views: Vec<&View> = spread(self.split.of(&dataset), self.views);
         if views.is_empty() {
             bail!("{}: the split `{}` has no views", data.display(), self.split.name());
         }
-        if !self.no_other_occupancy && lab.has_occupancy(0) {
-            global.say("asking the network which cells hold something, for other occupancy grids");
-            for (resolution, threshold) in OCCUPANCIES {
-                lab.add_occupancy(resolution, threshold)?;
-            }
-        }
-        lab.add_int8()?;
-        let effort = Effort {
-            timing_views: self.timing_views,
-            repeats: self.repeats,
-            limit: Duration::from_secs_f64((60.0 * self.minutes).min(1e9)),
-            clock: self.clock,
-        };
-        let mut shown: Option<(String, Progress)> = None;
-        let study = Measured::run(&lab, views, effort, start, &mut |progressed: Progressed<'_>| {
-            let Progressed { pass, done, total } = progressed;
-            if shown.as_ref().is_none_or(|(name, _)| name != pass) {
-                let progress = Progress::new(pass, Total::Steps(total), global.style());
-                shown = Some((pass.to_owned(), progress));
-            }
-            if let Some((_, progress)) = &mut shown {
-                progress.update(done, &Message::default());
-            }
-        })?;
+        self.add_variants(&mut lab, global)?;
+        let study = self.measured(&lab, views, start, global)?;
         let findings = Findings::of(&study);
         let setting = Setting {
             blob: file.display().to_string(),
@@ -189,28 +138,106 @@ impl Study {
         if let Some(output) = output {
             write_atomic(output, &lab.with_front(study.front_points())?)?;
         }
-        if study.rounds_left_out > 0 {
-            tell(&format!(
-                "note: {} rounds of timing left out: --minutes {}",
-                study.rounds_left_out, self.minutes
-            ));
-        }
         let mut summary = findings.summary(&setting);
         summary.blob = output.map(|output| output.display().to_string());
-        global.finish(&summary, || {
-            outlines!(findings.short_table(&findings.front).to_text());
-            if let Some((span, point)) = findings.span(|_| true) {
-                let label = &study.points[point].label;
-                outln!("within {SPAN_LOSS_DB} dB of exact, {span:.1} times faster: {label}");
-            }
-            if let Some(folder) = &self.report {
-                outln!("report: {}", folder.join("report.md").display());
-            }
-            if let Some(output) = output {
-                outln!("wrote {} with a front of {} points", output.display(), findings.blob_front.len());
-            }
-            Ok(())
-        })?;
+        global.finish(&summary, || self.print(&findings, output))?;
         Ok(ExitCode::SUCCESS)
+    }
+
+    /// Refuses settings that are none.
+    fn check(&self, global: &Global) -> anyhow::Result<()> {
+        check_counts([
+            ("--views", self.views),
+            ("--timing-views", self.timing_views),
+            ("--repeats", self.repeats),
+        ])?;
+        if !(self.minutes.is_finite() && self.minutes > 0.0) {
+            bail!("--minutes: expected a number above 0, found {}", self.minutes);
+        }
+        if global.kernel.is_some() {
+            bail!(
+                "--kernel: a study compares all kernels of this machine; expected none (or no NERF_KERNEL)"
+            );
+        }
+        places::check_report(self.report.as_ref())
+    }
+
+    /// What it reads and writes.
+    fn claims(&self, file: &Path, data: &Path, output: Option<&Path>) -> anyhow::Result<()> {
+        let mut claims = Claims::new()
+            .reads_data(data)
+            .reads_if("the checkpoint", self.source.as_deref())
+            .writes_folder_if("--report", self.report.as_deref(), &places::STUDY);
+        if let Some(output) = output {
+            claims = claims.writes(if self.write { "--write" } else { "-o" }, output);
+        }
+        // With --write the blob is meant to be replaced.
+        if !self.write {
+            output.map_or(Ok(()), |output| places::check_extension("-o", output, places::BLOB))?;
+            claims = claims.reads("the blob", file);
+        }
+        for table in &self.beside {
+            claims = claims.reads("the table", table);
+        }
+        Ok(claims.settle()?)
+    }
+
+    /// Other occupancy grids and whole numbers as weights, to measure beside the blob's own.
+    fn add_variants(&self, lab: &mut Lab<'_>, global: &Global) -> anyhow::Result<()> {
+        if !self.no_other_occupancy && lab.has_occupancy(0) {
+            global.say("asking the network which cells hold something, for other occupancy grids");
+            for (resolution, threshold) in OCCUPANCIES {
+                lab.add_occupancy(resolution, threshold)?;
+            }
+        }
+        lab.add_int8()?;
+        Ok(())
+    }
+
+    /// All points, with progress a pass.
+    fn measured<'a, 'b>(
+        &self,
+        lab: &'a Lab<'b>,
+        views: Vec<&'a View>,
+        start: Instant,
+        global: &Global,
+    ) -> anyhow::Result<Measured<'a, 'b>> {
+        let effort = Effort {
+            timing_views: self.timing_views,
+            repeats: self.repeats,
+            limit: Duration::from_secs_f64((60.0 * self.minutes).min(1e9)),
+            clock: self.clock,
+        };
+        let mut shown: Option<(String, Progress)> = None;
+        let study = Measured::run(lab, views, effort, start, &mut |progressed: Progressed<'_>| {
+            let Progressed { pass, done, total } = progressed;
+            if shown.as_ref().is_none_or(|(name, _)| name != pass) {
+                let progress = Progress::new(pass, Total::Steps(total), global.style());
+                shown = Some((pass.to_owned(), progress));
+            }
+            if let Some((_, progress)) = &mut shown {
+                progress.update(done, &Message::default());
+            }
+        })?;
+        if study.rounds_left_out > 0 {
+            let (rounds, minutes) = (study.rounds_left_out, self.minutes);
+            tell(&format!("note: {rounds} rounds of timing left out: --minutes {minutes}"));
+        }
+        Ok(study)
+    }
+
+    fn print(&self, findings: &Findings<'_, '_, '_>, output: Option<&Path>) -> anyhow::Result<()> {
+        outlines!(findings.short_table(&findings.front).to_text());
+        if let Some((span, point)) = findings.span(|_| true) {
+            let label = &findings.study.points[point].label;
+            outln!("within {SPAN_LOSS_DB} dB of exact, {span:.1} times faster: {label}");
+        }
+        if let Some(folder) = &self.report {
+            outln!("report: {}", folder.join("report.md").display());
+        }
+        if let Some(output) = output {
+            outln!("wrote {} with a front of {} points", output.display(), findings.blob_front.len());
+        }
+        Ok(())
     }
 }

@@ -1,13 +1,14 @@
 //! `nerf-train study train`
 
-use crate::cli::common::{DataOptions, Global, Space, cpu_name, print_report};
+use crate::cli::common::{DataOptions, GO_ON, Global, Space, cpu_name, print_report};
 use crate::cli::fit::read_config;
 use crate::cli::places;
+use crate::data::Dataset;
 use crate::data::system::output::claims::Claims;
 use crate::data::system::stop::Note;
 use crate::lab::study::training::{Fitted, Folder, Header, Lists, Trial, fit};
 use crate::lab::{Run, Shard};
-use crate::model::config::Preset;
+use crate::model::config::{Config, Preset, Surroundings};
 use crate::show::reports::training::{Summary, table, write};
 use crate::train::checkpoint::fingerprint;
 use anyhow::bail;
@@ -94,6 +95,39 @@ impl StudyTrain {
 
     /// Runs the command.
     pub fn run(&self, global: &Global) -> anyhow::Result<ExitCode> {
+        self.check()?;
+        let dataset = self.data_options.read(&self.data, global)?;
+        print_report(&dataset, global);
+        if dataset.val.is_empty() {
+            bail!("{}: expected validation views, which fits compare by; found none", self.data.display());
+        }
+        let around = self.space.around(dataset.background, false);
+        let base = self.base(&dataset, around, global)?;
+        let of = |preset: Preset| self.within_range(preset.config().around(around));
+        let mut trials = self.lists().trials(&base, &self.seconds, of)?;
+        if let Some(minutes) = self.minutes {
+            let share = 60.0 * minutes / trials.len() as f64;
+            trials.iter_mut().for_each(|trial| trial.budget_seconds = share);
+        }
+        let presets: Vec<_> = Preset::value_variants().iter().copied().map(of).collect();
+        let header = Header {
+            data: dataset.name.clone(),
+            fingerprint: format!("{:016x}", fingerprint(&dataset)),
+            settings: json!({ "base": &base, "presets": presets }),
+        };
+        let folder = Folder::open(&self.report, header)?;
+        self.fit(&dataset, &folder, &trials, global)?;
+        let fits = report(&folder, &trials)?;
+        global.finish(&Summary::of(&fits), || {
+            outlines!(table(&fits).to_text().trim_end());
+            outln!("report: {}", self.report.join("report.md").display());
+            Ok(())
+        })?;
+        Ok(ExitCode::SUCCESS)
+    }
+
+    /// Refuses what cannot be, before anything is read.
+    fn check(&self) -> anyhow::Result<()> {
         let given = self.seconds.iter().map(|&seconds| ("--seconds", seconds));
         for (flag, value) in given.chain(self.minutes.map(|minutes| ("--minutes", minutes))) {
             if !(value.is_finite() && value > 0.0) {
@@ -101,26 +135,23 @@ impl StudyTrain {
             }
         }
         places::check_report(Some(&self.report))?;
-        Claims::new()
+        Ok(Claims::new()
             .reads_data(&self.data)
             .reads_if("the file of settings", self.config.as_deref())
             .writes_folder("--report", &self.report, &places::STUDY_TRAIN)
-            .settle()?;
-        let dataset = self.data_options.read(&self.data, global)?;
-        print_report(&dataset, global);
-        if dataset.val.is_empty() {
-            bail!("{}: expected validation views, which fits compare by; found none", self.data.display());
-        }
-        let around = self.space.around(dataset.background, false);
-        let of = |preset: Preset| {
-            let mut config = preset.config().around(around);
-            config.sampling.near = self.data_options.near.or(config.sampling.near);
-            config.sampling.far = self.data_options.far.or(config.sampling.far);
-            config
-        };
-        let mut base = read_config(self.base, self.config.as_deref(), around)?;
-        base.sampling.near = self.data_options.near.or(base.sampling.near);
-        base.sampling.far = self.data_options.far.or(base.sampling.far);
+            .settle()?)
+    }
+
+    /// The settings with rays from --near to --far.
+    fn within_range(&self, mut config: Config) -> Config {
+        config.sampling.near = self.data_options.near.or(config.sampling.near);
+        config.sampling.far = self.data_options.far.or(config.sampling.far);
+        config
+    }
+
+    /// The settings that lists are varied around.
+    fn base(&self, dataset: &Dataset, around: Surroundings, global: &Global) -> anyhow::Result<Config> {
+        let mut base = self.within_range(read_config(self.base, self.config.as_deref(), around)?);
         if base.network.grid.is_some() {
             self.space.settle(&mut base);
         }
@@ -130,45 +161,32 @@ impl StudyTrain {
                 "--samples: a setting of sinusoidal networks, and the base has a learned grid: take --base small or seed"
             );
         }
-        let mut trials = self.lists().trials(&base, &self.seconds, of)?;
-        if let Some(minutes) = self.minutes {
-            let share = 60.0 * minutes / trials.len() as f64;
-            trials.iter_mut().for_each(|trial| trial.budget_seconds = share);
-        }
+        Ok(base)
+    }
+
+    /// Fits what is not finished of this part.
+    fn fit(
+        &self,
+        dataset: &Dataset,
+        folder: &Folder,
+        trials: &[Trial],
+        global: &Global,
+    ) -> anyhow::Result<()> {
         let machine =
             format!("{}, {} threads, kernel {}", cpu_name(), rayon::current_num_threads(), global.kernel());
-        let header = Header {
-            data: dataset.name.clone(),
-            fingerprint: format!("{:016x}", fingerprint(&dataset)),
-            settings: json!({ "base": &base, "presets": Preset::value_variants().iter().copied().map(of).collect::<Vec<_>>() }),
-        };
-        let folder = Folder::open(&self.report, header)?;
-        let mine = self.shard.unwrap_or(Shard::WHOLE).of(&trials, Trial::file_name);
+        let mine = self.shard.unwrap_or(Shard::WHOLE).of(trials, Trial::file_name);
         let total: f64 = mine.iter().map(|(trial, _)| trial.budget_seconds).sum();
-        global.say(format!(
-            "{} fits, {} of them this part's, in {total:.0} s, on {machine}",
-            trials.len(),
-            mine.len()
-        ));
-        let note = Note::new(
-            "interrupted: the fit that was under way is lost, the finished ones are kept; go on with the same command",
-        );
-        let (finished, listed) = (folder.clone(), trials.clone());
+        let (all, own) = (trials.len(), mine.len());
+        global.say(format!("{all} fits, {own} of them this part's, in {total:.0} s, on {machine}"));
+        let note = Note::new(GO_ON);
+        let (finished, listed) = (folder.clone(), trials.to_vec());
         note.before("the report", move || {
             report(&finished, &listed).map(drop).map_err(|error| error.to_string())
         });
-        let fit = |trial: &Trial| -> anyhow::Result<_> {
-            Ok((fit(&dataset, trial, global.kernel(), global.style(), &machine)?, None))
+        let one = |trial: &Trial| -> anyhow::Result<_> {
+            Ok((fit(dataset, trial, global.kernel(), global.style(), &machine)?, None))
         };
-        folder.conduct(&mine, |text| global.say(text), fit)?;
-        drop(note);
-        let fits = report(&folder, &trials)?;
-        global.finish(&Summary::of(&fits), || {
-            outlines!(table(&fits).to_text().trim_end());
-            outln!("report: {}", self.report.join("report.md").display());
-            Ok(())
-        })?;
-        Ok(ExitCode::SUCCESS)
+        Ok(folder.conduct(&mine, |text| global.say(text), one)?)
     }
 }
 

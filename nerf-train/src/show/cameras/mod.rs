@@ -5,7 +5,9 @@
 pub mod page;
 pub mod sampling;
 pub mod scene;
+mod summary;
 mod thumbnail;
 mod words;
 
 pub use scene::{Request, Scene, ShowError};
+pub use summary::Summary;

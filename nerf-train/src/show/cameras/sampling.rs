@@ -88,31 +88,13 @@ impl Drawer<'_> {
             .with_nears(nears.clone());
         let s = &self.config.sampling;
         let step = u64::from(self.step);
-        let (rays, most) = if whole { (s.rays, s.live_samples) } else { (count, 0) };
-        let (mut kept, mut all) = (Batch::default(), Batch::default());
-        let mut bins = s.samples;
-        let marched = self.cells.filter(|_| self.config.network.grid.is_some());
-        match marched {
-            Some(cells) => {
-                let share = f64::from(self.step) / f64::from(self.config.optimiser.steps.max(1));
-                let longer = if self.bounds.contraction.is_some() { lengthened(share) } else { 1.0 };
-                let width = longer * self.bounds.step(s.steps_across);
-                let everywhere = MarchCells::new(Occupancy::full(self.bounds.scene_box, 1).live());
-                bank.fill_marched(Isa::Portable, &mut kept, step, rays, &MarchCells::new(cells), width);
-                bank.fill_marched(Isa::Portable, &mut all, step, rays, &everywhere, width);
-                let most = all.rays.iter().map(|ray| ray.samples).max();
-                bins = most.unwrap_or(0).min(u16::MAX.into()) as u16;
-            }
-            None => {
-                bank.fill(&mut kept, step, rays, most, self.occupancy);
-                bank.fill(&mut all, step, rays, 0, None);
-            }
-        }
+        let rays = if whole { s.rays } else { count };
+        let (kept, all, bins) = self.batches(&bank, rays, if whole { s.live_samples } else { 0 });
         let facts = StepFacts {
             step: self.step,
             seed: self.config.seed,
             bins,
-            marched: marched.is_some(),
+            marched: self.marched().is_some(),
             rays: kept.rays.len(),
             live: kept.positions.len(),
             occupancy: self.occupancy.is_some(),
@@ -145,6 +127,35 @@ impl Drawer<'_> {
             }
         });
         Ok((shown.collect(), facts))
+    }
+
+    /// The cells that rays are marched through, where the field is a learned grid.
+    fn marched(&self) -> Option<&LiveCells> {
+        self.cells.filter(|_| self.config.network.grid.is_some())
+    }
+
+    /// The step's rays as they are trained on, the same with all samples inside the scene box, and the most samples of one.
+    fn batches(&self, bank: &RayBank<'_>, rays: usize, most: usize) -> (Batch, Batch, u16) {
+        let (s, step) = (&self.config.sampling, u64::from(self.step));
+        let (mut kept, mut all) = (Batch::default(), Batch::default());
+        let mut bins = s.samples;
+        match self.marched() {
+            Some(cells) => {
+                let share = f64::from(self.step) / f64::from(self.config.optimiser.steps.max(1));
+                let longer = if self.bounds.contraction.is_some() { lengthened(share) } else { 1.0 };
+                let width = longer * self.bounds.step(s.steps_across);
+                let everywhere = MarchCells::new(Occupancy::full(self.bounds.scene_box, 1).live());
+                bank.fill_marched(Isa::Portable, &mut kept, step, rays, &MarchCells::new(cells), width);
+                bank.fill_marched(Isa::Portable, &mut all, step, rays, &everywhere, width);
+                let most = all.rays.iter().map(|ray| ray.samples).max();
+                bins = most.unwrap_or(0).min(u16::MAX.into()) as u16;
+            }
+            None => {
+                bank.fill(&mut kept, step, rays, most, self.occupancy);
+                bank.fill(&mut all, step, rays, 0, None);
+            }
+        }
+        (kept, all, bins)
     }
 }
 

@@ -12,6 +12,7 @@ use crate::data::system::printable;
 use backend::PictureBackend;
 pub use label::Label;
 use plotters::coord::Shift;
+use plotters::coord::cartesian::Cartesian2d;
 use plotters::prelude::*;
 use plotters::style::text_anchor::{HPos, Pos, VPos};
 use scale::Scale;
@@ -178,12 +179,7 @@ impl LinePlot {
         let references: Vec<(&Reference, f64)> =
             self.references.iter().filter_map(|r| Some((r, scale::place(r.y, self.log_y)?))).collect();
 
-        let title = text::wrap(&self.title, TITLE_SIZE, WIDTH - 2 * MARGIN as usize);
-        let mut top = MARGIN;
-        for line in title.iter().take(3) {
-            root.draw_text(line, &style(TITLE_SIZE, INK), (MARGIN, top))?;
-            top += TITLE_SIZE as i32 + 2;
-        }
+        let top = self.draw_title(root)?;
         let bottom = self.draw_notes(root, left_out, top)?;
         let right = self.draw_legend(root, &references, (top + 8, bottom))?;
 
@@ -219,13 +215,7 @@ impl LinePlot {
             dashed(root, start, end.0, index)?;
         }
         for (index, (series, points)) in self.series.iter().zip(&points).enumerate() {
-            let colour = COLOURS[index % COLOURS.len()];
-            if series.marker != Marker::Points && points.len() > 1 {
-                chart.draw_series(LineSeries::new(points.iter().copied(), colour.stroke_width(2)))?;
-            }
-            if series.marker != Marker::Line || points.len() == 1 {
-                chart.draw_series(points.iter().map(|&p| Circle::new(p, 4, colour.filled())))?;
-            }
+            draw_series(&mut chart, index, series.marker, points)?;
         }
         let placed = |at: (f64, f64)| {
             let at = (scale::place(at.0, self.log_x)?, scale::place(at.1, self.log_y)?);
@@ -241,6 +231,16 @@ impl LinePlot {
         }
         debug_assert!(right <= width && bottom <= height);
         Ok(())
+    }
+
+    /// Draws the title, and returns the first row of pixels below it.
+    fn draw_title<DB: DrawingBackend>(&self, root: &DrawingArea<DB, Shift>) -> Drawn<DB, i32> {
+        let mut top = MARGIN;
+        for line in text::wrap(&self.title, TITLE_SIZE, WIDTH - 2 * MARGIN as usize).iter().take(3) {
+            root.draw_text(line, &style(TITLE_SIZE, INK), (MARGIN, top))?;
+            top += TITLE_SIZE as i32 + 2;
+        }
+        Ok(top)
     }
 
     /// Draws the small print, and returns the first row of pixels that it takes.
@@ -338,6 +338,23 @@ impl LinePlot {
 }
 
 type Drawn<DB, T = ()> = Result<T, DrawingAreaErrorKind<<DB as DrawingBackend>::ErrorType>>;
+
+/// The line and the dots of a series, in its colour.
+fn draw_series<DB: DrawingBackend>(
+    chart: &mut ChartContext<'_, DB, Cartesian2d<Scale, Scale>>,
+    index: usize,
+    marker: Marker,
+    points: &[(f64, f64)],
+) -> Drawn<DB> {
+    let colour = COLOURS[index % COLOURS.len()];
+    if marker != Marker::Points && points.len() > 1 {
+        chart.draw_series(LineSeries::new(points.iter().copied(), colour.stroke_width(2)))?;
+    }
+    if marker != Marker::Line || points.len() == 1 {
+        chart.draw_series(points.iter().map(|&p| Circle::new(p, 4, colour.filled())))?;
+    }
+    Ok(())
+}
 
 /// A dashed horizontal line whose pattern tells the references apart.
 fn dashed<DB: DrawingBackend>(

@@ -8,7 +8,10 @@ use crate::lab::sweep::{Folder, Kind, Knob, Record, Status, records};
 use crate::show::contact_sheet::{Cell, contact_sheet};
 use crate::show::plot::{LinePlot, Marker, Series};
 use crate::show::table::Table;
+use serde::ser::SerializeMap;
+use serde::{Serialize, Serializer};
 use std::fmt::Write as _;
+use std::path::Path;
 
 /// Curves of a plot that can be told apart.
 const MAX_SERIES: usize = 7;
@@ -261,4 +264,43 @@ fn sheet(folder: &Folder, records: &[Record]) -> Option<Picture> {
     let columns = varied(records).last().map_or(1, |&knob| values(records, knob).len());
     let columns = if columns > 1 && columns <= 10 { columns } else { 6 };
     (!cells.is_empty()).then(|| contact_sheet(&folder.header().data, &cells, columns))
+}
+
+/// What a sweep came to, for scripts.
+#[derive(Debug, Serialize)]
+#[allow(missing_docs, reason = "the names say what they are, and in which unit")]
+pub struct Summary<'r> {
+    pub report: String,
+    pub runs: Vec<RunSummary<'r>>,
+}
+
+impl<'r> Summary<'r> {
+    /// Of the runs of a sweep whose report lies at `report`.
+    pub fn of(records: &'r [Record], report: &Path) -> Self {
+        Self { report: report.display().to_string(), runs: records.iter().map(RunSummary).collect() }
+    }
+}
+
+/// A run: its settings by their flags, and what it came to.
+#[derive(Debug)]
+pub struct RunSummary<'r>(&'r Record);
+
+impl Serialize for RunSummary<'_> {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        let record = self.0;
+        let mut map = serializer.serialize_map(None)?;
+        for (knob, value) in record.point.values() {
+            let name = knob.flag().replace('-', "_");
+            match knob {
+                Knob::Rate => map.serialize_entry(&name, &value)?,
+                _ => map.serialize_entry(&name, &(value as u64))?,
+            }
+        }
+        map.serialize_entry("diverged", &(record.status == Status::Diverged))?;
+        map.serialize_entry("flat", &(record.status == Status::Flat))?;
+        map.serialize_entry("note", &record.note)?;
+        map.serialize_entry("psnr_db", &record.psnr_db.unwrap_or(f64::NAN))?;
+        map.serialize_entry("train_seconds", &record.train_seconds)?;
+        map.end()
+    }
 }

@@ -165,15 +165,9 @@ impl Scene {
                 true => Vec::new(),
                 false => drawer.draw(&shown[i..=i], i, own, false)?.0,
             };
-            let thumbnail = Thumbnail::of(view, side);
-            Ok(ShownCamera {
-                index: first + i,
-                name: view.name.clone(),
-                camera: view.camera,
-                near: nears[i],
-                thumbnail,
-                own_rays,
-            })
+            let (name, thumbnail) = (view.name.clone(), Thumbnail::of(view, side));
+            let (index, camera, near) = (first + i, view.camera, nears[i]);
+            Ok(ShownCamera { index, name, camera, near, thumbnail, own_rays })
         };
         let cameras = shown.iter().enumerate().map(camera).collect::<Result<Vec<_>, _>>()?;
         // A march keeps to the scene box, whatever near and far are.

@@ -8,16 +8,25 @@ use crate::measure::point::{Clock, Origin};
 use nerf_core::blob::MAX_FRONT;
 use std::fmt::Write as _;
 
+/// Takes a paragraph.
+type Line<'l> = &'l mut dyn FnMut(std::fmt::Arguments<'_>);
+
 impl Findings<'_, '_, '_> {
     /// The text of report.md.
     pub(super) fn markdown(&self, setting: &Setting<'_>) -> String {
-        let study = self.study;
         let mut text = format!("# What accuracy costs in time: {}\n\n", printable::markdown(&setting.blob));
         // Writing into a String cannot fail.
         let mut line = |words: std::fmt::Arguments<'_>| _ = writeln!(text, "{words}\n");
-        let names = |which: &mut dyn Iterator<Item = usize>| {
-            which.map(|i| printable::markdown(&study.views[i].name)).collect::<Vec<_>>().join(", ")
-        };
+        self.head(setting, &mut line);
+        self.fronts(&mut line);
+        self.rows(&mut line);
+        self.method(&mut line);
+        text
+    }
+
+    /// What was measured on, and what the front spans.
+    fn head(&self, setting: &Setting<'_>, line: Line<'_>) {
+        let study = self.study;
         line(format_args!(
             "{} views of {} ({}), over {}; {}, {} threads; the study took {:.0} s.",
             study.views.len(),
@@ -42,6 +51,10 @@ impl Findings<'_, '_, '_> {
                 line(format_args!("- {what}: {span:.1}×, {}", study.points[i].label));
             }
         }
+    }
+
+    /// The fronts over time and over work.
+    fn fronts(&self, line: Line<'_>) {
         line(format_args!("![front](front.png)"));
         line(format_args!(
             "## The front over time\n\n{}",
@@ -56,6 +69,11 @@ impl Findings<'_, '_, '_> {
             self.short_table(&self.blob_front).to_markdown().trim_end()
         ));
         line(format_args!("![both ends of the front](ends.png)"));
+    }
+
+    /// Every point by its knob.
+    fn rows(&self, line: Line<'_>) {
+        let study = self.study;
         for (knob, entry) in KNOBS.iter().enumerate() {
             let rows: Vec<usize> = (0..study.points.len())
                 .filter(|&i| i < 2 || study.points[i].origin == Origin::Knob(knob))
@@ -74,6 +92,11 @@ impl Findings<'_, '_, '_> {
         let mixed: Vec<usize> =
             (0..study.points.len()).filter(|&i| study.points[i].origin == Origin::Combination).collect();
         line(format_args!("## Combinations\n\n{}", self.short_table(&mixed).to_markdown().trim_end()));
+    }
+
+    /// What the words and figures mean.
+    fn method(&self, line: Line<'_>) {
+        let study = self.study;
         line(format_args!("## How it was measured"));
         line(format_args!(
             "- *exact*: every sample inside the scene box{}, no cuts, polynomial encoding, f32 on {}. Against the \
@@ -93,6 +116,8 @@ impl Findings<'_, '_, '_> {
              exact*, *max error* and *ray distance error* (mean, world units, where the exact picture is solid) are \
              against the exact rendering."
         ));
+        let timing: Vec<_> =
+            study.timing.iter().map(|&i| printable::markdown(&study.views[i].name)).collect();
         line(format_args!(
             "- Times are {} for whole frames of {}. In each round all points are rendered \
              view by view in turned order; *s a view* is the median over the rounds, *times faster* the median of \
@@ -103,7 +128,7 @@ impl Findings<'_, '_, '_> {
             } else {
                 "seconds on the clock"
             },
-            names(&mut study.timing.iter().copied()),
+            timing.join(", "),
         ));
         if study.rounds_left_out > 0 {
             line(format_args!(
@@ -115,7 +140,6 @@ impl Findings<'_, '_, '_> {
             "- Combinations are chosen from the rows: losses are taken to add, multiply-adds to multiply, and what \
              is then on the front is rendered. With kernels that round, each of them once more."
         ));
-        text
     }
 }
 
