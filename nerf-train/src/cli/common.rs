@@ -1,7 +1,7 @@
 //! What several commands share.
 
 use crate::data;
-pub use crate::data::colour::{name as background_name, parse as parse_background};
+pub use crate::data::pictures::colour::{name as background_name, parse as parse_background};
 pub use crate::data::system::cpu::name as cpu_name;
 use crate::data::system::input::{MAX_BLOB_BYTES, read_limited};
 use crate::data::system::output::claims::{Claims, Existing, is_device};
@@ -72,15 +72,13 @@ pub struct Global {
     /// Print results only, no progress.
     #[arg(long, short, global = true)]
     pub quiet: bool,
-    /// Print the results as one JSON object on stdout, progress as one JSON object a line on stderr; a
-    /// failure is {"error": …} on stdout and text on stderr.
+    /// Print the result as one JSON object; progress, on stderr, as one a line.
     #[arg(long, global = true)]
     pub json: bool,
     /// Threads, at most four for each core [default: all cores].
     #[arg(long, global = true, value_name = "N")]
     pub threads: Option<usize>,
-    /// Instructions, and how weights lie where it is not f32: portable, avx2, avx512, neon; avx2-f16 (read in
-    /// place), avx512-bf16 (rounded) [default: the fastest in f32].
+    /// avx512, avx2, neon, portable; -f16: weights in place; -bf16: rounded [default: fastest].
     #[arg(long, global = true, value_name = "KERNEL", env = "NERF_KERNEL", hide_env_values = true, value_parser = parse_kernel)]
     pub kernel: Option<Kernel>,
 }
@@ -158,26 +156,22 @@ fn parse_kernel(name: &str) -> Result<Kernel, String> {
 #[derive(Debug, Args)]
 #[command(next_help_heading = "Data set")]
 pub struct DataOptions {
-    /// Convention of the poses: opengl (looks down −Z) or opencv (looks down +Z) [default: as is usual
-    /// for the layout].
+    /// Poses look down −Z (opengl) or +Z (opencv) [default: as is usual for the layout].
     #[arg(long, value_name = "CONVENTION")]
     pub axes: Option<Axes>,
-    /// Where rays begin, world units along the ray: what is nearer is not seen.
+    /// Where rays begin, world units along the ray.
     #[arg(long, value_name = "T")]
     pub near: Option<f32>,
-    /// Where rays end, world units along the ray: what is farther is not seen. In an unbounded scene it counts from the
-    /// point of the ray nearest to the scene's middle.
+    /// Where rays end, world units; in an unbounded scene counted from its middle.
     #[arg(long, value_name = "T")]
     pub far: Option<f32>,
-    /// Which layout a folder is read as, where several fit: transforms, colmap or llff [default: the first of these].
+    /// Read a folder as: transforms, colmap or llff [default: the first that fits].
     #[arg(long, value_name = "LAYOUT")]
     pub layout: Option<Layout>,
-    /// Read photographs so many times smaller than the size that their poses are of: auto, which brings the long side to
-    /// about 800 pixels, or a whole number. A folder `images_N` is read as it is. [default: auto for photographs; 1
-    /// for Blender folders]
+    /// Reduce photographs so many times; auto: to about 800 pixels [default: auto; Blender 1].
     #[arg(long, value_name = "N", default_value = "auto", hide_default_value = true)]
     pub downscale: Downscale,
-    /// Read pictures also where the data set's `file_path` leads out of its folder: `..`, absolute paths, links.
+    /// Read pictures also where `file_path` leads out of the data set's folder.
     #[arg(long)]
     pub outside_files: bool,
 }
@@ -381,13 +375,13 @@ pub struct QualityOptions {
     /// A ray ends where its transmittance falls below this.
     #[arg(long, value_name = "T", default_value_t = Quality::default().transmittance_cut)]
     pub transmittance_cut: f32,
-    /// Samples whose weight is at most this take the colour of one behind them; 0 asks for every colour.
+    /// Samples of at most this weight take the colour of one behind them; 0: none do.
     #[arg(long, value_name = "W", default_value_t = Quality::default().colour_cut)]
     pub colour_cut: f32,
     /// Ask the network also where the occupancy grid says that nothing is.
     #[arg(long)]
     pub no_occupancy: bool,
-    /// Take even samples where the scene would draw them from its proposal network.
+    /// Take even samples where a proposal network would draw them.
     #[arg(long)]
     pub no_proposal: bool,
     /// No shortcut at all: same as --no-occupancy --transmittance-cut 0 --colour-cut 0.
@@ -396,8 +390,7 @@ pub struct QualityOptions {
     /// Elementary functions: polynomial, libm, micromath, recurrence.
     #[arg(long, value_name = "BACKEND", default_value = "polynomial", value_parser = parse_math)]
     pub math: MathBackend,
-    /// Of a scene with fixed bins, which of them a ray has: `own`, between the scene's near and far as it was trained on,
-    /// or `whole`, wherever the ray is in the scene's box [default: own in eval, whole elsewhere].
+    /// Bins of a ray: own (near to far, as trained) or whole box [default: own in eval].
     #[arg(long, value_enum, value_name = "WHICH")]
     pub bins: Option<WhichBins>,
 }
@@ -454,7 +447,7 @@ pub struct Mp4Options {
     /// The ffmpeg that makes MP4s [default: the one on PATH].
     #[arg(long, value_name = "PROGRAM", env = "NERF_FFMPEG", hide_env_values = true)]
     ffmpeg: Option<PathBuf>,
-    /// Write no MP4 beside a GIF. (One that nerf-train did not make is never replaced.)
+    /// Write no MP4 beside a GIF.
     #[arg(long)]
     no_mp4: bool,
 }

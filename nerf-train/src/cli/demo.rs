@@ -5,7 +5,7 @@ use super::fit::read_config;
 use super::places;
 use crate::data::Dataset;
 use crate::data::demo::{self, DemoSpec, Truth};
-use crate::data::rgb::Picture;
+use crate::data::pictures::rgb::Picture;
 use crate::data::system::output::claims::{Claims, Existing};
 use crate::data::system::output::write_atomic;
 use crate::data::system::progress::{Message, Progress, Total};

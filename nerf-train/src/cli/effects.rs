@@ -17,17 +17,16 @@ pub struct EffectOptions {
         value_parser = value_parser!(u16).range(1..=256)
     )]
     antialias: u16,
-    /// Let samples lie at random places in their bins: noise in place of bands; another seed is another noise.
+    /// Samples at random places in their bins: noise in place of bands.
     #[arg(long, value_name = "SEED")]
     jitter: Option<u64>,
-    /// Depth of field: radius of the lens' aperture, world units; wants --antialias 16 or more, with fewer rays
-    /// the blur is noise.
+    /// Depth of field: radius of the aperture, world units; with --antialias 16 or more.
     #[arg(long, value_name = "R", requires = "focus")]
     aperture: Option<f32>,
     /// Distance of the plane of focus along the view axis, world units.
     #[arg(long, value_name = "T", requires = "aperture")]
     focus: Option<f32>,
-    /// Exposure: doublings of the light, on linear values.
+    /// Exposure: doublings of the light.
     #[arg(
         long,
         value_name = "STOPS",
@@ -36,11 +35,10 @@ pub struct EffectOptions {
         allow_hyphen_values = true
     )]
     exposure: f32,
-    /// Curve that brings bright light back into the picture, on linear values.
+    /// Curve that brings bright light back into the picture.
     #[arg(long, value_enum, value_name = "NAME", default_value = "none")]
     tone_map: ToneMap,
-    /// Write linear light in place of sRGB: the files' numbers are then no display values and look dark; what is
-    /// beyond 1 is cut off.
+    /// Write linear light in place of sRGB; what is beyond 1 is cut off.
     #[arg(long)]
     linear: bool,
 }

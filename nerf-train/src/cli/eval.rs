@@ -65,11 +65,10 @@ pub struct Eval {
     /// Take every N-th view of the split only.
     #[arg(long, value_name = "N", default_value_t = 1)]
     every: usize,
-    /// Print the PSNR over every N-th pixel of every N-th row too, from the first: many a published figure is
-    /// of such a lattice, and differs from that of all pixels.
+    /// PSNR over every N-th pixel of every N-th row, too, as many papers have it.
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(2..))]
     lattice: Option<u32>,
-    /// What is behind the scene: black, white, red, #RRGGBB or R,G,B (0 to 255) [default: the blob's own].
+    /// Colour behind the scene: white, #RRGGBB or R,G,B [default: the blob's own].
     #[arg(long, value_name = "COLOUR", value_parser = parse_background)]
     background: Option<[f32; 3]>,
     /// Folder for summary.json, the table and the pictures.

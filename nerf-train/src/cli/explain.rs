@@ -48,7 +48,7 @@ pub struct Explain {
     /// Ask for normals, too.
     #[arg(long)]
     normals: bool,
-    /// Bins whose finer ripples normals do not show; 0 for the density's gradient itself.
+    /// Bins whose finer ripples normals do not show.
     #[arg(long, value_name = "BINS", default_value_t = Plan::NORMAL_BLUR)]
     normal_blur: f32,
     #[command(flatten)]

@@ -40,12 +40,12 @@ use std::time::Duration;
     after_help = "Example: nerf-train fit lego_200x200.npz -o lego.nerf --report out/lego --max-seconds 60"
 )]
 pub struct Fit {
-    /// The data set.
+    /// The data set: a .npz, or a folder of transforms.json, COLMAP, LLFF or Blender.
     data: PathBuf,
     /// The blob to write (.nerf); FILE.checkpoint is written beside it.
     #[arg(long, short, value_name = "FILE")]
     output: PathBuf,
-    /// Folder for summary.json, curves, plots and pictures; not within the data set.
+    /// Folder for summary.json, curves, plots and pictures.
     #[arg(long, value_name = "DIR")]
     report: Option<PathBuf>,
     /// Named settings to start from.
@@ -54,8 +54,7 @@ pub struct Fit {
     /// TOML file with settings that replace the preset's.
     #[arg(long, value_name = "FILE")]
     config: Option<PathBuf>,
-    /// End the whole command after so much time: reading, training, validation, evaluation and files. Runs that end
-    /// by time differ from each other.
+    /// End the whole command after so much time: runs that end so differ from each other.
     #[arg(long, value_name = "S")]
     max_seconds: Option<f64>,
     /// Steps [default: the preset's; with --max-seconds, time alone decides].
@@ -64,26 +63,22 @@ pub struct Fit {
     /// Go on from the checkpoint beside the output file.
     #[arg(long)]
     resume: bool,
-    /// Begin anew and replace the checkpoint beside the output file: without this or --resume a fit that finds one
-    /// is refused.
+    /// Begin anew and replace that checkpoint, which else is refused.
     #[arg(long, conflicts_with = "resume")]
     restart: bool,
     /// Seconds between checkpoints.
     #[arg(long, value_name = "S", default_value_t = 30.0)]
     checkpoint_every: f64,
-    /// Steps between validations on the way [default: an eighth of the run]; with --max-seconds they take at most
-    /// a twentieth of the time.
+    /// Steps between validations [default: an eighth of the run, and a twentieth of the time].
     #[arg(long, value_name = "N")]
     validate_every: Option<u32>,
-    /// Leave view dependence out of the blob if it gains less than this on training views, dB: its mean over the
-    /// training rays takes its place.
+    /// Leave view dependence out of the blob if it gains less on training views, dB.
     #[arg(long, value_name = "DB", default_value_t = THRESHOLD_DB, allow_hyphen_values = true)]
     effect_threshold: f64,
-    /// Steps at which validation views are shown, as files and on a sheet in the report folder [default:
-    /// validations an eighth of the run apart].
+    /// Steps whose validation views are in the report [default: an eighth of the run apart].
     #[arg(long, value_name = "N,N,…", value_delimiter = ',', requires = "report")]
     snapshots: Vec<u32>,
-    /// Which validation views are shown, counted from 0 [default: the two that the run watches].
+    /// Which validation views, counted from 0 [default: the two that the run watches].
     #[arg(long, value_name = "I,J,…", value_delimiter = ',', requires = "report")]
     snapshot_views: Vec<usize>,
     #[command(flatten)]
@@ -92,12 +87,10 @@ pub struct Fit {
     settings: Settings,
     #[command(flatten)]
     table: TableSettings,
-    /// Steps that a ray takes across the longest side of the scene box; in an unbounded scene across the ball that is
-    /// not contracted.
+    /// Steps of a ray across the scene box, or across the ball that is not contracted.
     #[arg(long, value_name = "N", help_heading = super::grid::HEADING)]
     steps_across: Option<u16>,
-    /// Choose what no flag says of table, levels, storage and occupancy so that the whole file is no larger, with room
-    /// for the points of a study: bytes, or k = 1024 and m = 1048576 of them.
+    /// Choose table, levels, storage and occupancy so that the file is no larger: 256k, 1m.
     #[arg(long, value_name = "BYTES", value_parser = parse_bytes, help_heading = super::grid::HEADING)]
     max_bytes: Option<u64>,
 }
@@ -139,28 +132,28 @@ struct Settings {
     /// network only.
     #[arg(long, value_name = "HOW", value_parser = parse_jitter)]
     jitter: Option<Jitter>,
-    /// Rays a step; times --samples at most 2^27, also where it is only the first guess.
+    /// Rays a step, at first; times --samples at most 2^27.
     #[arg(long, value_name = "N")]
     rays: Option<usize>,
-    /// Live samples a step (then --rays is only the first guess); 0 for a fixed number of rays.
+    /// Live samples a step, by which the number of rays follows; 0 keeps it.
     #[arg(long, value_name = "N")]
     live_samples: Option<usize>,
-    /// Draw rays image by image, from so many images a step; 0 to draw over all pixels of all images.
+    /// Images that the rays of a step are drawn from; 0 for all pixels of all.
     #[arg(long, value_name = "N")]
     images: Option<usize>,
     /// Learning rate at the start.
     #[arg(long, value_name = "RATE")]
     rate: Option<f64>,
-    /// Learning rate at the end, as a share of the one at the start; 1 keeps it constant.
+    /// Learning rate at the end, as a share of the one at the start; 1: constant.
     #[arg(long, value_name = "SHARE")]
     final_share: Option<f64>,
-    /// Do not carve a visual hull: the occupancy grid grows from the network alone.
+    /// Carve no visual hull: the occupancy grid grows from the network alone.
     #[arg(long)]
     no_hull: bool,
     /// Do not skip empty space in training.
     #[arg(long)]
     dense: bool,
-    /// Cells of the occupancy grid along the longest side of the scene box; 0 for as many as suit the table
+    /// Cells of the occupancy grid along the longest side; 0: as suits the table.
     #[arg(long, value_name = "N")]
     occupancy_resolution: Option<u16>,
     /// Where the scene ends; auto says what it took and why.

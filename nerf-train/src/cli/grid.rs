@@ -14,7 +14,7 @@ pub const HEADING: &str = "Learned grid (--preset grid)";
 #[derive(Debug, Args)]
 #[command(next_help_heading = HEADING)]
 pub struct TableSettings {
-    /// Binary logarithm of the most entries a level has: 16 is 2^16 of them; finer levels are hashed into so many.
+    /// Binary logarithm of the most entries of a level: finer levels are hashed.
     #[arg(long, value_name = "K")]
     pub table: Option<u8>,
     /// Levels of the grid.
@@ -29,7 +29,7 @@ pub struct TableSettings {
     /// Cells of the finest level along the longest side.
     #[arg(long, value_name = "N")]
     pub finest: Option<u16>,
-    /// What the blob stores the grid's values in: int8 takes half the bytes of f16, and what it loses is measured.
+    /// What the blob stores the grid in; what int8 loses is measured.
     #[arg(long, value_enum, value_name = "STORAGE")]
     pub export: Option<TableStorage>,
 }

@@ -6,7 +6,7 @@ use super::common::{
 };
 use super::grid::{self, TableSettings, check_memory, given, of_sinusoidal, parse_bytes};
 use super::places;
-use crate::data::photograph::{MAX_SIDE, Photo};
+use crate::data::pictures::photograph::{MAX_SIDE, Photo};
 use crate::data::system::memory;
 use crate::data::system::output::claims::Claims;
 use crate::data::system::output::ensure_folder;
@@ -81,7 +81,7 @@ pub struct Settings {
     /// Pixels a step, drawn at random over the whole picture.
     #[arg(long, value_name = "N")]
     pixels: Option<usize>,
-    /// Learning rate at the end, as a share of the one at the start; 1 keeps it constant.
+    /// Learning rate at the end, as a share of the one at the start; 1: constant.
     #[arg(long, value_name = "SHARE")]
     final_share: Option<f64>,
     /// Steps over which the learning rate rises from 0.
@@ -93,7 +93,7 @@ pub struct Settings {
     /// Adam's epsilon. Of a sinusoidal network only.
     #[arg(long, value_name = "EPSILON")]
     pub epsilon: Option<f64>,
-    /// Decay of the average of the parameters that is exported; 0 exports the last step's.
+    /// Decay of the average of parameters that is exported; 0: the last step.
     #[arg(long, value_name = "DECAY")]
     average: Option<f64>,
     /// Steps [default: the preset's].
@@ -146,8 +146,7 @@ pub struct Fit {
     /// Go on from the checkpoint beside the output file.
     #[arg(long)]
     resume: bool,
-    /// Begin anew and replace the checkpoint beside the output file: without this or --resume a fit that finds one
-    /// is refused.
+    /// Begin anew and replace that checkpoint, which else is refused.
     #[arg(long, conflicts_with = "resume")]
     restart: bool,
     /// Seconds between checkpoints.
@@ -177,8 +176,7 @@ pub struct Fit {
     settings: Settings,
     #[command(flatten)]
     table: TableSettings,
-    /// Choose what no flag says of table, levels and storage so that the whole file is no larger: bytes, or k = 1024 and
-    /// m = 1048576 of them.
+    /// Choose table, levels and storage so that the file is no larger: 256k, 1m.
     #[arg(long, value_name = "BYTES", value_parser = parse_bytes, help_heading = grid::HEADING)]
     max_bytes: Option<u64>,
 }

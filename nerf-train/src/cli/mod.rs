@@ -22,7 +22,7 @@ mod study;
 mod sweep;
 
 use crate::data::system::summary::to_json;
-use clap::{CommandFactory, Parser, Subcommand};
+use clap::{ArgAction, CommandFactory, Parser, Subcommand};
 use std::process::ExitCode;
 
 /// Trains a radiance field on two CPU cores and keeps it as one small file that renders anywhere.
@@ -31,6 +31,7 @@ use std::process::ExitCode;
     name = "nerf-train",
     version,
     about,
+    disable_help_flag = true,
     after_help = "Example, and the place to start: nerf-train demo\n\n\
         Ctrl-C, SIGTERM and SIGHUP end a command at once, and leave no half-written file. `fit` writes its checkpoint \
         first, `image fit` its blob, `sweep` and `study train` the report of the runs that are finished.\n\
@@ -41,6 +42,10 @@ struct Cli {
     command: Command,
     #[command(flatten)]
     global: common::Global,
+    /// Print help.
+    // Short for both: the long form has every flag on lines of its own, five screens of them.
+    #[arg(short, long, global = true, action = ArgAction::HelpShort, help_heading = "Options of every command")]
+    help: Option<bool>,
 }
 
 // Without own comments here: they would hide the longer texts of the commands.

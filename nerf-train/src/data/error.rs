@@ -1,6 +1,6 @@
 //! What can be wrong with a data set.
 
-use super::colmap::commands::{RENAMED, quoted};
+use crate::data::layouts::colmap::commands::{RENAMED, quoted};
 use nerf_core::camera::{BoundsError, CameraError};
 use std::path::{Path, PathBuf};
 
@@ -144,7 +144,7 @@ pub enum DatasetError {
         found: String,
     },
     /// A picture of a kind that is not decoded here.
-    #[error("{}: expected a PNG or JPEG picture, found HEIF (HEIC) or AVIF; {}", file.display(), crate::data::decode::HEIF_ADVICE)]
+    #[error("{}: expected a PNG or JPEG picture, found HEIF (HEIC) or AVIF; {}", file.display(), crate::data::pictures::decode::HEIF_ADVICE)]
     Heif {
         /// The picture.
         file: PathBuf,

@@ -17,51 +17,31 @@
 //! asks for. The world stays the file's own, except that cameras far from its origin bring that nearer
 //! ([`Dataset::origin`]).
 
-pub(crate) mod bare;
-mod blender;
-pub(crate) mod colmap;
-pub mod colour;
-mod cs180;
-pub mod decode;
+pub(crate) mod cameras;
 pub mod demo;
 mod error;
-mod files;
-mod folders;
-mod found;
-mod geometry;
-mod layout;
-mod llff;
+pub(crate) mod layouts;
 pub mod names;
-pub(crate) mod nearest;
-mod nerfstudio;
-pub(crate) mod npz;
-mod origin;
-mod photo;
-pub mod photograph;
-mod picture;
-mod pose;
+pub mod pictures;
 pub mod poses;
 pub mod report;
-pub mod rgb;
-pub mod rgb_error;
-mod scale;
-mod split;
 pub mod system;
-mod tiny_nerf;
-mod transforms;
 mod view;
 mod watch;
 
 pub use error::DatasetError;
-pub use files::files;
-pub use geometry::{LookAt, SceneBounds, frusta_box, scene_bounds};
-pub use layout::Layout;
-pub use origin::origin_in_name;
+
+pub use cameras::geometry::{LookAt, SceneBounds, frusta_box, scene_bounds};
+pub use cameras::origin::origin_in_name;
+pub use layouts::choice::Layout;
+pub use layouts::files::files;
+pub use pictures::scale::Downscale;
 pub use report::Report;
-pub use scale::Downscale;
 pub use view::{Background, View, mean_colour, over};
 pub use watch::Watch;
 
+use crate::data::cameras::nearest;
+use crate::data::layouts::{blender, choice, cs180, nerfstudio, npz, tiny_nerf};
 use nerf_core::camera::{BoundsError, Camera, Pose};
 use serde::{Deserialize, Serialize};
 use std::path::Path;
@@ -254,7 +234,7 @@ pub fn read_watched(path: &Path, options: &ReadOptions, watch: &Watch) -> Result
     check_range(options.near, options.far)?;
     let kind = std::fs::metadata(path).map_err(|source| DatasetError::io(path, source))?;
     let mut dataset = if kind.is_dir() {
-        layout::read(path, options, watch)?
+        choice::read(path, options, watch)?
     } else if path.extension().is_some_and(|e| e.eq_ignore_ascii_case("json")) {
         read_json(path, options, watch)?
     } else {

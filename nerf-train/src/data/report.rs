@@ -1,9 +1,9 @@
 //! What is in a data set, and what looks wrong with it.
 
-use super::geometry::bounds;
-use super::transforms::listed;
-use super::{Axes, Background, Dataset, Format, LookAt};
+use crate::data::cameras::geometry::bounds;
+use crate::data::layouts::transforms::listed;
 use crate::data::system::printable::line;
+use crate::data::{Axes, Background, Dataset, Format, LookAt};
 use glam::DVec3;
 use nerf_core::camera::Camera;
 use serde::Serialize;

@@ -1,6 +1,6 @@
 //! One run from first step to blob: progress, validation, snapshots, checkpoints, Ctrl-C.
 
-use crate::data::rgb_error::ReportError;
+use crate::data::pictures::rgb::ReportError;
 use crate::data::system::output::{OutputError, ensure_folder};
 use crate::data::system::progress::{Message, Progress, ProgressStyle};
 use crate::data::{Dataset, View};

@@ -1,6 +1,6 @@
 //! What a fit made, for scripts.
 
-use crate::data::colour;
+use crate::data::pictures::colour;
 use crate::data::system::cpu;
 use crate::data::system::summary::Short;
 use crate::fit::finish::Outcome;

@@ -188,7 +188,7 @@ impl Session<'_, '_> {
         bytes: &[u8],
         views: &[&View],
         lattice: u32,
-        mut each: impl FnMut(crate::data::rgb::Picture),
+        mut each: impl FnMut(crate::data::pictures::rgb::Picture),
     ) -> Result<Scores, RunError> {
         let (mut begun, mut counted) = (Instant::now(), 0);
         let thinned: Vec<_> = views.iter().map(|view| view.thinned(lattice)).collect();

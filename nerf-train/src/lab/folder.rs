@@ -1,7 +1,7 @@
 //! An experiment on disk.
 
-use crate::data::rgb::Picture;
-use crate::data::rgb_error::ReportError;
+use crate::data::pictures::rgb::Picture;
+use crate::data::pictures::rgb::ReportError;
 use crate::data::system::input;
 use crate::data::system::output::{OutputError, ensure_folder, write_atomic, write_new};
 use crate::data::system::printable;

@@ -1,6 +1,6 @@
 //! Why a study or an audit cannot be made.
 
-use crate::data::rgb_error::ReportError;
+use crate::data::pictures::rgb::ReportError;
 use crate::data::system::output::OutputError;
 use crate::model::export::ExportError;
 use crate::model::import::ImportError;

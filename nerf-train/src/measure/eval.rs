@@ -1,7 +1,8 @@
 //! How good a blob is on views it was not fitted to.
 
+use crate::data::View;
+use crate::data::pictures::colour;
 use crate::data::system::cpu;
-use crate::data::{View, colour};
 use crate::measure::frame;
 use crate::measure::frame::Frame;
 use crate::measure::metrics::{psnr_db, ssim_of};

@@ -1,6 +1,6 @@
 //! Whole frames through nerf-core, on as many threads as rayon has.
 
-use crate::data::rgb::Picture;
+use crate::data::pictures::rgb::Picture;
 use nerf_core::camera::Camera;
 use nerf_core::host;
 use nerf_core::math::MathBackend;

@@ -1,7 +1,7 @@
 //! Pictures side by side, in rows and columns, each with a caption that nothing cuts off.
 
 use super::text::{self, Direction};
-use crate::data::rgb::Picture;
+use crate::data::pictures::rgb::Picture;
 
 /// Longer side that small pictures are enlarged to, pixels (by a whole factor, nearest neighbour).
 const CELL: usize = 192;

@@ -1,6 +1,6 @@
 //! Floats as they are, in OpenEXR: for compositors and whoever measures.
 
-use crate::data::rgb_error::{ReportError, check_length};
+use crate::data::pictures::rgb::{ReportError, check_length};
 use crate::data::system::output::mark::MARK;
 use crate::data::system::output::write_atomic;
 use exr::prelude::{

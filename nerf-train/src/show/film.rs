@@ -2,8 +2,8 @@
 
 use super::animation::{GifWriter, check_rate};
 use super::video::{Ffmpeg, Mp4Writer};
-use crate::data::rgb::Picture;
-use crate::data::rgb_error::ReportError;
+use crate::data::pictures::rgb::Picture;
+use crate::data::pictures::rgb::ReportError;
 use std::path::{Path, PathBuf};
 
 /// The files a film becomes.

@@ -1,6 +1,6 @@
 //! Views of a scene, one after the other, to their files.
 
-use crate::data::rgb_error::ReportError;
+use crate::data::pictures::rgb::ReportError;
 use crate::data::system::summary::Short;
 use crate::measure::frame;
 use crate::show::colour_map::robust_range;

@@ -2,7 +2,7 @@
 
 use super::contact_sheet::{Cell, contact_sheet};
 use crate::data::Dataset;
-use crate::data::rgb::Picture;
+use crate::data::pictures::rgb::Picture;
 use crate::train::Snapshot;
 use std::collections::BTreeSet;
 use std::path::Path;

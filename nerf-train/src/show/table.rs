@@ -1,6 +1,6 @@
 //! Tables: CSV for programs, aligned text for the terminal, Markdown for reports.
 
-use crate::data::rgb_error::ReportError;
+use crate::data::pictures::rgb::ReportError;
 use crate::data::system::output::write_atomic;
 use crate::data::system::printable;
 use std::path::Path;

@@ -1,6 +1,6 @@
 //! Text in pictures, with the fonts that are compiled in: no system fonts are needed.
 
-use crate::data::rgb::Picture;
+use crate::data::pictures::rgb::Picture;
 use crate::data::system::printable;
 use ab_glyph::{Font, FontRef, GlyphId, PxScale, ScaleFont, point};
 use std::sync::LazyLock;

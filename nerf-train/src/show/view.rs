@@ -1,7 +1,7 @@
 //! What a pixel of a rendered view shows, and how it is written.
 
-use crate::data::rgb::{Picture, write_grey16_png, write_rgba_png};
-use crate::data::rgb_error::ReportError;
+use crate::data::pictures::rgb::ReportError;
+use crate::data::pictures::rgb::{Picture, write_grey16_png, write_rgba_png};
 use crate::measure::frame;
 use crate::measure::frame::Frame;
 use crate::show::colour_map::{depth_picture_with_legend, normal_picture};

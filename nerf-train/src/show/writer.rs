@@ -1,6 +1,6 @@
 //! A rendering on its way to its files: a picture, a film, or a folder of numbered pictures.
 
-use crate::data::rgb_error::ReportError;
+use crate::data::pictures::rgb::ReportError;
 use crate::measure::frame::Frame;
 use crate::show::film::{Files, Film};
 use crate::show::view::{Output, picture_of, write_still};

@@ -1,7 +1,7 @@
 //! Where the scene is, and which of its cells are worth a sample.
 
 use super::TrainError;
-use crate::data::nearest::{begin, distances};
+use crate::data::cameras::nearest::{begin, distances};
 use crate::data::{Dataset, LookAt, View, frusta_box, scene_bounds};
 use crate::model::config::Config;
 use crate::train::occupancy::Occupancy;

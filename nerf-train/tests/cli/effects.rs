@@ -2,7 +2,7 @@
 
 use crate::made::Folder;
 use crate::{blob, fails, ok};
-use nerf_train::data::rgb::Picture;
+use nerf_train::data::pictures::rgb::Picture;
 
 const VIEW: [&str; 4] = ["--width", "24", "--focal", "30"];
 

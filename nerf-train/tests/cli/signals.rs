@@ -150,7 +150,7 @@ const ROWS: &[Row] = &[
         owned(&[&["import", &i.checkpoint, "-o", &file, "--check", large], &guesses])
     }),
     ("show", 1.0, |i, o| {
-        let size = ["--rays", "5000", "--width", "3840", "--height", "2160"];
+        let size = ["--rays", "5000"];
         owned(&[&["show", &i.large, "-o", &o.path("show")], &size])
     }),
     ("demo", 4.0, |i, o| {

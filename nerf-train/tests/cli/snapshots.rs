@@ -2,7 +2,7 @@
 
 use crate::made::{Folder, names};
 use crate::{command, fails, fit, json, ok, ran};
-use nerf_train::data::rgb::Picture;
+use nerf_train::data::pictures::rgb::Picture;
 use std::path::Path;
 
 /// The sheet's size, pixels.

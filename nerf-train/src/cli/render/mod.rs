@@ -47,10 +47,10 @@ use target::Target;
 pub struct Render {
     /// The blob.
     file: PathBuf,
-    /// The picture (.png, .exr), video (.gif, .mp4) or folder of frames to write.
+    /// The picture (.png, .exr), video (.gif, .mp4) or folder of frames.
     #[arg(long, short, value_name = "PATH")]
     output: PathBuf,
-    /// Upper three rows of the camera-to-world matrix, row by row (looks down −Z, +Y up).
+    /// Upper three rows of the camera-to-world matrix (looks down −Z, +Y up).
     #[arg(
         long,
         value_name = "M,M,…",
@@ -62,7 +62,7 @@ pub struct Render {
     /// Data set whose camera --view is taken.
     #[arg(long, value_name = "DATA", groups = ["what", "dataset"])]
     data: Option<PathBuf>,
-    /// Video of a data set's test path: its test poses in order, or the cameras of another --split.
+    /// Video of a data set's test poses, or of the cameras of another --split.
     #[arg(long, value_name = "DATA", groups = ["what", "dataset"])]
     path: Option<PathBuf>,
     /// Split of the data set [default: val with --data, test with --path].
@@ -71,7 +71,7 @@ pub struct Render {
     /// View of the split, counted from 0.
     #[arg(long, value_name = "I", default_value_t = 0, requires = "data")]
     view: usize,
-    /// Video of a full circle around the scene in so many frames, at most a million.
+    /// Video of a full circle around the scene in so many frames.
     #[arg(long, value_name = "FRAMES", group = "what")]
     orbit: Option<usize>,
     /// Height of the orbit above the scene's middle, degrees.
@@ -92,20 +92,19 @@ pub struct Render {
     /// Height, pixels [default: the data set's view, or the width].
     #[arg(long, value_name = "N")]
     height: Option<u32>,
-    /// Focal length, pixels [default: the data set's view, or a field of view of 40 degrees].
+    /// Focal length, pixels [default: the view's, or a field of view of 40°].
     #[arg(long, value_name = "F")]
     focal: Option<f32>,
     /// What to write.
     #[arg(long, value_enum, value_delimiter = ',', default_value = "rgb")]
     outputs: Vec<Output>,
-    /// What is behind the scene: black, white, red, #RRGGBB or R,G,B (0 to 255) [default: the blob's own].
+    /// Colour behind the scene: white, #RRGGBB or R,G,B [default: the blob's own].
     #[arg(long, value_name = "COLOUR", value_parser = parse_background)]
     background: Option<[f32; 3]>,
-    /// Write colour as PNGs with straight alpha instead of over a background: a view, or a folder of
-    /// frames.
+    /// Colour with straight alpha: a view, or a folder of frames.
     #[arg(long, conflicts_with_all = ["background", "exposure", "tone_map", "linear"])]
     transparent: bool,
-    /// Bins whose finer ripples normals do not show; 0 for the density's gradient itself.
+    /// Bins whose finer ripples normals do not show.
     #[arg(long, value_name = "BINS", default_value_t = Plan::NORMAL_BLUR)]
     normal_blur: f32,
     #[command(flatten)]

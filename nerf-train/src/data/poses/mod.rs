@@ -7,9 +7,9 @@ mod error;
 
 pub use error::PosesError;
 
-use crate::data::bare::Bare;
-use crate::data::colmap::commands::{Stage, stages};
-use crate::data::colmap::{Facts, facts};
+use crate::data::layouts::bare::Bare;
+use crate::data::layouts::colmap::commands::{Stage, stages};
+use crate::data::layouts::colmap::{Facts, facts};
 use crate::data::system::child::{Heard, Helper, last_lines};
 use crate::data::system::output::AtomicFolder;
 use crate::data::system::progress::{Message, Progress, ProgressStyle, Total};

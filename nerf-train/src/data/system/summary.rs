@@ -4,7 +4,7 @@
 //! and no NaN: such a number is written as `null`, followed by a field `<name>_note` that says which it was, so that no reader
 //! mistakes an infinite PSNR for one that was not measured.
 
-use crate::data::rgb_error::ReportError;
+use crate::data::pictures::rgb::ReportError;
 use crate::data::system::output::write_atomic;
 use crate::data::system::printable;
 use ciborium::Value;

@@ -9,7 +9,7 @@ mod real;
 mod transforms;
 mod untrusted;
 
-use super::{
+use crate::data::{
     Axes, Background, Dataset, DatasetError, Format, LookAt, ReadOptions, Report, View, mean_colour, read,
 };
 use glam::Vec3;

@@ -4,8 +4,8 @@ mod summary;
 
 use super::drive::{Ended, File, Task, drive};
 use super::pace::VALIDATION_SHARE;
-use crate::data::photograph::Photo;
-use crate::data::rgb::Picture;
+use crate::data::pictures::photograph::Photo;
+use crate::data::pictures::rgb::Picture;
 use crate::data::system::output::{OutputError, write_atomic};
 use crate::data::system::progress::{Message, Progress, ProgressStyle};
 use crate::measure::frame;

@@ -1,7 +1,7 @@
 //! What the fit of a picture made, for scripts.
 
 use super::Outcome;
-use crate::data::photograph::Photo;
+use crate::data::pictures::photograph::Photo;
 use crate::data::system::cpu;
 use crate::measure::inspect::GridSummary;
 use crate::model::picture_config::FieldConfig;

@@ -1,7 +1,7 @@
 use super::*;
-use crate::data::decode::DecodeError;
-use crate::data::photograph::PhotoError;
-use crate::data::rgb::Picture;
+use crate::data::pictures::decode::DecodeError;
+use crate::data::pictures::photograph::PhotoError;
+use crate::data::pictures::rgb::Picture;
 use crate::data::system::progress::ProgressStyle;
 use crate::measure::metrics::psnr_db;
 use crate::model::picture_config::FieldPreset;

@@ -1,8 +1,8 @@
 //! One run of a sweep.
 
 use super::{Header, Kind, Knob, Mode, Point, Record, Status};
-use crate::data::photograph::Photo;
-use crate::data::rgb::Picture;
+use crate::data::pictures::photograph::Photo;
+use crate::data::pictures::rgb::Picture;
 use crate::data::system::progress::ProgressStyle;
 use crate::data::{Dataset, View};
 use crate::fit::picture;

@@ -1,6 +1,6 @@
 use super::*;
-use crate::data::photograph::Photo;
-use crate::data::rgb::Picture;
+use crate::data::pictures::photograph::Photo;
+use crate::data::pictures::rgb::Picture;
 use crate::data::system::progress::ProgressStyle;
 use crate::lab::{LabError, Shard};
 use crate::model::picture_config::FieldPreset;

@@ -1,7 +1,7 @@
 //! What an audit found, for scripts.
 
 use super::{Audit, Verdict, Worth};
-use crate::data::colour;
+use crate::data::pictures::colour;
 use crate::data::system::cpu;
 use serde::Serialize;
 

@@ -1,6 +1,6 @@
 //! The occupancy grid of an imported network: one it was trained with, or one asked of the network itself.
 
-use crate::data::npz::read_npy;
+use crate::data::layouts::npz::read_npy;
 use crate::model::import::{ImportError, Settings};
 use crate::train::occupancy::{Ask, LiveCells, Occupancy};
 use nerf_core::blob::MAX_OCCUPANCY_RESOLUTION;

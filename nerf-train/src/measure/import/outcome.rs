@@ -2,7 +2,7 @@
 
 use super::Check;
 use super::probe::{Probe, name};
-use crate::data::colour;
+use crate::data::pictures::colour;
 use crate::data::system::summary::Short;
 use crate::measure::audit::Verdict;
 use crate::model::engine::{Dense, Part};

@@ -3,7 +3,8 @@
 pub use super::outcome::{OccupancySource, Outcome, Summary};
 use super::probe::{ProbeError, probe};
 use super::{Check, Draft, check, occupancy, renderings};
-use crate::data::{Axes, View, colour};
+use crate::data::pictures::colour;
+use crate::data::{Axes, View};
 use crate::measure::audit::{Verdict, flattened};
 use crate::measure::eval::measure;
 use crate::measure::metrics::gain_db;

@@ -2,7 +2,7 @@
 
 mod grid;
 
-use crate::data::colour;
+use crate::data::pictures::colour;
 use crate::data::system::summary::Short;
 pub use grid::{GridSummary, describe as describe_grid};
 use nerf_core::blob::{Blob, FrontPoint, SceneFacts, SceneSampling};

@@ -9,8 +9,8 @@
 
 mod palette;
 
-use crate::data::rgb::Picture;
-use crate::data::rgb_error::{ReportError, check_length};
+use crate::data::pictures::rgb::Picture;
+use crate::data::pictures::rgb::{ReportError, check_length};
 use crate::data::system::output::AtomicFile;
 use crate::data::system::output::mark::MARK;
 use gif::{AnyExtension, Encoder, Extension, Frame, Repeat};

@@ -1,8 +1,8 @@
 //! The cameras' pictures, small enough to keep them all in one page.
 
 use crate::data::View;
-use crate::data::rgb::Picture;
-use crate::data::rgb_error::ReportError;
+use crate::data::pictures::rgb::Picture;
+use crate::data::pictures::rgb::ReportError;
 use base64::Engine as _;
 use image::codecs::jpeg::JpegEncoder;
 use image::{ExtendedColorType, ImageEncoder};

@@ -2,8 +2,8 @@
 
 use super::axis;
 use super::text::{self, Direction};
-use crate::data::rgb::Picture;
-use crate::data::rgb_error::{ReportError, check_length};
+use crate::data::pictures::rgb::Picture;
+use crate::data::pictures::rgb::{ReportError, check_length};
 use crate::measure::frame::Frame;
 
 /// The colour of pixels that hold no value: a light grey, which occurs in none of the maps.

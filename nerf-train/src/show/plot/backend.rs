@@ -3,7 +3,7 @@
 //! The library's bitmap back end ignores the side bearings of glyphs and rounds every advance, so
 //! that letters run into each other; everything else here is what any back end does.
 
-use crate::data::rgb::Picture;
+use crate::data::pictures::rgb::Picture;
 use crate::show::text;
 use crate::show::text::Direction;
 use plotters_backend::text_anchor::{HPos, VPos};

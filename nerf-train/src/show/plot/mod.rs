@@ -5,8 +5,8 @@ mod label;
 mod scale;
 
 use super::text;
-use crate::data::rgb::Picture;
-use crate::data::rgb_error::ReportError;
+use crate::data::pictures::rgb::Picture;
+use crate::data::pictures::rgb::ReportError;
 use crate::data::system::output::write_atomic;
 use crate::data::system::printable;
 use backend::PictureBackend;

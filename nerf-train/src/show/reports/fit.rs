@@ -1,9 +1,9 @@
 //! The report of a fit: summary, curve, snapshots, validation views.
 
-use crate::data::colour;
 use crate::data::names::FileNames;
-use crate::data::rgb::Picture;
-use crate::data::rgb_error::ReportError;
+use crate::data::pictures::colour;
+use crate::data::pictures::rgb::Picture;
+use crate::data::pictures::rgb::ReportError;
 use crate::data::system::output::write_atomic;
 use crate::data::system::{printable, summary};
 use crate::data::{Dataset, Report};

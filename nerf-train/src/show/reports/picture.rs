@@ -1,8 +1,8 @@
 //! The report of an `image fit`: curve, contact sheet, pictures.
 
-use crate::data::photograph::Photo;
-use crate::data::rgb::Picture;
-use crate::data::rgb_error::ReportError;
+use crate::data::pictures::photograph::Photo;
+use crate::data::pictures::rgb::Picture;
+use crate::data::pictures::rgb::ReportError;
 use crate::data::system::summary;
 use crate::fit::picture::{Outcome, Summary};
 use crate::show::contact_sheet::{Cell, contact_sheet};

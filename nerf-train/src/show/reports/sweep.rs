@@ -1,6 +1,6 @@
 //! What a sweep says: a table, plots of PSNR over each setting and over time, a sheet of pictures.
 
-use crate::data::rgb::Picture;
+use crate::data::pictures::rgb::Picture;
 use crate::data::system::output::write_atomic;
 use crate::data::system::printable::markdown as markdown_text;
 use crate::lab::LabError;

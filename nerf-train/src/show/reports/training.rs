@@ -1,6 +1,6 @@
 //! What fits of the same time say: PSNR over time, and over the size of the file.
 
-use crate::data::rgb_error::ReportError;
+use crate::data::pictures::rgb::ReportError;
 use crate::data::system::output::write_atomic;
 use crate::data::system::printable::markdown;
 use crate::data::system::summary;

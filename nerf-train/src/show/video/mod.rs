@@ -6,8 +6,8 @@
 //! unnamed one is guessed from the picture's size. An ffmpeg that hangs is ended after [`PATIENCE`].
 
 use super::animation::{check_rate, check_size};
-use crate::data::rgb::Picture;
-use crate::data::rgb_error::ReportError;
+use crate::data::pictures::rgb::Picture;
+use crate::data::pictures::rgb::ReportError;
 use crate::data::system::child::{Heard, Helper, last_lines};
 use crate::data::system::output::AtomicFile;
 use crate::data::system::output::mark::MARK;

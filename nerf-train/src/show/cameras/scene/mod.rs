@@ -63,7 +63,7 @@ pub enum ShowError {
     Train(#[from] TrainError),
     /// A picture that could not be encoded.
     #[error("{0}")]
-    Report(#[from] crate::data::rgb_error::ReportError),
+    Report(#[from] crate::data::pictures::rgb::ReportError),
     /// A page that could not be encoded.
     #[error("page: {0}")]
     Page(#[from] serde_json::Error),

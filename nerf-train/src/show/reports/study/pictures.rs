@@ -1,7 +1,7 @@
 //! Both ends of a front as pictures, and how far they are from the truth and from the exact rendering.
 
 use super::{Findings, SPAN_LOSS_DB};
-use crate::data::rgb::Picture;
+use crate::data::pictures::rgb::Picture;
 use crate::measure::error::StudyError;
 use crate::measure::frame;
 use crate::show::colour_map::{ColourMap, with_legend};

@@ -1,6 +1,6 @@
 //! What the cameras look at, and the bounds of the scene that follow from it.
 
-use super::{Dataset, Format};
+use crate::data::{Dataset, Format};
 use glam::{DMat3, DVec3, Vec3};
 use nerf_core::camera::{Camera, SceneBox};
 use serde::Serialize;
@@ -46,7 +46,7 @@ impl LookAt {
     }
 
     /// Of lines, each with a point and a unit direction.
-    pub(super) fn of_lines(lines: &[(DVec3, DVec3)]) -> Option<Self> {
+    pub(crate) fn of_lines(lines: &[(DVec3, DVec3)]) -> Option<Self> {
         if lines.len() < 2 {
             return None;
         }
@@ -165,7 +165,7 @@ pub fn scene_bounds(dataset: &Dataset) -> Option<SceneBounds> {
     bounds(&cameras, LookAt::of(&cameras).as_ref(), dataset)
 }
 
-pub(super) fn bounds(cameras: &[Camera], look_at: Option<&LookAt>, dataset: &Dataset) -> Option<SceneBounds> {
+pub(crate) fn bounds(cameras: &[Camera], look_at: Option<&LookAt>, dataset: &Dataset) -> Option<SceneBounds> {
     let look_at = look_at.filter(|look_at| look_at.places_the_scene());
     let proposed = look_at.map(|look_at| proposed_range(look_at, dataset.format));
     let near = dataset.near.or(proposed.map(|range| range.0))?;

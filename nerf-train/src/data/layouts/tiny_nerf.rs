@@ -1,7 +1,8 @@
 //! `tiny_nerf_data.npz` of the original notebook: pictures in floats, OpenGL poses, no splits.
 
-use super::npz::Archive;
-use super::{Axes, Background, Dataset, DatasetError, Format, ReadOptions, cs180, scene_name};
+use crate::data::layouts::cs180;
+use crate::data::layouts::npz::Archive;
+use crate::data::{Axes, Background, Dataset, DatasetError, Format, ReadOptions, scene_name};
 
 /// The notebook's file has this many views, of which it fits the first 100.
 const NOTEBOOK_VIEWS: usize = 106;
@@ -14,7 +15,7 @@ const LAST: usize = 6;
 ///
 /// Of the notebook's own 106 views, 0..100 are training and 101..106 validation (100 is unused,
 /// as there); of other files the last six are validation, or none if that leaves no training.
-pub(super) fn read(archive: &mut Archive, options: &ReadOptions) -> Result<Dataset, DatasetError> {
+pub(crate) fn read(archive: &mut Archive, options: &ReadOptions) -> Result<Dataset, DatasetError> {
     let axes = options.axes.unwrap_or(Axes::Opengl);
     let focal = archive.scalar("focal")?;
     let c2ws = archive.matrices("poses")?;

@@ -2,9 +2,9 @@
 //!
 //! Read from front to back without trust in any count: nothing is allocated that the bytes did not pay for.
 
-use super::super::DatasetError;
 use super::model::{Camera, Kind};
 use super::{Encoding, Model, Points, Registered};
+use crate::data::DatasetError;
 use crate::data::system::input::open_regular;
 use std::collections::HashMap;
 use std::fs::File;
@@ -105,12 +105,12 @@ impl Bytes {
 }
 
 /// The number of photographs that an images.bin says it has.
-pub(super) fn count(file: &Path) -> Result<u64, DatasetError> {
+pub(crate) fn count(file: &Path) -> Result<u64, DatasetError> {
     Bytes::open(file)?.u64("number of photographs")
 }
 
 /// The cameras and photographs of a model.
-pub(super) fn model(folder: &Path) -> Result<Model, DatasetError> {
+pub(crate) fn model(folder: &Path) -> Result<Model, DatasetError> {
     let cameras = cameras(&Encoding::Binary.file(folder, "cameras"))?;
     let images = images(&Encoding::Binary.file(folder, "images"))?;
     Ok(Model { cameras, images })
@@ -162,7 +162,7 @@ fn images(file: &Path) -> Result<Vec<Registered>, DatasetError> {
 }
 
 /// The positions of a points3D.bin.
-pub(super) fn points(file: &Path, points: &mut Points) -> Result<(), DatasetError> {
+pub(crate) fn points(file: &Path, points: &mut Points) -> Result<(), DatasetError> {
     let mut bytes = Bytes::open(file)?;
     for index in 0..bytes.u64("number of points")? {
         let field = format!("point number {index}");

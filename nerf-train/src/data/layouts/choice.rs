@@ -1,7 +1,11 @@
 //! Which layout a folder has.
 
-use super::bare::Bare;
-use super::{Dataset, DatasetError, ReadOptions, Watch, blender, colmap, llff, nerfstudio};
+use crate::data::layouts::bare::Bare;
+use crate::data::layouts::blender;
+use crate::data::layouts::colmap;
+use crate::data::layouts::llff;
+use crate::data::layouts::nerfstudio;
+use crate::data::{Dataset, DatasetError, ReadOptions, Watch};
 use std::path::Path;
 
 /// The layouts of folders, in the order in which they are looked for.
@@ -63,7 +67,7 @@ impl std::str::FromStr for Layout {
 }
 
 /// Reads a folder in the layout that is asked for, or else in the first that fits it; says so where others do, too.
-pub(super) fn read(folder: &Path, options: &ReadOptions, watch: &Watch) -> Result<Dataset, DatasetError> {
+pub(crate) fn read(folder: &Path, options: &ReadOptions, watch: &Watch) -> Result<Dataset, DatasetError> {
     let fitting: Vec<Layout> = Layout::ALL.into_iter().filter(|layout| layout.fits(folder)).collect();
     let wanted = options.layout.or(fitting.first().copied());
     let Some(layout) = wanted.filter(|layout| fitting.contains(layout)) else {

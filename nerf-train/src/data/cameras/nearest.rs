@@ -1,6 +1,6 @@
 //! How near something is that the views show, by the sparse points they see.
 
-use super::{Dataset, View};
+use crate::data::{Dataset, View};
 use glam::Vec3;
 use rayon::prelude::*;
 
@@ -11,7 +11,7 @@ const ENOUGH_POINTS: usize = 50;
 const ONE_VIEW: (f32, f32) = (0.01, 0.7);
 
 /// Sets [`View::near`] of all views.
-pub(super) fn set_near(dataset: &mut Dataset) {
+pub(crate) fn set_near(dataset: &mut Dataset) {
     let Dataset { train, val, test, points, .. } = dataset;
     [train, val, test].into_iter().flatten().par_bridge().for_each(|view| {
         view.near = begin(distances(view, points), ONE_VIEW).unwrap_or(0.0);

@@ -1,11 +1,15 @@
 //! Pictures in memory and as PNG files.
 
-use crate::data::rgb_error::{ReportError, check_length};
+mod error;
+
 use crate::data::system::output::mark::MARK;
 use crate::data::system::output::write_atomic;
 use image::codecs::png::PngEncoder;
 use image::{ExtendedColorType, ImageEncoder};
 use std::path::Path;
+
+pub use error::ReportError;
+pub(crate) use error::check_length;
 
 /// A colour picture, display-encoded (sRGB as in the training images), row-major, top row first.
 ///
@@ -115,7 +119,7 @@ impl Picture {
 
     /// The colours of a picture file; `None` where there is none that can be read.
     pub fn read(path: impl AsRef<Path>) -> Option<Self> {
-        let picture = crate::data::decode::decode(path.as_ref()).ok()?.0.into_rgb8();
+        let picture = crate::data::pictures::decode::decode(path.as_ref()).ok()?.0.into_rgb8();
         let rgb = picture.pixels().map(|pixel| pixel.0.map(|c| f32::from(c) / 255.0)).collect();
         Some(Self { width: picture.width() as usize, height: picture.height() as usize, rgb })
     }

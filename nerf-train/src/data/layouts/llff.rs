@@ -1,17 +1,18 @@
 //! LLFF's `poses_bounds.npy`, with the photographs in `images` or `images_N` beside it.
 
-use super::folders::{Folders, Located};
-use super::found::Found;
-use super::npz::read_npy;
-use super::photo::{Fence, Optics, Photo, Source};
-use super::split::every_eighth;
-use super::{Axes, Background, Dataset, DatasetError, Format, ReadOptions, View, Watch, colmap, scene_name};
+use crate::data::layouts::colmap;
+use crate::data::layouts::folders::{Folders, Located};
+use crate::data::layouts::found::Found;
+use crate::data::layouts::npz::read_npy;
+use crate::data::layouts::split::every_eighth;
+use crate::data::pictures::photo::{Fence, Optics, Photo, Source};
+use crate::data::{Axes, Background, Dataset, DatasetError, Format, ReadOptions, View, Watch, scene_name};
 use glam::DVec3;
 use nerf_core::camera::{Lens, Pose};
 use std::path::Path;
 
 /// The file that makes a folder one of these.
-pub(super) const FILE: &str = "poses_bounds.npy";
+pub(crate) const FILE: &str = "poses_bounds.npy";
 /// Numbers a photograph: three rows of a 3×5 matrix, near and far.
 const NUMBERS: usize = 17;
 /// Rays begin a little before the nearest bound, as LLFF's own loader has it.
@@ -43,7 +44,7 @@ impl Row {
 
 /// Reads `poses_bounds.npy` of a folder. The photographs are those of `images` or `images_N` in the order of the bytes
 /// of their names, as many as there are poses.
-pub(super) fn read(folder: &Path, options: &ReadOptions, watch: &Watch) -> Result<Dataset, DatasetError> {
+pub(crate) fn read(folder: &Path, options: &ReadOptions, watch: &Watch) -> Result<Dataset, DatasetError> {
     let file = folder.join(FILE);
     let (rows, origin) = rows(&file, options)?;
     let folders = Folders::of(folder)?;

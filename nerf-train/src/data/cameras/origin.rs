@@ -1,6 +1,6 @@
 //! Worlds far from their origin, such as GPS coordinates, moved to where 32-bit numbers are fine enough.
 
-use super::{Dataset, ReadOptions};
+use crate::data::{Dataset, ReadOptions};
 use glam::DVec3;
 
 /// The world is moved where its cameras are further from the origin than this many times their distance from their
@@ -12,7 +12,7 @@ const STATED: &str = ", origin at (";
 
 /// Which point of the file's world becomes the origin: (0, 0, 0), or near the middle of cameras that are far from it, in
 /// whole units of a power of ten, so that it is exact and does not depend on a single camera.
-pub(super) fn origin(cameras: impl IntoIterator<Item = [f64; 3]>) -> DVec3 {
+pub(crate) fn origin(cameras: impl IntoIterator<Item = [f64; 3]>) -> DVec3 {
     let cameras: Vec<DVec3> =
         cameras.into_iter().map(DVec3::from).filter(|camera| camera.is_finite()).collect();
     let low = cameras.iter().copied().fold(DVec3::INFINITY, DVec3::min);
@@ -32,7 +32,7 @@ pub(super) fn origin(cameras: impl IntoIterator<Item = [f64; 3]>) -> DVec3 {
 
 impl ReadOptions {
     /// What the coordinates of a data set with these cameras count from.
-    pub(super) fn origin_for(&self, cameras: impl IntoIterator<Item = [f64; 3]>) -> DVec3 {
+    pub(crate) fn origin_for(&self, cameras: impl IntoIterator<Item = [f64; 3]>) -> DVec3 {
         self.origin.map_or_else(|| origin(cameras), DVec3::from)
     }
 }
@@ -51,7 +51,7 @@ pub fn origin_in_name(name: &str) -> [f64; 3] {
 impl Dataset {
     /// The data set with all it holds counted from `origin`, as its reader has done; says so, also in the name, which a
     /// blob keeps.
-    pub(super) fn counted_from(mut self, origin: DVec3) -> Self {
+    pub(crate) fn counted_from(mut self, origin: DVec3) -> Self {
         if origin == DVec3::ZERO {
             return self;
         }

@@ -1,17 +1,17 @@
 //! What the reading of pictures finds besides them.
 
-use super::View;
-use super::transforms::listed;
+use crate::data::View;
+use crate::data::layouts::transforms::listed;
 use std::collections::BTreeMap;
 use std::path::Path;
 
 /// Things to say, over all files of a data set.
 #[derive(Default)]
-pub(super) struct Found {
+pub(crate) struct Found {
     /// Sentences about what is odd.
-    pub(super) warnings: Vec<String>,
+    pub(crate) warnings: Vec<String>,
     /// Sentences about what was done.
-    pub(super) notes: Vec<String>,
+    pub(crate) notes: Vec<String>,
     /// Pictures that are transparent somewhere.
     transparent: usize,
     /// Pictures of any kind.
@@ -30,7 +30,7 @@ pub(super) struct Found {
 
 impl Found {
     /// Counts a view; `channel`: whether its file has an alpha channel.
-    pub(super) fn count_alpha(&mut self, view: &View, channel: bool) {
+    pub(crate) fn count_alpha(&mut self, view: &View, channel: bool) {
         self.pictures += 1;
         if !channel {
             self.opaque.push(view.name.clone());
@@ -40,20 +40,20 @@ impl Found {
     }
 
     /// Counts a picture that was made smaller, from the size `larger`.
-    pub(super) fn count_scaled(&mut self, larger: Option<(u32, u32)>, (width, height): (u32, u32)) {
+    pub(crate) fn count_scaled(&mut self, larger: Option<(u32, u32)>, (width, height): (u32, u32)) {
         if let Some((from_width, from_height)) = larger {
             *self.scaled.entry([from_width, from_height, width, height]).or_default() += 1;
         }
     }
 
     /// Counts a sentence about a view of `file`.
-    pub(super) fn count_note(&mut self, file: &Path, note: String) {
+    pub(crate) fn count_note(&mut self, file: &Path, note: String) {
         let name = file.file_name().unwrap_or_default().to_string_lossy().into_owned();
         *self.said.entry((name, note)).or_default() += 1;
     }
 
     /// Counts a view's mask; false where it leaves nothing.
-    pub(super) fn count_mask(&mut self, view: &View) -> bool {
+    pub(crate) fn count_mask(&mut self, view: &View) -> bool {
         let Some(mask) = &view.mask else { return true };
         let some = mask.iter().any(|&kept| kept);
         if some {
@@ -67,7 +67,7 @@ impl Found {
     /// Notes and warnings: the sentences, and one where only some pictures have alpha.
     ///
     /// A picture whose alpha is 255 everywhere is none of those without: an object may fill it.
-    pub(super) fn into_sentences(mut self) -> (Vec<String>, Vec<String>) {
+    pub(crate) fn into_sentences(mut self) -> (Vec<String>, Vec<String>) {
         for ([a, b, c, d], count) in self.scaled {
             self.notes
                 .push(format!("{count} pictures of {a}x{b} made smaller by area, to {c}x{d} (--downscale)"));

@@ -1,13 +1,13 @@
 //! Which views are held out where a data set does not say.
 
-use super::{ReadOptions, View};
+use crate::data::{ReadOptions, View};
 
 /// One view in this many is held out, as the field does.
-pub(super) const HOLD: usize = 8;
+pub(crate) const HOLD: usize = 8;
 
 /// Training and validation: of the views sorted by the bytes of their names, every eighth from
 /// [`ReadOptions::hold_offset`] on is validation. A single view is for training.
-pub(super) fn every_eighth(
+pub(crate) fn every_eighth(
     mut views: Vec<View>,
     options: &ReadOptions,
     notes: &mut Vec<String>,

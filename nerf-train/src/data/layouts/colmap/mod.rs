@@ -5,12 +5,12 @@ pub(crate) mod commands;
 mod model;
 mod text;
 
-use super::folders::Folders;
-use super::found::Found;
-use super::photo::{Fence, Loaded, Photo, Source};
-use super::split::every_eighth;
-use super::transforms::listed;
-use super::{Axes, Background, Dataset, DatasetError, Format, ReadOptions, Watch, scene_name};
+use crate::data::layouts::folders::Folders;
+use crate::data::layouts::found::Found;
+use crate::data::layouts::split::every_eighth;
+use crate::data::layouts::transforms::listed;
+use crate::data::pictures::photo::{Fence, Loaded, Photo, Source};
+use crate::data::{Axes, Background, Dataset, DatasetError, Format, ReadOptions, Watch, scene_name};
 use glam::{DMat3, DQuat, DVec3};
 use model::Camera;
 use nerf_core::camera::Pose;
@@ -62,19 +62,19 @@ impl Encoding {
 /// The folders of models in `root`: `sparse/0`, `sparse/1`…, `sparse`, and `root` itself.
 fn models(root: &Path) -> Vec<(PathBuf, Encoding)> {
     let sparse = root.join("sparse");
-    let mut numbered: Vec<PathBuf> = super::folders::entries(&sparse).unwrap_or_default();
+    let mut numbered: Vec<PathBuf> = crate::data::layouts::folders::entries(&sparse).unwrap_or_default();
     numbered.sort();
     let folders = numbered.into_iter().chain([sparse, root.to_owned()]);
     folders.filter_map(|folder| Encoding::of(&folder).map(|encoding| (folder, encoding))).collect()
 }
 
 /// Whether there is a model in `root`.
-pub(super) fn is_here(root: &Path) -> bool {
+pub(crate) fn is_here(root: &Path) -> bool {
     !models(root).is_empty()
 }
 
 /// The files of all models, and the points of [`points_of`].
-pub(super) fn files(root: &Path) -> Vec<PathBuf> {
+pub(crate) fn files(root: &Path) -> Vec<PathBuf> {
     let folders = models(root).into_iter().map(|(folder, _)| folder).chain([root.to_owned()]);
     let stems = ["cameras", "images", "points3D", "rigs", "frames"];
     let names = stems.into_iter().flat_map(|stem| [format!("{stem}.bin"), format!("{stem}.txt")]);
@@ -84,7 +84,7 @@ pub(super) fn files(root: &Path) -> Vec<PathBuf> {
 }
 
 /// Reads the model of `folder` that has most photographs.
-pub(super) fn read(folder: &Path, options: &ReadOptions, watch: &Watch) -> Result<Dataset, DatasetError> {
+pub(crate) fn read(folder: &Path, options: &ReadOptions, watch: &Watch) -> Result<Dataset, DatasetError> {
     let mut found = Found::default();
     let (model_folder, encoding) = largest(folder, &mut found)?;
     let model = match encoding {
@@ -93,7 +93,7 @@ pub(super) fn read(folder: &Path, options: &ReadOptions, watch: &Watch) -> Resul
     };
     // A model that is pointed at itself stands in `sparse/0` beside the photographs.
     let above = model_folder.ancestors().take(3).filter(|above| !above.as_os_str().is_empty());
-    let root = match above.clone().find(|above| above.join(super::folders::IMAGES).is_dir()) {
+    let root = match above.clone().find(|above| above.join(crate::data::layouts::folders::IMAGES).is_dir()) {
         Some(above) if model_folder == folder => above,
         _ => folder,
     };
@@ -173,7 +173,7 @@ fn largest(folder: &Path, found: &mut Found) -> Result<(PathBuf, Encoding), Data
 }
 
 /// The sparse points of `folder`, if it has any, counted from `origin`: those that some photograph sees.
-pub(super) fn points_of(
+pub(crate) fn points_of(
     folder: &Path,
     origin: DVec3,
     found: &mut Found,
@@ -299,7 +299,7 @@ struct Reader<'a> {
 }
 
 impl Reader<'_> {
-    fn views(&self, watch: &Watch, found: &mut Found) -> Result<Vec<super::View>, DatasetError> {
+    fn views(&self, watch: &Watch, found: &mut Found) -> Result<Vec<crate::data::View>, DatasetError> {
         let images = &self.model.images;
         watch.expect(images.len());
         let fence = Fence::around(self.root, self.options)?;

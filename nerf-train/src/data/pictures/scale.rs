@@ -1,6 +1,6 @@
 //! Pictures made smaller by area.
 
-use super::picture::Picture;
+use crate::data::pictures::file::Picture;
 use image::DynamicImage;
 use std::ops::Range;
 
@@ -21,7 +21,7 @@ pub enum Downscale {
 
 impl Downscale {
     /// The factor for pictures of this size, pixels.
-    pub(super) fn factor(self, (width, height): (f64, f64)) -> u32 {
+    pub(crate) fn factor(self, (width, height): (f64, f64)) -> u32 {
         let Self::Auto = self else {
             let Self::By(factor) = self else { return 1 };
             return factor.max(1);
@@ -68,7 +68,7 @@ fn touched(index: u32, count: u32, length: u32) -> Range<usize> {
 
 /// A picture as straight 8-bit sRGB and alpha, made smaller to `width` by `height` where it is larger: each pixel is the
 /// mean over its area, in display space as the pictures of the field's data sets are, weighted by alpha.
-pub(super) fn shrunk(image: DynamicImage, width: u32, height: u32) -> Picture {
+pub(crate) fn shrunk(image: DynamicImage, width: u32, height: u32) -> Picture {
     let (from_width, from_height) = (image.width(), image.height());
     let (width, height) = (width.min(from_width), height.min(from_height));
     let alpha = image.color().has_alpha();
@@ -121,7 +121,7 @@ fn pixel_of([r, g, b, weight]: [f32; 4], area: f32) -> [u8; 4] {
 }
 
 /// A mask at another size: a pixel is kept where all that it touches is.
-pub(super) fn shrunk_mask(kept: &[bool], from: (u32, u32), to: (u32, u32)) -> Vec<bool> {
+pub(crate) fn shrunk_mask(kept: &[bool], from: (u32, u32), to: (u32, u32)) -> Vec<bool> {
     let columns: Vec<_> = (0..to.0).map(|x| touched(x, to.0, from.0)).collect();
     let mut out = Vec::with_capacity(to.0 as usize * to.1 as usize);
     for y in 0..to.1 {

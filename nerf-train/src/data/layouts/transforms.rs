@@ -1,12 +1,12 @@
 //! What the `transforms*.json` files of Blender, nerfstudio and instant-ngp have in common.
 
-use super::folders::smaller_copy;
-use super::found::Found;
-use super::photo::{Fence, Loaded, Optics, Photo, Source};
-use super::picture::{self, StatedSize};
-use super::pose::{BOTTOM_ROW, angle_fault, bottom_row_fault};
-use super::{Axes, DatasetError, Downscale, ReadOptions, View, Watch};
+use crate::data::cameras::pose::{BOTTOM_ROW, angle_fault, bottom_row_fault};
+use crate::data::layouts::folders::smaller_copy;
+use crate::data::layouts::found::Found;
+use crate::data::pictures::file::{self, StatedSize};
+use crate::data::pictures::photo::{Fence, Loaded, Optics, Photo, Source};
 use crate::data::system::input::{MAX_JSON_BYTES, read_limited, without_mark};
+use crate::data::{Axes, DatasetError, Downscale, ReadOptions, View, Watch};
 use glam::DVec3;
 use nerf_core::camera::{Lens, Pose, Projection};
 use serde::Deserialize;
@@ -14,8 +14,8 @@ use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 
 /// A file: one JSON read three times, so that every error has its own line.
-pub(super) struct Transforms {
-    pub(super) header: Header,
+pub(crate) struct Transforms {
+    pub(crate) header: Header,
     /// Frames in the file's order, each with its own camera fields.
     frames: Vec<(Frame, CameraFields)>,
     shared: CameraFields,
@@ -23,15 +23,15 @@ pub(super) struct Transforms {
 
 /// The file's own fields.
 #[derive(Deserialize)]
-pub(super) struct Header {
+pub(crate) struct Header {
     frames: Vec<Frame>,
-    pub(super) near: Option<f32>,
-    pub(super) far: Option<f32>,
-    pub(super) train_filenames: Option<Vec<String>>,
-    pub(super) val_filenames: Option<Vec<String>>,
-    pub(super) test_filenames: Option<Vec<String>>,
-    pub(super) aabb_scale: Option<f64>,
-    pub(super) applied_transform: Option<Vec<Vec<f64>>>,
+    pub(crate) near: Option<f32>,
+    pub(crate) far: Option<f32>,
+    pub(crate) train_filenames: Option<Vec<String>>,
+    pub(crate) val_filenames: Option<Vec<String>>,
+    pub(crate) test_filenames: Option<Vec<String>>,
+    pub(crate) aabb_scale: Option<f64>,
+    pub(crate) applied_transform: Option<Vec<Vec<f64>>>,
 }
 
 #[derive(Deserialize)]
@@ -76,7 +76,7 @@ const MODELS: &[&str] = &["OPENCV", "PINHOLE", "SIMPLE_PINHOLE", "SIMPLE_RADIAL"
 const NEGLIGIBLE_SHIFT: f64 = 0.5;
 
 impl Transforms {
-    pub(super) fn read(file: &Path) -> Result<Self, DatasetError> {
+    pub(crate) fn read(file: &Path) -> Result<Self, DatasetError> {
         let bytes = read_limited(file, MAX_JSON_BYTES).map_err(|source| DatasetError::io(file, source))?;
         let bytes = without_mark(&bytes);
         let json =
@@ -89,12 +89,12 @@ impl Transforms {
     }
 
     /// Frames it names, with or without a picture.
-    pub(super) fn len(&self) -> usize {
+    pub(crate) fn len(&self) -> usize {
         self.frames.len()
     }
 
     /// The positions of its cameras, as far as its matrices have them.
-    pub(super) fn positions(&self) -> impl Iterator<Item = [f64; 3]> {
+    pub(crate) fn positions(&self) -> impl Iterator<Item = [f64; 3]> {
         self.frames.iter().filter_map(|(frame, _)| match frame.transform_matrix.as_slice() {
             [x, y, z, ..] => Some([*x.get(3)?, *y.get(3)?, *z.get(3)?]),
             _ => None,
@@ -102,7 +102,7 @@ impl Transforms {
     }
 
     /// All views whose picture exists, in the file's order; what is to be said of the rest goes into `found`.
-    pub(super) fn views(
+    pub(crate) fn views(
         &self,
         file: &Path,
         options: &ReadOptions,
@@ -116,7 +116,7 @@ impl Transforms {
         let folder = Folder { path, fence: Fence::around(path, options)?, axes, downscale, origin };
         let source = Source { file, says: "the json" };
         let pictures: Vec<_> =
-            self.frames.iter().map(|(frame, _)| picture::locate(path, &frame.file_path)).collect();
+            self.frames.iter().map(|(frame, _)| file::locate(path, &frame.file_path)).collect();
         let views = source.load_all(self.frames.len(), watch, found, |index| {
             let (frame, own) = &self.frames[index];
             pictures[index]
@@ -162,7 +162,7 @@ impl Transforms {
         let stated = at.size(&fields)?;
         let mask = match &frame.mask_path {
             Some(mask) => {
-                let path = picture::locate(folder.path, mask).ok_or_else(|| {
+                let path = file::locate(folder.path, mask).ok_or_else(|| {
                     at.value("mask_path", "the name of a picture", format!("{mask}, which is missing"))
                 })?;
                 folder.fence.check(file, name, &path)?;
@@ -249,7 +249,7 @@ struct Folder<'a> {
 }
 
 /// The first few names, and how many more there are.
-pub(super) fn listed(names: &[impl AsRef<str>]) -> String {
+pub(crate) fn listed(names: &[impl AsRef<str>]) -> String {
     const SHOWN: usize = 8;
     let shown: Vec<&str> = names.iter().take(SHOWN).map(AsRef::as_ref).collect();
     let more = if names.len() > SHOWN { format!(" and {} more", names.len() - SHOWN) } else { String::new() };

@@ -1,29 +1,31 @@
 //! A Blender (NeRF-synthetic) folder: one json for each split.
 
-use super::found::Found;
-use super::transforms::Transforms;
-use super::{Axes, Background, Dataset, DatasetError, Downscale, Format, ReadOptions, Watch, scene_name};
+use crate::data::layouts::found::Found;
+use crate::data::layouts::transforms::Transforms;
+use crate::data::{
+    Axes, Background, Dataset, DatasetError, Downscale, Format, ReadOptions, Watch, scene_name,
+};
 use std::path::{Path, PathBuf};
 
 /// The file that makes a folder one of these.
-pub(super) const TRAIN: &str = "transforms_train.json";
+pub(crate) const TRAIN: &str = "transforms_train.json";
 const VAL: &str = "transforms_val.json";
 const TEST: &str = "transforms_test.json";
 /// The lists of all splits.
-pub(super) const SPLITS: [&str; 3] = [TRAIN, VAL, TEST];
+pub(crate) const SPLITS: [&str; 3] = [TRAIN, VAL, TEST];
 
 /// Whether a file of this name stands for its folder.
-pub(super) fn is_split_file(name: &str) -> bool {
+pub(crate) fn is_split_file(name: &str) -> bool {
     SPLITS.contains(&name)
 }
 
 /// Whether a folder has one of the lists.
-pub(super) fn is_here(folder: &Path) -> bool {
+pub(crate) fn is_here(folder: &Path) -> bool {
     SPLITS.iter().any(|name| folder.join(name).is_file())
 }
 
 /// Reads a folder with `transforms_train.json` and perhaps `_val` and `_test`; any of them do where nothing is fitted.
-pub(super) fn read(folder: &Path, options: &ReadOptions, watch: &Watch) -> Result<Dataset, DatasetError> {
+pub(crate) fn read(folder: &Path, options: &ReadOptions, watch: &Watch) -> Result<Dataset, DatasetError> {
     let axes = options.axes.unwrap_or(Axes::Opengl);
     let mut found = Found::default();
     // All of the lists before the first picture: then it is known how many there are.

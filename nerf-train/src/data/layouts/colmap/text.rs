@@ -1,8 +1,8 @@
 //! COLMAP's text files: a line for each camera and point, two for each photograph, and comments.
 
-use super::super::DatasetError;
 use super::model::{Camera, Kind};
 use super::{Encoding, Model, Points, Registered};
+use crate::data::DatasetError;
 use crate::data::system::input::open_regular;
 use std::collections::HashMap;
 use std::io::{BufRead, BufReader, Read};
@@ -107,12 +107,12 @@ impl Lines {
 }
 
 /// The number of photographs in an images.txt.
-pub(super) fn count(file: &Path) -> Result<u64, DatasetError> {
+pub(crate) fn count(file: &Path) -> Result<u64, DatasetError> {
     images(file).map(|images| images.len() as u64)
 }
 
 /// The cameras and photographs of a model.
-pub(super) fn model(folder: &Path) -> Result<Model, DatasetError> {
+pub(crate) fn model(folder: &Path) -> Result<Model, DatasetError> {
     let cameras = cameras(&Encoding::Text.file(folder, "cameras"))?;
     let images = images(&Encoding::Text.file(folder, "images"))?;
     Ok(Model { cameras, images })
@@ -177,7 +177,7 @@ fn images(file: &Path) -> Result<Vec<Registered>, DatasetError> {
 }
 
 /// The positions of a points3D.txt.
-pub(super) fn points(file: &Path, points: &mut Points) -> Result<(), DatasetError> {
+pub(crate) fn points(file: &Path, points: &mut Points) -> Result<(), DatasetError> {
     let mut lines = Lines::open(file)?;
     let mut count = 0;
     while let Some(line) = lines.next()? {

@@ -1,18 +1,18 @@
 //! A `transforms.json` of nerfstudio or instant-ngp: all views in one file.
 
-use super::found::Found;
-use super::split::every_eighth;
-use super::transforms::{Header, Transforms, listed};
-use super::{Axes, Background, Dataset, DatasetError, Format, ReadOptions, View, Watch, scene_name};
+use crate::data::layouts::found::Found;
+use crate::data::layouts::split::every_eighth;
+use crate::data::layouts::transforms::{Header, Transforms, listed};
+use crate::data::{Axes, Background, Dataset, DatasetError, Format, ReadOptions, View, Watch, scene_name};
 use std::collections::HashSet;
 use std::path::Path;
 
 /// The file's usual name.
-pub(super) const FILE: &str = "transforms.json";
+pub(crate) const FILE: &str = "transforms.json";
 
 /// Reads one json; splits by its lists, or else every eighth view (of the views sorted by file
 /// path, from the first) is validation.
-pub(super) fn read(file: &Path, options: &ReadOptions, watch: &Watch) -> Result<Dataset, DatasetError> {
+pub(crate) fn read(file: &Path, options: &ReadOptions, watch: &Watch) -> Result<Dataset, DatasetError> {
     let axes = options.axes.unwrap_or(Axes::Opengl);
     let mut found = Found::default();
     let transforms = Transforms::read(file)?;

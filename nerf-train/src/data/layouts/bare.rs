@@ -1,10 +1,10 @@
 //! A folder of photographs alone: what poses are made of.
 
-use super::DatasetError;
-use super::colmap::commands;
-use super::folders::{IMAGES, entries};
-use super::picture::is_picture_name;
-use crate::data::decode::{DecodeError, dimensions};
+use crate::data::DatasetError;
+use crate::data::layouts::colmap::commands;
+use crate::data::layouts::folders::{IMAGES, entries};
+use crate::data::pictures::decode::{DecodeError, dimensions};
+use crate::data::pictures::file::is_picture_name;
 use std::path::{Path, PathBuf};
 
 /// Photographs whose poses nobody knows yet.
@@ -49,7 +49,7 @@ impl Bare {
     }
 
     /// That `folder` has no poses of them, and how to make some beside them.
-    pub(super) fn no_poses(self, folder: &Path) -> DatasetError {
+    pub(crate) fn no_poses(self, folder: &Path) -> DatasetError {
         let sparse = folder.join("sparse");
         // Not among the photographs, where COLMAP would take it for one.
         let database = sparse.join("database.db");

@@ -1,7 +1,7 @@
 //! The CS180 course's `.npz`: splits by name, OpenCV poses, one focal length.
 
-use super::npz::{Archive, Array};
-use super::{Axes, Background, Dataset, DatasetError, Format, ReadOptions, View, scene_name};
+use crate::data::layouts::npz::{Archive, Array};
+use crate::data::{Axes, Background, Dataset, DatasetError, Format, ReadOptions, View, scene_name};
 use glam::DVec3;
 use nerf_core::camera::{Camera, Intrinsics, Lens, Pose};
 use rayon::prelude::*;
@@ -10,7 +10,7 @@ use rayon::prelude::*;
 /// fitted.
 ///
 /// `c2ws_test` without `images_test` is a path to render.
-pub(super) fn read(archive: &mut Archive, options: &ReadOptions) -> Result<Dataset, DatasetError> {
+pub(crate) fn read(archive: &mut Archive, options: &ReadOptions) -> Result<Dataset, DatasetError> {
     let axes = options.axes.unwrap_or(Axes::Opencv);
     let focal = archive.scalar("focal")?;
     let mut positions = Vec::new();
@@ -69,15 +69,15 @@ pub(super) fn read(archive: &mut Archive, options: &ReadOptions) -> Result<Datas
 
 /// How matrices are read.
 #[derive(Clone, Copy)]
-pub(super) struct World {
+pub(crate) struct World {
     /// Their convention.
-    pub(super) axes: Axes,
+    pub(crate) axes: Axes,
     /// What positions are counted from.
-    pub(super) origin: DVec3,
+    pub(crate) origin: DVec3,
 }
 
 /// Where a camera stands.
-pub(super) fn position(rows: &[[f64; 4]; 3]) -> [f64; 3] {
+pub(crate) fn position(rows: &[[f64; 4]; 3]) -> [f64; 3] {
     rows.map(|row| row[3])
 }
 
@@ -94,7 +94,7 @@ fn split(
 }
 
 /// Views of an array of pictures `[n, h, w, 3 or 4]` and as many poses.
-pub(super) fn views(
+pub(crate) fn views(
     archive: &Archive,
     (images, array): (&str, &Array),
     (poses, c2ws): (&str, &[[[f64; 4]; 3]]),

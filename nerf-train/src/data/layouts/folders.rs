@@ -1,33 +1,33 @@
 //! Folders of photographs: `images`, and `images_N` with copies N times smaller.
 
-use super::picture::is_picture_name;
-use super::{DatasetError, Downscale};
+use crate::data::pictures::file::is_picture_name;
+use crate::data::{DatasetError, Downscale};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 /// The usual folder of photographs.
-pub(super) const IMAGES: &str = "images";
+pub(crate) const IMAGES: &str = "images";
 /// The usual folder of masks: COLMAP's habit is `masks/NAME.png` for `images/NAME`.
 const MASKS: &str = "masks";
 
 /// A photograph that was found, and how it is to be read.
-pub(super) struct Located {
-    pub(super) path: PathBuf,
+pub(crate) struct Located {
+    pub(crate) path: PathBuf,
     /// How much smaller than the poses' size; `None`: as it is.
-    pub(super) downscale: Option<Downscale>,
+    pub(crate) downscale: Option<Downscale>,
     /// Whether it is a smaller copy.
-    pub(super) reduced: bool,
+    pub(crate) reduced: bool,
 }
 
 /// The folders of a data set, by how much smaller their pictures are.
-pub(super) struct Folders {
+pub(crate) struct Folders {
     root: PathBuf,
     by_factor: BTreeMap<u32, PathBuf>,
 }
 
 impl Folders {
     /// Those in `root`; its own pictures where it has no folder of them.
-    pub(super) fn of(root: &Path) -> Result<Self, DatasetError> {
+    pub(crate) fn of(root: &Path) -> Result<Self, DatasetError> {
         let mut by_factor = BTreeMap::new();
         for path in entries(root)?.into_iter().filter(|path| path.is_dir()) {
             let name = path.file_name().unwrap_or_default().to_string_lossy().into_owned();
@@ -67,7 +67,7 @@ impl Folders {
     }
 
     /// The photograph `name`, which may hold folders, of poses of this `size`.
-    pub(super) fn locate(&self, name: &str, downscale: Downscale, size: (f64, f64)) -> Option<Located> {
+    pub(crate) fn locate(&self, name: &str, downscale: Downscale, size: (f64, f64)) -> Option<Located> {
         self.candidates(downscale, size).into_iter().find_map(|(folder, downscale, reduced)| {
             let path = folder.join(name.replace('\\', "/"));
             let found =
@@ -77,7 +77,7 @@ impl Folders {
     }
 
     /// The pictures of the best folder, sorted by the bytes of their names.
-    pub(super) fn list(
+    pub(crate) fn list(
         &self,
         downscale: Downscale,
         size: (f64, f64),
@@ -102,7 +102,7 @@ impl Folders {
     }
 
     /// The folders, for messages.
-    pub(super) fn names(&self) -> String {
+    pub(crate) fn names(&self) -> String {
         let name = |path: &PathBuf| match path.strip_prefix(&self.root) {
             Ok(rest) if rest.as_os_str().is_empty() => ".".to_owned(),
             Ok(rest) => rest.display().to_string(),
@@ -112,7 +112,7 @@ impl Folders {
     }
 
     /// The mask of the photograph `name`, if there is one: `masks/NAME.png`, or with the ending in place of its own.
-    pub(super) fn mask(&self, name: &str) -> Option<PathBuf> {
+    pub(crate) fn mask(&self, name: &str) -> Option<PathBuf> {
         let folder = self.root.join(MASKS);
         let appended = folder.join(format!("{name}.png"));
         let own = folder.join(name);
@@ -122,7 +122,7 @@ impl Folders {
 
 /// The copy, `factor` times smaller, of a picture that a json names by its path from `root`: out of `images_4` for
 /// `images/a.jpg` and 4.
-pub(super) fn smaller_copy(root: &Path, file_path: &str, factor: u32) -> Option<PathBuf> {
+pub(crate) fn smaller_copy(root: &Path, file_path: &str, factor: u32) -> Option<PathBuf> {
     let path = file_path.replace('\\', "/");
     let (folder, rest) = path.trim_start_matches("./").split_once('/')?;
     let copy = root.join(format!("{folder}_{factor}")).join(rest);
@@ -136,7 +136,7 @@ fn with_other_ending(path: &Path) -> Option<PathBuf> {
 }
 
 /// What is in a folder.
-pub(super) fn entries(folder: &Path) -> Result<Vec<PathBuf>, DatasetError> {
+pub(crate) fn entries(folder: &Path) -> Result<Vec<PathBuf>, DatasetError> {
     let io = |source| DatasetError::io(folder, source);
     std::fs::read_dir(folder).map_err(io)?.map(|entry| entry.map(|entry| entry.path()).map_err(io)).collect()
 }

@@ -1,7 +1,11 @@
 //! Which files a data set consists of, without reading its pictures.
 
-use super::folders::entries;
-use super::{blender, colmap, llff, nerfstudio, picture};
+use crate::data::layouts::blender;
+use crate::data::layouts::colmap;
+use crate::data::layouts::folders::entries;
+use crate::data::layouts::llff;
+use crate::data::layouts::nerfstudio;
+use crate::data::pictures::file;
 use serde::Deserialize;
 use std::fs::File;
 use std::io::Read;
@@ -50,7 +54,7 @@ fn photographs(folder: &Path) -> Vec<PathBuf> {
     }
     let of_pictures = |path: &PathBuf| {
         let name = path.file_name().unwrap_or_default().to_string_lossy().into_owned();
-        path.is_dir() && (name == "masks" || name.starts_with("images")) || picture::is_picture_name(path)
+        path.is_dir() && (name == "masks" || name.starts_with("images")) || file::is_picture_name(path)
     };
     let mut open: Vec<PathBuf> =
         entries(folder).unwrap_or_default().into_iter().filter(of_pictures).collect();
@@ -77,7 +81,7 @@ fn named_in(list: &Path, folder: &Path) -> Vec<PathBuf> {
     let of = |frame: Frame| {
         let others =
             [frame.mask_path, frame.depth_file_path].into_iter().flatten().map(|name| folder.join(name));
-        let picture = frame.file_path.and_then(|name| picture::locate(folder, &name));
+        let picture = frame.file_path.and_then(|name| file::locate(folder, &name));
         picture.into_iter().chain(others.filter(|path| path.is_file()))
     };
     frames.into_iter().flat_map(of).collect()

@@ -1,9 +1,9 @@
 //! Photographs with their cameras: decoded one at a time, turned, made smaller, masked.
 
-use super::found::Found;
-use super::picture::{self, Picture, StatedSize};
-use super::scale::{shrunk, shrunk_mask};
-use super::{DatasetError, Downscale, ReadOptions, View, Watch};
+use crate::data::layouts::found::Found;
+use crate::data::pictures::file::{self, Picture, StatedSize};
+use crate::data::pictures::scale::{shrunk, shrunk_mask};
+use crate::data::{DatasetError, Downscale, ReadOptions, View, Watch};
 use image::DynamicImage;
 use nerf_core::camera::{Camera, Intrinsics, Lens, Pose};
 use rayon::prelude::*;
@@ -11,14 +11,14 @@ use std::path::{Path, PathBuf};
 
 /// Intrinsics and lens, for a picture of `width` by `height` pixels.
 #[derive(Clone, Debug)]
-pub(super) struct Optics {
-    pub(super) width: f64,
-    pub(super) height: f64,
-    pub(super) fx: f64,
-    pub(super) fy: f64,
-    pub(super) cx: f64,
-    pub(super) cy: f64,
-    pub(super) lens: Lens,
+pub(crate) struct Optics {
+    pub(crate) width: f64,
+    pub(crate) height: f64,
+    pub(crate) fx: f64,
+    pub(crate) fy: f64,
+    pub(crate) cx: f64,
+    pub(crate) cy: f64,
+    pub(crate) lens: Lens,
 }
 
 impl Optics {
@@ -37,26 +37,26 @@ impl Optics {
 }
 
 /// A photograph that exists, with what is known of it before it is decoded.
-pub(super) struct Photo<'a> {
+pub(crate) struct Photo<'a> {
     /// Its file's path as the data set writes it.
-    pub(super) name: &'a str,
+    pub(crate) name: &'a str,
     /// Where it is.
-    pub(super) path: PathBuf,
+    pub(crate) path: PathBuf,
     /// A picture that is black where this one does not count.
-    pub(super) mask: Option<PathBuf>,
+    pub(crate) mask: Option<PathBuf>,
     /// The size that its intrinsics are of.
-    pub(super) stated: StatedSize,
+    pub(crate) stated: StatedSize,
     /// How much smaller than that it is read; where `None`, as it is.
-    pub(super) downscale: Option<Downscale>,
+    pub(crate) downscale: Option<Downscale>,
     /// Whether it is out of a folder of copies that are known to be smaller than that.
-    pub(super) reduced: bool,
+    pub(crate) reduced: bool,
     /// In the project's convention.
-    pub(super) pose: Pose,
+    pub(crate) pose: Pose,
 }
 
 /// A view, and what is to be said of it.
-pub(super) struct Loaded {
-    pub(super) view: View,
+pub(crate) struct Loaded {
+    pub(crate) view: View,
     /// Whether the file has an alpha channel.
     alpha: bool,
     /// The size of the picture that it was made from, where it was larger.
@@ -66,28 +66,28 @@ pub(super) struct Loaded {
 
 /// Where the poses stand, for messages.
 #[derive(Clone, Copy)]
-pub(super) struct Source<'a> {
+pub(crate) struct Source<'a> {
     /// The file.
-    pub(super) file: &'a Path,
+    pub(crate) file: &'a Path,
     /// What sentences call it, such as "the json".
-    pub(super) says: &'static str,
+    pub(crate) says: &'static str,
 }
 
 impl Source<'_> {
     /// Decodes a photograph and makes its camera from the intrinsics for the size that `optics` is asked for: the stated
     /// one, or else the picture's own.
-    pub(super) fn load(
+    pub(crate) fn load(
         &self,
         photo: Photo<'_>,
         optics: impl FnOnce((f64, f64), &mut Vec<String>) -> Result<Optics, DatasetError>,
     ) -> Result<Loaded, DatasetError> {
         let mut notes = Vec::new();
-        let mut decoded = picture::decode(&photo.path)?;
+        let mut decoded = file::decode(&photo.path)?;
         notes.extend(decoded.turn_to(photo.stated, self.says));
         let found = decoded.size();
         let own = (f64::from(found.0), f64::from(found.1));
         let (w, h) = (photo.stated.0.unwrap_or(own.0), photo.stated.1.unwrap_or(own.1));
-        if !picture::fits(found, photo.stated) {
+        if !file::fits(found, photo.stated) {
             return Err(DatasetError::PictureSize { file: photo.path, expected: (w, h), found });
         }
         let optics = optics((w, h), &mut notes)?;
@@ -117,7 +117,7 @@ impl Source<'_> {
     }
 
     /// Loads many of them, as many at a time as there are threads; `load` makes each from its place in the list.
-    pub(super) fn load_all(
+    pub(crate) fn load_all(
         &self,
         count: usize,
         watch: &Watch,
@@ -155,9 +155,9 @@ impl Source<'_> {
 
 /// Which pixels count, at the size `to` of a picture of `size`: all that the mask is not black at.
 fn read_mask(file: &Path, size: (u32, u32), to: (u32, u32)) -> Result<Vec<bool>, DatasetError> {
-    let decoded = picture::decode(file)?;
+    let decoded = file::decode(file)?;
     let found = decoded.size();
-    if !picture::fits(found, (Some(size.0.into()), Some(size.1.into()))) {
+    if !file::fits(found, (Some(size.0.into()), Some(size.1.into()))) {
         let expected = (size.0.into(), size.1.into());
         return Err(DatasetError::PictureSize { file: file.into(), expected, found });
     }
@@ -169,20 +169,20 @@ fn read_mask(file: &Path, size: (u32, u32), to: (u32, u32)) -> Result<Vec<bool>,
 }
 
 /// The folder that photographs must lie in.
-pub(super) struct Fence {
+pub(crate) struct Fence {
     /// Its links resolved; `None` where pictures may lie anywhere.
     bounds: Option<PathBuf>,
 }
 
 impl Fence {
     /// Around `folder`, unless the caller lets them lie anywhere.
-    pub(super) fn around(folder: &Path, options: &ReadOptions) -> Result<Self, DatasetError> {
+    pub(crate) fn around(folder: &Path, options: &ReadOptions) -> Result<Self, DatasetError> {
         let resolve = || std::fs::canonicalize(folder).map_err(|source| DatasetError::io(folder, source));
         Ok(Self { bounds: if options.outside_files { None } else { Some(resolve()?) } })
     }
 
     /// Refuses a file that lies outside, whatever leads there; `file` names it, for the view.
-    pub(super) fn check(&self, file: &Path, view: &str, path: &Path) -> Result<(), DatasetError> {
+    pub(crate) fn check(&self, file: &Path, view: &str, path: &Path) -> Result<(), DatasetError> {
         let Some(bounds) = &self.bounds else { return Ok(()) };
         let found = std::fs::canonicalize(path).map_err(|source| DatasetError::io(path, source))?;
         if found.starts_with(bounds) {

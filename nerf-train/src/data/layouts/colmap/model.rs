@@ -1,13 +1,13 @@
 //! COLMAP's camera models.
 
-use super::super::DatasetError;
-use super::super::photo::Optics;
+use crate::data::DatasetError;
+use crate::data::pictures::photo::Optics;
 use nerf_core::camera::{Lens, Projection};
 use std::path::Path;
 
 /// A camera: model, size and parameters.
 #[derive(Clone, Debug)]
-pub(super) struct Camera {
+pub(crate) struct Camera {
     kind: &'static Kind,
     width: u64,
     height: u64,
@@ -16,13 +16,13 @@ pub(super) struct Camera {
 
 /// A camera model.
 #[derive(Debug)]
-pub(super) struct Kind {
+pub(crate) struct Kind {
     /// Its number in binary files.
     id: i32,
     /// Its name in text files.
     name: &'static str,
     /// How many parameters it has.
-    pub(super) parameters: usize,
+    pub(crate) parameters: usize,
     /// Whether x and y have a focal length each.
     two_focals: bool,
     /// Where its lens goes, of what follows the principal point; `None` where the lens is not built.
@@ -84,34 +84,34 @@ fn fisheye(parameters: &[f64]) -> Lens {
 
 impl Kind {
     /// By its number in binary files.
-    pub(super) fn by_id(id: i32) -> Option<&'static Self> {
+    pub(crate) fn by_id(id: i32) -> Option<&'static Self> {
         KINDS.iter().find(|kind| kind.id == id)
     }
 
     /// By its name in text files.
-    pub(super) fn by_name(name: &str) -> Option<&'static Self> {
+    pub(crate) fn by_name(name: &str) -> Option<&'static Self> {
         KINDS.iter().find(|kind| kind.name == name)
     }
 }
 
 impl Camera {
     /// From what the file says; `None` where the number of parameters is another.
-    pub(super) fn new(kind: &'static Kind, width: u64, height: u64, parameters: Vec<f64>) -> Option<Self> {
+    pub(crate) fn new(kind: &'static Kind, width: u64, height: u64, parameters: Vec<f64>) -> Option<Self> {
         (parameters.len() == kind.parameters).then_some(Self { kind, width, height, parameters })
     }
 
     /// The name of its model.
-    pub(super) fn name(&self) -> &'static str {
+    pub(crate) fn name(&self) -> &'static str {
         self.kind.name
     }
 
     /// Width and height, pixels.
-    pub(super) fn size(&self) -> (f64, f64) {
+    pub(crate) fn size(&self) -> (f64, f64) {
         (self.width as f64, self.height as f64)
     }
 
     /// Its intrinsics and lens, for the photograph `view` of `file`.
-    pub(super) fn optics(&self, file: &Path, view: &str) -> Result<Optics, DatasetError> {
+    pub(crate) fn optics(&self, file: &Path, view: &str) -> Result<Optics, DatasetError> {
         let place = || format!("photograph `{view}`");
         let lens = self.kind.lens.ok_or_else(|| DatasetError::Unsupported {
             file: file.into(),

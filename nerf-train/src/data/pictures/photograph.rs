@@ -1,7 +1,7 @@
 //! A photograph, read and made ready: upright, opaque, three channels.
 
-use crate::data::decode::{DecodeError, decode};
-use crate::data::rgb::Picture;
+use crate::data::pictures::decode::{DecodeError, decode};
+use crate::data::pictures::rgb::Picture;
 use image::{DynamicImage, imageops::FilterType, metadata::Orientation};
 use std::path::{Path, PathBuf};
 

@@ -3,7 +3,7 @@
 use std::f64::consts::PI;
 
 /// What a 4×4 matrix must end with.
-pub(super) const BOTTOM_ROW: &str = "a bottom row of 0 0 0 1";
+pub(crate) const BOTTOM_ROW: &str = "a bottom row of 0 0 0 1";
 
 /// How far it may be off: numbers are written with few digits.
 const ROUNDING: f64 = 1e-6;
@@ -12,7 +12,7 @@ const ROUNDING: f64 = 1e-6;
 ///
 /// Another row is a projective map or a transposed matrix, of which the three rows above are no pose; dropping it would
 /// read a wrong one without a word.
-pub(super) fn bottom_row_fault(matrix: &[impl AsRef<[f64]>]) -> Option<String> {
+pub(crate) fn bottom_row_fault(matrix: &[impl AsRef<[f64]>]) -> Option<String> {
     let [a, b, c, bottom] = matrix else { return None };
     let near = |row: &[f64], expected: &[f64]| {
         row.len() == expected.len() && row.iter().zip(expected).all(|(x, y)| (x - y).abs() <= ROUNDING)
@@ -28,7 +28,7 @@ pub(super) fn bottom_row_fault(matrix: &[impl AsRef<[f64]>]) -> Option<String> {
 }
 
 /// An angle of view in words, if it is none in radians.
-pub(super) fn angle_fault(angle: f64) -> Option<String> {
+pub(crate) fn angle_fault(angle: f64) -> Option<String> {
     if angle > 0.0 && angle < PI {
         None
     } else if (PI..180.0).contains(&angle) {

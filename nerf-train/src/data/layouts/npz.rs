@@ -3,8 +3,8 @@
 //! The array headers are parsed here, because npyz multiplies shapes unchecked and allocates what a header asks for, and
 //! brings every compression of zip files. Nothing is allocated on a header's word alone.
 
-use super::DatasetError;
-use super::pose::{BOTTOM_ROW, bottom_row_fault};
+use crate::data::DatasetError;
+use crate::data::cameras::pose::{BOTTOM_ROW, bottom_row_fault};
 use crate::data::system::input::open_regular;
 use std::fs::File;
 use std::io::{BufReader, Read};
@@ -13,7 +13,7 @@ use zip::ZipArchive;
 
 /// An open archive.
 pub(crate) struct Archive {
-    pub(super) file: PathBuf,
+    pub(crate) file: PathBuf,
     zip: ZipArchive<BufReader<File>>,
     max_array_bytes: u64,
 }
@@ -61,7 +61,7 @@ impl Archive {
         Ok(names)
     }
 
-    pub(super) fn has(&self, key: &str) -> bool {
+    pub(crate) fn has(&self, key: &str) -> bool {
         self.zip.file_names().any(|name| name.strip_suffix(".npy") == Some(key))
     }
 
@@ -81,7 +81,7 @@ impl Archive {
     }
 
     /// The single number `key`, of shape `()` or of one element.
-    pub(super) fn scalar(&mut self, key: &str) -> Result<f64, DatasetError> {
+    pub(crate) fn scalar(&mut self, key: &str) -> Result<f64, DatasetError> {
         let array = self.array(key)?;
         match array.len() {
             1 => self.numbers(key, &array).map(|numbers| numbers[0]),
@@ -90,7 +90,7 @@ impl Archive {
     }
 
     /// The array `key` as camera-to-world matrices, `[n, 3 or 4, 4]`, row-major.
-    pub(super) fn matrices(&mut self, key: &str) -> Result<Vec<[[f64; 4]; 3]>, DatasetError> {
+    pub(crate) fn matrices(&mut self, key: &str) -> Result<Vec<[[f64; 4]; 3]>, DatasetError> {
         let array = self.array(key)?;
         let &[_, rows @ (3 | 4), 4] = array.shape.as_slice() else {
             return Err(self.shape_error(key, "[n, 4, 4] or [n, 3, 4]", &array));
@@ -121,7 +121,7 @@ impl Archive {
         DatasetError::Dtype { file: self.file.clone(), key: key.into(), expected, found: array.dtype.name() }
     }
 
-    pub(super) fn shape_error(&self, key: &str, expected: &str, array: &Array) -> DatasetError {
+    pub(crate) fn shape_error(&self, key: &str, expected: &str, array: &Array) -> DatasetError {
         let (file, found) = (self.file.clone(), array.shape.clone());
         DatasetError::Shape { file, key: key.into(), expected: expected.into(), found }
     }
@@ -165,13 +165,13 @@ fn read_array(stream: &mut impl Read, file: &Path, key: &str, limit: u64) -> Res
 }
 
 impl Array {
-    pub(super) fn len(&self) -> usize {
+    pub(crate) fn len(&self) -> usize {
         self.data.len() / self.dtype.size
     }
 
     /// The elements from `start` on, `count` of them, as display values 0..=255: u8 as they are,
     /// floats in [0, 1] rounded. `Err(value)` on one outside, `None` on another dtype.
-    pub(super) fn display_bytes(&self, start: usize, count: usize) -> Option<Result<Vec<u8>, f64>> {
+    pub(crate) fn display_bytes(&self, start: usize, count: usize) -> Option<Result<Vec<u8>, f64>> {
         let size = self.dtype.size;
         let bytes = &self.data[start * size..(start + count) * size];
         match (self.dtype.kind, size) {

@@ -1,7 +1,7 @@
 //! One picture file to straight 8-bit sRGB and alpha.
 
-use super::DatasetError;
-use crate::data::decode::{DecodeError, decode as decode_file};
+use crate::data::DatasetError;
+use crate::data::pictures::decode::{DecodeError, decode as decode_file};
 use image::{DynamicImage, metadata::Orientation};
 use std::path::{Path, PathBuf};
 
@@ -11,26 +11,26 @@ const ENDINGS: [&str; 8] = ["png", "jpg", "jpeg", "webp", "tif", "tiff", "bmp", 
 const REFUSED_ENDINGS: [&str; 3] = ["heic", "heif", "avif"];
 
 /// A picture's pixels.
-pub(super) struct Picture {
-    pub(super) width: u32,
-    pub(super) height: u32,
-    pub(super) pixels: Vec<[u8; 4]>,
+pub(crate) struct Picture {
+    pub(crate) width: u32,
+    pub(crate) height: u32,
+    pub(crate) pixels: Vec<[u8; 4]>,
     /// Whether the file has an alpha channel.
-    pub(super) alpha: bool,
+    pub(crate) alpha: bool,
 }
 
 /// A picture file, decoded.
-pub(super) struct Decoded {
-    pub(super) image: DynamicImage,
+pub(crate) struct Decoded {
+    pub(crate) image: DynamicImage,
     /// What its EXIF tag says would turn it upright, where that has not been done.
     orientation: Orientation,
 }
 
 /// Width and height as far as the poses' file states them, pixels.
-pub(super) type StatedSize = (Option<f64>, Option<f64>);
+pub(crate) type StatedSize = (Option<f64>, Option<f64>);
 
 /// Decodes a picture of any depth and channel count, as it is stored.
-pub(super) fn decode(file: &Path) -> Result<Decoded, DatasetError> {
+pub(crate) fn decode(file: &Path) -> Result<Decoded, DatasetError> {
     let bad = |found: String| DatasetError::Picture { file: file.into(), found };
     let (image, orientation) = decode_file(file).map_err(|error| match error {
         DecodeError::Read { file, source } => DatasetError::io(&file, source),
@@ -46,7 +46,7 @@ pub(super) fn decode(file: &Path) -> Result<Decoded, DatasetError> {
 }
 
 /// Whether a picture of `found` pixels is one of the `stated` width and height, or that one scaled evenly.
-pub(super) fn fits(found: (u32, u32), stated: StatedSize) -> bool {
+pub(crate) fn fits(found: (u32, u32), stated: StatedSize) -> bool {
     let size = (f64::from(found.0), f64::from(found.1));
     let (w, h) = (stated.0.unwrap_or(size.0), stated.1.unwrap_or(size.1));
     // Each side of a scaled picture is rounded by less than a pixel.
@@ -55,7 +55,7 @@ pub(super) fn fits(found: (u32, u32), stated: StatedSize) -> bool {
 
 impl Decoded {
     /// Width and height, pixels.
-    pub(super) fn size(&self) -> (u32, u32) {
+    pub(crate) fn size(&self) -> (u32, u32) {
         (self.image.width(), self.image.height())
     }
 
@@ -64,7 +64,7 @@ impl Decoded {
     ///
     /// Elsewhere the pixels stay as they are stored, which is how COLMAP, nerfstudio and instant-ngp read them, so that
     /// poses and principal points belong to those.
-    pub(super) fn turn_to(&mut self, stated: StatedSize, says: &str) -> Option<String> {
+    pub(crate) fn turn_to(&mut self, stated: StatedSize, says: &str) -> Option<String> {
         if self.orientation == Orientation::NoTransforms {
             return None;
         }
@@ -96,7 +96,7 @@ impl Decoded {
 }
 
 /// The file that `file_path` means, or `None` if there is none: itself, or with an extension.
-pub(super) fn locate(folder: &Path, file_path: &str) -> Option<PathBuf> {
+pub(crate) fn locate(folder: &Path, file_path: &str) -> Option<PathBuf> {
     let written = folder.join(file_path.replace('\\', "/"));
     if written.is_file() {
         return Some(written);
@@ -113,7 +113,7 @@ pub(super) fn locate(folder: &Path, file_path: &str) -> Option<PathBuf> {
 }
 
 /// Whether a file's name ends as those of pictures do, also of such as are refused.
-pub(super) fn is_picture_name(path: &Path) -> bool {
+pub(crate) fn is_picture_name(path: &Path) -> bool {
     let ending = path.extension().and_then(|ending| ending.to_str()).unwrap_or_default().to_ascii_lowercase();
     ENDINGS.into_iter().chain(REFUSED_ENDINGS).any(|known| known == ending)
 }

@@ -1,0 +1,6 @@
+//! What follows from cameras alone: where the scene is, how near it begins, where its world's origin should be.
+
+pub(crate) mod geometry;
+pub(crate) mod nearest;
+pub(crate) mod origin;
+pub(crate) mod pose;

@@ -1,0 +1,16 @@
+//! One reader a layout, each with the conventions of its files, and which of them a path is.
+
+pub(crate) mod bare;
+pub(crate) mod blender;
+pub(crate) mod choice;
+pub(crate) mod colmap;
+pub(crate) mod cs180;
+pub(crate) mod files;
+pub(crate) mod folders;
+pub(crate) mod found;
+pub(crate) mod llff;
+pub(crate) mod nerfstudio;
+pub(crate) mod npz;
+pub(crate) mod split;
+pub(crate) mod tiny_nerf;
+pub(crate) mod transforms;

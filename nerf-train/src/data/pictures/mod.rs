@@ -1,0 +1,9 @@
+//! Picture files: decoded whole or refused, turned, made smaller, masked, and written.
+
+pub mod colour;
+pub mod decode;
+pub(crate) mod file;
+pub(crate) mod photo;
+pub mod photograph;
+pub mod rgb;
+pub(crate) mod scale;
