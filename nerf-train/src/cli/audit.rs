@@ -1,7 +1,8 @@
 //! `nerf-train audit`
 
-use super::common::{DataOptions, Global, check_counts, open_blob, read_file};
+use super::common::{Global, check_counts, open_blob, read_file};
 use super::eval::Split;
+use super::options::data::DataOptions;
 use super::places;
 use crate::data::View;
 use crate::data::system::output::claims::Claims;

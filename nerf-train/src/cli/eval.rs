@@ -1,8 +1,8 @@
 //! `nerf-train eval`
 
-use super::common::{
-    DataOptions, Global, QualityOptions, WhichBins, check_counts, open_blob, parse_background, read_file,
-};
+use super::common::{Global, check_counts, open_blob, parse_background, read_file};
+use super::options::data::DataOptions;
+use super::options::quality::{QualityOptions, WhichBins};
 use super::places;
 use crate::data::names::FileNames;
 use crate::data::system::output::claims::Claims;

@@ -1,8 +1,10 @@
 //! `nerf-train explain`
 
-use super::common::{DataOptions, Global, QualityOptions, WhichBins, open_blob, read_file};
-use super::effects::EffectOptions;
+use super::common::{Global, open_blob, read_file};
 use super::eval::Split;
+use super::options::data::DataOptions;
+use super::options::effects::EffectOptions;
+use super::options::quality::{QualityOptions, WhichBins};
 use crate::measure::frame;
 use crate::show::orbit::Orbit;
 use anyhow::{Context, bail};

@@ -1,11 +1,9 @@
 //! `nerf-train fit`
 
 use super::audit::check_threshold;
-use super::common::{
-    DataOptions, Global, Space, check_checkpoint_every, check_max_seconds, claim_checkpoint, parse_numbers,
-    print_report,
-};
-use super::grid::{TableSettings, check_memory, given, of_sinusoidal, parse_bytes, set};
+use super::common::{Global, check_checkpoint_every, check_max_seconds, claim_checkpoint, parse_numbers};
+use super::options::data::{DataOptions, Space, print_report};
+use super::options::grid::{TableSettings, check_memory, given, of_sinusoidal, parse_bytes, set};
 use super::outcome;
 use super::places;
 use crate::data::system::input;
@@ -88,10 +86,10 @@ pub struct Fit {
     #[command(flatten)]
     table: TableSettings,
     /// Steps of a ray across the scene box, or across the ball that is not contracted.
-    #[arg(long, value_name = "N", help_heading = super::grid::HEADING)]
+    #[arg(long, value_name = "N", help_heading = super::options::grid::HEADING)]
     steps_across: Option<u16>,
     /// Choose table, levels, storage and occupancy so that the file is no larger: 256k, 1m.
-    #[arg(long, value_name = "BYTES", value_parser = parse_bytes, help_heading = super::grid::HEADING)]
+    #[arg(long, value_name = "BYTES", value_parser = parse_bytes, help_heading = super::options::grid::HEADING)]
     max_bytes: Option<u64>,
 }
 

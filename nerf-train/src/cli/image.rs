@@ -2,9 +2,10 @@
 
 use super::common::{
     Global, check_checkpoint_every, check_max_seconds, claim_checkpoint, open_blob, parse_background,
-    parse_math, read_file,
+    read_file,
 };
-use super::grid::{self, TableSettings, check_memory, given, of_sinusoidal, parse_bytes};
+use super::options::grid::{self, TableSettings, check_memory, given, of_sinusoidal, parse_bytes};
+use super::options::quality::parse_math;
 use super::places;
 use crate::data::pictures::photograph::{MAX_SIDE, Photo};
 use crate::data::system::memory;

@@ -1,7 +1,9 @@
 //! `nerf-train show`
 
-use super::common::{DataOptions, Global, Space, UpAxis, parse_numbers, print_lines, print_report};
+use super::common::{Global, parse_numbers, print_lines};
 use super::eval::Split;
+use super::options::axis::UpAxis;
+use super::options::data::{DataOptions, Space, print_report};
 use super::places;
 use crate::data::Background;
 use crate::data::system::output::claims::Claims;

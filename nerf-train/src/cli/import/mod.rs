@@ -3,7 +3,8 @@
 mod options;
 
 use super::audit::check_threshold;
-use super::common::{DataOptions, Global, print_lines, tell};
+use super::common::{Global, print_lines, tell};
+use super::options::data::DataOptions;
 use super::places;
 use crate::data::system::output::claims::Claims;
 use crate::data::system::output::write_atomic;

@@ -3,12 +3,13 @@
 mod shots;
 mod target;
 
-use super::common::{
-    DataOptions, Global, Mp4Options, QualityOptions, UpAxis, WhichBins, open_blob, parse_background,
-    parse_numbers, print_lines, read_file, say_no_mp4,
-};
-use super::effects::EffectOptions;
+use super::common::{Global, open_blob, parse_background, parse_numbers, print_lines, read_file};
 use super::eval::Split;
+use super::options::axis::UpAxis;
+use super::options::data::DataOptions;
+use super::options::effects::EffectOptions;
+use super::options::mp4::{Mp4Options, say_no_mp4};
+use super::options::quality::{QualityOptions, WhichBins};
 use crate::data::system::memory;
 use crate::data::system::progress::{Message, Progress, Total};
 use crate::data::system::stop::Note;

@@ -2,10 +2,9 @@
 
 mod train;
 
-use super::common::{
-    DataOptions, Global, background_name, check_counts, cpu_name, open_blob, read_file, tell,
-};
+use super::common::{Global, background_name, check_counts, cpu_name, open_blob, read_file, tell};
 use super::eval::Split;
+use super::options::data::DataOptions;
 use super::places;
 use crate::data::View;
 use crate::data::system::output::claims::Claims;

@@ -1,0 +1,177 @@
+//! How commands read data sets, and where their scenes end.
+
+use crate::cli::common::Global;
+use crate::data;
+use crate::data::system::progress::{self, Message, Progress, ProgressStyle, Total};
+use crate::data::{Axes, Background, Dataset, Downscale, Layout, ReadOptions, Report, Watch, origin_in_name};
+use crate::model::config::{Config, Surroundings};
+use clap::{Args, ValueEnum};
+use nerf_core::blob::Blob;
+use nerf_core::plan::{Plan, PlanError};
+use std::path::Path;
+use std::sync::mpsc::{self, Receiver, RecvTimeoutError};
+use std::time::Duration;
+
+/// How to read a data set.
+#[derive(Debug, Args)]
+#[command(next_help_heading = "Data set")]
+pub struct DataOptions {
+    /// Poses look down −Z (opengl) or +Z (opencv) [default: as is usual for the layout].
+    #[arg(long, value_name = "CONVENTION")]
+    pub axes: Option<Axes>,
+    /// Where rays begin, world units along the ray.
+    #[arg(long, value_name = "T")]
+    pub near: Option<f32>,
+    /// Where rays end, world units; in an unbounded scene counted from its middle.
+    #[arg(long, value_name = "T")]
+    pub far: Option<f32>,
+    /// Read a folder as: transforms, colmap or llff [default: the first that fits].
+    #[arg(long, value_name = "LAYOUT")]
+    pub layout: Option<Layout>,
+    /// Reduce photographs so many times; auto: to about 800 pixels [default: auto; Blender 1].
+    #[arg(long, value_name = "N", default_value = "auto", hide_default_value = true)]
+    pub downscale: Downscale,
+    /// Read pictures also where `file_path` leads out of the data set's folder.
+    #[arg(long)]
+    pub outside_files: bool,
+}
+
+/// Where a scene ends.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, ValueEnum)]
+pub enum Space {
+    /// Nowhere, where the pictures do not say what is background, the preset has a learned grid, no box is given and empty
+    /// space is skipped; else at a box.
+    #[default]
+    Auto,
+    /// At a box.
+    Box,
+    /// Nowhere: beyond a ball around what the cameras look at it is contracted.
+    Contracted,
+}
+
+impl Space {
+    /// What pictures with this background say of what lies around the scene; `boxed`: whether it ends anyway.
+    pub fn around(self, background: Background, boxed: bool) -> Surroundings {
+        match (self, background) {
+            (Self::Contracted, _) => Surroundings::Unbounded,
+            (Self::Auto, Background::Unknown) if !boxed => Surroundings::Unbounded,
+            (_, Background::Unknown) => Surroundings::Unknown,
+            _ => Surroundings::Known,
+        }
+    }
+
+    /// Lets what was asked for by name count, whatever preset and file say.
+    pub fn settle(self, config: &mut Config) {
+        match self {
+            Self::Auto => {}
+            Self::Box => config.sampling.contraction = None,
+            Self::Contracted => {
+                config.sampling.contraction.get_or_insert(1);
+            }
+        }
+    }
+
+    /// Says which was taken, and why.
+    pub fn say(self, config: &Config, background: Background, global: &Global) {
+        let reason = match (self, background) {
+            (Self::Auto, _) if config.sampling.scene_box.is_some() => "which is given",
+            (Self::Auto, Background::Unknown) if config.sampling.contraction.is_some() => {
+                "since the pictures do not say what is background (--space box ends it at a box)"
+            }
+            (Self::Auto, Background::Unknown) => {
+                "since a contraction needs a learned grid and skips empty space"
+            }
+            (Self::Auto, _) if config.sampling.contraction.is_some() => "as the settings say",
+            (Self::Auto, _) => "since the pictures say what is background",
+            _ => "as --space says",
+        };
+        global.say(match config.sampling.contraction {
+            Some(_) => format!("unbounded space, contracted around what the cameras look at, {reason}"),
+            None => format!("space ends at a box, {reason}"),
+        });
+    }
+}
+
+impl DataOptions {
+    /// The plan with rays from --near to --far.
+    ///
+    /// # Errors
+    /// A range that is none.
+    pub fn range_of<'a>(&self, plan: Plan<'a>) -> Result<Plan<'a>, PlanError> {
+        plan.with_range(self.near.unwrap_or(0.0), self.far.unwrap_or(f32::MAX))
+    }
+
+    /// Reads the data set and shows how that is getting on where it takes a while.
+    pub fn read(&self, path: &Path, global: &Global) -> anyhow::Result<Dataset> {
+        self.read_from(path, None, global)
+    }
+
+    /// As [`Self::read`], with coordinates that count from where those of `blob` do; any split will do.
+    pub fn read_for(&self, path: &Path, blob: &Blob<'_>, global: &Global) -> anyhow::Result<Dataset> {
+        let options = ReadOptions { to_fit: false, ..self.options() };
+        self.read_with(
+            path,
+            ReadOptions { origin: Some(origin_in_name(blob.provenance().data)), ..options },
+            global,
+        )
+    }
+
+    /// As [`Self::read`], with coordinates that count from `origin`.
+    pub fn read_from(
+        &self,
+        path: &Path,
+        origin: Option<[f64; 3]>,
+        global: &Global,
+    ) -> anyhow::Result<Dataset> {
+        self.read_with(path, ReadOptions { origin, ..self.options() }, global)
+    }
+
+    fn read_with(&self, path: &Path, options: ReadOptions, global: &Global) -> anyhow::Result<Dataset> {
+        let (watch, style) = (Watch::default(), global.style());
+        std::thread::scope(|scope| {
+            let (reading, ended) = mpsc::channel::<()>();
+            scope.spawn(|| show_reading(&watch, style, ended));
+            let dataset = data::read_watched(path, &options, &watch);
+            drop(reading);
+            Ok(dataset?)
+        })
+    }
+
+    fn options(&self) -> ReadOptions {
+        ReadOptions {
+            axes: self.axes,
+            near: self.near,
+            far: self.far,
+            outside_files: self.outside_files,
+            layout: self.layout,
+            downscale: self.downscale,
+            ..ReadOptions::default()
+        }
+    }
+}
+
+/// Shows how many pictures are read until `ended` is hung up; nothing where that is soon.
+fn show_reading(watch: &Watch, style: ProgressStyle, ended: Receiver<()>) {
+    const SOON: Duration = Duration::from_secs(1);
+    const EVERY: Duration = Duration::from_millis(200);
+    let goes_on = |wait| ended.recv_timeout(wait) == Err(RecvTimeoutError::Timeout);
+    if !goes_on(SOON) {
+        return;
+    }
+    let total = match watch.total() {
+        0 => Total::Unknown,
+        total => Total::Steps(total),
+    };
+    let mut progress = Progress::new("read", total, style).resume_at(watch.done());
+    while goes_on(EVERY) {
+        progress.update(watch.done(), &Message::default());
+    }
+    progress.finish(format!("{} pictures", watch.done()));
+}
+
+/// Prints what was read.
+pub fn print_report(dataset: &Dataset, global: &Global) -> Report {
+    let report = Report::of(dataset);
+    progress::say_lines(global.style(), &report.to_string());
+    report
+}

@@ -1,0 +1,8 @@
+//! Flags that several commands share.
+
+pub mod axis;
+pub mod data;
+pub mod effects;
+pub mod grid;
+pub mod mp4;
+pub mod quality;

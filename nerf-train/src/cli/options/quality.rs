@@ -1,0 +1,81 @@
+//! The shortcuts of a rendering.
+
+use clap::{Args, ValueEnum};
+use nerf_core::math::MathBackend;
+use nerf_core::plan::{Plan, Quality};
+
+/// The shortcuts of a rendering.
+#[derive(Debug, Args)]
+#[command(next_help_heading = "Quality and speed")]
+pub struct QualityOptions {
+    /// Samples a ray [default: what the blob was made for].
+    #[arg(long, value_name = "N", default_value_t = 0, hide_default_value = true)]
+    pub samples: u16,
+    /// A ray ends where its transmittance falls below this.
+    #[arg(long, value_name = "T", default_value_t = Quality::default().transmittance_cut)]
+    pub transmittance_cut: f32,
+    /// Samples of at most this weight take the colour of one behind them; 0: none do.
+    #[arg(long, value_name = "W", default_value_t = Quality::default().colour_cut)]
+    pub colour_cut: f32,
+    /// Ask the network also where the occupancy grid says that nothing is.
+    #[arg(long)]
+    pub no_occupancy: bool,
+    /// Take even samples where a proposal network would draw them.
+    #[arg(long)]
+    pub no_proposal: bool,
+    /// No shortcut at all: same as --no-occupancy --transmittance-cut 0 --colour-cut 0.
+    #[arg(long, conflicts_with_all = ["no_occupancy", "transmittance_cut", "colour_cut"])]
+    pub exact: bool,
+    /// Elementary functions: polynomial, libm, micromath, recurrence.
+    #[arg(long, value_name = "BACKEND", default_value = "polynomial", value_parser = parse_math)]
+    pub math: MathBackend,
+    /// Bins of a ray: own (near to far, as trained) or whole box [default: own in eval].
+    #[arg(long, value_enum, value_name = "WHICH")]
+    pub bins: Option<WhichBins>,
+}
+
+/// Which bins a ray has in a scene with fixed ones.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum WhichBins {
+    /// Those between the scene's near and far.
+    Own,
+    /// As many as the scene's box needs.
+    Whole,
+}
+
+/// The name of a maths backend.
+pub fn parse_math(name: &str) -> Result<MathBackend, String> {
+    match name {
+        "polynomial" => Ok(MathBackend::Polynomial),
+        "libm" => Ok(MathBackend::Libm),
+        "micromath" => Ok(MathBackend::Micromath),
+        "recurrence" => Ok(MathBackend::Recurrence),
+        _ => Err("expected polynomial, libm, micromath or recurrence".into()),
+    }
+}
+
+impl QualityOptions {
+    /// The plan with the bins that are asked for.
+    pub fn bins_of<'a>(&self, plan: Plan<'a>, default: WhichBins) -> Plan<'a> {
+        match self.bins.unwrap_or(default) {
+            WhichBins::Own => plan.with_own_bins(),
+            WhichBins::Whole => plan,
+        }
+    }
+
+    /// The shortcuts.
+    pub fn quality(&self) -> Quality {
+        let base =
+            Quality { samples: self.samples, math: self.math, proposal: !self.no_proposal, ..Quality::EXACT };
+        if self.exact {
+            base
+        } else {
+            Quality {
+                transmittance_cut: self.transmittance_cut,
+                colour_cut: self.colour_cut,
+                occupancy: !self.no_occupancy,
+                ..base
+            }
+        }
+    }
+}
