@@ -57,7 +57,7 @@ enum Command {
     Eval(eval::Eval),
     Study(Box<study::Study>),
     Audit(audit::Audit),
-    Render(render::Render),
+    Render(Box<render::Render>),
     #[command(subcommand)]
     Image(image::Image),
     #[command(subcommand)]

@@ -90,7 +90,7 @@ impl Outcome<'_> {
         }
         match a.direction.as_ref().and_then(|direction| direction.sinusoidal()) {
             Some(direction) => lines.push(format!("direction    {}", encoding(direction, s))),
-            None => lines.push(format!("direction    none: colour does not depend on it")),
+            None => lines.push("direction    none: colour does not depend on it".to_owned()),
         }
         lines
     }

@@ -48,7 +48,7 @@ fn network_lines(file: &Path, bytes: &[u8], blob: &Blob<'_>) -> Vec<String> {
         }
         Some(direction) => lines.push(format!("direction     {direction:?}")),
         None if blob.scene().is_some() => {
-            lines.push(format!("direction     none: colour does not depend on it"))
+            lines.push("direction     none: colour does not depend on it".to_owned())
         }
         None => {}
     }
@@ -110,7 +110,7 @@ fn shortcut_lines(scene: &SceneFacts, blob: &Blob<'_>) -> Vec<String> {
             occupancy.resolution(),
             100.0 * occupancy.occupied_share()
         )),
-        None => lines.push(format!("occupancy     none")),
+        None => lines.push("occupancy     none".to_owned()),
     }
     if let Some(proposal) = blob.proposal() {
         let a = proposal.architecture();
@@ -137,7 +137,7 @@ fn provenance_lines(blob: &Blob<'_>) -> Vec<String> {
     lines.push(format!("trained       {} parameters before folding", p.trained_parameters));
     match p.psnr_db {
         Some(db) => lines.push(format!("PSNR          {db:.3} dB ({})", p.psnr_convention)),
-        None => lines.push(format!("PSNR          not measured")),
+        None => lines.push("PSNR          not measured".to_owned()),
     }
     if let Some(db) = p.quantisation_loss_db {
         lines.push(format!("rounding      {db:.4} dB lost"));
