@@ -11,7 +11,7 @@ use crate::data::system::summary::write;
 use crate::fit::run::spread;
 use crate::measure::audit;
 use crate::measure::audit::{AuditOptions, Summary, THRESHOLD_DB};
-use crate::measure::bench::Lab;
+use crate::measure::bench::Variants;
 use crate::measure::point::Clock;
 use crate::show::reports::audit::table as audit_table;
 use anyhow::bail;
@@ -61,7 +61,7 @@ impl Audit {
         self.check()?;
         let bytes = read_file(&self.file)?;
         let blob = open_blob(&self.file, &bytes)?;
-        let mut lab = Lab::new(&bytes)?;
+        let mut lab = Variants::new(&bytes)?;
         let dataset = self.data_options.read_for(&self.data, &blob, global)?;
         let views: Vec<&View> = spread(self.split.of(&dataset), self.views);
         if views.is_empty() {

@@ -1,9 +1,9 @@
 //! `nerf-train demo`
 
 use super::common::{Global, open_blob};
-use super::fit::read_config;
 use super::options::data::print_report;
 use super::options::mp4::{Mp4Options, say_no_mp4};
+use super::options::settings::read_config;
 use super::places;
 use crate::data::Dataset;
 use crate::data::demo::{self, DemoSpec, Truth};

@@ -1,10 +1,10 @@
 //! `nerf-train sweep`
 
 use super::common::{GO_ON, Global, check_max_seconds, cpu_name};
-use super::fit::read_config;
 use super::image::{PhotoOptions, Settings};
 use super::options::data::{DataOptions, Space, print_report};
 use super::options::grid::of_sinusoidal;
+use super::options::settings::read_config;
 use super::places;
 use crate::data::system::output::claims::Claims;
 use crate::data::system::stop::Note;

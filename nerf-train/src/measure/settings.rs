@@ -21,7 +21,7 @@ pub struct Settings {
     pub quality: Quality,
     /// Instructions, and how weights lie.
     pub kernel: Kernel,
-    /// Which of the laboratory's variants of the blob; 0 is the blob itself.
+    /// Which of the bench's variants of the blob; 0 is the blob itself.
     pub variant: usize,
     /// Whose weights.
     pub precision: Precision,

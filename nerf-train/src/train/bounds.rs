@@ -5,10 +5,46 @@ use crate::data::cameras::nearest::{begin, distances};
 use crate::data::{Dataset, LookAt, View, frusta_box, scene_bounds};
 use crate::model::config::Config;
 use crate::train::occupancy::Occupancy;
-use crate::train::rays::Bounds;
 use glam::{DVec3, Vec3};
+use nerf_core::blob::SceneSampling;
 use nerf_core::camera::{BoundsError, Contraction, SceneBox};
 use rayon::prelude::*;
+
+/// Where the scene is.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Bounds {
+    /// Rays begin here, world units.
+    pub near: f32,
+    /// Rays end here, world units.
+    pub far: f32,
+    /// Nothing is outside of it.
+    pub scene_box: SceneBox,
+    /// Of an unbounded scene, which is contracted into the box.
+    pub contraction: Option<Contraction>,
+}
+
+impl Bounds {
+    /// Width of a marched step, world units: `steps_across` of them are as long as the longest side of the scene box, or in
+    /// an unbounded scene as the diameter of the ball that is not contracted.
+    pub fn step(&self, steps_across: u16) -> f32 {
+        let across = match self.contraction {
+            Some(contraction) => 2.0 * contraction.radius(),
+            None => (self.scene_box.max - self.scene_box.min).max_element(),
+        };
+        across / f32::from(steps_across)
+    }
+
+    /// Samples of a ray that is marched at that step.
+    pub fn sampling(&self, steps_across: u16) -> SceneSampling {
+        match self.contraction {
+            Some(contraction) => SceneSampling::Contracted {
+                step: self.step(steps_across) / contraction.radius(),
+                power: contraction.power(),
+            },
+            None => SceneSampling::March(self.step(steps_across)),
+        }
+    }
+}
 
 /// Cells along the longest side of the first, coarse hull, which only finds the scene box.
 const COARSE_HULL: u16 = 64;

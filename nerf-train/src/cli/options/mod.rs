@@ -6,3 +6,4 @@ pub mod effects;
 pub mod grid;
 pub mod mp4;
 pub mod quality;
+pub mod settings;

@@ -12,7 +12,7 @@ use crate::data::system::output::write_atomic;
 use crate::data::system::progress::{Message, Progress, Total};
 use crate::fit::run::spread;
 use crate::lab::study::{Effort, Progressed, Study as Measured};
-use crate::measure::bench::Lab;
+use crate::measure::bench::Variants;
 use crate::measure::bench::source::unrounded;
 use crate::measure::point::Clock;
 use crate::show::reports::study::{Findings, SPAN_LOSS_DB, Setting, front_of};
@@ -110,7 +110,7 @@ impl Study {
             self.beside.iter().map(|table| front_of(table, self.clock)).collect::<Result<Vec<_>, _>>()?;
         let bytes = read_file(file)?;
         let blob = open_blob(file, &bytes)?;
-        let mut lab = Lab::new(&bytes)?;
+        let mut lab = Variants::new(&bytes)?;
         if let Some(source) = &self.source {
             lab.set_source(unrounded(source, &blob)?);
         }
@@ -182,7 +182,7 @@ impl Study {
     }
 
     /// Other occupancy grids and whole numbers as weights, to measure beside the blob's own.
-    fn add_variants(&self, lab: &mut Lab<'_>, global: &Global) -> anyhow::Result<()> {
+    fn add_variants(&self, lab: &mut Variants<'_>, global: &Global) -> anyhow::Result<()> {
         if !self.no_other_occupancy && lab.has_occupancy(0) {
             global.say("asking the network which cells hold something, for other occupancy grids");
             for (resolution, threshold) in OCCUPANCIES {
@@ -196,7 +196,7 @@ impl Study {
     /// All points, with progress a pass.
     fn measured<'a, 'b>(
         &self,
-        lab: &'a Lab<'b>,
+        lab: &'a Variants<'b>,
         views: Vec<&'a View>,
         start: Instant,
         global: &Global,

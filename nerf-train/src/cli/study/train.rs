@@ -1,8 +1,8 @@
 //! `nerf-train study train`
 
 use crate::cli::common::{GO_ON, Global, cpu_name};
-use crate::cli::fit::read_config;
 use crate::cli::options::data::{DataOptions, Space, print_report};
+use crate::cli::options::settings::read_config;
 use crate::cli::places;
 use crate::data::Dataset;
 use crate::data::system::output::claims::Claims;

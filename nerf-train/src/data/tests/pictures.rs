@@ -120,7 +120,8 @@ fn what_a_mask_is_black_at_does_not_count() {
 #[test]
 fn rays_are_drawn_of_what_counts_alone() {
     use crate::model::config::Preset;
-    use crate::train::rays::{Bounds, RayBank};
+    use crate::train::Bounds;
+    use crate::train::rays::RayBank;
     use nerf_core::camera::SceneBox;
     let mut views = dataset_of(&orbit(3, 4.0, Vec3::ZERO), Axes::Opengl).train;
     views[1].mask = Some((0..48).map(|i| i % 8 == 3).collect());

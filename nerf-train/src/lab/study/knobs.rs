@@ -1,6 +1,6 @@
 //! The knobs: one entry each says how to read, copy and vary it.
 
-use crate::measure::bench::Lab;
+use crate::measure::bench::Variants;
 use crate::measure::settings::{Precision, Settings, math_name};
 use nerf_core::blob::MAX_SAMPLES;
 use nerf_core::math::MathBackend;
@@ -17,9 +17,9 @@ pub struct Knob {
     /// Copies it from the first to the second.
     pub copy: fn(&Settings, &mut Settings),
     /// Its value as a text.
-    pub read: fn(&Lab<'_>, &Settings) -> String,
+    pub read: fn(&Variants<'_>, &Settings) -> String,
     /// The base with other values of it.
-    pub values: fn(&Lab<'_>, Settings) -> Vec<Settings>,
+    pub values: fn(&Variants<'_>, Settings) -> Vec<Settings>,
 }
 
 /// Samples a ray, as shares of what the scene was made for: of a scene whose samples lie in bins.
@@ -187,7 +187,7 @@ fn vary<T>(
 }
 
 /// What `settings` has other than `base`, for example `samples 48, kernel avx512-bf16`; empty if nothing.
-pub fn difference(lab: &Lab<'_>, base: &Settings, settings: &Settings) -> String {
+pub fn difference(lab: &Variants<'_>, base: &Settings, settings: &Settings) -> String {
     let changed = KNOBS.iter().filter(|knob| (knob.read)(lab, base) != (knob.read)(lab, settings));
     let parts: Vec<String> =
         changed.map(|knob| format!("{} {}", knob.name, (knob.read)(lab, settings))).collect();
@@ -195,7 +195,7 @@ pub fn difference(lab: &Lab<'_>, base: &Settings, settings: &Settings) -> String
 }
 
 /// Whether a blob's front can hold `settings`.
-pub fn fits_blob(lab: &Lab<'_>, base: &Settings, settings: &Settings) -> bool {
+pub fn fits_blob(lab: &Variants<'_>, base: &Settings, settings: &Settings) -> bool {
     let same = |knob: &Knob| (knob.read)(lab, base) == (knob.read)(lab, settings);
     KNOBS.iter().filter(|knob| !knob.in_blob).all(same)
 }

@@ -15,7 +15,7 @@ use super::combine::{Choices, combinations};
 use super::front::{Price, cheapest_within, pareto, thin};
 use super::knobs::{KNOBS, difference, fits_blob};
 use crate::data::View;
-use crate::measure::bench::Lab;
+use crate::measure::bench::Variants;
 use crate::measure::error::StudyError;
 use crate::measure::frame::Frame;
 use crate::measure::point::{Clock, Origin, Point, Totals, ViewErrors};
@@ -66,7 +66,7 @@ pub struct Progressed<'a> {
 #[derive(Debug)]
 pub struct Study<'a, 'b> {
     /// Blob and variants.
-    pub lab: &'a Lab<'b>,
+    pub lab: &'a Variants<'b>,
     /// The views.
     pub views: Vec<&'a View>,
     /// Indices of the views that times are taken on.
@@ -95,7 +95,7 @@ impl<'a, 'b> Study<'a, 'b> {
     /// # Errors
     /// [`StudyError`].
     pub fn run(
-        lab: &'a Lab<'b>,
+        lab: &'a Variants<'b>,
         mut views: Vec<&'a View>,
         effort: Effort,
         start: Instant,

@@ -3,7 +3,7 @@
 mod average;
 mod summary;
 
-use crate::measure::bench::Lab;
+use crate::measure::bench::Variants;
 use crate::measure::error::StudyError;
 use crate::measure::point::{Clock, Origin, Point, ViewErrors};
 use crate::measure::settings::Settings;
@@ -37,8 +37,8 @@ pub struct Effect {
     pub name: &'static str,
     /// What stands in its place.
     pub instead: &'static str,
-    /// How to render without it, given how to render with it; it may add a variant to the laboratory.
-    pub without: fn(&mut Lab<'_>, Without, &[&View]) -> Asked,
+    /// How to render without it, given how to render with it; it may add a variant to the blob's variants.
+    pub without: fn(&mut Variants<'_>, Without, &[&View]) -> Asked,
 }
 
 /// All effects, in the order of the report. An effect of the scene joins the audit by an entry here.
@@ -150,7 +150,7 @@ pub struct AuditOptions {
 /// # Errors
 /// [`StudyError`].
 pub fn audit(
-    lab: &mut Lab<'_>,
+    lab: &mut Variants<'_>,
     views: &[&View],
     rays: &[&View],
     options: &AuditOptions,
@@ -185,7 +185,7 @@ pub fn audit(
 
 /// Each way on each view, `repeats` times in turns; errors are against the first way.
 fn measure(
-    lab: &Lab<'_>,
+    lab: &Variants<'_>,
     ways: &[Without],
     views: &[&View],
     repeats: usize,

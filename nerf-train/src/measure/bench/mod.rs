@@ -35,7 +35,7 @@ pub struct Variant {
 
 /// A blob, its variants, and the weights it was rounded from where they are at hand.
 #[derive(Clone, Debug)]
-pub struct Lab<'b> {
+pub struct Variants<'b> {
     blob: Blob<'b>,
     scene: SceneFacts,
     cells: Option<LiveCells>,
@@ -63,8 +63,8 @@ pub struct Memory {
     pub file: usize,
 }
 
-impl<'b> Lab<'b> {
-    /// A laboratory for the scene in `bytes`.
+impl<'b> Variants<'b> {
+    /// The scene in `bytes`.
     ///
     /// # Errors
     /// [`StudyError::Blob`], [`StudyError::NotAScene`].
@@ -321,7 +321,7 @@ impl Key {
 
 /// Renderers for a list of settings.
 pub struct Bench<'l, 'b> {
-    lab: &'l Lab<'b>,
+    lab: &'l Variants<'b>,
     keys: Vec<Key>,
     renderers: Vec<(Renderer<'l>, usize)>,
 }

@@ -1,15 +1,16 @@
 //! Batches: which pixels, which samples along their rays.
 
+mod drawn;
 mod march;
 
 use crate::data::{Background, View};
 use crate::model::config::{Config, Jitter};
 use crate::model::engine::{Batch, BatchRay};
-use crate::train::occupancy::is_foreground;
+use crate::train::Bounds;
+use drawn::{counting, near_foreground};
 use glam::Vec3;
 pub use march::MarchCells;
 use march::{Samples, march, march_contracted};
-use nerf_core::blob::SceneSampling;
 use nerf_core::camera::{Camera, Contraction, Ray, SceneBox};
 use nerf_core::sampling::{Bins, OccupancyGrid, Purpose, uniform, uniform_u32};
 use nerf_core::simd::Isa;
@@ -17,8 +18,6 @@ use rayon::prelude::*;
 use std::ops::Range;
 use std::time::{Duration, Instant};
 
-/// How far around the foreground rays are still drawn, pixels.
-const FOREGROUND_MARGIN: usize = 4;
 /// Rays that are walked together by one task.
 const CHUNK: usize = 128;
 /// The same of an unbounded scene, whose rays are fewer and longer.
@@ -47,42 +46,6 @@ pub struct RayBank<'d> {
     /// Weight of the distortion loss in an unbounded scene.
     distortion: f32,
     seed: u64,
-}
-
-/// Where the scene is.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Bounds {
-    /// Rays begin here, world units.
-    pub near: f32,
-    /// Rays end here, world units.
-    pub far: f32,
-    /// Nothing is outside of it.
-    pub scene_box: SceneBox,
-    /// Of an unbounded scene, which is contracted into the box.
-    pub contraction: Option<Contraction>,
-}
-
-impl Bounds {
-    /// Width of a marched step, world units: `steps_across` of them are as long as the longest side of the scene box, or in
-    /// an unbounded scene as the diameter of the ball that is not contracted.
-    pub fn step(&self, steps_across: u16) -> f32 {
-        let across = match self.contraction {
-            Some(contraction) => 2.0 * contraction.radius(),
-            None => (self.scene_box.max - self.scene_box.min).max_element(),
-        };
-        across / f32::from(steps_across)
-    }
-
-    /// Samples of a ray that is marched at that step.
-    pub fn sampling(&self, steps_across: u16) -> SceneSampling {
-        match self.contraction {
-            Some(contraction) => SceneSampling::Contracted {
-                step: self.step(steps_across) / contraction.radius(),
-                power: contraction.power(),
-            },
-            None => SceneSampling::March(self.step(steps_across)),
-        }
-    }
 }
 
 /// Some rays, where their samples lie, how wide these are, and the time it took.
@@ -423,43 +386,6 @@ fn scale(bits: u32, count: u64) -> u64 {
 fn ray_of(camera: &Camera, pixel: usize) -> Ray {
     let width = camera.intrinsics().width as usize;
     camera.ray((pixel % width) as f32 + 0.5, (pixel / width) as f32 + 0.5)
-}
-
-/// Pixels within [`FOREGROUND_MARGIN`] of something, in the numbering over all views.
-fn near_foreground(views: &[View], starts: &[u64], background: Background) -> Option<Vec<u32>> {
-    let of_view = |(view, &start): (&View, &u64)| -> Option<Vec<u32>> {
-        let (width, height) = view.size();
-        let (width, height) = (width as usize, height as usize);
-        let mut mask = Vec::with_capacity(view.pixels.len());
-        for &pixel in &view.pixels {
-            mask.push(is_foreground(pixel, background)?);
-        }
-        if let Some(kept) = &view.mask {
-            mask.iter_mut().zip(kept).for_each(|(mask, kept)| *mask &= kept);
-        }
-        let spread = |mask: &[bool], stride: usize, length: usize, at: usize, line: usize| {
-            let from = at.saturating_sub(FOREGROUND_MARGIN);
-            (from..(at + FOREGROUND_MARGIN + 1).min(length)).any(|i| mask[line + i * stride])
-        };
-        let rows: Vec<bool> =
-            (0..mask.len()).map(|i| spread(&mask, 1, width, i % width, i / width * width)).collect();
-        let near = |i: &usize| spread(&rows, width, height, i / width, i % width) && view.counts(*i);
-        let near = (0..mask.len()).filter(near);
-        Some(near.map(|i| (start + i as u64) as u32).collect())
-    };
-    let parts: Option<Vec<Vec<u32>>> = views.par_iter().zip(starts).map(of_view).collect();
-    Some(parts?.concat())
-}
-
-/// Pixels that count, in the numbering over all views; `None` where all do. At least one of each view does, and there
-/// are at most 2^32 where some do not (`dataset`).
-fn counting(views: &[View], starts: &[u64]) -> Option<Vec<u32>> {
-    views.iter().any(|view| view.mask.is_some()).then_some(())?;
-    let of_view = |(view, &start): (&View, &u64)| {
-        let kept = (0..view.pixels.len()).filter(|&i| view.counts(i));
-        kept.map(|i| (start + i as u64) as u32).collect::<Vec<_>>()
-    };
-    Some(views.iter().zip(starts).flat_map(of_view).collect())
 }
 
 #[cfg(test)]

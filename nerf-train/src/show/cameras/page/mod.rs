@@ -7,7 +7,7 @@ use super::scene::{Scene, ShowError, ShownCamera};
 use crate::data::system::printable;
 use crate::data::system::printable::line;
 use crate::show::colour_map::ColourMap;
-use crate::train::rays::Bounds;
+use crate::train::Bounds;
 use glam::Vec3;
 use serde::Serialize;
 use std::borrow::Cow;

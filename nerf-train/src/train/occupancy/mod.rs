@@ -1,15 +1,19 @@
 //! Which cells of the scene box may hold something: carved from the pictures, then learned.
 
+mod silhouette;
+
 use crate::data::{Background, View};
 use crate::model::field::densities;
 use glam::Vec3;
 use nerf_core::blob::StoredOccupancy;
-use nerf_core::camera::{Camera, Contraction, SceneBox};
+use nerf_core::camera::{Contraction, SceneBox};
 use nerf_core::network::Architecture;
 use nerf_core::sampling::{OccupancyGrid, Purpose, uniform};
 use nerf_core::simd::Isa;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
+use silhouette::Silhouette;
+pub use silhouette::is_foreground;
 
 /// A refresh that would leave a smaller share of the candidates is ignored: a network whose
 /// density is dead must not take the occupancy grid with it.
@@ -362,62 +366,4 @@ pub struct Ask<'a> {
     pub seed: u64,
     /// Of an unbounded scene.
     pub contraction: Option<Contraction>,
-}
-
-/// Where a view sees something, as sums over rectangles.
-struct Silhouette {
-    camera: Camera,
-    width: usize,
-    height: usize,
-    /// Summed-area table, `[(height + 1)][(width + 1)]`.
-    sums: Vec<u32>,
-}
-
-impl Silhouette {
-    fn of(view: &View, background: Background) -> Option<Self> {
-        let (width, height) = view.size();
-        let (width, height) = (width as usize, height as usize);
-        let mut sums = vec![0u32; (width + 1) * (height + 1)];
-        for y in 0..height {
-            let mut row = 0;
-            for x in 0..width {
-                let index = y * width + x;
-                // What does not count may show anything.
-                row += u32::from(is_foreground(view.pixels[index], background)? || !view.counts(index));
-                sums[(y + 1) * (width + 1) + x + 1] = sums[y * (width + 1) + x + 1] + row;
-            }
-        }
-        Some(Self { camera: view.camera, width, height, sums })
-    }
-
-    /// Whether the view shows anything where a ball projects to; `None` if it does not see all of it.
-    fn shows(&self, centre: Vec3, radius: f32) -> Option<bool> {
-        let pose = self.camera.pose();
-        let local = pose.rotation.transpose() * (centre - pose.position);
-        let z = -local.z;
-        if z <= 2.0 * radius {
-            return None;
-        }
-        let i = self.camera.intrinsics();
-        let (u, v) = self.camera.lens().project(Vec3::new(local.x, -local.y, z))?;
-        let (x, y) = (i.cx + i.fx * u, i.cy + i.fy * v);
-        // The ball's outline, and a pixel for resampling.
-        let reach = radius / (z - radius) * i.fx.max(i.fy) * (1.0 + u * u + v * v).sqrt() + 1.0;
-        let (x0, x1, y0, y1) = (x - reach, x + reach, y - reach, y + reach);
-        if !(x0 >= 0.0 && y0 >= 0.0 && x1 <= self.width as f32 && y1 <= self.height as f32) {
-            return None;
-        }
-        let (x0, y0, x1, y1) = (x0 as usize, y0 as usize, x1.ceil() as usize, y1.ceil() as usize);
-        let at = |x: usize, y: usize| self.sums[y * (self.width + 1) + x];
-        Some(at(x1, y1) + at(x0, y0) != at(x0, y1) + at(x1, y0))
-    }
-}
-
-/// Whether a pixel shows something; `None` if the pictures do not say.
-pub fn is_foreground(pixel: [u8; 4], background: Background) -> Option<bool> {
-    match background {
-        Background::Alpha => Some(pixel[3] > 0),
-        Background::Constant(colour) => Some(pixel[..3] != colour),
-        Background::Unknown => None,
-    }
 }

@@ -1,8 +1,8 @@
 //! The state of a run as it would be exported.
 
-use super::{TrainError, Trainer};
 use crate::model::export::{Contents, Exported, Tables, export};
 use crate::train::occupancy::{Ask, LiveCells, Occupancy};
+use crate::train::{TrainError, Trainer};
 use nerf_core::blob::{Content, Provenance, SceneFacts, SceneSampling};
 use nerf_core::network::Architecture;
 use std::borrow::Cow;

@@ -1,14 +1,15 @@
 //! What the `transforms*.json` files of Blender, nerfstudio and instant-ngp have in common.
 
-use crate::data::cameras::pose::{BOTTOM_ROW, angle_fault, bottom_row_fault};
+mod camera;
+
 use crate::data::layouts::folders::smaller_copy;
 use crate::data::layouts::found::Found;
-use crate::data::pictures::file::{self, StatedSize};
-use crate::data::pictures::photo::{Fence, Loaded, Optics, Photo, Source};
+use crate::data::pictures::file::{self};
+use crate::data::pictures::photo::{Fence, Loaded, Photo, Source};
 use crate::data::system::input::{MAX_JSON_BYTES, read_limited, without_mark};
 use crate::data::{Axes, DatasetError, Downscale, ReadOptions, View, Watch};
+use camera::Place;
 use glam::DVec3;
-use nerf_core::camera::{Lens, Pose, Projection};
 use serde::Deserialize;
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
@@ -280,171 +281,4 @@ impl CameraFields {
             p2: self.p2.or(shared.p2),
         }
     }
-}
-
-/// Where an error would be.
-struct Place<'a> {
-    file: &'a Path,
-    view: &'a str,
-}
-
-impl Place<'_> {
-    fn value(&self, field: &str, expected: &str, found: impl ToString) -> DatasetError {
-        DatasetError::Value {
-            file: self.file.into(),
-            field: format!("view `{}`, {field}", self.view),
-            expected: expected.into(),
-            found: found.to_string(),
-        }
-    }
-
-    fn unsupported(&self, field: &'static str, expected: &'static str, found: String) -> DatasetError {
-        DatasetError::Unsupported {
-            file: self.file.into(),
-            place: format!("view `{}`", self.view),
-            field,
-            expected,
-            found,
-        }
-    }
-
-    fn pose(&self, matrix: &[Vec<f64>], origin: DVec3) -> Result<Pose, DatasetError> {
-        let mut rows = [[0.0f32; 4]; 3];
-        let fits = (3..=4).contains(&matrix.len()) && matrix.iter().all(|row| row.len() == 4);
-        if !fits {
-            let found: Vec<usize> = matrix.iter().map(Vec::len).collect();
-            let found = format!("rows of lengths {found:?}");
-            return Err(self.value("transform_matrix", "4 (or 3) rows of 4 numbers", found));
-        }
-        if let Some(found) = bottom_row_fault(matrix) {
-            return Err(self.value("transform_matrix", BOTTOM_ROW, found));
-        }
-        for ((row, source), origin) in rows.iter_mut().zip(matrix).zip(origin.to_array()) {
-            for (value, &number) in row.iter_mut().zip(source) {
-                *value = number as f32;
-            }
-            row[3] = (source[3] - origin) as f32;
-        }
-        Ok(Pose::from_rows(rows))
-    }
-
-    /// The picture's width and height as far as the json says them, pixels.
-    fn size(&self, fields: &CameraFields) -> Result<StatedSize, DatasetError> {
-        for (name, side) in [("w", fields.w), ("h", fields.h)] {
-            if side.is_some_and(|side| !(1.0..=1e6).contains(&side)) {
-                return Err(self.value(name, "1 to 1000000 pixels", side.unwrap_or_default()));
-            }
-        }
-        Ok((fields.w, fields.h))
-    }
-
-    /// Intrinsics for a picture of `w` by `h` pixels, and what to say about them.
-    fn optics(
-        &self,
-        fields: &CameraFields,
-        (w, h): (f64, f64),
-        notes: &mut Vec<String>,
-    ) -> Result<Optics, DatasetError> {
-        let from_angle = |field: &str, side: f64, angle: Option<f64>| match angle {
-            Some(angle) => match angle_fault(angle) {
-                Some(found) => Err(self.value(field, "radians above 0 and below π", found)),
-                None => Ok(Some(0.5 * side / (0.5 * angle).tan())),
-            },
-            None => Ok(None),
-        };
-        let focal_x = match fields.fl_x {
-            None => from_angle("camera_angle_x", w, fields.camera_angle_x)?,
-            given => given,
-        };
-        let focal_y = match fields.fl_y {
-            None => from_angle("camera_angle_y", h, fields.camera_angle_y)?,
-            given => given,
-        };
-        let (Some(fx), Some(fy)) = (focal_x.or(focal_y), focal_y.or(focal_x)) else {
-            return Err(DatasetError::MissingField {
-                file: self.file.into(),
-                place: format!("view `{}`", self.view),
-                field: "fl_x (or camera_angle_x)",
-            });
-        };
-        let lens = self.lens(fields, (w, h), (fx, fy), notes)?;
-        let (cx, cy) = (fields.cx.unwrap_or(0.5 * w), fields.cy.unwrap_or(0.5 * h));
-        Ok(Optics { width: w, height: h, fx, fy, cx, cy, lens })
-    }
-
-    /// Which lens the coefficients are of.
-    fn model(&self, fields: &CameraFields) -> Result<Model, DatasetError> {
-        const EXPECTED: &str = "OPENCV, PINHOLE, SIMPLE_PINHOLE, SIMPLE_RADIAL, RADIAL, FULL_OPENCV, OPENCV_FISHEYE, \
-                                RADIAL_FISHEYE or SIMPLE_RADIAL_FISHEYE";
-        let name = fields.camera_model.as_deref().unwrap_or("OPENCV").to_ascii_uppercase();
-        match name.as_str() {
-            "OPENCV_FISHEYE" | "RADIAL_FISHEYE" | "SIMPLE_RADIAL_FISHEYE" => Ok(Model::Fisheye),
-            "FULL_OPENCV" => Ok(Model::Rational),
-            name if MODELS.contains(&name) && fields.is_fisheye == Some(true) => Ok(Model::Fisheye),
-            name if MODELS.contains(&name) => Ok(Model::Polynomial),
-            _ => Err(self.unsupported(
-                "camera_model",
-                EXPECTED,
-                fields.camera_model.clone().unwrap_or_default(),
-            )),
-        }
-    }
-
-    /// The lens. Without a name k4 is of eighth order, as in nerfstudio, which no lens here has: it is dropped, with a
-    /// note, where it moves the farthest corner by at most half a pixel, and refused elsewhere.
-    fn lens(
-        &self,
-        fields: &CameraFields,
-        (w, h): (f64, f64),
-        (fx, fy): (f64, f64),
-        notes: &mut Vec<String>,
-    ) -> Result<Lens, DatasetError> {
-        let named = [
-            ("k1", fields.k1),
-            ("k2", fields.k2),
-            ("k3", fields.k3),
-            ("k4", fields.k4),
-            ("k5", fields.k5),
-            ("k6", fields.k6),
-            ("p1", fields.p1),
-            ("p2", fields.p2),
-        ];
-        let [k1, k2, k3, k4, k5, k6, p1, p2] = named.map(|(_, value)| value.unwrap_or_default() as f32);
-        if let Some((name, Some(value))) =
-            named.into_iter().find(|(_, value)| value.is_some_and(|value| !(value as f32).is_finite()))
-        {
-            return Err(self.value(name, "a finite number", value));
-        }
-        let lens = Lens { k1, k2, p1, p2, k3, ..Lens::NONE };
-        match self.model(fields)? {
-            Model::Fisheye => Ok(Lens { k4, projection: Projection::Fisheye, ..lens }),
-            Model::Rational => Ok(Lens { k4, k5, k6, ..lens }),
-            Model::Polynomial if k4 == 0.0 => Ok(lens),
-            Model::Polynomial => {
-                let (cx, cy) = (fields.cx.unwrap_or(0.5 * w), fields.cy.unwrap_or(0.5 * h));
-                let (x, y) = (cx.abs().max((w - cx).abs()) / fx, cy.abs().max((h - cy).abs()) / fy);
-                let r2 = x * x + y * y;
-                let shift = fx.max(fy) * r2.sqrt() * f64::from(k4.abs()) * r2.powi(4);
-                if shift.is_nan() || shift > NEGLIGIBLE_SHIFT {
-                    let found = format!("k4 = {k4}, which moves a corner by {shift:.1} pixels");
-                    let expected =
-                        "none (or less than half a pixel of it; that of FULL_OPENCV needs the camera_model)";
-                    return Err(self.unsupported("k4", expected, found));
-                }
-                notes
-                    .push(format!("k4 is ignored: it moves no point by more than {NEGLIGIBLE_SHIFT} pixels"));
-                Ok(lens)
-            }
-        }
-    }
-}
-
-/// What the coefficients of a json are of.
-enum Model {
-    /// A radial polynomial, and tangential terms.
-    Polynomial,
-    /// The same with a denominator.
-    Rational,
-    /// Angles.
-    Fisheye,
 }

@@ -1,0 +1,97 @@
+//! `nerf-train image render`
+
+use crate::cli::common::{Global, open_blob, read_file};
+use crate::cli::options::quality::parse_math;
+use crate::cli::places;
+use crate::data::system::memory;
+use crate::data::system::output::claims::Claims;
+use crate::data::system::progress::{Message, Progress, Total};
+use crate::measure::frame::{PictureSummary, render_picture};
+use anyhow::{Context, bail};
+use clap::Args;
+use nerf_core::blob::PictureFacts;
+use nerf_core::math::MathBackend;
+use nerf_core::memory::Line;
+use nerf_core::render::Renderer;
+use std::path::PathBuf;
+use std::process::ExitCode;
+
+/// Render a 2D field at any size.
+///
+/// A size that is not given follows from the photograph's.
+#[derive(Debug, Args)]
+#[command(after_help = "Examples:
+  nerf-train image render fox.nerf -o fox.png
+  nerf-train image render fox.nerf -o large.png --width 4096")]
+pub struct Render {
+    /// The blob.
+    file: PathBuf,
+    /// The picture (.png) to write.
+    #[arg(long, short, value_name = "FILE")]
+    output: PathBuf,
+    /// Width, pixels [default: the photograph's, or as the height asks].
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=65_535))]
+    width: Option<u32>,
+    /// Height, pixels [default: the photograph's, or as the width asks].
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=65_535))]
+    height: Option<u32>,
+    /// Elementary functions: polynomial, libm, micromath, recurrence.
+    #[arg(long, value_name = "BACKEND", default_value = "polynomial", value_parser = parse_math)]
+    math: MathBackend,
+}
+
+/// What a pixel takes until its picture is written: its colour as f32 and as bytes, and these encoded.
+const BYTES_PER_PIXEL: u64 = 12 + 3 + 2 * 4;
+
+impl Render {
+    /// Runs the command.
+    pub fn run(&self, global: &Global) -> anyhow::Result<ExitCode> {
+        places::check_extension("-o", &self.output, places::PICTURE)?;
+        Claims::new().reads("the blob", &self.file).writes("-o", &self.output).settle()?;
+        let bytes = read_file(&self.file)?;
+        let blob = open_blob(&self.file, &bytes)?;
+        let Some(facts) = blob.picture() else {
+            bail!("{}: expected a 2D field, found a scene: render it with `render`", self.file.display());
+        };
+        let size = self.size(facts);
+        let [width, height] = size.map(u64::from);
+        let what = format!("{}: a picture of {width}x{height} pixels", self.file.display());
+        memory::check(what, width * height, BYTES_PER_PIXEL, "choose a smaller --width")?;
+        let mut memory = vec![Line::UNINIT; Renderer::prepared_lines(&blob, global.kernel())];
+        let renderer = Renderer::new(blob, global.kernel(), &mut memory)?;
+        let mut progress = Progress::new("render", Total::Steps(size[1].into()), global.style());
+        let (picture, counters) = render_picture(&renderer, self.math, size, |rows| {
+            progress.update(rows, &Message { note: "rows".into(), ..Message::default() });
+        })
+        .with_context(|| self.file.display().to_string())?;
+        progress.finish(format!("{} rows", size[1]));
+        picture.write_png(&self.output)?;
+        let summary = PictureSummary {
+            file: self.output.display().to_string(),
+            width_px: size[0],
+            height_px: size[1],
+            colour_evaluations: counters.colour_evaluations,
+            macs: counters.macs,
+            invalid_samples: counters.invalid_samples,
+        };
+        global.finish(&summary, || {
+            outln!("{} ({}x{} pixels)", self.output.display(), size[0], size[1]);
+            Ok(())
+        })?;
+        Ok(ExitCode::SUCCESS)
+    }
+
+    /// The size to render at: what is not given follows from the photograph's, pixels.
+    fn size(&self, facts: PictureFacts) -> [u32; 2] {
+        let along = |side: u32, of: u32, to: u32| {
+            // Rounded, at least 1; of u16 range as the sides are.
+            ((u64::from(side) * u64::from(to) + u64::from(of) / 2) / u64::from(of)).max(1) as u32
+        };
+        match (self.width, self.height) {
+            (Some(width), Some(height)) => [width, height],
+            (Some(width), None) => [width, along(width, facts.width, facts.height)],
+            (None, Some(height)) => [along(height, facts.height, facts.width), height],
+            (None, None) => [facts.width, facts.height],
+        }
+    }
+}

@@ -1,0 +1,70 @@
+//! Folders that are there whole or not at all.
+
+use super::{Attempt, Listed, OutputError, ensure_folder, folder_of, sync_folder, temporaries};
+use std::fs;
+use std::io;
+use std::path::{Path, PathBuf};
+use tempfile::TempDir;
+
+/// A folder that appears under its name only when [`commit`](Self::commit) succeeds.
+///
+/// Until then it is a hidden one beside that name, which a signal removes as well. Dropped without commit, nothing of it
+/// is left.
+#[derive(Debug)]
+pub struct AtomicFolder {
+    temporary: TempDir,
+    _listed: Listed,
+    target: PathBuf,
+}
+
+impl AtomicFolder {
+    /// Opens one in the folder of `path`, which is made where there is none.
+    ///
+    /// # Errors
+    /// [`Attempt::CreateFolder`] where `path` is there already, unless as an empty folder; as [`ensure_folder`].
+    pub fn create(path: impl AsRef<Path>) -> Result<Self, OutputError> {
+        let path = path.as_ref();
+        let fail = |source| OutputError::new(Attempt::CreateFolder, path, source);
+        check_free(path).map_err(fail)?;
+        ensure_folder(folder_of(path))?;
+        let mut builder = tempfile::Builder::new();
+        builder.prefix(".nerf-").suffix(".tmp");
+        #[cfg(unix)]
+        {
+            use std::os::unix::fs::PermissionsExt;
+            builder.permissions(fs::Permissions::from_mode(0o777));
+        }
+        let mut listed = temporaries();
+        let temporary = builder.tempdir_in(folder_of(path)).map_err(fail)?;
+        let place = temporary.path().to_owned();
+        listed.insert(place.clone());
+        Ok(Self { temporary, _listed: Listed(place), target: path.to_owned() })
+    }
+
+    /// Where it is until the commit.
+    pub fn place(&self) -> &Path {
+        self.temporary.path()
+    }
+
+    /// Renames it to its final name.
+    ///
+    /// # Errors
+    /// [`Attempt::Rename`] where something of that name has come about meanwhile; then the temporary is gone.
+    pub fn commit(self) -> Result<(), OutputError> {
+        let fail = |source| OutputError::new(Attempt::Rename, &self.target, source);
+        check_free(&self.target).map_err(fail)?;
+        // Only an empty one can be removed so, and only Unix renames over that.
+        let _ = fs::remove_dir(&self.target);
+        fs::rename(self.temporary.path(), &self.target).map_err(fail)?;
+        sync_folder(folder_of(&self.target)).map_err(fail)
+    }
+}
+
+/// Refuses a name that is taken by anything but an empty folder.
+fn check_free(path: &Path) -> io::Result<()> {
+    let empty = || fs::read_dir(path).is_ok_and(|mut entries| entries.next().is_none());
+    if fs::symlink_metadata(path).is_err() || empty() {
+        return Ok(());
+    }
+    Err(io::Error::new(io::ErrorKind::AlreadyExists, "it is there already; choose another name"))
+}

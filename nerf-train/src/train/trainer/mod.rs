@@ -1,0 +1,395 @@
+//! A run: data, settings and everything that changes from step to step.
+
+pub mod candidate;
+
+use crate::data::{Background, Dataset, mean_colour};
+use crate::model::config::{Config, Density, SamplingConfig};
+use crate::model::engine::{Batch, Engine, Model, Phase, Phases, engine_for};
+use crate::train::Bounds;
+use crate::train::average::Average;
+use crate::train::checkpoint::{Checkpoint, fingerprint};
+use crate::train::occupancy::{Ask, Occupancy};
+use crate::train::rays::{MarchCells, RayBank};
+use crate::train::schedule::learning_rate;
+use crate::train::{CurvePoint, Progressed, Snapshot, TrainError, find_bounds};
+use nerf_core::Kernel;
+use nerf_core::blob::MAX_SAMPLES;
+use std::time::{Duration, Instant};
+
+/// Steps in a row without any density after which a run is started anew with another seed.
+const DEAD_STEPS: u32 = 100;
+/// Refreshes within which a grid field is asked for every cell once.
+const REFRESHES: usize = 24;
+/// How much longer the steps through an unbounded scene are at first, when most of it is still fog; the share of the run in
+/// which they become as short as they stay, and in how many stages.
+const LONGEST_STEP: f64 = 4.0;
+const GROWTH: f64 = 0.15;
+const STAGES: f64 = 8.0;
+/// Times a run is started anew before it is given up.
+const RESEEDS: u32 = 3;
+
+/// A run: data, settings and everything that changes from step to step.
+pub struct Trainer<'d> {
+    config: Config,
+    dataset: &'d Dataset,
+    /// Of what is exported, display-encoded.
+    background: [f32; 3],
+    model: Model,
+    kernel: Kernel,
+    bounds: Bounds,
+    bank: RayBank<'d>,
+    /// Width of the steps that rays are marched in; none where they are cut into bins between near and far.
+    step_width: Option<f32>,
+    engine: Box<dyn Engine>,
+    occupancy: Option<Occupancy>,
+    average: Average,
+    batch: Batch,
+    /// The occupied cells as they are marched; none until they are asked for.
+    cells: Option<MarchCells>,
+    /// The next step's samples, where they were marched beside this step's update, and what they were marched with.
+    ahead: (Option<March>, Batch),
+    progressed: Progressed,
+    phases: Phases,
+    fingerprint: u64,
+    /// The curve so far.
+    pub curve: Vec<CurvePoint>,
+    /// Pictures taken so far.
+    pub snapshots: Vec<Snapshot>,
+}
+
+impl<'d> Trainer<'d> {
+    /// Makes everything ready for the first step: bounds, hull, rays, start values.
+    ///
+    /// # Errors
+    /// [`TrainError`] on settings out of range and on data whose bounds cannot be found.
+    pub fn new(dataset: &'d Dataset, config: Config, kernel: Kernel) -> Result<Self, TrainError> {
+        config.check()?;
+        let (bounds, nears, occupancy) = find_bounds(dataset, &config)?;
+        let extent = bounds.scene_box.max - bounds.scene_box.min;
+        let model = config.model_of(extent);
+        let mut config = config;
+        let mut step_width = None;
+        if config.network.grid.is_some() {
+            config.sampling.samples = bins_across(&bounds, config.sampling.steps_across);
+            step_width = Some(bounds.step(config.sampling.steps_across));
+        }
+        let bank = RayBank::new(&dataset.train, dataset.background, bounds, &config)?.with_nears(nears);
+        let engine = engine_for(&model, bounds.scene_box, config.adam(), config.seed, kernel.isa)?;
+        let background = match dataset.background {
+            Background::Constant(colour) => colour.map(|c| f32::from(c) / 255.0),
+            Background::Unknown if bounds.contraction.is_some() => mean_colour(&dataset.train),
+            Background::Alpha | Background::Unknown => [0.0; 3],
+        };
+        Ok(Self {
+            average: Average::new(config.optimiser.average, config.averaged_every(), model.parameters()),
+            dataset,
+            background,
+            model,
+            kernel,
+            bounds,
+            bank,
+            step_width,
+            engine,
+            occupancy,
+            batch: Batch::default(),
+            cells: None,
+            ahead: Default::default(),
+            progressed: Progressed::default(),
+            phases: Phases::default(),
+            curve: Vec::new(),
+            snapshots: Vec::new(),
+            fingerprint: fingerprint(dataset),
+            config,
+        })
+    }
+
+    /// What is trained.
+    pub fn model(&self) -> &Model {
+        &self.model
+    }
+
+    /// Takes up a checkpoint of the same run.
+    ///
+    /// # Errors
+    /// [`TrainError::Engine`] if its parameters do not fit, [`TrainError::Parts`] if anything else does not; the run
+    /// is then as before.
+    pub fn restore(&mut self, checkpoint: Checkpoint) -> Result<(), TrainError> {
+        self.check_parts(&checkpoint)?;
+        self.engine.restore(&checkpoint.optimiser)?;
+        self.average = checkpoint.average;
+        self.occupancy = checkpoint.occupancy;
+        self.forget_marched();
+        self.progressed = checkpoint.progressed;
+        self.curve = checkpoint.curve;
+        self.snapshots = checkpoint.snapshots;
+        Ok(())
+    }
+
+    /// Whether a checkpoint, whose checksum says nothing of who wrote it, can be computed with.
+    fn check_parts(&self, checkpoint: &Checkpoint) -> Result<(), TrainError> {
+        let Checkpoint { progressed: p, average, occupancy, curve, .. } = checkpoint;
+        let counted = u64::from(p.step) == checkpoint.optimiser.steps
+            && p.rays.max(p.samples).max(p.evaluated) <= u64::MAX / 2;
+        let alive = p.dead_steps < DEAD_STEPS && p.reseeds <= RESEEDS;
+        let cells = match (occupancy, &self.occupancy) {
+            (Some(theirs), Some(ours)) => theirs.is_like(ours),
+            (theirs, ours) => theirs.is_none() && ours.is_none(),
+        };
+        let ascending = curve.is_sorted_by_key(|point| point.step);
+        let curve = ascending && curve.last().is_none_or(|point| point.step <= p.step);
+        let parts = [
+            ("counters", counted && alive),
+            ("averaged parameters", average.is_like(&self.average, p.step)),
+            ("occupancy cells", cells),
+            ("points of the curve", curve),
+        ];
+        match parts.into_iter().find(|&(_, fits)| !fits) {
+            Some((part, _)) => Err(TrainError::Parts { part }),
+            None => Ok(()),
+        }
+    }
+
+    /// Everything needed to go on after `seconds`.
+    pub fn checkpoint(&self, seconds: f64) -> Checkpoint {
+        Checkpoint {
+            config: self.config.clone(),
+            data: self.dataset.name.clone(),
+            fingerprint: self.fingerprint,
+            optimiser: self.engine.state(),
+            average: self.average.clone(),
+            occupancy: self.occupancy.clone(),
+            progressed: self.progressed,
+            curve: self.curve.clone(),
+            snapshots: self.snapshots.clone(),
+            seconds,
+        }
+    }
+
+    /// Settings.
+    pub fn config(&self) -> &Config {
+        &self.config
+    }
+
+    /// Where the time of this process's steps went: of the occupancy as it passed, of the rest over all threads.
+    pub fn phases(&self) -> Phases {
+        let mut phases = self.phases;
+        phases += self.engine.phases();
+        phases
+    }
+
+    /// Counters.
+    pub fn progressed(&self) -> &Progressed {
+        &self.progressed
+    }
+
+    /// [`fingerprint`] of the data.
+    pub fn fingerprint(&self) -> u64 {
+        self.fingerprint
+    }
+
+    /// Where the scene is.
+    pub fn bounds(&self) -> &Bounds {
+        &self.bounds
+    }
+
+    /// Pixels that may be drawn.
+    pub fn pixels(&self) -> u64 {
+        self.bank.pixels()
+    }
+
+    /// Share of the cells that are live; 1 without an occupancy grid.
+    pub fn occupied_share(&self) -> f32 {
+        self.occupancy.as_ref().map_or(1.0, |occupancy| occupancy.lookup().occupied_share())
+    }
+
+    /// Parameters as trained.
+    pub fn parameters(&self) -> usize {
+        self.model.parameters()
+    }
+
+    /// Smoothed PSNR of the rays trained on, dB.
+    pub fn train_psnr_db(&self) -> f64 {
+        crate::train::psnr_db_of_mse(self.progressed.mse)
+    }
+
+    /// One step at the learning rate that `share` of the budget used calls for.
+    ///
+    /// # Errors
+    /// [`TrainError::Engine`] if it diverged; the run is then as before the step.
+    /// [`TrainError::Dead`] if every restart ended without density.
+    pub fn step(&mut self, share: f64) -> Result<(), TrainError> {
+        let step = u64::from(self.progressed.step);
+        self.draw(step, share);
+        if self.config.network.grid.as_ref().is_some_and(|grid| grid.is_rounded(share)) {
+            self.engine.round_tables();
+        }
+        let rate = learning_rate(&self.config.optimiser, self.progressed.step, share);
+        let refreshed = self.config.occupancy.skip
+            && (self.progressed.step + 1).is_multiple_of(self.config.occupancy.every);
+        let width = self.step_width(share);
+        let Self { bank, batch, ahead, cells, phases, progressed: p, kernel, .. } = self;
+        let s = &self.config.sampling;
+        let grid = self.config.network.grid.is_some();
+        let mut live_per_ray = p.live_per_ray;
+        let loss = self.engine.step_beside(batch, rate, &mut |loss| {
+            if grid {
+                live_per_ray = smoothed(live_per_ray, loss.kept, batch.rays.len());
+            }
+            // The cells that a refresh leaves are not known yet.
+            if let (Some(width), Some(cells), false) = (width, &cells, refreshed) {
+                let march = March { step: step + 1, rays: rays_of(s, 1.0, live_per_ray), width };
+                ahead.0 = Some(march);
+                phases.add(Phase::March, march.fill(bank, *kernel, cells, &mut ahead.1));
+            }
+        })?;
+        p.live_per_ray = live_per_ray;
+        p.step += 1;
+        p.rays += self.batch.rays.len() as u64;
+        p.evaluated += loss.evaluated as u64;
+        p.samples += loss.kept as u64;
+        p.mse = if step == 0 { loss.mse } else { 0.98 * p.mse + 0.02 * loss.mse };
+        p.dead_steps = if loss.dead { p.dead_steps + 1 } else { 0 };
+        if p.dead_steps >= DEAD_STEPS {
+            return self.reseed();
+        }
+        self.average.update(self.progressed.step, || self.engine.parameters());
+        if refreshed {
+            let now = Instant::now();
+            self.refresh_occupancy();
+            self.phases.lap(Phase::Occupancy, now);
+        }
+        Ok(())
+    }
+
+    /// Width of the marched steps when `share` of the budget is used.
+    fn step_width(&self, share: f64) -> Option<f32> {
+        let longer = if self.bounds.contraction.is_some() { lengthened(share) } else { 1.0 };
+        self.step_width.filter(|_| self.occupancy.is_some()).map(|width| longer * width)
+    }
+
+    fn draw(&mut self, step: u64, share: f64) {
+        let s = &self.config.sampling;
+        let occupancy = self.occupancy.as_ref().filter(|_| self.config.occupancy.skip).map(Occupancy::lookup);
+        let live_per_ray = self.progressed.live_per_ray;
+        // A grid's samples count once they are kept, which is known after the step.
+        let counted_after = self.config.network.grid.is_some();
+        if let (Some(width), Some(occupancy)) = (self.step_width(share), &self.occupancy) {
+            let march = March { step, rays: rays_of(s, 1.0, live_per_ray), width };
+            if self.ahead.0.take() == Some(march) {
+                std::mem::swap(&mut self.batch, &mut self.ahead.1);
+            } else {
+                let cells = self.cells.get_or_insert_with(|| MarchCells::new(occupancy.live()));
+                let time = march.fill(&self.bank, self.kernel, cells, &mut self.batch);
+                self.phases.add(Phase::March, time);
+            }
+        } else {
+            let (margin, limit) = if counted_after { (1.0, 0) } else { (1.1, s.live_samples) };
+            let rays = rays_of(s, margin, live_per_ray);
+            self.bank.fill(&mut self.batch, step, rays, limit, occupancy.as_ref());
+        }
+        if !counted_after {
+            let live = self.batch.positions.len();
+            self.progressed.live_per_ray = smoothed(live_per_ray, live, self.batch.rays.len());
+        }
+        self.batch.empty_weight = self.config.occupancy.empty_weight;
+        if let Some(occupancy) = &occupancy {
+            let count = self.config.occupancy.empty_share * self.batch.positions.len() as f32;
+            self.bank.fill_empty(&mut self.batch, step, count as usize, occupancy);
+        }
+    }
+
+    /// Forgets what was marched with the cells of before.
+    fn forget_marched(&mut self) {
+        (self.cells, self.ahead.0) = (None, None);
+    }
+
+    fn refresh_occupancy(&mut self) {
+        let g = &self.config.occupancy;
+        let parameters = self.model.fold(self.engine.parameters());
+        let threshold = self.threshold();
+        if let Some(occupancy) = &mut self.occupancy {
+            let architecture = &self.model.architecture;
+            let ask = Ask {
+                isa: self.kernel.isa,
+                architecture,
+                parameters: &parameters,
+                seed: self.config.seed,
+                contraction: self.bounds.contraction,
+            };
+            // Without a hull there are many cells to prune, and a grid's density costs little to ask for.
+            let turn = occupancy.candidates().div_ceil(REFRESHES);
+            let cells = if self.config.network.grid.is_some() { g.cells.max(turn) } else { g.cells };
+            occupancy.refresh(&ask, cells, threshold, g.decay, self.progressed.step >= g.from);
+        }
+        self.forget_marched();
+    }
+
+    /// sigma that keeps a cell, 1/world unit.
+    fn threshold(&self) -> f32 {
+        let bins = f32::from(self.config.sampling.samples);
+        let width = self.step_width.unwrap_or((self.bounds.far - self.bounds.near) / bins);
+        self.config.occupancy.threshold / width
+    }
+
+    /// Starts anew with another seed: a known failure of ReLU densities, and its known cure.
+    fn reseed(&mut self) -> Result<(), TrainError> {
+        let restarts = self.progressed.reseeds + 1;
+        if restarts > RESEEDS {
+            let relu = self.config.network.density == Density::Relu;
+            return Err(TrainError::Dead { restarts, relu });
+        }
+        let seed = self.config.seed.wrapping_add(1000 * u64::from(restarts));
+        self.engine =
+            engine_for(&self.model, self.bounds.scene_box, self.config.adam(), seed, self.kernel.isa)?;
+        self.occupancy = find_bounds(self.dataset, &self.config)?.2;
+        self.forget_marched();
+        self.average.clear();
+        self.progressed = Progressed { reseeds: restarts, ..Progressed::default() };
+        self.curve.clear();
+        self.snapshots.clear();
+        Ok(())
+    }
+}
+
+/// What a step's samples are marched with.
+#[derive(Clone, Copy, PartialEq)]
+struct March {
+    step: u64,
+    rays: usize,
+    /// Of the steps along a ray.
+    width: f32,
+}
+
+impl March {
+    fn fill(&self, bank: &RayBank<'_>, kernel: Kernel, cells: &MarchCells, batch: &mut Batch) -> Duration {
+        bank.fill_marched(kernel.isa, batch, self.step, self.rays, cells, self.width)
+    }
+}
+
+/// How many rays a step draws, where each has so many live samples; 0 is not known yet.
+fn rays_of(sampling: &SamplingConfig, margin: f64, live_per_ray: f64) -> usize {
+    if sampling.live_samples > 0 && live_per_ray > 0.0 {
+        ((margin * sampling.live_samples as f64 / live_per_ray) as usize).clamp(64, 65_536)
+    } else {
+        sampling.rays
+    }
+}
+
+/// Live samples a ray over the steps so far, when this one had `live` on `rays`.
+fn smoothed(before: f64, live: usize, rays: usize) -> f64 {
+    let now = live as f64 / rays.max(1) as f64;
+    if before == 0.0 { now } else { 0.9 * before + 0.1 * now }
+}
+
+/// How many times as long as in the end the steps through an unbounded scene are when `share` of the budget is used.
+pub(crate) fn lengthened(share: f64) -> f32 {
+    let stage = (STAGES * share / GROWTH).floor().min(STAGES);
+    LONGEST_STEP.powf(1.0 - stage / STAGES) as f32
+}
+
+/// Bins between near and far that are `steps` to the longest side of the box.
+fn bins_across(bounds: &Bounds, steps: u16) -> u16 {
+    let longest = (bounds.scene_box.max - bounds.scene_box.min).max_element();
+    let bins = f64::from(steps) * f64::from(bounds.far - bounds.near) / f64::from(longest);
+    (bins.ceil() as u16).clamp(1, MAX_SAMPLES)
+}
