@@ -1,4 +1,6 @@
 #![no_std]
+// The room `host` is not there.
+#![cfg_attr(target_os = "none", allow(rustdoc::broken_intra_doc_links))]
 #![cfg_attr(
     not(feature = "train"),
     allow(dead_code, unused_imports, reason = "parts that only trainers use")
@@ -209,18 +211,18 @@ pub mod plan;
 
 pub mod render;
 
-#[cfg(feature = "std")]
+#[cfg(all(feature = "std", not(target_os = "none")))]
 pub mod host;
 
 #[cfg(test)]
 mod testing;
 
-#[cfg(feature = "std")]
+#[cfg(all(feature = "std", not(target_os = "none")))]
 extern crate std;
 
 pub use blob::Blob;
 pub use camera::{Camera, Intrinsics, Lens, Pose};
-#[cfg(feature = "std")]
+#[cfg(all(feature = "std", not(target_os = "none")))]
 pub use host::{Image, Scene};
 pub use math::MathBackend;
 pub use matrix::{Kernel, Storage};

@@ -12,15 +12,15 @@ pub fn chromium() -> Option<PathBuf> {
     named.into_iter().chain(in_path).find(|program| program.is_file())
 }
 
-/// The page's document once it is loaded, and a picture of the window in `screenshot`; the browser's profile
-/// lies in `folder`.
-pub fn document(browser: &Path, folder: &Path, page: &Path, hash: &str, screenshot: &Path) -> String {
+/// The document of a page at an address once it is loaded, and a picture of the window in `screenshot`; the browser's
+/// profile lies in `folder`.
+pub fn document(browser: &Path, folder: &Path, address: &str, hash: &str, screenshot: &Path) -> String {
     let output = Command::new(browser)
         .args(["--headless=new", "--no-sandbox", "--disable-gpu", "--disable-dev-shm-usage"])
         .args(["--window-size=1000,700", "--timeout=120000", "--dump-dom"])
         .arg(format!("--screenshot={}", screenshot.display()))
         .arg(format!("--user-data-dir={}", folder.join("browser").display()))
-        .arg(format!("file://{}#{hash}", page.display()))
+        .arg(format!("{address}#{hash}"))
         .output()
         .expect("the browser starts");
     String::from_utf8_lossy(&output.stdout).into_owned()

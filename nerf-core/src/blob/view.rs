@@ -66,7 +66,7 @@ impl<'a> Blob<'a> {
     }
 
     /// [`Blob::open`] of bytes that it has checked before.
-    #[cfg(feature = "std")]
+    #[cfg(all(feature = "std", not(target_os = "none")))]
     pub(crate) fn decode(bytes: &'a [u8]) -> Result<Self, BlobError> {
         let mut input = Deserializer::from_bytes(bytes.get(header::HEADER_LEN..).unwrap_or_default());
         Ok(Self { body: read_body!(&mut input) })

@@ -99,7 +99,7 @@ pub enum RenderError {
 
 impl RenderError {
     /// The same of a part that begins at index `first` of the whole.
-    #[cfg(feature = "std")]
+    #[cfg(all(feature = "std", not(target_os = "none")))]
     pub(crate) fn behind(self, first: usize) -> Self {
         match self {
             Self::Ray { index } => Self::Ray { index: first + index },

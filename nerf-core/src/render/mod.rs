@@ -167,7 +167,7 @@ impl<'a> Renderer<'a> {
     }
 
     /// The scene of `blob` with what was unpacked before, and the box around what its occupancy grid has.
-    #[cfg(feature = "std")]
+    #[cfg(all(feature = "std", not(target_os = "none")))]
     pub(crate) fn of_unpacked(
         blob: Blob<'a>,
         kernel: Kernel,

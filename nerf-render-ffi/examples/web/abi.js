@@ -258,14 +258,15 @@ class Scene {
     return { planes: to.read(), counters: library.read('nerf_counters', counters) };
   }
 
-  /** What rays of the page's own see: `origins`, `dirs` three floats each, `t_max` null or one each; `axis` for z_depth. */
-  rays({ origins, dirs, t_max = null, axis = null, options = null, planes }) {
+  /** What rays of the page's own see: `origins`, `dirs` three floats each, `t_min`, `t_max` null or one each; `axis` for z_depth. */
+  rays({ origins, dirs, t_min = null, t_max = null, axis = null, options = null, planes }) {
     const { library } = this, count = origins.length / 3;
     const worker = this.worker(options, planes), to = this.planes(planes, count);
     const counters = library.structure('nerf_counters');
     const rays = library.structure('nerf_rays', {
       count, origins: { data: this.floats('origins', origins), stride: 0 },
       dirs: { data: this.floats('dirs', dirs), stride: 0 },
+      t_min: { data: t_min ? this.floats('t_min', t_min) : 0, stride: 0 },
       t_max: { data: t_max ? this.floats('t_max', t_max) : 0, stride: 0 },
       axis: axis ? this.floats('axis', axis) : 0, target: library.structure('nerf_target', to.fields),
     });
@@ -281,16 +282,33 @@ class Scene {
     return { origin: floats.subarray(0, 3), dir: floats.subarray(3) };
   }
 
-  /** The rays of all pixels of a camera, and what their z_depth is along. */
-  cameraRays(camera) {
-    const pixels = camera.width * camera.height;
+  /** The rays of a camera's pixels, of all or of a rectangle, and what their z_depth is along. */
+  cameraRays(camera, { x, y, width, height } = { x: 0, y: 0, width: camera.width, height: camera.height }) {
+    const pixels = width * height;
     const origins = new Float32Array(3 * pixels), dirs = new Float32Array(3 * pixels);
     for (let i = 0; i < pixels; i++) {
-      const ray = this.cameraRay(camera, i % camera.width + 0.5, Math.floor(i / camera.width) + 0.5);
+      const ray = this.cameraRay(camera, x + i % width + 0.5, y + Math.floor(i / width) + 0.5);
       origins.set(ray.origin, 3 * i);
       dirs.set(ray.dir, 3 * i);
     }
     return { origins, dirs, axis: this.cameraRay(camera, camera.cx, camera.cy).dir };
+  }
+
+  /** As `render`, of what lies in a box: its rays begin and end there. */
+  renderCropped({ camera, options = null, rect, planes, crop }) {
+    const rays = this.cameraRays(camera, rect), pixels = rect.width * rect.height;
+    const t_min = new Float32Array(pixels), t_max = new Float32Array(pixels);
+    for (let i = 0; i < pixels; i++) {
+      let [from, to] = [0, Infinity];
+      for (let axis = 0; axis < 3; axis++) {
+        const [origin, dir] = [rays.origins[3 * i + axis], rays.dirs[3 * i + axis]];
+        const [a, b] = [(crop.min[axis] - origin) / dir, (crop.max[axis] - origin) / dir];
+        // A ray along a side of the box has no number there.
+        if (!Number.isNaN(a + b)) [from, to] = [Math.max(from, Math.min(a, b)), Math.min(to, Math.max(a, b))];
+      }
+      if (from < to) [t_min[i], t_max[i]] = [from, to];
+    }
+    return this.rays({ ...rays, t_min, t_max, options, planes });
   }
 
   /** Milliseconds at each point of the front, on this thread. */

@@ -30,7 +30,7 @@ async function dump(kernel) {
   const camera = new Orbit(view.centre, view.home, view.up, view.across).camera(48, 36, ANGLE);
   const rect = { x: 0, y: 0, width: 48, height: 36 };
   const thread = new Thread(URL.createObjectURL(new Blob([element('library').textContent])));
-  await thread.ask('open', { module: new WebAssembly.Module(bytes('module')), blob: bytes('blob'), kernel });
+  await thread.ask('open', { module, blob, kernel });
   const found = await thread.ask('render', { camera, rect, planes: ALL });
   // The same by rays of the page's own; and where a plane ends the rays, as by their own ends.
   const rays = await thread.ask('cameraRays', camera);
@@ -61,6 +61,91 @@ function leave(id, value) {
   body.append(place);
 }
 
+/** Does something that changes the picture; comes when it is whole. */
+async function show(...steps) {
+  for (const step of steps) {
+    step();
+    await rest();
+  }
+}
+
+/** Sets a control as a person does. */
+function set(id, value) {
+  const control = element(id);
+  if (typeof value === 'boolean') control.checked = value; else control.value = value;
+  for (const kind of ['input', 'change']) control.dispatchEvent(new Event(kind, { bubbles: true }));
+}
+
+async function crops(check, first) {
+  await show(() => set('crop', true));
+  const whole = pixels();
+  // The whole box cuts nothing away, but some bins at its sides.
+  const off = whole.filter((x, i) => Math.abs(x - first[i]) > 24).length / whole.length;
+  check(`the whole box shows the whole scene (${off})`, off < 0.02);
+  await show(() => set('crop-max-2', 50));
+  const lower = pixels();
+  check('half of the box shows less', !same(lower, whole));
+  await show(() => set('crop-min-2', 50));
+  check('an empty box shows what is behind', new Set(new Uint32Array(pixels().buffer)).size === 1);
+  set('crop-min-2', 0);
+  set('crop-max-2', 100);
+  await show(() => set('crop', false));
+  check('without a box all is there again', same(pixels(), first));
+}
+
+async function flies(check, press) {
+  const from = view.pose();
+  press('k');
+  actions.turn(60, 30);
+  actions.dolly(0.8);
+  press('k');
+  actions.turn(90, -10);
+  press('k');
+  await rest();
+  const last = view.pose(), still = pixels();
+  check('three keyframes', element('keyframes').textContent === '3 views');
+  element('seconds').value = 0.3;
+  const quick = Number(body.dataset.quick);
+  element('preview').click();
+  await rest();
+  while (flying) await sleep(5);
+  await rest();
+  check('the preview moves', Number(body.dataset.quick) > quick + 2 && Number(body.dataset.flown) > 1);
+  check('and ends where it began', same(pixels(), still));
+  const path = pathNow(), near = (a, b) => a.every((x, i) => Math.abs(x - b[i]) < 1e-4);
+  check('it is 0.3 seconds long', path.camera_path.length === Math.round(0.3 * FPS));
+  check('from the first view', near(path.camera_path[0].camera_to_world.slice(0, 12), from));
+  check('to the last', near(path.camera_path.at(-1).camera_to_world.slice(0, 12), last));
+  element('seconds').value = 4;
+  const ways = pathNow().camera_path.map(({ camera_to_world: m }) => [placeOf(m), turnOf(m)]);
+  const steps = ways.slice(1).map(([place, turn], i) =>
+    Math.hypot(...add(place, ways[i][0], -1)) + 2 * Math.acos(Math.min(1, Math.abs(dot(turn, ways[i][1])))));
+  check('at an even speed', Math.max(...steps) < 3 * Math.min(...steps));
+  leave('path', pathNow());
+  element('clear').click();
+  check('no keyframes are left', element('preview').disabled && element('save').disabled);
+}
+
+async function compares(check) {
+  if (!photographs.length) return;
+  await show(() => set('photograph', 0));
+  const image = element('photo'), { camera } = photographs[0];
+  await image.decode();
+  check('the photograph is shown', !image.hidden && image.naturalWidth > 0 && body.dataset.split === '50');
+  check('in its own shape', Math.abs(canvas.width / canvas.height - camera.width / camera.height) < 0.05);
+  check('from its camera', same(poseNow(), camera.c2w));
+  await drag([[10, 10], [20, 10]]);
+  check('a drag moves the split', Number(body.dataset.split) < 20);
+}
+
+/** Waits until a newer field is shown than the first. */
+async function sharpen(check) {
+  const first = pixels();
+  while (body.dataset.liveSteps.split(' ').length < 2) await sleep(20);
+  await rest();
+  check('the newer field is another picture', !same(pixels(), first));
+}
+
 /**
  * Drives the page as a person would and notes what failed; opened by adding #selftest to the address. With
  * `drag` it stops after the drag, with `look` before it: for pictures of the page.
@@ -73,11 +158,14 @@ async function selfTest(words) {
   wait.contentDocument.open();
   const failures = [];
   const check = (name, holds) => holds || failures.push(name);
-  const look = words.includes('look') || words.includes('drag');
-  if (!look) element('size').add(new Option(64, 64, true, true));
+  const looking = ['look', 'drag', 'compare', 'crop'].some(word => words.includes(word));
+  if (!looking) element('size').add(new Option(64, 64, true, true));
   try {
     await rest();
-    if (!words.includes('look')) await drive(check, words);
+    if (words.includes('live')) await sharpen(check);
+    else if (words.includes('compare')) await show(() => compare(0));
+    else if (words.includes('crop')) await show(() => set('crop', true), () => set('crop-max-2', 55));
+    else if (!words.includes('look')) await drive(check, words);
   } catch (error) {
     failures.push(String(error.message || error));
   }
@@ -115,14 +203,27 @@ async function drive(check, words) {
   check('the pace is known', !info.front_points || pace.some(Number.isFinite));
 
   let last = first;
-  for (const name of ['depth', 'normals']) {
+  for (const name of MODE_NAMES.slice(1)) {
     document.querySelector(`input[value=${name}]`).click();
     await rest();
     check(`${name} is another picture`, !same(pixels(), last));
-    check(`${name} has its legend`, element('legend').hidden === (name !== 'depth'));
+    check(`${name} has its legend`, element('legend').hidden === (name === 'normals'));
     last = pixels();
   }
+  for (const [id, value] of [['map', 'turbo'], ['high', Number(element('high').value) + 1]]) {
+    await show(() => set(id, value));
+    check(`${id} changes the colours`, !same(pixels(), last));
+    last = pixels();
+  }
+  await show(() => element('auto').click());
   document.querySelector('input[value=colour]').click();
+  await rest();
+  check('the same bits in colour', same(pixels(), first));
+  await crops(check, first);
+  await flies(check, press);
+  await compares(check);
+  await show(() => actions.reset());
+  check('the same bits after all of it', same(pixels(), first));
   element('kernel').value = 'portable';
   element('kernel').dispatchEvent(new Event('change', { bubbles: true }));
   while (body.dataset.kernel !== 'portable') await sleep(5);

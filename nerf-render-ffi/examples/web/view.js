@@ -4,6 +4,16 @@ const scaled = (a, s) => a.map(x => s * x);
 const cross = (a, b) => [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]];
 const unit = a => scaled(a, 1 / Math.hypot(...a));
 
+/** A `nerf_camera` without distortion, its focal length in pixels. */
+const cameraOf = (c2w, width, height, focal) =>
+  ({ width, height, fx: focal, fy: focal, cx: 0.5 * width, cy: 0.5 * height, c2w });
+
+/** The same camera with pictures of another size. */
+function resized(camera, width, height) {
+  const [x, y] = [width / camera.width, height / camera.height];
+  return { ...camera, width, height, fx: x * camera.fx, cx: x * camera.cx, fy: y * camera.fy, cy: y * camera.cy };
+}
+
 /** A camera that goes around a point; angles in radians, distance in world units. */
 class Orbit {
   /** `across`: two axes in the plane of the ground, right-handed with `up`. */
@@ -31,14 +41,17 @@ class Orbit {
     return add(scaled(flat, Math.cos(this.elevation)), this.up, Math.sin(this.elevation));
   }
 
-  /** A `nerf_camera` of this size, whose shorter side sees `angle`. */
-  camera(width, height, angle) {
+  /** Rows of the camera-to-world matrix. */
+  pose() {
     const backward = this.backward();
     const right = unit(cross(this.up, backward));
     const top = cross(backward, right);
     const eye = add(this.centre, backward, this.distance);
-    const focal = 0.5 * Math.min(width, height) / Math.tan(0.5 * angle);
-    const c2w = [0, 1, 2].flatMap(i => [right[i], top[i], backward[i], eye[i]]);
-    return { width, height, fx: focal, fy: focal, cx: 0.5 * width, cy: 0.5 * height, c2w };
+    return [0, 1, 2].flatMap(i => [right[i], top[i], backward[i], eye[i]]);
+  }
+
+  /** A `nerf_camera` of this size, whose shorter side sees `angle`. */
+  camera(width, height, angle) {
+    return cameraOf(this.pose(), width, height, 0.5 * Math.min(width, height) / Math.tan(0.5 * angle));
   }
 }

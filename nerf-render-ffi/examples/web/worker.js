@@ -8,7 +8,8 @@ const calls = {
   },
   render(request) {
     const began = performance.now();
-    return { ...scene.render(request), milliseconds: performance.now() - began };
+    const found = request.crop ? scene.renderCropped(request) : scene.render(request);
+    return { ...found, milliseconds: performance.now() - began };
   },
   rays: request => scene.rays(request),
   cameraRays: camera => scene.cameraRays(camera),

@@ -12,6 +12,7 @@ use crate::data::system::output::claims::Claims;
 use crate::data::system::output::write_atomic;
 use crate::data::system::stop;
 use crate::data::{Background, Dataset};
+use crate::fit::live;
 use crate::fit::run::{Ended, RunOptions, interrupted, run_since};
 use crate::fit::size;
 use crate::fit::size::Chosen;
@@ -72,6 +73,9 @@ pub struct Fit {
     /// Leave view dependence out of the blob if it gains less on training views, dB.
     #[arg(long, value_name = "DB", default_value_t = THRESHOLD_DB, allow_hyphen_values = true)]
     effect_threshold: f64,
+    /// Folder for live.nerf, live.json and views.json: the newest blob about every second, for a page that shows it.
+    #[arg(long, value_name = "DIR")]
+    live: Option<PathBuf>,
     /// Steps whose validation views are in the report [default: an eighth of the run apart].
     #[arg(long, value_name = "N,N,…", value_delimiter = ',', requires = "report")]
     snapshots: Vec<u32>,
@@ -285,6 +289,7 @@ impl Fit {
             .reads_if("the file of settings", self.config.as_deref())
             .writes("-o", &self.output)
             .writes_folder_if("--report", self.report.as_deref(), &places::FIT)
+            .writes_folder_if("--live", self.live.as_deref(), &places::LIVE)
     }
 
     /// Refuses what cannot be, before any data is read; where the checkpoint lies, if there is to be one.
@@ -296,6 +301,9 @@ impl Fit {
         check_threshold(self.effect_threshold)?;
         places::check_extension("-o", &self.output, places::BLOB)?;
         places::check_report(self.report.as_ref())?;
+        if let Some(folder) = &self.live {
+            places::check_folder("--live", folder)?;
+        }
         claim_checkpoint(self.claims(), &self.output, self.resume, self.restart)
     }
 
@@ -310,6 +318,7 @@ impl Fit {
             report: self.report.is_some(),
             validate_every: self.validate_every,
             effect_threshold_db: Some(self.effect_threshold),
+            live: self.live.clone(),
             kernel: global.kernel(),
             style: global.style(),
         }
@@ -335,6 +344,9 @@ impl Fit {
             }
         };
         write_atomic(&self.output, &outcome.bytes)?;
+        if let Some(error) = self.live.as_ref().and_then(|folder| live::finish(folder, &outcome).err()) {
+            global.say(format!("warning: --live: {error}"));
+        }
         outcome::tell_missed(&outcome);
         let (seconds, data) = (clock.seconds(), &dataset.name);
         let summary = Summary::of(&outcome, &config, options.kernel, seconds, data, &self.output);

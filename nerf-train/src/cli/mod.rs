@@ -7,6 +7,7 @@ mod completions;
 mod demo;
 mod eval;
 mod explain;
+mod export;
 mod fit;
 mod image;
 mod import;
@@ -65,6 +66,7 @@ enum Command {
     Import(Box<import::Import>),
     Inspect(inspect::Inspect),
     Explain(explain::Explain),
+    Export(export::Export),
     Completions(completions::Completions),
 }
 
@@ -138,6 +140,7 @@ pub fn main() -> ExitCode {
         Command::Import(import) => import.run(&cli.global),
         Command::Inspect(inspect) => inspect.run(&cli.global),
         Command::Explain(explain) => explain.run(&cli.global),
+        Command::Export(export) => export.run(&cli.global),
         Command::Completions(completions) => completions.run(Cli::command(), &cli.global),
     });
     crate::data::system::stop::leave_to_signal();

@@ -5,6 +5,7 @@
 //! | `fit`, `image fit`, `import`, `study` | [`BLOB`] |
 //! | `image render` | [`PICTURE`] |
 //! | `render` of one view | [`VIEW`] |
+//! | `export` | `.ply`, `.obj`, `.glb`, `.npz` |
 //! | `render` of a video | `.gif`, `.mp4`, or a folder of frames |
 //! | `show`, `sweep`, `demo`, `--report` | a folder |
 //!
@@ -43,6 +44,9 @@ const FILES: &[&str] = &[
     "md",
     "toml",
     "safetensors",
+    "ply",
+    "obj",
+    "glb",
 ];
 
 /// Refuses a name whose extension means another format than `accepted`.
@@ -88,6 +92,9 @@ pub const FIT: Contents = Contents {
     files: &["summary.json", "data.json", "curve.csv", "curve.svg", "curve_steps.svg"],
     patterns: &[any("", "", "png"), any("snapshots", "step_", "png")],
 };
+
+/// What `fit --live` keeps beside a page.
+pub const LIVE: Contents = Contents { files: &["live.nerf", "live.json", "views.json"], patterns: &[] };
 
 /// The folder of `demo`.
 pub const DEMO: Contents = Contents {

@@ -5,10 +5,10 @@ use super::image::{PhotoOptions, Settings};
 use super::options::data::{DataOptions, Space, print_report};
 use super::options::grid::of_sinusoidal;
 use super::options::settings::read_config;
+use super::options::shard::ShardOption;
 use super::places;
 use crate::data::system::output::claims::Claims;
 use crate::data::system::stop::Note;
-use crate::lab::Shard;
 use crate::lab::sweep::{Combinations, Folder, Job, Mode, Point, Runner};
 use crate::model::config::Preset;
 use crate::model::picture_config::FieldPreset;
@@ -79,10 +79,8 @@ struct Lists {
     /// Vary one list at a time around the preset, instead of every combination.
     #[arg(long)]
     one_at_a_time: bool,
-    /// Run only every N-th point, beginning with the I-th (from 1): one part of N, for batch schedulers. A Slurm
-    /// array of 1-25 passes $SLURM_ARRAY_TASK_ID/25.
-    #[arg(long, value_name = "I/N")]
-    shard: Option<Shard>,
+    #[command(flatten)]
+    shard: ShardOption,
 }
 
 impl Lists {
@@ -120,8 +118,8 @@ impl Lists {
         let combinations = self.combinations(job);
         let points = combinations.points()?;
         points.iter().try_for_each(|point| job.check(point))?;
+        let shard = self.shard.choose(global)?;
         let folder = Folder::open(&self.output, job.header(combinations.mode))?;
-        let shard = self.shard.unwrap_or(Shard::WHOLE);
         let mine = shard.of(&points, Point::name);
         let cpu = cpu_name();
         let runner = Runner { kernel: global.kernel(), style: global.style(), cpu: &cpu };

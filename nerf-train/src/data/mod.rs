@@ -17,7 +17,7 @@
 //! asks for. The world stays the file's own, except that cameras far from its origin bring that nearer
 //! ([`Dataset::origin`]).
 
-pub(crate) mod cameras;
+pub mod cameras;
 pub mod demo;
 mod error;
 pub(crate) mod layouts;

@@ -3,6 +3,7 @@
 pub mod direction;
 pub mod drive;
 pub mod finish;
+pub mod live;
 pub mod pace;
 pub mod picture;
 pub mod run;

@@ -7,11 +7,13 @@ use crate::data::{Dataset, View};
 pub use crate::fit::drive::{Ended, interrupted};
 use crate::fit::drive::{File, Task, drive};
 use crate::fit::finish::Outcome;
+use crate::fit::live::{Live, State};
 use crate::fit::pace::Pace;
 use crate::fit::snapshot::{SnapshotError, SnapshotOptions};
 use crate::fit::validation::{ASKED_VIEWS, Due, pixels_of, spread_indices, watched};
 use crate::measure::eval::EvalError;
 use crate::model::config::Config;
+use crate::train::candidate::About;
 use crate::train::checkpoint::{Checkpoint, CheckpointError};
 use crate::train::schedule::{Budget, Clock, duration};
 use crate::train::{Progressed, TrainError, Trainer};
@@ -38,6 +40,8 @@ pub struct RunOptions {
     pub validate_every: Option<u32>,
     /// What view dependence must gain to be exported, dB; it is not asked if absent.
     pub effect_threshold_db: Option<f64>,
+    /// Folder that always has the newest blob, for a page to show.
+    pub live: Option<PathBuf>,
     /// What to run with.
     pub kernel: Kernel,
     /// Display.
@@ -56,6 +60,7 @@ impl RunOptions {
             report: false,
             validate_every: None,
             effect_threshold_db: None,
+            live: None,
             kernel,
             style,
         }
@@ -151,7 +156,11 @@ pub fn run_since(
         pixels,
         train_seconds: 0.0,
         samples_per_second: [0.0; 2],
+        live: None,
     };
+    if let Some(folder) = &options.live {
+        session.live = Some(Live::begin(folder.clone(), dataset, session.trainer.background())?);
+    }
     let progress = session.progress();
     drive(&mut session, options.checkpoint_every, progress, stop)
 }
@@ -177,6 +186,8 @@ pub(super) struct Session<'a, 'd> {
     pub(super) train_seconds: f64,
     /// Samples evaluated and samples trained on, a second of training.
     pub(super) samples_per_second: [f64; 2],
+    /// The folder that a page looks at.
+    live: Option<Live>,
 }
 
 impl Task for Session<'_, '_> {
@@ -217,7 +228,7 @@ impl Task for Session<'_, '_> {
                 p.reseeds + 1
             ));
         }
-        Ok(())
+        self.show_live(progress)
     }
 
     fn message(&self) -> Message {
@@ -285,6 +296,30 @@ impl Session<'_, '_> {
             self.trainer.pixels()
         ));
         progress
+    }
+
+    /// Writes the run as it stands for whoever looks on, where that is due.
+    fn show_live(&mut self, progress: &Progress) -> Result<(), RunError> {
+        if !self.live.as_ref().is_some_and(Live::is_due) {
+            return Ok(());
+        }
+        let (begun, state) = (Instant::now(), self.state());
+        let candidate = self.trainer.candidate(false);
+        let about = About { occupancy_required: true, psnr_db: state.val_psnr_db, ..About::default() };
+        let blob = self.trainer.export(&candidate, &about)?.bytes;
+        let warning = self.live.as_mut().and_then(|live| live.write(&blob, &state, begun));
+        warning.into_iter().for_each(|warning| progress.warn(warning));
+        Ok(())
+    }
+
+    fn state(&self) -> State {
+        State {
+            step: self.steps(),
+            seconds: self.clock.seconds(),
+            train_psnr_db: self.trainer.train_psnr_db(),
+            val_psnr_db: self.last_val_psnr_db(),
+            done: false,
+        }
     }
 
     /// Seconds since the start, or since the run was taken up again; above 0.

@@ -9,4 +9,4 @@ pub mod study;
 pub mod sweep;
 
 pub use folder::{Folder, Header, LabError, Run};
-pub use shard::Shard;
+pub use shard::{ArrayError, Shard};

@@ -18,8 +18,8 @@ pub struct Writer {
 enum Sink {
     Still(PathBuf),
     Film(Box<Film>),
-    /// A folder, and how many frames are in it.
-    Frames(PathBuf, usize),
+    /// A folder, the number of the next frame, and of how many this one is written.
+    Frames(PathBuf, usize, usize),
 }
 
 /// What a writer has made.
@@ -39,9 +39,16 @@ impl Writer {
         Self { output, range: None, transparent, sink: Sink::Still(path) }
     }
 
-    /// To `frame_0000.png` and on in a folder; `range`: of a distance's colours, world units.
-    pub fn frames(output: Output, folder: PathBuf, range: Option<(f32, f32)>, transparent: bool) -> Self {
-        Self { output, range, transparent, sink: Sink::Frames(folder, 0) }
+    /// To `frame_0000.png` and on in a folder, or from another `first` one on one of `every` so many; `range`: of a
+    /// distance's colours, world units.
+    pub fn frames(
+        output: Output,
+        folder: PathBuf,
+        range: Option<(f32, f32)>,
+        transparent: bool,
+        (first, every): (usize, usize),
+    ) -> Self {
+        Self { output, range, transparent, sink: Sink::Frames(folder, first, every) }
     }
 
     /// To a film of so many frames a second; `range`: of a distance's colours, world units.
@@ -67,9 +74,9 @@ impl Writer {
         match &mut self.sink {
             Sink::Still(path) => write_still(path, frame, output, range, self.transparent)?,
             Sink::Film(film) => film.push(picture_of(frame, output, range)?)?,
-            Sink::Frames(folder, count) => {
-                write_still(&numbered(folder, *count), frame, output, range, self.transparent)?;
-                *count += 1;
+            Sink::Frames(folder, number, every) => {
+                write_still(&numbered(folder, *number), frame, output, range, self.transparent)?;
+                *number += *every;
             }
         }
         Ok(())
@@ -87,8 +94,9 @@ impl Writer {
                 let finished = film.finish()?;
                 Written { given_up: finished.given_up, ..files(finished.files) }
             }
-            Sink::Frames(folder, count) => {
-                let older_from = numbered(&folder, count).exists().then_some(count);
+            Sink::Frames(folder, next, every) => {
+                // Beside other parts, whose frames these may be.
+                let older_from = (every == 1 && numbered(&folder, next).exists()).then_some(next);
                 Written { older_from, ..files(vec![folder]) }
             }
         })

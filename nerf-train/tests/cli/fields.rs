@@ -263,6 +263,47 @@ fn parts_of_a_sweep_are_merged() {
 }
 
 #[test]
+fn an_array_job_makes_the_table_of_one_process() {
+    let folder = Folder::new();
+    let photo = photo(&folder);
+    let rates = ["--rate", "1e-3,3e-3,1e-2,3e-2", "-q"];
+    let parts = ["1", "2"].map(|id| {
+        let part = folder.path(&format!("part{id}"));
+        let mut task = command(sweep(&photo, &part, &rates));
+        task.env("SLURM_ARRAY_TASK_ID", id)
+            .env("SLURM_ARRAY_TASK_MIN", "1")
+            .env("SLURM_ARRAY_TASK_COUNT", "2");
+        assert_eq!(ran(&mut task).code, Some(0));
+        let mut other = command([&sweep(&photo, &part, &rates)[..], &["--shard", "2/3"]].concat());
+        other.env("SLURM_ARRAY_TASK_ID", id).env("SLURM_ARRAY_TASK_COUNT", "4");
+        let refused = ran(&mut other);
+        assert!(
+            refused.code != Some(0)
+                && refused.err.contains("--shard")
+                && refused.err.contains("SLURM_ARRAY_TASK_ID"),
+            "{}",
+            refused.err
+        );
+        part
+    });
+    let [merged, whole] = ["merged", "whole"].map(|name| folder.path(name));
+    ok(["sweep", "merge", "-q", "-o", &merged, &parts[0], &parts[1]]);
+    ok(sweep(&photo, &whole, &rates));
+    // Seconds aside, which differ from run to run.
+    let table = |folder: &str| -> Vec<Vec<String>> {
+        let text = std::fs::read_to_string(format!("{folder}/table.csv")).expect("a table");
+        let header: Vec<String> = text.lines().next().expect("a header").split(',').map(Into::into).collect();
+        let row = |line: &str| {
+            let cells = line.split(',').map(str::to_owned).zip(&header);
+            cells.filter(|(_, name)| !name.contains("second")).map(|(cell, _)| cell).collect()
+        };
+        text.lines().map(row).collect()
+    };
+    assert_eq!(table(&merged).len(), 5);
+    assert_eq!(table(&merged), table(&whole));
+}
+
+#[test]
 fn sweeps_of_nothing_are_refused() {
     let folder = Folder::new();
     let (photo, output) = (photo(&folder), folder.path("sweep"));

@@ -5,6 +5,7 @@ mod checkpoint;
 mod completions;
 mod effects;
 mod explain;
+mod export;
 mod exr;
 mod faults;
 mod fields;

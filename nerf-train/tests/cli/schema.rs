@@ -84,6 +84,9 @@ fn every_commands_json_keeps_its_names_and_kinds() {
     add("image fit", &image_fit);
     add("image render", &["image", "render", &field, "-o", &path("f.png")]);
     add("inspect field", &["inspect", &field]);
+    let mesh = ["export", small, "-o", &path("m.ply"), "--resolution", "16", "--threshold", "1e-3"];
+    add("export mesh", &mesh);
+    add("export volume", &["export", small, "-o", &path("v.npz"), "--resolution", "16"]);
     add("show", &["show", &data, "-o", &path("show")]);
     add("completions", &["completions", "bash"]);
 

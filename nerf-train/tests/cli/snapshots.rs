@@ -1,7 +1,8 @@
 //! Pictures of validation views on the way, and the sheet of them.
 
 use crate::made::{Folder, names};
-use crate::{command, fails, fit, json, ok, ran};
+use crate::stopping::{Running, wait_for};
+use crate::{command, fails, fit, fit_grid, json, ok, ran};
 use nerf_train::data::pictures::rgb::Picture;
 use std::path::Path;
 
@@ -38,6 +39,35 @@ fn the_sheet_shows_chosen_views_at_chosen_steps_or_all_validations() {
     let last = summary["last_watched_psnr_db"].as_f64().expect("a figure");
     assert!((last - summary["val_psnr_db"].as_f64().expect("a figure")).abs() < 1e-9);
     assert!(summary["val_worst_psnr_db"].as_f64().expect("a figure") <= last && summary["val_lattice"] == 1);
+}
+
+#[test]
+fn a_fit_keeps_its_newest_blob_where_a_page_looks() {
+    let folder = Folder::new();
+    let (data, live) = (folder.npz("data.npz"), folder.path("live"));
+    let (plain, watched) = (folder.path("plain.nerf"), folder.path("watched.nerf"));
+    ok(fit_grid(&data, &plain, &["--steps", "60"]));
+    ok(fit_grid(&data, &watched, &["--steps", "60", "--live", &live]));
+    let read = |path: &str| std::fs::read(path).expect("a file");
+    assert!(read(&plain) == read(&watched), "looking on changes nothing");
+    assert!(read(&watched) == read(&format!("{live}/live.nerf")));
+    let state = json(format!("{live}/live.json"));
+    assert_eq!((&state["step"], &state["done"]), (&60.into(), &true.into()), "{state}");
+    let views = &json(format!("{live}/views.json"))["views"];
+    assert_eq!(views.as_array().map(Vec::len), Some(2));
+    assert!(views[0]["picture"].as_str().is_some_and(|uri| uri.starts_with("data:image/jpeg;base64,")));
+    let camera = &views[0]["camera"];
+    assert_eq!((&camera["width"], camera["c2w"].as_array().map(Vec::len)), (&24.into(), Some(12)));
+    // On the way, too: after the first second.
+    let (long, way) = (folder.path("long.nerf"), folder.path("way"));
+    let mut running = Running::start(&fit_grid(&data, &long, &["--steps", "1000000", "--live", &way]));
+    let state = format!("{way}/live.json");
+    wait_for(Path::new(&state), &mut running);
+    assert_eq!(json(&state)["done"], false);
+    ok(["inspect", &format!("{way}/live.nerf")]);
+    drop(running);
+    let taken = folder.file("taken", "a file");
+    fails(fit_grid(&data, &long, &["--restart", "--live", &taken]), &["--live", "taken"]);
 }
 
 #[test]

@@ -267,6 +267,22 @@ fn an_unbounded_scene_is_fitted_rendered_and_shown() {
     ok(["eval", &file, &data, "-q"]);
     let picture = folder.path("picture");
     ok(["render", &file, "-q", "-o", &picture, "--width", "12", "--outputs", "rgb,z-depth"]);
+    // There is no outside to look from, and no end of it.
+    let mesh = folder.path("a.ply");
+    fails(["export", &file, "-o", &mesh], &["--box", "unbounded"]);
+    ok([
+        "export",
+        &file,
+        "-q",
+        "-o",
+        &mesh,
+        "--resolution",
+        "16",
+        "--box",
+        "-1,-1,-1,1,1,1",
+        "--threshold",
+        "1e-3",
+    ]);
     let shown = folder.path("show");
     ok(["show", &data, "-o", &shown, "-q", "--preset", "grid", "--rays", "12"]);
     let summary = json(format!("{shown}/summary.json"));

@@ -80,6 +80,12 @@ fn a_disk_that_fills_up_leaves_nothing_half_written() {
     let args = ["render", blob, "-q", "-o", &picture, "--width", "200"];
     fails(args, &["a.png", "No space left"]);
     assert_eq!(small.names(), ["filling"]);
+    // So every kind of export.
+    for file in ["a.ply", "a.obj", "a.glb", "a.npz"] {
+        let args = ["export", blob, "-q", "-o", &small.path(file), "--resolution", "24"];
+        fails(args, &[file, "No space left"]);
+        assert_eq!(small.names(), ["filling"]);
+    }
 }
 
 /// How often a run said that it goes on without a checkpoint.

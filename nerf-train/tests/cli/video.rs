@@ -130,6 +130,30 @@ fn a_folder_gets_numbered_frames_also_transparent_ones() {
 }
 
 #[test]
+fn frames_of_several_machines_are_those_of_one() {
+    let (_, file) = blob();
+    let folder = Folder::new();
+    let orbit = ["--orbit", "5", "--width", "8", "--outputs", "rgb,z-depth"];
+    let (whole, shared) = (folder.path("whole/"), folder.path("shared/"));
+    ok(render(file, &whole, &orbit));
+    ok(render(file, &shared, &[&orbit[..], &["--shard", "1/2"]].concat()));
+    let mut pod = command(render(file, &shared, &orbit));
+    let second = ran(pod.env("JOB_COMPLETION_INDEX", "1").env("JOB_COMPLETIONS", "2"));
+    assert_eq!(second.code, Some(0), "{}", second.err);
+    for name in ["whole", "whole_z_depth"] {
+        let other = name.replace("whole", "shared");
+        let [one, two] = [name, &other].map(|name| folder.path(name));
+        let frames = names(Path::new(&one));
+        assert_eq!((frames.len(), &frames), (5, &names(Path::new(&two))));
+        for frame in frames {
+            let read = |folder: &str| std::fs::read(format!("{folder}/{frame}")).expect("a frame");
+            assert!(read(&one) == read(&two), "{name}/{frame}");
+        }
+    }
+    fails(render(file, &folder.path("a.gif"), &["--orbit", "5", "--shard", "1/2"]), &["--shard", "a folder"]);
+}
+
+#[test]
 fn a_path_goes_along_the_test_poses_or_another_split() {
     let (_, file) = blob();
     let folder = Folder::new();
@@ -154,6 +178,61 @@ fn a_path_goes_along_the_test_poses_or_another_split() {
     assert_eq!(frames_of(&gif), 2);
     ok(render(file, &folder.path("pose.png"), &["--data", &data, "--split", "test", "--view", "3"]));
     fails(path(&plain, &[]), &["--path", "`test`", "plain.npz", "--split"]);
+}
+
+#[test]
+fn a_path_is_nerfstudios_or_a_list_and_keyframes_are_flown_through() {
+    let (made, file) = blob();
+    let (folder, data) = (Folder::new(), made.path("scene.npz"));
+    let gif = folder.path("path.gif");
+    let said = |args: &[&str]| -> serde_json::Value {
+        let args = [&["render", file, "-q", "-o", &gif, "--no-mp4", "--json"], args].concat();
+        serde_json::from_str(&ok(args)).expect("one object")
+    };
+    let matrix = "[1,0,0,0, 0,1,0,0, 0,0,1,4, 0,0,0,1]";
+    let studio = folder.file(
+        "camera_path.json",
+        format!(
+            "{{\"camera_type\": \"perspective\", \"render_width\": 16, \"render_height\": 9, \"fps\": 24,
+            \"camera_path\": [{{\"camera_to_world\": {matrix}, \"fov\": 50}},
+                {{\"camera_to_world\": {matrix}, \"fov\": 60}}, {{\"camera_to_world\": {matrix}}}]}}"
+        ),
+    );
+    let of_studio = said(&["--path", &studio]);
+    assert_eq!(
+        (&of_studio["frames"], &of_studio["width_px"], &of_studio["height_px"]),
+        (&3.into(), &16.into(), &9.into())
+    );
+    assert_eq!(frames_of(&gif), 3);
+    let list = folder.file("list.json", format!("[{matrix}, {matrix}]"));
+    assert_eq!(said(&["--path", &list, "--width", "8"])["frames"], 2);
+    assert_eq!(said(&["--path", &list, "--width", "8", "--frames", "5"])["frames"], 5);
+    // The field of view is vertical: the first frame is this view.
+    let (frames, view) = (folder.path("frames/"), folder.path("view.png"));
+    ok(["render", file, "-q", "-o", &frames, "--path", &studio]);
+    let focal = format!("{}", 4.5 / 25f64.to_radians().tan());
+    let pose = "1,0,0,0,0,1,0,0,0,0,1,4";
+    ok([
+        "render", file, "-q", "-o", &view, "--pose", pose, "--focal", &focal, "--width", "16", "--height",
+        "9",
+    ]);
+    assert_eq!(picture(&format!("{frames}frame_0000.png")), picture(&view));
+
+    let flown = said(&["--data", &data, "--split", "train", "--keyframes", "0,3,1", "--frames", "7"]);
+    assert_eq!(flown["frames"], 7);
+    let refused = |args: &[&str], words: &[&str]| {
+        fails([&["render", file, "-q", "-o", &folder.path("no.gif")], args].concat(), words);
+    };
+    refused(
+        &["--path", &folder.file("empty.json", "{\"camera_path\": []}")],
+        &["empty.json", "at least one camera"],
+    );
+    refused(&["--path", &folder.file("none.json", "[]")], &["none.json", "at least one camera"]);
+    refused(&["--path", &folder.file("bad.json", "[[1,2]]")], &["bad.json", "[0]", "4 numbers"]);
+    refused(&["--data", &data, "--keyframes", "0,9"], &["--keyframes", "expected less than 2", "9"]);
+    refused(&["--data", &data, "--keyframes", "0,1", "--frames", "0"], &["--frames", "at least 1"]);
+    refused(&["--orbit", "3", "--frames", "5"], &["--frames", "--keyframes"]);
+    assert!(!folder.names().contains(&"no.gif".to_owned()));
 }
 
 #[test]

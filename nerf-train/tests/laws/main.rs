@@ -79,6 +79,7 @@ fn options(config: &Config, checkpoint: Option<PathBuf>, resume: bool) -> RunOpt
         snapshots: None,
         report: false,
         validate_every: None,
+        live: None,
         effect_threshold_db: None,
         kernel: Kernel::detect(),
         style: ProgressStyle::from_quiet(true),

@@ -328,6 +328,34 @@ fn viewer_shows_whole_tiles_of_a_frame_that_was_cancelled() {
 }
 
 #[test]
+fn viewer_saves_the_views_that_were_chosen_as_a_camera_path() {
+    let (directory, [width, height]) = (paths::temporary(), [80, 60]);
+    std::fs::write(directory.path().join("scene.nerf"), Recipe::TINY.blob()).expect("a temporary file");
+    let mut command = Command::new(viewer());
+    command.current_dir(directory.path()).args(["scene.nerf", "--headless", "--size", "80x60"]);
+    command.args(["--script", "rest; key; turn 0.1 0; key", "--path", "path.json"]);
+    let said = String::from_utf8(run(&mut command).stdout).expect("UTF-8");
+    let text = std::fs::read_to_string(directory.path().join("path.json")).expect("a path");
+    let path: serde_json::Value = serde_json::from_str(&text).expect("JSON");
+    assert_eq!((&path["render_width"], &path["render_height"]), (&width.into(), &height.into()));
+    let views = path["camera_path"].as_array().expect("views");
+    assert_eq!(views.len(), 2);
+    let resting = said.lines().rfind(|line| line.starts_with("resting complete")).expect("a frame");
+    let camera = printed_camera(resting, [width, height]);
+    let fov = 2.0 * (0.5 * height as f32 / camera.intrinsics().fy).atan().to_degrees();
+    assert!((views[1]["fov"].as_f64().expect("a number") - f64::from(fov)).abs() < 1e-4);
+    let matrix: Vec<f32> = views[1]["camera_to_world"]
+        .as_array()
+        .expect("a matrix")
+        .iter()
+        .map(|n| n.as_f64().expect("a number") as f32)
+        .collect();
+    assert_eq!(matrix[..12], numbers::<12>(resting, "c2w"));
+    assert_eq!(matrix[12..], [0.0, 0.0, 0.0, 1.0]);
+    assert_ne!(views[0]["camera_to_world"], views[1]["camera_to_world"]);
+}
+
+#[test]
 fn viewer_says_what_is_wrong() {
     let directory = paths::temporary();
     let program = viewer();
@@ -346,6 +374,11 @@ fn viewer_says_what_is_wrong() {
     complains(&["picture.nerf", "--headless"], "expected a scene");
     complains(&["scene.nerf"], "--headless");
     complains(&["scene.nerf", "--headless", "--size", "8x8", "--script", "jump"], "\"jump\"");
+    complains(&["scene.nerf", "--headless", "--size", "8x8", "--path", "a.json"], "at least one view");
+    complains(
+        &["scene.nerf", "--headless", "--size", "8x8", "--script", "key; path no/a.json"],
+        "cannot write no/a.json",
+    );
     complains(
         &["scene.nerf", "--headless", "--size", "8x8", "--screenshot", "no/a.png"],
         "cannot write no/a.png",

@@ -13,15 +13,18 @@ use nerf_tests::tools::{all_here, there_is};
 use nerf_tests::{build, paths, symbols};
 use serde_json::Value;
 use std::collections::BTreeSet;
+use std::io::{BufRead, BufReader, Lines};
 use std::path::{Path, PathBuf};
-use std::process::Command;
+use std::process::{Child, ChildStderr, Command, Stdio};
 
-/// The page of a blob; `None` without the compiler's target or a browser.
-fn page(blob: &[u8], folder: &Path) -> Option<(PathBuf, PathBuf)> {
-    let (scene, page) = (folder.join("scene.nerf"), folder.join("page.html"));
-    std::fs::write(&scene, blob).expect("a temporary file");
+/// A photograph of one colour and its camera, as `nerf-train fit --live` writes them.
+const VIEWS: &str = r#"{"views":[{"name":"<red>","camera":{"width":3,"height":2,"fx":3,"fy":3,"cx":1.5,"cy":1,
+    "c2w":[1,0,0,0,0,1,0,0,0,0,1,4]},"picture":"data:image/png;base64,iVBORw0KGgoAAAANSUhEUgAAAAMAAAACCAIAAAASFvFNAAAAEElEQVR4nGM8wQAFTDAGAwAPFADMILIQogAAAABJRU5ErkJggg=="}]}"#;
+
+/// A page that the script builds, and a browser; `None` without the compiler's target or a browser.
+fn built(arguments: &[&Path]) -> Option<PathBuf> {
     let script = paths::workspace().join("nerf-render-ffi/examples/web/build");
-    let built = Command::new("bash").arg(script).arg(&scene).arg(&page).output().expect("bash");
+    let built = Command::new("bash").arg(script).args(arguments).output().expect("bash");
     let said = String::from_utf8_lossy(&built.stderr);
     if !there_is("target wasm32-unknown-unknown", !said.contains("error: no target")) {
         return None;
@@ -30,7 +33,20 @@ fn page(blob: &[u8], folder: &Path) -> Option<(PathBuf, PathBuf)> {
     print!("{}", String::from_utf8_lossy(&built.stdout));
     let browser = chromium();
     there_is("chromium (set CHROMIUM, or put it into PATH)", browser.is_some()).then_some(())?;
-    Some((page, browser?))
+    browser
+}
+
+/// The page of a blob.
+fn page(blob: &[u8], folder: &Path) -> Option<(PathBuf, PathBuf)> {
+    let [scene, page, views] = ["scene.nerf", "page.html", "views.json"].map(|name| folder.join(name));
+    std::fs::write(&scene, blob).expect("a temporary file");
+    std::fs::write(&views, VIEWS).expect("a temporary file");
+    built(&[&scene, &page, &views]).map(|browser| (page, browser))
+}
+
+/// The address of a page on disk.
+fn file(page: &Path) -> String {
+    format!("file://{}", page.display())
 }
 
 /// Bits of the six planes that the page drew, in the order of [`reference`].
@@ -115,7 +131,7 @@ fn the_page_turns_and_draws_the_portable_bits() {
         let (folder, blob) = (paths::temporary(), recipe.blob());
         let Some((page, browser)) = page(&blob, folder.path()) else { return };
         let screenshot = Path::new(env!("CARGO_TARGET_TMPDIR")).join(format!("web-{name}.png"));
-        let document = document(&browser, folder.path(), &page, "selftest", &screenshot);
+        let document = document(&browser, folder.path(), &file(&page), "selftest", &screenshot);
         assert_eq!(noted(&document, "errors"), "0", "{name}");
         assert_eq!(noted(&document, "selftest"), "passed", "{name}");
         let different: u32 = noted(&document, "different").parse().expect("a number");
@@ -150,15 +166,89 @@ fn the_page_turns_and_draws_the_portable_bits() {
     }
 }
 
+/// A server of a folder, as the page's README has it; it ends with this.
+struct Server {
+    python: Child,
+    said: Lines<BufReader<ChildStderr>>,
+    address: String,
+}
+
+impl Server {
+    fn of(folder: &Path) -> Self {
+        let mut command = Command::new("python3");
+        command.args(["-u", "-m", "http.server", "--bind", "127.0.0.1", "0"]).current_dir(folder);
+        let mut python = command.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().expect("python3");
+        let stdout = BufReader::new(python.stdout.take().expect("a pipe"));
+        let line = stdout.lines().next().expect("a line").expect("text");
+        let address =
+            line.split_once('(').and_then(|(_, rest)| rest.split_once(')')).expect("an address").0.to_owned();
+        let said = BufReader::new(python.stderr.take().expect("a pipe")).lines();
+        Self { python, said, address }
+    }
+
+    /// Returns once so many requests for a file were answered.
+    fn wait_for(&mut self, name: &str, times: usize) {
+        let asked = self
+            .said
+            .by_ref()
+            .map_while(Result::ok)
+            .filter(|line| line.contains(name) && line.contains(" 200 "));
+        assert_eq!(asked.take(times).count(), times, "{name} was not asked for");
+    }
+}
+
+impl Drop for Server {
+    fn drop(&mut self) {
+        let _ = self.python.kill();
+        let _ = self.python.wait();
+    }
+}
+
+#[test]
+fn a_page_beside_a_fit_shows_its_first_blob_and_then_each_newer_one() {
+    if !all_here(&["python3"]) {
+        return;
+    }
+    let (folder, live) = (paths::temporary(), paths::temporary());
+    let Some(browser) = built(&[Path::new("--live"), live.path()]) else { return };
+    // Whole or not at all, as the fit does: a server may be sending the one before.
+    let put_file = |name: &str, bytes: &[u8]| {
+        let part = live.path().join("part");
+        std::fs::write(&part, bytes).expect("written");
+        std::fs::rename(part, live.path().join(name)).expect("renamed");
+    };
+    let put = |step: u32, blob: &[u8], done: bool| {
+        put_file("live.nerf", blob);
+        let state = format!("{{\"step\":{step},\"seconds\":1.5,\"train_psnr_db\":20.25,\"done\":{done}}}");
+        put_file("live.json", state.as_bytes());
+    };
+    std::fs::write(live.path().join("views.json"), VIEWS).expect("written");
+    let mut server = Server::of(live.path());
+    let (address, place) = (server.address.clone(), folder.path().to_owned());
+    let screenshot = Path::new(env!("CARGO_TARGET_TMPDIR")).join("web-live.png");
+    let page = std::thread::spawn(move || document(&browser, &place, &address, "selftest,live", &screenshot));
+    // The page is there before there is a blob, and the second one comes when the first is there.
+    server.wait_for("GET / ", 1);
+    put(100, &Recipe::LEARNED.blob(), false);
+    server.wait_for("/live.nerf", 1);
+    put(200, &Recipe::OCCUPANCY.blob(), true);
+    let document = page.join().expect("a document");
+    assert_eq!(noted(&document, "errors"), "0", "{}", document.split("<main").next().unwrap_or_default());
+    assert_eq!(noted(&document, "selftest"), "passed");
+    assert_eq!(noted(&document, "live-steps"), "100 200");
+    assert!(document.contains("trained: step 200, 1.5 s, 20.25 dB"));
+    assert!(document.contains("&lt;red&gt;"), "the photographs are listed");
+}
+
 #[test]
 fn a_broken_page_is_noticed() {
     let folder = paths::temporary();
     let Some((page, browser)) = page(&Recipe::OCCUPANCY.blob(), folder.path()) else { return };
     let text = std::fs::read_to_string(&page).expect("a page");
-    let (from, to) = ("view.turn(dx, dy); change();", "change();");
+    let (from, to) = ("view.turn(dx, dy); touched = true; change();", "change();");
     assert!(text.contains(from));
     std::fs::write(&page, text.replace(from, to)).expect("written");
     let screenshot = folder.path().join("page.png");
-    let document = document(&browser, folder.path(), &page, "selftest", &screenshot);
+    let document = document(&browser, folder.path(), &file(&page), "selftest", &screenshot);
     assert!(noted(&document, "selftest").starts_with("failed: drag turns"));
 }

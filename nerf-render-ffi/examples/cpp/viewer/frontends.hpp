@@ -9,13 +9,16 @@
 /// Writes the display: PNG, or PPM where `path` ends so.
 bool write_screenshot(const Session &session, const std::string &path);
 
+/// Writes the chosen views as a camera path.
+bool write_path(const Session &session, const std::string &path);
+
 /// A line about a frame, for people and for tests: names and numbers.
 std::string line_about(const Report &report);
 
 /// Runs the commands of a script without a window; gives the program's exit code.
 int run_script(Session &session, const std::string &script);
 
-/// Shows a window until it is closed. `screenshot`: where the key `s` writes to.
-int run_window(Session &session, const std::string &title, const std::string &screenshot);
+/// Shows a window until it is closed. `screenshot`, `path`: where the keys `s` and `p` write to.
+int run_window(Session &session, const std::string &title, const std::string &screenshot, const std::string &path);
 
 #endif // VIEWER_FRONTENDS_HPP

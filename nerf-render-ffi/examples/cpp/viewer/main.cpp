@@ -3,7 +3,7 @@
 //     viewer scene.nerf [options]
 //
 // Mouse: drag to turn, right button or shift to pan, wheel to come nearer. Keys: d z_depth, n normals,
-// c colour, s screenshot, q quit. A scene with a front (nerf-train study) is drawn with the settings that lose
+// c colour, s screenshot, k chooses a view, p writes those chosen as a camera path, q quit. A scene with a front (nerf-train study) is drawn with the settings that lose
 // least in the time there is; any other in as many pixels as there is time for.
 #include "frontends.hpp"
 
@@ -15,7 +15,7 @@
 namespace {
 
 struct Arguments {
-    std::string scene, script, screenshot;
+    std::string scene, script, screenshot, path;
     std::uint32_t width = 800, height = 600;
     Settings settings;
     bool headless = false;
@@ -23,7 +23,7 @@ struct Arguments {
 
 constexpr const char usage[] =
     "usage: viewer scene.nerf [--size WxH] [--threads N] [--moving-ms T] [--resting-ms T] [--up x|y|z]\n"
-    "                         [--screenshot FILE.png|ppm] [--headless [--script \"turn 0.1 0; rest; ...\"]]\n"
+    "                         [--screenshot FILE.png|ppm] [--path FILE.json] [--headless [--script \"turn 0.1 0; rest; ...\"]]\n"
     "  --moving-ms, --resting-ms  what a frame may take while the camera moves (60), and the first of full size\n"
     "                             once it rests (3000)\n"
     "  --headless                 no window: runs the script, rests, writes the screenshot\n";
@@ -78,6 +78,7 @@ bool parse(int argc, char **argv, Arguments &into) {
                           : flag == "--up"          ? up(value, into.settings.up)
                           : flag == "--script"      ? !(into.script = value).empty()
                           : flag == "--screenshot"  ? !(into.screenshot = value).empty()
+                          : flag == "--path"        ? !(into.path = value).empty()
                                                     : false;
         if (!good) {
             std::cerr << "viewer: " << flag << ' ' << value << " is not understood\n";
@@ -113,7 +114,8 @@ int main(int argc, char **argv) {
     if (!arguments.headless) {
 #ifdef VIEWER_WINDOW
         const std::string shot = arguments.screenshot.empty() ? "viewer.png" : arguments.screenshot;
-        return run_window(session, arguments.scene, shot);
+        const std::string path = arguments.path.empty() ? "camera_path.json" : arguments.path;
+        return run_window(session, arguments.scene, shot, path);
 #else
         std::cerr << "viewer: built without SDL2: only --headless\n";
         return EXIT_FAILURE;
@@ -122,6 +124,9 @@ int main(int argc, char **argv) {
     std::string script = arguments.script + "\nrest\n";
     if (!arguments.screenshot.empty()) {
         script += "shot " + arguments.screenshot + "\n";
+    }
+    if (!arguments.path.empty()) {
+        script += "path " + arguments.path + "\n";
     }
     return run_script(session, script);
 }

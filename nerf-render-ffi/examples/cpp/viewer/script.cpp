@@ -8,8 +8,11 @@
 //     interrupt N     lets the picture become better, and stops the first frame of full size after N tiles
 //     rest            lets the picture become as good as it gets
 //     shot FILE       writes what the window would show
+//     key             chooses the present view
+//     path FILE       writes the chosen views as a camera path (nerf-train render --path)
 #include "../image_files.hpp"
 #include "frontends.hpp"
+#include "path_file.hpp"
 
 #include <algorithm>
 #include <iostream>
@@ -52,6 +55,11 @@ bool run(Session &session, std::istream &command) {
         session.rest();
     } else if (name == "shot" && command >> text) {
         return write_screenshot(session, text);
+    } else if (name == "key") {
+        session.choose();
+        return true;
+    } else if (name == "path" && command >> text) {
+        return write_path(session, text);
     } else {
         std::cerr << "viewer: --script: expected a command and its arguments, found \"" << name << "\"\n";
         return false;
@@ -67,6 +75,18 @@ bool write_screenshot(const Session &session, const std::string &path) {
     const std::uint32_t width = session.width(), height = session.height();
     const bool written = image_files::write(path, ppm ? image_files::pnm(width, height, session.display())
                                                       : image_files::png_rgb8(width, height, session.display()));
+    if (!written) {
+        std::cerr << "viewer: cannot write " << path << '\n';
+    }
+    return written;
+}
+
+bool write_path(const Session &session, const std::string &path) {
+    if (session.views.empty()) {
+        std::cerr << "viewer: " << path << ": expected at least one view to be chosen (key), found none\n";
+        return false;
+    }
+    const bool written = path_file::write(path, session.views);
     if (!written) {
         std::cerr << "viewer: cannot write " << path << '\n';
     }

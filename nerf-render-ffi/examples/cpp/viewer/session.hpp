@@ -44,6 +44,11 @@ public:
 
     Orbit orbit; // after a change: moved()
 
+    /// Views that were chosen, of the window's size: the keyframes of a camera path.
+    std::vector<nerf::camera> views;
+    /// Chooses the present one.
+    void choose() { views.push_back(orbit.camera(width_, height_)); }
+
     /// The camera moved: a frame for a resting one is cancelled, within a tile.
     void moved();
     /// The camera rests: quality may rise.

@@ -23,8 +23,8 @@ using Owned = std::unique_ptr<T, Deleter>;
 
 class Window {
 public:
-    Window(Session &session, const std::string &title, const std::string &screenshot)
-        : session_(session), title_(title), screenshot_(screenshot) {}
+    Window(Session &session, const std::string &title, const std::string &screenshot, const std::string &path)
+        : session_(session), title_(title), screenshot_(screenshot), path_(path) {}
 
     bool open() {
         constexpr std::uint32_t flags = SDL_WINDOW_RESIZABLE | SDL_WINDOW_ALLOW_HIGHDPI;
@@ -125,6 +125,12 @@ private:
                 std::cout << screenshot_ << '\n';
             }
             return false;
+        case SDLK_k: session_.choose(); return false;
+        case SDLK_p:
+            if (write_path(session_, path_)) {
+                std::cout << path_ << '\n';
+            }
+            return false;
         case SDLK_q:
         case SDLK_ESCAPE: {
             SDL_Event quit = {};
@@ -160,7 +166,7 @@ private:
     }
 
     Session &session_;
-    std::string title_, screenshot_;
+    std::string title_, screenshot_, path_;
     std::uint32_t samples_ = session_.samples();
     bool resting_ = false, exposed_ = true;
     Owned<SDL_Window> window_;
@@ -170,10 +176,10 @@ private:
 
 } // namespace
 
-int run_window(Session &session, const std::string &title, const std::string &screenshot) {
+int run_window(Session &session, const std::string &title, const std::string &screenshot, const std::string &path) {
     int status = 1;
     if (SDL_Init(SDL_INIT_VIDEO) == 0) {
-        Window window(session, title, screenshot);
+        Window window(session, title, screenshot, path);
         if (window.open()) {
             window.run();
             status = 0;

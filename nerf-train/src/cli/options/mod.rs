@@ -7,3 +7,4 @@ pub mod grid;
 pub mod mp4;
 pub mod quality;
 pub mod settings;
+pub mod shard;

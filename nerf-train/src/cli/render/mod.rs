@@ -10,6 +10,7 @@ use super::options::data::DataOptions;
 use super::options::effects::EffectOptions;
 use super::options::mp4::{Mp4Options, say_no_mp4};
 use super::options::quality::{QualityOptions, WhichBins};
+use super::options::shard::ShardOption;
 use crate::data::system::memory;
 use crate::data::system::progress::{Message, Progress, Total};
 use crate::data::system::stop::Note;
@@ -63,7 +64,7 @@ pub struct Render {
     /// Data set whose camera --view is taken.
     #[arg(long, value_name = "DATA", groups = ["what", "dataset"])]
     data: Option<PathBuf>,
-    /// Video of a data set's test poses, or of the cameras of another --split.
+    /// Video along a camera path (nerfstudio's .json, a list of matrices), or a data set's test poses or --split.
     #[arg(long, value_name = "DATA", groups = ["what", "dataset"])]
     path: Option<PathBuf>,
     /// Split of the data set [default: val with --data, test with --path].
@@ -72,6 +73,12 @@ pub struct Render {
     /// View of the split, counted from 0.
     #[arg(long, value_name = "I", default_value_t = 0, requires = "data")]
     view: usize,
+    /// Video through these views of --data, smoothly and at constant speed.
+    #[arg(long, value_name = "I,J,…", value_delimiter = ',', requires = "data", conflicts_with = "view")]
+    keyframes: Vec<usize>,
+    /// Frames of that video [default: 120]; with --path FILE.json fly through its views as smoothly, in so many.
+    #[arg(long, value_name = "N")]
+    frames: Option<usize>,
     /// Video of a full circle around the scene in so many frames.
     #[arg(long, value_name = "FRAMES", group = "what")]
     orbit: Option<usize>,
@@ -109,6 +116,8 @@ pub struct Render {
     #[arg(long, value_name = "BINS", default_value_t = Plan::NORMAL_BLUR)]
     normal_blur: f32,
     #[command(flatten)]
+    shard: ShardOption,
+    #[command(flatten)]
     mp4: Mp4Options,
     #[command(flatten)]
     quality: QualityOptions,
@@ -145,6 +154,7 @@ impl Render {
         let blob = open_blob(&self.file, &bytes)?;
         let cameras = self.cameras(&blob, global)?;
         self.check_memory(&cameras)?;
+        let shard = self.part(&target, global)?;
         let plan = self.plan(&blob)?;
         let mut memory = vec![Line::UNINIT; Renderer::prepared_lines(&blob, global.kernel())];
         let renderer = Renderer::new(blob, global.kernel(), &mut memory)?;
@@ -154,8 +164,11 @@ impl Render {
         let ranges = self.ranges(&renderer, &plan, &cameras, global)?;
         let range = |output| ranges.iter().find(|(of, _)| *of == output).map(|&(_, range)| range);
         let outputs = self.outputs().into_iter();
-        let writers = outputs.map(|output| self.writer(&target, output, range(output)));
+        let writers = outputs.map(|output| self.writer(&target, output, range(output), shard));
         let mut writers = writers.collect::<anyhow::Result<Vec<_>>>()?;
+        // Of all of them only now: one range of colours is for all parts.
+        let mine = |(i, camera): (usize, Camera)| shard.takes(i).then_some(camera);
+        let cameras: Vec<Camera> = cameras.into_iter().enumerate().filter_map(mine).collect();
         let mut progress = Progress::new("render", Total::Steps(cameras.len() as u64), global.style());
         let counters = render(&renderer, &plan, &cameras, &mut writers, |done| {
             let (all, left) = (cameras.len(), target.left(&self.output));

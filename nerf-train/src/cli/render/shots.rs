@@ -3,7 +3,9 @@
 use super::Render;
 use crate::cli::common::Global;
 use crate::cli::eval::Split;
-use crate::data::Dataset;
+use crate::data::cameras::path::{CameraPath, PathCamera, read_path};
+use crate::data::{Dataset, origin_in_name};
+use crate::show::keyframes::{Keyframe, flight};
 use crate::show::orbit::Orbit;
 use crate::show::render::scaled;
 use anyhow::{Context, bail};
@@ -17,6 +19,12 @@ const MAX_FRAMES: usize = 1_000_000;
 impl Render {
     /// The cameras, in order; one unless an orbit or a path is asked for.
     pub(super) fn cameras(&self, blob: &Blob<'_>, global: &Global) -> anyhow::Result<Vec<Camera>> {
+        if self.frames.is_some()
+            && self.keyframes.is_empty()
+            && !self.path.as_ref().is_some_and(|path| path.is_file())
+        {
+            bail!("--frames: expected with --keyframes, or with --path and a camera path, found neither");
+        }
         let (Some(scene), Some(bounds)) = (blob.scene(), blob.scene_box()) else {
             bail!("{}: expected a scene, found a 2D field", self.file.display());
         };
@@ -35,14 +43,22 @@ impl Render {
             None => 40.0,
         };
         if let Some(frames) = self.orbit {
-            check_frames(frames)?;
+            check_frames("--orbit", frames)?;
             let at = |i| orbit.camera(i as f32 / frames as f32, width, height, fov);
             return Ok((0..frames).map(at).collect::<Result<_, _>>()?);
         }
         if let Some(data) = &self.path {
-            return self.path_of(data, blob, global);
+            let origin = origin_in_name(blob.provenance().data);
+            let path = if data.is_file() { read_path(data, origin)? } else { None };
+            return match path {
+                Some(path) => self.along(&path),
+                None => self.path_of(data, blob, global),
+            };
         }
         if let Some(data) = &self.data {
+            if !self.keyframes.is_empty() {
+                return self.through(data, blob, global);
+            }
             return Ok(vec![self.view_of(data, blob, global)?]);
         }
         match &self.pose {
@@ -54,6 +70,54 @@ impl Render {
             }
             None => Ok(vec![orbit.camera(0.0, width, height, fov)?]),
         }
+    }
+
+    /// The cameras of a path, in the size that was asked for or that it states.
+    fn along(&self, path: &CameraPath) -> anyhow::Result<Vec<Camera>> {
+        let (width, height) = match (self.width, self.height, path.size) {
+            (None, None, Some(size)) => size,
+            (width, height, _) => {
+                let width = width.unwrap_or(400);
+                (width, height.unwrap_or(width))
+            }
+        };
+        let key = |of: &PathCamera| Keyframe { pose: of.pose, fov_degrees: of.fov_degrees.unwrap_or(40.0) };
+        let keys: Vec<Keyframe> = path.cameras.iter().map(key).collect();
+        check_frames("--frames", self.frames.unwrap_or(keys.len()))?;
+        let keys = match self.frames {
+            Some(frames) => flight(&keys, frames),
+            None => keys,
+        };
+        self.of_keys(keys, (width, height)).context("--path")
+    }
+
+    /// A flight through views of a data set, in the size of the first.
+    fn through(&self, data: &Path, blob: &Blob<'_>, global: &Global) -> anyhow::Result<Vec<Camera>> {
+        let frames = self.frames.unwrap_or(120);
+        check_frames("--frames", frames)?;
+        let dataset = self.data_options.read_for(data, blob, global)?;
+        let split = self.split.unwrap_or(Split::Val);
+        let cameras = split.cameras(&dataset);
+        let key = |&i: &usize| {
+            let Some(camera) = cameras.get(i) else {
+                let (count, name) = (cameras.len(), split.name());
+                bail!("--keyframes: expected less than {count} (split `{name}`), found {i}");
+            };
+            let size = camera.intrinsics();
+            let fov_degrees = 2.0 * (0.5 * size.height as f32 / size.fy).atan().to_degrees();
+            Ok(Keyframe { pose: *camera.pose(), fov_degrees })
+        };
+        let keys = self.keyframes.iter().map(key).collect::<anyhow::Result<Vec<_>>>()?;
+        self.of_keys(flight(&keys, frames), self.size_for(&cameras[self.keyframes[0]])).context("--keyframes")
+    }
+
+    /// Cameras without distortion, of the focal length that was asked for or of their own fields of view.
+    fn of_keys(&self, keys: Vec<Keyframe>, (width, height): (u32, u32)) -> anyhow::Result<Vec<Camera>> {
+        let camera = |key: Keyframe| {
+            let focal = self.focal.unwrap_or(focal_of(height, key.fov_degrees));
+            Camera::new(Intrinsics::centred(width, height, focal), Lens::NONE, key.pose)
+        };
+        Ok(keys.into_iter().map(camera).collect::<Result<_, _>>()?)
     }
 
     /// All cameras of a split, in order; frames of a video have one size: that of the first camera.
@@ -111,13 +175,18 @@ impl Render {
     }
 }
 
-/// Refuses an orbit of no frames, or of more than a film holds.
-fn check_frames(frames: usize) -> anyhow::Result<()> {
+/// Refuses a video of no frames, or of more than a film holds.
+fn check_frames(flag: &str, frames: usize) -> anyhow::Result<()> {
     match frames {
-        0 => bail!("--orbit: expected at least 1 frame, found 0"),
+        0 => bail!("{flag}: expected at least 1 frame, found 0"),
         1..=MAX_FRAMES => Ok(()),
-        _ => bail!("--orbit: expected at most {MAX_FRAMES} frames, found {frames}"),
+        _ => bail!("{flag}: expected at most {MAX_FRAMES} frames, found {frames}"),
     }
+}
+
+/// The focal length of a vertical field of view, pixels.
+fn focal_of(height: u32, fov_degrees: f32) -> f32 {
+    0.5 * height as f32 / (0.5 * fov_degrees.to_radians()).tan()
 }
 
 impl Split {

@@ -1,8 +1,10 @@
 //! What a rendering writes: a picture, a film, or a folder of numbered pictures.
 
 use super::Render;
+use crate::cli::common::Global;
 use crate::cli::places;
 use crate::data::system::output::claims::{Claims, Existing};
+use crate::lab::Shard;
 use crate::show::film::{Files, beside};
 use crate::show::video::Ffmpeg;
 use crate::show::view::{Output, is_exr};
@@ -36,7 +38,7 @@ impl Target {
 impl Render {
     /// Whether there are frames in time.
     pub(super) fn is_sequence(&self) -> bool {
-        self.orbit.is_some() || self.path.is_some()
+        self.orbit.is_some() || self.path.is_some() || !self.keyframes.is_empty()
     }
 
     /// Whether floats are written: then colour is linear light.
@@ -115,17 +117,32 @@ impl Render {
         })
     }
 
+    /// The frames that are this process's: of a folder those of its part.
+    pub(super) fn part(&self, target: &Target, global: &Global) -> anyhow::Result<Shard> {
+        match target {
+            Target::Frames => self.shard.choose(global),
+            _ if self.shard.shard.is_some() => {
+                bail!("--shard: expected a folder for frames (-o frames/), found {}", self.output.display())
+            }
+            _ => Ok(Shard::WHOLE),
+        }
+    }
+
     /// A writer for an output; `range` is that of a distance's colours, world units.
     pub(super) fn writer(
         &self,
         target: &Target,
         output: Output,
         range: Option<(f32, f32)>,
+        shard: Shard,
     ) -> anyhow::Result<Writer> {
         let place = self.place_of(output);
         Ok(match target {
             Target::Still => Writer::still(output, place, self.transparent),
-            Target::Frames => Writer::frames(output, place, range, self.transparent),
+            Target::Frames => {
+                let numbers = (shard.index - 1, shard.count);
+                Writer::frames(output, place, range, self.transparent, numbers)
+            }
             Target::Gif(ffmpeg) => {
                 Writer::film(output, Files::gif(place, ffmpeg.as_ref().ok()), range, self.fps)?
             }

@@ -3,12 +3,13 @@
 use crate::cli::common::{GO_ON, Global, cpu_name};
 use crate::cli::options::data::{DataOptions, Space, print_report};
 use crate::cli::options::settings::read_config;
+use crate::cli::options::shard::ShardOption;
 use crate::cli::places;
 use crate::data::Dataset;
 use crate::data::system::output::claims::Claims;
 use crate::data::system::stop::Note;
+use crate::lab::Run;
 use crate::lab::study::training::{Fitted, Folder, Header, Lists, Trial, fit};
-use crate::lab::{Run, Shard};
 use crate::model::config::{Config, Preset, Surroundings};
 use crate::show::reports::training::{Summary, table, write};
 use crate::train::checkpoint::fingerprint;
@@ -65,9 +66,8 @@ pub struct StudyTrain {
     /// Where the scene ends, in every fit whose preset can do so.
     #[arg(long, value_enum, default_value_t)]
     space: Space,
-    /// Fit only every N-th of them, beginning with the I-th (from 1): one part of N, for batch schedulers.
-    #[arg(long, value_name = "I/N")]
-    shard: Option<Shard>,
+    #[command(flatten)]
+    shard: ShardOption,
     #[command(flatten)]
     data_options: DataOptions,
 }
@@ -175,7 +175,7 @@ impl StudyTrain {
     ) -> anyhow::Result<()> {
         let machine =
             format!("{}, {} threads, kernel {}", cpu_name(), rayon::current_num_threads(), global.kernel());
-        let mine = self.shard.unwrap_or(Shard::WHOLE).of(trials, Trial::file_name);
+        let mine = self.shard.choose(global)?.of(trials, Trial::file_name);
         let total: f64 = mine.iter().map(|(trial, _)| trial.budget_seconds).sum();
         let (all, own) = (trials.len(), mine.len());
         global.say(format!("{all} fits, {own} of them this part's, in {total:.0} s, on {machine}"));

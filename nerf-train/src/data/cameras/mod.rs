@@ -3,4 +3,5 @@
 pub(crate) mod geometry;
 pub(crate) mod nearest;
 pub(crate) mod origin;
+pub mod path;
 pub(crate) mod pose;

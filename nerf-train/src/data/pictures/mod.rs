@@ -7,3 +7,4 @@ pub(crate) mod photo;
 pub mod photograph;
 pub mod rgb;
 pub(crate) mod scale;
+pub(crate) mod thumbnail;

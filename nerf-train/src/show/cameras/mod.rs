@@ -6,7 +6,6 @@ pub mod page;
 pub mod sampling;
 pub mod scene;
 mod summary;
-mod thumbnail;
 mod words;
 
 pub use scene::{Request, Scene, ShowError};

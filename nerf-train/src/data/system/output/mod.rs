@@ -64,7 +64,7 @@ pub struct OutputError {
 }
 
 impl OutputError {
-    fn new(attempt: Attempt, path: &Path, source: io::Error) -> Self {
+    pub(crate) fn new(attempt: Attempt, path: &Path, source: io::Error) -> Self {
         Self { path: path.to_owned(), attempt, source }
     }
 }

@@ -1,7 +1,7 @@
 //! What is shown, in world units: made once, drawn in several ways.
 
 use super::sampling::{Drawer, ShownRay, StepFacts};
-use super::thumbnail::{self, Thumbnail};
+use crate::data::pictures::thumbnail::{self, Thumbnail};
 use crate::data::{Dataset, View};
 use crate::model::config::Config;
 use crate::train::Bounds;
@@ -165,7 +165,7 @@ impl Scene {
                 true => Vec::new(),
                 false => drawer.draw(&shown[i..=i], i, own, false)?.0,
             };
-            let (name, thumbnail) = (view.name.clone(), Thumbnail::of(view, side));
+            let (name, thumbnail) = (view.name.clone(), Thumbnail::of(view, side, [1.0; 3]));
             let (index, camera, near) = (first + i, view.camera, nears[i]);
             Ok(ShownCamera { index, name, camera, near, thumbnail, own_rays })
         };

@@ -16,7 +16,7 @@ const SMALLEST: usize = 16;
 /// JPEG quality, 1 to 100.
 const QUALITY: u8 = 85;
 
-/// A small picture, display-encoded, over white where the original is transparent.
+/// A small picture, display-encoded, over a colour where the original is transparent.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Thumbnail(pub Picture);
 
@@ -26,11 +26,11 @@ pub fn side_for(count: usize) -> usize {
 }
 
 impl Thumbnail {
-    /// The picture of `view`, box-filtered to at most `side` pixels; never enlarged.
-    pub fn of(view: &View, side: usize) -> Self {
+    /// The picture of `view` over `background`, box-filtered to at most `side` pixels; never enlarged.
+    pub fn of(view: &View, side: usize, background: [f32; 3]) -> Self {
         let (width, height) = view.size();
         let (width, height) = (width as usize, height as usize);
-        let source = Picture { width, height, rgb: view.composite_over([1.0; 3]) };
+        let source = Picture { width, height, rgb: view.composite_over(background) };
         let scale = (side as f64 / width.max(height) as f64).min(1.0);
         let shrunk = |length: usize| ((length as f64 * scale).round() as usize).clamp(1, length.max(1));
         Self(box_filtered(&source, shrunk(width), shrunk(height)))
@@ -103,8 +103,8 @@ mod tests {
     fn a_thumbnail_keeps_the_mean_and_the_aspect() {
         let scene = dataset(&DemoSpec { train: 1, val: 0, size: 24, ..DemoSpec::default() }).unwrap();
         let view = &scene.train[0];
-        assert_eq!(Thumbnail::of(view, 400).0.rgb, view.composite_over([1.0; 3]));
-        let small = Thumbnail::of(view, 12).0;
+        assert_eq!(Thumbnail::of(view, 400, [1.0; 3]).0.rgb, view.composite_over([1.0; 3]));
+        let small = Thumbnail::of(view, 12, [1.0; 3]).0;
         let mean = |rgb: &[[f32; 3]]| rgb.iter().map(|p| p[0]).sum::<f32>() / rgb.len() as f32;
         assert_eq!((small.width, small.height), (12, 12));
         assert!((mean(&small.rgb) - mean(&view.composite_over([1.0; 3]))).abs() < 1e-4);

@@ -1,0 +1,284 @@
+//! `nerf-train export`
+
+use super::common::{Global, check_counts, open_blob, parse_numbers, read_file};
+use super::eval::Split;
+use super::options::data::DataOptions;
+use super::places;
+use crate::data::origin_in_name;
+use crate::data::system::memory;
+use crate::data::system::output::claims::Claims;
+use crate::data::system::progress::{Message, Progress, Total};
+use crate::data::system::summary::Short;
+use crate::show::export::{
+    Field, Lattice, Mesh, Summary, Surface, mesh, points_of_surface, points_of_views, volume, write_glb,
+    write_npz, write_obj, write_ply,
+};
+use anyhow::bail;
+use clap::{Args, ValueEnum};
+use nerf_core::blob::Blob;
+use nerf_core::camera::SceneBox;
+use nerf_core::memory::Line;
+use nerf_core::plan::{Batch, Outputs, Plan, Quality};
+use nerf_core::render::Renderer;
+use std::path::PathBuf;
+use std::process::ExitCode;
+use std::time::Instant;
+
+/// Write a scene as a triangle mesh, a cloud of points or a volume, for other programs.
+#[derive(Debug, Args)]
+#[command(after_help = "Examples:
+  nerf-train export lego.nerf -o lego.glb --resolution 256
+  nerf-train export lego.nerf -o lego.ply --as points --data lego_200x200.npz
+  nerf-train export room.nerf -o room.obj --box -2,-2,-1,2,2,1
+  nerf-train export lego.nerf -o lego.npz --resolution 128")]
+pub struct Export {
+    /// The blob.
+    file: PathBuf,
+    /// The file: a mesh (.ply, .obj, .glb), points (.ply with --as points) or a volume (.npz).
+    #[arg(long, short, value_name = "FILE")]
+    output: PathBuf,
+    /// What to write [default: as the file's ending says; a .ply is a mesh].
+    #[arg(long = "as", value_enum, value_name = "WHAT")]
+    kind: Option<Kind>,
+    /// Cells along the longest side of the box.
+    #[arg(long, value_name = "N", default_value_t = 256, value_parser = clap::value_parser!(u32).range(2..=8192))]
+    resolution: u32,
+    /// What is exported of the scene, world units [default: the scene's box].
+    #[arg(
+        long = "box",
+        value_name = "X0,Y0,Z0,X1,Y1,Z1",
+        value_parser = parse_numbers::<6>,
+        allow_hyphen_values = true
+    )]
+    bounds: Option<[f32; 6]>,
+    /// Take the surface at this density, a world unit, seen or not [default: where half of the light is gone].
+    #[arg(long, value_name = "SIGMA")]
+    threshold: Option<f32>,
+    /// Points of a cloud, about.
+    #[arg(long, value_name = "N", default_value_t = 200_000)]
+    points: usize,
+    /// Take points where rays of these photographs meet something [default: evenly over the surface].
+    #[arg(long, value_name = "DATA")]
+    data: Option<PathBuf>,
+    /// Views of the data set.
+    #[arg(long, value_enum, default_value = "train", requires = "data")]
+    split: Split,
+    #[command(flatten)]
+    data_options: DataOptions,
+}
+
+/// What a file holds.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+enum Kind {
+    /// Triangles with normals and colours.
+    Mesh,
+    /// Points with normals and colours.
+    Points,
+    /// Density and colour of every cell.
+    Volume,
+}
+
+/// What a cell takes while a mesh is made: its density and three optical depths, with an allowance for vertices.
+const BYTES_PER_CELL_OF_MESH: u64 = 12;
+/// What a cell of a volume takes, with what of it is on its way to the file: packed, and that before.
+const BYTES_PER_CELL: u64 = 3 * 7;
+
+impl Export {
+    /// Runs the command.
+    pub fn run(&self, global: &Global) -> anyhow::Result<ExitCode> {
+        let start = Instant::now();
+        let kind = self.check()?;
+        let bytes = read_file(&self.file)?;
+        let blob = open_blob(&self.file, &bytes)?;
+        let bounds = self.bounds(&blob, kind)?;
+        let mut quality = Quality::EXACT;
+        quality.occupancy = true;
+        let outputs = Outputs { median_distance: true, normals: kind == Kind::Points, ..Outputs::ALL };
+        let plan = Plan::new(&blob, &quality, outputs, Batch::FULL)?;
+        let mut memory = vec![Line::UNINIT; Renderer::prepared_lines(&blob, global.kernel())];
+        let renderer = Renderer::new(blob, global.kernel(), &mut memory)?;
+        let field = Field::new(&renderer, &plan);
+        let origin = origin_in_name(renderer.blob().provenance().data);
+        let world = |corner: glam::Vec3| [0, 1, 2].map(|axis| f64::from(corner[axis]) + origin[axis]);
+        let mut summary = Summary {
+            file: self.output.display().to_string(),
+            kind: kind.name(),
+            file_bytes: 0,
+            box_min_world_units: world(bounds.min),
+            box_max_world_units: world(bounds.max),
+            cell_world_units: None,
+            threshold_per_world_unit: None,
+            cells: None,
+            vertices: None,
+            triangles: None,
+            total_seconds: 0.0,
+        };
+        match (kind, &self.data) {
+            (Kind::Volume, _) => self.volume(&field, &bounds, origin, &mut summary, global)?,
+            (Kind::Points, Some(data)) => {
+                let dataset = self.data_options.read_for(data, renderer.blob(), global)?;
+                let views = self.split.of(&dataset);
+                let mut progress = Progress::new("points", Total::Steps(views.len() as u64), global.style());
+                let points = points_of_views(&renderer, &plan, views, self.points, |done| {
+                    progress.update(done as u64, &Message::default());
+                })?;
+                progress.finish(format!("{} points", points.vertices.len()));
+                self.write(&Mesh { origin, ..points }, &mut summary)?;
+            }
+            _ => {
+                let mesh = self.mesh(&field, &bounds, &mut summary, global)?;
+                let mesh = match kind {
+                    Kind::Points => points_of_surface(&mesh, self.points, 0),
+                    _ => mesh,
+                };
+                self.write(&Mesh { origin, ..mesh }, &mut summary)?;
+            }
+        }
+        summary.file_bytes = std::fs::metadata(&self.output).map_or(0, |file| file.len());
+        summary.total_seconds = start.elapsed().as_secs_f64();
+        global.finish(&summary, || print(&summary))?;
+        Ok(ExitCode::SUCCESS)
+    }
+
+    /// Refuses what cannot be, before anything is read; what to write.
+    fn check(&self) -> anyhow::Result<Kind> {
+        check_counts([("--points", self.points)])?;
+        if let Some(threshold) =
+            self.threshold.filter(|threshold| !(*threshold > 0.0 && threshold.is_finite()))
+        {
+            bail!("--threshold: expected a density above 0, found {threshold}");
+        }
+        let name = self.output.display();
+        let kind = match (places::extension(&self.output).as_deref(), self.kind) {
+            (Some("ply"), kind @ (None | Some(Kind::Mesh | Kind::Points))) => kind.unwrap_or(Kind::Mesh),
+            (Some("obj" | "glb"), None | Some(Kind::Mesh)) => Kind::Mesh,
+            (Some("npz"), None | Some(Kind::Volume)) => Kind::Volume,
+            // Such as a device: taken for whatever is written.
+            (None, Some(kind)) => kind,
+            (Some("ply" | "obj" | "glb" | "npz"), Some(kind)) => {
+                let expected = kind.endings();
+                bail!("-o: expected a name that ends in {expected} with --as {}, found {name}", kind.name())
+            }
+            _ => bail!("-o: expected a name that ends in .ply, .obj, .glb or .npz, found {name}"),
+        };
+        if kind != Kind::Points && self.data.is_some() {
+            bail!("--data: expected only with --as points, found a {}", kind.name());
+        }
+        let claims = Claims::new().reads("the blob", &self.file).reads_data_if(self.data.as_deref());
+        claims.writes("-o", &self.output).settle()?;
+        Ok(kind)
+    }
+
+    /// What is exported, within memory.
+    fn bounds(&self, blob: &Blob<'_>, kind: Kind) -> anyhow::Result<SceneBox> {
+        let (Some(scene), Some(bounds)) = (blob.scene(), blob.scene_box()) else {
+            bail!("{}: expected a scene, found a 2D field", self.file.display());
+        };
+        let of_views = kind == Kind::Points && self.data.is_some();
+        if scene.contraction().is_some() && self.bounds.is_none() && !of_views {
+            bail!("--box: expected the part of this unbounded scene that is exported, found none");
+        }
+        let bounds = self.bounds.map_or(bounds, |[x0, y0, z0, x1, y1, z1]| SceneBox {
+            min: [x0, y0, z0].into(),
+            max: [x1, y1, z1].into(),
+        });
+        if !of_views {
+            let cells: u64 =
+                Lattice::new(&bounds, self.resolution)?.cells.iter().map(|&n| n as u64).product();
+            let what = format!("a {} of {} cells along its longest side", kind.name(), self.resolution);
+            let each = if kind == Kind::Volume { BYTES_PER_CELL } else { BYTES_PER_CELL_OF_MESH };
+            memory::check(what, cells, each, "lower --resolution")?;
+        }
+        Ok(bounds)
+    }
+
+    fn mesh(
+        &self,
+        field: &Field<'_, '_>,
+        bounds: &SceneBox,
+        summary: &mut Summary,
+        global: &Global,
+    ) -> anyhow::Result<Mesh> {
+        let lattice = Lattice::new(bounds, self.resolution)?;
+        let surface = match self.threshold {
+            Some(threshold) => Surface::Density(threshold),
+            None if field.is_unbounded() => Surface::SeenFromInside,
+            None => Surface::Seen,
+        };
+        let total = Total::Steps(3 * (lattice.cells[2] as u64 + 1));
+        let mut progress = Progress::new("surface", total, global.style());
+        let mesh = mesh(field, &lattice, surface, |done| progress.update(done as u64, &Message::default()))?;
+        progress.finish(format!("{} vertices", mesh.vertices.len()));
+        summary.cell_world_units = Some(Short(lattice.cell));
+        summary.threshold_per_world_unit = self.threshold.map(Short);
+        Ok(mesh)
+    }
+
+    fn volume(
+        &self,
+        field: &Field<'_, '_>,
+        bounds: &SceneBox,
+        origin: [f64; 3],
+        summary: &mut Summary,
+        global: &Global,
+    ) -> anyhow::Result<()> {
+        let mut progress = Progress::new("volume", Total::Unknown, global.style());
+        let mut volume = volume(field, bounds, self.resolution, |done| {
+            progress.update(done as u64, &Message::default());
+        })?;
+        progress.finish(format!("{} cells", volume.density.len()));
+        volume.min.iter_mut().zip(origin).for_each(|(min, origin)| *min += origin);
+        write_npz(&volume, &self.output)?;
+        (summary.cells, summary.cell_world_units) = (Some(volume.cells), Some(Short(volume.cell)));
+        Ok(())
+    }
+
+    fn write(&self, mesh: &Mesh, summary: &mut Summary) -> anyhow::Result<()> {
+        match places::extension(&self.output).as_deref() {
+            Some("obj") => write_obj(mesh, &self.output)?,
+            Some("glb") => write_glb(mesh, &self.output)?,
+            _ => write_ply(mesh, &self.output)?,
+        }
+        summary.vertices = Some(mesh.vertices.len());
+        summary.triangles = (!mesh.triangles.is_empty()).then_some(mesh.triangles.len());
+        Ok(())
+    }
+}
+
+impl Kind {
+    fn name(self) -> &'static str {
+        match self {
+            Self::Mesh => "mesh",
+            Self::Points => "points",
+            Self::Volume => "volume",
+        }
+    }
+
+    fn endings(self) -> &'static str {
+        match self {
+            Self::Mesh => ".ply, .obj or .glb",
+            Self::Points => ".ply",
+            Self::Volume => ".npz",
+        }
+    }
+}
+
+fn print(summary: &Summary) -> anyhow::Result<()> {
+    if let Some(Short(cell)) = summary.cell_world_units {
+        let surface = match summary.threshold_per_world_unit {
+            Some(Short(threshold)) => format!("where the density is {threshold} a world unit"),
+            None => "where half of the light is gone".to_owned(),
+        };
+        if summary.vertices.is_some() {
+            outln!("surface: {surface}, in cells of {cell}");
+        }
+    }
+    match (summary.vertices, summary.triangles, summary.cells) {
+        (Some(vertices), Some(triangles), _) => outln!("mesh: {vertices} vertices, {triangles} triangles"),
+        (Some(vertices), None, _) => outln!("points: {vertices}"),
+        (_, _, Some([x, y, z])) => outln!("volume: {x}x{y}x{z} cells"),
+        _ => {}
+    }
+    outln!("{} ({} bytes) in {:.1} s", summary.file, summary.file_bytes, summary.total_seconds);
+    Ok(())
+}

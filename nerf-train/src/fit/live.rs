@@ -1,0 +1,158 @@
+//! A folder with the newest blob of a run, and what a page there asks for.
+//!
+//! | file | |
+//! | --- | --- |
+//! | `live.nerf` | the run as it stands, replaced about every second |
+//! | `live.json` | steps, seconds, PSNR, and whether it is the end: written after the blob |
+//! | `views.json` | some photographs and their cameras, to compare with: written once |
+
+use crate::data::pictures::rgb::ReportError;
+use crate::data::pictures::thumbnail::Thumbnail;
+use crate::data::system::output::{OutputError, write_atomic};
+use crate::data::{Dataset, View};
+use crate::fit::finish::Outcome;
+use crate::fit::run::RunError;
+use crate::fit::validation::spread_indices;
+use nerf_core::camera::Projection;
+use serde::Serialize;
+use std::path::{Path, PathBuf};
+use std::time::Instant;
+
+/// Photographs to compare with, spread over the validation split, or over the training split without one.
+const VIEWS: usize = 8;
+/// Their longest side, pixels.
+const SIDE: usize = 400;
+/// Seconds between two blobs, at least.
+const EVERY: f64 = 1.0;
+/// Share of the time that making and writing them may take.
+const SHARE: f64 = 0.05;
+
+/// The folder of a run.
+#[derive(Debug)]
+pub(super) struct Live {
+    folder: PathBuf,
+    last: Instant,
+    /// Seconds the last blob took.
+    took: f64,
+    warned: bool,
+}
+
+/// `live.json`.
+#[derive(Clone, Copy, Debug, Serialize)]
+pub(super) struct State {
+    pub step: u32,
+    pub seconds: f64,
+    pub train_psnr_db: f64,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub val_psnr_db: Option<f64>,
+    pub done: bool,
+}
+
+#[derive(Serialize)]
+struct Views<'d> {
+    views: Vec<Photograph<'d>>,
+}
+
+#[derive(Serialize)]
+struct Photograph<'d> {
+    name: &'d str,
+    camera: Camera,
+    picture: String,
+}
+
+/// A `nerf_camera`, by its names.
+#[derive(Serialize)]
+struct Camera {
+    width: u32,
+    height: u32,
+    fx: f32,
+    fy: f32,
+    cx: f32,
+    cy: f32,
+    k1: f32,
+    k2: f32,
+    k3: f32,
+    k4: f32,
+    k5: f32,
+    k6: f32,
+    p1: f32,
+    p2: f32,
+    lens_model: u32,
+    c2w: [f32; 12],
+}
+
+impl Camera {
+    fn of(view: &View) -> Self {
+        let (i, lens, pose) = (view.camera.intrinsics(), view.camera.lens(), view.camera.pose());
+        let (x, y, z, t) = (pose.rotation.x_axis, pose.rotation.y_axis, pose.rotation.z_axis, pose.position);
+        Self {
+            width: i.width,
+            height: i.height,
+            fx: i.fx,
+            fy: i.fy,
+            cx: i.cx,
+            cy: i.cy,
+            k1: lens.k1,
+            k2: lens.k2,
+            k3: lens.k3,
+            k4: lens.k4,
+            k5: lens.k5,
+            k6: lens.k6,
+            p1: lens.p1,
+            p2: lens.p2,
+            lens_model: u32::from(lens.projection == Projection::Fisheye),
+            c2w: [x.x, y.x, z.x, t.x, x.y, y.y, z.y, t.y, x.z, y.z, z.z, t.z],
+        }
+    }
+}
+
+impl Live {
+    /// Writes `views.json`; photographs over `background`.
+    pub fn begin(folder: PathBuf, dataset: &Dataset, background: [f32; 3]) -> Result<Self, RunError> {
+        let views = if dataset.val.is_empty() { &dataset.train } else { &dataset.val };
+        let photograph = |i: usize| {
+            let view = &views[i];
+            let picture = Thumbnail::of(view, SIDE, background).data_uri()?;
+            Ok(Photograph { name: &view.name, camera: Camera::of(view), picture })
+        };
+        let views = spread_indices(views.len(), VIEWS).map(photograph).collect::<Result<_, ReportError>>()?;
+        let text = serde_json::to_vec(&Views { views }).map_err(ReportError::encode("JSON"))?;
+        write_atomic(folder.join("views.json"), &text)?;
+        Ok(Self { folder, last: Instant::now(), took: 0.0, warned: false })
+    }
+
+    /// Whether the next blob is due.
+    pub fn is_due(&self) -> bool {
+        self.last.elapsed().as_secs_f64() >= EVERY.max(self.took / SHARE)
+    }
+
+    /// Writes a blob that was begun at `begun`. Where that fails, the one before stays; the warning, the first time.
+    pub fn write(&mut self, blob: &[u8], state: &State, begun: Instant) -> Option<String> {
+        let written = write(&self.folder, blob, state);
+        (self.last, self.took) = (Instant::now(), begun.elapsed().as_secs_f64());
+        let error = written.err().filter(|_| !std::mem::replace(&mut self.warned, true))?;
+        Some(format!("warning: --live: {error}; the one before stays, and the run goes on"))
+    }
+}
+
+/// Puts the blob of a run that is done into its folder.
+///
+/// # Errors
+/// [`OutputError`] where it cannot be written.
+pub fn finish(folder: &Path, outcome: &Outcome) -> Result<(), OutputError> {
+    let last = outcome.curve.last();
+    let state = State {
+        step: outcome.steps,
+        seconds: outcome.train_seconds,
+        train_psnr_db: last.map_or(0.0, |point| point.train_psnr_db),
+        val_psnr_db: outcome.scores.psnr_db(),
+        done: true,
+    };
+    write(folder, &outcome.bytes, &state)
+}
+
+fn write(folder: &Path, blob: &[u8], state: &State) -> Result<(), OutputError> {
+    write_atomic(folder.join("live.nerf"), blob)?;
+    let text = serde_json::to_vec(state).unwrap_or_default();
+    write_atomic(folder.join("live.json"), &text)
+}

@@ -1,0 +1,67 @@
+//! Cubes of equal size over a box.
+
+use super::{ExportError, Field};
+use glam::Vec3;
+use half::f16;
+use nerf_core::camera::SceneBox;
+
+/// Cubes over a box, and a layer of them around it, so that what reaches the box's sides is closed there.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Lattice {
+    /// The first corner, world units.
+    pub min: Vec3,
+    /// Side of a cube, world units.
+    pub cell: f32,
+    /// Cubes along each axis.
+    pub cells: [usize; 3],
+}
+
+impl Lattice {
+    /// `resolution` cubes along the longest side of the box, and one beyond each end.
+    ///
+    /// # Errors
+    /// [`ExportError::Box`] without volume.
+    pub fn new(bounds: &SceneBox, resolution: u32) -> Result<Self, ExportError> {
+        let extent = bounds.max - bounds.min;
+        if !(extent.is_finite() && extent.min_element() > 0.0) {
+            return Err(ExportError::Box { sides: extent.into() });
+        }
+        let cell = extent.max_element() / resolution.max(1) as f32;
+        // A hair less, so that a side of a whole number of cubes has no further one.
+        let cells = extent.to_array().map(|side| (side / cell - 1e-3).ceil().max(1.0) as usize + 2);
+        Ok(Self { min: bounds.min - cell, cell, cells })
+    }
+
+    /// A corner.
+    pub fn corner(&self, [x, y, z]: [usize; 3]) -> Vec3 {
+        self.min + self.cell * Vec3::new(x as f32, y as f32, z as f32)
+    }
+
+    /// Corners of a slice across z, x fastest.
+    pub fn slice(&self, z: usize) -> Vec<[f32; 3]> {
+        let [width, height] = self.corners();
+        let corner = |i: usize| self.corner([i % width, i / width, z]).into();
+        (0..width * height).map(corner).collect()
+    }
+
+    /// Densities at the corners of a slice, 1/world unit; 0 at the lattice's sides, which are outside of the box.
+    ///
+    /// # Errors
+    /// [`ExportError::Render`], which points do not cause.
+    pub fn densities(&self, field: &Field<'_, '_>, z: usize) -> Result<Vec<f16>, ExportError> {
+        let [width, height] = self.corners();
+        let side = |i: usize| {
+            let ends = |at: usize, corners: usize| at == 0 || at + 1 == corners;
+            ends(i % width, width) || ends(i / width, height) || ends(z, self.cells[2] + 1)
+        };
+        let found = field.densities(&self.slice(z))?;
+        let density =
+            |(i, sigma): (usize, f32)| if side(i) { f16::ZERO } else { f16::from_f32(sigma.min(6e4)) };
+        Ok(found.into_iter().enumerate().map(density).collect())
+    }
+
+    /// Corners of a slice along x and y.
+    pub fn corners(&self) -> [usize; 2] {
+        [self.cells[0] + 1, self.cells[1] + 1]
+    }
+}

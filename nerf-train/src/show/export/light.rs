@@ -1,0 +1,128 @@
+//! How much light reaches each corner of a lattice from outside.
+//!
+//! The optical depth up to a corner is summed along 26 directions, from neighbour to neighbour, and the third smallest of
+//! them counts: a single gap shows nothing of what is behind it.
+
+use super::Lattice;
+use half::f16;
+use rayon::prelude::*;
+use std::f32::consts::LN_2;
+
+/// From an optical depth of ln 2, where half of the light is gone, to one that is as good as none, or all: a factor.
+const RANGE: f32 = 1000.0;
+/// More than this is dark, however much it is: where light comes from free space, it takes over a few cells behind.
+const DARK: f32 = 4.0 * LN_2;
+/// Directions up or down: the eight neighbours of the corner below, and itself.
+const ACROSS: [[isize; 2]; 9] =
+    [[0, 0], [-1, -1], [0, -1], [1, -1], [-1, 0], [1, 0], [-1, 1], [0, 1], [1, 1]];
+
+/// Above a half where a value is above its middle: how far, by the logarithm, since densities grow by factors across a
+/// surface. `ratio` is that of the value to its middle.
+pub(super) fn level(ratio: f32) -> f16 {
+    f16::from_f32((0.5 + 0.5 * ratio.ln() / RANGE.ln()).clamp(0.0, 1.0))
+}
+
+/// The least three optical depths of a corner, ascending: the upper halves of `f32`, which have the same order.
+type Least = [u16; 3];
+
+/// Optical depths at the corners of a lattice.
+pub(super) struct Light {
+    slices: Vec<Vec<Least>>,
+}
+
+impl Light {
+    /// From the densities of all slices, 1/world unit. Light also comes from free space where `memory` is finite: a depth
+    /// is forgotten over so many cells.
+    pub(super) fn new(lattice: &Lattice, densities: &[Vec<f16>], memory: f32) -> Self {
+        let slices = densities.iter().map(|slice| vec![[u16::MAX; 3]; slice.len()]).collect();
+        let (mut light, keep) = (Self { slices }, 1.0 - 1.0 / memory);
+        light.within_slices(lattice, densities, keep);
+        let up: Vec<usize> = (0..densities.len()).collect();
+        light.between_slices(lattice, densities, keep, &up);
+        light.between_slices(lattice, densities, keep, &up.into_iter().rev().collect::<Vec<_>>());
+        light
+    }
+
+    /// A slice's levels, above a half where more than half of the light is gone; none in the dark of the lattice's sides.
+    pub(super) fn levels(&self, z: usize) -> Vec<f16> {
+        let depth = |least: &Least| match least[2] {
+            u16::MAX => 0.0,
+            bits => f32::from_bits(u32::from(bits) << 16),
+        };
+        self.slices[z].iter().map(|least| level(depth(least) / LN_2)).collect()
+    }
+
+    /// The eight directions along x and y.
+    fn within_slices(&mut self, lattice: &Lattice, densities: &[Vec<f16>], keep: f32) {
+        let [width, height] = lattice.corners();
+        self.slices.par_iter_mut().zip(densities).for_each(|(least, densities)| {
+            let sigma: Vec<f32> = densities.iter().map(|sigma| sigma.to_f32()).collect();
+            for [dx, dy] in &ACROSS[1..] {
+                let (step, half) = step(lattice, [*dx, *dy, 0]);
+                let keep = keep.powf(step);
+                let mut depth = vec![0.0; width * height];
+                for y in inner(height, *dy) {
+                    for x in inner(width, *dx) {
+                        let at = y * width + x;
+                        let from = at.wrapping_add_signed(-(dy * width as isize + dx));
+                        depth[at] = keep * DARK.min(depth[from]) + half * (sigma[at] + sigma[from]);
+                        insert(&mut least[at], depth[at]);
+                    }
+                }
+            }
+        });
+    }
+
+    /// The nine directions from each slice to the next of `order`.
+    fn between_slices(&mut self, lattice: &Lattice, densities: &[Vec<f16>], keep: f32, order: &[usize]) {
+        let [width, height] = lattice.corners();
+        let steps = ACROSS.map(|[dx, dy]| {
+            let (step, half) = step(lattice, [dx, dy, 1]);
+            (dy * width as isize + dx, keep.powf(step), half)
+        });
+        let [mut below, mut here] = [(); 2].map(|()| vec![0.0f32; width * height]);
+        let [mut last, mut now] = [(); 2].map(|()| vec![[0.0f32; 9]; width * height]);
+        for &z in &order[1..order.len() - 1] {
+            here.iter_mut().zip(&densities[z]).for_each(|(here, sigma)| *here = sigma.to_f32());
+            let rows = now.par_chunks_mut(width).zip(self.slices[z].par_chunks_mut(width)).enumerate();
+            rows.filter(|(y, _)| (1..height - 1).contains(y)).for_each(|(y, (now, least))| {
+                for x in inner(width, 1) {
+                    let at = y * width + x;
+                    for (direction, (offset, keep, half)) in steps.iter().enumerate() {
+                        let from = at.wrapping_add_signed(-offset);
+                        let depth = keep * DARK.min(last[from][direction]) + half * (here[at] + below[from]);
+                        now[x][direction] = depth;
+                        insert(&mut least[x], depth);
+                    }
+                }
+            });
+            std::mem::swap(&mut last, &mut now);
+            std::mem::swap(&mut below, &mut here);
+        }
+    }
+}
+
+/// A direction's step in cells, and half of it in world units.
+fn step(lattice: &Lattice, direction: [isize; 3]) -> (f32, f32) {
+    let cells = (direction.iter().map(|d| d * d).sum::<isize>() as f32).sqrt();
+    (cells, 0.5 * cells * lattice.cell)
+}
+
+/// Indices but the first and the last, which are outside of the box; backward where `direction` is.
+fn inner(corners: usize, direction: isize) -> impl Iterator<Item = usize> {
+    (1..corners - 1).map(move |i| if direction < 0 { corners - 1 - i } else { i })
+}
+
+/// Takes a depth in among the least.
+fn insert(least: &mut Least, depth: f32) {
+    let depth = (depth.to_bits() >> 16) as u16;
+    if depth < least[2] {
+        least[2] = depth;
+        if least[2] < least[1] {
+            least.swap(1, 2);
+            if least[1] < least[0] {
+                least.swap(0, 1);
+            }
+        }
+    }
+}

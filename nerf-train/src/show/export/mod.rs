@@ -1,0 +1,123 @@
+//! A scene for other programs: a triangle mesh, a cloud of points, a volume, in the data's own coordinates and units.
+//!
+//! ```text
+//! field ─► density at lattice ─► light from outside ─► net, a vertex a cell ─► seen from straight ahead ─► PLY, OBJ, GLB
+//!      └─► volume: density and colour of every cell ─► NPZ
+//! views ─► rays at their median distance ─► points ─► PLY
+//! ```
+
+mod field;
+mod files;
+mod glb;
+mod lattice;
+mod light;
+mod points;
+mod surface;
+mod volume;
+
+pub use field::Field;
+pub use files::{write_obj, write_ply};
+pub use glb::write_glb;
+pub use lattice::Lattice;
+pub use points::{points_of_surface, points_of_views};
+pub use surface::{Surface, mesh};
+pub use volume::{Volume, volume, write_npz};
+
+use crate::data::pictures::rgb::ReportError;
+use crate::data::system::output::OutputError;
+use crate::data::system::summary::Short;
+use nerf_core::camera::CameraError;
+use nerf_core::render::RenderError;
+use serde::Serialize;
+
+/// A point of a surface.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Vertex {
+    /// World units of the blob, which count from [`Mesh::origin`].
+    pub position: [f32; 3],
+    /// Unit length, outward.
+    pub normal: [f32; 3],
+    /// Display-encoded.
+    pub rgb: [f32; 3],
+}
+
+/// Triangles, or points alone.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Mesh {
+    /// Where the blob's coordinates count from, in the data's world.
+    pub origin: [f64; 3],
+    /// The points.
+    pub vertices: Vec<Vertex>,
+    /// Counter-clockwise seen from outside; empty of a cloud of points.
+    pub triangles: Vec<[u32; 3]>,
+}
+
+/// Why a scene cannot be exported.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum ExportError {
+    /// The field could not be asked.
+    #[error(transparent)]
+    Render(#[from] RenderError),
+    /// A view's camera cannot be made smaller.
+    #[error("camera: {0}")]
+    Camera(#[from] CameraError),
+    /// Nowhere is the density above the threshold.
+    #[error(
+        "--threshold: expected a density that the scene reaches, found {threshold}: its highest in the box is {highest} a \
+         world unit"
+    )]
+    Empty {
+        /// What was asked for, 1/world unit.
+        threshold: f32,
+        /// What there is.
+        highest: f32,
+    },
+    /// Nothing hides half of the light.
+    #[error("nothing in the box hides half of the light: expected another --box, or a --threshold")]
+    Clear,
+    /// The box has no volume.
+    #[error("--box: expected three sides above 0, found {sides:?}")]
+    Box {
+        /// Its sides, world units.
+        sides: [f32; 3],
+    },
+    /// No ray meets anything.
+    #[error("--data: expected views that see the scene, found none that is opaque anywhere")]
+    NoPoints,
+    /// More vertices than an index can name.
+    #[error("--resolution: expected at most 2^32 vertices, found more: choose a smaller one")]
+    Vertices,
+    /// A file cannot be written.
+    #[error(transparent)]
+    Output(#[from] OutputError),
+    /// A file cannot be made.
+    #[error(transparent)]
+    Report(#[from] ReportError),
+}
+
+/// What was exported, for scripts.
+#[derive(Debug, Serialize)]
+#[allow(missing_docs, reason = "the names say what they are, and in which unit")]
+pub struct Summary {
+    pub file: String,
+    #[serde(rename = "as")]
+    pub kind: &'static str,
+    pub file_bytes: u64,
+    pub box_min_world_units: [f64; 3],
+    pub box_max_world_units: [f64; 3],
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub cell_world_units: Option<Short>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub threshold_per_world_unit: Option<Short>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub cells: Option<[usize; 3]>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub vertices: Option<usize>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub triangles: Option<usize>,
+    pub total_seconds: f64,
+}
+
+#[cfg(test)]
+mod tests;

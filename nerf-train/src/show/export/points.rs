@@ -1,0 +1,89 @@
+//! Clouds of points.
+
+use super::{ExportError, Mesh, Vertex};
+use crate::data::View;
+use crate::measure::frame::{self, Frame};
+use crate::show::render::scaled;
+use glam::Vec3;
+use nerf_core::plan::Plan;
+use nerf_core::render::Renderer;
+use nerf_core::sampling::{Purpose, uniform};
+
+/// Pixels of a view by which it is estimated how many of them show something.
+const PILOT: f64 = 1024.0;
+/// A pixel this opaque shows a surface.
+const OPAQUE: f32 = 0.5;
+
+/// About `count` points where rays of the views' photographs meet something: at their median distance, in the colours they
+/// show there. `plan` has colours, opacity, median distances and normals. `each` is told how many views are done.
+///
+/// # Errors
+/// [`ExportError::NoPoints`] where no pixel is opaque; [`ExportError::Render`].
+pub fn points_of_views(
+    renderer: &Renderer<'_>,
+    plan: &Plan<'_>,
+    views: &[View],
+    count: usize,
+    mut each: impl FnMut(usize),
+) -> Result<Mesh, ExportError> {
+    let frame_of = |view: &View, pixels: f64| -> Result<_, ExportError> {
+        let (width, height) = view.size();
+        let share = (pixels / (f64::from(width) * f64::from(height))).sqrt().min(1.0);
+        let side = |pixels: u32| ((f64::from(pixels) * share).round() as u32).max(1);
+        let camera = scaled(&view.camera, (side(width), side(height)))?;
+        Ok((camera, frame::render(renderer, plan, &camera)?))
+    };
+    let opaque = |frame: &Frame| frame.opacity.iter().filter(|&&opacity| opacity > OPAQUE).count();
+    let (mut seen, mut asked) = (0, 0);
+    for view in views {
+        let (_, frame) = frame_of(view, PILOT)?;
+        (seen, asked) = (seen + opaque(&frame), asked + frame.opacity.len());
+    }
+    if seen == 0 {
+        return Err(ExportError::NoPoints);
+    }
+    let a_view = count as f64 / views.len() as f64 * asked as f64 / seen as f64;
+    let mut vertices = Vec::new();
+    for (i, view) in views.iter().enumerate() {
+        let (camera, frame) = frame_of(view, a_view)?;
+        for pixel in (0..frame.rgb.len()).filter(|&pixel| frame.opacity[pixel] > OPAQUE) {
+            let (x, y) = ((pixel % frame.width) as f32 + 0.5, (pixel / frame.width) as f32 + 0.5);
+            let position = camera.ray(x, y).at(frame.median_distance[pixel]);
+            let (normal, rgb) = (frame.normals[pixel], frame.rgb[pixel]);
+            vertices.push(Vertex { position: position.into(), normal, rgb });
+        }
+        each(i + 1);
+    }
+    if vertices.is_empty() { Err(ExportError::NoPoints) } else { Ok(Mesh { vertices, ..Mesh::default() }) }
+}
+
+/// `count` points spread evenly over a mesh, at random places of its triangles; the same for the same seed.
+pub fn points_of_surface(mesh: &Mesh, count: usize, seed: u64) -> Mesh {
+    let corners = |triangle: &[u32; 3]| triangle.map(|i| mesh.vertices[i as usize]);
+    let mut areas = Vec::with_capacity(mesh.triangles.len());
+    let mut total = 0.0f64;
+    for triangle in &mesh.triangles {
+        let [a, b, c] = corners(triangle).map(|vertex| Vec3::from(vertex.position));
+        total += 0.5 * f64::from((b - a).cross(c - a).length());
+        areas.push(total);
+    }
+    let draw = |i: usize, axis: u64| f64::from(uniform(seed, Purpose::Jitter, axis, i as u64));
+    let point = |i: usize| {
+        // One in each of as many equal parts of the whole area.
+        let at = (i as f64 + draw(i, 0)) / count as f64 * total;
+        let triangle = areas.partition_point(|&area| area <= at).min(areas.len() - 1);
+        let (u, v) = (draw(i, 1).sqrt() as f32, draw(i, 2) as f32);
+        let shares = [1.0 - u, u * (1.0 - v), u * v];
+        let of = corners(&mesh.triangles[triangle]);
+        let mix = |part: fn(&Vertex) -> [f32; 3]| -> Vec3 {
+            of.iter().zip(shares).map(|(vertex, share)| share * Vec3::from(part(vertex))).sum()
+        };
+        Vertex {
+            position: mix(|vertex| vertex.position).into(),
+            normal: mix(|vertex| vertex.normal).normalize_or_zero().into(),
+            rgb: mix(|vertex| vertex.rgb).into(),
+        }
+    };
+    let vertices = if areas.is_empty() { Vec::new() } else { (0..count).map(point).collect() };
+    Mesh { origin: mesh.origin, vertices, triangles: Vec::new() }
+}

@@ -1,0 +1,124 @@
+//! Density and colour of every cell of a box.
+
+use super::ExportError;
+use super::field::Field;
+use crate::data::pictures::rgb::ReportError;
+use crate::data::system::output::write_atomic;
+use glam::Vec3;
+use nerf_core::camera::SceneBox;
+use std::io::{Cursor, Write};
+use std::path::Path;
+use zip::ZipWriter;
+use zip::result::ZipError;
+use zip::write::FileOptions;
+
+/// Density and colour at the middles of cells.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Volume {
+    /// Corner of the first cell, in the data's world, world units.
+    pub min: [f64; 3],
+    /// Side of a cell, world units.
+    pub cell: f32,
+    /// Cells along x, y, z.
+    pub cells: [usize; 3],
+    /// `[x][y][z]`, 1/world unit.
+    pub density: Vec<f32>,
+    /// `[x][y][z]`, display-encoded; black where the density is 0.
+    pub rgb: Vec<[u8; 3]>,
+}
+
+/// The field over a box with `resolution` cells along its longest side. Colours are the mean over six directions along the
+/// axes. `each` is told how many slices of `x` are done.
+///
+/// # Errors
+/// [`ExportError::Box`] without volume; [`ExportError::Render`].
+pub fn volume(
+    field: &Field<'_, '_>,
+    bounds: &SceneBox,
+    resolution: u32,
+    mut each: impl FnMut(usize),
+) -> Result<Volume, ExportError> {
+    let extent = bounds.max - bounds.min;
+    if !(extent.is_finite() && extent.min_element() > 0.0) {
+        return Err(ExportError::Box { sides: extent.into() });
+    }
+    let cell = extent.max_element() / resolution.max(1) as f32;
+    let cells = extent.to_array().map(|side| (side / cell - 1e-3).ceil().max(1.0) as usize);
+    let [width, height, depth] = cells;
+    let mut volume = Volume {
+        min: bounds.min.to_array().map(f64::from),
+        cell,
+        cells,
+        density: Vec::with_capacity(width * height * depth),
+        rgb: Vec::with_capacity(width * height * depth),
+    };
+    for x in 0..width {
+        let middle = |i: usize| {
+            let at = Vec3::new(x as f32, (i / depth) as f32, (i % depth) as f32) + 0.5;
+            (bounds.min + cell * at).into()
+        };
+        let points: Vec<[f32; 3]> = (0..height * depth).map(middle).collect();
+        let density = field.densities(&points)?;
+        let live: Vec<usize> = (0..points.len()).filter(|&i| density[i] > 0.0).collect();
+        let mut rgb = vec![[0; 3]; points.len()];
+        for (&i, colour) in live.iter().zip(mean_colours(field, live.iter().map(|&i| points[i]))?) {
+            rgb[i] = colour.map(|c| (c.clamp(0.0, 1.0) * 255.0 + 0.5) as u8);
+        }
+        volume.density.extend(density);
+        volume.rgb.extend(rgb);
+        each(x + 1);
+    }
+    Ok(volume)
+}
+
+fn mean_colours(
+    field: &Field<'_, '_>,
+    points: impl Iterator<Item = [f32; 3]>,
+) -> Result<Vec<[f32; 3]>, ExportError> {
+    let points: Vec<[f32; 3]> = points.collect();
+    let mut sums = vec![Vec3::ZERO; points.len()];
+    for axis in Vec3::AXES.into_iter().flat_map(|axis| [axis, -axis]) {
+        let (_, rgb) = field.seen(&points, &vec![axis.into(); points.len()])?;
+        sums.iter_mut().zip(rgb).for_each(|(sum, rgb)| *sum += Vec3::from(rgb) / 6.0);
+    }
+    Ok(sums.into_iter().map(Vec3::into).collect())
+}
+
+/// Writes `density` (float32 `[x, y, z]`), `rgb` (uint8 `[x, y, z, 3]`), `min` (float64 `[3]`) and `cell` (float64): numpy
+/// reads it with `np.load`.
+///
+/// # Errors
+/// [`ExportError::Output`] and [`ExportError::Report`] where it cannot be written.
+pub fn write_npz(volume: &Volume, path: &Path) -> Result<(), ExportError> {
+    // In memory first: a writer of archives whose disk is full says so on stderr.
+    let mut archive = ZipWriter::new(Cursor::new(Vec::new()));
+    let failed = |error: ZipError| ReportError::encode("NPZ")(error);
+    let [x, y, z] = volume.cells;
+    let density: Vec<u8> = volume.density.iter().flat_map(|value| value.to_le_bytes()).collect();
+    let arrays = [
+        ("density", "<f4", format!("({x}, {y}, {z})"), density),
+        ("rgb", "|u1", format!("({x}, {y}, {z}, 3)"), volume.rgb.concat()),
+        ("min", "<f8", "(3,)".to_owned(), volume.min.iter().flat_map(|value| value.to_le_bytes()).collect()),
+        ("cell", "<f8", "()".to_owned(), f64::from(volume.cell).to_le_bytes().to_vec()),
+    ];
+    for (name, kind, shape, bytes) in arrays {
+        let options = FileOptions::default().large_file(bytes.len() >= 1 << 31);
+        archive.start_file(format!("{name}.npy"), options).map_err(failed)?;
+        let written = archive.write_all(&npy_header(kind, &shape)).and_then(|()| archive.write_all(&bytes));
+        written.map_err(|error| failed(error.into()))?;
+    }
+    Ok(write_atomic(path, &archive.finish().map_err(failed)?.into_inner())?)
+}
+
+/// The header of a `.npy` of format 1.0, as long as a multiple of 64 bytes.
+fn npy_header(kind: &str, shape: &str) -> Vec<u8> {
+    let mut text = format!("{{'descr': '{kind}', 'fortran_order': False, 'shape': {shape}, }}");
+    // Magic, version and length take ten bytes, the line end one.
+    let length = (text.len() + 11).next_multiple_of(64) - 11;
+    text.extend(std::iter::repeat_n(' ', length - text.len()));
+    text.push('\n');
+    let mut header = b"\x93NUMPY\x01\x00".to_vec();
+    header.extend((text.len() as u16).to_le_bytes());
+    header.extend(text.into_bytes());
+    header
+}

@@ -1,0 +1,130 @@
+//! A smooth flight through given views, at constant speed.
+
+use glam::{Mat3, Quat, Vec3};
+use nerf_core::camera::Pose;
+
+/// Places between two views at which the flight is measured.
+const PIECES: usize = 64;
+
+/// A view to fly through.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Keyframe {
+    /// Where it stands and looks.
+    pub pose: Pose,
+    /// Vertical field of view, degrees.
+    pub fov_degrees: f32,
+}
+
+/// `frames` views from the first of `keys` to the last, evenly spaced along the flight: a Catmull-Rom spline through places,
+/// directions and fields of view. A turn counts as a way, too: a right angle as much as the mean distance of two views.
+///
+/// One view if there is one; none without.
+pub fn flight(keys: &[Keyframe], frames: usize) -> Vec<Keyframe> {
+    if keys.len() < 2 || frames < 2 {
+        return keys.first().copied().into_iter().take(frames).collect();
+    }
+    let turns = aligned(keys);
+    let spans = keys.len() - 1;
+    let mean = keys.windows(2).map(|pair| pair[0].pose.position.distance(pair[1].pose.position)).sum::<f32>()
+        / spans as f32;
+    let radius = mean.max(1e-6) / std::f32::consts::FRAC_PI_2;
+    let at = |place: f32| place_at(keys, &turns, place);
+    // The way up to each of many places.
+    let mut ways = vec![0.0f32];
+    let mut last = at(0.0);
+    for i in 1..=spans * PIECES {
+        let next = at(i as f32 / PIECES as f32);
+        ways.push(ways[i - 1] + last.0.distance(next.0) + radius * last.1.angle_between(next.1));
+        last = next;
+    }
+    let whole = ways[ways.len() - 1];
+    let frame = |i: usize| {
+        let way = whole * i as f32 / (frames - 1) as f32;
+        let piece = ways.partition_point(|&w| w <= way).clamp(1, ways.len() - 1);
+        let (from, to) = (ways[piece - 1], ways[piece]);
+        let share = if to > from { (way - from) / (to - from) } else { 0.0 };
+        let (position, turn, fov_degrees) = at(((piece - 1) as f32 + share) / PIECES as f32);
+        Keyframe { pose: Pose { rotation: Mat3::from_quat(turn), position }, fov_degrees }
+    };
+    (0..frames).map(frame).collect()
+}
+
+/// The turns of the views, each in the half of the quaternions that is nearer to the one before.
+fn aligned(keys: &[Keyframe]) -> Vec<Quat> {
+    let mut turns: Vec<Quat> = Vec::with_capacity(keys.len());
+    for key in keys {
+        let turn = Quat::from_mat3(&key.pose.rotation);
+        turns.push(if turns.last().is_some_and(|last| last.dot(turn) < 0.0) { -turn } else { turn });
+    }
+    turns
+}
+
+/// Place, turn and field of view `at` views from the first.
+fn place_at(keys: &[Keyframe], turns: &[Quat], at: f32) -> (Vec3, Quat, f32) {
+    let first = (at as usize).min(keys.len() - 2);
+    let t = at - first as f32;
+    // The spline's weights of the view before, both ends, and the view behind.
+    let weights = [
+        0.5 * t * (t * (2.0 - t) - 1.0),
+        0.5 * (t * t * (3.0 * t - 5.0) + 2.0),
+        0.5 * t * (t * (4.0 - 3.0 * t) + 1.0),
+        0.5 * t * t * (t - 1.0),
+    ];
+    let index = |i: usize| (first + i).saturating_sub(1).min(keys.len() - 1);
+    let mut position = Vec3::ZERO;
+    let mut turn = Quat::from_xyzw(0.0, 0.0, 0.0, 0.0);
+    let mut fov = 0.0;
+    for (i, weight) in weights.into_iter().enumerate() {
+        position += weight * keys[index(i)].pose.position;
+        turn += turns[index(i)] * weight;
+        fov += weight * keys[index(i)].fov_degrees;
+    }
+    (position, turn.normalize(), fov)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn key(x: f32, y: f32, turn: f32) -> Keyframe {
+        let pose = Pose { rotation: Mat3::from_rotation_y(turn), position: Vec3::new(x, y, 0.0) };
+        Keyframe { pose, fov_degrees: 40.0 + 10.0 * x }
+    }
+
+    #[test]
+    fn a_flight_begins_and_ends_at_its_views_and_keeps_its_speed() {
+        let keys = [key(0.0, 0.0, 0.0), key(1.0, 0.0, 0.3), key(1.5, 2.0, 1.0), key(4.0, 2.0, -0.4)];
+        let flight = flight(&keys, 101);
+        assert_eq!(flight.len(), 101);
+        for (found, given) in [(flight[0], keys[0]), (flight[100], keys[3])] {
+            assert!(found.pose.position.distance(given.pose.position) < 1e-4);
+            assert!(found.pose.rotation.abs_diff_eq(given.pose.rotation, 1e-4));
+            assert!((found.fov_degrees - given.fov_degrees).abs() < 1e-2);
+        }
+        // Through every view on the way.
+        for key in &keys[1..3] {
+            let nearest =
+                flight.iter().map(|f| f.pose.position.distance(key.pose.position)).fold(1.0, f32::min);
+            assert!(nearest < 0.04, "{nearest}");
+        }
+        let step = |pair: &[Keyframe]| {
+            let [a, b] = [pair[0].pose, pair[1].pose].map(|pose| Quat::from_mat3(&pose.rotation));
+            let radius = (1.0 + 4.25f32.sqrt() + 2.5) / 3.0 / std::f32::consts::FRAC_PI_2;
+            pair[0].pose.position.distance(pair[1].pose.position) + radius * a.angle_between(b)
+        };
+        let steps: Vec<f32> = flight.windows(2).map(step).collect();
+        let (least, most) = steps.iter().fold((f32::MAX, 0.0f32), |(a, b), &s| (a.min(s), b.max(s)));
+        assert!(most / least < 1.1, "{least} {most}");
+    }
+
+    #[test]
+    fn few_views_and_frames_are_what_they_are() {
+        assert!(flight(&[], 5).is_empty());
+        assert_eq!(flight(&[key(1.0, 2.0, 0.5)], 5), [key(1.0, 2.0, 0.5)]);
+        assert_eq!(flight(&[key(0.0, 0.0, 0.0), key(1.0, 0.0, 0.0)], 1).len(), 1);
+        // Views that stand still only turn, evenly.
+        let turned = flight(&[key(0.0, 0.0, 0.0), key(0.0, 0.0, 1.0)], 3);
+        let middle = Quat::from_mat3(&turned[1].pose.rotation).angle_between(Quat::IDENTITY);
+        assert!((middle - 0.5).abs() < 1e-2, "{middle}");
+    }
+}
