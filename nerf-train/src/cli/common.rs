@@ -15,6 +15,7 @@ use nerf_core::blob::Blob;
 use serde::Serialize;
 use std::io::Write;
 use std::path::{Path, PathBuf};
+use std::str::FromStr;
 
 /// What is said where a signal ends runs of which each has its own file.
 pub const GO_ON: &str = "interrupted: the run that was under way is lost, the finished ones are kept; go on with the same command";
@@ -169,8 +170,8 @@ pub fn open_blob<'a>(path: &Path, bytes: &'a [u8]) -> anyhow::Result<Blob<'a>> {
 }
 
 /// `N` numbers with commas between them, as one argument.
-pub fn parse_numbers<const N: usize>(text: &str) -> Result<[f32; N], String> {
-    let numbers: Option<Vec<f32>> = text.split(',').map(|number| number.trim().parse().ok()).collect();
+pub fn parse_numbers<const N: usize, T: FromStr>(text: &str) -> Result<[T; N], String> {
+    let numbers: Option<Vec<T>> = text.split(',').map(|number| number.trim().parse().ok()).collect();
     let numbers = numbers.and_then(|numbers| numbers.try_into().ok());
     numbers.ok_or_else(|| format!("expected {N} numbers with commas between them"))
 }

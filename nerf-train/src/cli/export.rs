@@ -15,6 +15,7 @@ use crate::show::export::{
 };
 use anyhow::bail;
 use clap::{Args, ValueEnum};
+use glam::DVec3;
 use nerf_core::blob::Blob;
 use nerf_core::camera::SceneBox;
 use nerf_core::memory::Line;
@@ -43,14 +44,14 @@ pub struct Export {
     /// Cells along the longest side of the box.
     #[arg(long, value_name = "N", default_value_t = 256, value_parser = clap::value_parser!(u32).range(2..=8192))]
     resolution: u32,
-    /// What is exported of the scene, world units [default: the scene's box].
+    /// What is exported of the scene, in the data's own coordinates [default: the scene's box].
     #[arg(
         long = "box",
         value_name = "X0,Y0,Z0,X1,Y1,Z1",
-        value_parser = parse_numbers::<6>,
+        value_parser = parse_numbers::<6, f64>,
         allow_hyphen_values = true
     )]
-    bounds: Option<[f32; 6]>,
+    bounds: Option<[f64; 6]>,
     /// Take the surface at this density, a world unit, seen or not [default: where half of the light is gone].
     #[arg(long, value_name = "SIGMA")]
     threshold: Option<f32>,
@@ -178,9 +179,10 @@ impl Export {
         if scene.contraction().is_some() && self.bounds.is_none() && !of_views {
             bail!("--box: expected the part of this unbounded scene that is exported, found none");
         }
+        let origin = DVec3::from(origin_in_name(blob.provenance().data));
         let bounds = self.bounds.map_or(bounds, |[x0, y0, z0, x1, y1, z1]| SceneBox {
-            min: [x0, y0, z0].into(),
-            max: [x1, y1, z1].into(),
+            min: (DVec3::new(x0, y0, z0) - origin).as_vec3(),
+            max: (DVec3::new(x1, y1, z1) - origin).as_vec3(),
         });
         if !of_views {
             let cells: u64 =

@@ -217,6 +217,25 @@ fn a_blob_is_measured_in_its_own_coordinates_whatever_the_origin_of_the_data() {
     list["frames"].as_array_mut().expect("frames").pop();
     std::fs::write(&path, list.to_string()).expect("written");
     assert_eq!(picture("alone.png"), beside);
+    // What a user says is of the data's world, as its views are.
+    let (width, _) = data::read(Path::new(&data), &ReadOptions::default()).expect("a data set").val[1].size();
+    let view = list["val_filenames"][1].as_str().expect("a name");
+    let frame = list["frames"].as_array().expect("frames").iter().find(|frame| frame["file_path"] == view);
+    let rows = &frame.expect("the view")["transform_matrix"].as_array().expect("rows")[..3];
+    let pose = rows.iter().flat_map(|row| row.as_array().expect("a row")).map(ToString::to_string);
+    let pose = pose.collect::<Vec<_>>().join(",");
+    let focal = (list["fl_x"].as_f64().expect("a length") * 24.0 / f64::from(width)).to_string();
+    let posed = folder.path("posed.png");
+    ok(["render", &file, "-q", "-o", &posed, "--pose", &pose, "--focal", &focal, "--width", "24"]);
+    let pixels = |bytes: &[u8]| image::load_from_memory(bytes).expect("a picture").to_rgb8().into_raw();
+    let (posed, beside) = (pixels(&std::fs::read(&posed).expect("a picture")), pixels(&beside));
+    assert!(posed.len() == beside.len() && posed.iter().zip(&beside).all(|(a, b)| a.abs_diff(*b) < 8));
+    let mesh = folder.path("part.ply");
+    let part = ["--box", "999999,-2000001,499999,1000001,-1999999,500001", "--resolution", "8"];
+    let said =
+        ok([&["export", &file, "-o", &mesh, "--json", "-q", "--threshold", "0.01"], &part[..]].concat());
+    let said: serde_json::Value = serde_json::from_str(&said).expect("one object");
+    assert_eq!(said["box_min_world_units"], serde_json::json!([999_999.0, -2_000_001.0, 499_999.0]));
 }
 
 /// The power of a file's contraction.

@@ -47,7 +47,7 @@ pub struct Guesses {
     #[arg(
         long = "box",
         value_name = "X0,Y0,Z0,X1,Y1,Z1",
-        value_parser = parse_numbers::<6>,
+        value_parser = parse_numbers::<6, f32>,
         allow_hyphen_values = true
     )]
     #[serde(rename = "box")]

@@ -52,15 +52,15 @@ pub struct Render {
     /// The picture (.png, .exr), video (.gif, .mp4) or folder of frames.
     #[arg(long, short, value_name = "PATH")]
     output: PathBuf,
-    /// Upper three rows of the camera-to-world matrix (looks down −Z, +Y up).
+    /// Upper three rows of the camera-to-world matrix (looks down −Z, +Y up), in the data's own coordinates.
     #[arg(
         long,
         value_name = "M,M,…",
         allow_hyphen_values = true,
-        value_parser = parse_numbers::<12>,
+        value_parser = parse_numbers::<12, f64>,
         group = "what"
     )]
-    pose: Option<[f32; 12]>,
+    pose: Option<[f64; 12]>,
     /// Data set whose camera --view is taken.
     #[arg(long, value_name = "DATA", groups = ["what", "dataset"])]
     data: Option<PathBuf>,

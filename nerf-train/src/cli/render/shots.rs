@@ -47,8 +47,8 @@ impl Render {
             let at = |i| orbit.camera(i as f32 / frames as f32, width, height, fov);
             return Ok((0..frames).map(at).collect::<Result<_, _>>()?);
         }
+        let origin = origin_in_name(blob.provenance().data);
         if let Some(data) = &self.path {
-            let origin = origin_in_name(blob.provenance().data);
             let path = if data.is_file() { read_path(data, origin)? } else { None };
             return match path {
                 Some(path) => self.along(&path),
@@ -63,7 +63,8 @@ impl Render {
         }
         match &self.pose {
             Some(m) => {
-                let rows = [[m[0], m[1], m[2], m[3]], [m[4], m[5], m[6], m[7]], [m[8], m[9], m[10], m[11]]];
+                let row = |i: usize| [m[4 * i], m[4 * i + 1], m[4 * i + 2], m[4 * i + 3] - origin[i]];
+                let rows = [0, 1, 2].map(|i| row(i).map(|number| number as f32));
                 let focal = 0.5 * width as f32 / (0.5 * fov.to_radians()).tan();
                 let intrinsics = Intrinsics::centred(width, height, focal);
                 Ok(vec![Camera::new(intrinsics, Lens::NONE, Pose::from_rows(rows)).context("--pose")?])
