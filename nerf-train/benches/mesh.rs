@@ -1,9 +1,10 @@
 //! How close an exported mesh is to what is rendered, and to the demo's true shapes.
 //!
-//! `NERF_BENCH_BLOB=lego.nerf cargo bench -p nerf-train --bench mesh [-- RESOLUTION]` (256). To every vertex light
-//! comes along its normal from 2, 2.25, … 10 cells in front (from far away there may be something else before it): counted is
-//! the one of which half is gone nearest to the vertex. Of a blob named `demo.nerf` also the distance of its vertices from the
-//! analytic shapes, over the diagonal of the scene's box.
+//! `NERF_BENCH_BLOB=lego.nerf cargo bench -p nerf-train --bench mesh [-- RESOLUTION]` (256). Rays to every vertex are
+//! rendered along its normal from 2, 2.25, … 10 cells in front (from further away they may meet something else before it):
+//! counted is the one whose opacity crosses 1/2 nearest to the vertex. Also the triangles whose normal is against those of
+//! their vertices, by area; and of a blob named `demo.nerf` the distance of its vertices from the analytic shapes, over the
+//! diagonal of the scene's box, and the angle of their normals to those of the shapes.
 
 use glam::Vec3;
 use nerf_core::Kernel;
@@ -13,10 +14,10 @@ use nerf_core::memory::Line;
 use nerf_core::plan::{Batch, Outputs, Plan, Quality};
 use nerf_core::render::{RaySegment, Renderer};
 use nerf_train::data::demo;
-use nerf_train::show::export::{Field, Lattice, Surface, Vertex, mesh};
+use nerf_train::show::export::{Field, Lattice, Mesh, Surface, Vertex, mesh};
 use std::time::Instant;
 
-/// Cells in front of a vertex where light comes from.
+/// Quarters of a cell in front of a vertex from where rays come.
 const BEFORE: std::ops::RangeInclusive<u32> = 8..=40;
 
 fn main() {
@@ -34,7 +35,7 @@ fn main() {
     let start = Instant::now();
     let lattice = Lattice::new(&bounds, resolution).expect("a lattice");
     let field = Field::new(&renderer, &plan);
-    let mesh = mesh(&field, &lattice, Surface::Seen, |_| {}).expect("a mesh");
+    let mesh = mesh(&field, &lattice, Surface::Visible, |_| {}).expect("a mesh");
     let seconds = start.elapsed().as_secs_f64();
     let threads = rayon::current_num_threads();
     println!(
@@ -46,13 +47,14 @@ fn main() {
     let mut away = vec![f32::INFINITY; mesh.vertices.len()];
     for before in BEFORE {
         let found = crossings(&field, lattice.cell, 0.25 * before as f32, &mesh.vertices);
-        for ((away, found), vertex) in away.iter_mut().zip(found).zip(&mesh.vertices) {
-            let cells = |found: Vec3| found.distance(vertex.position.into()) / lattice.cell;
+        for (away, found) in away.iter_mut().zip(found) {
+            let cells = |distance: f32| (distance / lattice.cell - 0.25 * before as f32).abs();
             *away = away.min(found.map_or(f32::INFINITY, cells));
         }
     }
     let far = away.iter().filter(|&&cells| cells > 2.0).count();
     println!("from where opacity crosses 1/2, cells: {}; further than 2: {far}", spread(&mut away));
+    println!("triangles against their normals: {:.2} % of the area", 100.0 * turned_away(&mesh));
 
     if file.ends_with("demo.nerf") {
         let diagonal = (bounds.max - bounds.min).length();
@@ -60,11 +62,35 @@ fn main() {
             |vertex: &Vertex| 100.0 * demo::signed_distance(vertex.position.into()).abs() / diagonal;
         let mut distances: Vec<f32> = mesh.vertices.iter().map(distance).collect();
         println!("from the true shapes, % of the diagonal: {}", spread(&mut distances));
+        let angle = |vertex: &Vertex| true_normal(vertex.position.into()).angle_between(vertex.normal.into());
+        let mut angles: Vec<f32> = mesh.vertices.iter().map(|vertex| angle(vertex).to_degrees()).collect();
+        println!("of the true normals, degrees: {}", spread(&mut angles));
     }
 }
 
-/// Where opacity crosses 1/2 along the normal of each vertex, of light that comes from `before` cells in front of it.
-fn crossings(field: &Field<'_, '_>, cell: f32, before: f32, vertices: &[Vertex]) -> Vec<Option<Vec3>> {
+/// Share of the area whose triangles are turned against the normals of their vertices.
+fn turned_away(mesh: &Mesh) -> f32 {
+    let (mut away, mut all) = (0.0, 0.0);
+    for triangle in &mesh.triangles {
+        let corners = triangle.map(|i| mesh.vertices[i as usize]);
+        let [a, b, c] = corners.map(|vertex| Vec3::from(vertex.position));
+        let normal: Vec3 = corners.iter().map(|vertex| Vec3::from(vertex.normal)).sum();
+        let across = (b - a).cross(c - a);
+        all += across.length();
+        away += if across.dot(normal) < 0.0 { across.length() } else { 0.0 };
+    }
+    away / all
+}
+
+/// The gradient of the distance from the demo's shapes.
+fn true_normal(point: Vec3) -> Vec3 {
+    let rise =
+        |axis: Vec3| demo::signed_distance(point + 4e-3 * axis) - demo::signed_distance(point - 4e-3 * axis);
+    Vec3::from(Vec3::AXES.map(rise)).normalize_or_zero()
+}
+
+/// Distance at which the opacity of rays along the vertices' normals crosses 1/2; they start `before` cells in front.
+fn crossings(field: &Field<'_, '_>, cell: f32, before: f32, vertices: &[Vertex]) -> Vec<Option<f32>> {
     let rays = vertices.iter().map(|vertex| {
         let (position, normal) = (Vec3::from(vertex.position), Vec3::from(vertex.normal));
         let ray = Ray { origin: position + before * cell * normal, dir: -normal };

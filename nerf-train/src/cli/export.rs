@@ -52,7 +52,7 @@ pub struct Export {
         allow_hyphen_values = true
     )]
     bounds: Option<[f64; 6]>,
-    /// Take the surface at this density, a world unit, seen or not [default: where half of the light is gone].
+    /// Take the surface at this density, a world unit, visible or not [default: where opacity crosses 1/2].
     #[arg(long, value_name = "SIGMA")]
     threshold: Option<f32>,
     /// Points of a cloud, about.
@@ -204,8 +204,8 @@ impl Export {
         let lattice = Lattice::new(bounds, self.resolution)?;
         let surface = match self.threshold {
             Some(threshold) => Surface::Density(threshold),
-            None if field.is_unbounded() => Surface::SeenFromInside,
-            None => Surface::Seen,
+            None if field.is_unbounded() => Surface::VisibleFromInside,
+            None => Surface::Visible,
         };
         let total = Total::Steps(3 * (lattice.cells[2] as u64 + 1));
         let mut progress = Progress::new("surface", total, global.style());
@@ -269,7 +269,7 @@ fn print(summary: &Summary) -> anyhow::Result<()> {
     if let Some(Short(cell)) = summary.cell_world_units {
         let surface = match summary.threshold_per_world_unit {
             Some(Short(threshold)) => format!("where the density is {threshold} a world unit"),
-            None => "where half of the light is gone".to_owned(),
+            None => "where opacity crosses 1/2".to_owned(),
         };
         if summary.vertices.is_some() {
             outln!("surface: {surface}, in cells of {cell}");

@@ -21,7 +21,7 @@ pub enum Output {
     RayDistance,
     /// Distance along the view axis, with a legend.
     ZDepth,
-    /// Distance along the ray at which half of the light is gone, with a legend.
+    /// Distance along the ray at which its opacity crosses 1/2, with a legend.
     MedianDistance,
     /// Normals in world space: red, green, blue are (x, y, z) / 2 + 1/2.
     Normals,

@@ -1,7 +1,6 @@
 //! Density and colour at points, asked on all threads.
 
 use super::ExportError;
-use glam::Vec3;
 use nerf_core::camera::Ray;
 use nerf_core::memory::Line;
 use nerf_core::plan::Plan;
@@ -67,11 +66,12 @@ impl<'a, 'b> Field<'a, 'b> {
         Ok((sigma, rgb))
     }
 
-    /// Where each ray has lost half of its light; `None` of one that loses less. The plan has median distances.
+    /// Distance along each ray at which its opacity crosses 1/2, world units; `None` of one that stays below. The plan has
+    /// median distances.
     ///
     /// # Errors
     /// [`ExportError::Render`] on a ray whose direction is not of unit length, or whose range is none.
-    pub fn half_way(&self, rays: &[RaySegment]) -> Result<Vec<Option<Vec3>>, ExportError> {
+    pub fn half_way(&self, rays: &[RaySegment]) -> Result<Vec<Option<f32>>, ExportError> {
         // What is nearer than this to where a ray comes from is not part of an unbounded scene.
         let near = self.renderer.blob().scene().map_or(0.0, |scene| scene.near);
         let further = |RaySegment { ray, t_min, t_max }: RaySegment| {
@@ -86,7 +86,7 @@ impl<'a, 'b> Field<'a, 'b> {
             |workspace, (rays, found)| {
                 let mut worker = self.renderer.worker(self.plan, workspace)?;
                 let mut take = |i: usize, pixel: &Pixel| {
-                    found[i] = (pixel.opacity >= 0.5).then(|| rays[i].ray.at(pixel.median_distance));
+                    found[i] = (pixel.opacity >= 0.5).then_some(pixel.median_distance - near);
                 };
                 worker.render_rays(rays, None, &mut take).map(drop)
             },

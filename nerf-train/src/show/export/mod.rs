@@ -1,7 +1,7 @@
 //! A scene for other programs: a triangle mesh, a cloud of points, a volume, in the data's own coordinates and units.
 //!
 //! ```text
-//! field ─► density at lattice ─► light from outside ─► net, a vertex a cell ─► seen from straight ahead ─► PLY, OBJ, GLB
+//! field ─► densities at a lattice ─► optical depths from outside ─► surface net ─► rays along its normals ─► PLY, OBJ, GLB
 //!      └─► volume: density and colour of every cell ─► NPZ
 //! views ─► rays at their median distance ─► points ─► PLY
 //! ```
@@ -10,7 +10,8 @@ mod field;
 mod files;
 mod glb;
 mod lattice;
-mod light;
+mod net;
+mod optical_depth;
 mod points;
 mod surface;
 mod volume;
@@ -73,8 +74,8 @@ pub enum ExportError {
         /// What there is.
         highest: f32,
     },
-    /// Nothing hides half of the light.
-    #[error("nothing in the box hides half of the light: expected another --box, or a --threshold")]
+    /// No opacity reaches 1/2.
+    #[error("nothing in the box is opaque: expected another --box, or a --threshold")]
     Clear,
     /// The box has no volume.
     #[error("--box: expected three sides above 0, found {sides:?}")]

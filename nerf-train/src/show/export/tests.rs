@@ -1,9 +1,14 @@
-use super::light::Light;
-use super::surface::Net;
+use super::net::Net;
+use super::optical_depth::OpticalDepth;
 use super::*;
 use glam::Vec3;
 use half::f16;
-use nerf_core::camera::SceneBox;
+use nerf_core::Kernel;
+use nerf_core::blob::Blob;
+use nerf_core::camera::{Ray, SceneBox};
+use nerf_core::memory::Line;
+use nerf_core::plan::{Batch, Outputs, Plan, Quality};
+use nerf_core::render::{RaySegment, Renderer};
 use std::collections::HashMap;
 
 const BOX: SceneBox = SceneBox { min: Vec3::splat(-1.0), max: Vec3::ONE };
@@ -64,16 +69,16 @@ fn seen(density: impl Fn(Vec3) -> f32, memory: f32) -> Vec<Vec3> {
     let within = |p: Vec3| if p.abs().max_element() > 1.001 { 0.0 } else { density(p) };
     let slice = |z| lattice.slice(z).iter().map(|p| f16::from_f32(within(Vec3::from(*p)))).collect();
     let densities: Vec<Vec<f16>> = (0..=lattice.cells[2]).map(slice).collect();
-    let light = Light::new(&lattice, &densities, memory);
+    let depths = OpticalDepth::new(&lattice, &densities, memory);
     let mut net = Net::new(&lattice);
     for z in 0..=lattice.cells[2] {
-        net.slice(z, light.levels(z)).expect("few vertices");
+        net.slice(z, depths.levels(z)).expect("few vertices");
     }
     net.positions
 }
 
 #[test]
-fn of_a_hollow_ball_only_the_outside_is_seen_unless_light_is_inside_too() {
+fn of_a_hollow_ball_only_the_outside_is_visible_unless_seen_from_inside_too() {
     let cell = 0.05;
     let shell = |p: Vec3| if (0.6..0.8).contains(&p.length()) { 500.0 } else { 0.0 };
     let near = |p: &Vec3, radius: f32| (p.length() - radius).abs() < 1.5 * cell;
@@ -85,7 +90,7 @@ fn of_a_hollow_ball_only_the_outside_is_seen_unless_light_is_inside_too() {
 }
 
 #[test]
-fn soft_matter_is_seen_where_half_of_the_light_is_gone() {
+fn soft_matter_has_its_surface_where_opacity_crosses_a_half() {
     // Uniform, so the depth from a face along its normal is density times distance; two more directions count.
     let density = 4.0;
     let half = std::f32::consts::LN_2 / density;
@@ -97,8 +102,50 @@ fn soft_matter_is_seen_where_half_of_the_light_is_gone() {
     for depth in depths {
         assert!((0.5..1.1).contains(&(depth / half)), "{depth} {half}");
     }
-    // Thinner than half of the light anywhere: nothing.
+    // Opacity stays below a half: nothing.
     assert!(seen(|_| 0.2, f32::INFINITY).is_empty());
+}
+
+#[test]
+fn no_vertex_is_further_than_two_cells_from_where_opacity_crosses_a_half() {
+    let file = concat!(env!("CARGO_MANIFEST_DIR"), "/../nerf-core/examples/firmware/grid.nerf");
+    let bytes = std::fs::read(file).expect(file);
+    let blob = Blob::open(&bytes).expect("a blob");
+    let (bounds, kernel) = (blob.scene_box().expect("a scene"), Kernel::detect());
+    let quality = Quality { occupancy: true, ..Quality::EXACT };
+    let outputs = Outputs { median_distance: true, ..Outputs::ALL };
+    let plan = Plan::new(&blob, &quality, outputs, Batch::FULL).expect("a plan");
+    let mut memory = vec![Line::UNINIT; Renderer::prepared_lines(&blob, kernel)];
+    let renderer = Renderer::new(blob, kernel, &mut memory).expect("a renderer");
+    let field = Field::new(&renderer, &plan);
+    let lattice = Lattice::new(&bounds, 64).expect("a lattice");
+    let mesh = mesh(&field, &lattice, Surface::Visible, |_| {}).expect("a mesh");
+    assert!(mesh.vertices.len() > 1000, "{}", mesh.vertices.len());
+    let mut off = vec![f32::INFINITY; mesh.vertices.len()];
+    // A vertex that was moved was so far behind the first point of its ray.
+    for before in (8..=40).map(|quarters| 0.25 * quarters as f32) {
+        let ray = |vertex: &Vertex| {
+            let (point, normal) = (Vec3::from(vertex.position), Vec3::from(vertex.normal));
+            let ray = Ray { origin: point + before * lattice.cell * normal, dir: -normal };
+            RaySegment { ray, t_min: 0.0, t_max: (before + 2.0) * lattice.cell }
+        };
+        let rays: Vec<RaySegment> = mesh.vertices.iter().map(ray).collect();
+        for (off, distance) in off.iter_mut().zip(field.half_way(&rays).expect("rays")) {
+            *off =
+                off.min(distance.map_or(f32::INFINITY, |distance| (distance / lattice.cell - before).abs()));
+        }
+    }
+    let worst = off.iter().fold(0.0, |worst: f32, &off| worst.max(off));
+    assert!(worst <= 2.0, "{worst}");
+    // Triangles are turned as their normals are, but where the field is rough.
+    let turned = mesh.triangles.iter().filter(|triangle| {
+        let [a, b, c] = triangle.map(|i| mesh.vertices[i as usize]);
+        let [p, q, r] = [a, b, c].map(|vertex| Vec3::from(vertex.position));
+        let normal = Vec3::from(a.normal) + Vec3::from(b.normal) + Vec3::from(c.normal);
+        (q - p).cross(r - p).dot(normal) > 0.0
+    });
+    let share = turned.count() as f32 / mesh.triangles.len() as f32;
+    assert!(share > 0.9, "{share}");
 }
 
 fn triangle(origin: [f64; 3]) -> Mesh {

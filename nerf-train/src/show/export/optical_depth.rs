@@ -1,23 +1,23 @@
-//! How much light reaches each corner of a lattice from outside.
+//! The optical depth from outside up to each corner of a lattice.
 //!
-//! The optical depth up to a corner is summed along 26 directions, from neighbour to neighbour, and the third smallest of
-//! them counts: a single gap shows nothing of what is behind it.
+//! It is summed along 26 directions, from neighbour to neighbour, and the third smallest of them counts: through a single
+//! gap nothing behind it is visible.
 
 use super::Lattice;
 use half::f16;
 use rayon::prelude::*;
 use std::f32::consts::LN_2;
 
-/// From an optical depth of ln 2, where half of the light is gone, to one that is as good as none, or all: a factor.
+/// Ratio of the optical depths, or densities, at which a level is 0.5 and 1, or 0.5 and 0.
 const RANGE: f32 = 1000.0;
-/// More than this is dark, however much it is: where light comes from free space, it takes over a few cells behind.
+/// An optical depth is cut here: behind it a ray is dark, and where depth is forgotten it takes a few cells to clear.
 const DARK: f32 = 4.0 * LN_2;
 /// Directions up or down: the eight neighbours of the corner below, and itself.
 const ACROSS: [[isize; 2]; 9] =
     [[0, 0], [-1, -1], [0, -1], [1, -1], [-1, 0], [1, 0], [-1, 1], [0, 1], [1, 1]];
 
-/// Above a half where a value is above its middle: how far, by the logarithm, since densities grow by factors across a
-/// surface. `ratio` is that of the value to its middle.
+/// A value of 0 to 1 that is above 0.5 inside of the surface, linear in the logarithm of `ratio`, a density or optical depth
+/// over that of the surface: across a surface both grow by factors.
 pub(super) fn level(ratio: f32) -> f16 {
     f16::from_f32((0.5 + 0.5 * ratio.ln() / RANGE.ln()).clamp(0.0, 1.0))
 }
@@ -26,24 +26,24 @@ pub(super) fn level(ratio: f32) -> f16 {
 type Least = [u16; 3];
 
 /// Optical depths at the corners of a lattice.
-pub(super) struct Light {
+pub(super) struct OpticalDepth {
     slices: Vec<Vec<Least>>,
 }
 
-impl Light {
-    /// From the densities of all slices, 1/world unit. Light also comes from free space where `memory` is finite: a depth
-    /// is forgotten over so many cells.
+impl OpticalDepth {
+    /// From the densities of all slices, 1/world unit. `memory`: cells over which an optical depth falls by a factor of about
+    /// e; where it is finite, surfaces are visible from free space inside of the box, too.
     pub(super) fn new(lattice: &Lattice, densities: &[Vec<f16>], memory: f32) -> Self {
         let slices = densities.iter().map(|slice| vec![[u16::MAX; 3]; slice.len()]).collect();
-        let (mut light, keep) = (Self { slices }, 1.0 - 1.0 / memory);
-        light.within_slices(lattice, densities, keep);
+        let (mut depths, keep) = (Self { slices }, 1.0 - 1.0 / memory);
+        depths.within_slices(lattice, densities, keep);
         let up: Vec<usize> = (0..densities.len()).collect();
-        light.between_slices(lattice, densities, keep, &up);
-        light.between_slices(lattice, densities, keep, &up.into_iter().rev().collect::<Vec<_>>());
-        light
+        depths.between_slices(lattice, densities, keep, &up);
+        depths.between_slices(lattice, densities, keep, &up.into_iter().rev().collect::<Vec<_>>());
+        depths
     }
 
-    /// A slice's levels, above a half where more than half of the light is gone; none in the dark of the lattice's sides.
+    /// A slice's levels: above 0.5 where the opacity up to there is above 1/2; 0 at the lattice's sides.
     pub(super) fn levels(&self, z: usize) -> Vec<f16> {
         let depth = |least: &Least| match least[2] {
             u16::MAX => 0.0,
