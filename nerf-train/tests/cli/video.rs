@@ -25,10 +25,15 @@ fn without_ffmpeg(args: Vec<&str>) -> Ran {
     ran(command(args).env("PATH", ""))
 }
 
-fn frames_of(gif: &str) -> usize {
+/// How long each frame is shown, hundredths of a second.
+fn delays_of(gif: &str) -> Vec<u16> {
     let file = std::fs::File::open(gif).expect(gif);
     let mut decoder = gif::DecodeOptions::new().read_info(file).expect("a GIF");
-    std::iter::from_fn(|| decoder.read_next_frame().expect("a frame").map(|_| ())).count()
+    std::iter::from_fn(|| decoder.read_next_frame().expect("a frame").map(|frame| frame.delay)).collect()
+}
+
+fn frames_of(gif: &str) -> usize {
+    delays_of(gif).len()
 }
 
 fn picture(path: &str) -> image::DynamicImage {
@@ -204,6 +209,9 @@ fn a_path_is_nerfstudios_or_a_list_and_keyframes_are_flown_through() {
         (&3.into(), &16.into(), &9.into())
     );
     assert_eq!(frames_of(&gif), 3);
+    assert_eq!(delays_of(&gif), [4, 4, 5], "the file's 24 frames a second");
+    said(&["--path", &studio, "--fps", "10"]);
+    assert_eq!(delays_of(&gif), [10; 3]);
     let list = folder.file("list.json", format!("[{matrix}, {matrix}]"));
     assert_eq!(said(&["--path", &list, "--width", "8"])["frames"], 2);
     assert_eq!(said(&["--path", &list, "--width", "8", "--frames", "5"])["frames"], 5);

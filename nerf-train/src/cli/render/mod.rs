@@ -24,6 +24,7 @@ use nerf_core::camera::Camera;
 use nerf_core::memory::Line;
 use nerf_core::plan::{Batch, Outputs, Plan};
 use nerf_core::render::Renderer;
+use shots::Shots;
 use std::path::PathBuf;
 use std::process::ExitCode;
 use std::time::Instant;
@@ -91,9 +92,9 @@ pub struct Render {
     /// World axis that is up in an orbit.
     #[arg(long, value_enum, value_name = "AXIS", default_value = "z", allow_hyphen_values = true)]
     up: UpAxis,
-    /// Frames a second of a video.
-    #[arg(long, value_name = "N", default_value_t = 20.0)]
-    fps: f64,
+    /// Frames a second of a video [default: the camera path's, or 20].
+    #[arg(long, value_name = "N")]
+    fps: Option<f64>,
     /// Width, pixels [default: the data set's view, or 400].
     #[arg(long, value_name = "N")]
     width: Option<u32>,
@@ -152,7 +153,7 @@ impl Render {
         self.claims(&target).settle()?;
         let bytes = read_file(&self.file)?;
         let blob = open_blob(&self.file, &bytes)?;
-        let cameras = self.cameras(&blob, global)?;
+        let Shots { cameras, fps } = self.shots(&blob, global)?;
         self.check_memory(&cameras)?;
         let shard = self.part(&target, global)?;
         let plan = self.plan(&blob)?;
@@ -164,7 +165,8 @@ impl Render {
         let ranges = self.ranges(&renderer, &plan, &cameras, global)?;
         let range = |output| ranges.iter().find(|(of, _)| *of == output).map(|&(_, range)| range);
         let outputs = self.outputs().into_iter();
-        let writers = outputs.map(|output| self.writer(&target, output, range(output), shard));
+        let fps = self.fps.or(fps).unwrap_or(20.0);
+        let writers = outputs.map(|output| self.writer(&target, output, range(output), shard, fps));
         let mut writers = writers.collect::<anyhow::Result<Vec<_>>>()?;
         // Of all of them only now: one range of colours is for all parts.
         let mine = |(i, camera): (usize, Camera)| shard.takes(i).then_some(camera);

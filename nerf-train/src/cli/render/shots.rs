@@ -16,9 +16,23 @@ use std::path::Path;
 /// Frames of an orbit: half a day at 20 a second.
 const MAX_FRAMES: usize = 1_000_000;
 
+/// Where a rendering looks from.
+pub(super) struct Shots {
+    /// In order; one unless an orbit or a path is asked for.
+    pub cameras: Vec<Camera>,
+    /// Frames a second, where the camera path says.
+    pub fps: Option<f64>,
+}
+
+impl From<Vec<Camera>> for Shots {
+    fn from(cameras: Vec<Camera>) -> Self {
+        Self { cameras, fps: None }
+    }
+}
+
 impl Render {
-    /// The cameras, in order; one unless an orbit or a path is asked for.
-    pub(super) fn cameras(&self, blob: &Blob<'_>, global: &Global) -> anyhow::Result<Vec<Camera>> {
+    /// The cameras, as the flags say.
+    pub(super) fn shots(&self, blob: &Blob<'_>, global: &Global) -> anyhow::Result<Shots> {
         if self.frames.is_some()
             && self.keyframes.is_empty()
             && !self.path.as_ref().is_some_and(|path| path.is_file())
@@ -45,21 +59,21 @@ impl Render {
         if let Some(frames) = self.orbit {
             check_frames("--orbit", frames)?;
             let at = |i| orbit.camera(i as f32 / frames as f32, width, height, fov);
-            return Ok((0..frames).map(at).collect::<Result<_, _>>()?);
+            return Ok((0..frames).map(at).collect::<Result<Vec<_>, _>>()?.into());
         }
         let origin = origin_in_name(blob.provenance().data);
         if let Some(data) = &self.path {
             let path = if data.is_file() { read_path(data, origin)? } else { None };
-            return match path {
-                Some(path) => self.along(&path),
-                None => self.path_of(data, blob, global),
-            };
+            return Ok(match path {
+                Some(path) => Shots { cameras: self.along(&path)?, fps: path.fps },
+                None => self.path_of(data, blob, global)?.into(),
+            });
         }
         if let Some(data) = &self.data {
             if !self.keyframes.is_empty() {
-                return self.through(data, blob, global);
+                return Ok(self.through(data, blob, global)?.into());
             }
-            return Ok(vec![self.view_of(data, blob, global)?]);
+            return Ok(vec![self.view_of(data, blob, global)?].into());
         }
         match &self.pose {
             Some(m) => {
@@ -67,9 +81,9 @@ impl Render {
                 let rows = [0, 1, 2].map(|i| row(i).map(|number| number as f32));
                 let focal = 0.5 * width as f32 / (0.5 * fov.to_radians()).tan();
                 let intrinsics = Intrinsics::centred(width, height, focal);
-                Ok(vec![Camera::new(intrinsics, Lens::NONE, Pose::from_rows(rows)).context("--pose")?])
+                Ok(vec![Camera::new(intrinsics, Lens::NONE, Pose::from_rows(rows)).context("--pose")?].into())
             }
-            None => Ok(vec![orbit.camera(0.0, width, height, fov)?]),
+            None => Ok(vec![orbit.camera(0.0, width, height, fov)?].into()),
         }
     }
 

@@ -53,7 +53,9 @@ impl Render {
         let extension = extension.as_deref();
         if !self.is_sequence() {
             if let Some("gif" | "mp4") = extension {
-                bail!("-o: expected a picture (.png, .exr), found {name}; --orbit and --path make videos");
+                bail!(
+                    "-o: expected a picture (.png, .exr), found {name}; --orbit, --path and --keyframes make videos"
+                );
             }
             places::check_extension("-o", &self.output, places::VIEW)?;
             return Ok(Target::Still);
@@ -135,6 +137,7 @@ impl Render {
         output: Output,
         range: Option<(f32, f32)>,
         shard: Shard,
+        fps: f64,
     ) -> anyhow::Result<Writer> {
         let place = self.place_of(output);
         Ok(match target {
@@ -143,10 +146,8 @@ impl Render {
                 let numbers = (shard.index - 1, shard.count);
                 Writer::frames(output, place, range, self.transparent, numbers)
             }
-            Target::Gif(ffmpeg) => {
-                Writer::film(output, Files::gif(place, ffmpeg.as_ref().ok()), range, self.fps)?
-            }
-            Target::Mp4(ffmpeg) => Writer::film(output, Files::Mp4(place, ffmpeg.clone()), range, self.fps)?,
+            Target::Gif(ffmpeg) => Writer::film(output, Files::gif(place, ffmpeg.as_ref().ok()), range, fps)?,
+            Target::Mp4(ffmpeg) => Writer::film(output, Files::Mp4(place, ffmpeg.clone()), range, fps)?,
         })
     }
 }
