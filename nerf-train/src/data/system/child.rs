@@ -140,6 +140,10 @@ pub fn end_all() {
     for process in &*running {
         lock(process).kill();
     }
+    let begun = Instant::now();
+    while running.iter().any(|process| lock(process).ended().is_none()) && begun.elapsed() < KILLED {
+        std::thread::sleep(ASK_EVERY);
+    }
     // Whoever wants to start another waits for the end.
     std::mem::forget(running);
 }
