@@ -12,7 +12,7 @@ use nerf_core::blob::Blob;
 use nerf_core::camera::Ray;
 use nerf_core::memory::Line;
 use nerf_core::plan::{Batch, Outputs, Plan, Quality};
-use nerf_core::render::{RaySegment, Renderer};
+use nerf_core::render::Renderer;
 use nerf_train::data::demo;
 use nerf_train::show::export::{Field, Lattice, Mesh, Surface, Vertex, mesh};
 use std::time::Instant;
@@ -27,8 +27,7 @@ fn main() {
     let blob = Blob::open(&bytes).expect("NERF_BENCH_BLOB: a blob");
     let bounds = blob.scene_box().expect("a scene");
     let quality = Quality { occupancy: true, ..Quality::EXACT };
-    let outputs = Outputs { median_distance: true, ..Outputs::ALL };
-    let plan = Plan::new(&blob, &quality, outputs, Batch::FULL).expect("a plan");
+    let plan = Plan::new(&blob, &quality, Outputs::ALL, Batch::FULL).expect("a plan");
     let mut memory = vec![Line::UNINIT; Renderer::prepared_lines(&blob, Kernel::detect())];
     let renderer = Renderer::new(blob, Kernel::detect(), &mut memory).expect("a renderer");
 
@@ -93,10 +92,10 @@ fn true_normal(point: Vec3) -> Vec3 {
 fn crossings(field: &Field<'_, '_>, cell: f32, before: f32, vertices: &[Vertex]) -> Vec<Option<f32>> {
     let rays = vertices.iter().map(|vertex| {
         let (position, normal) = (Vec3::from(vertex.position), Vec3::from(vertex.normal));
-        let ray = Ray { origin: position + before * cell * normal, dir: -normal };
-        RaySegment { ray, t_min: 0.0, t_max: (before + 2.0) * cell }
+        Ray { origin: position + before * cell * normal, dir: -normal }
     });
-    field.half_way(&rays.collect::<Vec<_>>()).expect("rays")
+    let length = before + 2.0;
+    field.half_way(&rays.collect::<Vec<_>>(), length * cell, (4.0 * length) as usize).expect("rays")
 }
 
 /// Median, 95th percentile and largest.

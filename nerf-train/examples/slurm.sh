@@ -3,6 +3,7 @@
 #   sbatch --array=1-4 nerf-train/examples/slurm.sh photo.jpg out/sweep
 #   nerf-train sweep merge -o out/sweep out/sweep.*            # when all are done
 # A task that ended early goes on where it was when the same array is submitted again.
+# One that failed is done again the same way, not by its index alone: an array of one task is the whole sweep.
 #SBATCH --job-name=nerf-sweep
 #SBATCH --cpus-per-task=2
 #SBATCH --time=01:00:00

@@ -4,11 +4,11 @@ use super::common::{Global, check_counts, open_blob, parse_numbers, read_file};
 use super::eval::Split;
 use super::options::data::DataOptions;
 use super::places;
-use crate::data::origin_in_name;
 use crate::data::system::memory;
 use crate::data::system::output::claims::Claims;
 use crate::data::system::progress::{Message, Progress, Total};
 use crate::data::system::summary::Short;
+use crate::data::{View, origin_in_name};
 use crate::show::export::{
     Field, Lattice, Mesh, Summary, Surface, mesh, points_of_surface, points_of_views, volume, write_glb,
     write_npz, write_obj, write_ply,
@@ -25,7 +25,7 @@ use std::path::PathBuf;
 use std::process::ExitCode;
 use std::time::Instant;
 
-/// Write a scene as a triangle mesh, a cloud of points or a volume, for other programs.
+/// Write a scene as a triangle mesh, a point cloud or a volume, for other programs.
 #[derive(Debug, Args)]
 #[command(after_help = "Examples:
   nerf-train export lego.nerf -o lego.glb --resolution 256
@@ -41,9 +41,9 @@ pub struct Export {
     /// What to write [default: as the file's ending says; a .ply is a mesh].
     #[arg(long = "as", value_enum, value_name = "WHAT")]
     kind: Option<Kind>,
-    /// Cells along the longest side of the box.
-    #[arg(long, value_name = "N", default_value_t = 256, value_parser = clap::value_parser!(u32).range(2..=8192))]
-    resolution: u32,
+    /// Cells along the longest side of the box [default: 256].
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(2..=8192))]
+    resolution: Option<u32>,
     /// What is exported of the scene, in the data's own coordinates [default: the scene's box].
     #[arg(
         long = "box",
@@ -55,9 +55,9 @@ pub struct Export {
     /// Take the surface at this density, a world unit, visible or not [default: where opacity crosses 1/2].
     #[arg(long, value_name = "SIGMA")]
     threshold: Option<f32>,
-    /// Points of a cloud, about.
-    #[arg(long, value_name = "N", default_value_t = 200_000)]
-    points: usize,
+    /// Points of a cloud, about [default: 200000].
+    #[arg(long, value_name = "N")]
+    points: Option<usize>,
     /// Take points where rays of these photographs meet something [default: evenly over the surface].
     #[arg(long, value_name = "DATA")]
     data: Option<PathBuf>,
@@ -83,6 +83,8 @@ enum Kind {
 const BYTES_PER_CELL_OF_MESH: u64 = 12;
 /// What a cell of a volume takes, with what of it is on its way to the file: packed, and that before.
 const BYTES_PER_CELL: u64 = 3 * 7;
+/// What a point takes.
+const BYTES_PER_POINT: u64 = 36;
 
 impl Export {
     /// Runs the command.
@@ -92,44 +94,26 @@ impl Export {
         let bytes = read_file(&self.file)?;
         let blob = open_blob(&self.file, &bytes)?;
         let bounds = self.bounds(&blob, kind)?;
-        let mut quality = Quality::EXACT;
-        quality.occupancy = true;
+        let quality = Quality { occupancy: true, ..Quality::EXACT };
         let outputs = Outputs { median_distance: true, normals: kind == Kind::Points, ..Outputs::ALL };
         let plan = Plan::new(&blob, &quality, outputs, Batch::FULL)?;
         let mut memory = vec![Line::UNINIT; Renderer::prepared_lines(&blob, global.kernel())];
         let renderer = Renderer::new(blob, global.kernel(), &mut memory)?;
         let field = Field::new(&renderer, &plan);
         let origin = origin_in_name(renderer.blob().provenance().data);
-        let world = |corner: glam::Vec3| [0, 1, 2].map(|axis| f64::from(corner[axis]) + origin[axis]);
-        let mut summary = Summary {
-            file: self.output.display().to_string(),
-            kind: kind.name(),
-            file_bytes: 0,
-            box_min_world_units: world(bounds.min),
-            box_max_world_units: world(bounds.max),
-            cell_world_units: None,
-            threshold_per_world_unit: None,
-            cells: None,
-            vertices: None,
-            triangles: None,
-            total_seconds: 0.0,
-        };
+        let mut summary = Summary::new(&self.output, kind.name(), &bounds, origin);
         match (kind, &self.data) {
             (Kind::Volume, _) => self.volume(&field, &bounds, origin, &mut summary, global)?,
             (Kind::Points, Some(data)) => {
                 let dataset = self.data_options.read_for(data, renderer.blob(), global)?;
-                let views = self.split.of(&dataset);
-                let mut progress = Progress::new("points", Total::Steps(views.len() as u64), global.style());
-                let points = points_of_views(&renderer, &plan, views, self.points, |done| {
-                    progress.update(done as u64, &Message::default());
-                })?;
-                progress.finish(format!("{} points", points.vertices.len()));
+                let within = self.bounds.and(Some(&bounds));
+                let points = self.points_of(self.split.of(&dataset), within, &renderer, &plan, global)?;
                 self.write(&Mesh { origin, ..points }, &mut summary)?;
             }
             _ => {
                 let mesh = self.mesh(&field, &bounds, &mut summary, global)?;
                 let mesh = match kind {
-                    Kind::Points => points_of_surface(&mesh, self.points, 0),
+                    Kind::Points => points_of_surface(&mesh, self.points(), 0),
                     _ => mesh,
                 };
                 self.write(&Mesh { origin, ..mesh }, &mut summary)?;
@@ -143,7 +127,7 @@ impl Export {
 
     /// Refuses what cannot be, before anything is read; what to write.
     fn check(&self) -> anyhow::Result<Kind> {
-        check_counts([("--points", self.points)])?;
+        check_counts([("--points", self.points())])?;
         if let Some(threshold) =
             self.threshold.filter(|threshold| !(*threshold > 0.0 && threshold.is_finite()))
         {
@@ -162,8 +146,16 @@ impl Export {
             }
             _ => bail!("-o: expected a name that ends in .ply, .obj, .glb or .npz, found {name}"),
         };
-        if kind != Kind::Points && self.data.is_some() {
-            bail!("--data: expected only with --as points, found a {}", kind.name());
+        let of_views = kind == Kind::Points && self.data.is_some();
+        for (flag, given, applies) in [
+            ("--data", self.data.is_some(), kind == Kind::Points),
+            ("--points", self.points.is_some(), kind == Kind::Points),
+            ("--threshold", self.threshold.is_some(), kind != Kind::Volume && !of_views),
+            ("--resolution", self.resolution.is_some(), !of_views),
+        ] {
+            if given && !applies {
+                bail!("{flag}: says nothing of {}: expected it to be left out", kind.described(of_views));
+            }
         }
         let claims = Claims::new().reads("the blob", &self.file).reads_data_if(self.data.as_deref());
         claims.writes("-o", &self.output).settle()?;
@@ -184,14 +176,37 @@ impl Export {
             min: (DVec3::new(x0, y0, z0) - origin).as_vec3(),
             max: (DVec3::new(x1, y1, z1) - origin).as_vec3(),
         });
-        if !of_views {
-            let cells: u64 =
-                Lattice::new(&bounds, self.resolution)?.cells.iter().map(|&n| n as u64).product();
-            let what = format!("a {} of {} cells along its longest side", kind.name(), self.resolution);
-            let each = if kind == Kind::Volume { BYTES_PER_CELL } else { BYTES_PER_CELL_OF_MESH };
+        let lattice = Lattice::new(&bounds, self.resolution());
+        if !of_views || self.bounds.is_some() {
+            let cells: u64 = lattice?.cells.iter().map(|&n| n as u64).product();
+            let what = format!("{} cells along the box's longest side", self.resolution());
+            let each = match kind {
+                Kind::Volume => BYTES_PER_CELL,
+                _ if of_views => 0,
+                _ => BYTES_PER_CELL_OF_MESH,
+            };
             memory::check(what, cells, each, "lower --resolution")?;
         }
+        if kind == Kind::Points {
+            memory::check("the points", self.points() as u64, BYTES_PER_POINT, "lower --points")?;
+        }
         Ok(bounds)
+    }
+
+    fn points_of(
+        &self,
+        views: &[View],
+        within: Option<&SceneBox>,
+        renderer: &Renderer<'_>,
+        plan: &Plan<'_>,
+        global: &Global,
+    ) -> anyhow::Result<Mesh> {
+        let mut progress = Progress::new("points", Total::Steps(views.len() as u64), global.style());
+        let points = points_of_views(renderer, plan, views, self.points(), within, |done| {
+            progress.update(done as u64, &Message::default());
+        })?;
+        progress.finish(format!("{} points", points.vertices.len()));
+        Ok(points)
     }
 
     fn mesh(
@@ -201,7 +216,7 @@ impl Export {
         summary: &mut Summary,
         global: &Global,
     ) -> anyhow::Result<Mesh> {
-        let lattice = Lattice::new(bounds, self.resolution)?;
+        let lattice = Lattice::new(bounds, self.resolution())?;
         let surface = match self.threshold {
             Some(threshold) => Surface::Density(threshold),
             None if field.is_unbounded() => Surface::VisibleFromInside,
@@ -225,7 +240,7 @@ impl Export {
         global: &Global,
     ) -> anyhow::Result<()> {
         let mut progress = Progress::new("volume", Total::Unknown, global.style());
-        let mut volume = volume(field, bounds, self.resolution, |done| {
+        let mut volume = volume(field, bounds, self.resolution(), |done| {
             progress.update(done as u64, &Message::default());
         })?;
         progress.finish(format!("{} cells", volume.density.len()));
@@ -233,6 +248,14 @@ impl Export {
         write_npz(&volume, &self.output)?;
         (summary.cells, summary.cell_world_units) = (Some(volume.cells), Some(Short(volume.cell)));
         Ok(())
+    }
+
+    fn resolution(&self) -> u32 {
+        self.resolution.unwrap_or(256)
+    }
+
+    fn points(&self) -> usize {
+        self.points.unwrap_or(200_000)
     }
 
     fn write(&self, mesh: &Mesh, summary: &mut Summary) -> anyhow::Result<()> {
@@ -253,6 +276,15 @@ impl Kind {
             Self::Mesh => "mesh",
             Self::Points => "points",
             Self::Volume => "volume",
+        }
+    }
+
+    fn described(self, of_views: bool) -> &'static str {
+        match self {
+            Self::Mesh => "a mesh",
+            Self::Points if of_views => "points of photographs' rays",
+            Self::Points => "points of a surface",
+            Self::Volume => "a volume",
         }
     }
 

@@ -18,8 +18,8 @@ impl Shard {
 
     /// The part of an array job that this process is: the variable that says so, and the part.
     ///
-    /// Slurm: `SLURM_ARRAY_TASK_ID` of `SLURM_ARRAY_TASK_COUNT`, counted from `SLURM_ARRAY_TASK_MIN` (0 if absent) by
-    /// `SLURM_ARRAY_TASK_STEP` (1). Kubernetes: `JOB_COMPLETION_INDEX`, from 0, of `JOB_COMPLETIONS`, which the job's own
+    /// Slurm: `SLURM_ARRAY_TASK_ID` of `SLURM_ARRAY_TASK_COUNT`, from `SLURM_ARRAY_TASK_MIN` (0 if absent) to `_MAX` by
+    /// `_STEP` (1), without gaps. Kubernetes: `JOB_COMPLETION_INDEX`, from 0, of `JOB_COMPLETIONS`, which the job's own
     /// description has to pass on. `variable` reads one.
     ///
     /// # Errors
@@ -30,9 +30,9 @@ impl Shard {
         let slurm = Array {
             index: "SLURM_ARRAY_TASK_ID",
             count: "SLURM_ARRAY_TASK_COUNT",
-            first: Some(("SLURM_ARRAY_TASK_MIN", "SLURM_ARRAY_TASK_STEP")),
+            range: Some(["SLURM_ARRAY_TASK_MIN", "SLURM_ARRAY_TASK_MAX", "SLURM_ARRAY_TASK_STEP"]),
         };
-        let kubernetes = Array { index: "JOB_COMPLETION_INDEX", count: "JOB_COMPLETIONS", first: None };
+        let kubernetes = Array { index: "JOB_COMPLETION_INDEX", count: "JOB_COMPLETIONS", range: None };
         match (slurm.read(&variable)?, kubernetes.read(&variable)?) {
             (Some((first, part)), Some((second, other))) if part != other => {
                 Err(ArrayError::Contradiction { flag: first.into(), part, variable: second, other })
@@ -86,7 +86,7 @@ pub enum ArrayError {
         found: String,
     },
     /// A part beyond the last.
-    #[error("{index}: expected a part of {count} ({variable}), found part {found}")]
+    #[error("{index}: expected the index of one of {count} parts ({variable}), found {found}")]
     Beyond {
         /// The variable of the part.
         index: &'static str,
@@ -94,11 +94,30 @@ pub enum ArrayError {
         variable: &'static str,
         /// How many there are.
         count: usize,
-        /// Which this would be, from 1.
+        /// The index as it is.
         found: usize,
     },
+    /// The indices of an array are not evenly spaced.
+    #[error(
+        "{index}: expected an array of {count} evenly spaced indices, found {first} to {last} by {step}: leave none out, or \
+         begin with env -u {index} and name the part with --shard"
+    )]
+    Gaps {
+        /// The variable of the part.
+        index: &'static str,
+        /// How many tasks there are.
+        count: usize,
+        /// The first index.
+        first: usize,
+        /// The last.
+        last: usize,
+        /// The step between two.
+        step: usize,
+    },
     /// Two say different things.
-    #[error("{flag}: expected the part that {variable} names ({other}), or to be left out, found {part}")]
+    #[error(
+        "{flag}: expected the part that {variable} names ({other}), found {part}: leave one of them out (env -u {variable})"
+    )]
     Contradiction {
         /// The flag, or another variable.
         flag: String,
@@ -115,8 +134,8 @@ pub enum ArrayError {
 struct Array {
     index: &'static str,
     count: &'static str,
-    /// Those of the first index and of the step between two; from 0 by 1 without.
-    first: Option<(&'static str, &'static str)>,
+    /// Those of the first index, the last, and the step between two; without, from 0 by 1.
+    range: Option<[&'static str; 3]>,
 }
 
 impl Array {
@@ -136,19 +155,27 @@ impl Array {
             Some(text) => number(name, Some(text)),
             None => Ok(default),
         };
-        let (first, step) = match self.first {
-            Some((first, step)) => (or(first, 0)?, or(step, 1)?),
-            None => (0, 1),
+        let Some([first, last, step]) = self.range else {
+            return self.part(at, count, at.checked_add(1));
         };
-        let index = at.checked_sub(first).map(|way| way / step.max(1) + 1);
+        let (first, step) = (or(first, 0)?, or(step, 1)?.max(1));
+        let last = or(last, first.saturating_add(step.saturating_mul(count.saturating_sub(1))))?;
+        let place = |id: usize| id.checked_sub(first).filter(|way| way % step == 0).map(|way| way / step + 1);
+        if place(last) != Some(count) {
+            return Err(ArrayError::Gaps { index: self.index, count, first, last, step });
+        }
+        self.part(at, count, place(at))
+    }
+
+    fn part(
+        &self,
+        at: usize,
+        count: usize,
+        index: Option<usize>,
+    ) -> Result<Option<(&'static str, Shard)>, ArrayError> {
         match index.filter(|index| (1..=count).contains(index)) {
             Some(index) => Ok(Some((self.index, Shard { index, count }))),
-            None => Err(ArrayError::Beyond {
-                index: self.index,
-                variable: self.count,
-                count,
-                found: index.unwrap_or(0),
-            }),
+            None => Err(ArrayError::Beyond { index: self.index, variable: self.count, count, found: at }),
         }
     }
 }
@@ -203,10 +230,23 @@ mod tests {
         assert_eq!(chosen(None, &pod), Ok((part(1, 2), Some("JOB_COMPLETION_INDEX"))));
         assert_eq!(
             chosen(None, &slurm[..2]),
-            Err("SLURM_ARRAY_TASK_ID: expected a part of 4 \
-            (SLURM_ARRAY_TASK_COUNT), found part 8"
-                .to_owned())
+            Err(
+                "SLURM_ARRAY_TASK_ID: expected the index of one of 4 parts (SLURM_ARRAY_TASK_COUNT), found 7"
+                    .to_owned()
+            )
         );
+        // --array=1,3,7 and --array=0,2,3.
+        for (id, first, last, step) in [("3", "1", "7", "1"), ("2", "0", "3", "2")] {
+            let gaps = [
+                ("SLURM_ARRAY_TASK_ID", id),
+                ("SLURM_ARRAY_TASK_COUNT", "3"),
+                ("SLURM_ARRAY_TASK_MIN", first),
+                ("SLURM_ARRAY_TASK_MAX", last),
+                ("SLURM_ARRAY_TASK_STEP", step),
+            ];
+            let message = chosen(None, &gaps).expect_err("no part");
+            assert!(message.contains("3 evenly spaced") && message.contains("--shard"), "{message}");
+        }
     }
 
     #[test]
@@ -223,7 +263,7 @@ mod tests {
             (
                 None,
                 &[("JOB_COMPLETION_INDEX", "2"), pod[1]],
-                ["JOB_COMPLETION_INDEX", "part of 2", "JOB_COMPLETIONS", "3"],
+                ["JOB_COMPLETION_INDEX", "one of 2 parts", "JOB_COMPLETIONS", "found 2"],
             ),
             (
                 None,

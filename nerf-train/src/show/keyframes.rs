@@ -3,7 +3,7 @@
 use glam::{Mat3, Quat, Vec3};
 use nerf_core::camera::Pose;
 
-/// Places between two views at which the flight is measured.
+/// Pieces between two keyframes over which the arc length is summed.
 const PIECES: usize = 64;
 
 /// A view to fly through.
@@ -15,8 +15,9 @@ pub struct Keyframe {
     pub fov_degrees: f32,
 }
 
-/// `frames` views from the first of `keys` to the last, evenly spaced along the flight: a Catmull-Rom spline through places,
-/// directions and fields of view. A turn counts as a way, too: a right angle as much as the mean distance of two views.
+/// `frames` views from the first of `keys` to the last, evenly spaced by arc length along a Catmull-Rom spline through
+/// positions and rotations. Rotations have a length, too: 90° as much as the mean distance between keyframes. Fields of view
+/// are interpolated by the logarithm of the focal length, without overshoot.
 ///
 /// One view if there is one; none without.
 pub fn flight(keys: &[Keyframe], frames: usize) -> Vec<Keyframe> {
@@ -29,27 +30,29 @@ pub fn flight(keys: &[Keyframe], frames: usize) -> Vec<Keyframe> {
         / spans as f32;
     let radius = mean.max(1e-6) / std::f32::consts::FRAC_PI_2;
     let at = |place: f32| place_at(keys, &turns, place);
-    // The way up to each of many places.
-    let mut ways = vec![0.0f32];
+    // The arc length up to the end of each piece.
+    let mut lengths = vec![0.0f64];
     let mut last = at(0.0);
     for i in 1..=spans * PIECES {
         let next = at(i as f32 / PIECES as f32);
-        ways.push(ways[i - 1] + last.0.distance(next.0) + radius * last.1.angle_between(next.1));
+        // Of a small angle, which an arc cosine does not tell from none.
+        let angle = 2.0 * (next.1 - last.1).length().min((next.1 + last.1).length());
+        lengths.push(lengths[i - 1] + f64::from(last.0.distance(next.0) + radius * angle));
         last = next;
     }
-    let whole = ways[ways.len() - 1];
+    let whole = lengths[lengths.len() - 1];
     let frame = |i: usize| {
-        let way = whole * i as f32 / (frames - 1) as f32;
-        let piece = ways.partition_point(|&w| w <= way).clamp(1, ways.len() - 1);
-        let (from, to) = (ways[piece - 1], ways[piece]);
-        let share = if to > from { (way - from) / (to - from) } else { 0.0 };
+        let length = whole * i as f64 / (frames - 1) as f64;
+        let piece = lengths.partition_point(|&l| l <= length).clamp(1, lengths.len() - 1);
+        let (from, to) = (lengths[piece - 1], lengths[piece]);
+        let share = if to > from { ((length - from) / (to - from)) as f32 } else { 0.0 };
         let (position, turn, fov_degrees) = at(((piece - 1) as f32 + share) / PIECES as f32);
         Keyframe { pose: Pose { rotation: Mat3::from_quat(turn), position }, fov_degrees }
     };
     (0..frames).map(frame).collect()
 }
 
-/// The turns of the views, each in the half of the quaternions that is nearer to the one before.
+/// The rotations of the keyframes as quaternions, each of the sign that is nearer to the one before.
 fn aligned(keys: &[Keyframe]) -> Vec<Quat> {
     let mut turns: Vec<Quat> = Vec::with_capacity(keys.len());
     for key in keys {
@@ -59,7 +62,7 @@ fn aligned(keys: &[Keyframe]) -> Vec<Quat> {
     turns
 }
 
-/// Place, turn and field of view `at` views from the first.
+/// Position, rotation and field of view (degrees) `at` keyframes from the first.
 fn place_at(keys: &[Keyframe], turns: &[Quat], at: f32) -> (Vec3, Quat, f32) {
     let first = (at as usize).min(keys.len() - 2);
     let t = at - first as f32;
@@ -73,13 +76,14 @@ fn place_at(keys: &[Keyframe], turns: &[Quat], at: f32) -> (Vec3, Quat, f32) {
     let index = |i: usize| (first + i).saturating_sub(1).min(keys.len() - 1);
     let mut position = Vec3::ZERO;
     let mut turn = Quat::from_xyzw(0.0, 0.0, 0.0, 0.0);
-    let mut fov = 0.0;
     for (i, weight) in weights.into_iter().enumerate() {
         position += weight * keys[index(i)].pose.position;
         turn += turns[index(i)] * weight;
-        fov += weight * keys[index(i)].fov_degrees;
     }
-    (position, turn.normalize(), fov)
+    let tangent = |key: &Keyframe| (0.5 * key.fov_degrees.to_radians()).tan();
+    let (from, to) = (tangent(&keys[first]), tangent(&keys[first + 1]));
+    let fov = 2.0 * (from.powf(1.0 - t) * to.powf(t)).atan();
+    (position, turn.normalize(), fov.to_degrees())
 }
 
 #[cfg(test)]
@@ -115,6 +119,23 @@ mod tests {
         let steps: Vec<f32> = flight.windows(2).map(step).collect();
         let (least, most) = steps.iter().fold((f32::MAX, 0.0f32), |(a, b), &s| (a.min(s), b.max(s)));
         assert!(most / least < 1.1, "{least} {most}");
+    }
+
+    #[test]
+    fn fields_of_view_never_leave_those_of_their_keyframes() {
+        let keys = [(0.0, 5.0), (1.0, 5.0), (2.0, 100.0), (3.0, 100.0)]
+            .map(|(x, fov_degrees)| Keyframe { fov_degrees, ..key(x, 0.0, 0.0) });
+        let flight = flight(&keys, 60);
+        assert!(flight.iter().all(|key| (4.999..100.001).contains(&key.fov_degrees)));
+        assert!(flight.windows(2).all(|pair| pair[0].fov_degrees <= pair[1].fov_degrees + 1e-3));
+    }
+
+    #[test]
+    fn a_slow_turn_is_as_even_as_a_fast_one() {
+        let flight = flight(&[key(0.0, 0.0, 0.0), key(0.0, 0.0, 0.01), key(0.0, 0.0, 0.02)], 41);
+        let angle = |key: &Keyframe| key.pose.rotation.z_axis.x;
+        let steps: Vec<f32> = flight.windows(2).map(|pair| angle(&pair[1]) - angle(&pair[0])).collect();
+        assert!(steps.iter().all(|step| (step / 5e-4 - 1.0).abs() < 0.05), "{steps:?}");
     }
 
     #[test]

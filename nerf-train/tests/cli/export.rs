@@ -19,8 +19,9 @@ fn every_format_is_written_and_the_same_run_gives_the_same_bytes() {
     ok(fit_grid(&data, &scene, &["--steps", "200"]));
     let export = |file: &str, more: &[&str]| -> serde_json::Value {
         let path = made.path(file);
-        let args = ["export", &scene, "-o", &path, "--json", "-q", "--resolution", "24"];
-        serde_json::from_str(&ok([&args, more].concat())).expect("JSON")
+        let args = ["export", &scene, "-o", &path, "--json", "-q"];
+        let cells: &[&str] = if more.contains(&"--data") { &[] } else { &["--resolution", "24"] };
+        serde_json::from_str(&ok([&args, cells, more].concat())).expect("JSON")
     };
     let mesh = export("a.ply", &[]);
     assert!(mesh["triangles"].as_u64() > Some(100), "{mesh}");
@@ -113,7 +114,18 @@ fn what_cannot_be_exported_is_refused_by_name() {
     refused("a.ply", &["--box", "0,0,0,1,1,0"], &["--box", "three sides"]);
     refused("a.ply", &["--resolution", "1"], &["--resolution"]);
     refused("a.npz", &["--resolution", "8192"], &["8192 cells", "lower --resolution"]);
-    refused("a.ply", &["--data", &made.path("scene.npz")], &["--data", "--as points"]);
+    refused("a.ply", &["--data", &made.path("scene.npz")], &["--data", "a mesh"]);
+    refused("a.npz", &["--points", "5"], &["--points", "a volume"]);
+    refused("a.npz", &["--threshold", "5"], &["--threshold", "a volume"]);
+    let points = ["--as", "points", "--data", &made.path("scene.npz")];
+    refused("a.ply", &[&points[..], &["--resolution", "5"]].concat(), &["--resolution", "photographs"]);
+    let outside = "--box=50,50,50,51,51,51";
+    refused("a.ply", &[&points[..], &[outside]].concat(), &["--data", "opaque within the box"]);
+    refused("a.ply", &[outside], &["nothing in the box is opaque"]);
+    refused("a.npz", &["--box=0,0,0,1e-44,1e-44,1e-44"], &["--box", "32-bit"]);
+    refused("a.ply", &["--box=100000,0,0,100000.1,0.1,0.1"], &["--box", "32-bit"]);
+    let many = ["--as", "points", "--points", "18446744073709551615"];
+    refused("a.ply", &many, &["the points", "lower --points"]);
     refused("a.ply", &["--as", "points", "--points", "0"], &["--points", "at least 1"]);
     fails(["export", scene, "-o", scene], &["-o"]);
 }

@@ -289,15 +289,18 @@ fn an_array_job_makes_the_table_of_one_process() {
     let [merged, whole] = ["merged", "whole"].map(|name| folder.path(name));
     ok(["sweep", "merge", "-q", "-o", &merged, &parts[0], &parts[1]]);
     ok(sweep(&photo, &whole, &rates));
-    // Seconds aside, which differ from run to run.
+    // Time aside, which differs from run to run.
     let table = |folder: &str| -> Vec<Vec<String>> {
-        let text = std::fs::read_to_string(format!("{folder}/table.csv")).expect("a table");
-        let header: Vec<String> = text.lines().next().expect("a header").split(',').map(Into::into).collect();
-        let row = |line: &str| {
-            let cells = line.split(',').map(str::to_owned).zip(&header);
-            cells.filter(|(_, name)| !name.contains("second")).map(|(cell, _)| cell).collect()
+        let mut rows = csv::ReaderBuilder::new()
+            .has_headers(false)
+            .from_path(format!("{folder}/table.csv"))
+            .expect("a table");
+        let rows: Vec<csv::StringRecord> = rows.records().map(|row| row.expect("a row")).collect();
+        let time = rows[0].iter().position(|name| name == "time, s").expect("a column");
+        let others = |row: &csv::StringRecord| {
+            row.iter().enumerate().filter(|(i, _)| *i != time).map(|(_, cell)| cell.to_owned()).collect()
         };
-        text.lines().map(row).collect()
+        rows.iter().map(others).collect()
     };
     assert_eq!(table(&merged).len(), 5);
     assert_eq!(table(&merged), table(&whole));

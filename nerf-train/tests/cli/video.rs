@@ -212,6 +212,12 @@ fn a_path_is_nerfstudios_or_a_list_and_keyframes_are_flown_through() {
     assert_eq!(delays_of(&gif), [4, 4, 5], "the file's 24 frames a second");
     said(&["--path", &studio, "--fps", "10"]);
     assert_eq!(delays_of(&gif), [10; 3]);
+    let wide = said(&["--path", &studio, "--width", "32"]);
+    assert_eq!(
+        (&wide["width_px"], &wide["height_px"]),
+        (&32.into(), &18.into()),
+        "the shape stays the file's"
+    );
     let list = folder.file("list.json", format!("[{matrix}, {matrix}]"));
     assert_eq!(said(&["--path", &list, "--width", "8"])["frames"], 2);
     assert_eq!(said(&["--path", &list, "--width", "8", "--frames", "5"])["frames"], 5);
@@ -240,6 +246,8 @@ fn a_path_is_nerfstudios_or_a_list_and_keyframes_are_flown_through() {
     refused(&["--data", &data, "--keyframes", "0,9"], &["--keyframes", "expected less than 2", "9"]);
     refused(&["--data", &data, "--keyframes", "0,1", "--frames", "0"], &["--frames", "at least 1"]);
     refused(&["--orbit", "3", "--frames", "5"], &["--frames", "--keyframes"]);
+    refused(&["--path", &data, "--split", "train", "--frames", "5"], &["--frames", "a camera path"]);
+    refused(&["--path", &studio, "--split", "train"], &["--split", "camera_path.json"]);
     assert!(!folder.names().contains(&"no.gif".to_owned()));
 }
 

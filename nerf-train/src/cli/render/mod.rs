@@ -16,7 +16,7 @@ use crate::data::system::progress::{Message, Progress, Total};
 use crate::data::system::stop::Note;
 use crate::show::render::{Ranges, Rendering, coarse, ranges, render};
 use crate::show::view::Output;
-use crate::show::writer::Written;
+use crate::show::writer::{Writer, Written};
 use anyhow::Context;
 use clap::Args;
 use nerf_core::blob::Blob;
@@ -74,7 +74,7 @@ pub struct Render {
     /// View of the split, counted from 0.
     #[arg(long, value_name = "I", default_value_t = 0, requires = "data")]
     view: usize,
-    /// Video through these views of --data, smoothly and at constant speed.
+    /// Video through these views of --data, smoothly and at constant speed, as of an undistorted lens.
     #[arg(long, value_name = "I,J,…", value_delimiter = ',', requires = "data", conflicts_with = "view")]
     keyframes: Vec<usize>,
     /// Frames of that video [default: 120]; with --path FILE.json fly through its views as smoothly, in so many.
@@ -95,13 +95,13 @@ pub struct Render {
     /// Frames a second of a video [default: the camera path's, or 20].
     #[arg(long, value_name = "N")]
     fps: Option<f64>,
-    /// Width, pixels [default: the data set's view, or 400].
+    /// Width, pixels [default: the view's or the path's, or 400].
     #[arg(long, value_name = "N")]
     width: Option<u32>,
-    /// Height, pixels [default: the data set's view, or the width].
+    /// Height, pixels [default: in proportion].
     #[arg(long, value_name = "N")]
     height: Option<u32>,
-    /// Focal length, pixels [default: the view's, or a field of view of 40°].
+    /// Focal length, pixels [default: the view's, or 40° across the width; 40° vertically for a path without `fov`].
     #[arg(long, value_name = "F")]
     focal: Option<f32>,
     /// What to write.
@@ -177,21 +177,27 @@ impl Render {
             note.say(format!("interrupted after {done} of {all} views; {left}"));
             progress.update(done as u64, &Message::default());
         })?;
-        let mut files = Vec::new();
-        for writer in writers {
-            files.extend(said(writer.finish()?, global));
-        }
         progress.finish(match cameras.len() {
             1 => "1 view".to_owned(),
             count => format!("{count} views"),
         });
-        if let Target::Gif(Err(why)) = &target {
-            say_no_mp4(global, why, &self.output);
-        }
+        let files = self.finish(writers, &target, global)?;
         let seconds = start.elapsed().as_secs_f64();
         let summary = Rendering::of(&files, &cameras, counters, &ranges, seconds);
         global.finish(&summary, || print_lines(&summary.files))?;
         Ok(ExitCode::SUCCESS)
+    }
+
+    /// The files of all outputs.
+    fn finish(&self, writers: Vec<Writer>, target: &Target, global: &Global) -> anyhow::Result<Vec<PathBuf>> {
+        let mut files = Vec::new();
+        for writer in writers {
+            files.extend(said(writer.finish()?, global));
+        }
+        if let Target::Gif(Err(why)) = target {
+            say_no_mp4(global, why, &self.output);
+        }
+        Ok(files)
     }
 
     /// What the flags say, of what the blob has.

@@ -3,6 +3,7 @@
 use super::Render;
 use crate::cli::common::Global;
 use crate::cli::eval::Split;
+use crate::cli::places;
 use crate::data::cameras::path::{CameraPath, PathCamera, read_path};
 use crate::data::{Dataset, origin_in_name};
 use crate::show::keyframes::{Keyframe, flight};
@@ -10,9 +11,13 @@ use crate::show::orbit::Orbit;
 use crate::show::render::scaled;
 use anyhow::{Context, bail};
 use nerf_core::blob::Blob;
-use nerf_core::camera::{Camera, CameraError, Intrinsics, Lens, Pose};
+use nerf_core::camera::{Camera, CameraError, Intrinsics, Lens, Pose, SceneBox};
 use std::path::Path;
 
+const NO_FRAMES: &str =
+    "--frames: expected with --keyframes, or with --path and a camera path, found neither";
+/// Where nothing says what the field of view is.
+const DEFAULT_FOV_DEGREES: f32 = 40.0;
 /// Frames of an orbit: half a day at 20 a second.
 const MAX_FRAMES: usize = 1_000_000;
 
@@ -33,29 +38,16 @@ impl From<Vec<Camera>> for Shots {
 impl Render {
     /// The cameras, as the flags say.
     pub(super) fn shots(&self, blob: &Blob<'_>, global: &Global) -> anyhow::Result<Shots> {
-        if self.frames.is_some()
-            && self.keyframes.is_empty()
-            && !self.path.as_ref().is_some_and(|path| path.is_file())
-        {
-            bail!("--frames: expected with --keyframes, or with --path and a camera path, found neither");
+        if self.frames.is_some() && self.keyframes.is_empty() && self.path.is_none() {
+            bail!("{NO_FRAMES}");
         }
         let (Some(scene), Some(bounds)) = (blob.scene(), blob.scene_box()) else {
             bail!("{}: expected a scene, found a 2D field", self.file.display());
         };
         let width = self.width.unwrap_or(400);
         let height = self.height.unwrap_or(width);
-        let orbit = Orbit::around(bounds, scene.near, scene.far);
-        let orbit = Orbit {
-            elevation: self.elevation,
-            up: self.up.direction(),
-            radius: self.radius.unwrap_or(orbit.radius),
-            ..orbit
-        };
-        let fov = match self.focal {
-            Some(focal) if focal > 0.0 => 2.0 * (0.5 * width as f32 / focal).atan().to_degrees(),
-            Some(focal) => bail!("--focal: expected a length above 0, found {focal}"),
-            None => 40.0,
-        };
+        let orbit = self.around(bounds, (scene.near, scene.far));
+        let fov = self.fov_across(width)?;
         if let Some(frames) = self.orbit {
             check_frames("--orbit", frames)?;
             let at = |i| orbit.camera(i as f32 / frames as f32, width, height, fov);
@@ -63,11 +55,16 @@ impl Render {
         }
         let origin = origin_in_name(blob.provenance().data);
         if let Some(data) = &self.path {
-            let path = if data.is_file() { read_path(data, origin)? } else { None };
-            return Ok(match path {
-                Some(path) => Shots { cameras: self.along(&path)?, fps: path.fps },
-                None => self.path_of(data, blob, global)?.into(),
-            });
+            let is_json = data.is_file() && places::extension(data).as_deref() == Some("json");
+            let path = if is_json { read_path(data, origin)? } else { None };
+            return match path {
+                Some(_) if self.split.is_some() => {
+                    bail!("--split: expected with a data set, found the camera path {}", data.display())
+                }
+                Some(path) => Ok(Shots { cameras: self.along(&path)?, fps: path.fps }),
+                None if self.frames.is_some() => bail!("{NO_FRAMES}"),
+                None => Ok(self.path_of(data, blob, global)?.into()),
+            };
         }
         if let Some(data) = &self.data {
             if !self.keyframes.is_empty() {
@@ -75,35 +72,47 @@ impl Render {
             }
             return Ok(vec![self.view_of(data, blob, global)?].into());
         }
-        match &self.pose {
-            Some(m) => {
-                let row = |i: usize| [m[4 * i], m[4 * i + 1], m[4 * i + 2], m[4 * i + 3] - origin[i]];
-                let rows = [0, 1, 2].map(|i| row(i).map(|number| number as f32));
-                let focal = 0.5 * width as f32 / (0.5 * fov.to_radians()).tan();
-                let intrinsics = Intrinsics::centred(width, height, focal);
-                Ok(vec![Camera::new(intrinsics, Lens::NONE, Pose::from_rows(rows)).context("--pose")?].into())
-            }
-            None => Ok(vec![orbit.camera(0.0, width, height, fov)?].into()),
+        let camera = match &self.pose {
+            Some(rows) => posed(rows, origin, (width, height), fov).context("--pose")?,
+            None => orbit.camera(0.0, width, height, fov)?,
+        };
+        Ok(vec![camera].into())
+    }
+
+    /// The field of view across so many pixels, as the flags say, degrees.
+    fn fov_across(&self, width: u32) -> anyhow::Result<f32> {
+        match self.focal {
+            Some(focal) if focal > 0.0 => Ok(2.0 * (0.5 * width as f32 / focal).atan().to_degrees()),
+            Some(focal) => bail!("--focal: expected a length above 0, found {focal}"),
+            None => Ok(DEFAULT_FOV_DEGREES),
+        }
+    }
+
+    /// The circle around a scene, as the flags say.
+    fn around(&self, bounds: SceneBox, (near, far): (f32, f32)) -> Orbit {
+        let orbit = Orbit::around(bounds, near, far);
+        Orbit {
+            elevation: self.elevation,
+            up: self.up.direction(),
+            radius: self.radius.unwrap_or(orbit.radius),
+            ..orbit
         }
     }
 
     /// The cameras of a path, in the size that was asked for or that it states.
     fn along(&self, path: &CameraPath) -> anyhow::Result<Vec<Camera>> {
-        let (width, height) = match (self.width, self.height, path.size) {
-            (None, None, Some(size)) => size,
-            (width, height, _) => {
-                let width = width.unwrap_or(400);
-                (width, height.unwrap_or(width))
-            }
+        let size = self.size_of(path.size.unwrap_or((400, 400)));
+        let key = |of: &PathCamera| Keyframe {
+            pose: of.pose,
+            fov_degrees: of.fov_degrees.unwrap_or(DEFAULT_FOV_DEGREES),
         };
-        let key = |of: &PathCamera| Keyframe { pose: of.pose, fov_degrees: of.fov_degrees.unwrap_or(40.0) };
         let keys: Vec<Keyframe> = path.cameras.iter().map(key).collect();
         check_frames("--frames", self.frames.unwrap_or(keys.len()))?;
         let keys = match self.frames {
             Some(frames) => flight(&keys, frames),
             None => keys,
         };
-        self.of_keys(keys, (width, height)).context("--path")
+        self.of_keys(keys, size).context("--path")
     }
 
     /// A flight through views of a data set, in the size of the first.
@@ -172,13 +181,17 @@ impl Render {
 
     /// The size that was asked for; what is not given follows from the camera's, pixels.
     fn size_for(&self, camera: &Camera) -> (u32, u32) {
-        let old = camera.intrinsics();
+        let size = camera.intrinsics();
+        self.size_of((size.width, size.height))
+    }
+
+    fn size_of(&self, old: (u32, u32)) -> (u32, u32) {
         let scaled = |side: u32, by: u32, of: u32| (u64::from(side) * u64::from(by) / u64::from(of)) as u32;
         match (self.width, self.height) {
             (Some(width), Some(height)) => (width, height),
-            (Some(width), None) => (width, scaled(width, old.height, old.width)),
-            (None, Some(height)) => (scaled(height, old.width, old.height), height),
-            (None, None) => (old.width, old.height),
+            (Some(width), None) => (width, scaled(width, old.1, old.0)),
+            (None, Some(height)) => (scaled(height, old.0, old.1), height),
+            (None, None) => old,
         }
     }
 
@@ -199,9 +212,22 @@ fn check_frames(flag: &str, frames: usize) -> anyhow::Result<()> {
     }
 }
 
-/// The focal length of a vertical field of view, pixels.
-fn focal_of(height: u32, fov_degrees: f32) -> f32 {
-    0.5 * height as f32 / (0.5 * fov_degrees.to_radians()).tan()
+/// A camera of the upper rows of a camera-to-world matrix; `fov_degrees` across the width.
+fn posed(
+    rows: &[f64; 12],
+    origin: [f64; 3],
+    (width, height): (u32, u32),
+    fov_degrees: f32,
+) -> Result<Camera, CameraError> {
+    let row =
+        |i: usize| [0, 1, 2, 3].map(|j| (rows[4 * i + j] - if j == 3 { origin[i] } else { 0.0 }) as f32);
+    let intrinsics = Intrinsics::centred(width, height, focal_of(width, fov_degrees));
+    Camera::new(intrinsics, Lens::NONE, Pose::from_rows([row(0), row(1), row(2)]))
+}
+
+/// The focal length of a field of view across so many pixels, pixels.
+fn focal_of(side: u32, fov_degrees: f32) -> f32 {
+    0.5 * side as f32 / (0.5 * fov_degrees.to_radians()).tan()
 }
 
 impl Split {

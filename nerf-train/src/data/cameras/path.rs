@@ -2,11 +2,14 @@
 
 use crate::data::DatasetError;
 use crate::data::cameras::pose::{BOTTOM_ROW, bottom_row_fault};
-use crate::data::system::input::{MAX_JSON_BYTES, read_limited, without_mark};
-use nerf_core::camera::Pose;
+use crate::data::system::input::{read_limited, without_mark};
+use nerf_core::camera::{Camera, Intrinsics, Lens, Pose};
 use serde::Deserialize;
-use serde_json::Value;
+use serde::de::IgnoredAny;
 use std::path::Path;
+
+/// A path of some 100,000 cameras.
+const MAX_PATH_BYTES: u64 = 64 << 20;
 
 /// Cameras to render one after the other.
 #[derive(Clone, Debug, PartialEq)]
@@ -34,13 +37,39 @@ struct Nerfstudio {
     render_width: Option<f64>,
     render_height: Option<f64>,
     fps: Option<f64>,
-    camera_path: Vec<Frame>,
+    /// Absent in another file, such as a data set's.
+    camera_path: Option<Vec<Frame>>,
 }
 
 #[derive(Deserialize)]
 struct Frame {
-    camera_to_world: Value,
+    camera_to_world: Matrix,
     fov: Option<f64>,
+}
+
+/// A camera-to-world matrix as files write it.
+#[derive(Deserialize)]
+#[serde(untagged)]
+enum Matrix {
+    Flat(Vec<f64>),
+    Rows(Vec<Vec<f64>>),
+    Other(IgnoredAny),
+}
+
+impl Matrix {
+    /// Three or four rows of four; how it is not that.
+    fn rows(&self) -> Result<Vec<[f64; 4]>, String> {
+        let rows: Vec<&[f64]> = match self {
+            Self::Flat(flat) if matches!(flat.len(), 12 | 16) => flat.chunks(4).collect(),
+            Self::Flat(flat) => return Err(format!("{} numbers", flat.len())),
+            Self::Rows(rows) => rows.iter().map(Vec::as_slice).collect(),
+            Self::Other(_) => return Err("no numbers".to_owned()),
+        };
+        let whole = |row: &&[f64]| <[f64; 4]>::try_from(*row).ok();
+        let found = || format!("{} rows of {} numbers", rows.len(), rows.first().map_or(0, |row| row.len()));
+        let of_four: Option<Vec<[f64; 4]>> = rows.iter().map(whole).collect();
+        of_four.filter(|rows| matches!(rows.len(), 3 | 4)).ok_or_else(found)
+    }
 }
 
 /// Where a fault is.
@@ -52,59 +81,41 @@ impl Place<'_> {
         DatasetError::Value { file, field, expected: expected.into(), found: found.to_string() }
     }
 
-    /// A matrix of 3 or 4 rows of 4 numbers, or these in a row, counted from `origin`.
-    fn pose(&self, field: &str, value: &Value, origin: [f64; 3]) -> Result<Pose, DatasetError> {
-        const EXPECTED: &str = "a camera-to-world matrix of 3 or 4 rows of 4 numbers";
-        let numbers = |value: &Value| -> Option<Vec<f64>> {
-            value
-                .as_array()?
-                .iter()
-                .map(|number| number.as_f64().filter(|number| number.is_finite()))
-                .collect()
-        };
-        let flat = match value.as_array().is_some_and(|rows| rows.iter().all(Value::is_array)) {
-            true => value
-                .as_array()
-                .into_iter()
-                .flatten()
-                .map(numbers)
-                .collect::<Option<Vec<_>>>()
-                .map(|rows| rows.concat()),
-            false => numbers(value),
-        };
-        let found = || self.fault(field, EXPECTED, value.to_string().chars().take(80).collect::<String>());
-        let flat = flat.filter(|flat| matches!(flat.len(), 12 | 16)).ok_or_else(found)?;
-        let rows: Vec<[f64; 4]> = flat.chunks_exact(4).map(|row| [row[0], row[1], row[2], row[3]]).collect();
+    /// The pose of a matrix whose position counts from `origin` then.
+    fn pose(&self, field: &str, matrix: &Matrix, origin: [f64; 3]) -> Result<Pose, DatasetError> {
+        let fault = |expected: &str, found: String| self.fault(field, expected, found);
+        let rows = matrix
+            .rows()
+            .map_err(|found| fault("a camera-to-world matrix of 3 or 4 rows of 4 numbers", found))?;
         if let Some(found) = bottom_row_fault(&rows) {
-            return Err(self.fault(field, BOTTOM_ROW, found));
+            return Err(fault(BOTTOM_ROW, found));
         }
         let row = |i: usize| {
             let [x, y, z, t] = rows[i];
             [x, y, z, t - origin[i]].map(|number| number as f32)
         };
-        Ok(Pose::from_rows([row(0), row(1), row(2)]))
+        let pose = Pose::from_rows([row(0), row(1), row(2)]);
+        match Camera::new(Intrinsics::centred(1, 1, 1.0), Lens::NONE, pose) {
+            Ok(_) => Ok(pose),
+            Err(error) => Err(fault("a rotation and a position", error.to_string())),
+        }
     }
 }
 
 /// Reads a path whose positions count from `origin` then; `None` of a file that is another JSON, such as a data set's.
 ///
 /// # Errors
-/// [`DatasetError`] on a file that cannot be read, on a path without cameras, and on what is no matrix or angle.
+/// [`DatasetError`] on a file that cannot be read, on a path without cameras, and on what is no pose or angle.
 pub fn read_path(file: &Path, origin: [f64; 3]) -> Result<Option<CameraPath>, DatasetError> {
-    let bytes = read_limited(file, MAX_JSON_BYTES)
+    let bytes = read_limited(file, MAX_PATH_BYTES)
         .map_err(|source| DatasetError::Io { path: file.into(), source })?;
-    let Ok(value) = serde_json::from_slice::<Value>(without_mark(&bytes)) else { return Ok(None) };
-    let place = Place(file);
-    let path = match value {
-        Value::Array(matrices) => {
-            let camera = |(i, matrix): (usize, &Value)| {
-                let pose = place.pose(&format!("[{i}]"), matrix, origin)?;
-                Ok(PathCamera { pose, fov_degrees: None })
-            };
-            let cameras = matrices.iter().enumerate().map(camera).collect::<Result<_, DatasetError>>()?;
-            CameraPath { cameras, size: None, fps: None }
-        }
-        value if value.get("camera_path").is_some() => of_nerfstudio(&place, value, origin)?,
+    let (text, place) = (without_mark(&bytes), Place(file));
+    let path = match text.trim_ascii_start().first() {
+        Some(b'[') => of_list(&place, text, origin)?,
+        Some(b'{') => match of_nerfstudio(&place, text, origin)? {
+            Some(path) => path,
+            None => return Ok(None),
+        },
         _ => return Ok(None),
     };
     if path.cameras.is_empty() {
@@ -113,9 +124,25 @@ pub fn read_path(file: &Path, origin: [f64; 3]) -> Result<Option<CameraPath>, Da
     Ok(Some(path))
 }
 
-fn of_nerfstudio(place: &Place<'_>, value: Value, origin: [f64; 3]) -> Result<CameraPath, DatasetError> {
-    let fault = |error: serde_json::Error| place.fault("camera_path", "nerfstudio's camera path", error);
-    let path: Nerfstudio = serde_json::from_value(value).map_err(fault)?;
+fn of_list(place: &Place<'_>, text: &[u8], origin: [f64; 3]) -> Result<CameraPath, DatasetError> {
+    let matrices: Vec<Matrix> = serde_json::from_slice(text)
+        .map_err(|error| place.fault("the list", "camera-to-world matrices", error))?;
+    let camera = |(i, matrix): (usize, &Matrix)| {
+        let pose = place.pose(&format!("[{i}]"), matrix, origin)?;
+        Ok(PathCamera { pose, fov_degrees: None })
+    };
+    let cameras = matrices.iter().enumerate().map(camera).collect::<Result<_, DatasetError>>()?;
+    Ok(CameraPath { cameras, size: None, fps: None })
+}
+
+fn of_nerfstudio(
+    place: &Place<'_>,
+    text: &[u8],
+    origin: [f64; 3],
+) -> Result<Option<CameraPath>, DatasetError> {
+    let path: Nerfstudio = serde_json::from_slice(text)
+        .map_err(|error| place.fault("camera_path", "nerfstudio's camera path", error))?;
+    let Some(frames) = path.camera_path else { return Ok(None) };
     if let Some(found) = path.camera_type.filter(|found| found != "perspective") {
         return Err(place.fault("camera_type", "perspective", found));
     }
@@ -128,28 +155,29 @@ fn of_nerfstudio(place: &Place<'_>, value: Value, origin: [f64; 3]) -> Result<Ca
         }
         Ok(PathCamera { pose, fov_degrees: frame.fov.map(|fov| fov as f32) })
     };
-    let side = |pixels: f64| (1.0..=65_535.0).contains(&pixels).then_some(pixels as u32);
-    let size = match (path.render_width, path.render_height) {
-        (Some(width), Some(height)) => {
-            let size = side(width).zip(side(height));
-            let fault = || {
-                place.fault("render_width, render_height", "1 to 65535 pixels", format!("{width}, {height}"))
-            };
-            Some(size.ok_or_else(fault)?)
-        }
-        _ => None,
-    };
     if let Some(found) = path.fps.filter(|fps| !(*fps > 0.0 && fps.is_finite())) {
         return Err(place.fault("fps", "a number above 0", found));
     }
-    let cameras = path.camera_path.iter().enumerate().map(camera).collect::<Result<_, DatasetError>>()?;
-    Ok(CameraPath { cameras, size, fps: path.fps })
+    let side = |pixels: f64| (1.0..=65_535.0).contains(&pixels).then_some(pixels as u32);
+    let size = match (path.render_width, path.render_height) {
+        (None, None) => None,
+        (width, height) => {
+            let fault = || {
+                let found =
+                    [width, height].map(|side| side.map_or("none".to_owned(), |side| side.to_string()));
+                place.fault("render_width, render_height", "1 to 65535 pixels each", found.join(", "))
+            };
+            Some(width.and_then(side).zip(height.and_then(side)).ok_or_else(fault)?)
+        }
+    };
+    let cameras = frames.iter().enumerate().map(camera).collect::<Result<_, DatasetError>>()?;
+    Ok(Some(CameraPath { cameras, size, fps: path.fps }))
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use serde_json::json;
+    use serde_json::{Value, json};
 
     fn read(value: &Value) -> Result<Option<CameraPath>, DatasetError> {
         let folder = tempfile::tempdir().expect("a folder");
@@ -185,7 +213,12 @@ mod tests {
         for (path, words) in [
             (json!([]), vec!["at least one camera"]),
             (json!({ "camera_path": [] }), vec!["camera_path", "at least one camera"]),
-            (json!([[1, 2, 3]]), vec!["[0]", "3 or 4 rows of 4"]),
+            (json!([[1, 2, 3]]), vec!["[0]", "3 or 4 rows of 4", "3 numbers"]),
+            (json!([flat(), { "a": 1 }]), vec!["[1]", "no numbers"]),
+            (json!([[[1, 0, 0], [0, 1, 0], [0, 0, 1], [0, 0, 4]]]), vec!["[0]", "4 rows of 3"]),
+            (json!([[2, 0, 0, 0, 0, 2, 0, 0, 0, 0, 2, 0]]), vec!["[0]", "a rotation"]),
+            (json!([[1, 0, 0, 0, 0, 1, 0, 0, 0, 0, -1, 0]]), vec!["[0]", "a rotation"]),
+            (json!({ "camera_path": [], "render_width": 8 }), vec!["render_height", "8, none"]),
             (frame(180.0), vec!["camera_path[0].fov", "180"]),
             (
                 json!({ "camera_type": "fisheye", "camera_path": [] }),

@@ -1,17 +1,19 @@
-//! Density and colour at points, asked on all threads.
+//! Density and colour at points, evaluated on all threads.
 
 use super::ExportError;
 use nerf_core::camera::Ray;
 use nerf_core::memory::Line;
 use nerf_core::plan::Plan;
-use nerf_core::render::{RaySegment, Renderer};
-use nerf_core::volume::Pixel;
+use nerf_core::render::Renderer;
 use rayon::prelude::*;
+use std::f32::consts::LN_2;
 
-/// Points that one task asks for.
+/// Points that one task evaluates.
 const CHUNK: usize = 4096;
+/// Points of rays that are held at a time.
+const BATCH: usize = 1 << 22;
 
-/// A scene that is asked at points.
+/// A scene that is evaluated at points.
 pub struct Field<'a, 'b> {
     renderer: &'a Renderer<'b>,
     plan: &'a Plan<'a>,
@@ -66,35 +68,43 @@ impl<'a, 'b> Field<'a, 'b> {
         Ok((sigma, rgb))
     }
 
-    /// Distance along each ray at which its opacity crosses 1/2, world units; `None` of one that stays below. The plan has
-    /// median distances.
+    /// Distance along each ray at which its opacity crosses 1/2, world units; `None` of one that stays below. The rays have
+    /// this length, and one sample in the middle of each of `steps` equal bins, whatever steps the scene is rendered with.
     ///
     /// # Errors
-    /// [`ExportError::Render`] on a ray whose direction is not of unit length, or whose range is none.
-    pub fn half_way(&self, rays: &[RaySegment]) -> Result<Vec<Option<f32>>, ExportError> {
-        // What is nearer than this to where a ray comes from is not part of an unbounded scene.
-        let near = self.renderer.blob().scene().map_or(0.0, |scene| scene.near);
-        let further = |RaySegment { ray, t_min, t_max }: RaySegment| {
-            let ray = Ray { origin: ray.origin - near * ray.dir, ..ray };
-            RaySegment { ray, t_min: t_min + near, t_max: t_max + near }
+    /// [`ExportError::Render`], which points do not cause.
+    pub fn half_way(&self, rays: &[Ray], length: f32, steps: usize) -> Result<Vec<Option<f32>>, ExportError> {
+        let delta = length / steps as f32;
+        let points = |ray: &Ray| {
+            let ray = *ray;
+            (0..steps).map(move |i| ray.at((i as f32 + 0.5) * delta).into())
         };
-        let rays: Vec<RaySegment> = rays.iter().copied().map(further).collect();
         let mut found = vec![None; rays.len()];
-        let chunks = rays.par_chunks(CHUNK).zip(found.par_chunks_mut(CHUNK));
-        chunks.try_for_each_init(
-            || self.workspace(),
-            |workspace, (rays, found)| {
-                let mut worker = self.renderer.worker(self.plan, workspace)?;
-                let mut take = |i: usize, pixel: &Pixel| {
-                    found[i] = (pixel.opacity >= 0.5).then_some(pixel.median_distance - near);
-                };
-                worker.render_rays(rays, None, &mut take).map(drop)
-            },
-        )?;
+        for (rays, found) in rays.chunks(BATCH / steps + 1).zip(found.chunks_mut(BATCH / steps + 1)) {
+            let points: Vec<[f32; 3]> = rays.iter().flat_map(points).collect();
+            let sigma = self.densities(&points)?;
+            found
+                .iter_mut()
+                .zip(sigma.chunks(steps))
+                .for_each(|(found, sigma)| *found = crossing(sigma, delta));
+        }
         Ok(found)
     }
 
     fn workspace(&self) -> Vec<Line> {
         vec![Line::UNINIT; self.renderer.workspace_lines(self.plan)]
     }
+}
+
+/// Where the optical depth of bins reaches ln 2.
+fn crossing(sigma: &[f32], delta: f32) -> Option<f32> {
+    let mut depth = 0.0;
+    for (i, sigma) in sigma.iter().enumerate() {
+        let next = depth + sigma * delta;
+        if next >= LN_2 {
+            return Some((i as f32 + (LN_2 - depth) / (next - depth)) * delta);
+        }
+        depth = next;
+    }
+    None
 }

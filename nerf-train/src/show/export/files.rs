@@ -25,7 +25,7 @@ pub fn write_ply(mesh: &Mesh, path: &Path) -> Result<(), ExportError> {
              property uchar red\nproperty uchar green\nproperty uchar blue\n"
         )?;
         if faces > 0 {
-            write!(out, "element face {faces}\nproperty list uchar int vertex_indices\n")?;
+            write!(out, "element face {faces}\nproperty list uchar uint vertex_indices\n")?;
         }
         writeln!(out, "end_header")?;
         for vertex in &mesh.vertices {

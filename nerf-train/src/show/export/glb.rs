@@ -12,14 +12,19 @@ use std::path::Path;
 /// # Errors
 /// [`ExportError::Output`].
 pub fn write_glb(mesh: &Mesh, path: &Path) -> Result<(), ExportError> {
-    let bytes = 36 * mesh.vertices.len() + 12 * mesh.triangles.len();
+    let size = 36 * mesh.vertices.len() as u64 + 12 * mesh.triangles.len() as u64;
+    // With room for what describes them.
+    let Some(bytes) = u32::try_from(size).ok().filter(|&size| size < u32::MAX - (1 << 16)) else {
+        return Err(ExportError::Glb { bytes: size });
+    };
+    let bytes = bytes as usize;
     let mut text = document(mesh, bytes).to_string();
     text.extend(std::iter::repeat_n(' ', text.len().next_multiple_of(4) - text.len()));
-    let Ok(whole) = u32::try_from(28 + text.len() + bytes) else { return Err(ExportError::Vertices) };
+    let whole = 28 + text.len() + bytes;
     written(path, |out| {
         let word = |value: usize| (value as u32).to_le_bytes();
         out.write_all(b"glTF")?;
-        for part in [2, whole as usize, text.len()] {
+        for part in [2, whole, text.len()] {
             out.write_all(&word(part))?;
         }
         out.write_all(b"JSON")?;

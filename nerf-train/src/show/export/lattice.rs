@@ -22,13 +22,8 @@ impl Lattice {
     /// # Errors
     /// [`ExportError::Box`] without volume.
     pub fn new(bounds: &SceneBox, resolution: u32) -> Result<Self, ExportError> {
-        let extent = bounds.max - bounds.min;
-        if !(extent.is_finite() && extent.min_element() > 0.0) {
-            return Err(ExportError::Box { sides: extent.into() });
-        }
-        let cell = extent.max_element() / resolution.max(1) as f32;
-        // A hair less, so that a side of a whole number of cubes has no further one.
-        let cells = extent.to_array().map(|side| (side / cell - 1e-3).ceil().max(1.0) as usize + 2);
+        let (cell, cells) = cubes(bounds, resolution)?;
+        let cells = cells.map(|count| count + 2);
         Ok(Self { min: bounds.min - cell, cell, cells })
     }
 
@@ -44,7 +39,8 @@ impl Lattice {
         (0..width * height).map(corner).collect()
     }
 
-    /// Densities at the corners of a slice, 1/world unit; 0 at the lattice's sides, which are outside of the box.
+    /// Optical depths of a cell at the corners of a slice: densities times its side; 0 at the lattice's sides, which are outside
+    /// of the box.
     ///
     /// # Errors
     /// [`ExportError::Render`], which points do not cause.
@@ -55,13 +51,39 @@ impl Lattice {
             ends(i % width, width) || ends(i / width, height) || ends(z, self.cells[2] + 1)
         };
         let found = field.densities(&self.slice(z))?;
-        let density =
-            |(i, sigma): (usize, f32)| if side(i) { f16::ZERO } else { f16::from_f32(sigma.min(6e4)) };
+        let density = |(i, sigma): (usize, f32)| {
+            if side(i) { f16::ZERO } else { f16::from_f32((sigma * self.cell).min(6e4)) }
+        };
         Ok(found.into_iter().enumerate().map(density).collect())
+    }
+
+    /// The point of the box that is nearest.
+    pub fn clamp(&self, point: Vec3) -> Vec3 {
+        let last = self.cells.map(|count| count - 1);
+        point.clamp(self.corner([1; 3]), self.corner(last))
     }
 
     /// Corners of a slice along x and y.
     pub fn corners(&self) -> [usize; 2] {
         [self.cells[0] + 1, self.cells[1] + 1]
     }
+}
+
+/// Side of cubes over a box, `resolution` of them along its longest side, and how many there are along each axis.
+///
+/// # Errors
+/// [`ExportError::Box`] without volume, or of cubes that 32-bit coordinates do not tell apart.
+pub(super) fn cubes(bounds: &SceneBox, resolution: u32) -> Result<(f32, [usize; 3]), ExportError> {
+    let extent = bounds.max - bounds.min;
+    let cell = extent.max_element() / resolution.max(1) as f32;
+    let furthest = bounds.min.abs().max(bounds.max.abs()).max_element();
+    if !(extent.is_finite()
+        && extent.min_element() > 0.0
+        && cell.is_normal()
+        && cell > 8.0 * f32::EPSILON * furthest)
+    {
+        return Err(ExportError::Box { sides: extent.into(), cell });
+    }
+    // A hair less, so that a side of a whole number of cubes has no further one.
+    Ok((cell, extent.to_array().map(|side| (side / cell - 1e-3).ceil().max(1.0) as usize)))
 }

@@ -25,11 +25,14 @@ pub use surface::{Surface, mesh};
 pub use volume::{Volume, volume, write_npz};
 
 use crate::data::pictures::rgb::ReportError;
+use crate::data::system::memory::TooLarge;
 use crate::data::system::output::OutputError;
 use crate::data::system::summary::Short;
-use nerf_core::camera::CameraError;
+use glam::Vec3;
+use nerf_core::camera::{CameraError, SceneBox};
 use nerf_core::render::RenderError;
 use serde::Serialize;
+use std::path::Path;
 
 /// A point of a surface.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -57,7 +60,7 @@ pub struct Mesh {
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum ExportError {
-    /// The field could not be asked.
+    /// The field could not be evaluated.
     #[error(transparent)]
     Render(#[from] RenderError),
     /// A view's camera cannot be made smaller.
@@ -77,18 +80,37 @@ pub enum ExportError {
     /// No opacity reaches 1/2.
     #[error("nothing in the box is opaque: expected another --box, or a --threshold")]
     Clear,
-    /// The box has no volume.
-    #[error("--box: expected three sides above 0, found {sides:?}")]
+    /// The box has no volume, or is too small for where it is.
+    #[error(
+        "--box: expected three sides above 0 in cells that 32-bit coordinates tell apart, found sides {sides:?} and cells of \
+         {cell}"
+    )]
     Box {
         /// Its sides, world units.
         sides: [f32; 3],
+        /// Side of a cell, world units.
+        cell: f32,
     },
     /// No ray meets anything.
-    #[error("--data: expected views that see the scene, found none that is opaque anywhere")]
-    NoPoints,
+    #[error("--data: expected views that see something opaque within the box, found none in {views} views")]
+    NoPoints {
+        /// Views of the split.
+        views: usize,
+    },
     /// More vertices than an index can name.
-    #[error("--resolution: expected at most 2^32 vertices, found more: choose a smaller one")]
+    #[error("--resolution: expected fewer than 2^32 vertices, found more: choose a smaller one")]
     Vertices,
+    /// More than a binary glTF can hold.
+    #[error(
+        "-o: expected a mesh of less than 4 GiB as .glb, found {bytes} bytes: lower --resolution, or write .ply"
+    )]
+    Glb {
+        /// What it takes.
+        bytes: u64,
+    },
+    /// More than the memory there is.
+    #[error(transparent)]
+    Memory(#[from] TooLarge),
     /// A file cannot be written.
     #[error(transparent)]
     Output(#[from] OutputError),
@@ -118,6 +140,26 @@ pub struct Summary {
     #[serde(skip_serializing_if = "Option::is_none")]
     pub triangles: Option<usize>,
     pub total_seconds: f64,
+}
+
+impl Summary {
+    /// Of a file that is yet to be written; `bounds` count from `origin`.
+    pub fn new(file: &Path, kind: &'static str, bounds: &SceneBox, origin: [f64; 3]) -> Self {
+        let world = |corner: Vec3| [0, 1, 2].map(|axis| f64::from(corner[axis]) + origin[axis]);
+        Self {
+            file: file.display().to_string(),
+            kind,
+            file_bytes: 0,
+            box_min_world_units: world(bounds.min),
+            box_max_world_units: world(bounds.max),
+            cell_world_units: None,
+            threshold_per_world_unit: None,
+            cells: None,
+            vertices: None,
+            triangles: None,
+            total_seconds: 0.0,
+        }
+    }
 }
 
 #[cfg(test)]

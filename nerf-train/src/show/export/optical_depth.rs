@@ -10,7 +10,7 @@ use std::f32::consts::LN_2;
 
 /// Ratio of the optical depths, or densities, at which a level is 0.5 and 1, or 0.5 and 0.
 const RANGE: f32 = 1000.0;
-/// An optical depth is cut here: behind it a ray is dark, and where depth is forgotten it takes a few cells to clear.
+/// An optical depth is cut here: behind it a ray is dark, and where sums decay it is clear again after a few cells.
 const DARK: f32 = 4.0 * LN_2;
 /// Directions up or down: the eight neighbours of the corner below, and itself.
 const ACROSS: [[isize; 2]; 9] =
@@ -31,11 +31,11 @@ pub(super) struct OpticalDepth {
 }
 
 impl OpticalDepth {
-    /// From the densities of all slices, 1/world unit. `memory`: cells over which an optical depth falls by a factor of about
-    /// e; where it is finite, surfaces are visible from free space inside of the box, too.
-    pub(super) fn new(lattice: &Lattice, densities: &[Vec<f16>], memory: f32) -> Self {
+    /// From the optical depths of a cell ([`Lattice::densities`]) of all slices. Where `decay` is finite, cells, sums fall by a
+    /// factor of about e over it: surfaces are visible from free space inside of the box, too.
+    pub(super) fn new(lattice: &Lattice, densities: &[Vec<f16>], decay: f32) -> Self {
         let slices = densities.iter().map(|slice| vec![[u16::MAX; 3]; slice.len()]).collect();
-        let (mut depths, keep) = (Self { slices }, 1.0 - 1.0 / memory);
+        let (mut depths, keep) = (Self { slices }, 1.0 - 1.0 / decay);
         depths.within_slices(lattice, densities, keep);
         let up: Vec<usize> = (0..densities.len()).collect();
         depths.between_slices(lattice, densities, keep, &up);
@@ -58,7 +58,7 @@ impl OpticalDepth {
         self.slices.par_iter_mut().zip(densities).for_each(|(least, densities)| {
             let sigma: Vec<f32> = densities.iter().map(|sigma| sigma.to_f32()).collect();
             for [dx, dy] in &ACROSS[1..] {
-                let (step, half) = step(lattice, [*dx, *dy, 0]);
+                let (step, half) = step([*dx, *dy, 0]);
                 let keep = keep.powf(step);
                 let mut depth = vec![0.0; width * height];
                 for y in inner(height, *dy) {
@@ -77,7 +77,7 @@ impl OpticalDepth {
     fn between_slices(&mut self, lattice: &Lattice, densities: &[Vec<f16>], keep: f32, order: &[usize]) {
         let [width, height] = lattice.corners();
         let steps = ACROSS.map(|[dx, dy]| {
-            let (step, half) = step(lattice, [dx, dy, 1]);
+            let (step, half) = step([dx, dy, 1]);
             (dy * width as isize + dx, keep.powf(step), half)
         });
         let [mut below, mut here] = [(); 2].map(|()| vec![0.0f32; width * height]);
@@ -102,10 +102,10 @@ impl OpticalDepth {
     }
 }
 
-/// A direction's step in cells, and half of it in world units.
-fn step(lattice: &Lattice, direction: [isize; 3]) -> (f32, f32) {
+/// A direction's step in cells, and half of it.
+fn step(direction: [isize; 3]) -> (f32, f32) {
     let cells = (direction.iter().map(|d| d * d).sum::<isize>() as f32).sqrt();
-    (cells, 0.5 * cells * lattice.cell)
+    (cells, 0.5 * cells)
 }
 
 /// Indices but the first and the last, which are outside of the box; backward where `direction` is.

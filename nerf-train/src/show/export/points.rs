@@ -1,10 +1,11 @@
-//! Clouds of points.
+//! Point clouds.
 
 use super::{ExportError, Mesh, Vertex};
 use crate::data::View;
 use crate::measure::frame::{self, Frame};
 use crate::show::render::scaled;
 use glam::Vec3;
+use nerf_core::camera::SceneBox;
 use nerf_core::plan::Plan;
 use nerf_core::render::Renderer;
 use nerf_core::sampling::{Purpose, uniform};
@@ -15,15 +16,16 @@ const PILOT: f64 = 1024.0;
 const OPAQUE: f32 = 0.5;
 
 /// About `count` points where rays of the views' photographs meet something: at their median distance, in the colours they
-/// show there. `plan` has colours, opacity, median distances and normals. `each` is told how many views are done.
+/// show there; of all of them those in the box `within`. `plan` has colours, opacity, median distances and normals. `each` is told how many views are done.
 ///
 /// # Errors
-/// [`ExportError::NoPoints`] where no pixel is opaque; [`ExportError::Render`].
+/// [`ExportError::NoPoints`] where no pixel shows anything opaque in the box; [`ExportError::Render`].
 pub fn points_of_views(
     renderer: &Renderer<'_>,
     plan: &Plan<'_>,
     views: &[View],
     count: usize,
+    within: Option<&SceneBox>,
     mut each: impl FnMut(usize),
 ) -> Result<Mesh, ExportError> {
     let frame_of = |view: &View, pixels: f64| -> Result<_, ExportError> {
@@ -40,7 +42,7 @@ pub fn points_of_views(
         (seen, asked) = (seen + opaque(&frame), asked + frame.opacity.len());
     }
     if seen == 0 {
-        return Err(ExportError::NoPoints);
+        return Err(ExportError::NoPoints { views: views.len() });
     }
     let a_view = count as f64 / views.len() as f64 * asked as f64 / seen as f64;
     let mut vertices = Vec::new();
@@ -49,12 +51,18 @@ pub fn points_of_views(
         for pixel in (0..frame.rgb.len()).filter(|&pixel| frame.opacity[pixel] > OPAQUE) {
             let (x, y) = ((pixel % frame.width) as f32 + 0.5, (pixel / frame.width) as f32 + 0.5);
             let position = camera.ray(x, y).at(frame.median_distance[pixel]);
+            if within.is_some_and(|bounds| !bounds.contains(position)) {
+                continue;
+            }
             let (normal, rgb) = (frame.normals[pixel], frame.rgb[pixel]);
             vertices.push(Vertex { position: position.into(), normal, rgb });
         }
         each(i + 1);
     }
-    if vertices.is_empty() { Err(ExportError::NoPoints) } else { Ok(Mesh { vertices, ..Mesh::default() }) }
+    match vertices.is_empty() {
+        true => Err(ExportError::NoPoints { views: views.len() }),
+        false => Ok(Mesh { vertices, ..Mesh::default() }),
+    }
 }
 
 /// `count` points spread evenly over a mesh, at random places of its triangles; the same for the same seed.

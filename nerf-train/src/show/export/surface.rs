@@ -5,22 +5,27 @@ use super::lattice::Lattice;
 use super::net::{NONE, Net};
 use super::optical_depth::{OpticalDepth, level};
 use super::{ExportError, Mesh, Vertex};
+use crate::data::system::memory;
 use glam::Vec3;
+use half::f16;
 use nerf_core::camera::Ray;
-use nerf_core::render::RaySegment;
 
 /// A ray to a vertex starts so many cells in front of it.
 const BEFORE: f32 = 2.0;
+/// Samples of it in a cell.
+const SAMPLES: f32 = 4.0;
 /// It must meet the surface up to so many cells behind it.
 const BEHIND: f32 = 8.0;
 /// A vertex further in front of where its ray meets the surface moves, in steps of a quarter of a cell, cells.
 const NEAR: f32 = 1.75;
-/// Cells over which an optical depth is forgotten in a scene that is seen from inside.
-const FREE: f32 = 8.0;
+/// Cells over which sums of optical depth decay in a scene that is seen from inside.
+const DECAY: f32 = 8.0;
 /// Each normal becomes the mean of its own and its neighbours' so many times: those of single cells are noise.
 const NORMAL_PASSES: usize = 6;
-/// Vertices for which rays are rendered and colours asked at a time.
+/// Vertices whose rays and colours are evaluated at a time.
 const BATCH: usize = 1 << 16;
+/// What a vertex takes, with its two triangles, while the mesh is made.
+const BYTES_PER_VERTEX: u64 = 200;
 
 /// Where the surface of a field is.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -36,13 +41,13 @@ pub enum Surface {
 /// The surface of a field, with colours as seen against the normals.
 ///
 /// A surface net of the lattice's optical depths, or densities; its normals are smoothed. Along the normal of each vertex of a
-/// visible surface a ray is rendered: the vertex moves along it as little as brings it within two cells of where the ray's
+/// visible surface a ray is integrated: the vertex moves along it as little as brings it within two cells of where the ray's
 /// opacity crosses 1/2, so that triangles tangle little, and is left out where the opacity stays below. `each` is told how
 /// many slices are done, of three times as many as the lattice has.
 ///
 /// # Errors
 /// [`ExportError::Empty`] where no density is above the threshold, [`ExportError::Clear`] where no opacity reaches 1/2,
-/// [`ExportError::Vertices`].
+/// [`ExportError::Vertices`] and [`ExportError::Memory`] where there are too many.
 pub fn mesh(
     field: &Field<'_, '_>,
     lattice: &Lattice,
@@ -55,43 +60,61 @@ pub fn mesh(
         densities.push(lattice.densities(field, z)?);
         each(z + 1);
     }
-    let mut net = Net::new(lattice);
-    match surface {
-        Surface::Density(threshold) => {
-            for (z, densities) in densities.iter().enumerate() {
-                net.slice(z, densities.iter().map(|sigma| level(sigma.to_f32() / threshold)).collect())?;
-                each(slices + z + 1);
-            }
-        }
-        Surface::Visible | Surface::VisibleFromInside => {
-            let memory = if surface == Surface::Visible { f32::INFINITY } else { FREE };
-            let depths = OpticalDepth::new(lattice, &densities, memory);
-            for z in 0..slices {
-                net.slice(z, depths.levels(z))?;
-                each(slices + z + 1);
-            }
-        }
-    }
+    let highest = densities.iter().flatten().fold(0.0, |highest, sigma| sigma.to_f32().max(highest));
+    let net = net(lattice, densities, surface, |slice| each(slices + slice))?;
+    let what = format!("a mesh of {} vertices", net.positions.len());
+    memory::check(what, net.positions.len() as u64, BYTES_PER_VERTEX, "lower --resolution")?;
     let Net { positions, mut normals, triangles, .. } = net;
     smooth(&mut normals, &triangles);
     let mut vertices = Vec::with_capacity(positions.len());
     for (points, normals) in positions.chunks(BATCH).zip(normals.chunks(BATCH)) {
-        let points = match surface {
-            Surface::Density(_) => points.iter().copied().map(Some).collect(),
+        let inward = |(&position, &normal): (&Vec3, &Vec3)| {
+            Some(Place { position, surface: lattice.clamp(position - 0.5 * lattice.cell * normal) })
+        };
+        let places = match surface {
+            Surface::Density(_) => points.iter().zip(normals).map(inward).collect(),
             _ => settled(field, lattice.cell, points, normals)?,
         };
-        vertices.extend(coloured(field, &points, normals)?);
+        vertices.extend(coloured(field, &places, normals)?);
         each(2 * slices + slices * vertices.len() / positions.len());
     }
     let mesh = kept(&vertices, &triangles);
     match surface {
         _ if !mesh.triangles.is_empty() => Ok(mesh),
-        Surface::Density(threshold) => {
-            let highest = densities.iter().flatten().fold(0.0, |highest, sigma| sigma.to_f32().max(highest));
-            Err(ExportError::Empty { threshold, highest })
-        }
+        Surface::Density(threshold) => Err(ExportError::Empty { threshold, highest: highest / lattice.cell }),
         _ => Err(ExportError::Clear),
     }
+}
+
+/// The surface net of densities.
+fn net<'l>(
+    lattice: &'l Lattice,
+    densities: Vec<Vec<f16>>,
+    surface: Surface,
+    mut each: impl FnMut(usize),
+) -> Result<Net<'l>, ExportError> {
+    let mut net = Net::new(lattice);
+    let mut take = |z: usize, levels: Vec<f16>| {
+        each(z + 1);
+        net.slice(z, levels)
+    };
+    match surface {
+        Surface::Density(threshold) => {
+            let inside = |sigma: &f16| level(sigma.to_f32() / (threshold * lattice.cell));
+            for (z, densities) in densities.iter().enumerate() {
+                take(z, densities.iter().map(inside).collect())?;
+            }
+        }
+        Surface::Visible | Surface::VisibleFromInside => {
+            let decay = if surface == Surface::Visible { f32::INFINITY } else { DECAY };
+            let depths = OpticalDepth::new(lattice, &densities, decay);
+            drop(densities);
+            for z in 0..=lattice.cells[2] {
+                take(z, depths.levels(z))?;
+            }
+        }
+    }
+    Ok(net)
 }
 
 /// Smooths normals over the edges of the triangles; an edge counts once for each of its triangles.
@@ -108,38 +131,47 @@ fn smooth(normals: &mut [Vec3], triangles: &[[u32; 3]]) {
     }
 }
 
-/// Points within two cells of where the opacity of rays along their normals crosses 1/2; `None` where it stays below.
+/// Where a vertex is, and the point of what is visible there, whose colour it has.
+#[derive(Clone, Copy)]
+struct Place {
+    position: Vec3,
+    surface: Vec3,
+}
+
+/// Places within two cells of where the opacity of rays along the normals crosses 1/2; `None` where it stays below.
 fn settled(
     field: &Field<'_, '_>,
     cell: f32,
     points: &[Vec3],
     normals: &[Vec3],
-) -> Result<Vec<Option<Vec3>>, ExportError> {
-    let ray = |(&point, &normal): (&Vec3, &Vec3)| {
-        let ray = Ray { origin: point + BEFORE * cell * normal, dir: -normal };
-        RaySegment { ray, t_min: 0.0, t_max: (BEFORE + BEHIND) * cell }
-    };
-    let rays: Vec<RaySegment> = points.iter().zip(normals).map(ray).collect();
+) -> Result<Vec<Option<Place>>, ExportError> {
+    let ray =
+        |(&point, &normal): (&Vec3, &Vec3)| Ray { origin: point + BEFORE * cell * normal, dir: -normal };
+    let rays: Vec<Ray> = points.iter().zip(normals).map(ray).collect();
+    let length = BEFORE + BEHIND;
+    let crossings = field.half_way(&rays, length * cell, (length * SAMPLES) as usize)?;
     let moved = |distance: f32| (4.0 * (distance / cell - BEFORE - NEAR).max(0.0)).ceil() / 4.0;
-    let place = |((&point, &normal), crossing): ((&Vec3, &Vec3), Option<f32>)| {
-        crossing.map(|distance| point - moved(distance) * cell * normal)
+    let place = |((ray, &point), distance): ((&Ray, &Vec3), Option<f32>)| {
+        let distance = distance?;
+        Some(Place { position: point + moved(distance) * cell * ray.dir, surface: ray.at(distance) })
     };
-    Ok(points.iter().zip(normals).zip(field.half_way(&rays)?).map(place).collect())
+    Ok(rays.iter().zip(points).zip(crossings).map(place).collect())
 }
 
 /// Vertices with colours as seen against their normals.
 fn coloured(
     field: &Field<'_, '_>,
-    points: &[Option<Vec3>],
+    places: &[Option<Place>],
     normals: &[Vec3],
 ) -> Result<Vec<Option<Vertex>>, ExportError> {
-    let places: Vec<[f32; 3]> = points.iter().map(|point| point.unwrap_or_default().into()).collect();
+    let points: Vec<[f32; 3]> =
+        places.iter().map(|place| place.map_or([0.0; 3], |place| place.surface.into())).collect();
     let dirs: Vec<[f32; 3]> = normals.iter().map(|normal| (-*normal).into()).collect();
-    let (_, rgb) = field.seen(&places, &dirs)?;
-    let vertex = |((point, &normal), rgb): ((&Option<Vec3>, &Vec3), [f32; 3])| {
-        point.map(|position| Vertex { position: position.into(), normal: normal.into(), rgb })
+    let (_, rgb) = field.seen(&points, &dirs)?;
+    let vertex = |((place, &normal), rgb): ((&Option<Place>, &Vec3), [f32; 3])| {
+        place.map(|place| Vertex { position: place.position.into(), normal: normal.into(), rgb })
     };
-    Ok(points.iter().zip(normals).zip(rgb).map(vertex).collect())
+    Ok(places.iter().zip(normals).zip(rgb).map(vertex).collect())
 }
 
 /// The mesh of those triangles all of whose vertices are there, at three places.

@@ -8,7 +8,7 @@ use nerf_core::blob::Blob;
 use nerf_core::camera::{Ray, SceneBox};
 use nerf_core::memory::Line;
 use nerf_core::plan::{Batch, Outputs, Plan, Quality};
-use nerf_core::render::{RaySegment, Renderer};
+use nerf_core::render::Renderer;
 use std::collections::HashMap;
 
 const BOX: SceneBox = SceneBox { min: Vec3::splat(-1.0), max: Vec3::ONE };
@@ -64,12 +64,13 @@ fn a_ring_has_a_hole_and_what_reaches_the_box_is_closed_there() {
 }
 
 /// Vertices of the surface that is seen of densities by position, 40 cells across.
-fn seen(density: impl Fn(Vec3) -> f32, memory: f32) -> Vec<Vec3> {
+fn seen(density: impl Fn(Vec3) -> f32, decay: f32) -> Vec<Vec3> {
     let lattice = Lattice::new(&BOX, 40).expect("a lattice");
     let within = |p: Vec3| if p.abs().max_element() > 1.001 { 0.0 } else { density(p) };
-    let slice = |z| lattice.slice(z).iter().map(|p| f16::from_f32(within(Vec3::from(*p)))).collect();
+    let slice =
+        |z| lattice.slice(z).iter().map(|p| f16::from_f32(within(Vec3::from(*p)) * lattice.cell)).collect();
     let densities: Vec<Vec<f16>> = (0..=lattice.cells[2]).map(slice).collect();
-    let depths = OpticalDepth::new(&lattice, &densities, memory);
+    let depths = OpticalDepth::new(&lattice, &densities, decay);
     let mut net = Net::new(&lattice);
     for z in 0..=lattice.cells[2] {
         net.slice(z, depths.levels(z)).expect("few vertices");
@@ -113,8 +114,7 @@ fn no_vertex_is_further_than_two_cells_from_where_opacity_crosses_a_half() {
     let blob = Blob::open(&bytes).expect("a blob");
     let (bounds, kernel) = (blob.scene_box().expect("a scene"), Kernel::detect());
     let quality = Quality { occupancy: true, ..Quality::EXACT };
-    let outputs = Outputs { median_distance: true, ..Outputs::ALL };
-    let plan = Plan::new(&blob, &quality, outputs, Batch::FULL).expect("a plan");
+    let plan = Plan::new(&blob, &quality, Outputs::ALL, Batch::FULL).expect("a plan");
     let mut memory = vec![Line::UNINIT; Renderer::prepared_lines(&blob, kernel)];
     let renderer = Renderer::new(blob, kernel, &mut memory).expect("a renderer");
     let field = Field::new(&renderer, &plan);
@@ -126,11 +126,12 @@ fn no_vertex_is_further_than_two_cells_from_where_opacity_crosses_a_half() {
     for before in (8..=40).map(|quarters| 0.25 * quarters as f32) {
         let ray = |vertex: &Vertex| {
             let (point, normal) = (Vec3::from(vertex.position), Vec3::from(vertex.normal));
-            let ray = Ray { origin: point + before * lattice.cell * normal, dir: -normal };
-            RaySegment { ray, t_min: 0.0, t_max: (before + 2.0) * lattice.cell }
+            Ray { origin: point + before * lattice.cell * normal, dir: -normal }
         };
-        let rays: Vec<RaySegment> = mesh.vertices.iter().map(ray).collect();
-        for (off, distance) in off.iter_mut().zip(field.half_way(&rays).expect("rays")) {
+        let rays: Vec<Ray> = mesh.vertices.iter().map(ray).collect();
+        let steps = (4.0 * (before + 2.0)) as usize;
+        let crossings = field.half_way(&rays, (before + 2.0) * lattice.cell, steps).expect("rays");
+        for (off, distance) in off.iter_mut().zip(crossings) {
             *off =
                 off.min(distance.map_or(f32::INFINITY, |distance| (distance / lattice.cell - before).abs()));
         }

@@ -2,6 +2,7 @@
 
 use super::ExportError;
 use super::field::Field;
+use super::lattice::cubes;
 use crate::data::pictures::rgb::ReportError;
 use crate::data::system::output::write_atomic;
 use glam::Vec3;
@@ -38,12 +39,7 @@ pub fn volume(
     resolution: u32,
     mut each: impl FnMut(usize),
 ) -> Result<Volume, ExportError> {
-    let extent = bounds.max - bounds.min;
-    if !(extent.is_finite() && extent.min_element() > 0.0) {
-        return Err(ExportError::Box { sides: extent.into() });
-    }
-    let cell = extent.max_element() / resolution.max(1) as f32;
-    let cells = extent.to_array().map(|side| (side / cell - 1e-3).ceil().max(1.0) as usize);
+    let (cell, cells) = cubes(bounds, resolution)?;
     let [width, height, depth] = cells;
     let mut volume = Volume {
         min: bounds.min.to_array().map(f64::from),
@@ -59,9 +55,9 @@ pub fn volume(
         };
         let points: Vec<[f32; 3]> = (0..height * depth).map(middle).collect();
         let density = field.densities(&points)?;
-        let live: Vec<usize> = (0..points.len()).filter(|&i| density[i] > 0.0).collect();
+        let occupied: Vec<usize> = (0..points.len()).filter(|&i| density[i] > 0.0).collect();
         let mut rgb = vec![[0; 3]; points.len()];
-        for (&i, colour) in live.iter().zip(mean_colours(field, live.iter().map(|&i| points[i]))?) {
+        for (&i, colour) in occupied.iter().zip(mean_colours(field, occupied.iter().map(|&i| points[i]))?) {
             rgb[i] = colour.map(|c| (c.clamp(0.0, 1.0) * 255.0 + 0.5) as u8);
         }
         volume.density.extend(density);
