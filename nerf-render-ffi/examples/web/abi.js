@@ -182,6 +182,28 @@ class Library {
   }
 }
 
+/** What bends the rays of a `nerf_camera`. */
+const LENS = ['k1', 'k2', 'k3', 'k4', 'k5', 'k6', 'p1', 'p2', 'lens_model'];
+
+/**
+ * The ray through an image point of a camera without a lens, as a function: `nerf_camera_ray` bit for bit, since each step
+ * is rounded to a float. What it returns is overwritten by the next.
+ */
+function pinholeOf(camera) {
+  const { fround } = Math, ray = { origin: new Float32Array(3), dir: new Float32Array(3) };
+  const [fx, fy, cx, cy, ...m] = [camera.fx, camera.fy, camera.cx, camera.cy, ...camera.c2w].map(fround);
+  ray.origin.set([m[3], m[7], m[11]]);
+  const { dir } = ray;
+  return (x, y) => {
+    const u = fround(fround(x - cx) / fx), v = fround(fround(y - cy) / fy);
+    for (let i = 0; i < 3; i++) dir[i] = fround(fround(m[4 * i] * u) - fround(m[4 * i + 1] * v)) - m[4 * i + 2];
+    const square = fround(fround(dir[0] * dir[0]) + fround(dir[1] * dir[1])) + fround(dir[2] * dir[2]);
+    const scale = fround(1 / fround(Math.sqrt(fround(square))));
+    for (let i = 0; i < 3; i++) dir[i] *= scale;
+    return ray;
+  };
+}
+
 /** An opened scene, with one worker. */
 class Scene {
   constructor(module, blob, kernel) {
@@ -284,18 +306,19 @@ class Scene {
 
   /** The rays of a camera's pixels, of all or of a rectangle, and what their z_depth is along. */
   cameraRays(camera, { x, y, width, height } = { x: 0, y: 0, width: camera.width, height: camera.height }) {
-    const pixels = width * height;
+    const pixels = width * height, pinhole = LENS.some(name => camera[name]) ? null : pinholeOf(camera);
     const origins = new Float32Array(3 * pixels), dirs = new Float32Array(3 * pixels);
     for (let i = 0; i < pixels; i++) {
-      const ray = this.cameraRay(camera, x + i % width + 0.5, y + Math.floor(i / width) + 0.5);
+      const [u, v] = [x + i % width + 0.5, y + Math.floor(i / width) + 0.5];
+      const ray = pinhole ? pinhole(u, v) : this.cameraRay(camera, u, v);
       origins.set(ray.origin, 3 * i);
       dirs.set(ray.dir, 3 * i);
     }
     return { origins, dirs, axis: this.cameraRay(camera, camera.cx, camera.cy).dir };
   }
 
-  /** As `render`, of what lies in a box: its rays begin and end there. */
-  renderCropped({ camera, options = null, rect, planes, crop }) {
+  /** Rays of a rectangle for `rays`, which begin and end at the sides of a box. */
+  croppedRays({ camera, rect, crop }) {
     const rays = this.cameraRays(camera, rect), pixels = rect.width * rect.height;
     const t_min = new Float32Array(pixels), t_max = new Float32Array(pixels);
     for (let i = 0; i < pixels; i++) {
@@ -308,7 +331,7 @@ class Scene {
       }
       if (from < to) [t_min[i], t_max[i]] = [from, to];
     }
-    return this.rays({ ...rays, t_min, t_max, options, planes });
+    return { ...rays, t_min, t_max };
   }
 
   /** Milliseconds at each point of the front, on this thread. */

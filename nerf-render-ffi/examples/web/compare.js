@@ -13,15 +13,19 @@ async function readPhotographs() {
 /** The photograph that is compared with, or null. */
 let photograph = null;
 
-/** Compares with a photograph, or with none: from its camera, left of the split the photograph, right of it the field. */
+/** Compares with a photograph, or with none: from its camera, left of the split the photograph, right of it the render. */
 function compare(index) {
   photograph = photographs[index] ?? null;
   element('photograph').value = photograph ? index : '';
-  const image = element('photo');
-  image.hidden = element('split').hidden = !photograph;
-  if (photograph) image.src = photograph.picture;
+  if (photograph) element('photo').src = photograph.picture;
+  tellPhotograph();
   split(0.5);
   resize();
+}
+
+/** Shows the photograph and the split, but not in a flight. */
+function tellPhotograph() {
+  for (const id of ['photo', 'split']) element(id).hidden = !photograph || Boolean(flying);
 }
 
 function split(share) {

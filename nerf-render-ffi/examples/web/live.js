@@ -1,5 +1,5 @@
 
-/** Between two looks for a newer blob. */
+/** Between two looks for a newer checkpoint. */
 const LOOK_MS = 250;
 
 /** What a server says now, or null where it has none (yet). */
@@ -17,7 +17,7 @@ async function firstBlob() {
   if (!body.dataset.live) return bytes('blob');
   element('facts').textContent = 'waiting for live.nerf: nerf-train fit DATA -o FILE --live DIR';
   for (;;) {
-    const state = await fetched('live.json', answer => answer.json());
+    const state = await fetched('live.json', answer => answer.text());
     const blob = state && await fetched('live.nerf', async answer => new Uint8Array(await answer.arrayBuffer()));
     if (blob) {
       seen = state;
@@ -27,28 +27,41 @@ async function firstBlob() {
   }
 }
 
-/** The state that is shown. */
+/** The text of live.json that belongs to what is shown. */
 let seen = null;
 
 function tellLive() {
-  const { step, seconds, train_psnr_db, val_psnr_db, done } = seen;
+  const { step, seconds, train_psnr_db, val_psnr_db, done } = JSON.parse(seen);
   const val = val_psnr_db === undefined ? '' : `, validation ${val_psnr_db.toFixed(2)} dB`;
   element('live').textContent = `${done ? 'trained' : 'training'}: step ${step}, ${seconds.toFixed(1)} s, ` +
     `${train_psnr_db.toFixed(2)} dB${val}`;
   body.dataset.liveSteps = `${body.dataset.liveSteps || ''} ${step}`.trim();
 }
 
-/** Shows whatever is newer, for as long as the page is open: a run may begin again. */
+/** Shows a checkpoint that is not shown yet; whether it is another run's instead. */
+async function update() {
+  const state = await fetched('live.json', answer => answer.text());
+  if (!state || state === seen) return false;
+  if (JSON.parse(state).step < JSON.parse(seen).step) return true;
+  const newer = await fetched('live.nerf', async answer => new Uint8Array(await answer.arrayBuffer()));
+  if (!newer) return false;
+  seen = state;
+  await reopen(newer);
+  tellLive();
+  element('status').textContent = '';
+  return false;
+}
+
+/** Shows newer checkpoints for as long as the page is open; another run needs the page anew. */
 async function follow() {
   tellLive();
-  for (;;) {
+  for (let another = false; !another;) {
     await sleep(LOOK_MS);
-    const state = await fetched('live.json', answer => answer.json());
-    if (!state || (state.step === seen.step && state.done === seen.done)) continue;
-    const blob = await fetched('live.nerf', async answer => new Uint8Array(await answer.arrayBuffer()));
-    if (!blob) continue;
-    seen = state;
-    await reopen(blob);
-    tellLive();
+    try {
+      another = await update();
+    } catch (error) {
+      element('status').textContent = `live.nerf: ${error.message}`;
+    }
   }
+  location.reload();
 }

@@ -4,7 +4,7 @@ const MODES = {
   colour: { planes: ['rgb'] },
   depth: { planes: ['opacity', 'z_depth'], unit: 'world units', low: 'near' },
   normals: { planes: ['normals'] },
-  opacity: { planes: ['opacity'], unit: 'share of the light', low: 'clear' },
+  opacity: { planes: ['opacity'], unit: 'opacity, 0 to 1', low: 'clear' },
   distance: { planes: ['opacity', 'ray_distance'], unit: 'world units', low: 'near' },
   median: { planes: ['opacity', 'median_distance'], unit: 'world units', low: 'near' },
 };

@@ -43,6 +43,10 @@ async function dump(kernel) {
     if (!same(cut.planes[name], limited.planes[name])) throw new Error(`${kernel}: limits: ${name}`);
   }
   if (same(cut.planes.opacity, found.planes.opacity)) throw new Error(`${kernel}: limits end no ray`);
+  const bent = { ...camera, k1: 0.1 }, planes = ['rgb'];
+  const seen = await thread.ask('render', { camera: bent, rect, planes });
+  const through = await thread.ask('rays', { ...await thread.ask('cameraRays', bent), planes });
+  if (!same(through.planes.rgb, seen.planes.rgb)) throw new Error(`${kernel}: rays through a lens`);
   thread.worker.terminate();
   const hex = floats => Array.from(new Uint32Array(floats.buffer), x => x.toString(16).padStart(8, '0')).join('');
   const exact = Object.fromEntries(Object.entries(camera).map(([name, value]) =>
@@ -103,7 +107,7 @@ async function flies(check, press) {
   press('k');
   await rest();
   const last = view.pose(), still = pixels();
-  check('three keyframes', element('keyframes').textContent === '3 views');
+  check('three keyframes', element('keyframes').textContent === '3 keyframes');
   element('seconds').value = 0.3;
   const quick = Number(body.dataset.quick);
   element('preview').click();
@@ -121,7 +125,14 @@ async function flies(check, press) {
   const steps = ways.slice(1).map(([place, turn], i) =>
     Math.hypot(...add(place, ways[i][0], -1)) + 2 * Math.acos(Math.min(1, Math.abs(dot(turn, ways[i][1])))));
   check('at an even speed', Math.max(...steps) < 3 * Math.min(...steps));
-  leave('path', pathNow());
+  const zoomed = flight([{ ...keyframes[0], fov: 0.5 }, { ...keyframes[1], fov: 1 }])(0.5).fov;
+  check('the focal length is interpolated', Math.abs(Math.tan(0.5 * zoomed) ** 2 - Math.tan(0.25) * Math.tan(0.5)) < 1e-6);
+  const { data } = info;
+  info.data += ', origin at (1000000, -0.5, 20)';
+  const { keyframes: [{ matrix }], camera_path: [{ camera_to_world: moved }] } = pathNow();
+  info.data = data;
+  const there = add(placeOf(from), [1000000, -0.5, 20]);
+  check('a path is in the coordinates of the data', near(placeOf(moved), there) && near(placeOf(matrix), there));
   element('clear').click();
   check('no keyframes are left', element('preview').disabled && element('save').disabled);
 }
@@ -133,17 +144,30 @@ async function compares(check) {
   await image.decode();
   check('the photograph is shown', !image.hidden && image.naturalWidth > 0 && body.dataset.split === '50');
   check('in its own shape', Math.abs(canvas.width / canvas.height - camera.width / camera.height) < 0.05);
-  check('from its camera', same(poseNow(), camera.c2w));
+  check('from its camera', same(keyframeNow().pose, camera.c2w));
   await drag([[10, 10], [20, 10]]);
   check('a drag moves the split', Number(body.dataset.split) < 20);
+  const eye = String(view.pose());
+  actions.turn(60, 30);
+  actions.dolly(0.8);
+  check('a photograph keeps its view', String(view.pose()) === eye);
+  actions.keep();
+  check('its keyframe has its field of view', Math.abs(Math.tan(0.5 * keyframes[0].fov) - 0.5 * camera.height / camera.fy) < 1e-6);
+  actions.keep();
+  element('seconds').value = 0.1;
+  const flown = preview();
+  check('a preview hides it', image.hidden);
+  await flown;
+  check('and shows it again', !image.hidden && keyframeNow().fov === keyframes[0].fov);
+  element('clear').click();
 }
 
-/** Waits until a newer field is shown than the first. */
+/** Waits until a newer checkpoint is shown than the first. */
 async function sharpen(check) {
   const first = pixels();
   while (body.dataset.liveSteps.split(' ').length < 2) await sleep(20);
   await rest();
-  check('the newer field is another picture', !same(pixels(), first));
+  check('the newer checkpoint is another picture', !same(pixels(), first));
 }
 
 /**

@@ -7,8 +7,9 @@ const calls = {
     return scene.describe();
   },
   render(request) {
+    const rays = request.crop && scene.croppedRays(request);
     const began = performance.now();
-    const found = request.crop ? scene.renderCropped(request) : scene.render(request);
+    const found = rays ? scene.rays({ ...request, ...rays }) : scene.render(request);
     return { ...found, milliseconds: performance.now() - began };
   },
   rays: request => scene.rays(request),

@@ -205,7 +205,7 @@ impl Drop for Server {
 }
 
 #[test]
-fn a_page_beside_a_fit_shows_its_first_blob_and_then_each_newer_one() {
+fn a_page_beside_a_fit_shows_its_first_checkpoint_and_then_each_newer_one() {
     if !all_here(&["python3"]) {
         return;
     }
@@ -229,7 +229,12 @@ fn a_page_beside_a_fit_shows_its_first_blob_and_then_each_newer_one() {
     let page = std::thread::spawn(move || document(&browser, &place, &address, "selftest,live", &screenshot));
     // The page is there before there is a blob, and the second one comes when the first is there.
     server.wait_for("GET / ", 1);
+    put(300, &Recipe::LEARNED.blob(), false);
+    server.wait_for("/live.nerf", 1);
+    // Another run, and a checkpoint that cannot be opened.
     put(100, &Recipe::LEARNED.blob(), false);
+    server.wait_for("/live.nerf", 1);
+    put(150, b"no blob", false);
     server.wait_for("/live.nerf", 1);
     put(200, &Recipe::OCCUPANCY.blob(), true);
     let document = page.join().expect("a document");
@@ -245,10 +250,30 @@ fn a_broken_page_is_noticed() {
     let folder = paths::temporary();
     let Some((page, browser)) = page(&Recipe::OCCUPANCY.blob(), folder.path()) else { return };
     let text = std::fs::read_to_string(&page).expect("a page");
-    let (from, to) = ("view.turn(dx, dy); touched = true; change();", "change();");
+    let from = "move(() => view.turn(dx, dy))";
     assert!(text.contains(from));
-    std::fs::write(&page, text.replace(from, to)).expect("written");
+    std::fs::write(&page, text.replace(from, "change()")).expect("written");
     let screenshot = folder.path().join("page.png");
     let document = document(&browser, folder.path(), &file(&page), "selftest", &screenshot);
     assert!(noted(&document, "selftest").starts_with("failed: drag turns"));
+}
+
+#[test]
+fn a_page_is_not_built_over_its_own_scene() {
+    let folder = paths::temporary();
+    let [scene, page] = ["scene.nerf", "page.html"].map(|name| folder.path().join(name));
+    std::fs::write(&scene, "a scene").expect("a temporary file");
+    std::fs::write(&page, "a page").expect("a temporary file");
+    let script = paths::workspace().join("nerf-render-ffi/examples/web/build");
+    let complains = |arguments: [&Path; 3], expected: &str| {
+        let output = Command::new("bash").arg(&script).args(arguments).output().expect("bash");
+        let said = String::from_utf8_lossy(&output.stderr);
+        assert!(!output.status.success() && said.contains(expected), "{arguments:?}: {said}");
+    };
+    complains([&scene, &scene, &page], "would overwrite");
+    complains([&scene, &page, &page], "would overwrite");
+    complains([folder.path(), &page, &scene], "expected a regular file");
+    complains([&scene, folder.path(), &scene], "expected a regular file");
+    assert_eq!(std::fs::read(&scene).expect("still there"), b"a scene");
+    assert_eq!(std::fs::read(&page).expect("still there"), b"a page");
 }

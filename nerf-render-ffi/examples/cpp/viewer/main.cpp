@@ -121,12 +121,8 @@ int main(int argc, char **argv) {
         return EXIT_FAILURE;
 #endif
     }
-    std::string script = arguments.script + "\nrest\n";
-    if (!arguments.screenshot.empty()) {
-        script += "shot " + arguments.screenshot + "\n";
-    }
-    if (!arguments.path.empty()) {
-        script += "path " + arguments.path + "\n";
-    }
-    return run_script(session, script);
+    const bool good = run_script(session, arguments.script + "\nrest\n") == 0 &&
+                      (arguments.screenshot.empty() || write_screenshot(session, arguments.screenshot)) &&
+                      (arguments.path.empty() || write_path(session, arguments.path));
+    return good ? EXIT_SUCCESS : EXIT_FAILURE;
 }

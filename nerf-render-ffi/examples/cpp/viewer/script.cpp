@@ -28,6 +28,13 @@ void settle(Session &session) {
     } while (!session.done());
 }
 
+// What is left of a command, without spaces around it: names of files have some, too.
+std::string rest_of(std::istream &command) {
+    std::string text;
+    std::getline(command >> std::ws, text);
+    return text.erase(text.find_last_not_of(" \t\r") + 1);
+}
+
 bool run(Session &session, std::istream &command) {
     std::string name;
     command >> name;
@@ -53,12 +60,12 @@ bool run(Session &session, std::istream &command) {
         session.rest();
     } else if (name == "rest") {
         session.rest();
-    } else if (name == "shot" && command >> text) {
+    } else if (name == "shot" && !(text = rest_of(command)).empty()) {
         return write_screenshot(session, text);
     } else if (name == "key") {
         session.choose();
         return true;
-    } else if (name == "path" && command >> text) {
+    } else if (name == "path" && !(text = rest_of(command)).empty()) {
         return write_path(session, text);
     } else {
         std::cerr << "viewer: --script: expected a command and its arguments, found \"" << name << "\"\n";
@@ -86,7 +93,7 @@ bool write_path(const Session &session, const std::string &path) {
         std::cerr << "viewer: " << path << ": expected at least one view to be chosen (key), found none\n";
         return false;
     }
-    const bool written = path_file::write(path, session.views);
+    const bool written = path_file::write(path, session.views, path_file::origin_in(session.data()));
     if (!written) {
         std::cerr << "viewer: cannot write " << path << '\n';
     }

@@ -12,6 +12,7 @@
 #include <limits>
 #include <optional>
 #include <string>
+#include <string_view>
 #include <vector>
 
 struct Settings {
@@ -71,6 +72,8 @@ public:
     const std::vector<std::uint8_t> &display() const { return display_; } // width x height, RGB
     const std::string &error() const { return error_; }
     std::uint32_t samples() const { return scene_.info().samples; }
+    /// The name of the data that the scene was trained on.
+    std::string_view data() const { return nerf::view(scene_.info().data); }
 
     /// Called for each frame that ends.
     std::function<void(const Report &)> on_frame;
