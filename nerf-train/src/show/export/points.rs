@@ -5,7 +5,7 @@ use crate::data::View;
 use crate::measure::frame::{self, Frame};
 use crate::show::render::scaled;
 use glam::Vec3;
-use nerf_core::camera::SceneBox;
+use nerf_core::camera::{Camera, SceneBox};
 use nerf_core::plan::Plan;
 use nerf_core::render::Renderer;
 use nerf_core::sampling::{Purpose, uniform};
@@ -35,11 +35,21 @@ pub fn points_of_views(
         let camera = scaled(&view.camera, (side(width), side(height)))?;
         Ok((camera, frame::render(renderer, plan, &camera)?))
     };
-    let opaque = |frame: &Frame| frame.opacity.iter().filter(|&&opacity| opacity > OPAQUE).count();
+    let hits = |camera: &Camera, frame: &Frame| -> Vec<Vertex> {
+        let hit = |pixel: usize| {
+            let (x, y) = ((pixel % frame.width) as f32 + 0.5, (pixel / frame.width) as f32 + 0.5);
+            let position = camera.ray(x, y).at(frame.median_distance[pixel]);
+            let is_in =
+                frame.opacity[pixel] > OPAQUE && within.is_none_or(|bounds| bounds.contains(position));
+            let (normal, rgb) = (frame.normals[pixel], frame.rgb[pixel]);
+            is_in.then(|| Vertex { position: position.into(), normal, rgb })
+        };
+        (0..frame.rgb.len()).filter_map(hit).collect()
+    };
     let (mut seen, mut asked) = (0, 0);
     for view in views {
-        let (_, frame) = frame_of(view, PILOT)?;
-        (seen, asked) = (seen + opaque(&frame), asked + frame.opacity.len());
+        let (camera, frame) = frame_of(view, PILOT)?;
+        (seen, asked) = (seen + hits(&camera, &frame).len(), asked + frame.opacity.len());
     }
     if seen == 0 {
         return Err(ExportError::NoPoints { views: views.len() });
@@ -48,15 +58,7 @@ pub fn points_of_views(
     let mut vertices = Vec::new();
     for (i, view) in views.iter().enumerate() {
         let (camera, frame) = frame_of(view, a_view)?;
-        for pixel in (0..frame.rgb.len()).filter(|&pixel| frame.opacity[pixel] > OPAQUE) {
-            let (x, y) = ((pixel % frame.width) as f32 + 0.5, (pixel / frame.width) as f32 + 0.5);
-            let position = camera.ray(x, y).at(frame.median_distance[pixel]);
-            if within.is_some_and(|bounds| !bounds.contains(position)) {
-                continue;
-            }
-            let (normal, rgb) = (frame.normals[pixel], frame.rgb[pixel]);
-            vertices.push(Vertex { position: position.into(), normal, rgb });
-        }
+        vertices.extend(hits(&camera, &frame));
         each(i + 1);
     }
     match vertices.is_empty() {
