@@ -1,10 +1,11 @@
 //! How close an exported mesh is to what is rendered, and to the demo's true shapes.
 //!
 //! `NERF_BENCH_BLOB=lego.nerf cargo bench -p nerf-train --bench mesh [-- RESOLUTION]` (256). Rays to every vertex are
-//! rendered along its normal from 2, 2.25, … 10 cells in front (from further away they may meet something else before it):
-//! counted is the one whose opacity crosses 1/2 nearest to the vertex. Also the triangles whose normal is against those of
-//! their vertices, by area; and of a blob named `demo.nerf` the distance of its vertices from the analytic shapes, over the
-//! diagonal of the scene's box, and the angle of their normals to those of the shapes.
+//! rendered, by as many samples as there can be, along its normal from 2, 2.25, … 10 cells in front (from further away
+//! they may meet something else before it): counted is the one whose opacity crosses 1/2 nearest to the vertex. Also
+//! the triangles whose normal is against those of their vertices, by area; and of a blob named `demo.nerf` the distance
+//! of its vertices from the analytic shapes, over the diagonal of the scene's box, and the angle of their normals to
+//! those of the shapes.
 
 use glam::Vec3;
 use nerf_core::Kernel;
@@ -12,13 +13,17 @@ use nerf_core::blob::Blob;
 use nerf_core::camera::Ray;
 use nerf_core::memory::Line;
 use nerf_core::plan::{Batch, Outputs, Plan, Quality};
-use nerf_core::render::Renderer;
+use nerf_core::render::{RaySegment, Renderer, Worker};
+use nerf_core::volume::Pixel;
 use nerf_train::data::demo;
 use nerf_train::show::export::{Field, Lattice, Mesh, Surface, Vertex, mesh};
 use std::time::Instant;
 
 /// Quarters of a cell in front of a vertex from where rays come.
 const BEFORE: std::ops::RangeInclusive<u32> = 8..=40;
+
+/// Samples a ray: the most there can be, whatever steps the mesh was made with.
+const FINEST: u16 = 4096;
 
 fn main() {
     let file = std::env::var("NERF_BENCH_BLOB").expect("NERF_BENCH_BLOB: a scene");
@@ -43,9 +48,14 @@ fn main() {
         mesh.triangles.len()
     );
 
+    let quality = Quality { samples: FINEST, ..quality };
+    let outputs = Outputs { median_distance: true, ..Outputs::ALL };
+    let plan = Plan::new(renderer.blob(), &quality, outputs, Batch::FULL).expect("a plan");
+    let mut workspace = vec![Line::UNINIT; renderer.workspace_lines(&plan)];
+    let mut worker = renderer.worker(&plan, &mut workspace).expect("a worker");
     let mut away = vec![f32::INFINITY; mesh.vertices.len()];
     for before in BEFORE {
-        let found = crossings(&field, lattice.cell, 0.25 * before as f32, &mesh.vertices);
+        let found = crossings(&mut worker, lattice.cell, 0.25 * before as f32, &mesh.vertices);
         for (away, found) in away.iter_mut().zip(found) {
             let cells = |distance: f32| (distance / lattice.cell - 0.25 * before as f32).abs();
             *away = away.min(found.map_or(f32::INFINITY, cells));
@@ -89,13 +99,19 @@ fn true_normal(point: Vec3) -> Vec3 {
 }
 
 /// Distance at which the opacity of rays along the vertices' normals crosses 1/2; they start `before` cells in front.
-fn crossings(field: &Field<'_, '_>, cell: f32, before: f32, vertices: &[Vertex]) -> Vec<Option<f32>> {
-    let rays = vertices.iter().map(|vertex| {
+fn crossings(worker: &mut Worker<'_>, cell: f32, before: f32, vertices: &[Vertex]) -> Vec<Option<f32>> {
+    let ray = |vertex: &Vertex| {
         let (position, normal) = (Vec3::from(vertex.position), Vec3::from(vertex.normal));
-        Ray { origin: position + before * cell * normal, dir: -normal }
-    });
-    let length = before + 2.0;
-    field.half_way(&rays.collect::<Vec<_>>(), length * cell, (4.0 * length) as usize).expect("rays")
+        let ray = Ray { origin: position + before * cell * normal, dir: -normal };
+        RaySegment { ray, t_min: 0.0, t_max: (before + 2.0) * cell }
+    };
+    let rays: Vec<RaySegment> = vertices.iter().map(ray).collect();
+    let mut found = vec![None; rays.len()];
+    let mut take = |i: usize, pixel: &Pixel| {
+        found[i] = (pixel.opacity >= 0.5).then_some(pixel.median_distance);
+    };
+    worker.render_rays(&rays, None, &mut take).expect("rays");
+    found
 }
 
 /// Median, 95th percentile and largest.

@@ -95,7 +95,8 @@ impl Export {
         let blob = open_blob(&self.file, &bytes)?;
         let bounds = self.bounds(&blob, kind)?;
         let quality = Quality { occupancy: true, ..Quality::EXACT };
-        let outputs = Outputs { median_distance: true, normals: kind == Kind::Points, ..Outputs::ALL };
+        let of_points = kind == Kind::Points;
+        let outputs = Outputs { median_distance: of_points, normals: of_points, ..Outputs::ALL };
         let plan = Plan::new(&blob, &quality, outputs, Batch::FULL)?;
         let mut memory = vec![Line::UNINIT; Renderer::prepared_lines(&blob, global.kernel())];
         let renderer = Renderer::new(blob, global.kernel(), &mut memory)?;
@@ -176,16 +177,14 @@ impl Export {
             min: (DVec3::new(x0, y0, z0) - origin).as_vec3(),
             max: (DVec3::new(x1, y1, z1) - origin).as_vec3(),
         });
-        let lattice = Lattice::new(&bounds, self.resolution());
         if !of_views || self.bounds.is_some() {
-            let cells: u64 = lattice?.cells.iter().map(|&n| n as u64).product();
-            let what = format!("{} cells along the box's longest side", self.resolution());
-            let each = match kind {
-                Kind::Volume => BYTES_PER_CELL,
-                _ if of_views => 0,
-                _ => BYTES_PER_CELL_OF_MESH,
-            };
-            memory::check(what, cells, each, "lower --resolution")?;
+            let lattice = Lattice::new(&bounds, self.resolution())?;
+            if !of_views {
+                let cells: u64 = lattice.cells.iter().map(|&n| n as u64).product();
+                let what = format!("{} cells along the box's longest side", self.resolution());
+                let each = if kind == Kind::Volume { BYTES_PER_CELL } else { BYTES_PER_CELL_OF_MESH };
+                memory::check(what, cells, each, "lower --resolution")?;
+            }
         }
         if kind == Kind::Points {
             memory::check("the points", self.points() as u64, BYTES_PER_POINT, "lower --points")?;

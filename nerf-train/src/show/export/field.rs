@@ -10,8 +10,6 @@ use std::f32::consts::LN_2;
 
 /// Points that one task evaluates.
 const CHUNK: usize = 4096;
-/// Points of rays that are held at a time.
-const BATCH: usize = 1 << 22;
 
 /// A scene that is evaluated at points.
 pub struct Field<'a, 'b> {
@@ -79,16 +77,9 @@ impl<'a, 'b> Field<'a, 'b> {
             let ray = *ray;
             (0..steps).map(move |i| ray.at((i as f32 + 0.5) * delta).into())
         };
-        let mut found = vec![None; rays.len()];
-        for (rays, found) in rays.chunks(BATCH / steps + 1).zip(found.chunks_mut(BATCH / steps + 1)) {
-            let points: Vec<[f32; 3]> = rays.iter().flat_map(points).collect();
-            let sigma = self.densities(&points)?;
-            found
-                .iter_mut()
-                .zip(sigma.chunks(steps))
-                .for_each(|(found, sigma)| *found = crossing(sigma, delta));
-        }
-        Ok(found)
+        let points: Vec<[f32; 3]> = rays.iter().flat_map(points).collect();
+        let sigma = self.densities(&points)?;
+        Ok(sigma.chunks(steps).map(|sigma| crossing(sigma, delta)).collect())
     }
 
     fn workspace(&self) -> Vec<Line> {

@@ -10,7 +10,7 @@ use std::path::Path;
 /// that +Y is up: the axes are left as they are. An origin that is far away is the node's translation.
 ///
 /// # Errors
-/// [`ExportError::Output`].
+/// [`ExportError::Output`]; [`ExportError::Glb`] of a mesh of 4 GiB.
 pub fn write_glb(mesh: &Mesh, path: &Path) -> Result<(), ExportError> {
     let size = 36 * mesh.vertices.len() as u64 + 12 * mesh.triangles.len() as u64;
     // With room for what describes them.

@@ -44,17 +44,17 @@ impl Lattice {
     ///
     /// # Errors
     /// [`ExportError::Render`], which points do not cause.
-    pub fn densities(&self, field: &Field<'_, '_>, z: usize) -> Result<Vec<f16>, ExportError> {
+    pub fn cell_depths(&self, field: &Field<'_, '_>, z: usize) -> Result<Vec<f16>, ExportError> {
         let [width, height] = self.corners();
         let side = |i: usize| {
             let ends = |at: usize, corners: usize| at == 0 || at + 1 == corners;
             ends(i % width, width) || ends(i / width, height) || ends(z, self.cells[2] + 1)
         };
         let found = field.densities(&self.slice(z))?;
-        let density = |(i, sigma): (usize, f32)| {
+        let depth = |(i, sigma): (usize, f32)| {
             if side(i) { f16::ZERO } else { f16::from_f32((sigma * self.cell).min(6e4)) }
         };
-        Ok(found.into_iter().enumerate().map(density).collect())
+        Ok(found.into_iter().enumerate().map(depth).collect())
     }
 
     /// The point of the box that is nearest.

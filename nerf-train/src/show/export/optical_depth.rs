@@ -31,15 +31,15 @@ pub(super) struct OpticalDepth {
 }
 
 impl OpticalDepth {
-    /// From the optical depths of a cell ([`Lattice::densities`]) of all slices. Where `decay` is finite, cells, sums fall by a
+    /// From the optical depths of a cell ([`Lattice::cell_depths`]) of all slices. Where `decay` is finite, cells, sums fall by a
     /// factor of about e over it: surfaces are visible from free space inside of the box, too.
-    pub(super) fn new(lattice: &Lattice, densities: &[Vec<f16>], decay: f32) -> Self {
-        let slices = densities.iter().map(|slice| vec![[u16::MAX; 3]; slice.len()]).collect();
+    pub(super) fn new(lattice: &Lattice, cells: &[Vec<f16>], decay: f32) -> Self {
+        let slices = cells.iter().map(|slice| vec![[u16::MAX; 3]; slice.len()]).collect();
         let (mut depths, keep) = (Self { slices }, 1.0 - 1.0 / decay);
-        depths.within_slices(lattice, densities, keep);
-        let up: Vec<usize> = (0..densities.len()).collect();
-        depths.between_slices(lattice, densities, keep, &up);
-        depths.between_slices(lattice, densities, keep, &up.into_iter().rev().collect::<Vec<_>>());
+        depths.within_slices(lattice, cells, keep);
+        let up: Vec<usize> = (0..cells.len()).collect();
+        depths.between_slices(lattice, cells, keep, &up);
+        depths.between_slices(lattice, cells, keep, &up.into_iter().rev().collect::<Vec<_>>());
         depths
     }
 
@@ -53,10 +53,10 @@ impl OpticalDepth {
     }
 
     /// The eight directions along x and y.
-    fn within_slices(&mut self, lattice: &Lattice, densities: &[Vec<f16>], keep: f32) {
+    fn within_slices(&mut self, lattice: &Lattice, cells: &[Vec<f16>], keep: f32) {
         let [width, height] = lattice.corners();
-        self.slices.par_iter_mut().zip(densities).for_each(|(least, densities)| {
-            let sigma: Vec<f32> = densities.iter().map(|sigma| sigma.to_f32()).collect();
+        self.slices.par_iter_mut().zip(cells).for_each(|(least, cells)| {
+            let sigma: Vec<f32> = cells.iter().map(|depth| depth.to_f32()).collect();
             for [dx, dy] in &ACROSS[1..] {
                 let (step, half) = step([*dx, *dy, 0]);
                 let keep = keep.powf(step);
@@ -74,7 +74,7 @@ impl OpticalDepth {
     }
 
     /// The nine directions from each slice to the next of `order`.
-    fn between_slices(&mut self, lattice: &Lattice, densities: &[Vec<f16>], keep: f32, order: &[usize]) {
+    fn between_slices(&mut self, lattice: &Lattice, cells: &[Vec<f16>], keep: f32, order: &[usize]) {
         let [width, height] = lattice.corners();
         let steps = ACROSS.map(|[dx, dy]| {
             let (step, half) = step([dx, dy, 1]);
@@ -83,7 +83,7 @@ impl OpticalDepth {
         let [mut below, mut here] = [(); 2].map(|()| vec![0.0f32; width * height]);
         let [mut last, mut now] = [(); 2].map(|()| vec![[0.0f32; 9]; width * height]);
         for &z in &order[1..order.len() - 1] {
-            here.iter_mut().zip(&densities[z]).for_each(|(here, sigma)| *here = sigma.to_f32());
+            here.iter_mut().zip(&cells[z]).for_each(|(here, sigma)| *here = sigma.to_f32());
             let rows = now.par_chunks_mut(width).zip(self.slices[z].par_chunks_mut(width)).enumerate();
             rows.filter(|(y, _)| (1..height - 1).contains(y)).for_each(|(y, (now, least))| {
                 for x in inner(width, 1) {

@@ -16,7 +16,8 @@ const PILOT: f64 = 1024.0;
 const OPAQUE: f32 = 0.5;
 
 /// About `count` points where rays of the views' photographs meet something: at their median distance, in the colours they
-/// show there; of all of them those in the box `within`. `plan` has colours, opacity, median distances and normals. `each` is told how many views are done.
+/// show there; of all of them those in the box `within`. `plan` has colours, opacity, median distances and normals. `each` is
+/// told how many views are done.
 ///
 /// # Errors
 /// [`ExportError::NoPoints`] where no pixel shows anything opaque in the box; [`ExportError::Render`].

@@ -55,13 +55,16 @@ pub fn mesh(
     mut each: impl FnMut(usize),
 ) -> Result<Mesh, ExportError> {
     let slices = lattice.cells[2] + 1;
-    let mut densities = Vec::with_capacity(slices);
+    let mut cells = Vec::with_capacity(slices);
     for z in 0..slices {
-        densities.push(lattice.densities(field, z)?);
+        cells.push(lattice.cell_depths(field, z)?);
         each(z + 1);
     }
-    let highest = densities.iter().flatten().fold(0.0, |highest, sigma| sigma.to_f32().max(highest));
-    let net = net(lattice, densities, surface, |slice| each(slices + slice))?;
+    let highest = match surface {
+        Surface::Density(_) => cells.iter().flatten().fold(0.0, |highest, depth| depth.to_f32().max(highest)),
+        _ => 0.0,
+    };
+    let net = net(lattice, cells, surface, |slice| each(slices + slice))?;
     let what = format!("a mesh of {} vertices", net.positions.len());
     memory::check(what, net.positions.len() as u64, BYTES_PER_VERTEX, "lower --resolution")?;
     let Net { positions, mut normals, triangles, .. } = net;
@@ -86,10 +89,10 @@ pub fn mesh(
     }
 }
 
-/// The surface net of densities.
+/// The surface net of the optical depths of cells.
 fn net<'l>(
     lattice: &'l Lattice,
-    densities: Vec<Vec<f16>>,
+    cells: Vec<Vec<f16>>,
     surface: Surface,
     mut each: impl FnMut(usize),
 ) -> Result<Net<'l>, ExportError> {
@@ -100,15 +103,15 @@ fn net<'l>(
     };
     match surface {
         Surface::Density(threshold) => {
-            let inside = |sigma: &f16| level(sigma.to_f32() / (threshold * lattice.cell));
-            for (z, densities) in densities.iter().enumerate() {
-                take(z, densities.iter().map(inside).collect())?;
+            let inside = |depth: &f16| level(depth.to_f32() / (threshold * lattice.cell));
+            for (z, cells) in cells.iter().enumerate() {
+                take(z, cells.iter().map(inside).collect())?;
             }
         }
         Surface::Visible | Surface::VisibleFromInside => {
             let decay = if surface == Surface::Visible { f32::INFINITY } else { DECAY };
-            let depths = OpticalDepth::new(lattice, &densities, decay);
-            drop(densities);
+            let depths = OpticalDepth::new(lattice, &cells, decay);
+            drop(cells);
             for z in 0..=lattice.cells[2] {
                 take(z, depths.levels(z))?;
             }
