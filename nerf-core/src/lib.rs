@@ -84,6 +84,7 @@
 //! | `proposal` | yes | samples drawn from a coarse proposal network, where a scene has one |
 //! | `grid` | yes | learned multiresolution grids ([`encoding::GridEncoding`]), and spherical harmonics |
 //! | `contraction` | yes | unbounded scenes ([`camera::Contraction`]) |
+//! | `instances` | yes | several fields in one world ([`Worker::of_instances`]); brings `median` and `normals` |
 //! | `std` | yes | [`host`]: scenes that own their bytes, files, threads |
 //! | `train` | no | for trainers and tests: the parts a renderer is made of are public (`simd`, `math`, `matrix`, `sampling`, networks and encodings at work), and backward kernels |
 //!

@@ -1,6 +1,7 @@
 //! Trains, evaluates and renders radiance fields on a CPU.
 //!
-//! The rooms in the order in which data flows; each uses only those above it.
+//! The rooms in the order in which data flows: `data`, `model`, `train`, `measure`, `fit`, `lab`, `show`, `cli`. Each uses
+//! only those in front of it.
 
 pub mod cli;
 pub mod data;

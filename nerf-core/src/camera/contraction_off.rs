@@ -1,4 +1,4 @@
-//! In the place of `contraction.rs` where the feature is off: every scene has an end, and no code contracts.
+//! In the place of `contraction` where the feature is off: every scene has an end, and no code contracts.
 
 use crate::camera::{Ray, SceneBox};
 use crate::simd::Lanes;

@@ -5,7 +5,7 @@
 //!                                                                    └─ a skip layer's share of it ─┘
 //! ```
 //!
-//! The raw density's gradient points as sigma's does, since both activations increase, and is not lost
+//! The raw density's gradient points as sigma's does, since every activation increases, and is not lost
 //! where sigma is flat.
 
 use super::architecture::{Layer, Role};

@@ -2,7 +2,7 @@
 //!
 //! The rays of a tile walk the proposal's bins as they walk the scene's (`march`), through a network of
 //! densities alone. From the weights they gather, each ray draws its samples, which take the weights'
-//! place; from there on the frame is any other. Without the feature `proposal`, `proposal_absent.rs`
+//! place; from there on the frame is any other. Without the feature `proposal`, `proposal_off.rs`
 //! stands here.
 
 use super::Target;

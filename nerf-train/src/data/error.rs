@@ -1,6 +1,7 @@
 //! What can be wrong with a data set.
 
 use crate::data::layouts::colmap::commands::{RENAMED, quoted};
+use crate::data::pictures::decode::{FORMATS, HEIF_ADVICE};
 use nerf_core::camera::{BoundsError, CameraError};
 use std::path::{Path, PathBuf};
 
@@ -136,7 +137,7 @@ pub enum DatasetError {
     #[error(transparent)]
     Range(#[from] BoundsError),
     /// A picture cannot be decoded.
-    #[error("{}: expected a PNG or JPEG picture, found {found}", file.display())]
+    #[error("{}: expected a {FORMATS} picture, found {found}", file.display())]
     Picture {
         /// The picture.
         file: PathBuf,
@@ -144,7 +145,7 @@ pub enum DatasetError {
         found: String,
     },
     /// A picture of a kind that is not decoded here.
-    #[error("{}: expected a PNG or JPEG picture, found HEIF (HEIC) or AVIF; {}", file.display(), crate::data::pictures::decode::HEIF_ADVICE)]
+    #[error("{}: expected a {FORMATS} picture, found HEIF (HEIC) or AVIF; {HEIF_ADVICE}", file.display())]
     Heif {
         /// The picture.
         file: PathBuf,

@@ -10,7 +10,7 @@
 //! | `*.npz` with `images`, `poses`, `focal` | [`Format::TinyNerf`] | OpenGL |
 //! | a folder (or file of it) with `transforms_train.json` | [`Format::Blender`] | OpenGL |
 //! | a folder with `transforms.json`, or any other `.json` | [`Format::Nerfstudio`] | OpenGL |
-//! | a folder with a COLMAP model in `sparse/0`, `sparse` or itself | [`Format::Colmap`] | OpenCV, world to camera |
+//! | a folder with a COLMAP model in `sparse/0`, `sparse/1`…, `sparse` or itself | [`Format::Colmap`] | OpenCV, world to camera |
 //! | a folder with `poses_bounds.npy` | [`Format::Llff`] | columns down, right, backward |
 //!
 //! Of several that fit a folder the first of transforms, COLMAP, LLFF is read, or the one that [`ReadOptions::layout`]

@@ -16,7 +16,7 @@ use crate::model::config::Config;
 use crate::train::candidate::About;
 use crate::train::checkpoint::{Checkpoint, CheckpointError};
 use crate::train::schedule::{Budget, Clock, duration};
-use crate::train::{Progressed, TrainError, Trainer};
+use crate::train::{Progressed, RESEEDS, TrainError, Trainer};
 use nerf_core::Kernel;
 use std::path::PathBuf;
 use std::time::{Duration, Instant};
@@ -223,9 +223,9 @@ impl Task for Session<'_, '_> {
         if p.reseeds != before {
             self.started = p;
             progress.println(format!(
-                "every density became 0 (a known failure of ReLU densities); starting anew with another seed, \
-                 attempt {} of 4",
-                p.reseeds + 1
+                "every density became 0; starting anew with another seed, attempt {} of {}",
+                p.reseeds + 1,
+                RESEEDS + 1
             ));
         }
         self.show_live(progress)

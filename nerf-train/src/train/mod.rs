@@ -19,7 +19,7 @@ pub(crate) use bounds::{find_bounds, find_box, nears};
 use nerf_core::camera::BoundsError;
 use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
-pub(crate) use trainer::lengthened;
+pub(crate) use trainer::{RESEEDS, lengthened};
 pub use trainer::{Trainer, candidate};
 
 /// Counters of the loop.

@@ -4,6 +4,7 @@ mod checkpoints;
 mod choice;
 mod golden;
 mod import;
+mod pages;
 mod parity_dfdx;
 mod quality;
 mod rooms;

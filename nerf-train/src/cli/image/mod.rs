@@ -73,7 +73,7 @@ impl PhotoOptions {
 #[derive(Debug, Args)]
 #[command(next_help_heading = "Settings (replace the preset's)")]
 pub struct Settings {
-    /// Pixels a step, drawn at random over the whole picture.
+    /// Pixels a step, drawn at random: beside a grid one from each of so many equal parts of the picture.
     #[arg(long, value_name = "N")]
     pixels: Option<usize>,
     /// Learning rate at the end, as a share of the one at the start; 1: constant.

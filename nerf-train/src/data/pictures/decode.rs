@@ -13,6 +13,9 @@ const MAX_PIXELS: u64 = 1 << 28;
 /// What says of a file whether it is HEIF, bytes.
 const HEAD_BYTES: u64 = 12;
 
+/// The formats that are read.
+pub(crate) const FORMATS: &str = "PNG, JPEG, WebP, TIFF, BMP or GIF";
+
 /// What to do with the pictures of telephones that are not decoded.
 pub(crate) const HEIF_ADVICE: &str = "turn them into JPEG first, with `heif-convert a.heic a.jpg` (libheif) or `magick mogrify -format jpg *.heic`";
 
@@ -29,15 +32,13 @@ pub enum DecodeError {
         source: std::io::Error,
     },
     /// Its content is none of the formats that are read.
-    #[error("{file}: expected a PNG, JPEG, WebP, TIFF, BMP or GIF picture, found another kind of file")]
+    #[error("{file}: expected a {FORMATS} picture, found another kind of file")]
     Format {
         /// The file.
         file: PathBuf,
     },
     /// It is an HEIF or AVIF picture, which is not decoded here.
-    #[error(
-        "{file}: expected a PNG, JPEG, WebP, TIFF, BMP or GIF picture, found HEIF (HEIC) or AVIF; {HEIF_ADVICE}"
-    )]
+    #[error("{file}: expected a {FORMATS} picture, found HEIF (HEIC) or AVIF; {HEIF_ADVICE}")]
     Heif {
         /// The file.
         file: PathBuf,
@@ -89,7 +90,6 @@ pub fn decode(file: &Path) -> Result<(DynamicImage, Orientation), DecodeError> {
     picture(&bytes).map_err(damaged)
 }
 
-/// Whether a file begins as those of the HEIF family do: a box `ftyp` of one of their brands.
 /// Width and height of a picture as it is stored, from its header, pixels.
 ///
 /// # Errors
@@ -111,6 +111,7 @@ pub fn dimensions(file: &Path) -> Result<(u32, u32), DecodeError> {
     reader.into_dimensions().map_err(damaged)
 }
 
+/// Whether a file begins as those of the HEIF family do: a box `ftyp` of one of their brands.
 fn is_heif(bytes: &[u8]) -> bool {
     const BRANDS: [&[u8; 4]; 10] =
         [b"heic", b"heix", b"heim", b"heis", b"hevc", b"hevx", b"mif1", b"msf1", b"avif", b"avis"];

@@ -2,7 +2,7 @@
 //!
 //! What a command is pointed at may be a device without end, a pipe, a file that grows, or a sparse terabyte. A read
 //! here ends with an error that states the limit, before the memory does. Archives (`.npz`) and arrays (`.npy`) are not
-//! read whole: `dataset::npz` limits what each array unpacks to. The kernel's own files under `/proc` have no limit.
+//! read whole: `data::layouts::npz` limits what each array unpacks to. The kernel's own files under `/proc` have no limit.
 
 use std::fs::File;
 use std::io::{self, Read};

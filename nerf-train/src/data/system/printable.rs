@@ -6,14 +6,14 @@
 //!
 //! | way out | where | with |
 //! | --- | --- | --- |
-//! | a line of results, of progress, of an error | `outln!`, `cli::common::tell`, `report::progress` | [`line()`] |
-//! | lines of results, such as a table | `outlines!`, `report::progress::say_lines` | [`lines`] |
-//! | names in such lines | `dataset::Report` | [`line()`] |
-//! | tables: CSV, Markdown, terminal | `report::table::Table` | [`lines`] |
-//! | prose of Markdown reports | `study::report`, `sweep::report` | [`markdown`] |
-//! | pages and SVG plots | `show::page`, `report::plot` | [`line()`], [`lines`] |
-//! | text drawn into pictures | `report::text` | [`line()`] |
-//! | JSON | `report::summary`, `report::progress`, `show::page` | [`json`], the same values when read back |
+//! | a line of results, of progress, of an error | `outln!`, `cli::common::tell`, `data::system::progress` | [`line()`] |
+//! | lines of results, such as a table | `outlines!`, `data::system::progress::say_lines` | [`lines`] |
+//! | names in such lines | `data::report::Report` | [`line()`] |
+//! | tables: CSV, Markdown, terminal | `show::table::Table` | [`lines`] |
+//! | prose of Markdown reports | `show::reports` | [`markdown`] |
+//! | pages and SVG plots | `show::cameras::page`, `show::plot` | [`line()`], [`lines`] |
+//! | text drawn into pictures | `show::text` | [`line()`] |
+//! | JSON | `data::system::summary`, `data::system::progress`, `lab::folder`, `show` | [`json`], the same values when read back |
 //!
 //! Blobs, data sets and errors themselves keep the text as it is.
 

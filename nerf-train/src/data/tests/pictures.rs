@@ -200,7 +200,7 @@ fn a_cut_photograph_among_good_ones_is_named() {
     let path = write(&folder, &["a.jpg", "b.jpg", "c.jpg"], &json!({}));
     let whole = std::fs::read(folder.path().join("b.jpg")).expect("read");
     std::fs::write(folder.path().join("b.jpg"), &whole[..whole.len() - 20]).expect("written");
-    assert_names(&error_of(&path), &["b.jpg", "expected a PNG or JPEG picture"]);
+    assert_names(&error_of(&path), &["b.jpg", "expected a PNG, JPEG, WebP, TIFF, BMP or GIF picture"]);
     std::fs::write(folder.path().join("b.jpg"), &whole).expect("written");
     assert_eq!(read_plain(&path).expect("three").train.len(), 2);
 }

@@ -183,7 +183,7 @@ fn a_corrupt_picture_is_named() {
     let whole = std::fs::read(&victim).expect("read");
     for bytes in [&whole[..whole.len() / 2], b"not a picture", b""] {
         std::fs::write(&victim, bytes).expect("write");
-        assert_names(&error_of(&path), &["006.png", "PNG or JPEG"]);
+        assert_names(&error_of(&path), &["006.png", "PNG, JPEG, WebP, TIFF, BMP or GIF"]);
     }
     for byte in 0..whole.len() {
         let mut flipped = whole.clone();

@@ -1,4 +1,4 @@
-//! Encodes blocks of points. The only place of the engine that evaluates an encoding.
+//! Encodes blocks of points by the sinusoidal encoding.
 
 use nerf_core::encoding::{SinusoidalEncoding, encode_block};
 use nerf_core::math::MathBackend;

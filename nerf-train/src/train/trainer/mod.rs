@@ -26,7 +26,7 @@ const LONGEST_STEP: f64 = 4.0;
 const GROWTH: f64 = 0.15;
 const STAGES: f64 = 8.0;
 /// Times a run is started anew before it is given up.
-const RESEEDS: u32 = 3;
+pub(crate) const RESEEDS: u32 = 3;
 
 /// A run: data, settings and everything that changes from step to step.
 pub struct Trainer<'d> {

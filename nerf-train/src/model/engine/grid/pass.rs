@@ -1,6 +1,6 @@
 //! One accumulator's work: chunks of rays, forward and backward.
 //!
-//! One file of some 590 lines, since its methods share one state, and no struct of ours has methods in two files.
+//! One file, long as it is, since its methods share one state.
 
 use super::distortion::distortion_gradient;
 use super::layers::{Layer, LayerSums, Layers, padded};
