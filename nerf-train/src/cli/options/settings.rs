@@ -66,6 +66,17 @@ mod tests {
     use super::*;
 
     #[test]
+    fn files_of_the_firmware_are_settings_for_the_demo() {
+        for (name, is_grid) in [("scene.toml", false), ("grid.toml", true)] {
+            let firmware = Path::new(env!("CARGO_MANIFEST_DIR")).join("../nerf-core/examples/firmware");
+            let file = firmware.join(name);
+            let config = read_config(Preset::Grid, Some(&file), Surroundings::Known).expect("settings");
+            config.check().unwrap_or_else(|error| panic!("{name}: {error}"));
+            assert_eq!(config.network.grid.is_some(), is_grid, "{name}");
+        }
+    }
+
+    #[test]
     fn a_file_without_hull_starts_as_gently_as_the_flag() {
         let folder = tempfile::tempdir().expect("a folder");
         let read = |text: &str| {

@@ -106,7 +106,8 @@ pub struct SamplingConfig {
     /// Rays a step; times `samples` at most 2^27. With `live_samples` the rays of the first step, all of which are
     /// drawn before any is left out: the same limit holds.
     pub rays: usize,
-    /// Live samples a step: rays are drawn until there are as many; 0 to draw exactly `rays`.
+    /// Live samples a step, beside a grid those of them that weigh enough to be kept: as many rays are drawn as have them;
+    /// 0 to draw exactly `rays`.
     pub live_samples: usize,
     /// Draw rays image by image: this many images a step; 0 to draw over all pixels of all images.
     pub images: usize,
