@@ -101,7 +101,11 @@ impl Tree {
                 }
             }
         }
-        assert!(found.is_empty(), "\n{}", found.join("\n"));
+        assert!(
+            found.is_empty(),
+            "correct the page, or list what is not ours (THEIR_…):\n{}",
+            found.join("\n")
+        );
     }
 
     /// Whether a file or folder is there: in the page's folder, or anywhere by the end of its path.
@@ -170,8 +174,8 @@ fn flags_and_presets_that_pages_name_are_there() {
                     ["nerf-train ", "cargo run --release -- "].iter().find_map(|name| piece.split_once(name));
                 let arguments = ours.map_or(piece, |(_, arguments)| arguments);
                 let words: Vec<&str> = arguments.split_whitespace().take(2).collect();
-                let names = (1..=words.len()).rev().map(|count| words[..count].join(" "));
-                let command = names.filter_map(|name| commands_of.get(&name)).next();
+                let mut names = (1..=words.len()).rev().map(|count| words[..count].join(" "));
+                let command = names.find_map(|name| commands_of.get(&name));
                 let of = |flag: &str| match command {
                     Some((flags, _)) => flags.contains(flag),
                     None if flag.starts_with("--") => {
