@@ -136,7 +136,7 @@ fn tables_of_f16_are_unpacked_in_webassembly_alone() {
     let blob = Blob::open(&file).unwrap();
     for kernel in Kernel::all() {
         let [_, _, tables] = Renderer::unpacked_lengths(&blob, kernel);
-        assert_eq!(tables > 0, kernel.isa == Isa::Simd128, "{kernel}");
+        assert_eq!(tables > 0, kernel.isa == crate::Isa::Simd128, "{kernel}");
     }
 }
 
