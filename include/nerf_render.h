@@ -30,22 +30,22 @@
 /**
  * Default of `transmittance_cut`: no difference to be seen from none.
  */
-#define NERF_TRANSMITTANCE_CUT_DEFAULT 2e-2
+#define NERF_TRANSMITTANCE_CUT_DEFAULT 2e-2f
 
 /**
  * Default of `colour_cut`: no difference to be seen from none.
  */
-#define NERF_COLOUR_CUT_DEFAULT 5e-3
+#define NERF_COLOUR_CUT_DEFAULT 5e-3f
 
 /**
  * Default of `normal_blur`: one bin.
  */
-#define NERF_NORMAL_BLUR_DEFAULT 1.0
+#define NERF_NORMAL_BLUR_DEFAULT 1.0f
 
 /**
  * In the place of a cut or a blur: none at all.
  */
-#define NERF_NONE -1.0
+#define NERF_NONE -1.0f
 
 /**
  * Colour is wanted.
@@ -134,7 +134,7 @@ enum nerf_status
      */
     NERF_STATUS_RECT = 11,
     /**
-     * No plane is wanted, or a plane's format or stride is wrong.
+     * No plane is wanted, one is that has no place there, or a plane's format or stride is wrong.
      */
     NERF_STATUS_TARGET = 12,
     /**
@@ -174,7 +174,8 @@ enum nerf_status
      */
     NERF_STATUS_OUT_OF_MEMORY = 21,
     /**
-     * A ray of the caller's has no direction of unit length, no finite origin, no range or no random number.
+     * A ray of the caller's has no direction of unit length, no finite origin, no range or no random number, or has one where
+     * none is drawn.
      */
     NERF_STATUS_RAY = 22,
     /**
@@ -456,7 +457,8 @@ enum nerf_storage
      */
     NERF_STORAGE_F16 = 1,
     /**
-     * f32, unpacked when the scene is opened: the same products, faster.
+     * f32, unpacked when the scene is opened: the same products, faster. A grid's tables are read in place nevertheless,
+     * but for WebAssembly's kernel, which unpacks f16 ones.
      */
     NERF_STORAGE_F32 = 2,
     /**
@@ -1069,7 +1071,7 @@ typedef struct nerf_plane {
  * Where a picture goes: what is NULL is not computed, and takes no memory.
  *
  * Planes may share memory as channels of one structure; what lies between their pixels is never
- * touched.
+ * touched. Two that are written to must not share a byte (`NERF_STATUS_OVERLAP`).
  */
 typedef struct nerf_target {
     /**
@@ -1243,11 +1245,14 @@ typedef struct nerf_rays {
      */
     struct nerf_floats origins;
     /**
-     * In which direction, x, y, z, of unit length.
+     * In which direction, x, y, z, of unit length: the square of its length is 1 within 1e-3. It is used as
+     * it is, so that distances are off by as much.
      */
     struct nerf_floats dirs;
     /**
-     * What is nearer is not seen, world units along the ray, at least 0; NULL for 0.
+     * What is nearer is not seen, world units along the ray, at least 0; NULL for 0. The samples of a scene that is marched
+     * (`step` of `nerf_scene_info` is not 0) are counted from here, so that another `t_min` moves all of them; those of
+     * another scene stay where they are, and the one whose bin `t_min` lies in counts for what is left of the bin.
      */
     struct nerf_floats t_min;
     /**
@@ -1256,11 +1261,12 @@ typedef struct nerf_rays {
      */
     struct nerf_floats t_max;
     /**
-     * A number in [0, 1) each, for `nerf_sample_rays`; else NULL.
+     * A number in [0, 1) each, for `nerf_sample_rays`; else NULL. 1, to which a float rounds what is just below it, is taken
+     * for the largest float below 1.
      */
     struct nerf_floats random;
     /**
-     * Three numbers, of unit length: what `z_depth` is measured along, of a camera the direction of its ray through
+     * Three numbers, of unit length as `dirs` are: what `z_depth` is measured along, of a camera the direction of its ray through
      * (cx, cy). NULL where that is not asked for.
      */
     const float *axis;
@@ -1289,7 +1295,7 @@ typedef struct nerf_points {
      */
     struct nerf_floats positions;
     /**
-     * From the camera to the point, of unit length; not read where there is no plane for colour.
+     * From the camera to the point, of unit length (its square is 1 within 1e-3); not read where there is no plane for colour.
      */
     struct nerf_floats dirs;
     /**
@@ -1529,6 +1535,8 @@ nerf_status nerf_camera_ray(const struct nerf_camera *camera,
 /**
  * Says how much memory a worker for a request takes, and at which alignment.
  *
+ * It depends on the scene's network, the outputs, the batch and the number of instances, not on the size of pictures.
+ *
  * `size` and `align` are written on success only. `message`: NULL, or `message_capacity` bytes for a sentence about what
  * was expected and found; empty on success.
  *
@@ -1606,7 +1614,7 @@ nerf_status nerf_render_picture(struct nerf_worker *worker,
  * opacity alone is what a shadow ray needs: the same bits as beside others, for less work.
  *
  * Rays are checked before the first result is written: `NERF_STATUS_RAY` names the first that has an origin that is not
- * finite, a direction that is not of unit length or no range. Anti-aliasing and a lens' aperture are a camera's:
+ * finite, a direction that is not of unit length or no range, and refuses `random`. Anti-aliasing and a lens' aperture are a camera's:
  * `NERF_STATUS_OPTIONS`. `counters` and `message`: as in `nerf_render`.
  *
  * # Safety
@@ -1624,7 +1632,7 @@ nerf_status nerf_render_rays(struct nerf_worker *worker,
  * A ray collides where its opacity reaches its number of `random`. Then `opacity` is 1, the distances are that point's, and
  * colour and normal are the field's there. Else opacity is 0, distances are infinite, and colour is the background (0 in
  * RGBA planes). Over uniform numbers the mean of the colours is what `nerf_render_rays` composites without cuts, which are
- * not used here. `NERF_STATUS_RAY` also where a number is not in [0, 1). The rest as in `nerf_render_rays`.
+ * not used here. `NERF_STATUS_RAY` also where a number is not in [0, 1]. The rest as in `nerf_render_rays`.
  *
  * # Safety
  * Pointers are NULL or point to what is described there; `worker` and its scenes are intact.

@@ -26,6 +26,7 @@
 
 #include <algorithm>
 #include <cassert>
+#include <charconv>
 #include <cmath>
 #include <cstddef>
 #include <cstdint>
@@ -647,7 +648,7 @@ struct options {
     /// No cut, no blur.
     static options uncut() noexcept {
         options all;
-        all.transmittance_cut = all.colour_cut = all.normal_blur = static_cast<float>(NERF_NONE);
+        all.transmittance_cut = all.colour_cut = all.normal_blur = NERF_NONE;
         return all;
     }
 
@@ -1007,10 +1008,12 @@ struct instance : nerf_instance {
         struct_size = sizeof(nerf_instance);
         scene = of.get();
     }
-    /// `matrix`: 16 floats, column-major as in OpenGL and glTF, that take the scene's coordinates to the world's.
+    /// `matrix`: 16 floats, column-major as in OpenGL and glTF, that take the scene's coordinates to the world's. Another
+    /// number of them is no instance (`struct_size` 0), which is refused when a worker is opened.
     instance(const nerf::scene &of, span<const float> matrix) noexcept : instance(of) {
-        for (std::size_t i = 0; i < 12; ++i) { // another number of them is refused when a worker is opened
-            to_world[i] = matrix.size() == 16 ? matrix[i % 4 * 4 + i / 4] : std::numeric_limits<float>::quiet_NaN();
+        struct_size = matrix.size() == 16 ? sizeof(nerf_instance) : 0;
+        for (std::size_t i = 0; i < 12 && struct_size != 0; ++i) {
+            to_world[i] = matrix[i % 4 * 4 + i / 4];
         }
     }
 };
@@ -1020,7 +1023,8 @@ struct instance : nerf_instance {
 struct rays {
     triples<const float> origins, dirs;
     numbers<const float> t_min = {}, t_max = {};
-    /// Of sample_rays: a number in [0, 1) each.
+    /// Of sample_rays: a number in [0, 1) each; 1, to which a float rounds what is just below, is taken for the largest float
+    /// below it. render_rays refuses them.
     numbers<const float> random = {};
     /// What z_depth is measured along, of unit length.
     std::optional<vec3> axis = {};
@@ -1035,15 +1039,18 @@ public:
 
     /// Looks at several scenes at once, each where the host has placed it, or at one; the rest as in scene::worker.
     static result<worker> open(span<const instance> instances, std::uint32_t outputs, const options &how = {}) noexcept {
-        return open_on_heap(request(instances, outputs), how);
+        const result<nerf_request> asked = request(instances, outputs);
+        return asked ? open_on_heap(*asked, how) : result<worker>(asked.error());
     }
     static result<worker> open(span<const instance> instances, std::uint32_t outputs, const options &how,
                                memory home) noexcept {
-        return open_in(request(instances, outputs), how, std::move(home));
+        const result<nerf_request> asked = request(instances, outputs);
+        return asked ? open_in(*asked, how, std::move(home)) : result<worker>(asked.error());
     }
     static result<layout> memory_layout(span<const instance> instances, std::uint32_t outputs,
                                         const options &how = {}) noexcept {
-        return detail::worker_layout(request(instances, outputs), how);
+        const result<nerf_request> asked = request(instances, outputs);
+        return asked ? detail::worker_layout(*asked, how) : result<layout>(asked.error());
     }
 
     worker(worker &&other) noexcept { swap(other); }
@@ -1126,14 +1133,24 @@ public:
 private:
     friend class scene;
 
-    static nerf_request request(span<const instance> instances, std::uint32_t outputs) noexcept {
+    static result<nerf_request> request(span<const instance> instances, std::uint32_t outputs) noexcept {
         static_assert(sizeof(instance) == sizeof(nerf_instance));
+        for (std::size_t i = 0; i < instances.size(); ++i) {
+            if (instances[i].struct_size == 0) {
+                constexpr std::string_view name = "instances[", wrong = "]: expected a matrix of 16 floats";
+                error why;
+                why.status = NERF_STATUS_TRANSFORM;
+                char *const index = std::copy(name.begin(), name.end(), why.message);
+                *std::copy(wrong.begin(), wrong.end(), std::to_chars(index, index + 20, i).ptr) = '\0';
+                return why;
+            }
+        }
         nerf_request asked = {};
         asked.struct_size = sizeof asked;
         asked.instances = instances.data();
         asked.instance_count = instances.size();
         asked.outputs = outputs;
-        return asked;
+        return result<nerf_request>(std::move(asked));
     }
     static result<worker> open_on_heap(const nerf_request &asked, const options &how) noexcept {
         const result<layout> needed = detail::worker_layout(asked, how);

@@ -1,6 +1,8 @@
 //! Why a call failed: a status for programs, a sentence for people.
 
 use crate::boundary::Reason;
+#[cfg(feature = "instances")]
+use crate::instance::Problem;
 use crate::pixel::{Channel, PixelFormat};
 use crate::status::Status;
 use core::fmt;
@@ -61,6 +63,12 @@ pub(crate) enum Failure {
     SceneOrInstances,
     /// Something that this build of the library lacks.
     NotBuilt(&'static str),
+    /// One of the instances of a request, but for its transform.
+    #[cfg(feature = "instances")]
+    Instance {
+        index: usize,
+        problem: Problem,
+    },
     #[cfg(feature = "instances")]
     Placement {
         index: usize,
@@ -69,6 +77,10 @@ pub(crate) enum Failure {
     NoPlane,
     /// Limits of both kinds.
     TwoLimits,
+    /// A plane of limits beside rays, whose ends are `t_max`.
+    LimitOfRays(&'static str),
+    /// Random numbers beside rays that are not sampled.
+    RandomOfRendered,
     /// A tone map, or exposure of display-encoded values, of an RGBA plane.
     ToneOfAlpha,
     /// A plane that a picture has not.
@@ -92,6 +104,20 @@ pub(crate) enum Failure {
 }
 
 impl Failure {
+    /// The same of one of the instances of a request.
+    #[cfg(feature = "instances")]
+    pub fn of_instance(self, index: usize) -> Self {
+        let problem = match self {
+            Self::StructSize { expected, found, .. } => Problem::StructSize { expected, found },
+            Self::Reserved(_) => Problem::Reserved,
+            Self::Null(_) => Problem::NullScene,
+            Self::Alignment { expected, found, .. } => Problem::SceneAlignment { expected, found },
+            Self::Plan(error) => Problem::Plan(error),
+            other => return other,
+        };
+        Self::Instance { index, problem }
+    }
+
     /// The renderer's word on a workspace, in bytes.
     pub fn of_workspace(error: RenderError) -> Self {
         match error {
@@ -134,14 +160,18 @@ impl Reason for Failure {
             | Self::Format { .. }
             | Self::NoPlane
             | Self::TwoLimits
+            | Self::LimitOfRays(_)
             | Self::NotRequested(_)
             | Self::ScenePlane(_)
             | Self::ToneOfAlpha => Status::Target,
             Self::Busy => Status::Busy,
             Self::SceneOrInstances | Self::NotBuilt(_) => Status::Options,
             #[cfg(feature = "instances")]
+            Self::Instance { problem, .. } => problem.status(),
+            #[cfg(feature = "instances")]
             Self::Placement { .. } => Status::Transform,
             Self::NoFront => Status::NoFront,
+            Self::RandomOfRendered => Status::Ray,
             Self::Cancelled => Status::Cancelled,
             #[cfg(feature = "std")]
             Self::Panic => Status::Panic,
@@ -224,10 +254,21 @@ impl fmt::Display for Failure {
             ),
             Self::NotBuilt(name) => write!(f, "{name}: this build of the library has none"),
             #[cfg(feature = "instances")]
+            Self::Instance { index, problem } => write!(f, "instances[{index}]{problem}"),
+            #[cfg(feature = "instances")]
             Self::Placement { index, error } => write!(f, "instances[{index}].to_world: {error}"),
             Self::NoPlane => write!(f, "target: expected at least one plane, found none"),
             Self::TwoLimits => {
                 write!(f, "target: expected limit_ray_distance or limit_z_depth, found both")
+            }
+            Self::LimitOfRays(name) => {
+                write!(f, "{name}: expected NULL for rays, each of which ends at its own t_max")
+            }
+            Self::RandomOfRendered => {
+                write!(
+                    f,
+                    "rays.random: expected NULL for nerf_render_rays, found numbers for nerf_sample_rays"
+                )
             }
             Self::ToneOfAlpha => write!(
                 f,

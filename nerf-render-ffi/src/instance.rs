@@ -2,12 +2,18 @@
 
 use crate::boundary::Versioned;
 #[cfg(feature = "instances")]
-use crate::boundary::read_versioned;
+use crate::boundary::{Reason, read_versioned};
 #[cfg(feature = "instances")]
 use crate::failure::Failure;
 use crate::scene::Scene;
 #[cfg(feature = "instances")]
+use crate::status::Status;
+#[cfg(feature = "instances")]
+use core::fmt;
+#[cfg(feature = "instances")]
 use nerf_core::camera::Placement;
+#[cfg(feature = "instances")]
+use nerf_core::plan::PlanError;
 
 /// A scene that stands somewhere in the host's world.
 #[derive(Clone, Copy, Debug)]
@@ -27,6 +33,48 @@ unsafe impl Versioned for Instance {
     const NAME: &'static str = "instances";
 }
 
+/// What is wrong with one instance, but for its transform.
+#[cfg(feature = "instances")]
+#[derive(Clone, Copy, Debug)]
+pub(crate) enum Problem {
+    StructSize { expected: usize, found: usize },
+    Reserved,
+    NullScene,
+    SceneAlignment { expected: usize, found: usize },
+    Plan(PlanError),
+}
+
+#[cfg(feature = "instances")]
+impl Problem {
+    pub(crate) fn status(self) -> Status {
+        match self {
+            Self::StructSize { .. } => Status::StructSize,
+            Self::Reserved => Status::Reserved,
+            Self::NullScene => Status::NullPointer,
+            Self::SceneAlignment { .. } => Status::Alignment,
+            Self::Plan(error) => Failure::Plan(error).status(),
+        }
+    }
+}
+
+/// What follows `instances[i]` in a message.
+#[cfg(feature = "instances")]
+impl fmt::Display for Problem {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::StructSize { expected, found } => {
+                write!(f, ".struct_size: expected {expected} (to 4096 with a tail of zeros), found {found}")
+            }
+            Self::Reserved => write!(f, ": expected zeros in unknown fields"),
+            Self::NullScene => write!(f, ".scene: expected an address, found NULL"),
+            Self::SceneAlignment { expected, found } => {
+                write!(f, ".scene: expected a multiple of {expected}, found {found:#x}")
+            }
+            Self::Plan(error) => write!(f, ".scene: {error}"),
+        }
+    }
+}
+
 #[cfg(feature = "instances")]
 impl Instance {
     /// The `index`-th of an array, checked.
@@ -35,11 +83,12 @@ impl Instance {
     /// `first` is NULL or points to more than `index` instances, each of as many bytes as the first says.
     pub(crate) unsafe fn read(first: *const Self, index: usize) -> Result<Self, Failure> {
         // SAFETY: `first` is as this function's `# Safety` has it.
-        let mut found = unsafe { read_versioned(first)? };
+        let mut found = unsafe { read_versioned(first) }.map_err(|failure| failure.of_instance(0))?;
         if index > 0 {
             let step = index.checked_mul(found.struct_size).ok_or(Failure::Overflow("instances"))?;
             // SAFETY: inside of the array by this function's `# Safety`.
-            found = unsafe { read_versioned(first.byte_add(step))? };
+            found = unsafe { read_versioned(first.byte_add(step)) }
+                .map_err(|failure| failure.of_instance(index))?;
         }
         Ok(found)
     }

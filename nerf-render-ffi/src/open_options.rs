@@ -46,7 +46,8 @@ pub enum Storage {
     Auto = 0,
     /// f16, read in place: the scene takes no memory for them.
     F16 = 1,
-    /// f32, unpacked when the scene is opened: the same products, faster.
+    /// f32, unpacked when the scene is opened: the same products, faster. A grid's tables are read in place nevertheless,
+    /// but for WebAssembly's kernel, which unpacks f16 ones.
     F32 = 2,
     /// Pairs of bf16, as are the activations: rounded to 8 significant bits. With AVX-512 BF16 alone.
     Bf16 = 3,

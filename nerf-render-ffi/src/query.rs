@@ -28,7 +28,7 @@ pub struct Points {
     /// x, y, z, world space. Points outside the scene box, or in a cell that the occupancy grid calls empty, have density 0
     /// and black colour.
     pub positions: Floats,
-    /// From the camera to the point, of unit length; not read where there is no plane for colour.
+    /// From the camera to the point, of unit length (its square is 1 within 1e-3); not read where there is no plane for colour.
     pub dirs: Floats,
     /// Receives the density of each, per world unit: a row of `count` pixels, `NERF_FORMAT_F32`, of which only `pixel_stride`
     /// matters.

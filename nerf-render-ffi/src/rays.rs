@@ -88,16 +88,20 @@ pub struct Rays {
     pub count: usize,
     /// Where each begins, x, y, z.
     pub origins: Floats,
-    /// In which direction, x, y, z, of unit length.
+    /// In which direction, x, y, z, of unit length: the square of its length is 1 within 1e-3. It is used as
+    /// it is, so that distances are off by as much.
     pub dirs: Floats,
-    /// What is nearer is not seen, world units along the ray, at least 0; NULL for 0.
+    /// What is nearer is not seen, world units along the ray, at least 0; NULL for 0. The samples of a scene that is marched
+    /// (`step` of `nerf_scene_info` is not 0) are counted from here, so that another `t_min` moves all of them; those of
+    /// another scene stay where they are, and the one whose bin `t_min` lies in counts for what is left of the bin.
     pub t_min: Floats,
     /// What is farther is not seen, at least `t_min`, may be infinite; NULL for no end. It cuts the bin it lies in: opacity
     /// goes continuously with it.
     pub t_max: Floats,
-    /// A number in [0, 1) each, for `nerf_sample_rays`; else NULL.
+    /// A number in [0, 1) each, for `nerf_sample_rays`; else NULL. 1, to which a float rounds what is just below it, is taken
+    /// for the largest float below 1.
     pub random: Floats,
-    /// Three numbers, of unit length: what `z_depth` is measured along, of a camera the direction of its ray through
+    /// Three numbers, of unit length as `dirs` are: what `z_depth` is measured along, of a camera the direction of its ray through
     /// (cx, cy). NULL where that is not asked for.
     pub axis: *const f32,
     /// Where results go: planes of one row of `count` pixels, of which only `pixel_stride` matters. They may be fields of the
@@ -117,7 +121,7 @@ unsafe impl Versioned for Rays {
 /// opacity alone is what a shadow ray needs: the same bits as beside others, for less work.
 ///
 /// Rays are checked before the first result is written: `NERF_STATUS_RAY` names the first that has an origin that is not
-/// finite, a direction that is not of unit length or no range. Anti-aliasing and a lens' aperture are a camera's:
+/// finite, a direction that is not of unit length or no range, and refuses `random`. Anti-aliasing and a lens' aperture are a camera's:
 /// `NERF_STATUS_OPTIONS`. `counters` and `message`: as in `nerf_render`.
 ///
 /// # Safety
@@ -141,7 +145,7 @@ pub unsafe extern "C" fn nerf_render_rays(
 /// A ray collides where its opacity reaches its number of `random`. Then `opacity` is 1, the distances are that point's, and
 /// colour and normal are the field's there. Else opacity is 0, distances are infinite, and colour is the background (0 in
 /// RGBA planes). Over uniform numbers the mean of the colours is what `nerf_render_rays` composites without cuts, which are
-/// not used here. `NERF_STATUS_RAY` also where a number is not in [0, 1). The rest as in `nerf_render_rays`.
+/// not used here. `NERF_STATUS_RAY` also where a number is not in [0, 1]. The rest as in `nerf_render_rays`.
 ///
 /// # Safety
 /// Pointers are NULL or point to what is described there; `worker` and its scenes are intact.
@@ -182,6 +186,9 @@ impl Arrays {
         };
         let (t_min, of_t_min) = optional("rays.t_min", &rays.t_min, false)?;
         let (t_max, of_t_max) = optional("rays.t_max", &rays.t_max, false)?;
+        if !collide && !rays.random.data.is_null() {
+            return Err(Failure::RandomOfRendered);
+        }
         let (random, of_random) = optional("rays.random", &rays.random, collide)?;
         let read = [("rays.origins", of_origins), ("rays.dirs", of_dirs), of_t_min, of_t_max, of_random];
         Ok(Self { origins, dirs, t_min, t_max, random, read })

@@ -73,6 +73,82 @@ impl Pieces {
     }
 }
 
+/// The bytes of a plane: pixels in columns and rows, with gaps. A row is no longer than its stride.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Lattice {
+    /// The lowest address of all.
+    first: usize,
+    columns: usize,
+    rows: usize,
+    pixel_stride: usize,
+    row_stride: usize,
+    size: usize,
+}
+
+impl Lattice {
+    /// `data`: the top left pixel; rows go up where the row stride is negative. Checked before: no address overflows.
+    pub fn new(
+        data: usize,
+        (columns, rows): (usize, usize),
+        (pixel_stride, row_stride): (usize, isize),
+        size: usize,
+    ) -> Self {
+        let up = if row_stride < 0 { rows.saturating_sub(1) * row_stride.unsigned_abs() } else { 0 };
+        Self { first: data - up, columns, rows, pixel_stride, row_stride: row_stride.unsigned_abs(), size }
+    }
+
+    /// An error where the two share a byte.
+    pub fn check_apart(&self, name: &'static str, other: &Self, of: &'static str) -> Result<(), Failure> {
+        if self.meets(other) { Err(Failure::Overlap { name, other: of }) } else { Ok(()) }
+    }
+
+    fn meets(&self, other: &Self) -> bool {
+        if self.is_empty() || other.is_empty() || self.are_channels_with(other) {
+            return false;
+        }
+        let row_length = self.row_length();
+        (0..self.rows).map(|row| self.first + row * self.row_stride).any(|row| {
+            let pixels = (0..self.columns).map(|column| row + column * self.pixel_stride);
+            other.has_any(row, row_length) && pixels.into_iter().any(|pixel| other.has_any(pixel, self.size))
+        })
+    }
+
+    fn is_empty(&self) -> bool {
+        self.columns == 0 || self.rows == 0
+    }
+
+    /// From a row's first byte to behind its last; of a plane that is not empty.
+    fn row_length(&self) -> usize {
+        (self.columns - 1) * self.pixel_stride + self.size
+    }
+
+    /// Whether the two are channels of one structure, side by side: the usual case, without a look at each pixel.
+    fn are_channels_with(&self, other: &Self) -> bool {
+        let (low, high) = if self.first <= other.first { (self, other) } else { (other, self) };
+        let offset = high.first - low.first;
+        (low.pixel_stride, low.row_stride) == (high.pixel_stride, high.row_stride)
+            && low.row_stride / low.pixel_stride >= low.columns.max(high.columns)
+            && low.size <= offset
+            && offset.saturating_add(high.size) <= low.pixel_stride
+    }
+
+    /// Whether a pixel has one of the `length` bytes from `at` on; of a plane that is not empty.
+    fn has_any(&self, at: usize, length: usize) -> bool {
+        let (start, end) = (at.saturating_sub(self.first), (at + length).saturating_sub(self.first));
+        // The first of pieces, a stride apart, that ends behind a place.
+        let behind = |place: usize, stride: usize, size: usize| {
+            place.checked_sub(size).map_or(0, |beyond| beyond / stride + 1)
+        };
+        (behind(start, self.row_stride, self.row_length())..self.rows)
+            .map(|row| row * self.row_stride)
+            .take_while(|&row| row < end)
+            .any(|row| {
+                let column = behind(start.saturating_sub(row), self.pixel_stride, self.size);
+                column < self.columns && column * self.pixel_stride < end - row
+            })
+    }
+}
+
 /// An error unless `value` is a multiple of `expected`.
 pub(crate) fn check_aligned(name: &'static str, value: usize, expected: usize) -> Result<(), Failure> {
     if value.is_multiple_of(expected) {

@@ -30,7 +30,7 @@ pub enum Status {
     Camera = 10,
     /// The rectangle is not inside the image.
     Rect = 11,
-    /// No plane is wanted, or a plane's format or stride is wrong.
+    /// No plane is wanted, one is that has no place there, or a plane's format or stride is wrong.
     Target = 12,
     /// The blob is a picture (a 2D field), not a scene: `nerf_render_picture` renders it.
     NotAScene = 13,
@@ -50,7 +50,8 @@ pub enum Status {
     File = 20,
     /// The system has no memory left for what the library was asked to own.
     OutOfMemory = 21,
-    /// A ray of the caller's has no direction of unit length, no finite origin, no range or no random number.
+    /// A ray of the caller's has no direction of unit length, no finite origin, no range or no random number, or has one where
+    /// none is drawn.
     Ray = 22,
     /// An instance's transform is not a rotation, one scale and a translation.
     Transform = 23,

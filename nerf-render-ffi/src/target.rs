@@ -3,7 +3,7 @@
 use crate::boundary::{Versioned, read_versioned};
 use crate::failure::Failure;
 use crate::pixel::{Channel, PixelFormat, put};
-use crate::span::{Pieces, Span, check_aligned};
+use crate::span::{Lattice, Pieces, Span, check_aligned};
 use crate::tile_pixels::TilePixels;
 use crate::worker::Worker;
 use core::ffi::c_void;
@@ -30,7 +30,7 @@ pub struct Plane {
 /// Where a picture goes: what is NULL is not computed, and takes no memory.
 ///
 /// Planes may share memory as channels of one structure; what lies between their pixels is never
-/// touched.
+/// touched. Two that are written to must not share a byte (`NERF_STATUS_OVERLAP`).
 #[derive(Clone, Copy, Debug)]
 #[repr(C)]
 pub struct Target {
@@ -98,7 +98,7 @@ impl Canvas {
     pub unsafe fn of_frame(at: *const Target, rect: Rect, worker: &mut Worker) -> Result<Self, Failure> {
         let extent = Extent { columns: rect.width as usize, rows: rect.height as usize };
         // SAFETY: the caller's promise.
-        let mut canvas = unsafe { Self::of_target(at, extent, &[], worker)? };
+        let mut canvas = unsafe { Self::of_target(at, extent, None, worker)? };
         canvas.origin = [rect.x, rect.y];
         canvas.set_up(worker)?;
         Ok(canvas)
@@ -111,7 +111,7 @@ impl Canvas {
     pub unsafe fn of_picture(at: *const Target, rect: Rect, worker: &Worker) -> Result<Self, Failure> {
         let extent = Extent { columns: rect.width as usize, rows: rect.height as usize };
         // SAFETY: the caller's promise.
-        let mut canvas = unsafe { Self::of_target(at, extent, &[], worker)? };
+        let mut canvas = unsafe { Self::of_target(at, extent, None, worker)? };
         canvas.origin = [rect.x, rect.y];
         let planes = canvas.surfaces.iter().chain([&canvas.limit]).flatten();
         let other = planes.map(|surface| surface.channel).find(|channel| *channel != Channel::Colour);
@@ -129,10 +129,7 @@ impl Canvas {
         worker: &mut Worker,
     ) -> Result<Self, Failure> {
         // SAFETY: the caller's promise.
-        let canvas = unsafe { Self::of_target(at, Extent { columns: count, rows: 1 }, read, worker)? };
-        if let Some(limit) = canvas.limit {
-            return Err(Failure::Reserved(limit.channel.name()));
-        }
+        let canvas = unsafe { Self::of_target(at, Extent { columns: count, rows: 1 }, Some(read), worker)? };
         canvas.set_up(worker)?;
         Ok(canvas)
     }
@@ -172,14 +169,15 @@ impl Canvas {
         Ok(canvas)
     }
 
-    /// Checks every plane against its extent, the scenes, the worker and what is read.
+    /// Checks every plane against its extent, the scenes, the worker and the other planes; those of rays against what is
+    /// read of the rays, too.
     ///
     /// # Safety
     /// As [`Canvas::of_frame`].
     unsafe fn of_target(
         at: *const Target,
         extent: Extent,
-        read: &[(&'static str, Pieces)],
+        rays: Option<&[(&'static str, Pieces)]>,
         worker: &Worker,
     ) -> Result<Self, Failure> {
         // SAFETY: `at` is as this function's `# Safety` has it.
@@ -202,12 +200,21 @@ impl Canvas {
             if plane.data.is_null() {
                 continue;
             }
+            if rays.is_some() && k >= canvas.surfaces.len() {
+                return Err(Failure::LimitOfRays(channel.name()));
+            }
             let (checked, pieces) = check(channel, plane, extent, worker)?;
-            for (name, read) in read {
+            for (name, read) in rays.unwrap_or_default() {
                 pieces.check_apart(channel.name(), *read, name)?;
             }
             match canvas.surfaces.get_mut(k) {
-                Some(surface) => *surface = Some(checked),
+                Some(_) => {
+                    let bytes = checked.bytes(extent);
+                    for other in canvas.surfaces.iter().flatten() {
+                        bytes.check_apart(channel.name(), &other.bytes(extent), other.channel.name())?;
+                    }
+                    canvas.surfaces[k] = Some(checked);
+                }
                 None if canvas.limit.is_some() => return Err(Failure::TwoLimits),
                 None => canvas.limit = Some(checked),
             }
@@ -283,6 +290,16 @@ impl LimitPlane {
 }
 
 impl Surface {
+    /// The bytes of its pixels.
+    fn bytes(&self, extent: Extent) -> Lattice {
+        Lattice::new(
+            self.data as usize,
+            (extent.columns, extent.rows),
+            (self.pixel_stride, self.row_stride),
+            self.format.size(),
+        )
+    }
+
     /// A pixel's place.
     ///
     /// # Safety

@@ -216,7 +216,10 @@ impl Checked {
         #[cfg(feature = "instances")]
         if self.placed {
             // SAFETY: `_index` is less than their number, and the rest is as this function's `# Safety` has it.
-            return unsafe { Scene::of(Instance::read(self.request.instances, _index)?.scene) };
+            let scene = unsafe {
+                Instance::read(self.request.instances, _index).and_then(|instance| Scene::of(instance.scene))
+            };
+            return scene.map_err(|failure| self.of_scene(_index, failure));
         }
         // SAFETY: `scene` is as this function's `# Safety` has it.
         unsafe { Scene::of(self.request.scene) }
@@ -235,13 +238,23 @@ impl Checked {
         unsafe { Instance::read(self.request.instances, index)?.placement(index) }
     }
 
+    /// What failed with one of the scenes, named by its index where they are instances.
+    fn of_scene(&self, _index: usize, failure: Failure) -> Failure {
+        #[cfg(feature = "instances")]
+        if self.placed {
+            return failure.of_instance(_index);
+        }
+        failure
+    }
+
     /// The plan of one of the scenes, in its own units; `None` of a picture.
-    fn plan(&self, scene: &Scene, scale: f32) -> Result<Option<Plan<'static>>, Failure> {
+    fn plan(&self, index: usize, scene: &Scene, scale: f32) -> Result<Option<Plan<'static>>, Failure> {
         let blob = scene.renderer().blob();
         if blob.picture().is_some() && !self.placed {
             return Ok(None);
         }
-        self.settings.plan(blob, self.outputs, scale).map(Some)
+        let plan = self.settings.plan(blob, self.outputs, scale);
+        plan.map(Some).map_err(|failure| self.of_scene(index, failure))
     }
 
     /// How much memory a worker takes.
@@ -250,9 +263,9 @@ impl Checked {
     /// As [`Checked::scene`].
     unsafe fn shares(&self) -> Result<Shares, Failure> {
         // SAFETY: the caller's promise.
-        let last = unsafe { self.scene(self.count() - 1)? };
+        let (index, last) = (self.count() - 1, unsafe { self.scene(self.count() - 1)? });
         let batch = self.settings.batch;
-        let rest = match self.plan(last, 1.0)? {
+        let rest = match self.plan(index, last, 1.0)? {
             #[cfg(feature = "instances")]
             Some(plan) if self.placed => {
                 // What opening refuses is refused here.
@@ -261,7 +274,7 @@ impl Checked {
                     let scene = unsafe { self.scene(index)? };
                     // SAFETY: as above.
                     let scale = unsafe { self.placement(index)? }.scale();
-                    self.plan(scene, scale)?;
+                    self.plan(index, scene, scale)?;
                 }
                 // SAFETY: as above; each was just looked at.
                 let scenes = (0..self.count()).filter_map(|index| unsafe { self.scene(index) }.ok());
@@ -285,6 +298,8 @@ impl Checked {
 }
 
 /// Says how much memory a worker for a request takes, and at which alignment.
+///
+/// It depends on the scene's network, the outputs, the batch and the number of instances, not on the size of pictures.
 ///
 /// `size` and `align` are written on success only. `message`: NULL, or `message_capacity` bytes for a sentence about what
 /// was expected and found; empty on success.
@@ -413,7 +428,7 @@ unsafe fn open_in(
         let scale = unsafe { checked.placement(index)? }.scale();
         #[cfg(not(feature = "instances"))]
         let scale = 1.0;
-        Ok(Member { scene, plan: checked.plan(scene, scale)? })
+        Ok(Member { scene, plan: checked.plan(index, scene, scale)? })
     };
     // SAFETY: these are the shares, in order.
     let members = unsafe { lent.values(checked.count(), member)? };

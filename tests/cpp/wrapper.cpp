@@ -553,6 +553,13 @@ void fields_stand_where_a_host_puts_them(const nerf::scene &scene) {
     CHECK(refused.status() == NERF_STATUS_TRANSFORM && says(refused.error(), "mirrored"));
     const nerf::instance cut_short[1] = {nerf::instance(scene, nerf::span(mirror, 15))};
     CHECK(nerf::worker::open(cut_short, target.outputs()).status() == NERF_STATUS_TRANSFORM);
+    // The rows of C's to_world are not 16 numbers.
+    const nerf::instance rows[2] = {nerf::instance(scene), nerf::instance(scene, nerf::span(mirror, 12))};
+    const auto short_of = nerf::worker::open(rows, target.outputs());
+    CHECK(short_of.status() == NERF_STATUS_TRANSFORM &&
+          says(short_of.error(), "instances[1]: expected a matrix of 16 floats"));
+    CHECK(nerf::worker::memory_layout(rows, target.outputs()).status() == NERF_STATUS_TRANSFORM);
+    CHECK(nerf::worker::open(rows, target.outputs(), {}, nerf::memory()).status() == NERF_STATUS_TRANSFORM);
     CHECK(nerf::worker::open({}, target.outputs()).status() == NERF_STATUS_NULL_POINTER);
 }
 

@@ -54,7 +54,7 @@ pub enum RenderError {
         /// Up to which.
         t_max: f32,
     },
-    /// A random number of a ray that is not in `[0, 1)`, or is not there, or has no ray.
+    /// A random number of a ray that is not in `[0, 1]`, or is not there, or has no ray.
     Random {
         /// Which one.
         index: usize,
@@ -139,7 +139,7 @@ impl core::fmt::Display for RenderError {
                 write!(f, "rays[{index}]: expected 0 <= t_min <= t_max, found t_min {t_min}, t_max {t_max}")
             }
             Self::Random { index } => {
-                write!(f, "random[{index}]: expected a number in [0, 1) for every ray and no more")
+                write!(f, "random[{index}]: expected a number in [0, 1] for every ray and no more")
             }
             Self::Axis { found } => write!(f, "axis: expected a vector of unit length, found {found:?}"),
             Self::CameraEffects => {

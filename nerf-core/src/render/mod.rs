@@ -108,9 +108,10 @@ impl<'a> Renderer<'a> {
         [blob.architecture().parameters(), Proposer::parameters(blob), tables]
     }
 
-    /// The f16 tables of an instruction set that has no instruction to widen them.
+    /// The f16 tables of an instruction set that does not read them where they lie.
     fn widened_tables<'b>(blob: &Blob<'b>, kernel: Kernel) -> Option<&'b [u8]> {
-        let tables = blob.tables().filter(|tables| !kernel.isa.widens_f16() && tables.scales().is_none());
+        let tables =
+            blob.tables().filter(|tables| !kernel.isa.reads_f16_tables() && tables.scales().is_none());
         tables.map(|tables| tables.bytes())
     }
 

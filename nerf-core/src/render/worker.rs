@@ -187,14 +187,15 @@ impl<'f> Worker<'f> {
     /// Draws where a photon that flies along each ray collides, for path tracers: `target` takes the index of the ray and
     /// what there is.
     ///
-    /// `random`: a number in `[0, 1)` a ray. A ray collides where its opacity reaches that: there `opacity` is 1, the
+    /// `random`: a number in `[0, 1]` a ray; 1, to which a number just below it is rounded in f32, counts as the largest
+    /// f32 below it. A ray collides where its opacity reaches that: there `opacity` is 1, the
     /// distances are that point's, colour and normal the sample's. One that does not has opacity 0, infinite distances and
     /// the background's colour. Colour is that of one sample in [`Worker::render_rays`], and its probability that sample's
     /// weight: over uniform numbers the mean of the colours is what that composites without cuts. The plan's cuts are not
     /// used.
     ///
     /// # Errors
-    /// As [`Worker::render_rays`]; [`RenderError::Random`] with the index of the first number that is not in `[0, 1)`, or of
+    /// As [`Worker::render_rays`]; [`RenderError::Random`] with the index of the first number that is not in `[0, 1]`, or of
     /// the first ray without one.
     pub fn sample_rays(
         &mut self,
@@ -223,9 +224,10 @@ impl<'f> Worker<'f> {
         target: &mut impl FnMut(usize, &Pixel),
     ) -> Result<Counters, RenderError> {
         self.check_rays(count, ray, axis)?;
-        if let Some(index) = (0..count).find(|&i| !(0.0..1.0).contains(&random(i))) {
+        if let Some(index) = (0..count).find(|&i| !(0.0..=1.0).contains(&random(i))) {
             return Err(RenderError::Random { index });
         }
+        let below_one = |i: usize| random(i).min(1.0 - f32::EPSILON / 2.0);
         let mut put = |index: usize, pixel: &Pixel| {
             let t = if pixel.opacity > 0.0 { pixel.ray_distance } else { f32::INFINITY };
             let z_depth = match axis {
@@ -234,7 +236,7 @@ impl<'f> Worker<'f> {
             };
             target(index, &Pixel { ray_distance: t, z_depth, median_distance: t, ..*pixel });
         };
-        Ok(self.rows_of_rays::<true>(count, ray, random, axis, &mut put))
+        Ok(self.rows_of_rays::<true>(count, ray, &below_one, axis, &mut put))
     }
 
     fn check_rays(

@@ -64,9 +64,11 @@ impl Isa {
         }
     }
 
-    /// Whether it has an instruction that widens f16: without one, the tables of prepared scenes are widened once.
-    pub const fn widens_f16(self) -> bool {
-        !matches!(self, Self::Portable | Self::Simd128)
+    /// Whether f16 tables of prepared scenes are read where they lie, and not widened to f32 once: everywhere but in
+    /// WebAssembly, which has no instruction to widen f16. Nor has portable code, but there twice the tables' bytes are a
+    /// high price for 2 % of a frame (`docs/kernels.md`).
+    pub const fn reads_f16_tables(self) -> bool {
+        !matches!(self, Self::Simd128)
     }
 
     /// Its name in reports and in [`crate::Kernel`]'s.

@@ -12,6 +12,7 @@ mod file;
 mod hostile;
 mod large;
 mod picture;
+mod planes;
 mod proposal;
 mod quality;
 mod rays;

@@ -97,6 +97,11 @@ fn rays(mine: &[Mine], axis: &[f32; 3], target: &ffi::Target) -> ffi::Rays {
     }
 }
 
+/// For `nerf_render_rays`, which draws nothing.
+fn without_numbers(mine: &[Mine], axis: &[f32; 3], target: &ffi::Target) -> ffi::Rays {
+    ffi::Rays { random: ffi::Floats { data: null(), stride: 0 }, ..rays(mine, axis, target) }
+}
+
 fn seen() -> camera::Camera {
     scenes::camera(SIDE, SIDE)
 }
@@ -147,14 +152,14 @@ fn rays_of_a_camera_are_its_frame_in_any_order_and_number_with_any_stride() {
             let (mut mine, axis) = (mine(), seen().pose().forward().to_array());
             let mut found = vec![BLANK; COUNT];
             let (status, said, work) =
-                trace(&worker, ffi::nerf_render_rays, &rays(&mine, &axis, &target(&mut found)));
+                trace(&worker, ffi::nerf_render_rays, &without_numbers(&mine, &axis, &target(&mut found)));
             assert_eq!((status, said.as_str(), work.rays), (Status::Ok, "", COUNT as u64));
             assert!(found == expected && found.iter().all(|hit| hit.between == 77), "{kernel}");
             // The other way round, and seventeen at a time.
             mine.reverse();
             for part in mine.chunks(17) {
                 let mut found = vec![BLANK; part.len()];
-                trace(&worker, ffi::nerf_render_rays, &rays(part, &axis, &target(&mut found)));
+                trace(&worker, ffi::nerf_render_rays, &without_numbers(part, &axis, &target(&mut found)));
                 for (mine, found) in part.iter().zip(&found) {
                     assert_eq!(*found, expected[mine.id as usize], "{kernel}");
                 }
@@ -166,7 +171,8 @@ fn rays_of_a_camera_are_its_frame_in_any_order_and_number_with_any_stride() {
                 opacity: plane(alone.as_mut_ptr().cast(), PixelFormat::F32),
                 ..call::target(NO_PLANE)
             };
-            let (status, _, work) = trace(&shadow, ffi::nerf_render_rays, &rays(&mine, &axis, &planes));
+            let (status, _, work) =
+                trace(&shadow, ffi::nerf_render_rays, &without_numbers(&mine, &axis, &planes));
             assert_eq!((status, work.colour_evaluations), (Status::Ok, 0));
             for (mine, opacity) in mine.iter().zip(alone) {
                 assert_eq!(opacity, expected[mine.id as usize].opacity, "{kernel}");
@@ -190,7 +196,7 @@ fn a_limit_of_a_pixel_is_the_end_of_its_ray() {
         depth[i] = limit(i) * cosine;
     }
     let mut expected = vec![BLANK; COUNT];
-    trace(&worker, ffi::nerf_render_rays, &rays(&mine, &axis, &target(&mut expected)));
+    trace(&worker, ffi::nerf_render_rays, &without_numbers(&mine, &axis, &target(&mut expected)));
     let whole = {
         let mut whole = vec![BLANK; COUNT];
         assert_eq!(frame(&worker, &target(&mut whole)), Status::Ok);
@@ -246,7 +252,16 @@ fn a_limit_of_a_pixel_is_the_end_of_its_ray() {
     planes.limit_z_depth = plane(depth.as_mut_ptr().cast(), PixelFormat::F32);
     assert_eq!(frame(&worker, &planes), Status::Target);
     planes.limit_z_depth = NO_PLANE;
-    assert_eq!(trace(&worker, ffi::nerf_render_rays, &rays(&mine, &axis, &planes)).0, Status::Reserved);
+    for (plane, named) in [(0, "target.limit_ray_distance"), (1, "target.limit_z_depth")] {
+        let mut planes = target(&mut found);
+        let limits = [&mut planes.limit_ray_distance, &mut planes.limit_z_depth];
+        // Of whatever format: it has no place there.
+        *limits.into_iter().nth(plane).unwrap() = call::plane(depth.as_mut_ptr().cast(), PixelFormat::RgbF32);
+        let (status, said, _) =
+            trace(&worker, ffi::nerf_render_rays, &without_numbers(&mine, &axis, &planes));
+        assert_eq!(status, Status::Target);
+        assert_eq!(said, format!("{named}: expected NULL for rays, each of which ends at its own t_max"));
+    }
     planes.limit_ray_distance.format = PixelFormat::RgbF32 as u32;
     assert_eq!(frame(&worker, &planes), Status::Target);
 }
@@ -257,7 +272,7 @@ fn collisions_are_those_of_the_opacity() {
     let worker = open(&opened, &call::render_options(), EVERYTHING);
     let (mine, axis) = (mine(), seen().pose().forward().to_array());
     let (mut seen, mut drawn) = (vec![BLANK; COUNT], vec![BLANK; COUNT]);
-    trace(&worker, ffi::nerf_render_rays, &rays(&mine, &axis, &target(&mut seen)));
+    trace(&worker, ffi::nerf_render_rays, &without_numbers(&mine, &axis, &target(&mut seen)));
     let (status, ..) = trace(&worker, ffi::nerf_sample_rays, &rays(&mine, &axis, &target(&mut drawn)));
     assert_eq!(status, Status::Ok);
     let mut hits = 0;
@@ -298,8 +313,12 @@ fn what_is_no_ray_is_refused_with_its_index_and_nothing_is_written() {
         spoil(&mut mine[300]);
         spoil(&mut mine[17]);
         let planes = target(&mut hits);
-        for call in [ffi::nerf_render_rays as Call, ffi::nerf_sample_rays] {
-            let (status, said, work) = trace(&worker, call, &rays(&mine, &axis, &planes));
+        let both = [
+            (ffi::nerf_render_rays as Call, without_numbers(&mine, &axis, &planes)),
+            (ffi::nerf_sample_rays, rays(&mine, &axis, &planes)),
+        ];
+        for (call, asked) in both {
+            let (status, said, work) = trace(&worker, call, &asked);
             assert_eq!((status, work.rays), (Status::Ray, 0), "{said}");
             assert!(said.starts_with("rays[17]: expected"), "{said}");
         }
@@ -307,15 +326,22 @@ fn what_is_no_ray_is_refused_with_its_index_and_nothing_is_written() {
     }
     let (mut mine, mut hits) = (mine(), vec![BLANK; COUNT]);
     let planes = target(&mut hits);
-    mine[40].random = 1.0;
+    mine[40].random = 1.5;
     let (status, said, _) = trace(&worker, ffi::nerf_sample_rays, &rays(&mine, &axis, &planes));
     assert!(status == Status::Ray && said.starts_with("random[40]"), "{said}");
-    assert_eq!(trace(&worker, ffi::nerf_render_rays, &rays(&mine, &axis, &planes)).0, Status::Ok);
+    let (status, said, _) = trace(&worker, ffi::nerf_render_rays, &rays(&mine, &axis, &planes));
+    assert!(status == Status::Ray && said.starts_with("rays.random: expected NULL"), "{said}");
+    assert!(hits.iter().all(|hit| *hit == BLANK));
+    // What a number just below 1 is in f32.
+    mine[40].random = (1.0f64 - 1e-9) as f32;
+    assert_eq!(mine[40].random, 1.0);
+    assert_eq!(trace(&worker, ffi::nerf_sample_rays, &rays(&mine, &axis, &planes)).0, Status::Ok);
+    assert_ne!(hits[40], BLANK);
 
     let refused = |expected: Status, text: &str, spoil: &dyn Fn(&mut ffi::Rays, &mut ffi::Target)| {
         let mut hits = vec![BLANK; COUNT];
         let mut planes = target(&mut hits);
-        let mut all = rays(&mine, &axis, &planes);
+        let mut all = without_numbers(&mine, &axis, &planes);
         spoil(&mut all, &mut planes);
         all.target = &planes;
         let (status, said, _) = trace(&worker, ffi::nerf_render_rays, &all);
@@ -339,7 +365,7 @@ fn what_is_no_ray_is_refused_with_its_index_and_nothing_is_written() {
         planes.rgb.data = worker.handle.cast();
     });
     // None at all are fine.
-    let mut none = rays(&mine[..0], &axis, &planes);
+    let mut none = without_numbers(&mine[..0], &axis, &planes);
     (none.origins.data, none.dirs.data) = (null(), null());
     assert_eq!(trace(&worker, ffi::nerf_render_rays, &none).0, Status::Ok);
 }
@@ -353,10 +379,10 @@ fn effects_of_a_camera_and_planes_that_were_not_asked_for_are_refused() {
     let worker = open(&opened, &options, EVERYTHING);
     let mut hits = vec![BLANK; COUNT];
     let planes = target(&mut hits);
-    let (status, said, _) = trace(&worker, ffi::nerf_render_rays, &rays(&mine, &axis, &planes));
+    let (status, said, _) = trace(&worker, ffi::nerf_render_rays, &without_numbers(&mine, &axis, &planes));
     assert!(status == Status::Options && said.contains("anti-aliasing"), "{said}");
     let worker = open(&opened, &call::render_options(), ffi::NERF_OUTPUT_RGB);
-    let (status, said, _) = trace(&worker, ffi::nerf_render_rays, &rays(&mine, &axis, &planes));
+    let (status, said, _) = trace(&worker, ffi::nerf_render_rays, &without_numbers(&mine, &axis, &planes));
     assert!(status == Status::Target && said.contains("target.opacity"), "{said}");
     assert!(hits.iter().all(|hit| *hit == BLANK));
 }
@@ -376,7 +402,10 @@ fn linear_light_is_premultiplied() {
     // In turns, with one worker.
     for _ in 0..2 {
         for planes in [&over_nothing, &over] {
-            assert_eq!(trace(&worker, ffi::nerf_render_rays, &rays(&mine, &axis, planes)).0, Status::Ok);
+            assert_eq!(
+                trace(&worker, ffi::nerf_render_rays, &without_numbers(&mine, &axis, planes)).0,
+                Status::Ok
+            );
         }
     }
     let light = options

@@ -132,11 +132,26 @@ fn transforms_of_instances_are_checked_one_by_one() {
         assert!(status == Status::Transform && said.contains(text), "{status:?}: {said}");
         assert!(said.starts_with("instances[1].to_world"), "{said}");
     }
-    let none = [instance(opened.scene, [0.0; 12]), instance(null(), [0.0; 12])];
-    assert_eq!(open(&request_of(&none)).map(|_| ()).expect_err("NULL").0, Status::NullPointer);
+}
+
+#[test]
+fn an_instance_that_is_none_is_named_by_its_index() {
+    let opened = call::open(Recipe::OCCUPANCY.blob(), Kernel::IN_PLACE);
     let picture = call::open(Recipe::PICTURE.blob(), Kernel::IN_PLACE);
-    let field = [instance(picture.scene, [0.0; 12])];
-    assert_eq!(open(&request_of(&field)).map(|_| ()).expect_err("2D").0, Status::NotAScene);
+    let good = instance(opened.scene, [0.0; 12]);
+    let short = ffi::Instance { struct_size: 8, ..good };
+    let shifted = ffi::Instance { scene: opened.scene.wrapping_byte_add(4), ..good };
+    for (wrong, expected, text) in [
+        (short, Status::StructSize, ".struct_size: expected 64"),
+        (instance(null(), [0.0; 12]), Status::NullPointer, ".scene: expected an address, found NULL"),
+        (shifted, Status::Alignment, ".scene: expected a multiple of 64"),
+        (instance(picture.scene, [0.0; 12]), Status::NotAScene, ".scene: blob: expected a scene"),
+    ] {
+        for (index, both) in [[wrong, good], [good, wrong]].iter().enumerate() {
+            let (status, said) = open(&request_of(both)).map(|_| ()).expect_err(text);
+            assert!(status == expected && said.starts_with(&format!("instances[{index}]{text}")), "{said}");
+        }
+    }
 }
 
 /// Of a scene where it was, of one elsewhere as its camera goes with it, of two and of the host's structures of any size.

@@ -9,7 +9,14 @@ fn generated() -> String {
     let bindings = cbindgen::Builder::new().with_crate(&ffi).with_config(config).generate();
     let mut header = Vec::new();
     bindings.expect("bindings").write(&mut header);
-    String::from_utf8(header).expect("UTF-8")
+    String::from_utf8(header).expect("UTF-8").lines().map(|line| with_float_literal(line) + "\n").collect()
+}
+
+/// cbindgen writes an f32 as a double, which a C compiler warns of where it becomes a float.
+fn with_float_literal(line: &str) -> String {
+    let number = line.strip_prefix("#define ").and_then(|rest| rest.split(' ').nth(1)).unwrap_or_default();
+    let is_float = number.contains(['.', 'e']) && number.parse::<f32>().is_ok();
+    format!("{line}{}", if is_float { "f" } else { "" })
 }
 
 #[test]
@@ -21,6 +28,26 @@ fn header_is_current() {
     }
     let committed = std::fs::read_to_string(&path).unwrap_or_default();
     assert!(committed == header, "{} is not current: NERF_BLESS=1 cargo test renews it", path.display());
+}
+
+#[test]
+fn defaults_of_floats_are_floats() {
+    let source = paths::temporary();
+    let file = source.path().join("defaults.c");
+    let program = "#include \"nerf_render.h\"\nvoid set(nerf_render_options *options);\n\
+        void set(nerf_render_options *options) {\n\
+            options->transmittance_cut = 0.5f * NERF_TRANSMITTANCE_CUT_DEFAULT;\n\
+            options->colour_cut = 0.5f * NERF_COLOUR_CUT_DEFAULT;\n\
+            options->normal_blur = 0.3f * NERF_NORMAL_BLUR_DEFAULT;\n\
+            options->near_distance = 0.3f * NERF_NONE;\n\
+            options->samples = NERF_OUTPUT_RGB | NERF_OUTPUT_NORMALS;\n}\n";
+    std::fs::write(&file, program).expect("a temporary file");
+    let include = paths::header().parent().expect("a directory").to_path_buf();
+    let mut command = std::process::Command::new(std::env::var_os("CC").unwrap_or_else(|| "cc".into()));
+    let warnings =
+        ["-Wall", "-Wextra", "-Wconversion", "-Wdouble-promotion", "-Wfloat-conversion", "-Werror"];
+    command.args(["-std=c11", "-fsyntax-only"]).args(warnings).arg("-I").arg(include);
+    build::run(command.arg(file));
 }
 
 #[test]

@@ -187,6 +187,22 @@ fn pkg_config_project(name: &str, compilers: [&str; 2], libdir: &Path, shared: b
     }
 }
 
+/// A release is made of what is committed: a build folder that git sees would stop it.
+#[test]
+fn build_folders_of_the_guide_are_ignored() {
+    let read = |path: &str| std::fs::read_to_string(paths::workspace().join(path)).expect(path);
+    let ignored = read(".gitignore");
+    for page in ["nerf-render-ffi/README.md", "nerf-render-ffi/CMakeLists.txt"] {
+        let text = read(page);
+        let folders = text.split(" -B ").skip(1).filter_map(|rest| rest.split_whitespace().next());
+        let folders: Vec<&str> = folders.collect();
+        assert!(!folders.is_empty(), "{page}");
+        for folder in folders {
+            assert!(ignored.lines().any(|line| line == format!("/{folder}")), "{page}: {folder}");
+        }
+    }
+}
+
 #[test]
 fn both_ways_install_the_same_files() {
     for (by, prefix) in installed() {

@@ -106,11 +106,18 @@ fn what_is_no_random_number_is_refused_with_its_index() {
         found.get()
     };
     let half = [0.5; RAYS];
-    for wrong in [1.0, -0.1, f32::NAN, f32::INFINITY] {
+    for wrong in [1.0f32.next_up(), -0.1, f32::NAN, f32::INFINITY] {
         let mut random = half;
         random[17] = wrong;
         assert_eq!(refused(&random), Some(RenderError::Random { index: 17 }));
     }
+    // A number just below 1, rounded to f32, is 1.
+    let (mut rounded, mut below) = (half, half);
+    (rounded[17], below[17]) = (1.0, 1.0f32.next_down());
+    assert_eq!(
+        sampled(file, Kernel::detect(), &rays, &rounded),
+        sampled(file, Kernel::detect(), &rays, &below)
+    );
     assert_eq!(refused(&half[1..]), Some(RenderError::Random { index: RAYS - 1 }));
     assert_eq!(refused(&[0.5; RAYS + 1]), Some(RenderError::Random { index: RAYS }));
 }

@@ -130,6 +130,17 @@ fn f32_tables_of_the_same_values_draw_the_same_picture() {
 }
 
 #[test]
+fn tables_of_f16_are_unpacked_in_webassembly_alone() {
+    let a = shape(grid(3, 2, 16, &[4, 8]));
+    let file = scene(&a, None, &noise(a.position.grid().unwrap().values(), 5)).file;
+    let blob = Blob::open(&file).unwrap();
+    for kernel in Kernel::all() {
+        let [_, _, tables] = Renderer::unpacked_lengths(&blob, kernel);
+        assert_eq!(tables > 0, kernel.isa == crate::Isa::Simd128, "{kernel}");
+    }
+}
+
+#[test]
 fn entries_that_no_occupied_cell_reads_change_nothing() {
     // Occupied: the eighth of the box with x, y, z below 0, and nothing beside it.
     let a = shape(grid(3, 2, 16, &[4, 8]));
