@@ -61,6 +61,13 @@ pub(crate) enum Failure {
     SceneOrInstances,
     /// Something that this build of the library lacks.
     NotBuilt(&'static str),
+    /// An instance of another size than the first, which is the step from one to the next.
+    #[cfg(feature = "instances")]
+    InstanceSize {
+        index: usize,
+        expected: usize,
+        found: usize,
+    },
     #[cfg(feature = "instances")]
     Placement {
         index: usize,
@@ -140,6 +147,8 @@ impl Reason for Failure {
             Self::Busy => Status::Busy,
             Self::SceneOrInstances | Self::NotBuilt(_) => Status::Options,
             #[cfg(feature = "instances")]
+            Self::InstanceSize { .. } => Status::StructSize,
+            #[cfg(feature = "instances")]
             Self::Placement { .. } => Status::Transform,
             Self::NoFront => Status::NoFront,
             Self::Cancelled => Status::Cancelled,
@@ -159,6 +168,7 @@ impl Reason for Failure {
             Self::Plan(PlanError::NotAScene) => Status::NotAScene,
             Self::Plan(PlanError::OccupancyRequired) => Status::OccupancyRequired,
             Self::Plan(_) => Status::Options,
+            Self::Render(RenderError::Network) => Status::BlobContent,
             Self::Render(RenderError::Rect { .. }) => Status::Rect,
             Self::Render(RenderError::NotAPicture) => Status::NotAPicture,
             Self::Render(RenderError::Direction { .. }) => Status::Direction,
@@ -223,6 +233,13 @@ impl fmt::Display for Failure {
                 "request: expected either a scene, or instances and how many they are, found both or neither"
             ),
             Self::NotBuilt(name) => write!(f, "{name}: this build of the library has none"),
+            #[cfg(feature = "instances")]
+            Self::InstanceSize { index, expected, found } => {
+                write!(
+                    f,
+                    "instances[{index}].struct_size: expected {expected}, as of the first, found {found}"
+                )
+            }
             #[cfg(feature = "instances")]
             Self::Placement { index, error } => write!(f, "instances[{index}].to_world: {error}"),
             Self::NoPlane => write!(f, "target: expected at least one plane, found none"),

@@ -1,11 +1,13 @@
 //! Fields that a host has placed in a world of its own.
 
-use crate::boundary::Versioned;
 #[cfg(feature = "instances")]
 use crate::boundary::read_versioned;
+use crate::boundary::{Versioned, by_width};
 #[cfg(feature = "instances")]
 use crate::failure::Failure;
 use crate::scene::Scene;
+#[cfg(feature = "instances")]
+use crate::span::check_aligned;
 #[cfg(feature = "instances")]
 use nerf_core::camera::Placement;
 
@@ -25,6 +27,7 @@ pub struct Instance {
 // SAFETY: `repr(C)`, `struct_size` comes first, and numbers and pointers have no invalid bytes.
 unsafe impl Versioned for Instance {
     const NAME: &'static str = "instances";
+    const SIZE_V2: usize = by_width(56, 64);
 }
 
 #[cfg(feature = "instances")]
@@ -35,13 +38,23 @@ impl Instance {
     /// `first` is NULL or points to more than `index` instances, each of as many bytes as the first says.
     pub(crate) unsafe fn read(first: *const Self, index: usize) -> Result<Self, Failure> {
         // SAFETY: `first` is as this function's `# Safety` has it.
-        let mut found = unsafe { read_versioned(first)? };
-        if index > 0 {
-            let step = index.checked_mul(found.struct_size).ok_or(Failure::Overflow("instances"))?;
-            // SAFETY: inside of the array by this function's `# Safety`.
-            found = unsafe { read_versioned(first.byte_add(step))? };
+        let found = unsafe { read_versioned(first)? };
+        if index == 0 {
+            return Ok(found);
         }
-        Ok(found)
+        let expected = found.struct_size;
+        let step = index.checked_mul(expected).ok_or(Failure::Overflow("instances"))?;
+        // SAFETY: inside of the array by this function's `# Safety`.
+        let at = unsafe { first.byte_add(step) };
+        check_aligned("instances", at as usize, align_of::<Self>())?;
+        // SAFETY: as above, aligned, and `struct_size` comes first.
+        let found = unsafe { at.cast::<usize>().read() };
+        // It would be read for as long as it says, which the array need not be.
+        if found != expected {
+            return Err(Failure::InstanceSize { index, expected, found });
+        }
+        // SAFETY: as above; as long as the first.
+        unsafe { read_versioned(at) }
     }
 
     pub(crate) fn placement(&self, index: usize) -> Result<Placement, Failure> {
