@@ -217,8 +217,8 @@ fn files_that_are_no_scenes_are_refused_by_name() {
 #[test]
 fn an_image_beyond_all_memory_is_refused() {
     const SIDE: u32 = MAX_RENDER_SIDE;
-    let pose = camera().pose();
-    let camera = Camera::new(Intrinsics::centred(SIDE, SIDE, 1e7), Lens::NONE, *pose).unwrap();
+    let pose = *camera().pose();
+    let camera = Camera::new(Intrinsics::centred(SIDE, SIDE, 1e7), Lens::NONE, pose).unwrap();
     let scene = Scene::from_bytes(file(1)).unwrap();
     let error = scene.request().outputs(Outputs::RGB).render(&camera).unwrap_err();
     assert!(matches!(error, HostError::Render(RenderError::ImageMemory { .. })), "{error}");
