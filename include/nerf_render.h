@@ -533,11 +533,6 @@ typedef uint32_t nerf_tone_map;
 #endif // __cplusplus
 
 /**
- * Pieces of `size` bytes, each a `stride` behind the one before; they lie in `span`.
- */
-typedef struct Pieces Pieces;
-
-/**
  * An opened scene: lies at the beginning of the memory it was opened in and borrows the blob.
  *
  * It owns nothing and never changes: threads may use it at the same time, and there is nothing to
@@ -1440,7 +1435,7 @@ nerf_status nerf_scene_memory(const void *blob,
  * The scene borrows `blob` and `memory`: both stay where and as they are for as long as it is
  * used. `memory`: at least the size and alignment that `nerf_scene_memory` says, apart from the
  * blob. `scene` receives the handle on success only; there is nothing to close. `message`: as in
- * `nerf_scene_memory`.
+ * `nerf_scene_memory`; it and `scene` lie apart from blob and memory.
  *
  * # Safety
  * Pointers are NULL or point to what is described here.
@@ -1553,8 +1548,9 @@ nerf_status nerf_worker_size(const struct nerf_request *request,
  * Opens a worker in the caller's memory: everything that a call of it does not change is checked and made ready here.
  *
  * The worker borrows `memory` and the scenes: they stay where and as they are for as long as it is used. One for each
- * thread. `memory`: at least the size and alignment that `nerf_worker_size` says, apart from scenes and blobs. `worker`
- * receives the handle on success only; there is nothing to close. `message`: as in `nerf_worker_size`.
+ * thread. `memory`: at least the size and alignment that `nerf_worker_size` says, apart from scenes, blobs and all that is
+ * passed here. `worker` receives the handle on success only; there is nothing to close. `message`: as in
+ * `nerf_worker_size`.
  *
  * # Safety
  * Pointers are NULL or point to what is described here; scenes are intact.

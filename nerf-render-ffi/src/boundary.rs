@@ -1,7 +1,7 @@
 //! What every call does at its border: messages, panics, versioned structures.
 
 use crate::failure::Failure;
-use crate::span::check_aligned;
+use crate::span::{Span, check_aligned};
 use crate::status::Status;
 use core::ffi::c_char;
 use core::fmt::{self, Write};
@@ -19,10 +19,16 @@ pub(crate) unsafe trait Versioned: Copy {
     /// The argument's name, for messages.
     const NAME: &'static str;
     /// Its size in version 2 of the ABI; stays when fields are added.
-    const SIZE_V2: usize = size_of::<Self>();
+    const SIZE_V2: usize;
+}
+
+/// The size of a structure by the width of pointers.
+pub(crate) const fn by_width(bytes_32: usize, bytes_64: usize) -> usize {
+    if size_of::<usize>() == 4 { bytes_32 } else { bytes_64 }
 }
 
 /// The caller's buffer for a sentence that says what was expected and found; NULL for none.
+#[derive(Clone, Copy)]
 pub(crate) struct Message {
     pub text: *mut c_char,
     pub capacity: usize,
@@ -31,6 +37,11 @@ pub(crate) struct Message {
 impl Message {
     /// No buffer.
     pub const NONE: Self = Self { text: core::ptr::null_mut(), capacity: 0 };
+
+    /// Its first byte, which a call that succeeds writes, too.
+    pub fn first(&self) -> Result<Span, Failure> {
+        Span::new("message", self.text.cast(), usize::from(!self.text.is_null() && self.capacity > 0))
+    }
 
     /// Writes the text, cut at the capacity, always with a NUL at its end.
     fn write(&self, text: Option<&impl Reason>) {
@@ -108,6 +119,7 @@ pub(crate) fn call_with_reason<R: Reason>(message: Message, body: impl FnOnce() 
 /// # Safety
 /// `at` is NULL or points to `struct_size` readable bytes.
 unsafe fn size_of_versioned<T: Versioned>(at: *const T) -> Result<usize, Failure> {
+    const { assert!(T::SIZE_V2 <= size_of::<T>()) };
     if at.is_null() {
         return Err(Failure::Null(T::NAME));
     }
@@ -119,6 +131,19 @@ unsafe fn size_of_versioned<T: Versioned>(at: *const T) -> Result<usize, Failure
     } else {
         Err(Failure::StructSize { name: T::NAME, expected: T::SIZE_V2, found })
     }
+}
+
+/// Where `count` of the caller's structures lie, each of as many bytes as the first says; nowhere at NULL.
+///
+/// # Safety
+/// As [`size_of_versioned`].
+pub(crate) unsafe fn span_of<T: Versioned>(at: *const T, count: usize) -> Result<Span, Failure> {
+    if at.is_null() {
+        return Ok(Span::EMPTY);
+    }
+    // SAFETY: `at` is as this function's `# Safety` has it.
+    let size = unsafe { size_of_versioned(at)? };
+    Span::new(T::NAME, at.cast(), size.checked_mul(count).ok_or(Failure::Overflow(T::NAME))?)
 }
 
 /// A copy of the caller's structure; what this build does not know of it must be zero, and what the caller's

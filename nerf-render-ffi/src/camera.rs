@@ -1,6 +1,6 @@
 //! Where a picture is taken from.
 
-use crate::boundary::{Message, Out, Versioned, call, check_out, read_versioned};
+use crate::boundary::{Message, Out, Versioned, by_width, call, check_out, read_versioned};
 use crate::failure::Failure;
 use crate::span::Span;
 use crate::status::Status;
@@ -68,6 +68,7 @@ pub struct Camera {
 // SAFETY: `repr(C)`, `struct_size` comes first, and numbers have no invalid bytes.
 unsafe impl Versioned for Camera {
     const NAME: &'static str = "camera";
+    const SIZE_V2: usize = by_width(116, 120);
 }
 
 impl Camera {

@@ -1,6 +1,6 @@
 //! What a call cost.
 
-use crate::boundary::Versioned;
+use crate::boundary::{Versioned, by_width};
 use nerf_core::render;
 
 /// The work a call did; exact, no clock readings. A picture (a 2D field) has no rays and no samples:
@@ -34,6 +34,7 @@ pub struct Counters {
 // SAFETY: `repr(C)`, `struct_size` comes first, and integers have no invalid bytes.
 unsafe impl Versioned for Counters {
     const NAME: &'static str = "counters";
+    const SIZE_V2: usize = by_width(if align_of::<u64>() == 4 { 76 } else { 80 }, 80);
 }
 
 impl From<Counters> for render::Counters {

@@ -4,7 +4,7 @@ use crate::boundary::{Message, call, check_out, read_versioned};
 use crate::counters::Counters;
 use crate::failure::Failure;
 use crate::status::Status;
-use crate::worker::{Worker, with_worker};
+use crate::worker::{State, Worker, with_worker};
 use core::ffi::c_char;
 use core::fmt::{self, Write};
 use nerf_core::render;
@@ -58,7 +58,7 @@ pub unsafe extern "C" fn nerf_explain(
     message_capacity: usize,
 ) -> Status {
     call(Message { text: message, capacity: message_capacity }, || {
-        let say = |worker: &mut Worker| {
+        let say = |worker: &mut State| {
             if !needed.is_null() {
                 check_out("needed", needed)?;
             }

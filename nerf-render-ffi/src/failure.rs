@@ -189,6 +189,7 @@ impl Reason for Failure {
             Self::Plan(PlanError::NotAScene) => Status::NotAScene,
             Self::Plan(PlanError::OccupancyRequired) => Status::OccupancyRequired,
             Self::Plan(_) => Status::Options,
+            Self::Render(RenderError::Network) => Status::BlobContent,
             Self::Render(RenderError::Rect { .. }) => Status::Rect,
             Self::Render(RenderError::NotAPicture) => Status::NotAPicture,
             Self::Render(RenderError::Direction { .. }) => Status::Direction,

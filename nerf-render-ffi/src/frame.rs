@@ -1,6 +1,6 @@
 //! A scene, seen by a camera; a 2D field, drawn at any size.
 
-use crate::boundary::{Message, Out, Versioned, call, read_versioned};
+use crate::boundary::{Message, Out, Versioned, by_width, call, read_versioned};
 use crate::camera::Camera;
 use crate::counters::Counters;
 use crate::failure::Failure;
@@ -8,7 +8,7 @@ use crate::progress::{self, Progress};
 use crate::span::check_aligned;
 use crate::status::Status;
 use crate::target::{Canvas, Target};
-use crate::worker::{Worker, tile_size, with_worker};
+use crate::worker::{State, Worker, tile_size, with_worker};
 use core::ffi::{c_char, c_void};
 use nerf_core::render::{self, Limit};
 use nerf_core::volume::Pixel;
@@ -74,6 +74,7 @@ pub struct Frame {
 // that C could write.
 unsafe impl Versioned for Frame {
     const NAME: &'static str = "frame";
+    const SIZE_V2: usize = by_width(32, 56);
 }
 
 /// Renders a rectangle of a camera's image into the planes of a target.
@@ -98,7 +99,7 @@ pub unsafe extern "C" fn nerf_render(
     message_capacity: usize,
 ) -> Status {
     call(Message { text: message, capacity: message_capacity }, || {
-        let draw = |worker: &mut Worker| {
+        let draw = |worker: &mut State| {
             // SAFETY: `frame` is as this function's `# Safety` has it.
             let frame = unsafe { read_versioned(frame)? };
             // SAFETY: `counters` is as this function's `# Safety` has it.
@@ -119,7 +120,7 @@ pub unsafe extern "C" fn nerf_render(
             let all = (rect, Watcher { progress: frame.progress, user: frame.user });
             let limit = canvas.limit();
             let work = render_tiles(worker, canvas, all, |worker, tile| {
-                let Worker { fields: Some(fields), pixels, .. } = worker else {
+                let State { fields: Some(fields), pixels, .. } = worker else {
                     return Err(Failure::Null("worker"));
                 };
                 let mut put = |x: u32, y: u32, pixel: &Pixel| {
@@ -161,7 +162,7 @@ pub unsafe extern "C" fn nerf_render_picture(
     message_capacity: usize,
 ) -> Status {
     call(Message { text: message, capacity: message_capacity }, || {
-        let draw = |worker: &mut Worker| {
+        let draw = |worker: &mut State| {
             // SAFETY: `frame` is as this function's `# Safety` has it.
             let frame = unsafe { read_versioned(frame)? };
             // SAFETY: `counters` is as this function's `# Safety` has it.
@@ -219,10 +220,10 @@ impl Watcher {
 
 /// Renders `rect`, the canvas' own, tile by tile: `draw` puts every pixel of one, row by row, into the worker's.
 fn render_tiles(
-    worker: &mut Worker,
+    worker: &mut State,
     mut canvas: Canvas,
     (rect, watcher): (render::Rect, Watcher),
-    mut draw: impl FnMut(&mut Worker, render::Rect) -> Result<render::Counters, Failure>,
+    mut draw: impl FnMut(&mut State, render::Rect) -> Result<render::Counters, Failure>,
 ) -> Result<render::Counters, Failure> {
     let all = u64::from(rect.width) * u64::from(rect.height);
     let (mut done, mut work) = (0, render::Counters::default());

@@ -1,11 +1,13 @@
 //! Fields that a host has placed in a world of its own.
 
-use crate::boundary::Versioned;
 #[cfg(feature = "instances")]
 use crate::boundary::{Reason, read_versioned};
+use crate::boundary::{Versioned, by_width};
 #[cfg(feature = "instances")]
 use crate::failure::Failure;
 use crate::scene::Scene;
+#[cfg(feature = "instances")]
+use crate::span::check_aligned;
 #[cfg(feature = "instances")]
 use crate::status::Status;
 #[cfg(feature = "instances")]
@@ -31,6 +33,7 @@ pub struct Instance {
 // SAFETY: `repr(C)`, `struct_size` comes first, and numbers and pointers have no invalid bytes.
 unsafe impl Versioned for Instance {
     const NAME: &'static str = "instances";
+    const SIZE_V2: usize = by_width(56, 64);
 }
 
 /// What is wrong with one instance, but for its transform.
@@ -38,6 +41,8 @@ unsafe impl Versioned for Instance {
 #[derive(Clone, Copy, Debug)]
 pub(crate) enum Problem {
     StructSize { expected: usize, found: usize },
+    /// Another size than that of the first, which is the step from one to the next.
+    OtherSize { expected: usize, found: usize },
     Reserved,
     NullScene,
     SceneAlignment { expected: usize, found: usize },
@@ -48,7 +53,7 @@ pub(crate) enum Problem {
 impl Problem {
     pub(crate) fn status(self) -> Status {
         match self {
-            Self::StructSize { .. } => Status::StructSize,
+            Self::StructSize { .. } | Self::OtherSize { .. } => Status::StructSize,
             Self::Reserved => Status::Reserved,
             Self::NullScene => Status::NullPointer,
             Self::SceneAlignment { .. } => Status::Alignment,
@@ -64,6 +69,9 @@ impl fmt::Display for Problem {
         match self {
             Self::StructSize { expected, found } => {
                 write!(f, ".struct_size: expected {expected} (to 4096 with a tail of zeros), found {found}")
+            }
+            Self::OtherSize { expected, found } => {
+                write!(f, ".struct_size: expected {expected}, as of the first, found {found}")
             }
             Self::Reserved => write!(f, ": expected zeros in unknown fields"),
             Self::NullScene => write!(f, ".scene: expected an address, found NULL"),
@@ -83,14 +91,23 @@ impl Instance {
     /// `first` is NULL or points to more than `index` instances, each of as many bytes as the first says.
     pub(crate) unsafe fn read(first: *const Self, index: usize) -> Result<Self, Failure> {
         // SAFETY: `first` is as this function's `# Safety` has it.
-        let mut found = unsafe { read_versioned(first) }.map_err(|failure| failure.of_instance(0))?;
-        if index > 0 {
-            let step = index.checked_mul(found.struct_size).ok_or(Failure::Overflow("instances"))?;
-            // SAFETY: inside of the array by this function's `# Safety`.
-            found = unsafe { read_versioned(first.byte_add(step)) }
-                .map_err(|failure| failure.of_instance(index))?;
+        let found = unsafe { read_versioned(first) }.map_err(|failure| failure.of_instance(0))?;
+        if index == 0 {
+            return Ok(found);
         }
-        Ok(found)
+        let expected = found.struct_size;
+        let step = index.checked_mul(expected).ok_or(Failure::Overflow("instances"))?;
+        // SAFETY: inside of the array by this function's `# Safety`.
+        let at = unsafe { first.byte_add(step) };
+        check_aligned("instances", at as usize, align_of::<Self>())?;
+        // SAFETY: as above, aligned, and `struct_size` comes first.
+        let found = unsafe { at.cast::<usize>().read() };
+        // It would be read for as long as it says, which the array need not be.
+        if found != expected {
+            return Err(Failure::Instance { index, problem: Problem::OtherSize { expected, found } });
+        }
+        // SAFETY: as above; as long as the first.
+        unsafe { read_versioned(at) }.map_err(|failure| failure.of_instance(index))
     }
 
     pub(crate) fn placement(&self, index: usize) -> Result<Placement, Failure> {

@@ -1,6 +1,6 @@
 //! How a scene is opened.
 
-use crate::boundary::{Versioned, read_versioned};
+use crate::boundary::{Versioned, by_width, read_versioned};
 use crate::failure::Failure;
 use nerf_core::Isa;
 
@@ -80,6 +80,7 @@ pub struct OpenOptions {
 // SAFETY: `repr(C)`, `struct_size` comes first, and integers have no invalid bytes.
 unsafe impl Versioned for OpenOptions {
     const NAME: &'static str = "options";
+    const SIZE_V2: usize = by_width(36, 40);
 }
 
 /// What the caller asks for.

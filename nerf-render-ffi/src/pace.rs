@@ -1,6 +1,6 @@
 //! What a frame takes on this host, measured.
 
-use crate::boundary::{LayoutOut, Message, Out, Versioned, call, read_versioned};
+use crate::boundary::{LayoutOut, Message, Out, Versioned, by_width, call, read_versioned};
 use crate::camera::Camera;
 use crate::failure::Failure;
 use crate::outputs::read_outputs;
@@ -31,6 +31,7 @@ const _: () = assert!(MAX_FRONT == 16);
 // SAFETY: `repr(C)`, `struct_size` comes first, and numbers have no invalid bytes.
 unsafe impl Versioned for Pace {
     const NAME: &'static str = "pace";
+    const SIZE_V2: usize = by_width(68, 72);
 }
 
 /// Microseconds since any moment, never falling.
@@ -62,6 +63,7 @@ pub struct PaceRequest {
 // that C could write.
 unsafe impl Versioned for PaceRequest {
     const NAME: &'static str = "request";
+    const SIZE_V2: usize = by_width(32, 56);
 }
 
 /// Says how much workspace `nerf_pace_measure` needs, and at which alignment.

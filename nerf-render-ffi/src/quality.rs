@@ -1,6 +1,6 @@
 //! Settings by what they may lose, cost or take.
 
-use crate::boundary::{Message, Out, Versioned, call, read_versioned};
+use crate::boundary::{Message, Out, Versioned, by_width, call, read_versioned};
 use crate::failure::Failure;
 use crate::pace::Pace;
 use crate::render_options::RenderOptions;
@@ -45,6 +45,7 @@ pub struct Choice {
 // SAFETY: `repr(C)`, `struct_size` comes first, and numbers have no invalid bytes.
 unsafe impl Versioned for Choice {
     const NAME: &'static str = "choice";
+    const SIZE_V2: usize = by_width(20, 24);
 }
 
 /// Writes the settings of a choice into the caller's options, and the choice itself.

@@ -1,13 +1,13 @@
 //! Density and colour at single points.
 
-use crate::boundary::{Message, Out, Versioned, call, read_versioned};
+use crate::boundary::{Message, Out, Versioned, by_width, call, read_versioned};
 use crate::counters::Counters;
 use crate::failure::Failure;
 use crate::rays::Floats;
 use crate::span::Pieces;
 use crate::status::Status;
 use crate::target::{Canvas, Plane};
-use crate::worker::{Worker, with_worker};
+use crate::worker::{State, Worker, with_worker};
 use core::ffi::c_char;
 use glam::Vec3;
 use nerf_core::camera::is_unit;
@@ -40,6 +40,7 @@ pub struct Points {
 // SAFETY: `repr(C)`, `struct_size` comes first, and numbers and pointers have no invalid bytes.
 unsafe impl Versioned for Points {
     const NAME: &'static str = "points";
+    const SIZE_V2: usize = by_width(64, 112);
 }
 
 /// Asks for density and colour at points seen along directions.
@@ -59,7 +60,7 @@ pub unsafe extern "C" fn nerf_query(
     message_capacity: usize,
 ) -> Status {
     call(Message { text: message, capacity: message_capacity }, || {
-        let ask = |worker: &mut Worker| {
+        let ask = |worker: &mut State| {
             // SAFETY: `points` is as this function's `# Safety` has it.
             let points = unsafe { read_versioned(points)? };
             // SAFETY: `counters` is as this function's `# Safety` has it.

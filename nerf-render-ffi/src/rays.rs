@@ -1,13 +1,13 @@
 //! Rays of the caller's own: what each sees, and where a photon on it collides.
 
-use crate::boundary::{Message, Out, Versioned, call, read_versioned};
+use crate::boundary::{Message, Out, Versioned, by_width, call, read_versioned};
 use crate::counters::Counters;
 use crate::failure::Failure;
 use crate::pixel::Channel;
 use crate::span::{Pieces, Span, check_aligned};
 use crate::status::Status;
 use crate::target::{Canvas, Target};
-use crate::worker::{Worker, with_worker};
+use crate::worker::{State, Worker, with_worker};
 use core::ffi::c_char;
 use glam::Vec3;
 use nerf_core::camera::Ray;
@@ -112,6 +112,7 @@ pub struct Rays {
 // SAFETY: `repr(C)`, `struct_size` comes first, and numbers and pointers have no invalid bytes.
 unsafe impl Versioned for Rays {
     const NAME: &'static str = "rays";
+    const SIZE_V2: usize = by_width(56, 112);
 }
 
 /// Renders rays of the caller's own: each is a pixel of the target.
@@ -222,7 +223,7 @@ unsafe fn trace(
     counters: *mut Counters,
     collide: bool,
 ) -> Result<(), Failure> {
-    let draw = |worker: &mut Worker| {
+    let draw = |worker: &mut State| {
         // SAFETY: `rays` is as this function's `# Safety` has it.
         let rays = unsafe { read_versioned(rays)? };
         // SAFETY: `counters` is as this function's `# Safety` has it.

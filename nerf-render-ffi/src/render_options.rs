@@ -1,6 +1,6 @@
 //! The shortcuts of a frame.
 
-use crate::boundary::{Versioned, read_versioned};
+use crate::boundary::{Versioned, by_width, read_versioned};
 use crate::effects::Effects;
 use crate::failure::Failure;
 use nerf_core::MathBackend;
@@ -89,6 +89,7 @@ pub struct RenderOptions {
 // SAFETY: `repr(C)`, `struct_size` comes first, and numbers have no invalid bytes.
 unsafe impl Versioned for RenderOptions {
     const NAME: &'static str = "options";
+    const SIZE_V2: usize = by_width(128, 136);
 }
 
 impl RenderOptions {

@@ -109,7 +109,7 @@ pub unsafe extern "C" fn nerf_scene_memory(
 /// The scene borrows `blob` and `memory`: both stay where and as they are for as long as it is
 /// used. `memory`: at least the size and alignment that `nerf_scene_memory` says, apart from the
 /// blob. `scene` receives the handle on success only; there is nothing to close. `message`: as in
-/// `nerf_scene_memory`.
+/// `nerf_scene_memory`; it and `scene` lie apart from blob and memory.
 ///
 /// # Safety
 /// Pointers are NULL or point to what is described here.
@@ -124,12 +124,18 @@ pub unsafe extern "C" fn nerf_scene_open(
     message: *mut c_char,
     message_capacity: usize,
 ) -> Status {
-    call(Message { text: message, capacity: message_capacity }, || {
+    let message = Message { text: message, capacity: message_capacity };
+    call(message, || {
         check_out("scene", scene)?;
         // SAFETY: `options` is as this function's `# Safety` has it.
         let kernel = unsafe { read_kernel(options)? };
-        Span::of("blob", blob.cast::<u8>(), blob_size)?;
+        let blob_span = Span::of("blob", blob.cast::<u8>(), blob_size)?;
         Span::of("memory", memory.cast::<Line>().cast_const(), 0)?;
+        let memory_span = Span::new("memory", memory, memory_size)?;
+        for (name, written) in [("scene", Span::of("scene", scene, 1)?), ("message", message.first()?)] {
+            written.check_apart(name, blob_span, "the blob")?;
+            written.check_apart(name, memory_span, "the scene's memory")?;
+        }
         let bytes = core::ptr::slice_from_raw_parts(blob.cast::<u8>(), blob_size);
         // SAFETY: not NULL, aligned, no longer than a slice may be, and lent by this function's `# Safety`.
         let handle = unsafe { open_in(bytes, memory, memory_size, kernel)? };

@@ -1,6 +1,6 @@
 //! What a scene says about itself.
 
-use crate::boundary::{Message, Out, Versioned, call};
+use crate::boundary::{Message, Out, Versioned, by_width, call};
 use crate::open_options::{Kernel, Storage};
 use crate::scene::Scene;
 use crate::status::Status;
@@ -136,6 +136,7 @@ const _: () = assert!(MAX_TRUNK == 16 && MAX_COLOUR == 4);
 // SAFETY: `repr(C)`, `struct_size` comes first, and numbers and pointers have no invalid bytes.
 unsafe impl Versioned for SceneInfo {
     const NAME: &'static str = "info";
+    const SIZE_V2: usize = by_width(if align_of::<u64>() == 4 { 284 } else { 288 }, 320);
 }
 
 /// Says what a scene is: where to put a camera, what it costs, where it comes from.

@@ -1,11 +1,11 @@
 //! Where a picture goes.
 
-use crate::boundary::{Versioned, read_versioned};
+use crate::boundary::{Versioned, by_width, read_versioned};
 use crate::failure::Failure;
 use crate::pixel::{Channel, PixelFormat, put};
 use crate::span::{Lattice, Pieces, Span, check_aligned};
 use crate::tile_pixels::TilePixels;
-use crate::worker::Worker;
+use crate::worker::State;
 use core::ffi::c_void;
 use nerf_core::render::{Limit, Rect};
 use nerf_core::volume::Pixel;
@@ -62,6 +62,7 @@ pub struct Target {
 // SAFETY: `repr(C)`, `struct_size` comes first, and numbers and pointers have no invalid bytes.
 unsafe impl Versioned for Target {
     const NAME: &'static str = "target";
+    const SIZE_V2: usize = by_width(164, 264);
 }
 
 /// A plane that can be written to without a further check.
@@ -95,7 +96,7 @@ impl Canvas {
     /// # Safety
     /// `at` is NULL or points to `struct_size` readable bytes; its planes are NULL or span memory that is writable while the
     /// canvas is used.
-    pub unsafe fn of_frame(at: *const Target, rect: Rect, worker: &mut Worker) -> Result<Self, Failure> {
+    pub unsafe fn of_frame(at: *const Target, rect: Rect, worker: &mut State) -> Result<Self, Failure> {
         let extent = Extent { columns: rect.width as usize, rows: rect.height as usize };
         // SAFETY: the caller's promise.
         let mut canvas = unsafe { Self::of_target(at, extent, None, worker)? };
@@ -108,7 +109,7 @@ impl Canvas {
     ///
     /// # Safety
     /// As [`Canvas::of_frame`].
-    pub unsafe fn of_picture(at: *const Target, rect: Rect, worker: &Worker) -> Result<Self, Failure> {
+    pub unsafe fn of_picture(at: *const Target, rect: Rect, worker: &State) -> Result<Self, Failure> {
         let extent = Extent { columns: rect.width as usize, rows: rect.height as usize };
         // SAFETY: the caller's promise.
         let mut canvas = unsafe { Self::of_target(at, extent, None, worker)? };
@@ -126,7 +127,7 @@ impl Canvas {
         at: *const Target,
         count: usize,
         read: &[(&'static str, Pieces)],
-        worker: &mut Worker,
+        worker: &mut State,
     ) -> Result<Self, Failure> {
         // SAFETY: the caller's promise.
         let canvas = unsafe { Self::of_target(at, Extent { columns: count, rows: 1 }, Some(read), worker)? };
@@ -143,7 +144,7 @@ impl Canvas {
         rgb: &Plane,
         count: usize,
         read: &[(&'static str, Pieces)],
-        worker: &Worker,
+        worker: &State,
     ) -> Result<Self, Failure> {
         let mut canvas = Self { surfaces: [None; 6], limit: None, origin: [0; 2] };
         if sigma.data.is_null() && count > 0 {
@@ -178,7 +179,7 @@ impl Canvas {
         at: *const Target,
         extent: Extent,
         rays: Option<&[(&'static str, Pieces)]>,
-        worker: &Worker,
+        worker: &State,
     ) -> Result<Self, Failure> {
         // SAFETY: `at` is as this function's `# Safety` has it.
         let target = unsafe { read_versioned(at)? };
@@ -227,7 +228,7 @@ impl Canvas {
     }
 
     /// Lets the worker composite as the planes need it.
-    fn set_up(&self, worker: &mut Worker) -> Result<(), Failure> {
+    fn set_up(&self, worker: &mut State) -> Result<(), Failure> {
         let alpha = self.surfaces.iter().flatten().any(|surface| surface.format.has_alpha());
         if alpha {
             worker.settings.check_tone_of_alpha()?;
@@ -316,7 +317,7 @@ fn check(
     channel: Channel,
     plane: &Plane,
     extent: Extent,
-    worker: &Worker,
+    worker: &State,
 ) -> Result<(Surface, Pieces), Failure> {
     let name = channel.name();
     if !channel.is_in(&worker.outputs) {

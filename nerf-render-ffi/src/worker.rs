@@ -1,6 +1,6 @@
 //! Scenes, options, outputs and memory, checked once for any number of calls.
 
-use crate::boundary::{LayoutOut, Message, Versioned, call, check_out, read_versioned};
+use crate::boundary::{LayoutOut, Message, Versioned, by_width, call, check_out, read_versioned, span_of};
 use crate::failure::Failure;
 #[cfg(feature = "instances")]
 use crate::instance::Instance;
@@ -10,6 +10,7 @@ use crate::scene::Scene;
 use crate::span::{Span, check_aligned};
 use crate::status::Status;
 use crate::tile_pixels::TilePixels;
+use core::cell::UnsafeCell;
 use core::ffi::{c_char, c_void};
 use core::sync::atomic::{AtomicBool, Ordering};
 #[cfg(feature = "instances")]
@@ -43,6 +44,7 @@ pub struct Request {
 // SAFETY: `repr(C)`, `struct_size` comes first, and numbers and pointers have no invalid bytes.
 unsafe impl Versioned for Request {
     const NAME: &'static str = "request";
+    const SIZE_V2: usize = by_width(28, 48);
 }
 
 /// A scene of a worker, with its plan.
@@ -59,7 +61,13 @@ pub(crate) struct Member {
 /// scene's.
 #[repr(align(64))]
 pub struct Worker {
+    /// Whether a call works with it. Every call looks at it, so it lies outside of what one of them borrows.
     busy: AtomicBool,
+    state: UnsafeCell<State>,
+}
+
+/// What a call works with: for itself, from when it has set [`Worker::busy`] until it clears it.
+pub(crate) struct State {
     /// What the frames are rendered by; `None` of a picture.
     pub(crate) fields: Option<render::Worker<'static>>,
     pub(crate) members: &'static [Member],
@@ -74,61 +82,51 @@ pub struct Worker {
     pub(crate) size: usize,
 }
 
-/// A worker that one call has for itself.
-pub(crate) struct Busy<'a>(pub &'a mut Worker);
-
-impl Busy<'_> {
-    /// The worker behind a handle.
-    ///
-    /// # Safety
-    /// `worker` is NULL or a handle whose memory and scenes are intact, and their memory is used through it alone.
-    pub unsafe fn new(worker: *mut Worker) -> Result<Self, Failure> {
-        if worker.is_null() {
-            return Err(Failure::Null("worker"));
-        }
-        check_aligned("worker", worker as usize, align_of::<Worker>())?;
-        // SAFETY: not NULL, aligned, and a worker by this function's contract. No reference to the rest of it is made
-        // before this says that no other call has one.
-        let busy = unsafe { &(*worker).busy };
+impl Worker {
+    /// Whether the flag was set already; sets it.
+    fn take(&self) -> bool {
         #[cfg(target_has_atomic = "8")]
-        let taken = busy.swap(true, Ordering::Acquire);
+        let taken = self.busy.swap(true, Ordering::Acquire);
         #[cfg(not(target_has_atomic = "8"))]
         let taken = {
-            let taken = busy.load(Ordering::Acquire);
-            busy.store(true, Ordering::Relaxed);
+            let taken = self.busy.load(Ordering::Acquire);
+            self.busy.store(true, Ordering::Relaxed);
             taken
         };
-        if taken {
-            return Err(Failure::Busy);
-        }
-        // SAFETY: as above; this is the only call that works with it.
-        Ok(Self(unsafe { &mut *worker }))
+        taken
     }
 }
 
-impl Busy<'_> {
-    /// The worker may be used again; not after a panic, which leaves its work half done.
-    pub fn release(self) {
-        self.0.busy.store(false, Ordering::Release);
-    }
-}
-
-/// Runs the body of a call with the worker, for itself.
+/// Runs the body of a call with a worker's state, for itself.
+///
+/// After a panic of the body, which leaves its work half done, the worker stays busy.
 ///
 /// # Safety
-/// As [`Busy::new`].
+/// `worker` is NULL or a handle whose memory and scenes are intact, and their memory is used through it alone.
 pub(crate) unsafe fn with_worker(
     worker: *mut Worker,
-    body: impl FnOnce(&mut Worker) -> Result<(), Failure>,
+    body: impl FnOnce(&mut State) -> Result<(), Failure>,
 ) -> Result<(), Failure> {
-    // SAFETY: the caller's promise.
-    let busy = unsafe { Busy::new(worker)? };
-    let result = body(busy.0);
-    busy.release();
+    if worker.is_null() {
+        return Err(Failure::Null("worker"));
+    }
+    check_aligned("worker", worker as usize, align_of::<Worker>())?;
+    // SAFETY: not NULL, aligned, and a worker by this function's contract. A call at work, of another thread or further
+    // up this stack, has a `&mut State`: this shared reference leaves it valid under Stacked and under Tree Borrows, since
+    // flag and state lie in cells of their own, for which a shared reference claims nothing, neither that they stay as
+    // they are nor that nobody else refers to them.
+    let worker = unsafe { &*worker };
+    if worker.take() {
+        return Err(Failure::Busy);
+    }
+    // SAFETY: the flag was clear, so that no other call has a reference to the state, and while it is set none makes one:
+    // a call that finds it set has touched the flag alone, which is no part of the state.
+    let result = body(unsafe { &mut *worker.state.get() });
+    worker.busy.store(false, Ordering::Release);
     result
 }
 
-impl Worker {
+impl State {
     /// An error where memory that will be written to, or is read, holds part of a blob, a scene or the worker.
     pub(crate) fn check_apart(&self, name: &'static str, span: Span) -> Result<(), Failure> {
         span.check_apart(name, self.memory, "the worker's memory")?;
@@ -206,6 +204,17 @@ impl Checked {
 
     fn count(&self) -> usize {
         self.request.instance_count.max(1)
+    }
+
+    /// Where the request and what it points to lie, by name, without the scenes.
+    ///
+    /// # Safety
+    /// As [`Checked::read`], which read it from `at`.
+    unsafe fn spans(&self, at: *const Request) -> Result<[(&'static str, Span); 3], Failure> {
+        let Request { options, instances, instance_count, .. } = self.request;
+        // SAFETY: the caller's promise.
+        let spans = unsafe { (span_of(at, 1)?, span_of(options, 1)?, span_of(instances, instance_count)?) };
+        Ok([("request", spans.0), ("request.options", spans.1), ("request.instances", spans.2)])
     }
 
     /// One of the scenes.
@@ -327,8 +336,9 @@ pub unsafe extern "C" fn nerf_worker_size(
 /// Opens a worker in the caller's memory: everything that a call of it does not change is checked and made ready here.
 ///
 /// The worker borrows `memory` and the scenes: they stay where and as they are for as long as it is used. One for each
-/// thread. `memory`: at least the size and alignment that `nerf_worker_size` says, apart from scenes and blobs. `worker`
-/// receives the handle on success only; there is nothing to close. `message`: as in `nerf_worker_size`.
+/// thread. `memory`: at least the size and alignment that `nerf_worker_size` says, apart from scenes, blobs and all that is
+/// passed here. `worker` receives the handle on success only; there is nothing to close. `message`: as in
+/// `nerf_worker_size`.
 ///
 /// # Safety
 /// Pointers are NULL or point to what is described here; scenes are intact.
@@ -341,17 +351,29 @@ pub unsafe extern "C" fn nerf_worker_open(
     message: *mut c_char,
     message_capacity: usize,
 ) -> Status {
-    call(Message { text: message, capacity: message_capacity }, || {
+    let message = Message { text: message, capacity: message_capacity };
+    call(message, || {
         check_out("worker", worker)?;
+        let out = Span::of("worker", worker, 1)?;
         // SAFETY: `request` is as this function's `# Safety` has it.
         let checked = unsafe { Checked::read(request)? };
         // SAFETY: as above.
         let shares = unsafe { checked.shares()? };
         Span::of("memory", memory.cast::<Line>().cast_const(), 0)?;
         let span = Span::new("memory", memory, memory_size)?;
+        // SAFETY: as above.
+        let read = unsafe { checked.spans(request)? };
+        let written = [("worker", out), ("message", message.first()?)];
+        for (name, other) in read.into_iter().chain(written) {
+            other.check_apart(name, span, "the worker's memory")?;
+        }
         for index in 0..checked.count() {
             // SAFETY: as above.
-            unsafe { checked.scene(index)?.check_apart("memory", span)? };
+            let scene = unsafe { checked.scene(index)? };
+            scene.check_apart("memory", span)?;
+            for (name, written) in written {
+                scene.check_apart(name, written)?;
+            }
         }
         let expected = shares.bytes()?;
         if memory_size < expected {
@@ -395,11 +417,12 @@ impl Lent {
         count: usize,
         mut make: impl FnMut(usize) -> Result<T, Failure>,
     ) -> Result<&'static [T], Failure> {
+        const { assert!(align_of::<T>() <= align_of::<Line>()) };
         // SAFETY: the caller's promise.
         let first = unsafe { self.lines(lines_for::<T>(count)) }.as_mut_ptr().cast::<T>();
         for index in 0..count {
             let value = make(index)?;
-            // SAFETY: one of `count` places in the lines, aligned as a line is.
+            // SAFETY: one of `count` places in the lines, aligned for T (asserted above).
             unsafe { first.add(index).write(value) };
         }
         // SAFETY: all of them have just been written, and nobody writes to them again.
@@ -458,8 +481,7 @@ unsafe fn open_in(
             None
         }
     };
-    let worker = Worker {
-        busy: AtomicBool::new(false),
+    let state = State {
         fields,
         members,
         settings: checked.settings,
@@ -469,6 +491,7 @@ unsafe fn open_in(
         memory: span,
         size: shares.bytes()?,
     };
+    let worker = Worker { busy: AtomicBool::new(false), state: UnsafeCell::new(state) };
     let handle = memory.cast::<Worker>();
     // SAFETY: the first lines hold a worker, are aligned for it, and are in no slice.
     unsafe { handle.write(worker) };

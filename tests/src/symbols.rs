@@ -12,6 +12,45 @@ pub fn declared(header: &str) -> BTreeSet<String> {
     before.flatten().filter(|name| name.starts_with("nerf_")).map(String::from).collect()
 }
 
+/// Names that a C header brings into every program that includes it: macros, types, enumerators and functions.
+pub fn brought(header: &str) -> BTreeSet<String> {
+    const LANGUAGE: [&str; 11] = [
+        "char", "const", "enum", "float", "int32_t", "size_t", "struct", "typedef", "uint32_t", "uint64_t",
+        "void",
+    ];
+    let code = without_comments(header);
+    let lines = code.lines().map(|line| line.split("//").next().unwrap_or_default());
+    let (macros, code): (Vec<_>, Vec<_>) = lines.partition(|line| line.starts_with('#'));
+    let defined = macros.iter().filter_map(|line| line.strip_prefix("#define ")?.split_whitespace().next());
+    let mut names: BTreeSet<String> = defined.map(String::from).collect();
+    // `(*name)(...)`, a pointer to a function, as `name(...)`.
+    let mut code = code.join("\n").replace("extern \"C\" {", "");
+    while let Some(at) = code.find("(*") {
+        code = code[..at].to_owned() + &code[at + 2..].replacen(')', "", 1);
+    }
+    // Whether names inside of each open brace or parenthesis are the program's, too: enumerators, not fields or arguments.
+    let (mut open, mut word, mut of_enum) = (Vec::new(), String::new(), false);
+    for c in code.chars() {
+        if c == '_' || c.is_ascii_alphanumeric() {
+            word.push(c);
+            continue;
+        }
+        of_enum = word == "enum" || (of_enum && word != "struct" && c != ';');
+        if open.iter().all(|enumerators| *enumerators) && word.starts_with(|c: char| !c.is_ascii_digit()) {
+            names.insert(word.clone());
+        }
+        word.clear();
+        match c {
+            '{' => open.push(of_enum),
+            '(' => open.push(false),
+            '}' | ')' => _ = open.pop(),
+            _ => {}
+        }
+    }
+    names.retain(|name| !LANGUAGE.contains(&name.as_str()));
+    names
+}
+
 /// The code of a header alone.
 pub fn without_comments(header: &str) -> String {
     header.split("/*").map(|part| part.split_once("*/").map_or(part, |(_, code)| code)).collect()

@@ -369,7 +369,8 @@ impl fmt::Display for BlobError {
                 write!(f, "tables: level {level}, value {index} is not finite")
             }
             Self::NotBuilt { feature } => {
-                write!(f, "position grid: expected a build with the feature `{feature}`, found one without")
+                let part = if *feature == "contraction" { Section::Samples } else { Section::Position };
+                write!(f, "{part}: expected a build with the feature `{feature}`, found one without")
             }
             Self::Space { expected, found } => {
                 write!(f, "output buffer: expected {expected} bytes, found {found}")

@@ -7,6 +7,7 @@ use crate::network::{Architecture, ArchitectureError, Role};
 use crate::testing::{
     PROVENANCE, SCENE, architecture, body, bytes, every_kind, halve, parameters, pi, picture_body,
 };
+use std::format;
 use std::string::ToString;
 use std::vec;
 
@@ -155,6 +156,17 @@ fn scenes_that_hold_nothing_are_refused() {
         assert_eq!(scene_refused(|s| s.background[1] = channel), BlobError::Field(Section::Background));
     }
     assert_eq!(scene_refused(|s| s.occupancy_required = true), BlobError::Field(Section::OccupancyRequired));
+}
+
+#[test]
+fn what_a_build_lacks_is_named_by_field_and_feature() {
+    for (feature, field) in [("grid", "architecture.position"), ("contraction", "scene.sampling")] {
+        let said = BlobError::NotBuilt { feature }.to_string();
+        assert_eq!(
+            said,
+            format!("{field}: expected a build with the feature `{feature}`, found one without")
+        );
+    }
 }
 
 #[cfg(not(feature = "contraction"))]

@@ -72,6 +72,13 @@ impl<'a> Blob<'a> {
         Ok(Self { body: read_body!(&mut input) })
     }
 
+    /// The same with other weights, which nothing has checked.
+    #[cfg(test)]
+    pub(crate) fn with_weights(mut self, weights: &'a [u8]) -> Self {
+        self.body.weights = weights;
+        self
+    }
+
     /// What tells it from other blobs that are borrowed at the same time: where its weights lie.
     pub(crate) fn identity(&self) -> usize {
         self.body.weights.as_ptr().addr()

@@ -1,10 +1,21 @@
 //! A rendered image.
 
 use crate::plan::Outputs;
-use crate::render::Counters;
+use crate::render::{Counters, RenderError};
 use crate::volume::Pixel;
-use std::vec;
 use std::vec::Vec;
+
+/// One value for each pixel of an image.
+///
+/// # Errors
+/// [`RenderError::ImageMemory`] where there is not enough for them.
+pub(super) fn plane<T: Clone>(width: usize, height: usize, value: T) -> Result<Vec<T>, RenderError> {
+    let error = RenderError::ImageMemory { width, height };
+    let (count, mut values) = (width.checked_mul(height).ok_or(error)?, Vec::new());
+    values.try_reserve_exact(count).map_err(|_| error)?;
+    values.resize(count, value);
+    Ok(values)
+}
 
 /// A rendered image, plane by plane, each row by row from the top left; empty where its output was not asked for.
 #[derive(Clone, Debug, PartialEq)]
@@ -31,20 +42,23 @@ pub struct Image {
 
 impl Image {
     /// A black image with the planes of `outputs`.
-    pub(super) fn new(width: usize, height: usize, outputs: &Outputs) -> Self {
-        let plane = |asked: bool| vec![0.0; if asked { width * height } else { 0 }];
-        let triples = |asked: bool| vec![[0.0; 3]; if asked { width * height } else { 0 }];
-        Self {
+    ///
+    /// # Errors
+    /// [`RenderError::ImageMemory`] where there is not enough for them.
+    pub(super) fn new(width: usize, height: usize, outputs: &Outputs) -> Result<Self, RenderError> {
+        let plane = |asked: bool| if asked { plane(width, height, 0.0) } else { Ok(Vec::new()) };
+        let triples = |asked: bool| if asked { self::plane(width, height, [0.0; 3]) } else { Ok(Vec::new()) };
+        Ok(Self {
             width,
             height,
-            rgb: triples(outputs.rgb),
-            opacity: plane(outputs.opacity),
-            ray_distance: plane(outputs.ray_distance),
-            z_depth: plane(outputs.z_depth),
-            median_distance: plane(outputs.median_distance),
-            normals: triples(outputs.normals),
+            rgb: triples(outputs.rgb)?,
+            opacity: plane(outputs.opacity)?,
+            ray_distance: plane(outputs.ray_distance)?,
+            z_depth: plane(outputs.z_depth)?,
+            median_distance: plane(outputs.median_distance)?,
+            normals: triples(outputs.normals)?,
             counters: Counters::default(),
-        }
+        })
     }
 
     /// Takes pixel `i`.

@@ -6,7 +6,7 @@ use crate::math::MathBackend;
 use crate::memory::Line;
 use crate::plan::{Batch, Outputs, Plan, Quality};
 use crate::render::RaySegment;
-use crate::render::{Rect, RenderError, Renderer, Worker};
+use crate::render::{MAX_RENDER_SIDE, Rect, RenderError, Renderer, Worker};
 use crate::testing::{architecture, body, bytes, every_kind, halve, parameters, pi, picture_body};
 use crate::volume::Pixel;
 use crate::{Blob, Effects};
@@ -213,9 +213,25 @@ fn files_that_are_no_scenes_are_refused_by_name() {
     );
 }
 
+/// The largest camera and the largest picture there are: 2^46 pixels.
+#[test]
+fn an_image_beyond_all_memory_is_refused() {
+    const SIDE: u32 = MAX_RENDER_SIDE;
+    let pose = *camera().pose();
+    let camera = Camera::new(Intrinsics::centred(SIDE, SIDE, 1e7), Lens::NONE, pose).unwrap();
+    let scene = Scene::from_bytes(file(1)).unwrap();
+    let error = scene.request().outputs(Outputs::RGB).render(&camera).unwrap_err();
+    assert!(matches!(error, HostError::Render(RenderError::ImageMemory { .. })), "{error}");
+    assert_eq!(error.to_string(), "image: expected free memory for 8388608x8388608 pixels, found less");
+    let a = architecture(PositionEncoding::from(pi(2, 5)), None, &[(24, false)], &[12]);
+    let picture = Scene::from_bytes(bytes(&picture_body(a.clone(), &halve(&parameters(&a, 9)).0))).unwrap();
+    let error = picture.request().render_picture(SIDE, SIDE).unwrap_err();
+    assert!(matches!(error, HostError::Render(RenderError::ImageMemory { .. })), "{error}");
+}
+
 #[test]
 fn colours_become_bytes_by_rounding() {
-    let mut image = Image::new(2, 1, &Outputs::RGB);
+    let mut image = Image::new(2, 1, &Outputs::RGB).unwrap();
     image.rgb = vec![[0.0, 0.5, 1.0], [-1.0, 2.0, 0.998]];
     assert_eq!(image.rgb8(), [0, 128, 255, 0, 255, 254]);
     assert!(image.z_depth.is_empty() && image.opacity.len() == 2);

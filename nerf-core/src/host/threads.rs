@@ -1,6 +1,7 @@
 //! One frame on many threads: tiles are rendered where there is time, and put together under a lock.
 
 use super::Image;
+use super::image::plane;
 use crate::camera::Camera;
 use crate::math::MathBackend;
 use crate::memory::Line;
@@ -21,7 +22,8 @@ const CHUNK: u32 = 256;
 /// Renders all of `camera`'s image on so many threads; its planes are those of the plan's outputs.
 ///
 /// # Errors
-/// [`RenderError::OtherScene`] if the plan was made for another scene.
+/// [`RenderError::OtherScene`] if the plan was made for another scene, and [`RenderError::ImageMemory`] if there is not
+/// enough for the image.
 pub fn render(
     renderer: &Renderer<'_>,
     plan: &Plan<'_>,
@@ -29,7 +31,7 @@ pub fn render(
     threads: NonZeroUsize,
 ) -> Result<Image, RenderError> {
     let full = Rect::full(camera);
-    let mut image = Image::new(full.width as usize, full.height as usize, &plan.outputs());
+    let mut image = Image::new(full.width as usize, full.height as usize, &plan.outputs())?;
     let width = image.width;
     let lines = renderer.workspace_lines(plan);
     let counters = in_parallel(
@@ -86,7 +88,7 @@ pub fn render_rays(
 /// `each` is told, now and then, how many more rows are done.
 ///
 /// # Errors
-/// [`RenderError`] if the blob is a scene, and on a size beyond the format's.
+/// [`RenderError`] if the blob is a scene, on a size beyond the format's, and if there is not enough memory for it.
 pub fn render_picture(
     renderer: &Renderer<'_>,
     math: MathBackend,
@@ -98,7 +100,7 @@ pub fn render_picture(
     let batch = Batch::FULL;
     let full = Rect { x: 0, y: 0, width, height };
     renderer.check_picture(batch, size, full)?;
-    let mut rgb = vec![[0.0; 3]; width as usize * height as usize];
+    let mut rgb = plane(width as usize, height as usize, [0.0; 3])?;
     let lines = renderer.picture_workspace_lines(batch);
     let counters = in_parallel(
         threads,

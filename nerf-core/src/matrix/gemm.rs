@@ -78,6 +78,7 @@ impl Op for Product<'_> {
 
     #[inline(always)]
     fn run<V: Lanes>(mut self) {
+        const { assert!(1 <= V::TILE_ROWS && V::TILE_ROWS <= 6, "the panels below have 1 to 6 rows") };
         let mut row = 0;
         while row < self.g.m {
             let rows = V::TILE_ROWS.min(self.g.m - row);

@@ -40,6 +40,16 @@ pub enum RenderError {
         /// Lines that were given.
         found: usize,
     },
+    /// Parameters or tables that are not those of the scene's architecture.
+    Network,
+    /// An image of more pixels than there is memory for.
+    #[cfg(all(feature = "std", not(target_os = "none")))]
+    ImageMemory {
+        /// Width, pixels.
+        width: usize,
+        /// Height, pixels.
+        height: usize,
+    },
     /// A ray of the caller's that is not finite or whose direction is not of unit length.
     Ray {
         /// Which one.
@@ -126,6 +136,13 @@ impl core::fmt::Display for RenderError {
             ),
             Self::Memory { expected, found } => {
                 write!(f, "workspace: expected {expected} lines of 64 bytes, found {found}")
+            }
+            Self::Network => {
+                write!(f, "network: expected the parameters and tables of its architecture, found others")
+            }
+            #[cfg(all(feature = "std", not(target_os = "none")))]
+            Self::ImageMemory { width, height } => {
+                write!(f, "image: expected free memory for {width}x{height} pixels, found less")
             }
             Self::Lengths { positions, dirs, sigma, rgb } => write!(
                 f,

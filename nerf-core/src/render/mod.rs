@@ -118,18 +118,18 @@ impl<'a> Renderer<'a> {
     /// Prepares a scene for `kernel`, unpacking its weights once into `memory`.
     ///
     /// # Errors
-    /// [`RenderError::Memory`] if `memory` is smaller than [`Renderer::prepared_lines`] says.
+    /// [`RenderError::Memory`] if `memory` is smaller than [`Renderer::prepared_lines`] says, and
+    /// [`RenderError::Network`] if the blob's parameters or tables are not those of its architecture.
     pub fn new(blob: Blob<'a>, kernel: Kernel, memory: &'a mut [Line]) -> Result<Self, RenderError> {
         let (expected, found) = (Self::prepared_lines(&blob, kernel), memory.len());
-        let too_small = RenderError::Memory { expected, found };
         if found < expected {
-            return Err(too_small);
+            return Err(RenderError::Memory { expected, found });
         }
         let mut unpacked = Self::lay_out(&mut Arena::new(memory), &blob, kernel);
         Self::unpack(&blob, kernel, &mut unpacked);
         let (weights, proposer, tables) = Self::unpacked(&blob, kernel, unpacked.map(|it| &*it));
-        let network =
-            Network::with_grid(blob.architecture(), weights, tables, kernel.isa).ok_or(too_small)?;
+        let network = Network::with_grid(blob.architecture(), weights, tables, kernel.isa)
+            .ok_or(RenderError::Network)?;
         Ok(Self {
             occupied: blob.occupancy().and_then(|occupancy| occupancy.occupied_box()),
             blob,

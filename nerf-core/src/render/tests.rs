@@ -274,6 +274,15 @@ fn samples_that_are_no_numbers_are_counted_the_same_in_every_batch() {
 }
 
 #[test]
+fn parameters_of_another_architecture_are_no_lack_of_memory() {
+    let a = every_kind();
+    let (weights, _) = halve(&constant(&a, 0.5, [0.0; 3]));
+    let bytes = bytes(&body(a, None, &weights));
+    let blob = Blob::open(&bytes).unwrap().with_weights(&weights[2..]);
+    assert_eq!(Renderer::new(blob, Kernel::IN_PLACE, &mut []).unwrap_err(), RenderError::Network);
+}
+
+#[test]
 fn rectangles_outside_the_image_and_small_workspaces_are_refused() {
     let a = every_kind();
     let (weights, _) = halve(&constant(&a, 0.5, [0.0; 3]));

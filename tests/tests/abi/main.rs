@@ -3,6 +3,7 @@
 //! One program, like its neighbours: each that is linked costs CI seconds.
 #![allow(unsafe_code, reason = "tests call the C interface")]
 
+mod busy;
 mod camera;
 mod cases;
 mod effects;
@@ -11,6 +12,7 @@ mod fences;
 mod file;
 mod hostile;
 mod large;
+mod overlaps;
 mod picture;
 mod planes;
 mod proposal;

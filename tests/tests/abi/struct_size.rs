@@ -172,3 +172,70 @@ fn structures_of_camera_of_no_version_s_size_turn_and_see_nothing() {
     }
     assert_eq!((origin, dir, z), ([7.0; 3], [7.0; 3], 7.0));
 }
+
+/// A structure of so many bytes, which is what one that has grown since had.
+fn of_version_2<T: Copy>(value: &T, bytes: usize) -> T {
+    let mut value = *value;
+    // SAFETY: each structure begins with its size.
+    unsafe { (&raw mut value).cast::<usize>().write(bytes) };
+    value
+}
+
+/// What hosts of version 2 pass, on machines of 64 bits: accepted by every later library of version 2.
+#[cfg(target_pointer_width = "64")]
+#[test]
+fn structures_of_version_2_stay_long_enough() {
+    let (opened, none, out) = (opened(), null_mut(), null_mut());
+    let (mut size, mut align, blob) = (0, 0, &opened.blob);
+    let open = of_version_2(&call::open_options(Kernel::IN_PLACE), 40);
+    let options = of_version_2(&call::render_options(), 136);
+    let instance = ffi::Instance { struct_size: 64, scene: opened.scene, to_world: [0.0; 12] };
+    let one = call::request(opened.scene, &options, NERF_OUTPUT_RGB);
+    let placed = ffi::Request { scene: null(), instances: &instance, instance_count: 1, ..one };
+    let camera = of_version_2(&call::camera(&scenes::camera(1, 1)), 120);
+    let mut pixel = [0.0f32; 3];
+    let rgb = call::plane(pixel.as_mut_ptr().cast(), ffi::PixelFormat::RgbF32);
+    let target = of_version_2(&call::target(rgb), 264);
+    let frame = of_version_2(&call::whole_frame(&camera, &target), 56);
+    let (place, dir) = ([0.0f32; 3], [0.0f32, 0.0, -1.0]);
+    let (positions, dirs) = (call::floats(place.as_ptr()), call::floats(dir.as_ptr()));
+    let (nothing, axis) = (call::floats(null()), null());
+    let rays = ffi::Rays {
+        struct_size: 112,
+        count: 1,
+        origins: positions,
+        dirs,
+        t_min: nothing,
+        t_max: nothing,
+        random: nothing,
+        axis,
+        target: &target,
+    };
+    let mut sigma = 0.0f32;
+    let sigma = call::plane((&raw mut sigma).cast(), ffi::PixelFormat::F32);
+    let points = ffi::Points { struct_size: 112, count: 1, positions, dirs, sigma, rgb };
+    let mut counters = of_version_2(&call::counters(), 80);
+    let pace = ffi::Pace { struct_size: 72, milliseconds: [1.0; 16] };
+    let pace_request = of_version_2(&call::pace_request(opened.scene, &options, NERF_OUTPUT_RGB), 56);
+    // SAFETY: zeros are numbers and pointers.
+    let (info, choice) = unsafe { (std::mem::zeroed::<ffi::SceneInfo>(), std::mem::zeroed::<ffi::Choice>()) };
+    let (mut info, mut choice) = (of_version_2(&info, 320), of_version_2(&choice, 24));
+    let mut chosen = options;
+    let mut memory = opened.workspace(Some(&options), NERF_OUTPUT_RGB);
+    let (at, room, mut worker) = (memory.at(), memory.size(), null_mut());
+    // SAFETY: everything lives until the calls return.
+    let found = unsafe {
+        [
+            ffi::nerf_scene_memory(blob.as_ptr().cast(), blob.len(), &open, &mut size, &mut align, none, 0),
+            ffi::nerf_scene_describe(opened.scene, &mut info),
+            ffi::nerf_worker_size(&of_version_2(&placed, 48), &mut size, &mut align, none, 0),
+            ffi::nerf_worker_open(&of_version_2(&one, 48), at, room, &mut worker, none, 0),
+            ffi::nerf_render(worker, &frame, &mut counters, none, 0),
+            ffi::nerf_render_rays(worker, &rays, out, none, 0),
+            ffi::nerf_query(worker, &points, out, none, 0),
+            ffi::nerf_pace_workspace_size(&pace_request, &mut size, &mut align, none, 0),
+            ffi::nerf_quality_within_time(opened.scene, 9.0, &pace, &mut chosen, &mut choice, none, 0),
+        ]
+    };
+    assert_eq!(found, [Status::Ok; 9]);
+}

@@ -154,6 +154,22 @@ fn an_instance_that_is_none_is_named_by_its_index() {
     }
 }
 
+/// The first says how far it is from one to the next; another that says more would be read beyond the array.
+#[test]
+fn instances_of_different_sizes_are_refused_by_index() {
+    let opened = call::open(Recipe::OCCUPANCY.blob(), Kernel::IN_PLACE);
+    let own = size_of::<ffi::Instance>();
+    for says in [own + 8, own - 8, 0, usize::MAX] {
+        // What lies behind the array could be the tail of a later version's instance.
+        let mut three = [instance(opened.scene, [0.0; 12]); 3];
+        (three[1].struct_size, three[2]) = (says, instance(null(), [0.0; 12]));
+        three[2].struct_size = 0;
+        let (status, said) = open(&request_of(&three[..2])).map(|_| ()).expect_err("refused");
+        assert_eq!(status, Status::StructSize);
+        assert_eq!(said, format!("instances[1].struct_size: expected {own}, as of the first, found {says}"));
+    }
+}
+
 /// Of a scene where it was, of one elsewhere as its camera goes with it, of two and of the host's structures of any size.
 #[test]
 fn placed_fields_are_seen_where_they_stand() {
@@ -195,31 +211,6 @@ fn a_scene_is_unbounded_at_the_end_or_not_at_all() {
         let (status, said) = open(&request_of(&wrong)).map(|_| ()).expect_err("refused");
         assert!(status == Status::Options && said.starts_with("instances[0]"), "{status:?}: {said}");
     }
-}
-
-unsafe extern "C-unwind" fn again(user: *mut c_void, done: u64, _: u64) -> i32 {
-    // SAFETY: the test passes the worker and a place.
-    let [worker, found] = unsafe { &mut *user.cast::<[usize; 2]>() };
-    if done > 0 {
-        *found = picture(*worker as *mut ffi::Worker).0 as usize;
-    }
-    0
-}
-
-#[test]
-fn a_worker_at_work_is_busy_for_others_and_free_behind() {
-    let opened = call::open(Recipe::OCCUPANCY.blob(), Kernel::detect());
-    let (worker, _memory) = open(&call::request(opened.scene, null(), RGB)).expect("a worker");
-    let mut pixels = vec![[9.0f32; 4]; COUNT];
-    let target = call::target(plane(pixels.as_mut_ptr().cast(), PixelFormat::RgbaF32));
-    let (camera, mut user) = (call::camera(&scenes::camera(SIDE, SIDE)), [worker as usize, 0]);
-    let frame = call::whole_frame(&camera, &target);
-    let frame = ffi::Frame { progress: Some(again), user: (&raw mut user).cast(), ..frame };
-    // SAFETY: everything lives until the call returns.
-    let status = unsafe { ffi::nerf_render(worker, &frame, null_mut(), null_mut(), 0) };
-    assert_eq!((status, user[1]), (Status::Ok, Status::Busy as usize));
-    let after = picture(worker);
-    assert_eq!((after.0, after.1), (Status::Ok, pixels));
 }
 
 #[test]

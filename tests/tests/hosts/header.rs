@@ -63,6 +63,19 @@ fn header_and_libraries_name_the_same_functions() {
 }
 
 #[test]
+fn every_name_of_the_header_begins_with_the_librarys() {
+    let names = symbols::brought(&std::fs::read_to_string(paths::header()).expect("include/nerf_render.h"));
+    let foreign: Vec<_> =
+        names.iter().filter(|name| !name.starts_with("nerf_") && !name.starts_with("NERF_")).collect();
+    assert!(foreign.is_empty(), "{foreign:?}");
+    // One of each kind, so that none is overlooked.
+    for name in ["NERF_NONE", "nerf_frame", "nerf_progress", "nerf_worker", "NERF_STATUS_BUSY", "nerf_render"]
+    {
+        assert!(names.contains(name), "{name}");
+    }
+}
+
+#[test]
 fn table_of_capabilities_names_every_function() {
     let readme =
         std::fs::read_to_string(paths::workspace().join("nerf-render-ffi/README.md")).expect("the README");
