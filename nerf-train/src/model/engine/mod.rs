@@ -23,6 +23,7 @@ mod optimiser;
 mod pass;
 mod phases;
 mod reference;
+mod tape;
 mod volume_grad;
 
 #[cfg(test)]
@@ -30,7 +31,7 @@ mod tests;
 
 pub use batch::{Batch, BatchError, BatchRay};
 pub use fused::FusedEngine;
-pub use grid::GridEngine;
+pub use grid::{GridEngine, GridReferenceEngine};
 pub use model::{Dense, Initialisation, Model, ModelError, Part};
 pub use phases::{Phase, Phases};
 pub use reference::ReferenceEngine;
@@ -46,25 +47,44 @@ pub const SIGMA_LIMIT: f32 = 1e6;
 /// A gradient beyond this counts as divergence: its square, which Adam keeps, would overflow.
 const GRADIENT_LIMIT: f32 = 1e18;
 
-/// The engine that trains `model`; `bounds`: what its grid spans, if it has one.
+/// What computes the gradients of a run.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Default, Serialize, Deserialize, clap::ValueEnum)]
+#[serde(rename_all = "kebab-case")]
+pub enum EngineKind {
+    /// Explicit backward passes: fast, and the same bits for any number of threads.
+    #[default]
+    Fused,
+    /// dfdx's tape and dfdx's Adam, from loss to update: the reference that one can read, slow.
+    Dfdx,
+}
+
+/// The engine of this kind that trains `model`; `bounds`: what its grid spans, if it has one.
 ///
 /// # Errors
-/// [`EngineError::Model`] and [`EngineError::NotPlain`] if the model is out of bounds.
+/// [`EngineError::Model`] and [`EngineError::NotPlain`] if the model is out of bounds, [`EngineError::NoDensity`] for the
+/// grid of a 2D field by [`EngineKind::Dfdx`].
 pub fn engine_for(
+    kind: EngineKind,
     model: &Model,
     bounds: SceneBox,
     adam: Adam,
     seed: u64,
     isa: Isa,
 ) -> Result<Box<dyn Engine>, EngineError> {
-    if model.architecture.position.grid().is_some() {
-        let mut engine = GridEngine::new(model, bounds, adam, seed)?;
-        engine.set_isa(isa);
-        return Ok(Box::new(engine));
-    }
-    let mut engine = FusedEngine::new(model, adam, seed)?;
-    engine.set_isa(isa);
-    Ok(Box::new(engine))
+    Ok(match (kind, model.architecture.position.grid()) {
+        (EngineKind::Fused, Some(_)) => {
+            let mut engine = GridEngine::new(model, bounds, adam, seed)?;
+            engine.set_isa(isa);
+            Box::new(engine)
+        }
+        (EngineKind::Fused, None) => {
+            let mut engine = FusedEngine::new(model, adam, seed)?;
+            engine.set_isa(isa);
+            Box::new(engine)
+        }
+        (EngineKind::Dfdx, Some(_)) => Box::new(GridReferenceEngine::new(model, bounds, adam, seed)?),
+        (EngineKind::Dfdx, None) => Box::new(ReferenceEngine::new(model, adam, seed)?),
+    })
 }
 
 /// Something that fits a [`Model`] to batches.
@@ -179,6 +199,9 @@ pub enum EngineError {
     /// A model without the grid that this engine trains.
     #[error("model: expected a position encoded by a grid, found a sinusoidal encoding")]
     NoGrid,
+    /// The grid of a 2D field, which the tape does not train.
+    #[error("model: expected a density, found a picture: the engine dfdx trains grids of scenes alone")]
+    NoDensity,
     /// A grid model with parts that its engine does not train.
     #[error("model: expected an exponential density of scale 1, or none, and no feature layer beside a grid")]
     NotPlain,
