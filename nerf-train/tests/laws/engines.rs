@@ -7,15 +7,15 @@ use nerf_train::model::config::Config;
 use nerf_train::model::config::Preset;
 use nerf_train::train::Trainer;
 
-/// Parameters at the start and after 20 steps, and the samples that were trained on.
-fn trained(dataset: &Dataset, config: Config) -> ([Vec<f32>; 2], u64) {
+/// Parameters at the start, and after so many steps.
+fn trained(dataset: &Dataset, config: Config, steps: u32) -> [Vec<f32>; 2] {
     let mut trainer = Trainer::new(dataset, config, Kernel::detect()).expect("a trainer");
     let parameters = |trainer: &Trainer<'_>| trainer.checkpoint(0.0).optimiser.parameters;
     let start = parameters(&trainer);
-    for step in 0..20 {
-        trainer.step(f64::from(step) / 20.0).expect("a step");
+    for step in 0..steps {
+        trainer.step(f64::from(step) / f64::from(steps)).expect("a step");
     }
-    ([start, parameters(&trainer)], trainer.progressed().samples)
+    [start, parameters(&trainer)]
 }
 
 /// ‖a − b‖₂.
@@ -23,30 +23,45 @@ fn distance(a: &[f32], b: &[f32]) -> f64 {
     a.iter().zip(b).map(|(a, b)| f64::from(a - b).powi(2)).sum::<f64>().sqrt()
 }
 
+/// How far apart the engines are after 20 steps of a trainer, as a share of the way that the parameters went:
+/// `‖fused − tape‖₂ / ‖fused − start‖₂`.
+///
+/// Each bound is three times the largest that was measured with seeds 0 to 3 on six kernels. Gradients agree within 1e-4 of
+/// the largest of their kind (`model::engine`'s own tests). What Adam makes of them does so less: its first step goes as far
+/// for a gradient of 1e-12 as for one of 1, so that a sum that cancels, and is rounding alone, decides by its sign. A grid
+/// has many entries that few samples read, it is read in f16, where neighbours of a rounding boundary part by 1 in 2000,
+/// and a sample at the gate is trained by one engine and not by the other: from there the two ways part.
 #[test]
 fn after_20_steps_both_engines_have_gone_to_the_same_place() {
     let dataset = scene();
     for (name, config, bound) in [
-        ("small", Preset::Small.config(), 1.0),
-        ("seed, narrow", tiny_seed(20), 1.0),
-        ("grid", Preset::Grid.config(), 1.0),
-        ("grid, five levels", tiny_grid(20), 1.0),
-        ("grid without hull", tiny_grid(20).without_hull(), 1.0),
-        ("unbounded grid", tiny_unbounded(20), 1.0),
+        ("small", Preset::Small.config(), 2.7e-4),
+        ("seed, narrow", tiny_seed(20), 1.3e-6),
+        ("grid", Preset::Grid.config(), 7.5e-2),
+        ("grid, five levels", tiny_grid(20), 0.11),
+        ("grid without hull", tiny_grid(20).without_hull(), 1.1e-2),
+        ("unbounded grid", tiny_unbounded(20), 3.3e-3),
     ] {
-        let time = std::time::Instant::now();
-        let ([start, fused], samples) = trained(&dataset, config.clone());
-        let fused_time = time.elapsed();
-        let ([start_of_tape, tape], samples_of_tape) = trained(&dataset, by_tape(config));
-        assert!(start == start_of_tape, "{name}");
-        let way = distance(&fused, &start);
-        let apart = distance(&fused, &tape) / way;
-        let most = fused.iter().zip(&tape).map(|(a, b)| (a - b).abs()).fold(0.0, f32::max);
-        let longest = fused.iter().zip(&start).map(|(a, b)| (a - b).abs()).fold(0.0, f32::max);
-        println!(
-            "{name}: {apart:.1e} of the way, most {most:.1e} of {longest:.1e}; {samples} and {samples_of_tape} samples; {fused_time:?} {:?}",
-            time.elapsed()
-        );
-        assert!(apart < bound, "{name}: {apart:.1e} of the way");
+        for seed in [0, 2] {
+            let config = Config { seed, ..config.clone() };
+            let [start, fused] = trained(&dataset, config.clone(), 20);
+            let [start_of_tape, tape] = trained(&dataset, by_tape(config), 20);
+            assert!(start == start_of_tape, "{name}, seed {seed}");
+            let apart = distance(&fused, &tape) / distance(&fused, &start);
+            println!("{name}, seed {seed}: {apart:.1e} of the way");
+            assert!(apart < bound, "{name}, seed {seed}: {apart:.1e} of the way");
+        }
+    }
+}
+
+#[test]
+fn threads_do_not_change_what_the_tape_computes() {
+    let dataset = scene();
+    for preset in [Preset::Small, Preset::Grid] {
+        let parameters = [1, 2, 3].map(|threads| {
+            let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("a pool");
+            pool.install(|| trained(&dataset, by_tape(preset.config()), 3)[1].clone())
+        });
+        assert!(parameters[0] == parameters[1] && parameters[0] == parameters[2], "{preset:?}");
     }
 }

@@ -2,14 +2,73 @@
 //!
 //! `Batch` → encode → network → volume rendering → loss → gradients → Adam → parameters
 //!
-//! [`ReferenceEngine`] leaves the derivatives to dfdx's tape: slow and obvious, the oracle.
-//! [`FusedEngine`] computes them with explicit backward passes on `nerf_core::matrix::gemm`; only
-//! its parameters, gradients and Adam are dfdx's. Both take the same [`Batch`] and minimise
+//! [`ReferenceEngine`] and, of a grid, [`GridReferenceEngine`] leave the derivatives to dfdx's tape: slow and obvious, the
+//! oracles (`fit --engine dfdx`). [`FusedEngine`] and [`GridEngine`] compute them with explicit backward passes on
+//! `nerf_core::matrix::gemm`; the former's parameters, gradients and Adam are dfdx's. All take the same [`Batch`] and
+//! minimise
 //!
 //! `loss = mean over rays and channels of (C − rgb)² + empty_weight · mean over empty of ln(1 + sigma)`
 //!
 //! `C = Σ_i w_i c_i + T_end · background`, `w_i = T_i · alpha_i`, `alpha_i = −expm1(−sigma_i · delta_i)`,
-//! `T_i = exp(−Σ_{j<i} sigma_j · delta_j)`.
+//! `T_i = exp(−Σ_{j<i} sigma_j · delta_j)`; beside a grid without the term of empty points.
+//!
+//! # One step, by the tape
+//!
+//! All of it in dfdx's own words: rays, positional encoding, network, volume rendering, loss, Adam. The engines add what
+//! a scene needs: views, directions, empty space that is skipped, and checkpoints.
+//!
+//! ```
+//! use dfdx::optim::{Adam, AdamConfig};
+//! use dfdx::prelude::*;
+//! use std::f32::consts::PI;
+//!
+//! const RAYS: usize = 64;
+//! const SAMPLES: usize = 24;
+//! // x, y, z, and sine and cosine of each at four frequencies.
+//! const CHANNELS: usize = 27;
+//! // Two hidden layers, then a density and three channels of colour.
+//! type Heads = SplitInto<(Linear<64, 1>, Linear<64, 3>)>;
+//! type Field = ((Linear<CHANNELS, 64>, ReLU), (Linear<64, 64>, ReLU), Heads);
+//!
+//! let cpu = Cpu::seed_from_u64(0);
+//! let mut field = cpu.build_module::<Field, f32>();
+//! let mut adam = Adam::new(&field, AdamConfig { lr: 5e-3, ..AdamConfig::default() });
+//! let delta = 2.0 / SAMPLES as f32;
+//! let mut losses = Vec::new();
+//! for _ in 0..100 {
+//!     // Rays along x, y or z through the cube from -1 to 1, at (u, v) from its centre, where a red ball is.
+//!     let (mut encoded, mut seen) = (Vec::new(), Vec::new());
+//!     let places: Tensor<Rank2<RAYS, 2>, f32, _> = cpu.sample_uniform();
+//!     for (ray, at) in places.as_vec().chunks(2).enumerate() {
+//!         let [u, v] = [2.0 * at[0] - 1.0, 2.0 * at[1] - 1.0];
+//!         seen.extend(if u * u + v * v < 0.4 { [0.9, 0.2, 0.1] } else { [0.0; 3] });
+//!         for i in 0..SAMPLES {
+//!             let mut x = [(i as f32 + 0.5) * delta - 1.0, u, v];
+//!             x.rotate_right(ray % 3);
+//!             // Positional encoding: x, sin(2^l pi x), cos(2^l pi x).
+//!             encoded.extend(x);
+//!             for angle in (0..4).flat_map(|l| x.map(|x| 2f32.powi(l) * PI * x)) {
+//!                 encoded.extend([angle.sin(), angle.cos()]);
+//!             }
+//!         }
+//!     }
+//!     // The network, on a tape that remembers how to differentiate it.
+//!     let encoded = cpu.tensor_from_vec(encoded, (Const::<{ RAYS * SAMPLES }>, Const::<CHANNELS>));
+//!     let (raw, colour) = field.forward(encoded.leaky_trace());
+//!     let tau = raw.exp().reshape::<Rank2<RAYS, SAMPLES>>() * delta;
+//!     let colour = colour.sigmoid().reshape::<Rank3<RAYS, SAMPLES, 3>>();
+//!     // Volume rendering: T_i = exp(-sum of tau_j in front), weight_i = T_i (1 - exp(-tau_i)).
+//!     let in_front = cpu.upper_tri::<Rank2<SAMPLES, SAMPLES>>(1.0, 1);
+//!     let transmittance = tau.with_empty_tape().matmul(in_front).negate().exp();
+//!     let weights = transmittance * (tau.negate().exp().negate() + 1.0);
+//!     let shown = (weights.broadcast::<_, Axis<2>>() * colour).sum::<Rank2<RAYS, 3>, _>();
+//!     // Loss, backward along the tape, Adam.
+//!     let loss = mse_loss(shown, cpu.tensor_from_vec(seen, (Const::<RAYS>, Const::<3>)));
+//!     losses.push(loss.array());
+//!     adam.update(&mut field, &loss.backward()).expect("each parameter has a gradient");
+//! }
+//! assert!(losses[90..].iter().sum::<f32>() < losses[0], "ten losses are less than the first one");
+//! ```
 
 mod accumulate;
 mod batch;

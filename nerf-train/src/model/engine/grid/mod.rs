@@ -20,6 +20,7 @@
 
 mod adam;
 mod distortion;
+mod kept;
 mod layers;
 mod pass;
 mod reference;

@@ -1,10 +1,10 @@
 //! The reference engine of grid fields: tables as a dfdx tensor that samples gather from, all derivatives left to the tape.
 //!
-//! It computes what [`GridEngine`](super::GridEngine) does, and says it in its plainest form. Which samples are kept is
-//! decided without a tape; of those that are not, what they leave of the light is a constant. Deviation: every sample's
-//! density is evaluated, those behind the end of a ray too.
+//! It computes what [`GridEngine`](super::GridEngine) does, in the plainest form. Which samples are kept is decided without a
+//! tape; the transmittance of the others is a constant. Deviation: every sample's density is evaluated, those behind the
+//! end of a ray too.
 
-use super::pass::{FAINT, GATE, T_MIN};
+use super::kept::KeptSamples;
 use super::{check_plain, check_state};
 use crate::model::engine::chunk::{Chunk, cut};
 use crate::model::engine::optimiser::usable;
@@ -22,7 +22,6 @@ use nerf_core::camera::SceneBox;
 use nerf_core::encoding::{DirectionEncoding, GridEncoding, GridLevel, encode_block, encode_harmonics_block};
 use nerf_core::math::MathBackend;
 use nerf_core::network::EXPONENTIAL_LIMIT;
-use nerf_core::sampling::{Purpose, uniform};
 use nerf_core::simd::Isa;
 use std::borrow::Cow;
 use std::ops::Range;
@@ -182,7 +181,7 @@ impl GridReferenceEngine {
             let sigma = self.density(network, &h)?.as_vec();
             depths = sigma.iter().zip(&batch.deltas[samples.clone()]).map(|(s, d)| s * d).collect();
         }
-        let kept = Kept::of(rays, &depths, samples.start, batch.faint);
+        let kept = KeptSamples::of(rays, &depths, samples.start, batch.faint);
         loss.evaluated += samples.len();
         loss.kept += kept.samples.len();
         if kept.samples.is_empty() {
@@ -210,7 +209,7 @@ impl GridReferenceEngine {
         network: &Network,
         batch: &Batch,
         rays: &[BatchRay],
-        kept: &Kept,
+        kept: &KeptSamples,
     ) -> Result<(f32, Scalar), EngineError> {
         let device = &self.device;
         let of_rays = |of: fn(&BatchRay) -> [f32; 3]| {
@@ -231,7 +230,7 @@ impl GridReferenceEngine {
         let sigma = with_gradient_scaled(self.density(network, &h)?, scales)?;
         let tau = rows.of(sigma)?.try_mul(rows.constants(|i| batch.deltas[kept.samples[i]])?)?;
 
-        // A sample that stands for others shows and hides as often as there are of those.
+        // Russian roulette: inverse-probability weights, of what a sample shows and of the gradient of what it hides.
         let inverse = || rows.constants(|i| kept.inverse[i]);
         let (front, left) = rows.transmittance(with_gradient_scaled(tau.with_empty_tape(), inverse()?)?)?;
         let front = front.try_mul(rows.constants(|i| kept.front[i])?)?;
@@ -321,7 +320,7 @@ fn with_gradient_scaled<S: Shape>(
     scale: Tensor<S, f32, Cpu>,
 ) -> Result<Tensor<S, f32, Cpu, Taped>, EngineError> {
     let constant = x.device().try_tensor_from_vec(x.as_vec(), *x.shape())?;
-    // The difference is 0 of any finite value, and the value as it was.
+    // The difference is 0: the value stays what it is to the bit.
     Ok(x.try_sub(constant.clone())?.try_mul(scale)?.try_add(constant)?)
 }
 
@@ -331,71 +330,6 @@ fn distortion(rows: &Rows, weights: Matrix<Taped>, along: Matrix) -> Result<Scal
     let moments = rows.sums_in_front(weights.with_empty_tape().try_mul(along.clone())?)?;
     let pairs = weights.try_mul(front.try_mul(along)?.try_sub(moments)?)?;
     Ok(pairs.try_sum::<Rank0, Axes2<0, 1>>()?.try_mul(2.0)?)
-}
-
-/// The samples of some rays that are coloured and trained, ray after ray; of the others, what they leave of the light.
-struct Kept {
-    /// Indices in the batch.
-    samples: Vec<usize>,
-    /// How many each ray has.
-    counts: Vec<usize>,
-    /// One over the probability with which each was kept.
-    inverse: Vec<f32>,
-    /// Transmittance of the samples in front of each that were not kept.
-    front: Vec<f32>,
-    /// Of all of a ray's that were not kept.
-    left: Vec<f32>,
-}
-
-impl Kept {
-    /// Of samples of these optical depths, the first of which is `first` in the batch: those that weigh more than the gate,
-    /// and by Russian roulette some of the others where they are `faint`. A ray ends where no light is left.
-    fn of(rays: &[BatchRay], depths: &[f32], first: usize, faint: Option<(u64, u64)>) -> Self {
-        let (mut samples, mut inverse, mut front) = (Vec::new(), Vec::new(), Vec::new());
-        let (mut counts, mut left) = (Vec::new(), Vec::new());
-        let gate = if faint.is_some() { FAINT } else { GATE };
-        let mut next = 0;
-        for ray in rays {
-            let (mut transmittance, mut skipped, before) = (1.0, 0.0f32, samples.len());
-            for i in next..next + ray.samples as usize {
-                let passed = (-depths[i]).exp();
-                let weight: f32 = transmittance * (1.0 - passed);
-                let heavy = weight > gate || weight.is_nan();
-                let index = first + i;
-                let drawn = |(seed, step)| uniform(seed, Purpose::Faint, step, index as u64) * gate < weight;
-                if heavy || faint.is_some_and(drawn) {
-                    samples.push(index);
-                    inverse.push(if heavy { 1.0 } else { gate / weight });
-                    front.push((-skipped).exp());
-                } else {
-                    skipped += depths[i];
-                }
-                transmittance *= passed;
-                if transmittance < T_MIN {
-                    break;
-                }
-            }
-            next += ray.samples as usize;
-            counts.push(samples.len() - before);
-            left.push((-skipped).exp());
-        }
-        Self { samples, counts, inverse, front, left }
-    }
-
-    /// How far along its ray each sample lies behind the first, from their `positions`.
-    fn along(&self, positions: &[[f32; 3]]) -> Vec<f32> {
-        let mut along = Vec::with_capacity(positions.len());
-        for &count in &self.counts {
-            let of_ray = &positions[along.len()..][..count];
-            let mut distance = 0.0;
-            for (i, to) in of_ray.iter().enumerate() {
-                let from = of_ray[i.saturating_sub(1)];
-                distance += (0..3).map(|axis| (to[axis] - from[axis]).powi(2)).sum::<f32>().sqrt();
-                along.push(distance);
-            }
-        }
-        along
-    }
 }
 
 impl Engine for GridReferenceEngine {
