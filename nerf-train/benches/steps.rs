@@ -1,4 +1,5 @@
-//! Where a training step's time goes, at two sizes of the grid's table.
+//! Where a training step's time goes, at two sizes of the grid's table; and how many times as long a step by dfdx's tape
+//! takes as one of the fused engine (`-- engines`: that alone).
 //!
 //! `cargo bench -p nerf-train --bench steps`; `NERF_BENCH_DATA=FILE` trains on that data instead of the built-in
 //! scene, `NERF_BENCH_UNBOUNDED=1` as photographs of an unbounded scene, `NERF_BENCH_STEPS=N` times N steps after as many
@@ -9,7 +10,9 @@ use nerf_train::data;
 use nerf_train::data::ReadOptions;
 use nerf_train::data::demo;
 use nerf_train::data::demo::DemoSpec;
+use nerf_train::model::config::Config;
 use nerf_train::model::config::Preset;
+use nerf_train::model::engine::EngineKind;
 use nerf_train::model::engine::Phase;
 use nerf_train::train::Trainer;
 use std::path::Path;
@@ -24,6 +27,41 @@ fn main() {
     };
     let steps =
         std::env::var("NERF_BENCH_STEPS").map_or(600, |steps| steps.parse().expect("a number of steps"));
+    if !std::env::args().any(|argument| argument == "engines") {
+        phases_of_steps(&data, steps);
+    }
+    engines(&data);
+}
+
+/// The presets' first steps by both engines, which are about the same steps, in turns.
+fn engines(data: &data::Dataset) {
+    const STEPS: u32 = 20;
+    println!("{}, {STEPS} steps after 5, all threads; seed with a hundredth of its rays", data.name);
+    println!("| preset | fused, ms a step | dfdx, ms a step | times as long |");
+    println!("| --- | ---: | ---: | ---: |");
+    for preset in [Preset::Grid, Preset::Small, Preset::Seed] {
+        let mut config = preset.config();
+        if preset == Preset::Seed {
+            config.sampling.rays /= 100;
+        }
+        let mut trainers = [EngineKind::Fused, EngineKind::Dfdx].map(|engine| {
+            let config = Config { engine, ..config.clone() };
+            (Trainer::new(data, config, Kernel::detect()).expect("a trainer"), 0.0)
+        });
+        for step in 0..5 + STEPS {
+            for (trainer, seconds) in &mut trainers {
+                let begun = Instant::now();
+                trainer.step(f64::from(step) / 1000.0).expect("a step");
+                *seconds += if step < 5 { 0.0 } else { begun.elapsed().as_secs_f64() };
+            }
+        }
+        let [fused, dfdx] = trainers.map(|(_, seconds)| 1e3 * seconds / f64::from(STEPS));
+        println!("| {preset:?} | {fused:.1} | {dfdx:.0} | {:.1} |", dfdx / fused);
+    }
+}
+
+/// The table of phases.
+fn phases_of_steps(data: &data::Dataset, steps: u32) {
     println!("{}, steps {steps} to {}", data.name, 2 * steps);
     let phases: Vec<&str> = Phase::ALL.iter().map(|phase| phase.name()).collect();
     println!("| table | threads | ms a step | evaluated/s | kept/s | {} | rest |", phases.join(" | "));
@@ -31,7 +69,7 @@ fn main() {
     for log2_entries in [14, 16] {
         for threads in [1, 2] {
             let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("a pool");
-            pool.install(|| row(&data, log2_entries, threads, steps));
+            pool.install(|| row(data, log2_entries, threads, steps));
         }
     }
 }

@@ -20,6 +20,7 @@ use crate::fit::snapshot::SnapshotOptions;
 use crate::fit::summary::Summary;
 use crate::measure::audit::THRESHOLD_DB;
 use crate::model::config::{Config, Density, Jitter, Preset, Surroundings};
+use crate::model::engine::EngineKind;
 use crate::show::reports;
 use crate::train::find_box;
 use crate::train::schedule::{Budget, Clock};
@@ -103,6 +104,9 @@ struct Settings {
     /// Seed of everything random.
     #[arg(long, value_name = "N")]
     seed: Option<u64>,
+    /// What computes the gradients.
+    #[arg(long, value_enum)]
+    engine: Option<EngineKind>,
     /// Trunk layers; beside a grid the small ones behind it.
     #[arg(long, value_name = "N")]
     depth: Option<usize>,
@@ -197,8 +201,9 @@ impl Settings {
     }
 
     fn apply(&self, config: &mut Config) {
-        let Config { network: n, sampling: s, occupancy: g, optimiser: o, seed, .. } = config;
+        let Config { engine, network: n, sampling: s, occupancy: g, optimiser: o, seed, .. } = config;
         set(seed, &self.seed);
+        set(engine, &self.engine);
         set(&mut n.depth, &self.depth);
         set(&mut n.width, &self.width);
         set(&mut n.skip_after, &self.skip_after);

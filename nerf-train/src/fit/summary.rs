@@ -6,6 +6,7 @@ use crate::data::system::summary::Short;
 use crate::fit::finish::Outcome;
 use crate::measure::inspect::GridSummary;
 use crate::model::config::Config;
+use crate::model::engine::EngineKind;
 use nerf_core::Kernel;
 use nerf_core::blob::Blob;
 use serde::Serialize;
@@ -36,6 +37,7 @@ pub struct Summary {
     pub evaluated_samples_per_second: f64,
     pub trained_samples_per_second: f64,
     pub seed: u64,
+    pub engine: EngineKind,
     pub kernel: String,
     pub threads: usize,
     pub cpu: String,
@@ -91,6 +93,7 @@ impl Summary {
             evaluated_samples_per_second,
             trained_samples_per_second,
             seed: config.seed,
+            engine: config.engine,
             kernel: kernel.to_string(),
             threads: rayon::current_num_threads(),
             cpu: cpu::name(),

@@ -8,7 +8,9 @@ use super::{CurvePoint, psnr_db_of_mse};
 use crate::data::pictures::photograph::Photo;
 use crate::data::pictures::rgb::Picture;
 use crate::model::config::ConfigError;
-use crate::model::engine::{Batch, BatchRay, Engine, EngineError, Model, OptimiserState, engine_for};
+use crate::model::engine::{
+    Batch, BatchRay, Engine, EngineError, EngineKind, Model, OptimiserState, engine_for,
+};
 use crate::model::export::{Contents, ExportError, Exported, Tables, export};
 use crate::model::picture_config::FieldConfig;
 use glam::Vec3;
@@ -96,7 +98,7 @@ impl<'p> FieldTrainer<'p> {
         config.check_for(photo.size())?;
         let model = config.model(photo.size());
         let picture = SceneBox { min: Vec3::ZERO, max: Vec3::ONE };
-        let engine = engine_for(&model, picture, config.adam(), config.seed, kernel.isa)?;
+        let engine = engine_for(EngineKind::Fused, &model, picture, config.adam(), config.seed, kernel.isa)?;
         let average = Average::new(config.optimiser.average, 1, model.parameters());
         let batch = Batch::default();
         Ok(Self { photo, config, model, engine, average, batch, step: 0, mse: f64::NAN, curve: Vec::new() })

@@ -4,6 +4,7 @@
 mod checkpoint;
 mod completions;
 mod effects;
+mod engines;
 mod explain;
 mod export;
 mod exr;

@@ -1,6 +1,6 @@
 //! Runs that are interrupted and taken up again; checkpoints that are damaged or another run's.
 
-use crate::{fit, options, scene, tiny, tiny_grid, tiny_seed, tiny_unbounded};
+use crate::{by_tape, fit, options, scene, tiny, tiny_grid, tiny_seed, tiny_unbounded};
 use nerf_core::Kernel;
 use nerf_train::data::Dataset;
 use nerf_train::fit::finish::Outcome;
@@ -9,6 +9,7 @@ use nerf_train::fit::run::RunError;
 use nerf_train::fit::run::run;
 use nerf_train::model::config::Config;
 use nerf_train::model::config::Jitter;
+use nerf_train::model::engine::EngineKind;
 use nerf_train::train::Trainer;
 use nerf_train::train::average::Average;
 use nerf_train::train::checkpoint::Checkpoint;
@@ -39,6 +40,9 @@ fn a_run_resumed_at_any_step_gives_the_undisturbed_blob() {
         ("grid", tiny_grid(24)),
         ("unbounded", tiny_unbounded(24)),
         ("seed", tiny_seed(24)),
+        ("small by the tape", by_tape(tiny(24))),
+        ("grid by the tape", by_tape(tiny_grid(24))),
+        ("unbounded by the tape", by_tape(tiny_unbounded(24))),
     ] {
         let expected = fit(&dataset, &config).expect("a blob");
         let path = folder.path().join(name);
@@ -90,7 +94,8 @@ fn resuming_with_other_settings_is_refused_and_keeps_the_checkpoint() {
         let trainer = Trainer::new(&dataset, config.clone(), Kernel::detect()).expect("a trainer");
         trainer.checkpoint(1.0).write(&path).expect("a checkpoint");
         let before = std::fs::read(&path).expect("a checkpoint");
-        let cases: [Change<Config>; 6] = [
+        let cases: [Change<Config>; 7] = [
+            ("engine", |c| c.engine = EngineKind::Dfdx),
             ("network.width", |c| c.network.width = 17),
             ("optimiser.rate", |c| c.optimiser.rate = 0.5),
             ("seed", |c| c.seed ^= 1),

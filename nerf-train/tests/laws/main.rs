@@ -2,6 +2,7 @@
 
 mod checkpoints;
 mod choice;
+mod engines;
 mod golden;
 mod import;
 mod pages;
@@ -22,6 +23,7 @@ use nerf_train::fit::run::RunOptions;
 use nerf_train::fit::run::run;
 use nerf_train::model::config::Config;
 use nerf_train::model::config::Preset;
+use nerf_train::model::engine::EngineKind;
 use nerf_train::train::schedule::Budget;
 use std::path::PathBuf;
 
@@ -69,6 +71,11 @@ fn tiny_seed(steps: u32) -> Config {
     // So narrow and deep, most seeds start without any density, and would learn nothing in a few steps.
     config.network.density_bias = 0.5;
     config
+}
+
+/// The same, by dfdx's tape.
+fn by_tape(config: Config) -> Config {
+    Config { engine: EngineKind::Dfdx, ..config }
 }
 
 fn options(config: &Config, checkpoint: Option<PathBuf>, resume: bool) -> RunOptions {

@@ -12,7 +12,7 @@ pub(crate) use check::{check_table_values, rule};
 pub use optimiser::OptimiserConfig;
 pub use table::TableConfig;
 
-use crate::model::engine::{Adam, Model};
+use crate::model::engine::{Adam, EngineKind, Model};
 use glam::Vec3;
 use nerf_core::encoding::{AngleScale, DirectionEncoding, PositionEncoding, SinusoidalEncoding};
 use nerf_core::network::{Architecture, DensityActivation, MAX_COLOUR, MAX_TRUNK, TrunkLayer};
@@ -26,6 +26,8 @@ const OCCUPANCY_RESOLUTIONS: [u16; 5] = [128, 96, 64, 48, 32];
 pub struct Config {
     /// The preset it started from.
     pub preset: Preset,
+    /// What computes the gradients.
+    pub engine: EngineKind,
     /// The network.
     pub network: NetworkConfig,
     /// Rays and samples.

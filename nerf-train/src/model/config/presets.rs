@@ -4,6 +4,7 @@ use super::{
     Config, Density, Jitter, NetworkConfig, OccupancyConfig, OptimiserConfig, Preset, SamplingConfig,
     Surroundings, TableConfig,
 };
+use crate::model::engine::EngineKind;
 use crate::model::quantise::TableStorage;
 
 impl Preset {
@@ -21,6 +22,7 @@ impl Preset {
 fn grid() -> Config {
     Config {
         preset: Preset::Grid,
+        engine: EngineKind::Fused,
         network: NetworkConfig {
             depth: 1,
             width: 32,
@@ -84,6 +86,7 @@ fn grid() -> Config {
 fn small() -> Config {
     Config {
         preset: Preset::Small,
+        engine: EngineKind::Fused,
         network: NetworkConfig {
             depth: 4,
             width: 128,
@@ -140,6 +143,7 @@ fn small() -> Config {
 fn seed() -> Config {
     Config {
         preset: Preset::Seed,
+        engine: EngineKind::Fused,
         network: NetworkConfig {
             depth: 8,
             width: 256,

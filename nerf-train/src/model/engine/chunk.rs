@@ -17,12 +17,12 @@ pub(super) enum Chunk {
     Empty(Range<usize>),
 }
 
-/// Fills `chunks` with the batch's, in order: an even number of about the same size, so that two threads are
-/// done at the same time.
-pub(super) fn cut(batch: &Batch, chunks: &mut Vec<Chunk>) {
+/// Fills `chunks` with the batch's, in order, of up to `most` samples but for a longer ray: an even number of about the
+/// same size, so that two threads are done at the same time.
+pub(super) fn cut(batch: &Batch, most: usize, chunks: &mut Vec<Chunk>) {
     chunks.clear();
     let total = batch.positions.len();
-    let share = total.div_ceil(total.div_ceil(SAMPLES).next_multiple_of(2).max(1));
+    let share = total.div_ceil(total.div_ceil(most).next_multiple_of(2).max(1));
     let (mut rays, mut samples) = (0..0, 0..0);
     for BatchRay { samples: more, .. } in &batch.rays {
         let full = samples.len() >= share.max(1) || rays.len() == RAYS;
@@ -37,5 +37,5 @@ pub(super) fn cut(batch: &Batch, chunks: &mut Vec<Chunk>) {
         chunks.push(Chunk::Rays { rays, samples });
     }
     let points = batch.empty.len();
-    chunks.extend((0..points).step_by(SAMPLES).map(|i| Chunk::Empty(i..points.min(i + SAMPLES))));
+    chunks.extend((0..points).step_by(most).map(|i| Chunk::Empty(i..points.min(i + most))));
 }

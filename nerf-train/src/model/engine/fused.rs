@@ -5,7 +5,7 @@
 //! summed in order. Threads decide only who does it when.
 
 use super::accumulate::reduce;
-use super::chunk::{Chunk, cut};
+use super::chunk::{Chunk, SAMPLES, cut};
 use super::graph::Graph;
 use super::optimiser::{Optimiser, usable};
 use super::pass::{ChunkLoss, Job, Pass};
@@ -66,7 +66,7 @@ impl FusedEngine {
     /// Loss of a checked batch; its gradients are left with the optimiser.
     fn differentiate(&mut self, batch: &Batch) -> Result<StepLoss, EngineError> {
         let Self { graph, isa, optimiser, parameters, chunks, passes } = self;
-        cut(batch, chunks);
+        cut(batch, SAMPLES, chunks);
         let job = Job { graph, isa: *isa, parameters };
         passes.par_iter_mut().with_max_len(1).enumerate().for_each(|(i, pass)| {
             pass.clear();

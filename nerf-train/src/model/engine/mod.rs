@@ -2,14 +2,73 @@
 //!
 //! `Batch` → encode → network → volume rendering → loss → gradients → Adam → parameters
 //!
-//! [`ReferenceEngine`] leaves the derivatives to dfdx's tape: slow and obvious, the oracle.
-//! [`FusedEngine`] computes them with explicit backward passes on `nerf_core::matrix::gemm`; only
-//! its parameters, gradients and Adam are dfdx's. Both take the same [`Batch`] and minimise
+//! [`ReferenceEngine`] and, of a grid, [`GridReferenceEngine`] leave the derivatives to dfdx's tape: slow and obvious, the
+//! oracles (`fit --engine dfdx`). [`FusedEngine`] and [`GridEngine`] compute them with explicit backward passes on
+//! `nerf_core::matrix::gemm`; the former's parameters, gradients and Adam are dfdx's. All take the same [`Batch`] and
+//! minimise
 //!
 //! `loss = mean over rays and channels of (C − rgb)² + empty_weight · mean over empty of ln(1 + sigma)`
 //!
 //! `C = Σ_i w_i c_i + T_end · background`, `w_i = T_i · alpha_i`, `alpha_i = −expm1(−sigma_i · delta_i)`,
-//! `T_i = exp(−Σ_{j<i} sigma_j · delta_j)`.
+//! `T_i = exp(−Σ_{j<i} sigma_j · delta_j)`; beside a grid without the term of empty points.
+//!
+//! # One step, by the tape
+//!
+//! All of it in dfdx's own words: rays, positional encoding, network, volume rendering, loss, Adam. The engines add what
+//! a scene needs: views, directions, empty space that is skipped, and checkpoints.
+//!
+//! ```
+//! use dfdx::optim::{Adam, AdamConfig};
+//! use dfdx::prelude::*;
+//! use std::f32::consts::PI;
+//!
+//! const RAYS: usize = 64;
+//! const SAMPLES: usize = 24;
+//! // x, y, z, and sine and cosine of each at four frequencies.
+//! const CHANNELS: usize = 27;
+//! // Two hidden layers, then a density and three channels of colour.
+//! type Heads = SplitInto<(Linear<64, 1>, Linear<64, 3>)>;
+//! type Field = ((Linear<CHANNELS, 64>, ReLU), (Linear<64, 64>, ReLU), Heads);
+//!
+//! let cpu = Cpu::seed_from_u64(0);
+//! let mut field = cpu.build_module::<Field, f32>();
+//! let mut adam = Adam::new(&field, AdamConfig { lr: 5e-3, ..AdamConfig::default() });
+//! let delta = 2.0 / SAMPLES as f32;
+//! let mut losses = Vec::new();
+//! for _ in 0..100 {
+//!     // Rays along x, y or z through the cube from -1 to 1, at (u, v) from its centre, where a red ball is.
+//!     let (mut encoded, mut seen) = (Vec::new(), Vec::new());
+//!     let places: Tensor<Rank2<RAYS, 2>, f32, _> = cpu.sample_uniform();
+//!     for (ray, at) in places.as_vec().chunks(2).enumerate() {
+//!         let [u, v] = [2.0 * at[0] - 1.0, 2.0 * at[1] - 1.0];
+//!         seen.extend(if u * u + v * v < 0.4 { [0.9, 0.2, 0.1] } else { [0.0; 3] });
+//!         for i in 0..SAMPLES {
+//!             let mut x = [(i as f32 + 0.5) * delta - 1.0, u, v];
+//!             x.rotate_right(ray % 3);
+//!             // Positional encoding: x, sin(2^l pi x), cos(2^l pi x).
+//!             encoded.extend(x);
+//!             for angle in (0..4).flat_map(|l| x.map(|x| 2f32.powi(l) * PI * x)) {
+//!                 encoded.extend([angle.sin(), angle.cos()]);
+//!             }
+//!         }
+//!     }
+//!     // The network, on a tape that remembers how to differentiate it.
+//!     let encoded = cpu.tensor_from_vec(encoded, (Const::<{ RAYS * SAMPLES }>, Const::<CHANNELS>));
+//!     let (raw, colour) = field.forward(encoded.leaky_trace());
+//!     let tau = raw.exp().reshape::<Rank2<RAYS, SAMPLES>>() * delta;
+//!     let colour = colour.sigmoid().reshape::<Rank3<RAYS, SAMPLES, 3>>();
+//!     // Volume rendering: T_i = exp(-sum of tau_j in front), weight_i = T_i (1 - exp(-tau_i)).
+//!     let in_front = cpu.upper_tri::<Rank2<SAMPLES, SAMPLES>>(1.0, 1);
+//!     let transmittance = tau.with_empty_tape().matmul(in_front).negate().exp();
+//!     let weights = transmittance * (tau.negate().exp().negate() + 1.0);
+//!     let shown = (weights.broadcast::<_, Axis<2>>() * colour).sum::<Rank2<RAYS, 3>, _>();
+//!     // Loss, backward along the tape, Adam.
+//!     let loss = mse_loss(shown, cpu.tensor_from_vec(seen, (Const::<RAYS>, Const::<3>)));
+//!     losses.push(loss.array());
+//!     adam.update(&mut field, &loss.backward()).expect("each parameter has a gradient");
+//! }
+//! assert!(losses[90..].iter().sum::<f32>() < losses[0], "ten losses are less than the first one");
+//! ```
 
 mod accumulate;
 mod batch;
@@ -23,6 +82,7 @@ mod optimiser;
 mod pass;
 mod phases;
 mod reference;
+mod tape;
 mod volume_grad;
 
 #[cfg(test)]
@@ -30,7 +90,7 @@ mod tests;
 
 pub use batch::{Batch, BatchError, BatchRay};
 pub use fused::FusedEngine;
-pub use grid::GridEngine;
+pub use grid::{GridEngine, GridReferenceEngine};
 pub use model::{Dense, Initialisation, Model, ModelError, Part};
 pub use phases::{Phase, Phases};
 pub use reference::ReferenceEngine;
@@ -46,25 +106,44 @@ pub const SIGMA_LIMIT: f32 = 1e6;
 /// A gradient beyond this counts as divergence: its square, which Adam keeps, would overflow.
 const GRADIENT_LIMIT: f32 = 1e18;
 
-/// The engine that trains `model`; `bounds`: what its grid spans, if it has one.
+/// What computes the gradients of a run.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Default, Serialize, Deserialize, clap::ValueEnum)]
+#[serde(rename_all = "kebab-case")]
+pub enum EngineKind {
+    /// Explicit backward passes: fast, and the same bits for any number of threads.
+    #[default]
+    Fused,
+    /// dfdx's tape and dfdx's Adam, from loss to update: the reference that one can read, slow.
+    Dfdx,
+}
+
+/// The engine of this kind that trains `model`; `bounds`: what its grid spans, if it has one.
 ///
 /// # Errors
-/// [`EngineError::Model`] and [`EngineError::NotPlain`] if the model is out of bounds.
+/// [`EngineError::Model`] and [`EngineError::NotPlain`] if the model is out of bounds, [`EngineError::NoDensity`] for the
+/// grid of a 2D field by [`EngineKind::Dfdx`].
 pub fn engine_for(
+    kind: EngineKind,
     model: &Model,
     bounds: SceneBox,
     adam: Adam,
     seed: u64,
     isa: Isa,
 ) -> Result<Box<dyn Engine>, EngineError> {
-    if model.architecture.position.grid().is_some() {
-        let mut engine = GridEngine::new(model, bounds, adam, seed)?;
-        engine.set_isa(isa);
-        return Ok(Box::new(engine));
-    }
-    let mut engine = FusedEngine::new(model, adam, seed)?;
-    engine.set_isa(isa);
-    Ok(Box::new(engine))
+    Ok(match (kind, model.architecture.position.grid()) {
+        (EngineKind::Fused, Some(_)) => {
+            let mut engine = GridEngine::new(model, bounds, adam, seed)?;
+            engine.set_isa(isa);
+            Box::new(engine)
+        }
+        (EngineKind::Fused, None) => {
+            let mut engine = FusedEngine::new(model, adam, seed)?;
+            engine.set_isa(isa);
+            Box::new(engine)
+        }
+        (EngineKind::Dfdx, Some(_)) => Box::new(GridReferenceEngine::new(model, bounds, adam, seed)?),
+        (EngineKind::Dfdx, None) => Box::new(ReferenceEngine::new(model, adam, seed)?),
+    })
 }
 
 /// Something that fits a [`Model`] to batches.
@@ -179,6 +258,9 @@ pub enum EngineError {
     /// A model without the grid that this engine trains.
     #[error("model: expected a position encoded by a grid, found a sinusoidal encoding")]
     NoGrid,
+    /// The grid of a 2D field, which the tape does not train.
+    #[error("model: expected a density, found a picture: the engine dfdx trains grids of scenes alone")]
+    NoDensity,
     /// A grid model with parts that its engine does not train.
     #[error("model: expected an exponential density of scale 1, or none, and no feature layer beside a grid")]
     NotPlain,

@@ -1,34 +1,26 @@
 //! The reference engine: the loss written with dfdx tensors, its derivative left to dfdx's tape.
 
+use super::chunk::{Chunk, cut};
 use super::encode::encode_points;
 use super::graph::{DIRECTION, Graph, POSITION};
 use super::optimiser::{Optimiser, usable};
+use super::tape::{Matrix, Rows, Scalar, TAPE_SAMPLES, Taped, Vector, Weights};
+use super::tape::{alpha, squared_error, with_tape};
 use super::{
-    Adam, Batch, Dense, Engine, EngineError, Model, OptimiserState, SIGMA_LIMIT, StepLoss, check_rate,
+    Adam, Batch, BatchRay, Engine, EngineError, Model, OptimiserState, SIGMA_LIMIT, StepLoss, check_rate,
 };
 use dfdx::prelude::*;
 use nerf_core::encoding::SinusoidalEncoding;
 use nerf_core::network::{DensityActivation, EXPONENTIAL_LIMIT};
 use nerf_core::simd::{BLOCK, Isa};
 use std::borrow::Cow;
+use std::ops::Range;
 
-type Matrix<T = NoneTape> = Tensor<(usize, usize), f32, Cpu, T>;
-type Vector<T = NoneTape> = Tensor<(usize,), f32, Cpu, T>;
-type Taped = OwnedTape<f32, Cpu>;
-type Scalar = Tensor<Rank0, f32, Cpu, Taped>;
-
-/// The oracle: dfdx's own derivatives. Every ray is padded to the longest one, with bins of length 0.
+/// dfdx's own derivatives of a sinusoidal network: `--engine dfdx`, and the oracle of the fused engine.
 pub struct ReferenceEngine {
     graph: Graph,
     device: Cpu,
     optimiser: Optimiser,
-}
-
-/// One layer's parameters; `[main, extra]` as two products, for want of a concatenation.
-struct Weights {
-    main: Matrix,
-    extra: Option<Matrix>,
-    bias: Vector,
 }
 
 impl ReferenceEngine {
@@ -79,22 +71,7 @@ impl ReferenceEngine {
 
     fn weights(&self) -> Result<Vec<Weights>, EngineError> {
         let values = self.optimiser.values();
-        let weights = self.graph.nodes.iter().map(|node| {
-            let d = &node.dense;
-            let rows = || values[d.weights..d.bias].chunks_exact(d.inputs());
-            let main = rows().flat_map(|row| &row[..d.main]).copied().collect();
-            let extra = rows().flat_map(|row| &row[d.main..]).copied().collect();
-            let bias = values[d.bias..][..d.outputs].to_vec();
-            Ok(Weights {
-                main: self.device.try_tensor_from_vec(main, (d.outputs, d.main))?,
-                extra: match d.extra {
-                    0 => None,
-                    columns => Some(self.device.try_tensor_from_vec(extra, (d.outputs, columns))?),
-                },
-                bias: self.device.try_tensor_from_vec(bias, (d.outputs,))?,
-            })
-        });
-        weights.collect()
+        self.graph.nodes.iter().map(|node| Weights::of(&self.device, &node.dense, &values)).collect()
     }
 
     /// `[points][channels]` of the position or direction encoding.
@@ -125,15 +102,7 @@ impl ReferenceEngine {
         main: Matrix<T>,
         extra: Option<&Matrix>,
     ) -> Result<Matrix<T>, EngineError> {
-        let w = &weights[layer];
-        // `retaped`, because an operation on a tensor without tape is not recorded.
-        let mut y = main.try_matmul(w.main.retaped::<T>().try_permute::<_, Axes2<1, 0>>()?)?;
-        if let (Some(weights), Some(x)) = (&w.extra, extra) {
-            let weights = weights.retaped::<T>().try_permute::<_, Axes2<1, 0>>()?;
-            y = y.try_add(x.retaped::<T>().try_matmul(weights)?)?;
-        }
-        let shape = *y.shape();
-        let y = y.try_add(w.bias.retaped::<T>().try_broadcast_like::<_, Axis<0>>(&shape)?)?;
+        let y = weights[layer].apply(main, extra)?;
         Ok(if self.graph.nodes[layer].relu { y.try_relu()? } else { y })
     }
 
@@ -186,118 +155,87 @@ impl ReferenceEngine {
         Ok(h.try_sigmoid()?)
     }
 
-    /// Mean squared error of the batch's rays, which have up to `longest` samples, and whether all
-    /// densities are 0.
+    /// The part that `rays` have in the batch's mean squared error, and whether a density is above 0.
     fn render(
         &self,
         weights: &[Weights],
         batch: &Batch,
-        longest: usize,
+        rays: &[BatchRay],
+        samples: Range<usize>,
     ) -> Result<(Scalar, bool), EngineError> {
-        let rays = batch.rays.len();
-        let matrix = |values, columns| self.device.try_tensor_from_vec(values, (rays, columns));
-        let of_rays = |of: fn(&super::BatchRay) -> [f32; 3]| batch.rays.iter().flat_map(of).collect();
-        let target = matrix(of_rays(|ray| ray.rgb), 3)?;
-        let background = matrix(of_rays(|ray| ray.background), 3)?;
-
-        let mut positions = vec![[0.0; 3]; rays * longest];
-        let mut deltas = vec![0.0; rays * longest];
-        // In a 2D field, a sample hides whatever is behind it.
-        let mut opaque = vec![0.0; rays * longest];
-        let mut dirs = Vec::with_capacity(rays * longest);
-        let mut first = 0;
-        for (row, ray) in batch.rays.iter().enumerate() {
-            let samples = ray.samples as usize;
-            positions[row * longest..][..samples].copy_from_slice(&batch.positions[first..][..samples]);
-            deltas[row * longest..][..samples].copy_from_slice(&batch.deltas[first..][..samples]);
-            opaque[row * longest..][..samples].fill(1e3);
-            dirs.extend(std::iter::repeat_n(ray.dir, longest));
-            first += samples;
-        }
-
-        let h = self.trunk::<Taped>(weights, self.encode(POSITION, &positions)?)?;
-        let colour = self.colour(weights, &h, &dirs)?.try_reshape_like(&(rays, longest, 3))?;
-        let mut dead = false;
-        let tau = match self.density(weights, &h)? {
-            Some(sigma) => {
-                let sigma = sigma.try_reshape_like(&(rays, longest))?;
-                let live =
-                    deltas.iter().zip(sigma.as_vec()).all(|(&delta, sigma)| delta == 0.0 || sigma == 0.0);
-                dead = live && !batch.positions.is_empty();
-                sigma.try_mul(matrix(deltas, longest)?)?
-            }
-            None => matrix(opaque, longest)?.retaped::<Taped>(),
+        let matrix = |of: fn(&BatchRay) -> [f32; 3]| {
+            self.device.try_tensor_from_vec(rays.iter().flat_map(of).collect(), (rays.len(), 3))
         };
-        // Without cumsum: Σ_{j<i} tau_j is a product with a strictly triangular matrix of ones.
-        let before = self.device.try_upper_tri_like(&(longest, longest), 1.0, 1)?;
-        let transmittance = tau.with_empty_tape().try_matmul(before)?.try_negate()?.try_exp()?;
-        let left = tau.with_empty_tape().try_sum::<_, Axis<1>>()?.try_negate()?.try_exp()?;
-        let alpha = tau.try_negate()?.try_exp()?.try_negate()?.try_add(1.0)?;
+        let counts: Vec<usize> = rays.iter().map(|ray| ray.samples as usize).collect();
+        let rows = Rows::new(&self.device, &counts)?;
+        let dirs: Vec<_> =
+            rays.iter().flat_map(|ray| std::iter::repeat_n(ray.dir, ray.samples as usize)).collect();
+        let h = self.trunk::<Taped>(weights, self.encode(POSITION, &batch.positions[samples.clone()])?)?;
+        let colour = self.colour(weights, &h, &dirs)?;
+        let (tau, alive) = match self.density(weights, &h)? {
+            Some(sigma) => {
+                let alive = sigma.as_vec().iter().any(|&sigma| sigma != 0.0);
+                let deltas = rows.constants(|i| batch.deltas[samples.start + i])?;
+                (rows.of(sigma)?.try_mul(deltas)?, alive)
+            }
+            // In a 2D field, a sample hides whatever is behind it.
+            None => (rows.constants(|_| 1e3)?.retaped::<Taped>(), true),
+        };
+        let (front, left) = rows.transmittance(tau.with_empty_tape())?;
+        let seen = rows.pixels(front.try_mul(alpha(tau)?)?, colour, left, matrix(|ray| ray.background)?)?;
+        let scale = 1.0 / (3 * batch.rays.len()) as f32;
+        let error = squared_error(seen, matrix(|ray| ray.rgb)?, scale)?;
         // h's tape holds the trunk, from which both branches grew.
-        let weight = transmittance.try_mul(alpha)?;
-        let weight = weight.try_broadcast_like::<_, Axis<2>>(&(rays, longest, 3))?;
-        let shown = weight.try_mul(colour)?.try_sum::<_, Axis<1>>()?;
-        let behind = left.try_broadcast_like::<_, Axis<1>>(&(rays, 3usize))?.try_mul(background)?;
-        let error = shown.try_add(behind)?.try_sub(target)?.try_square()?;
-        let error = error.try_mean::<Rank0, Axes2<0, 1>>()?;
-        let (error, tape) = error.split_tape();
-        let (_, trunk) = h.split_tape();
-        Ok((error.put_tape(trunk.merge(tape)), dead))
+        Ok((with_tape(error, h.split_tape().1), alive))
+    }
+
+    /// The part that `points` of culled space have in their mean of ln(1 + sigma); none without a density.
+    fn thin(
+        &self,
+        weights: &[Weights],
+        batch: &Batch,
+        points: &[[f32; 3]],
+    ) -> Result<Option<Scalar>, EngineError> {
+        let h = self.trunk::<Taped>(weights, self.encode(POSITION, points)?)?;
+        let Some(sigma) = self.density(weights, &h)? else { return Ok(None) };
+        let sum = sigma.try_add(1.0)?.try_ln()?.try_sum::<Rank0, Axis<0>>()?;
+        Ok(Some(with_tape(sum.try_mul(1.0 / batch.empty.len() as f32)?, h.split_tape().1)))
     }
 
     /// Loss of a checked batch, and its gradients in the model's own order.
     fn differentiate(&self, batch: &Batch) -> Result<(StepLoss, Vec<f32>), EngineError> {
         let weights = self.weights()?;
-        let mut loss = StepLoss::default();
-        let mut gradients = vec![0.0; self.optimiser.values().len()];
-        let longest = batch.rays.iter().map(|ray| ray.samples as usize).max().unwrap_or(0);
-        if longest > 0 {
-            let (mse, dead) = self.render(&weights, batch, longest)?;
-            loss.mse = f64::from(mse.array());
-            loss.dead = dead;
-            self.collect(&weights, &mse.try_backward()?, 1.0, &mut gradients);
-        } else if !batch.rays.is_empty() {
-            let error = |ray: &super::BatchRay| -> f64 {
-                let channels = ray.background.iter().zip(&ray.rgb);
-                channels.map(|(b, c)| f64::from(b - c).powi(2)).sum()
+        let (mut chunks, mut gradients) = (Vec::new(), vec![0.0; self.optimiser.values().len()]);
+        let count = batch.positions.len();
+        let mut loss = StepLoss { evaluated: count, kept: count, dead: count > 0, ..StepLoss::default() };
+        cut(batch, TAPE_SAMPLES, &mut chunks);
+        for chunk in chunks {
+            let term = match chunk {
+                Chunk::Rays { rays, samples } if samples.is_empty() => {
+                    loss.mse += unseen(&batch.rays[rays]) / (3 * batch.rays.len()) as f64;
+                    continue;
+                }
+                Chunk::Rays { rays, samples } => {
+                    let (error, alive) = self.render(&weights, batch, &batch.rays[rays], samples)?;
+                    loss.mse += f64::from(error.array());
+                    loss.dead &= !alive;
+                    error
+                }
+                Chunk::Empty(points) => {
+                    let Some(term) = self.thin(&weights, batch, &batch.empty[points])? else { continue };
+                    loss.empty += f64::from(term.array());
+                    term.try_mul(batch.empty_weight)?
+                }
             };
-            loss.mse = batch.rays.iter().map(error).sum::<f64>() / (3 * batch.rays.len()) as f64;
-        }
-        if !batch.empty.is_empty() {
-            let h = self.trunk::<Taped>(&weights, self.encode(POSITION, &batch.empty)?)?;
-            if let Some(sigma) = self.density(&weights, &h)? {
-                let term = sigma.try_add(1.0)?.try_ln()?.try_mean::<Rank0, Axis<0>>()?;
-                loss.empty = f64::from(term.array());
-                let (term, tape) = term.split_tape();
-                let (_, trunk) = h.split_tape();
-                let found = term.put_tape(trunk.merge(tape)).try_backward()?;
-                self.collect(&weights, &found, batch.empty_weight, &mut gradients);
+            let mut found = term.try_backward()?;
+            for (weights, node) in weights.iter().zip(&self.graph.nodes) {
+                weights.collect(&node.dense, &mut found, &mut gradients)?;
             }
         }
         if !(loss.mse.is_finite() && loss.empty.is_finite() && usable(&gradients)) {
             return Err(EngineError::Diverged { step: self.optimiser.next_step() });
         }
         Ok((loss, gradients))
-    }
-
-    /// Adds `factor` times the tape's gradients into the model's order.
-    fn collect(&self, weights: &[Weights], found: &Gradients<f32, Cpu>, factor: f32, out: &mut [f32]) {
-        for (w, node) in weights.iter().zip(&self.graph.nodes) {
-            let d: &Dense = &node.dense;
-            let mut found = found.clone();
-            let mut add = |first: usize, row: usize, columns: usize, stride: usize, values: Vec<f32>| {
-                for (i, value) in values.into_iter().enumerate() {
-                    out[first + (i / columns) * stride + i % columns + row] += factor * value;
-                }
-            };
-            let mut of = |t: &Matrix| found.get_or_alloc_mut(t).map(|g| g.to_vec()).unwrap_or_default();
-            add(d.weights, 0, d.main, d.inputs(), of(&w.main));
-            if let Some(extra) = &w.extra {
-                add(d.weights, d.main, d.extra, d.inputs(), of(extra));
-            }
-            let bias = found.get_or_alloc_mut(&w.bias).map(|g| g.to_vec()).unwrap_or_default();
-            add(d.bias, 0, d.outputs, d.outputs, bias);
-        }
     }
 
     /// Loss and gradients, in the model's own order, without a step.
@@ -332,4 +270,10 @@ impl Engine for ReferenceEngine {
     fn restore(&mut self, state: &OptimiserState) -> Result<(), EngineError> {
         self.optimiser.restore(state)
     }
+}
+
+/// Sum of the squared errors of rays through nothing.
+pub(super) fn unseen(rays: &[BatchRay]) -> f64 {
+    let channels = rays.iter().flat_map(|ray| ray.background.iter().zip(&ray.rgb));
+    channels.map(|(seen, target)| f64::from(seen - target).powi(2)).sum()
 }

@@ -74,7 +74,8 @@ impl<'d> Trainer<'d> {
             step_width = Some(bounds.step(config.sampling.steps_across));
         }
         let bank = RayBank::new(&dataset.train, dataset.background, bounds, &config)?.with_nears(nears);
-        let engine = engine_for(&model, bounds.scene_box, config.adam(), config.seed, kernel.isa)?;
+        let engine =
+            engine_for(config.engine, &model, bounds.scene_box, config.adam(), config.seed, kernel.isa)?;
         let background = match dataset.background {
             Background::Constant(colour) => colour.map(|c| f32::from(c) / 255.0),
             Background::Unknown if bounds.contraction.is_some() => mean_colour(&dataset.train),
@@ -339,8 +340,14 @@ impl<'d> Trainer<'d> {
             return Err(TrainError::Dead { restarts, relu });
         }
         let seed = self.config.seed.wrapping_add(1000 * u64::from(restarts));
-        self.engine =
-            engine_for(&self.model, self.bounds.scene_box, self.config.adam(), seed, self.kernel.isa)?;
+        self.engine = engine_for(
+            self.config.engine,
+            &self.model,
+            self.bounds.scene_box,
+            self.config.adam(),
+            seed,
+            self.kernel.isa,
+        )?;
         self.occupancy = find_bounds(self.dataset, &self.config)?.2;
         self.forget_marched();
         self.average.clear();

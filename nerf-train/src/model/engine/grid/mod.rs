@@ -20,14 +20,19 @@
 
 mod adam;
 mod distortion;
+mod kept;
 mod layers;
 mod pass;
+mod reference;
 mod scatter;
 mod vector;
 
 #[cfg(test)]
 mod tests;
 
+pub use reference::GridReferenceEngine;
+
+use super::optimiser::check_values;
 use super::{
     Adam, Batch, Engine, EngineError, GRADIENT_LIMIT, Model, OptimiserState, Phases, StepLoss, check_rate,
 };
@@ -85,14 +90,7 @@ impl GridEngine {
     /// # Errors
     /// [`EngineError::Model`] if the model is out of bounds or has no grid.
     pub fn new(model: &Model, bounds: SceneBox, adam: Adam, seed: u64) -> Result<Self, EngineError> {
-        model.check()?;
-        let Some(grid) = model.architecture.position.grid().cloned() else {
-            return Err(EngineError::NoGrid);
-        };
-        let density = matches!(model.architecture.density, None | Some(DensityActivation::Exponential));
-        if model.feature || model.density_scale != 1.0 || !density {
-            return Err(EngineError::NotPlain);
-        }
+        let grid = check_plain(model)?;
         let parameters = model.initial_parameters(seed);
         let layers = Layers::new(model);
         let mut engine = Self {
@@ -277,15 +275,7 @@ impl Engine for GridEngine {
     }
 
     fn restore(&mut self, state: &OptimiserState) -> Result<(), EngineError> {
-        let total = self.parameters.len();
-        super::optimiser::check_values("parameters", &state.parameters, total, |_| true)?;
-        super::optimiser::check_values("moment1", &state.moment1, total, |_| true)?;
-        super::optimiser::check_values("moment2", &state.moment2, total, |v| v >= 0.0)?;
-        let levels = if state.scales.is_empty() { 0 } else { self.grid.resolutions.len() };
-        super::optimiser::check_values("scales", &state.scales, levels, |scale| scale > 0.0)?;
-        if state.steps > i32::MAX as u64 {
-            return Err(EngineError::Steps { found: state.steps });
-        }
+        check_state(state, self.parameters.len(), self.grid.resolutions.len())?;
         self.parameters.copy_from_slice(&state.parameters);
         self.moment1.copy_from_slice(&state.moment1);
         self.moment2.copy_from_slice(&state.moment2);
@@ -294,4 +284,28 @@ impl Engine for GridEngine {
         self.copy_tables();
         Ok(())
     }
+}
+
+/// The grid of a model that the engines train.
+fn check_plain(model: &Model) -> Result<GridEncoding, EngineError> {
+    model.check()?;
+    let grid = model.architecture.position.grid().cloned().ok_or(EngineError::NoGrid)?;
+    let density = matches!(model.architecture.density, None | Some(DensityActivation::Exponential));
+    if model.feature || model.density_scale != 1.0 || !density {
+        return Err(EngineError::NotPlain);
+    }
+    Ok(grid)
+}
+
+/// Whether a checkpoint is of a grid of so many parameters and levels.
+fn check_state(state: &OptimiserState, parameters: usize, levels: usize) -> Result<(), EngineError> {
+    check_values("parameters", &state.parameters, parameters, |_| true)?;
+    check_values("moment1", &state.moment1, parameters, |_| true)?;
+    check_values("moment2", &state.moment2, parameters, |v| v >= 0.0)?;
+    let levels = if state.scales.is_empty() { 0 } else { levels };
+    check_values("scales", &state.scales, levels, |scale| scale > 0.0)?;
+    if state.steps > i32::MAX as u64 {
+        return Err(EngineError::Steps { found: state.steps });
+    }
+    Ok(())
 }

@@ -21,12 +21,12 @@ use std::time::Instant;
 /// Samples of a ray that are evaluated before it is asked whether light is left.
 const WAVE: usize = 8;
 /// Transmittance below which the rest of a ray is left out.
-const T_MIN: f32 = 1e-3;
+pub(super) const T_MIN: f32 = 1e-3;
 /// Samples whose weight is at most this are neither coloured nor trained.
-const GATE: f32 = 1e-3;
+pub(super) const GATE: f32 = 1e-3;
 /// Where faint samples are drawn ([`Batch::faint`]): the weight below which a sample is kept with a chance of its share of
 /// this, and then stands for all that were not.
-const FAINT: f32 = 3e-3;
+pub(super) const FAINT: f32 = 3e-3;
 
 /// What a chunk is computed from.
 #[derive(Clone, Copy)]

@@ -1,7 +1,7 @@
 //! Compositing and its derivative by themselves, and the cutting into chunks.
 
 use super::*;
-use crate::model::engine::chunk::{Chunk, cut};
+use crate::model::engine::chunk::{Chunk, SAMPLES, cut};
 use crate::model::engine::volume_grad::{Samples, Scratch, squared_error};
 use nerf_core::simd::BLOCK;
 
@@ -97,7 +97,7 @@ fn chunks_cover_a_batch_once_and_in_order() {
         batch.rays.push(BatchRay { samples, ..RAY });
     }
     let mut chunks = Vec::new();
-    cut(&batch, &mut chunks);
+    cut(&batch, SAMPLES, &mut chunks);
     let (mut next_ray, mut next_sample, mut next_empty) = (0, 0, 0);
     for chunk in &chunks {
         match chunk {

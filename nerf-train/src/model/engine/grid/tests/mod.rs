@@ -254,6 +254,74 @@ fn every_instruction_set_has_the_same_gradients_within_rounding() {
     }
 }
 
+/// The tape's engine in the state of `engine`.
+fn by_tape(engine: &GridEngine) -> GridReferenceEngine {
+    let mut tape = GridReferenceEngine::new(&engine.model, bounds(), BARE, 0).unwrap();
+    tape.restore(&engine.state()).unwrap();
+    tape
+}
+
+#[test]
+fn gradients_of_tables_and_layers_are_those_of_the_tape() {
+    for (name, model) in models() {
+        let plain = batch_of(150, 22);
+        let count = plain.positions.len();
+        let scales = (0..count).map(|i| 0.1 + (i % 7) as f32).collect();
+        // Some weigh less than what is kept for certain, and some rays end early.
+        let deltas =
+            plain.deltas.iter().enumerate().map(|(i, d)| d * [1.0, 5e-3, 100.0][i % 23 % 3]).collect();
+        let faint =
+            Batch { deltas, faint: Some((3, 4)), distortion: 0.1, gradient_scales: scales, ..plain.clone() };
+        let gated = Batch { faint: None, ..faint.clone() };
+        for (case, batch) in [
+            ("plain", plain.clone()),
+            ("distortion", Batch { distortion: 0.1, ..plain }),
+            ("faint", faint),
+            ("gated", gated),
+        ] {
+            for rounded in [false, true] {
+                let mut fused = engine(&model, BARE, 4);
+                if rounded {
+                    fused.round_tables();
+                }
+                let mut tape = by_tape(&fused);
+                let (expected_loss, expected) = gradients(&mut fused, &batch);
+                let loss = tape.step(&batch, 0.0).unwrap();
+                let found = tape.state().moment1;
+                assert!((loss.mse - expected_loss.mse).abs() < 1e-6, "{name}, {case}: {loss:?}");
+                assert_eq!((loss.kept, loss.dead), (expected_loss.kept, false), "{name}, {case}");
+                assert_eq!(loss.kept < count, matches!(case, "faint" | "gated"), "{name}, {case}");
+                let mut worst = 0.0;
+                for group in groups(&model) {
+                    let most = expected[group.clone()].iter().fold(0.0f32, |most, g| most.max(g.abs()));
+                    for (a, b) in found[group.clone()].iter().zip(&expected[group]) {
+                        worst = worse(worst, f64::from((a - b).abs() / most));
+                    }
+                }
+                println!("{name}, {case}, rounded: {rounded}: {worst:.1e}");
+                assert!(worst < 1e-4, "{name}, {case}, rounded: {rounded}: {worst}");
+            }
+        }
+    }
+}
+
+#[test]
+fn the_tape_refuses_what_it_does_not_train() {
+    let refused = |model: &Model| GridReferenceEngine::new(model, bounds(), BARE, 0).err();
+    assert_eq!(refused(&pictures()[0].1), Some(EngineError::NoDensity));
+    let (_, model) = &models()[0];
+    assert_eq!(refused(&Model { density_scale: 2.0, ..model.clone() }), Some(EngineError::NotPlain));
+    let mut tape = by_tape(&engine(model, BARE, 4));
+    let state = tape.state();
+    let short = OptimiserState { moment2: vec![0.0], ..state.clone() };
+    assert!(matches!(tape.restore(&short), Err(EngineError::Parameters { field: "moment2", .. })));
+    // A picture as bright as f32 allows: the step fails, and nothing has changed.
+    let mut batch = batch_of(12, 21);
+    batch.rays[1].rgb = [f32::MAX; 3];
+    assert_eq!(tape.step(&batch, 1e-3), Err(EngineError::Diverged { step: 1 }));
+    assert_eq!(tape.state(), state);
+}
+
 /// A grid that encodes a position as itself, and a sinusoidal network that does, too: dfdx's tape has the gradients of
 /// the latter. The spherical harmonics of degree 2 are a constant and the direction, scaled.
 #[test]

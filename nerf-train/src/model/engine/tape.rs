@@ -1,0 +1,173 @@
+//! A dense layer and volume rendering, written with dfdx tensors: what the two engines of the tape share.
+//!
+//! A tensor's tape says how it came about, and an operation on a tensor without one is not recorded: `retaped` begins an
+//! empty tape. Where a value goes two ways, each has a tape of its own, and the loss takes them all together.
+
+use super::{Dense, EngineError};
+use dfdx::prelude::*;
+
+pub(super) type Matrix<T = NoneTape> = Tensor<(usize, usize), f32, Cpu, T>;
+pub(super) type Vector<T = NoneTape> = Tensor<(usize,), f32, Cpu, T>;
+pub(super) type Scalar = Tensor<Rank0, f32, Cpu, Taped>;
+pub(super) type Taped = OwnedTape<f32, Cpu>;
+
+/// Samples that one tape holds at most, but for a longer ray: with all activations and their gradients some 300 MiB of the
+/// 8×256 network. A batch's gradient is the sum over its tapes.
+pub(super) const TAPE_SAMPLES: usize = 4096;
+
+/// One layer's parameters; `[main, extra]` as two products, for want of a concatenation.
+pub(super) struct Weights {
+    main: Matrix,
+    extra: Option<Matrix>,
+    bias: Vector,
+}
+
+impl Weights {
+    /// The layer's part of `parameters`, which are in the model's order.
+    pub(super) fn of(device: &Cpu, d: &Dense, parameters: &[f32]) -> Result<Self, EngineError> {
+        let rows = || parameters[d.weights..d.bias].chunks_exact(d.inputs());
+        let main = rows().flat_map(|row| &row[..d.main]).copied().collect();
+        let extra = rows().flat_map(|row| &row[d.main..]).copied().collect();
+        let bias = parameters[d.bias..][..d.outputs].to_vec();
+        Ok(Self {
+            main: device.try_tensor_from_vec(main, (d.outputs, d.main))?,
+            extra: match d.extra {
+                0 => None,
+                columns => Some(device.try_tensor_from_vec(extra, (d.outputs, columns))?),
+            },
+            bias: device.try_tensor_from_vec(bias, (d.outputs,))?,
+        })
+    }
+
+    /// `W [x, extra] + b`, of rows of samples.
+    pub(super) fn apply<T: Tape<f32, Cpu>>(
+        &self,
+        x: Matrix<T>,
+        extra: Option<&Matrix>,
+    ) -> Result<Matrix<T>, EngineError> {
+        let mut y = x.try_matmul(self.main.retaped::<T>().try_permute::<_, Axes2<1, 0>>()?)?;
+        if let (Some(weights), Some(x)) = (&self.extra, extra) {
+            let weights = weights.retaped::<T>().try_permute::<_, Axes2<1, 0>>()?;
+            y = y.try_add(x.retaped::<T>().try_matmul(weights)?)?;
+        }
+        let shape = *y.shape();
+        Ok(y.try_add(self.bias.retaped::<T>().try_broadcast_like::<_, Axis<0>>(&shape)?)?)
+    }
+
+    /// Adds the gradients that a tape `found` into `out`, in the model's order.
+    pub(super) fn collect(
+        &self,
+        d: &Dense,
+        found: &mut Gradients<f32, Cpu>,
+        out: &mut [f32],
+    ) -> Result<(), EngineError> {
+        let parts = [(Some(&self.main), 0, d.main), (self.extra.as_ref(), d.main, d.extra)];
+        for (tensor, first, columns) in parts {
+            let Some(tensor) = tensor else { continue };
+            let rows = found.get_or_alloc_mut(tensor)?.chunks_exact(columns);
+            for (to, row) in out[d.weights..d.bias].chunks_exact_mut(d.inputs()).zip(rows) {
+                add(&mut to[first..first + columns], row);
+            }
+        }
+        add(&mut out[d.bias..][..d.outputs], found.get_or_alloc_mut(&self.bias)?);
+        Ok(())
+    }
+}
+
+/// Adds `values` to `to`.
+pub(super) fn add(to: &mut [f32], values: &[f32]) {
+    to.iter_mut().zip(values).for_each(|(to, value)| *to += value);
+}
+
+/// The samples of rays as rows of a matrix, `[rays][longest]`, of a list that has them ray after ray.
+pub(super) struct Rows {
+    device: Cpu,
+    shape: (usize, usize),
+    /// Place in the list; none behind a ray's last sample.
+    places: Vec<Option<usize>>,
+    index: Tensor<(usize,), usize, Cpu>,
+}
+
+impl Rows {
+    /// Rows of rays that have `samples` each; at least one has some.
+    pub(super) fn new(device: &Cpu, samples: &[usize]) -> Result<Self, EngineError> {
+        let longest = samples.iter().copied().max().unwrap_or(0);
+        let mut places = Vec::with_capacity(samples.len() * longest);
+        let mut first = 0;
+        for &count in samples {
+            places.extend((0..longest).map(|i| (i < count).then_some(first + i)));
+            first += count;
+        }
+        let index = places.iter().map(|place| place.unwrap_or(0)).collect();
+        let index = device.try_tensor_from_vec(index, (places.len(),))?;
+        Ok(Self { device: device.clone(), shape: (samples.len(), longest), places, index })
+    }
+
+    /// Constants of the samples; 0 behind a ray's last.
+    pub(super) fn constants(&self, values: impl Fn(usize) -> f32) -> Result<Matrix, EngineError> {
+        let values = self.places.iter().map(|place| place.map_or(0.0, &values)).collect();
+        Ok(self.device.try_tensor_from_vec(values, self.shape)?)
+    }
+
+    /// A value a sample; behind a ray's last any.
+    pub(super) fn of<T: Tape<f32, Cpu>>(&self, values: Vector<T>) -> Result<Matrix<T>, EngineError> {
+        Ok(values.try_gather(self.index.clone())?.try_reshape_like(&self.shape)?)
+    }
+
+    /// What is seen: `C = Σ_i weight_i c_i + T_end · background`, `[rays][3]`.
+    ///
+    /// `weights`: `[rays][longest]`, 0 behind a ray's last sample; `colours`: `[samples][3]`; `left`: T_end, `[rays]`.
+    pub(super) fn pixels(
+        &self,
+        weights: Matrix<Taped>,
+        colours: Matrix<Taped>,
+        left: Vector<Taped>,
+        background: Matrix,
+    ) -> Result<Matrix<Taped>, EngineError> {
+        let (rays, longest) = self.shape;
+        let shape = (rays, longest, 3);
+        let colours: Matrix<Taped> = colours.try_gather(self.index.clone())?;
+        let weights = weights.try_broadcast_like::<_, Axis<2>>(&shape)?;
+        let shown =
+            weights.try_mul(colours.try_reshape_like(&shape)?)?.try_sum::<(usize, usize), Axis<1>>()?;
+        let behind = left.try_broadcast_like::<_, Axis<1>>(&(rays, 3usize))?.try_mul(background)?;
+        Ok(shown.try_add(behind)?)
+    }
+
+    /// `Σ_{j<i} x_j` of each ray: a product with a strictly triangular matrix of ones, for want of a cumulative sum.
+    pub(super) fn sums_in_front(&self, x: Matrix<Taped>) -> Result<Matrix<Taped>, EngineError> {
+        let longest = self.shape.1;
+        Ok(x.try_matmul(self.device.try_upper_tri_like(&(longest, longest), 1.0, 1)?)?)
+    }
+
+    /// `T_i = exp(−Σ_{j<i} tau_j)` in front of each sample, and `T_end` behind the last.
+    pub(super) fn transmittance(
+        &self,
+        tau: Matrix<Taped>,
+    ) -> Result<(Matrix<Taped>, Vector<Taped>), EngineError> {
+        let front = self.sums_in_front(tau.with_empty_tape())?.try_negate()?.try_exp()?;
+        let left = tau.try_sum::<(usize,), Axis<1>>()?.try_negate()?.try_exp()?;
+        Ok((front, left))
+    }
+}
+
+/// `alpha = 1 − exp(−tau)`.
+pub(super) fn alpha(tau: Matrix<Taped>) -> Result<Matrix<Taped>, EngineError> {
+    Ok(tau.try_negate()?.try_exp()?.try_negate()?.try_add(1.0)?)
+}
+
+/// `scale · Σ (pixels − target)²`; its value is f32's.
+pub(super) fn squared_error(
+    pixels: Matrix<Taped>,
+    target: Matrix,
+    scale: f32,
+) -> Result<Scalar, EngineError> {
+    let squares = pixels.try_sub(target)?.try_square()?;
+    Ok(squares.try_sum::<Rank0, Axes2<0, 1>>()?.try_mul(scale)?)
+}
+
+/// `value` with the operations of `tape` on its tape, too.
+pub(super) fn with_tape(value: Scalar, tape: Taped) -> Scalar {
+    let (value, own) = value.split_tape();
+    value.put_tape(own.merge(tape))
+}
