@@ -133,17 +133,18 @@ unsafe fn size_of_versioned<T: Versioned>(at: *const T) -> Result<usize, Failure
     }
 }
 
-/// Where `count` of the caller's structures lie, each of as many bytes as the first says; nowhere at NULL.
+/// Where `count` structures lie that begin with their size, each of as many bytes as the first says; nowhere at NULL.
 ///
 /// # Safety
-/// As [`size_of_versioned`].
-pub(crate) unsafe fn span_of<T: Versioned>(at: *const T, count: usize) -> Result<Span, Failure> {
-    if at.is_null() {
+/// `first` is NULL or was read by [`read_versioned`].
+#[inline(never)]
+pub(crate) unsafe fn span_of(name: &'static str, first: *const usize, count: usize) -> Result<Span, Failure> {
+    if first.is_null() {
         return Ok(Span::EMPTY);
     }
-    // SAFETY: `at` is as this function's `# Safety` has it.
-    let size = unsafe { size_of_versioned(at)? };
-    Span::new(T::NAME, at.cast(), size.checked_mul(count).ok_or(Failure::Overflow(T::NAME))?)
+    // SAFETY: it was read before, so that it is aligned and readable.
+    let size = unsafe { first.read() };
+    Span::new(name, first.cast(), size.checked_mul(count).ok_or(Failure::Overflow(name))?)
 }
 
 /// A copy of the caller's structure; what this build does not know of it must be zero, and what the caller's

@@ -8,7 +8,7 @@ use crate::progress::{self, Progress};
 use crate::span::check_aligned;
 use crate::status::Status;
 use crate::target::{Canvas, Target};
-use crate::worker::{State, Worker, tile_size, with_worker};
+use crate::worker::{State, Work, Worker, tile_size, with_worker};
 use core::ffi::{c_char, c_void};
 use nerf_core::render::{self, Limit};
 use nerf_core::volume::Pixel;
@@ -104,9 +104,7 @@ pub unsafe extern "C" fn nerf_render(
             let frame = unsafe { read_versioned(frame)? };
             // SAFETY: `counters` is as this function's `# Safety` has it.
             let out = unsafe { Out::new_or_none(counters)? };
-            if worker.fields.is_none() {
-                return Err(Failure::Plan(nerf_core::plan::PlanError::NotAScene));
-            }
+            worker.fields()?;
             if [frame.width, frame.height] != [0; 2] {
                 return Err(Failure::Reserved("frame.width, frame.height"));
             }
@@ -120,7 +118,7 @@ pub unsafe extern "C" fn nerf_render(
             let all = (rect, Watcher { progress: frame.progress, user: frame.user });
             let limit = canvas.limit();
             let work = render_tiles(worker, canvas, all, |worker, tile| {
-                let State { fields: Some(fields), pixels, .. } = worker else {
+                let State { work: Work::Fields(fields), pixels, .. } = worker else {
                     return Err(Failure::Null("worker"));
                 };
                 let mut put = |x: u32, y: u32, pixel: &Pixel| {
@@ -184,12 +182,14 @@ pub unsafe extern "C" fn nerf_render_picture(
             let canvas = unsafe { Canvas::of_picture(frame.target, rect, worker)? };
             let all = (rect, Watcher { progress: frame.progress, user: frame.user });
             let work = render_tiles(worker, canvas, all, |worker, tile| {
-                let pixels = &mut worker.pixels;
+                let State { work: Work::Picture(lines), pixels, .. } = worker else {
+                    return Err(Failure::Null("worker"));
+                };
                 let mut put = |x: u32, y: u32, rgb: [f32; 3]| {
                     let pixel = Pixel { rgb, opacity: 1.0, ..Pixel::BLANK };
                     pixels.put(((y - tile.y) * tile.width + (x - tile.x)) as usize, &pixel);
                 };
-                let drawn = renderer.render_picture(math, batch, size, tile, worker.lines, &mut put);
+                let drawn = renderer.render_picture(math, batch, size, tile, lines, &mut put);
                 drawn.map_err(Failure::Render)
             })?;
             if let Some(out) = out {

@@ -150,6 +150,8 @@ pub unsafe extern "C" fn nerf_scene_open(
 /// # Safety
 /// `blob` and the `memory_size` bytes at `memory`, which is aligned for a line, are apart from each other and the
 /// caller's to lend for as long as the scene is used.
+// In its caller's frame, whose stack a microcontroller has once.
+#[inline(always)]
 pub(crate) unsafe fn open_in(
     blob: *const [u8],
     memory: *mut c_void,

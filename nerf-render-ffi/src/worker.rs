@@ -66,17 +66,21 @@ pub struct Worker {
     state: UnsafeCell<State>,
 }
 
+/// What a worker renders by.
+pub(crate) enum Work {
+    Fields(render::Worker<'static>),
+    /// Of a picture: the memory it is rendered in.
+    Picture(&'static mut [Line]),
+}
+
 /// What a call works with: for itself, from when it has set [`Worker::busy`] until it clears it.
 pub(crate) struct State {
-    /// What the frames are rendered by; `None` of a picture.
-    pub(crate) fields: Option<render::Worker<'static>>,
+    pub(crate) work: Work,
     pub(crate) members: &'static [Member],
     pub(crate) settings: Settings,
     pub(crate) outputs: Outputs,
     /// A tile is finished aside and then copied, so that not even a panic leaves half of one.
     pub(crate) pixels: TilePixels<'static>,
-    /// What a picture is rendered in.
-    pub(crate) lines: &'static mut [Line],
     pub(crate) memory: Span,
     /// Bytes that were needed.
     pub(crate) size: usize,
@@ -135,7 +139,10 @@ impl State {
 
     /// What the frames are rendered by.
     pub(crate) fn fields(&mut self) -> Result<&mut render::Worker<'static>, Failure> {
-        self.fields.as_mut().ok_or(Failure::Plan(PlanError::NotAScene))
+        match &mut self.work {
+            Work::Fields(fields) => Ok(fields),
+            Work::Picture(_) => Err(Failure::Plan(PlanError::NotAScene)),
+        }
     }
 }
 
@@ -204,17 +211,6 @@ impl Checked {
 
     fn count(&self) -> usize {
         self.request.instance_count.max(1)
-    }
-
-    /// Where the request and what it points to lie, by name, without the scenes.
-    ///
-    /// # Safety
-    /// As [`Checked::read`], which read it from `at`.
-    unsafe fn spans(&self, at: *const Request) -> Result<[(&'static str, Span); 3], Failure> {
-        let Request { options, instances, instance_count, .. } = self.request;
-        // SAFETY: the caller's promise.
-        let spans = unsafe { (span_of(at, 1)?, span_of(options, 1)?, span_of(instances, instance_count)?) };
-        Ok([("request", spans.0), ("request.options", spans.1), ("request.instances", spans.2)])
     }
 
     /// One of the scenes.
@@ -361,19 +357,24 @@ pub unsafe extern "C" fn nerf_worker_open(
         let shares = unsafe { checked.shares()? };
         Span::of("memory", memory.cast::<Line>().cast_const(), 0)?;
         let span = Span::new("memory", memory, memory_size)?;
-        // SAFETY: as above.
-        let read = unsafe { checked.spans(request)? };
-        let written = [("worker", out), ("message", message.first()?)];
-        for (name, other) in read.into_iter().chain(written) {
-            other.check_apart(name, span, "the worker's memory")?;
+        let Request { options, instances, instance_count, .. } = checked.request;
+        for (name, first, count) in [
+            ("request", request.cast(), 1),
+            ("request.options", options.cast(), 1),
+            ("request.instances", instances.cast(), instance_count),
+        ] {
+            // SAFETY: `checked` and its shares have read each of them.
+            let read = unsafe { span_of(name, first, count)? };
+            read.check_apart(name, span, "the worker's memory")?;
+        }
+        for (name, written) in [("worker", out), ("message", message.first()?)] {
+            written.check_apart(name, span, "the worker's memory")?;
         }
         for index in 0..checked.count() {
             // SAFETY: as above.
             let scene = unsafe { checked.scene(index)? };
             scene.check_apart("memory", span)?;
-            for (name, written) in written {
-                scene.check_apart(name, written)?;
-            }
+            scene.check_apart("worker", out)?;
         }
         let expected = shares.bytes()?;
         if memory_size < expected {
@@ -469,31 +470,27 @@ unsafe fn open_in(
     let (pixels, lines) = unsafe { (lent.lines(shares.pixels), lent.lines(shares.rest)) };
     let (width, height) = tile_size(checked.settings.batch);
     let pixels = TilePixels::lay_out(&mut Arena::new(pixels), (width * height) as usize, checked.outputs);
-    let mut kept: &'static mut [Line] = &mut [];
-    let fields = match members {
+    let work = match members {
         #[cfg(feature = "instances")]
-        _ if checked.placed => Some(render::Worker::of_instances(instances, lines).map_err(Failure::Render)?),
+        _ if checked.placed => {
+            Work::Fields(render::Worker::of_instances(instances, lines).map_err(Failure::Render)?)
+        }
         [Member { scene, plan: Some(plan) }] => {
-            Some(scene.renderer().worker(plan, lines).map_err(Failure::Render)?)
+            Work::Fields(scene.renderer().worker(plan, lines).map_err(Failure::Render)?)
         }
-        _ => {
-            kept = lines;
-            None
-        }
+        _ => Work::Picture(lines),
     };
     let state = State {
-        fields,
+        work,
         members,
         settings: checked.settings,
         outputs: checked.outputs,
         pixels,
-        lines: kept,
         memory: span,
         size: shares.bytes()?,
     };
-    let worker = Worker { busy: AtomicBool::new(false), state: UnsafeCell::new(state) };
     let handle = memory.cast::<Worker>();
     // SAFETY: the first lines hold a worker, are aligned for it, and are in no slice.
-    unsafe { handle.write(worker) };
+    unsafe { handle.write(Worker { busy: AtomicBool::new(false), state: UnsafeCell::new(state) }) };
     Ok(handle)
 }
