@@ -67,6 +67,7 @@ pub struct Worker {
 }
 
 /// What a worker renders by.
+#[allow(clippy::large_enum_variant, reason = "one lies in each worker, and nothing here allocates")]
 pub(crate) enum Work {
     Fields(render::Worker<'static>),
     /// Of a picture: the memory it is rendered in.
