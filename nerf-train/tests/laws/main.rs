@@ -73,6 +73,7 @@ fn tiny_seed(steps: u32) -> Config {
 fn options(config: &Config, checkpoint: Option<PathBuf>, resume: bool) -> RunOptions {
     RunOptions {
         budget: Budget { steps: Some(config.optimiser.steps), seconds: None },
+        min_steps: 0,
         checkpoint,
         checkpoint_every: f64::INFINITY,
         resume,

@@ -9,6 +9,8 @@ use zune_jpeg::zune_core::options::DecoderOptions;
 
 /// Most pixels of a picture, 16,384 × 16,384: a few bytes of header may ask for any number.
 const MAX_PIXELS: u64 = 1 << 28;
+/// Longest side of a picture, pixels: what a blob can name as its size.
+pub const MAX_SIDE: u32 = 65_535;
 
 /// What says of a file whether it is HEIF, bytes.
 const HEAD_BYTES: u64 = 12;
@@ -50,6 +52,14 @@ pub enum DecodeError {
         /// What the decoder said.
         found: String,
     },
+    /// Its header states a size that is not wanted, see [`decode_of`].
+    #[error("{file}: expected a picture of another size, found {}x{}", found.0, found.1)]
+    Size {
+        /// The file.
+        file: PathBuf,
+        /// Width and height, pixels.
+        found: (u32, u32),
+    },
 }
 
 /// Decodes a picture of any bit depth and channel count, as it is stored, with its EXIF orientation.
@@ -60,6 +70,18 @@ pub enum DecodeError {
 /// [`DecodeError`] names the file. A JPEG that ends early or whose data is damaged is refused too: most
 /// decoders fill the rest with grey and say nothing.
 pub fn decode(file: &Path) -> Result<(DynamicImage, Orientation), DecodeError> {
+    decode_of(file, |_| true)
+}
+
+/// As [`decode`], of a picture whose width and height, as its header states them, are `wanted`: nothing is decoded of
+/// another.
+///
+/// # Errors
+/// As [`decode`]; [`DecodeError::Size`].
+pub fn decode_of(
+    file: &Path,
+    wanted: impl Fn((u32, u32)) -> bool,
+) -> Result<(DynamicImage, Orientation), DecodeError> {
     let bytes = read_limited(file, MAX_PICTURE_BYTES)
         .map_err(|source| DecodeError::Read { file: file.into(), source })?;
     let damaged = |found: String| DecodeError::Damaged { file: file.into(), found };
@@ -70,26 +92,25 @@ pub fn decode(file: &Path) -> Result<(DynamicImage, Orientation), DecodeError> {
     if !format.reading_enabled() {
         return Err(DecodeError::Format { file: file.into() });
     }
-    let picture = |bytes: &[u8]| -> Result<_, String> {
-        let text = |error: image::ImageError| error.to_string();
-        let mut decoder =
-            ImageReader::with_format(Cursor::new(bytes), format).into_decoder().map_err(text)?;
-        // What follows allocates all that the header asks for.
-        let (width, height) = decoder.dimensions();
-        if u64::from(width) * u64::from(height) > MAX_PIXELS {
-            return Err(format!("{width}x{height} pixels, where at most {MAX_PIXELS} are read"));
-        }
-        if format == ImageFormat::Jpeg {
-            check_jpeg(bytes)?;
-        }
-        // A tag that cannot be read is no reason to refuse the picture.
-        let orientation = decoder.orientation().unwrap_or(Orientation::NoTransforms);
-        Ok((DynamicImage::from_decoder(decoder).map_err(text)?, orientation))
-    };
-    picture(&bytes).map_err(damaged)
+    let text = |error: image::ImageError| damaged(error.to_string());
+    let mut decoder = ImageReader::with_format(Cursor::new(&bytes), format).into_decoder().map_err(text)?;
+    // What follows allocates all that the header asks for.
+    let (width, height) = decoder.dimensions();
+    if width.max(height) > MAX_SIDE || u64::from(width) * u64::from(height) > MAX_PIXELS {
+        let most = format!("at most {MAX_SIDE} a side and {MAX_PIXELS} in all are read");
+        return Err(damaged(format!("{width}x{height} pixels, where {most}")));
+    }
+    if !wanted((width, height)) {
+        return Err(DecodeError::Size { file: file.into(), found: (width, height) });
+    }
+    if format == ImageFormat::Jpeg {
+        check_jpeg(&bytes).map_err(damaged)?;
+    }
+    // A tag that cannot be read is no reason to refuse the picture.
+    let orientation = decoder.orientation().unwrap_or(Orientation::NoTransforms);
+    Ok((DynamicImage::from_decoder(decoder).map_err(text)?, orientation))
 }
 
-/// Whether a file begins as those of the HEIF family do: a box `ftyp` of one of their brands.
 /// Width and height of a picture as it is stored, from its header, pixels.
 ///
 /// # Errors
@@ -111,6 +132,7 @@ pub fn dimensions(file: &Path) -> Result<(u32, u32), DecodeError> {
     reader.into_dimensions().map_err(damaged)
 }
 
+/// Whether a file begins as those of the HEIF family do: a box `ftyp` of one of their brands.
 fn is_heif(bytes: &[u8]) -> bool {
     const BRANDS: [&[u8; 4]; 10] =
         [b"heic", b"heix", b"heim", b"heis", b"hevc", b"hevx", b"mif1", b"msf1", b"avif", b"avis"];
@@ -148,6 +170,7 @@ mod tests {
         for (width, height, expected) in [
             (1 << 14, (1 << 14) + 1, "16384x16385 pixels"),
             (60_000, 60_000, "60000x60000 pixels"),
+            (1 << 16, 1, "65536x1 pixels"),
             (1, 1, ""),
         ] {
             let file = folder.path().join("picture.png");
