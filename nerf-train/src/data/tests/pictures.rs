@@ -247,5 +247,6 @@ fn of_a_picture_of_another_size_only_the_header_is_read() {
     // One that lies on its side may be turned, for which it is decoded.
     std::fs::write(&large, header_alone(4, 8)).expect("written");
     let path = write(&folder, &["large.png"], &json!({}));
-    assert_names(&error_of(&path), &["large.png", "whole picture"]);
+    let error = error_of(&path);
+    assert!(error.contains("large.png") && !error.contains("8x4"), "{error}");
 }
