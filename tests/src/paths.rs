@@ -16,9 +16,3 @@ pub fn header() -> PathBuf {
 pub fn temporary() -> tempfile::TempDir {
     tempfile::tempdir().expect("a temporary directory")
 }
-
-/// Where the real scenes and networks are, if they are there: `$NERF_DATA`, or `../shared/data` beside the workspace.
-pub fn data() -> PathBuf {
-    let beside = || workspace().join("../shared/data");
-    std::env::var_os("NERF_DATA").map_or_else(beside, PathBuf::from)
-}

@@ -3,8 +3,9 @@
 //! A test that lacks one is left out, which is said past the capture of its output, once a test program; with the
 //! environment variable CI set it fails instead. `NERF_SKIPPED` names a file that gets a line of each test left out: its
 //! program, the folder it runs in and its name, with tabs between them. `.ci/run` runs these once their tools are there.
+//!
+//! The tests of nerf-train have this file as a module of their own.
 
-use crate::paths;
 use std::collections::BTreeSet;
 use std::io::Write;
 use std::path::{Path, PathBuf};
@@ -72,7 +73,9 @@ pub fn there_is(what: &str, found: bool) -> bool {
 /// # Panics
 /// As [`there_is`].
 pub fn data(name: &str) -> Option<PathBuf> {
-    let (root, path) = (paths::data(), paths::data().join(name));
+    let beside = || Path::new(env!("CARGO_MANIFEST_DIR")).join("../../shared/data");
+    let root = std::env::var_os("NERF_DATA").map_or_else(beside, PathBuf::from);
+    let path = root.join(name);
     if !path.exists() {
         let missing = if root.is_dir() { &path } else { &root };
         leave_out(&format!("data in {}", missing.display()), "real scenes and networks");

@@ -1,8 +1,8 @@
 //! `export`: meshes, points and volumes of a fitted scene, and what is refused.
 
 use crate::made::Folder;
+use crate::tools::all_here;
 use crate::{blob, fails, fit_grid, ok};
-use nerf_tests::tools::all_here;
 use std::path::Path;
 use std::process::Command;
 

@@ -1,8 +1,8 @@
 //! Files that are missing, damaged or of another kind; places that cannot be written.
 
 use crate::made::{Array, Folder, scene};
+use crate::tools::there_is;
 use crate::{blob, fails, fit, run};
-use nerf_tests::tools::there_is;
 use std::path::Path;
 
 #[test]

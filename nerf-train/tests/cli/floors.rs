@@ -3,7 +3,7 @@
 
 use crate::made::Folder;
 use crate::ok;
-use nerf_tests::tools::data;
+use crate::tools::data;
 
 /// How far from its figure a run may be, dB.
 const BAND_DB: f64 = 0.5;

@@ -1,8 +1,8 @@
 //! An input is never an output: every command, and every way in which an output can be an input.
 
 use crate::made::Folder;
+use crate::tools::all_here;
 use crate::{blob, command, fit, ok, ran};
-use nerf_tests::tools::all_here;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 

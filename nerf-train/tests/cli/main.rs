@@ -1,5 +1,8 @@
 //! The command line from end to end, on scenes of 24×24 pixels.
 
+#[allow(dead_code, reason = "shared with the tests that span the crates")]
+#[path = "../../../tests/src/browser.rs"]
+mod browser;
 #[path = "../laws/import/made.rs"]
 mod checkpoint;
 mod completions;
@@ -30,6 +33,9 @@ mod space;
 mod stopping;
 mod storage;
 mod study;
+#[allow(dead_code, reason = "shared with the tests that span the crates")]
+#[path = "../../../tests/src/tools.rs"]
+mod tools;
 mod untrusted;
 mod video;
 mod views;

@@ -1,8 +1,8 @@
 //! Fit, inspect, eval, render and demo on real files.
 
 use crate::made::{Folder, names};
+use crate::tools::there_is;
 use crate::{blob, command, fails, fit, json, ok, ran};
-use nerf_tests::tools::there_is;
 use std::path::Path;
 use std::process::Stdio;
 

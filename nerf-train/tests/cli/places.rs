@@ -1,11 +1,11 @@
 //! Names and sizes are checked before the work, and what was not named is not replaced.
 
 use crate::made::{Folder, names};
+use crate::tools::all_here;
 use crate::{blob, command, fails, fit, ok, ran, run};
 use nerf_core::blob::{Content, PictureFacts, Provenance};
 use nerf_core::encoding::{AngleScale, SinusoidalEncoding};
 use nerf_core::network::{Architecture, TrunkLayer};
-use nerf_tests::tools::all_here;
 use nerf_train::model::export::Contents;
 use nerf_train::model::export::Tables;
 use nerf_train::model::export::export;

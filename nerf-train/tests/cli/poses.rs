@@ -2,8 +2,8 @@
 
 use crate::made::{Folder, names};
 use crate::stopping::Running;
+use crate::tools;
 use crate::{Ran, command, fails, fit, fit_grid, interruptible, ok, ran};
-use nerf_tests::tools;
 use std::fs;
 use std::os::unix::fs::{MetadataExt, PermissionsExt};
 use std::path::{Path, PathBuf};

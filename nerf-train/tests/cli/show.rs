@@ -1,8 +1,8 @@
 //! `show`: its files, its errors, and its page in a browser.
 
+use crate::browser::{chromium, noted};
 use crate::made::Folder;
 use crate::{fails, json, ok};
-use nerf_tests::browser::{chromium, noted};
 use std::path::Path;
 use std::process::Command;
 

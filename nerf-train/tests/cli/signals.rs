@@ -4,10 +4,10 @@
 use crate::checkpoint::Shape;
 use crate::made::{Folder, scene};
 use crate::stopping::{Running, wait_for};
+use crate::tools::all_here;
 use crate::{blob, fit, interruptible, ok};
 use nerf_core::blob::Blob;
 use nerf_core::sampling::{Purpose, uniform};
-use nerf_tests::tools::all_here;
 use nerf_train::data::demo;
 use nerf_train::data::demo::DemoSpec;
 use nerf_train::data::system::stop;

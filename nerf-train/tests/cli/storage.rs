@@ -2,8 +2,8 @@
 
 use crate::made::{Folder, names};
 use crate::stopping::{Running, wait_for};
+use crate::tools;
 use crate::{blob, command, fails, fit, ok, ran};
-use nerf_tests::tools;
 use nerf_train::train::checkpoint::Checkpoint;
 use std::path::Path;
 use std::process::Command;

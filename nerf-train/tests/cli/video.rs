@@ -1,8 +1,8 @@
 //! Orbits and paths as GIF, MP4 and folders of frames.
 
 use crate::made::{Array, Folder, names};
+use crate::tools::all_here;
 use crate::{Ran, blob, command, fails, ok, ran, run};
-use nerf_tests::tools::all_here;
 use std::path::Path;
 
 const ORBIT: &[&str] = &["--orbit", "3", "--width", "17", "--height", "9"];

@@ -1,7 +1,7 @@
 //! Volume rendering against the published figures of the CS180 course.
 
+use crate::tools::data;
 use nerf_core::volume::composite;
-use nerf_tests::tools::data;
 
 #[test]
 fn composite_equals_the_course_to_four_decimals() {

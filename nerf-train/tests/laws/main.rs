@@ -7,6 +7,9 @@ mod import;
 mod parity_dfdx;
 mod quality;
 mod rooms;
+#[allow(dead_code, reason = "shared with the tests that span the crates")]
+#[path = "../../../tests/src/tools.rs"]
+mod tools;
 mod training;
 
 use nerf_core::Kernel;

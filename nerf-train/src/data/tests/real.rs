@@ -1,7 +1,7 @@
-//! On real scenes (`nerf_tests::tools::data`).
+//! On real scenes (`crate::tools::data`).
 
 use super::*;
-use nerf_tests::tools::data;
+use crate::tools::data;
 
 fn read_as(path: &Path, axes: Axes) -> Dataset {
     read(path, &ReadOptions { axes: Some(axes), ..Default::default() }).expect("real data")

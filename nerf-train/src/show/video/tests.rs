@@ -1,5 +1,5 @@
 use super::*;
-use nerf_tests::tools::all_here;
+use crate::tools::all_here;
 
 fn ball(width: usize, height: usize, shift: usize) -> Picture {
     let pixel = |i: usize| {

@@ -2,9 +2,9 @@
 
 use super::made::{Checkpoint, Shape};
 use super::{read, wide};
+use crate::tools::data;
 use nerf_core::blob::{Blob, Content, Provenance};
 use nerf_core::network::Role;
-use nerf_tests::tools::data;
 use nerf_train::model::export::Coarse;
 use nerf_train::model::export::Contents;
 use nerf_train::model::export::ExportError;

@@ -1,7 +1,7 @@
 //! The original authors' network against outputs of their own code.
 
 use super::{ask, kernels, read, wide};
-use nerf_tests::tools::data;
+use crate::tools::data;
 use serde::Deserialize;
 
 #[derive(Deserialize)]
