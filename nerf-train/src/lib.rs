@@ -11,3 +11,8 @@ pub mod measure;
 pub mod model;
 pub mod show;
 pub mod train;
+
+#[cfg(test)]
+#[allow(dead_code, reason = "shared with the tests that span the crates")]
+#[path = "../../tests/src/tools.rs"]
+mod tools;

@@ -1,15 +1,21 @@
 //! A browser without a window, for pages that drive themselves.
 
+use crate::tools;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
-/// The first Chromium that is there: `$CHROMIUM`, or one in `PATH`.
+/// The first Chromium that is there: `$CHROMIUM`, or one in `PATH`; without one the test is left out.
+///
+/// # Panics
+/// As [`tools::there_is`].
 pub fn chromium() -> Option<PathBuf> {
     let named = std::env::var_os("CHROMIUM").map(PathBuf::from);
     let path = std::env::var_os("PATH").unwrap_or_default();
     let names = ["chromium", "chromium-browser", "google-chrome"];
     let in_path = std::env::split_paths(&path).flat_map(|folder| names.map(|name| folder.join(name)));
-    named.into_iter().chain(in_path).find(|program| program.is_file())
+    let found = named.into_iter().chain(in_path).find(|program| program.is_file());
+    tools::there_is("chromium", found.is_some());
+    found
 }
 
 /// The document of a page at an address once it is loaded, and a picture of the window in `screenshot`; the browser's

@@ -16,10 +16,3 @@ pub fn header() -> PathBuf {
 pub fn temporary() -> tempfile::TempDir {
     tempfile::tempdir().expect("a temporary directory")
 }
-
-/// The folder of real scenes and networks: `$NERF_DATA`, or `../shared/data` beside the workspace; `None` without.
-pub fn data() -> Option<PathBuf> {
-    let beside = || workspace().join("../shared/data");
-    let folder = std::env::var_os("NERF_DATA").map_or_else(beside, PathBuf::from);
-    folder.is_dir().then_some(folder)
-}

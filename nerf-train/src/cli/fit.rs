@@ -23,7 +23,7 @@ use crate::model::config::{Config, Density, Jitter, Preset, Surroundings};
 use crate::model::engine::EngineKind;
 use crate::show::reports;
 use crate::train::find_box;
-use crate::train::schedule::{Budget, Clock};
+use crate::train::schedule::{Budget, Clock, MIN_STEPS};
 use clap::Args;
 use glam::Vec3;
 use std::path::PathBuf;
@@ -53,7 +53,7 @@ pub struct Fit {
     /// TOML file with settings that replace the preset's.
     #[arg(long, value_name = "FILE")]
     config: Option<PathBuf>,
-    /// End the whole command after so much time: runs that end so differ from each other.
+    /// End the whole command after so much time, with --resume this one: runs that end so differ from each other.
     #[arg(long, value_name = "S")]
     max_seconds: Option<f64>,
     /// Steps [default: the preset's; with --max-seconds, time alone decides].
@@ -316,6 +316,7 @@ impl Fit {
         let steps = (self.steps.is_some() || self.max_seconds.is_none()).then_some(config.optimiser.steps);
         RunOptions {
             budget: Budget { steps, seconds: self.max_seconds },
+            min_steps: MIN_STEPS,
             checkpoint,
             checkpoint_every: self.checkpoint_every,
             resume: self.resume,

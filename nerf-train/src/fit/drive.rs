@@ -25,6 +25,8 @@ pub(super) trait Task {
     fn steps(&self) -> u32;
     /// Share of the budget that is used, if the next step takes as long as the last one did.
     fn share(&mut self, last_step: f64) -> Result<f64, Self::Error>;
+    /// Refuses a run that its limit in seconds ended after too few steps.
+    fn check_steps(&self) -> Result<(), Self::Error>;
     /// What is to be validated now, if anything is.
     fn due(&self, share: f64, ended: bool) -> Option<Self::Due>;
     /// Validates the run as it stands.
@@ -84,6 +86,9 @@ pub(super) fn drive<T: Task>(
         let step = task.steps();
         let share = task.share(last_step)?;
         let ended = share >= 1.0;
+        if ended {
+            task.check_steps()?;
+        }
         if let Some(due) = task.due(share, ended) {
             keeper.covered(task, |task| task.validate(due, share))?;
         }
@@ -165,4 +170,9 @@ pub fn interrupted(step: u32, checkpoint: Option<&Path>) -> String {
         ),
         None => format!("interrupted after step {step}"),
     }
+}
+
+/// What a run says that was taken up when all its steps were done.
+pub(super) fn nothing_done(steps: u32) -> String {
+    format!("nothing was done: the checkpoint has all {steps} steps; --steps asks for more")
 }

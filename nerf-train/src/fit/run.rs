@@ -5,7 +5,7 @@ use crate::data::system::output::{OutputError, ensure_folder};
 use crate::data::system::progress::{Message, Progress, ProgressStyle};
 use crate::data::{Dataset, View};
 pub use crate::fit::drive::{Ended, interrupted};
-use crate::fit::drive::{File, Task, drive};
+use crate::fit::drive::{File, Task, drive, nothing_done};
 use crate::fit::finish::Outcome;
 use crate::fit::live::{Live, State};
 use crate::fit::pace::Pace;
@@ -15,7 +15,7 @@ use crate::measure::eval::EvalError;
 use crate::model::config::Config;
 use crate::train::candidate::About;
 use crate::train::checkpoint::{Checkpoint, CheckpointError};
-use crate::train::schedule::{Budget, Clock, duration};
+use crate::train::schedule::{Budget, Clock, Done, TooShort, duration};
 use crate::train::{Progressed, RESEEDS, TrainError, Trainer};
 use nerf_core::Kernel;
 use std::path::PathBuf;
@@ -24,8 +24,10 @@ use std::time::{Duration, Instant};
 /// How a run is conducted.
 #[derive(Clone, Debug)]
 pub struct RunOptions {
-    /// Limits.
+    /// Limits; one in seconds is of this command, also where it goes on from a checkpoint.
     pub budget: Budget,
+    /// Fewest steps of a run that a limit in seconds ends.
+    pub min_steps: u32,
     /// Where checkpoints go; none are written without.
     pub checkpoint: Option<PathBuf>,
     /// Seconds between checkpoints.
@@ -53,6 +55,7 @@ impl RunOptions {
     pub fn unattended(budget: Budget, kernel: Kernel, style: ProgressStyle) -> Self {
         Self {
             budget,
+            min_steps: 0,
             checkpoint: None,
             checkpoint_every: f64::INFINITY,
             resume: false,
@@ -74,6 +77,9 @@ pub enum RunError {
     /// Training.
     #[error("{0}")]
     Train(#[from] TrainError),
+    /// A limit in seconds.
+    #[error("{0}")]
+    TooShort(#[from] TooShort),
     /// The blob cannot be measured.
     #[error("own blob: {0}")]
     Eval(#[from] EvalError),
@@ -130,7 +136,7 @@ pub fn run_since(
     if let Some(path) = options.checkpoint.as_deref().filter(|_| options.resume) {
         let checkpoint = Checkpoint::read(path)?;
         checkpoint.check_belongs(path, trainer.config(), (&dataset.name, trainer.fingerprint()))?;
-        clock = Clock::resume(duration(checkpoint.seconds));
+        clock = clock.after(duration(checkpoint.seconds));
         let damaged = |error: TrainError| CheckpointError::Format {
             path: path.into(),
             found: format!("a damaged one ({error})"),
@@ -147,6 +153,7 @@ pub fn run_since(
         trainer,
         dataset,
         options,
+        budget: options.budget.after(clock.seconds() - clock.own_seconds()),
         watched,
         pictured,
         clock,
@@ -170,6 +177,8 @@ pub(super) struct Session<'a, 'd> {
     pub(super) trainer: Trainer<'d>,
     pub(super) dataset: &'d Dataset,
     pub(super) options: &'a RunOptions,
+    /// Limits, what earlier commands took counted in.
+    budget: Budget,
     /// Validation views that are measured on the way.
     pub(super) watched: Vec<usize>,
     /// Validation views that pictures are taken of.
@@ -201,6 +210,18 @@ impl Task for Session<'_, '_> {
 
     fn share(&mut self, last_step: f64) -> Result<f64, RunError> {
         Ok(self.share_at(self.steps(), self.clock.seconds() + last_step))
+    }
+
+    fn check_steps(&self) -> Result<(), RunError> {
+        let seconds = self.clock.own_seconds();
+        let done = Done {
+            before: self.started.step,
+            steps: self.steps(),
+            prepared: seconds - self.seconds_here(),
+            seconds,
+            reserve: self.reserve(),
+        };
+        Ok(self.options.budget.check_steps(done, self.options.min_steps)?)
     }
 
     fn due(&self, share: f64, ended: bool) -> Option<Due> {
@@ -264,6 +285,9 @@ impl Task for Session<'_, '_> {
         let samples = a_second(p.samples, self.started.samples);
         let evaluated = a_second(p.evaluated, self.started.evaluated);
         (self.train_seconds, self.samples_per_second) = (self.clock.seconds(), [evaluated, samples]);
+        if self.options.resume && p.step == self.started.step {
+            return nothing_done(p.step);
+        }
         format!(
             "{} steps; {:.2} million samples evaluated a second, {:.2} million trained on",
             p.step,
@@ -280,7 +304,12 @@ impl Task for Session<'_, '_> {
 impl Session<'_, '_> {
     /// Share of the budget that is used, what is kept for the end left out.
     pub(super) fn share_at(&self, step: u32, seconds: f64) -> f64 {
-        self.options.budget.share(step, seconds, self.pace.reserve(self.pixels[0], self.pixels[1]))
+        self.budget.share(step, seconds, self.reserve())
+    }
+
+    /// Seconds kept for the end.
+    fn reserve(&self) -> f64 {
+        self.pace.reserve(self.pixels[0], self.pixels[1])
     }
 
     fn progress(&self) -> Progress {

@@ -120,7 +120,7 @@ impl Session<'_, '_> {
                 Some(every) => since >= every.max(1),
                 None => self.in_another_part(share, last),
             };
-        due && self.pace.affords(self.clock.seconds(), self.watched.len())
+        due && self.pace.affords(self.clock.own_seconds(), self.watched.len())
     }
 
     fn pictures_are_due(&self, share: f64, ended: bool) -> bool {
@@ -141,7 +141,7 @@ impl Session<'_, '_> {
     /// Renders the run as it stands from the watched views and from those to take pictures of, all on one lattice.
     pub(super) fn measure_views(&mut self, due: Due) -> Result<(), RunError> {
         let (begun, mut point) = (Instant::now(), self.point());
-        let allowed = self.pace.allowance(point.seconds);
+        let allowed = self.pace.allowance(self.clock.own_seconds());
         let candidate = self.trainer.candidate(false);
         let bytes = self.trainer.export(&candidate, &About::default())?.bytes;
         self.pace.made(begun.elapsed().as_secs_f64());

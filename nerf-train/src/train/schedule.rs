@@ -5,6 +5,9 @@ use crate::model::config::OptimiserConfig;
 use serde::{Deserialize, Serialize};
 use std::time::{Duration, Instant};
 
+/// Fewest steps of a run that a limit in seconds ends: after fewer the field is still next to what it began as.
+pub const MIN_STEPS: u32 = 20;
+
 /// What ends a run.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Budget {
@@ -14,13 +17,50 @@ pub struct Budget {
     pub seconds: Option<f64>,
 }
 
+/// A limit in seconds that left too little time to train.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+#[error(
+    "--max-seconds {limit}: expected time for at least {expected} steps, found time for {found}: reading and preparing \
+     took {prepared:.1} s, and {reserve:.1} s are kept for the end; ask for --max-seconds {enough} or more, or for \
+     --steps alone; no blob is written"
+)]
+pub struct TooShort {
+    /// The limit, seconds.
+    pub limit: f64,
+    /// Fewest steps that this command had to make.
+    pub expected: u32,
+    /// Steps it made.
+    pub found: u32,
+    /// Seconds before the first of them.
+    pub prepared: f64,
+    /// Seconds kept for what follows the last.
+    pub reserve: f64,
+    /// A limit that is expected to do, seconds.
+    pub enough: f64,
+}
+
+/// What a command has done when its limit in seconds is reached.
+#[derive(Clone, Copy, Debug)]
+pub struct Done {
+    /// Steps of the runs that it goes on from.
+    pub before: u32,
+    /// Steps in all.
+    pub steps: u32,
+    /// This command's seconds before its first step.
+    pub prepared: f64,
+    /// This command's seconds.
+    pub seconds: f64,
+    /// Seconds kept for what follows the last step.
+    pub reserve: f64,
+}
+
 /// Seconds as a duration: nothing below 0 or of NaN, and no more than 30 years.
 pub fn duration(seconds: f64) -> Duration {
     const LONGEST: f64 = 1e9;
     Duration::try_from_secs_f64(if seconds > LONGEST { LONGEST } else { seconds }).unwrap_or_default()
 }
 
-/// Wall-clock time of a run, over interruptions.
+/// Wall-clock time of a command, and of the runs that it goes on from.
 #[derive(Clone, Copy, Debug)]
 pub struct Clock {
     start: Instant,
@@ -33,9 +73,20 @@ impl Clock {
         Self { start: Instant::now(), before }
     }
 
-    /// Seconds used.
+    /// The same clock, `before` counted in, which earlier commands took.
+    #[must_use]
+    pub fn after(self, before: Duration) -> Self {
+        Self { before, ..self }
+    }
+
+    /// Seconds used, those of earlier commands among them.
     pub fn seconds(&self) -> f64 {
         self.before.saturating_add(self.start.elapsed()).as_secs_f64()
+    }
+
+    /// Seconds of this command.
+    pub fn own_seconds(&self) -> f64 {
+        self.start.elapsed().as_secs_f64()
     }
 }
 
@@ -48,6 +99,34 @@ impl Budget {
             (None, Some(seconds)) => Total::Time(duration(seconds)),
             (None, None) => Total::Unknown,
         }
+    }
+
+    /// The budget of a run that goes on after `seconds` of earlier commands. A limit in seconds is this command's own,
+    /// so that shares go on as in one run of both times.
+    #[must_use]
+    pub fn after(self, seconds: f64) -> Self {
+        Self { seconds: self.seconds.map(|limit| limit + seconds), ..self }
+    }
+
+    /// Refuses a run that the limit in seconds ended before `min_steps` steps, or without a single one of this
+    /// command.
+    pub fn check_steps(&self, done: Done, min_steps: u32) -> Result<(), TooShort> {
+        let Some(limit) = self.seconds.filter(|_| self.steps.is_none_or(|steps| done.steps < steps)) else {
+            return Ok(());
+        };
+        let found = done.steps.saturating_sub(done.before);
+        let expected = min_steps.saturating_sub(done.before).max(min_steps.min(1));
+        if found >= expected {
+            return Ok(());
+        }
+        // Where no step tells what one takes, training gets as long as everything before it.
+        let step = (found > 0).then(|| (done.seconds - done.prepared) / f64::from(found));
+        let training = step.map_or(done.prepared, |step| 1.5 * step * f64::from(expected)).max(1.0);
+        // What is kept for the end grows with the limit.
+        let kept = (done.reserve / limit).clamp(0.0, 0.5);
+        let enough = ((done.prepared + training) / (1.0 - kept)).max(limit).ceil() + 1.0;
+        let Done { prepared, reserve, .. } = done;
+        Err(TooShort { limit, expected, found, prepared, reserve, enough })
     }
 
     /// Share of the budget that is used, `0..=1`; `reserve` seconds at the end belong to others.
@@ -63,4 +142,52 @@ impl Budget {
 pub fn learning_rate(config: &OptimiserConfig, step: u32, share: f64) -> f64 {
     let warm = if config.warm_up == 0 { 1.0 } else { f64::from(step + 1) / f64::from(config.warm_up) };
     config.rate * config.final_share.powf(share) * warm.min(1.0)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_limit_in_seconds_is_the_commands_own_and_shares_go_on() {
+        let budget = Budget { steps: None, seconds: Some(4.0) };
+        // Stopped after 4 of 8 seconds and taken up for 4: as in one run.
+        let taken_up = budget.after(4.0);
+        assert_eq!(taken_up.share(0, 4.0, 0.0), Budget { seconds: Some(8.0), ..budget }.share(0, 4.0, 0.0));
+        assert_eq!((taken_up.share(0, 7.0, 1.0), taken_up.share(0, 8.0, 0.0)), (1.0, 1.0));
+        let steps = Budget { steps: Some(10), seconds: None };
+        assert_eq!(steps.after(1e9), steps);
+    }
+
+    #[test]
+    fn a_limit_that_leaves_too_few_steps_is_refused_with_one_that_does() {
+        let budget = Budget { steps: None, seconds: Some(10.0) };
+        let done = Done { before: 0, steps: 0, prepared: 6.0, seconds: 8.5, reserve: 2.0 };
+        let none = budget.check_steps(done, MIN_STEPS).expect_err("no step");
+        let text = none.to_string();
+        for part in
+            ["--max-seconds 10:", "at least 20 steps", "for 0", "took 6.0 s", "2.0 s are kept", "--steps"]
+        {
+            assert!(text.contains(part), "{part}: {text}");
+        }
+        // As long for training as for reading, and a fifth for the end.
+        assert_eq!(none.enough, 16.0);
+        let slow = budget.check_steps(Done { steps: 2, seconds: 8.0, ..done }, MIN_STEPS).expect_err("two");
+        assert!(slow.enough >= 6.0 + 20.0 && text.contains(&format!("--max-seconds {} or", none.enough)));
+        for fine in [
+            Done { steps: MIN_STEPS, ..done },
+            // Three more, of a run that has many.
+            Done { before: 30, steps: 33, ..done },
+        ] {
+            assert_eq!(budget.check_steps(fine, MIN_STEPS), Ok(()));
+        }
+        assert_eq!(
+            budget.check_steps(Done { before: 30, steps: 30, ..done }, MIN_STEPS).map_err(|e| e.expected),
+            Err(1)
+        );
+        // Steps that were asked for, however few; and no limit.
+        let all = Budget { steps: Some(3), ..budget };
+        assert_eq!(all.check_steps(Done { steps: 3, ..done }, MIN_STEPS), Ok(()));
+        assert_eq!(Budget { seconds: None, ..budget }.check_steps(done, MIN_STEPS), Ok(()));
+    }
 }

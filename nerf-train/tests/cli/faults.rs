@@ -1,6 +1,7 @@
 //! Files that are missing, damaged or of another kind; places that cannot be written.
 
 use crate::made::{Array, Folder, scene};
+use crate::tools::there_is;
 use crate::{blob, fails, fit, run};
 use std::path::Path;
 
@@ -205,8 +206,7 @@ fn places_that_cannot_be_written_are_found_out_before_the_work() {
 #[test]
 fn a_full_device_is_reported_naming_the_file() {
     use std::os::unix::fs::symlink;
-    if !Path::new("/dev/full").exists() {
-        println!("skipped: no /dev/full");
+    if !there_is("/dev/full", Path::new("/dev/full").exists()) {
         return;
     }
     let (folder, file) = blob();

@@ -1,6 +1,7 @@
 //! An input is never an output: every command, and every way in which an output can be an input.
 
 use crate::made::Folder;
+use crate::tools::all_here;
 use crate::{blob, command, fit, ok, ran};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -235,10 +236,8 @@ fn derived_outputs_are_no_inputs_either() {
         ("r/sweep.json", &["sweep", "scene", "data", "--config", "IN", "-o", "r", "--width", "8,16"]),
         ("v.mp4", &["render", "IN", "-o", "v.gif", "--orbit", "2"]),
     ];
-    let has_ffmpeg = std::process::Command::new("ffmpeg").arg("-version").output().is_ok();
     for (file, args) in cases {
-        if file.ends_with(".mp4") && !has_ffmpeg {
-            println!("skipped: no ffmpeg on this machine");
+        if file.ends_with(".mp4") && !all_here(&["ffmpeg"]) {
             continue;
         }
         // The input under that name; as a link to one elsewhere; as another name of one elsewhere.

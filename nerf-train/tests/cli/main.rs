@@ -1,5 +1,8 @@
 //! The command line from end to end, on scenes of 24×24 pixels.
 
+#[allow(dead_code, reason = "shared with the tests that span the crates")]
+#[path = "../../../tests/src/browser.rs"]
+mod browser;
 #[path = "../laws/import/made.rs"]
 mod checkpoint;
 mod completions;
@@ -10,10 +13,12 @@ mod export;
 mod exr;
 mod faults;
 mod fields;
+mod floors;
 mod grid_fit;
 mod import;
 mod inputs;
 mod json;
+mod limits;
 mod made;
 mod picture;
 mod pipeline;
@@ -29,6 +34,9 @@ mod space;
 mod stopping;
 mod storage;
 mod study;
+#[allow(dead_code, reason = "shared with the tests that span the crates")]
+#[path = "../../../tests/src/tools.rs"]
+mod tools;
 mod untrusted;
 mod video;
 mod views;

@@ -1,6 +1,7 @@
 //! Names and sizes are checked before the work, and what was not named is not replaced.
 
 use crate::made::{Folder, names};
+use crate::tools::all_here;
 use crate::{blob, command, fails, fit, ok, ran, run};
 use nerf_core::blob::{Content, PictureFacts, Provenance};
 use nerf_core::encoding::{AngleScale, SinusoidalEncoding};
@@ -164,7 +165,7 @@ fn files_that_were_not_named_are_replaced_only_if_they_are_our_own() {
         }
     };
     let orbit = ["--orbit", "2"];
-    if std::process::Command::new("ffmpeg").arg("-version").output().is_ok() {
+    if all_here(&["ffmpeg"]) {
         stranger("film.mp4");
         refused("film.gif", &orbit, "film.mp4");
         assert!(!Path::new(&folder.path("film.gif")).exists());
@@ -175,8 +176,6 @@ fn files_that_were_not_named_are_replaced_only_if_they_are_our_own() {
         let out = folder.path("out");
         fails(["demo", "--out", &out, "--steps", "3"], &["orbit.mp4", "did not make it"]);
         assert_eq!(names(Path::new(&out)), ["orbit.mp4"]);
-    } else {
-        println!("skipped: no ffmpeg on this machine");
     }
     stranger("view_z_depth.png");
     refused("view.png", &["--outputs", "rgb,z-depth"], "view_z_depth.png");

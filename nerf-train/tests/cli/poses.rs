@@ -2,6 +2,7 @@
 
 use crate::made::{Folder, names};
 use crate::stopping::Running;
+use crate::tools;
 use crate::{Ran, command, fails, fit, fit_grid, interruptible, ok, ran};
 use std::fs;
 use std::os::unix::fs::{MetadataExt, PermissionsExt};
@@ -209,21 +210,12 @@ fn a_signal_ends_colmap_and_leaves_nothing() {
     }
 }
 
-/// `$NERF_DATA`, or `../shared/data` beside the workspace.
-fn cup() -> Option<PathBuf> {
-    let beside = || Path::new(env!("CARGO_MANIFEST_DIR")).join("../../shared/data");
-    let data = std::env::var_os("NERF_DATA").map_or_else(beside, PathBuf::from);
-    Some(data.join("real/cup_colmap/images")).filter(|folder| folder.is_dir())
-}
-
 #[test]
 fn the_real_colmap_finds_the_poses_of_twelve_photographs() {
-    let has_colmap = Command::new("colmap").arg("help").output().is_ok();
-    assert!(has_colmap || std::env::var_os("CI").is_none(), "no colmap on this machine");
-    let Some(cup) = cup().filter(|_| has_colmap) else {
-        println!("skipped: no colmap, or no data");
+    if !tools::all_here(&["colmap"]) {
         return;
-    };
+    }
+    let Some(cup) = tools::data("real/cup_colmap/images") else { return };
     let folder = Folder::new();
     let photos = folder.path("cup");
     fs::create_dir(&photos).expect("a folder");

@@ -1,8 +1,9 @@
 //! `show`: its files, its errors, and its page in a browser.
 
+use crate::browser::{chromium, noted};
 use crate::made::Folder;
 use crate::{fails, json, ok};
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::process::Command;
 
 /// A scene in a folder of its own, shown with some arguments.
@@ -60,22 +61,9 @@ fn wrong_flags_of_show_are_named() {
     fails(["show", "nowhere.npz", "-o", &output], &["show.html", "folder"]);
 }
 
-/// The first browser that is there: `$CHROMIUM`, or one in `PATH`.
-fn chromium() -> Option<PathBuf> {
-    let named = std::env::var_os("CHROMIUM").map(PathBuf::from);
-    let path = std::env::var_os("PATH").unwrap_or_default();
-    let names = ["chromium", "chromium-browser", "google-chrome"];
-    let in_path = std::env::split_paths(&path).flat_map(|folder| names.map(|name| folder.join(name)));
-    named.into_iter().chain(in_path).find(|program| program.is_file())
-}
-
 /// The page's document after it has driven itself (`#selftest`); `None` without a browser.
 fn driven(folder: &Folder, page: &Path) -> Option<String> {
-    let Some(program) = chromium() else {
-        println!("skipped: no chromium (set CHROMIUM, or put it into PATH)");
-        return None;
-    };
-    let output = Command::new(program)
+    let output = Command::new(chromium()?)
         .args(["--headless=new", "--no-sandbox", "--disable-gpu", "--disable-dev-shm-usage"])
         .args(["--window-size=1000,700", "--virtual-time-budget=20000", "--dump-dom"])
         .arg(format!("--user-data-dir={}", folder.path("browser")))
@@ -83,13 +71,6 @@ fn driven(folder: &Folder, page: &Path) -> Option<String> {
         .output()
         .expect("the browser starts");
     Some(String::from_utf8_lossy(&output.stdout).into_owned())
-}
-
-/// The value of `data-<name>` of the page's body.
-fn noted<'d>(document: &'d str, name: &str) -> &'d str {
-    let body = document.split("<body").nth(1).and_then(|rest| rest.split('>').next()).expect("a body");
-    let value = body.split(&format!("data-{name}=\"")).nth(1).and_then(|rest| rest.split('"').next());
-    value.unwrap_or_else(|| panic!("no data-{name}: {body}"))
 }
 
 #[test]

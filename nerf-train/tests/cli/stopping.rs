@@ -30,8 +30,9 @@ impl Running {
     }
 
     pub fn signal(&mut self, name: &str) {
-        let sent = Command::new("kill").args([&format!("-{name}"), &self.child().id().to_string()]).status();
-        assert!(sent.expect("kill").success());
+        // By the shell, which is everywhere: the program `kill` is not.
+        let script = format!("kill -{name} {}", self.child().id());
+        assert!(Command::new("sh").args(["-c", &script]).status().expect("sh").success());
     }
 
     fn interrupt(&mut self) {

@@ -1,23 +1,15 @@
 //! Orbits and paths as GIF, MP4 and folders of frames.
 
 use crate::made::{Array, Folder, names};
+use crate::tools::all_here;
 use crate::{Ran, blob, command, fails, ok, ran, run};
 use std::path::Path;
-use std::process::Command;
 
 const ORBIT: &[&str] = &["--orbit", "3", "--width", "17", "--height", "9"];
 
 /// Renders the blob of all tests to `output`.
 fn render<'a>(file: &'a str, output: &'a str, more: &[&'a str]) -> Vec<&'a str> {
     [&["render", file, "-o", output], more].concat()
-}
-
-fn has_ffmpeg() -> bool {
-    let has = Command::new("ffmpeg").arg("-version").output().is_ok();
-    if !has {
-        println!("skipped: no ffmpeg on this machine");
-    }
-    has
 }
 
 /// On a `PATH` that holds nothing.
@@ -42,7 +34,7 @@ fn picture(path: &str) -> image::DynamicImage {
 
 #[test]
 fn a_gif_comes_with_an_mp4_beside_it() {
-    if !has_ffmpeg() {
+    if !all_here(&["ffmpeg"]) {
         return;
     }
     let (_, file) = blob();

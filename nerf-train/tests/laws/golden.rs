@@ -1,21 +1,11 @@
 //! Volume rendering against the published figures of the CS180 course.
 
+use crate::tools::data;
 use nerf_core::volume::composite;
-use std::path::{Path, PathBuf};
-
-/// The data folder: `$NERF_DATA`, or `../shared/data` beside the workspace.
-pub fn data() -> PathBuf {
-    let beside = || Path::new(env!("CARGO_MANIFEST_DIR")).join("../../shared/data");
-    std::env::var_os("NERF_DATA").map_or_else(beside, PathBuf::from)
-}
 
 #[test]
 fn composite_equals_the_course_to_four_decimals() {
-    let file = data().join("golden/cs180_volrender.npz");
-    if !file.is_file() {
-        println!("skipped: no data ({})", file.display());
-        return;
-    }
+    let Some(file) = data("golden/cs180_volrender.npz") else { return };
     let file = std::fs::File::open(&file).expect("a file");
     let mut archive = zip::ZipArchive::new(file).expect("an archive");
     let mut array = |key: &str| -> Vec<f32> {

@@ -9,6 +9,9 @@ mod pages;
 mod parity_dfdx;
 mod quality;
 mod rooms;
+#[allow(dead_code, reason = "shared with the tests that span the crates")]
+#[path = "../../../tests/src/tools.rs"]
+mod tools;
 mod training;
 
 use nerf_core::Kernel;
@@ -81,6 +84,7 @@ fn by_tape(config: Config) -> Config {
 fn options(config: &Config, checkpoint: Option<PathBuf>, resume: bool) -> RunOptions {
     RunOptions {
         budget: Budget { steps: Some(config.optimiser.steps), seconds: None },
+        min_steps: 0,
         checkpoint,
         checkpoint_every: f64::INFINITY,
         resume,

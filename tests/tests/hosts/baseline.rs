@@ -20,7 +20,7 @@ use std::fmt::Write;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
-const TOOLS: [&str; 3] = ["cc", "abidw", "abidiff"];
+const TOOLS: [&str; 2] = ["abidw", "abidiff"];
 
 fn baseline() -> PathBuf {
     paths::workspace().join("tests/abi/nerf_render.abi")

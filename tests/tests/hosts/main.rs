@@ -7,5 +7,6 @@ mod firmware;
 mod header;
 mod packages;
 mod renderers;
+mod tools;
 mod watched;
 mod web;

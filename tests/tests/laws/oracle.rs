@@ -6,8 +6,7 @@ use nerf_tests::oracle::gradient::{derivative, gradient};
 use nerf_tests::oracle::network::{Dense, Encoding, Network, f16, sigmoid, softplus};
 use nerf_tests::oracle::sampling::{clip, inverse_cdf, middles};
 use nerf_tests::oracle::volume::composite;
-use nerf_tests::paths;
-use nerf_tests::tools::say_skipped;
+use nerf_tests::tools;
 use std::fs::File;
 use std::io::BufReader;
 use std::path::Path;
@@ -144,8 +143,8 @@ fn array(archive: &mut ZipArchive<BufReader<File>>, key: &str) -> Vec<f64> {
 
 #[test]
 fn volume_rendering_is_the_course_s_to_four_decimals() {
-    let Some(data) = paths::data() else { return say_skipped("no data") };
-    let mut file = archive(&data.join("golden/cs180_volrender.npz"));
+    let Some(file) = tools::data("golden/cs180_volrender.npz") else { return };
+    let mut file = archive(&file);
     let mut get = |key: &str| array(&mut file, key);
     let (sigmas, rgbs, step, expected) =
         (get("sigmas"), get("rgbs"), get("step_size")[0], get("expected_4dp"));
@@ -189,15 +188,15 @@ fn original(file: &Path) -> Network {
 
 #[test]
 fn the_original_network_says_what_the_original_code_computed() {
-    let Some(data) = paths::data() else { return say_skipped("no data") };
-    let text = std::fs::read_to_string(data.join("nets/tf_reference_samples.json")).expect("the samples");
+    let Some(nets) = tools::data("nets") else { return };
+    let text = std::fs::read_to_string(nets.join("tf_reference_samples.json")).expect("the samples");
     let json: serde_json::Value = serde_json::from_str(&text).expect("JSON");
     let numbers = |value: &serde_json::Value| -> Vec<f64> {
         value.as_array().expect("numbers").iter().map(|x| x.as_f64().expect("a number")).collect()
     };
     let (mut checked, mut worst) = (0, [0.0f64; 2]);
     for name in ["coarse", "fine"] {
-        let network = original(&data.join(format!("nets/lego_200k_{name}.npz")));
+        let network = original(&nets.join(format!("lego_200k_{name}.npz")));
         for ray in json["examples"].as_array().expect("rays") {
             let [o, d, view] = ["ray_o", "ray_d", "viewdir_unit"].map(|key| numbers(&ray[key]));
             let (sigmas, rgbs) = (numbers(&ray[format!("{name}_sigma")]), &ray[format!("{name}_rgb")]);

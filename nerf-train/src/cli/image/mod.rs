@@ -147,7 +147,7 @@ pub struct Fit {
     /// Seconds between checkpoints.
     #[arg(long, value_name = "S", default_value_t = 30.0)]
     checkpoint_every: f64,
-    /// Stop after so much time; with --steps, at whichever comes first.
+    /// End the whole command after so much time, with --resume this one; with --steps, at whichever comes first.
     #[arg(long, value_name = "S")]
     max_seconds: Option<f64>,
     /// Named settings to start from.

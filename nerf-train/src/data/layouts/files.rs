@@ -5,7 +5,7 @@ use crate::data::layouts::colmap;
 use crate::data::layouts::folders::entries;
 use crate::data::layouts::llff;
 use crate::data::layouts::nerfstudio;
-use crate::data::pictures::file;
+use crate::data::pictures::file::{self, Listings};
 use serde::Deserialize;
 use std::fs::File;
 use std::io::Read;
@@ -78,10 +78,11 @@ fn named_in(list: &Path, folder: &Path) -> Vec<PathBuf> {
     }
     let bytes = bytes.strip_prefix(b"\xef\xbb\xbf").unwrap_or(&bytes);
     let Ok(List { frames }) = serde_json::from_slice(bytes) else { return Vec::new() };
+    let mut listings = Listings::default();
     let of = |frame: Frame| {
         let others =
             [frame.mask_path, frame.depth_file_path].into_iter().flatten().map(|name| folder.join(name));
-        let picture = frame.file_path.and_then(|name| file::locate(folder, &name));
+        let picture = frame.file_path.and_then(|name| listings.locate(folder, &name));
         picture.into_iter().chain(others.filter(|path| path.is_file()))
     };
     frames.into_iter().flat_map(of).collect()

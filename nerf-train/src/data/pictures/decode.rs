@@ -9,6 +9,8 @@ use zune_jpeg::zune_core::options::DecoderOptions;
 
 /// Most pixels of a picture, 16,384 × 16,384: a few bytes of header may ask for any number.
 const MAX_PIXELS: u64 = 1 << 28;
+/// Longest side of a picture, pixels: what a blob can name as its size.
+pub const MAX_SIDE: u32 = 65_535;
 
 /// What says of a file whether it is HEIF, bytes.
 const HEAD_BYTES: u64 = 12;
@@ -51,6 +53,14 @@ pub enum DecodeError {
         /// What the decoder said.
         found: String,
     },
+    /// Its header states a size that is not wanted, see [`decode_of`].
+    #[error("{file}: expected a picture of another size, found {}x{}", found.0, found.1)]
+    Size {
+        /// The file.
+        file: PathBuf,
+        /// Width and height, pixels.
+        found: (u32, u32),
+    },
 }
 
 /// Decodes a picture of any bit depth and channel count, as it is stored, with its EXIF orientation.
@@ -61,6 +71,18 @@ pub enum DecodeError {
 /// [`DecodeError`] names the file. A JPEG that ends early or whose data is damaged is refused too: most
 /// decoders fill the rest with grey and say nothing.
 pub fn decode(file: &Path) -> Result<(DynamicImage, Orientation), DecodeError> {
+    decode_of(file, |_| true)
+}
+
+/// As [`decode`], of a picture whose width and height, as its header states them, are `wanted`: nothing is decoded of
+/// another.
+///
+/// # Errors
+/// As [`decode`]; [`DecodeError::Size`].
+pub fn decode_of(
+    file: &Path,
+    wanted: impl Fn((u32, u32)) -> bool,
+) -> Result<(DynamicImage, Orientation), DecodeError> {
     let bytes = read_limited(file, MAX_PICTURE_BYTES)
         .map_err(|source| DecodeError::Read { file: file.into(), source })?;
     let damaged = |found: String| DecodeError::Damaged { file: file.into(), found };
@@ -71,23 +93,23 @@ pub fn decode(file: &Path) -> Result<(DynamicImage, Orientation), DecodeError> {
     if !format.reading_enabled() {
         return Err(DecodeError::Format { file: file.into() });
     }
-    let picture = |bytes: &[u8]| -> Result<_, String> {
-        let text = |error: image::ImageError| error.to_string();
-        let mut decoder =
-            ImageReader::with_format(Cursor::new(bytes), format).into_decoder().map_err(text)?;
-        // What follows allocates all that the header asks for.
-        let (width, height) = decoder.dimensions();
-        if u64::from(width) * u64::from(height) > MAX_PIXELS {
-            return Err(format!("{width}x{height} pixels, where at most {MAX_PIXELS} are read"));
-        }
-        if format == ImageFormat::Jpeg {
-            check_jpeg(bytes)?;
-        }
-        // A tag that cannot be read is no reason to refuse the picture.
-        let orientation = decoder.orientation().unwrap_or(Orientation::NoTransforms);
-        Ok((DynamicImage::from_decoder(decoder).map_err(text)?, orientation))
-    };
-    picture(&bytes).map_err(damaged)
+    let text = |error: image::ImageError| damaged(error.to_string());
+    let mut decoder = ImageReader::with_format(Cursor::new(&bytes), format).into_decoder().map_err(text)?;
+    // What follows allocates all that the header asks for.
+    let (width, height) = decoder.dimensions();
+    if width.max(height) > MAX_SIDE || u64::from(width) * u64::from(height) > MAX_PIXELS {
+        let most = format!("at most {MAX_SIDE} a side and {MAX_PIXELS} in all are read");
+        return Err(damaged(format!("{width}x{height} pixels, where {most}")));
+    }
+    if !wanted((width, height)) {
+        return Err(DecodeError::Size { file: file.into(), found: (width, height) });
+    }
+    if format == ImageFormat::Jpeg {
+        check_jpeg(&bytes).map_err(damaged)?;
+    }
+    // A tag that cannot be read is no reason to refuse the picture.
+    let orientation = decoder.orientation().unwrap_or(Orientation::NoTransforms);
+    Ok((DynamicImage::from_decoder(decoder).map_err(text)?, orientation))
 }
 
 /// Width and height of a picture as it is stored, from its header, pixels.
@@ -159,5 +181,17 @@ mod tests {
                 "{error}"
             );
         }
+    }
+
+    #[test]
+    fn sides_are_refused_by_the_header() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let file = folder.path().join("wide.png");
+        image::GrayImage::new(MAX_SIDE + 1, 1).save(&file).expect("saved");
+        // The header and the beginning of the pixels.
+        let whole = std::fs::read(&file).expect("read");
+        std::fs::write(&file, &whole[..60]).expect("room");
+        let error = decode(&file).expect_err("too wide").to_string();
+        assert!(error.contains("65536x1 pixels") && error.contains("at most 65535 a side"), "{error}");
     }
 }

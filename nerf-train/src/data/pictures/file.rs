@@ -1,8 +1,10 @@
 //! One picture file to straight 8-bit sRGB and alpha.
 
 use crate::data::DatasetError;
-use crate::data::pictures::decode::{DecodeError, decode as decode_file};
+use crate::data::pictures::decode::{DecodeError, decode_of};
 use image::{DynamicImage, metadata::Orientation};
+use std::collections::{HashMap, HashSet};
+use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 
 /// Endings of pictures, in the order in which a name without one is completed.
@@ -29,20 +31,29 @@ pub(crate) struct Decoded {
 /// Width and height as far as the poses' file states them, pixels.
 pub(crate) type StatedSize = (Option<f64>, Option<f64>);
 
-/// Decodes a picture of any depth and channel count, as it is stored.
-pub(crate) fn decode(file: &Path) -> Result<Decoded, DatasetError> {
+/// Decodes a picture of any depth and channel count, as it is stored. Of one that is not of the `stated` size, not even
+/// lying on its side, only the header is read.
+pub(crate) fn decode(file: &Path, stated: StatedSize) -> Result<Decoded, DatasetError> {
     let bad = |found: String| DatasetError::Picture { file: file.into(), found };
-    let (image, orientation) = decode_file(file).map_err(|error| match error {
+    let wanted = |size: (u32, u32)| fits(size, stated) || fits((size.1, size.0), stated);
+    let (image, orientation) = decode_of(file, wanted).map_err(|error| match error {
         DecodeError::Read { file, source } => DatasetError::io(&file, source),
         DecodeError::Format { .. } => bad("another kind of file".into()),
         DecodeError::Heif { .. } => DatasetError::Heif { file: file.into() },
         DecodeError::Damaged { found, .. } => bad(found),
+        DecodeError::Size { file, found } => other_size(&file, stated, found),
     })?;
     let (width, height) = (image.width(), image.height());
-    if width == 0 || height == 0 || width > 65_535 || height > 65_535 {
+    if width == 0 || height == 0 {
         return Err(bad(format!("{width}x{height} pixels")));
     }
     Ok(Decoded { image, orientation })
+}
+
+/// That a picture is not of the size that is stated.
+pub(crate) fn other_size(file: &Path, stated: StatedSize, found: (u32, u32)) -> DatasetError {
+    let expected = (stated.0.unwrap_or(found.0.into()), stated.1.unwrap_or(found.1.into()));
+    DatasetError::PictureSize { file: file.into(), expected, found }
 }
 
 /// Whether a picture of `found` pixels is one of the `stated` width and height, or that one scaled evenly.
@@ -112,8 +123,112 @@ pub(crate) fn locate(folder: &Path, file_path: &str) -> Option<PathBuf> {
     })
 }
 
+/// The names in folders, each folder listed once: a million pictures that are nowhere are not each looked for under
+/// every ending.
+#[derive(Default)]
+pub(crate) struct Listings(HashMap<PathBuf, Option<HashSet<String>>>);
+
+impl Listings {
+    /// As [`locate`].
+    pub(crate) fn locate(&mut self, folder: &Path, file_path: &str) -> Option<PathBuf> {
+        let written = folder.join(file_path.replace('\\', "/"));
+        // Systems differ in which other letters they take for the same.
+        if let (Some(parent), Some(name)) = (written.parent(), written.file_name())
+            && let Some(name) = name.to_str().filter(|name| name.is_ascii())
+        {
+            let names = self.0.entry(parent.into()).or_insert_with(|| names_in(parent));
+            if names.as_ref().is_some_and(|names| !names.contains(&name.to_lowercase())) {
+                return None;
+            }
+        }
+        locate(folder, file_path)
+    }
+}
+
+/// Names in a folder, with and without their endings, in lower case; none of a folder that is not there, `None` of one
+/// that cannot be listed.
+fn names_in(folder: &Path) -> Option<HashSet<String>> {
+    let folder = if folder.as_os_str().is_empty() { Path::new(".") } else { folder };
+    let entries = match std::fs::read_dir(folder) {
+        Ok(entries) => entries,
+        Err(error) if matches!(error.kind(), ErrorKind::NotFound | ErrorKind::NotADirectory) => {
+            return Some(HashSet::new());
+        }
+        Err(_) => return None,
+    };
+    let mut names = HashSet::new();
+    for entry in entries {
+        let name = PathBuf::from(entry.ok()?.file_name());
+        for name in [name.file_name(), name.file_stem()].into_iter().flatten() {
+            names.insert(name.to_string_lossy().to_lowercase());
+        }
+    }
+    Some(names)
+}
+
 /// Whether a file's name ends as those of pictures do, also of such as are refused.
 pub(crate) fn is_picture_name(path: &Path) -> bool {
     let ending = path.extension().and_then(|ending| ending.to_str()).unwrap_or_default().to_ascii_lowercase();
     ENDINGS.into_iter().chain(REFUSED_ENDINGS).any(|known| known == ending)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::time::Instant;
+
+    #[test]
+    fn a_listed_folder_has_what_is_found_by_asking() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let at = folder.path();
+        std::fs::create_dir(at.join("sub")).expect("a folder");
+        for name in ["a.png", "B.JPG", "r_0.5.png", "plain", "sub/c.webp", "ä.png"] {
+            std::fs::write(at.join(name), "").expect("room");
+        }
+        let mut listings = Listings::default();
+        let (mut found, mut all) = (0, 0);
+        for name in [
+            "a",
+            "a.png",
+            "A",
+            "B",
+            "B.jpg",
+            "b",
+            "r_0",
+            "r_0.5",
+            "plain",
+            "sub",
+            "sub/c",
+            "sub\\c",
+            "sub/../a",
+            "./a",
+            "ä",
+            "",
+            ".",
+            "..",
+            "nowhere/a",
+            "a.png/b",
+            "sub/",
+            "a/",
+        ] {
+            let asked = locate(at, name);
+            assert_eq!(listings.locate(at, name), asked, "{name}");
+            (found, all) = (found + usize::from(asked.is_some()), all + 1);
+        }
+        assert!(found >= 10 && found < all, "{found} of {all}");
+    }
+
+    #[test]
+    fn pictures_that_are_nowhere_are_not_looked_for_one_by_one() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let names: Vec<String> = (0..20_000).map(|i| format!("images/{i:06}")).collect();
+        std::fs::create_dir(folder.path().join("images")).expect("a folder");
+        let begun = Instant::now();
+        assert!(names.iter().all(|name| locate(folder.path(), name).is_none()));
+        let (asked, begun) = (begun.elapsed(), Instant::now());
+        let mut listings = Listings::default();
+        assert!(names.iter().all(|name| listings.locate(folder.path(), name).is_none()));
+        let listed = begun.elapsed();
+        assert!(4 * listed < asked, "{listed:?} instead of {asked:?}");
+    }
 }

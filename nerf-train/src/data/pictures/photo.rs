@@ -82,13 +82,13 @@ impl Source<'_> {
         optics: impl FnOnce((f64, f64), &mut Vec<String>) -> Result<Optics, DatasetError>,
     ) -> Result<Loaded, DatasetError> {
         let mut notes = Vec::new();
-        let mut decoded = file::decode(&photo.path)?;
+        let mut decoded = file::decode(&photo.path, photo.stated)?;
         notes.extend(decoded.turn_to(photo.stated, self.says));
         let found = decoded.size();
         let own = (f64::from(found.0), f64::from(found.1));
         let (w, h) = (photo.stated.0.unwrap_or(own.0), photo.stated.1.unwrap_or(own.1));
         if !file::fits(found, photo.stated) {
-            return Err(DatasetError::PictureSize { file: photo.path, expected: (w, h), found });
+            return Err(file::other_size(&photo.path, photo.stated, found));
         }
         let optics = optics((w, h), &mut notes)?;
         let (width, height) = photo.downscale.map_or(found, |downscale| {
@@ -155,11 +155,11 @@ impl Source<'_> {
 
 /// Which pixels count, at the size `to` of a picture of `size`: all that the mask is not black at.
 fn read_mask(file: &Path, size: (u32, u32), to: (u32, u32)) -> Result<Vec<bool>, DatasetError> {
-    let decoded = file::decode(file)?;
+    let stated = (Some(size.0.into()), Some(size.1.into()));
+    let decoded = file::decode(file, stated)?;
     let found = decoded.size();
-    if !file::fits(found, (Some(size.0.into()), Some(size.1.into()))) {
-        let expected = (size.0.into(), size.1.into());
-        return Err(DatasetError::PictureSize { file: file.into(), expected, found });
+    if !file::fits(found, stated) {
+        return Err(file::other_size(file, stated, found));
     }
     let kept: Vec<bool> = match decoded.image {
         DynamicImage::ImageLuma8(image) => image.into_raw().into_iter().map(|value| value > 0).collect(),

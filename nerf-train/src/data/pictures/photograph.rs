@@ -1,12 +1,10 @@
 //! A photograph, read and made ready: upright, opaque, three channels.
 
+pub use crate::data::pictures::decode::MAX_SIDE;
 use crate::data::pictures::decode::{DecodeError, decode};
 use crate::data::pictures::rgb::Picture;
 use image::{DynamicImage, imageops::FilterType, metadata::Orientation};
 use std::path::{Path, PathBuf};
-
-/// Longest side of a photograph, pixels: what a blob can name as its size.
-pub const MAX_SIDE: u32 = 65_535;
 
 /// A photograph.
 #[derive(Clone, Debug, PartialEq)]

@@ -224,3 +224,29 @@ fn a_photograph_of_another_size_among_good_ones_is_named() {
     save(&folder, "b.png", ramp(8, 4));
     assert!(!warnings(&focal).contains("sizes"), "{}", warnings(&focal));
 }
+
+/// The header of a BMP of 24 bits a pixel, without its pixels.
+fn header_alone(width: i32, height: i32) -> Vec<u8> {
+    let sizes = [54i32, 40, width, height].map(i32::to_le_bytes).concat();
+    [&b"BM\x36\0\0\0\0\0\0\0"[..], &sizes, &[1, 0, 24, 0], &[0; 24]].concat()
+}
+
+#[test]
+fn of_a_picture_of_another_size_only_the_header_is_read() {
+    let folder = tempfile::tempdir().expect("a folder");
+    save(&folder, "a.png", ramp(8, 4));
+    let large = folder.path().join("large.png");
+    std::fs::write(&large, header_alone(16_000, 16_000)).expect("written");
+    let path = write(&folder, &["large.png"], &json!({}));
+    assert_names(&error_of(&path), &["large.png", "8x4 pixels", "found 16000x16000"]);
+    // A mask's size is its picture's.
+    let mut value: Value = serde_json::from_slice(&std::fs::read(&path).expect("read")).expect("JSON");
+    (value["frames"][0]["file_path"], value["frames"][0]["mask_path"]) = (json!("a.png"), json!("large.png"));
+    std::fs::write(&path, value.to_string()).expect("written");
+    assert_names(&error_of(&path), &["large.png", "8x4 pixels", "found 16000x16000"]);
+    // One that lies on its side may be turned, for which it is decoded.
+    std::fs::write(&large, header_alone(4, 8)).expect("written");
+    let path = write(&folder, &["large.png"], &json!({}));
+    let error = error_of(&path);
+    assert!(error.contains("large.png") && !error.contains("8x4"), "{error}");
+}

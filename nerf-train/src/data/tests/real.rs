@@ -1,18 +1,7 @@
-//! On the data in `$NERF_DATA` or beside the workspace; skipped where there are none.
+//! On real scenes (`crate::tools::data`).
 
 use super::*;
-use std::path::PathBuf;
-
-fn data(name: &str) -> Option<PathBuf> {
-    let beside = concat!(env!("CARGO_MANIFEST_DIR"), "/../../shared/data");
-    let root = std::env::var_os("NERF_DATA").map_or(PathBuf::from(beside), PathBuf::from);
-    let path = root.join(name);
-    if !path.exists() {
-        println!("skipped: no data ({})", path.display());
-        return None;
-    }
-    Some(path)
-}
+use crate::tools::data;
 
 fn read_as(path: &Path, axes: Axes) -> Dataset {
     read(path, &ReadOptions { axes: Some(axes), ..Default::default() }).expect("real data")

@@ -2,7 +2,7 @@
 
 mod summary;
 
-use super::drive::{Ended, File, Task, drive};
+use super::drive::{Ended, File, Task, drive, nothing_done};
 use super::pace::VALIDATION_SHARE;
 use crate::data::pictures::photograph::Photo;
 use crate::data::pictures::rgb::Picture;
@@ -14,7 +14,7 @@ use crate::model::picture_config::FieldConfig;
 use crate::train::CurvePoint;
 use crate::train::checkpoint::CheckpointError;
 use crate::train::field::{FieldCheckpoint, FieldTrainError, FieldTrainer};
-use crate::train::schedule::{Budget, Clock, duration};
+use crate::train::schedule::{Budget, Clock, Done, MIN_STEPS, TooShort, duration};
 use nerf_core::Kernel;
 use nerf_core::blob::{Blob, BlobError};
 use nerf_core::math::MathBackend;
@@ -36,6 +36,9 @@ pub enum FieldError {
     /// Training.
     #[error("{0}")]
     Train(#[from] FieldTrainError),
+    /// A limit in seconds.
+    #[error("{0}")]
+    TooShort(#[from] TooShort),
     /// The own blob cannot be opened.
     #[error("own blob: {0}")]
     Blob(#[from] BlobError),
@@ -64,7 +67,7 @@ pub struct Evaluation<'a> {
 /// How a run is conducted.
 #[derive(Clone, Debug)]
 pub struct RunOptions {
-    /// Limits.
+    /// Limits; one in seconds is of this command, also where it goes on from a checkpoint.
     pub budget: Budget,
     /// Where the blob goes, at the end or when a signal ends the run; without it a signal leaves nothing of the run.
     pub output: Option<PathBuf>,
@@ -191,7 +194,7 @@ pub fn run(
         let checkpoint = FieldCheckpoint::read(path)?;
         checkpoint.check_belongs(path, photo, trainer.config())?;
         before = checkpoint.seconds;
-        clock = Clock::resume(duration(before));
+        clock = clock.after(duration(before));
         trainer.restore(checkpoint).map_err(|error| CheckpointError::Format {
             path: path.into(),
             found: format!("a damaged one ({error})"),
@@ -199,6 +202,8 @@ pub fn run(
     }
     let mut session = Session {
         started: (trainer.steps(), clock.seconds()),
+        prepared: clock.own_seconds(),
+        budget: options.budget.after(clock.seconds() - clock.own_seconds()),
         trainer,
         photo,
         options,
@@ -222,12 +227,21 @@ struct Session<'a, 'p> {
     time: EvaluationTime,
     /// Steps and seconds at the start, or when the run was taken up again.
     started: (u32, f64),
+    /// Seconds of this command before its first step.
+    prepared: f64,
+    /// Limits, what earlier commands took counted in.
+    budget: Budget,
     /// Seconds from the start until the last step.
     train_seconds: f64,
     each: &'a mut dyn FnMut(Evaluation<'_>),
 }
 
 impl Session<'_, '_> {
+    /// Share of the budget that is used, what is kept for the end left out.
+    fn share_at(&self, step: u32, seconds: f64) -> f64 {
+        self.budget.share(step, seconds, self.time.reserve(&self.options.budget))
+    }
+
     /// The whole picture as the run stands, and its PSNR, dB.
     fn evaluate(&mut self) -> Result<(Picture, f64), FieldError> {
         let (step, bytes) = (self.trainer.steps(), self.trainer.export(None)?.bytes);
@@ -275,26 +289,35 @@ impl Task for Session<'_, '_> {
     }
 
     fn share(&mut self, last_step: f64) -> Result<f64, FieldError> {
-        let budget = self.options.budget;
-        if budget.seconds.is_some() && self.time.one.is_none() && self.steps() > self.started.0 {
+        if self.budget.seconds.is_some() && self.time.one.is_none() && self.steps() > self.started.0 {
             self.time.one = Some(self.evaluation_seconds()?);
         }
-        Ok(budget.share(self.steps(), self.clock.seconds() + last_step, self.time.reserve(&budget)))
+        Ok(self.share_at(self.steps(), self.clock.seconds() + last_step))
+    }
+
+    fn check_steps(&self) -> Result<(), FieldError> {
+        let done = Done {
+            before: self.started.0,
+            steps: self.steps(),
+            prepared: self.prepared,
+            seconds: self.clock.own_seconds(),
+            reserve: self.time.reserve(&self.options.budget),
+        };
+        Ok(self.options.budget.check_steps(done, MIN_STEPS)?)
     }
 
     fn due(&self, share: f64, ended: bool) -> Option<()> {
-        let (step, budget) = (self.steps(), self.options.budget);
+        let step = self.steps();
         let last = self.last_evaluation().map(|point| (point.step, point.seconds));
         if ended || last.is_some_and(|(at, _)| at == step) {
             return None;
         }
-        let then =
-            last.map_or(0.0, |(step, seconds)| budget.share(step, seconds, self.time.reserve(&budget)));
+        let then = last.map_or(0.0, |(step, seconds)| self.share_at(step, seconds));
         let due = match self.options.evaluate_every {
             Some(every) => step > 0 && step.is_multiple_of(every.max(1)),
             None => share - then >= 1.0 / EVALUATIONS,
         };
-        let affordable = budget.seconds.is_none() || self.time.affords(self.clock.seconds());
+        let affordable = self.budget.seconds.is_none() || self.time.affords(self.clock.seconds());
         (due && affordable || self.options.snapshots.contains(&step)).then_some(())
     }
 
@@ -349,6 +372,9 @@ impl Task for Session<'_, '_> {
 
     fn ended(&mut self) -> String {
         self.train_seconds = self.clock.seconds();
+        if self.options.resume && self.steps() == self.started.0 {
+            return nothing_done(self.steps());
+        }
         format!("{} steps, {:.0} thousand pixels/s", self.steps(), self.pixels_per_second() / 1e3)
     }
 

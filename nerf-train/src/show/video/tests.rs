@@ -1,4 +1,5 @@
 use super::*;
+use crate::tools::all_here;
 
 fn ball(width: usize, height: usize, shift: usize) -> Picture {
     let pixel = |i: usize| {
@@ -38,10 +39,10 @@ fn odd_frames_repeat_their_last_column_and_row() {
 
 #[test]
 fn every_size_becomes_a_video_or_an_error() {
-    let Ok(ffmpeg) = Ffmpeg::find(None) else {
-        println!("skipped: no ffmpeg on this machine");
+    if !all_here(&["ffmpeg"]) {
         return;
-    };
+    }
+    let ffmpeg = Ffmpeg::find(None).unwrap();
     for encoder in [Encoder::X264, Encoder::Mpeg4] {
         let ffmpeg = Ffmpeg { encoder, ..ffmpeg.clone() };
         let folder = tempfile::tempdir().unwrap();
@@ -61,10 +62,10 @@ fn every_size_becomes_a_video_or_an_error() {
 
 #[test]
 fn wrong_calls_and_dropped_writers_leave_nothing() {
-    let Ok(ffmpeg) = Ffmpeg::find(None) else {
-        println!("skipped: no ffmpeg on this machine");
+    if !all_here(&["ffmpeg"]) {
         return;
-    };
+    }
+    let ffmpeg = Ffmpeg::find(None).unwrap();
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("a.mp4");
     let create = |width, fps| Mp4Writer::create(&ffmpeg, &path, width, 8, fps);

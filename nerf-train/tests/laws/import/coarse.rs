@@ -2,7 +2,7 @@
 
 use super::made::{Checkpoint, Shape};
 use super::{read, wide};
-use crate::golden::data;
+use crate::tools::data;
 use nerf_core::blob::{Blob, Content, Provenance};
 use nerf_core::network::Role;
 use nerf_train::model::export::Coarse;
@@ -85,11 +85,7 @@ fn the_proposal_has_the_densities_of_the_coarse_network_and_nothing_else_of_it()
 
 #[test]
 fn the_original_coarse_network_becomes_the_proposal_of_the_fine_one() {
-    let nets = data().join("nets");
-    if !nets.is_dir() {
-        println!("skipped: no data ({})", nets.display());
-        return;
-    }
+    let Some(nets) = data("nets") else { return };
     // That the coarse network alone answers as the original code did, `reference.rs` shows.
     let [coarse, fine] =
         ["coarse", "fine"].map(|it| read(&nets.join(format!("lego_200k_{it}.npz")), &wide()));

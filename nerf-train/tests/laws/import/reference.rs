@@ -1,7 +1,7 @@
 //! The original authors' network against outputs of their own code.
 
 use super::{ask, kernels, read, wide};
-use crate::golden::data;
+use crate::tools::data;
 use serde::Deserialize;
 
 #[derive(Deserialize)]
@@ -30,12 +30,8 @@ fn worse(worst: f64, a: f32, b: f64) -> f64 {
 
 #[test]
 fn the_original_network_answers_as_the_original_code_did() {
-    let nets = data().join("nets");
-    let file = nets.join("tf_reference_samples.json");
-    let Ok(text) = std::fs::read_to_string(&file) else {
-        println!("skipped: no data ({})", file.display());
-        return;
-    };
+    let Some(nets) = data("nets") else { return };
+    let text = std::fs::read_to_string(nets.join("tf_reference_samples.json")).expect("the samples");
     let samples: Samples = serde_json::from_str(&text).expect("samples");
     let (mut points, mut dirs) = (Vec::new(), Vec::new());
     for ray in &samples.examples {

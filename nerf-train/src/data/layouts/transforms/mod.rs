@@ -4,7 +4,7 @@ mod camera;
 
 use crate::data::layouts::folders::smaller_copy;
 use crate::data::layouts::found::Found;
-use crate::data::pictures::file::{self};
+use crate::data::pictures::file::{self, Listings};
 use crate::data::pictures::photo::{Fence, Loaded, Photo, Source};
 use crate::data::system::input::{MAX_JSON_BYTES, read_limited, without_mark};
 use crate::data::{Axes, DatasetError, Downscale, ReadOptions, View, Watch};
@@ -116,8 +116,9 @@ impl Transforms {
         let axes = options.axes.unwrap_or(Axes::Opengl);
         let folder = Folder { path, fence: Fence::around(path, options)?, axes, downscale, origin };
         let source = Source { file, says: "the json" };
-        let pictures: Vec<_> =
-            self.frames.iter().map(|(frame, _)| file::locate(path, &frame.file_path)).collect();
+        let mut listings = Listings::default();
+        let locate = |(frame, _): &(Frame, _)| listings.locate(path, &frame.file_path);
+        let pictures: Vec<_> = self.frames.iter().map(locate).collect();
         let views = source.load_all(self.frames.len(), watch, found, |index| {
             let (frame, own) = &self.frames[index];
             pictures[index]
