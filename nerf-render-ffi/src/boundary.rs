@@ -133,7 +133,7 @@ unsafe fn size_of_versioned<T: Versioned>(at: *const T) -> Result<usize, Failure
     }
 }
 
-/// Where `count` structures lie that begin with their size, each of as many bytes as the first says; nowhere at NULL.
+/// Address range of an array of `count` versioned structures, whose stride is the first one's size; empty at NULL.
 ///
 /// # Safety
 /// `first` is NULL or was read by [`read_versioned`].

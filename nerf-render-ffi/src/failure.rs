@@ -79,7 +79,7 @@ pub(crate) enum Failure {
     TwoLimits,
     /// A plane of limits beside rays, whose ends are `t_max`.
     LimitOfRays(&'static str),
-    /// Random numbers beside rays that are not sampled.
+    /// Random numbers given for rays that are rendered, not sampled.
     RandomOfRendered,
     /// A tone map, or exposure of display-encoded values, of an RGBA plane.
     ToneOfAlpha,

@@ -61,7 +61,7 @@ pub(crate) struct Member {
 /// scene's.
 #[repr(align(64))]
 pub struct Worker {
-    /// Whether a call works with it. Every call looks at it, so it lies outside of what one of them borrows.
+    /// Set while a call uses the state. It lies outside of the state, since concurrent calls read it.
     busy: AtomicBool,
     state: UnsafeCell<State>,
 }
@@ -74,7 +74,7 @@ pub(crate) enum Work {
     Picture(&'static mut [Line]),
 }
 
-/// What a call works with: for itself, from when it has set [`Worker::busy`] until it clears it.
+/// State of a worker. A call has it for itself from setting [`Worker::busy`] until clearing it.
 pub(crate) struct State {
     pub(crate) work: Work,
     pub(crate) members: &'static [Member],

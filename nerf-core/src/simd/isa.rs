@@ -64,9 +64,10 @@ impl Isa {
         }
     }
 
-    /// Whether f16 tables of prepared scenes are read where they lie, and not widened to f32 once: everywhere but in
-    /// WebAssembly, which has no instruction to widen f16. Nor has portable code, but there twice the tables' bytes are a
-    /// high price for 2 % of a frame (`docs/kernels.md`).
+    /// Whether f16 tables are read in place. If not, they are widened to f32 once, when a scene is prepared.
+    ///
+    /// WebAssembly widens, since it has no instruction for f16. Portable code has none either, but widening would double the
+    /// tables' memory for 2 % of a frame's time (`docs/kernels.md`).
     pub const fn reads_f16_tables(self) -> bool {
         !matches!(self, Self::Simd128)
     }

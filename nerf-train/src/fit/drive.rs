@@ -172,7 +172,7 @@ pub fn interrupted(step: u32, checkpoint: Option<&Path>) -> String {
     }
 }
 
-/// What a run says that was taken up when all its steps were done.
+/// Message of a resumed run that has no steps left to do.
 pub(super) fn nothing_done(steps: u32) -> String {
     format!("nothing was done: the checkpoint has all {steps} steps; --steps asks for more")
 }

@@ -27,7 +27,7 @@ pub struct Budget {
 pub struct TooShort {
     /// The limit, seconds.
     pub limit: f64,
-    /// Fewest steps that this command had to make.
+    /// Fewest steps that a limit in seconds must leave time for.
     pub expected: u32,
     /// Steps it made.
     pub found: u32,
@@ -42,7 +42,7 @@ pub struct TooShort {
 /// What a command has done when its limit in seconds is reached.
 #[derive(Clone, Copy, Debug)]
 pub struct Done {
-    /// Steps of the runs that it goes on from.
+    /// Steps that earlier runs did, which this command resumes.
     pub before: u32,
     /// Steps in all.
     pub steps: u32,

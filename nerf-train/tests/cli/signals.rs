@@ -59,7 +59,7 @@ fn owned(parts: &[&[&str]]) -> Vec<String> {
     parts.concat().into_iter().map(str::to_owned).collect()
 }
 
-/// Every long command that needs no other program. Those whose span is `NAN` have a checkpoint to go on from.
+/// The long commands that depend on no external program. A span of `NAN` marks a command that resumes from a checkpoint.
 const ROWS: &[Row] = &[
     ("fit", f64::NAN, |i, o| {
         let run = ["--steps", "500", "--validate-every", "25", "--checkpoint-every", "0.05"];

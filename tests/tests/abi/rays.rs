@@ -97,7 +97,7 @@ fn rays(mine: &[Mine], axis: &[f32; 3], target: &ffi::Target) -> ffi::Rays {
     }
 }
 
-/// For `nerf_render_rays`, which draws nothing.
+/// Rays without random numbers, as `nerf_render_rays` takes them.
 fn without_numbers(mine: &[Mine], axis: &[f32; 3], target: &ffi::Target) -> ffi::Rays {
     ffi::Rays { random: ffi::Floats { data: null(), stride: 0 }, ..rays(mine, axis, target) }
 }

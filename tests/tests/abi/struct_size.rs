@@ -181,7 +181,8 @@ fn of_version_2<T: Copy>(value: &T, bytes: usize) -> T {
     value
 }
 
-/// What hosts of version 2 pass, on machines of 64 bits: accepted by every later library of version 2.
+/// Structure sizes that hosts compiled against version 2 pass on 64-bit machines. Every later library of version 2
+/// accepts them.
 #[cfg(target_pointer_width = "64")]
 #[test]
 fn structures_of_version_2_stay_long_enough() {
