@@ -3,6 +3,7 @@
 //! The rooms in the order in which data flows: `data`, `model`, `train`, `measure`, `fit`, `lab`, `show`, `cli`. Each uses
 //! only those in front of it.
 
+pub mod capture;
 pub mod cli;
 pub mod data;
 pub mod fit;

@@ -11,10 +11,11 @@ use crate::data::system::summary::write;
 use crate::data::{Dataset, View};
 use crate::measure::eval::{EvalOptions, Evaluation, own_background};
 use crate::measure::frame;
+use crate::measure::surfaces::{Surfaces, surfaces_in_words};
 use crate::show::table::Table;
 use anyhow::{Context, bail};
 use clap::{Args, ValueEnum};
-use nerf_core::plan::{Batch, Outputs, Plan};
+use nerf_core::plan::{Batch, Plan};
 use std::path::PathBuf;
 use std::process::ExitCode;
 
@@ -92,7 +93,7 @@ impl Eval {
             .settle()?;
         let bytes = read_file(&self.file)?;
         let blob = open_blob(&self.file, &bytes)?;
-        let plan = Plan::new(&blob, &self.quality.quality(), Outputs::ALL, Batch::FULL)
+        let plan = Plan::new(&blob, &self.quality.quality(), Surfaces::OUTPUTS, Batch::FULL)
             .and_then(|plan| self.data_options.range_of(plan))
             .map(|plan| self.quality.bins_of(plan, WhichBins::Own))
             .with_context(|| self.file.display().to_string())?;
@@ -102,10 +103,13 @@ impl Eval {
         let names = FileNames::of(self.split.of(&dataset));
         let options = EvalOptions { background: self.background, lattice: self.lattice };
         let mut progress = Progress::new("eval", Total::Steps(views.len() as u64), global.style());
-        let (mut table, mut written) = (Table::new(["view", "psnr_db", "ssim"]), Ok(()));
+        let (mut table, mut written) = (Table::new(["view", "psnr_db", "aligned_psnr_db", "ssim"]), Ok(()));
         let views = (self.split.name(), views);
-        let found = Evaluation::of(&bytes, &plan, global.kernel(), options, views, |view, frame, score| {
-            table.push([score.view.clone(), format!("{:.3}", score.psnr_db), format!("{:.4}", score.ssim)]);
+        let (kernel, points) = (global.kernel(), &dataset.points);
+        let found = Evaluation::of(&bytes, &plan, kernel, options, views, points, |view, frame, score| {
+            let db = [score.psnr_db, score.aligned_psnr_db].map(|db| format!("{db:.3}"));
+            let [raw, aligned] = db;
+            table.push([score.view.clone(), raw, aligned, format!("{:.4}", score.ssim)]);
             progress.update(table.rows().len() as u64, &Message::default());
             if let (Some(folder), Ok(())) = (&self.report, &written) {
                 written = frame::picture(frame).write_png(folder.join(format!("{}.png", names.stem(view))));
@@ -151,12 +155,17 @@ impl Eval {
     fn print(&self, table: &Table, found: &Evaluation) -> anyhow::Result<()> {
         outlines!(table.to_text());
         outln!(
-            "mean over {} views on {}: {:.3} dB PSNR, {:.4} SSIM",
+            "mean over {} views on {}: {:.3} dB PSNR ({:.3} with a gain of each photograph's own), the worst {:.3}; {:.4} SSIM",
             found.views,
             found.background,
             found.val_psnr_db,
+            found.val_aligned_psnr_db,
+            found.val_worst_psnr_db,
             found.val_ssim
         );
+        if let (Some(error), Some(share)) = (found.val_depth_error, found.val_near_share) {
+            outln!("surfaces: {}", surfaces_in_words(error, share));
+        }
         if let (Some(step), Some(mean)) = (self.lattice, found.lattice_psnr_db) {
             outln!("over every pixel number 0, {step}, {}, … of such rows: {mean:.3} dB PSNR", 2 * step);
         }

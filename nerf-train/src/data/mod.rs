@@ -37,7 +37,7 @@ pub use layouts::choice::Layout;
 pub use layouts::files::files;
 pub use pictures::scale::Downscale;
 pub use report::Report;
-pub use view::{Background, View, mean_colour, over};
+pub use view::{Background, KeyPoint, View, mean_colour, over};
 pub use watch::Watch;
 
 use crate::data::cameras::nearest;
@@ -69,14 +69,25 @@ pub struct Dataset {
     pub far: Option<f32>,
     /// What is behind the scene.
     pub background: Background,
-    /// Points that are known to lie on surfaces, world units: a reconstruction's sparse ones, or none.
-    pub points: Vec<[f32; 3]>,
+    /// Points that are known to lie on surfaces: a reconstruction's sparse ones, or none.
+    pub points: Vec<SparsePoint>,
     /// Where the origin of all its coordinates is in the file's own world, which may be too far from its own for f32.
     pub origin: [f64; 3],
     /// What was read and how, in sentences.
     pub notes: Vec<String>,
     /// What was odd but could be read, in sentences.
     pub warnings: Vec<String>,
+}
+
+/// A point of a structure-from-motion reconstruction.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct SparsePoint {
+    /// World units.
+    pub position: [f32; 3],
+    /// Mean distance between where photographs show it and where it is projected to, pixels of the full size.
+    pub error: f32,
+    /// Photographs that show it, at least 1.
+    pub track: u32,
 }
 
 impl Dataset {

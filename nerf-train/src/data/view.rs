@@ -20,6 +20,20 @@ pub struct View {
     /// Where its rays through an unbounded scene begin, world units: in front of the sparse points that it sees; 0 where
     /// there are none. What is in front of a camera and seen by no other could be anything: fog.
     pub near: f32,
+    /// Where it shows points of [`Dataset::points`](crate::data::Dataset::points); empty without a reconstruction's
+    /// tracks.
+    pub key_points: Vec<KeyPoint>,
+}
+
+/// Where a view shows a sparse point.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct KeyPoint {
+    /// Pixels from the left edge.
+    pub x: f32,
+    /// Pixels from the top edge.
+    pub y: f32,
+    /// Index into [`Dataset::points`](crate::data::Dataset::points).
+    pub point: u32,
 }
 
 impl View {
@@ -60,7 +74,9 @@ impl View {
         if mask.as_ref().is_some_and(|mask| !mask.contains(&true)) {
             return Cow::Borrowed(self);
         }
-        Cow::Owned(Self { name: self.name.clone(), camera, pixels, mask, near: self.near })
+        let thin = |key: &KeyPoint| KeyPoint { x: key.x / right as f32, y: key.y / down as f32, ..*key };
+        let key_points = self.key_points.iter().map(thin).collect();
+        Cow::Owned(Self { name: self.name.clone(), camera, pixels, mask, near: self.near, key_points })
     }
 
     /// Whether the pixel at `index`, counted row by row, is trained on and measured.

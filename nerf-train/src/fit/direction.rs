@@ -41,7 +41,12 @@ impl Session<'_, '_> {
         let (dependent, independent) = (blob(candidate)?, blob(&flat)?);
         let quality = Quality::default();
         let scores = self.compare(&views, &[(&dependent, quality), (&independent, quality)])?;
-        let db = |scores: &Scores| scores.psnr_db().unwrap_or(f64::NAN);
+        // Photographs of different exposure show the difference between them, whatever the direction is worth.
+        let gains = self.trainer.exposure().is_some_and(|found| found.fitted);
+        let db = |scores: &Scores| {
+            let db = if gains { scores.aligned_psnr_db() } else { scores.psnr_db() };
+            db.unwrap_or(f64::NAN)
+        };
         let gain_db = gain_db(db(&scores[0]), db(&scores[1]));
         // It takes work and spares none.
         let left_out = Verdict::of(gain_db, 1.0, threshold_db) == Verdict::Drops;

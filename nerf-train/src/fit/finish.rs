@@ -9,9 +9,11 @@ use crate::fit::validation::{ASKED_VIEWS, FINAL_VIEWS, pixels_of, spread_indices
 use crate::measure::eval::{EvalError, OCCUPANCY_LOSS_DB, Scores, ViewScore, measure};
 use crate::measure::frame::Frame;
 use crate::measure::metrics::{flat_psnr_db, gain_db, is_flat, mean_flat_psnr_db};
+use crate::measure::surfaces::Surfaces;
 use crate::train::CurvePoint;
 use crate::train::Snapshot;
 use crate::train::candidate::{About, Candidate};
+use crate::train::exposure::ExposureFound;
 use nerf_core::plan::Quality;
 use std::time::Instant;
 
@@ -27,6 +29,10 @@ pub struct Outcome {
     pub scores: Scores,
     /// Of every so many rows and columns of a view one pixel is in the scores: 1 is every pixel.
     pub lattice: u32,
+    /// Its surfaces, against the sparse points of the same views.
+    pub surfaces: Surfaces,
+    /// What was found of the photographs' exposure, where that was asked.
+    pub exposure: Option<ExposureFound>,
     /// Some of those views as rendered, if the run was to keep them.
     pub shown: Vec<Shown>,
     /// The background of the scores, display-encoded.
@@ -109,6 +115,8 @@ impl Session<'_, '_> {
 
         let background = self.trainer.background();
         let (scores, lattice, shown) = self.evaluate(&draft)?;
+        let val: Vec<&View> = self.dataset.val.iter().collect();
+        let surfaces = Surfaces::of(&draft, self.options.kernel, &val, &self.dataset.points)?;
         let quantisation_loss_db = self.ask_rounding(&candidate, &draft, &scores, lattice)?;
         let psnr_db = scores.psnr_db();
         let asked = spread(&self.dataset.train, ASKED_VIEWS);
@@ -132,6 +140,8 @@ impl Session<'_, '_> {
             bytes: exported.bytes,
             scores,
             lattice,
+            surfaces,
+            exposure: self.trainer.exposure(),
             shown,
             background,
             flat_psnr_db: mean_flat_psnr_db(flats),

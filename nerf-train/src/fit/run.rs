@@ -237,9 +237,12 @@ impl Task for Session<'_, '_> {
     }
 
     fn step(&mut self, share: f64, progress: &Progress) -> Result<(), RunError> {
-        let before = self.trainer.progressed().reseeds;
+        let (before, exposure) = (self.trainer.progressed().reseeds, self.trainer.exposure());
         // On a thread of the pool, so that the parts of a step need not wake it one by one.
         rayon::scope(|_| self.trainer.step(share))?;
+        if let Some(found) = self.trainer.exposure().filter(|found| Some(*found) != exposure) {
+            progress.println(found.to_string());
+        }
         let p = *self.trainer.progressed();
         if p.reseeds != before {
             self.started = p;
@@ -324,6 +327,12 @@ impl Session<'_, '_> {
             100.0 * self.trainer.occupied_share(),
             self.trainer.pixels()
         ));
+        if let Some(sights) = self.trainer.sights() {
+            progress.println(sights.to_string());
+        }
+        if let Some(found) = self.trainer.exposure() {
+            progress.println(found.to_string());
+        }
         progress
     }
 

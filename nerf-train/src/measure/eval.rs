@@ -1,11 +1,12 @@
 //! How good a blob is on views it was not fitted to.
 
-use crate::data::View;
 use crate::data::pictures::colour;
 use crate::data::system::cpu;
+use crate::data::{SparsePoint, View};
 use crate::measure::frame;
 use crate::measure::frame::Frame;
-use crate::measure::metrics::{psnr_db, ssim_of};
+use crate::measure::metrics::{aligned_psnr_db, psnr_db, ssim_of};
+use crate::measure::surfaces::Surfaces;
 use nerf_core::Kernel;
 use nerf_core::blob::{Blob, BlobError};
 use nerf_core::encoding::{GridEncoding, GridTables, TableValues};
@@ -26,6 +27,8 @@ pub struct ViewScore {
     pub view: String,
     /// dB; infinite if every pixel is equal.
     pub psnr_db: f64,
+    /// dB, after the photograph's own gain is fitted, one a channel.
+    pub aligned_psnr_db: f64,
     /// 0..=1.
     pub ssim: f64,
 }
@@ -50,6 +53,11 @@ impl Scores {
         self.views.iter().map(|score| score.psnr_db).min_by(f64::total_cmp)
     }
 
+    /// Mean PSNR over the views after each photograph's own gain is fitted, dB; `None` without views.
+    pub fn aligned_psnr_db(&self) -> Option<f64> {
+        mean(self.views.iter().map(|score| score.aligned_psnr_db))
+    }
+
     /// Mean SSIM over the views; `None` without views.
     pub fn ssim(&self) -> Option<f64> {
         mean(self.views.iter().map(|score| score.ssim))
@@ -63,7 +71,7 @@ fn mean(values: impl ExactSizeIterator<Item = f64>) -> Option<f64> {
 
 /// Renders every view over `background` and compares it with its picture over the same, where its pixels count.
 ///
-/// Rays through an unbounded scene begin at the view's own [`View::near`], unless the plan says where.
+/// Rays begin at the camera, as hosts draw them, unless the plan says where.
 ///
 /// `each` sees every view with its frame and truth, in order.
 ///
@@ -77,15 +85,14 @@ pub fn evaluate<'v>(
     mut each: impl FnMut(&'v View, &Frame, &[[f32; 3]], &ViewScore),
 ) -> Result<Scores, RenderError> {
     let mut scores = Scores { views: Vec::new(), counters: Counters::default() };
-    let (near, far) = plan.range();
-    let own_near = near == 0.0 && renderer.blob().scene().is_some_and(|scene| scene.contraction().is_some());
     for view in views {
-        let own = if own_near { plan.with_range(view.near, far).unwrap_or(*plan) } else { *plan };
-        let frame = frame::render(renderer, &own, &view.camera)?;
+        let frame = frame::render(renderer, plan, &view.camera)?;
         let truth = view.composite_over(background);
+        let (shown, expected) = (view.counted(&frame.rgb), view.counted(&truth));
         let score = ViewScore {
             view: view.name.clone(),
-            psnr_db: psnr_db(&view.counted(&frame.rgb), &view.counted(&truth)),
+            psnr_db: psnr_db(&shown, &expected),
+            aligned_psnr_db: aligned_psnr_db(&shown, &expected),
             ssim: ssim_of(&frame.rgb, &truth, frame.width, frame.height, view.mask.as_deref()),
         };
         each(view, &frame, &truth, &score);
@@ -109,7 +116,11 @@ pub struct EvalOptions {
 #[allow(missing_docs, reason = "the names say what they are, and in which unit")]
 pub struct Evaluation {
     pub val_psnr_db: f64,
+    pub val_worst_psnr_db: f64,
+    pub val_aligned_psnr_db: f64,
     pub val_ssim: f64,
+    pub val_depth_error: Option<f64>,
+    pub val_near_share: Option<f64>,
     pub views: usize,
     pub split: &'static str,
     pub background: String,
@@ -144,6 +155,7 @@ impl Evaluation {
         kernel: Kernel,
         options: EvalOptions,
         (split, views): (&'static str, Vec<&'v View>),
+        points: &[SparsePoint],
         mut each: impl FnMut(&'v View, &Frame, &ViewScore),
     ) -> Result<Self, EvalError> {
         let blob = Blob::open(bytes)?;
@@ -154,6 +166,7 @@ impl Evaluation {
         let renderer = Renderer::new(blob, kernel, &mut memory)?;
         let start = Instant::now();
         let mut lattice_db = Vec::new();
+        let asked = views.clone();
         let scores = evaluate(&renderer, &plan, background, views, |view, frame, truth, score| {
             if let Some(step) = options.lattice {
                 let on = |picture| lattice(picture, frame.width, step as usize);
@@ -161,18 +174,24 @@ impl Evaluation {
             }
             each(view, frame, score);
         })?;
+        let render_seconds = start.elapsed().as_secs_f64();
+        let surfaces = Surfaces::with(&renderer, &plan, &asked, points)?;
         let c = &scores.counters;
         let a_ray = |count: u64| count as f64 / c.rays.max(1) as f64;
         Ok(Self {
             val_psnr_db: scores.psnr_db().unwrap_or(f64::NAN),
+            val_worst_psnr_db: scores.worst_psnr_db().unwrap_or(f64::NAN),
+            val_aligned_psnr_db: scores.aligned_psnr_db().unwrap_or(f64::NAN),
             val_ssim: scores.ssim().unwrap_or(f64::NAN),
+            val_depth_error: surfaces.depth_error,
+            val_near_share: surfaces.near_share,
             views: scores.views.len(),
             split,
             background: colour::name(background),
             steps,
             parameters,
             blob_bytes: bytes.len(),
-            render_seconds: start.elapsed().as_secs_f64(),
+            render_seconds,
             density_evaluations_per_ray: a_ray(c.density_evaluations),
             colour_evaluations_per_ray: a_ray(c.colour_evaluations),
             proposal_evaluations_per_ray: a_ray(c.proposal_evaluations),

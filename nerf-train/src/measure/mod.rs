@@ -10,3 +10,4 @@ pub mod inspect;
 pub mod metrics;
 pub mod point;
 pub mod settings;
+pub mod surfaces;

@@ -1,10 +1,11 @@
 //! Where the scene is, and which of its cells are worth a sample.
 
 use super::TrainError;
+use crate::capture::sights::Sights;
 use crate::data::cameras::nearest::{begin, distances};
 use crate::data::{Dataset, LookAt, View, frusta_box, scene_bounds};
 use crate::model::config::Config;
-use crate::train::occupancy::Occupancy;
+use crate::train::occupancy::{Occupancy, free_cells};
 use glam::{DVec3, Vec3};
 use nerf_core::blob::SceneSampling;
 use nerf_core::camera::{BoundsError, Contraction, SceneBox};
@@ -21,6 +22,9 @@ pub struct Bounds {
     pub scene_box: SceneBox,
     /// Of an unbounded scene, which is contracted into the box.
     pub contraction: Option<Contraction>,
+    /// Distance from each camera of an unbounded scene in front of which there is nothing, world units; a view's own
+    /// [`View::near`] may be larger.
+    pub empty_before: f32,
 }
 
 impl Bounds {
@@ -48,11 +52,14 @@ impl Bounds {
 
 /// Cells along the longest side of the first, coarse hull, which only finds the scene box.
 const COARSE_HULL: u16 = 64;
-/// Where rays begin in an unbounded scene, and where they end, in radii of the ball that stays as it is.
+/// Distance from the cameras of an unbounded scene in front of which there is nothing where no points say, and where rays
+/// end, in radii of the ball that is not contracted.
 const NEAR_RADII: f32 = 0.1;
 const FAR_RADII: f32 = 100.0;
-/// Share of the points of all views that may lie in front of where rays begin, and how far in front of the rest that is, as
-/// a share of the distance.
+/// Smallest baseline of two views that place a cell, as a share of the radius of the ball that is not contracted.
+const APART_RADII: f32 = 0.05;
+/// Share of the points of all views that may lie in front of where there is nothing, and how far in front of the rest that
+/// is, as a share of the distance.
 const ALL_VIEWS: (f32, f32) = (0.001, 0.6);
 /// The same, where all of these points are in front of cameras that look much the same way: the ball that stays as it is
 /// ends there.
@@ -91,7 +98,7 @@ pub(crate) fn find_box(dataset: &Dataset, config: &Config) -> Result<Bounds, Tra
     };
     let tight = || hull(dataset, config, wide, COARSE_HULL).and_then(|coarse| coarse.tight_box());
     let scene_box = if given.is_some() { wide } else { tight().unwrap_or(wide) };
-    Ok(Bounds { near, far, scene_box, contraction: None })
+    Ok(Bounds { near, far, scene_box, contraction: None, empty_before: near })
 }
 
 /// Of an unbounded scene: contracted around what the cameras look at, or where they look much the same way, around
@@ -105,8 +112,8 @@ fn unbounded(dataset: &Dataset, config: &Config, power: u8) -> Result<Bounds, Tr
     let same_way = look_at.is_none_or(|look_at| look_at.forward_facing());
     let of_view = |view: &View| distances(view, &dataset.points);
     let seen = dataset.train.par_iter().map(of_view).collect::<Vec<_>>().concat();
-    let near = s.near.or(dataset.near).or_else(|| begin(seen.clone(), ALL_VIEWS));
-    let in_front = begin(seen.clone(), IN_FRONT).or(near).filter(|_| same_way);
+    let nothing_before = s.near.or(dataset.near).or_else(|| begin(seen.clone(), ALL_VIEWS));
+    let in_front = begin(seen.clone(), IN_FRONT).or(nothing_before).filter(|_| same_way);
     let eyes = || cameras.iter().map(|camera| camera.pose().position);
     let (centre, radius) = match in_front {
         Some(distance) => (eyes().sum::<Vec3>() / cameras.len() as f32, distance),
@@ -117,19 +124,14 @@ fn unbounded(dataset: &Dataset, config: &Config, power: u8) -> Result<Bounds, Tr
     };
     let scene_box = Contraction::cube(centre, radius);
     let contraction = Contraction::new(&scene_box, power).ok_or_else(missing)?;
-    let near = near.unwrap_or(NEAR_RADII * radius);
+    // From the camera, as hosts draw: what is nearer than anything seen is empty in the field.
+    let near = s.near.unwrap_or(0.0);
     let far = s.far.or(dataset.far).or_else(|| begin(seen, BEHIND)).unwrap_or(FAR_RADII * radius);
     if !(near >= 0.0 && near < far && far.is_finite()) {
         return Err(BoundsError::Range { near, far }.into());
     }
-    Ok(Bounds { near, far, scene_box, contraction: Some(contraction) })
-}
-
-/// Where the rays of each view begin, where nobody says otherwise.
-pub(crate) fn nears(views: &[View], config: &Config, bounds: &Bounds) -> Vec<f32> {
-    let own = bounds.contraction.is_some() && config.sampling.near.is_none();
-    let near = |view: &View| if own { view.near.max(bounds.near) } else { bounds.near };
-    views.iter().map(near).collect()
+    let empty_before = nothing_before.unwrap_or(NEAR_RADII * radius);
+    Ok(Bounds { near, far, scene_box, contraction: Some(contraction), empty_before })
 }
 
 fn median(mut values: Vec<f32>) -> f32 {
@@ -143,13 +145,13 @@ fn hull(dataset: &Dataset, config: &Config, bounds: SceneBox, resolution: u16) -
     (g.skip && g.hull).then(|| Occupancy::carve(bounds, resolution, &dataset.train, dataset.background))?
 }
 
-/// As [`find_box`], and where the rays of each training view begin, and the occupancy grid to start with.
+/// As [`find_box`], and the occupancy grid to start with.
 pub(crate) fn find_bounds(
     dataset: &Dataset,
     config: &Config,
-) -> Result<(Bounds, Vec<f32>, Option<Occupancy>), TrainError> {
+    sights: Option<&Sights>,
+) -> Result<(Bounds, Option<Occupancy>), TrainError> {
     let bounds = find_box(dataset, config)?;
-    let nears = nears(&dataset.train, config, &bounds);
     let scene_box = bounds.scene_box;
     // A hull of half the resolution takes an eighth of the time; the network finds the rest by itself.
     let resolution = config.occupancy_resolution(scene_box.max - scene_box.min);
@@ -158,9 +160,35 @@ pub(crate) fn find_bounds(
         None => hull(dataset, config, scene_box, resolution),
     };
     let full = || match &bounds.contraction {
-        Some(contraction) => Occupancy::seen(scene_box, resolution, &dataset.train, contraction, &nears),
+        Some(contraction) => seen(dataset, config, &bounds, contraction, sights),
         None => Occupancy::full(scene_box, resolution),
     };
     let occupancy = config.occupancy.skip.then(|| carved().unwrap_or_else(full));
-    Ok((bounds, nears, occupancy))
+    Ok((bounds, occupancy))
+}
+
+/// The cells of an unbounded scene that may hold something.
+fn seen(
+    dataset: &Dataset,
+    config: &Config,
+    bounds: &Bounds,
+    contraction: &Contraction,
+    sights: Option<&Sights>,
+) -> Occupancy {
+    let (scene_box, views) = (bounds.scene_box, &dataset.train);
+    let resolution = config.occupancy_resolution(scene_box.max - scene_box.min);
+    let free = match sights.filter(|_| config.capture.free_space) {
+        Some(sights) => {
+            let sides = Occupancy::sides(scene_box.max - scene_box.min, resolution);
+            free_cells(scene_box, sides, views, contraction, sights)
+        }
+        None => Vec::new(),
+    };
+    let near = |view: &View| match config.sampling.near {
+        Some(near) => near,
+        None => view.near.max(bounds.empty_before),
+    };
+    let nears: Vec<f32> = views.iter().map(near).collect();
+    let apart = APART_RADII * contraction.radius();
+    Occupancy::seen(scene_box, resolution, views, contraction, (&nears, apart), &free)
 }

@@ -4,6 +4,7 @@
 //! [`Checkpoint::check_belongs`] keeps the other from going on from it: no run is ever a mix of two.
 
 use super::average::Average;
+use super::exposure::{ExposureFound, Gains};
 use super::{CurvePoint, Progressed};
 use crate::data::Dataset;
 use crate::data::system::input::{MAX_CHECKPOINT_BYTES, read_limited};
@@ -36,6 +37,10 @@ pub struct Checkpoint {
     pub average: Average,
     /// The occupancy grid.
     pub occupancy: Option<Occupancy>,
+    /// Gains of the photographs.
+    pub gains: Option<Gains>,
+    /// What was found of their exposure.
+    pub exposure: Option<ExposureFound>,
     /// Counters of the loop.
     pub progressed: Progressed,
     /// The curve so far.
@@ -213,6 +218,13 @@ pub fn fingerprint(data: &Dataset) -> u64 {
             numbers(&[lens.k3, lens.k4, lens.k5, lens.k6, fisheye]);
         }
         camera.pose().to_rows().iter().for_each(|row| numbers(row));
+    }
+    for point in &data.points {
+        numbers(&point.position);
+        numbers(&[point.error, point.track as f32]);
+    }
+    for key in data.train.iter().flat_map(|view| &view.key_points) {
+        numbers(&[key.x, key.y, key.point as f32]);
     }
     for view in &data.train {
         digest.update(view.pixels.as_flattened());

@@ -3,6 +3,7 @@
 pub mod average;
 mod bounds;
 pub mod checkpoint;
+pub mod exposure;
 pub mod field;
 pub mod occupancy;
 pub mod rays;
@@ -15,7 +16,7 @@ use crate::model::config::ConfigError;
 use crate::model::engine::EngineError;
 use crate::model::export::ExportError;
 pub use bounds::Bounds;
-pub(crate) use bounds::{find_bounds, find_box, nears};
+pub(crate) use bounds::{find_bounds, find_box};
 use nerf_core::camera::BoundsError;
 use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};

@@ -306,10 +306,11 @@ fn an_unbounded_scene_is_fitted_rendered_and_shown() {
     ok(["show", &data, "-o", &shown, "-q", "--preset", "grid", "--rays", "12"]);
     let summary = json(format!("{shown}/summary.json"));
     let (live, near) = (&summary["live_samples_shown"], summary["near_world_units"].as_f64());
-    assert!(live.as_u64() > Some(0), "{summary}");
+    assert!(live.as_u64() > Some(0) && near == Some(0.0), "{summary}");
     // What is drawn ends at the cameras' surroundings.
-    let far = summary["far_world_units"].as_f64().zip(near).map(|(far, near)| far / near);
-    assert!(far.is_some_and(|times| (15.0..=40.0).contains(&times)), "{summary}");
+    let radius = summary["ball_radius_world_units"].as_f64();
+    let far = summary["far_world_units"].as_f64().zip(radius).map(|(far, radius)| far / radius);
+    assert!(far.is_some_and(|times| (1.5..=4.0).contains(&times)), "{summary}");
 }
 
 #[test]

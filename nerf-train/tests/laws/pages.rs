@@ -10,7 +10,7 @@ const THEIR_FLAGS: &str = "--all --auto-scale-poses --baseline-root --bench --bu
     --no-default-features --nocapture --orientation-method --prefix --profile --release --static --target --test";
 /// Programs and scripts of ours, beside `nerf-train`, that have flags.
 const PROGRAMS: &str = ".ci/release tests/miri nerf-render-ffi/examples/web/build \
-    nerf-render-ffi/examples/cpp/viewer/main.cpp nerf-core/benches/support/mod.rs";
+    nerf-render-ffi/examples/cpp/viewer/main.cpp nerf-core/benches/support/mod.rs nerf-train/benches/panel.rs";
 /// What paths in code begin with that are not of this workspace.
 const THEIR_MODULES: &str = "alloc clap core f32 f64 glam image io nerf std usize";
 /// Files that are made at run time, are the user's own, or another project's.
@@ -108,7 +108,7 @@ impl Tree {
         );
     }
 
-    /// Whether a file or folder is there: in the page's folder, or anywhere by the end of its path.
+    /// Whether a file or folder that a page names exists: relative to the page's folder, or as the end of a path of the tree.
     fn has_file(&self, page: &Page, name: &str) -> bool {
         let end = format!("/{}", name.trim_end_matches('/'));
         let ends = |path: &String| path == &end[1..] || path.ends_with(&end);
@@ -138,7 +138,7 @@ fn flags_in(piece: &str) -> impl Iterator<Item = &str> {
     })
 }
 
-/// The flags of each command and its values of `--preset`, by its own help: `fit`, `image fit`, …
+/// Collects the flags and the values of `--preset` of the command `of` and its subcommands, from their `--help`.
 fn commands(of: &str, found: &mut BTreeMap<String, (BTreeSet<String>, String)>) {
     let mut help = Command::new(env!("CARGO_BIN_EXE_nerf-train"));
     let help = help.args(of.split_whitespace()).arg("--help").output().expect("the program");

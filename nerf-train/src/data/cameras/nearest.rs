@@ -1,6 +1,6 @@
 //! How near something is that the views show, by the sparse points they see.
 
-use crate::data::{Dataset, View};
+use crate::data::{Dataset, SparsePoint, View};
 use glam::Vec3;
 use rayon::prelude::*;
 
@@ -19,10 +19,10 @@ pub(crate) fn set_near(dataset: &mut Dataset) {
 }
 
 /// How far the points that a view sees are from it.
-pub(crate) fn distances(view: &View, points: &[[f32; 3]]) -> Vec<f32> {
+pub(crate) fn distances(view: &View, points: &[SparsePoint]) -> Vec<f32> {
     let (camera, (width, height)) = (&view.camera, view.size());
-    let distance = |&point: &[f32; 3]| {
-        let point = Vec3::from(point);
+    let distance = |point: &SparsePoint| {
+        let point = Vec3::from(point.position);
         let (x, y) = camera.project(point)?;
         let inside = (0.0..=width as f32).contains(&x) && (0.0..=height as f32).contains(&y);
         inside.then(|| (point - camera.pose().position).length())

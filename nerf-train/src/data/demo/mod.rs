@@ -79,6 +79,7 @@ pub fn dataset(spec: &DemoSpec) -> Result<Dataset, CameraError> {
             pixels: render(&camera),
             mask: None,
             near: 0.0,
+            key_points: Vec::new(),
         };
         views.map(view).collect()
     };

@@ -6,7 +6,9 @@ use crate::data::layouts::found::Found;
 use crate::data::layouts::npz::read_npy;
 use crate::data::layouts::split::every_eighth;
 use crate::data::pictures::photo::{Fence, Optics, Photo, Source};
-use crate::data::{Axes, Background, Dataset, DatasetError, Format, ReadOptions, View, Watch, scene_name};
+use crate::data::{
+    Axes, Background, Dataset, DatasetError, Format, ReadOptions, SparsePoint, View, Watch, scene_name,
+};
 use glam::DVec3;
 use nerf_core::camera::{Lens, Pose};
 use std::path::Path;
@@ -99,7 +101,7 @@ pub(crate) fn read(folder: &Path, options: &ReadOptions, watch: &Watch) -> Resul
 }
 
 /// The sparse points of a COLMAP model beside it, whose world is the same.
-fn points(folder: &Path, origin: DVec3, found: &mut Found) -> Result<Vec<[f32; 3]>, DatasetError> {
+fn points(folder: &Path, origin: DVec3, found: &mut Found) -> Result<Vec<SparsePoint>, DatasetError> {
     for place in [folder.join("sparse/0"), folder.join("sparse"), folder.to_owned()] {
         let points = colmap::points_of(&place, origin, found)?;
         if !points.is_empty() {
@@ -113,7 +115,7 @@ fn dataset(
     folder: &Path,
     options: &ReadOptions,
     (views, rows): (Vec<View>, Vec<Row>),
-    (points, origin): (Vec<[f32; 3]>, DVec3),
+    (points, origin): (Vec<SparsePoint>, DVec3),
     found: Found,
 ) -> Result<Dataset, DatasetError> {
     let (mut notes, warnings) = found.into_sentences();

@@ -112,7 +112,7 @@ impl Source<'_> {
             DatasetError::Camera { file: self.file.into(), view: photo.name.into(), source }
         })?;
         let mask = mask.filter(|kept| !kept.iter().all(|&kept| kept));
-        let view = View { name: photo.name.into(), camera, pixels, mask, near: 0.0 };
+        let view = View { name: photo.name.into(), camera, pixels, mask, near: 0.0, key_points: Vec::new() };
         Ok(Loaded { view, alpha, larger: larger.then_some(found), notes })
     }
 

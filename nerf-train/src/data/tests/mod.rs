@@ -40,6 +40,7 @@ fn dataset_of(poses: &[Pose], axes: Axes) -> Dataset {
         pixels: vec![[0; 4]; 48],
         mask: None,
         near: 0.0,
+        key_points: Vec::new(),
     };
     Dataset {
         name: "made".into(),

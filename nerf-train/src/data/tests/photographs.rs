@@ -173,7 +173,8 @@ fn colmap_models_are_read_binary_and_text_wherever_they_are() {
                 let i = data.train[0].camera.intrinsics();
                 assert_eq!((i.width, i.height, i.fx, i.fy, i.cx, i.cy), (8, 6, 10.0, 11.0, 4.5, 2.5));
                 assert_eq!(data.train[0].pixels[0], [1, 1, 1, 255]);
-                assert_eq!(data.points, [[1.0, 2.0, 3.0], [-1.0, 0.5, 0.0]]);
+                let positions: Vec<_> = data.points.iter().map(|point| point.position).collect();
+                assert_eq!(positions, [[1.0, 2.0, 3.0], [-1.0, 0.5, 0.0]]);
                 assert_poses(&data, 10);
                 assert_names(
                     &said(&data),
@@ -425,8 +426,9 @@ fn a_world_far_from_its_origin_is_counted_from_near_its_cameras() {
                 let expected = here(expected.camera.pose().position);
                 assert!((view.camera.pose().position - expected).length() < 1e-5, "{moved}: {}", view.name);
             }
-            for (&point, &expected) in far.points.iter().zip(&near.points) {
-                assert!((Vec3::from(point) - here(expected.into())).length() < 1e-5, "{moved}");
+            for (point, expected) in far.points.iter().zip(&near.points) {
+                let expected = here(expected.position.into());
+                assert!((Vec3::from(point.position) - expected).length() < 1e-5, "{moved}");
             }
         }
     }

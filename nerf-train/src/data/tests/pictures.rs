@@ -128,7 +128,7 @@ fn rays_are_drawn_of_what_counts_alone() {
     views.iter_mut().for_each(|view| view.pixels = vec![[9, 9, 9, 255]; 48]);
     views[2].pixels[5] = [200, 0, 0, 255];
     let scene_box = SceneBox { min: -Vec3::ONE, max: Vec3::ONE };
-    let bounds = Bounds { near: 1.0, far: 6.0, scene_box, contraction: None };
+    let bounds = Bounds { near: 1.0, far: 6.0, scene_box, contraction: None, empty_before: 1.0 };
     for (background, images, pixels) in [
         (Background::Unknown, 0, Some(48 + 6 + 48)),
         (Background::Unknown, 2, Some(48 + 6 + 48)),

@@ -41,6 +41,21 @@ pub fn psnr_db(a: &[[f32; 3]], b: &[[f32; 3]]) -> f64 {
     psnr_db_of_mse(mse(a, b))
 }
 
+/// PSNR in dB after each channel of `shown` is multiplied with the factor that brings it nearest to `truth`, at most to 1:
+/// what is left where the photograph's exposure is its own.
+pub fn aligned_psnr_db(shown: &[[f32; 3]], truth: &[[f32; 3]]) -> f64 {
+    let gain: [f32; 3] = std::array::from_fn(|c| {
+        let products = |other: &[[f32; 3]]| -> f64 {
+            shown.iter().zip(other).map(|(s, o)| f64::from(s[c]) * f64::from(o[c])).sum()
+        };
+        let square = products(shown);
+        if square > 0.0 { (products(truth) / square) as f32 } else { 1.0 }
+    });
+    let aligned: Vec<[f32; 3]> =
+        shown.iter().map(|s| std::array::from_fn(|c| (s[c] * gain[c]).min(1.0))).collect();
+    psnr_db(&aligned, truth)
+}
+
 /// dB by which one PSNR is above another; 0 for two of equal pictures, whose PSNR is infinite.
 pub fn gain_db(psnr_db: f64, over: f64) -> f64 {
     if psnr_db == over { 0.0 } else { psnr_db - over }

@@ -40,6 +40,8 @@ impl Config {
         }
         let sound = s.distortion.is_finite() && s.distortion >= 0.0;
         rule("sampling.distortion", sound, "finite, at least 0", s.distortion)?;
+        let depth = self.capture.depth;
+        rule("capture.depth", depth.is_finite() && depth >= 0.0, "finite, at least 0", depth)?;
         if let Some(power) = s.contraction {
             check_contraction(power, n, s, g)?;
         }

@@ -34,6 +34,8 @@ pub struct Config {
     pub sampling: SamplingConfig,
     /// The occupancy grid that skips empty space in training; its end state is the blob's occupancy grid.
     pub occupancy: OccupancyConfig,
+    /// What photographs of an unbounded scene are believed of; beside a grid.
+    pub capture: CaptureConfig,
     /// The optimiser.
     pub optimiser: OptimiserConfig,
     /// Seed of everything random.
@@ -127,6 +129,36 @@ pub struct SamplingConfig {
     /// Weight of the distortion loss in an unbounded scene, lengths in sides of its cube: the weights of a ray draw
     /// together. 0 for none.
     pub distortion: f32,
+}
+
+/// What is made of what a capture says of its scene, beside its colours.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct CaptureConfig {
+    /// Weight of the distances of sparse points along an eighth of the rays; 0 for none.
+    pub depth: f32,
+    /// Whether space that lines of sight to sparse points cross is free.
+    pub free_space: bool,
+    /// Whether photographs have gains.
+    pub exposure: Exposure,
+}
+
+impl Default for CaptureConfig {
+    fn default() -> Self {
+        Self { depth: 1.0, free_space: true, exposure: Exposure::Auto }
+    }
+}
+
+/// Whether photographs have gains: exposure and white balance of their own.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Exposure {
+    /// Where they differ by enough.
+    Auto,
+    /// Each.
+    Own,
+    /// None.
+    Shared,
 }
 
 /// What the data says of what lies around a scene.

@@ -1,8 +1,8 @@
 //! Named starting points, and what changes with what the data says of the surroundings.
 
 use super::{
-    Config, Density, Jitter, NetworkConfig, OccupancyConfig, OptimiserConfig, Preset, SamplingConfig,
-    Surroundings, TableConfig,
+    CaptureConfig, Config, Density, Jitter, NetworkConfig, OccupancyConfig, OptimiserConfig, Preset,
+    SamplingConfig, Surroundings, TableConfig,
 };
 use crate::model::engine::EngineKind;
 use crate::model::quantise::TableStorage;
@@ -69,6 +69,7 @@ fn grid() -> Config {
             empty_share: 0.0,
             empty_weight: 0.0,
         },
+        capture: CaptureConfig::default(),
         optimiser: OptimiserConfig {
             steps: 12_000,
             rate: 2e-2,
@@ -126,6 +127,7 @@ fn small() -> Config {
             empty_share: 0.06,
             empty_weight: 0.01,
         },
+        capture: CaptureConfig::default(),
         optimiser: OptimiserConfig {
             steps: 12_000,
             rate: 1e-2,
@@ -183,6 +185,7 @@ fn seed() -> Config {
             empty_share: 0.0,
             empty_weight: 0.0,
         },
+        capture: CaptureConfig::default(),
         optimiser: OptimiserConfig {
             steps: 1500,
             rate: 5e-4,

@@ -13,6 +13,22 @@ pub struct BatchRay {
     pub samples: u32,
 }
 
+/// Known surface of a ray, for depth supervision.
+///
+/// It adds `weight · (Σ_i w_i min(|along_i − at|, CLIP) + T_end · CLIP)` to the sum over rays that the loss is the mean of.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Surface {
+    /// Position along the ray: 0 at its beginning, 1 at its end.
+    pub at: f32,
+    /// At least 0.
+    pub weight: f32,
+}
+
+impl Surface {
+    /// Distance along the ray at which the cost of a sample stops growing: a wrong surface cannot move a whole ray.
+    pub const CLIP: f32 = 0.25;
+}
+
 /// Rays with their live samples, ray after ray, front to back.
 ///
 /// In a 2D field `positions` hold the point in their first two coordinates and every sample is
@@ -34,6 +50,14 @@ pub struct Batch {
     /// Where samples of little weight are kept by chance, so that fog of them is learned from: the seed and the step of the
     /// draw. Otherwise none of them is. Of a grid's batches only.
     pub faint: Option<(u64, u64)>,
+    /// Known surfaces, one for each of the first rays; empty where none are known. Of a grid's batches only.
+    pub surfaces: Vec<Surface>,
+    /// Position of each sample of those rays along its ray, 0 to 1 as [`Surface::at`].
+    pub along: Vec<f32>,
+    /// Index of each ray's photograph; empty unless photographs have gains. Of a grid's batches only.
+    pub views: Vec<u32>,
+    /// Gain of each ray's photograph, red, green, blue; empty: 1.
+    pub gains: Vec<[f32; 3]>,
     /// Weight of the distortion loss, per unit of length of the space that the positions are in; 0 for none. Of a grid's
     /// batches only.
     pub distortion: f32,
@@ -47,6 +71,10 @@ impl Batch {
         self.deltas.clear();
         self.gradient_scales.clear();
         self.empty.clear();
+        self.surfaces.clear();
+        self.along.clear();
+        self.views.clear();
+        self.gains.clear();
     }
 
     /// Checks lengths and that every number is finite.
@@ -57,11 +85,20 @@ impl Batch {
         let claimed: u64 = self.rays.iter().map(|ray| u64::from(ray.samples)).sum();
         let scales =
             if self.gradient_scales.is_empty() { self.deltas.len() } else { self.gradient_scales.len() };
-        for (field, found) in
-            [("positions", self.positions.len()), ("deltas", self.deltas.len()), ("gradient_scales", scales)]
-        {
-            if claimed != found as u64 {
-                return Err(BatchError::Length { field, expected: claimed, found });
+        let towards = self.rays.iter().take(self.surfaces.len()).map(|ray| u64::from(ray.samples)).sum();
+        let rays = self.rays.len() as u64;
+        let a_ray = |found: usize| (if found == 0 { 0 } else { rays }, found);
+        for (field, (expected, found)) in [
+            ("positions", (claimed, self.positions.len())),
+            ("deltas", (claimed, self.deltas.len())),
+            ("gradient_scales", (claimed, scales)),
+            ("along", (towards, self.along.len())),
+            ("surfaces", (rays.min(self.surfaces.len() as u64), self.surfaces.len())),
+            ("views", a_ray(self.views.len())),
+            ("gains", a_ray(self.gains.len())),
+        ] {
+            if expected != found as u64 {
+                return Err(BatchError::Length { field, expected, found });
             }
         }
         // All of it at once; who it is is asked where one is not.
@@ -69,6 +106,14 @@ impl Batch {
         if !sound(&self.gradient_scales) {
             let index = self.gradient_scales.iter().position(|x| !x.is_finite());
             return Err(BatchError::NonFinite { field: "gradient_scales", index: index.unwrap_or_default() });
+        }
+        if !(sound(&self.along) && sound(self.gains.as_flattened())) {
+            let field = if sound(&self.along) { "gains" } else { "along" };
+            return Err(BatchError::NonFinite { field, index: 0 });
+        }
+        let surface_ok = |s: &Surface| s.at.is_finite() && s.weight.is_finite();
+        if let Some(index) = self.surfaces.iter().position(|surface| !surface_ok(surface)) {
+            return Err(BatchError::NonFinite { field: "surfaces", index });
         }
         let lengths = self.deltas.iter().fold(true, |all, d| all & (*d >= 0.0));
         let points = sound(self.positions.as_flattened()) && sound(self.empty.as_flattened());

@@ -88,7 +88,7 @@ mod volume_grad;
 #[cfg(test)]
 mod tests;
 
-pub use batch::{Batch, BatchError, BatchRay};
+pub use batch::{Batch, BatchError, BatchRay, Surface};
 pub use fused::FusedEngine;
 pub use grid::{GridEngine, GridReferenceEngine};
 pub use model::{Dense, Initialisation, Model, ModelError, Part};
@@ -181,6 +181,16 @@ pub trait Engine: Send {
         &[]
     }
 
+    /// Gradient of the last step's loss by the log gain of each of `views` photographs; zeros of an engine without gains.
+    fn gain_gradients(&self, views: usize) -> Vec<[f32; 3]> {
+        vec![[0.0; 3]; views]
+    }
+
+    /// Position and weight of the last step's samples that were trained on; none of an engine that does not say.
+    fn weighted(&self) -> Box<dyn Iterator<Item = ([f32; 3], f32)> + '_> {
+        Box::new(std::iter::empty())
+    }
+
     /// Parameters in the [`Model`]'s own order.
     fn parameters(&self) -> Cow<'_, [f32]>;
 
@@ -258,7 +268,7 @@ pub enum EngineError {
     /// A model without the grid that this engine trains.
     #[error("model: expected a position encoded by a grid, found a sinusoidal encoding")]
     NoGrid,
-    /// The grid of a 2D field, which the tape does not train.
+    /// A grid of a 2D field: dfdx's tape trains grids of scenes alone.
     #[error("model: expected a density, found a picture: the engine dfdx trains grids of scenes alone")]
     NoDensity,
     /// A grid model with parts that its engine does not train.

@@ -7,7 +7,7 @@ use crate::model::engine::Batch;
 use crate::train::Bounds;
 use crate::train::occupancy::{LiveCells, Occupancy};
 use crate::train::rays::{MarchCells, RayBank};
-use crate::train::{TrainError, lengthened, nears};
+use crate::train::{TrainError, lengthened};
 use glam::Vec3;
 use nerf_core::Isa;
 use nerf_core::sampling::OccupancyGrid;
@@ -21,7 +21,7 @@ pub struct ShownRay {
     pub origin: Vec3,
     /// Unit direction, world.
     pub dir: Vec3,
-    /// Where it begins, world units along it: the scene's near, or in an unbounded scene its view's own.
+    /// Where it begins, world units along it.
     pub near: f32,
     /// The colour it is trained towards, display-encoded.
     pub rgb: [f32; 3],
@@ -83,10 +83,8 @@ impl Drawer<'_> {
         count: usize,
         whole: bool,
     ) -> Result<(Vec<ShownRay>, StepFacts), ShowError> {
-        let nears = nears(views, self.config, &self.bounds);
-        let bank = RayBank::new(views, self.background, self.bounds, self.config)
-            .map_err(TrainError::from)?
-            .with_nears(nears.clone());
+        let bank =
+            RayBank::new(views, self.background, self.bounds, self.config).map_err(TrainError::from)?;
         let s = &self.config.sampling;
         let step = u64::from(self.step);
         let rays = if whole { s.rays } else { count };
@@ -121,7 +119,7 @@ impl Drawer<'_> {
                 camera: first + view,
                 origin,
                 dir,
-                near: nears[view],
+                near: self.bounds.near,
                 rgb: ray.rgb,
                 live: live.iter().map(t).filter(drawn).collect(),
                 culled,

@@ -1,9 +1,11 @@
 //! Which cells of the scene box may hold something: carved from the pictures, then learned.
 
+mod free_space;
 mod silhouette;
 
 use crate::data::{Background, View};
 use crate::model::field::densities;
+pub(crate) use free_space::free_cells;
 use glam::Vec3;
 use nerf_core::blob::StoredOccupancy;
 use nerf_core::camera::{Contraction, SceneBox};
@@ -23,6 +25,10 @@ const SMALLEST_SHARE: f64 = 0.02;
 const SEEN_SHARE: u32 = 4;
 /// Multiply-adds that asking every cell at eight points may take: some seconds.
 const SETTLE_MACS: usize = 300_000_000_000;
+/// Weight along a training ray with which a cell holds something that was seen.
+const MARKED_WEIGHT: f32 = 3e-3;
+/// Training rays after which a cell that none of them gave weight to holds nothing that was seen.
+const MARKED_RAYS: u64 = 250_000;
 /// Density of a cell that has not been asked yet: it stays live.
 const UNKNOWN: f32 = -1.0;
 
@@ -108,6 +114,10 @@ pub struct Occupancy {
     /// Remembered density of each candidate, 1/world unit.
     density: Vec<f32>,
     refreshes: u64,
+    /// A bit a cell: whether a training ray gave it weight since that is remembered; empty before.
+    weighted: Vec<u8>,
+    /// Rays of the steps it was remembered in.
+    marked_rays: u64,
 }
 
 impl Occupancy {
@@ -124,33 +134,48 @@ impl Occupancy {
         Self::of_candidates(bounds, sides, (0..cells).collect())
     }
 
-    /// The cells of an unbounded scene that more than one view sees, each from its near on: in their middles.
+    /// The cells of an unbounded scene that may hold something: those that two views see from apart, that are not nearer to
+    /// a camera than anything it shows, and that are not known to be free.
+    ///
+    /// `nears`: of each view the distance within which there is nothing, world units. `apart`: the distance of two
+    /// cameras from which on both are needed, world units. `free`: a bit a cell, empty where none is known.
     pub fn seen(
         bounds: SceneBox,
         resolution: u16,
         views: &[View],
         contraction: &Contraction,
-        nears: &[f32],
+        (nears, apart): (&[f32], f32),
+        free: &[bool],
     ) -> Self {
         let full = Self::full(bounds, resolution);
         let seen = |&cell: &u32| {
             let p = contraction.in_world(full.live.point(cell, [0.5; 3]));
-            let sees = |&(view, &near): &(&View, &f32)| {
+            let (mut first, mut enough) = (None, views.len() == 1);
+            for (view, &near) in views.iter().zip(nears) {
                 let (camera, (width, height)) = (&view.camera, view.size());
-                let distance = (p - camera.pose().position).length();
-                let pixel = camera.project(p).filter(|_| distance >= near);
-                pixel.is_some_and(|(x, y)| {
-                    (0.0..=width as f32).contains(&x) && (0.0..=height as f32).contains(&y)
-                })
-            };
-            views.iter().zip(nears).filter(sees).take(2).count() == 2.min(views.len())
+                let eye = camera.pose().position;
+                // Also behind the camera: somebody stood there.
+                if (p - eye).length() < near {
+                    return false;
+                }
+                let inside = |(x, y): &(f32, f32)| {
+                    (0.0..=width as f32).contains(x) && (0.0..=height as f32).contains(y)
+                };
+                if camera.project(p).filter(inside).is_none() {
+                    continue;
+                }
+                enough |= first.is_some_and(|first: Vec3| (first - eye).length() >= apart);
+                first = first.or(Some(eye));
+            }
+            enough
         };
         // The corners of the box are beyond all of space.
         let reach = 2.0 * contraction.radius();
-        let inside = |&cell: &u32| {
-            (full.live.point(cell, [0.5; 3]) - contraction.centre()).length() < reach && seen(&cell)
+        let possible = |&cell: &u32| {
+            let inside = (full.live.point(cell, [0.5; 3]) - contraction.centre()).length() < reach;
+            inside && !free.get(cell as usize).copied().unwrap_or(false) && seen(&cell)
         };
-        let cells: Vec<u32> = full.candidates.par_iter().copied().filter(inside).collect();
+        let cells: Vec<u32> = full.candidates.par_iter().copied().filter(possible).collect();
         Self::of_candidates(bounds, full.live.resolution, cells)
     }
 
@@ -170,7 +195,7 @@ impl Occupancy {
     fn of_candidates(bounds: SceneBox, resolution: [u16; 3], candidates: Vec<u32>) -> Self {
         let live = LiveCells::of(bounds, resolution, candidates.iter().copied());
         let density = vec![UNKNOWN; candidates.len()];
-        Self { live, candidates, density, refreshes: 0 }
+        Self { live, candidates, density, refreshes: 0, weighted: Vec::new(), marked_rays: 0 }
     }
 
     /// The visual hull: cells that many views see, and none against its empty background.
@@ -217,7 +242,8 @@ impl Occupancy {
     /// Whether this may be the same occupancy grid after other steps.
     pub(crate) fn is_like(&self, other: &Self) -> bool {
         let candidates = self.candidates == other.candidates && self.density.len() == other.density.len();
-        candidates && self.live.is_like(&other.live) && self.refreshes <= u64::MAX / 2
+        let marks = self.weighted.is_empty() || self.weighted.len() == self.live.bits.len();
+        candidates && marks && self.live.is_like(&other.live) && self.refreshes <= u64::MAX / 2
     }
 
     /// As the renderer sees it.
@@ -238,6 +264,28 @@ impl Occupancy {
     /// What a blob keeps of it.
     pub fn into_live(self) -> LiveCells {
         self.live
+    }
+
+    /// Remembers the cells of the samples of `rays` training rays, each a position in the box and a weight along its ray.
+    pub fn mark(&mut self, rays: usize, samples: impl Iterator<Item = ([f32; 3], f32)>) {
+        self.weighted.resize(self.live.bits.len(), 0);
+        self.marked_rays += rays as u64;
+        let bounds = self.live.bounds();
+        let sides = Vec3::from(self.live.resolution.map(f32::from));
+        let scale = sides / (bounds.max - bounds.min);
+        let [_, ny, nz] = self.live.resolution.map(u32::from);
+        for (position, _) in samples.filter(|&(_, weight)| weight >= MARKED_WEIGHT) {
+            let at = ((Vec3::from(position) - bounds.min) * scale).clamp(Vec3::ZERO, sides - 1.0);
+            let cell = (at.x as u32 * ny + at.y as u32) * nz + at.z as u32;
+            self.weighted[cell as usize / 8] |= 1 << (cell % 8);
+        }
+    }
+
+    /// Empties the cells that no training ray gave weight to, where enough rays were looked at to say so.
+    pub fn drop_unweighted(&mut self) {
+        if self.marked_rays >= MARKED_RAYS {
+            self.live.bits.iter_mut().zip(&self.weighted).for_each(|(live, weighted)| *live &= weighted);
+        }
     }
 
     /// Asks the network again and, if `drop` says so, drops cells of too little density.

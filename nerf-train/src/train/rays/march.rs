@@ -206,6 +206,8 @@ pub(super) struct Samples {
     pub positions: Vec<[f32; 3]>,
     pub deltas: Vec<f32>,
     pub gradient_scales: Vec<f32>,
+    /// Where they lie on their ray, steps of the contraction.
+    pub steps: Vec<f32>,
 }
 
 struct MarchContracted<'a> {
@@ -265,7 +267,7 @@ impl Op for MarchContracted<'_> {
             if live == 0 {
                 continue;
             }
-            let (mut lengths, mut scales) = ([0.0f32; GROUP], [0.0f32; GROUP]);
+            let (mut lengths, mut scales, steps) = ([0.0f32; GROUP], [0.0f32; GROUP], at);
             for from in (0..GROUP).step_by(V::COUNT) {
                 let at = V::load(&at[from..]);
                 let radii = contraction.distance_lanes(at).add(V::splat(start)).mul(per_radius);
@@ -280,6 +282,7 @@ impl Op for MarchContracted<'_> {
                 samples.positions.push([points[0][i], points[1][i], points[2][i]]);
                 samples.deltas.push(lengths[i]);
                 samples.gradient_scales.push(scales[i]);
+                samples.steps.push(steps[i]);
             }
         }
     }
@@ -364,7 +367,7 @@ mod tests {
                 start,
                 &mut samples,
             );
-            let Samples { positions, deltas, gradient_scales } = samples;
+            let Samples { positions, deltas, gradient_scales, steps: _ } = samples;
             assert_eq!((positions.len(), positions.len()), (deltas.len(), gradient_scales.len()));
             let at = (0..count).map(|i| first + i as f32 * step);
             let point = |s: f32| contraction.contract(ray.at(contraction.distance(s)));

@@ -3,9 +3,10 @@
 mod drawn;
 mod march;
 
+use crate::capture::sights::{Sight, Sights};
 use crate::data::{Background, View};
 use crate::model::config::{Config, Jitter};
-use crate::model::engine::{Batch, BatchRay};
+use crate::model::engine::{Batch, BatchRay, Surface};
 use crate::train::Bounds;
 use drawn::{counting, near_foreground};
 use glam::Vec3;
@@ -23,6 +24,9 @@ const CHUNK: usize = 128;
 /// The same of an unbounded scene, whose rays are fewer and longer.
 const CONTRACTED_CHUNK: usize = 16;
 
+/// One ray in so many of an unbounded scene goes along a line of sight.
+const SIGHT_SHARE: usize = 8;
+
 /// All pixels a run may draw, and how their rays are sampled.
 pub struct RayBank<'d> {
     views: &'d [View],
@@ -36,8 +40,6 @@ pub struct RayBank<'d> {
     bins: Bins,
     bounds: SceneBox,
     contraction: Option<Contraction>,
-    /// Where the rays of each view of an unbounded scene begin.
-    nears: Vec<f32>,
     near: f32,
     far: f32,
     jitter: Jitter,
@@ -45,11 +47,26 @@ pub struct RayBank<'d> {
     random_background: bool,
     /// Weight of the distortion loss in an unbounded scene.
     distortion: f32,
+    /// Lines of sight, each with its view, that a share of the rays of an unbounded scene go along.
+    sights: Vec<(usize, Sight)>,
+    /// Weight of their points' distances in the loss.
+    depth: f32,
     seed: u64,
 }
 
-/// Some rays, where their samples lie, how wide these are, and the time it took.
-type Marched = (Vec<BatchRay>, Samples, Duration);
+/// Rays of an unbounded scene that one task marched.
+#[derive(Default)]
+struct Marched {
+    rays: Vec<BatchRay>,
+    samples: Samples,
+    /// Of the rays along lines of sight, which come first.
+    surfaces: Vec<Surface>,
+    /// How far along its ray each sample of those rays lies, 0 to 1.
+    along: Vec<f32>,
+    /// View of each ray.
+    views: Vec<u32>,
+    time: Duration,
+}
 
 impl<'d> RayBank<'d> {
     /// A bank over `views`.
@@ -79,7 +96,7 @@ impl<'d> RayBank<'d> {
             0 => Vec::new(),
             _ => views.iter().map(|view| counting(std::slice::from_ref(view), &[0])).collect(),
         };
-        let Bounds { near, far, scene_box, contraction } = bounds;
+        let Bounds { near, far, scene_box, contraction, .. } = bounds;
         Ok(Self {
             views,
             starts,
@@ -89,22 +106,42 @@ impl<'d> RayBank<'d> {
             bins: Bins::new(near, far, u32::from(config.sampling.samples))?,
             bounds: scene_box,
             contraction,
-            nears: vec![near; views.len()],
             near,
             far,
             jitter: config.sampling.jitter,
             images: config.sampling.images,
             random_background: config.sampling.random_background,
             distortion: config.sampling.distortion,
+            sights: Vec::new(),
+            depth: config.capture.depth,
             seed: config.seed,
         })
     }
 
-    /// The same bank with rays of an unbounded scene that begin at these distances, one a view.
+    /// The same bank, of which an eighth of the rays go along lines of sight of its views.
     #[must_use]
-    pub fn with_nears(mut self, nears: Vec<f32>) -> Self {
-        self.nears = nears;
+    pub fn with_sights(mut self, sights: &Sights) -> Self {
+        let of_view = |(view, sights): (usize, &Vec<Sight>)| {
+            // The pixel that shows the point, and not its neighbour at the rim.
+            let (width, height) = self.views[view].size();
+            let inside = move |sight: &Sight| {
+                let [x, y] = sight.at;
+                (0.0..width as f32).contains(&x) && (0.0..height as f32).contains(&y)
+            };
+            sights.iter().copied().filter(inside).map(move |sight| (view, sight)).collect::<Vec<_>>()
+        };
+        self.sights = sights.of_views.iter().enumerate().flat_map(of_view).collect();
         self
+    }
+
+    /// The line of sight, and its view, that ray `index` of a step of `rays` rays goes along; `None` behind the first eighth
+    /// of the rays.
+    fn sight(&self, step: u64, index: u64, rays: usize) -> Option<&(usize, Sight)> {
+        if self.sights.is_empty() || index >= (rays / SIGHT_SHARE) as u64 {
+            return None;
+        }
+        let bits = uniform_u32(self.seed, Purpose::Pixel, step, index);
+        self.sights.get(scale(bits, self.sights.len() as u64) as usize)
     }
 
     /// Pixels that may be drawn.
@@ -212,28 +249,40 @@ impl<'d> RayBank<'d> {
             .map(|chunk| {
                 let begun = Instant::now();
                 let range = chunk * CONTRACTED_CHUNK..rays.min((chunk + 1) * CONTRACTED_CHUNK);
-                let (mut rays_of, mut samples) = (Vec::new(), Samples::default());
+                let mut found = Marched::default();
                 for (index, view, ray, mut batch_ray) in self.targets(step, range, rays) {
-                    let before = samples.positions.len();
+                    let before = found.samples.positions.len();
                     let (ray, start) = contraction.centred(&ray);
-                    let first = contraction.step_at(self.nears[view] - start);
+                    let first = contraction.step_at(self.near - start);
                     let u = uniform(self.seed, Purpose::Jitter, step, index);
                     let count = ((far - first) / width).ceil().max(0.0) as u32;
                     let walk = (first + u * width, width, count);
-                    march_contracted(isa, cells, contraction, &ray, walk, start, &mut samples);
-                    batch_ray.samples = (samples.positions.len() - before) as u32;
-                    rays_of.push(batch_ray);
+                    march_contracted(isa, cells, contraction, &ray, walk, start, &mut found.samples);
+                    batch_ray.samples = (found.samples.positions.len() - before) as u32;
+                    found.rays.push(batch_ray);
+                    found.views.push(view as u32);
+                    if let Some((_, sight)) = self.sight(step, index, rays) {
+                        let of_ray = |s: f32| (s - first) / (far - first);
+                        found.along.extend(found.samples.steps[before..].iter().map(|&s| of_ray(s)));
+                        let at = of_ray(contraction.step_at(sight.distance - start));
+                        // The squared error is the mean over three channels.
+                        found.surfaces.push(Surface { at, weight: self.depth * sight.confidence / 3.0 });
+                    }
                 }
-                (rays_of, samples, begun.elapsed())
+                found.time = begun.elapsed();
+                found
             })
             .collect();
         let mut time = Duration::ZERO;
-        for (rays, samples, taken) in chunks {
-            batch.rays.extend(rays);
-            batch.positions.extend(samples.positions);
-            batch.deltas.extend(samples.deltas);
-            batch.gradient_scales.extend(samples.gradient_scales);
-            time += taken;
+        for found in chunks {
+            batch.rays.extend(found.rays);
+            batch.surfaces.extend(found.surfaces);
+            batch.along.extend(found.along);
+            batch.views.extend(found.views);
+            batch.positions.extend(found.samples.positions);
+            batch.deltas.extend(found.samples.deltas);
+            batch.gradient_scales.extend(found.samples.gradient_scales);
+            time += found.time;
         }
         time
     }
@@ -284,6 +333,9 @@ impl<'d> RayBank<'d> {
 
     /// The view and the pixel in it, counted row by row, of ray `index` of a step that draws `rays`.
     pub fn source(&self, step: u64, index: u64, rays: usize) -> (usize, usize) {
+        if let Some(&(view, Sight { at: [x, y], .. })) = self.sight(step, index, rays) {
+            return (view, y as usize * self.views[view].size().0 as usize + x as usize);
+        }
         let bits = uniform_u32(self.seed, Purpose::Pixel, step, index);
         if self.images > 0 {
             let group = index / (rays.div_ceil(self.images) as u64);

@@ -6,7 +6,7 @@ fn bank((near, far): (f32, f32), samples: u16, jitter: Jitter) -> RayBank<'stati
     let mut config = Preset::Small.config();
     (config.sampling.samples, config.sampling.jitter) = (samples, jitter);
     let scene_box = SceneBox { min: -Vec3::ONE, max: Vec3::ONE };
-    let bounds = Bounds { near, far, scene_box, contraction: None };
+    let bounds = Bounds { near, far, scene_box, contraction: None, empty_before: near };
     RayBank::new(&[], Background::Constant([0; 3]), bounds, &config).unwrap()
 }
 

@@ -62,6 +62,9 @@ impl Trainer<'_> {
             let threshold = self.step_width.map_or(threshold, |step| threshold.max(EXPORTED / step));
             occupancy.settle(&ask, threshold);
         }
+        if settle {
+            occupancy.drop_unweighted();
+        }
         Candidate { step: self.progressed.step, live: occupancy.into_live(), parameters, architecture: None }
     }
 

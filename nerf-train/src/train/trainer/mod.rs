@@ -2,12 +2,14 @@
 
 pub mod candidate;
 
+use crate::capture::sights::{self, Sights};
 use crate::data::{Background, Dataset, mean_colour};
 use crate::model::config::{Config, Density, SamplingConfig};
 use crate::model::engine::{Batch, Engine, Model, Phase, Phases, engine_for};
 use crate::train::Bounds;
 use crate::train::average::Average;
 use crate::train::checkpoint::{Checkpoint, fingerprint};
+use crate::train::exposure::{ExposureFound, Gains};
 use crate::train::occupancy::{Ask, Occupancy};
 use crate::train::rays::{MarchCells, RayBank};
 use crate::train::schedule::learning_rate;
@@ -25,6 +27,8 @@ const REFRESHES: usize = 24;
 const LONGEST_STEP: f64 = 4.0;
 const GROWTH: f64 = 0.15;
 const STAGES: f64 = 8.0;
+/// Share of a run from which on it is remembered which cells of an unbounded scene training rays give weight to.
+const MARKED_FROM: f64 = 0.5;
 /// Times a run is started anew before it is given up.
 pub(crate) const RESEEDS: u32 = 3;
 
@@ -44,6 +48,10 @@ pub struct Trainer<'d> {
     occupancy: Option<Occupancy>,
     average: Average,
     batch: Batch,
+    /// Key points of the training views, of an unbounded scene.
+    sights: Option<Sights>,
+    gains: Option<Gains>,
+    exposure: Option<ExposureFound>,
     /// The occupied cells as they are marched; none until they are asked for.
     cells: Option<MarchCells>,
     /// The next step's samples, where they were marched beside this step's update, and what they were marched with.
@@ -64,7 +72,9 @@ impl<'d> Trainer<'d> {
     /// [`TrainError`] on settings out of range and on data whose bounds cannot be found.
     pub fn new(dataset: &'d Dataset, config: Config, kernel: Kernel) -> Result<Self, TrainError> {
         config.check()?;
-        let (bounds, nears, occupancy) = find_bounds(dataset, &config)?;
+        let unbounded = config.sampling.contraction.is_some();
+        let sights = Some(dataset).filter(|_| unbounded).and_then(sights::of_training);
+        let (bounds, occupancy) = find_bounds(dataset, &config, sights.as_ref())?;
         let extent = bounds.scene_box.max - bounds.scene_box.min;
         let model = config.model_of(extent);
         let mut config = config;
@@ -73,7 +83,14 @@ impl<'d> Trainer<'d> {
             config.sampling.samples = bins_across(&bounds, config.sampling.steps_across);
             step_width = Some(bounds.step(config.sampling.steps_across));
         }
-        let bank = RayBank::new(&dataset.train, dataset.background, bounds, &config)?.with_nears(nears);
+        let mut bank = RayBank::new(&dataset.train, dataset.background, bounds, &config)?;
+        if let Some(sights) = sights.as_ref().filter(|_| config.capture.depth > 0.0) {
+            bank = bank.with_sights(sights);
+        }
+        let (gains, exposure) = match unbounded {
+            true => Gains::of(&dataset.train, sights.as_ref(), config.capture.exposure),
+            false => (None, None),
+        };
         let engine =
             engine_for(config.engine, &model, bounds.scene_box, config.adam(), config.seed, kernel.isa)?;
         let background = match dataset.background {
@@ -93,6 +110,9 @@ impl<'d> Trainer<'d> {
             engine,
             occupancy,
             batch: Batch::default(),
+            sights,
+            gains,
+            exposure,
             cells: None,
             ahead: Default::default(),
             progressed: Progressed::default(),
@@ -119,6 +139,7 @@ impl<'d> Trainer<'d> {
         self.engine.restore(&checkpoint.optimiser)?;
         self.average = checkpoint.average;
         self.occupancy = checkpoint.occupancy;
+        (self.gains, self.exposure) = (checkpoint.gains, checkpoint.exposure);
         self.forget_marched();
         self.progressed = checkpoint.progressed;
         self.curve = checkpoint.curve;
@@ -136,12 +157,15 @@ impl<'d> Trainer<'d> {
             (Some(theirs), Some(ours)) => theirs.is_like(ours),
             (theirs, ours) => theirs.is_none() && ours.is_none(),
         };
+        let gains = checkpoint.gains.as_ref();
+        let gains = gains.is_none_or(|gains| gains.views() == self.dataset.train.len());
         let ascending = curve.is_sorted_by_key(|point| point.step);
         let curve = ascending && curve.last().is_none_or(|point| point.step <= p.step);
         let parts = [
             ("counters", counted && alive),
             ("averaged parameters", average.is_like(&self.average, p.step)),
             ("occupancy cells", cells),
+            ("gains of photographs", gains),
             ("points of the curve", curve),
         ];
         match parts.into_iter().find(|&(_, fits)| !fits) {
@@ -159,6 +183,8 @@ impl<'d> Trainer<'d> {
             optimiser: self.engine.state(),
             average: self.average.clone(),
             occupancy: self.occupancy.clone(),
+            gains: self.gains.clone(),
+            exposure: self.exposure,
             progressed: self.progressed,
             curve: self.curve.clone(),
             snapshots: self.snapshots.clone(),
@@ -191,6 +217,16 @@ impl<'d> Trainer<'d> {
     /// Where the scene is.
     pub fn bounds(&self) -> &Bounds {
         &self.bounds
+    }
+
+    /// The key points that the fit uses; `None` where there are none.
+    pub fn sights(&self) -> Option<&Sights> {
+        self.sights.as_ref()
+    }
+
+    /// What is known of the photographs' exposure so far.
+    pub fn exposure(&self) -> Option<ExposureFound> {
+        self.exposure
     }
 
     /// Pixels that may be drawn.
@@ -228,7 +264,11 @@ impl<'d> Trainer<'d> {
         let refreshed = self.config.occupancy.skip
             && (self.progressed.step + 1).is_multiple_of(self.config.occupancy.every);
         let width = self.step_width(share);
-        let Self { bank, batch, ahead, cells, phases, progressed: p, kernel, .. } = self;
+        let Self { bank, batch, ahead, cells, phases, progressed: p, kernel, gains, .. } = self;
+        match gains {
+            Some(gains) => gains.factors(&batch.views, &mut batch.gains),
+            None => batch.views.clear(),
+        }
         let s = &self.config.sampling;
         let grid = self.config.network.grid.is_some();
         let mut live_per_ray = p.live_per_ray;
@@ -243,6 +283,9 @@ impl<'d> Trainer<'d> {
                 phases.add(Phase::March, march.fill(bank, *kernel, cells, &mut ahead.1));
             }
         })?;
+        self.learn_gains();
+        self.mark_weighted(share);
+        let p = &mut self.progressed;
         p.live_per_ray = live_per_ray;
         p.step += 1;
         p.rays += self.batch.rays.len() as u64;
@@ -260,6 +303,27 @@ impl<'d> Trainer<'d> {
             self.phases.lap(Phase::Occupancy, now);
         }
         Ok(())
+    }
+
+    /// Moves the photographs' gains by the step that was just taken.
+    fn learn_gains(&mut self) {
+        let Some(gains) = &mut self.gains else { return };
+        if let Some(found) = gains.step(&self.engine.gain_gradients(gains.views())) {
+            self.exposure = Some(found);
+            if !found.fitted {
+                self.gains = None;
+            }
+        }
+    }
+
+    /// Remembers the cells of an unbounded scene that the step that was just taken gave weight to.
+    fn mark_weighted(&mut self, share: f64) {
+        if self.bounds.contraction.is_none() || share < MARKED_FROM {
+            return;
+        }
+        if let Some(occupancy) = &mut self.occupancy {
+            occupancy.mark(self.batch.rays.len(), self.engine.weighted());
+        }
     }
 
     /// Width of the marched steps when `share` of the budget is used.
@@ -348,7 +412,7 @@ impl<'d> Trainer<'d> {
             seed,
             self.kernel.isa,
         )?;
-        self.occupancy = find_bounds(self.dataset, &self.config)?.2;
+        self.occupancy = find_bounds(self.dataset, &self.config, self.sights.as_ref())?.1;
         self.forget_marched();
         self.average.clear();
         self.progressed = Progressed { reseeds: restarts, ..Progressed::default() };

@@ -3,7 +3,7 @@
 //! Read from front to back without trust in any count: nothing is allocated that the bytes did not pay for.
 
 use super::model::{Camera, Kind};
-use super::{Encoding, Model, Points, Registered};
+use super::{Encoding, Model, NO_POINT, Points, Registered};
 use crate::data::DatasetError;
 use crate::data::system::input::open_regular;
 use std::collections::HashMap;
@@ -150,9 +150,14 @@ fn images(file: &Path) -> Result<Vec<Registered>, DatasetError> {
         let translation = bytes.f64s(&field("translation"))?;
         let camera = bytes.u32(&field("camera"))?;
         let name = bytes.name(&field("name"))?;
-        let points = bytes.u64(&field("number of points"))?;
-        bytes.skip(&field("points"), points, 24)?;
-        images.push(Registered { name, camera, rotation, translation });
+        let (mut key_points, of_points) = (Vec::new(), field("points"));
+        for _ in 0..bytes.u64(&field("number of points"))? {
+            let (at, number) = (bytes.f64s(&of_points)?, bytes.u64(&of_points)?);
+            if number != NO_POINT {
+                key_points.push((at, number));
+            }
+        }
+        images.push(Registered { name, camera, rotation, translation, key_points });
     }
     if images.is_empty() {
         return Err(bytes.value("number of photographs", "at least one", "none"));
@@ -166,14 +171,14 @@ pub(crate) fn points(file: &Path, points: &mut Points) -> Result<(), DatasetErro
     let mut bytes = Bytes::open(file)?;
     for index in 0..bytes.u64("number of points")? {
         let field = format!("point number {index}");
-        bytes.u64(&field)?;
+        let number = bytes.u64(&field)?;
         let position = bytes.f64s(&field)?;
         // Colour.
         bytes.array::<3>(&field)?;
         let [error] = bytes.f64s(&field)?;
         let track = bytes.u64(&field)?;
         bytes.skip(&field, track, 8)?;
-        points.push(position, error, track)?;
+        points.push(number, position, error, track)?;
     }
     bytes.end()
 }

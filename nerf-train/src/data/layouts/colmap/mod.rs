@@ -10,7 +10,9 @@ use crate::data::layouts::found::Found;
 use crate::data::layouts::split::every_eighth;
 use crate::data::layouts::transforms::listed;
 use crate::data::pictures::photo::{Fence, Loaded, Photo, Source};
-use crate::data::{Axes, Background, Dataset, DatasetError, Format, ReadOptions, Watch, scene_name};
+use crate::data::{
+    Axes, Background, Dataset, DatasetError, Format, KeyPoint, ReadOptions, SparsePoint, Watch, scene_name,
+};
 use glam::{DMat3, DQuat, DVec3};
 use model::Camera;
 use nerf_core::camera::Pose;
@@ -30,7 +32,12 @@ struct Registered {
     rotation: [f64; 4],
     /// World to camera: translation.
     translation: [f64; 3],
+    /// Where it shows points of the model: pixels from the left and the top, and the point's number.
+    key_points: Vec<([f64; 2], u64)>,
 }
+
+/// Point number of a key point that was not triangulated.
+const NO_POINT: u64 = u64::MAX;
 
 /// What a model's files hold.
 struct Model {
@@ -100,9 +107,13 @@ pub(crate) fn read(folder: &Path, options: &ReadOptions, watch: &Watch) -> Resul
     let folders = Folders::of(root)?;
     let origin = options.origin_for(model.images.iter().filter_map(|image| Some(c2w(image)?.1.into())));
     let file = encoding.file(&model_folder, "images");
-    let views = Reader { model: &model, file: &file, folders: &folders, root, origin, options }
-        .views(watch, &mut found)?;
-    let points = points_of(&model_folder, origin, &mut found)?;
+    let points = read_points(&model_folder, origin)?;
+    points.say_unseen(&mut found);
+    let numbers = points.numbers();
+    let views =
+        Reader { model: &model, file: &file, folders: &folders, root, origin, options, points: &numbers }
+            .views(watch, &mut found)?;
+    let points = points.kept.into_iter().map(|(_, point)| point).collect();
     let axes = options.axes.unwrap_or(Axes::Opencv);
     let cameras = model.cameras.len();
     found.notes.insert(
@@ -177,16 +188,10 @@ pub(crate) fn points_of(
     folder: &Path,
     origin: DVec3,
     found: &mut Found,
-) -> Result<Vec<[f32; 3]>, DatasetError> {
+) -> Result<Vec<SparsePoint>, DatasetError> {
     let points = read_points(folder, origin)?;
-    if points.unseen > 0 {
-        found.warnings.push(format!(
-            "{}: skipped {} points that no photograph sees",
-            points.file.file_name().unwrap_or_default().to_string_lossy(),
-            points.unseen
-        ));
-    }
-    Ok(points.kept)
+    points.say_unseen(found);
+    Ok(points.kept.into_iter().map(|(_, point)| point).collect())
 }
 
 fn read_points(folder: &Path, origin: DVec3) -> Result<Points, DatasetError> {
@@ -243,7 +248,8 @@ struct Points {
     file: PathBuf,
     /// What they are counted from.
     origin: DVec3,
-    kept: Vec<[f32; 3]>,
+    /// Points with their numbers in the file.
+    kept: Vec<(u64, SparsePoint)>,
     /// One in this many is kept.
     stride: usize,
     seen: usize,
@@ -254,8 +260,29 @@ struct Points {
 }
 
 impl Points {
-    /// Takes a point that `photographs` see, with its reprojection error, pixels.
-    fn push(&mut self, position: [f64; 3], error: f64, photographs: u64) -> Result<(), DatasetError> {
+    /// The place in the list of each point that was kept, by its number in the file.
+    fn numbers(&self) -> HashMap<u64, u32> {
+        self.kept.iter().enumerate().map(|(place, &(number, _))| (number, place as u32)).collect()
+    }
+
+    fn say_unseen(&self, found: &mut Found) {
+        if self.unseen > 0 {
+            found.warnings.push(format!(
+                "{}: skipped {} points that no photograph sees",
+                self.file.file_name().unwrap_or_default().to_string_lossy(),
+                self.unseen
+            ));
+        }
+    }
+
+    /// Adds a point: its number in the file, position, mean reprojection error in pixels, and how many photographs show it.
+    fn push(
+        &mut self,
+        number: u64,
+        position: [f64; 3],
+        error: f64,
+        photographs: u64,
+    ) -> Result<(), DatasetError> {
         let point = (DVec3::from(position) - self.origin).as_vec3().to_array();
         if !point.iter().all(|v| v.is_finite()) {
             return Err(DatasetError::Value {
@@ -270,7 +297,8 @@ impl Points {
             return Ok(());
         }
         if self.seen.is_multiple_of(self.stride) {
-            self.kept.push(point);
+            let track = photographs.min(u64::from(u32::MAX)) as u32;
+            self.kept.push((number, SparsePoint { position: point, error: error as f32, track }));
         }
         self.seen += 1;
         self.errors += error;
@@ -296,6 +324,8 @@ struct Reader<'a> {
     /// What positions are counted from.
     origin: DVec3,
     options: &'a ReadOptions,
+    /// The place in the data set's list of each sparse point, by its number in the model.
+    points: &'a HashMap<u64, u32>,
 }
 
 impl Reader<'_> {
@@ -368,7 +398,16 @@ impl Reader<'_> {
             reduced: place.reduced,
             pose: self.options.axes.unwrap_or(Axes::Opencv).to_opengl(pose),
         };
-        source.load(photo, |_, _| Ok(optics)).map(Some)
+        let mut loaded = source.load(photo, |_, _| Ok(optics))?;
+        let (width, height) = loaded.view.size();
+        let scale = [f64::from(width) / w, f64::from(height) / h];
+        let key_point = |&([x, y], number): &([f64; 2], u64)| {
+            let (x, y) = ((x * scale[0]) as f32, (y * scale[1]) as f32);
+            let &point = self.points.get(&number)?;
+            (x.is_finite() && y.is_finite()).then_some(KeyPoint { x, y, point })
+        };
+        loaded.view.key_points = image.key_points.iter().filter_map(key_point).collect();
+        Ok(Some(loaded))
     }
 }
 

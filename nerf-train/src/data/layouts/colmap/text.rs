@@ -1,7 +1,7 @@
 //! COLMAP's text files: a line for each camera and point, two for each photograph, and comments.
 
 use super::model::{Camera, Kind};
-use super::{Encoding, Model, Points, Registered};
+use super::{Encoding, Model, NO_POINT, Points, Registered};
 use crate::data::DatasetError;
 use crate::data::system::input::open_regular;
 use std::collections::HashMap;
@@ -162,18 +162,39 @@ fn images(file: &Path) -> Result<Vec<Registered>, DatasetError> {
         if name.is_empty() {
             return Err(lines.value("name", "the name of a photograph", "none"));
         }
-        images.push(Registered { name, camera, rotation, translation });
         // Its points, of which there may be none.
-        if lines.any()?.is_none() {
+        let Some(points) = lines.any()? else {
             return Err(lines.value(
                 "points",
                 "a second line for each photograph, if empty",
                 "the end of the file",
             ));
-        }
+        };
+        let key_points = key_points(&lines, &points)?;
+        images.push(Registered { name, camera, rotation, translation, key_points });
     }
     lines.check(images.len() as u64)?;
     Ok(images)
+}
+
+/// The key points of a photograph's second line that are of a point: x, y and the point's number, -1 for none, of each.
+fn key_points(lines: &Lines, line: &str) -> Result<Vec<([f64; 2], u64)>, DatasetError> {
+    let (mut words, mut found) = (line.split_whitespace().peekable(), Vec::new());
+    while words.peek().is_some() {
+        let mut number = |field| {
+            let word = words.next().unwrap_or_default();
+            word.parse::<f64>().map_err(|_| lines.value(field, "a number", format!("{word:?}")))
+        };
+        let at = [number("x of a point")?, number("y of a point")?];
+        let word = words.next().unwrap_or_default();
+        let id: i64 =
+            word.parse().map_err(|_| lines.value("point id", "a whole number", format!("{word:?}")))?;
+        let id = u64::try_from(id).unwrap_or(NO_POINT);
+        if id != NO_POINT {
+            found.push((at, id));
+        }
+    }
+    Ok(found)
 }
 
 /// The positions of a points3D.txt.
@@ -182,11 +203,11 @@ pub(crate) fn points(file: &Path, points: &mut Points) -> Result<(), DatasetErro
     let mut count = 0;
     while let Some(line) = lines.next()? {
         let mut words = line.split_whitespace();
-        lines.number::<u64>(&mut words, "point id")?;
+        let number = lines.number::<u64>(&mut words, "point id")?;
         let position = lines.numbers(&mut words, "position")?;
         // Colour and error, then pairs: photograph, point in it.
         let [.., error] = lines.numbers::<4>(&mut words, "colour and error")?;
-        points.push(position, error, words.count() as u64 / 2)?;
+        points.push(number, position, error, words.count() as u64 / 2)?;
         count += 1;
     }
     let none = count == 0 && lines.announced.unwrap_or(0) == 0;

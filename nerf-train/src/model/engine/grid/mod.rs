@@ -184,6 +184,17 @@ impl GridEngine {
     }
 }
 
+/// Sums over rays of gradients by log gain, photograph by photograph.
+fn gain_sums<'g>(gains: impl IntoIterator<Item = &'g (u32, [f32; 3])>, views: usize) -> Vec<[f32; 3]> {
+    let mut sums = vec![[0.0f32; 3]; views];
+    for (view, gradient) in gains {
+        if let Some(sum) = sums.get_mut(*view as usize) {
+            sum.iter_mut().zip(gradient).for_each(|(sum, g)| *sum += g);
+        }
+    }
+    sums
+}
+
 impl Engine for GridEngine {
     fn step(&mut self, batch: &Batch, rate: f64) -> Result<StepLoss, EngineError> {
         self.step_beside(batch, rate, &mut |_| ())
@@ -236,6 +247,17 @@ impl Engine for GridEngine {
         };
         rayon::join(|| beside(&loss), update);
         Ok(loss)
+    }
+
+    fn gain_gradients(&self, views: usize) -> Vec<[f32; 3]> {
+        gain_sums(self.passes.iter().flat_map(|pass| &pass.gains), views)
+    }
+
+    fn weighted(&self) -> Box<dyn Iterator<Item = ([f32; 3], f32)> + '_> {
+        Box::new(self.passes.iter().flat_map(|pass| {
+            let Kept { positions: [x, y, z], weights, .. } = &pass.kept;
+            x.iter().zip(y).zip(z).zip(weights).map(|(((&x, &y), &z), &weight)| ([x, y, z], weight))
+        }))
     }
 
     fn round_tables(&mut self) {

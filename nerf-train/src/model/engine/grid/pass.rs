@@ -6,7 +6,7 @@ use super::distortion::distortion_gradient;
 use super::layers::{Layer, LayerSums, Layers, padded};
 use super::scatter::Kept;
 use super::vector::{VECTOR, exponentials, mask, sigmoids, to_rows, transmitted};
-use crate::model::engine::{Batch, Model, Phase, Phases};
+use crate::model::engine::{Batch, Model, Phase, Phases, Surface};
 use nerf_core::encoding::{
     DirectionEncoding, GridEncoding, GridTables, encode_block, encode_grid_block, encode_harmonics_block,
 };
@@ -27,6 +27,9 @@ pub(super) const GATE: f32 = 1e-3;
 /// Where faint samples are drawn ([`Batch::faint`]): the weight below which a sample is kept with a chance of its share of
 /// this, and then stands for all that were not.
 pub(super) const FAINT: f32 = 3e-3;
+
+/// Value from which on a photograph's channel counts as clipped at white.
+const CLIPPED: f32 = 250.0 / 255.0;
 
 /// What a chunk is computed from.
 #[derive(Clone, Copy)]
@@ -83,6 +86,8 @@ pub(super) struct Pass {
     pub totals: Totals,
     pub sums: LayerSums,
     pub kept: Kept,
+    /// Gradients by log gain, with the photographs they are of.
+    pub gains: Vec<(u32, [f32; 3])>,
 }
 
 /// A thread's buffers for the chunk under way; all are reused from step to step.
@@ -110,10 +115,11 @@ pub(super) struct Scratch {
     after: Vec<f32>,
     /// How many samples of its kind each stands for: 1, but of faint ones that were drawn.
     stands_for: Vec<f32>,
-    /// Of the kept samples: weights as often as they count, the gaps in front of them, the distortion's gradient.
+    /// Of the kept samples: weights as often as they count, the gaps in front of them, the gradient by weight of the
+    /// terms that do not depend on colour.
     counted: Vec<f32>,
     gaps: Vec<f32>,
-    distortion: Vec<f32>,
+    by_weight: Vec<f32>,
     kept_encoded: Vec<f32>,
     kept_hidden: Vec<Vec<f32>>,
     coloured: Vec<Vec<f32>>,
@@ -145,6 +151,7 @@ impl Pass {
         self.totals = Totals::default();
         self.sums.clear();
         self.kept.clear();
+        self.gains.clear();
     }
 }
 
@@ -177,7 +184,7 @@ impl Scratch {
             self.colour(job, batch, rays.clone());
         }
         let now = self.phases.lap(Phase::Forward, now);
-        pass.totals.squared += self.loss(job, batch, rays);
+        pass.totals.squared += self.loss(job, batch, rays, &mut pass.gains);
         let now = self.phases.lap(Phase::Composite, now);
         if kept > 0 {
             self.backward(job, batch, pass);
@@ -440,11 +447,11 @@ impl Scratch {
         extra.forward(job.isa, count, &self.dir_rows, width, &mut self.shares, Init::Zero, false);
     }
 
-    /// The gradient of the distortion loss by the weight of each kept sample.
+    /// Puts the gradient of the distortion loss by the weight of each kept sample into `by_weight`.
     fn distort(&mut self, batch: &Batch) {
         let kept = self.kept_row.len();
-        self.distortion.clear();
-        self.distortion.resize(kept, 0.0);
+        self.by_weight.clear();
+        self.by_weight.resize(kept, 0.0);
         if batch.distortion == 0.0 {
             return;
         }
@@ -460,15 +467,35 @@ impl Scratch {
         self.gaps.extend((0..kept).map(gap));
         for state in &self.rays {
             let kept = state.kept.0..state.kept.1;
-            let gradient = &mut self.distortion[kept.clone()];
+            let gradient = &mut self.by_weight[kept.clone()];
             distortion_gradient(&self.counted[kept.clone()], &self.gaps[kept], gradient);
         }
         let weight = batch.distortion / batch.rays.len() as f32;
-        self.distortion.iter_mut().for_each(|g| *g *= weight);
+        self.by_weight.iter_mut().for_each(|g| *g *= weight);
+    }
+
+    /// Adds the gradient by weight of the known surface of the ray, of the chunk's number `ray` and the batch's `index`;
+    /// gives that by the transmittance behind its last sample.
+    fn draw_to_surface(&mut self, batch: &Batch, ray: usize, index: usize) -> f32 {
+        let Some(surface) = batch.surfaces.get(index) else { return 0.0 };
+        let weight = surface.weight / batch.rays.len() as f32;
+        let kept = self.rays[ray].kept;
+        for i in kept.0..kept.1 {
+            let sample = self.index_of[self.kept_row[i] as usize] as usize;
+            let along = batch.along.get(sample).copied().unwrap_or(surface.at);
+            self.by_weight[i] += weight * (along - surface.at).abs().min(Surface::CLIP);
+        }
+        weight * Surface::CLIP
     }
 
     /// Sum of the pixels' squared errors; the gradients of colours before their sigmoid in `upper`, of raw densities in `d_raw`.
-    fn loss(&mut self, job: &Job<'_>, batch: &Batch, rays: Range<usize>) -> f64 {
+    fn loss(
+        &mut self,
+        job: &Job<'_>,
+        batch: &Batch,
+        rays: Range<usize>,
+        gains: &mut Vec<(u32, [f32; 3])>,
+    ) -> f64 {
         let mut squared = 0.0;
         let kept = self.kept_row.len();
         grow(&mut self.upper, padded(kept) * VECTOR);
@@ -476,10 +503,13 @@ impl Scratch {
         grow(&mut self.d_raw, padded(kept) * VECTOR);
         self.d_raw[..kept * VECTOR].fill(0.0);
         self.distort(batch);
+        let by_left: Vec<f32> =
+            (0..self.rays.len()).map(|ray| self.draw_to_surface(batch, ray, rays.start + ray)).collect();
         let empty = Vec::new();
         let rgb = if kept > 0 { self.coloured.last().unwrap_or(&empty) } else { &empty };
         let scale = 2.0 / (3 * batch.rays.len()) as f32;
-        for (state, ray) in self.rays.iter().zip(&batch.rays[rays]) {
+        for ((state, by_left), index) in self.rays.iter().zip(by_left).zip(rays) {
+            let ray = &batch.rays[index];
             let mut seen = ray.background.map(|c| c * state.left);
             let range = state.kept.0..state.kept.1;
             for i in range.clone() {
@@ -487,11 +517,16 @@ impl Scratch {
                     *seen += self.stands_for[i] * self.weight[i] * rgb[i * VECTOR + k];
                 }
             }
-            let error: [f32; 3] = std::array::from_fn(|k| seen[k] - ray.rgb[k]);
+            let gain = batch.gains.get(index).copied().unwrap_or([1.0; 3]);
+            let error: [f32; 3] =
+                std::array::from_fn(|k| clipped_error(gain[k] * seen[k], ray.rgb[k], gain[k]));
             squared += error.iter().map(|&e| f64::from(e) * f64::from(e)).sum::<f64>();
-            let gradient = error.map(|e| scale * e);
+            let gradient: [f32; 3] = std::array::from_fn(|k| scale * error[k] * gain[k]);
+            if let Some(&view) = batch.views.get(index) {
+                gains.push((view, std::array::from_fn(|k| gradient[k] * seen[k])));
+            }
             let mut behind = ray.background.map(|c| c * state.left);
-            let mut distorted = 0.0;
+            let mut behind_by_weight = by_left * state.left;
             for i in range.rev() {
                 let (mut of_depth, stands_for) = (0.0, self.stands_for[i]);
                 let row = self.kept_row[i] as usize;
@@ -506,8 +541,8 @@ impl Scratch {
                 if job.layers.density.is_none() {
                     continue;
                 }
-                of_depth += self.distortion[i] * self.after[i] - distorted;
-                distorted += weight * self.distortion[i];
+                of_depth += self.by_weight[i] * self.after[i] - behind_by_weight;
+                behind_by_weight += weight * self.by_weight[i];
                 // sigma' = sigma below the limit of the exponential, and 0 above.
                 let sigma = self.sigma[row];
                 let slope = if sigma < EXPONENTIAL_LIMIT.exp() { sigma } else { 0.0 };
@@ -566,11 +601,18 @@ impl Scratch {
         }
         pass.kept.width = padded(job.grid.outputs());
         pass.kept.extend(isa, &self.upper[..kept * pass.kept.width]);
+        pass.kept.weights.extend_from_slice(&self.weight[..kept]);
         for (axis, positions) in pass.kept.positions.iter_mut().enumerate() {
             let along = |&row: &u32| batch.positions[self.index_of[row as usize] as usize][axis];
             positions.extend(self.kept_row.iter().map(along));
         }
     }
+}
+
+/// Error of a channel that is `shown`, after its photograph's `gain`, where the photograph has `rgb`: none beyond white
+/// where it was clipped.
+fn clipped_error(shown: f32, rgb: f32, gain: f32) -> f32 {
+    if gain != 1.0 && rgb >= CLIPPED && shown > 1.0 { 0.0 } else { shown - rgb }
 }
 
 /// Copies the `rows` of `from`, `[…][width]`, into `to`.

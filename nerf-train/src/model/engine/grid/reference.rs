@@ -1,18 +1,19 @@
 //! The reference engine of grid fields: tables as a dfdx tensor that samples gather from, all derivatives left to the tape.
 //!
 //! It computes what [`GridEngine`](super::GridEngine) does, in the plainest form. Which samples are kept is decided without a
-//! tape; the transmittance of the others is a constant. Deviation: every sample's density is evaluated, those behind the
-//! end of a ray too.
+//! tape; the transmittance of the others is a constant. Deviations: every sample's density is evaluated, those behind the
+//! end of a ray too; a photograph that is clipped at white is not told from one that is just as bright.
 
 use super::kept::KeptSamples;
-use super::{check_plain, check_state};
+use super::{check_plain, check_state, gain_sums};
 use crate::model::engine::chunk::{Chunk, cut};
 use crate::model::engine::optimiser::usable;
 use crate::model::engine::tape::{
     Matrix, Rows, Scalar, TAPE_SAMPLES, Taped, Vector, Weights, add, alpha, squared_error, with_tape,
 };
 use crate::model::engine::{
-    Adam, Batch, BatchRay, Dense, Engine, EngineError, Model, OptimiserState, Part, StepLoss, check_rate,
+    Adam, Batch, BatchRay, Dense, Engine, EngineError, Model, OptimiserState, Part, StepLoss, Surface,
+    check_rate,
 };
 use crate::model::quantise::{STEPS, scales};
 use dfdx::prelude::*;
@@ -34,6 +35,8 @@ pub struct GridReferenceEngine {
     adam: Adam,
     /// Layers, then tables.
     state: OptimiserState,
+    /// Gradients by log gain of the last step's rays, with their photographs.
+    gains: Vec<(u32, [f32; 3])>,
     device: Cpu,
 }
 
@@ -58,7 +61,8 @@ impl GridReferenceEngine {
         let parameters = model.initial_parameters(seed);
         let (moment1, moment2) = (vec![0.0; parameters.len()], vec![0.0; parameters.len()]);
         let state = OptimiserState { parameters, moment1, moment2, ..OptimiserState::default() };
-        Ok(Self { model: model.clone(), grid, bounds, adam, state, device: Cpu::default() })
+        let (model, device) = (model.clone(), Cpu::default());
+        Ok(Self { model, grid, bounds, adam, state, gains: Vec::new(), device })
     }
 
     fn network(&self) -> Result<Network, EngineError> {
@@ -171,9 +175,10 @@ impl GridReferenceEngine {
         &self,
         network: &Network,
         batch: &Batch,
-        (rays, samples): (&[BatchRay], Range<usize>),
+        (indices, samples): (Range<usize>, Range<usize>),
         loss: &mut StepLoss,
         gradients: &mut [f32],
+        gains: &mut Vec<(u32, [f32; 3])>,
     ) -> Result<(), EngineError> {
         let mut depths = Vec::new();
         if !samples.is_empty() {
@@ -181,20 +186,32 @@ impl GridReferenceEngine {
             let sigma = self.density(network, &h)?.as_vec();
             depths = sigma.iter().zip(&batch.deltas[samples.clone()]).map(|(s, d)| s * d).collect();
         }
+        let rays = &batch.rays[indices.clone()];
         let kept = KeptSamples::of(rays, &depths, samples.start, batch.faint);
         loss.evaluated += samples.len();
         loss.kept += kept.samples.len();
         if kept.samples.is_empty() {
-            for (ray, left) in rays.iter().zip(&kept.left) {
-                let error = |(seen, target): (&f32, &f32)| f64::from(left * seen - target).powi(2);
-                let squared: f64 = ray.background.iter().zip(&ray.rgb).map(error).sum();
+            for ((ray, left), index) in rays.iter().zip(&kept.left).zip(indices) {
+                let gain = batch.gains.get(index).copied().unwrap_or([1.0; 3]);
+                let shown = |k: usize| gain[k] * left * ray.background[k];
+                let squared: f64 = (0..3).map(|k| f64::from(shown(k) - ray.rgb[k]).powi(2)).sum();
+                if let Some(&view) = batch.views.get(index) {
+                    let scale = 2.0 / (3 * batch.rays.len()) as f32;
+                    gains.push((view, [0, 1, 2].map(|k| scale * (shown(k) - ray.rgb[k]) * shown(k))));
+                }
                 loss.mse += squared / (3 * batch.rays.len()) as f64;
             }
             return Ok(());
         }
-        let (mse, total) = self.render(network, batch, rays, &kept)?;
+        let (mse, total, factors) = self.render(network, batch, indices.clone(), &kept)?;
         loss.mse += f64::from(mse);
         let mut found = total.try_backward()?;
+        let by_factor = found.get_or_alloc_mut(&factors)?.to_vec();
+        for (index, by_factor) in indices.zip(by_factor.chunks_exact(3)) {
+            if let (Some(&view), Some(gain)) = (batch.views.get(index), batch.gains.get(index)) {
+                gains.push((view, [0, 1, 2].map(|k| gain[k] * by_factor[k])));
+            }
+        }
         let (layers, table) = gradients.split_at_mut(self.model.layer_parameters());
         for (dense, weights) in &network.layers {
             weights.collect(dense, &mut found, layers)?;
@@ -203,15 +220,16 @@ impl GridReferenceEngine {
         Ok(())
     }
 
-    /// The part that `rays` have in the mean squared error; and in the whole loss, on its tape.
+    /// The part that the `rays` of these indices have in the mean squared error; in the whole loss, on its tape; and
+    /// their gains, which that is differentiated by.
     fn render(
         &self,
         network: &Network,
         batch: &Batch,
-        rays: &[BatchRay],
+        indices: Range<usize>,
         kept: &KeptSamples,
-    ) -> Result<(f32, Scalar), EngineError> {
-        let device = &self.device;
+    ) -> Result<(f32, Scalar, Matrix), EngineError> {
+        let (device, rays) = (&self.device, &batch.rays[indices.clone()]);
         let of_rays = |of: fn(&BatchRay) -> [f32; 3]| {
             device.try_tensor_from_vec(rays.iter().flat_map(of).collect(), (rays.len(), 3))
         };
@@ -237,9 +255,14 @@ impl GridReferenceEngine {
         let left = left.try_mul(device.try_tensor_from_vec(kept.left.clone(), (rays.len(),))?)?;
         let weights = front.try_mul(alpha(tau)?)?.try_mul(inverse()?)?;
 
+        let towards = surfaces(&rows, batch, indices.clone(), kept, &weights, &left)?;
         let seen = rows.pixels(weights.with_empty_tape(), colour, left, of_rays(|ray| ray.background)?)?;
+        let gains = indices.flat_map(|ray| batch.gains.get(ray).copied().unwrap_or([1.0; 3])).collect();
+        let gains = device.try_tensor_from_vec(gains, (rays.len(), 3))?;
+        let seen = seen.try_mul(gains.retaped::<Taped>())?;
         let error = squared_error(seen, of_rays(|ray| ray.rgb)?, 1.0 / (3 * batch.rays.len()) as f32)?;
         let mse = error.array();
+        let error = error.try_add(towards)?;
         let total = if batch.distortion == 0.0 {
             with_tape(error, weights.split_tape().1)
         } else {
@@ -247,19 +270,20 @@ impl GridReferenceEngine {
             let distortion = distortion(&rows, weights, rows.constants(|i| along[i])?)?;
             error.try_add(distortion.try_mul(batch.distortion / batch.rays.len() as f32)?)?
         };
-        Ok((mse, with_tape(total, h.split_tape().1)))
+        Ok((mse, with_tape(total, h.split_tape().1), gains))
     }
 
     /// Loss of a checked batch, and its gradients in the model's own order.
-    fn differentiate(&self, batch: &Batch) -> Result<(StepLoss, Vec<f32>), EngineError> {
+    fn differentiate(&mut self, batch: &Batch) -> Result<(StepLoss, Vec<f32>), EngineError> {
         let network = self.network()?;
         let (mut chunks, mut loss) = (Vec::new(), StepLoss::default());
         let mut gradients = vec![0.0; self.state.parameters.len()];
+        let mut gains = Vec::new();
         cut(batch, TAPE_SAMPLES, &mut chunks);
         for chunk in chunks {
             // Culled space is not trained beside a grid.
             let Chunk::Rays { rays, samples } = chunk else { continue };
-            self.add_rays(&network, batch, (&batch.rays[rays], samples), &mut loss, &mut gradients)?;
+            self.add_rays(&network, batch, (rays, samples), &mut loss, &mut gradients, &mut gains)?;
         }
         // The density's bias stays as it starts; the others have no part in a grid field.
         for dense in self.model.layers() {
@@ -269,6 +293,7 @@ impl GridReferenceEngine {
             return Err(EngineError::Diverged { step: self.state.steps + 1 });
         }
         loss.dead = loss.evaluated > 0 && loss.kept == 0;
+        self.gains = gains;
         Ok((loss, gradients))
     }
 
@@ -324,6 +349,32 @@ fn with_gradient_scaled<S: Shape>(
     Ok(x.try_sub(constant.clone())?.try_mul(scale)?.try_add(constant)?)
 }
 
+/// What known surfaces add to the loss of the rays of these indices, on a tape of its own: see [`Surface`].
+fn surfaces(
+    rows: &Rows,
+    batch: &Batch,
+    indices: Range<usize>,
+    kept: &KeptSamples,
+    weights: &Matrix<Taped>,
+    left: &Vector<Taped>,
+) -> Result<Scalar, EngineError> {
+    let weight =
+        |ray: usize| batch.surfaces.get(ray).map_or(0.0, |surface| surface.weight) / batch.rays.len() as f32;
+    let counted = indices.clone().zip(&kept.counts);
+    let ray_of: Vec<usize> = counted.flat_map(|(ray, &count)| std::iter::repeat_n(ray, count)).collect();
+    let cost = rows.constants(|i| {
+        let (Some(surface), Some(along)) = (batch.surfaces.get(ray_of[i]), batch.along.get(kept.samples[i]))
+        else {
+            return 0.0;
+        };
+        weight(ray_of[i]) * (along - surface.at).abs().min(Surface::CLIP)
+    })?;
+    let passed = indices.map(|ray| weight(ray) * Surface::CLIP).collect::<Vec<_>>();
+    let passed = left.device().try_tensor_from_vec(passed, *left.shape())?;
+    let front = weights.with_empty_tape().try_mul(cost)?.try_sum::<Rank0, Axes2<0, 1>>()?;
+    Ok(front.try_add(left.with_empty_tape().try_mul(passed)?.try_sum::<Rank0, Axis<0>>()?)?)
+}
+
 /// `Σ_ij w_i w_j |s_i − s_j|` over all rays, of samples at distances `s` that ascend along each.
 fn distortion(rows: &Rows, weights: Matrix<Taped>, along: Matrix) -> Result<Scalar, EngineError> {
     let front = rows.sums_in_front(weights.with_empty_tape())?;
@@ -339,6 +390,10 @@ impl Engine for GridReferenceEngine {
         let (loss, gradients) = self.differentiate(batch)?;
         self.update(&gradients, rate)?;
         Ok(loss)
+    }
+
+    fn gain_gradients(&self, views: usize) -> Vec<[f32; 3]> {
+        gain_sums(&self.gains, views)
     }
 
     fn round_tables(&mut self) {

@@ -19,6 +19,8 @@ const AHEAD: usize = 4;
 pub(super) struct Kept {
     /// Positions, `[samples]` along each axis.
     pub positions: [Vec<f32>; 3],
+    /// Weights along their rays, `[samples]`.
+    pub weights: Vec<f32>,
     /// Gradients of the encoded values, `[samples][width]`.
     pub gradients: Vec<f32>,
     /// Row length of the gradients.
@@ -30,6 +32,7 @@ pub(super) struct Kept {
 impl Kept {
     pub fn clear(&mut self) {
         self.positions.iter_mut().for_each(Vec::clear);
+        self.weights.clear();
         self.gradients.clear();
         self.largest = 0.0;
     }

@@ -6,7 +6,7 @@ use crate::data::{Dataset, View};
 use crate::model::config::Config;
 use crate::train::Bounds;
 use crate::train::occupancy::Occupancy;
-use crate::train::{TrainError, find_bounds, nears};
+use crate::train::{TrainError, find_bounds};
 use glam::Vec3;
 use nerf_core::camera::Camera;
 
@@ -134,7 +134,7 @@ impl Scene {
             return Err(ShowError::Camera { count: views.len(), split, found });
         }
         config.check().map_err(TrainError::from)?;
-        let (mut bounds, _, found) = find_bounds(dataset, config)?;
+        let (mut bounds, found) = find_bounds(dataset, config, None)?;
         // Rays of an unbounded scene go on for ever: what is drawn of them is what surrounds the cameras.
         if let Some(contraction) = &bounds.contraction {
             let shown = (SHOWN_RADII * contraction.radius()).max(2.0 * bounds.near);
@@ -159,14 +159,13 @@ impl Scene {
         let side = thumbnail::side_for(shown.len());
         let bins = usize::from(config.sampling.samples);
         let own = (OWN_SAMPLES / (shown.len() * bins)).max(4).min(request.rays);
-        let nears = nears(shown, config, &bounds);
         let camera = |(i, view): (usize, &View)| -> Result<ShownCamera, ShowError> {
             let own_rays = match alone {
                 true => Vec::new(),
                 false => drawer.draw(&shown[i..=i], i, own, false)?.0,
             };
             let (name, thumbnail) = (view.name.clone(), Thumbnail::of(view, side, [1.0; 3]));
-            let (index, camera, near) = (first + i, view.camera, nears[i]);
+            let (index, camera, near) = (first + i, view.camera, bounds.near);
             Ok(ShownCamera { index, name, camera, near, thumbnail, own_rays })
         };
         let cameras = shown.iter().enumerate().map(camera).collect::<Result<Vec<_>, _>>()?;

@@ -5,7 +5,7 @@ mod oracle;
 use super::*;
 use crate::model::config::{Preset, TableConfig};
 use crate::model::engine::model::uniform;
-use crate::model::engine::{BatchError, BatchRay, Dense, Part, ReferenceEngine};
+use crate::model::engine::{BatchError, BatchRay, Dense, Part, ReferenceEngine, Surface};
 use crate::model::picture_config::{FieldConfig, FieldPreset};
 use crate::model::quantise::{Quantised, TableStorage, values_of};
 use glam::Vec3;
@@ -103,6 +103,55 @@ fn batch_of(rays: usize, seed: u64) -> Batch {
     batch
 }
 
+/// The batch with surfaces that half of its rays should end at, and with gains of three photographs.
+fn exposed_towards_surfaces(mut batch: Batch) -> Batch {
+    let towards = batch.rays.len().div_ceil(2);
+    batch.surfaces =
+        (0..towards).map(|i| Surface { at: (i % 5) as f32 / 4.0, weight: 0.3 + (i % 3) as f32 }).collect();
+    let samples: u32 = batch.rays[..towards].iter().map(|ray| ray.samples).sum();
+    // Some are further from the surface than what costs more.
+    batch.along = (0..samples).map(|i| (i % 7) as f32 / 6.0).collect();
+    batch.views = (0..batch.rays.len() as u32).map(|i| i % 3).collect();
+    batch.gains = batch.views.iter().map(|&view| GAINS[view as usize]).collect();
+    batch
+}
+
+/// Gains of the photographs of [`exposed_towards_surfaces`].
+const GAINS: [[f32; 3]; 3] = [[0.7, 0.8, 0.9], [1.0; 3], [1.2, 1.3, 1.1]];
+
+#[test]
+fn gradients_of_log_gains_are_finite_differences() {
+    let (name, model) = &models()[0];
+    let batch = exposed_towards_surfaces(batch_of(12, 51));
+    let mut engine = engine(model, BARE, 4);
+    gradients(&mut engine, &batch);
+    let (p, found) = (wide(&engine.parameters()), engine.gain_gradients(3));
+    for (view, channel) in (0..3).flat_map(|view| (0..3).map(move |channel| (view, channel))) {
+        let at = |h: f32| {
+            let mut batch = batch.clone();
+            for (gain, &of) in batch.gains.iter_mut().zip(&batch.views) {
+                if of as usize == view {
+                    gain[channel] *= h.exp();
+                }
+            }
+            oracle::loss(model, &bounds(), &p, &batch).loss
+        };
+        let expected = (at(1e-3) - at(-1e-3)) / 2e-3;
+        let error = (expected - f64::from(found[view][channel])).abs();
+        assert!(error < 1e-5, "{name}, photograph {view}, channel {channel}: {expected}, {found:?}");
+    }
+    // A photograph that is white, and a field that is whiter.
+    let white = |rgb| {
+        let mut batch = batch_of(1, 5);
+        (batch.rays[0].rgb, batch.rays[0].background, batch.rays[0].samples) = ([rgb; 3], [1.0; 3], 0);
+        (batch.positions, batch.deltas) = (Vec::new(), Vec::new());
+        (batch.views, batch.gains) = (vec![0], vec![[1.5; 3]]);
+        engine.step(&batch, 0.0).unwrap().mse
+    };
+    let mut white = white;
+    assert_eq!((white(1.0), white(0.5)), (0.0, 1.0));
+}
+
 /// Pixels of a 2D field: rays of 0 samples or 1.
 fn pixels(rays: usize, seed: u64) -> Batch {
     let mut batch = batch_of(rays, seed);
@@ -132,7 +181,7 @@ fn difference(model: &Model, p: &[f64], batch: &Batch, index: usize) -> f64 {
         let mut p = p.to_vec();
         p[index] += h;
         let found = oracle::loss(model, &bounds(), &p, batch);
-        found.loss + found.distortion
+        found.loss + found.distortion + found.surfaces
     };
     (at(1e-5) - at(-1e-5)) / 2e-5
 }
@@ -187,6 +236,10 @@ fn gradients_of_tables_and_layers_are_finite_differences() {
             let worst = worst_of_differences(name, &model, &mut engine, &batch);
             println!("{name}, {rays} rays, distortion: {worst:.1e}");
             assert!(worst < 2e-4, "{name}, {rays} rays, distortion: {worst}");
+            let batch = exposed_towards_surfaces(batch_of(rays, 30 + seed));
+            let worst = worst_of_differences(name, &model, &mut engine, &batch);
+            println!("{name}, {rays} rays, surfaces and gains: {worst:.1e}");
+            assert!(worst < 2e-4, "{name}, {rays} rays, surfaces and gains: {worst}");
         }
     }
     for (name, model) in pictures() {
@@ -275,7 +328,8 @@ fn gradients_of_tables_and_layers_are_those_of_the_tape() {
         let gated = Batch { faint: None, ..faint.clone() };
         for (case, batch) in [
             ("plain", plain.clone()),
-            ("distortion", Batch { distortion: 0.1, ..plain }),
+            ("distortion", Batch { distortion: 0.1, ..plain.clone() }),
+            ("surfaces and gains", exposed_towards_surfaces(plain)),
             ("faint", faint),
             ("gated", gated),
         ] {
@@ -288,6 +342,10 @@ fn gradients_of_tables_and_layers_are_those_of_the_tape() {
                 let (expected_loss, expected) = gradients(&mut fused, &batch);
                 let loss = tape.step(&batch, 0.0).unwrap();
                 let found = tape.state().moment1;
+                for (a, b) in tape.gain_gradients(3).iter().zip(fused.gain_gradients(3)) {
+                    let apart = a.iter().zip(b).all(|(a, b)| (a - b).abs() < 1e-5);
+                    assert!(apart, "{name}, {case}: {a:?}, {b:?}");
+                }
                 assert!((loss.mse - expected_loss.mse).abs() < 1e-6, "{name}, {case}: {loss:?}");
                 assert_eq!((loss.kept, loss.dead), (expected_loss.kept, false), "{name}, {case}");
                 assert_eq!(loss.kept < count, matches!(case, "faint" | "gated"), "{name}, {case}");

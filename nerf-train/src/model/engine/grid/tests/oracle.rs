@@ -2,7 +2,7 @@
 //!
 //! It has no gate and ends no ray: where the engine leaves samples out, the two differ.
 
-use crate::model::engine::{Batch, Dense, Model, Part};
+use crate::model::engine::{Batch, Dense, Model, Part, Surface};
 use nerf_core::camera::SceneBox;
 use nerf_core::encoding::{DirectionEncoding, GridEncoding};
 
@@ -100,6 +100,8 @@ pub(super) struct Found {
     pub loss: f64,
     /// Mean over rays of the distortion, times its weight.
     pub distortion: f64,
+    /// Mean over rays of what known surfaces add.
+    pub surfaces: f64,
     /// The smallest weight of a sample.
     pub least_weight: f64,
     /// The smallest transmittance in front of a sample.
@@ -108,10 +110,15 @@ pub(super) struct Found {
 
 /// The batch's loss.
 pub(super) fn loss(m: &Model, bounds: &SceneBox, p: &[f64], batch: &Batch) -> Found {
-    let mut found =
-        Found { loss: 0.0, distortion: 0.0, least_weight: f64::INFINITY, least_transmittance: 1.0 };
+    let mut found = Found {
+        loss: 0.0,
+        distortion: 0.0,
+        surfaces: 0.0,
+        least_weight: f64::INFINITY,
+        least_transmittance: 1.0,
+    };
     let mut first = 0;
-    for ray in &batch.rays {
+    for (index, ray) in batch.rays.iter().enumerate() {
         let (mut shown, mut transmittance) = ([0.0; 3], 1.0f64);
         let (mut along, mut weights) = (0.0f64, Vec::new());
         for i in first..first + ray.samples as usize {
@@ -128,16 +135,27 @@ pub(super) fn loss(m: &Model, bounds: &SceneBox, p: &[f64], batch: &Batch) -> Fo
             }
             weights.push((weight, along));
         }
+        if let Some(surface) = batch.surfaces.get(index) {
+            let clip = f64::from(Surface::CLIP);
+            let cost = |(i, (w, _)): (usize, &(f64, f64))| {
+                w * f64::from(batch.along[first + i] - surface.at).abs().min(clip)
+            };
+            let costs: f64 = weights.iter().enumerate().map(cost).sum();
+            found.surfaces += f64::from(surface.weight) * (costs + transmittance * clip);
+        }
         first += ray.samples as usize;
         for (w, s) in &weights {
             found.distortion += weights.iter().map(|(v, t)| w * v * (s - t).abs()).sum::<f64>();
         }
         for (k, shown) in shown.into_iter().enumerate() {
-            let error = shown + transmittance * f64::from(ray.background[k]) - f64::from(ray.rgb[k]);
+            let gain = f64::from(batch.gains.get(index).map_or(1.0, |gain| gain[k]));
+            let shown = gain * (shown + transmittance * f64::from(ray.background[k]));
+            let error = shown - f64::from(ray.rgb[k]);
             found.loss += error * error;
         }
     }
     found.loss /= (3 * batch.rays.len()).max(1) as f64;
     found.distortion *= f64::from(batch.distortion) / batch.rays.len().max(1) as f64;
+    found.surfaces /= batch.rays.len().max(1) as f64;
     found
 }

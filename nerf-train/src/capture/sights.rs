@@ -1,0 +1,110 @@
+//! Lines of sight: from the camera of a photograph to the sparse points it shows.
+
+use crate::data::{Dataset, SparsePoint, View};
+use glam::Vec3;
+use rayon::prelude::*;
+use std::borrow::Borrow;
+use std::fmt;
+
+/// Photographs that must show a point: two rays meet somewhere, whatever they show.
+const MIN_TRACK: u32 = 3;
+/// Mean reprojection error of a point from which on it is not believed, pixels of the full size.
+const MAX_ERROR: f32 = 2.0;
+/// Distance between a key point and its point's projection from which on it is not believed, pixels of the view.
+const MAX_RESIDUAL: f32 = 3.0;
+/// Photographs of a point that count as certain.
+const FULL_TRACK: f32 = 6.0;
+
+/// A line of sight.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Sight {
+    /// Where the photograph shows the point, pixels from the left and from the top.
+    pub at: [f32; 2],
+    /// The point's index in [`Dataset::points`].
+    pub point: u32,
+    /// From the camera to the point, world units.
+    pub distance: f32,
+    /// 0 to 1: `min(1, track / 6) / (1 + error²)`.
+    pub confidence: f32,
+}
+
+/// The lines of sight of each of some views, and the key points that are none.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Sights {
+    /// View by view.
+    pub of_views: Vec<Vec<Sight>>,
+    /// Key points whose point is behind the camera or projected to another place.
+    contradictory: usize,
+    /// Key points whose point few photographs show, or with a large reprojection error.
+    doubtful: usize,
+}
+
+impl Sights {
+    /// Those of `views`, to points of `points`.
+    pub fn of<V: Borrow<View> + Sync>(views: &[V], points: &[SparsePoint]) -> Self {
+        let mut sights = Self::default();
+        let of_view = |view: &V| {
+            let view = view.borrow();
+            let mut found = (Vec::new(), 0, 0);
+            for key in &view.key_points {
+                let Some(point) = points.get(key.point as usize) else { continue };
+                // Written so that an error that is NaN is not believed.
+                if point.track < MIN_TRACK || !(point.error < MAX_ERROR) {
+                    found.2 += 1;
+                    continue;
+                }
+                let position = Vec3::from(point.position);
+                let near = |(x, y): &(f32, f32)| (x - key.x).hypot(y - key.y) < MAX_RESIDUAL;
+                if view.camera.project(position).filter(near).is_none() {
+                    found.1 += 1;
+                    continue;
+                }
+                let certain = (point.track as f32 / FULL_TRACK).min(1.0);
+                found.0.push(Sight {
+                    at: [key.x, key.y],
+                    point: key.point,
+                    distance: (position - view.camera.pose().position).length(),
+                    confidence: certain / (1.0 + point.error * point.error),
+                });
+            }
+            found
+        };
+        for (found, contradictory, doubtful) in views.par_iter().map(of_view).collect::<Vec<_>>() {
+            sights.of_views.push(found);
+            sights.contradictory += contradictory;
+            sights.doubtful += doubtful;
+        }
+        sights
+    }
+
+    /// How many there are.
+    pub fn count(&self) -> usize {
+        self.of_views.iter().map(Vec::len).sum()
+    }
+}
+
+impl fmt::Display for Sights {
+    /// One sentence: how many key points are used, and how many are not and why.
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self { contradictory, doubtful, .. } = self;
+        let (count, views) = (self.count(), self.of_views.len());
+        write!(
+            f,
+            "{count} key points of {views} photographs say how far surfaces are and which space is free"
+        )?;
+        if contradictory + doubtful > 0 {
+            write!(
+                f,
+                "; left out: {doubtful} of points with fewer than {MIN_TRACK} photographs or an error of {MAX_ERROR} \
+                 pixels, {contradictory} whose point is projected elsewhere"
+            )?;
+        }
+        Ok(())
+    }
+}
+
+/// The lines of sight of the training views; none where the data have no tracks.
+pub fn of_training(dataset: &Dataset) -> Option<Sights> {
+    let sights = Sights::of(&dataset.train, &dataset.points);
+    (sights.count() > 0).then_some(sights)
+}

@@ -1,0 +1,105 @@
+//! Where a field's surfaces are, against the sparse points that held-out photographs show: fog has no figure of its own
+//! in PSNR over plain surfaces, but it stands in front of what is known to be there.
+
+use crate::capture::sights::{Sight, Sights};
+use crate::data::{SparsePoint, View};
+use crate::measure::eval::EvalError;
+use nerf_core::Kernel;
+use nerf_core::blob::Blob;
+use nerf_core::host;
+use nerf_core::memory::Line;
+use nerf_core::plan::{Batch, Outputs, Plan, Quality};
+use nerf_core::render::{RaySegment, RenderError, Renderer};
+use std::num::NonZeroUsize;
+
+/// Pixels of a view that are asked how near its surfaces are, on a lattice: about so many.
+const ASKED_PIXELS: u64 = 10_000;
+/// A surface is too near if it is nearer than this share of the distance of the nearest sparse point.
+const TOO_NEAR: f32 = 0.9;
+
+/// Figures of a field's surfaces, by median distance.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Surfaces {
+    /// Median over the views' key points of the relative error of `median_distance`; `None` without any.
+    pub depth_error: Option<f64>,
+    /// Mean over the views of the share of their pixels whose `median_distance` is nearer than the nearest sparse point that
+    /// the view shows, by more than a tenth; `None` without any.
+    pub near_share: Option<f64>,
+}
+
+impl Surfaces {
+    /// Those of a blob, with the default quality, seen from the cameras of `views`, which show some of `points`.
+    ///
+    /// # Errors
+    /// [`EvalError`] if the blob cannot be opened or rendered.
+    pub fn of(
+        bytes: &[u8],
+        kernel: Kernel,
+        views: &[&View],
+        points: &[SparsePoint],
+    ) -> Result<Self, EvalError> {
+        let blob = Blob::open(bytes)?;
+        let plan = Plan::new(&blob, &Quality::default(), Self::OUTPUTS, Batch::FULL)?.with_own_bins();
+        let mut memory = vec![Line::UNINIT; Renderer::prepared_lines(&blob, kernel)];
+        Ok(Self::with(&Renderer::new(blob, kernel, &mut memory)?, &plan, views, points)?)
+    }
+
+    /// What a plan must have as outputs for [`Self::with`].
+    pub const OUTPUTS: Outputs = Outputs { median_distance: true, ..Outputs::ALL };
+
+    /// Those of a renderer's field with a plan of its own, whose outputs have [`Self::OUTPUTS`].
+    ///
+    /// Key points and points that [`Sights`] leaves out are not asked.
+    ///
+    /// # Errors
+    /// As [`host::render_rays`].
+    pub fn with(
+        renderer: &Renderer<'_>,
+        plan: &Plan<'_>,
+        views: &[&View],
+        points: &[SparsePoint],
+    ) -> Result<Self, RenderError> {
+        let sights = Sights::of(views, points);
+        if sights.count() == 0 {
+            return Ok(Self::default());
+        }
+        let threads = NonZeroUsize::new(rayon::current_num_threads()).unwrap_or(NonZeroUsize::MIN);
+        let median = |rays: &[RaySegment]| -> Result<Vec<f32>, RenderError> {
+            let (pixels, _) = host::render_rays(renderer, plan, rays, None, threads)?;
+            Ok(pixels.iter().map(|pixel| pixel.median_distance).collect())
+        };
+        let (mut errors, mut shares) = (Vec::new(), Vec::new());
+        for (view, sights) in views.iter().zip(&sights.of_views).filter(|(_, sights)| !sights.is_empty()) {
+            let ray = |sight: &Sight| RaySegment::from(view.camera.ray(sight.at[0], sight.at[1]));
+            let found = median(&sights.iter().map(ray).collect::<Vec<_>>())?;
+            let error = |(found, sight): (&f32, &Sight)| f64::from((found / sight.distance - 1.0).abs());
+            errors.extend(found.iter().zip(sights).map(error));
+            let nearest = sights.iter().map(|sight| sight.distance).fold(f32::INFINITY, f32::min);
+            let found = median(&lattice(view))?;
+            let near = found.iter().filter(|&&distance| distance < TOO_NEAR * nearest).count();
+            shares.push(near as f64 / found.len().max(1) as f64);
+        }
+        errors.sort_unstable_by(f64::total_cmp);
+        let mean = shares.iter().sum::<f64>() / shares.len().max(1) as f64;
+        Ok(Self { depth_error: errors.get(errors.len() / 2).copied(), near_share: Some(mean) })
+    }
+}
+
+/// `median distance off by 0.6 % at the key points; 0.1 % of the pixels nearer than any point`.
+pub fn surfaces_in_words(depth_error: f64, near_share: f64) -> String {
+    let (error, share) = (100.0 * depth_error, 100.0 * near_share);
+    format!(
+        "median distance off by {error:.1} % at the key points; {share:.1} % of the pixels nearer than any point"
+    )
+}
+
+/// Rays through a lattice of a view's pixels that count.
+fn lattice(view: &View) -> Vec<RaySegment> {
+    let (width, height) = view.size();
+    let pixels = u64::from(width) * u64::from(height);
+    let step = ((pixels as f64 / ASKED_PIXELS as f64).sqrt().round() as usize).max(1);
+    let columns = |y: u32| (0..width).step_by(step).map(move |x| (x, y));
+    let all = (0..height).step_by(step).flat_map(columns);
+    let counts = |&(x, y): &(u32, u32)| view.counts((y * width + x) as usize);
+    all.filter(counts).map(|(x, y)| view.camera.ray(x as f32 + 0.5, y as f32 + 0.5).into()).collect()
+}

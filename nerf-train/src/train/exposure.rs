@@ -1,0 +1,115 @@
+//! Gains of the photographs, learned with the field.
+
+use crate::capture::exposure::{CALLED_FOR, LogGains};
+use crate::capture::sights::Sights;
+use crate::data::View;
+use crate::model::config::Exposure;
+use serde::{Deserialize, Serialize};
+
+/// Steps of the trial: gains are learned from 0, and kept if they differ by enough between photographs.
+const TRIAL: u32 = 1_000;
+/// Learning rates of the log gains: of the trial's steps, and of the steps after it.
+const RATES: [f32; 2] = [5e-3, 1e-3];
+/// Adam's decays and epsilon.
+const BETAS: [f32; 2] = [0.9, 0.99];
+const EPSILON: f32 = 1e-12;
+
+/// Gains of the training photographs; the field is at their mean exposure.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Gains {
+    log: LogGains,
+    moment1: Vec<[f32; 3]>,
+    moment2: Vec<[f32; 3]>,
+    steps: u32,
+    /// Whether the trial is under way.
+    on_trial: bool,
+}
+
+/// What was found of the photographs' exposure.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct ExposureFound {
+    /// Standard deviation of the log gains over the photographs.
+    pub spread: f64,
+    /// True: measured from a reconstruction's key points. False: from gains learned in the first steps of the fit.
+    pub by_tracks: bool,
+    /// Whether photographs have gains of their own.
+    pub fitted: bool,
+}
+
+impl std::fmt::Display for ExposureFound {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        let by = if self.by_tracks { "key points" } else { "the first steps" };
+        let percent = 100.0 * (self.spread.exp() - 1.0);
+        write!(f, "exposure differs by {percent:.0} % between photographs (standard deviation, by {by}): ")?;
+        f.write_str(if self.fitted { "each has a gain of its own" } else { "one exposure for all" })
+    }
+}
+
+impl Gains {
+    /// Those that the settings and the data call for, and what was found; `None` where none is learned.
+    pub fn of(
+        views: &[View],
+        sights: Option<&Sights>,
+        exposure: Exposure,
+    ) -> (Option<Self>, Option<ExposureFound>) {
+        if exposure == Exposure::Shared || views.len() < 2 {
+            return (None, None);
+        }
+        let own = exposure == Exposure::Own;
+        match sights.and_then(|sights| LogGains::measured(views, sights)) {
+            Some(log) => {
+                let spread = log.spread();
+                let found = ExposureFound { spread, by_tracks: true, fitted: own || spread >= CALLED_FOR };
+                (found.fitted.then(|| Self::begin(log, false)), Some(found))
+            }
+            None => (Some(Self::begin(LogGains::none(views.len()), !own)), None),
+        }
+    }
+
+    fn begin(log: LogGains, on_trial: bool) -> Self {
+        let zeros = vec![[0.0; 3]; log.0.len()];
+        Self { log, moment1: zeros.clone(), moment2: zeros, steps: 0, on_trial }
+    }
+
+    /// Factors on the colours of each of a batch's rays, by their photographs.
+    pub fn factors(&self, views: &[u32], factors: &mut Vec<[f32; 3]>) {
+        let of_view: Vec<[f32; 3]> = self.log.0.iter().map(|log| log.map(f32::exp)).collect();
+        factors.clear();
+        factors.extend(views.iter().map(|&view| of_view[view as usize]));
+    }
+
+    /// One step of Adam by gradients of the log gains, whose mean is then moved to 0.
+    ///
+    /// What was found, where this was the step that decides it; the gains are then used only if it says so.
+    pub fn step(&mut self, gradients: &[[f32; 3]]) -> Option<ExposureFound> {
+        self.steps += 1;
+        let rate = RATES[usize::from(!self.on_trial)];
+        let unbiased = BETAS.map(|beta| 1.0 - beta.powi(self.steps.min(10_000) as i32));
+        let moments = self.moment1.iter_mut().zip(&mut self.moment2);
+        for ((log, gradient), (m1, m2)) in self.log.0.iter_mut().zip(gradients).zip(moments) {
+            for channel in 0..3 {
+                let g = gradient[channel];
+                // A photograph that the batch has no ray of stays as it is.
+                if g == 0.0 {
+                    continue;
+                }
+                m1[channel] = BETAS[0] * m1[channel] + (1.0 - BETAS[0]) * g;
+                m2[channel] = BETAS[1] * m2[channel] + (1.0 - BETAS[1]) * g * g;
+                let root = (m2[channel] / unbiased[1]).sqrt() + EPSILON;
+                log[channel] -= rate * m1[channel] / unbiased[0] / root;
+            }
+        }
+        self.log.centre();
+        if !(self.on_trial && self.steps == TRIAL) {
+            return None;
+        }
+        self.on_trial = false;
+        let spread = self.log.spread();
+        Some(ExposureFound { spread, by_tracks: false, fitted: spread >= CALLED_FOR })
+    }
+
+    /// The photographs they are of.
+    pub fn views(&self) -> usize {
+        self.log.0.len()
+    }
+}

@@ -1,0 +1,70 @@
+//! Free space: cells that lines of sight cross.
+
+use crate::capture::sights::{Sight, Sights};
+use crate::data::View;
+use nerf_core::camera::{Contraction, Ray, SceneBox};
+use rayon::prelude::*;
+
+/// Share of the way from a camera to a point that counts as free; less than 1, since points are inexact and surfaces
+/// slanted.
+const FREE_SHARE: f32 = 0.85;
+/// Fewest lines of sight that cross a free cell.
+const MIN_CROSSINGS: u32 = 3;
+/// A cell is free if at least this many times as many lines cross it as end in it.
+const ENDS: u32 = 4;
+/// Confidence below which a line of sight says nothing.
+const MIN_CONFIDENCE: f32 = 0.15;
+/// Steps through a cell of the ball that is not contracted.
+const STEPS_A_CELL: f32 = 2.0;
+
+/// Of each cell of an unbounded scene, in the blob's order, whether lines of sight say that it is free: at least three
+/// cross it within 0.85 of their length, and fewer than a quarter as many end in it.
+///
+/// `resolution`: cells along each side of the cube `bounds`. `sights`: of `views`, in their order.
+pub(crate) fn free_cells(
+    bounds: SceneBox,
+    resolution: [u16; 3],
+    views: &[View],
+    contraction: &Contraction,
+    sights: &Sights,
+) -> Vec<bool> {
+    let sides = resolution.map(f32::from);
+    let count = resolution.iter().map(|&side| usize::from(side)).product();
+    let step = 4.0 / (sides[0] * STEPS_A_CELL);
+    let cell_of = |p: glam::Vec3| {
+        let at = (contraction.contract(p) - bounds.min) / (bounds.max - bounds.min);
+        let cell = |axis: usize| (at[axis] * sides[axis]).clamp(0.0, sides[axis] - 1.0) as usize;
+        (cell(0) * usize::from(resolution[1]) + cell(1)) * usize::from(resolution[2]) + cell(2)
+    };
+    // Each view's cells, and whether a line ends there or crosses.
+    let of_view = |(view, sights): (&View, &Vec<Sight>)| {
+        let (mut crossed, mut ended) = (Vec::new(), Vec::new());
+        for sight in sights.iter().filter(|sight| sight.confidence >= MIN_CONFIDENCE) {
+            let eye = Ray { ..view.camera.ray(sight.at[0], sight.at[1]) };
+            ended.push(cell_of(eye.at(sight.distance)) as u32);
+            let (ray, start) = contraction.centred(&eye);
+            let (mut s, end) =
+                (contraction.step_at(-start), contraction.step_at(FREE_SHARE * sight.distance - start));
+            let mut last = usize::MAX;
+            while s < end {
+                let cell = cell_of(ray.at(contraction.distance(s)));
+                if cell != last {
+                    crossed.push(cell as u32);
+                }
+                (last, s) = (cell, s + step);
+            }
+        }
+        (crossed, ended)
+    };
+    let (mut crossings, mut ends) = (vec![0u32; count], vec![0u32; count]);
+    // A few views at a time, so that their lists take little memory.
+    for (views, sights) in views.chunks(16).zip(sights.of_views.chunks(16)) {
+        let found: Vec<_> = views.par_iter().zip(sights).map(of_view).collect();
+        for (crossed, ended) in found {
+            crossed.into_iter().for_each(|cell| crossings[cell as usize] += 1);
+            ended.into_iter().for_each(|cell| ends[cell as usize] += 1);
+        }
+    }
+    let free = |(&crossed, &ended): (&u32, &u32)| crossed >= MIN_CROSSINGS && ENDS * ended < crossed;
+    crossings.iter().zip(&ends).map(free).collect()
+}
