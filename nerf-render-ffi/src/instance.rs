@@ -40,12 +40,21 @@ unsafe impl Versioned for Instance {
 #[cfg(feature = "instances")]
 #[derive(Clone, Copy, Debug)]
 pub(crate) enum Problem {
-    StructSize { expected: usize, found: usize },
+    StructSize {
+        expected: usize,
+        found: usize,
+    },
     /// Another size than that of the first, which is the step from one to the next.
-    OtherSize { expected: usize, found: usize },
+    OtherSize {
+        expected: usize,
+        found: usize,
+    },
     Reserved,
     NullScene,
-    SceneAlignment { expected: usize, found: usize },
+    SceneAlignment {
+        expected: usize,
+        found: usize,
+    },
     Plan(PlanError),
 }
 
