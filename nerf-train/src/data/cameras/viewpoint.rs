@@ -116,7 +116,8 @@ fn up_of(cameras: &[Camera]) -> Vec3 {
     let up = [geometric_median(&ups), mean].into_iter().find(|up| up.length() > 0.1);
     let up = up.unwrap_or(DVec3::Z).normalize();
     let level = level(&axes(|pose| pose.rotation.x_axis)).map(|level| level * level.dot(up).signum());
-    level.filter(|level| level.dot(up) > 0.5).unwrap_or(up).as_vec3().normalize()
+    // Without negative zeros.
+    level.filter(|level| level.dot(up) > 0.5).unwrap_or(up).as_vec3().normalize() + Vec3::ZERO
 }
 
 /// The direction that these unit vectors are across, where they lie in a plane and not along a line.
