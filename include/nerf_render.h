@@ -742,6 +742,24 @@ typedef struct nerf_scene_info {
      * The `nerf_storage` that its weights lie in; never `NERF_STORAGE_AUTO`.
      */
     uint32_t storage;
+    /**
+     * Where somebody stood who took the photographs, world units: a view from here towards `target` shows what was seen.
+     * Zeros, as all of the four, where the file does not say: of a scene that does, `up` is not 0.
+     */
+    float eye[3];
+    /**
+     * What the photographs show, world units: the centre of an orbit.
+     */
+    float target[3];
+    /**
+     * What was up for those who took them, unit length: the axis of an orbit.
+     */
+    float up[3];
+    /**
+     * How far around `target` they were taken, radians around `up` with `eye` in the middle; 2 pi: all the way. Beyond it
+     * nobody saw the scene.
+     */
+    float arc;
 } nerf_scene_info;
 
 /**

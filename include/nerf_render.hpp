@@ -5,8 +5,7 @@
 //
 //     auto scene = nerf::scene::open_file("scene.nerf");
 //     if (!scene) return complain(scene.error().text());
-//     auto camera = nerf::camera::from_vertical_fov(640, 480, 0.7f);
-//     camera.orbit(scene->centre(), scene->orbit_radius(), 0.0f, 0.4f);
+//     auto camera = scene->start_camera(640, 480, 0.7f);
 //
 //     std::vector<std::uint8_t> pixels(640 * 480 * 3);
 //     nerf::target target;
@@ -358,6 +357,17 @@ inline vec3 cross(vec3 a, vec3 b) noexcept {
     return {a.y * b.z - a.z * b.y, a.z * b.x - a.x * b.z, a.x * b.y - a.y * b.x};
 }
 
+namespace detail {
+
+/// Two directions across `up`, as in nerf-train's orbits.
+/// Source: Duff et al. 2017, "Building an orthonormal basis, revisited".
+inline std::pair<vec3, vec3> across(vec3 up) noexcept {
+    const float sign = std::copysign(1.0f, up.z), a = -1.0f / (sign + up.z), b = up.x * up.y * a;
+    return {{1.0f + sign * up.x * up.x * a, sign * b, -sign * up.x}, {b, sign + up.y * up.y * a, -up.y}};
+}
+
+} // namespace detail
+
 /// What a point of an image sees: `dir` is of unit length, and `z_depth` = z_per_distance * `ray_distance`.
 struct ray {
     vec3 origin, dir;
@@ -436,10 +446,7 @@ struct camera : nerf_camera {
     /// radians. `up`: of unit length, a world axis or any other direction.
     camera &orbit(vec3 target, float radius, float azimuth, float elevation,
                   vec3 up = {0.0f, 0.0f, 1.0f}) noexcept {
-        // Two directions across `up`: Duff et al. 2017, as in nerf-train's orbits.
-        const float sign = std::copysign(1.0f, up.z), a = -1.0f / (sign + up.z), b = up.x * up.y * a;
-        const vec3 side{1.0f + sign * up.x * up.x * a, sign * b, -sign * up.x};
-        const vec3 ahead{b, sign + up.y * up.y * a, -up.y};
+        const auto [side, ahead] = detail::across(up);
         const vec3 flat = std::cos(azimuth) * side + std::sin(azimuth) * ahead;
         return look_at(target + radius * (std::cos(elevation) * flat + std::sin(elevation) * up), target, up);
     }
@@ -862,13 +869,35 @@ public:
     const nerf_scene_info &info() const noexcept { return info_; }
     bool is_picture() const noexcept { return info_.kind == NERF_KIND_PICTURE; }
 
-    /// The middle of the scene box.
+    /// Whether it says where somebody stood who took its photographs.
+    bool has_viewpoint() const noexcept { return info_.up[0] != 0.0f || info_.up[1] != 0.0f || info_.up[2] != 0.0f; }
+
+    // Of an orbit through there; of a scene that does not say, around the middle of its box, half way between near and
+    // far, with z up.
+
     vec3 centre() const noexcept {
-        const float *const a = info_.box_min, *const b = info_.box_max;
-        return 0.5f * (vec3{a[0], a[1], a[2]} + vec3{b[0], b[1], b[2]});
+        return has_viewpoint() ? vector(info_.target) : 0.5f * (vector(info_.box_min) + vector(info_.box_max));
     }
-    /// From where a camera sees it: half way between near and far.
-    float orbit_radius() const noexcept { return 0.5f * (info_.near_distance + info_.far_distance); }
+    vec3 up() const noexcept { return has_viewpoint() ? vector(info_.up) : vec3{0.0f, 0.0f, 1.0f}; }
+    float orbit_radius() const noexcept {
+        return has_viewpoint() ? std::sqrt(dot(eye(), eye())) : 0.5f * (info_.near_distance + info_.far_distance);
+    }
+    /// Where it begins, radians, as nerf::camera::orbit counts them.
+    float start_azimuth() const noexcept {
+        const auto [side, ahead] = detail::across(up());
+        return has_viewpoint() ? std::atan2(dot(eye(), ahead), dot(eye(), side)) : 0.6f;
+    }
+    /// How high it is, radians.
+    float start_elevation() const noexcept {
+        const auto [side, ahead] = detail::across(up());
+        const float flat = std::hypot(dot(eye(), ahead), dot(eye(), side));
+        return has_viewpoint() ? std::atan2(dot(eye(), up()), flat) : 0.4f;
+    }
+    /// A camera at its beginning; `fov`: radians, bottom to top.
+    camera start_camera(std::uint32_t width, std::uint32_t height, float fov) const noexcept {
+        auto start = camera::from_vertical_fov(width, height, fov);
+        return start.orbit(centre(), orbit_radius(), start_azimuth(), start_elevation(), up());
+    }
 
     /// A worker of this scene, in memory of the heap: one for each thread. `outputs`: those of the targets that it will
     /// render into; for queries NERF_OUTPUT_RGB or 0.
@@ -992,6 +1021,9 @@ private:
         info_.struct_size = sizeof info_;
         return nerf_scene_describe(handle_, &info_);
     }
+    static vec3 vector(const float (&of)[3]) noexcept { return {of[0], of[1], of[2]}; }
+    /// From the centre of the orbit to where the photographs were taken.
+    vec3 eye() const noexcept { return vector(info_.eye) - vector(info_.target); }
 
     memory home_;
     const nerf_scene *handle_ = nullptr;

@@ -130,6 +130,7 @@
 //!         sampling: SceneSampling::Bins(64),
 //!         background: [1.0; 3],
 //!         occupancy_required: false,
+//!         viewpoint: None,
 //!     }),
 //!     occupancy: None,
 //!     front: Default::default(),

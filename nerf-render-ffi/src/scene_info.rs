@@ -5,7 +5,7 @@ use crate::open_options::{Kernel, Storage};
 use crate::scene::Scene;
 use crate::status::Status;
 use core::ffi::c_char;
-use nerf_core::blob::{SceneSampling, StoredTables};
+use nerf_core::blob::{SceneSampling, StoredTables, Viewpoint};
 use nerf_core::network::{MAX_COLOUR, MAX_TRUNK};
 
 /// What a blob holds.
@@ -128,6 +128,16 @@ pub struct SceneInfo {
     pub contraction_power: u32,
     /// The `nerf_storage` that its weights lie in; never `NERF_STORAGE_AUTO`.
     pub storage: u32,
+    /// Where somebody stood who took the photographs, world units: a view from here towards `target` shows what was seen.
+    /// Zeros, as all of the four, where the file does not say: of a scene that does, `up` is not 0.
+    pub eye: [f32; 3],
+    /// What the photographs show, world units: the centre of an orbit.
+    pub target: [f32; 3],
+    /// What was up for those who took them, unit length: the axis of an orbit.
+    pub up: [f32; 3],
+    /// How far around `target` they were taken, radians around `up` with `eye` in the middle; 2 pi: all the way. Beyond it
+    /// nobody saw the scene.
+    pub arc: f32,
 }
 
 // The header spells the format's caps out.
@@ -164,6 +174,8 @@ fn describe(scene: &Scene) -> SceneInfo {
     let (blob, architecture) = (renderer.blob(), renderer.blob().architecture());
     let (facts, occupancy, provenance) = (blob.scene(), blob.occupancy(), blob.provenance());
     let contraction = facts.and_then(|facts| facts.contraction());
+    let nowhere = Viewpoint { eye: [0.0; 3], target: [0.0; 3], up: [0.0; 3], arc: 0.0 };
+    let viewpoint = facts.and_then(|facts| facts.viewpoint).unwrap_or(nowhere);
     SceneInfo {
         struct_size: size_of::<SceneInfo>(),
         kind: if facts.is_some() { Kind::Scene } else { Kind::Picture } as u32,
@@ -209,5 +221,9 @@ fn describe(scene: &Scene) -> SceneInfo {
         contraction_radius: contraction.map_or(0.0, |contraction| contraction.radius()),
         contraction_power: contraction.map_or(0, |contraction| contraction.power().into()),
         storage: Storage::of(renderer.kernel().storage) as u32,
+        eye: viewpoint.eye,
+        target: viewpoint.target,
+        up: viewpoint.up,
+        arc: viewpoint.arc,
     }
 }

@@ -127,7 +127,7 @@ impl Lattice {
         let (low, high) = if self.first <= other.first { (self, other) } else { (other, self) };
         let offset = high.first - low.first;
         (low.pixel_stride, low.row_stride) == (high.pixel_stride, high.row_stride)
-            && low.row_stride / low.pixel_stride >= low.columns.max(high.columns)
+            && low.row_stride.checked_div(low.pixel_stride) >= Some(low.columns.max(high.columns))
             && low.size <= offset
             && offset.saturating_add(high.size) <= low.pixel_stride
     }
@@ -137,7 +137,10 @@ impl Lattice {
         let (start, end) = (at.saturating_sub(self.first), (at + length).saturating_sub(self.first));
         // The first of pieces, a stride apart, that ends behind a place.
         let behind = |place: usize, stride: usize, size: usize| {
-            place.checked_sub(size).map_or(0, |beyond| beyond / stride + 1)
+            place
+                .checked_sub(size)
+                .and_then(|beyond| beyond.checked_div(stride))
+                .map_or(0, |pieces| pieces + 1)
         };
         (behind(start, self.row_stride, self.row_length())..self.rows)
             .map(|row| row * self.row_stride)

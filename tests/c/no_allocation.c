@@ -44,7 +44,7 @@ int main(void) {
     nerf_points points = {.struct_size = sizeof points, .count = 1, .positions.data = position, .dirs.data = dir,
         .sigma = {.data = &sigma, .format = NERF_FORMAT_F32}, .rgb = {.data = rgb, .format = NERF_FORMAT_RGB_F32}};
     nerf_rays rays = {.struct_size = sizeof rays, .count = 1, .origins.data = position, .dirs.data = dir,
-        .random.data = &random, .target = &target};
+        .target = &target};
     nerf_instance instances[2] = {{.struct_size = sizeof instances[0]}, {.struct_size = sizeof instances[1]}};
     int good = 1;
     allocations = 0;
@@ -66,6 +66,7 @@ int main(void) {
         good &= nerf_render(worker, &frame, &counters, message, sizeof message) == NERF_STATUS_OK;
         good &= nerf_query(worker, &points, &counters, message, sizeof message) == NERF_STATUS_OK;
         good &= nerf_render_rays(worker, &rays, &counters, message, sizeof message) == NERF_STATUS_OK;
+        rays.random.data = &random;
         good &= nerf_sample_rays(worker, &rays, &counters, message, sizeof message) == NERF_STATUS_OK;
         good &= nerf_explain(worker, &counters, text, sizeof text, &size, message, sizeof message) == NERF_STATUS_OK;
         good &= nerf_worker_size(&two, &size, &align, message, sizeof message) == NERF_STATUS_OK;

@@ -4,7 +4,7 @@ use crate::noise::signed;
 use nerf_core::Kernel;
 use nerf_core::blob::{
     Blob, Body, Content, FrontPoint, ParetoFront, PictureFacts, Proposal, Provenance, SceneFacts,
-    SceneSampling, StoredOccupancy, StoredTables, encoded_len, write,
+    SceneSampling, StoredOccupancy, StoredTables, Viewpoint, encoded_len, write,
 };
 use nerf_core::camera::Lens;
 use nerf_core::camera::{Camera, Intrinsics, Pose};
@@ -182,6 +182,12 @@ impl Recipe {
                 sampling: SceneSampling::Contracted { step: 0.0625, power: self.contraction },
                 background,
                 occupancy_required: self.occupancy_required,
+                viewpoint: Some(Viewpoint {
+                    eye: [3.0, 1.0, 0.0],
+                    target: [0.0; 3],
+                    up: [0.0, 1.0, 0.0],
+                    arc: 2.0,
+                }),
             });
         }
         Content::Scene(SceneFacts {
@@ -195,6 +201,7 @@ impl Recipe {
             },
             background,
             occupancy_required: self.occupancy_required,
+            viewpoint: None,
         })
     }
 

@@ -69,6 +69,7 @@ pub fn file() -> Vec<u8> {
             sampling: SceneSampling::Bins(64),
             background: [0.0; 3],
             occupancy_required: false,
+            viewpoint: None,
         }),
         occupancy: Some(StoredOccupancy { resolution: [CELLS; 3], bits: &bits }),
         front: [(64, 0.0, 1.0), (32, 1.0, 0.5), (16, 3.0, 0.25)].map(point).into_iter().collect(),

@@ -127,6 +127,21 @@ pub struct SceneFacts {
     /// Whether the occupancy grid is part of the model: outside of it the network was never trained,
     /// and rendering without it is refused.
     pub occupancy_required: bool,
+    /// Where to look at it from; a network whose photographs nobody knows has none.
+    pub viewpoint: Option<Viewpoint>,
+}
+
+/// Where somebody stood who took a scene's photographs: a view from there shows what was seen.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Viewpoint {
+    /// Where a camera is, world units.
+    pub eye: [f32; 3],
+    /// What it looks at: the photographs' subject, world units; the way to it is not along `up`.
+    pub target: [f32; 3],
+    /// What was up for those who took them; unit length within 1e-3.
+    pub up: [f32; 3],
+    /// How far around the target they went, radians around `up`, with the eye in the middle: 0 to 2π.
+    pub arc: f32,
 }
 
 /// Where on a ray a scene's field is asked.

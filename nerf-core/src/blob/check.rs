@@ -4,7 +4,7 @@
 use super::body::StoredTables;
 use super::body::{
     Body, Content, MAX_OCCUPANCY_RESOLUTION, MAX_PICTURE_SIDE, MAX_SAMPLES, MAX_TEXT, PictureFacts,
-    SceneFacts, SceneSampling, StoredOccupancy, steps,
+    SceneFacts, SceneSampling, StoredOccupancy, Viewpoint, steps,
 };
 use super::error::{BlobError, FrontFault, Section};
 use super::front::FrontPoint;
@@ -14,6 +14,7 @@ use crate::encoding::{AngleScale, SinusoidalEncoding};
 use crate::math::{MathBackend, polynomial::SIN_COS_DOMAIN};
 use crate::network::{Architecture, Layers};
 use crate::sampling::Bins;
+use core::f32::consts::TAU;
 use glam::Vec3;
 
 /// Every rule of the format but the ones of header and encoding.
@@ -103,11 +104,25 @@ fn check_scene(scene: &SceneFacts, architecture: &Architecture) -> Result<(), Bl
     if !scene.background.iter().all(|c| (0.0..=1.0).contains(c)) {
         return Err(BlobError::Field(Section::Background));
     }
+    if !scene.viewpoint.is_none_or(|viewpoint| looks_somewhere(&viewpoint)) {
+        return Err(BlobError::Field(Section::Viewpoint));
+    }
     match architecture.position.sinusoidal() {
         Some(encoding) => check_domain(&bounds, encoding),
         // A grid spans the box, wherever that is.
         None => Ok(()),
     }
+}
+
+/// Whether a camera can be placed by it.
+fn looks_somewhere(viewpoint: &Viewpoint) -> bool {
+    let (eye, up) = (Vec3::from(viewpoint.eye), Vec3::from(viewpoint.up));
+    let back = eye - Vec3::from(viewpoint.target);
+    // NaN, and infinity against infinity, compare false.
+    eye.is_finite()
+        && (up.length_squared() - 1.0).abs() <= 2e-3
+        && up.cross(back).length_squared() > 1e-6 * back.length_squared()
+        && (0.0..=TAU).contains(&viewpoint.arc)
 }
 
 /// Whether rays can have so many samples, so that what opens can be planned.

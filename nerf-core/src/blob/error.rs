@@ -24,6 +24,8 @@ pub enum Section {
     Background,
     /// `scene.occupancy_required`
     OccupancyRequired,
+    /// `scene.viewpoint`
+    Viewpoint,
     /// `occupancy`
     Occupancy,
     /// `occupancy.resolution`
@@ -387,6 +389,9 @@ impl Section {
             Self::ProposalSamples => "1 to 4096 samples, in bins that f32 tells apart, of a scene with bins",
             Self::Background => "0 to 1",
             Self::OccupancyRequired => "false without an occupancy grid",
+            Self::Viewpoint => {
+                "an eye and a target apart, up of unit length across the way between them, and an arc of 0 to 2 pi"
+            }
             Self::OccupancyResolution => "1 to 512 cells a side",
             Self::OccupancyBits => "none in a picture, and padding of zeros",
             Self::Front | Self::Proposal => "none in a picture",
@@ -407,6 +412,7 @@ impl fmt::Display for Section {
             Self::Samples => "scene.sampling",
             Self::Background => "scene.background",
             Self::OccupancyRequired => "scene.occupancy_required",
+            Self::Viewpoint => "scene.viewpoint",
             Self::Occupancy => "occupancy",
             Self::OccupancyResolution => "occupancy.resolution",
             Self::OccupancyBits => "occupancy.bits",

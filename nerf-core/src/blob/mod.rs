@@ -18,7 +18,7 @@ mod tests;
 pub(crate) use body::steps;
 pub use body::{
     Body, Content, MAX_OCCUPANCY_RESOLUTION, MAX_PICTURE_SIDE, MAX_SAMPLES, MAX_TEXT, PictureFacts,
-    Provenance, SceneFacts, SceneSampling, StoredOccupancy, StoredTables,
+    Provenance, SceneFacts, SceneSampling, StoredOccupancy, StoredTables, Viewpoint,
 };
 pub use error::{BlobError, FrontFault, Section};
 pub use front::{FrontPoint, MAX_FRONT, ParetoFront};

@@ -7,6 +7,7 @@ use crate::network::{Architecture, ArchitectureError, Role};
 use crate::testing::{
     PROVENANCE, SCENE, architecture, body, bytes, every_kind, halve, parameters, pi, picture_body,
 };
+use core::f32::consts::TAU;
 use std::format;
 use std::string::ToString;
 use std::vec;
@@ -15,6 +16,9 @@ mod front;
 #[cfg(feature = "grid")]
 mod grid;
 mod proposal;
+
+const VIEWPOINT: Viewpoint =
+    Viewpoint { eye: [4.0, 0.0, 0.0], target: [0.0; 3], up: [0.0, 0.0, 1.0], arc: 1.0 };
 
 /// The error of a body that cannot be written; its length cannot be asked for either.
 fn refused(body: &Body<'_>) -> BlobError {
@@ -156,6 +160,52 @@ fn scenes_that_hold_nothing_are_refused() {
         assert_eq!(scene_refused(|s| s.background[1] = channel), BlobError::Field(Section::Background));
     }
     assert_eq!(scene_refused(|s| s.occupancy_required = true), BlobError::Field(Section::OccupancyRequired));
+}
+
+#[test]
+fn viewpoints_that_place_no_camera_are_refused() {
+    let weights = halve(&parameters(&every_kind(), 1)).0;
+    let bytes_of = |viewpoint| {
+        let content = Content::Scene(SceneFacts { viewpoint, ..SCENE });
+        bytes(&Body { content, ..body(every_kind(), None, &weights) })
+    };
+    let none = bytes_of(None).len();
+    for viewpoint in [
+        VIEWPOINT,
+        Viewpoint { arc: 0.0, ..VIEWPOINT },
+        Viewpoint { arc: TAU, ..VIEWPOINT },
+        Viewpoint { eye: [4.0, 0.0, 3e3], up: [0.0, 0.0, 0.9995], ..VIEWPOINT },
+    ] {
+        let file = bytes_of(Some(viewpoint));
+        assert_eq!(Blob::open(&file).unwrap().scene().unwrap().viewpoint, Some(viewpoint));
+        assert_eq!(file.len(), none + 40);
+        let [eye, target, up] = [viewpoint.eye, viewpoint.target, viewpoint.up].map(glam::Vec3::from);
+        assert!(crate::camera::Pose::look_at(eye, target, up).is_some(), "{viewpoint:?}");
+    }
+    let axes =
+        |axis: usize, value| core::array::from_fn(|i| if i == axis { value } else { VIEWPOINT.eye[i] });
+    for bad in [
+        Viewpoint { eye: [0.0; 3], ..VIEWPOINT },
+        Viewpoint { eye: axes(0, f32::NAN), ..VIEWPOINT },
+        Viewpoint { eye: axes(1, f32::INFINITY), ..VIEWPOINT },
+        Viewpoint { eye: [f32::INFINITY; 3], target: [f32::INFINITY; 3], ..VIEWPOINT },
+        Viewpoint { eye: axes(0, f32::MAX), ..VIEWPOINT },
+        Viewpoint { eye: [0.0, 0.0, 4.0], ..VIEWPOINT },
+        Viewpoint { eye: [0.0, 0.0, -4.0], ..VIEWPOINT },
+        Viewpoint { target: [4.0, 0.0, 1.0], ..VIEWPOINT },
+        Viewpoint { target: [f32::NAN; 3], ..VIEWPOINT },
+        Viewpoint { up: [0.0; 3], ..VIEWPOINT },
+        Viewpoint { up: [0.0, 0.0, 0.99], ..VIEWPOINT },
+        Viewpoint { up: [0.0, 0.0, f32::NAN], ..VIEWPOINT },
+        Viewpoint { arc: -0.1, ..VIEWPOINT },
+        Viewpoint { arc: TAU.next_up(), ..VIEWPOINT },
+        Viewpoint { arc: f32::NAN, ..VIEWPOINT },
+    ] {
+        let error = scene_refused(|s| s.viewpoint = Some(bad));
+        assert_eq!(error, BlobError::Field(Section::Viewpoint), "{bad:?}");
+        let said = error.to_string();
+        assert!(said.starts_with("scene.viewpoint: expected an eye and a target apart"), "{said}");
+    }
 }
 
 #[test]
@@ -306,14 +356,17 @@ fn a_scene_that_opens_can_be_planned() {
 
 /// The example of `docs/blob-format.md`, up to its weights; made there by another program.
 const EXAMPLE: &str = "
-    89 4e 45 52 46 0d 0a 1a 04 00 ff fe 00 00 00 00
-    a2 00 00 00 00 00 00 00 cd 53 c2 0b 00 00 00 00
+    89 4e 45 52 46 0d 0a 1a 05 00 ff fe 00 00 00 00
+    cb 00 00 00 00 00 00 00 79 10 bb 5b 00 00 00 00
     00 03 00 01 01 00 01 04 00 01 00 00 01 00 00 80
     bf 00 00 80 bf 00 00 80 bf 00 00 80 3f 00 00 80
     3f 00 00 80 3f 00 00 00 40 00 00 c0 40 00 40 00
-    00 80 3f 00 00 80 3f 00 00 80 3f 00 00 00 00 03
-    66 6f 67 0e 62 6c 6f 62 2d 66 6f 72 6d 61 74 2e
-    6d 64 00 00 00 00 00 24 48
+    00 80 3f 00 00 80 3f 00 00 80 3f 00 01 00 00 80
+    40 00 00 00 00 00 00 00 00 00 00 00 00 00 00 00
+    00 00 00 00 00 00 00 00 00 00 00 00 00 00 00 80
+    3f db 0f c9 40 00 00 00 03 66 6f 67 0e 62 6c 6f
+    62 2d 66 6f 72 6d 61 74 2e 6d 64 00 00 00 00 00
+    24 48
 ";
 
 #[test]
@@ -322,7 +375,8 @@ fn the_example_of_the_specification_is_what_is_written() {
     assert_eq!(a.parameters(), 36);
     let mut weights = [0; 72];
     weights[41] = 0x3c;
-    let scene = SceneFacts { sampling: SceneSampling::Bins(64), background: [1.0; 3], ..SCENE };
+    let viewpoint = Some(Viewpoint { arc: TAU, ..VIEWPOINT });
+    let scene = SceneFacts { sampling: SceneSampling::Bins(64), background: [1.0; 3], viewpoint, ..SCENE };
     let provenance =
         Provenance { data: "fog", made_by: "blob-format.md", trained_parameters: 36, ..PROVENANCE };
     let bytes = bytes(&Body { content: Content::Scene(scene), provenance, ..body(a, None, &weights) });

@@ -62,8 +62,8 @@ static int write_file(const char *prefix, const char *suffix, const char *header
     return good ? 0 : -1;
 }
 
-/* A camera on an orbit around the scene box, a little above its middle. */
-static nerf_camera orbit(const nerf_scene_info *info, uint32_t width, uint32_t height) {
+/* A camera where the photographs were taken; where the scene does not say, half way between near and far. */
+static nerf_camera start(const nerf_scene_info *info, uint32_t width, uint32_t height) {
     const float radius = 0.5f * (info->near_distance + info->far_distance);
     const float azimuth = 0.6f, elevation = 0.4f;
     const float ca = cosf(azimuth), sa = sinf(azimuth), ce = cosf(elevation), se = sinf(elevation);
@@ -84,6 +84,9 @@ static nerf_camera orbit(const nerf_scene_info *info, uint32_t width, uint32_t h
         row[1] = up[i];
         row[2] = backward[i];
         row[3] = 0.5f * (info->box_min[i] + info->box_max[i]) + radius * backward[i];
+    }
+    if (info->up[0] != 0.0f || info->up[1] != 0.0f || info->up[2] != 0.0f) {
+        nerf_camera_look_at(&camera, info->eye, info->target, info->up, NULL, 0);
     }
     return camera;
 }
@@ -149,7 +152,7 @@ static int render_scene(const nerf_scene *scene, const nerf_scene_info *info, ui
     if (memory == NULL) {
         return EXIT_FAILURE;
     }
-    const nerf_camera camera = orbit(info, width, height);
+    const nerf_camera camera = start(info, width, height);
     nerf_counters counters;
     counters.struct_size = sizeof counters;
     unsigned percent = 101;

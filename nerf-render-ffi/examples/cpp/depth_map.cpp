@@ -50,8 +50,7 @@ int main(int argc, char **argv) {
     }
 
     const auto columns = static_cast<std::uint32_t>(width), rows = static_cast<std::uint32_t>(height);
-    auto camera = nerf::camera::from_vertical_fov(columns, rows, 0.7f);
-    camera.orbit(scene->centre(), scene->orbit_radius(), 0.6f, 0.4f);
+    const auto camera = scene->start_camera(columns, rows, 0.7f);
 
     // Three planes of one frame; what is not named here is not computed.
     const std::size_t pixels = std::size_t{columns} * rows;

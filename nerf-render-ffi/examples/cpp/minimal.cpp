@@ -5,8 +5,7 @@
 int main(int, char **arguments) {
     auto scene = nerf::scene::open_file(arguments[1]);
     if (!scene) return std::fprintf(stderr, "%s\n", scene.error().text()), 1;
-    auto camera = nerf::camera::from_vertical_fov(400, 400, 0.7f);
-    camera.orbit(scene->centre(), scene->orbit_radius(), 0.0f, 0.4f);
+    const auto camera = scene->start_camera(400, 400, 0.7f);
     std::vector<std::uint8_t> pixels(400 * 400 * 3);
     std::vector<float> depth(400 * 400);
     nerf::target target;

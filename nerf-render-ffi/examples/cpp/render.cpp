@@ -136,7 +136,7 @@ int main(int argc, char **argv) {
     const std::uint32_t rows = own_size ? info.picture_height : static_cast<std::uint32_t>(height);
     // A picture has a size and needs no pose.
     nerf::camera camera(columns, rows, 1.2f * static_cast<float>(std::max(columns, rows)));
-    camera.orbit(scene->centre(), scene->orbit_radius(), 0.6f, 0.4f);
+    camera.orbit(scene->centre(), scene->orbit_radius(), scene->start_azimuth(), scene->start_elevation(), scene->up());
     Image image(columns, rows, !scene->is_picture());
     const auto done = render(*scene, camera, image.target(), static_cast<unsigned>(threads));
     if (!done) {

@@ -35,7 +35,7 @@ structure('nerf_scene_info', {
   seed: 'u64', data: 'nerf_text', made_by: 'nerf_text', psnr_convention: 'nerf_text', picture_width: 'u32',
   picture_height: 'u32', proposal_samples: 'u32', front_points: 'u32', proposal_macs: 'u64',
   step: 'f32', table_storage: 'u32', contraction_radius: 'f32', contraction_power: 'u32',
-  storage: 'u32',
+  storage: 'u32', eye: ['f32', 3], target: ['f32', 3], up: ['f32', 3], arc: 'f32',
 });
 structure('nerf_camera', {
   struct_size: 'size', width: 'u32', height: 'u32', fx: 'f32', fy: 'f32', cx: 'f32', cy: 'f32', k1: 'f32',

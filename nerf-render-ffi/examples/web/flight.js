@@ -22,7 +22,6 @@ function poseOf([x, y, z, w], [px, py, pz]) {
     2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y), pz];
 }
 
-const dot = (a, b) => a.reduce((sum, x, i) => sum + x * b[i], 0);
 const placeOf = pose => [pose[3], pose[7], pose[11]];
 
 /**

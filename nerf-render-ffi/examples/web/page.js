@@ -207,9 +207,11 @@ async function start() {
   await open('simd128');
   const [x, y, z] = [[1, 0, 0], [0, 1, 0], [0, 0, 1]];
   const home = 0.5 * (info.near_distance + info.far_distance);
+  if (words.includes('y-up')) view = new Orbit(null, home, y, [z, x]);
+  else if (info.up.some(Boolean)) view = Orbit.through(info);
   // Blender's scenes stand on the xy plane.
-  view = words.includes('y-up') ? new Orbit(null, home, y, [z, x]) : new Orbit(null, home, z, [x, y]);
-  view.centre = await middle();
+  else view = new Orbit(null, home, z, [x, y]);
+  view.centre ??= await middle();
   element('facts').textContent = `${info.data}: ${info.parameters} parameters, trunk ${info.trunk_widths
     .slice(0, info.trunk_layers).join('-')}, ${info.samples} samples a ray, kernel ${info.kernel}`;
   connect();

@@ -51,7 +51,7 @@ const open = kernel => queued(async () => {
 const reopen = newer => queued(async () => {
   [info] = await Promise.all(threads.map(thread => thread.ask('open', { module, blob: newer, kernel: info.kernel })));
   [blob, pace] = [newer, null];
-  if (!touched) view.centre = await middle();
+  if (!touched && !info.up.some(Boolean)) view.centre = await middle();
   change();
 });
 

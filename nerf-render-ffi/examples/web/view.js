@@ -2,6 +2,7 @@
 const add = (a, b, s = 1) => a.map((x, i) => x + s * b[i]);
 const scaled = (a, s) => a.map(x => s * x);
 const cross = (a, b) => [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]];
+const dot = (a, b) => a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
 const unit = a => scaled(a, 1 / Math.hypot(...a));
 
 /** A `nerf_camera` without distortion, its focal length in pixels. */
@@ -17,13 +18,21 @@ function resized(camera, width, height) {
 /** A camera that goes around a point; angles in radians, distance in world units. */
 class Orbit {
   /** `across`: two axes in the plane of the ground, right-handed with `up`. */
-  constructor(centre, distance, up, across) {
-    Object.assign(this, { centre, home: distance, up, across });
+  constructor(centre, distance, up, across, start = { azimuth: -0.9, elevation: 0.45 }) {
+    Object.assign(this, { centre, home: distance, up, across, start });
     this.reset();
   }
 
+  /** Begins where the photographs were taken, as the scene says. */
+  static through({ eye, target, up }) {
+    const from = add(eye, target, -1), height = dot(from, up), flat = add(from, up, -height), across = Math.hypot(...flat);
+    const side = across > 0 ? scaled(flat, 1 / across) : unit(cross(up, Math.abs(up[0]) < 0.5 ? [1, 0, 0] : [0, 1, 0]));
+    const start = { azimuth: 0, elevation: Math.max(-1.5, Math.min(1.5, Math.atan2(height, across))) };
+    return new Orbit(target, Math.hypot(...from), up, [side, cross(up, side)], start);
+  }
+
   reset() {
-    Object.assign(this, { azimuth: -0.9, elevation: 0.45, distance: this.home });
+    Object.assign(this, { ...this.start, distance: this.home });
   }
 
   turn(dx, dy) {

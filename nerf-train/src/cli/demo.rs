@@ -176,8 +176,8 @@ impl Demo {
         global: &Global,
     ) -> anyhow::Result<bool> {
         let blob = renderer.blob();
-        let (Some(scene), Some(bounds)) = (blob.scene(), blob.scene_box()) else { return Ok(false) };
-        let orbit = Orbit { radius: spec.radius, ..Orbit::around(bounds, scene.near, scene.far) };
+        let Some(scene) = blob.scene() else { return Ok(false) };
+        let orbit = Orbit::of(scene, None);
         let fov = 2.0 * (0.5 / spec.focal).atan().to_degrees();
         let path = self.out.join("orbit.gif");
         let mut film = Film::new(Files::gif(path.clone(), ffmpeg.as_ref().ok()), 18.0)?;

@@ -95,11 +95,11 @@ impl Explain {
 
     fn camera(&self, blob: &Blob<'_>, global: &Global) -> anyhow::Result<Camera> {
         let Some(data) = &self.data else {
-            let (Some(scene), Some(bounds)) = (blob.scene(), blob.scene_box()) else {
+            let Some(scene) = blob.scene() else {
                 bail!("{}: expected a scene, found a 2D field", self.file.display());
             };
             let (width, height, fov) = ORBIT;
-            return Ok(Orbit::around(bounds, scene.near, scene.far).camera(0.0, width, height, fov)?);
+            return Ok(Orbit::of(scene, None).camera(0.0, width, height, fov)?);
         };
         let dataset = self.data_options.read_for(data, blob, global)?;
         let views = self.split.of(&dataset);

@@ -11,7 +11,7 @@ use crate::train::occupancy::Occupancy;
 use glam::Vec3;
 use nerf_core::blob::{
     BlobError, Body, Content, FrontPoint, MAX_FRONT, MAX_SAMPLES, PictureFacts, Provenance, SceneFacts,
-    SceneSampling, StoredOccupancy, StoredTables, encoded_len,
+    SceneSampling, StoredOccupancy, StoredTables, Viewpoint, encoded_len,
 };
 use nerf_core::encoding::GridEncoding;
 
@@ -241,6 +241,7 @@ pub fn most_bytes(config: &Config, extent: Vec3, dataset: &Dataset) -> Result<u6
         },
         background: [0.0; 3],
         occupancy_required: true,
+        viewpoint: Some(Viewpoint { eye: [1.0; 3], target: [0.0; 3], up: Vec3::X.into(), arc: 0.0 }),
     });
     let point = |i: usize| FrontPoint {
         samples: MAX_SAMPLES,

@@ -1,9 +1,14 @@
 //! Cameras on a circle around a scene.
 
 use glam::Vec3;
-use nerf_core::camera::{Camera, CameraError, Intrinsics, Lens, Pose, SceneBox};
+use nerf_core::blob::{SceneFacts, Viewpoint};
+use nerf_core::camera::{Camera, CameraError, Intrinsics, Lens, Pose};
+use std::f32::consts::TAU;
 
-/// A circle of cameras that look at its centre.
+/// Highest start of an orbit around another axis than the viewpoint's, degrees.
+const STEEPEST: f32 = 80.0;
+
+/// A circle of cameras, or an arc of one, that look at its centre.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Orbit {
     /// What they look at, world units.
@@ -12,29 +17,63 @@ pub struct Orbit {
     pub radius: f32,
     /// Their height above the plane through the centre, degrees.
     pub elevation: f32,
-    /// World direction that is up.
+    /// World direction that is up, unit length.
     pub up: Vec3,
+    /// Where the first of them is, from the axis: unit length, across `up`.
+    pub start: Vec3,
+    /// How far around they go, radians, with the first in the middle; 2π: all the way.
+    pub arc: f32,
 }
 
 impl Orbit {
-    /// Around the middle of a scene box, half way between near and far.
-    pub fn around(bounds: SceneBox, near: f32, far: f32) -> Self {
-        let centre = 0.5 * (bounds.min + bounds.max);
-        Self { centre, radius: 0.5 * (near + far), elevation: 25.0, up: Vec3::Z }
+    /// Through where the photographs were taken, if the blob says so; else around the middle of the scene box, half way
+    /// between near and far. `up`: another than the blob's, or than z.
+    pub fn of(scene: &SceneFacts, up: Option<Vec3>) -> Self {
+        match &scene.viewpoint {
+            Some(viewpoint) => {
+                Self::through(viewpoint, up.unwrap_or(viewpoint.up.into()).normalize_or_zero())
+            }
+            None => Self::around(scene, up.unwrap_or(Vec3::Z)),
+        }
     }
 
-    /// The camera at `turn` of a full circle, with a horizontal field of view of `fov` degrees.
+    fn around(scene: &SceneFacts, up: Vec3) -> Self {
+        Self {
+            centre: 0.5 * (Vec3::from(scene.min) + Vec3::from(scene.max)),
+            radius: 0.5 * (scene.near + scene.far),
+            elevation: 25.0,
+            up,
+            start: up.any_orthonormal_pair().0,
+            arc: TAU,
+        }
+    }
+
+    fn through(viewpoint: &Viewpoint, up: Vec3) -> Self {
+        let centre = Vec3::from(viewpoint.target);
+        let back = Vec3::from(viewpoint.eye) - centre;
+        let height = back.dot(up);
+        let flat = back - height * up;
+        Self {
+            centre,
+            radius: back.length(),
+            elevation: height.atan2(flat.length()).to_degrees().clamp(-STEEPEST, STEEPEST),
+            up,
+            start: flat.try_normalize().unwrap_or_else(|| up.any_orthonormal_pair().0),
+            arc: viewpoint.arc,
+        }
+    }
+
+    /// The camera at `turn` of a full circle, or of a way back and forth over the arc, with a horizontal field of view of
+    /// `fov` degrees.
     ///
     /// # Errors
     /// As [`Camera::new`], and [`CameraError::PoseNotFinite`] at an elevation of ±90°.
     pub fn camera(&self, turn: f32, width: u32, height: u32, fov: f32) -> Result<Camera, CameraError> {
-        let azimuth = turn * std::f32::consts::TAU;
+        let azimuth = if self.arc < TAU { 0.5 * self.arc * (turn * TAU).sin() } else { turn * TAU };
         let elevation = self.elevation.to_radians();
-        let up = self.up.normalize_or_zero();
-        let (side, ahead) = up.any_orthonormal_pair();
-        let flat = side * azimuth.cos() + ahead * azimuth.sin();
-        let eye = self.centre + self.radius * (flat * elevation.cos() + up * elevation.sin());
-        let pose = Pose::look_at(eye, self.centre, up).ok_or(CameraError::PoseNotFinite)?;
+        let flat = self.start * azimuth.cos() + self.up.cross(self.start) * azimuth.sin();
+        let eye = self.centre + self.radius * (flat * elevation.cos() + self.up * elevation.sin());
+        let pose = Pose::look_at(eye, self.centre, self.up).ok_or(CameraError::PoseNotFinite)?;
         let focal = 0.5 * width as f32 / (0.5 * fov.to_radians()).tan();
         Camera::new(Intrinsics::centred(width, height, focal), Lens::NONE, pose)
     }

@@ -120,7 +120,9 @@ fn a_folder_gets_numbered_frames_also_transparent_ones() {
     };
     assert!(clear.pixels().any(|p| p[3] == 0) && clear.pixels().any(|p| p[3] > 0));
     // Into the same folder, fewer and opaque; the old ones are pointed out.
-    let again = run(render(file, &frames, &["--orbit", "2", "--width", "24", "--background", "#ff0000"]));
+    // From so far away that the corner sees nothing of the scene.
+    let far = ["--orbit", "2", "--radius", "9", "--width", "24", "--background", "#ff0000"];
+    let again = run(render(file, &frames, &far));
     assert!(again.code == Some(0) && again.err.contains("earlier run, from 2 on"), "{}", again.err);
     let red = picture(&format!("{frames}/frame_0001.png")).into_rgb8();
     assert_eq!(red.get_pixel(0, 0).0, [255, 0, 0], "the remaining transmittance is red");

@@ -107,6 +107,7 @@ fn blob(model: &Model, folded: &[f32]) -> Vec<u8> {
         sampling: SceneSampling::Bins(8),
         background: [0.0; 3],
         occupancy_required: false,
+        viewpoint: None,
     };
     let provenance = Provenance { data: "noise", made_by: "test", ..Provenance::NONE };
     let contents = Contents {

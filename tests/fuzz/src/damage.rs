@@ -3,7 +3,7 @@
 use arbitrary::{Result, Unstructured};
 use nerf_core::blob::{
     Body, Content, FrontPoint, HEADER_LEN, PictureFacts, Proposal, SceneSampling, StoredOccupancy,
-    StoredTables,
+    StoredTables, Viewpoint,
 };
 use nerf_core::encoding::{
     AngleScale, DirectionEncoding, GridEncoding, PositionEncoding, SinusoidalEncoding,
@@ -185,7 +185,7 @@ fn change(
                 Content::Picture(picture) => {
                     *picture = PictureFacts { width: u.arbitrary()?, height: u.arbitrary()? }
                 }
-                Content::Scene(scene) => match u.int_in_range(0..=6u8)? {
+                Content::Scene(scene) => match u.int_in_range(0..=7u8)? {
                     0 => scene.min = any_vec3(u)?,
                     1 => scene.max = any_vec3(u)?,
                     2 => scene.near = any_f32(u)?,
@@ -200,6 +200,10 @@ fn change(
                         };
                     }
                     5 => scene.background = any_vec3(u)?,
+                    6 => {
+                        let (eye, target, up, arc) = (any_vec3(u)?, any_vec3(u)?, any_vec3(u)?, any_f32(u)?);
+                        scene.viewpoint = u.arbitrary::<bool>()?.then_some(Viewpoint { eye, target, up, arc });
+                    }
                     _ => scene.occupancy_required = u.arbitrary()?,
                 },
             },

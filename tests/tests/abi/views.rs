@@ -64,6 +64,7 @@ fn a_scene_is_there_from_anywhere() {
         );
         assert_eq!(info.table_storage, storage as u32);
         assert_eq!((info.contraction_radius, info.contraction_power), (0.0, 0));
+        assert_eq!((info.eye, info.target, info.up, info.arc), ([0.0; 3], [0.0; 3], [0.0; 3], 0.0));
         let options = call::render_options();
         for towards in [[0.3, 0.5, 0.8], [-0.3, -0.5, -0.8], [0.0, 0.01, 1.0]] {
             let (status, usual, _) = seen(&opened, &from(1.0, towards), &options);
@@ -87,6 +88,7 @@ fn an_unbounded_scene_says_so_and_surrounds_the_camera() {
     // The cube around the contracted space.
     assert_eq!((info.box_min, info.box_max), ([-2.0, -2.25, -2.0], [2.0, 1.75, 2.0]));
     assert_eq!((info.near_distance, info.far_distance), (0.125, 50.0));
+    assert_eq!((info.eye, info.target, info.up, info.arc), ([3.0, 1.0, 0.0], [0.0; 3], [0.0, 1.0, 0.0], 2.0));
     for times in [0.1, 1.0, 10.0] {
         let (status, found, _) = seen(&opened, &from(times, [0.3, 0.5, 0.8]), &call::render_options());
         assert!(status == Status::Ok && found > 0.3, "from {times}: {found}");

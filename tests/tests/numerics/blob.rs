@@ -14,6 +14,7 @@ pub const SCENE: SceneFacts = SceneFacts {
     sampling: SceneSampling::Bins(32),
     background: [0.25, 0.5, 1.0],
     occupancy_required: false,
+    viewpoint: None,
 };
 
 /// A scene without occupancy grid and proposal.

@@ -205,16 +205,16 @@ fn a_list_of_33_levels_is_refused_by_its_section() {
 fn an_older_file_is_told_how_to_be_made_anew() {
     let (weights, _) = halve(&parameters(&every_kind(), 1));
     let mut file = bytes(&body(every_kind(), None, &weights));
-    file[8] = 3;
+    file[8] = 4;
     let error = Blob::open(&file).unwrap_err();
-    assert_eq!(error, BlobError::Version { expected: FORMAT_VERSION, found: 3 });
+    assert_eq!(error, BlobError::Version { expected: FORMAT_VERSION, found: 4 });
     assert!(error.to_string().contains("fit or import the scene again"), "{error}");
 }
 
 /// The second example of `docs/blob-format.md`; made there by another program.
 const RAMP: &str = "
-    89 4e 45 52 46 0d 0a 1a 04 00 ff fe 00 00 00 00
-    4a 00 00 00 00 00 00 00 9a a4 dc a6 00 00 00 00
+    89 4e 45 52 46 0d 0a 1a 05 00 ff fe 00 00 00 00
+    4a 00 00 00 00 00 00 00 cd 31 19 cc 00 00 00 00
     01 02 01 02 01 01 01 00 00 01 01 00 00 00 00 02
     01 00 00 00 04 72 61 6d 70 0e 62 6c 6f 62 2d 66
     6f 72 6d 61 74 2e 6d 64 00 00 00 00 00 08 10 00
@@ -224,8 +224,8 @@ const RAMP: &str = "
 
 /// The third: the same picture, its vertices in int8.
 const RAMP_IN_INT8: &str = "
-    89 4e 45 52 46 0d 0a 1a 04 00 ff fe 00 00 00 00
-    4b 00 00 00 00 00 00 00 65 00 a1 27 00 00 00 00
+    89 4e 45 52 46 0d 0a 1a 05 00 ff fe 00 00 00 00
+    4b 00 00 00 00 00 00 00 a7 01 c4 d2 00 00 00 00
     01 02 01 02 01 01 01 00 00 01 01 00 00 00 00 02
     01 00 00 00 04 72 61 6d 70 0e 62 6c 6f 62 2d 66
     6f 72 6d 61 74 2e 6d 64 00 00 00 00 00 08 10 00

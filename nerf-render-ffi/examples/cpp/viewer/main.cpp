@@ -53,8 +53,8 @@ bool size(const std::string &text, Arguments &into) {
     return true;
 }
 
-bool up(const std::string &axis, nerf::vec3 &into) {
-    into = {axis == "x" ? 1.0f : 0.0f, axis == "y" ? 1.0f : 0.0f, axis == "z" ? 1.0f : 0.0f};
+bool up(const std::string &axis, std::optional<nerf::vec3> &into) {
+    into = nerf::vec3{axis == "x" ? 1.0f : 0.0f, axis == "y" ? 1.0f : 0.0f, axis == "z" ? 1.0f : 0.0f};
     return axis == "x" || axis == "y" || axis == "z";
 }
 

@@ -7,12 +7,15 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdint>
+#include <optional>
 
 class Orbit {
 public:
-    /// Around the middle of the scene box, half way between near and far, as nerf-train's orbits are.
-    explicit Orbit(const nerf::scene &scene, nerf::vec3 up) noexcept
-        : centre_(scene.centre()), up_(up), radius_(scene.orbit_radius()) {}
+    /// Begins where the photographs were taken, as nerf-train's orbits do; where the scene does not say, half way between
+    /// near and far. `up`: another axis than the scene's own.
+    Orbit(const nerf::scene &scene, std::optional<nerf::vec3> up) noexcept
+        : centre_(scene.centre()), up_(up.value_or(scene.up())), radius_(scene.orbit_radius()),
+          azimuth_(up ? 0.6f : scene.start_azimuth()), elevation_(up ? 0.4f : scene.start_elevation()) {}
 
     nerf::camera camera(std::uint32_t width, std::uint32_t height) const noexcept {
         auto camera = nerf::camera::from_vertical_fov(width, height, fov);
@@ -43,7 +46,7 @@ private:
     static constexpr float fov = 0.7f; // radians, bottom to top
 
     nerf::vec3 centre_, up_;
-    float radius_, azimuth_ = 0.6f, elevation_ = 0.4f;
+    float radius_, azimuth_, elevation_;
 };
 
 #endif // VIEWER_ORBIT_HPP

@@ -19,7 +19,7 @@ struct Settings {
     unsigned threads = 1;
     float moving_ms = 60.0f;    // what a frame may take while the camera moves
     float resting_ms = 3000.0f; // and the first of full size, once it rests
-    nerf::vec3 up{0.0f, 0.0f, 1.0f};
+    std::optional<nerf::vec3> up; // where not the scene's own
 };
 
 /// Settings of a frame, and what is foreseen of it.

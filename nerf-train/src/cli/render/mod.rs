@@ -80,18 +80,18 @@ pub struct Render {
     /// Frames of that video [default: 120]; with --path FILE.json fly through its views as smoothly, in so many.
     #[arg(long, value_name = "N")]
     frames: Option<usize>,
-    /// Video of a full circle around the scene in so many frames.
+    /// Video around the scene in so many frames: a full circle, or back and forth where photographs were taken from one side.
     #[arg(long, value_name = "FRAMES", group = "what")]
     orbit: Option<usize>,
-    /// Height of the orbit above the scene's middle, degrees.
-    #[arg(long, value_name = "DEG", default_value_t = 25.0, allow_hyphen_values = true)]
-    elevation: f32,
-    /// Radius of the orbit, world units [default: half way between near and far].
+    /// Height of the orbit above its middle, degrees [default: where the photographs were taken, or 25].
+    #[arg(long, value_name = "DEG", allow_hyphen_values = true)]
+    elevation: Option<f32>,
+    /// Radius of the orbit, world units [default: where the photographs were taken, or half way between near and far].
     #[arg(long, value_name = "R")]
     radius: Option<f32>,
-    /// World axis that is up in an orbit.
-    #[arg(long, value_enum, value_name = "AXIS", default_value = "z", allow_hyphen_values = true)]
-    up: UpAxis,
+    /// World axis that is up in an orbit [default: what was up for those who took the photographs, or z].
+    #[arg(long, value_enum, value_name = "AXIS", allow_hyphen_values = true)]
+    up: Option<UpAxis>,
     /// Frames a second of a video [default: the camera path's, or 20].
     #[arg(long, value_name = "N")]
     fps: Option<f64>,

@@ -3,6 +3,7 @@
 use super::Render;
 use crate::cli::common::Global;
 use crate::cli::eval::Split;
+use crate::cli::options::axis::UpAxis;
 use crate::cli::places;
 use crate::data::cameras::path::{CameraPath, PathCamera, read_path};
 use crate::data::{Dataset, origin_in_name};
@@ -10,8 +11,8 @@ use crate::show::keyframes::{Keyframe, flight};
 use crate::show::orbit::Orbit;
 use crate::show::render::scaled;
 use anyhow::{Context, bail};
-use nerf_core::blob::Blob;
-use nerf_core::camera::{Camera, CameraError, Intrinsics, Lens, Pose, SceneBox};
+use nerf_core::blob::{Blob, SceneFacts};
+use nerf_core::camera::{Camera, CameraError, Intrinsics, Lens, Pose};
 use std::path::Path;
 
 const NO_FRAMES: &str =
@@ -41,12 +42,12 @@ impl Render {
         if self.frames.is_some() && self.keyframes.is_empty() && self.path.is_none() {
             bail!("{NO_FRAMES}");
         }
-        let (Some(scene), Some(bounds)) = (blob.scene(), blob.scene_box()) else {
+        let Some(scene) = blob.scene() else {
             bail!("{}: expected a scene, found a 2D field", self.file.display());
         };
         let width = self.width.unwrap_or(400);
         let height = self.height.unwrap_or(width);
-        let orbit = self.around(bounds, (scene.near, scene.far));
+        let orbit = self.around(scene);
         let fov = self.fov_across(width)?;
         if let Some(frames) = self.orbit {
             check_frames("--orbit", frames)?;
@@ -89,11 +90,10 @@ impl Render {
     }
 
     /// The circle around a scene, as the flags say.
-    fn around(&self, bounds: SceneBox, (near, far): (f32, f32)) -> Orbit {
-        let orbit = Orbit::around(bounds, near, far);
+    fn around(&self, scene: &SceneFacts) -> Orbit {
+        let orbit = Orbit::of(scene, self.up.map(UpAxis::direction));
         Orbit {
-            elevation: self.elevation,
-            up: self.up.direction(),
+            elevation: self.elevation.unwrap_or(orbit.elevation),
             radius: self.radius.unwrap_or(orbit.radius),
             ..orbit
         }

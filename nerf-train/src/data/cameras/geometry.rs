@@ -120,7 +120,7 @@ impl LookAt {
     }
 }
 
-fn outer(v: DVec3) -> DMat3 {
+pub(super) fn outer(v: DVec3) -> DMat3 {
     DMat3::from_cols(v * v.x, v * v.y, v * v.z)
 }
 
@@ -128,7 +128,7 @@ fn outer(v: DVec3) -> DMat3 {
 ///
 /// # Source
 /// Smith 1961, "Eigenvalues of a symmetric 3 × 3 matrix".
-fn smallest_eigenvalue(m: DMat3) -> f64 {
+pub(super) fn smallest_eigenvalue(m: DMat3) -> f64 {
     let mean = (m.x_axis.x + m.y_axis.y + m.z_axis.z) / 3.0;
     let shifted = m - DMat3::from_diagonal(DVec3::splat(mean));
     let columns = [shifted.x_axis, shifted.y_axis, shifted.z_axis];

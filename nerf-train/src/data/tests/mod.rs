@@ -8,6 +8,7 @@ mod pictures;
 mod real;
 mod transforms;
 mod untrusted;
+mod viewpoint;
 
 use crate::data::{
     Axes, Background, Dataset, DatasetError, Format, LookAt, ReadOptions, Report, View, mean_colour, read,

@@ -5,7 +5,7 @@ mod grid;
 use crate::data::pictures::colour;
 use crate::data::system::summary::Short;
 pub use grid::{GridSummary, describe as describe_grid};
-use nerf_core::blob::{Blob, FrontPoint, SceneFacts, SceneSampling};
+use nerf_core::blob::{Blob, FrontPoint, SceneFacts, SceneSampling, Viewpoint};
 use nerf_core::encoding::DirectionEncoding;
 use nerf_core::network::Layer;
 use serde::Serialize;
@@ -97,6 +97,11 @@ fn space_lines(scene: &SceneFacts) -> Vec<String> {
         }
     }
     lines.push(format!("background    {}", colour::name(scene.background)));
+    if let Some(Viewpoint { eye, target, up, arc }) = scene.viewpoint {
+        let arc = arc.to_degrees();
+        lines
+            .push(format!("viewpoint     from {eye:?} to {target:?}, up {up:?}, an arc of {arc:.0} degrees"));
+    }
     lines
 }
 
@@ -203,6 +208,17 @@ pub struct SceneSummary {
     pub step: Short,
     pub background: String,
     pub occupancy_required: bool,
+    #[serde(flatten)]
+    pub viewpoint: Option<ViewpointSummary>,
+}
+
+#[derive(Debug, Serialize)]
+#[allow(missing_docs, reason = "the names say what they are, and in which unit")]
+pub struct ViewpointSummary {
+    pub viewpoint_eye: [Short; 3],
+    pub viewpoint_target: [Short; 3],
+    pub viewpoint_up: [Short; 3],
+    pub viewpoint_arc_deg: Short,
 }
 
 #[derive(Debug, Serialize)]
@@ -246,6 +262,12 @@ impl<'b> Inspection<'b> {
                 step: Short(scene.step()),
                 background: colour::name(scene.background),
                 occupancy_required: scene.occupancy_required,
+                viewpoint: scene.viewpoint.map(|viewpoint| ViewpointSummary {
+                    viewpoint_eye: viewpoint.eye.map(Short),
+                    viewpoint_target: viewpoint.target.map(Short),
+                    viewpoint_up: viewpoint.up.map(Short),
+                    viewpoint_arc_deg: Short(viewpoint.arc.to_degrees()),
+                }),
             }),
             width_px: picture.map(|picture| picture.width),
             height_px: picture.map(|picture| picture.height),

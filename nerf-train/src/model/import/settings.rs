@@ -168,6 +168,15 @@ impl Settings {
     pub fn facts(&self, occupancy_required: bool) -> SceneFacts {
         let Self { near, far, samples, background, .. } = *self;
         let sampling = SceneSampling::Bins(samples);
-        SceneFacts { min: self.min(), max: self.max(), near, far, sampling, background, occupancy_required }
+        SceneFacts {
+            min: self.min(),
+            max: self.max(),
+            near,
+            far,
+            sampling,
+            background,
+            occupancy_required,
+            viewpoint: None,
+        }
     }
 }

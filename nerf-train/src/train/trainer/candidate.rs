@@ -1,5 +1,6 @@
 //! The state of a run as it would be exported.
 
+use crate::data::cameras::viewpoint::viewpoint;
 use crate::model::export::{Contents, Exported, Tables, export};
 use crate::train::occupancy::{Ask, LiveCells, Occupancy};
 use crate::train::{TrainError, Trainer};
@@ -105,6 +106,7 @@ impl Trainer<'_> {
                 },
                 background: self.background(),
                 occupancy_required: about.occupancy_required,
+                viewpoint: viewpoint(self.dataset, (b.near, b.far)),
             }),
             occupancy: Some((candidate.live.resolution(), candidate.live.bits())),
             provenance: Provenance {

@@ -1,0 +1,159 @@
+//! Where to look at a scene from: where somebody stood who took its photographs.
+
+use super::geometry::{LookAt, outer, smallest_eigenvalue};
+use super::nearest::distances;
+use crate::data::Dataset;
+use glam::{DMat3, DVec3, Vec3};
+use nerf_core::blob::Viewpoint;
+use nerf_core::camera::{Camera, Pose};
+use std::f32::consts::TAU;
+
+/// Share of the cameras that the arc holds: a few may stand elsewhere.
+const MOST: f32 = 0.95;
+/// From this arc on a camera can go all the way round: two thirds of a circle.
+const ROUND: f32 = 2.0 / 3.0 * TAU;
+/// Horizons tell what is up where they are level within this share of how they spread, and spread by so much at least
+/// (mean squared sine).
+const LEVEL: (f64, f64) = (0.15, 0.02);
+/// Fewer points say nothing of how far things are.
+const ENOUGH_POINTS: usize = 8;
+
+/// Of the training cameras; `None` where they place none, as of a single point. `range`: where the scene is on their rays.
+///
+/// A camera looks at what all of them look at, from the one that stands at their median height over it and their median
+/// distance from the axis through it, in the middle of their arc. Where they do not look at one thing, it is the middle one
+/// of them, and looks as that one does.
+pub(crate) fn viewpoint(dataset: &Dataset, range: (f32, f32)) -> Option<Viewpoint> {
+    let cameras: Vec<Camera> = dataset.train.iter().map(|view| view.camera).collect();
+    let eyes: Vec<Vec3> = cameras.iter().map(|camera| camera.pose().position).collect();
+    let up = up_of(&cameras);
+    let look_at = LookAt::of(&cameras).filter(|look_at| look_at.agrees() && !look_at.forward_facing());
+    let (target, middle) = match look_at {
+        Some(look_at) => (Vec3::from(look_at.point), None),
+        None => {
+            let median =
+                geometric_median(&eyes.iter().map(|eye| eye.as_dvec3()).collect::<Vec<_>>()).as_vec3();
+            let middle = nearest(&eyes, |eye| eye.distance(median))?;
+            let depth = depth_of(dataset, middle, range);
+            (eyes[middle] + depth * cameras[middle].pose().forward(), Some(middle))
+        }
+    };
+    let places: Vec<Place> = eyes.iter().map(|&eye| Place::of(eye - target, up)).collect();
+    let (begin, arc) = covered(places.iter().map(|place| place.azimuth).collect())?;
+    let is_round = arc >= ROUND;
+    let eye = match middle {
+        Some(middle) => middle,
+        None => {
+            let height = median(places.iter().map(|place| place.height).collect());
+            let distance = median(places.iter().map(|place| place.distance).collect());
+            nearest(&places, |place| {
+                let turn = if is_round { 0.0 } else { place.turn_from(begin + 0.5 * arc) };
+                Vec3::new(place.height - height, place.distance - distance, turn * distance).length()
+            })?
+        }
+    };
+    let aside = places[eye].turn_from(begin + 0.5 * arc).abs();
+    let arc = if is_round { TAU } else { (arc - 2.0 * aside).max(0.0) };
+    let places = Pose::look_at(eyes[eye], target, up).is_some();
+    let found = Viewpoint { eye: eyes[eye].into(), target: target.into(), up: up.into(), arc };
+    places.then_some(found)
+}
+
+/// How far the middle view looks, world units.
+fn depth_of(dataset: &Dataset, middle: usize, (near, far): (f32, f32)) -> f32 {
+    let seen = distances(&dataset.train[middle], &dataset.points);
+    if seen.len() >= ENOUGH_POINTS {
+        return median(seen);
+    }
+    // The middle in what a picture shows of depth: in its inverse.
+    let depth = 2.0 * near * far / (near + far);
+    if depth > 0.0 { depth } else { 0.5 * (near + far) }
+}
+
+/// Where a camera is, seen from the target.
+struct Place {
+    height: f32,
+    /// From the axis along `up` through the target.
+    distance: f32,
+    /// Radians around it.
+    azimuth: f32,
+}
+
+impl Place {
+    fn of(from_target: Vec3, up: Vec3) -> Self {
+        let (side, ahead) = up.any_orthonormal_pair();
+        let (x, y) = (from_target.dot(side), from_target.dot(ahead));
+        Self { height: from_target.dot(up), distance: x.hypot(y), azimuth: y.atan2(x) }
+    }
+
+    /// Radians from an azimuth to it, within ±π.
+    fn turn_from(&self, azimuth: f32) -> f32 {
+        (self.azimuth - azimuth + 0.5 * TAU).rem_euclid(TAU) - 0.5 * TAU
+    }
+}
+
+/// The shortest arc that holds all but a few azimuths: where it begins, and its length.
+fn covered(mut azimuths: Vec<f32>) -> Option<(f32, f32)> {
+    azimuths.sort_unstable_by(f32::total_cmp);
+    let count = azimuths.len();
+    let held = (MOST * count as f32).ceil() as usize;
+    let arc = |begin: usize| {
+        let end = begin + held.max(1) - 1;
+        let lap = if end >= count { TAU } else { 0.0 };
+        (azimuths[begin], azimuths[end % count] + lap - azimuths[begin])
+    };
+    (0..count).map(arc).min_by(|a, b| a.1.total_cmp(&b.1))
+}
+
+/// What is up: that to which horizons are level, as people hold cameras, whichever way these look; where the horizons do
+/// not tell, the median of the cameras' own.
+fn up_of(cameras: &[Camera]) -> Vec3 {
+    let axes = |axis: fn(&Pose) -> Vec3| -> Vec<DVec3> {
+        cameras.iter().map(|camera| axis(camera.pose()).as_dvec3().normalize_or_zero()).collect()
+    };
+    let ups = axes(|pose| pose.rotation.y_axis);
+    let mean = ups.iter().sum::<DVec3>() / ups.len().max(1) as f64;
+    let up = [geometric_median(&ups), mean].into_iter().find(|up| up.length() > 0.1);
+    let up = up.unwrap_or(DVec3::Z).normalize();
+    let level = level(&axes(|pose| pose.rotation.x_axis)).map(|level| level * level.dot(up).signum());
+    // Without negative zeros.
+    level.filter(|level| level.dot(up) > 0.5).unwrap_or(up).as_vec3().normalize() + Vec3::ZERO
+}
+
+/// The direction that these unit vectors are across, where they lie in a plane and not along a line.
+fn level(horizons: &[DVec3]) -> Option<DVec3> {
+    let m = horizons.iter().map(|&dir| outer(dir)).sum::<DMat3>() * (1.0 / horizons.len() as f64);
+    let least = smallest_eigenvalue(m);
+    let rest = m - DMat3::from_diagonal(DVec3::splat(least));
+    let (x, y, z) = (rest.x_axis, rest.y_axis, rest.z_axis);
+    // Products of the two other eigenvalues and the components of the direction.
+    let normals = [y.cross(z), z.cross(x), x.cross(y)];
+    let product = normals[0].x + normals[1].y + normals[2].z;
+    let half = 0.5 * (x.x + y.y + z.z);
+    let next = least + half - (half * half - product).max(0.0).sqrt();
+    let normal = normals.into_iter().max_by(|a, b| a.length().total_cmp(&b.length()))?;
+    let tells = least <= LEVEL.0 * next && next >= LEVEL.1;
+    normal.try_normalize().filter(|_| tells)
+}
+
+/// The point of the least sum of distances (Weiszfeld 1937).
+fn geometric_median(points: &[DVec3]) -> DVec3 {
+    let mean = points.iter().sum::<DVec3>() / points.len().max(1) as f64;
+    (0..50).fold(mean, |at, _| {
+        let weights = points.iter().map(|point| 1.0 / point.distance(at).max(1e-9));
+        let weighted = |(point, weight): (&DVec3, f64)| (*point * weight, weight);
+        let (sum, all) = (points.iter().zip(weights).map(weighted))
+            .fold((DVec3::ZERO, 0.0), |sum, one| (sum.0 + one.0, sum.1 + one.1));
+        if all > 0.0 { sum / all } else { at }
+    })
+}
+
+/// The first of the items that are least far away.
+fn nearest<T>(items: &[T], distance: impl Fn(&T) -> f32) -> Option<usize> {
+    (0..items.len()).min_by(|&a, &b| distance(&items[a]).total_cmp(&distance(&items[b])))
+}
+
+fn median(mut values: Vec<f32>) -> f32 {
+    values.sort_unstable_by(f32::total_cmp);
+    values[values.len() / 2]
+}
