@@ -2,7 +2,7 @@
 const add = (a, b, s = 1) => a.map((x, i) => x + s * b[i]);
 const scaled = (a, s) => a.map(x => s * x);
 const cross = (a, b) => [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]];
-const dot = (a, b) => a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
+const dot = (a, b) => a.reduce((sum, x, i) => sum + x * b[i], 0);
 const unit = a => scaled(a, 1 / Math.hypot(...a));
 
 /** A `nerf_camera` without distortion, its focal length in pixels. */
