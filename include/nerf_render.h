@@ -1274,8 +1274,8 @@ typedef struct nerf_rays {
      */
     struct nerf_floats t_max;
     /**
-     * A number in [0, 1) each, for `nerf_sample_rays`; else NULL. 1, to which a float rounds what is just below it, is taken
-     * for the largest float below 1.
+     * One random number in [0, 1) a ray for `nerf_sample_rays`; NULL for `nerf_render_rays`. 1 is taken for the largest float
+     * below 1, since rounding to float produces it.
      */
     struct nerf_floats random;
     /**
@@ -1628,8 +1628,8 @@ nerf_status nerf_render_picture(struct nerf_worker *worker,
  * opacity alone is what a shadow ray needs: the same bits as beside others, for less work.
  *
  * Rays are checked before the first result is written: `NERF_STATUS_RAY` names the first that has an origin that is not
- * finite, a direction that is not of unit length or no range, and refuses `random`. Anti-aliasing and a lens' aperture are a camera's:
- * `NERF_STATUS_OPTIONS`. `counters` and `message`: as in `nerf_render`.
+ * finite, a direction that is not of unit length or an empty range; it is also the status of `random` that is not NULL.
+ * Options with anti-aliasing or an aperture, which belong to cameras, are `NERF_STATUS_OPTIONS`. `counters` and `message`: as in `nerf_render`.
  *
  * # Safety
  * Pointers are NULL or point to what is described here; `worker` and its scenes are intact.
