@@ -109,9 +109,10 @@ static void questions(nerf_worker *worker) {
         .sigma = {.data = densities, .format = NERF_FORMAT_F32}, .rgb = rgb};
     demand(nerf_query(worker, &points, NULL, message, sizeof message) == NERF_STATUS_OK, message);
     const nerf_target target = {.struct_size = sizeof target, .rgb = rgb, .opacity = opacity};
-    const nerf_rays rays = {.struct_size = sizeof rays, .count = 3, .origins = origins, .dirs = dirs,
-        .random = {&asked->random, sizeof *asked}, .target = &target};
+    nerf_rays rays = {.struct_size = sizeof rays, .count = 3, .origins = origins, .dirs = dirs, .target = &target};
     demand(nerf_render_rays(worker, &rays, NULL, message, sizeof message) == NERF_STATUS_OK, message);
+    rays.random.data = &asked->random;
+    rays.random.stride = sizeof *asked;
     demand(nerf_sample_rays(worker, &rays, NULL, message, sizeof message) == NERF_STATUS_OK, message);
     free(densities);
     free(answers);
