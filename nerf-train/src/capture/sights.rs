@@ -48,8 +48,9 @@ impl Sights {
             let mut found = (Vec::new(), 0, 0);
             for key in &view.key_points {
                 let Some(point) = points.get(key.point as usize) else { continue };
-                // Written so that an error that is NaN is not believed.
-                if point.track < MIN_TRACK || !(point.error < MAX_ERROR) {
+                // An error that is NaN is not believed.
+                let believed = point.track >= MIN_TRACK && point.error < MAX_ERROR;
+                if !believed {
                     found.2 += 1;
                     continue;
                 }

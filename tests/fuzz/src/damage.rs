@@ -202,7 +202,8 @@ fn change(
                     5 => scene.background = any_vec3(u)?,
                     6 => {
                         let (eye, target, up, arc) = (any_vec3(u)?, any_vec3(u)?, any_vec3(u)?, any_f32(u)?);
-                        scene.viewpoint = u.arbitrary::<bool>()?.then_some(Viewpoint { eye, target, up, arc });
+                        scene.viewpoint =
+                            u.arbitrary::<bool>()?.then_some(Viewpoint { eye, target, up, arc });
                     }
                     _ => scene.occupancy_required = u.arbitrary()?,
                 },
