@@ -161,5 +161,5 @@ fn write_views(file: &Path, name: &str, outcome: &Outcome, dataset: &Dataset) {
         cells.push(Cell::new(frame::picture(frame), format!("{view}: {psnr_db:.2} dB")));
         cells.push(Cell::new(photograph, format!("{view}: photograph")));
     }
-    contact_sheet(name, &cells, 4).write_png(file.to_owned()).expect("--report: written");
+    contact_sheet(name, &cells, 4).write_png(file).expect("--report: written");
 }
