@@ -6,7 +6,7 @@ use rayon::prelude::*;
 use std::borrow::Borrow;
 use std::fmt;
 
-/// Photographs that must show a point: two rays meet somewhere, whatever they show.
+/// Fewest photographs of a point that is believed: a wrong match of two meets somewhere, too.
 const MIN_TRACK: u32 = 3;
 /// Mean reprojection error of a point from which on it is not believed, pixels of the full size.
 const MAX_ERROR: f32 = 2.0;
@@ -33,9 +33,9 @@ pub struct Sight {
 pub struct Sights {
     /// View by view.
     pub of_views: Vec<Vec<Sight>>,
-    /// Key points whose point is behind the camera or projected to another place.
+    /// Number of key points whose 3D point is behind the camera or projects elsewhere.
     contradictory: usize,
-    /// Key points whose point few photographs show, or with a large reprojection error.
+    /// Number of key points whose 3D point has a short track or a large reprojection error.
     doubtful: usize,
 }
 

@@ -17,8 +17,8 @@ pub struct View {
     pub pixels: Vec<[u8; 4]>,
     /// Which pixels count, in the same order; `None`: all of them. The others are neither trained on nor measured.
     pub mask: Option<Vec<bool>>,
-    /// Where its rays through an unbounded scene begin, world units: in front of the sparse points that it sees; 0 where
-    /// there are none. What is in front of a camera and seen by no other could be anything: fog.
+    /// Distance from the camera within which an unbounded scene is empty, world units: a little less than that of the
+    /// nearest sparse points that it sees; 0 where there are none.
     pub near: f32,
     /// Where it shows points of [`Dataset::points`](crate::data::Dataset::points); empty without a reconstruction's
     /// tracks.

@@ -39,7 +39,7 @@ pub struct Checkpoint {
     pub occupancy: Option<Occupancy>,
     /// Gains of the photographs.
     pub gains: Option<Gains>,
-    /// What was found of their exposure.
+    /// Measured spread of the photographs' exposure, once it is known.
     pub exposure: Option<ExposureFound>,
     /// Counters of the loop.
     pub progressed: Progressed,

@@ -2,7 +2,7 @@
 
 use crate::capture::sights::{Sight, Sights};
 use crate::data::View;
-use nerf_core::camera::{Contraction, Ray, SceneBox};
+use nerf_core::camera::{Contraction, SceneBox};
 use rayon::prelude::*;
 
 /// Share of the way from a camera to a point that counts as free; less than 1, since points are inexact and surfaces
@@ -40,7 +40,7 @@ pub(crate) fn free_cells(
     let of_view = |(view, sights): (&View, &Vec<Sight>)| {
         let (mut crossed, mut ended) = (Vec::new(), Vec::new());
         for sight in sights.iter().filter(|sight| sight.confidence >= MIN_CONFIDENCE) {
-            let eye = Ray { ..view.camera.ray(sight.at[0], sight.at[1]) };
+            let eye = view.camera.ray(sight.at[0], sight.at[1]);
             ended.push(cell_of(eye.at(sight.distance)) as u32);
             let (ray, start) = contraction.centred(&eye);
             let (mut s, end) =

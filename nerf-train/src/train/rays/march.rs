@@ -206,7 +206,7 @@ pub(super) struct Samples {
     pub positions: Vec<[f32; 3]>,
     pub deltas: Vec<f32>,
     pub gradient_scales: Vec<f32>,
-    /// Where they lie on their ray, steps of the contraction.
+    /// Position of each sample along its ray, in steps of the contraction.
     pub steps: Vec<f32>,
 }
 
