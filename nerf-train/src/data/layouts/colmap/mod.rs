@@ -3,6 +3,7 @@
 mod binary;
 pub(crate) mod commands;
 mod model;
+mod shared;
 mod text;
 
 use crate::data::layouts::folders::Folders;
@@ -11,7 +12,8 @@ use crate::data::layouts::split::every_eighth;
 use crate::data::layouts::transforms::listed;
 use crate::data::pictures::photo::{Fence, Loaded, Photo, Source};
 use crate::data::{
-    Axes, Background, Dataset, DatasetError, Format, KeyPoint, ReadOptions, SparsePoint, Watch, scene_name,
+    Axes, Background, Cameras, Dataset, DatasetError, Format, KeyPoint, ReadOptions, SparsePoint, Watch, scene_name,
+    with_shared_cameras,
 };
 use glam::{DMat3, DQuat, DVec3};
 use model::Camera;
@@ -94,7 +96,7 @@ pub(crate) fn files(root: &Path) -> Vec<PathBuf> {
 pub(crate) fn read(folder: &Path, options: &ReadOptions, watch: &Watch) -> Result<Dataset, DatasetError> {
     let mut found = Found::default();
     let (model_folder, encoding) = largest(folder, &mut found)?;
-    let model = match encoding {
+    let mut model = match encoding {
         Encoding::Binary => binary::model(&model_folder)?,
         Encoding::Text => text::model(&model_folder)?,
     };
@@ -107,30 +109,31 @@ pub(crate) fn read(folder: &Path, options: &ReadOptions, watch: &Watch) -> Resul
     let folders = Folders::of(root)?;
     let origin = options.origin_for(model.images.iter().filter_map(|image| Some(c2w(image)?.1.into())));
     let file = encoding.file(&model_folder, "images");
-    let points = read_points(&model_folder, origin)?;
+    let mut points = read_points(&model_folder, origin)?;
     points.say_unseen(&mut found);
+    let of_files = format!("{} cameras ({})", model.cameras.len(), kinds(&model.cameras));
+    let shared = options.cameras == Cameras::Shared
+        && shared::settle(&mut model, &mut points, &folders, (options, &file), &mut found)?;
     let numbers = points.numbers();
     let views =
         Reader { model: &model, file: &file, folders: &folders, root, origin, options, points: &numbers }
             .views(watch, &mut found)?;
     let points = points.kept.into_iter().map(|(_, point)| point).collect();
     let axes = options.axes.unwrap_or(Axes::Opencv);
-    let cameras = model.cameras.len();
     found.notes.insert(
         0,
         format!(
-            "{}: {} of {} registered photographs in {}, {cameras} cameras ({})",
+            "{}: {} of {} registered photographs in {}, {of_files}",
             model_folder.strip_prefix(folder).map_or_else(|_| model_folder.display(), Path::display),
             views.len(),
             model.images.len(),
             folders.names(),
-            kinds(&model.cameras)
         ),
     );
     let (mut notes, warnings) = found.into_sentences();
     let (train, val) = every_eighth(views, options, &mut notes);
     Ok(Dataset {
-        name: scene_name(root),
+        name: if shared { with_shared_cameras(scene_name(root)) } else { scene_name(root) },
         format: Format::Colmap,
         axes,
         train,
