@@ -81,9 +81,8 @@ mod tests {
     fn tags(little: bool) -> Vec<u8> {
         let short = |v: u16| if little { v.to_le_bytes() } else { v.to_be_bytes() };
         let long = |v: u32| if little { v.to_le_bytes() } else { v.to_be_bytes() };
-        let entry = |tag, kind, count, value: [u8; 4]| {
-            [&short(tag)[..], &short(kind), &long(count), &value].concat()
-        };
+        let entry =
+            |tag, kind, count, value: [u8; 4]| [&short(tag)[..], &short(kind), &long(count), &value].concat();
         [
             if little { &b"II"[..] } else { b"MM" },
             &short(42),

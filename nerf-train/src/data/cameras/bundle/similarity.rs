@@ -20,8 +20,7 @@ impl Bundle {
         for _ in 0..TURNS {
             let (mut matrix, mut right) = (DMat3::ZERO, DVec3::ZERO);
             for (a, b) in pairs.iter().map(|(a, b)| (turn * *a, *b)) {
-                matrix += a.length_squared() * DMat3::IDENTITY
-                    - DMat3::from_cols(a * a.x, a * a.y, a * a.z);
+                matrix += a.length_squared() * DMat3::IDENTITY - DMat3::from_cols(a * a.x, a * a.y, a * a.z);
                 right += a.cross(b);
             }
             let step = matrix.inverse() * right;
@@ -29,9 +28,8 @@ impl Bundle {
                 turn = (DQuat::from_scaled_axis(step) * turn).normalize();
             }
         }
-        let (along, square) = pairs
-            .iter()
-            .fold((0.0, 0.0), |(s, q), (a, b)| (s + (turn * *a).dot(*b), q + a.length_squared()));
+        let (along, square) =
+            pairs.iter().fold((0.0, 0.0), |(s, q), (a, b)| (s + (turn * *a).dot(*b), q + a.length_squared()));
         let scale = along / square;
         if !(scale.is_finite() && scale > 0.0) {
             return;

@@ -8,11 +8,12 @@ use crate::data::layouts::found::Found;
 use crate::data::pictures::exif;
 use crate::data::system::input::read_limited;
 use crate::data::system::output::write_atomic;
-use crate::data::{DatasetError, ReadOptions};
+use crate::data::{DatasetError, ReadOptions, Watch};
 use glam::{DQuat, DVec2, DVec3};
 use nerf_core::camera::Projection;
 use serde::{Deserialize, Serialize};
 use std::collections::{BTreeMap, HashMap};
+use std::io::ErrorKind;
 use std::path::Path;
 use std::time::Instant;
 
@@ -64,7 +65,7 @@ pub(super) fn settle(
     points: &mut Points,
     folders: &Folders,
     (options, file): (&ReadOptions, &Path),
-    found: &mut Found,
+    (watch, found): (&Watch, &mut Found),
 ) -> Result<bool, DatasetError> {
     let Some(devices) = devices(model, folders, options) else { return Ok(false) };
     let count = model.images.len();
@@ -86,12 +87,11 @@ pub(super) fn settle(
     };
     let begun = Instant::now();
     let kept = options.shared_cameras.as_deref();
-    let read = kept.and_then(|kept| task.read(kept));
-    let how = match (&read, kept) {
-        (Some(_), Some(kept)) => format!("read from {}", kept.display()),
-        _ => String::new(),
-    };
+    let read = kept.map(|kept| task.read(kept)).transpose()?.flatten();
+    let is_kept = read.is_some();
     let shared = read.map_or_else(|| task.adjusted(), Ok)?;
+    let spent = begun.elapsed();
+    watch.set_time_aside(spent);
     let [before, after] = shared.reprojection_error_px;
     if after > before * MAX_GROWTH {
         return keep_own(
@@ -102,10 +102,13 @@ pub(super) fn settle(
             ),
         );
     }
-    if let Some(kept) = kept.filter(|_| how.is_empty()) {
+    let how = match kept {
+        Some(kept) if is_kept => format!("read from {}", kept.display()),
+        _ => format!("in {:.1} s", spent.as_secs_f64()),
+    };
+    if let Some(kept) = kept.filter(|_| options.to_fit && !is_kept) {
         shared.write(kept)?;
     }
-    let how = if how.is_empty() { format!("in {:.1} s", begun.elapsed().as_secs_f64()) } else { how };
     found.notes.push(format!("{} ({how}; --cameras own keeps them)", shared.in_words()));
     shared.apply(model, points);
     Ok(true)
@@ -174,7 +177,8 @@ impl<'a> Task<'a> {
             let more = [lens.k3, lens.k4, lens.k5, lens.k6];
             let numbers = image.rotation.iter().chain(&image.translation).chain([&optics.fx, &optics.fy]);
             let turned = image.rotation.iter().any(|v| v.abs() > 1e-9);
-            let readable = numbers.into_iter().all(|v| v.is_finite()) && optics.fx.min(optics.fy) > 0.0 && turned;
+            let readable =
+                numbers.into_iter().all(|v| v.is_finite()) && optics.fx.min(optics.fy) > 0.0 && turned;
             if lens.projection != Projection::Perspective || more != [0.0; 4] || !readable {
                 return Ok(None);
             }
@@ -205,9 +209,20 @@ impl<'a> Task<'a> {
         Ok(Some(Self { model, own, focals, numbers, shared, checksum }))
     }
 
-    fn read(&self, kept: &Path) -> Option<Shared> {
-        let bytes = read_limited(kept, MAX_BYTES).ok()?;
-        serde_json::from_slice(&bytes).ok().filter(|shared: &Shared| shared.model == self.checksum)
+    /// What was kept of this model; `None` where that is not there, or of another.
+    fn read(&self, kept: &Path) -> Result<Option<Shared>, DatasetError> {
+        let bytes = match read_limited(kept, MAX_BYTES) {
+            Err(error) if error.kind() == ErrorKind::NotFound => return Ok(None),
+            bytes => bytes.map_err(|source| DatasetError::io(kept, source))?,
+        };
+        let shared: Shared = serde_json::from_slice(&bytes).map_err(|error| DatasetError::Value {
+            file: kept.into(),
+            field: "content".into(),
+            expected: "shared cameras as `fit` writes them (delete the file, or name another blob)".into(),
+            found: error.to_string(),
+        })?;
+        let known = |(camera, ..): &(u32, [f64; 4], [f64; 3])| (*camera as usize) < shared.cameras.len();
+        Ok((shared.model == self.checksum && shared.photographs.values().all(known)).then_some(shared))
     }
 
     fn adjusted(&self) -> Result<Shared, DatasetError> {
