@@ -226,7 +226,7 @@ fn without_poses_nothing_is_left() {
     let other = "echo \"ERROR: Failed to parse options - unrecognised option '--ImageReader.single_camera'.\" >&2; exit 1";
     let other = world.poses(&[], "feature_extractor", other);
     world.refused(&other, &["this colmap (9.1)", "versions 3.6 to 4", "--ImageReader.single_camera"]);
-    let nothing = world.poses(&["--patience", "-1"], "", "");
+    let nothing = world.poses(&["--patience=-1"], "", "");
     world.refused(&nothing, &["--patience", "expected a number of minutes"]);
     let killed = world.poses(&[], "mapper", "kill -9 $$");
     world.refused(&killed, &["colmap mapper failed", "signal: 9"]);
@@ -309,4 +309,45 @@ fn the_real_colmap_finds_the_poses_of_twelve_photographs() {
     assert!(said["registered"].as_u64() >= Some(10), "{said}");
     assert!(said["mean_reprojection_error_px"].as_f64().is_some_and(|e| e > 0.05 && e < 0.8), "{said}");
     ok(fit_grid(&folder.path("cup_poses"), &folder.path("cup.nerf"), &["--steps", "2"]));
+}
+
+#[test]
+fn one_camera_for_one_device_is_kept_beside_the_blob() {
+    let Some(cup) = tools::data("real/cup_colmap") else { return };
+    let (folder, cup) = (Folder::new(), cup.display().to_string());
+    let fitted = |name: &str, more: &[&str]| {
+        let output = folder.path(name);
+        let begin = ["fit", &cup, "-o", &output, "--steps", "2", "--downscale", "8", "--restart"];
+        let fitted = ran(&mut command([&begin, crate::TINY_GRID, more].concat()));
+        assert_eq!(fitted.code, Some(0), "{}", fitted.err);
+        (fitted.err, fs::read(folder.path(name)).expect("a blob"))
+    };
+    let (said, first) = fitted("a.nerf", &[]);
+    let words =
+        ["one camera for 77 photographs: focal length 591", "before 593.3 (529.4 to 631.6)", "--cameras own"];
+    assert!(words.iter().all(|word| said.contains(word)), "{said}");
+    assert!(folder.names().contains(&"a.cameras.json".to_owned()), "{:?}", folder.names());
+    let (said, second) = fitted("a.nerf", &[]);
+    assert!(said.contains("read from") && first == second, "{said}");
+    let (said, own) = fitted("own.nerf", &["--cameras", "own"]);
+    assert!(!said.contains("one camera") && own != first, "{said}");
+    assert!(!folder.names().contains(&"own.cameras.json".to_owned()), "{:?}", folder.names());
+
+    // A blob is measured with the cameras that it was fitted with, also where it is alone.
+    let psnr = |name: &str, more: &[&str]| {
+        let blob = folder.path(name);
+        let args = [&["eval", blob.as_str(), &cup, "--downscale", "8", "--json"], more].concat();
+        let said: serde_json::Value = serde_json::from_str(&ok(args)).expect("one object");
+        said["val_psnr_db"].as_f64().expect("a figure")
+    };
+    let beside = psnr("a.nerf", &[]);
+    fs::remove_file(folder.path("a.cameras.json")).expect("it is there");
+    assert_eq!(psnr("a.nerf", &[]), beside);
+    assert!(!folder.names().contains(&"a.cameras.json".to_owned()), "eval writes nothing");
+    assert_ne!(psnr("a.nerf", &["--cameras", "own"]), beside);
+    assert_eq!(psnr("own.nerf", &[]), psnr("own.nerf", &["--cameras", "own"]));
+    fails(
+        fit(&cup, &folder.path("b.nerf"), &["--cameras", "mine"]),
+        &["--cameras", "expected shared or own"],
+    );
 }

@@ -24,7 +24,7 @@ const SOFT_PIXELS: f64 = 1.0;
 const MIN_DEPTH: f64 = 1e-6;
 const MAX_ITERATIONS: usize = 100;
 /// A step that lowers the cost by less than this share of it is the last.
-const SMALLEST_GAIN: f64 = 1e-6;
+const SMALLEST_GAIN: f64 = 1e-8;
 const MAX_DAMPING: f64 = 1e8;
 
 /// What photographs that one device took have in common.
