@@ -1,10 +1,13 @@
 //! The linear equations of a step, with the points eliminated.
 
-use super::{Bundle, DEVICE, Device, Jacobian, Observation, POSE, SOFT_PIXELS};
+use super::{Bundle, Device, Jacobian, Observation, POSE, SOFT_PIXELS};
 use glam::{DMat3, DQuat, DVec3};
 
 /// Derivatives by a camera's or device's parameters times those by a point's: rows of which a device's last are 0.
 type Block = [DVec3; POSE];
+
+/// Derivatives by a camera's or device's parameters, rows x and y, and the first of these.
+type Rows = (usize, [[f64; POSE]; 2]);
 
 /// The equations of all poses and devices: symmetric, lower triangle, and the points that follow from them.
 pub(super) struct Reduced<'a> {
@@ -44,7 +47,7 @@ impl<'a> Reduced<'a> {
     }
 
     /// The observation's rows by pose and by device, each with its first parameter, and its weight.
-    fn rows(&self, seen: &Observation) -> Option<([(usize, [[f64; POSE]; 2]); 2], Jacobian, f64)> {
+    fn rows(&self, seen: &Observation) -> Option<([Rows; 2], Jacobian, f64)> {
         let jacobian = self.bundle.linearised(seen)?;
         let weight = SOFT_PIXELS / SOFT_PIXELS.hypot(jacobian.residual.length());
         let device = self.bundle.photographs.len() + self.bundle.photographs[seen.photograph].device;
@@ -92,14 +95,12 @@ impl<'a> Reduced<'a> {
 
     fn eliminate(&mut self, point: &Point) {
         for (at, block) in &point.blocks {
-            let solved = block.map(|row| point.inverse * row);
-            for i in 0..POSE {
-                self.right[at + i] -= solved[i].dot(point.right);
-            }
-            for (other, with) in point.blocks.iter().filter(|(other, _)| other <= at) {
-                for i in 0..POSE {
+            for (i, row) in block.iter().enumerate() {
+                let solved = point.inverse * *row;
+                self.right[at + i] -= solved.dot(point.right);
+                for (other, with) in point.blocks.iter().filter(|(other, _)| other <= at) {
                     let row = &mut self.matrix[(at + i) * self.size + other..][..POSE];
-                    row.iter_mut().zip(with).for_each(|(sum, with)| *sum -= solved[i].dot(*with));
+                    row.iter_mut().zip(with).for_each(|(sum, with)| *sum -= solved.dot(*with));
                 }
             }
         }
@@ -131,8 +132,6 @@ impl<'a> Reduced<'a> {
         Some(bundle)
     }
 }
-
-const _: () = assert!(DEVICE <= POSE);
 
 fn outer(a: DVec3, b: DVec3) -> DMat3 {
     DMat3::from_cols(a * b.x, a * b.y, a * b.z)

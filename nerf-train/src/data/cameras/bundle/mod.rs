@@ -15,9 +15,8 @@ mod tests;
 use glam::{DMat3, DQuat, DVec2, DVec3};
 use linear::Reduced;
 
-/// Parameters of a pose: turn and shift; and of a device: logarithm of the focal length, k1, k2.
+/// Parameters of a pose: turn and shift. A device has three: logarithm of the focal length, k1, k2.
 const POSE: usize = 6;
-const DEVICE: usize = 3;
 /// Errors from which on an observation counts less, pixels.
 const SOFT_PIXELS: f64 = 1.0;
 /// Points are in front of the camera from here on, as a share of its distance to what it sees.

@@ -1,19 +1,17 @@
 //! One camera for one device: a model that has one for each photograph, adjusted again with few.
 
-use super::model::{Camera, Kind};
+mod kept;
+
 use super::{Model, Points};
 use crate::data::cameras::bundle::{Bundle, Device, Frame, Observation, Photograph, median};
 use crate::data::layouts::folders::Folders;
 use crate::data::layouts::found::Found;
 use crate::data::pictures::exif;
-use crate::data::system::input::read_limited;
-use crate::data::system::output::write_atomic;
 use crate::data::{DatasetError, ReadOptions, Watch};
 use glam::{DQuat, DVec2, DVec3};
+use kept::{Adjusted, Shared, turned_origin};
 use nerf_core::camera::Projection;
-use serde::{Deserialize, Serialize};
 use std::collections::{BTreeMap, HashMap};
-use std::io::ErrorKind;
 use std::path::Path;
 use std::time::Instant;
 
@@ -23,38 +21,8 @@ const MAX_PHOTOGRAPHS: usize = 300;
 const MAX_GROWTH: f64 = 1.25;
 /// fy / fx this near to 1 means square pixels.
 const SQUARE: f64 = 0.02;
-/// Longest file that is read back, bytes.
-const MAX_BYTES: u64 = 1 << 30;
 /// Changes with what is adjusted and how.
 const VERSION: u64 = 1;
-
-/// What was found; the file that is kept of it.
-#[derive(Debug, Serialize, Deserialize)]
-pub(super) struct Shared {
-    /// Checksum of the model that was adjusted.
-    model: u64,
-    devices: Vec<Adjusted>,
-    /// Mean distance between where points are seen and where they are projected to, before and after, pixels.
-    reprojection_error_px: [f64; 2],
-    /// How far cameras moved, as a share of the distance to what they see: the median and the largest.
-    moved: [f64; 2],
-    /// Width, height and OPENCV's parameters.
-    cameras: Vec<(u64, u64, [f64; 8])>,
-    /// Index of its camera; world to camera: rotation (w, x, y, z) and translation.
-    photographs: BTreeMap<String, (u32, [f64; 4], [f64; 3])>,
-    /// Number, position and mean error, pixels.
-    points: Vec<(u64, [f64; 3], f64)>,
-}
-
-/// Focal lengths of a device's photographs.
-#[derive(Debug, Serialize, Deserialize)]
-struct Adjusted {
-    photographs: usize,
-    /// Median, least and largest before, pixels.
-    focal_before: [f64; 3],
-    /// The one of all.
-    focal: f64,
-}
 
 /// Gives the photographs of one device one camera where `model` has several, and says what that changed; whether it did.
 ///
@@ -87,7 +55,7 @@ pub(super) fn settle(
     };
     let begun = Instant::now();
     let kept = options.shared_cameras.as_deref();
-    let read = kept.map(|kept| task.read(kept)).transpose()?.flatten();
+    let read = kept.map(|kept| Shared::read(kept, task.checksum)).transpose()?.flatten();
     let is_kept = read.is_some();
     let shared = read.map_or_else(|| task.adjusted(), Ok)?;
     let spent = begun.elapsed();
@@ -209,22 +177,6 @@ impl<'a> Task<'a> {
         Ok(Some(Self { model, own, focals, numbers, shared, checksum }))
     }
 
-    /// What was kept of this model; `None` where that is not there, or of another.
-    fn read(&self, kept: &Path) -> Result<Option<Shared>, DatasetError> {
-        let bytes = match read_limited(kept, MAX_BYTES) {
-            Err(error) if error.kind() == ErrorKind::NotFound => return Ok(None),
-            bytes => bytes.map_err(|source| DatasetError::io(kept, source))?,
-        };
-        let shared: Shared = serde_json::from_slice(&bytes).map_err(|error| DatasetError::Value {
-            file: kept.into(),
-            field: "content".into(),
-            expected: "shared cameras as `fit` writes them (delete the file, or name another blob)".into(),
-            found: error.to_string(),
-        })?;
-        let known = |(camera, ..): &(u32, [f64; 4], [f64; 3])| (*camera as usize) < shared.cameras.len();
-        Ok((shared.model == self.checksum && shared.photographs.values().all(known)).then_some(shared))
-    }
-
     fn adjusted(&self) -> Result<Shared, DatasetError> {
         let centres = |bundle: &Bundle| bundle.photographs.iter().map(Photograph::centre).collect::<Vec<_>>();
         let anchor = centres(&self.own);
@@ -289,11 +241,6 @@ impl<'a> Task<'a> {
         let (devices, zero) = (Vec::new(), [0.0; 2]);
         Shared { model: 0, devices, reprojection_error_px: zero, moved: zero, cameras, photographs, points }
     }
-}
-
-/// What the translation gains where the world counts from `origin`.
-fn turned_origin([w, x, y, z]: [f64; 4], origin: DVec3) -> DVec3 {
-    DQuat::from_xyzw(x, y, z, w).normalize() * origin
 }
 
 impl Bundle {
@@ -383,53 +330,4 @@ fn checksum(own: &Bundle, devices: &[usize]) -> u64 {
 fn mean(errors: &[f64]) -> f64 {
     let finite = || errors.iter().filter(|error| error.is_finite());
     finite().sum::<f64>() / finite().count().max(1) as f64
-}
-
-impl Shared {
-    fn write(&self, file: &Path) -> Result<(), DatasetError> {
-        let bytes = serde_json::to_vec(self).map_err(std::io::Error::from);
-        let bytes = bytes.map_err(|source| DatasetError::io(file, source))?;
-        write_atomic(file, &bytes).map_err(|error| DatasetError::io(file, error.source))
-    }
-
-    fn in_words(&self) -> String {
-        let of_device = |device: &Adjusted| {
-            let Adjusted { photographs, focal_before: [median, least, largest], focal } = device;
-            format!(
-                "one camera for {photographs} photographs: focal length {focal:.1} px, before {median:.1} ({least:.1} to \
-                 {largest:.1})"
-            )
-        };
-        let devices: Vec<String> = self.devices.iter().map(of_device).collect();
-        let ([before, after], [moved, most]) = (self.reprojection_error_px, self.moved);
-        format!(
-            "{}; mean reprojection error {after:.2} px, before {before:.2}; cameras moved by {:.1} % of their distance to \
-             what they see, at most {:.1} %",
-            devices.join("; "),
-            100.0 * moved,
-            100.0 * most
-        )
-    }
-
-    fn apply(self, model: &mut Model, points: &mut Points) {
-        let opencv = Kind::by_name("OPENCV");
-        let cameras = self.cameras.into_iter().zip(0u32..);
-        model.cameras = cameras
-            .filter_map(|((w, h, p), index)| Some((index, Camera::new(opencv?, w, h, p.to_vec())?)))
-            .collect();
-        for image in &mut model.images {
-            if let Some(&(camera, rotation, translation)) = self.photographs.get(&image.name) {
-                let back = turned_origin(rotation, points.origin).to_array();
-                let translation = std::array::from_fn(|i| translation[i] - back[i]);
-                (image.camera, image.rotation, image.translation) = (camera, rotation, translation);
-            }
-        }
-        let places = points.numbers();
-        for (number, position, error) in self.points {
-            if let Some(&place) = places.get(&number) {
-                let (_, point) = &mut points.kept[place as usize];
-                (point.position, point.error) = (position.map(|v| v as f32), error as f32);
-            }
-        }
-    }
 }
