@@ -2,7 +2,7 @@
 
 use super::audit::check_threshold;
 use super::common::{Global, check_checkpoint_every, check_max_seconds, claim_checkpoint, parse_numbers};
-use super::options::data::{DataOptions, Space, cameras_beside, print_report};
+use super::options::data::{DataOptions, Space, print_report};
 use super::options::grid::{TableSettings, check_memory, given, of_sinusoidal, parse_bytes, set};
 use super::options::settings::read_config;
 use super::outcome;
@@ -293,7 +293,6 @@ impl Fit {
             .reads_data(&self.data)
             .reads_if("the file of settings", self.config.as_deref())
             .writes("-o", &self.output)
-            .writes("the file of cameras beside -o", &cameras_beside(&self.output))
             .writes_folder_if("--report", self.report.as_deref(), &places::FIT)
             .writes_folder_if("--live", self.live.as_deref(), &places::LIVE)
     }

@@ -188,7 +188,7 @@ impl DataOptions {
 }
 
 /// The file of shared cameras that belongs to the blob in `file`.
-pub fn cameras_beside(file: &Path) -> PathBuf {
+fn cameras_beside(file: &Path) -> PathBuf {
     file.with_extension("cameras.json")
 }
 
