@@ -2,10 +2,12 @@
 //!
 //! `NERF_PANEL=shared/data/real cargo bench -p nerf-train --bench panel [-- OPTIONS] [CAPTURE…]`, of the captures named
 //! (all that the list below has and the folder holds). `--steps N` (9,000) or `--seconds S` a capture; `--seed N`;
-//! `--report DIR` writes held-out views beside their photographs. `--choose` is for choosing settings: photographs 0, 8, …
-//! are left out, and 4, 12, … are measured. `--cameras own` keeps those of the models. On a quiet machine where seconds decide.
+//! `--config TOML` gives settings as in `fit`; `--report DIR` writes held-out views beside their photographs. `--choose` is
+//! for choosing settings: photographs 0, 8, … are left out, and 4, 12, … are measured. `--cameras own` keeps those of the
+//! models. On a quiet machine where seconds decide.
 
 use nerf_core::Kernel;
+use nerf_train::cli::read_config;
 use nerf_train::data::pictures::rgb::Picture;
 use nerf_train::data::system::progress::ProgressStyle;
 use nerf_train::data::{Background, Cameras, Dataset, Downscale, ReadOptions, View, read};
@@ -38,6 +40,7 @@ struct Asked {
     seed: u64,
     choose: bool,
     cameras: Cameras,
+    config: Option<PathBuf>,
     report: Option<PathBuf>,
     captures: Vec<String>,
 }
@@ -54,6 +57,7 @@ impl Asked {
                 "--seed" => asked.seed = value().parse().expect("--seed: a number"),
                 "--report" => asked.report = Some(value().into()),
                 "--cameras" => asked.cameras = value().parse().expect("--cameras: shared or own"),
+                "--config" => asked.config = Some(value().into()),
                 "--choose" => asked.choose = true,
                 name => asked.captures.push(name.into()),
             }
@@ -122,7 +126,8 @@ fn config(dataset: &Dataset, asked: &Asked) -> Config {
         Background::Unknown => Surroundings::Unbounded,
         _ => Surroundings::Known,
     };
-    let mut config = Preset::Grid.config().around(surroundings);
+    let read = read_config(Preset::Grid, asked.config.as_deref(), surroundings);
+    let mut config = read.unwrap_or_else(|error| panic!("{error:#}"));
     if let Some(steps) = asked.budget().steps {
         config.optimiser.steps = steps;
     }
