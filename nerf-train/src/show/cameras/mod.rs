@@ -2,6 +2,7 @@
 //!
 //! One [`Scene`] is made from the data and the very code that draws training batches; an interactive [`page`] shows it.
 
+mod findings;
 pub mod page;
 pub mod sampling;
 pub mod scene;
