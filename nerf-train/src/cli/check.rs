@@ -1,18 +1,17 @@
 //! `nerf-train check`
 
 use super::common::{Global, print_lines};
-use super::options::data::{DataOptions, Space, print_report};
+use super::options::data::{DataOptions, print_report};
 use super::places;
 use crate::capture::check::Diagnosis;
 use crate::data;
+use crate::data::Downscale;
 use crate::data::pictures::file::is_picture_name;
 use crate::data::system::memory;
 use crate::data::system::output::claims::Claims;
 use crate::data::system::output::write_atomic;
 use crate::data::system::summary::write;
-use crate::data::{Dataset, Downscale};
-use crate::model::config::Preset;
-use crate::show::cameras::{Request, Scene, page};
+use crate::show::cameras::{checked, page};
 use clap::Args;
 use std::path::PathBuf;
 use std::process::ExitCode;
@@ -59,7 +58,9 @@ impl Check {
         let mut lines: Vec<String> = diagnosis.lines().map(str::to_owned).collect();
         if let Some(folder) = &self.output {
             let html = folder.join("check.html");
-            write_atomic(&html, self.page(&mut dataset, &diagnosis)?.as_bytes())?;
+            let range = (self.data_options.near, self.data_options.far);
+            let scene = checked(&mut dataset, &diagnosis, range)?;
+            write_atomic(&html, page::page(&scene)?.as_bytes())?;
             write(&diagnosis, folder)?;
             lines.push(html.display().to_string());
         }
@@ -83,20 +84,5 @@ impl Check {
         ));
         let what = format!("{count} pictures at about 800 pixels");
         Ok(memory::check(what, count as u64, BYTES_EACH, "give --downscale N to read them smaller")?)
-    }
-
-    /// All photographs in 3D, with what is found.
-    fn page(&self, dataset: &mut Dataset, diagnosis: &Diagnosis) -> anyhow::Result<String> {
-        let held_out = [std::mem::take(&mut dataset.val), std::mem::take(&mut dataset.test)];
-        dataset.train.extend(held_out.into_iter().flatten());
-        dataset.train.sort_by(|a, b| a.name.cmp(&b.name));
-        let mut config = Preset::Grid.config().around(Space::Auto.around(dataset.background, false));
-        (config.sampling.near, config.sampling.far) = (self.data_options.near, self.data_options.far);
-        let views = &dataset.train;
-        let request =
-            Request { views, split: "all", camera: None, rays: 0, step: 0, up: None, frustum: None };
-        let mut scene = Scene::new(dataset, &config, &request)?;
-        scene.find(diagnosis, views);
-        Ok(page::page(&scene)?)
     }
 }

@@ -151,7 +151,9 @@ impl Groups {
                 members => large.push(members),
             }
         }
+        large.sort_by_key(|group| std::cmp::Reverse(group.len()));
         if many {
+            // The last one, however large: these contradict each other, too.
             large.push(members(groups));
         } else {
             let (out, back): (Vec<_>, Vec<_>) = contradict.into_iter().partition(certain);
@@ -159,7 +161,6 @@ impl Groups {
             large[0].extend(back);
             large[0].sort_unstable();
         }
-        large.sort_by_key(|group| std::cmp::Reverse(group.len()));
         outliers.sort_unstable();
         Self { groups: large, outliers }
     }

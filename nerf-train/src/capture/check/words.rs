@@ -176,7 +176,7 @@ impl Found<'_> {
     }
 
     fn sector(&self) -> Option<String> {
-        let spread = self.spread.as_ref().filter(|spread| spread.inward)?;
+        let spread = self.spread.as_ref().filter(|spread| spread.inward && self.reason.is_none())?;
         let gap = spread.gaps.first().filter(|gap| gap.degrees >= WIDE_GAP)?;
         let [a, b] = gap.between.map(|view| self.name(view));
         Some(format!(

@@ -1,9 +1,10 @@
 //! What was found of a capture, among its cameras.
 
-use super::scene::Scene;
+use super::scene::{Request, Scene, ShowError};
 use crate::capture::check::Diagnosis;
-use crate::data::View;
 use crate::data::pictures::thumbnail::Thumbnail;
+use crate::data::{Background, Dataset, View};
+use crate::model::config::{Preset, Surroundings};
 
 /// Colours of the groups, display-encoded; of more, over again.
 const GROUPS: [[f32; 3]; 4] =
@@ -23,9 +24,36 @@ pub struct Findings {
     pub(super) pair: Vec<(String, Thumbnail)>,
 }
 
+/// All photographs of a data set as one scene, their cameras coloured by what was found, with rays within `range` where that
+/// is given. All become training views, in the order of names.
+///
+/// # Errors
+/// As [`Scene::new`].
+pub fn checked(
+    dataset: &mut Dataset,
+    diagnosis: &Diagnosis,
+    range: (Option<f32>, Option<f32>),
+) -> Result<Scene, ShowError> {
+    let held_out = [std::mem::take(&mut dataset.val), std::mem::take(&mut dataset.test)];
+    dataset.train.extend(held_out.into_iter().flatten());
+    dataset.train.sort_by(|a, b| a.name.cmp(&b.name));
+    let around = match dataset.background {
+        Background::Unknown => Surroundings::Unbounded,
+        _ => Surroundings::Known,
+    };
+    let mut config = Preset::Grid.config().around(around);
+    (config.sampling.near, config.sampling.far) = range;
+    let views = &dataset.train;
+    let request =
+        Request { views, split: "checked", camera: None, rays: 0, step: 0, up: None, frustum: None };
+    let mut scene = Scene::new(dataset, &config, &request)?;
+    scene.find(diagnosis, views);
+    Ok(scene)
+}
+
 impl Scene {
     /// Colours the cameras by what was found, and keeps it to be shown. `views`: those that the diagnosis names.
-    pub fn find(&mut self, diagnosis: &Diagnosis, views: &[View]) {
+    fn find(&mut self, diagnosis: &Diagnosis, views: &[View]) {
         for camera in &mut self.cameras {
             let of = diagnosis.views.iter().find(|view| view.name == camera.name);
             let group = of.and_then(|view| view.group).map(|group| GROUPS[(group - 1) % GROUPS.len()]);

@@ -9,5 +9,6 @@ pub mod scene;
 mod summary;
 mod words;
 
+pub use findings::checked;
 pub use scene::{Request, Scene, ShowError};
 pub use summary::Summary;

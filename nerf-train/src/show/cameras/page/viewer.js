@@ -246,8 +246,8 @@ function select(index) {
   const sum = kind => rays().reduce((sum, ray) => sum + ray[kind].length, 0);
   const camera = index === null ? null : data.cameras[index];
   const who = camera ? `camera ${camera.index} (${camera.name})` : `${data.cameras.length} cameras`;
-  element('status').textContent =
-    `${who}: ${rays().length} rays, ${sum('live')} live samples, ${sum('culled')} culled`;
+  element('status').textContent = data.rays.length
+    ? `${who}: ${rays().length} rays, ${sum('live')} live samples, ${sum('culled')} culled` : who;
   reset();
 }
 
@@ -353,6 +353,7 @@ function showFindings() {
   };
   const findings = element('findings');
   findings.hidden = data.findings.length === 0;
+  findings.parentElement.classList.toggle('found', !findings.hidden);
   for (const finding of data.findings) put(findings, 'p', finding);
   if (!data.pair.length) return;
   put(findings, 'p', 'These two cannot both be where they are:');
@@ -367,6 +368,7 @@ function showFindings() {
 
 function start() {
   showFindings();
+  for (const id of ['rays', 'live', 'culled', 'bar']) element(id).parentElement.hidden = !data.rays.length;
   const chooser = element('camera');
   if (!data.alone) chooser.add(new Option(`all ${data.cameras.length}`, ''));
   data.cameras.forEach((camera, i) => chooser.add(new Option(`${camera.index}: ${camera.name}`, i)));
