@@ -24,6 +24,7 @@ use grey::Grey;
 use groups::{Groups, few};
 use links::Links;
 use pairs::Pair;
+use rayon::prelude::*;
 use serde::Serialize;
 use spread::Spread;
 use std::collections::BTreeSet;
@@ -153,7 +154,7 @@ impl<'v> Found<'v> {
         let mut views: Vec<&View> =
             [&dataset.train, &dataset.val, &dataset.test].into_iter().flatten().collect();
         views.sort_by(|a, b| a.name.cmp(&b.name));
-        let greys: Vec<Grey> = views.iter().map(|view| Grey::of(view)).collect();
+        let greys: Vec<Grey> = views.par_iter().map(|view| Grey::of(view)).collect();
         let sights = Sights::of(&views, &dataset.points);
         let wrong = |&view: &usize| {
             let (bad, good) = (sights.contradictory[view], sights.of_views[view].len());
