@@ -2,10 +2,11 @@
 //!
 //! `NERF_PANEL=shared/data/real cargo bench -p nerf-train --bench panel [-- OPTIONS] [CAPTURE…]`, of the captures named
 //! (all that the list below has and the folder holds). `--steps N` (9,000) or `--seconds S` a capture; `--seed N`;
-//! `--report DIR` writes held-out views beside their photographs. `--choose` is for choosing settings: photographs 0, 8, …
+//! `--config TOML` gives settings as in `fit`; `--report DIR` writes held-out views beside their photographs. `--choose` is for choosing settings: photographs 0, 8, …
 //! are left out, and 4, 12, … are measured. On a quiet machine where seconds decide.
 
 use nerf_core::Kernel;
+use nerf_train::cli::read_config;
 use nerf_train::data::pictures::rgb::Picture;
 use nerf_train::data::system::progress::ProgressStyle;
 use nerf_train::data::{Background, Dataset, Downscale, ReadOptions, View, read};
@@ -37,6 +38,7 @@ struct Asked {
     seconds: Option<f64>,
     seed: u64,
     choose: bool,
+    config: Option<PathBuf>,
     report: Option<PathBuf>,
     captures: Vec<String>,
 }
@@ -52,6 +54,7 @@ impl Asked {
                 "--seconds" => asked.seconds = Some(value().parse().expect("--seconds: a number")),
                 "--seed" => asked.seed = value().parse().expect("--seed: a number"),
                 "--report" => asked.report = Some(value().into()),
+                "--config" => asked.config = Some(value().into()),
                 "--choose" => asked.choose = true,
                 name => asked.captures.push(name.into()),
             }
@@ -120,7 +123,8 @@ fn config(dataset: &Dataset, asked: &Asked) -> Config {
         Background::Unknown => Surroundings::Unbounded,
         _ => Surroundings::Known,
     };
-    let mut config = Preset::Grid.config().around(surroundings);
+    let read = read_config(Preset::Grid, asked.config.as_deref(), surroundings);
+    let mut config = read.unwrap_or_else(|error| panic!("{error:#}"));
     if let Some(steps) = asked.budget().steps {
         config.optimiser.steps = steps;
     }

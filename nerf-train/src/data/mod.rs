@@ -37,7 +37,7 @@ pub use layouts::choice::Layout;
 pub use layouts::files::files;
 pub use pictures::scale::Downscale;
 pub use report::Report;
-pub use view::{Background, KeyPoint, View, mean_colour, over};
+pub use view::{Background, KeyPoint, View, is_blank, mean_colour, over};
 pub use watch::Watch;
 
 use crate::data::cameras::nearest;
