@@ -18,9 +18,10 @@ use std::process::ExitCode;
 
 /// Photographs from which on it is said first what they take.
 const MANY: usize = 300;
-/// What a photograph takes that is read at about 800 pixels, bytes, and how many bytes of files are decoded a second and
-/// core.
+/// What a photograph takes that is read at about 800 pixels, bytes; photographs that are read and compared, and bytes of
+/// files that are decoded, a second and core.
 const BYTES_EACH: u64 = 2_400_000;
+const COMPARED_PER_SECOND: u64 = 30;
 const DECODED_PER_SECOND: u64 = 15_000_000;
 
 /// Look a capture over before it is fitted: how photographs are spread, sharp, exposed and linked, and whether their
@@ -77,10 +78,11 @@ impl Check {
             return Ok(());
         }
         let bytes: u64 = pictures.iter().filter_map(|file| Some(file.metadata().ok()?.len())).sum();
-        let seconds = bytes / DECODED_PER_SECOND / rayon::current_num_threads().max(1) as u64;
+        let seconds = count as u64 / COMPARED_PER_SECOND + bytes / DECODED_PER_SECOND;
+        let seconds = seconds / rayon::current_num_threads().max(1) as u64;
         let giga = count as f64 * BYTES_EACH as f64 / 1e9;
         global.say(format!(
-            "{count} pictures: about {seconds} s to read them and {giga:.1} GB of memory; --downscale N takes less of it"
+            "{count} pictures: about {seconds} s to read and compare them and {giga:.1} GB of memory; --downscale N takes less of it"
         ));
         let what = format!("{count} pictures at about 800 pixels");
         Ok(memory::check(what, count as u64, BYTES_EACH, "give --downscale N to read them smaller")?)

@@ -27,7 +27,7 @@ pub(super) struct Gap {
 pub(super) struct Spread {
     /// Whether the cameras look at one point.
     pub inward: bool,
-    /// Around [`up`], degrees; `None` nearly straight above and below.
+    /// Around the cameras' mean up, degrees; `None` nearly straight above and below.
     pub azimuths: Vec<Option<f32>>,
     /// The largest gap, and all others of at least [`GAP`], the largest first.
     pub gaps: Vec<Gap>,
@@ -40,7 +40,8 @@ impl Spread {
         let look_at = LookAt::of(&cameras).filter(|look_at| !look_at.forward_facing())?;
         let inward = look_at.agrees();
         let middle = Vec3::from(look_at.point);
-        let up = up(&cameras);
+        let up: Vec3 = cameras.iter().map(|camera| camera.pose().rotation.y_axis).sum();
+        let up = up.try_normalize().unwrap_or(Vec3::Z);
         let (side, ahead) = up.any_orthonormal_pair();
         let azimuth = |camera: &Camera| {
             let pose = camera.pose();
@@ -62,18 +63,6 @@ impl Spread {
         gaps.truncate(wide.max(1));
         Some(Self { inward, azimuths, gaps })
     }
-}
-
-/// What is up for cameras that are held level: across the right of all of them; else their mean up.
-fn up(cameras: &[Camera]) -> Vec3 {
-    let mean: Vec3 = cameras.iter().map(|camera| camera.pose().rotation.y_axis).sum();
-    let rights: Vec<Vec3> = cameras.iter().map(|camera| camera.pose().rotation.x_axis).collect();
-    let across = |(i, a): (usize, &Vec3)| -> Vec3 {
-        let across = rights[i + 1..].iter().map(|b| a.cross(*b));
-        across.map(|up| if up.dot(mean) < 0.0 { -up } else { up }).sum()
-    };
-    let up: Vec3 = rights.iter().enumerate().map(across).sum();
-    up.try_normalize().or(mean.try_normalize()).unwrap_or(Vec3::Z)
 }
 
 /// The photographs between jumps of the viewing direction, in the order given.

@@ -152,7 +152,8 @@ impl Found<'_> {
                  --group 1, or take photographs that connect them",
                 self.groups()
             ));
-        } else if let Some(apart) = pieces.get(1..).filter(|apart| !apart.is_empty()) {
+        } else if let Some(apart) = pieces.get(1..).filter(|apart| !apart.is_empty() && self.reason.is_none())
+        {
             let mut apart = apart.concat();
             apart.sort_unstable();
             found.push(format!(
