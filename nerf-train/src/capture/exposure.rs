@@ -6,6 +6,7 @@
 use crate::capture::sights::Sights;
 use crate::data::View;
 use serde::{Deserialize, Serialize};
+use std::borrow::Borrow;
 
 /// Rounds of iteratively reweighted least squares.
 const ROUNDS: usize = 30;
@@ -61,14 +62,15 @@ impl LogGains {
     ///
     /// Log colour at a key point = log colour of its point + log gain of its photograph, by least absolute residuals.
     /// `sights`: of `views`, in their order.
-    pub fn measured(views: &[View], sights: &Sights) -> Option<Self> {
+    pub fn measured<V: Borrow<View>>(views: &[V], sights: &Sights) -> Option<Self> {
         let enough = sights.of_views.iter().filter(|sights| sights.len() >= ENOUGH_SIGHTS).count();
         if enough < 2 || enough * 2 < views.len() {
             return None;
         }
         let mut observations = Vec::new();
         for (index, (view, sights)) in views.iter().zip(&sights.of_views).enumerate() {
-            let usable = sights.iter().filter_map(|sight| Some((sight.point, log_colour(view, sight.at)?)));
+            let usable =
+                sights.iter().filter_map(|sight| Some((sight.point, log_colour(view.borrow(), sight.at)?)));
             observations.extend(usable.map(|(point, colour)| (index, point as usize, colour)));
         }
         let mut gains = Self::none(views.len());

@@ -33,8 +33,8 @@ pub struct Sight {
 pub struct Sights {
     /// View by view.
     pub of_views: Vec<Vec<Sight>>,
-    /// Number of key points whose 3D point is behind the camera or projects elsewhere.
-    contradictory: usize,
+    /// View by view, the number of key points whose 3D point is behind the camera or projects elsewhere.
+    pub contradictory: Vec<usize>,
     /// Number of key points whose 3D point has a short track or a large reprojection error.
     doubtful: usize,
 }
@@ -72,7 +72,7 @@ impl Sights {
         };
         for (found, contradictory, doubtful) in views.par_iter().map(of_view).collect::<Vec<_>>() {
             sights.of_views.push(found);
-            sights.contradictory += contradictory;
+            sights.contradictory.push(contradictory);
             sights.doubtful += doubtful;
         }
         sights
@@ -87,7 +87,7 @@ impl Sights {
 impl fmt::Display for Sights {
     /// One sentence: how many key points are used, and how many are not and why.
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Self { contradictory, doubtful, .. } = self;
+        let (contradictory, doubtful) = (self.contradictory.iter().sum::<usize>(), self.doubtful);
         let (count, views) = (self.count(), self.of_views.len());
         write!(
             f,

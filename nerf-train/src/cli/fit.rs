@@ -1,12 +1,15 @@
 //! `nerf-train fit`
 
 use super::audit::check_threshold;
-use super::common::{Global, check_checkpoint_every, check_max_seconds, claim_checkpoint, parse_numbers};
+use super::common::{
+    Global, check_checkpoint_every, check_max_seconds, claim_checkpoint, parse_numbers, print_lines,
+};
 use super::options::data::{DataOptions, Space, print_report};
 use super::options::grid::{TableSettings, check_memory, given, of_sinusoidal, parse_bytes, set};
 use super::options::settings::read_config;
 use super::outcome;
 use super::places;
+use crate::capture::check::Diagnosis;
 use crate::data::system::memory;
 use crate::data::system::output::claims::Claims;
 use crate::data::system::output::write_atomic;
@@ -17,7 +20,7 @@ use crate::fit::run::{Ended, RunOptions, interrupted, run_since};
 use crate::fit::size;
 use crate::fit::size::Chosen;
 use crate::fit::snapshot::SnapshotOptions;
-use crate::fit::summary::Summary;
+use crate::fit::summary::{Capture, Summary};
 use crate::measure::audit::THRESHOLD_DB;
 use crate::model::config::{Config, Density, Jitter, Preset, Surroundings};
 use crate::model::engine::EngineKind;
@@ -83,6 +86,9 @@ pub struct Fit {
     /// Which validation views, counted from 0 [default: the two that the run watches].
     #[arg(long, value_name = "I,J,…", value_delimiter = ',', requires = "report")]
     snapshot_views: Vec<usize>,
+    /// Fit one group of photographs alone, where `check` names several that contradict each other.
+    #[arg(long, value_name = "N")]
+    group: Option<usize>,
     #[command(flatten)]
     data_options: DataOptions,
     #[command(flatten)]
@@ -334,9 +340,12 @@ impl Fit {
     pub fn run(&self, global: &Global) -> anyhow::Result<ExitCode> {
         let clock = Clock::resume(Duration::ZERO);
         let checkpoint = self.check()?;
-        let (dataset, set_aside) = self.data_options.read_to_fit(&self.data, &self.output, global)?;
+        let (mut dataset, set_aside) = self.data_options.read_to_fit(&self.data, &self.output, global)?;
         let clock = clock.without(set_aside);
         let report = print_report(&dataset, global);
+        let diagnosis = Diagnosis::of(&dataset);
+        diagnosis.lines().for_each(|line| global.say(line));
+        diagnosis.select(&mut dataset, self.group)?;
         let config = self.config(dataset.background)?;
         self.settings.space.say(&config, dataset.background, global);
         let options = self.options(&config, checkpoint, global);
@@ -356,8 +365,16 @@ impl Fit {
         }
         outcome::tell_missed(&outcome);
         let (seconds, data) = (clock.seconds(), &dataset.name);
-        let summary = Summary::of(&outcome, &config, options.kernel, seconds, data, &self.output);
-        let printed = global.finish(&summary, || outcome::print(&outcome, &self.output));
+        let capture = Capture::of(&diagnosis, &outcome);
+        let found: Vec<String> = capture.fitted.lines().map(str::to_owned).collect();
+        let summary = Summary {
+            capture: Some(capture),
+            ..Summary::of(&outcome, &config, options.kernel, seconds, data, &self.output)
+        };
+        let printed = global.finish(&summary, || {
+            print_lines(&found)?;
+            outcome::print(&outcome, &self.output)
+        });
         if let Some(folder) = &self.report {
             reports::fit::write(folder, &outcome, &dataset, &summary, &report)?;
         }

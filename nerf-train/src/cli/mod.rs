@@ -3,6 +3,7 @@
 #[macro_use]
 mod common;
 mod audit;
+mod check;
 mod completions;
 mod demo;
 mod eval;
@@ -55,6 +56,7 @@ struct Cli {
 enum Command {
     Demo(demo::Demo),
     Poses(poses::Poses),
+    Check(check::Check),
     Show(show::Show),
     Fit(Box<fit::Fit>),
     Eval(eval::Eval),
@@ -138,6 +140,7 @@ pub fn main() -> ExitCode {
         Command::Study(study) => study.run(&cli.global),
         Command::Audit(audit) => audit.run(&cli.global),
         Command::Render(render) => render.run(&cli.global),
+        Command::Check(check) => check.run(&cli.global),
         Command::Show(show) => show.run(&cli.global),
         Command::Import(import) => import.run(&cli.global),
         Command::Inspect(inspect) => inspect.run(&cli.global),

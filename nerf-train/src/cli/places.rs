@@ -7,7 +7,7 @@
 //! | `render` of one view | [`VIEW`] |
 //! | `export` | `.ply`, `.obj`, `.glb`, `.npz` |
 //! | `render` of a video | `.gif`, `.mp4`, or a folder of frames |
-//! | `show`, `sweep`, `demo`, `--report` | a folder |
+//! | `check`, `show`, `sweep`, `demo`, `--report` | a folder |
 //!
 //! A name without an extension, and a device such as `/dev/null`, is taken for whatever the command writes.
 
@@ -141,6 +141,9 @@ pub const STUDY_TRAIN: Contents = Contents {
 
 /// The folder of `show`.
 pub const SHOW: Contents = Contents { files: &["show.html", "summary.json"], patterns: &[] };
+
+/// The folder of `check`.
+pub const CHECK: Contents = Contents { files: &["check.html", "summary.json"], patterns: &[] };
 
 /// The folder of a sweep.
 pub const SWEEP: Contents = Contents {

@@ -2,7 +2,7 @@
 
 use crate::data::View;
 use crate::fit::direction::ViewDependence;
-use crate::fit::pace::{FINAL_SHARE, Pace, QUESTION_SHARE};
+use crate::fit::pace::{FINAL_SHARE, Pace, QUESTION_SHARE, lattice_of};
 use crate::fit::run::{RunError, Session, spread};
 use crate::fit::trend::Trend;
 use crate::fit::validation::{ASKED_VIEWS, FINAL_VIEWS, pixels_of, spread_indices};
@@ -19,6 +19,9 @@ use std::time::Instant;
 
 /// Validation views whose pictures a report shows.
 const SHOWN_VIEWS: usize = 4;
+/// Pixels of a training photograph that its score is of, and of all of them.
+const TRAINING_PIXELS: usize = 1000;
+const MAX_TRAINING_PIXELS: usize = 120_000;
 
 /// What a run made.
 #[derive(Clone, Debug)]
@@ -27,6 +30,8 @@ pub struct Outcome {
     pub bytes: Vec<u8>,
     /// Scores of that very blob over `background` on all validation views; empty without any.
     pub scores: Scores,
+    /// Training photographs on a coarse lattice, in their order.
+    pub trained: Vec<ViewScore>,
     /// Of every so many rows and columns of a view one pixel is in the scores: 1 is every pixel.
     pub lattice: u32,
     /// Its surfaces, against the sparse points of the same views.
@@ -139,6 +144,7 @@ impl Session<'_, '_> {
         Ok(Outcome {
             bytes: exported.bytes,
             scores,
+            trained: self.score_training(&draft)?,
             lattice,
             surfaces,
             exposure: self.trainer.exposure(),
@@ -232,6 +238,20 @@ impl Session<'_, '_> {
         };
         let scores = measure(draft, None, kernel, &Quality::default(), background, views, each)?;
         Ok((scores, lattice, shown))
+    }
+
+    /// Scores of all training photographs, on a lattice that takes no longer than a question.
+    fn score_training(&self, draft: &[u8]) -> Result<Vec<ViewScore>, EvalError> {
+        let train = &self.dataset.train;
+        let (pixels, largest) = pixels_of(train);
+        let some = (train.len() * TRAINING_PIXELS).min(MAX_TRAINING_PIXELS) as f64;
+        let lattice =
+            lattice_of(pixels, some).max(self.pace.lattice(pixels, largest, self.pace.share(QUESTION_SHARE)));
+        let thinned: Vec<_> = train.iter().map(|view| view.thinned(lattice)).collect();
+        let (kernel, background) = (self.options.kernel, self.trainer.background());
+        let views = thinned.iter().map(|view| &**view);
+        let scores = measure(draft, None, kernel, &Quality::default(), background, views, |_, _, _, _| {})?;
+        Ok(scores.views)
     }
 
     /// dB that rounding costs, on some of the views that `scores` are of; `None` without any.

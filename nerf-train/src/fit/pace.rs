@@ -9,10 +9,10 @@ pub const VALIDATION_SHARE: f64 = 0.05;
 /// Share of the time that the final evaluation over all validation views may take.
 pub const FINAL_SHARE: f64 = 0.10;
 /// Share of the time that each rendering for a question about the export may take: with and without view dependence,
-/// with and without the occupancy grid, and without rounding.
+/// with and without the occupancy grid, without rounding, and all training photographs on a coarse lattice.
 pub const QUESTION_SHARE: f64 = 0.015;
 /// Such renderings.
-const QUESTIONS: usize = 5;
+const QUESTIONS: usize = 6;
 /// Seconds kept for writing files, without and with a report.
 const WRITING: [f64; 2] = [0.1, 0.5];
 /// Pixels of a view that is measured on the way, where there is no limit or more time than that takes.
@@ -196,6 +196,7 @@ mod tests {
         }
         machine.now += machine.file;
         for (pixels, share, dense) in [
+            (asked, QUESTION_SHARE, 1.0),
             (asked, QUESTION_SHARE, 1.0),
             (asked, QUESTION_SHARE, 1.0),
             (asked, QUESTION_SHARE, 1.0),

@@ -1,5 +1,7 @@
 //! What a fit made, for scripts.
 
+use crate::capture::check::Diagnosis;
+use crate::capture::check::after::Fitted;
 use crate::data::pictures::colour;
 use crate::data::system::cpu;
 use crate::data::system::summary::Short;
@@ -61,6 +63,8 @@ pub struct Summary {
     pub trend: TrendSummary,
     #[serde(skip_serializing_if = "Option::is_none")]
     pub z_depth_median_relative_error: Option<f64>,
+    #[serde(flatten)]
+    pub capture: Option<Capture>,
     pub data: String,
     pub blob: String,
 }
@@ -115,9 +119,29 @@ impl Summary {
             grid: Blob::open(&outcome.bytes).ok().and_then(|blob| GridSummary::of(&blob)),
             trend: TrendSummary::of(outcome),
             z_depth_median_relative_error: None,
+            capture: None,
             data: data.into(),
             blob: blob.display().to_string(),
         }
+    }
+}
+
+/// What was found of the capture, before and after the fit.
+#[derive(Debug, Serialize)]
+#[allow(missing_docs, reason = "the names say what they are, and in which unit")]
+pub struct Capture {
+    pub folded: Option<bool>,
+    pub left_out: Vec<String>,
+    #[serde(flatten)]
+    pub fitted: Fitted,
+}
+
+impl Capture {
+    /// Of what was found before, and of the photographs that were fitted.
+    pub fn of(diagnosis: &Diagnosis, outcome: &Outcome) -> Self {
+        let photographs: Vec<_> = outcome.trained.iter().map(|score| (&*score.view, score.psnr_db)).collect();
+        let fitted = Fitted::of(diagnosis, &photographs, outcome.steps);
+        Self { folded: diagnosis.folded, left_out: diagnosis.contradicting.clone(), fitted }
     }
 }
 

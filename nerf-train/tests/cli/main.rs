@@ -3,6 +3,7 @@
 #[allow(dead_code, reason = "shared with the tests that span the crates")]
 #[path = "../../../tests/src/browser.rs"]
 mod browser;
+mod check;
 #[path = "../laws/import/made.rs"]
 mod checkpoint;
 mod completions;

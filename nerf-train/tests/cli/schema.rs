@@ -88,6 +88,7 @@ fn every_commands_json_keeps_its_names_and_kinds() {
     add("export mesh", &mesh);
     add("export volume", &["export", small, "-o", &path("v.npz"), "--resolution", "16"]);
     add("show", &["show", &data, "-o", &path("show")]);
+    add("check", &["check", &data, "-o", &path("check")]);
     add("completions", &["completions", "bash"]);
 
     let file = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/cli/schema.txt");

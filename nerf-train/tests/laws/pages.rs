@@ -14,7 +14,7 @@ const PROGRAMS: &str = ".ci/release tests/miri nerf-render-ffi/examples/web/buil
 /// What paths in code begin with that are not of this workspace.
 const THEIR_MODULES: &str = "alloc clap core f32 f64 glam image io nerf std usize";
 /// Files that are made at run time, are the user's own, or another project's.
-const THEIR_FILES: &str = "PAGE.html curve.svg models.h other.toml out/live/index.html render_test.py report.md \
+const THEIR_FILES: &str = "PAGE.html check.html curve.svg models.h other.toml out/live/index.html render_test.py report.md \
     run_nerf_helpers.py show.html src/colmap/sensor/models.h";
 /// Endings of names that are taken for files of the tree.
 const ENDINGS: &str = "abi c cmake cpp css h hpp html in js ld md mjs py rs sh svg toml";

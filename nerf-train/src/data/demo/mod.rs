@@ -5,8 +5,11 @@
 //! the box [−1, 1]³, needs no download and has no licence but this crate's. All of it is computed:
 //! the same spec gives the same bytes.
 
+mod rounds;
 mod shade;
 mod shapes;
+
+pub use rounds::two_rounds;
 
 use crate::data::{Axes, Background, Dataset, Format, View};
 use glam::{DVec3, Vec3};

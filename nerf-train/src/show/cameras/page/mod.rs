@@ -4,6 +4,7 @@
 
 use super::sampling::ShownRay;
 use super::scene::{Scene, ShowError, ShownCamera};
+use crate::data::pictures::thumbnail::Thumbnail;
 use crate::data::system::printable;
 use crate::data::system::printable::line;
 use crate::show::colour_map::ColourMap;
@@ -55,6 +56,15 @@ struct Data<'s> {
     frustum: f32,
     cameras: Vec<CameraData<'s>>,
     rays: Vec<RayData>,
+    findings: Vec<Cow<'s, str>>,
+    pair: Vec<Shown<'s>>,
+}
+
+/// A photograph beside the scene.
+#[derive(Serialize)]
+struct Shown<'s> {
+    name: Cow<'s, str>,
+    image: String,
 }
 
 #[derive(Serialize)]
@@ -75,6 +85,7 @@ struct CameraData<'s> {
     corners: [[f32; 3]; 4],
     image: String,
     rays: Vec<RayData>,
+    colour: Option<String>,
 }
 
 #[derive(Serialize)]
@@ -96,7 +107,14 @@ impl<'s> CameraData<'s> {
             corners: camera.corners(1.0).map(|corner| (corner - origin).to_array()),
             image: camera.thumbnail.data_uri()?,
             rays: camera.own_rays.iter().map(|ray| RayData::of(ray, bounds)).collect(),
+            colour: camera.colour.map(css),
         })
+    }
+}
+
+impl<'s> Shown<'s> {
+    fn of((name, image): &'s (String, Thumbnail)) -> Result<Self, ShowError> {
+        Ok(Self { name: line(name), image: image.data_uri()? })
     }
 }
 
@@ -124,9 +142,11 @@ pub fn page(scene: &Scene) -> Result<String, ShowError> {
         let (from, to) = (scene.axes.origin.to_array(), scene.axes.tip(Vec3::AXES[i]).to_array());
         Axis { name, colour: css(*colour), from, to }
     };
+    let found = scene.findings.as_ref();
+    let facts = found.map_or_else(|| scene.facts(), |found| found.facts.clone());
     let data = Data {
         title: line(&scene.title()).into_owned(),
-        facts: line(&scene.facts()).into_owned(),
+        facts: line(&facts).into_owned(),
         alone: scene.alone,
         near: b.near,
         far: b.far,
@@ -144,6 +164,8 @@ pub fn page(scene: &Scene) -> Result<String, ShowError> {
         frustum: scene.frustum,
         cameras: scene.cameras.iter().map(|camera| CameraData::of(camera, &b)).collect::<Result<_, _>>()?,
         rays: scene.rays.iter().map(|ray| RayData::of(ray, &b)).collect(),
+        findings: found.iter().flat_map(|found| &found.lines).map(|finding| line(finding)).collect(),
+        pair: found.iter().flat_map(|found| &found.pair).map(Shown::of).collect::<Result<_, _>>()?,
     };
     let json = in_script(&serde_json::to_string(&data)?);
     let parts = [

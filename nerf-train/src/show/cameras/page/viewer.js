@@ -62,8 +62,9 @@ function collect(drawn) {
     }
     if (checked('frusta')) {
       for (let i = 0; i < 4; i++) {
-        line(camera.origin, plane[i], FRUSTUM, 1);
-        line(plane[i], plane[(i + 1) % 4], FRUSTUM, 1);
+        const [style, width] = [camera.colour || FRUSTUM, camera.colour ? 2 : 1];
+        line(camera.origin, plane[i], style, width);
+        line(plane[i], plane[(i + 1) % 4], style, width);
       }
     }
     if (checked('range') && only !== null) {
@@ -245,8 +246,8 @@ function select(index) {
   const sum = kind => rays().reduce((sum, ray) => sum + ray[kind].length, 0);
   const camera = index === null ? null : data.cameras[index];
   const who = camera ? `camera ${camera.index} (${camera.name})` : `${data.cameras.length} cameras`;
-  element('status').textContent =
-    `${who}: ${rays().length} rays, ${sum('live')} live samples, ${sum('culled')} culled`;
+  element('status').textContent = data.rays.length
+    ? `${who}: ${rays().length} rays, ${sum('live')} live samples, ${sum('culled')} culled` : who;
   reset();
 }
 
@@ -343,7 +344,31 @@ addEventListener('keydown', event => {
   redraw();
 });
 
+/** What was found of the capture, and two photographs that cannot both be right. */
+function showFindings() {
+  const put = (parent, kind, text) => {
+    const made = parent.appendChild(document.createElement(kind));
+    made.textContent = text;
+    return made;
+  };
+  const findings = element('findings');
+  findings.hidden = data.findings.length === 0;
+  findings.parentElement.classList.toggle('found', !findings.hidden);
+  for (const finding of data.findings) put(findings, 'p', finding);
+  if (!data.pair.length) return;
+  put(findings, 'p', 'These two cannot both be where they are:');
+  const pair = put(findings, 'div', '');
+  pair.className = 'pair';
+  for (const { name, image } of data.pair) {
+    const figure = put(pair, 'figure', '');
+    put(figure, 'img', '').src = image;
+    put(figure, 'figcaption', name);
+  }
+}
+
 function start() {
+  showFindings();
+  for (const id of ['rays', 'live', 'culled', 'bar']) element(id).parentElement.hidden = !data.rays.length;
   const chooser = element('camera');
   if (!data.alone) chooser.add(new Option(`all ${data.cameras.length}`, ''));
   data.cameras.forEach((camera, i) => chooser.add(new Option(`${camera.index}: ${camera.name}`, i)));

@@ -1,5 +1,6 @@
 //! What is shown, in world units: made once, drawn in several ways.
 
+use super::findings::Findings;
 use super::sampling::{Drawer, ShownRay, StepFacts};
 use crate::data::pictures::thumbnail::{self, Thumbnail};
 use crate::data::{Dataset, View};
@@ -27,7 +28,7 @@ pub struct Request<'v> {
     pub split: &'static str,
     /// One camera alone: its index in `views`.
     pub camera: Option<usize>,
-    /// Rays to show, at most.
+    /// Rays to show, at most; 0 for the cameras alone.
     pub rays: usize,
     /// The training step whose rays they are.
     pub step: u32,
@@ -92,6 +93,8 @@ pub struct Scene {
     pub frustum: f32,
     /// The world axes.
     pub axes: Axes,
+    /// What was found of the capture, where that is shown.
+    pub findings: Option<Findings>,
 }
 
 /// A camera with its picture.
@@ -109,6 +112,8 @@ pub struct ShownCamera {
     pub thumbnail: Thumbnail,
     /// The rays that the same step draws where this camera is alone; none if the whole scene is.
     pub own_rays: Vec<ShownRay>,
+    /// What its frustum is drawn in, display-encoded; dark without.
+    pub colour: Option<[f32; 3]>,
 }
 
 /// The world axes as they are drawn.
@@ -161,12 +166,13 @@ impl Scene {
         let own = (OWN_SAMPLES / (shown.len() * bins)).max(4).min(request.rays);
         let camera = |(i, view): (usize, &View)| -> Result<ShownCamera, ShowError> {
             let own_rays = match alone {
+                _ if request.rays == 0 => Vec::new(),
                 true => Vec::new(),
                 false => drawer.draw(&shown[i..=i], i, own, false)?.0,
             };
             let (name, thumbnail) = (view.name.clone(), Thumbnail::of(view, side, [1.0; 3]));
             let (index, camera, near) = (first + i, view.camera, bounds.near);
-            Ok(ShownCamera { index, name, camera, near, thumbnail, own_rays })
+            Ok(ShownCamera { index, name, camera, near, thumbnail, own_rays, colour: None })
         };
         let cameras = shown.iter().enumerate().map(camera).collect::<Result<Vec<_>, _>>()?;
         // A march keeps to the scene box, whatever near and far are.
@@ -179,7 +185,8 @@ impl Scene {
         let up = request.up.unwrap_or_else(|| nearest_axis(views));
         let axes = Axes::of(&cameras, &bounds);
         let name = dataset.name.clone();
-        Ok(Self { name, split, cameras, rays, alone, step: facts, bounds, up, frustum, axes })
+        let findings = None;
+        Ok(Self { name, split, cameras, rays, alone, step: facts, bounds, up, frustum, axes, findings })
     }
 
     /// Where the scene is, as lines of short pieces, world units: the edges of the scene box, or of an unbounded scene

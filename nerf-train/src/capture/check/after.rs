@@ -1,0 +1,133 @@
+//! What the training photographs say of the capture once a field is fitted to them.
+
+use super::Diagnosis;
+use crate::data::system::summary::Short;
+use serde::Serialize;
+
+/// A photograph is far worse than the rest so many dB below the median, and so many median deviations.
+const FAR_WORSE: (f64, f64) = (5.0, 6.0);
+/// Groups differ by so much where one of them is doubtful, dB.
+const DIFFERENT_DB: f64 = 3.0;
+/// A field that was fitted for a while shows photographs that can all be right better than this, dB.
+const LOW_DB: f64 = 22.0;
+/// Steps of such a fit.
+const A_WHILE: u32 = 2000;
+
+/// How well a field shows the photographs that it was fitted to.
+#[derive(Clone, Debug, Default, Serialize)]
+#[allow(missing_docs, reason = "the names say what they are, and in which unit")]
+pub struct Fitted {
+    pub train_psnr_db: Option<Short>,
+    /// The groups of the diagnosis; without tracks, the runs between jumps of the viewing direction.
+    pub train_groups: Vec<Group>,
+    /// Photographs that are shown far worse than the rest.
+    pub train_far_worse: Vec<String>,
+    #[serde(skip)]
+    findings: Vec<String>,
+}
+
+/// The mean over a group of training photographs.
+#[derive(Clone, Debug, Serialize)]
+#[allow(missing_docs, reason = "the names say what they are, and in which unit")]
+pub struct Group {
+    pub first: String,
+    pub last: String,
+    pub photographs: usize,
+    pub psnr_db: Short,
+}
+
+fn median(values: impl Iterator<Item = f64>) -> Option<f64> {
+    let mut values: Vec<f64> = values.filter(|value| value.is_finite()).collect();
+    values.sort_by(f64::total_cmp);
+    values.get(values.len() / 2).copied()
+}
+
+impl Fitted {
+    /// Of training photographs with their PSNR, dB, after so many steps.
+    pub fn of(diagnosis: &Diagnosis, photographs: &[(&str, f64)], steps: u32) -> Self {
+        let Some(middle) = median(photographs.iter().map(|(_, db)| *db)) else { return Self::default() };
+        let deviation = median(photographs.iter().map(|(_, db)| (db - middle).abs())).unwrap_or(0.0);
+        let limit = middle - FAR_WORSE.0.max(FAR_WORSE.1 * deviation);
+        let worse: Vec<&(&str, f64)> = photographs.iter().filter(|(_, db)| *db < limit).collect();
+        let named = if diagnosis.groups.is_empty() && !diagnosis.tracks {
+            &diagnosis.runs
+        } else {
+            &diagnosis.groups
+        };
+        let groups: Vec<Group> = named.iter().filter_map(|names| Group::of(names, photographs)).collect();
+        let mut fitted = Self {
+            train_psnr_db: Some(Short(middle as f32)),
+            train_far_worse: worse.iter().map(|(name, _)| (*name).to_owned()).collect(),
+            train_groups: groups,
+            findings: Vec::new(),
+        };
+        fitted.findings.push(fitted.figures(middle));
+        if !worse.is_empty() {
+            let shown: Vec<String> =
+                worse.iter().take(6).map(|(name, db)| format!("{name} {db:.1} dB")).collect();
+            fitted.findings.push(format!(
+                "{} far worse than the rest, by a wrong pose or by something that moved: {}; fit without {}",
+                if worse.len() == 1 {
+                    "1 photograph is shown".into()
+                } else {
+                    format!("{} photographs are shown", worse.len())
+                },
+                shown.join(", "),
+                if worse.len() == 1 { "it" } else { "them" }
+            ));
+        }
+        fitted.findings.extend(fitted.doubt(diagnosis.tracks, middle, steps));
+        fitted
+    }
+
+    /// The sentences.
+    pub fn lines(&self) -> impl Iterator<Item = &str> {
+        self.findings.iter().map(String::as_str)
+    }
+
+    fn figures(&self, middle: f64) -> String {
+        let one = |group: &Group| format!("{} to {} {:.1} dB", group.first, group.last, group.psnr_db.0);
+        match self.train_groups.as_slice() {
+            [] | [_] => format!("training photographs: median {middle:.1} dB"),
+            groups => {
+                let groups: Vec<String> = groups.iter().map(one).collect();
+                format!("training photographs: median {middle:.1} dB; by group {}", groups.join(", "))
+            }
+        }
+    }
+
+    /// Whether groups contradict each other, where only their PSNR can say so.
+    fn doubt(&self, tracks: bool, middle: f64, steps: u32) -> Option<String> {
+        let by_db = |a: &&Group, b: &&Group| a.psnr_db.0.total_cmp(&b.psnr_db.0);
+        let (low, high) = (self.train_groups.iter().min_by(by_db)?, self.train_groups.iter().max_by(by_db)?);
+        if f64::from(high.psnr_db.0 - low.psnr_db.0) >= DIFFERENT_DB {
+            return Some(format!(
+                "the photographs {} to {} are shown {:.1} dB worse than the best group: their poses are doubtful; find them \
+                 again, or fit without these photographs",
+                low.first,
+                low.last,
+                high.psnr_db.0 - low.psnr_db.0
+            ));
+        }
+        (!tracks && steps >= A_WHILE && middle < LOW_DB).then(|| {
+            format!(
+                "even the photographs that were fitted stay at {middle:.1} dB: they contradict each other, by wrong poses, \
+                 by what moved or by light that changed; find the poses again, from a model with its tracks"
+            )
+        })
+    }
+}
+
+impl Group {
+    fn of(names: &[String], photographs: &[(&str, f64)]) -> Option<Self> {
+        let of = photographs.iter().filter(|(name, _)| names.iter().any(|known| known == name));
+        let db: Vec<f64> = of.map(|(_, db)| *db).filter(|db| db.is_finite()).collect();
+        let mean = db.iter().sum::<f64>() / db.len() as f64;
+        (!db.is_empty()).then_some(Self {
+            first: names.first()?.clone(),
+            last: names.last()?.clone(),
+            photographs: db.len(),
+            psnr_db: Short(mean as f32),
+        })
+    }
+}

@@ -1,0 +1,163 @@
+//! Photographs in grey at a working size: patches to compare, sharpness, and which are the same picture.
+
+use crate::data::View;
+use glam::Vec3;
+use rayon::prelude::*;
+
+/// Long side of a photograph at the working size, at most, pixels.
+const WORKING_SIDE: u32 = 640;
+/// Half the side of a patch, pixels of the working size.
+pub(super) const HALF_PATCH: i32 = 6;
+/// Photographs nearest to one, by which its sharpness is judged.
+const NEIGHBOURS: usize = 6;
+/// Sharpness against the neighbours' below which a photograph is blurred.
+const BLURRED: f32 = 0.3;
+/// Side of the pictures that duplicates are found by.
+const STAMP: usize = 32;
+/// Mean difference of two such pictures, against their standard deviation, below which they are the same.
+const SAME: f32 = 0.01;
+
+/// A photograph in grey, made smaller.
+pub(super) struct Grey {
+    /// Pixels of the view along a side of one of these.
+    pub factor: u32,
+    width: usize,
+    height: usize,
+    /// 0 to 255, row by row; what is transparent is white.
+    levels: Vec<u8>,
+}
+
+impl Grey {
+    /// Of a view, at most [`WORKING_SIDE`] pixels long.
+    pub fn of(view: &View) -> Self {
+        let (width, height) = view.size();
+        let factor = width.max(height).div_ceil(WORKING_SIDE).clamp(1, width.min(height).max(1));
+        let side = factor as usize;
+        let (columns, rows) = (width as usize / side, height as usize / side);
+        let mut levels = Vec::with_capacity(columns * rows);
+        let level = |[r, g, b, a]: [u8; 4]| {
+            let (sum, alpha) = (f32::from(r) + f32::from(g) + f32::from(b), f32::from(a) / 255.0);
+            sum / 3.0 * alpha + 255.0 * (1.0 - alpha)
+        };
+        let lines: Vec<&[[u8; 4]]> = view.pixels.chunks_exact(width as usize).collect();
+        for lines in lines.chunks_exact(side) {
+            let mean = |x: usize| {
+                let square = lines.iter().flat_map(|line| &line[x * side..][..side]);
+                square.map(|pixel| level(*pixel)).sum::<f32>() / (factor * factor) as f32
+            };
+            levels.extend((0..columns).map(|x| mean(x).round() as u8));
+        }
+        Self { factor, width: columns, height: rows, levels }
+    }
+
+    /// Bilinear, pixel centres at +0.5; `None` outside.
+    fn at(&self, x: f32, y: f32) -> Option<f32> {
+        let (x, y) = (x - 0.5, y - 0.5);
+        if !(x >= 0.0 && y >= 0.0 && x + 1.0 < self.width as f32 && y + 1.0 < self.height as f32) {
+            return None;
+        }
+        let (column, row) = (x as usize, y as usize);
+        let (u, v) = (x - column as f32, y - row as f32);
+        let [a, b] = [row, row + 1].map(|row| {
+            let at = row * self.width + column;
+            let [left, right] = [self.levels[at], self.levels[at + 1]].map(f32::from);
+            left + u * (right - left)
+        });
+        Some(a + v * (b - a))
+    }
+
+    /// The square around `middle` that `right` and `down` span, all in working pixels, row by row; `None` where it
+    /// leaves the picture.
+    pub fn patch(&self, middle: [f32; 2], right: [f32; 2], down: [f32; 2]) -> Option<Vec<f32>> {
+        let range = -HALF_PATCH..=HALF_PATCH;
+        let steps = range.clone().flat_map(|v| range.clone().map(move |u| (u as f32, v as f32)));
+        let at = |(u, v)| {
+            let [x, y] = [0, 1].map(|axis| middle[axis] + u * right[axis] + v * down[axis]);
+            self.at(x, y)
+        };
+        steps.map(at).collect()
+    }
+
+    /// Variance of the Laplacian, grey levels squared.
+    fn sharpness(&self) -> f32 {
+        let (mut sum, mut squares, mut count) = (0.0f64, 0.0f64, 0u32);
+        for y in 1..self.height.saturating_sub(1) {
+            for x in 1..self.width.saturating_sub(1) {
+                let at = y * self.width + x;
+                let around = [at - 1, at + 1, at - self.width, at + self.width];
+                let around: f32 = around.iter().map(|&at| f32::from(self.levels[at])).sum();
+                let laplacian = f64::from(around - 4.0 * f32::from(self.levels[at]));
+                (sum, squares, count) = (sum + laplacian, squares + laplacian * laplacian, count + 1);
+            }
+        }
+        let count = f64::from(count.max(1));
+        (squares / count - (sum / count).powi(2)) as f32
+    }
+
+    /// The picture at [`STAMP`] by [`STAMP`], and its standard deviation.
+    fn stamp(&self) -> (Vec<f32>, f32) {
+        let at = |i: usize, length: usize| (i * length / STAMP, ((i + 1) * length).div_ceil(STAMP));
+        let mut stamp = Vec::with_capacity(STAMP * STAMP);
+        for y in 0..STAMP {
+            let (top, bottom) = at(y, self.height);
+            for x in 0..STAMP {
+                let (left, right) = at(x, self.width);
+                let rows = (top..bottom).flat_map(|y| &self.levels[y * self.width..][left..right]);
+                stamp.push(
+                    rows.map(|&level| f32::from(level)).sum::<f32>()
+                        / ((bottom - top) * (right - left)).max(1) as f32,
+                );
+            }
+        }
+        let (_, norm) = centred(stamp.clone());
+        (stamp, norm / STAMP as f32)
+    }
+}
+
+/// The values less their mean, and the root of the sum of their squares.
+pub(super) fn centred(mut values: Vec<f32>) -> (Vec<f32>, f32) {
+    let mean = values.iter().sum::<f32>() / values.len().max(1) as f32;
+    values.iter_mut().for_each(|value| *value -= mean);
+    let norm = values.iter().map(|value| value * value).sum::<f32>().sqrt();
+    (values, norm)
+}
+
+/// Sharpness of each photograph against the median of those taken nearest to it; 1 with no neighbours.
+pub(super) fn sharpness(views: &[&View], greys: &[Grey]) -> Vec<f32> {
+    let own: Vec<f32> = greys.par_iter().map(Grey::sharpness).collect();
+    let place = |view: &View| (view.camera.pose().position, view.camera.pose().forward());
+    let middle = views.iter().map(|view| place(view).0).sum::<Vec3>() / views.len().max(1) as f32;
+    let reach = views.iter().map(|view| place(view).0.distance(middle)).fold(f32::MIN_POSITIVE, f32::max);
+    let relative = |i: usize| {
+        let (position, forward) = place(views[i]);
+        let mut near: Vec<(f32, f32)> = (0..views.len())
+            .filter(|&j| j != i)
+            .map(|j| {
+                let (other, ahead) = place(views[j]);
+                (position.distance(other) / reach + forward.distance(ahead), own[j])
+            })
+            .collect();
+        near.sort_by(|a, b| a.0.total_cmp(&b.0));
+        near.truncate(NEIGHBOURS);
+        near.sort_by(|a, b| a.1.total_cmp(&b.1));
+        near.get(near.len() / 2).map_or(1.0, |(_, median)| own[i] / median.max(f32::MIN_POSITIVE))
+    };
+    (0..views.len()).into_par_iter().map(relative).collect()
+}
+
+/// Whether a photograph of this sharpness is blurred.
+pub(super) fn is_blurred(sharpness: f32) -> bool {
+    sharpness < BLURRED
+}
+
+/// Pairs of photographs that are the same picture.
+pub(super) fn duplicates(greys: &[Grey]) -> Vec<[usize; 2]> {
+    let stamps: Vec<_> = greys.par_iter().map(Grey::stamp).collect();
+    let same = |a: usize, b: usize| {
+        let difference: f32 = stamps[a].0.iter().zip(&stamps[b].0).map(|(a, b)| (a - b).abs()).sum();
+        let alike = (greys[a].width, greys[a].height) == (greys[b].width, greys[b].height);
+        alike && difference <= SAME * stamps[a].1.min(stamps[b].1) * (STAMP * STAMP) as f32
+    };
+    let of = |a: usize| (a + 1..greys.len()).filter(move |&b| same(a, b)).map(move |b| [a, b]).collect();
+    (0..greys.len()).into_par_iter().map(of).collect::<Vec<Vec<_>>>().concat()
+}

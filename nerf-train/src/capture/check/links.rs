@@ -1,0 +1,97 @@
+//! Who shares points with whom: the pieces that a capture falls into, and the links that a piece hangs on.
+
+use super::pairs::Pair;
+use crate::capture::sights::Sights;
+use std::collections::BTreeMap;
+
+/// Points that two photographs share from which on they are linked.
+const LINKED: u32 = 15;
+/// Photographs of a point that are counted, at most.
+const MAX_TRACK: usize = 200;
+
+/// Links between photographs, by indices.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub(super) struct Links {
+    /// The pieces that share no points with each other, the largest first.
+    pub pieces: Vec<Vec<usize>>,
+    /// Links without which a piece would fall into two, and how many photographs the smaller part would have.
+    pub bridges: Vec<([usize; 2], usize)>,
+}
+
+/// A search through all links, depth first.
+struct Search<'l> {
+    linked: &'l [Vec<usize>],
+    /// When a photograph was reached, from 1; 0 before.
+    reached: Vec<usize>,
+    found: Vec<usize>,
+    bridges: Vec<([usize; 2], usize)>,
+}
+
+impl Search<'_> {
+    /// The earliest photograph that those reached from `view` have a link to, but for the link to `parent`.
+    ///
+    /// # Source
+    /// Tarjan 1974, "A note on finding the bridges of a graph".
+    fn visit(&mut self, view: usize, parent: Option<usize>) -> usize {
+        self.found.push(view);
+        self.reached[view] = self.found.len();
+        let (mut low, linked) = (self.found.len(), self.linked);
+        for &other in linked[view].iter().filter(|other| Some(**other) != parent) {
+            if self.reached[other] > 0 {
+                low = low.min(self.reached[other]);
+                continue;
+            }
+            let before = self.found.len();
+            let lowest = self.visit(other, Some(view));
+            if lowest > self.reached[view] {
+                self.bridges.push(([view.min(other), view.max(other)], self.found.len() - before));
+            }
+            low = low.min(lowest);
+        }
+        low
+    }
+}
+
+impl Links {
+    /// Of the photographs that `sights` are of. `pairs` that agree are linked, whatever points they share.
+    pub fn of(sights: &Sights, pairs: &[Pair]) -> Self {
+        let mut showing: BTreeMap<u32, Vec<usize>> = BTreeMap::new();
+        for (view, sights) in sights.of_views.iter().enumerate() {
+            sights.iter().for_each(|sight| showing.entry(sight.point).or_default().push(view));
+        }
+        let mut shared: BTreeMap<[usize; 2], u32> = BTreeMap::new();
+        for views in showing.values_mut() {
+            views.dedup();
+            views.truncate(MAX_TRACK);
+            for (i, &a) in views.iter().enumerate() {
+                views[i + 1..].iter().for_each(|&b| *shared.entry([a, b]).or_default() += 1);
+            }
+        }
+        for pair in pairs.iter().filter(|pair| pair.agrees()) {
+            *shared.entry(pair.views).or_default() += LINKED;
+        }
+        let mut linked = vec![Vec::new(); sights.of_views.len()];
+        for ([a, b], _) in shared.into_iter().filter(|(_, count)| *count >= LINKED) {
+            linked[a].push(b);
+            linked[b].push(a);
+        }
+        let reached = vec![0; linked.len()];
+        let mut search = Search { linked: &linked, reached, found: Vec::new(), bridges: Vec::new() };
+        let (mut pieces, mut bridges) = (Vec::new(), Vec::new());
+        for view in 0..linked.len() {
+            if search.reached[view] > 0 {
+                continue;
+            }
+            let before = search.found.len();
+            search.visit(view, None);
+            let mut piece = search.found[before..].to_vec();
+            piece.sort_unstable();
+            let of = |(link, behind): ([usize; 2], usize)| (link, behind.min(piece.len() - behind));
+            bridges.extend(search.bridges.drain(..).map(of));
+            pieces.push(piece);
+        }
+        pieces.sort_by_key(|piece| std::cmp::Reverse(piece.len()));
+        bridges.sort_unstable();
+        Self { pieces, bridges }
+    }
+}

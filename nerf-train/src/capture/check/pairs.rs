@@ -1,0 +1,132 @@
+//! Whether photographs agree: patches around sparse points, compared between two that see these alike.
+
+use super::grey::{Grey, HALF_PATCH, centred};
+use crate::capture::sights::{Sight, Sights};
+use crate::data::{SparsePoint, View};
+use glam::Vec3;
+use rayon::prelude::*;
+
+/// Two cameras see a point alike within this angle (12°, its cosine) and with distances of at most this ratio.
+const ALIKE: (f32, f32) = (0.978_147_6, 1.25);
+/// Points that two photographs must see alike to be compared, and patches that must be left to judge by.
+const ENOUGH_POINTS: usize = 30;
+const ENOUGH_PATCHES: usize = 15;
+/// Questions whether a camera sees a point alike, at most, so that thousands of photographs take seconds.
+const MAX_QUESTIONS: usize = 400_000_000;
+/// Points of a photograph whose patches are compared, at most.
+const COMPARED_POINTS: usize = 60;
+/// Pairs that are compared; of more, as many spread over all.
+const MAX_PAIRS: usize = 60_000;
+/// Standard deviation of a patch below which there is nothing to compare, grey levels of 255.
+const MIN_TEXTURE: f32 = 2.0;
+/// Normalised cross-correlation below which two patches show different things.
+const DIFFERENT: f32 = 0.3;
+
+/// Two photographs that see the same points alike, and whether they show the same there.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Pair {
+    /// Indices of the photographs, the smaller first.
+    pub views: [usize; 2],
+    /// Share of the compared patches that show different things, 0 to 1.
+    pub different: f32,
+}
+
+impl Pair {
+    /// Whether the two show the same.
+    pub fn agrees(&self) -> bool {
+        self.different < 0.3
+    }
+
+    /// Whether they cannot both be right.
+    pub fn contradicts(&self) -> bool {
+        self.different > 0.6
+    }
+}
+
+/// A photograph as it is compared.
+struct Compared<'v> {
+    view: &'v View,
+    grey: &'v Grey,
+    points: Vec<Vec3>,
+}
+
+impl Compared<'_> {
+    /// Its points that `other` sees alike and within its picture.
+    fn seen_alike(&self, other: &Self) -> Vec<Vec3> {
+        let [from, to] = [self, other].map(|of| of.view.camera.pose().position);
+        let (width, height) = other.view.size();
+        let alike = |point: &&Vec3| {
+            let (a, b) = (**point - from, **point - to);
+            let (near, far) = (a.length(), b.length());
+            a.dot(b) > ALIKE.0 * near * far && near < ALIKE.1 * far && far < ALIKE.1 * near
+        };
+        let inside = |point: &&Vec3| {
+            let at = other.view.camera.project(**point);
+            at.is_some_and(|(x, y)| x > 0.0 && y > 0.0 && x < width as f32 && y < height as f32)
+        };
+        self.points.iter().filter(alike).filter(inside).copied().collect()
+    }
+
+    /// Where it shows a point, working pixels.
+    fn shows(&self, point: Vec3) -> Option<[f32; 2]> {
+        let (x, y) = self.view.camera.project(point)?;
+        Some([x, y].map(|v| v / self.grey.factor as f32))
+    }
+
+    /// Normalised cross-correlation of the patch around `point` with what `other` shows of the same piece of the plane
+    /// at its depth, parallel to this picture; `None` without texture, or outside.
+    fn correlation(&self, other: &Self, point: Vec3) -> Option<f32> {
+        let pose = self.view.camera.pose();
+        let mine = self.grey.patch(self.shows(point)?, [1.0, 0.0], [0.0, 1.0])?;
+        let depth = (point - pose.position).dot(pose.forward());
+        let pixel = depth * self.grey.factor as f32 / self.view.camera.intrinsics().fx;
+        let there = other.shows(point)?;
+        let step = |axis: Vec3| {
+            let reach = HALF_PATCH as f32;
+            let end = other.shows(point + reach * pixel * axis)?;
+            Some([0, 1].map(|i| (end[i] - there[i]) / reach))
+        };
+        let theirs = other.grey.patch(there, step(pose.rotation.x_axis)?, step(-pose.rotation.y_axis)?)?;
+        let [(mine, texture), (theirs, other_texture)] = [mine, theirs].map(centred);
+        let product: f32 = mine.iter().zip(&theirs).map(|(a, b)| a * b).sum();
+        (texture > MIN_TEXTURE * (mine.len() as f32).sqrt())
+            .then(|| product / (texture * other_texture.max(f32::MIN_POSITIVE)))
+    }
+
+    /// Of patches around some of `points`.
+    fn correlations(&self, other: &Self, points: &[Vec3]) -> Vec<f32> {
+        let step = points.len().div_ceil(COMPARED_POINTS).max(1);
+        points.iter().step_by(step).filter_map(|&point| self.correlation(other, point)).collect()
+    }
+}
+
+/// Compares all photographs that see enough points alike.
+///
+/// `greys`, `sights`: of `views`, in their order.
+pub(super) fn compare(views: &[&View], greys: &[Grey], sights: &Sights, points: &[SparsePoint]) -> Vec<Pair> {
+    let count = views.len();
+    let asked = MAX_QUESTIONS / (count * count).max(1);
+    let position = |sight: &Sight| Vec3::from(points[sight.point as usize].position);
+    let compared = |view: usize| {
+        let sights = &sights.of_views[view];
+        let step = sights.len().div_ceil(asked.max(ENOUGH_POINTS)).max(1);
+        let points = sights.iter().step_by(step).map(position).collect();
+        Compared { view: views[view], grey: &greys[view], points }
+    };
+    let compared: Vec<Compared<'_>> = (0..count).map(compared).collect();
+    let alike = |a: usize, b: usize| compared[a].seen_alike(&compared[b]);
+    let enough = |a, b| alike(a, b).len().max(alike(b, a).len()) >= ENOUGH_POINTS;
+    let candidates = |a: usize| (a + 1..count).filter(|&b| enough(a, b)).map(|b| [a, b]).collect::<Vec<_>>();
+    let candidates = (0..count).into_par_iter().map(candidates).collect::<Vec<_>>().concat();
+    let step = candidates.len().div_ceil(MAX_PAIRS).max(1);
+    let judged = |&views: &[usize; 2]| {
+        let [a, b] = views;
+        let mut found = compared[a].correlations(&compared[b], &alike(a, b));
+        found.extend(compared[b].correlations(&compared[a], &alike(b, a)));
+        let different = found.iter().filter(|&&correlation| correlation < DIFFERENT).count();
+        let different = different as f32 / found.len().max(1) as f32;
+        (found.len() >= ENOUGH_PATCHES).then_some(Pair { views, different })
+    };
+    let chosen: Vec<_> = candidates.into_iter().step_by(step).collect();
+    chosen.par_iter().filter_map(judged).collect()
+}

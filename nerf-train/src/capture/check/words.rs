@@ -1,0 +1,224 @@
+//! What is found, in sentences: what it is, and what to do.
+
+use super::grey::is_blurred;
+use super::groups::few;
+use super::{ENOUGH, Found, Reason};
+use crate::capture::exposure::{CALLED_FOR, LogGains};
+
+/// An unseen sector from which on what lies there is guessed, degrees.
+const WIDE_GAP: f32 = 60.0;
+/// Ranges or names that are listed before the rest is counted.
+const LISTED: usize = 6;
+/// Photographs on the smaller side of a bridge from which on it is said.
+const HANGING: usize = 3;
+
+/// `1 photograph`, `2 photographs`.
+fn count(n: usize, what: &str) -> String {
+    if n == 1 { format!("1 {what}") } else { format!("{n} {what}s") }
+}
+
+impl Found<'_> {
+    fn name(&self, view: usize) -> &str {
+        &self.views[view].name
+    }
+
+    /// Photographs that are blurred against their neighbours.
+    pub(super) fn blurred(&self) -> Vec<usize> {
+        (0..self.views.len()).filter(|&view| is_blurred(self.sharpness[view])).collect()
+    }
+
+    /// Names in order, runs of them as `first to last`.
+    fn listed(&self, views: &[usize]) -> String {
+        let mut runs: Vec<[usize; 2]> = Vec::new();
+        for &view in views {
+            match runs.last_mut() {
+                Some([_, last]) if *last + 1 == view => *last = view,
+                _ => runs.push([view, view]),
+            }
+        }
+        let shown = |[first, last]: &[usize; 2]| match last - first {
+            0 => self.name(*first).to_owned(),
+            _ => format!("{} to {}", self.name(*first), self.name(*last)),
+        };
+        let more = match runs.len().saturating_sub(LISTED) {
+            0 => String::new(),
+            _ => {
+                let left: usize = runs[LISTED..].iter().map(|[first, last]| last - first + 1).sum();
+                format!(" and {left} more")
+            }
+        };
+        runs.iter().take(LISTED).map(shown).collect::<Vec<_>>().join(", ") + &more
+    }
+
+    /// The figures, in a line.
+    pub(super) fn facts(&self) -> String {
+        let mut parts = Vec::new();
+        parts.push(match &self.spread {
+            Some(spread) => {
+                let around = if spread.inward { "around what they show" } else { "looking outward" };
+                let gap = spread.gaps.first().map_or(360.0, |gap| gap.degrees);
+                format!("{around}, largest unseen sector {gap:.0}°")
+            }
+            None => "looking much the same way".into(),
+        });
+        parts.push(format!("{} blurred", self.blurred().len()));
+        parts.push(count(self.duplicates.len(), "duplicate"));
+        if let Some(gains) = &self.gains {
+            parts.push(format!("exposure spread {:.1} %", 100.0 * gains.spread()));
+        }
+        if self.tracks {
+            parts.push(format!("{} linked by shared points", count(self.links.pieces.len(), "piece")));
+            let bad = self.pairs.iter().filter(|pair| pair.contradicts()).count();
+            let pairs = count(self.pairs.len(), "pair");
+            parts.push(format!("{pairs} compared at points seen alike, {bad} contradict each other"));
+        }
+        format!("check: {}: {}", count(self.views.len(), "photograph"), parts.join("; "))
+    }
+
+    /// What is wrong or cannot be said, a sentence each, what matters most first.
+    pub(super) fn findings(&self) -> Vec<String> {
+        let mut findings = vec![self.fold()];
+        findings.extend(self.contradicting());
+        findings.extend(self.linked());
+        findings.extend(self.sector());
+        findings.extend(self.pictures());
+        findings.into_iter().filter(|finding| !finding.is_empty()).collect()
+    }
+
+    /// The groups as `group 1 (39): …; group 2 (32): …`.
+    fn groups(&self) -> String {
+        let group = |(index, group): (usize, &Vec<usize>)| {
+            format!("group {} ({}): {}", index + 1, group.len(), self.listed(group))
+        };
+        self.groups.iter().enumerate().map(group).collect::<Vec<_>>().join("; ")
+    }
+
+    fn fold(&self) -> String {
+        if self.reason == Some(Reason::Folded) {
+            return format!(
+                "folded: photographs that see the same points show different things there, so poses of two sides were laid \
+                 on top of each other; {}; find the poses again in the order of capture (poses --sequential), or fit one \
+                 side alone with --group 1",
+                self.groups()
+            );
+        }
+        match self.folded() {
+            Some(_) => String::new(),
+            None if self.tracks => format!(
+                "whether the poses are folded cannot be judged before the fit: only {} of {} see points like another does",
+                self.judged,
+                count(self.views.len(), "photograph")
+            ),
+            None => "whether the poses are folded cannot be judged before the fit, as the data have no tracks of points: \
+                     compare the training PSNR of groups after it"
+                .into(),
+        }
+    }
+
+    fn contradicting(&self) -> Vec<String> {
+        let (wrong, all) = (self.misplaced.len(), self.views.len());
+        let mut found = Vec::new();
+        if !self.outliers.is_empty() {
+            found.push(format!(
+                "{} the rest: {}; fit leaves them out of training: take them out of the capture, or find their poses again",
+                match self.outliers.len() {
+                    1 => "1 photograph contradicts".into(),
+                    n => format!("{n} photographs contradict"),
+                },
+                self.listed(&self.outliers)
+            ));
+        }
+        if self.reason == Some(Reason::Misplaced) {
+            found.push(format!(
+                "the key points of {wrong} photographs contradict their poses; {}; fit the rest with --group 1, or find the \
+                 poses again",
+                self.groups()
+            ));
+        } else if wrong > few(all) || wrong > 0 && all < ENOUGH {
+            found.push(format!(
+                "the key points of {wrong} of {all} photographs contradict their poses: photographs and poses are not of \
+                 one reconstruction; find the poses again"
+            ));
+        }
+        found
+    }
+
+    fn linked(&self) -> Vec<String> {
+        let pieces = &self.links.pieces;
+        let mut found = Vec::new();
+        if self.reason == Some(Reason::Pieces) {
+            found.push(format!(
+                "the photographs fall into pieces that share no points, as two captures do; {}; fit one of them with \
+                 --group 1, or take photographs that connect them",
+                self.groups()
+            ));
+        } else if let Some(apart) = pieces.get(1..).filter(|apart| !apart.is_empty() && self.reason.is_none())
+        {
+            let mut apart = apart.concat();
+            apart.sort_unstable();
+            found.push(format!(
+                "{} hardly any points with the rest, so that their poses are doubtful: {}; take more photographs beside them",
+                match apart.len() {
+                    1 => "1 photograph shares".into(),
+                    n => format!("{n} photographs share"),
+                },
+                self.listed(&apart)
+            ));
+        }
+        for ([a, b], behind) in self.links.bridges.iter().filter(|bridge| bridge.1 >= HANGING) {
+            found.push(format!(
+                "{behind} photographs hang on the rest by the points that {} and {} share alone: take more photographs \
+                 there",
+                self.name(*a),
+                self.name(*b)
+            ));
+        }
+        found
+    }
+
+    fn sector(&self) -> Option<String> {
+        let spread = self.spread.as_ref().filter(|spread| spread.inward && self.reason.is_none())?;
+        let gap = spread.gaps.first().filter(|gap| gap.degrees >= WIDE_GAP)?;
+        let [a, b] = gap.between.map(|view| self.name(view));
+        Some(format!(
+            "no photograph looks from a sector of {:.0}°, between {a} and {b}: what only shows from there is guessed; take \
+             photographs there, or do not look from there",
+            gap.degrees
+        ))
+    }
+
+    /// Blur, duplicates, exposure.
+    fn pictures(&self) -> Vec<String> {
+        let blurred = self.blurred();
+        let mut found = Vec::new();
+        if !blurred.is_empty() {
+            found.push(format!(
+                "{} blurred against {} neighbours: {}; take {} out where others show the same",
+                match blurred.len() {
+                    1 => "1 photograph is".into(),
+                    n => format!("{n} photographs are"),
+                },
+                if blurred.len() == 1 { "its" } else { "their" },
+                self.listed(&blurred),
+                if blurred.len() == 1 { "it" } else { "them" }
+            ));
+        }
+        if let Some([a, b]) = self.duplicates.first() {
+            found.push(format!(
+                "{} of photographs show the same picture, {} and {} first: keep one of each",
+                count(self.duplicates.len(), "pair"),
+                self.name(*a),
+                self.name(*b)
+            ));
+        }
+        if let Some(spread) = self.gains.as_ref().map(LogGains::spread).filter(|spread| *spread >= CALLED_FOR)
+        {
+            found.push(format!(
+                "exposure differs between photographs (standard deviation {:.0} %): fit gives each a gain of its own; lock \
+                 the exposure when you take them",
+                100.0 * spread
+            ));
+        }
+        found
+    }
+}

@@ -1,0 +1,90 @@
+//! `nerf-train check`
+
+use super::common::{Global, print_lines};
+use super::options::data::{DataOptions, print_report};
+use super::places;
+use crate::capture::check::Diagnosis;
+use crate::data;
+use crate::data::Downscale;
+use crate::data::pictures::file::is_picture_name;
+use crate::data::system::memory;
+use crate::data::system::output::claims::Claims;
+use crate::data::system::output::write_atomic;
+use crate::data::system::summary::write;
+use crate::show::cameras::{checked, page};
+use clap::Args;
+use std::path::PathBuf;
+use std::process::ExitCode;
+
+/// Photographs from which on it is said first what they take.
+const MANY: usize = 300;
+/// What a photograph takes that is read at about 800 pixels, bytes; photographs that are read and compared, and bytes of
+/// files that are decoded, a second and core.
+const BYTES_EACH: u64 = 2_400_000;
+const COMPARED_PER_SECOND: u64 = 30;
+const DECODED_PER_SECOND: u64 = 15_000_000;
+
+/// Look a capture over before it is fitted: how photographs are spread, sharp, exposed and linked, and whether their
+/// poses can be right.
+///
+/// `fit` says the same first. A model is folded where places that repeat laid two sides of an orbit on top of each other:
+/// photographs that share points then show different things there. That is judged where the poses come with tracks of
+/// points, as a COLMAP model does.
+#[derive(Debug, Args)]
+#[command(after_help = "Examples:
+  nerf-train check holiday_poses
+  nerf-train check holiday_poses -o out/check --json")]
+pub struct Check {
+    /// The data set.
+    data: PathBuf,
+    /// Folder for check.html, the cameras in 3D coloured by what is found, and summary.json.
+    #[arg(long, short, value_name = "DIR")]
+    output: Option<PathBuf>,
+    #[command(flatten)]
+    data_options: DataOptions,
+}
+
+impl Check {
+    /// Runs the command.
+    pub fn run(&self, global: &Global) -> anyhow::Result<ExitCode> {
+        if let Some(folder) = &self.output {
+            places::check_folder("-o", folder)?;
+        }
+        let claims = Claims::new().reads_data(&self.data);
+        claims.writes_folder_if("-o", self.output.as_deref(), &places::CHECK).settle()?;
+        self.say_size(global)?;
+        let mut dataset = self.data_options.read(&self.data, global)?;
+        print_report(&dataset, global);
+        let diagnosis = Diagnosis::of(&dataset);
+        let mut lines: Vec<String> = diagnosis.lines().map(str::to_owned).collect();
+        if let Some(folder) = &self.output {
+            let html = folder.join("check.html");
+            let range = (self.data_options.near, self.data_options.far);
+            let scene = checked(&mut dataset, &diagnosis, range)?;
+            write_atomic(&html, page::page(&scene)?.as_bytes())?;
+            write(&diagnosis, folder)?;
+            lines.push(html.display().to_string());
+        }
+        global.finish(&diagnosis, || print_lines(lines))?;
+        Ok(ExitCode::SUCCESS)
+    }
+
+    /// Says what many photographs take, and refuses what memory cannot hold.
+    fn say_size(&self, global: &Global) -> anyhow::Result<()> {
+        let files = data::files(&self.data);
+        let pictures: Vec<_> = files.iter().filter(|file| is_picture_name(file)).collect();
+        let count = pictures.len();
+        if count < MANY || self.data_options.downscale != Downscale::Auto {
+            return Ok(());
+        }
+        let bytes: u64 = pictures.iter().filter_map(|file| Some(file.metadata().ok()?.len())).sum();
+        let seconds = count as u64 / COMPARED_PER_SECOND + bytes / DECODED_PER_SECOND;
+        let seconds = seconds / rayon::current_num_threads().max(1) as u64;
+        let giga = count as f64 * BYTES_EACH as f64 / 1e9;
+        global.say(format!(
+            "{count} pictures: about {seconds} s to read and compare them and {giga:.1} GB of memory; --downscale N takes less of it"
+        ));
+        let what = format!("{count} pictures at about 800 pixels");
+        Ok(memory::check(what, count as u64, BYTES_EACH, "give --downscale N to read them smaller")?)
+    }
+}

@@ -1,0 +1,99 @@
+//! Photographs of the scene as a reconstruction has them, with tracks of points; folded if asked.
+
+use super::{DemoSpec, Hit, render, trace};
+use crate::data::{Axes, Background, Dataset, Format, KeyPoint, SparsePoint, View};
+use glam::Vec3;
+use nerf_core::camera::{Camera, CameraError};
+use rayon::prelude::*;
+use std::f32::consts::FRAC_PI_2;
+
+/// Photographs of a round, and the angle between two of them, degrees.
+const ROUND: usize = 14;
+const STEP: f32 = 6.0;
+/// Side of the photographs, pixels.
+const SIZE: u32 = 160;
+/// Pixels between points of a photograph, and photographs between those that have points of their own.
+const POINT_EVERY: usize = 9;
+const VIEW_EVERY: usize = 3;
+
+/// A photograph by its pose and by where it was really taken.
+struct Shot {
+    pose: Camera,
+    taken: Camera,
+    turn: f32,
+}
+
+impl Shot {
+    /// Where it shows a point of the model that was seen with the turn `turn`, pixels, unless something is in front.
+    fn shows(&self, position: Vec3, turn: f32) -> Option<(f32, f32)> {
+        let (x, y) = self.pose.project(position)?;
+        let inside = |v: f32| v > 1.0 && v < SIZE as f32 - 1.0;
+        let Hit { ray_distance, .. } = trace(&self.taken, x, y).filter(|_| inside(x) && inside(y))?;
+        let nearest = (ray_distance - position.distance(self.pose.pose().position)).abs() < 0.01;
+        (nearest && turn == self.turn).then_some((x, y))
+    }
+
+    /// The points it shows on a lattice of its pixels, in the model.
+    fn points(&self) -> Vec<Vec3> {
+        let lattice = || (POINT_EVERY..SIZE as usize).step_by(POINT_EVERY).map(|v| v as f32);
+        let at = |(x, y)| trace(&self.taken, x, y).map(|hit| self.pose.ray(x, y).at(hit.ray_distance));
+        lattice().flat_map(|y| lattice().map(move |x| (x, y))).filter_map(at).collect()
+    }
+}
+
+/// Two rounds of photographs along the same path of 81°, the second between those of the first, and the points that
+/// they show.
+///
+/// `folded`: the second round was taken a quarter turn further, and its poses were laid onto the first, as where places
+/// repeat. (After half a turn the plinth looks the same.)
+///
+/// # Errors
+/// As [`Camera::new`], which these cameras do not cause.
+pub fn two_rounds(folded: bool) -> Result<Dataset, CameraError> {
+    let spec = DemoSpec { size: SIZE, ..DemoSpec::default() };
+    let shot = |i: usize| {
+        let (round, place) = (i / ROUND, (i % ROUND) as f32);
+        let azimuth = (STEP * (place + 0.5 * round as f32)).to_radians();
+        let turn = if folded && round > 0 { FRAC_PI_2 } else { 0.0 };
+        Ok(Shot { pose: spec.camera(azimuth, 0.4)?, taken: spec.camera(azimuth + turn, 0.4)?, turn })
+    };
+    let shots = (0..2 * ROUND).map(shot).collect::<Result<Vec<Shot>, CameraError>>()?;
+    let view = |(i, shot): (usize, &Shot)| View {
+        name: format!("{i:03}.jpg"),
+        camera: shot.pose,
+        pixels: render(&shot.taken),
+        mask: None,
+        near: 0.0,
+        key_points: Vec::new(),
+    };
+    let mut train: Vec<View> = shots.iter().enumerate().map(view).collect();
+    let mut points = Vec::new();
+    for from in shots.iter().step_by(VIEW_EVERY) {
+        let tracked = |position: Vec3| {
+            let shown = |(i, shot): (usize, &Shot)| Some((i, shot.shows(position, from.turn)?));
+            (position, shots.iter().enumerate().filter_map(shown).collect::<Vec<_>>())
+        };
+        for (position, track) in from.points().into_par_iter().map(tracked).collect::<Vec<_>>() {
+            let point = points.len() as u32;
+            track.iter().for_each(|&(i, (x, y))| train[i].key_points.push(KeyPoint { x, y, point }));
+            let track = track.len().max(1) as u32;
+            points.push(SparsePoint { position: position.to_array(), error: 0.5, track });
+        }
+    }
+    Ok(Dataset {
+        name: if folded { "demo, folded".into() } else { "demo".into() },
+        format: Format::Demo,
+        axes: Axes::Opengl,
+        train,
+        val: Vec::new(),
+        test: Vec::new(),
+        test_path: Vec::new(),
+        near: None,
+        far: None,
+        background: Background::Alpha,
+        points,
+        origin: [0.0; 3],
+        notes: Vec::new(),
+        warnings: Vec::new(),
+    })
+}

@@ -1,0 +1,77 @@
+//! What was found of a capture, among its cameras.
+
+use super::scene::{Request, Scene, ShowError};
+use crate::capture::check::Diagnosis;
+use crate::data::pictures::thumbnail::Thumbnail;
+use crate::data::{Background, Dataset, View};
+use crate::model::config::{Preset, Surroundings};
+
+/// Colours of the groups, display-encoded; of more, over again.
+const GROUPS: [[f32; 3]; 4] =
+    [[0.13, 0.39, 0.85], [0.90, 0.47, 0.06], [0.15, 0.58, 0.24], [0.55, 0.25, 0.68]];
+/// Of photographs that contradict the rest, and of blurred ones.
+const CONTRADICTING: [f32; 3] = [0.85, 0.08, 0.12];
+const BLURRED: [f32; 3] = [0.62, 0.50, 0.10];
+/// Long side of the photographs side by side, pixels.
+const SIDE: usize = 400;
+
+/// What was found, beside the cameras.
+#[derive(Clone, Debug)]
+pub struct Findings {
+    pub(super) facts: String,
+    pub(super) lines: Vec<String>,
+    /// Two photographs that cannot both be right, with their names.
+    pub(super) pair: Vec<(String, Thumbnail)>,
+}
+
+/// All photographs of a data set as one scene, their cameras coloured by what was found, with rays within `range` where that
+/// is given. All become training views, in the order of names.
+///
+/// # Errors
+/// As [`Scene::new`].
+pub fn checked(
+    dataset: &mut Dataset,
+    diagnosis: &Diagnosis,
+    range: (Option<f32>, Option<f32>),
+) -> Result<Scene, ShowError> {
+    let held_out = [std::mem::take(&mut dataset.val), std::mem::take(&mut dataset.test)];
+    dataset.train.extend(held_out.into_iter().flatten());
+    dataset.train.sort_by(|a, b| a.name.cmp(&b.name));
+    let around = match dataset.background {
+        Background::Unknown => Surroundings::Unbounded,
+        _ => Surroundings::Known,
+    };
+    let mut config = Preset::Grid.config().around(around);
+    (config.sampling.near, config.sampling.far) = range;
+    let views = &dataset.train;
+    let request =
+        Request { views, split: "checked", camera: None, rays: 0, step: 0, up: None, frustum: None };
+    let mut scene = Scene::new(dataset, &config, &request)?;
+    scene.find(diagnosis, views);
+    Ok(scene)
+}
+
+impl Scene {
+    /// Colours the cameras by what was found, and keeps it to be shown. `views`: those that the diagnosis names.
+    fn find(&mut self, diagnosis: &Diagnosis, views: &[View]) {
+        for camera in &mut self.cameras {
+            let of = diagnosis.views.iter().find(|view| view.name == camera.name);
+            let group = of.and_then(|view| view.group).map(|group| GROUPS[(group - 1) % GROUPS.len()]);
+            camera.colour = match () {
+                () if diagnosis.contradicting.contains(&camera.name) => Some(CONTRADICTING),
+                () if group.is_some() => group,
+                () if diagnosis.blurred.contains(&camera.name) => Some(BLURRED),
+                () => None,
+            };
+        }
+        let shown = |name: &String| {
+            let view = views.iter().find(|view| view.name == *name)?;
+            Some((name.clone(), Thumbnail::of(view, SIDE, [1.0; 3])))
+        };
+        self.findings = Some(Findings {
+            facts: diagnosis.facts.clone(),
+            lines: diagnosis.findings.clone(),
+            pair: diagnosis.worst_pair.iter().flatten().filter_map(shown).collect(),
+        });
+    }
+}
