@@ -18,11 +18,13 @@ use nerf_train::show::contact_sheet::{Cell, contact_sheet};
 use nerf_train::train::schedule::Budget;
 use std::path::Path;
 
+type Disturb = fn(&mut Dataset);
+
 const STEPS: u32 = 4_000;
 /// Half the side of the room that the scene stands in, world units.
 const ROOM: f32 = 8.0;
 /// What is disturbed, and how.
-const WAYS: [(&str, fn(&mut Dataset)); 5] = [
+const WAYS: [(&str, Disturb); 5] = [
     ("as it should be", |_| {}),
     ("fog: no photograph from this side", gap),
     ("blur: poses off by 1° and 1 %", poses),

@@ -13,5 +13,6 @@ fn main() -> Result<(), Box<dyn Error>> {
     diagnosis.lines().for_each(|line| println!("{line}"));
     std::fs::create_dir_all("out")?;
     std::fs::write("out/folded.html", page::page(&checked(&mut dataset, &diagnosis, (None, None))?)?)?;
-    Ok(println!("out/folded.html"))
+    println!("out/folded.html");
+    Ok(())
 }

@@ -2,6 +2,7 @@
 
 use super::common::Global;
 use super::places;
+use crate::capture::check::Diagnosis;
 use crate::data::poses::{Found, Request, find};
 use crate::data::system::output::claims::{Claims, Contents};
 use crate::data::system::stop::Note;
@@ -55,6 +56,10 @@ impl Poses {
             threads: global.threads.map(|_| rayon::current_num_threads()),
             patience: Duration::try_from_secs_f64(60.0 * self.patience)
                 .map_err(|_| anyhow!("--patience: expected a number of minutes, found {}", self.patience))?,
+            folded: &|dataset| {
+                let diagnosis = Diagnosis::of(dataset);
+                (diagnosis.folded == Some(true)).then_some(diagnosis.groups)
+            },
             style: global.style(),
         };
         let found = find(&request)?;

@@ -3,7 +3,6 @@
 use crate::data::layouts::colmap::Facts;
 use crate::data::layouts::transforms::listed;
 use std::fmt;
-use std::path::Path;
 
 /// A model of fewer than this share of the photographs is torn.
 const REGISTERED: f64 = 0.9;
@@ -27,20 +26,15 @@ pub enum Fault {
 }
 
 impl Fault {
-    /// That of the largest model of `photographs`, which are in `images`.
-    pub(super) fn of(model: &Facts, photographs: usize, images: &Path) -> Option<Self> {
-        if let Some(groups) = folded(model, images) {
+    /// That of the largest model of so many `photographs`; `folded`: its groups, where it is folded.
+    pub(super) fn of(model: &Facts, photographs: usize, folded: Option<Vec<Vec<String>>>) -> Option<Self> {
+        if let Some(groups) = folded {
             return Some(Self::Folded { groups });
         }
         let others: Vec<Vec<String>> = model.others.iter().filter(|o| o.len() >= OTHERS).cloned().collect();
         let few = (model.names.len() as f64) < REGISTERED * photographs as f64;
         (few || !others.is_empty()).then_some(Self::Torn { others })
     }
-}
-
-/// The groups of photographs of a folded model. THE PLACE OF THE FOLD TEST: `check`'s, of `model.folder` and `images`.
-fn folded(_model: &Facts, _images: &Path) -> Option<Vec<Vec<String>>> {
-    None
 }
 
 impl fmt::Display for Fault {

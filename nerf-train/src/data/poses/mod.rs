@@ -16,6 +16,7 @@ use crate::data::layouts::colmap::commands::{self, Place, Way};
 use crate::data::layouts::colmap::{Facts, facts};
 use crate::data::system::output::AtomicFolder;
 use crate::data::system::progress::{ProgressStyle, say_lines};
+use crate::data::{Dataset, ReadOptions, read};
 use run::Runner;
 use std::fs;
 use std::io;
@@ -26,7 +27,7 @@ use std::time::Duration;
 const MIN_PHOTOGRAPHS: usize = 3;
 
 /// What is asked of COLMAP.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy)]
 pub struct Request<'a> {
     /// The folder of photographs.
     pub photographs: &'a Path,
@@ -38,6 +39,8 @@ pub struct Request<'a> {
     pub threads: Option<usize>,
     /// How long COLMAP may say nothing before it is ended.
     pub patience: Duration,
+    /// The groups of photographs of a model that is folded; `None` of any other.
+    pub folded: &'a dyn Fn(&Dataset) -> Option<Vec<Vec<String>>>,
     /// Where progress is shown.
     pub style: ProgressStyle,
 }
@@ -140,7 +143,10 @@ fn best(request: &Request<'_>, bare: &Bare, place: &Place, runner: &Runner) -> R
                 continue;
             }
             (Ok(model), _) => {
-                let fault = Fault::of(&model, count, &place.images);
+                let data =
+                    with_photographs(place, way).map_err(|source| cannot_write_at(&place.images, source))?;
+                let folded = data.and_then(|data| (request.folded)(&data));
+                let fault = Fault::of(&model, count, folded);
                 Attempt { model, way, fault }
             }
         };
@@ -156,6 +162,17 @@ fn best(request: &Request<'_>, bare: &Bare, place: &Place, runner: &Runner) -> R
         }
     }
     best.ok_or_else(|| PosesError::NoneRegistered { photographs: count, said: "no model was made".into() })
+}
+
+/// A way's largest model with its photographs, which are beside it meanwhile; `None` if it cannot be read, and so not be
+/// judged.
+fn with_photographs(place: &Place, way: Way) -> io::Result<Option<Dataset>> {
+    let models = place.models(way);
+    let beside = models.join("images");
+    fs::rename(&place.images, &beside)?;
+    let data = read(&models, &ReadOptions::default()).ok();
+    fs::rename(&beside, &place.images)?;
+    Ok(data)
 }
 
 /// The largest model that COLMAP finds in a way.
