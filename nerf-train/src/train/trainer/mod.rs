@@ -11,6 +11,7 @@ use crate::train::average::Average;
 use crate::train::checkpoint::{Checkpoint, fingerprint};
 use crate::train::exposure::{ExposureFound, Gains};
 use crate::train::occupancy::{Ask, Occupancy};
+use crate::train::poses::{Poses, PosesFound};
 use crate::train::rays::{MarchCells, RayBank};
 use crate::train::schedule::learning_rate;
 use crate::train::{CurvePoint, Progressed, Snapshot, TrainError, find_bounds};
@@ -52,6 +53,8 @@ pub struct Trainer<'d> {
     sights: Option<Sights>,
     gains: Option<Gains>,
     exposure: Option<ExposureFound>,
+    poses: Option<Poses>,
+    poses_found: Option<PosesFound>,
     /// The occupied cells as they are marched; none until they are asked for.
     cells: Option<MarchCells>,
     /// The next step's samples, where they were marched beside this step's update, and what they were marched with.
@@ -113,6 +116,8 @@ impl<'d> Trainer<'d> {
             sights,
             gains,
             exposure,
+            poses: unbounded.then(|| Poses::given(dataset.train.len(), true)),
+            poses_found: None,
             cells: None,
             ahead: Default::default(),
             progressed: Progressed::default(),
@@ -264,10 +269,14 @@ impl<'d> Trainer<'d> {
         let refreshed = self.config.occupancy.skip
             && (self.progressed.step + 1).is_multiple_of(self.config.occupancy.every);
         let width = self.step_width(share);
-        let Self { bank, batch, ahead, cells, phases, progressed: p, kernel, gains, .. } = self;
-        match gains {
-            Some(gains) => gains.factors(&batch.views, &mut batch.gains),
-            None => batch.views.clear(),
+        let Self { bank, batch, ahead, cells, phases, progressed: p, kernel, gains, poses, .. } = self;
+        if let Some(gains) = gains {
+            gains.factors(&batch.views, &mut batch.gains);
+        }
+        if let (Some(poses), Some(contraction)) = (poses, &self.bounds.contraction) {
+            batch.question = Poses::question(p.step, share, contraction);
+            poses.renew();
+            bank.set_cameras(poses.cast(&self.dataset.train));
         }
         let s = &self.config.sampling;
         let grid = self.config.network.grid.is_some();
@@ -284,6 +293,7 @@ impl<'d> Trainer<'d> {
             }
         })?;
         self.learn_gains();
+        self.learn_poses(share);
         self.mark_weighted(share);
         let p = &mut self.progressed;
         p.live_per_ray = live_per_ray;
@@ -313,6 +323,21 @@ impl<'d> Trainer<'d> {
             if !found.fitted {
                 self.gains = None;
             }
+        }
+    }
+
+    /// Moves the photographs' cameras by the step that was just taken.
+    fn learn_poses(&mut self, share: f64) {
+        let (Some(poses), Some(contraction)) = (&mut self.poses, &self.bounds.contraction) else { return };
+        let at = (self.progressed.step, share);
+        let gradients = self.engine.ray_gradients();
+        let found = poses.step(&self.dataset.train, &self.batch, gradients, at, contraction);
+        if let Some(found) = found {
+            self.poses_found = Some(found);
+            println!("{found}");
+        }
+        if (at.0 + 1) % 250 == 0 {
+            println!("{} {:.3}", at.0 + 1, poses.median_motion(&self.dataset.train, contraction));
         }
     }
 

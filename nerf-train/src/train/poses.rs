@@ -1,0 +1,279 @@
+//! Poses of the photographs, refined with the field.
+//!
+//! A camera turns and moves by small steps that follow the loss's gradient by its rays. They are taken in coordinates in
+//! which a step of length 1 moves the image by a pixel, root mean square, whatever the mixture of turning and moving is.
+//!
+//! # Source
+//! Lin et al. 2021 (BARF), poses by the photometric loss, coarse to fine; Park et al. 2023 (CamP), the preconditioner. Deviation:
+//! a Cholesky factor in place of the symmetric root; the field itself is not blurred, only the gradient that the poses follow.
+
+use crate::data::View;
+use crate::model::engine::{Batch, RayGradient, RayQuestion};
+use glam::{Mat3, Quat, Vec3};
+use nerf_core::camera::{Camera, Contraction, Pose, Ray};
+use serde::{Deserialize, Serialize};
+
+/// Steps of the trial: poses are refined from the given ones, and kept if they moved by enough.
+const TRIAL: u32 = 1_000;
+/// Steps from one move of the cameras to the next; one in so many is asked for the rays' gradients.
+const EVERY: u32 = 8;
+/// Longest step of a camera, pixels: at first, and at the end of the run.
+const RATES: [f32; 2] = [0.3, 0.01];
+/// Blur of the gradient, radii of the ball that is not contracted: at first, and from `SHARP_FROM` of the run on.
+const BLURS: [f32; 2] = [0.02, 0.001];
+const SHARP_FROM: f64 = 0.5;
+/// Adam's decays and epsilon.
+const BETAS: [f32; 2] = [0.9, 0.99];
+const EPSILON: f32 = 1e-12;
+/// Median motion from which on poses are refined, pixels.
+const CALLED_FOR: f64 = 1.0;
+
+/// Turn about each axis of the world, radians, and motion along each, world units.
+type Twist = [f32; 6];
+
+/// Poses of a run's photographs, as far as they are from the given ones.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Poses {
+    moved: Vec<Twist>,
+    /// As they were before the last step: the rays of a step are cast while the step before it is taken.
+    cast: Vec<Twist>,
+    /// Gradients since the last move.
+    sums: Vec<Twist>,
+    moment1: Vec<Twist>,
+    moment2: Vec<Twist>,
+    moves: u32,
+    on_trial: bool,
+}
+
+/// What was found of the photographs' poses.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct PosesFound {
+    /// Median over the photographs of how far the image moved, pixels.
+    pub pixels: f64,
+    /// Whether they are refined.
+    pub refined: bool,
+}
+
+impl std::fmt::Display for PosesFound {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        write!(f, "poses refined in the first steps move pictures by {:.1} pixels (median): ", self.pixels)?;
+        f.write_str(if self.refined { "they are refined" } else { "they stay as they were given" })
+    }
+}
+
+impl Poses {
+    /// Those of `views` photographs, as they were given; `on_trial`: until it is decided whether they are refined.
+    pub fn given(views: usize, on_trial: bool) -> Self {
+        let zeros = vec![[0.0; 6]; views];
+        Self {
+            moved: zeros.clone(),
+            cast: zeros.clone(),
+            sums: zeros.clone(),
+            moment1: zeros.clone(),
+            moment2: zeros,
+            moves: 0,
+            on_trial,
+        }
+    }
+
+    /// The photographs they are of.
+    pub fn views(&self) -> usize {
+        self.moved.len()
+    }
+
+    /// Cameras that the rays of the next step are cast from, of photographs with these `given` ones.
+    pub fn cast(&self, given: &[View]) -> Vec<Camera> {
+        cameras(given, &self.cast)
+    }
+
+    /// Cameras as they are now.
+    pub fn cameras(&self, given: &[View]) -> Vec<Camera> {
+        cameras(given, &self.moved)
+    }
+
+    /// Lets rays be cast from where the cameras are now, from the next step on.
+    pub fn renew(&mut self) {
+        self.cast.clone_from(&self.moved);
+    }
+
+    /// What a step asks of its rays when `share` of the run is done.
+    pub fn question(step: u32, share: f64, contraction: &Contraction) -> Option<RayQuestion> {
+        let sharp = (share / SHARP_FROM).min(1.0) as f32;
+        let blur = contraction.radius() * BLURS[0].powf(1.0 - sharp) * BLURS[1].powf(sharp);
+        step.is_multiple_of(ASKED).then_some(RayQuestion { contraction: *contraction, blur })
+    }
+
+    /// Adds the gradients of a step's rays, and moves the cameras where it is time to. What was found, where this was the
+    /// step that decides it.
+    pub fn step<'g>(
+        &mut self,
+        given: &[View],
+        batch: &Batch,
+        gradients: impl Iterator<Item = &'g RayGradient>,
+        (step, share): (u32, f64),
+        contraction: &Contraction,
+    ) -> Option<PosesFound> {
+        for gradient in gradients {
+            let ray = gradient.ray as usize;
+            let Some(sum) = batch.views.get(ray).and_then(|&view| self.sums.get_mut(view as usize)) else { continue };
+            let turn = Vec3::from(batch.rays[ray].dir).cross(gradient.by_dir);
+            let twist = [turn.to_array(), gradient.by_origin.to_array()];
+            sum.iter_mut().zip(twist.as_flattened()).for_each(|(sum, g)| *sum += g);
+        }
+        if (step + 1).is_multiple_of(EVERY) {
+            self.move_cameras(given, share, contraction);
+        }
+        if !(self.on_trial && step + 1 == TRIAL) {
+            return None;
+        }
+        self.on_trial = false;
+        let pixels = self.median_motion(given, contraction);
+        Some(PosesFound { pixels, refined: pixels >= CALLED_FOR })
+    }
+
+    /// One step of Adam, in pixels.
+    fn move_cameras(&mut self, given: &[View], share: f64, contraction: &Contraction) {
+        self.moves += 1;
+        let rate = RATES[0] * (RATES[1] / RATES[0]).powf(share as f32);
+        let unbiased = BETAS.map(|beta| 1.0 - beta.powi(self.moves.min(10_000) as i32));
+        let cameras = self.cameras(given);
+        let moments = self.moment1.iter_mut().zip(&mut self.moment2);
+        let all = self.moved.iter_mut().zip(&mut self.sums).zip(&cameras);
+        for (((moved, sum), camera), (m1, m2)) in all.zip(moments) {
+            let gradient = std::mem::take(sum);
+            if gradient == [0.0; 6] {
+                continue;
+            }
+            let factor = cholesky(&motion(camera, contraction));
+            let gradient = forward(&factor, gradient);
+            let mut step = [0.0; 6];
+            for i in 0..6 {
+                let g = gradient[i];
+                m1[i] = BETAS[0] * m1[i] + (1.0 - BETAS[0]) * g;
+                m2[i] = BETAS[1] * m2[i] + (1.0 - BETAS[1]) * g * g;
+                let root = (m2[i] / unbiased[1]).sqrt() + EPSILON;
+                step[i] = -rate * m1[i] / unbiased[0] / root;
+            }
+            let step = backward(&factor, step);
+            moved.iter_mut().zip(step).for_each(|(moved, step)| *moved += step);
+        }
+        hold(&mut self.moved, given);
+    }
+
+    /// Median over the photographs of how far the image moved, root mean square, pixels.
+    pub fn median_motion(&self, given: &[View], contraction: &Contraction) -> f64 {
+        let mut all = self.motions(given, contraction);
+        let middle = all.len() / 2;
+        all.select_nth_unstable_by(middle, f64::total_cmp);
+        all[middle]
+    }
+
+    /// How far each photograph's image moved, root mean square, pixels.
+    pub fn motions(&self, given: &[View], contraction: &Contraction) -> Vec<f64> {
+        let of = |(view, moved): (&View, &Twist)| {
+            let m = motion(&view.camera, contraction);
+            let square: f32 = (0..6).map(|i| (0..6).map(|j| moved[i] * m[i][j] * moved[j]).sum::<f32>()).sum();
+            f64::from(square.max(0.0)).sqrt()
+        };
+        given.iter().zip(&self.moved).map(of).collect()
+    }
+}
+
+/// Steps from one that is asked for its rays' gradients to the next.
+const ASKED: u32 = 1;
+
+/// `given` cameras, turned and moved.
+fn cameras(given: &[View], moved: &[Twist]) -> Vec<Camera> {
+    let of = |(view, &[x, y, z, tx, ty, tz]): (&View, &Twist)| {
+        let pose = view.camera.pose();
+        let turn = Mat3::from_quat(Quat::from_scaled_axis(Vec3::new(x, y, z)));
+        let position = pose.position + Vec3::new(tx, ty, tz);
+        let pose = Pose { rotation: turn * pose.rotation, position };
+        view.camera.at(pose).unwrap_or(view.camera)
+    };
+    given.iter().zip(moved).map(of).collect()
+}
+
+/// The mean over an image, of points at three distances, of squared motion by a twist `v`: `vᵀ M v`, pixels squared.
+fn motion(camera: &Camera, contraction: &Contraction) -> [[f32; 6]; 6] {
+    const SIDE: u8 = 5;
+    let i = camera.intrinsics();
+    let away = (contraction.centre() - camera.pose().position).length().max(0.1 * contraction.radius());
+    let mut sum = [[0.0f32; 6]; 6];
+    let at = |k: u8, side: u32| (f32::from(k) + 0.5) / f32::from(SIDE) * side as f32;
+    for (x, y) in (0..SIDE).flat_map(|x| (0..SIDE).map(move |y| (x, y))) {
+        let Ray { dir, .. } = camera.ray(at(x, i.width), at(y, i.height));
+        let cosine = dir.dot(camera.pose().forward()).max(0.1);
+        for distance in [0.5 * away, away, 2.0 * away] {
+            // Two directions across the ray.
+            for across in [dir.any_orthonormal_vector(), dir.cross(dir.any_orthonormal_vector())] {
+                // across · (turn × dir) = turn · (dir × across).
+                let (turn, shift) = (dir.cross(across) * i.fx / cosine, across * i.fx / cosine / distance);
+                let row = [turn.to_array(), shift.to_array()];
+                let row = row.as_flattened();
+                for (sum, &a) in sum.iter_mut().zip(row) {
+                    sum.iter_mut().zip(row).for_each(|(sum, &b)| *sum += a * b);
+                }
+            }
+        }
+    }
+    let count = 3.0 * f32::from(SIDE).powi(2);
+    sum.map(|row| row.map(|x| x / count))
+}
+
+/// The lower triangle `L` with `L Lᵀ = m`, a little of the diagonal added.
+fn cholesky(m: &[[f32; 6]; 6]) -> [[f64; 6]; 6] {
+    let mut l = [[0.0f64; 6]; 6];
+    for i in 0..6 {
+        for j in 0..=i {
+            let sum: f64 = (0..j).map(|k| l[i][k] * l[j][k]).sum();
+            l[i][j] = if i == j {
+                (f64::from(m[i][i]) * 1.001 - sum).max(1e-12 * f64::from(m[i][i])).sqrt()
+            } else {
+                (f64::from(m[i][j]) - sum) / l[j][j]
+            };
+        }
+    }
+    l
+}
+
+/// `L⁻¹ x`.
+fn forward(l: &[[f64; 6]; 6], x: Twist) -> Twist {
+    let mut y = x.map(f64::from);
+    for i in 0..6 {
+        let sum: f64 = (0..i).map(|k| l[i][k] * y[k]).sum();
+        y[i] = (y[i] - sum) / l[i][i];
+    }
+    y.map(|y| y as f32)
+}
+
+/// `L⁻ᵀ x`.
+fn backward(l: &[[f64; 6]; 6], x: Twist) -> Twist {
+    let mut y = x.map(f64::from);
+    for i in (0..6).rev() {
+        let sum: f64 = (i + 1..6).map(|k| l[k][i] * y[k]).sum();
+        y[i] = (y[i] - sum) / l[i][i];
+    }
+    y.map(|y| y as f32)
+}
+
+/// Takes out what all cameras do together, which the field cannot tell: mean turn and motion, and growth about their middle.
+fn hold(moved: &mut [Twist], given: &[View]) {
+    let count = moved.len().max(1) as f32;
+    let places = || given.iter().map(|view| view.camera.pose().position);
+    let middle = places().sum::<Vec3>() / count;
+    let part = |twist: &Twist, from: usize| Vec3::from_slice(&twist[from..]);
+    let turn = moved.iter().map(|twist| part(twist, 0)).sum::<Vec3>() / count;
+    let shift = moved.iter().map(|twist| part(twist, 3)).sum::<Vec3>() / count;
+    let (mut along, mut square) = (0.0, 0.0);
+    for (twist, place) in moved.iter().zip(places()) {
+        along += part(twist, 3).dot(place - middle);
+        square += (place - middle).length_squared();
+    }
+    let growth = if square > 0.0 { along / square } else { 0.0 };
+    for (twist, place) in moved.iter_mut().zip(places()) {
+        let arm = place - middle;
+        let rest = [part(twist, 0) - turn, part(twist, 3) - shift - turn.cross(arm) - growth * arm];
+        twist.copy_from_slice(rest.map(|v| v.to_array()).as_flattened());
+    }
+}
