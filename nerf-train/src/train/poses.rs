@@ -7,7 +7,8 @@
 //! Lin et al. 2021 (BARF), poses by the photometric loss, coarse to fine; Park et al. 2023 (CamP), the preconditioner. Deviation:
 //! a Cholesky factor in place of the symmetric root; the field itself is not blurred, only the gradient that the poses follow.
 
-use crate::data::View;
+use crate::data::{Dataset, View};
+use crate::model::config::PoseRefinement;
 use crate::model::engine::{Batch, RayGradient, RayQuestion};
 use glam::{Mat3, Quat, Vec3};
 use nerf_core::camera::{Camera, Contraction, Pose, Ray};
@@ -15,7 +16,7 @@ use serde::{Deserialize, Serialize};
 
 /// Steps of the trial: poses are refined from the given ones, and kept if they moved by enough.
 const TRIAL: u32 = 1_000;
-/// Steps from one move of the cameras to the next; one in so many is asked for the rays' gradients.
+/// Steps from one move of the cameras to the next.
 const EVERY: u32 = 8;
 /// Longest step of a camera, pixels: at first, and at the end of the run.
 const RATES: [f32; 2] = [0.3, 0.01];
@@ -25,8 +26,10 @@ const SHARP_FROM: f64 = 0.5;
 /// Adam's decays and epsilon.
 const BETAS: [f32; 2] = [0.9, 0.99];
 const EPSILON: f32 = 1e-12;
-/// Median motion from which on poses are refined, pixels.
-const CALLED_FOR: f64 = 1.0;
+/// Median motion in the trial from which on poses are refined, longer sides of the picture.
+const CALLED_FOR: f64 = 5e-3;
+/// Median reprojection error of a reconstruction's points, pixels, up to which its poses are believed.
+const BELIEVED: f64 = 2.0;
 
 /// Turn about each axis of the world, radians, and motion along each, world units.
 type Twist = [f32; 6];
@@ -48,20 +51,46 @@ pub struct Poses {
 /// What was found of the photographs' poses.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct PosesFound {
-    /// Median over the photographs of how far the image moved, pixels.
+    /// Pixels, the median: of a reconstruction's points, how far they are projected from where they are seen; else of the
+    /// photographs, how far the first steps moved them.
     pub pixels: f64,
+    /// Whether it is of a reconstruction's points.
+    pub by_tracks: bool,
     /// Whether they are refined.
     pub refined: bool,
 }
 
 impl std::fmt::Display for PosesFound {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        write!(f, "poses refined in the first steps move pictures by {:.1} pixels (median): ", self.pixels)?;
-        f.write_str(if self.refined { "they are refined" } else { "they stay as they were given" })
+        let Self { pixels, by_tracks, refined } = self;
+        match by_tracks {
+            true => write!(f, "poses project their own key points within {pixels:.1} pixels (median): ")?,
+            false => write!(f, "poses refined in the first steps move pictures by {pixels:.1} pixels (median): ")?,
+        }
+        f.write_str(if *refined { "they are refined" } else { "they stay as they were given" })
     }
 }
 
 impl Poses {
+    /// Those that the settings and the data call for, and what was found; `None` where they stay as they are.
+    pub fn of(dataset: &Dataset, sights: bool, refinement: PoseRefinement) -> (Option<Self>, Option<PosesFound>) {
+        let begin = |on_trial| Some(Self::given(dataset.train.len(), on_trial));
+        if refinement == PoseRefinement::Given || dataset.train.len() < 2 {
+            return (None, None);
+        }
+        if refinement == PoseRefinement::Refine {
+            return (begin(false), None);
+        }
+        let mut errors: Vec<f32> = dataset.points.iter().map(|point| point.error).collect();
+        errors.sort_by(f32::total_cmp);
+        match errors.get(errors.len() / 2) {
+            Some(&error) if sights && f64::from(error) <= BELIEVED => {
+                (None, Some(PosesFound { pixels: error.into(), by_tracks: true, refined: false }))
+            }
+            _ => (begin(true), None),
+        }
+    }
+
     /// Those of `views` photographs, as they were given; `on_trial`: until it is decided whether they are refined.
     pub fn given(views: usize, on_trial: bool) -> Self {
         let zeros = vec![[0.0; 6]; views];
@@ -76,9 +105,12 @@ impl Poses {
         }
     }
 
-    /// The photographs they are of.
-    pub fn views(&self) -> usize {
-        self.moved.len()
+    /// Whether they are of so many photographs, and finite: a checkpoint may hold anything.
+    pub fn is_of(&self, views: &[View]) -> bool {
+        let all = [&self.moved, &self.cast, &self.sums, &self.moment1, &self.moment2];
+        let finite = |twists: &Vec<Twist>| twists.as_flattened().iter().all(|x| x.is_finite());
+        all.into_iter().all(|twists| twists.len() == views.len() && finite(twists))
+            && self.moment2.as_flattened().iter().all(|&x| x >= 0.0)
     }
 
     /// Cameras that the rays of the next step are cast from, of photographs with these `given` ones.
@@ -96,43 +128,47 @@ impl Poses {
         self.cast.clone_from(&self.moved);
     }
 
-    /// What a step asks of its rays when `share` of the run is done.
-    pub fn question(step: u32, share: f64, contraction: &Contraction) -> Option<RayQuestion> {
+    /// What is asked of rays when `share` of the run is done.
+    pub fn question(share: f64, contraction: &Contraction) -> RayQuestion {
         let sharp = (share / SHARP_FROM).min(1.0) as f32;
         let blur = contraction.radius() * BLURS[0].powf(1.0 - sharp) * BLURS[1].powf(sharp);
-        step.is_multiple_of(ASKED).then_some(RayQuestion { contraction: *contraction, blur })
+        RayQuestion { contraction: *contraction, blur }
     }
 
-    /// Adds the gradients of a step's rays, and moves the cameras where it is time to. What was found, where this was the
-    /// step that decides it.
-    pub fn step<'g>(
-        &mut self,
-        given: &[View],
-        batch: &Batch,
-        gradients: impl Iterator<Item = &'g RayGradient>,
-        (step, share): (u32, f64),
-        contraction: &Contraction,
-    ) -> Option<PosesFound> {
+    /// Adds the gradients of a batch's rays, which are of these photographs.
+    pub fn add<'g>(&mut self, batch: &Batch, gradients: impl Iterator<Item = &'g RayGradient>) {
         for gradient in gradients {
             let ray = gradient.ray as usize;
-            let Some(sum) = batch.views.get(ray).and_then(|&view| self.sums.get_mut(view as usize)) else { continue };
+            let view = batch.views.get(ray).map(|&view| view as usize);
+            let Some(sum) = view.and_then(|view| self.sums.get_mut(view)) else { continue };
             let turn = Vec3::from(batch.rays[ray].dir).cross(gradient.by_dir);
             let twist = [turn.to_array(), gradient.by_origin.to_array()];
             sum.iter_mut().zip(twist.as_flattened()).for_each(|(sum, g)| *sum += g);
         }
+    }
+
+    /// Moves the cameras after step `step` of a run, where it is time to. What was found, where this was the step that
+    /// decides it.
+    pub fn step(
+        &mut self,
+        given: &[View],
+        (step, share): (u32, f64),
+        contraction: &Contraction,
+    ) -> Option<PosesFound> {
         if (step + 1).is_multiple_of(EVERY) {
             self.move_cameras(given, share, contraction);
+            hold(&mut self.moved, given);
         }
-        if !(self.on_trial && step + 1 == TRIAL) {
+        if step + 1 != TRIAL {
             return None;
         }
-        self.on_trial = false;
-        let pixels = self.median_motion(given, contraction);
-        Some(PosesFound { pixels, refined: pixels >= CALLED_FOR })
+        let (pixels, share) = self.median_motion(given, contraction);
+        let refined = share >= CALLED_FOR || !std::mem::take(&mut self.on_trial);
+        Some(PosesFound { pixels, by_tracks: false, refined })
     }
 
     /// One step of Adam, in pixels.
-    fn move_cameras(&mut self, given: &[View], share: f64, contraction: &Contraction) {
+    pub fn move_cameras(&mut self, given: &[View], share: f64, contraction: &Contraction) {
         self.moves += 1;
         let rate = RATES[0] * (RATES[1] / RATES[0]).powf(share as f32);
         let unbiased = BETAS.map(|beta| 1.0 - beta.powi(self.moves.min(10_000) as i32));
@@ -157,30 +193,21 @@ impl Poses {
             let step = backward(&factor, step);
             moved.iter_mut().zip(step).for_each(|(moved, step)| *moved += step);
         }
-        hold(&mut self.moved, given);
     }
 
-    /// Median over the photographs of how far the image moved, root mean square, pixels.
-    pub fn median_motion(&self, given: &[View], contraction: &Contraction) -> f64 {
-        let mut all = self.motions(given, contraction);
-        let middle = all.len() / 2;
-        all.select_nth_unstable_by(middle, f64::total_cmp);
-        all[middle]
-    }
-
-    /// How far each photograph's image moved, root mean square, pixels.
-    pub fn motions(&self, given: &[View], contraction: &Contraction) -> Vec<f64> {
+    /// How far the image moved, root mean square, the median over the photographs: in pixels, and in longer sides of it.
+    fn median_motion(&self, given: &[View], contraction: &Contraction) -> (f64, f64) {
         let of = |(view, moved): (&View, &Twist)| {
             let m = motion(&view.camera, contraction);
             let square: f32 = (0..6).map(|i| (0..6).map(|j| moved[i] * m[i][j] * moved[j]).sum::<f32>()).sum();
-            f64::from(square.max(0.0)).sqrt()
+            let pixels = f64::from(square.max(0.0)).sqrt();
+            (pixels, pixels / f64::from(view.size().0.max(view.size().1)))
         };
-        given.iter().zip(&self.moved).map(of).collect()
+        let mut all: Vec<_> = given.iter().zip(&self.moved).map(of).collect();
+        all.sort_by(|a, b| a.1.total_cmp(&b.1));
+        all.get(all.len() / 2).copied().unwrap_or_default()
     }
 }
-
-/// Steps from one that is asked for its rays' gradients to the next.
-const ASKED: u32 = 1;
 
 /// `given` cameras, turned and moved.
 fn cameras(given: &[View], moved: &[Twist]) -> Vec<Camera> {

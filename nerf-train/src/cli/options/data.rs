@@ -3,6 +3,7 @@
 use crate::cli::common::Global;
 use crate::data;
 use crate::data::system::progress::{self, Message, Progress, ProgressStyle, Total};
+use crate::data::refined::{self, RefinedPoses};
 use crate::data::{Axes, Background, Dataset, Downscale, Layout, ReadOptions, Report, Watch, origin_in_name};
 use crate::model::config::{Config, Surroundings};
 use clap::{Args, ValueEnum};
@@ -106,8 +107,29 @@ impl DataOptions {
         self.read_from(path, None, global)
     }
 
+    /// As [`Self::read_given_for`], from where the views were refined to where `file`, the blob's, has such poses beside it.
+    pub fn read_for(
+        &self,
+        path: &Path,
+        (file, blob): (&Path, &Blob<'_>),
+        global: &Global,
+    ) -> anyhow::Result<Dataset> {
+        let mut dataset = self.read_given_for(path, blob, global)?;
+        let Some(refined) = RefinedPoses::beside(file)? else { return Ok(dataset) };
+        let mut count = 0;
+        for views in [&mut dataset.train, &mut dataset.val, &mut dataset.test] {
+            let cameras = refined.cameras(file, views, dataset.origin)?;
+            for (view, camera) in views.iter_mut().zip(cameras) {
+                count += usize::from(camera.is_some());
+                view.camera = camera.unwrap_or(view.camera);
+            }
+        }
+        global.say(format!("{count} views with the refined poses of {}", refined::beside(file).display()));
+        Ok(dataset)
+    }
+
     /// As [`Self::read`], with coordinates that count from where those of `blob` do; any split will do.
-    pub fn read_for(&self, path: &Path, blob: &Blob<'_>, global: &Global) -> anyhow::Result<Dataset> {
+    pub fn read_given_for(&self, path: &Path, blob: &Blob<'_>, global: &Global) -> anyhow::Result<Dataset> {
         let options = ReadOptions { to_fit: false, ..self.options() };
         self.read_with(
             path,
