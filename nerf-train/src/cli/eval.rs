@@ -107,15 +107,17 @@ impl Eval {
         let (mut table, mut written) = (Table::new(["view", "psnr_db", "aligned_psnr_db", "ssim"]), Ok(()));
         let views = (self.split.name(), views);
         let (kernel, points) = (global.kernel(), &dataset.points);
-        let mut found = Evaluation::of(&bytes, &plan, kernel, options, views, points, |view, frame, score| {
-            let db = [score.psnr_db, score.aligned_psnr_db].map(|db| format!("{db:.3}"));
-            let [raw, aligned] = db;
-            table.push([score.view.clone(), raw, aligned, format!("{:.4}", score.ssim)]);
-            progress.update(table.rows().len() as u64, &Message::default());
-            if let (Some(folder), Ok(())) = (&self.report, &written) {
-                written = frame::picture(frame).write_png(folder.join(format!("{}.png", names.stem(view))));
-            }
-        })?;
+        let mut found =
+            Evaluation::of(&bytes, &plan, kernel, options, views, points, |view, frame, score| {
+                let db = [score.psnr_db, score.aligned_psnr_db].map(|db| format!("{db:.3}"));
+                let [raw, aligned] = db;
+                table.push([score.view.clone(), raw, aligned, format!("{:.4}", score.ssim)]);
+                progress.update(table.rows().len() as u64, &Message::default());
+                if let (Some(folder), Ok(())) = (&self.report, &written) {
+                    written =
+                        frame::picture(frame).write_png(folder.join(format!("{}.png", names.stem(view))));
+                }
+            })?;
         written?;
         if let Some(views) = &refined {
             found.add_refined(&bytes, &plan, kernel, options, views)?;

@@ -2,8 +2,8 @@
 
 use crate::cli::common::Global;
 use crate::data;
-use crate::data::system::progress::{self, Message, Progress, ProgressStyle, Total};
 use crate::data::refined::{self, RefinedPoses};
+use crate::data::system::progress::{self, Message, Progress, ProgressStyle, Total};
 use crate::data::{Axes, Background, Dataset, Downscale, Layout, ReadOptions, Report, Watch, origin_in_name};
 use crate::model::config::{Config, Surroundings};
 use clap::{Args, ValueEnum};

@@ -4,7 +4,7 @@
 pub(crate) mod geometry;
 pub(crate) mod nearest;
 pub(crate) mod origin;
-pub mod refined;
 pub mod path;
 pub(crate) mod pose;
+pub mod refined;
 pub(crate) mod viewpoint;

@@ -163,7 +163,11 @@ mod tests {
         }
         assert!(cameras[2].is_none());
         // A matrix that is no pose is refused by its view's name.
-        let broken = refined.to_json().replacen("\"transform_matrix\": [\n        [", "\"transform_matrix\": [\n        [9, ", 1);
+        let broken = refined.to_json().replacen(
+            "\"transform_matrix\": [\n        [",
+            "\"transform_matrix\": [\n        [9, ",
+            1,
+        );
         std::fs::write(beside(&blob), broken).expect("a file");
         let error = RefinedPoses::beside(&blob).expect_err("five numbers in a row").to_string();
         assert!(error.contains("a.nerf.poses.json"), "{error}");

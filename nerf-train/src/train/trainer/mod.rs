@@ -177,7 +177,8 @@ impl<'d> Trainer<'d> {
         let gains = checkpoint.gains.as_ref();
         let gains = gains.is_none_or(|gains| gains.views() == self.dataset.train.len());
         let poses = checkpoint.poses.as_ref();
-        let poses = poses.is_none_or(|poses| poses.is_of(&self.dataset.train) && self.bounds.contraction.is_some());
+        let poses =
+            poses.is_none_or(|poses| poses.is_of(&self.dataset.train) && self.bounds.contraction.is_some());
         let ascending = curve.is_sorted_by_key(|point| point.step);
         let curve = ascending && curve.last().is_none_or(|point| point.step <= p.step);
         let parts = [
@@ -259,13 +260,18 @@ impl<'d> Trainer<'d> {
     /// Cameras of the training views as they are now.
     pub fn training_cameras(&self) -> Vec<Camera> {
         let train = &self.dataset.train;
-        self.poses.as_ref().map_or_else(|| given(train), |poses| poses.cameras(train))
+        self.refined().map_or_else(|| given(train), |poses| poses.cameras(train))
+    }
+
+    /// The poses, if they are refined and no longer on trial.
+    fn refined(&self) -> Option<&Poses> {
+        self.poses.as_ref().filter(|poses| poses.are_refined())
     }
 
     /// Rays that refining the poses of the validation views will take; 0 where poses stay as they were given.
     pub fn held_out_rays(&self) -> u64 {
         let rays = HELD_OUT_RAYS * self.dataset.val.len().min(HELD_OUT_VIEWS);
-        if self.poses.is_some() { u64::from(HELD_OUT_STEPS) * rays as u64 } else { 0 }
+        if self.refined().is_some() { u64::from(HELD_OUT_STEPS) * rays as u64 } else { 0 }
     }
 
     /// Cameras of the training views as they were refined, and those of the validation views, which are refined against
@@ -274,7 +280,9 @@ impl<'d> Trainer<'d> {
     /// # Errors
     /// [`TrainError::Engine`] if the field has no finite loss on the validation views.
     pub fn refined_cameras(&mut self) -> Result<Option<RefinedCameras>, TrainError> {
-        let (Some(poses), Some(contraction)) = (&self.poses, &self.bounds.contraction) else { return Ok(None) };
+        let (Some(poses), Some(contraction)) = (self.refined(), &self.bounds.contraction) else {
+            return Ok(None);
+        };
         let (Some(width), Some(occupancy)) = (self.step_width, &self.occupancy) else { return Ok(None) };
         let (train, views) = (poses.cameras(&self.dataset.train), &self.dataset.val);
         if views.is_empty() {

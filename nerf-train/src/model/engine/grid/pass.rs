@@ -4,9 +4,9 @@
 
 use super::distortion::distortion_gradient;
 use super::layers::{Layer, LayerSums, Layers, padded};
+use super::rays::{RaySamples, RayScratch};
 use super::scatter::Kept;
 use super::vector::{VECTOR, exponentials, mask, sigmoids, to_rows, transmitted};
-use super::rays::{RaySamples, RayScratch};
 use crate::model::engine::{Batch, Model, Phase, Phases, RayGradient, Surface};
 use nerf_core::encoding::{
     DirectionEncoding, GridEncoding, GridTables, encode_block, encode_grid_block, encode_harmonics_block,

@@ -1,7 +1,7 @@
 //! Gradients of the loss by the rays: from the encoded values back to where the samples lie.
 
-use super::pass::Job;
 use super::layers::padded;
+use super::pass::Job;
 use crate::model::engine::{Batch, RayGradient, RayQuestion};
 use glam::Vec3;
 
@@ -60,7 +60,8 @@ impl RayScratch {
         let (points, by_encoded) = (&self.points[..], &self.by_encoded[..]);
         let by_point = &mut self.by_point[..3 * stride];
         job.tables.gradient(job.isa, job.grid, stride, points, by_encoded, question.blur, by_point);
-        let along = |values: &[f32], i: usize| Vec3::from_array([0, 1, 2].map(|axis| values[axis * stride + i]));
+        let along =
+            |values: &[f32], i: usize| Vec3::from_array([0, 1, 2].map(|axis| values[axis * stride + i]));
         for (i, &ray) in kept.rays.iter().enumerate() {
             let ray = kept.first_ray as u32 + ray;
             if found.last().is_none_or(|last| last.ray != ray) {
