@@ -356,7 +356,8 @@ fn poses_that_are_off_are_refined() {
     // Turning a camera and moving it can hardly be told apart here: what counts is where points of the scene are seen.
     let apart = |a: &Camera, b: &Camera| {
         let points = (0..8).map(|i| Vec3::new((i & 1) as f32, (i >> 1 & 1) as f32, (i >> 2) as f32) - 0.5);
-        let project = |camera: &Camera, point| Vec2::from(camera.project(point).expect("in front of the camera"));
+        let project =
+            |camera: &Camera, point| Vec2::from(camera.project(point).expect("in front of the camera"));
         points.map(|point| project(a, point).distance(project(b, point))).sum::<f32>() / 8.0
     };
     let mean = |cameras: &[Camera]| {
