@@ -171,11 +171,17 @@ impl Poses {
             self.move_cameras(given, share, contraction);
             hold(&mut self.moved, given);
         }
+        self.verdict(step, given, contraction)
+    }
+
+    /// What is found after step `step`, if it is the trial's last.
+    fn verdict(&mut self, step: u32, given: &[View], contraction: &Contraction) -> Option<PosesFound> {
         if step + 1 != TRIAL {
             return None;
         }
         let (pixels, share) = self.median_motion(given, contraction);
-        let refined = share >= CALLED_FOR || !std::mem::take(&mut self.on_trial);
+        let on_trial = std::mem::take(&mut self.on_trial);
+        let refined = !on_trial || share >= CALLED_FOR;
         Some(PosesFound { pixels, by_tracks: false, refined })
     }
 
@@ -357,6 +363,20 @@ mod tests {
             }
             let pixels = (square / count).sqrt();
             assert!((pixels - 1.0).abs() < 0.15, "view {n}: {pixels} pixels");
+        }
+    }
+
+    #[test]
+    fn the_trial_ends_with_its_verdict() {
+        let (views, contraction) = views();
+        // A turn by a hundredth moves the image by about that many focal lengths.
+        for (turn, refined) in [(0.0, false), (0.002, false), (0.02, true)] {
+            let mut poses = Poses::given(views.len(), true);
+            poses.moved.iter_mut().for_each(|moved| moved[0] = turn);
+            assert!(poses.verdict(TRIAL - 2, &views, &contraction).is_none() && !poses.are_refined());
+            let found = poses.verdict(TRIAL - 1, &views, &contraction);
+            assert_eq!(found.map(|found| found.refined), Some(refined), "{found:?}");
+            assert!(poses.are_refined());
         }
     }
 
