@@ -2,13 +2,15 @@
 //!
 //! `NERF_PANEL=shared/data/real cargo bench -p nerf-train --bench panel [-- OPTIONS] [CAPTURE…]`, of the captures named
 //! (all that the list below has and the folder holds). `--steps N` (9,000) or `--seconds S` a capture; `--seed N`;
-//! `--report DIR` writes held-out views beside their photographs. `--choose` is for choosing settings: photographs 0, 8, …
-//! are left out, and 4, 12, … are measured. On a quiet machine where seconds decide.
+//! `--config TOML` gives settings as in `fit`; `--report DIR` writes held-out views beside their photographs. `--choose` is
+//! for choosing settings: photographs 0, 8, … are left out, and 4, 12, … are measured. `--cameras own` keeps those of the
+//! models. On a quiet machine where seconds decide.
 
 use nerf_core::Kernel;
+use nerf_train::cli::read_config;
 use nerf_train::data::pictures::rgb::Picture;
 use nerf_train::data::system::progress::ProgressStyle;
-use nerf_train::data::{Background, Dataset, Downscale, ReadOptions, View, read};
+use nerf_train::data::{Background, Cameras, Dataset, Downscale, ReadOptions, View, read};
 use nerf_train::fit::finish::{Outcome, Shown};
 use nerf_train::fit::run::{Ended, RunOptions, run};
 use nerf_train::measure::frame;
@@ -37,6 +39,8 @@ struct Asked {
     seconds: Option<f64>,
     seed: u64,
     choose: bool,
+    cameras: Cameras,
+    config: Option<PathBuf>,
     report: Option<PathBuf>,
     captures: Vec<String>,
 }
@@ -52,6 +56,8 @@ impl Asked {
                 "--seconds" => asked.seconds = Some(value().parse().expect("--seconds: a number")),
                 "--seed" => asked.seed = value().parse().expect("--seed: a number"),
                 "--report" => asked.report = Some(value().into()),
+                "--cameras" => asked.cameras = value().parse().expect("--cameras: shared or own"),
+                "--config" => asked.config = Some(value().into()),
                 "--choose" => asked.choose = true,
                 name => asked.captures.push(name.into()),
             }
@@ -82,7 +88,7 @@ fn main() {
 
 fn row(path: &Path, name: &str, downscale: u32, asked: &Asked) {
     let begun = Instant::now();
-    let dataset = held_out(path, downscale, asked.choose);
+    let dataset = held_out(path, downscale, asked);
     let mut options = RunOptions::unattended(asked.budget(), Kernel::detect(), ProgressStyle::Quiet);
     options.report = asked.report.is_some();
     options.effect_threshold_db = Some(0.05);
@@ -120,7 +126,8 @@ fn config(dataset: &Dataset, asked: &Asked) -> Config {
         Background::Unknown => Surroundings::Unbounded,
         _ => Surroundings::Known,
     };
-    let mut config = Preset::Grid.config().around(surroundings);
+    let read = read_config(Preset::Grid, asked.config.as_deref(), surroundings);
+    let mut config = read.unwrap_or_else(|error| panic!("{error:#}"));
     if let Some(steps) = asked.budget().steps {
         config.optimiser.steps = steps;
     }
@@ -128,13 +135,14 @@ fn config(dataset: &Dataset, asked: &Asked) -> Config {
 }
 
 /// A capture with what is held out of it; to choose settings by, the second eighth without the first.
-fn held_out(path: &Path, downscale: u32, choose: bool) -> Dataset {
+fn held_out(path: &Path, downscale: u32, asked: &Asked) -> Dataset {
     let read = |hold_offset| {
-        let options = ReadOptions { downscale: Downscale::By(downscale), hold_offset, ..Default::default() };
+        let (downscale, cameras) = (Downscale::By(downscale), asked.cameras);
+        let options = ReadOptions { downscale, hold_offset, cameras, ..Default::default() };
         read(path, &options).unwrap_or_else(|error| panic!("{error}"))
     };
     let mut dataset = read(0);
-    if choose {
+    if asked.choose {
         let reported: Vec<String> = dataset.val.iter().map(|view| view.name.clone()).collect();
         let second = read(4);
         let is_reported = |view: &View| reported.contains(&view.name);

@@ -20,6 +20,8 @@ const ENOUGH_SIGHTS: usize = 20;
 /// Standard deviation of log gains from which on exposure is fitted: below it gains lose more on photographs as they
 /// are than they win (0.043 and 0.079 on two steady captures lost 0.2 to 0.7 dB).
 pub const CALLED_FOR: f64 = 0.12;
+/// Log gain, either way, of a photograph that calls for gains by itself: a factor of two.
+const FAR_OFF: f32 = std::f32::consts::LN_2;
 
 /// Log gain of each photograph, red, green, blue.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
@@ -33,10 +35,17 @@ impl LogGains {
 
     /// The standard deviation over the photographs, of the mean over the channels.
     pub fn spread(&self) -> f64 {
-        let brightness = |gain: &[f32; 3]| gain.iter().map(|&g| f64::from(g)).sum::<f64>() / 3.0;
         let count = self.0.len().max(1) as f64;
         let mean = self.0.iter().map(brightness).sum::<f64>() / count;
         (self.0.iter().map(|gain| (brightness(gain) - mean).powi(2)).sum::<f64>() / count).sqrt()
+    }
+
+    /// The photograph whose gain, the mean over the channels, is farthest from 0, and that log gain; `None` where it is
+    /// less than a factor of two.
+    pub fn outlier(&self) -> Option<(u32, f32)> {
+        let gains = self.0.iter().map(|gain| brightness(gain) as f32).zip(0..);
+        let farthest = gains.max_by(|(a, _), (b, _)| a.abs().total_cmp(&b.abs()));
+        farthest.filter(|(gain, _)| gain.abs() >= FAR_OFF).map(|(gain, view)| (view, gain))
     }
 
     /// Moves the mean over the photographs to 0, channel by channel, summed in f64.
@@ -73,6 +82,11 @@ impl LogGains {
         gains.centre();
         Some(gains)
     }
+}
+
+/// Mean over the channels.
+fn brightness(gain: &[f32; 3]) -> f64 {
+    gain.iter().map(|&g| f64::from(g)).sum::<f64>() / 3.0
 }
 
 /// Natural logarithm of the mean colour, 0 to 255, around pixel `at` of a view; `None` where it is too dark, clipped or

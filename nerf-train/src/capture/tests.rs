@@ -82,6 +82,13 @@ fn gains_are_measured_where_photographs_show_the_same_points() {
     for channel in 0..3 {
         assert!(gains.0.iter().map(|g| f64::from(g[channel])).sum::<f64>().abs() < 1e-5);
     }
+    // One photograph that is four stops too dark among bright ones calls for gains by itself.
+    let mut log = LogGains::none(200);
+    log.0[7] = [-1.25; 3];
+    log.centre();
+    assert!(log.spread() < super::exposure::CALLED_FOR, "{}", log.spread());
+    assert_eq!(log.outlier().map(|(view, _)| view), Some(7));
+    assert_eq!(LogGains(vec![[0.6; 3], [-0.6; 3]]).outlier(), None);
     // Photographs that are black say nothing, and break nothing.
     data.train.iter_mut().for_each(|view| view.pixels.fill([0, 0, 0, 255]));
     let black = LogGains::measured(&data.train, &sights).expect("tracks");

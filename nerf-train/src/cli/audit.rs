@@ -62,7 +62,7 @@ impl Audit {
         let bytes = read_file(&self.file)?;
         let blob = open_blob(&self.file, &bytes)?;
         let mut lab = Variants::new(&bytes)?;
-        let dataset = self.data_options.read_for(&self.data, (&self.file, &blob), global)?;
+        let dataset = self.data_options.read_for(&self.data, (&blob, &self.file), global)?;
         let views: Vec<&View> = spread(self.split.of(&dataset), self.views);
         if views.is_empty() {
             bail!("{}: the split `{}` has no views", self.data.display(), self.split.name());

@@ -97,7 +97,7 @@ impl Eval {
             .and_then(|plan| self.data_options.range_of(plan))
             .map(|plan| self.quality.bins_of(plan, WhichBins::Own))
             .with_context(|| self.file.display().to_string())?;
-        let dataset = self.data_options.read_given_for(&self.data, &blob, global)?;
+        let dataset = self.data_options.read_given_for(&self.data, (&blob, &self.file), global)?;
         let views = self.views(&dataset)?;
         let refined = self.refined(&dataset, &views)?;
         self.say_opaque(&views, own_background(&blob), global);

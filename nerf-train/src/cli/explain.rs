@@ -101,7 +101,7 @@ impl Explain {
             let (width, height, fov) = ORBIT;
             return Ok(Orbit::of(scene, None).camera(0.0, width, height, fov)?);
         };
-        let dataset = self.data_options.read_for(data, (&self.file, blob), global)?;
+        let dataset = self.data_options.read_for(data, (blob, &self.file), global)?;
         let views = self.split.of(&dataset);
         let Some(view) = views.get(self.view) else {
             let (found, name) = (self.view, self.split.name());

@@ -106,7 +106,7 @@ impl Export {
         match (kind, &self.data) {
             (Kind::Volume, _) => self.volume(&field, &bounds, origin, &mut summary, global)?,
             (Kind::Points, Some(data)) => {
-                let dataset = self.data_options.read_for(data, (&self.file, renderer.blob()), global)?;
+                let dataset = self.data_options.read_for(data, (renderer.blob(), &self.file), global)?;
                 let within = self.bounds.and(Some(&bounds));
                 let points = self.points_of(self.split.of(&dataset), within, &renderer, &plan, global)?;
                 self.write(&Mesh { origin, ..points }, &mut summary)?;

@@ -351,7 +351,8 @@ impl Fit {
     pub fn run(&self, global: &Global) -> anyhow::Result<ExitCode> {
         let clock = Clock::resume(Duration::ZERO);
         let checkpoint = self.check()?;
-        let dataset = self.data_options.read(&self.data, global)?;
+        let (dataset, set_aside) = self.data_options.read_to_fit(&self.data, &self.output, global)?;
+        let clock = clock.without(set_aside);
         let report = print_report(&dataset, global);
         let config = self.config(dataset.background)?;
         self.settings.space.say(&config, dataset.background, global);

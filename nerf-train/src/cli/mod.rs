@@ -21,6 +21,8 @@ mod show;
 mod study;
 mod sweep;
 
+pub use options::settings::read_config;
+
 use crate::data::system::summary::to_json;
 use clap::{ArgAction, CommandFactory, Parser, Subcommand};
 use std::process::ExitCode;

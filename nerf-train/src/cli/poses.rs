@@ -5,16 +5,18 @@ use super::places;
 use crate::data::poses::{Found, Request, find};
 use crate::data::system::output::claims::{Claims, Contents};
 use crate::data::system::stop::Note;
+use anyhow::anyhow;
 use clap::Args;
 use serde::Serialize;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
-use std::time::Instant;
+use std::time::{Duration, Instant};
 
 /// Find the poses of bare photographs with an installed COLMAP, and write a folder to fit.
 ///
-/// The folder gets a COLMAP model in `sparse/0`, and in `images` hard links to the photographs (copies on another file
-/// system). COLMAP works on the CPU; 77 photographs of 800x600 take about six minutes on two cores.
+/// The folder gets a COLMAP model in `sparse/0`, and copies of the photographs in `images`. Photographs of one device and
+/// size have one camera. A model that is torn is tried again in COLMAP's next ways: neighbours alone, another initial pair,
+/// stricter matches. COLMAP works on the CPU; 77 photographs of 800x600 take about six minutes on two cores.
 #[derive(Debug, Args)]
 #[command(after_help = "Examples:
   nerf-train poses holiday
@@ -29,6 +31,9 @@ pub struct Poses {
     /// there are many.
     #[arg(long)]
     sequential: bool,
+    /// End COLMAP where it says nothing for so many minutes.
+    #[arg(long, value_name = "MINUTES", default_value_t = 30.0)]
+    patience: f64,
 }
 
 impl Poses {
@@ -48,6 +53,8 @@ impl Poses {
             output: &output,
             sequential: self.sequential,
             threads: global.threads.map(|_| rayon::current_num_threads()),
+            patience: Duration::try_from_secs_f64(60.0 * self.patience)
+                .map_err(|_| anyhow!("--patience: expected a number of minutes, found {}", self.patience))?,
             style: global.style(),
         };
         let found = find(&request)?;
@@ -84,11 +91,12 @@ fn print(found: &Found, output: &Path) -> anyhow::Result<()> {
     if found.models > 1 {
         outln!("{} separate models were found: the largest is kept", found.models);
     }
-    if !found.one_camera {
-        outln!("the photographs have several sizes: they were not taken for pictures of one camera");
+    if found.cameras > 1 {
+        outln!("{} sizes or devices: each has a camera of its own", found.cameras);
     }
-    if found.copied {
-        outln!("photographs were copied: this file system cannot link to them");
+    outln!("found with: {}", found.way);
+    if let Some(fault) = &found.fault {
+        outln!("warning: {fault}");
     }
     outln!("{}", output.display());
     Ok(())
@@ -105,8 +113,9 @@ struct Summary<'f> {
     models: usize,
     points: usize,
     mean_reprojection_error_px: f64,
-    one_camera: bool,
-    copied: bool,
+    cameras: usize,
+    way: &'static str,
+    fault: Option<String>,
     total_seconds: f64,
 }
 
@@ -121,8 +130,9 @@ impl<'f> Summary<'f> {
             models: found.models,
             points: found.points,
             mean_reprojection_error_px: found.mean_reprojection_error,
-            one_camera: found.one_camera,
-            copied: found.copied,
+            cameras: found.cameras,
+            way: found.way,
+            fault: found.fault.as_ref().map(ToString::to_string),
             total_seconds,
         }
     }

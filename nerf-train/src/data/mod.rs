@@ -38,14 +38,14 @@ pub use layouts::choice::Layout;
 pub use layouts::files::files;
 pub use pictures::scale::Downscale;
 pub use report::Report;
-pub use view::{Background, KeyPoint, View, mean_colour, over};
+pub use view::{Background, KeyPoint, View, is_blank, mean_colour, over};
 pub use watch::Watch;
 
 use crate::data::cameras::nearest;
 use crate::data::layouts::{blender, choice, cs180, nerfstudio, npz, tiny_nerf};
 use nerf_core::camera::{BoundsError, Camera, Pose};
 use serde::{Deserialize, Serialize};
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 /// Posed pictures of one scene, by split, in the project's conventions.
 #[derive(Clone, Debug)]
@@ -184,8 +184,43 @@ impl std::str::FromStr for Axes {
     }
 }
 
+/// Which cameras the photographs of a model have (`--cameras`).
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Cameras {
+    /// One for all that one device took: a model that has one for each photograph is adjusted again.
+    #[default]
+    Shared,
+    /// Those of the model.
+    Own,
+}
+
+impl std::str::FromStr for Cameras {
+    type Err = String;
+
+    fn from_str(s: &str) -> Result<Self, String> {
+        match s {
+            "shared" => Ok(Self::Shared),
+            "own" => Ok(Self::Own),
+            _ => Err(format!("expected shared or own, found {s:?}")),
+        }
+    }
+}
+
+/// How a name states that its cameras are shared ones.
+const SHARED: &str = ", shared cameras";
+
+fn with_shared_cameras(name: String) -> String {
+    name + SHARED
+}
+
+/// Which cameras the data set of this name had, which is how a blob keeps it.
+pub fn cameras_in_name(name: &str) -> Cameras {
+    let shared = name.ends_with(SHARED) || name.contains(&format!("{SHARED}{}", cameras::origin::STATED));
+    if shared { Cameras::Shared } else { Cameras::Own }
+}
+
 /// What the caller knows better than the file.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct ReadOptions {
     /// Overrides the pose convention that the layout has by custom (`--axes`).
     pub axes: Option<Axes>,
@@ -205,6 +240,10 @@ pub struct ReadOptions {
     pub downscale: Downscale,
     /// Where no list says what is held out: which of every eight photographs, in the order of their names, is.
     pub hold_offset: usize,
+    /// Which cameras the photographs have.
+    pub cameras: Cameras,
+    /// A file of shared cameras: read where it is of this model, else written; `None`: found anew, and not kept.
+    pub shared_cameras: Option<PathBuf>,
     /// What all coordinates count from, in the file's own world ([`Dataset::origin`]): that of a blob which the data are
     /// for. `None`: a point near cameras that are far from the file's origin, else that.
     pub origin: Option<[f64; 3]>,
@@ -223,6 +262,8 @@ impl Default for ReadOptions {
             layout: None,
             downscale: Downscale::Auto,
             hold_offset: 0,
+            cameras: Cameras::default(),
+            shared_cameras: None,
             origin: None,
             to_fit: true,
         }

@@ -1,12 +1,14 @@
 //! How far the reading of many pictures is, for another thread to see.
 
 use std::sync::atomic::{AtomicU64, Ordering};
+use std::time::Duration;
 
 /// Pictures that are read and to be read; an archive, which is read at once, counts none.
 #[derive(Debug, Default)]
 pub struct Watch {
     done: AtomicU64,
     total: AtomicU64,
+    set_aside: AtomicU64,
 }
 
 impl Watch {
@@ -18,6 +20,15 @@ impl Watch {
     /// Pictures that are to be read in all, as far as is known; 0 before that.
     pub fn total(&self) -> u64 {
         self.total.load(Ordering::Relaxed)
+    }
+
+    /// Time that went into what is done once for a data set, whoever reads it.
+    pub fn set_aside(&self) -> Duration {
+        Duration::from_micros(self.set_aside.load(Ordering::Relaxed))
+    }
+
+    pub(super) fn set_time_aside(&self, spent: Duration) {
+        self.set_aside.fetch_add(spent.as_micros() as u64, Ordering::Relaxed);
     }
 
     pub(super) fn expect(&self, pictures: usize) {

@@ -242,7 +242,7 @@ impl Task for Session<'_, '_> {
         // On a thread of the pool, so that the parts of a step need not wake it one by one.
         rayon::scope(|_| self.trainer.step(share))?;
         if let Some(found) = self.trainer.exposure().filter(|found| Some(*found) != exposure) {
-            progress.println(found.to_string());
+            progress.println(found.in_words(&self.dataset.train));
         }
         if let Some(found) = self.trainer.poses().filter(|found| Some(*found) != poses) {
             progress.println(found.to_string());
@@ -343,7 +343,7 @@ impl Session<'_, '_> {
             progress.println(sights.to_string());
         }
         if let Some(found) = self.trainer.exposure() {
-            progress.println(found.to_string());
+            progress.println(found.in_words(&self.dataset.train));
         }
         if let Some(found) = self.trainer.poses() {
             progress.println(found.to_string());

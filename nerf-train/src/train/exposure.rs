@@ -34,14 +34,33 @@ pub struct ExposureFound {
     pub by_tracks: bool,
     /// Whether photographs have gains of their own.
     pub fitted: bool,
+    /// The view whose gain is farthest from the mean, and its log gain, where that is a factor of two or more.
+    pub outlier: Option<(u32, f32)>,
 }
 
-impl std::fmt::Display for ExposureFound {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+impl ExposureFound {
+    fn of(log: &LogGains, by_tracks: bool, own: bool) -> Self {
+        let (spread, outlier) = (log.spread(), log.outlier());
+        let fitted = own || spread >= CALLED_FOR || outlier.is_some();
+        Self { spread, by_tracks, fitted, outlier }
+    }
+
+    /// One sentence, and one of the outlier; `views`: the training photographs.
+    pub fn in_words(&self, views: &[View]) -> String {
         let by = if self.by_tracks { "key points" } else { "the first steps" };
         let percent = 100.0 * (self.spread.exp() - 1.0);
-        write!(f, "exposure differs by {percent:.0} % between photographs (standard deviation, by {by}): ")?;
-        f.write_str(if self.fitted { "each has a gain of its own" } else { "one exposure for all" })
+        let gains = if self.fitted { "each has a gain of its own" } else { "one exposure for all" };
+        let mut words = format!(
+            "exposure differs by {percent:.0} % between photographs (standard deviation, by {by}): {gains}"
+        );
+        if let Some((view, log)) = self.outlier
+            && let Some(view) = views.get(view as usize)
+        {
+            let times = log.abs().exp();
+            let side = if log < 0.0 { "darker" } else { "brighter" };
+            words += &format!("; {} is {times:.1} times {side} than their mean", view.name);
+        }
+        words
     }
 }
 
@@ -58,8 +77,7 @@ impl Gains {
         let own = exposure == Exposure::Own;
         match sights.and_then(|sights| LogGains::measured(views, sights)) {
             Some(log) => {
-                let spread = log.spread();
-                let found = ExposureFound { spread, by_tracks: true, fitted: own || spread >= CALLED_FOR };
+                let found = ExposureFound::of(&log, true, own);
                 (found.fitted.then(|| Self::begin(log, false)), Some(found))
             }
             None => (Some(Self::begin(LogGains::none(views.len()), !own)), None),
@@ -104,12 +122,29 @@ impl Gains {
             return None;
         }
         self.on_trial = false;
-        let spread = self.log.spread();
-        Some(ExposureFound { spread, by_tracks: false, fitted: spread >= CALLED_FOR })
+        Some(ExposureFound::of(&self.log, false, false))
     }
 
     /// The photographs they are of.
     pub fn views(&self) -> usize {
         self.log.0.len()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::data::demo::{DemoSpec, dataset};
+
+    #[test]
+    fn a_photograph_four_stops_too_dark_is_named_and_calls_for_gains() {
+        let data = dataset(&DemoSpec { train: 3, val: 1, size: 8, ..DemoSpec::default() }).expect("a scene");
+        let mut log = LogGains::none(200);
+        log.0[1] = [-1.25; 3];
+        log.centre();
+        let found = ExposureFound::of(&log, true, false);
+        assert!(found.spread < CALLED_FOR && found.fitted, "{found:?}");
+        let said = found.in_words(&data.train);
+        assert!(said.contains(&data.train[1].name) && said.contains("3.5 times darker"), "{said}");
     }
 }

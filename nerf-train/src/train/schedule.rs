@@ -79,6 +79,12 @@ impl Clock {
         Self { before, ..self }
     }
 
+    /// The same clock, `spent` of this command not counted.
+    #[must_use]
+    pub fn without(self, spent: Duration) -> Self {
+        Self { start: self.start + spent, ..self }
+    }
+
     /// Seconds used, those of earlier commands among them.
     pub fn seconds(&self) -> f64 {
         self.before.saturating_add(self.start.elapsed()).as_secs_f64()

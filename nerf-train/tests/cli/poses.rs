@@ -5,7 +5,8 @@ use crate::stopping::Running;
 use crate::tools;
 use crate::{Ran, command, fails, fit, fit_grid, interruptible, ok, ran};
 use std::fs;
-use std::os::unix::fs::{MetadataExt, PermissionsExt};
+use std::io::Write;
+use std::os::unix::fs::PermissionsExt;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 use std::time::{Duration, Instant};
@@ -13,7 +14,9 @@ use std::time::{Duration, Instant};
 /// Writes down what it is asked for, does what `$FAKE` says at the stage `$AT`, and copies models that are there already.
 const FAKE: &str = r#"#!/bin/sh
 here=$(dirname "$0")
-[ "$2" = --help ] && { echo "--FeatureExtraction.use_gpu arg (=1)"; exit 0; }
+[ "$2$AT" = --helphelp ] && exec sleep 1000
+[ "$2" = --help ] && { echo "COLMAP 9.1 (Commit 1)"; echo "--FeatureExtraction.use_gpu arg (=1)
+--Mapper.init_image_id1 arg (=-1) --Mapper.min_num_matches arg (=15) --SiftMatching.max_ratio arg (=0.8)"; exit 0; }
 echo "$QT_QPA_PLATFORM $*" >> "$here/asked"
 echo 'Processed file [2/4]'
 echo '  junk' >&2
@@ -51,7 +54,11 @@ impl World {
 
     /// A model, as text, of these photographs: side by side, two points with errors of 0.5 and 1 pixels.
     fn model(&self, number: usize, names: &[&str]) {
-        let folder = self.folder.path(&format!("bin/models/{number}"));
+        self.model_in(&format!("bin/models/{number}"), names);
+    }
+
+    fn model_in(&self, folder: &str, names: &[&str]) {
+        let folder = self.folder.path(folder);
         fs::create_dir_all(&folder).expect("a folder");
         let write = |name: &str, text: String| fs::write(format!("{folder}/{name}"), text).expect("written");
         write("cameras.txt", "1 OPENCV 8 6 10 10 4 3 0 0 0 0\n".into());
@@ -111,7 +118,9 @@ fn poses_makes_a_folder_to_fit_and_only_reads_the_photographs() {
     let folder = world.folder.path("photos_poses");
     let expected = format!(
         "3 of 4 photographs registered, mean reprojection error 0.75 px over 2 points\nwithout a pose: 2.png\n\
-         2 separate models were found: the largest is kept\n{folder}\n"
+         2 separate models were found: the largest is kept\nfound with: all photographs against all\n\
+         warning: torn: photographs are missing in it; take more between those that have a pose and those that have \
+         none\n{folder}\n"
     );
     assert_eq!(made.out, expected);
     assert_eq!(names(Path::new(&folder)), ["images", "sparse"]);
@@ -119,15 +128,38 @@ fn poses_makes_a_folder_to_fit_and_only_reads_the_photographs() {
     let sparse = Path::new(&folder).join("sparse");
     assert_eq!(names(&sparse), ["0"]);
     assert_eq!(names(&sparse.join("0")), ["cameras.txt", "images.txt", "points3D.txt"]);
-    let inode = |folder: &str| fs::metadata(format!("{folder}/a b.jpg")).expect("there").ino();
-    assert_eq!(inode(&world.photos), inode(&format!("{folder}/images")), "a link, not a copy");
+    let original = fs::read(format!("{}/a b.jpg", world.photos)).expect("there");
+    assert_eq!(fs::read(format!("{folder}/images/a b.jpg")).expect("there"), original);
+    fs::OpenOptions::new()
+        .append(true)
+        .open(format!("{folder}/images/a b.jpg"))
+        .expect("there")
+        .write_all(b"x")
+        .expect("room");
+    assert_eq!(fs::read(format!("{}/a b.jpg", world.photos)).expect("there"), original, "a link, not a copy");
     let asked = fs::read_to_string(world.folder.path("bin/asked")).expect("what was asked for");
     let asked: Vec<&str> = asked.lines().collect();
-    let stages = ["feature_extractor", "exhaustive_matcher", "mapper"];
-    assert!(asked.iter().zip(stages).all(|(line, stage)| line.starts_with(&format!("offscreen {stage} "))));
+    // What is torn is tried in the next ways, too.
+    let stages = [
+        "feature_extractor",
+        "exhaustive_matcher",
+        "mapper",
+        "sequential_matcher",
+        "mapper",
+        "mapper",
+        "exhaustive_matcher",
+        "mapper",
+    ];
+    assert!(
+        asked.len() == stages.len()
+            && asked.iter().zip(stages).all(|(line, stage)| line.starts_with(&format!("offscreen {stage} ")))
+    );
     let newer =
         "--ImageReader.camera_model OPENCV --ImageReader.single_camera 1 --FeatureExtraction.use_gpu 0";
-    assert!(asked.len() == 3 && asked[0].ends_with(newer), "{asked:?}");
+    assert!(asked[0].ends_with(newer), "{asked:?}");
+    assert!(
+        asked[5].ends_with("--Mapper.init_image_id1 3") && asked[7].ends_with("--Mapper.min_num_matches 30")
+    );
     ok(fit(&folder, &world.folder.path("a.nerf"), &["--near", "1", "--far", "4", "--steps", "2"]));
 
     // A second time there is something of that name.
@@ -144,12 +176,58 @@ fn poses_makes_a_folder_to_fit_and_only_reads_the_photographs() {
 }
 
 #[test]
+fn a_torn_model_is_replaced_by_that_of_the_next_way() {
+    let world = World::new();
+    world.model_in("bin/whole/1", &["a b.jpg", "1.png", "2.png", "3.png"]);
+    let whole = "case \"$*\" in *sequential.db*) rm -r \"$here\"/models/*; cp -r \"$here\"/whole/* \"$here/models\";; esac";
+    let made = world.poses(&[], "mapper", whole);
+    assert_eq!(made.code, Some(0), "{}", made.err);
+    assert!(made.err.contains("all photographs against all: 3 of 4 photographs: torn"), "{}", made.err);
+    assert!(made.out.contains("4 of 4 photographs registered"), "{}", made.out);
+    assert!(made.out.contains("found with: each photograph against its neighbours"), "{}", made.out);
+    assert!(!made.out.contains("warning"), "{}", made.out);
+    let asked = fs::read_to_string(world.folder.path("bin/asked")).expect("what was asked for");
+    assert_eq!(asked.lines().count(), 5, "{asked}");
+}
+
+#[test]
+fn two_captures_in_one_folder_are_named() {
+    let world = World::new();
+    let pixel = |x: u32, y: u32| image::Rgb([(20 * x) as u8, (30 * y) as u8, 9]);
+    for name in ["x1.png", "x2.png", "x3.png"] {
+        image::RgbImage::from_fn(6, 8, pixel).save(Path::new(&world.photos).join(name)).expect("a picture");
+    }
+    world.model(0, &["x1.png", "x2.png", "x3.png"]);
+    world.model(1, &["a b.jpg", "1.png", "2.png", "3.png"]);
+    let made = world.poses(&["--json"], "", "");
+    let said: serde_json::Value = serde_json::from_str(&made.out).expect("one object");
+    let fault = said["fault"].as_str().expect("a fault");
+    assert!(["torn", "x1.png, x2.png, x3.png", "two captures"].iter().all(|w| fault.contains(w)), "{fault}");
+    // Each size has a camera of its own, of which the features are found by list.
+    assert_eq!(said["cameras"], 2, "{said}");
+    let asked = fs::read_to_string(world.folder.path("bin/asked")).expect("what was asked for");
+    let lists =
+        asked.lines().filter(|line| line.contains("--image_list_path") && line.contains("single_camera 1"));
+    assert_eq!(lists.count(), 2, "{asked}");
+}
+
+#[test]
 fn without_poses_nothing_is_left() {
     let world = World::new();
     let missing = ran(command(["poses", &world.photos]).env("PATH", ""));
     world.refused(&missing, &["no colmap found", "apt-get install colmap"]);
     let failed = world.poses(&[], "exhaustive_matcher", "echo 'the sky is falling' >&2; exit 3");
     world.refused(&failed, &["colmap exhaustive_matcher failed", "exit status: 3", "the sky is falling"]);
+    let hangs = world.poses(&["--patience", "0.05"], "exhaustive_matcher", "exec sleep 1000");
+    world
+        .refused(&hangs, &["colmap exhaustive_matcher has said nothing for 3 s and was ended", "--patience"]);
+    let mute = world.poses(&["--patience", "0.02"], "help", "");
+    world.refused(&mute, &["colmap feature_extractor has said nothing", "--patience"]);
+    let other = "echo \"ERROR: Failed to parse options - unrecognised option '--ImageReader.single_camera'.\" >&2; exit 1";
+    let other = world.poses(&[], "feature_extractor", other);
+    world.refused(&other, &["this colmap (9.1)", "versions 3.6 to 4", "--ImageReader.single_camera"]);
+    let nothing = world.poses(&["--patience=-1"], "", "");
+    world.refused(&nothing, &["--patience", "expected a number of minutes"]);
     let killed = world.poses(&[], "mapper", "kill -9 $$");
     world.refused(&killed, &["colmap mapper failed", "signal: 9"]);
     let none = "echo '=> No good initial image pair found.'; echo 'ERROR: failed to create sparse model' >&2; exit 1";
@@ -231,4 +309,45 @@ fn the_real_colmap_finds_the_poses_of_twelve_photographs() {
     assert!(said["registered"].as_u64() >= Some(10), "{said}");
     assert!(said["mean_reprojection_error_px"].as_f64().is_some_and(|e| e > 0.05 && e < 0.8), "{said}");
     ok(fit_grid(&folder.path("cup_poses"), &folder.path("cup.nerf"), &["--steps", "2"]));
+}
+
+#[test]
+fn one_camera_for_one_device_is_kept_beside_the_blob() {
+    let Some(cup) = tools::data("real/cup_colmap") else { return };
+    let (folder, cup) = (Folder::new(), cup.display().to_string());
+    let fitted = |name: &str, more: &[&str]| {
+        let output = folder.path(name);
+        let begin = ["fit", &cup, "-o", &output, "--steps", "2", "--downscale", "8", "--restart"];
+        let fitted = ran(&mut command([&begin, crate::TINY_GRID, more].concat()));
+        assert_eq!(fitted.code, Some(0), "{}", fitted.err);
+        (fitted.err, fs::read(folder.path(name)).expect("a blob"))
+    };
+    let (said, first) = fitted("a.nerf", &[]);
+    let words =
+        ["one camera for 77 photographs: focal length 591", "before 593.3 (529.4 to 631.6)", "--cameras own"];
+    assert!(words.iter().all(|word| said.contains(word)), "{said}");
+    assert!(folder.names().contains(&"a.cameras.json".to_owned()), "{:?}", folder.names());
+    let (said, second) = fitted("a.nerf", &[]);
+    assert!(said.contains("read from") && first == second, "{said}");
+    let (said, own) = fitted("own.nerf", &["--cameras", "own"]);
+    assert!(!said.contains("one camera") && own != first, "{said}");
+    assert!(!folder.names().contains(&"own.cameras.json".to_owned()), "{:?}", folder.names());
+
+    // A blob is measured with the cameras that it was fitted with, also where it is alone.
+    let psnr = |name: &str, more: &[&str]| {
+        let blob = folder.path(name);
+        let args = [&["eval", blob.as_str(), &cup, "--downscale", "8", "--json"], more].concat();
+        let said: serde_json::Value = serde_json::from_str(&ok(args)).expect("one object");
+        said["val_psnr_db"].as_f64().expect("a figure")
+    };
+    let beside = psnr("a.nerf", &[]);
+    fs::remove_file(folder.path("a.cameras.json")).expect("it is there");
+    assert_eq!(psnr("a.nerf", &[]), beside);
+    assert!(!folder.names().contains(&"a.cameras.json".to_owned()), "eval writes nothing");
+    assert_ne!(psnr("a.nerf", &["--cameras", "own"]), beside);
+    assert_eq!(psnr("own.nerf", &[]), psnr("own.nerf", &["--cameras", "own"]));
+    fails(
+        fit(&cup, &folder.path("b.nerf"), &["--cameras", "mine"]),
+        &["--cameras", "expected shared or own"],
+    );
 }

@@ -30,6 +30,17 @@ fn photographs_of(folder: &Folder, name: &str, mut dataset: Dataset) -> String {
 }
 
 #[test]
+fn photographs_of_one_colour_are_refused() {
+    let folder = Folder::new();
+    let mut black = scene();
+    black.train.iter_mut().for_each(|view| view.pixels.fill([0, 0, 0, 255]));
+    let data = folder.npz_of("black.npz", &black, |_| {});
+    let file = folder.path("black.nerf");
+    fails(["fit", &data, "-o", &file, "--steps", "20"], &["every pixel of every training photograph"]);
+    assert!(!Path::new(&file).exists());
+}
+
+#[test]
 fn a_camera_inside_of_the_object_leaves_the_views_around_it_as_they_are() {
     let folder = Folder::new();
     let mut inside = scene();

@@ -9,7 +9,7 @@ use super::places;
 use crate::data::system::output::claims::Claims;
 use crate::data::system::output::write_atomic;
 use crate::data::system::progress::{Message, Progress, Total};
-use crate::data::{Downscale, View};
+use crate::data::{Cameras, Downscale, View};
 use crate::fit::run::spread;
 use crate::measure::audit::THRESHOLD_DB;
 use crate::measure::import::probe::Probe;
@@ -152,6 +152,7 @@ impl Import {
             far: Some(settings.far),
             layout: None,
             downscale: Downscale::Auto,
+            cameras: Some(Cameras::Own),
             outside_files: self.outside_files,
         };
         // What is imported was trained in the file's own world.

@@ -4,12 +4,15 @@ use crate::cli::common::Global;
 use crate::data;
 use crate::data::refined::{self, RefinedPoses};
 use crate::data::system::progress::{self, Message, Progress, ProgressStyle, Total};
-use crate::data::{Axes, Background, Dataset, Downscale, Layout, ReadOptions, Report, Watch, origin_in_name};
+use crate::data::{
+    Axes, Background, Cameras, Dataset, Downscale, Layout, ReadOptions, Report, Watch, cameras_in_name,
+    origin_in_name,
+};
 use crate::model::config::{Config, Surroundings};
 use clap::{Args, ValueEnum};
 use nerf_core::blob::Blob;
 use nerf_core::plan::{Plan, PlanError};
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::sync::mpsc::{self, Receiver, RecvTimeoutError};
 use std::time::Duration;
 
@@ -32,6 +35,10 @@ pub struct DataOptions {
     /// Reduce photographs so many times; auto: to about 800 pixels [default: auto; Blender 1].
     #[arg(long, value_name = "N", default_value = "auto", hide_default_value = true)]
     pub downscale: Downscale,
+    /// Photographs of one device have one camera (shared), or those of their COLMAP model (own) [default: shared; for a
+    /// blob those that it was fitted with].
+    #[arg(long, value_name = "WHICH")]
+    pub cameras: Option<Cameras>,
     /// Read pictures also where `file_path` leads out of the data set's folder.
     #[arg(long)]
     pub outside_files: bool,
@@ -107,14 +114,28 @@ impl DataOptions {
         self.read_from(path, None, global)
     }
 
-    /// As [`Self::read_given_for`], from where the views were refined to where `file`, the blob's, has such poses beside it.
+    /// As [`Self::read`], for the blob that is to be written to `output`: shared cameras are kept beside it. Says how long
+    /// these took to find, which is no part of a fit's time.
+    pub fn read_to_fit(
+        &self,
+        path: &Path,
+        output: &Path,
+        global: &Global,
+    ) -> anyhow::Result<(Dataset, Duration)> {
+        let watch = Watch::default();
+        let options = ReadOptions { shared_cameras: Some(cameras_beside(output)), ..self.options() };
+        let dataset = self.read_with(path, options, &watch, global)?;
+        Ok((dataset, watch.set_aside()))
+    }
+
+    /// As [`Self::read_given_for`], from where the views were refined to where `blob` in `file` has such poses beside it.
     pub fn read_for(
         &self,
         path: &Path,
-        (file, blob): (&Path, &Blob<'_>),
+        (blob, file): (&Blob<'_>, &Path),
         global: &Global,
     ) -> anyhow::Result<Dataset> {
-        let mut dataset = self.read_given_for(path, blob, global)?;
+        let mut dataset = self.read_given_for(path, (blob, file), global)?;
         let Some(refined) = RefinedPoses::beside(file)? else { return Ok(dataset) };
         let mut count = 0;
         for views in [&mut dataset.train, &mut dataset.val, &mut dataset.test] {
@@ -128,14 +149,23 @@ impl DataOptions {
         Ok(dataset)
     }
 
-    /// As [`Self::read`], with coordinates that count from where those of `blob` do; any split will do.
-    pub fn read_given_for(&self, path: &Path, blob: &Blob<'_>, global: &Global) -> anyhow::Result<Dataset> {
-        let options = ReadOptions { to_fit: false, ..self.options() };
-        self.read_with(
-            path,
-            ReadOptions { origin: Some(origin_in_name(blob.provenance().data)), ..options },
-            global,
-        )
+    /// As [`Self::read`], with the cameras that `blob` in `file` was fitted with, and coordinates that count from where its
+    /// own do; any split will do.
+    pub fn read_given_for(
+        &self,
+        path: &Path,
+        (blob, file): (&Blob<'_>, &Path),
+        global: &Global,
+    ) -> anyhow::Result<Dataset> {
+        let name = blob.provenance().data;
+        let options = ReadOptions {
+            to_fit: false,
+            cameras: self.cameras.unwrap_or_else(|| cameras_in_name(name)),
+            shared_cameras: Some(cameras_beside(file)),
+            origin: Some(origin_in_name(name)),
+            ..self.options()
+        };
+        self.read_with(path, options, &Watch::default(), global)
     }
 
     /// As [`Self::read`], with coordinates that count from `origin`.
@@ -145,15 +175,21 @@ impl DataOptions {
         origin: Option<[f64; 3]>,
         global: &Global,
     ) -> anyhow::Result<Dataset> {
-        self.read_with(path, ReadOptions { origin, ..self.options() }, global)
+        self.read_with(path, ReadOptions { origin, ..self.options() }, &Watch::default(), global)
     }
 
-    fn read_with(&self, path: &Path, options: ReadOptions, global: &Global) -> anyhow::Result<Dataset> {
-        let (watch, style) = (Watch::default(), global.style());
+    fn read_with(
+        &self,
+        path: &Path,
+        options: ReadOptions,
+        watch: &Watch,
+        global: &Global,
+    ) -> anyhow::Result<Dataset> {
+        let style = global.style();
         std::thread::scope(|scope| {
             let (reading, ended) = mpsc::channel::<()>();
-            scope.spawn(|| show_reading(&watch, style, ended));
-            let dataset = data::read_watched(path, &options, &watch);
+            scope.spawn(|| show_reading(watch, style, ended));
+            let dataset = data::read_watched(path, &options, watch);
             drop(reading);
             Ok(dataset?)
         })
@@ -167,9 +203,15 @@ impl DataOptions {
             outside_files: self.outside_files,
             layout: self.layout,
             downscale: self.downscale,
+            cameras: self.cameras.unwrap_or_default(),
             ..ReadOptions::default()
         }
     }
+}
+
+/// The file of shared cameras that belongs to the blob in `file`.
+fn cameras_beside(file: &Path) -> PathBuf {
+    file.with_extension("cameras.json")
 }
 
 /// Shows how many pictures are read until `ended` is hung up; nothing where that is soon.

@@ -119,7 +119,7 @@ impl Render {
     fn through(&self, data: &Path, blob: &Blob<'_>, global: &Global) -> anyhow::Result<Vec<Camera>> {
         let frames = self.frames.unwrap_or(120);
         check_frames("--frames", frames)?;
-        let dataset = self.data_options.read_for(data, (&self.file, blob), global)?;
+        let dataset = self.data_options.read_for(data, (blob, &self.file), global)?;
         let split = self.split.unwrap_or(Split::Val);
         let cameras = split.cameras(&dataset);
         let key = |&i: &usize| {
@@ -146,7 +146,7 @@ impl Render {
 
     /// All cameras of a split, in order; frames of a video have one size: that of the first camera.
     fn path_of(&self, data: &Path, blob: &Blob<'_>, global: &Global) -> anyhow::Result<Vec<Camera>> {
-        let dataset = self.data_options.read_for(data, (&self.file, blob), global)?;
+        let dataset = self.data_options.read_for(data, (blob, &self.file), global)?;
         let split = self.split.unwrap_or(Split::Test);
         let cameras = split.cameras(&dataset);
         let Some(first) = cameras.first() else {
@@ -165,7 +165,7 @@ impl Render {
 
     /// The camera of a view, scaled to the size that was asked for.
     fn view_of(&self, data: &Path, blob: &Blob<'_>, global: &Global) -> anyhow::Result<Camera> {
-        let dataset = self.data_options.read_for(data, (&self.file, blob), global)?;
+        let dataset = self.data_options.read_for(data, (blob, &self.file), global)?;
         let split = self.split.unwrap_or(Split::Val);
         let cameras = split.cameras(&dataset);
         let Some(camera) = cameras.get(self.view) else {

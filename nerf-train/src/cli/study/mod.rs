@@ -114,7 +114,7 @@ impl Study {
         if let Some(source) = &self.source {
             lab.set_source(unrounded(source, &blob)?);
         }
-        let dataset = self.data_options.read_for(data, (file, &blob), global)?;
+        let dataset = self.data_options.read_for(data, (&blob, file), global)?;
         let views: Vec<&View> = spread(self.split.of(&dataset), self.views);
         if views.is_empty() {
             bail!("{}: the split `{}` has no views", data.display(), self.split.name());

@@ -1,6 +1,7 @@
 //! What follows from cameras alone: where the scene is, how near it begins, where its world's origin should be,
 //! where to look at it from.
 
+pub(crate) mod bundle;
 pub(crate) mod geometry;
 pub(crate) mod nearest;
 pub(crate) mod origin;

@@ -8,7 +8,7 @@ use glam::DVec3;
 const FAR_AWAY: f64 = 64.0;
 
 /// How a name states an origin, in front of its coordinates.
-const STATED: &str = ", origin at (";
+pub(crate) const STATED: &str = ", origin at (";
 
 /// Which point of the file's world becomes the origin: (0, 0, 0), or near the middle of cameras that are far from it, in
 /// whole units of a power of ten, so that it is exact and does not depend on a single camera.

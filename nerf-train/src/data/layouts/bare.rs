@@ -4,7 +4,9 @@ use crate::data::DatasetError;
 use crate::data::layouts::colmap::commands;
 use crate::data::layouts::folders::{IMAGES, entries};
 use crate::data::pictures::decode::{DecodeError, dimensions};
+use crate::data::pictures::exif;
 use crate::data::pictures::file::is_picture_name;
+use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 /// Photographs whose poses nobody knows yet.
@@ -16,8 +18,8 @@ pub(crate) struct Bare {
     pub(crate) photographs: Vec<PathBuf>,
     /// Names of those that are no whole pictures.
     pub(crate) damaged: Vec<String>,
-    /// Whether all have one size, and so probably one camera.
-    pub(crate) one_size: bool,
+    /// Names of those that one camera took: of one size, and of one device as far as EXIF tells.
+    pub(crate) cameras: Vec<Vec<String>>,
 }
 
 impl Bare {
@@ -31,21 +33,22 @@ impl Bare {
         let named = |path: &PathBuf| is_picture_name(path) && path.is_file();
         let mut files: Vec<PathBuf> = entries(&folder)?.into_iter().filter(named).collect();
         files.sort();
-        let (mut photographs, mut damaged, mut sizes) = (Vec::new(), Vec::new(), Vec::new());
+        let (mut photographs, mut damaged) = (Vec::new(), Vec::new());
+        let mut cameras: BTreeMap<_, Vec<String>> = BTreeMap::new();
         for file in files {
+            let name = file.file_name().unwrap_or_default().to_string_lossy().into_owned();
             match dimensions(&file) {
                 Ok(size) => {
+                    cameras.entry((exif::device(&file), size)).or_default().push(name);
                     photographs.push(file);
-                    sizes.push(size);
                 }
                 Err(DecodeError::Heif { file }) => return Err(DatasetError::Heif { file }),
                 Err(DecodeError::Read { file, source }) => return Err(DatasetError::io(&file, source)),
-                Err(_) => damaged.push(file.file_name().unwrap_or_default().to_string_lossy().into_owned()),
+                Err(_) => damaged.push(name),
             }
         }
-        sizes.dedup();
-        let one_size = sizes.len() == 1;
-        Ok((!photographs.is_empty()).then_some(Self { folder, photographs, damaged, one_size }))
+        let cameras = cameras.into_values().collect();
+        Ok((!photographs.is_empty()).then_some(Self { folder, photographs, damaged, cameras }))
     }
 
     /// That `folder` has no poses of them, and how to make some beside them.
@@ -54,7 +57,7 @@ impl Bare {
         // Not among the photographs, where COLMAP would take it for one.
         let database = sparse.join("database.db");
         let made = format!("mkdir -p {}", commands::quoted(&sparse));
-        let stages = commands::stages(&self.folder, &database, &sparse, self.one_size, false);
+        let stages = commands::by_hand(&self.folder, &database, &sparse, self.cameras.len() == 1);
         let commands = std::iter::once(made).chain(stages.iter().map(commands::Stage::line)).collect();
         DatasetError::NoPoses { path: folder.into(), photographs: self.photographs.len(), commands }
     }

@@ -2,6 +2,7 @@
 
 pub mod colour;
 pub mod decode;
+pub(crate) mod exif;
 pub(crate) mod file;
 pub(crate) mod photo;
 pub mod photograph;

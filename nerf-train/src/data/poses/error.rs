@@ -27,6 +27,22 @@ pub enum PosesError {
     /// It does not start.
     #[error("colmap does not start: {0}")]
     Start(std::io::Error),
+    /// It has said nothing for so long that it was ended.
+    #[error("colmap {stage} has said nothing for {seconds} s and was ended; --patience gives it longer")]
+    Silent {
+        /// Its command.
+        stage: &'static str,
+        /// How long it was waited for.
+        seconds: u64,
+    },
+    /// One that has other options.
+    #[error("this colmap ({version}) does not know an option; expected one of versions 3.6 to 4: {said}")]
+    Version {
+        /// What it says to be.
+        version: String,
+        /// Its last messages.
+        said: String,
+    },
     /// It failed.
     #[error("colmap {stage} failed ({status}): {said}")]
     Failed {

@@ -6,6 +6,7 @@ mod npz;
 mod photographs;
 mod pictures;
 mod real;
+mod shared;
 mod transforms;
 mod untrusted;
 mod viewpoint;

@@ -12,13 +12,16 @@ const FREE_SHARE: f32 = 0.85;
 const MIN_CROSSINGS: u32 = 3;
 /// A cell is free if at least this many times as many lines cross it as end in it.
 const ENDS: u32 = 4;
+/// Side of a block of cells, in cells.
+const BLOCK: usize = 4;
 /// Confidence below which a line of sight says nothing.
 const MIN_CONFIDENCE: f32 = 0.15;
 /// Steps through a cell of the ball that is not contracted.
 const STEPS_A_CELL: f32 = 2.0;
 
 /// Of each cell of an unbounded scene, in the blob's order, whether lines of sight say that it is free: at least three
-/// cross it within 0.85 of their length, and fewer than a quarter as many end in it.
+/// cross it within 0.85 of their length, and fewer than a quarter as many end in it; or at least three cells of its block of 4 x 4
+/// x 4 are so crossed, and no line ends in the block.
 ///
 /// `resolution`: cells along each side of the cube `bounds`. `sights`: of `views`, in their order.
 pub(crate) fn free_cells(
@@ -29,7 +32,7 @@ pub(crate) fn free_cells(
     sights: &Sights,
 ) -> Vec<bool> {
     let sides = resolution.map(f32::from);
-    let count = resolution.iter().map(|&side| usize::from(side)).product();
+    let count: usize = resolution.iter().map(|&side| usize::from(side)).product();
     let step = 4.0 / (sides[0] * STEPS_A_CELL);
     let cell_of = |p: glam::Vec3| {
         let at = (contraction.contract(p) - bounds.min) / (bounds.max - bounds.min);
@@ -65,6 +68,22 @@ pub(crate) fn free_cells(
             ended.into_iter().for_each(|cell| ends[cell as usize] += 1);
         }
     }
-    let free = |(&crossed, &ended): (&u32, &u32)| crossed >= MIN_CROSSINGS && ENDS * ended < crossed;
-    crossings.iter().zip(&ends).map(free).collect()
+    // A block that lines cross and none ends in is free as a whole: there are too few lines for each of its cells.
+    let blocks = sides.map(|side| (side as usize).div_ceil(BLOCK));
+    let block_of = |cell: usize| {
+        let [ny, nz] = [resolution[1], resolution[2]].map(usize::from);
+        let [x, y, z] = [cell / (ny * nz), cell / nz % ny, cell % nz].map(|index| index / BLOCK);
+        (x * blocks[1] + y) * blocks[2] + z
+    };
+    let mut of_blocks = vec![(0u32, 0u32); blocks.iter().product()];
+    for (cell, (&crossed, &ended)) in crossings.iter().zip(&ends).enumerate() {
+        let block = &mut of_blocks[block_of(cell)];
+        *block = (block.0 + crossed, block.1 + ended);
+    }
+    let free = |(cell, (&crossed, &ended)): (usize, (&u32, &u32))| {
+        let (block_crossed, block_ended) = of_blocks[block_of(cell)];
+        (crossed >= MIN_CROSSINGS && ENDS * ended < crossed)
+            || (block_crossed >= MIN_CROSSINGS && block_ended == 0)
+    };
+    crossings.iter().zip(&ends).enumerate().map(free).collect()
 }

@@ -1,7 +1,7 @@
 //! The commands of COLMAP that find the poses of photographs.
 
 use std::ffi::{OsStr, OsString};
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 /// Options that COLMAP 3.13 has renamed: before, since.
 const NEWER: [(&str, &str); 4] = [
@@ -15,42 +15,160 @@ const NEWER: [(&str, &str); 4] = [
 pub(in crate::data) const RENAMED: &str =
     "since COLMAP 3.13 it is --FeatureExtraction.use_gpu and --FeatureMatching.use_gpu";
 
-/// How many photographs are compared with as many at a time, in versions that have it: few, to see how far it is.
-const BLOCK: (&str, &str) = ("--ExhaustiveMatching.block_size", "10");
-
 /// A command with its options.
 #[derive(Debug)]
 pub(crate) struct Stage {
     /// COLMAP's name of it.
     pub(crate) name: &'static str,
     options: Vec<(&'static str, OsString)>,
+    /// Those that are left out where the installed version has none of that name.
+    optional: Vec<(&'static str, OsString)>,
 }
 
-/// Features, matches and models, in this order: from the photographs in `images` to folders in `models`.
-///
-/// Nothing needs a GPU. `one_camera`: whether one has taken all of them; `sequential`: whether only neighbours in the
-/// order of names are compared.
-pub(crate) fn stages(
-    images: &Path,
-    database: &Path,
-    models: &Path,
-    one_camera: bool,
-    sequential: bool,
-) -> [Stage; 3] {
-    let database = || ("--database_path", database.into());
-    let images = || ("--image_path", images.into());
-    let no_gpu = |option| (option, "0".into());
-    let mut extraction = vec![images(), database(), ("--ImageReader.camera_model", "OPENCV".into())];
-    extraction.extend(one_camera.then(|| ("--ImageReader.single_camera", "1".into())));
-    extraction.push(no_gpu("--SiftExtraction.use_gpu"));
-    [
-        Stage { name: "feature_extractor", options: extraction },
-        Stage {
-            name: if sequential { "sequential_matcher" } else { "exhaustive_matcher" },
-            options: vec![database(), no_gpu("--SiftMatching.use_gpu")],
-        },
-        Stage { name: "mapper", options: vec![images(), database(), ("--output_path", models.into())] },
-    ]
+/// Where COLMAP works.
+#[derive(Debug)]
+pub(crate) struct Place {
+    /// The folder of photographs.
+    pub(crate) images: PathBuf,
+    /// The folder of everything else.
+    pub(crate) work: PathBuf,
+}
+
+/// A way of COLMAP to come from features to a model.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Way {
+    /// All photographs against all.
+    Exhaustive,
+    /// Each against its neighbours in the order of names.
+    Sequential,
+    /// As the first one, from another pair of photographs on.
+    OtherPair { sequential: bool },
+    /// Only matches that stand out.
+    Strict { sequential: bool },
+}
+
+impl Way {
+    /// The one that was asked for, and those to try next, best first.
+    pub(crate) fn all(sequential: bool) -> Vec<Self> {
+        let others = [Self::OtherPair { sequential }, Self::Strict { sequential }];
+        let asked: &[Self] =
+            if sequential { &[Self::Sequential] } else { &[Self::Exhaustive, Self::Sequential] };
+        asked.iter().copied().chain(others).collect()
+    }
+
+    /// For messages.
+    pub(crate) fn in_words(self) -> &'static str {
+        match self {
+            Self::Exhaustive => "all photographs against all",
+            Self::Sequential => "each photograph against its neighbours in the order of names",
+            Self::OtherPair { .. } => "another initial pair",
+            Self::Strict { .. } => "stricter matches",
+        }
+    }
+
+    /// The way whose matches it takes.
+    fn matches(self) -> Self {
+        match self {
+            Self::OtherPair { sequential: false } => Self::Exhaustive,
+            Self::OtherPair { sequential: true } => Self::Sequential,
+            own => own,
+        }
+    }
+}
+
+impl Place {
+    /// The database with features alone.
+    pub(crate) fn features(&self) -> PathBuf {
+        self.work.join("database.db")
+    }
+
+    /// That with the matches of a way.
+    pub(crate) fn database(&self, way: Way) -> PathBuf {
+        self.work.join(match way.matches() {
+            Way::Exhaustive => "exhaustive.db",
+            Way::Sequential => "sequential.db",
+            _ => "strict.db",
+        })
+    }
+
+    /// Of a way's models, in `sparse` as readers look for them.
+    pub(crate) fn models(&self, way: Way) -> PathBuf {
+        self.work.join(match way {
+            Way::Exhaustive => "exhaustive",
+            Way::Sequential => "sequential",
+            Way::OtherPair { .. } => "pair",
+            Way::Strict { .. } => "strict",
+        })
+    }
+}
+
+/// Features of the photographs, or of those in a list, which one camera has taken. Nothing here needs a GPU.
+pub(crate) fn features(place: &Place, list: Option<&Path>) -> Stage {
+    let mut stage = extraction(&place.images, &place.features(), true);
+    stage.options.extend(list.map(|list| ("--image_list_path", list.into())));
+    stage
+}
+
+fn extraction(images: &Path, database: &Path, one_camera: bool) -> Stage {
+    let mut options = vec![
+        ("--image_path", images.into()),
+        ("--database_path", database.into()),
+        ("--ImageReader.camera_model", "OPENCV".into()),
+    ];
+    options.extend(one_camera.then(|| ("--ImageReader.single_camera", "1".into())));
+    options.push(("--SiftExtraction.use_gpu", "0".into()));
+    Stage { name: "feature_extractor", options, optional: Vec::new() }
+}
+
+/// Matches of a way; `None` where it takes those of another.
+pub(crate) fn matching(place: &Place, way: Way) -> Option<Stage> {
+    let (sequential, strict) = match way {
+        Way::Exhaustive => (false, false),
+        Way::Sequential => (true, false),
+        Way::Strict { sequential } => (sequential, true),
+        Way::OtherPair { .. } => return None,
+    };
+    let mut stage = matcher(&place.database(way), sequential);
+    stage.optional.extend(strict.then(|| ("--SiftMatching.max_ratio", "0.7".into())));
+    Some(stage)
+}
+
+fn matcher(database: &Path, sequential: bool) -> Stage {
+    Stage {
+        name: if sequential { "sequential_matcher" } else { "exhaustive_matcher" },
+        options: vec![("--database_path", database.into()), ("--SiftMatching.use_gpu", "0".into())],
+        // How many photographs are compared with as many at a time: few, to see how far it is.
+        optional: vec![("--ExhaustiveMatching.block_size", "10".into())],
+    }
+}
+
+/// Models of a way, of so many photographs.
+pub(crate) fn mapping(place: &Place, way: Way, photographs: usize) -> Stage {
+    let mut stage = mapper(&place.images, &place.database(way), &place.models(way).join("sparse"));
+    match way {
+        // Photographs have the numbers 1, 2, … in a database.
+        Way::OtherPair { .. } => {
+            stage.optional.push(("--Mapper.init_image_id1", (photographs / 2 + 1).to_string().into()));
+        }
+        Way::Strict { .. } => stage.optional.push(("--Mapper.min_num_matches", "30".into())),
+        Way::Exhaustive | Way::Sequential => {}
+    }
+    stage
+}
+
+fn mapper(images: &Path, database: &Path, models: &Path) -> Stage {
+    let options = vec![
+        ("--image_path", images.into()),
+        ("--database_path", database.into()),
+        ("--output_path", models.into()),
+    ];
+    Stage { name: "mapper", options, optional: Vec::new() }
+}
+
+/// Features, matches and models by hand, from the photographs in `images` to folders in `models`; `one_camera`: whether
+/// one has taken all of them.
+pub(crate) fn by_hand(images: &Path, database: &Path, models: &Path, one_camera: bool) -> [Stage; 3] {
+    [extraction(images, database, one_camera), matcher(database, false), mapper(images, database, models)]
 }
 
 impl Stage {
@@ -73,10 +191,10 @@ impl Stage {
                 .find(|(before, since)| *before == option && !help.contains(before) && help.contains(since));
             newer.map_or(option, |(_, since)| since)
         };
-        let options = self.options.iter();
+        let optional = self.optional.iter().filter(|(option, _)| help.contains(named(option)));
+        let options = self.options.iter().chain(optional);
         let options = options.flat_map(|(option, value)| [named(option).into(), value.clone()]);
-        let block = help.contains(BLOCK.0).then_some([BLOCK.0.into(), BLOCK.1.into()]);
-        std::iter::once(self.name.into()).chain(options).chain(block.into_iter().flatten()).collect()
+        std::iter::once(self.name.into()).chain(options).collect()
     }
 
     /// A line of shell.
@@ -104,7 +222,7 @@ mod tests {
     #[test]
     fn options_have_the_names_of_the_installed_version() {
         let [extraction, matching, _] =
-            stages(Path::new("i"), Path::new("d"), Path::new("m"), false, true).map(|s| s.with_threads(3));
+            by_hand(Path::new("i"), Path::new("d"), Path::new("m"), false).map(|s| s.with_threads(3));
         let has = |stage: &Stage, help, option: &str| stage.arguments(help).iter().any(|word| word == option);
         for (help, family) in
             [("", "Sift"), ("--SiftExtraction.use_gpu --SiftExtraction.num_threads", "Sift")]
@@ -120,7 +238,7 @@ mod tests {
 
     #[test]
     fn names_are_one_word_of_shell_each() {
-        let stage = &stages(Path::new("my pictures"), Path::new("it's.db"), Path::new("-m"), true, false)[0];
+        let stage = &by_hand(Path::new("my pictures"), Path::new("it's.db"), Path::new("-m"), true)[0];
         assert_eq!(
             stage.line(),
             r"colmap feature_extractor --image_path 'my pictures' --database_path 'it'\''s.db' --ImageReader.camera_model OPENCV --ImageReader.single_camera 1 --SiftExtraction.use_gpu 0"

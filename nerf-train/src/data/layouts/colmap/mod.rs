@@ -3,6 +3,7 @@
 mod binary;
 pub(crate) mod commands;
 mod model;
+mod shared;
 mod text;
 
 use crate::data::layouts::folders::Folders;
@@ -11,7 +12,8 @@ use crate::data::layouts::split::every_eighth;
 use crate::data::layouts::transforms::listed;
 use crate::data::pictures::photo::{Fence, Loaded, Photo, Source};
 use crate::data::{
-    Axes, Background, Dataset, DatasetError, Format, KeyPoint, ReadOptions, SparsePoint, Watch, scene_name,
+    Axes, Background, Cameras, Dataset, DatasetError, Format, KeyPoint, ReadOptions, SparsePoint, Watch,
+    scene_name, with_shared_cameras,
 };
 use glam::{DMat3, DQuat, DVec3};
 use model::Camera;
@@ -58,6 +60,14 @@ impl Encoding {
         folder.join(format!("{stem}.{}", if self == Self::Binary { "bin" } else { "txt" }))
     }
 
+    /// The model in a folder.
+    fn model(self, folder: &Path) -> Result<Model, DatasetError> {
+        match self {
+            Self::Binary => binary::model(folder),
+            Self::Text => text::model(folder),
+        }
+    }
+
     /// That of the model in a folder.
     fn of(folder: &Path) -> Option<Self> {
         let whole =
@@ -94,10 +104,7 @@ pub(crate) fn files(root: &Path) -> Vec<PathBuf> {
 pub(crate) fn read(folder: &Path, options: &ReadOptions, watch: &Watch) -> Result<Dataset, DatasetError> {
     let mut found = Found::default();
     let (model_folder, encoding) = largest(folder, &mut found)?;
-    let model = match encoding {
-        Encoding::Binary => binary::model(&model_folder)?,
-        Encoding::Text => text::model(&model_folder)?,
-    };
+    let mut model = encoding.model(&model_folder)?;
     // A model that is pointed at itself stands in `sparse/0` beside the photographs.
     let above = model_folder.ancestors().take(3).filter(|above| !above.as_os_str().is_empty());
     let root = match above.clone().find(|above| above.join(crate::data::layouts::folders::IMAGES).is_dir()) {
@@ -107,30 +114,31 @@ pub(crate) fn read(folder: &Path, options: &ReadOptions, watch: &Watch) -> Resul
     let folders = Folders::of(root)?;
     let origin = options.origin_for(model.images.iter().filter_map(|image| Some(c2w(image)?.1.into())));
     let file = encoding.file(&model_folder, "images");
-    let points = read_points(&model_folder, origin)?;
+    let mut points = read_points(&model_folder, origin)?;
     points.say_unseen(&mut found);
+    let of_files = format!("{} cameras ({})", model.cameras.len(), kinds(&model.cameras));
+    let shared = options.cameras == Cameras::Shared
+        && shared::settle(&mut model, &mut points, &folders, (options, &file), (watch, &mut found))?;
     let numbers = points.numbers();
     let views =
         Reader { model: &model, file: &file, folders: &folders, root, origin, options, points: &numbers }
             .views(watch, &mut found)?;
     let points = points.kept.into_iter().map(|(_, point)| point).collect();
     let axes = options.axes.unwrap_or(Axes::Opencv);
-    let cameras = model.cameras.len();
     found.notes.insert(
         0,
         format!(
-            "{}: {} of {} registered photographs in {}, {cameras} cameras ({})",
+            "{}: {} of {} registered photographs in {}, {of_files}",
             model_folder.strip_prefix(folder).map_or_else(|_| model_folder.display(), Path::display),
             views.len(),
             model.images.len(),
             folders.names(),
-            kinds(&model.cameras)
         ),
     );
     let (mut notes, warnings) = found.into_sentences();
     let (train, val) = every_eighth(views, options, &mut notes);
     Ok(Dataset {
-        name: scene_name(root),
+        name: if shared { with_shared_cameras(scene_name(root)) } else { scene_name(root) },
         format: Format::Colmap,
         axes,
         train,
@@ -212,8 +220,8 @@ fn read_points(folder: &Path, origin: DVec3) -> Result<Points, DatasetError> {
 pub(crate) struct Facts {
     /// Its folder.
     pub(crate) folder: PathBuf,
-    /// How many models there are, of which it is the largest.
-    pub(crate) models: usize,
+    /// Of each further model the photographs that the largest has not.
+    pub(crate) others: Vec<Vec<String>>,
     /// The photographs that have a pose.
     pub(crate) names: Vec<String>,
     /// Sparse points.
@@ -229,15 +237,22 @@ pub(crate) fn facts(folder: &Path) -> Result<Option<Facts>, DatasetError> {
         return Ok(None);
     }
     let (largest, encoding) = largest(folder, &mut Found::default())?;
-    let model = match encoding {
-        Encoding::Binary => binary::model(&largest)?,
-        Encoding::Text => text::model(&largest)?,
+    let names_of = |folder: &Path, encoding: Encoding| {
+        let model = encoding.model(folder)?;
+        Ok::<_, DatasetError>(model.images.into_iter().map(|image| image.name).collect::<Vec<_>>())
     };
+    let names = names_of(&largest, encoding)?;
+    let mut others = Vec::new();
+    for (other, encoding) in models(folder).into_iter().filter(|(other, _)| *other != largest) {
+        let mut other = names_of(&other, encoding)?;
+        other.retain(|name| !names.contains(name));
+        others.push(other);
+    }
     let points = read_points(&largest, DVec3::ZERO)?;
     Ok(Some(Facts {
         folder: largest,
-        models: models(folder).len(),
-        names: model.images.into_iter().map(|image| image.name).collect(),
+        others,
+        names,
         points: points.seen,
         mean_error: points.errors / points.seen.max(1) as f64,
     }))

@@ -105,6 +105,11 @@ impl Camera {
         self.kind.name
     }
 
+    /// How many parameters it has.
+    pub(crate) fn parameters(&self) -> usize {
+        self.parameters.len()
+    }
+
     /// Width and height, pixels.
     pub(crate) fn size(&self) -> (f64, f64) {
         (self.width as f64, self.height as f64)

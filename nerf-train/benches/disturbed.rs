@@ -1,0 +1,168 @@
+//! What wrong captures look like: the demo's scene before a room, photographed well and then disturbed in one way each.
+//!
+//! `cargo bench -p nerf-train --bench disturbed -- FILE.png` fits each for 4,000 steps, prints PSNR of held-out views, and
+//! writes the picture of the guide's "When it goes wrong": one held-out view of each.
+
+use glam::{Quat, Vec3};
+use nerf_core::Kernel;
+use nerf_core::camera::{Camera, Pose};
+use nerf_train::cli::read_config;
+use nerf_train::data::demo::{DemoSpec, dataset};
+use nerf_train::data::pictures::rgb::Picture;
+use nerf_train::data::system::progress::ProgressStyle;
+use nerf_train::data::{Background, Dataset, View, over};
+use nerf_train::fit::run::{Ended, RunOptions, run};
+use nerf_train::measure::frame;
+use nerf_train::model::config::{Preset, Surroundings};
+use nerf_train::show::contact_sheet::{Cell, contact_sheet};
+use nerf_train::train::schedule::Budget;
+use std::path::Path;
+
+const STEPS: u32 = 4_000;
+/// Half the side of the room that the scene stands in, world units.
+const ROOM: f32 = 8.0;
+/// What is disturbed, and how.
+const WAYS: [(&str, fn(&mut Dataset)); 5] = [
+    ("as it should be", |_| {}),
+    ("fog: no photograph from this side", gap),
+    ("blur: poses off by 1° and 1 %", poses),
+    ("floaters: something moved", object),
+    ("blotches: exposure off by ±1 EV, one gain for all", exposure),
+];
+
+fn main() {
+    let file = std::env::args().skip(1).find(|argument| argument != "--bench").expect("FILE.png");
+    let clean = photographs();
+    let mut cells = vec![Cell::new(picture(&clean.val[0]), "photograph")];
+    for (name, disturb) in WAYS {
+        let mut capture = clean.clone();
+        disturb(&mut capture);
+        let options = RunOptions::unattended(
+            Budget { steps: Some(STEPS), seconds: None },
+            Kernel::detect(),
+            ProgressStyle::Quiet,
+        );
+        let options = RunOptions { report: true, validate_every: Some(u32::MAX), ..options };
+        let mut config = read_config(Preset::Grid, None, Surroundings::Unbounded).expect("settings");
+        config.optimiser.steps = STEPS;
+        if name.starts_with("blotches") {
+            config.capture.exposure = nerf_train::model::config::Exposure::Shared;
+        }
+        let Ended::Finished(outcome) = run(&capture, config, &options, &|_| false).expect("a run") else {
+            unreachable!("nobody stops it")
+        };
+        let shown = outcome.shown.iter().find(|shown| shown.view == 0).expect("the first view");
+        println!(
+            "{name}: {:.2} dB; {:.2} dB shown",
+            outcome.scores.psnr_db().unwrap_or(f64::NAN),
+            shown.psnr_db
+        );
+        cells.push(Cell::new(frame::picture(&shown.frame), name));
+    }
+    contact_sheet("", &cells, 3).write_png(Path::new(&file)).expect("FILE.png: written");
+}
+
+/// The demo's views before the walls of a room, without a word of what is background.
+fn photographs() -> Dataset {
+    let spec = DemoSpec { train: 120, val: 16, size: 200, ..DemoSpec::default() };
+    let mut data = dataset(&spec).expect("a scene");
+    // From above alone, as people stand.
+    for views in [&mut data.train, &mut data.val] {
+        views.retain(|view| (0.2..2.4).contains(&view.camera.pose().position.z));
+    }
+    for view in data.train.iter_mut().chain(&mut data.val) {
+        let (width, camera) = (view.size().0 as usize, view.camera);
+        for (i, pixel) in view.pixels.iter_mut().enumerate() {
+            let ray = camera.ray((i % width) as f32 + 0.5, (i / width) as f32 + 0.5);
+            let wall = wall(ray.origin, ray.dir);
+            let [r, g, b] = over(*pixel, wall).map(|c| (255.0 * c + 0.5) as u8);
+            *pixel = [r, g, b, 255];
+        }
+    }
+    data.background = Background::Unknown;
+    (data.near, data.far) = (None, None);
+    data
+}
+
+/// Colour of the room where a ray from inside meets it: tiles on the floor, pictures on plain walls.
+fn wall(origin: Vec3, dir: Vec3) -> [f32; 3] {
+    let far = (Vec3::splat(ROOM).copysign(dir) - origin) / dir;
+    let t = far.min_element();
+    let (p, plane) = (origin + t * dir, far.to_array().iter().position(|&f| f == t).unwrap_or(2));
+    let (u, v) = match plane {
+        0 => (p.y, p.z),
+        1 => (p.x, p.z),
+        _ => (p.x, p.y),
+    };
+    let line = |w: f32| (w / 2.0).fract().abs() < 0.04;
+    match (plane, dir.z < 0.0) {
+        (2, true) if line(u) || line(v) => [0.35, 0.33, 0.3],
+        (2, true) => [0.72, 0.68, 0.6],
+        (2, false) => [0.9, 0.9, 0.88],
+        _ if (u / 5.0).fract().abs() < 0.5 && v.abs() < 2.0 => {
+            [0.3 + 0.06 * (v * 3.0).floor().abs(), 0.4, 0.25 + 0.05 * (u * 3.0).floor().rem_euclid(9.0)]
+        }
+        _ => [0.8, 0.78, 0.74],
+    }
+}
+
+/// No photograph within 75 degrees of azimuth of the first held-out one.
+fn gap(data: &mut Dataset) {
+    let azimuth = |view: &View| {
+        let eye = view.camera.pose().position;
+        Vec3::new(eye.x, eye.y, 0.0).normalize_or_zero()
+    };
+    let side = azimuth(&data.val[0]);
+    data.train.retain(|view| azimuth(view).dot(side) < 75f32.to_radians().cos());
+}
+
+/// Each camera turned by 1 degree about an axis of its own, and moved by 1 % of its distance.
+fn poses(data: &mut Dataset) {
+    for (i, view) in data.train.iter_mut().enumerate() {
+        let [x, y, z] = numbers(i).map(|u| u - 0.5);
+        let axis = Vec3::new(x, y, z).normalize();
+        let turned = glam::Mat3::from_quat(Quat::from_axis_angle(axis, 1f32.to_radians()));
+        let pose = view.camera.pose();
+        let position = pose.position + 0.01 * pose.position.length() * Vec3::new(z, x, y).normalize();
+        let pose = Pose { rotation: turned * pose.rotation, position };
+        view.camera = Camera::new(*view.camera.intrinsics(), *view.camera.lens(), pose).expect("a camera");
+    }
+}
+
+/// Something orange in a third of the photographs, each time elsewhere.
+fn object(data: &mut Dataset) {
+    for (i, view) in data.train.iter_mut().enumerate().filter(|(i, _)| i % 3 == 0) {
+        let (width, height) = view.size();
+        let [x, y, _] = numbers(i);
+        let (left, top) = ((x * 0.65 * width as f32) as u32, (y * 0.6 * height as f32) as u32);
+        for y in top..top + height * 2 / 5 {
+            for x in left..left + width * 35 / 100 {
+                view.pixels[(y * width + x) as usize] = [220, 130, 40, 255];
+            }
+        }
+    }
+}
+
+/// A gain of 2^-1 to 2^1 on the light of each photograph.
+fn exposure(data: &mut Dataset) {
+    for (i, view) in data.train.iter_mut().enumerate() {
+        let gain = (2.0 * numbers(i)[0] - 1.0).exp2();
+        for pixel in &mut view.pixels {
+            for c in &mut pixel[..3] {
+                let light = (f32::from(*c) / 255.0).powf(2.2) * gain;
+                *c = (255.0 * light.min(1.0).powf(1.0 / 2.2) + 0.5) as u8;
+            }
+        }
+    }
+}
+
+/// Three numbers from 0 to 1 that are far from those of the views beside (Roberts's sequence).
+fn numbers(i: usize) -> [f32; 3] {
+    [0.819_172_5, 0.671_043_6, 0.549_700_5].map(|step: f32| (0.2 + step * i as f32).fract())
+}
+
+fn picture(view: &View) -> Picture {
+    let (width, height) = view.size();
+    let rgb = view.pixels.iter().map(|&pixel| over(pixel, [0.0; 3])).collect();
+    Picture::new(width as usize, height as usize, rgb).expect("a picture")
+}

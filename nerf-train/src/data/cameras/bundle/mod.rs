@@ -1,0 +1,202 @@
+//! Bundle adjustment: cameras and points moved until points are projected to where photographs show them.
+//!
+//! Minimises Σ ρ(|π(R_i X_j + t_i) − x_ij|²), ρ(e²) = 2 s² (√(1 + e²/s²) − 1), over all poses and points and, of each
+//! device, the focal length and two coefficients of radial distortion, by Levenberg and Marquardt's method with the
+//! points eliminated (Schur complement). Everything is added up in one order: the result does not depend on threads.
+//!
+//! # Source
+//! Triggs et al. 2000, "Bundle adjustment: a modern synthesis"; the loss is SciPy's `soft_l1`.
+
+mod linear;
+mod similarity;
+#[cfg(test)]
+mod tests;
+
+use glam::{DMat3, DQuat, DVec2, DVec3};
+use linear::Reduced;
+
+/// Parameters of a pose: turn and shift. A device has three: logarithm of the focal length, k1, k2.
+const POSE: usize = 6;
+/// Errors from which on an observation counts less, pixels.
+const SOFT_PIXELS: f64 = 1.0;
+/// Points are in front of the camera from here on, as a share of its distance to what it sees.
+const MIN_DEPTH: f64 = 1e-6;
+const MAX_ITERATIONS: usize = 100;
+/// A step that lowers the cost by less than this share of it is the last.
+const SMALLEST_GAIN: f64 = 1e-8;
+const MAX_DAMPING: f64 = 1e8;
+
+/// What photographs that one device took have in common.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Device {
+    /// Pixels.
+    pub(crate) focal: f64,
+    /// Coefficients k1, k2 of radial distortion.
+    pub(crate) radial: [f64; 2],
+    /// Whether k2 is adjusted, too.
+    pub(crate) second_order: bool,
+}
+
+/// What does not change of a camera.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Frame {
+    /// Principal point, pixels.
+    pub(crate) principal: DVec2,
+    /// fy / fx; the focal length is that along x.
+    pub(crate) aspect: f64,
+    /// Coefficients p1, p2 of tangential distortion.
+    pub(crate) tangential: [f64; 2],
+}
+
+/// A photograph's camera.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Photograph {
+    /// World to camera, which looks along +z with y down.
+    pub(crate) rotation: DQuat,
+    pub(crate) translation: DVec3,
+    /// Index of its device.
+    pub(crate) device: usize,
+    pub(crate) frame: Frame,
+}
+
+impl Photograph {
+    /// Where it was taken.
+    pub(crate) fn centre(&self) -> DVec3 {
+        -(self.rotation.inverse() * self.translation)
+    }
+}
+
+/// A point in a photograph.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Observation {
+    pub(crate) photograph: usize,
+    pub(crate) point: usize,
+    /// Pixels.
+    pub(crate) at: DVec2,
+}
+
+/// Cameras, points, and where they are seen; sorted by point.
+#[derive(Clone, Debug)]
+pub(crate) struct Bundle {
+    pub(crate) devices: Vec<Device>,
+    pub(crate) photographs: Vec<Photograph>,
+    pub(crate) points: Vec<DVec3>,
+    pub(crate) observations: Vec<Observation>,
+}
+
+/// A projection's derivatives, rows x and y.
+struct Jacobian {
+    residual: DVec2,
+    pose: [[f64; POSE]; 2],
+    device: [[f64; POSE]; 2],
+    point: [DVec3; 2],
+}
+
+impl Bundle {
+    fn residual(&self, seen: &Observation) -> Option<DVec2> {
+        self.linearised(seen).map(|jacobian| jacobian.residual)
+    }
+
+    /// Residual and derivatives; `None` where the point is not in front of the camera.
+    fn linearised(&self, seen: &Observation) -> Option<Jacobian> {
+        let photograph = &self.photographs[seen.photograph];
+        let device = &self.devices[photograph.device];
+        let Frame { principal, aspect, tangential: [p1, p2] } = photograph.frame;
+        let turn = DMat3::from_quat(photograph.rotation);
+        let turned = turn * self.points[seen.point];
+        let at = turned + photograph.translation;
+        if at.z.is_nan() || at.z <= MIN_DEPTH * photograph.translation.length() {
+            return None;
+        }
+        let (a, b) = (at.x / at.z, at.y / at.z);
+        let [k1, k2] = device.radial;
+        let r2 = a * a + b * b;
+        let (scale, slope) = (1.0 + r2 * (k1 + r2 * k2), 2.0 * (k1 + 2.0 * k2 * r2));
+        let x = a * scale + 2.0 * p1 * a * b + p2 * (r2 + 2.0 * a * a);
+        let y = b * scale + p1 * (r2 + 2.0 * b * b) + 2.0 * p2 * a * b;
+        let focal = DVec2::new(device.focal, device.focal * aspect);
+        let mixed = slope * a * b + 2.0 * (p1 * a + p2 * b);
+        let by_ab = [
+            focal.x * DVec2::new(scale + slope * a * a + 2.0 * p1 * b + 6.0 * p2 * a, mixed),
+            focal.y * DVec2::new(mixed, scale + slope * b * b + 6.0 * p1 * b + 2.0 * p2 * a),
+        ];
+        let by_at = by_ab.map(|d| DVec3::new(d.x, d.y, -(a * d.x + b * d.y)) / at.z);
+        let by_pose = |d: DVec3| {
+            let by_turn = turned.cross(d);
+            [by_turn.x, by_turn.y, by_turn.z, d.x, d.y, d.z]
+        };
+        let second = if device.second_order { r2 * r2 } else { 0.0 };
+        let by_device = |f: f64, x: f64, a: f64| [f * x, f * a * r2, f * a * second, 0.0, 0.0, 0.0];
+        Some(Jacobian {
+            residual: focal * DVec2::new(x, y) + principal - seen.at,
+            pose: by_at.map(by_pose),
+            device: [by_device(focal.x, x, a), by_device(focal.y, y, b)],
+            point: by_at.map(|d| turn.transpose() * d),
+        })
+    }
+
+    /// Distances between where points are seen and where they are projected to, pixels; infinite behind a camera.
+    pub(crate) fn errors(&self) -> Vec<f64> {
+        let error = |seen| self.residual(seen).map_or(f64::INFINITY, DVec2::length);
+        self.observations.iter().map(error).collect()
+    }
+
+    fn cost(&self) -> f64 {
+        self.errors().iter().map(|e| 2.0 * SOFT_PIXELS * (SOFT_PIXELS.hypot(*e) - SOFT_PIXELS)).sum()
+    }
+
+    /// Moves each camera along its axis so that what it sees keeps its size with another focal length than `own`.
+    pub(crate) fn dolly(&mut self, own: &[f64]) {
+        let depths = self.depths();
+        for ((photograph, own), depth) in self.photographs.iter_mut().zip(own).zip(depths) {
+            photograph.translation.z += depth * (self.devices[photograph.device].focal / own - 1.0);
+        }
+    }
+
+    /// The median depth of what each photograph sees.
+    pub(crate) fn depths(&self) -> Vec<f64> {
+        let mut depths = vec![Vec::new(); self.photographs.len()];
+        for seen in &self.observations {
+            let photograph = &self.photographs[seen.photograph];
+            let at = photograph.rotation * self.points[seen.point] + photograph.translation;
+            depths[seen.photograph].push(at.z);
+        }
+        depths.into_iter().map(median).collect()
+    }
+
+    /// Adjusts everything; the number of steps it took. The world keeps its place: afterwards the cameras are, in the
+    /// mean, where those of `anchor` are.
+    pub(crate) fn adjust(&mut self, anchor: &[DVec3]) -> usize {
+        self.observations.sort_by_key(|seen| (seen.point, seen.photograph));
+        let seen = |bundle: &Self, seen: &Observation| bundle.residual(seen).is_some();
+        let kept = self.observations.iter().copied().filter(|observation| seen(self, observation)).collect();
+        let all = std::mem::replace(&mut self.observations, kept);
+        let (mut damping, mut cost, mut steps) = (1e-4, self.cost(), 0);
+        while steps < MAX_ITERATIONS && damping < MAX_DAMPING {
+            steps += 1;
+            let stepped = Reduced::of(self, damping).and_then(|reduced| reduced.step());
+            let lower = stepped.map(|stepped| (stepped.cost(), stepped)).filter(|(new, _)| *new < cost);
+            let Some((new, stepped)) = lower else {
+                damping *= 8.0;
+                continue;
+            };
+            let gain = (cost - new) / cost;
+            (*self, cost, damping) = (stepped, new, (damping * 0.2).max(1e-12));
+            if gain < SMALLEST_GAIN {
+                break;
+            }
+        }
+        self.observations = all;
+        self.align(anchor);
+        steps
+    }
+}
+
+/// The middle value; NaN of none.
+pub(crate) fn median(mut values: Vec<f64>) -> f64 {
+    let middle = values.len() / 2;
+    if values.is_empty() {
+        return f64::NAN;
+    }
+    *values.select_nth_unstable_by(middle, f64::total_cmp).1
+}

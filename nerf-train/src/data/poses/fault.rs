@@ -1,0 +1,70 @@
+//! What is wrong with a model that COLMAP has made.
+
+use crate::data::layouts::colmap::Facts;
+use crate::data::layouts::transforms::listed;
+use std::fmt;
+use std::path::Path;
+
+/// A model of fewer than this share of the photographs is torn.
+const REGISTERED: f64 = 0.9;
+/// So are models of which another has this many photographs that the largest has not.
+const OTHERS: usize = 3;
+
+/// A model that does not show all of the photographs as they were taken.
+#[derive(Clone, Debug, PartialEq, Eq)]
+#[non_exhaustive]
+pub enum Fault {
+    /// Photographs that do not hang together.
+    Torn {
+        /// Names in each further model of those that the largest has not.
+        others: Vec<Vec<String>>,
+    },
+    /// Photographs of two sides that were given poses of one.
+    Folded {
+        /// Names of those that agree with each other.
+        groups: Vec<Vec<String>>,
+    },
+}
+
+impl Fault {
+    /// That of the largest model of `photographs`, which are in `images`.
+    pub(super) fn of(model: &Facts, photographs: usize, images: &Path) -> Option<Self> {
+        if let Some(groups) = folded(model, images) {
+            return Some(Self::Folded { groups });
+        }
+        let others: Vec<Vec<String>> = model.others.iter().filter(|o| o.len() >= OTHERS).cloned().collect();
+        let few = (model.names.len() as f64) < REGISTERED * photographs as f64;
+        (few || !others.is_empty()).then_some(Self::Torn { others })
+    }
+}
+
+/// The groups of photographs of a folded model. THE PLACE OF THE FOLD TEST: `check`'s, of `model.folder` and `images`.
+fn folded(_model: &Facts, _images: &Path) -> Option<Vec<Vec<String>>> {
+    None
+}
+
+impl fmt::Display for Fault {
+    /// What it is, and what to do.
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Torn { others } if others.is_empty() => write!(
+                f,
+                "torn: photographs are missing in it; take more between those that have a pose and those that have none"
+            ),
+            Self::Torn { others } => {
+                write!(f, "torn: what these show hangs together only among themselves:")?;
+                for (i, other) in others.iter().enumerate() {
+                    write!(f, "{} {}", if i > 0 { ";" } else { "" }, listed(other))?;
+                }
+                write!(f, "; of two captures give each a folder, of one take photographs between the parts")
+            }
+            Self::Folded { groups } => {
+                write!(f, "folded: two sides that look alike lie on top of each other:")?;
+                for (i, group) in groups.iter().enumerate() {
+                    write!(f, "{} {}", if i > 0 { "; against" } else { "" }, listed(group))?;
+                }
+                write!(f, "; `--sequential`, or one group's photographs alone")
+            }
+        }
+    }
+}
