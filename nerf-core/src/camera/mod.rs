@@ -90,6 +90,23 @@ impl Pose {
         Some(Self { rotation: Mat3::from_cols(right, backward.cross(right), backward), position: eye })
     }
 
+    /// Whether it is finite, not too far away, and a rotation.
+    fn check(&self) -> Result<(), CameraError> {
+        let position_fits = self.position.is_finite() && self.position.abs().max_element() <= 1e9;
+        if !position_fits || !self.rotation.is_finite() {
+            return Err(CameraError::PoseNotFinite);
+        }
+        let gram = self.rotation.transpose() * self.rotation;
+        let (g, i) = (gram.to_cols_array(), Mat3::IDENTITY.to_cols_array());
+        let off = g.iter().zip(i).fold(0.0f32, |worst, (a, b)| worst.max((a - b).abs()));
+        let determinant = self.rotation.determinant();
+        if off <= 1e-3 && determinant > 0.0 {
+            Ok(())
+        } else {
+            Err(CameraError::PoseNotRotation { off, determinant })
+        }
+    }
+
     /// The unit vector the camera looks along, in world space.
     pub fn forward(&self) -> Vec3 {
         // A pose is a rotation only within 1e-3; the axis is of unit length all the same.
@@ -159,17 +176,7 @@ impl Camera {
                 return Err(CameraError::LensNotOfFisheyes { name, value });
             }
         }
-        let position_fits = pose.position.is_finite() && pose.position.abs().max_element() <= 1e9;
-        if !position_fits || !pose.rotation.is_finite() {
-            return Err(CameraError::PoseNotFinite);
-        }
-        let gram = pose.rotation.transpose() * pose.rotation;
-        let (g, i) = (gram.to_cols_array(), Mat3::IDENTITY.to_cols_array());
-        let off = g.iter().zip(i).fold(0.0f32, |worst, (a, b)| worst.max((a - b).abs()));
-        let determinant = pose.rotation.determinant();
-        if !(off <= 1e-3 && determinant > 0.0) {
-            return Err(CameraError::PoseNotRotation { off, determinant });
-        }
+        pose.check()?;
         let camera = Self { intrinsics, lens, pose };
         camera.check_view()?;
         camera.check_lens()?;
@@ -214,6 +221,15 @@ impl Camera {
             }
         }
         Ok(())
+    }
+
+    /// The same camera at another pose.
+    ///
+    /// # Errors
+    /// [`CameraError`] if the pose is not finite, too far away or no rotation.
+    pub fn at(&self, pose: Pose) -> Result<Self, CameraError> {
+        pose.check()?;
+        Ok(Self { pose, ..*self })
     }
 
     /// The intrinsics this camera was made with.

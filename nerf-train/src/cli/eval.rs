@@ -8,7 +8,7 @@ use crate::data::names::FileNames;
 use crate::data::system::output::claims::Claims;
 use crate::data::system::progress::{Message, Progress, Total};
 use crate::data::system::summary::write;
-use crate::data::{Dataset, View};
+use crate::data::{Dataset, RefinedPoses, View};
 use crate::measure::eval::{EvalOptions, Evaluation, own_background};
 use crate::measure::frame;
 use crate::measure::surfaces::{Surfaces, surfaces_in_words};
@@ -97,8 +97,9 @@ impl Eval {
             .and_then(|plan| self.data_options.range_of(plan))
             .map(|plan| self.quality.bins_of(plan, WhichBins::Own))
             .with_context(|| self.file.display().to_string())?;
-        let dataset = self.data_options.read_for(&self.data, (&blob, &self.file), global)?;
+        let dataset = self.data_options.read_given_for(&self.data, (&blob, &self.file), global)?;
         let views = self.views(&dataset)?;
+        let refined = self.refined(&dataset, &views)?;
         self.say_opaque(&views, own_background(&blob), global);
         let names = FileNames::of(self.split.of(&dataset));
         let options = EvalOptions { background: self.background, lattice: self.lattice };
@@ -106,16 +107,21 @@ impl Eval {
         let (mut table, mut written) = (Table::new(["view", "psnr_db", "aligned_psnr_db", "ssim"]), Ok(()));
         let views = (self.split.name(), views);
         let (kernel, points) = (global.kernel(), &dataset.points);
-        let found = Evaluation::of(&bytes, &plan, kernel, options, views, points, |view, frame, score| {
-            let db = [score.psnr_db, score.aligned_psnr_db].map(|db| format!("{db:.3}"));
-            let [raw, aligned] = db;
-            table.push([score.view.clone(), raw, aligned, format!("{:.4}", score.ssim)]);
-            progress.update(table.rows().len() as u64, &Message::default());
-            if let (Some(folder), Ok(())) = (&self.report, &written) {
-                written = frame::picture(frame).write_png(folder.join(format!("{}.png", names.stem(view))));
-            }
-        })?;
+        let mut found =
+            Evaluation::of(&bytes, &plan, kernel, options, views, points, |view, frame, score| {
+                let db = [score.psnr_db, score.aligned_psnr_db].map(|db| format!("{db:.3}"));
+                let [raw, aligned] = db;
+                table.push([score.view.clone(), raw, aligned, format!("{:.4}", score.ssim)]);
+                progress.update(table.rows().len() as u64, &Message::default());
+                if let (Some(folder), Ok(())) = (&self.report, &written) {
+                    written =
+                        frame::picture(frame).write_png(folder.join(format!("{}.png", names.stem(view))));
+                }
+            })?;
         written?;
+        if let Some(views) = &refined {
+            found.add_refined(&bytes, &plan, kernel, options, views)?;
+        }
         progress.finish(format!("{} views", found.views));
         if let Some(folder) = &self.report {
             table.write_csv(folder.join("views.csv"))?;
@@ -141,6 +147,14 @@ impl Eval {
         Ok(views)
     }
 
+    /// The views with the refined poses beside the blob; `None` unless all of them have one.
+    fn refined(&self, dataset: &Dataset, views: &[&View]) -> anyhow::Result<Option<Vec<View>>> {
+        let Some(refined) = RefinedPoses::beside(&self.file)? else { return Ok(None) };
+        let given: Vec<View> = views.iter().map(|&view| view.clone()).collect();
+        let cameras = refined.cameras(&self.file, &given, dataset.origin)?;
+        Ok(given.iter().zip(cameras).map(|(view, camera)| Some(view.seen_from(camera?))).collect())
+    }
+
     /// Says where --background cannot change what is behind the pictures.
     fn say_opaque(&self, views: &[&View], own: [f32; 3], global: &Global) {
         let other = self.background.is_some_and(|background| background != own);
@@ -163,6 +177,9 @@ impl Eval {
             found.val_worst_psnr_db,
             found.val_ssim
         );
+        if let (Some(psnr_db), Some(ssim)) = (found.val_refined_psnr_db, found.val_refined_ssim) {
+            outln!("from their refined poses: {psnr_db:.3} dB PSNR; {ssim:.4} SSIM");
+        }
         if let (Some(error), Some(share)) = (found.val_depth_error, found.val_near_share) {
             outln!("surfaces: {}", surfaces_in_words(error, share));
         }

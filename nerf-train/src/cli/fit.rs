@@ -11,10 +11,11 @@ use super::outcome;
 use super::places;
 use crate::capture::check::Diagnosis;
 use crate::data::system::memory;
-use crate::data::system::output::claims::Claims;
+use crate::data::system::output::claims::{Claims, Existing, is_device};
 use crate::data::system::output::write_atomic;
 use crate::data::system::stop;
-use crate::data::{Background, Dataset};
+use crate::data::{Background, Dataset, refined};
+use crate::fit::finish::Outcome;
 use crate::fit::live;
 use crate::fit::run::{Ended, RunOptions, interrupted, run_since};
 use crate::fit::size;
@@ -27,6 +28,7 @@ use crate::model::engine::EngineKind;
 use crate::show::reports;
 use crate::train::find_box;
 use crate::train::schedule::{Budget, Clock, MIN_STEPS};
+use anyhow::Context;
 use clap::Args;
 use glam::Vec3;
 use std::path::PathBuf;
@@ -295,12 +297,16 @@ impl Fit {
 
     /// What it reads and writes.
     fn claims(&self) -> Claims {
-        Claims::new()
+        let claims = Claims::new()
             .reads_data(&self.data)
             .reads_if("the file of settings", self.config.as_deref())
             .writes("-o", &self.output)
             .writes_folder_if("--report", self.report.as_deref(), &places::FIT)
-            .writes_folder_if("--live", self.live.as_deref(), &places::LIVE)
+            .writes_folder_if("--live", self.live.as_deref(), &places::LIVE);
+        if is_device(&self.output) {
+            return claims;
+        }
+        claims.derives("the refined poses beside -o", &refined::beside(&self.output), Existing::Replace)
     }
 
     /// Refuses what cannot be, before any data is read; where the checkpoint lies, if there is to be one.
@@ -336,6 +342,17 @@ impl Fit {
         }
     }
 
+    /// Writes the refined poses beside the blob; those of another fit must not stay there.
+    fn write_poses(&self, outcome: &Outcome) -> anyhow::Result<()> {
+        let file = refined::beside(&self.output);
+        match &outcome.refined_poses {
+            Some(poses) if !is_device(&self.output) => write_atomic(&file, poses.to_json().as_bytes())?,
+            _ if file.is_file() => std::fs::remove_file(&file).with_context(|| file.display().to_string())?,
+            _ => {}
+        }
+        Ok(())
+    }
+
     /// Runs the command.
     pub fn run(&self, global: &Global) -> anyhow::Result<ExitCode> {
         let clock = Clock::resume(Duration::ZERO);
@@ -360,6 +377,7 @@ impl Fit {
             }
         };
         write_atomic(&self.output, &outcome.bytes)?;
+        self.write_poses(&outcome)?;
         if let Some(error) = self.live.as_ref().and_then(|folder| live::finish(folder, &outcome).err()) {
             global.say(format!("warning: --live: {error}"));
         }

@@ -36,6 +36,14 @@ fn print_validation(outcome: &Outcome) -> anyhow::Result<()> {
         ),
         _ => outln!("validation: no views"),
     }
+    if let Some(refined) = &outcome.refined_scores {
+        outln!(
+            "from their refined poses: {:.2} dB PSNR, {:.4} SSIM; worst view {:.2} dB",
+            refined.psnr_db().unwrap_or(f64::NAN),
+            refined.ssim().unwrap_or(f64::NAN),
+            refined.worst_psnr_db().unwrap_or(f64::NAN)
+        );
+    }
     if outcome.flat {
         let views = if outcome.scores.views.is_empty() { "training" } else { "validation" };
         outln!(

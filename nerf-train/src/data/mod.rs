@@ -33,6 +33,7 @@ pub use error::DatasetError;
 
 pub use cameras::geometry::{LookAt, SceneBounds, frusta_box, scene_bounds};
 pub use cameras::origin::origin_in_name;
+pub use cameras::refined::{self, RefinedPoses};
 pub use layouts::choice::Layout;
 pub use layouts::files::files;
 pub use pictures::scale::Downscale;

@@ -50,6 +50,11 @@ impl View {
         if x < width && y < height { self.pixels.get(index).copied() } else { None }
     }
 
+    /// The same picture, taken with another camera of its size.
+    pub fn seen_from(&self, camera: Camera) -> Self {
+        Self { camera, ..self.clone() }
+    }
+
     /// A lattice of its pixels, one of `step` by `step`, with a camera that has exactly their rays; itself where
     /// `step` is 1.
     ///

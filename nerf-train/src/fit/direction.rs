@@ -1,7 +1,6 @@
 //! Whether the scene calls for view dependence, or would look the same without it.
 
 use crate::fit::run::{RunError, Session, spread};
-use crate::fit::validation::ASKED_VIEWS;
 use crate::measure::audit::{Verdict, flattened};
 use crate::measure::eval::Scores;
 use crate::measure::metrics::gain_db;
@@ -30,7 +29,8 @@ impl Session<'_, '_> {
         candidate: &mut Candidate,
     ) -> Result<Option<ViewDependence>, RunError> {
         let Some(threshold_db) = self.options.effect_threshold_db else { return Ok(None) };
-        let views = spread(&self.dataset.train, ASKED_VIEWS);
+        let views = self.asked_views();
+        let views: Vec<_> = views.iter().collect();
         let rays = spread(&self.dataset.train, RAY_VIEWS);
         let with = &self.trainer.model().architecture;
         let Some((architecture, parameters)) = flattened(with, &candidate.parameters, &rays) else {

@@ -1,6 +1,6 @@
 //! The end of a run: what is exported, and how good it is.
 
-use crate::data::View;
+use crate::data::{Dataset, RefinedPoses, View};
 use crate::fit::direction::ViewDependence;
 use crate::fit::pace::{FINAL_SHARE, Pace, QUESTION_SHARE, lattice_of};
 use crate::fit::run::{RunError, Session, spread};
@@ -14,6 +14,7 @@ use crate::train::CurvePoint;
 use crate::train::Snapshot;
 use crate::train::candidate::{About, Candidate};
 use crate::train::exposure::ExposureFound;
+use crate::train::poses::PosesFound;
 use nerf_core::plan::Quality;
 use std::time::Instant;
 
@@ -36,6 +37,12 @@ pub struct Outcome {
     pub lattice: u32,
     /// Its surfaces, against the sparse points of the same views.
     pub surfaces: Surfaces,
+    /// Scores of the same views from their refined poses, on the same lattice; `None` where poses stay as they were given.
+    pub refined_scores: Option<Scores>,
+    /// Poses of training and validation views as they were refined.
+    pub refined_poses: Option<RefinedPoses>,
+    /// What was found of the photographs' poses, where that was asked.
+    pub poses: Option<PosesFound>,
     /// What was found of the photographs' exposure, where that was asked.
     pub exposure: Option<ExposureFound>,
     /// Some of those views as rendered, if the run was to keep them.
@@ -120,11 +127,13 @@ impl Session<'_, '_> {
 
         let background = self.trainer.background();
         let (scores, lattice, shown) = self.evaluate(&draft)?;
+        let (refined_poses, refined_scores) = self.refine(&draft, lattice)?;
         let val: Vec<&View> = self.dataset.val.iter().collect();
         let surfaces = Surfaces::of(&draft, self.options.kernel, &val, &self.dataset.points)?;
         let quantisation_loss_db = self.ask_rounding(&candidate, &draft, &scores, lattice)?;
         let psnr_db = scores.psnr_db();
-        let asked = spread(&self.dataset.train, ASKED_VIEWS);
+        let asked = self.asked_views();
+        let asked: Vec<&View> = asked.iter().collect();
         let all: Vec<&View> = self.dataset.val.iter().collect();
         let (judged, judged_scores) = if all.is_empty() { (&asked, &trained) } else { (&all, &scores) };
         let flats: Vec<f64> = judged
@@ -147,6 +156,9 @@ impl Session<'_, '_> {
             trained: self.score_training(&draft)?,
             lattice,
             surfaces,
+            refined_scores,
+            refined_poses,
+            poses: self.trainer.poses(),
             exposure: self.trainer.exposure(),
             shown,
             background,
@@ -203,7 +215,8 @@ impl Session<'_, '_> {
 
     /// dB that leaving the occupancy grid out costs on training views, and their scores with it.
     fn ask_occupancy(&self, draft: &[u8]) -> Result<(Option<f64>, Scores), EvalError> {
-        let views = spread(&self.dataset.train, ASKED_VIEWS);
+        let views = self.asked_views();
+        let views: Vec<&View> = views.iter().collect();
         let with = Quality::default();
         let without = Quality { occupancy: false, ..with };
         if self.trainer.config().network.grid.is_some() {
@@ -223,7 +236,7 @@ impl Session<'_, '_> {
             let some = spread(&self.dataset.val, ASKED_VIEWS);
             self.measure_priced(draft, &some, self.pace.probe(largest), |_| {})?;
         }
-        let lattice = self.pace.lattice(pixels, largest, self.pace.share(FINAL_SHARE));
+        let lattice = self.pace.lattice(self.times() * pixels, largest, self.pace.share(FINAL_SHARE));
         let kept: Vec<usize> = spread_indices(views.len(), SHOWN_VIEWS).collect();
         let (mut index, mut shown) = (0, Vec::new());
         let (kernel, background) = (self.options.kernel, self.trainer.background());
@@ -247,11 +260,37 @@ impl Session<'_, '_> {
         let some = (train.len() * TRAINING_PIXELS).min(MAX_TRAINING_PIXELS) as f64;
         let lattice =
             lattice_of(pixels, some).max(self.pace.lattice(pixels, largest, self.pace.share(QUESTION_SHARE)));
-        let thinned: Vec<_> = train.iter().map(|view| view.thinned(lattice)).collect();
+        let seen = train.iter().zip(self.trainer.training_cameras());
+        let thinned: Vec<_> =
+            seen.map(|(view, camera)| view.seen_from(camera).thinned(lattice).into_owned()).collect();
         let (kernel, background) = (self.options.kernel, self.trainer.background());
-        let views = thinned.iter().map(|view| &**view);
-        let scores = measure(draft, None, kernel, &Quality::default(), background, views, |_, _, _, _| {})?;
+        let scores =
+            measure(draft, None, kernel, &Quality::default(), background, &thinned, |_, _, _, _| {})?;
         Ok(scores.views)
+    }
+
+    /// Training views that questions about the export are asked of, from where they were refined to.
+    pub(super) fn asked_views(&self) -> Vec<View> {
+        let (train, cameras) = (&self.dataset.train, self.trainer.training_cameras());
+        spread_indices(train.len(), ASKED_VIEWS).map(|i| train[i].seen_from(cameras[i])).collect()
+    }
+
+    /// The refined poses, and the scores of the validation views from theirs.
+    fn refine(
+        &mut self,
+        draft: &[u8],
+        lattice: u32,
+    ) -> Result<(Option<RefinedPoses>, Option<Scores>), RunError> {
+        let Some(cameras) = self.trainer.refined_cameras()? else { return Ok((None, None)) };
+        let Dataset { train, val, origin, .. } = self.dataset;
+        let all = train.iter().zip(cameras.train).chain(val.iter().zip(cameras.val.iter().copied()));
+        let poses = RefinedPoses::of(all, *origin);
+        let seen = val.iter().zip(&cameras.val);
+        let views: Vec<_> =
+            seen.map(|(view, &camera)| view.seen_from(camera).thinned(lattice).into_owned()).collect();
+        let (kernel, background) = (self.options.kernel, self.trainer.background());
+        let scores = measure(draft, None, kernel, &Quality::default(), background, &views, |_, _, _, _| {})?;
+        Ok((Some(poses), (!views.is_empty()).then_some(scores)))
     }
 
     /// dB that rounding costs, on some of the views that `scores` are of; `None` without any.

@@ -237,11 +237,15 @@ impl Task for Session<'_, '_> {
     }
 
     fn step(&mut self, share: f64, progress: &Progress) -> Result<(), RunError> {
-        let (before, exposure) = (self.trainer.progressed().reseeds, self.trainer.exposure());
+        let before = self.trainer.progressed().reseeds;
+        let (exposure, poses) = (self.trainer.exposure(), self.trainer.poses());
         // On a thread of the pool, so that the parts of a step need not wake it one by one.
         rayon::scope(|_| self.trainer.step(share))?;
         if let Some(found) = self.trainer.exposure().filter(|found| Some(*found) != exposure) {
             progress.println(found.in_words(&self.dataset.train));
+        }
+        if let Some(found) = self.trainer.poses().filter(|found| Some(*found) != poses) {
+            progress.println(found.to_string());
         }
         let p = *self.trainer.progressed();
         if p.reseeds != before {
@@ -312,7 +316,15 @@ impl Session<'_, '_> {
 
     /// Seconds kept for the end.
     fn reserve(&self) -> f64 {
-        self.pace.reserve(self.pixels[0], self.pixels[1])
+        let rays = self.trainer.progressed().rays.saturating_sub(self.started.rays).max(1);
+        let refining = self.trainer.held_out_rays() as f64 * self.seconds_here() / rays as f64;
+        let refining = if self.budget.seconds.is_some() { refining } else { 0.0 };
+        self.pace.reserve(self.times() * self.pixels[0], self.pixels[1]) + refining
+    }
+
+    /// How many times validation views are measured in the end: from the refined poses, too, where there are such.
+    pub(super) fn times(&self) -> u64 {
+        if self.trainer.held_out_rays() > 0 { 2 } else { 1 }
     }
 
     fn progress(&self) -> Progress {
@@ -332,6 +344,9 @@ impl Session<'_, '_> {
         }
         if let Some(found) = self.trainer.exposure() {
             progress.println(found.in_words(&self.dataset.train));
+        }
+        if let Some(found) = self.trainer.poses() {
+            progress.println(found.to_string());
         }
         progress
     }

@@ -6,6 +6,7 @@ use crate::data::pictures::colour;
 use crate::data::system::cpu;
 use crate::data::system::summary::Short;
 use crate::fit::finish::Outcome;
+use crate::measure::eval::Scores;
 use crate::measure::inspect::GridSummary;
 use crate::model::config::Config;
 use crate::model::engine::EngineKind;
@@ -24,8 +25,13 @@ pub struct Summary {
     pub val_aligned_psnr_db: f64,
     pub val_lattice: u32,
     pub val_ssim: f64,
+    pub val_refined_psnr_db: Option<f64>,
+    pub val_refined_worst_psnr_db: Option<f64>,
+    pub val_refined_ssim: Option<f64>,
     pub val_depth_error: Option<f64>,
     pub val_near_share: Option<f64>,
+    pub poses_pixels: Option<f64>,
+    pub poses_refined: bool,
     pub exposure_spread: Option<f64>,
     pub exposure_fitted: bool,
     pub views: usize,
@@ -87,8 +93,13 @@ impl Summary {
             val_aligned_psnr_db: outcome.scores.aligned_psnr_db().unwrap_or(f64::NAN),
             val_lattice: outcome.lattice,
             val_ssim: outcome.scores.ssim().unwrap_or(f64::NAN),
+            val_refined_psnr_db: outcome.refined_scores.as_ref().and_then(Scores::psnr_db),
+            val_refined_worst_psnr_db: outcome.refined_scores.as_ref().and_then(Scores::worst_psnr_db),
+            val_refined_ssim: outcome.refined_scores.as_ref().and_then(Scores::ssim),
             val_depth_error: outcome.surfaces.depth_error,
             val_near_share: outcome.surfaces.near_share,
+            poses_pixels: outcome.poses.map(|found| found.pixels),
+            poses_refined: outcome.refined_poses.is_some(),
             exposure_spread: outcome.exposure.map(|found| found.spread),
             exposure_fitted: outcome.exposure.is_some_and(|found| found.fitted),
             views: outcome.scores.views.len(),

@@ -119,6 +119,10 @@ pub struct Evaluation {
     pub val_worst_psnr_db: f64,
     pub val_aligned_psnr_db: f64,
     pub val_ssim: f64,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub val_refined_psnr_db: Option<f64>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub val_refined_ssim: Option<f64>,
     pub val_depth_error: Option<f64>,
     pub val_near_share: Option<f64>,
     pub views: usize,
@@ -183,6 +187,8 @@ impl Evaluation {
             val_worst_psnr_db: scores.worst_psnr_db().unwrap_or(f64::NAN),
             val_aligned_psnr_db: scores.aligned_psnr_db().unwrap_or(f64::NAN),
             val_ssim: scores.ssim().unwrap_or(f64::NAN),
+            val_refined_psnr_db: None,
+            val_refined_ssim: None,
             val_depth_error: surfaces.depth_error,
             val_near_share: surfaces.near_share,
             views: scores.views.len(),
@@ -203,6 +209,25 @@ impl Evaluation {
             view_scores: scores.views,
             lattice_psnr_db: mean(lattice_db.into_iter()),
         })
+    }
+
+    /// Adds the figures of the same views from their refined poses.
+    ///
+    /// # Errors
+    /// [`EvalError`] if the blob cannot be rendered as asked.
+    pub fn add_refined(
+        &mut self,
+        bytes: &[u8],
+        plan: &Plan<'_>,
+        kernel: Kernel,
+        options: EvalOptions,
+        views: &[View],
+    ) -> Result<(), EvalError> {
+        let views = views.iter().collect();
+        let refined = Self::of(bytes, plan, kernel, options, (self.split, views), &[], |_, _, _| {})?;
+        self.val_refined_psnr_db = Some(refined.val_psnr_db);
+        self.val_refined_ssim = Some(refined.val_ssim);
+        Ok(())
     }
 }
 

@@ -5,6 +5,7 @@
 
 use super::average::Average;
 use super::exposure::{ExposureFound, Gains};
+use super::poses::{Poses, PosesFound};
 use super::{CurvePoint, Progressed};
 use crate::data::Dataset;
 use crate::data::system::input::{MAX_CHECKPOINT_BYTES, read_limited};
@@ -20,7 +21,7 @@ use serde_json::Value;
 use std::path::{Path, PathBuf};
 
 /// First bytes of a checkpoint; the last is the version.
-const MAGIC: [u8; 8] = *b"NERFCKP\x08";
+const MAGIC: [u8; 8] = *b"NERFCKP\x09";
 
 /// A run, stopped between two steps.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -41,6 +42,10 @@ pub struct Checkpoint {
     pub gains: Option<Gains>,
     /// Measured spread of the photographs' exposure, once it is known.
     pub exposure: Option<ExposureFound>,
+    /// Poses of the photographs.
+    pub poses: Option<Poses>,
+    /// What was found of them, once it is known.
+    pub poses_found: Option<PosesFound>,
     /// Counters of the loop.
     pub progressed: Progressed,
     /// The curve so far.

@@ -6,6 +6,7 @@ pub mod checkpoint;
 pub mod exposure;
 pub mod field;
 pub mod occupancy;
+pub mod poses;
 pub mod rays;
 pub mod schedule;
 mod trainer;

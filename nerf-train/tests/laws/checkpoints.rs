@@ -1,6 +1,6 @@
 //! Runs that are interrupted and taken up again; checkpoints that are damaged or another run's.
 
-use crate::{by_tape, fit, options, scene, tiny, tiny_grid, tiny_seed, tiny_unbounded};
+use crate::{by_tape, fit, options, scene, tiny, tiny_grid, tiny_posed, tiny_seed, tiny_unbounded};
 use nerf_core::Kernel;
 use nerf_train::data::Dataset;
 use nerf_train::fit::finish::Outcome;
@@ -9,6 +9,7 @@ use nerf_train::fit::run::RunError;
 use nerf_train::fit::run::run;
 use nerf_train::model::config::Config;
 use nerf_train::model::config::Jitter;
+use nerf_train::model::config::PoseRefinement;
 use nerf_train::model::engine::EngineKind;
 use nerf_train::train::Trainer;
 use nerf_train::train::average::Average;
@@ -39,6 +40,7 @@ fn a_run_resumed_at_any_step_gives_the_undisturbed_blob() {
         ("small", tiny(24)),
         ("grid", tiny_grid(24)),
         ("unbounded", tiny_unbounded(24)),
+        ("unbounded, poses refined", tiny_posed(24, PoseRefinement::Refine)),
         ("seed", tiny_seed(24)),
         ("small by the tape", by_tape(tiny(24))),
         ("grid by the tape", by_tape(tiny_grid(24))),

@@ -25,6 +25,7 @@ use nerf_train::fit::run::RunError;
 use nerf_train::fit::run::RunOptions;
 use nerf_train::fit::run::run;
 use nerf_train::model::config::Config;
+use nerf_train::model::config::PoseRefinement;
 use nerf_train::model::config::Preset;
 use nerf_train::model::engine::EngineKind;
 use nerf_train::train::schedule::Budget;
@@ -62,6 +63,13 @@ fn tiny_grid(steps: u32) -> Config {
 fn tiny_unbounded(steps: u32) -> Config {
     let mut config = tiny_grid(steps);
     (config.sampling.contraction, config.occupancy.hull) = (Some(2), false);
+    config
+}
+
+/// The same, poses refined or not.
+fn tiny_posed(steps: u32, poses: PoseRefinement) -> Config {
+    let mut config = tiny_unbounded(steps);
+    config.capture.poses = poses;
     config
 }
 

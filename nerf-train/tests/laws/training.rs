@@ -1,8 +1,10 @@
 //! Same seed, same blob; dead ends are reported.
 
-use crate::{fit, scene, tiny, tiny_grid, tiny_seed, tiny_unbounded};
+use crate::{fit, scene, tiny, tiny_grid, tiny_posed, tiny_seed, tiny_unbounded};
+use glam::{Mat3, Vec2, Vec3};
 use nerf_core::Kernel;
 use nerf_core::blob::Blob;
+use nerf_core::camera::{Camera, Pose};
 use nerf_train::data::Background;
 use nerf_train::data::Dataset;
 use nerf_train::data::demo;
@@ -12,12 +14,15 @@ use nerf_train::fit::run::RunError;
 use nerf_train::lab::sweep::Job;
 use nerf_train::lab::sweep::Runner;
 use nerf_train::lab::sweep::Status;
+use nerf_train::measure::eval::Scores;
 use nerf_train::measure::metrics::psnr_db;
 use nerf_train::model::config::Config;
 use nerf_train::model::config::Density;
 use nerf_train::model::config::Jitter;
+use nerf_train::model::config::PoseRefinement;
 use nerf_train::train::TrainError;
 use nerf_train::train::Trainer;
+use std::path::Path;
 
 /// All presets, small; and the seed preset's published variants.
 fn variants(steps: u32) -> Vec<(&'static str, Config)> {
@@ -32,6 +37,7 @@ fn variants(steps: u32) -> Vec<(&'static str, Config)> {
         ("grid", tiny_grid(steps)),
         ("grid without hull", tiny_grid(steps).without_hull()),
         ("unbounded grid", tiny_unbounded(steps)),
+        ("unbounded grid, poses refined", tiny_posed(steps, PoseRefinement::Refine)),
         ("seed", tiny_seed(steps)),
         ("seed, 32 samples", with(|c| c.sampling.samples = 32)),
         ("seed, jitter 0.02", with(|c| c.sampling.jitter = Jitter::Width(0.02))),
@@ -324,4 +330,43 @@ fn strange_pictures_end_in_a_message_or_a_finite_blob() {
             }
         }
     }
+}
+
+#[test]
+fn poses_that_are_off_are_refined() {
+    let spec = DemoSpec { train: 16, val: 4, size: 48, ..DemoSpec::default() };
+    let truth = demo::dataset(&spec).expect("a scene");
+    let mut dataset = truth.clone();
+    for (i, view) in dataset.train.iter_mut().enumerate() {
+        // By 3 degrees, some two pixels, each about an axis of its own.
+        let axis = Vec3::new((i as f32).sin(), (2.7 * i as f32).cos(), (5.1 * i as f32).sin()).normalize();
+        let pose = view.camera.pose();
+        let rotation = Mat3::from_axis_angle(axis, 0.05) * pose.rotation;
+        view.camera = view.camera.at(Pose { rotation, ..*pose }).expect("a camera");
+    }
+    let [given, refined] = [PoseRefinement::Given, PoseRefinement::Refine]
+        .map(|poses| fit(&dataset, &tiny_posed(600, poses)).expect("a blob"));
+    assert!(given.refined_poses.is_none() && given.refined_scores.is_none());
+    let db = |scores: &Scores| scores.psnr_db().expect("validation views");
+    let (before, after) = (db(&given.scores), db(refined.refined_scores.as_ref().expect("refined poses")));
+    println!("{before:.2} dB, refined {after:.2} dB");
+    assert!(after > before + 1.0, "{before:.2} dB, refined {after:.2} dB");
+    let poses = refined.refined_poses.expect("refined poses");
+    let cameras = poses.cameras(Path::new("a.nerf"), &truth.train, truth.origin).expect("cameras");
+    // Turning a camera and moving it can hardly be told apart here: what counts is where points of the scene are seen.
+    let apart = |a: &Camera, b: &Camera| {
+        let points = (0..8).map(|i| Vec3::new((i & 1) as f32, (i >> 1 & 1) as f32, (i >> 2) as f32) - 0.5);
+        let project =
+            |camera: &Camera, point| Vec2::from(camera.project(point).expect("in front of the camera"));
+        points.map(|point| project(a, point).distance(project(b, point))).sum::<f32>() / 8.0
+    };
+    let mean = |cameras: &[Camera]| {
+        let pairs = cameras.iter().zip(&truth.train);
+        pairs.map(|(camera, view)| apart(camera, &view.camera)).sum::<f32>() / cameras.len() as f32
+    };
+    let found: Vec<Camera> = cameras.into_iter().map(|camera| camera.expect("refined")).collect();
+    let given: Vec<Camera> = dataset.train.iter().map(|view| view.camera).collect();
+    let (before, after) = (mean(&given), mean(&found));
+    println!("{before:.2} pixels, refined {after:.2} pixels");
+    assert!(after < 0.6 * before, "{before:.2} pixels, refined {after:.2} pixels");
 }

@@ -127,7 +127,7 @@ impl Contraction {
     /// The gradient in the world of what has `gradient` at `p`, both in the scene box: the transpose of the
     /// contraction's derivative, times it.
     #[cfg(feature = "normals")]
-    pub(crate) fn gradient_in_world(&self, p: Vec3, gradient: Vec3) -> Vec3 {
+    pub fn gradient_in_world(&self, p: Vec3, gradient: Vec3) -> Vec3 {
         let q = (p - self.centre) / self.radius;
         let contracted = Lanes::sqrt(q.length_squared());
         if contracted <= 1.0 {

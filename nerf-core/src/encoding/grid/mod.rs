@@ -198,10 +198,15 @@ impl<'a> GridTables<'a> {
         encode_grid_block(isa, grid, self, stride, x, out);
     }
 
+    /// Takes a gradient back through the encoding of a block of samples.
+    ///
+    /// `x`: `[inputs][stride]`, world units. `of_encoded`: `[outputs][stride]`, ∂f/∂encoded. `of_x`: `[inputs][stride]`,
+    /// becomes ∂f/∂x. `stride` as in [`encode_grid_block`]. `blur`: standard deviation, world units, of a Gaussian around
+    /// each sample that the gradient is a mean over: fine levels count for less. With 0 it is the gradient.
     #[cfg(feature = "normals")]
     #[inline]
     #[allow(clippy::too_many_arguments, reason = "those of the sinusoidal encoding's gradient")]
-    pub(crate) fn gradient(
+    pub fn gradient(
         &self,
         isa: Isa,
         grid: &GridEncoding,

@@ -2,6 +2,7 @@
 
 use crate::cli::common::Global;
 use crate::data;
+use crate::data::refined::{self, RefinedPoses};
 use crate::data::system::progress::{self, Message, Progress, ProgressStyle, Total};
 use crate::data::{
     Axes, Background, Cameras, Dataset, Downscale, Layout, ReadOptions, Report, Watch, cameras_in_name,
@@ -127,9 +128,30 @@ impl DataOptions {
         Ok((dataset, watch.set_aside()))
     }
 
+    /// As [`Self::read_given_for`], from where the views were refined to where `blob` in `file` has such poses beside it.
+    pub fn read_for(
+        &self,
+        path: &Path,
+        (blob, file): (&Blob<'_>, &Path),
+        global: &Global,
+    ) -> anyhow::Result<Dataset> {
+        let mut dataset = self.read_given_for(path, (blob, file), global)?;
+        let Some(refined) = RefinedPoses::beside(file)? else { return Ok(dataset) };
+        let mut count = 0;
+        for views in [&mut dataset.train, &mut dataset.val, &mut dataset.test] {
+            let cameras = refined.cameras(file, views, dataset.origin)?;
+            for (view, camera) in views.iter_mut().zip(cameras) {
+                count += usize::from(camera.is_some());
+                view.camera = camera.unwrap_or(view.camera);
+            }
+        }
+        global.say(format!("{count} views with the refined poses of {}", refined::beside(file).display()));
+        Ok(dataset)
+    }
+
     /// As [`Self::read`], with the cameras that `blob` in `file` was fitted with, and coordinates that count from where its
     /// own do; any split will do.
-    pub fn read_for(
+    pub fn read_given_for(
         &self,
         path: &Path,
         (blob, file): (&Blob<'_>, &Path),

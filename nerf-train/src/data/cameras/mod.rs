@@ -7,4 +7,5 @@ pub(crate) mod nearest;
 pub(crate) mod origin;
 pub mod path;
 pub(crate) mod pose;
+pub mod refined;
 pub(crate) mod viewpoint;

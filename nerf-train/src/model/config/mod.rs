@@ -141,11 +141,13 @@ pub struct CaptureConfig {
     pub free_space: bool,
     /// Whether photographs have gains.
     pub exposure: Exposure,
+    /// Whether poses are refined.
+    pub poses: PoseRefinement,
 }
 
 impl Default for CaptureConfig {
     fn default() -> Self {
-        Self { depth: 1.0, free_space: true, exposure: Exposure::Auto }
+        Self { depth: 1.0, free_space: true, exposure: Exposure::Auto, poses: PoseRefinement::Auto }
     }
 }
 
@@ -159,6 +161,18 @@ pub enum Exposure {
     Own,
     /// None.
     Shared,
+}
+
+/// Whether the photographs' poses are refined with the field.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum PoseRefinement {
+    /// Where they are off by enough.
+    Auto,
+    /// In any case.
+    Refine,
+    /// They stay as they are given.
+    Given,
 }
 
 /// What the data says of what lies around a scene.

@@ -1,5 +1,8 @@
 //! What one training step sees.
 
+use glam::Vec3;
+use nerf_core::camera::Contraction;
+
 /// One ray: what it should show, and how many samples it has.
 #[derive(Clone, Copy, Debug, PartialEq, Default)]
 pub struct BatchRay {
@@ -29,6 +32,27 @@ impl Surface {
     pub const CLIP: f32 = 0.25;
 }
 
+/// How the loss's gradient by the rays' own origins and directions is asked for.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct RayQuestion {
+    /// How the world is contracted into the space that positions are in.
+    pub contraction: Contraction,
+    /// Standard deviation of the Gaussian around each sample that the gradient is a mean over, units of that space: levels
+    /// of the grid that are finer count for less.
+    pub blur: f32,
+}
+
+/// Gradient of the loss by a ray, whose samples stay at their distances.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct RayGradient {
+    /// Index of the ray in its batch.
+    pub ray: u32,
+    /// By the origin, per world unit.
+    pub by_origin: Vec3,
+    /// By the direction, of which only the part across the ray means anything.
+    pub by_dir: Vec3,
+}
+
 /// Rays with their live samples, ray after ray, front to back.
 ///
 /// In a 2D field `positions` hold the point in their first two coordinates and every sample is
@@ -54,8 +78,13 @@ pub struct Batch {
     pub surfaces: Vec<Surface>,
     /// Position of each sample of those rays along its ray, 0 to 1 as [`Surface::at`].
     pub along: Vec<f32>,
-    /// Index of each ray's photograph; empty unless photographs have gains. Of a grid's batches only.
+    /// Index of each ray's photograph. Of a grid's batches of an unbounded scene only, as what follows.
     pub views: Vec<u32>,
+    /// Where each ray begins, world.
+    pub origins: Vec<[f32; 3]>,
+    /// What is asked of the rays themselves, if anything is: the gradient that is followed leaves out that the colour
+    /// depends on the direction, and that the distortion loss depends on distances.
+    pub question: Option<RayQuestion>,
     /// Gain of each ray's photograph, red, green, blue; empty: 1.
     pub gains: Vec<[f32; 3]>,
     /// Weight of the distortion loss, per unit of length of the space that the positions are in; 0 for none. Of a grid's
@@ -74,6 +103,8 @@ impl Batch {
         self.surfaces.clear();
         self.along.clear();
         self.views.clear();
+        self.origins.clear();
+        self.question = None;
         self.gains.clear();
     }
 
@@ -96,6 +127,7 @@ impl Batch {
             ("surfaces", (rays.min(self.surfaces.len() as u64), self.surfaces.len())),
             ("views", a_ray(self.views.len())),
             ("gains", a_ray(self.gains.len())),
+            ("origins", if self.question.is_some() { (rays, self.origins.len()) } else { (0, 0) }),
         ] {
             if expected != found as u64 {
                 return Err(BatchError::Length { field, expected, found });
@@ -107,8 +139,9 @@ impl Batch {
             let index = self.gradient_scales.iter().position(|x| !x.is_finite());
             return Err(BatchError::NonFinite { field: "gradient_scales", index: index.unwrap_or_default() });
         }
-        if !(sound(&self.along) && sound(self.gains.as_flattened())) {
-            let field = if sound(&self.along) { "gains" } else { "along" };
+        let of_rays = [("along", &self.along[..]), ("gains", self.gains.as_flattened())];
+        let of_rays = of_rays.into_iter().chain([("origins", self.origins.as_flattened())]);
+        if let Some((field, _)) = { of_rays }.find(|(_, values)| !sound(values)) {
             return Err(BatchError::NonFinite { field, index: 0 });
         }
         let surface_ok = |s: &Surface| s.at.is_finite() && s.weight.is_finite();

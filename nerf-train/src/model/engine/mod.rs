@@ -88,7 +88,7 @@ mod volume_grad;
 #[cfg(test)]
 mod tests;
 
-pub use batch::{Batch, BatchError, BatchRay, Surface};
+pub use batch::{Batch, BatchError, BatchRay, RayGradient, RayQuestion, Surface};
 pub use fused::FusedEngine;
 pub use grid::{GridEngine, GridReferenceEngine};
 pub use model::{Dense, Initialisation, Model, ModelError, Part};
@@ -184,6 +184,20 @@ pub trait Engine: Send {
     /// Gradient of the last step's loss by the log gain of each of `views` photographs; zeros of an engine without gains.
     fn gain_gradients(&self, views: usize) -> Vec<[f32; 3]> {
         vec![[0.0; 3]; views]
+    }
+
+    /// Loss of a batch and, where it asks for them, the gradients by its rays, of parameters that stay as they are; no loss
+    /// of an engine without the latter.
+    ///
+    /// # Errors
+    /// Those of [`Engine::step`].
+    fn ask(&mut self, _batch: &Batch) -> Result<StepLoss, EngineError> {
+        Ok(StepLoss::default())
+    }
+
+    /// Gradients of the last batch's loss by its rays, where that asked for them; none of an engine without them.
+    fn ray_gradients(&self) -> Box<dyn Iterator<Item = &RayGradient> + '_> {
+        Box::new(std::iter::empty())
     }
 
     /// Position and weight of the last step's samples that were trained on; none of an engine that does not say.

@@ -30,6 +30,8 @@ const SIGHT_SHARE: usize = 8;
 /// All pixels a run may draw, and how their rays are sampled.
 pub struct RayBank<'d> {
     views: &'d [View],
+    /// Where each of them is looked at from.
+    cameras: Vec<Camera>,
     /// First pixel of each view in the numbering over all views, and the end.
     starts: Vec<u64>,
     /// Pixels that may be drawn: near the foreground, where the pictures tell it, and not masked. `None`: all.
@@ -63,8 +65,9 @@ struct Marched {
     surfaces: Vec<Surface>,
     /// How far along its ray each sample of those rays lies, 0 to 1.
     along: Vec<f32>,
-    /// View of each ray.
+    /// View of each ray, and where it begins.
     views: Vec<u32>,
+    origins: Vec<[f32; 3]>,
     time: Duration,
 }
 
@@ -99,6 +102,7 @@ impl<'d> RayBank<'d> {
         let Bounds { near, far, scene_box, contraction, .. } = bounds;
         Ok(Self {
             views,
+            cameras: views.iter().map(|view| view.camera).collect(),
             starts,
             drawn,
             unmasked,
@@ -132,6 +136,11 @@ impl<'d> RayBank<'d> {
         };
         self.sights = sights.of_views.iter().enumerate().flat_map(of_view).collect();
         self
+    }
+
+    /// Casts rays from other cameras than the views', in their order, from now on.
+    pub fn set_cameras(&mut self, cameras: Vec<Camera>) {
+        self.cameras = cameras;
     }
 
     /// The line of sight, and its view, that ray `index` of a step of `rays` rays goes along; `None` behind the first eighth
@@ -252,6 +261,7 @@ impl<'d> RayBank<'d> {
                 let mut found = Marched::default();
                 for (index, view, ray, mut batch_ray) in self.targets(step, range, rays) {
                     let before = found.samples.positions.len();
+                    found.origins.push(ray.origin.to_array());
                     let (ray, start) = contraction.centred(&ray);
                     let first = contraction.step_at(self.near - start);
                     let u = uniform(self.seed, Purpose::Jitter, step, index);
@@ -279,6 +289,7 @@ impl<'d> RayBank<'d> {
             batch.surfaces.extend(found.surfaces);
             batch.along.extend(found.along);
             batch.views.extend(found.views);
+            batch.origins.extend(found.origins);
             batch.positions.extend(found.samples.positions);
             batch.deltas.extend(found.samples.deltas);
             batch.gradient_scales.extend(found.samples.gradient_scales);
@@ -297,7 +308,7 @@ impl<'d> RayBank<'d> {
             let draw = |i: u64| uniform(self.seed, Purpose::Empty, step, 4 * try_index + i);
             let p = if try_index % 2 == 0 {
                 let (view, pixel) = self.any_pixel(step, u64::MAX - try_index);
-                let ray = ray_of(&self.views[view].camera, pixel);
+                let ray = ray_of(&self.cameras[view], pixel);
                 let clipped = self.bounds.clip(&ray, self.near, self.far);
                 let Some((enter, exit)) = clipped else { continue };
                 ray.at(enter + draw(0) * (exit - enter))
@@ -372,7 +383,7 @@ impl<'d> RayBank<'d> {
 
     /// The ray of a pixel, which is `rgba`, and what it should show; without samples.
     fn target(&self, step: u64, index: u64, (view, pixel): (usize, usize), rgba: [u8; 4]) -> (Ray, BatchRay) {
-        let ray = ray_of(&self.views[view].camera, pixel);
+        let ray = ray_of(&self.cameras[view], pixel);
         let background = match self.background {
             // Corners of the colour cube, where errors of opacity weigh most; white one time in
             // three, since against it the edges of most things do.

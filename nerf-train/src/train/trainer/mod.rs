@@ -3,7 +3,7 @@
 pub mod candidate;
 
 use crate::capture::sights::{self, Sights};
-use crate::data::{Background, Dataset, is_blank, mean_colour};
+use crate::data::{Background, Dataset, View, is_blank, mean_colour};
 use crate::model::config::{Config, Density, SamplingConfig};
 use crate::model::engine::{Batch, Engine, Model, Phase, Phases, engine_for};
 use crate::train::Bounds;
@@ -11,11 +11,13 @@ use crate::train::average::Average;
 use crate::train::checkpoint::{Checkpoint, fingerprint};
 use crate::train::exposure::{ExposureFound, Gains};
 use crate::train::occupancy::{Ask, Occupancy};
+use crate::train::poses::{Poses, PosesFound};
 use crate::train::rays::{MarchCells, RayBank};
 use crate::train::schedule::learning_rate;
 use crate::train::{CurvePoint, Progressed, Snapshot, TrainError, find_bounds};
 use nerf_core::Kernel;
 use nerf_core::blob::MAX_SAMPLES;
+use nerf_core::camera::Camera;
 use std::time::{Duration, Instant};
 
 /// Steps in a row without any density after which a run is started anew with another seed.
@@ -29,6 +31,10 @@ const GROWTH: f64 = 0.15;
 const STAGES: f64 = 8.0;
 /// Share of a run from which on it is remembered which cells of an unbounded scene training rays give weight to.
 const MARKED_FROM: f64 = 0.5;
+/// Steps in which poses of validation views are refined, and rays a view in each, of more views than so many fewer.
+const HELD_OUT_STEPS: u32 = 100;
+const HELD_OUT_RAYS: usize = 48;
+const HELD_OUT_VIEWS: usize = 64;
 /// Times a run is started anew before it is given up.
 pub(crate) const RESEEDS: u32 = 3;
 
@@ -52,6 +58,8 @@ pub struct Trainer<'d> {
     sights: Option<Sights>,
     gains: Option<Gains>,
     exposure: Option<ExposureFound>,
+    poses: Option<Poses>,
+    poses_found: Option<PosesFound>,
     /// The occupied cells as they are marched; none until they are asked for.
     cells: Option<MarchCells>,
     /// The next step's samples, where they were marched beside this step's update, and what they were marched with.
@@ -94,6 +102,10 @@ impl<'d> Trainer<'d> {
             true => Gains::of(&dataset.train, sights.as_ref(), config.capture.exposure),
             false => (None, None),
         };
+        let (poses, poses_found) = match unbounded {
+            true => Poses::of(dataset, sights.is_some(), config.capture.poses),
+            false => (None, None),
+        };
         let engine =
             engine_for(config.engine, &model, bounds.scene_box, config.adam(), config.seed, kernel.isa)?;
         let background = match dataset.background {
@@ -116,6 +128,8 @@ impl<'d> Trainer<'d> {
             sights,
             gains,
             exposure,
+            poses,
+            poses_found,
             cells: None,
             ahead: Default::default(),
             progressed: Progressed::default(),
@@ -143,6 +157,9 @@ impl<'d> Trainer<'d> {
         self.average = checkpoint.average;
         self.occupancy = checkpoint.occupancy;
         (self.gains, self.exposure) = (checkpoint.gains, checkpoint.exposure);
+        (self.poses, self.poses_found) = (checkpoint.poses, checkpoint.poses_found);
+        let train = &self.dataset.train;
+        self.bank.set_cameras(self.poses.as_ref().map_or_else(|| given(train), |poses| poses.cast(train)));
         self.forget_marched();
         self.progressed = checkpoint.progressed;
         self.curve = checkpoint.curve;
@@ -162,6 +179,9 @@ impl<'d> Trainer<'d> {
         };
         let gains = checkpoint.gains.as_ref();
         let gains = gains.is_none_or(|gains| gains.views() == self.dataset.train.len());
+        let poses = checkpoint.poses.as_ref();
+        let poses =
+            poses.is_none_or(|poses| poses.is_of(&self.dataset.train) && self.bounds.contraction.is_some());
         let ascending = curve.is_sorted_by_key(|point| point.step);
         let curve = ascending && curve.last().is_none_or(|point| point.step <= p.step);
         let parts = [
@@ -169,6 +189,7 @@ impl<'d> Trainer<'d> {
             ("averaged parameters", average.is_like(&self.average, p.step)),
             ("occupancy cells", cells),
             ("gains of photographs", gains),
+            ("poses of photographs", poses),
             ("points of the curve", curve),
         ];
         match parts.into_iter().find(|&(_, fits)| !fits) {
@@ -188,6 +209,8 @@ impl<'d> Trainer<'d> {
             occupancy: self.occupancy.clone(),
             gains: self.gains.clone(),
             exposure: self.exposure,
+            poses: self.poses.clone(),
+            poses_found: self.poses_found,
             progressed: self.progressed,
             curve: self.curve.clone(),
             snapshots: self.snapshots.clone(),
@@ -232,6 +255,58 @@ impl<'d> Trainer<'d> {
         self.exposure
     }
 
+    /// What is known of the photographs' poses so far.
+    pub fn poses(&self) -> Option<PosesFound> {
+        self.poses_found
+    }
+
+    /// Cameras of the training views as they are now.
+    pub fn training_cameras(&self) -> Vec<Camera> {
+        let train = &self.dataset.train;
+        self.refined().map_or_else(|| given(train), |poses| poses.cameras(train))
+    }
+
+    /// The poses, if they are refined and no longer on trial.
+    fn refined(&self) -> Option<&Poses> {
+        self.poses.as_ref().filter(|poses| poses.are_refined())
+    }
+
+    /// Rays that refining the poses of the validation views will take; 0 where poses stay as they were given.
+    pub fn held_out_rays(&self) -> u64 {
+        let rays = HELD_OUT_RAYS * self.dataset.val.len().min(HELD_OUT_VIEWS);
+        if self.refined().is_some() { u64::from(HELD_OUT_STEPS) * rays as u64 } else { 0 }
+    }
+
+    /// Cameras of the training views as they were refined, and those of the validation views, which are refined against
+    /// the field as it stands; `None` where poses stay as they were given.
+    ///
+    /// # Errors
+    /// [`TrainError::Engine`] if the field has no finite loss on the validation views.
+    pub fn refined_cameras(&mut self) -> Result<Option<RefinedCameras>, TrainError> {
+        let (Some(poses), Some(contraction)) = (self.refined(), &self.bounds.contraction) else {
+            return Ok(None);
+        };
+        let (Some(width), Some(occupancy)) = (self.step_width, &self.occupancy) else { return Ok(None) };
+        let (train, views) = (poses.cameras(&self.dataset.train), &self.dataset.val);
+        if views.is_empty() {
+            return Ok(Some(RefinedCameras { train, val: Vec::new() }));
+        }
+        let mut bank = RayBank::new(views, self.dataset.background, self.bounds, &self.config)?;
+        let (mut poses, cells) = (Poses::given(views.len(), false), MarchCells::new(occupancy.live()));
+        let rays = HELD_OUT_RAYS * views.len().min(HELD_OUT_VIEWS);
+        for step in 0..HELD_OUT_STEPS {
+            let share = f64::from(step) / f64::from(HELD_OUT_STEPS);
+            bank.fill_marched(self.kernel.isa, &mut self.batch, step.into(), rays, &cells, width);
+            self.batch.question = Some(Poses::question(share, contraction));
+            self.engine.ask(&self.batch)?;
+            poses.add(&self.batch, self.engine.ray_gradients());
+            poses.move_cameras(views, share, contraction);
+            bank.set_cameras(poses.cameras(views));
+        }
+        self.ahead.0 = None;
+        Ok(Some(RefinedCameras { train, val: poses.cameras(views) }))
+    }
+
     /// Pixels that may be drawn.
     pub fn pixels(&self) -> u64 {
         self.bank.pixels()
@@ -267,10 +342,14 @@ impl<'d> Trainer<'d> {
         let refreshed = self.config.occupancy.skip
             && (self.progressed.step + 1).is_multiple_of(self.config.occupancy.every);
         let width = self.step_width(share);
-        let Self { bank, batch, ahead, cells, phases, progressed: p, kernel, gains, .. } = self;
-        match gains {
-            Some(gains) => gains.factors(&batch.views, &mut batch.gains),
-            None => batch.views.clear(),
+        let Self { bank, batch, ahead, cells, phases, progressed: p, kernel, gains, poses, .. } = self;
+        if let Some(gains) = gains {
+            gains.factors(&batch.views, &mut batch.gains);
+        }
+        if let (Some(poses), Some(contraction)) = (poses, &self.bounds.contraction) {
+            batch.question = Some(Poses::question(share, contraction));
+            poses.renew();
+            bank.set_cameras(poses.cast(&self.dataset.train));
         }
         let s = &self.config.sampling;
         let grid = self.config.network.grid.is_some();
@@ -287,6 +366,7 @@ impl<'d> Trainer<'d> {
             }
         })?;
         self.learn_gains();
+        self.learn_poses(share);
         self.mark_weighted(share);
         let p = &mut self.progressed;
         p.live_per_ray = live_per_ray;
@@ -316,6 +396,20 @@ impl<'d> Trainer<'d> {
             if !found.fitted {
                 self.gains = None;
             }
+        }
+    }
+
+    /// Moves the photographs' cameras by the step that was just taken.
+    fn learn_poses(&mut self, share: f64) {
+        let (Some(poses), Some(contraction)) = (&mut self.poses, &self.bounds.contraction) else { return };
+        poses.add(&self.batch, self.engine.ray_gradients());
+        let at = (self.progressed.step, share);
+        let Some(found) = poses.step(&self.dataset.train, at, contraction) else { return };
+        self.poses_found = Some(found);
+        if !found.refined {
+            self.poses = None;
+            self.bank.set_cameras(given(&self.dataset.train));
+            self.ahead.0 = None;
         }
     }
 
@@ -416,6 +510,11 @@ impl<'d> Trainer<'d> {
             self.kernel.isa,
         )?;
         self.occupancy = find_bounds(self.dataset, &self.config, self.sights.as_ref())?.1;
+        (self.poses, self.poses_found) = match self.bounds.contraction {
+            Some(_) => Poses::of(self.dataset, self.sights.is_some(), self.config.capture.poses),
+            None => (None, None),
+        };
+        self.bank.set_cameras(given(&self.dataset.train));
         self.forget_marched();
         self.average.clear();
         self.progressed = Progressed { reseeds: restarts, ..Progressed::default() };
@@ -423,6 +522,18 @@ impl<'d> Trainer<'d> {
         self.snapshots.clear();
         Ok(())
     }
+}
+
+/// Cameras after poses were refined, in the order of their views.
+#[derive(Clone, Debug)]
+#[allow(missing_docs, reason = "the names say what they are")]
+pub struct RefinedCameras {
+    pub train: Vec<Camera>,
+    pub val: Vec<Camera>,
+}
+
+fn given(views: &[View]) -> Vec<Camera> {
+    views.iter().map(|view| view.camera).collect()
 }
 
 /// What a step's samples are marched with.

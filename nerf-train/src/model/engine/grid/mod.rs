@@ -23,6 +23,7 @@ mod distortion;
 mod kept;
 mod layers;
 mod pass;
+mod rays;
 mod reference;
 mod scatter;
 mod vector;
@@ -34,7 +35,8 @@ pub use reference::GridReferenceEngine;
 
 use super::optimiser::check_values;
 use super::{
-    Adam, Batch, Engine, EngineError, GRADIENT_LIMIT, Model, OptimiserState, Phases, StepLoss, check_rate,
+    Adam, Batch, Engine, EngineError, GRADIENT_LIMIT, Model, OptimiserState, Phases, RayGradient, StepLoss,
+    check_rate,
 };
 use crate::model::quantise::scales;
 use adam::AdamStep;
@@ -251,6 +253,15 @@ impl Engine for GridEngine {
 
     fn gain_gradients(&self, views: usize) -> Vec<[f32; 3]> {
         gain_sums(self.passes.iter().flat_map(|pass| &pass.gains), views)
+    }
+
+    fn ask(&mut self, batch: &Batch) -> Result<StepLoss, EngineError> {
+        batch.check()?;
+        self.differentiate(batch)
+    }
+
+    fn ray_gradients(&self) -> Box<dyn Iterator<Item = &RayGradient> + '_> {
+        Box::new(self.passes.iter().flat_map(|pass| &pass.rays))
     }
 
     fn weighted(&self) -> Box<dyn Iterator<Item = ([f32; 3], f32)> + '_> {

@@ -4,9 +4,10 @@
 
 use super::distortion::distortion_gradient;
 use super::layers::{Layer, LayerSums, Layers, padded};
+use super::rays::{RaySamples, RayScratch};
 use super::scatter::Kept;
 use super::vector::{VECTOR, exponentials, mask, sigmoids, to_rows, transmitted};
-use crate::model::engine::{Batch, Model, Phase, Phases, Surface};
+use crate::model::engine::{Batch, Model, Phase, Phases, RayGradient, Surface};
 use nerf_core::encoding::{
     DirectionEncoding, GridEncoding, GridTables, encode_block, encode_grid_block, encode_harmonics_block,
 };
@@ -88,6 +89,8 @@ pub(super) struct Pass {
     pub kept: Kept,
     /// Gradients by log gain, with the photographs they are of.
     pub gains: Vec<(u32, [f32; 3])>,
+    /// Gradients by rays, where those are asked for.
+    pub rays: Vec<RayGradient>,
 }
 
 /// A thread's buffers for the chunk under way; all are reused from step to step.
@@ -131,6 +134,7 @@ pub(super) struct Scratch {
     dir_channels: Vec<f32>,
     dir_rows: Vec<f32>,
     shares: Vec<f32>,
+    of_rays: RayScratch,
     pub phases: Phases,
 }
 
@@ -152,6 +156,7 @@ impl Pass {
         self.sums.clear();
         self.kept.clear();
         self.gains.clear();
+        self.rays.clear();
     }
 }
 
@@ -177,7 +182,7 @@ impl Scratch {
             }
             None => self.opaque(job, batch, rays.clone(), first),
         };
-        let now = Instant::now();
+        let (now, first_ray) = (Instant::now(), rays.start);
         let kept = self.kept_row.len();
         pass.totals.kept += kept;
         if kept > 0 {
@@ -188,6 +193,15 @@ impl Scratch {
         let now = self.phases.lap(Phase::Composite, now);
         if kept > 0 {
             self.backward(job, batch, pass);
+            if let Some(question) = &batch.question {
+                let kept = RaySamples {
+                    samples: self.kept_row.iter().map(|&row| self.index_of[row as usize]),
+                    rays: &self.kept_ray,
+                    gradients: &self.upper[..kept * pass.kept.width],
+                    first_ray,
+                };
+                self.of_rays.gradients(job, batch, question, kept, &mut pass.rays);
+            }
             self.phases.lap(Phase::Backward, now);
         }
     }

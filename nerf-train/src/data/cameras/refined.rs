@@ -1,0 +1,175 @@
+//! Refined poses beside a blob: `FILE.poses.json`, a transforms.json of the photographs that the blob was fitted to.
+
+use crate::data::system::input::{MAX_JSON_BYTES, read_limited};
+use crate::data::{DatasetError, View};
+use glam::{Mat3, Vec3};
+use nerf_core::camera::{Camera, Lens, Pose, Projection};
+use serde::{Deserialize, Serialize};
+use std::collections::HashMap;
+use std::path::{Path, PathBuf};
+
+/// A list of views with their refined cameras.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+pub struct RefinedPoses {
+    frames: Vec<Frame>,
+}
+
+/// A view, in the words of nerfstudio and in the file's own world.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+struct Frame {
+    file_path: String,
+    camera_model: String,
+    w: u32,
+    h: u32,
+    fl_x: f32,
+    fl_y: f32,
+    cx: f32,
+    cy: f32,
+    k1: f32,
+    k2: f32,
+    k3: f32,
+    k4: f32,
+    k5: f32,
+    k6: f32,
+    p1: f32,
+    p2: f32,
+    transform_matrix: [[f64; 4]; 4],
+}
+
+/// Where the refined poses of a blob lie.
+pub fn beside(blob: &Path) -> PathBuf {
+    let mut name = blob.as_os_str().to_owned();
+    name.push(".poses.json");
+    name.into()
+}
+
+impl RefinedPoses {
+    /// Those of `views`, whose cameras became `cameras`; positions count from `origin` of the file's own world.
+    pub fn of<'v>(views: impl IntoIterator<Item = (&'v View, Camera)>, origin: [f64; 3]) -> Self {
+        Self { frames: views.into_iter().map(|(view, camera)| Frame::of(view, &camera, origin)).collect() }
+    }
+
+    /// As JSON.
+    pub fn to_json(&self) -> String {
+        // Serialising plain data to memory has no way to fail.
+        serde_json::to_string_pretty(self).expect("plain data") + "\n"
+    }
+
+    /// Reads those beside a blob; `None` where there are none.
+    ///
+    /// # Errors
+    /// [`DatasetError`] names the file if it cannot be read.
+    pub fn beside(blob: &Path) -> Result<Option<Self>, DatasetError> {
+        let file = beside(blob);
+        match read_limited(&file, MAX_JSON_BYTES) {
+            Ok(bytes) => {
+                serde_json::from_slice(&bytes).map(Some).map_err(|error| DatasetError::json(&file, &error))
+            }
+            Err(error) if error.kind() == std::io::ErrorKind::NotFound => Ok(None),
+            Err(error) => Err(DatasetError::io(&file, error)),
+        }
+    }
+
+    /// The refined camera of each of `views`, `None` for those it does not name. `blob`: names the file in errors.
+    ///
+    /// # Errors
+    /// [`DatasetError::Camera`] for a pose that is none.
+    pub fn cameras(
+        &self,
+        blob: &Path,
+        views: &[View],
+        origin: [f64; 3],
+    ) -> Result<Vec<Option<Camera>>, DatasetError> {
+        let frames: HashMap<&str, &Frame> = self.frames.iter().map(|f| (f.file_path.as_str(), f)).collect();
+        let camera = |view: &View| match frames.get(view.name.as_str()) {
+            Some(frame) => view.camera.at(frame.pose(origin)).map(Some).map_err(|source| {
+                DatasetError::Camera { file: beside(blob), view: view.name.clone(), source }
+            }),
+            None => Ok(None),
+        };
+        views.iter().map(camera).collect()
+    }
+}
+
+impl Frame {
+    fn of(view: &View, camera: &Camera, origin: [f64; 3]) -> Self {
+        let (i, lens) = (camera.intrinsics(), camera.lens());
+        let Lens { k1, k2, p1, p2, k3, k4, k5, k6, projection } = *lens;
+        let mut transform_matrix = [[0.0, 0.0, 0.0, 1.0]; 4];
+        for ((to, from), origin) in transform_matrix.iter_mut().zip(camera.pose().to_rows()).zip(origin) {
+            *to = from.map(f64::from);
+            to[3] += origin;
+        }
+        Self {
+            file_path: view.name.clone(),
+            camera_model: match projection {
+                Projection::Perspective => "OPENCV".into(),
+                Projection::Fisheye => "OPENCV_FISHEYE".into(),
+            },
+            w: i.width,
+            h: i.height,
+            fl_x: i.fx,
+            fl_y: i.fy,
+            cx: i.cx,
+            cy: i.cy,
+            k1,
+            k2,
+            k3,
+            k4,
+            k5,
+            k6,
+            p1,
+            p2,
+            transform_matrix,
+        }
+    }
+
+    fn pose(&self, origin: [f64; 3]) -> Pose {
+        let m = &self.transform_matrix;
+        let column = |j: usize| Vec3::new(m[0][j] as f32, m[1][j] as f32, m[2][j] as f32);
+        let position = [0, 1, 2].map(|row| (m[row][3] - origin[row]) as f32);
+        Pose { rotation: Mat3::from_cols(column(0), column(1), column(2)), position: position.into() }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::data::demo::{self, DemoSpec};
+
+    #[test]
+    fn refined_cameras_come_back_from_their_file() {
+        let spec = DemoSpec { train: 3, val: 1, size: 8, ..DemoSpec::default() };
+        let dataset = demo::dataset(&spec).expect("a scene");
+        let views = &dataset.train;
+        let origin = [1e6, -2e6, 0.5];
+        let moved = |view: &View| {
+            let pose = view.camera.pose();
+            let rotation = Mat3::from_rotation_x(0.01) * pose.rotation;
+            view.camera.at(Pose { rotation, position: pose.position + Vec3::X }).expect("a camera")
+        };
+        let folder = tempfile::tempdir().expect("a folder");
+        let blob = folder.path().join("a.nerf");
+        assert!(RefinedPoses::beside(&blob).expect("no file").is_none());
+        // All but the last.
+        let refined = RefinedPoses::of(views[..2].iter().map(|view| (view, moved(view))), origin);
+        std::fs::write(beside(&blob), refined.to_json()).expect("a file");
+        let read = RefinedPoses::beside(&blob).expect("a file").expect("refined poses");
+        let cameras = read.cameras(&blob, views, origin).expect("cameras");
+        for (found, view) in cameras[..2].iter().zip(views) {
+            let (found, expected) = (found.expect("refined").to_owned(), moved(view));
+            assert_eq!(found.pose().rotation, expected.pose().rotation);
+            assert!((found.pose().position - expected.pose().position).length() < 1e-6);
+        }
+        assert!(cameras[2].is_none());
+        // A matrix that is no pose is refused by its view's name.
+        let broken = refined.to_json().replacen(
+            "\"transform_matrix\": [\n        [",
+            "\"transform_matrix\": [\n        [9, ",
+            1,
+        );
+        std::fs::write(beside(&blob), broken).expect("a file");
+        let error = RefinedPoses::beside(&blob).expect_err("five numbers in a row").to_string();
+        assert!(error.contains("a.nerf.poses.json"), "{error}");
+    }
+}

@@ -1,0 +1,79 @@
+//! Gradients of the loss by the rays: from the encoded values back to where the samples lie.
+
+use super::layers::padded;
+use super::pass::Job;
+use crate::model::engine::{Batch, RayGradient, RayQuestion};
+use glam::Vec3;
+
+/// The samples that reach the tables, and what the loss's gradient by their encoded values is.
+pub(super) struct RaySamples<'a, S> {
+    /// Index of each in the batch.
+    pub samples: S,
+    /// Number of each one's ray in the chunk, ascending.
+    pub rays: &'a [u32],
+    /// `[samples][padded outputs]`.
+    pub gradients: &'a [f32],
+    /// Index of the chunk's first ray in the batch.
+    pub first_ray: usize,
+}
+
+/// A thread's buffers.
+#[derive(Default)]
+pub(super) struct RayScratch {
+    /// `[3][stride]`.
+    points: Vec<f32>,
+    by_point: Vec<f32>,
+    /// `[outputs][stride]`.
+    by_encoded: Vec<f32>,
+}
+
+impl RayScratch {
+    /// Appends the gradient by each ray with kept samples.
+    ///
+    /// A sample is at `origin + t dir`: by the origin it is the sum of the gradients by the samples' places, by the
+    /// direction the sum of those times `t`.
+    pub fn gradients(
+        &mut self,
+        job: &Job<'_>,
+        batch: &Batch,
+        question: &RayQuestion,
+        kept: RaySamples<'_, impl Iterator<Item = u32>>,
+        found: &mut Vec<RayGradient>,
+    ) {
+        let (count, outputs) = (kept.rays.len(), job.grid.outputs());
+        let (stride, width) = (padded(count), padded(outputs));
+        self.points.clear();
+        self.points.resize(3 * stride, 0.0);
+        for (i, sample) in kept.samples.enumerate() {
+            for (axis, &x) in batch.positions[sample as usize].iter().enumerate() {
+                self.points[axis * stride + i] = x;
+            }
+        }
+        self.by_encoded.clear();
+        self.by_encoded.resize(outputs * stride, 0.0);
+        for (i, row) in kept.gradients.chunks_exact(width).enumerate() {
+            for (channel, &g) in row[..outputs].iter().enumerate() {
+                self.by_encoded[channel * stride + i] = g;
+            }
+        }
+        self.by_point.resize(3 * stride, 0.0);
+        let (points, by_encoded) = (&self.points[..], &self.by_encoded[..]);
+        let by_point = &mut self.by_point[..3 * stride];
+        job.tables.gradient(job.isa, job.grid, stride, points, by_encoded, question.blur, by_point);
+        let along =
+            |values: &[f32], i: usize| Vec3::from_array([0, 1, 2].map(|axis| values[axis * stride + i]));
+        for (i, &ray) in kept.rays.iter().enumerate() {
+            let ray = kept.first_ray as u32 + ray;
+            if found.last().is_none_or(|last| last.ray != ray) {
+                found.push(RayGradient { ray, by_origin: Vec3::ZERO, by_dir: Vec3::ZERO });
+            }
+            let Some(of_ray) = found.last_mut() else { continue };
+            let point = along(points, i);
+            let gradient = question.contraction.gradient_in_world(point, along(&self.by_point, i));
+            let origin = Vec3::from(batch.origins[ray as usize]);
+            let t = (question.contraction.in_world(point) - origin).dot(batch.rays[ray as usize].dir.into());
+            of_ray.by_origin += gradient;
+            of_ray.by_dir += t * gradient;
+        }
+    }
+}

@@ -1,0 +1,396 @@
+//! Poses of the photographs, refined with the field.
+//!
+//! A camera turns and moves by small steps that follow the loss's gradient by its rays. They are taken in coordinates in
+//! which a step of length 1 moves the image by a pixel, root mean square, whatever the mixture of turning and moving is.
+//!
+//! # Source
+//! Lin et al. 2021 (BARF), poses by the photometric loss, coarse to fine; Park et al. 2023 (CamP), the preconditioner. Deviation:
+//! a Cholesky factor in place of the symmetric root; the field itself is not blurred, only the gradient that the poses follow.
+
+use crate::data::{Dataset, View};
+use crate::model::config::PoseRefinement;
+use crate::model::engine::{Batch, RayGradient, RayQuestion};
+use glam::{Mat3, Quat, Vec3};
+use nerf_core::camera::{Camera, Contraction, Pose, Ray};
+use serde::{Deserialize, Serialize};
+
+/// Steps of the trial: poses are refined from the given ones, and kept if they moved by enough.
+const TRIAL: u32 = 1_000;
+/// Steps from one move of the cameras to the next.
+const EVERY: u32 = 8;
+/// Longest step of a camera, pixels: at first, and at the end of the run.
+const RATES: [f32; 2] = [0.3, 0.01];
+/// Blur of the gradient, radii of the ball that is not contracted: at first, and from `SHARP_FROM` of the run on.
+const BLURS: [f32; 2] = [0.02, 0.001];
+const SHARP_FROM: f64 = 0.5;
+/// Adam's decays and epsilon.
+const BETAS: [f32; 2] = [0.9, 0.99];
+const EPSILON: f32 = 1e-12;
+/// Median motion in the trial from which on poses are refined, focal lengths: poses that are right move by 0.002 to 0.006,
+/// and refining them would lose 0.1 to 0.4 dB; poses that are half a degree to a degree off move by 0.013.
+const CALLED_FOR: f64 = 8e-3;
+/// Median reprojection error of a reconstruction's points, pixels, up to which its poses are believed.
+const BELIEVED: f64 = 2.0;
+
+/// Turn about each axis of the world, radians, and motion along each, world units.
+type Twist = [f32; 6];
+
+/// Poses of a run's photographs, as far as they are from the given ones.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Poses {
+    moved: Vec<Twist>,
+    /// As they were before the last step: the rays of a step are cast while the step before it is taken.
+    cast: Vec<Twist>,
+    /// Gradients since the last move.
+    sums: Vec<Twist>,
+    moment1: Vec<Twist>,
+    moment2: Vec<Twist>,
+    moves: u32,
+    on_trial: bool,
+}
+
+/// What was found of the photographs' poses.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct PosesFound {
+    /// Pixels, the median: of a reconstruction's points, how far they are projected from where they are seen; else of the
+    /// photographs, how far the first steps moved them.
+    pub pixels: f64,
+    /// Whether it is of a reconstruction's points.
+    pub by_tracks: bool,
+    /// Whether they are refined.
+    pub refined: bool,
+}
+
+impl std::fmt::Display for PosesFound {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        let Self { pixels, by_tracks, refined } = self;
+        match by_tracks {
+            true => write!(f, "poses project their own key points within {pixels:.1} pixels (median): ")?,
+            false => {
+                write!(f, "poses refined in the first steps move pictures by {pixels:.1} pixels (median): ")?
+            }
+        }
+        f.write_str(if *refined { "they are refined" } else { "they stay as they were given" })
+    }
+}
+
+impl Poses {
+    /// Those that the settings and the data call for, and what was found; `None` where they stay as they are.
+    pub fn of(
+        dataset: &Dataset,
+        sights: bool,
+        refinement: PoseRefinement,
+    ) -> (Option<Self>, Option<PosesFound>) {
+        let begin = |on_trial| Some(Self::given(dataset.train.len(), on_trial));
+        if refinement == PoseRefinement::Given || dataset.train.len() < 2 {
+            return (None, None);
+        }
+        if refinement == PoseRefinement::Refine {
+            return (begin(false), None);
+        }
+        let mut errors: Vec<f32> = dataset.points.iter().map(|point| point.error).collect();
+        errors.sort_by(f32::total_cmp);
+        match errors.get(errors.len() / 2) {
+            Some(&error) if sights && f64::from(error) <= BELIEVED => {
+                (None, Some(PosesFound { pixels: error.into(), by_tracks: true, refined: false }))
+            }
+            _ => (begin(true), None),
+        }
+    }
+
+    /// Those of `views` photographs, as they were given; `on_trial`: until it is decided whether they are refined.
+    pub fn given(views: usize, on_trial: bool) -> Self {
+        let zeros = vec![[0.0; 6]; views];
+        Self {
+            moved: zeros.clone(),
+            cast: zeros.clone(),
+            sums: zeros.clone(),
+            moment1: zeros.clone(),
+            moment2: zeros,
+            moves: 0,
+            on_trial,
+        }
+    }
+
+    /// Whether it is decided that they are refined.
+    pub fn are_refined(&self) -> bool {
+        !self.on_trial
+    }
+
+    /// Whether they are of so many photographs, and finite: a checkpoint may hold anything.
+    pub fn is_of(&self, views: &[View]) -> bool {
+        let all = [&self.moved, &self.cast, &self.sums, &self.moment1, &self.moment2];
+        let finite = |twists: &Vec<Twist>| twists.as_flattened().iter().all(|x| x.is_finite());
+        all.into_iter().all(|twists| twists.len() == views.len() && finite(twists))
+            && self.moment2.as_flattened().iter().all(|&x| x >= 0.0)
+    }
+
+    /// Cameras that the rays of the next step are cast from, of photographs with these `given` ones.
+    pub fn cast(&self, given: &[View]) -> Vec<Camera> {
+        cameras(given, &self.cast)
+    }
+
+    /// Cameras as they are now.
+    pub fn cameras(&self, given: &[View]) -> Vec<Camera> {
+        cameras(given, &self.moved)
+    }
+
+    /// Lets rays be cast from where the cameras are now, from the next step on.
+    pub fn renew(&mut self) {
+        self.cast.clone_from(&self.moved);
+    }
+
+    /// What is asked of rays when `share` of the run is done.
+    pub fn question(share: f64, contraction: &Contraction) -> RayQuestion {
+        let sharp = (share / SHARP_FROM).min(1.0) as f32;
+        let blur = contraction.radius() * BLURS[0].powf(1.0 - sharp) * BLURS[1].powf(sharp);
+        RayQuestion { contraction: *contraction, blur }
+    }
+
+    /// Adds the gradients of a batch's rays, which are of these photographs.
+    pub fn add<'g>(&mut self, batch: &Batch, gradients: impl Iterator<Item = &'g RayGradient>) {
+        for gradient in gradients {
+            let ray = gradient.ray as usize;
+            let view = batch.views.get(ray).map(|&view| view as usize);
+            let Some(sum) = view.and_then(|view| self.sums.get_mut(view)) else { continue };
+            let turn = Vec3::from(batch.rays[ray].dir).cross(gradient.by_dir);
+            let twist = [turn.to_array(), gradient.by_origin.to_array()];
+            sum.iter_mut().zip(twist.as_flattened()).for_each(|(sum, g)| *sum += g);
+        }
+    }
+
+    /// Moves the cameras after step `step` of a run, where it is time to. What was found, where this was the step that
+    /// decides it.
+    pub fn step(
+        &mut self,
+        given: &[View],
+        (step, share): (u32, f64),
+        contraction: &Contraction,
+    ) -> Option<PosesFound> {
+        if (step + 1).is_multiple_of(EVERY) {
+            self.move_cameras(given, share, contraction);
+            hold(&mut self.moved, given);
+        }
+        self.verdict(step, given, contraction)
+    }
+
+    /// What is found after step `step`, if it is the trial's last.
+    fn verdict(&mut self, step: u32, given: &[View], contraction: &Contraction) -> Option<PosesFound> {
+        if step + 1 != TRIAL {
+            return None;
+        }
+        let (pixels, share) = self.median_motion(given, contraction);
+        let on_trial = std::mem::take(&mut self.on_trial);
+        let refined = !on_trial || share >= CALLED_FOR;
+        Some(PosesFound { pixels, by_tracks: false, refined })
+    }
+
+    /// One step of Adam, in pixels.
+    pub fn move_cameras(&mut self, given: &[View], share: f64, contraction: &Contraction) {
+        self.moves += 1;
+        let rate = RATES[0] * (RATES[1] / RATES[0]).powf(share as f32);
+        let unbiased = BETAS.map(|beta| 1.0 - beta.powi(self.moves.min(10_000) as i32));
+        let cameras = self.cameras(given);
+        let moments = self.moment1.iter_mut().zip(&mut self.moment2);
+        let all = self.moved.iter_mut().zip(&mut self.sums).zip(&cameras);
+        for (((moved, sum), camera), (m1, m2)) in all.zip(moments) {
+            let gradient = std::mem::take(sum);
+            if gradient == [0.0; 6] {
+                continue;
+            }
+            let factor = cholesky(&motion(camera, contraction));
+            let gradient = forward(&factor, gradient);
+            let mut step = [0.0; 6];
+            for i in 0..6 {
+                let g = gradient[i];
+                m1[i] = BETAS[0] * m1[i] + (1.0 - BETAS[0]) * g;
+                m2[i] = BETAS[1] * m2[i] + (1.0 - BETAS[1]) * g * g;
+                let root = (m2[i] / unbiased[1]).sqrt() + EPSILON;
+                step[i] = -rate * m1[i] / unbiased[0] / root;
+            }
+            let step = backward(&factor, step);
+            moved.iter_mut().zip(step).for_each(|(moved, step)| *moved += step);
+        }
+    }
+
+    /// How far the image moved, root mean square, the median over the photographs: in pixels, and in focal lengths.
+    fn median_motion(&self, given: &[View], contraction: &Contraction) -> (f64, f64) {
+        let of = |(view, moved): (&View, &Twist)| {
+            let m = motion(&view.camera, contraction);
+            let square: f32 =
+                (0..6).map(|i| (0..6).map(|j| moved[i] * m[i][j] * moved[j]).sum::<f32>()).sum();
+            let pixels = f64::from(square.max(0.0)).sqrt();
+            (pixels, pixels / f64::from(view.camera.intrinsics().fx))
+        };
+        let mut all: Vec<_> = given.iter().zip(&self.moved).map(of).collect();
+        all.sort_by(|a, b| a.1.total_cmp(&b.1));
+        all.get(all.len() / 2).copied().unwrap_or_default()
+    }
+}
+
+/// `given` cameras, turned and moved.
+fn cameras(given: &[View], moved: &[Twist]) -> Vec<Camera> {
+    let of = |(view, &[x, y, z, tx, ty, tz]): (&View, &Twist)| {
+        let pose = view.camera.pose();
+        let turn = Mat3::from_quat(Quat::from_scaled_axis(Vec3::new(x, y, z)));
+        let position = pose.position + Vec3::new(tx, ty, tz);
+        let pose = Pose { rotation: turn * pose.rotation, position };
+        view.camera.at(pose).unwrap_or(view.camera)
+    };
+    given.iter().zip(moved).map(of).collect()
+}
+
+/// The mean over an image, of points at three distances, of squared motion by a twist `v`: `vᵀ M v`, pixels squared.
+fn motion(camera: &Camera, contraction: &Contraction) -> [[f32; 6]; 6] {
+    const SIDE: u8 = 5;
+    let i = camera.intrinsics();
+    let away = (contraction.centre() - camera.pose().position).length().max(0.1 * contraction.radius());
+    let mut sum = [[0.0f32; 6]; 6];
+    let at = |k: u8, side: u32| (f32::from(k) + 0.5) / f32::from(SIDE) * side as f32;
+    for (x, y) in (0..SIDE).flat_map(|x| (0..SIDE).map(move |y| (x, y))) {
+        let Ray { dir, .. } = camera.ray(at(x, i.width), at(y, i.height));
+        let cosine = dir.dot(camera.pose().forward()).max(0.1);
+        for distance in [0.5 * away, away, 2.0 * away] {
+            // Two directions across the ray.
+            for across in [dir.any_orthonormal_vector(), dir.cross(dir.any_orthonormal_vector())] {
+                // across · (turn × dir) = turn · (dir × across).
+                let (turn, shift) = (dir.cross(across) * i.fx / cosine, across * i.fx / cosine / distance);
+                let row = [turn.to_array(), shift.to_array()];
+                let row = row.as_flattened();
+                for (sum, &a) in sum.iter_mut().zip(row) {
+                    sum.iter_mut().zip(row).for_each(|(sum, &b)| *sum += a * b);
+                }
+            }
+        }
+    }
+    let count = 3.0 * f32::from(SIDE).powi(2);
+    sum.map(|row| row.map(|x| x / count))
+}
+
+/// The lower triangle `L` with `L Lᵀ = m`, a little of the diagonal added.
+fn cholesky(m: &[[f32; 6]; 6]) -> [[f64; 6]; 6] {
+    let mut l = [[0.0f64; 6]; 6];
+    for i in 0..6 {
+        for j in 0..=i {
+            let sum: f64 = (0..j).map(|k| l[i][k] * l[j][k]).sum();
+            l[i][j] = if i == j {
+                (f64::from(m[i][i]) * 1.001 - sum).max(1e-12 * f64::from(m[i][i])).sqrt()
+            } else {
+                (f64::from(m[i][j]) - sum) / l[j][j]
+            };
+        }
+    }
+    l
+}
+
+/// `L⁻¹ x`.
+fn forward(l: &[[f64; 6]; 6], x: Twist) -> Twist {
+    let mut y = x.map(f64::from);
+    for i in 0..6 {
+        let sum: f64 = (0..i).map(|k| l[i][k] * y[k]).sum();
+        y[i] = (y[i] - sum) / l[i][i];
+    }
+    y.map(|y| y as f32)
+}
+
+/// `L⁻ᵀ x`.
+fn backward(l: &[[f64; 6]; 6], x: Twist) -> Twist {
+    let mut y = x.map(f64::from);
+    for i in (0..6).rev() {
+        let sum: f64 = (i + 1..6).map(|k| l[k][i] * y[k]).sum();
+        y[i] = (y[i] - sum) / l[i][i];
+    }
+    y.map(|y| y as f32)
+}
+
+/// Takes out what all cameras do together, which the field cannot tell: mean turn and motion, and growth about their middle.
+fn hold(moved: &mut [Twist], given: &[View]) {
+    let count = moved.len().max(1) as f32;
+    let places = || given.iter().map(|view| view.camera.pose().position);
+    let middle = places().sum::<Vec3>() / count;
+    let part = |twist: &Twist, from: usize| Vec3::from_slice(&twist[from..]);
+    let turn = moved.iter().map(|twist| part(twist, 0)).sum::<Vec3>() / count;
+    let shift = moved.iter().map(|twist| part(twist, 3)).sum::<Vec3>() / count;
+    let (mut along, mut square) = (0.0, 0.0);
+    for (twist, place) in moved.iter().zip(places()) {
+        along += part(twist, 3).dot(place - middle);
+        square += (place - middle).length_squared();
+    }
+    let growth = if square > 0.0 { along / square } else { 0.0 };
+    for (twist, place) in moved.iter_mut().zip(places()) {
+        let arm = place - middle;
+        let rest = [part(twist, 0) - turn, part(twist, 3) - shift - turn.cross(arm) - growth * arm];
+        twist.copy_from_slice(rest.map(|v| v.to_array()).as_flattened());
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::data::demo::{self, DemoSpec};
+
+    fn views() -> (Vec<View>, Contraction) {
+        let spec = DemoSpec { train: 9, val: 1, size: 40, ..DemoSpec::default() };
+        let cube = Contraction::cube(Vec3::ZERO, 1.0);
+        (demo::dataset(&spec).expect("a scene").train, Contraction::new(&cube, 1).expect("a cube"))
+    }
+
+    /// A number of -0.5 to 0.5.
+    fn noise(i: usize) -> f32 {
+        (i as f32 * 12.9898).sin() * 43_758.547 % 1.0 * 0.5
+    }
+
+    #[test]
+    fn a_step_of_length_one_moves_the_image_by_a_pixel() {
+        let (views, contraction) = views();
+        for (n, view) in views.iter().enumerate() {
+            let factor = cholesky(&motion(&view.camera, &contraction));
+            let mut step: Twist = std::array::from_fn(|i| noise(7 * n + i));
+            let length = step.iter().map(|x| x * x).sum::<f32>().sqrt();
+            step = step.map(|x| x / length);
+            let moved = cameras(std::slice::from_ref(view), &[backward(&factor, step)])[0];
+            let away = view.camera.pose().position.length();
+            let (mut square, mut count) = (0.0, 0.0);
+            for pixel in 0..64 {
+                let ray = view.camera.ray((pixel % 8 * 5) as f32 + 2.5, (pixel / 8 * 5) as f32 + 2.5);
+                for distance in [0.5 * away, away, 2.0 * away] {
+                    let project =
+                        |camera: &Camera| camera.project(ray.at(distance)).expect("in front of the camera");
+                    let (a, b) = (project(&view.camera), project(&moved));
+                    square += (a.0 - b.0).powi(2) + (a.1 - b.1).powi(2);
+                    count += 1.0;
+                }
+            }
+            let pixels = (square / count).sqrt();
+            assert!((pixels - 1.0).abs() < 0.15, "view {n}: {pixels} pixels");
+        }
+    }
+
+    #[test]
+    fn the_trial_ends_with_its_verdict() {
+        let (views, contraction) = views();
+        // A turn by a hundredth moves the image by about that many focal lengths.
+        for (turn, refined) in [(0.0, false), (0.002, false), (0.02, true)] {
+            let mut poses = Poses::given(views.len(), true);
+            poses.moved.iter_mut().for_each(|moved| moved[0] = turn);
+            assert!(poses.verdict(TRIAL - 2, &views, &contraction).is_none() && !poses.are_refined());
+            let found = poses.verdict(TRIAL - 1, &views, &contraction);
+            assert_eq!(found.map(|found| found.refined), Some(refined), "{found:?}");
+            assert!(poses.are_refined());
+        }
+    }
+
+    #[test]
+    fn what_all_cameras_do_together_is_taken_out() {
+        let (views, _) = views();
+        let (turn, shift, growth) = (Vec3::new(0.01, -0.02, 0.03), Vec3::new(0.1, 0.2, -0.3), 0.02);
+        let together = |view: &View| {
+            let place = view.camera.pose().position;
+            [turn, turn.cross(place) + shift + growth * place]
+        };
+        let mut moved: Vec<Twist> =
+            views.iter().map(|view| std::array::from_fn(|i| together(view)[i / 3][i % 3])).collect();
+        hold(&mut moved, &views);
+        assert!(moved.as_flattened().iter().all(|x| x.abs() < 1e-6), "{moved:?}");
+    }
+}
