@@ -197,8 +197,8 @@ impl<T: Versioned> Out<T> {
         if at.is_null() { Ok(None) } else { unsafe { Self::new(at).map(Some) } }
     }
 
-    /// Writes as much of `value` as the caller's structure has, whose `struct_size` stays; what this build
-    /// does not know is zeroed.
+    /// Copies `value` into the caller's structure, up to its `struct_size`, which is left as it is. Fields of the structure
+    /// that this build does not know become zero.
     pub fn write(self, value: T) {
         let known = self.size.min(size_of::<T>());
         let (from, to) = ((&raw const value).cast::<u8>(), self.at.cast::<u8>());

@@ -118,7 +118,7 @@ impl Failure {
         Self::Instance { index, problem }
     }
 
-    /// The renderer's word on a workspace, in bytes.
+    /// The failure of a workspace that the renderer refuses; sizes are in bytes.
     pub fn of_workspace(error: RenderError) -> Self {
         match error {
             RenderError::Memory { expected, found } => Self::Memory {

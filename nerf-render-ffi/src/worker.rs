@@ -409,7 +409,7 @@ impl Lent {
         }
     }
 
-    /// The next lines, filled with `count` values.
+    /// A slice of `count` values in the next unused lines of the lent memory.
     ///
     /// # Safety
     /// As [`Lent::lines`], of as many lines as the values take.

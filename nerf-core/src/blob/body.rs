@@ -127,7 +127,7 @@ pub struct SceneFacts {
     /// Whether the occupancy grid is part of the model: outside of it the network was never trained,
     /// and rendering without it is refused.
     pub occupancy_required: bool,
-    /// Where to look at it from; a network whose photographs nobody knows has none.
+    /// Default viewpoint; `None` where the photographs' cameras are not known.
     pub viewpoint: Option<Viewpoint>,
 }
 
@@ -248,8 +248,8 @@ pub struct Provenance<'a> {
     pub psnr_db: Option<f32>,
     /// What the PSNR means: views, background, samples.
     pub psnr_convention: &'a str,
-    /// What rounding weights and tables to what they are stored in cost on the same views, dB (negative: a gain);
-    /// absent if not measured.
+    /// PSNR lost on those views by rounding weights and tables to their stored format, dB (negative: a gain); absent if not
+    /// measured.
     pub quantisation_loss_db: Option<f32>,
     /// Parameters before folding.
     pub trained_parameters: u32,

@@ -125,7 +125,7 @@ fn looks_somewhere(viewpoint: &Viewpoint) -> bool {
         && (0.0..=TAU).contains(&viewpoint.arc)
 }
 
-/// Whether rays can have so many samples, so that what opens can be planned.
+/// Whether rays of the scene can have `samples` samples. Checked when a blob is opened, so that a plan cannot fail by it.
 pub(super) fn samples_fit(scene: &SceneFacts, samples: u16) -> bool {
     (1..=MAX_SAMPLES).contains(&samples)
         && match scene.sampling {

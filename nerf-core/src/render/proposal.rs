@@ -47,7 +47,7 @@ impl<'a> Proposer<'a> {
         Self { network }
     }
 
-    /// Unpacks the weights as `storage` has them, into as many values as there are parameters.
+    /// Decodes the proposal network's weights from the stored format `storage` into `to`: one value a parameter.
     pub fn unpack(blob: &Blob<'_>, storage: Storage, to: &mut [f32]) {
         if let Some(proposal) = blob.proposal() {
             Weights::unpack(&proposal.architecture(), storage, proposal.weights, to);

@@ -34,7 +34,7 @@ impl LogGains {
         Self(vec![[0.0; 3]; views])
     }
 
-    /// The standard deviation over the photographs, of the mean over the channels.
+    /// Standard deviation over the photographs of their log gain, each the mean over its colour channels.
     pub fn spread(&self) -> f64 {
         let count = self.0.len().max(1) as f64;
         let mean = self.0.iter().map(brightness).sum::<f64>() / count;

@@ -57,8 +57,8 @@ pub struct Outcome {
     /// dB that rounding weights to f16, and a grid's tables to what they are stored in, cost, on at most ten of the
     /// views and the same lattice.
     pub quantisation_loss_db: Option<f64>,
-    /// dB that leaving the occupancy grid out cost on training views; not asked of a grid field, whose tables hold
-    /// anything where it was not trained.
+    /// PSNR lost on training views by rendering without the occupancy grid, dB. Not measured for a learned grid, whose tables
+    /// hold any values in space that was not trained.
     pub occupancy_loss_db: Option<f64>,
     /// Whether the occupancy grid is part of the model.
     pub occupancy_required: bool,

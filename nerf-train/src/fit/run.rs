@@ -351,7 +351,7 @@ impl Session<'_, '_> {
         progress
     }
 
-    /// Writes the run as it stands for whoever looks on, where that is due.
+    /// Writes the run's present state to the live page, if the next update is due.
     fn show_live(&mut self, progress: &Progress) -> Result<(), RunError> {
         if !self.live.as_ref().is_some_and(Live::is_due) {
             return Ok(());

@@ -12,7 +12,7 @@ use nerf_core::plan::{Batch, Outputs, Plan, Quality};
 use nerf_core::render::{RaySegment, RenderError, Renderer};
 use std::num::NonZeroUsize;
 
-/// Pixels of a view that are asked how near its surfaces are, on a lattice: about so many.
+/// Approximate number of pixels a view at which depth is measured, on a regular lattice.
 const ASKED_PIXELS: u64 = 10_000;
 /// A surface is too near if it is nearer than this share of the distance of the nearest sparse point.
 const TOO_NEAR: f32 = 0.9;

@@ -7,8 +7,7 @@ use std::path::Path;
 
 /// The preset for what lies around the scene, with the TOML file's values put over it.
 ///
-/// A file that does without a hull starts as gently as `--no-hull` does, and one that names a contraction or a box as a
-/// scene with that does; its own values count.
+/// A file that turns the hull off, or sets a contraction or a box, gets the defaults of that case for what it does not set.
 pub fn read_config(
     preset: Preset,
     file: Option<&Path>,

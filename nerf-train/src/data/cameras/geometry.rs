@@ -30,7 +30,7 @@ pub struct LookAt {
     pub mean_distance: f32,
     /// Largest distance.
     pub max_distance: f32,
-    /// Share of the cameras that have it behind them, 0..=1.
+    /// Share of the cameras that have the point behind them, 0..=1.
     pub behind: f32,
     /// How far the axes spread: the mean squared sine to the direction they share most, 0..=2/3.
     pub spread: f32,
@@ -99,7 +99,7 @@ impl LookAt {
         look_at.point.iter().all(|v| v.is_finite()).then_some(look_at)
     }
 
-    /// Whether the axes pass near the point, measured by the cameras' distances from it.
+    /// Whether the optical axes pass near [`Self::point`]: on average within 0.3 of the cameras' mean distance from it.
     pub fn axes_meet(&self) -> bool {
         self.mean_residual <= 0.3 * self.mean_distance
     }

@@ -12,8 +12,8 @@ use std::f32::consts::TAU;
 const MOST: f32 = 0.95;
 /// From this arc on a camera can go all the way round: two thirds of a circle.
 const ROUND: f32 = 2.0 / 3.0 * TAU;
-/// Horizons tell what is up where they are level within this share of how they spread, and spread by so much at least
-/// (mean squared sine).
+/// Limits for taking the direction up from the cameras' horizontal axes: their largest deviation from a common plane, as a
+/// share of their spread, and their smallest spread (a mean squared sine).
 const LEVEL: (f64, f64) = (0.15, 0.02);
 /// Fewer points say nothing of how far things are.
 const ENOUGH_POINTS: usize = 8;

@@ -69,7 +69,7 @@ pub struct Evaluation<'a> {
 pub struct RunOptions {
     /// Limits; one in seconds is of this command, also where it goes on from a checkpoint.
     pub budget: Budget,
-    /// Where the blob goes, at the end or when a signal ends the run; without it a signal leaves nothing of the run.
+    /// File of the blob, written at the end or when a signal stops the run. Without it a stopped run saves no blob.
     pub output: Option<PathBuf>,
     /// Where checkpoints go; none are written without.
     pub checkpoint: Option<PathBuf>,

@@ -239,7 +239,7 @@ impl Occupancy {
         SceneBox::new(min, max).ok()
     }
 
-    /// Whether this may be the same occupancy grid after other steps.
+    /// Whether both have the same cells and candidates, so that they can be one grid at two steps of a run.
     pub(crate) fn is_like(&self, other: &Self) -> bool {
         let candidates = self.candidates == other.candidates && self.density.len() == other.density.len();
         let marks = self.weighted.is_empty() || self.weighted.len() == self.live.bits.len();

@@ -162,8 +162,9 @@ struct Add<'a> {
     across: &'a [f32],
     rows: &'a [f32],
     width: usize,
-    /// The level's first entry, and its number.
+    /// The level's first entry.
     first: usize,
+    /// The level.
     index: usize,
     gradient: &'a mut [f32],
     touched: &'a mut [bool],
