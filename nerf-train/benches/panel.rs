@@ -92,8 +92,8 @@ fn row(path: &Path, name: &str, downscale: u32, asked: &Asked) {
     let mut options = RunOptions::unattended(asked.budget(), Kernel::detect(), ProgressStyle::Quiet);
     options.report = asked.report.is_some();
     options.effect_threshold_db = Some(0.05);
-    // No validation on the way.
-    options.validate_every = Some(u32::MAX);
+    // Validation on the way tells a limit in seconds what its end takes; steps go without.
+    options.validate_every = asked.seconds.is_none().then_some(u32::MAX);
     let config = Config { seed: asked.seed, ..config(&dataset, asked) };
     let Ended::Finished(outcome) = run(&dataset, config, &options, &|_| false).expect("a run") else {
         unreachable!("nobody stops it")
