@@ -297,16 +297,12 @@ impl Fit {
 
     /// What it reads and writes.
     fn claims(&self) -> Claims {
-        let claims = Claims::new()
+        Claims::new()
             .reads_data(&self.data)
             .reads_if("the file of settings", self.config.as_deref())
             .writes("-o", &self.output)
             .writes_folder_if("--report", self.report.as_deref(), &places::FIT)
-            .writes_folder_if("--live", self.live.as_deref(), &places::LIVE);
-        if is_device(&self.output) {
-            return claims;
-        }
-        claims.derives("the refined poses beside -o", &refined::beside(&self.output), Existing::Replace)
+            .writes_folder_if("--live", self.live.as_deref(), &places::LIVE)
     }
 
     /// Refuses what cannot be, before any data is read; where the checkpoint lies, if there is to be one.
@@ -321,7 +317,12 @@ impl Fit {
         if let Some(folder) = &self.live {
             places::check_folder("--live", folder)?;
         }
-        claim_checkpoint(self.claims(), &self.output, self.resume, self.restart)
+        let checkpoint = claim_checkpoint(self.claims(), &self.output, self.resume, self.restart)?;
+        if !is_device(&self.output) {
+            let poses = refined::beside(&self.output);
+            self.claims().derives("the refined poses beside -o", &poses, Existing::Replace).settle()?;
+        }
+        Ok(checkpoint)
     }
 
     fn options(&self, config: &Config, checkpoint: Option<PathBuf>, global: &Global) -> RunOptions {
