@@ -3,7 +3,7 @@
 //!
 //! Places that repeat make a reconstruction lay two sides of an orbit on top of each other. Such a folded model agrees
 //! with its own key points; its photographs contradict each other's pixels around points that they see from nearly the
-//! same place ([`pairs`]), and fall into groups that are each right alone ([`groups`]).
+//! same place (`pairs.rs`), and fall into groups that are each right alone (`groups.rs`).
 
 pub mod after;
 mod grey;
