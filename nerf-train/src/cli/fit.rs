@@ -14,7 +14,7 @@ use crate::data::system::memory;
 use crate::data::system::output::claims::{Claims, Existing, is_device};
 use crate::data::system::output::write_atomic;
 use crate::data::system::stop;
-use crate::data::{Background, Dataset, refined};
+use crate::data::{Background, Dataset, is_blank, refined};
 use crate::fit::finish::Outcome;
 use crate::fit::live;
 use crate::fit::run::{Ended, RunOptions, interrupted, run_since};
@@ -28,7 +28,7 @@ use crate::model::engine::EngineKind;
 use crate::show::reports;
 use crate::train::find_box;
 use crate::train::schedule::{Budget, Clock, MIN_STEPS};
-use anyhow::Context;
+use anyhow::{Context, ensure};
 use clap::Args;
 use glam::Vec3;
 use std::path::PathBuf;
@@ -361,6 +361,11 @@ impl Fit {
         let (mut dataset, set_aside) = self.data_options.read_to_fit(&self.data, &self.output, global)?;
         let clock = clock.without(set_aside);
         let report = print_report(&dataset, global);
+        ensure!(
+            !is_blank(&dataset.train),
+            "{}: every pixel of every training photograph has the same colour: expected pictures of a scene",
+            self.data.display()
+        );
         let diagnosis = Diagnosis::of(&dataset);
         diagnosis.lines().for_each(|line| global.say(line));
         diagnosis.select(&mut dataset, self.group)?;

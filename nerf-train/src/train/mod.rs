@@ -105,14 +105,6 @@ pub enum TrainError {
         /// The data's name.
         data: String,
     },
-    /// There is nothing to learn.
-    #[error(
-        "{data}: every pixel of every training photograph has the same colour: expected pictures of a scene"
-    )]
-    Blank {
-        /// The data's name.
-        data: String,
-    },
     /// The bounds hold nothing.
     #[error("{0}")]
     Bounds(#[from] BoundsError),

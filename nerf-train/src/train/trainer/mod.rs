@@ -3,7 +3,7 @@
 pub mod candidate;
 
 use crate::capture::sights::{self, Sights};
-use crate::data::{Background, Dataset, View, is_blank, mean_colour};
+use crate::data::{Background, Dataset, View, mean_colour};
 use crate::model::config::{Config, Density, SamplingConfig};
 use crate::model::engine::{Batch, Engine, Model, Phase, Phases, engine_for};
 use crate::train::Bounds;
@@ -77,12 +77,9 @@ impl<'d> Trainer<'d> {
     /// Makes everything ready for the first step: bounds, hull, rays, start values.
     ///
     /// # Errors
-    /// [`TrainError`] on settings out of range, on photographs of one colour, and on data whose bounds cannot be found.
+    /// [`TrainError`] on settings out of range and on data whose bounds cannot be found.
     pub fn new(dataset: &'d Dataset, config: Config, kernel: Kernel) -> Result<Self, TrainError> {
         config.check()?;
-        if is_blank(&dataset.train) {
-            return Err(TrainError::Blank { data: dataset.name.clone() });
-        }
         let unbounded = config.sampling.contraction.is_some();
         let sights = Some(dataset).filter(|_| unbounded).and_then(sights::of_training);
         let (bounds, occupancy) = find_bounds(dataset, &config, sights.as_ref())?;
