@@ -18,10 +18,11 @@ use std::process::ExitCode;
 
 /// Photographs from which on it is said first what they take.
 const MANY: usize = 300;
-/// What a photograph takes that is read at about 800 pixels, bytes; photographs that are read and compared, and bytes of
-/// files that are decoded, a second and core.
+/// Memory of a photograph of about 800 pixels, bytes.
 const BYTES_EACH: u64 = 2_400_000;
+/// Photographs that a core compares in a second.
 const COMPARED_PER_SECOND: u64 = 30;
+/// Bytes of picture files that a core decodes in a second.
 const DECODED_PER_SECOND: u64 = 15_000_000;
 
 /// Look a capture over before it is fitted: how photographs are spread, sharp, exposed and linked, and whether their

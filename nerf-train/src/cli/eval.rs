@@ -150,9 +150,8 @@ impl Eval {
     /// The views with the refined poses beside the blob; `None` unless all of them have one.
     fn refined(&self, dataset: &Dataset, views: &[&View]) -> anyhow::Result<Option<Vec<View>>> {
         let Some(refined) = RefinedPoses::beside(&self.file)? else { return Ok(None) };
-        let given: Vec<View> = views.iter().map(|&view| view.clone()).collect();
-        let cameras = refined.cameras(&self.file, &given, dataset.origin)?;
-        Ok(given.iter().zip(cameras).map(|(view, camera)| Some(view.seen_from(camera?))).collect())
+        let cameras = refined.cameras(&self.file, views.iter().copied(), dataset.origin)?;
+        Ok(views.iter().zip(cameras).map(|(view, camera)| Some(view.seen_from(camera?))).collect())
     }
 
     /// Says where --background cannot change what is behind the pictures.

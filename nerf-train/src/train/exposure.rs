@@ -10,7 +10,7 @@ use serde::{Deserialize, Serialize};
 const TRIAL: u32 = 1_000;
 /// Learning rates of the log gains: of the trial's steps, and of the steps after it.
 const RATES: [f32; 2] = [5e-3, 1e-3];
-/// Adam's decays and epsilon.
+/// Decay rates of Adam's moments, and its epsilon.
 const BETAS: [f32; 2] = [0.9, 0.99];
 const EPSILON: f32 = 1e-12;
 
@@ -65,7 +65,7 @@ impl ExposureFound {
 }
 
 impl Gains {
-    /// Those that the settings and the data call for, and what was found; `None` where none is learned.
+    /// Gains to learn, if settings and data call for them, and what was found; `None` where none is learned.
     pub fn of(
         views: &[View],
         sights: Option<&Sights>,

@@ -23,7 +23,7 @@ const RATES: [f32; 2] = [0.3, 0.01];
 /// Blur of the gradient, radii of the ball that is not contracted: at first, and from `SHARP_FROM` of the run on.
 const BLURS: [f32; 2] = [0.02, 0.001];
 const SHARP_FROM: f64 = 0.5;
-/// Adam's decays and epsilon.
+/// Decay rates of Adam's moments, and its epsilon.
 const BETAS: [f32; 2] = [0.9, 0.99];
 const EPSILON: f32 = 1e-12;
 /// Median motion in the trial from which on poses are refined, focal lengths: poses that are right move by 0.002 to 0.006,
@@ -55,7 +55,7 @@ pub struct PosesFound {
     /// Pixels, the median: of a reconstruction's points, how far they are projected from where they are seen; else of the
     /// photographs, how far the first steps moved them.
     pub pixels: f64,
-    /// Whether it is of a reconstruction's points.
+    /// Whether `pixels` was measured at a reconstruction's sparse points.
     pub by_tracks: bool,
     /// Whether they are refined.
     pub refined: bool,
@@ -75,7 +75,7 @@ impl std::fmt::Display for PosesFound {
 }
 
 impl Poses {
-    /// Those that the settings and the data call for, and what was found; `None` where they stay as they are.
+    /// Poses to refine, if settings and data call for it, and what was found; `None` where they stay as they are.
     pub fn of(
         dataset: &Dataset,
         sights: bool,
@@ -117,7 +117,7 @@ impl Poses {
         !self.on_trial
     }
 
-    /// Whether they are of so many photographs, and finite: a checkpoint may hold anything.
+    /// Whether they belong to `views` and are finite: a checkpoint may hold anything.
     pub fn is_of(&self, views: &[View]) -> bool {
         let all = [&self.moved, &self.cast, &self.sums, &self.moment1, &self.moment2];
         let finite = |twists: &Vec<Twist>| twists.as_flattened().iter().all(|x| x.is_finite());
@@ -135,9 +135,11 @@ impl Poses {
         cameras(given, &self.moved)
     }
 
-    /// Lets rays be cast from where the cameras are now, from the next step on.
-    pub fn renew(&mut self) {
+    /// Lets rays be cast from where the cameras are now, from the next step on; whether that is elsewhere.
+    pub fn renew(&mut self) -> bool {
+        let moved = self.cast != self.moved;
         self.cast.clone_from(&self.moved);
+        moved
     }
 
     /// What is asked of rays when `share` of the run is done.

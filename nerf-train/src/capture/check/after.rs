@@ -4,7 +4,7 @@ use super::Diagnosis;
 use crate::data::system::summary::Short;
 use serde::Serialize;
 
-/// A photograph is far worse than the rest so many dB below the median, and so many median deviations.
+/// Distance below the median PSNR at which a photograph is far worse than the rest: dB, and median deviations.
 const FAR_WORSE: (f64, f64) = (5.0, 6.0);
 /// Groups differ by so much where one of them is doubtful, dB.
 const DIFFERENT_DB: f64 = 3.0;

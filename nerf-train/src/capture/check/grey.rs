@@ -28,7 +28,7 @@ pub(super) struct Grey {
 }
 
 impl Grey {
-    /// Of a view, at most [`WORKING_SIDE`] pixels long.
+    /// A view in grey, its long side at most [`WORKING_SIDE`] pixels.
     pub fn of(view: &View) -> Self {
         let (width, height) = view.size();
         let factor = width.max(height).div_ceil(WORKING_SIDE).clamp(1, width.min(height).max(1));

@@ -5,14 +5,14 @@ use std::collections::{BTreeMap, BTreeSet};
 
 /// Share of different patches at which a pair says nothing.
 const UNDECIDED: f32 = 0.35;
-/// One photograph in so many that contradict the rest are few, and can be left out.
+/// At most this part of the photographs (one in ten) is few, and can be left out where it contradicts the rest.
 const FEW: usize = 10;
 /// Contradictions that a photograph is left out for, and that tell two groups apart.
 const CERTAIN: usize = 3;
 /// Share of the pairs that contradict each other from which on many photographs that contradict the rest are believed.
 const TORN: f32 = 0.1;
 
-/// Photographs that can be right together.
+/// Groups of photographs whose poses agree within the group, and the few that agree with none.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub(super) struct Groups {
     /// The groups, by indices; one where nothing contradicts.
@@ -50,7 +50,7 @@ fn clusters(count: usize, pairs: &[Pair]) -> Vec<usize> {
     label
 }
 
-/// Pairs that agree and that contradict each other, of those that `which` says.
+/// Numbers of agreeing and of contradicting pairs among the pairs that `which` accepts.
 fn count(pairs: &[Pair], which: impl Fn([usize; 2]) -> bool) -> (usize, usize) {
     let chosen = pairs.iter().filter(|pair| which(pair.views));
     chosen.fold((0, 0), |(good, bad), pair| {
@@ -58,8 +58,8 @@ fn count(pairs: &[Pair], which: impl Fn([usize; 2]) -> bool) -> (usize, usize) {
     })
 }
 
-/// Small clusters that contradict more photographs than they agree with, the worst first: those that only they
-/// contradicted are then free of contradiction.
+/// Small clusters that contradict more photographs than they agree with. The worst is taken out first; a photograph that
+/// only it contradicted is then free of contradiction.
 fn rejected(label: &[usize], pairs: &[Pair]) -> BTreeSet<usize> {
     let mut size: BTreeMap<usize, usize> = BTreeMap::new();
     label.iter().for_each(|label| *size.entry(*label).or_default() += 1);

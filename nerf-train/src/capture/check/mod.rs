@@ -31,7 +31,7 @@ use std::collections::BTreeSet;
 
 /// Fewer photographs than this are all fitted, whatever contradicts.
 const ENOUGH: usize = 10;
-/// Key points that must contradict a pose, and how many times as many as those that agree with it.
+/// Limits from which on a pose is wrong: contradicting key points, and their number over that of agreeing ones.
 const MISPLACED: (usize, usize) = (10, 2);
 
 /// What is in a capture and what is wrong with it; photographs by name, in the order of names.
@@ -80,7 +80,7 @@ pub struct NamedGap {
     pub between: [String; 2],
 }
 
-/// What is found of one photograph.
+/// Findings on one photograph.
 #[derive(Clone, Debug, Serialize)]
 #[allow(missing_docs, reason = "the names say what they are, and in which unit")]
 pub struct Photograph {
@@ -271,8 +271,8 @@ impl Diagnosis {
         }
     }
 
-    /// Leaves a data set what is to be fitted: of its training photographs those that do not contradict the rest; with
-    /// a `group`, counted from 1, the photographs of that one alone, held-out ones too.
+    /// Keeps the photographs to be fitted. Few training photographs that contradict the rest are left out. With a `group`,
+    /// counted from 1, only its photographs are kept, held-out ones included.
     ///
     /// # Errors
     /// [`GroupError`], and the data set as it was.

@@ -139,7 +139,7 @@ impl DataOptions {
         let Some(refined) = RefinedPoses::beside(file)? else { return Ok(dataset) };
         let mut count = 0;
         for views in [&mut dataset.train, &mut dataset.val, &mut dataset.test] {
-            let cameras = refined.cameras(file, views, dataset.origin)?;
+            let cameras = refined.cameras(file, &*views, dataset.origin)?;
             for (view, camera) in views.iter_mut().zip(cameras) {
                 count += usize::from(camera.is_some());
                 view.camera = camera.unwrap_or(view.camera);

@@ -74,10 +74,10 @@ impl RefinedPoses {
     ///
     /// # Errors
     /// [`DatasetError::Camera`] for a pose that is none.
-    pub fn cameras(
+    pub fn cameras<'v>(
         &self,
         blob: &Path,
-        views: &[View],
+        views: impl IntoIterator<Item = &'v View>,
         origin: [f64; 3],
     ) -> Result<Vec<Option<Camera>>, DatasetError> {
         let frames: HashMap<&str, &Frame> = self.frames.iter().map(|f| (f.file_path.as_str(), f)).collect();
@@ -87,7 +87,7 @@ impl RefinedPoses {
             }),
             None => Ok(None),
         };
-        views.iter().map(camera).collect()
+        views.into_iter().map(camera).collect()
     }
 }
 

@@ -12,8 +12,9 @@ const ROUND: usize = 14;
 const STEP: f32 = 6.0;
 /// Side of the photographs, pixels.
 const SIZE: u32 = 160;
-/// Pixels between points of a photograph, and photographs between those that have points of their own.
+/// Pixels between points of a photograph.
 const POINT_EVERY: usize = 9;
+/// Every third photograph has points of its own.
 const VIEW_EVERY: usize = 3;
 
 /// A photograph by its pose and by where it was really taken.

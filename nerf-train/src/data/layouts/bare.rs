@@ -18,7 +18,7 @@ pub(crate) struct Bare {
     pub(crate) photographs: Vec<PathBuf>,
     /// Names of those that are no whole pictures.
     pub(crate) damaged: Vec<String>,
-    /// Names of those that one camera took: of one size, and of one device as far as EXIF tells.
+    /// Names of the photographs of each camera: one size, and one device as far as EXIF tells.
     pub(crate) cameras: Vec<Vec<String>>,
 }
 

@@ -15,12 +15,12 @@ const OTHERS: usize = 3;
 pub enum Fault {
     /// Photographs that do not hang together.
     Torn {
-        /// Names in each further model of those that the largest has not.
+        /// Photographs of each further model that the largest model lacks, by name.
         others: Vec<Vec<String>>,
     },
     /// Photographs of two sides that were given poses of one.
     Folded {
-        /// Names of those that agree with each other.
+        /// Photographs that agree with each other, by name.
         groups: Vec<Vec<String>>,
     },
 }

@@ -1,8 +1,8 @@
 //! Poses of bare photographs, found by an installed COLMAP.
 //!
 //! COLMAP works in a hidden folder beside the result, on copies of the photographs: editing one never edits another. The
-//! folder appears under its name, whole, when a model was found. A model that is torn or folded is tried to be replaced
-//! by one that COLMAP finds in another way.
+//! folder appears under its name, whole, when a model was found. For a model that is torn or folded,
+//! COLMAP's other ways are tried.
 
 mod error;
 mod fault;

@@ -52,7 +52,7 @@ pub fn checked(
 }
 
 impl Scene {
-    /// Colours the cameras by what was found, and keeps it to be shown. `views`: those that the diagnosis names.
+    /// Colours the cameras by the diagnosis, and keeps its findings. `views`: the photographs of the diagnosis.
     fn find(&mut self, diagnosis: &Diagnosis, views: &[View]) {
         for camera in &mut self.cameras {
             let of = diagnosis.views.iter().find(|view| view.name == camera.name);

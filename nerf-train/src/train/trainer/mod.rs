@@ -31,8 +31,9 @@ const GROWTH: f64 = 0.15;
 const STAGES: f64 = 8.0;
 /// Share of a run from which on it is remembered which cells of an unbounded scene training rays give weight to.
 const MARKED_FROM: f64 = 0.5;
-/// Steps in which poses of validation views are refined, and rays a view in each, of more views than so many fewer.
+/// Steps in which the poses of validation views are refined.
 const HELD_OUT_STEPS: u32 = 100;
+/// Rays a validation view in each of these steps; fewer where there are more views than [`HELD_OUT_VIEWS`].
 const HELD_OUT_RAYS: usize = 48;
 const HELD_OUT_VIEWS: usize = 64;
 /// Times a run is started anew before it is given up.
@@ -345,8 +346,9 @@ impl<'d> Trainer<'d> {
         }
         if let (Some(poses), Some(contraction)) = (poses, &self.bounds.contraction) {
             batch.question = Some(Poses::question(share, contraction));
-            poses.renew();
-            bank.set_cameras(poses.cast(&self.dataset.train));
+            if poses.renew() {
+                bank.set_cameras(poses.cast(&self.dataset.train));
+            }
         }
         let s = &self.config.sampling;
         let grid = self.config.network.grid.is_some();

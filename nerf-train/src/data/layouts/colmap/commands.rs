@@ -21,7 +21,7 @@ pub(crate) struct Stage {
     /// COLMAP's name of it.
     pub(crate) name: &'static str,
     options: Vec<(&'static str, OsString)>,
-    /// Those that are left out where the installed version has none of that name.
+    /// Options that are left out if the installed version does not know them.
     optional: Vec<(&'static str, OsString)>,
 }
 

@@ -15,7 +15,7 @@ use std::collections::{BTreeMap, HashMap};
 use std::path::Path;
 use std::time::Instant;
 
-/// More photographs are not adjusted: the time grows with their third power, and is half a minute for these.
+/// Largest number of photographs whose cameras are adjusted. The time grows with its cube: half a minute for this many.
 const MAX_PHOTOGRAPHS: usize = 300;
 /// How much larger the mean reprojection error may become where the photographs are one device's, as a share.
 const MAX_GROWTH: f64 = 1.25;
@@ -276,7 +276,7 @@ impl Bundle {
     }
 }
 
-/// The same with one device for each that there is, at the middle of its photographs' figures.
+/// The bundle with one camera a device, which begins at the median of its photographs' cameras.
 fn with_devices(own: &Bundle, model: &Model, devices: &[usize]) -> Bundle {
     let mut shared = Bundle { devices: Vec::new(), ..own.clone() };
     let of = |device: usize, what: &dyn Fn(usize) -> f64| {
@@ -326,7 +326,7 @@ fn checksum(own: &Bundle, devices: &[usize]) -> u64 {
     digest.finalize()
 }
 
-/// Of those that are finite.
+/// Mean of the finite errors.
 fn mean(errors: &[f64]) -> f64 {
     let finite = || errors.iter().filter(|error| error.is_finite());
     finite().sum::<f64>() / finite().count().max(1) as f64

@@ -1,16 +1,16 @@
 //! The laws of the grid engine, on small grids.
 
 mod oracle;
+mod rays;
 
 use super::*;
 use crate::model::config::{Preset, TableConfig};
 use crate::model::engine::model::uniform;
-use crate::model::engine::{BatchError, BatchRay, Dense, Part, RayQuestion, ReferenceEngine, Surface};
+use crate::model::engine::{BatchError, BatchRay, Dense, Part, ReferenceEngine, Surface};
 use crate::model::picture_config::{FieldConfig, FieldPreset};
 use crate::model::quantise::{Quantised, TableStorage, values_of};
 use glam::Vec3;
 use half::f16;
-use nerf_core::camera::Contraction;
 use nerf_core::encoding::{AngleScale, DirectionEncoding, PositionEncoding, SinusoidalEncoding};
 
 /// No cube, and not around 0.
@@ -155,67 +155,6 @@ fn gradients_of_log_gains_are_finite_differences() {
     };
     let mut white = white;
     assert_eq!((white(1.0), white(0.5)), (0.0, 1.0));
-}
-
-/// Rays that begin outside of the box, with samples on them at these distances, beyond the ball that is not contracted, too.
-fn rays_through(question: &RayQuestion, origins: &[Vec3], dirs: &[Vec3], distances: &[f32]) -> Batch {
-    let mut batch = batch_of(origins.len(), 77);
-    (batch.positions, batch.deltas) = (Vec::new(), Vec::new());
-    for ((ray, origin), dir) in batch.rays.iter_mut().zip(origins).zip(dirs) {
-        let points = distances.iter().map(|t| question.contraction.contract(*origin + *dir * *t).to_array());
-        batch.positions.extend(points);
-        batch.deltas.extend(distances.iter().map(|t| 0.1 + 0.02 * t));
-        (ray.dir, ray.samples) = (dir.to_array(), distances.len() as u32);
-    }
-    batch.origins = origins.iter().map(|origin| origin.to_array()).collect();
-    batch.question = Some(*question);
-    batch
-}
-
-#[test]
-fn gradients_by_rays_are_finite_differences() {
-    let model = model(table(2, 19), 1, 0, 16);
-    let (middle, distances) = (Vec3::new(0.25, 1.5, 0.25), [1.1, 1.5, 1.95, 2.4, 2.9]);
-    let bounds = Contraction::cube(middle, 0.6);
-    let contraction = Contraction::new(&bounds, 1).unwrap();
-    let question = RayQuestion { contraction, blur: 0.0 };
-    let draw = |i: u64| uniform(9, i) as f32 - 0.5;
-    let triple = |i: u64| Vec3::new(draw(3 * i), draw(3 * i + 1), draw(3 * i + 2));
-    let origins: Vec<Vec3> = (1..9).map(|i| middle + 2.0 * triple(i).normalize()).collect();
-    let towards = |(i, origin): (u64, &Vec3)| (middle + 0.4 * triple(100 + i) - *origin).normalize();
-    let dirs: Vec<Vec3> = (0..).zip(&origins).map(towards).collect();
-    let mut engine = engine_over(bounds, &model, BARE, 4);
-    let p = wide(&engine.parameters());
-    engine.ask(&rays_through(&question, &origins, &dirs, &distances)).unwrap();
-    assert_eq!(wide(&engine.parameters()), p);
-    let found: Vec<RayGradient> = engine.ray_gradients().copied().collect();
-    let rays: Vec<u32> = found.iter().map(|gradient| gradient.ray).collect();
-    assert_eq!(rays, (0..8).collect::<Vec<_>>());
-    // Central differences, and how far those of the two sides are apart: far where a sample goes into another cell.
-    let differences = |gradient: &RayGradient, axis: usize, of_origin: bool| {
-        let at = |h: f32| {
-            let (mut origins, mut dirs) = (origins.clone(), dirs.clone());
-            let moved = if of_origin { &mut origins } else { &mut dirs };
-            moved[gradient.ray as usize][axis] += h;
-            oracle::loss(&model, &bounds, &p, &rays_through(&question, &origins, &dirs, &distances)).loss
-        };
-        let [low, here, high] = [-2e-4, 0.0, 2e-4].map(at);
-        ((high - low) / 4e-4, (high + low - 2.0 * here).abs() / 2e-4)
-    };
-    let mut rows = Vec::new();
-    for gradient in &found {
-        for (of_origin, values) in [(true, gradient.by_origin), (false, gradient.by_dir)] {
-            for axis in 0..3 {
-                let (expected, bend) = differences(gradient, axis, of_origin);
-                rows.push((expected, (expected - f64::from(values[axis])).abs(), bend));
-            }
-        }
-    }
-    let largest = rows.iter().fold(0.0f64, |most, row| most.max(row.0.abs()));
-    let smooth: Vec<_> = rows.iter().filter(|row| row.2 < 0.02 * largest).collect();
-    let error = smooth.iter().fold(0.0, |most, row| worse(most, row.1));
-    println!("{error:.1e} of {largest:.1e}, {} of {}", smooth.len(), rows.len());
-    assert!(smooth.len() > 40 && error < 0.01 * largest, "{error} of {largest}, {} smooth", smooth.len());
 }
 
 /// Pixels of a 2D field: rays of 0 samples or 1.
