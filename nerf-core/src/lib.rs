@@ -99,7 +99,7 @@
 //! use glam::Vec3;
 //! use nerf_core::blob::{self, Body, Content, Provenance, SceneFacts, SceneSampling};
 //! use nerf_core::encoding::{AngleScale, SinusoidalEncoding};
-//! use nerf_core::network::{Architecture, DensityActivation, TrunkLayer};
+//! use nerf_core::network::{Architecture, DensityActivation, TrunkLayer, Shading};
 //! use nerf_core::{
 //!     Batch, Blob, Camera, Intrinsics, Lens, Line, Outputs, Pixel, Plan, Pose, Quality, Rect, Renderer, Kernel,
 //! };
@@ -114,6 +114,7 @@
 //!     trunk: [TrunkLayer { width: 4, skip: false }].into_iter().collect(),
 //!     density: Some(DensityActivation::Relu),
 //!     colour: [].into_iter().collect(),
+//!     shading: Shading::PerSample,
 //! };
 //! assert_eq!(architecture.parameters(), 36);
 //! let mut weights = [0u8; 72];

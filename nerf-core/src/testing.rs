@@ -7,7 +7,7 @@ use crate::blob::{
     self, Body, Content, ParetoFront, PictureFacts, Provenance, SceneFacts, SceneSampling, StoredOccupancy,
 };
 use crate::encoding::{AngleScale, PositionEncoding, SinusoidalEncoding};
-use crate::network::{Architecture, DensityActivation, TrunkLayer};
+use crate::network::{Architecture, DensityActivation, Shading, TrunkLayer};
 use std::vec;
 use std::vec::Vec;
 
@@ -30,6 +30,7 @@ pub fn architecture(
         direction: direction.map(Into::into),
         trunk: trunk.iter().map(|&(width, skip)| TrunkLayer { width, skip }).collect(),
         colour: colour.iter().copied().collect(),
+        shading: Shading::PerSample,
     }
 }
 

@@ -13,7 +13,7 @@ use nerf_core::encoding::{
 };
 use nerf_core::math::MathBackend;
 use nerf_core::memory::Line;
-use nerf_core::network::{Architecture, DensityActivation, TrunkLayer};
+use nerf_core::network::{Architecture, DensityActivation, Shading, TrunkLayer};
 use nerf_core::plan::Batch;
 use nerf_core::render::{Rect, Renderer};
 
@@ -117,6 +117,7 @@ impl Recipe {
                 _ => DensityActivation::Exponential,
             }),
             colour: self.view_dependent.then_some(width / 2).into_iter().collect(),
+            shading: Shading::PerSample,
         }
     }
 

@@ -6,7 +6,7 @@ use nerf_core::blob::{
     self, Body, Content, FrontPoint, Provenance, SceneFacts, SceneSampling, StoredOccupancy,
 };
 use nerf_core::encoding::{AngleScale, SinusoidalEncoding};
-use nerf_core::network::{Architecture, DensityActivation, Scratch, TrunkLayer};
+use nerf_core::network::{Architecture, DensityActivation, Scratch, Shading, TrunkLayer};
 use nerf_core::{Camera, Intrinsics, Lens, Pose};
 
 /// Cells of the occupancy grid along each axis.
@@ -25,6 +25,7 @@ pub fn seed() -> Architecture {
         trunk: (0..8).map(|i| TrunkLayer { width: 256, skip: i == 4 }).collect(),
         density: Some(DensityActivation::Relu),
         colour: [128].into_iter().collect(),
+        shading: Shading::PerSample,
     }
 }
 

@@ -1,7 +1,7 @@
 //! The coarse network that says where on a ray the scene's own is worth asking.
 
 use crate::encoding::SinusoidalEncoding;
-use crate::network::{Architecture, DensityActivation, MAX_TRUNK, TrunkLayer};
+use crate::network::{Architecture, DensityActivation, MAX_TRUNK, Shading, TrunkLayer};
 use serde::{Deserialize, Serialize};
 
 /// A network of densities alone: encoding, trunk and density head over the scene's own box.
@@ -33,6 +33,7 @@ impl Proposal<'_> {
             trunk: self.trunk.clone(),
             density: Some(self.density),
             colour: heapless::Vec::new(),
+            shading: Shading::PerSample,
         }
     }
 }

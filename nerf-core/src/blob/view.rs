@@ -29,6 +29,7 @@ macro_rules! read_body {
                 trunk: read($input, Section::Architecture)?,
                 density: read($input, Section::Architecture)?,
                 colour: read($input, Section::Architecture)?,
+                shading: read($input, Section::Architecture)?,
             },
             content: read($input, Section::Content)?,
             occupancy: read($input, Section::Occupancy)?,

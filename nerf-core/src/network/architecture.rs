@@ -39,6 +39,21 @@ pub enum DensityActivation {
 /// dense is opaque within 1e-7 world units.
 pub const EXPONENTIAL_LIMIT: f32 = 20.0;
 
+/// Where a field's colour is worked out.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub enum Shading {
+    /// At every sample that counts: the colour branch takes the sample's `h`, and colours are composited.
+    PerSample,
+    /// Once a ray (deferred shading): `h` is composited, and the colour branch takes its mean under the weights.
+    ///
+    /// ```text
+    /// A = Σ w_i;  P = Σ w_i h_i / A;  colour = A · sigmoid(branch [P, PE(d)]) + T_end · background
+    /// ```
+    ///
+    /// Beside a grid the trunk may be empty: `h` is then the encoded position itself.
+    PerRay,
+}
+
 /// A network's shape; everything else about a layer follows from it.
 ///
 /// The linear feature layer of the classic recipe is not here: no activation follows it, so it is
@@ -49,12 +64,15 @@ pub struct Architecture {
     pub position: PositionEncoding,
     /// Encoding of the viewing direction, if colour depends on it.
     pub direction: Option<DirectionEncoding>,
-    /// The trunk, in order; the first layer takes `PE(x)` and has no skip.
+    /// The trunk, in order; the first layer takes `PE(x)` and has no skip. Empty only behind a grid that is shaded
+    /// [once a ray](Shading::PerRay).
     pub trunk: heapless::Vec<TrunkLayer, MAX_TRUNK>,
     /// The density head; absent in a 2D field.
     pub density: Option<DensityActivation>,
     /// Widths of the colour branch's hidden dense+ReLU layers; the first takes `[h, PE(d)]`.
     pub colour: heapless::Vec<u16, MAX_COLOUR>,
+    /// Where colour is worked out.
+    pub shading: Shading,
 }
 
 /// What a layer is for.
@@ -139,11 +157,15 @@ impl Architecture {
                 return Err(E::DirectionWithoutDensity);
             }
         }
-        if self.trunk.is_empty() {
-            return Err(E::NoTrunk);
+        let per_ray = self.shading == Shading::PerRay;
+        if per_ray && self.density.is_none() {
+            return Err(E::PerRayWithoutDensity);
         }
-        if self.trunk[0].skip {
-            return Err(E::SkipAtFirstLayer);
+        match self.trunk.first() {
+            None if per_ray && self.position.grid().is_some() => {}
+            None => return Err(E::NoTrunk),
+            Some(first) if first.skip => return Err(E::SkipAtFirstLayer),
+            Some(_) => {}
         }
         for (index, layer) in self.trunk.iter().enumerate() {
             check_width("trunk", index, layer.width)?;
@@ -224,7 +246,12 @@ impl Architecture {
         self.position.grid().map_or(0, |grid| grid.reads())
     }
 
-    /// Outputs of the widest trunk layer.
+    /// Values of `h`: the last trunk layer's outputs, or of an empty trunk the encoded position.
+    pub fn h_rows(&self) -> usize {
+        self.trunk.last().map_or_else(|| self.position.outputs(), |layer| usize::from(layer.width))
+    }
+
+    /// Outputs of the widest trunk layer; 0 of an empty trunk.
     pub fn trunk_width(&self) -> usize {
         self.trunk.iter().map(|layer| usize::from(layer.width)).max().unwrap_or(0)
     }
@@ -309,7 +336,9 @@ pub enum ArchitectureError {
     HarmonicsNotBuilt,
     /// A direction branch in a network that has no density head (a 2D field).
     DirectionWithoutDensity,
-    /// The trunk has no layer.
+    /// Shading once a ray in a network that has no density head (a 2D field).
+    PerRayWithoutDensity,
+    /// The trunk has no layer, which only a grid that is shaded once a ray may do without.
     NoTrunk,
     /// The first layer already takes `PE(x)`: a skip there would append it twice.
     SkipAtFirstLayer,
@@ -366,7 +395,13 @@ impl core::fmt::Display for ArchitectureError {
             Self::DirectionWithoutDensity => {
                 write!(f, "direction encoding: expected none in a 2D field, found one")
             }
-            Self::NoTrunk => write!(f, "trunk: expected 1 to {MAX_TRUNK} layers, found none"),
+            Self::PerRayWithoutDensity => {
+                write!(f, "shading: expected once a sample in a 2D field, found once a ray")
+            }
+            Self::NoTrunk => write!(
+                f,
+                "trunk: expected 1 to {MAX_TRUNK} layers, or none behind a position grid shaded once a ray, found none"
+            ),
             Self::SkipAtFirstLayer => write!(f, "trunk layer 0: expected no skip, found one"),
             Self::Width { field, index, found } => {
                 write!(f, "{field} layer {index}: expected a width of 1 to {MAX_WIDTH}, found {found}")

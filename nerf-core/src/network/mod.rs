@@ -15,7 +15,7 @@ mod tests;
 
 pub use architecture::{
     Architecture, ArchitectureError, DensityActivation, EXPONENTIAL_LIMIT, Layer, Layers, MAX_COLOUR,
-    MAX_LAYERS, MAX_TRUNK, MAX_WIDTH, Role, TrunkLayer,
+    MAX_LAYERS, MAX_TRUNK, MAX_WIDTH, Role, Shading, TrunkLayer,
 };
 #[cfg(all(feature = "normals", not(feature = "train")))]
 pub(crate) use gradient::GradientScratch;

@@ -206,12 +206,12 @@ impl<'a> Network<'a> {
 
     /// Rows of [`Scratch::front`] and [`Scratch::back`].
     pub fn activation_rows(&self) -> usize {
-        self.layers.iter().map(|layer| layer.outputs).max().unwrap_or(0)
+        self.layers.iter().map(|layer| layer.outputs).max().unwrap_or(0).max(self.trunk_rows())
     }
 
     /// Rows of `h`, what [`Network::trunk`] leaves in [`Scratch::front`].
     pub fn trunk_rows(&self) -> usize {
-        self.architecture.trunk.last().map_or(0, |layer| usize::from(layer.width))
+        self.architecture.h_rows()
     }
 
     /// Outputs of the layer where the direction joins; 0 without view dependence.

@@ -6,7 +6,7 @@ use crate::model::quantise::TableStorage;
 use nerf_core::encoding::{
     AngleScale, MAX_GRID_RESOLUTION, MAX_LEVELS, PositionEncoding, SinusoidalEncoding,
 };
-use nerf_core::network::{Architecture, MAX_TRUNK, MAX_WIDTH, TrunkLayer};
+use nerf_core::network::{Architecture, MAX_TRUNK, MAX_WIDTH, Shading, TrunkLayer};
 use serde::{Deserialize, Serialize};
 
 /// Everything that decides what is learned from a photograph.
@@ -164,6 +164,7 @@ impl FieldConfig {
             trunk: std::iter::repeat_n(layer, self.layers.min(MAX_TRUNK)).collect(),
             density: None,
             colour: [].into_iter().collect(),
+            shading: Shading::PerSample,
         })
     }
 

@@ -4,7 +4,7 @@ use super::made::Folder;
 use super::{fails, ok};
 use nerf_core::blob::{Content, PictureFacts, Provenance};
 use nerf_core::encoding::{AngleScale, SinusoidalEncoding};
-use nerf_core::network::{Architecture, TrunkLayer};
+use nerf_core::network::{Architecture, Shading, TrunkLayer};
 use nerf_train::model::export::Contents;
 use nerf_train::model::export::Tables;
 use nerf_train::model::export::export;
@@ -17,6 +17,7 @@ fn blob() -> Vec<u8> {
         trunk: [TrunkLayer { width: 4, skip: false }].into_iter().collect(),
         density: None,
         colour: [].into_iter().collect(),
+        shading: Shading::PerSample,
     };
     let provenance = Provenance { data: "grey", made_by: "test", trained_parameters: 27, ..Provenance::NONE };
     let contents = Contents {

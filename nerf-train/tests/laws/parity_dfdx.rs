@@ -4,7 +4,7 @@ use nerf_core::Kernel;
 use nerf_core::blob::{Blob, Content, Provenance, SceneFacts, SceneSampling};
 use nerf_core::encoding::{AngleScale, SinusoidalEncoding};
 use nerf_core::memory::Line;
-use nerf_core::network::{Architecture, DensityActivation, TrunkLayer};
+use nerf_core::network::{Architecture, DensityActivation, Shading, TrunkLayer};
 use nerf_core::plan::{Batch, Outputs, Plan, Quality};
 use nerf_core::render::Renderer;
 use nerf_core::sampling::{Purpose, uniform};
@@ -33,6 +33,7 @@ fn models() -> Vec<(&'static str, Model)> {
         trunk: trunk(4, 128, 0).collect(),
         density: Some(DensityActivation::Relu),
         colour: [64].into_iter().collect(),
+        shading: Shading::PerSample,
     });
     plain.density_bias = 0.3;
     let with = |change: &dyn Fn(&mut Model)| {

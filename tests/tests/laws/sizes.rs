@@ -6,7 +6,7 @@ use nerf_core::encoding::{AngleScale, MAX_LEVELS, SinusoidalEncoding};
 use nerf_core::math::MathBackend;
 use nerf_core::memory::{Line, lines_for};
 use nerf_core::network::{
-    Architecture, DensityActivation, Layer, MAX_COLOUR, MAX_TRUNK, MAX_WIDTH, TrunkLayer,
+    Architecture, DensityActivation, Layer, MAX_COLOUR, MAX_TRUNK, MAX_WIDTH, Shading, TrunkLayer,
 };
 use nerf_core::plan::Effects;
 use nerf_core::plan::{Batch, Outputs, Plan, Quality};
@@ -39,6 +39,7 @@ fn architectures() -> impl Strategy<Value = Architecture> {
                 .collect(),
             density: scene.then_some(DensityActivation::Relu),
             colour: colour.into_iter().collect(),
+            shading: Shading::PerSample,
         },
     )
 }

@@ -13,7 +13,7 @@ use nerf_core::camera::{Camera, SceneBox};
 use nerf_core::encoding::{AngleScale, SinusoidalEncoding};
 use nerf_core::math::MathBackend;
 use nerf_core::memory::Line;
-use nerf_core::network::{Architecture, DensityActivation, TrunkLayer};
+use nerf_core::network::{Architecture, DensityActivation, Shading, TrunkLayer};
 use nerf_core::plan::{Batch, Outputs, Plan, Quality};
 use nerf_core::render::{Counters, Rect, Renderer};
 use nerf_core::sampling::Bins;
@@ -206,6 +206,7 @@ fn medium() -> Vec<Row> {
         trunk: [TrunkLayer { width: 1, skip: false }].into_iter().collect(),
         density: Some(DensityActivation::Relu),
         colour: [].into_iter().collect(),
+        shading: Shading::PerSample,
     };
     let camera = camera(4, 3);
     let bins = Bins::new(SCENE.near, SCENE.far, SAMPLES.into()).expect("bins");

@@ -5,7 +5,7 @@ use nerf_core::Kernel;
 use nerf_core::encoding::{AngleScale, SinusoidalEncoding};
 use nerf_core::math::MathBackend;
 use nerf_core::network::{
-    Architecture, DensityActivation, GradientScratch, Network, Scratch, TrunkLayer, Weights,
+    Architecture, DensityActivation, GradientScratch, Network, Scratch, Shading, TrunkLayer, Weights,
 };
 use nerf_tests::error::worst_of;
 use nerf_tests::noise::signed;
@@ -38,6 +38,7 @@ fn shapes() -> Vec<(&'static str, Architecture)> {
         trunk: trunk.iter().map(|&(width, skip)| TrunkLayer { width, skip }).collect(),
         density: Some(density),
         colour: [].into_iter().collect(),
+        shading: Shading::PerSample,
     };
     let (pi, one) = (AngleScale::Pi, AngleScale::One);
     let (relu, softplus) = (DensityActivation::Relu, DensityActivation::ShiftedSoftplus);

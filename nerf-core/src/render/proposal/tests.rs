@@ -7,7 +7,7 @@ use crate::camera::{Camera, Intrinsics, Lens, Pose};
 use crate::encoding::{AngleScale, SinusoidalEncoding};
 use crate::math::polynomial::Polynomial;
 use crate::memory::Line;
-use crate::network::{Architecture, DensityActivation, TrunkLayer};
+use crate::network::{Architecture, DensityActivation, Shading, TrunkLayer};
 use crate::plan::{Batch, Outputs, Plan, Quality};
 use crate::render::{Counters, Rect, RenderError, Renderer, Switch};
 use crate::sampling::{Bins, sample_interval, sample_pdf};
@@ -37,6 +37,7 @@ fn coarse_architecture() -> Architecture {
             .collect(),
         density: Some(DensityActivation::Relu),
         colour: [].into_iter().collect(),
+        shading: Shading::PerSample,
     }
 }
 

@@ -15,7 +15,7 @@ pub use table::TableConfig;
 use crate::model::engine::{Adam, EngineKind, Model};
 use glam::Vec3;
 use nerf_core::encoding::{AngleScale, DirectionEncoding, PositionEncoding, SinusoidalEncoding};
-use nerf_core::network::{Architecture, DensityActivation, MAX_COLOUR, MAX_TRUNK, TrunkLayer};
+use nerf_core::network::{Architecture, DensityActivation, MAX_COLOUR, MAX_TRUNK, Shading, TrunkLayer};
 use serde::{Deserialize, Serialize};
 
 /// What the occupancy grid's resolution is chosen from, cells along the longest side of the scene box.
@@ -278,6 +278,7 @@ impl Config {
                 Density::Exponential => DensityActivation::Exponential,
             }),
             colour,
+            shading: Shading::PerSample,
         };
         // An exponential density starts at the same optical depth whatever the unit of length is.
         let per_unit = match n.density {

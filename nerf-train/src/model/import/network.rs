@@ -6,7 +6,9 @@ use super::settings::{RawDensity, Settings};
 use super::tensors::{Tensor, Tensors};
 use crate::model::engine::Model;
 use nerf_core::encoding::SinusoidalEncoding;
-use nerf_core::network::{Architecture, DensityActivation, MAX_COLOUR, MAX_TRUNK, MAX_WIDTH, TrunkLayer};
+use nerf_core::network::{
+    Architecture, DensityActivation, MAX_COLOUR, MAX_TRUNK, MAX_WIDTH, Shading, TrunkLayer,
+};
 use std::collections::BTreeSet;
 use std::iter::once;
 
@@ -82,7 +84,8 @@ impl<'t> Reader<'t> {
             RawDensity::Softplus | RawDensity::ShiftedSoftplus => DensityActivation::ShiftedSoftplus,
         });
         let (position, direction) = (position.into(), direction.map(Into::into));
-        let architecture = Architecture { position, direction, trunk, density, colour };
+        let architecture =
+            Architecture { position, direction, trunk, density, colour, shading: Shading::PerSample };
         architecture.check().map_err(Fault::Architecture)?;
         Ok((architecture, directed, unused.into_iter().map(str::to_owned).collect()))
     }

@@ -8,7 +8,7 @@ use nerf_core::Kernel;
 use nerf_core::camera::{Camera, Intrinsics, Lens, Pose};
 use nerf_core::encoding::{AngleScale, SinusoidalEncoding};
 use nerf_core::math::MathBackend;
-use nerf_core::network::{Architecture, DensityActivation, TrunkLayer};
+use nerf_core::network::{Architecture, DensityActivation, Shading, TrunkLayer};
 use nerf_core::plan::Outputs;
 use nerf_core::render::Counters;
 use nerf_core::volume::Pixel;
@@ -37,6 +37,7 @@ fn blob(kind: usize) -> Vec<u8> {
         trunk: (0..LAYERS).map(|_| TrunkLayer { width: 64, skip: false }).collect(),
         density: Some(DensityActivation::Relu),
         colour: [].into_iter().collect(),
+        shading: Shading::PerSample,
     };
     let all = weights(&shape, |layer, _, column| match (layer, column) {
         // The first layer is 1 everywhere.

@@ -5,7 +5,7 @@ use crate::blob::{bytes, weights};
 use crate::table::{BACKENDS, Row, Worst, cases, isas};
 use nerf_core::encoding::{AngleScale, SinusoidalEncoding};
 use nerf_core::math::{Elementary, MathBackend};
-use nerf_core::network::{Architecture, DensityActivation, TrunkLayer};
+use nerf_core::network::{Architecture, DensityActivation, Shading, TrunkLayer};
 use nerf_tests::scenes::kernels;
 
 cases! {
@@ -100,6 +100,7 @@ fn minus_zero() -> Vec<Row> {
             .collect(),
         density: Some(DensityActivation::Relu),
         colour: [].into_iter().collect(),
+        shading: Shading::PerSample,
     };
     // −1 times a unit that is +0, or 1 times one that is −0: which a ReLU makes of −0 is nobody's business.
     for head in [0xbc00, 0x3c00] {
@@ -137,6 +138,7 @@ fn densities() -> Vec<Row> {
             trunk: [TrunkLayer { width: 2, skip: false }].into_iter().collect(),
             density: Some(activation),
             colour: [].into_iter().collect(),
+            shading: Shading::PerSample,
         };
         // relu(x) and relu(−x), and their difference times the scale.
         let all = weights(&shape, |layer, row, column| match (layer, row, column) {

@@ -9,7 +9,7 @@ mod volume;
 use super::model::uniform;
 use super::*;
 use nerf_core::encoding::{AngleScale, SinusoidalEncoding};
-use nerf_core::network::{Architecture, DensityActivation, TrunkLayer};
+use nerf_core::network::{Architecture, DensityActivation, Shading, TrunkLayer};
 
 /// SinusoidalEncoding of 3 inputs, identity first.
 fn encoding(levels: u8, scale: AngleScale) -> SinusoidalEncoding {
@@ -28,6 +28,7 @@ fn plain() -> Model {
         trunk: trunk(4, 32, None).collect(),
         density: Some(DensityActivation::Relu),
         colour: [16].into_iter().collect(),
+        shading: Shading::PerSample,
     };
     Model { density_bias: 0.3, ..Model::plain(architecture) }
 }
