@@ -21,7 +21,8 @@ use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 /// Captures, and how many times smaller their photographs are read.
-const CAPTURES: [(&str, u32); 8] = [
+const CAPTURES: [(&str, u32); 9] = [
+    ("lego_200x200.npz", 1),
     ("fox_ngp", 4),
     ("stitch", 1),
     ("cup_colmap", 2),
@@ -80,7 +81,7 @@ fn main() {
     println!("| --- | --- | ---: | ---: | ---: | ---: | ---: | ---: | ---: |");
     for (name, downscale) in CAPTURES {
         let wanted = asked.captures.is_empty() || asked.captures.iter().any(|capture| capture == name);
-        if wanted && folder.join(name).is_dir() {
+        if wanted && folder.join(name).exists() {
             row(&folder.join(name), name, downscale, &asked);
         }
     }
@@ -137,7 +138,8 @@ fn config(dataset: &Dataset, asked: &Asked) -> Config {
 /// A capture with what is held out of it; to choose settings by, the second eighth without the first.
 fn held_out(path: &Path, downscale: u32, asked: &Asked) -> Dataset {
     let read = |hold_offset| {
-        let (downscale, cameras) = (Downscale::By(downscale), asked.cameras);
+        let downscale = if downscale == 1 { Downscale::default() } else { Downscale::By(downscale) };
+        let cameras = asked.cameras;
         let options = ReadOptions { downscale, hold_offset, cameras, ..Default::default() };
         read(path, &options).unwrap_or_else(|error| panic!("{error}"))
     };

@@ -84,6 +84,7 @@ impl FieldPreset {
                 beta2: 0.99,
                 epsilon: 1e-15,
                 average: 0.0,
+                hashed_every: 1,
             },
             Self::Classic => OptimiserConfig {
                 steps: 3_000,
@@ -93,6 +94,7 @@ impl FieldPreset {
                 beta2: 0.999,
                 epsilon: 1e-8,
                 average: 0.95,
+                hashed_every: 1,
             },
             Self::Sharp => OptimiserConfig {
                 steps: 40_000,
@@ -102,6 +104,7 @@ impl FieldPreset {
                 beta2: 0.99,
                 epsilon: 1e-15,
                 average: 0.99,
+                hashed_every: 1,
             },
         }
     }

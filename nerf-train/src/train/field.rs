@@ -29,7 +29,7 @@ pub(crate) const MEASURED_ON: &str = "over the whole picture";
 /// Pixels that are drawn together.
 const DRAWN: usize = 64;
 /// First bytes of a checkpoint; the last is the version.
-const MAGIC: [u8; 8] = *b"NERFPIC\x01";
+const MAGIC: [u8; 8] = *b"NERFPIC\x02";
 
 /// Why training could not start or go on.
 #[derive(Debug, thiserror::Error)]

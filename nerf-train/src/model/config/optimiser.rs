@@ -23,6 +23,9 @@ pub struct OptimiserConfig {
     /// Decay, a step, of the exponential average of the parameters that is exported, which reaches back over a ninth of the
     /// steps so far at most; 0 exports the last.
     pub average: f64,
+    /// Steps from one move of a hashed level of the grid to the next, by the sum of its gradients meanwhile; 1 moves every
+    /// level at every step.
+    pub hashed_every: u32,
 }
 
 impl OptimiserConfig {
@@ -48,11 +51,13 @@ impl OptimiserConfig {
             self.epsilon,
         )?;
         rule("optimiser.average", (0.0..1.0).contains(&self.average), "0 to 1, without 1", self.average)?;
+        let turns = (1..=16).contains(&self.hashed_every);
+        rule("optimiser.hashed_every", turns, "1 to 16", self.hashed_every)?;
         Ok(())
     }
 
     /// Adam's constants.
     pub fn adam(&self) -> Adam {
-        Adam { betas: [0.9, self.beta2], epsilon: self.epsilon, weight_decay: 0.0 }
+        Adam { betas: [0.9, self.beta2], epsilon: self.epsilon, weight_decay: 0.0, hashed_every: self.hashed_every }
     }
 }

@@ -2,7 +2,7 @@
 
 use super::{
     CaptureConfig, Config, Density, Jitter, NetworkConfig, OccupancyConfig, OptimiserConfig, Preset,
-    SamplingConfig, Surroundings, TableConfig,
+    SamplingConfig, Shading, Surroundings, TableConfig,
 };
 use crate::model::engine::EngineKind;
 use crate::model::quantise::TableStorage;
@@ -24,6 +24,7 @@ fn grid() -> Config {
         preset: Preset::Grid,
         engine: EngineKind::Fused,
         network: NetworkConfig {
+            shading: Shading::Sample,
             depth: 1,
             width: 32,
             skip_after: 0,
@@ -78,6 +79,7 @@ fn grid() -> Config {
             beta2: 0.99,
             epsilon: 1e-15,
             average: 0.998,
+            hashed_every: 1,
         },
         seed: 0,
     }
@@ -89,6 +91,7 @@ fn small() -> Config {
         preset: Preset::Small,
         engine: EngineKind::Fused,
         network: NetworkConfig {
+            shading: Shading::Sample,
             depth: 4,
             width: 128,
             skip_after: 0,
@@ -136,6 +139,7 @@ fn small() -> Config {
             beta2: 0.99,
             epsilon: 1e-15,
             average: 0.98,
+            hashed_every: 1,
         },
         seed: 0,
     }
@@ -147,6 +151,7 @@ fn seed() -> Config {
         preset: Preset::Seed,
         engine: EngineKind::Fused,
         network: NetworkConfig {
+            shading: Shading::Sample,
             depth: 8,
             width: 256,
             skip_after: 4,
@@ -194,6 +199,7 @@ fn seed() -> Config {
             beta2: 0.999,
             epsilon: 1e-8,
             average: 0.0,
+            hashed_every: 1,
         },
         seed: 0,
     }

@@ -233,12 +233,14 @@ pub struct Adam {
     pub epsilon: f64,
     /// L2 penalty added to the gradient, 0 for none.
     pub weight_decay: f64,
+    /// Steps from one move of a hashed level of a grid to the next, by the sum of its gradients since the last; at least 1.
+    pub hashed_every: u32,
 }
 
 impl Default for Adam {
     /// What fitted best on a CPU budget: a short second moment and a negligible epsilon.
     fn default() -> Self {
-        Self { betas: [0.9, 0.99], epsilon: 1e-15, weight_decay: 0.0 }
+        Self { betas: [0.9, 0.99], epsilon: 1e-15, weight_decay: 0.0, hashed_every: 1 }
     }
 }
 
@@ -255,6 +257,8 @@ pub struct OptimiserState {
     pub steps: u64,
     /// What a step of int8 counts, level by level of a grid whose tables are rounded; else empty.
     pub scales: Vec<f32>,
+    /// Gradients of a grid's hashed levels since each moved, level by level; empty where all levels move at every step.
+    pub waiting: Vec<f32>,
 }
 
 /// What a batch cost before its step.

@@ -160,7 +160,7 @@ impl Model {
     /// Start values of the classic recipe, the same for the same seed on every machine.
     ///
     /// Of a grid field: tables U(±1e-4); layers U(±√(6 / fan_in)) before a ReLU and U(±√(6 / (fan_in + 16)))
-    /// elsewhere; no biases but the density's.
+    /// elsewhere; no biases but the density's. Without a trunk the density is read from the first feature of each level.
     pub fn initial_parameters(&self, seed: u64) -> Vec<f32> {
         if self.architecture.position.grid().is_some() {
             return self.initial_grid_parameters(seed);
@@ -170,6 +170,7 @@ impl Model {
 
     fn initial_grid_parameters(&self, seed: u64) -> Vec<f32> {
         const TABLE: f64 = 1e-4;
+        let features = self.architecture.position.grid().map_or(1, |grid| usize::from(grid.features));
         let mut parameters = vec![0.0; self.layer_parameters()];
         for layer in self.layers() {
             let fan = match layer.part {
@@ -183,6 +184,13 @@ impl Model {
             }
             if layer.part == Part::Density {
                 parameters[layer.bias] = self.density_bias;
+                if self.architecture.trunk.is_empty() {
+                    let weights = parameters[layer.weights..layer.bias].chunks_exact_mut(features);
+                    weights.for_each(|level| {
+                        level.fill(0.0);
+                        level[0] = 1.0;
+                    });
+                }
             }
         }
         let first = parameters.len() as u64;

@@ -114,6 +114,7 @@ impl Optimiser {
             moment2: gather(|p| &p.moment2),
             steps: self.steps as u64,
             scales: Vec::new(),
+            waiting: Vec::new(),
         }
     }
 

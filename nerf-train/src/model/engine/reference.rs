@@ -5,7 +5,7 @@ use super::encode::encode_points;
 use super::graph::{DIRECTION, Graph, POSITION};
 use super::optimiser::{Optimiser, usable};
 use super::tape::{Matrix, Rows, Scalar, TAPE_SAMPLES, Taped, Vector, Weights};
-use super::tape::{alpha, squared_error, with_tape};
+use super::tape::{alpha, over, squared_error, with_tape};
 use super::{
     Adam, Batch, BatchRay, Engine, EngineError, Model, OptimiserState, SIGMA_LIMIT, StepLoss, check_rate,
 };
@@ -182,7 +182,8 @@ impl ReferenceEngine {
             None => (rows.constants(|_| 1e3)?.retaped::<Taped>(), true),
         };
         let (front, left) = rows.transmittance(tau.with_empty_tape())?;
-        let seen = rows.pixels(front.try_mul(alpha(tau)?)?, colour, left, matrix(|ray| ray.background)?)?;
+        let shown = rows.sums(front.try_mul(alpha(tau)?)?, colour)?;
+        let seen = over(shown, left, matrix(|ray| ray.background)?)?;
         let scale = 1.0 / (3 * batch.rays.len()) as f32;
         let error = squared_error(seen, matrix(|ray| ray.rgb)?, scale)?;
         // h's tape holds the trunk, from which both branches grew.

@@ -114,24 +114,19 @@ impl Rows {
         Ok(values.try_gather(self.index.clone())?.try_reshape_like(&self.shape)?)
     }
 
-    /// What is seen: `C = Σ_i weight_i c_i + T_end · background`, `[rays][3]`.
+    /// `Σ_i weight_i x_i` of each ray, `[rays][channels]`.
     ///
-    /// `weights`: `[rays][longest]`, 0 behind a ray's last sample; `colours`: `[samples][3]`; `left`: T_end, `[rays]`.
-    pub(super) fn pixels(
+    /// `weights`: `[rays][longest]`, 0 behind a ray's last sample; `values`: `[samples][channels]`.
+    pub(super) fn sums(
         &self,
         weights: Matrix<Taped>,
-        colours: Matrix<Taped>,
-        left: Vector<Taped>,
-        background: Matrix,
+        values: Matrix<Taped>,
     ) -> Result<Matrix<Taped>, EngineError> {
         let (rays, longest) = self.shape;
-        let shape = (rays, longest, 3);
-        let colours: Matrix<Taped> = colours.try_gather(self.index.clone())?;
+        let shape = (rays, longest, values.shape().1);
+        let values: Matrix<Taped> = values.try_gather(self.index.clone())?;
         let weights = weights.try_broadcast_like::<_, Axis<2>>(&shape)?;
-        let shown =
-            weights.try_mul(colours.try_reshape_like(&shape)?)?.try_sum::<(usize, usize), Axis<1>>()?;
-        let behind = left.try_broadcast_like::<_, Axis<1>>(&(rays, 3usize))?.try_mul(background)?;
-        Ok(shown.try_add(behind)?)
+        Ok(weights.try_mul(values.try_reshape_like(&shape)?)?.try_sum::<(usize, usize), Axis<1>>()?)
     }
 
     /// `Σ_{j<i} x_j` of each ray: a product with a strictly triangular matrix of ones, for want of a cumulative sum.
@@ -151,6 +146,16 @@ impl Rows {
     }
 }
 
+/// What is seen: what samples show, `[rays][3]`, and the background behind them where light is `left`, `[rays]`.
+pub(super) fn over(
+    shown: Matrix<Taped>,
+    left: Vector<Taped>,
+    background: Matrix,
+) -> Result<Matrix<Taped>, EngineError> {
+    let shape = *shown.shape();
+    Ok(shown.try_add(left.try_broadcast_like::<_, Axis<1>>(&shape)?.try_mul(background)?)?)
+}
+
 /// `alpha = 1 − exp(−tau)`.
 pub(super) fn alpha(tau: Matrix<Taped>) -> Result<Matrix<Taped>, EngineError> {
     Ok(tau.try_negate()?.try_exp()?.try_negate()?.try_add(1.0)?)
@@ -167,7 +172,10 @@ pub(super) fn squared_error(
 }
 
 /// `value` with the operations of `tape` on its tape, too.
-pub(super) fn with_tape(value: Scalar, tape: Taped) -> Scalar {
+pub(super) fn with_tape<S: Shape>(
+    value: Tensor<S, f32, Cpu, Taped>,
+    tape: Taped,
+) -> Tensor<S, f32, Cpu, Taped> {
     let (value, own) = value.split_tape();
     value.put_tape(own.merge(tape))
 }

@@ -424,7 +424,7 @@ impl<'d> Trainer<'d> {
 
     /// Width of the marched steps when `share` of the budget is used.
     fn step_width(&self, share: f64) -> Option<f32> {
-        let longer = if self.bounds.contraction.is_some() { lengthened(share) } else { 1.0 };
+        let longer = if self.bounds.contraction.is_some() { lengthened(share) } else { lengthened_bounded(share) };
         self.step_width.filter(|_| self.occupancy.is_some()).map(|width| longer * width)
     }
 
@@ -569,6 +569,13 @@ fn smoothed(before: f64, live: usize, rays: usize) -> f64 {
 pub(crate) fn lengthened(share: f64) -> f32 {
     let stage = (STAGES * share / GROWTH).floor().min(STAGES);
     LONGEST_STEP.powf(1.0 - stage / STAGES) as f32
+}
+
+fn lengthened_bounded(share: f64) -> f32 {
+    let read = |name: &str, or: f64| std::env::var(name).map_or(or, |x| x.parse().unwrap());
+    let (longest, growth) = (read("DTG_LONGEST", 1.0), read("DTG_UNTIL", 0.4));
+    let stage = (STAGES * share / growth).floor().min(STAGES);
+    longest.powf(1.0 - stage / STAGES) as f32
 }
 
 /// Bins between near and far that are `steps` to the longest side of the box.

@@ -123,6 +123,16 @@ impl Layers {
         Self { trunk, density, colour, bias: 0.0, parameters }
     }
 
+    /// Index of the first colour layer among all.
+    pub fn first_of_colour(&self) -> usize {
+        self.trunk.len() + usize::from(self.density.is_some())
+    }
+
+    /// Features that density and colour are read from.
+    pub fn features(&self) -> usize {
+        self.colour[0].main.inputs
+    }
+
     /// Number of parameters, which come before the tables.
     pub fn parameters(&self) -> usize {
         self.parameters

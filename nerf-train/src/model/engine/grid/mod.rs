@@ -2,10 +2,10 @@
 //!
 //! ```text
 //! rays, 8 samples at a time:  encode ──► trunk ──► density ──► T; rays below T_MIN leave
-//! samples with weight > gate: colour ──► pixel ──► loss
+//! samples with weight > gate: colour, or their features' mean ──► colour ──► pixel ──► loss
 //!                             d colour ──► d trunk ──► d encoded        sums of the layers: one an accumulator
-//! level by level:             d encoded ──► d table entries             in the samples' order; then Adam of those entries
-//!                             that have a gradient, and their f16, which the next step encodes with
+//! level by level:             d encoded ──► d table entries             in the samples' order; then, if it is the level's
+//!                             turn, Adam of the entries that have a gradient, and their f16, which the next step encodes with
 //! Adam:                       layers
 //! ```
 //!
@@ -19,13 +19,20 @@
 //! measured to be worth it on a CPU.
 
 mod adam;
+mod directions;
 mod distortion;
+mod evaluate;
 mod kept;
 mod layers;
 mod pass;
 mod rays;
 mod reference;
+mod samples;
 mod scatter;
+mod shade;
+mod shade_ray;
+mod shade_sample;
+mod turns;
 mod vector;
 
 #[cfg(test)]
@@ -42,14 +49,15 @@ use crate::model::quantise::scales;
 use adam::AdamStep;
 use layers::{LayerSums, Layers};
 use nerf_core::camera::SceneBox;
-use nerf_core::encoding::{GridEncoding, GridTables, TableValues};
+use nerf_core::encoding::{GridEncoding, GridLevel, GridTables, TableValues};
 use nerf_core::network::DensityActivation;
 use nerf_core::simd::Isa;
 use pass::{Job, Pass, Scratch, Totals};
 use rayon::prelude::*;
-use scatter::{Kept, LevelScratch, LevelState, write_halves};
+use scatter::{Kept, LevelScratch, LevelState, LevelSum, write_halves};
 use std::borrow::Cow;
 use std::sync::{Mutex, PoisonError};
+use turns::{moves, waiting_entries};
 
 /// Accumulators, hence threads that a step can use before the tables.
 const ACCUMULATORS: usize = 16;
@@ -83,6 +91,8 @@ pub struct GridEngine {
     /// What a step of int8 counts, level by level, once the tables are rounded to those: before, empty.
     scales: Vec<f32>,
     level_scratch: Vec<Mutex<LevelScratch>>,
+    /// The gradients of the hashed levels, where those are summed over steps: else none.
+    sums: Vec<Option<LevelSum>>,
     gradient: Vec<f32>,
 }
 
@@ -95,6 +105,11 @@ impl GridEngine {
         let grid = check_plain(model)?;
         let parameters = model.initial_parameters(seed);
         let layers = Layers::new(model);
+        let features = usize::from(grid.features);
+        let sum_of = |level: GridLevel| match waiting_entries(&adam, &level) {
+            0 => None,
+            entries => Some(LevelSum::new(entries * features)),
+        };
         let mut engine = Self {
             model: model.clone(),
             bounds,
@@ -108,6 +123,7 @@ impl GridEngine {
             halves: vec![0; 2 * (parameters.len() - layers.parameters())],
             scales: Vec::new(),
             level_scratch: Vec::new(),
+            sums: grid.levels().map(sum_of).collect(),
             gradient: vec![0.0; layers.parameters()],
             grid,
             parameters,
@@ -150,8 +166,8 @@ impl GridEngine {
             first += chunk.iter().map(|ray| ray.samples as usize).sum::<usize>();
         }
         let threads = rayon::current_num_threads().max(1);
-        let layers = &self.layers;
-        self.scratch.resize_with(threads, || Mutex::new(Scratch::new(layers)));
+        let (layers, shading) = (&self.layers, self.model.architecture.shading);
+        self.scratch.resize_with(threads, || Mutex::new(Scratch::new(layers, shading)));
         let scratch = &self.scratch;
         self.passes.par_iter_mut().with_max_len(1).enumerate().for_each(|(i, pass)| {
             // Each thread has its own: nobody waits for the lock.
@@ -221,7 +237,7 @@ impl Engine for GridEngine {
         let features = usize::from(self.grid.features);
         let mut rest = (tables, table_moment1, table_moment2, &mut self.halves[..]);
         let mut levels = Vec::new();
-        for (i, level) in self.grid.levels().enumerate() {
+        for ((i, level), sum) in self.grid.levels().enumerate().zip(&mut self.sums) {
             let length = level.entries * features;
             let (values, moment1, moment2, halves) = rest;
             let ((values, v_rest), (moment1, m1_rest)) =
@@ -229,7 +245,8 @@ impl Engine for GridEngine {
             let ((moment2, m2_rest), (halves, h_rest)) =
                 (moment2.split_at_mut(length), halves.split_at_mut(2 * length));
             let scale = self.scales.get(i).copied();
-            levels.push(LevelState { level, values, moment1, moment2, halves, scale });
+            let adam = moves(&self.adam, &level, self.steps).map(|moves| AdamStep::new(&self.adam, rate, moves));
+            levels.push(LevelState { level, values, moment1, moment2, halves, scale, sum: sum.as_mut(), adam });
             rest = (v_rest, m1_rest, m2_rest, h_rest);
         }
         let (isa, grid, passes) = (self.isa, &self.grid, &self.passes);
@@ -244,7 +261,7 @@ impl Engine for GridEngine {
                 // Each thread has its own: nobody waits for the lock.
                 let own = rayon::current_thread_index().unwrap_or(0) % threads;
                 let mut scratch = scratch[own].lock().unwrap_or_else(PoisonError::into_inner);
-                scratch.step(isa, grid, &tables, passes.iter().map(|pass| &pass.kept), &step, &mut level);
+                scratch.step(isa, grid, &tables, passes.iter().map(|pass| &pass.kept), &mut level);
             });
         };
         rayon::join(|| beside(&loss), update);
@@ -298,22 +315,34 @@ impl Engine for GridEngine {
     }
 
     fn state(&self) -> OptimiserState {
+        let features = usize::from(self.grid.features);
+        let sums = self.grid.levels().zip(&self.sums);
+        let waiting = sums.flat_map(|(level, sum)| sum.iter().flat_map(move |sum| sum.values(level.entries * features)));
         OptimiserState {
             parameters: self.parameters.clone(),
             moment1: self.moment1.clone(),
             moment2: self.moment2.clone(),
             steps: self.steps,
             scales: self.scales.clone(),
+            waiting: waiting.copied().collect(),
         }
     }
 
     fn restore(&mut self, state: &OptimiserState) -> Result<(), EngineError> {
-        check_state(state, self.parameters.len(), self.grid.resolutions.len())?;
+        check_state(state, self.parameters.len(), &self.grid, &self.adam)?;
         self.parameters.copy_from_slice(&state.parameters);
         self.moment1.copy_from_slice(&state.moment1);
         self.moment2.copy_from_slice(&state.moment2);
         self.steps = state.steps;
         self.scales.clone_from(&state.scales);
+        let mut waiting = &state.waiting[..];
+        let features = usize::from(self.grid.features);
+        for (level, sum) in self.grid.levels().zip(&mut self.sums) {
+            let Some(sum) = sum else { continue };
+            let (values, rest) = waiting.split_at(level.entries * features);
+            sum.restore(values);
+            waiting = rest;
+        }
         self.copy_tables();
         Ok(())
     }
@@ -330,12 +359,19 @@ fn check_plain(model: &Model) -> Result<GridEncoding, EngineError> {
     Ok(grid)
 }
 
-/// Whether a checkpoint is of a grid of so many parameters and levels.
-fn check_state(state: &OptimiserState, parameters: usize, levels: usize) -> Result<(), EngineError> {
+/// Whether a checkpoint is of a model of so many parameters with this grid.
+fn check_state(
+    state: &OptimiserState,
+    parameters: usize,
+    grid: &GridEncoding,
+    adam: &Adam,
+) -> Result<(), EngineError> {
     check_values("parameters", &state.parameters, parameters, |_| true)?;
     check_values("moment1", &state.moment1, parameters, |_| true)?;
     check_values("moment2", &state.moment2, parameters, |v| v >= 0.0)?;
-    let levels = if state.scales.is_empty() { 0 } else { levels };
+    let waiting = grid.levels().map(|level| waiting_entries(adam, &level) * usize::from(grid.features)).sum();
+    check_values("waiting", &state.waiting, waiting, |_| true)?;
+    let levels = if state.scales.is_empty() { 0 } else { grid.resolutions.len() };
     check_values("scales", &state.scales, levels, |scale| scale > 0.0)?;
     if state.steps > i32::MAX as u64 {
         return Err(EngineError::Steps { found: state.steps });

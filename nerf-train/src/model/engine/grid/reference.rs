@@ -5,11 +5,12 @@
 //! end of a ray too; a photograph that is clipped at white is not told from one that is just as bright.
 
 use super::kept::KeptSamples;
+use super::turns::{moves, waiting_entries};
 use super::{check_plain, check_state, gain_sums};
 use crate::model::engine::chunk::{Chunk, cut};
 use crate::model::engine::optimiser::usable;
 use crate::model::engine::tape::{
-    Matrix, Rows, Scalar, TAPE_SAMPLES, Taped, Vector, Weights, add, alpha, squared_error, with_tape,
+    Matrix, Rows, Scalar, TAPE_SAMPLES, Taped, Vector, Weights, add, alpha, over, squared_error, with_tape,
 };
 use crate::model::engine::{
     Adam, Batch, BatchRay, Dense, Engine, EngineError, Model, OptimiserState, Part, StepLoss, Surface,
@@ -22,7 +23,7 @@ use half::f16;
 use nerf_core::camera::SceneBox;
 use nerf_core::encoding::{DirectionEncoding, GridEncoding, GridLevel, encode_block, encode_harmonics_block};
 use nerf_core::math::MathBackend;
-use nerf_core::network::EXPONENTIAL_LIMIT;
+use nerf_core::network::{EXPONENTIAL_LIMIT, Shading};
 use nerf_core::simd::Isa;
 use std::borrow::Cow;
 use std::ops::Range;
@@ -60,7 +61,9 @@ impl GridReferenceEngine {
         }
         let parameters = model.initial_parameters(seed);
         let (moment1, moment2) = (vec![0.0; parameters.len()], vec![0.0; parameters.len()]);
-        let state = OptimiserState { parameters, moment1, moment2, ..OptimiserState::default() };
+        let waiting = grid.levels().map(|level| waiting_entries(&adam, &level) * usize::from(grid.features)).sum();
+        let state =
+            OptimiserState { parameters, moment1, moment2, waiting: vec![0.0; waiting], ..OptimiserState::default() };
         let (model, device) = (model.clone(), Cpu::default());
         Ok(Self { model, grid, bounds, adam, state, gains: Vec::new(), device })
     }
@@ -235,17 +238,12 @@ impl GridReferenceEngine {
         };
         let rows = Rows::new(device, &kept.counts)?;
         let positions: Vec<_> = kept.samples.iter().map(|&i| batch.positions[i]).collect();
-        let counted = rays.iter().zip(&kept.counts);
-        let dirs: Vec<_> = counted.flat_map(|(ray, &count)| std::iter::repeat_n(ray.dir, count)).collect();
         let scale = |i: usize| batch.gradient_scales.get(kept.samples[i]).copied().unwrap_or(1.0);
 
         let h = self.trunk::<Taped>(network, &positions)?;
         let scales =
             device.try_tensor_from_vec((0..positions.len()).map(scale).collect(), (positions.len(),))?;
-        let scales_of_channels =
-            scales.clone().try_broadcast_like::<_, Axis<1>>(&(positions.len(), 3usize))?;
-        let colour = with_gradient_scaled(self.colour(network, &h, &dirs)?, scales_of_channels)?;
-        let sigma = with_gradient_scaled(self.density(network, &h)?, scales)?;
+        let sigma = with_gradient_scaled(self.density(network, &h)?, scales.clone())?;
         let tau = rows.of(sigma)?.try_mul(rows.constants(|i| batch.deltas[kept.samples[i]])?)?;
 
         // Russian roulette: inverse-probability weights, of what a sample shows and of the gradient of what it hides.
@@ -256,7 +254,34 @@ impl GridReferenceEngine {
         let weights = front.try_mul(alpha(tau)?)?.try_mul(inverse()?)?;
 
         let towards = surfaces(&rows, batch, indices.clone(), kept, &weights, &left)?;
-        let seen = rows.pixels(weights.with_empty_tape(), colour, left, of_rays(|ray| ray.background)?)?;
+        let scaled = |x: Matrix<Taped>| {
+            let shape = *x.shape();
+            with_gradient_scaled(x, scales.try_broadcast_like::<_, Axis<1>>(&shape)?)
+        };
+        let shown = match self.model.architecture.shading {
+            Shading::PerSample => {
+                let counted = rays.iter().zip(&kept.counts);
+                let dirs: Vec<_> =
+                    counted.flat_map(|(ray, &count)| std::iter::repeat_n(ray.dir, count)).collect();
+                rows.sums(weights.with_empty_tape(), scaled(self.colour(network, &h, &dirs)?)?)?
+            }
+            Shading::PerRay => {
+                let dirs: Vec<_> = rays.iter().map(|ray| ray.dir).collect();
+                // Nothing is divided by where there is nothing.
+                let none = kept.counts.iter().map(|&count| f32::from(u8::from(count == 0))).collect();
+                let opacity = weights.with_empty_tape().try_sum::<(usize,), Axis<1>>()?;
+                let divisor =
+                    opacity.with_empty_tape().try_add(device.try_tensor_from_vec(none, (rays.len(),))?)?;
+                let sums = rows.sums(weights.with_empty_tape(), scaled(h.with_empty_tape())?)?;
+                let shape = *sums.shape();
+                let mean = sums.try_div(divisor.try_broadcast_like::<_, Axis<1>>(&shape)?)?;
+                let colour = self.colour(network, &mean, &dirs)?;
+                let shape = *colour.shape();
+                with_tape(colour, mean.split_tape().1)
+                    .try_mul(opacity.try_broadcast_like::<_, Axis<1>>(&shape)?)?
+            }
+        };
+        let seen = over(shown, left, of_rays(|ray| ray.background)?)?;
         let gains = indices.flat_map(|ray| batch.gains.get(ray).copied().unwrap_or([1.0; 3])).collect();
         let gains = device.try_tensor_from_vec(gains, (rays.len(), 3))?;
         let seen = seen.try_mul(gains.retaped::<Taped>())?;
@@ -297,13 +322,47 @@ impl GridReferenceEngine {
         Ok((loss, gradients))
     }
 
-    /// dfdx's Adam, of the parameters that have a gradient; the others and their moments are left alone.
-    fn update(&mut self, gradients: &[f32], rate: f64) -> Result<(), EngineError> {
-        let OptimiserState { parameters, moment1, moment2, steps, .. } = &mut self.state;
-        let step = i32::try_from(*steps + 1).map_err(|_| EngineError::Steps { found: *steps + 1 })?;
-        let Adam { betas, epsilon: eps, weight_decay: _ } = self.adam;
+    /// Moves layers and dense levels, and the hashed levels whose turn it is by what they summed.
+    fn update(&mut self, mut gradients: Vec<f32>, rate: f64) -> Result<(), EngineError> {
+        let step = self.state.steps + 1;
+        let (features, mut first) = (usize::from(self.grid.features), 0);
+        let tables = self.model.layer_parameters();
+        self.move_values(0..tables, &gradients, step, rate)?;
+        for level in self.grid.clone().levels() {
+            let values = tables + level.first * features..tables + (level.first + level.entries) * features;
+            let turn = moves(&self.adam, &level, step);
+            let waiting = waiting_entries(&self.adam, &level) * features;
+            if waiting > 0 {
+                let (waiting, gradient) =
+                    (&mut self.state.waiting[first..][..waiting], &mut gradients[values.clone()]);
+                add(waiting, gradient);
+                gradient.copy_from_slice(waiting);
+                if turn.is_some() {
+                    waiting.fill(0.0);
+                }
+            }
+            first += waiting;
+            if let Some(moves) = turn {
+                self.move_values(values, &gradients, moves, rate)?;
+            }
+        }
+        self.state.steps = step;
+        Ok(())
+    }
+
+    /// dfdx's Adam, of those of the parameters that have a gradient; the others and their moments are left alone.
+    fn move_values(
+        &mut self,
+        range: Range<usize>,
+        gradients: &[f32],
+        step: u64,
+        rate: f64,
+    ) -> Result<(), EngineError> {
+        let OptimiserState { parameters, moment1, moment2, .. } = &mut self.state;
+        let step = i32::try_from(step).map_err(|_| EngineError::Steps { found: step })?;
+        let Adam { betas, epsilon: eps, .. } = self.adam;
         let config = AdamConfig { lr: rate, betas, eps, weight_decay: None };
-        let moved: Vec<usize> = (0..gradients.len()).filter(|&i| gradients[i] != 0.0).collect();
+        let moved: Vec<usize> = range.filter(|&i| gradients[i] != 0.0).collect();
         let take = |from: &[f32]| {
             let values = moved.iter().map(|&i| from[i]).collect();
             self.device.try_tensor_from_vec::<(usize,)>(values, (moved.len(),))
@@ -319,7 +378,6 @@ impl GridReferenceEngine {
         for (k, (&i, value)) in moved.iter().zip(values.as_vec()).enumerate() {
             (parameters[i], moment1[i], moment2[i]) = (value, first[k], second[k]);
         }
-        *steps += 1;
         Ok(())
     }
 }
@@ -388,7 +446,7 @@ impl Engine for GridReferenceEngine {
         check_rate(rate)?;
         batch.check()?;
         let (loss, gradients) = self.differentiate(batch)?;
-        self.update(&gradients, rate)?;
+        self.update(gradients, rate)?;
         Ok(loss)
     }
 
@@ -415,7 +473,7 @@ impl Engine for GridReferenceEngine {
     }
 
     fn restore(&mut self, state: &OptimiserState) -> Result<(), EngineError> {
-        check_state(state, self.state.parameters.len(), self.grid.resolutions.len())?;
+        check_state(state, self.state.parameters.len(), &self.grid, &self.adam)?;
         self.state = state.clone();
         Ok(())
     }

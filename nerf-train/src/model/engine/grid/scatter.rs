@@ -74,63 +74,96 @@ pub(super) struct LevelState<'a> {
     pub halves: &'a mut [u8],
     /// What a step of int8 counts, where values are rounded to those.
     pub scale: Option<f32>,
+    /// Its gradient, where that is summed over steps.
+    pub sum: Option<&'a mut LevelSum>,
+    /// The moments' corrections, if the level moves at this step.
+    pub adam: Option<AdamStep>,
 }
 
-/// A thread's memory: the gradient of the level under way, 0 between levels.
+/// The gradient of a level; 0 once Adam has taken it.
 #[derive(Clone, Debug)]
-pub(super) struct LevelScratch {
+pub(super) struct LevelSum {
     /// `[entries][features]`, and a part more for rows that reach beyond the last entry.
     gradient: Vec<f32>,
     /// Whether a row of two entries begins in a part.
     touched: Vec<bool>,
-    /// Entries, weights and x of a block of samples.
-    corners: (Vec<u32>, Vec<f32>, Vec<f32>),
+}
+
+impl LevelSum {
+    /// A sum of so many values.
+    pub fn new(values: usize) -> Self {
+        let length = values.next_multiple_of(PART) + PART;
+        Self { gradient: vec![0.0; length], touched: vec![false; length / PART] }
+    }
+
+    /// The first `values` of it.
+    pub fn values(&self, values: usize) -> &[f32] {
+        &self.gradient[..values]
+    }
+
+    /// Takes up a sum.
+    pub fn restore(&mut self, values: &[f32]) {
+        self.gradient.fill(0.0);
+        self.gradient[..values.len()].copy_from_slice(values);
+        for (touched, part) in self.touched.iter_mut().zip(self.gradient.chunks_exact(PART)) {
+            *touched = part.iter().any(|&g| g != 0.0);
+        }
+    }
+}
+
+/// A thread's memory: the gradient of the level under way, where that moves at every step.
+#[derive(Clone, Debug)]
+pub(super) struct LevelScratch {
+    sum: LevelSum,
+    corners: Corners,
     pub phases: Phases,
 }
+
+/// Entries, weights and x of a block of samples.
+type Corners = (Vec<u32>, Vec<f32>, Vec<f32>);
 
 impl LevelScratch {
     /// Memory for any level of `grid`.
     pub fn new(grid: &GridEncoding) -> Self {
         let most = grid.levels().map(|level| level.entries).max().unwrap_or(0) * usize::from(grid.features);
-        let values = most.next_multiple_of(PART) + PART;
         let corners = (vec![0; 4 * BLOCK], vec![0.0; 4 * BLOCK], vec![0.0; BLOCK]);
-        Self {
-            gradient: vec![0.0; values],
-            touched: vec![false; values / PART],
-            corners,
-            phases: Phases::default(),
-        }
+        Self { sum: LevelSum::new(most), corners, phases: Phases::default() }
     }
 
-    /// One step of a level: the sum over all samples, in their order, then Adam.
+    /// One step of a level: the sum over all samples, in their order, then Adam if it moves.
     pub fn step<'k>(
         &mut self,
         isa: Isa,
         grid: &GridEncoding,
         tables: &GridTables<'_>,
         kept: impl Iterator<Item = &'k Kept>,
-        adam: &AdamStep,
         state: &mut LevelState<'_>,
     ) {
         let begun = Instant::now();
+        let Self { sum, corners, phases } = self;
+        let mut own = state.sum.take();
+        let sum = own.as_deref_mut().unwrap_or(sum);
         for kept in kept {
-            self.add(isa, grid, tables, &state.level, kept);
+            sum.add((isa, grid, tables), &state.level, kept, corners);
         }
-        let begun = self.phases.lap(Phase::Scatter, begun);
-        let Self { gradient, touched, .. } = self;
-        isa.run(Update { adam, gradient, touched, state });
-        self.phases.lap(Phase::Adam, begun);
+        let begun = phases.lap(Phase::Scatter, begun);
+        if let Some(adam) = state.adam {
+            let LevelSum { gradient, touched } = sum;
+            isa.run(Update { adam, gradient, touched, state });
+        }
+        phases.lap(Phase::Adam, begun);
     }
+}
 
+impl LevelSum {
     fn add(
         &mut self,
-        isa: Isa,
-        grid: &GridEncoding,
-        tables: &GridTables<'_>,
+        (isa, grid, tables): (Isa, &GridEncoding, &GridTables<'_>),
         level: &GridLevel,
         kept: &Kept,
+        (entry, weight, across): &mut Corners,
     ) {
-        let Self { gradient, touched, corners: (entry, weight, across), .. } = self;
+        let Self { gradient, touched } = self;
         let count = kept.positions[0].len();
         for first in (0..count).step_by(BLOCK) {
             let samples = BLOCK.min(count - first);
@@ -203,7 +236,7 @@ impl<const ROWS: usize, const F: usize, const F2: usize> Op for Features<'_, ROW
 
 /// Adam of a level, where there is a gradient, which is then 0; and the f16 copy of what moved.
 struct Update<'a, 's, 'l> {
-    adam: &'a AdamStep,
+    adam: AdamStep,
     gradient: &'a mut [f32],
     touched: &'a mut [bool],
     state: &'s mut LevelState<'l>,
@@ -215,7 +248,6 @@ impl Op for Update<'_, '_, '_> {
     #[inline(always)]
     fn run<V: Lanes>(self) {
         let Self { adam, gradient, touched, state } = self;
-        // By value: behind a reference its numbers would be read for each.
         let length = state.values.len();
         let mut before = false;
         for (part, gradient) in gradient.chunks_exact_mut(PART).enumerate() {
@@ -236,7 +268,7 @@ impl Op for Update<'_, '_, '_> {
             if from < to {
                 let values = &mut state.values[from..to];
                 let (m, v) = (&mut state.moment1[from..to], &mut state.moment2[from..to]);
-                update_part(*adam, &gradient[..to - from], values, m, v);
+                update_part(adam, &gradient[..to - from], values, m, v);
                 halve::<V>(values, state.scale, &mut state.halves[2 * from..2 * to]);
             }
             gradient.fill(0.0);

@@ -109,3 +109,10 @@ pub(super) fn to_rows(channels: &[f32], stride: usize, count: usize, rows: &mut 
         }
     }
 }
+
+/// Copies a row of whole vectors, `from` may be longer: of some 16 values, for which a call would take longer.
+pub(super) fn copy_row(from: &[f32], to: &mut [f32]) {
+    for (to, from) in to.as_chunks_mut::<VECTOR>().0.iter_mut().zip(from.as_chunks::<VECTOR>().0) {
+        *to = *from;
+    }
+}

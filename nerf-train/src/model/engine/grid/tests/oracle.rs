@@ -5,6 +5,7 @@
 use crate::model::engine::{Batch, Dense, Model, Part, Surface};
 use nerf_core::camera::SceneBox;
 use nerf_core::encoding::{DirectionEncoding, GridEncoding};
+use nerf_core::network::Shading;
 
 /// Value `out[level · features + feature]` at `x`, from the tables in `p[first..]`.
 fn encode(grid: &GridEncoding, bounds: &SceneBox, p: &[f64], x: &[f32; 3]) -> Vec<f64> {
@@ -75,23 +76,58 @@ fn harmonics(degree: u8, dir: &[f32; 3]) -> Vec<f64> {
     out
 }
 
-/// sigma, infinite in a 2D field, and colour.
-fn evaluate(m: &Model, bounds: &SceneBox, p: &[f64], x: &[f32; 3], dir: &[f32; 3]) -> (f64, Vec<f64>) {
-    let a = &m.architecture;
+/// sigma, infinite in a 2D field, and the features that the colour branch takes.
+fn evaluate(m: &Model, bounds: &SceneBox, p: &[f64], x: &[f32; 3]) -> (f64, Vec<f64>) {
     let (layers, tables) = p.split_at(m.layer_parameters());
-    let mut h = encode(a.position.grid().unwrap(), bounds, tables, x);
+    let mut h = encode(m.architecture.position.grid().unwrap(), bounds, tables, x);
     let mut sigma = f64::INFINITY;
     for d in m.layers() {
-        let extra = match a.direction {
+        match d.part {
+            Part::Trunk(_) => h = dense(&d, layers, &h, &[], true),
+            Part::Density => sigma = dense(&d, layers, &h, &[], false)[0].min(20.0).exp(),
+            _ => {}
+        }
+    }
+    (sigma, h)
+}
+
+/// The colour branch.
+fn branch(m: &Model, p: &[f64], h: &[f64], dir: &[f32; 3]) -> Vec<f64> {
+    let mut h = h.to_vec();
+    for d in m.layers().iter().filter(|d| matches!(d.part, Part::Colour(_) | Part::Rgb)) {
+        let extra = match m.architecture.direction {
             Some(DirectionEncoding::SphericalHarmonics { degree }) if d.extra > 0 => harmonics(degree, dir),
             _ => Vec::new(),
         };
-        match d.part {
-            Part::Density => sigma = dense(&d, layers, &h, &[], false)[0].min(20.0).exp(),
-            part => h = dense(&d, layers, &h, &extra, part != Part::Rgb),
+        h = dense(d, p, &h, &extra, d.part != Part::Rgb);
+    }
+    h.into_iter().map(|raw| 1.0 / (1.0 + (-raw).exp())).collect()
+}
+
+/// `Σ_i weight_i x_i`.
+fn sum(weights: &[(f64, f64)], values: &[Vec<f64>]) -> Vec<f64> {
+    let mut sum = vec![0.0; values[0].len()];
+    for ((weight, _), values) in weights.iter().zip(values) {
+        sum.iter_mut().zip(values).for_each(|(sum, x)| *sum += weight * x);
+    }
+    sum
+}
+
+/// What samples of these weights and features show.
+fn shown(m: &Model, p: &[f64], weights: &[(f64, f64)], features: &[Vec<f64>], dir: &[f32; 3]) -> Vec<f64> {
+    if features.is_empty() {
+        return vec![0.0; 3];
+    }
+    match m.architecture.shading {
+        Shading::PerSample => {
+            sum(weights, &features.iter().map(|h| branch(m, p, h, dir)).collect::<Vec<_>>())
+        }
+        Shading::PerRay => {
+            let opacity: f64 = weights.iter().map(|(weight, _)| weight).sum();
+            let mean: Vec<f64> = sum(weights, features).iter().map(|x| x / opacity).collect();
+            branch(m, p, &mean, dir).iter().map(|colour| opacity * colour).collect()
         }
     }
-    (sigma, h.into_iter().map(|raw| 1.0 / (1.0 + (-raw).exp())).collect())
 }
 
 /// What a batch comes to.
@@ -119,15 +155,15 @@ pub(super) fn loss(m: &Model, bounds: &SceneBox, p: &[f64], batch: &Batch) -> Fo
     };
     let mut first = 0;
     for (index, ray) in batch.rays.iter().enumerate() {
-        let (mut shown, mut transmittance) = ([0.0; 3], 1.0f64);
-        let (mut along, mut weights) = (0.0f64, Vec::new());
+        let (mut transmittance, mut along) = (1.0f64, 0.0f64);
+        let (mut weights, mut features) = (Vec::new(), Vec::new());
         for i in first..first + ray.samples as usize {
-            let (sigma, colour) = evaluate(m, bounds, p, &batch.positions[i], &ray.dir);
+            let (sigma, h) = evaluate(m, bounds, p, &batch.positions[i]);
             let alpha = -(-sigma * f64::from(batch.deltas[i])).exp_m1();
             let weight = transmittance * alpha;
             found.least_weight = found.least_weight.min(weight);
             found.least_transmittance = found.least_transmittance.min(transmittance);
-            shown.iter_mut().zip(&colour).for_each(|(shown, colour)| *shown += weight * colour);
+            features.push(h);
             transmittance *= 1.0 - alpha;
             if i > first {
                 let [from, to] = [i - 1, i].map(|i| batch.positions[i].map(f64::from));
@@ -147,6 +183,7 @@ pub(super) fn loss(m: &Model, bounds: &SceneBox, p: &[f64], batch: &Batch) -> Fo
         for (w, s) in &weights {
             found.distortion += weights.iter().map(|(v, t)| w * v * (s - t).abs()).sum::<f64>();
         }
+        let shown = shown(m, p, &weights, &features, &ray.dir);
         for (k, shown) in shown.into_iter().enumerate() {
             let gain = f64::from(batch.gains.get(index).map_or(1.0, |gain| gain[k]));
             let shown = gain * (shown + transmittance * f64::from(ray.background[k]));

@@ -1,0 +1,128 @@
+//! The samples of a chunk that are coloured and trained.
+
+use super::evaluate::Evaluated;
+use super::layers::padded;
+use super::pass::{FAINT, GATE, Job, T_MIN, grow};
+use super::vector::{copy_row, transmitted};
+use crate::model::engine::Batch;
+use nerf_core::sampling::{Purpose, uniform};
+
+/// The kept samples, ray after ray.
+#[derive(Default)]
+pub(super) struct Samples {
+    /// Row among the evaluated samples.
+    pub row: Vec<u32>,
+    /// Ray in the chunk.
+    pub ray: Vec<u32>,
+    pub weight: Vec<f32>,
+    /// Transmittance behind each.
+    pub after: Vec<f32>,
+    /// How many samples of its kind each stands for: 1, but of faint ones that were drawn.
+    pub stands_for: Vec<f32>,
+    /// Weights as often as they count.
+    pub counted: Vec<f32>,
+    /// What the gradient of each is multiplied with.
+    pub scale: Vec<f32>,
+    /// `[samples][padded channels]`.
+    pub encoded: Vec<f32>,
+    /// Outputs of each trunk layer, `[samples][padded outputs]`.
+    pub hidden: Vec<Vec<f32>>,
+    passed: Vec<f32>,
+}
+
+impl Samples {
+    pub fn new(trunk: usize) -> Self {
+        Self { hidden: vec![Vec::new(); trunk], ..Self::default() }
+    }
+
+    pub fn len(&self) -> usize {
+        self.row.len()
+    }
+
+    /// What density and colour are read from: the last trunk layer's outputs or, without a trunk, the encoded positions.
+    pub fn features(&self) -> &[f32] {
+        self.hidden.last().unwrap_or(&self.encoded)
+    }
+
+    /// Keeps the samples that weigh more than the gate, and of the others those that are drawn.
+    pub fn keep(&mut self, job: &Job<'_>, batch: &Batch, evaluated: &mut Evaluated, first: usize) {
+        let stride = padded(evaluated.index_of.len());
+        grow(&mut self.passed, stride);
+        grow(&mut evaluated.sigma, stride);
+        grow(&mut evaluated.deltas, stride);
+        let (sigma, deltas) = (&evaluated.sigma[..stride], &evaluated.deltas[..stride]);
+        transmitted(job.isa, sigma, deltas, &mut self.passed[..stride]);
+        self.clear();
+        let gate = if batch.faint.is_some() { FAINT } else { GATE };
+        for (ray, state) in evaluated.rays.iter_mut().enumerate() {
+            let mut left = 1.0f32;
+            let begin = self.len();
+            for sample in state.first..state.first + state.evaluated {
+                let row = evaluated.row_of[sample - first];
+                let passed = self.passed[row as usize];
+                let (weight, after) = (left * (1.0 - passed), left * passed);
+                // NaN is kept, so that the loss shows it.
+                let heavy = weight > gate || weight.is_nan();
+                let drawn = |(seed, step)| uniform(seed, Purpose::Faint, step, sample as u64) * gate < weight;
+                if heavy || batch.faint.is_some_and(drawn) {
+                    let stands_for = if heavy { 1.0 } else { gate / weight };
+                    self.push((row, ray as u32), (weight, after), stands_for);
+                }
+                left = after;
+                if left < T_MIN {
+                    break;
+                }
+            }
+            state.left = left;
+            state.kept = (begin, self.len());
+        }
+        self.take_rows(job, batch, evaluated);
+    }
+
+    /// Keeps the first sample of each ray of a 2D field, all of them evaluated.
+    pub fn keep_all(&mut self, job: &Job<'_>, batch: &Batch, evaluated: &Evaluated) {
+        self.clear();
+        for (ray, state) in evaluated.rays.iter().enumerate() {
+            for row in state.kept.0..state.kept.1 {
+                self.push((row as u32, ray as u32), (1.0, 0.0), 1.0);
+            }
+        }
+        self.take_rows(job, batch, evaluated);
+    }
+
+    fn clear(&mut self) {
+        self.row.clear();
+        self.ray.clear();
+        for list in [&mut self.weight, &mut self.after, &mut self.stands_for, &mut self.counted] {
+            list.clear();
+        }
+    }
+
+    fn push(&mut self, (row, ray): (u32, u32), (weight, after): (f32, f32), stands_for: f32) {
+        self.row.push(row);
+        self.ray.push(ray);
+        self.weight.push(weight);
+        self.after.push(after);
+        self.stands_for.push(stands_for);
+        self.counted.push(stands_for * weight);
+    }
+
+    fn take_rows(&mut self, job: &Job<'_>, batch: &Batch, evaluated: &Evaluated) {
+        self.scale.clear();
+        let scale = |&row: &u32| batch.gradient_scales.get(evaluated.index_of[row as usize] as usize);
+        self.scale.extend(self.row.iter().map(|row| scale(row).copied().unwrap_or(1.0)));
+        take_rows(&evaluated.encoded, padded(job.grid.outputs()), &self.row, &mut self.encoded);
+        for (l, layer) in job.layers.trunk.iter().enumerate() {
+            let across = padded(layer.main.outputs);
+            take_rows(&evaluated.hidden[l], across, &self.row, &mut self.hidden[l]);
+        }
+    }
+}
+
+/// Copies the `rows` of `from`, `[…][width]`, into `to`.
+fn take_rows(from: &[f32], width: usize, rows: &[u32], to: &mut Vec<f32>) {
+    grow(to, padded(rows.len()) * width);
+    for (to, &row) in to.chunks_exact_mut(width).zip(rows) {
+        copy_row(&from[row as usize * width..], to);
+    }
+}
