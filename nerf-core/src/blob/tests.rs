@@ -356,17 +356,17 @@ fn a_scene_that_opens_can_be_planned() {
 
 /// The example of `docs/blob-format.md`, up to its weights; made there by another program.
 const EXAMPLE: &str = "
-    89 4e 45 52 46 0d 0a 1a 05 00 ff fe 00 00 00 00
-    cb 00 00 00 00 00 00 00 79 10 bb 5b 00 00 00 00
-    00 03 00 01 01 00 01 04 00 01 00 00 01 00 00 80
-    bf 00 00 80 bf 00 00 80 bf 00 00 80 3f 00 00 80
-    3f 00 00 80 3f 00 00 00 40 00 00 c0 40 00 40 00
-    00 80 3f 00 00 80 3f 00 00 80 3f 00 01 00 00 80
-    40 00 00 00 00 00 00 00 00 00 00 00 00 00 00 00
-    00 00 00 00 00 00 00 00 00 00 00 00 00 00 00 80
-    3f db 0f c9 40 00 00 00 03 66 6f 67 0e 62 6c 6f
-    62 2d 66 6f 72 6d 61 74 2e 6d 64 00 00 00 00 00
-    24 48
+    89 4e 45 52 46 0d 0a 1a 06 00 ff fe 00 00 00 00
+    cc 00 00 00 00 00 00 00 49 71 ea c1 00 00 00 00
+    00 03 00 01 01 00 01 04 00 01 00 00 00 01 00 00
+    80 bf 00 00 80 bf 00 00 80 bf 00 00 80 3f 00 00
+    80 3f 00 00 80 3f 00 00 00 40 00 00 c0 40 00 40
+    00 00 80 3f 00 00 80 3f 00 00 80 3f 00 01 00 00
+    80 40 00 00 00 00 00 00 00 00 00 00 00 00 00 00
+    00 00 00 00 00 00 00 00 00 00 00 00 00 00 00 00
+    80 3f db 0f c9 40 00 00 00 03 66 6f 67 0e 62 6c
+    6f 62 2d 66 6f 72 6d 61 74 2e 6d 64 00 00 00 00
+    00 24 48
 ";
 
 #[test]
@@ -392,8 +392,9 @@ fn a_picture_is_what_the_specification_says_after_the_architecture() {
     let (weights, _) = halve(&parameters(&a, 2));
     let content = Content::Picture(PictureFacts { width: 300, height: 20 });
     let bytes = bytes(&Body { content, ..picture_body(a, &weights) });
-    // Position (sinusoidal), no direction, one trunk layer of 1, no density, no colour layer; then tag 0, the
+    // Position (sinusoidal), no direction, one trunk layer of 1, no density, no colour layer,
+    // shading once a sample; then tag 0, the
     // varint of 300 and 20; no occupancy grid, no points of a front, no proposal.
-    let expected = [0, 2, 0, 1, 1, 0, 1, 1, 0, 0, 0, 0, 0xac, 0x02, 20, 0, 0, 0];
+    let expected = [0, 2, 0, 1, 1, 0, 1, 1, 0, 0, 0, 0, 0, 0xac, 0x02, 20, 0, 0, 0];
     assert_eq!(bytes[HEADER_LEN..][..expected.len()], expected);
 }

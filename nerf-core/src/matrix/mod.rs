@@ -12,9 +12,9 @@ mod kernel;
 #[cfg(test)]
 mod tests;
 
-pub use bf16::{PairedInput, PairedOutput, dense_bf16, pair, pair_rows, pairs};
+pub use bf16::{PairedInput, PairedOutput, dense_bf16, pair, pair_rows, pairs, unpair};
+#[cfg(feature = "normals")]
+pub use bf16_transposed::transposed_bf16;
 pub use gemm::{Gemm, Init, gemm};
 pub use half::{HalfInit, f16_at, gemm_f16};
 pub use kernel::{Kernel, Storage};
-#[cfg(feature = "normals")]
-pub use {bf16::unpair, bf16_transposed::transposed_bf16};

@@ -72,6 +72,12 @@ impl Network<'_> {
             head_mut(gradient, inputs * stride).fill(0.0);
             return;
         };
+        if self.trunk_layers().next().is_none() {
+            for (row, of_h) in memory.encoded.chunks_exact_mut(stride.max(1)).take(head.main).enumerate() {
+                of_h.fill(self.weight(head, row));
+            }
+            return self.gradient_of_position(scratch, memory, positions, blur, gradient);
+        }
         let mut end = 0;
         let paired = matches!(self.weights(), Weights::Paired(_));
         self.trunk_with(math, scratch, positions, |layer, outputs| {
@@ -81,7 +87,7 @@ impl Network<'_> {
         });
         if paired && encoding.sinusoidal().is_some() {
             // The trunk took them as pairs of bf16; the derivative takes them as they were.
-            self.encode_position(math, scratch, positions);
+            self.encode_position(math, stride, positions, scratch.encoded);
         }
         for (row, of_h) in scratch.front.chunks_exact_mut(stride.max(1)).take(head.main).enumerate() {
             of_h.fill(self.weight(head, row));
@@ -101,7 +107,20 @@ impl Network<'_> {
             self.back(layer, 0..layer.main, stride, from, scratch.back, false);
             core::mem::swap(&mut scratch.front, &mut scratch.back);
         }
-        match encoding {
+        self.gradient_of_position(scratch, memory, positions, blur, gradient);
+    }
+
+    /// From ∂raw/∂PE(x) to ∂raw/∂x; of a sinusoidal encoding `scratch` holds what was encoded.
+    fn gradient_of_position(
+        &self,
+        scratch: &Scratch<'_>,
+        memory: &GradientScratch<'_>,
+        positions: &[f32],
+        blur: f32,
+        gradient: &mut [f32],
+    ) {
+        let stride = scratch.stride;
+        match &self.architecture.position {
             PositionEncoding::Sinusoidal(encoding) => {
                 let (encoded, of_encoded) = (&*scratch.encoded, &*memory.encoded);
                 encode_gradient_block(self.isa, encoding, stride, encoded, of_encoded, blur, gradient);

@@ -7,9 +7,9 @@ use crate::encoding::{
 use crate::math::{Math, MathBackend, with_math};
 use crate::matrix::{
     Gemm, HalfInit, Init, Kernel, PairedInput, PairedOutput, Storage, dense_bf16, f16_at, gemm, gemm_f16,
-    pair, pair_rows, pairs,
+    pair, pair_rows, pairs, unpair,
 };
-use crate::memory::{head_mut, tail};
+use crate::memory::{at, head_mut, tail};
 use crate::simd::{Isa, Lanes, Op, VECTORS};
 use core::marker::PhantomData;
 
@@ -209,7 +209,8 @@ impl<'a> Network<'a> {
         self.layers.iter().map(|layer| layer.outputs).max().unwrap_or(0).max(self.trunk_rows())
     }
 
-    /// Rows of `h`, what [`Network::trunk`] leaves in [`Scratch::front`].
+    /// Rows of `h`, what [`Network::trunk`] leaves in [`Scratch::front`]: the last layer's outputs, or of an empty trunk
+    /// the encoded position.
     pub fn trunk_rows(&self) -> usize {
         self.architecture.h_rows()
     }
@@ -261,8 +262,13 @@ impl<'a> Network<'a> {
         positions: &[f32],
         mut each: impl FnMut(&Layer, &[f32]),
     ) {
-        self.encode_position(math, scratch, positions);
-        self.pair_encoded(self.architecture.position.outputs(), scratch);
+        let encoded = self.architecture.position.outputs();
+        if self.architecture.trunk.is_empty() {
+            self.encode_position(math, scratch.stride, positions, scratch.front);
+            return self.take_rows(encoded, scratch.stride, scratch.front);
+        }
+        self.encode_position(math, scratch.stride, positions, scratch.encoded);
+        self.take_rows(encoded, scratch.stride, scratch.encoded);
         for layer in &self.layers {
             let Role::Trunk(index) = layer.role else { break };
             let (from, to) = (&*scratch.front, &mut *scratch.back);
@@ -283,6 +289,28 @@ impl<'a> Network<'a> {
             let values = head_mut(sigma, stride);
             with_math!(math, M => self.isa.run_columns(stride, Density::<M> { activation, values, math: PhantomData }));
         }
+    }
+
+    /// Adds `weight` times the `h` of sample `column` of the block in [`Scratch::front`] to `sums`, a value a row.
+    #[inline]
+    pub(crate) fn add_h(&self, scratch: &Scratch<'_>, column: usize, weight: f32, sums: &mut [f32]) {
+        let rows = scratch.front.chunks_exact(scratch.stride.max(1));
+        if let Weights::Paired(_) = self.weights() {
+            for (sums, row) in sums.chunks_mut(2).zip(rows) {
+                for (sum, h) in sums.iter_mut().zip(unpair(at(row, column))) {
+                    *sum += weight * h;
+                }
+            }
+            return;
+        }
+        for (sum, row) in sums.iter_mut().zip(rows) {
+            *sum += weight * at(row, column);
+        }
+    }
+
+    /// The `h` of a block that was put into [`Scratch::front`], a row a value, in the form that the colour branch takes.
+    pub(crate) fn take_h(&self, scratch: &mut Scratch<'_>) {
+        self.take_rows(self.trunk_rows(), scratch.stride, scratch.front);
     }
 
     /// Colours of the block whose `h` is in [`Scratch::front`], which is used up.
@@ -320,16 +348,19 @@ impl<'a> Network<'a> {
         with_math!(math, M => self.isa.run_columns(stride, Sigmoid::<M> { values, math: PhantomData }));
     }
 
-    /// Encodes a block of positions into [`Scratch::encoded`].
-    pub(super) fn encode_position(&self, math: MathBackend, scratch: &mut Scratch<'_>, positions: &[f32]) {
-        let (isa, stride) = (self.isa, scratch.stride);
+    /// Encodes a block of positions; `out`: `[outputs][stride]`.
+    pub(super) fn encode_position(
+        &self,
+        math: MathBackend,
+        stride: usize,
+        positions: &[f32],
+        out: &mut [f32],
+    ) {
         match &self.architecture.position {
             PositionEncoding::Sinusoidal(encoding) => {
-                encode_block(isa, math, encoding, stride, positions, scratch.encoded);
+                encode_block(self.isa, math, encoding, stride, positions, out);
             }
-            PositionEncoding::Grid(grid) => {
-                self.tables.encode(isa, grid, stride, positions, scratch.encoded);
-            }
+            PositionEncoding::Grid(grid) => self.tables.encode(self.isa, grid, stride, positions, out),
         }
     }
 
@@ -349,13 +380,13 @@ impl<'a> Network<'a> {
                 encode_harmonics_block(self.isa, *degree, scratch.stride, dirs, scratch.encoded);
             }
         }
-        self.pair_encoded(encoding.outputs(), scratch);
+        self.take_rows(encoding.outputs(), scratch.stride, scratch.encoded);
     }
 
-    /// What was encoded in the form that the products take.
-    fn pair_encoded(&self, rows: usize, scratch: &mut Scratch<'_>) {
+    /// Turns rows of f32 into the form that the products take.
+    fn take_rows(&self, rows: usize, stride: usize, values: &mut [f32]) {
         if let Weights::Paired(_) = self.weights() {
-            pair_rows(scratch.encoded, rows, scratch.stride);
+            pair_rows(values, rows, stride);
         }
     }
 

@@ -1,5 +1,6 @@
 //! The state of a worker: its memory, a tile's rays from pixel to pixel, the network's blocks.
 
+use super::deferred::{Deferred, is_deferred};
 use super::march::{ActiveRays, Block, ColourQueue, Picks, RayState};
 use super::proposal::{ProposalSamples, Proposer};
 use super::source::{CameraRays, OwnRays, RaySource};
@@ -33,6 +34,7 @@ pub(super) struct Frame<'f, 'w> {
     pub(super) block: Block<'w>,
     pub(super) picks: Picks<'w>,
     pub(super) queue: ColourQueue<'w>,
+    pub(super) deferred: Deferred<'w>,
     pub(super) medians: Medians<'w>,
     pub(super) normals: Normals<'w>,
     /// `[3][stride]`: positions of a block; once the network has them, `[3][samples]`: where each sample counts as, the
@@ -68,10 +70,11 @@ impl<'f, 'w> Frame<'f, 'w> {
     ) -> Self {
         let (rays, samples) = (plan.batch.rays, block_samples(network, plan));
         let picks = if plan.outputs.picks() { samples } else { 0 };
-        let colours = if plan.outputs.rgb { samples } else { 0 };
+        let at_samples = plan.outputs.rgb && !is_deferred(network, plan);
+        let colours = if at_samples { samples } else { 0 };
         // Where a block is one sample, none waits for others.
         let queue = if colours > 1 { colours } else { 0 };
-        let direction_rows = if plan.outputs.rgb { network.direction_rows() } else { 0 };
+        let direction_rows = if at_samples { network.direction_rows() } else { 0 };
         let row = proposer.row(plan);
         let (encoded, activation) = if row > 0 { proposer.rows() } else { (0, 0) };
         let encoded = network.encoded_rows().max(encoded) * samples;
@@ -100,6 +103,7 @@ impl<'f, 'w> Frame<'f, 'w> {
                 weight: layout.slice(queue, 0.0),
                 count: 0,
             },
+            deferred: Deferred::lay_out(layout, network, plan),
             medians: Medians::lay_out(layout, plan),
             normals: Normals::lay_out(layout, network, plan),
             positions: layout.slice(3 * samples, 0.0),
@@ -162,6 +166,7 @@ impl<'f, 'w> Frame<'f, 'w> {
         source: &impl RaySource,
         target: &mut impl Target,
     ) {
+        let plan = self.plan;
         self.turn = turn;
         let mut hits = self.start::<M, COLLIDE>(source, target);
         if self.drawn.is_on() {
@@ -171,6 +176,8 @@ impl<'f, 'w> Frame<'f, 'w> {
         while self.step::<M, COLLIDE>() {}
         self.flush_colour();
         self.flush_normals();
+        let rays = head_mut(self.rays, hits);
+        self.deferred.shade(self.network, plan, &mut self.scratch, rays, &mut self.counters);
         for i in 0..hits {
             let Some(&state) = self.rays.get(i) else { break };
             self.finish::<M>(&state, Some(i), source, target);
@@ -211,6 +218,7 @@ impl<'f, 'w> Frame<'f, 'w> {
                     && let Some(place) = self.rays.get_mut(hits)
                 {
                     *place = state;
+                    self.deferred.begin(hits);
                     self.medians.begin(hits);
                     self.normals.begin(hits);
                     if live {
@@ -308,15 +316,20 @@ impl<'f, 'w> Frame<'f, 'w> {
         }
         self.evaluate_density(n);
         self.counters.add_density(self.network, n);
-        if coloured {
+        if coloured && self.deferred.is_on() {
+            let dir = |i: usize| at(&*self.rays, i).ray.dir;
+            let (networks, scratch) = (&mut self.deferred.networks, &mut self.scratch);
+            networks.of_samples(self.network, self.plan, scratch, (n, dir), &mut self.counters);
+        } else if coloured {
             for (column, owner) in head_mut(self.picks.owner, n).iter_mut().enumerate() {
                 *owner = column as u32;
             }
             self.evaluate_colour(n);
         }
+        let colours = if self.deferred.is_on() { &*self.deferred.networks.rgb } else { &*self.rgb };
         for (i, state) in head(self.rays, n).iter().enumerate() {
             let colour = match coloured {
-                true => column(self.rgb, stride, i),
+                true => column(colours, stride, i),
                 false => [0.0f32; 3],
             };
             // As in a picture: without a number there is no density, and no colour; both are counted.

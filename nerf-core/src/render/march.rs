@@ -157,7 +157,9 @@ impl Frame<'_, '_> {
         self.evaluate_density(n);
         let (used, picked) = self.gather::<M, COLLIDE>(n);
         self.counters.add_density(self.network, used);
-        if self.plan.outputs.rgb {
+        if self.deferred.is_on() {
+            self.deferred.add(self.network, &self.scratch, &self.picks, picked);
+        } else if self.plan.outputs.rgb {
             if picked * QUEUED_BELOW.1 >= self.block.owner.len() * QUEUED_BELOW.0 {
                 self.flush_colour();
                 self.colour_of_block(n, picked);

@@ -12,6 +12,7 @@ mod anti_aliasing;
 #[path = "anti_aliasing_off.rs"]
 mod anti_aliasing;
 mod counters;
+mod deferred;
 #[cfg(feature = "depth-of-field")]
 mod depth_of_field;
 #[cfg(not(feature = "depth-of-field"))]

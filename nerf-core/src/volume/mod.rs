@@ -230,6 +230,12 @@ impl Accumulator {
         }
     }
 
+    /// Gives all weight that was [taken](Accumulator::take_uncoloured) one colour.
+    #[inline]
+    pub(crate) fn colour_all(&mut self, rgb: [f32; 3]) {
+        self.add_colour(self.opacity.value - self.uncoloured, rgb);
+    }
+
     /// The pixel, over `background`; `z_per_distance` is the cosine between ray and view axis.
     ///
     /// Weight that is left without a colour takes the mean of the ray's colours, as long as it is the

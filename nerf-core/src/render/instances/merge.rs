@@ -5,12 +5,14 @@
 //! field behind another is asked only where light gets to it.
 
 use super::Instance;
+use super::deferred::Deferred;
 use crate::camera::{Camera, Ray};
 use crate::math::Math;
 use crate::memory::{Layout, at, column, head, put, put_column};
 use crate::network::{GradientScratch, Network, Scratch};
 use crate::plan::Plan;
 use crate::render::anti_aliasing::{self, Sums};
+use crate::render::deferred::is_deferred;
 use crate::render::frame::{DirectionShares, block_samples, columns_of};
 use crate::render::march::RayState;
 use crate::render::source::{CameraRays, OwnRays, RaySource};
@@ -36,6 +38,8 @@ struct Part {
     /// 1/world unit.
     sigma: f32,
     rgb: Option<[f32; 3]>,
+    /// Whether its `h` waits in [`Deferred`].
+    deferred: bool,
     /// Of the density, in the world's directions.
     gradient: Vec3,
 }
@@ -60,6 +64,7 @@ impl Part {
         counts_at: 0.0,
         sigma: 0.0,
         rgb: None,
+        deferred: false,
         gradient: Vec3::ZERO,
     };
 }
@@ -115,6 +120,7 @@ pub(in crate::render) struct Merge<'f, 'w> {
     normals: &'w mut [NormalSum],
     /// `[instances]` of [`DirectionShares`] of their own length, side by side.
     shares: &'w mut [f32],
+    deferred: Deferred<'f, 'w>,
     /// Rays of the block's samples, and of those whose colour is evaluated; their densities: `[samples]` each.
     owner: &'w mut [u32],
     picked: &'w mut [u32],
@@ -163,6 +169,7 @@ impl<'f, 'w> Merge<'f, 'w> {
             medians: Medians::lay_out(layout, plan),
             normals: layout.slice(normals, NormalSum::NONE),
             shares: layout.slice(shares, 0.0),
+            deferred: Deferred::lay_out(layout, instances, networks(), plan, samples),
             owner: layout.slice(samples, 0),
             picked: layout.slice(samples, 0),
             sigma: layout.slice(samples, 0.0),
@@ -233,6 +240,9 @@ impl<'f, 'w> Merge<'f, 'w> {
             self.advance::<M, COLLIDE>(i);
         }
         while self.round::<M, COLLIDE>(count) {}
+        for member in 0..self.instances.len() {
+            self.shade(member, count);
+        }
         for i in 0..count {
             self.finish::<M>(i, source, target);
         }
@@ -269,6 +279,7 @@ impl<'f, 'w> Merge<'f, 'w> {
                 front.at = f32::NEG_INFINITY;
                 put(self.fronts, count, front);
                 self.medians.begin(count);
+                self.deferred.begin(count);
                 if let Some(sum) = self.normals.get_mut(count) {
                     *sum = NormalSum::NONE;
                 }
@@ -307,12 +318,30 @@ impl<'f, 'w> Merge<'f, 'w> {
         let (first, capacity) = (member * self.fronts.len(), self.fronts.len());
         let rays = self.rays.get(first..first + capacity).map_or(&[][..], |rays| head(rays, count));
         let parts = self.parts.get(first..first + count).unwrap_or(&[]);
-        if !plan.outputs.rgb || parts.iter().all(|part| part.known == Known::Nothing) {
+        if !plan.outputs.rgb
+            || self.deferred.is_on(member)
+            || parts.iter().all(|part| part.known == Known::Nothing)
+        {
             return;
         }
         let mut shares = shares_at(self.instances, self.plan, self.owner.len(), self.shares, member);
         shares.fill(renderer.network(), plan.math, &mut self.scratch, self.triples, rays);
         self.counters.macs += count as u64 * renderer.network().direction_macs() as u64;
+    }
+
+    /// Adds the colours that a field shaded once a ray has for the first `count` rays.
+    fn shade(&mut self, member: usize, count: usize) {
+        let first = member * self.fronts.len();
+        if !self.deferred.is_on(member) {
+            return;
+        }
+        let (fronts, scratch, counters) = (&mut *self.fronts, &mut self.scratch, &mut self.counters);
+        let rays = self.rays.get_mut(first..first + count).unwrap_or_default();
+        self.deferred.shade(member, scratch, rays, counters, |ray, weight, rgb| {
+            if let Some(front) = fronts.get_mut(ray) {
+                front.gathered.add_colour(weight, rgb);
+            }
+        });
     }
 
     /// Asks each field for the samples that rays wait for; `false` if none waits.
@@ -371,9 +400,14 @@ impl<'f, 'w> Merge<'f, 'w> {
             // Other fields in there only take light from this one.
             let most = front.gathered.transmittance() * thickness(part.sigma, part.to - part.from).min(1.0);
             if part.sigma > 0.0 && plan.outputs.picks() && (COLLIDE || most > plan.colour_cut) {
-                for row in 0..network.trunk_rows() {
-                    let h = at(self.scratch.front, row * stride + k);
-                    put(self.scratch.front, row * stride + picked, h);
+                if self.deferred.is_on(member) {
+                    part.deferred = true;
+                    self.deferred.keep(member, ray as usize, &self.scratch, k);
+                } else {
+                    for row in 0..network.trunk_rows() {
+                        let h = at(self.scratch.front, row * stride + k);
+                        put(self.scratch.front, row * stride + picked, h);
+                    }
                 }
                 let p: [f32; 3] = column(self.positions, stride, k);
                 put_column(self.positions, stride, picked, p);
@@ -381,7 +415,7 @@ impl<'f, 'w> Merge<'f, 'w> {
                 picked += 1;
             }
         }
-        if picked > 0 && plan.outputs.rgb {
+        if picked > 0 && plan.outputs.rgb && !self.deferred.is_on(member) {
             self.colours(member, picked);
         }
         if picked > 0 && plan.outputs.normals {
@@ -516,6 +550,9 @@ impl<'f, 'w> Merge<'f, 'w> {
                 rgb += share * Vec3::from(own);
                 coloured += share;
             }
+            if part.deferred {
+                coloured += share;
+            }
             if let Some(sum) = self.normals.get_mut(i) {
                 sum.add(weight * share, part.gradient);
             }
@@ -526,6 +563,12 @@ impl<'f, 'w> Merge<'f, 'w> {
             && let Some(weight) = if COLLIDE { Some(weight) } else { front.gathered.take_uncoloured(0.0) }
         {
             front.gathered.add_colour(weight, (rgb / coloured).to_array());
+            for member in 0..self.instances.len() {
+                let part = self.parts.get(member * self.fronts.len() + i);
+                if let Some(part) = part.filter(|part| part.known == Known::Sample && part.deferred) {
+                    self.deferred.add(member, i, weight * (part.sigma / sigma) / coloured);
+                }
+            }
         }
     }
 
@@ -582,7 +625,8 @@ impl<'f, 'w> Merge<'f, 'w> {
             let coloured = plan.outputs.rgb && !rgb.is_empty();
             let stride = columns_of(network, n);
             let points = self.rays.get(first..first + n).unwrap_or(&[]);
-            if coloured {
+            let deferred = self.deferred.is_on(member);
+            if coloured && !deferred {
                 let mut shares = shares_at(self.instances, self.plan, self.owner.len(), self.shares, member);
                 shares.fill(network, plan.math, &mut self.scratch, self.triples, points);
                 self.counters.macs += n as u64 * network.direction_macs() as u64;
@@ -595,14 +639,19 @@ impl<'f, 'w> Merge<'f, 'w> {
             network.trunk(plan.math, &mut self.scratch, self.positions);
             network.density(plan.math, &self.scratch, self.sigma);
             self.counters.add_density(network, n);
-            if coloured {
+            if coloured && deferred {
+                let dir = |i: usize| at(points, i).ray.dir;
+                let (networks, scratch) = (&mut self.deferred.networks, &mut self.scratch);
+                networks.of_samples(network, plan, scratch, (n, dir), &mut self.counters);
+            } else if coloured {
                 let shares = shares_at(self.instances, self.plan, self.owner.len(), self.shares, member);
                 shares.colour(network, plan, &mut self.scratch, head(self.picked, n), self.rgb);
                 self.counters.add_colour(network, n);
             }
             for (k, state) in points.iter().enumerate() {
                 let (i, density) = (state.x as usize, at(self.sigma, k) / placement.scale());
-                let own: [f32; 3] = if coloured { column(self.rgb, stride, k) } else { [0.0; 3] };
+                let colours = if deferred { &*self.deferred.networks.rgb } else { &*self.rgb };
+                let own: [f32; 3] = if coloured { column(colours, stride, k) } else { [0.0; 3] };
                 let invalid = density.is_nan() || (density > 0.0 && own.iter().any(|c| c.is_nan()));
                 self.counters.invalid_samples += u64::from(invalid);
                 if density.is_nan() || density <= 0.0 {
@@ -627,7 +676,8 @@ fn far_from(instances: &[Instance<'_>], eye: Vec3) -> f32 {
 
 /// Values of a network's [`DirectionShares`].
 fn shares_of(network: &Network<'_>, plan: &Plan<'_>, samples: usize) -> usize {
-    let rows = if plan.outputs.rgb { network.direction_rows() } else { 0 };
+    let at_samples = plan.outputs.rgb && !is_deferred(network, plan);
+    let rows = if at_samples { network.direction_rows() } else { 0 };
     rows.saturating_mul(plan.batch.rays.div_ceil(samples.max(1)) * samples)
 }
 

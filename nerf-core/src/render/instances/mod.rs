@@ -1,5 +1,6 @@
 //! Several fields in one world: each stands where a host has placed it, and a ray goes through all of them at once.
 
+mod deferred;
 mod merge;
 #[cfg(test)]
 mod tests;
