@@ -138,8 +138,7 @@ fn config(dataset: &Dataset, asked: &Asked) -> Config {
 /// A capture with what is held out of it; to choose settings by, the second eighth without the first.
 fn held_out(path: &Path, downscale: u32, asked: &Asked) -> Dataset {
     let read = |hold_offset| {
-        let downscale = if downscale == 1 { Downscale::default() } else { Downscale::By(downscale) };
-        let cameras = asked.cameras;
+        let (downscale, cameras) = (Downscale::By(downscale), asked.cameras);
         let options = ReadOptions { downscale, hold_offset, cameras, ..Default::default() };
         read(path, &options).unwrap_or_else(|error| panic!("{error}"))
     };

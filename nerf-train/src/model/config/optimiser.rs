@@ -58,6 +58,11 @@ impl OptimiserConfig {
 
     /// Adam's constants.
     pub fn adam(&self) -> Adam {
-        Adam { betas: [0.9, self.beta2], epsilon: self.epsilon, weight_decay: 0.0, hashed_every: self.hashed_every }
+        Adam {
+            betas: [0.9, self.beta2],
+            epsilon: self.epsilon,
+            weight_decay: 0.0,
+            hashed_every: self.hashed_every,
+        }
     }
 }

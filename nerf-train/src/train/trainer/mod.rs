@@ -424,7 +424,8 @@ impl<'d> Trainer<'d> {
 
     /// Width of the marched steps when `share` of the budget is used.
     fn step_width(&self, share: f64) -> Option<f32> {
-        let longer = if self.bounds.contraction.is_some() { lengthened(share) } else { lengthened_bounded(share) };
+        let longer =
+            if self.bounds.contraction.is_some() { lengthened(share) } else { lengthened_bounded(share) };
         self.step_width.filter(|_| self.occupancy.is_some()).map(|width| longer * width)
     }
 

@@ -245,8 +245,18 @@ impl Engine for GridEngine {
             let ((moment2, m2_rest), (halves, h_rest)) =
                 (moment2.split_at_mut(length), halves.split_at_mut(2 * length));
             let scale = self.scales.get(i).copied();
-            let adam = moves(&self.adam, &level, self.steps).map(|moves| AdamStep::new(&self.adam, rate, moves));
-            levels.push(LevelState { level, values, moment1, moment2, halves, scale, sum: sum.as_mut(), adam });
+            let adam =
+                moves(&self.adam, &level, self.steps).map(|moves| AdamStep::new(&self.adam, rate, moves));
+            levels.push(LevelState {
+                level,
+                values,
+                moment1,
+                moment2,
+                halves,
+                scale,
+                sum: sum.as_mut(),
+                adam,
+            });
             rest = (v_rest, m1_rest, m2_rest, h_rest);
         }
         let (isa, grid, passes) = (self.isa, &self.grid, &self.passes);
@@ -317,7 +327,8 @@ impl Engine for GridEngine {
     fn state(&self) -> OptimiserState {
         let features = usize::from(self.grid.features);
         let sums = self.grid.levels().zip(&self.sums);
-        let waiting = sums.flat_map(|(level, sum)| sum.iter().flat_map(move |sum| sum.values(level.entries * features)));
+        let waiting = sums
+            .flat_map(|(level, sum)| sum.iter().flat_map(move |sum| sum.values(level.entries * features)));
         OptimiserState {
             parameters: self.parameters.clone(),
             moment1: self.moment1.clone(),

@@ -61,9 +61,15 @@ impl GridReferenceEngine {
         }
         let parameters = model.initial_parameters(seed);
         let (moment1, moment2) = (vec![0.0; parameters.len()], vec![0.0; parameters.len()]);
-        let waiting = grid.levels().map(|level| waiting_entries(&adam, &level) * usize::from(grid.features)).sum();
-        let state =
-            OptimiserState { parameters, moment1, moment2, waiting: vec![0.0; waiting], ..OptimiserState::default() };
+        let waiting =
+            grid.levels().map(|level| waiting_entries(&adam, &level) * usize::from(grid.features)).sum();
+        let state = OptimiserState {
+            parameters,
+            moment1,
+            moment2,
+            waiting: vec![0.0; waiting],
+            ..OptimiserState::default()
+        };
         let (model, device) = (model.clone(), Cpu::default());
         Ok(Self { model, grid, bounds, adam, state, gains: Vec::new(), device })
     }

@@ -11,8 +11,8 @@ use crate::model::picture_config::{FieldConfig, FieldPreset};
 use crate::model::quantise::{Quantised, TableStorage, values_of};
 use glam::Vec3;
 use half::f16;
-use nerf_core::network::Shading::PerRay;
 use nerf_core::encoding::{AngleScale, DirectionEncoding, PositionEncoding, SinusoidalEncoding};
+use nerf_core::network::Shading::PerRay;
 
 /// No cube, and not around 0.
 fn bounds() -> SceneBox {
@@ -754,12 +754,14 @@ fn hashed_levels_move_in_turns_by_the_sum_of_their_gradients() {
             let moved = before[range.clone()] != after.parameters[range.clone()];
             assert_eq!(moved, !hashed[l] || (step + l as u64).is_multiple_of(4), "step {step}, level {l}");
         }
-        let apart = |a: &[f32], b: &[f32]| a.iter().zip(b).fold(0.0f32, |most, (a, b)| most.max((a - b).abs()));
+        let apart =
+            |a: &[f32], b: &[f32]| a.iter().zip(b).fold(0.0f32, |most, (a, b)| most.max((a - b).abs()));
         let expected = tape.state();
         assert!(apart(&expected.waiting, &after.waiting) < 1e-5, "{name}, step {step}");
         assert!(apart(&expected.moment1, &after.moment1) < 1e-5, "{name}, step {step}");
         // A gradient next to 0 may be of either sign, and Adam's first moves are as long as the rate.
-        let far = expected.parameters.iter().zip(&after.parameters).filter(|(a, b)| (*a - *b).abs() > 1e-5).count();
+        let far =
+            expected.parameters.iter().zip(&after.parameters).filter(|(a, b)| (*a - *b).abs() > 1e-5).count();
         assert!(far < after.parameters.len() / 100, "{name}, step {step}: {far}");
     }
     let short = OptimiserState { waiting: vec![0.0], ..fused.state() };
