@@ -18,7 +18,8 @@ pub struct Counters {
     pub samples_skipped: u64,
     /// Evaluations of trunk and density head.
     pub density_evaluations: u64,
-    /// Evaluations of the colour branch; of a picture, of the whole network.
+    /// Evaluations of the colour branch: samples, or of a field shaded once a ray the rays that it was run for; of a
+    /// picture, of the whole network.
     pub colour_evaluations: u64,
     /// Multiply-adds of the network and of its proposal.
     pub macs: u64,

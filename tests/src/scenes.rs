@@ -32,6 +32,8 @@ pub struct Recipe {
     pub features: u8,
     /// Whether the grid's tables are int8, each level with a scale of its own; else f16.
     pub int8: bool,
+    /// Whether colour is worked out once a ray; with no trunk layers what is composited is the grid's encoding.
+    pub per_ray: bool,
     /// Cells of the occupancy grid along each axis, and whether all of them are set.
     pub occupancy: Option<(u16, bool)>,
     /// Whether the occupancy grid is part of the model.
@@ -55,6 +57,7 @@ impl Recipe {
         levels: 10,
         features: 0,
         int8: false,
+        per_ray: false,
         occupancy: None,
         occupancy_required: false,
         proposal: None,
@@ -75,6 +78,11 @@ impl Recipe {
     pub const LEARNED: Self = Self { features: 2, levels: 4, trunk: (1, 32), seed: 8, ..Self::PLAIN };
     /// With tables in int8.
     pub const LEARNED_INT8: Self = Self { int8: true, seed: 10, ..Self::LEARNED };
+    /// Its encoding composited along rays, and one network a ray.
+    pub const DEFERRED: Self = Self { per_ray: true, trunk: (0, 32), seed: 13, ..Self::LEARNED };
+    /// A trunk layer composited in its place, and an occupancy grid.
+    pub const DEFERRED_LAYER: Self =
+        Self { per_ray: true, occupancy: Some((8, false)), seed: 14, ..Self::LEARNED_INT8 };
     /// Unbounded.
     pub const CONTRACTED: Self =
         Self { contraction: 2, occupancy: Some((8, false)), seed: 12, ..Self::LEARNED };
@@ -117,7 +125,7 @@ impl Recipe {
                 _ => DensityActivation::Exponential,
             }),
             colour: self.view_dependent.then_some(width / 2).into_iter().collect(),
-            shading: Shading::PerSample,
+            shading: if self.per_ray { Shading::PerRay } else { Shading::PerSample },
         }
     }
 

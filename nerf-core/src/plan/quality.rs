@@ -17,7 +17,7 @@ pub struct Quality {
     pub transmittance_cut: f32,
     /// A sample's colour is asked for where the weight that waits for one exceeds this: its own, and that
     /// of the samples in front of it that were too light. 0 asks for every colour with a weight. A sample's
-    /// normal is asked for in the same way.
+    /// normal is asked for in the same way, and in a field shaded once a ray its `h` is composited so.
     ///
     /// Opacity and distances never depend on it.
     pub colour_cut: f32,

@@ -17,15 +17,16 @@ pub struct Counters {
     pub proposal_evaluations: u64,
     /// Evaluations of trunk and density head.
     pub density_evaluations: u64,
-    /// Evaluations of the colour branch; of a 2D field, of the whole network.
+    /// Evaluations of the colour branch: samples, or of a field shaded once a ray the rays that it was run for; of a 2D
+    /// field, of the whole network.
     pub colour_evaluations: u64,
     /// Gradients of the density: trunk forward and back.
     pub normal_evaluations: u64,
     /// Multiply-adds of the network's layers and of its proposal's. Reading a grid's tables is none: density
     /// evaluations times [`Architecture::table_reads`](crate::network::Architecture::table_reads) says how often.
     pub macs: u64,
-    /// Samples whose density was NaN, which count as empty (the proposal's among them), and samples whose
-    /// colour was asked for and was NaN, which count as black, or whose gradient was and is not finite, which
+    /// Samples whose density was NaN, which count as empty (the proposal's among them), and samples (of a field shaded
+    /// once a ray, rays) whose colour was asked for and was NaN, which count as black, or samples whose gradient was and is not finite, which
     /// have no normal.
     pub invalid_samples: u64,
 }

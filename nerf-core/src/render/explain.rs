@@ -1,8 +1,10 @@
 //! What a frame does and what not, and why; with counters, where its work went.
 
+use super::deferred::is_deferred;
 use super::{Counters, Renderer};
 use crate::camera::Lens;
 use crate::memory::Line;
+use crate::network::Shading;
 use crate::plan::{Lattice, Plan, ThinLens, Tone, ToneMap};
 use core::fmt;
 
@@ -158,9 +160,18 @@ impl Explanation<'_> {
             }
             "transmittance cut" => write!(f, ", a ray ends below {}", plan.transmittance_cut),
             "colour" => {
-                write!(f, ", {} multiply-adds an evaluation", a.colour_macs() - network.direction_macs())
+                let macs = a.colour_macs() - network.direction_macs();
+                match a.shading {
+                    Shading::PerSample => write!(f, ", {macs} multiply-adds an evaluation"),
+                    Shading::PerRay => {
+                        write!(f, ", once a ray from {} values composited, {macs} multiply-adds", a.h_rows())
+                    }
+                }
             }
             "view dependence" => write!(f, ", {} multiply-adds a ray", network.direction_macs()),
+            "colour cut" if is_deferred(network, plan) => {
+                write!(f, ", composited where a weight exceeds {}", plan.colour_cut)
+            }
             "colour cut" => write!(f, ", asked where a weight exceeds {}", plan.colour_cut),
             "normals" => {
                 let (macs, blur) = (a.gradient_macs(), plan.normal_deviation());

@@ -4,6 +4,8 @@ mod batches;
 mod collisions;
 #[cfg(feature = "contraction")]
 mod contraction;
+#[cfg(feature = "grid")]
+mod deferred;
 mod effects;
 #[cfg(feature = "grid")]
 mod grid;

@@ -62,7 +62,9 @@ impl<'f> Worker<'f> {
     /// A worker that looks at several fields at once, or at one that a host has placed.
     ///
     /// Cameras, rays, points and distances are the world's that the instances are placed in. Where fields overlap densities
-    /// add, and colours are mixed by density. Rays are not drawn to each field's own end: one field hides another, and is not
+    /// add, and colours are mixed by density; a field shaded once a ray has one network for the mean of its own `h` under its
+    /// share of the weights, and the ray's colour is the networks' colours under the fields' shares. So two instances of a
+    /// field in one place are that field of twice the density. Rays are not drawn to each field's own end: one field hides another, and is not
     /// asked where it is hidden.
     ///
     /// # Errors
@@ -194,6 +196,12 @@ impl<'f> Worker<'f> {
     /// weight: over uniform numbers the mean of the colours is what that composites without cuts. The plan's cuts are not
     /// used.
     ///
+    /// Of a field shaded once a ray ([`Shading::PerRay`](crate::network::Shading::PerRay)) the colour is that of the ray's
+    /// network for the one sample by itself, as [`Worker::query`] gives it. A network is not linear: the mean of these is
+    /// *not* what [`Worker::render_rays`] composites. The means of opacity, distance and normal are, so that a path tracer
+    /// that is to see the field's own picture draws the place here and takes the colour from [`Worker::render_rays`] of the
+    /// same ray.
+    ///
     /// # Errors
     /// As [`Worker::render_rays`]; [`RenderError::Random`] with the index of the first number that is not in `[0, 1]`, or of
     /// the first ray without one.
@@ -293,7 +301,8 @@ impl<'f> Worker<'f> {
     /// `positions`, `dirs` (unit): `[n]`, world space; `sigma`: `[n]`, 1/world unit; `rgb`: `[n]`,
     /// display-encoded, or empty where it is not wanted. Points outside the scene box or in a cell the plan's occupancy calls empty, and
     /// points where its density is NaN, have density 0 and black colour; where its colour is NaN, it is
-    /// black ([`Counters::invalid_samples`]).
+    /// black ([`Counters::invalid_samples`]). Of a field shaded once a ray it is the colour of a ray that meets that point
+    /// alone.
     ///
     /// # Errors
     /// [`RenderError`] on lengths that differ, and on a direction that is not of unit length where colour is asked for.

@@ -8,17 +8,18 @@ use nerf_core::blob::{
 use nerf_core::encoding::{
     AngleScale, DirectionEncoding, GridEncoding, PositionEncoding, SinusoidalEncoding,
 };
-use nerf_core::network::{Architecture, DensityActivation, TrunkLayer};
+use nerf_core::network::{Architecture, DensityActivation, Shading, TrunkLayer};
 use nerf_tests::scenes::Recipe;
 
 use crate::values::{any_f32, any_vec3};
 
 /// Small blobs of every kind.
-pub const RECIPES: [Recipe; 10] = [
+pub const RECIPES: [Recipe; 11] = [
     Recipe { trunk: (1, 4), levels: 2, ..Recipe::CONTRACTED },
     Recipe { trunk: (1, 4), levels: 2, ..Recipe::LEARNED },
     Recipe { trunk: (1, 4), ..Recipe::LEARNED_PICTURE },
     Recipe { trunk: (1, 4), levels: 3, ..Recipe::LEARNED_INT8 },
+    Recipe { levels: 2, ..Recipe::DEFERRED },
     Recipe::TINY,
     Recipe::TINY_PROPOSAL,
     Recipe::TINY_PICTURE,
@@ -152,7 +153,7 @@ fn change(
     let inputs = if matches!(body.content, Content::Scene(_)) { 3 } else { 2 };
     for _ in 0..u.int_in_range(1..=3u8)? {
         let shape = &mut body.architecture;
-        match u.int_in_range(0..=16u8)? {
+        match u.int_in_range(0..=17u8)? {
             0 => shape.position = any_position(u, inputs)?,
             1 => {
                 shape.direction = match u.int_in_range(0..=2u8)? {
@@ -236,6 +237,7 @@ fn change(
                 cost: any_f32(u)?,
             })),
             13 => body.provenance.psnr_db = Some(any_f32(u)?),
+            17 => shape.shading = if u.arbitrary()? { Shading::PerRay } else { Shading::PerSample },
             // Repeated for as many levels as there are.
             14 => *scales = if u.ratio(3, 4)? { Some(any_f32(u)?.to_le_bytes().to_vec()) } else { None },
             _ => {

@@ -275,8 +275,13 @@ fn scenes_and_all_that_is_passed_with_them_stay_between_the_fences() {
     let odd = Recipe { trunk: (3, 21), skip: true, levels: 5, ..Recipe::PLAIN };
     let plain = ffi::RenderOptions { normal_blur: 0.0, ..call::render_options() };
     let small = ffi::RenderOptions { batch_rays: 5, samples: 20, ..plain };
-    let cases =
-        [(Recipe::SKIP, plain), (Recipe::PROPOSAL, effects()), (odd, effects()), (Recipe::TINY, small)];
+    let cases = [
+        (Recipe::SKIP, plain),
+        (Recipe::PROPOSAL, effects()),
+        (odd, effects()),
+        (Recipe::TINY, small),
+        (Recipe::DEFERRED, effects()),
+    ];
     for (kernel, (recipe, options)) in kernels().flat_map(|kernel| cases.map(|case| (kernel, case))) {
         let draw = |flush| {
             let mut lent = Lent::new(recipe, kernel, options, flush);

@@ -143,7 +143,7 @@ fn frame(worker: &Worker, target: &ffi::Target) -> Status {
 
 #[test]
 fn rays_of_a_camera_are_its_frame_in_any_order_and_number_with_any_stride() {
-    for recipe in [Recipe::OCCUPANCY, Recipe::PLAIN, Recipe::PROPOSAL] {
+    for recipe in [Recipe::OCCUPANCY, Recipe::PLAIN, Recipe::PROPOSAL, Recipe::DEFERRED] {
         for kernel in Kernel::all() {
             let opened = call::open(recipe.blob(), kernel);
             let worker = open(&opened, &call::render_options(), EVERYTHING);

@@ -66,8 +66,9 @@ fn reference(blob: &[u8], kernel: Kernel, outputs: Outputs) -> (Vec<Pixel>, Coun
 
 #[test]
 fn planes_of_medians_and_normals_are_the_rust_renderers() {
-    for kernel in kernels() {
-        let opened = call::open(Recipe::PLAIN.blob(), kernel);
+    let recipes = [Recipe::PLAIN, Recipe::DEFERRED, Recipe::DEFERRED_LAYER];
+    for (kernel, recipe) in kernels().flat_map(|kernel| recipes.map(|recipe| (kernel, recipe))) {
+        let opened = call::open(recipe.blob(), kernel);
         let blank = Interleaved { between: 77, ..Interleaved::default() };
         let mut pixels = vec![blank; COUNT];
         let first = pixels.as_mut_ptr().cast::<u8>();

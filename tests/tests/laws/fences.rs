@@ -308,6 +308,8 @@ fn frames_queries_and_pictures_stay_between_the_fences() {
         Recipe::TINY_PICTURE,
         Recipe::LEARNED,
         Recipe::LEARNED_INT8,
+        Recipe::DEFERRED,
+        Recipe::DEFERRED_LAYER,
         Recipe::CONTRACTED,
         Recipe::LEARNED_PICTURE,
         single,
@@ -360,7 +362,8 @@ fn evaluated(blob: &Blob<'_>, kernel: Kernel, stride: usize, flush: Flush) -> Ve
 #[test]
 fn networks_stay_between_the_fences() {
     for (kernel, recipe) in kernels().flat_map(|kernel| {
-        [Recipe::SKIP, Recipe::TINY, Recipe::LEARNED, Recipe::LEARNED_INT8].map(|recipe| (kernel, recipe))
+        [Recipe::SKIP, Recipe::TINY, Recipe::LEARNED, Recipe::LEARNED_INT8, Recipe::DEFERRED]
+            .map(|recipe| (kernel, recipe))
     }) {
         let bytes = recipe.blob();
         let blob = Blob::open(&bytes).expect("a blob");

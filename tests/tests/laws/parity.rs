@@ -15,11 +15,13 @@ const SIDE: u32 = 24;
 /// The cuts a picture is checked under: the default's, none, and ones that drop a lot.
 const CUTS: [(f32, f32); 4] =
     [(Quality::TRANSMITTANCE_CUT, Quality::COLOUR_CUT), (0.0, 0.0), (0.0, 0.05), (0.3, 0.1)];
-const RECIPES: [(&str, Recipe); 4] = [
+const RECIPES: [(&str, Recipe); 6] = [
     ("plain", Recipe::PLAIN),
     ("skip", Recipe::SKIP),
     ("occupancy", Recipe::OCCUPANCY),
     ("proposal", Recipe::PROPOSAL),
+    ("deferred", Recipe::DEFERRED),
+    ("deferred layer", Recipe::DEFERRED_LAYER),
 ];
 
 fn full() -> Rect {

@@ -113,17 +113,19 @@ proptest! {
 
 #[test]
 fn saturated_sizes_can_be_added() {
-    // The renderer adds fewer than 32 slices; on a machine of any width.
-    assert!(lines_for::<[u8; 256]>(usize::MAX).checked_mul(32).is_some());
+    // The renderer adds fewer than 64 slices; on a machine of any width.
+    assert!(lines_for::<[u8; 256]>(usize::MAX).checked_mul(64).is_some());
     assert!(lines_for::<[u8; 256]>(usize::MAX) > isize::MAX as usize / size_of::<Line>());
 }
 
 /// Scenes that have every slice of a workspace between them.
-fn recipes() -> [Recipe; 7] {
+fn recipes() -> [Recipe; 9] {
     [
         Recipe::LEARNED,
         Recipe::CONTRACTED,
         Recipe::LEARNED_INT8,
+        Recipe::DEFERRED,
+        Recipe::DEFERRED_LAYER,
         Recipe::PLAIN,
         Recipe::PROPOSAL,
         Recipe { trunk: (2, 512), ..Recipe::SKIP },

@@ -4,7 +4,7 @@ use super::*;
 use crate::encoding::{
     DirectionEncoding, GridEncoding, MAX_GRID_LEVELS, MAX_GRID_RESOLUTION, PositionEncoding,
 };
-use crate::network::{DensityActivation, TrunkLayer};
+use crate::network::{DensityActivation, Shading, TrunkLayer};
 use crate::testing::noise;
 use std::vec::Vec;
 
@@ -99,6 +99,27 @@ fn shapes_that_do_not_go_with_a_grid_are_refused() {
         let error = BlobError::Architecture(ArchitectureError::HarmonicsDegree { found });
         assert_eq!(refused(&body(a, None, &[])), error);
     }
+}
+
+#[test]
+fn a_grid_shaded_once_a_ray_may_do_without_a_trunk_and_nothing_else_may() {
+    use ArchitectureError as E;
+    let bare = |shading| Architecture { trunk: Default::default(), shading, ..shape(learned()) };
+    let a = bare(Shading::PerRay);
+    let (weights, tables) = contents(&a);
+    let written = bytes(&Body { tables: f16(&tables), ..body(a.clone(), None, &weights) });
+    assert_eq!(Blob::open(&written).unwrap().architecture(), &a);
+    // Density head and colour branch take the grid's four values.
+    assert_eq!((a.h_rows(), a.density_parameters()), (4, 5));
+    let error = refused(&Body { tables: f16(&[]), ..body(bare(Shading::PerSample), None, &[]) });
+    assert_eq!(error, BlobError::Architecture(E::NoTrunk));
+    assert!(error.to_string().contains("or none behind a position grid shaded once a ray"), "{error}");
+    let sines = Architecture { trunk: Default::default(), shading: Shading::PerRay, ..every_kind() };
+    assert_eq!(refused(&body(sines, None, &[])), BlobError::Architecture(E::NoTrunk));
+    let flat = Architecture { shading: Shading::PerRay, ..architecture(pi(2, 0), None, &[(4, false)], &[]) };
+    let error = refused(&picture_body(flat, &[]));
+    assert_eq!(error, BlobError::Architecture(E::PerRayWithoutDensity));
+    assert!(error.to_string().contains("shading: expected once a sample in a 2D field"), "{error}");
 }
 
 #[test]

@@ -69,7 +69,8 @@ pub struct Tone {
     pub exposure: f32,
     /// What brings light beyond 1 back into the picture.
     pub map: ToneMap,
-    /// Whether colour is linear light, unbounded above, composited as such, in place of sRGB in `[0, 1]`.
+    /// Whether colour is linear light, unbounded above, composited as such, in place of sRGB in `[0, 1]`: each sample's
+    /// colour is decoded, or of a field shaded once a ray the one colour of the ray, and the background.
     pub linear: bool,
 }
 
