@@ -3,15 +3,17 @@
 //!
 //! `cargo bench -p nerf-train --bench steps`; `NERF_BENCH_DATA=FILE` trains on that data instead of the built-in
 //! scene, `NERF_BENCH_UNBOUNDED=1` as photographs of an unbounded scene, `NERF_BENCH_STEPS=N` times N steps after as many
-//! that are not timed. On a quiet machine.
+//! that are not timed, `NERF_BENCH_CONFIG=TOML` gives settings as in `fit`. On a quiet machine.
 
 use nerf_core::Kernel;
+use nerf_train::cli::read_config;
 use nerf_train::data;
 use nerf_train::data::ReadOptions;
 use nerf_train::data::demo;
 use nerf_train::data::demo::DemoSpec;
 use nerf_train::model::config::Config;
 use nerf_train::model::config::Preset;
+use nerf_train::model::config::Surroundings;
 use nerf_train::model::engine::EngineKind;
 use nerf_train::model::engine::Phase;
 use nerf_train::train::Trainer;
@@ -76,10 +78,13 @@ fn phases_of_steps(data: &data::Dataset, steps: u32) {
 
 /// Trains, and prints the row of the second half.
 fn row(data: &data::Dataset, log2_entries: u8, threads: usize, steps: u32) {
-    let mut config = Preset::Grid.config();
-    if std::env::var_os("NERF_BENCH_UNBOUNDED").is_some() {
-        config = config.unbounded();
-    }
+    let around = match std::env::var_os("NERF_BENCH_UNBOUNDED") {
+        Some(_) => Surroundings::Unbounded,
+        None => Surroundings::Known,
+    };
+    let settings = std::env::var_os("NERF_BENCH_CONFIG");
+    let config = read_config(Preset::Grid, settings.as_deref().map(Path::new), around);
+    let mut config = config.unwrap_or_else(|error| panic!("NERF_BENCH_CONFIG: {error:#}"));
     if let Some(grid) = &mut config.network.grid {
         grid.log2_entries = log2_entries;
     }
