@@ -1205,7 +1205,8 @@ typedef struct nerf_counters {
      */
     uint64_t density_evaluations;
     /**
-     * Evaluations of the colour branch; of a picture, of the whole network.
+     * Evaluations of the colour branch: samples, or of a field shaded once a ray the rays that it was run for; of a
+     * picture, of the whole network.
      */
     uint64_t colour_evaluations;
     /**

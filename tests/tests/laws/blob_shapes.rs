@@ -37,9 +37,9 @@ fn varint(mut number: u64) -> Vec<u8> {
 /// Where the trunk begins: its number of layers, then width and skip of each. Where the occupancy grid does: its
 /// resolution.
 const TRUNK: usize = 6;
-const OCCUPANCY: usize = 62;
+const OCCUPANCY: usize = 63;
 /// The first text of the provenance, behind an occupancy grid of eight cells, no front and no proposal.
-const TEXT: usize = 69;
+const TEXT: usize = 70;
 
 #[test]
 fn the_bytes_are_where_the_specification_has_them() {

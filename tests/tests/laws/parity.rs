@@ -221,9 +221,11 @@ fn transmittance_cut_costs_little_and_saves_work() {
         let (a, all) = picture(&blob, kernel, exact, batch, (SIDE, SIDE));
         let (b, cut) =
             picture(&blob, kernel, Quality { transmittance_cut: 1e-3, ..exact }, batch, (SIDE, SIDE));
-        // What is behind the cut has weights that sum to less than it.
-        let colour = largest_difference(&a, &b, 0..4);
-        assert!(colour <= 1.001e-3, "{name}, {}: {colour}", kernel);
+        // What is behind the cut has weights that sum to less than it. A mean of h is rounded to bf16 in its turn.
+        let opacity = largest_difference(&a, &b, 3..4);
+        let colour = largest_difference(&a, &b, 0..3);
+        let rounded = if recipe.per_ray && kernel.rounds() { 1e-2 } else { 0.0 };
+        assert!(opacity <= 1.001e-3 && colour <= 1.001e-3 + rounded, "{name}, {}: {colour}", kernel);
         // Distances are weighted by t <= 6: 1e-3 of (6 + 6), with opacity near 1.
         let distance = largest_difference(&a, &b, 4..6);
         assert!(distance <= 1.3e-2, "{name}, {}: {distance}", kernel);

@@ -50,8 +50,8 @@ impl Oracle {
                     let entry = if (nx + 1) * (ny + 1) * (nz + 1) <= 1 << grid.log2_entries {
                         (z * (ny + 1) + y) * (nx + 1) + x
                     } else {
-                        let h = (y * 2_654_435_761 ^ z * 805_459_861) & 0xffff_ffff;
-                        ((h ^ h >> 15) & ((1 << grid.log2_entries) - 1)) + x
+                        let h = ((y * 2_654_435_761) ^ (z * 805_459_861)) & 0xffff_ffff;
+                        ((h ^ (h >> 15)) & ((1 << grid.log2_entries) - 1)) + x
                     };
                     let value = self.tables[2 * (level.first + entry as usize) + feature];
                     weight(0) * weight(1) * weight(2) * f64::from(value)

@@ -117,9 +117,9 @@ fn points_of_several_fields_have_the_mean_of_their_networks_by_density() {
         });
         let total = own.0 + other.0;
         let mut off = (f64::from(sigma[0]) - total).abs() / total;
-        for c in 0..3 {
-            let mean = (own.0 * own.1[c] + other.0 * other.1[c]) / total;
-            off = (f64::from(rgb[0][c]) - mean).abs().worse(off);
+        for (found, (a, b)) in rgb[0].into_iter().zip(own.1.into_iter().zip(other.1)) {
+            let mean = (own.0 * a + other.0 * b) / total;
+            off = (f64::from(found) - mean).abs().worse(off);
         }
         assert!(off <= tolerance(kernel, 5e-6) * 4.0, "{kernel:?}: {off:e}");
     }
