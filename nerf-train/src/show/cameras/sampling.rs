@@ -141,7 +141,7 @@ impl Drawer<'_> {
         match self.marched() {
             Some(cells) => {
                 let share = f64::from(self.step) / f64::from(self.config.optimiser.steps.max(1));
-                let longer = if self.bounds.contraction.is_some() { lengthened(share) } else { 1.0 };
+                let longer = lengthened(share, self.bounds.contraction.is_some());
                 let width = longer * self.bounds.step(s.steps_across);
                 let everywhere = MarchCells::new(Occupancy::full(self.bounds.scene_box, 1).live());
                 bank.fill_marched(Isa::Portable, &mut kept, step, rays, &MarchCells::new(cells), width);

@@ -24,10 +24,11 @@ use std::time::{Duration, Instant};
 const DEAD_STEPS: u32 = 100;
 /// Refreshes within which a grid field is asked for every cell once.
 const REFRESHES: usize = 24;
-/// How much longer the steps through an unbounded scene are at first, when most of it is still fog; the share of the run in
-/// which they become as short as they stay, and in how many stages.
-const LONGEST_STEP: f64 = 4.0;
-const GROWTH: f64 = 0.15;
+/// How much longer a grid's steps are at first, when most of the scene is still fog, and the share of the run in which they
+/// become as short as they stay; through an unbounded scene and a bounded one.
+const UNBOUNDED_GROWTH: (f64, f64) = (4.0, 0.15);
+const BOUNDED_GROWTH: (f64, f64) = (2.0, 0.4);
+/// Stages in which steps become shorter.
 const STAGES: f64 = 8.0;
 /// Share of a run from which on it is remembered which cells of an unbounded scene training rays give weight to.
 const MARKED_FROM: f64 = 0.5;
@@ -424,8 +425,7 @@ impl<'d> Trainer<'d> {
 
     /// Width of the marched steps when `share` of the budget is used.
     fn step_width(&self, share: f64) -> Option<f32> {
-        let longer =
-            if self.bounds.contraction.is_some() { lengthened(share) } else { lengthened_bounded(share) };
+        let longer = lengthened(share, self.bounds.contraction.is_some());
         self.step_width.filter(|_| self.occupancy.is_some()).map(|width| longer * width)
     }
 
@@ -566,15 +566,9 @@ fn smoothed(before: f64, live: usize, rays: usize) -> f64 {
     if before == 0.0 { now } else { 0.9 * before + 0.1 * now }
 }
 
-/// How many times as long as in the end the steps through an unbounded scene are when `share` of the budget is used.
-pub(crate) fn lengthened(share: f64) -> f32 {
-    let stage = (STAGES * share / GROWTH).floor().min(STAGES);
-    LONGEST_STEP.powf(1.0 - stage / STAGES) as f32
-}
-
-fn lengthened_bounded(share: f64) -> f32 {
-    let read = |name: &str, or: f64| std::env::var(name).map_or(or, |x| x.parse().unwrap());
-    let (longest, growth) = (read("DTG_LONGEST", 1.0), read("DTG_UNTIL", 0.4));
+/// How many times as long as in the end a grid's steps are when `share` of the budget is used.
+pub(crate) fn lengthened(share: f64, unbounded: bool) -> f32 {
+    let (longest, growth) = if unbounded { UNBOUNDED_GROWTH } else { BOUNDED_GROWTH };
     let stage = (STAGES * share / growth).floor().min(STAGES);
     longest.powf(1.0 - stage / STAGES) as f32
 }
