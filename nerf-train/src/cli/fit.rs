@@ -28,7 +28,7 @@ use crate::model::engine::EngineKind;
 use crate::show::reports;
 use crate::train::find_box;
 use crate::train::schedule::{Budget, Clock, MIN_STEPS};
-use anyhow::{Context, ensure};
+use anyhow::{Context, bail, ensure};
 use clap::Args;
 use glam::Vec3;
 use std::path::PathBuf;
@@ -115,10 +115,10 @@ struct Settings {
     /// What computes the gradients.
     #[arg(long, value_enum)]
     engine: Option<EngineKind>,
-    /// Trunk layers; beside a grid the small ones behind it.
+    /// Trunk layers; 0 beside a grid alone: its values themselves are composited.
     #[arg(long, value_name = "N")]
     depth: Option<usize>,
-    /// Channels of the trunk; beside a grid of the small layers behind it.
+    /// Channels of the trunk.
     #[arg(long, value_name = "N")]
     width: Option<usize>,
     /// Trunk layers in front of the one that takes the encoded position again; 0 for none. Of a sinusoidal network
@@ -202,10 +202,16 @@ impl Settings {
             ("--samples", self.samples.is_some()),
             ("--jitter", self.jitter.is_some()),
         ];
-        match given(flags).filter(|_| config.network.grid.is_some()) {
-            Some(flag) => Err(of_sinusoidal(flag, &config.preset, "small")),
-            None => Ok(()),
+        if config.network.grid.is_none() {
+            return Ok(());
         }
+        if let Some(flag) = given(flags) {
+            return Err(of_sinusoidal(flag, &config.preset, "small"));
+        }
+        if self.width.is_some() && self.depth.unwrap_or(config.network.depth) == 0 {
+            bail!("--width: expected --depth of at least 1 beside it, found no layer that is so wide");
+        }
+        Ok(())
     }
 
     fn apply(&self, config: &mut Config) {

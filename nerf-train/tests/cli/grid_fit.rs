@@ -88,7 +88,7 @@ fn flags_of_the_other_kind_of_network_are_refused_with_a_sentence() {
 fn bad_values_are_refused_naming_the_field() {
     let folder = Folder::new();
     let (data, file) = (folder.npz("data.npz"), folder.path("a.nerf"));
-    let cases: [(&[&str], &str); 14] = [
+    let cases: [(&[&str], &str); 16] = [
         (&["--grid-levels", "0"], "network.grid.levels"),
         (&["--grid-levels", "33"], "network.grid.levels"),
         (&["--features", "3"], "network.grid.features"),
@@ -103,7 +103,9 @@ fn bad_values_are_refused_naming_the_field() {
         (&["--table", "24", "--features", "4", "--finest", "2000"], "network.grid.log2_entries"),
         (&["--steps-across", "0"], "sampling.steps_across"),
         (&["--direction-levels", "5"], "network.direction_levels"),
-        (&["--depth", "0"], "network.depth"),
+        (&["--depth", "9"], "network.depth"),
+        (&["--width", "32"], "--width"),
+        (&["--preset", "small", "--depth", "0"], "network.depth"),
     ];
     for (flags, field) in cases {
         fails([&["fit", &data, "-o", &file, "-q"], flags].concat(), &[field]);

@@ -4,7 +4,7 @@ use crate::data::Dataset;
 use crate::data::system::progress::ProgressStyle;
 use crate::fit::run::{Ended, RunError, RunOptions, run_since};
 use crate::lab;
-use crate::model::config::{Config, ConfigError, Preset};
+use crate::model::config::{Config, ConfigError, Preset, rule};
 use crate::model::engine::EngineError;
 use crate::train::TrainError;
 use crate::train::schedule::{Budget, Clock};
@@ -174,6 +174,7 @@ impl Lists {
         }
         for &width in &self.widths {
             let mut config = base.clone();
+            rule("network.width", base.network.depth > 0, "none without trunk layers", width)?;
             config.network.width = width;
             add(Group::Width, format!("width {width}"), config)?;
         }
@@ -268,6 +269,9 @@ mod tests {
         assert_eq!(trials[2].config.network.grid.as_ref().map(|grid| grid.log2_entries), Some(12));
         let twice = lists.trials(&base, &[10.0, 20.0], Preset::config).expect("settings");
         assert_eq!((twice.len(), twice[1].name.as_str()), (14, "preset grid, 20 s"));
+        let wide = Lists { widths: vec![64], ..Lists::default() };
+        let refused = wide.trials(&Preset::Grid.config(), &[30.0], Preset::config);
+        assert_eq!(refused.expect_err("no layer").field, "network.width");
         let wrong = Lists { samples: vec![0], ..Lists::default() };
         assert_eq!(
             wrong.trials(&base, &[30.0], Preset::config).expect_err("no samples").field,

@@ -1,6 +1,6 @@
 //! Which settings there can be.
 
-use super::{Config, Density, Jitter, NetworkConfig, OccupancyConfig, SamplingConfig, Shading, TableConfig};
+use super::{Config, Density, Jitter, NetworkConfig, OccupancyConfig, SamplingConfig, TableConfig};
 use glam::Vec3;
 use nerf_core::blob::MAX_SAMPLES;
 use nerf_core::camera::Contraction;
@@ -59,9 +59,7 @@ impl Config {
 }
 
 fn check_network(n: &NetworkConfig) -> Result<(), ConfigError> {
-    let per_ray = n.shading == Shading::Ray;
-    rule("network.shading", !per_ray || n.grid.is_some(), "sample without a learned grid", "ray")?;
-    let fewest = usize::from(!per_ray);
+    let fewest = usize::from(n.grid.is_none());
     let depths = format!("{fewest} to {MAX_TRUNK}");
     rule("network.depth", (fewest..=MAX_TRUNK).contains(&n.depth), depths, n.depth)?;
     rule("network.width", (1..=MAX_WIDTH).contains(&n.width), format!("1 to {MAX_WIDTH}"), n.width)?;

@@ -15,7 +15,7 @@ pub use table::TableConfig;
 use crate::model::engine::{Adam, EngineKind, Model};
 use glam::Vec3;
 use nerf_core::encoding::{AngleScale, DirectionEncoding, PositionEncoding, SinusoidalEncoding};
-use nerf_core::network::{Architecture, DensityActivation, MAX_COLOUR, MAX_TRUNK, TrunkLayer};
+use nerf_core::network::{Architecture, DensityActivation, MAX_COLOUR, MAX_TRUNK, Shading, TrunkLayer};
 use serde::{Deserialize, Serialize};
 
 /// What the occupancy grid's resolution is chosen from, cells along the longest side of the scene box.
@@ -46,7 +46,7 @@ pub struct Config {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, clap::ValueEnum)]
 #[serde(rename_all = "kebab-case")]
 pub enum Preset {
-    /// A learned grid and two small layers: seconds to fit, milliseconds to draw.
+    /// A learned grid, and a small network that is asked once a ray: seconds to fit, milliseconds to draw.
     Grid,
     /// A small sinusoidal network, empty space skipped from the first step: the smallest files.
     Small,
@@ -58,9 +58,7 @@ pub enum Preset {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct NetworkConfig {
-    /// Where colour is worked out; once a ray beside a grid only.
-    pub shading: Shading,
-    /// Trunk layers; none beside a grid whose colour is worked out once a ray: both heads then read the encoding.
+    /// Trunk layers; 0 beside a grid only, whose values density and colour are then read from.
     pub depth: usize,
     /// Channels of every trunk layer.
     pub width: usize,
@@ -84,16 +82,6 @@ pub struct NetworkConfig {
     /// Start value added to the density, after scaling; of an exponential density, the logarithm of the optical depth
     /// of the scene box's longest side at the start.
     pub density_bias: f32,
-}
-
-/// Where a field's colour is worked out.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, clap::ValueEnum)]
-#[serde(rename_all = "kebab-case")]
-pub enum Shading {
-    /// At every sample that counts.
-    Sample,
-    /// Once a ray, from what its samples have in common: their features, composited.
-    Ray,
 }
 
 /// From raw density to sigma.
@@ -290,10 +278,7 @@ impl Config {
                 Density::Exponential => DensityActivation::Exponential,
             }),
             colour,
-            shading: match n.shading {
-                Shading::Sample => nerf_core::network::Shading::PerSample,
-                Shading::Ray => nerf_core::network::Shading::PerRay,
-            },
+            shading: if n.grid.is_some() { Shading::PerRay } else { Shading::PerSample },
         };
         // An exponential density starts at the same optical depth whatever the unit of length is.
         let per_unit = match n.density {

@@ -2,7 +2,7 @@
 
 use super::{
     CaptureConfig, Config, Density, Jitter, NetworkConfig, OccupancyConfig, OptimiserConfig, Preset,
-    SamplingConfig, Shading, Surroundings, TableConfig,
+    SamplingConfig, Surroundings, TableConfig,
 };
 use crate::model::engine::EngineKind;
 use crate::model::quantise::TableStorage;
@@ -18,14 +18,13 @@ impl Preset {
     }
 }
 
-/// A learned grid and two small layers.
+/// A learned grid, and a small network that is asked once a ray.
 fn grid() -> Config {
     Config {
         preset: Preset::Grid,
         engine: EngineKind::Fused,
         network: NetworkConfig {
-            shading: Shading::Sample,
-            depth: 1,
+            depth: 0,
             width: 32,
             skip_after: 0,
             grid: Some(TableConfig {
@@ -39,7 +38,7 @@ fn grid() -> Config {
             position_levels: 0,
             direction_levels: 4,
             feature: false,
-            colour_width: 32,
+            colour_width: 64,
             density: Density::Exponential,
             density_scale: 1.0,
             density_bias: 3.8,
@@ -65,7 +64,7 @@ fn grid() -> Config {
             every: 16,
             cells: 8192,
             from: 0,
-            threshold: 0.01,
+            threshold: 0.03,
             decay: 0.5,
             empty_share: 0.0,
             empty_weight: 0.0,
@@ -73,7 +72,7 @@ fn grid() -> Config {
         capture: CaptureConfig::default(),
         optimiser: OptimiserConfig {
             steps: 12_000,
-            rate: 2e-2,
+            rate: 2.5e-2,
             final_share: 0.3,
             warm_up: 0,
             beta2: 0.99,
@@ -91,7 +90,6 @@ fn small() -> Config {
         preset: Preset::Small,
         engine: EngineKind::Fused,
         network: NetworkConfig {
-            shading: Shading::Sample,
             depth: 4,
             width: 128,
             skip_after: 0,
@@ -151,7 +149,6 @@ fn seed() -> Config {
         preset: Preset::Seed,
         engine: EngineKind::Fused,
         network: NetworkConfig {
-            shading: Shading::Sample,
             depth: 8,
             width: 256,
             skip_after: 4,

@@ -290,7 +290,9 @@ pub enum EngineError {
     #[error("model: expected a density, found a picture: the engine dfdx trains grids of scenes alone")]
     NoDensity,
     /// A grid model with parts that its engine does not train.
-    #[error("model: expected an exponential density of scale 1, or none, and no feature layer beside a grid")]
+    #[error(
+        "model: expected a colour a ray and an exponential density of scale 1, or none, and no feature layer beside a grid"
+    )]
     NotPlain,
     /// The batch contradicts itself.
     #[error("batch: {0}")]

@@ -2,7 +2,7 @@
 //!
 //! ```text
 //! rays, 8 samples at a time:  encode ──► trunk ──► density ──► T; rays below T_MIN leave
-//! samples with weight > gate: colour, or their features' mean ──► colour ──► pixel ──► loss
+//! samples with weight > gate: the mean of a ray's features ──► colour ──► pixel ──► loss
 //!                             d colour ──► d trunk ──► d encoded        sums of the layers: one an accumulator
 //! level by level:             d encoded ──► d table entries             in the samples' order; then, if it is the level's
 //!                             turn, Adam of the entries that have a gradient, and their f16, which the next step encodes with
@@ -30,8 +30,6 @@ mod reference;
 mod samples;
 mod scatter;
 mod shade;
-mod shade_ray;
-mod shade_sample;
 mod turns;
 mod vector;
 
@@ -50,7 +48,7 @@ use adam::AdamStep;
 use layers::{LayerSums, Layers};
 use nerf_core::camera::SceneBox;
 use nerf_core::encoding::{GridEncoding, GridLevel, GridTables, TableValues};
-use nerf_core::network::DensityActivation;
+use nerf_core::network::{DensityActivation, Shading};
 use nerf_core::simd::Isa;
 use pass::{Job, Pass, Scratch, Totals};
 use rayon::prelude::*;
@@ -166,8 +164,8 @@ impl GridEngine {
             first += chunk.iter().map(|ray| ray.samples as usize).sum::<usize>();
         }
         let threads = rayon::current_num_threads().max(1);
-        let (layers, shading) = (&self.layers, self.model.architecture.shading);
-        self.scratch.resize_with(threads, || Mutex::new(Scratch::new(layers, shading)));
+        let layers = &self.layers;
+        self.scratch.resize_with(threads, || Mutex::new(Scratch::new(layers)));
         let scratch = &self.scratch;
         self.passes.par_iter_mut().with_max_len(1).enumerate().for_each(|(i, pass)| {
             // Each thread has its own: nobody waits for the lock.
@@ -364,7 +362,8 @@ fn check_plain(model: &Model) -> Result<GridEncoding, EngineError> {
     model.check()?;
     let grid = model.architecture.position.grid().cloned().ok_or(EngineError::NoGrid)?;
     let density = matches!(model.architecture.density, None | Some(DensityActivation::Exponential));
-    if model.feature || model.density_scale != 1.0 || !density {
+    let shading = model.architecture.shading == Shading::PerRay || model.architecture.density.is_none();
+    if model.feature || model.density_scale != 1.0 || !density || !shading {
         return Err(EngineError::NotPlain);
     }
     Ok(grid)

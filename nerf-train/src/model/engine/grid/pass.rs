@@ -6,12 +6,12 @@ use super::layers::{LayerSums, Layers, padded};
 use super::rays::{RaySamples, RayScratch};
 use super::samples::Samples;
 use super::scatter::Kept;
-use super::shade::{Shade, Shaded, shade_of};
+use super::shade::{Shade, Shaded};
 use super::vector::{VECTOR, mask};
 use crate::model::engine::{Batch, Model, Phase, Phases, RayGradient, Surface};
 use nerf_core::encoding::{GridEncoding, GridTables};
 use nerf_core::matrix::Init;
-use nerf_core::network::{EXPONENTIAL_LIMIT, Shading};
+use nerf_core::network::EXPONENTIAL_LIMIT;
 use nerf_core::simd::Isa;
 use std::ops::{Add, Range};
 use std::time::Instant;
@@ -76,7 +76,7 @@ pub(super) struct Pass {
 pub(super) struct Scratch {
     evaluated: Evaluated,
     samples: Samples,
-    shade: Box<dyn Shade>,
+    shade: Shade,
     /// Gradient by what each ray's kept samples show.
     by_shown: Vec<[f32; 3]>,
     /// Gradient by the transmittance behind each ray's last sample.
@@ -116,11 +116,11 @@ impl Pass {
 }
 
 impl Scratch {
-    pub fn new(layers: &Layers, shading: Shading) -> Self {
+    pub fn new(layers: &Layers) -> Self {
         Self {
             evaluated: Evaluated::new(layers.trunk.len()),
             samples: Samples::new(layers.trunk.len()),
-            shade: shade_of(shading, layers),
+            shade: Shade::new(layers),
             by_shown: Vec::new(),
             by_left: Vec::new(),
             by_weight: Vec::new(),

@@ -23,7 +23,7 @@ use half::f16;
 use nerf_core::camera::SceneBox;
 use nerf_core::encoding::{DirectionEncoding, GridEncoding, GridLevel, encode_block, encode_harmonics_block};
 use nerf_core::math::MathBackend;
-use nerf_core::network::{EXPONENTIAL_LIMIT, Shading};
+use nerf_core::network::EXPONENTIAL_LIMIT;
 use nerf_core::simd::Isa;
 use std::borrow::Cow;
 use std::ops::Range;
@@ -143,7 +143,7 @@ impl GridReferenceEngine {
         Ok(raw.try_reshape_like(&(samples,))?.try_clamp(f32::MIN, EXPONENTIAL_LIMIT)?.try_exp()?)
     }
 
-    /// Colour of each sample, `[samples][3]`, on a tape of its own.
+    /// Colour of each row of features, `[rows][3]`, on a tape of its own.
     fn colour(
         &self,
         network: &Network,
@@ -260,33 +260,20 @@ impl GridReferenceEngine {
         let weights = front.try_mul(alpha(tau)?)?.try_mul(inverse()?)?;
 
         let towards = surfaces(&rows, batch, indices.clone(), kept, &weights, &left)?;
-        let scaled = |x: Matrix<Taped>| {
-            let shape = *x.shape();
-            with_gradient_scaled(x, scales.try_broadcast_like::<_, Axis<1>>(&shape)?)
-        };
-        let shown = match self.model.architecture.shading {
-            Shading::PerSample => {
-                let counted = rays.iter().zip(&kept.counts);
-                let dirs: Vec<_> =
-                    counted.flat_map(|(ray, &count)| std::iter::repeat_n(ray.dir, count)).collect();
-                rows.sums(weights.with_empty_tape(), scaled(self.colour(network, &h, &dirs)?)?)?
-            }
-            Shading::PerRay => {
-                let dirs: Vec<_> = rays.iter().map(|ray| ray.dir).collect();
-                // Nothing is divided by where there is nothing.
-                let none = kept.counts.iter().map(|&count| f32::from(u8::from(count == 0))).collect();
-                let opacity = weights.with_empty_tape().try_sum::<(usize,), Axis<1>>()?;
-                let divisor =
-                    opacity.with_empty_tape().try_add(device.try_tensor_from_vec(none, (rays.len(),))?)?;
-                let sums = rows.sums(weights.with_empty_tape(), scaled(h.with_empty_tape())?)?;
-                let shape = *sums.shape();
-                let mean = sums.try_div(divisor.try_broadcast_like::<_, Axis<1>>(&shape)?)?;
-                let colour = self.colour(network, &mean, &dirs)?;
-                let shape = *colour.shape();
-                with_tape(colour, mean.split_tape().1)
-                    .try_mul(opacity.try_broadcast_like::<_, Axis<1>>(&shape)?)?
-            }
-        };
+        let dirs: Vec<_> = rays.iter().map(|ray| ray.dir).collect();
+        // Nothing is divided by where there is nothing.
+        let none = kept.counts.iter().map(|&count| f32::from(u8::from(count == 0))).collect();
+        let opacity = weights.with_empty_tape().try_sum::<(usize,), Axis<1>>()?;
+        let divisor = opacity.with_empty_tape().try_add(device.try_tensor_from_vec(none, (rays.len(),))?)?;
+        let scales = scales.try_broadcast_like::<_, Axis<1>>(h.shape())?;
+        let features = with_gradient_scaled(h.with_empty_tape(), scales)?;
+        let sums = rows.sums(weights.with_empty_tape(), features)?;
+        let shape = *sums.shape();
+        let mean = sums.try_div(divisor.try_broadcast_like::<_, Axis<1>>(&shape)?)?;
+        let colour = self.colour(network, &mean, &dirs)?;
+        let shape = *colour.shape();
+        let shown = with_tape(colour, mean.split_tape().1)
+            .try_mul(opacity.try_broadcast_like::<_, Axis<1>>(&shape)?)?;
         let seen = over(shown, left, of_rays(|ray| ray.background)?)?;
         let gains = indices.flat_map(|ray| batch.gains.get(ray).copied().unwrap_or([1.0; 3])).collect();
         let gains = device.try_tensor_from_vec(gains, (rays.len(), 3))?;

@@ -1,13 +1,22 @@
-//! Where a chunk's colours are worked out: once a sample, or once a ray.
+//! A colour a ray (deferred shading): features are composited, and the branch takes their mean under the weights. In a 2D
+//! field that is its one sample's.
+//!
+//! ```text
+//! A = Σ w_i;  P = Σ w_i h_i / A;  shown = A · o,  o = sigmoid(branch [P, PE(d)])
+//! dL/do = A · dL/dshown;  dL/dP by the branch;  D = dL/dP / A
+//! dL/dw_i = dL/dshown · o + D · (h_i − P);  dL/dh_i = w_i D
+//! ```
 
+use super::directions::Directions;
 use super::evaluate::RayState;
-use super::layers::{LayerSums, Layers};
-use super::pass::Job;
+use super::layers::{LayerSums, Layers, padded};
+use super::pass::{Job, grow};
 use super::samples::Samples;
-use super::shade_ray::ShadeRay;
-use super::shade_sample::ShadeSample;
+use super::vector::{VECTOR, mask, sigmoids};
 use crate::model::engine::BatchRay;
-use nerf_core::network::Shading;
+use nerf_core::matrix::Init;
+use nerf_core::simd::{Lanes, Op};
+use std::ops::Range;
 
 /// The chunk whose colours are worked out.
 #[derive(Clone, Copy)]
@@ -19,17 +28,111 @@ pub(super) struct Shaded<'a> {
     pub samples: &'a Samples,
 }
 
-/// The colour branch, forward and backward.
-pub(super) trait Shade: Send {
+/// The colour branch, forward and backward. A thread's buffers: a row for each ray that has kept samples.
+pub(super) struct Shade {
+    /// Row of each ray of the chunk; any of one without kept samples.
+    row_of: Vec<usize>,
+    rows: Vec<Row>,
+    /// P, `[rows][padded features]`.
+    mean: Vec<f32>,
+    /// Outputs of each layer, `[rows][padded outputs]`.
+    coloured: Vec<Vec<f32>>,
+    directions: Directions,
+    upper: Vec<f32>,
+    lower: Vec<f32>,
+}
+
+struct Row {
+    /// Its ray in the chunk.
+    ray: usize,
+    /// The ray's kept samples.
+    samples: Range<usize>,
+    /// A.
+    opacity: f32,
+    /// dL/dA at a constant sum of weighted features.
+    by_opacity: f32,
+}
+
+impl Shade {
+    pub fn new(layers: &Layers) -> Self {
+        Self {
+            row_of: Vec::new(),
+            rows: Vec::new(),
+            mean: Vec::new(),
+            coloured: vec![Vec::new(); layers.colour.len()],
+            directions: Directions::default(),
+            upper: Vec::new(),
+            lower: Vec::new(),
+        }
+    }
+
+    /// Backward through the branch: dL/dP is left in `upper`.
+    fn branch_backward(&mut self, job: &Job<'_>, sums: &mut LayerSums) {
+        let (isa, count, layers) = (job.isa, self.rows.len(), job.layers);
+        for (l, layer) in layers.colour.iter().enumerate().rev() {
+            let at = layers.first_of_colour() + l;
+            let x = if l == 0 { &self.mean } else { &self.coloured[l - 1] };
+            let x_row = padded(layer.main.inputs);
+            layer.main.add_gradient(isa, count, x, x_row, &self.upper, &mut sums.main[at]);
+            if let Some(extra) = &layer.extra {
+                let (rows, width) = (&self.directions.rows, padded(extra.inputs));
+                extra.add_gradient(isa, count, rows, width, &self.upper, &mut sums.extra[at]);
+            }
+            grow(&mut self.lower, padded(count) * x_row);
+            layer.main.backward(isa, count, &self.upper, &mut self.lower, Init::Zero);
+            std::mem::swap(&mut self.upper, &mut self.lower);
+            if l > 0 {
+                mask(isa, &mut self.upper[..count * x_row], &x[..count * x_row]);
+            }
+        }
+    }
+
     /// Colours of a chunk that has kept samples.
-    fn forward(&mut self, job: &Job<'_>, chunk: Shaded<'_>);
+    pub fn forward(&mut self, job: &Job<'_>, Shaded { rays, states, samples }: Shaded<'_>) {
+        self.row_of.clear();
+        self.rows.clear();
+        for (ray, state) in states.iter().enumerate() {
+            self.row_of.push(self.rows.len());
+            let samples = state.kept.0..state.kept.1;
+            if !samples.is_empty() {
+                self.rows.push(Row { ray, samples, opacity: 0.0, by_opacity: 0.0 });
+            }
+        }
+        let (count, width) = (self.rows.len(), padded(job.layers.features()));
+        grow(&mut self.mean, padded(count) * width);
+        job.isa.run(Mean { rows: &mut self.rows, samples, width, mean: &mut self.mean });
+        self.directions.encode(job, self.rows.iter().map(|row| rays[row.ray].dir));
+        for (l, layer) in job.layers.colour.iter().enumerate() {
+            let (before, rest) = self.coloured.split_at_mut(l);
+            let y = &mut rest[0];
+            grow(y, padded(count) * padded(layer.main.outputs));
+            let mut init = Init::Zero;
+            if let Some(extra) = &layer.extra {
+                let (rows, width) = (&self.directions.rows, padded(extra.inputs));
+                extra.forward(job.isa, count, rows, width, y, init, false);
+                init = Init::Accumulate;
+            }
+            let x = before.last().unwrap_or(&self.mean);
+            let relu = l + 1 < job.layers.colour.len();
+            layer.main.forward(job.isa, count, x, padded(layer.main.inputs), y, init, relu);
+        }
+        let rgb = self.coloured.last_mut().expect("a colour layer");
+        sigmoids(job.isa, &mut rgb[..count * VECTOR]);
+    }
 
     /// What the kept samples of the chunk's ray of this number show.
-    fn shown(&self, ray: usize, chunk: Shaded<'_>) -> [f32; 3];
+    pub fn shown(&self, ray: usize, chunk: Shaded<'_>) -> [f32; 3] {
+        let (first, end) = chunk.states[ray].kept;
+        if first == end {
+            return [0.0; 3];
+        }
+        let (row, rgb) = (self.row_of[ray], self.coloured.last().expect("a colour layer"));
+        [0, 1, 2].map(|k| self.rows[row].opacity * rgb[row * VECTOR + k])
+    }
 
     /// From the gradient by what each ray shows: adds that of the branch to `sums`, that by each kept sample's weight to
     /// `by_weight`, and puts that by its features into `by_features`, `[samples][padded features]`.
-    fn backward(
+    pub fn backward(
         &mut self,
         job: &Job<'_>,
         chunk: Shaded<'_>,
@@ -37,13 +140,108 @@ pub(super) trait Shade: Send {
         sums: &mut LayerSums,
         by_weight: &mut [f32],
         by_features: &mut Vec<f32>,
-    );
+    ) {
+        let rgb = self.coloured.last().expect("a colour layer");
+        grow(&mut self.upper, padded(self.rows.len()) * VECTOR);
+        self.upper[..self.rows.len() * VECTOR].fill(0.0);
+        for (i, row) in self.rows.iter_mut().enumerate() {
+            row.by_opacity = 0.0;
+            for (k, gradient) in by_shown[row.ray].iter().enumerate() {
+                let colour = rgb[i * VECTOR + k];
+                row.by_opacity += gradient * colour;
+                self.upper[i * VECTOR + k] = row.opacity * gradient * colour * (1.0 - colour);
+            }
+        }
+        self.branch_backward(job, sums);
+        let width = padded(job.layers.features());
+        grow(by_features, padded(chunk.samples.len()) * width);
+        let Self { rows, mean, upper: by_mean, .. } = self;
+        job.isa.run(OfSamples { rows, samples: chunk.samples, width, mean, by_mean, by_weight, by_features });
+    }
 }
 
-/// The one that a field's `shading` asks for.
-pub(super) fn shade_of(shading: Shading, layers: &Layers) -> Box<dyn Shade> {
-    match shading {
-        Shading::PerSample => Box::new(ShadeSample::new(layers)),
-        Shading::PerRay => Box::new(ShadeRay::new(layers)),
+/// A and P of each row.
+struct Mean<'a> {
+    rows: &'a mut [Row],
+    samples: &'a Samples,
+    width: usize,
+    mean: &'a mut [f32],
+}
+
+impl Op for Mean<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run<V: Lanes>(self) {
+        let Self { rows, samples, width, mean } = self;
+        let (counted, features) = (&samples.counted, samples.features());
+        for (row, mean) in rows.iter_mut().zip(mean.chunks_exact_mut(width)) {
+            let weights = &counted[row.samples.clone()];
+            row.opacity = weights.iter().sum();
+            let features = &features[row.samples.start * width..row.samples.end * width];
+            for at in (0..width).step_by(V::COUNT) {
+                let mut sum = V::splat(0.0);
+                for (&weight, features) in weights.iter().zip(features.chunks_exact(width)) {
+                    sum = V::splat(weight).mul_add(V::load(&features[at..]), sum);
+                }
+                sum.div(V::splat(row.opacity)).store(&mut mean[at..]);
+            }
+        }
     }
+}
+
+/// Gradients by weights and features of the samples, from those by P.
+struct OfSamples<'a> {
+    rows: &'a [Row],
+    samples: &'a Samples,
+    width: usize,
+    mean: &'a [f32],
+    by_mean: &'a mut [f32],
+    by_weight: &'a mut [f32],
+    by_features: &'a mut [f32],
+}
+
+impl Op for OfSamples<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run<V: Lanes>(self) {
+        let Self { rows, samples, width, mean, by_mean, by_weight, by_features } = self;
+        let features = samples.features();
+        let by_mean = by_mean.chunks_exact_mut(width);
+        for ((row, mean), by_sum) in rows.iter().zip(mean.chunks_exact(width)).zip(by_mean) {
+            let inverse = V::splat(1.0 / row.opacity);
+            for by_sum in by_sum.chunks_exact_mut(V::COUNT) {
+                V::load(by_sum).mul(inverse).store(by_sum);
+            }
+            for i in row.samples.clone() {
+                by_weight[i] += row.by_opacity + dot::<V>(by_sum, &features[i * width..][..width], mean);
+                let weight = V::splat(samples.scale[i] * samples.counted[i]);
+                let out = by_features[i * width..][..width].chunks_exact_mut(V::COUNT);
+                for (out, by_sum) in out.zip(by_sum.chunks_exact(V::COUNT)) {
+                    V::load(by_sum).mul(weight).store(out);
+                }
+            }
+        }
+    }
+}
+
+/// `a · (b − c)`.
+#[inline(always)]
+fn dot<V: Lanes>(a: &[f32], b: &[f32], c: &[f32]) -> f32 {
+    let mut sum = V::splat(0.0);
+    let columns = a.chunks_exact(V::COUNT).zip(b.chunks_exact(V::COUNT)).zip(c.chunks_exact(V::COUNT));
+    for ((a, b), c) in columns {
+        sum = V::load(a).mul_add(V::load(b).sub(V::load(c)), sum);
+    }
+    let mut lanes = [0.0; VECTOR];
+    sum.store(&mut lanes);
+    let mut half = V::COUNT;
+    while half > 1 {
+        half /= 2;
+        for i in 0..half {
+            lanes[i] += lanes[i + half];
+        }
+    }
+    lanes[0]
 }

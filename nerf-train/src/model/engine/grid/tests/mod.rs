@@ -4,7 +4,7 @@ mod oracle;
 mod rays;
 
 use super::*;
-use crate::model::config::{Preset, Shading, TableConfig};
+use crate::model::config::{Preset, TableConfig};
 use crate::model::engine::model::uniform;
 use crate::model::engine::{BatchError, BatchRay, Dense, Part, ReferenceEngine, Surface};
 use crate::model::picture_config::{FieldConfig, FieldPreset};
@@ -12,7 +12,7 @@ use crate::model::quantise::{Quantised, TableStorage, values_of};
 use glam::Vec3;
 use half::f16;
 use nerf_core::encoding::{AngleScale, DirectionEncoding, PositionEncoding, SinusoidalEncoding};
-use nerf_core::network::Shading::PerRay;
+use nerf_core::network::Shading;
 
 /// No cube, and not around 0.
 fn bounds() -> SceneBox {
@@ -21,19 +21,9 @@ fn bounds() -> SceneBox {
 
 /// A field of `table`; the density starts at 1 per world unit.
 fn model(table: TableConfig, depth: usize, degree: u8, colour: usize) -> Model {
-    model_of(Shading::Sample, table, (depth, degree, colour))
-}
-
-/// The same, whose colour is worked out once a ray.
-fn per_ray(table: TableConfig, depth: usize, degree: u8, colour: usize) -> Model {
-    model_of(Shading::Ray, table, (depth, degree, colour))
-}
-
-fn model_of(shading: Shading, table: TableConfig, (depth, degree, colour): (usize, u8, usize)) -> Model {
     let mut config = Preset::Grid.config();
     let n = &mut config.network;
     (n.grid, n.depth, n.width, n.direction_levels, n.colour_width) = (Some(table), depth, 16, degree, colour);
-    n.shading = shading;
     let bounds = bounds();
     Model { density_bias: 0.0, ..config.model_of(bounds.max - bounds.min) }
 }
@@ -43,17 +33,16 @@ fn table(features: u8, log2_entries: u8) -> TableConfig {
     TableConfig { levels: 3, features, log2_entries, coarsest: 3, finest: 12, storage: TableStorage::F16 }
 }
 
-fn models() -> [(&'static str, Model); 9] {
+fn models() -> [(&'static str, Model); 8] {
     [
         ("all dense", model(table(2, 19), 1, 2, 16)),
         ("two levels hashed", model(table(2, 6), 1, 3, 16)),
         ("4 features, two layers", model(table(4, 8), 2, 2, 20)),
         ("1 feature, no direction", model(table(1, 5), 1, 0, 16)),
         ("16 entries, no colour layer", model(table(2, 4), 1, 2, 0)),
-        ("a colour a ray, of one layer", per_ray(table(2, 6), 1, 2, 16)),
-        ("a colour a ray, of the encoding", per_ray(table(2, 6), 0, 3, 20)),
-        ("a colour a ray, of the encoding, 4 features, no direction", per_ray(table(4, 8), 0, 0, 16)),
-        ("a colour a ray, of two layers, no colour layer", per_ray(table(1, 8), 2, 2, 0)),
+        ("no layer", model(table(2, 6), 0, 3, 20)),
+        ("no layer, 4 features, no direction", model(table(4, 8), 0, 0, 16)),
+        ("two layers, no colour layer", model(table(1, 8), 2, 2, 0)),
     ]
 }
 
@@ -288,8 +277,7 @@ fn gradients_are_scaled_sample_by_sample() {
         // A branch that is asked once a ray is no sample's.
         let branch = |i: usize| {
             let of_branch = |d: &&Dense| matches!(d.part, Part::Colour(_) | Part::Rgb);
-            let a_ray = model.architecture.shading == PerRay;
-            a_ray && model.layers().iter().filter(of_branch).any(|d| (d.weights..d.bias).contains(&i))
+            model.layers().iter().filter(of_branch).any(|d| (d.weights..d.bias).contains(&i))
         };
         let halved = |(i, g): (usize, &f32)| if branch(i) { *g } else { 0.5 * g };
         let halved: Vec<f32> = whole.iter().enumerate().map(halved).collect();
@@ -401,6 +389,10 @@ fn the_tape_refuses_what_it_does_not_train() {
     assert_eq!(refused(&pictures()[0].1), Some(EngineError::NoDensity));
     let (_, model) = &models()[0];
     assert_eq!(refused(&Model { density_scale: 2.0, ..model.clone() }), Some(EngineError::NotPlain));
+    let mut by_sample = model.clone();
+    by_sample.architecture.shading = Shading::PerSample;
+    assert_eq!(refused(&by_sample), Some(EngineError::NotPlain));
+    assert_eq!(GridEngine::new(&by_sample, bounds(), BARE, 0).err(), Some(EngineError::NotPlain));
     let mut tape = by_tape(&engine(model, BARE, 4));
     let state = tape.state();
     let short = OptimiserState { moment2: vec![0.0], ..state.clone() };
@@ -413,7 +405,7 @@ fn the_tape_refuses_what_it_does_not_train() {
 }
 
 /// A grid that encodes a position as itself, and a sinusoidal network that does, too: dfdx's tape has the gradients of
-/// the latter. The spherical harmonics of degree 2 are a constant and the direction, scaled.
+/// the latter. A ray of one sample has that one's colour, as the sinusoidal network has a sample's. The spherical harmonics of degree 2 are a constant and the direction, scaled.
 #[test]
 fn gradients_of_the_layers_are_those_of_autodiff() {
     let unit = SceneBox::new(Vec3::ZERO, Vec3::ONE).unwrap();
@@ -431,6 +423,7 @@ fn gradients_of_the_layers_are_those_of_autodiff() {
         let identity = SinusoidalEncoding { inputs: 3, levels: 0, scale: AngleScale::Pi, identity: true };
         plain.architecture.position = PositionEncoding::Sinusoidal(identity);
         plain.architecture.direction = Some(DirectionEncoding::Sinusoidal(identity));
+        plain.architecture.shading = Shading::PerSample;
 
         let mut engine = GridEngine::new(&model, unit, BARE, 9).unwrap();
         let mut state = engine.state();
@@ -460,7 +453,7 @@ fn gradients_of_the_layers_are_those_of_autodiff() {
                 }
             }
         }
-        let mut batch = batch_of(100, 31);
+        let mut batch = pixels(300, 31);
         for (i, position) in batch.positions.iter_mut().enumerate() {
             *position = std::array::from_fn(|axis| uniform(32, (3 * i + axis) as u64) as f32);
         }

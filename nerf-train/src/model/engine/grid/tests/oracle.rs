@@ -5,7 +5,6 @@
 use crate::model::engine::{Batch, Dense, Model, Part, Surface};
 use nerf_core::camera::SceneBox;
 use nerf_core::encoding::{DirectionEncoding, GridEncoding};
-use nerf_core::network::Shading;
 
 /// Value `out[level · features + feature]` at `x`, from the tables in `p[first..]`.
 fn encode(grid: &GridEncoding, bounds: &SceneBox, p: &[f64], x: &[f32; 3]) -> Vec<f64> {
@@ -118,16 +117,9 @@ fn shown(m: &Model, p: &[f64], weights: &[(f64, f64)], features: &[Vec<f64>], di
     if features.is_empty() {
         return vec![0.0; 3];
     }
-    match m.architecture.shading {
-        Shading::PerSample => {
-            sum(weights, &features.iter().map(|h| branch(m, p, h, dir)).collect::<Vec<_>>())
-        }
-        Shading::PerRay => {
-            let opacity: f64 = weights.iter().map(|(weight, _)| weight).sum();
-            let mean: Vec<f64> = sum(weights, features).iter().map(|x| x / opacity).collect();
-            branch(m, p, &mean, dir).iter().map(|colour| opacity * colour).collect()
-        }
-    }
+    let opacity: f64 = weights.iter().map(|(weight, _)| weight).sum();
+    let mean: Vec<f64> = sum(weights, features).iter().map(|x| x / opacity).collect();
+    branch(m, p, &mean, dir).iter().map(|colour| opacity * colour).collect()
 }
 
 /// What a batch comes to.
