@@ -78,7 +78,7 @@ fn grid() -> Config {
             beta2: 0.99,
             epsilon: 1e-15,
             average: 0.998,
-            hashed_every: 1,
+            hashed_every: 4,
         },
         seed: 0,
     }
@@ -246,7 +246,6 @@ impl Config {
         self.sampling.steps_across = 160;
         self.sampling.random_background = true;
         self.sampling.live_samples = 4096;
-        self.optimiser.rate = 1.5e-2;
         // A step absorbs less than what keeps a cell: what no view needs goes away.
         self.network.density_bias = 1.9;
         self.occupancy.resolution = 128;

@@ -4,29 +4,29 @@
 //! tape; the transmittance of the others is a constant. Deviations: every sample's density is evaluated, those behind the
 //! end of a ray too; a photograph that is clipped at white is not told from one that is just as bright.
 
+mod forward;
+mod terms;
+
 use super::kept::KeptSamples;
 use super::turns::{moves, waiting_entries};
 use super::{check_plain, check_state, gain_sums};
 use crate::model::engine::chunk::{Chunk, cut};
 use crate::model::engine::optimiser::usable;
 use crate::model::engine::tape::{
-    Matrix, Rows, Scalar, TAPE_SAMPLES, Taped, Vector, Weights, add, alpha, over, squared_error, with_tape,
+    Matrix, Rows, Scalar, TAPE_SAMPLES, Taped, add, alpha, over, squared_error, with_tape,
 };
 use crate::model::engine::{
-    Adam, Batch, BatchRay, Dense, Engine, EngineError, Model, OptimiserState, Part, StepLoss, Surface,
-    check_rate,
+    Adam, Batch, BatchRay, Engine, EngineError, Model, OptimiserState, StepLoss, check_rate,
 };
-use crate::model::quantise::{STEPS, scales};
+use crate::model::quantise::scales;
 use dfdx::prelude::*;
 use dfdx::tensor_ops::AdamConfig;
-use half::f16;
+use forward::Network;
 use nerf_core::camera::SceneBox;
-use nerf_core::encoding::{DirectionEncoding, GridEncoding, GridLevel, encode_block, encode_harmonics_block};
-use nerf_core::math::MathBackend;
-use nerf_core::network::EXPONENTIAL_LIMIT;
-use nerf_core::simd::Isa;
+use nerf_core::encoding::GridEncoding;
 use std::borrow::Cow;
 use std::ops::Range;
+use terms::{distortion, surfaces, with_gradient_scaled};
 
 /// Trains the grid of a scene by dfdx's tape and dfdx's Adam: `--engine dfdx`, and the oracle of the fused engine.
 pub struct GridReferenceEngine {
@@ -39,13 +39,6 @@ pub struct GridReferenceEngine {
     /// Gradients by log gain of the last step's rays, with their photographs.
     gains: Vec<(u32, [f32; 3])>,
     device: Cpu,
-}
-
-/// The parameters of a step as tensors.
-struct Network {
-    layers: Vec<(Dense, Weights)>,
-    /// Values of all levels as the renderer reads them, `[entries][features]`; their gradient is that of the parameters.
-    table: Matrix,
 }
 
 impl GridReferenceEngine {
@@ -72,111 +65,6 @@ impl GridReferenceEngine {
         };
         let (model, device) = (model.clone(), Cpu::default());
         Ok(Self { model, grid, bounds, adam, state, gains: Vec::new(), device })
-    }
-
-    fn network(&self) -> Result<Network, EngineError> {
-        let parameters = &self.state.parameters;
-        let of = |dense: Dense| Ok((dense, Weights::of(&self.device, &dense, parameters)?));
-        let layers = self.model.layers().into_iter().map(of).collect::<Result<_, EngineError>>()?;
-        let mut table = parameters[self.model.layer_parameters()..].to_vec();
-        let features = usize::from(self.grid.features);
-        for (i, level) in self.grid.levels().enumerate() {
-            for value in &mut table[level.first * features..][..level.entries * features] {
-                if let Some(scale) = self.state.scales.get(i) {
-                    *value = (*value / scale).round_ties_even().clamp(-STEPS, STEPS) * scale;
-                }
-                *value = f16::from_f32(*value).to_f32();
-            }
-        }
-        let entries = table.len() / features;
-        Ok(Network { layers, table: self.device.try_tensor_from_vec(table, (entries, features))? })
-    }
-
-    /// Interpolated values, `[samples][levels · features]`: `Σ_corners weight · table[entry]`.
-    fn encode<T: Tape<f32, Cpu>>(
-        &self,
-        table: &Matrix,
-        positions: &[[f32; 3]],
-    ) -> Result<Matrix<T>, EngineError> {
-        let (mut entries, mut weights) = (Vec::new(), Vec::new());
-        let sides = (self.bounds.max - self.bounds.min).to_array();
-        for x in positions {
-            let unit: [f32; 3] =
-                std::array::from_fn(|axis| ((x[axis] - self.bounds.min[axis]) / sides[axis]).clamp(0.0, 1.0));
-            for level in self.grid.levels() {
-                for (entry, weight) in corners(&level, unit) {
-                    entries.push(entry);
-                    weights.push(weight);
-                }
-            }
-        }
-        let (reads, features) = (entries.len(), usize::from(self.grid.features));
-        let (samples, levels) = (positions.len(), self.grid.resolutions.len());
-        let entries = self.device.try_tensor_from_vec(entries, (reads,))?;
-        let weights = self.device.try_tensor_from_vec(weights, (reads,))?;
-        let read: Matrix<T> = table.retaped::<T>().try_gather(entries)?;
-        let read = read.try_mul(weights.try_broadcast_like::<_, Axis<1>>(&(reads, features))?)?;
-        let corners = read.try_reshape_like(&(samples * levels, reads / (samples * levels), features))?;
-        let sums = corners.try_sum::<(usize, usize), Axis<1>>()?;
-        Ok(sums.try_reshape_like(&(samples, levels * features))?)
-    }
-
-    /// The trunk's output, `[samples][width]`.
-    fn trunk<T: Tape<f32, Cpu>>(
-        &self,
-        network: &Network,
-        positions: &[[f32; 3]],
-    ) -> Result<Matrix<T>, EngineError> {
-        let mut h = self.encode::<T>(&network.table, positions)?;
-        for (_, weights) in network.layers.iter().filter(|(d, _)| matches!(d.part, Part::Trunk(_))) {
-            h = weights.apply(h, None)?.try_relu()?;
-        }
-        Ok(h)
-    }
-
-    /// sigma of each sample, on a tape of its own.
-    fn density<T: Tape<f32, Cpu>>(&self, network: &Network, h: &Matrix<T>) -> Result<Vector<T>, EngineError> {
-        let density = network.layers.iter().find(|(d, _)| d.part == Part::Density);
-        let (_, weights) = density.ok_or(EngineError::NoDensity)?;
-        let raw = weights.apply(h.with_empty_tape(), None)?;
-        let samples = raw.shape().0;
-        Ok(raw.try_reshape_like(&(samples,))?.try_clamp(f32::MIN, EXPONENTIAL_LIMIT)?.try_exp()?)
-    }
-
-    /// Colour of each row of features, `[rows][3]`, on a tape of its own.
-    fn colour(
-        &self,
-        network: &Network,
-        h: &Matrix<Taped>,
-        dirs: &[[f32; 3]],
-    ) -> Result<Matrix<Taped>, EngineError> {
-        let dirs = self.directions(dirs)?;
-        let mut h = h.with_empty_tape();
-        for (dense, weights) in &network.layers {
-            h = match dense.part {
-                Part::Colour(_) => weights.apply(h, dirs.as_ref())?.try_relu()?,
-                Part::Rgb => weights.apply(h, dirs.as_ref())?.try_sigmoid()?,
-                Part::Trunk(_) | Part::Density | Part::Feature => h,
-            };
-        }
-        Ok(h)
-    }
-
-    fn directions(&self, dirs: &[[f32; 3]]) -> Result<Option<Matrix>, EngineError> {
-        let Some(encoding) = &self.model.architecture.direction else { return Ok(None) };
-        let channels = encoding.outputs();
-        let mut values = vec![0.0; dirs.len() * channels];
-        for (dir, out) in dirs.iter().zip(values.chunks_exact_mut(channels)) {
-            match encoding {
-                DirectionEncoding::Sinusoidal(encoding) => {
-                    encode_block(Isa::Portable, MathBackend::Polynomial, encoding, 1, dir, out);
-                }
-                DirectionEncoding::SphericalHarmonics { degree } => {
-                    encode_harmonics_block(Isa::Portable, *degree, 1, dir, out);
-                }
-            }
-        }
-        Ok(Some(self.device.try_tensor_from_vec(values, (dirs.len(), channels))?))
     }
 
     /// Adds loss and gradients of rays whose samples are `samples`.
@@ -373,65 +261,6 @@ impl GridReferenceEngine {
         }
         Ok(())
     }
-}
-
-/// The entries of a cell's corners, among those of all levels, and their trilinear weights.
-fn corners(level: &GridLevel, unit: [f32; 3]) -> [(usize, f32); 8] {
-    let at: [(u32, f32); 3] = std::array::from_fn(|axis| {
-        let along = unit[axis] * level.cells[axis] as f32;
-        let cell = along.floor().min(level.cells[axis] as f32 - 1.0);
-        (cell as u32, along - cell)
-    });
-    std::array::from_fn(|corner| {
-        let far = [0, 1, 2].map(|axis| corner as u32 >> axis & 1);
-        let [x, y, z] = [0, 1, 2].map(|axis| at[axis].0 + far[axis]);
-        let weight = (0..3).map(|axis| if far[axis] == 1 { at[axis].1 } else { 1.0 - at[axis].1 }).product();
-        (level.first + (level.row(y, z) + x) as usize, weight)
-    })
-}
-
-/// `x`, whose gradient is multiplied by `scale` on its way back.
-fn with_gradient_scaled<S: Shape>(
-    x: Tensor<S, f32, Cpu, Taped>,
-    scale: Tensor<S, f32, Cpu>,
-) -> Result<Tensor<S, f32, Cpu, Taped>, EngineError> {
-    let constant = x.device().try_tensor_from_vec(x.as_vec(), *x.shape())?;
-    // The difference is 0: the value stays what it is to the bit.
-    Ok(x.try_sub(constant.clone())?.try_mul(scale)?.try_add(constant)?)
-}
-
-/// What known surfaces add to the loss of the rays of these indices, on a tape of its own: see [`Surface`].
-fn surfaces(
-    rows: &Rows,
-    batch: &Batch,
-    indices: Range<usize>,
-    kept: &KeptSamples,
-    weights: &Matrix<Taped>,
-    left: &Vector<Taped>,
-) -> Result<Scalar, EngineError> {
-    let weight =
-        |ray: usize| batch.surfaces.get(ray).map_or(0.0, |surface| surface.weight) / batch.rays.len() as f32;
-    let counted = indices.clone().zip(&kept.counts);
-    let ray_of: Vec<usize> = counted.flat_map(|(ray, &count)| std::iter::repeat_n(ray, count)).collect();
-    let cost = rows.constants(|i| {
-        let (Some(surface), Some(along)) = (batch.surfaces.get(ray_of[i]), batch.along.get(kept.samples[i]))
-        else {
-            return 0.0;
-        };
-        weight(ray_of[i]) * (along - surface.at).abs().min(Surface::CLIP)
-    })?;
-    let passed = indices.map(|ray| weight(ray) * Surface::CLIP).collect::<Vec<_>>();
-    let passed = left.device().try_tensor_from_vec(passed, *left.shape())?;
-    let front = weights.with_empty_tape().try_mul(cost)?.try_sum::<Rank0, Axes2<0, 1>>()?;
-    Ok(front.try_add(left.with_empty_tape().try_mul(passed)?.try_sum::<Rank0, Axis<0>>()?)?)
-}
-
-/// `Σ_ij w_i w_j |s_i − s_j|` over all rays, of samples at distances `s` that ascend along each.
-fn distortion(rows: &Rows, weights: Matrix<Taped>, along: Matrix) -> Result<Scalar, EngineError> {
-    let front = rows.sums_in_front(weights.with_empty_tape())?;
-    let moments = rows.sums_in_front(weights.with_empty_tape().try_mul(along.clone())?)?;
-    let pairs = weights.try_mul(front.try_mul(along)?.try_sub(moments)?)?;
-    Ok(pairs.try_sum::<Rank0, Axes2<0, 1>>()?.try_mul(2.0)?)
 }
 
 impl Engine for GridReferenceEngine {

@@ -74,7 +74,8 @@ fn a_grid_shows_the_marched_rays_of_its_training_in_a_box() {
     let (bounds, occupancy) = find_bounds(&data, &config, None).unwrap();
     let bank = RayBank::new(&data.train, data.background, bounds, &config).unwrap();
     let (mut batch, s) = (Batch::default(), &config.sampling);
-    let width = bounds.step(s.steps_across);
+    // Twice as long at first.
+    let width = 2.0 * bounds.step(s.steps_across);
     let cells = MarchCells::new(occupancy.unwrap().live());
     bank.fill_marched(Isa::Portable, &mut batch, 3, s.rays, &cells, width);
     assert_eq!((scene.step.rays, scene.step.live), (batch.rays.len(), batch.positions.len()));

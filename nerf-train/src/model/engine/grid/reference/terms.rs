@@ -1,0 +1,51 @@
+//! Terms of the loss beside the squared error, on dfdx's tape.
+
+use crate::model::engine::grid::kept::KeptSamples;
+use crate::model::engine::tape::{Matrix, Rows, Scalar, Taped, Vector};
+use crate::model::engine::{Batch, EngineError, Surface};
+use dfdx::prelude::*;
+use std::ops::Range;
+
+/// `x`, whose gradient is multiplied by `scale` on its way back.
+pub(super) fn with_gradient_scaled<S: Shape>(
+    x: Tensor<S, f32, Cpu, Taped>,
+    scale: Tensor<S, f32, Cpu>,
+) -> Result<Tensor<S, f32, Cpu, Taped>, EngineError> {
+    let constant = x.device().try_tensor_from_vec(x.as_vec(), *x.shape())?;
+    // The difference is 0: the value stays what it is to the bit.
+    Ok(x.try_sub(constant.clone())?.try_mul(scale)?.try_add(constant)?)
+}
+
+/// What known surfaces add to the loss of the rays of these indices, on a tape of its own: see [`Surface`].
+pub(super) fn surfaces(
+    rows: &Rows,
+    batch: &Batch,
+    indices: Range<usize>,
+    kept: &KeptSamples,
+    weights: &Matrix<Taped>,
+    left: &Vector<Taped>,
+) -> Result<Scalar, EngineError> {
+    let weight =
+        |ray: usize| batch.surfaces.get(ray).map_or(0.0, |surface| surface.weight) / batch.rays.len() as f32;
+    let counted = indices.clone().zip(&kept.counts);
+    let ray_of: Vec<usize> = counted.flat_map(|(ray, &count)| std::iter::repeat_n(ray, count)).collect();
+    let cost = rows.constants(|i| {
+        let (Some(surface), Some(along)) = (batch.surfaces.get(ray_of[i]), batch.along.get(kept.samples[i]))
+        else {
+            return 0.0;
+        };
+        weight(ray_of[i]) * (along - surface.at).abs().min(Surface::CLIP)
+    })?;
+    let passed = indices.map(|ray| weight(ray) * Surface::CLIP).collect::<Vec<_>>();
+    let passed = left.device().try_tensor_from_vec(passed, *left.shape())?;
+    let front = weights.with_empty_tape().try_mul(cost)?.try_sum::<Rank0, Axes2<0, 1>>()?;
+    Ok(front.try_add(left.with_empty_tape().try_mul(passed)?.try_sum::<Rank0, Axis<0>>()?)?)
+}
+
+/// `Σ_ij w_i w_j |s_i − s_j|` over all rays, of samples at distances `s` that ascend along each.
+pub(super) fn distortion(rows: &Rows, weights: Matrix<Taped>, along: Matrix) -> Result<Scalar, EngineError> {
+    let front = rows.sums_in_front(weights.with_empty_tape())?;
+    let moments = rows.sums_in_front(weights.with_empty_tape().try_mul(along.clone())?)?;
+    let pairs = weights.try_mul(front.try_mul(along)?.try_sub(moments)?)?;
+    Ok(pairs.try_sum::<Rank0, Axes2<0, 1>>()?.try_mul(2.0)?)
+}
