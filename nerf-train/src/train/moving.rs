@@ -10,6 +10,7 @@
 //! trimmed squared errors, which masked texture too; connected regions in place of fixed windows.
 
 use crate::data::View;
+use crate::data::layouts::transforms::listed;
 use crate::model::config::MovingObjects;
 use crate::model::engine::Batch;
 use serde::{Deserialize, Serialize};
@@ -75,13 +76,55 @@ pub struct Moving {
 
 /// A photograph that shows something which the others contradict.
 #[derive(Clone, Debug, PartialEq)]
+#[allow(missing_docs, reason = "the names say what they are")]
 pub struct Moved {
-    /// Index of the training photograph.
+    /// Index and name of the training photograph.
     pub view: usize,
+    pub name: String,
     /// Masked share of its pixels.
     pub share: f64,
     /// Which they are, row by row from the top.
     pub mask: Vec<bool>,
+}
+
+impl Moved {
+    /// Lets these pixels of the photograph not count, if others do.
+    pub fn leave_out_of(&self, view: &mut View) {
+        let counts: Vec<bool> =
+            self.mask.iter().enumerate().map(|(pixel, &masked)| !masked && view.counts(pixel)).collect();
+        if counts.contains(&true) {
+            view.mask = Some(counts);
+        }
+    }
+}
+
+/// What is said of them; nothing where there are none.
+pub fn in_words(moved: &[Moved]) -> Vec<String> {
+    let of = |moved: &[&Moved]| match moved {
+        [one] => format!("1 photograph ({})", one.name),
+        all => {
+            let names: Vec<&str> = all.iter().map(|moved| &*moved.name).collect();
+            format!("{} photographs ({})", all.len(), listed(&names))
+        }
+    };
+    let (most, some): (Vec<&Moved>, Vec<&Moved>) = moved.iter().partition(|moved| moved.share > 0.5);
+    let mut words = Vec::new();
+    if !some.is_empty() {
+        words.push(format!(
+            "something moved in {}: {:.0} % of their pixels, which the other photographs contradict, are left out \
+             of the fit; --report shows which (moving = \"off\" under [capture] keeps them)",
+            of(&some),
+            100.0 * some.iter().map(|moved| moved.share).sum::<f64>() / some.len() as f64
+        ));
+    }
+    if !most.is_empty() {
+        words.push(format!(
+            "the other photographs contradict more than half of {}, which is left out of the fit: a wrong pose, or \
+             another place or time; take them out of the data set",
+            of(&most)
+        ));
+    }
+    words
 }
 
 impl Moving {
@@ -183,11 +226,11 @@ impl Moving {
     /// The photographs of which something is masked.
     pub fn found(&self, views: &[View]) -> Vec<Moved> {
         let of = |(view, tiles): (usize, &Tiles)| {
-            let mask: Vec<bool> = (0..views[view].pixels.len() as u32)
-                .map(|pixel| self.masked[tiles.patch(pixel)])
-                .collect();
+            let mask: Vec<bool> =
+                (0..views[view].pixels.len() as u32).map(|pixel| self.masked[tiles.patch(pixel)]).collect();
             let count = mask.iter().filter(|&&masked| masked).count();
-            Moved { view, share: count as f64 / mask.len().max(1) as f64, mask }
+            let share = count as f64 / mask.len().max(1) as f64;
+            Moved { view, name: views[view].name.clone(), share, mask }
         };
         let some = |(_, tiles): &(usize, &Tiles)| self.masked[tiles.range()].contains(&true);
         self.tiles.iter().enumerate().filter(some).map(of).collect()
@@ -234,4 +277,94 @@ fn regions(tiles: &Tiles, errors: &[Option<f32>], limit: f32) -> impl Iterator<I
         }
     }
     masked.into_iter()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::data::demo::{DemoSpec, dataset};
+
+    const SIDE: u32 = 80;
+
+    /// Photographs, and what moved in them after a decision on these errors by photograph, column and row.
+    fn decided(moving: &mut Moving, views: &[View], error: impl Fn(usize, u32, u32) -> f32) -> Vec<Moved> {
+        for view in 0..views.len() {
+            let pixels: Vec<u32> = (0..SIDE * SIDE).collect();
+            let of = |&pixel: &u32| (pixel, [error(view, pixel % SIDE, pixel / SIDE); 3]);
+            let errors: Vec<(u32, [f32; 3])> = pixels.iter().map(of).collect();
+            let batch = Batch { views: vec![view as u32; pixels.len()], pixels, ..Batch::default() };
+            moving.add(&batch, errors.iter());
+        }
+        moving.step(EVERY - 2);
+        assert!(moving.sums.as_flattened().iter().any(|&sum| sum != 0.0), "it is not time yet");
+        moving.step(EVERY - 1);
+        moving.found(views)
+    }
+
+    fn views() -> Vec<View> {
+        let spec = DemoSpec { train: 9, val: 1, size: SIDE, ..DemoSpec::default() };
+        dataset(&spec).expect("a scene").train
+    }
+
+    /// Grain of a mean of zero, as of texture that is not fitted yet.
+    fn grain(x: u32, y: u32, size: f32) -> f32 {
+        if (x + y).is_multiple_of(2) { size } else { -size }
+    }
+
+    fn is_figure(view: usize, x: u32, y: u32) -> bool {
+        view == 4 && (20..44).contains(&x) && (16..56).contains(&y)
+    }
+
+    #[test]
+    fn a_region_of_another_colour_is_masked_and_taken_back() {
+        let views = views();
+        let mut moving = Moving::of(&views, MovingObjects::Auto).expect("enough photographs");
+        let figure = |view, x, y| grain(x, y, 0.1) + if is_figure(view, x, y) { 0.25 } else { 0.0 };
+        let found = decided(&mut moving, &views, figure);
+        assert_eq!(found.iter().map(|moved| moved.view).collect::<Vec<_>>(), [4]);
+        let (mut hit, mut beside) = (0, 0);
+        for (pixel, _) in found[0].mask.iter().enumerate().filter(|(_, masked)| **masked) {
+            let (x, y) = (pixel as u32 % SIDE, pixel as u32 / SIDE);
+            if is_figure(4, x, y) { hit += 1 } else { beside += 1 }
+        }
+        // Two patches of four pixels around it.
+        assert!(hit == 24 * 40 && beside <= 40 * 56 - 24 * 40, "{hit}, {beside}");
+
+        let mut batch = Batch {
+            views: vec![4, 4, 3],
+            pixels: vec![30 * SIDE + 30, 0, 30 * SIDE + 30],
+            ..Batch::default()
+        };
+        moving.weigh(&mut batch);
+        assert_eq!(batch.weights, [0.0, 1.0, 1.0]);
+        assert_eq!(decided(&mut moving, &views, |_, x, y| grain(x, y, 0.1)), []);
+        moving.weigh(&mut batch);
+        assert!(batch.weights.is_empty());
+    }
+
+    #[test]
+    fn texture_exposure_small_things_and_captures_that_are_wrong_as_a_whole_are_not_masked() {
+        let views = views();
+        let found = |error: &dyn Fn(usize, u32, u32) -> f32| {
+            let mut moving = Moving::of(&views, MovingObjects::Auto).expect("enough photographs");
+            decided(&mut moving, &views, error).len()
+        };
+        assert_eq!(found(&|view, x, y| grain(x, y, if is_figure(view, x, y) { 0.6 } else { 0.1 })), 0);
+        assert_eq!(found(&|view, x, y| grain(x, y, 0.1) + if view == 4 { 0.3 } else { 0.0 }), 0);
+        assert_eq!(found(&|view, x, y| if view == 4 && x < 8 && y < 8 { 0.6 } else { grain(x, y, 0.1) }), 0);
+        let halves =
+            |view: usize, x: u32, y: u32| grain(x, y, 0.1) + if x < 36 { [-0.3, 0.3][view % 2] } else { 0.0 };
+        assert_eq!(found(&halves), 0);
+        assert!(Moving::of(&views, MovingObjects::Off).is_none());
+        assert!(Moving::of(&views[..7], MovingObjects::Auto).is_none());
+    }
+
+    #[test]
+    fn the_words_name_photographs_and_those_that_are_contradicted_as_a_whole() {
+        assert!(in_words(&[]).is_empty());
+        let of = |name: &str, share| Moved { view: 0, name: name.into(), share, mask: Vec::new() };
+        let words = in_words(&[of("a.jpg", 0.1), of("b.jpg", 0.2), of("c.jpg", 0.7)]);
+        assert!(words[0].contains("2 photographs (a.jpg, b.jpg): 15 %"), "{words:?}");
+        assert!(words[1].contains("more than half of 1 photograph (c.jpg)"), "{words:?}");
+    }
 }

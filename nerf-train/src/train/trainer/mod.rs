@@ -364,7 +364,8 @@ impl<'d> Trainer<'d> {
         let refreshed = self.config.occupancy.skip
             && (self.progressed.step + 1).is_multiple_of(self.config.occupancy.every);
         let width = self.step_width(share);
-        let Self { bank, batch, ahead, cells, phases, progressed: p, kernel, gains, poses, moving, .. } = self;
+        let Self { bank, batch, ahead, cells, phases, progressed: p, kernel, gains, poses, moving, .. } =
+            self;
         if let Some(gains) = gains {
             gains.factors(&batch.views, &mut batch.gains);
         }
@@ -544,7 +545,8 @@ impl<'d> Trainer<'d> {
             Some(_) => Poses::of(self.dataset, self.sights.is_some(), self.config.capture.poses),
             None => (None, None),
         };
-        self.moving = self.moving.as_ref().and_then(|_| Moving::of(&self.dataset.train, self.config.capture.moving));
+        self.moving =
+            self.moving.as_ref().and_then(|_| Moving::of(&self.dataset.train, self.config.capture.moving));
         self.bank.set_cameras(given(&self.dataset.train));
         self.forget_marched();
         self.average.clear();

@@ -506,13 +506,7 @@ impl Scratch {
     }
 
     /// Sum of the pixels' squared errors; the gradients of colours before their sigmoid in `upper`, of raw densities in `d_raw`.
-    fn loss(
-        &mut self,
-        job: &Job<'_>,
-        batch: &Batch,
-        rays: Range<usize>,
-        pass: &mut Pass,
-    ) -> f64 {
+    fn loss(&mut self, job: &Job<'_>, batch: &Batch, rays: Range<usize>, pass: &mut Pass) -> f64 {
         let mut squared = 0.0;
         let kept = self.kept_row.len();
         grow(&mut self.upper, padded(kept) * VECTOR);
