@@ -5,6 +5,7 @@
 
 use super::average::Average;
 use super::exposure::{ExposureFound, Gains};
+use super::moving::Moving;
 use super::poses::{Poses, PosesFound};
 use super::{CurvePoint, Progressed};
 use crate::data::Dataset;
@@ -21,7 +22,7 @@ use serde_json::Value;
 use std::path::{Path, PathBuf};
 
 /// First bytes of a checkpoint; the last is the version.
-const MAGIC: [u8; 8] = *b"NERFCKP\x09";
+const MAGIC: [u8; 8] = *b"NERFCKP\x0a";
 
 /// A run, stopped between two steps.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -46,6 +47,8 @@ pub struct Checkpoint {
     pub poses: Option<Poses>,
     /// What was found of them, once it is known.
     pub poses_found: Option<PosesFound>,
+    /// What moved in the photographs.
+    pub moving: Option<Moving>,
     /// Counters of the loop.
     pub progressed: Progressed,
     /// The curve so far.

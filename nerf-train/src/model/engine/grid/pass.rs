@@ -89,6 +89,8 @@ pub(super) struct Pass {
     pub kept: Kept,
     /// Gradients by log gain, with the photographs they are of.
     pub gains: Vec<(u32, [f32; 3])>,
+    /// Colour errors of rays, by index in the batch, whose photographs are given.
+    pub errors: Vec<(u32, [f32; 3])>,
     /// Gradients by rays, where those are asked for.
     pub rays: Vec<RayGradient>,
 }
@@ -156,6 +158,7 @@ impl Pass {
         self.sums.clear();
         self.kept.clear();
         self.gains.clear();
+        self.errors.clear();
         self.rays.clear();
     }
 }
@@ -189,7 +192,7 @@ impl Scratch {
             self.colour(job, batch, rays.clone());
         }
         let now = self.phases.lap(Phase::Forward, now);
-        pass.totals.squared += self.loss(job, batch, rays, &mut pass.gains);
+        pass.totals.squared += self.loss(job, batch, rays, pass);
         let now = self.phases.lap(Phase::Composite, now);
         if kept > 0 {
             self.backward(job, batch, pass);
@@ -503,13 +506,7 @@ impl Scratch {
     }
 
     /// Sum of the pixels' squared errors; the gradients of colours before their sigmoid in `upper`, of raw densities in `d_raw`.
-    fn loss(
-        &mut self,
-        job: &Job<'_>,
-        batch: &Batch,
-        rays: Range<usize>,
-        gains: &mut Vec<(u32, [f32; 3])>,
-    ) -> f64 {
+    fn loss(&mut self, job: &Job<'_>, batch: &Batch, rays: Range<usize>, pass: &mut Pass) -> f64 {
         let mut squared = 0.0;
         let kept = self.kept_row.len();
         grow(&mut self.upper, padded(kept) * VECTOR);
@@ -534,10 +531,12 @@ impl Scratch {
             let gain = batch.gains.get(index).copied().unwrap_or([1.0; 3]);
             let error: [f32; 3] =
                 std::array::from_fn(|k| clipped_error(gain[k] * seen[k], ray.rgb[k], gain[k]));
-            squared += error.iter().map(|&e| f64::from(e) * f64::from(e)).sum::<f64>();
-            let gradient: [f32; 3] = std::array::from_fn(|k| scale * error[k] * gain[k]);
+            let weight = batch.weights.get(index).copied().unwrap_or(1.0);
+            squared += f64::from(weight) * error.iter().map(|&e| f64::from(e) * f64::from(e)).sum::<f64>();
+            let gradient: [f32; 3] = std::array::from_fn(|k| scale * weight * error[k] * gain[k]);
             if let Some(&view) = batch.views.get(index) {
-                gains.push((view, std::array::from_fn(|k| gradient[k] * seen[k])));
+                pass.errors.push((index as u32, error));
+                pass.gains.push((view, std::array::from_fn(|k| gradient[k] * seen[k])));
             }
             let mut behind = ray.background.map(|c| c * state.left);
             let mut behind_by_weight = by_left * state.left;
