@@ -119,8 +119,8 @@ pub fn in_words(moved: &[Moved]) -> Vec<String> {
     }
     if !most.is_empty() {
         words.push(format!(
-            "the other photographs contradict more than half of {}, which is left out of the fit: a wrong pose, or \
-             another place or time; take them out of the data set",
+            "{} with more than half of the pixels contradicted by the other photographs and left out of the fit: a wrong \
+             pose, or another place or time; take it out of the data set",
             of(&most)
         ));
     }
@@ -365,6 +365,6 @@ mod tests {
         let of = |name: &str, share| Moved { view: 0, name: name.into(), share, mask: Vec::new() };
         let words = in_words(&[of("a.jpg", 0.1), of("b.jpg", 0.2), of("c.jpg", 0.7)]);
         assert!(words[0].contains("2 photographs (a.jpg, b.jpg): 15 %"), "{words:?}");
-        assert!(words[1].contains("more than half of 1 photograph (c.jpg)"), "{words:?}");
+        assert!(words[1].contains("1 photograph (c.jpg) with more than half"), "{words:?}");
     }
 }
