@@ -1,5 +1,5 @@
 //! What wrong captures look like: the demo's scene before a room, photographed well and then disturbed in one way
-//! each, without gains and refined poses.
+//! each, without gains, refined poses and masks of what moved.
 //!
 //! `cargo bench -p nerf-train --bench disturbed -- FILE.png` fits each for 4,000 steps, prints PSNR of held-out views, and
 //! writes the picture of the guide's "When it goes wrong": one held-out view of each.
@@ -14,7 +14,7 @@ use nerf_train::data::system::progress::ProgressStyle;
 use nerf_train::data::{Background, Dataset, View, over};
 use nerf_train::fit::run::{Ended, RunOptions, run};
 use nerf_train::measure::frame;
-use nerf_train::model::config::{Exposure, PoseRefinement, Preset, Surroundings};
+use nerf_train::model::config::{Exposure, MovingObjects, PoseRefinement, Preset, Surroundings};
 use nerf_train::show::contact_sheet::{Cell, contact_sheet};
 use nerf_train::train::schedule::Budget;
 use std::path::Path;
@@ -48,8 +48,9 @@ fn main() {
         let options = RunOptions { report: true, validate_every: Some(u32::MAX), ..options };
         let mut config = read_config(Preset::Grid, None, Surroundings::Unbounded).expect("settings");
         config.optimiser.steps = STEPS;
-        // What would mend exposure and poses.
+        // What would mend exposure, poses and what moved.
         (config.capture.exposure, config.capture.poses) = (Exposure::Shared, PoseRefinement::Given);
+        config.capture.moving = MovingObjects::Off;
         let Ended::Finished(outcome) = run(&capture, config, &options, &|_| false).expect("a run") else {
             unreachable!("nobody stops it")
         };

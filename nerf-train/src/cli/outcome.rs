@@ -1,15 +1,17 @@
 //! What a training run says in the end.
 
-use super::common::{background_name, tell};
+use super::common::{background_name, print_lines, tell};
 use crate::fit::direction::ViewDependence;
 use crate::fit::finish::Outcome;
 use crate::measure::inspect;
 use crate::show::reports::fit::count;
+use crate::train::moving::in_words;
 use nerf_core::blob::Blob;
 use std::path::Path;
 
 /// Prints the result.
 pub fn print(outcome: &Outcome, output: &Path) -> anyhow::Result<()> {
+    print_lines(in_words(&outcome.moved))?;
     print_validation(outcome)?;
     outln!("trained: {} steps in {:.1} s", outcome.steps, outcome.train_seconds);
     if outcome.reseeds > 0 {

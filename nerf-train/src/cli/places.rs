@@ -90,7 +90,7 @@ pub const FRAME: Pattern = any("", "frame_", "png");
 /// The report of `fit`.
 pub const FIT: Contents = Contents {
     files: &["summary.json", "data.json", "curve.csv", "curve.svg", "curve_steps.svg"],
-    patterns: &[any("", "", "png"), any("snapshots", "step_", "png")],
+    patterns: &[any("", "", "png"), any("snapshots", "step_", "png"), any("moved", "", "png")],
 };
 
 /// What `fit --live` keeps beside a page.

@@ -14,6 +14,7 @@ use crate::train::CurvePoint;
 use crate::train::Snapshot;
 use crate::train::candidate::{About, Candidate};
 use crate::train::exposure::ExposureFound;
+use crate::train::moving::Moved;
 use crate::train::poses::PosesFound;
 use nerf_core::plan::Quality;
 use std::time::Instant;
@@ -45,6 +46,8 @@ pub struct Outcome {
     pub poses: Option<PosesFound>,
     /// What was found of the photographs' exposure, where that was asked.
     pub exposure: Option<ExposureFound>,
+    /// Training photographs of which something that moved was left out of the loss.
+    pub moved: Vec<Moved>,
     /// Some of those views as rendered, if the run was to keep them.
     pub shown: Vec<Shown>,
     /// The background of the scores, display-encoded.
@@ -160,6 +163,7 @@ impl Session<'_, '_> {
             refined_poses,
             poses: self.trainer.poses(),
             exposure: self.trainer.exposure(),
+            moved: self.trainer.moved(),
             shown,
             background,
             flat_psnr_db: mean_flat_psnr_db(flats),
@@ -253,7 +257,7 @@ impl Session<'_, '_> {
         Ok((scores, lattice, shown))
     }
 
-    /// Scores of all training photographs, on a lattice that takes no longer than a question.
+    /// Scores of all training photographs without what moved, on a lattice that takes no longer than a question.
     fn score_training(&self, draft: &[u8]) -> Result<Vec<ViewScore>, EvalError> {
         let train = &self.dataset.train;
         let (pixels, largest) = pixels_of(train);
@@ -261,8 +265,11 @@ impl Session<'_, '_> {
         let lattice =
             lattice_of(pixels, some).max(self.pace.lattice(pixels, largest, self.pace.share(QUESTION_SHARE)));
         let seen = train.iter().zip(self.trainer.training_cameras());
-        let thinned: Vec<_> =
-            seen.map(|(view, camera)| view.seen_from(camera).thinned(lattice).into_owned()).collect();
+        let mut views: Vec<View> = seen.map(|(view, camera)| view.seen_from(camera)).collect();
+        for moved in self.trainer.moved() {
+            moved.leave_out_of(&mut views[moved.view]);
+        }
+        let thinned: Vec<_> = views.iter().map(|view| view.thinned(lattice).into_owned()).collect();
         let (kernel, background) = (self.options.kernel, self.trainer.background());
         let scores =
             measure(draft, None, kernel, &Quality::default(), background, &thinned, |_, _, _, _| {})?;

@@ -15,6 +15,7 @@ use crate::measure::eval::EvalError;
 use crate::model::config::Config;
 use crate::train::candidate::About;
 use crate::train::checkpoint::{Checkpoint, CheckpointError};
+use crate::train::moving::in_words;
 use crate::train::schedule::{Budget, Clock, Done, TooShort, duration};
 use crate::train::{Progressed, RESEEDS, TrainError, Trainer};
 use nerf_core::Kernel;
@@ -239,6 +240,7 @@ impl Task for Session<'_, '_> {
     fn step(&mut self, share: f64, progress: &Progress) -> Result<(), RunError> {
         let before = self.trainer.progressed().reseeds;
         let (exposure, poses) = (self.trainer.exposure(), self.trainer.poses());
+        let moved = self.trainer.has_moved();
         // On a thread of the pool, so that the parts of a step need not wake it one by one.
         rayon::scope(|_| self.trainer.step(share))?;
         if let Some(found) = self.trainer.exposure().filter(|found| Some(*found) != exposure) {
@@ -246,6 +248,9 @@ impl Task for Session<'_, '_> {
         }
         if let Some(found) = self.trainer.poses().filter(|found| Some(*found) != poses) {
             progress.println(found.to_string());
+        }
+        if self.trainer.has_moved() && !moved {
+            in_words(&self.trainer.moved()).into_iter().for_each(|words| progress.println(words));
         }
         let p = *self.trainer.progressed();
         if p.reseeds != before {

@@ -10,6 +10,7 @@ use crate::measure::eval::Scores;
 use crate::measure::inspect::GridSummary;
 use crate::model::config::Config;
 use crate::model::engine::EngineKind;
+use crate::train::moving::Moved;
 use nerf_core::Kernel;
 use nerf_core::blob::Blob;
 use serde::Serialize;
@@ -34,6 +35,7 @@ pub struct Summary {
     pub poses_refined: bool,
     pub exposure_spread: Option<f64>,
     pub exposure_fitted: bool,
+    pub moved: Vec<MovedView>,
     pub views: usize,
     pub flat: bool,
     pub flat_psnr_db: f64,
@@ -102,6 +104,7 @@ impl Summary {
             poses_refined: outcome.refined_poses.is_some(),
             exposure_spread: outcome.exposure.map(|found| found.spread),
             exposure_fitted: outcome.exposure.is_some_and(|found| found.fitted),
+            moved: outcome.moved.iter().map(MovedView::of).collect(),
             views: outcome.scores.views.len(),
             flat: outcome.flat,
             flat_psnr_db: outcome.flat_psnr_db,
@@ -134,6 +137,20 @@ impl Summary {
             data: data.into(),
             blob: blob.display().to_string(),
         }
+    }
+}
+
+/// A training photograph of which something that moved was left out of the loss.
+#[derive(Debug, Serialize)]
+#[allow(missing_docs, reason = "the names say what they are, and in which unit")]
+pub struct MovedView {
+    pub view: String,
+    pub masked_share: Short,
+}
+
+impl MovedView {
+    fn of(moved: &Moved) -> Self {
+        Self { view: moved.name.clone(), masked_share: Short(moved.share as f32) }
     }
 }
 

@@ -5,6 +5,7 @@
 
 use super::average::Average;
 use super::exposure::{ExposureFound, Gains};
+use super::moving::Moving;
 use super::poses::{Poses, PosesFound};
 use super::{CurvePoint, Progressed};
 use crate::data::Dataset;
@@ -46,6 +47,8 @@ pub struct Checkpoint {
     pub poses: Option<Poses>,
     /// What was found of them, once it is known.
     pub poses_found: Option<PosesFound>,
+    /// What moved in the photographs.
+    pub moving: Option<Moving>,
     /// Counters of the loop.
     pub progressed: Progressed,
     /// The curve so far.

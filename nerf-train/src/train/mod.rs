@@ -5,6 +5,7 @@ mod bounds;
 pub mod checkpoint;
 pub mod exposure;
 pub mod field;
+pub mod moving;
 pub mod occupancy;
 pub mod poses;
 pub mod rays;

@@ -1,16 +1,17 @@
 //! Same seed, same blob; dead ends are reported.
 
-use crate::{fit, scene, tiny, tiny_grid, tiny_posed, tiny_seed};
+use crate::{fit, options, scene, tiny, tiny_grid, tiny_posed, tiny_seed};
 use glam::{Mat3, Vec2, Vec3};
 use nerf_core::Kernel;
 use nerf_core::blob::Blob;
 use nerf_core::camera::{Camera, Pose};
-use nerf_train::data::Background;
 use nerf_train::data::Dataset;
 use nerf_train::data::demo;
 use nerf_train::data::demo::DemoSpec;
 use nerf_train::data::system::progress::ProgressStyle;
-use nerf_train::fit::run::RunError;
+use nerf_train::data::{Background, over};
+use nerf_train::fit::finish::Outcome;
+use nerf_train::fit::run::{Ended, RunError, run};
 use nerf_train::lab::sweep::Job;
 use nerf_train::lab::sweep::Runner;
 use nerf_train::lab::sweep::Status;
@@ -19,7 +20,7 @@ use nerf_train::measure::metrics::psnr_db;
 use nerf_train::model::config::Config;
 use nerf_train::model::config::Density;
 use nerf_train::model::config::Jitter;
-use nerf_train::model::config::PoseRefinement;
+use nerf_train::model::config::{MovingObjects, PoseRefinement};
 use nerf_train::train::TrainError;
 use nerf_train::train::Trainer;
 use std::path::Path;
@@ -370,4 +371,53 @@ fn poses_that_are_off_are_refined() {
     let (before, after) = (mean(&given), mean(&found));
     println!("{before:.2} pixels, refined {after:.2} pixels");
     assert!(after < 0.6 * before, "{before:.2} pixels, refined {after:.2} pixels");
+}
+
+#[test]
+fn what_moved_is_left_out() {
+    let spec = DemoSpec { train: 60, val: 6, size: 48, ..DemoSpec::default() };
+    let mut dataset = demo::dataset(&spec).expect("a scene");
+    let in_front = |i: usize, pixel: usize| {
+        let (x, y) = (pixel % 48, pixel / 48);
+        let (left, top) = (7 * i % 28, 11 * i % 24);
+        i.is_multiple_of(3) && (left..left + 20).contains(&x) && (top..top + 24).contains(&y)
+    };
+    for view in dataset.train.iter_mut().chain(&mut dataset.val) {
+        for pixel in &mut view.pixels {
+            let [r, g, b] = over(*pixel, [0.5; 3]).map(|c| (255.0 * c + 0.5) as u8);
+            *pixel = [r, g, b, 255];
+        }
+    }
+    dataset.background = Background::Unknown;
+    for (i, view) in dataset.train.iter_mut().enumerate() {
+        let pixels = view.pixels.iter_mut().enumerate();
+        pixels.filter(|&(pixel, _)| in_front(i, pixel)).for_each(|(_, rgba)| *rgba = [40, 220, 90, 255]);
+    }
+    let with = |moving| {
+        let mut config = tiny_posed(1500, PoseRefinement::Given);
+        config.network.grid.as_mut().expect("a grid").log2_entries = 13;
+        config.sampling.live_samples = 2048;
+        config.capture.moving = moving;
+        config
+    };
+    let db = |outcome: &Outcome| outcome.scores.psnr_db().expect("validation views");
+    let [off, auto] =
+        [MovingObjects::Off, MovingObjects::Auto].map(|moving| fit(&dataset, &with(moving)).expect("a blob"));
+    println!("{:.2} dB, without what moved {:.2} dB", db(&off), db(&auto));
+    assert!(off.moved.is_empty() && db(&auto) > db(&off) + 1.0, "{:.2} dB, {:.2} dB", db(&off), db(&auto));
+    let right = auto.moved.iter().filter(|moved| moved.view.is_multiple_of(3)).count();
+    assert!(right >= 12 && auto.moved.len() == right, "{right} of 20, {} in all", auto.moved.len());
+
+    // The same bytes by one thread, and after a stop between decisions.
+    let pool = rayon::ThreadPoolBuilder::new().num_threads(1).build().expect("a pool");
+    let config = with(MovingObjects::Auto);
+    assert!(pool.install(|| fit(&dataset, &config)).expect("a blob").bytes == auto.bytes);
+    let folder = tempfile::tempdir().expect("a folder");
+    let file = |resume| options(&config, Some(folder.path().join("a.checkpoint")), resume);
+    run(&dataset, config.clone(), &file(false), &|step| step == 777).expect("a run");
+    let Ended::Finished(resumed) = run(&dataset, config.clone(), &file(true), &|_| false).expect("a run")
+    else {
+        unreachable!("nobody stops it")
+    };
+    assert!(resumed.bytes == auto.bytes && resumed.moved == auto.moved);
 }

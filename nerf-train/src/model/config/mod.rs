@@ -143,11 +143,19 @@ pub struct CaptureConfig {
     pub exposure: Exposure,
     /// Whether poses are refined.
     pub poses: PoseRefinement,
+    /// Whether what moved is left out of the loss.
+    pub moving: MovingObjects,
 }
 
 impl Default for CaptureConfig {
     fn default() -> Self {
-        Self { depth: 1.0, free_space: true, exposure: Exposure::Auto, poses: PoseRefinement::Auto }
+        Self {
+            depth: 1.0,
+            free_space: true,
+            exposure: Exposure::Auto,
+            poses: PoseRefinement::Auto,
+            moving: MovingObjects::Auto,
+        }
     }
 }
 
@@ -173,6 +181,16 @@ pub enum PoseRefinement {
     Refine,
     /// They stay as they are given.
     Given,
+}
+
+/// Whether what moved between photographs is left out of the loss.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum MovingObjects {
+    /// Where it is found.
+    Auto,
+    /// It is not searched for.
+    Off,
 }
 
 /// What the data says of what lies around a scene.

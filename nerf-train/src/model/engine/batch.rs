@@ -80,6 +80,8 @@ pub struct Batch {
     pub along: Vec<f32>,
     /// Index of each ray's photograph. Of a grid's batches of an unbounded scene only, as what follows.
     pub views: Vec<u32>,
+    /// Index of each ray's pixel in its photograph.
+    pub pixels: Vec<u32>,
     /// Where each ray begins, world.
     pub origins: Vec<[f32; 3]>,
     /// What is asked of the rays themselves, if anything is: the gradient that is followed leaves out that the colour
@@ -87,6 +89,8 @@ pub struct Batch {
     pub question: Option<RayQuestion>,
     /// Gain of each ray's photograph, red, green, blue; empty: 1.
     pub gains: Vec<[f32; 3]>,
+    /// Weight of each ray's squared error in the loss; empty: 1.
+    pub weights: Vec<f32>,
     /// Weight of the distortion loss, per unit of length of the space that the positions are in; 0 for none. Of a grid's
     /// batches only.
     pub distortion: f32,
@@ -103,9 +107,11 @@ impl Batch {
         self.surfaces.clear();
         self.along.clear();
         self.views.clear();
+        self.pixels.clear();
         self.origins.clear();
         self.question = None;
         self.gains.clear();
+        self.weights.clear();
     }
 
     /// Checks lengths and that every number is finite.
@@ -126,7 +132,9 @@ impl Batch {
             ("along", (towards, self.along.len())),
             ("surfaces", (rays.min(self.surfaces.len() as u64), self.surfaces.len())),
             ("views", a_ray(self.views.len())),
+            ("pixels", a_ray(self.pixels.len())),
             ("gains", a_ray(self.gains.len())),
+            ("weights", a_ray(self.weights.len())),
             ("origins", if self.question.is_some() { (rays, self.origins.len()) } else { (0, 0) }),
         ] {
             if expected != found as u64 {
@@ -140,7 +148,8 @@ impl Batch {
             return Err(BatchError::NonFinite { field: "gradient_scales", index: index.unwrap_or_default() });
         }
         let of_rays = [("along", &self.along[..]), ("gains", self.gains.as_flattened())];
-        let of_rays = of_rays.into_iter().chain([("origins", self.origins.as_flattened())]);
+        let origins = self.origins.as_flattened();
+        let of_rays = of_rays.into_iter().chain([("origins", origins), ("weights", &self.weights)]);
         if let Some((field, _)) = { of_rays }.find(|(_, values)| !sound(values)) {
             return Err(BatchError::NonFinite { field, index: 0 });
         }

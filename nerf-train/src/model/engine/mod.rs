@@ -200,6 +200,12 @@ pub trait Engine: Send {
         Box::new(std::iter::empty())
     }
 
+    /// Index and colour error, shown minus photographed, of each ray of the last batch whose photographs were given; none of
+    /// an engine that does not say.
+    fn errors(&self) -> Box<dyn Iterator<Item = &(u32, [f32; 3])> + '_> {
+        Box::new(std::iter::empty())
+    }
+
     /// Position and weight of the last step's samples that were trained on; none of an engine that does not say.
     fn weighted(&self) -> Box<dyn Iterator<Item = ([f32; 3], f32)> + '_> {
         Box::new(std::iter::empty())

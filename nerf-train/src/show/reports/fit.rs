@@ -4,7 +4,7 @@ use crate::data::names::FileNames;
 use crate::data::pictures::colour;
 use crate::data::pictures::rgb::Picture;
 use crate::data::pictures::rgb::ReportError;
-use crate::data::system::output::write_atomic;
+use crate::data::system::output::{ensure_folder, write_atomic};
 use crate::data::system::{printable, summary};
 use crate::data::{Dataset, Report};
 use crate::fit::finish::{Outcome, Shown};
@@ -29,6 +29,7 @@ pub fn write(
     write_curve(folder, outcome)?;
     write_snapshots(folder, outcome, dataset)?;
     write_views(folder, outcome, dataset)?;
+    write_moved(folder, outcome, dataset)?;
     write_data(folder, report)?;
     summary::write(summary, folder)?;
     Ok(())
@@ -112,6 +113,25 @@ fn write_views(folder: &Path, outcome: &Outcome, dataset: &Dataset) -> Result<()
     }
     if !cells.is_empty() {
         contact_sheet("Validation views", &cells, 4).write_png(folder.join("views.png"))?;
+    }
+    Ok(())
+}
+
+/// `moved/NAME.png`: training photographs, red where something that moved was left out of the loss.
+fn write_moved(folder: &Path, outcome: &Outcome, dataset: &Dataset) -> Result<(), ReportError> {
+    let (names, moved_folder) = (FileNames::of(&dataset.train), folder.join("moved"));
+    if !outcome.moved.is_empty() {
+        ensure_folder(&moved_folder)?;
+    }
+    for moved in &outcome.moved {
+        let view = &dataset.train[moved.view];
+        let (width, height) = view.size();
+        let mut rgb = view.composite_over(outcome.background);
+        for ([r, g, b], _) in rgb.iter_mut().zip(&moved.mask).filter(|(_, masked)| **masked) {
+            (*r, *g, *b) = (0.5 + 0.5 * *r, 0.5 * *g, 0.5 * *b);
+        }
+        let picture = Picture::new(width as usize, height as usize, rgb)?;
+        picture.write_png(moved_folder.join(format!("{}.png", names.at(moved.view))))?;
     }
     Ok(())
 }

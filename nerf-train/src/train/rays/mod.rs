@@ -65,8 +65,9 @@ struct Marched {
     surfaces: Vec<Surface>,
     /// How far along its ray each sample of those rays lies, 0 to 1.
     along: Vec<f32>,
-    /// View of each ray, and where it begins.
+    /// View of each ray, its pixel there, and where it begins.
     views: Vec<u32>,
+    pixels: Vec<u32>,
     origins: Vec<[f32; 3]>,
     time: Duration,
 }
@@ -259,7 +260,7 @@ impl<'d> RayBank<'d> {
                 let begun = Instant::now();
                 let range = chunk * CONTRACTED_CHUNK..rays.min((chunk + 1) * CONTRACTED_CHUNK);
                 let mut found = Marched::default();
-                for (index, view, ray, mut batch_ray) in self.targets(step, range, rays) {
+                for (index, (view, pixel), ray, mut batch_ray) in self.targets(step, range, rays) {
                     let before = found.samples.positions.len();
                     found.origins.push(ray.origin.to_array());
                     let (ray, start) = contraction.centred(&ray);
@@ -271,6 +272,7 @@ impl<'d> RayBank<'d> {
                     batch_ray.samples = (found.samples.positions.len() - before) as u32;
                     found.rays.push(batch_ray);
                     found.views.push(view as u32);
+                    found.pixels.push(pixel as u32);
                     if let Some((_, sight)) = self.sight(step, index, rays) {
                         let of_ray = |s: f32| (s - first) / (far - first);
                         found.along.extend(found.samples.steps[before..].iter().map(|&s| of_ray(s)));
@@ -289,6 +291,7 @@ impl<'d> RayBank<'d> {
             batch.surfaces.extend(found.surfaces);
             batch.along.extend(found.along);
             batch.views.extend(found.views);
+            batch.pixels.extend(found.pixels);
             batch.origins.extend(found.origins);
             batch.positions.extend(found.samples.positions);
             batch.deltas.extend(found.samples.deltas);
@@ -363,21 +366,21 @@ impl<'d> RayBank<'d> {
         }
     }
 
-    /// Rays `range` of a step that draws `rays`: the number of each, its view, the ray, and what it should show; without
-    /// samples.
+    /// Rays `range` of a step that draws `rays`: the number of each, its view and pixel, the ray, and what it should show;
+    /// without samples.
     fn targets(
         &self,
         step: u64,
         range: Range<usize>,
         rays: usize,
-    ) -> impl Iterator<Item = (u64, usize, Ray, BatchRay)> {
+    ) -> impl Iterator<Item = (u64, (usize, usize), Ray, BatchRay)> {
         // One after another: memory answers for many at a time, where each had to wait for it by itself.
         let sources: Vec<_> = range.clone().map(|index| self.source(step, index as u64, rays)).collect();
         let pixels: Vec<_> = sources.iter().map(|&(view, pixel)| self.views[view].pixels[pixel]).collect();
         let all = range.zip(sources).zip(pixels);
         all.map(move |((index, (view, pixel)), rgba)| {
             let (ray, target) = self.target(step, index as u64, (view, pixel), rgba);
-            (index as u64, view, ray, target)
+            (index as u64, (view, pixel), ray, target)
         })
     }
 

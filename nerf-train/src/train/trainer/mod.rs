@@ -10,6 +10,7 @@ use crate::train::Bounds;
 use crate::train::average::Average;
 use crate::train::checkpoint::{Checkpoint, fingerprint};
 use crate::train::exposure::{ExposureFound, Gains};
+use crate::train::moving::{Moved, Moving};
 use crate::train::occupancy::{Ask, Occupancy};
 use crate::train::poses::{Poses, PosesFound};
 use crate::train::rays::{MarchCells, RayBank};
@@ -62,6 +63,7 @@ pub struct Trainer<'d> {
     exposure: Option<ExposureFound>,
     poses: Option<Poses>,
     poses_found: Option<PosesFound>,
+    moving: Option<Moving>,
     /// The occupied cells as they are marched; none until they are asked for.
     cells: Option<MarchCells>,
     /// The next step's samples, where they were marched beside this step's update, and what they were marched with.
@@ -105,6 +107,10 @@ impl<'d> Trainer<'d> {
             true => Poses::of(dataset, sights.is_some(), config.capture.poses),
             false => (None, None),
         };
+        let moving = match unbounded {
+            true => Moving::of(&dataset.train, config.capture.moving),
+            false => None,
+        };
         let engine =
             engine_for(config.engine, &model, bounds.scene_box, config.adam(), config.seed, kernel.isa)?;
         let background = match dataset.background {
@@ -129,6 +135,7 @@ impl<'d> Trainer<'d> {
             exposure,
             poses,
             poses_found,
+            moving,
             cells: None,
             ahead: Default::default(),
             progressed: Progressed::default(),
@@ -157,6 +164,7 @@ impl<'d> Trainer<'d> {
         self.occupancy = checkpoint.occupancy;
         (self.gains, self.exposure) = (checkpoint.gains, checkpoint.exposure);
         (self.poses, self.poses_found) = (checkpoint.poses, checkpoint.poses_found);
+        self.moving = checkpoint.moving;
         let train = &self.dataset.train;
         self.bank.set_cameras(self.poses.as_ref().map_or_else(|| given(train), |poses| poses.cast(train)));
         self.forget_marched();
@@ -181,6 +189,10 @@ impl<'d> Trainer<'d> {
         let poses = checkpoint.poses.as_ref();
         let poses =
             poses.is_none_or(|poses| poses.is_of(&self.dataset.train) && self.bounds.contraction.is_some());
+        let moving = match (&checkpoint.moving, &self.moving) {
+            (Some(theirs), Some(_)) => theirs.is_of(&self.dataset.train),
+            (theirs, ours) => theirs.is_none() && ours.is_none(),
+        };
         let ascending = curve.is_sorted_by_key(|point| point.step);
         let curve = ascending && curve.last().is_none_or(|point| point.step <= p.step);
         let parts = [
@@ -189,6 +201,7 @@ impl<'d> Trainer<'d> {
             ("occupancy cells", cells),
             ("gains of photographs", gains),
             ("poses of photographs", poses),
+            ("patches of photographs", moving),
             ("points of the curve", curve),
         ];
         match parts.into_iter().find(|&(_, fits)| !fits) {
@@ -210,6 +223,7 @@ impl<'d> Trainer<'d> {
             exposure: self.exposure,
             poses: self.poses.clone(),
             poses_found: self.poses_found,
+            moving: self.moving.clone(),
             progressed: self.progressed,
             curve: self.curve.clone(),
             snapshots: self.snapshots.clone(),
@@ -257,6 +271,16 @@ impl<'d> Trainer<'d> {
     /// What is known of the photographs' poses so far.
     pub fn poses(&self) -> Option<PosesFound> {
         self.poses_found
+    }
+
+    /// Training photographs of which something is left out of the loss, as it is now.
+    pub fn moved(&self) -> Vec<Moved> {
+        self.moving.as_ref().map_or_else(Vec::new, |moving| moving.found(&self.dataset.train))
+    }
+
+    /// Whether there are any.
+    pub fn has_moved(&self) -> bool {
+        self.moving.as_ref().is_some_and(Moving::is_found)
     }
 
     /// Cameras of the training views as they are now.
@@ -341,7 +365,8 @@ impl<'d> Trainer<'d> {
         let refreshed = self.config.occupancy.skip
             && (self.progressed.step + 1).is_multiple_of(self.config.occupancy.every);
         let width = self.step_width(share);
-        let Self { bank, batch, ahead, cells, phases, progressed: p, kernel, gains, poses, .. } = self;
+        let Self { bank, batch, ahead, cells, phases, progressed: p, kernel, gains, poses, moving, .. } =
+            self;
         if let Some(gains) = gains {
             gains.factors(&batch.views, &mut batch.gains);
         }
@@ -350,6 +375,9 @@ impl<'d> Trainer<'d> {
             if poses.renew() {
                 bank.set_cameras(poses.cast(&self.dataset.train));
             }
+        }
+        if let Some(moving) = moving {
+            moving.weigh(batch);
         }
         let s = &self.config.sampling;
         let grid = self.config.network.grid.is_some();
@@ -367,6 +395,10 @@ impl<'d> Trainer<'d> {
         })?;
         self.learn_gains();
         self.learn_poses(share);
+        if let Some(moving) = &mut self.moving {
+            moving.add(&self.batch, self.engine.errors());
+            moving.step(self.progressed.step);
+        }
         self.mark_weighted(share);
         let p = &mut self.progressed;
         p.live_per_ray = live_per_ray;
@@ -514,6 +546,8 @@ impl<'d> Trainer<'d> {
             Some(_) => Poses::of(self.dataset, self.sights.is_some(), self.config.capture.poses),
             None => (None, None),
         };
+        self.moving =
+            self.moving.as_ref().and_then(|_| Moving::of(&self.dataset.train, self.config.capture.moving));
         self.bank.set_cameras(given(&self.dataset.train));
         self.forget_marched();
         self.average.clear();

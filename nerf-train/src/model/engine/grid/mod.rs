@@ -289,6 +289,10 @@ impl Engine for GridEngine {
         Box::new(self.passes.iter().flat_map(|pass| &pass.rays))
     }
 
+    fn errors(&self) -> Box<dyn Iterator<Item = &(u32, [f32; 3])> + '_> {
+        Box::new(self.passes.iter().flat_map(|pass| &pass.errors))
+    }
+
     fn weighted(&self) -> Box<dyn Iterator<Item = ([f32; 3], f32)> + '_> {
         Box::new(self.passes.iter().flat_map(|pass| {
             let Kept { positions: [x, y, z], weights, .. } = &pass.kept;

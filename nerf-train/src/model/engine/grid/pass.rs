@@ -68,6 +68,8 @@ pub(super) struct Pass {
     pub kept: Kept,
     /// Gradients by log gain, with the photographs they are of.
     pub gains: Vec<(u32, [f32; 3])>,
+    /// Colour errors of rays, by index in the batch, whose photographs are given.
+    pub errors: Vec<(u32, [f32; 3])>,
     /// Gradients by rays, where those are asked for.
     pub rays: Vec<RayGradient>,
 }
@@ -111,6 +113,7 @@ impl Pass {
         self.sums.clear();
         self.kept.clear();
         self.gains.clear();
+        self.errors.clear();
         self.rays.clear();
     }
 }
@@ -157,7 +160,7 @@ impl Scratch {
             self.shade.forward(job, Shaded { rays: &batch.rays[rays.clone()], states, samples });
         }
         let now = self.phases.lap(Phase::Forward, now);
-        pass.totals.squared += self.loss(batch, rays.clone(), &mut pass.gains);
+        pass.totals.squared += self.loss(batch, rays.clone(), pass);
         let now = self.phases.lap(Phase::Composite, now);
         if kept > 0 {
             self.backward(job, batch, rays.clone(), pass);
@@ -176,7 +179,7 @@ impl Scratch {
 
     /// Sum of the pixels' squared errors; the gradients by what the kept samples show, by their weights as far as those do
     /// not depend on colour, and by what is left behind them.
-    fn loss(&mut self, batch: &Batch, rays: Range<usize>, gains: &mut Vec<(u32, [f32; 3])>) -> f64 {
+    fn loss(&mut self, batch: &Batch, rays: Range<usize>, pass: &mut Pass) -> f64 {
         self.distort(batch);
         self.by_shown.clear();
         self.by_left.clear();
@@ -191,10 +194,12 @@ impl Scratch {
             let gain = batch.gains.get(index).copied().unwrap_or([1.0; 3]);
             let error: [f32; 3] =
                 std::array::from_fn(|k| clipped_error(gain[k] * seen[k], ray.rgb[k], gain[k]));
-            squared += error.iter().map(|&e| f64::from(e) * f64::from(e)).sum::<f64>();
-            let gradient: [f32; 3] = std::array::from_fn(|k| scale * error[k] * gain[k]);
+            let weight = batch.weights.get(index).copied().unwrap_or(1.0);
+            squared += f64::from(weight) * error.iter().map(|&e| f64::from(e) * f64::from(e)).sum::<f64>();
+            let gradient: [f32; 3] = std::array::from_fn(|k| scale * weight * error[k] * gain[k]);
             if let Some(&view) = batch.views.get(index) {
-                gains.push((view, std::array::from_fn(|k| gradient[k] * seen[k])));
+                pass.errors.push((index as u32, error));
+                pass.gains.push((view, std::array::from_fn(|k| gradient[k] * seen[k])));
             }
             self.by_shown.push(gradient);
             let of_background: f32 = gradient.iter().zip(ray.background).map(|(g, c)| g * c).sum();

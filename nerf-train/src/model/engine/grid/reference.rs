@@ -36,9 +36,29 @@ pub struct GridReferenceEngine {
     adam: Adam,
     /// Layers, then tables.
     state: OptimiserState,
-    /// Gradients by log gain of the last step's rays, with their photographs.
-    gains: Vec<(u32, [f32; 3])>,
+    of_rays: OfRays,
     device: Cpu,
+}
+
+/// What is told of the last step's rays.
+#[derive(Default)]
+struct OfRays {
+    /// Gradients by log gain, with their photographs.
+    gains: Vec<(u32, [f32; 3])>,
+    /// Colour errors, by index in the batch.
+    errors: Vec<(u32, [f32; 3])>,
+}
+
+/// Rays as the field shows them.
+struct Rendered {
+    /// Their part in the mean squared error.
+    mse: f32,
+    /// The same in the whole loss, on its tape.
+    total: Scalar,
+    /// Their gains, which that is differentiated by.
+    gains: Matrix,
+    /// Shown minus photographed, `[rays][3]`.
+    errors: Vec<f32>,
 }
 
 impl GridReferenceEngine {
@@ -64,7 +84,7 @@ impl GridReferenceEngine {
             ..OptimiserState::default()
         };
         let (model, device) = (model.clone(), Cpu::default());
-        Ok(Self { model, grid, bounds, adam, state, gains: Vec::new(), device })
+        Ok(Self { model, grid, bounds, adam, state, of_rays: OfRays::default(), device })
     }
 
     /// Adds loss and gradients of rays whose samples are `samples`.
@@ -75,7 +95,7 @@ impl GridReferenceEngine {
         (indices, samples): (Range<usize>, Range<usize>),
         loss: &mut StepLoss,
         gradients: &mut [f32],
-        gains: &mut Vec<(u32, [f32; 3])>,
+        of_rays: &mut OfRays,
     ) -> Result<(), EngineError> {
         let mut depths = Vec::new();
         if !samples.is_empty() {
@@ -91,22 +111,29 @@ impl GridReferenceEngine {
             for ((ray, left), index) in rays.iter().zip(&kept.left).zip(indices) {
                 let gain = batch.gains.get(index).copied().unwrap_or([1.0; 3]);
                 let shown = |k: usize| gain[k] * left * ray.background[k];
-                let squared: f64 = (0..3).map(|k| f64::from(shown(k) - ray.rgb[k]).powi(2)).sum();
+                let error = [0, 1, 2].map(|k| shown(k) - ray.rgb[k]);
+                let weight = batch.weights.get(index).copied().unwrap_or(1.0);
+                let squared: f64 =
+                    f64::from(weight) * error.map(|e| f64::from(e).powi(2)).iter().sum::<f64>();
                 if let Some(&view) = batch.views.get(index) {
-                    let scale = 2.0 / (3 * batch.rays.len()) as f32;
-                    gains.push((view, [0, 1, 2].map(|k| scale * (shown(k) - ray.rgb[k]) * shown(k))));
+                    let scale = 2.0 * weight / (3 * batch.rays.len()) as f32;
+                    of_rays.gains.push((view, [0, 1, 2].map(|k| scale * error[k] * shown(k))));
+                    of_rays.errors.push((index as u32, error));
                 }
                 loss.mse += squared / (3 * batch.rays.len()) as f64;
             }
             return Ok(());
         }
-        let (mse, total, factors) = self.render(network, batch, indices.clone(), &kept)?;
-        loss.mse += f64::from(mse);
-        let mut found = total.try_backward()?;
-        let by_factor = found.get_or_alloc_mut(&factors)?.to_vec();
-        for (index, by_factor) in indices.zip(by_factor.chunks_exact(3)) {
-            if let (Some(&view), Some(gain)) = (batch.views.get(index), batch.gains.get(index)) {
-                gains.push((view, [0, 1, 2].map(|k| gain[k] * by_factor[k])));
+        let rendered = self.render(network, batch, indices.clone(), &kept)?;
+        loss.mse += f64::from(rendered.mse);
+        let mut found = rendered.total.try_backward()?;
+        let by_factor = found.get_or_alloc_mut(&rendered.gains)?.to_vec();
+        let of_each = by_factor.chunks_exact(3).zip(rendered.errors.chunks_exact(3));
+        for (index, (by_factor, error)) in indices.zip(of_each) {
+            let Some(&view) = batch.views.get(index) else { continue };
+            of_rays.errors.push((index as u32, [error[0], error[1], error[2]]));
+            if let Some(gain) = batch.gains.get(index) {
+                of_rays.gains.push((view, [0, 1, 2].map(|k| gain[k] * by_factor[k])));
             }
         }
         let (layers, table) = gradients.split_at_mut(self.model.layer_parameters());
@@ -117,15 +144,14 @@ impl GridReferenceEngine {
         Ok(())
     }
 
-    /// The part that the `rays` of these indices have in the mean squared error; in the whole loss, on its tape; and
-    /// their gains, which that is differentiated by.
+    /// The rays of these indices.
     fn render(
         &self,
         network: &Network,
         batch: &Batch,
         indices: Range<usize>,
         kept: &KeptSamples,
-    ) -> Result<(f32, Scalar, Matrix), EngineError> {
+    ) -> Result<Rendered, EngineError> {
         let (device, rays) = (&self.device, &batch.rays[indices.clone()]);
         let of_rays = |of: fn(&BatchRay) -> [f32; 3]| {
             device.try_tensor_from_vec(rays.iter().flat_map(of).collect(), (rays.len(), 3))
@@ -163,10 +189,17 @@ impl GridReferenceEngine {
         let shown = with_tape(colour, mean.split_tape().1)
             .try_mul(opacity.try_broadcast_like::<_, Axis<1>>(&shape)?)?;
         let seen = over(shown, left, of_rays(|ray| ray.background)?)?;
-        let gains = indices.flat_map(|ray| batch.gains.get(ray).copied().unwrap_or([1.0; 3])).collect();
+        let gains =
+            indices.clone().flat_map(|ray| batch.gains.get(ray).copied().unwrap_or([1.0; 3])).collect();
         let gains = device.try_tensor_from_vec(gains, (rays.len(), 3))?;
         let seen = seen.try_mul(gains.retaped::<Taped>())?;
-        let error = squared_error(seen, of_rays(|ray| ray.rgb)?, 1.0 / (3 * batch.rays.len()) as f32)?;
+        let rgb = rays.iter().flat_map(|ray| ray.rgb);
+        let errors = seen.as_vec().into_iter().zip(rgb).map(|(seen, rgb)| seen - rgb).collect();
+        let root = |ray: usize| batch.weights.get(ray).map_or(1.0, |weight| weight.sqrt());
+        let roots = indices.flat_map(|ray| [root(ray); 3]).collect();
+        let roots: Matrix = device.try_tensor_from_vec(roots, (rays.len(), 3))?;
+        let target = of_rays(|ray| ray.rgb)?.try_mul(roots.clone())?;
+        let error = squared_error(seen.try_mul(roots)?, target, 1.0 / (3 * batch.rays.len()) as f32)?;
         let mse = error.array();
         let error = error.try_add(towards)?;
         let total = if batch.distortion == 0.0 {
@@ -176,7 +209,7 @@ impl GridReferenceEngine {
             let distortion = distortion(&rows, weights, rows.constants(|i| along[i])?)?;
             error.try_add(distortion.try_mul(batch.distortion / batch.rays.len() as f32)?)?
         };
-        Ok((mse, with_tape(total, h.split_tape().1), gains))
+        Ok(Rendered { mse, total: with_tape(total, h.split_tape().1), gains, errors })
     }
 
     /// Loss of a checked batch, and its gradients in the model's own order.
@@ -184,12 +217,12 @@ impl GridReferenceEngine {
         let network = self.network()?;
         let (mut chunks, mut loss) = (Vec::new(), StepLoss::default());
         let mut gradients = vec![0.0; self.state.parameters.len()];
-        let mut gains = Vec::new();
+        let mut of_rays = OfRays::default();
         cut(batch, TAPE_SAMPLES, &mut chunks);
         for chunk in chunks {
             // Culled space is not trained beside a grid.
             let Chunk::Rays { rays, samples } = chunk else { continue };
-            self.add_rays(&network, batch, (rays, samples), &mut loss, &mut gradients, &mut gains)?;
+            self.add_rays(&network, batch, (rays, samples), &mut loss, &mut gradients, &mut of_rays)?;
         }
         // The density's bias stays as it starts; the others have no part in a grid field.
         for dense in self.model.layers() {
@@ -199,7 +232,7 @@ impl GridReferenceEngine {
             return Err(EngineError::Diverged { step: self.state.steps + 1 });
         }
         loss.dead = loss.evaluated > 0 && loss.kept == 0;
-        self.gains = gains;
+        self.of_rays = of_rays;
         Ok((loss, gradients))
     }
 
@@ -273,7 +306,11 @@ impl Engine for GridReferenceEngine {
     }
 
     fn gain_gradients(&self, views: usize) -> Vec<[f32; 3]> {
-        gain_sums(&self.gains, views)
+        gain_sums(&self.of_rays.gains, views)
+    }
+
+    fn errors(&self) -> Box<dyn Iterator<Item = &(u32, [f32; 3])> + '_> {
+        Box::new(self.of_rays.errors.iter())
     }
 
     fn round_tables(&mut self) {

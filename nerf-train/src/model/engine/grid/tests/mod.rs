@@ -112,7 +112,7 @@ fn batch_of(rays: usize, seed: u64) -> Batch {
     batch
 }
 
-/// The batch with surfaces that half of its rays should end at, and with gains of three photographs.
+/// The batch with surfaces that half of its rays should end at, with gains of three photographs and with weights.
 fn exposed_towards_surfaces(mut batch: Batch) -> Batch {
     let towards = batch.rays.len().div_ceil(2);
     batch.surfaces =
@@ -122,6 +122,7 @@ fn exposed_towards_surfaces(mut batch: Batch) -> Batch {
     batch.along = (0..samples).map(|i| (i % 7) as f32 / 6.0).collect();
     batch.views = (0..batch.rays.len() as u32).map(|i| i % 3).collect();
     batch.gains = batch.views.iter().map(|&view| GAINS[view as usize]).collect();
+    batch.weights = (0..batch.rays.len()).map(|i| [0.5, 1.0, 0.0, 1.0][i % 4]).collect();
     batch
 }
 
@@ -366,6 +367,17 @@ fn gradients_of_tables_and_layers_are_those_of_the_tape() {
                     let apart = a.iter().zip(b).all(|(a, b)| (a - b).abs() < 1e-5);
                     assert!(apart, "{name}, {case}: {a:?}, {b:?}");
                 }
+                let errors = |engine: &dyn Engine| {
+                    let mut errors: Vec<(u32, [f32; 3])> = engine.errors().copied().collect();
+                    errors.sort_by_key(|&(ray, _)| ray);
+                    errors
+                };
+                let (a, b) = (errors(&tape), errors(&fused));
+                let apart = |(a, b): (&(u32, [f32; 3]), &(u32, [f32; 3]))| {
+                    a.0 != b.0 || a.1.iter().zip(b.1).any(|(a, b)| (a - b).abs() > 1e-5)
+                };
+                assert_eq!((a.len(), b.len()), (batch.views.len(), batch.views.len()), "{name}, {case}");
+                assert!(!a.iter().zip(&b).any(apart), "{name}, {case}: {a:?}, {b:?}");
                 assert!((loss.mse - expected_loss.mse).abs() < 1e-6, "{name}, {case}: {loss:?}");
                 assert_eq!((loss.kept, loss.dead), (expected_loss.kept, false), "{name}, {case}");
                 assert_eq!(loss.kept < count, matches!(case, "faint" | "gated"), "{name}, {case}");

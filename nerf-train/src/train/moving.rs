@@ -1,0 +1,370 @@
+//! What moved while photographs were taken, found by how the field errs and left out of its loss.
+//!
+//! Photographs are cut into square patches. A patch's error is the mean of its rays' errors with their signs: fine texture
+//! that is hard to fit is too bright here and too dark there, which cancels out, while something that only this photograph
+//! shows has another colour as a whole. Where patches that err together are large and far off, their rays have weight 0; they
+//! are drawn as before, so that what was masked wrongly is taken back.
+//!
+//! # Source
+//! Sabour et al. 2023 (RobustNeRF), patch-wise robust weights. Deviation: the signed mean of a patch's error in place of
+//! trimmed squared errors, which masked texture too; connected regions in place of fixed windows.
+
+use crate::data::View;
+use crate::data::layouts::transforms::listed;
+use crate::model::config::MovingObjects;
+use crate::model::engine::Batch;
+use serde::{Deserialize, Serialize};
+use std::ops::Range;
+
+/// Steps from one decision to the next.
+const EVERY: u32 = 500;
+/// Photographs from which on one can contradict the others.
+const FEWEST_VIEWS: usize = 8;
+/// Patches along the longer side of a photograph, and over all of them, at most: what a decision's rays suffice for.
+const PATCHES: [u32; 2] = [60, 90_000];
+/// Least side of a patch, pixels.
+const SMALLEST_SIDE: u32 = 4;
+/// Rays in three by three patches from which on their error is known.
+const KNOWN: f32 = 8.0;
+/// Error of a patch in a region: in medians over all patches, and at least; colours are from 0 to 1, root mean square.
+const OFF: (f32, f32) = (3.0, 0.03);
+/// Mean error of a region that is masked, and that times its share of the photograph. Clean captures have regions of up to
+/// 0.116, and 0.14 times 0.06; figures of a flat colour in front of the same captures 0.13 to 0.3, and from 0.015 on.
+const FAR_OFF: (f32, f32) = (0.125, 0.01);
+/// Share of all patches beyond which the capture is wrong as a whole and nothing is masked.
+const MOST: f32 = 0.3;
+
+/// How a photograph is cut into patches.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+struct Tiles {
+    first: usize,
+    columns: usize,
+    rows: usize,
+    /// Of a patch, and width of the photograph, pixels.
+    side: u32,
+    width: u32,
+}
+
+impl Tiles {
+    fn range(&self) -> Range<usize> {
+        self.first..self.first + self.columns * self.rows
+    }
+
+    /// The patch of a pixel.
+    fn patch(&self, pixel: u32) -> usize {
+        let (x, y) = (pixel % self.width / self.side, pixel / self.width / self.side);
+        self.first + y as usize * self.columns + x as usize
+    }
+
+    /// The patches within one of `patch`, which is counted from the photograph's first, itself among them.
+    fn around(&self, patch: usize) -> impl Iterator<Item = usize> + use<> {
+        let near = |at: usize, end: usize| at.saturating_sub(1)..(at + 2).min(end);
+        let columns = self.columns;
+        let across = near(patch % columns, columns);
+        near(patch / columns, self.rows).flat_map(move |y| across.clone().map(move |x| y * columns + x))
+    }
+}
+
+/// Patches of a run's photographs, their errors since the last decision, and which of them are masked.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Moving {
+    tiles: Vec<Tiles>,
+    /// Of the errors, red, green, blue, and how many.
+    sums: Vec<[f32; 4]>,
+    masked: Vec<bool>,
+}
+
+/// A photograph that shows something which the others contradict.
+#[derive(Clone, Debug, PartialEq)]
+#[allow(missing_docs, reason = "the names say what they are")]
+pub struct Moved {
+    /// Index and name of the training photograph.
+    pub view: usize,
+    pub name: String,
+    /// Masked share of its pixels.
+    pub share: f64,
+    /// Which they are, row by row from the top.
+    pub mask: Vec<bool>,
+}
+
+impl Moved {
+    /// Lets these pixels of the photograph not count, if others do.
+    pub fn leave_out_of(&self, view: &mut View) {
+        let counts: Vec<bool> =
+            self.mask.iter().enumerate().map(|(pixel, &masked)| !masked && view.counts(pixel)).collect();
+        if counts.contains(&true) {
+            view.mask = Some(counts);
+        }
+    }
+}
+
+/// What is said of them; nothing where there are none.
+pub fn in_words(moved: &[Moved]) -> Vec<String> {
+    let of = |moved: &[&Moved]| match moved {
+        [one] => format!("1 photograph ({})", one.name),
+        all => {
+            let names: Vec<&str> = all.iter().map(|moved| &*moved.name).collect();
+            format!("{} photographs ({})", all.len(), listed(&names))
+        }
+    };
+    let (most, some): (Vec<&Moved>, Vec<&Moved>) = moved.iter().partition(|moved| moved.share > 0.5);
+    let mut words = Vec::new();
+    if !some.is_empty() {
+        words.push(format!(
+            "something moved in {}: {:.0} % of their pixels, which the other photographs contradict, are left out \
+             of the fit; --report shows which (moving = \"off\" under [capture] keeps them)",
+            of(&some),
+            100.0 * some.iter().map(|moved| moved.share).sum::<f64>() / some.len() as f64
+        ));
+    }
+    if !most.is_empty() {
+        words.push(format!(
+            "{} with more than half of the pixels contradicted by the other photographs and left out of the fit: a wrong \
+             pose, or another place or time; take it out of the data set",
+            of(&most)
+        ));
+    }
+    words
+}
+
+impl Moving {
+    /// Of these photographs; `None` where nothing is to be masked.
+    pub fn of(views: &[View], setting: MovingObjects) -> Option<Self> {
+        if setting == MovingObjects::Off || views.len() < FEWEST_VIEWS {
+            return None;
+        }
+        let tiles = tiles(views);
+        let patches = tiles.last().map_or(0, |tiles| tiles.range().end);
+        Some(Self { tiles, sums: vec![[0.0; 4]; patches], masked: vec![false; patches] })
+    }
+
+    /// Whether they belong to `views` and are finite: a checkpoint may hold anything.
+    pub fn is_of(&self, views: &[View]) -> bool {
+        let patches = self.tiles.last().map_or(0, |tiles| tiles.range().end);
+        self.tiles == tiles(views)
+            && (self.sums.len(), self.masked.len()) == (patches, patches)
+            && self.sums.as_flattened().iter().all(|x| x.is_finite())
+    }
+
+    /// Weights of a batch's rays; none where all are 1.
+    pub fn weigh(&self, batch: &mut Batch) {
+        batch.weights.clear();
+        if self.masked.contains(&true) {
+            let rays = batch.views.iter().zip(&batch.pixels);
+            let masked = rays.map(|(&view, &pixel)| self.masked[self.tiles[view as usize].patch(pixel)]);
+            batch.weights.extend(masked.map(|masked| f32::from(u8::from(!masked))));
+        }
+    }
+
+    /// Adds the errors of a batch's rays, by their index.
+    pub fn add<'e>(&mut self, batch: &Batch, errors: impl Iterator<Item = &'e (u32, [f32; 3])>) {
+        for &(ray, [r, g, b]) in errors {
+            let at = batch.views.get(ray as usize).zip(batch.pixels.get(ray as usize));
+            let Some((&view, &pixel)) = at else { continue };
+            let sum = &mut self.sums[self.tiles[view as usize].patch(pixel)];
+            sum.iter_mut().zip([r, g, b, 1.0]).for_each(|(sum, x)| *sum += x);
+        }
+    }
+
+    /// Decides after step `step` what is masked, where it is time to.
+    pub fn step(&mut self, step: u32) {
+        if !(step + 1).is_multiple_of(EVERY) {
+            return;
+        }
+        let errors: Vec<Option<f32>> = self.tiles.iter().flat_map(|tiles| self.errors(tiles)).collect();
+        let mut known: Vec<f32> = errors.iter().copied().flatten().collect();
+        let middle = known.len() / 2;
+        let limit = match known.is_empty() {
+            true => f32::INFINITY,
+            false => (OFF.0 * *known.select_nth_unstable_by(middle, f32::total_cmp).1).max(OFF.1),
+        };
+        self.masked.fill(false);
+        for tiles in &self.tiles {
+            let masked = regions(tiles, &errors[tiles.range()], limit);
+            masked.for_each(|patch| self.masked[tiles.first + patch] = true);
+        }
+        let count = self.masked.iter().filter(|&&masked| masked).count();
+        if count as f32 > MOST * self.masked.len() as f32 {
+            self.masked.fill(false);
+        }
+        self.sums.fill([0.0; 4]);
+    }
+
+    /// Error of each patch of a photograph, by those around it too, beside the photograph's median; `None`: unknown.
+    fn errors(&self, tiles: &Tiles) -> Vec<Option<f32>> {
+        let sums = &self.sums[tiles.range()];
+        let mean = |patch: usize| {
+            let mut sum = [0.0f32; 4];
+            for of in tiles.around(patch) {
+                sum.iter_mut().zip(sums[of]).for_each(|(sum, x)| *sum += x);
+            }
+            let [r, g, b, count] = sum;
+            (count >= KNOWN).then(|| [r, g, b].map(|x| x / count))
+        };
+        let means: Vec<Option<[f32; 3]>> = (0..sums.len()).map(mean).collect();
+        let median = |channel: usize| {
+            let mut values: Vec<f32> = means.iter().flatten().map(|mean| mean[channel]).collect();
+            let middle = values.len() / 2;
+            if values.is_empty() {
+                return 0.0;
+            }
+            *values.select_nth_unstable_by(middle, f32::total_cmp).1
+        };
+        let medians = [0, 1, 2].map(median);
+        let beside = |mean: [f32; 3]| {
+            let squares = mean.iter().zip(medians).map(|(x, median)| (x - median).powi(2));
+            (squares.sum::<f32>() / 3.0).sqrt()
+        };
+        means.into_iter().map(|mean| mean.map(beside)).collect()
+    }
+
+    /// Whether anything is masked.
+    pub fn is_found(&self) -> bool {
+        self.masked.contains(&true)
+    }
+
+    /// The photographs of which something is masked.
+    pub fn found(&self, views: &[View]) -> Vec<Moved> {
+        let of = |(view, tiles): (usize, &Tiles)| {
+            let mask: Vec<bool> =
+                (0..views[view].pixels.len() as u32).map(|pixel| self.masked[tiles.patch(pixel)]).collect();
+            let count = mask.iter().filter(|&&masked| masked).count();
+            let share = count as f64 / mask.len().max(1) as f64;
+            Moved { view, name: views[view].name.clone(), share, mask }
+        };
+        let some = |(_, tiles): &(usize, &Tiles)| self.masked[tiles.range()].contains(&true);
+        self.tiles.iter().enumerate().filter(some).map(of).collect()
+    }
+}
+
+fn tiles(views: &[View]) -> Vec<Tiles> {
+    let pixels: u64 = views.iter().map(View::pixel_count).sum();
+    let least = (pixels as f64 / f64::from(PATCHES[1])).sqrt().ceil() as u32;
+    let mut first = 0;
+    let of = |view: &View| {
+        let (width, height) = view.size();
+        let side = width.max(height).div_ceil(PATCHES[0]).max(least).max(SMALLEST_SIDE);
+        let [columns, rows] = [width, height].map(|length| length.div_ceil(side) as usize);
+        let tiles = Tiles { first, columns, rows, side, width };
+        first = tiles.range().end;
+        tiles
+    };
+    views.iter().map(of).collect()
+}
+
+/// Patches of the regions that are masked, and those around them: `errors` beyond `limit` are off.
+fn regions(tiles: &Tiles, errors: &[Option<f32>], limit: f32) -> impl Iterator<Item = usize> + use<> {
+    let off = |patch: usize| errors[patch].filter(|&error| error > limit);
+    let (mut visited, mut masked) = (vec![false; errors.len()], Vec::new());
+    for start in 0..errors.len() {
+        if visited[start] || off(start).is_none() {
+            continue;
+        }
+        let (mut region, mut next) = (vec![start], 0);
+        visited[start] = true;
+        while let Some(&patch) = region.get(next) {
+            next += 1;
+            for near in tiles.around(patch) {
+                if !visited[near] && off(near).is_some() {
+                    visited[near] = true;
+                    region.push(near);
+                }
+            }
+        }
+        let sum: f32 = region.iter().filter_map(|&patch| off(patch)).sum();
+        if sum >= FAR_OFF.0 * region.len() as f32 && sum >= FAR_OFF.1 * errors.len() as f32 {
+            masked.extend(region.iter().flat_map(|&patch| tiles.around(patch)));
+        }
+    }
+    masked.into_iter()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::data::demo::{DemoSpec, dataset};
+
+    const SIDE: u32 = 80;
+
+    /// Photographs, and what moved in them after a decision on these errors by photograph, column and row.
+    fn decided(moving: &mut Moving, views: &[View], error: impl Fn(usize, u32, u32) -> f32) -> Vec<Moved> {
+        for view in 0..views.len() {
+            let pixels: Vec<u32> = (0..SIDE * SIDE).collect();
+            let of = |&pixel: &u32| (pixel, [error(view, pixel % SIDE, pixel / SIDE); 3]);
+            let errors: Vec<(u32, [f32; 3])> = pixels.iter().map(of).collect();
+            let batch = Batch { views: vec![view as u32; pixels.len()], pixels, ..Batch::default() };
+            moving.add(&batch, errors.iter());
+        }
+        moving.step(EVERY - 2);
+        assert!(moving.sums.as_flattened().iter().any(|&sum| sum != 0.0), "it is not time yet");
+        moving.step(EVERY - 1);
+        moving.found(views)
+    }
+
+    fn views() -> Vec<View> {
+        let spec = DemoSpec { train: 9, val: 1, size: SIDE, ..DemoSpec::default() };
+        dataset(&spec).expect("a scene").train
+    }
+
+    /// Grain of a mean of zero, as of texture that is not fitted yet.
+    fn grain(x: u32, y: u32, size: f32) -> f32 {
+        if (x + y).is_multiple_of(2) { size } else { -size }
+    }
+
+    fn is_figure(view: usize, x: u32, y: u32) -> bool {
+        view == 4 && (20..44).contains(&x) && (16..56).contains(&y)
+    }
+
+    #[test]
+    fn a_region_of_another_colour_is_masked_and_taken_back() {
+        let views = views();
+        let mut moving = Moving::of(&views, MovingObjects::Auto).expect("enough photographs");
+        let figure = |view, x, y| grain(x, y, 0.1) + if is_figure(view, x, y) { 0.25 } else { 0.0 };
+        let found = decided(&mut moving, &views, figure);
+        assert_eq!(found.iter().map(|moved| moved.view).collect::<Vec<_>>(), [4]);
+        let (mut hit, mut beside) = (0, 0);
+        for (pixel, _) in found[0].mask.iter().enumerate().filter(|(_, masked)| **masked) {
+            let (x, y) = (pixel as u32 % SIDE, pixel as u32 / SIDE);
+            if is_figure(4, x, y) { hit += 1 } else { beside += 1 }
+        }
+        // Two patches of four pixels around it.
+        assert!(hit == 24 * 40 && beside <= 40 * 56 - 24 * 40, "{hit}, {beside}");
+
+        let mut batch = Batch {
+            views: vec![4, 4, 3],
+            pixels: vec![30 * SIDE + 30, 0, 30 * SIDE + 30],
+            ..Batch::default()
+        };
+        moving.weigh(&mut batch);
+        assert_eq!(batch.weights, [0.0, 1.0, 1.0]);
+        assert_eq!(decided(&mut moving, &views, |_, x, y| grain(x, y, 0.1)), []);
+        moving.weigh(&mut batch);
+        assert!(batch.weights.is_empty());
+    }
+
+    #[test]
+    fn texture_exposure_small_things_and_captures_that_are_wrong_as_a_whole_are_not_masked() {
+        let views = views();
+        let found = |error: &dyn Fn(usize, u32, u32) -> f32| {
+            let mut moving = Moving::of(&views, MovingObjects::Auto).expect("enough photographs");
+            decided(&mut moving, &views, error).len()
+        };
+        assert_eq!(found(&|view, x, y| grain(x, y, if is_figure(view, x, y) { 0.6 } else { 0.1 })), 0);
+        assert_eq!(found(&|view, x, y| grain(x, y, 0.1) + if view == 4 { 0.3 } else { 0.0 }), 0);
+        assert_eq!(found(&|view, x, y| if view == 4 && x < 8 && y < 8 { 0.6 } else { grain(x, y, 0.1) }), 0);
+        let halves =
+            |view: usize, x: u32, y: u32| grain(x, y, 0.1) + if x < 36 { [-0.3, 0.3][view % 2] } else { 0.0 };
+        assert_eq!(found(&halves), 0);
+        assert!(Moving::of(&views, MovingObjects::Off).is_none());
+        assert!(Moving::of(&views[..7], MovingObjects::Auto).is_none());
+    }
+
+    #[test]
+    fn the_words_name_photographs_and_those_that_are_contradicted_as_a_whole() {
+        assert!(in_words(&[]).is_empty());
+        let of = |name: &str, share| Moved { view: 0, name: name.into(), share, mask: Vec::new() };
+        let words = in_words(&[of("a.jpg", 0.1), of("b.jpg", 0.2), of("c.jpg", 0.7)]);
+        assert!(words[0].contains("2 photographs (a.jpg, b.jpg): 15 %"), "{words:?}");
+        assert!(words[1].contains("1 photograph (c.jpg) with more than half"), "{words:?}");
+    }
+}
