@@ -115,7 +115,7 @@ struct Settings {
     /// What computes the gradients.
     #[arg(long, value_enum)]
     engine: Option<EngineKind>,
-    /// Trunk layers; 0 beside a grid alone: its values themselves are composited.
+    /// Trunk layers; 0 beside a grid only: its own values are composited.
     #[arg(long, value_name = "N")]
     depth: Option<usize>,
     /// Channels of the trunk.
@@ -202,16 +202,10 @@ impl Settings {
             ("--samples", self.samples.is_some()),
             ("--jitter", self.jitter.is_some()),
         ];
-        if config.network.grid.is_none() {
-            return Ok(());
+        match given(flags).filter(|_| config.network.grid.is_some()) {
+            Some(flag) => Err(of_sinusoidal(flag, &config.preset, "small")),
+            None => Ok(()),
         }
-        if let Some(flag) = given(flags) {
-            return Err(of_sinusoidal(flag, &config.preset, "small"));
-        }
-        if self.width.is_some() && self.depth.unwrap_or(config.network.depth) == 0 {
-            bail!("--width: expected --depth of at least 1 beside it, found no layer that is so wide");
-        }
-        Ok(())
     }
 
     fn apply(&self, config: &mut Config) {
@@ -265,6 +259,9 @@ impl Fit {
         }
         self.settings.space.settle(&mut config);
         config.check()?;
+        if self.settings.width.is_some() && config.network.depth == 0 {
+            bail!("--width: expected --depth of at least 1 beside it, found no layer that is so wide");
+        }
         let (rays, samples) = (config.sampling.rays as u64, u64::from(config.sampling.samples));
         let what = format!("a step of {rays} rays with {samples} samples");
         memory::check(what, rays * samples, BYTES_PER_SAMPLE, "lower --rays")?;

@@ -103,8 +103,8 @@ fn bad_values_are_refused_naming_the_field() {
         (&["--table", "24", "--features", "4", "--finest", "2000"], "network.grid.log2_entries"),
         (&["--steps-across", "0"], "sampling.steps_across"),
         (&["--direction-levels", "5"], "network.direction_levels"),
-        (&["--depth", "9"], "network.depth"),
-        (&["--width", "32"], "--width"),
+        (&["--depth", "1000"], "network.depth"),
+        (&["--depth", "0", "--width", "32"], "--width"),
         (&["--preset", "small", "--depth", "0"], "network.depth"),
     ];
     for (flags, field) in cases {

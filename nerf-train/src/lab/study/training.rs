@@ -270,7 +270,9 @@ mod tests {
         let twice = lists.trials(&base, &[10.0, 20.0], Preset::config).expect("settings");
         assert_eq!((twice.len(), twice[1].name.as_str()), (14, "preset grid, 20 s"));
         let wide = Lists { widths: vec![64], ..Lists::default() };
-        let refused = wide.trials(&Preset::Grid.config(), &[30.0], Preset::config);
+        let mut layerless = Preset::Grid.config();
+        layerless.network.depth = 0;
+        let refused = wide.trials(&layerless, &[30.0], Preset::config);
         assert_eq!(refused.expect_err("no layer").field, "network.width");
         let wrong = Lists { samples: vec![0], ..Lists::default() };
         assert_eq!(
