@@ -104,7 +104,7 @@ fn bad_values_are_refused_naming_the_field() {
         (&["--steps-across", "0"], "sampling.steps_across"),
         (&["--direction-levels", "5"], "network.direction_levels"),
         (&["--depth", "1000"], "network.depth"),
-        (&["--depth", "0", "--width", "32"], "--width"),
+        (&["--width", "32"], "--width"),
         (&["--preset", "small", "--depth", "0"], "network.depth"),
     ];
     for (flags, field) in cases {
@@ -134,11 +134,12 @@ fn bad_values_are_refused_naming_the_field() {
 fn toml_files_set_what_flags_do() {
     let folder = Folder::new();
     let data = folder.npz("data.npz");
-    let text = "[network]\nwidth = 16\n[network.grid]\nlevels = 3\nlog2_entries = 9\nfinest = 40\n[optimiser]\nsteps = 3\n";
+    let text = "[network]\ncolour_width = 16\n[network.grid]\nlevels = 3\nlog2_entries = 9\nfinest = 40\n[optimiser]\nsteps = 3\n";
     let (config, by_file, by_flags) =
         (folder.file("run.toml", text), folder.path("a.nerf"), folder.path("b.nerf"));
     ok(["fit", &data, "-o", &by_file, "-q", "--config", &config]);
-    let flags = ["--width", "16", "--grid-levels", "3", "--table", "9", "--finest", "40", "--steps", "3"];
+    let flags =
+        ["--colour-width", "16", "--grid-levels", "3", "--table", "9", "--finest", "40", "--steps", "3"];
     ok([&["fit", &data, "-o", &by_flags, "-q"], &flags[..]].concat());
     let read = |file: &str| std::fs::read(file).expect("a blob");
     assert!(read(&by_file) == read(&by_flags));

@@ -150,6 +150,8 @@ const TINY_GRID: &[&str] = &[
     "24",
     "--steps-across",
     "24",
+    "--depth",
+    "1",
     "--width",
     "16",
     "--colour-width",

@@ -195,7 +195,7 @@ fn a_study_of_training_goes_on_where_it_was_and_is_spread_over_machines() {
     assert!(std::fs::read(&run).expect("a run") == before, "made twice");
     assert_eq!(json(Path::new(&report).join("summary.json"))["fits"].as_array().map(Vec::len), Some(2));
     // Other settings do not mix with what is there.
-    let more = ["--seconds", "0.5", "--width", "8", "--base", "grid", "--quiet"];
+    let more = ["--seconds", "0.5", "--table", "8", "--base", "grid", "--quiet"];
     let other = ["study", "train", &data, "--report", &report].into_iter().chain(more);
     fails(other, &["the study of training in this folder has another base", "nothing was changed"]);
     fails(["study", "train", &data, "--report", &report, "--shard", "3/2"], &["I/N"]);

@@ -46,7 +46,7 @@ pub struct Config {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, clap::ValueEnum)]
 #[serde(rename_all = "kebab-case")]
 pub enum Preset {
-    /// A learned grid, a layer a sample, and a small network that is asked once a ray: seconds to fit, milliseconds to draw.
+    /// A learned grid, and a small network that is asked once a ray: seconds to fit, milliseconds to draw.
     Grid,
     /// A small sinusoidal network, empty space skipped from the first step: the smallest files.
     Small,

@@ -18,13 +18,13 @@ impl Preset {
     }
 }
 
-/// A learned grid, a layer a sample, and a small network that is asked once a ray.
+/// A learned grid, and a small network that is asked once a ray.
 fn grid() -> Config {
     Config {
         preset: Preset::Grid,
         engine: EngineKind::Fused,
         network: NetworkConfig {
-            depth: 1,
+            depth: 0,
             width: 32,
             skip_after: 0,
             grid: Some(TableConfig {
