@@ -66,9 +66,10 @@ fn tiny_unbounded(steps: u32) -> Config {
     config
 }
 
-/// The same, poses refined or not.
+/// The same, poses refined or not; with a layer, which tells places apart that share an entry of so small tables.
 fn tiny_posed(steps: u32, poses: PoseRefinement) -> Config {
     let mut config = tiny_unbounded(steps);
+    config.network.depth = 1;
     config.capture.poses = poses;
     config
 }
