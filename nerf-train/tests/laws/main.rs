@@ -63,6 +63,11 @@ fn tiny_grid(steps: u32) -> Config {
 fn tiny_unbounded(steps: u32) -> Config {
     let mut config = tiny_grid(steps);
     (config.sampling.contraction, config.occupancy.hull) = (Some(2), false);
+    // As a preset's own: opaque from the start, each photograph would be painted before its camera.
+    let own = Preset::Grid.config().unbounded();
+    (config.network.density_bias, config.occupancy.threshold) =
+        (own.network.density_bias, own.occupancy.threshold);
+    config.optimiser.hashed_every = own.optimiser.hashed_every;
     config
 }
 

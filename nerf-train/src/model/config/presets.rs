@@ -246,6 +246,8 @@ impl Config {
         self.sampling.steps_across = 160;
         self.sampling.random_background = true;
         self.sampling.live_samples = 4096;
+        // In turns, a short fit does not get out of its fog: 17.7 dB for 19.8 in a law's 1,500 steps.
+        self.optimiser.hashed_every = 1;
         // A step absorbs less than what keeps a cell: what no view needs goes away.
         self.network.density_bias = 1.9;
         self.occupancy.resolution = 128;
