@@ -12,7 +12,7 @@ const MIN_TRACK: u32 = 3;
 const MAX_ERROR: f32 = 2.0;
 /// Distance between a key point and its point's projection from which on it is not believed, pixels of the view.
 const MAX_RESIDUAL: f32 = 3.0;
-/// Photographs of a point that count as certain.
+/// Number of photographs that see a point, from which on it counts as certain.
 const FULL_TRACK: f32 = 6.0;
 
 /// A line of sight.
@@ -24,14 +24,14 @@ pub struct Sight {
     pub point: u32,
     /// From the camera to the point, world units.
     pub distance: f32,
-    /// 0 to 1: `min(1, track / 6) / (1 + error²)`.
+    /// 0 to 1: `min(1, track / 6) / (1 + error²)`, of photographs that see the point and its reprojection error in pixels.
     pub confidence: f32,
 }
 
 /// The lines of sight of each of some views, and the key points that are none.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Sights {
-    /// View by view.
+    /// Lines of sight of each view.
     pub of_views: Vec<Vec<Sight>>,
     /// View by view, the number of key points whose 3D point is behind the camera or projects elsewhere.
     pub contradictory: Vec<usize>,
@@ -78,7 +78,7 @@ impl Sights {
         sights
     }
 
-    /// How many there are.
+    /// Number of lines of sight of all views.
     pub fn count(&self) -> usize {
         self.of_views.iter().map(Vec::len).sum()
     }

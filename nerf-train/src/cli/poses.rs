@@ -32,7 +32,7 @@ pub struct Poses {
     /// there are many.
     #[arg(long)]
     sequential: bool,
-    /// End COLMAP where it says nothing for so many minutes.
+    /// End COLMAP after so many minutes without output.
     #[arg(long, value_name = "MINUTES", default_value_t = 30.0)]
     patience: f64,
 }

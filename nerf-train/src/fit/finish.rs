@@ -50,7 +50,7 @@ pub struct Outcome {
     pub moved: Vec<Moved>,
     /// Some of those views as rendered, if the run was to keep them.
     pub shown: Vec<Shown>,
-    /// The background of the scores, display-encoded.
+    /// Background that validation views are rendered over to be measured, display-encoded.
     pub background: [f32; 3],
     /// Mean PSNR that a flat colour would have on the same views, each its own, dB; on training views without any.
     /// Views that are flat themselves do not count.
@@ -98,9 +98,9 @@ pub struct Outcome {
 pub struct Shown {
     /// Which validation view.
     pub view: usize,
-    /// What the blob shows.
+    /// The exported field, rendered from that view.
     pub frame: Frame,
-    /// What the picture shows, over the same background, on the same lattice.
+    /// The photograph over the same background, at the same pixels.
     pub truth: Vec<[f32; 3]>,
     /// dB.
     pub psnr_db: f64,

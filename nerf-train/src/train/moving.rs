@@ -13,6 +13,7 @@ use crate::data::View;
 use crate::data::layouts::transforms::listed;
 use crate::model::config::MovingObjects;
 use crate::model::engine::Batch;
+use glam::Vec3;
 use serde::{Deserialize, Serialize};
 use std::ops::Range;
 
@@ -31,6 +32,10 @@ const OFF: (f32, f32) = (3.0, 0.03);
 /// Mean error of a region that is masked, and that times its share of the photograph. Clean captures have regions of up to
 /// 0.116, and 0.14 times 0.06; figures of a flat colour in front of the same captures 0.13 to 0.3, and from 0.015 on.
 const FAR_OFF: (f32, f32) = (0.125, 0.01);
+/// Nearest cameras that a region is compared with, and share of its patches that are off in one of them, too, from which on
+/// the field is wrong there and not the photograph.
+const NEIGHBOURS: usize = 2;
+const SHARED: f32 = 0.5;
 /// Share of all patches beyond which the capture is wrong as a whole and nothing is masked.
 const MOST: f32 = 0.3;
 
@@ -47,7 +52,17 @@ struct Tiles {
 
 impl Tiles {
     fn range(&self) -> Range<usize> {
-        self.first..self.first + self.columns * self.rows
+        self.first..self.first + self.len()
+    }
+
+    fn len(&self) -> usize {
+        self.columns * self.rows
+    }
+
+    /// The patch, counted from the photograph's first, at the place that `patch` has in `other`.
+    fn across(&self, patch: usize, other: &Self) -> usize {
+        let (column, row) = (patch % other.columns, patch / other.columns);
+        row * self.rows / other.rows * self.columns + column * self.columns / other.columns
     }
 
     /// The patch of a pixel.
@@ -69,6 +84,8 @@ impl Tiles {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Moving {
     tiles: Vec<Tiles>,
+    /// Of each photograph, those of the nearest cameras.
+    neighbours: Vec<Vec<usize>>,
     /// Of the errors, red, green, blue, and how many.
     sums: Vec<[f32; 4]>,
     masked: Vec<bool>,
@@ -135,13 +152,14 @@ impl Moving {
         }
         let tiles = tiles(views);
         let patches = tiles.last().map_or(0, |tiles| tiles.range().end);
-        Some(Self { tiles, sums: vec![[0.0; 4]; patches], masked: vec![false; patches] })
+        let neighbours = neighbours(views);
+        Some(Self { tiles, neighbours, sums: vec![[0.0; 4]; patches], masked: vec![false; patches] })
     }
 
     /// Whether they belong to `views` and are finite: a checkpoint may hold anything.
     pub fn is_of(&self, views: &[View]) -> bool {
         let patches = self.tiles.last().map_or(0, |tiles| tiles.range().end);
-        self.tiles == tiles(views)
+        (&self.tiles, &self.neighbours) == (&tiles(views), &neighbours(views))
             && (self.sums.len(), self.masked.len()) == (patches, patches)
             && self.sums.as_flattened().iter().all(|x| x.is_finite())
     }
@@ -179,9 +197,22 @@ impl Moving {
             false => (OFF.0 * *known.select_nth_unstable_by(middle, f32::total_cmp).1).max(OFF.1),
         };
         self.masked.fill(false);
-        for tiles in &self.tiles {
-            let masked = regions(tiles, &errors[tiles.range()], limit);
-            masked.for_each(|patch| self.masked[tiles.first + patch] = true);
+        let off: Vec<bool> = errors.iter().map(|error| error.is_some_and(|error| error > limit)).collect();
+        for (tiles, neighbours) in self.tiles.iter().zip(&self.neighbours) {
+            for region in regions(tiles, &off[tiles.range()]) {
+                let error: f32 = region.iter().filter_map(|&patch| errors[tiles.first + patch]).sum();
+                let is_far_off =
+                    error >= FAR_OFF.0 * region.len() as f32 && error >= FAR_OFF.1 * tiles.len() as f32;
+                let is_shared = |&other: &usize| {
+                    let other = &self.tiles[other];
+                    let both = region.iter().filter(|&&patch| off[other.first + other.across(patch, tiles)]);
+                    both.count() as f32 >= SHARED * region.len() as f32
+                };
+                if is_far_off && !neighbours.iter().any(is_shared) {
+                    let around = region.iter().flat_map(|&patch| tiles.around(patch));
+                    around.for_each(|patch| self.masked[tiles.first + patch] = true);
+                }
+            }
         }
         let count = self.masked.iter().filter(|&&masked| masked).count();
         if count as f32 > MOST * self.masked.len() as f32 {
@@ -218,7 +249,7 @@ impl Moving {
         means.into_iter().map(|mean| mean.map(beside)).collect()
     }
 
-    /// Whether anything is masked.
+    /// Whether any patch is masked.
     pub fn is_found(&self) -> bool {
         self.masked.contains(&true)
     }
@@ -252,12 +283,30 @@ fn tiles(views: &[View]) -> Vec<Tiles> {
     views.iter().map(of).collect()
 }
 
-/// Patches of the regions that are masked, and those around them: `errors` beyond `limit` are off.
-fn regions(tiles: &Tiles, errors: &[Option<f32>], limit: f32) -> impl Iterator<Item = usize> + use<> {
-    let off = |patch: usize| errors[patch].filter(|&error| error > limit);
-    let (mut visited, mut masked) = (vec![false; errors.len()], Vec::new());
-    for start in 0..errors.len() {
-        if visited[start] || off(start).is_none() {
+/// Of each photograph, the [`NEIGHBOURS`] whose cameras stand and look most alike.
+fn neighbours(views: &[View]) -> Vec<Vec<usize>> {
+    let poses: Vec<(Vec3, Vec3)> =
+        views.iter().map(|view| (view.camera.pose().position, view.camera.pose().forward())).collect();
+    let middle = poses.iter().map(|(eye, _)| *eye).sum::<Vec3>() / poses.len().max(1) as f32;
+    let spread = poses.iter().map(|(eye, _)| eye.distance(middle)).sum::<f32>() / poses.len().max(1) as f32;
+    let of = |view: usize| {
+        let (eye, forward) = poses[view];
+        let distance = |other: &usize| {
+            eye.distance(poses[*other].0) / spread.max(f32::MIN_POSITIVE) + forward.distance(poses[*other].1)
+        };
+        let mut others: Vec<usize> = (0..poses.len()).filter(|&other| other != view).collect();
+        others.sort_by(|a, b| distance(a).total_cmp(&distance(b)));
+        others.truncate(NEIGHBOURS);
+        others
+    };
+    (0..poses.len()).map(of).collect()
+}
+
+/// Connected patches of a photograph that are `off`.
+fn regions(tiles: &Tiles, off: &[bool]) -> Vec<Vec<usize>> {
+    let (mut visited, mut regions) = (vec![false; off.len()], Vec::new());
+    for start in 0..off.len() {
+        if visited[start] || !off[start] {
             continue;
         }
         let (mut region, mut next) = (vec![start], 0);
@@ -265,18 +314,15 @@ fn regions(tiles: &Tiles, errors: &[Option<f32>], limit: f32) -> impl Iterator<I
         while let Some(&patch) = region.get(next) {
             next += 1;
             for near in tiles.around(patch) {
-                if !visited[near] && off(near).is_some() {
+                if !visited[near] && off[near] {
                     visited[near] = true;
                     region.push(near);
                 }
             }
         }
-        let sum: f32 = region.iter().filter_map(|&patch| off(patch)).sum();
-        if sum >= FAR_OFF.0 * region.len() as f32 && sum >= FAR_OFF.1 * errors.len() as f32 {
-            masked.extend(region.iter().flat_map(|&patch| tiles.around(patch)));
-        }
+        regions.push(region);
     }
-    masked.into_iter()
+    regions
 }
 
 #[cfg(test)]
@@ -355,6 +401,8 @@ mod tests {
         let halves =
             |view: usize, x: u32, y: u32| grain(x, y, 0.1) + if x < 36 { [-0.3, 0.3][view % 2] } else { 0.0 };
         assert_eq!(found(&halves), 0);
+        // The nearest cameras' photographs err there, too.
+        assert_eq!(found(&|_, x, y| grain(x, y, 0.1) + if is_figure(4, x, y) { 0.25 } else { 0.0 }), 0);
         assert!(Moving::of(&views, MovingObjects::Off).is_none());
         assert!(Moving::of(&views[..7], MovingObjects::Auto).is_none());
     }

@@ -39,7 +39,7 @@ type Twist = [f32; 6];
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Poses {
     moved: Vec<Twist>,
-    /// As they were before the last step: the rays of a step are cast while the step before it is taken.
+    /// Corrections before the last step. Rays use these, as they are cast while the step before theirs is taken.
     cast: Vec<Twist>,
     /// Gradients since the last move.
     sums: Vec<Twist>,

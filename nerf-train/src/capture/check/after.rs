@@ -18,7 +18,7 @@ const A_WHILE: u32 = 2000;
 #[allow(missing_docs, reason = "the names say what they are, and in which unit")]
 pub struct Fitted {
     pub train_psnr_db: Option<Short>,
-    /// The groups of the diagnosis; without tracks, the runs between jumps of the viewing direction.
+    /// The groups that the check found. Without tracks, a group begins where the viewing direction jumps.
     pub train_groups: Vec<Group>,
     /// Photographs that are shown far worse than the rest.
     pub train_far_worse: Vec<String>,

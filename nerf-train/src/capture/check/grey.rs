@@ -1,4 +1,4 @@
-//! Photographs in grey at a working size: patches to compare, sharpness, and which are the same picture.
+//! Photographs in grey at a working size: patches to compare, sharpness and duplicates.
 
 use crate::data::View;
 use glam::Vec3;

@@ -7,7 +7,7 @@ use std::collections::{BTreeMap, BTreeSet};
 const UNDECIDED: f32 = 0.35;
 /// At most this part of the photographs (one in ten) is few, and can be left out where it contradicts the rest.
 const FEW: usize = 10;
-/// Contradictions that a photograph is left out for, and that tell two groups apart.
+/// Least number of contradicting pairs that a photograph is left out for, or that two groups are told apart by.
 const CERTAIN: usize = 3;
 /// Share of the pairs that contradict each other from which on many photographs that contradict the rest are believed.
 const TORN: f32 = 0.1;

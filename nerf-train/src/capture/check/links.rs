@@ -1,4 +1,4 @@
-//! Who shares points with whom: the pieces that a capture falls into, and the links that a piece hangs on.
+//! Graph of the photographs that share points: its connected pieces, and its bridges.
 
 use super::pairs::Pair;
 use crate::capture::sights::Sights;

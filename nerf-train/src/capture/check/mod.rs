@@ -40,7 +40,7 @@ const MISPLACED: (usize, usize) = (10, 2);
 pub struct Diagnosis {
     pub data: String,
     pub photographs: usize,
-    /// Whether two sides were laid on top of each other; `None` where nothing says.
+    /// Whether the reconstruction lays two sides that look alike on top of each other; `None` where nothing says.
     pub folded: Option<bool>,
     /// Photographs that can be right together, the largest group first; none where all can.
     pub groups: Vec<Vec<String>>,
@@ -212,7 +212,7 @@ impl<'v> Found<'v> {
         self.groups.iter_mut().for_each(|group| group.retain(|view| !outliers.contains(view)));
     }
 
-    /// Whether two sides were laid on top of each other; `None` where too few photographs can be compared.
+    /// Whether the reconstruction lays two sides that look alike on top of each other; `None` where too few photographs can be compared.
     fn folded(&self) -> Option<bool> {
         match self.reason {
             Some(Reason::Folded) => Some(true),
@@ -271,11 +271,11 @@ impl Diagnosis {
         }
     }
 
-    /// Keeps the photographs to be fitted. Few training photographs that contradict the rest are left out. With a `group`,
-    /// counted from 1, only its photographs are kept, held-out ones included.
+    /// Keeps the photographs to be fitted. Training photographs that contradict the rest are left out where they are few.
+    /// With a `group`, counted from 1, only its photographs are kept, held-out ones included.
     ///
     /// # Errors
-    /// [`GroupError`], and the data set as it was.
+    /// [`GroupError`]; the data set is not changed then.
     pub fn select(&self, dataset: &mut Dataset, group: Option<usize>) -> Result<(), GroupError> {
         if let Some(found) = group {
             let groups = self.groups.len();

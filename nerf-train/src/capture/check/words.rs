@@ -5,7 +5,7 @@ use super::groups::few;
 use super::{ENOUGH, Found, Reason};
 use crate::capture::exposure::{CALLED_FOR, LogGains};
 
-/// An unseen sector from which on what lies there is guessed, degrees.
+/// Smallest unseen sector that is warned of, degrees.
 const WIDE_GAP: f32 = 60.0;
 /// Ranges or names that are listed before the rest is counted.
 const LISTED: usize = 6;

@@ -57,7 +57,7 @@ impl fmt::Display for Fault {
                 for (i, group) in groups.iter().enumerate() {
                     write!(f, "{} {}", if i > 0 { "; against" } else { "" }, listed(group))?;
                 }
-                write!(f, "; `--sequential`, or one group's photographs alone")
+                write!(f, "; find the poses of one group's photographs alone")
             }
         }
     }

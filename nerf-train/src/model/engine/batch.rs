@@ -1,4 +1,4 @@
-//! What one training step sees.
+//! Inputs of a training step: rays, samples and the colours that are asked for.
 
 use glam::Vec3;
 use nerf_core::camera::Contraction;
@@ -65,7 +65,7 @@ pub struct Batch {
     pub positions: Vec<[f32; 3]>,
     /// Length of each sample's bin, world units, at least 0.
     pub deltas: Vec<f32>,
-    /// What the gradient of each sample is multiplied with; empty: 1. Of a grid's batches only.
+    /// Factor on the gradient of each sample; all are 1 where it is empty. Only the grid's engine reads it.
     pub gradient_scales: Vec<f32>,
     /// Points of culled space, whose density is pushed to zero.
     pub empty: Vec<[f32; 3]>,

@@ -3,7 +3,8 @@
 use super::{Bundle, Device, Jacobian, Observation, POSE, SOFT_PIXELS};
 use glam::{DMat3, DQuat, DVec3};
 
-/// Derivatives by a camera's or device's parameters times those by a point's: rows of which a device's last are 0.
+/// Block of the normal equations that couples a camera or a device with a point: a row a parameter. A device has fewer, and
+/// its last rows are 0.
 type Block = [DVec3; POSE];
 
 /// Derivatives by a camera's or device's parameters, rows x and y, and the first of these.
@@ -20,7 +21,7 @@ pub(super) struct Reduced<'a> {
 
 /// The equations of one point.
 struct Point {
-    /// By the first parameter of what sees it.
+    /// A block for each camera and device that sees the point, behind the index of its first parameter.
     blocks: Vec<(usize, Block)>,
     inverse: DMat3,
     right: DVec3,

@@ -11,7 +11,7 @@ const NEWER: [(&str, &str); 4] = [
     ("--SiftMatching.num_threads", "--FeatureMatching.num_threads"),
 ];
 
-/// The same, for messages.
+/// Renamed options, in the words of a message.
 pub(in crate::data) const RENAMED: &str =
     "since COLMAP 3.13 it is --FeatureExtraction.use_gpu and --FeatureMatching.use_gpu";
 
@@ -142,7 +142,7 @@ fn matcher(database: &Path, sequential: bool) -> Stage {
     }
 }
 
-/// Models of a way, of so many photographs.
+/// COLMAP's mapper with the options of `way`, for a database of `photographs` photographs.
 pub(crate) fn mapping(place: &Place, way: Way, photographs: usize) -> Stage {
     let mut stage = mapper(&place.images, &place.database(way), &place.models(way).join("sparse"));
     match way {
@@ -205,7 +205,7 @@ impl Stage {
     }
 }
 
-/// As one word of shell.
+/// Quotes `word` as one word of a shell command.
 pub(in crate::data) fn quoted(word: impl AsRef<OsStr>) -> String {
     let word = word.as_ref().to_string_lossy();
     let plain = |c: char| c.is_alphanumeric() || "-_./+:@%,".contains(c);

@@ -34,7 +34,7 @@ struct Registered {
     rotation: [f64; 4],
     /// World to camera: translation.
     translation: [f64; 3],
-    /// Where it shows points of the model: pixels from the left and the top, and the point's number.
+    /// Key points with a 3D point: pixels from the left and the top, and the `POINT3D_ID`.
     key_points: Vec<([f64; 2], u64)>,
 }
 
@@ -258,10 +258,10 @@ pub(crate) fn facts(folder: &Path) -> Result<Option<Facts>, DatasetError> {
     }))
 }
 
-/// Points as they are read.
+/// The 3D points read so far.
 struct Points {
     file: PathBuf,
-    /// What they are counted from.
+    /// Origin that positions are relative to.
     origin: DVec3,
     /// Points with their numbers in the file.
     kept: Vec<(u64, SparsePoint)>,

@@ -17,7 +17,7 @@ const MAX_BYTES: u64 = 1 << 30;
 /// What was found; the file that is kept of it.
 #[derive(Debug, Serialize, Deserialize)]
 pub(super) struct Shared {
-    /// Checksum of the model that was adjusted.
+    /// Checksum of the model before it was adjusted.
     pub(super) model: u64,
     pub(super) devices: Vec<Adjusted>,
     /// Mean distance between where points are seen and where they are projected to, before and after, pixels.
