@@ -277,6 +277,10 @@ impl GridReferenceEngine {
         let Adam { betas, epsilon: eps, .. } = self.adam;
         let config = AdamConfig { lr: rate, betas, eps, weight_decay: None };
         let moved: Vec<usize> = range.filter(|&i| gradients[i] != 0.0).collect();
+        // dfdx reads no tensor without values.
+        if moved.is_empty() {
+            return Ok(());
+        }
         let take = |from: &[f32]| {
             let values = moved.iter().map(|&i| from[i]).collect();
             self.device.try_tensor_from_vec::<(usize,)>(values, (moved.len(),))
