@@ -157,19 +157,22 @@ impl Scratch {
         pass.totals.kept += kept;
         if kept > 0 {
             let states = &evaluated.rays;
-            self.shade.forward(job, Shaded { rays: &batch.rays[rays.clone()], states, samples });
+            self.shade.forward(job, Shaded { batch, first_ray: rays.start, states, samples });
         }
         let now = self.phases.lap(Phase::Forward, now);
         pass.totals.squared += self.loss(batch, rays.clone(), pass);
         let now = self.phases.lap(Phase::Composite, now);
         if kept > 0 {
-            self.backward(job, batch, rays.clone(), pass);
+            self.backward(job, batch, rays.start, pass);
             if let Some(question) = &batch.question {
+                let (states, samples) = (&self.evaluated.rays, &self.samples);
+                let chunk = Shaded { batch, first_ray: rays.start, states, samples };
                 let kept = RaySamples {
                     samples: self.samples.row.iter().map(|&row| self.evaluated.index_of[row as usize]),
                     rays: &self.samples.ray,
                     gradients: &self.upper[..kept * pass.kept.width],
                     first_ray: rays.start,
+                    by_directions: self.shade.by_directions(job, chunk),
                 };
                 self.of_rays.gradients(job, batch, question, kept, &mut pass.rays);
             }
@@ -184,8 +187,8 @@ impl Scratch {
         self.by_shown.clear();
         self.by_left.clear();
         let mut squared = 0.0;
-        let chunk =
-            Shaded { rays: &batch.rays[rays.clone()], states: &self.evaluated.rays, samples: &self.samples };
+        let (states, samples) = (&self.evaluated.rays, &self.samples);
+        let chunk = Shaded { batch, first_ray: rays.start, states, samples };
         let scale = 2.0 / (3 * batch.rays.len()) as f32;
         for (i, index) in rays.enumerate() {
             let (ray, left) = (&batch.rays[index], self.evaluated.rays[i].left);
@@ -242,9 +245,9 @@ impl Scratch {
     }
 
     /// From the loss's gradients to the layers' sums and the tables' samples.
-    fn backward(&mut self, job: &Job<'_>, batch: &Batch, rays: Range<usize>, pass: &mut Pass) {
+    fn backward(&mut self, job: &Job<'_>, batch: &Batch, first_ray: usize, pass: &mut Pass) {
         let Self { evaluated, samples, shade, by_weight, upper, lower, .. } = self;
-        let chunk = Shaded { rays: &batch.rays[rays], states: &evaluated.rays, samples };
+        let chunk = Shaded { batch, first_ray, states: &evaluated.rays, samples };
         shade.backward(job, chunk, &self.by_shown, &mut pass.sums, by_weight, upper);
         let (isa, kept, layers) = (job.isa, samples.len(), job.layers);
         if let Some(density) = &layers.density {

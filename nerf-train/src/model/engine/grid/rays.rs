@@ -6,7 +6,7 @@ use crate::model::engine::{Batch, RayGradient, RayQuestion};
 use glam::Vec3;
 
 /// The samples that reach the tables, and what the loss's gradient by their encoded values is.
-pub(super) struct RaySamples<'a, S> {
+pub(super) struct RaySamples<'a, S, D> {
     /// Index of each in the batch.
     pub samples: S,
     /// Number of each one's ray in the chunk, ascending.
@@ -15,6 +15,8 @@ pub(super) struct RaySamples<'a, S> {
     pub gradients: &'a [f32],
     /// Index of the chunk's first ray in the batch.
     pub first_ray: usize,
+    /// Gradient of each ray with samples by its direction, as far as the colour branch takes that.
+    pub by_directions: D,
 }
 
 /// A thread's buffers.
@@ -31,13 +33,13 @@ impl RayScratch {
     /// Appends the gradient by each ray with kept samples.
     ///
     /// A sample is at `origin + t dir`: by the origin it is the sum of the gradients by the samples' places, by the
-    /// direction the sum of those times `t`.
+    /// direction the sum of those times `t`, and what the colour branch has.
     pub fn gradients(
         &mut self,
         job: &Job<'_>,
         batch: &Batch,
         question: &RayQuestion,
-        kept: RaySamples<'_, impl Iterator<Item = u32>>,
+        mut kept: RaySamples<'_, impl Iterator<Item = u32>, impl Iterator<Item = Vec3>>,
         found: &mut Vec<RayGradient>,
     ) {
         let (count, outputs) = (kept.rays.len(), job.grid.outputs());
@@ -65,7 +67,8 @@ impl RayScratch {
         for (i, &ray) in kept.rays.iter().enumerate() {
             let ray = kept.first_ray as u32 + ray;
             if found.last().is_none_or(|last| last.ray != ray) {
-                found.push(RayGradient { ray, by_origin: Vec3::ZERO, by_dir: Vec3::ZERO });
+                let by_dir = kept.by_directions.next().unwrap_or_default();
+                found.push(RayGradient { ray, by_origin: Vec3::ZERO, by_dir });
             }
             let Some(of_ray) = found.last_mut() else { continue };
             let point = along(points, i);

@@ -7,13 +7,15 @@
 //! dL/dw_i = dL/dshown · o + D · (h_i − P);  dL/dh_i = w_i D
 //! ```
 
-use super::directions::Directions;
+use super::directions::{Directions, harmonics_gradient};
 use super::evaluate::RayState;
 use super::layers::{LayerSums, Layers, padded};
 use super::pass::{Job, grow};
 use super::samples::Samples;
 use super::vector::{VECTOR, mask, sigmoids};
-use crate::model::engine::BatchRay;
+use crate::model::engine::{Batch, BatchRay};
+use glam::Vec3;
+use nerf_core::encoding::DirectionEncoding;
 use nerf_core::matrix::Init;
 use nerf_core::simd::{Lanes, Op};
 use std::ops::Range;
@@ -21,11 +23,18 @@ use std::ops::Range;
 /// The chunk whose colours are worked out.
 #[derive(Clone, Copy)]
 pub(super) struct Shaded<'a> {
-    /// Its rays in the batch, and their state.
-    pub rays: &'a [BatchRay],
+    pub batch: &'a Batch,
+    /// Index of its first ray in the batch.
+    pub first_ray: usize,
     pub states: &'a [RayState],
     /// The kept samples of all of them.
     pub samples: &'a Samples,
+}
+
+impl<'a> Shaded<'a> {
+    fn rays(&self) -> &'a [BatchRay] {
+        &self.batch.rays[self.first_ray..]
+    }
 }
 
 /// The colour branch, forward and backward. A thread's buffers: a row for each ray that has kept samples.
@@ -38,6 +47,8 @@ pub(super) struct Shade {
     /// Outputs of each layer, `[rows][padded outputs]`.
     coloured: Vec<Vec<f32>>,
     directions: Directions,
+    /// dL/d encoded direction, `[rows][padded outputs]`.
+    by_encoded_dir: Vec<f32>,
     upper: Vec<f32>,
     lower: Vec<f32>,
 }
@@ -61,13 +72,14 @@ impl Shade {
             mean: Vec::new(),
             coloured: vec![Vec::new(); layers.colour.len()],
             directions: Directions::default(),
+            by_encoded_dir: Vec::new(),
             upper: Vec::new(),
             lower: Vec::new(),
         }
     }
 
     /// Backward through the branch: dL/dP is left in `upper`.
-    fn branch_backward(&mut self, job: &Job<'_>, sums: &mut LayerSums) {
+    fn branch_backward(&mut self, job: &Job<'_>, by_rays: bool, sums: &mut LayerSums) {
         let (isa, count, layers) = (job.isa, self.rows.len(), job.layers);
         for (l, layer) in layers.colour.iter().enumerate().rev() {
             let at = layers.first_of_colour() + l;
@@ -77,6 +89,10 @@ impl Shade {
             if let Some(extra) = &layer.extra {
                 let (rows, width) = (&self.directions.rows, padded(extra.inputs));
                 extra.add_gradient(isa, count, rows, width, &self.upper, &mut sums.extra[at]);
+                if by_rays {
+                    grow(&mut self.by_encoded_dir, padded(count) * width);
+                    extra.backward(isa, count, &self.upper, &mut self.by_encoded_dir, Init::Zero);
+                }
             }
             grow(&mut self.lower, padded(count) * x_row);
             layer.main.backward(isa, count, &self.upper, &mut self.lower, Init::Zero);
@@ -88,10 +104,11 @@ impl Shade {
     }
 
     /// Colours of a chunk that has kept samples.
-    pub fn forward(&mut self, job: &Job<'_>, Shaded { rays, states, samples }: Shaded<'_>) {
+    pub fn forward(&mut self, job: &Job<'_>, chunk: Shaded<'_>) {
+        let (rays, samples) = (chunk.rays(), chunk.samples);
         self.row_of.clear();
         self.rows.clear();
-        for (ray, state) in states.iter().enumerate() {
+        for (ray, state) in chunk.states.iter().enumerate() {
             self.row_of.push(self.rows.len());
             let samples = state.kept.0..state.kept.1;
             if !samples.is_empty() {
@@ -130,6 +147,19 @@ impl Shade {
         [0, 1, 2].map(|k| self.rows[row].opacity * rgb[row * VECTOR + k])
     }
 
+    /// Gradient of each ray with kept samples by its direction, as far as the branch takes it; after the backward pass of
+    /// a batch that asks for it.
+    pub fn by_directions(&self, job: &Job<'_>, chunk: Shaded<'_>) -> impl Iterator<Item = Vec3> {
+        let outputs = match job.model.architecture.direction {
+            Some(direction @ DirectionEncoding::SphericalHarmonics { .. }) => direction.outputs(),
+            _ => 0,
+        };
+        self.rows.iter().enumerate().map(move |(i, row)| {
+            let by_encoded = &self.by_encoded_dir[i * padded(outputs)..][..outputs];
+            harmonics_gradient(chunk.rays()[row.ray].dir, by_encoded)
+        })
+    }
+
     /// From the gradient by what each ray shows: adds that of the branch to `sums`, that by each kept sample's weight to
     /// `by_weight`, and puts that by its features into `by_features`, `[samples][padded features]`.
     pub fn backward(
@@ -152,7 +182,7 @@ impl Shade {
                 self.upper[i * VECTOR + k] = row.opacity * gradient * colour * (1.0 - colour);
             }
         }
-        self.branch_backward(job, sums);
+        self.branch_backward(job, chunk.batch.question.is_some(), sums);
         let width = padded(job.layers.features());
         grow(by_features, padded(chunk.samples.len()) * width);
         let Self { rows, mean, upper: by_mean, .. } = self;

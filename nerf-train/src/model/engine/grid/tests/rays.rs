@@ -21,7 +21,17 @@ fn rays_through(question: &RayQuestion, origins: &[Vec3], dirs: &[Vec3], distanc
 
 #[test]
 fn gradients_by_rays_are_finite_differences() {
-    let model = model(table(2, 19), 1, 0, 16);
+    for (name, model) in [
+        ("a layer, no direction", model(table(2, 19), 1, 0, 16)),
+        ("no layer", model(table(2, 19), 0, 3, 20)),
+        ("no layer, no colour layer", model(table(2, 19), 0, 3, 0)),
+        ("a layer", model(table(2, 6), 1, 3, 16)),
+    ] {
+        check_against_differences(name, &model);
+    }
+}
+
+fn check_against_differences(name: &str, model: &Model) {
     let (middle, distances) = (Vec3::new(0.25, 1.5, 0.25), [1.1, 1.5, 1.95, 2.4, 2.9]);
     let bounds = Contraction::cube(middle, 0.6);
     let contraction = Contraction::new(&bounds, 1).unwrap();
@@ -31,7 +41,7 @@ fn gradients_by_rays_are_finite_differences() {
     let origins: Vec<Vec3> = (1..9).map(|i| middle + 2.0 * triple(i).normalize()).collect();
     let towards = |(i, origin): (u64, &Vec3)| (middle + 0.4 * triple(100 + i) - *origin).normalize();
     let dirs: Vec<Vec3> = (0..).zip(&origins).map(towards).collect();
-    let mut engine = engine_over(bounds, &model, BARE, 4);
+    let mut engine = engine_over(bounds, model, BARE, 4);
     let p = wide(&engine.parameters());
     engine.ask(&rays_through(&question, &origins, &dirs, &distances)).unwrap();
     assert_eq!(wide(&engine.parameters()), p);
@@ -44,7 +54,7 @@ fn gradients_by_rays_are_finite_differences() {
             let (mut origins, mut dirs) = (origins.clone(), dirs.clone());
             let moved = if of_origin { &mut origins } else { &mut dirs };
             moved[gradient.ray as usize][axis] += h;
-            oracle::loss(&model, &bounds, &p, &rays_through(&question, &origins, &dirs, &distances)).loss
+            oracle::loss(model, &bounds, &p, &rays_through(&question, &origins, &dirs, &distances)).loss
         };
         let [low, here, high] = [-2e-4, 0.0, 2e-4].map(at);
         ((high - low) / 4e-4, (high + low - 2.0 * here).abs() / 2e-4)
@@ -61,6 +71,10 @@ fn gradients_by_rays_are_finite_differences() {
     let largest = rows.iter().fold(0.0f64, |most, row| most.max(row.0.abs()));
     let smooth: Vec<_> = rows.iter().filter(|row| row.2 < 0.02 * largest).collect();
     let error = smooth.iter().fold(0.0, |most, row| worse(most, row.1));
-    println!("{error:.1e} of {largest:.1e}, {} of {}", smooth.len(), rows.len());
-    assert!(smooth.len() > 40 && error < 0.01 * largest, "{error} of {largest}, {} smooth", smooth.len());
+    println!("{name}: {error:.1e} of {largest:.1e}, {} of {}", smooth.len(), rows.len());
+    assert!(
+        smooth.len() > 40 && error < 0.01 * largest,
+        "{name}: {error} of {largest}, {} smooth",
+        smooth.len()
+    );
 }
