@@ -145,7 +145,7 @@ fn moved(folder: &Folder, name: &str, scale: f64, turn: DQuat, by: DVec3) -> Str
 /// PSNR over validation views and the smallest z-depth in these after a fit, dB and world units.
 fn fitted(folder: &Folder, data: &str) -> (f64, f64) {
     let (file, report) = (format!("{data}.nerf"), format!("{data}_report"));
-    let small = ["--table", "10", "--rays", "256", "--live-samples", "4096", "--steps", "300", "-q"];
+    let small = ["--table", "10", "--rays", "256", "--live-samples", "4096", "--steps", "1200", "-q"];
     ok([&["fit", data, "-o", &file, "--report", &report], &small[..]].concat());
     let film = folder.path("views.gif");
     let views = ["--path", data, "--split", "val", "--outputs", "z-depth", "--no-mp4", "--json", "-q"];
