@@ -1,5 +1,6 @@
 //! The state of a worker: its memory, a tile's rays from pixel to pixel, the network's blocks.
 
+use super::coarse::Packets;
 use super::deferred::{Deferred, is_deferred};
 use super::march::{ActiveRays, Block, ColourQueue, Picks, RayState};
 use super::proposal::{ProposalSamples, Proposer};
@@ -21,12 +22,16 @@ use glam::Vec3;
 /// Columns of the widest vector: a block of prepared weights has a multiple of it.
 pub(super) const VECTOR: usize = 16;
 
+/// Rays that are looked up in the coarse occupancy grid together, across and down; of a row as many.
+const PACKET: (u32, u32) = (4, 4);
+
 /// What a worker works with, from its memory to the tile at hand.
 pub(super) struct Frame<'f, 'w> {
     pub(super) plan: &'f Plan<'f>,
     pub(super) network: &'f Network<'f>,
     /// A box around what the occupancy grid has.
     occupied: Option<SceneBox>,
+    packets: Option<Packets<'f>>,
     /// The tile's rays that meet something live; they stay where they are until the tile is done.
     pub(super) rays: &'w mut [RayState],
     pub(super) active: ActiveRays<'w>,
@@ -66,7 +71,7 @@ impl<'f, 'w> Frame<'f, 'w> {
         network: &'f Network<'f>,
         proposer: &'f Proposer<'f>,
         plan: &'f Plan<'f>,
-        occupied: Option<SceneBox>,
+        (occupied, packets): (Option<SceneBox>, Option<Packets<'f>>),
     ) -> Self {
         let (rays, samples) = (plan.batch.rays, block_samples(network, plan));
         let picks = if plan.outputs.picks() { samples } else { 0 };
@@ -84,6 +89,7 @@ impl<'f, 'w> Frame<'f, 'w> {
             plan,
             network,
             occupied,
+            packets,
             rays: layout.slice(rays, RayState::NONE),
             active: ActiveRays::new(layout.slice(rays, 0)),
             drawn: ProposalSamples::lay_out(layout, proposer, [rays, samples, row]),
@@ -190,44 +196,72 @@ impl<'f, 'w> Frame<'f, 'w> {
         source: &impl RaySource,
         target: &mut impl Target,
     ) -> usize {
-        let (plan, tile, turn) = (self.plan, self.tile, self.turn);
-        let mut hits = 0;
-        // Nothing outside is live, so that most rays of most pictures end here.
+        let (mut hits, tile) = (0, self.tile);
+        let (across, down) = if tile.height > 1 { PACKET } else { (PACKET.0 * PACKET.1, 1) };
+        for packet in tile.tiles(across, down) {
+            hits = self.start_packet::<M, COLLIDE>(packet, hits, source, target);
+        }
+        hits
+    }
+
+    /// Makes the rays of a part of the tile, of which `hits` before them met something; returns how many do with them.
+    fn start_packet<M: Math, const COLLIDE: bool>(
+        &mut self,
+        part: Rect,
+        mut hits: usize,
+        source: &impl RaySource,
+        target: &mut impl Target,
+    ) -> usize {
+        let (plan, turn) = (self.plan, self.turn);
         let walk = plan.proposal.as_ref().unwrap_or(&plan.bins);
         let around = if plan.occupancy.is_some() { self.occupied } else { Some(plan.bounds) };
-        for y in tile.y..tile.y + tile.height {
-            for x in tile.x..tile.x + tile.width {
-                self.counters.rays += 1;
-                let ray = source.ray(x, y);
-                let [t_min, t_max] = source.range(x, y, &ray);
-                let range = plan.range_of(t_min, t_max);
-                let mut state = RayState { ray, range, x, y, done: false, ..RayState::NONE };
-                if COLLIDE {
-                    state.gathered = Accumulator::until(source.until(x));
+        let mut rays = [RayState::NONE.ray; (PACKET.0 * PACKET.1) as usize];
+        let places = (part.y..part.y + part.height).flat_map(|y| (part.x..part.x + part.width).map(move |x| (x, y)));
+        let mut count = 0;
+        for (ray, (x, y)) in rays.iter_mut().zip(places.clone()) {
+            *ray = source.ray(x, y);
+            count += 1;
+        }
+        let rays = head(&rays, count);
+        let near_cells = match &self.packets {
+            Some(packets) => packets.range_of(self.network.isa(), rays),
+            None => Some((0.0, f32::MAX)),
+        };
+        for ((x, y), ray) in places.zip(rays) {
+            self.counters.rays += 1;
+            let [t_min, t_max] = source.range(x, y, ray);
+            let range = plan.range_of(t_min, t_max);
+            let mut state = RayState { ray: *ray, range, x, y, done: false, ..RayState::NONE };
+            if COLLIDE {
+                state.gathered = Accumulator::until(source.until(x));
+            }
+            let bounds = near_cells.and(around);
+            if let Some(span) = bounds.and_then(|bounds| plan.span(&bounds, ray, range)) {
+                (state.ray, state.start, state.ends) = (span.ray, span.start, span.ends);
+                (state.next, state.end) = (span.bins.start, span.bins.end);
+                if let Some((first, last)) = near_cells.filter(|_| self.packets.is_some()) {
+                    let bins = walk.overlapping(first - span.start, last - span.start);
+                    (state.next, state.end) = (state.next.max(bins.start), state.end.min(bins.end));
                 }
-                if let Some(span) = around.and_then(|bounds| plan.span(&bounds, &ray, range)) {
-                    (state.ray, state.start, state.ends) = (span.ray, span.start, span.ends);
-                    (state.next, state.end) = (span.bins.start, span.bins.end);
+            }
+            let (next, end) = (state.next, state.end);
+            // A proposal is asked in the middle of its bins.
+            let place = if self.drawn.is_on() { SampleJitter::MIDDLE } else { state.place(plan, turn) };
+            let live = state.march(self.network.isa(), plan, walk, place);
+            // Between the proposal's samples there may be drawn ones that are live.
+            if (live || (self.drawn.is_on() && next < end))
+                && let Some(place) = self.rays.get_mut(hits)
+            {
+                *place = state;
+                self.deferred.begin(hits);
+                self.medians.begin(hits);
+                self.normals.begin(hits);
+                if live {
+                    self.active.push(hits as u32);
                 }
-                let (next, end) = (state.next, state.end);
-                // A proposal is asked in the middle of its bins.
-                let place = if self.drawn.is_on() { SampleJitter::MIDDLE } else { state.place(plan, turn) };
-                let live = state.march(self.network.isa(), plan, walk, place);
-                // Between the proposal's samples there may be drawn ones that are live.
-                if (live || (self.drawn.is_on() && next < end))
-                    && let Some(place) = self.rays.get_mut(hits)
-                {
-                    *place = state;
-                    self.deferred.begin(hits);
-                    self.medians.begin(hits);
-                    self.normals.begin(hits);
-                    if live {
-                        self.active.push(hits as u32);
-                    }
-                    hits += 1;
-                } else {
-                    self.finish::<M>(&state, None, source, target);
-                }
+                hits += 1;
+            } else {
+                self.finish::<M>(&state, None, source, target);
             }
         }
         hits
