@@ -7,6 +7,9 @@ use crate::sampling::OccupancyGrid;
 use crate::simd::{Isa, LANES, Lanes, Op, VECTORS};
 use glam::Vec3;
 
+#[cfg(test)]
+mod tests;
+
 /// Bytes of a grid's bits; without vectors none is made.
 const BYTES: usize = if VECTORS { 4096 } else { 0 };
 /// Cells of the occupancy grid along each side of a block, unless there would be too many blocks.
@@ -39,10 +42,15 @@ impl CoarseOccupancy {
 
     /// How packets of rays are looked up in it for frames of `plan`; `None` where its samples do not lie along them.
     pub(super) fn packets<'c>(&'c self, plan: &Plan<'c>, around: Option<SceneBox>) -> Option<Packets<'c>> {
-        if self.side == 0 || plan.lattice == Lattice::Contracted || plan.proposal.is_some() {
+        let straight = plan.lattice != Lattice::Contracted && plan.proposal.is_none();
+        if straight { self.packets_of(plan.occupancy.as_ref()?, around?) } else { None }
+    }
+
+    /// The same of the `occupancy` it was made of; `around`: a box around all occupied cells.
+    fn packets_of<'c>(&'c self, occupancy: &OccupancyGrid<'c>, around: SceneBox) -> Option<Packets<'c>> {
+        if !VECTORS || self.side == 0 {
             return None;
         }
-        let (occupancy, around) = (plan.occupancy.as_ref()?, around?);
         let reach = (f32::from(self.side) - SLACK) / occupancy.cells_per_unit().max_element();
         Some(Packets {
             blocks: occupancy.of_blocks(self.side, &self.bits),
