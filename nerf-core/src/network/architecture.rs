@@ -251,7 +251,8 @@ impl Architecture {
 
     /// Values of `h`: the last trunk layer's outputs, or of an empty trunk the encoded position.
     pub fn h_rows(&self) -> usize {
-        self.trunk.last().map_or_else(|| self.position.outputs(), |layer| usize::from(layer.width))
+        let empty = || if PER_RAY_BUILT { self.position.outputs() } else { 0 };
+        self.trunk.last().map_or_else(empty, |layer| usize::from(layer.width))
     }
 
     /// Outputs of the widest trunk layer; 0 of an empty trunk.

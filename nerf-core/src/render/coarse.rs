@@ -117,11 +117,18 @@ impl Packets<'_> {
             apart = apart.max((ray.origin - mean.origin).abs().max_element());
             turned = turned.max((ray.dir - mean.dir).abs().max_element());
         }
-        // Whatever of a ray lies around occupied cells, the mean is this near to that.
+        // No ray is longer where it leaves the box, and none farther from the mean.
+        let SceneBox { min, max } = self.around;
+        let farthest = (0.5 * (min + max) - mean.origin).length() + 0.5 * (max - min).length();
+        let aside = apart + turned * farthest * LENGTH;
+        if aside > self.reach {
+            return Some((0.0, f32::MAX));
+        }
+        // Whatever of a ray lies around occupied cells, the mean is near to that.
         let (near, far) = self.around.clip(&mean, 0.0, f32::MAX)?;
         let step = (far - near) / POINTS as f32;
         let rounding = 8.0 * f32::EPSILON * (mean.origin.abs().max_element() + far);
-        if apart + turned * far + 0.5 * step + rounding > self.reach {
+        if aside + 0.5 * step + rounding > self.reach {
             return Some((0.0, f32::MAX));
         }
         let found = isa.run(LookUp { packets: self, ray: &mean, near, step });
@@ -133,6 +140,8 @@ impl Packets<'_> {
     }
 }
 
+/// More than the inverse length of a direction, which is 1 within 1e-3.
+const LENGTH: f32 = 1.002;
 /// Points that a packet of rays is looked up at.
 const POINTS: u32 = 64;
 
