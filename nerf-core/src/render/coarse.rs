@@ -121,7 +121,8 @@ impl Packets<'_> {
         let SceneBox { min, max } = self.around;
         let farthest = (0.5 * (min + max) - mean.origin).length() + 0.5 * (max - min).length();
         let aside = apart + turned * farthest * LENGTH;
-        if aside > self.reach {
+        // A ray that is no number leaves none of the mean's.
+        if aside > self.reach || !(mean.origin.is_finite() && mean.dir.is_finite()) {
             return Some((0.0, f32::MAX));
         }
         // Whatever of a ray lies around occupied cells, the mean is near to that.

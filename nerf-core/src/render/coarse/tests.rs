@@ -65,3 +65,19 @@ fn no_occupied_cell_is_outside_of_a_packets_range() {
         "{missed} {narrowed} {occupied}"
     );
 }
+
+#[test]
+fn a_ray_that_is_no_number_hides_none_beside_it() {
+    let bounds = SceneBox { min: Vec3::splat(-1.0), max: Vec3::splat(1.0) };
+    let occupancy = OccupancyGrid::new(bounds, [8; 3], &[0xff; 64]);
+    let coarse = CoarseOccupancy::new(Some(&occupancy));
+    let Some(packets) = coarse.packets_of(&occupancy, bounds) else {
+        assert!(!VECTORS);
+        return;
+    };
+    let seen = Ray { origin: Vec3::new(0.0, 0.0, 5.0), dir: Vec3::NEG_Z };
+    for broken in [Ray { dir: Vec3::NAN, ..seen }, Ray { origin: Vec3::new(0.0, f32::INFINITY, 0.0), ..seen }]
+    {
+        assert_eq!(packets.range_of(Isa::detect(), &[seen, broken]), Some((0.0, f32::MAX)));
+    }
+}
