@@ -4,7 +4,7 @@ use super::{HostError, Image, Request};
 use crate::blob::{Blob, BlobError};
 use crate::camera::{Camera, SceneBox};
 use crate::matrix::Kernel;
-use crate::render::Renderer;
+use crate::render::{CoarseOccupancy, Renderer};
 use std::boxed::Box;
 use std::path::Path;
 use std::vec;
@@ -29,7 +29,7 @@ pub struct Scene {
     kernel: Kernel,
     /// The parameters of the network and of its proposal, and the grid's tables, unpacked for the kernel.
     unpacked: [Box<[f32]>; 3],
-    occupied: Option<SceneBox>,
+    occupied: (Option<SceneBox>, CoarseOccupancy),
 }
 
 const _: () = {
@@ -66,7 +66,7 @@ impl Scene {
         let blob = Blob::open(&bytes)?;
         let mut unpacked = Renderer::unpacked_lengths(&blob, kernel).map(|count| vec![0.0; count]);
         Renderer::unpack(&blob, kernel, &mut unpacked);
-        let occupied = blob.occupancy().and_then(|occupancy| occupancy.occupied_box());
+        let occupied = Renderer::occupied(&blob);
         Ok(Self { occupied, kernel, unpacked: unpacked.map(Into::into), bytes })
     }
 
@@ -79,7 +79,7 @@ impl Scene {
     /// The borrowed renderer of this scene, for callers with memory and threads of their own.
     pub fn renderer(&self) -> Renderer<'_> {
         let unpacked = self.unpacked.each_ref().map(|it| &**it);
-        Renderer::of_unpacked(self.blob(), self.kernel, unpacked, self.occupied)
+        Renderer::of_unpacked(self.blob(), self.kernel, unpacked, self.occupied.clone())
             .unwrap_or_else(|| unreachable!("parameters fit the checked architecture"))
     }
 

@@ -161,6 +161,9 @@ impl Architecture {
         if per_ray && self.density.is_none() {
             return Err(E::PerRayWithoutDensity);
         }
+        if per_ray && !PER_RAY_BUILT {
+            return Err(E::PerRayNotBuilt);
+        }
         match self.trunk.first() {
             None if per_ray && self.position.grid().is_some() => {}
             None => return Err(E::NoTrunk),
@@ -248,7 +251,8 @@ impl Architecture {
 
     /// Values of `h`: the last trunk layer's outputs, or of an empty trunk the encoded position.
     pub fn h_rows(&self) -> usize {
-        self.trunk.last().map_or_else(|| self.position.outputs(), |layer| usize::from(layer.width))
+        let empty = || if PER_RAY_BUILT { self.position.outputs() } else { 0 };
+        self.trunk.last().map_or_else(empty, |layer| usize::from(layer.width))
     }
 
     /// Outputs of the widest trunk layer; 0 of an empty trunk.
@@ -274,6 +278,9 @@ fn check_width(field: &'static str, index: usize, width: u16) -> Result<(), Arch
     }
     Ok(())
 }
+
+/// Whether fields are shaded once a ray in this build: their networks are meant to read a grid.
+pub(crate) const PER_RAY_BUILT: bool = cfg!(feature = "grid");
 
 /// An architecture outside the format's caps.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -338,6 +345,8 @@ pub enum ArchitectureError {
     DirectionWithoutDensity,
     /// Shading once a ray in a network that has no density head (a 2D field).
     PerRayWithoutDensity,
+    /// Shading once a ray in a build without the feature `grid`.
+    PerRayNotBuilt,
     /// The trunk has no layer, which only a grid that is shaded once a ray may do without.
     NoTrunk,
     /// The first layer already takes `PE(x)`: a skip there would append it twice.
@@ -398,6 +407,10 @@ impl core::fmt::Display for ArchitectureError {
             Self::PerRayWithoutDensity => {
                 write!(f, "shading: expected once a sample in a 2D field, found once a ray")
             }
+            Self::PerRayNotBuilt => write!(
+                f,
+                "shading: expected a build with the feature `grid` for shading once a ray, found one without"
+            ),
             Self::NoTrunk => write!(
                 f,
                 "trunk: expected 1 to {MAX_TRUNK} layers, or none behind a position grid shaded once a ray, found none"

@@ -13,6 +13,7 @@ mod view;
 #[cfg(test)]
 mod tests;
 
+pub(crate) use architecture::PER_RAY_BUILT;
 pub use architecture::{
     Architecture, ArchitectureError, DensityActivation, EXPONENTIAL_LIMIT, Layer, Layers, MAX_COLOUR,
     MAX_LAYERS, MAX_TRUNK, MAX_WIDTH, Role, Shading, TrunkLayer,

@@ -1,6 +1,8 @@
 //! A network at work: weights where they lie, samples in blocks.
 
-use super::architecture::{Architecture, DensityActivation, EXPONENTIAL_LIMIT, Layer, Layers, Role};
+use super::architecture::{
+    Architecture, DensityActivation, EXPONENTIAL_LIMIT, Layer, Layers, PER_RAY_BUILT, Role,
+};
 use crate::encoding::{
     DirectionEncoding, GridTables, PositionEncoding, encode_block, encode_harmonics_block,
 };
@@ -263,7 +265,7 @@ impl<'a> Network<'a> {
         mut each: impl FnMut(&Layer, &[f32]),
     ) {
         let encoded = self.architecture.position.outputs();
-        if self.architecture.trunk.is_empty() {
+        if PER_RAY_BUILT && self.architecture.trunk.is_empty() {
             self.encode_position(math, scratch.stride, positions, scratch.front);
             return self.take_rows(encoded, scratch.stride, scratch.front);
         }

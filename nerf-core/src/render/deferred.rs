@@ -8,13 +8,13 @@ use super::frame::{block_samples, columns_of};
 use super::march::{Picks, RayState};
 use super::{Counters, tone};
 use crate::memory::{Layout, at, column, head, head_mut, put, put_column, tail};
-use crate::network::{Network, Scratch, Shading};
+use crate::network::{Network, PER_RAY_BUILT, Scratch, Shading};
 use crate::plan::Plan;
 use glam::Vec3;
 
 /// Whether colours of a frame are worked out once a ray.
 pub(super) fn is_deferred(network: &Network<'_>, plan: &Plan<'_>) -> bool {
-    plan.outputs.rgb && network.architecture().shading == Shading::PerRay
+    PER_RAY_BUILT && plan.outputs.rgb && network.architecture().shading == Shading::PerRay
 }
 
 /// What the rays in flight have gathered of `h`; all empty where colours are worked out at samples, or not at all.
@@ -37,12 +37,14 @@ impl<'w> Deferred<'w> {
     }
 
     pub fn is_on(&self) -> bool {
-        self.row > 0
+        PER_RAY_BUILT && self.row > 0
     }
 
     /// A new ray in place `ray`.
     pub fn begin(&mut self, ray: usize) {
-        if let Some(sums) = self.sums.get_mut(ray * self.row..(ray + 1) * self.row) {
+        if self.is_on()
+            && let Some(sums) = self.sums.get_mut(ray * self.row..(ray + 1) * self.row)
+        {
             sums.fill(0.0);
         }
     }

@@ -1,5 +1,6 @@
 //! The state of a worker: its memory, a tile's rays from pixel to pixel, the network's blocks.
 
+use super::coarse::Packets;
 use super::deferred::{Deferred, is_deferred};
 use super::march::{ActiveRays, Block, ColourQueue, Picks, RayState};
 use super::proposal::{ProposalSamples, Proposer};
@@ -14,12 +15,15 @@ use crate::plan::Plan;
 use crate::render::anti_aliasing::{self, Sums};
 use crate::render::tone;
 use crate::sampling::SampleJitter;
-use crate::simd::BLOCK;
-use crate::volume::Accumulator;
+use crate::simd::{BLOCK, VECTORS};
+use crate::volume::{Accumulator, Pixel};
 use glam::Vec3;
 
 /// Columns of the widest vector: a block of prepared weights has a multiple of it.
 pub(super) const VECTOR: usize = 16;
+
+/// Rays that are looked up in the coarse occupancy grid together, across and down; of a row as many.
+const PACKET: (u32, u32) = (4, 4);
 
 /// What a worker works with, from its memory to the tile at hand.
 pub(super) struct Frame<'f, 'w> {
@@ -27,6 +31,7 @@ pub(super) struct Frame<'f, 'w> {
     pub(super) network: &'f Network<'f>,
     /// A box around what the occupancy grid has.
     occupied: Option<SceneBox>,
+    packets: Option<Packets<'f>>,
     /// The tile's rays that meet something live; they stay where they are until the tile is done.
     pub(super) rays: &'w mut [RayState],
     pub(super) active: ActiveRays<'w>,
@@ -66,7 +71,7 @@ impl<'f, 'w> Frame<'f, 'w> {
         network: &'f Network<'f>,
         proposer: &'f Proposer<'f>,
         plan: &'f Plan<'f>,
-        occupied: Option<SceneBox>,
+        (occupied, packets): (Option<SceneBox>, Option<Packets<'f>>),
     ) -> Self {
         let (rays, samples) = (plan.batch.rays, block_samples(network, plan));
         let picks = if plan.outputs.picks() { samples } else { 0 };
@@ -84,6 +89,7 @@ impl<'f, 'w> Frame<'f, 'w> {
             plan,
             network,
             occupied,
+            packets,
             rays: layout.slice(rays, RayState::NONE),
             active: ActiveRays::new(layout.slice(rays, 0)),
             drawn: ProposalSamples::lay_out(layout, proposer, [rays, samples, row]),
@@ -190,47 +196,102 @@ impl<'f, 'w> Frame<'f, 'w> {
         source: &impl RaySource,
         target: &mut impl Target,
     ) -> usize {
-        let (plan, tile, turn) = (self.plan, self.tile, self.turn);
-        let mut hits = 0;
-        // Nothing outside is live, so that most rays of most pictures end here.
-        let walk = plan.proposal.as_ref().unwrap_or(&plan.bins);
-        let around = if plan.occupancy.is_some() { self.occupied } else { Some(plan.bounds) };
+        let (mut hits, tile) = (0, self.tile);
+        if VECTORS && let Some(packets) = self.packets {
+            let (across, down) = if tile.height > 1 { PACKET } else { (PACKET.0 * PACKET.1, 1) };
+            for part in tile.tiles(across, down) {
+                hits = self.start_packet::<M, COLLIDE>(&packets, part, hits, source, target);
+            }
+            return hits;
+        }
         for y in tile.y..tile.y + tile.height {
             for x in tile.x..tile.x + tile.width {
-                self.counters.rays += 1;
                 let ray = source.ray(x, y);
-                let [t_min, t_max] = source.range(x, y, &ray);
-                let range = plan.range_of(t_min, t_max);
-                let mut state = RayState { ray, range, x, y, done: false, ..RayState::NONE };
-                if COLLIDE {
-                    state.gathered = Accumulator::until(source.until(x));
-                }
-                if let Some(span) = around.and_then(|bounds| plan.span(&bounds, &ray, range)) {
-                    (state.ray, state.start, state.ends) = (span.ray, span.start, span.ends);
-                    (state.next, state.end) = (span.bins.start, span.bins.end);
-                }
-                let (next, end) = (state.next, state.end);
-                // A proposal is asked in the middle of its bins.
-                let place = if self.drawn.is_on() { SampleJitter::MIDDLE } else { state.place(plan, turn) };
-                let live = state.march(self.network.isa(), plan, walk, place);
-                // Between the proposal's samples there may be drawn ones that are live.
-                if (live || (self.drawn.is_on() && next < end))
-                    && let Some(place) = self.rays.get_mut(hits)
-                {
-                    *place = state;
-                    self.deferred.begin(hits);
-                    self.medians.begin(hits);
-                    self.normals.begin(hits);
-                    if live {
-                        self.active.push(hits as u32);
-                    }
-                    hits += 1;
-                } else {
-                    self.finish::<M>(&state, None, source, target);
-                }
+                hits += usize::from(self.start_ray::<M, COLLIDE>((x, y), ray, None, hits, source, target));
             }
         }
         hits
+    }
+
+    /// Makes the rays of a `part` of the tile, of which `hits` before them met something; returns how many do with them.
+    fn start_packet<M: Math, const COLLIDE: bool>(
+        &mut self,
+        packets: &Packets<'_>,
+        part: Rect,
+        mut hits: usize,
+        source: &impl RaySource,
+        target: &mut impl Target,
+    ) -> usize {
+        let mut rays = [RayState::NONE.ray; (PACKET.0 * PACKET.1) as usize];
+        let columns = part.x..part.x + part.width;
+        let pixels = (part.y..part.y + part.height).flat_map(|y| columns.clone().map(move |x| (x, y)));
+        let mut count = 0;
+        for (ray, (x, y)) in rays.iter_mut().zip(pixels.clone()) {
+            *ray = source.ray(x, y);
+            count += 1;
+        }
+        let rays = head(&rays, count);
+        let near_cells = packets.range_of(self.network.isa(), rays);
+        for (pixel, &ray) in pixels.zip(rays) {
+            if near_cells.is_none() {
+                self.finish_missed::<M>(pixel, &ray, source, target);
+            } else if self.start_ray::<M, COLLIDE>(pixel, ray, near_cells, hits, source, target) {
+                hits += 1;
+            }
+        }
+        hits
+    }
+
+    /// Makes the ray of a pixel, which takes place `hits` if it meets something; returns whether it does.
+    ///
+    /// `near_cells`: between which distances occupied cells may be, if that was asked.
+    fn start_ray<M: Math, const COLLIDE: bool>(
+        &mut self,
+        (x, y): (u32, u32),
+        ray: Ray,
+        near_cells: Option<(f32, f32)>,
+        hits: usize,
+        source: &impl RaySource,
+        target: &mut impl Target,
+    ) -> bool {
+        let (plan, turn) = (self.plan, self.turn);
+        // Nothing outside is live, so that most rays of most pictures end here.
+        let walk = plan.proposal.as_ref().unwrap_or(&plan.bins);
+        let around = if plan.occupancy.is_some() { self.occupied } else { Some(plan.bounds) };
+        self.counters.rays += 1;
+        let [t_min, t_max] = source.range(x, y, &ray);
+        let range = plan.range_of(t_min, t_max);
+        let mut state = RayState { ray, range, x, y, done: false, ..RayState::NONE };
+        if COLLIDE {
+            state.gathered = Accumulator::until(source.until(x));
+        }
+        if let Some(span) = around.and_then(|bounds| plan.span(&bounds, &ray, range)) {
+            (state.ray, state.start, state.ends) = (span.ray, span.start, span.ends);
+            (state.next, state.end) = (span.bins.start, span.bins.end);
+            if let Some((first, last)) = near_cells {
+                let bins = walk.overlapping(first - span.start, last - span.start);
+                (state.next, state.end) = (state.next.max(bins.start), state.end.min(bins.end));
+            }
+        }
+        let (next, end) = (state.next, state.end);
+        // A proposal is asked in the middle of its bins.
+        let place = if self.drawn.is_on() { SampleJitter::MIDDLE } else { state.place(plan, turn) };
+        let live = state.march(self.network.isa(), plan, walk, place);
+        // Between the proposal's samples there may be drawn ones that are live.
+        if (live || (self.drawn.is_on() && next < end))
+            && let Some(place) = self.rays.get_mut(hits)
+        {
+            *place = state;
+            self.deferred.begin(hits);
+            self.medians.begin(hits);
+            self.normals.begin(hits);
+            if live {
+                self.active.push(hits as u32);
+            }
+            return true;
+        }
+        self.finish::<M>(&state, None, source, target);
+        false
     }
 
     /// The direction's share of the colour branch, for the first `count` rays.
@@ -265,20 +326,49 @@ impl<'f, 'w> Frame<'f, 'w> {
         source: &impl RaySource,
         target: &mut impl Target,
     ) {
-        let (plan, tile, far) = (self.plan, self.tile, source.far(state.x).min(state.range[1]));
+        let (plan, far) = (self.plan, source.far(state.x).min(state.range[1]));
         self.counters.samples_skipped += u64::from(plan.samples_per_ray().saturating_sub(state.kept));
         let cosine = state.ray.dir.dot(self.forward);
-        let shown = plan.outputs.rgb && self.background;
-        let background = if shown { plan.background } else { [0.0; 3] };
-        let background = tone::background::<M>(&plan.effects.tone, background);
+        let background = self.background::<M>();
         let mut seen = state.gathered.finish_from(state.start, state.done, background, far, cosine);
         seen.rgb = tone::to_light::<M>(&plan.effects.tone, seen.rgb);
         seen.median_distance = self.medians.finish(place, plan, state.start, far);
         seen.normal = self.normals.finish(place, seen.opacity);
-        let index = (state.y - tile.y) as usize * tile.width as usize + (state.x - tile.x) as usize;
+        self.add_to_pixel::<M>((state.x, state.y), seen, far, target);
+    }
+
+    /// [`Frame::finish`] of a ray that nothing was asked about: it meets nothing.
+    fn finish_missed<M: Math>(
+        &mut self,
+        (x, y): (u32, u32),
+        ray: &Ray,
+        source: &impl RaySource,
+        target: &mut impl Target,
+    ) {
+        let [t_min, t_max] = source.range(x, y, ray);
+        let far = source.far(x).min(self.plan.range_of(t_min, t_max)[1]);
+        self.counters.rays += 1;
+        self.counters.samples_skipped += u64::from(self.plan.samples_per_ray());
+        let rgb = tone::to_light::<M>(&self.plan.effects.tone, self.background::<M>());
+        let median_distance = self.medians.finish(None, self.plan, 0.0, far);
+        let seen = Pixel { rgb, ray_distance: far, z_depth: far, median_distance, ..Pixel::BLANK };
+        self.add_to_pixel::<M>((x, y), seen, far, target);
+    }
+
+    /// What shows behind a ray.
+    fn background<M: Math>(&self) -> [f32; 3] {
+        let shown = self.plan.outputs.rgb && self.background;
+        tone::background::<M>(&self.plan.effects.tone, if shown { self.plan.background } else { [0.0; 3] })
+    }
+
+    /// Adds what a ray saw to its pixel, and hands that on after its last.
+    #[inline]
+    fn add_to_pixel<M: Math>(&mut self, (x, y): (u32, u32), seen: Pixel, far: f32, target: &mut impl Target) {
+        let (plan, tile) = (self.plan, self.tile);
+        let index = (y - tile.y) as usize * tile.width as usize + (x - tile.x) as usize;
         if let Some(mut pixel) = self.sums.add(&plan.effects, index, self.turn, seen, far) {
             pixel.rgb = tone::to_display::<M>(&plan.effects.tone, pixel.rgb);
-            target.put(state.x, state.y, &pixel);
+            target.put(x, y, &pixel);
         }
     }
 

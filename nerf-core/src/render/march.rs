@@ -286,9 +286,11 @@ impl Frame<'_, '_> {
                 }
             }
             let last = column + 1 == n || at(self.block.owner, column + 1) != owner;
-            let place = state.place(plan, self.turn);
-            if last && !state.done && self.drawn.march(isa, plan, owner, state, place) {
-                self.active.push(owner);
+            if last && !state.done {
+                let place = state.place(plan, self.turn);
+                if self.drawn.march(isa, plan, owner, state, place) {
+                    self.active.push(owner);
+                }
             }
         }
         (used, picked)
@@ -298,6 +300,7 @@ impl Frame<'_, '_> {
     ///
     /// The exponentials are the same bits with every instruction set, sixteen at a time where there are so many.
     fn absorb<M: Math, const COLLIDE: bool>(&mut self, n: usize) {
+        let isa = self.network.isa();
         let room = self.block.owner.len();
         if let Some(contraction) = &self.plan.contraction {
             self.parts_in_world(contraction, n);
@@ -329,7 +332,7 @@ impl Frame<'_, '_> {
         let columns = columns_of(self.network, n);
         if let Some((alpha, light)) = tail_mut(self.triples, room).split_at_mut_checked(room) {
             let (alpha, light) = (head_mut(alpha, columns), head_mut(light, columns));
-            Isa::Portable.run_columns(columns, Absorb::<M> { alpha, light, math: PhantomData });
+            isa.run_portable(columns, Absorb::<M> { alpha, light, math: PhantomData });
         }
     }
 

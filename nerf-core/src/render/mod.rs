@@ -12,6 +12,7 @@ mod anti_aliasing;
 #[cfg(not(feature = "anti-aliasing"))]
 #[path = "anti_aliasing_off.rs"]
 mod anti_aliasing;
+mod coarse;
 mod counters;
 mod deferred;
 #[cfg(feature = "depth-of-field")]
@@ -66,6 +67,7 @@ use crate::memory::{Arena, Layout, Line, Measure};
 use crate::network::{Network, Weights, unpack};
 use crate::plan::Plan;
 use crate::simd::VECTORS;
+pub(crate) use coarse::CoarseOccupancy;
 use frame::Frame;
 use proposal::Proposer;
 
@@ -82,6 +84,7 @@ pub struct Renderer<'a> {
     proposer: Proposer<'a>,
     /// A box around what the occupancy grid has.
     occupied: Option<SceneBox>,
+    coarse: CoarseOccupancy,
 }
 
 impl<'a> Renderer<'a> {
@@ -132,12 +135,15 @@ impl<'a> Renderer<'a> {
         let (weights, proposer, tables) = Self::unpacked(&blob, kernel, unpacked.map(|it| &*it));
         let network = Network::with_grid(blob.architecture(), weights, tables, kernel.isa)
             .ok_or(RenderError::Network)?;
-        Ok(Self {
-            occupied: blob.occupancy().and_then(|occupancy| occupancy.occupied_box()),
-            blob,
-            network,
-            proposer,
-        })
+        let (occupied, coarse) = Self::occupied(&blob);
+        Ok(Self { blob, network, proposer, occupied, coarse })
+    }
+
+    /// A box around what the occupancy grid has, and its blocks.
+    pub(crate) fn occupied(blob: &Blob<'_>) -> (Option<SceneBox>, CoarseOccupancy) {
+        let occupancy = blob.occupancy();
+        let around = occupancy.as_ref().and_then(|occupancy| occupancy.occupied_box());
+        (around, CoarseOccupancy::new(occupancy.as_ref()))
     }
 
     /// Unpacks the parameters of the scene's network and of its proposal.
@@ -175,11 +181,11 @@ impl<'a> Renderer<'a> {
         blob: Blob<'a>,
         kernel: Kernel,
         unpacked: [&'a [f32]; 3],
-        occupied: Option<SceneBox>,
+        (occupied, coarse): (Option<SceneBox>, CoarseOccupancy),
     ) -> Option<Self> {
         let (weights, proposer, tables) = Self::unpacked(&blob, kernel, unpacked);
         let network = Network::with_grid(blob.architecture(), weights, tables, kernel.isa)?;
-        Some(Self { blob, network, proposer, occupied })
+        Some(Self { blob, network, proposer, occupied, coarse })
     }
 
     /// The tables of the blob's grid, where they lie.
@@ -210,8 +216,8 @@ impl<'a> Renderer<'a> {
         let weights = Weights::Prepared(parameters);
         let network = Network::with_grid(blob.architecture(), weights, tables, kernel.isa)?;
         let proposer = Proposer::in_place(&blob, kernel.isa);
-        let occupied = blob.occupancy().and_then(|occupancy| occupancy.occupied_box());
-        Some(Self { blob, network, proposer, occupied })
+        let (occupied, coarse) = Self::occupied(&blob);
+        Some(Self { blob, network, proposer, occupied, coarse })
     }
 
     /// The scene.
@@ -238,7 +244,7 @@ impl<'a> Renderer<'a> {
     /// [`Renderer::query`].
     pub fn workspace_lines(&self, plan: &Plan<'_>) -> usize {
         let mut measure = Measure::default();
-        Frame::lay_out(&mut measure, &self.network, &self.proposer, plan, None);
+        Frame::lay_out(&mut measure, &self.network, &self.proposer, plan, (None, None));
         measure.lines
     }
 
@@ -260,7 +266,8 @@ impl<'a> Renderer<'a> {
             return Err(RenderError::Memory { expected, found });
         }
         let mut arena = Arena::new(workspace);
-        let frame = Frame::lay_out(&mut arena, &self.network, &self.proposer, plan, self.occupied);
+        let around = (self.occupied, self.coarse.packets(plan, self.occupied));
+        let frame = Frame::lay_out(&mut arena, &self.network, &self.proposer, plan, around);
         Ok(Worker::of_frame(frame))
     }
 

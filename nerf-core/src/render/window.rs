@@ -122,7 +122,7 @@ impl LookUp<'_> {
 
 /// The points of a ray at a vector of distances.
 #[inline(always)]
-fn points_at<V: Lanes>(ray: &Ray, t: V) -> [V; 3] {
+pub(super) fn points_at<V: Lanes>(ray: &Ray, t: V) -> [V; 3] {
     let (origin, dir) = (ray.origin.to_array(), ray.dir.to_array());
     let mut points = [t; 3];
     for (axis, point) in points.iter_mut().enumerate() {

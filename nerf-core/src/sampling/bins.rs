@@ -1,7 +1,7 @@
 //! Equal bins along a ray.
 
 use crate::camera::BoundsError;
-use crate::simd::{Lanes, MAX_LANES};
+use crate::simd::{LANES, Lanes};
 use core::ops::Range;
 
 /// `near..far` cut into `count` equal bins; every ray of a picture shares them.
@@ -167,8 +167,6 @@ impl Bins {
     /// [`Bins::whole_up_to`] says of the last.
     #[inline(always)]
     pub(crate) fn middles<V: Lanes>(&self, first: u32, whole: bool) -> V {
-        const LANES: [f32; MAX_LANES] =
-            [0., 1., 2., 3., 4., 5., 6., 7., 8., 9., 10., 11., 12., 13., 14., 15.];
         let Ends { high, far, .. } = self.ends;
         let (near, delta, half) = (V::splat(self.near), V::splat(self.delta), V::splat(0.5));
         let i = V::splat(first as f32).add(V::load(&LANES));

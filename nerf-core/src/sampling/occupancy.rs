@@ -178,6 +178,44 @@ impl<'a> OccupancyGrid<'a> {
         })
     }
 
+    /// Cells a world unit along x, y, z.
+    pub(crate) fn cells_per_unit(&self) -> Vec3 {
+        self.cells_per_unit
+    }
+
+    /// Blocks of `side` cells along x, y, z; the last ones may have fewer.
+    pub(crate) fn blocks(&self, side: u16) -> [u16; 3] {
+        self.resolution.map(|cells| cells.div_ceil(side))
+    }
+
+    /// Sets the bit of each block of `side` cells that has an occupied one, x slowest.
+    pub(crate) fn mark_blocks(&self, side: u16, blocks: &mut [u8]) {
+        let [_, ny, nz] = self.blocks(side).map(usize::from);
+        let (side, [_, cells_y, cells_z]) = (usize::from(side), self.resolution.map(usize::from));
+        for (i, &byte) in self.bits.iter().enumerate().filter(|(_, byte)| **byte != 0) {
+            for bit in (0..8).filter(|bit| byte >> bit & 1 == 1) {
+                let index = 8 * i + bit;
+                // No 0 among them, or there are no bits.
+                let (y, z) = (index / cells_z.max(1), index % cells_z.max(1));
+                let (x, y) = (y / cells_y.max(1), y % cells_y.max(1));
+                let block = (x / side * ny + y / side) * nz + z / side;
+                if let Some(byte) = blocks.get_mut(block / 8) {
+                    *byte |= 1 << (block % 8);
+                }
+            }
+        }
+    }
+
+    /// The grid of these blocks, whose bits are `blocks`.
+    pub(crate) fn of_blocks<'b>(&self, side: u16, blocks: &'b [u8]) -> OccupancyGrid<'b> {
+        OccupancyGrid {
+            bounds: self.bounds,
+            cells_per_unit: self.cells_per_unit / f32::from(side),
+            resolution: self.blocks(side),
+            bits: blocks,
+        }
+    }
+
     /// Whether cell `index` may hold something.
     #[inline]
     pub fn bit(&self, index: usize) -> bool {

@@ -3,6 +3,7 @@
 use super::Op;
 use super::gather::{last_row, last_word};
 use crate::simd::lanes::SQRT_HALF_BITS;
+use crate::simd::portable::Portable;
 use crate::simd::{Format, Indices, Lanes, MAX_LANES, Table, bits_by_lane, weighted_rows_by_lane};
 use core::arch::x86_64::*;
 
@@ -17,6 +18,15 @@ pub struct F32x8(__m256);
 #[target_feature(enable = "avx2,fma,f16c")]
 pub unsafe fn run<O: Op>(op: O) -> O::Output {
     op.run::<F32x8>()
+}
+
+/// Runs `op` with portable lanes in `ymm` registers: products and sums are not fused, so that bits stay as they are.
+///
+/// # Safety
+/// As of [`run`].
+#[target_feature(enable = "avx2")]
+pub unsafe fn run_portable<O: Op>(op: O) -> O::Output {
+    op.run::<Portable>()
 }
 
 /// An intrinsic that needs what [`run`]'s contract promises.

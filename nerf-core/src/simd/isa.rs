@@ -89,6 +89,19 @@ impl Isa {
         if VECTORS && columns.is_multiple_of(16) { self.run(op) } else { op.run::<f32>() }
     }
 
+    /// Runs `op` over `columns` samples with the bits of [`Isa::Portable`], in the widest vectors that give them.
+    #[inline]
+    pub(crate) fn run_portable<O: Op>(self, columns: usize, op: O) -> O::Output {
+        match self {
+            // SAFETY: the CPU and the OS have what the leaf needs; `available` asked them.
+            #[cfg(target_arch = "x86_64")]
+            Self::Avx2 | Self::Avx512 if columns.is_multiple_of(16) && Self::Avx2.available() => unsafe {
+                super::avx2::run_portable(op)
+            },
+            _ => Self::Portable.run_columns(columns, op),
+        }
+    }
+
     /// Runs `op` with these instructions, or with the portable ones where the machine lacks them.
     #[inline]
     pub fn run<O: Op>(self, op: O) -> O::Output {

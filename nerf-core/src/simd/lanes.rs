@@ -131,6 +131,9 @@ pub trait Lanes: Copy + sealed::Sealed {
 
 /// The widest vector of any instruction set.
 pub const MAX_LANES: usize = 16;
+/// The number of each lane.
+pub(crate) const LANES: [f32; MAX_LANES] =
+    [0., 1., 2., 3., 4., 5., 6., 7., 8., 9., 10., 11., 12., 13., 14., 15.];
 
 pub(super) mod sealed {
     /// What [`super::Lanes`] is for alone.

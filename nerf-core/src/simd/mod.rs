@@ -28,6 +28,7 @@ mod table;
 mod tests;
 
 pub use isa::{Isa, VECTORS};
+pub(crate) use lanes::LANES;
 pub use lanes::{Lanes, MAX_LANES};
 #[cfg(feature = "train")]
 pub use prefetch::prefetch;

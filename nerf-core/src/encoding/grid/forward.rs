@@ -1,7 +1,7 @@
 //! The encoding of a block.
 
 use super::cell::{Cells, unit_positions};
-use super::{GridEncoding, GridLevel, GridTables, TableValues};
+use super::{GridEncoding, GridLevel, GridTables, MAX_GRID_LEVELS, TableValues};
 use crate::memory::{head, head_mut, tail_mut};
 use crate::simd::{F16Table, F32Table, Int8Table, Isa, Lanes, Op, Table, VECTORS};
 
@@ -116,21 +116,22 @@ impl<T: Table> Encode<'_, T> {
             return self.level_by_level::<V, ROWS, FEATURES>();
         }
         let stride = self.stride;
+        let all: heapless::Vec<GridLevel, MAX_GRID_LEVELS> = self.grid.levels().collect();
         for column in (0..stride).step_by(V::COUNT) {
             let inputs = usize::from(self.grid.inputs);
             let unit = unit_positions::<V>(self.tables, inputs, stride, self.x, column);
             // A level's entries are found while the values of the one before are on their way.
-            let mut levels = self.grid.levels();
+            let mut levels = all.iter();
             let mut next = levels.next();
-            let Some(first) = &next else { break };
+            let Some(first) = next else { break };
             let mut read = Read::<V, ROWS>::of(first, unit);
             while let Some(level) = next {
                 let here = read;
                 next = levels.next();
-                if let Some(level) = &next {
+                if let Some(level) = next {
                     read = Read::of(level, unit);
                 }
-                here.interpolate(self.table, &level, FEATURES, (column, stride, self.out));
+                here.interpolate(self.table, level, FEATURES, (column, stride, self.out));
             }
         }
     }
