@@ -187,7 +187,7 @@ impl Moving {
         }
     }
 
-    /// Renews the masks after every [`EVERY`]th step; `step` counts from 0.
+    /// Renews the masks after every `EVERY`th step; `step` counts from 0.
     pub fn step(&mut self, step: u32) {
         if !(step + 1).is_multiple_of(EVERY) {
             return;
