@@ -3,7 +3,8 @@
 //! Photographs are cut into square patches. A patch's error is the mean of its rays' errors with their signs: fine texture
 //! that is hard to fit is too bright here and too dark there, which cancels out, while something that only this photograph
 //! shows has another colour as a whole. Where patches that err together are large and far off, their rays have weight 0; they
-//! are drawn as before, so that what was masked wrongly is taken back.
+//! are drawn as before, so that what was masked wrongly is taken back. Where the photographs of the two nearest cameras err at
+//! the same patches, the field is wrong, and nothing is masked.
 //!
 //! # Source
 //! Sabour et al. 2023 (RobustNeRF), patch-wise robust weights. Deviation: the signed mean of a patch's error in place of
@@ -27,10 +28,11 @@ const PATCHES: [u32; 2] = [60, 90_000];
 const SMALLEST_SIDE: u32 = 4;
 /// Rays in three by three patches from which on their error is known.
 const KNOWN: f32 = 8.0;
-/// Error of a patch in a region: in medians over all patches, and at least; colours are from 0 to 1, root mean square.
+/// Least error of a patch that belongs to a region, as a multiple of the median over all patches and in colours of 0 to 1, root
+/// mean square over the channels.
 const OFF: (f32, f32) = (3.0, 0.03);
-/// Mean error of a region that is masked, and that times its share of the photograph. Clean captures have regions of up to
-/// 0.116, and 0.14 times 0.06; figures of a flat colour in front of the same captures 0.13 to 0.3, and from 0.015 on.
+/// Least mean error of a masked region, and least product of it and its share of the photograph. Clean captures have regions
+/// of up to 0.116, and 0.14 times 0.06; figures of a flat colour in front of the same captures 0.13 to 0.3, and from 0.015 on.
 const FAR_OFF: (f32, f32) = (0.125, 0.01);
 /// Nearest cameras that a region is compared with, and share of its patches that are off in one of them, too, from which on
 /// the field is wrong there and not the photograph.
@@ -45,8 +47,9 @@ struct Tiles {
     first: usize,
     columns: usize,
     rows: usize,
-    /// Of a patch, and width of the photograph, pixels.
+    /// Side of a patch, pixels.
     side: u32,
+    /// Width of the photograph, pixels.
     width: u32,
 }
 
@@ -71,7 +74,7 @@ impl Tiles {
         self.first + y as usize * self.columns + x as usize
     }
 
-    /// The patches within one of `patch`, which is counted from the photograph's first, itself among them.
+    /// The three by three patches around `patch`; both are counted from the photograph's first.
     fn around(&self, patch: usize) -> impl Iterator<Item = usize> + use<> {
         let near = |at: usize, end: usize| at.saturating_sub(1)..(at + 2).min(end);
         let columns = self.columns;
@@ -84,9 +87,9 @@ impl Tiles {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Moving {
     tiles: Vec<Tiles>,
-    /// Of each photograph, those of the nearest cameras.
+    /// Indices of the photographs from the nearest cameras, for each photograph.
     neighbours: Vec<Vec<usize>>,
-    /// Of the errors, red, green, blue, and how many.
+    /// Sums of the rays' errors in red, green and blue, and number of rays, for each patch.
     sums: Vec<[f32; 4]>,
     masked: Vec<bool>,
 }
@@ -100,12 +103,12 @@ pub struct Moved {
     pub name: String,
     /// Masked share of its pixels.
     pub share: f64,
-    /// Which they are, row by row from the top.
+    /// Whether each pixel is masked, row by row from the top.
     pub mask: Vec<bool>,
 }
 
 impl Moved {
-    /// Lets these pixels of the photograph not count, if others do.
+    /// Excludes the masked pixels from the scores of `view`, unless none would be left.
     pub fn leave_out_of(&self, view: &mut View) {
         let counts: Vec<bool> =
             self.mask.iter().enumerate().map(|(pixel, &masked)| !masked && view.counts(pixel)).collect();
@@ -115,7 +118,7 @@ impl Moved {
     }
 }
 
-/// What is said of them; nothing where there are none.
+/// Messages that name the photographs; empty where nothing moved.
 pub fn in_words(moved: &[Moved]) -> Vec<String> {
     let of = |moved: &[&Moved]| match moved {
         [one] => format!("1 photograph ({})", one.name),
@@ -137,7 +140,7 @@ pub fn in_words(moved: &[Moved]) -> Vec<String> {
     if !most.is_empty() {
         words.push(format!(
             "{} with more than half of the pixels contradicted by the other photographs and left out of the fit: a wrong \
-             pose, or another place or time; take it out of the data set",
+             pose, or another place or time; take such photographs out of the data set",
             of(&most)
         ));
     }
@@ -145,7 +148,7 @@ pub fn in_words(moved: &[Moved]) -> Vec<String> {
 }
 
 impl Moving {
-    /// Of these photographs; `None` where nothing is to be masked.
+    /// State without a mask; `None` where `setting` or too few photographs rule masks out.
     pub fn of(views: &[View], setting: MovingObjects) -> Option<Self> {
         if setting == MovingObjects::Off || views.len() < FEWEST_VIEWS {
             return None;
@@ -156,7 +159,7 @@ impl Moving {
         Some(Self { tiles, neighbours, sums: vec![[0.0; 4]; patches], masked: vec![false; patches] })
     }
 
-    /// Whether they belong to `views` and are finite: a checkpoint may hold anything.
+    /// Whether the state belongs to `views` and is finite: a checkpoint may hold anything.
     pub fn is_of(&self, views: &[View]) -> bool {
         let patches = self.tiles.last().map_or(0, |tiles| tiles.range().end);
         (&self.tiles, &self.neighbours) == (&tiles(views), &neighbours(views))
@@ -164,7 +167,7 @@ impl Moving {
             && self.sums.as_flattened().iter().all(|x| x.is_finite())
     }
 
-    /// Weights of a batch's rays; none where all are 1.
+    /// Sets the weights of a batch's rays: 0 in masked patches, else 1; empty where nothing is masked.
     pub fn weigh(&self, batch: &mut Batch) {
         batch.weights.clear();
         if self.masked.contains(&true) {
@@ -174,7 +177,7 @@ impl Moving {
         }
     }
 
-    /// Adds the errors of a batch's rays, by their index.
+    /// Adds the colour errors of a batch's rays, each with the ray's index, to their patches.
     pub fn add<'e>(&mut self, batch: &Batch, errors: impl Iterator<Item = &'e (u32, [f32; 3])>) {
         for &(ray, [r, g, b]) in errors {
             let at = batch.views.get(ray as usize).zip(batch.pixels.get(ray as usize));
@@ -184,7 +187,7 @@ impl Moving {
         }
     }
 
-    /// Decides after step `step` what is masked, where it is time to.
+    /// Renews the masks after every `EVERY`th step; `step` counts from 0.
     pub fn step(&mut self, step: u32) {
         if !(step + 1).is_multiple_of(EVERY) {
             return;
@@ -221,7 +224,8 @@ impl Moving {
         self.sums.fill([0.0; 4]);
     }
 
-    /// Error of each patch of a photograph, by those around it too, beside the photograph's median; `None`: unknown.
+    /// Error of each patch of a photograph: distance of the mean over three by three patches from the photograph's median,
+    /// root mean square over the channels; `None` where too few rays were drawn.
     fn errors(&self, tiles: &Tiles) -> Vec<Option<f32>> {
         let sums = &self.sums[tiles.range()];
         let mean = |patch: usize| {
@@ -254,7 +258,7 @@ impl Moving {
         self.masked.contains(&true)
     }
 
-    /// The photographs of which something is masked.
+    /// Photographs with masked pixels.
     pub fn found(&self, views: &[View]) -> Vec<Moved> {
         let of = |(view, tiles): (usize, &Tiles)| {
             let mask: Vec<bool> =

@@ -212,7 +212,8 @@ impl<'v> Found<'v> {
         self.groups.iter_mut().for_each(|group| group.retain(|view| !outliers.contains(view)));
     }
 
-    /// Whether the reconstruction lays two sides that look alike on top of each other; `None` where too few photographs can be compared.
+    /// Whether the reconstruction lays two sides that look alike on top of each other; `None` where too few photographs can
+    /// be compared.
     fn folded(&self) -> Option<bool> {
         match self.reason {
             Some(Reason::Folded) => Some(true),

@@ -273,12 +273,12 @@ impl<'d> Trainer<'d> {
         self.poses_found
     }
 
-    /// Training photographs of which something is left out of the loss, as it is now.
+    /// Training photographs with pixels that are masked at present.
     pub fn moved(&self) -> Vec<Moved> {
         self.moving.as_ref().map_or_else(Vec::new, |moving| moving.found(&self.dataset.train))
     }
 
-    /// Whether there are any.
+    /// Whether any training photograph has masked pixels.
     pub fn has_moved(&self) -> bool {
         self.moving.as_ref().is_some_and(Moving::is_found)
     }

@@ -68,7 +68,7 @@ pub(super) struct Pass {
     pub kept: Kept,
     /// Gradients by log gain, with the photographs they are of.
     pub gains: Vec<(u32, [f32; 3])>,
-    /// Colour errors of rays, by index in the batch, whose photographs are given.
+    /// Index in the batch and colour error of each ray whose photograph is given.
     pub errors: Vec<(u32, [f32; 3])>,
     /// Gradients by rays, where those are asked for.
     pub rays: Vec<RayGradient>,

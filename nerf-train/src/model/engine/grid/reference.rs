@@ -40,22 +40,22 @@ pub struct GridReferenceEngine {
     device: Cpu,
 }
 
-/// What is told of the last step's rays.
+/// Gradients and errors of the last step's rays.
 #[derive(Default)]
 struct OfRays {
-    /// Gradients by log gain, with their photographs.
+    /// Index of each ray's photograph, and gradient by its log gain.
     gains: Vec<(u32, [f32; 3])>,
-    /// Colour errors, by index in the batch.
+    /// Index of each ray in the batch, and colour error.
     errors: Vec<(u32, [f32; 3])>,
 }
 
-/// Rays as the field shows them.
+/// Rendered rays of a chunk, and their loss.
 struct Rendered {
     /// Their part in the mean squared error.
     mse: f32,
-    /// The same in the whole loss, on its tape.
+    /// Their part in the whole loss, with the tape.
     total: Scalar,
-    /// Their gains, which that is differentiated by.
+    /// Gains of the rays, `[rays][3]`: the loss is differentiated by them.
     gains: Matrix,
     /// Shown minus photographed, `[rays][3]`.
     errors: Vec<f32>,
@@ -144,7 +144,7 @@ impl GridReferenceEngine {
         Ok(())
     }
 
-    /// The rays of these indices.
+    /// Renders the rays of these indices.
     fn render(
         &self,
         network: &Network,

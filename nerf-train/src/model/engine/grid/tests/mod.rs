@@ -112,7 +112,7 @@ fn batch_of(rays: usize, seed: u64) -> Batch {
     batch
 }
 
-/// The batch with surfaces that half of its rays should end at, with gains of three photographs and with weights.
+/// Adds surfaces for half of the rays, gains of three photographs, and weights to the batch.
 fn exposed_towards_surfaces(mut batch: Batch) -> Batch {
     let towards = batch.rays.len().div_ceil(2);
     batch.surfaces =
