@@ -4,7 +4,7 @@
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct Sum {
     pub value: f32,
-    lost: f32,
+    pub lost: f32,
 }
 
 impl Sum {

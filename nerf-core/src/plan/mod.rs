@@ -354,6 +354,11 @@ impl<'a> Plan<'a> {
         }
     }
 
+    /// Whether all that its rays gather of samples is light: nothing that is found in one of them alone.
+    pub(crate) fn walks_side_by_side(&self) -> bool {
+        self.proposal.is_none() && !self.outputs.surface()
+    }
+
     /// Where the network has the point of a ray that its bins count as `t`.
     #[inline]
     pub(crate) fn point(&self, ray: &Ray, t: f32) -> Vec3 {

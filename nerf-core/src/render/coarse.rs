@@ -3,7 +3,7 @@
 use super::window::points_at;
 use crate::camera::{Ray, SceneBox};
 use crate::plan::{Lattice, Plan};
-use crate::sampling::OccupancyGrid;
+use crate::sampling::{Bins, OccupancyGrid};
 use crate::simd::{Isa, LANES, Lanes, Op, VECTORS};
 use glam::Vec3;
 
@@ -101,10 +101,10 @@ pub(super) struct Packets<'c> {
 }
 
 impl Packets<'_> {
-    /// Where along some rays occupied cells may be, from one distance to another; `None` if nowhere.
+    /// Where along some rays occupied cells may be; `None` if nowhere.
     ///
-    /// The mean of the rays is looked up at [`POINTS`] points, each of which stands for all rays around it.
-    pub fn range_of(&self, isa: Isa, rays: &[Ray]) -> Option<(f32, f32)> {
+    /// The mean of the rays is looked up at [`STRETCHES`] points, each of which stands for all rays around it.
+    pub fn stretches_of(&self, isa: Isa, rays: &[Ray]) -> Option<Stretches> {
         let share = 1.0 / rays.len() as f32;
         let (mut origin, mut dir) = (Vec3::ZERO, Vec3::ZERO);
         for ray in rays {
@@ -123,30 +123,90 @@ impl Packets<'_> {
         let aside = apart + turned * farthest * LENGTH;
         // A ray that is no number leaves none of the mean's.
         if aside > self.reach || !(mean.origin.is_finite() && mean.dir.is_finite()) {
-            return Some((0.0, f32::MAX));
+            return Some(Stretches::ALL);
         }
         // Whatever of a ray lies around occupied cells, the mean is near to that.
         let (near, far) = self.around.clip(&mean, 0.0, f32::MAX)?;
-        let step = (far - near) / POINTS as f32;
+        let step = (far - near) / STRETCHES as f32;
         let rounding = 8.0 * f32::EPSILON * (mean.origin.abs().max_element() + far);
-        if aside + 0.5 * step + rounding > self.reach {
-            return Some((0.0, f32::MAX));
+        if aside + 0.5 * step + rounding > self.reach || rounding > MOST_ROUNDING * step {
+            return Some(Stretches::ALL);
         }
         let found = isa.run(LookUp { packets: self, ray: &mean, near, step });
-        if found == 0 {
-            return None;
+        (found != 0).then_some(Stretches { found: found | found << 1 | found >> 1, near, step })
+    }
+}
+
+/// Where along the rays of a packet occupied cells may be.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Stretches {
+    /// Bit `i`: whether that is so from `near + i step` to `near + (i + 1) step` or in the stretches beside that.
+    found: u64,
+    near: f32,
+    /// World units along the rays; +∞ if nothing is known.
+    step: f32,
+}
+
+impl Stretches {
+    /// They may be anywhere.
+    pub const ALL: Self = Self { found: u64::MAX, near: 0.0, step: f32::INFINITY };
+}
+
+/// [`Stretches`] as a ray's bins count.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Ahead {
+    found: u64,
+    /// The stretch where bin 0 has its middle, stretches of a bin, and bins of a stretch.
+    first: f32,
+    per_bin: f32,
+    bins: f32,
+}
+
+impl Ahead {
+    /// Every bin may hold something.
+    pub const ALL: Self = Self { found: u64::MAX, first: 0.0, per_bin: 0.0, bins: 0.0 };
+
+    /// `start`: where along the ray its `bins` begin to count, world units.
+    pub fn new(stretches: &Stretches, bins: &Bins, start: f32) -> Self {
+        let Stretches { found, near, step } = *stretches;
+        let per_bin = bins.delta() / step;
+        // A sample lies up to half a bin from the middle, which is within the stretches beside its own.
+        if !(per_bin > 0.0 && 0.5 * per_bin + MOST_ROUNDING <= 1.0) {
+            return Self::ALL;
         }
-        let (first, last) = (found.trailing_zeros(), 63 - found.leading_zeros());
-        Some((near + first as f32 * step - rounding, near + (last + 1) as f32 * step + rounding))
+        Self { found, first: (bins.middle(0) + (start - near)) / step, per_bin, bins: step / bins.delta() }
+    }
+
+    /// The first bin from `bin` on that may hold something; [`u32::MAX`] if there is none.
+    #[inline]
+    pub fn next(&self, bin: u32) -> u32 {
+        // `as` saturates. The last stretch ends where rounding has it.
+        let at = ((self.first + bin as f32 * self.per_bin) as u32).min(STRETCHES - 1);
+        match (self.found >> at).trailing_zeros() {
+            0 => bin,
+            64 => u32::MAX,
+            more => bin.max((((at + more) as f32 - self.first) * self.bins) as u32),
+        }
+    }
+
+    /// A bin behind all that may hold something.
+    pub fn end(&self) -> u32 {
+        let stretches = 64 - self.found.leading_zeros();
+        if self.per_bin == 0.0 || stretches == STRETCHES {
+            return u32::MAX;
+        }
+        (((stretches as f32 - self.first) * self.bins) as u32).saturating_add(2)
     }
 }
 
 /// More than the inverse length of a direction, which is 1 within 1e-3.
 const LENGTH: f32 = 1.002;
-/// Points that a packet of rays is looked up at.
-const POINTS: u32 = 64;
+/// Stretches of a packet of rays, each of which is looked up in its middle.
+const STRETCHES: u32 = 64;
+/// What rounding may move a point by, of a stretch.
+const MOST_ROUNDING: f32 = 0.25;
 
-/// Which of the [`POINTS`] stretches of `step` from `near` on may hold something; bit 0 is the first.
+/// Which of the [`STRETCHES`] stretches of `step` from `near` on may hold something; bit 0 is the first.
 struct LookUp<'a> {
     packets: &'a Packets<'a>,
     ray: &'a Ray,
@@ -161,7 +221,7 @@ impl Op for LookUp<'_> {
     fn run<V: Lanes>(self) -> u64 {
         let (near, step, half) = (V::splat(self.near), V::splat(self.step), V::splat(0.5));
         let mut found = 0;
-        for first in (0..POINTS).step_by(V::COUNT) {
+        for first in (0..STRETCHES).step_by(V::COUNT) {
             let i = V::splat(first as f32).add(V::load(&LANES)).add(half);
             let points = points_at(self.ray, near.add(i.mul(step)));
             found |= u64::from(self.packets.blocks.occupied_lanes(points)) << first;

@@ -7,7 +7,7 @@
 use super::frame::{block_samples, columns_of};
 use super::march::{Picks, RayState};
 use super::{Counters, tone};
-use crate::memory::{Layout, at, column, head, head_mut, put, put_column, tail};
+use crate::memory::{Layout, at, column, head, head_mut, put, put_column, tail, tail_mut};
 use crate::network::{Network, PER_RAY_BUILT, Scratch, Shading};
 use crate::plan::Plan;
 use glam::Vec3;
@@ -27,13 +27,24 @@ pub(super) struct Deferred<'w> {
 
 impl<'w> Deferred<'w> {
     pub fn lay_out(layout: &mut impl Layout<'w>, network: &Network<'_>, plan: &Plan<'_>) -> Self {
-        let row = if is_deferred(network, plan) { network.trunk_rows() + 1 } else { 0 };
+        let row = Self::row(network, plan);
         let samples = if row > 0 { block_samples(network, plan) } else { 0 };
         Self {
             sums: layout.slice(plan.batch.rays.saturating_mul(row), 0.0),
             row,
             networks: RayNetworks::lay_out(layout, network.direction_rows(), samples),
         }
+    }
+
+    /// Values that a ray gathers: a sum a row of `h`, and that of the weights.
+    pub fn row(network: &Network<'_>, plan: &Plan<'_>) -> usize {
+        if is_deferred(network, plan) { network.trunk_rows() + 1 } else { 0 }
+    }
+
+    /// What ray `ray` has gathered is `sums` from now on.
+    pub fn put(&mut self, ray: usize, sums: impl Iterator<Item = f32>) {
+        let row = head_mut(tail_mut(self.sums, ray * self.row), self.row);
+        row.iter_mut().zip(sums).for_each(|(to, sum)| *to = sum);
     }
 
     pub fn is_on(&self) -> bool {

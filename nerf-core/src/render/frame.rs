@@ -1,9 +1,10 @@
 //! The state of a worker: its memory, a tile's rays from pixel to pixel, the network's blocks.
 
-use super::coarse::Packets;
+use super::coarse::{Ahead, Packets, Stretches};
 use super::deferred::{Deferred, is_deferred};
 use super::march::{ActiveRays, Block, ColourQueue, Picks, RayState};
 use super::proposal::{ProposalSamples, Proposer};
+use super::side_by_side::Columns;
 use super::source::{CameraRays, OwnRays, RaySource};
 use super::surface::{Medians, Normals};
 use super::{Counters, Limit, RaySegment, Rect, Target};
@@ -40,6 +41,7 @@ pub(super) struct Frame<'f, 'w> {
     pub(super) picks: Picks<'w>,
     pub(super) queue: ColourQueue<'w>,
     pub(super) deferred: Deferred<'w>,
+    pub(super) columns: Columns<'w>,
     pub(super) medians: Medians<'w>,
     pub(super) normals: Normals<'w>,
     /// `[3][stride]`: positions of a block; once the network has them, `[3][samples]`: where each sample counts as, the
@@ -110,6 +112,7 @@ impl<'f, 'w> Frame<'f, 'w> {
                 count: 0,
             },
             deferred: Deferred::lay_out(layout, network, plan),
+            columns: Columns::lay_out(layout, network, plan, Deferred::row(network, plan)),
             medians: Medians::lay_out(layout, plan),
             normals: Normals::lay_out(layout, network, plan),
             positions: layout.slice(3 * samples, 0.0),
@@ -179,6 +182,9 @@ impl<'f, 'w> Frame<'f, 'w> {
             hits = self.propose::<M>(hits, source, target);
         }
         self.directions(hits);
+        if !COLLIDE {
+            self.walk_side_by_side::<M>();
+        }
         while self.step::<M, COLLIDE>() {}
         self.flush_colour();
         self.flush_normals();
@@ -207,7 +213,14 @@ impl<'f, 'w> Frame<'f, 'w> {
         for y in tile.y..tile.y + tile.height {
             for x in tile.x..tile.x + tile.width {
                 let ray = source.ray(x, y);
-                hits += usize::from(self.start_ray::<M, COLLIDE>((x, y), ray, None, hits, source, target));
+                hits += usize::from(self.start_ray::<M, COLLIDE>(
+                    (x, y),
+                    ray,
+                    &Stretches::ALL,
+                    hits,
+                    source,
+                    target,
+                ));
             }
         }
         hits
@@ -231,12 +244,15 @@ impl<'f, 'w> Frame<'f, 'w> {
             count += 1;
         }
         let rays = head(&rays, count);
-        let near_cells = packets.range_of(self.network.isa(), rays);
+        let stretches = packets.stretches_of(self.network.isa(), rays);
         for (pixel, &ray) in pixels.zip(rays) {
-            if near_cells.is_none() {
-                self.finish_missed::<M>(pixel, &ray, source, target);
-            } else if self.start_ray::<M, COLLIDE>(pixel, ray, near_cells, hits, source, target) {
-                hits += 1;
+            match &stretches {
+                Some(stretches) => {
+                    hits += usize::from(
+                        self.start_ray::<M, COLLIDE>(pixel, ray, stretches, hits, source, target),
+                    );
+                }
+                None => self.finish_missed::<M>(pixel, &ray, source, target),
             }
         }
         hits
@@ -244,12 +260,12 @@ impl<'f, 'w> Frame<'f, 'w> {
 
     /// Makes the ray of a pixel, which takes place `hits` if it meets something; returns whether it does.
     ///
-    /// `near_cells`: between which distances occupied cells may be, if that was asked.
+    /// `stretches`: where along it occupied cells may be.
     fn start_ray<M: Math, const COLLIDE: bool>(
         &mut self,
         (x, y): (u32, u32),
         ray: Ray,
-        near_cells: Option<(f32, f32)>,
+        stretches: &Stretches,
         hits: usize,
         source: &impl RaySource,
         target: &mut impl Target,
@@ -268,9 +284,10 @@ impl<'f, 'w> Frame<'f, 'w> {
         if let Some(span) = around.and_then(|bounds| plan.span(&bounds, &ray, range)) {
             (state.ray, state.start, state.ends) = (span.ray, span.start, span.ends);
             (state.next, state.end) = (span.bins.start, span.bins.end);
-            if let Some((first, last)) = near_cells {
-                let bins = walk.overlapping(first - span.start, last - span.start);
-                (state.next, state.end) = (state.next.max(bins.start), state.end.min(bins.end));
+            for ahead in &mut state.ahead {
+                *ahead = Ahead::new(stretches, walk, span.start);
+                state.end = state.end.min(ahead.end());
+                state.next = ahead.next(state.next).min(state.end);
             }
         }
         let (next, end) = (state.next, state.end);

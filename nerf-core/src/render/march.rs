@@ -6,6 +6,7 @@
 //! depends on the scene and the request alone, as its pixels do.
 
 use super::Counters;
+use super::coarse::Ahead;
 use super::frame::{Frame, VECTOR, columns_of};
 use super::proposal::ProposalSamples;
 use super::surface::Medians;
@@ -42,6 +43,8 @@ pub(super) struct RayState {
     pub end: u32,
     /// The bins that were looked up in the occupancy grid.
     pub window: Window,
+    /// Those that need not be; without vectors none is known.
+    pub ahead: [Ahead; VECTORS as usize],
     /// Samples that the network was evaluated at.
     pub kept: u32,
     /// Whether the transmittance is below the threshold.
@@ -66,6 +69,7 @@ impl RayState {
         next: 0,
         end: 0,
         window: Window::NONE,
+        ahead: [Ahead::ALL; VECTORS as usize],
         kept: 0,
         done: true,
         gathered: Accumulator::NONE,
@@ -86,7 +90,9 @@ impl RayState {
                 if VECTORS && isa != Isa::Portable && end <= window::MAX_BINS && place.is_middle() =>
             {
                 let contraction = plan.contraction.as_ref();
-                self.window.first_occupied(isa, occupancy, contraction, &self.ray, &bins, next, end)
+                let ahead = self.ahead.first().copied().unwrap_or(Ahead::ALL);
+                let bins = (&bins, &ahead);
+                self.window.first_occupied(isa, occupancy, contraction, &self.ray, bins, next, end)
             }
             _ => plan.first_occupied(&bins, &self.ray, place, next, end),
         };
@@ -105,6 +111,10 @@ impl<'w> ActiveRays<'w> {
     /// An empty queue; `ring` has room for every ray.
     pub fn new(ring: &'w mut [u32]) -> Self {
         Self { ring, first: 0, count: 0 }
+    }
+
+    pub fn len(&self) -> usize {
+        self.count
     }
 
     pub fn push(&mut self, ray: u32) {
@@ -214,7 +224,7 @@ impl Frame<'_, '_> {
                 put(self.block.t, column, at(self.block.t, from));
             }
             let (positions, dirs, t) = (&mut *self.positions, &*self.triples, &*self.block.t);
-            let points = ContractPoints { contraction, stride, positions, dirs, t };
+            let points = ContractPoints { contraction, stride, dir_stride: stride, positions, dirs, t };
             self.network.isa().run_columns(stride, points);
             return;
         }
@@ -462,12 +472,14 @@ impl<M: Math> Op for Absorb<'_, M> {
 }
 
 /// From origins to the points at `t` of an unbounded scene's steps, contracted: `[3][stride]`.
-struct ContractPoints<'a> {
-    contraction: &'a Contraction,
-    stride: usize,
-    positions: &'a mut [f32],
-    dirs: &'a [f32],
-    t: &'a [f32],
+pub(super) struct ContractPoints<'a> {
+    pub contraction: &'a Contraction,
+    pub stride: usize,
+    /// Of the directions.
+    pub dir_stride: usize,
+    pub positions: &'a mut [f32],
+    pub dirs: &'a [f32],
+    pub t: &'a [f32],
 }
 
 impl Op for ContractPoints<'_> {
@@ -475,12 +487,13 @@ impl Op for ContractPoints<'_> {
 
     #[inline(always)]
     fn run<V: Lanes>(self) {
-        let Self { contraction, stride, positions, dirs, t } = self;
+        let Self { contraction, stride, dir_stride, positions, dirs, t } = self;
         for from in (0..stride).step_by(V::COUNT) {
             let distance: V = contraction.distance_lanes(V::load(tail(t, from)));
             let mut p = [distance; 3];
             for (axis, p) in p.iter_mut().enumerate() {
-                let (origin, dir) = (tail(positions, axis * stride + from), tail(dirs, axis * stride + from));
+                let (origin, dir) =
+                    (tail(positions, axis * stride + from), tail(dirs, axis * dir_stride + from));
                 *p = V::load(origin).add(V::load(dir).mul(distance));
             }
             let p = contraction.contract_lanes(p);
@@ -492,12 +505,12 @@ impl Op for ContractPoints<'_> {
 }
 
 /// From where samples and the ends of their bins are, in steps, to [`Plan::part_around`]: `[3][room]`.
-struct PartsInWorld<'a> {
-    contraction: &'a Contraction,
-    room: usize,
-    columns: usize,
-    parts: &'a mut [f32],
-    near: &'a [f32],
+pub(super) struct PartsInWorld<'a> {
+    pub contraction: &'a Contraction,
+    pub room: usize,
+    pub columns: usize,
+    pub parts: &'a mut [f32],
+    pub near: &'a [f32],
 }
 
 impl Op for PartsInWorld<'_> {

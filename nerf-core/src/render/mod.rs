@@ -35,6 +35,7 @@ mod proposal;
 mod proposal;
 mod rect;
 mod segment;
+mod side_by_side;
 mod source;
 mod surface;
 #[cfg(feature = "tone-map")]

@@ -384,13 +384,13 @@ fn the_seed_network_takes_the_memory_the_docs_say() {
     assert_eq!(lines(&in_place, no_colour, Batch::SMALLEST) * size_of::<Line>(), 2_880);
     let prepared = Renderer::with_parameters(blob.clone(), Kernel::IN_PLACE, &unpacked).unwrap();
     let batch = Batch::FULL;
-    assert_eq!(lines(&prepared, Outputs::ALL, batch) * size_of::<Line>(), 386_048);
+    assert_eq!(lines(&prepared, Outputs::ALL, batch) * size_of::<Line>(), 392_192);
     #[cfg(feature = "anti-aliasing")]
     for anti_aliasing in [2, 256] {
         let effects = crate::plan::Effects { anti_aliasing, ..crate::plan::Effects::NONE };
         let plan = Plan::new(&blob, &Quality::EXACT, Outputs::ALL, batch).unwrap();
         let plan = plan.with_effects(effects).unwrap();
-        assert_eq!(prepared.workspace_lines(&plan) * size_of::<Line>(), 400_384);
+        assert_eq!(prepared.workspace_lines(&plan) * size_of::<Line>(), 406_528);
     }
     assert_eq!(
         Renderer::prepared_lines(&blob, Kernel::new(crate::Isa::Avx2, crate::Storage::F32))

@@ -108,6 +108,11 @@ impl Bins {
         self.near + i as f32 * self.delta
     }
 
+    /// The middle of bin `i` if that is not cut.
+    pub(crate) fn middle(&self, i: u32) -> f32 {
+        self.near + (i as f32 + 0.5) * self.delta
+    }
+
     /// Number of bins.
     pub fn count(&self) -> u32 {
         self.count

@@ -104,6 +104,10 @@ impl Lanes for F32x8 {
         Self(avx2!(_mm256_round_ps::<{ _MM_FROUND_TO_NEAREST_INT | _MM_FROUND_NO_EXC }>(self.0)))
     }
     #[inline(always)]
+    fn floor(self) -> Self {
+        Self(avx2!(_mm256_floor_ps(self.0)))
+    }
+    #[inline(always)]
     fn exp2_integer(self) -> Self {
         Self(avx2!({
             let biased = _mm256_add_epi32(_mm256_cvtps_epi32(self.0), _mm256_set1_epi32(127));

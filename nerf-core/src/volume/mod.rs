@@ -8,6 +8,7 @@ mod median;
 #[cfg(feature = "normals")]
 mod normal;
 
+pub(crate) mod side_by_side;
 #[cfg(test)]
 mod tests;
 

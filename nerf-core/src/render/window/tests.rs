@@ -56,13 +56,28 @@ fn windows_find_the_bins_that_asking_at_each_finds() {
                             asked += 1;
                             if occupancy.occupied(ray.at(bins.at(bin, 0.5))) {
                                 live += 1;
-                                next =
-                                    window.first_occupied(isa, &occupancy, None, &ray, &bins, next, part.end);
+                                next = window.first_occupied(
+                                    isa,
+                                    &occupancy,
+                                    None,
+                                    &ray,
+                                    (&bins, &Ahead::ALL),
+                                    next,
+                                    part.end,
+                                );
                                 assert_eq!(next, bin, "{} {resolution:?} {ray:?} {bins:?}", isa.name());
                                 next += 1;
                             }
                         }
-                        let end = window.first_occupied(isa, &occupancy, None, &ray, &bins, next, part.end);
+                        let end = window.first_occupied(
+                            isa,
+                            &occupancy,
+                            None,
+                            &ray,
+                            (&bins, &Ahead::ALL),
+                            next,
+                            part.end,
+                        );
                         assert_eq!(end, part.end, "{} {resolution:?} {ray:?} {bins:?}", isa.name());
                     }
                 }
@@ -111,7 +126,7 @@ fn windows_find_the_bins_of_a_contraction() {
                                 &occupancy,
                                 Some(&contraction),
                                 &ray,
-                                &bins,
+                                (&bins, &Ahead::ALL),
                                 next,
                                 part.end,
                             )

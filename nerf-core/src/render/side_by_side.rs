@@ -1,0 +1,257 @@
+//! Rays side by side: where an encoding is composited, the columns of a block are rays, and what they gather moves in vectors.
+//!
+//! It is the march of `march.rs` for the rays of most frames, bit for bit: a column is a ray from its first sample to its
+//! last, and the next ray takes it over. What is left when there are fewer rays than a vector has columns goes on there.
+
+use super::deferred::Deferred;
+use super::frame::{Frame, VECTOR, columns_of};
+use super::march::{ContractPoints, PartsInWorld, RayState};
+use crate::math::Math;
+use crate::memory::{Layout, at, head, head_mut, put, put_column, tail, tail_mut};
+use crate::network::Network;
+use crate::plan::Plan;
+use crate::simd::{BLOCK, Lanes, Op, VECTORS};
+use crate::volume::side_by_side::{self, add_samples, left_of};
+use core::marker::PhantomData;
+
+/// The rays that walk side by side, one a column; `[rows][BLOCK]` each, or empty where frames do without.
+pub(super) struct Columns<'w> {
+    owner: &'w mut [u32],
+    origins: &'w mut [f32],
+    dirs: &'w mut [f32],
+    /// Where the sample of each lies, as its bins count.
+    t: &'w mut [f32],
+    /// Where it counts as, the middle of its bin, and its width; world units along the ray, or as the bins count until
+    /// they are.
+    parts: &'w mut [f32],
+    /// In front of what an unbounded scene's ray has no part.
+    near: &'w mut [f32],
+    /// What each has gathered of light.
+    gathered: &'w mut [f32],
+    /// What each has gathered of `h`, and behind it Σ weight.
+    sums: &'w mut [f32],
+}
+
+impl<'w> Columns<'w> {
+    pub fn lay_out(
+        layout: &mut impl Layout<'w>,
+        network: &Network<'_>,
+        plan: &Plan<'_>,
+        deferred: usize,
+    ) -> Self {
+        let paired = network.kernel().storage == crate::matrix::Storage::Bf16;
+        let on = VECTORS && deferred > 0 && network.whole_blocks() && !paired && plan.walks_side_by_side();
+        let block = if on { BLOCK } else { 0 };
+        let mut rows = |rows: usize| layout.slice(rows * block, 0.0);
+        let (origins, dirs, t, parts, near) = (rows(3), rows(3), rows(1), rows(3), rows(1));
+        let (gathered, sums) = (rows(side_by_side::ROWS), rows(deferred));
+        Self { owner: layout.slice(block, 0), origins, dirs, t, parts, near, gathered, sums }
+    }
+
+    fn is_on(&self) -> bool {
+        VECTORS && !self.owner.is_empty()
+    }
+
+    /// Puts the next sample of `ray` into column `at`; `t`: where that is.
+    #[inline]
+    fn put_sample(&mut self, plan: &Plan<'_>, ray: &RayState, at: usize, t: f32) {
+        let bins = plan.bins.with(ray.ends);
+        put(self.t, at, t);
+        if plan.contraction.is_some() {
+            let (t, from, to) = bins.ends_around(t);
+            put_column(self.parts, BLOCK, at, [t, from, to]);
+        } else {
+            let (t, _, delta) = bins.part_around(t);
+            put_column(self.parts, BLOCK, at, [t, t, delta]);
+        }
+    }
+
+    /// Column `at` is `ray`'s, which has gathered nothing.
+    fn begin(&mut self, plan: &Plan<'_>, ray: &RayState, owner: u32, at: usize) {
+        put(self.owner, at, owner);
+        put_column(self.origins, BLOCK, at, ray.ray.origin.to_array());
+        put_column(self.dirs, BLOCK, at, ray.ray.dir.to_array());
+        put(self.near, at, plan.near.max(ray.range[0]) - ray.start);
+        ray.gathered.put_column(self.gathered, BLOCK, at);
+        for row in self.sums.chunks_exact_mut(BLOCK) {
+            put(row, at, 0.0);
+        }
+    }
+
+    /// Gives a ray what its column has gathered.
+    fn end(&self, ray: &mut RayState, deferred: &mut Deferred<'_>, at: usize) {
+        ray.gathered.take_column(self.gathered, BLOCK, at);
+        let sums = self.sums.chunks_exact(BLOCK).map(|row| crate::memory::at(row, at));
+        deferred.put(crate::memory::at(self.owner, at) as usize, sums);
+    }
+
+    /// Column `to` becomes what column `from` is.
+    fn copy(&mut self, from: usize, to: usize) {
+        put(self.owner, to, at(self.owner, from));
+        let all = [&mut *self.origins, self.dirs, self.t, self.parts, self.near, self.gathered, self.sums];
+        for row in all.into_iter().flat_map(|rows| rows.chunks_exact_mut(BLOCK)) {
+            put(row, to, at(row, from));
+        }
+    }
+}
+
+impl Frame<'_, '_> {
+    /// Walks the active rays as long as they fill a vector; what is left of them is active then.
+    pub(super) fn walk_side_by_side<M: Math>(&mut self) {
+        if !self.columns.is_on() || self.active.len() < VECTOR {
+            return;
+        }
+        let mut n = 0;
+        while n < BLOCK && self.enter(n) {
+            n += 1;
+        }
+        while n >= VECTOR {
+            self.counters.add_density(self.network, n);
+            self.evaluate_columns(n);
+            self.absorb_columns::<M>(n);
+            n = self.advance_columns(n);
+        }
+        for column in 0..n {
+            let owner = at(self.columns.owner, column);
+            if let Some(ray) = self.rays.get_mut(owner as usize) {
+                // Its sample is not taken yet.
+                ray.next -= 1;
+                self.columns.end(ray, &mut self.deferred, column);
+                self.active.push(owner);
+            }
+        }
+    }
+
+    /// The next active ray takes column `at`; `false` if there is none.
+    fn enter(&mut self, at: usize) -> bool {
+        let Some(owner) = self.active.pop() else { return false };
+        let Some(ray) = self.rays.get_mut(owner as usize) else { return false };
+        let place = ray.place(self.plan, self.turn);
+        self.columns.begin(self.plan, ray, owner, at);
+        let t = place.t(&self.plan.bins.with(ray.ends), ray.next);
+        self.columns.put_sample(self.plan, ray, at, t);
+        ray.next += 1;
+        true
+    }
+
+    /// Trunk and density of the sample that each of `n` columns is at.
+    fn evaluate_columns(&mut self, n: usize) {
+        let (stride, isa, columns) = (columns_of(self.network, n), self.network.isa(), &mut self.columns);
+        if let Some(contraction) = &self.plan.contraction {
+            for axis in 0..3 {
+                let to = head_mut(tail_mut(self.positions, axis * stride), stride);
+                to.iter_mut().zip(tail(columns.origins, axis * BLOCK)).for_each(|(to, &from)| *to = from);
+            }
+            let (positions, dirs, t) = (&mut *self.positions, &*columns.dirs, &*columns.t);
+            isa.run(ContractPoints { contraction, stride, dir_stride: BLOCK, positions, dirs, t });
+            let (parts, near) = (&mut *columns.parts, &*columns.near);
+            isa.run(PartsInWorld { contraction, room: BLOCK, columns: stride, parts, near });
+        } else {
+            let (origins, dirs, t) = (&*columns.origins, &*columns.dirs, &*columns.t);
+            isa.run(Points { stride, origins, dirs, t, to: self.positions });
+        }
+        self.evaluate_density(stride);
+    }
+
+    /// Adds the sample of each of `n` columns to what that has gathered.
+    fn absorb_columns<M: Math>(&mut self, n: usize) {
+        let stride = columns_of(self.network, n);
+        let Columns { parts, gathered, sums, .. } = &mut self.columns;
+        let h = head(self.scratch.front, self.network.trunk_rows() * stride);
+        let sigma = &*self.block.sigma;
+        let cut = self.plan.colour_cut;
+        let absorb = Absorb::<M> { stride, sigma, h, parts, gathered, sums, cut, math: PhantomData };
+        self.network.isa().run_portable(stride, absorb);
+    }
+
+    /// Takes each of `n` columns on to the next live sample of its ray, or hands it to the next ray; returns how many
+    /// columns have a sample.
+    fn advance_columns(&mut self, mut n: usize) -> usize {
+        let (plan, isa) = (self.plan, self.network.isa());
+        let mut column = 0;
+        while column < n {
+            let owner = at(self.columns.owner, column);
+            let Some(ray) = self.rays.get_mut(owner as usize) else { return 0 };
+            ray.kept += 1;
+            self.counters.invalid_samples += u64::from(at(self.block.sigma, column).is_nan());
+            ray.done = left_of(self.columns.gathered, BLOCK, column) < plan.transmittance_cut;
+            let place = ray.place(plan, self.turn);
+            if !ray.done && ray.march(isa, plan, &plan.bins, place) {
+                let t = place.t(&plan.bins.with(ray.ends), ray.next);
+                self.columns.put_sample(plan, ray, column, t);
+                ray.next += 1;
+                column += 1;
+                continue;
+            }
+            self.columns.end(ray, &mut self.deferred, column);
+            if self.enter(column) {
+                column += 1;
+                continue;
+            }
+            // The last column, whose turn is still to come, fills the gap.
+            n -= 1;
+            self.columns.copy(n, column);
+            put(self.block.sigma, column, at(self.block.sigma, n));
+        }
+        n
+    }
+}
+
+/// The points at `t` of rays: `[3][stride]` of `[3][BLOCK]`.
+struct Points<'a> {
+    stride: usize,
+    origins: &'a [f32],
+    dirs: &'a [f32],
+    t: &'a [f32],
+    to: &'a mut [f32],
+}
+
+impl Op for Points<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run<V: Lanes>(self) {
+        for from in (0..self.stride).step_by(V::COUNT) {
+            let t = V::load(tail(self.t, from));
+            for axis in 0..3 {
+                let [origin, dir] =
+                    [self.origins, self.dirs].map(|rows| V::load(tail(rows, axis * BLOCK + from)));
+                origin.add(dir.mul(t)).store(tail_mut(self.to, axis * self.stride + from));
+            }
+        }
+    }
+}
+
+/// Densities and `h` of a block into what its rays have gathered.
+struct Absorb<'a, M> {
+    stride: usize,
+    sigma: &'a [f32],
+    /// `[rows][stride]`.
+    h: &'a [f32],
+    parts: &'a [f32],
+    gathered: &'a mut [f32],
+    /// `[rows + 1][BLOCK]`.
+    sums: &'a mut [f32],
+    cut: f32,
+    math: PhantomData<M>,
+}
+
+impl<M: Math> Op for Absorb<'_, M> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run<V: Lanes>(self) {
+        for from in (0..self.stride).step_by(V::COUNT) {
+            let [t, delta] = [0, 2].map(|row| V::load(tail(self.parts, row * BLOCK + from)));
+            let sample = [V::load(tail(self.sigma, from)), t, delta];
+            let weight = add_samples::<M, V>((&mut *self.gathered, BLOCK, from), sample, self.cut);
+            let (zero, mut h) = (V::splat(0.0), self.h.chunks_exact(self.stride));
+            let takes = zero.less(weight);
+            for sums in self.sums.chunks_exact_mut(BLOCK) {
+                // Behind the rows of h stands the weight itself.
+                let more = h.next().map_or(weight, |row| V::load(tail(row, from)).mul(weight));
+                V::load(tail(sums, from)).add(V::select(takes, more, zero)).store(tail_mut(sums, from));
+            }
+        }
+    }
+}
