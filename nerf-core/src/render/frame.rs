@@ -2,6 +2,7 @@
 
 use super::coarse::{Ahead, Packets, Stretches};
 use super::deferred::{Deferred, is_deferred};
+use super::directions::DirectionShares;
 use super::march::{ActiveRays, Block, ColourQueue, Picks, RayState};
 use super::proposal::{ProposalSamples, Proposer};
 use super::side_by_side::Columns;
@@ -9,8 +10,8 @@ use super::source::{CameraRays, OwnRays, RaySource};
 use super::surface::{Medians, Normals};
 use super::{Counters, Limit, RaySegment, Rect, Target};
 use crate::camera::{Camera, Ray, SceneBox};
-use crate::math::{Math, MathBackend};
-use crate::memory::{Layout, at, column, head, head_mut, put, put_column, tail};
+use crate::math::Math;
+use crate::memory::{Layout, head, head_mut};
 use crate::network::{Network, Scratch};
 use crate::plan::Plan;
 use crate::render::anti_aliasing::{self, Sums};
@@ -312,7 +313,7 @@ impl<'f, 'w> Frame<'f, 'w> {
     }
 
     /// The direction's share of the colour branch, for the first `count` rays.
-    fn directions(&mut self, count: usize) {
+    pub(super) fn directions(&mut self, count: usize) {
         if !self.shares.values.is_empty() {
             let (rays, triples) = (head(self.rays, count), &mut *self.triples);
             self.shares.fill(self.network, self.plan.math, &mut self.scratch, triples, rays);
@@ -387,132 +388,6 @@ impl<'f, 'w> Frame<'f, 'w> {
             pixel.rgb = tone::to_display::<M>(&plan.effects.tone, pixel.rgb);
             target.put(x, y, &pixel);
         }
-    }
-
-    /// Density and colour at up to one block of points.
-    pub(super) fn points(
-        &mut self,
-        positions: &[[f32; 3]],
-        dirs: &[[f32; 3]],
-        sigma: &mut [f32],
-        rgb: &mut [[f32; 3]],
-    ) {
-        sigma.fill(0.0);
-        rgb.fill([0.0; 3]);
-        let mut n = 0;
-        for (i, (&p, &dir)) in positions.iter().zip(dirs).enumerate() {
-            let (origin, dir) = (self.plan.inside(p.into()), Vec3::from(dir));
-            if self.plan.occupied(origin)
-                && let Some(place) = self.rays.get_mut(n)
-            {
-                *place = RayState { ray: Ray { origin, dir }, x: i as u32, ..RayState::NONE };
-                n += 1;
-            }
-        }
-        if n == 0 {
-            return;
-        }
-        let coloured = self.plan.outputs.rgb && !rgb.is_empty();
-        if coloured {
-            self.directions(n);
-        }
-        let stride = columns_of(self.network, n);
-        for column in 0..stride {
-            let state = at(self.rays, column.min(n - 1));
-            put_column(self.positions, stride, column, state.ray.origin.to_array());
-        }
-        self.evaluate_density(n);
-        self.counters.add_density(self.network, n);
-        if coloured && self.deferred.is_on() {
-            let dir = |i: usize| at(&*self.rays, i).ray.dir;
-            let (networks, scratch) = (&mut self.deferred.networks, &mut self.scratch);
-            networks.of_samples(self.network, self.plan, scratch, (n, dir), &mut self.counters);
-        } else if coloured {
-            for (column, owner) in head_mut(self.picks.owner, n).iter_mut().enumerate() {
-                *owner = column as u32;
-            }
-            self.evaluate_colour(n);
-        }
-        let colours = if self.deferred.is_on() { &*self.deferred.networks.rgb } else { &*self.rgb };
-        for (i, state) in head(self.rays, n).iter().enumerate() {
-            let colour = match coloured {
-                true => column(colours, stride, i),
-                false => [0.0f32; 3],
-            };
-            // As in a picture: without a number there is no density, and no colour; both are counted.
-            let density = at(self.block.sigma, i);
-            if density.is_nan() {
-                self.counters.invalid_samples += 1;
-                continue;
-            }
-            put(sigma, state.x as usize, density);
-            if colour.iter().any(|c| c.is_nan()) {
-                self.counters.invalid_samples += u64::from(density > 0.0);
-            } else if coloured {
-                put(rgb, state.x as usize, colour);
-            }
-        }
-    }
-}
-
-/// The direction's share of the colour branch, once a ray: `[rays][direction_rows]`, room for whole blocks of rays.
-pub(super) struct DirectionShares<'w> {
-    pub values: &'w mut [f32],
-    /// Rays that are encoded together.
-    pub block: usize,
-}
-
-impl DirectionShares<'_> {
-    /// Works them out for some rays; what `scratch` and `triples` (`[3][block]`) held is lost.
-    pub fn fill(
-        &mut self,
-        network: &Network<'_>,
-        math: MathBackend,
-        scratch: &mut Scratch<'_>,
-        triples: &mut [f32],
-        rays: &[RayState],
-    ) {
-        let (rows, block) = (network.direction_rows(), self.block);
-        let Scratch { encoded, front, back, .. } = scratch;
-        let shares = self.values.chunks_exact_mut((rows * block).max(1));
-        for (states, out) in rays.chunks(block.max(1)).zip(shares) {
-            let stride = columns_of(network, states.len());
-            let mut scratch = Scratch { stride, encoded, front, back: &mut [] };
-            for (column, state) in states.iter().enumerate() {
-                put_column(triples, stride, column, state.ray.dir.to_array());
-            }
-            network.direction(math, &mut scratch, triples, back);
-            // Each ray's side by side: they are copied to every sample of it.
-            for (column, share) in out.chunks_exact_mut(rows.max(1)).take(states.len()).enumerate() {
-                for (to, from) in share.iter_mut().zip(back.chunks_exact(stride.max(1))) {
-                    *to = at(from, column);
-                }
-            }
-        }
-    }
-
-    /// Colours of the samples whose `h` is in `scratch.front`; `owner` says whose they are.
-    ///
-    /// `rgb`: `[3][scratch.stride]`.
-    pub fn colour(
-        &self,
-        network: &Network<'_>,
-        plan: &Plan<'_>,
-        scratch: &mut Scratch<'_>,
-        owner: &[u32],
-        rgb: &mut [f32],
-    ) {
-        let (stride, rows) = (scratch.stride, network.direction_rows());
-        let spread = |to: &mut [f32]| {
-            for (column, &ray) in owner.iter().enumerate() {
-                let share = head(tail(self.values, ray as usize * rows), rows);
-                for (to, &value) in to.chunks_exact_mut(stride.max(1)).zip(share) {
-                    put(to, column, value);
-                }
-            }
-        };
-        network.colour(plan.math, scratch, spread, rgb);
-        tone::samples_to_light(&plan.effects.tone, plan.math, network.isa(), head_mut(rgb, 3 * stride));
     }
 }
 

@@ -20,6 +20,7 @@ mod depth_of_field;
 #[cfg(not(feature = "depth-of-field"))]
 #[path = "depth_of_field_off.rs"]
 mod depth_of_field;
+mod directions;
 mod error;
 mod explain;
 mod frame;
@@ -28,6 +29,7 @@ mod instances;
 mod march;
 mod pace;
 mod picture;
+mod points;
 #[cfg(feature = "proposal")]
 mod proposal;
 #[cfg(not(feature = "proposal"))]

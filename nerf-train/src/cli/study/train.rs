@@ -21,8 +21,8 @@ use std::process::ExitCode;
 
 /// Fit for the same time with other settings, and show PSNR over time: how long is worth waiting for.
 ///
-/// Without any list: the presets `grid` and `seed`, table sizes of the learned grid, and three widths, three depths and
-/// three numbers of samples of the base, a sinusoidal network.
+/// Without any list: the presets `grid` and `seed`, table sizes of the learned grid and its levels without turns, and three
+/// widths, three depths and three numbers of samples of the base, a sinusoidal network.
 #[derive(Debug, Args)]
 #[command(
     after_help = "Example: nerf-train study train lego_200x200.npz --report out/training --seconds 60 --width 64,128,256"
@@ -44,10 +44,12 @@ pub struct StudyTrain {
     #[arg(long, value_enum, value_name = "PRESET,…", value_delimiter = ',', num_args = 1)]
     preset: Vec<Preset>,
     /// Of the base, or of the preset `grid` where that has no learned grid: binary logarithms of the most entries a level
-    /// has. The report then shows what a file of
-    /// each size holds after each time.
+    /// has. The report then shows what a file of each size holds after each time.
     #[arg(long, value_name = "N,N,…", value_delimiter = ',', num_args = 1)]
     table: Vec<u8>,
+    /// Of the same: at every how many steps a hashed level moves, whose gradients are summed meanwhile.
+    #[arg(long, value_name = "N,N,…", value_delimiter = ',', num_args = 1)]
+    turns: Vec<u32>,
     /// Channels of the trunk.
     #[arg(long, value_name = "N,N,…", value_delimiter = ',', num_args = 1)]
     width: Vec<usize>,
@@ -57,7 +59,7 @@ pub struct StudyTrain {
     /// Samples a ray.
     #[arg(long, value_name = "N,N,…", value_delimiter = ',', num_args = 1)]
     samples: Vec<u16>,
-    /// The preset whose table, width, depth and samples are varied.
+    /// The preset whose table, turns, width, depth and samples are varied.
     #[arg(long, value_enum, value_name = "PRESET", default_value = "small")]
     base: Preset,
     /// TOML file with settings that replace the base's.
@@ -77,17 +79,20 @@ impl StudyTrain {
         let lists = Lists {
             presets: self.preset.clone(),
             tables: self.table.clone(),
+            turns: self.turns.clone(),
             widths: self.width.clone(),
             depths: self.depth.clone(),
             samples: self.samples.clone(),
         };
         let sinusoidal = [lists.widths.is_empty(), lists.depths.is_empty(), lists.samples.is_empty()];
-        if !(lists.presets.is_empty() && lists.tables.is_empty() && sinusoidal == [true; 3]) {
+        let learned = [lists.tables.is_empty(), lists.turns.is_empty()];
+        if !(lists.presets.is_empty() && learned == [true; 2] && sinusoidal == [true; 3]) {
             return lists;
         }
         Lists {
             presets: vec![Preset::Grid, Preset::Seed],
             tables: vec![12, 14, 16],
+            turns: vec![1],
             widths: vec![64, 128, 256],
             depths: vec![2, 4, 8],
             samples: vec![64, 128, 192],

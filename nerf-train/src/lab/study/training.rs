@@ -21,6 +21,8 @@ pub enum Group {
     Preset,
     /// The size of its grid's table.
     Table,
+    /// How often its grid's hashed levels move.
+    Turns,
     /// Channels of its trunk.
     Width,
     /// Trunk layers.
@@ -35,6 +37,7 @@ impl Group {
         match self {
             Self::Preset => "preset",
             Self::Table => "table",
+            Self::Turns => "turns",
             Self::Width => "width",
             Self::Depth => "depth",
             Self::Samples => "samples",
@@ -132,6 +135,8 @@ pub struct Lists {
     /// Of the base, or of the preset `grid` where that has no learned grid: binary logarithms of the most entries a level
     /// has.
     pub tables: Vec<u8>,
+    /// Of the same: at which step, counted from its last, a hashed level moves again.
+    pub turns: Vec<u32>,
     /// Channels of the trunk.
     pub widths: Vec<usize>,
     /// Trunk layers.
@@ -165,12 +170,18 @@ impl Lists {
         for &preset in &self.presets {
             add(Group::Preset, format!("preset {preset:?}").to_lowercase(), of(preset))?;
         }
+        let learned = if base.network.grid.is_some() { base.clone() } else { of(Preset::Grid) };
         for &log2_entries in &self.tables {
-            let mut config = if base.network.grid.is_some() { base.clone() } else { of(Preset::Grid) };
+            let mut config = learned.clone();
             if let Some(grid) = &mut config.network.grid {
                 grid.log2_entries = log2_entries;
             }
             add(Group::Table, format!("table 2^{log2_entries}"), config)?;
+        }
+        for &turns in &self.turns {
+            let mut config = learned.clone();
+            config.optimiser.hashed_every = turns;
+            add(Group::Turns, format!("turns {turns}"), config)?;
         }
         for &width in &self.widths {
             let mut config = base.clone();
@@ -251,6 +262,7 @@ mod tests {
         let lists = Lists {
             presets: vec![Preset::Grid, Preset::Seed],
             tables: vec![12],
+            turns: vec![2],
             widths: vec![64, 256],
             depths: vec![2],
             samples: vec![32],
@@ -260,15 +272,25 @@ mod tests {
         let names: Vec<&str> = trials.iter().map(|trial| trial.name.as_str()).collect();
         assert_eq!(
             names,
-            ["preset grid", "preset seed", "table 2^12", "width 64", "width 256", "depth 2", "samples 32"]
+            [
+                "preset grid",
+                "preset seed",
+                "table 2^12",
+                "turns 2",
+                "width 64",
+                "width 256",
+                "depth 2",
+                "samples 32"
+            ]
         );
         assert_eq!(trials[1].config, Preset::Seed.config());
         let mut expected = base.clone();
         expected.network.width = 64;
-        assert_eq!(trials[3].config, expected);
+        assert_eq!(trials[4].config, expected);
+        assert_eq!(trials[3].config.optimiser.hashed_every, 2);
         assert_eq!(trials[2].config.network.grid.as_ref().map(|grid| grid.log2_entries), Some(12));
         let twice = lists.trials(&base, &[10.0, 20.0], Preset::config).expect("settings");
-        assert_eq!((twice.len(), twice[1].name.as_str()), (14, "preset grid, 20 s"));
+        assert_eq!((twice.len(), twice[1].name.as_str()), (16, "preset grid, 20 s"));
         let wide = Lists { widths: vec![64], ..Lists::default() };
         let mut layerless = Preset::Grid.config();
         layerless.network.depth = 0;
