@@ -1,8 +1,10 @@
 //! Whole rays, from a sample's point to the pixel, against the oracle's network and sums: rays, points and widths of
 //! bins are the renderer's own, and have cases of their own; and networks that leave the numbers on the way.
 
+mod faint;
 mod hostile;
 
+pub use faint::CASES as FAINT;
 pub use hostile::CASES as HOSTILE;
 
 use crate::blob::{SCENE, bytes, weights};

@@ -36,6 +36,7 @@ fn sections() -> Vec<(&'static str, &'static [&'static table::Case])> {
         ("Volume rendering: laws", volume::LAWS),
         ("Frames", frame::CASES),
         ("Frames of hostile networks", frame::HOSTILE),
+        ("Frames of next to nothing", frame::FAINT),
     ]
 }
 
