@@ -33,7 +33,7 @@
 //!                                        (median_distance, normal, if asked for)
 //! ```
 //!
-//! A field that is shaded once a ray ([`network::Shading::PerRay`]), as learned grids of scenes are by default, has a drawing of
+//! A field that is shaded once a ray ([`Shading::PerRay`](network::Shading::PerRay)), as learned grids of scenes are by default, has a drawing of
 //! its own: density is read from the encoding, or from one layer behind it; those same values of the samples above the cut
 //! are composited along the ray, and the colour branch maps their mean and `PE(dir)` to colour, once a ray.
 //!
