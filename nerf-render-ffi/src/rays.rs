@@ -146,7 +146,9 @@ pub unsafe extern "C" fn nerf_render_rays(
 /// A ray collides where its opacity reaches its number of `random`. Then `opacity` is 1, the distances are that point's, and
 /// colour and normal are the field's there. Else opacity is 0, distances are infinite, and colour is the background (0 in
 /// RGBA planes). Over uniform numbers the mean of the colours is what `nerf_render_rays` composites without cuts, which are
-/// not used here. `NERF_STATUS_RAY` also where a number is not in [0, 1]. The rest as in `nerf_render_rays`.
+/// not used here. Of a field shaded once a ray it is not: a colour is that of the field's network for one sample by itself.
+/// The means of opacity, distance and normal are; the field's own colour is that of `nerf_render_rays` of the same ray.
+/// `NERF_STATUS_RAY` also where a number is not in [0, 1]. The rest as in `nerf_render_rays`.
 ///
 /// # Safety
 /// Pointers are NULL or point to what is described there; `worker` and its scenes are intact.

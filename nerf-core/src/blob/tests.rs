@@ -12,6 +12,7 @@ use std::format;
 use std::string::ToString;
 use std::vec;
 
+mod builds;
 mod front;
 #[cfg(feature = "grid")]
 mod grid;
@@ -206,24 +207,6 @@ fn viewpoints_that_place_no_camera_are_refused() {
         let said = error.to_string();
         assert!(said.starts_with("scene.viewpoint: expected an eye and a target apart"), "{said}");
     }
-}
-
-#[test]
-fn what_a_build_lacks_is_named_by_field_and_feature() {
-    for (feature, field) in [("grid", "architecture.position"), ("contraction", "scene.sampling")] {
-        let said = BlobError::NotBuilt { feature }.to_string();
-        assert_eq!(
-            said,
-            format!("{field}: expected a build with the feature `{feature}`, found one without")
-        );
-    }
-}
-
-#[cfg(not(feature = "contraction"))]
-#[test]
-fn an_unbounded_scene_says_what_the_build_lacks() {
-    let error = scene_refused(|s| s.sampling = SceneSampling::Contracted { step: 0.01, power: 1 });
-    assert_eq!(error, BlobError::NotBuilt { feature: "contraction" });
 }
 
 #[cfg(feature = "contraction")]

@@ -24,8 +24,8 @@ impl Directions {
         let (stride, width) = (padded(count), padded(outputs));
         grow(&mut self.dirs, 3 * stride);
         for (i, dir) in dirs.enumerate() {
-            for axis in 0..3 {
-                self.dirs[axis * stride + i] = dir[axis];
+            for (axis, value) in dir.into_iter().enumerate() {
+                self.dirs[axis * stride + i] = value;
             }
         }
         grow(&mut self.channels, outputs * stride);

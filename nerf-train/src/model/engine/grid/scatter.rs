@@ -141,8 +141,7 @@ impl LevelScratch {
     ) {
         let begun = Instant::now();
         let Self { sum, corners, phases } = self;
-        let mut own = state.sum.take();
-        let sum = own.as_deref_mut().unwrap_or(sum);
+        let sum = state.sum.take().unwrap_or(sum);
         for kept in kept {
             sum.add((isa, grid, tables), &state.level, kept, corners);
         }
