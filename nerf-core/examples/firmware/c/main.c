@@ -10,7 +10,7 @@ enum { SIDE = 32 };
 extern const unsigned char scene_begin[], scene_end[];
 extern uint32_t stack_bottom[], stack_top[];
 
-static _Alignas(64) unsigned char memory[2112], work[2560];
+static _Alignas(64) unsigned char memory[2112], work[2624];
 static float rgb[SIDE][3], z_depth[SIDE], opacity[SIDE];
 
 /* Text to the debugger's console (semihosting). */
