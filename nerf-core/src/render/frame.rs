@@ -5,7 +5,7 @@ use super::deferred::{Deferred, is_deferred};
 use super::directions::DirectionShares;
 use super::march::{ActiveRays, Block, ColourQueue, Picks, RayState};
 use super::proposal::{ProposalSamples, Proposer};
-use super::side_by_side::Columns;
+use super::side_by_side::column_rows;
 use super::source::{CameraRays, OwnRays, RaySource};
 use super::surface::{Medians, Normals};
 use super::{Counters, Limit, RaySegment, Rect, Target};
@@ -33,7 +33,7 @@ pub(super) struct Frame<'f, 'w> {
     pub(super) network: &'f Network<'f>,
     /// A box around what the occupancy grid has.
     occupied: Option<SceneBox>,
-    packets: Option<Packets<'f>>,
+    packets: [Option<Packets<'f>>; VECTORS as usize],
     /// The tile's rays that meet something live; they stay where they are until the tile is done.
     pub(super) rays: &'w mut [RayState],
     pub(super) active: ActiveRays<'w>,
@@ -42,7 +42,8 @@ pub(super) struct Frame<'f, 'w> {
     pub(super) picks: Picks<'w>,
     pub(super) queue: ColourQueue<'w>,
     pub(super) deferred: Deferred<'w>,
-    pub(super) columns: Columns<'w>,
+    /// `[column_rows][BLOCK]`: rays that walk side by side.
+    pub(super) columns: &'w mut [f32],
     pub(super) medians: Medians<'w>,
     pub(super) normals: Normals<'w>,
     /// `[3][stride]`: positions of a block; once the network has them, `[3][samples]`: where each sample counts as, the
@@ -92,7 +93,7 @@ impl<'f, 'w> Frame<'f, 'w> {
             plan,
             network,
             occupied,
-            packets,
+            packets: [packets; VECTORS as usize],
             rays: layout.slice(rays, RayState::NONE),
             active: ActiveRays::new(layout.slice(rays, 0)),
             drawn: ProposalSamples::lay_out(layout, proposer, [rays, samples, row]),
@@ -113,7 +114,7 @@ impl<'f, 'w> Frame<'f, 'w> {
                 count: 0,
             },
             deferred: Deferred::lay_out(layout, network, plan),
-            columns: Columns::lay_out(layout, network, plan, Deferred::row(network, plan)),
+            columns: layout.slice(column_rows(network, plan) * BLOCK, 0.0),
             medians: Medians::lay_out(layout, plan),
             normals: Normals::lay_out(layout, network, plan),
             positions: layout.slice(3 * samples, 0.0),
@@ -204,7 +205,7 @@ impl<'f, 'w> Frame<'f, 'w> {
         target: &mut impl Target,
     ) -> usize {
         let (mut hits, tile) = (0, self.tile);
-        if VECTORS && let Some(packets) = self.packets {
+        if let Some(&Some(packets)) = self.packets.first() {
             let (across, down) = if tile.height > 1 { PACKET } else { (PACKET.0 * PACKET.1, 1) };
             for part in tile.tiles(across, down) {
                 hits = self.start_packet::<M, COLLIDE>(&packets, part, hits, source, target);

@@ -7,16 +7,28 @@ use super::deferred::Deferred;
 use super::frame::{Frame, VECTOR, columns_of};
 use super::march::{ContractPoints, PartsInWorld, RayState};
 use crate::math::Math;
-use crate::memory::{Layout, at, head, head_mut, put, put_column, tail, tail_mut};
+use crate::matrix::Storage;
+use crate::memory::{at, head, head_mut, put, put_column, tail, tail_mut};
 use crate::network::Network;
 use crate::plan::Plan;
 use crate::simd::{BLOCK, Lanes, Op, VECTORS};
 use crate::volume::side_by_side::{self, add_samples, left_of};
 use core::marker::PhantomData;
 
-/// The rays that walk side by side, one a column; `[rows][BLOCK]` each, or empty where frames do without.
-pub(super) struct Columns<'w> {
-    owner: &'w mut [u32],
+/// Values that each of a frame's columns takes; 0 where its rays do not walk side by side.
+pub(super) fn column_rows(network: &Network<'_>, plan: &Plan<'_>) -> usize {
+    let paired = network.kernel().storage == Storage::Bf16;
+    let sums = Deferred::row(network, plan);
+    let on = VECTORS && sums > 0 && network.whole_blocks() && !paired && plan.walks_side_by_side();
+    if on { ROWS + sums } else { 0 }
+}
+
+/// Rows of [`Columns`] without what is gathered of `h`.
+const ROWS: usize = 3 + 3 + 1 + 3 + 1 + side_by_side::ROWS;
+
+/// The rays that walk side by side, one a column; `[rows][BLOCK]` each.
+struct Columns<'w> {
+    owner: [u32; BLOCK],
     origins: &'w mut [f32],
     dirs: &'w mut [f32],
     /// Where the sample of each lies, as its bins count.
@@ -33,23 +45,17 @@ pub(super) struct Columns<'w> {
 }
 
 impl<'w> Columns<'w> {
-    pub fn lay_out(
-        layout: &mut impl Layout<'w>,
-        network: &Network<'_>,
-        plan: &Plan<'_>,
-        deferred: usize,
-    ) -> Self {
-        let paired = network.kernel().storage == crate::matrix::Storage::Bf16;
-        let on = VECTORS && deferred > 0 && network.whole_blocks() && !paired && plan.walks_side_by_side();
-        let block = if on { BLOCK } else { 0 };
-        let mut rows = |rows: usize| layout.slice(rows * block, 0.0);
+    /// Over `[column_rows][BLOCK]` values.
+    fn new(mut memory: &'w mut [f32]) -> Self {
+        let mut rows = |rows: usize| {
+            let (first, rest) =
+                core::mem::take(&mut memory).split_at_mut_checked(rows * BLOCK).unwrap_or_default();
+            memory = rest;
+            first
+        };
         let (origins, dirs, t, parts, near) = (rows(3), rows(3), rows(1), rows(3), rows(1));
-        let (gathered, sums) = (rows(side_by_side::ROWS), rows(deferred));
-        Self { owner: layout.slice(block, 0), origins, dirs, t, parts, near, gathered, sums }
-    }
-
-    fn is_on(&self) -> bool {
-        VECTORS && !self.owner.is_empty()
+        let gathered = rows(side_by_side::ROWS);
+        Self { owner: [0; BLOCK], origins, dirs, t, parts, near, gathered, sums: memory }
     }
 
     /// Puts the next sample of `ray` into column `at`; `t`: where that is.
@@ -68,7 +74,7 @@ impl<'w> Columns<'w> {
 
     /// Column `at` is `ray`'s, which has gathered nothing.
     fn begin(&mut self, plan: &Plan<'_>, ray: &RayState, owner: u32, at: usize) {
-        put(self.owner, at, owner);
+        put(&mut self.owner, at, owner);
         put_column(self.origins, BLOCK, at, ray.ray.origin.to_array());
         put_column(self.dirs, BLOCK, at, ray.ray.dir.to_array());
         put(self.near, at, plan.near.max(ray.range[0]) - ray.start);
@@ -82,12 +88,13 @@ impl<'w> Columns<'w> {
     fn end(&self, ray: &mut RayState, deferred: &mut Deferred<'_>, at: usize) {
         ray.gathered.take_column(self.gathered, BLOCK, at);
         let sums = self.sums.chunks_exact(BLOCK).map(|row| crate::memory::at(row, at));
-        deferred.put(crate::memory::at(self.owner, at) as usize, sums);
+        deferred.put(crate::memory::at(&self.owner, at) as usize, sums);
     }
 
     /// Column `to` becomes what column `from` is.
     fn copy(&mut self, from: usize, to: usize) {
-        put(self.owner, to, at(self.owner, from));
+        let owner = at(&self.owner, from);
+        put(&mut self.owner, to, owner);
         let all = [&mut *self.origins, self.dirs, self.t, self.parts, self.near, self.gathered, self.sums];
         for row in all.into_iter().flat_map(|rows| rows.chunks_exact_mut(BLOCK)) {
             put(row, to, at(row, from));
@@ -98,45 +105,48 @@ impl<'w> Columns<'w> {
 impl Frame<'_, '_> {
     /// Walks the active rays as long as they fill a vector; what is left of them is active then.
     pub(super) fn walk_side_by_side<M: Math>(&mut self) {
-        if !self.columns.is_on() || self.active.len() < VECTOR {
+        if !VECTORS || self.columns.is_empty() || self.active.len() < VECTOR {
             return;
         }
+        let memory = core::mem::take(&mut self.columns);
+        let mut columns = Columns::new(memory);
         let mut n = 0;
-        while n < BLOCK && self.enter(n) {
+        while n < BLOCK && self.enter(&mut columns, n) {
             n += 1;
         }
         while n >= VECTOR {
             self.counters.add_density(self.network, n);
-            self.evaluate_columns(n);
-            self.absorb_columns::<M>(n);
-            n = self.advance_columns(n);
+            self.evaluate_columns(&mut columns, n);
+            self.absorb_columns::<M>(&mut columns, n);
+            n = self.advance_columns(&mut columns, n);
         }
         for column in 0..n {
-            let owner = at(self.columns.owner, column);
+            let owner = at(&columns.owner, column);
             if let Some(ray) = self.rays.get_mut(owner as usize) {
                 // Its sample is not taken yet.
                 ray.next -= 1;
-                self.columns.end(ray, &mut self.deferred, column);
+                columns.end(ray, &mut self.deferred, column);
                 self.active.push(owner);
             }
         }
+        self.columns = memory;
     }
 
     /// The next active ray takes column `at`; `false` if there is none.
-    fn enter(&mut self, at: usize) -> bool {
+    fn enter(&mut self, columns: &mut Columns<'_>, at: usize) -> bool {
         let Some(owner) = self.active.pop() else { return false };
         let Some(ray) = self.rays.get_mut(owner as usize) else { return false };
         let place = ray.place(self.plan, self.turn);
-        self.columns.begin(self.plan, ray, owner, at);
+        columns.begin(self.plan, ray, owner, at);
         let t = place.t(&self.plan.bins.with(ray.ends), ray.next);
-        self.columns.put_sample(self.plan, ray, at, t);
+        columns.put_sample(self.plan, ray, at, t);
         ray.next += 1;
         true
     }
 
     /// Trunk and density of the sample that each of `n` columns is at.
-    fn evaluate_columns(&mut self, n: usize) {
-        let (stride, isa, columns) = (columns_of(self.network, n), self.network.isa(), &mut self.columns);
+    fn evaluate_columns(&mut self, columns: &mut Columns<'_>, n: usize) {
+        let (stride, isa) = (columns_of(self.network, n), self.network.isa());
         if let Some(contraction) = &self.plan.contraction {
             for axis in 0..3 {
                 let to = head_mut(tail_mut(self.positions, axis * stride), stride);
@@ -154,9 +164,9 @@ impl Frame<'_, '_> {
     }
 
     /// Adds the sample of each of `n` columns to what that has gathered.
-    fn absorb_columns<M: Math>(&mut self, n: usize) {
+    fn absorb_columns<M: Math>(&mut self, columns: &mut Columns<'_>, n: usize) {
         let stride = columns_of(self.network, n);
-        let Columns { parts, gathered, sums, .. } = &mut self.columns;
+        let Columns { parts, gathered, sums, .. } = columns;
         let h = head(self.scratch.front, self.network.trunk_rows() * stride);
         let sigma = &*self.block.sigma;
         let cut = self.plan.colour_cut;
@@ -166,31 +176,31 @@ impl Frame<'_, '_> {
 
     /// Takes each of `n` columns on to the next live sample of its ray, or hands it to the next ray; returns how many
     /// columns have a sample.
-    fn advance_columns(&mut self, mut n: usize) -> usize {
+    fn advance_columns(&mut self, columns: &mut Columns<'_>, mut n: usize) -> usize {
         let (plan, isa) = (self.plan, self.network.isa());
         let mut column = 0;
         while column < n {
-            let owner = at(self.columns.owner, column);
+            let owner = at(&columns.owner, column);
             let Some(ray) = self.rays.get_mut(owner as usize) else { return 0 };
             ray.kept += 1;
             self.counters.invalid_samples += u64::from(at(self.block.sigma, column).is_nan());
-            ray.done = left_of(self.columns.gathered, BLOCK, column) < plan.transmittance_cut;
+            ray.done = left_of(columns.gathered, BLOCK, column) < plan.transmittance_cut;
             let place = ray.place(plan, self.turn);
             if !ray.done && ray.march(isa, plan, &plan.bins, place) {
                 let t = place.t(&plan.bins.with(ray.ends), ray.next);
-                self.columns.put_sample(plan, ray, column, t);
+                columns.put_sample(plan, ray, column, t);
                 ray.next += 1;
                 column += 1;
                 continue;
             }
-            self.columns.end(ray, &mut self.deferred, column);
-            if self.enter(column) {
+            columns.end(ray, &mut self.deferred, column);
+            if self.enter(columns, column) {
                 column += 1;
                 continue;
             }
             // The last column, whose turn is still to come, fills the gap.
             n -= 1;
-            self.columns.copy(n, column);
+            columns.copy(n, column);
             put(self.block.sigma, column, at(self.block.sigma, n));
         }
         n
