@@ -177,7 +177,7 @@ impl Ahead {
         Self { found, first: (bins.middle(0) + (start - near)) / step, per_bin, bins: step / bins.delta() }
     }
 
-    /// The first bin from `bin` on that may hold something; [`u32::MAX`] if there is none.
+    /// The first bin from `bin` on that may hold something; beyond all bins if there is none.
     #[inline]
     pub fn next(&self, bin: u32) -> u32 {
         // `as` saturates. The last stretch ends where rounding has it.
