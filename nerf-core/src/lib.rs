@@ -33,9 +33,9 @@
 //!                                        (median_distance, normal, if asked for)
 //! ```
 //!
-//! A field that is shaded once a ray ([`Shading::PerRay`](network::Shading::PerRay)), as learned grids of scenes are by default, has a drawing of
-//! its own: density is read from the encoding, or from one layer behind it; those same values of the samples above the cut
-//! are composited along the ray, and the colour branch maps their mean and `PE(dir)` to colour, once a ray.
+//! Fields that are shaded once a ray ([`Shading::PerRay`](network::Shading::PerRay)), the default of learned grids, differ:
+//! density is read from the encoding, or from one layer behind it; the same values of the samples above the cut are
+//! composited along the ray, and the colour branch maps their mean and `PE(dir)` to colour, once a ray.
 //!
 //! A 2D field, an image as a network, takes the short way: pixel centres go through encoding, trunk and
 //! colour branch in the same blocks, and what comes out is the pixel

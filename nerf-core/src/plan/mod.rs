@@ -354,8 +354,9 @@ impl<'a> Plan<'a> {
         }
     }
 
-    /// Whether all that its rays gather of samples is light: nothing that is found in one of them alone.
-    pub(crate) fn walks_side_by_side(&self) -> bool {
+    /// Whether rays may be marched side by side: nothing that is asked for needs samples of a proposal network, medians or
+    /// normals.
+    pub(crate) fn marches_side_by_side(&self) -> bool {
         self.proposal.is_none() && !self.outputs.surface()
     }
 

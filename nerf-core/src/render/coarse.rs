@@ -103,8 +103,8 @@ pub(super) struct Packets<'c> {
 impl Packets<'_> {
     /// Where along some rays occupied cells may be; `None` if nowhere.
     ///
-    /// The mean of the rays is looked up at [`STRETCHES`] points, each of which stands for all rays around it.
-    pub fn stretches_of(&self, isa: Isa, rays: &[Ray]) -> Option<Stretches> {
+    /// The mean of the rays is looked up at [`INTERVALS`] points, each of which stands for all rays around it.
+    pub fn intervals_of(&self, isa: Isa, rays: &[Ray]) -> Option<Intervals> {
         let share = 1.0 / rays.len() as f32;
         let (mut origin, mut dir) = (Vec3::ZERO, Vec3::ZERO);
         for ray in rays {
@@ -123,65 +123,67 @@ impl Packets<'_> {
         let aside = apart + turned * farthest * LENGTH;
         // A ray that is no number leaves none of the mean's.
         if aside > self.reach || !(mean.origin.is_finite() && mean.dir.is_finite()) {
-            return Some(Stretches::ALL);
+            return Some(Intervals::ALL);
         }
         // Whatever of a ray lies around occupied cells, the mean is near to that.
         let (near, far) = self.around.clip(&mean, 0.0, f32::MAX)?;
-        let step = (far - near) / STRETCHES as f32;
+        let step = (far - near) / INTERVALS as f32;
         let rounding = 8.0 * f32::EPSILON * (mean.origin.abs().max_element() + far);
         if aside + 0.5 * step + rounding > self.reach || rounding > MOST_ROUNDING * step {
-            return Some(Stretches::ALL);
+            return Some(Intervals::ALL);
         }
         let found = isa.run(LookUp { packets: self, ray: &mean, near, step });
-        (found != 0).then_some(Stretches { found: found | found << 1 | found >> 1, near, step })
+        (found != 0).then_some(Intervals { found: found | found << 1 | found >> 1, near, step })
     }
 }
 
 /// Where along the rays of a packet occupied cells may be.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) struct Stretches {
-    /// Bit `i`: whether that is so from `near + i step` to `near + (i + 1) step` or in the stretches beside that.
+pub(super) struct Intervals {
+    /// Bit `i`: whether that is so from `near + i step` to `near + (i + 1) step` or in the intervals beside that.
     found: u64,
     near: f32,
     /// World units along the rays; +∞ if nothing is known.
     step: f32,
 }
 
-impl Stretches {
+impl Intervals {
     /// They may be anywhere.
     pub const ALL: Self = Self { found: u64::MAX, near: 0.0, step: f32::INFINITY };
 }
 
-/// [`Stretches`] as a ray's bins count.
+/// The bins of a ray that may have a sample in an occupied cell: its packet's [`Intervals`] in units of its bins.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Ahead {
+pub(super) struct CandidateBins {
     found: u64,
-    /// The stretch where bin 0 has its middle, stretches of a bin, and bins of a stretch.
+    /// The middle of bin 0, in intervals from the first one's start.
     first: f32,
+    /// Width of a bin, in intervals.
     per_bin: f32,
+    /// Width of an interval, in bins.
     bins: f32,
 }
 
-impl Ahead {
-    /// Every bin may hold something.
+impl CandidateBins {
+    /// Every bin may have one.
     pub const ALL: Self = Self { found: u64::MAX, first: 0.0, per_bin: 0.0, bins: 0.0 };
 
     /// `start`: where along the ray its `bins` begin to count, world units.
-    pub fn new(stretches: &Stretches, bins: &Bins, start: f32) -> Self {
-        let Stretches { found, near, step } = *stretches;
+    pub fn new(intervals: &Intervals, bins: &Bins, start: f32) -> Self {
+        let Intervals { found, near, step } = *intervals;
         let per_bin = bins.delta() / step;
-        // A sample lies up to half a bin from the middle, which is within the stretches beside its own.
+        // A sample lies up to half a bin from the middle, which is within the intervals beside its own.
         if !(per_bin > 0.0 && 0.5 * per_bin + MOST_ROUNDING <= 1.0) {
             return Self::ALL;
         }
         Self { found, first: (bins.middle(0) + (start - near)) / step, per_bin, bins: step / bins.delta() }
     }
 
-    /// The first bin from `bin` on that may hold something; beyond all bins if there is none.
+    /// The first such bin from `bin` on; beyond all bins if there is none.
     #[inline]
     pub fn next(&self, bin: u32) -> u32 {
-        // `as` saturates. The last stretch ends where rounding has it.
-        let at = ((self.first + bin as f32 * self.per_bin) as u32).min(STRETCHES - 1);
+        // `as` saturates. The last interval ends where rounding has it.
+        let at = ((self.first + bin as f32 * self.per_bin) as u32).min(INTERVALS - 1);
         match (self.found >> at).trailing_zeros() {
             0 => bin,
             64 => u32::MAX,
@@ -189,24 +191,24 @@ impl Ahead {
         }
     }
 
-    /// A bin behind all that may hold something.
+    /// A bin behind all that may have a sample in an occupied cell.
     pub fn end(&self) -> u32 {
-        let stretches = 64 - self.found.leading_zeros();
-        if self.per_bin == 0.0 || stretches == STRETCHES {
+        let intervals = 64 - self.found.leading_zeros();
+        if self.per_bin == 0.0 || intervals == INTERVALS {
             return u32::MAX;
         }
-        (((stretches as f32 - self.first) * self.bins) as u32).saturating_add(2)
+        (((intervals as f32 - self.first) * self.bins) as u32).saturating_add(2)
     }
 }
 
 /// More than the inverse length of a direction, which is 1 within 1e-3.
 const LENGTH: f32 = 1.002;
-/// Stretches of a packet of rays, each of which is looked up in its middle.
-const STRETCHES: u32 = 64;
-/// What rounding may move a point by, of a stretch.
+/// Number of intervals that a packet's way through the box is divided into; each is looked up in its middle.
+const INTERVALS: u32 = 64;
+/// Largest error of a point's distance by rounding, in intervals.
 const MOST_ROUNDING: f32 = 0.25;
 
-/// Which of the [`STRETCHES`] stretches of `step` from `near` on may hold something; bit 0 is the first.
+/// Which of the [`INTERVALS`] intervals of `step` from `near` on may hold something; bit 0 is the first.
 struct LookUp<'a> {
     packets: &'a Packets<'a>,
     ray: &'a Ray,
@@ -221,7 +223,7 @@ impl Op for LookUp<'_> {
     fn run<V: Lanes>(self) -> u64 {
         let (near, step, half) = (V::splat(self.near), V::splat(self.step), V::splat(0.5));
         let mut found = 0;
-        for first in (0..STRETCHES).step_by(V::COUNT) {
+        for first in (0..INTERVALS).step_by(V::COUNT) {
             let i = V::splat(first as f32).add(V::load(&LANES)).add(half);
             let points = points_at(self.ray, near.add(i.mul(step)));
             found |= u64::from(self.packets.blocks.occupied_lanes(points)) << first;

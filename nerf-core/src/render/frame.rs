@@ -1,6 +1,6 @@
 //! The state of a worker: its memory, a tile's rays from pixel to pixel, the network's blocks.
 
-use super::coarse::{Ahead, Packets, Stretches};
+use super::coarse::{CandidateBins, Intervals, Packets};
 use super::deferred::{Deferred, is_deferred};
 use super::directions::DirectionShares;
 use super::march::{ActiveRays, Block, ColourQueue, Picks, RayState};
@@ -42,7 +42,7 @@ pub(super) struct Frame<'f, 'w> {
     pub(super) picks: Picks<'w>,
     pub(super) queue: ColourQueue<'w>,
     pub(super) deferred: Deferred<'w>,
-    /// `[column_rows][BLOCK]`: rays that walk side by side.
+    /// `[column_rows][BLOCK]`: rays that are marched side by side.
     pub(super) columns: &'w mut [f32],
     pub(super) medians: Medians<'w>,
     pub(super) normals: Normals<'w>,
@@ -185,7 +185,7 @@ impl<'f, 'w> Frame<'f, 'w> {
         }
         self.directions(hits);
         if !COLLIDE {
-            self.walk_side_by_side::<M>();
+            self.march_side_by_side::<M>();
         }
         while self.step::<M, COLLIDE>() {}
         self.flush_colour();
@@ -218,7 +218,7 @@ impl<'f, 'w> Frame<'f, 'w> {
                 hits += usize::from(self.start_ray::<M, COLLIDE>(
                     (x, y),
                     ray,
-                    &Stretches::ALL,
+                    &Intervals::ALL,
                     hits,
                     source,
                     target,
@@ -246,12 +246,12 @@ impl<'f, 'w> Frame<'f, 'w> {
             count += 1;
         }
         let rays = head(&rays, count);
-        let stretches = packets.stretches_of(self.network.isa(), rays);
+        let intervals = packets.intervals_of(self.network.isa(), rays);
         for (pixel, &ray) in pixels.zip(rays) {
-            match &stretches {
-                Some(stretches) => {
+            match &intervals {
+                Some(intervals) => {
                     hits += usize::from(
-                        self.start_ray::<M, COLLIDE>(pixel, ray, stretches, hits, source, target),
+                        self.start_ray::<M, COLLIDE>(pixel, ray, intervals, hits, source, target),
                     );
                 }
                 None => self.finish_missed::<M>(pixel, &ray, source, target),
@@ -260,14 +260,15 @@ impl<'f, 'w> Frame<'f, 'w> {
         hits
     }
 
-    /// Makes the ray of a pixel, which takes place `hits` if it meets something; returns whether it does.
+    /// Starts the ray of a pixel: marches it to its first occupied sample and stores it as the tile's ray number `hits`.
+    /// Returns `false` for a ray without one, which is finished at once.
     ///
-    /// `stretches`: where along it occupied cells may be.
+    /// `intervals`: where along it occupied cells may be.
     fn start_ray<M: Math, const COLLIDE: bool>(
         &mut self,
         (x, y): (u32, u32),
         ray: Ray,
-        stretches: &Stretches,
+        intervals: &Intervals,
         hits: usize,
         source: &impl RaySource,
         target: &mut impl Target,
@@ -286,10 +287,10 @@ impl<'f, 'w> Frame<'f, 'w> {
         if let Some(span) = around.and_then(|bounds| plan.span(&bounds, &ray, range)) {
             (state.ray, state.start, state.ends) = (span.ray, span.start, span.ends);
             (state.next, state.end) = (span.bins.start, span.bins.end);
-            for ahead in &mut state.ahead {
-                *ahead = Ahead::new(stretches, walk, span.start);
-                state.end = state.end.min(ahead.end());
-                state.next = ahead.next(state.next).min(state.end);
+            for candidates in &mut state.candidates {
+                *candidates = CandidateBins::new(intervals, walk, span.start);
+                state.end = state.end.min(candidates.end());
+                state.next = candidates.next(state.next).min(state.end);
             }
         }
         let (next, end) = (state.next, state.end);

@@ -6,7 +6,7 @@
 //! depends on the scene and the request alone, as its pixels do.
 
 use super::Counters;
-use super::coarse::Ahead;
+use super::coarse::CandidateBins;
 use super::frame::{Frame, VECTOR, columns_of};
 use super::proposal::ProposalSamples;
 use super::surface::Medians;
@@ -43,8 +43,8 @@ pub(super) struct RayState {
     pub end: u32,
     /// The bins that were looked up in the occupancy grid.
     pub window: Window,
-    /// Those that need not be; without vectors none is known.
-    pub ahead: [Ahead; VECTORS as usize],
+    /// The bins that may have a sample in an occupied cell; none is kept without vectors, where all may.
+    pub candidates: [CandidateBins; VECTORS as usize],
     /// Samples that the network was evaluated at.
     pub kept: u32,
     /// Whether the transmittance is below the threshold.
@@ -69,7 +69,7 @@ impl RayState {
         next: 0,
         end: 0,
         window: Window::NONE,
-        ahead: [Ahead::ALL; VECTORS as usize],
+        candidates: [CandidateBins::ALL; VECTORS as usize],
         kept: 0,
         done: true,
         gathered: Accumulator::NONE,
@@ -90,8 +90,7 @@ impl RayState {
                 if VECTORS && isa != Isa::Portable && end <= window::MAX_BINS && place.is_middle() =>
             {
                 let contraction = plan.contraction.as_ref();
-                let ahead = self.ahead.first().copied().unwrap_or(Ahead::ALL);
-                let bins = (&bins, &ahead);
+                let bins = (&bins, self.candidates.first().unwrap_or(&CandidateBins::ALL));
                 self.window.first_occupied(isa, occupancy, contraction, &self.ray, bins, next, end)
             }
             _ => plan.first_occupied(&bins, &self.ray, place, next, end),

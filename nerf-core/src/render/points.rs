@@ -1,4 +1,4 @@
-//! Density and colour at points, without rays.
+//! Queries of the field: density and colour at points, without compositing.
 
 use super::frame::{Frame, columns_of};
 use super::march::RayState;

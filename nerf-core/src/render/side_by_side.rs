@@ -1,7 +1,7 @@
-//! Rays side by side: where an encoding is composited, the columns of a block are rays, and what they gather moves in vectors.
+//! Ray marching of fields shaded once a ray, a ray in each column of a block: compositing is vector arithmetic over rays.
 //!
-//! It is the march of `march.rs` for the rays of most frames, bit for bit: a column is a ray from its first sample to its
-//! last, and the next ray takes it over. What is left when there are fewer rays than a vector has columns goes on there.
+//! The results are those of `march.rs`, bit for bit. A column holds a ray from its first sample to its last; then the next
+//! active ray takes the column. When fewer rays are left than a vector has columns, `march.rs` goes on with them.
 
 use super::deferred::Deferred;
 use super::frame::{Frame, VECTOR, columns_of};
@@ -15,32 +15,33 @@ use crate::simd::{BLOCK, Lanes, Op, VECTORS};
 use crate::volume::side_by_side::{self, add_samples, left_of};
 use core::marker::PhantomData;
 
-/// Values that each of a frame's columns takes; 0 where its rays do not walk side by side.
+/// Rows of a frame's [`Columns`]; 0 where rays are not marched side by side.
 pub(super) fn column_rows(network: &Network<'_>, plan: &Plan<'_>) -> usize {
     let paired = network.kernel().storage == Storage::Bf16;
     let sums = Deferred::row(network, plan);
-    let on = VECTORS && sums > 0 && network.whole_blocks() && !paired && plan.walks_side_by_side();
+    let on = VECTORS && sums > 0 && network.whole_blocks() && !paired && plan.marches_side_by_side();
     if on { ROWS + sums } else { 0 }
 }
 
-/// Rows of [`Columns`] without what is gathered of `h`.
+/// The same without the sums of `h`.
 const ROWS: usize = 3 + 3 + 1 + 3 + 1 + side_by_side::ROWS;
 
-/// The rays that walk side by side, one a column; `[rows][BLOCK]` each.
+/// The rays that are marched side by side, one a column; `[rows][BLOCK]` each.
 struct Columns<'w> {
+    /// Index of each column's ray in the tile.
     owner: [u32; BLOCK],
     origins: &'w mut [f32],
     dirs: &'w mut [f32],
-    /// Where the sample of each lies, as its bins count.
+    /// The sample's distance along its ray, in the units of the bins.
     t: &'w mut [f32],
-    /// Where it counts as, the middle of its bin, and its width; world units along the ray, or as the bins count until
-    /// they are.
+    /// What its bin is, in world units: distance, middle and width. In an unbounded scene first distance, start and end in
+    /// the units of the bins.
     parts: &'w mut [f32],
-    /// In front of what an unbounded scene's ray has no part.
+    /// Least distance of an unbounded scene's samples.
     near: &'w mut [f32],
-    /// What each has gathered of light.
+    /// Opacity, distance and optical thickness composited so far: rows of `volume::side_by_side`.
     gathered: &'w mut [f32],
-    /// What each has gathered of `h`, and behind it Σ weight.
+    /// Σ weight · `h` so far, and behind it Σ weight.
     sums: &'w mut [f32],
 }
 
@@ -58,7 +59,7 @@ impl<'w> Columns<'w> {
         Self { owner: [0; BLOCK], origins, dirs, t, parts, near, gathered, sums: memory }
     }
 
-    /// Puts the next sample of `ray` into column `at`; `t`: where that is.
+    /// Puts the sample of `ray` at distance `t` into column `at`.
     #[inline]
     fn put_sample(&mut self, plan: &Plan<'_>, ray: &RayState, at: usize, t: f32) {
         let bins = plan.bins.with(ray.ends);
@@ -72,7 +73,7 @@ impl<'w> Columns<'w> {
         }
     }
 
-    /// Column `at` is `ray`'s, which has gathered nothing.
+    /// Starts `ray`, number `owner` of the tile, in column `at`.
     fn begin(&mut self, plan: &Plan<'_>, ray: &RayState, owner: u32, at: usize) {
         put(&mut self.owner, at, owner);
         put_column(self.origins, BLOCK, at, ray.ray.origin.to_array());
@@ -84,14 +85,14 @@ impl<'w> Columns<'w> {
         }
     }
 
-    /// Gives a ray what its column has gathered.
+    /// Writes the composited values of column `at` back to its ray.
     fn end(&self, ray: &mut RayState, deferred: &mut Deferred<'_>, at: usize) {
         ray.gathered.take_column(self.gathered, BLOCK, at);
         let sums = self.sums.chunks_exact(BLOCK).map(|row| crate::memory::at(row, at));
         deferred.put(crate::memory::at(&self.owner, at) as usize, sums);
     }
 
-    /// Column `to` becomes what column `from` is.
+    /// Copies column `from` to column `to`.
     fn copy(&mut self, from: usize, to: usize) {
         let owner = at(&self.owner, from);
         put(&mut self.owner, to, owner);
@@ -103,8 +104,8 @@ impl<'w> Columns<'w> {
 }
 
 impl Frame<'_, '_> {
-    /// Walks the active rays as long as they fill a vector; what is left of them is active then.
-    pub(super) fn walk_side_by_side<M: Math>(&mut self) {
+    /// Marches the active rays while they fill a vector; those that are left stay active.
+    pub(super) fn march_side_by_side<M: Math>(&mut self) {
         if !VECTORS || self.columns.is_empty() || self.active.len() < VECTOR {
             return;
         }
@@ -132,7 +133,7 @@ impl Frame<'_, '_> {
         self.columns = memory;
     }
 
-    /// The next active ray takes column `at`; `false` if there is none.
+    /// Starts the next active ray in column `at`; `false` if there is none.
     fn enter(&mut self, columns: &mut Columns<'_>, at: usize) -> bool {
         let Some(owner) = self.active.pop() else { return false };
         let Some(ray) = self.rays.get_mut(owner as usize) else { return false };
@@ -144,7 +145,7 @@ impl Frame<'_, '_> {
         true
     }
 
-    /// Trunk and density of the sample that each of `n` columns is at.
+    /// Runs trunk and density head for the samples of the first `n` columns.
     fn evaluate_columns(&mut self, columns: &mut Columns<'_>, n: usize) {
         let (stride, isa) = (columns_of(self.network, n), self.network.isa());
         if let Some(contraction) = &self.plan.contraction {
@@ -163,7 +164,7 @@ impl Frame<'_, '_> {
         self.evaluate_density(stride);
     }
 
-    /// Adds the sample of each of `n` columns to what that has gathered.
+    /// Composites the samples of the first `n` columns.
     fn absorb_columns<M: Math>(&mut self, columns: &mut Columns<'_>, n: usize) {
         let stride = columns_of(self.network, n);
         let Columns { parts, gathered, sums, .. } = columns;
@@ -174,8 +175,8 @@ impl Frame<'_, '_> {
         self.network.isa().run_portable(stride, absorb);
     }
 
-    /// Takes each of `n` columns on to the next live sample of its ray, or hands it to the next ray; returns how many
-    /// columns have a sample.
+    /// Marches the ray of each of the first `n` columns to its next occupied sample, and replaces the rays that end. Returns
+    /// the number of columns that have a sample.
     fn advance_columns(&mut self, columns: &mut Columns<'_>, mut n: usize) -> usize {
         let (plan, isa) = (self.plan, self.network.isa());
         let mut column = 0;
@@ -207,7 +208,7 @@ impl Frame<'_, '_> {
     }
 }
 
-/// The points at `t` of rays: `[3][stride]` of `[3][BLOCK]`.
+/// Positions at distances `t` along rays: `[3][stride]` from origins and directions `[3][BLOCK]`.
 struct Points<'a> {
     stride: usize,
     origins: &'a [f32],
@@ -232,7 +233,7 @@ impl Op for Points<'_> {
     }
 }
 
-/// Densities and `h` of a block into what its rays have gathered.
+/// Compositing of a block: its densities and `h` are added to its rays.
 struct Absorb<'a, M> {
     stride: usize,
     sigma: &'a [f32],

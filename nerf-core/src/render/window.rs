@@ -1,6 +1,6 @@
 //! Sixteen bins of a ray at a time: which of them have their sample in an occupied cell.
 
-use super::coarse::Ahead;
+use super::coarse::CandidateBins;
 use crate::camera::{Contraction, Ray};
 use crate::sampling::{Bins, OccupancyGrid};
 use crate::simd::{Isa, Lanes, Op};
@@ -29,7 +29,7 @@ impl Window {
     /// The first live one of the bins `from..end`, or `end`; what [`Plan::first_occupied`](crate::plan::Plan::first_occupied)
     /// says of their middles, bit for bit.
     ///
-    /// `from` never falls from call to call, and the bins stay those of the first; `end` is at most [`MAX_BINS`]. `ahead` says
+    /// `from` never falls from call to call, and the bins stay those of the first; `end` is at most [`MAX_BINS`]. `candidates` says
     /// which of them need not be asked.
     #[inline]
     #[allow(clippy::too_many_arguments, reason = "what a plan has of them is taken apart only here")]
@@ -39,7 +39,7 @@ impl Window {
         occupancy: &OccupancyGrid<'_>,
         contraction: Option<&Contraction>,
         ray: &Ray,
-        (bins, ahead): (&Bins, &Ahead),
+        (bins, candidates): (&Bins, &CandidateBins),
         from: u32,
         end: u32,
     ) -> u32 {
@@ -54,7 +54,7 @@ impl Window {
         if from >= end {
             return end;
         }
-        *self = isa.run(LookUp { occupancy, contraction, ray, bins, ahead, from, end });
+        *self = isa.run(LookUp { occupancy, contraction, ray, bins, candidates, from, end });
         end.min(self.end - WIDTH + self.live.trailing_zeros())
     }
 }
@@ -65,7 +65,7 @@ struct LookUp<'a> {
     contraction: Option<&'a Contraction>,
     ray: &'a Ray,
     bins: &'a Bins,
-    ahead: &'a Ahead,
+    candidates: &'a CandidateBins,
     from: u32,
     end: u32,
 }
@@ -77,7 +77,7 @@ impl Op for LookUp<'_> {
     fn run<V: Lanes>(self) -> Window {
         let mut window = Window { end: self.from, live: 0 };
         while window.live == 0 && window.end < self.end {
-            let from = self.ahead.next(window.end).min(self.end);
+            let from = self.candidates.next(window.end).min(self.end);
             let live = if from < self.end { self.live::<V>(from) } else { 0 };
             window = Window { end: from + WIDTH, live };
         }

@@ -5,7 +5,7 @@ use crate::testing::noise;
 use std::vec;
 
 /// Packets near and far, narrow and wide, of rays that begin outside of the box and in it: whatever a ray has in occupied
-/// cells is in the packet's stretches, with each instruction set.
+/// cells is in the packet's intervals, with each instruction set.
 #[test]
 fn no_occupied_cell_is_outside_of_a_packets_stretches() {
     let boxes = [
@@ -39,18 +39,19 @@ fn no_occupied_cell_is_outside_of_a_packets_stretches() {
                     Ray { origin: target - dir * away, dir: (dir + aside).normalize() }
                 });
                 for isa in Isa::ALL.into_iter().filter(|isa| isa.available()) {
-                    let found = packets.stretches_of(isa, &rays);
+                    let found = packets.intervals_of(isa, &rays);
                     missed += u32::from(found.is_none());
                     narrowed += u32::from(found.is_some_and(|found| found.found != u64::MAX));
                     for bins in [500, 60].map(|n| Bins::new(0.0, 5.0 * sides.length(), n).unwrap()) {
-                        let ahead = found.map(|found| Ahead::new(&found, &bins, 0.0));
+                        let candidates = found.map(|found| CandidateBins::new(&found, &bins, 0.0));
                         for ray in &rays {
                             for bin in
                                 (0..bins.count()).filter(|&bin| occupancy.occupied(ray.at(bins.at(bin, 0.5))))
                             {
                                 occupied += 1;
-                                let kept =
-                                    ahead.is_some_and(|ahead| ahead.next(bin) == bin && bin < ahead.end());
+                                let kept = candidates.is_some_and(|candidates| {
+                                    candidates.next(bin) == bin && bin < candidates.end()
+                                });
                                 assert!(
                                     kept,
                                     "{resolution:?} {ray:?}: bin {bin} of {bins:?} not in {found:?}"
@@ -80,6 +81,6 @@ fn a_ray_that_is_no_number_hides_none_beside_it() {
     let seen = Ray { origin: Vec3::new(0.0, 0.0, 5.0), dir: Vec3::NEG_Z };
     for broken in [Ray { dir: Vec3::NAN, ..seen }, Ray { origin: Vec3::new(0.0, f32::INFINITY, 0.0), ..seen }]
     {
-        assert_eq!(packets.stretches_of(Isa::detect(), &[seen, broken]), Some(Stretches::ALL));
+        assert_eq!(packets.intervals_of(Isa::detect(), &[seen, broken]), Some(Intervals::ALL));
     }
 }

@@ -61,7 +61,7 @@ fn windows_find_the_bins_that_asking_at_each_finds() {
                                     &occupancy,
                                     None,
                                     &ray,
-                                    (&bins, &Ahead::ALL),
+                                    (&bins, &CandidateBins::ALL),
                                     next,
                                     part.end,
                                 );
@@ -74,7 +74,7 @@ fn windows_find_the_bins_that_asking_at_each_finds() {
                             &occupancy,
                             None,
                             &ray,
-                            (&bins, &Ahead::ALL),
+                            (&bins, &CandidateBins::ALL),
                             next,
                             part.end,
                         );
@@ -126,7 +126,7 @@ fn windows_find_the_bins_of_a_contraction() {
                                 &occupancy,
                                 Some(&contraction),
                                 &ray,
-                                (&bins, &Ahead::ALL),
+                                (&bins, &CandidateBins::ALL),
                                 next,
                                 part.end,
                             )

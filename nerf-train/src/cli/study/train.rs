@@ -21,8 +21,8 @@ use std::process::ExitCode;
 
 /// Fit for the same time with other settings, and show PSNR over time: how long is worth waiting for.
 ///
-/// Without any list: the presets `grid` and `seed`, table sizes of the learned grid and its levels without turns, and three
-/// widths, three depths and three numbers of samples of the base, a sinusoidal network.
+/// Without any list: the presets `grid` and `seed`, three table sizes of the learned grid and updates of its hashed levels
+/// at every step, and three widths, three depths and three numbers of samples of the base, a sinusoidal network.
 #[derive(Debug, Args)]
 #[command(
     after_help = "Example: nerf-train study train lego_200x200.npz --report out/training --seconds 60 --width 64,128,256"
@@ -47,7 +47,7 @@ pub struct StudyTrain {
     /// has. The report then shows what a file of each size holds after each time.
     #[arg(long, value_name = "N,N,…", value_delimiter = ',', num_args = 1)]
     table: Vec<u8>,
-    /// Of the same: at every how many steps a hashed level moves, whose gradients are summed meanwhile.
+    /// Of the same: steps between updates of a hashed level, whose gradients are summed in between.
     #[arg(long, value_name = "N,N,…", value_delimiter = ',', num_args = 1)]
     turns: Vec<u32>,
     /// Channels of the trunk.

@@ -21,7 +21,7 @@ pub enum Group {
     Preset,
     /// The size of its grid's table.
     Table,
-    /// How often its grid's hashed levels move.
+    /// Steps between updates of a hashed level of its grid.
     Turns,
     /// Channels of its trunk.
     Width,
@@ -135,7 +135,7 @@ pub struct Lists {
     /// Of the base, or of the preset `grid` where that has no learned grid: binary logarithms of the most entries a level
     /// has.
     pub tables: Vec<u8>,
-    /// Of the same: at which step, counted from its last, a hashed level moves again.
+    /// Of the same: steps between updates of a hashed level.
     pub turns: Vec<u32>,
     /// Channels of the trunk.
     pub widths: Vec<usize>,
