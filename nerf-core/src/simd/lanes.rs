@@ -13,9 +13,6 @@ pub trait Lanes: Copy + sealed::Sealed {
     const TILE_ROWS: usize;
     /// Vectors of C a register tile of the product kernel covers.
     const TILE_COLS: usize;
-    /// Whether a grid encodes several vectors at one level before it goes to the next: where there are too few
-    /// registers to find the entries of one level while those of another are read.
-    const LEVEL_BY_LEVEL: bool = false;
     /// The result of a comparison.
     type Mask: Copy;
     /// As many `u32`.

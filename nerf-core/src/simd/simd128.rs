@@ -26,7 +26,6 @@ impl Lanes for F32x4 {
     const COUNT: usize = 4;
     const TILE_ROWS: usize = 2;
     const TILE_COLS: usize = 4;
-    const LEVEL_BY_LEVEL: bool = true;
     type Mask = v128;
     type Indices = U32x4;
 

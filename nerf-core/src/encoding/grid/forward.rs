@@ -1,9 +1,9 @@
 //! The encoding of a block.
 
 use super::cell::{Cells, unit_positions};
-use super::{GridEncoding, GridLevel, GridTables, MAX_GRID_LEVELS, TableValues};
+use super::{GridEncoding, GridLevel, GridTables, TableValues};
 use crate::memory::{head, head_mut, tail_mut};
-use crate::simd::{F16Table, F32Table, Int8Table, Isa, Lanes, Op, Table, VECTORS};
+use crate::simd::{F16Table, F32Table, Indices, Int8Table, Isa, Lanes, Op, Table, VECTORS};
 
 /// Encodes a block of samples by a grid.
 ///
@@ -79,8 +79,8 @@ fn encode_one_by_one(
     }
 }
 
-/// Vectors that go through a level together, where they go level by level.
-const AT_ONCE: usize = 16;
+/// Vectors that go through a level together: what is the same for all of them is in registers.
+const AT_ONCE: usize = 8;
 
 struct Encode<'a, T> {
     grid: &'a GridEncoding,
@@ -112,32 +112,6 @@ impl<T: Table> Op for Encode<'_, T> {
 impl<T: Table> Encode<'_, T> {
     #[inline(always)]
     fn encode<V: Lanes, const ROWS: usize, const FEATURES: usize>(self) {
-        if V::LEVEL_BY_LEVEL {
-            return self.level_by_level::<V, ROWS, FEATURES>();
-        }
-        let stride = self.stride;
-        let all: heapless::Vec<GridLevel, MAX_GRID_LEVELS> = self.grid.levels().collect();
-        for column in (0..stride).step_by(V::COUNT) {
-            let inputs = usize::from(self.grid.inputs);
-            let unit = unit_positions::<V>(self.tables, inputs, stride, self.x, column);
-            // A level's entries are found while the values of the one before are on their way.
-            let mut levels = all.iter();
-            let mut next = levels.next();
-            let Some(first) = next else { break };
-            let mut read = Read::<V, ROWS>::of(first, unit);
-            while let Some(level) = next {
-                let here = read;
-                next = levels.next();
-                if let Some(level) = next {
-                    read = Read::of(level, unit);
-                }
-                here.interpolate(self.table, level, FEATURES, (column, stride, self.out));
-            }
-        }
-    }
-
-    /// The same, several vectors at one level and then at the next.
-    fn level_by_level<V: Lanes, const ROWS: usize, const FEATURES: usize>(self) {
         let (stride, inputs) = (self.stride, usize::from(self.grid.inputs));
         for first in (0..stride).step_by(AT_ONCE * V::COUNT) {
             let mut units = [[V::splat(0.0); 3]; AT_ONCE];
@@ -147,9 +121,10 @@ impl<T: Table> Encode<'_, T> {
                 *unit = unit_positions(self.tables, inputs, stride, self.x, column);
                 count += 1;
             }
+            let (units, reads) = (head(&units, count), &mut [Read::none(); AT_ONCE]);
             for level in self.grid.levels() {
                 let to = (first, stride, &mut *self.out);
-                encode_level::<V, T, ROWS, FEATURES>(self.table, &level, head(&units, count), to);
+                encode_level::<V, T, ROWS, FEATURES>(self.table, &level, units, reads, to);
             }
         }
     }
@@ -157,16 +132,21 @@ impl<T: Table> Encode<'_, T> {
 
 /// Values of one level at the positions `units`, from column `first` on, into `out`.
 ///
-/// A function of its own: within a larger one V8 makes what is the same for all vectors again for each.
-#[inline(never)]
+/// In WebAssembly a function of its own: within a larger one V8 makes what is the same for all vectors again for each.
+#[cfg_attr(target_arch = "wasm32", inline(never))]
+#[cfg_attr(not(target_arch = "wasm32"), inline(always))]
 fn encode_level<V: Lanes, T: Table, const ROWS: usize, const FEATURES: usize>(
     table: T,
     level: &GridLevel,
     units: &[[V; 3]],
+    reads: &mut [Read<V, ROWS>; AT_ONCE],
     (first, stride, out): (usize, usize, &mut [f32]),
 ) {
-    for (i, &unit) in units.iter().enumerate() {
-        let read = Read::<V, ROWS>::of(level, unit);
+    // In two loops, each of which fits into the registers.
+    for (read, &unit) in reads.iter_mut().zip(units) {
+        *read = Read::of(level, unit);
+    }
+    for (i, read) in reads.iter().enumerate().take(units.len()) {
         read.interpolate(table, level, FEATURES, (first + i * V::COUNT, stride, &mut *out));
     }
 }
@@ -182,6 +162,12 @@ struct Read<V: Lanes, const ROWS: usize> {
 
 impl<V: Lanes, const ROWS: usize> Read<V, ROWS> {
     #[inline(always)]
+    fn none() -> Self {
+        let zero = V::splat(0.0);
+        Self { rows: [V::Indices::splat(0); ROWS], weights: [zero; ROWS], far: zero }
+    }
+
+    #[inline(always)]
     fn of(level: &GridLevel, unit: [V; 3]) -> Self {
         let cells = Cells::of(level, unit);
         Self { rows: cells.rows(level), weights: cells.row_weights(), far: cells.weights[0] }
@@ -190,7 +176,7 @@ impl<V: Lanes, const ROWS: usize> Read<V, ROWS> {
     /// Values of the level's `features` from `column` on, into `out`, `[levels · features][stride]`.
     #[inline(always)]
     fn interpolate<T: Table>(
-        self,
+        &self,
         table: T,
         level: &GridLevel,
         features: usize,
