@@ -182,9 +182,9 @@ impl Lanes for F32x8 {
             return weighted_rows_by_lane(table, rows, weights, features);
         };
         let (last, features_of_each) = (U32x8::splat(last), U32x8::splat(features as u32));
-        let mut offsets = [[0; MAX_LANES]; ROWS];
+        let mut offsets = [[0; 8]; ROWS];
         for (offsets, row) in offsets.iter_mut().zip(rows) {
-            row.min(last).mul(features_of_each).store(offsets);
+            row.min(last).mul(features_of_each).store_eight(offsets);
         }
         // Through memory, from where each is an address at once: taking lanes out of registers is slower.
         let offsets = core::hint::black_box(&offsets);
@@ -204,7 +204,7 @@ impl Lanes for F32x8 {
 #[inline(always)]
 fn four<T: Table, const ROWS: usize>(
     table: T,
-    offsets: &[[u32; MAX_LANES]; ROWS],
+    offsets: &[[u32; 8]; ROWS],
     weights: &[F32x8; ROWS],
     plus: usize,
 ) -> [F32x8; 4] {
@@ -230,7 +230,7 @@ fn four<T: Table, const ROWS: usize>(
 #[inline(always)]
 fn pair<T: Table, const ROWS: usize, const LANE: usize>(
     table: T,
-    offsets: &[[u32; MAX_LANES]; ROWS],
+    offsets: &[[u32; 8]; ROWS],
     weights: &[F32x8; ROWS],
     plus: usize,
 ) -> __m256 {
@@ -270,6 +270,14 @@ fn pair<T: Table, const ROWS: usize, const LANE: usize>(
 /// Eight u32 in a `ymm` register. Made only where `F32x8` is.
 #[derive(Clone, Copy)]
 pub struct U32x8(__m256i);
+
+impl U32x8 {
+    #[inline(always)]
+    fn store_eight(self, to: &mut [u32; 8]) {
+        // SAFETY: eight values are in bounds; unaligned stores are allowed. Features as above.
+        unsafe { _mm256_storeu_si256(to.as_mut_ptr().cast(), self.0) }
+    }
+}
 
 impl Indices for U32x8 {
     #[inline(always)]

@@ -2,7 +2,7 @@
 
 use super::cell::{Cells, unit_positions};
 use super::{GridEncoding, GridLevel, GridTables, TableValues};
-use crate::memory::{head, head_mut, tail_mut};
+use crate::memory::{head, head_mut, put, tail_mut};
 use crate::simd::{F16Table, F32Table, Indices, Int8Table, Isa, Lanes, Op, Table, VECTORS};
 
 /// Encodes a block of samples by a grid.
@@ -65,15 +65,15 @@ fn encode_one_by_one(
         let unit = unit_positions::<f32>(tables, usize::from(grid.inputs), stride, x, column);
         for level in grid.levels() {
             let read = Read::<f32, 4>::of(&level, unit);
-            let to = (column, stride, &mut *out);
-            match tables.values {
-                TableValues::F16(bytes) => read.interpolate(F16Table::new(bytes), &level, features, to),
+            let values = match tables.values {
+                TableValues::F16(bytes) => read.interpolate(F16Table::new(bytes), &level, features),
                 TableValues::Int8 { values, scales } => {
-                    read.interpolate(Int8Table::new(values, scales), &level, features, to);
+                    read.interpolate(Int8Table::new(values, scales), &level, features)
                 }
-                TableValues::F32(values) => {
-                    read.interpolate(F32Table::new(values), &level, features, to);
-                }
+                TableValues::F32(values) => read.interpolate(F32Table::new(values), &level, features),
+            };
+            for (feature, value) in values.into_iter().enumerate().take(features) {
+                put(out, (level.index * features + feature) * stride + column, value);
             }
         }
     }
@@ -146,8 +146,16 @@ fn encode_level<V: Lanes, T: Table, const ROWS: usize, const FEATURES: usize>(
     for (read, &unit) in reads.iter_mut().zip(units) {
         *read = Read::of(level, unit);
     }
-    for (i, read) in reads.iter().enumerate().take(units.len()) {
-        read.interpolate(table, level, FEATURES, (first + i * V::COUNT, stride, &mut *out));
+    let mut rows = tail_mut(out, level.index * FEATURES * stride).chunks_exact_mut(stride);
+    let mut to: [_; FEATURES] =
+        core::array::from_fn(|_| tail_mut(rows.next().unwrap_or_default(), first).chunks_exact_mut(V::COUNT));
+    for read in reads.iter().take(units.len()) {
+        let values = read.interpolate(table, level, FEATURES);
+        for (to, value) in to.iter_mut().zip(values) {
+            if let Some(to) = to.next() {
+                value.store(to);
+            }
+        }
     }
 }
 
@@ -173,22 +181,18 @@ impl<V: Lanes, const ROWS: usize> Read<V, ROWS> {
         Self { rows: cells.rows(level), weights: cells.row_weights(), far: cells.weights[0] }
     }
 
-    /// Values of the level's `features` from `column` on, into `out`, `[levels · features][stride]`.
+    /// Values of the level, of which the first `features` count.
     #[inline(always)]
-    fn interpolate<T: Table>(
-        &self,
-        table: T,
-        level: &GridLevel,
-        features: usize,
-        (column, stride, out): (usize, usize, &mut [f32]),
-    ) {
+    fn interpolate<T: Table>(&self, table: T, level: &GridLevel, features: usize) -> [V; 4] {
         let part = table.part(level.first * features, level.entries * features);
         let scale = V::splat(table.scale(level.index));
         let sums = V::weighted_rows(part, &self.rows, &self.weights, features);
-        for feature in 0..features {
-            let value = self.far.mul_add(sums[features + feature].sub(sums[feature]), sums[feature]);
-            value.mul(scale).store(tail_mut(out, (level.index * features + feature) * stride + column));
+        let mut values = [V::splat(0.0); 4];
+        for (feature, value) in values.iter_mut().enumerate().take(features) {
+            let (near, far) = (sums[feature], sums[features + feature]);
+            *value = self.far.mul_add(far.sub(near), near).mul(scale);
         }
+        values
     }
 }
 
