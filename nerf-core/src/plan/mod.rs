@@ -10,13 +10,15 @@ use glam::Vec3;
 mod effects;
 mod quality;
 mod span;
+mod spans;
 
 #[cfg(test)]
 mod tests;
 
 pub use effects::{EffectError, Effects, Jitter, ThinLens, Tone, ToneMap};
 pub use quality::{Choice, Preset, Quality};
-pub(crate) use span::Lattice;
+pub(crate) use span::{Lattice, Span};
+pub(crate) use spans::{SpanAll, Spans};
 
 /// What a pixel is asked for; what is off is not computed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

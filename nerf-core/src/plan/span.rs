@@ -32,7 +32,7 @@ pub(crate) struct Span {
 }
 
 /// What rounding may move a point by, that is so far away: the slab test and the way to the point.
-const ROUNDING: f32 = 4.0 * f32::EPSILON;
+pub(super) const ROUNDING: f32 = 4.0 * f32::EPSILON;
 
 impl Plan<'_> {
     /// What is sampled of `ray` within a `range` of distances ([`Plan::range_of`]); nothing outside of `around` is worth it.

@@ -1,6 +1,6 @@
 //! A coarse occupancy grid: which packets of rays pass no occupied cell, and where those begin that do.
 
-use super::window::points_at;
+use super::window::{MAX_BINS, points_at};
 use crate::camera::{Ray, SceneBox};
 use crate::plan::{Lattice, Plan};
 use crate::sampling::{Bins, OccupancyGrid};
@@ -43,7 +43,11 @@ impl CoarseOccupancy {
     /// How packets of rays are looked up in it for frames of `plan`; `None` where its samples do not lie along them.
     pub(super) fn packets<'c>(&'c self, plan: &Plan<'c>, around: Option<SceneBox>) -> Option<Packets<'c>> {
         let straight = plan.lattice != Lattice::Contracted && plan.proposal.is_none();
-        if straight { self.packets_of(plan.occupancy.as_ref()?, around?) } else { None }
+        if straight && plan.bins.count() <= MAX_BINS {
+            self.packets_of(plan.occupancy.as_ref()?, around?)
+        } else {
+            None
+        }
     }
 
     /// The same of the `occupancy` it was made of; `around`: a box around all occupied cells.
@@ -222,11 +226,11 @@ impl Op for LookUp<'_> {
     #[inline(always)]
     fn run<V: Lanes>(self) -> u64 {
         let (near, step, half) = (V::splat(self.near), V::splat(self.step), V::splat(0.5));
-        let mut found = 0;
+        let (blocks, mut found) = (self.packets.blocks.lanes::<V>(), 0);
         for first in (0..INTERVALS).step_by(V::COUNT) {
             let i = V::splat(first as f32).add(V::load(&LANES)).add(half);
             let points = points_at(self.ray, near.add(i.mul(step)));
-            found |= u64::from(self.packets.blocks.occupied_lanes(points)) << first;
+            found |= u64::from(blocks.occupied(points)) << first;
         }
         found
     }

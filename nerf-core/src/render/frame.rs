@@ -11,20 +11,21 @@ use super::surface::{Medians, Normals};
 use super::{Counters, Limit, RaySegment, Rect, Target};
 use crate::camera::{Camera, Ray, SceneBox};
 use crate::math::Math;
-use crate::memory::{Layout, head, head_mut};
+use crate::memory::{Layout, head, head_mut, put};
 use crate::network::{Network, Scratch};
-use crate::plan::Plan;
+use crate::plan::{Plan, Span, SpanAll, Spans};
 use crate::render::anti_aliasing::{self, Sums};
 use crate::render::tone;
 use crate::sampling::SampleJitter;
-use crate::simd::{BLOCK, VECTORS};
+use crate::simd::{BLOCK, MAX_LANES, VECTORS};
 use crate::volume::{Accumulator, Pixel};
 use glam::Vec3;
 
 /// Columns of the widest vector: a block of prepared weights has a multiple of it.
 pub(super) const VECTOR: usize = 16;
 
-/// Rays that are looked up in the coarse occupancy grid together, across and down; of a row as many.
+/// Rays that are looked up in the coarse occupancy grid together, across and down; of a row as many. No more than
+/// [`MAX_LANES`].
 const PACKET: (u32, u32) = (4, 4);
 
 /// What a worker works with, from its memory to the tile at hand.
@@ -215,14 +216,7 @@ impl<'f, 'w> Frame<'f, 'w> {
         for y in tile.y..tile.y + tile.height {
             for x in tile.x..tile.x + tile.width {
                 let ray = source.ray(x, y);
-                hits += usize::from(self.start_ray::<M, COLLIDE>(
-                    (x, y),
-                    ray,
-                    &Intervals::ALL,
-                    hits,
-                    source,
-                    target,
-                ));
+                hits += usize::from(self.start_ray::<M, COLLIDE>((x, y), ray, hits, source, target));
             }
         }
         hits
@@ -237,7 +231,7 @@ impl<'f, 'w> Frame<'f, 'w> {
         source: &impl RaySource,
         target: &mut impl Target,
     ) -> usize {
-        let mut rays = [RayState::NONE.ray; (PACKET.0 * PACKET.1) as usize];
+        let mut rays = [RayState::NONE.ray; MAX_LANES];
         let columns = part.x..part.x + part.width;
         let pixels = (part.y..part.y + part.height).flat_map(|y| columns.clone().map(move |x| (x, y)));
         let mut count = 0;
@@ -246,15 +240,47 @@ impl<'f, 'w> Frame<'f, 'w> {
             count += 1;
         }
         let rays = head(&rays, count);
-        let intervals = packets.intervals_of(self.network.isa(), rays);
-        for (pixel, &ray) in pixels.zip(rays) {
-            match &intervals {
-                Some(intervals) => {
-                    hits += usize::from(
-                        self.start_ray::<M, COLLIDE>(pixel, ray, intervals, hits, source, target),
-                    );
+        let Some(intervals) = packets.intervals_of(self.network.isa(), rays) else {
+            for (pixel, ray) in pixels.zip(rays) {
+                self.finish_missed::<M>(pixel, ray, source, target);
+            }
+            return hits;
+        };
+        let (plan, occupied) = (self.plan, self.occupied.unwrap_or(self.plan.bounds));
+        let (mut ranges, mut spans) = ([[0.0; MAX_LANES]; 2], Spans::NONE);
+        for (i, ((x, y), ray)) in pixels.clone().zip(rays).enumerate() {
+            let [t_min, t_max] = source.range(x, y, ray);
+            [ranges[0][i], ranges[1][i]] = plan.range_of(t_min, t_max);
+        }
+        let (around, to) = (&occupied, &mut spans);
+        self.network.isa().run(SpanAll { plan, around, rays, ranges: &ranges, to });
+        let (mut list, mut count) = ([0; MAX_LANES], 0);
+        for (i, (pixel, &ray)) in pixels.zip(rays).enumerate() {
+            self.counters.rays += 1;
+            let Some(state) = self.rays.get_mut(hits + count) else { break };
+            let (range, span) = ([ranges[0][i], ranges[1][i]], spans.of(i, &ray));
+            ray_of::<COLLIDE>(plan, pixel, (ray, range, span), &intervals, source, state);
+            if state.next < state.end {
+                put(&mut list, count, (hits + count) as u32);
+                count += 1;
+            } else {
+                let state = *state;
+                self.finish::<M>(&state, None, source, target);
+            }
+        }
+        let list = head(&list, count);
+        self.march_all(list);
+        for from in list.iter().map(|&from| from as usize) {
+            let Some(state) = self.rays.get(from) else { break };
+            if state.next < state.end {
+                if from != hits {
+                    put(self.rays, hits, *state);
                 }
-                None => self.finish_missed::<M>(pixel, &ray, source, target),
+                self.begin(hits, true);
+                hits += 1;
+            } else {
+                let state = *state;
+                self.finish::<M>(&state, None, source, target);
             }
         }
         hits
@@ -262,37 +288,24 @@ impl<'f, 'w> Frame<'f, 'w> {
 
     /// Starts the ray of a pixel: marches it to its first occupied sample and stores it as the tile's ray number `hits`.
     /// Returns `false` for a ray without one, which is finished at once.
-    ///
-    /// `intervals`: where along it occupied cells may be.
     fn start_ray<M: Math, const COLLIDE: bool>(
         &mut self,
-        (x, y): (u32, u32),
+        pixel: (u32, u32),
         ray: Ray,
-        intervals: &Intervals,
         hits: usize,
         source: &impl RaySource,
         target: &mut impl Target,
     ) -> bool {
         let (plan, turn) = (self.plan, self.turn);
-        // Nothing outside is live, so that most rays of most pictures end here.
         let walk = plan.proposal.as_ref().unwrap_or(&plan.bins);
-        let around = if plan.occupancy.is_some() { self.occupied } else { Some(plan.bounds) };
         self.counters.rays += 1;
-        let [t_min, t_max] = source.range(x, y, &ray);
+        let around = if plan.occupancy.is_some() { self.occupied } else { Some(plan.bounds) };
+        let [t_min, t_max] = source.range(pixel.0, pixel.1, &ray);
         let range = plan.range_of(t_min, t_max);
-        let mut state = RayState { ray, range, x, y, done: false, ..RayState::NONE };
-        if COLLIDE {
-            state.gathered = Accumulator::until(source.until(x));
-        }
-        if let Some(span) = around.and_then(|bounds| plan.span(&bounds, &ray, range)) {
-            (state.ray, state.start, state.ends) = (span.ray, span.start, span.ends);
-            (state.next, state.end) = (span.bins.start, span.bins.end);
-            for candidates in &mut state.candidates {
-                *candidates = CandidateBins::new(intervals, walk, span.start);
-                state.end = state.end.min(candidates.end());
-                state.next = candidates.next(state.next).min(state.end);
-            }
-        }
+        // Nothing outside is live, so that most rays of most pictures end here.
+        let span = around.and_then(|around| plan.span(&around, &ray, range));
+        let mut state = RayState::NONE;
+        ray_of::<COLLIDE>(plan, pixel, (ray, range, span), &Intervals::ALL, source, &mut state);
         let (next, end) = (state.next, state.end);
         // A proposal is asked in the middle of its bins.
         let place = if self.drawn.is_on() { SampleJitter::MIDDLE } else { state.place(plan, turn) };
@@ -302,16 +315,21 @@ impl<'f, 'w> Frame<'f, 'w> {
             && let Some(place) = self.rays.get_mut(hits)
         {
             *place = state;
-            self.deferred.begin(hits);
-            self.medians.begin(hits);
-            self.normals.begin(hits);
-            if live {
-                self.active.push(hits as u32);
-            }
+            self.begin(hits, live);
             return true;
         }
         self.finish::<M>(&state, None, source, target);
         false
+    }
+
+    /// The tile's ray number `ray` is a new one, which is `live`.
+    fn begin(&mut self, ray: usize, live: bool) {
+        self.deferred.begin(ray);
+        self.medians.begin(ray);
+        self.normals.begin(ray);
+        if live {
+            self.active.push(ray as u32);
+        }
     }
 
     /// The direction's share of the colour branch, for the first `count` rays.
@@ -389,6 +407,31 @@ impl<'f, 'w> Frame<'f, 'w> {
         if let Some(mut pixel) = self.sums.add(&plan.effects, index, self.turn, seen, far) {
             pixel.rgb = tone::to_display::<M>(&plan.effects.tone, pixel.rgb);
             target.put(x, y, &pixel);
+        }
+    }
+}
+
+/// Makes `state` that of a pixel's ray before its first sample. `intervals`: where along the ray occupied cells may be.
+fn ray_of<const COLLIDE: bool>(
+    plan: &Plan<'_>,
+    (x, y): (u32, u32),
+    (ray, range, span): (Ray, [f32; 2], Option<Span>),
+    intervals: &Intervals,
+    source: &impl RaySource,
+    state: &mut RayState,
+) {
+    *state = RayState { ray, range, x, y, done: false, ..RayState::NONE };
+    if COLLIDE {
+        state.gathered = Accumulator::until(source.until(x));
+    }
+    if let Some(span) = span {
+        (state.ray, state.start, state.ends) = (span.ray, span.start, span.ends);
+        (state.next, state.end) = (span.bins.start, span.bins.end);
+        for candidates in &mut state.candidates {
+            let walk = plan.proposal.as_ref().unwrap_or(&plan.bins);
+            *candidates = CandidateBins::new(intervals, walk, span.start);
+            state.end = state.end.min(candidates.end());
+            state.next = candidates.next(state.next).min(state.end);
         }
     }
 }

@@ -10,13 +10,13 @@ use super::coarse::CandidateBins;
 use super::frame::{Frame, VECTOR, columns_of};
 use super::proposal::ProposalSamples;
 use super::surface::Medians;
-use super::window::{self, Window};
+use super::window::{self, MarchAll, Window};
 use crate::camera::{Contraction, Ray};
 use crate::math::Math;
 use crate::memory::{at, column, head, head_mut, put, put_column, tail, tail_mut};
 use crate::network::Scratch;
 use crate::plan::Plan;
-use crate::sampling::{Bins, Ends, SampleJitter};
+use crate::sampling::{Bins, Ends, OccupancyGrid, SampleJitter};
 use crate::simd::{Isa, Lanes, Op, VECTORS};
 use crate::volume::{Accumulator, alpha, light, thickness};
 use core::marker::PhantomData;
@@ -84,19 +84,33 @@ impl RayState {
     /// Moves `next` to the first live one of `bins` at or after it; `false` if there is none.
     #[inline]
     pub fn march(&mut self, isa: Isa, plan: &Plan<'_>, bins: &Bins, place: SampleJitter) -> bool {
-        let (bins, next, end) = (bins.with(self.ends), self.next, self.end);
-        self.next = match &plan.occupancy {
-            Some(occupancy)
-                if VECTORS && isa != Isa::Portable && end <= window::MAX_BINS && place.is_middle() =>
-            {
-                let contraction = plan.contraction.as_ref();
-                let bins = (&bins, self.candidates.first().unwrap_or(&CandidateBins::ALL));
-                self.window.first_occupied(isa, occupancy, contraction, &self.ray, bins, next, end)
+        match windows(isa, plan, bins) {
+            Some(occupancy) => {
+                let (contraction, rays) = (plan.contraction.as_ref(), core::slice::from_mut(self));
+                isa.run(MarchAll { occupancy, contraction, bins, rays, list: &[0] });
             }
-            _ => plan.first_occupied(&bins, &self.ray, place, next, end),
-        };
-        self.next < end
+            None => {
+                let (bins, next, end) = (bins.with(self.ends), self.next, self.end);
+                self.next = plan.first_occupied(&bins, &self.ray, place, next, end);
+            }
+        }
+        self.next < self.end
     }
+
+    /// Moves `next` to the first live one of the bins at or after it that have been looked up; `false` if there is none.
+    #[inline]
+    pub fn march_looked_up(&mut self) -> bool {
+        let found = self.window.left(self.next).filter(|&bin| bin < self.end);
+        self.next = found.unwrap_or(self.next);
+        found.is_some()
+    }
+}
+
+/// The occupancy grid, if that of `bins` is looked up in windows.
+#[inline]
+fn windows<'p>(isa: Isa, plan: &'p Plan<'_>, bins: &Bins) -> Option<&'p OccupancyGrid<'p>> {
+    let middles = plan.effects.jitter.is_none() && bins.count() <= window::MAX_BINS;
+    plan.occupancy.as_ref().filter(|_| VECTORS && isa != Isa::Portable && middles)
 }
 
 /// The rays whose next sample is occupied, each at most once: a queue in a ring buffer.
@@ -157,6 +171,20 @@ pub(super) struct ColourQueue<'w> {
 }
 
 impl Frame<'_, '_> {
+    /// [`RayState::march`] of the tile's rays `list`.
+    pub(super) fn march_all(&mut self, list: &[u32]) {
+        let (plan, isa) = (self.plan, self.network.isa());
+        if let Some(occupancy) = windows(isa, plan, &plan.bins) {
+            let (contraction, bins) = (plan.contraction.as_ref(), &plan.bins);
+            return isa.run(MarchAll { occupancy, contraction, bins, rays: &mut *self.rays, list });
+        }
+        for &ray in list {
+            if let Some(state) = self.rays.get_mut(ray as usize) {
+                state.march(isa, plan, &plan.bins, state.place(plan, self.turn));
+            }
+        }
+    }
+
     /// Evaluates one block of samples; `false` if no ray is active.
     pub(super) fn step<M: Math, const COLLIDE: bool>(&mut self) -> bool {
         let n = self.fill::<COLLIDE>();

@@ -1,9 +1,10 @@
 //! Sixteen bins of a ray at a time: which of them have their sample in an occupied cell.
 
 use super::coarse::CandidateBins;
+use super::march::RayState;
 use crate::camera::{Contraction, Ray};
-use crate::sampling::{Bins, OccupancyGrid};
-use crate::simd::{Isa, Lanes, Op};
+use crate::sampling::{Bins, OccupancyGrid, OccupancyLanes};
+use crate::simd::{Lanes, Op};
 
 #[cfg(test)]
 mod tests;
@@ -26,36 +27,64 @@ impl Window {
     /// Nothing has.
     pub const NONE: Self = Self { end: 0, live: 0 };
 
+    /// The first live one of the bins from `from` on that have been looked up.
+    #[inline]
+    pub fn left(&self, from: u32) -> Option<u32> {
+        let left = if from < self.end { self.live >> (from + WIDTH - self.end) } else { 0 };
+        (left != 0).then(|| from + left.trailing_zeros())
+    }
+
     /// The first live one of the bins `from..end`, or `end`; what [`Plan::first_occupied`](crate::plan::Plan::first_occupied)
     /// says of their middles, bit for bit.
     ///
     /// `from` never falls from call to call, and the bins stay those of the first; `end` is at most [`MAX_BINS`]. `candidates` says
     /// which of them need not be asked.
-    #[inline]
-    #[allow(clippy::too_many_arguments, reason = "what a plan has of them is taken apart only here")]
-    pub fn first_occupied(
+    #[inline(always)]
+    fn first_occupied<V: Lanes>(
         &mut self,
-        isa: Isa,
-        occupancy: &OccupancyGrid<'_>,
+        (occupancy, lanes): (&OccupancyGrid<'_>, &OccupancyLanes<'_, V>),
         contraction: Option<&Contraction>,
         ray: &Ray,
         (bins, candidates): (&Bins, &CandidateBins),
         from: u32,
         end: u32,
     ) -> u32 {
-        let mut from = from;
-        if from < self.end {
-            let left = self.live >> (from + WIDTH - self.end);
-            if left != 0 {
-                return end.min(from + left.trailing_zeros());
-            }
-            from = self.end;
+        if let Some(bin) = self.left(from) {
+            return end.min(bin);
         }
+        let from = from.max(self.end);
         if from >= end {
             return end;
         }
-        *self = isa.run(LookUp { occupancy, contraction, ray, bins, candidates, from, end });
+        *self = LookUp { occupancy, contraction, ray, bins, candidates, from, end }.first(lanes);
         end.min(self.end - WIDTH + self.live.trailing_zeros())
+    }
+}
+
+/// Moves `next` of rays to their next sample in an occupied cell: [`RayState::march`] of each, of samples in the middle of bins.
+pub(super) struct MarchAll<'a> {
+    pub occupancy: &'a OccupancyGrid<'a>,
+    pub contraction: Option<&'a Contraction>,
+    pub bins: &'a Bins,
+    pub rays: &'a mut [RayState],
+    /// Which of the rays.
+    pub list: &'a [u32],
+}
+
+impl Op for MarchAll<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run<V: Lanes>(self) {
+        let (contraction, occupancy) = (self.contraction, (self.occupancy, &self.occupancy.lanes::<V>()));
+        for &ray in self.list {
+            let Some(state) = self.rays.get_mut(ray as usize) else { return };
+            let candidates = state.candidates.first().unwrap_or(&CandidateBins::ALL);
+            let bins = (&self.bins.with(state.ends), candidates);
+            let (next, end) = (state.next, state.end);
+            state.next =
+                state.window.first_occupied::<V>(occupancy, contraction, &state.ray, bins, next, end);
+        }
     }
 }
 
@@ -70,25 +99,21 @@ struct LookUp<'a> {
     end: u32,
 }
 
-impl Op for LookUp<'_> {
-    type Output = Window;
-
+impl LookUp<'_> {
     #[inline(always)]
-    fn run<V: Lanes>(self) -> Window {
+    fn first<V: Lanes>(self, lanes: &OccupancyLanes<'_, V>) -> Window {
         let mut window = Window { end: self.from, live: 0 };
         while window.live == 0 && window.end < self.end {
             let from = self.candidates.next(window.end).min(self.end);
-            let live = if from < self.end { self.live::<V>(from) } else { 0 };
+            let live = if from < self.end { self.live(lanes, from) } else { 0 };
             window = Window { end: from + WIDTH, live };
         }
         window
     }
-}
 
-impl LookUp<'_> {
     /// The live bins of the window that begins with bin `first`.
     #[inline(always)]
-    fn live<V: Lanes>(&self, first: u32) -> u32 {
+    fn live<V: Lanes>(&self, lanes: &OccupancyLanes<'_, V>, first: u32) -> u32 {
         let Self { occupancy, ray, bins, .. } = *self;
         let mut live = 0;
         let whole = bins.whole_up_to(first + WIDTH - 1);
@@ -102,14 +127,14 @@ impl LookUp<'_> {
                 } else {
                     contraction.contract_lanes(points_at(ray, contraction.distance_lanes(t)))
                 };
-                live |= occupancy.occupied_lanes(points) << from;
+                live |= lanes.occupied(points) << from;
             }
             // All of space is in the box.
             return live;
         }
         for from in (0..WIDTH).step_by(V::COUNT) {
             let points = points_at::<V>(ray, bins.middles(first + from, whole));
-            live |= occupancy.occupied_lanes(points) << from;
+            live |= lanes.occupied(points) << from;
         }
         if live == 0 {
             return 0;

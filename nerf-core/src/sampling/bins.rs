@@ -37,6 +37,32 @@ impl Ends {
         far: 0.0,
         stop: f32::INFINITY,
     };
+
+    /// Number of [`Ends::parts`].
+    pub const PARTS: usize = 5;
+
+    /// All of it.
+    #[inline]
+    pub fn parts(&self) -> [f32; Self::PARTS] {
+        [self.start, self.low, self.high, self.far, self.stop]
+    }
+
+    /// What [`Ends::parts`] are of.
+    #[inline]
+    pub fn of_parts([start, low, high, far, stop]: [f32; Self::PARTS]) -> Self {
+        Self { start, low, high, far, stop }
+    }
+
+    /// Of the bins of width `delta` that a vector of `t` lies in, each of its own ray: what is nearest to `t` of the part that
+    /// counts, and its width; `ends` are [`Ends::parts`]. [`Bins::part_around`] of each.
+    #[inline(always)]
+    pub fn part_around<V: Lanes>(ends: [V; Self::PARTS], t: V, delta: V) -> (V, V) {
+        let [start, low, high, _, stop] = ends;
+        let (first, not_last) = (t.less(low), t.less(high));
+        let (from, to) = (V::select(first, start, high), V::select(not_last, low, stop));
+        let whole = |whole: V, cut: V| V::select(first, cut, V::select(not_last, whole, cut));
+        (whole(t, t.max_of(from).min_of(to)), whole(delta, to.sub(from)))
+    }
 }
 
 impl Bins {
@@ -102,6 +128,56 @@ impl Bins {
         (if whole > index { whole - 1.0 } else { whole }) * self.delta
     }
 
+    /// [`Bins::cut`] of a vector of rays, as [`Ends::parts`]; the numbers of bins are whole.
+    #[inline(always)]
+    pub(crate) fn cut_lanes<V: Lanes>(&self, start: V, far: V, stop: V) -> ([V; Ends::PARTS], [V; 2]) {
+        let [all_start, all_low, all_high, all_far, all_stop] = self.ends.parts().map(V::splat);
+        let (near, delta, one) = (V::splat(self.near), V::splat(self.delta), V::splat(1.0));
+        let edge = |i: V| near.add(i.mul(delta));
+        let bin_at = |t: V| whole(t.sub(near).div(delta));
+        let (late, first) = (near.less(start), bin_at(start));
+        let stop = stop.min_of(far);
+        let (early, bin) = (stop.less(all_far), bin_at(stop));
+        let last = V::select(edge(bin).less(stop), bin, bin.sub(one).max_of(V::splat(0.0)));
+        let (count, end) = (V::splat(self.count as f32), last.add(one));
+        let ends = [
+            V::select(late, start, all_start),
+            V::select(late, edge(first.add(one)), all_low),
+            V::select(early, edge(last), all_high),
+            V::select(early, edge(end).min_of(far), all_far),
+            V::select(early, stop, all_stop),
+        ];
+        (ends, [V::select(late, first, V::splat(0.0)), V::select(early, end.min_of(count), count)])
+    }
+
+    /// [`Bins::shift`] of a vector of rays.
+    #[inline(always)]
+    pub(crate) fn shift_lanes<V: Lanes>(&self, enter: V, exit: V) -> V {
+        let (zero, delta) = (V::splat(0.0), V::splat(self.delta));
+        let index = enter.sub(V::splat(self.near)).div(delta);
+        let shift = index.floor().mul(delta);
+        let fits = V::select(V::splat(self.ends.far).less(exit), shift, zero);
+        V::select(index.less(zero), shift, fits)
+    }
+
+    /// [`Bins::overlapping`] of a vector of rays; the numbers are whole.
+    #[inline(always)]
+    pub(crate) fn overlapping_lanes<V: Lanes>(&self, enter: V, exit: V) -> [V; 2] {
+        let (near, delta, count) = (V::splat(self.near), V::splat(self.delta), V::splat(self.count as f32));
+        let rounding = V::splat(self.rounding());
+        let index = |t: V| t.sub(near).div(delta);
+        let first = index(enter).sub(V::splat(1.0)).sub(rounding);
+        let last = index(exit).add(V::splat(2.0)).add(rounding);
+        [whole(first).min_of(count), whole(last).min_of(count)]
+    }
+
+    /// Far from the origin [`Bins::at`] rounds by many bins at once: by how many.
+    #[inline]
+    fn rounding(&self) -> f32 {
+        let far = self.near + self.count as f32 * self.delta;
+        2.0 * f32::EPSILON * far / self.delta
+    }
+
     /// Where bin `i` would begin if it were not cut.
     #[inline]
     fn edge(&self, i: u32) -> f32 {
@@ -161,6 +237,16 @@ impl Bins {
         if t < far { t } else { far }
     }
 
+    /// The middles of a vector of bins, each of its own ray with [`Ends::parts`]: [`Bins::at`] ½ of each.
+    #[inline(always)]
+    pub(crate) fn middles_of<V: Lanes>(&self, bins: V, ends: [V; Ends::PARTS]) -> V {
+        let [_, _, high, far, _] = ends;
+        let (near, delta, half) = (V::splat(self.near), V::splat(self.delta), V::splat(0.5));
+        let whole = near.add(bins.mul(delta)).less(high);
+        let t = V::select(whole, near.add(bins.add(half).mul(delta)), high.add(half.mul(far.sub(high))));
+        V::select(t.less(far), t, far)
+    }
+
     /// Whether the middle of bin `last`, and of each before it, is that of a whole bin.
     #[inline(always)]
     pub(crate) fn whole_up_to(&self, last: u32) -> bool {
@@ -213,12 +299,16 @@ impl Bins {
     /// at each end as long as a bin is wider than the spacing of f32 at `far`.
     pub fn overlapping(&self, enter: f32, exit: f32) -> Range<u32> {
         let index = |t: f32| (t - self.near) / self.delta;
-        // Far from the origin `at` rounds by many bins at once; so does this.
-        let far = self.near + self.count as f32 * self.delta;
-        let rounding = 2.0 * f32::EPSILON * far / self.delta;
+        let rounding = self.rounding();
         // `as` saturates, and takes NaN to 0.
         let first = (index(enter) - 1.0 - rounding) as u32;
         let last = (index(exit) + 2.0 + rounding) as u32;
         first.min(self.count)..last.min(self.count)
     }
+}
+
+/// `as u32`, as far as bins are counted by vectors: [`Lanes::to_indices`] takes the result.
+#[inline(always)]
+fn whole<V: Lanes>(x: V) -> V {
+    x.max_of(V::splat(0.0)).min_of(V::splat(8_388_608.0)).floor()
 }

@@ -24,12 +24,6 @@ impl SampleJitter {
         Self { seed, stream: pixel_stream(x, y), first: u64::from(ray) << 32 }
     }
 
-    /// Whether samples lie in the middle of their bins.
-    #[inline]
-    pub fn is_middle(&self) -> bool {
-        self.seed.is_none()
-    }
-
     /// Where in the `k`-th of equal parts a ray's drawn sample lies, in `[0, 1)`.
     #[cfg_attr(not(feature = "proposal"), allow(dead_code, reason = "only proposals draw samples"))]
     #[inline]

@@ -16,12 +16,6 @@ impl SampleJitter {
         Self
     }
 
-    /// Whether samples lie in the middle of their bins.
-    #[inline(always)]
-    pub fn is_middle(&self) -> bool {
-        true
-    }
-
     /// Where in the `k`-th of equal parts a ray's drawn sample lies.
     #[cfg_attr(not(feature = "proposal"), allow(dead_code, reason = "only proposals draw samples"))]
     #[inline(always)]

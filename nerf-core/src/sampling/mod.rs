@@ -22,6 +22,7 @@ pub use importance::WEIGHT_FLOOR;
 pub use importance::{sample_interval, sample_pdf};
 pub(crate) use jitter::SampleJitter;
 pub use occupancy::OccupancyGrid;
+pub(crate) use occupancy::OccupancyLanes;
 #[cfg(any(feature = "jitter", feature = "depth-of-field"))]
 pub(crate) use random::pixel_stream;
 #[cfg(any(feature = "anti-aliasing", feature = "depth-of-field"))]

@@ -17,6 +17,39 @@ pub struct OccupancyGrid<'a> {
     bits: &'a [u8],
 }
 
+/// An [`OccupancyGrid`], with all that vectors of points are compared with.
+pub(crate) struct OccupancyLanes<'a, V> {
+    min: [V; 3],
+    scale: [V; 3],
+    last: [V; 3],
+    /// Cells along y and z.
+    sides: [V; 2],
+    /// Whether f32 counts the cells.
+    exact: bool,
+    bits: &'a [u8],
+}
+
+impl<V: Lanes> OccupancyLanes<'_, V> {
+    /// [`OccupancyGrid::occupied`] of a vector of points of the box, x, y, z: bit `i` of the point in lane `i`.
+    #[inline(always)]
+    pub fn occupied(&self, points: [V; 3]) -> u32 {
+        let mut cells = points;
+        for (axis, cell) in cells.iter_mut().enumerate() {
+            let at = cell.sub(self.min[axis]).mul(self.scale[axis]);
+            // As in `cell_of`.
+            *cell = at.floor().min_of(self.last[axis]).max_of(V::splat(0.0));
+        }
+        let ([x, y, z], [ny, nz]) = (cells, self.sides);
+        let index = if self.exact {
+            x.mul_add(ny, y).mul_add(nz, z).to_indices()
+        } else {
+            let row = x.to_indices().mul(ny.to_indices()).add(y.to_indices());
+            row.mul(nz.to_indices()).add(z.to_indices())
+        };
+        V::bits(self.bits, index)
+    }
+}
+
 impl<'a> OccupancyGrid<'a> {
     /// An occupancy grid of `resolution` cells over `bounds`; bit `(x * ny + y) * nz + z`, LSB first.
     ///
@@ -43,27 +76,19 @@ impl<'a> OccupancyGrid<'a> {
         self.cell_of(p).is_some_and(|cell| self.bit(self.index_of(cell)))
     }
 
-    /// [`OccupancyGrid::occupied`] of a vector of points of the box, x, y, z: bit `i` of the point in lane `i`.
+    /// The same for vectors of points.
     #[inline(always)]
-    pub(crate) fn occupied_lanes<V: Lanes>(&self, points: [V; 3]) -> u32 {
-        let (min, scale) = (self.bounds.min.to_array(), self.cells_per_unit.to_array());
-        let mut cells = points;
-        for (axis, cell) in cells.iter_mut().enumerate() {
-            let at = cell.sub(V::splat(min[axis])).mul(V::splat(scale[axis]));
-            // As in `cell_of`.
-            let last = V::splat(f32::from(self.resolution[axis].saturating_sub(1)));
-            *cell = at.floor().min_of(last).max_of(V::splat(0.0));
-        }
-        let ([x, y, z], [_, ny, nz]) = (cells, self.resolution);
+    pub(crate) fn lanes<V: Lanes>(&self) -> OccupancyLanes<'a, V> {
+        let resolution = self.resolution.map(f32::from);
         let count: u64 = self.resolution.iter().map(|&side| u64::from(side)).product();
-        let index = if count <= EXACT_CELLS {
-            let row = x.mul_add(V::splat(f32::from(ny)), y);
-            row.mul_add(V::splat(f32::from(nz)), z).to_indices()
-        } else {
-            let row = x.to_indices().mul(V::Indices::splat(ny.into())).add(y.to_indices());
-            row.mul(V::Indices::splat(nz.into())).add(z.to_indices())
-        };
-        V::bits(self.bits, index)
+        OccupancyLanes {
+            min: self.bounds.min.to_array().map(V::splat),
+            scale: self.cells_per_unit.to_array().map(V::splat),
+            last: self.resolution.map(|side| V::splat(f32::from(side.saturating_sub(1)))),
+            sides: [V::splat(resolution[1]), V::splat(resolution[2])],
+            exact: count <= EXACT_CELLS,
+            bits: self.bits,
+        }
     }
 
     /// Whether a point lies in the box.

@@ -1,5 +1,6 @@
 //! Rays and their overlap with the scene box.
 
+use crate::simd::Lanes;
 use glam::Vec3;
 
 #[cfg(test)]
@@ -72,24 +73,46 @@ impl SceneBox {
         if !(ordered && ray.origin.is_finite() && ray.dir.is_finite()) {
             return None;
         }
-        let (mut enter, mut exit) = (near, far);
-        for axis in 0..3 {
-            let (origin, dir) = (ray.origin[axis], ray.dir[axis]);
-            let (low, high) = (self.min[axis], self.max[axis]);
+        // An axis by itself, three times: a loop over them takes half as long again.
+        let slab = |axis: usize, (enter, exit): (f32, f32)| {
+            let (origin, dir) = (ray.origin.to_array()[axis], ray.dir.to_array()[axis]);
+            let (low, high) = (self.min.to_array()[axis], self.max.to_array()[axis]);
             // A component this small moves less than the spacing of f32 over any finite scene.
             if dir.abs() < f32::MIN_POSITIVE {
-                if origin < low || origin > high {
-                    return None;
-                }
-                continue;
+                return (origin >= low && origin <= high).then_some((enter, exit));
             }
             let (a, b) = ((low - origin) / dir, (high - origin) / dir);
             // None is a NaN: plain comparisons, where `min` is a call in WebAssembly.
             let (first, last) = if b < a { (b, a) } else { (a, b) };
-            enter = if first > enter { first } else { enter };
-            exit = if last < exit { last } else { exit };
-        }
+            Some((if first > enter { first } else { enter }, if last < exit { last } else { exit }))
+        };
+        let (enter, exit) = slab(2, slab(1, slab(0, (near, far))?)?)?;
         (enter <= exit).then_some((enter, exit))
+    }
+
+    /// [`SceneBox::clip`] of a vector of rays: where they enter and leave, and 1 for those that meet the box, 0 for others.
+    #[inline(always)]
+    pub(crate) fn clip_lanes<V: Lanes>(&self, origin: [V; 3], dir: [V; 3], near: V, far: V) -> (V, V, V) {
+        let (zero, one) = (V::splat(0.0), V::splat(1.0));
+        let (min, max) = (self.min.to_array(), self.max.to_array());
+        let mut meets = V::select(near.less(far), one, V::select(near.equals(far), one, zero));
+        let (mut enter, mut exit) = (near, far);
+        for axis in 0..3 {
+            let (low, high) = (V::splat(min[axis]).sub(origin[axis]), V::splat(max[axis]).sub(origin[axis]));
+            // 0 of what is finite.
+            let finite = origin[axis].sub(origin[axis]).add(dir[axis].sub(dir[axis])).equals(zero);
+            meets = V::select(finite, meets, zero);
+            let parallel = dir[axis].abs().less(V::splat(f32::MIN_POSITIVE));
+            let beside = V::select(zero.less(low), zero, V::select(high.less(zero), zero, meets));
+            meets = V::select(parallel, beside, meets);
+            let (a, b) = (low.div(dir[axis]), high.div(dir[axis]));
+            let turned = b.less(a);
+            let (first, last) = (V::select(turned, b, a), V::select(turned, a, b));
+            let later = V::select(enter.less(first), first, enter);
+            let sooner = V::select(last.less(exit), last, exit);
+            (enter, exit) = (V::select(parallel, enter, later), V::select(parallel, exit, sooner));
+        }
+        (enter, exit, V::select(exit.less(enter), zero, meets))
     }
 }
 

@@ -11,6 +11,23 @@ fn isas() -> impl Iterator<Item = Isa> {
     Isa::ALL.into_iter().filter(|isa| isa.available())
 }
 
+/// [`Window::first_occupied`] of all its candidates, with an instruction set.
+fn first_occupied(
+    isa: Isa,
+    window: &mut Window,
+    occupancy: &OccupancyGrid<'_>,
+    contraction: Option<&Contraction>,
+    ray: &Ray,
+    bins: &Bins,
+    (next, end): (u32, u32),
+) -> u32 {
+    let mut state = RayState { ray: *ray, ends: bins.ends(), next, end, window: *window, ..RayState::NONE };
+    let rays = core::slice::from_mut(&mut state);
+    isa.run(MarchAll { occupancy, contraction, bins, rays, list: &[0] });
+    *window = state.window;
+    state.next
+}
+
 /// Every bin of every ray, asked one by one, with each instruction set: near and far boxes, rays along axes and faces, bins that
 /// are cut, windows that end beyond the bins, more cells than f32 counts for certain.
 #[test]
@@ -56,29 +73,15 @@ fn windows_find_the_bins_that_asking_at_each_finds() {
                             asked += 1;
                             if occupancy.occupied(ray.at(bins.at(bin, 0.5))) {
                                 live += 1;
-                                next = window.first_occupied(
-                                    isa,
-                                    &occupancy,
-                                    None,
-                                    &ray,
-                                    (&bins, &CandidateBins::ALL),
-                                    next,
-                                    part.end,
-                                );
+                                let part = (next, part.end);
+                                next = first_occupied(isa, &mut window, &occupancy, None, &ray, &bins, part);
                                 assert_eq!(next, bin, "{} {resolution:?} {ray:?} {bins:?}", isa.name());
                                 next += 1;
                             }
                         }
-                        let end = window.first_occupied(
-                            isa,
-                            &occupancy,
-                            None,
-                            &ray,
-                            (&bins, &CandidateBins::ALL),
-                            next,
-                            part.end,
-                        );
-                        assert_eq!(end, part.end, "{} {resolution:?} {ray:?} {bins:?}", isa.name());
+                        let part = (next, part.end);
+                        let end = first_occupied(isa, &mut window, &occupancy, None, &ray, &bins, part);
+                        assert_eq!(end, part.1, "{} {resolution:?} {ray:?} {bins:?}", isa.name());
                     }
                 }
             }
@@ -121,15 +124,8 @@ fn windows_find_the_bins_of_a_contraction() {
                     for isa in isas() {
                         let (mut window, mut next) = (Window::NONE, part.start);
                         let mut find = |next| {
-                            window.first_occupied(
-                                isa,
-                                &occupancy,
-                                Some(&contraction),
-                                &ray,
-                                (&bins, &CandidateBins::ALL),
-                                next,
-                                part.end,
-                            )
+                            let (contraction, part) = (Some(&contraction), (next, part.end));
+                            first_occupied(isa, &mut window, &occupancy, contraction, &ray, &bins, part)
                         };
                         for bin in part.clone() {
                             asked += 1;
