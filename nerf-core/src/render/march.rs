@@ -84,6 +84,9 @@ impl RayState {
     /// Moves `next` to the first live one of `bins` at or after it; `false` if there is none.
     #[inline]
     pub fn march(&mut self, isa: Isa, plan: &Plan<'_>, bins: &Bins, place: SampleJitter) -> bool {
+        if VECTORS && self.march_looked_up() {
+            return true;
+        }
         match windows(isa, plan, bins) {
             Some(occupancy) => {
                 let (contraction, rays) = (plan.contraction.as_ref(), core::slice::from_mut(self));
