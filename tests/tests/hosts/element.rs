@@ -10,6 +10,8 @@ use std::process::Command;
 
 const MODULE: &str = "<script type=\"module\" src=\"node_modules/nerf-view/nerf-view.js\"></script>";
 const WRONG: [&str; 3] = ["missing.nerf", "damaged.nerf", "picture.nerf"];
+/// In which a page must not stutter once at least: other programs hold any thread up now and then.
+const TURNS: usize = 5;
 /// Notes workers that begin and end.
 const NOTING: &str = "<script>
     var noted = [];
@@ -41,7 +43,10 @@ fn site(folder: &Path) -> Option<PathBuf> {
     let scene = "<nerf-view src=\"scene.nerf\" controls></nerf-view>";
     let page = |name: &str, body: &str| put(name, format!("<!DOCTYPE html>\n{body}\n").as_bytes());
     page("one.html", &format!("{MODULE}\n{scene}"));
-    page("two.html", &format!("{MODULE}\n{scene}\n{}", scene.replace("controls", "output=\"depth\" controls")));
+    page(
+        "two.html",
+        &format!("{MODULE}\n{scene}\n{}", scene.replace("controls", "output=\"depth\" controls")),
+    );
     let wrong = WRONG.map(|name| scene.replace("scene.nerf", name));
     page("wrong.html", &format!("{MODULE}\n{}", wrong.join("\n")));
     page("old.html", &format!("<script>WebAssembly.validate = () => false;</script>\n{MODULE}\n{scene}"));
@@ -77,9 +82,11 @@ fn the_element_draws_in_a_page_with_nothing_but_its_tag() {
         assert!(said.starts_with(expected), "expected {expected}, found {said}");
     }
     for page in ["one", "two"] {
-        // A machine that is busy may stop any thread once; what blocks the page does so each time.
-        let stutters: Vec<String> =
-            (0..3).map(|_| noted(&tried(page), "stutters").to_owned()).take_while(|long| !long.is_empty()).collect();
-        assert!(stutters.len() < 3, "{page}: tasks of the page's thread above 50 ms: {stutters:?} ms");
+        // What blocks the page does so each time.
+        let stutters: Vec<String> = (0..TURNS)
+            .map(|_| noted(&tried(page), "stutters").to_owned())
+            .take_while(|long| !long.is_empty())
+            .collect();
+        assert!(stutters.len() < TURNS, "{page}: tasks of the page's thread above 50 ms: {stutters:?} ms");
     }
 }
