@@ -165,6 +165,7 @@ async function start() {
   await readPhotographs();
   tellKeyframes();
   resize();
+  scene.focus();
   body.dataset.ready = 'true';
   if (body.dataset.live) follow();
 }
