@@ -14,14 +14,16 @@ const sleep = milliseconds => new Promise(done => setTimeout(done, milliseconds)
 /** Puts a tile on a canvas. */
 const put = (context, { rect, rgba }) => context.putImageData(new ImageData(rgba, rect.width, rect.height), rect.x, rect.y);
 
-/** Tiles of a picture for so many threads, those in the middle first. */
+/** Tiles of a picture for so many threads, of about one size, those in the middle first. */
 function tiles(width, height, threads) {
-  const all = [], wanted = 16 * Math.round(Math.sqrt(width * height / (TILES_A_THREAD * threads)) / 16);
-  const side = Math.max(MIN_TILE, Math.min(MAX_TILE, wanted));
-  for (let y = 0; y < height; y += side) for (let x = 0; x < width; x += side) {
-    all.push({ x, y, width: Math.min(side, width - x), height: Math.min(side, height - y) });
+  const side = Math.max(MIN_TILE, Math.min(MAX_TILE, Math.sqrt(width * height / (TILES_A_THREAD * threads))));
+  const [across, down] = [width, height].map(length => Math.max(1, Math.round(length / side)));
+  const at = (i, of, length) => Math.round(i * length / of), all = [];
+  for (let j = 0; j < down; j++) for (let i = 0; i < across; i++) {
+    const [x, y] = [at(i, across, width), at(j, down, height)];
+    all.push({ x, y, width: at(i + 1, across, width) - x, height: at(j + 1, down, height) - y });
   }
-  const off = tile => Math.hypot(tile.x + 0.5 * side - 0.5 * width, tile.y + 0.5 * side - 0.5 * height);
+  const off = tile => Math.hypot(tile.x + 0.5 * tile.width - 0.5 * width, tile.y + 0.5 * tile.height - 0.5 * height);
   return all.sort((a, b) => off(a) - off(b));
 }
 
