@@ -189,7 +189,8 @@ class NerfView extends HTMLElement {
     const { controls } = this, canvas = this.#canvas;
     const alt = this.getAttribute('alt') ?? (this.picture?.info?.data || 'a scene');
     canvas.setAttribute('role', controls ? 'application' : alt ? 'img' : 'presentation');
-    canvas.setAttribute('aria-label', controls ? `${alt}; arrow keys turn it, plus and minus come nearer and go away, R resets` : alt);
+    const keys = controls ? 'arrow keys turn it, plus and minus come nearer and go away, R resets' : '';
+    canvas.setAttribute('aria-label', [alt, keys].filter(Boolean).join('; '));
     if (controls) canvas.tabIndex = 0; else canvas.removeAttribute('tabindex');
     this.#buttons.hidden = !controls;
   }
