@@ -1,5 +1,3 @@
-'use strict';
-
 /** A C type of wasm32: bytes, and what a DataView calls it. */
 const TYPES = {
   u32: [4, 'Uint32'], f32: [4, 'Float32'], u64: [8, 'BigUint64'], size: [4, 'Uint32'], pointer: [4, 'Uint32'],
@@ -85,10 +83,10 @@ structure('nerf_pace_request', {
 structure('nerf_pace', { struct_size: 'size', milliseconds: ['f32', 16] });
 
 const KERNELS = ['auto', 'portable', 'avx2', 'avx512', 'simd128', 'neon'];
-const FORMAT_RGB_F32 = 2, FORMAT_F32 = 5, FORMAT_VEC3_F32 = 6;
-/** Planes of a target: the bit of `NERF_OUTPUT_*`, the format, and floats of a pixel. */
+const FORMAT_RGB_U8 = 1, FORMAT_RGB_F32 = 2, FORMAT_F32 = 5, FORMAT_VEC3_F32 = 6;
+/** Planes of a target: the bit of `NERF_OUTPUT_*`, the format, and words of a pixel; `rgba`: `rgb` as a canvas takes it. */
 const PLANES = {
-  rgb: [1, FORMAT_RGB_F32, 3], opacity: [2, FORMAT_F32, 1], ray_distance: [4, FORMAT_F32, 1],
+  rgba: [1, FORMAT_RGB_U8, 1], rgb: [1, FORMAT_RGB_F32, 3], opacity: [2, FORMAT_F32, 1], ray_distance: [4, FORMAT_F32, 1],
   z_depth: [8, FORMAT_F32, 1], median_distance: [16, FORMAT_F32, 1], normals: [32, FORMAT_VEC3_F32, 3],
 };
 const outputsOf = planes => planes.reduce((bits, name) => bits | PLANES[name][0], 0);
@@ -169,7 +167,7 @@ class Library {
     const status = this.exports[name](...more, this.message, 512);
     if (status === 0) return;
     const bytes = new Uint8Array(this.memory, this.message, 512);
-    throw new Error(`${name}: status ${status}: ${this.text(this.message, bytes.indexOf(0))}`);
+    throw new Error(this.text(this.message, bytes.indexOf(0)) || `${name}: status ${status}`);
   }
 
   /** A function of the page as a `nerf_clock`. */
@@ -248,10 +246,16 @@ class Scene {
   planes(names, pixels) {
     const { library } = this;
     const at = names.map(name => library.room(name, 4 * pixels * PLANES[name][2]));
-    const floats = i => new Float32Array(library.memory, at[i], pixels * PLANES[names[i]][2]).slice();
+    const read = (name, i) => name === 'rgba' ? new Uint8ClampedArray(library.memory, at[i], 4 * pixels).slice()
+      : new Float32Array(library.memory, at[i], pixels * PLANES[name][2]).slice();
+    const field = (name, i) => name === 'rgba' ? ['rgb', { data: at[i], format: FORMAT_RGB_U8, pixel_stride: 4 }]
+      : [name, { data: at[i], format: PLANES[name][1] }];
+    // Nothing of it is transparent; the library writes the three bytes before.
+    const rgba = names.indexOf('rgba');
+    if (rgba >= 0) new Uint8Array(library.memory, at[rgba], 4 * pixels).fill(255);
     return {
-      fields: Object.fromEntries(names.map((name, i) => [name, { data: at[i], format: PLANES[name][1] }])),
-      read: () => Object.fromEntries(names.map((name, i) => [name, floats(i)])),
+      fields: Object.fromEntries(names.map(field)),
+      read: () => Object.fromEntries(names.map((name, i) => [name, read(name, i)])),
     };
   }
 
@@ -367,3 +371,5 @@ class Scene {
     return library.text(text, new Uint8Array(library.memory, text, capacity).indexOf(0));
   }
 }
+
+export { Library, Scene, STRUCTURES };

@@ -2,10 +2,10 @@
 // processor's time, since other programs run too.
 //   node bench.mjs target/web/wasm32-unknown-unknown/web/nerf_render.wasm scene.nerf [pixels a side] [frames]
 import { readFileSync } from 'node:fs';
+import { Scene } from './abi.js';
+import { Orbit } from './view.js';
 
 const [file, blob, side = '100', frames = '10'] = process.argv.slice(2);
-const source = name => readFileSync(new URL(name, import.meta.url), 'utf8');
-const { Scene, Orbit } = new Function(`${source('abi.js')}${source('view.js')}; return { Scene, Orbit };`)();
 const module = new WebAssembly.Module(readFileSync(file));
 const kernels = ['portable', 'simd128'].map(kernel => ({ kernel, fastest: Infinity, scene: new Scene(module, readFileSync(blob), kernel) }));
 

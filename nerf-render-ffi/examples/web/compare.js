@@ -1,10 +1,9 @@
-
 /** Photographs of the data set: `{ name, camera, picture }`. */
 let photographs = [];
 
 async function readPhotographs() {
   const text = element('views').textContent.trim();
-  const found = text ? JSON.parse(text) : body.dataset.live ? await fetched('views.json', answer => answer.json()) : null;
+  const found = text ? JSON.parse(text) : body.dataset.live ? await latest('views.json', answer => answer.json()) : null;
   photographs = found?.views ?? [];
   element('compare').hidden = !photographs.length;
   element('photograph').append(...photographs.map(({ name }, i) => new Option(name, i)));
@@ -21,6 +20,7 @@ function compare(index) {
   tellPhotograph();
   split(0.5);
   resize();
+  cover();
 }
 
 /** Shows the photograph and the split, but not in a flight. */

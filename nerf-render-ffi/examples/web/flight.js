@@ -1,4 +1,3 @@
-
 /** Steps between two keyframes at which the flight is measured. */
 const PIECES = 32;
 const FPS = 24;
@@ -100,29 +99,31 @@ function tellKeyframes() {
 
 const flightSeconds = () => Math.max(0.1, Number(element('seconds').value) || 4);
 
-/** Shows the flight in its own time, as many frames of it as there is time for. */
+/** Shows the flight in its own time, as many frames of it as there is time for; to who wants little to move, the keyframes. */
 async function preview() {
   if (keyframes.length < 2 || flying) return;
   const along = flight(keyframes), seconds = flightSeconds(), began = performance.now();
+  const calm = matchMedia('(prefers-reduced-motion: reduce)').matches, last = keyframes.length - 1;
   flying = along(0);
   tellPhotograph();
   for (let share = 0, shown = 0; ; shown++) {
-    flying = along(share);
-    const next = new Promise(resolve => { painted = resolve; });
-    change();
+    flying = calm ? keyframes[Math.floor(share * last)] : along(share);
+    const next = new Promise(resolve => scene.addEventListener('draw', resolve, { once: true }));
+    cover();
     await next;
     body.dataset.flown = shown + 1;
     if (share === 1) break;
-    share = Math.min(1, (performance.now() - began) / 1000 / seconds);
+    if (calm) await sleep(1000 * seconds / last);
+    share = calm ? (shown + 1) / last : Math.min(1, (performance.now() - began) / 1000 / seconds);
   }
   flying = null;
   tellPhotograph();
-  change();
+  cover();
 }
 
 /** The flight as a file. */
 const pathNow = () =>
-  pathFile(keyframes, flightSeconds(), [canvas.width, canvas.height], originIn(info.data));
+  pathFile(keyframes, flightSeconds(), picture.size, originIn(picture.info.data));
 
 function save() {
   const link = document.createElement('a');

@@ -1,24 +1,16 @@
-
 /** Between two looks for a newer checkpoint. */
 const LOOK_MS = 250;
 
-/** What a server says now, or null where it has none (yet). */
-async function fetched(name, read) {
-  try {
-    const answer = await fetch(name, { cache: 'no-store' });
-    return answer.ok ? await read(answer) : null;
-  } catch (error) {
-    return null; // not there yet, half a second of no server
-  }
-}
+/** What a server says now, or null where it has none (yet), or is away for half a second. */
+const latest = (name, read) => fetched(name, { cache: 'no-store' }).then(read).catch(() => null);
 
 /** The page's first blob: its own, or the first that `nerf-train fit --live` puts beside it. */
 async function firstBlob() {
-  if (!body.dataset.live) return bytes('blob');
+  if (!body.dataset.live) return (await fetched(dataOf('blob', 'application/octet-stream'))).blob();
   element('facts').textContent = 'waiting for live.nerf: nerf-train fit DATA -o FILE --live DIR';
   for (;;) {
-    const state = await fetched('live.json', answer => answer.text());
-    const blob = state && await fetched('live.nerf', async answer => new Uint8Array(await answer.arrayBuffer()));
+    const state = await latest('live.json', answer => answer.text());
+    const blob = state && await latest('live.nerf', answer => answer.blob());
     if (blob) {
       seen = state;
       return blob;
@@ -40,13 +32,14 @@ function tellLive() {
 
 /** Shows a checkpoint that is not shown yet; whether it is another run's instead. */
 async function update() {
-  const state = await fetched('live.json', answer => answer.text());
+  const state = await latest('live.json', answer => answer.text());
   if (!state || state === seen) return false;
   if (JSON.parse(state).step < JSON.parse(seen).step) return true;
-  const newer = await fetched('live.nerf', async answer => new Uint8Array(await answer.arrayBuffer()));
+  const newer = await latest('live.nerf', answer => answer.blob());
   if (!newer) return false;
   seen = state;
-  await reopen(newer);
+  await scene.open(newer);
+  blob = newer;
   tellLive();
   element('status').textContent = '';
   return false;

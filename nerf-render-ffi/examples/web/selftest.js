@@ -1,19 +1,18 @@
-
 /** Comes when the picture is whole. */
 async function rest() {
-  while (body.dataset.state !== 'rest') {
+  while (!picture?.resting || body.dataset.ready !== 'true') {
     if (body.dataset.errors !== '0') throw new Error(body.dataset.error);
     await sleep(5);
   }
 }
 
-const pixels = () => context.getImageData(0, 0, canvas.width, canvas.height).data;
+const pixels = () => canvas.getContext('2d').getImageData(0, 0, canvas.width, canvas.height).data;
 const same = (a, b) => a.length === b.length && a.every((x, i) => x === b[i]);
 
 async function drag(way, id = 7, more = {}) {
   const place = canvas.getBoundingClientRect();
   const pointer = (type, [x, y]) => canvas.dispatchEvent(new PointerEvent(type, {
-    pointerId: id, clientX: place.left + x, clientY: place.top + y, bubbles: true, buttons: 1, ...more,
+    pointerId: id, clientX: place.left + x, clientY: place.top + y, bubbles: true, composed: true, buttons: 1, ...more,
   }));
   pointer('pointerdown', way[0]);
   for (const point of way) {
@@ -27,10 +26,10 @@ const ALL = ['rgb', 'opacity', 'ray_distance', 'z_depth', 'median_distance', 'no
 
 /** Floats of every plane of a fixed view, as hexadecimal bits, with the camera they are of. */
 async function dump(kernel) {
-  const camera = new Orbit(view.centre, view.home, view.up, view.across).camera(48, 36, ANGLE);
+  const { centre, home, up, across } = picture.view, camera = new Orbit(centre, home, up, across).camera(48, 36, ANGLE);
   const rect = { x: 0, y: 0, width: 48, height: 36 };
-  const thread = new Thread(URL.createObjectURL(new Blob([element('library').textContent])));
-  await thread.ask('open', { module, blob, kernel });
+  const thread = new Thread();
+  await thread.ask('open', { module: await library(), blob, kernel });
   const found = await thread.ask('render', { camera, rect, planes: ALL });
   // The same by rays of the page's own; and where a plane ends the rays, as by their own ends.
   const rays = await thread.ask('cameraRays', camera);
@@ -47,7 +46,7 @@ async function dump(kernel) {
   const seen = await thread.ask('render', { camera: bent, rect, planes });
   const through = await thread.ask('rays', { ...await thread.ask('cameraRays', bent), planes });
   if (!same(through.planes.rgb, seen.planes.rgb)) throw new Error(`${kernel}: rays through a lens`);
-  thread.worker.terminate();
+  thread.end();
   const hex = floats => Array.from(new Uint32Array(floats.buffer), x => x.toString(16).padStart(8, '0')).join('');
   const exact = Object.fromEntries(Object.entries(camera).map(([name, value]) =>
     [name, Array.isArray(value) ? value.map(Math.fround) : Math.fround(value)]));
@@ -98,15 +97,15 @@ async function crops(check, first) {
 }
 
 async function flies(check, press) {
-  const from = view.pose();
+  const from = picture.view.pose();
   press('k');
-  actions.turn(60, 30);
-  actions.dolly(0.8);
+  scene.turn(60, 30);
+  scene.dolly(0.8);
   press('k');
-  actions.turn(90, -10);
+  scene.turn(90, -10);
   press('k');
   await rest();
-  const last = view.pose(), still = pixels();
+  const last = picture.view.pose(), still = pixels();
   check('three keyframes', element('keyframes').textContent === '3 keyframes');
   element('seconds').value = 0.3;
   const quick = Number(body.dataset.quick);
@@ -127,7 +126,7 @@ async function flies(check, press) {
   check('at an even speed', Math.max(...steps) < 3 * Math.min(...steps));
   const zoomed = flight([{ ...keyframes[0], fov: 0.5 }, { ...keyframes[1], fov: 1 }])(0.5).fov;
   check('the focal length is interpolated', Math.abs(Math.tan(0.5 * zoomed) ** 2 - Math.tan(0.25) * Math.tan(0.5)) < 1e-6);
-  const { data } = info;
+  const { info } = picture, { data } = info;
   info.data += ', origin at (1000000, -0.5, 20)';
   const { keyframes: [{ matrix }], camera_path: [{ camera_to_world: moved }] } = pathNow();
   info.data = data;
@@ -147,10 +146,10 @@ async function compares(check) {
   check('from its camera', same(keyframeNow().pose, camera.c2w));
   await drag([[10, 10], [20, 10]]);
   check('a drag moves the split', Number(body.dataset.split) < 20);
-  const eye = String(view.pose());
-  actions.turn(60, 30);
-  actions.dolly(0.8);
-  check('a photograph keeps its view', String(view.pose()) === eye);
+  const eye = String(picture.view.pose());
+  scene.turn(60, 30);
+  scene.dolly(0.8);
+  check('a photograph keeps its view', String(picture.view.pose()) === eye);
   actions.keep();
   check('its keyframe has its field of view', Math.abs(Math.tan(0.5 * keyframes[0].fov) - 0.5 * camera.height / camera.fy) < 1e-6);
   actions.keep();
@@ -171,6 +170,36 @@ async function sharpen(check) {
 }
 
 /**
+ * Milliseconds of a frame in colour, 400×400: by the module alone in one call on one thread, and by an element of one thread
+ * from its first ray to its last pixel; the fastest of some, in turn. And by an element of all threads.
+ */
+async function times() {
+  const thread = new Thread(), look = { mode: 'colour', range: [0, 1] }, fastest = [Infinity, Infinity, Infinity];
+  await thread.ask('open', { module: await library(), blob, kernel: 'simd128' });
+  const views = [1, ''].map(threads => {
+    const view = document.createElement('nerf-view');
+    for (const [name, value] of Object.entries({ threads, pixels: 400 })) view.setAttribute(name, value);
+    return view;
+  });
+  // The page's own draws nothing meanwhile.
+  scene.remove();
+  for (let turn = 0; turn < 20; turn++) {
+    for (const [i, view] of views.entries()) {
+      const drawn = new Promise(resolve => view.addEventListener('draw', function told({ detail }) {
+        if (!detail.full) return;
+        view.removeEventListener('draw', told);
+        resolve(detail.milliseconds);
+      }));
+      if (turn) view.picture.change(); else { body.append(view); await view.open(blob); }
+      fastest[i + 1] = Math.min(fastest[i + 1], await drawn);
+    }
+    const camera = views[0].picture.camera(400, 400), rect = { x: 0, y: 0, width: 400, height: 400 };
+    fastest[0] = Math.min(fastest[0], (await thread.ask('paint', { camera, rect, look })).milliseconds);
+  }
+  body.dataset.times = fastest.map(time => time.toFixed(1)).join(' ');
+}
+
+/**
  * Drives the page as a person would and notes what failed; opened by adding #selftest to the address. With
  * `drag` it stops after the drag, with `look` before it: for pictures of the page.
  */
@@ -186,7 +215,8 @@ async function selfTest(words) {
   if (!looking) element('size').add(new Option(64, 64, true, true));
   try {
     await rest();
-    if (words.includes('live')) await sharpen(check);
+    if (words.includes('times')) await times();
+    else if (words.includes('live')) await sharpen(check);
     else if (words.includes('compare')) await show(() => compare(0));
     else if (words.includes('crop')) await show(() => set('crop', true), () => set('crop-max-2', 55));
     else if (!words.includes('look')) await drive(check, words);
@@ -200,31 +230,31 @@ async function selfTest(words) {
 async function drive(check, words) {
   const first = pixels();
   body.dataset.different = new Set(new Uint32Array(first.buffer)).size;
-  const eye = String(view.backward()), quick = Number(body.dataset.quick);
+  const eye = String(picture.view.backward()), quick = Number(body.dataset.quick);
   const way = Array.from({ length: 8 }, (_, i) => [200 + 15 * i, 200 + 4 * i]);
   await drag(way);
-  check('drag turns', String(view.backward()) !== eye);
+  check('drag turns', String(picture.view.backward()) !== eye);
   await rest();
   check('frames while it moves', Number(body.dataset.quick) > quick);
   check('drag changes the picture', !same(pixels(), first));
   if (words.includes('drag')) return;
 
-  const distance = view.distance;
+  const { distance } = picture.view;
   canvas.dispatchEvent(new WheelEvent('wheel', { deltaY: -200, cancelable: true }));
-  check('wheel comes nearer', view.distance < distance);
-  const near = view.distance, touch = { pointerType: 'touch' };
+  check('wheel comes nearer', picture.view.distance < distance);
+  const near = picture.view.distance, touch = { pointerType: 'touch' };
   const still = drag(Array(8).fill([100, 100]), 1, touch);
   await drag(Array.from({ length: 6 }, (_, i) => [150 + 20 * i, 150]), 2, touch);
   await still;
-  check('pinch comes nearer', view.distance < near);
-  const press = key => canvas.dispatchEvent(new KeyboardEvent('keydown', { key, bubbles: true }));
-  const turned = String(view.backward());
+  check('pinch comes nearer', picture.view.distance < near);
+  const press = key => canvas.dispatchEvent(new KeyboardEvent('keydown', { key, bubbles: true, composed: true }));
+  const turned = String(picture.view.backward());
   press('ArrowLeft');
-  check('arrow turns', String(view.backward()) !== turned);
+  check('arrow turns', String(picture.view.backward()) !== turned);
   press('r');
   await rest();
   check('reset brings the same bits back', same(pixels(), first));
-  check('the pace is known', !info.front_points || pace.some(Number.isFinite));
+  check('the pace is known', !picture.info.front_points || picture.pace.some(Number.isFinite));
 
   let last = first;
   for (const name of MODE_NAMES.slice(1)) {
@@ -255,5 +285,5 @@ async function drive(check, words) {
   check('the portable kernel draws the same bits', same(pixels(), first));
   check('the frame is explained', element('explain').textContent.length > 200);
   for (const kernel of ['simd128', 'portable']) leave(`dump-${kernel}`, await dump(kernel));
-  leave('layouts', await threads[0].ask('layouts'));
+  leave('layouts', await picture.threads[0].ask('layouts'));
 }

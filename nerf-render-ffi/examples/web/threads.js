@@ -1,16 +1,59 @@
+import { LIBRARY, startWorker } from './assets.js';
+
+/** A module of one instruction of SIMD. */
+const SIMD = Uint8Array.of(0, 97, 115, 109, 1, 0, 0, 0, 1, 5, 1, 96, 0, 1, 123, 3, 2, 1, 0, 10, 10, 1, 8, 0, 65, 0, 253, 15,
+  253, 98, 11);
+
+/** A file of the page's, or an error that says why there is none. */
+async function fetched(address, options) {
+  let answer;
+  try {
+    answer = await fetch(address, options);
+  } catch (error) {
+    throw new Error(`cannot be loaded: ${error.message}`, { cause: error });
+  }
+  if (!answer.ok) throw new Error(`cannot be loaded: the server answers ${answer.status} ${answer.statusText}`.trim());
+  return answer;
+}
+
+async function compile() {
+  if (typeof WebAssembly !== 'object' || !WebAssembly.validate(SIMD)) {
+    throw new Error('this browser has no WebAssembly SIMD, which drawing needs; browsers of 2023 and later have it');
+  }
+  try {
+    // Not compileStreaming, which wants a server that knows the type.
+    return await WebAssembly.compile(await (await fetched(LIBRARY)).arrayBuffer());
+  } catch (error) {
+    compiled = null;
+    throw new Error(`nerf_render.wasm ${error.message}`, { cause: error });
+  }
+}
+
+let compiled = null;
+/** The library's module, compiled once for all scenes of the page. */
+const library = () => compiled ??= compile();
+
+const CLOSED = 'closed before it was drawn';
 
 /** A worker whose messages are promises. */
 class Thread {
-  constructor(url) {
+  constructor() {
     this.waiting = new Map();
     this.last = 0;
-    this.worker = new Worker(url);
-    this.worker.onerror = failed;
+    this.worker = startWorker();
+    this.worker.onerror = ({ message }) => this.end(message || 'worker.js cannot be loaded');
     this.worker.onmessage = ({ data }) => {
       const { resolve, reject } = this.waiting.get(data.id);
       this.waiting.delete(data.id);
       if (data.error === undefined) resolve(data.found); else reject(new Error(data.error));
     };
+  }
+
+  /** Ends the worker, and what is asked of it with an error. */
+  end(why = CLOSED) {
+    this.worker.terminate();
+    for (const { reject } of this.waiting.values()) reject(new Error(why));
+    this.waiting.clear();
   }
 
   ask(call, more) {
@@ -20,38 +63,4 @@ class Thread {
   }
 }
 
-/** Ends with whatever is under way. */
-let queue = Promise.resolve();
-
-/** Does something once all that was queued before has ended: what opens scenes changes the threads the others ask. */
-function queued(action) {
-  const done = queue.then(action);
-  queue = done.catch(() => {});
-  return done;
-}
-
-/** Opens the scene on new threads with a kernel. */
-const open = kernel => queued(async () => {
-  module ??= new WebAssembly.Module(bytes('module'));
-  blob ??= await firstBlob();
-  body.dataset.imports = WebAssembly.Module.imports(module).map(it => it.name).join(' ');
-  body.dataset.exports = WebAssembly.Module.exports(module).map(it => it.name).join(' ');
-  const url = URL.createObjectURL(new Blob([element('library').textContent], { type: 'text/javascript' }));
-  const count = Math.max(1, Math.min(8, navigator.hardwareConcurrency || 1));
-  const made = Array.from({ length: count }, () => new Thread(url));
-  const infos = await Promise.all(made.map(thread => thread.ask('open', { module, blob, kernel })));
-  // A frame that is under way ends on the old ones.
-  retired.push(...threads);
-  [threads, info, pace, pixelMs] = [made, infos[0], null, null];
-  body.dataset.kernel = info.kernel;
-  if (info.kind !== 1) throw new Error('this page draws scenes, and the file holds a picture');
-});
-
-/** Opens a newer checkpoint of the scene on the threads there are. */
-const reopen = newer => queued(async () => {
-  [info] = await Promise.all(threads.map(thread => thread.ask('open', { module, blob: newer, kernel: info.kernel })));
-  [blob, pace] = [newer, null];
-  if (!touched && !info.up.some(Boolean)) view.centre = await middle();
-  change();
-});
-
+export { CLOSED, fetched, library, Thread };

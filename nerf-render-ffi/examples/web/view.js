@@ -1,4 +1,3 @@
-
 const add = (a, b, s = 1) => a.map((x, i) => x + s * b[i]);
 const scaled = (a, s) => a.map(x => s * x);
 const cross = (a, b) => [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]];
@@ -50,6 +49,13 @@ class Orbit {
     return add(scaled(flat, Math.cos(this.elevation)), this.up, Math.sin(this.elevation));
   }
 
+  /** Where it is seen from. */
+  inWords() {
+    const degrees = angle => Math.round(angle * 180 / Math.PI), turned = degrees(this.azimuth - this.start.azimuth);
+    return `turned by ${(turned % 360 + 360) % 360} degrees, from ${degrees(this.elevation)} degrees above, at ` +
+      `${Math.round(100 * this.distance / this.home)} percent of the first distance`;
+  }
+
   /** Rows of the camera-to-world matrix. */
   pose() {
     const backward = this.backward();
@@ -64,3 +70,5 @@ class Orbit {
     return cameraOf(this.pose(), width, height, 0.5 * Math.min(width, height) / Math.tan(0.5 * angle));
   }
 }
+
+export { add, scaled, dot, unit, cameraOf, resized, Orbit };

@@ -1,16 +1,26 @@
+import { Scene, STRUCTURES } from './abi.js';
+import { colours, MODES, samplesOf } from './output.js';
 
 /** One scene on a thread of its own; each message is `{ id, call, with }`, each answer `{ id, found }` or `{ id, error }`. */
 let scene = null;
 const calls = {
-  open({ module, blob, kernel }) {
-    scene = new Scene(module, blob, kernel);
-    return scene.describe();
+  async open({ module, blob, kernel }) {
+    const opened = new Scene(module, new Uint8Array(await blob.arrayBuffer()), kernel), info = opened.describe();
+    if (info.kind !== 1) throw new Error('expected a scene, found a picture');
+    scene = opened;
+    return info;
   },
   render(request) {
     const rays = request.crop && scene.croppedRays(request);
-    const began = performance.now();
-    const found = rays ? scene.rays({ ...request, ...rays }) : scene.render(request);
-    return { ...found, milliseconds: performance.now() - began };
+    return rays ? scene.rays({ ...request, ...rays }) : scene.render(request);
+  },
+  /** A tile as a canvas takes it. */
+  paint({ look, ...request }) {
+    const began = performance.now(), { unit, planes: names } = MODES[look.mode];
+    const { planes, counters } = calls.render({ ...request, crop: look.crop, planes: names });
+    const rgba = colours(look, planes, request.rect.width * request.rect.height);
+    const samples = unit ? samplesOf(look.mode, planes) : [];
+    return { planes: { rgba }, counters, samples, milliseconds: performance.now() - began };
   },
   rays: request => scene.rays(request),
   cameraRays: camera => scene.cameraRays(camera),
@@ -20,10 +30,15 @@ const calls = {
   layouts: () => STRUCTURES,
 };
 
+/** One call at a time, in their order. */
+let last = Promise.resolve();
 onmessage = ({ data }) => {
-  try {
-    postMessage({ id: data.id, found: calls[data.call](data.with) });
-  } catch (error) {
-    postMessage({ id: data.id, error: String(error.message || error) });
-  }
+  last = last.then(async () => {
+    try {
+      const found = await calls[data.call](data.with);
+      postMessage({ id: data.id, found }, Object.values(found.planes ?? {}).map(plane => plane.buffer));
+    } catch (error) {
+      postMessage({ id: data.id, error: String(error.message || error) });
+    }
+  });
 };

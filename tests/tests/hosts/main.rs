@@ -3,6 +3,7 @@
 mod baseline;
 mod c;
 mod cpp;
+mod element;
 mod firmware;
 mod header;
 mod packages;

@@ -21,20 +21,25 @@ use std::process::{Child, ChildStderr, Command, Stdio};
 const VIEWS: &str = r#"{"views":[{"name":"<red>","camera":{"width":3,"height":2,"fx":3,"fy":3,"cx":1.5,"cy":1,
     "c2w":[1,0,0,0,0,1,0,0,0,0,1,4]},"picture":"data:image/png;base64,iVBORw0KGgoAAAANSUhEUgAAAAMAAAACCAIAAAASFvFNAAAAEElEQVR4nGM8wQAFTDAGAwAPFADMILIQogAAAABJRU5ErkJggg=="}]}"#;
 
-/// A page that the script builds, and a browser; `None` without the compiler's target or a browser.
-fn built(arguments: &[&Path]) -> Option<PathBuf> {
+/// Whether the script has built what it was asked for: not without the compiler's target.
+pub fn build_page(arguments: &[&Path]) -> bool {
     if !all_here(&["sed", "grep", "gzip"]) {
-        return None;
+        return false;
     }
     let script = paths::workspace().join("nerf-render-ffi/examples/web/build");
     let built = Command::new("bash").arg(script).args(arguments).output().expect("bash");
     let said = String::from_utf8_lossy(&built.stderr);
     if !there_is("target wasm32-unknown-unknown", !said.contains("error: no target")) {
-        return None;
+        return false;
     }
     assert!(built.status.success(), "{said}");
     print!("{}", String::from_utf8_lossy(&built.stdout));
-    chromium()
+    true
+}
+
+/// A browser for a page that the script builds; `None` without the compiler's target or a browser.
+fn built(arguments: &[&Path]) -> Option<PathBuf> {
+    build_page(arguments).then(chromium).flatten()
 }
 
 /// The page of a blob.
@@ -168,14 +173,14 @@ fn the_page_turns_and_draws_the_portable_bits() {
 }
 
 /// A server of a folder, as the page's README has it; it ends with this.
-struct Server {
+pub struct Server {
     python: Child,
     said: Lines<BufReader<ChildStderr>>,
-    address: String,
+    pub address: String,
 }
 
 impl Server {
-    fn of(folder: &Path) -> Self {
+    pub fn of(folder: &Path) -> Self {
         let mut command = Command::new("python3");
         command.args(["-u", "-m", "http.server", "--bind", "127.0.0.1", "0"]).current_dir(folder);
         let mut python = command.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().expect("python3");
@@ -251,9 +256,9 @@ fn a_broken_page_is_noticed() {
     let folder = paths::temporary();
     let Some((page, browser)) = page(&Recipe::OCCUPANCY.blob(), folder.path()) else { return };
     let text = std::fs::read_to_string(&page).expect("a page");
-    let from = "move(() => view.turn(dx, dy))";
+    let from = "this.turn(now[0] - last[0], now[1] - last[1])";
     assert!(text.contains(from));
-    std::fs::write(&page, text.replace(from, "change()")).expect("written");
+    std::fs::write(&page, text.replace(from, "this.turn(0, 0)")).expect("written");
     let screenshot = folder.path().join("page.png");
     let document = document(&browser, folder.path(), &file(&page), "selftest", &screenshot);
     assert!(noted(&document, "selftest").starts_with("failed: drag turns"));
