@@ -15,6 +15,7 @@ use crate::data::system::output::claims::{Claims, Existing, is_device};
 use crate::data::system::output::write_atomic;
 use crate::data::system::stop;
 use crate::data::{Background, Dataset, is_blank, refined};
+use crate::fit::detail;
 use crate::fit::finish::Outcome;
 use crate::fit::live;
 use crate::fit::run::{Ended, RunOptions, interrupted, run_since};
@@ -272,12 +273,28 @@ impl Fit {
         Ok(config)
     }
 
-    /// The settings with which the file is as small as was asked for; says what was chosen.
-    fn within_bytes(&self, config: Config, dataset: &Dataset, global: &Global) -> anyhow::Result<Config> {
-        let Some(max_bytes) = self.max_bytes else { return Ok(config) };
+    /// The settings for as many pixels as the photographs have across the scene, with which the file is as small as was
+    /// asked for; says what was chosen.
+    fn sized(&self, config: Config, dataset: &Dataset, global: &Global) -> anyhow::Result<Config> {
+        let hull =
+            config.sampling.contraction.is_none() && config.occupancy.hull && config.network.grid.is_some();
+        if !hull && self.max_bytes.is_none() {
+            return Ok(config);
+        }
         let occupancy = self.settings.occupancy_resolution.is_some();
         let chosen = Chosen { occupancy, ..self.table.chosen() };
         let scene_box = find_box(dataset, &config)?.scene_box;
+        let pixels = detail::pixels_across(dataset, &scene_box).filter(|_| hull);
+        let mut config = config;
+        if let Some(pixels) = pixels {
+            config = detail::for_pixels(config, chosen, self.steps_across.is_some(), pixels);
+            if let Some(grid) = &config.network.grid {
+                let steps = config.sampling.steps_across;
+                global
+                    .say(format!("{pixels:.0} pixels across the scene: {}, {steps} steps", grid.in_words()));
+            }
+        }
+        let Some(max_bytes) = self.max_bytes else { return Ok(config) };
         let extent = scene_box.max - scene_box.min;
         let Some(fitted) = size::within(&config, chosen, extent, dataset, max_bytes)? else {
             return Ok(config);
@@ -375,7 +392,7 @@ impl Fit {
         let config = self.config(dataset.background)?;
         self.settings.space.say(&config, dataset.background, global);
         let options = self.options(&config, checkpoint, global);
-        let config = self.within_bytes(config, &dataset, global)?;
+        let config = self.sized(config, &dataset, global)?;
         global.say_training(config.seed);
         let stop = |_| stop::requested();
         let outcome = match run_since(clock, &dataset, config.clone(), &options, &stop)? {

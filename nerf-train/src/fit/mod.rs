@@ -1,5 +1,6 @@
 //! One fit from first step to blob.
 
+pub mod detail;
 pub mod direction;
 pub mod drive;
 pub mod finish;
