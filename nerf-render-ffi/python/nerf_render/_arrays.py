@@ -28,8 +28,10 @@ def numbers(name: str, value: ArrayLike, *shapes: Shape) -> NDArray[np.float32]:
         raise TypeError(f"{name}: expected real numbers, found {array.dtype}")
     if shapes and array.shape not in shapes:
         raise ValueError(f"{name}: expected the shape {' or '.join(map(str, shapes))}, found {array.shape}")
+    if array.dtype == _F32:
+        return array
     with np.errstate(over="ignore"):
-        return array.astype(np.float32, copy=False)
+        return array.astype(np.float32)
 
 
 def vectors(name: str, value: ArrayLike) -> NDArray[np.float32]:
@@ -55,21 +57,22 @@ class Column(NamedTuple):
     """Numbers that are read: those of ray or point i begin at `i * stride` bytes."""
 
     array: NDArray[np.float32]
+    address: int
     stride: int
 
     @classmethod
     def of(cls, name: str, value: ArrayLike, shape: Shape, width: int) -> Column:
         """`width` numbers for each of `shape`, or for all; a copy only where they do not lie in order."""
         array = numbers(name, value, shape, (3,) if width == 3 else ())
-        flat = np.broadcast_to(array, shape).reshape(-1, width)
+        flat = (array if array.shape == shape else np.broadcast_to(array, shape)).reshape(-1, width)
         step, inner = flat.strides
         strided = step >= 4 * width and step % 4 == 0 and (width == 1 or inner == 4)
         if not (flat.flags.aligned and (flat.flags.c_contiguous or strided)):
             flat = flat.copy()
-        return cls(flat, 4 * width if flat.flags.c_contiguous else step)
+        return cls(flat, flat.ctypes.data, 4 * width if flat.flags.c_contiguous else step)
 
     def at(self, i: int) -> Any:
-        return _abi.Floats(self.array.ctypes.data + i * self.stride, self.stride)
+        return _abi.Floats(self.address + i * self.stride, self.stride)
 
 
 class Surface(NamedTuple):
@@ -77,6 +80,7 @@ class Surface(NamedTuple):
 
     name: str
     array: NDArray[Any]
+    address: int
     pixel_stride: int
     row_stride: int
     format: int
@@ -94,7 +98,7 @@ class Surface(NamedTuple):
         if not array.flags.writeable:
             raise ValueError(f"out[{name!r}]: expected an array to write to, found a read-only one")
         if not array.size:
-            return cls(name, array, 0, 0, found)
+            return cls(name, array, 0, 0, 0, found)
         pixels = array.reshape(1, -1, *channels) if row else array
         (height, width), size = pixels.shape[:2], array.itemsize * (channels or (1,))[0]
         pixel_stride = pixels.strides[1] if width > 1 else size
@@ -105,10 +109,10 @@ class Surface(NamedTuple):
             raise ValueError(
                 f"out[{name!r}]: expected channels side by side, pixels in rows and rows apart, "
                 f"found strides {array.strides}")
-        return cls(name, array, pixel_stride, row_stride, found)
+        return cls(name, array, array.ctypes.data, pixel_stride, row_stride, found)
 
     def at(self, x: int, y: int = 0) -> Any:
-        place = self.array.ctypes.data + x * self.pixel_stride + y * self.row_stride
+        place = self.address + x * self.pixel_stride + y * self.row_stride
         return _abi.Plane(place, self.pixel_stride, self.row_stride, self.format)
 
 

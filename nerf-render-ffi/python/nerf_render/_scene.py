@@ -18,7 +18,7 @@ from . import _abi
 from ._arrays import OUTPUTS, Column, Surface, numbers, surfaces, vector, vectors, within
 
 _TILE = 32  # pixels, both ways
-_BATCH = 1024  # rays or points
+_BATCHES = 1024, 16384  # rays or points: the fewest in one call, and the most
 _Out = Optional[Mapping[str, NDArray[Any]]]
 _Names = Optional[Iterable[str]]
 _Part = tuple[int, int]
@@ -184,7 +184,9 @@ class Scene:
             planes = {surface.name: surface.at(part[0]) for surface in to}
             _abi.call(name, worker, byref(structure(part[1], columns, planes)), None)
 
-        batches = [(first, min(_BATCH, count - first)) for first in range(0, count, _BATCH)]
+        threads = _cores() if threads is None else within("threads", threads, 1, 1 << 16)
+        batch = min(max(_BATCHES[0], count // (4 * threads)), _BATCHES[1])
+        batches = [(first, min(batch, count - first)) for first in range(0, count, batch)]
         try:
             return self._draw(batches, to, draw, threads)
         except _abi.Error as error:
