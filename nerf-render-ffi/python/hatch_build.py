@@ -1,4 +1,4 @@
-"""Adds what Cargo built to the wheel: the files of the folder `NERF_WHEEL_FILES`, for the platform `NERF_WHEEL_PLATFORM`."""
+"""Adds what Cargo built, the files of `NERF_WHEEL_FILES`, to a wheel for `NERF_WHEEL_PLATFORM`."""
 
 import os
 from pathlib import Path
@@ -8,11 +8,8 @@ from hatchling.builders.hooks.plugin.interface import BuildHookInterface
 
 class Built(BuildHookInterface):
     def initialize(self, version, build_data):
-        build_data["pure_python"] = False
-        build_data["tag"] = "py3-none-" + os.environ["NERF_WHEEL_PLATFORM"]
+        build_data.update(pure_python=False, tag="py3-none-" + os.environ["NERF_WHEEL_PLATFORM"])
         for path in sorted(Path(os.environ["NERF_WHEEL_FILES"]).resolve().iterdir()):
-            if path.name == "nerf-train":
-                build_data["shared_scripts"][str(path)] = path.name
-            else:
-                folder = "nerf_render" if path.suffix == ".so" else "nerf_render/licenses"
-                build_data["force_include"][str(path)] = f"{folder}/{path.name}"
+            folder = "nerf_render" if path.suffix == ".so" else "nerf_render/licenses"
+            kind, place = ("shared_scripts", "") if path.name == "nerf-train" else ("force_include", folder + "/")
+            build_data[kind][str(path)] = place + path.name

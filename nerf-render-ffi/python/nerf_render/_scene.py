@@ -222,14 +222,9 @@ class Scene:
                 waiting.clear()
                 failures.append(failure)
 
-        helpers = []
-        try:
-            for _ in range(min(threads, len(parts)) - 1):
-                helper = threading.Thread(target=work)
-                helper.start()
-                helpers.append(helper)
-        except RuntimeError:  # the system has no more threads: those that are there draw everything
-            pass
+        helpers = [threading.Thread(target=work) for _ in range(min(threads, len(parts)) - 1)]
+        for helper in helpers:
+            helper.start()
         work()
         for helper in helpers:
             helper.join()
@@ -260,7 +255,7 @@ def _start(info: Mapping[str, Any]) -> NDArray[np.float32]:
 
 def _pose(value: ArrayLike) -> NDArray[np.float32]:
     array = numbers("c2w", value, (3, 4), (4, 4))
-    if not np.array_equal(array[3:], [[0, 0, 0, 1]][: len(array) - 3]):
+    if len(array) == 4 and not np.array_equal(array[3], [0, 0, 0, 1]):
         raise ValueError(f"c2w: expected the last row 0 0 0 1, found {array[3]}")
     return array[:3]
 
