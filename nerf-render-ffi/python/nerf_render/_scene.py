@@ -185,7 +185,7 @@ class Scene:
             _abi.call(name, worker, byref(structure(part[1], columns, planes)), None)
 
         threads = _cores() if threads is None else within("threads", threads, 1, 1 << 16)
-        batch = min(max(_BATCHES[0], count // (4 * threads)), _BATCHES[1])
+        batch = min(max(_BATCHES[0], count // (1 if threads == 1 else 4 * threads)), _BATCHES[1])
         batches = [(first, min(batch, count - first)) for first in range(0, count, batch)]
         try:
             return self._draw(batches, to, draw, threads)
