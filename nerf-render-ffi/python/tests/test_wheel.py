@@ -37,7 +37,6 @@ def test_the_programs_status_and_signals_pass_through(program, tmp_path):
 
 
 def test_the_programs_commands_work_and_its_start_view_is_the_packages(program, path, tmp_path):
-    """`demo` and `check` read no data of others; `poses` needs COLMAP, and says so."""
     assert run(program, "inspect", path).returncode == 0
     picture = tmp_path / "view.png"
     made = run(program, "--quiet", "render", path, "-o", picture, "--width", "48", "--height", "48")
