@@ -1,4 +1,4 @@
-//! Programs that embed the library: C, C++, a browser, a microcontroller; what they link, and who watches them.
+//! Programs that embed the library: C, C++, Python, a browser, a microcontroller; what they link, and who watches them.
 
 mod baseline;
 mod c;
@@ -7,6 +7,7 @@ mod element;
 mod firmware;
 mod header;
 mod packages;
+mod python;
 mod renderers;
 mod tools;
 mod watched;

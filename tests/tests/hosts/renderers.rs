@@ -1,17 +1,9 @@
-//! The renderers among the examples, with a field in each: a ray tracer, a path tracer, a rasteriser, Embree's; and rays
-//! from Python, bit for bit.
+//! The renderers among the examples, with a field in each: a ray tracer, a path tracer, a rasteriser, Embree's.
 
-use nerf_core::blob::Blob;
-use nerf_core::camera::Ray;
-use nerf_core::memory::Line;
-use nerf_core::plan::{Batch, Outputs, Plan, Preset, Quality};
-use nerf_core::render::{RaySegment, Renderer};
-use nerf_core::volume::Pixel;
-use nerf_core::{Isa, Kernel, Storage};
-use nerf_tests::build::{Language, libraries, program, run};
+use nerf_tests::build::{Language, program, run};
 use nerf_tests::paths;
 use nerf_tests::scenes::Recipe;
-use nerf_tests::tools::{all_here, there_is};
+use nerf_tests::tools::there_is;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
@@ -96,50 +88,4 @@ fn embree_s_hits_end_the_rays() {
     scenes(directory.path());
     let draw = |scene| drawn(directory.path(), "embree", scene, "1");
     assert!(mean_difference(&draw("scene.nerf"), &draw("plain.nerf")) > 0.01);
-}
-
-/// Rays that numpy made, and what they saw: the Rust renderer sees the same, bit for bit.
-#[test]
-fn python_renders_rays_in_arrays_of_its_own() {
-    let script = examples().join("python/render.py");
-    assert!(std::fs::read_to_string(&script).expect("a script").lines().count() <= 40);
-    let numpy = Command::new("python3").args(["-c", "import numpy"]).output();
-    if !all_here(&["python3"]) || !there_is("numpy", numpy.is_ok_and(|output| output.status.success())) {
-        return;
-    }
-    let directory = paths::temporary();
-    scenes(directory.path());
-    let library = libraries().shared;
-    let mut command = Command::new("python3");
-    command.env("NERF_KERNEL", "portable").current_dir(directory.path());
-    run(command.arg(script).arg(library).args(["scene.nerf", "rays.npy", "24"]));
-    let bytes = std::fs::read(directory.path().join("rays.npy")).expect("an array");
-    const FLOATS: usize = 11;
-    let values = &bytes[bytes.len() - 4 * FLOATS * 24 * 24..];
-    let value = |four: &[u8]| f32::from_le_bytes([four[0], four[1], four[2], four[3]]);
-    let values: Vec<f32> = values.chunks_exact(4).map(value).collect();
-    let records: Vec<&[f32]> = values.chunks_exact(FLOATS).collect();
-    let rays: Vec<RaySegment> = records
-        .iter()
-        .map(|r| Ray { origin: [r[0], r[1], r[2]].into(), dir: [r[3], r[4], r[5]].into() }.into())
-        .collect();
-    let file = Recipe::OCCUPANCY.blob();
-    let blob = Blob::open(&file).expect("a blob");
-    let kernel = Kernel::new(Isa::Portable, Storage::F32);
-    let mut memory = vec![Line::UNINIT; Renderer::prepared_lines(&blob, kernel)];
-    let outputs = Outputs { z_depth: false, ..Outputs::ALL };
-    let plan = Plan::new(&blob, &Quality::preset(&blob, Preset::High), outputs, Batch::FULL).expect("a plan");
-    let renderer = Renderer::new(blob, kernel, &mut memory).expect("a renderer");
-    let mut workspace = vec![Line::UNINIT; renderer.workspace_lines(&plan)];
-    let mut seen = 0;
-    let mut check = |i: usize, pixel: &Pixel| {
-        assert_eq!(records[i][6..], [&pixel.rgb[..], &[pixel.opacity, pixel.ray_distance]].concat());
-        seen += usize::from(pixel.opacity > 0.5);
-    };
-    renderer
-        .worker(&plan, &mut workspace)
-        .expect("a worker")
-        .render_rays(&rays, None, &mut check)
-        .expect("rays");
-    assert!(seen > 20, "{seen} rays that meet something prove nothing");
 }
