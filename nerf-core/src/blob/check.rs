@@ -1,11 +1,11 @@
 //! The rules of the format, met in one pass over the opened or unwritten body.
 
-#[cfg(feature = "grid")]
-use super::body::StoredTables;
 use super::body::{
     Body, Content, MAX_OCCUPANCY_RESOLUTION, MAX_PICTURE_SIDE, MAX_SAMPLES, MAX_TEXT, PictureFacts,
     SceneFacts, SceneSampling, StoredOccupancy, Viewpoint, steps,
 };
+#[cfg(feature = "grid")]
+use super::{body::StoredTables, coded};
 use super::error::{BlobError, FrontFault, Section};
 use super::front::FrontPoint;
 use super::proposal::Proposal;
@@ -187,7 +187,7 @@ fn check_tables(body: &Body<'_>) -> Result<(), BlobError> {
 }
 
 /// Whether there are tables where there is a grid, as many values as that has, and all finite; and scales, if these
-/// have any.
+/// have any. Coded tables are decoded once to see.
 #[cfg(feature = "grid")]
 fn check_tables(body: &Body<'_>) -> Result<(), BlobError> {
     let (grid, tables) = match (body.architecture.position.grid(), &body.tables) {
@@ -206,8 +206,12 @@ fn check_tables(body: &Body<'_>) -> Result<(), BlobError> {
             }
         }
     }
-    check_length(Section::Tables, tables.bytes_per_value() * grid.values(), tables.bytes())?;
-    let StoredTables::F16(bytes) = tables else { return Ok(()) };
+    let bytes = match tables {
+        StoredTables::F16(bytes) => bytes,
+        StoredTables::Int8 { bytes, .. } => return check_length(Section::Tables, grid.values(), bytes),
+        StoredTables::Coded { bytes, .. } => return coded::decode(grid, bytes, |_| {}),
+    };
+    check_length(Section::Tables, 2 * grid.values(), bytes)?;
     let Some(at) = first_not_finite(bytes) else { return Ok(()) };
     let features = usize::from(grid.features);
     let owner = grid.levels().take_while(|level| level.first * features <= at).last();

@@ -2,11 +2,13 @@
 
 use super::body::{Body, Content, PictureFacts, Provenance, SceneFacts, StoredTables};
 use super::check::check;
+use super::coded;
 use super::error::{BlobError, Section};
 use super::front::FrontPoint;
 use super::header;
 use super::proposal::Proposal;
 use crate::camera::SceneBox;
+use crate::encoding::GridEncoding;
 use crate::network::{Architecture, Layers};
 use crate::sampling::OccupancyGrid;
 use glam::Vec3;
@@ -146,6 +148,31 @@ impl<'a> Blob<'a> {
     /// The entries of the position's grid, if it is one.
     pub fn tables(&self) -> Option<StoredTables<'a>> {
         self.body.tables
+    }
+
+    /// Bytes that coded tables are decoded to; 0 of any others, which are read where they lie.
+    pub fn decoded_len(&self) -> usize {
+        self.coded().map_or(0, |(grid, _)| grid.values())
+    }
+
+    /// Decodes coded tables into `to`, [`Blob::decoded_len`] bytes, as int8 tables have them; no others.
+    pub fn decode_tables(&self, to: &mut [u8]) {
+        let Some((grid, bytes)) = self.coded() else { return };
+        let mut to = to.iter_mut();
+        let put = |value| to.next().into_iter().for_each(|to| *to = value);
+        // `check` has decoded the same bytes.
+        coded::decode(grid, bytes, put).unwrap_or_default();
+    }
+
+    /// The grid of coded tables and the bytes they are decoded from.
+    fn coded(&self) -> Option<(&GridEncoding, &'a [u8])> {
+        match (self.body.architecture.position.grid(), self.body.tables) {
+            // Without the feature no such file opens.
+            (Some(grid), Some(StoredTables::Coded { bytes, .. })) if cfg!(feature = "coded") => {
+                Some((grid, bytes))
+            }
+            _ => None,
+        }
     }
 }
 
