@@ -7,6 +7,6 @@ use crate::encoding::GridEncoding;
 ///
 /// # Errors
 /// [`BlobError::NotBuilt`].
-pub(super) fn decode(_: &GridEncoding, _: &[u8], _: impl FnMut(u8)) -> Result<(), BlobError> {
+pub fn decode_tables(_: &GridEncoding, _: &[u8], _: impl FnMut(u8)) -> Result<(), BlobError> {
     Err(BlobError::NotBuilt { feature: "coded" })
 }

@@ -26,7 +26,7 @@ pub use body::{
     Provenance, SceneFacts, SceneSampling, StoredOccupancy, StoredTables, Viewpoint,
 };
 #[cfg(all(feature = "coded", any(feature = "train", test)))]
-pub use coded::encode_tables;
+pub use coded::{decode_tables, encode_tables};
 pub use error::{BlobError, FrontFault, Section};
 pub use front::{FrontPoint, MAX_FRONT, ParetoFront};
 pub use header::{FORMAT_VERSION, HEADER_LEN, MAGIC};

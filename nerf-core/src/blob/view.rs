@@ -1,7 +1,7 @@
 //! Opening a blob: check once, then borrow.
 
 use super::body::{Body, Content, PictureFacts, Provenance, SceneFacts, StoredTables};
-use super::check::check;
+use super::check::{check, check_undecoded};
 use super::coded;
 use super::error::{BlobError, Section};
 use super::front::FrontPoint;
@@ -56,6 +56,17 @@ impl<'a> Blob<'a> {
     /// # Errors
     /// [`BlobError`] says what was expected and found. No input panics or is read out of bounds.
     pub fn open(bytes: &'a [u8]) -> Result<Self, BlobError> {
+        let blob = Self::open_undecoded(bytes)?;
+        check(&blob.body)?;
+        Ok(blob)
+    }
+
+    /// [`Blob::open`] for whoever decodes coded tables at once: these alone are not checked, which is to decode them.
+    /// [`Renderer::new`](crate::render::Renderer::new) does so.
+    ///
+    /// # Errors
+    /// As [`Blob::open`].
+    pub fn open_undecoded(bytes: &'a [u8]) -> Result<Self, BlobError> {
         let bytes = header::open(bytes)?;
         #[cfg(not(feature = "grid"))]
         if bytes.first() == Some(&GRID_TAG) {
@@ -64,7 +75,7 @@ impl<'a> Blob<'a> {
         let mut input = Deserializer::from_bytes(bytes);
         let body = read_body!(&mut input);
         check_form(&body, bytes)?;
-        check(&body)?;
+        check_undecoded(&body)?;
         Ok(Self { body })
     }
 
@@ -156,21 +167,19 @@ impl<'a> Blob<'a> {
     }
 
     /// Decodes coded tables into `to`, [`Blob::decoded_len`] bytes, as int8 tables have them; no others.
-    pub fn decode_tables(&self, to: &mut [u8]) {
-        let Some((grid, bytes)) = self.coded() else { return };
+    ///
+    /// # Errors
+    /// None after [`Blob::open`]; after [`Blob::open_undecoded`] what that would have said of the coded bytes.
+    pub fn decode_tables(&self, to: &mut [u8]) -> Result<(), BlobError> {
+        let Some((grid, bytes)) = self.coded() else { return Ok(()) };
         let mut to = to.iter_mut();
-        let put = |value| to.next().into_iter().for_each(|to| *to = value);
-        // `check` has decoded the same bytes.
-        coded::decode(grid, bytes, put).unwrap_or_default();
+        coded::decode_tables(grid, bytes, |value| to.next().into_iter().for_each(|to| *to = value))
     }
 
     /// The grid of coded tables and the bytes they are decoded from.
     fn coded(&self) -> Option<(&GridEncoding, &'a [u8])> {
         match (self.body.architecture.position.grid(), self.body.tables) {
-            // Without the feature no such file opens.
-            (Some(grid), Some(StoredTables::Coded { bytes, .. })) if cfg!(feature = "coded") => {
-                Some((grid, bytes))
-            }
+            (Some(grid), Some(StoredTables::Coded { bytes, .. })) => Some((grid, bytes)),
             _ => None,
         }
     }

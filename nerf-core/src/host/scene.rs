@@ -65,11 +65,11 @@ impl Scene {
     pub fn for_kernel(bytes: impl Into<Box<[u8]>>, kernel: Kernel) -> Result<Self, BlobError> {
         let bytes = bytes.into();
         let kernel = if kernel.available() { kernel } else { Kernel::IN_PLACE };
-        let blob = Blob::open(&bytes)?;
+        let blob = Blob::open_undecoded(&bytes)?;
+        let mut decoded = vec![0; blob.decoded_len()].into_boxed_slice();
+        blob.decode_tables(&mut decoded)?;
         let mut unpacked = Renderer::unpacked_lengths(&blob, kernel).map(|count| vec![0.0; count]);
         Renderer::unpack(&blob, kernel, &mut unpacked);
-        let mut decoded = vec![0; blob.decoded_len()].into_boxed_slice();
-        blob.decode_tables(&mut decoded);
         let occupied = Renderer::occupied(&blob);
         Ok(Self { occupied, kernel, unpacked: unpacked.map(Into::into), decoded, bytes })
     }

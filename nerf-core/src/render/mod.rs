@@ -132,8 +132,8 @@ impl<'a> Renderer<'a> {
     /// Prepares a scene for `kernel`, unpacking its weights and decoding its tables once into `memory`.
     ///
     /// # Errors
-    /// [`RenderError::Memory`] if `memory` is smaller than [`Renderer::prepared_lines`] says, and
-    /// [`RenderError::Network`] if the blob's parameters or tables are not those of its architecture.
+    /// [`RenderError::Memory`] if `memory` is smaller than [`Renderer::prepared_lines`] says, [`RenderError::Tables`] of a blob
+    /// that was opened undecoded, and [`RenderError::Network`] if the blob's parameters or tables are not those of its architecture.
     pub fn new(blob: Blob<'a>, kernel: Kernel, memory: &'a mut [Line]) -> Result<Self, RenderError> {
         let (expected, found) = (Self::prepared_lines(&blob, kernel), memory.len());
         if found < expected {
@@ -141,7 +141,7 @@ impl<'a> Renderer<'a> {
         }
         let (mut unpacked, decoded) = Self::lay_out(&mut Arena::new(memory), &blob, kernel);
         Self::unpack(&blob, kernel, &mut unpacked);
-        blob.decode_tables(decoded);
+        blob.decode_tables(decoded).map_err(RenderError::Tables)?;
         let (weights, proposer, tables) = Self::unpacked(&blob, kernel, (unpacked.map(|it| &*it), decoded));
         let network = Network::with_grid(blob.architecture(), weights, tables, kernel.isa)
             .ok_or(RenderError::Network)?;

@@ -2,7 +2,7 @@
 
 use super::grid::{contents, learned, shape};
 use super::*;
-use crate::blob::coded::{decode, encode_tables};
+use crate::blob::coded::{decode_tables, encode_tables};
 use crate::encoding::GridEncoding;
 use crate::testing::noise;
 use std::vec::Vec;
@@ -15,7 +15,7 @@ fn encoded(grid: &GridEncoding, values: &[u8]) -> Vec<u8> {
 
 fn decoded(grid: &GridEncoding, bytes: &[u8]) -> Result<Vec<u8>, BlobError> {
     let mut values = vec![];
-    decode(grid, bytes, |value| values.push(value)).map(|()| values)
+    decode_tables(grid, bytes, |value| values.push(value)).map(|()| values)
 }
 
 fn of_features(features: u8) -> GridEncoding {
@@ -131,7 +131,7 @@ fn coded_tables_are_opened_as_they_were_written_and_decoded_as_int8_has_them() {
         moved.extend(&written);
         let blob = Blob::open(&moved[shift..]).unwrap();
         let mut found = vec![0xaa; blob.decoded_len()];
-        blob.decode_tables(&mut found);
+        blob.decode_tables(&mut found).unwrap();
         assert_eq!((blob.tables(), &found), (tables, &values));
         assert_eq!(blob.tables().unwrap().name(), "coded");
     }
@@ -144,6 +144,39 @@ fn coded_tables_are_opened_as_they_were_written_and_decoded_as_int8_has_them() {
     assert_eq!(refused(&Body { tables, ..body(a.clone(), None, &weights) }), length);
     let tables = Some(StoredTables::Coded { scales: &scales, bytes: &coded[..coded.len() - 2] });
     assert!(matches!(refused(&Body { tables, ..body(a, None, &weights) }), BlobError::CodedEnd { .. }));
+}
+
+#[test]
+fn a_damaged_stream_is_refused_by_whoever_decodes_it_and_few_bytes_ask_for_no_memory() {
+    let a = shape(learned());
+    let (weights, _) = contents(&a);
+    let coded = encoded(a.position.grid().unwrap(), &small(266));
+    let scales = 0.5f32.to_le_bytes().repeat(2);
+    let tables = Some(StoredTables::Coded { scales: &scales, bytes: &coded });
+    let file = bytes(&Body { tables, ..body(a, None, &weights) });
+    let mut damaged = file[HEADER_LEN..].to_vec();
+    *damaged.last_mut().unwrap() ^= 1;
+    let reopened = |body: &[u8]| [&header::write(body)[..], body].concat();
+    let file = reopened(&damaged);
+    let expected = Blob::open(&file).unwrap_err();
+    assert!(matches!(expected, BlobError::CodedRest { .. } | BlobError::CodedEnd { .. }), "{expected}");
+    let blob = Blob::open_undecoded(&file).unwrap();
+    assert_eq!(blob.decode_tables(&mut vec![0; blob.decoded_len()]), Err(expected));
+    for kernel in [crate::Kernel::IN_PLACE, crate::Kernel::detect()] {
+        let mut memory = vec![crate::Line::UNINIT; crate::Renderer::prepared_lines(&blob, kernel)];
+        let error = crate::Renderer::new(blob.clone(), kernel, &mut memory).unwrap_err();
+        assert_eq!(error, crate::render::RenderError::Tables(expected));
+        assert_eq!(error.to_string(), expected.to_string());
+    }
+    #[cfg(feature = "std")]
+    assert_eq!(crate::Scene::from_bytes(file).unwrap_err(), expected);
+    // A few bytes behind a grid of 2^24 values: what it takes is refused before anybody asks for it.
+    let resolutions = [[511, 511, 127]].into_iter().collect();
+    let a = shape(GridEncoding { log2_entries: 24, features: 1, resolutions, ..learned() });
+    let weights = vec![0; 2 * a.parameters()];
+    let tables = Some(StoredTables::Coded { scales: &scales[..4], bytes: &coded });
+    let length = BlobError::Length { section: Section::Tables, expected: 2751, found: coded.len() as u64 };
+    assert_eq!(refused(&Body { tables, ..body(a, None, &weights) }), length);
 }
 
 #[test]
