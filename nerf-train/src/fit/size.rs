@@ -229,7 +229,8 @@ fn tables(
         (_, storage) => vec![storage],
     };
     let mut all = Vec::new();
-    let most = if chosen.entries { own.log2_entries } else { (own.log2_entries + more).min(MAX_LOG2_ENTRIES) };
+    let most =
+        if chosen.entries { own.log2_entries } else { (own.log2_entries + more).min(MAX_LOG2_ENTRIES) };
     for log2_entries in (least..=most).rev() {
         for [coarsest, finest] in cells(f64::from(own.log2_entries) - f64::from(log2_entries)) {
             for levels in (fewest..=own.levels).rev() {

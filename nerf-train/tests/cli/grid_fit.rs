@@ -242,7 +242,8 @@ fn coded_tables_are_smaller_again_and_a_host_draws_what_was_measured() {
             serde_json::from_str(&ok(["inspect", &file, "--json"])).expect("JSON");
         (file, fields)
     };
-    let [(_, byte), (file, fields)] = [("int8.nerf", "int8"), ("coded.nerf", "coded")].map(|(n, s)| fitted(n, s));
+    let [(_, byte), (file, fields)] =
+        [("int8.nerf", "int8"), ("coded.nerf", "coded")].map(|(n, s)| fitted(n, s));
     assert_eq!(fields["grid_storage"].as_str(), Some("coded"));
     assert_eq!(fields["grid_values"], byte["grid_values"]);
     let bytes = |fields: &serde_json::Value| fields["grid_bytes"].as_u64().expect("a number");

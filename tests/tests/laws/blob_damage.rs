@@ -16,7 +16,8 @@ use nerf_tests::scenes::{Recipe, camera};
 const BLOBS: [Recipe; 4] = [Recipe::TINY, Recipe::TINY_PROPOSAL, Recipe::TINY_PICTURE, TINY_CODED];
 
 /// A picture by a grid with coded tables: each byte of them is damaged, too.
-const TINY_CODED: Recipe = Recipe { coded: true, int8: true, levels: 1, trunk: (1, 2), ..Recipe::LEARNED_PICTURE };
+const TINY_CODED: Recipe =
+    Recipe { coded: true, int8: true, levels: 1, trunk: (1, 2), ..Recipe::LEARNED_PICTURE };
 
 /// Sets the checksum right, so that the rules behind it are met.
 pub(crate) fn fix_checksum(blob: &mut [u8]) {

@@ -62,7 +62,10 @@ fn bytes_that_are_cut_are_an_error_at_every_length() {
     let bytes = encoded(&grid, &small(grid.values()));
     for length in 0..bytes.len() {
         let error = decoded(&grid, &bytes[..length]).unwrap_err();
-        assert!(matches!(error, BlobError::CodedEnd { .. } | BlobError::CodedRest { .. }), "{length}: {error}");
+        assert!(
+            matches!(error, BlobError::CodedEnd { .. } | BlobError::CodedRest { .. }),
+            "{length}: {error}"
+        );
     }
     assert_eq!(decoded(&grid, &bytes[..3]), Err(BlobError::CodedEnd { level: 0, index: 0 }));
 }

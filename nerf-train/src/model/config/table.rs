@@ -22,7 +22,7 @@ pub struct TableConfig {
     /// What its values are stored in when the run is exported; they are trained in f32.
     pub storage: TableStorage,
     /// The most bytes of coded tables, which their steps follow from; none: steps of a fixed share of the values.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[serde(default)]
     pub most_bytes: Option<u64>,
 }
 

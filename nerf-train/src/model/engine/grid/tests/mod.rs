@@ -30,7 +30,15 @@ fn model(table: TableConfig, depth: usize, degree: u8, colour: usize) -> Model {
 
 /// Levels of 3, 6 and 12 cells along the longest side: 80, 294 and 1,820 vertices and more.
 fn table(features: u8, log2_entries: u8) -> TableConfig {
-    TableConfig { levels: 3, features, log2_entries, coarsest: 3, finest: 12, storage: TableStorage::F16, most_bytes: None }
+    TableConfig {
+        levels: 3,
+        features,
+        log2_entries,
+        coarsest: 3,
+        finest: 12,
+        storage: TableStorage::F16,
+        most_bytes: None,
+    }
 }
 
 fn models() -> [(&'static str, Model); 8] {
