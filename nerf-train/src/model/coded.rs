@@ -162,7 +162,7 @@ mod tests {
         let grid = grid();
         let values = values(&grid);
         let mut errors = Vec::new();
-        for most in [100, 500, 1500, 3000, 5000] {
+        for most in [100, 500, 1500, 3000, 4000] {
             let coded = stored(&grid, &values, Some(most), &[]);
             let bytes = coded.stored().bytes().len();
             assert!(bytes <= most && (most == 100 || 10 * bytes > 9 * most), "{most}: {bytes}");
