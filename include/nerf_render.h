@@ -494,6 +494,11 @@ enum nerf_table_storage
      * A byte a value, and a scale a level.
      */
     NERF_TABLE_STORAGE_INT8 = 2,
+    /**
+     * The same bytes, entropy-coded: `nerf_scene_open` decodes them into the scene's memory. A library without the feature
+     * `coded`, for a microcontroller, refuses the file and says so: fit it with `--export int8`, which is read in place.
+     */
+    NERF_TABLE_STORAGE_CODED = 3,
 };
 #ifndef __cplusplus
 #if __STDC_VERSION__ >= 202311L

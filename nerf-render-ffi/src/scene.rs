@@ -9,7 +9,7 @@ use core::ffi::{c_char, c_void};
 use nerf_core::Kernel;
 use nerf_core::blob::Blob;
 use nerf_core::memory::{Line, lines_for};
-use nerf_core::render::Renderer;
+use nerf_core::render::{RenderError, Renderer};
 
 /// An opened scene: lies at the beginning of the memory it was opened in and borrows the blob.
 ///
@@ -61,7 +61,7 @@ pub(crate) fn memory_lines(blob: &Blob<'_>, kernel: Kernel) -> usize {
     lines_for::<Scene>(1) + Renderer::prepared_lines(blob, kernel)
 }
 
-/// Checks the blob.
+/// Checks the blob but for coded tables, which opening the scene decodes.
 ///
 /// # Safety
 /// `blob` is NULL or points to `blob_size` bytes that stay as they are during `'a`.
@@ -69,7 +69,7 @@ unsafe fn open_blob<'a>(blob: *const c_void, blob_size: usize) -> Result<Blob<'a
     Span::of("blob", blob.cast::<u8>(), blob_size)?;
     // SAFETY: not NULL, no longer than a slice may be, and readable by this function's `# Safety`.
     let bytes = unsafe { core::slice::from_raw_parts(blob.cast::<u8>(), blob_size) };
-    Blob::open(bytes).map_err(Failure::Blob)
+    Blob::open_undecoded(bytes).map_err(Failure::Blob)
 }
 
 /// Says how much memory `nerf_scene_open` needs for a blob, and at which alignment.
@@ -162,7 +162,7 @@ pub(crate) unsafe fn open_in(
     let memory_span = Span::new("memory", memory, memory_size)?;
     memory_span.check_apart("memory", blob_span, "the blob")?;
     // SAFETY: `blob` is readable and stays as it is, as this function's `# Safety` has it.
-    let blob = Blob::open(unsafe { &*blob })?;
+    let blob = Blob::open_undecoded(unsafe { &*blob })?;
     let lines = memory_lines(&blob, kernel);
     if memory_size / size_of::<Line>() < lines {
         let expected = lines.saturating_mul(size_of::<Line>());
@@ -173,6 +173,7 @@ pub(crate) unsafe fn open_in(
     let prepared = unsafe { core::slice::from_raw_parts_mut(memory.add(own), lines - own) };
     let renderer = match Renderer::new(blob, kernel, prepared) {
         Ok(renderer) => renderer,
+        Err(RenderError::Tables(error)) => return Err(Failure::Blob(error)),
         Err(error) => return Err(Failure::Render(error)),
     };
     let handle = memory.cast::<Scene>();

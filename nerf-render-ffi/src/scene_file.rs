@@ -123,7 +123,7 @@ pub unsafe extern "C" fn nerf_scene_open_file(
         let named = |cause| FileFailure { path, cause };
         let blob = read(path).map_err(named)?;
         let lines = {
-            let blob = Blob::open(&blob).map_err(|error| named(error.into()))?;
+            let blob = Blob::open_undecoded(&blob).map_err(|error| named(error.into()))?;
             memory_lines(&blob, kernel)
         };
         let memory = filled(lines, Line::UNINIT).map_err(named)?;

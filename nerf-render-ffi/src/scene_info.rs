@@ -28,6 +28,9 @@ pub enum TableStorage {
     F16 = 1,
     /// A byte a value, and a scale a level.
     Int8 = 2,
+    /// The same bytes, entropy-coded: `nerf_scene_open` decodes them into the scene's memory. A library without the feature
+    /// `coded`, for a microcontroller, refuses the file and says so: fit it with `--export int8`, which is read in place.
+    Coded = 3,
 }
 
 /// Text inside the blob: UTF-8, `length` bytes, **not** NUL-terminated.
@@ -217,6 +220,7 @@ fn describe(scene: &Scene) -> SceneInfo {
             None => TableStorage::None,
             Some(StoredTables::F16(_)) => TableStorage::F16,
             Some(StoredTables::Int8 { .. }) => TableStorage::Int8,
+            Some(StoredTables::Coded { .. }) => TableStorage::Coded,
         } as u32,
         contraction_radius: contraction.map_or(0.0, |contraction| contraction.radius()),
         contraction_power: contraction.map_or(0, |contraction| contraction.power().into()),

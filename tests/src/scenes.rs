@@ -4,7 +4,7 @@ use crate::noise::signed;
 use nerf_core::Kernel;
 use nerf_core::blob::{
     Blob, Body, Content, FrontPoint, ParetoFront, PictureFacts, Proposal, Provenance, SceneFacts,
-    SceneSampling, StoredOccupancy, StoredTables, Viewpoint, encoded_len, write,
+    SceneSampling, StoredOccupancy, StoredTables, Viewpoint, encode_tables, encoded_len, write,
 };
 use nerf_core::camera::Lens;
 use nerf_core::camera::{Camera, Intrinsics, Pose};
@@ -32,6 +32,8 @@ pub struct Recipe {
     pub features: u8,
     /// Whether the grid's tables are int8, each level with a scale of its own; else f16.
     pub int8: bool,
+    /// Whether those are coded.
+    pub coded: bool,
     /// Whether colour is worked out once a ray; with no trunk layers what is composited is the grid's encoding.
     pub per_ray: bool,
     /// Cells of the occupancy grid along each axis, and whether all of them are set.
@@ -48,6 +50,13 @@ pub struct Recipe {
     pub seed: u64,
 }
 
+/// Signed bytes of a grid, coded.
+pub fn coded(grid: &GridEncoding, values: &[u8]) -> Vec<u8> {
+    let mut symbols = vec![[0; 2]; 2 * values.len()];
+    let mut out = vec![0; 4 * values.len() + 4];
+    encode_tables(grid, values, &mut symbols, &mut out).expect("room for any values").to_vec()
+}
+
 impl Recipe {
     /// 4×32, L = 10/4, view dependent, without skip layer and occupancy grid.
     pub const PLAIN: Self = Self {
@@ -57,6 +66,7 @@ impl Recipe {
         levels: 10,
         features: 0,
         int8: false,
+        coded: false,
         per_ray: false,
         occupancy: None,
         occupancy_required: false,
@@ -78,6 +88,8 @@ impl Recipe {
     pub const LEARNED: Self = Self { features: 2, levels: 4, trunk: (1, 32), seed: 8, ..Self::PLAIN };
     /// With tables in int8.
     pub const LEARNED_INT8: Self = Self { int8: true, seed: 10, ..Self::LEARNED };
+    /// The same tables, coded.
+    pub const LEARNED_CODED: Self = Self { coded: true, ..Self::LEARNED_INT8 };
     /// Its encoding composited along rays, and one network a ray.
     pub const DEFERRED: Self = Self { per_ray: true, trunk: (0, 32), seed: 13, ..Self::LEARNED };
     /// A trunk layer composited in its place, and an occupancy grid.
@@ -133,7 +145,10 @@ impl Recipe {
     pub fn blob(&self) -> Vec<u8> {
         let architecture = self.architecture();
         let (weights, bits) = (self.weights(&architecture), self.bits());
-        let tables = architecture.position.grid().map(|grid| self.tables(grid));
+        let tables = architecture.position.grid().map(|grid| match self.coded {
+            true => coded(grid, &self.tables(grid)),
+            false => self.tables(grid),
+        });
         let levels = 0..architecture.position.grid().map_or(0, |grid| grid.resolutions.len());
         let scales: Vec<u8> =
             levels.flat_map(|level| (0.008 + 0.0007 * level as f32).to_le_bytes()).collect();
@@ -167,9 +182,10 @@ impl Recipe {
                 trained_parameters: 9,
             },
             weights: &weights,
-            tables: tables.as_deref().map(|bytes| match self.int8 {
-                true => StoredTables::Int8 { scales: &scales, bytes },
-                false => StoredTables::F16(bytes),
+            tables: tables.as_deref().map(|bytes| match (self.int8, self.coded) {
+                (true, true) => StoredTables::Coded { scales: &scales, bytes },
+                (true, false) => StoredTables::Int8 { scales: &scales, bytes },
+                (false, _) => StoredTables::F16(bytes),
             }),
         };
         let mut blob = vec![0; encoded_len(&body).expect("a valid body")];

@@ -52,13 +52,20 @@ pub enum StoredTables<'a> {
         /// The bytes.
         bytes: &'a [u8],
     },
+    /// The values of [`StoredTables::Int8`], entropy-coded: a renderer has them decoded in memory of its own.
+    Coded {
+        /// As those of int8.
+        scales: &'a [u8],
+        /// What they are decoded from.
+        bytes: &'a [u8],
+    },
 }
 
 impl<'a> StoredTables<'a> {
-    /// The entries' bytes.
+    /// The entries' bytes, as they lie in the file.
     pub const fn bytes(&self) -> &'a [u8] {
         match self {
-            Self::F16(bytes) | Self::Int8 { bytes, .. } => bytes,
+            Self::F16(bytes) | Self::Int8 { bytes, .. } | Self::Coded { bytes, .. } => bytes,
         }
     }
 
@@ -66,23 +73,16 @@ impl<'a> StoredTables<'a> {
     pub const fn scales(&self) -> Option<&'a [u8]> {
         match self {
             Self::F16(_) => None,
-            Self::Int8 { scales, .. } => Some(scales),
+            Self::Int8 { scales, .. } | Self::Coded { scales, .. } => Some(scales),
         }
     }
 
-    /// Bytes of a value.
-    pub const fn bytes_per_value(&self) -> usize {
-        match self {
-            Self::F16(_) => 2,
-            Self::Int8 { .. } => 1,
-        }
-    }
-
-    /// `f16` or `int8`.
+    /// `f16`, `int8` or `coded`.
     pub const fn name(&self) -> &'static str {
         match self {
             Self::F16(_) => "f16",
             Self::Int8 { .. } => "int8",
+            Self::Coded { .. } => "coded",
         }
     }
 }

@@ -1,11 +1,10 @@
 //! The rules of the format, met in one pass over the opened or unwritten body.
 
-#[cfg(feature = "grid")]
-use super::body::StoredTables;
 use super::body::{
     Body, Content, MAX_OCCUPANCY_RESOLUTION, MAX_PICTURE_SIDE, MAX_SAMPLES, MAX_TEXT, PictureFacts,
-    SceneFacts, SceneSampling, StoredOccupancy, Viewpoint, steps,
+    SceneFacts, SceneSampling, StoredOccupancy, StoredTables, Viewpoint, steps,
 };
+use super::coded;
 use super::error::{BlobError, FrontFault, Section};
 use super::front::FrontPoint;
 use super::proposal::Proposal;
@@ -17,8 +16,21 @@ use crate::sampling::Bins;
 use core::f32::consts::TAU;
 use glam::Vec3;
 
+/// Values that a byte of coded tables may hold, rounded up: the two symbols of one have a probability of 1 - 15/2^15 at most.
+#[cfg(feature = "grid")]
+const MAX_VALUES_OF_A_BYTE: usize = 6100;
+
 /// Every rule of the format but the ones of header and encoding.
 pub(super) fn check(body: &Body<'_>) -> Result<(), BlobError> {
+    check_undecoded(body)?;
+    match (body.architecture.position.grid(), body.tables) {
+        (Some(grid), Some(StoredTables::Coded { bytes, .. })) => coded::decode_tables(grid, bytes, |_| {}),
+        _ => Ok(()),
+    }
+}
+
+/// The same but for coded tables, which decoding them checks.
+pub(super) fn check_undecoded(body: &Body<'_>) -> Result<(), BlobError> {
     body.architecture.check().map_err(BlobError::Architecture)?;
     let density_head = body.architecture.density.is_some();
     let scene = matches!(body.content, Content::Scene(_));
@@ -206,8 +218,16 @@ fn check_tables(body: &Body<'_>) -> Result<(), BlobError> {
             }
         }
     }
-    check_length(Section::Tables, tables.bytes_per_value() * grid.values(), tables.bytes())?;
-    let StoredTables::F16(bytes) = tables else { return Ok(()) };
+    let bytes = match tables {
+        StoredTables::F16(bytes) => bytes,
+        StoredTables::Int8 { bytes, .. } => return check_length(Section::Tables, grid.values(), bytes),
+        // So that no few bytes ask for much memory.
+        StoredTables::Coded { bytes, .. } => {
+            let least = grid.values().div_ceil(MAX_VALUES_OF_A_BYTE);
+            return check_length(Section::Tables, least.max(bytes.len()), bytes);
+        }
+    };
+    check_length(Section::Tables, 2 * grid.values(), bytes)?;
     let Some(at) = first_not_finite(bytes) else { return Ok(()) };
     let features = usize::from(grid.features);
     let owner = grid.levels().take_while(|level| level.first * features <= at).last();

@@ -264,7 +264,7 @@ pub enum BlobError {
         /// Index among the layer's parameters, weights first.
         index: u32,
     },
-    /// The scale of a level of int8 tables that is not above 0, or makes a value infinite.
+    /// The scale of a level of int8 or coded tables that is not above 0, or makes a value infinite.
     TableScale {
         /// Level.
         level: u8,
@@ -277,6 +277,21 @@ pub enum BlobError {
         level: u8,
         /// Index among the level's values.
         index: u32,
+    },
+    /// The bytes of coded tables end before this value.
+    CodedEnd {
+        /// Level.
+        level: u8,
+        /// Index among the level's values.
+        index: u32,
+    },
+    /// The bytes of coded tables are not what an encoder of their values writes: the decoder does not end with the last byte
+    /// and in the coder's first state, or begins below that.
+    CodedRest {
+        /// State of the decoder there.
+        state: u32,
+        /// Bytes that are left.
+        bytes: u64,
     },
     /// The file needs what this build has no code for.
     NotBuilt {
@@ -370,9 +385,23 @@ impl fmt::Display for BlobError {
             Self::TableValue { level, index } => {
                 write!(f, "tables: level {level}, value {index} is not finite")
             }
+            Self::CodedEnd { level, index } => {
+                write!(f, "tables: level {level}: expected value {index}, found the end of the coded bytes")
+            }
+            Self::CodedRest { state, bytes } => write!(
+                f,
+                "tables: expected coded bytes that end in state 65536 behind the last value, found state {state} and \
+                 {bytes} bytes more"
+            ),
             Self::NotBuilt { feature } => {
-                let part = if *feature == "contraction" { Section::Samples } else { Section::Position };
-                write!(f, "{part}: expected a build with the feature `{feature}`, found one without")
+                let part = match *feature {
+                    "contraction" => Section::Samples,
+                    "coded" => Section::Tables,
+                    _ => Section::Position,
+                };
+                // int8 needs no memory to be decoded into.
+                let advice = if *feature == "coded" { " (or a file fitted with --export int8)" } else { "" };
+                write!(f, "{part}: expected a build with the feature `{feature}`{advice}, found one without")
             }
             Self::Space { expected, found } => {
                 write!(f, "output buffer: expected {expected} bytes, found {found}")

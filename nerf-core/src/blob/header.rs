@@ -17,7 +17,7 @@ use crc::{CRC_32_ISO_HDLC, Crc, Table};
 /// First bytes of every blob; in the manner of PNG, a text-mode copy damages them.
 pub const MAGIC: [u8; 8] = *b"\x89NERF\r\n\x1a";
 /// The version this build writes, and the only one it reads: none before it was released.
-pub const FORMAT_VERSION: u16 = 6;
+pub const FORMAT_VERSION: u16 = 7;
 /// Length of the header, bytes.
 pub const HEADER_LEN: usize = 32;
 

@@ -5,6 +5,11 @@
 
 mod body;
 mod check;
+#[cfg(feature = "coded")]
+mod coded;
+#[cfg(not(feature = "coded"))]
+#[path = "coded_off.rs"]
+mod coded;
 mod error;
 mod front;
 mod header;
@@ -20,6 +25,8 @@ pub use body::{
     Body, Content, MAX_OCCUPANCY_RESOLUTION, MAX_PICTURE_SIDE, MAX_SAMPLES, MAX_TEXT, PictureFacts,
     Provenance, SceneFacts, SceneSampling, StoredOccupancy, StoredTables, Viewpoint,
 };
+#[cfg(all(feature = "coded", any(feature = "train", test)))]
+pub use coded::{decode_tables, encode_tables};
 pub use error::{BlobError, FrontFault, Section};
 pub use front::{FrontPoint, MAX_FRONT, ParetoFront};
 pub use header::{FORMAT_VERSION, HEADER_LEN, MAGIC};

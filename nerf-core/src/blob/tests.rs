@@ -13,6 +13,8 @@ use std::string::ToString;
 use std::vec;
 
 mod builds;
+#[cfg(feature = "coded")]
+mod coded;
 mod front;
 #[cfg(feature = "grid")]
 mod grid;
@@ -339,8 +341,8 @@ fn a_scene_that_opens_can_be_planned() {
 
 /// The example of `docs/blob-format.md`, up to its weights; made there by another program.
 const EXAMPLE: &str = "
-    89 4e 45 52 46 0d 0a 1a 06 00 ff fe 00 00 00 00
-    cc 00 00 00 00 00 00 00 49 71 ea c1 00 00 00 00
+    89 4e 45 52 46 0d 0a 1a 07 00 ff fe 00 00 00 00
+    cc 00 00 00 00 00 00 00 fd ed 99 4e 00 00 00 00
     00 03 00 01 01 00 01 04 00 01 00 00 00 01 00 00
     80 bf 00 00 80 bf 00 00 80 bf 00 00 80 3f 00 00
     80 3f 00 00 80 3f 00 00 00 40 00 00 c0 40 00 40

@@ -1,12 +1,14 @@
 //! Opening a blob: check once, then borrow.
 
 use super::body::{Body, Content, PictureFacts, Provenance, SceneFacts, StoredTables};
-use super::check::check;
+use super::check::{check, check_undecoded};
+use super::coded;
 use super::error::{BlobError, Section};
 use super::front::FrontPoint;
 use super::header;
 use super::proposal::Proposal;
 use crate::camera::SceneBox;
+use crate::encoding::GridEncoding;
 use crate::network::{Architecture, Layers};
 use crate::sampling::OccupancyGrid;
 use glam::Vec3;
@@ -54,6 +56,17 @@ impl<'a> Blob<'a> {
     /// # Errors
     /// [`BlobError`] says what was expected and found. No input panics or is read out of bounds.
     pub fn open(bytes: &'a [u8]) -> Result<Self, BlobError> {
+        let blob = Self::open_undecoded(bytes)?;
+        check(&blob.body)?;
+        Ok(blob)
+    }
+
+    /// [`Blob::open`] for whoever decodes coded tables at once: these alone are not checked, which is to decode them.
+    /// [`Renderer::new`](crate::render::Renderer::new) does so.
+    ///
+    /// # Errors
+    /// As [`Blob::open`].
+    pub fn open_undecoded(bytes: &'a [u8]) -> Result<Self, BlobError> {
         let bytes = header::open(bytes)?;
         #[cfg(not(feature = "grid"))]
         if bytes.first() == Some(&GRID_TAG) {
@@ -62,7 +75,7 @@ impl<'a> Blob<'a> {
         let mut input = Deserializer::from_bytes(bytes);
         let body = read_body!(&mut input);
         check_form(&body, bytes)?;
-        check(&body)?;
+        check_undecoded(&body)?;
         Ok(Self { body })
     }
 
@@ -146,6 +159,29 @@ impl<'a> Blob<'a> {
     /// The entries of the position's grid, if it is one.
     pub fn tables(&self) -> Option<StoredTables<'a>> {
         self.body.tables
+    }
+
+    /// Bytes that coded tables are decoded to; 0 of any others, which are read where they lie.
+    pub fn decoded_len(&self) -> usize {
+        self.coded().map_or(0, |(grid, _)| grid.values())
+    }
+
+    /// Decodes coded tables into `to`, [`Blob::decoded_len`] bytes, as int8 tables have them; no others.
+    ///
+    /// # Errors
+    /// None after [`Blob::open`]; after [`Blob::open_undecoded`] what that would have said of the coded bytes.
+    pub fn decode_tables(&self, to: &mut [u8]) -> Result<(), BlobError> {
+        let Some((grid, bytes)) = self.coded() else { return Ok(()) };
+        let mut to = to.iter_mut();
+        coded::decode_tables(grid, bytes, |value| to.next().into_iter().for_each(|to| *to = value))
+    }
+
+    /// The grid of coded tables and the bytes they are decoded from.
+    fn coded(&self) -> Option<(&GridEncoding, &'a [u8])> {
+        match (self.body.architecture.position.grid(), self.body.tables) {
+            (Some(grid), Some(StoredTables::Coded { bytes, .. })) => Some((grid, bytes)),
+            _ => None,
+        }
     }
 }
 

@@ -22,6 +22,11 @@ impl GridEncoding {
         match *self {}
     }
 
+    /// Values of all levels.
+    pub fn values(&self) -> usize {
+        match *self {}
+    }
+
     pub(crate) fn check(&self) -> Result<(), ArchitectureError> {
         match *self {}
     }

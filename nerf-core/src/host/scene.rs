@@ -29,6 +29,8 @@ pub struct Scene {
     kernel: Kernel,
     /// The parameters of the network and of its proposal, and the grid's tables, unpacked for the kernel.
     unpacked: [Box<[f32]>; 3],
+    /// The tables, where the file has them coded.
+    decoded: Box<[u8]>,
     occupied: (Option<SceneBox>, CoarseOccupancy),
 }
 
@@ -63,11 +65,13 @@ impl Scene {
     pub fn for_kernel(bytes: impl Into<Box<[u8]>>, kernel: Kernel) -> Result<Self, BlobError> {
         let bytes = bytes.into();
         let kernel = if kernel.available() { kernel } else { Kernel::IN_PLACE };
-        let blob = Blob::open(&bytes)?;
+        let blob = Blob::open_undecoded(&bytes)?;
+        let mut decoded = vec![0; blob.decoded_len()].into_boxed_slice();
+        blob.decode_tables(&mut decoded)?;
         let mut unpacked = Renderer::unpacked_lengths(&blob, kernel).map(|count| vec![0.0; count]);
         Renderer::unpack(&blob, kernel, &mut unpacked);
         let occupied = Renderer::occupied(&blob);
-        Ok(Self { occupied, kernel, unpacked: unpacked.map(Into::into), bytes })
+        Ok(Self { occupied, kernel, unpacked: unpacked.map(Into::into), decoded, bytes })
     }
 
     /// What the file says.
@@ -78,7 +82,7 @@ impl Scene {
 
     /// The borrowed renderer of this scene, for callers with memory and threads of their own.
     pub fn renderer(&self) -> Renderer<'_> {
-        let unpacked = self.unpacked.each_ref().map(|it| &**it);
+        let unpacked = (self.unpacked.each_ref().map(|it| &**it), &*self.decoded);
         Renderer::of_unpacked(self.blob(), self.kernel, unpacked, self.occupied.clone())
             .unwrap_or_else(|| unreachable!("parameters fit the checked architecture"))
     }

@@ -1,6 +1,7 @@
 //! Why nothing was rendered.
 
 use super::{MAX_RENDER_SIDE, Rect};
+use crate::blob::BlobError;
 use crate::plan::Batch;
 
 /// Why nothing was rendered.
@@ -42,6 +43,8 @@ pub enum RenderError {
     },
     /// Parameters or tables that are not those of the scene's architecture.
     Network,
+    /// Coded tables of a blob that [`Blob::open`](crate::blob::Blob::open) refuses.
+    Tables(BlobError),
     /// An image of more pixels than there is memory for.
     #[cfg(all(feature = "std", not(target_os = "none")))]
     ImageMemory {
@@ -140,6 +143,7 @@ impl core::fmt::Display for RenderError {
             Self::Network => {
                 write!(f, "network: expected the parameters and tables of its architecture, found others")
             }
+            Self::Tables(error) => error.fmt(f),
             #[cfg(all(feature = "std", not(target_os = "none")))]
             Self::ImageMemory { width, height } => {
                 write!(f, "image: expected free memory for {width}x{height} pixels, found less")

@@ -62,7 +62,7 @@ pub use rect::{Rect, Target};
 pub use segment::{Limit, RaySegment};
 pub use worker::{TILE_SIDE, Worker};
 
-use crate::blob::Blob;
+use crate::blob::{Blob, StoredTables};
 use crate::camera::{Camera, SceneBox};
 use crate::encoding::GridTables;
 use crate::matrix::{Kernel, Storage};
@@ -91,20 +91,26 @@ pub struct Renderer<'a> {
 }
 
 impl<'a> Renderer<'a> {
-    /// Lines of memory [`Renderer::new`] needs: 0 with portable instructions, which reads the blob in place.
+    /// Lines of memory [`Renderer::new`] needs: with portable instructions, which read the blob in place, those of coded tables
+    /// alone.
     pub fn prepared_lines(blob: &Blob<'_>, kernel: Kernel) -> usize {
         let mut measure = Measure::default();
         Self::lay_out(&mut measure, blob, kernel);
         measure.lines
     }
 
-    /// The parameters of the scene's network and of its proposal, and the grid's tables, unpacked.
+    /// The parameters of the scene's network and of its proposal, and the grid's tables, unpacked; and the tables, decoded.
     #[inline]
-    fn lay_out(layout: &mut impl Layout<'a>, blob: &Blob<'_>, kernel: Kernel) -> [&'a mut [f32]; 3] {
-        if in_place(kernel) {
-            return [&mut [], &mut [], &mut []];
-        }
-        Self::unpacked_lengths(blob, kernel).map(|count| layout.slice(count, 0.0))
+    fn lay_out(
+        layout: &mut impl Layout<'a>,
+        blob: &Blob<'_>,
+        kernel: Kernel,
+    ) -> ([&'a mut [f32]; 3], &'a mut [u8]) {
+        let unpacked = match in_place(kernel) {
+            true => [&mut [][..], &mut [], &mut []],
+            false => Self::unpacked_lengths(blob, kernel).map(|count| layout.slice(count, 0.0)),
+        };
+        (unpacked, layout.slice(blob.decoded_len(), 0))
     }
 
     /// How many values the parameters of the scene's network and of its proposal are unpacked to, and the grid's tables.
@@ -123,19 +129,20 @@ impl<'a> Renderer<'a> {
         tables.map(|tables| tables.bytes())
     }
 
-    /// Prepares a scene for `kernel`, unpacking its weights once into `memory`.
+    /// Prepares a scene for `kernel`, unpacking its weights and decoding its tables once into `memory`.
     ///
     /// # Errors
-    /// [`RenderError::Memory`] if `memory` is smaller than [`Renderer::prepared_lines`] says, and
-    /// [`RenderError::Network`] if the blob's parameters or tables are not those of its architecture.
+    /// [`RenderError::Memory`] if `memory` is smaller than [`Renderer::prepared_lines`] says, [`RenderError::Tables`] of a blob
+    /// that was opened undecoded, and [`RenderError::Network`] if the blob's parameters or tables are not those of its architecture.
     pub fn new(blob: Blob<'a>, kernel: Kernel, memory: &'a mut [Line]) -> Result<Self, RenderError> {
         let (expected, found) = (Self::prepared_lines(&blob, kernel), memory.len());
         if found < expected {
             return Err(RenderError::Memory { expected, found });
         }
-        let mut unpacked = Self::lay_out(&mut Arena::new(memory), &blob, kernel);
+        let (mut unpacked, decoded) = Self::lay_out(&mut Arena::new(memory), &blob, kernel);
         Self::unpack(&blob, kernel, &mut unpacked);
-        let (weights, proposer, tables) = Self::unpacked(&blob, kernel, unpacked.map(|it| &*it));
+        blob.decode_tables(decoded).map_err(RenderError::Tables)?;
+        let (weights, proposer, tables) = Self::unpacked(&blob, kernel, (unpacked.map(|it| &*it), decoded));
         let network = Network::with_grid(blob.architecture(), weights, tables, kernel.isa)
             .ok_or(RenderError::Network)?;
         let (occupied, coarse) = Self::occupied(&blob);
@@ -161,13 +168,13 @@ impl<'a> Renderer<'a> {
         }
     }
 
-    /// What [`Renderer::unpack`] made, or the weights where they lie.
+    /// What [`Renderer::unpack`] made, or the weights where they lie; and the tables, by what they were decoded to.
     fn unpacked(
         blob: &Blob<'a>,
         kernel: Kernel,
-        [own, proposal, tables]: [&'a [f32]; 3],
+        ([own, proposal, tables], decoded): ([&'a [f32]; 3], &'a [u8]),
     ) -> (Weights<'a>, Proposer<'a>, GridTables<'a>) {
-        let in_file = Self::tables_of(blob);
+        let in_file = Self::tables_of(blob, decoded);
         if in_place(kernel) {
             return (Weights::InPlace(blob.weights()), Proposer::in_place(blob, kernel.isa), in_file);
         }
@@ -178,12 +185,12 @@ impl<'a> Renderer<'a> {
         (Weights::unpacked(kernel.storage, own), Proposer::of_unpacked(blob, kernel, proposal), tables)
     }
 
-    /// The scene of `blob` with what was unpacked before, and the box around what its occupancy grid has.
+    /// The scene of `blob` with what was unpacked and decoded before, and the box around what its occupancy grid has.
     #[cfg(all(feature = "std", not(target_os = "none")))]
     pub(crate) fn of_unpacked(
         blob: Blob<'a>,
         kernel: Kernel,
-        unpacked: [&'a [f32]; 3],
+        unpacked: ([&'a [f32]; 3], &'a [u8]),
         (occupied, coarse): (Option<SceneBox>, CoarseOccupancy),
     ) -> Option<Self> {
         let (weights, proposer, tables) = Self::unpacked(&blob, kernel, unpacked);
@@ -191,20 +198,23 @@ impl<'a> Renderer<'a> {
         Some(Self { blob, network, proposer, occupied, coarse })
     }
 
-    /// The tables of the blob's grid, where they lie.
-    fn tables_of(blob: &Blob<'a>) -> GridTables<'a> {
-        let (bytes, scales) =
-            blob.tables().map_or((&[][..], None), |tables| (tables.bytes(), tables.scales()));
+    /// The tables of the blob's grid, where they lie: coded ones where they were decoded to.
+    fn tables_of(blob: &Blob<'a>, decoded: &'a [u8]) -> GridTables<'a> {
+        let (bytes, scales) = match blob.tables() {
+            None => (&[][..], None),
+            Some(StoredTables::Coded { scales, .. }) => (decoded, Some(scales)),
+            Some(tables) => (tables.bytes(), tables.scales()),
+        };
         GridTables::in_place(bytes, scales, blob.scene_box().as_ref())
     }
 
     /// The scene of `blob` with other parameters, f32 in the same order: what rounding costs. Its proposal and its
     /// tables keep their own.
     ///
-    /// `None` if they are too few, and where there are no [`VECTORS`].
+    /// `None` if they are too few, of coded tables, and where there are no [`VECTORS`].
     #[cfg(feature = "train")]
     pub fn with_parameters(blob: Blob<'a>, kernel: Kernel, parameters: &'a [f32]) -> Option<Self> {
-        let tables = Self::tables_of(&blob);
+        let tables = Self::tables_of(&blob, &[]);
         Self::with_parameters_and_tables(blob, kernel, parameters, tables)
     }
 

@@ -1,9 +1,11 @@
 //! From parameters to a blob.
 
-use crate::model::quantise::{Quantised, TableStorage};
+use crate::model::coded::without_unread;
+use crate::model::quantise::{Quantised, Rounding, TableStorage};
 use half::f16;
 use nerf_core::blob::{self, BlobError, Body, Content, Proposal, Provenance, StoredOccupancy, StoredTables};
 use nerf_core::network::{Architecture, DensityActivation, Layer, Role};
+use std::borrow::Cow;
 
 /// What a blob is made of besides its network.
 #[derive(Clone, Debug)]
@@ -32,8 +34,8 @@ pub enum Tables<'a> {
         /// Level by level.
         values: &'a [f32],
         /// To what.
-        storage: TableStorage,
-        /// What an int8 of each level counts, where that is known; else empty.
+        rounding: Rounding,
+        /// What a step of each level counts, where that is known; else empty.
         scales: &'a [f32],
     },
     /// Another blob's, as they are.
@@ -136,10 +138,17 @@ pub fn export_with(contents: &Contents<'_>, coarse: Option<&Coarse<'_>>) -> Resu
         weights: &coarse_rounded.weights,
     });
     let quantised = match (contents.architecture.position.grid(), contents.tables) {
-        (Some(grid), Tables::Values { values, storage, scales }) => Some(
-            Quantised::new(grid, values, storage, scales)
-                .map_err(|(index, found)| ExportError::Table { index, found })?,
-        ),
+        (Some(grid), Tables::Values { values, rounding, scales }) => {
+            let values = match contents.occupancy {
+                // What no picture shows takes no bytes.
+                Some((resolution, bits)) if rounding.storage == TableStorage::Coded => {
+                    Cow::Owned(without_unread(grid, values, resolution, bits))
+                }
+                _ => Cow::Borrowed(values),
+            };
+            let quantised = Quantised::new(grid, &values, rounding, scales);
+            Some(quantised.map_err(|(index, found)| ExportError::Table { index, found })?)
+        }
         _ => None,
     };
     let body = Body {

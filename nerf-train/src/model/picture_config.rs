@@ -56,6 +56,7 @@ impl FieldPreset {
             coarsest: 16,
             finest: 1024,
             storage: TableStorage::F16,
+            most_bytes: None,
         };
         let (grid, levels, layers, width, pixels) = match self {
             Self::Grid => (Some(grid), 0, 2, 32, 8_192),

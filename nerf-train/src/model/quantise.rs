@@ -1,9 +1,11 @@
 //! A grid's tables in what a file stores them in.
 
+use super::coded;
 use half::f16;
-use nerf_core::blob::StoredTables;
+use nerf_core::blob::{StoredTables, decode_tables};
 use nerf_core::encoding::{GridEncoding, GridLevel};
 use serde::{Deserialize, Serialize};
+use std::borrow::Cow;
 
 /// What the values of a grid's tables are stored in.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, clap::ValueEnum)]
@@ -13,27 +15,37 @@ pub enum TableStorage {
     F16,
     /// A byte a value, and a scale a level: half the size.
     Int8,
+    /// Bytes as int8 has them in coarser steps, entropy-coded: a host decodes them into memory when it opens the file.
+    Coded,
+}
+
+/// What tables are rounded to.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Rounding {
+    /// What they are stored in.
+    pub storage: TableStorage,
+    /// The most bytes that coded tables may take; their steps follow from it.
+    pub most_bytes: Option<usize>,
+}
+
+impl From<TableStorage> for Rounding {
+    fn from(storage: TableStorage) -> Self {
+        Self { storage, most_bytes: None }
+    }
 }
 
 impl TableStorage {
-    /// `f16` or `int8`, as in flags and files.
+    /// `f16`, `int8` or `coded`, as in flags and files.
     pub const fn name(self) -> &'static str {
         match self {
             Self::F16 => "f16",
             Self::Int8 => "int8",
-        }
-    }
-
-    /// Bytes of a value.
-    pub const fn bytes_per_value(self) -> usize {
-        match self {
-            Self::F16 => 2,
-            Self::Int8 => 1,
+            Self::Coded => "coded",
         }
     }
 }
 
-/// Share of a run from which on tables that are exported in int8 are trained as they are rounded: what is left of the run
+/// Share of a run from which on tables that are exported in int8, or coded, are trained as they are rounded: what is left of the run
 /// makes up for the rounding.
 pub(crate) const ROUNDED_FROM: f64 = 0.85;
 /// Shares of a level's values, the smallest ones by magnitude, that its scale may keep whole; the rest are clipped.
@@ -50,8 +62,8 @@ pub struct Quantised {
 }
 
 impl Quantised {
-    /// Rounds `values`, those of all levels of `grid`; in int8 by the scales that are `given`, one a level, or where there
-    /// are none by those of [`scales`].
+    /// Rounds `values`, those of all levels of `grid`; in int8, or coded, by the scales that are `given`, one a level, or where
+    /// there are none by those of [`scales`].
     ///
     /// # Errors
     /// The first value that is not finite or beyond ±65504, f16's largest: its index and itself.
@@ -61,29 +73,28 @@ impl Quantised {
     pub fn new(
         grid: &GridEncoding,
         values: &[f32],
-        storage: TableStorage,
+        rounding: impl Into<Rounding>,
         given: &[f32],
     ) -> Result<Self, (usize, f32)> {
+        let rounding = rounding.into();
         // NaN compares false.
         let fits = |value: &f32| value.abs() <= f16::MAX.to_f32();
         if let Some((index, &found)) = values.iter().enumerate().find(|(_, value)| !fits(value)) {
             return Err((index, found));
         }
-        let mut quantised = Self { storage, bytes: Vec::new(), scales: Vec::new() };
-        match storage {
+        let given = || if given.is_empty() { scales(grid, values, rounding) } else { given.to_vec() };
+        let (bytes, scales) = match rounding.storage {
             TableStorage::F16 => {
-                quantised.bytes =
-                    values.iter().flat_map(|&value| f16::from_f32(value).to_le_bytes()).collect();
+                (values.iter().flat_map(|&value| f16::from_f32(value).to_le_bytes()).collect(), vec![])
             }
             TableStorage::Int8 => {
-                let found = if given.is_empty() { scales(grid, values) } else { given.to_vec() };
-                for (values, scale) in levels(grid, values).zip(found) {
-                    quantised.scales.extend(scale.to_le_bytes());
-                    quantised.bytes.extend(values.iter().map(|&value| steps(value, scale) as i8 as u8));
-                }
+                let scales = given();
+                (coded::rounded(grid, values, &scales), scales)
             }
-        }
-        Ok(quantised)
+            TableStorage::Coded => coded::coded(grid, values, &given(), rounding.most_bytes),
+        };
+        let scales = scales.into_iter().flat_map(f32::to_le_bytes).collect();
+        Ok(Self { storage: rounding.storage, bytes, scales })
     }
 
     /// As the body of a blob has them.
@@ -91,18 +102,28 @@ impl Quantised {
         match self.storage {
             TableStorage::F16 => StoredTables::F16(&self.bytes),
             TableStorage::Int8 => StoredTables::Int8 { scales: &self.scales, bytes: &self.bytes },
+            TableStorage::Coded => StoredTables::Coded { scales: &self.scales, bytes: &self.bytes },
         }
     }
 }
 
 /// The values of stored tables, as a renderer has them.
+///
+/// # Panics
+/// If they are not those of a blob with this grid.
 pub fn values_of(grid: &GridEncoding, tables: StoredTables<'_>) -> Vec<f32> {
     let (scales, bytes) = match tables {
         StoredTables::F16(bytes) => {
             return bytes.as_chunks().0.iter().map(|&value| f16::from_le_bytes(value).to_f32()).collect();
         }
-        StoredTables::Int8 { scales, bytes } => (scales.as_chunks().0, bytes),
+        StoredTables::Int8 { scales, bytes } => (scales.as_chunks().0, Cow::Borrowed(bytes)),
+        StoredTables::Coded { scales, bytes } => {
+            let mut decoded = Vec::with_capacity(grid.values());
+            decode_tables(grid, bytes, |value| decoded.push(value)).expect("the tables of a blob");
+            (scales.as_chunks().0, Cow::Owned(decoded))
+        }
     };
+    let bytes = &*bytes;
     let level = |(level, &scale): (GridLevel, &[u8; 4])| {
         let (scale, features) = (f32::from_le_bytes(scale), usize::from(grid.features));
         let bytes = &bytes[level.first * features..][..level.entries * features];
@@ -112,19 +133,22 @@ pub fn values_of(grid: &GridEncoding, tables: StoredTables<'_>) -> Vec<f32> {
 }
 
 /// The values of each level.
-fn levels<'v>(grid: &GridEncoding, values: &'v [f32]) -> impl Iterator<Item = &'v [f32]> {
+pub(super) fn levels<'v>(grid: &GridEncoding, values: &'v [f32]) -> impl Iterator<Item = &'v [f32]> {
     let features = usize::from(grid.features);
     grid.levels().map(move |level| &values[level.first * features..][..level.entries * features])
 }
 
-/// What an int8 of each level counts: of those scales that clip none of its values, or very few of the largest, what rounds
-/// and clips them with the least squared error.
-pub fn scales(grid: &GridEncoding, values: &[f32]) -> Vec<f32> {
-    levels(grid, values).map(scale_of).collect()
+/// What a step of each level counts. In int8: of those scales that clip none of its values, or very few of the largest, what
+/// rounds and clips them with the least squared error. Coded: what suits the bytes.
+pub fn scales(grid: &GridEncoding, values: &[f32], rounding: Rounding) -> Vec<f32> {
+    match rounding.storage {
+        TableStorage::Coded => coded::scales(grid, values, rounding.most_bytes),
+        TableStorage::F16 | TableStorage::Int8 => levels(grid, values).map(scale_of).collect(),
+    }
 }
 
 /// A value in steps of `scale`, clipped.
-fn steps(value: f32, scale: f32) -> f32 {
+pub(super) fn steps(value: f32, scale: f32) -> f32 {
     (value / scale).round_ties_even().clamp(-STEPS, STEPS)
 }
 
@@ -133,7 +157,7 @@ fn steps(value: f32, scale: f32) -> f32 {
 ///
 /// A few entries are often many times as large as the rest, which then have few steps left: on fitted scenes clipping
 /// them loses less.
-fn scale_of(values: &[f32]) -> f32 {
+pub(super) fn scale_of(values: &[f32]) -> f32 {
     let mut magnitudes: Vec<f32> = values.iter().map(|value| value.abs()).collect();
     magnitudes.sort_unstable_by(f32::total_cmp);
     let candidates = KEPT.map(|share| {
@@ -204,7 +228,7 @@ mod tests {
     #[test]
     fn what_is_beyond_f16_is_named_in_either_storage() {
         let grid = grid(&[[4, 4, 4]]);
-        for storage in [TableStorage::F16, TableStorage::Int8] {
+        for storage in [TableStorage::F16, TableStorage::Int8, TableStorage::Coded] {
             for bad in [f32::NAN, f32::INFINITY, -65_505.0] {
                 let mut values = vec![1.0; grid.values()];
                 values[7] = bad;

@@ -110,8 +110,8 @@ impl<'p> FieldTrainer<'p> {
     /// [`FieldTrainError::Engine`] if it diverged; the run is then as before the step.
     pub fn step(&mut self, share: f64) -> Result<(), FieldTrainError> {
         self.draw();
-        if self.config.grid.as_ref().is_some_and(|grid| grid.is_rounded(share)) {
-            self.engine.round_tables();
+        if let Some(grid) = self.config.grid.as_ref().filter(|grid| grid.is_rounded(share)) {
+            self.engine.round_tables(grid.rounding());
         }
         let rate = learning_rate(&self.config.optimiser, self.step, share);
         let loss = self.engine.step(&self.batch, rate)?;
@@ -188,7 +188,7 @@ impl<'p> FieldTrainer<'p> {
             tables: match &self.config.grid {
                 Some(grid) => Tables::Values {
                     values: tables,
-                    storage: grid.storage,
+                    rounding: grid.rounding(),
                     scales: self.engine.table_scales(),
                 },
                 None => Tables::None,

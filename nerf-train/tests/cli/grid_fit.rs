@@ -232,6 +232,33 @@ fn int8_halves_the_tables_and_says_what_it_loses() {
 }
 
 #[test]
+fn coded_tables_are_smaller_again_and_a_host_draws_what_was_measured() {
+    let folder = Folder::new();
+    let data = folder.npz("data.npz");
+    let fitted = |name: &str, storage: &str| {
+        let file = folder.path(name);
+        ok(fit_grid(&data, &file, &["--steps", "40", "--export", storage]));
+        let fields: serde_json::Value =
+            serde_json::from_str(&ok(["inspect", &file, "--json"])).expect("JSON");
+        (file, fields)
+    };
+    let [(_, byte), (file, fields)] =
+        [("int8.nerf", "int8"), ("coded.nerf", "coded")].map(|(n, s)| fitted(n, s));
+    assert_eq!(fields["grid_storage"].as_str(), Some("coded"));
+    assert_eq!(fields["grid_values"], byte["grid_values"]);
+    let bytes = |fields: &serde_json::Value| fields["grid_bytes"].as_u64().expect("a number");
+    assert!(4 * bytes(&fields) < 3 * bytes(&byte), "{} of {}", bytes(&fields), bytes(&byte));
+    assert!(fields["quantisation_loss_db"].as_f64().is_some_and(|db| db.abs() < 0.5), "{fields}");
+    // The figure in the file is that of the file.
+    let scored: serde_json::Value =
+        serde_json::from_str(&ok(["eval", &file, &data, "--json"])).expect("JSON");
+    let [said, found] = [&fields["psnr_db"], &scored["val_psnr_db"]].map(|db| db.as_f64().expect("dB"));
+    assert!((said - found).abs() < 1e-3, "{said} and {found}");
+    let blob = std::fs::read(&file).expect("a blob");
+    assert!(Blob::open(&blob).is_ok_and(|blob| blob.decoded_len() > 0));
+}
+
+#[test]
 fn a_file_is_no_larger_than_it_was_asked_to_be() {
     let folder = Folder::new();
     let (data, file) = (folder.npz("data.npz"), folder.path("a.nerf"));

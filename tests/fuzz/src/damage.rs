@@ -9,16 +9,17 @@ use nerf_core::encoding::{
     AngleScale, DirectionEncoding, GridEncoding, PositionEncoding, SinusoidalEncoding,
 };
 use nerf_core::network::{Architecture, DensityActivation, Shading, TrunkLayer};
-use nerf_tests::scenes::Recipe;
+use nerf_tests::scenes::{self, Recipe};
 
 use crate::values::{any_f32, any_vec3};
 
 /// Small blobs of every kind.
-pub const RECIPES: [Recipe; 11] = [
+pub const RECIPES: [Recipe; 12] = [
     Recipe { trunk: (1, 4), levels: 2, ..Recipe::CONTRACTED },
     Recipe { trunk: (1, 4), levels: 2, ..Recipe::LEARNED },
     Recipe { trunk: (1, 4), ..Recipe::LEARNED_PICTURE },
     Recipe { trunk: (1, 4), levels: 3, ..Recipe::LEARNED_INT8 },
+    Recipe { trunk: (1, 4), levels: 2, ..Recipe::LEARNED_CODED },
     Recipe { levels: 2, ..Recipe::DEFERRED },
     Recipe::TINY,
     Recipe::TINY_PROPOSAL,
@@ -92,16 +93,23 @@ pub fn edit(blob: &[u8], u: &mut Unstructured<'_>) -> Option<Vec<u8>> {
         }
         proposal.weights = &coarse;
     }
-    // As with weights: tables of the length that the grid asks for, if this process can have so much.
+    // As with weights: tables of the length that the grid asks for, if this process can have so much. Coded ones are decoded,
+    // changed and coded again, or stay damaged.
     let grid = body.architecture.position.grid();
+    let is_coded = matches!(body.tables, Some(StoredTables::Coded { .. }));
     let mut entries = body.tables.map_or(Vec::new(), |tables| tables.bytes().to_vec());
     if let Some(values) = grid.map(|grid| grid.values()).filter(|&values| values <= 1 << 16) {
         refill(&mut entries, if scales.is_some() { values } else { 2 * values });
+    }
+    let recode = grid.filter(|grid| is_coded && grid.values() == entries.len() && u.ratio(7, 8).unwrap_or(true));
+    if let Some(grid) = recode {
+        entries = scenes::coded(grid, &entries);
     }
     if let (Some(scales), Some(grid)) = (&mut scales, grid) {
         refill(scales, 4 * grid.resolutions.len());
     }
     body.tables = grid.map(|_| match &scales {
+        Some(scales) if is_coded => StoredTables::Coded { scales, bytes: &entries },
         Some(scales) => StoredTables::Int8 { scales, bytes: &entries },
         None => StoredTables::F16(&entries),
     });

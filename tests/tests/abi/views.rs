@@ -54,6 +54,7 @@ fn a_scene_is_there_from_anywhere() {
         (Recipe::PLAIN, 0.0, 48, ffi::TableStorage::None),
         (Recipe::LEARNED, 0.08, 49, ffi::TableStorage::F16),
         (Recipe::LEARNED_INT8, 0.08, 49, ffi::TableStorage::Int8),
+        (Recipe::LEARNED_CODED, 0.08, 49, ffi::TableStorage::Coded),
         (Recipe::DEFERRED, 0.08, 49, ffi::TableStorage::F16),
     ];
     for (recipe, step, samples, storage) in scenes {

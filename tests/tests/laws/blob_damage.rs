@@ -12,8 +12,12 @@ use nerf_core::render::{Rect, Renderer};
 use nerf_core::volume::Pixel;
 use nerf_tests::scenes::{Recipe, camera};
 
-/// Two scenes and a picture, small enough to damage everywhere.
-const BLOBS: [Recipe; 3] = [Recipe::TINY, Recipe::TINY_PROPOSAL, Recipe::TINY_PICTURE];
+/// Two scenes and two pictures, small enough to damage everywhere.
+const BLOBS: [Recipe; 4] = [Recipe::TINY, Recipe::TINY_PROPOSAL, Recipe::TINY_PICTURE, TINY_CODED];
+
+/// A picture by a grid with coded tables: each byte of them is damaged, too.
+const TINY_CODED: Recipe =
+    Recipe { coded: true, int8: true, levels: 1, trunk: (1, 2), ..Recipe::LEARNED_PICTURE };
 
 /// Sets the checksum right, so that the rules behind it are met.
 pub(crate) fn fix_checksum(blob: &mut [u8]) {
@@ -77,7 +81,8 @@ fn every_flipped_bit_is_an_error() {
 /// Whether one pixel of it can be drawn.
 fn draws(blob: Blob<'_>) -> bool {
     let (batch, rect) = (Batch::SMALLEST, Rect { x: 0, y: 0, width: 1, height: 1 });
-    let renderer = Renderer::new(blob.clone(), Kernel::IN_PLACE, &mut []).expect("a renderer");
+    let mut memory = vec![Line::UNINIT; Renderer::prepared_lines(&blob, Kernel::IN_PLACE)];
+    let renderer = Renderer::new(blob.clone(), Kernel::IN_PLACE, &mut memory).expect("a renderer");
     let mut workspace = vec![Line::UNINIT; 1 << 12];
     let drawn = if blob.picture().is_some() {
         let mut put = |_: u32, _: u32, _: [f32; 3]| {};
@@ -148,8 +153,8 @@ fn headers_are_checked_field_by_field() {
     let mut text = blob.clone();
     text.remove(5);
     assert_eq!(error(&text), BlobError::NotABlob);
-    for found in [0, 1, 2, 3, 4, 5, 7, u16::MAX] {
-        assert_eq!(change(8, &found.to_le_bytes()), BlobError::Version { expected: 6, found });
+    for found in [0, 1, 2, 3, 4, 5, 6, 8, u16::MAX] {
+        assert_eq!(change(8, &found.to_le_bytes()), BlobError::Version { expected: 7, found });
     }
     let old = change(8, &[1, 0]).to_string();
     assert!(old.contains("reads version 6, found 1 (older: fit or import the scene again"), "{old}");

@@ -8,12 +8,12 @@ use crate::network::{DensityActivation, Shading, TrunkLayer};
 use crate::testing::noise;
 use std::vec::Vec;
 
-fn learned() -> GridEncoding {
+pub(super) fn learned() -> GridEncoding {
     let resolutions = [[2, 3, 4], [9, 9, 9]].into_iter().collect();
     GridEncoding { inputs: 3, features: 2, log2_entries: 6, resolutions }
 }
 
-fn shape(grid: GridEncoding) -> Architecture {
+pub(super) fn shape(grid: GridEncoding) -> Architecture {
     Architecture {
         position: PositionEncoding::Grid(grid),
         direction: Some(DirectionEncoding::SphericalHarmonics { degree: 3 }),
@@ -23,7 +23,7 @@ fn shape(grid: GridEncoding) -> Architecture {
 }
 
 /// Weights and tables of a shape whose grid is within the caps.
-fn contents(a: &Architecture) -> (Vec<u8>, Vec<u8>) {
+pub(super) fn contents(a: &Architecture) -> (Vec<u8>, Vec<u8>) {
     let values = a.position.grid().unwrap().values();
     (halve(&parameters(a, 1)).0, halve(&noise(values, 2)).0)
 }
@@ -226,16 +226,16 @@ fn a_list_of_33_levels_is_refused_by_its_section() {
 fn an_older_file_is_told_how_to_be_made_anew() {
     let (weights, _) = halve(&parameters(&every_kind(), 1));
     let mut file = bytes(&body(every_kind(), None, &weights));
-    file[8] = 4;
+    file[8] = 6;
     let error = Blob::open(&file).unwrap_err();
-    assert_eq!(error, BlobError::Version { expected: FORMAT_VERSION, found: 4 });
+    assert_eq!(error, BlobError::Version { expected: FORMAT_VERSION, found: 6 });
     assert!(error.to_string().contains("fit or import the scene again"), "{error}");
 }
 
 /// The second example of `docs/blob-format.md`; made there by another program.
 const RAMP: &str = "
-    89 4e 45 52 46 0d 0a 1a 06 00 ff fe 00 00 00 00
-    4b 00 00 00 00 00 00 00 29 ad 87 23 00 00 00 00
+    89 4e 45 52 46 0d 0a 1a 07 00 ff fe 00 00 00 00
+    4b 00 00 00 00 00 00 00 eb ac e2 d6 00 00 00 00
     01 02 01 02 01 01 01 00 00 01 01 00 00 00 00 00
     02 01 00 00 00 04 72 61 6d 70 0e 62 6c 6f 62 2d
     66 6f 72 6d 61 74 2e 6d 64 00 00 00 00 00 08 10
@@ -245,8 +245,8 @@ const RAMP: &str = "
 
 /// The third: the same picture, its vertices in int8.
 const RAMP_IN_INT8: &str = "
-    89 4e 45 52 46 0d 0a 1a 06 00 ff fe 00 00 00 00
-    4c 00 00 00 00 00 00 00 57 3b 53 c5 00 00 00 00
+    89 4e 45 52 46 0d 0a 1a 07 00 ff fe 00 00 00 00
+    4c 00 00 00 00 00 00 00 ca fd cc b0 00 00 00 00
     01 02 01 02 01 01 01 00 00 01 01 00 00 00 00 00
     02 01 00 00 00 04 72 61 6d 70 0e 62 6c 6f 62 2d
     66 6f 72 6d 61 74 2e 6d 64 00 00 00 00 00 08 10
@@ -254,10 +254,27 @@ const RAMP_IN_INT8: &str = "
     01 01 04 00 00 80 3f 04 00 01 00 01
 ";
 
+/// The fourth: the same values, coded.
+#[cfg(feature = "coded")]
+const RAMP_CODED: &str = "
+    89 4e 45 52 46 0d 0a 1a 07 00 ff fe 00 00 00 00
+    4e 00 00 00 00 00 00 00 6d d2 e4 2d 00 00 00 00
+    01 02 01 02 01 01 01 00 00 01 01 00 00 00 00 00
+    02 01 00 00 00 04 72 61 6d 70 0e 62 6c 6f 62 2d
+    66 6f 72 6d 61 74 2e 6d 64 00 00 00 00 00 08 10
+    00 3c 00 00 00 3c 00 3c 00 3c 00 00 00 00 00 00
+    01 02 04 00 00 80 3f 06 81 47 44 1b be 41
+";
+
 #[test]
 fn the_ramps_of_the_specification_open_and_are_what_is_written() {
     is_the_ramp(RAMP, StoredTables::F16(&[0, 0, 0, 0x3c, 0, 0, 0, 0x3c]));
     is_the_ramp(RAMP_IN_INT8, StoredTables::Int8 { scales: &[0, 0, 0x80, 0x3f], bytes: &[0, 1, 0, 1] });
+    #[cfg(feature = "coded")]
+    is_the_ramp(
+        RAMP_CODED,
+        StoredTables::Coded { scales: &[0, 0, 0x80, 0x3f], bytes: &[0x81, 0x47, 0x44, 0x1b, 0xbe, 0x41] },
+    );
 }
 
 fn is_the_ramp(file: &str, tables: StoredTables<'_>) {
@@ -270,7 +287,8 @@ fn is_the_ramp(file: &str, tables: StoredTables<'_>) {
     assert_eq!(blob.tables(), tables);
     assert_eq!(bytes(&Body { content, provenance, tables, ..picture_body(a, blob.weights()) }), file);
 
-    let renderer = crate::Renderer::new(blob, crate::Kernel::IN_PLACE, &mut []).unwrap();
+    let mut memory = [crate::Line::UNINIT; 1];
+    let renderer = crate::Renderer::new(blob, crate::Kernel::IN_PLACE, &mut memory).unwrap();
     let (math, batch) = (crate::MathBackend::Polynomial, crate::Batch::SMALLEST);
     let mut workspace = [crate::Line::UNINIT; 16];
     assert!(renderer.picture_workspace_lines(batch) <= workspace.len());

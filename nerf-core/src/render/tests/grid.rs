@@ -100,6 +100,52 @@ fn every_kernel_draws_the_same_scene_whatever_the_batch() {
     }
 }
 
+/// The file with its int8 tables coded.
+#[cfg(feature = "coded")]
+fn coded(file: &[u8]) -> Vec<u8> {
+    let blob = Blob::open(file).unwrap();
+    let a = blob.architecture().clone();
+    let Some(StoredTables::Int8 { scales, bytes: values }) = blob.tables() else { panic!("int8 tables") };
+    let mut symbols = vec![[0; 2]; 2 * values.len()];
+    let mut out = vec![0; 4 * values.len() + 4];
+    let grid = a.position.grid().unwrap();
+    let coded = crate::blob::encode_tables(grid, values, &mut symbols, &mut out).unwrap();
+    let tables = Some(StoredTables::Coded { scales, bytes: coded });
+    bytes(&Body { tables, ..body(a.clone(), None, blob.weights()) })
+}
+
+#[cfg(feature = "coded")]
+#[test]
+fn coded_tables_draw_the_bits_of_int8_in_memory_of_the_size_that_is_said() {
+    for features in [1, 2, 4] {
+        let a = shape(grid(3, features, 9, &[4, 9, 20]));
+        let values = noise(a.position.grid().unwrap().values(), 5);
+        let int8 = scene_in_int8(&a, &values).file;
+        let file = coded(&int8);
+        assert!(file.len() < int8.len(), "noise of 17 values");
+        let (plain, blob) = (Blob::open(&int8).unwrap(), Blob::open(&file).unwrap());
+        for kernel in kernels() {
+            let expected = Renderer::prepared_lines(&blob, kernel);
+            let decoded = a.position.grid().unwrap().values().div_ceil(64);
+            assert_eq!(expected, Renderer::prepared_lines(&plain, kernel) + decoded);
+            let found = expected - 1;
+            let mut memory = vec![Line::UNINIT; found];
+            let short = Renderer::new(blob.clone(), kernel, &mut memory).map(drop);
+            assert_eq!(short, Err(RenderError::Memory { expected, found }));
+            let pictures = [&int8, &file].map(|file| draw(file, kernel, ALL, Batch::FULL));
+            assert_eq!(bits(&pictures[0]), bits(&pictures[1]), "{kernel:?}, {features} features");
+        }
+        #[cfg(feature = "std")]
+        {
+            let pixels = [int8, file].map(|file| {
+                let scene = crate::Scene::from_bytes(file).unwrap();
+                scene.render(&camera(20, 13)).unwrap().rgb8()
+            });
+            assert_eq!(pixels[0], pixels[1]);
+        }
+    }
+}
+
 #[test]
 fn f32_tables_of_the_same_values_draw_the_same_picture() {
     let a = shape(grid(3, 2, 9, &[4, 9, 20]));

@@ -29,7 +29,7 @@ pub struct TableSettings {
     /// Cells of the finest level along the longest side.
     #[arg(long, value_name = "N")]
     pub finest: Option<u16>,
-    /// What the blob stores the grid in; what int8 loses is measured.
+    /// What the blob stores the grid in; what int8 and coded lose is measured.
     #[arg(long, value_enum, value_name = "STORAGE")]
     pub export: Option<TableStorage>,
 }

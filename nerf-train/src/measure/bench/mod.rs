@@ -16,6 +16,7 @@ use nerf_core::blob::{
     StoredTables, encoded_len, write,
 };
 use nerf_core::camera::Camera;
+use nerf_core::encoding::{GridTables, TableValues};
 use nerf_core::memory::Line;
 use nerf_core::network::{Architecture, unpack};
 use nerf_core::plan::{Batch, Effects, Outputs, Plan};
@@ -289,14 +290,25 @@ impl<'b> Variants<'b> {
         };
         let mut memory: Vec<Vec<Line>> =
             keys.iter().zip(&blobs).map(|pair| vec![Line::UNINIT; lines(pair)]).collect();
+        let own = self.table_values();
         let mut renderers = Vec::new();
         for ((key, blob), memory) in keys.iter().zip(blobs).zip(&mut memory) {
             let prepared = memory.len() * size_of::<Line>();
             let renderer = match (key.precision, &self.source) {
-                (Precision::Unrounded, Some(source)) => Renderer::with_parameters(blob, key.kernel, source)
+                (Precision::Unrounded, Some(source)) => {
+                    let bounds = blob.scene_box();
+                    // Coded tables lie nowhere in place.
+                    match blob.decoded_len() > 0 {
+                        true => {
+                            let tables = GridTables::new(TableValues::F32(&own), bounds.as_ref());
+                            Renderer::with_parameters_and_tables(blob, key.kernel, source, tables)
+                        }
+                        false => Renderer::with_parameters(blob, key.kernel, source),
+                    }
                     .ok_or_else(|| StudyError::OtherSource {
-                    found: format!("{} parameters", source.len()),
-                })?,
+                        found: format!("{} parameters", source.len()),
+                    })?
+                }
                 _ => Renderer::new(blob, key.kernel, memory)?,
             };
             renderers.push((renderer, prepared));

@@ -172,7 +172,7 @@ fn check_occupancy(g: &OccupancyConfig) -> Result<(), ConfigError> {
 impl TableConfig {
     /// Checks every setting on its own.
     pub(crate) fn check(&self) -> Result<(), ConfigError> {
-        let Self { levels, features, log2_entries, coarsest, finest, storage: _ } = *self;
+        let Self { levels, features, log2_entries, coarsest, finest, storage: _, most_bytes: _ } = *self;
         let field = "network.grid.levels";
         rule(field, (1..=MAX_GRID_LEVELS).contains(&levels), format!("1 to {MAX_GRID_LEVELS}"), levels)?;
         rule("network.grid.features", matches!(features, 1 | 2 | 4), "1, 2 or 4", features)?;

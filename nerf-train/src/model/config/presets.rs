@@ -34,6 +34,7 @@ fn grid() -> Config {
                 coarsest: 24,
                 finest: 256,
                 storage: TableStorage::F16,
+                most_bytes: None,
             }),
             position_levels: 0,
             direction_levels: 4,

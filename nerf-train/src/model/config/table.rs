@@ -1,6 +1,6 @@
 //! The multiresolution grid's settings.
 
-use crate::model::quantise::{ROUNDED_FROM, TableStorage};
+use crate::model::quantise::{ROUNDED_FROM, Rounding, TableStorage};
 use glam::Vec3;
 use nerf_core::encoding::{GridEncoding, MAX_GRID_LEVELS};
 use serde::{Deserialize, Serialize};
@@ -21,6 +21,9 @@ pub struct TableConfig {
     pub finest: u16,
     /// What its values are stored in when the run is exported; they are trained in f32.
     pub storage: TableStorage,
+    /// The most bytes of coded tables, which their steps follow from; none: steps of a fixed share of the values.
+    #[serde(default)]
+    pub most_bytes: Option<u64>,
 }
 
 impl TableConfig {
@@ -62,6 +65,12 @@ impl TableConfig {
 
     /// Whether its tables are trained as they are exported, rounded, when `share` of the run is over.
     pub(crate) fn is_rounded(&self, share: f64) -> bool {
-        self.storage == TableStorage::Int8 && share >= ROUNDED_FROM
+        self.storage != TableStorage::F16 && share >= ROUNDED_FROM
+    }
+
+    /// What they are rounded to.
+    pub(crate) fn rounding(&self) -> Rounding {
+        let most_bytes = self.most_bytes.and_then(|most| usize::try_from(most).ok());
+        Rounding { storage: self.storage, most_bytes }
     }
 }

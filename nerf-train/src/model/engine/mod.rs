@@ -95,6 +95,7 @@ pub use model::{Dense, Initialisation, Model, ModelError, Part};
 pub use phases::{Phase, Phases};
 pub use reference::ReferenceEngine;
 
+use crate::model::quantise::Rounding;
 use nerf_core::camera::SceneBox;
 use nerf_core::simd::Isa;
 use serde::{Deserialize, Serialize};
@@ -172,9 +173,9 @@ pub trait Engine: Send {
         Ok(loss)
     }
 
-    /// From now on encodes with a grid's tables as int8 has them; the first call says what a step of each level counts.
-    /// Nothing without a grid.
-    fn round_tables(&mut self) {}
+    /// From now on encodes with a grid's tables as a file has them in int8, or coded; the first call says what a step of each
+    /// level counts. Nothing without a grid.
+    fn round_tables(&mut self, _rounding: Rounding) {}
 
     /// What a step of int8 counts, level by level; empty while nothing is rounded.
     fn table_scales(&self) -> &[f32] {

@@ -90,7 +90,7 @@ impl Trainer<'_> {
             tables: match &self.config.network.grid {
                 Some(grid) => Tables::Values {
                     values: tables,
-                    storage: grid.storage,
+                    rounding: grid.rounding(),
                     scales: self.engine.table_scales(),
                 },
                 None => Tables::None,

@@ -358,8 +358,8 @@ impl<'d> Trainer<'d> {
     pub fn step(&mut self, share: f64) -> Result<(), TrainError> {
         let step = u64::from(self.progressed.step);
         self.draw(step, share);
-        if self.config.network.grid.as_ref().is_some_and(|grid| grid.is_rounded(share)) {
-            self.engine.round_tables();
+        if let Some(grid) = self.config.network.grid.as_ref().filter(|grid| grid.is_rounded(share)) {
+            self.engine.round_tables(grid.rounding());
         }
         let rate = learning_rate(&self.config.optimiser, self.progressed.step, share);
         let refreshed = self.config.occupancy.skip

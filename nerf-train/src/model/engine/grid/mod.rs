@@ -43,7 +43,7 @@ use super::{
     Adam, Batch, Engine, EngineError, GRADIENT_LIMIT, Model, OptimiserState, Phases, RayGradient, StepLoss,
     check_rate,
 };
-use crate::model::quantise::scales;
+use crate::model::quantise::{Rounding, scales};
 use adam::AdamStep;
 use layers::{LayerSums, Layers};
 use nerf_core::camera::SceneBox;
@@ -300,9 +300,9 @@ impl Engine for GridEngine {
         }))
     }
 
-    fn round_tables(&mut self) {
+    fn round_tables(&mut self, rounding: Rounding) {
         if self.scales.is_empty() {
-            self.scales = scales(&self.grid, &self.parameters[self.layers.parameters()..]);
+            self.scales = scales(&self.grid, &self.parameters[self.layers.parameters()..], rounding);
             self.copy_tables();
         }
     }

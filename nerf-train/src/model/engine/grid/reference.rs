@@ -18,7 +18,7 @@ use crate::model::engine::tape::{
 use crate::model::engine::{
     Adam, Batch, BatchRay, Engine, EngineError, Model, OptimiserState, StepLoss, check_rate,
 };
-use crate::model::quantise::scales;
+use crate::model::quantise::{Rounding, scales};
 use dfdx::prelude::*;
 use dfdx::tensor_ops::AdamConfig;
 use forward::Network;
@@ -317,9 +317,10 @@ impl Engine for GridReferenceEngine {
         Box::new(self.of_rays.errors.iter())
     }
 
-    fn round_tables(&mut self) {
+    fn round_tables(&mut self, rounding: Rounding) {
         if self.state.scales.is_empty() {
-            self.state.scales = scales(&self.grid, &self.state.parameters[self.model.layer_parameters()..]);
+            let tables = &self.state.parameters[self.model.layer_parameters()..];
+            self.state.scales = scales(&self.grid, tables, rounding);
         }
     }
 

@@ -30,7 +30,15 @@ fn model(table: TableConfig, depth: usize, degree: u8, colour: usize) -> Model {
 
 /// Levels of 3, 6 and 12 cells along the longest side: 80, 294 and 1,820 vertices and more.
 fn table(features: u8, log2_entries: u8) -> TableConfig {
-    TableConfig { levels: 3, features, log2_entries, coarsest: 3, finest: 12, storage: TableStorage::F16 }
+    TableConfig {
+        levels: 3,
+        features,
+        log2_entries,
+        coarsest: 3,
+        finest: 12,
+        storage: TableStorage::F16,
+        most_bytes: None,
+    }
 }
 
 fn models() -> [(&'static str, Model); 8] {
@@ -357,7 +365,7 @@ fn gradients_of_tables_and_layers_are_those_of_the_tape() {
             for rounded in [false, true] {
                 let mut fused = engine(&model, BARE, 4);
                 if rounded {
-                    fused.round_tables();
+                    fused.round_tables(TableStorage::Int8.into());
                 }
                 let mut tape = by_tape(&fused);
                 let (expected_loss, expected) = gradients(&mut fused, &batch);
@@ -429,6 +437,7 @@ fn gradients_of_the_layers_are_those_of_autodiff() {
             coarsest: 1,
             finest: 1,
             storage: TableStorage::F16,
+            most_bytes: None,
         };
         let model = model(table, depth, 2, colour);
         let mut plain = model.clone();
@@ -537,6 +546,7 @@ fn corners_of_a_cell_that_share_an_entry_add_up() {
             coarsest: 6,
             finest: 6,
             storage: TableStorage::F16,
+            most_bytes: None,
         };
         let model = model(table, 1, 2, 16);
         for batch in [constant_position(2, [0.3, 1.1, 0.2]), batch_of(40, 42)] {
@@ -667,6 +677,7 @@ fn an_entry_keeps_value_and_moments_while_it_is_not_touched() {
         coarsest: 12,
         finest: 12,
         storage: TableStorage::F16,
+        most_bytes: None,
     };
     let model = model(table, 1, 2, 16);
     let (here, there) = (touch([-0.9, 0.6, -0.2]), touch([1.4, 2.4, 0.7]));
@@ -787,7 +798,7 @@ fn resuming_gives_the_bits_of_not_stopping() {
                 half = whole.state();
             }
             if i >= rounded_from {
-                whole.round_tables();
+                whole.round_tables(TableStorage::Int8.into());
             }
             whole.step(batch, 1e-2).unwrap();
         }
@@ -795,7 +806,7 @@ fn resuming_gives_the_bits_of_not_stopping() {
         resumed.restore(&half).unwrap();
         for (i, batch) in batches.iter().enumerate().skip(3) {
             if i >= rounded_from {
-                resumed.round_tables();
+                resumed.round_tables(TableStorage::Int8.into());
             }
             resumed.step(batch, 1e-2).unwrap();
         }
@@ -811,11 +822,11 @@ fn rounded_tables_are_those_of_a_blob() {
     for (name, model) in models() {
         let mut engine = engine(&model, Adam::default(), 1);
         (0..3).for_each(|seed| _ = engine.step(&batch_of(60, seed), 1e-2).unwrap());
-        engine.round_tables();
+        engine.round_tables(TableStorage::Int8.into());
         let scales = engine.table_scales().to_vec();
         for seed in 3..6 {
             engine.step(&batch_of(60, seed), 1e-2).unwrap();
-            engine.round_tables();
+            engine.round_tables(TableStorage::Int8.into());
             assert_eq!(engine.table_scales(), scales, "{name}: scales stay");
             let values = &engine.parameters[engine.layers.parameters()..];
             let stored = Quantised::new(&engine.grid, values, TableStorage::Int8, &scales).unwrap();
