@@ -60,9 +60,9 @@ pub struct Eval {
     file: PathBuf,
     /// The data set.
     data: PathBuf,
-    /// Which views.
-    #[arg(long, value_enum, default_value = "val")]
-    split: Split,
+    /// Which views [default: val, or test where there is no val].
+    #[arg(long, value_enum)]
+    split: Option<Split>,
     /// Take every N-th view of the split only.
     #[arg(long, value_name = "N", default_value_t = 1)]
     every: usize,
@@ -101,11 +101,11 @@ impl Eval {
         let views = self.views(&dataset)?;
         let refined = self.refined(&dataset, &views)?;
         self.say_opaque(&views, own_background(&blob), global);
-        let names = FileNames::of(self.split.of(&dataset));
+        let names = FileNames::of(self.split(&dataset).of(&dataset));
         let options = EvalOptions { background: self.background, lattice: self.lattice };
         let mut progress = Progress::new("eval", Total::Steps(views.len() as u64), global.style());
         let (mut table, mut written) = (Table::new(["view", "psnr_db", "aligned_psnr_db", "ssim"]), Ok(()));
-        let views = (self.split.name(), views);
+        let views = (self.split(&dataset).name(), views);
         let (kernel, points) = (global.kernel(), &dataset.points);
         let mut found =
             Evaluation::of(&bytes, &plan, kernel, options, views, points, |view, frame, score| {
@@ -131,14 +131,20 @@ impl Eval {
         Ok(ExitCode::SUCCESS)
     }
 
+    /// The split that was asked for, or else the one that is there.
+    fn split(&self, dataset: &Dataset) -> Split {
+        let there = if dataset.val.is_empty() && !dataset.test.is_empty() { Split::Test } else { Split::Val };
+        self.split.unwrap_or(there)
+    }
+
     /// The views to measure.
     fn views<'d>(&self, dataset: &'d Dataset) -> anyhow::Result<Vec<&'d View>> {
-        let views: Vec<&View> = self.split.of(dataset).iter().step_by(self.every).collect();
+        let views: Vec<&View> = self.split(dataset).of(dataset).iter().step_by(self.every).collect();
         if views.is_empty() {
             bail!(
                 "{}: the split `{}` has no views; it has {} train, {} val and {} test: choose with --split",
                 self.data.display(),
-                self.split.name(),
+                self.split(dataset).name(),
                 dataset.train.len(),
                 dataset.val.len(),
                 dataset.test.len()

@@ -381,6 +381,13 @@ impl Fit {
         let (mut dataset, set_aside) = self.data_options.read_to_fit(&self.data, &self.output, global)?;
         let clock = clock.without(set_aside);
         let report = print_report(&dataset, global);
+        let on_test = dataset.validate_on_test();
+        if on_test {
+            global.say(format!(
+                "no validation views: the {} test views are measured, and nothing is chosen by them",
+                dataset.val.len()
+            ));
+        }
         ensure!(
             !is_blank(&dataset.train),
             "{}: every pixel of every training photograph has the same colour: expected pictures of a scene",
@@ -413,6 +420,7 @@ impl Fit {
         let found: Vec<String> = capture.fitted.lines().map(str::to_owned).collect();
         let summary = Summary {
             capture: Some(capture),
+            val_split: if on_test { "test" } else { "val" },
             ..Summary::of(&outcome, &config, options.kernel, seconds, data, &self.output)
         };
         let printed = global.finish(&summary, || {

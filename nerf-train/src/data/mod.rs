@@ -92,6 +92,16 @@ pub struct SparsePoint {
 }
 
 impl Dataset {
+    /// Takes the test views for validation where there are none of that; whether it did. Nothing of a fit is chosen by
+    /// validation views, so what is reported of these stays a test.
+    pub fn validate_on_test(&mut self) -> bool {
+        let instead = self.val.is_empty() && !self.test.is_empty();
+        if instead {
+            self.val = std::mem::take(&mut self.test);
+        }
+        instead
+    }
+
     /// All cameras that have a picture: training, validation, test.
     pub fn cameras(&self) -> impl Iterator<Item = &Camera> {
         [&self.train, &self.val, &self.test].into_iter().flatten().map(|view| &view.camera)

@@ -20,6 +20,8 @@ use std::path::Path;
 #[derive(Debug, Serialize)]
 #[allow(missing_docs, reason = "the names say what they are, and in which unit")]
 pub struct Summary {
+    // Of test views where there are no others.
+    pub val_split: &'static str,
     // Without validation views null, with a note: scripts rely on the names.
     pub val_psnr_db: f64,
     pub val_worst_psnr_db: f64,
@@ -90,6 +92,7 @@ impl Summary {
         let [evaluated_samples_per_second, trained_samples_per_second] = outcome.samples_per_second;
         let asked = outcome.occupancy_loss_db.is_some();
         Self {
+            val_split: "val",
             val_psnr_db: outcome.scores.psnr_db().unwrap_or(f64::NAN),
             val_worst_psnr_db: outcome.scores.worst_psnr_db().unwrap_or(f64::NAN),
             val_aligned_psnr_db: outcome.scores.aligned_psnr_db().unwrap_or(f64::NAN),

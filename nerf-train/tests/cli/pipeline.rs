@@ -24,6 +24,23 @@ fn subnormal_weights(path: &str) -> u64 {
 }
 
 #[test]
+fn test_views_are_measured_where_there_are_no_others() {
+    let folder = Folder::new();
+    let (data, file) = (folder.blender("lego"), folder.path("a.nerf"));
+    let [val, test] = ["val", "test"].map(|split| format!("{data}/transforms_{split}.json"));
+    std::fs::rename(val, test).expect("a split");
+    let said = ran(&mut command(fit(&data, &file, &["--steps", "40"]))).err;
+    assert!(said.contains("no validation views: the 2 test views are measured"), "{said}");
+    let fitted: serde_json::Value =
+        serde_json::from_str(&ok(fit(&data, &file, &["--steps", "40", "--json", "--quiet", "--restart"])))
+            .expect("JSON");
+    assert_eq!((fitted["val_split"].as_str(), fitted["views"].as_u64()), (Some("test"), Some(2)));
+    let measured: serde_json::Value =
+        serde_json::from_str(&ok(["eval", &file, &data, "--json", "--quiet"])).expect("JSON");
+    assert_eq!((&measured["split"], &measured["val_psnr_db"]), (&"test".into(), &fitted["val_psnr_db"]));
+}
+
+#[test]
 fn fit_inspect_eval_and_render_agree_on_blender_and_npz() {
     let folder = Folder::new();
     for (name, data) in [("blender", folder.blender("lego")), ("npz", folder.npz("lego.npz"))] {
