@@ -157,7 +157,7 @@ fn headers_are_checked_field_by_field() {
         assert_eq!(change(8, &found.to_le_bytes()), BlobError::Version { expected: 7, found });
     }
     let old = change(8, &[1, 0]).to_string();
-    assert!(old.contains("reads version 6, found 1 (older: fit or import the scene again"), "{old}");
+    assert!(old.contains("reads version 7, found 1 (older: fit or import the scene again"), "{old}");
     assert_eq!(change(10, &[0xfe, 0xff]), BlobError::Endian { found: 0xfffe });
     assert_eq!(change(12, &[0, 0, 0, 0x80]), BlobError::Flags { found: 0x8000_0000 });
     let (found, body) = (blob.len() as u64, (blob.len() - HEADER_LEN) as u64);
