@@ -19,7 +19,7 @@ fn main() {
     }
     let folder = PathBuf::from(arguments.remove(0));
     let seconds = match arguments.iter().position(|argument| argument == "--seconds") {
-        Some(at) => arguments.drain(at..at + 2).last().expect("a number of seconds"),
+        Some(at) => arguments.drain(at..at + 2).next_back().expect("a number of seconds"),
         None => "300".into(),
     };
     let scenes = scenes(&folder);
