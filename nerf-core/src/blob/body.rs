@@ -54,7 +54,7 @@ pub enum StoredTables<'a> {
     },
     /// The values of [`StoredTables::Int8`], entropy-coded: a renderer has them decoded in memory of its own.
     Coded {
-        /// As those of int8.
+        /// What a step counts in each level, f32.
         scales: &'a [u8],
         /// What they are decoded from.
         bytes: &'a [u8],

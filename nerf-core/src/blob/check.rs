@@ -16,7 +16,8 @@ use crate::sampling::Bins;
 use core::f32::consts::TAU;
 use glam::Vec3;
 
-/// Values that a byte of coded tables may hold, rounded up: the two symbols of one have a probability of 1 - 15/2^15 at most.
+/// Most values that one byte of coded tables can hold, rounded up: each of a value's two symbols has a probability of at most
+/// 1 - 15/2^15.
 #[cfg(feature = "grid")]
 const MAX_VALUES_OF_A_BYTE: usize = 6100;
 

@@ -33,7 +33,7 @@ const CONTEXTS: usize = CLASSES * MAX_FEATURES;
 struct Model {
     /// Where the interval of each symbol begins; it ends where the next one's begins, the last at 2^[`BITS`].
     begins: [i16; SYMBOLS],
-    /// Symbols so far, up to 255.
+    /// How many symbols it has adapted to; 255 is the most that is counted.
     seen: u8,
 }
 
@@ -83,7 +83,7 @@ impl Model {
 /// The models of a level, and which of them is next.
 struct Models {
     models: [Model; 2 * CONTEXTS + SYMBOLS],
-    /// The last values, newest first.
+    /// The values decoded last, newest first: the context of the next.
     last: [u8; MAX_FEATURES],
     features: usize,
     feature: usize,

@@ -61,8 +61,8 @@ impl<'a> Blob<'a> {
         Ok(blob)
     }
 
-    /// [`Blob::open`] for whoever decodes coded tables at once: these alone are not checked, which is to decode them.
-    /// [`Renderer::new`](crate::render::Renderer::new) does so.
+    /// [`Blob::open`] without a check of coded tables, which takes as long as decoding them. For a caller that decodes them
+    /// next, as [`Renderer::new`](crate::render::Renderer::new) does.
     ///
     /// # Errors
     /// As [`Blob::open`].
@@ -166,7 +166,7 @@ impl<'a> Blob<'a> {
         self.coded().map_or(0, |(grid, _)| grid.values())
     }
 
-    /// Decodes coded tables into `to`, [`Blob::decoded_len`] bytes, as int8 tables have them; no others.
+    /// Decodes coded tables into `to`, [`Blob::decoded_len`] bytes, in the layout of int8 tables. Other tables are left alone.
     ///
     /// # Errors
     /// None after [`Blob::open`]; after [`Blob::open_undecoded`] what that would have said of the coded bytes.

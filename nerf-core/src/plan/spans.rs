@@ -9,7 +9,7 @@ use crate::simd::{Lanes, MAX_LANES, Op};
 #[cfg(test)]
 mod tests;
 
-/// A value of each ray.
+/// One value for each ray of a vector.
 type Row = [f32; MAX_LANES];
 
 /// The parts of up to [`MAX_LANES`] rays that are sampled.

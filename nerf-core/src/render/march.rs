@@ -100,7 +100,7 @@ impl RayState {
         self.next < self.end
     }
 
-    /// Moves `next` to the first live one of the bins at or after it that have been looked up; `false` if there is none.
+    /// Moves `next` on to the first occupied bin among those already looked up; `false` if there is none.
     #[inline]
     pub fn march_looked_up(&mut self) -> bool {
         let found = self.window.left(self.next).filter(|&bin| bin < self.end);

@@ -185,7 +185,7 @@ impl<'a> Renderer<'a> {
         (Weights::unpacked(kernel.storage, own), Proposer::of_unpacked(blob, kernel, proposal), tables)
     }
 
-    /// The scene of `blob` with what was unpacked and decoded before, and the box around what its occupancy grid has.
+    /// A scene over weights that were unpacked, tables that were decoded, and the box around its occupied cells.
     #[cfg(all(feature = "std", not(target_os = "none")))]
     pub(crate) fn of_unpacked(
         blob: Blob<'a>,

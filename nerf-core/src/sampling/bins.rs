@@ -47,14 +47,14 @@ impl Ends {
         [self.start, self.low, self.high, self.far, self.stop]
     }
 
-    /// What [`Ends::parts`] are of.
+    /// The ends that [`Ends::parts`] gives.
     #[inline]
     pub fn of_parts([start, low, high, far, stop]: [f32; Self::PARTS]) -> Self {
         Self { start, low, high, far, stop }
     }
 
-    /// Of the bins of width `delta` that a vector of `t` lies in, each of its own ray: what is nearest to `t` of the part that
-    /// counts, and its width; `ends` are [`Ends::parts`]. [`Bins::part_around`] of each.
+    /// The distance nearest to `t` in the part of its bin that counts, and that part's width: [`Bins::part_around`] of a vector
+    /// of rays. `delta` is the width of a bin, `ends` are [`Ends::parts`] of each ray.
     #[inline(always)]
     pub fn part_around<V: Lanes>(ends: [V; Self::PARTS], t: V, delta: V) -> (V, V) {
         let [start, low, high, _, stop] = ends;

@@ -27,7 +27,7 @@ impl Accumulator {
         }
     }
 
-    /// Reads its state from column `column` of a block; colours stay.
+    /// Reads a ray's sums back from column `column` of a block, all but its colour.
     #[inline]
     pub(crate) fn take_column(&mut self, rows: &Rows, column: usize) {
         let row = |row: usize| rows[row][column % BLOCK];

@@ -250,7 +250,7 @@ class Scene {
       : new Float32Array(library.memory, at[i], pixels * PLANES[name][2]).slice();
     const field = (name, i) => name === 'rgba' ? ['rgb', { data: at[i], format: FORMAT_RGB_U8, pixel_stride: 4 }]
       : [name, { data: at[i], format: PLANES[name][1] }];
-    // Nothing of it is transparent; the library writes the three bytes before.
+    // Alpha is 255 throughout: the library writes the three bytes in front of it.
     const rgba = names.indexOf('rgba');
     if (rgba >= 0) new Uint8Array(library.memory, at[rgba], 4 * pixels).fill(255);
     return {

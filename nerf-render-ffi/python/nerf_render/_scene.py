@@ -192,7 +192,7 @@ class Scene:
         except _abi.Error as error:
             if error.status not in (_abi.STATUS_DIRECTION, _abi.STATUS_RAY):
                 raise
-        # The sentence counted from the batch's beginning. All of them at once are refused before the first is drawn.
+        # The message numbers the ray within its batch. One call for all rays numbers it among all, and draws none.
         return self._draw([(0, count)], to, draw, 1)
 
     def _draw(self, parts: list[_Part], to: list[Surface], draw: _Draw, threads: int | None) -> Result:

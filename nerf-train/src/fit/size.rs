@@ -27,10 +27,10 @@ const NEIGHBOURS: usize = 3;
 const LEAST_LOG2_ENTRIES: u8 = 4;
 /// Levels that a grid may have fewer than its settings say.
 const FEWER_LEVELS: usize = 2;
-/// Doublings of the entries of coded tables, of a file that is too small for what the settings say. lego, 4,000 steps,
-/// 1 MiB: 32.66 dB with 2^17 entries for 32.40 with 2^16.
+/// How many times coded tables may have twice the entries of the settings, where the file has room for them. Lego, 4,000
+/// steps, 1 MiB: 32.66 dB with 2^17 entries, 32.40 with 2^16.
 const MORE_LOG2_ENTRIES: u8 = 1;
-/// Bits a coded value has at least, if any tables of so many fit. Steps get finer until the file is as large as it may be:
+/// Fewest bits a coded value is planned with: the first, or the second where no table fits. Steps get finer until the file is full:
 /// more entries in coarser steps are worth more than the other way round. lego, 4,000 steps, 128 KiB: 30.7 dB with 2^15 entries
 /// of 2.0 bits, 30.4 with 2^14 of 3.9.
 const LEAST_BITS: [f64; 2] = [2.0, 0.5];
