@@ -101,7 +101,8 @@ pub fn edit(blob: &[u8], u: &mut Unstructured<'_>) -> Option<Vec<u8>> {
     if let Some(values) = grid.map(|grid| grid.values()).filter(|&values| values <= 1 << 16) {
         refill(&mut entries, if scales.is_some() { values } else { 2 * values });
     }
-    let recode = grid.filter(|grid| is_coded && grid.values() == entries.len() && u.ratio(7, 8).unwrap_or(true));
+    let recode =
+        grid.filter(|grid| is_coded && grid.values() == entries.len() && u.ratio(7, 8).unwrap_or(true));
     if let Some(grid) = recode {
         entries = scenes::coded(grid, &entries);
     }
