@@ -30,7 +30,7 @@ fn main() {
     let mean = |of: fn(&Row) -> f64| rows.iter().map(of).sum::<f64>() / rows.len() as f64;
     let (db, ssim, bytes) = (mean(|row| row.psnr_db), mean(|row| row.ssim), mean(|row| row.bytes));
     println!("| mean of {} | | {db:.2} | | {ssim:.3} | | {bytes:.0} |", rows.len());
-    println!("\n{}, white background, fit {}", rows[0].machine, arguments.join(" "));
+    println!("\n{}, white background, fit --max-seconds {seconds} {}", rows[0].machine, arguments.join(" "));
 }
 
 /// The folder if it is a scene, or else those in it, by name.
@@ -60,7 +60,7 @@ impl Row {
     fn of(scene: &Path, seconds: &str, flags: &[String]) -> Self {
         let scratch = tempfile::tempdir().expect("a folder for the blob");
         let blob = scratch.path().join("scene.nerf");
-        let sized: Vec<_> = flags.chunks(2).filter(|flag| flag[0] == "--downscale").flatten().collect();
+        let sized: Vec<_> = flags.windows(2).filter(|flag| flag[0] == "--downscale").flatten().collect();
         let fitted = json(
             Command::new(PROGRAM)
                 .arg("fit")

@@ -21,16 +21,21 @@ use glam::Vec3;
 #[cfg(feature = "grid")]
 const MAX_VALUES_OF_A_BYTE: usize = 6100;
 
-/// Every rule of the format but the ones of header and encoding.
+/// Every rule of the format but those of header and encoding.
 pub(super) fn check(body: &Body<'_>) -> Result<(), BlobError> {
     check_undecoded(body)?;
+    check_coded(body)
+}
+
+/// The rules of coded tables, met by decoding them.
+pub(super) fn check_coded(body: &Body<'_>) -> Result<(), BlobError> {
     match (body.architecture.position.grid(), body.tables) {
         (Some(grid), Some(StoredTables::Coded { bytes, .. })) => coded::decode_tables(grid, bytes, |_| {}),
         _ => Ok(()),
     }
 }
 
-/// The same but for coded tables, which decoding them checks.
+/// Every rule of [`check`] but those of coded tables.
 pub(super) fn check_undecoded(body: &Body<'_>) -> Result<(), BlobError> {
     body.architecture.check().map_err(BlobError::Architecture)?;
     let density_head = body.architecture.density.is_some();

@@ -1,7 +1,7 @@
 //! Opening a blob: check once, then borrow.
 
 use super::body::{Body, Content, PictureFacts, Provenance, SceneFacts, StoredTables};
-use super::check::{check, check_undecoded};
+use super::check::{check_coded, check_undecoded};
 use super::coded;
 use super::error::{BlobError, Section};
 use super::front::FrontPoint;
@@ -57,7 +57,7 @@ impl<'a> Blob<'a> {
     /// [`BlobError`] says what was expected and found. No input panics or is read out of bounds.
     pub fn open(bytes: &'a [u8]) -> Result<Self, BlobError> {
         let blob = Self::open_undecoded(bytes)?;
-        check(&blob.body)?;
+        check_coded(&blob.body)?;
         Ok(blob)
     }
 

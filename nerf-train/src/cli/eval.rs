@@ -98,14 +98,15 @@ impl Eval {
             .map(|plan| self.quality.bins_of(plan, WhichBins::Own))
             .with_context(|| self.file.display().to_string())?;
         let dataset = self.data_options.read_given_for(&self.data, (&blob, &self.file), global)?;
-        let views = self.views(&dataset)?;
+        let split = self.split_of(&dataset);
+        let views = self.views(&dataset, split)?;
         let refined = self.refined(&dataset, &views)?;
         self.say_opaque(&views, own_background(&blob), global);
-        let names = FileNames::of(self.split(&dataset).of(&dataset));
+        let names = FileNames::of(split.of(&dataset));
         let options = EvalOptions { background: self.background, lattice: self.lattice };
         let mut progress = Progress::new("eval", Total::Steps(views.len() as u64), global.style());
         let (mut table, mut written) = (Table::new(["view", "psnr_db", "aligned_psnr_db", "ssim"]), Ok(()));
-        let views = (self.split(&dataset).name(), views);
+        let views = (split.name(), views);
         let (kernel, points) = (global.kernel(), &dataset.points);
         let mut found =
             Evaluation::of(&bytes, &plan, kernel, options, views, points, |view, frame, score| {
@@ -132,19 +133,19 @@ impl Eval {
     }
 
     /// The split that was asked for, or else the one that is there.
-    fn split(&self, dataset: &Dataset) -> Split {
+    fn split_of(&self, dataset: &Dataset) -> Split {
         let there = if dataset.val.is_empty() && !dataset.test.is_empty() { Split::Test } else { Split::Val };
         self.split.unwrap_or(there)
     }
 
     /// The views to measure.
-    fn views<'d>(&self, dataset: &'d Dataset) -> anyhow::Result<Vec<&'d View>> {
-        let views: Vec<&View> = self.split(dataset).of(dataset).iter().step_by(self.every).collect();
+    fn views<'d>(&self, dataset: &'d Dataset, split: Split) -> anyhow::Result<Vec<&'d View>> {
+        let views: Vec<&View> = split.of(dataset).iter().step_by(self.every).collect();
         if views.is_empty() {
             bail!(
                 "{}: the split `{}` has no views; it has {} train, {} val and {} test: choose with --split",
                 self.data.display(),
-                self.split(dataset).name(),
+                split.name(),
                 dataset.train.len(),
                 dataset.val.len(),
                 dataset.test.len()

@@ -282,12 +282,12 @@ impl Fit {
             return Ok(config);
         }
         let occupancy = self.settings.occupancy_resolution.is_some();
-        let chosen = Chosen { occupancy, ..self.table.chosen() };
+        let chosen = Chosen { occupancy, steps: self.steps_across.is_some(), ..self.table.chosen() };
         let scene_box = find_box(dataset, &config)?.scene_box;
         let pixels = detail::pixels_across(dataset, &scene_box).filter(|_| hull);
         let mut config = config;
         if let Some(pixels) = pixels {
-            config = detail::for_pixels(config, chosen, self.steps_across.is_some(), pixels);
+            config = detail::for_pixels(config, chosen, pixels);
             if let Some(grid) = &config.network.grid {
                 let steps = config.sampling.steps_across;
                 global

@@ -5,12 +5,12 @@
 //!
 //! | pixels | seconds | settings of 200² | by the rule |
 //! | --- | ---: | ---: | ---: |
-//! | 100² | 15 | 32.62 dB | 32.66 dB: half the bytes |
 //! | 400² | 30 | 30.85 dB | 31.63 dB |
 //! | 800² | 60 | 29.89 dB | 31.20 dB |
 //!
 //! At 800², after 60 s: a finest level of 724 cells with 2^19 entries and 424 steps 30.70 dB; 512 cells with 2^17 entries
-//! and 220 steps 30.85 dB; ten levels up to 768 cells 31.00 dB.
+//! and 220 steps 30.85 dB; ten levels up to 768 cells 31.00 dB. Fewer pixels than 200² keep the preset's settings (at 100²
+//! half the entries and 0.7 times the cells reach 32.66 dB after 15 s, for 32.62).
 
 use super::size::Chosen;
 use crate::data::Dataset;
@@ -21,6 +21,8 @@ use nerf_core::camera::SceneBox;
 const PRESET_PIXELS: f32 = 175.0;
 /// Most binary logarithm of the entries of a level: a table of 2^19 no longer fits a core's cache.
 const MOST_LOG2_ENTRIES: u8 = 19;
+/// Most times as many pixels as the preset is for that settings follow: a camera near the box's middle sees more.
+const MOST_PIXELS: f32 = 8.0;
 /// Cells of the finest level and steps are multiples of these, so that they do not depend on a pixel.
 const ROUNDED_CELLS: f32 = 32.0;
 const ROUNDED_STEPS: f32 = 10.0;
@@ -42,10 +44,10 @@ pub fn pixels_across(dataset: &Dataset, scene_box: &SceneBox) -> Option<f32> {
 /// The preset's settings for a scene of so many pixels: with each doubling twice the entries, and √2 times the cells of the
 /// finest level and the steps of a ray. Settings that differ from the preset's, or that `chosen` names, stay, and so
 /// do all of a scene of fewer pixels.
-pub fn for_pixels(mut config: Config, chosen: Chosen, steps_chosen: bool, pixels: f32) -> Config {
+pub fn for_pixels(mut config: Config, chosen: Chosen, pixels: f32) -> Config {
     let preset = config.preset.config();
     let (Some(grid), Some(own)) = (&mut config.network.grid, &preset.network.grid) else { return config };
-    let more = (pixels / PRESET_PIXELS).max(1.0);
+    let more = (pixels / PRESET_PIXELS).clamp(1.0, MOST_PIXELS);
     let scaled =
         |value: u16, rounded: f32| ((f32::from(value) * more.sqrt() / rounded).round() * rounded) as u16;
     if !chosen.entries && grid.log2_entries == own.log2_entries {
@@ -56,7 +58,7 @@ pub fn for_pixels(mut config: Config, chosen: Chosen, steps_chosen: bool, pixels
         grid.finest = scaled(own.finest, ROUNDED_CELLS).max(own.finest);
     }
     let steps = &mut config.sampling.steps_across;
-    if !steps_chosen && *steps == preset.sampling.steps_across {
+    if !chosen.steps && *steps == preset.sampling.steps_across {
         *steps = scaled(*steps, ROUNDED_STEPS).max(*steps);
     }
     config
@@ -70,7 +72,7 @@ mod tests {
     #[test]
     fn more_pixels_are_worth_entries_cells_and_steps() {
         let of = |pixels| {
-            let config = for_pixels(Preset::Grid.config(), Chosen::default(), false, pixels);
+            let config = for_pixels(Preset::Grid.config(), Chosen::default(), pixels);
             let grid = config.network.grid.expect("a grid");
             (grid.log2_entries, grid.finest, config.sampling.steps_across)
         };
@@ -78,20 +80,20 @@ mod tests {
         assert_eq!(of(176.0), (16, 256, 150));
         assert_eq!(of(350.0), (17, 352, 210));
         assert_eq!(of(700.0), (18, 512, 300));
-        assert_eq!(of(1e9).0, MOST_LOG2_ENTRIES);
+        assert_eq!(of(1e9), (19, 736, 420));
     }
 
     #[test]
     fn what_somebody_has_chosen_stays() {
-        let chosen = Chosen { entries: true, finest: true, ..Chosen::default() };
+        let chosen = Chosen { entries: true, finest: true, steps: true, ..Chosen::default() };
         let config = Preset::Grid.config();
-        assert_eq!(for_pixels(config.clone(), chosen, true, 700.0), config);
+        assert_eq!(for_pixels(config.clone(), chosen, 700.0), config);
         let mut finer = config.clone();
         finer.network.grid.as_mut().expect("a grid").finest = 300;
         finer.sampling.steps_across = 99;
-        let found = for_pixels(finer, Chosen::default(), false, 700.0);
+        let found = for_pixels(finer, Chosen::default(), 700.0);
         assert_eq!((found.network.grid.expect("a grid").finest, found.sampling.steps_across), (300, 99));
         let small = Preset::Small.config();
-        assert_eq!(for_pixels(small.clone(), Chosen::default(), false, 700.0), small);
+        assert_eq!(for_pixels(small.clone(), Chosen::default(), 700.0), small);
     }
 }

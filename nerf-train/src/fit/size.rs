@@ -55,6 +55,8 @@ pub struct Chosen {
     pub storage: bool,
     /// The occupancy grid's resolution.
     pub occupancy: bool,
+    /// The steps of a ray.
+    pub steps: bool,
 }
 
 /// Why no settings fit.

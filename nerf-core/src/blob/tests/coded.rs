@@ -149,14 +149,20 @@ fn coded_tables_are_opened_as_they_were_written_and_decoded_as_int8_has_them() {
     assert!(matches!(refused(&Body { tables, ..body(a, None, &weights) }), BlobError::CodedEnd { .. }));
 }
 
-#[test]
-fn a_damaged_stream_is_refused_by_whoever_decodes_it_and_few_bytes_ask_for_no_memory() {
+/// A stream of small values, and a file with it as its tables.
+fn coded_file() -> (Vec<u8>, Vec<u8>) {
     let a = shape(learned());
     let (weights, _) = contents(&a);
     let coded = encoded(a.position.grid().unwrap(), &small(266));
     let scales = 0.5f32.to_le_bytes().repeat(2);
     let tables = Some(StoredTables::Coded { scales: &scales, bytes: &coded });
     let file = bytes(&Body { tables, ..body(a, None, &weights) });
+    (coded, file)
+}
+
+#[test]
+fn a_damaged_stream_is_refused_by_whoever_decodes_it_and_few_bytes_ask_for_no_memory() {
+    let (coded, file) = coded_file();
     let mut damaged = file[HEADER_LEN..].to_vec();
     *damaged.last_mut().unwrap() ^= 1;
     let reopened = |body: &[u8]| [&header::write(body)[..], body].concat();
@@ -174,22 +180,18 @@ fn a_damaged_stream_is_refused_by_whoever_decodes_it_and_few_bytes_ask_for_no_me
     #[cfg(feature = "std")]
     assert_eq!(crate::Scene::from_bytes(file).unwrap_err(), expected);
     // A few bytes behind a grid of 2^24 values: what it takes is refused before anybody asks for it.
+    let scales = [0; 4];
     let resolutions = [[511, 511, 127]].into_iter().collect();
     let a = shape(GridEncoding { log2_entries: 24, features: 1, resolutions, ..learned() });
     let weights = vec![0; 2 * a.parameters()];
-    let tables = Some(StoredTables::Coded { scales: &scales[..4], bytes: &coded });
+    let tables = Some(StoredTables::Coded { scales: &scales, bytes: &coded });
     let length = BlobError::Length { section: Section::Tables, expected: 2751, found: coded.len() as u64 };
     assert_eq!(refused(&Body { tables, ..body(a, None, &weights) }), length);
 }
 
 #[test]
 fn a_length_near_two_to_the_64_is_refused_by_its_section() {
-    let a = shape(learned());
-    let (weights, _) = contents(&a);
-    let coded = encoded(a.position.grid().unwrap(), &small(266));
-    let scales = 0.5f32.to_le_bytes().repeat(2);
-    let tables = Some(StoredTables::Coded { scales: &scales, bytes: &coded });
-    let file = bytes(&Body { tables, ..body(a, None, &weights) });
+    let (coded, file) = coded_file();
     let length = file.len() - coded.len() - 2;
     for last in [0x01, 0x7f] {
         let mut longer = file[HEADER_LEN..length].to_vec();

@@ -112,6 +112,7 @@ impl TableSettings {
             finest: self.finest.is_some(),
             storage: self.export.is_some(),
             occupancy: false,
+            steps: false,
         }
     }
 }
