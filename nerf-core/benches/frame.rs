@@ -110,7 +110,7 @@ fn frame(renderer: &Renderer<'_>, plan: &Plan<'_>, side: u32, threads: usize) ->
 
 /// Opens `file` and renders the 16×16 pixels in the middle of a 200×200 view; gives its multiply-adds.
 fn first_tile(file: &[u8], kernel: Kernel) -> u64 {
-    let blob = Blob::open(file).expect("a blob");
+    let blob = Blob::open_undecoded(file).expect("a blob");
     let mut memory = vec![Line::UNINIT; Renderer::prepared_lines(&blob, kernel)];
     let batch = Batch::FULL;
     let plan = Plan::new(&blob, &Quality::default(), Outputs::ALL, batch).expect("a plan");

@@ -1,4 +1,4 @@
-//! Where a training step's time goes, at two sizes of the grid's table; and how many times as long a step by dfdx's tape
+//! Where a training step's time goes, at sizes of the grid's table from 2^14 to 2^19 entries a level; and how many times as long a step by dfdx's tape
 //! takes as one of the fused engine (`-- engines`: that alone).
 //!
 //! `cargo bench -p nerf-train --bench steps`; `NERF_BENCH_DATA=FILE` trains on that data instead of the built-in
@@ -68,7 +68,7 @@ fn phases_of_steps(data: &data::Dataset, steps: u32) {
     let phases: Vec<&str> = Phase::ALL.iter().map(|phase| phase.name()).collect();
     println!("| table | threads | ms a step | evaluated/s | kept/s | {} | rest |", phases.join(" | "));
     println!("| --- |{}", " ---: |".repeat(phases.len() + 5));
-    for log2_entries in [14, 16] {
+    for log2_entries in [14, 15, 16, 17, 18, 19] {
         for threads in [1, 2] {
             let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("a pool");
             pool.install(|| row(data, log2_entries, threads, steps));

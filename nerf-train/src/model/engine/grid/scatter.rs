@@ -13,6 +13,8 @@ use std::time::Instant;
 const PART: usize = 64;
 /// So many parts ahead Adam asks for what it will read.
 const AHEAD: usize = 4;
+/// So many samples ahead the sum asks for the entries it will add to.
+const SAMPLES_AHEAD: usize = 8;
 
 /// The samples whose gradient reaches the tables.
 #[derive(Clone, Debug, Default)]
@@ -211,7 +213,14 @@ impl<const ROWS: usize, const F: usize, const F2: usize> Op for Features<'_, ROW
     #[inline(always)]
     fn run<V: Lanes>(self) {
         let Add { entry, weight, across, rows, width, first, index, gradient, touched } = self.0;
+        let samples = rows.len() / width;
         for (i, row) in rows.chunks_exact(width).enumerate() {
+            if i + SAMPLES_AHEAD < samples {
+                for corner in 0..ROWS {
+                    let entry = entry[corner * BLOCK + i + SAMPLES_AHEAD];
+                    prefetch(gradient, (entry as usize - first) * F);
+                }
+            }
             let of_level = &row[index * F..][..F];
             // Of the near entry and of the far one, side by side as they lie in the table.
             let mut both = [0.0f32; F2];
