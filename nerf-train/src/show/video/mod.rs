@@ -149,11 +149,6 @@ impl Ffmpeg {
             (false, false) => Err(VideoError::NoEncoder { program }),
         }
     }
-
-    /// The same, given up when it shows no sign of life for this long instead of [`PATIENCE`].
-    pub fn with_patience(self, patience: Duration) -> Self {
-        Self { patience, ..self }
-    }
 }
 
 /// An MP4 that is written frame by frame, whole or not at all.
