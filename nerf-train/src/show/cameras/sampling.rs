@@ -45,20 +45,17 @@ impl ShownRay {
 
 /// How the rays were drawn.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[allow(missing_docs, reason = "the names say what they are")]
 pub struct StepFacts {
-    /// The step.
     pub step: u32,
-    /// Seed of everything random.
     pub seed: u64,
     /// Bins between near and far, one sample in each; where rays are marched, the most steps of a ray.
     pub bins: u16,
-    /// Whether rays are marched.
     pub marched: bool,
     /// Rays the step trains on; those that are shown are the first of them.
     pub rays: usize,
     /// Live samples it trains on.
     pub live: usize,
-    /// Whether an occupancy grid culls samples.
     pub occupancy: bool,
 }
 
