@@ -6,7 +6,6 @@ use crate::data::pictures::thumbnail::{self, Thumbnail};
 use crate::data::{Dataset, View};
 use crate::model::config::Config;
 use crate::train::Bounds;
-use crate::train::occupancy::Occupancy;
 use crate::train::{TrainError, find_bounds};
 use glam::Vec3;
 use nerf_core::camera::Camera;
@@ -122,17 +121,9 @@ impl Scene {
             let shown = (SHOWN_RADII * contraction.radius()).max(2.0 * bounds.near);
             bounds.far = bounds.far.min(shown);
         }
-        let occupancy = found.as_ref().map(Occupancy::lookup);
-        let cells = found.as_ref().map(Occupancy::live);
         let chosen = request.camera.map_or(0..views.len(), |camera| camera..camera + 1);
-        let drawer = Drawer {
-            config,
-            bounds,
-            background: dataset.background,
-            occupancy: occupancy.as_ref(),
-            cells,
-            step,
-        };
+        let drawer =
+            Drawer { config, bounds, background: dataset.background, occupancy: found.as_ref(), step };
 
         let first = chosen.start;
         let shown = &views[chosen];
