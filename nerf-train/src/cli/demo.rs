@@ -5,6 +5,7 @@ use super::options::data::print_report;
 use super::options::settings::read_config;
 use super::places;
 use crate::data::Dataset;
+use crate::data::cameras::bundle::median;
 use crate::data::demo::{self, DemoSpec, Truth};
 use crate::data::pictures::rgb::Picture;
 use crate::data::system::output::claims::Claims;
@@ -134,12 +135,12 @@ impl Demo {
         let mut drawn = Ok(());
         let mut progress = Progress::new("eval", Total::Steps(dataset.val.len() as u64), global.style());
         let scores = evaluate(renderer, plan, background, &dataset.val, |view, frame, truth, score| {
-            let mut of_view = z_depth_errors(frame, &demo::render_truth(&view.camera));
+            let of_view = z_depth_errors(frame, &demo::render_truth(&view.camera));
             table.push([
                 view.name.clone(),
                 format!("{:.2}", score.psnr_db),
                 format!("{:.4}", score.ssim),
-                format!("{:.2} %", 100.0 * median(&mut of_view)),
+                format!("{:.2} %", 100.0 * median(of_view.iter().copied())),
             ]);
             errors.extend(of_view);
             if cells.len() < 12 && drawn.is_ok() {
@@ -151,7 +152,7 @@ impl Demo {
         progress.finish(format!("{} views", scores.views.len()));
         contact_sheet("Held-out views: rendered, truth, z_depth", &cells, 3)
             .write_png(self.out.join("views.png"))?;
-        Ok(Views { table, scores, z_depth_error: median(&mut errors) })
+        Ok(Views { table, scores, z_depth_error: median(errors) })
     }
 
     /// A flight around the scene.
@@ -224,12 +225,6 @@ fn z_depth_errors(frame: &Frame, truth: &Truth) -> Vec<f64> {
     opaque
         .filter_map(|((&found, exact), _)| exact.map(|exact| f64::from((found - exact).abs() / exact)))
         .collect()
-}
-
-/// The median; NaN of nothing.
-fn median(values: &mut [f64]) -> f64 {
-    values.sort_by(f64::total_cmp);
-    values.get(values.len() / 2).copied().unwrap_or(f64::NAN)
 }
 
 fn sheet_row(cells: &mut Vec<Cell>, name: &str, frame: &Frame, truth: &[[f32; 3]]) -> anyhow::Result<()> {
