@@ -157,7 +157,7 @@ impl Picture {
 }
 
 /// A value in [0, 1] as a byte: clamped, rounded half up; NaN gives 0.
-fn to_u8(value: f32) -> u8 {
+pub(crate) fn to_u8(value: f32) -> u8 {
     // A cast saturates, so that infinities are safe too.
     (value.clamp(0.0, 1.0) * 255.0 + 0.5) as u8
 }
