@@ -1,6 +1,6 @@
 //! Names and sizes are checked before the work, and what was not named is not replaced.
 
-use crate::made::{Folder, names};
+use crate::made::Folder;
 use crate::tools::all_here;
 use crate::{blob, command, fails, fit, ok, ran, run};
 use nerf_core::blob::{Content, PictureFacts, Provenance};
