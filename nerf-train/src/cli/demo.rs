@@ -2,13 +2,13 @@
 
 use super::common::{Global, open_blob};
 use super::options::data::print_report;
-use super::options::mp4::{Mp4Options, say_no_mp4};
 use super::options::settings::read_config;
 use super::places;
 use crate::data::Dataset;
+use crate::data::cameras::bundle::median;
 use crate::data::demo::{self, DemoSpec, Truth};
 use crate::data::pictures::rgb::Picture;
-use crate::data::system::output::claims::{Claims, Existing};
+use crate::data::system::output::claims::Claims;
 use crate::data::system::output::write_atomic;
 use crate::data::system::progress::{Message, Progress, Total};
 use crate::data::system::summary::write;
@@ -19,13 +19,12 @@ use crate::fit::summary::Summary;
 use crate::measure::eval::{Scores, evaluate};
 use crate::measure::frame::{self, Frame};
 use crate::model::config::{Config, Preset, Surroundings};
+use crate::show::animation::GifWriter;
 use crate::show::colour_map::z_depth_picture;
 use crate::show::contact_sheet::{Cell, contact_sheet};
-use crate::show::film::{Files, Film};
 use crate::show::orbit::Orbit;
 use crate::show::reports;
 use crate::show::table::Table;
-use crate::show::video::Ffmpeg;
 use crate::train::schedule::{Budget, Clock};
 use clap::Args;
 use nerf_core::memory::Line;
@@ -58,15 +57,13 @@ pub struct Demo {
     /// Seed of everything random.
     #[arg(long, value_name = "N", default_value_t = 0)]
     seed: u64,
-    #[command(flatten)]
-    mp4: Mp4Options,
 }
 
 impl Demo {
     /// Runs the command.
     pub fn run(&self, global: &Global) -> anyhow::Result<ExitCode> {
         let clock = Clock::resume(Duration::ZERO);
-        let (config, ffmpeg) = self.check()?;
+        let config = self.check()?;
         let spec = DemoSpec::default();
         let dataset = demo::dataset(&spec)?;
         let report = print_report(&dataset, global);
@@ -86,7 +83,7 @@ impl Demo {
         let mut memory = vec![Line::UNINIT; Renderer::prepared_lines(&blob, options.kernel)];
         let renderer = Renderer::new(blob, options.kernel, &mut memory)?;
         let views = self.views(&renderer, &plan, outcome.background, &dataset, global)?;
-        let has_mp4 = self.orbit(&renderer, &plan, &spec, ffmpeg, global)?;
+        self.orbit(&renderer, &plan, &spec, global)?;
 
         let (seconds, data) = (clock.seconds(), &dataset.name);
         let summary = Summary {
@@ -96,30 +93,22 @@ impl Demo {
             ..Summary::of(&outcome, &config, options.kernel, seconds, data, &blob_path)
         };
         write(&summary, &self.out)?;
-        global.finish(&summary, || self.print(&summary, &views, &outcome, has_mp4))?;
+        global.finish(&summary, || self.print(&summary, &views, &outcome))?;
         Ok(ExitCode::SUCCESS)
     }
 
-    /// The settings, and the ffmpeg for an MP4 beside the GIF or why there is none; first, so that what is wrong costs no
-    /// time.
-    fn check(&self) -> anyhow::Result<(Config, Result<Ffmpeg, String>)> {
+    /// The settings; first, so that what is wrong costs no time.
+    fn check(&self) -> anyhow::Result<Config> {
         let mut config = read_config(Preset::Grid, self.config.as_deref(), Surroundings::Known)?;
         config.check()?;
         places::check_folder("--out", &self.out)?;
-        let ffmpeg = self.mp4.beside_a_gif()?;
-        let claims = Claims::new()
+        Claims::new()
             .reads_if("the file of settings", self.config.as_deref())
-            .reads_if("the program", self.mp4.program())
-            .writes_folder("--out", &self.out, &places::DEMO);
-        match &ffmpeg {
-            Ok(_) => claims
-                .derives("the MP4 beside a GIF", &self.out.join("orbit.mp4"), Existing::ReplaceOwn)
-                .settle()?,
-            Err(_) => claims.settle()?,
-        }
+            .writes_folder("--out", &self.out, &places::DEMO)
+            .settle()?;
         config.seed = self.seed;
         config.optimiser.steps = self.steps.max(1);
-        Ok((config, ffmpeg))
+        Ok(config)
     }
 
     fn options(&self, config: &Config, global: &Global) -> RunOptions {
@@ -146,12 +135,12 @@ impl Demo {
         let mut drawn = Ok(());
         let mut progress = Progress::new("eval", Total::Steps(dataset.val.len() as u64), global.style());
         let scores = evaluate(renderer, plan, background, &dataset.val, |view, frame, truth, score| {
-            let mut of_view = z_depth_errors(frame, &demo::render_truth(&view.camera));
+            let of_view = z_depth_errors(frame, &demo::render_truth(&view.camera));
             table.push([
                 view.name.clone(),
                 format!("{:.2}", score.psnr_db),
                 format!("{:.4}", score.ssim),
-                format!("{:.2} %", 100.0 * median(&mut of_view)),
+                format!("{:.2} %", 100.0 * median(of_view.iter().copied())),
             ]);
             errors.extend(of_view);
             if cells.len() < 12 && drawn.is_ok() {
@@ -163,44 +152,35 @@ impl Demo {
         progress.finish(format!("{} views", scores.views.len()));
         contact_sheet("Held-out views: rendered, truth, z_depth", &cells, 3)
             .write_png(self.out.join("views.png"))?;
-        Ok(Views { table, scores, z_depth_error: median(&mut errors) })
+        Ok(Views { table, scores, z_depth_error: median(errors) })
     }
 
-    /// A flight around the scene; whether it is an MP4, too.
+    /// A flight around the scene.
     fn orbit(
         &self,
         renderer: &Renderer<'_>,
         plan: &Plan<'_>,
         spec: &DemoSpec,
-        ffmpeg: Result<Ffmpeg, String>,
         global: &Global,
-    ) -> anyhow::Result<bool> {
+    ) -> anyhow::Result<()> {
+        const SIDE: u32 = 192;
         let blob = renderer.blob();
-        let Some(scene) = blob.scene() else { return Ok(false) };
+        let Some(scene) = blob.scene() else { return Ok(()) };
         let orbit = Orbit::of(scene, None);
         let fov = 2.0 * (0.5 / spec.focal).atan().to_degrees();
-        let path = self.out.join("orbit.gif");
-        let mut film = Film::new(Files::gif(path.clone(), ffmpeg.as_ref().ok()), 18.0)?;
+        let mut gif = GifWriter::create(self.out.join("orbit.gif"), SIDE as usize, SIDE as usize, 18.0)?;
         let mut progress = Progress::new("orbit", Total::Steps(ORBIT_FRAMES as u64), global.style());
         for i in 0..ORBIT_FRAMES {
-            let camera = orbit.camera(i as f32 / ORBIT_FRAMES as f32, 192, 192, fov)?;
-            film.push(frame::picture(&frame::render(renderer, plan, &camera)?))?;
+            let camera = orbit.camera(i as f32 / ORBIT_FRAMES as f32, SIDE, SIDE, fov)?;
+            gif.push(frame::picture(&frame::render(renderer, plan, &camera)?))?;
             progress.update(i as u64 + 1, &Message::default());
         }
-        let finished = film.finish()?;
+        gif.finish()?;
         progress.finish(format!("{ORBIT_FRAMES} views"));
-        let why = finished.given_up.map(|error| error.to_string());
-        say_no_mp4(global, &why.or(ffmpeg.err()).unwrap_or_default(), &path);
-        Ok(finished.files.len() > 1)
+        Ok(())
     }
 
-    fn print(
-        &self,
-        summary: &Summary,
-        views: &Views,
-        outcome: &Outcome,
-        has_mp4: bool,
-    ) -> anyhow::Result<()> {
+    fn print(&self, summary: &Summary, views: &Views, outcome: &Outcome) -> anyhow::Result<()> {
         let (psnr, ssim) = (summary.val_psnr_db, summary.val_ssim);
         outlines!(views.table.to_text());
         outln!(
@@ -215,12 +195,10 @@ impl Demo {
         let Summary { steps, train_seconds, total_seconds, .. } = summary;
         outln!("trained {steps} steps in {train_seconds:.1} s; {total_seconds:.1} s in all");
         outln!("trend: {}", outcome.trend);
-        let flight =
-            if has_mp4 { "a flight around the scene (also .mp4)" } else { "a flight around the scene" };
         let files = [
             ("demo.nerf", "the scene: open it with nerf-core or the C ABI"),
             ("views.png", "held-out views, their truth, and z_depth"),
-            ("orbit.gif", flight),
+            ("orbit.gif", "a flight around the scene"),
             ("snapshots.png", "two held-out views while training"),
             ("curve.png", "PSNR while training (also .svg and .csv)"),
             ("summary.json", "every figure, with its unit in its name"),
@@ -247,12 +225,6 @@ fn z_depth_errors(frame: &Frame, truth: &Truth) -> Vec<f64> {
     opaque
         .filter_map(|((&found, exact), _)| exact.map(|exact| f64::from((found - exact).abs() / exact)))
         .collect()
-}
-
-/// The median; NaN of nothing.
-fn median(values: &mut [f64]) -> f64 {
-    values.sort_by(f64::total_cmp);
-    values.get(values.len() / 2).copied().unwrap_or(f64::NAN)
 }
 
 fn sheet_row(cells: &mut Vec<Cell>, name: &str, frame: &Frame, truth: &[[f32; 3]]) -> anyhow::Result<()> {

@@ -21,14 +21,12 @@ const COARSE: u32 = 64;
 /// Why views could not be rendered to files.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
+#[allow(missing_docs, reason = "the messages say what happened")]
 pub enum ViewsError {
-    /// It could not be rendered.
     #[error(transparent)]
     Render(#[from] RenderError),
-    /// A camera has no smaller size.
     #[error("camera: {0}")]
     Camera(#[from] CameraError),
-    /// A file could not be made.
     #[error(transparent)]
     Report(#[from] ReportError),
 }

@@ -2,7 +2,8 @@
 
 use crate::data::pictures::rgb::ReportError;
 use crate::measure::frame::Frame;
-use crate::show::film::{Files, Film};
+use crate::show::film::Film;
+use crate::show::video::Ffmpeg;
 use crate::show::view::{Output, picture_of, write_still};
 use std::path::{Path, PathBuf};
 
@@ -25,10 +26,8 @@ enum Sink {
 /// What a writer has made.
 #[derive(Debug)]
 pub struct Written {
-    /// Its files; a folder by itself.
-    pub files: Vec<PathBuf>,
-    /// Why there is no MP4 beside a GIF, where there was to be one.
-    pub given_up: Option<ReportError>,
+    /// Its file or folder.
+    pub path: PathBuf,
     /// Frames of an earlier run that the folder holds, too, from this number on.
     pub older_from: Option<usize>,
 }
@@ -51,17 +50,19 @@ impl Writer {
         Self { output, range, transparent, sink: Sink::Frames(folder, first, every) }
     }
 
-    /// To a film of so many frames a second; `range`: of a distance's colours, world units.
+    /// To a film of so many frames a second, an MP4 with an ffmpeg, else a GIF; `range`: of a distance's colours, world
+    /// units.
     ///
     /// # Errors
     /// [`ReportError::Animation`] where `fps` is not a positive number.
     pub fn film(
         output: Output,
-        files: Files,
+        path: PathBuf,
+        ffmpeg: Option<Ffmpeg>,
         range: Option<(f32, f32)>,
         fps: f64,
     ) -> Result<Self, ReportError> {
-        let sink = Sink::Film(Box::new(Film::new(files, fps)?));
+        let sink = Sink::Film(Box::new(Film::new(path, ffmpeg, fps)?));
         Ok(Self { output, range, transparent: false, sink })
     }
 
@@ -82,22 +83,18 @@ impl Writer {
         Ok(())
     }
 
-    /// Completes the files.
+    /// Completes the file.
     ///
     /// # Errors
     /// [`ReportError`] where a film cannot be completed.
     pub fn finish(self) -> Result<Written, ReportError> {
-        let files = |files| Written { files, given_up: None, older_from: None };
         Ok(match self.sink {
-            Sink::Still(path) => files(vec![path]),
-            Sink::Film(film) => {
-                let finished = film.finish()?;
-                Written { given_up: finished.given_up, ..files(finished.files) }
-            }
+            Sink::Still(path) => Written { path, older_from: None },
+            Sink::Film(film) => Written { path: film.finish()?, older_from: None },
             Sink::Frames(folder, next, every) => {
                 // Beside other parts, whose frames these may be.
                 let older_from = (every == 1 && numbered(&folder, next).exists()).then_some(next);
-                Written { older_from, ..files(vec![folder]) }
+                Written { path: folder, older_from }
             }
         })
     }

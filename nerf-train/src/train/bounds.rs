@@ -2,6 +2,7 @@
 
 use super::TrainError;
 use crate::capture::sights::Sights;
+use crate::data::cameras::bundle::median;
 use crate::data::cameras::nearest::{begin, distances};
 use crate::data::{Dataset, LookAt, View, frusta_box, scene_bounds};
 use crate::model::config::Config;
@@ -119,7 +120,7 @@ fn unbounded(dataset: &Dataset, config: &Config, power: u8) -> Result<Bounds, Tr
         Some(distance) => (eyes().sum::<Vec3>() / cameras.len() as f32, distance),
         None => {
             let centre = Vec3::from(look_at.ok_or_else(missing)?.point);
-            (centre, median(eyes().map(|eye| (eye - centre).length()).collect()))
+            (centre, median(eyes().map(|eye| (eye - centre).length())) as f32)
         }
     };
     let scene_box = Contraction::cube(centre, radius);
@@ -132,11 +133,6 @@ fn unbounded(dataset: &Dataset, config: &Config, power: u8) -> Result<Bounds, Tr
     }
     let empty_before = nothing_before.unwrap_or(NEAR_RADII * radius);
     Ok(Bounds { near, far, scene_box, contraction: Some(contraction), empty_before })
-}
-
-fn median(mut values: Vec<f32>) -> f32 {
-    values.sort_unstable_by(f32::total_cmp);
-    values[values.len() / 2]
 }
 
 /// The visual hull, where the settings want one and the pictures have one.

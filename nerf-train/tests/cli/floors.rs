@@ -20,7 +20,7 @@ fn reaches(figure_db: f64, args: &[&str]) {
 #[test]
 fn the_demo_is_learned_as_well_as_ever() {
     let folder = Folder::new();
-    reaches(23.26, &["demo", "--out", &folder.path("demo"), "--steps", "200", "--no-mp4"]);
+    reaches(23.26, &["demo", "--out", &folder.path("demo"), "--steps", "200"]);
 }
 
 #[test]

@@ -1,6 +1,6 @@
 //! Names and sizes are checked before the work, and what was not named is not replaced.
 
-use crate::made::{Folder, names};
+use crate::made::Folder;
 use crate::tools::all_here;
 use crate::{blob, command, fails, fit, ok, ran, run};
 use nerf_core::blob::{Content, PictureFacts, Provenance};
@@ -113,11 +113,11 @@ fn requests_that_fit_no_memory_are_refused_with_the_size() {
     fails(["image", "render", &grey, "-o", &picture], &["65535x65535", "GB of memory", "--width"]);
     for width in ["300000", "4294967295", "60000"] {
         fails(["render", file, "-o", &picture, "--width", width], &[width]);
-        fails(["render", file, "-o", &film, "--width", width, "--orbit", "2", "--no-mp4"], &[width]);
+        fails(["render", file, "-o", &film, "--width", width, "--orbit", "2"], &[width]);
     }
     fails(["render", file, "-o", &film, "--orbit", "10000000000"], &["--orbit", "1000000", "10000000000"]);
     fails(["render", file, "-o", &film, "--orbit", "18446744073709551615"], &["--orbit"]);
-    let ranges = ["--orbit", "1000000", "--width", "4000", "--outputs", "z-depth", "--no-mp4"];
+    let ranges = ["--orbit", "1000000", "--width", "4000", "--outputs", "z-depth"];
     fails([&["render", file, "-o", &film][..], &ranges].concat(), &["1000000 frames", "of memory"]);
     fails(["fit", &data, "-o", &folder.path("huge.nerf"), "--width", "300000"], &["width", "300000"]);
     assert!(!Path::new(&picture).exists() && !Path::new(&film).exists());
@@ -166,17 +166,12 @@ fn files_that_were_not_named_are_replaced_only_if_they_are_our_own() {
         }
     };
     let orbit = ["--orbit", "2"];
+    stranger("film_z_depth.gif");
+    refused("film.gif", &["--orbit", "2", "--outputs", "rgb,z-depth"], "film_z_depth.gif");
+    assert!(!Path::new(&folder.path("film.gif")).exists());
+    twice("own.gif", &["--orbit", "2", "--outputs", "rgb,z-depth"]);
     if all_here(&["ffmpeg"]) {
-        stranger("film.mp4");
-        refused("film.gif", &orbit, "film.mp4");
-        assert!(!Path::new(&folder.path("film.gif")).exists());
-        twice("film.gif", &["--orbit", "2", "--no-mp4"]);
-        assert_eq!(read("film.mp4"), b"a stranger's");
-        twice("own.gif", &["--orbit", "2", "--outputs", "rgb,z-depth"]);
-        stranger("out/orbit.mp4");
-        let out = folder.path("out");
-        fails(["demo", "--out", &out, "--steps", "3"], &["orbit.mp4", "did not make it"]);
-        assert_eq!(names(Path::new(&out)), ["orbit.mp4"]);
+        twice("own.mp4", &["--orbit", "2", "--outputs", "rgb,z-depth"]);
     }
     stranger("view_z_depth.png");
     refused("view.png", &["--outputs", "rgb,z-depth"], "view_z_depth.png");

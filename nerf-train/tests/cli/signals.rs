@@ -115,7 +115,7 @@ const ROWS: &[Row] = &[
         owned(&[&["render", &i.blob, "-o", &o.path("a.png"), "--width", "2000", "--antialias", "64"]])
     }),
     ("render, a GIF", 1.5, |i, o| {
-        let more = ["--orbit", "100000", "--width", "96", "--no-mp4"];
+        let more = ["--orbit", "100000", "--width", "96"];
         owned(&[&["render", &i.blob, "-o", &o.path("a.gif")], &more])
     }),
     ("render, frames", 1.5, |i, o| {
@@ -160,14 +160,9 @@ const ROWS: &[Row] = &[
 ];
 
 /// Those that run ffmpeg.
-const FILMS: &[Row] = &[
-    ("render, a GIF and an MP4", 1.5, |i, o| {
-        owned(&[&["render", &i.blob, "-o", &o.path("a.gif"), "--orbit", "100000", "--width", "96"]])
-    }),
-    ("render, an MP4", 1.5, |i, o| {
-        owned(&[&["render", &i.blob, "-o", &o.path("a.mp4"), "--orbit", "100000", "--width", "96"]])
-    }),
-];
+const FILMS: &[Row] = &[("render, an MP4", 1.5, |i, o| {
+    owned(&[&["render", &i.blob, "-o", &o.path("a.mp4"), "--orbit", "100000", "--width", "96"]])
+})];
 
 /// All files below a folder.
 fn files(folder: &Path) -> Vec<PathBuf> {
@@ -349,9 +344,8 @@ fn a_signal_is_an_error_object_for_a_program_that_follows() {
     let (_, file) = blob();
     let folder = Folder::new();
     let gif = folder.path("a.gif");
-    let mut running = Running::start(&[
-        "render", file, "-o", &gif, "--orbit", "100000", "--json", "--no-mp4", "--width", "16",
-    ]);
+    let mut running =
+        Running::start(&["render", file, "-o", &gif, "--orbit", "100000", "--json", "--width", "16"]);
     // What is in its temporary shows that views are drawn: an empty one may be asking whether files can be written.
     let begun = Instant::now();
     let drawn = || {

@@ -107,7 +107,7 @@ fn a_wall_in_front_of_cameras_side_by_side_is_fitted_where_it_is() {
         .concat());
     assert_eq!(power(&file), Some(1));
     let psnr = measured(&file, &plain);
-    let views = ["--path", &plain, "--split", "val", "--outputs", "z-depth", "--no-mp4", "--json", "-q"];
+    let views = ["--path", &plain, "--split", "val", "--outputs", "z-depth", "--json", "-q"];
     let said = ok([&["render", &file, "-o", &film, "--width", "24"], &views[..]].concat());
     let said: serde_json::Value = serde_json::from_str(&said).expect("one object");
     println!("{psnr:.2} dB, z-depth {}", said["z_depth_range"]);
@@ -155,7 +155,7 @@ fn fitted(folder: &Folder, data: &str) -> (f64, f64) {
     let small = ["--table", "10", "--rays", "256", "--live-samples", "4096", "--steps", "300", "-q"];
     ok([&["fit", data, "-o", &file, "--report", &report], &small[..]].concat());
     let film = folder.path("views.gif");
-    let views = ["--path", data, "--split", "val", "--outputs", "z-depth", "--no-mp4", "--json", "-q"];
+    let views = ["--path", data, "--split", "val", "--outputs", "z-depth", "--json", "-q"];
     let said = ok([&["render", &file, "-o", &film, "--width", "24"], &views[..]].concat());
     let said: serde_json::Value = serde_json::from_str(&said).expect("one object");
     let psnr = json(format!("{report}/summary.json"))["val_psnr_db"].as_f64().expect("dB");

@@ -33,30 +33,28 @@ fn picture(path: &str) -> image::DynamicImage {
 }
 
 #[test]
-fn a_gif_comes_with_an_mp4_beside_it() {
+fn the_ending_decides_between_gif_and_mp4() {
     if !all_here(&["ffmpeg"]) {
         return;
     }
     let (_, file) = blob();
     let folder = Folder::new();
-    let (gif, mp4) = (folder.path("orbit.gif"), folder.path("orbit.mp4"));
     let both = [ORBIT, &["--outputs", "rgb,z-depth"]].concat();
-    let said = ok(render(file, &gif, &both));
-    let depth = [folder.path("orbit_z_depth.gif"), folder.path("orbit_z_depth.mp4")];
-    assert_eq!(said.lines().collect::<Vec<_>>(), [&gif, &mp4, &depth[0], &depth[1]]);
-    assert_eq!((frames_of(&gif), frames_of(&depth[0])), (3, 3));
+    let gifs = [folder.path("orbit.gif"), folder.path("orbit_z_depth.gif")];
+    let mp4s = [folder.path("orbit.mp4"), folder.path("orbit_z_depth.mp4")];
+    for files in [&gifs, &mp4s] {
+        let said = ok(render(file, &files[0], &both));
+        assert_eq!(said.lines().collect::<Vec<_>>(), files);
+    }
+    assert_eq!(gifs.map(|gif| frames_of(&gif)), [3, 3]);
     assert_eq!(folder.names().len(), 4, "{:?}", folder.names());
-    for path in [&mp4, &depth[1]] {
+    for path in mp4s {
         assert_eq!(&std::fs::read(path).expect("an MP4")[4..8], b"ftyp");
     }
-    let alone = Folder::new();
-    ok(render(file, &alone.path("alone.gif"), &[ORBIT, &["--no-mp4"]].concat()));
-    ok(render(file, &alone.path("film.mp4"), ORBIT));
-    assert_eq!(alone.names(), ["alone.gif", "film.mp4"]);
 }
 
 #[test]
-fn without_ffmpeg_a_gif_is_complete_and_an_mp4_is_refused_before_the_work() {
+fn without_ffmpeg_a_gif_is_made_and_an_mp4_is_refused_before_the_work() {
     let (_, file) = blob();
     let folder = Folder::new();
     let (gif, mp4) = (folder.path("orbit.gif"), folder.path("orbit.mp4"));
@@ -69,16 +67,12 @@ fn without_ffmpeg_a_gif_is_complete_and_an_mp4_is_refused_before_the_work() {
     let made = without_ffmpeg(render(file, &gif, ORBIT));
     assert_eq!((made.code, frames_of(&gif)), (Some(0), 3), "{}", made.err);
     assert_eq!(made.out.trim(), gif);
-    let line = format!("no ffmpeg found: no MP4 ({gif} is complete)");
-    assert_eq!(made.err.lines().filter(|said| *said == line).count(), 1, "{}", made.err);
-    let silent = without_ffmpeg(render(file, &gif, &[ORBIT, &["--no-mp4"]].concat()));
-    assert!(!silent.err.contains("ffmpeg"), "{}", silent.err);
+    assert!(!made.err.contains("ffmpeg"), "{}", made.err);
     // One that was named must be there.
-    let other = folder.path("other.gif");
+    let other = folder.path("other.mp4");
     fails(render(file, &other, &[ORBIT, &["--ffmpeg", "nowhere/ffmpeg"]].concat()), &["nowhere/ffmpeg"]);
     let by_name = ran(command(render(file, &other, ORBIT)).env("NERF_FFMPEG", "nowhere/ffmpeg"));
     assert!(by_name.code == Some(1) && by_name.err.contains("NERF_FFMPEG"), "{}", by_name.err);
-    fails(render(file, &mp4, &[ORBIT, &["--no-mp4"]].concat()), &["--no-mp4"]);
     assert_eq!(folder.names(), ["orbit.gif"]);
 }
 
@@ -95,12 +89,6 @@ fn an_ffmpeg_that_fails_is_quoted_and_leaves_no_mp4() {
     let named = [ORBIT, &["--ffmpeg", &fake]].concat();
     fails(render(file, &folder.path("a.mp4"), &named), &["a.mp4", "the sky is falling"]);
     assert_eq!(folder.names(), ["fake"]);
-    // The GIF is what was asked for.
-    let gif = folder.path("a.gif");
-    let made = run(render(file, &gif, &named));
-    assert_eq!((made.code, made.out.trim()), (Some(0), gif.as_str()), "{}", made.err);
-    assert!(made.err.contains("the sky is falling") && made.err.contains("is complete"), "{}", made.err);
-    assert_eq!(folder.names(), ["a.gif", "fake"]);
 }
 
 #[test]
@@ -164,7 +152,7 @@ fn a_path_goes_along_the_test_poses_or_another_split() {
     });
     let gif = folder.path("path.gif");
     let path = |data, more: &[&'static str]| {
-        let args = render(file, &gif, &["--path", data, "--width", "8", "--no-mp4"]);
+        let args = render(file, &gif, &["--path", data, "--width", "8"]);
         [args, more.to_vec()].concat()
     };
     let said = ok(path(&data, &["--outputs", "z-depth", "--json"]));
@@ -185,7 +173,7 @@ fn a_path_is_nerfstudios_or_a_list_and_keyframes_are_flown_through() {
     let (folder, data) = (Folder::new(), made.path("scene.npz"));
     let gif = folder.path("path.gif");
     let said = |args: &[&str]| -> serde_json::Value {
-        let args = [&["render", file, "-q", "-o", &gif, "--no-mp4", "--json"], args].concat();
+        let args = [&["render", file, "-q", "-o", &gif, "--json"], args].concat();
         serde_json::from_str(&ok(args)).expect("one object")
     };
     let matrix = "[1,0,0,0, 0,1,0,0, 0,0,1,4, 0,0,0,1]";

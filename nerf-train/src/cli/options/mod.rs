@@ -4,7 +4,6 @@ pub mod axis;
 pub mod data;
 pub mod effects;
 pub mod grid;
-pub mod mp4;
 pub mod quality;
 pub mod settings;
 pub mod shard;

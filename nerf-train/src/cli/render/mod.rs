@@ -8,7 +8,6 @@ use super::eval::Split;
 use super::options::axis::UpAxis;
 use super::options::data::DataOptions;
 use super::options::effects::EffectOptions;
-use super::options::mp4::{Mp4Options, say_no_mp4};
 use super::options::quality::{QualityOptions, WhichBins};
 use super::options::shard::ShardOption;
 use crate::data::system::memory;
@@ -16,7 +15,7 @@ use crate::data::system::progress::{Message, Progress, Total};
 use crate::data::system::stop::Note;
 use crate::show::render::{Ranges, Rendering, coarse, ranges, render};
 use crate::show::view::Output;
-use crate::show::writer::{Writer, Written};
+use crate::show::writer::Written;
 use anyhow::Context;
 use clap::Args;
 use nerf_core::blob::Blob;
@@ -28,16 +27,15 @@ use shots::Shots;
 use std::path::PathBuf;
 use std::process::ExitCode;
 use std::time::Instant;
-use target::Target;
 
 /// Render a view of a blob, or a video: an orbit, or the cameras of a data set one after the other.
 ///
 /// A view becomes a PNG, or by its name an EXR: floats as they are, colour as linear light (with --transparent
-/// premultiplied, with A), z-depth as Z. A video becomes what the name says: `orbit.gif` a GIF, and beside it orbit.mp4 where
-/// ffmpeg is installed; `orbit.mp4` an MP4 alone; a folder (`frames/`) numbered PNGs. Further outputs get
+/// premultiplied, with A), z-depth as Z. A video becomes what the name says: `orbit.gif` a GIF,
+/// `orbit.mp4` an MP4 by an installed ffmpeg; a folder (`frames/`) numbered PNGs. Further outputs get
 /// their name appended: with -o view.png, z-depth goes to view_z_depth.png.
 ///
-/// The file that -o names is replaced. Files it does not name (an MP4 beside a GIF, further outputs, frames in a folder)
+/// The file that -o names is replaced. Files it does not name (further outputs, frames in a folder)
 /// are replaced where nerf-train made them; anybody else's are kept, and the command is refused.
 #[derive(Debug, Args)]
 #[command(after_help = "Examples:
@@ -118,26 +116,15 @@ pub struct Render {
     normal_blur: f32,
     #[command(flatten)]
     shard: ShardOption,
-    #[command(flatten)]
-    mp4: Mp4Options,
+    /// The ffmpeg that makes MP4s [default: the one on PATH].
+    #[arg(long, value_name = "PROGRAM", env = "NERF_FFMPEG", hide_env_values = true)]
+    ffmpeg: Option<PathBuf>,
     #[command(flatten)]
     quality: QualityOptions,
     #[command(flatten)]
     effects: EffectOptions,
     #[command(flatten)]
     data_options: DataOptions,
-}
-
-/// The files of a writer; says what is to be known of them.
-fn said(written: Written, global: &Global) -> Vec<PathBuf> {
-    if let (Some(why), Some(gif)) = (written.given_up, written.files.first()) {
-        say_no_mp4(global, &why.to_string(), gif);
-    }
-    if let (Some(count), Some(folder)) = (written.older_from, written.files.first()) {
-        let folder = folder.display();
-        global.say(format!("note: {folder} also holds frames of an earlier run, from {count} on"));
-    }
-    written.files
 }
 
 /// What a pixel of a frame takes: all of its values, and those of its tile.
@@ -181,23 +168,19 @@ impl Render {
             1 => "1 view".to_owned(),
             count => format!("{count} views"),
         });
-        let files = self.finish(writers, &target, global)?;
+        let mut files = Vec::new();
+        for writer in writers {
+            let Written { path, older_from } = writer.finish()?;
+            if let Some(count) = older_from {
+                let folder = path.display();
+                global.say(format!("note: {folder} also holds frames of an earlier run, from {count} on"));
+            }
+            files.push(path);
+        }
         let seconds = start.elapsed().as_secs_f64();
         let summary = Rendering::of(&files, &cameras, counters, &ranges, seconds);
         global.finish(&summary, || print_lines(&summary.files))?;
         Ok(ExitCode::SUCCESS)
-    }
-
-    /// The files of all outputs.
-    fn finish(&self, writers: Vec<Writer>, target: &Target, global: &Global) -> anyhow::Result<Vec<PathBuf>> {
-        let mut files = Vec::new();
-        for writer in writers {
-            files.extend(said(writer.finish()?, global));
-        }
-        if let Target::Gif(Err(why)) = target {
-            say_no_mp4(global, why, &self.output);
-        }
-        Ok(files)
     }
 
     /// What the flags say, of what the blob has.

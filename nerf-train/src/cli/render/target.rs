@@ -5,21 +5,18 @@ use crate::cli::common::Global;
 use crate::cli::places;
 use crate::data::system::output::claims::{Claims, Existing};
 use crate::lab::Shard;
-use crate::show::film::{Files, beside};
 use crate::show::video::Ffmpeg;
 use crate::show::view::{Output, is_exr};
 use crate::show::writer::Writer;
-use anyhow::bail;
+use anyhow::{Context, bail};
 use std::path::{Path, PathBuf};
 
 /// What `-o` names.
 pub(super) enum Target {
     /// One picture.
     Still,
-    /// A GIF, and an MP4 beside it where there is an ffmpeg, else why not.
-    Gif(Result<Ffmpeg, String>),
-    /// An MP4.
-    Mp4(Ffmpeg),
+    /// A GIF, or an MP4 where there is an ffmpeg.
+    Film(Option<Ffmpeg>),
     /// `frame_0000.png` and on in a folder.
     Frames,
 }
@@ -29,7 +26,7 @@ impl Target {
     pub(super) fn left(&self, output: &Path) -> String {
         match self {
             Self::Still => "no picture is written".to_owned(),
-            Self::Gif(_) | Self::Mp4(_) => "no film is left of them".to_owned(),
+            Self::Film(_) => "no film is left of them".to_owned(),
             Self::Frames => format!("their pictures are in {}", output.display()),
         }
     }
@@ -65,8 +62,8 @@ impl Render {
             Target::Frames
         } else {
             match extension {
-                Some("gif") => Target::Gif(self.mp4.beside_a_gif()?),
-                Some("mp4") => Target::Mp4(self.mp4.alone(&self.output)?),
+                Some("gif") => Target::Film(None),
+                Some("mp4") => Target::Film(Some(self.find_ffmpeg()?)),
                 None => Target::Frames,
                 Some(_) => bail!("-o: expected .gif, .mp4 or a folder for frames, found {name}"),
             }
@@ -78,6 +75,16 @@ impl Render {
             );
         }
         Ok(target)
+    }
+
+    fn find_ffmpeg(&self) -> anyhow::Result<Ffmpeg> {
+        Ffmpeg::find(self.ffmpeg.as_deref()).with_context(|| {
+            format!(
+                "{}: an MP4 needs ffmpeg: install it, name it with --ffmpeg or NERF_FFMPEG, or write {}",
+                self.output.display(),
+                self.output.with_extension("gif").display()
+            )
+        })
     }
 
     /// The file or folder of an output: the first one has the name that was given.
@@ -98,23 +105,17 @@ impl Render {
     pub(super) fn claims(&self, target: &Target) -> Claims {
         let claims = Claims::new()
             .reads("the blob", &self.file)
-            .reads_if("the program", self.mp4.program())
+            .reads_if("the program", self.ffmpeg.as_deref())
             .reads_data_if(self.data.as_deref())
             .reads_data_if(self.path.as_deref());
         self.outputs().into_iter().fold(claims, |claims, output| {
             let place = self.place_of(output);
             let named = place == self.output;
             let flag = if named { "-o".to_owned() } else { format!("{} beside -o", output.suffix()) };
-            let claims = match target {
-                Target::Frames => return claims.writes_frames(&flag, &place, &places::FRAME),
+            match target {
+                Target::Frames => claims.writes_frames(&flag, &place, &places::FRAME),
                 _ if named => claims.writes(&flag, &place),
                 _ => claims.derives(&flag, &place, Existing::ReplaceOwn),
-            };
-            match target {
-                Target::Gif(Ok(_)) => {
-                    claims.derives("the MP4 beside a GIF", &beside(&place), Existing::ReplaceOwn)
-                }
-                _ => claims,
             }
         })
     }
@@ -146,8 +147,7 @@ impl Render {
                 let numbers = (shard.index - 1, shard.count);
                 Writer::frames(output, place, range, self.transparent, numbers)
             }
-            Target::Gif(ffmpeg) => Writer::film(output, Files::gif(place, ffmpeg.as_ref().ok()), range, fps)?,
-            Target::Mp4(ffmpeg) => Writer::film(output, Files::Mp4(place, ffmpeg.clone()), range, fps)?,
+            Target::Film(ffmpeg) => Writer::film(output, place, ffmpeg.clone(), range, fps)?,
         })
     }
 }

@@ -1,5 +1,6 @@
 //! Where to look at a scene from: where somebody stood who took its photographs.
 
+use super::bundle::median;
 use super::geometry::{LookAt, outer, smallest_eigenvalue};
 use super::nearest::distances;
 use crate::data::Dataset;
@@ -44,8 +45,8 @@ pub(crate) fn viewpoint(dataset: &Dataset, range: (f32, f32)) -> Option<Viewpoin
     let eye = match middle {
         Some(middle) => middle,
         None => {
-            let height = median(places.iter().map(|place| place.height).collect());
-            let distance = median(places.iter().map(|place| place.distance).collect());
+            let height = median(places.iter().map(|place| place.height)) as f32;
+            let distance = median(places.iter().map(|place| place.distance)) as f32;
             nearest(&places, |place| {
                 let turn = if is_round { 0.0 } else { place.turn_from(begin + 0.5 * arc) };
                 Vec3::new(place.height - height, place.distance - distance, turn * distance).length()
@@ -63,7 +64,7 @@ pub(crate) fn viewpoint(dataset: &Dataset, range: (f32, f32)) -> Option<Viewpoin
 fn depth_of(dataset: &Dataset, middle: usize, (near, far): (f32, f32)) -> f32 {
     let seen = distances(&dataset.train[middle], &dataset.points);
     if seen.len() >= ENOUGH_POINTS {
-        return median(seen);
+        return median(seen) as f32;
     }
     // The middle in what a picture shows of depth: in its inverse.
     let depth = 2.0 * near * far / (near + far);
@@ -151,9 +152,4 @@ fn geometric_median(points: &[DVec3]) -> DVec3 {
 /// The first of the items that are least far away.
 fn nearest<T>(items: &[T], distance: impl Fn(&T) -> f32) -> Option<usize> {
     (0..items.len()).min_by(|&a, &b| distance(&items[a]).total_cmp(&distance(&items[b])))
-}
-
-fn median(mut values: Vec<f32>) -> f32 {
-    values.sort_unstable_by(f32::total_cmp);
-    values[values.len() / 2]
 }

@@ -33,7 +33,7 @@ impl Thumbnail {
         let source = Picture { width, height, rgb: view.composite_over(background) };
         let scale = (side as f64 / width.max(height) as f64).min(1.0);
         let shrunk = |length: usize| ((length as f64 * scale).round() as usize).clamp(1, length.max(1));
-        Self(box_filtered(&source, shrunk(width), shrunk(height)))
+        Self(source.box_filtered(shrunk(width), shrunk(height)))
     }
 
     /// As a JPEG that a page can hold: `data:image/jpeg;base64,…`.
@@ -52,27 +52,6 @@ impl Thumbnail {
             .map_err(ReportError::encode("JPEG"))?;
         Ok(format!("data:image/jpeg;base64,{}", base64::engine::general_purpose::STANDARD.encode(bytes)))
     }
-}
-
-/// `source` shrunk to `width` × `height`: each pixel the mean of the block that falls into it.
-fn box_filtered(source: &Picture, width: usize, height: usize) -> Picture {
-    let block = |i: usize, to: usize, from: usize| (i * from / to, ((i + 1) * from).div_ceil(to).min(from));
-    let mut rgb = Vec::with_capacity(width * height);
-    for y in 0..height {
-        let (top, bottom) = block(y, height, source.height);
-        for x in 0..width {
-            let (left, right) = block(x, width, source.width);
-            let rows = (top..bottom)
-                .filter_map(|y| source.rgb.get(y * source.width + left..y * source.width + right));
-            let (mut sum, mut count) = ([0.0; 3], 0.0f32);
-            for pixel in rows.flatten() {
-                sum = std::array::from_fn(|c| sum[c] + pixel[c]);
-                count += 1.0;
-            }
-            rgb.push(sum.map(|sum| sum / count.max(1.0)));
-        }
-    }
-    Picture { width, height, rgb }
 }
 
 #[cfg(test)]
@@ -109,6 +88,6 @@ mod tests {
         assert_eq!((small.width, small.height), (12, 12));
         assert!((mean(&small.rgb) - mean(&view.composite_over([1.0; 3]))).abs() < 1e-4);
         let wide = Picture::filled(100, 10, [0.5; 3]);
-        assert_eq!(box_filtered(&wide, 7, 3).rgb, vec![[0.5; 3]; 21]);
+        assert_eq!(wide.box_filtered(7, 3).rgb, vec![[0.5; 3]; 21]);
     }
 }

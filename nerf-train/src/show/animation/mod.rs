@@ -110,24 +110,6 @@ impl GifWriter {
     }
 }
 
-/// Writes an endlessly looping GIF of frames that have the size of the first; see [`GifWriter`].
-///
-/// # Errors
-/// As [`GifWriter::create`], [`GifWriter::push`] and [`GifWriter::finish`].
-pub fn write_gif(
-    path: impl AsRef<Path>,
-    frames: impl Iterator<Item = Picture>,
-    fps: f64,
-) -> Result<(), ReportError> {
-    let mut frames = frames.peekable();
-    let Some((width, height)) = frames.peek().map(|frame| (frame.width, frame.height)) else {
-        return Err(ReportError::Animation("it has no frames".to_owned()));
-    };
-    let mut gif = GifWriter::create(path, width, height, fps)?;
-    frames.try_for_each(|frame| gif.push(frame))?;
-    gif.finish()
-}
-
 /// Refuses a rate that is no positive number.
 pub(crate) fn check_rate(fps: f64) -> Result<(), ReportError> {
     if fps > 0.0 && fps.is_finite() {
@@ -172,6 +154,17 @@ mod tests {
             if height < 0.0 { [1.0; 3] } else { [height.sqrt(), 0.5 + x * 0.5, 0.3 + 0.2 * y] }
         };
         Picture::new(200, 200, (0..40_000).map(pixel).collect()).unwrap()
+    }
+
+    /// A GIF of frames that have the size of the first.
+    fn write_gif(
+        path: impl AsRef<Path>,
+        mut frames: impl Iterator<Item = Picture>,
+        fps: f64,
+    ) -> Result<std::path::PathBuf, ReportError> {
+        let mut film = crate::show::film::Film::new(path.as_ref().to_owned(), None, fps)?;
+        frames.try_for_each(|frame| film.push(frame))?;
+        film.finish()
     }
 
     fn decode(path: &Path) -> (Vec<(u16, Vec<u8>)>, Repeat) {

@@ -5,12 +5,11 @@ use crate::data::{Background, View};
 use crate::model::config::Config;
 use crate::model::engine::Batch;
 use crate::train::Bounds;
-use crate::train::occupancy::{LiveCells, Occupancy};
+use crate::train::occupancy::Occupancy;
 use crate::train::rays::{MarchCells, RayBank};
 use crate::train::{TrainError, lengthened};
 use glam::Vec3;
 use nerf_core::Isa;
-use nerf_core::sampling::OccupancyGrid;
 
 /// A ray with its samples.
 #[derive(Clone, Debug, PartialEq)]
@@ -45,20 +44,17 @@ impl ShownRay {
 
 /// How the rays were drawn.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[allow(missing_docs, reason = "the names say what they are")]
 pub struct StepFacts {
-    /// The step.
     pub step: u32,
-    /// Seed of everything random.
     pub seed: u64,
     /// Bins between near and far, one sample in each; where rays are marched, the most steps of a ray.
     pub bins: u16,
-    /// Whether rays are marched.
     pub marched: bool,
     /// Rays the step trains on; those that are shown are the first of them.
     pub rays: usize,
     /// Live samples it trains on.
     pub live: usize,
-    /// Whether an occupancy grid culls samples.
     pub occupancy: bool,
 }
 
@@ -67,8 +63,7 @@ pub(super) struct Drawer<'a> {
     pub(super) config: &'a Config,
     pub(super) bounds: Bounds,
     pub(super) background: Background,
-    pub(super) occupancy: Option<&'a OccupancyGrid<'a>>,
-    pub(super) cells: Option<&'a LiveCells>,
+    pub(super) occupancy: Option<&'a Occupancy>,
     pub(super) step: u32,
 }
 
@@ -87,13 +82,15 @@ impl Drawer<'_> {
             RayBank::new(views, self.background, self.bounds, self.config).map_err(TrainError::from)?;
         let s = &self.config.sampling;
         let step = u64::from(self.step);
-        let rays = if whole { s.rays } else { count };
-        let (kept, all, bins) = self.batches(&bank, rays, if whole { s.live_samples } else { 0 });
+        let (rays, most) = if whole { (s.rays, s.live_samples) } else { (count, 0) };
+        let kept = self.batch(&bank, rays, most, self.occupancy);
+        let all = self.batch(&bank, rays, 0, None);
+        let longest = all.rays.iter().map(|ray| ray.samples).max().unwrap_or(0);
         let facts = StepFacts {
             step: self.step,
             seed: self.config.seed,
-            bins,
-            marched: self.marched().is_some(),
+            bins: if self.is_marched() { longest.min(u16::MAX.into()) as u16 } else { s.samples },
+            marched: self.is_marched(),
             rays: kept.rays.len(),
             live: kept.positions.len(),
             occupancy: self.occupancy.is_some(),
@@ -114,7 +111,6 @@ impl Drawer<'_> {
             };
             // What an unbounded scene has behind it is not drawn.
             let drawn = |t: &f32| self.bounds.contraction.is_none() || *t <= self.bounds.far;
-            let culled = culled.map(t).filter(drawn).collect();
             ShownRay {
                 camera: first + view,
                 origin,
@@ -122,39 +118,34 @@ impl Drawer<'_> {
                 near: self.bounds.near,
                 rgb: ray.rgb,
                 live: live.iter().map(t).filter(drawn).collect(),
-                culled,
+                culled: culled.map(t).filter(drawn).collect(),
             }
         });
         Ok((shown.collect(), facts))
     }
 
-    /// The cells that rays are marched through, where the field is a learned grid.
-    fn marched(&self) -> Option<&LiveCells> {
-        self.cells.filter(|_| self.config.network.grid.is_some())
+    /// Rays of the step with their samples in `cells`, or with all inside the scene box; where they are not marched, as many
+    /// as bring `most` samples.
+    fn batch(&self, bank: &RayBank<'_>, rays: usize, most: usize, cells: Option<&Occupancy>) -> Batch {
+        let (mut batch, step) = (Batch::default(), u64::from(self.step));
+        if !self.is_marched() {
+            bank.fill(&mut batch, step, rays, most, cells.map(Occupancy::lookup).as_ref());
+            return batch;
+        }
+        let share = f64::from(self.step) / f64::from(self.config.optimiser.steps.max(1));
+        let longer = lengthened(share, self.bounds.contraction.is_some());
+        let width = longer * self.bounds.step(self.config.sampling.steps_across);
+        let cells = match cells {
+            Some(cells) => MarchCells::new(cells.live()),
+            None => MarchCells::new(Occupancy::full(self.bounds.scene_box, 1).live()),
+        };
+        bank.fill_marched(Isa::Portable, &mut batch, step, rays, &cells, width);
+        batch
     }
 
-    /// The step's rays as they are trained on, the same with all samples inside the scene box, and the most samples of one.
-    fn batches(&self, bank: &RayBank<'_>, rays: usize, most: usize) -> (Batch, Batch, u16) {
-        let (s, step) = (&self.config.sampling, u64::from(self.step));
-        let (mut kept, mut all) = (Batch::default(), Batch::default());
-        let mut bins = s.samples;
-        match self.marched() {
-            Some(cells) => {
-                let share = f64::from(self.step) / f64::from(self.config.optimiser.steps.max(1));
-                let longer = lengthened(share, self.bounds.contraction.is_some());
-                let width = longer * self.bounds.step(s.steps_across);
-                let everywhere = MarchCells::new(Occupancy::full(self.bounds.scene_box, 1).live());
-                bank.fill_marched(Isa::Portable, &mut kept, step, rays, &MarchCells::new(cells), width);
-                bank.fill_marched(Isa::Portable, &mut all, step, rays, &everywhere, width);
-                let most = all.rays.iter().map(|ray| ray.samples).max();
-                bins = most.unwrap_or(0).min(u16::MAX.into()) as u16;
-            }
-            None => {
-                bank.fill(&mut kept, step, rays, most, self.occupancy);
-                bank.fill(&mut all, step, rays, 0, None);
-            }
-        }
-        (kept, all, bins)
+    /// Whether rays are marched: where the field is a learned grid.
+    fn is_marched(&self) -> bool {
+        self.occupancy.is_some() && self.config.network.grid.is_some()
     }
 }
 

@@ -3,6 +3,7 @@
 //! Own writers: each is a header and a loop.
 
 use super::{ExportError, Mesh};
+use crate::data::pictures::rgb::to_u8;
 use crate::data::system::output::{AtomicFile, Attempt, OutputError};
 use std::io::{self, Write};
 use std::path::Path;
@@ -38,7 +39,7 @@ pub fn write_ply(mesh: &Mesh, path: &Path) -> Result<(), ExportError> {
             for value in vertex.normal {
                 out.write_all(&value.to_le_bytes())?;
             }
-            out.write_all(&vertex.rgb.map(byte))?;
+            out.write_all(&vertex.rgb.map(to_u8))?;
         }
         for triangle in &mesh.triangles {
             out.write_all(&[3])?;
@@ -70,11 +71,6 @@ pub fn write_obj(mesh: &Mesh, path: &Path) -> Result<(), ExportError> {
         }
         Ok(())
     })
-}
-
-/// A display-encoded colour as a byte.
-pub(super) fn byte(value: f32) -> u8 {
-    (value.clamp(0.0, 1.0) * 255.0 + 0.5) as u8
 }
 
 /// A file that is there whole or not at all.

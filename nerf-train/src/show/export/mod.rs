@@ -59,62 +59,36 @@ pub struct Mesh {
 /// Why a scene cannot be exported.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
+#[allow(missing_docs, reason = "the messages say what happened")]
 pub enum ExportError {
-    /// The field could not be evaluated.
     #[error(transparent)]
     Render(#[from] RenderError),
-    /// A view's camera cannot be made smaller.
     #[error("camera: {0}")]
     Camera(#[from] CameraError),
-    /// Nowhere is the density above the threshold.
     #[error(
         "--threshold: expected a density that the scene reaches, found {threshold}: its highest in the box is {highest} a \
          world unit"
     )]
-    Empty {
-        /// What was asked for, 1/world unit.
-        threshold: f32,
-        /// What there is.
-        highest: f32,
-    },
-    /// No opacity reaches 1/2.
+    Empty { threshold: f32, highest: f32 },
     #[error("nothing in the box is opaque: expected another --box, or a --threshold")]
     Clear,
-    /// The box has no volume, or is too small for where it is.
     #[error(
         "--box: expected three sides above 0 in cells that 32-bit coordinates tell apart, found sides {sides:?} and cells of \
          {cell}"
     )]
-    Box {
-        /// Its sides, world units.
-        sides: [f32; 3],
-        /// Side of a cell, world units.
-        cell: f32,
-    },
-    /// No ray meets anything.
+    Box { sides: [f32; 3], cell: f32 },
     #[error("--data: expected views that see something opaque within the box, found none in {views} views")]
-    NoPoints {
-        /// Views of the split.
-        views: usize,
-    },
-    /// More vertices than an index can name.
+    NoPoints { views: usize },
     #[error("--resolution: expected fewer than 2^32 vertices, found more: choose a smaller one")]
     Vertices,
-    /// More than a binary glTF can hold.
     #[error(
         "-o: expected a mesh of less than 4 GiB as .glb, found {bytes} bytes: lower --resolution, or write .ply"
     )]
-    Glb {
-        /// What it takes.
-        bytes: u64,
-    },
-    /// More than the memory there is.
+    Glb { bytes: u64 },
     #[error(transparent)]
     Memory(#[from] TooLarge),
-    /// A file cannot be written.
     #[error(transparent)]
     Output(#[from] OutputError),
-    /// A file cannot be made.
     #[error(transparent)]
     Report(#[from] ReportError),
 }

@@ -3,7 +3,7 @@
 use super::ExportError;
 use super::field::Field;
 use super::lattice::cubes;
-use crate::data::pictures::rgb::ReportError;
+use crate::data::pictures::rgb::{ReportError, to_u8};
 use crate::data::system::output::write_atomic;
 use glam::Vec3;
 use nerf_core::camera::SceneBox;
@@ -58,7 +58,7 @@ pub fn volume(
         let occupied: Vec<usize> = (0..points.len()).filter(|&i| density[i] > 0.0).collect();
         let mut rgb = vec![[0; 3]; points.len()];
         for (&i, colour) in occupied.iter().zip(mean_colours(field, occupied.iter().map(|&i| points[i]))?) {
-            rgb[i] = colour.map(|c| (c.clamp(0.0, 1.0) * 255.0 + 0.5) as u8);
+            rgb[i] = colour.map(to_u8);
         }
         volume.density.extend(density);
         volume.rgb.extend(rgb);

@@ -33,56 +33,21 @@ const KEPT_BYTES: usize = 8 << 10;
 /// Why there is no MP4.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
+#[allow(missing_docs, reason = "the messages say what happened")]
 pub enum VideoError {
-    /// No such program.
     #[error("no ffmpeg found (looked for `{}`)", program.display())]
-    Missing {
-        /// What was looked for.
-        program: PathBuf,
-    },
-    /// A program that does not start, or does not list its encoders as ffmpeg does.
+    Missing { program: PathBuf },
     #[error("`{}` cannot be used as ffmpeg: {reason}", program.display())]
-    Unusable {
-        /// What was run.
-        program: PathBuf,
-        /// What happened.
-        reason: String,
-    },
-    /// An ffmpeg without any encoder that this project uses.
+    Unusable { program: PathBuf, reason: String },
     #[error("`{}`: expected the encoder libx264 or mpeg4, found neither", program.display())]
-    NoEncoder {
-        /// What was run.
-        program: PathBuf,
-    },
-    /// It ended before it should, or with an error.
+    NoEncoder { program: PathBuf },
     #[error("`{}` could not write {}: {said} ({status})", program.display(), path.display())]
-    Failed {
-        /// What was run.
-        program: PathBuf,
-        /// The file it was to become.
-        path: PathBuf,
-        /// Its last messages.
-        said: String,
-        /// How it ended.
-        status: String,
-    },
-    /// It hung, and was ended.
+    Failed { program: PathBuf, path: PathBuf, said: String, status: String },
     #[error(
         "`{}` hangs and was ended: it {why} for {seconds} s; {} is not written: {said}",
         program.display(), path.display()
     )]
-    Hangs {
-        /// What was run.
-        program: PathBuf,
-        /// The file it was to become.
-        path: PathBuf,
-        /// Which sign of life was missing.
-        why: &'static str,
-        /// For how long, s.
-        seconds: f64,
-        /// Its last messages.
-        said: String,
-    },
+    Hangs { program: PathBuf, path: PathBuf, why: &'static str, seconds: f64, said: String },
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -148,11 +113,6 @@ impl Ffmpeg {
             (false, true) => Ok(Self { program, encoder: Encoder::Mpeg4, patience: PATIENCE }),
             (false, false) => Err(VideoError::NoEncoder { program }),
         }
-    }
-
-    /// The same, given up when it shows no sign of life for this long instead of [`PATIENCE`].
-    pub fn with_patience(self, patience: Duration) -> Self {
-        Self { patience, ..self }
     }
 }
 

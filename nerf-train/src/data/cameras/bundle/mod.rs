@@ -193,7 +193,8 @@ impl Bundle {
 }
 
 /// The middle value; NaN of none.
-pub(crate) fn median(mut values: Vec<f64>) -> f64 {
+pub(crate) fn median<T: Into<f64>>(values: impl IntoIterator<Item = T>) -> f64 {
+    let mut values: Vec<f64> = values.into_iter().map(Into::into).collect();
     let middle = values.len() / 2;
     if values.is_empty() {
         return f64::NAN;

@@ -95,26 +95,35 @@ impl Picture {
         self.enlarged(pixels.div_ceil(self.width.max(self.height).max(1)))
     }
 
-    /// Reduced by the smallest whole factor that makes the longer side at most `pixels`: means of squares,
-    /// in display space; at the right and lower edges of what is left of them.
+    /// Reduced by the smallest whole factor that makes the longer side at most `pixels`; see [`box_filtered`](Self::box_filtered).
     pub fn reduced_to(&self, pixels: usize) -> Self {
         let factor = self.width.max(self.height).div_ceil(pixels.max(1));
         if factor <= 1 {
             return self.clone();
         }
-        let (width, height) = (self.width.div_ceil(factor), self.height.div_ceil(factor));
-        let mean = |i: usize| {
-            let (left, top) = (i % width * factor, i / width * factor);
-            let (mut sum, mut count) = ([0.0; 3], 0.0f32);
-            for y in top..(top + factor).min(self.height) {
-                for rgb in (left..left + factor).filter_map(|x| self.pixel(x, y)) {
-                    sum = std::array::from_fn(|c| sum[c] + rgb[c]);
+        self.box_filtered(self.width.div_ceil(factor), self.height.div_ceil(factor))
+    }
+
+    /// Shrunk to `width` × `height`: each pixel the mean of the block that falls into it, in display space.
+    pub fn box_filtered(&self, width: usize, height: usize) -> Self {
+        let block =
+            |i: usize, to: usize, from: usize| (i * from / to, ((i + 1) * from).div_ceil(to).min(from));
+        let mut rgb = Vec::with_capacity(width * height);
+        for y in 0..height {
+            let (top, bottom) = block(y, height, self.height);
+            for x in 0..width {
+                let (left, right) = block(x, width, self.width);
+                let rows =
+                    (top..bottom).filter_map(|y| self.rgb.get(y * self.width + left..y * self.width + right));
+                let (mut sum, mut count) = ([0.0; 3], 0.0f32);
+                for pixel in rows.flatten() {
+                    sum = std::array::from_fn(|c| sum[c] + pixel[c]);
                     count += 1.0;
                 }
+                rgb.push(sum.map(|sum| sum / count.max(1.0)));
             }
-            sum.map(|c: f32| c / count.max(1.0))
-        };
-        Self { width, height, rgb: (0..width * height).map(mean).collect() }
+        }
+        Self { width, height, rgb }
     }
 
     /// The colours of a picture file; `None` where there is none that can be read.
@@ -148,7 +157,7 @@ impl Picture {
 }
 
 /// A value in [0, 1] as a byte: clamped, rounded half up; NaN gives 0.
-fn to_u8(value: f32) -> u8 {
+pub(crate) fn to_u8(value: f32) -> u8 {
     // A cast saturates, so that infinities are safe too.
     (value.clamp(0.0, 1.0) * 255.0 + 0.5) as u8
 }

@@ -6,7 +6,6 @@ use crate::data::pictures::thumbnail::{self, Thumbnail};
 use crate::data::{Dataset, View};
 use crate::model::config::Config;
 use crate::train::Bounds;
-use crate::train::occupancy::Occupancy;
 use crate::train::{TrainError, find_bounds};
 use glam::Vec3;
 use nerf_core::camera::Camera;
@@ -21,16 +20,14 @@ const FRUSTUM_RADII: (f32, f32) = (0.1, 0.35);
 
 /// What to show.
 #[derive(Clone, Copy, Debug)]
+#[allow(missing_docs, reason = "the names say what they are")]
 pub struct Request<'v> {
-    /// The views of a split.
     pub views: &'v [View],
-    /// What the split is called.
     pub split: &'static str,
     /// One camera alone: its index in `views`.
     pub camera: Option<usize>,
     /// Rays to show, at most; 0 for the cameras alone.
     pub rays: usize,
-    /// The training step whose rays they are.
     pub step: u32,
     /// World direction that is up; found from the cameras if absent.
     pub up: Option<Vec3>,
@@ -42,48 +39,31 @@ pub struct Request<'v> {
 /// Why nothing can be shown.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
+#[allow(missing_docs, reason = "the messages say what happened")]
 pub enum ShowError {
-    /// No cameras to show.
     #[error("--split: expected a split with views, found none in `{split}`")]
-    NoViews {
-        /// The split that was asked for.
-        split: &'static str,
-    },
-    /// A camera that is not there.
+    NoViews { split: &'static str },
     #[error("--camera: expected less than {count} (split `{split}`), found {found}")]
-    Camera {
-        /// Number of cameras.
-        count: usize,
-        /// The split that was asked for.
-        split: &'static str,
-        /// The camera that was asked for.
-        found: usize,
-    },
-    /// Settings or bounds that training would refuse too.
+    Camera { count: usize, split: &'static str, found: usize },
     #[error("{0}")]
     Train(#[from] TrainError),
-    /// A picture that could not be encoded.
     #[error("{0}")]
     Report(#[from] crate::data::pictures::rgb::ReportError),
-    /// A page that could not be encoded.
     #[error("page: {0}")]
     Page(#[from] serde_json::Error),
 }
 
 /// Cameras, rays, samples and bounds.
 #[derive(Clone, Debug)]
+#[allow(missing_docs, reason = "the names say what they are")]
 pub struct Scene {
-    /// What the data set is called.
     pub name: String,
-    /// What the split is called.
     pub split: &'static str,
     /// The cameras, at least one.
     pub cameras: Vec<ShownCamera>,
     /// The rays of the step; of the one camera if `alone`.
     pub rays: Vec<ShownRay>,
-    /// Whether one camera is shown alone.
     pub alone: bool,
-    /// How the rays were drawn.
     pub step: StepFacts,
     /// Where rays begin and end, and the box that holds the scene.
     pub bounds: Bounds,
@@ -91,24 +71,20 @@ pub struct Scene {
     pub up: Vec3,
     /// Distance of the pictures from their cameras along the view axis, world units.
     pub frustum: f32,
-    /// The world axes.
     pub axes: Axes,
-    /// What was found of the capture, where that is shown.
     pub findings: Option<Findings>,
 }
 
 /// A camera with its picture.
 #[derive(Clone, Debug)]
+#[allow(missing_docs, reason = "the names say what they are")]
 pub struct ShownCamera {
     /// Its index in the split.
     pub index: usize,
-    /// What its view is called.
     pub name: String,
-    /// Where it is.
     pub camera: Camera,
     /// Where its rays begin, world units.
     pub near: f32,
-    /// Its picture, small.
     pub thumbnail: Thumbnail,
     /// The rays that the same step draws where this camera is alone; none if the whole scene is.
     pub own_rays: Vec<ShownRay>,
@@ -145,17 +121,9 @@ impl Scene {
             let shown = (SHOWN_RADII * contraction.radius()).max(2.0 * bounds.near);
             bounds.far = bounds.far.min(shown);
         }
-        let occupancy = found.as_ref().map(Occupancy::lookup);
-        let cells = found.as_ref().map(Occupancy::live);
         let chosen = request.camera.map_or(0..views.len(), |camera| camera..camera + 1);
-        let drawer = Drawer {
-            config,
-            bounds,
-            background: dataset.background,
-            occupancy: occupancy.as_ref(),
-            cells,
-            step,
-        };
+        let drawer =
+            Drawer { config, bounds, background: dataset.background, occupancy: found.as_ref(), step };
 
         let first = chosen.start;
         let shown = &views[chosen];

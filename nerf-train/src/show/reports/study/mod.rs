@@ -20,18 +20,13 @@ pub const SPAN_LOSS_DB: f64 = 1.0;
 
 /// Where and on what a study was made.
 #[derive(Clone, Debug)]
+#[allow(missing_docs, reason = "the names say what they are")]
 pub struct Setting<'a> {
-    /// The blob's file.
     pub blob: String,
-    /// The data's name.
     pub data: &'a str,
-    /// Which part of it.
     pub split: &'a str,
-    /// The background's name.
     pub background: String,
-    /// The CPU's name.
     pub cpu: String,
-    /// Seconds the study took.
     pub seconds: f64,
     /// Fronts of other studies, drawn in the same plot.
     pub beside: Vec<Series>,

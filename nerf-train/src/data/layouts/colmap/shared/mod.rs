@@ -280,7 +280,7 @@ impl Bundle {
 fn with_devices(own: &Bundle, model: &Model, devices: &[usize]) -> Bundle {
     let mut shared = Bundle { devices: Vec::new(), ..own.clone() };
     let of = |device: usize, what: &dyn Fn(usize) -> f64| {
-        median((0..devices.len()).filter(|&i| devices[i] == device).map(what).collect())
+        median((0..devices.len()).filter(|&i| devices[i] == device).map(what))
     };
     for device in 0..=devices.iter().copied().max().unwrap_or(0) {
         shared.devices.push(Device {
@@ -294,7 +294,7 @@ fn with_devices(own: &Bundle, model: &Model, devices: &[usize]) -> Bundle {
     for i in 0..devices.len() {
         let alike = |j: &usize| devices[*j] == devices[i] && size(*j) == size(i);
         let of = |what: &dyn Fn(&Frame) -> f64| {
-            median((0..devices.len()).filter(alike).map(|j| what(&own.photographs[j].frame)).collect())
+            median((0..devices.len()).filter(alike).map(|j| what(&own.photographs[j].frame)))
         };
         let aspect = of(&|frame| frame.aspect);
         shared.photographs[i].device = devices[i];
