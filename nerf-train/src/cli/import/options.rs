@@ -2,8 +2,8 @@
 
 use crate::cli::common::{parse_background, parse_numbers};
 use crate::data::Axes;
-use crate::data::system::input;
 use crate::model::import::{AngleFactor, Identity, Order, RawDensity, Settings};
+use crate::system::input;
 use anyhow::Context;
 use clap::Args;
 use serde::{Deserialize, Deserializer};

@@ -1,11 +1,11 @@
 //! How long to wait for a fit: validation PSNR over time, for presets and for single settings.
 
 use crate::data::Dataset;
-use crate::data::system::progress::ProgressStyle;
 use crate::fit::run::{Ended, RunError, RunOptions, run_since};
 use crate::lab;
 use crate::model::config::{Config, ConfigError, Preset, rule};
 use crate::model::engine::EngineError;
+use crate::system::progress::ProgressStyle;
 use crate::train::TrainError;
 use crate::train::schedule::{Budget, Clock};
 use nerf_core::Kernel;

@@ -3,11 +3,11 @@
 use super::Check;
 use super::probe::{Probe, name};
 use crate::data::pictures::colour;
-use crate::data::system::summary::Short;
 use crate::measure::audit::Verdict;
 use crate::model::engine::{Dense, Part};
 use crate::model::export::Exported;
 use crate::model::import::{Imported, Settings, Tensors};
+use crate::system::summary::Short;
 use crate::train::occupancy::LiveCells;
 use nerf_core::Kernel;
 use nerf_core::encoding::SinusoidalEncoding;

@@ -3,7 +3,7 @@
 mod grid;
 
 use crate::data::pictures::colour;
-use crate::data::system::summary::Short;
+use crate::system::summary::Short;
 pub use grid::{GridSummary, describe as describe_grid};
 use nerf_core::blob::{Blob, FrontPoint, SceneFacts, SceneSampling, Viewpoint};
 use nerf_core::encoding::DirectionEncoding;

@@ -4,7 +4,7 @@
 
 use super::{ExportError, Mesh};
 use crate::data::pictures::rgb::to_u8;
-use crate::data::system::output::{AtomicFile, Attempt, OutputError};
+use crate::system::output::{AtomicFile, Attempt, OutputError};
 use std::io::{self, Write};
 use std::path::Path;
 

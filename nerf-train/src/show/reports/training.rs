@@ -1,12 +1,12 @@
 //! What fits of the same time say: PSNR over time, and over the size of the file.
 
 use crate::data::pictures::rgb::ReportError;
-use crate::data::system::output::write_atomic;
-use crate::data::system::printable::markdown;
-use crate::data::system::summary;
 use crate::lab::study::training::{Fitted, Group};
 use crate::show::plot::{LinePlot, Marker, Series};
 use crate::show::table::Table;
+use crate::system::output::write_atomic;
+use crate::system::printable::markdown;
+use crate::system::summary;
 use serde::Serialize;
 use std::fmt::Write as _;
 use std::path::Path;

@@ -4,9 +4,8 @@
 //! and no NaN: such a number is written as `null`, followed by a field `<name>_note` that says which it was, so that no reader
 //! mistakes an infinite PSNR for one that was not measured.
 
-use crate::data::pictures::rgb::ReportError;
-use crate::data::system::output::write_atomic;
-use crate::data::system::printable;
+use crate::system::output::{Attempt, OutputError, write_atomic};
+use crate::system::printable;
 use ciborium::Value;
 use serde::ser::{Error, SerializeMap};
 use serde::{Serialize, Serializer};
@@ -15,7 +14,7 @@ use std::path::{Path, PathBuf};
 /// The result as JSON, with a line end at its end.
 ///
 /// # Errors
-/// [`ReportError::Encode`], which no plain data is known to cause.
+/// The encoder's, which no plain data is known to cause.
 ///
 /// # Examples
 /// ```
@@ -26,23 +25,24 @@ use std::path::{Path, PathBuf};
 /// }
 /// let fit = Fit { val_psnr_db: 27.5, train_psnr_db: f64::INFINITY };
 /// assert_eq!(
-///     nerf_train::data::system::summary::to_json(&fit).unwrap(),
+///     nerf_train::system::summary::to_json(&fit).unwrap(),
 ///     "{\n  \"val_psnr_db\": 27.5,\n  \"train_psnr_db\": null,\n  \"train_psnr_db_note\": \"+infinity\"\n}\n"
 /// );
 /// ```
-pub fn to_json(result: &impl Serialize) -> Result<String, ReportError> {
-    let value = Value::serialized(result).map_err(ReportError::encode("summary"))?;
-    let text = serde_json::to_string_pretty(&Noted(&value)).map_err(ReportError::encode("summary"))?;
+pub fn to_json(result: &impl Serialize) -> Result<String, serde_json::Error> {
+    let value = Value::serialized(result).map_err(serde_json::Error::custom)?;
+    let text = serde_json::to_string_pretty(&Noted(&value))?;
     Ok(printable::json(&text).into_owned() + "\n")
 }
 
 /// Writes `<folder>/summary.json` whole or not at all; returns its path.
 ///
 /// # Errors
-/// [`ReportError::Output`]; the folder must exist.
-pub fn write(result: &impl Serialize, folder: impl AsRef<Path>) -> Result<PathBuf, ReportError> {
+/// As [`write_atomic`]; the folder must exist.
+pub fn write(result: &impl Serialize, folder: impl AsRef<Path>) -> Result<PathBuf, OutputError> {
     let path = folder.as_ref().join("summary.json");
-    write_atomic(&path, to_json(result)?.as_bytes())?;
+    let json = to_json(result).map_err(|error| OutputError::new(Attempt::Write, &path, error.into()))?;
+    write_atomic(&path, json.as_bytes())?;
     Ok(path)
 }
 
